@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# docker build -t libapc .                         the programs, without what built them
+# docker build -t libapc-init --target init .      the same and psql: scripts/compose-database
+
+FROM debian:bookworm-slim AS build
+RUN apt-get update \
+ && apt-get install -y --no-install-recommends gcc libc6-dev cmake ninja-build pkg-config \
+        libpq-dev libsundials-dev libconfig-dev libsystemd-dev \
+ && rm -rf /var/lib/apt/lists/*
+COPY . /src
+RUN cmake -S /src -B /build -G Ninja -DAPC_TESTS=OFF \
+ && cmake --build /build \
+ && DESTDIR=/out cmake --install /build --strip \
+ && cd /out/usr/local \
+ && rm -r include lib/cmake lib/pkgconfig lib/libapc.a lib/libapc.so
+
+FROM debian:bookworm-slim AS base
+RUN apt-get update \
+ && apt-get install -y --no-install-recommends libpq5 libsundials-cvode6 libconfig9 libsystemd0 \
+ && rm -rf /var/lib/apt/lists/*
+COPY --from=build /out/ /
+RUN useradd --system --uid 10001 --user-group --no-create-home --shell /usr/sbin/nologin apc
+
+FROM base AS init
+RUN apt-get update \
+ && apt-get install -y --no-install-recommends postgresql-client-15 \
+ && rm -rf /var/lib/apt/lists/*
+COPY scripts/compose-database /usr/local/bin/
+USER 10001:10001
+CMD ["compose-database"]
+
+FROM base
+USER 10001:10001
+CMD ["apc", "--help"]

@@ -1,0 +1,226 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * apc-client: moves the newest actuator samples to the plant and the plant's measurements into the
+ * shared data, once a period.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "common/daemon.h"
+
+#define BACKLOG 4096 /* sensor samples kept while the store does not acknowledge them */
+
+struct own_options {
+    const char *link;
+};
+
+static const struct argp_option option_list[] = {
+    {"link", 'l', "URI", 0, "The plant, instead of where the file says, e.g. tcp:127.0.0.1:43051", 0},
+    {0},
+};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct own_options *o = state->input;
+    if (key != 'l')
+        return ARGP_ERR_UNKNOWN;
+    o->link = arg;
+    return 0;
+}
+
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct program program = {
+    .name = "apc-client",
+    .doc = "Move data between the plant and the shared data.",
+    .task = "client",
+    .extra = &extra,
+};
+
+struct shell {
+    struct daemon *d;
+    struct apc_store *store;
+    struct apc_link *link;
+    struct apc_client *core;
+    apc_ns patience; /* for one exchange */
+    size_t frame_max;
+    char *request;
+    struct apc_sample *u, *read; /* newest known; scratch */
+    bool know_u, unsure;         /* u was read once; the last append may or may not have taken place */
+    struct apc_sample *backlog;  /* not yet acknowledged, oldest first; [BACKLOG + ny] */
+    size_t waiting;
+    uint64_t lost;
+    bool link_up, store_up;
+};
+
+/* Say a change of state once, not every tick. */
+static void report(struct shell *s, bool *state, bool up, const char *kind, const char *what, const char *why)
+{
+    if (*state != up)
+        daemon_event(s->d, up ? APC_EVENT_INFO : APC_EVENT_WARNING, kind, "%s %s%s%s", what,
+                     up ? "connected" : "lost, trying again", *why ? ": " : "", why);
+    *state = up;
+}
+
+static size_t room(struct shell *s)
+{
+    size_t ny = s->d->experiment.dim.ny;
+    if (s->waiting > BACKLOG) {
+        memmove(s->backlog, s->backlog + ny, (s->waiting - ny) * sizeof *s->backlog);
+        s->waiting -= ny;
+        s->lost += ny;
+        if (s->lost == ny)
+            daemon_event(s->d, APC_EVENT_ALARM, "store",
+                         "measurements are being lost: %d are waiting for the store", BACKLOG);
+    }
+    return s->waiting;
+}
+
+static void exchange(struct shell *s, const struct apc_tick *tick, const struct apc_sample *u)
+{
+    const struct apc_now now = {.mono = tick->started, .utc = tick->utc};
+    const char *reply;
+    int n = apc_client_request(s->core, now, u, s->request, s->frame_max);
+    if (n < 0) {
+        daemon_event(s->d, APC_EVENT_ALARM, "link", "the command does not fit into a frame of %zu bytes",
+                     s->frame_max);
+        return;
+    }
+    n = apc_link_exchange(s->link, s->request, (size_t)n, &reply, apc_clock_mono(NULL) + s->patience);
+    if (n < 0) {
+        report(s, &s->link_up, false, "link", "plant", apc_link_error(s->link));
+        return;
+    }
+    n = apc_client_reply(s->core, reply, (size_t)n, s->backlog + room(s));
+    if (n < 0) {
+        report(s, &s->link_up, false, "link", "plant", "its reply does not answer the request");
+        apc_link_reset(s->link);
+        return;
+    }
+    report(s, &s->link_up, true, "link", "plant", "");
+    s->waiting += (size_t)n;
+}
+
+static int read_u(struct shell *s)
+{
+    size_t nu = s->d->experiment.dim.nu;
+    int rc = apc_store_read(s->store, s->read, nu);
+    if (rc >= 0) {
+        memcpy(s->u, s->read, nu * sizeof *s->u);
+        s->know_u = true;
+    }
+    return rc;
+}
+
+/*
+ * Everything that waits. Only samples of a try that failed may be there already; when others are, somebody
+ * else writes this table.
+ */
+static int append(struct shell *s)
+{
+    int rc = apc_store_append(s->store, s->backlog, s->waiting);
+    if (rc >= 0 && (size_t)rc < s->waiting && !s->unsure)
+        return APC_ECONFLICT;
+    s->unsure = rc < 0;
+    if (rc < 0)
+        return rc;
+    s->waiting = 0;
+    if (s->lost > 0)
+        daemon_event(s->d, APC_EVENT_ALARM, "store", "%llu measurements were lost while the store was away",
+                     (unsigned long long)s->lost);
+    s->lost = 0;
+    return 0;
+}
+
+/*
+ * The exchange never waits for a store that is away: connecting comes after it, since looking up the store's
+ * name may take its time. Meanwhile the last known u goes on being sent; the core stops it when it is too
+ * old.
+ */
+static int on_tick(void *ctx, const struct apc_tick *tick)
+{
+    struct shell *s = ctx;
+    bool connected = apc_store_connected(s->store);
+    int rc = connected ? read_u(s) : 0;
+    exchange(s, tick, s->know_u ? s->u : NULL);
+    if (!connected)
+        rc = apc_store_connect(s->store);
+    if (rc >= 0 && s->waiting > 0)
+        rc = append(s);
+    report(s, &s->store_up, rc >= 0, "store", "store", rc < 0 ? apc_store_error(s->store) : "");
+    return daemon_fatal(s->d, s->store, rc);
+}
+
+/* A store that hangs must not keep the link from its frames: one wait of this and an exchange stay well
+ * within the plant's three periods. Connecting takes some tens of milliseconds, so no less than that. */
+static apc_ns store_timeout(apc_ns period)
+{
+    const apc_ns least = 250 * APC_NS_PER_MS, most = 2 * APC_NS_PER_S;
+    return period < least ? least : period > most ? most : period;
+}
+
+static int open_shell(struct shell *s, const struct own_options *own)
+{
+    const struct experiment *e = &s->d->experiment;
+    const apc_ns period = e->client.rhythm.period;
+    struct apc_error why;
+    int64_t *last = calloc(e->dim.ny, sizeof *last);
+
+    s->patience = period / 2 < APC_NS_PER_S ? period / 2 : APC_NS_PER_S;
+    s->frame_max = 256 + 96 * (e->dim.ny + e->dim.nu);
+    s->request = calloc(1, s->frame_max);
+    s->u = calloc(e->dim.nu, sizeof *s->u);
+    s->read = calloc(e->dim.nu, sizeof *s->read);
+    s->backlog = calloc(BACKLOG + e->dim.ny, sizeof *s->backlog);
+    int rc = s->request && s->u && s->read && s->backlog && last ? 0 : APC_ENOMEM;
+    for (size_t i = 0; i < e->dim.nu && rc == 0; i++)
+        s->read[i] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)i + 1};
+    s->d->store_timeout = store_timeout(period);
+    if (rc == 0)
+        rc = daemon_store(s->d, &s->store, APC_SENSOR, e->dim.ny, last);
+    if (rc == 0) {
+        const struct apc_link_options options = {.size = sizeof options, .frame_max = s->frame_max};
+        rc = apc_link_create(&s->link, own->link ? own->link : e->client.link, &options, &why);
+        if (rc < 0)
+            daemon_error(s->d, rc, "%s", why.text);
+    }
+    if (rc == 0) {
+        const struct apc_client_options options = {.size = sizeof options,
+                                                   .ny = e->dim.ny,
+                                                   .nu = e->dim.nu,
+                                                   .command_period = e->controller.rhythm.period,
+                                                   .last = last,
+                                                   .since = s->d->start};
+        rc = apc_client_create(&s->core, &options, &why);
+        if (rc < 0)
+            daemon_error(s->d, rc, "%s", why.text);
+    }
+    free(last);
+    return rc;
+}
+
+static void close_shell(struct shell *s)
+{
+    apc_client_destroy(s->core);
+    apc_link_destroy(s->link);
+    apc_store_close(s->store);
+    free(s->request);
+    free(s->u);
+    free(s->read);
+    free(s->backlog);
+}
+
+int main(int argc, char **argv)
+{
+    struct daemon d;
+    struct own_options own = {0};
+    struct shell s = {.d = &d, .store_up = true, .link_up = true};
+    int rc = daemon_open(&d, &program, &own, argc, argv);
+    if (rc == 0)
+        rc = open_shell(&s, &own);
+    if (rc == 0)
+        rc = daemon_run(&d, d.experiment.client.rhythm, on_tick, &s);
+    close_shell(&s);
+    return daemon_close(&d, rc);
+}

@@ -1,0 +1,163 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * apc-controller: the control module. Each tick costs two round trips to the store: one reads all that
+ * the law needs, one writes all that it made.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "common/daemon.h"
+
+static const struct argp_option option_list[] = {
+    {"law", 'l', "NAME", 0,
+     "Control law instead of the file's: built in, or ./file.so; its own tuning applies", 0},
+    {0},
+};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct daemon_options *o = state->input;
+    if (key != 'l')
+        return ARGP_ERR_UNKNOWN;
+    o->overrides.law = arg;
+    return 0;
+}
+
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct program program = {
+    .name = "apc-controller",
+    .doc = "Run a control law on the shared data.",
+    .task = "controller",
+    .parts = EXPERIMENT_LAW,
+    .extra = &extra,
+};
+
+struct shell {
+    struct daemon *d;
+    struct apc_store *store;
+    struct apc_controller *core;
+    struct apc_controller_size size;
+    struct apc_sample *in, *out;
+    bool store_up;
+};
+
+static void report_store(struct shell *s, int rc)
+{
+    if (rc < 0 && s->store_up)
+        daemon_event(s->d, APC_EVENT_WARNING, "store", "store lost, trying again: %s",
+                     apc_store_error(s->store));
+    if (rc >= 0 && !s->store_up)
+        daemon_event(s->d, APC_EVENT_INFO, "store", "store connected again");
+    s->store_up = rc >= 0;
+}
+
+/* The controller never repeats a sample: one that is there already is somebody else's. */
+static int append(struct shell *s, int n)
+{
+    int rc = apc_store_append(s->store, s->out, (size_t)n);
+    return rc < 0 || rc == n ? rc : APC_ECONFLICT;
+}
+
+static int on_tick(void *ctx, const struct apc_tick *tick)
+{
+    struct shell *s = ctx;
+    struct apc_notice notice = {0};
+    int rc = apc_store_read(s->store, s->in, s->size.in);
+    const struct apc_now now = {.mono = apc_clock_mono(NULL), .utc = apc_clock_utc(NULL)};
+    (void)tick;
+
+    int n = apc_controller_compute(s->core, now, rc < 0 ? NULL : s->in, s->out, &notice);
+    if (rc >= 0 && n > 0)
+        rc = append(s, n);
+    if (rc >= 0)
+        apc_controller_update(s->core); /* what was not written did not act: the law's state stays */
+    daemon_notice(s->d, &notice);
+    report_store(s, rc);
+    return daemon_fatal(s->d, s->store, rc);
+}
+
+static int make_core(struct shell *s)
+{
+    const struct experiment *e = &s->d->experiment;
+    const apc_ns client = e->client.rhythm.period, plant = e->plant.rhythm.period;
+    size_t nu = e->dim.nu;
+    struct apc_error why;
+    double *limits = calloc(4 * nu, sizeof *limits);
+    if (!limits)
+        return daemon_error(s->d, APC_ENOMEM, "out of memory");
+    experiment_outputs(e, limits, limits + nu, limits + 2 * nu, limits + 3 * nu);
+    const struct apc_controller_options options = {
+        .size = sizeof options,
+        .law = e->controller.law,
+        .dim = e->dim,
+        .period = e->controller.rhythm.period,
+        .horizon = 3 * (client > plant ? client : plant) + 100 * APC_NS_PER_MS,
+        .hold = e->controller.hold,
+        .fault = limits + 3 * nu,
+        .low = limits,
+        .high = limits + nu,
+    };
+    int rc = apc_controller_create(&s->core, &options, &why);
+    free(limits);
+    return rc < 0 ? daemon_error(s->d, rc, "%s", why.text) : 0;
+}
+
+/* Go on where the last controller of this run stopped, if there was one. */
+static int resume(struct shell *s, const int64_t *last)
+{
+    struct apc_sample *stored = calloc(s->size.resume, sizeof *stored);
+    if (!stored)
+        return daemon_error(s->d, APC_ENOMEM, "out of memory");
+    apc_controller_resume_inputs(s->core, stored);
+    int rc = apc_store_read(s->store, stored, s->size.resume);
+    if (rc < 0)
+        daemon_error(s->d, rc, "%s", apc_store_error(s->store));
+    else if (apc_controller_resume(s->core, last, stored, s->d->start) == 1)
+        daemon_event(s->d, APC_EVENT_INFO, "start", "resuming from the stored state");
+    free(stored);
+    return rc;
+}
+
+static int open_shell(struct shell *s)
+{
+    size_t nu = s->d->experiment.dim.nu;
+    int rc = make_core(s);
+    if (rc < 0)
+        return rc;
+    s->size = apc_controller_size(s->core);
+    s->in = calloc(s->size.in, sizeof *s->in);
+    s->out = calloc(s->size.out, sizeof *s->out);
+    int64_t *last = calloc(nu, sizeof *last);
+    if (!s->in || !s->out || !last) {
+        free(last);
+        return daemon_error(s->d, APC_ENOMEM, "out of memory");
+    }
+    apc_controller_inputs(s->core, s->in);
+    rc = daemon_store(s->d, &s->store, APC_ACTUATOR, nu, last);
+    if (rc == 0)
+        rc = resume(s, last);
+    free(last);
+    return rc;
+}
+
+static void close_shell(struct shell *s)
+{
+    apc_controller_destroy(s->core);
+    apc_store_close(s->store);
+    free(s->in);
+    free(s->out);
+}
+
+int main(int argc, char **argv)
+{
+    struct daemon d;
+    struct shell s = {.d = &d, .store_up = true};
+    int rc = daemon_open(&d, &program, &d.options, argc, argv);
+    if (rc == 0)
+        rc = open_shell(&s);
+    if (rc == 0)
+        rc = daemon_run(&d, d.experiment.controller.rhythm, on_tick, &s);
+    close_shell(&s);
+    return daemon_close(&d, rc);
+}

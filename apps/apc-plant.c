@@ -1,0 +1,171 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * apc-plant: serves a plant over a link: the simulator of the paper, on its own timer. Two threads meet
+ * here, the timer's and the server's, in the core that they take turns with.
+ */
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "common/daemon.h"
+
+struct own_options {
+    const char *listen;
+    bool allow_plaintext;
+    struct daemon_options *common;
+};
+
+enum { OPT_PLAINTEXT = 0x200 };
+
+static const struct argp_option option_list[] = {
+    {"plant", 'p', "NAME", 0, "Model instead of the file's: built in, or ./file.so; its own parameters apply",
+     0},
+    {"listen", 'l', "URI", 0, "Where to serve instead of where the file says, e.g. tcp:127.0.0.1:43051", 0},
+    {"allow-plaintext", OPT_PLAINTEXT, NULL, 0, "Serve beyond this host without encryption", 0},
+    {0},
+};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct own_options *o = state->input;
+    switch (key) {
+    case 'p':
+        o->common->overrides.model = arg;
+        break;
+    case 'l':
+        o->listen = arg;
+        break;
+    case OPT_PLAINTEXT:
+        o->allow_plaintext = true;
+        break;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct program program = {
+    .name = "apc-plant",
+    .doc = "Simulate a plant in real time and serve it over the network.",
+    .task = "plant",
+    .parts = EXPERIMENT_MODEL,
+    .store_optional = true,
+    .extra = &extra,
+};
+
+struct shell {
+    struct daemon *d;
+    pthread_mutex_t mutex; /* of the core; inherits priority, so the server cannot hold the timer up */
+    struct apc_plant *plant;
+    struct apc_plantserver *core;
+    struct apc_server *server;
+    double *safe, *low, *high, *fault;
+};
+
+static int on_tick(void *ctx, const struct apc_tick *tick)
+{
+    struct shell *s = ctx;
+    const struct apc_now now = {.mono = tick->scheduled, .utc = tick->utc};
+    struct apc_notice notice = {0};
+
+    pthread_mutex_lock(&s->mutex);
+    (void)apc_plantserver_tick(s->core, now, &notice); /* that it fails the notice says, once */
+    pthread_mutex_unlock(&s->mutex);
+    daemon_notice(s->d, &notice);
+    return 0;
+}
+
+static int on_request(void *ctx, uint64_t connection, const char *request, size_t length, char *reply,
+                      size_t size)
+{
+    struct shell *s = ctx;
+    const struct apc_now now = {.mono = apc_clock_mono(NULL), .utc = apc_clock_utc(NULL)};
+    struct apc_notice notice = {0};
+
+    pthread_mutex_lock(&s->mutex);
+    int rc = apc_plantserver_request(s->core, now, connection, request, length, reply, size, &notice);
+    pthread_mutex_unlock(&s->mutex);
+    daemon_notice(s->d, &notice);
+    return rc;
+}
+
+static int make_core(struct shell *s)
+{
+    const struct experiment *e = &s->d->experiment;
+    size_t nu = e->dim.nu;
+    struct apc_error why;
+
+    s->safe = calloc(nu, sizeof(double));
+    s->low = calloc(nu, sizeof(double));
+    s->high = calloc(nu, sizeof(double));
+    s->fault = calloc(nu, sizeof(double));
+    if (!s->safe || !s->low || !s->high || !s->fault)
+        return daemon_error(s->d, APC_ENOMEM, "out of memory");
+    experiment_outputs(e, s->low, s->high, s->safe, s->fault);
+    int rc = apc_plant_create(&s->plant, e->plant.model, e->plant.p, e->plant.x0, NULL, &why);
+    if (rc == 0) {
+        const struct apc_plantserver_options options = {
+            .size = sizeof options,
+            .plant = s->plant,
+            .model = e->plant.model,
+            .safe = s->safe,
+            .low = s->low,
+            .high = s->high,
+            .link_period = e->client.rhythm.period,
+            .command_period = e->controller.rhythm.period,
+        };
+        rc = apc_plantserver_create(&s->core, &options, &why);
+    }
+    return rc < 0 ? daemon_error(s->d, rc, "%s", why.text) : 0;
+}
+
+static int open_shell(struct shell *s, const struct own_options *own)
+{
+    const struct experiment *e = &s->d->experiment;
+    struct apc_server_options options = {
+        .size = sizeof options,
+        .frame_max = 256 + 96 * (e->dim.ny + e->dim.nu),
+        .allow_plaintext = own->allow_plaintext,
+        .log = s->d->log,
+    };
+    struct apc_error why;
+    int rc = make_core(s);
+    if (rc < 0)
+        return rc;
+    rc = apc_server_create(&s->server, own->listen ? own->listen : e->plant.listen, &options, on_request, s,
+                           &why);
+    if (rc == APC_EPERM)
+        daemon_error(s->d, rc, "%s: --allow-plaintext", why.text);
+    else if (rc < 0)
+        daemon_error(s->d, rc, "%s", why.text);
+    return rc;
+}
+
+static void close_shell(struct shell *s)
+{
+    apc_server_destroy(s->server);
+    apc_plantserver_destroy(s->core);
+    apc_plant_destroy(s->plant);
+    free(s->safe);
+    free(s->low);
+    free(s->high);
+    free(s->fault);
+}
+
+int main(int argc, char **argv)
+{
+    struct daemon d;
+    struct own_options own = {.common = &d.options};
+    struct shell s = {.d = &d};
+    int rc = apc_mutex_init(&s.mutex);
+    if (rc == 0)
+        rc = daemon_open(&d, &program, &own, argc, argv);
+    if (rc == 0)
+        rc = open_shell(&s, &own);
+    if (rc == 0)
+        rc = daemon_run(&d, d.experiment.plant.rhythm, on_tick, &s);
+    close_shell(&s);
+    return daemon_close(&d, rc);
+}

@@ -1,0 +1,342 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "cli.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+enum { OPT_JSON = 0x300, OPT_CSV };
+
+static const struct argp_option store_options[] = {
+    {"store", 's', "URI", 0, "Shared data, e.g. postgresql://host/db#schema [APC_STORE]", 0}, {0}};
+static const struct argp_option format_options[] = {
+    {"json", OPT_JSON, NULL, 0, "JSON on stdout", 0}, {"csv", OPT_CSV, NULL, 0, "CSV on stdout", 0}, {0}};
+
+/* What getopt would take for options of one digit. */
+#define DIGIT(key)                                                                                           \
+    {                                                                                                        \
+        NULL, key, "DIGITS", OPTION_ARG_OPTIONAL | OPTION_HIDDEN, NULL, 0                                    \
+    }
+static const struct argp_option negative_options[] = {DIGIT('0'), DIGIT('1'), DIGIT('2'), DIGIT('3'),
+                                                      DIGIT('4'), DIGIT('5'), DIGIT('6'), DIGIT('7'),
+                                                      DIGIT('8'), DIGIT('9'), DIGIT('.'), {0}};
+
+static error_t parse_store(int key, char *arg, struct argp_state *state)
+{
+    struct cli *cli = state->input;
+    if (key != 's')
+        return ARGP_ERR_UNKNOWN;
+    cli->store = arg;
+    return 0;
+}
+
+static error_t parse_format(int key, char *arg, struct argp_state *state)
+{
+    struct cli *cli = state->input;
+    (void)arg;
+    if (key != OPT_JSON && key != OPT_CSV)
+        return ARGP_ERR_UNKNOWN;
+    cli->format = key == OPT_JSON ? CLI_JSON : CLI_CSV;
+    return 0;
+}
+
+static const struct argp store_argp = {store_options, parse_store, NULL, NULL, NULL, NULL, NULL};
+static const struct argp format_argp = {format_options, parse_format, NULL, NULL, NULL, NULL, NULL};
+
+struct parsing {
+    struct cli *cli;
+    const struct cli_spec *spec;
+};
+
+/* Inputs of the children, in the order in which cli_parse() lists them. */
+static void give_inputs(const struct parsing *p, struct argp_state *state)
+{
+    int child = 0;
+    if (p->spec->extra)
+        state->child_inputs[child++] = p->cli->own;
+    if (p->spec->takes & CLI_STORE)
+        state->child_inputs[child++] = p->cli;
+    if (p->spec->takes & CLI_FORMAT)
+        state->child_inputs[child] = p->cli;
+}
+
+/* Gather arguments in their order, over argv itself: an argument never stood before where it goes. */
+static error_t add_arg(struct parsing *p, char *arg)
+{
+    if (!(p->spec->takes & CLI_NEGATIVE))
+        return ARGP_ERR_UNKNOWN; /* ARGP_KEY_ARGS then gives them all at once */
+    p->cli->args[p->cli->n_args++] = arg;
+    return 0;
+}
+
+static error_t parse_args(int key, char *arg, struct argp_state *state)
+{
+    struct parsing *p = state->input;
+    switch (key) {
+    case ARGP_KEY_INIT:
+        give_inputs(p, state);
+        p->cli->args = state->argv + 1;
+        break;
+    case ARGP_KEY_ARG:
+        return add_arg(p, arg);
+    case ARGP_KEY_ARGS:
+        p->cli->args = state->argv + state->next;
+        p->cli->n_args = state->argc - state->next;
+        break;
+    case ARGP_KEY_END:
+        if (p->cli->n_args < p->spec->min_args)
+            argp_error(state, "expected %s", p->spec->args_doc);
+        if (p->spec->max_args >= 0 && p->cli->n_args > p->spec->max_args)
+            argp_error(state, "unexpected argument \"%s\"", p->cli->args[p->spec->max_args]);
+        break;
+    default:
+        if (key != '.' && (key < '0' || key > '9'))
+            return ARGP_ERR_UNKNOWN;
+        return add_arg(p, state->argv[state->next - 1]);
+    }
+    return 0;
+}
+
+void cli_parse(struct cli *cli, const struct cli_spec *spec, void *own, int argc, char **argv)
+{
+    static char name[64];
+    struct parsing parsing = {cli, spec};
+    struct argp_child children[4] = {{0}};
+    int child = 0;
+
+    *cli = (struct cli){.own = own, .takes = spec->takes, .timeout = 10 * APC_NS_PER_S};
+    snprintf(name, sizeof name, "apc %s", argv[0]);
+    argv[0] = name;
+    cli->command = name;
+    if (spec->extra)
+        children[child++] = (struct argp_child){spec->extra, 0, NULL, 0};
+    if (spec->takes & CLI_STORE)
+        children[child++] = (struct argp_child){&store_argp, 0, NULL, 0};
+    if (spec->takes & CLI_FORMAT)
+        children[child++] = (struct argp_child){&format_argp, 0, NULL, 0};
+    bool negative = spec->takes & CLI_NEGATIVE;
+    const struct argp argp = {
+        negative ? negative_options : NULL, parse_args, spec->args_doc, spec->doc, children, NULL, NULL};
+    argp_err_exit_status = EXIT_USAGE;
+    argp_parse(&argp, argc, argv, negative ? ARGP_IN_ORDER : 0, NULL, &parsing);
+    if (!cli->store)
+        cli->store = getenv("APC_STORE");
+    if (!cli->store || !*cli->store)
+        cli->store = "postgresql:";
+}
+
+static void APC_PRINTF(2, 0) say(const struct cli *cli, const char *fmt, va_list args)
+{
+    fflush(stdout);
+    fprintf(stderr, "%s: ", cli->command);
+    vfprintf(stderr, fmt, args);
+    fputc('\n', stderr);
+}
+
+int cli_error(const struct cli *cli, int err, const char *fmt, ...)
+{
+    va_list args;
+    va_start(args, fmt);
+    say(cli, fmt, args);
+    va_end(args);
+    return exit_code_of(err);
+}
+
+int cli_usage(const struct cli *cli, const char *fmt, ...)
+{
+    va_list args;
+    va_start(args, fmt);
+    say(cli, fmt, args);
+    va_end(args);
+    fprintf(stderr, "Try `%s --help' for more information.\n", cli->command);
+    return EXIT_USAGE;
+}
+
+int cli_done(const struct cli *cli, int rc)
+{
+    if (fflush(stdout) == 0 && !ferror(stdout))
+        return rc;
+    cli_error(cli, APC_ESYS, "cannot write the results: %s", strerror(errno));
+    return rc == EXIT_OK ? EXIT_ERROR : rc;
+}
+
+int cli_store_error(const struct cli *cli, int err, const struct apc_store *store)
+{
+    const char *why = apc_store_error(store);
+    return cli_error(cli, err, "%s", *why ? why : apc_err_text(err));
+}
+
+int cli_open(const struct cli *cli, struct apc_store **store)
+{
+    const struct apc_store_options options = {.size = sizeof options, .name = "apc", .timeout = cli->timeout};
+    struct apc_error why;
+    int rc = apc_store_open(store, cli->store, &options, &why);
+    if (rc < 0)
+        cli_error(cli, rc, "%s", why.text);
+    return rc;
+}
+
+bool cli_colour(void)
+{
+    const char *no = getenv("NO_COLOR");
+    return isatty(STDOUT_FILENO) && !(no && *no);
+}
+
+void cli_json_text(FILE *out, const char *text)
+{
+    for (const unsigned char *c = (const unsigned char *)text; *c; c++) {
+        if (*c == '"' || *c == '\\')
+            fprintf(out, "\\%c", *c);
+        else if (*c < 0x20)
+            fprintf(out, "\\u%04x", *c);
+        else
+            fputc(*c, out);
+    }
+}
+
+/* -30s, -10m, -2h, -1d */
+static bool parse_relative(const char *text, apc_ns now, apc_ns *time)
+{
+    static const char units[] = "smhd";
+    static const double seconds[] = {1, 60, 3600, 86400};
+    char number[32];
+    size_t length = strlen(text);
+    double value;
+    apc_ns before;
+
+    if (text[0] != '-' || length < 3 || length > sizeof number)
+        return false;
+    const char *unit = strchr(units, text[length - 1]);
+    memcpy(number, text + 1, length - 2);
+    number[length - 2] = '\0';
+    if (!unit || apc_number_parse(number, &value) < 0 || !(value >= 0) ||
+        apc_ns_from_s(value * seconds[unit - units], &before) < 0 || before >= now)
+        return false;
+    *time = now - before;
+    return true;
+}
+
+int cli_time(const struct cli *cli, const char *option, const char *text, apc_ns *time)
+{
+    if (!text || parse_relative(text, apc_clock_utc(NULL), time) || apc_time_parse(text, time) == 0)
+        return EXIT_OK;
+    return cli_usage(cli, "--%s \"%s\": must be a time, as 2026-01-31T12:00:00Z, or -30s, -10m, -2h, -1d",
+                     option, text);
+}
+
+int cli_tags_load(const struct cli *cli, struct apc_store *store, struct cli_tags *tags)
+{
+    *tags = (struct cli_tags){0};
+    int n = apc_store_get_tags(store, NULL, 0);
+    if (n < 0) {
+        cli_store_error(cli, n, store);
+        return n;
+    }
+    tags->tag = calloc(n > 0 ? (size_t)n : 1, sizeof *tags->tag);
+    if (!tags->tag) {
+        cli_error(cli, APC_ENOMEM, "out of memory");
+        return APC_ENOMEM;
+    }
+    int got = apc_store_get_tags(store, tags->tag, (size_t)n);
+    if (got < 0) {
+        cli_store_error(cli, got, store);
+        cli_tags_free(tags);
+        return got;
+    }
+    tags->n = (size_t)(got < n ? got : n);
+    return 0;
+}
+
+void cli_tags_free(struct cli_tags *tags)
+{
+    free(tags->tag);
+    *tags = (struct cli_tags){0};
+}
+
+const struct apc_tag *cli_tag(const struct cli_tags *tags, enum apc_table table, int id)
+{
+    for (size_t i = 0; i < tags->n; i++)
+        if (tags->tag[i].table == table && tags->tag[i].id == id)
+            return &tags->tag[i];
+    return NULL;
+}
+
+/* TABLE.ID */
+static bool parse_address(const char *text, enum apc_table *table, int *id)
+{
+    const char *dot = strchr(text, '.');
+    char name[32], *end;
+    if (!dot || dot == text || (size_t)(dot - text) >= sizeof name)
+        return false;
+    memcpy(name, text, (size_t)(dot - text));
+    name[dot - text] = '\0';
+    long number = strtol(dot + 1, &end, 10);
+    *table = apc_table_parse(name);
+    *id = (int)number;
+    return *table && dot[1] >= '0' && dot[1] <= '9' && !*end && number <= 1000000;
+}
+
+int cli_find(const struct cli *cli, const struct cli_tags *tags, const char *text, enum apc_table *table,
+             int *id)
+{
+    char names[300] = "";
+    for (size_t i = 0; i < tags->n; i++) {
+        if (!strcmp(tags->tag[i].name, text)) {
+            *table = tags->tag[i].table;
+            *id = tags->tag[i].id;
+            return 0;
+        }
+        size_t used = strlen(names);
+        if (tags->tag[i].name[0])
+            snprintf(names + used, sizeof names - used, "%s%s", used ? ", " : "", tags->tag[i].name);
+    }
+    /* By its address only what is described, but for the law's state, and where nothing is described yet. */
+    if (parse_address(text, table, id) && (tags->n == 0 || *table == APC_STATE || cli_tag(tags, *table, *id)))
+        return 0;
+    cli_error(cli, APC_ENOTFOUND, "no variable \"%s\"; there are: %s, or TABLE.ID such as sensor.1", text,
+              *names ? names : "none described yet (apc init FILE)");
+    return APC_ENOTFOUND;
+}
+
+static int no_room(const struct cli *cli)
+{
+    cli_error(cli, APC_ENOMEM, "out of memory");
+    return APC_ENOMEM;
+}
+
+int cli_described(const struct cli *cli, const struct cli_tags *tags, const enum apc_table *tables,
+                  struct apc_sample **out)
+{
+    int n = 0;
+    *out = calloc(tags->n + 1, sizeof **out);
+    if (!*out)
+        return no_room(cli);
+    for (; *tables; tables++)
+        for (size_t i = 0; i < tags->n; i++)
+            if (tags->tag[i].table == *tables)
+                (*out)[n++] = (struct apc_sample){.table = *tables, .id = tags->tag[i].id};
+    return n;
+}
+
+int cli_variables(const struct cli *cli, const struct cli_tags *tags, const enum apc_table *tables,
+                  struct apc_sample **out)
+{
+    if (cli->n_args == 0) {
+        int n = cli_described(cli, tags, tables, out);
+        if (n != 0)
+            return n;
+        cli_error(cli, APC_ENOTFOUND,
+                  "no variables are described yet: `apc init FILE` describes those of an experiment");
+        return APC_ENOTFOUND;
+    }
+    *out = calloc((size_t)cli->n_args, sizeof **out);
+    if (!*out)
+        return no_room(cli);
+    for (int i = 0; i < cli->n_args; i++) {
+        int rc = cli_find(cli, tags, cli->args[i], &(*out)[i].table, &(*out)[i].id);
+        if (rc < 0)
+            return rc;
+    }
+    return cli->n_args;
+}

@@ -1,0 +1,58 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "cli.h"
+#include "provision.h"
+
+static const struct cli_spec spec = {
+    .args_doc = "[FILE]",
+    .doc =
+        "Make the tables of the shared data, or bring those of an older version up to date. With an "
+        "experiment "
+        "FILE, also describe its variables and write its dimensions, and its tuning and mode where there are "
+        "none yet. Running it again is harmless.",
+    .takes = CLI_STORE,
+    .max_args = 1,
+};
+
+static int init_store(const struct cli *cli, struct apc_store *store)
+{
+    int had = apc_store_init(store);
+    if (had < 0)
+        return cli_store_error(cli, had, store);
+    if (had == apc_store_version())
+        printf("tables are up to date (version %d)\n", had);
+    else if (had == 0)
+        printf("tables made (version %d)\n", apc_store_version());
+    else
+        printf("tables brought from version %d to %d\n", had, apc_store_version());
+    return EXIT_OK;
+}
+
+int command_init(int argc, char **argv)
+{
+    struct apc_store *store = NULL;
+    struct experiment e = {0};
+    struct apc_error why;
+    struct cli cli;
+    int rc;
+
+    cli_parse(&cli, &spec, NULL, argc, argv);
+    if (cli.n_args > 0 && (rc = experiment_load(&e, cli.args[0], EXPERIMENT_LAW, NULL, &why)) < 0)
+        return cli_error(&cli, rc, "%s", why.text);
+    rc = cli_open(&cli, &store);
+    if (rc < 0) {
+        rc = exit_code_of(rc);
+        goto out;
+    }
+    rc = init_store(&cli, store);
+    if (rc == EXIT_OK && cli.n_args > 0) {
+        int err = provision(store, &e, PROVISION_KEEP);
+        if (err < 0)
+            rc = cli_store_error(&cli, err, store);
+        else
+            printf("experiment %s described\n", e.name);
+    }
+out:
+    apc_store_close(store);
+    experiment_free(&e);
+    return rc;
+}

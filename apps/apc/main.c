@@ -1,0 +1,56 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc: the command line. */
+#include <string.h>
+
+#include "cli.h"
+
+static const struct {
+    const char *name;
+    int (*run)(int argc, char **argv);
+    const char *doc;
+} commands[] = {
+    {"run", command_run, "run an experiment in real time and leave a report"},
+    {"init", command_init, "make or update the tables, and describe an experiment in them"},
+    {"status", command_status, "what every part is doing: modes, values with their age, timing, events"},
+    {"get", command_get, "newest values"},
+    {"set", command_set, "write a setpoint, or an output in mode Man"},
+    {"mode", command_mode, "show or change the mode: Man or Auto"},
+    {"tune", command_tune, "show or change the tuning of the control law"},
+    {"watch", command_watch, "follow values as they change"},
+    {"history", command_history, "past values of a variable, or events"},
+    {"timing", command_timing, "how well the tasks keep time: lateness, jitter, run time, missed ticks"},
+    {"report", command_report, "draw the report of a run again"},
+};
+
+static void usage(FILE *out)
+{
+    fputs("Usage: apc COMMAND [OPTION...]\n"
+          "Real-time advanced process control from the command line.\n\n",
+          out);
+    for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
+        fprintf(out, "  %-9s %s\n", commands[i].name, commands[i].doc);
+    fputs("\n`apc COMMAND --help` tells more. The database is that of --store URI, of APC_STORE,\n"
+          "or of libpq's environment (PGHOST, PGSERVICE, ...).\n",
+          out);
+}
+
+int main(int argc, char **argv)
+{
+    if (argc < 2) {
+        usage(stderr);
+        return EXIT_USAGE;
+    }
+    if (!strcmp(argv[1], "--help") || !strcmp(argv[1], "-?") || !strcmp(argv[1], "help")) {
+        usage(stdout);
+        return EXIT_OK;
+    }
+    if (!strcmp(argv[1], "--version") || !strcmp(argv[1], "-V")) {
+        printf("apc (libapc) %s\n", apc_version());
+        return EXIT_OK;
+    }
+    for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
+        if (!strcmp(argv[1], commands[i].name))
+            return commands[i].run(argc - 1, argv + 1);
+    fprintf(stderr, "apc: unknown command \"%s\"; `apc --help` lists them\n", argv[1]);
+    return EXIT_USAGE;
+}

@@ -1,0 +1,109 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "provision.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Names of what belongs to an output: "Kp" when there is one output, "u1.Kp" when there are more. */
+static void output_name(const struct experiment *e, size_t output, const char *what, char *name, size_t size)
+{
+    if (e->dim.nu == 1)
+        snprintf(name, size, "%.63s", what);
+    else
+        snprintf(name, size, "%.31s.%.31s", e->u[output].tag.name, what);
+}
+
+static struct apc_tag plain_tag(enum apc_table table, int id, const char *name, const char *description,
+                                double low, double high)
+{
+    struct apc_tag tag = {.table = table, .id = id, .low = low, .high = high};
+    snprintf(tag.name, sizeof tag.name, "%s", name);
+    snprintf(tag.description, sizeof tag.description, "%s", description);
+    return tag;
+}
+
+static size_t output_tags(const struct experiment *e, size_t i, struct apc_tag *tag)
+{
+    const struct apc_law *law = e->controller.law;
+    size_t n = 0;
+    char name[APC_TAG_LEN];
+
+    output_name(e, i, "manual", name, sizeof name);
+    tag[n] = plain_tag(APC_MANUAL, (int)i + 1, name, "operator's output in mode Man", e->u[i].tag.low,
+                       e->u[i].tag.high);
+    memcpy(tag[n++].unit, e->u[i].tag.unit, APC_TAG_LEN);
+    for (size_t j = 0; j < law->n_tuning; j++, n++) {
+        const struct apc_param *p = &law->tuning[j];
+        output_name(e, i, p->name, name, sizeof name);
+        tag[n] = plain_tag(APC_TUNING, (int)(i * law->n_tuning + j) + 1, name,
+                           p->description ? p->description : "", p->low, p->high);
+        snprintf(tag[n].unit, sizeof tag[n].unit, "%s", p->unit ? p->unit : "");
+    }
+    return n;
+}
+
+static int put_tags(struct apc_store *store, const struct experiment *e)
+{
+    const struct apc_dim *dim = &e->dim;
+    size_t n = 0, most = dim->ny + dim->nz + dim->nu * (2 + e->controller.law->n_tuning) + 5;
+    struct apc_tag *tag = calloc(most, sizeof *tag);
+    if (!tag)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < dim->ny; i++)
+        tag[n++] = e->y[i].tag;
+    for (size_t i = 0; i < dim->nz; i++)
+        tag[n++] = e->z[i].tag;
+    for (size_t i = 0; i < dim->nu; i++) {
+        tag[n++] = e->u[i].tag;
+        n += output_tags(e, i, tag + n);
+    }
+    tag[n++] = plain_tag(APC_DIM, 1, "dim.y", "number of measurements", 1, 1e6);
+    tag[n++] = plain_tag(APC_DIM, 2, "dim.z", "number of setpoints", 1, 1e6);
+    tag[n++] = plain_tag(APC_DIM, 3, "dim.u", "number of manipulated variables", 1, 1e6);
+    tag[n++] = plain_tag(APC_OPMODE, 0, "mode", "target mode: 0 Man, 1 Auto", 0, 1);
+    tag[n++] = plain_tag(APC_OPMODE, 1, "mode.actual", "actual mode: 0 Man, 1 Auto, 2 out of service", 0, 2);
+    int rc = apc_store_put_tags(store, tag, n);
+    free(tag);
+    return rc;
+}
+
+/* Write those of n samples that are not there yet (KEEP) or have another value (RESET). */
+static int put_values(struct apc_store *store, struct apc_sample *wanted, size_t n, enum provision how)
+{
+    struct apc_sample *there = calloc(n + 1, sizeof *there);
+    size_t changed = 0;
+    if (!there)
+        return APC_ENOMEM;
+    memcpy(there, wanted, n * sizeof *there);
+    int rc = apc_store_read(store, there, n);
+    for (size_t i = 0; i < n && rc >= 0; i++)
+        if (there[i].seq == 0 || (how == PROVISION_RESET && there[i].value != wanted[i].value))
+            wanted[changed++] = wanted[i];
+    if (rc >= 0 && changed > 0)
+        rc = apc_store_put(store, wanted, changed);
+    free(there);
+    return rc < 0 ? rc : 0;
+}
+
+int provision(struct apc_store *store, const struct experiment *e, enum provision how)
+{
+    const double dim[3] = {(double)e->dim.ny, (double)e->dim.nz, (double)e->dim.nu};
+    size_t tunings = e->dim.nu * e->controller.law->n_tuning;
+    apc_ns now = apc_clock_utc(NULL);
+    struct apc_sample *wanted = calloc(tunings + 4, sizeof *wanted);
+    if (!wanted)
+        return APC_ENOMEM;
+    for (int i = 0; i < 3; i++)
+        wanted[i] = (struct apc_sample){.table = APC_DIM, .id = i + 1, .time = now, .value = dim[i]};
+    int rc = put_values(store, wanted, 3, PROVISION_RESET);
+    for (size_t i = 0; i < tunings; i++)
+        wanted[i] = (struct apc_sample){
+            .table = APC_TUNING, .id = (int)i + 1, .time = now, .value = e->controller.tuning[i]};
+    wanted[tunings] =
+        (struct apc_sample){.table = APC_OPMODE, .id = 0, .time = now, .value = e->controller.mode};
+    if (rc >= 0)
+        rc = put_values(store, wanted, tunings + 1, how);
+    free(wanted);
+    return rc < 0 ? rc : put_tags(store, e);
+}

@@ -1,0 +1,302 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "report_data.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define MAX_COLUMNS 12
+
+/* A file of the run folder: its name, its columns, and what takes one row of it. */
+struct csv {
+    const char *name;
+    const char *columns[MAX_COLUMNS + 1]; /* ends with NULL */
+    /* Returns 0, APC_ENOMEM, or 1 + the index of the field that is not understood. */
+    int (*row)(struct report_data *data, size_t line, char *const *field);
+};
+
+/* ---- Fields ------------------------------------------------------------------------------- */
+
+/* A whole number; doubles hold nanoseconds exactly up to 104 days. */
+static bool parse_whole(const char *text, double low, double high, double *value)
+{
+    return apc_number_parse(text, value) == 0 && *value >= low && *value <= high && *value == floor(*value);
+}
+
+static bool parse_count(const char *text, uint64_t *count)
+{
+    double value;
+
+    if (!parse_whole(text, 0.0, 9e15, &value))
+        return false;
+    *count = (uint64_t)value;
+    return true;
+}
+
+static bool parse_ns(const char *text, apc_ns *ns)
+{
+    double value;
+
+    if (!parse_whole(text, -9e15, 9e15, &value))
+        return false;
+    *ns = (apc_ns)value;
+    return true;
+}
+
+/* The jitter that a row of the timing files is about; NULL when it is about something not drawn. */
+static struct report_jitter *find_jitter(struct report_data *data, const char *task, const char *quantity)
+{
+    static const char *const names[REPORT_TASKS] = {"plant", "controller", "client"};
+
+    if (strcmp(quantity, "jitter") != 0)
+        return NULL;
+    for (size_t i = 0; i < REPORT_TASKS; i++) {
+        if (strcmp(task, names[i]) == 0)
+            return &data->jitter[i];
+    }
+    return NULL;
+}
+
+/* Room for one more element of @p size bytes in *items. */
+static int reserve(void **items, size_t n, size_t *capacity, size_t size)
+{
+    size_t wanted = *capacity > 0 ? 2 * *capacity : 64;
+    void *grown;
+
+    if (n < *capacity)
+        return 0;
+    grown = reallocarray(*items, wanted, size);
+    if (!grown)
+        return APC_ENOMEM;
+    *items = grown;
+    *capacity = wanted;
+    return 0;
+}
+
+/* ---- Rows --------------------------------------------------------------------------------- */
+
+static int sample_row(struct report_data *data, size_t line, char *const *field)
+{
+    struct report_point point = {.line = line};
+    struct report_group *group;
+    struct report_series *series;
+    apc_status status;
+    double id;
+    void *items;
+
+    if (apc_number_parse(field[0], &point.t) != 0)
+        return 1;
+    switch (apc_table_parse(field[1])) {
+    case APC_SENSOR:
+        group = &data->y;
+        break;
+    case APC_SETPOINT:
+        group = &data->z;
+        break;
+    case APC_ACTUATOR:
+        group = &data->u;
+        break;
+    default:
+        return 2;
+    }
+    if (!parse_whole(field[2], 1, INT32_MAX, &id))
+        return 3;
+    if (apc_status_parse(field[3], &status) != 0)
+        return 4;
+    point.severity = apc_status_severity(status);
+    if (apc_number_parse(field[4], &point.value) != 0 || fabs(point.value) > APC_VALUE_MAX)
+        return 5;
+    data->end = fmax(data->end, point.t);
+    if (id > group->n)
+        group->n = (int)id;
+    if (id > REPORT_SHOWN)
+        return 0;
+    series = &group->series[(size_t)id - 1];
+    items = series->points;
+    if (reserve(&items, series->n, &series->capacity, sizeof point) != 0)
+        return APC_ENOMEM;
+    series->points = items;
+    series->points[series->n++] = point;
+    return 0;
+}
+
+static int bin_row(struct report_data *data, size_t line, char *const *field)
+{
+    struct report_jitter *jitter = find_jitter(data, field[0], field[1]);
+    struct apc_bin bin;
+    void *items;
+
+    (void)line;
+    if (!parse_ns(field[3], &bin.low))
+        return 4;
+    if (!parse_ns(field[4], &bin.high) || bin.high < bin.low)
+        return 5;
+    if (!parse_count(field[5], &bin.count))
+        return 6;
+    if (!jitter || bin.count == 0)
+        return 0;
+    items = jitter->bins;
+    if (reserve(&items, jitter->n_bins, &jitter->capacity, sizeof bin) != 0)
+        return APC_ENOMEM;
+    jitter->bins = items;
+    jitter->bins[jitter->n_bins++] = bin;
+    return 0;
+}
+
+static int summary_row(struct report_data *data, size_t line, char *const *field)
+{
+    struct report_jitter *jitter = find_jitter(data, field[0], field[1]);
+
+    (void)line;
+    if (!jitter)
+        return 0;
+    if (!parse_whole(field[2], 1, 366 * 86400e9, &jitter->period))
+        return 3;
+    if (!parse_count(field[3], &jitter->count))
+        return 4;
+    if (!parse_count(field[4], &jitter->missed))
+        return 5;
+    if (apc_number_parse(field[5], &jitter->mean) != 0)
+        return 6;
+    if (apc_number_parse(field[6], &jitter->sd) != 0)
+        return 7;
+    return 0;
+}
+
+static const struct csv files[] = {
+    {"samples.csv", {"time", "table", "id", "status", "value"}, sample_row},
+    {"timing.csv", {"task", "quantity", "period_ns", "low_ns", "high_ns", "count"}, bin_row},
+    {"timing-summary.csv",
+     {"task", "quantity", "period_ns", "count", "missed", "mean_ns", "sd_ns", "min_ns", "p50_ns", "p99_ns",
+      "p999_ns", "max_ns"},
+     summary_row},
+};
+
+/* ---- Files -------------------------------------------------------------------------------- */
+
+static const char *last_column(const struct csv *csv)
+{
+    size_t n = 0;
+
+    while (csv->columns[n + 1])
+        n++;
+    return csv->columns[n];
+}
+
+/* Cut a line into as many fields as there are columns; false when it has more or fewer of them. */
+static bool split(char *line, size_t length, const char *const *columns, char **field)
+{
+    char *rest = line;
+    size_t n;
+
+    if (strlen(line) != length)
+        return false;
+    line[strcspn(line, "\r\n")] = '\0';
+    for (n = 0; rest && columns[n]; n++)
+        field[n] = strsep(&rest, ",");
+    return !columns[n] && !rest;
+}
+
+static int read_rows(FILE *stream, const struct csv *csv, const char *path, struct report_data *data,
+                     struct apc_error *why)
+{
+    char *text = NULL, *field[MAX_COLUMNS];
+    size_t size = 0, line = 0;
+    ssize_t length;
+    int rc = 0;
+
+    while (rc == 0 && (length = getline(&text, &size, stream)) >= 0) {
+        line++;
+        if (!split(text, (size_t)length, csv->columns, field)) {
+            rc = apc_fail(why, APC_EPROTO, "%s:%zu: expected the columns %s,...,%s and nothing else", path,
+                          line, csv->columns[0], last_column(csv));
+        } else if (line == 1) {
+            for (size_t i = 0; rc == 0 && csv->columns[i]; i++)
+                /* NOLINTNEXTLINE(clang-analyzer-core.*): split() has filled one field for each column */
+                if (strcmp(field[i], csv->columns[i]) != 0)
+                    rc = apc_fail(why, APC_EPROTO, "%s:1: column %zu is \"%.40s\", expected \"%s\"", path,
+                                  i + 1, field[i], csv->columns[i]);
+        } else {
+            int bad = csv->row(data, line, field);
+            if (bad > 0)
+                rc = apc_fail(why, APC_EPROTO, "%s:%zu: column \"%s\" cannot be \"%.40s\"", path, line,
+                              csv->columns[bad - 1], field[bad - 1]);
+            else if (bad < 0)
+                rc = apc_fail(why, bad, "%s: out of memory", path);
+        }
+    }
+    if (rc == 0 && ferror(stream))
+        rc = apc_fail(why, APC_ESYS, "%s: %s", path, strerror(errno));
+    else if (rc == 0 && line == 0)
+        rc = apc_fail(why, APC_EPROTO, "%s: empty; expected a header line", path);
+    free(text);
+    return rc;
+}
+
+static int read_file(const char *dir, const struct csv *csv, struct report_data *data, struct apc_error *why)
+{
+    char *path;
+    FILE *stream;
+    int rc;
+
+    if (asprintf(&path, "%s/%s", dir, csv->name) < 0)
+        return apc_fail(why, APC_ENOMEM, "%s: out of memory", csv->name);
+    stream = fopen(path, "re");
+    if (stream) {
+        rc = read_rows(stream, csv, path, data, why);
+        fclose(stream);
+    } else {
+        rc = apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s", path, strerror(errno));
+    }
+    free(path);
+    return rc;
+}
+
+static int by_time(const void *a, const void *b)
+{
+    const struct report_point *p = a, *q = b;
+
+    if (p->t != q->t)
+        return p->t < q->t ? -1 : 1;
+    return (p->line > q->line) - (p->line < q->line);
+}
+
+static void sort_group(struct report_group *group)
+{
+    for (size_t i = 0; i < REPORT_SHOWN; i++) {
+        struct report_series *series = &group->series[i];
+        if (series->n > 1)
+            qsort(series->points, series->n, sizeof *series->points, by_time);
+    }
+}
+
+int report_read(struct report_data *data, const char *dir, struct apc_error *why)
+{
+    *data = (struct report_data){0};
+    for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+        int rc = read_file(dir, &files[i], data, why);
+        if (rc < 0)
+            return rc;
+    }
+    sort_group(&data->y);
+    sort_group(&data->z);
+    sort_group(&data->u);
+    return 0;
+}
+
+static void free_group(struct report_group *group)
+{
+    for (size_t i = 0; i < REPORT_SHOWN; i++)
+        free(group->series[i].points);
+}
+
+void report_free(struct report_data *data)
+{
+    free_group(&data->y);
+    free_group(&data->z);
+    free_group(&data->u);
+    for (size_t i = 0; i < REPORT_TASKS; i++)
+        free(data->jitter[i].bins);
+}

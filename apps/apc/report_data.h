@@ -1,0 +1,50 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What the report is drawn from: the CSV files of a run folder, read into memory. */
+#ifndef APC_REPORT_DATA_H
+#define APC_REPORT_DATA_H
+
+#include <apctimer.h> /* struct apc_bin */
+
+#define REPORT_SHOWN                                                                                         \
+    8 /* variables of one kind that are drawn: more colours than that cannot be told apart                   \
+       */
+
+struct report_point {
+    double t, value; /* t in s since the start of the run */
+    enum apc_severity severity;
+    size_t line; /* of the file: keeps the order of points of the same time */
+};
+
+/* The samples of one variable in order of time. */
+struct report_series {
+    struct report_point *points;
+    size_t n, capacity;
+};
+
+/* The variables of one kind: id i is series[i - 1]. */
+struct report_group {
+    struct report_series series[REPORT_SHOWN];
+    int n; /* highest id in the file, drawn or not */
+};
+
+enum report_task { REPORT_PLANT, REPORT_CONTROLLER, REPORT_CLIENT, REPORT_TASKS };
+
+/* (t_{k+1} - t_k) - period of one task, in ns. */
+struct report_jitter {
+    struct apc_bin *bins;
+    size_t n_bins, capacity;
+    uint64_t count, missed;
+    double period, mean, sd;
+};
+
+struct report_data {
+    struct report_group y, z, u;
+    struct report_jitter jitter[REPORT_TASKS];
+    double end; /* time of the last sample of all */
+};
+
+/* Fill *data, which report_free() takes back also after a failure. Returns as report_write() does. */
+int report_read(struct report_data *data, const char *dir, struct apc_error *why);
+void report_free(struct report_data *data);
+
+#endif

@@ -1,0 +1,14 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The figure of a run as a gnuplot script. */
+#ifndef APC_REPORT_FIGURE_H
+#define APC_REPORT_FIGURE_H
+
+#include <stdio.h>
+
+#include "report_data.h"
+
+/* Write a script that makes report.svg and report.png in gnuplot's working directory. The calling
+ * thread's locale must be "C.UTF-8". Sorts the bins of the data. title may be NULL. */
+void report_figure(FILE *script, struct report_data *data, const char *title);
+
+#endif

@@ -1,0 +1,316 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc run: the daemons of an experiment as processes, one live line, a run folder. */
+#include <errno.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli.h"
+#include "folder.h"
+#include "live.h"
+#include "provision.h"
+#include "report.h"
+#include "supervisor.h"
+
+#define EXPORT_TRIES 60                    /* a second each */
+#define LEAD         (2 * APC_NS_PER_S)    /* from here to t = 0: the daemons start meanwhile */
+#define LOOK         (250 * APC_NS_PER_MS) /* between two looks at the children and the store */
+
+struct run_options {
+    double duration; /* s; < 0: the file's */
+    const char *out, *timer;
+    bool spin, hold_latency;
+    struct experiment_overrides overrides;
+};
+
+enum { OPT_LAW = 0x400, OPT_PLANT, OPT_SPIN, OPT_HOLD_LATENCY };
+
+static const struct argp_option option_list[] = {
+    {"duration", 'd', "SECONDS", 0, "How long to run instead of the file's duration; 0: until Ctrl-C", 0},
+    {"out", 'o', "DIR", 0, "Run folder; default runs/NAME-TIME", 0},
+    {"timer", 't', "NAME", 0, "Executive of all daemons: deadline (default) or posix", 0},
+    {"spin", OPT_SPIN, NULL, 0, "The daemons spin for the last microseconds before a tick (deadline only)",
+     0},
+    {"hold-latency", OPT_HOLD_LATENCY, NULL, 0,
+     "The daemons hold /dev/cpu_dma_latency at 0: idle CPUs stay awake", 0},
+    {"law", OPT_LAW, "NAME", 0,
+     "Control law instead of the file's: built in, or ./file.so; its own tuning applies", 0},
+    {"plant", OPT_PLANT, "NAME", 0,
+     "Model instead of the file's: built in, or ./file.so; its own parameters apply", 0},
+    {0},
+};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct run_options *o = state->input;
+    switch (key) {
+    case 'd':
+        if (apc_number_parse(arg, &o->duration) < 0 || o->duration < 0 || o->duration > 366 * 86400.0)
+            argp_error(state, "--duration \"%s\": must be seconds, from 0 to 31622400", arg);
+        break;
+    case 'o':
+        o->out = arg;
+        break;
+    case 't':
+        if (strcmp(arg, "deadline") != 0 && strcmp(arg, "posix") != 0)
+            argp_error(state, "--timer \"%s\": must be deadline or posix", arg);
+        o->timer = arg;
+        break;
+    case OPT_SPIN:
+        o->spin = true;
+        break;
+    case OPT_HOLD_LATENCY:
+        o->hold_latency = true;
+        break;
+    case OPT_LAW:
+        o->overrides.law = arg;
+        break;
+    case OPT_PLANT:
+        o->overrides.model = arg;
+        break;
+    case ARGP_KEY_END:
+        if (o->spin && o->timer && !strcmp(o->timer, "posix"))
+            argp_error(state, "--spin: the executive posix cannot spin");
+        break;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct cli_spec spec = {
+    .args_doc = "FILE",
+    .doc =
+        "Run the experiment FILE in real time: start its plant, client, controller and scheduler as "
+        "processes, "
+        "show one live line, stop them all at the end or on Ctrl-C, and leave a run folder with report.png, "
+        "report.svg and samples.csv. Tuning and mode are set to the file's; tables are made if there are "
+        "none.",
+    .takes = CLI_STORE,
+    .min_args = 1,
+    .max_args = 1,
+    .extra = &extra,
+};
+
+struct run {
+    struct cli cli;
+    struct run_options options;
+    struct experiment e;
+    struct apc_store *store;
+    struct supervisor daemons;
+    struct live *live;
+    apc_ns start, begin, finish; /* t = 0: UTC then, monotonic; monotonic end, 0: none */
+    char dir[512];
+};
+
+/* ---- Signals ------------------------------------------------------------------------------ */
+
+static void block(sigset_t *set)
+{
+    sigemptyset(set);
+    sigaddset(set, SIGINT);
+    sigaddset(set, SIGTERM);
+    sigaddset(set, SIGHUP);
+    sigprocmask(SIG_BLOCK, set, NULL);
+}
+
+/* ---- Steps of a run ----------------------------------------------------------------------- */
+
+/* Is anybody running this plant? Then nothing of it may be touched. */
+static int claim_all(const struct run *r, struct apc_store *guard)
+{
+    static const enum apc_table tables[] = {APC_SENSOR, APC_ACTUATOR, APC_SETPOINT};
+    const size_t counts[] = {r->e.dim.ny, r->e.dim.nu, r->e.dim.nz};
+    int rc = 0;
+    for (size_t i = 0; i < sizeof tables / sizeof *tables && rc >= 0; i++) {
+        int64_t *last = calloc(counts[i], sizeof *last);
+        rc = last ? apc_store_claim(guard, tables[i], counts[i], last) : APC_ENOMEM;
+        free(last);
+    }
+    if (rc < 0)
+        cli_store_error(&r->cli, rc, guard);
+    return rc;
+}
+
+static int prepare_store(struct run *r)
+{
+    struct apc_store *guard = NULL;
+    int rc = cli_open(&r->cli, &r->store);
+    if (rc < 0)
+        return rc;
+    rc = apc_store_init(r->store);
+    if (rc < 0) {
+        cli_store_error(&r->cli, rc, r->store);
+        return rc;
+    }
+    rc = cli_open(&r->cli, &guard);
+    if (rc >= 0)
+        rc = claim_all(r, guard);
+    if (rc >= 0 && (rc = provision(r->store, &r->e, PROVISION_RESET)) < 0)
+        cli_store_error(&r->cli, rc, r->store);
+    apc_store_close(guard);
+    return rc;
+}
+
+static int prepare_folder(struct run *r)
+{
+    struct apc_error why;
+    char stamp[APC_TIME_LEN];
+    if (r->options.out && strlen(r->options.out) >= sizeof r->dir) {
+        cli_error(&r->cli, APC_EINVAL, "--out: the path is too long");
+        return APC_EINVAL;
+    }
+    if (r->options.out) {
+        snprintf(r->dir, sizeof r->dir, "%s", r->options.out);
+    } else {
+        apc_time_format(apc_clock_utc(NULL), stamp);
+        snprintf(r->dir, sizeof r->dir, "runs/%s-%.4s%.2s%.2s-%.2s%.2s%.2s", r->e.name, stamp, stamp + 5,
+                 stamp + 8, stamp + 11, stamp + 14, stamp + 17);
+    }
+    int rc = folder_create(r->dir, r->cli.args[0], &why);
+    if (rc < 0)
+        cli_error(&r->cli, rc, "%s", why.text);
+    return rc;
+}
+
+static int start_daemons(struct run *r)
+{
+    struct supervisor *s = &r->daemons;
+    struct apc_error why;
+    *s = (struct supervisor){.config = r->cli.args[0],
+                             .timer = r->options.timer,
+                             .dir = r->dir,
+                             .spin = r->options.spin,
+                             .hold_latency = r->options.hold_latency};
+    s->child[0].name = "apc-plant";
+    s->child[1].name = "apc-client";
+    s->child[2].name = "apc-controller";
+    s->child[3].name = "apc-scheduler";
+    if (r->options.overrides.model) {
+        s->child[0].extra[0] = "--plant";
+        s->child[0].extra[1] = r->options.overrides.model;
+    }
+    if (r->options.overrides.law) {
+        s->child[2].extra[0] = "--law";
+        s->child[2].extra[1] = r->options.overrides.law;
+    }
+    setenv("APC_STORE", r->cli.store, 1); /* not in argv, where everybody could read a password */
+    r->start = (apc_clock_utc(NULL) + LEAD + APC_NS_PER_S - 1) / APC_NS_PER_S * APC_NS_PER_S;
+    r->begin = r->start - apc_clock_offset(NULL, NULL);
+    r->finish = r->e.duration > 0 ? r->begin + (apc_ns)(r->e.duration * 1e9) : 0;
+    s->start = r->begin;
+    int rc = supervisor_start(s, &why);
+    if (rc < 0)
+        cli_error(&r->cli, rc, "%s", why.text);
+    return rc;
+}
+
+/* Until the end, a signal, or a daemon that will not run. */
+static int follow(struct run *r, const sigset_t *signals)
+{
+    const struct timespec look = {0, LOOK};
+    struct apc_error why;
+    for (;;) {
+        int signal = sigtimedwait(signals, NULL, &look);
+        if (signal > 0) {
+            live_say(r->live, "stopping (%s)", signal == SIGINT ? "Ctrl-C" : "signal");
+            return 0;
+        }
+        if (r->finish && apc_clock_mono(NULL) >= r->finish) {
+            live_show(r->live);
+            return 0;
+        }
+        int rc = supervisor_check(&r->daemons, &why);
+        if (rc < 0) {
+            live_end(r->live);
+            cli_error(&r->cli, rc, "%s", why.text);
+            return rc;
+        }
+        if (rc > 0)
+            live_say(r->live, "a daemon died and was started again: see %s/*.log", r->dir);
+        if (apc_clock_mono(NULL) >= r->begin)
+            live_show(r->live);
+    }
+}
+
+/* The store may just be away: nobody wants to lose a run for that. */
+static int export_patiently(const struct run *r, apc_ns since, apc_ns until, struct apc_error *why)
+{
+    const struct timespec pause = {1, 0};
+    int rc = folder_export(r->dir, r->store, &r->e, r->start, since, until, why);
+    for (int tries = 0; (rc == APC_ECONN || rc == APC_ETIMEDOUT) && tries < EXPORT_TRIES; tries++) {
+        if (tries == 0)
+            cli_error(&r->cli, rc, "%s; trying again", why->text);
+        nanosleep(&pause, NULL);
+        rc = folder_export(r->dir, r->store, &r->e, r->start, since, until, why);
+    }
+    return rc;
+}
+
+static int leave_report(struct run *r)
+{
+    struct apc_error why;
+    apc_ns now = apc_clock_mono(NULL), ran = (r->finish && r->finish < now ? r->finish : now) - r->begin;
+    /* By how much the wall clock stepped meanwhile: samples before it and after it both belong to the run. */
+    apc_ns step = apc_clock_offset(NULL, NULL) - (r->start - r->begin);
+    if (step > -APC_NS_PER_S && step < APC_NS_PER_S)
+        step = 0;
+    int rc =
+        export_patiently(r, r->start + (step < 0 ? step : 0), r->start + ran + (step > 0 ? step : 0), &why);
+    if (rc == 0)
+        rc = report_write(r->dir, r->e.title, &why);
+    if (rc < 0) {
+        cli_error(&r->cli, rc, "%s", why.text);
+        return rc;
+    }
+    printf("report:  %s/report.png, report.svg\nsamples: %s/samples.csv\n", r->dir, r->dir);
+    return 0;
+}
+
+static int run(struct run *r)
+{
+    sigset_t signals;
+    struct apc_error why;
+    int rc = experiment_load(&r->e, r->cli.args[0], EXPERIMENT_MODEL | EXPERIMENT_LAW, &r->options.overrides,
+                             &why);
+    if (rc < 0) {
+        cli_error(&r->cli, rc, "%s", why.text);
+        return rc;
+    }
+    if (r->options.duration >= 0)
+        r->e.duration = r->options.duration;
+    block(&signals);
+    signal(SIGPIPE, SIG_IGN); /* `apc run ... | head` is no reason to leave no report */
+    if ((rc = prepare_folder(r)) < 0)
+        return rc;
+    if ((rc = prepare_store(r)) < 0) {
+        folder_discard(r->dir);
+        return rc;
+    }
+    if ((rc = start_daemons(r)) < 0)
+        return rc;
+    printf("%s: %s%s\n", r->e.name, r->e.title, r->finish ? "" : " (Ctrl-C ends it)");
+    rc = live_create(&r->live, r->store, &r->e, r->start, r->e.duration);
+    if (rc == 0) {
+        rc = follow(r, &signals);
+        live_end(r->live);
+    }
+    if (supervisor_stop(&r->daemons) < 0)
+        cli_error(&r->cli, 0, "a daemon did not stop in time and was killed: see %s/*.log", r->dir);
+    live_destroy(r->live);
+    sigprocmask(SIG_UNBLOCK, &signals, NULL); /* from here on Ctrl-C may end it */
+    int left = leave_report(r);
+    return rc < 0 ? rc : left;
+}
+
+int command_run(int argc, char **argv)
+{
+    struct run r = {.options = {.duration = -1}};
+    cli_parse(&r.cli, &spec, &r.options, argc, argv);
+    int rc = run(&r);
+    apc_store_close(r.store);
+    experiment_free(&r.e);
+    return exit_code_of(rc);
+}

@@ -1,0 +1,321 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc status: everything about a plant on one screen. It reads; that parts are stale is no failure of it. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "print.h"
+#include "timing.h"
+
+#define EVENTS 5
+#define WINDOW (60 * APC_NS_PER_S)
+
+static const struct cli_spec spec = {
+    .args_doc = "",
+    .doc =
+        "Show the store, the modes, every measurement, setpoint and output with its age, the timing of each "
+        "task over the last minute, and the last events. A measurement or output that was not written for "
+        "10 s, or for three periods of its writer if that is longer, is STALE.",
+    .takes = CLI_STORE | CLI_FORMAT,
+};
+
+/* All of it, read before any of it is shown. */
+struct status {
+    char store[400]; /* its URI without passwords */
+    struct cli_tags tags;
+    struct apc_sample mode[2], *samples;
+    size_t n;
+    struct timing timing;
+    struct apc_event events[EVENTS];
+    size_t n_events;
+    apc_ns now;
+};
+
+/* ---- Which store -------------------------------------------------------------------------- */
+
+static void add(char *out, size_t size, const char *text, size_t n)
+{
+    size_t used = strlen(out);
+    snprintf(out + used, size - used, "%.*s", (int)n, text);
+}
+
+static bool is_public(const char *parameter, size_t n)
+{
+    static const char *const names[] = {"host", "hostaddr", "port", "dbname", "user", "service", "sslmode"};
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+        if (n == strlen(names[i]) && !strncmp(parameter, names[i], n))
+            return true;
+    return false;
+}
+
+/* ?NAME=VALUE&...: only values that are known to be no secret are shown. Returns what comes after it. */
+static const char *mask_query(const char *query, char *out, size_t size)
+{
+    while (*query == '?' || *query == '&') {
+        size_t name = 1 + strcspn(query + 1, "=&#"), length = 1 + strcspn(query + 1, "&#");
+        bool open = name == length || is_public(query + 1, name - 1);
+        add(out, size, query, open ? length : name);
+        if (!open)
+            add(out, size, "=***", 4);
+        query += length;
+    }
+    return query;
+}
+
+/* The URI without its passwords. What is between the first ':' and the last '@' is taken for one: rather
+ * too much than too little. */
+static void mask(const char *uri, char *out, size_t size)
+{
+    const char *scheme = strstr(uri, "://"), *rest = scheme ? scheme + 3 : uri;
+    const char *at = strrchr(rest, '@'), *colon = strchr(rest, ':');
+    *out = '\0';
+    if (at && colon && colon < at) {
+        add(out, size, uri, (size_t)(colon - uri) + 1);
+        add(out, size, "***", 3);
+        uri = at;
+    }
+    size_t head = strcspn(uri, "?");
+    add(out, size, uri, head);
+    uri = mask_query(uri + head, out, size);
+    add(out, size, uri, strlen(uri));
+}
+
+/* "postgresql:" says nothing of where: the environment does. */
+static void add_environment(const char *uri, char *out, size_t size)
+{
+    static const char *const names[] = {"PGSERVICE", "PGHOST", "PGPORT", "PGDATABASE", "PGUSER"};
+    bool any = false;
+    if (strncmp(uri, "postgresql:", 11) != 0 || (uri[11] && uri[11] != '#'))
+        return;
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+        const char *value = getenv(names[i]);
+        if (!value || !*value)
+            continue;
+        size_t used = strlen(out);
+        snprintf(out + used, size - used, "%s%s=%s", any ? " " : " (", names[i], value);
+        any = true;
+    }
+    if (any)
+        add(out, size, ")", 1);
+}
+
+/* ---- Reading ------------------------------------------------------------------------------ */
+
+static int take_event(void *ctx, const struct apc_event *event)
+{
+    struct status *s = ctx;
+    s->events[s->n_events++] = *event;
+    return s->n_events == EVENTS;
+}
+
+/* Says its own errors. */
+static int load(const struct cli *cli, struct apc_store *store, struct status *s)
+{
+    static const enum apc_table shown[] = {APC_SENSOR, APC_SETPOINT, APC_ACTUATOR, (enum apc_table)0};
+    const struct apc_range last = {.last = EVENTS};
+    int rc = cli_tags_load(cli, store, &s->tags);
+    if (rc == 0)
+        rc = cli_described(cli, &s->tags, shown, &s->samples);
+    if (rc < 0)
+        return rc;
+    s->n = (size_t)rc;
+    rc = apc_store_read(store, s->samples, s->n);
+    if (rc >= 0)
+        rc = apc_store_read(store, s->mode, 2);
+    s->now = apc_clock_utc(NULL);
+    if (rc >= 0)
+        rc = timing_load(&s->timing, store, s->now - WINDOW, "lateness");
+    if (rc >= 0)
+        rc = apc_store_events(store, &last, take_event, s);
+    if (rc < 0)
+        cli_store_error(cli, rc, store);
+    return rc < 0 ? rc : 0;
+}
+
+/* Setpoints stand until somebody changes them: only what is written in every period can be stale. */
+static bool is_stale(const struct status *s, const struct apc_sample *sample)
+{
+    const struct timing_series *writer =
+        timing_find(&s->timing, sample->table == APC_SENSOR ? "client" : "controller", "lateness");
+    apc_ns sensible = 10 * APC_NS_PER_S;
+    if (writer && writer->period > sensible / 3)
+        sensible = 3 * writer->period;
+    return sample->table != APC_SETPOINT && sample->seq > 0 && s->now - sample->time > sensible;
+}
+
+static const char *mode_of(const struct apc_sample *mode)
+{
+    return mode->seq > 0 && mode->value >= 0 ? apc_mode_name((int)mode->value) : NULL;
+}
+
+/* ---- For people --------------------------------------------------------------------------- */
+
+static int show_values(const struct status *s, bool colour)
+{
+    struct print_table table;
+    if (s->n == 0) {
+        puts("\nno variables are described yet: `apc init FILE` describes those of an experiment");
+        return 0;
+    }
+    print_table_open(&table, print_sample_columns, 6);
+    for (size_t i = 0; i < s->n; i++)
+        print_sample_cells(&table, &s->tags, &s->samples[i], s->now,
+                           is_stale(s, &s->samples[i]) ? "STALE" : "");
+    putchar('\n');
+    int rc = print_table_show(&table, stdout, colour, 0, "\n");
+    print_table_close(&table);
+    return rc;
+}
+
+static int show_timing(const struct status *s, bool colour)
+{
+    static const struct print_column columns[] = {
+        {"TASK", PRINT_LEFT}, {"PERIOD", PRINT_RIGHT}, {"LATE p50", PRINT_RIGHT}, {"p99", PRINT_RIGHT},
+        {"MAX", PRINT_RIGHT}, {"TICKS", PRINT_RIGHT},  {"MISSED", PRINT_RIGHT}};
+    char text[PRINT_LEN];
+    struct print_table table;
+    if (s->timing.n == 0) {
+        puts("\nno task has reported its timing in the last minute");
+        return 0;
+    }
+    print_table_open(&table, columns, 7);
+    for (size_t i = 0; i < s->timing.n; i++) {
+        const struct timing_series *t = &s->timing.series[i];
+        print_cell(&table, PRINT_PLAIN, "%s", t->task);
+        print_cell(&table, PRINT_PLAIN, "%s", print_duration(t->period, text));
+        print_cell(&table, PRINT_PLAIN, "%s", print_duration(t->p50, text));
+        print_cell(&table, PRINT_PLAIN, "%s", print_duration(t->p99, text));
+        print_cell(&table, PRINT_PLAIN, "%s", print_duration(t->max, text));
+        print_cell(&table, PRINT_PLAIN, "%llu", (unsigned long long)t->count);
+        print_cell(&table, t->missed ? PRINT_WARN : PRINT_PLAIN, "%llu", (unsigned long long)t->missed);
+    }
+    putchar('\n');
+    int rc = print_table_show(&table, stdout, colour, 0, "\n");
+    print_table_close(&table);
+    return rc;
+}
+
+static int show_events(const struct status *s, bool colour)
+{
+    static const struct print_column columns[] = {
+        {"TIME", PRINT_LEFT}, {"EVENT", PRINT_LEFT}, {"SOURCE", PRINT_LEFT}, {"TEXT", PRINT_LEFT}};
+    char text[PRINT_LEN];
+    struct print_table table;
+    if (s->n_events == 0) {
+        puts("\nno events");
+        return 0;
+    }
+    print_table_open(&table, columns, 4);
+    for (size_t i = 0; i < s->n_events; i++) {
+        const struct apc_event *e = &s->events[i];
+        print_cell(&table, PRINT_PLAIN, "%s", print_second(e->time, text));
+        print_cell(&table, print_severity_ink(e->severity), "%s", print_severity(e->severity));
+        print_cell(&table, PRINT_PLAIN, "%s", e->source);
+        print_cell(&table, PRINT_PLAIN, "%s", e->text);
+    }
+    putchar('\n');
+    int rc = print_table_show(&table, stdout, colour, 0, "\n");
+    print_table_close(&table);
+    return rc;
+}
+
+static int show(const struct status *s)
+{
+    bool colour = cli_colour();
+    const char *target = mode_of(&s->mode[0]), *actual = mode_of(&s->mode[1]);
+
+    fputs("store  ", stdout);
+    print_clean(stdout, s->store);
+    printf("\n       connected, schema version %d\n", apc_store_version());
+    printf("mode   target %s, actual %s\n", target ? target : "none", actual ? actual : "none");
+    int rc = show_values(s, colour);
+    if (rc == 0)
+        rc = show_timing(s, colour);
+    return rc == 0 ? show_events(s, colour) : rc;
+}
+
+/* ---- For programs ------------------------------------------------------------------------- */
+
+static void json_values(const struct status *s)
+{
+    for (size_t i = 0; i < s->n; i++) {
+        fputs(i == 0 ? "\n{" : ",\n{", stdout);
+        print_sample_members(stdout, &s->samples[i], &s->tags, s->now);
+        printf(",\"stale\":%s}", is_stale(s, &s->samples[i]) ? "true" : "false");
+    }
+}
+
+static void json_timing(const struct status *s)
+{
+    for (size_t i = 0; i < s->timing.n; i++) {
+        const struct timing_series *t = &s->timing.series[i];
+        fputs(i == 0 ? "\n{" : ",\n{", stdout);
+        print_json_text(stdout, "task", t->task);
+        printf(",\"period_ns\":%lld,\"ticks\":%llu,\"missed\":%llu,", (long long)t->period,
+               (unsigned long long)t->count, (unsigned long long)t->missed);
+        printf("\"lateness_ns\":{\"p50\":%lld,\"p99\":%lld,\"max\":%lld}}", (long long)t->p50,
+               (long long)t->p99, (long long)t->max);
+    }
+}
+
+static void json_store(const char *uri, const char *why)
+{
+    fputs("\"store\":{", stdout);
+    print_json_text(stdout, "uri", uri);
+    if (why)
+        fputs(",\"connected\":false,\"version\":null,", stdout);
+    else
+        printf(",\"connected\":true,\"version\":%d,", apc_store_version());
+    print_json_text(stdout, "error", why);
+    putchar('}');
+}
+
+/* @why: it could not be read. */
+static void show_json(const struct status *s, const char *why)
+{
+    putchar('{');
+    json_store(s->store, why);
+    if (why) {
+        puts("}");
+        return;
+    }
+    fputs(",\n\"mode\":{", stdout);
+    print_json_text(stdout, "target", mode_of(&s->mode[0]));
+    putchar(',');
+    print_json_text(stdout, "actual", mode_of(&s->mode[1]));
+    fputs("},\n\"variables\":[", stdout);
+    json_values(s);
+    fputs("],\n\"timing\":[", stdout);
+    json_timing(s);
+    fputs("],\n\"events\":[", stdout);
+    for (size_t i = 0; i < s->n_events; i++) {
+        fputs(i == 0 ? "\n" : ",\n", stdout);
+        print_event_json(stdout, &s->events[i]);
+    }
+    puts("]}");
+}
+
+int command_status(int argc, char **argv)
+{
+    struct status status = {.mode = {{.table = APC_OPMODE, .id = 0}, {.table = APC_OPMODE, .id = 1}}};
+    struct apc_store *store = NULL;
+    struct cli cli;
+
+    cli_parse(&cli, &spec, NULL, argc, argv);
+    if (cli.format == CLI_CSV)
+        return cli_usage(&cli, "a status is no table: there is --json");
+    mask(cli.store, status.store, sizeof status.store);
+    add_environment(cli.store, status.store, sizeof status.store);
+    int rc = cli_open(&cli, &store);
+    if (rc == 0) {
+        rc = load(&cli, store, &status);
+        if (cli.format == CLI_JSON)
+            show_json(&status, rc < 0 ? apc_store_error(store) : NULL);
+        else if (rc == 0 && (rc = show(&status)) < 0)
+            cli_error(&cli, rc, "out of memory");
+    }
+    free(status.samples);
+    cli_tags_free(&status.tags);
+    timing_free(&status.timing);
+    apc_store_close(store);
+    return cli_done(&cli, exit_code_of(rc));
+}

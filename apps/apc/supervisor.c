@@ -1,0 +1,198 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "supervisor.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "common/exitcode.h"
+
+#define SOON     (2 * APC_NS_PER_S)  /* a child that ends so soon after its start has failed */
+#define STARTING (20 * APC_NS_PER_S) /* an error in the first so many seconds will not go away by itself */
+#define FAILURES 5                   /* in a row, other than for want of a database: give up */
+#define PAUSE    (APC_NS_PER_S / 2)  /* before the second try in a row; doubles to 16 times this */
+#define PATIENCE 5000                /* ms for a child to stop */
+
+static int find_folder(struct supervisor *s, struct apc_error *why)
+{
+    ssize_t n = readlink("/proc/self/exe", s->folder, sizeof s->folder - 1);
+    if (n <= 0)
+        return apc_fail(why, APC_ESYS, "cannot find where the programs are: %s", strerror(errno));
+    s->folder[n] = '\0';
+    *strrchr(s->folder, '/') = '\0';
+    return 0;
+}
+
+/* In the child: only async-signal-safe calls up to execv. */
+_Noreturn static void become(const char *path, char *const *argv, int log, pid_t parent)
+{
+    sigset_t none;
+    sigemptyset(&none);
+    sigprocmask(SIG_SETMASK, &none, NULL);
+    setpgid(0, 0); /* Ctrl-C is for the supervisor, which then stops the children in order */
+    prctl(PR_SET_PDEATHSIG, SIGTERM);
+    if (getppid() != parent)
+        _exit(127);
+    dup2(log, STDERR_FILENO);
+    dup2(log, STDOUT_FILENO);
+    execv(path, argv);
+    static const char text[] = "cannot be executed\n";
+    if (write(STDERR_FILENO, text, sizeof text - 1) < 0)
+        _exit(126);
+    _exit(127);
+}
+
+/* t = 0 as the wall clock says it now: should it have stepped, a daemon started again still finds the same
+ * grid. */
+static char *start_time(const struct supervisor *s, char text[APC_TIME_LEN])
+{
+    return apc_time_format(s->start + apc_clock_offset(NULL, NULL), text);
+}
+
+static int spawn(const struct supervisor *s, struct child *child, struct apc_error *why)
+{
+    char path[600], start[APC_TIME_LEN];
+    const char *argv[16];
+    int n = 0;
+
+    snprintf(path, sizeof path, "%s/%s", s->folder, child->name);
+    snprintf(child->log, sizeof child->log, "%s/%s.log", s->dir, child->name);
+    argv[n++] = path;
+    argv[n++] = "--config";
+    argv[n++] = s->config;
+    argv[n++] = "--start";
+    argv[n++] = start_time(s, start);
+    if (s->timer) {
+        argv[n++] = "--timer";
+        argv[n++] = s->timer;
+    }
+    if (s->spin)
+        argv[n++] = "--spin";
+    if (s->hold_latency)
+        argv[n++] = "--hold-latency";
+    for (int i = 0; i < 3 && child->extra[i]; i++)
+        argv[n++] = child->extra[i];
+    argv[n] = NULL;
+
+    int log = open(child->log,
+                   O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC | (child->restarts == 0 ? O_TRUNC : 0), 0666);
+    if (log < 0)
+        return apc_fail(why, APC_ESYS, "%s: cannot be written: %s", child->log, strerror(errno));
+    pid_t parent = getpid(), pid = fork();
+    if (pid == 0) {
+        union { /* execv takes char *const *, for history's sake */
+            const char **from;
+            char **to;
+        } args = {argv};
+        become(path, args.to, log, parent);
+    }
+    close(log);
+    if (pid < 0)
+        return apc_fail(why, APC_ESYS, "%s: cannot be started: %s", child->name, strerror(errno));
+    child->pid = pid;
+    child->started = apc_clock_mono(NULL);
+    return 0;
+}
+
+int supervisor_start(struct supervisor *s, struct apc_error *why)
+{
+    int rc = find_folder(s, why);
+    for (int i = 0; i < DAEMONS && rc == 0; i++)
+        rc = spawn(s, &s->child[i], why);
+    if (rc < 0)
+        supervisor_stop(s);
+    return rc;
+}
+
+/* The last line that the child left in its log, or, when a signal killed it, which. */
+static void last_words(const struct child *child, int status, char *text, size_t size)
+{
+    char line[512];
+    FILE *log = WIFSIGNALED(status) ? NULL : fopen(child->log, "r");
+    if (WIFSIGNALED(status))
+        snprintf(text, size, "%s was killed by signal %d again and again; see %.300s", child->name,
+                 WTERMSIG(status), child->log);
+    else
+        snprintf(text, size, "%s ended at once; see %.300s", child->name, child->log);
+    if (!log)
+        return;
+    while (fgets(line, sizeof line, log))
+        if (line[0] != '\n') {
+            line[strcspn(line, "\n")] = '\0';
+            snprintf(text, size, "%.390s", line);
+        }
+    fclose(log);
+}
+
+/* A child has ended: when to start it again, or why not. */
+static int bury(struct child *child, int status, struct apc_error *why)
+{
+    char words[400];
+    apc_ns now = apc_clock_mono(NULL), ran = now - child->started;
+    bool waits = WIFEXITED(status) && WEXITSTATUS(status) == EXIT_CONNECTION;
+
+    child->pid = 0;
+    child->failures = ran < SOON ? child->failures + 1 : 0;
+    if ((WIFEXITED(status) && ran < STARTING && child->restarts == 0) ||
+        (child->failures >= FAILURES && !waits)) {
+        last_words(child, status, words, sizeof words);
+        return apc_fail(why, APC_ESTATE, "%s", words);
+    }
+    child->started = now;
+    if (child->failures > 0)
+        child->started += PAUSE << (child->failures < 5 ? child->failures - 1 : 4);
+    return 0;
+}
+
+int supervisor_check(struct supervisor *s, struct apc_error *why)
+{
+    int status, revived = 0, rc = 0;
+    for (int i = 0; i < DAEMONS && rc == 0; i++) {
+        struct child *child = &s->child[i];
+        if (child->pid > 0 && waitpid(child->pid, &status, WNOHANG) == child->pid)
+            rc = bury(child, status, why);
+        if (rc == 0 && child->pid == 0 && apc_clock_mono(NULL) >= child->started) {
+            child->restarts++;
+            revived++;
+            rc = spawn(s, child, why);
+        }
+    }
+    return rc < 0 ? rc : revived;
+}
+
+/* Wait for a child's end in slices, so that no SIGCHLD handler is needed. */
+static bool ended(struct child *child, int patience_ms)
+{
+    for (int waited = 0; waitpid(child->pid, NULL, WNOHANG) == 0; waited += 10) {
+        if (waited >= patience_ms)
+            return false;
+        poll(NULL, 0, 10);
+    }
+    child->pid = 0;
+    return true;
+}
+
+int supervisor_stop(struct supervisor *s)
+{
+    int rc = 0;
+    for (int i = DAEMONS - 1; i >= 0; i--) {
+        struct child *child = &s->child[i];
+        if (child->pid == 0)
+            continue;
+        kill(child->pid, SIGTERM);
+        kill(child->pid, SIGCONT);
+        if (!ended(child, PATIENCE)) {
+            kill(child->pid, SIGKILL);
+            ended(child, PATIENCE);
+            rc = APC_ETIMEDOUT;
+        }
+    }
+    return rc;
+}

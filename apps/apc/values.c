@@ -1,0 +1,232 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc get, apc set: the newest values, and the operator's. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "operate.h"
+#include "print.h"
+
+/* ---- get ---------------------------------------------------------------------------------- */
+
+static const struct cli_spec get_spec = {
+    .args_doc = "[VARIABLE...]",
+    .doc = "Show the newest value of each VARIABLE, or of all that are described. A VARIABLE is a name or "
+           "TABLE.ID, such as sensor.1.",
+    .takes = CLI_STORE | CLI_FORMAT,
+    .max_args = -1,
+};
+
+static void get_json(const struct cli_tags *tags, const struct apc_sample *samples, int n, apc_ns now)
+{
+    for (int i = 0; i < n; i++) {
+        fputs(i == 0 ? "[\n" : ",\n", stdout);
+        print_sample_json(stdout, &samples[i], tags, now);
+    }
+    fputs("\n]\n", stdout);
+}
+
+static void get_csv(const struct apc_sample *samples, int n)
+{
+    puts(PRINT_SAMPLE_HEADER);
+    for (int i = 0; i < n; i++)
+        if (samples[i].seq > 0)
+            print_sample_csv(stdout, &samples[i]);
+}
+
+static int get_text(const struct cli_tags *tags, const struct apc_sample *samples, int n, apc_ns now)
+{
+    struct print_table table;
+    print_table_open(&table, print_sample_columns, 6);
+    for (int i = 0; i < n; i++)
+        print_sample_cells(&table, tags, &samples[i], now, "");
+    int rc = print_table_show(&table, stdout, cli_colour(), 0, "\n");
+    print_table_close(&table);
+    return rc;
+}
+
+int command_get(int argc, char **argv)
+{
+    static const enum apc_table shown[] = {APC_SENSOR, APC_SETPOINT, APC_ACTUATOR, APC_OPMODE,
+                                           APC_MANUAL, APC_TUNING,   APC_DIM,      (enum apc_table)0};
+    struct apc_store *store = NULL;
+    struct cli_tags tags = {0};
+    struct apc_sample *samples = NULL;
+    struct cli cli;
+    int n = 0;
+
+    cli_parse(&cli, &get_spec, NULL, argc, argv);
+    int rc = cli_open(&cli, &store);
+    if (rc == 0)
+        rc = cli_tags_load(&cli, store, &tags);
+    if (rc == 0)
+        rc = n = cli_variables(&cli, &tags, shown, &samples);
+    if (rc < 0)
+        goto out;
+    rc = apc_store_read(store, samples, (size_t)n);
+    if (rc < 0) {
+        cli_store_error(&cli, rc, store);
+        goto out;
+    }
+    if (cli.format == CLI_JSON)
+        get_json(&tags, samples, n, apc_clock_utc(NULL));
+    else if (cli.format == CLI_CSV)
+        get_csv(samples, n);
+    else if ((rc = get_text(&tags, samples, n, apc_clock_utc(NULL))) < 0)
+        cli_error(&cli, rc, "out of memory");
+out:
+    free(samples);
+    cli_tags_free(&tags);
+    apc_store_close(store);
+    return cli_done(&cli, exit_code_of(rc));
+}
+
+/* ---- set ---------------------------------------------------------------------------------- */
+
+static const struct cli_spec set_spec = {
+    .args_doc = "VARIABLE VALUE [VARIABLE VALUE...]",
+    .doc =
+        "Write setpoints or, in mode Man, outputs; several pairs in one transaction. A VARIABLE is a name or "
+        "TABLE.ID, such as setpoint.1.",
+    .takes = CLI_STORE | CLI_NEGATIVE,
+    .min_args = 2,
+    .max_args = -1,
+};
+
+static int parse_values(const struct cli *cli, struct change *changes, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        if (apc_number_parse(cli->args[2 * i + 1], &changes[i].after.value) < 0)
+            return cli_usage(cli, "%s: \"%s\" is not a finite number", cli->args[2 * i],
+                             cli->args[2 * i + 1]);
+    return EXIT_OK;
+}
+
+/* Is the variable one that may be set? To an output the operator writes through table manual. */
+static int admit(const struct cli *cli, const struct cli_tags *tags, struct change *c)
+{
+    const char *why = NULL;
+    switch (c->after.table) {
+    case APC_SETPOINT:
+        break;
+    case APC_ACTUATOR:
+    case APC_MANUAL:
+        c->after.table = APC_MANUAL;
+        break;
+    case APC_SENSOR:
+        why = "measurements are written by the client only";
+        break;
+    case APC_OPMODE:
+        why = "the mode is changed with \"apc mode man\" or \"apc mode auto\"";
+        break;
+    case APC_TUNING:
+        why = "tuning is changed with \"apc tune NAME=VALUE\"";
+        break;
+    case APC_DIM:
+        why = "dimensions are written by \"apc init\" only";
+        break;
+    case APC_STATE:
+    default:
+        why = "the controller's state is written by the controller only";
+    }
+    if (why)
+        return cli_error(cli, APC_EPERM, "%s: %s", c->name, why);
+    c->before = (struct apc_sample){.table = c->after.table == APC_MANUAL ? APC_ACTUATOR : APC_SETPOINT,
+                                    .id = c->after.id};
+    c->tag = cli_tag(tags, c->before.table, c->before.id);
+    if (!c->tag)
+        return cli_error(cli, APC_ENOTFOUND,
+                         "%s is not described, so its limits are not known; `apc init FILE` describes the "
+                         "variables of an experiment",
+                         c->name);
+    snprintf(c->name, sizeof c->name, "%s", c->tag->name);
+    return EXIT_OK;
+}
+
+/* Where a measurement has the same name, what may be set is meant. */
+static int find(const struct cli *cli, const struct cli_tags *tags, const char *name,
+                struct apc_sample *found)
+{
+    for (size_t i = 0; i < tags->n; i++) {
+        const struct apc_tag *tag = &tags->tag[i];
+        if ((tag->table == APC_SETPOINT || tag->table == APC_ACTUATOR) && !strcmp(tag->name, name)) {
+            found->table = tag->table;
+            found->id = tag->id;
+            return 0;
+        }
+    }
+    return cli_find(cli, tags, name, &found->table, &found->id);
+}
+
+static int admit_all(const struct cli *cli, const struct cli_tags *tags, struct change *changes, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        struct change *c = &changes[i];
+        snprintf(c->name, sizeof c->name, "%s", cli->args[2 * i]);
+        int rc = find(cli, tags, cli->args[2 * i], &c->after);
+        if (rc < 0)
+            return exit_code_of(rc);
+        if ((rc = admit(cli, tags, c)) != EXIT_OK || (rc = operate_check(cli, c)) != EXIT_OK)
+            return rc;
+        for (size_t j = 0; j < i; j++)
+            if (changes[j].after.table == c->after.table && changes[j].after.id == c->after.id)
+                return cli_usage(cli, "%s is given twice", c->name);
+    }
+    return EXIT_OK;
+}
+
+static int check_mode(const struct cli *cli, const struct change *changes, size_t n,
+                      const struct apc_sample *mode)
+{
+    char text[PRINT_LEN];
+    bool man = mode->seq > 0 && mode->value == (double)APC_MODE_MAN;
+    for (size_t i = 0; i < n && !man; i++)
+        if (changes[i].after.table == APC_MANUAL && mode->seq == 0)
+            return cli_error(cli, APC_EPERM, "%s cannot be set while no mode is; \"apc mode man\" first",
+                             changes[i].name);
+        else if (changes[i].after.table == APC_MANUAL)
+            return cli_error(cli, APC_EPERM, "%s is controlled in mode %s; \"apc mode man\" first",
+                             changes[i].name, print_value(mode, text));
+    return EXIT_OK;
+}
+
+static int set(const struct cli *cli, struct apc_store *store, struct change *changes, size_t n)
+{
+    struct cli_tags tags;
+    struct apc_sample mode = {.table = APC_OPMODE, .id = 0};
+    int rc = cli_tags_load(cli, store, &tags);
+    if (rc < 0)
+        return exit_code_of(rc);
+    rc = admit_all(cli, &tags, changes, n);
+    if (rc != EXIT_OK)
+        goto out;
+    int err = operate_read(store, changes, n);
+    if (err >= 0)
+        err = apc_store_read(store, &mode, 1);
+    if (err < 0)
+        rc = cli_store_error(cli, err, store);
+    else if ((rc = check_mode(cli, changes, n, &mode)) == EXIT_OK)
+        rc = operate(cli, store, changes, n);
+out:
+    cli_tags_free(&tags);
+    return rc;
+}
+
+int command_set(int argc, char **argv)
+{
+    struct apc_store *store = NULL;
+    struct cli cli;
+
+    cli_parse(&cli, &set_spec, NULL, argc, argv);
+    if (cli.n_args % 2)
+        return cli_usage(&cli, "\"%s\" has no value", cli.args[cli.n_args - 1]);
+    size_t n = (size_t)cli.n_args / 2;
+    struct change *changes = calloc(n, sizeof *changes);
+    if (!changes)
+        return cli_error(&cli, APC_ENOMEM, "out of memory");
+    int rc = parse_values(&cli, changes, n);
+    if (rc == EXIT_OK && (rc = exit_code_of(cli_open(&cli, &store))) == EXIT_OK)
+        rc = set(&cli, store, changes, n);
+    apc_store_close(store);
+    free(changes);
+    return cli_done(&cli, rc);
+}

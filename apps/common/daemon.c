@@ -1,0 +1,373 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "daemon.h"
+
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <systemd/sd-daemon.h>
+
+#include "exitcode.h"
+#include "recorder.h"
+#include "watch.h"
+
+#define HOUSEKEEPING APC_NS_PER_S /* between two looks of the main thread */
+#define WINDOW       5            /* looks between two timing rows */
+#define TAKEOVER                                                                                             \
+    (12 *                                                                                                    \
+     APC_NS_PER_S) /* how long to wait for a dead predecessor's claim: the server may need 8 s to notice */
+
+/* ---- Options ------------------------------------------------------------------------------ */
+
+enum { OPT_START = 0x100, OPT_LOG_LEVEL, OPT_SPIN, OPT_HOLD_LATENCY };
+
+static const struct argp_option common_options[] = {
+    {"config", 'c', "FILE", 0, "Experiment file [APC_CONFIG]", 0},
+    {"store", 's', "URI", 0,
+     "Shared data, e.g. postgresql://host/db#schema [APC_STORE]; default postgresql:", 0},
+    {"timer", 't', "NAME", 0, "Executive: deadline (default) or posix", 0},
+    {"spin", OPT_SPIN, NULL, 0, "Spin for the last microseconds before a tick (deadline only)", 0},
+    {"hold-latency", OPT_HOLD_LATENCY, NULL, 0, "Hold /dev/cpu_dma_latency at 0: idle CPUs stay awake", 0},
+    {"start", OPT_START, "TIME", 0, "Time of t = 0, RFC 3339; default: the wall clock's grid", 0},
+    {"log-level", OPT_LOG_LEVEL, "LEVEL", 0, "error, warn, info (default) or debug [APC_LOG_LEVEL]", 0},
+    {0},
+};
+
+static error_t parse_common(int key, char *arg, struct argp_state *state)
+{
+    struct daemon_options *o = state->input;
+    switch (key) {
+    case 'c':
+        o->config = arg;
+        break;
+    case 's':
+        o->store = arg;
+        break;
+    case 't':
+        o->timer = arg;
+        break;
+    case OPT_SPIN:
+        o->spin = true;
+        break;
+    case OPT_HOLD_LATENCY:
+        o->hold_latency = true;
+        break;
+    case OPT_START:
+        o->start = arg;
+        break;
+    case OPT_LOG_LEVEL:
+        o->log_level = arg;
+        break;
+    case ARGP_KEY_INIT:
+        if (o->own)
+            state->child_inputs[0] = o->own;
+        break;
+    case ARGP_KEY_ARG:
+        argp_error(state, "unexpected argument \"%s\"", arg);
+        break;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static void print_version(FILE *stream, struct argp_state *state)
+{
+    fprintf(stream, "%s (libapc) %s\n", state->name, apc_version());
+}
+
+static void parse_options(struct daemon *d, int argc, char **argv)
+{
+    struct argp_child children[] = {{d->program->extra, 0, NULL, 0}, {0}};
+    const struct argp argp = {
+        common_options, parse_common, NULL, d->program->doc, d->program->extra ? children : NULL, NULL, NULL};
+    argp_program_version_hook = print_version;
+    argp_err_exit_status = EXIT_USAGE;
+    argp_parse(&argp, argc, argv, 0, NULL, &d->options);
+}
+
+static const char *or_environment(const char *flag, const char *name)
+{
+    return flag ? flag : getenv(name);
+}
+
+int daemon_error(const struct daemon *d, int err, const char *fmt, ...)
+{
+    va_list args;
+    fprintf(stderr, "%s: ", d->program->name);
+    va_start(args, fmt);
+    vfprintf(stderr, fmt, args);
+    va_end(args);
+    fputc('\n', stderr);
+    return err;
+}
+
+/* ---- Opening and closing ------------------------------------------------------------------ */
+
+/* Before any thread is made, so that all of them leave these signals to the main thread. */
+static void block_signals(sigset_t *set)
+{
+    sigemptyset(set);
+    sigaddset(set, SIGTERM);
+    sigaddset(set, SIGINT);
+    pthread_sigmask(SIG_BLOCK, set, NULL);
+    signal(SIGPIPE, SIG_IGN);
+}
+
+static int open_log(struct daemon *d)
+{
+    const char *name = or_environment(d->options.log_level, "APC_LOG_LEVEL");
+    enum apc_log_level level = name ? apc_log_level_parse(name) : APC_LOG_INFO;
+    if (!level) {
+        daemon_error(d, 0, "--log-level \"%s\": must be error, warn, info or debug", name);
+        exit(EXIT_USAGE);
+    }
+    int rc = apc_log_create(&d->log, STDERR_FILENO, d->program->name, level);
+    return rc < 0 ? daemon_error(d, rc, "log: %s", apc_err_text(rc)) : 0;
+}
+
+static int load(struct daemon *d)
+{
+    struct apc_error why;
+    const char *file = or_environment(d->options.config, "APC_CONFIG");
+    if (!file) {
+        daemon_error(d, 0, "no experiment file: give --config FILE or set APC_CONFIG");
+        exit(EXIT_USAGE);
+    }
+    int rc = experiment_load(&d->experiment, file, d->program->parts, &d->options.overrides, &why);
+    if (rc < 0)
+        return daemon_error(d, rc, "%s", why.text);
+    if (d->options.start && apc_time_parse(d->options.start, &d->start) < 0) {
+        daemon_error(d, 0, "--start \"%s\": must be a time such as 2026-01-31T12:00:00Z", d->options.start);
+        exit(EXIT_USAGE);
+    }
+    return 0;
+}
+
+static int open_executive(struct daemon *d)
+{
+    struct apc_executive_options options = {
+        .size = sizeof options, .log = d->log, .hold_latency = d->options.hold_latency, .lock_memory = true};
+    struct apc_error why;
+    const char *name = d->options.timer ? d->options.timer : "deadline";
+    int rc = apc_executive_create(&d->executive, name, &options, &why);
+    return rc < 0 ? daemon_error(d, rc, "--timer: %s", why.text) : 0;
+}
+
+static int open_store(struct daemon *d, struct apc_store **store, apc_ns timeout)
+{
+    struct apc_store_options options = {.size = sizeof options, .name = d->program->name, .timeout = timeout};
+    struct apc_error why;
+    const char *uri = or_environment(d->options.store, "APC_STORE");
+    int rc = apc_store_open(store, uri ? uri : "postgresql:", &options, &why);
+    return rc < 0 ? daemon_error(d, rc, "--store: %s", why.text) : 0;
+}
+
+int daemon_open(struct daemon *d, const struct program *program, void *own, int argc, char **argv)
+{
+    struct apc_store *records = NULL;
+    sigset_t signals;
+    int rc;
+
+    memset(d, 0, sizeof *d);
+    d->program = program;
+    d->options.own = own;
+    parse_options(d, argc, argv);
+    block_signals(&signals);
+    if ((rc = open_log(d)) < 0 || (rc = load(d)) < 0 || (rc = open_executive(d)) < 0)
+        return rc;
+    d->has_store = !program->store_optional || or_environment(d->options.store, "APC_STORE");
+    if (d->has_store && (rc = open_store(d, &records, 0)) < 0)
+        return rc;
+    rc = recorder_create(&d->recorder, records, program->task);
+    return rc < 0 ? daemon_error(d, rc, "%s", apc_err_text(rc)) : 0;
+}
+
+int daemon_close(struct daemon *d, int rc)
+{
+    recorder_destroy(d->recorder);
+    apc_executive_destroy(d->executive);
+    apc_log_destroy(d->log);
+    experiment_free(&d->experiment);
+    return exit_code_of(rc);
+}
+
+/* Worth another try? A predecessor's claim goes when the server notices its end; a slow server may answer the
+ * next time. One that refuses the connection is not there. */
+static bool may_change(int rc, bool *slow)
+{
+    *slow |= rc == APC_ETIMEDOUT;
+    return rc == APC_EBUSY || rc == APC_ETIMEDOUT || (rc == APC_ECONN && *slow);
+}
+
+int daemon_store(struct daemon *d, struct apc_store **store, enum apc_table table, size_t n, int64_t *last)
+{
+    const struct timespec pause = {0, 100 * APC_NS_PER_MS};
+    apc_ns give_up = apc_clock_mono(NULL) + TAKEOVER;
+    bool slow = false;
+    sigset_t signals;
+    int rc = open_store(d, store, d->store_timeout);
+
+    if (rc < 0)
+        return rc;
+    block_signals(&signals);
+    while ((rc = apc_store_claim(*store, table, n, last)) < 0 && may_change(rc, &slow) &&
+           apc_clock_mono(NULL) < give_up)
+        if (sigtimedwait(&signals, NULL, &pause) > 0)
+            return 1;
+    return rc < 0 ? daemon_error(d, rc, "%s", apc_store_error(*store)) : 0;
+}
+
+/* ---- Events ------------------------------------------------------------------------------- */
+
+void daemon_event(struct daemon *d, enum apc_event_severity severity, const char *kind, const char *fmt, ...)
+{
+    static const enum apc_log_level levels[] = {[APC_EVENT_INFO] = APC_LOG_INFO,
+                                                [APC_EVENT_WARNING] = APC_LOG_WARN,
+                                                [APC_EVENT_ALARM] = APC_LOG_ERROR};
+    struct apc_event event = {.time = apc_clock_utc(NULL), .severity = severity};
+    va_list args;
+    va_start(args, fmt);
+    vsnprintf(event.text, sizeof event.text, fmt, args);
+    va_end(args);
+    snprintf(event.source, sizeof event.source, "%s", d->program->name);
+    snprintf(event.kind, sizeof event.kind, "%s", kind);
+    apc_log_write(d->log, levels[severity], "%s", event.text);
+    recorder_event(d->recorder, &event);
+}
+
+void daemon_notice(struct daemon *d, const struct apc_notice *notice)
+{
+    static const struct {
+        enum apc_event_severity severity;
+        const char *kind;
+    } of[] = {
+        [APC_NOTICE_MODE] = {APC_EVENT_INFO, "mode"},
+        [APC_NOTICE_HOLD] = {APC_EVENT_WARNING, "measurement"},
+        [APC_NOTICE_FAULT] = {APC_EVENT_ALARM, "measurement"},
+        [APC_NOTICE_FAILED] = {APC_EVENT_ALARM, "measurement"},
+        [APC_NOTICE_RECOVERED] = {APC_EVENT_INFO, "measurement"},
+        [APC_NOTICE_TRIP] = {APC_EVENT_ALARM, "watchdog"},
+        [APC_NOTICE_RESUMED] = {APC_EVENT_INFO, "watchdog"},
+        [APC_NOTICE_REJECTED] = {APC_EVENT_WARNING, "rejected"},
+    };
+    if (notice->kind != APC_NOTICE_NONE)
+        daemon_event(d, of[notice->kind].severity, of[notice->kind].kind, "%s", notice->text);
+}
+
+int daemon_fatal(struct daemon *d, const struct apc_store *store, int rc)
+{
+    if (rc == APC_ECONFLICT)
+        daemon_event(d, APC_EVENT_ALARM, "store", "stopping: somebody else writes the same variables");
+    else if (rc == APC_EBUSY || rc == APC_ESCHEMA)
+        daemon_event(d, APC_EVENT_ALARM, "store", "stopping: %s", apc_store_error(store));
+    else
+        return 0;
+    return rc;
+}
+
+/* ---- Running ------------------------------------------------------------------------------ */
+
+static void watch_clock(struct daemon *d, struct clock_watch *watch)
+{
+    apc_ns step = clock_watch_look(watch);
+    if (step != 0)
+        daemon_event(d, APC_EVENT_WARNING, "clock",
+                     "the wall clock stepped by %+.3f s; periods are not affected", apc_ns_to_s(step));
+}
+
+static void watch_overruns(struct daemon *d, const struct apc_task *task, struct overrun_watch *watch)
+{
+    uint64_t alarms, in_a_row = apc_task_overruns(task, &alarms);
+    enum overrun_change change = overrun_watch_look(watch, in_a_row, alarms);
+    if (change == OVERRUN_BEGAN)
+        daemon_event(d, APC_EVENT_ALARM, "overrun", "%d ticks or more missed in a row", APC_OVERRUN_ALARM);
+    else if (change == OVERRUN_ENDED)
+        daemon_event(d, APC_EVENT_INFO, "overrun", "ticks are on time again");
+}
+
+static void watch_records(struct daemon *d, int rc, int *last)
+{
+    if (rc < 0 && *last >= 0)
+        apc_log_write(d->log, APC_LOG_WARN, "records are kept back: %s", recorder_error(d->recorder));
+    if (rc >= 0 && *last < 0)
+        apc_log_write(d->log, APC_LOG_INFO, "records are being stored again");
+    *last = rc;
+}
+
+/* The main thread's part of a run: until a signal comes or the task ends by itself. */
+static int housekeep(struct daemon *d, struct apc_task *task, struct rhythm rhythm)
+{
+    const struct timespec look = {HOUSEKEEPING / APC_NS_PER_S, HOUSEKEEPING % APC_NS_PER_S};
+    struct clock_watch clock;
+    struct overrun_watch overruns = {0};
+    uint64_t missed = 0;
+    int recorded = 0, rc = APC_ETIMEDOUT;
+    sigset_t signals;
+
+    clock_watch_init(&clock, NULL);
+    block_signals(&signals);
+    for (unsigned looks = 1; rc == APC_ETIMEDOUT; looks++) {
+        int signal = sigtimedwait(&signals, NULL, &look);
+        if (signal > 0) {
+            daemon_event(d, APC_EVENT_INFO, "stop", "stopping on %s",
+                         signal == SIGINT ? "SIGINT" : "SIGTERM");
+            return 0;
+        }
+        watch_clock(d, &clock);
+        watch_overruns(d, task, &overruns);
+        if (d->look)
+            d->look(d->look_ctx);
+        if (apc_task_missed(task) > missed && looks % WINDOW == 0) {
+            daemon_event(d, APC_EVENT_WARNING, "overrun", "%llu ticks missed in the last %d s",
+                         (unsigned long long)(apc_task_missed(task) - missed), WINDOW);
+            missed = apc_task_missed(task);
+        }
+        watch_records(d, recorder_flush(d->recorder, looks % WINDOW == 0 ? task : NULL, rhythm.period),
+                      &recorded);
+        sd_notify(0, "WATCHDOG=1");
+        rc = apc_task_wait(task, 0);
+    }
+    return rc;
+}
+
+static void report_spin(const struct daemon *d, const struct apc_task *task)
+{
+    struct apc_timing timing;
+    apc_task_timing(task, &timing);
+    if (d->options.spin)
+        apc_log_write(d->log, APC_LOG_INFO, "spinning took %.1f %% of a CPU; the margin was %.0f us at last",
+                      100 * timing.spin_share, (double)timing.spin_margin / 1e3);
+}
+
+int daemon_run(struct daemon *d, struct rhythm rhythm, apc_task_fn tick, void *ctx)
+{
+    const struct apc_task_options options = {.size = sizeof options,
+                                             .name = d->program->task,
+                                             .period = rhythm.period,
+                                             .start = d->start + rhythm.phase,
+                                             .aligned = true,
+                                             .spin = d->options.spin};
+    struct apc_task *task = NULL;
+    struct apc_error why;
+
+    int rc = apc_task_create(d->executive, &options, tick, ctx, &task, &why);
+    if (rc == 0)
+        rc = apc_task_start(task, &why);
+    if (rc < 0) {
+        daemon_error(d, rc, "%s", why.text);
+        goto out;
+    }
+    daemon_event(d, APC_EVENT_INFO, "start", "running every %g s", apc_ns_to_s(rhythm.period));
+    sd_notify(0, "READY=1");
+    rc = housekeep(d, task, rhythm);
+    sd_notify(0, "STOPPING=1");
+    apc_task_stop(task);
+    report_spin(d, task);
+    recorder_flush(d->recorder, task, rhythm.period);
+out:
+    apc_task_destroy(task);
+    return rc;
+}

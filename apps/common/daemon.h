@@ -1,0 +1,79 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * What the four daemons have in common: options, experiment, log, signals, one periodic task, and the
+ * records of it. The main thread waits for a signal; meanwhile, over a store connection of its own, it
+ * records events and the timing of the task, so that nothing of that stands in the task's way.
+ */
+#ifndef APC_DAEMON_H
+#define APC_DAEMON_H
+
+#include <argp.h>
+
+#include <apcmodules.h>
+#include <apcshareddata.h>
+#include <apcsockets.h>
+#include <apctimer.h>
+
+#include "experiment.h"
+
+struct program {
+    const char *name;         /* "apc-controller" */
+    const char *doc;          /* one paragraph for --help */
+    const char *task;         /* "controller": of the timing rows */
+    unsigned parts;           /* enum experiment_parts */
+    bool store_optional;      /* runs without a store, then keeps no records */
+    const struct argp *extra; /* options of its own, or NULL; their input is `own` */
+};
+
+struct daemon_options {
+    const char *config, *store, *timer, *log_level, *start;
+    bool spin, hold_latency;
+    struct experiment_overrides overrides;
+    void *own;
+};
+
+struct recorder;
+
+struct daemon {
+    const struct program *program;
+    struct daemon_options options;
+    struct experiment experiment;
+    struct apc_log *log;
+    struct apc_executive *executive;
+    struct recorder *recorder;
+    apc_ns start; /* UTC of t = 0, as given by --start; 0: not given */
+    bool has_store;
+    apc_ns store_timeout;    /* of the task's store; 0: the library's default */
+    void (*look)(void *ctx); /* called about every second by the main thread, with look_ctx; may be NULL */
+    void *look_ctx;
+};
+
+/* Read the command line, the environment and the experiment. Returns 0, or an error already reported;
+ * --help and --version exit. daemon_close() in either case. */
+int daemon_open(struct daemon *d, const struct program *program, void *own, int argc, char **argv);
+
+/* Open the task's store and become the one writer of a table. Waits some seconds for a dead predecessor's
+ * claim to go. Returns 0, 1 when a signal came meanwhile, or an error already reported. */
+int daemon_store(struct daemon *d, struct apc_store **store, enum apc_table table, size_t n, int64_t *last);
+
+/* What a tick returns for the outcome of its store operations: 0 to go on and try again, or, after saying so,
+ * the error that ends the daemon: another writer has the table, or the schema is not ours. [tick] */
+int daemon_fatal(struct daemon *d, const struct apc_store *store, int rc);
+
+/* Run tick on the experiment's grid until a signal comes or the task fails. The index in the tick counts
+ * from the run's t = 0, or, without --start, from 1970 (so that every machine has the same grid). */
+int daemon_run(struct daemon *d, struct rhythm rhythm, apc_task_fn tick, void *ctx);
+
+/* Queue an event for the records and log it. Never waits. [tick] */
+void daemon_event(struct daemon *d, enum apc_event_severity severity, const char *kind, const char *fmt, ...)
+    APC_PRINTF(4, 5);
+/* The event of a core's notice, if there is one. [tick] */
+void daemon_notice(struct daemon *d, const struct apc_notice *notice);
+
+/* Say on stderr why the program ends. Returns err. */
+int daemon_error(const struct daemon *d, int err, const char *fmt, ...) APC_PRINTF(3, 4);
+
+/* Free everything. Returns the exit code for rc. */
+int daemon_close(struct daemon *d, int rc);
+
+#endif

@@ -1,0 +1,325 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "experiment.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <apcsockets.h>
+
+#include "settings.h"
+
+#define SIGNALS_MAX 4096
+#define PHASE_MAX_S 3600.0
+
+/* What phases there are when the file names none: they keep the order scheduler, plant, client,
+ * controller where ticks coincide. */
+static const double client_phase_s = 0.010, controller_phase_s = 0.030;
+
+static void *array(struct settings *s, size_t n, size_t size)
+{
+    void *p = calloc(n ? n : 1, size);
+    if (!p && !s->failed)
+        s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
+    return p;
+}
+
+static void read_rhythm(struct settings *s, const config_setting_t *group, double phase_s,
+                        struct rhythm *rhythm)
+{
+    settings_period(s, group, "period", REQUIRED, &rhythm->period);
+    settings_number(s, group, "phase", OPTIONAL, 0, PHASE_MAX_S, &phase_s);
+    if (!s->failed)
+        apc_ns_from_s(phase_s, &rhythm->phase);
+}
+
+static void read_signal(struct settings *s, const config_setting_t *group, enum apc_table table, int id,
+                        struct signal *signal)
+{
+    static const char *const known[] = {"name", "unit", "description", "low", "high", NULL};
+    static const char *const known_output[] = {"name", "unit", "description", "low",
+                                               "high", "safe", "fault",       NULL};
+    struct apc_tag *tag = &signal->tag;
+
+    *tag = (struct apc_tag){.table = table, .id = id, .low = -APC_VALUE_MAX, .high = APC_VALUE_MAX};
+    if (!config_setting_is_group(group)) {
+        settings_fail(s, group, "expected a group: { name = \"...\"; ... }");
+        return;
+    }
+    settings_known(s, group, table == APC_ACTUATOR ? known_output : known);
+    settings_text(s, group, "name", REQUIRED, tag->name, sizeof tag->name);
+    settings_text(s, group, "unit", OPTIONAL, tag->unit, sizeof tag->unit);
+    settings_text(s, group, "description", OPTIONAL, tag->description, sizeof tag->description);
+    settings_number(s, group, "low", OPTIONAL, -APC_VALUE_MAX, APC_VALUE_MAX, &tag->low);
+    settings_number(s, group, "high", OPTIONAL, tag->low, APC_VALUE_MAX, &tag->high);
+    if (table != APC_ACTUATOR)
+        return;
+    signal->safe = tag->low > 0 ? tag->low : tag->high < 0 ? tag->high : 0;
+    settings_number(s, group, "safe", OPTIONAL, tag->low, tag->high, &signal->safe);
+    signal->fault = signal->safe;
+    settings_number(s, group, "fault", OPTIONAL, tag->low, tag->high, &signal->fault);
+}
+
+static size_t read_signals(struct settings *s, const config_setting_t *root, const char *name,
+                           enum apc_table table, struct signal **signals)
+{
+    const config_setting_t *list = settings_list(s, root, name, REQUIRED);
+    if (!list)
+        return 0;
+    int n = config_setting_length(list);
+    if (n < 1 || n > SIGNALS_MAX) {
+        settings_fail(s, list, "\"%s\" must name 1 to %d variables", name, SIGNALS_MAX);
+        return 0;
+    }
+    *signals = array(s, (size_t)n, sizeof **signals);
+    for (int i = 0; *signals && i < n && !s->failed; i++)
+        read_signal(s, config_setting_get_elem(list, (unsigned)i), table, i + 1, &(*signals)[i]);
+    return (size_t)n;
+}
+
+/* Names of a group of parameters are those of the law or the model; absent ones keep their initial value. */
+static void read_params(struct settings *s, const config_setting_t *group, const struct apc_param *params,
+                        size_t n, const char *owner, double *values)
+{
+    for (int i = 0; group && i < config_setting_length(group) && !s->failed; i++) {
+        const config_setting_t *member = config_setting_get_elem(group, (unsigned)i);
+        const char *name = config_setting_name(member);
+        size_t j = 0;
+        while (j < n && strcmp(params[j].name, name) != 0)
+            j++;
+        if (j == n)
+            settings_fail(s, member, "%s has no parameter \"%s\"", owner, name);
+        else
+            settings_number(s, group, name, REQUIRED, params[j].low, params[j].high, &values[j]);
+    }
+}
+
+/* A path in the file means: from where the file is. */
+static void resolve(const struct settings *s, const char *name, char *path, size_t size)
+{
+    const char *slash = strrchr(s->file, '/');
+    if (strchr(name, '/') && name[0] != '/' && slash)
+        snprintf(path, size, "%.*s/%s", (int)(slash - s->file), s->file, name);
+    else
+        snprintf(path, size, "%s", name);
+}
+
+static int take_error(struct settings *s, const config_setting_t *at, int err, const struct apc_error *why)
+{
+    if (err < 0)
+        settings_fail(s, at, "%s", why->text);
+    return s->failed;
+}
+
+static void read_model(struct settings *s, const config_setting_t *group, struct experiment *e,
+                       const char *override)
+{
+    struct apc_error why;
+    char path[512];
+    if (s->failed)
+        return;
+    resolve(s, e->plant.name, path, sizeof path);
+    const char *name = override ? override : path;
+    if (take_error(s, config_setting_get_member(group, "model"),
+                   apc_model_find(name, &e->plant.model, &e->model_handle, &why), &why))
+        return;
+    const struct apc_model *model = e->plant.model;
+    if (model->ny != e->dim.ny || model->nu != e->dim.nu) {
+        settings_fail(
+            s, group,
+            "model %s has %zu outputs and %zu inputs; the file names %zu measurements and %zu outputs",
+            model->name, model->ny, model->nu, e->dim.ny, e->dim.nu);
+        return;
+    }
+    e->plant.p = array(s, model->np, sizeof *e->plant.p);
+    for (size_t i = 0; i < model->np && e->plant.p; i++)
+        e->plant.p[i] = model->param[i].initial;
+    if (!override)
+        read_params(s, settings_group(s, group, "parameters", OPTIONAL), model->param, model->np, model->name,
+                    e->plant.p);
+    const config_setting_t *x0 = config_setting_get_member(group, "x0");
+    if (x0 && !override && (e->plant.x0 = array(s, model->nx, sizeof *e->plant.x0)))
+        settings_numbers(s, x0, model->nx, e->plant.x0);
+}
+
+static void read_plant(struct settings *s, const config_setting_t *root, struct experiment *e,
+                       bool resolve_model, const char *override)
+{
+    static const char *const known[] = {"model", "parameters", "x0", "period", "phase", "listen", NULL};
+    const config_setting_t *group = settings_group(s, root, "plant", REQUIRED);
+    if (!group)
+        return;
+    settings_known(s, group, known);
+    read_rhythm(s, group, 0, &e->plant.rhythm);
+    settings_text(s, group, "model", REQUIRED, e->plant.name, sizeof e->plant.name);
+    settings_text(s, group, "listen", OPTIONAL, e->plant.listen, sizeof e->plant.listen);
+    if (resolve_model)
+        read_model(s, group, e, override);
+}
+
+static void read_client(struct settings *s, const config_setting_t *root, struct experiment *e)
+{
+    static const char *const known[] = {"period", "phase", "link", NULL};
+    const config_setting_t *group = settings_group(s, root, "client", REQUIRED);
+    if (!group)
+        return;
+    settings_known(s, group, known);
+    read_rhythm(s, group, client_phase_s, &e->client.rhythm);
+    settings_text(s, group, "link", OPTIONAL, e->client.link, sizeof e->client.link);
+}
+
+static void read_tuning(struct settings *s, const config_setting_t *group, struct experiment *e,
+                        bool override)
+{
+    const struct apc_law *law = e->controller.law;
+    const config_setting_t *list = override ? NULL : settings_list(s, group, "tuning", OPTIONAL);
+
+    e->controller.tuning = array(s, e->dim.nu * law->n_tuning, sizeof *e->controller.tuning);
+    if (list && config_setting_length(list) != (int)e->dim.nu)
+        settings_fail(s, list, "\"tuning\" must have one group for each of the %zu outputs", e->dim.nu);
+    for (size_t i = 0; i < e->dim.nu && !s->failed; i++) {
+        double *values = e->controller.tuning + i * law->n_tuning;
+        for (size_t j = 0; j < law->n_tuning; j++)
+            values[j] = law->tuning[j].initial;
+        const config_setting_t *one = list ? config_setting_get_elem(list, (unsigned)i) : NULL;
+        if (one && !config_setting_is_group(one))
+            settings_fail(s, one, "expected a group: { Kp = 1.0; ... }");
+        read_params(s, one, law->tuning, law->n_tuning, law->name, values);
+    }
+}
+
+static void read_law(struct settings *s, const config_setting_t *group, struct experiment *e,
+                     const char *override)
+{
+    struct apc_error why;
+    char path[512];
+    if (s->failed)
+        return;
+    resolve(s, e->controller.name, path, sizeof path);
+    if (take_error(s, config_setting_get_member(group, "law"),
+                   apc_law_find(override ? override : path, &e->controller.law, &e->law_handle, &why), &why))
+        return;
+    if (e->controller.law->accepts && !e->controller.law->accepts(&e->dim))
+        settings_fail(s, group, "law %s does not work with %zu measurements, %zu setpoints, %zu outputs",
+                      e->controller.law->name, e->dim.ny, e->dim.nz, e->dim.nu);
+    else
+        read_tuning(s, group, e, override != NULL);
+}
+
+static void read_controller(struct settings *s, const config_setting_t *root, struct experiment *e,
+                            bool resolve_law, const char *override)
+{
+    static const char *const known[] = {"law", "period", "phase", "tuning", "mode", "hold", NULL};
+    const config_setting_t *group = settings_group(s, root, "controller", REQUIRED);
+    char mode[16] = "Auto";
+    double hold_s;
+    if (!group)
+        return;
+    settings_known(s, group, known);
+    read_rhythm(s, group, controller_phase_s, &e->controller.rhythm);
+    settings_text(s, group, "law", REQUIRED, e->controller.name, sizeof e->controller.name);
+    settings_text(s, group, "mode", OPTIONAL, mode, sizeof mode);
+    if (!s->failed && strcmp(mode, "Auto") != 0 && strcmp(mode, "Man") != 0)
+        settings_fail(s, config_setting_get_member(group, "mode"), "\"mode\" must be \"Auto\" or \"Man\"");
+    e->controller.mode = strcmp(mode, "Man") == 0 ? APC_MODE_MAN : APC_MODE_AUTO;
+    hold_s = 3 * apc_ns_to_s(e->controller.rhythm.period);
+    settings_number(s, group, "hold", OPTIONAL, 0, 86400, &hold_s);
+    if (!s->failed)
+        apc_ns_from_s(hold_s, &e->controller.hold);
+    if (resolve_law)
+        read_law(s, group, e, override);
+}
+
+static void read_scheduler(struct settings *s, const config_setting_t *root, struct experiment *e)
+{
+    static const char *const known[] = {"period", "phase", "sequence", "repeat", NULL};
+    const config_setting_t *group = settings_group(s, root, "scheduler", REQUIRED);
+    const config_setting_t *list = group ? settings_list(s, group, "sequence", REQUIRED) : NULL;
+    if (!list)
+        return;
+    settings_known(s, group, known);
+    read_rhythm(s, group, 0, &e->scheduler.rhythm);
+    e->scheduler.repeat = true;
+    settings_flag(s, group, "repeat", &e->scheduler.repeat);
+    e->scheduler.steps = (size_t)config_setting_length(list);
+    if (e->scheduler.steps == 0)
+        settings_fail(s, list, "\"sequence\" must have at least one step: sequence = ( [10.0], [20.0] );");
+    e->scheduler.sequence = array(s, e->scheduler.steps * e->dim.nz, sizeof(double));
+    for (size_t k = 0; k < e->scheduler.steps && !s->failed; k++) {
+        const config_setting_t *step = config_setting_get_elem(list, (unsigned)k);
+        double *values = e->scheduler.sequence + k * e->dim.nz;
+        settings_numbers(s, step, e->dim.nz, values);
+        for (size_t i = 0; i < e->dim.nz && !s->failed; i++)
+            if (values[i] < e->z[i].tag.low || values[i] > e->z[i].tag.high)
+                settings_fail(s, step, "setpoint %s = %g lies outside its limits %g to %g", e->z[i].tag.name,
+                              values[i], e->z[i].tag.low, e->z[i].tag.high);
+    }
+}
+
+static void read_root(struct settings *s, const config_setting_t *root, struct experiment *e, unsigned parts,
+                      const struct experiment_overrides *overrides)
+{
+    static const char *const known[] = {"name",       "title",     "duration", "measurements",
+                                        "setpoints",  "outputs",   "plant",    "client",
+                                        "controller", "scheduler", NULL};
+    settings_known(s, root, known);
+    settings_text(s, root, "name", REQUIRED, e->name, sizeof e->name);
+    snprintf(e->title, sizeof e->title, "%s", e->name);
+    settings_text(s, root, "title", OPTIONAL, e->title, sizeof e->title);
+    settings_number(s, root, "duration", OPTIONAL, 0, 366 * 86400.0, &e->duration);
+    e->dim.ny = read_signals(s, root, "measurements", APC_SENSOR, &e->y);
+    e->dim.nz = read_signals(s, root, "setpoints", APC_SETPOINT, &e->z);
+    e->dim.nu = read_signals(s, root, "outputs", APC_ACTUATOR, &e->u);
+    read_plant(s, root, e, (parts & EXPERIMENT_MODEL) != 0, overrides ? overrides->model : NULL);
+    read_client(s, root, e);
+    read_controller(s, root, e, (parts & EXPERIMENT_LAW) != 0, overrides ? overrides->law : NULL);
+    read_scheduler(s, root, e);
+}
+
+int experiment_load(struct experiment *e, const char *file, unsigned parts,
+                    const struct experiment_overrides *overrides, struct apc_error *why)
+{
+    struct settings s = {.file = file, .why = why};
+    config_t config;
+
+    memset(e, 0, sizeof *e);
+    snprintf(e->plant.listen, sizeof e->plant.listen, "tcp:127.0.0.1:%d", APC_PORT);
+    snprintf(e->client.link, sizeof e->client.link, "tcp:127.0.0.1:%d", APC_PORT);
+    config_init(&config);
+    if (config_read_file(&config, file) == CONFIG_TRUE)
+        read_root(&s, config_root_setting(&config), e, parts, overrides);
+    else if (config_error_type(&config) == CONFIG_ERR_FILE_IO)
+        s.failed =
+            apc_fail(why, APC_ENOTFOUND, "%s: cannot be read: no such experiment file, or no right to", file);
+    else
+        s.failed = apc_fail(why, APC_EINVAL, "%s:%d: %s", file, config_error_line(&config),
+                            config_error_text(&config));
+    config_destroy(&config);
+    if (s.failed)
+        experiment_free(e);
+    return s.failed;
+}
+
+void experiment_free(struct experiment *e)
+{
+    free(e->y);
+    free(e->z);
+    free(e->u);
+    free(e->plant.p);
+    free(e->plant.x0);
+    free(e->controller.tuning);
+    free(e->scheduler.sequence);
+    apc_plugin_close(e->model_handle);
+    apc_plugin_close(e->law_handle);
+    memset(e, 0, sizeof *e);
+}
+
+void experiment_outputs(const struct experiment *e, double *low, double *high, double *safe, double *fault)
+{
+    for (size_t i = 0; i < e->dim.nu; i++) {
+        low[i] = e->u[i].tag.low;
+        high[i] = e->u[i].tag.high;
+        safe[i] = e->u[i].safe;
+        fault[i] = e->u[i].fault;
+    }
+}

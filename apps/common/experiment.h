@@ -1,0 +1,75 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * An experiment file: one plant, its client, controller and scheduler, in libconfig's syntax. Every
+ * program reads the same file and takes its own part. docs/experiment-file.md describes it.
+ */
+#ifndef APC_EXPERIMENT_H
+#define APC_EXPERIMENT_H
+
+#include <apccontrol.h>
+#include <apcplant.h>
+#include <apcshareddata.h>
+
+/* One measurement, setpoint or manipulated variable. */
+struct signal {
+    struct apc_tag tag;
+    double safe, fault; /* manipulated variables only */
+};
+
+struct rhythm {
+    apc_ns period, phase;
+};
+
+struct experiment {
+    char name[APC_TAG_LEN];
+    char title[128];
+    double duration; /* s; 0: until it is stopped */
+    struct apc_dim dim;
+    struct signal *y, *z, *u; /* [dim.ny], [dim.nz], [dim.nu] */
+
+    struct {
+        struct rhythm rhythm;
+        char name[256]; /* of the model */
+        const struct apc_model *model;
+        double *p, *x0; /* [model->np]; [model->nx] or NULL */
+        char listen[128];
+    } plant;
+    struct {
+        struct rhythm rhythm;
+        char link[128];
+    } client;
+    struct {
+        struct rhythm rhythm;
+        char name[256]; /* of the law */
+        const struct apc_law *law;
+        double *tuning; /* [dim.nu * law->n_tuning] */
+        enum apc_mode mode;
+        apc_ns hold;
+    } controller;
+    struct {
+        struct rhythm rhythm;
+        double *sequence; /* [steps * dim.nz] */
+        size_t steps;
+        bool repeat;
+    } scheduler;
+
+    void *model_handle, *law_handle;
+};
+
+/* Which plug-ins to resolve: a client needs neither the law nor the model. */
+enum experiment_parts { EXPERIMENT_MODEL = 1, EXPERIMENT_LAW = 2 };
+
+/* From the command line, instead of what the file says; NULL: the file's. */
+struct experiment_overrides {
+    const char *law, *model;
+};
+
+/* Returns 0, or a negative error with "FILE:LINE: ..." in why; the experiment is then empty. */
+int experiment_load(struct experiment *e, const char *file, unsigned parts,
+                    const struct experiment_overrides *overrides, struct apc_error *why);
+void experiment_free(struct experiment *e);
+
+/* One member of the manipulated variables as an array for the cores: out[dim.nu]. */
+void experiment_outputs(const struct experiment *e, double *low, double *high, double *safe, double *fault);
+
+#endif

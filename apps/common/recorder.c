@@ -1,0 +1,187 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "recorder.h"
+
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define QUEUE      128
+#define QUANTITIES 3
+
+static const struct {
+    enum apc_task_histogram which;
+    const char *name;
+} quantities[QUANTITIES] = {{APC_LATENESS, "lateness"}, {APC_JITTER, "jitter"}, {APC_RUN, "run"}};
+
+struct recorder {
+    struct apc_store *store;
+    char task[32];
+    pthread_mutex_t mutex; /* of the queue */
+    struct apc_event queue[QUEUE];
+    size_t first, count;
+    unsigned long lost;
+    /* What live histograms had when last looked at, and what of them is not yet in the store. */
+    struct apc_histogram *window, *mark[QUANTITIES], *pending[QUANTITIES];
+    uint64_t missed[QUANTITIES];
+    struct apc_bin *bins;
+    int64_t *low, *high, *number;
+    size_t capacity;
+};
+
+int recorder_create(struct recorder **out, struct apc_store *store, const char *task)
+{
+    struct recorder *r = calloc(1, sizeof *r);
+    *out = NULL;
+    if (!r || apc_mutex_init(&r->mutex) < 0) {
+        free(r);
+        apc_store_close(store);
+        return APC_ENOMEM;
+    }
+    r->store = store;
+    snprintf(r->task, sizeof r->task, "%s", task);
+    int rc = apc_histogram_create(&r->window);
+    for (int i = 0; i < QUANTITIES && rc == 0; i++) {
+        rc = apc_histogram_create(&r->mark[i]);
+        if (rc == 0)
+            rc = apc_histogram_create(&r->pending[i]);
+    }
+    if (rc < 0)
+        recorder_destroy(r);
+    else
+        *out = r;
+    return rc;
+}
+
+void recorder_destroy(struct recorder *r)
+{
+    if (!r)
+        return;
+    for (int i = 0; i < QUANTITIES; i++) {
+        apc_histogram_destroy(r->mark[i]);
+        apc_histogram_destroy(r->pending[i]);
+    }
+    apc_histogram_destroy(r->window);
+    apc_store_close(r->store);
+    pthread_mutex_destroy(&r->mutex);
+    free(r->bins);
+    free(r->low);
+    free(r->high);
+    free(r->number);
+    free(r);
+}
+
+void recorder_event(struct recorder *r, const struct apc_event *event)
+{
+    if (!r || !r->store)
+        return;
+    pthread_mutex_lock(&r->mutex);
+    if (r->count == QUEUE) {
+        r->first = (r->first + 1) % QUEUE;
+        r->count--;
+        r->lost++;
+    }
+    r->queue[(r->first + r->count++) % QUEUE] = *event;
+    pthread_mutex_unlock(&r->mutex);
+}
+
+/* The queue is only shortened after the store has acknowledged; new events may come in meanwhile. */
+static int flush_events(struct recorder *r)
+{
+    struct apc_event batch[QUEUE];
+    pthread_mutex_lock(&r->mutex);
+    size_t n = r->count;
+    unsigned long lost = r->lost;
+    for (size_t i = 0; i < n; i++)
+        batch[i] = r->queue[(r->first + i) % QUEUE];
+    pthread_mutex_unlock(&r->mutex);
+    if (n == 0)
+        return 0;
+    int rc = apc_store_append_events(r->store, batch, n);
+    if (rc < 0)
+        return rc;
+    pthread_mutex_lock(&r->mutex);
+    size_t pushed_out = r->lost - lost; /* of the batch, by events that came in meanwhile */
+    size_t left = pushed_out < n ? n - pushed_out : 0;
+    r->first = (r->first + left) % QUEUE;
+    r->count -= left;
+    pthread_mutex_unlock(&r->mutex);
+    return 0;
+}
+
+static int reserve_bins(struct recorder *r, size_t n)
+{
+    if (n <= r->capacity)
+        return 0;
+    free(r->bins);
+    free(r->low);
+    free(r->high);
+    free(r->number);
+    r->bins = calloc(n, sizeof *r->bins);
+    r->low = calloc(n, sizeof *r->low);
+    r->high = calloc(n, sizeof *r->high);
+    r->number = calloc(n, sizeof *r->number);
+    r->capacity = r->bins && r->low && r->high && r->number ? n : 0;
+    return r->capacity ? 0 : APC_ENOMEM;
+}
+
+static int fill_row(struct recorder *r, const struct apc_histogram *histogram, struct apc_timing_row *row)
+{
+    struct apc_summary summary;
+    size_t n = apc_histogram_bins(histogram, NULL, 0);
+    int rc = reserve_bins(r, n);
+    if (rc < 0)
+        return rc;
+    apc_histogram_bins(histogram, r->bins, n);
+    for (size_t i = 0; i < n; i++) {
+        r->low[i] = r->bins[i].low;
+        r->high[i] = r->bins[i].high;
+        r->number[i] = (int64_t)r->bins[i].count;
+    }
+    apc_histogram_summary(histogram, &summary);
+    row->count = summary.count;
+    row->mean = summary.mean;
+    row->sd = summary.sd;
+    row->p50 = summary.p50;
+    row->p99 = summary.p99;
+    row->max = summary.max;
+    row->bin_low = r->low;
+    row->bin_high = r->high;
+    row->bin_count = r->number;
+    row->n_bins = n;
+    return 0;
+}
+
+static int flush_timing(struct recorder *r, const struct apc_task *task, apc_ns period)
+{
+    for (int i = 0; i < QUANTITIES; i++) {
+        uint64_t missed = apc_task_missed(task);
+        struct apc_timing_row row = {
+            .time = apc_clock_utc(NULL), .period = period, .missed = missed - r->missed[i]};
+        snprintf(row.task, sizeof row.task, "%s", r->task);
+        snprintf(row.quantity, sizeof row.quantity, "%s", quantities[i].name);
+        apc_histogram_window(r->window, r->mark[i], apc_task_histogram(task, quantities[i].which));
+        apc_histogram_merge(r->pending[i], r->window);
+        int rc = fill_row(r, r->pending[i], &row);
+        if (rc == 0 && row.count > 0)
+            rc = apc_store_append_timing(r->store, &row, 1);
+        if (rc < 0)
+            return rc;
+        apc_histogram_clear(r->pending[i]);
+        r->missed[i] = missed;
+    }
+    return 0;
+}
+
+int recorder_flush(struct recorder *r, const struct apc_task *task, apc_ns period)
+{
+    if (!r->store)
+        return 0;
+    int rc = flush_events(r);
+    return rc < 0 || !task ? rc : flush_timing(r, task, period);
+}
+
+const char *recorder_error(const struct recorder *r)
+{
+    return r->store ? apc_store_error(r->store) : "";
+}

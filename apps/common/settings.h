@@ -1,0 +1,41 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * libconfig's settings with errors for people: every failure names file and line, the setting, and
+ * what was expected. The first failure sticks; later calls then do nothing, so that a whole group can
+ * be read and the outcome asked for once.
+ */
+#ifndef APC_SETTINGS_H
+#define APC_SETTINGS_H
+
+#include <libconfig.h>
+
+#include <apcbase.h>
+
+struct settings {
+    const char *file;
+    struct apc_error *why;
+    int failed; /* 0, or the first error */
+};
+
+enum settings_presence { OPTIONAL, REQUIRED };
+
+int settings_fail(struct settings *s, const config_setting_t *at, const char *fmt, ...) APC_PRINTF(3, 4);
+/* Refuse members of a group that are not in the NULL-terminated list: a misspelt name must not be ignored. */
+void settings_known(struct settings *s, const config_setting_t *group, const char *const *names);
+/* The member that must be a group or list; NULL when it is absent (and that is a failure if REQUIRED). */
+config_setting_t *settings_group(struct settings *s, const config_setting_t *in, const char *name,
+                                 enum settings_presence presence);
+config_setting_t *settings_list(struct settings *s, const config_setting_t *in, const char *name,
+                                enum settings_presence presence);
+/* Leave *value alone when the member is absent and OPTIONAL. */
+void settings_number(struct settings *s, const config_setting_t *in, const char *name,
+                     enum settings_presence presence, double low, double high, double *value);
+void settings_period(struct settings *s, const config_setting_t *in, const char *name,
+                     enum settings_presence presence, apc_ns *value);
+void settings_flag(struct settings *s, const config_setting_t *in, const char *name, bool *value);
+void settings_text(struct settings *s, const config_setting_t *in, const char *name,
+                   enum settings_presence presence, char *value, size_t size);
+/* An array or list of exactly n numbers. */
+void settings_numbers(struct settings *s, const config_setting_t *array, size_t n, double *values);
+
+#endif

@@ -1,0 +1,184 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* A controller's tick with libapc: the store alone, and the whole of what apc-controller does. */
+#include <stdlib.h>
+
+#include "bench.h"
+#include "tick.h"
+
+#define PERIOD (3600 * APC_NS_PER_S) /* nobody writes sensors meanwhile; they must not be stale */
+
+static struct apc_store *open_store(const char *schema)
+{
+    struct apc_store *store;
+    struct apc_error why;
+    char uri[64];
+    const struct apc_store_options options = {
+        .size = sizeof options, .name = "bench", .timeout = 60 * APC_NS_PER_S};
+
+    snprintf(uri, sizeof uri, "postgresql:#%s", schema);
+    if (apc_store_open(&store, uri, &options, &why) < 0)
+        die("%s", why.text);
+    return store;
+}
+
+static void check(struct apc_store *store, int rc)
+{
+    if (rc < 0)
+        die("%s", apc_store_error(store));
+}
+
+static struct apc_sample *fill(struct apc_sample *at, enum apc_table table, int first, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        *at++ =
+            (struct apc_sample){.table = table, .id = first + (int)i, .seq = 1, .time = apc_clock_utc(NULL)};
+    return at;
+}
+
+void store_prepare(const char *schema, size_t n)
+{
+    struct apc_store *store = open_store(schema);
+    const size_t n_tuning = apc_law_pi.n_tuning, count = 4 + n * (n_tuning + 1);
+    struct apc_sample *samples = allocate(count, sizeof *samples), *at = samples;
+
+    check(store, apc_store_init(store));
+    at = fill(at, APC_OPMODE, 0, 1);
+    at = fill(at, APC_DIM, 1, 3);
+    at = fill(at, APC_TUNING, 1, n * n_tuning);
+    samples[0].value = APC_MODE_AUTO;
+    for (size_t i = 0; i < 3; i++)
+        samples[1 + i].value = (double)n;
+    for (size_t i = 0; i < n * n_tuning; i++)
+        samples[4 + i].value = apc_law_pi.tuning[i % n_tuning].initial;
+    (void)fill(at, APC_MANUAL, 1, n);
+    check(store, apc_store_append(store, samples, count));
+    free(samples);
+    apc_store_close(store);
+}
+
+/* ---- The store alone ----------------------------------------------------------------------- */
+
+struct store {
+    struct apc_store *store;
+    size_t n;
+    struct apc_sample *in, *out; /* mode, n sensors, n setpoints; n actuators */
+    double *integral;
+};
+
+struct store *store_open(const char *schema, size_t n)
+{
+    struct store *s = allocate(1, sizeof *s);
+    int64_t *last = allocate(n, sizeof *last);
+
+    s->store = open_store(schema);
+    s->n = n;
+    s->in = allocate(1 + 2 * n, sizeof *s->in);
+    s->out = allocate(n, sizeof *s->out);
+    s->integral = allocate(n, sizeof *s->integral);
+    fill(fill(fill(s->in, APC_OPMODE, 0, 1), APC_SENSOR, 1, n), APC_SETPOINT, 1, n);
+    fill(s->out, APC_ACTUATOR, 1, n);
+    check(s->store, apc_store_claim(s->store, APC_ACTUATOR, n, last));
+    for (size_t i = 0; i < n; i++)
+        s->out[i].seq = last[i];
+    free(last);
+    return s;
+}
+
+void store_once(void *ctx)
+{
+    struct store *s = ctx;
+    const struct apc_sample *y = s->in + 1, *z = y + s->n;
+
+    check(s->store, apc_store_read(s->store, s->in, 1 + 2 * s->n));
+    if (s->in[0].value != (double)APC_MODE_AUTO)
+        die("the stored mode is not Auto");
+    const apc_ns now = apc_clock_utc(NULL);
+    for (size_t i = 0; i < s->n; i++) {
+        s->out[i].value = KP * (z[i].value - y[i].value) + s->integral[i];
+        s->out[i].time = now;
+        s->out[i].seq++;
+        s->out[i].sensor_seq = y[i].seq;
+        s->out[i].setpoint_seq = z[i].seq;
+    }
+    int rows = apc_store_append(s->store, s->out, s->n);
+    check(s->store, rows);
+    if ((size_t)rows != s->n)
+        die("of %zu rows only %d were new", s->n, rows);
+    for (size_t i = 0; i < s->n; i++)
+        s->integral[i] += KP * TS / TAU_I * (z[i].value - y[i].value);
+}
+
+void store_close(struct store *s)
+{
+    apc_store_close(s->store);
+    free(s->in);
+    free(s->out);
+    free(s->integral);
+    free(s);
+}
+
+/* ---- The controller ------------------------------------------------------------------------ */
+
+struct control {
+    struct apc_store *store;
+    struct apc_controller *core;
+    struct apc_controller_size size;
+    struct apc_sample *in, *out;
+};
+
+struct control *control_open(const char *schema, size_t n)
+{
+    struct control *c = allocate(1, sizeof *c);
+    int64_t *last = allocate(n, sizeof *last);
+    struct apc_error why;
+    const struct apc_controller_options options = {
+        .size = sizeof options,
+        .law = &apc_law_pi,
+        .dim = {.ny = n, .nz = n, .nu = n},
+        .period = (apc_ns)(TS * 1e9),
+        .horizon = PERIOD,
+    };
+
+    if (apc_controller_create(&c->core, &options, &why) < 0)
+        die("%s", why.text);
+    c->store = open_store(schema);
+    c->size = apc_controller_size(c->core);
+    c->in = allocate(c->size.in, sizeof *c->in);
+    c->out = allocate(c->size.out, sizeof *c->out);
+    apc_controller_inputs(c->core, c->in);
+    check(c->store, apc_store_claim(c->store, APC_ACTUATOR, n, last));
+
+    struct apc_sample *stored = allocate(c->size.resume, sizeof *stored);
+    apc_controller_resume_inputs(c->core, stored);
+    check(c->store, apc_store_read(c->store, stored, c->size.resume));
+    apc_controller_resume(c->core, last, stored, 0);
+    free(stored);
+    free(last);
+    return c;
+}
+
+void control_once(void *ctx)
+{
+    struct control *c = ctx;
+    struct apc_notice notice;
+
+    check(c->store, apc_store_read(c->store, c->in, c->size.in));
+    const struct apc_now now = {.mono = apc_clock_mono(NULL), .utc = apc_clock_utc(NULL)};
+    int n = apc_controller_compute(c->core, now, c->in, c->out, &notice);
+    if (n < 1 || c->out[0].table != APC_ACTUATOR || c->out[0].sensor_seq == 0)
+        die("the controller does not control: %s", notice.kind ? notice.text : "no notice");
+    int rows = apc_store_append(c->store, c->out, (size_t)n);
+    check(c->store, rows);
+    if (rows != n)
+        die("of %d rows only %d were new", n, rows);
+    apc_controller_update(c->core);
+}
+
+void control_close(struct control *c)
+{
+    apc_controller_destroy(c->core);
+    apc_store_close(c->store);
+    free(c->in);
+    free(c->out);
+    free(c);
+}

@@ -1,0 +1,20 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# Turns FILES (NNNN-name.sql, in order) into a C table of {version, name, text}. Called with -P.
+set(out "/* SPDX-License-Identifier: BSD-3-Clause */\n/* Made from sql/ by cmake/embed.cmake. */\n")
+string(APPEND out "#include \"shareddata/migrations.h\"\n\n")
+set(table "")
+set(count 0)
+list(SORT FILES)
+foreach(file IN LISTS FILES)
+  get_filename_component(name ${file} NAME_WE)
+  file(READ ${file} hex HEX)
+  string(REGEX REPLACE "([0-9a-f][0-9a-f])" "0x\\1," bytes "${hex}")
+  string(REGEX REPLACE "(0x..,0x..,0x..,0x..,0x..,0x..,0x..,0x..,0x..,0x..,0x..,0x..,0x..,0x..,0x..,0x..,)" "\\1\n" bytes
+         "${bytes}")
+  math(EXPR count "${count} + 1")
+  string(APPEND out "static const char text_${count}[] = {\n${bytes}0};\n")
+  string(APPEND table "    {${count}, \"${name}\", text_${count}},\n")
+endforeach()
+string(APPEND out "\nconst struct apc_migration apc_migrations[] = {\n${table}};\n")
+string(APPEND out "const int apc_migration_count = ${count};\n")
+file(WRITE ${OUT} "${out}")

@@ -1,0 +1,19 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# Warnings and hardening, carried by the target apc_flags.
+add_library(apc_flags INTERFACE)
+target_compile_definitions(apc_flags INTERFACE _GNU_SOURCE)
+target_compile_options(apc_flags INTERFACE
+  -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wsign-conversion -Wcast-qual -Wvla -Wformat=2
+  -Wdouble-promotion -Wstrict-prototypes -Wmissing-prototypes -Wwrite-strings -Wnull-dereference -Wundef
+  -fstack-protector-strong $<$<C_COMPILER_ID:GNU>:-fstack-clash-protection -fcf-protection>)
+target_link_options(apc_flags INTERFACE -Wl,-z,relro,-z,now)
+if(APC_WERROR)
+  target_compile_options(apc_flags INTERFACE -Werror)
+endif()
+if(APC_SANITIZE)
+  target_compile_options(apc_flags INTERFACE -fsanitize=${APC_SANITIZE} -fno-omit-frame-pointer
+                                             -fno-sanitize-recover=all)
+  target_link_options(apc_flags INTERFACE -fsanitize=${APC_SANITIZE})
+elseif(NOT CMAKE_BUILD_TYPE STREQUAL "Debug")
+  target_compile_definitions(apc_flags INTERFACE _FORTIFY_SOURCE=3)
+endif()

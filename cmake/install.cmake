@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# cmake --install: headers, both libraries, programs, the experiment, apc.pc, apc-static.pc and the CMake package.
+include(CMakePackageConfigHelpers)
+set(APC_CMAKE_DIR ${CMAKE_INSTALL_LIBDIR}/cmake/apc)
+
+install(TARGETS apc EXPORT apcTargets)
+install(TARGETS apc_static EXPORT apcStaticTargets)
+install(TARGETS ${APC_PROGRAMS} apc_cli)
+install(DIRECTORY include/ DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} FILES_MATCHING PATTERN "apc*.h")
+install(FILES experiments/first-order.conf DESTINATION ${CMAKE_INSTALL_DATADIR}/apc)
+install(DIRECTORY sql DESTINATION ${CMAKE_INSTALL_DATADIR}/apc)
+install(FILES LICENSE README.md TYPE DOC)
+
+# The static library is a package component of its own: it needs SUNDIALS where the shared one does not.
+install(EXPORT apcTargets NAMESPACE apc:: DESTINATION ${APC_CMAKE_DIR})
+install(EXPORT apcStaticTargets NAMESPACE apc:: DESTINATION ${APC_CMAKE_DIR})
+configure_package_config_file(cmake/apcConfig.cmake.in ${PROJECT_BINARY_DIR}/apcConfig.cmake
+                              INSTALL_DESTINATION ${APC_CMAKE_DIR})
+write_basic_package_version_file(${PROJECT_BINARY_DIR}/apcConfigVersion.cmake COMPATIBILITY SameMinorVersion)
+install(FILES ${PROJECT_BINARY_DIR}/apcConfig.cmake ${PROJECT_BINARY_DIR}/apcConfigVersion.cmake
+        DESTINATION ${APC_CMAKE_DIR})
+
+# The prefix follows the file, so that the tree may be installed anywhere and moved.
+file(RELATIVE_PATH up /prefix/${CMAKE_INSTALL_LIBDIR}/pkgconfig /prefix)
+string(REGEX REPLACE "/$" "" up ${up})
+set(APC_PC_PREFIX "\${pcfiledir}/${up}")
+foreach(pc apc apc-static)
+  configure_file(cmake/${pc}.pc.in ${PROJECT_BINARY_DIR}/${pc}.pc @ONLY)
+  install(FILES ${PROJECT_BINARY_DIR}/${pc}.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
+endforeach()

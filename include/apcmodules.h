@@ -1,0 +1,199 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/**
+ * @file apcmodules.h
+ * The cores of the modules: scheduler, plant server, client, controller. A core is given the time and
+ * its inputs and gives back its outputs. It reads no clock, opens no socket, talks to no store, and
+ * allocates nothing after it was made: the same core runs in real time and in virtual time. Waiting
+ * and input/output belong to the shell around it. A core is used by one thread at a time.
+ *
+ * Where ticks coincide the order is: scheduler, plant, client, controller.
+ */
+#ifndef APCMODULES_H
+#define APCMODULES_H
+
+#include "apcbase.h"
+#include "apccontrol.h"
+#include "apcplant.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** The two times of an instant: durations and deadlines by mono, records by utc. */
+struct apc_now {
+    apc_ns mono, utc;
+};
+
+/** What came to pass at a tick, for the shell to log and to record as an event. */
+struct apc_notice {
+    enum apc_notice_kind {
+        APC_NOTICE_NONE = 0,
+        APC_NOTICE_MODE,      /**< the actual mode changed */
+        APC_NOTICE_HOLD,      /**< measurement stale or Bad: output held */
+        APC_NOTICE_FAULT,     /**< held too long: fault value */
+        APC_NOTICE_FAILED,    /**< the plant cannot be computed: its measurements are Bad */
+        APC_NOTICE_RECOVERED, /**< measurement good again, after any of these three */
+        APC_NOTICE_TRIP,      /**< the plant's watchdog went to the safe value */
+        APC_NOTICE_RESUMED,   /**< the plant takes commands again */
+        APC_NOTICE_REJECTED   /**< a value that must not reach the plant was kept out */
+    } kind;
+    char text[160];
+};
+
+/* ---- Freshness ---------------------------------------------------------------------------- */
+
+/**
+ * Is a variable still being written? Judged by its seq (or stamp) changing, on the monotonic clock, so
+ * that a clock step makes nothing look old or new. For the very first look the age by UTC decides.
+ */
+struct apc_freshness {
+    int64_t mark;   /**< seq, or stamp, last seen */
+    apc_ns changed; /**< mono when it changed */
+    bool seen;
+};
+/** Look at a sample's @p mark (0: there is no sample) and its source time; true when fresh. [tick] */
+APC_API bool apc_freshness_look(struct apc_freshness *f, int64_t mark, apc_ns source_time, struct apc_now now,
+                                apc_ns horizon);
+
+/* ---- Scheduler ---------------------------------------------------------------------------- */
+
+struct apc_scheduler_options {
+    size_t size;
+    size_t nz;              /**< setpoints */
+    size_t steps;           /**< length of the sequence */
+    const double *sequence; /**< [steps * nz], step after step; borrowed */
+    bool repeat;            /**< begin again after the last step, or keep it */
+};
+/** The setpoints of step @p index of the grid into table setpoint, ids 1..nz; seq is not set. Returns nz.
+ * Pure. [tick] */
+APC_API size_t apc_scheduler_step(const struct apc_scheduler_options *options, uint64_t index,
+                                  struct apc_now now, struct apc_sample *out);
+
+/* ---- Plant server ------------------------------------------------------------------------- */
+
+/** Zero means default, but for those marked required. */
+struct apc_plantserver_options {
+    size_t size;
+    struct apc_plant *plant;       /**< required; borrowed */
+    const struct apc_model *model; /**< required; borrowed */
+    const double *safe;            /**< [nu] value without a fresh command; NULL: zeros; copied */
+    const double *low, *high;      /**< [nu] limits of the inputs; NULL: none; copied */
+    apc_ns link_period;    /**< required: of the client. Trips 3 of them + 100 ms after the last frame */
+    apc_ns command_period; /**< required: of the controller. Trips 3 of them + 100 ms after the last new
+                              command */
+};
+struct apc_plantserver;
+
+APC_API int apc_plantserver_create(struct apc_plantserver **server,
+                                   const struct apc_plantserver_options *options, struct apc_error *why);
+APC_API void apc_plantserver_destroy(struct apc_plantserver *server);
+/**
+ * Advance the plant to @p now, the scheduled time of the tick: over the interval since the previous
+ * tick with the input that was sampled then (with the safe value from the watchdog's instant on, if it
+ * lies within), publish y, sample the input for the next interval. Returns 0 or APC_ESOLVER, then y is
+ * Bad; the notice says so once, and once that it is over. [tick]
+ */
+APC_API int apc_plantserver_tick(struct apc_plantserver *server, struct apc_now now,
+                                 struct apc_notice *notice);
+/**
+ * Answer one request of connection @p connection: take the command, reply with the newest y. A command
+ * is refused as a whole when its count is wrong; a value that is Bad, not finite or outside the limits
+ * never reaches the plant; the notice tells of the first such command since one was accepted. A
+ * connection older than the newest that sent a command may only query.
+ * Returns the reply's length, or APC_EPROTO, APC_EPERM: close the connection. [tick]
+ */
+APC_API int apc_plantserver_request(struct apc_plantserver *server, struct apc_now now, uint64_t connection,
+                                    const char *request, size_t length, char *reply, size_t size,
+                                    struct apc_notice *notice);
+/** What the plant is being given now: [nu]; true when it is the safe value. [tick] */
+APC_API bool apc_plantserver_input(const struct apc_plantserver *server, double *u);
+
+/* ---- Client ------------------------------------------------------------------------------- */
+
+struct apc_client_options {
+    size_t size;
+    size_t ny, nu;         /**< required */
+    apc_ns command_period; /**< required: of the controller. A command older than 3 of them + 100 ms is not
+                              sent */
+    const int64_t *last;   /**< [ny] newest seq of each sensor; NULL: zeros; copied */
+    apc_ns since; /**< UTC at which this run began; a command that the client finds at its start with an
+                     earlier source time is a former run's and is not sent, until a new one comes */
+};
+struct apc_client;
+
+APC_API int apc_client_create(struct apc_client **client, const struct apc_client_options *options,
+                              struct apc_error *why);
+APC_API void apc_client_destroy(struct apc_client *client);
+/**
+ * The frame to send: a command with the newest actuator samples [nu] when all are there and fresh, else
+ * a query. @p u is NULL when the store could not be read. Returns the length or APC_ERANGE. [tick]
+ */
+APC_API int apc_client_request(struct apc_client *client, struct apc_now now, const struct apc_sample *u,
+                               char *text, size_t size);
+/**
+ * The sensor samples of a reply, for the store: those whose source time is new, with the next seq.
+ * Returns how many went into @p y [ny], or APC_EPROTO: not the reply to the last request. [tick]
+ */
+APC_API int apc_client_reply(struct apc_client *client, const char *text, size_t length,
+                             struct apc_sample *y);
+
+/* ---- Controller --------------------------------------------------------------------------- */
+
+struct apc_controller_options {
+    size_t size;
+    const struct apc_law *law; /**< required; borrowed */
+    struct apc_dim dim;        /**< required */
+    apc_ns period;             /**< required */
+    apc_ns horizon;            /**< required: a measurement that did not change for so long is stale. Of the
+                                  measurement's own rhythm, not the controller's: 3 periods of the client or of
+                                  the plant, whichever is slower, + 100 ms */
+    apc_ns hold;               /**< how long to hold before the fault value; default 3 periods */
+    const double *fault;       /**< [nu] fault value; NULL: zeros; copied */
+    const double *low, *high;  /**< [nu] limits of the outputs; NULL: none; copied */
+};
+struct apc_controller;
+
+APC_API int apc_controller_create(struct apc_controller **controller,
+                                  const struct apc_controller_options *options, struct apc_error *why);
+APC_API void apc_controller_destroy(struct apc_controller *controller);
+
+/** Counts of samples. */
+struct apc_controller_size {
+    size_t in;     /**< read at each tick: y, z-bar, mode, tuning, manual */
+    size_t out;    /**< written at each tick, at most: u, what a restart needs, a change of the actual mode */
+    size_t resume; /**< read once, by a restart */
+};
+APC_API struct apc_controller_size apc_controller_size(const struct apc_controller *controller);
+/** Fill @p in with table and id of everything it reads: hand it to apc_store_read() at each tick. [setup] */
+APC_API void apc_controller_inputs(const struct apc_controller *controller, struct apc_sample *in);
+
+/**
+ * Fill @p in [resume] with table and id of what a restart goes on from, for apc_store_read(): all of table
+ * state (id 0 says which law and dimensions wrote it, ids 1.. are y, z-bar, u and the law's x) and the
+ * actual mode. [setup]
+ */
+APC_API void apc_controller_resume_inputs(const struct apc_controller *controller, struct apc_sample *in);
+/**
+ * Resume from @p in [resume], as filled by the store (NULL: nothing is stored); @p last [nu] are the newest
+ * seqs of the actuators, to count on from. The next tick then goes on without a bump, with the law's own
+ * state when the same law stored it, from the last output when another law of the same dimensions did. What
+ * was stored with other dimensions, or before @p since, UTC, and so by another run, is not taken. [setup]
+ * Returns 1 when it resumed, 0 when it starts anew.
+ */
+APC_API int apc_controller_resume(struct apc_controller *controller, const int64_t *last,
+                                  const struct apc_sample *in, apc_ns since);
+
+/**
+ * Compute u from @p in, as filled by the store (NULL: it could not be read). Samples to append go to
+ * @p out. Returns how many. Order as in the paper: compute, write u, then apc_controller_update(). [tick]
+ */
+APC_API int apc_controller_compute(struct apc_controller *controller, struct apc_now now,
+                                   const struct apc_sample *in, struct apc_sample *out,
+                                   struct apc_notice *notice);
+/** Update the law's state, after u was written. [tick] */
+APC_API void apc_controller_update(struct apc_controller *controller);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,211 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/**
+ * @file apcshareddata.h
+ * The second principle of the paper: shared data. A store of time-stamped tables, and the paper's own
+ * functions on PostgreSQL (section "Shared Data").
+ */
+#ifndef APCSHAREDDATA_H
+#define APCSHAREDDATA_H
+
+#include <libpq-fe.h>
+
+#include "apcbase.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* ---- The paper's functions (Listings 3, 4 and 5) ------------------------------------------ */
+
+/**
+ * They work on a plain PGconn and the tables of schema `apc`, which `apc init` makes. @p table is one
+ * of the names of apc_table_name(). A stamp is RFC 3339 or the paper's form; a status is a name of
+ * apc_status_parse() ("'ok'" and "ok" are Good). Values go to the server as parameters, never as SQL.
+ * One thread at a time per PGconn. They wait for the server as long as libpq does: a task that must
+ * not hang uses a store (below).
+ *
+ * All return 0, or APC_EINVAL (argument, table, stamp or status not understood, value not finite),
+ * APC_ECONN, APC_ENOTFOUND (no row yet; outputs untouched), APC_ECONFLICT (a concurrent writer won
+ * three times), APC_ERANGE (an Int function found a value that is no int), APC_ESTORE (refused by the
+ * server: PQerrorMessage says why), APC_ENOMEM.
+ */
+APC_API int insertIntoTableFloat(PGconn *conn, const char *table, int id, const char *ts, const char *status,
+                                 double value);
+APC_API int insertIntoTableInt(PGconn *conn, const char *table, int id, const char *ts, const char *status,
+                               int value);
+/** @p ts needs 27 bytes, @p status APC_STATUS_NAME_LEN; each may be NULL. */
+APC_API int readRecentValFloat(PGconn *conn, const char *table, int id, char *ts, char *status,
+                               double *value);
+APC_API int readRecentValInt(PGconn *conn, const char *table, int id, char *ts, char *status, int *value);
+/** Ids 1..n in one round trip. @p ts and @p status may be NULL. */
+APC_API int readMultiRecentValsFloat(PGconn *conn, const char *table, int n, char (*ts)[1024],
+                                     char (*status)[1024], double *values);
+APC_API int readMultiRecentValsInt(PGconn *conn, const char *table, int n, char (*ts)[1024],
+                                   char (*status)[1024], int *values);
+/** Now, UTC, as `2026-01-31 12:00:00.123456`: 26 characters and the terminator. [tick] */
+APC_API void genTimeStampUTC(char ts[27]);
+
+/* ---- Stores ------------------------------------------------------------------------------- */
+
+/** Zero means default. */
+struct apc_store_options {
+    size_t size;
+    const char *name;   /**< who is writing: application_name, and in refusals; default "libapc" */
+    apc_ns timeout;     /**< for every operation, connecting included; default 2 s */
+    apc_ns backoff_min; /**< first pause after a failed connect; default 100 ms */
+    apc_ns backoff_max; /**< longest pause; default 5 s. Pauses double and are jittered */
+};
+
+struct apc_store;
+
+/**
+ * A store by URI: `postgresql:` (the environment's database: PGHOST, PGSERVICE, ...) or
+ * `postgresql://...`, any libpq URI; `#NAME` at its end chooses the schema NAME, one a plant, default
+ * `apc`. A standby is refused, because a store is for writing, unless target_session_attrs in the URI or
+ * PGTARGETSESSIONATTRS says otherwise. Nothing is connected yet: every operation connects when it has to,
+ * waits no longer than the timeout, and after a failed connect answers APC_ECONN at once until a jittered
+ * pause is over.
+ * One thread at a time. [setup] Returns 0, APC_EINVAL (unknown scheme, malformed URI), APC_ENOMEM.
+ */
+APC_API int apc_store_open(struct apc_store **store, const char *uri, const struct apc_store_options *options,
+                           struct apc_error *why);
+APC_API void apc_store_close(struct apc_store *store); /**< NULL is legal. [setup] */
+/** One line about the last failure; lives until the next call. */
+APC_API const char *apc_store_error(const struct apc_store *store);
+APC_API bool apc_store_connected(const struct apc_store *store);
+
+/** Counters since it was opened. */
+struct apc_store_stats {
+    uint64_t connects;
+    uint64_t round_trips; /**< times it waited for the server */
+};
+APC_API void apc_store_stats(const struct apc_store *store, struct apc_store_stats *stats);
+
+/*
+ * Operations return 0 or a count, else: APC_ECONN, APC_ETIMEDOUT, APC_ESCHEMA (run `apc init`), APC_EBUSY
+ * (the claim went to another writer), APC_EPERM, APC_ESTORE (refused: constraint, disk full, ...),
+ * APC_EINVAL, APC_ESTATE (called from inside the store's own history function). Times are kept to the
+ * microsecond.
+ *
+ * After APC_ECONN or APC_ETIMEDOUT a write may or may not have taken place. To repeat it is harmless for
+ * apc_store_append, apc_store_claim, apc_store_put_tags and apc_store_init. A repeated apc_store_put,
+ * apc_store_append_events or apc_store_append_timing may write the same a second time: a put once more the
+ * same value, under the next seq.
+ */
+
+/** Connect now instead of at the first operation. [setup] */
+APC_API int apc_store_connect(struct apc_store *store);
+
+/**
+ * The newest sample of each of @p n variables, over any tables, in one round trip. In: table and id;
+ * out: the rest. A variable without a sample gets seq 0, status BadNoData. Returns 0. [tick]
+ */
+APC_API int apc_store_read(struct apc_store *store, struct apc_sample *samples, size_t n);
+
+/**
+ * Append @p n samples, over any tables, atomically and in one round trip (two when a row is
+ * there already); on return they are durable.
+ * (table, id, seq) names a sample: one that is already there is left alone while the others are stored, so an
+ * append whose answer was lost may be repeated. Returns how many this very call stored: less than @p n
+ * means that the seq of the rest were taken, by an earlier try (or twice in this one) or, where none went
+ * before, by another writer. [tick]
+ */
+APC_API int apc_store_append(struct apc_store *store, const struct apc_sample *samples, size_t n);
+
+/**
+ * Become the one writer of a table's ids 1..n, as long as this store is open; @p last gets the newest
+ * seq of each (0: none), from which the writer goes on counting. A lost connection takes the claim
+ * along; it is renewed with the next connection. APC_EBUSY: another writer has it, whom apc_store_error()
+ * names. While it is this store's own former session, which the server has not been able to end yet, the
+ * answer is APC_ECONN: go on trying. [setup]
+ */
+APC_API int apc_store_claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last);
+
+/**
+ * Write operator variables (setpoint, opmode, tuning, manual), which have no single writer: read the newest,
+ * append the successor with the sample's value, status and time, and try again when someone else was faster.
+ * seq is filled in. Returns 0, or APC_ECONFLICT after ten tries: then nothing was written. [setup]
+ */
+APC_API int apc_store_put(struct apc_store *store, struct apc_sample *samples, size_t n);
+
+/** Called for each row in rising seq; return nonzero to end early. */
+typedef int (*apc_sample_fn)(void *ctx, const struct apc_sample *sample);
+
+/** Zero means: no bound. */
+struct apc_range {
+    apc_ns since, until; /**< source time, since <= t < until */
+    size_t last;         /**< at most so many, the newest */
+};
+/** History of one variable, streamed in bounded memory. Returns the number of rows given. [setup] */
+APC_API int apc_store_history(struct apc_store *store, enum apc_table table, int id,
+                              const struct apc_range *range, apc_sample_fn fn, void *ctx);
+
+/* ---- Descriptions, events, timing --------------------------------------------------------- */
+
+#define APC_TAG_LEN 64
+
+/** What a variable is called and may be. */
+struct apc_tag {
+    enum apc_table table;
+    int id;
+    char name[APC_TAG_LEN], unit[APC_TAG_LEN], description[APC_TAG_LEN * 2];
+    double low, high; /**< limits, inclusive; -APC_VALUE_MAX and APC_VALUE_MAX: none */
+};
+/** Replace all descriptions by these, at once or not at all; for the schema's owner. Returns @p n. [setup] */
+APC_API int apc_store_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n);
+/** Up to @p capacity tags in order of table and id; returns how many there are in all. [setup] */
+APC_API int apc_store_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity);
+
+enum apc_event_severity { APC_EVENT_INFO = 1, APC_EVENT_WARNING, APC_EVENT_ALARM };
+
+/** Something that happened: an operator's action, a mode change, loss of a connection, overruns. */
+struct apc_event {
+    apc_ns time;
+    enum apc_event_severity severity;
+    char source[32]; /**< the program, or the operator's name */
+    /** "start", "stop", "mode", "operator", "link", "store", "measurement", "rejected", "watchdog",
+     * "overrun", "clock" */
+    char kind[32];
+    char text[192];
+};
+/** All or none of them. Returns @p n. */
+APC_API int apc_store_append_events(struct apc_store *store, const struct apc_event *events, size_t n);
+typedef int (*apc_event_fn)(void *ctx, const struct apc_event *event);
+/** Events in rising order. Returns the number given. [setup] */
+APC_API int apc_store_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn,
+                             void *ctx);
+
+/** One histogram over one window, as stored. Nanoseconds. */
+struct apc_timing_row {
+    apc_ns time;       /**< end of the window, UTC */
+    char task[32];     /**< "controller", ... */
+    char quantity[16]; /**< "lateness", "jitter" or "run" */
+    apc_ns period;
+    uint64_t missed; /**< in the window */
+    uint64_t count;
+    double mean, sd;
+    apc_ns p50, p99, max;
+    const int64_t *bin_low, *bin_high, *bin_count; /**< filled buckets, n_bins of each */
+    size_t n_bins;
+};
+/** All or none of them. Returns @p n. */
+APC_API int apc_store_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n);
+typedef int (*apc_timing_fn)(void *ctx, const struct apc_timing_row *row);
+/** Rows in rising time; the bins live until fn returns. Returns the number given. [setup] */
+APC_API int apc_store_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn,
+                             void *ctx);
+
+/* ---- Set-up ------------------------------------------------------------------------------- */
+
+/**
+ * Make the schema, or bring an older one up to date; harmless when it is current. Returns the version
+ * it had (0: none), or APC_ESCHEMA when it is newer than this library. [setup]
+ */
+APC_API int apc_store_init(struct apc_store *store);
+/** The schema version that this library makes and needs. */
+APC_API int apc_store_version(void);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,174 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/**
+ * @file apcsockets.h
+ * The third principle of the paper: network communication. Frames, links that exchange them, and the
+ * paper's own socket functions (section "Network Communication").
+ *
+ * A frame is one line of text, at most 1 MiB. Header and samples each end with a semicolon, the frame
+ * with a newline, and there is nothing else in it: apc1 query 7 0;\n or
+ *
+ *     apc1 command 17 2;2026-01-31T12:00:00.123456Z,Good,1.5;2026-01-31T12:00:00.123456Z,Bad,0;\n
+ *
+ *     frame  = "apc1 " kind " " id " " n ";" n*sample newline
+ *     kind   = "command" | "query" | "values"      a query has n = 0
+ *     id, n  = decimal without sign or leading zeros; id below 2^64, n at most APC_FRAME_COUNT
+ *     sample = time "," status "," value ";"
+ *     time   = RFC 3339, UTC, microseconds: always the 27 characters of apc_time_format()
+ *     status = as apc_status_parse() reads it
+ *     value  = as apc_number_parse() reads it, at most 32 characters: finite, decimal, C locale
+ *
+ * The client sends `command` (the newest u) or `query` (no values: do not change u); the plant answers
+ * `values` (the newest y) under the same request id. `nc` can speak it.
+ */
+#ifndef APCSOCKETS_H
+#define APCSOCKETS_H
+
+#include "apcbase.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* ---- The paper's functions (Listings 3 and 4) --------------------------------------------- */
+
+#define APC_PACK_MAX 1024 /**< room that packMultiMsg() takes to be in its buffer, as in the listings */
+
+/**
+ * Write n samples into @p buff as a `values` frame with request id 0, newline and terminator included.
+ * @p buff must have APC_PACK_MAX bytes; @p ts and @p status may be NULL (now; Good). A status may be
+ * written with the paper's quotes. Returns the length, or APC_EINVAL, APC_ERANGE (does not fit:
+ * about 18 values; buff is then the empty string). The daemons use apc_frame_encode(). [tick]
+ */
+APC_API int packMultiMsg(char *buff, int n, char (*ts)[1024], char (*status)[1024], const double *values);
+/**
+ * Read the frame of any kind that @p buff begins with; what follows its newline is ignored, because it
+ * is left over from a longer message when a buffer is not cleared (as in Listing 4). At most APC_PACK_MAX
+ * bytes of @p buff are looked at. @p ts (written as RFC 3339) and @p status (the name) may be NULL.
+ * The arrays must have room for as many samples as the frame holds: the signature cannot say how many
+ * that is, so it is for a peer you trust (at most 30 samples fit); otherwise use apc_frame_decode().
+ * Returns the number of samples, or APC_EINVAL, APC_EPROTO; on failure nothing is written. [tick]
+ */
+APC_API int unpackMultiMsg(char (*ts)[1024], char (*status)[1024], double *values, const char *buff);
+
+#define APC_PORT 43051 /**< the paper's port */
+
+APC_API int client_init(void); /**< a TCP socket, or APC_ESYS. [setup] */
+/** Connect within 5 s. @p ip is dotted IPv4. Returns 0, APC_EINVAL, APC_ECONN, APC_ETIMEDOUT. [setup] */
+APC_API int client_connect(int fd, const char *ip, int port);
+/** A TCP socket bound to 127.0.0.1:43051, or APC_ESYS (errno says why; EADDRINUSE: port taken). [setup] */
+APC_API int server_init(void);
+APC_API int server_listen(int fd, int queue); /**< 0, APC_EINVAL or APC_ESYS. [setup] */
+APC_API int server_accept(int fd);            /**< waits; a connection, or APC_ESYS */
+
+/* ---- Frames ------------------------------------------------------------------------------- */
+
+#define APC_FRAME_MAX   (1u << 20) /**< bytes of a frame, newline included */
+#define APC_FRAME_COUNT 8192       /**< values a frame may hold */
+
+enum apc_frame_kind { APC_FRAME_COMMAND = 1, APC_FRAME_QUERY, APC_FRAME_VALUES };
+
+struct apc_frame {
+    enum apc_frame_kind kind;
+    uint64_t id; /**< request id; 0 from a peer that does not number (the paper's listings) */
+    size_t n;    /**< number of samples */
+};
+
+/**
+ * Write a frame: of each sample its time, status and value. Returns the length (no terminator), or
+ * APC_EINVAL (a value is not finite, a time not within the years 1678..2261, a query with values), or
+ * APC_ERANGE (more than @p size, APC_FRAME_COUNT or APC_FRAME_MAX). [tick]
+ */
+APC_API int apc_frame_encode(char *text, size_t size, const struct apc_frame *frame,
+                             const struct apc_sample *samples);
+/**
+ * Read one frame of exactly @p length bytes, newline included. Writes time, status and value of at
+ * most @p capacity samples (other members stay). Returns 0; APC_EPROTO when anything at all is not as
+ * written above; APC_ERANGE when it holds more than @p capacity. On failure *frame is zeroed. [tick]
+ */
+APC_API int apc_frame_decode(const char *text, size_t length, struct apc_frame *frame,
+                             struct apc_sample *samples, size_t capacity);
+
+/* ---- Links -------------------------------------------------------------------------------- */
+
+/** Zero means default. */
+struct apc_link_options {
+    size_t size;
+    size_t frame_max;   /**< largest reply; default 64 KiB */
+    apc_ns backoff_min; /**< first pause after a failed connect; default 100 ms */
+    apc_ns backoff_max; /**< longest pause; default 5 s. Pauses double and are jittered */
+    uint64_t seed;      /**< of the jitter; default: from the clock */
+};
+
+struct apc_link;
+
+/**
+ * The asking side of a link. @p uri: `tcp:HOST:PORT`; HOST is an IPv4 address, an IPv6 address in
+ * brackets, or a name. A name is resolved by a thread that the link owns, once at the start and again
+ * whenever connecting failed; an address needs none. Does not connect yet: the first exchange does.
+ * One thread at a time. [setup] Returns 0, APC_EINVAL (malformed address, unknown scheme), APC_ENOMEM,
+ * APC_ESYS (no thread).
+ */
+APC_API int apc_link_create(struct apc_link **link, const char *uri, const struct apc_link_options *options,
+                            struct apc_error *why);
+APC_API void apc_link_destroy(struct apc_link *link); /**< NULL is legal. [setup] */
+
+/**
+ * Send one frame and wait for its reply until @p deadline (monotonic). Connects when not connected.
+ * Anything but one whole reply in time closes the connection, so that a late reply is never taken for
+ * the next one's; the next exchange connects anew, after a pause when connecting failed.
+ * *@p reply points into the link until its next call. Returns the length of the reply, or APC_ECONN
+ * (no connection, or pausing before the next try), APC_ETIMEDOUT, APC_EPROTO (longer than frame_max). [tick]
+ */
+APC_API int apc_link_exchange(struct apc_link *link, const char *request, size_t length, const char **reply,
+                              apc_ns deadline);
+/** Close the connection, e.g. because the reply made no sense. The next exchange connects anew. [tick] */
+APC_API void apc_link_reset(struct apc_link *link);
+APC_API const char *apc_link_error(const struct apc_link *link); /**< text of the last failure, "" if none */
+
+/**
+ * Answer one request. Runs on the server's thread, one call at a time. Write the reply into @p reply
+ * and return its length, or a negative error to close that connection. @p connection differs for
+ * every connection ever accepted.
+ */
+typedef int (*apc_server_fn)(void *ctx, uint64_t connection, const char *request, size_t length, char *reply,
+                             size_t size);
+
+struct apc_server_options {
+    size_t size;
+    size_t frame_max;     /**< largest request and reply; default 64 KiB */
+    unsigned connections; /**< at once; default 16. One more takes the place of the one that was silent
+                             longest; but it is closed itself when each other has a request under way or was
+                             the last to be answered */
+    apc_ns frame_timeout; /**< a begun frame must be complete, a reply taken, within it; default 1 s */
+    bool allow_plaintext; /**< listen beyond loopback without TLS; otherwise refused */
+    struct apc_log *log;  /**< NULL: silent */
+};
+
+/** Counters since the start. */
+struct apc_server_stats {
+    uint64_t accepted, requests;
+    uint64_t refused;  /**< connections closed at once: there was no room */
+    uint64_t evicted;  /**< silent connections closed to make room for a new one */
+    uint64_t rejected; /**< connections closed for what they sent, or did not take */
+    unsigned open;
+};
+
+struct apc_server;
+
+/**
+ * The answering side of a link: bind, listen and serve in a thread of its own. @p uri as above;
+ * port 0 takes a free one. [setup] Returns 0, APC_EINVAL, APC_EPERM (beyond loopback, plain text),
+ * APC_ESYS (port taken, ...), APC_ENOMEM.
+ */
+APC_API int apc_server_create(struct apc_server **server, const char *uri,
+                              const struct apc_server_options *options, apc_server_fn fn, void *ctx,
+                              struct apc_error *why);
+/** Close every connection and end the thread; fn is not called after this returns. NULL is legal. [setup] */
+APC_API void apc_server_destroy(struct apc_server *server);
+APC_API int apc_server_port(const struct apc_server *server);
+APC_API void apc_server_stats(const struct apc_server *server, struct apc_server_stats *stats); /**< [any] */
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,48 @@
+-- SPDX-License-Identifier: BSD-3-Clause
+-- Least privilege: one group role for each kind of program. See sql/README.md for how to run it. Harmless to
+-- repeat, once for each plant's schema. Nobody but the owner may update or delete anything.
+
+DO $$
+DECLARE
+    name text;
+BEGIN
+    IF to_regclass('migration') IS NULL THEN
+        RAISE 'no plant''s schema in the search_path: run apc init, then SET search_path TO apc';
+    END IF;
+    FOREACH name IN ARRAY ARRAY['apc_plant', 'apc_client', 'apc_controller', 'apc_scheduler', 'apc_operator'] LOOP
+        BEGIN
+            EXECUTE format('CREATE ROLE %I NOLOGIN', name);
+        EXCEPTION WHEN duplicate_object THEN
+            NULL; -- from another plant's schema
+        END;
+        EXECUTE format('GRANT USAGE ON SCHEMA %I TO %I', current_schema(), name);
+    END LOOP;
+END
+$$;
+
+-- Everybody: is the schema there, how large is the plant, what is called what; tell what happened.
+GRANT SELECT ON migration, dim, tag TO apc_plant, apc_client, apc_controller, apc_scheduler, apc_operator;
+GRANT INSERT (time, severity, source, kind, text) ON event -- not role: nobody writes in another's name
+    TO apc_plant, apc_client, apc_controller, apc_scheduler, apc_operator;
+GRANT INSERT ON timing TO apc_plant, apc_client, apc_controller, apc_scheduler;
+GRANT EXECUTE ON FUNCTION claim(text, integer) TO apc_client, apc_controller, apc_scheduler;
+
+GRANT INSERT ON sensor TO apc_client;
+GRANT SELECT ON actuator TO apc_client;
+
+GRANT SELECT ON sensor, setpoint, opmode, tuning, manual, state TO apc_controller;
+GRANT INSERT ON actuator, state, opmode TO apc_controller;
+
+GRANT SELECT, INSERT ON setpoint TO apc_scheduler;
+
+GRANT SELECT ON sensor, actuator, setpoint, opmode, tuning, manual, state, event, timing TO apc_operator;
+GRANT INSERT ON setpoint, opmode, tuning, manual TO apc_operator;
+
+-- Table opmode has two writers, each with a row of its own: the operator's target and the controller's actual mode.
+ALTER TABLE opmode ENABLE ROW LEVEL SECURITY;
+DROP POLICY IF EXISTS all_read ON opmode;
+DROP POLICY IF EXISTS operator_target ON opmode;
+DROP POLICY IF EXISTS controller_actual ON opmode;
+CREATE POLICY all_read ON opmode FOR SELECT USING (true); -- who is granted SELECT
+CREATE POLICY operator_target ON opmode FOR INSERT TO apc_operator WITH CHECK (id = 0);
+CREATE POLICY controller_actual ON opmode FOR INSERT TO apc_controller WITH CHECK (id = 1);

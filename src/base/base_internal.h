@@ -1,0 +1,53 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What every room shares and users do not need. Not installed. */
+#ifndef APC_BASE_INTERNAL_H
+#define APC_BASE_INTERNAL_H
+
+#include "apcbase.h"
+
+/* ---- Options ------------------------------------------------------------------------------- */
+
+/**
+ * Copy the caller's options, of whatever version, over @p ours, which holds zeros or defaults. The
+ * first member of both is the size. NULL leaves ours as it is. A shorter struct is an older caller's; a
+ * longer one is refused unless what we do not know is zero. @p what names the struct in the error.
+ * Returns 0 or APC_EINVAL.
+ */
+int apc_options_copy(void *ours, size_t size, const void *theirs, const char *what, struct apc_error *why);
+
+/* ---- Values and parameters ----------------------------------------------------------------- */
+
+/** True for a value that may be stored, sent or given to a plant: finite and below APC_VALUE_MAX. [tick] */
+bool apc_value_ok(double value);
+bool apc_values_ok(const double *value, size_t n); /**< all of them. [tick] */
+/** True when @p value is a number within the parameter's range. [tick] */
+bool apc_param_accepts(const struct apc_param *param, double value);
+/** Check a table of parameters that came with law or model @p owner. Returns 0 or APC_EINVAL. */
+int apc_params_check(const struct apc_param *param, size_t n, const char *owner, struct apc_error *why);
+
+/* ---- Plug-ins ------------------------------------------------------------------------------ */
+
+struct apc_built_in {
+    const char *name;
+    const void *plugin;
+};
+
+/** What a room says of its plug-ins: laws, models. */
+struct apc_plugin_kind {
+    const char *what;   /* "law", for messages */
+    const char *symbol; /* that a shared object exports */
+    const struct apc_built_in *built_in;
+    size_t n_built_in;
+    /* Of one from outside; @from, its path, begins the error's text. Returns 0 or APC_EINVAL. */
+    int (*check)(const void *plugin, const char *from, struct apc_error *why);
+};
+
+/**
+ * The built-in plug-in of that name, or, when @p name contains a '/', the checked one of that shared
+ * object; see apc_law_find(). On failure *@p plugin and *@p handle are NULL. [setup] Returns 0,
+ * APC_ENOTFOUND (names those there are), APC_EINVAL.
+ */
+int apc_plugin_find(const struct apc_plugin_kind *kind, const char *name, const void **plugin, void **handle,
+                    struct apc_error *why);
+
+#endif

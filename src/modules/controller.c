@@ -1,0 +1,140 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The controller's making. What it reads and writes is in controller_rows.c, what it does in
+ * controller_tick.c. */
+#include "base/base_internal.h"
+#include "control/control_internal.h"
+#include "modules/modules_internal.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define LAW_STATE_MAX 1000000 /* a law that wants more than this has counted wrong */
+
+static int take_options(struct apc_controller_options *o, const struct apc_controller_options *options,
+                        struct apc_error *why)
+{
+    const struct apc_dim *d = &o->dim;
+    int rc = apc_options_copy(o, sizeof(*o), options, "apc_controller_options", why);
+
+    if (rc < 0)
+        return rc;
+    if (!o->law)
+        return apc_fail(why, APC_EINVAL, "controller: a law is required");
+    rc = apc_law_check(o->law, "controller", why);
+    if (rc < 0)
+        return rc;
+    if (!d->ny || d->ny > APC_VECTOR_MAX || d->nz > APC_VECTOR_MAX || !d->nu || d->nu > APC_VECTOR_MAX)
+        return apc_fail(why, APC_EINVAL,
+                        "controller: ny is %zu, nz %zu, nu %zu; none may exceed %d, ny and nu not be 0",
+                        d->ny, d->nz, d->nu, APC_VECTOR_MAX);
+    if (o->law->accepts && !o->law->accepts(d))
+        return apc_fail(why, APC_EINVAL,
+                        "controller: law %s does not work with %zu measurements, %zu setpoints, %zu outputs",
+                        o->law->name, d->ny, d->nz, d->nu);
+    if (!apc_period_ok(o->period) || !apc_period_ok(o->horizon) || (o->hold && !apc_period_ok(o->hold)))
+        return apc_fail(
+            why, APC_EINVAL,
+            "controller: period and horizon must be above 0, hold not below, none above 366 days");
+    return 0;
+}
+
+static double *carve(double **at, size_t n)
+{
+    double *p = *at;
+
+    *at += n;
+    return p;
+}
+
+static int allocate(struct apc_controller *c)
+{
+    size_t ny = c->dim.ny, nz = c->dim.nz, nu = c->dim.nu;
+    double *at = calloc(ny + nz + c->n_x + 5 * nu + 2 * c->n_tuning, sizeof(*at));
+
+    c->memory = at;
+    c->marks = calloc(ny + nz + 2 * nu + c->n_tuning, sizeof(*c->marks));
+    c->fresh = calloc(ny, sizeof(*c->fresh));
+    if (!c->memory || !c->marks || !c->fresh)
+        return APC_ENOMEM;
+    c->y = carve(&at, ny);
+    c->z = carve(&at, nz);
+    c->x = carve(&at, c->n_x);
+    c->u = carve(&at, nu);
+    c->trial = carve(&at, nu);
+    c->low = carve(&at, nu);
+    c->high = carve(&at, nu);
+    c->fault = carve(&at, nu);
+    c->tuning = carve(&at, c->n_tuning);
+    c->offered = carve(&at, c->n_tuning);
+    c->y_seq = c->marks;
+    c->z_seq = c->y_seq + ny;
+    c->u_seq = c->z_seq + nz;
+    c->manual_seq = c->u_seq + nu;
+    c->tuning_seq = c->manual_seq + nu;
+    return 0;
+}
+
+static int fill(struct apc_controller *c, const struct apc_controller_options *o, struct apc_error *why)
+{
+    const struct apc_law *law = o->law;
+
+    c->law = law;
+    c->dim = o->dim;
+    c->n_x = law->n_state ? law->n_state(&c->dim) : 0;
+    if (c->n_x > LAW_STATE_MAX || law->n_tuning > APC_VECTOR_MAX)
+        return apc_fail(why, APC_EINVAL,
+                        "controller: law %s wants %zu states and %zu tuning parameters an output; too many",
+                        law->name, c->n_x, law->n_tuning);
+    c->n_tuning = c->dim.nu * law->n_tuning;
+    c->Ts = apc_ns_to_s(o->period);
+    c->horizon = o->horizon;
+    c->loss = apc_loss_limit(o->period);
+    c->hold = o->hold ? o->hold : 3 * o->period;
+    c->target = APC_MODE_OOS;
+    c->mode = APC_MODE_OOS;
+    apc_controller_mark(c);
+    if (allocate(c) < 0)
+        return apc_fail(why, APC_ENOMEM, "controller: no memory");
+    for (size_t i = 0; i < c->dim.nu; i++)
+        c->manual_seq[i] = -1; /* not looked at yet */
+    for (size_t i = 0; i < c->n_tuning; i++)
+        c->tuning[i] = law->tuning[i % law->n_tuning].initial;
+    memcpy(c->offered, c->tuning, c->n_tuning * sizeof(*c->offered));
+    apc_controller_reset(c);
+    return apc_limits_copy(c->low, c->high, c->fault, o->low, o->high, o->fault, c->dim.nu, "fault", why);
+}
+
+int apc_controller_create(struct apc_controller **controller, const struct apc_controller_options *options,
+                          struct apc_error *why)
+{
+    struct apc_controller_options o = {0};
+    struct apc_controller *new = NULL;
+    int rc;
+
+    if (!controller)
+        return apc_fail(why, APC_EINVAL, "apc_controller_create: controller must not be NULL");
+    *controller = NULL;
+    rc = take_options(&o, options, why);
+    if (rc < 0)
+        return rc;
+    new = calloc(1, sizeof(*new));
+    if (!new)
+        return apc_fail(why, APC_ENOMEM, "controller: no memory");
+    rc = fill(new, &o, why);
+    if (rc < 0) {
+        apc_controller_destroy(new);
+        return rc;
+    }
+    *controller = new;
+    return 0;
+}
+
+void apc_controller_destroy(struct apc_controller *controller)
+{
+    if (!controller)
+        return;
+    free(controller->fresh);
+    free(controller->marks);
+    free(controller->memory);
+    free(controller);
+}

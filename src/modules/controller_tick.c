@@ -1,0 +1,363 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * One tick of the controller.
+ *
+ * target mode  what goes out                                        actual mode
+ * Auto         what the law computes                                Auto
+ *              last output, while the measurement is unusable        Auto, "held"
+ *              fault value, when that lasts longer than `hold`      Man
+ * Man          the operator's output, else the last one             Man
+ * OOS, none    nothing                                              OOS
+ *
+ * Every output that is not the law's takes the law off its track; before the law computes again it is
+ * made to go on from the last output (track), so no change of mode, tuning or quality gives a bump.
+ */
+#include "base/base_internal.h"
+#include "modules/modules_internal.h"
+
+#include <stdio.h>
+#include <string.h>
+
+/* ---- The law -------------------------------------------------------------------------------- */
+
+static struct apc_law_call call(struct apc_controller *c, double *u)
+{
+    return (struct apc_law_call){
+        .dim = c->dim, .Ts = c->Ts, .y = c->y, .z = c->z, .tuning = c->tuning, .x = c->x, .u = u};
+}
+
+void apc_controller_limit(const struct apc_controller *c, double *u)
+{
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        if (u[i] < c->low[i])
+            u[i] = c->low[i];
+        if (u[i] > c->high[i])
+            u[i] = c->high[i];
+    }
+}
+
+void apc_controller_reset(struct apc_controller *c)
+{
+    struct apc_law_call law = call(c, c->u);
+
+    memset(c->x, 0, c->n_x * sizeof(*c->x));
+    if (c->law->reset)
+        c->law->reset(&law);
+    c->on_track = false;
+}
+
+/* Ask the law for u, into trial, within the limits. False when it gave something that is no number. */
+static bool compute(struct apc_controller *c)
+{
+    struct apc_law_call law = call(c, c->trial);
+
+    memcpy(c->trial, c->u, c->dim.nu * sizeof(*c->trial)); /* a law that leaves one out keeps it */
+    c->law->compute(&law);
+    if (!apc_values_ok(c->trial, c->dim.nu) || !apc_values_ok(c->x, c->n_x))
+        return false;
+    apc_controller_limit(c, c->trial);
+    return true;
+}
+
+static void track(struct apc_controller *c, double *u)
+{
+    struct apc_law_call law = call(c, u);
+
+    if (c->law->track)
+        c->law->track(&law);
+}
+
+static void update(struct apc_controller *c)
+{
+    struct apc_law_call law = call(c, c->u);
+
+    if (c->law->update)
+        c->law->update(&law);
+}
+
+/*
+ * Take over from a former run. When the plant still follows its last output, run the update that it ran,
+ * or was killed before running: the law then goes on as if nothing had happened. If that output does not
+ * follow from its x with the tuning of today (tuned meanwhile, or it was not the law's), the law tracks it
+ * first. When the plant has meanwhile gone to its safe value, the process has moved: the law begins from
+ * the last output, as after a lost measurement.
+ */
+static void settle(struct apc_controller *c, struct apc_now now)
+{
+    bool follows = compute(c);
+
+    c->resumed = false;
+    c->on_track = now.utc - c->resumed_at <= c->loss;
+    if (!c->on_track)
+        return;
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        if (c->trial[i] < c->u[i] || c->trial[i] > c->u[i])
+            follows = false;
+    }
+    if (!follows)
+        track(c, c->u);
+    update(c);
+}
+
+/* ---- Inputs --------------------------------------------------------------------------------- */
+
+/* Where each vector lies in the samples of apc_controller_inputs(). */
+struct input {
+    const struct apc_sample *y, *z, *mode, *tuning, *manual;
+};
+
+static struct input locate(const struct apc_controller *c, const struct apc_sample *in)
+{
+    struct input at = {.y = in};
+
+    at.z = at.y + c->dim.ny;
+    at.mode = at.z + c->dim.nz;
+    at.tuning = at.mode + 1;
+    at.manual = at.tuning + c->n_tuning;
+    return at;
+}
+
+static bool usable(const struct apc_sample *s)
+{
+    return s->seq > 0 && apc_status_severity(s->status) != APC_SEVERITY_BAD && apc_value_ok(s->value);
+}
+
+static enum apc_mode target_mode(const struct apc_sample *s)
+{
+    if (usable(s) && s->value == (double)APC_MODE_AUTO)
+        return APC_MODE_AUTO;
+    if (usable(s) && s->value == (double)APC_MODE_MAN)
+        return APC_MODE_MAN;
+    return APC_MODE_OOS;
+}
+
+/* Returns true when what the operator wants differs from what is in force. */
+static bool take_tuning(struct apc_controller *c, const struct apc_sample *tuning, struct apc_notice *notice)
+{
+    bool differs = false;
+
+    for (size_t i = 0; i < c->n_tuning; i++) {
+        const struct apc_param *param = &c->law->tuning[i % c->law->n_tuning];
+        const struct apc_sample *s = &tuning[i];
+
+        if (usable(s) && apc_param_accepts(param, s->value))
+            c->offered[i] = s->value;
+        else if (s->seq != c->tuning_seq[i])
+            apc_note(notice, APC_NOTICE_REJECTED, "tuning %zu (%s) refused: %g is not within %g to %g", i + 1,
+                     param->name, s->value, param->low, param->high);
+        c->tuning_seq[i] = s->seq;
+        if (c->offered[i] < c->tuning[i] || c->offered[i] > c->tuning[i])
+            differs = true;
+    }
+    return differs;
+}
+
+static void adopt_tuning(struct apc_controller *c)
+{
+    memcpy(c->tuning, c->offered, c->n_tuning * sizeof(*c->tuning));
+}
+
+/* Look at every one, so that freshness knows them all; y and z change only when all of them are usable. */
+static bool take_measurement(struct apc_controller *c, struct apc_now now, const struct input *in)
+{
+    c->trouble[0] = '\0';
+    for (size_t i = 0; i < c->dim.ny; i++) {
+        const struct apc_sample *s = &in->y[i];
+
+        if (!apc_freshness_look(&c->fresh[i], s->seq, s->time, now, c->horizon))
+            snprintf(c->trouble, sizeof(c->trouble), "measurement %zu is %s", i + 1,
+                     s->seq ? "stale" : "missing");
+        else if (!usable(s))
+            snprintf(c->trouble, sizeof(c->trouble), "measurement %zu is Bad", i + 1);
+    }
+    for (size_t i = 0; i < c->dim.nz; i++) {
+        if (!usable(&in->z[i]))
+            snprintf(c->trouble, sizeof(c->trouble), "setpoint %zu is %s", i + 1,
+                     in->z[i].seq ? "Bad" : "missing");
+    }
+    if (c->trouble[0])
+        return false;
+    for (size_t i = 0; i < c->dim.ny; i++) {
+        c->y[i] = in->y[i].value;
+        c->y_seq[i] = in->y[i].seq;
+    }
+    for (size_t i = 0; i < c->dim.nz; i++) {
+        c->z[i] = in->z[i].value;
+        c->z_seq[i] = in->z[i].seq;
+    }
+    c->have_y = true;
+    return true;
+}
+
+/* ---- Modes ---------------------------------------------------------------------------------- */
+
+/* Keep the last output; after `hold`, the fault value. Returns the status of what goes out. */
+static apc_status hold(struct apc_controller *c, struct apc_now now, struct apc_notice *notice)
+{
+    c->on_track = false;
+    if (!c->holding) {
+        c->holding = true;
+        c->faulted = false;
+        c->hold_since = now.mono;
+        apc_note(notice, APC_NOTICE_HOLD, "output held: %s", c->trouble);
+    }
+    if (now.mono - c->hold_since < c->hold) {
+        c->mode = APC_MODE_AUTO;
+        return APC_UNCERTAIN_LAST_USABLE;
+    }
+    if (!c->faulted)
+        apc_note(notice, APC_NOTICE_FAULT, "output at its fault value: %s", c->trouble);
+    c->faulted = true;
+    memcpy(c->u, c->fault, c->dim.nu * sizeof(*c->u));
+    c->have_u = true;
+    c->by_law = false;
+    c->mode = APC_MODE_MAN;
+    return APC_UNCERTAIN_SUBSTITUTE;
+}
+
+/* The law's output with the tuning in force, then a state from which the new tuning gives the same. */
+static void retune(struct apc_controller *c)
+{
+    bool bumpless = c->on_track && c->law->track && compute(c);
+
+    adopt_tuning(c);
+    if (bumpless)
+        track(c, c->trial);
+}
+
+static apc_status automatic(struct apc_controller *c, struct apc_now now, struct apc_notice *notice)
+{
+    if (!c->on_track && c->have_u)
+        track(c, c->u);
+    if (!compute(c)) {
+        snprintf(c->trouble, sizeof(c->trouble), "law %s gave no finite number", c->law->name);
+        if (!c->holding)
+            apc_note(notice, APC_NOTICE_REJECTED, "output held: %s", c->trouble);
+        apc_controller_reset(c);
+        c->by_law = false;
+        return hold(c, now, notice);
+    }
+    if (c->holding)
+        apc_note(notice, APC_NOTICE_RECOVERED, "inputs good again after %.3f s",
+                 apc_ns_to_s(now.mono - c->hold_since));
+    memcpy(c->u, c->trial, c->dim.nu * sizeof(*c->u));
+    c->have_u = true;
+    c->by_law = true;
+    c->on_track = true;
+    c->holding = false;
+    c->update_due = true;
+    c->mode = APC_MODE_AUTO;
+    return APC_GOOD;
+}
+
+/*
+ * An output that the operator set counts once it is new: one that was already there in Auto, or before the
+ * last output of a former run, is from another day, and taking it up at the change to Man would be a bump.
+ */
+static bool fresh_manual(struct apc_controller *c, size_t i, const struct apc_sample *wanted)
+{
+    bool first = c->manual_seq[i] < 0;
+    bool fresh = first ? wanted->time > c->resumed_at : wanted->seq != c->manual_seq[i];
+
+    return fresh && usable(wanted);
+}
+
+static void look_at_manual(struct apc_controller *c, const struct apc_sample *wanted)
+{
+    for (size_t i = 0; wanted && i < c->dim.nu; i++)
+        c->manual_seq[i] = wanted[i].seq;
+}
+
+static apc_status manual(struct apc_controller *c, const struct apc_sample *wanted, bool measured)
+{
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        if (wanted && fresh_manual(c, i, &wanted[i]))
+            c->u[i] = wanted[i].value;
+        else if (!c->have_u)
+            c->u[i] = c->fault[i];
+    }
+    apc_controller_limit(c, c->u);
+    c->have_u = true;
+    c->by_law = false;
+    c->on_track = false;
+    c->holding = false;
+    c->mode = APC_MODE_MAN;
+    if (measured)
+        track(c, c->u);
+    return APC_GOOD;
+}
+
+static void out_of_service(struct apc_controller *c)
+{
+    c->on_track = false;
+    c->holding = false;
+    c->mode = APC_MODE_OOS;
+}
+
+/* ---- The tick ------------------------------------------------------------------------------- */
+
+/* Read everything into c. Returns true when y and z may be used to control by. */
+static bool take_inputs(struct apc_controller *c, struct apc_now now, const struct apc_sample *in,
+                        struct apc_notice *notice)
+{
+    struct input at;
+    bool retuned, measured;
+
+    if (!in) {
+        snprintf(c->trouble, sizeof(c->trouble), "the shared data cannot be read");
+        return false;
+    }
+    at = locate(c, in);
+    c->target = target_mode(at.mode);
+    retuned = take_tuning(c, at.tuning, notice);
+    if (c->resumed) {
+        adopt_tuning(c);
+        retuned = false;
+        settle(c, now);
+    }
+    measured = take_measurement(c, now, &at);
+    if (retuned && measured && c->target == APC_MODE_AUTO)
+        retune(c);
+    else
+        adopt_tuning(c);
+    return measured;
+}
+
+int apc_controller_compute(struct apc_controller *c, struct apc_now now, const struct apc_sample *in,
+                           struct apc_sample *out, struct apc_notice *notice)
+{
+    const struct apc_sample *wanted = in ? locate(c, in).manual : NULL;
+    enum apc_mode before = c->mode;
+    apc_status status = APC_GOOD;
+    bool measured;
+    size_t n = 0;
+
+    if (notice)
+        notice->kind = APC_NOTICE_NONE;
+    c->update_due = false;
+    measured = take_inputs(c, now, in, notice);
+    if (c->target == APC_MODE_AUTO)
+        status = measured ? automatic(c, now, notice) : hold(c, now, notice);
+    else if (c->target == APC_MODE_MAN)
+        status = manual(c, wanted, measured);
+    else
+        out_of_service(c);
+    look_at_manual(c, wanted);
+    if (c->target != APC_MODE_OOS && c->have_u)
+        n = apc_controller_put_output(c, now.utc, status, out);
+    if (c->mode != before || !c->mode_written) {
+        n += apc_controller_put_mode(c, now.utc, out + n);
+        c->mode_written = false; /* until the shell has written it and says so */
+    }
+    if (c->mode != before)
+        apc_note(notice, APC_NOTICE_MODE, "mode %s", apc_mode_name((int)c->mode));
+    return (int)n;
+}
+
+void apc_controller_update(struct apc_controller *c)
+{
+    if (c->update_due)
+        update(c);
+    c->update_due = false;
+    c->mode_written = true;
+}

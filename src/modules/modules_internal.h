@@ -1,0 +1,89 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#ifndef APC_MODULES_INTERNAL_H
+#define APC_MODULES_INTERNAL_H
+
+#include "apcmodules.h"
+
+/** Vectors of a module are at most this long; a frame holds no more. */
+#define APC_VECTOR_MAX 8192
+
+/**
+ * Note what came to pass, unless the same tick has already seen something graver: a tick gives one
+ * notice, and the operator wants the worst. Returns false when it was not noted for that reason, true also
+ * when nobody listens (NULL).
+ */
+bool apc_note(struct apc_notice *notice, enum apc_notice_kind kind, const char *fmt, ...) APC_PRINTF(3, 4);
+
+/** What comes every @p period has been lost when it is missing for longer than this. */
+static inline apc_ns apc_loss_limit(apc_ns period)
+{
+    return 3 * period + 100 * APC_NS_PER_MS;
+}
+
+/** A period that a module may be given: above 0 and at most 366 days, so that no sum of them overflows. */
+static inline bool apc_period_ok(apc_ns period)
+{
+    return period > 0 && period <= INT64_C(366) * 86400 * APC_NS_PER_S;
+}
+
+/**
+ * Copy limits and a fallback value (NULL: none, none, zeros) of @p n values. APC_EINVAL when a limit is
+ * not a number, they cross, or the fallback lies outside them; @p what names the fallback.
+ */
+int apc_limits_copy(double *low, double *high, double *fallback, const double *from_low,
+                    const double *from_high, const double *from_fallback, size_t n, const char *what,
+                    struct apc_error *why);
+
+/* Made by controller.c, run by controller_tick.c, its rows read and written by controller_rows.c. */
+struct apc_controller {
+    const struct apc_law *law;
+    struct apc_dim dim;
+    size_t n_x, n_tuning;      /* of the whole law: n_tuning of each output times nu */
+    double dim_mark, law_mark; /* whole numbers by which stored rows are known; see controller_rows.c */
+    double Ts;
+    apc_ns horizon, hold;
+    apc_ns loss; /* an output older than this the plant no longer follows */
+
+    double *memory;             /* all the doubles below */
+    double *y, *z;              /* last usable measurement and setpoint */
+    double *x;                  /* the law's state */
+    double *u;                  /* what went out last */
+    double *trial;              /* what the law asks for now */
+    double *tuning, *offered;   /* in force; wanted by the operator */
+    double *low, *high, *fault; /* [nu] */
+
+    int64_t *marks;         /* all the seqs below */
+    int64_t *y_seq, *z_seq; /* of y and z */
+    int64_t *u_seq;         /* of the actuator rows written */
+    int64_t *manual_seq;    /* of the operator's outputs looked at */
+    int64_t *tuning_seq;    /* of the tuning rows looked at */
+    int64_t state_seq, mode_seq;
+
+    struct apc_freshness *fresh; /* [ny] */
+    enum apc_mode target, mode;
+    bool mode_written; /* the actual mode stands in the store */
+    bool have_u;       /* u holds an output */
+    bool have_y;       /* y and z hold a measurement */
+    bool by_law;       /* u was computed by the law from y and z */
+    bool on_track;     /* x goes on from the last output: computing makes no bump */
+    bool resumed;      /* x, y, z, u are a former run's, whose last update is still due */
+    bool update_due;
+    bool holding, faulted;
+    apc_ns hold_since;
+    apc_ns resumed_at; /* source time of the former run's last output; 0: none */
+    char trouble[64];  /* why there is no usable measurement */
+};
+
+/** Work out the marks of law and dimensions. */
+void apc_controller_mark(struct apc_controller *c);
+/** The law's state to what it is before the first tick. */
+void apc_controller_reset(struct apc_controller *c);
+/** @p u [nu] into the limits of the outputs. */
+void apc_controller_limit(const struct apc_controller *c, double *u);
+/** The rows of an output: the actuators and what a restart needs. Returns how many. */
+size_t apc_controller_put_output(struct apc_controller *c, apc_ns utc, apc_status status,
+                                 struct apc_sample *out);
+/** The row of the actual mode. Returns 1. */
+size_t apc_controller_put_mode(struct apc_controller *c, apc_ns utc, struct apc_sample *out);
+
+#endif

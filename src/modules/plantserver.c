@@ -1,0 +1,319 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The plant's side of the link, with its own watchdog.
+ *
+ * The input changes at ticks only (zero-order hold), with one exception: when the watchdog trips
+ * between two ticks the safe value holds from that very instant. The instant is known exactly, it is
+ * the earlier of two deadlines, so the tick that follows integrates up to it with the old input and
+ * from it with the safe one, however late that tick comes.
+ *
+ * A command is known by its stamp, the latest source time of its samples. Frames that repeat a stamp keep the
+ * link alive but are no sign of life of the controller, and they never end a trip: that takes a new stamp.
+ */
+#include "apcsockets.h"
+#include "base/base_internal.h"
+#include "modules/modules_internal.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+struct apc_plantserver {
+    struct apc_plant *plant;
+    size_t nu, ny;
+    apc_ns link_limit, command_limit;
+
+    double *memory;             /* all the doubles below */
+    double *safe, *low, *high;  /* [nu] */
+    double *command;            /* [nu] newest accepted */
+    double *input;              /* [nu] what the plant is being given */
+    double *y, *measured;       /* [ny] published; scratch */
+    struct apc_sample *samples; /* [max(nu, ny)] of the frame at hand */
+
+    bool tripped;    /* no fresh command: safe value */
+    bool input_safe; /* input is the safe value */
+    bool split;      /* the watchdog tripped since the last tick ... */
+    apc_ns split_at; /* ... at this instant, the first of them */
+
+    bool commanded;      /* there was a command ever */
+    uint64_t connection; /* the newest that sent one */
+    apc_ns stamp;        /* of the newest command */
+    apc_ns frame_at;     /* mono of the last command frame */
+    apc_ns changed_at;   /* mono of the last new stamp */
+
+    bool refusing; /* told of a refused command, and none was accepted since */
+    bool failing;  /* told that the plant cannot be solved */
+
+    bool ticked;
+    apc_ns ticked_at; /* mono, scheduled */
+    apc_ns y_time;
+    apc_status y_status;
+};
+
+static int take_options(struct apc_plantserver_options *o, const struct apc_plantserver_options *options,
+                        struct apc_error *why)
+{
+    int rc = apc_options_copy(o, sizeof(*o), options, "apc_plantserver_options", why);
+
+    if (rc < 0)
+        return rc;
+    if (!o->plant || !o->model)
+        return apc_fail(why, APC_EINVAL, "plant server: plant and model are required");
+    if (!o->model->nu || o->model->nu > APC_VECTOR_MAX || !o->model->ny || o->model->ny > APC_VECTOR_MAX)
+        return apc_fail(why, APC_EINVAL,
+                        "plant server: the model has %zu inputs and %zu outputs; each must be 1 to %d",
+                        o->model->nu, o->model->ny, APC_VECTOR_MAX);
+    if (!apc_period_ok(o->link_period) || !apc_period_ok(o->command_period))
+        return apc_fail(why, APC_EINVAL,
+                        "plant server: link_period and command_period must be above 0 and at most 366 days");
+    return 0;
+}
+
+static int allocate(struct apc_plantserver *s)
+{
+    size_t nu = s->nu, ny = s->ny;
+    double *at = calloc(5 * nu + 2 * ny, sizeof(*at));
+
+    s->memory = at;
+    s->samples = calloc(nu > ny ? nu : ny, sizeof(*s->samples));
+    if (!at || !s->samples)
+        return APC_ENOMEM;
+    s->safe = at;
+    s->low = at + nu;
+    s->high = at + 2 * nu;
+    s->command = at + 3 * nu;
+    s->input = at + 4 * nu;
+    s->y = at + 5 * nu;
+    s->measured = s->y + ny;
+    return 0;
+}
+
+int apc_plantserver_create(struct apc_plantserver **server, const struct apc_plantserver_options *options,
+                           struct apc_error *why)
+{
+    struct apc_plantserver_options o = {0};
+    struct apc_plantserver *new = NULL;
+    int rc;
+
+    if (!server)
+        return apc_fail(why, APC_EINVAL, "apc_plantserver_create: server must not be NULL");
+    *server = NULL;
+    rc = take_options(&o, options, why);
+    if (rc < 0)
+        return rc;
+    new = calloc(1, sizeof(*new));
+    if (!new)
+        return apc_fail(why, APC_ENOMEM, "plant server: no memory");
+    new->plant = o.plant;
+    new->nu = o.model->nu;
+    new->ny = o.model->ny;
+    new->link_limit = apc_loss_limit(o.link_period);
+    new->command_limit = apc_loss_limit(o.command_period);
+    rc = allocate(new);
+    if (rc < 0)
+        (void)apc_fail(why, rc, "plant server: no memory");
+    else
+        rc = apc_limits_copy(new->low, new->high, new->safe, o.low, o.high, o.safe, new->nu, "safe", why);
+    if (rc < 0) {
+        apc_plantserver_destroy(new);
+        return rc;
+    }
+    memcpy(new->input, new->safe, new->nu * sizeof(*new->input));
+    new->tripped = true;
+    new->input_safe = true;
+    new->y_status = APC_BAD_WAITING_FOR_INITIAL_DATA;
+    *server = new;
+    return 0;
+}
+
+void apc_plantserver_destroy(struct apc_plantserver *server)
+{
+    if (!server)
+        return;
+    free(server->samples);
+    free(server->memory);
+    free(server);
+}
+
+/* ---- Watchdog ------------------------------------------------------------------------------ */
+
+/* To be asked before anything else at every tick and every request: it may have tripped in between. */
+static void watch(struct apc_plantserver *s, apc_ns mono, struct apc_notice *notice)
+{
+    apc_ns link = s->frame_at + s->link_limit;
+    apc_ns command = s->changed_at + s->command_limit;
+    apc_ns deadline = link < command ? link : command;
+
+    if (s->tripped || mono <= deadline)
+        return;
+    s->tripped = true;
+    if (!s->split) {
+        s->split = true;
+        s->split_at = deadline;
+    }
+    apc_note(notice, APC_NOTICE_TRIP, "no %s for %.3f s: plant at its safe value",
+             link < command ? "command frame" : "new command",
+             apc_ns_to_s(link < command ? s->link_limit : s->command_limit));
+}
+
+static bool usable(const struct apc_plantserver *s, size_t i)
+{
+    const struct apc_sample *u = &s->samples[i];
+
+    return apc_status_severity(u->status) != APC_SEVERITY_BAD && apc_value_ok(u->value) &&
+           u->value >= s->low[i] && u->value <= s->high[i];
+}
+
+/*
+ * Nothing but a whole, usable vector counts, for the watchdog too. A refusal is told of once: a peer may send
+ * as many commands as it likes, and each would be a line in the log and a row in the store.
+ */
+static bool acceptable(struct apc_plantserver *s, struct apc_notice *notice)
+{
+    char status[APC_STATUS_NAME_LEN];
+    size_t i = 0;
+
+    while (i < s->nu && usable(s, i))
+        i++;
+    if (i == s->nu)
+        s->refusing = false;
+    else if (!s->refusing)
+        s->refusing = apc_note(
+            notice, APC_NOTICE_REJECTED,
+            "command refused: value %zu is %g and %s; it must be within %g to %g and not Bad", i + 1,
+            s->samples[i].value, apc_status_format(s->samples[i].status, status), s->low[i], s->high[i]);
+    return i == s->nu;
+}
+
+static void take_command(struct apc_plantserver *s, apc_ns mono, struct apc_notice *notice)
+{
+    apc_ns stamp = s->samples[0].time;
+
+    if (!acceptable(s, notice))
+        return;
+    for (size_t i = 0; i < s->nu; i++) {
+        s->command[i] = s->samples[i].value;
+        if (s->samples[i].time > stamp)
+            stamp = s->samples[i].time;
+    }
+    s->frame_at = mono;
+    if (s->commanded && stamp == s->stamp)
+        return;
+    s->commanded = true;
+    s->stamp = stamp;
+    s->changed_at = mono;
+    s->tripped = false;
+}
+
+/* ---- Tick ---------------------------------------------------------------------------------- */
+
+static void give(struct apc_plantserver *s, bool safe)
+{
+    memcpy(s->input, safe ? s->safe : s->command, s->nu * sizeof(*s->input));
+    s->input_safe = safe;
+}
+
+static int advance(struct apc_plantserver *s, apc_ns to)
+{
+    apc_ns from = s->ticked_at;
+
+    if (s->split && s->split_at < to) {
+        int rc =
+            s->split_at > from ? apc_plant_advance(s->plant, apc_ns_to_s(s->split_at - from), s->input) : 0;
+
+        give(s, true);
+        if (rc < 0)
+            return rc;
+        from = s->split_at > from ? s->split_at : from;
+    }
+    return to > from ? apc_plant_advance(s->plant, apc_ns_to_s(to - from), s->input) : 0;
+}
+
+static void publish(struct apc_plantserver *s, apc_ns utc, bool solved)
+{
+    s->y_time = utc;
+    s->y_status = APC_BAD_DEVICE_FAILURE; /* y keeps the last value that there was */
+    if (!solved)
+        return;
+    apc_plant_output(s->plant, s->input, s->measured);
+    s->y_status = APC_GOOD;
+    for (size_t i = 0; i < s->ny; i++) {
+        if (!apc_value_ok(s->measured[i]))
+            s->y_status = APC_BAD_SENSOR_FAILURE;
+    }
+    if (s->y_status == APC_GOOD)
+        memcpy(s->y, s->measured, s->ny * sizeof(*s->y));
+}
+
+static void report_solver(struct apc_plantserver *s, bool solved, struct apc_notice *notice)
+{
+    if (!solved && !s->failing)
+        s->failing =
+            apc_note(notice, APC_NOTICE_FAILED, "plant cannot be solved: %s", apc_plant_error(s->plant));
+    else if (solved && s->failing)
+        s->failing = !apc_note(notice, APC_NOTICE_RECOVERED, "plant is solved again");
+}
+
+int apc_plantserver_tick(struct apc_plantserver *server, struct apc_now now, struct apc_notice *notice)
+{
+    int rc = 0;
+
+    if (notice)
+        notice->kind = APC_NOTICE_NONE;
+    watch(server, now.mono, notice);
+    if (server->ticked)
+        rc = advance(server, now.mono);
+    if (!server->ticked || now.mono > server->ticked_at)
+        server->ticked_at = now.mono;
+    server->ticked = true;
+    publish(server, now.utc, rc == 0);
+    report_solver(server, rc == 0, notice);
+    if (!server->tripped && (server->input_safe || server->split))
+        apc_note(notice, APC_NOTICE_RESUMED, "plant takes commands");
+    give(server, server->tripped);
+    server->split = false;
+    return rc;
+}
+
+/* ---- Requests ------------------------------------------------------------------------------ */
+
+static int reply_values(struct apc_plantserver *s, struct apc_now now, uint64_t id, char *reply, size_t size)
+{
+    struct apc_frame frame = {.kind = APC_FRAME_VALUES, .id = id, .n = s->ny};
+
+    for (size_t i = 0; i < s->ny; i++) {
+        s->samples[i].time = s->ticked ? s->y_time : now.utc;
+        s->samples[i].status = s->y_status;
+        s->samples[i].value = s->y[i];
+    }
+    return apc_frame_encode(reply, size, &frame, s->samples);
+}
+
+int apc_plantserver_request(struct apc_plantserver *server, struct apc_now now, uint64_t connection,
+                            const char *request, size_t length, char *reply, size_t size,
+                            struct apc_notice *notice)
+{
+    size_t capacity = server->nu > server->ny ? server->nu : server->ny;
+    struct apc_frame frame;
+
+    if (notice)
+        notice->kind = APC_NOTICE_NONE;
+    watch(server, now.mono, notice);
+    if (apc_frame_decode(request, length, &frame, server->samples, capacity) < 0)
+        return APC_EPROTO;
+    /* packMultiMsg() cannot know which way it goes: the paper's client sends its command as values. */
+    if ((frame.kind == APC_FRAME_COMMAND || frame.kind == APC_FRAME_VALUES) && frame.n == server->nu) {
+        if (connection < server->connection)
+            return APC_EPERM;
+        server->connection = connection;
+        take_command(server, now.mono, notice);
+    } else if (frame.kind != APC_FRAME_QUERY || frame.n != 0) {
+        return APC_EPROTO;
+    }
+    return reply_values(server, now, frame.id, reply, size);
+}
+
+bool apc_plantserver_input(const struct apc_plantserver *server, double *u)
+{
+    memcpy(u, server->input, server->nu * sizeof(*u));
+    return server->input_safe;
+}

@@ -1,0 +1,36 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The plant of the paper's experiment: dx/dt = (-x + K u) / tau, y = x. */
+#include "apcplant.h"
+
+static const struct apc_param param[] = {
+    {"K", "", "gain", 10.0, -1e6, 1e6},
+    {"tau", "s", "time constant", 10.0, 1e-6, 1e9},
+};
+
+static int f(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    (void)t;
+    dx[0] = (-x[0] + p[0] * u[0]) / p[1];
+    return 0;
+}
+
+static void g(double t, const double *x, const double *u, const double *p, double *y)
+{
+    (void)t;
+    (void)u;
+    (void)p;
+    y[0] = x[0];
+}
+
+const struct apc_model apc_model_first_order = {
+    .abi = APC_MODEL_ABI,
+    .name = "first-order",
+    .description = "first-order plant of the paper",
+    .nx = 1,
+    .nu = 1,
+    .ny = 1,
+    .np = 2,
+    .param = param,
+    .f = f,
+    .g = g,
+};

@@ -1,0 +1,15 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The files of sql/, built into the library. */
+#ifndef APC_MIGRATIONS_H
+#define APC_MIGRATIONS_H
+
+struct apc_migration {
+    int version; /* 1, 2, ... */
+    const char *name;
+    const char *sql; /* the schema is the first of the search_path */
+};
+
+extern const struct apc_migration apc_migrations[];
+extern const int apc_migration_count;
+
+#endif

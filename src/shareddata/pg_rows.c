@@ -1,0 +1,492 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The PostgreSQL store outside the tick: history, events, timing, tags. Rows stream through a cursor,
+ * some at a time, so that memory stays bounded however long the history is and the caller may stop early.
+ */
+#include <limits.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "shareddata/postgresql.h"
+
+/* ---- Streams ------------------------------------------------------------------------------- */
+
+#define BATCH      512
+#define FETCH_ROWS "FETCH FORWARD 512 FROM rows"
+
+struct stream;
+/* Gives one row to the caller: 0, 1 to end the stream, or a negative error. */
+typedef int (*row_fn)(struct stream *s, const PGresult *result, int row);
+
+struct stream {
+    struct apc_pg *pg;
+    row_fn row;
+    int columns;
+    union {
+        apc_sample_fn sample;
+        apc_event_fn event;
+        apc_timing_fn timing;
+    } fn;
+    void *ctx;
+    enum apc_table table; /* of a history */
+    int id;
+    int64_t *bins; /* of timing rows: room for three arrays */
+    size_t bins_capacity;
+    int fetch; /* number of the FETCH among the statements sent */
+    int count; /* rows given */
+    bool ended;
+};
+
+static int take_batch(void *ctx, int statement, PGresult *result)
+{
+    struct stream *s = (struct stream *)ctx;
+    if (statement != s->fetch) {
+        return 0;
+    }
+    if (PQnfields(result) != s->columns) {
+        return apc_fail(&s->pg->base.why, APC_EPROTO, "the database did not answer what was asked");
+    }
+    int err = 0;
+    s->pg->base.streaming = true;
+    for (int row = 0; !err && row < PQntuples(result); row++) {
+        err = s->row(s, result, row);
+        s->count += err >= 0 && s->count < INT_MAX;
+    }
+    s->pg->base.streaming = false;
+    s->ended = err != 0 || PQntuples(result) < BATCH;
+    /* The caller's own time is not the server's. */
+    s->pg->deadline = apc_clock_mono(NULL) + s->pg->base.config.timeout;
+    return err < 0 ? err : 0;
+}
+
+static int stream(struct stream *s, const char *declare, const struct apc_pg_params *p)
+{
+    struct apc_pg *pg = s->pg;
+    int err = apc_pg_begin(pg);
+    if (!err) {
+        err = apc_pg_send(pg, "BEGIN READ ONLY", &(struct apc_pg_params){0});
+    }
+    if (!err) {
+        err = apc_pg_send(pg, declare, p);
+    }
+    for (s->fetch = 2; !err && !s->ended; s->fetch = 0) {
+        err = apc_pg_send(pg, FETCH_ROWS, &(struct apc_pg_params){0});
+        if (!err) {
+            err = apc_pg_finish(pg, take_batch, s);
+        }
+    }
+    if (pg->conn) {
+        struct apc_error why = pg->base.why;
+        if (apc_pg_send(pg, "ROLLBACK", &(struct apc_pg_params){0}) == 0) {
+            apc_pg_finish(pg, NULL, NULL); /* on failure the connection is closed, which does as well */
+        }
+        pg->base.why = why;
+    }
+    return err ? err : s->count;
+}
+
+/* Stored times are whole microseconds: t >= bound is the same as t >= the next whole one. */
+static void add_bound(struct apc_pg_params *p, char bytes[8], apc_ns bound, int64_t none)
+{
+    int64_t pg = bound == 0 || bound > INT64_MAX - 999 ? none : apc_pg_time(bound + 999);
+    apc_pg_put_int8(bytes, pg);
+    apc_pg_param(p, bytes, 8);
+}
+
+struct bounds {
+    char since[8], until[8], last[8];
+};
+
+/* since, until and, when asked for, how many. INT64_MIN and MAX are PostgreSQL's -infinity and infinity. */
+static void add_range(struct apc_pg_params *p, struct bounds *b, const struct apc_range *range)
+{
+    add_bound(p, b->since, range->since, INT64_MIN);
+    add_bound(p, b->until, range->until, INT64_MAX);
+    if (range->last > 0) {
+        apc_pg_put_int8(b->last, (int64_t)range->last);
+        apc_pg_param(p, b->last, 8);
+    }
+}
+
+static double cell_double(const PGresult *result, int row, int column)
+{
+    return PQgetlength(result, row, column) == 8 ? apc_pg_get_float8(PQgetvalue(result, row, column)) : 0.0;
+}
+
+/* The tables' CHECKs see to it that it fits. */
+static void cell_text(const PGresult *result, int row, int column, char *out, size_t size)
+{
+    size_t length = (size_t)PQgetlength(result, row, column);
+    length = length < size ? length : size - 1;
+    memcpy(out, PQgetvalue(result, row, column), length);
+    out[length] = '\0';
+}
+
+/* ---- History ------------------------------------------------------------------------------- */
+
+static int give_sample(struct stream *s, const PGresult *result, int row)
+{
+    struct apc_sample sample = {
+        .table = s->table,
+        .id = s->id,
+        .seq = apc_pg_cell(result, row, 0),
+        .time = apc_pg_time_ns(apc_pg_cell(result, row, 1)),
+        .status = (apc_status)apc_pg_cell(result, row, 2),
+        .value = cell_double(result, row, 3),
+    };
+    if (s->columns == 6) {
+        sample.sensor_seq = apc_pg_cell(result, row, 4); /* NULL has length 0 */
+        sample.setpoint_seq = apc_pg_cell(result, row, 5);
+    }
+    return s->fn.sample(s->ctx, &sample) != 0;
+}
+
+int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
+                   apc_sample_fn fn, void *ctx)
+{
+    struct stream s = {.pg = apc_pg_of(store),
+                       .row = give_sample,
+                       .columns = table == APC_ACTUATOR ? 6 : 4,
+                       .fn.sample = fn,
+                       .ctx = ctx,
+                       .table = table,
+                       .id = id};
+    struct apc_pg_params p = {0};
+    struct bounds b;
+    uint32_t big = (uint32_t)id;
+    char number[4] = {(char)(big >> 24), (char)(big >> 16), (char)(big >> 8), (char)big};
+    apc_pg_param(&p, number, sizeof number);
+    add_range(&p, &b, range);
+    const struct apc_pg_text *text = &apc_pg_texts[table];
+    return stream(&s, range->last > 0 ? text->history_last : text->history, &p);
+}
+
+/* ---- Text on its way in --------------------------------------------------------------------- */
+
+/* Length of the well-formed UTF-8 character at @p text, or 0. */
+static size_t character(const unsigned char *text)
+{
+    unsigned char c = text[0];
+    size_t length = c < 0x80                ? 1
+                    : c >= 0xC2 && c < 0xE0 ? 2
+                    : (c & 0xF0) == 0xE0    ? 3
+                    : c >= 0xF0 && c < 0xF5 ? 4
+                                            : 0;
+    for (size_t i = 1; i < length; i++) {
+        if ((text[i] & 0xC0) != 0x80) {
+            return 0;
+        }
+    }
+    if ((c == 0xE0 && text[1] < 0xA0) || (c == 0xED && text[1] > 0x9F) || (c == 0xF0 && text[1] < 0x90) ||
+        (c == 0xF4 && text[1] > 0x8F)) {
+        return 0; /* overlong, surrogate, beyond Unicode */
+    }
+    return length;
+}
+
+/*
+ * Into a copy that the database takes: a byte that is no part of a character (a text cut in the middle of
+ * one, something from the network) becomes '?'. An event must not be lost for that.
+ */
+static const char *clean(char *out, const char *in, size_t size)
+{
+    size_t length = strnlen(in, size - 1);
+    memset(out, 0, size);
+    memcpy(out, in, length);
+    for (size_t i = 0; i < length;) {
+        size_t step = character((const unsigned char *)out + i);
+        if (step == 0) {
+            out[i] = '?';
+            step = 1;
+        }
+        i += step;
+    }
+    return out;
+}
+
+static void add_int8(struct apc_pg_params *p, char (*bytes)[8], int64_t value)
+{
+    apc_pg_put_int8(bytes[p->n], value);
+    apc_pg_param(p, bytes[p->n], 8);
+}
+
+static void add_float8(struct apc_pg_params *p, char (*bytes)[8], double value)
+{
+    apc_pg_put_float8(bytes[p->n], value);
+    apc_pg_param(p, bytes[p->n], 8);
+}
+
+/* Sends what was queued. A constraint that says no is no race here. */
+static int finish_insert(struct apc_pg *pg, int err, int count)
+{
+    if (!err) {
+        err = apc_pg_finish(pg, NULL, NULL);
+    } else {
+        apc_pg_drop(pg);
+    }
+    if (!err && pg->unreplicated) {
+        err =
+            apc_fail(&pg->base.why, APC_ETIMEDOUT, "committed on this server, but maybe not on its standby");
+    }
+    return err == APC_ECONFLICT ? APC_ESTORE : err ? err : count;
+}
+
+/* ---- Events -------------------------------------------------------------------------------- */
+
+#define EVENTS "SELECT time, severity::int8, source, kind, text"
+#define WITHIN " WHERE time >= $1::timestamptz AND time < $2::timestamptz "
+
+int apc_pg_append_events(struct apc_store *store, const struct apc_event *events, size_t n)
+{
+    struct apc_pg *pg = apc_pg_of(store);
+    int err = apc_pg_begin(pg);
+    for (size_t i = 0; !err && i < n; i++) {
+        const struct apc_event *e = &events[i];
+        struct apc_pg_params p = {0};
+        char numbers[16][8], source[sizeof e->source], kind[sizeof e->kind], text[sizeof e->text];
+        add_int8(&p, numbers, apc_pg_time(e->time));
+        add_int8(&p, numbers, (int64_t)e->severity);
+        apc_pg_param_text(&p, clean(source, e->source, sizeof source));
+        apc_pg_param_text(&p, clean(kind, e->kind, sizeof kind));
+        apc_pg_param_text(&p, clean(text, e->text, sizeof text));
+        err = apc_pg_send(pg,
+                          "INSERT INTO event (time, severity, source, kind, text) "
+                          "VALUES ($1::timestamptz, $2::int8, $3, $4, $5)",
+                          &p);
+    }
+    return finish_insert(pg, err, (int)n);
+}
+
+static int give_event(struct stream *s, const PGresult *result, int row)
+{
+    struct apc_event e = {.time = apc_pg_time_ns(apc_pg_cell(result, row, 0)),
+                          .severity = (enum apc_event_severity)apc_pg_cell(result, row, 1)};
+    cell_text(result, row, 2, e.source, sizeof e.source);
+    cell_text(result, row, 3, e.kind, sizeof e.kind);
+    cell_text(result, row, 4, e.text, sizeof e.text);
+    return s->fn.event(s->ctx, &e) != 0;
+}
+
+int apc_pg_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx)
+{
+    struct stream s = {.pg = apc_pg_of(store), .row = give_event, .columns = 5, .fn.event = fn, .ctx = ctx};
+    struct apc_pg_params p = {0};
+    struct bounds b;
+    add_range(&p, &b, range);
+    return stream(&s,
+                  range->last > 0
+                      ? "DECLARE rows NO SCROLL CURSOR FOR " EVENTS " FROM (SELECT * FROM event" WITHIN
+                        "ORDER BY id DESC LIMIT $3::int8) AS newest ORDER BY id"
+                      : "DECLARE rows NO SCROLL CURSOR FOR " EVENTS " FROM event" WITHIN "ORDER BY id",
+                  &p);
+}
+
+/* ---- Timing -------------------------------------------------------------------------------- */
+
+#define TIMING                                                                                               \
+    "SELECT time, task, quantity, period, missed, count, mean, sd, p50, p99, max, bin_low, bin_high, "       \
+    "bin_count"
+
+static int add_bins(struct apc_pg *pg, struct apc_pg_params *p, struct apc_pg_array *a, const int64_t *bins,
+                    size_t n)
+{
+    if (apc_pg_array_begin(a, APC_PG_INT8, n) != 0) {
+        return apc_fail(&pg->base.why, APC_ENOMEM, "out of memory for %zu buckets", n);
+    }
+    for (size_t i = 0; i < n; i++) {
+        apc_pg_array_int8(a, bins[i]);
+    }
+    apc_pg_param(p, a->data, a->length);
+    return 0;
+}
+
+static int send_timing(struct apc_pg *pg, const struct apc_timing_row *r)
+{
+    struct apc_pg_params p = {0};
+    char numbers[16][8], task[sizeof r->task], quantity[sizeof r->quantity];
+    add_int8(&p, numbers, apc_pg_time(r->time));
+    apc_pg_param_text(&p, clean(task, r->task, sizeof task));
+    apc_pg_param_text(&p, clean(quantity, r->quantity, sizeof quantity));
+    add_int8(&p, numbers, r->period);
+    add_int8(&p, numbers, (int64_t)r->missed);
+    add_int8(&p, numbers, (int64_t)r->count);
+    add_float8(&p, numbers, r->mean);
+    add_float8(&p, numbers, r->sd);
+    add_int8(&p, numbers, r->p50);
+    add_int8(&p, numbers, r->p99);
+    add_int8(&p, numbers, r->max);
+    const int64_t *const bins[3] = {r->bin_low, r->bin_high, r->bin_count};
+    for (size_t i = 0; i < 3; i++) {
+        int err = add_bins(pg, &p, &pg->columns[i], bins[i], r->n_bins);
+        if (err) {
+            return err;
+        }
+    }
+    return apc_pg_send(
+        pg,
+        "INSERT INTO timing (time, task, quantity, period, missed, count, mean, sd, p50, p99, max,"
+        " bin_low, bin_high, bin_count) VALUES ($1::timestamptz, $2, $3, $4::int8, $5::int8,"
+        " $6::int8, $7::float8, $8::float8, $9::int8, $10::int8, $11::int8, $12::int8[],"
+        " $13::int8[], $14::int8[])",
+        &p);
+}
+
+int apc_pg_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
+{
+    struct apc_pg *pg = apc_pg_of(store);
+    int err = apc_pg_begin(pg);
+    for (size_t i = 0; !err && i < n; i++) {
+        err = send_timing(pg, &rows[i]);
+    }
+    return finish_insert(pg, err, (int)n);
+}
+
+/* The three arrays of a row, into s->bins one after the other. Returns the number of buckets. */
+static int take_bins(struct stream *s, const PGresult *result, int row)
+{
+    size_t need = 0;
+    for (int column = 11; column < 14; column++) {
+        need += (size_t)PQgetlength(result, row, column) / 12; /* 12 bytes an element */
+    }
+    if (need > s->bins_capacity) {
+        int64_t *bins = (int64_t *)realloc(s->bins, need * sizeof *bins);
+        if (!bins) {
+            return apc_fail(&s->pg->base.why, APC_ENOMEM, "out of memory for %zu buckets", need);
+        }
+        s->bins = bins;
+        s->bins_capacity = need;
+    }
+    int n = -1;
+    size_t used = 0;
+    for (int column = 11; column < 14; column++) {
+        int got =
+            apc_pg_get_int8_array(PQgetvalue(result, row, column), (size_t)PQgetlength(result, row, column),
+                                  s->bins + used, s->bins_capacity - used);
+        if (got < 0 || (n >= 0 && got != n)) {
+            return apc_fail(&s->pg->base.why, APC_EPROTO, "a timing row's buckets make no sense");
+        }
+        n = got;
+        used += (size_t)got;
+    }
+    return n;
+}
+
+static int give_timing(struct stream *s, const PGresult *result, int row)
+{
+    int n = take_bins(s, result, row);
+    if (n < 0) {
+        return n;
+    }
+    struct apc_timing_row r = {
+        .time = apc_pg_time_ns(apc_pg_cell(result, row, 0)),
+        .period = apc_pg_cell(result, row, 3),
+        .missed = (uint64_t)apc_pg_cell(result, row, 4),
+        .count = (uint64_t)apc_pg_cell(result, row, 5),
+        .mean = cell_double(result, row, 6),
+        .sd = cell_double(result, row, 7),
+        .p50 = apc_pg_cell(result, row, 8),
+        .p99 = apc_pg_cell(result, row, 9),
+        .max = apc_pg_cell(result, row, 10),
+        .bin_low = s->bins,
+        .bin_high = n > 0 ? s->bins + n : NULL,
+        .bin_count = n > 0 ? s->bins + (ptrdiff_t)2 * n : NULL,
+        .n_bins = (size_t)n,
+    };
+    cell_text(result, row, 1, r.task, sizeof r.task);
+    cell_text(result, row, 2, r.quantity, sizeof r.quantity);
+    return s->fn.timing(s->ctx, &r) != 0;
+}
+
+int apc_pg_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx)
+{
+    struct stream s = {
+        .pg = apc_pg_of(store), .row = give_timing, .columns = 14, .fn.timing = fn, .ctx = ctx};
+    struct apc_pg_params p = {0};
+    struct bounds b;
+    add_range(&p, &b, range);
+    int count =
+        stream(&s,
+               range->last > 0
+                   ? "DECLARE rows NO SCROLL CURSOR FOR " TIMING " FROM (SELECT * FROM timing" WITHIN
+                     "ORDER BY time DESC, id DESC LIMIT $3::int8) AS newest ORDER BY time, id"
+                   : "DECLARE rows NO SCROLL CURSOR FOR " TIMING " FROM timing" WITHIN "ORDER BY time, id",
+               &p);
+    free(s.bins);
+    return count;
+}
+
+/* ---- Tags ---------------------------------------------------------------------------------- */
+
+/* All go, all come, in one transaction: what is no longer described vanishes, and names may change places. */
+int apc_pg_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n)
+{
+    struct apc_pg *pg = apc_pg_of(store);
+    int err = apc_pg_begin(pg);
+    if (!err) {
+        err = apc_pg_send(pg, "DELETE FROM tag", &(struct apc_pg_params){0});
+    }
+    for (size_t i = 0; !err && i < n; i++) {
+        const struct apc_tag *t = &tags[i];
+        struct apc_pg_params p = {0};
+        char numbers[16][8], name[APC_TAG_LEN], unit[APC_TAG_LEN], description[sizeof t->description];
+        apc_pg_param_text(&p, apc_table_name(t->table));
+        add_int8(&p, numbers, t->id);
+        apc_pg_param_text(&p, clean(name, t->name, sizeof name));
+        apc_pg_param_text(&p, clean(unit, t->unit, sizeof unit));
+        apc_pg_param_text(&p, clean(description, t->description, sizeof description));
+        add_float8(&p, numbers, t->low);
+        add_float8(&p, numbers, t->high);
+        err = apc_pg_send(pg,
+                          "INSERT INTO tag (table_name, id, name, unit, description, low, high)"
+                          " VALUES ($1, $2::int8, $3, $4, $5, $6::float8, $7::float8)",
+                          &p);
+    }
+    return finish_insert(pg, err, (int)n);
+}
+
+struct tag_list {
+    struct apc_pg *pg;
+    struct apc_tag *tags;
+    size_t capacity;
+    int count;
+};
+
+static int take_tags(void *ctx, int statement, PGresult *result)
+{
+    struct tag_list *list = (struct tag_list *)ctx;
+    (void)statement;
+    if (PQnfields(result) != 7) {
+        return apc_fail(&list->pg->base.why, APC_EPROTO, "the database did not answer what was asked");
+    }
+    list->count = PQntuples(result);
+    for (int row = 0; row < list->count && (size_t)row < list->capacity; row++) {
+        struct apc_tag *t = &list->tags[row];
+        char table[APC_TAG_LEN];
+        cell_text(result, row, 0, table, sizeof table);
+        *t = (struct apc_tag){.table = apc_table_parse(table),
+                              .id = (int)apc_pg_cell(result, row, 1),
+                              .low = cell_double(result, row, 5),
+                              .high = cell_double(result, row, 6)};
+        cell_text(result, row, 2, t->name, sizeof t->name);
+        cell_text(result, row, 3, t->unit, sizeof t->unit);
+        cell_text(result, row, 4, t->description, sizeof t->description);
+    }
+    return 0;
+}
+
+int apc_pg_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
+{
+    struct tag_list list = {.pg = apc_pg_of(store), .tags = tags, .capacity = capacity};
+    int err = apc_pg_begin(list.pg);
+    if (!err) {
+        err = apc_pg_send(list.pg,
+                          "SELECT table_name, id::int8, name, unit, description, low, high FROM tag ORDER BY"
+                          " array_position(ARRAY['sensor', 'actuator', 'setpoint', 'dim', 'opmode', 'tuning',"
+                          " 'manual', 'state'], table_name), id",
+                          &(struct apc_pg_params){0});
+    }
+    if (!err) {
+        err = apc_pg_finish(list.pg, take_tags, &list);
+    }
+    return err ? err : list.count;
+}

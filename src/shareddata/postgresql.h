@@ -1,0 +1,165 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The PostgreSQL store, shared by its files: pg_array.c (binary values), pg_statements.c (every SQL text),
+ * pg_connection.c (connecting, waiting with a deadline), pg_former.c (claims that outlive their
+ * connection), pg_init.c (migrations), pg_rows.c (history, events, timing, tags), postgresql.c (the ticks'
+ * operations). apcshareddata.c uses the first two.
+ */
+#ifndef APC_POSTGRESQL_H
+#define APC_POSTGRESQL_H
+
+#include <libpq-fe.h>
+
+#include "shareddata/shareddata_internal.h"
+
+/* ---- pg_array.c: values in PostgreSQL's binary format -------------------------------------- */
+
+enum { APC_PG_INT4 = 23, APC_PG_INT8 = 20, APC_PG_FLOAT8 = 701, APC_PG_TIMESTAMPTZ = 1184 };
+
+/** A one-dimensional array under construction. Its memory is kept and only ever grows. */
+struct apc_pg_array {
+    char *data;
+    size_t length, capacity;
+};
+
+/** Bytes of an array of @p n elements of @p width bytes. */
+#define APC_PG_ARRAY_SIZE(n, width) (20 + (n) * (4 + (size_t)(width)))
+
+/** Begin an array of @p n elements of type @p oid, at most 8 bytes each. Returns 0 or APC_ENOMEM. */
+int apc_pg_array_begin(struct apc_pg_array *a, uint32_t oid, size_t n);
+void apc_pg_array_int4(struct apc_pg_array *a, int32_t value);
+void apc_pg_array_int8(struct apc_pg_array *a, int64_t value);
+void apc_pg_array_float8(struct apc_pg_array *a, double value);
+void apc_pg_array_null(struct apc_pg_array *a);
+
+void apc_pg_put_int8(char bytes[8], int64_t value);
+void apc_pg_put_float8(char bytes[8], double value);
+int32_t apc_pg_get_int4(const char *bytes);
+int64_t apc_pg_get_int8(const char *bytes);
+double apc_pg_get_float8(const char *bytes);
+/** A result's cell of 8 bytes; 0 when it is NULL or of another size. */
+int64_t apc_pg_cell(const PGresult *result, int row, int column);
+/** Elements of an int8[] without NULLs: up to @p capacity into @p out. Returns how many there are, or
+ * APC_EPROTO. */
+int apc_pg_get_int8_array(const char *bytes, size_t length, int64_t *out, size_t capacity);
+
+/** A timestamptz is microseconds since 2000. Nanoseconds are cut off; what apc_ns cannot hold is clamped. */
+int64_t apc_pg_time(apc_ns utc);
+apc_ns apc_pg_time_ns(int64_t pg);
+
+/* ---- pg_statements.c: every SQL text -------------------------------------------------------- */
+
+/** The statements of one table; names are resolved by the search_path. */
+struct apc_pg_text {
+    const char *read_name, *read;       /* prepared */
+    const char *append_name, *append;   /* prepared */
+    const char *repeat;                 /* append, but leaves rows alone that are there */
+    const char *put;                    /* takes the next seq; a concurrent writer makes it fail */
+    const char *history, *history_last; /* declares cursor "rows" */
+    const char *paper_read, *paper_put; /* the same on schema apc, for any PGconn */
+};
+extern const struct apc_pg_text apc_pg_texts[APC_TABLE_END];
+
+/* ---- pg_connection.c ------------------------------------------------------------------------ */
+
+/** The server's end of a connection. */
+struct apc_pg_session {
+    int32_t pid;
+    int64_t start; /* a timestamptz */
+    bool claimant; /* a claim was sent: it may hold tables */
+};
+
+#define APC_PG_FORMER_MAX 8 /* each is one that the server could not end for as long as the timeout */
+
+struct apc_pg {
+    struct apc_store base;
+    char schema[64];
+    PQconninfoOption *uri; /* what the URI says */
+    char hosts[3][1024];   /* host, hostaddr, port for the next try; "": as the URI and libpq say */
+    PGconn *conn;          /* NULL: not connected. In pipeline mode whenever an operation begins */
+    apc_ns deadline;       /* of the running operation, monotonic */
+    apc_ns next_try;       /* no connect before it, monotonic */
+    unsigned failures;     /* connects that failed in a row */
+    uint64_t random;       /* of the jitter */
+    int failed;            /* why the last connect failed */
+    struct apc_error failure;
+    bool claimed[APC_TABLE_END];
+    struct apc_pg_session session, former[APC_PG_FORMER_MAX];
+    size_t n_former;
+    bool unreplicated;              /* a commit's warning: not on the standby */
+    struct apc_pg_array columns[7]; /* parameters; kept, so that a tick allocates nothing */
+    uint32_t *order;                /* samples sorted by table; kept as well */
+    size_t order_capacity;
+};
+
+static inline struct apc_pg *apc_pg_of(struct apc_store *store)
+{
+    return (struct apc_pg *)store;
+}
+
+/** A statement's parameters: up to seven, all binary but where length is 0 (text) or value is NULL. */
+struct apc_pg_params {
+    int n;
+    const char *values[16];
+    int lengths[16], formats[16];
+};
+void apc_pg_param(struct apc_pg_params *p, const char *binary, size_t length);
+void apc_pg_param_text(struct apc_pg_params *p, const char *text);
+
+/**
+ * Called with each result, in the order of the statements sent, numbered from 0; not after the first
+ * failure. Returns 0, or a negative error whose text it left in the store: the result of the operation.
+ */
+typedef int (*apc_pg_result_fn)(void *ctx, int statement, PGresult *result);
+
+/** Begin an operation: set its deadline, connect when not connected. */
+int apc_pg_begin(struct apc_pg *pg);
+/** Queue a statement by text, or a prepared one by name. */
+int apc_pg_send(struct apc_pg *pg, const char *sql, const struct apc_pg_params *p);
+int apc_pg_send_prepared(struct apc_pg *pg, const char *name, const struct apc_pg_params *p);
+/** Send what is queued, wait for all results: one round trip. @p fn may be NULL. */
+int apc_pg_finish(struct apc_pg *pg, apc_pg_result_fn fn, void *ctx);
+/** Close the connection, without waiting for anything. The next operation connects anew. */
+void apc_pg_drop(struct apc_pg *pg);
+/** Fail with the error that a result reports. */
+int apc_pg_refused(struct apc_pg *pg, const PGresult *result);
+/** The text of libpq or of the server on one line, without the password. */
+int apc_pg_fail(struct apc_pg *pg, int err, const char *what, const char *text);
+
+/** Connect without looking at the schema and without pipeline mode: for pg_init.c. */
+int apc_pg_connect_bare(struct apc_pg *pg);
+/** Run SQL text, maybe several commands, outside pipeline mode. @p result (may be NULL) gets the last result.
+ */
+int apc_pg_command(struct apc_pg *pg, const char *sql, PGresult **result);
+
+/** Split the URI. On failure nothing has to be freed. */
+int apc_pg_parse_uri(struct apc_pg *pg, const char *uri, struct apc_error *why);
+
+/* ---- pg_former.c ---------------------------------------------------------------------------- */
+
+/** The connection ends: keep its session's name if it may hold claims. */
+void apc_pg_remember(struct apc_pg *pg);
+/** Before claims are renewed: end the former sessions. APC_ECONN when one is left. */
+int apc_pg_end_former(struct apc_pg *pg);
+
+/* ---- pg_claim: in postgresql.c -------------------------------------------------------------- */
+
+/** Queue a claim on a table; n = 0 just renews it. */
+int apc_pg_send_claim(struct apc_pg *pg, enum apc_table table, size_t n);
+/** Look at its result: APC_EBUSY with the holder's name when it was refused. */
+int apc_pg_take_claim(struct apc_pg *pg, enum apc_table table, const PGresult *result, int64_t *last,
+                      size_t n);
+
+/* ---- pg_init.c, pg_rows.c: operations ------------------------------------------------------- */
+
+int apc_pg_init(struct apc_store *store);
+int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
+                   apc_sample_fn fn, void *ctx);
+int apc_pg_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n);
+int apc_pg_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity);
+int apc_pg_append_events(struct apc_store *store, const struct apc_event *events, size_t n);
+int apc_pg_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx);
+int apc_pg_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n);
+int apc_pg_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx);
+
+#endif

@@ -1,0 +1,67 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * What a store is inside. A store is one file (or a few) with a table of operations; store.c checks the
+ * arguments of every public function, so that an operation only ever sees good ones, and dispatches.
+ *
+ * To add a store: write its file with a `const struct apc_store_ops apc_NAME_store`, name it here and in
+ * the list of store.c, and add it to the list of tests/unit/test_shareddata_store.c, which every store has
+ * to pass.
+ */
+#ifndef APC_SHAREDDATA_INTERNAL_H
+#define APC_SHAREDDATA_INTERNAL_H
+
+#include "apcshareddata.h"
+
+/** Most samples of one call: bounds every buffer's size. */
+#define APC_STORE_SAMPLES_MAX ((size_t)1 << 20)
+
+/** The options with the defaults filled in. */
+struct apc_store_config {
+    char name[64];
+    apc_ns timeout, backoff_min, backoff_max;
+};
+
+struct apc_store_ops;
+
+/** A store's own struct begins with it. */
+struct apc_store {
+    const struct apc_store_ops *ops;
+    struct apc_store_config config;
+    struct apc_error why;
+    struct apc_store_stats stats;
+    bool streaming; /* a caller's function is running: it may not call the store */
+};
+
+/** Contracts as in apcshareddata.h. Failures leave their text in store->why. */
+struct apc_store_ops {
+    const char *scheme; /* with the colon */
+    int (*open)(struct apc_store **store, const char *uri, const struct apc_store_config *config,
+                struct apc_error *why);
+    void (*close)(struct apc_store *store);
+    bool (*connected)(const struct apc_store *store);
+    int (*connect)(struct apc_store *store);
+    int (*read)(struct apc_store *store, struct apc_sample *samples, size_t n);
+    int (*append)(struct apc_store *store, const struct apc_sample *samples, size_t n);
+    int (*claim)(struct apc_store *store, enum apc_table table, size_t n, int64_t *last);
+    int (*put)(struct apc_store *store, struct apc_sample *samples, size_t n);
+    int (*history)(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
+                   apc_sample_fn fn, void *ctx);
+    int (*put_tags)(struct apc_store *store, const struct apc_tag *tags, size_t n);
+    int (*get_tags)(struct apc_store *store, struct apc_tag *tags, size_t capacity);
+    int (*append_events)(struct apc_store *store, const struct apc_event *events, size_t n);
+    int (*events)(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx);
+    int (*append_timing)(struct apc_store *store, const struct apc_timing_row *rows, size_t n);
+    int (*timing)(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx);
+    int (*init)(struct apc_store *store);
+};
+
+extern const struct apc_store_ops apc_postgresql_store;
+extern const struct apc_store_ops apc_postgres_store; /* libpq's other spelling */
+
+/** Is the number one of a table? */
+static inline bool apc_table_known(enum apc_table table)
+{
+    return table >= APC_SENSOR && table < APC_TABLE_END;
+}
+
+#endif

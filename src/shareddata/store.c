@@ -1,0 +1,301 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The public face of a store: arguments are checked here, once for all kinds of store. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "base/base_internal.h"
+#include "shareddata/migrations.h"
+#include "shareddata/shareddata_internal.h"
+
+static const struct apc_store_ops *const stores[] = {&apc_postgresql_store, &apc_postgres_store};
+
+/* ---- Opening ------------------------------------------------------------------------------ */
+
+static int make_config(struct apc_store_config *config, const struct apc_store_options *options,
+                       struct apc_error *why)
+{
+    struct apc_store_options o = {0};
+    int err = apc_options_copy(&o, sizeof o, options, "apc_store_options", why);
+    if (err) {
+        return err;
+    }
+    if (o.timeout < 0 || o.backoff_min < 0 || o.backoff_max < 0) {
+        return apc_fail(why, APC_EINVAL, "a store's timeout and pauses must not be negative");
+    }
+    *config = (struct apc_store_config){
+        .timeout = o.timeout ? o.timeout : 2 * APC_NS_PER_S,
+        .backoff_min = o.backoff_min ? o.backoff_min : 100 * APC_NS_PER_MS,
+        .backoff_max = o.backoff_max ? o.backoff_max : 5 * APC_NS_PER_S,
+    };
+    if (config->backoff_max < config->backoff_min) {
+        return apc_fail(why, APC_EINVAL, "the longest pause between connects is shorter than the first one");
+    }
+    snprintf(config->name, sizeof config->name, "%s", o.name && o.name[0] ? o.name : "libapc");
+    return 0;
+}
+
+int apc_store_open(struct apc_store **store, const char *uri, const struct apc_store_options *options,
+                   struct apc_error *why)
+{
+    if (!store) {
+        return apc_fail(why, APC_EINVAL, "nowhere to put the store");
+    }
+    *store = NULL;
+    if (!uri) {
+        return apc_fail(why, APC_EINVAL, "no store URI given; the simplest is postgresql:");
+    }
+    struct apc_store_config config;
+    int err = make_config(&config, options, why);
+    if (err) {
+        return err;
+    }
+    for (size_t i = 0; i < sizeof stores / sizeof stores[0]; i++) {
+        if (strncmp(uri, stores[i]->scheme, strlen(stores[i]->scheme)) == 0) {
+            return stores[i]->open(store, uri, &config, why);
+        }
+    }
+    /* The URI may hold a password: only what must be its scheme is shown. */
+    size_t scheme = strcspn(uri, ":/@");
+    bool shown = scheme < 32 && uri[scheme] == ':';
+    return apc_fail(why, APC_EINVAL, "unknown store \"%.*s\": expected postgresql: or postgresql://...",
+                    shown ? (int)scheme + 1 : 0, uri);
+}
+
+void apc_store_close(struct apc_store *store)
+{
+    if (store) {
+        store->ops->close(store);
+    }
+}
+
+const char *apc_store_error(const struct apc_store *store)
+{
+    return store ? store->why.text : "no store";
+}
+
+bool apc_store_connected(const struct apc_store *store)
+{
+    return store && store->ops->connected(store);
+}
+
+void apc_store_stats(const struct apc_store *store, struct apc_store_stats *stats)
+{
+    if (stats) {
+        *stats = store ? store->stats : (struct apc_store_stats){0};
+    }
+}
+
+int apc_store_version(void)
+{
+    return apc_migration_count;
+}
+
+/* ---- Checks ------------------------------------------------------------------------------- */
+
+/* Every operation begins with it. */
+static int enter(struct apc_store *store, const void *array, size_t n)
+{
+    if (!store) {
+        return APC_EINVAL;
+    }
+    store->why.text[0] = '\0';
+    if (store->streaming) {
+        return apc_fail(&store->why, APC_ESTATE,
+                        "a store may not be used from inside its own history function");
+    }
+    if (n > APC_STORE_SAMPLES_MAX) {
+        return apc_fail(&store->why, APC_EINVAL, "%zu at once are too many: at most %zu", n,
+                        APC_STORE_SAMPLES_MAX);
+    }
+    if (n > 0 && !array) {
+        return apc_fail(&store->why, APC_EINVAL, "%zu expected, but the array is NULL", n);
+    }
+    return 0;
+}
+
+static int check_variable(struct apc_store *store, enum apc_table table, int id)
+{
+    if (!apc_table_known(table)) {
+        return apc_fail(&store->why, APC_EINVAL, "%d is no table", (int)table);
+    }
+    if (id < 0) {
+        return apc_fail(&store->why, APC_EINVAL, "%s %d: an id must not be negative", apc_table_name(table),
+                        id);
+    }
+    return 0;
+}
+
+static int check_value(struct apc_store *store, const struct apc_sample *s)
+{
+    int err = check_variable(store, s->table, s->id);
+    if (err) {
+        return err;
+    }
+    if (!(fabs(s->value) < APC_VALUE_MAX)) {
+        return apc_fail(&store->why, APC_EINVAL, "%s %d: value %g is not finite or not below 1e300",
+                        apc_table_name(s->table), s->id, s->value);
+    }
+    return 0;
+}
+
+static int check_sample(struct apc_store *store, const struct apc_sample *s)
+{
+    int err = check_value(store, s);
+    if (err) {
+        return err;
+    }
+    if (s->seq <= 0 || s->sensor_seq < 0 || s->setpoint_seq < 0) {
+        return apc_fail(&store->why, APC_EINVAL, "%s %d: seq counts from 1", apc_table_name(s->table), s->id);
+    }
+    return 0;
+}
+
+static int check_range(struct apc_store *store, const struct apc_range *range, bool has_fn)
+{
+    if (!has_fn) {
+        return apc_fail(&store->why, APC_EINVAL, "no function to give the rows to");
+    }
+    if (range && range->last > INT64_MAX) {
+        return apc_fail(&store->why, APC_EINVAL, "the newest %zu rows are too many", range->last);
+    }
+    return 0;
+}
+
+/* ---- Operations --------------------------------------------------------------------------- */
+
+int apc_store_connect(struct apc_store *store)
+{
+    int err = enter(store, NULL, 0);
+    return err ? err : store->ops->connect(store);
+}
+
+int apc_store_read(struct apc_store *store, struct apc_sample *samples, size_t n)
+{
+    int err = enter(store, samples, n);
+    for (size_t i = 0; !err && i < n; i++) {
+        err = check_variable(store, samples[i].table, samples[i].id);
+    }
+    return err || n == 0 ? err : store->ops->read(store, samples, n);
+}
+
+int apc_store_append(struct apc_store *store, const struct apc_sample *samples, size_t n)
+{
+    int err = enter(store, samples, n);
+    for (size_t i = 0; !err && i < n; i++) {
+        err = check_sample(store, &samples[i]);
+    }
+    return err || n == 0 ? err : store->ops->append(store, samples, n);
+}
+
+int apc_store_claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last)
+{
+    int err = enter(store, last, n);
+    if (!err) {
+        err = check_variable(store, table, 0);
+    }
+    return err ? err : store->ops->claim(store, table, n, last);
+}
+
+#define PUT_MAX 4096 /* people's values are few: each is compared with each */
+
+int apc_store_put(struct apc_store *store, struct apc_sample *samples, size_t n)
+{
+    int err = enter(store, samples, n);
+    if (!err && n > PUT_MAX) {
+        err = apc_fail(&store->why, APC_EINVAL, "%zu values at once are too many: at most %d", n, PUT_MAX);
+    }
+    for (size_t i = 0; !err && i < n; i++) {
+        err = check_value(store, &samples[i]);
+        for (size_t j = 0; !err && j < i; j++) {
+            if (samples[i].table == samples[j].table && samples[i].id == samples[j].id) {
+                err = apc_fail(&store->why, APC_EINVAL, "%s %d is given twice",
+                               apc_table_name(samples[i].table), samples[i].id);
+            }
+        }
+    }
+    return err || n == 0 ? err : store->ops->put(store, samples, n);
+}
+
+int apc_store_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
+                      apc_sample_fn fn, void *ctx)
+{
+    int err = enter(store, NULL, 0);
+    if (!err) {
+        err = check_variable(store, table, id);
+    }
+    if (!err) {
+        err = check_range(store, range, fn != NULL);
+    }
+    return err ? err : store->ops->history(store, table, id, range ? range : &(struct apc_range){0}, fn, ctx);
+}
+
+int apc_store_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n)
+{
+    int err = enter(store, tags, n);
+    for (size_t i = 0; !err && i < n; i++) {
+        err = check_variable(store, tags[i].table, tags[i].id);
+        if (!err && !(fabs(tags[i].low) <= APC_VALUE_MAX && fabs(tags[i].high) <= APC_VALUE_MAX &&
+                      tags[i].low <= tags[i].high)) {
+            err = apc_fail(&store->why, APC_EINVAL, "%s %d: limits %g and %g are no range",
+                           apc_table_name(tags[i].table), tags[i].id, tags[i].low, tags[i].high);
+        }
+    }
+    return err ? err : store->ops->put_tags(store, tags, n);
+}
+
+int apc_store_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
+{
+    int err = enter(store, tags, capacity);
+    return err ? err : store->ops->get_tags(store, tags, capacity);
+}
+
+int apc_store_append_events(struct apc_store *store, const struct apc_event *events, size_t n)
+{
+    int err = enter(store, events, n);
+    for (size_t i = 0; !err && i < n; i++) {
+        if (events[i].severity < APC_EVENT_INFO || events[i].severity > APC_EVENT_ALARM) {
+            err = apc_fail(&store->why, APC_EINVAL, "%d is no severity of an event", (int)events[i].severity);
+        }
+    }
+    return err || n == 0 ? err : store->ops->append_events(store, events, n);
+}
+
+int apc_store_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx)
+{
+    int err = enter(store, NULL, 0);
+    if (!err) {
+        err = check_range(store, range, fn != NULL);
+    }
+    return err ? err : store->ops->events(store, range ? range : &(struct apc_range){0}, fn, ctx);
+}
+
+int apc_store_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
+{
+    int err = enter(store, rows, n);
+    for (size_t i = 0; !err && i < n; i++) {
+        const struct apc_timing_row *r = &rows[i];
+        if (r->n_bins > APC_STORE_SAMPLES_MAX ||
+            (r->n_bins > 0 && !(r->bin_low && r->bin_high && r->bin_count))) {
+            err = apc_fail(&store->why, APC_EINVAL, "a timing row's buckets are missing or too many");
+        } else if (!isfinite(r->mean) || !isfinite(r->sd) || r->missed > INT64_MAX || r->count > INT64_MAX) {
+            err = apc_fail(&store->why, APC_EINVAL, "a timing row's figures are not finite or too large");
+        }
+    }
+    return err || n == 0 ? err : store->ops->append_timing(store, rows, n);
+}
+
+int apc_store_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx)
+{
+    int err = enter(store, NULL, 0);
+    if (!err) {
+        err = check_range(store, range, fn != NULL);
+    }
+    return err ? err : store->ops->timing(store, range ? range : &(struct apc_range){0}, fn, ctx);
+}
+
+int apc_store_init(struct apc_store *store)
+{
+    int err = enter(store, NULL, 0);
+    return err ? err : store->ops->init(store);
+}

@@ -1,0 +1,232 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The frame codec: pure, linear, bounded.
+ *
+ *     frame  = "apc1 " kind " " id " " n ";" *sample %x0A      ; n samples; at most APC_FRAME_MAX bytes
+ *     kind   = "command" / "query" / "values"                  ; a query has n = 0
+ *     id     = uint                                            ; at most 2^64 - 1
+ *     n      = uint                                            ; at most APC_FRAME_COUNT
+ *     sample = time "," status "," value ";"
+ *     time   = 4DIGIT "-" 2DIGIT "-" 2DIGIT "T" 2DIGIT ":" 2DIGIT ":" 2DIGIT "." 6DIGIT "Z"
+ *     status = 1*31(%x21-2B / %x2D-3A / %x3C-7E)               ; a name or code of apc_status_parse()
+ *     value  = 1*32(DIGIT / "+" / "-" / "." / "e" / "E")       ; a finite number of apc_number_parse()
+ *     uint   = "0" / (%x31-39 *DIGIT)                          ; one way to write each number
+ *
+ * The reader never looks beyond the bytes it was given, which carry no terminator: each field is
+ * delimited, measured and copied before a text function sees it. A time has one spelling, so what
+ * decodes encodes to the same samples.
+ */
+#include "apcsockets.h"
+
+#include <math.h>
+#include <string.h>
+
+#define TIME_TEXT   27 /* 2026-01-31T12:00:00.123456Z */
+#define NUMBER_TEXT 32 /* %.17g has 24 at most */
+
+static const char *const kinds[] = {
+    [APC_FRAME_COMMAND] = "command", [APC_FRAME_QUERY] = "query", [APC_FRAME_VALUES] = "values"};
+
+static bool kind_known(enum apc_frame_kind kind)
+{
+    return kind >= APC_FRAME_COMMAND && kind <= APC_FRAME_VALUES;
+}
+
+/* ---- Encoding ------------------------------------------------------------------------------ */
+
+struct writer {
+    char *at;
+    size_t left;
+};
+
+static bool put(struct writer *w, const char *text, size_t length)
+{
+    if (length > w->left)
+        return false;
+    memcpy(w->at, text, length);
+    w->at += length;
+    w->left -= length;
+    return true;
+}
+
+/* Not by printf, which on a cold cache takes as long as all the rest of a frame's head and tail. */
+static bool put_uint(struct writer *w, uint64_t value)
+{
+    char text[20], *first = text + sizeof text;
+
+    do
+        *--first = (char)('0' + value % 10);
+    while ((value /= 10) > 0);
+    return put(w, first, (size_t)(text + sizeof text - first));
+}
+
+/* The years that apc_time_parse() reads; a few months at either end of apc_ns lie outside. */
+static bool time_fits(const char *text)
+{
+    return memcmp(text, "1678", 4) >= 0 && memcmp(text, "2261", 4) <= 0;
+}
+
+static int put_sample(struct writer *w, const struct apc_sample *s, const char *time)
+{
+    char status[APC_STATUS_NAME_LEN], value[NUMBER_TEXT + 1];
+    int length;
+
+    if (!isfinite(s->value) || !time_fits(time))
+        return APC_EINVAL;
+    length = apc_number_format(s->value, value, sizeof value);
+    if (length < 0)
+        return length;
+    apc_status_format(s->status, status);
+    if (!put(w, time, TIME_TEXT) || !put(w, ",", 1) || !put(w, status, strlen(status)) || !put(w, ",", 1) ||
+        !put(w, value, (size_t)length) || !put(w, ";", 1))
+        return APC_ERANGE;
+    return 0;
+}
+
+int apc_frame_encode(char *text, size_t size, const struct apc_frame *frame, const struct apc_sample *samples)
+{
+    char time[APC_TIME_LEN];
+    struct writer w = {text, size < APC_FRAME_MAX ? size : APC_FRAME_MAX};
+
+    if (!text || !frame || !kind_known(frame->kind) || (frame->n > 0 && !samples) ||
+        (frame->kind == APC_FRAME_QUERY && frame->n > 0))
+        return APC_EINVAL;
+    if (frame->n > APC_FRAME_COUNT)
+        return APC_ERANGE;
+    if (!put(&w, "apc1 ", 5) || !put(&w, kinds[frame->kind], strlen(kinds[frame->kind])) ||
+        !put(&w, " ", 1) || !put_uint(&w, frame->id) || !put(&w, " ", 1) || !put_uint(&w, frame->n) ||
+        !put(&w, ";", 1))
+        return APC_ERANGE;
+    for (size_t i = 0; i < frame->n; i++) {
+        int err;
+        if (i == 0 || samples[i].time != samples[i - 1].time) /* a vector is sampled at one time */
+            apc_time_format(samples[i].time, time);
+        err = put_sample(&w, &samples[i], time);
+        if (err < 0)
+            return err;
+    }
+    if (!put(&w, "\n", 1))
+        return APC_ERANGE;
+    return (int)(w.at - text);
+}
+
+/* ---- Decoding ------------------------------------------------------------------------------ */
+
+struct reader {
+    const char *at, *end;
+    const char *time_text; /* the last time read, and its value: most often the next is the same */
+    apc_ns time;
+};
+
+static bool take(struct reader *r, const char *literal)
+{
+    size_t length = strlen(literal);
+    if ((size_t)(r->end - r->at) < length || memcmp(r->at, literal, length) != 0)
+        return false;
+    r->at += length;
+    return true;
+}
+
+static bool take_uint(struct reader *r, uint64_t max, uint64_t *value)
+{
+    const char *first = r->at;
+    uint64_t sum = 0;
+
+    for (; r->at < r->end && *r->at >= '0' && *r->at <= '9'; r->at++) {
+        unsigned digit = (unsigned)(*r->at - '0');
+        if (sum > (max - digit) / 10)
+            return false;
+        sum = sum * 10 + digit;
+    }
+    *value = sum;
+    return r->at > first && (*first != '0' || r->at == first + 1);
+}
+
+/* The printable bytes up to @until, and past it, as a string in @text. */
+static bool take_field(struct reader *r, char until, char *text, size_t size)
+{
+    size_t n = 0;
+    for (; r->at < r->end && *r->at != until; r->at++, n++) {
+        if (n + 1 == size || *r->at <= ' ' || *r->at > '~')
+            return false;
+        text[n] = *r->at;
+    }
+    text[n] = '\0';
+    if (r->at == r->end)
+        return false;
+    r->at++;
+    return true;
+}
+
+static bool take_time(struct reader *r, apc_ns *time)
+{
+    const char *first = r->at;
+    char text[TIME_TEXT + 1];
+
+    if (r->time_text && r->end - first > TIME_TEXT && !memcmp(first, r->time_text, TIME_TEXT + 1)) {
+        r->at += TIME_TEXT + 1;
+    } else {
+        /* of the spellings that apc_time_parse() knows only one has this length and these two letters */
+        if (!take_field(r, ',', text, sizeof text) || r->at - first != TIME_TEXT + 1 || first[10] != 'T' ||
+            first[TIME_TEXT - 1] != 'Z' || apc_time_parse(text, &r->time) < 0)
+            return false;
+        r->time_text = first;
+    }
+    *time = r->time;
+    return true;
+}
+
+static bool take_sample(struct reader *r, struct apc_sample *sample)
+{
+    char status[APC_STATUS_NAME_LEN], value[NUMBER_TEXT + 1];
+
+    return take_time(r, &sample->time) && take_field(r, ',', status, sizeof status) &&
+           apc_status_parse(status, &sample->status) == 0 && take_field(r, ';', value, sizeof value) &&
+           apc_number_parse(value, &sample->value) == 0;
+}
+
+static bool take_head(struct reader *r, struct apc_frame *frame)
+{
+    uint64_t n;
+
+    if (!take(r, "apc1 "))
+        return false;
+    if (take(r, "command "))
+        frame->kind = APC_FRAME_COMMAND;
+    else if (take(r, "query "))
+        frame->kind = APC_FRAME_QUERY;
+    else if (take(r, "values "))
+        frame->kind = APC_FRAME_VALUES;
+    else
+        return false;
+    if (!take_uint(r, UINT64_MAX, &frame->id) || !take(r, " ") || !take_uint(r, APC_FRAME_COUNT, &n) ||
+        !take(r, ";"))
+        return false;
+    frame->n = (size_t)n;
+    return frame->kind != APC_FRAME_QUERY || n == 0;
+}
+
+int apc_frame_decode(const char *text, size_t length, struct apc_frame *frame, struct apc_sample *samples,
+                     size_t capacity)
+{
+    struct reader r = {.at = text};
+    struct apc_frame head;
+    struct apc_sample beyond; /* a frame must be sound before it may be too large */
+
+    if (frame)
+        *frame = (struct apc_frame){0};
+    if (!text || !frame || (capacity > 0 && !samples))
+        return APC_EINVAL;
+    r.end = text + length;
+    if (length > APC_FRAME_MAX || !take_head(&r, &head))
+        return APC_EPROTO;
+    for (size_t i = 0; i < head.n; i++)
+        if (!take_sample(&r, i < capacity ? &samples[i] : &beyond))
+            return APC_EPROTO;
+    if (!take(&r, "\n") || r.at != r.end)
+        return APC_EPROTO;
+    if (head.n > capacity)
+        return APC_ERANGE;
+    *frame = head;
+    return 0;
+}

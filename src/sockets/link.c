@@ -1,0 +1,219 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The asking side of a link: one request, one reply, one deadline.
+ *
+ * Between two calls the link is in one of three states: connected with nothing under way; not connected
+ * and free to connect; not connected and pausing until `retry_at`. Every failure after the connect
+ * leads to the second, a failed connect to the third. So there is never a connection on which an old
+ * reply could still come: that is what keeps a late answer from being taken for the next one's.
+ *
+ * The pause doubles from backoff_min to backoff_max and is multiplied by a random factor in [0.5, 1],
+ * so that a hundred clients of a plant that restarts do not come back in step. A connection that
+ * the peer closed (it restarted) is noticed before the request is sent, and costs no tick.
+ */
+#include "base/base_internal.h"
+#include "sockets/sockets_internal.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define REPLY_MAX   (64u << 10)
+#define BACKOFF_MIN (100 * APC_NS_PER_MS)
+#define BACKOFF_MAX (5 * APC_NS_PER_S)
+
+static const struct apc_transport *const transports[] = {&apc_transport_tcp, NULL};
+
+struct apc_link {
+    const struct apc_transport *transport;
+    void *self; /* the transport's own */
+    char *uri, *reply;
+    struct apc_link_options options; /* no zeros left */
+    bool connected;
+    uint64_t connects;
+    apc_ns pause;    /* of the next failed connect, before jitter */
+    apc_ns retry_at; /* monotonic; no connect before it */
+    uint64_t random;
+    struct apc_error error;
+};
+
+static const struct apc_transport *find_transport(const char *uri)
+{
+    for (size_t i = 0; transports[i]; i++)
+        if (!strncmp(uri, transports[i]->scheme, strlen(transports[i]->scheme)))
+            return transports[i];
+    return NULL;
+}
+
+static int take_options(struct apc_link_options *o, const struct apc_link_options *options,
+                        struct apc_error *why)
+{
+    int err = apc_options_copy(o, sizeof *o, options, "apc_link_options", why);
+    if (err < 0)
+        return err;
+    if (!o->frame_max)
+        o->frame_max = REPLY_MAX;
+    if (!o->backoff_min)
+        o->backoff_min = BACKOFF_MIN;
+    if (!o->backoff_max)
+        o->backoff_max = o->backoff_min > BACKOFF_MAX ? o->backoff_min : BACKOFF_MAX;
+    if (!o->seed)
+        o->seed = (uint64_t)apc_clock_mono(NULL);
+    if (o->frame_max > APC_FRAME_MAX)
+        return apc_fail(why, APC_EINVAL, "frame_max is %zu: a frame has at most %u bytes", o->frame_max,
+                        APC_FRAME_MAX);
+    if (o->backoff_min < 0 || o->backoff_max < o->backoff_min)
+        return apc_fail(why, APC_EINVAL, "backoff must be 0 < min <= max");
+    return 0;
+}
+
+int apc_link_create(struct apc_link **link, const char *uri, const struct apc_link_options *options,
+                    struct apc_error *why)
+{
+    struct apc_link_options o = {0};
+    const struct apc_transport *transport;
+    struct apc_link *l = NULL;
+    int err;
+
+    if (!link)
+        return apc_fail(why, APC_EINVAL, "no place for the link");
+    *link = NULL;
+    transport = uri ? find_transport(uri) : NULL;
+    if (!transport)
+        return apc_fail(why, APC_EINVAL, "link \"%s\": unknown scheme; expected tcp:HOST:PORT",
+                        uri ? uri : "");
+    err = take_options(&o, options, why);
+    if (err < 0)
+        return err;
+    err = APC_ENOMEM;
+    l = calloc(1, sizeof *l);
+    if (!l || !(l->uri = strdup(uri)) || !(l->reply = malloc(o.frame_max))) {
+        apc_fail(why, err, "link \"%s\": no memory", uri);
+        goto fail;
+    }
+    l->transport = transport;
+    l->options = o;
+    l->pause = o.backoff_min;
+    l->random = o.seed;
+    err = transport->create(&l->self, uri, why);
+    if (err < 0)
+        goto fail;
+    *link = l;
+    return 0;
+fail:
+    apc_link_destroy(l);
+    return err;
+}
+
+void apc_link_destroy(struct apc_link *l)
+{
+    if (!l)
+        return;
+    if (l->self)
+        l->transport->destroy(l->self);
+    free(l->reply);
+    free(l->uri);
+    free(l);
+}
+
+/* Uniform in [0, 1): splitmix64. */
+static double next_random(uint64_t *state)
+{
+    uint64_t z = *state += UINT64_C(0x9E3779B97F4A7C15);
+    z = (z ^ z >> 30) * UINT64_C(0xBF58476D1CE4E5B9);
+    z = (z ^ z >> 27) * UINT64_C(0x94D049BB133111EB);
+    return (double)((z ^ z >> 31) >> 11) * 0x1p-53;
+}
+
+static void begin_pause(struct apc_link *l)
+{
+    l->retry_at = apc_clock_mono(NULL) + (apc_ns)((double)l->pause * (0.5 + next_random(&l->random) / 2));
+    l->pause = l->pause > l->options.backoff_max / 2 ? l->options.backoff_max : 2 * l->pause;
+}
+
+static int connect_link(struct apc_link *l, apc_ns deadline)
+{
+    struct apc_error why;
+    int err;
+
+    if (apc_clock_mono(NULL) < l->retry_at)
+        return APC_ECONN; /* the text still says why the last try failed */
+    err = l->transport->connect(l->self, deadline, &why);
+    if (err < 0) {
+        begin_pause(l);
+        return apc_fail(&l->error, err, "link \"%s\": %s", l->uri, why.text);
+    }
+    l->connected = true;
+    l->connects++;
+    l->pause = l->options.backoff_min;
+    return 0;
+}
+
+static int receive_reply(struct apc_link *l, apc_ns deadline, struct apc_error *why)
+{
+    size_t have = 0;
+
+    while (have < l->options.frame_max) {
+        const char *newline;
+        int n = l->transport->receive(l->self, l->reply + have, l->options.frame_max - have, deadline, why);
+        if (n < 0)
+            return n;
+        newline = memchr(l->reply + have, '\n', (size_t)n);
+        have += (size_t)n;
+        if (newline && newline + 1 == l->reply + have)
+            return (int)have;
+        if (newline)
+            return apc_fail(why, APC_EPROTO, "the peer sent more than one reply");
+    }
+    return apc_fail(why, APC_EPROTO, "the reply is longer than %zu bytes", l->options.frame_max);
+}
+
+int apc_link_exchange(struct apc_link *l, const char *request, size_t length, const char **reply,
+                      apc_ns deadline)
+{
+    struct apc_error why;
+    int result;
+
+    if (!l || !request || length == 0 || !reply)
+        return APC_EINVAL;
+    *reply = NULL;
+    if (l->connected && !l->transport->quiet(l->self))
+        apc_link_reset(l); /* the peer went away, or spoke unasked */
+    if (!l->connected) {
+        result = connect_link(l, deadline);
+        if (result < 0)
+            return result;
+    }
+    result = l->transport->send(l->self, request, length, deadline, &why);
+    if (result == 0)
+        result = receive_reply(l, deadline, &why);
+    if (result < 0) {
+        apc_link_reset(l);
+        return apc_fail(&l->error, result, "link \"%s\": %s", l->uri, why.text);
+    }
+    l->error.text[0] = '\0';
+    *reply = l->reply;
+    return result;
+}
+
+void apc_link_reset(struct apc_link *l)
+{
+    if (!l || !l->connected)
+        return;
+    l->transport->close(l->self);
+    l->connected = false;
+}
+
+bool apc_link_connected(const struct apc_link *l)
+{
+    return l && l->connected;
+}
+
+uint64_t apc_link_connects(const struct apc_link *l)
+{
+    return l ? l->connects : 0;
+}
+
+const char *apc_link_error(const struct apc_link *l)
+{
+    return l ? l->error.text : "";
+}

@@ -1,0 +1,522 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The answering side of a link: one thread, one poll loop, a fixed table of connections.
+ *
+ * Everything but the counters and the wake descriptor belongs to that thread alone, so there is no lock.
+ * All memory is taken in create. A connection is in one of these states, and `since` is when it came
+ * into it:
+ *
+ *     idle       nothing begun                            may last for ever (keepalive finds the dead), as
+ *                                                         long as there is room: a new connection takes the
+ *                                                         place of the one that was idle longest
+ *     begun      part of a request is here                frame_timeout, however the bytes trickle
+ *     ready      a whole request is here                  answered on the next turn, one a turn, so that
+ *                                                         a peer that pipelines cannot starve the others
+ *     answering  the reply is not yet wholly sent         frame_timeout; meanwhile nothing is read
+ *
+ * Whoever only connects can therefore not lock the client out: it gets in, and once it was the last to be
+ * answered it keeps its place however many others come.
+ *
+ * What a peer can make us hold is therefore one request buffer and one reply. A connection that the peer
+ * has reset is closed before its requests are looked at: nobody waits for them any more, and a command
+ * from a dead connection must not be applied.
+ */
+#include "base/base_internal.h"
+#include "sockets/sockets_internal.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+#define FRAME_MAX         (64u << 10)
+#define CONNECTIONS       16
+#define FRAME_TIMEOUT     APC_NS_PER_S
+#define ACCEPT_PAUSE      (100 * APC_NS_PER_MS)
+#define CLOSING_LOG_EVERY (10 * APC_NS_PER_S)
+
+struct connection {
+    int fd; /* -1: free */
+    uint64_t id;
+    struct apc_endpoint peer;
+    char *request, *reply; /* frame_max bytes each */
+    size_t from, have;     /* request: where the first unanswered begins; where the bytes end */
+    size_t line;           /* length of the whole request at from; 0: none, and from is 0 */
+    size_t sent, length;   /* of the reply; equal: none pending */
+    bool end;              /* the peer sends no more */
+    apc_ns since;
+};
+
+struct apc_server {
+    struct apc_server_options options; /* no zeros left */
+    apc_server_fn fn;
+    void *ctx;
+    pthread_t thread;
+    int listener, wake, port;
+    struct connection *connections; /* options.connections of them */
+    struct pollfd *polls;           /* wake, listener, then the open connections */
+    struct connection **polled;     /* which connection polls[i] is */
+    char *buffers;
+    uint64_t last_id;
+    uint64_t served;  /* id of the connection that was answered last; 0: none */
+    apc_ns accept_at; /* out of descriptors: do not accept before this; 0: accept */
+    apc_ns logged_at; /* when a closing was last logged; 0: never */
+    unsigned unlogged;
+    atomic_uint_least64_t accepted, refused, evicted, requests, rejected;
+    atomic_uint open;
+};
+
+/* ---- One connection ------------------------------------------------------------------------ */
+
+static void count(atomic_uint_least64_t *counter)
+{
+    atomic_fetch_add_explicit(counter, 1, memory_order_relaxed);
+}
+
+static void hang_up(struct apc_server *s, struct connection *c)
+{
+    close(c->fd);
+    c->fd = -1;
+    s->accept_at = 0; /* there is a descriptor again */
+    atomic_fetch_sub_explicit(&s->open, 1, memory_order_relaxed);
+}
+
+/* One line at most in ten seconds: a hostile peer must not fill a disk. */
+static void log_closing(struct apc_server *s, const struct apc_endpoint *peer, const char *reason, apc_ns now)
+{
+    char text[APC_ENDPOINT_TEXT];
+
+    if (s->logged_at && now - s->logged_at < CLOSING_LOG_EVERY) {
+        s->unlogged++;
+        return;
+    }
+    apc_log_write(s->options.log, APC_LOG_WARN,
+                  "closed the connection from %s: %s (%u more since the last such line)",
+                  apc_endpoint_format(peer, text), reason, s->unlogged);
+    s->logged_at = now;
+    s->unlogged = 0;
+}
+
+/* Close for what the peer did. */
+static void reject(struct apc_server *s, struct connection *c, const char *reason, apc_ns now)
+{
+    count(&s->rejected);
+    log_closing(s, &c->peer, reason, now);
+    hang_up(s, c);
+}
+
+static bool answering(const struct connection *c)
+{
+    return c->sent < c->length;
+}
+
+/* Look for the end of the first request. Bytes before @at were searched already. */
+static void find_line(struct connection *c, size_t at)
+{
+    const char *newline = memchr(c->request + at, '\n', c->have - at);
+    c->line = newline ? (size_t)(newline + 1 - (c->request + c->from)) : 0;
+}
+
+/* On to the next request. Bytes are moved only when no whole one is left, so once each. */
+static void drop_line(struct connection *c)
+{
+    c->from += c->line;
+    find_line(c, c->from);
+    if (!c->line) {
+        c->have -= c->from;
+        memmove(c->request, c->request + c->from, c->have);
+        c->from = 0;
+    }
+}
+
+static void fill(struct apc_server *s, struct connection *c, apc_ns now)
+{
+    ssize_t n = recv(c->fd, c->request + c->have, s->options.frame_max - c->have, 0);
+
+    if (n > 0) {
+        if (c->have == 0)
+            c->since = now;
+        c->have += (size_t)n;
+        find_line(c, c->have - (size_t)n);
+        if (!c->line && c->have == s->options.frame_max)
+            reject(s, c, "a frame is too long", now);
+    } else if (n == 0) {
+        c->end = true;
+    } else if (errno != EAGAIN && errno != EINTR) {
+        hang_up(s, c);
+    }
+}
+
+static void flush(struct apc_server *s, struct connection *c, apc_ns now)
+{
+    ssize_t n = send(c->fd, c->reply + c->sent, c->length - c->sent, MSG_NOSIGNAL);
+
+    if (n >= 0) {
+        c->sent += (size_t)n;
+        if (!answering(c))
+            c->since = now; /* of the request that may have begun behind this one */
+    } else if (errno != EAGAIN && errno != EINTR) {
+        hang_up(s, c);
+    }
+}
+
+static void answer(struct apc_server *s, struct connection *c, apc_ns now)
+{
+    int n = s->fn(s->ctx, c->id, c->request + c->from, c->line, c->reply, s->options.frame_max);
+
+    if (n <= 0 || (size_t)n > s->options.frame_max) {
+        reject(s, c, "not a request that can be answered", now);
+        return;
+    }
+    count(&s->requests);
+    s->served = c->id;
+    c->sent = 0;
+    c->length = (size_t)n;
+    c->since = now;
+    flush(s, c, now);
+    drop_line(c);
+}
+
+/* Close a connection that has nothing more to say, or took too long to say it. */
+static void expire(struct apc_server *s, struct connection *c, apc_ns now)
+{
+    bool late = now - c->since >= s->options.frame_timeout;
+
+    if (answering(c)) {
+        if (late)
+            reject(s, c, "it did not take its reply in time", now);
+    } else if (c->line) {
+        return;
+    } else if (c->have > 0) {
+        if (late || c->end)
+            reject(s, c, "a frame was begun and not completed", now);
+    } else if (c->end) {
+        hang_up(s, c);
+    }
+}
+
+static void serve(struct apc_server *s, struct connection *c, short events, apc_ns now)
+{
+    if (events & (POLLERR | POLLNVAL)) {
+        hang_up(s, c);
+        return;
+    }
+    if (answering(c)) {
+        if (events & (POLLOUT | POLLHUP))
+            flush(s, c, now);
+    } else {
+        if (!c->line && !c->end && (events & (POLLIN | POLLHUP)))
+            fill(s, c, now);
+        if (c->fd >= 0 && c->line)
+            answer(s, c, now);
+    }
+    if (c->fd >= 0)
+        expire(s, c, now);
+}
+
+/* ---- The loop ------------------------------------------------------------------------------ */
+
+/* A free place, or that of the connection that was idle longest, which is closed. NULL: there is none. */
+static struct connection *make_room(struct apc_server *s, apc_ns now)
+{
+    struct connection *idle = NULL;
+
+    for (unsigned i = 0; i < s->options.connections; i++) {
+        struct connection *c = &s->connections[i];
+
+        if (c->fd < 0)
+            return c;
+        if (c->have == 0 && !answering(c) && c->id != s->served && (!idle || c->since < idle->since))
+            idle = c;
+    }
+    if (idle) {
+        count(&s->evicted);
+        log_closing(s, &idle->peer, "it was silent longest, and a new one needed its place", now);
+        hang_up(s, idle);
+    }
+    return idle;
+}
+
+static void open_connection(struct apc_server *s, int fd, const struct apc_endpoint *peer, apc_ns now)
+{
+    struct connection *c = make_room(s, now);
+
+    if (!c) {
+        count(&s->refused);
+        log_closing(s, peer, "all the connections there may be are in use", now);
+        close(fd);
+        return;
+    }
+    apc_tcp_tune(fd);
+    *c = (struct connection){
+        .fd = fd, .id = ++s->last_id, .peer = *peer, .request = c->request, .reply = c->reply, .since = now};
+    count(&s->accepted);
+    atomic_fetch_add_explicit(&s->open, 1, memory_order_relaxed);
+}
+
+static void accept_one(struct apc_server *s, apc_ns now)
+{
+    struct apc_endpoint peer = {.length = sizeof peer.address};
+    int fd =
+        accept4(s->listener, (struct sockaddr *)&peer.address, &peer.length, SOCK_CLOEXEC | SOCK_NONBLOCK);
+
+    if (fd >= 0)
+        open_connection(s, fd, &peer, now);
+    else if (errno == EMFILE || errno == ENFILE || errno == ENOBUFS || errno == ENOMEM)
+        s->accept_at = now + ACCEPT_PAUSE; /* the client stays in the queue, readable: do not spin on it */
+}
+
+static short events_of(const struct connection *c)
+{
+    if (answering(c))
+        return POLLOUT;
+    return c->line || c->end ? 0 : POLLIN;
+}
+
+/* Fill polls[]; when the next thing happens by itself. */
+static apc_ns prepare(struct apc_server *s, nfds_t *n)
+{
+    apc_ns next = s->accept_at ? s->accept_at : INT64_MAX;
+
+    s->polls[0] = (struct pollfd){.fd = s->wake, .events = POLLIN};
+    s->polls[1] = (struct pollfd){.fd = s->accept_at ? -1 : s->listener, .events = POLLIN};
+    *n = 2;
+    for (unsigned i = 0; i < s->options.connections; i++) {
+        struct connection *c = &s->connections[i];
+        apc_ns at = INT64_MAX;
+        if (c->fd < 0)
+            continue;
+        s->polls[*n] = (struct pollfd){.fd = c->fd, .events = events_of(c)};
+        s->polled[(*n)++] = c;
+        if (answering(c) || (c->have > 0 && !c->line))
+            at = c->since + s->options.frame_timeout;
+        else if (c->line || c->end)
+            at = 0;
+        if (at < next)
+            next = at;
+    }
+    return next;
+}
+
+static void wait_for(struct apc_server *s, nfds_t n, apc_ns until)
+{
+    struct timespec t = {0};
+    apc_ns left = until == INT64_MAX ? 0 : until - apc_clock_mono(NULL);
+
+    if (left > 0)
+        t = (struct timespec){left / APC_NS_PER_S, left % APC_NS_PER_S};
+    if (ppoll(s->polls, n, until == INT64_MAX ? NULL : &t, NULL) < 0)
+        for (nfds_t i = 0; i < n; i++)
+            s->polls[i].revents = 0;
+}
+
+static void *run(void *arg)
+{
+    struct apc_server *s = arg;
+
+    for (;;) {
+        nfds_t n;
+        apc_ns now, until = prepare(s, &n);
+        wait_for(s, n, until);
+        if (s->polls[0].revents)
+            return NULL;
+        now = apc_clock_mono(NULL);
+        if (s->accept_at && now >= s->accept_at)
+            s->accept_at = 0;
+        for (nfds_t i = 2; i < n; i++)
+            serve(s, s->polled[i], s->polls[i].revents, now);
+        if (s->polls[1].revents)
+            accept_one(s, now);
+    }
+}
+
+/* ---- Set-up -------------------------------------------------------------------------------- */
+
+static int take_options(struct apc_server_options *o, const struct apc_server_options *options,
+                        struct apc_error *why)
+{
+    int err = apc_options_copy(o, sizeof *o, options, "apc_server_options", why);
+    if (err < 0)
+        return err;
+    if (!o->frame_max)
+        o->frame_max = FRAME_MAX;
+    if (!o->connections)
+        o->connections = CONNECTIONS;
+    if (!o->frame_timeout)
+        o->frame_timeout = FRAME_TIMEOUT;
+    if (o->frame_max > APC_FRAME_MAX)
+        return apc_fail(why, APC_EINVAL, "frame_max is %zu: a frame has at most %u bytes", o->frame_max,
+                        APC_FRAME_MAX);
+    if (o->frame_timeout < 0)
+        return apc_fail(why, APC_EINVAL, "frame_timeout must be positive");
+    return 0;
+}
+
+static int bind_and_listen(struct apc_server *s, const char *uri, const struct apc_endpoint *at,
+                           struct apc_error *why)
+{
+    char text[APC_ENDPOINT_TEXT];
+    struct apc_endpoint bound = {.length = sizeof bound.address};
+
+    if (!apc_endpoint_is_loopback(at) && !s->options.allow_plaintext)
+        return apc_fail(
+            why, APC_EPERM,
+            "link \"%s\": %s is not a loopback address, and tcp: would take commands over the network in "
+            "plain text from anyone; listen on 127.0.0.1, or allow it by name (allow_plaintext)",
+            uri, apc_endpoint_format(at, text));
+    s->listener = apc_tcp_bind(at);
+    if (s->listener < 0 || listen(s->listener, SOMAXCONN) < 0 ||
+        fcntl(s->listener, F_SETFL, O_NONBLOCK) < 0 ||
+        getsockname(s->listener, (struct sockaddr *)&bound.address, &bound.length) < 0) {
+        int number = errno;
+        return apc_fail(why, APC_ESYS, "link \"%s\": cannot listen on %s: %s%s", uri,
+                        apc_endpoint_format(at, text), strerrordesc_np(number),
+                        number == EADDRINUSE ? "; stop the program that has this port, or choose another"
+                                             : "");
+    }
+    s->port = apc_endpoint_port(&bound);
+    return 0;
+}
+
+static int start_listening(struct apc_server *s, const char *uri, struct apc_error *why)
+{
+    struct apc_hostport host;
+    struct apc_endpoints at;
+    struct apc_error reason;
+    int err;
+
+    if (strncmp(uri, "tcp:", 4) != 0)
+        return apc_fail(why, APC_EINVAL, "link \"%s\": unknown scheme; expected tcp:HOST:PORT",
+                        uri ? uri : "");
+    err = apc_hostport_parse(&host, uri, why);
+    if (err < 0)
+        return err;
+    if (apc_hostport_resolve(&host, &at, &reason) < 0)
+        return apc_fail(why, APC_EINVAL, "link \"%s\": %s", uri, reason.text);
+    return bind_and_listen(s, uri, &at.at[0], why);
+}
+
+static int allocate(struct apc_server *s)
+{
+    size_t n = s->options.connections, each = s->options.frame_max;
+
+    s->connections = calloc(n, sizeof *s->connections);
+    s->polls = calloc(n + 2, sizeof *s->polls);
+    s->polled = calloc(n + 2, sizeof(struct connection *));
+    s->buffers = calloc(n, 2 * each); /* pages that no connection needs are never touched */
+    if (!s->connections || !s->polls || !s->polled || !s->buffers)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < n; i++)
+        s->connections[i] = (struct connection){
+            .fd = -1, .request = s->buffers + 2 * i * each, .reply = s->buffers + (2 * i + 1) * each};
+    return 0;
+}
+
+static int start_thread(struct apc_server *s)
+{
+    sigset_t all, old;
+    int number;
+
+    sigfillset(&all); /* signals are the program's own threads' business */
+    pthread_sigmask(SIG_SETMASK, &all, &old);
+    number = pthread_create(&s->thread, NULL, run, s);
+    pthread_sigmask(SIG_SETMASK, &old, NULL);
+    return number;
+}
+
+/* All but the thread. */
+static void release(struct apc_server *s)
+{
+    for (unsigned i = 0; s->connections && i < s->options.connections; i++)
+        if (s->connections[i].fd >= 0)
+            close(s->connections[i].fd);
+    if (s->listener >= 0)
+        close(s->listener);
+    if (s->wake >= 0)
+        close(s->wake);
+    free(s->buffers);
+    free(s->polled);
+    free(s->polls);
+    free(s->connections);
+    free(s);
+}
+
+int apc_server_create(struct apc_server **server, const char *uri, const struct apc_server_options *options,
+                      apc_server_fn fn, void *ctx, struct apc_error *why)
+{
+    struct apc_server_options o = {0};
+    struct apc_server *s;
+    int err, number;
+
+    if (!server || !uri || !fn)
+        return apc_fail(why, APC_EINVAL,
+                        "a server needs a place to go, an address and a function that answers");
+    *server = NULL;
+    err = take_options(&o, options, why);
+    if (err < 0)
+        return err;
+    s = calloc(1, sizeof *s);
+    if (!s)
+        return apc_fail(why, APC_ENOMEM, "link \"%s\": no memory", uri);
+    s->options = o;
+    s->fn = fn;
+    s->ctx = ctx;
+    s->listener = -1;
+    s->wake = -1;
+    err = start_listening(s, uri, why);
+    if (err < 0)
+        goto fail;
+    err = allocate(s);
+    if (err < 0) {
+        apc_fail(why, err, "link \"%s\": no memory for %u connections", uri, o.connections);
+        goto fail;
+    }
+    s->wake = eventfd(0, EFD_CLOEXEC);
+    number = s->wake < 0 ? errno : start_thread(s);
+    if (number) {
+        err =
+            apc_fail(why, APC_ESYS, "link \"%s\": cannot start its thread: %s", uri, strerrordesc_np(number));
+        goto fail;
+    }
+    *server = s;
+    return 0;
+fail:
+    release(s);
+    return err;
+}
+
+void apc_server_destroy(struct apc_server *s)
+{
+    if (!s)
+        return;
+    (void)eventfd_write(s->wake, 1);
+    pthread_join(s->thread, NULL);
+    release(s);
+}
+
+int apc_server_port(const struct apc_server *s)
+{
+    return s ? s->port : APC_EINVAL;
+}
+
+void apc_server_stats(const struct apc_server *s, struct apc_server_stats *stats)
+{
+    if (!stats)
+        return;
+    *stats = (struct apc_server_stats){0};
+    if (!s)
+        return;
+    stats->accepted = atomic_load_explicit(&s->accepted, memory_order_relaxed);
+    stats->refused = atomic_load_explicit(&s->refused, memory_order_relaxed);
+    stats->evicted = atomic_load_explicit(&s->evicted, memory_order_relaxed);
+    stats->requests = atomic_load_explicit(&s->requests, memory_order_relaxed);
+    stats->rejected = atomic_load_explicit(&s->rejected, memory_order_relaxed);
+    stats->open = atomic_load_explicit(&s->open, memory_order_relaxed);
+}

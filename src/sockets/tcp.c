@@ -1,0 +1,240 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * TCP with deadlines, and the `tcp:` transport of a link.
+ *
+ * Sockets of a link are non-blocking: a send goes out at once in nearly every case, so it is tried
+ * before it is waited for; a reply is never there yet, so it is waited for before it is read.
+ *
+ * A link's socket lingers for zero seconds: closing it throws away what the kernel still holds. A
+ * command that went into a dead network must not reach the plant when the network comes back.
+ */
+#include "sockets/sockets_internal.h"
+
+#include <errno.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+int apc_tcp_wait(int fd, short events, apc_ns deadline)
+{
+    for (;;) {
+        struct pollfd p = {.fd = fd, .events = events};
+        apc_ns left = deadline - apc_clock_mono(NULL);
+        struct timespec t = {0};
+        int n;
+        if (left > 0)
+            t = (struct timespec){left / APC_NS_PER_S, left % APC_NS_PER_S};
+        n = ppoll(&p, 1, &t, NULL);
+        if (n > 0)
+            return 0;
+        if (n == 0)
+            return APC_ETIMEDOUT;
+        if (errno != EINTR)
+            return APC_ESYS;
+    }
+}
+
+int apc_tcp_connect(int fd, const struct apc_endpoint *to, apc_ns deadline)
+{
+    socklen_t length = sizeof(int);
+    int err, number = 0;
+
+    if (connect(fd, (const struct sockaddr *)&to->address, to->length) == 0)
+        return 0;
+    if (errno != EINPROGRESS && errno != EINTR) /* either way it goes on in the background */
+        return APC_ECONN;
+    err = apc_tcp_wait(fd, POLLOUT, deadline);
+    if (err < 0)
+        return err == APC_ETIMEDOUT ? err : APC_ECONN;
+    if (getsockopt(fd, SOL_SOCKET, SO_ERROR, &number, &length) < 0)
+        return APC_ECONN;
+    errno = number;
+    return number ? APC_ECONN : 0;
+}
+
+static void set(int fd, int level, int option, int value)
+{
+    (void)setsockopt(fd, level, option, &value, sizeof value); /* comfort: nothing depends on it */
+}
+
+void apc_tcp_tune(int fd)
+{
+    set(fd, IPPROTO_TCP, TCP_NODELAY, 1);
+    set(fd, SOL_SOCKET, SO_KEEPALIVE, 1);
+    set(fd, IPPROTO_TCP, TCP_KEEPIDLE, 5);
+    set(fd, IPPROTO_TCP, TCP_KEEPINTVL, 5);
+    set(fd, IPPROTO_TCP, TCP_KEEPCNT, 3);
+    set(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, 15000);
+}
+
+int apc_tcp_bind(const struct apc_endpoint *at)
+{
+    int number, fd = socket(at->address.ss_family, SOCK_STREAM | SOCK_CLOEXEC, 0);
+
+    if (fd < 0)
+        return APC_ESYS;
+    set(fd, SOL_SOCKET, SO_REUSEADDR, 1); /* a server restarts while its old connections are in TIME_WAIT */
+    if (bind(fd, (const struct sockaddr *)&at->address, at->length) == 0)
+        return fd;
+    number = errno;
+    close(fd);
+    errno = number;
+    return APC_ESYS;
+}
+
+/* ---- The transport ------------------------------------------------------------------------- */
+
+struct tcp {
+    int fd;      /* -1: not connected */
+    size_t next; /* of the addresses: where the next connect begins */
+    struct apc_resolver *resolver;
+};
+
+static int tcp_create(void **self, const char *uri, struct apc_error *why)
+{
+    struct apc_hostport host;
+    struct tcp *t;
+    int err = apc_hostport_parse(&host, uri, why);
+
+    *self = NULL;
+    if (err < 0)
+        return err;
+    if (host.port == 0)
+        return apc_fail(why, APC_EINVAL, "link \"%s\": port must be 1..65535", uri);
+    t = calloc(1, sizeof *t);
+    if (!t)
+        return apc_fail(why, APC_ENOMEM, "link \"%s\": no memory", uri);
+    t->fd = -1;
+    err = apc_resolver_create(&t->resolver, &host, why);
+    if (err < 0) {
+        free(t);
+        return err;
+    }
+    *self = t;
+    return 0;
+}
+
+static void tcp_close(void *self)
+{
+    struct tcp *t = self;
+    if (t->fd >= 0)
+        close(t->fd);
+    t->fd = -1;
+}
+
+static void tcp_destroy(void *self)
+{
+    struct tcp *t = self;
+    tcp_close(t);
+    apc_resolver_destroy(t->resolver);
+    free(t);
+}
+
+static int connect_one(struct tcp *t, const struct apc_endpoint *to, apc_ns deadline, struct apc_error *why)
+{
+    const struct linger at_once = {.l_onoff = 1, .l_linger = 0};
+    char text[APC_ENDPOINT_TEXT];
+    int err;
+
+    t->fd = socket(to->address.ss_family, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+    if (t->fd < 0)
+        return apc_fail(why, APC_ECONN, "cannot make a socket: %s", strerrordesc_np(errno));
+    (void)setsockopt(t->fd, SOL_SOCKET, SO_LINGER, &at_once, sizeof at_once);
+    apc_tcp_tune(t->fd);
+    err = apc_tcp_connect(t->fd, to, deadline);
+    if (err == APC_ETIMEDOUT)
+        apc_fail(why, err, "connecting to %s: no answer in time", apc_endpoint_format(to, text));
+    else if (err < 0)
+        apc_fail(why, err, "connecting to %s: %s", apc_endpoint_format(to, text), strerrordesc_np(errno));
+    if (err < 0)
+        tcp_close(t);
+    return err;
+}
+
+/* All addresses in turn; one that eats the whole deadline is not the first to be tried next time. */
+static int tcp_connect(void *self, apc_ns deadline, struct apc_error *why)
+{
+    struct tcp *t = self;
+    struct apc_endpoints to;
+    int err = apc_resolver_get(t->resolver, &to, deadline, why);
+
+    for (size_t i = 0; err == 0 && i < to.count; i++) {
+        err = connect_one(t, &to.at[t->next % to.count], deadline, why);
+        if (err == 0)
+            return 0;
+        t->next = (t->next + 1) % to.count;
+        if (err == APC_ECONN && i + 1 < to.count)
+            err = 0;
+    }
+    apc_resolver_refresh(t->resolver);
+    return err;
+}
+
+static bool tcp_quiet(void *self)
+{
+    const struct tcp *t = self;
+    char byte;
+    return recv(t->fd, &byte, 1, MSG_PEEK | MSG_DONTWAIT) < 0 && (errno == EAGAIN || errno == EINTR);
+}
+
+static int broken(struct apc_error *why, const char *doing)
+{
+    return apc_fail(why, APC_ECONN, "%s: %s", doing, strerrordesc_np(errno));
+}
+
+static int tcp_send(void *self, const char *data, size_t length, apc_ns deadline, struct apc_error *why)
+{
+    const struct tcp *t = self;
+
+    while (length > 0) {
+        ssize_t n = send(t->fd, data, length, MSG_NOSIGNAL);
+        if (n >= 0) {
+            data += n;
+            length -= (size_t)n;
+        } else if (errno == EAGAIN) {
+            int err = apc_tcp_wait(t->fd, POLLOUT, deadline);
+            if (err == APC_ETIMEDOUT)
+                return apc_fail(why, err, "sending: the peer took nothing in time");
+            if (err < 0)
+                return broken(why, "sending");
+        } else if (errno != EINTR) {
+            return broken(why, "sending");
+        }
+    }
+    return 0;
+}
+
+static int tcp_receive(void *self, char *data, size_t size, apc_ns deadline, struct apc_error *why)
+{
+    const struct tcp *t = self;
+
+    for (;;) {
+        ssize_t n;
+        int err = apc_tcp_wait(t->fd, POLLIN, deadline);
+        if (err == APC_ETIMEDOUT)
+            return apc_fail(why, err, "no whole reply in time");
+        if (err < 0)
+            return broken(why, "waiting for the reply");
+        n = recv(t->fd, data, size, 0);
+        if (n > 0)
+            return (int)n;
+        if (n == 0)
+            return apc_fail(why, APC_ECONN, "the peer closed the connection");
+        if (errno != EAGAIN && errno != EINTR)
+            return broken(why, "receiving");
+    }
+}
+
+const struct apc_transport apc_transport_tcp = {
+    .scheme = "tcp:",
+    .create = tcp_create,
+    .destroy = tcp_destroy,
+    .connect = tcp_connect,
+    .close = tcp_close,
+    .quiet = tcp_quiet,
+    .send = tcp_send,
+    .receive = tcp_receive,
+};

@@ -1,0 +1,21 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* cmocka with what it needs before it, and an assert for doubles, which cmocka 1.1.5 has not. */
+#ifndef APC_TEST_CHECK_H
+#define APC_TEST_CHECK_H
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#define assert_near(actual, expected, tolerance)                                                             \
+    do {                                                                                                     \
+        double near_a = (actual), near_e = (expected), near_t = (tolerance);                                 \
+        if (!(fabs(near_a - near_e) <= near_t))                                                              \
+            fail_msg("%s = %.17g, expected %.17g +- %g", #actual, near_a, near_e, near_t);                   \
+    } while (0)
+
+#endif

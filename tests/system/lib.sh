@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# shellcheck shell=bash
+# What the system tests share. A test sources this; it finds the programs in APC_BIN and an empty database in
+# libpq's environment. Everything it makes is in $work, which goes at the end, as do its processes.
+set -euo pipefail
+apc=$APC_BIN/apc
+work=$(mktemp -d "${TMPDIR:-/tmp}/apc-system.XXXXXX")
+children=()
+
+finish() {
+  local status=$?
+  for pid in ${children[@]+"${children[@]}"}; do
+    kill -TERM "$pid" 2>/dev/null && kill -CONT "$pid" 2>/dev/null || true
+  done
+  for pid in ${children[@]+"${children[@]}"}; do
+    wait "$pid" 2>/dev/null || true
+  done
+  if [ $status -ne 0 ] && [ $status -ne 77 ]; then
+    for log in "$work"/*.log "$work"/*/*.log; do
+      [ -f "$log" ] && echo "--- $log" && tail -n 15 "$log"
+    done
+  fi
+  rm -rf "$work"
+  exit $status
+}
+trap finish EXIT
+
+fail() {
+  echo "FAILED: $*" >&2
+  exit 1
+}
+
+# until_true SECONDS COMMAND...: poll a condition; fails when it has not come true by then.
+until_true() {
+  local deadline=$((SECONDS + $1))
+  shift
+  until "$@" >/dev/null 2>&1; do
+    [ $SECONDS -lt $deadline ] || fail "did not come true: $*"
+    read -rt 0.05 <> <(:) || true
+  done
+}
+
+# expect CODE PATTERN COMMAND...: exit code, and a pattern in stdout or stderr together.
+expect() {
+  local code=$1 pattern=$2 status=0 output
+  shift 2
+  output=$("$@" 2>&1 </dev/null) || status=$?
+  [ $status -eq "$code" ] || fail "exit code $status instead of $code: $*: $output"
+  grep -Eq -- "$pattern" <<<"$output" || fail "no \"$pattern\" in the output of $*: $output"
+}
+
+# sql QUERY: the answer, unadorned.
+sql() {
+  psql -XAtqc "$1"
+}
+
+free_port() {
+  local port
+  while :; do
+    port=$((20000 + RANDOM % 12000))
+    (exec 3<>"/dev/tcp/127.0.0.1/$port") 2>/dev/null || { echo "$port"; return; }
+  done
+}
+
+# background NAME COMMAND...: start, log to $work/NAME.log, remember in $pid.
+background() {
+  local name=$1
+  shift
+  "$@" >>"$work/$name.log" 2>&1 &
+  pid=$!
+  children+=("$pid")
+}
+
+# The paper's loop, ten times as fast, on a port of its own: $work/fast.conf.
+port=$(free_port)
+fast_experiment() {
+  sed -e 's/name = "first-order"/name = "fast"/' -e 's/tau = 10.0/tau = 1.0/' -e 's/tau_i = 10.0/tau_i = 1.0/' \
+    -e 's/period = 0.2;/period = 0.02;/' -e 's/period = 0.5;/period = 0.05; phase = 0.004;/' \
+    -e 's/period = 2.0;/period = 0.2; phase = 0.012;/' -e 's/period = 150.0;/period = 15.0;/' \
+    -e 's/duration = 600.0/duration = 60.0/' -e "s/43051/$port/" \
+    "$APC_SOURCE_DIR/experiments/first-order.conf" >"$work/fast.conf"
+}

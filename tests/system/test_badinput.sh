@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# Bad input gets one clear line, the right exit code, and leaves nothing behind.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+fast_experiment
+good=$work/fast.conf
+bad=$work/bad.conf
+daemons=(apc-plant apc-client apc-controller apc-scheduler)
+run() { "$apc" run "$bad" --duration 1 --out "$work/never"; }
+
+# change SED PATTERN: the good file with one mistake is refused by name, file and line
+change() {
+  sed -e "$1" "$good" >"$bad"
+  cmp -s "$bad" "$good" && fail "the mistake $1 changes nothing"
+  expect 1 "bad\.conf:[0-9]+: .*$2" run
+}
+
+# options
+for program in "${daemons[@]}"; do
+  expect 0 'Usage: ' "$APC_BIN/$program" --help
+  expect 0 'libapc' "$APC_BIN/$program" --version
+  expect 2 'unrecognized option' "$APC_BIN/$program" --no-such-option
+  expect 2 'no experiment file: give --config' "$APC_BIN/$program"
+  expect 1 'nowhere\.conf: cannot be read' "$APC_BIN/$program" --config "$work/nowhere.conf"
+  expect 2 'start.*2026-01-31T12:00:00Z' "$APC_BIN/$program" --config "$good" --start yesterday
+  expect 1 'timer.*sundial.*deadline' "$APC_BIN/$program" --config "$good" --timer sundial
+  expect 2 'unexpected argument' "$APC_BIN/$program" surplus
+  expect 1 'store.*carrierpigeon' "$APC_BIN/$program" --config "$good" --store carrierpigeon:coop
+done
+for command in init run status get set mode tune watch history timing report; do
+  expect 0 'Usage: ' "$apc" "$command" --help
+  expect 2 'unrecognized option' "$apc" "$command" --no-such-option
+done
+expect 2 'unknown command "dance"' "$apc" dance
+expect 2 'Usage' "$apc"
+expect 2 'duration' "$apc" run "$good" --duration soon
+expect 2 'duration' "$apc" run "$good" --duration nan
+expect 2 'timer' "$apc" run "$good" --timer sundial
+expect 2 'posix cannot spin' "$apc" run "$good" --timer posix --spin
+
+# the experiment file
+expect 1 'nowhere\.conf' "$apc" run "$work/nowhere.conf"
+change 's/period = 0.02;/period = 0;/' 'period.*must be from'
+change 's/period = 0.02;/period = -1.0;/' 'period.*must be from'
+change 's/period = 0.02;/period = 1e300;/' 'period.*must be from'
+change 's/period = 0.02;/period = 1e-9;/' 'period.*must be from'
+change 's/period = 0.02;/period = nan;/' 'syntax error'
+change 's/period = 0.02;/period = "fast";/' 'period.*number of seconds'
+change 's/period = 0.02;/perid = 0.02;/' 'unknown setting "perid" in plant; known are: .*period'
+change '/^plant/,/^};/d' '"plant" is missing'
+change 's/law = "pi"/law = "magic"/' 'magic.*pi'
+change 's/law = "pi"/law = ".\/magic.so"/' 'magic\.so'
+change 's/model = "first-order"/model = "reactor"/' 'reactor.*first-order'
+change 's/Kp = 0.2/Kq = 0.2/' 'no parameter "Kq"'
+change 's/tau_i = 1.0/tau_i = -1.0/' 'tau_i.*must be from'
+change 's/tau = 1.0;/tau = 0.0;/' 'tau.*must be from'
+change 's/\[10.0\]/[1000.0]/' 'setpoint r = 1000 lies outside its limits'
+change 's/\[10.0\]/[10.0, 20.0]/' 'expected 1 number'
+change 's/mode = "Auto"/mode = "Fast"/' 'mode.*Auto.*Man'
+change 's/duration = 60.0;/duration = 60.0/;s/^measurements.*/x/' 'syntax error'
+change 's/safe = 0.0/safe = 11.0/' 'safe.*must be from'
+[ ! -e "$work/never" ] || fail "a refused experiment left a folder behind"
+[ "$(sql "SELECT count(*) FROM information_schema.schemata WHERE schema_name = 'apc'")" = 0 ] ||
+  fail "a refused experiment left tables behind"
+
+# the database
+expect 1 'schema "apc".*apc init' "$apc" get
+for program in apc-client apc-controller apc-scheduler; do
+  expect 1 'schema "apc".*apc init' "$APC_BIN/$program" --config "$good"
+done
+expect 3 'no_such_database' "$apc" get --store postgresql:///no_such_database
+expect 3 'connect' env PGHOST="$work" "$apc" get
+expect 3 'connect' env PGHOST="$work" "$APC_BIN/apc-controller" --config "$good"
+expect 1 'carrierpigeon' "$apc" get --store carrierpigeon:coop
+expect 0 'tables made' "$apc" init "$good"
+expect 0 'up to date' "$apc" init "$good"
+sql 'INSERT INTO apc.migration (version, name) VALUES (999, $$from the future$$)'
+expect 1 'newer|upgrade' "$apc" get
+expect 1 'newer|upgrade' "$apc" init
+sql 'DELETE FROM apc.migration WHERE version = 999'
+
+# values
+expect 1 'no variable "pressure"; there are: .*y' "$apc" get pressure
+expect 4 'r = 200 lies outside its limits -100 to 100' "$apc" set r 200
+expect 2 'nan' "$apc" set r nan
+expect 2 'inf' "$apc" set r inf
+expect 2 '1,5' "$apc" set r 1,5
+expect 4 'Auto' "$apc" set u 1
+expect 4 'limits' "$apc" tune tau_i=-1
+expect 1 'no variable' "$apc" tune Kq=1
+[ "$(sql 'SELECT count(*) FROM apc.setpoint')" = 0 ] || fail "a refused setpoint was written"
+
+# the network
+expect 4 'plain text.*--allow-plaintext' "$APC_BIN/apc-plant" --config "$good" --listen tcp:0.0.0.0:0
+expect 1 'port' "$APC_BIN/apc-plant" --config "$good" --listen tcp:127.0.0.1:99999
+expect 1 'pigeon' "$APC_BIN/apc-client" --config "$good" --link pigeon:coop
+background plant "$APC_BIN/apc-plant" --config "$good"
+plant=$pid
+answers() { exec 3<>"/dev/tcp/127.0.0.1/$port" && printf 'apc1 query 7 0;\n' >&3 && read -rt 5 reply <&3; }
+until_true 10 answers
+answers
+grep -Eq '^apc1 values 7 1;' <<<"$reply" || fail "the plant replied: $reply"
+for frame in 'garbage' 'apc1 command 1 1;2026-01-31T12:00:00Z,Good,nan;' 'apc1 command 1 2;' 'apc1 fly 1 0;' ''; do
+  exec 3<>"/dev/tcp/127.0.0.1/$port"
+  printf '%s\n' "$frame" >&3
+  read -rt 5 reply <&3 && fail "the plant answered \"$frame\" with: $reply"
+  exec 3>&-
+done
+kill -0 "$plant" || fail "the plant did not survive a malformed frame"
+answers || fail "the plant answers no more after malformed frames"

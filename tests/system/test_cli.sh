@@ -1,0 +1,419 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# The commands of apc: what they print, what they exit with, and that nothing is written after a refusal.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+unset NO_COLOR
+experiment=$(dirname "$0")/../../experiments/first-order.conf
+checks=0
+
+# ---- Tools ----------------------------------------------------------------------------------------------------
+
+# With what the last command said.
+fail() {
+  printf 'FAILED: %s\n' "$1" >&2
+  printf -- '--- stdout\n%s\n--- stderr\n%s\n' "$(cat "$work/out")" "$(cat "$work/err")" >&2
+  exit 1
+}
+
+# run CODE COMMAND...: apc COMMAND... must exit with CODE. Leaves stdout in $work/out, stderr in $work/err.
+run() {
+  local want=$1 got=0
+  shift
+  what="apc $*"
+  "$apc" "$@" >"$work/out" 2>"$work/err" </dev/null || got=$?
+  checks=$((checks + 1))
+  ((got == want)) || fail "$what: exit code $got, expected $want"
+}
+
+out_is() {
+  checks=$((checks + 1))
+  [[ $(cat "$work/out") == "$1" ]] || fail "$what: expected on stdout: $1"
+}
+
+out_has() {
+  checks=$((checks + 1))
+  grep -qE -- "$1" "$work/out" || fail "$what: no line on stdout matches: $1"
+}
+
+err_has() {
+  checks=$((checks + 1))
+  grep -qF -- "$1" "$work/err" || fail "$what: nothing on stderr says: $1"
+}
+
+out_empty() {
+  checks=$((checks + 1))
+  [[ ! -s $work/out ]] || fail "$what: stdout should be empty"
+}
+
+err_empty() {
+  checks=$((checks + 1))
+  [[ ! -s $work/err ]] || fail "$what: stderr should be empty"
+}
+
+# Rows in everything an operator may write to.
+rows() {
+  sql "SELECT sum(n) FROM (SELECT count(*) FROM apc.setpoint UNION ALL SELECT count(*) FROM apc.manual UNION ALL
+         SELECT count(*) FROM apc.tuning UNION ALL SELECT count(*) FROM apc.opmode UNION ALL
+         SELECT count(*) FROM apc.event UNION ALL SELECT count(*) FROM apc.sensor UNION ALL
+         SELECT count(*) FROM apc.actuator) AS t (n)"
+}
+
+# refused CODE TEXT COMMAND...: exits with CODE, says TEXT on stderr, prints nothing, writes nothing.
+refused() {
+  local code=$1 text=$2 before
+  shift 2
+  before=$(rows)
+  run "$code" "$@"
+  err_has "$text"
+  out_empty
+  [[ $(rows) == "$before" ]] || fail "$what: was refused but wrote to the store"
+}
+
+newest() {
+  sql "SELECT value FROM apc.$1 WHERE id = $2 ORDER BY seq DESC LIMIT 1"
+}
+
+# equal GOT WANTED WHAT
+equal() {
+  checks=$((checks + 1))
+  [[ $1 == "$2" ]] || fail "$3: got \"$1\", expected \"$2\""
+}
+
+json_reader=
+if command -v python3 >/dev/null; then
+  json_reader=python3
+elif command -v jq >/dev/null; then
+  json_reader=jq
+fi
+
+# Standard input must be exactly one JSON value.
+json() {
+  case $json_reader in
+  python3) python3 -c 'import json, sys; json.load(sys.stdin)' ;;
+  jq) [[ $(jq -s length) == 1 ]] ;;
+  esac
+}
+
+out_is_json() {
+  checks=$((checks + 1))
+  json <"$work/out" 2>"$work/err" || fail "$what: stdout is not JSON"
+}
+
+# ---- Tests ----------------------------------------------------------------------------------------------------
+
+test_usage_errors_exit_2() {
+  run 2 frobnicate
+  run 2 set
+  run 2 set r
+  err_has "VARIABLE VALUE"
+  run 2 set r 1 u
+  err_has '"u" has no value'
+  run 2 history
+  run 2 history y --events
+  run 2 history y --since yesterday
+  err_has "must be a time"
+  run 2 history y --last 0
+  run 2 timing --since tomorrow
+  err_has "must be a time"
+  run 2 watch --interval 0
+  run 2 watch --count 1.5
+  run 2 mode sideways
+  err_has "must be man or auto"
+  run 2 tune Kp
+  err_has "NAME=VALUE"
+  run 2 status --csv
+  run 2 get --no-such-option
+}
+
+test_an_unreachable_store_exits_3() {
+  local command
+  for command in "get" "set r 1" "mode" "mode man" "tune" "tune Kp=1" "watch --count 1" "history y" "timing" "status"; do
+    # shellcheck disable=SC2086
+    run 3 $command --store postgresql://somebody:secret@127.0.0.1:1/none
+    err_has "cannot connect"
+    out_empty
+  done
+  run 3 status --json --store 'postgresql://somebody:secret@127.0.0.1:1/none?sslpassword=secret'
+  out_is_json
+  out_has '"connected":false'
+  ! grep -q secret "$work/out" "$work/err" || fail "$what: shows a password"
+}
+
+test_a_store_without_tables_says_what_to_do() {
+  run 1 get
+  err_has "apc init"
+  run 1 status
+  err_has "apc init"
+}
+
+test_init_describes_an_experiment_and_may_be_repeated() {
+  run 0 init
+  run 1 get
+  err_has "apc init FILE"
+  run 0 status
+  out_has "no variables are described"
+  run 1 set r 1
+  run 0 init "$experiment"
+  run 0 init "$experiment"
+  equal "$(newest opmode 0)" 1 "the first mode is the file's"
+}
+
+test_get_says_so_when_there_is_no_sample() {
+  run 0 get y r
+  out_has '^y +- .*no sample yet$'
+  out_has '^r +- .*no sample yet$'
+  run 0 get --json y
+  out_is_json
+  out_has '"value":null'
+  run 0 get --csv y
+  out_is "time,table,id,status,value"
+  run 1 get y nonsense
+  err_has 'no variable "nonsense"'
+  err_has "Kp"
+  out_empty
+  run 1 get sensor.x
+  run 1 get sensor.99
+  err_has 'no variable "sensor.99"'
+  run 1 history sensor.99
+  run 0 status
+  out_has "no task has reported"
+  run 0 timing
+  out_has "no task has reported"
+  run 0 timing --json
+  out_is "[]"
+  run 1 timing client
+  err_has 'task "client" has reported no timing'
+  out_empty
+}
+
+test_set_writes_setpoints() {
+  run 0 set r 10
+  out_is "r: none -> 10"
+  run 0 set setpoint.1 12
+  out_is "r: 10 -> 12"
+  run 0 set r -0.1234567890123
+  out_is "r: 12 -> -0.1234567890123"
+  run 0 set r -.5e1
+  out_is "r: -0.1234567890123 -> -5"
+  equal "$(newest setpoint 1)" -5 "the setpoint in the store"
+  run 0 history --events --last 1
+  out_has '  info +[^ ].* operator +r: -0.1234567890123 -> -5$'
+}
+
+test_set_refuses_what_must_not_be() {
+  refused 4 "r = 200 lies outside its limits -100 to 100" set r 200
+  refused 4 "r = -100.5 lies outside its limits" set r -100.5
+  refused 4 "outside its limits" set r 1e305
+  refused 2 '"abc" is not a finite number' set r abc
+  refused 2 '"nan" is not a finite number' set r nan
+  refused 2 '"1e999" is not a finite number' set r 1e999
+  refused 2 '"0x10" is not a finite number' set r 0x10
+  refused 2 "r is given twice" set r 1 setpoint.1 2
+  refused 4 "measurements are written by the client only" set y 1
+  refused 4 "apc mode man" set mode 0
+  refused 4 "apc tune" set Kp 1
+  refused 4 "apc init" set dim.y 2
+  refused 4 "controller" set state.1 2
+  refused 1 'no variable "q"' set q 1
+  refused 1 'no variable "setpoint.7"' set setpoint.7 1
+  refused 4 'u is controlled in mode Auto; "apc mode man" first' set u 1
+  refused 4 'u is controlled in mode Auto; "apc mode man" first' set actuator.1 1
+}
+
+test_several_pairs_are_all_or_nothing() {
+  refused 4 "u = 11 lies outside its limits -10 to 10" set r 3 u 11
+  run 0 mode man
+  run 0 set r 3 u -2
+  out_is $'r: -5 -> 3\nu: none -> -2'
+  equal "$(sql "SELECT count(DISTINCT xmin::text) FROM (SELECT xmin FROM apc.setpoint WHERE value = 3
+                   UNION ALL SELECT xmin FROM apc.manual WHERE value = -2) AS t")" 1 "one transaction"
+  equal "$(newest manual 1)" -2 "the operator's output"
+  run 0 mode auto
+}
+
+test_mode_is_shown_and_changed() {
+  run 0 mode
+  out_has '^target  Auto  for '
+  out_has '^actual  none$'
+  run 0 mode mAn
+  out_is "mode: Auto -> Man"
+  equal "$(newest opmode 0)" 0 "the target mode"
+  run 0 mode man
+  out_is "mode: Man already"
+  run 0 mode --json
+  out_is_json
+  out_is '{"target":"Man","actual":null}'
+  run 0 mode AUTO
+  out_is "mode: Man -> Auto"
+  run 0 history --events --last 1
+  out_has 'operator +mode: Man -> Auto$'
+}
+
+test_tune_is_shown_and_changed() {
+  run 0 tune
+  out_has '^Kp +0\.2 .*proportional gain$'
+  run 0 tune Kp=0.3 tau_i=12.5
+  out_is $'Kp: 0.2 -> 0.3\ntau_i: 10 -> 12.5'
+  equal "$(newest tuning 1)" 0.3 "Kp in the store"
+  run 0 tune tuning.1=-0.25
+  out_is "Kp: 0.3 -> -0.25"
+  refused 4 "tau_i = -1 lies outside its limits" tune Kp=1 tau_i=-1
+  refused 2 '"x" is not a finite number' tune Kp=x
+  refused 2 "Kp is given twice" tune Kp=1 Kp=2
+  refused 1 "no parameter of the control law" tune r=1
+  refused 1 'no variable "Ki"' tune Ki=1
+  run 0 tune --json
+  out_is_json
+  run 0 tune --csv
+  out_has '^[0-9T:.-]+Z,tuning,1,Good,-0.25$'
+}
+
+test_history_gives_rows_in_their_order() {
+  sql "INSERT INTO apc.sensor SELECT 1, i, now() - (101 - i) * interval '1 hour', CASE i WHEN 99 THEN
+         2156658688 ELSE 0 END, i / 8.0 FROM generate_series(1, 100) AS i"
+  run 0 history y
+  equal "$(wc -l <"$work/out")" 21 "twenty rows and a heading"
+  run 0 history y --last 3 --csv
+  equal "$(cut -d, -f2- "$work/out" | tr '\n' ' ')" \
+    "table,id,status,value sensor,1,Good,12.25 sensor,1,BadSensorFailure,12.375 sensor,1,Good,12.5 " "CSV"
+  run 0 history y --since -630m --csv
+  equal "$(wc -l <"$work/out")" 11 "rows of ten hours and a header"
+  run 0 history y --since -5d --until -59.5h --json
+  out_is_json
+  equal "$(grep -c '"table":"sensor"' "$work/out")" 41 "rows of long ago"
+  run 0 history y --since 2000-01-01T00:00:00Z --until 2001-01-01T00:00:00Z --json
+  out_is "[]"
+  run 0 history --events --json
+  out_is_json
+  run 0 history --events --csv
+  out_has '^time,severity,source,kind,text$'
+  out_has '^[^,]*Z,info,"[^"]+","operator","r: none -> 10"$'
+}
+
+test_values_are_shown_with_age_and_status() {
+  sql "INSERT INTO apc.actuator VALUES (1, 1, now(), 0, 4.25)"
+  run 0 get
+  out_has '^NAME +VALUE .*STATUS +AGE$'
+  out_has '^y +12\.5 +Good +6[0-9] min$'
+  out_has '^mode +Auto '
+  err_empty
+  run 0 get --json
+  out_is_json
+  run 0 get --csv y r
+  out_has '^[0-9T:.-]+Z,sensor,1,Good,12.5$'
+  out_has '^[0-9T:.-]+Z,setpoint,1,Good,3$'
+}
+
+test_status_is_one_screen() {
+  sql "INSERT INTO apc.timing (time, task, quantity, period, missed, count, mean, sd, p50, p99, max, bin_low,
+                                 bin_high, bin_count)
+         SELECT now(), 'client', 'lateness', 500000000, m, 50, 0, 0, 0, 0, 90000 + m, ARRAY[50000, 90000],
+        ARRAY[50999, 90999], ARRAY[49, 1] FROM generate_series(1, 2) AS m"
+  run 0 status
+  out_has '^mode +target Auto, actual none$'
+  out_has '^y +12\.5 +Good .* STALE$'
+  out_has '^r +3 +Good'
+  out_has '^client +500 ms +51 µs +90 µs +90 µs +100 +3$'
+  out_has '^20.*Z  info  .* Kp: 0.3 -> -0.25$'
+  [[ $(wc -l <"$work/out") -le 24 ]] || fail "$what: more than a screen"
+  run 0 status --json
+  out_is_json
+  out_has '"stale":true'
+}
+
+test_timing_puts_the_windows_together() {
+  run 0 timing
+  out_has '^QUANTITY +TASK +TICKS +MISSED +MEAN +SD +p50 +p99 +p99.9 +MAX$'
+  out_has '^lateness +client +100 +3 +0 ns +0 ns +51 µs +90 µs +90 µs +90 µs$'
+  run 0 timing client --csv
+  out_is "$(printf '%s\n' task,quantity,period_ns,count,missed,mean_ns,sd_ns,min_ns,p50_ns,p99_ns,p999_ns,max_ns \
+    client,lateness,500000000,100,3,0.0,0.0,50000,50999,90002,90002,90002)"
+  sql "INSERT INTO apc.timing (time, task, quantity, period, missed, count, mean, sd, p50, p99, max, bin_low,
+                                 bin_high, bin_count)
+         SELECT now() - interval '2 hours', task, 'run', 500000000, 0, 1, 7, 0, 7, 7, 7, ARRAY[7], ARRAY[7], ARRAY[1]
+         FROM unnest(ARRAY['client', E'evil\033[31m']) AS task"
+  run 0 timing
+  equal "$(wc -l <"$work/out")" 2 "a heading and the task of the last minute"
+  run 0 timing --since -3h
+  equal "$(wc -l <"$work/out")" 4 "a heading, and what was reported in three hours"
+  ! grep -q $'\033' "$work/out" || fail "$what: escape sequences pass"
+  run 0 timing --since -3h --json client
+  out_is_json
+  equal "$(grep -c '"task":"client"' "$work/out")" 2 "both quantities of the client"
+  out_has '"quantity":"lateness","period_ns":500000000,"count":100,"missed":3,'
+  out_has '"bins":\[\[50000,50999,98\],\[90000,90999,2\]\]'
+  run 1 timing client nobody
+  err_has 'task "nobody" has reported no timing'
+  out_empty
+}
+
+test_watch_gives_one_line_a_new_sample() {
+  run 0 watch --count 2 --interval 0.01
+  equal "$(grep -c . "$work/out")" 4 "y, r, u and the target mode, once each"
+  out_has '^[0-9T:.-]+Z  y  .* 12\.5  Good$'
+  run 0 watch y r --count 3 --interval 0.01 --csv
+  equal "$(grep -c . "$work/out")" 3 "a header and two rows"
+  run 0 watch y --count 1 --json
+  out_is_json
+  run 1 watch nonsense --count 1
+}
+
+test_watch_follows_and_ends_on_interrupt() {
+  local lines pid line code=0
+  exec {lines}< <(exec "$apc" watch r --interval 0.01 2>"$work/err")
+  pid=$!
+  what="apc watch r"
+  : >"$work/out"
+  read -r -t 20 line <&"$lines" || fail "$what: no first line"
+  run 0 set r 7
+  read -r -t 20 line <&"$lines" || fail "$what: does not show a new sample"
+  [[ $line == *" 7  Good" ]] || fail "$what: shows \"$line\""
+  kill -INT "$pid"
+  wait "$pid" || code=$?
+  exec {lines}<&-
+  equal "$code" 0 "apc watch after Ctrl-C"
+}
+
+test_a_terminal_gets_a_table_and_colour_unless_told_not_to() {
+  command -v script >/dev/null || return 0
+  what="apc on a terminal"
+  : >"$work/err"
+  TERM=xterm script -qec "'$apc' watch --count 3 --interval 0.01" /dev/null >"$work/out" </dev/null
+  grep -q $'\033\\[[0-9]*A' "$work/out" || fail "$what: watch does not draw over its table"
+  grep -q $'\033\\[1m' "$work/out" || fail "$what: no colour"
+  NO_COLOR=1 TERM=xterm script -qec "'$apc' get" /dev/null >"$work/out" </dev/null
+  ! grep -q $'\033' "$work/out" || fail "$what: colour in spite of NO_COLOR"
+  run 0 get
+  ! grep -q $'\033' "$work/out" || fail "$what: colour in a file"
+}
+
+test_text_from_the_store_cannot_drive_the_terminal() {
+  sql "INSERT INTO apc.event (time, severity, source, kind, text)
+         VALUES (now(), 3, E'x\033[31m', 'operator', E'say \"\033[2J\", then\nmore')"
+  run 0 history --events --last 1
+  ! grep -q $'\033' "$work/out" || fail "$what: escape sequences pass"
+  equal "$(wc -l <"$work/out")" 2 "one line an event"
+  run 0 status
+  ! grep -q $'\033' "$work/out" || fail "$what: escape sequences pass"
+  run 0 history --events --last 1 --json
+  out_is_json
+}
+
+test_output_that_cannot_be_written_is_an_error() {
+  [[ -w /dev/full ]] || return 0
+  local code=0
+  what="apc get >/dev/full"
+  : >"$work/out"
+  "$apc" get >/dev/full 2>"$work/err" || code=$?
+  equal "$code" 1 "$what"
+  err_has "cannot write"
+}
+
+# In the order in which they stand here: each goes on from what the former left in the store.
+while read -r test; do
+  "$test" </dev/null
+  printf 'ok   %s\n' "$test"
+done < <(sed -n 's/^\(test_[a-z0-9_]*\)() {$/\1/p' "${BASH_SOURCE[0]}")
+printf '%d checks\n' "$checks"
+((checks > 200)) || fail "most tests did not run"
+[[ -n $json_reader ]] || echo "neither python3 nor jq: JSON was not read"

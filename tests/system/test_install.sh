@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# What is installed is complete: a consumer builds and runs with find_package and with pkg-config, shared and static.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+case "${APC_SANITIZE:-}" in ?*) echo "sanitized build: skipped"; exit 77 ;; esac
+
+prefix=$work/prefix
+cmake --install "$APC_BUILD_DIR" --prefix "$prefix" >"$work/install.log"
+libdir=$(dirname "$(find "$prefix" -name 'libapc.so')")
+
+cmake -G Ninja -DCMAKE_PREFIX_PATH="$prefix" -S "$APC_SOURCE_DIR/examples/consumer" -B "$work/consumer" >"$work/cmake.log"
+cmake --build "$work/consumer" >>"$work/cmake.log"
+for program in consumer_apc consumer_apc_static; do
+  expect 0 'tick 9, ' "$work/consumer/$program" deadline
+  expect 0 'tick 9, ' "$work/consumer/$program" posix
+done
+expect 1 'sundial.*deadline' "$work/consumer/consumer_apc" sundial
+
+export PKG_CONFIG_PATH=$libdir/pkgconfig
+# shellcheck disable=SC2046
+{
+  cc $(pkg-config --cflags apc) "$APC_SOURCE_DIR/examples/consumer/consumer.c" -o "$work/shared" $(pkg-config --libs apc)
+  cc $(pkg-config --cflags apc-static) "$APC_SOURCE_DIR/examples/consumer/consumer.c" -o "$work/static" \
+    $(pkg-config --libs apc-static)
+}
+LD_LIBRARY_PATH=$libdir expect 0 'tick 9, ' "$work/shared"
+expect 0 'tick 9, ' "$work/static"
+
+# Every header stands alone, in C and, for its users, in C++ where there is a compiler.
+for header in "$prefix"/include/apc*.h; do
+  name=$(basename "$header")
+  # shellcheck disable=SC2046
+  echo "#include <$name>" | cc -std=c11 -D_POSIX_C_SOURCE=200809L -Wall -Wextra -Wpedantic -Werror $(pkg-config --cflags apc) -fsyntax-only -xc - ||
+    fail "$name does not stand alone"
+  # shellcheck disable=SC2046
+  ! command -v c++ >/dev/null || echo "#include <$name>" |
+    c++ -std=c++11 -D_POSIX_C_SOURCE=200809L -Wall -Wextra -Wpedantic -Werror $(pkg-config --cflags apc) -fsyntax-only -xc++ - ||
+    fail "$name is no C++"
+done
+
+# Only what the headers promise is exported.
+nm -D --defined-only "$libdir/libapc.so" | awk '$2 ~ /[TDBR]/ {sub(/@.*/, "", $3); print $3}' | sort >"$work/exported"
+grep -vE '^(apc_|APC_0$)' "$work/exported" | sort >"$work/paper"
+cat >"$work/promised" <<'NAMES'
+client_connect
+client_init
+create_apctimer
+genTimeStampUTC
+insertIntoTableFloat
+insertIntoTableInt
+packMultiMsg
+readMultiRecentValsFloat
+readMultiRecentValsInt
+readRecentValFloat
+readRecentValInt
+server_accept
+server_init
+server_listen
+start_apctimer
+stop_apctimer
+unpackMultiMsg
+NAMES
+diff "$work/promised" "$work/paper" || fail "exported names differ from the paper's"
+while read -r name; do
+  grep -qw "$name" "$prefix"/include/*.h || fail "$name is exported and in no header"
+done < <(grep -v APC_0 "$work/exported")
+expect 0 'libapc\) 0' "$prefix/bin/apc" --version

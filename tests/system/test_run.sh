@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# `apc run` runs the loop with real processes, a real database and a real network, and leaves a whole run folder.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+fast_experiment
+
+folder_is_whole() {
+  for file in run.conf samples.csv timing.csv timing-summary.csv events.csv report.svg report.png; do
+    [ -s "$1/$file" ] || fail "$1/$file is missing or empty"
+  done
+  [ -z "$(find "$1" -name '*.part')" ] || fail "a half-written file was left in $1"
+  [ "$(head -n 1 "$1/samples.csv")" = "time,table,id,status,value" ] || fail "samples.csv has another header"
+  for table in sensor actuator setpoint; do
+    grep -q ",$table,1,Good," "$1/samples.csv" || fail "no good sample of $table in $1/samples.csv"
+  done
+  for task in plant client controller scheduler; do
+    grep -q "^$task,lateness," "$1/timing-summary.csv" || fail "no timing of $task in $1"
+  done
+  head -c 8 "$1/report.png" | grep -q PNG || fail "report.png is no PNG"
+  grep -q '</svg>' "$1/report.svg" || fail "report.svg is no whole SVG"
+}
+
+# last_value FOLDER TABLE: the newest value of the run.
+last_value() {
+  awk -F, -v table="$2" '$2 == table {value = $5} END {print value}' "$1/samples.csv"
+}
+
+# y has settled at the setpoint after ten time constants
+expect 0 'report\.png' "$apc" run "$work/fast.conf" --duration 10 --out "$work/run"
+folder_is_whole "$work/run"
+awk -v y="$(last_value "$work/run" sensor)" 'BEGIN {exit !(y > 9.8 && y < 10.2)}' ||
+  fail "y = $(last_value "$work/run" sensor) did not settle at 10"
+awk -F, '$1 < 0 || $1 >= 10 {exit 1}' <(tail -n +2 "$work/run/samples.csv") || fail "a sample lies outside the run"
+[ "$(sql 'SELECT count(*) FROM (SELECT seq - lag(seq) OVER (ORDER BY seq) AS d FROM apc.sensor WHERE id = 1) s WHERE d <> 1')" = 0 ] ||
+  fail "the sensor's seq has gaps"
+[ "$(sql 'SELECT count(*) FROM apc.actuator a WHERE NOT EXISTS (SELECT FROM apc.sensor s WHERE s.id = a.id AND s.seq = a.sensor_seq)')" = 0 ] ||
+  fail "an actuator row names a measurement that is not there"
+
+# every u is the paper's PI of the very samples that its row names: u = Kp e + I, then I += Kp Ts/tau_i e
+error=$(sql "
+  SELECT max(abs(u - (0.2 * e + 0.2 * 0.2 / 1.0 * coalesce(before, 0)))) FROM (
+    SELECT a.value AS u, z.value - y.value AS e,
+           sum(z.value - y.value) OVER (ORDER BY a.seq ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING) AS before
+    FROM apc.actuator a
+    JOIN apc.sensor y ON y.id = a.id AND y.seq = a.sensor_seq
+    JOIN apc.setpoint z ON z.id = a.id AND z.seq = a.setpoint_seq
+    WHERE a.status = 0) k")
+awk -v error="$error" 'BEGIN {exit !(error < 1e-9)}' || # a lost measurement would stop the integral: then it differs by right
+  grep -q 'output held' "$work/run/apc-controller.log" || fail "u differs from the paper's PI by $error"
+
+# the figure can be drawn again, and the same run again starts from the beginning
+expect 0 'report' "$apc" report "$work/run"
+timer=posix
+[ "${APC_SANITIZE:-}" != thread ] || timer=deadline # the thread sanitizer breaks down in glibc's own SIGEV_THREAD threads
+expect 0 'report\.png' "$apc" run "$work/fast.conf" --duration 2 --out "$work/again" --timer $timer
+folder_is_whole "$work/again"
+awk -F, '$2 == "actuator" {exit !($5 > 0)}' "$work/again/samples.csv"
+
+# a law and a plant of one's own
+expect 0 'report\.png' "$apc" run "$work/fast.conf" --duration 2 --out "$work/own" --spin --hold-latency \
+  --law "$APC_BUILD_DIR/examples/mylaw.so" --plant "$APC_BUILD_DIR/examples/myplant.so"
+folder_is_whole "$work/own"
+for program in apc-plant apc-client apc-controller apc-scheduler; do
+  grep -q 'spinning took' "$work/own/$program.log" || fail "$program was not told to spin"
+  grep -q 'cpu_dma_latency' "$work/own/$program.log" || fail "$program was not told to hold the latency"
+done
+
+# Ctrl-C ends an endless run cleanly, with its report
+background run "$apc" run "$work/fast.conf" --duration 0 --out "$work/endless"
+until_true 20 grep -q 'mode Auto' "$work/endless/apc-controller.log"
+kill -INT "$pid"
+wait "$pid" || fail "apc run ended with $? after Ctrl-C"
+folder_is_whole "$work/endless"
+for program in apc-plant apc-client apc-controller apc-scheduler; do
+  grep -q 'stopping on SIGTERM' "$work/endless/$program.log" || fail "$program was not stopped cleanly"
+done

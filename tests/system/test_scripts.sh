@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# What scripts/ promise: private-postgres removes nothing but its own, lets nobody else in, and leaves nothing
+# behind, however it ends.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+scripts=$APC_SOURCE_DIR/scripts
+private=$scripts/private-postgres
+chmod 755 "$work" # the server may be another user than we are
+
+# A command that says where its database is, and, when it is told to end, whether that is still there.
+cat >"$work/guest" <<'END'
+told=0
+trap 'told=$((told + 1)); psql -XAtqc "SELECT 7" >"$1/last"' INT TERM HUP
+{ psql -XAtqc "SHOW data_directory" && echo "$PGHOST"; } >"$1/new"
+mv "$1/new" "$1/where"
+while [ $told -eq 0 ] && kill -0 $PPID; do read -rt 0.05 <> <(:) || true; done
+exit $((4 + told)) # 5, unless it was told twice
+END
+
+# guest DIR: start it with a cluster in DIR; sets $pid, which leads a process group, $sockets, $data and $postmaster.
+guest() {
+  rm -f "$work/where" "$work/last"
+  background guest env --default-signal=INT,QUIT,HUP setsid "$private" "$1" bash "$work/guest" "$work"
+  until_true 60 test -s "$work/where"
+  { read -r data && read -r sockets; } <"$work/where"
+  read -r postmaster <"$data/postmaster.pid"
+}
+
+serves() { [ "/proc/$1/cwd" -ef "$2" ]; }
+
+nothing_left() {
+  [ ! -e "$1" ] || fail "$1 is still there"
+  [ ! -e "$data" ] || fail "the data in $data is still there"
+  [ ! -e "$sockets" ] || fail "the sockets in $sockets are still there"
+  ! readlink "/proc/$postmaster/cwd" >/dev/null || fail "the server, $postmaster, still runs"
+}
+
+# ended STATUS: the guest has ended with that status, and before its database did.
+ended() {
+  local status=0
+  wait "$pid" || status=$?
+  [ $status -eq "$1" ] || fail "exit code $status instead of $1"
+  [ "$(cat "$work/last")" = 7 ] || fail "the database went before the command"
+}
+
+# a folder that it did not make is refused, and stays as it is
+mkdir "$work/precious"
+echo "a thesis" >"$work/precious/thesis"
+expect 1 'not a cluster that this script made' "$private" "$work/precious" true
+mkdir "$work/cluster"
+echo 15 >"$work/cluster/PG_VERSION"
+expect 1 'not a cluster that this script made' "$private" "$work/cluster" true
+expect 1 'not a cluster that this script made' "$private" "$work/precious/thesis" true
+[ "$(cat "$work/precious/thesis" "$work/cluster/PG_VERSION")" = "a thesis
+15" ] || fail "a folder that was refused was touched"
+
+# an empty one is taken; the command's exit code is passed on, and so is its input
+mkdir "$work/empty"
+[ "$(echo hello | "$private" "$work/empty" cat)" = hello ] || fail "the command did not get its input"
+expect 7 '^$' "$private" "$work/empty" bash -c 'exit 7'
+
+# nothing of another database's environment gets through
+expect 0 '^APC_STORE=postgresql: PGDATABASE=apc PGHOST=/tmp/apc-pg\.\w{6} PGUSER=apc answer=1 $' \
+  env PGHOSTADDR=192.0.2.1 PGSERVICE=none PGPORT=1 PGOPTIONS=-cbogus=1 PGPASSWORD=x PGSSLMODE=verify-full \
+  APC_STORE=postgresql://192.0.2.1/elsewhere \
+  "$private" "$work/pg" bash -c '{ env | grep -E "^(PG|APC_STORE)" | sort; psql -XAtqc "SELECT \$\$answer=1\$\$"; } | tr "\n" " "'
+
+# nobody else gets in; one folder serves one run at a time
+guest "$work/pg"
+[ "$(stat -c %a "$sockets")" = 700 ] || fail "others may enter $sockets"
+if [ "$(id -u)" -eq 0 ]; then
+  expect 0 PostgreSQL runuser -u nobody -- psql --version
+  expect 2 'Permission denied' runuser -u nobody -- psql -X -h "$sockets" -U apc apc -c 'SELECT 1'
+fi
+expect 1 'in use by another run' "$private" "$work/pg" true
+serves "$postmaster" "$data" || fail "the run that came too late stopped the first one's server"
+
+# Ctrl-C, which reaches the whole group, and a signal to the script alone: the command ends, then the cluster
+kill -INT -- "-$pid"
+ended 5
+nothing_left "$work/pg"
+for signal in INT TERM HUP; do
+  guest "$work/pg"
+  kill -s $signal "$pid"
+  ended 5
+  nothing_left "$work/pg"
+done
+
+# a command that does nothing about a signal dies of it
+background plain env --default-signal=INT,QUIT setsid "$private" "$work/pg" \
+  bash -c 'echo "$PGHOST" >"$1/plain" && exec tail -f /dev/null' - "$work"
+until_true 60 test -s "$work/plain"
+plain_runs() { [ "$(tr '\0' ' ' </proc/"$(pgrep -P "$pid" tail)"/cmdline)" = "tail -f /dev/null " ]; }
+until_true 10 plain_runs
+kill -INT -- "-$pid"
+status=0
+wait "$pid" || status=$?
+[ $status -eq 130 ] || fail "exit code $status after Ctrl-C"
+[ ! -e "$(cat "$work/plain")" ] || fail "the sockets of a command that died are still there"
+
+# what a killed run left, the next one clears away: beside it where the server may not enter, too
+mkdir -m 700 "$work/closed"
+for dir in "$work/pg" "$work/closed/pg"; do
+  guest "$dir"
+  kill -KILL -- "-$pid"
+  wait "$pid" || true
+  serves "$postmaster" "$data" || fail "the server did not outlive the run that was killed"
+  expect 0 '^$' "$private" "$dir" true
+  nothing_left "$dir"
+done
+
+# a mark that names somebody else's folder is not believed
+mkdir -m 711 "$work/pg"
+echo "$work/precious" >"$work/pg/.apc-private"
+expect 0 '^$' "$private" "$work/pg" true
+[ -e "$work/precious/thesis" ] || fail "the folder that a forged mark named was removed"
+
+# the other scripts say what they want
+expect 0 '^scripts/demo \[--duration' "$scripts/demo" --help
+mkdir "$work/bin"
+ln -s "$(command -v dirname)" "$work/bin"
+expect 1 'no cmake: run scripts/setup' env PATH="$work/bin" "$BASH" "$scripts/build"

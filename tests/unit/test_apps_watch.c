@@ -1,0 +1,125 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What a daemon looks out for: steps of the wall clock, ticks missed in a row. */
+#include "check.h"
+#include "common/watch.h"
+
+#include <apctimer.h>
+
+#define HOUR (3600 * APC_NS_PER_S)
+
+/* Both clocks in one's hand. From reading number `away` on, `gap` has passed: as after a SIGSTOP. */
+struct hand {
+    apc_ns mono, utc;
+    int readings, away;
+    apc_ns gap;
+};
+
+static apc_ns passing(struct hand *h)
+{
+    h->mono += 30;
+    h->utc += 30;
+    if (++h->readings == h->away) {
+        h->mono += h->gap;
+        h->utc += h->gap;
+    }
+    return 0;
+}
+
+static apc_ns hand_mono(void *ctx)
+{
+    struct hand *h = ctx;
+    return passing(h) + h->mono;
+}
+
+static apc_ns hand_utc(void *ctx)
+{
+    struct hand *h = ctx;
+    return passing(h) + h->utc;
+}
+
+static void move(struct hand *h, apc_ns by)
+{
+    h->mono += by;
+    h->utc += by;
+}
+
+static void a_step_either_way_is_seen_once_and_slewing_is_not(void **state)
+{
+    struct hand h = {.mono = HOUR, .utc = 1800000000 * APC_NS_PER_S};
+    const struct apc_clock clock = {hand_mono, hand_utc, &h};
+    struct clock_watch w;
+    (void)state;
+
+    clock_watch_init(&w, &clock);
+    move(&h, APC_NS_PER_S);
+    assert_int_equal(clock_watch_look(&w), 0);
+    h.utc += HOUR;
+    assert_near(apc_ns_to_s(clock_watch_look(&w)), 3600, 1e-6);
+    move(&h, APC_NS_PER_S);
+    assert_int_equal(clock_watch_look(&w), 0);
+    h.utc -= HOUR;
+    assert_near(apc_ns_to_s(clock_watch_look(&w)), -3600, 1e-6);
+    assert_int_equal(clock_watch_look(&w), 0);
+    for (int i = 0; i < 1000; i++) { /* 500 ppm, as the kernel slews at most, add up to half a second */
+        move(&h, APC_NS_PER_S);
+        h.utc += APC_NS_PER_S / 2000;
+        assert_int_equal(clock_watch_look(&w), 0);
+    }
+}
+
+static void a_process_that_was_stopped_between_two_readings_saw_no_step(void **state)
+{
+    bool was_away = true;
+    (void)state;
+    for (int away = 1; was_away; away++) { /* between any two */
+        struct hand h = {.mono = HOUR, .utc = 2 * HOUR, .away = away, .gap = 3 * APC_NS_PER_S};
+        const struct apc_clock clock = {hand_mono, hand_utc, &h};
+        struct clock_watch w;
+        clock_watch_init(&w, &clock);
+        assert_int_equal(clock_watch_look(&w), 0);
+        was_away = h.readings >= away;
+        assert_true(was_away || away > 2);
+    }
+}
+
+static void ten_in_a_row_are_an_alarm_until_there_are_fewer(void **state)
+{
+    struct overrun_watch w = {0};
+    (void)state;
+    assert_int_equal(overrun_watch_look(&w, 0, 0), OVERRUN_SAME);
+    assert_int_equal(overrun_watch_look(&w, APC_OVERRUN_ALARM - 1, 0), OVERRUN_SAME);
+    assert_int_equal(overrun_watch_look(&w, APC_OVERRUN_ALARM, 1), OVERRUN_BEGAN);
+    assert_int_equal(overrun_watch_look(&w, 5000, 1), OVERRUN_SAME);
+    assert_int_equal(overrun_watch_look(&w, 0, 1), OVERRUN_ENDED);
+    assert_int_equal(overrun_watch_look(&w, 0, 1), OVERRUN_SAME);
+}
+
+static void an_alarm_between_two_looks_is_not_lost(void **state)
+{
+    struct overrun_watch w = {0};
+    (void)state;
+    assert_int_equal(overrun_watch_look(&w, 0, 3), OVERRUN_BEGAN);
+    assert_int_equal(overrun_watch_look(&w, 0, 3), OVERRUN_ENDED);
+}
+
+static void a_callback_that_hangs_is_one_alarm(void **state)
+{
+    struct overrun_watch w = {0};
+    (void)state;
+    assert_int_equal(overrun_watch_look(&w, 40, 0), OVERRUN_BEGAN); /* not counted before it returns */
+    assert_int_equal(overrun_watch_look(&w, 60, 0), OVERRUN_SAME);
+    assert_int_equal(overrun_watch_look(&w, 0, 1), OVERRUN_ENDED);
+    assert_int_equal(overrun_watch_look(&w, 0, 1), OVERRUN_SAME);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_step_either_way_is_seen_once_and_slewing_is_not),
+        cmocka_unit_test(a_process_that_was_stopped_between_two_readings_saw_no_step),
+        cmocka_unit_test(ten_in_a_row_are_an_alarm_until_there_are_fewer),
+        cmocka_unit_test(an_alarm_between_two_looks_is_not_lost),
+        cmocka_unit_test(a_callback_that_hangs_is_one_alarm),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,385 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "base/base_internal.h"
+#include "check.h"
+#include "comma_locale.h"
+
+#include <locale.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+static uint64_t next_random(uint64_t *state)
+{
+    *state ^= *state << 13;
+    *state ^= *state >> 7;
+    return *state ^= *state << 17;
+}
+
+static void every_error_has_a_name_and_a_text(void **state)
+{
+    (void)state;
+#define CHECK(name, number, text)                                                                            \
+    assert_int_equal(name, number);                                                                          \
+    assert_string_equal(apc_err_name(name), #name);                                                          \
+    assert_string_equal(apc_err_text(name), text);
+    APC_ERR_MAP(CHECK)
+    assert_string_equal(apc_err_name(3), "APC_OK");
+    assert_string_equal(apc_err_name(-1000), "APC_E?");
+}
+
+static void status_severity_is_the_top_two_bits(void **state)
+{
+    (void)state;
+    assert_int_equal(apc_status_severity(APC_GOOD), APC_SEVERITY_GOOD);
+    assert_int_equal(apc_status_severity(APC_UNCERTAIN_LAST_USABLE), APC_SEVERITY_UNCERTAIN);
+    assert_int_equal(apc_status_severity(APC_BAD_NO_COMMUNICATION), APC_SEVERITY_BAD);
+    assert_int_equal(apc_status_severity(0xC0000000u), APC_SEVERITY_BAD);
+}
+
+static void status_text_goes_both_ways(void **state)
+{
+    const apc_status codes[] = {APC_GOOD, APC_UNCERTAIN_SUBSTITUTE, APC_BAD_OUT_OF_SERVICE, 0x12345678u,
+                                0xFFFFFFFFu};
+    char text[APC_STATUS_NAME_LEN];
+    apc_status back;
+    (void)state;
+    for (size_t i = 0; i < sizeof codes / sizeof *codes; i++) {
+        assert_int_equal(apc_status_parse(apc_status_format(codes[i], text), &back), 0);
+        assert_int_equal(back, codes[i]);
+    }
+    assert_string_equal(apc_status_format(0x80310000u, text), "BadNoCommunication");
+}
+
+static void the_papers_ok_is_good(void **state)
+{
+    apc_status status = APC_BAD;
+    (void)state;
+    assert_int_equal(apc_status_parse("'ok'", &status), 0);
+    assert_int_equal(status, APC_GOOD);
+    assert_int_equal(apc_status_parse("ok", &status), 0);
+    assert_int_equal(status, APC_GOOD);
+}
+
+static void an_unknown_status_is_refused_and_bad(void **state)
+{
+    const char *const texts[] = {"",          "good",        "Good ",      "0x",
+                                 "0x1234567", "0x123456789", "0x1234567g", "'); DROP"};
+    apc_status status;
+    (void)state;
+    for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) {
+        status = APC_GOOD;
+        assert_int_equal(apc_status_parse(texts[i], &status), APC_EINVAL);
+        assert_int_equal(status, APC_BAD);
+    }
+    assert_int_equal(apc_status_parse(NULL, &status), APC_EINVAL);
+}
+
+static void a_stamp_reads_as_it_was_written(void **state)
+{
+    char text[APC_TIME_LEN];
+    apc_ns t;
+    (void)state;
+    assert_int_equal(apc_time_parse("2026-01-31T12:00:00.123456Z", &t), 0);
+    assert_int_equal(t, INT64_C(1769860800123456000));
+    assert_string_equal(apc_time_format(t, text), "2026-01-31T12:00:00.123456Z");
+    assert_string_equal(apc_time_format(0, text), "1970-01-01T00:00:00.000000Z");
+    assert_string_equal(apc_time_format(-1, text), "1969-12-31T23:59:59.999999Z");
+    assert_string_equal(apc_time_format(INT64_MAX, text), "2262-04-11T23:47:16.854775Z");
+    assert_string_equal(apc_time_format(INT64_MIN, text), "1677-09-21T00:12:43.145224Z");
+}
+
+static void random_stamps_go_both_ways(void **state)
+{
+    uint64_t seed = 20260131;
+    char text[APC_TIME_LEN];
+    (void)state;
+    print_message("seed %llu\n", (unsigned long long)seed);
+    for (int i = 0; i < 100000; i++) {
+        apc_ns t = (apc_ns)(next_random(&seed) % UINT64_C(9000000000000000)) * 1000, back;
+        if (next_random(&seed) & 1)
+            t = -t;
+        assert_int_equal(apc_time_parse(apc_time_format(t, text), &back), 0);
+        assert_int_equal(back, t);
+    }
+}
+
+static void a_zone_is_taken_off_and_no_zone_is_utc(void **state)
+{
+    apc_ns utc, t;
+    (void)state;
+    assert_int_equal(apc_time_parse("2026-01-31T12:00:00Z", &utc), 0);
+    assert_int_equal(apc_time_parse("2026-01-31 12:00:00", &t), 0);
+    assert_int_equal(t, utc);
+    assert_int_equal(apc_time_parse("2026-01-31T13:30:00+01:30", &t), 0);
+    assert_int_equal(t, utc);
+    assert_int_equal(apc_time_parse("2026-01-31T07:00:00-05:00", &t), 0);
+    assert_int_equal(t, utc);
+}
+
+static void anything_else_is_no_stamp(void **state)
+{
+    const char *const texts[] = {"",
+                                 "now",
+                                 "2026-1-31T12:00:00Z",
+                                 "2026-01-31",
+                                 "2026-01-31T12:00Z",
+                                 "2026-02-29T00:00:00Z",
+                                 "2026-13-01T00:00:00Z",
+                                 "2026-01-31T24:00:00Z",
+                                 "2026-01-31T12:00:00.Z",
+                                 "2026-01-31T12:00:00.1234567890Z",
+                                 "2026-01-31T12:00:00Z ",
+                                 " 2026-01-31T12:00:00Z",
+                                 "2026-01-31T12:00:00+1:00",
+                                 "2026-01-31T12:00:00+24:00",
+                                 "1600-01-01T00:00:00Z",
+                                 "2026-01-31T12:00:60Z"};
+    apc_ns t = 42;
+    (void)state;
+    for (size_t i = 0; i < sizeof texts / sizeof *texts; i++)
+        assert_int_equal(apc_time_parse(texts[i], &t), APC_EINVAL);
+    assert_int_equal(t, 42);
+    assert_int_equal(apc_time_parse("2024-02-29T00:00:00Z", &t), 0);
+}
+
+static void a_period_is_from_10_us_to_a_year(void **state)
+{
+    const double bad[] = {0, -1, 9.9e-6, 31622401, 1e300, (double)NAN, (double)INFINITY, -(double)INFINITY};
+    struct apc_error why;
+    apc_ns period = 42;
+    (void)state;
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        assert_int_equal(apc_period_from_s(bad[i], &period, &why), APC_EINVAL);
+        assert_non_null(strstr(why.text, "must be from"));
+    }
+    assert_int_equal(period, 42);
+    assert_int_equal(apc_period_from_s(0.2, &period, &why), 0);
+    assert_int_equal(period, 200 * APC_NS_PER_MS);
+    assert_int_equal(apc_period_from_s(1e-5, &period, NULL), 0);
+    assert_int_equal(apc_period_from_s(31622400, &period, NULL), 0);
+}
+
+static void numbers_go_both_ways_exactly(void **state)
+{
+    uint64_t seed = 7;
+    char text[40];
+    (void)state;
+    print_message("seed %llu\n", (unsigned long long)seed);
+    for (int i = 0; i < 100000; i++) {
+        uint64_t bits = next_random(&seed);
+        double value, back;
+        memcpy(&value, &bits, sizeof value);
+        if (!isfinite(value))
+            continue;
+        assert_true(apc_number_format(value, text, sizeof text) > 0);
+        assert_int_equal(apc_number_parse(text, &back), 0);
+        assert_memory_equal(&back, &value, sizeof value);
+    }
+    assert_int_equal(apc_number_format(0.1, text, 5), APC_ERANGE);
+}
+
+static double any_double(uint64_t *seed, int i)
+{
+    uint64_t bits = next_random(seed);
+    double value;
+
+    switch (i % 4) {
+    case 0: /* below 2, down to the least there is */
+        bits &= ~(UINT64_C(1) << 62);
+        memcpy(&value, &bits, sizeof value);
+        return value;
+    case 1: /* what a plant has: all digits, moderate magnitude */
+        return ldexp((double)(int64_t)bits, (int)(bits % 64) - 70);
+    case 2: /* few digits */
+        return (double)((int64_t)(bits % 2000001) - 1000000) / 1000.0;
+    default: /* about a power of ten, where the number of digits changes */
+        return nextafter(pow(10.0, (int)(bits % 24) - 5), bits & 64 ? 0.0 : 1e300);
+    }
+}
+
+static void numbers_are_what_libc_makes_of_them(void **state)
+{
+    uint64_t seed = UINT64_C(2463534242);
+    (void)state;
+    print_message("seed %llu\n", (unsigned long long)seed);
+    for (int i = 0; i < 200000; i++) {
+        char ours[40], libc[40], digits[24] = "";
+        double value = any_double(&seed, i), back;
+        snprintf(libc, sizeof libc, "%.17g", value);
+        assert_int_equal(apc_number_format(value, ours, sizeof ours), strlen(libc));
+        assert_string_equal(ours, libc);
+        assert_int_equal(apc_number_parse(libc, &back), 0);
+        assert_memory_equal(&back, &value, sizeof back);
+
+        /* 1 to 20 digits with a point somewhere, so rounding has every chance */
+        uint64_t n = 1 + next_random(&seed) % 20, point = next_random(&seed) % (n + 1);
+        for (uint64_t k = 0; k <= n; k++)
+            digits[k] = k == point ? '.' : (char)('0' + next_random(&seed) % 10);
+        assert_int_equal(apc_number_parse(digits, &back), 0);
+        value = strtod(digits, NULL);
+        assert_memory_equal(&back, &value, sizeof back);
+    }
+}
+
+static void what_is_not_a_finite_decimal_is_no_number(void **state)
+{
+    const char *const texts[] = {"",   " 1", "1 ", "nan", "inf",   "-inf", "0x10",
+                                 "1e", "e5", ".",  "1,5", "1e400", "--1",  "1.5.2"};
+    double value = 42;
+    (void)state;
+    for (size_t i = 0; i < sizeof texts / sizeof *texts; i++)
+        assert_int_equal(apc_number_parse(texts[i], &value), APC_EINVAL);
+    assert_near(value, 42, 0);
+    assert_int_equal(apc_number_parse("-.5e+2", &value), 0);
+    assert_near(value, -50, 0);
+}
+
+static void numbers_do_not_follow_the_locale(void **state)
+{
+    char text[40], long_text[40];
+    double value, comma_value, large;
+    (void)state;
+    if (!comma_locale())
+        skip();
+    assert_string_equal(localeconv()->decimal_point, ",");
+    int plain = apc_number_parse("3.75", &value), comma = apc_number_parse("3,75", &comma_value);
+    int exponent = apc_number_parse("3.75e300", &large), length = apc_number_format(3.75, text, sizeof text);
+    int long_length = apc_number_format(3.75e-300, long_text, sizeof long_text);
+    setlocale(LC_ALL, "C");
+    assert_int_equal(plain, 0);
+    assert_near(value, 3.75, 0);
+    assert_int_equal(comma, APC_EINVAL);
+    assert_int_equal(exponent, 0);
+    assert_near(large, 3.75e300, 0);
+    assert_int_equal(length, 4);
+    assert_string_equal(text, "3.75");
+    assert_int_equal(long_length, strlen(long_text));
+    assert_non_null(strchr(long_text, '.'));
+}
+
+static void table_names_go_both_ways(void **state)
+{
+    (void)state;
+    for (int table = 1; table < APC_TABLE_END; table++)
+        assert_int_equal(apc_table_parse(apc_table_name((enum apc_table)table)), table);
+    assert_int_equal(apc_table_parse("pg_class"), 0);
+    assert_int_equal(apc_table_parse(NULL), 0);
+    assert_null(apc_table_name((enum apc_table)0));
+    assert_null(apc_table_name(APC_TABLE_END));
+}
+
+static void the_log_writes_whole_escaped_lines(void **state)
+{
+    struct apc_log *log;
+    char text[2048] = "";
+    int fds[2];
+    (void)state;
+    assert_int_equal(pipe(fds), 0);
+    assert_int_equal(apc_log_create(&log, fds[1], "apc-test", APC_LOG_INFO), 0);
+    apc_log_write(log, APC_LOG_INFO, "table \"%s\"\nof \\", "sensor");
+    apc_log_write(log, APC_LOG_DEBUG, "not at this level");
+    apc_log_write(NULL, APC_LOG_ERROR, "discarded");
+    apc_log_destroy(log);
+    close(fds[1]);
+    ssize_t n = read(fds[0], text, sizeof text - 1);
+    close(fds[0]);
+    assert_true(n > 0);
+    assert_non_null(strstr(text, " level=info name=apc-test msg=\"table \\\"sensor\\\" of \\\\\"\n"));
+    assert_null(strstr(text, "not at this level"));
+}
+
+static void a_full_log_drops_and_says_how_many(void **state)
+{
+    struct apc_log *log;
+    static char text[1 << 20];
+    size_t length = 0;
+    ssize_t n;
+    int fds[2], last = 0;
+    (void)state;
+    assert_int_equal(pipe(fds), 0);
+    assert_int_equal(apc_log_create(&log, fds[1], "apc-test", APC_LOG_INFO), 0);
+    /* nobody reads: the pipe takes 64 KiB, the ring 256 messages; none of these calls may wait */
+    for (last = 0; last < 3000; last++)
+        apc_log_write(log, APC_LOG_INFO, "%0300d", last);
+    pid_t reader = fork();
+    if (reader == 0) {
+        close(fds[1]);
+        while (length < sizeof text && (n = read(fds[0], text + length, sizeof text - length)) > 0)
+            length += (size_t)n;
+        _exit(memmem(text, length, "messages were dropped", 21) ? 0 : 1);
+    }
+    apc_log_destroy(log);
+    close(fds[1]);
+    close(fds[0]);
+    int status;
+    assert_int_equal(waitpid(reader, &status, 0), reader);
+    assert_true(WIFEXITED(status) && WEXITSTATUS(status) == 0);
+}
+
+static void a_plugin_that_is_not_there_is_named(void **state)
+{
+    struct apc_error why;
+    const void *address;
+    void *handle;
+    (void)state;
+    assert_int_equal(apc_plugin_open("./no-such.so", "apc_law", &handle, &address, &why), APC_ENOTFOUND);
+    assert_non_null(strstr(why.text, "./no-such.so"));
+    assert_null(handle);
+    assert_int_equal(apc_plugin_open("libm.so.6", "apc_law", &handle, &address, &why), APC_ENOTFOUND);
+    assert_non_null(strstr(why.text, "apc_law"));
+    assert_null(handle);
+    apc_plugin_close(NULL);
+}
+
+static void options_of_another_version_are_understood_or_refused(void **state)
+{
+    struct known {
+        size_t size;
+        int a, b;
+    } ours = {0};
+    struct newer {
+        struct known known;
+        int c, d;
+    } theirs = {.known = {sizeof(theirs), 1, 2}};
+
+    (void)state;
+    assert_int_equal(apc_options_copy(&ours, sizeof(ours), &theirs, "options", NULL), 0);
+    assert_int_equal(ours.b, 2);
+    theirs.d = 1;
+    assert_int_equal(apc_options_copy(&ours, sizeof(ours), &theirs, "options", NULL), APC_EINVAL);
+    ours = (struct known){0};
+    theirs.known.size = offsetof(struct known, b);
+    assert_int_equal(apc_options_copy(&ours, sizeof(ours), &theirs, "options", NULL), 0);
+    assert_int_equal(ours.a, 1);
+    assert_int_equal(ours.b, 0);
+    theirs.known.size = 0;
+    assert_int_equal(apc_options_copy(&ours, sizeof(ours), &theirs, "options", NULL), APC_EINVAL);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(every_error_has_a_name_and_a_text),
+        cmocka_unit_test(status_severity_is_the_top_two_bits),
+        cmocka_unit_test(status_text_goes_both_ways),
+        cmocka_unit_test(the_papers_ok_is_good),
+        cmocka_unit_test(an_unknown_status_is_refused_and_bad),
+        cmocka_unit_test(a_stamp_reads_as_it_was_written),
+        cmocka_unit_test(random_stamps_go_both_ways),
+        cmocka_unit_test(a_zone_is_taken_off_and_no_zone_is_utc),
+        cmocka_unit_test(anything_else_is_no_stamp),
+        cmocka_unit_test(a_period_is_from_10_us_to_a_year),
+        cmocka_unit_test(numbers_go_both_ways_exactly),
+        cmocka_unit_test(numbers_are_what_libc_makes_of_them),
+        cmocka_unit_test(what_is_not_a_finite_decimal_is_no_number),
+        cmocka_unit_test(numbers_do_not_follow_the_locale),
+        cmocka_unit_test(table_names_go_both_ways),
+        cmocka_unit_test(options_of_another_version_are_understood_or_refused),
+        cmocka_unit_test(the_log_writes_whole_escaped_lines),
+        cmocka_unit_test(a_full_log_drops_and_says_how_many),
+        cmocka_unit_test(a_plugin_that_is_not_there_is_named),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,162 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "check.h"
+
+#include "apccontrol.h"
+
+#define KP    0.2
+#define TAU_I 10.0
+
+static double tuning[] = {KP, TAU_I, 0.0, -1e9, 1e9};
+
+/* One loop: its y, z, x, u and a call that works on them. */
+struct loop {
+    double y, z, x, u;
+    struct apc_law_call c;
+};
+
+static struct apc_law_call *begin(struct loop *l, const double *parameters)
+{
+    *l = (struct loop){0};
+    l->c = (struct apc_law_call){
+        .dim = {1, 1, 1}, .Ts = 2.0, .y = &l->y, .z = &l->z, .tuning = parameters, .x = &l->x, .u = &l->u};
+    return &l->c;
+}
+
+static void the_papers_loop_follows_the_published_step_response(void **state)
+{
+    const double expected[] = {0.0, .36254, .60043, .75518, .85475, .91792};
+    const double a = exp(-2.0 / 10.0);
+    struct loop l;
+    struct apc_law_call *c = begin(&l, tuning);
+    double max = 0.0;
+
+    (void)state;
+    l.z = 1.0;
+    for (int k = 0; k < 200; k++) {
+        if (k < 6)
+            assert_near(l.y, expected[k], 5e-6);
+        max = fmax(max, l.y);
+        apc_law_pi.compute(c);
+        apc_law_pi.update(c);
+        l.y = a * l.y + (1.0 - a) * 10.0 * l.u;
+    }
+    assert_near(max, 1.00859, 5e-6);
+    assert_near(l.y, 1.0, 1e-9);
+}
+
+static void the_integral_moves_only_in_update(void **state)
+{
+    struct loop l;
+    struct apc_law_call *c = begin(&l, tuning);
+
+    (void)state;
+    l.z = 3.0;
+    l.x = 0.25;
+    apc_law_pi.compute(c);
+    assert_near(l.u, KP * 3.0 + 0.25, 1e-15);
+    assert_true(l.x == 0.25);
+    apc_law_pi.update(c);
+    assert_near(l.x, 0.25 + KP * 2.0 / TAU_I * 3.0, 1e-15);
+}
+
+static void after_long_saturation_it_leaves_the_limit_at_once(void **state)
+{
+    const double limited[] = {KP, TAU_I, 0.0, -0.5, 0.5};
+
+    (void)state;
+    for (double sign = -1.0; sign <= 1.0; sign += 2.0) {
+        struct loop l;
+        struct apc_law_call *c = begin(&l, limited);
+
+        l.z = sign * 100.0;
+        for (int k = 0; k < 10000; k++) {
+            apc_law_pi.compute(c);
+            assert_near(l.u, sign * 0.5, 0.0);
+            apc_law_pi.update(c);
+        }
+        l.z = sign * -0.1;
+        apc_law_pi.compute(c);
+        assert_true(fabs(l.u) < 0.5);
+    }
+}
+
+static void a_limit_set_elsewhere_stops_the_integral_as_well(void **state)
+{
+    struct loop l;
+    struct apc_law_call *c = begin(&l, tuning);
+
+    (void)state;
+    l.z = 10.0;
+    for (int k = 0; k < 1000; k++) {
+        apc_law_pi.compute(c);
+        assert_true(l.u >= 2.0);
+        l.u = 1.0; /* what went out */
+        apc_law_pi.update(c);
+    }
+    assert_true(l.x == 0.0);
+    l.z = -10.0; /* the increment now leads back: it counts */
+    l.u = 1.0;
+    l.x = 5.0;
+    apc_law_pi.update(c);
+    assert_true(l.x < 5.0);
+}
+
+static void after_track_compute_gives_the_tracked_output(void **state)
+{
+    struct loop l;
+    struct apc_law_call *c = begin(&l, tuning);
+
+    (void)state;
+    l.y = 7.3;
+    l.z = -2.1;
+    l.x = 99.0;
+    l.u = 1.234;
+    apc_law_pi.track(c);
+    l.u = 0.0;
+    apc_law_pi.compute(c);
+    assert_near(l.u, 1.234, 1e-14);
+}
+
+static void each_output_has_its_own_loop_and_tuning(void **state)
+{
+    const double both[] = {1.0, 2.0, 0.0, -1e9, 1e9, 3.0, 4.0, 10.0, -1e9, 11.0};
+    const double y[] = {1.0, 2.0, 777.0};
+    const double z[] = {2.0, 2.1};
+    double x[2] = {0.0, 0.5};
+    double u[2];
+    struct apc_law_call c = {.dim = {3, 2, 2}, .Ts = 1.0, .y = y, .z = z, .tuning = both, .x = x, .u = u};
+
+    (void)state;
+    apc_law_pi.compute(&c);
+    assert_near(u[0], 1.0, 1e-12);
+    assert_near(u[1], 10.8, 1e-12);
+    apc_law_pi.update(&c);
+    assert_near(x[0], 0.5, 1e-12);
+    assert_near(x[1], 0.575, 1e-12);
+}
+
+static void it_wants_one_setpoint_and_one_measurement_for_each_output(void **state)
+{
+    (void)state;
+    assert_true(apc_law_pi.accepts(&(struct apc_dim){1, 1, 1}));
+    assert_true(apc_law_pi.accepts(&(struct apc_dim){3, 2, 2}));
+    assert_false(apc_law_pi.accepts(&(struct apc_dim){1, 2, 2}));
+    assert_false(apc_law_pi.accepts(&(struct apc_dim){2, 1, 2}));
+    assert_false(apc_law_pi.accepts(&(struct apc_dim){2, 2, 1}));
+    assert_int_equal(apc_law_pi.n_state(&(struct apc_dim){3, 2, 2}), 2);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_papers_loop_follows_the_published_step_response),
+        cmocka_unit_test(the_integral_moves_only_in_update),
+        cmocka_unit_test(after_long_saturation_it_leaves_the_limit_at_once),
+        cmocka_unit_test(a_limit_set_elsewhere_stops_the_integral_as_well),
+        cmocka_unit_test(after_track_compute_gives_the_tracked_output),
+        cmocka_unit_test(each_output_has_its_own_loop_and_tuning),
+        cmocka_unit_test(it_wants_one_setpoint_and_one_measurement_for_each_output),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,325 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The client, and the small pure cores: freshness and scheduler. */
+#include "check.h"
+
+#include "apcmodules.h"
+#include "apcsockets.h"
+
+#define S      APC_NS_PER_S
+#define T0     (INT64_C(1700000000) * S)
+#define PERIOD (2 * S)
+#define LIMIT  (3 * PERIOD + 100 * APC_NS_PER_MS)
+
+static struct apc_now at(apc_ns mono)
+{
+    return (struct apc_now){.mono = mono, .utc = T0 + mono};
+}
+
+static struct apc_sample actuator(int id, int64_t seq, apc_ns time, double value)
+{
+    return (struct apc_sample){.table = APC_ACTUATOR, .id = id, .seq = seq, .time = time, .value = value};
+}
+
+/* ---- Freshness ------------------------------------------------------------------------------ */
+
+static void a_variable_is_fresh_until_its_mark_stood_still_for_the_horizon(void **state)
+{
+    struct apc_freshness f = {0};
+
+    (void)state;
+    assert_true(apc_freshness_look(&f, 7, T0, at(0), 10));
+    assert_true(apc_freshness_look(&f, 7, T0, at(10), 10));
+    assert_false(apc_freshness_look(&f, 7, T0, at(11), 10));
+    assert_true(apc_freshness_look(&f, 8, T0, at(12), 10));
+    assert_false(apc_freshness_look(&f, 0, T0, at(13), 10));
+    assert_true(apc_freshness_look(&f, 8, T0, at(22), 10));
+    assert_false(apc_freshness_look(&f, 8, T0, at(23), 10));
+}
+
+static void the_first_look_believes_the_stamp_within_the_horizon(void **state)
+{
+    const struct {
+        apc_ns stamp;
+        bool fresh;
+    } cases[] = {{T0, true},       {T0 - 10, true},    {T0 - 11, false},  {T0 + 10, true},
+                 {T0 + 11, false}, {INT64_MIN, false}, {INT64_MAX, false}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
+        struct apc_freshness f = {0};
+
+        assert_int_equal(apc_freshness_look(&f, 1, cases[i].stamp, at(0), 10), cases[i].fresh);
+        assert_false(apc_freshness_look(&f, 1, cases[i].stamp, at(11), 10));
+        assert_true(apc_freshness_look(&f, 2, cases[i].stamp, at(11), 10));
+    }
+}
+
+static void an_age_seen_at_the_first_look_counts_on(void **state)
+{
+    struct apc_freshness f = {0};
+
+    (void)state;
+    assert_true(apc_freshness_look(&f, 1, T0 - 6, at(0), 10));
+    assert_true(apc_freshness_look(&f, 1, T0 - 6, at(4), 10));
+    assert_false(apc_freshness_look(&f, 1, T0 - 6, at(5), 10));
+}
+
+/* ---- Scheduler ------------------------------------------------------------------------------ */
+
+static void the_schedule_keeps_its_last_step_or_begins_again(void **state)
+{
+    const double sequence[] = {1, 2, 3, 4, 5, 6};
+    struct apc_scheduler_options o = {.size = sizeof(o), .nz = 2, .steps = 3, .sequence = sequence};
+    struct apc_sample z[2];
+
+    (void)state;
+    for (uint64_t i = 0; i < 3; i++) {
+        assert_int_equal(apc_scheduler_step(&o, i, at(5), z), 2);
+        assert_near(z[0].value, 1.0 + 2.0 * (double)i, 0.0);
+        assert_near(z[1].value, 2.0 + 2.0 * (double)i, 0.0);
+    }
+    assert_int_equal(z[1].table, APC_SETPOINT);
+    assert_int_equal(z[1].id, 2);
+    assert_int_equal(z[1].seq, 0);
+    assert_int_equal(z[1].time, T0 + 5);
+    assert_int_equal(z[1].status, APC_GOOD);
+    apc_scheduler_step(&o, UINT64_MAX, at(0), z);
+    assert_near(z[0].value, 5.0, 0.0);
+    o.repeat = true;
+    apc_scheduler_step(&o, 4, at(0), z);
+    assert_near(z[0].value, 3.0, 0.0);
+    o.steps = 0;
+    assert_int_equal(apc_scheduler_step(&o, 0, at(0), z), 0);
+}
+
+/* ---- Client --------------------------------------------------------------------------------- */
+
+struct fixture {
+    struct apc_client *client;
+    char text[1024];
+    struct apc_frame frame;
+    struct apc_sample values[2];
+};
+
+static int set_up(void **state)
+{
+    static const int64_t last[] = {41, 7};
+    static struct fixture f;
+    const struct apc_client_options o = {
+        .size = sizeof(o), .ny = 2, .nu = 2, .command_period = PERIOD, .last = last};
+
+    *state = &f;
+    return apc_client_create(&f.client, &o, NULL);
+}
+
+static int tear_down(void **state)
+{
+    apc_client_destroy(((struct fixture *)*state)->client);
+    return 0;
+}
+
+static enum apc_frame_kind ask(struct fixture *f, apc_ns mono, const struct apc_sample *u)
+{
+    int n = apc_client_request(f->client, at(mono), u, f->text, sizeof(f->text));
+
+    assert_true(n > 0);
+    assert_int_equal(apc_frame_decode(f->text, (size_t)n, &f->frame, f->values, 2), 0);
+    return f->frame.kind;
+}
+
+static int answer(struct fixture *f, enum apc_frame_kind kind, uint64_t id, size_t n,
+                  const struct apc_sample *samples, struct apc_sample *y)
+{
+    struct apc_frame frame = {.kind = kind, .id = id, .n = n};
+    int length = apc_frame_encode(f->text, sizeof(f->text), &frame, samples);
+
+    assert_true(length > 0);
+    return apc_client_reply(f->client, f->text, (size_t)length, y);
+}
+
+static void a_whole_fresh_vector_is_sent_as_it_is(void **state)
+{
+    struct fixture *f = *state;
+    struct apc_sample u[] = {actuator(1, 1, T0, 1.5), actuator(2, 1, T0, -2.5)};
+
+    u[1].status = APC_UNCERTAIN_SUBSTITUTE;
+    assert_int_equal(ask(f, 0, u), APC_FRAME_COMMAND);
+    assert_int_equal(f->frame.n, 2);
+    assert_near(f->values[0].value, 1.5, 0.0);
+    assert_near(f->values[1].value, -2.5, 0.0);
+    assert_int_equal(f->values[1].status, APC_UNCERTAIN_SUBSTITUTE);
+    assert_int_equal(f->values[1].time, T0);
+}
+
+static void what_is_missing_bad_or_not_finite_is_not_sent(void **state)
+{
+    struct fixture *f = *state;
+
+    assert_int_equal(ask(f, 0, NULL), APC_FRAME_QUERY);
+    for (int what = 0; what < 4; what++) {
+        struct apc_sample u[] = {actuator(1, 1, T0, 1.0), actuator(2, 1, T0, 2.0)};
+
+        if (what == 0)
+            u[1].seq = 0;
+        else if (what == 1)
+            u[0].status = APC_BAD_OUT_OF_SERVICE;
+        else if (what == 2)
+            u[1].value = (double)NAN;
+        else
+            u[0].value = (double)INFINITY;
+        assert_int_equal(ask(f, 0, u), APC_FRAME_QUERY);
+        assert_int_equal(f->frame.n, 0);
+    }
+}
+
+static void a_command_that_is_no_longer_renewed_is_not_sent(void **state)
+{
+    struct fixture *f = *state;
+    struct apc_sample u[] = {actuator(1, 1, T0, 1.0), actuator(2, 1, T0, 2.0)};
+
+    assert_int_equal(ask(f, 0, u), APC_FRAME_COMMAND);
+    assert_int_equal(ask(f, LIMIT, u), APC_FRAME_COMMAND);
+    assert_int_equal(ask(f, LIMIT + 1, u), APC_FRAME_QUERY);
+    u[0].seq = 2; /* half of it */
+    assert_int_equal(ask(f, LIMIT + 2, u), APC_FRAME_QUERY);
+    u[1].seq = 2;
+    assert_int_equal(ask(f, LIMIT + 3, u), APC_FRAME_COMMAND);
+}
+
+static void a_client_that_starts_late_does_not_send_an_old_command(void **state)
+{
+    struct fixture *f = *state;
+    const struct apc_sample u[] = {actuator(1, 5, T0 - LIMIT - 1, 1.0), actuator(2, 5, T0 - LIMIT - 1, 2.0)};
+
+    assert_int_equal(ask(f, 0, u), APC_FRAME_QUERY);
+    assert_int_equal(ask(f, 1, u), APC_FRAME_QUERY);
+}
+
+static void a_former_runs_command_is_not_sent_and_this_runs_are_whatever_the_clock_does(void **state)
+{
+    const struct apc_client_options o = {
+        .size = sizeof(o), .ny = 2, .nu = 2, .command_period = PERIOD, .since = T0};
+    struct fixture f;
+    struct apc_sample u[] = {actuator(1, 5, T0 - 1, 1.0), actuator(2, 5, T0, 2.0)};
+
+    (void)state;
+    assert_int_equal(apc_client_create(&f.client, &o, NULL), 0);
+    assert_int_equal(ask(&f, 1, u), APC_FRAME_QUERY); /* written 2 ns ago, but by another run */
+    assert_int_equal(ask(&f, 2, u), APC_FRAME_QUERY);
+    u[0] = actuator(1, 6, T0 + 3, 1.5);
+    assert_int_equal(ask(&f, 3, u), APC_FRAME_COMMAND);
+    u[0] = actuator(1, 7, T0 - 3600 * S, 1.5); /* the clock stepped back by an hour */
+    assert_int_equal(ask(&f, 4, u), APC_FRAME_COMMAND);
+    apc_client_destroy(f.client);
+}
+
+static void a_clock_step_neither_stops_nor_revives_a_command(void **state)
+{
+    struct fixture *f = *state;
+    struct apc_sample u[] = {actuator(1, 1, T0, 1.0), actuator(2, 1, T0, 2.0)};
+    struct apc_now now = at(0);
+    int n;
+
+    assert_int_equal(ask(f, 0, u), APC_FRAME_COMMAND);
+    now.utc += 3600 * S;
+    now.mono = 1;
+    n = apc_client_request(f->client, now, u, f->text, sizeof(f->text));
+    assert_int_equal(apc_frame_decode(f->text, (size_t)n, &f->frame, f->values, 2), 0);
+    assert_int_equal(f->frame.kind, APC_FRAME_COMMAND);
+    now.utc = T0;
+    now.mono = LIMIT + 2;
+    n = apc_client_request(f->client, now, u, f->text, sizeof(f->text));
+    assert_int_equal(apc_frame_decode(f->text, (size_t)n, &f->frame, f->values, 2), 0);
+    assert_int_equal(f->frame.kind, APC_FRAME_QUERY);
+}
+
+static void each_new_measurement_is_stored_once(void **state)
+{
+    struct fixture *f = *state;
+    struct apc_sample sent[] = {{.time = T0, .value = 1.0},
+                                {.time = T0, .value = 2.0, .status = APC_BAD_SENSOR_FAILURE}};
+    struct apc_sample y[2];
+
+    ask(f, 0, NULL);
+    assert_int_equal(answer(f, APC_FRAME_VALUES, f->frame.id, 2, sent, y), 2);
+    assert_int_equal(y[0].table, APC_SENSOR);
+    assert_int_equal(y[0].seq, 42);
+    assert_int_equal(y[1].seq, 8);
+    assert_int_equal(y[1].id, 2);
+    assert_int_equal(y[1].time, T0);
+    assert_int_equal(y[1].status, APC_BAD_SENSOR_FAILURE);
+    assert_near(y[1].value, 2.0, 0.0);
+    ask(f, 1, NULL);
+    assert_int_equal(answer(f, APC_FRAME_VALUES, f->frame.id, 2, sent, y), 0);
+    sent[1].time = T0 - 3600 * S; /* the plant's clock stepped back: still new */
+    ask(f, 2, NULL);
+    assert_int_equal(answer(f, APC_FRAME_VALUES, f->frame.id, 2, sent, y), 1);
+    assert_int_equal(y[0].id, 2);
+    assert_int_equal(y[0].seq, 9);
+}
+
+static void a_reply_to_anything_but_the_last_request_is_refused(void **state)
+{
+    struct fixture *f = *state;
+    const struct apc_sample sent[] = {{.time = T0, .value = 1.0}, {.time = T0, .value = 2.0}, {.time = T0}};
+    struct apc_sample y[2];
+    uint64_t old;
+
+    ask(f, 0, NULL);
+    old = f->frame.id;
+    ask(f, 1, NULL);
+    assert_int_not_equal(old, f->frame.id);
+    assert_int_equal(answer(f, APC_FRAME_VALUES, old, 2, sent, y), APC_EPROTO);
+    assert_int_equal(answer(f, APC_FRAME_VALUES, f->frame.id, 1, sent, y), APC_EPROTO);
+    assert_int_equal(answer(f, APC_FRAME_VALUES, f->frame.id, 3, sent, y), APC_EPROTO);
+    assert_int_equal(answer(f, APC_FRAME_COMMAND, f->frame.id, 2, sent, y), APC_EPROTO);
+    assert_int_equal(apc_client_reply(f->client, "7\n", 2, y), APC_EPROTO);
+    assert_int_equal(answer(f, APC_FRAME_VALUES, 0, 2, sent, y), 2); /* a peer that does not number */
+    assert_int_equal(y[0].seq, 42);
+}
+
+static void a_request_that_does_not_fit_is_an_error(void **state)
+{
+    struct fixture *f = *state;
+
+    assert_int_equal(apc_client_request(f->client, at(0), NULL, f->text, 3), APC_ERANGE);
+}
+
+static void a_client_without_dimensions_is_refused(void **state)
+{
+    struct apc_client *client = NULL;
+    struct apc_client_options o = {.size = sizeof(o), .ny = 1, .nu = 1, .command_period = PERIOD};
+
+    (void)state;
+    o.nu = 0;
+    assert_int_equal(apc_client_create(&client, &o, NULL), APC_EINVAL);
+    o.nu = 1;
+    o.command_period = 0;
+    assert_int_equal(apc_client_create(&client, &o, NULL), APC_EINVAL);
+    assert_null(client);
+    apc_client_destroy(NULL);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_variable_is_fresh_until_its_mark_stood_still_for_the_horizon),
+        cmocka_unit_test(the_first_look_believes_the_stamp_within_the_horizon),
+        cmocka_unit_test(an_age_seen_at_the_first_look_counts_on),
+        cmocka_unit_test(the_schedule_keeps_its_last_step_or_begins_again),
+        cmocka_unit_test_setup_teardown(a_whole_fresh_vector_is_sent_as_it_is, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(what_is_missing_bad_or_not_finite_is_not_sent, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(a_command_that_is_no_longer_renewed_is_not_sent, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(a_client_that_starts_late_does_not_send_an_old_command, set_up,
+                                        tear_down),
+        cmocka_unit_test(a_former_runs_command_is_not_sent_and_this_runs_are_whatever_the_clock_does),
+        cmocka_unit_test_setup_teardown(a_clock_step_neither_stops_nor_revives_a_command, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(each_new_measurement_is_stored_once, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(a_reply_to_anything_but_the_last_request_is_refused, set_up,
+                                        tear_down),
+        cmocka_unit_test_setup_teardown(a_request_that_does_not_fit_is_an_error, set_up, tear_down),
+        cmocka_unit_test(a_client_without_dimensions_is_refused),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

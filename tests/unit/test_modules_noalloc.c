@@ -1,0 +1,187 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * Nothing tagged [tick] allocates, and what is made survives any failure of an allocation: every
+ * allocation of the process, libraries included, goes through the functions below. Sanitizers bring
+ * their own allocator, so the test is then skipped.
+ */
+#include "check.h"
+
+#include "apcmodules.h"
+#include "apcsockets.h"
+
+#include <stdlib.h>
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define COUNTING 0
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) || __has_feature(memory_sanitizer)
+#define COUNTING 0
+#endif
+#endif
+#ifndef COUNTING
+#define COUNTING 1
+#endif
+
+static volatile int allocations;
+static volatile int fail_at = -1; /* the allocation with this number fails */
+
+#if COUNTING
+/* glibc's own, for programs that replace malloc. */
+extern void *__libc_malloc(size_t size);
+extern void *__libc_calloc(size_t n, size_t size);
+extern void *__libc_realloc(void *p, size_t size);
+
+void *malloc(size_t size)
+{
+    return allocations++ == fail_at ? NULL : __libc_malloc(size);
+}
+
+void *calloc(size_t n, size_t size)
+{
+    return allocations++ == fail_at ? NULL : __libc_calloc(n, size);
+}
+
+void *realloc(void *p, size_t size)
+{
+    return allocations++ == fail_at ? NULL : __libc_realloc(p, size);
+}
+#endif
+
+#define S  APC_NS_PER_S
+#define T0 (INT64_C(1700000000) * S)
+
+struct loop {
+    struct apc_plant *plant;
+    struct apc_plantserver *server;
+    struct apc_client *client;
+    struct apc_controller *controller;
+    struct apc_sample in[9], out[7], u;
+    char request[256], reply[256];
+    int failures;
+};
+
+/* All that the loop needs. The n-th allocation fails, counted after the plant's: SUNDIALS does not survive
+ * its own. */
+static int make(struct loop *l, int n)
+{
+    int rc;
+    struct apc_plantserver_options server = {
+        .size = sizeof(server), .model = &apc_model_first_order, .link_period = S, .command_period = S};
+    const struct apc_client_options client = {.size = sizeof(client), .ny = 1, .nu = 1, .command_period = S};
+    const struct apc_controller_options controller = {
+        .size = sizeof(controller), .law = &apc_law_pi, .dim = {1, 1, 1}, .period = S, .horizon = 3 * S};
+
+    *l = (struct loop){0};
+    if (apc_plant_create(&l->plant, &apc_model_first_order, NULL, NULL, NULL, NULL) < 0)
+        return -1;
+    server.plant = l->plant;
+    if (n >= 0)
+        fail_at = allocations + n;
+    rc = apc_plantserver_create(&l->server, &server, NULL);
+    if (rc == 0)
+        rc = apc_client_create(&l->client, &client, NULL);
+    if (rc == 0)
+        rc = apc_controller_create(&l->controller, &controller, NULL);
+    fail_at = -1;
+    return rc;
+}
+
+static void destroy(struct loop *l)
+{
+    apc_controller_destroy(l->controller);
+    apc_client_destroy(l->client);
+    apc_plantserver_destroy(l->server);
+    apc_plant_destroy(l->plant);
+}
+
+/* No cmocka in here: it allocates. */
+static void one_second(struct loop *l, int k)
+{
+    const struct apc_now now = {.mono = k * S, .utc = T0 + k * S};
+    const double set = 1.0;
+    const struct apc_scheduler_options o = {.size = sizeof(o), .nz = 1, .steps = 1, .sequence = &set};
+    struct apc_notice notice;
+    struct apc_sample y;
+    int n;
+
+    (void)apc_scheduler_step(&o, 0, now, &l->in[1]);
+    l->in[1].seq = k + 1;
+    l->in[2].seq = 1;
+    l->in[2].status = APC_GOOD;
+    l->in[2].value = k / 100 % 3; /* Man, Auto, OOS */
+    l->in[3].value = k % 2 ? 0.2 : (double)NAN;
+    l->in[3].seq++;
+    l->failures += apc_plantserver_tick(l->server, now, &notice) < 0;
+    n = apc_client_request(l->client, now, k % 50 < 40 ? &l->u : NULL, l->request, sizeof(l->request));
+    l->failures += n < 0;
+    n = apc_plantserver_request(l->server, now, 1, l->request, (size_t)n, l->reply, sizeof(l->reply),
+                                &notice);
+    l->failures += n < 0;
+    n = apc_client_reply(l->client, l->reply, (size_t)n, &y);
+    l->failures += n < 0;
+    if (n == 1 && k % 30 < 20)
+        l->in[0] = y;
+    n = apc_controller_compute(l->controller, now, k % 70 ? l->in : NULL, l->out, &notice);
+    if (n > 0 && l->out[0].table == APC_ACTUATOR)
+        l->u = l->out[0];
+    apc_controller_update(l->controller);
+}
+
+static void the_counter_counts(void **state)
+{
+    int before = allocations;
+    void *volatile p;
+
+    (void)state;
+    if (!COUNTING)
+        skip();
+    p = malloc(1);
+    free(p);
+    assert_true(allocations > before);
+}
+
+static void ticks_do_not_allocate(void **state)
+{
+    struct loop l;
+    int before, after;
+
+    (void)state;
+    if (!COUNTING)
+        skip();
+    assert_int_equal(make(&l, -1), 0);
+    apc_controller_inputs(l.controller, l.in);
+    before = allocations;
+    for (int k = 0; k < 1000; k++)
+        one_second(&l, k);
+    after = allocations;
+    destroy(&l);
+    assert_int_equal(l.failures, 0);
+    assert_int_equal(after - before, 0);
+}
+
+static void whichever_allocation_fails_creation_says_so(void **state)
+{
+    struct loop l;
+    int rc, n = -1;
+
+    (void)state;
+    if (!COUNTING)
+        skip();
+    do {
+        rc = make(&l, ++n);
+        destroy(&l);
+        assert_true(rc == 0 || rc == APC_ENOMEM);
+    } while (rc < 0);
+    assert_in_range(n, 8, 100);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_counter_counts),
+        cmocka_unit_test(ticks_do_not_allocate),
+        cmocka_unit_test(whichever_allocation_fails_creation_says_so),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

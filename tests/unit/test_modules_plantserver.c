@@ -1,0 +1,516 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "check.h"
+
+#include "apcmodules.h"
+#include "apcsockets.h"
+
+#include <string.h>
+
+#define S        APC_NS_PER_S
+#define MS       APC_NS_PER_MS
+#define T0       (INT64_C(1700000000) * S)
+#define TICK     (200 * MS)
+#define LINK     (500 * MS)
+#define COMMAND  (2 * S)
+#define STAMP(k) (T0 + (k)*APC_NS_PER_US) /* the wire carries microseconds */
+/* The integrator leaves 1e-6; an instant wrong by 1 ms would show as 1e-3. */
+#define CLOSE 1e-5
+#define SAFE  (-0.3)
+
+struct rig {
+    struct apc_plant *plant;
+    struct apc_plantserver *server;
+    struct apc_notice notice;
+    apc_ns utc_step; /* how far the clock of the day was put forward */
+    char reply[256];
+    struct apc_sample y;
+    struct apc_frame frame;
+};
+
+static struct apc_now at(const struct rig *r, apc_ns mono)
+{
+    return (struct apc_now){.mono = mono, .utc = T0 + mono + r->utc_step};
+}
+
+static int set_up(void **state)
+{
+    static struct rig r;
+    static const double safe = SAFE, low = -1.0, high = 2.0;
+    struct apc_plantserver_options o = {.size = sizeof(o),
+                                        .model = &apc_model_first_order,
+                                        .safe = &safe,
+                                        .low = &low,
+                                        .high = &high,
+                                        .link_period = LINK,
+                                        .command_period = COMMAND};
+
+    r = (struct rig){0};
+    *state = &r;
+    if (apc_plant_create(&r.plant, o.model, NULL, NULL, NULL, NULL) < 0)
+        return -1;
+    o.plant = r.plant;
+    return apc_plantserver_create(&r.server, &o, NULL);
+}
+
+static int tear_down(void **state)
+{
+    struct rig *r = *state;
+
+    apc_plantserver_destroy(r->server);
+    apc_plant_destroy(r->plant);
+    return 0;
+}
+
+static int send(struct rig *r, apc_ns mono, uint64_t connection, enum apc_frame_kind kind, apc_ns stamp,
+                double u)
+{
+    const struct apc_sample sample = {.time = stamp, .value = u};
+    const struct apc_frame frame = {.kind = kind, .id = 9, .n = kind == APC_FRAME_QUERY ? 0 : 1};
+    char text[256];
+    int n = apc_frame_encode(text, sizeof(text), &frame, &sample);
+    int rc;
+
+    assert_true(n > 0);
+    rc = apc_plantserver_request(r->server, at(r, mono), connection, text, (size_t)n, r->reply,
+                                 sizeof(r->reply), &r->notice);
+    if (rc > 0)
+        assert_int_equal(apc_frame_decode(r->reply, (size_t)rc, &r->frame, &r->y, 1), 0);
+    return rc;
+}
+
+static void command(struct rig *r, apc_ns mono, apc_ns stamp, double u)
+{
+    assert_true(send(r, mono, 1, APC_FRAME_COMMAND, stamp, u) > 0);
+}
+
+static void tick(struct rig *r, apc_ns mono)
+{
+    assert_int_equal(apc_plantserver_tick(r->server, at(r, mono), &r->notice), 0);
+}
+
+static double input(struct rig *r, bool *safe)
+{
+    double u = (double)NAN;
+
+    *safe = apc_plantserver_input(r->server, &u);
+    return u;
+}
+
+static void assert_input(struct rig *r, double expected, bool expect_safe)
+{
+    bool safe;
+    double u = input(r, &safe);
+
+    assert_near(u, expected, 0.0);
+    assert_int_equal(safe, expect_safe);
+}
+
+static double state_of(const struct rig *r)
+{
+    return apc_plant_state(r->plant)[0];
+}
+
+/* The exact solution of the first-order plant. */
+static double exact(double x, double u, double dt)
+{
+    return 10.0 * u + (x - 10.0 * u) * exp(-dt / 10.0);
+}
+
+/* ---- Time order ------------------------------------------------------------------------------ */
+
+static void it_starts_at_the_safe_value_and_says_that_it_has_no_data(void **state)
+{
+    struct rig *r = *state;
+
+    assert_input(r, SAFE, true);
+    assert_true(send(r, 0, 1, APC_FRAME_QUERY, 0, 0.0) > 0);
+    assert_int_equal(r->frame.kind, APC_FRAME_VALUES);
+    assert_int_equal(r->frame.id, 9);
+    assert_int_equal(r->y.status, APC_BAD_WAITING_FOR_INITIAL_DATA);
+    tick(r, 0);
+    tick(r, TICK);
+    assert_near(state_of(r), exact(0.0, SAFE, 0.2), CLOSE);
+    assert_input(r, SAFE, true);
+}
+
+static void a_tick_advances_with_the_input_sampled_at_the_tick_before(void **state)
+{
+    struct rig *r = *state;
+    double x;
+
+    tick(r, 0);
+    command(r, 10 * MS, STAMP(1), 1.0);
+    assert_input(r, SAFE, true); /* taken at the next tick, not before */
+    tick(r, TICK);
+    x = exact(0.0, SAFE, 0.2);
+    assert_near(state_of(r), x, CLOSE);
+    assert_input(r, 1.0, false);
+    assert_int_equal(r->notice.kind, APC_NOTICE_RESUMED);
+    tick(r, 2 * TICK);
+    x = exact(x, 1.0, 0.2);
+    assert_near(state_of(r), x, CLOSE);
+    assert_int_equal(r->notice.kind, APC_NOTICE_NONE);
+}
+
+static void a_reply_carries_y_of_the_last_tick_under_its_time(void **state)
+{
+    struct rig *r = *state;
+
+    tick(r, 0);
+    tick(r, TICK);
+    assert_true(send(r, TICK + 150 * MS, 1, APC_FRAME_QUERY, 0, 0.0) > 0);
+    assert_near(r->y.value, state_of(r), 0.0);
+    assert_int_equal(r->y.time, T0 + TICK);
+    assert_int_equal(r->y.status, APC_GOOD);
+}
+
+static void missed_ticks_are_simulated_through(void **state)
+{
+    struct rig *r = *state;
+
+    tick(r, 0);
+    tick(r, 10 * S);
+    assert_near(state_of(r), exact(0.0, SAFE, 10.0), CLOSE);
+    tick(r, 9 * S); /* never backwards */
+    tick(r, 11 * S);
+    assert_near(state_of(r), exact(0.0, SAFE, 11.0), CLOSE);
+}
+
+/* ---- Watchdog -------------------------------------------------------------------------------- */
+
+static void without_a_frame_it_trips_at_three_link_periods_and_100_ms(void **state)
+{
+    struct rig *r = *state;
+    const apc_ns last = 150 * MS, deadline = last + 3 * LINK + 100 * MS; /* 1.75 s: between two ticks */
+    double x;
+    apc_ns t = 0;
+
+    tick(r, 0);
+    command(r, last, STAMP(1), 1.0);
+    for (t = TICK; t <= deadline; t += TICK) {
+        tick(r, t);
+        assert_input(r, 1.0, false);
+        assert_int_not_equal(r->notice.kind, APC_NOTICE_TRIP);
+    }
+    x = exact(exact(0.0, SAFE, 0.2), 1.0, apc_ns_to_s(deadline - TICK));
+    x = exact(x, SAFE, apc_ns_to_s(t - deadline));
+    tick(r, t);
+    assert_int_equal(r->notice.kind, APC_NOTICE_TRIP);
+    assert_input(r, SAFE, true);
+    assert_near(state_of(r), x, CLOSE);
+    tick(r, t + TICK);
+    assert_int_equal(r->notice.kind, APC_NOTICE_NONE);
+}
+
+static void repeated_commands_trip_at_three_controller_periods_and_100_ms(void **state)
+{
+    struct rig *r = *state;
+    const apc_ns first = 150 * MS, deadline = first + 3 * COMMAND + 100 * MS; /* 6.25 s */
+    double x = exact(exact(0.0, SAFE, 0.2), 1.0, apc_ns_to_s(deadline - TICK));
+    apc_ns t;
+
+    tick(r, 0);
+    for (t = TICK; t <= deadline; t += TICK) {
+        command(r, t - 50 * MS, STAMP(1), 1.0);
+        tick(r, t);
+        assert_input(r, 1.0, false);
+    }
+    command(r, t - 50 * MS, STAMP(1), 1.0);
+    assert_int_equal(r->notice.kind, APC_NOTICE_TRIP);
+    tick(r, t);
+    assert_input(r, SAFE, true);
+    assert_near(state_of(r), exact(x, SAFE, apc_ns_to_s(t - deadline)), CLOSE);
+}
+
+static void a_late_tick_still_knows_the_exact_instant(void **state)
+{
+    struct rig *r = *state;
+    const apc_ns deadline = 3 * LINK + 100 * MS;
+    double x = exact(0.0, 1.0, apc_ns_to_s(deadline));
+
+    command(r, 0, STAMP(1), 1.0);
+    tick(r, 0);
+    tick(r, 30 * S);
+    assert_near(state_of(r), exact(x, SAFE, apc_ns_to_s(30 * S - deadline)), CLOSE);
+}
+
+static void a_trip_between_ticks_counts_even_when_a_new_command_ends_it(void **state)
+{
+    struct rig *r = *state;
+    const apc_ns deadline = 3 * LINK + 100 * MS;
+    double x = exact(0.0, 1.0, apc_ns_to_s(deadline));
+
+    command(r, 0, STAMP(1), 1.0);
+    tick(r, 0);
+    command(r, deadline + 50 * MS, STAMP(2), 0.5);
+    assert_int_equal(r->notice.kind, APC_NOTICE_TRIP);
+    tick(r, deadline + 80 * MS);
+    assert_near(state_of(r), exact(x, SAFE, 0.08), CLOSE);
+    assert_int_equal(r->notice.kind, APC_NOTICE_RESUMED);
+    assert_input(r, 0.5, false);
+}
+
+static void a_replay_of_the_old_command_never_resumes(void **state)
+{
+    struct rig *r = *state;
+
+    command(r, 0, STAMP(1), 1.0);
+    tick(r, 0);
+    tick(r, 10 * S);
+    assert_input(r, SAFE, true);
+    for (apc_ns t = 10 * S; t < 20 * S; t += TICK) {
+        command(r, t, STAMP(1), 1.0);
+        tick(r, t + TICK);
+        assert_input(r, SAFE, true);
+    }
+    command(r, 21 * S, STAMP(2), 1.0);
+    tick(r, 21 * S);
+    assert_input(r, 1.0, false);
+    assert_int_equal(r->notice.kind, APC_NOTICE_RESUMED);
+}
+
+static void queries_do_not_keep_a_command_alive(void **state)
+{
+    struct rig *r = *state;
+
+    command(r, 0, STAMP(1), 1.0);
+    for (apc_ns t = 0; t <= 2 * S; t += TICK) {
+        assert_true(send(r, t, 1, APC_FRAME_QUERY, 0, 0.0) > 0);
+        tick(r, t);
+    }
+    assert_input(r, SAFE, true);
+}
+
+static void a_clock_step_of_an_hour_changes_nothing(void **state)
+{
+    struct rig *r = *state;
+    double x = 0.0;
+
+    for (int k = 0; k < 100; k++) {
+        r->utc_step = (k / 10 % 3 - 1) * 3600 * S;
+        command(r, k * TICK, STAMP(k) + r->utc_step, 0.7);
+        tick(r, k * TICK);
+        assert_input(r, 0.7, false);
+    }
+    x = exact(x, 0.7, 99 * 0.2);
+    assert_near(state_of(r), x, CLOSE);
+}
+
+/* ---- What must not reach the plant ----------------------------------------------------------- */
+
+static void a_value_outside_the_limits_or_bad_is_not_applied_but_answered(void **state)
+{
+    struct rig *r = *state;
+    const struct apc_sample bad = {.time = STAMP(5), .value = 0.1, .status = APC_BAD};
+    const struct apc_frame frame = {.kind = APC_FRAME_COMMAND, .id = 1, .n = 1};
+    const double wrong[] = {2.0001, -1.0001, 1e299, -1e308};
+    char text[128];
+    int n;
+
+    command(r, 0, STAMP(1), 1.0);
+    for (size_t i = 0; i < sizeof(wrong) / sizeof(wrong[0]); i++) {
+        command(r, 1, STAMP(2) + (apc_ns)i, 1.0); /* a good one in between, so that each refusal is told of */
+        assert_int_equal(r->notice.kind, APC_NOTICE_NONE);
+        command(r, 1, STAMP(3) + (apc_ns)i, wrong[i]);
+        assert_int_equal(r->notice.kind, APC_NOTICE_REJECTED);
+    }
+    command(r, 1, STAMP(4), 1.0);
+    n = apc_frame_encode(text, sizeof(text), &frame, &bad);
+    assert_true(apc_plantserver_request(r->server, at(r, 2), 1, text, (size_t)n, r->reply, sizeof(r->reply),
+                                        &r->notice) > 0);
+    assert_int_equal(r->notice.kind, APC_NOTICE_REJECTED);
+    tick(r, TICK);
+    assert_input(r, 1.0, false);
+    command(r, 1500 * MS, STAMP(99), 7.0); /* no sign of life: the watchdog runs on */
+    tick(r, 1700 * MS);
+    assert_input(r, SAFE, true);
+}
+
+static void refused_commands_are_told_of_once_until_one_is_accepted(void **state)
+{
+    struct rig *r = *state;
+
+    for (int round = 0; round < 3; round++) {
+        command(r, 0, STAMP(10 * round), 1.0);
+        assert_int_equal(r->notice.kind, APC_NOTICE_NONE);
+        for (int k = 1; k < 9; k++) {
+            command(r, 0, STAMP(10 * round + k), 7.0 + k);
+            assert_int_equal(r->notice.kind, k == 1 ? APC_NOTICE_REJECTED : APC_NOTICE_NONE);
+        }
+    }
+    assert_int_equal(apc_plantserver_tick(r->server, at(r, 10 * S), &r->notice), 0);
+    assert_int_equal(r->notice.kind, APC_NOTICE_TRIP);
+}
+
+static void a_refusal_that_a_trip_hides_is_told_of_the_next_time(void **state)
+{
+    struct rig *r = *state;
+
+    command(r, 0, STAMP(1), 1.0);
+    tick(r, 0);
+    command(r, 10 * S, STAMP(2), 7.0);
+    assert_int_equal(r->notice.kind, APC_NOTICE_TRIP);
+    command(r, 10 * S, STAMP(3), 7.0);
+    assert_int_equal(r->notice.kind, APC_NOTICE_REJECTED);
+}
+
+static void the_papers_client_sends_its_command_as_values(void **state)
+{
+    struct rig *r = *state;
+
+    tick(r, 0);
+    assert_true(send(r, 0, 1, APC_FRAME_VALUES, T0, 0.5) > 0);
+    tick(r, 1);
+    assert_input(r, 0.5, false);
+}
+
+static void frames_that_are_no_request_close_the_connection(void **state)
+{
+    struct rig *r = *state;
+    const struct apc_sample two[2] = {{.time = STAMP(1), .value = 0.5}, {.time = STAMP(1), .value = 0.5}};
+    struct apc_frame frame = {.kind = APC_FRAME_COMMAND, .id = 1, .n = 2};
+    char text[256];
+    int n = apc_frame_encode(text, sizeof(text), &frame, two);
+
+    assert_true(n > 0);
+    assert_int_equal(
+        apc_plantserver_request(r->server, at(r, 0), 1, text, (size_t)n, r->reply, sizeof(r->reply), NULL),
+        APC_EPROTO);
+    frame.n = 0;
+    n = apc_frame_encode(text, sizeof(text), &frame, two);
+    if (n > 0)
+        assert_int_equal(apc_plantserver_request(r->server, at(r, 0), 1, text, (size_t)n, r->reply,
+                                                 sizeof(r->reply), NULL),
+                         APC_EPROTO);
+    assert_int_equal(
+        apc_plantserver_request(r->server, at(r, 0), 1, "7123.46\n", 8, r->reply, sizeof(r->reply), NULL),
+        APC_EPROTO);
+    tick(r, 0);
+    assert_input(r, SAFE, true);
+}
+
+static void the_newest_connection_that_commanded_wins(void **state)
+{
+    struct rig *r = *state;
+
+    assert_true(send(r, 0, 1, APC_FRAME_COMMAND, STAMP(1), 1.0) > 0);
+    assert_true(send(r, 1, 2, APC_FRAME_QUERY, 0, 0.0) > 0); /* asking takes nothing over */
+    assert_true(send(r, 2, 1, APC_FRAME_COMMAND, STAMP(2), 1.1) > 0);
+    assert_true(send(r, 3, 2, APC_FRAME_COMMAND, STAMP(3), 1.2) > 0);
+    assert_int_equal(send(r, 4, 1, APC_FRAME_COMMAND, STAMP(4), 1.3), APC_EPERM);
+    assert_true(send(r, 5, 1, APC_FRAME_QUERY, 0, 0.0) > 0);
+    tick(r, 6);
+    assert_input(r, 1.2, false);
+}
+
+static int broken_f(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    (void)t, (void)x, (void)p;
+    dx[0] = u[0];
+    return u[0] > 1.5;
+}
+
+static void copy_g(double t, const double *x, const double *u, const double *p, double *y)
+{
+    (void)t, (void)u, (void)p;
+    y[0] = x[0] > 0.25 ? (double)NAN : x[0];
+}
+
+static void a_plant_that_cannot_be_solved_is_bad_and_told_of_once_until_it_can(void **state)
+{
+    struct rig *r = *state;
+    const struct apc_model model = {
+        .abi = APC_MODEL_ABI, .name = "broken", .nx = 1, .nu = 1, .ny = 1, .f = broken_f, .g = copy_g};
+    struct rig own = {0};
+    struct apc_plantserver_options o = {
+        .size = sizeof(o), .model = &model, .link_period = LINK, .command_period = COMMAND};
+
+    (void)r;
+    assert_int_equal(apc_plant_create(&own.plant, &model, NULL, NULL, NULL, NULL), 0);
+    o.plant = own.plant;
+    assert_int_equal(apc_plantserver_create(&own.server, &o, NULL), 0);
+    command(&own, 0, STAMP(1), 2.0);
+    tick(&own, 0);
+    assert_int_equal(apc_plantserver_tick(own.server, at(&own, TICK), &own.notice), APC_ESOLVER);
+    assert_int_equal(own.notice.kind, APC_NOTICE_FAILED);
+    assert_non_null(strstr(own.notice.text, "broken"));
+    command(&own, TICK, STAMP(2), 1.0);
+    assert_int_equal(own.y.status, APC_BAD_DEVICE_FAILURE);
+    assert_int_equal(own.y.time, T0 + TICK);
+    assert_near(own.y.value, 0.0, 0.0);
+    assert_int_equal(apc_plantserver_tick(own.server, at(&own, 2 * TICK), &own.notice), APC_ESOLVER);
+    assert_int_equal(own.notice.kind, APC_NOTICE_NONE);
+    tick(&own, 3 * TICK);
+    assert_int_equal(own.notice.kind, APC_NOTICE_RECOVERED);
+    command(&own, 3 * TICK, STAMP(3), 1.0);
+    assert_int_equal(own.y.status, APC_GOOD);
+    assert_near(own.y.value, 0.2, CLOSE);
+    tick(&own, 4 * TICK); /* g gives NaN: the last number stays, marked */
+    assert_int_equal(own.notice.kind, APC_NOTICE_NONE);
+    command(&own, 4 * TICK, STAMP(3), 1.0);
+    assert_int_equal(own.y.status, APC_BAD_SENSOR_FAILURE);
+    assert_near(own.y.value, 0.2, CLOSE);
+    apc_plantserver_destroy(own.server);
+    apc_plant_destroy(own.plant);
+}
+
+static void a_server_that_could_not_protect_its_plant_is_refused(void **state)
+{
+    struct rig *r = *state;
+    const double one = 1.0, five = 5.0, nan_value = (double)NAN;
+    const struct apc_plantserver_options good = {.size = sizeof(good),
+                                                 .plant = r->plant,
+                                                 .model = &apc_model_first_order,
+                                                 .link_period = LINK,
+                                                 .command_period = COMMAND};
+    struct apc_plantserver_options o = good;
+    struct apc_plantserver *server = NULL;
+    struct apc_error why = {""};
+
+    o.low = &one; /* zeros, the default safe value, lie outside */
+    assert_int_equal(apc_plantserver_create(&server, &o, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "safe"));
+    o = good;
+    o.safe = &nan_value;
+    assert_int_equal(apc_plantserver_create(&server, &o, &why), APC_EINVAL);
+    o = good;
+    o.low = &five;
+    o.high = &one;
+    assert_int_equal(apc_plantserver_create(&server, &o, &why), APC_EINVAL);
+    o = good;
+    o.link_period = 0;
+    assert_int_equal(apc_plantserver_create(&server, &o, &why), APC_EINVAL);
+    o = good;
+    o.plant = NULL;
+    assert_int_equal(apc_plantserver_create(&server, &o, &why), APC_EINVAL);
+    assert_null(server);
+    apc_plantserver_destroy(NULL);
+}
+
+int main(void)
+{
+#define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+    const struct CMUnitTest tests[] = {
+        T(it_starts_at_the_safe_value_and_says_that_it_has_no_data),
+        T(a_tick_advances_with_the_input_sampled_at_the_tick_before),
+        T(a_reply_carries_y_of_the_last_tick_under_its_time),
+        T(missed_ticks_are_simulated_through),
+        T(without_a_frame_it_trips_at_three_link_periods_and_100_ms),
+        T(repeated_commands_trip_at_three_controller_periods_and_100_ms),
+        T(a_late_tick_still_knows_the_exact_instant),
+        T(a_trip_between_ticks_counts_even_when_a_new_command_ends_it),
+        T(a_replay_of_the_old_command_never_resumes),
+        T(queries_do_not_keep_a_command_alive),
+        T(a_clock_step_of_an_hour_changes_nothing),
+        T(a_value_outside_the_limits_or_bad_is_not_applied_but_answered),
+        T(refused_commands_are_told_of_once_until_one_is_accepted),
+        T(a_refusal_that_a_trip_hides_is_told_of_the_next_time),
+        T(the_papers_client_sends_its_command_as_values),
+        T(frames_that_are_no_request_close_the_connection),
+        T(the_newest_connection_that_commanded_wins),
+        T(a_plant_that_cannot_be_solved_is_bad_and_told_of_once_until_it_can),
+        T(a_server_that_could_not_protect_its_plant_is_refused),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,859 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The PostgreSQL store against a network and a server that fail. */
+#include <pthread.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "apcshareddata.h"
+#include "check.h"
+#include "cluster.h"
+#include "proxy.h"
+
+static struct cluster *cluster;
+static int plant; /* a schema for each test */
+
+#define ok(store, call)                                                                                      \
+    do {                                                                                                     \
+        int ok_result = (call);                                                                              \
+        if (ok_result < 0) {                                                                                 \
+            fail_msg("%s: %s: %s", #call, apc_err_name(ok_result), apc_store_error(store));                  \
+        }                                                                                                    \
+    } while (0)
+
+#define assert_says(store, words)                                                                            \
+    do {                                                                                                     \
+        if (!strstr(apc_store_error(store), words)) {                                                        \
+            fail_msg("expected \"%s\" in \"%s\"", words, apc_store_error(store));                            \
+        }                                                                                                    \
+        assert_null(strchr(apc_store_error(store), '\n'));                                                   \
+    } while (0)
+
+/* Short where the test waits for it, never in the way where it does not. */
+#define LONG  (30 * APC_NS_PER_S)
+#define SHORT (300 * APC_NS_PER_MS)
+
+static struct apc_store *open_uri(const char *uri, apc_ns timeout)
+{
+    struct apc_error why = {""};
+    struct apc_store *store = NULL;
+    struct apc_store_options options = {
+        .size = sizeof options, .name = "test", .timeout = timeout, .backoff_min = 1, .backoff_max = 1};
+    if (apc_store_open(&store, uri, &options, &why) != 0) {
+        fail_msg("%s", why.text);
+    }
+    return store;
+}
+
+static struct apc_store *open_direct(apc_ns timeout)
+{
+    char uri[600];
+    snprintf(uri, sizeof uri, "%s#plant%d", cluster_uri(cluster), plant);
+    return open_uri(uri, timeout);
+}
+
+/* A store behind a proxy whose socket stands beside the server's. */
+static struct proxy *new_proxy(char directory[256])
+{
+    char listening[400], server[400];
+    snprintf(directory, 256, "%s/proxyXXXXXX", getenv("APC_TEST_PGHOST") ? "/tmp" : cluster_host(cluster));
+    assert_non_null(mkdtemp(directory));
+    snprintf(listening, sizeof listening, "unix:%s/.s.PGSQL.5432", directory);
+    snprintf(server, sizeof server, "unix:%s", cluster_socket(cluster));
+    return proxy_start(listening, server);
+}
+
+static struct apc_store *open_through(const char *directory, apc_ns timeout)
+{
+    char uri[800];
+    snprintf(uri, sizeof uri, "postgresql://apc@/%s?host=%s#plant%d", cluster_database(cluster), directory,
+             plant);
+    return open_uri(uri, timeout);
+}
+
+static int set_up(void **state)
+{
+    (void)state;
+    plant++;
+    struct apc_store *store = open_direct(LONG);
+    int had = apc_store_init(store);
+    apc_store_close(store);
+    return had != 0;
+}
+
+static struct apc_sample sample(enum apc_table table, int id, int64_t seq, double value)
+{
+    return (struct apc_sample){
+        .table = table, .id = id, .seq = seq, .time = seq * APC_NS_PER_US, .value = value};
+}
+
+static struct apc_sample newest(struct apc_store *store, enum apc_table table, int id)
+{
+    struct apc_sample s = {.table = table, .id = id};
+    ok(store, apc_store_read(store, &s, 1));
+    return s;
+}
+
+/* Until the pause after a failed connect is over: the store itself says when. */
+static int append_again(struct apc_store *store, const struct apc_sample *s, size_t n)
+{
+    int result = APC_ECONN;
+    for (int i = 0; i < 100000 && (result == APC_ECONN || result == APC_EBUSY); i++) {
+        result = apc_store_append(store, s, n);
+    }
+    return result;
+}
+
+/* ---- Round trips ----------------------------------------------------------------------------- */
+
+static void test_a_tick_reads_in_one_round_trip_and_writes_in_one(void **state)
+{
+    (void)state;
+    char directory[256];
+    struct proxy *proxy = new_proxy(directory);
+    struct apc_store *store = open_through(directory, LONG);
+    ok(store, apc_store_connect(store));
+    static struct apc_sample s[5000];
+    static const enum apc_table tables[5] = {APC_SENSOR, APC_SETPOINT, APC_OPMODE, APC_TUNING, APC_MANUAL};
+    static const enum apc_table written[3] = {APC_ACTUATOR, APC_STATE, APC_OPMODE};
+    for (int n = 1; n <= 1000; n *= 10) {
+        struct apc_store_stats before, after;
+        for (int i = 0; i < 5 * n; i++) {
+            s[i] = (struct apc_sample){.table = tables[i / n], .id = i % n + 1};
+        }
+        apc_store_stats(store, &before);
+        uint64_t trips = proxy_round_trips(proxy);
+        ok(store, apc_store_read(store, s, (size_t)(5 * n)));
+        assert_int_equal(proxy_round_trips(proxy) - trips, 1);
+        for (int i = 0; i < 3 * n; i++) {
+            s[i] = sample(written[i / n], i % n + 1, n, i);
+        }
+        trips = proxy_round_trips(proxy);
+        assert_int_equal(apc_store_append(store, s, (size_t)(3 * n)), 3 * n);
+        assert_int_equal(proxy_round_trips(proxy) - trips, 1);
+        apc_store_stats(store, &after);
+        assert_int_equal(after.round_trips - before.round_trips, 2); /* and the library's own count agrees */
+    }
+    apc_store_close(store);
+    proxy_stop(proxy);
+    rmdir(directory);
+}
+
+/* ---- Network faults ---------------------------------------------------------------------------- */
+
+static void test_a_stalled_server_costs_the_timeout_and_the_next_call_works(void **state)
+{
+    (void)state;
+    char directory[256];
+    struct proxy *proxy = new_proxy(directory);
+    struct apc_store *store = open_through(directory, SHORT);
+    struct apc_sample s = sample(APC_SENSOR, 1, 1, 1), out = {.table = APC_SENSOR, .id = 1};
+    assert_int_equal(append_again(store, &s, 1), 1);
+    proxy_set(proxy, PROXY_STALL);
+    assert_int_equal(apc_store_read(store, &out, 1), APC_ETIMEDOUT);
+    assert_says(store, "no answer from the database");
+    assert_false(apc_store_connected(store)); /* a late answer can never be taken for another's */
+    assert_int_equal(apc_store_connect(store), APC_ETIMEDOUT);
+    proxy_set(proxy, PROXY_PASS);
+    assert_int_equal(append_again(store, &s, 1), 0); /* there already */
+    assert_int_equal(newest(store, APC_SENSOR, 1).seq, 1);
+    apc_store_close(store);
+    proxy_stop(proxy);
+    rmdir(directory);
+}
+
+static void test_a_write_that_the_server_does_not_take_ends_at_the_timeout(void **state)
+{
+    (void)state;
+    enum { N = 200000 }; /* more than the sockets hold: the store has to wait to write */
+    char directory[256];
+    struct proxy *proxy = new_proxy(directory);
+    struct apc_store *store = open_through(directory, SHORT);
+    ok(store, apc_store_connect(store));
+    struct apc_sample *s = malloc(N * sizeof *s);
+    assert_non_null(s);
+    for (int i = 0; i < N; i++) {
+        s[i] = sample(APC_SENSOR, i, 1, 1);
+    }
+    proxy_set(proxy, PROXY_STALL);
+    int result = apc_store_append(store, s, N);
+    proxy_set(proxy, PROXY_CUT);
+    free(s);
+    assert_int_equal(result, APC_ETIMEDOUT);
+    apc_store_close(store);
+    proxy_stop(proxy);
+    rmdir(directory);
+}
+
+static void test_a_lost_answer_to_commit_is_retried_without_a_duplicate(void **state)
+{
+    (void)state;
+    char directory[256];
+    struct proxy *proxy = new_proxy(directory);
+    struct apc_store *store = open_through(directory, LONG);
+    ok(store, apc_store_connect(store));
+    struct apc_sample s[2] = {sample(APC_SENSOR, 1, 1, 1), sample(APC_SENSOR, 2, 1, 2)};
+    proxy_arm(proxy, PROXY_TO_CLIENT, 0, PROXY_CUT); /* the server has answered, the client never learns */
+    assert_int_equal(apc_store_append(store, s, 2), APC_ECONN);
+    assert_int_equal(proxy_await_armed(proxy), 0);
+    char sql[128];
+    snprintf(sql, sizeof sql, "SELECT count(*) FROM plant%d.sensor", plant);
+    assert_string_equal(cluster_query(cluster, sql), "2"); /* it had taken place */
+    assert_int_equal(append_again(store, s, 2), 0);
+    assert_string_equal(cluster_query(cluster, sql), "2");
+    apc_store_close(store);
+    proxy_stop(proxy);
+    rmdir(directory);
+}
+
+static void test_an_answer_cut_anywhere_is_an_error_and_never_half_a_result(void **state)
+{
+    (void)state;
+    char directory[256];
+    struct proxy *proxy = new_proxy(directory);
+    struct apc_store *store = open_through(directory, LONG);
+    struct apc_sample s[20];
+    for (int i = 0; i < 20; i++) {
+        s[i] = sample(APC_SENSOR, i, 1, i);
+    }
+    assert_int_equal(append_again(store, s, 20), 20);
+    bool whole = false;
+    for (uint64_t bytes = 0; !whole && bytes < 20000; bytes += 37) {
+        ok(store, apc_store_connect(store));
+        proxy_arm(proxy, PROXY_TO_CLIENT, bytes, PROXY_CUT);
+        int err = apc_store_read(store, s, 20);
+        whole = err == 0;
+        assert_true(err == 0 || err == APC_ECONN);
+        proxy_set(proxy, PROXY_PASS);
+    }
+    assert_true(whole); /* in the end the trap lay behind the answer */
+    for (int i = 0; i < 20; i++) {
+        assert_near(s[i].value, i, 0);
+    }
+    apc_store_close(store);
+    proxy_stop(proxy);
+    rmdir(directory);
+}
+
+static void test_after_a_failed_connect_it_answers_at_once_until_the_pause_is_over(void **state)
+{
+    (void)state;
+    char directory[256], uri[800];
+    struct proxy *proxy = new_proxy(directory);
+    snprintf(uri, sizeof uri, "postgresql://apc@/%s?host=%s#plant%d", cluster_database(cluster), directory,
+             plant);
+    struct apc_store *store = NULL;
+    struct apc_store_options options = {.size = sizeof options,
+                                        .timeout = LONG,
+                                        .backoff_min = 3600 * APC_NS_PER_S,
+                                        .backoff_max = 7200 * APC_NS_PER_S};
+    assert_int_equal(apc_store_open(&store, uri, &options, NULL), 0);
+    proxy_set(proxy, PROXY_REFUSE);
+    assert_int_equal(apc_store_connect(store), APC_ECONN);
+    proxy_set(proxy, PROXY_PASS);
+    assert_int_equal(apc_store_connect(store), APC_ECONN); /* it could, but does not try */
+    assert_says(store, "next try in ");
+    assert_says(store, "cannot connect to the database");
+    apc_store_close(store);
+    proxy_stop(proxy);
+    rmdir(directory);
+}
+
+static void test_an_unreachable_server_is_named(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_uri("postgresql://apc@/nowhere?host=/nonexistent", LONG);
+    assert_int_equal(apc_store_connect(store), APC_ECONN);
+    assert_says(store, "/nonexistent");
+    apc_store_close(store);
+    char uri[600];
+    snprintf(uri, sizeof uri, "postgresql://apc@/no_such_db?host=%s", cluster_host(cluster));
+    store = open_uri(uri, LONG);
+    assert_int_equal(apc_store_connect(store), APC_ECONN);
+    assert_says(store, "database \"no_such_db\" does not exist");
+    apc_store_close(store);
+}
+
+static void test_of_several_hosts_the_next_is_tried_when_one_swallows_packets(void **state)
+{
+    (void)state;
+    char directory[256], uri[900];
+    struct proxy *proxy = new_proxy(directory);
+    proxy_set(proxy, PROXY_STALL);
+    snprintf(uri, sizeof uri, "postgresql://apc@/%s?host=%s,%s#plant%d", cluster_database(cluster), directory,
+             cluster_host(cluster), plant);
+    struct apc_store *store = open_uri(uri, SHORT);
+    assert_int_equal(apc_store_connect(store), APC_ETIMEDOUT);
+    struct apc_sample s = sample(APC_SENSOR, 1, 1, 1);
+    assert_int_equal(append_again(store, &s, 1), 1);
+    apc_store_close(store);
+    proxy_stop(proxy);
+    rmdir(directory);
+}
+
+static void test_hosts_of_a_service_file_take_turns_as_well(void **state)
+{
+    (void)state;
+    char directory[256], path[300], uri[64];
+    struct proxy *proxy = new_proxy(directory);
+    proxy_set(proxy, PROXY_STALL);
+    snprintf(path, sizeof path, "%s/services", directory);
+    FILE *services = fopen(path, "w");
+    assert_non_null(services);
+    fprintf(services, "[plant]\nhost=%s,%s\ndbname=%s\nuser=apc\n", directory, cluster_host(cluster),
+            cluster_database(cluster));
+    fclose(services);
+    setenv("PGSERVICEFILE", path, 1);
+    snprintf(uri, sizeof uri, "postgresql:///?service=plant#plant%d", plant);
+    struct apc_store *store = open_uri(uri, SHORT);
+    int stalled = apc_store_connect(store);
+    struct apc_sample s = sample(APC_SENSOR, 1, 1, 1);
+    int appended = append_again(store, &s, 1);
+    unsetenv("PGSERVICEFILE");
+    unlink(path);
+    assert_int_equal(stalled, APC_ETIMEDOUT);
+    assert_int_equal(appended, 1);
+    apc_store_close(store);
+    proxy_stop(proxy);
+    rmdir(directory);
+}
+
+static void test_only_a_host_that_can_be_written_to_is_used(void **state)
+{
+    (void)state;
+    char sql[200], uri[900];
+    struct apc_store *only = open_direct(LONG);
+    snprintf(sql, sizeof sql, "ALTER DATABASE %s SET default_transaction_read_only = on",
+             cluster_database(cluster));
+    cluster_query(cluster, sql);
+    snprintf(uri, sizeof uri, "postgresql://apc@/%s?host=%s,%s#plant%d", cluster_database(cluster),
+             cluster_host(cluster), cluster_host(cluster), plant);
+    struct apc_store *store = open_uri(uri, LONG);
+    int err = apc_store_connect(store), alone = apc_store_connect(only);
+    snprintf(sql, sizeof sql, "ALTER DATABASE %s RESET default_transaction_read_only",
+             cluster_database(cluster));
+    cluster_query(cluster, sql);
+    assert_int_equal(err, APC_ECONN);
+    assert_says(store, "read-only");
+    apc_store_close(store);
+    assert_int_equal(alone, APC_ECONN); /* nor when there is no other */
+    assert_says(only, "read-only");
+    apc_store_close(only);
+}
+
+static void test_a_server_that_became_read_only_is_left(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG);
+    ok(store, apc_store_connect(store));
+    char sql[300];
+    snprintf(sql, sizeof sql,
+             "CREATE FUNCTION plant%d.refuse() RETURNS trigger LANGUAGE plpgsql AS $$ BEGIN RAISE "
+             "read_only_sql_transaction; END $$; CREATE TRIGGER t BEFORE INSERT ON plant%d.sensor EXECUTE "
+             "FUNCTION "
+             "plant%d.refuse()",
+             plant, plant, plant);
+    cluster_query(cluster, sql);
+    struct apc_sample s = sample(APC_SENSOR, 1, 1, 1);
+    assert_int_equal(apc_store_append(store, &s, 1), APC_ECONN);
+    assert_false(apc_store_connected(store)); /* the next call looks for another host */
+    apc_store_close(store);
+}
+
+/* ---- Commits that are none ---------------------------------------------------------------------- */
+
+static void test_a_commit_refused_at_its_very_end_is_not_acknowledged(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG);
+    char sql[400];
+    snprintf(sql, sizeof sql,
+             "CREATE FUNCTION plant%d.late() RETURNS trigger LANGUAGE plpgsql AS $$ BEGIN RAISE 'too late'; "
+             "END $$; "
+             "CREATE CONSTRAINT TRIGGER t AFTER INSERT ON plant%d.sensor DEFERRABLE INITIALLY DEFERRED FOR "
+             "EACH ROW "
+             "EXECUTE FUNCTION plant%d.late()",
+             plant, plant, plant);
+    cluster_query(cluster, sql);
+    struct apc_sample s = sample(APC_SENSOR, 1, 1, 1);
+    assert_int_equal(apc_store_append(store, &s, 1), APC_ESTORE);
+    assert_says(store, "too late");
+    assert_int_equal(newest(store, APC_SENSOR, 1).seq, 0);
+    apc_store_close(store);
+}
+
+struct appender {
+    struct apc_store *store;
+    int64_t seq;
+    int result;
+};
+
+/* Until one is not acknowledged: the server's processes take note of the standby one by one. */
+static void *append_on(void *arg)
+{
+    struct appender *a = arg;
+    a->result = 1;
+    for (a->seq = 0; a->result == 1 && a->seq < 1000000;) {
+        struct apc_sample s = sample(APC_SENSOR, 1, ++a->seq, 1);
+        a->result = apc_store_append(a->store, &s, 1);
+    }
+    return NULL;
+}
+
+static void test_a_commit_that_no_standby_has_is_not_acknowledged(void **state)
+{
+    (void)state;
+    struct cluster *own = cluster_start_private();
+    char uri[600];
+    snprintf(uri, sizeof uri, "%s#p", cluster_uri(own));
+    struct appender a = {.store = open_uri(uri, LONG)};
+    assert_int_equal(apc_store_init(a.store), 0);
+    ok(a.store, apc_store_connect(a.store));
+    cluster_query(own, "ALTER SYSTEM SET synchronous_standby_names = 'ghost'");
+    cluster_query(own, "SELECT pg_reload_conf()");
+    cluster_query(own, "SET synchronous_commit = local");
+    assert_true(cluster_await(own, "SHOW synchronous_standby_names", "ghost"));
+    pthread_t thread;
+    assert_int_equal(pthread_create(&thread, NULL, append_on, &a), 0);
+    bool waits =
+        cluster_await(own, "SELECT count(*) FROM pg_stat_activity WHERE wait_event = 'SyncRep'", "1");
+    cluster_query(own, "SELECT pg_cancel_backend(pid) FROM pg_stat_activity WHERE wait_event = 'SyncRep'");
+    pthread_join(thread, NULL);
+    assert_true(waits);
+    assert_int_equal(a.result, APC_ETIMEDOUT); /* unknown, as it is */
+    assert_says(a.store, "standby");
+    assert_int_equal(atoll(cluster_query(own, "SELECT max(seq) FROM p.sensor")),
+                     a.seq); /* though it is there */
+    apc_store_close(a.store);
+    cluster_destroy(own);
+}
+
+/* ---- The server dies ---------------------------------------------------------------------------- */
+
+static void test_after_kill_9_of_the_server_nothing_acknowledged_is_lost(void **state)
+{
+    (void)state;
+    struct cluster *own = cluster_start_private();
+    char uri[600];
+    snprintf(uri, sizeof uri, "%s#p", cluster_uri(own));
+    struct apc_store *store = open_uri(uri, LONG);
+    assert_int_equal(apc_store_init(store), 0);
+    int64_t last[1];
+    ok(store, apc_store_claim(store, APC_SENSOR, 1, last));
+    for (int64_t seq = 1; seq <= 20; seq++) {
+        struct apc_sample s = sample(APC_SENSOR, 1, seq, (double)seq);
+        if (seq == 11) {
+            cluster_kill(own);
+            assert_int_equal(apc_store_append(store, &s, 1), APC_ECONN);
+            cluster_run(own);
+        }
+        assert_int_equal(append_again(store, &s, 1), 1);
+    }
+    assert_string_equal(cluster_query(own, "SELECT count(*) || ' ' || max(seq) FROM p.sensor"), "20 20");
+    struct apc_store *other = open_uri(uri, LONG);
+    assert_int_equal(apc_store_claim(other, APC_SENSOR, 1, last), APC_EBUSY); /* the claim was renewed */
+    apc_store_close(other);
+    apc_store_close(store);
+    cluster_destroy(own);
+}
+
+/* ---- Claims ------------------------------------------------------------------------------------- */
+
+static void terminate(struct cluster *c, const char *application)
+{
+    char sql[200];
+    snprintf(sql, sizeof sql,
+             "SELECT count(pg_terminate_backend(pid, 20000)) FROM pg_stat_activity WHERE application_name = "
+             "'%s' AND "
+             "datname = current_database()",
+             application);
+    assert_string_equal(cluster_query(c, sql), "1");
+}
+
+static void test_a_dead_writers_claim_goes_to_the_next_and_the_dead_one_gets_it_not_back(void **state)
+{
+    (void)state;
+    char uri[600];
+    snprintf(uri, sizeof uri, "%s&application_name=first#plant%d", cluster_uri(cluster), plant);
+    struct apc_store *first = open_uri(uri, LONG), *second = open_direct(LONG);
+    int64_t last[1];
+    ok(first, apc_store_claim(first, APC_ACTUATOR, 1, last));
+    assert_int_equal(apc_store_claim(second, APC_ACTUATOR, 1, last), APC_EBUSY);
+    assert_says(second, "already written by first (server process ");
+    struct apc_sample s = sample(APC_ACTUATOR, 1, 1, 1);
+    assert_int_equal(apc_store_append(first, &s, 1), 1);
+
+    terminate(cluster, "first");
+    ok(second, apc_store_claim(second, APC_ACTUATOR, 1, last));
+    assert_int_equal(last[0], 1); /* and it knows where to go on */
+    s.seq = 2;
+    assert_int_equal(apc_store_append(first, &s, 1), APC_ECONN); /* finds its connection dead */
+    assert_int_equal(apc_store_append(first, &s, 1), APC_EBUSY);
+    assert_says(first, "already written by test");
+    assert_int_equal(newest(second, APC_ACTUATOR, 1).seq, 1); /* two writers never took turns */
+
+    apc_store_close(second);
+    assert_int_equal(append_again(first, &s, 1), 1); /* free again */
+    apc_store_close(first);
+}
+
+/* The process of the session that has claimed a table, when one has. */
+static const char claimant[] = "SELECT pid FROM pg_locks WHERE locktype = 'advisory' AND classid = 6385763";
+
+static void test_a_stopped_former_session_is_waited_for_and_is_no_other_writer(void **state)
+{
+    (void)state;
+    struct cluster *own = cluster_start_private();
+    char uri[600];
+    snprintf(uri, sizeof uri, "%s#p", cluster_uri(own));
+    struct apc_store *store = open_uri(uri, APC_NS_PER_S), *other = open_uri(uri, LONG);
+    assert_int_equal(apc_store_init(store), 0);
+    int64_t last[1];
+    ok(store, apc_store_claim(store, APC_SENSOR, 1, last));
+    pid_t pid = (pid_t)atoi(cluster_query(own, claimant));
+    assert_true(pid > 1);
+
+    assert_int_equal(kill(pid, SIGSTOP), 0);
+    struct apc_sample s = sample(APC_SENSOR, 1, 1, 1);
+    int stalled = apc_store_append(store, &s, 1), waiting = APC_ETIMEDOUT, told = 0;
+    for (int i = 0; i < 1000 && told < 3 && (waiting == APC_ECONN || waiting == APC_ETIMEDOUT); i++) {
+        waiting = apc_store_append(store, &s, 1);
+        told += strstr(apc_store_error(store), "our former session (server process ") != NULL;
+    }
+    int taken = apc_store_claim(other, APC_SENSOR, 1, last);
+    kill(pid, SIGCONT); /* before any assertion: the server cannot be stopped without it */
+
+    assert_int_equal(stalled, APC_ETIMEDOUT);
+    assert_int_equal(waiting, APC_ECONN);
+    assert_int_equal(told, 3);
+    assert_int_equal(taken, APC_EBUSY); /* for another store it is another writer */
+    assert_true(append_again(store, &s, 1) >= 0);
+    assert_string_equal(cluster_query(own, "SELECT count(*) FROM p.sensor"), "1");
+    assert_int_not_equal(atoi(cluster_query(own, claimant)), pid);
+    assert_int_equal(apc_store_claim(other, APC_SENSOR, 1, last), APC_EBUSY); /* renewed */
+    apc_store_close(other);
+    apc_store_close(store);
+    cluster_destroy(own);
+}
+
+static void test_a_former_session_behind_a_half_open_connection_is_ended(void **state)
+{
+    (void)state;
+    char directory[256], uri[900], sql[200];
+    struct proxy *proxy = new_proxy(directory);
+    snprintf(uri, sizeof uri, "postgresql://apc@/%s?host=%s,%s#plant%d", cluster_database(cluster), directory,
+             cluster_host(cluster), plant);
+    struct apc_store *store = open_uri(uri, APC_NS_PER_S);
+    int64_t last[1];
+    ok(store, apc_store_claim(store, APC_SENSOR, 1, last));
+    proxy_set(proxy, PROXY_STALL); /* for good: the server never learns that the client has gone */
+    struct apc_sample s = sample(APC_SENSOR, 1, 1, 1);
+    assert_int_equal(apc_store_append(store, &s, 1), APC_ETIMEDOUT);
+    int result = APC_ECONN; /* then by the other way */
+    for (int i = 0; i < 1000 && (result == APC_ECONN || result == APC_ETIMEDOUT); i++) {
+        result = apc_store_append(store, &s, 1);
+    }
+    assert_int_equal(result, 1);
+    snprintf(sql, sizeof sql,
+             "SELECT count(*) FROM pg_stat_activity WHERE application_name = 'test' AND datname = '%s'",
+             cluster_database(cluster));
+    assert_true(cluster_await(cluster, sql, "1"));
+    apc_store_close(store);
+    proxy_stop(proxy);
+    rmdir(directory);
+}
+
+/* ---- Schema ------------------------------------------------------------------------------------- */
+
+static void test_a_missing_schema_says_what_to_run(void **state)
+{
+    (void)state;
+    char uri[600], expected[300];
+    snprintf(uri, sizeof uri, "%s#nobody", cluster_uri(cluster));
+    struct apc_store *store = open_uri(uri, LONG);
+    struct apc_sample s = {.table = APC_SENSOR, .id = 1};
+    assert_int_equal(apc_store_read(store, &s, 1), APC_ESCHEMA);
+    snprintf(expected, sizeof expected, "schema \"nobody\" in database \"%s\" is missing: run apc init",
+             cluster_database(cluster));
+    assert_string_equal(apc_store_error(store), expected);
+    assert_int_equal(apc_store_init(store), 0);
+    ok(store, apc_store_read(store, &s, 1)); /* at once: init ends the pause */
+    apc_store_close(store);
+    cluster_query(cluster, "CREATE SCHEMA empty");
+    snprintf(uri, sizeof uri, "%s#empty", cluster_uri(cluster));
+    store = open_uri(uri, LONG);
+    assert_int_equal(apc_store_connect(store), APC_ESCHEMA); /* there, but not ours */
+    assert_says(store, "apc init");
+    apc_store_close(store);
+}
+
+static void test_a_newer_schema_is_left_alone(void **state)
+{
+    (void)state;
+    char sql[200], expected[200];
+    snprintf(sql, sizeof sql, "INSERT INTO plant%d.migration VALUES (%d, 'from the future')", plant,
+             apc_store_version() + 8);
+    cluster_query(cluster, sql);
+    snprintf(expected, sizeof expected, "schema plant%d is version %d, this library knows %d: upgrade libapc",
+             plant, apc_store_version() + 8, apc_store_version());
+    struct apc_store *store = open_direct(LONG);
+    assert_int_equal(apc_store_connect(store), APC_ESCHEMA);
+    assert_string_equal(apc_store_error(store), expected);
+    assert_int_equal(apc_store_init(store), APC_ESCHEMA);
+    assert_string_equal(apc_store_error(store), expected);
+    apc_store_close(store);
+}
+
+static void test_a_schema_that_vanishes_is_noticed(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG);
+    assert_int_equal(newest(store, APC_SENSOR, 1).seq, 0);
+    char sql[100];
+    snprintf(sql, sizeof sql, "DROP SCHEMA plant%d CASCADE", plant);
+    cluster_query(cluster, sql);
+    struct apc_sample s = sample(APC_SENSOR, 1, 1, 1);
+    assert_int_equal(apc_store_append(store, &s, 1), APC_ESCHEMA);
+    assert_int_equal(apc_store_init(store), 0);
+    assert_int_equal(append_again(store, &s, 1), 1);
+    apc_store_close(store);
+}
+
+static void *init_one(void *arg)
+{
+    struct appender *a = arg;
+    a->result = apc_store_init(a->store);
+    return NULL;
+}
+
+static void test_many_inits_at_once_make_one_schema(void **state)
+{
+    (void)state;
+    enum { N = 4 };
+    struct appender a[N];
+    pthread_t threads[N];
+    plant++; /* one that does not exist */
+    for (int i = 0; i < N; i++) {
+        a[i].store = open_direct(LONG);
+        assert_int_equal(pthread_create(&threads[i], NULL, init_one, &a[i]), 0);
+    }
+    int made = 0;
+    for (int i = 0; i < N; i++) {
+        pthread_join(threads[i], NULL);
+        if (a[i].result < 0) {
+            fail_msg("%s", apc_store_error(a[i].store));
+        }
+        made += a[i].result == 0;
+        apc_store_close(a[i].store);
+    }
+    assert_int_equal(made, 1);
+}
+
+static void test_every_table_and_column_says_what_it_is(void **state)
+{
+    (void)state;
+    char sql[500];
+    snprintf(
+        sql, sizeof sql,
+        "SELECT coalesce(string_agg(c.relname || '.' || coalesce(a.attname, ''), ' '), '') FROM pg_class c "
+        "LEFT JOIN pg_attribute a ON a.attrelid = c.oid AND a.attnum >= 0 AND NOT a.attisdropped "
+        "WHERE c.relkind = 'r' AND c.relnamespace = 'plant%d'::regnamespace AND "
+        "(col_description(c.oid, a.attnum) IS NULL OR obj_description(c.oid, 'pg_class') IS NULL)",
+        plant);
+    assert_string_equal(cluster_query(cluster, sql), "");
+}
+
+/* ---- URIs, secrets, injection --------------------------------------------------------------------- */
+
+static void test_uris_that_cannot_be_are_refused_when_opening(void **state)
+{
+    (void)state;
+    const char *const bad[] = {"",
+                               "postgresql",
+                               "mysql://x",
+                               "postgresql:db",
+                               "postgresql:/x",
+                               "postgresql:#",
+                               "postgresql:#9lives",
+                               "postgresql:#Apc",
+                               "postgresql:#a-b",
+                               "postgresql:#a;drop",
+                               "postgresql:#a\"b",
+                               "postgresql:#aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa",
+                               "postgresql://host:port/db?nonsense",
+                               "postgresql://host/db?no_such_option=1"};
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        struct apc_store *store = (struct apc_store *)&plant;
+        struct apc_error why = {""};
+        assert_int_equal(apc_store_open(&store, bad[i], NULL, &why), APC_EINVAL);
+        assert_null(store);
+        assert_true(why.text[0] != '\0');
+    }
+    struct apc_store *store = NULL;
+    assert_int_equal(apc_store_open(&store, NULL, NULL, NULL), APC_EINVAL);
+    const char *const good[] = {"postgresql:", "postgres:", "postgresql:#plant_2", "postgres://h/d#user",
+                                "postgresql://u@h1:1,h2:2/d?target_session_attrs=any#p"};
+    for (size_t i = 0; i < sizeof good / sizeof good[0]; i++) {
+        assert_int_equal(apc_store_open(&store, good[i], NULL, NULL), 0);
+        assert_false(apc_store_connected(store));
+        apc_store_close(store);
+    }
+}
+
+static void test_a_schema_may_be_named_like_a_word_of_sql(void **state)
+{
+    (void)state;
+    char uri[600];
+    snprintf(uri, sizeof uri, "%s#select", cluster_uri(cluster));
+    struct apc_store *store = open_uri(uri, LONG);
+    assert_int_equal(apc_store_init(store), 0);
+    assert_int_equal(newest(store, APC_SENSOR, 1).seq, 0);
+    int64_t last[1];
+    ok(store, apc_store_claim(store, APC_SENSOR, 1, last));
+    apc_store_close(store);
+}
+
+static void test_postgresql_alone_means_the_environments_database(void **state)
+{
+    (void)state;
+    char uri[64], *saved[3] = {NULL, NULL, NULL};
+    const char *const name[3] = {"PGHOST", "PGUSER", "PGDATABASE"};
+    const char *const value[3] = {cluster_host(cluster), "apc", cluster_database(cluster)};
+    for (int i = 0; i < 3; i++) {
+        saved[i] = getenv(name[i]) ? strdup(getenv(name[i])) : NULL;
+        setenv(name[i], value[i], 1);
+    }
+    snprintf(uri, sizeof uri, "postgresql:#plant%d", plant);
+    struct apc_store *store = open_uri(uri, LONG);
+    int err = apc_store_connect(store);
+    for (int i = 0; i < 3; i++) {
+        if (saved[i]) {
+            setenv(name[i], saved[i], 1);
+        } else {
+            unsetenv(name[i]);
+        }
+        free(saved[i]);
+    }
+    ok(store, err);
+    apc_store_close(store);
+}
+
+static void test_a_password_is_never_shown(void **state)
+{
+    (void)state;
+    const char *const bad[] = {"postgresql://u:s3cr3t@h:x%zz/d", "postgresql://u:s3cr3t%zz@h/d",
+                               "s3cr3t@postgres", "postgresql://h/d?password=s3cr3t&x"};
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        struct apc_error why = {""};
+        struct apc_store *store;
+        assert_int_equal(apc_store_open(&store, bad[i], NULL, &why), APC_EINVAL);
+        assert_null(strstr(why.text, "s3cr3t"));
+    }
+    /* libpq's error names the socket's directory, here also the password. */
+    struct apc_store *store = open_uri("postgresql://apc:s3cr3t@/d?host=/nonexistent/s3cr3t", LONG);
+    assert_int_equal(apc_store_connect(store), APC_ECONN);
+    assert_says(store, "/nonexistent/***");
+    assert_null(strstr(apc_store_error(store), "s3cr3t"));
+    apc_store_close(store);
+}
+
+static void test_text_never_becomes_sql(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG);
+    char text[100];
+    snprintf(text, sizeof text, "'); DROP TABLE plant%d.sensor; --", plant);
+    struct apc_event e = {.severity = APC_EVENT_INFO, .kind = "operator"};
+    snprintf(e.text, sizeof e.text, "%s", text);
+    ok(store, apc_store_append_events(store, &e, 1));
+    struct apc_tag t = {.table = APC_SENSOR, .id = 1, .high = 1};
+    snprintf(t.name, sizeof t.name, "%.60s", text);
+    ok(store, apc_store_put_tags(store, &t, 1));
+    char sql[100];
+    snprintf(sql, sizeof sql, "SELECT count(*) FROM plant%d.sensor", plant);
+    assert_string_equal(cluster_query(cluster, sql), "0");
+    snprintf(sql, sizeof sql, "SELECT text FROM plant%d.event", plant);
+    assert_string_equal(cluster_query(cluster, sql), text);
+    apc_store_close(store);
+}
+
+/* ---- Much data ------------------------------------------------------------------------------------ */
+
+/* The largest message that libpq ever has to hold tells whether memory is bounded: watch it at the proxy. */
+struct flood {
+    struct proxy *proxy;
+    uint64_t trips;
+    int count, in_order;
+};
+
+static int watch(void *ctx, const struct apc_sample *s)
+{
+    struct flood *f = ctx;
+    f->in_order += s->seq == ++f->count;
+    return 0;
+}
+
+static void test_a_long_history_streams_in_pieces(void **state)
+{
+    (void)state;
+    char directory[256], sql[200];
+    snprintf(sql, sizeof sql,
+             "INSERT INTO plant%d.sensor SELECT 1, s, 'epoch'::timestamptz + s * interval '1 us', 0, s "
+             "FROM generate_series(1, 100000) s",
+             plant);
+    cluster_query(cluster, sql);
+    struct proxy *proxy = new_proxy(directory);
+    struct apc_store *store = open_through(directory, LONG);
+    ok(store, apc_store_connect(store));
+    struct flood f = {.proxy = proxy};
+    uint64_t trips = proxy_round_trips(proxy);
+    assert_int_equal(apc_store_history(store, APC_SENSOR, 1, NULL, watch, &f), 100000);
+    assert_int_equal(f.in_order, 100000);
+    /* At most 512 rows were under way at any time: each round trip asked for the next ones. */
+    assert_in_range(proxy_round_trips(proxy) - trips, 100000 / 512, 100000 / 512 + 3);
+    apc_store_close(store);
+    proxy_stop(proxy);
+    rmdir(directory);
+}
+
+#define T(name) cmocka_unit_test_setup(name, set_up)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        T(test_a_tick_reads_in_one_round_trip_and_writes_in_one),
+        T(test_a_stalled_server_costs_the_timeout_and_the_next_call_works),
+        T(test_a_write_that_the_server_does_not_take_ends_at_the_timeout),
+        T(test_a_lost_answer_to_commit_is_retried_without_a_duplicate),
+        T(test_an_answer_cut_anywhere_is_an_error_and_never_half_a_result),
+        T(test_after_a_failed_connect_it_answers_at_once_until_the_pause_is_over),
+        T(test_an_unreachable_server_is_named),
+        T(test_of_several_hosts_the_next_is_tried_when_one_swallows_packets),
+        T(test_hosts_of_a_service_file_take_turns_as_well),
+        T(test_only_a_host_that_can_be_written_to_is_used),
+        T(test_a_server_that_became_read_only_is_left),
+        T(test_a_commit_refused_at_its_very_end_is_not_acknowledged),
+        T(test_a_commit_that_no_standby_has_is_not_acknowledged),
+        T(test_after_kill_9_of_the_server_nothing_acknowledged_is_lost),
+        T(test_a_dead_writers_claim_goes_to_the_next_and_the_dead_one_gets_it_not_back),
+        T(test_a_stopped_former_session_is_waited_for_and_is_no_other_writer),
+        T(test_a_former_session_behind_a_half_open_connection_is_ended),
+        T(test_a_missing_schema_says_what_to_run),
+        T(test_a_newer_schema_is_left_alone),
+        T(test_a_schema_that_vanishes_is_noticed),
+        T(test_many_inits_at_once_make_one_schema),
+        T(test_every_table_and_column_says_what_it_is),
+        T(test_uris_that_cannot_be_are_refused_when_opening),
+        T(test_a_schema_may_be_named_like_a_word_of_sql),
+        T(test_postgresql_alone_means_the_environments_database),
+        T(test_a_password_is_never_shown),
+        T(test_text_never_becomes_sql),
+        T(test_a_long_history_streams_in_pieces),
+    };
+    cluster = cluster_start();
+    int failed = cmocka_run_group_tests(tests, NULL, NULL);
+    cluster_destroy(cluster);
+    return failed;
+}

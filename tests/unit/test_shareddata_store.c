@@ -1,0 +1,791 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What every store must do. A new store joins by a line in kinds[]. */
+#include <inttypes.h>
+#include <locale.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "apcshareddata.h"
+#include "check.h"
+#include "cluster.h"
+#include "comma_locale.h"
+
+static struct cluster *cluster;
+
+struct kind {
+    const char *name;
+    void (*uri)(char *text, size_t size, int number); /* of a store that does not exist yet */
+};
+
+static void postgresql_uri(char *text, size_t size, int number)
+{
+    if (!cluster) {
+        cluster = cluster_start();
+    }
+    snprintf(text, size, "%s#plant%d", cluster_uri(cluster), number);
+}
+
+static const struct kind kinds[] = {{"postgresql:", postgresql_uri}};
+
+static const struct kind *kind;
+static char uri[512];
+
+static struct apc_store *open_store(void)
+{
+    struct apc_error why = {""};
+    struct apc_store *store = NULL;
+    struct apc_store_options options = {.size = sizeof options, .name = "test", .timeout = 20 * APC_NS_PER_S};
+    if (apc_store_open(&store, uri, &options, &why) != 0) {
+        fail_msg("%s", why.text);
+    }
+    return store;
+}
+
+#define ok(store, call)                                                                                      \
+    do {                                                                                                     \
+        int ok_result = (call);                                                                              \
+        if (ok_result < 0) {                                                                                 \
+            fail_msg("%s: %s: %s", #call, apc_err_name(ok_result), apc_store_error(store));                  \
+        }                                                                                                    \
+    } while (0)
+
+/* A new, empty store for each test. */
+static int set_up(void **state)
+{
+    static int number;
+    kind->uri(uri, sizeof uri, ++number);
+    struct apc_store *store = open_store();
+    int had = apc_store_init(store);
+    if (had != 0) {
+        fprintf(stderr, "%s\n", apc_store_error(store));
+    }
+    *state = store;
+    return had != 0;
+}
+
+static int tear_down(void **state)
+{
+    apc_store_close(*state);
+    return 0;
+}
+
+static struct apc_sample sample(enum apc_table table, int id, int64_t seq, double value)
+{
+    return (struct apc_sample){
+        .table = table, .id = id, .seq = seq, .time = 1000 * seq * APC_NS_PER_US, .value = value};
+}
+
+static struct apc_sample newest(struct apc_store *store, enum apc_table table, int id)
+{
+    struct apc_sample s = {.table = table, .id = id};
+    ok(store, apc_store_read(store, &s, 1));
+    return s;
+}
+
+static int count_sample(void *ctx, const struct apc_sample *s)
+{
+    (void)s;
+    ++*(int *)ctx;
+    return 0;
+}
+
+static int rows_of(struct apc_store *store, enum apc_table table, int id)
+{
+    int n = 0;
+    ok(store, apc_store_history(store, table, id, NULL, count_sample, &n));
+    return n;
+}
+
+/* ---- Read and append ----------------------------------------------------------------------- */
+
+static void test_a_variable_without_samples_reads_as_no_data(void **state)
+{
+    struct apc_sample s = newest(*state, APC_SENSOR, 7);
+    assert_int_equal(s.table, APC_SENSOR);
+    assert_int_equal(s.id, 7);
+    assert_int_equal(s.seq, 0);
+    assert_int_equal(s.status, APC_BAD_NO_DATA);
+}
+
+static void test_every_member_of_a_sample_comes_back(void **state)
+{
+    const struct apc_sample in = {.table = APC_ACTUATOR,
+                                  .id = 3,
+                                  .seq = INT64_C(9007199254740993), /* more than a double can hold */
+                                  .time = INT64_C(1769860800123456000),
+                                  .value = -0.1,
+                                  .status = APC_BAD_OUT_OF_SERVICE,
+                                  .sensor_seq = 41,
+                                  .setpoint_seq = 0};
+    assert_int_equal(apc_store_append(*state, &in, 1), 1);
+    struct apc_sample out = newest(*state, APC_ACTUATOR, 3);
+    assert_memory_equal(&out.value, &in.value, sizeof in.value);
+    assert_true(out.seq == in.seq && out.time == in.time && out.status == in.status);
+    assert_true(out.sensor_seq == 41 && out.setpoint_seq == 0);
+}
+
+static void test_values_of_every_size_come_back_bit_for_bit(void **state)
+{
+    const double values[] = {
+        0.0,     -0.0,         1.0 / 3.0,           -1.0 / 3.0,          5e-324, -5e-324, 2.5e-308,
+        1.7e-10, 9.999999e299, nextafter(1e300, 0), -nextafter(1e300, 0)};
+    for (size_t i = 0; i < sizeof values / sizeof values[0]; i++) {
+        struct apc_sample s = sample(APC_SENSOR, 1, (int64_t)i + 1, values[i]);
+        assert_int_equal(apc_store_append(*state, &s, 1), 1);
+        struct apc_sample out = newest(*state, APC_SENSOR, 1);
+        assert_memory_equal(&out.value, &values[i], sizeof values[i]);
+    }
+}
+
+static void test_what_is_no_value_is_refused_and_nothing_is_written(void **state)
+{
+    const double values[] = {1e300, -1e300, 1.7e308, (double)NAN, (double)INFINITY, -(double)INFINITY};
+    for (size_t i = 0; i < sizeof values / sizeof values[0]; i++) {
+        struct apc_sample s[2] = {sample(APC_SENSOR, 1, 1, 1.0), sample(APC_SENSOR, 2, 1, values[i])};
+        assert_int_equal(apc_store_append(*state, s, 2), APC_EINVAL);
+        assert_int_equal(apc_store_put(*state, s, 2), APC_EINVAL);
+    }
+    assert_int_equal(rows_of(*state, APC_SENSOR, 1), 0);
+    assert_int_equal(rows_of(*state, APC_SENSOR, 2), 0);
+}
+
+static void test_arguments_that_make_no_sense_are_refused(void **state)
+{
+    struct apc_store *store = *state;
+    const struct apc_sample bad[] = {
+        sample(APC_SENSOR, -1, 1, 1),   sample(APC_SENSOR, 1, 0, 1),
+        sample(APC_SENSOR, 1, -5, 1),   sample((enum apc_table)0, 1, 1, 1),
+        sample(APC_TABLE_END, 1, 1, 1), sample((enum apc_table) - 3, 1, 1, 1),
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        assert_int_equal(apc_store_append(store, &bad[i], 1), APC_EINVAL);
+        assert_true(apc_store_error(store)[0] != '\0');
+    }
+    struct apc_sample s = sample(APC_TABLE_END, 1, 1, 1);
+    int64_t last[1];
+    assert_int_equal(apc_store_read(store, &s, 1), APC_EINVAL);
+    assert_int_equal(apc_store_read(store, NULL, 1), APC_EINVAL);
+    assert_int_equal(apc_store_append(store, &s, SIZE_MAX / 2), APC_EINVAL);
+    assert_int_equal(apc_store_claim(store, APC_TABLE_END, 1, last), APC_EINVAL);
+    assert_int_equal(apc_store_history(store, APC_SENSOR, 1, NULL, NULL, NULL), APC_EINVAL);
+    assert_int_equal(apc_store_read(NULL, &s, 1), APC_EINVAL);
+    assert_int_equal(apc_store_read(store, NULL, 0), 0);
+    assert_int_equal(apc_store_append(store, NULL, 0), 0);
+    struct apc_sample twice[2] = {sample(APC_SETPOINT, 1, 0, 1), sample(APC_SETPOINT, 1, 0, 2)};
+    assert_int_equal(apc_store_put(store, twice, 2), APC_EINVAL);
+}
+
+static void test_samples_of_mixed_tables_in_any_order_are_kept_apart(void **state)
+{
+    enum { N = 300 };
+    struct apc_sample in[N], out[N];
+    for (int i = 0; i < N; i++) {
+        enum apc_table table = (enum apc_table)(1 + (i * 7) % (APC_TABLE_END - 1));
+        in[i] = sample(table, N - i, 5, i);
+        out[i] = (struct apc_sample){.table = table, .id = N - i};
+    }
+    assert_int_equal(apc_store_append(*state, in, N), N);
+    ok(*state, apc_store_read(*state, out, N));
+    for (int i = 0; i < N; i++) {
+        assert_true(out[i].table == in[i].table && out[i].id == in[i].id && out[i].seq == 5);
+        assert_near(out[i].value, i, 0);
+    }
+}
+
+static void test_the_same_variable_may_be_read_twice_at_once(void **state)
+{
+    struct apc_sample in = sample(APC_SENSOR, 1, 1, 4.5);
+    assert_int_equal(apc_store_append(*state, &in, 1), 1);
+    struct apc_sample out[3] = {
+        {.table = APC_SENSOR, .id = 1}, {.table = APC_SENSOR, .id = 2}, {.table = APC_SENSOR, .id = 1}};
+    ok(*state, apc_store_read(*state, out, 3));
+    assert_near(out[0].value, 4.5, 0);
+    assert_int_equal(out[1].seq, 0);
+    assert_near(out[2].value, 4.5, 0);
+}
+
+static void test_an_append_repeated_changes_nothing_and_counts_nothing(void **state)
+{
+    struct apc_sample s[3] = {sample(APC_SENSOR, 1, 1, 1), sample(APC_SENSOR, 2, 1, 2),
+                              sample(APC_ACTUATOR, 1, 1, 3)};
+    assert_int_equal(apc_store_append(*state, s, 3), 3);
+    s[0].value = 99; /* whoever was first keeps the seq */
+    assert_int_equal(apc_store_append(*state, s, 3), 0);
+    struct apc_sample more[3] = {s[0], s[1], sample(APC_ACTUATOR, 1, 2, 4)};
+    assert_int_equal(apc_store_append(*state, more, 3), 1);
+    assert_near(newest(*state, APC_SENSOR, 1).value, 1, 0);
+    assert_int_equal(rows_of(*state, APC_SENSOR, 1), 1);
+    assert_int_equal(rows_of(*state, APC_ACTUATOR, 1), 2);
+}
+
+static void test_a_foreign_row_at_the_next_seq_makes_the_count_short_and_keeps_no_other_out(void **state)
+{
+    struct apc_store *foreign = open_store();
+    struct apc_sample first[2] = {sample(APC_SENSOR, 1, 1, 1), sample(APC_SENSOR, 2, 1, 2)};
+    assert_int_equal(apc_store_append(*state, first, 2), 2);
+    struct apc_sample theirs = sample(APC_SENSOR, 2, 2, 99);
+    assert_int_equal(apc_store_append(foreign, &theirs, 1), 1);
+    apc_store_close(foreign);
+
+    struct apc_sample next[4] = {sample(APC_SENSOR, 1, 2, 1), sample(APC_SENSOR, 2, 2, 2),
+                                 sample(APC_SENSOR, 3, 2, 3), sample(APC_STATE, 1, 2, 4)};
+    assert_int_equal(apc_store_append(*state, next, 4), 3);
+    for (int i = 0; i < 4; i++) {
+        struct apc_sample s = newest(*state, next[i].table, next[i].id);
+        assert_int_equal(s.seq, 2);
+        assert_near(s.value, i == 1 ? 99 : next[i].value, 0);
+    }
+    assert_int_equal(apc_store_append(*state, next, 4), 0); /* exact for each call, not in sum */
+    struct apc_sample twice[2] = {sample(APC_SENSOR, 4, 1, 1), sample(APC_SENSOR, 4, 1, 2)};
+    assert_int_equal(apc_store_append(*state, twice, 2), 1);
+}
+
+static void test_a_seq_that_leaves_no_room_to_count_on_is_refused(void **state)
+{
+    const int64_t highest = (INT64_C(1) << 62) - 1;
+    struct apc_sample s = sample(APC_TUNING, 1, 1, 1);
+    s.seq = INT64_MAX;
+    assert_int_equal(apc_store_append(*state, &s, 1), APC_ESTORE);
+    s.seq = highest + 1;
+    assert_int_equal(apc_store_append(*state, &s, 1), APC_ESTORE);
+    s.seq = highest;
+    assert_int_equal(apc_store_append(*state, &s, 1), 1);
+    assert_int_equal(apc_store_put(*state, &s, 1), APC_ESTORE);
+    assert_non_null(strstr(apc_store_error(*state), "seq_in_range"));
+}
+
+static void test_an_append_larger_than_any_buffer_is_still_one(void **state)
+{
+    enum { N = 50000 }; /* some MB: neither side's socket holds it */
+    struct apc_sample *s = malloc(N * sizeof *s);
+    assert_non_null(s);
+    for (int i = 0; i < N; i++) {
+        s[i] = sample(APC_SENSOR, i, 1, i);
+    }
+    assert_int_equal(apc_store_append(*state, s, N), N);
+    for (int i = 0; i < N; i++) {
+        s[i] = (struct apc_sample){.table = APC_SENSOR, .id = i};
+    }
+    ok(*state, apc_store_read(*state, s, N));
+    for (int i = 0; i < N; i++) {
+        assert_near(s[i].value, i, 0);
+    }
+    free(s);
+}
+
+static void test_one_bad_row_keeps_the_whole_append_out(void **state)
+{
+    /* A fractional dimension is refused by the store itself, after the others were taken. */
+    const struct apc_sample s[3] = {sample(APC_SENSOR, 1, 1, 1), sample(APC_DIM, 1, 1, 1.5),
+                                    sample(APC_STATE, 1, 1, 1)};
+    assert_int_equal(apc_store_append(*state, s, 3), APC_ESTORE);
+    assert_non_null(strstr(apc_store_error(*state), "dim"));
+    assert_null(strchr(apc_store_error(*state), '\n'));
+    assert_int_equal(rows_of(*state, APC_SENSOR, 1), 0);
+    assert_int_equal(rows_of(*state, APC_STATE, 1), 0);
+    struct apc_sample good = sample(APC_DIM, 1, 1, 2);
+    assert_int_equal(apc_store_append(*state, &good, 1), 1); /* and it goes on */
+}
+
+static void test_newest_is_the_highest_seq_when_the_clock_steps_back(void **state)
+{
+    struct apc_sample before = sample(APC_SENSOR, 1, 10, 1), after = sample(APC_SENSOR, 1, 11, 2);
+    before.time = INT64_C(1769864400) * APC_NS_PER_S;
+    after.time = before.time - 3600 * APC_NS_PER_S;
+    assert_int_equal(apc_store_append(*state, &before, 1), 1);
+    assert_int_equal(apc_store_append(*state, &after, 1), 1);
+    struct apc_sample s = newest(*state, APC_SENSOR, 1);
+    assert_int_equal(s.seq, 11);
+    assert_near(s.value, 2, 0);
+    assert_true(s.time == after.time);
+    struct apc_sample late = sample(APC_SENSOR, 1, 9, 3); /* from a spool */
+    assert_int_equal(apc_store_append(*state, &late, 1), 1);
+    assert_int_equal(newest(*state, APC_SENSOR, 1).seq, 11);
+}
+
+static void test_times_before_1970_are_kept(void **state)
+{
+    struct apc_sample s = sample(APC_SENSOR, 1, 1, 1);
+    s.time = -1500; /* 1.5 us before: whole microseconds are kept, the rest is cut off downwards */
+    assert_int_equal(apc_store_append(*state, &s, 1), 1);
+    assert_true(newest(*state, APC_SENSOR, 1).time == -2000);
+}
+
+static void test_two_plants_in_one_database_do_not_see_each_other(void **state)
+{
+    struct apc_sample s = sample(APC_SENSOR, 1, 1, 1);
+    assert_int_equal(apc_store_append(*state, &s, 1), 1);
+    void *other = NULL;
+    assert_int_equal(set_up(&other), 0);
+    assert_int_equal(newest(other, APC_SENSOR, 1).seq, 0);
+    apc_store_close(other);
+}
+
+/* ---- Claim and put --------------------------------------------------------------------------- */
+
+static void test_a_claim_gives_the_newest_seq_of_each_id(void **state)
+{
+    const struct apc_sample s[2] = {sample(APC_ACTUATOR, 1, 17, 1), sample(APC_ACTUATOR, 3, 4, 1)};
+    assert_int_equal(apc_store_append(*state, s, 2), 2);
+    int64_t last[4] = {-1, -1, -1, -1};
+    ok(*state, apc_store_claim(*state, APC_ACTUATOR, 4, last));
+    assert_int_equal(last[0], 17);
+    assert_int_equal(last[1], 0);
+    assert_int_equal(last[2], 4);
+    assert_int_equal(last[3], 0);
+    ok(*state, apc_store_claim(*state, APC_ACTUATOR, 4, last)); /* it is ours already */
+}
+
+static void test_a_second_writer_is_refused_by_name_until_the_first_has_gone(void **state)
+{
+    struct apc_store *second = open_store();
+    int64_t last[1];
+    ok(*state, apc_store_claim(*state, APC_ACTUATOR, 1, last));
+    assert_int_equal(apc_store_claim(second, APC_ACTUATOR, 1, last), APC_EBUSY);
+    assert_non_null(strstr(apc_store_error(second), "actuator"));
+    assert_non_null(strstr(apc_store_error(second), "already written by test"));
+    ok(second, apc_store_claim(second, APC_SENSOR, 1, last)); /* another table is free */
+    apc_store_close(second);
+    second = open_store();
+    ok(second, apc_store_claim(second, APC_SENSOR, 1, last)); /* freed by the close */
+    apc_store_close(second);
+}
+
+static void test_put_takes_the_next_seq(void **state)
+{
+    struct apc_sample s[3] = {sample(APC_TUNING, 2, 0, 0.2), sample(APC_OPMODE, 0, 0, 1),
+                              sample(APC_TUNING, 1, 0, 10)};
+    ok(*state, apc_store_put(*state, s, 3));
+    assert_true(s[0].seq == 1 && s[1].seq == 1 && s[2].seq == 1);
+    ok(*state, apc_store_put(*state, s, 1));
+    assert_int_equal(s[0].seq, 2);
+    struct apc_sample out = newest(*state, APC_TUNING, 2);
+    assert_int_equal(out.seq, 2);
+    assert_near(out.value, 0.2, 0);
+    assert_true(out.time == s[0].time);
+}
+
+static void test_a_put_is_all_or_nothing(void **state)
+{
+    struct apc_sample s[2] = {sample(APC_TUNING, 1, 0, 1), sample(APC_OPMODE, 0, 0, 0.5)};
+    assert_int_equal(apc_store_put(*state, s, 2), APC_ESTORE);
+    assert_int_equal(rows_of(*state, APC_TUNING, 1), 0);
+}
+
+enum { PUTTERS = 2, PUTS = 60 };
+
+struct putter {
+    int number, failed;
+    int64_t seq[PUTS];
+};
+
+/* Puts until accepted; APC_ECONFLICT is an honest answer, a lost or doubled update is not. */
+static void *put_many(void *arg)
+{
+    struct putter *p = arg;
+    struct apc_store *store = NULL;
+    struct apc_store_options options = {.size = sizeof options, .timeout = 20 * APC_NS_PER_S};
+    if (apc_store_open(&store, uri, &options, NULL) != 0) {
+        p->failed = 1;
+        return NULL;
+    }
+    for (int i = 0; i < PUTS && !p->failed; i++) {
+        struct apc_sample s[2] = {sample(APC_SETPOINT, 1, 0, p->number * 1000 + i),
+                                  sample(APC_SETPOINT, 2, 0, i)};
+        int err = APC_ECONFLICT;
+        for (int tries = 0; tries < 1000 && err == APC_ECONFLICT; tries++) {
+            err = apc_store_put(store, s, 2);
+        }
+        p->failed = err != 0;
+        p->seq[i] = s[0].seq;
+    }
+    apc_store_close(store);
+    return NULL;
+}
+
+static int collect(void *ctx, const struct apc_sample *s)
+{
+    ((double *)ctx)[s->seq] = s->value;
+    return s->seq > PUTTERS * PUTS;
+}
+
+static void test_concurrent_puts_lose_and_double_nothing(void **state)
+{
+    static struct putter putters[PUTTERS];
+    pthread_t threads[PUTTERS];
+    for (int i = 0; i < PUTTERS; i++) {
+        putters[i] = (struct putter){.number = i};
+        assert_int_equal(pthread_create(&threads[i], NULL, put_many, &putters[i]), 0);
+    }
+    for (int i = 0; i < PUTTERS; i++) {
+        pthread_join(threads[i], NULL);
+        assert_int_equal(putters[i].failed, 0);
+    }
+    double values[PUTTERS * PUTS + 2];
+    assert_int_equal(apc_store_history(*state, APC_SETPOINT, 1, NULL, collect, values), PUTTERS * PUTS);
+    for (int i = 0; i < PUTTERS; i++) {
+        for (int k = 0; k < PUTS; k++) {
+            assert_near(values[putters[i].seq[k]], i * 1000 + k, 0); /* each where its writer was told */
+        }
+    }
+    assert_int_equal(rows_of(*state, APC_SETPOINT, 2), PUTTERS * PUTS);
+}
+
+/* ---- History --------------------------------------------------------------------------------- */
+
+struct seen {
+    struct apc_store *store;
+    int64_t first, last, previous;
+    int count, stop_after, inner;
+    bool falling;
+};
+
+static int see(void *ctx, const struct apc_sample *s)
+{
+    struct seen *seen = ctx;
+    seen->first = seen->count == 0 ? s->seq : seen->first;
+    seen->falling = seen->falling || s->seq <= seen->previous;
+    seen->previous = seen->last = s->seq;
+    if (seen->store) {
+        struct apc_sample inner = {.table = APC_SENSOR, .id = 1};
+        seen->inner = apc_store_read(seen->store, &inner, 1);
+    }
+    return ++seen->count == seen->stop_after;
+}
+
+static void append_many(struct apc_store *store, int id, int n)
+{
+    static struct apc_sample s[10000];
+    for (int done = 0; done < n;) {
+        int some = n - done < 10000 ? n - done : 10000;
+        for (int i = 0; i < some; i++) {
+            s[i] = sample(APC_SENSOR, id, done + i + 1, done + i);
+        }
+        assert_int_equal(apc_store_append(store, s, (size_t)some), some);
+        done += some;
+    }
+}
+
+static void test_history_comes_in_rising_seq_within_its_bounds(void **state)
+{
+    append_many(*state, 1, 2000); /* at 1000 us * seq */
+    const struct {
+        struct apc_range range;
+        int count, first, last;
+    } cases[] = {
+        {{0}, 2000, 1, 2000},
+        {{.last = 3}, 3, 1998, 2000},
+        {{.last = 5000}, 2000, 1, 2000},
+        {{.last = 512}, 512, 1489, 2000},
+        {{.since = 100 * APC_NS_PER_MS}, 1901, 100, 2000},
+        {{.since = 100 * APC_NS_PER_MS + 1}, 1900, 101, 2000},
+        {{.until = 100 * APC_NS_PER_MS}, 99, 1, 99},
+        {{.until = 100 * APC_NS_PER_MS + 1}, 100, 1, 100},
+        {{.since = 100 * APC_NS_PER_MS, .until = 200 * APC_NS_PER_MS, .last = 10}, 10, 190, 199},
+        {{.since = 200 * APC_NS_PER_MS, .until = 100 * APC_NS_PER_MS}, 0, 0, 0},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct seen seen = {0};
+        assert_int_equal(apc_store_history(*state, APC_SENSOR, 1, &cases[i].range, see, &seen),
+                         cases[i].count);
+        assert_int_equal(seen.count, cases[i].count);
+        assert_int_equal(seen.first, cases[i].first);
+        assert_int_equal(seen.last, cases[i].last);
+        assert_false(seen.falling);
+    }
+}
+
+static void test_history_ends_when_its_function_says_so(void **state)
+{
+    append_many(*state, 1, 2000);
+    struct seen seen = {.stop_after = 700};
+    assert_int_equal(apc_store_history(*state, APC_SENSOR, 1, NULL, see, &seen), 700);
+    assert_int_equal(newest(*state, APC_SENSOR, 1).seq, 2000); /* the store goes on */
+}
+
+static void test_a_store_refuses_to_be_used_from_inside_its_history(void **state)
+{
+    append_many(*state, 1, 3);
+    struct seen seen = {.store = *state};
+    assert_int_equal(apc_store_history(*state, APC_SENSOR, 1, NULL, see, &seen), 3);
+    assert_int_equal(seen.inner, APC_ESTATE);
+}
+
+static void test_an_actuators_history_names_what_it_was_computed_from(void **state)
+{
+    struct apc_sample s[2] = {sample(APC_ACTUATOR, 1, 1, 1), sample(APC_ACTUATOR, 1, 2, 1)};
+    s[0].sensor_seq = 7;
+    s[1].setpoint_seq = 9;
+    assert_int_equal(apc_store_append(*state, s, 2), 2);
+    assert_int_equal(newest(*state, APC_ACTUATOR, 1).setpoint_seq, 9);
+    assert_int_equal(newest(*state, APC_ACTUATOR, 1).sensor_seq, 0);
+    assert_int_equal(rows_of(*state, APC_ACTUATOR, 1), 2);
+}
+
+/* ---- Tags, events, timing ---------------------------------------------------------------------- */
+
+static void test_tags_come_back_in_order(void **state)
+{
+    struct apc_tag in[3] = {
+        {.table = APC_SETPOINT, .id = 1, .name = "TIC-1", .unit = "K", .low = 0, .high = 20},
+        {.table = APC_SENSOR, .id = 2, .name = "TT-2", .low = -APC_VALUE_MAX, .high = APC_VALUE_MAX},
+        {.table = APC_SENSOR,
+         .id = 1,
+         .name = "TIC-1",
+         .unit = "\xc2\xb0"
+                 "C",
+         .description = "O'Brien's; \"tank\"",
+         .low = -5,
+         .high = 5},
+    };
+    assert_int_equal(apc_store_put_tags(*state, in, 3), 3);
+    struct apc_tag out[2];
+    assert_int_equal(apc_store_get_tags(*state, out, 2), 3); /* all in all */
+    assert_int_equal(out[0].table, APC_SENSOR);
+    assert_int_equal(out[0].id, 1);
+    assert_string_equal(out[0].name, "TIC-1");
+    assert_string_equal(out[0].unit, "\xc2\xb0"
+                                     "C");
+    assert_string_equal(out[0].description, "O'Brien's; \"tank\"");
+    assert_int_equal(out[1].id, 2);
+    assert_near(out[1].high, 1e300, 0);
+    assert_int_equal(apc_store_get_tags(*state, NULL, 0), 3);
+}
+
+static void test_tags_are_replaced_as_a_whole_and_may_change_names(void **state)
+{
+    struct apc_tag in[3] = {{.table = APC_SENSOR, .id = 1, .name = "A", .high = 1},
+                            {.table = APC_SENSOR, .id = 2, .name = "B", .high = 2},
+                            {.table = APC_SETPOINT, .id = 1, .name = "A", .high = 3}};
+    assert_int_equal(apc_store_put_tags(*state, in, 3), 3);
+    struct apc_tag swapped[2] = {in[0], in[1]}, out[3];
+    swapped[0].id = 2;
+    swapped[1].id = 1;
+    assert_int_equal(apc_store_put_tags(*state, swapped, 2), 2);
+    assert_int_equal(apc_store_get_tags(*state, out, 3), 2); /* the setpoint's has gone */
+    assert_string_equal(out[0].name, "B");
+    assert_near(out[0].high, 2, 0);
+    assert_string_equal(out[1].name, "A");
+
+    in[1].name[0] = 'A'; /* twice in one table */
+    assert_int_equal(apc_store_put_tags(*state, in, 3), APC_ESTORE);
+    in[1] = in[0]; /* the same variable twice */
+    assert_int_equal(apc_store_put_tags(*state, in, 2), APC_ESTORE);
+    in[0].low = 2; /* limits upside down */
+    assert_int_equal(apc_store_put_tags(*state, in, 1), APC_EINVAL);
+    assert_int_equal(apc_store_get_tags(*state, out, 3), 2); /* nothing half done */
+    assert_string_equal(out[0].name, "B");
+
+    assert_int_equal(apc_store_put_tags(*state, NULL, 0), 0);
+    assert_int_equal(apc_store_get_tags(*state, NULL, 0), 0);
+}
+
+static int keep_event(void *ctx, const struct apc_event *e)
+{
+    struct apc_event **next = ctx;
+    *(*next)++ = *e;
+    return 0;
+}
+
+static void test_events_come_back_in_order(void **state)
+{
+    const struct apc_event in[3] = {
+        {.time = 1000,
+         .severity = APC_EVENT_INFO,
+         .source = "operator",
+         .kind = "mode",
+         .text = "Man -> Auto"},
+        {.time = 3000,
+         .severity = APC_EVENT_ALARM,
+         .source = "apc-plant",
+         .kind = "watchdog",
+         .text = "it's \xc3\xa4 \xff cut"},
+        {.time = 2000, .severity = APC_EVENT_WARNING, .source = "apc-client", .kind = "link", .text = ""},
+    };
+    assert_int_equal(apc_store_append_events(*state, in, 3), 3);
+    struct apc_event out[3], *next = out;
+    assert_int_equal(apc_store_events(*state, NULL, keep_event, &next), 3);
+    assert_true(out[0].time == 1000 && out[1].time == 3000 && out[2].time == 2000);
+    assert_int_equal(out[1].severity, APC_EVENT_ALARM);
+    assert_string_equal(out[0].source, "operator");
+    assert_string_equal(out[0].kind, "mode");
+    assert_string_equal(out[0].text, "Man -> Auto");
+    assert_string_equal(out[1].text, "it's \xc3\xa4 ? cut"); /* not lost for one bad byte */
+    next = out;
+    assert_int_equal(apc_store_events(*state, &(struct apc_range){.last = 2}, keep_event, &next), 2);
+    assert_true(out[0].time == 3000 && out[1].time == 2000);
+    next = out;
+    assert_int_equal(
+        apc_store_events(*state, &(struct apc_range){.since = 2000, .until = 3000}, keep_event, &next), 1);
+    assert_string_equal(out[0].source, "apc-client");
+    struct apc_event bad = {.severity = (enum apc_event_severity)9};
+    assert_int_equal(apc_store_append_events(*state, &bad, 1), APC_EINVAL);
+}
+
+struct timings {
+    struct apc_timing_row rows[4];
+    int64_t bins[4][3];
+    size_t n;
+};
+
+static int keep_timing(void *ctx, const struct apc_timing_row *row)
+{
+    struct timings *t = ctx;
+    if (row->n_bins == 2) {
+        t->bins[t->n][0] = row->bin_low[1];
+        t->bins[t->n][1] = row->bin_high[1];
+        t->bins[t->n][2] = row->bin_count[1];
+    }
+    t->rows[t->n++] = *row;
+    return 0;
+}
+
+static void test_timing_rows_come_back_with_their_buckets(void **state)
+{
+    const int64_t low[2] = {-5, 10}, high[2] = {10, 20}, count[2] = {3, 4};
+    const struct apc_timing_row in[2] = {
+        {.time = 5000,
+         .task = "controller",
+         .quantity = "jitter",
+         .period = 2000000000,
+         .missed = 1,
+         .count = 7,
+         .mean = -0.25,
+         .sd = 1.5,
+         .p50 = -3,
+         .p99 = 15,
+         .max = 19,
+         .bin_low = low,
+         .bin_high = high,
+         .bin_count = count,
+         .n_bins = 2},
+        {.time = 4000, .task = "client", .quantity = "run"},
+    };
+    assert_int_equal(apc_store_append_timing(*state, in, 2), 2);
+    struct timings t = {0};
+    assert_int_equal(apc_store_timing(*state, NULL, keep_timing, &t), 2);
+    assert_string_equal(t.rows[0].task, "client"); /* by time */
+    assert_int_equal(t.rows[0].n_bins, 0);
+    assert_string_equal(t.rows[1].quantity, "jitter");
+    assert_true(t.rows[1].period == 2000000000 && t.rows[1].missed == 1 && t.rows[1].count == 7);
+    assert_true(t.rows[1].p50 == -3 && t.rows[1].p99 == 15 && t.rows[1].max == 19);
+    assert_near(t.rows[1].mean, -0.25, 0);
+    assert_near(t.rows[1].sd, 1.5, 0);
+    assert_true(t.bins[1][0] == 10 && t.bins[1][1] == 20 && t.bins[1][2] == 4);
+    struct timings newest_one = {0};
+    assert_int_equal(apc_store_timing(*state, &(struct apc_range){.last = 1}, keep_timing, &newest_one), 1);
+    assert_string_equal(newest_one.rows[0].task, "controller");
+}
+
+/* ---- Set-up, text ------------------------------------------------------------------------------ */
+
+static void test_init_again_changes_nothing(void **state)
+{
+    struct apc_sample s = sample(APC_SENSOR, 1, 1, 1);
+    assert_int_equal(apc_store_append(*state, &s, 1), 1);
+    assert_int_equal(apc_store_init(*state), apc_store_version());
+    assert_int_equal(newest(*state, APC_SENSOR, 1).seq, 1);
+}
+
+static void test_counters_and_connected_tell_the_truth(void **state)
+{
+    struct apc_store *store = open_store();
+    struct apc_store_stats before, after;
+    assert_false(apc_store_connected(store));
+    ok(store, apc_store_connect(store));
+    assert_true(apc_store_connected(store));
+    apc_store_stats(store, &before);
+    assert_int_equal(before.connects, 1);
+    newest(store, APC_SENSOR, 1);
+    newest(store, APC_SENSOR, 1);
+    apc_store_stats(store, &after);
+    assert_int_equal(after.connects, 1);
+    assert_int_equal(after.round_trips - before.round_trips, 2);
+    apc_store_close(store);
+    apc_store_close(NULL);
+    (void)state;
+}
+
+static void test_a_comma_locale_changes_no_value(void **state)
+{
+    if (!comma_locale()) {
+        skip();
+    }
+    char text[16];
+    snprintf(text, sizeof text, "%.1f", 0.5);
+    struct apc_sample s = sample(APC_SENSOR, 1, 1, 3.75);
+    int appended = apc_store_append(*state, &s, 1);
+    struct apc_sample out = {.table = APC_SENSOR, .id = 1};
+    int err = apc_store_read(*state, &out, 1);
+    setlocale(LC_ALL, "C");
+    assert_string_equal(text, "0,5"); /* it was in force */
+    assert_int_equal(appended, 1);
+    assert_int_equal(err, 0);
+    assert_near(out.value, 3.75, 0);
+}
+
+static void test_options_of_a_newer_library_are_refused(void **state)
+{
+    struct {
+        struct apc_store_options options;
+        int unknown;
+    } newer = {.options = {.size = sizeof newer}, .unknown = 1};
+    struct apc_store *store = (struct apc_store *)state;
+    assert_int_equal(apc_store_open(&store, uri, &newer.options, NULL), APC_EINVAL);
+    assert_null(store);
+    newer.unknown = 0;
+    assert_int_equal(apc_store_open(&store, uri, &newer.options, NULL), 0);
+    apc_store_close(store);
+    newer.options.size = 0;
+    assert_int_equal(apc_store_open(&store, uri, &newer.options, NULL), APC_EINVAL);
+    newer.options = (struct apc_store_options){.size = sizeof newer.options, .timeout = -1};
+    assert_int_equal(apc_store_open(&store, uri, &newer.options, NULL), APC_EINVAL);
+}
+
+#define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        T(test_a_variable_without_samples_reads_as_no_data),
+        T(test_every_member_of_a_sample_comes_back),
+        T(test_values_of_every_size_come_back_bit_for_bit),
+        T(test_what_is_no_value_is_refused_and_nothing_is_written),
+        T(test_arguments_that_make_no_sense_are_refused),
+        T(test_samples_of_mixed_tables_in_any_order_are_kept_apart),
+        T(test_the_same_variable_may_be_read_twice_at_once),
+        T(test_an_append_repeated_changes_nothing_and_counts_nothing),
+        T(test_a_foreign_row_at_the_next_seq_makes_the_count_short_and_keeps_no_other_out),
+        T(test_a_seq_that_leaves_no_room_to_count_on_is_refused),
+        T(test_an_append_larger_than_any_buffer_is_still_one),
+        T(test_one_bad_row_keeps_the_whole_append_out),
+        T(test_newest_is_the_highest_seq_when_the_clock_steps_back),
+        T(test_times_before_1970_are_kept),
+        T(test_two_plants_in_one_database_do_not_see_each_other),
+        T(test_a_claim_gives_the_newest_seq_of_each_id),
+        T(test_a_second_writer_is_refused_by_name_until_the_first_has_gone),
+        T(test_put_takes_the_next_seq),
+        T(test_a_put_is_all_or_nothing),
+        T(test_concurrent_puts_lose_and_double_nothing),
+        T(test_history_comes_in_rising_seq_within_its_bounds),
+        T(test_history_ends_when_its_function_says_so),
+        T(test_a_store_refuses_to_be_used_from_inside_its_history),
+        T(test_an_actuators_history_names_what_it_was_computed_from),
+        T(test_tags_come_back_in_order),
+        T(test_tags_are_replaced_as_a_whole_and_may_change_names),
+        T(test_events_come_back_in_order),
+        T(test_timing_rows_come_back_with_their_buckets),
+        T(test_init_again_changes_nothing),
+        T(test_counters_and_connected_tell_the_truth),
+        T(test_a_comma_locale_changes_no_value),
+        T(test_options_of_a_newer_library_are_refused),
+    };
+    int failed = 0;
+    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++) {
+        kind = &kinds[i];
+        failed += cmocka_run_group_tests_name(kind->name, tests, NULL, NULL);
+    }
+    return failed;
+}
