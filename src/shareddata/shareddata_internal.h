@@ -44,8 +44,12 @@ struct apc_store_ops {
     int (*append)(struct apc_store *store, const struct apc_sample *samples, size_t n);
     int (*claim)(struct apc_store *store, enum apc_table table, size_t n, int64_t *last);
     int (*put)(struct apc_store *store, struct apc_sample *samples, size_t n);
+    int (*swap)(struct apc_store *store, struct apc_sample *samples, size_t n);
+    int (*wait)(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout);
     int (*history)(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                    apc_sample_fn fn, void *ctx);
+    int (*history_bins)(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
+                        size_t n, apc_history_bin_fn fn, void *ctx);
     int (*put_tags)(struct apc_store *store, const struct apc_tag *tags, size_t n);
     int (*get_tags)(struct apc_store *store, struct apc_tag *tags, size_t capacity);
     int (*append_events)(struct apc_store *store, const struct apc_event *events, size_t n);
@@ -53,6 +57,7 @@ struct apc_store_ops {
     int (*append_timing)(struct apc_store *store, const struct apc_timing_row *rows, size_t n);
     int (*timing)(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx);
     int (*init)(struct apc_store *store);
+    int (*maintain)(struct apc_store *store, const struct apc_retention *keep);
 };
 
 extern const struct apc_store_ops apc_postgresql_store;

@@ -199,7 +199,7 @@ int apc_store_claim(struct apc_store *store, enum apc_table table, size_t n, int
 
 #define PUT_MAX 4096 /* people's values are few: each is compared with each */
 
-int apc_store_put(struct apc_store *store, struct apc_sample *samples, size_t n)
+static int check_put(struct apc_store *store, const struct apc_sample *samples, size_t n)
 {
     int err = enter(store, samples, n);
     if (!err && n > PUT_MAX) {
@@ -214,7 +214,37 @@ int apc_store_put(struct apc_store *store, struct apc_sample *samples, size_t n)
             }
         }
     }
+    return err;
+}
+
+int apc_store_put(struct apc_store *store, struct apc_sample *samples, size_t n)
+{
+    int err = check_put(store, samples, n);
     return err || n == 0 ? err : store->ops->put(store, samples, n);
+}
+
+int apc_store_swap(struct apc_store *store, struct apc_sample *samples, size_t n)
+{
+    int err = check_put(store, samples, n);
+    for (size_t i = 0; !err && i < n; i++) {
+        if (samples[i].seq < 0) {
+            err = apc_fail(&store->why, APC_EINVAL, "%s %d: seq counts from 1",
+                           apc_table_name(samples[i].table), samples[i].id);
+        }
+    }
+    return err || n == 0 ? err : store->ops->swap(store, samples, n);
+}
+
+int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout)
+{
+    int err = enter(store, seen, n);
+    for (size_t i = 0; !err && i < n; i++) {
+        err = check_variable(store, seen[i].table, seen[i].id);
+    }
+    if (!err && timeout < 0) {
+        err = apc_fail(&store->why, APC_EINVAL, "a wait must not be negative");
+    }
+    return err ? err : store->ops->wait(store, seen, n, timeout);
 }
 
 int apc_store_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
@@ -228,6 +258,25 @@ int apc_store_history(struct apc_store *store, enum apc_table table, int id, con
         err = check_range(store, range, fn != NULL);
     }
     return err ? err : store->ops->history(store, table, id, range ? range : &(struct apc_range){0}, fn, ctx);
+}
+
+int apc_store_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
+                           size_t n, apc_history_bin_fn fn, void *ctx)
+{
+    int err = enter(store, NULL, 0);
+    if (!err) {
+        err = check_variable(store, table, id);
+    }
+    if (!err && !fn) {
+        err = apc_fail(&store->why, APC_EINVAL, "no function to give the bins to");
+    }
+    if (!err && (n < 1 || n > APC_HISTORY_BINS)) {
+        err = apc_fail(&store->why, APC_EINVAL, "%zu bins: expected 1 to %d", n, APC_HISTORY_BINS);
+    }
+    if (!err && !(since < until)) {
+        err = apc_fail(&store->why, APC_EINVAL, "history must begin before it ends");
+    }
+    return err ? err : store->ops->history_bins(store, table, id, since, until, n, fn, ctx);
 }
 
 int apc_store_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n)
@@ -298,4 +347,17 @@ int apc_store_init(struct apc_store *store)
 {
     int err = enter(store, NULL, 0);
     return err ? err : store->ops->init(store);
+}
+
+int apc_store_maintain(struct apc_store *store, const struct apc_retention *keep)
+{
+    struct apc_retention k = {0};
+    int err = enter(store, NULL, 0);
+    if (!err) {
+        err = apc_options_copy(&k, sizeof k, keep, "apc_retention", &store->why);
+    }
+    if (!err && (k.samples < 0 || k.events < 0 || k.timing < 0)) {
+        err = apc_fail(&store->why, APC_EINVAL, "a time to keep must not be negative");
+    }
+    return err ? err : store->ops->maintain(store, &k);
 }
