@@ -59,7 +59,11 @@ struct apc_store_options {
 struct apc_store;
 
 /**
- * A store by URI: `postgresql:` (the environment's database: PGHOST, PGSERVICE, ...) or
+ * A store by URI. `mem:` is in this process' memory, for virtual time and for tests: `mem:` alone is the
+ * handle's own, `mem:NAME` (at most 63 bytes) is shared by all handles of that name, whatever their thread, and
+ * gone when the last of them is closed; its ticks allocate only when a variable's history doubles.
+ *
+ * `postgresql:` (the environment's database: PGHOST, PGSERVICE, ...) or
  * `postgresql://...`, any libpq URI; `#NAME` at its end chooses the schema NAME, one a plant, default
  * `apc`. A standby is refused, because a store is for writing, unless target_session_attrs in the URI or
  * PGTARGETSESSIONATTRS says otherwise. Nothing is connected yet: every operation connects when it has to,

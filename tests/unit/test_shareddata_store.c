@@ -27,7 +27,12 @@ static void postgresql_uri(char *text, size_t size, int number)
     snprintf(text, size, "%s#plant%d", cluster_uri(cluster), number);
 }
 
-static const struct kind kinds[] = {{"postgresql:", postgresql_uri}};
+static void mem_uri(char *text, size_t size, int number)
+{
+    snprintf(text, size, "mem:plant%d", number);
+}
+
+static const struct kind kinds[] = {{"postgresql:", postgresql_uri}, {"mem:", mem_uri}};
 
 static const struct kind *kind;
 static char uri[512];
