@@ -63,6 +63,7 @@ struct apc_store_ops {
 extern const struct apc_store_ops apc_postgresql_store;
 extern const struct apc_store_ops apc_postgres_store; /* libpq's other spelling */
 extern const struct apc_store_ops apc_mem_store;
+extern const struct apc_store_ops apc_shm_store;
 
 /** Where bin @p i of apc_store_history_bins() begins; i = n is where the last one ends. */
 static inline apc_ns apc_bin_edge(apc_ns since, apc_ns until, size_t n, size_t i)

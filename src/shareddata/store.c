@@ -9,7 +9,7 @@
 #include "shareddata/shareddata_internal.h"
 
 static const struct apc_store_ops *const stores[] = {&apc_postgresql_store, &apc_postgres_store,
-                                                     &apc_mem_store};
+                                                     &apc_mem_store, &apc_shm_store};
 
 /* ---- Opening ------------------------------------------------------------------------------ */
 
@@ -60,7 +60,7 @@ int apc_store_open(struct apc_store **store, const char *uri, const struct apc_s
     size_t scheme = strcspn(uri, ":/@");
     bool shown = scheme < 32 && uri[scheme] == ':';
     return apc_fail(why, APC_EINVAL,
-                    "unknown store \"%.*s\": expected postgresql:, postgresql://... or mem:NAME",
+                    "unknown store \"%.*s\": expected postgresql:, postgresql://..., shm:NAME or mem:NAME",
                     shown ? (int)scheme + 1 : 0, uri);
 }
 
