@@ -64,8 +64,8 @@ struct apc_store;
  * gone when the last of them is closed; its ticks allocate only when a variable's history doubles.
  *
  * `shm:NAME` is in POSIX shared memory, for the processes of one user on one host (and in one PID namespace),
- * until the machine stops or /dev/shm/apc.NAME is removed. It keeps the newest value of up to 65536 variables
- * and the recent history of each: 12288 samples while there is room for 16 such histories in all, fewer when
+ * until the machine stops or /dev/shm/apc.NAME is removed. It keeps the newest value of up to 51200 variables
+ * and the recent history of each: 12288 samples while there is room for 17 such histories in all, fewer when
  * there are more; 1536 events, 384 timing rows with 256 buckets (neighbours of more are merged), 2048 tags.
  * `shm:NAME?size=MIB`, looked at by apc_store_init() only, makes that more or less: default 32. What no longer
  * fits is refused with APC_ESTORE where it is a new variable, a tag or a call of too many rows; else it takes

@@ -48,7 +48,7 @@ static void lay_out(struct apc_shm *shm, uint64_t mib, char *base)
 {
     size_t at = 0;
     shm->size = (size_t)mib << 20;
-    shm->variables = (size_t)mib * 2048;
+    shm->variables = (size_t)mib * 1600;
     shm->tags = (size_t)mib * 64;
     shm->index_size = 4096;
     while (shm->index_size < 2 * shm->variables) {
