@@ -62,6 +62,14 @@ struct apc_store_ops {
 
 extern const struct apc_store_ops apc_postgresql_store;
 extern const struct apc_store_ops apc_postgres_store; /* libpq's other spelling */
+extern const struct apc_store_ops apc_sqlite_store;
+
+/**
+ * Into a copy that every store takes: a byte that is no part of a character (a text cut in the middle of one,
+ * something from the network) becomes '?'. An event must not be lost for that. @p size is that of both; @p
+ * out is filled to its end. Returns @p out.
+ */
+const char *apc_text_clean(char *out, const char *in, size_t size);
 
 /** Where bin @p i of apc_store_history_bins() begins; i = n is where the last one ends. */
 static inline apc_ns apc_bin_edge(apc_ns since, apc_ns until, size_t n, size_t i)

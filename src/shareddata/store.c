@@ -8,7 +8,8 @@
 #include "shareddata/migrations.h"
 #include "shareddata/shareddata_internal.h"
 
-static const struct apc_store_ops *const stores[] = {&apc_postgresql_store, &apc_postgres_store};
+static const struct apc_store_ops *const stores[] = {&apc_postgresql_store, &apc_postgres_store,
+                                                     &apc_sqlite_store};
 
 /* ---- Opening ------------------------------------------------------------------------------ */
 
@@ -43,7 +44,7 @@ int apc_store_open(struct apc_store **store, const char *uri, const struct apc_s
     }
     *store = NULL;
     if (!uri) {
-        return apc_fail(why, APC_EINVAL, "no store URI given; the simplest is postgresql:");
+        return apc_fail(why, APC_EINVAL, "no store URI given; the simplest is sqlite:FILE");
     }
     struct apc_store_config config;
     int err = make_config(&config, options, why);
@@ -58,7 +59,8 @@ int apc_store_open(struct apc_store **store, const char *uri, const struct apc_s
     /* The URI may hold a password: only what must be its scheme is shown. */
     size_t scheme = strcspn(uri, ":/@");
     bool shown = scheme < 32 && uri[scheme] == ':';
-    return apc_fail(why, APC_EINVAL, "unknown store \"%.*s\": expected postgresql: or postgresql://...",
+    return apc_fail(why, APC_EINVAL,
+                    "unknown store \"%.*s\": expected postgresql://..., postgresql: or sqlite:FILE",
                     shown ? (int)scheme + 1 : 0, uri);
 }
 

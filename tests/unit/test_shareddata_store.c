@@ -11,6 +11,7 @@
 #include "check.h"
 #include "cluster.h"
 #include "comma_locale.h"
+#include "scratch.h"
 
 static struct cluster *cluster;
 
@@ -27,7 +28,12 @@ static void postgresql_uri(char *text, size_t size, int number)
     snprintf(text, size, "%s#plant%d", cluster_uri(cluster), number);
 }
 
-static const struct kind kinds[] = {{"postgresql:", postgresql_uri}};
+static void sqlite_uri(char *text, size_t size, int number)
+{
+    snprintf(text, size, "sqlite:%s/plant%d.db", scratch_folder(), number);
+}
+
+static const struct kind kinds[] = {{"postgresql:", postgresql_uri}, {"sqlite:", sqlite_uri}};
 
 static const struct kind *kind;
 static char uri[512];
