@@ -59,13 +59,13 @@ struct apc_store_options {
 struct apc_store;
 
 /**
- * A store by URI: `postgresql:` (the environment's database: PGHOST, PGSERVICE, ...) or
- * `postgresql://...`, any libpq URI; `#NAME` at its end chooses the schema NAME, one a plant, default
- * `apc`. A standby is refused, because a store is for writing, unless target_session_attrs in the URI or
- * PGTARGETSESSIONATTRS says otherwise. Nothing is connected yet: every operation connects when it has to,
- * waits no longer than the timeout, and after a failed connect answers APC_ECONN at once until a jittered
- * pause is over.
- * One thread at a time. [setup] Returns 0, APC_EINVAL (unknown scheme, malformed URI), APC_ENOMEM.
+ * A store by URI: `sqlite:FILE`, a file (docs/stores.md), or `postgresql:` (the environment's database:
+ * PGHOST, PGSERVICE, ...) or `postgresql://...`, any libpq URI; `#NAME` at its end chooses the schema NAME,
+ * one a plant, default `apc`. A standby is refused, because a store is for writing, unless
+ * target_session_attrs in the URI or PGTARGETSESSIONATTRS says otherwise. Nothing is connected yet: every
+ * operation connects when it has to, waits no longer than the timeout, and after a failed connect answers
+ * APC_ECONN at once until a jittered pause is over. One thread at a time. [setup] Returns 0, APC_EINVAL
+ * (unknown scheme, malformed URI), APC_ENOMEM.
  */
 APC_API int apc_store_open(struct apc_store **store, const char *uri, const struct apc_store_options *options,
                            struct apc_error *why);
@@ -145,6 +145,12 @@ APC_API int apc_store_swap(struct apc_store *store, struct apc_sample *samples, 
  * by the next call. A change between a read and the wait is never missed. n = 0 returns 0 at once. [setup]
  */
 APC_API int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout);
+
+/**
+ * The variables that have samples, described or not: table and id of up to @p capacity, in that order.
+ * Returns how many there are in all. [setup]
+ */
+APC_API int apc_store_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity);
 
 /** Called for each row in rising seq; return nonzero to end early. */
 typedef int (*apc_sample_fn)(void *ctx, const struct apc_sample *sample);

@@ -46,6 +46,7 @@ struct apc_store_ops {
     int (*put)(struct apc_store *store, struct apc_sample *samples, size_t n);
     int (*swap)(struct apc_store *store, struct apc_sample *samples, size_t n);
     int (*wait)(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout);
+    int (*variables)(struct apc_store *store, struct apc_sample *variables, size_t capacity);
     int (*history)(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                    apc_sample_fn fn, void *ctx);
     int (*history_bins)(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,

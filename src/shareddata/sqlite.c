@@ -69,11 +69,32 @@ apc_ns apc_sqlite_ns(int64_t us)
 
 /* ---- Errors --------------------------------------------------------------------------------- */
 
+static bool no_room(int error)
+{
+    return error == ENOSPC || error == EDQUOT || error == EFBIG;
+}
+
+/* The last error of the file system: of the journal when that one says that there is no room, else of the
+ * file. */
+static int system_error(const struct apc_sqlite *sq)
+{
+    sqlite3_file *journal = NULL;
+    int error = 0;
+    if (sqlite3_file_control(sq->db, "main", SQLITE_FCNTL_JOURNAL_POINTER, &journal) == SQLITE_OK &&
+        journal && journal->pMethods) {
+        journal->pMethods->xFileControl(journal, SQLITE_FCNTL_LAST_ERRNO, &error);
+    }
+    if (!no_room(error)) {
+        sqlite3_file_control(sq->db, "main", SQLITE_FCNTL_LAST_ERRNO, &error);
+    }
+    return error;
+}
+
 /* What the file system says, where SQLite only says that something went wrong. */
 static int fail_system(struct apc_sqlite *sq, int code, int error)
 {
     struct apc_error *why = &sq->base.why;
-    if (error == ENOSPC || error == EDQUOT || error == EFBIG) {
+    if (no_room(error)) {
         return apc_fail(why, APC_ESTORE, "%s: there is no room left for it: %s", sq->given, strerror(error));
     }
     if (error == EACCES || error == EPERM || error == EROFS) {
@@ -106,6 +127,7 @@ int apc_sqlite_fail(struct apc_sqlite *sq, int code)
     case SQLITE_READONLY:
         return apc_fail(why, APC_EPERM, "%s is read-only for this user", sq->given);
     case SQLITE_IOERR:
+        return fail_system(sq, code, system_error(sq));
     case SQLITE_CANTOPEN:
         return fail_system(sq, code, sqlite3_system_errno(sq->db));
     default:
@@ -493,6 +515,7 @@ const struct apc_store_ops apc_sqlite_store = {
     .put = put,
     .swap = swap,
     .wait = apc_sqlite_wait,
+    .variables = apc_sqlite_variables,
     .history = apc_sqlite_history,
     .history_bins = apc_sqlite_history_bins,
     .put_tags = apc_sqlite_put_tags,

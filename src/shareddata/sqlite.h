@@ -156,6 +156,7 @@ int apc_sqlite_wait(struct apc_store *store, const struct apc_sample *seen, size
 
 /* ---- sqlite_history.c, sqlite_records.c: operations ----------------------------------------- */
 
+int apc_sqlite_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity);
 int apc_sqlite_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                        apc_sample_fn fn, void *ctx);
 int apc_sqlite_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,

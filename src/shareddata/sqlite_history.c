@@ -119,6 +119,27 @@ int apc_sqlite_history(struct apc_store *store, enum apc_table table, int id, co
     return err ? err : more < 0 ? more : count;
 }
 
+int apc_sqlite_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity)
+{
+    struct apc_sqlite *sq = apc_sqlite_of(store);
+    sqlite3_stmt *statement = NULL;
+    int count = 0, found = apc_sqlite_enter(sq);
+    sq->base.stats.round_trips++;
+    if (found == 0) {
+        found = apc_sqlite_prepare(sq, "SELECT variable & 15, variable >> 4 FROM variable ORDER BY 1, 2",
+                                   &statement);
+    }
+    while (found >= 0 && (found = apc_sqlite_step(sq, statement)) > 0) {
+        if ((size_t)count < capacity) {
+            variables[count] = (struct apc_sample){.table = (enum apc_table)sqlite3_column_int(statement, 0),
+                                                   .id = sqlite3_column_int(statement, 1)};
+        }
+        count++;
+    }
+    sqlite3_finalize(statement);
+    return found < 0 ? found : count;
+}
+
 /* ---- Bins ----------------------------------------------------------------------------------- */
 
 struct bins {

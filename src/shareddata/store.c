@@ -249,6 +249,12 @@ int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_
     return err || n == 0 ? err : store->ops->wait(store, seen, n, timeout);
 }
 
+int apc_store_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity)
+{
+    int err = enter(store, variables, capacity);
+    return err ? err : store->ops->variables(store, variables, capacity);
+}
+
 int apc_store_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                       apc_sample_fn fn, void *ctx)
 {
