@@ -21,6 +21,7 @@ static const struct {
     {"timing", command_timing, "how well the tasks keep time: lateness, jitter, run time, missed ticks"},
     {"copy", command_copy, "copy history, descriptions, events and timing to another store"},
     {"report", command_report, "draw the report of a run again"},
+    {"maintain", command_maintain, "make room ahead for samples, and drop what is old"},
 };
 
 static void usage(FILE *out)

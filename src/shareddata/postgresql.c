@@ -268,7 +268,7 @@ static int append(struct apc_store *store, const struct apc_sample *samples, siz
 {
     struct exchange x = {.pg = apc_pg_of(store)};
     int err = try_append(&x, APPEND, samples, n);
-    if (err == APC_ECONFLICT) {
+    for (int i = 0; i < 10 && err == APC_ECONFLICT; i++) { /* again when another writer is faster */
         err = try_append(&x, REPEAT, samples, n);
     }
     if (!err) {

@@ -53,12 +53,11 @@ apc_ns apc_pg_time_ns(int64_t pg);
 struct apc_pg_text {
     const char *read_name, *read;       /* prepared */
     const char *append_name, *append;   /* prepared */
-    const char *repeat;                 /* append, but leaves rows alone that are there */
+    const char *repeat;                 /* append of those that are not there */
     const char *put;                    /* takes the next seq; a concurrent writer makes it fail */
     const char *swap;                   /* the next seq of those whose newest is the one given */
     const char *history, *history_last; /* declares cursor "rows" */
     const char *bins;                   /* likewise */
-    const char *drop;                   /* what is older, but the newest of each */
     const char *paper_read, *paper_put; /* the same on schema apc, for any PGconn */
 };
 extern const struct apc_pg_text apc_pg_texts[APC_TABLE_END];
