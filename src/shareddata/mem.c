@@ -607,6 +607,24 @@ static int history(struct apc_store *store, enum apc_table table, int id, const 
     return count;
 }
 
+static int variables(struct apc_store *store, struct apc_sample *out, size_t capacity)
+{
+    struct memory *m = mem_of(store)->memory;
+    size_t n = 0;
+    int err = begin(store);
+    if (err) {
+        return err;
+    }
+    struct apc_sample *all = (struct apc_sample *)malloc((m->n + 1) * sizeof *all);
+    for (size_t i = 0; all && i < m->n; i++) {
+        if (m->variable[i].n > 0) {
+            all[n++] = m->variable[i].row[0];
+        }
+    }
+    end(store);
+    return all ? apc_variables_give(all, n, out, capacity) : no_memory(store);
+}
+
 /* ---- Tags ---------------------------------------------------------------------------------- */
 
 static int put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n)
@@ -888,6 +906,7 @@ const struct apc_store_ops apc_mem_store = {
     .put = put,
     .swap = swap,
     .wait = wait_newer,
+    .variables = variables,
     .history = history,
     .history_bins = apc_bins_by_history,
     .put_tags = put_tags,

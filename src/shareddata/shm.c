@@ -272,6 +272,7 @@ const struct apc_store_ops apc_shm_store = {
     .put = put,
     .swap = swap,
     .wait = wait_newer,
+    .variables = apc_shm_variables,
     .history = apc_shm_history,
     .history_bins = apc_bins_by_history,
     .put_tags = apc_shm_put_tags,

@@ -300,6 +300,7 @@ int apc_shm_load(const struct apc_shm_slot *slot, uint64_t g, uint64_t version[8
 /** The sample in a version's or cell's words. */
 struct apc_sample apc_shm_sample(enum apc_table table, int id, const uint64_t words[8]);
 
+int apc_shm_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity);
 int apc_shm_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                     apc_sample_fn fn, void *ctx);
 int apc_shm_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n);

@@ -117,6 +117,27 @@ int apc_shm_history(struct apc_store *store, enum apc_table table, int id, const
     return count;
 }
 
+int apc_shm_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity)
+{
+    struct apc_shm *shm = apc_shm_of(store);
+    size_t n = 0;
+    uint64_t version[8], key;
+    int err = apc_shm_ready(shm);
+    if (err) {
+        return err;
+    }
+    struct apc_sample *all = (struct apc_sample *)malloc(shm->variables * sizeof *all);
+    if (!all) {
+        return no_memory(shm, shm->variables);
+    }
+    for (size_t i = 0; i < shm->variables && (key = apc_word_get(&shm->slot[i].key)) != 0; i++) {
+        if (load_version(shm, &shm->slot[i], version) > 0) {
+            all[n++] = (struct apc_sample){.table = (enum apc_table)(key >> 32), .id = (int)(uint32_t)key};
+        }
+    }
+    return apc_variables_give(all, n, variables, capacity);
+}
+
 /* ---- Tags ---------------------------------------------------------------------------------- */
 
 int apc_shm_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n)
