@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * The store in shared memory, between two processes: this one on the first CPU, the other on the second.
+ * Beside it the store in one process' memory, which no other sees.
  *
  *     seqlock   ten samples behind one sequence number, one writer, nothing else: what the hardware takes
  *     futex     a word and a futex for each direction: what waking takes
@@ -293,11 +294,11 @@ static pid_t start_other(const struct other *other, struct hand *hand, const cha
     return pid;
 }
 
-static void measure(struct bench *b, const char *title, struct bench_row *rows, struct side *s,
+static void measure(struct bench *b, const char *title, struct bench_row *rows, size_t n, struct hand *hand,
                     const struct other *other, const char *uri)
 {
-    pid_t pid = start_other(other, s->hand, uri);
-    bench_run(b, title, N, rows, 2);
+    pid_t pid = start_other(other, hand, uri);
+    bench_run(b, title, N, rows, n);
     kill(pid, SIGKILL);
     waitpid(pid, NULL, 0);
 }
@@ -305,15 +306,18 @@ static void measure(struct bench *b, const char *title, struct bench_row *rows, 
 void bench_shm(struct bench *b)
 {
     char uri[64], path[64];
-    struct side s;
+    struct side s, mem;
+    cpu_set_t everywhere;
     struct hand *hand = mmap(NULL, sizeof *hand, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
-    if (hand == MAP_FAILED)
-        die("no shared memory");
+    if (hand == MAP_FAILED || sched_getaffinity(0, sizeof everywhere, &everywhere) != 0)
+        die("no shared memory, or no CPU");
     snprintf(uri, sizeof uri, "shm:bench-%d", (int)getpid());
     snprintf(path, sizeof path, "/dev/shm/apc.bench-%d", (int)getpid());
     run_on(0);
     open_side(&s, hand, uri);
+    open_side(&mem, hand, "mem:");
     store_write(&s);
+    store_write(&mem);
 
     b->budget = APC_NS_PER_S / 4;
     b->calls = 1000;
@@ -321,26 +325,28 @@ void bench_shm(struct bench *b)
     b->reference[1] = NULL;
     struct bench_row reads[] = {
         {.name = "seqlock", .once = seqlock_reads, .ctx = &s},
-        {.name = "apc_store_read()", .once = store_reads, .ctx = &s, .to = {&reads[0]}},
+        {.name = "shm: apc_store_read()", .once = store_reads, .ctx = &s, .to = {&reads[0]}},
+        {.name = "mem: apc_store_read()", .once = store_reads, .ctx = &mem, .to = {&reads[0]}},
     };
-    measure(b, "shm: 1000 reads of 10 newest", reads, &s, &(struct other){.work = both_write}, uri);
+    measure(b, "1000 reads of 10 newest", reads, 3, hand, &(struct other){.work = both_write}, uri);
     store_read(&s);
     struct bench_row writes[] = {
         {.name = "seqlock", .once = seqlock_writes, .ctx = &s},
-        {.name = "apc_store_append()", .once = store_writes, .ctx = &s, .to = {&writes[0]}},
+        {.name = "shm: apc_store_append()", .once = store_writes, .ctx = &s, .to = {&writes[0]}},
+        {.name = "mem: apc_store_append()", .once = store_writes, .ctx = &mem, .to = {&writes[0]}},
     };
-    measure(b, "shm: 1000 appends of 10", writes, &s, &(struct other){.work = both_read}, uri);
+    measure(b, "1000 appends of 10", writes, 3, hand, &(struct other){.work = both_read}, uri);
+    apc_store_close(mem.store);
 
     b->reference[0] = "futex";
     struct bench_row wakes[] = {
         {.name = "futex", .once = futex_rally, .ctx = &s},
-        {.name = "apc_store_append(), _wait(), _read()", .once = store_rally, .ctx = &s, .to = {&wakes[0]}},
+        {.name = "shm: append, wait, read", .once = store_rally, .ctx = &s, .to = {&wakes[0]}},
     };
-    /* Two of them, each waiting for its own ball. */
     pid_t pid = start_other(&(struct other){.rally = rally_futex}, hand, uri);
     store_read(&s);
     s.ball = atomic_load(&hand->ball[1]);
-    measure(b, "shm: there and back, each waking the other", wakes, &s, &(struct other){.rally = rally_store},
+    measure(b, "there and back, each waking the other", wakes, 2, hand, &(struct other){.rally = rally_store},
             uri);
     kill(pid, SIGKILL);
     waitpid(pid, NULL, 0);
@@ -348,4 +354,5 @@ void bench_shm(struct bench *b)
     apc_store_close(s.store);
     munmap(hand, sizeof *hand);
     unlink(path);
+    (void)sched_setaffinity(0, sizeof everywhere, &everywhere);
 }

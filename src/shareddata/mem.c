@@ -392,6 +392,20 @@ static int reserve(struct apc_store *store, const struct apc_sample *samples, si
     return err;
 }
 
+/* Field by field: to copy a struct that was just filled in costs more than all the rest. */
+static void set_row(struct apc_sample *row, const struct apc_sample *s)
+{
+    const bool actuator = s->table == APC_ACTUATOR;
+    row->table = s->table;
+    row->id = s->id;
+    row->seq = s->seq;
+    row->time = apc_time_stored(s->time);
+    row->value = s->value;
+    row->status = s->status;
+    row->sensor_seq = actuator ? s->sensor_seq : 0;
+    row->setpoint_seq = actuator ? s->setpoint_seq : 0;
+}
+
 /* There is room. Returns whether the seq was free. */
 static bool insert(struct memory *m, const struct apc_sample *s)
 {
@@ -400,8 +414,10 @@ static bool insert(struct memory *m, const struct apc_sample *s)
     if (at < v->n && v->row[at].seq == s->seq) {
         return false;
     }
-    memmove(&v->row[at + 1], &v->row[at], (v->n - at) * sizeof *v->row);
-    v->row[at] = apc_row_of(s);
+    if (at < v->n) {
+        memmove(&v->row[at + 1], &v->row[at], (v->n - at) * sizeof *v->row);
+    }
+    set_row(&v->row[at], s);
     v->n++;
     return true;
 }

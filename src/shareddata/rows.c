@@ -31,16 +31,6 @@ int apc_rows_seq_failure(struct apc_store *store, const struct apc_sample *s)
                     apc_table_name(s->table), s->id);
 }
 
-struct apc_sample apc_row_of(const struct apc_sample *s)
-{
-    struct apc_sample row = *s;
-    row.time = apc_time_stored(s->time);
-    if (s->table != APC_ACTUATOR) {
-        row.sensor_seq = row.setpoint_seq = 0;
-    }
-    return row;
-}
-
 static int by_variable(const void *a, const void *b)
 {
     const struct apc_sample *x = (const struct apc_sample *)a, *y = (const struct apc_sample *)b;

@@ -103,9 +103,6 @@ static inline apc_ns apc_time_stored(apc_ns time)
 int apc_rows_check(struct apc_store *store, const struct apc_sample *samples, size_t n);
 /** Say that a sample's seq would be above APC_SEQ_MAX. Returns APC_ESTORE. */
 int apc_rows_seq_failure(struct apc_store *store, const struct apc_sample *sample);
-/** As it is stored: whole microseconds; only actuators say what they were computed from. */
-struct apc_sample apc_row_of(const struct apc_sample *sample);
-
 /** The operation variables, from @p all that there are, in any order; frees them. Returns @p n. */
 int apc_variables_give(struct apc_sample *all, size_t n, struct apc_sample *variables, size_t capacity);
 
