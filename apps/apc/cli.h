@@ -66,6 +66,10 @@ void cli_json_text(FILE *out, const char *text);
  * is. Returns EXIT_OK, or EXIT_USAGE after saying so. */
 int cli_time(const struct cli *cli, const char *name, const char *text, apc_ns *time);
 
+/* The DURATION of option --NAME, as 30s, 10m, 2h, 90d, into *duration; NULL leaves it as it is. Returns
+ * EXIT_OK, or EXIT_USAGE after saying so. */
+int cli_duration(const struct cli *cli, const char *name, const char *text, apc_ns *duration);
+
 /* The variables' descriptions, and finding one by name. */
 struct cli_tags {
     struct apc_tag *tag;
@@ -104,5 +108,6 @@ int command_watch(int argc, char **argv);
 int command_history(int argc, char **argv);
 int command_timing(int argc, char **argv);
 int command_report(int argc, char **argv);
+int command_maintain(int argc, char **argv);
 
 #endif
