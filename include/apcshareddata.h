@@ -59,7 +59,22 @@ struct apc_store_options {
 struct apc_store;
 
 /**
- * A store by URI: `postgresql:` (the environment's database: PGHOST, PGSERVICE, ...) or
+ * A store by URI. `mem:` is in this process' memory, for virtual time and for tests: `mem:` alone is the
+ * handle's own, `mem:NAME` (at most 63 bytes) is shared by all handles of that name, whatever their thread, and
+ * gone when the last of them is closed; its ticks allocate only when a variable's history doubles.
+ *
+ * `shm:NAME` is in POSIX shared memory, for the processes of one user on one host (and in one PID namespace),
+ * until the machine stops or /dev/shm/apc.NAME is removed. It keeps the newest value of up to 51200 variables
+ * and the recent history of each: 12288 samples while there is room for 17 such histories in all, fewer when
+ * there are more; 1536 events, 384 timing rows with 256 buckets (neighbours of more are merged), 2048 tags.
+ * `shm:NAME?size=MIB`, looked at by apc_store_init() only, makes that more or less: default 32. What no longer
+ * fits is refused with APC_ESTORE where it is a new variable, a tag or a call of too many rows; else it takes
+ * the place of the oldest. A sample whose seq is lower than all that a history still holds counts as there.
+ * Durable means: survives any process, and not the machine. Readers never wait; a writer that is killed, at
+ * any instruction, leaves old or new and no other writer waiting.
+ *
+ *
+ * `postgresql:` (the environment's database: PGHOST, PGSERVICE, ...) or
  * `postgresql://...`, any libpq URI; `#NAME` at its end chooses the schema NAME, one a plant, default
  * `apc`. A standby is refused, because a store is for writing, unless target_session_attrs in the URI or
  * PGTARGETSESSIONATTRS says otherwise. Nothing is connected yet: every operation connects when it has to,

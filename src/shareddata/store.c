@@ -8,7 +8,8 @@
 #include "shareddata/migrations.h"
 #include "shareddata/shareddata_internal.h"
 
-static const struct apc_store_ops *const stores[] = {&apc_postgresql_store, &apc_postgres_store};
+static const struct apc_store_ops *const stores[] = {&apc_postgresql_store, &apc_postgres_store,
+                                                     &apc_mem_store, &apc_shm_store};
 
 /* ---- Opening ------------------------------------------------------------------------------ */
 
@@ -58,7 +59,8 @@ int apc_store_open(struct apc_store **store, const char *uri, const struct apc_s
     /* The URI may hold a password: only what must be its scheme is shown. */
     size_t scheme = strcspn(uri, ":/@");
     bool shown = scheme < 32 && uri[scheme] == ':';
-    return apc_fail(why, APC_EINVAL, "unknown store \"%.*s\": expected postgresql: or postgresql://...",
+    return apc_fail(why, APC_EINVAL,
+                    "unknown store \"%.*s\": expected postgresql:, postgresql://..., shm:NAME or mem:NAME",
                     shown ? (int)scheme + 1 : 0, uri);
 }
 

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "apcshareddata.h"
 #include "check.h"
@@ -17,6 +18,7 @@ static struct cluster *cluster;
 struct kind {
     const char *name;
     void (*uri)(char *text, size_t size, int number); /* of a store that does not exist yet */
+    void (*remove)(int number);                       /* after its test; NULL: nothing is left of it */
 };
 
 static void postgresql_uri(char *text, size_t size, int number)
@@ -27,7 +29,25 @@ static void postgresql_uri(char *text, size_t size, int number)
     snprintf(text, size, "%s#plant%d", cluster_uri(cluster), number);
 }
 
-static const struct kind kinds[] = {{"postgresql:", postgresql_uri}};
+static void mem_uri(char *text, size_t size, int number)
+{
+    snprintf(text, size, "mem:plant%d", number);
+}
+
+static void shm_uri(char *text, size_t size, int number)
+{
+    snprintf(text, size, "shm:test-%d-%d", (int)getpid(), number);
+}
+
+static void shm_remove(int number)
+{
+    char path[64];
+    snprintf(path, sizeof path, "/dev/shm/apc.test-%d-%d", (int)getpid(), number);
+    unlink(path);
+}
+
+static const struct kind kinds[] = {
+    {"postgresql:", postgresql_uri, NULL}, {"mem:", mem_uri, NULL}, {"shm:", shm_uri, shm_remove}};
 
 static const struct kind *kind;
 static char uri[512];
@@ -51,10 +71,11 @@ static struct apc_store *open_store(void)
         }                                                                                                    \
     } while (0)
 
+static int number, removed; /* so many stores were made, and so many of them removed */
+
 /* A new, empty store for each test. */
 static int set_up(void **state)
 {
-    static int number;
     kind->uri(uri, sizeof uri, ++number);
     struct apc_store *store = open_store();
     int had = apc_store_init(store);
@@ -68,6 +89,9 @@ static int set_up(void **state)
 static int tear_down(void **state)
 {
     apc_store_close(*state);
+    while (kind->remove && removed < number) {
+        kind->remove(++removed);
+    }
     return 0;
 }
 
