@@ -259,6 +259,8 @@ APC_API const struct apc_histogram *apc_task_histogram(const struct apc_task *ta
  */
 APC_API const struct apc_clock *apc_executive_clock(const struct apc_executive *executive);
 
+APC_API bool apc_executive_is_virtual(const struct apc_executive *executive); /**< [any] */
+
 /**
  * Handle all events up to and including the monotonic time @p until; then it is @p until. Returns their
  * number, or APC_EINVAL, also for a time that is past. Not from inside an event. [setup]

@@ -271,6 +271,11 @@ static struct virtual *virtual_of(const struct apc_executive *executive)
     return executive && executive->ops == &apc_executive_virtual ? executive->own : NULL;
 }
 
+bool apc_executive_is_virtual(const struct apc_executive *executive)
+{
+    return virtual_of(executive) != NULL;
+}
+
 int64_t apc_virtual_run(struct apc_executive *executive, apc_ns until)
 {
     struct virtual *v = virtual_of(executive);
