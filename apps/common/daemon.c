@@ -152,6 +152,9 @@ static int open_executive(struct daemon *d)
         .size = sizeof options, .log = d->log, .hold_latency = d->options.hold_latency, .lock_memory = true};
     struct apc_error why;
     const char *name = d->options.timer ? d->options.timer : "deadline";
+    if (!strcmp(name, "virtual"))
+        return daemon_error(d, APC_EINVAL,
+                            "--timer: a daemon runs in real time: expected 'deadline' or 'posix'");
     int rc = apc_executive_create(&d->executive, name, &options, &why);
     return rc < 0 ? daemon_error(d, rc, "--timer: %s", why.text) : 0;
 }
