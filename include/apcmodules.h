@@ -73,6 +73,33 @@ APC_API size_t apc_scheduler_step(const struct apc_scheduler_options *options, u
 
 /* ---- Plant server ------------------------------------------------------------------------- */
 
+/** What may go wrong with a sensor. Times are since the plant's first tick. */
+struct apc_sensor_fault {
+    enum apc_sensor_fault_kind {
+        APC_FAULT_STUCK = 1, /**< it goes on showing what it showed last */
+        APC_FAULT_DRIFT,     /**< size is added for each second since it began */
+        APC_FAULT_DROPOUT,   /**< Bad */
+        APC_FAULT_SPIKE      /**< size is added */
+    } kind;
+    apc_ns at, duration; /**< duration 0: for ever; a spike, however short, is seen at one tick at least */
+    double size;
+};
+
+/** How a sensor shows an output: value + noise + faults, rounded to its steps. Zeros: as it is. */
+struct apc_sensor {
+    double noise;                         /**< standard deviation of a normal error, anew at each tick */
+    double quantum;                       /**< the step between two values that it can show; 0: none */
+    const struct apc_sensor_fault *fault; /**< [n_faults]; borrowed */
+    size_t n_faults;
+};
+
+/** From @p at on, since the plant's first tick, disturbance @p k, from 0, is @p value. */
+struct apc_disturbance {
+    size_t k;
+    apc_ns at;
+    double value;
+};
+
 /** Zero means default, but for those marked required. */
 struct apc_plantserver_options {
     size_t size;
@@ -83,6 +110,12 @@ struct apc_plantserver_options {
     apc_ns link_period;    /**< required: of the client. Trips 3 of them + 100 ms after the last frame */
     apc_ns command_period; /**< required: of the controller. Trips 3 of them + 100 ms after the last new
                               command */
+    uint64_t seed;         /**< of all noise: the same seed, the same numbers */
+    const double *noise;   /**< [nx] process noise: standard deviation of a random walk in 1 s,
+                              added to each state at each tick; NULL: none; copied */
+    const struct apc_disturbance *disturbance; /**< [n_disturbances] by rising time; borrowed */
+    size_t n_disturbances;
+    const struct apc_sensor *sensor; /**< [ny]; NULL: ideal ones; borrowed */
 };
 struct apc_plantserver;
 
@@ -92,8 +125,9 @@ APC_API void apc_plantserver_destroy(struct apc_plantserver *server);
 /**
  * Advance the plant to @p now, the scheduled time of the tick: over the interval since the previous
  * tick with the input that was sampled then (with the safe value from the watchdog's instant on, if it
- * lies within), publish y, sample the input for the next interval. Returns 0 or APC_ESOLVER, then y is
- * Bad; the notice says so once, and once that it is over. [tick]
+ * lies within; disturbances change at their very instants), publish y as the sensors show it, sample the
+ * input for the next interval. Returns 0 or APC_ESOLVER, then y is Bad; the notice says so once, and once
+ * that it is over. [tick]
  */
 APC_API int apc_plantserver_tick(struct apc_plantserver *server, struct apc_now now,
                                  struct apc_notice *notice);
