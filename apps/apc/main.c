@@ -10,6 +10,7 @@ static const struct {
     const char *doc;
 } commands[] = {
     {"run", command_run, "run an experiment in real time and leave a report"},
+    {"simulate", command_simulate, "run an experiment in virtual time, once or over many seeds"},
     {"init", command_init, "make or update the tables, and describe an experiment in them"},
     {"status", command_status, "what every part is doing: modes, values with their age, timing, events"},
     {"get", command_get, "newest values"},

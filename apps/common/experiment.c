@@ -11,6 +11,7 @@
 
 #define SIGNALS_MAX 4096
 #define PHASE_MAX_S 3600.0
+#define RHYTHM      "period", "phase", "overrun", "execution", "jitter"
 
 /* What phases there are when the file names none: they keep the order scheduler, plant, client,
  * controller where ticks coincide. */
@@ -24,13 +25,28 @@ static void *array(struct settings *s, size_t n, size_t size)
     return p;
 }
 
-static void read_rhythm(struct settings *s, const config_setting_t *group, double phase_s,
-                        struct rhythm *rhythm)
+static void read_overrun(struct settings *s, const config_setting_t *group, enum apc_overrun *overrun)
+{
+    static const char *const names[] = {
+        [APC_OVERRUN_SKIP] = "skip", [APC_OVERRUN_BURST] = "burst", [APC_OVERRUN_STOP] = "stop"};
+    char name[16] = "skip";
+    settings_text(s, group, "overrun", OPTIONAL, name, sizeof name);
+    for (*overrun = APC_OVERRUN_SKIP; *overrun <= APC_OVERRUN_STOP; (*overrun)++)
+        if (strcmp(name, names[*overrun]) == 0)
+            return;
+    settings_fail(s, config_setting_get_member(group, "overrun"),
+                  "\"overrun\" must be \"skip\", \"burst\" or \"stop\"");
+}
+
+static void read_rhythm(struct settings *s, const config_setting_t *group, const char *task, double phase_s,
+                        struct rhythm *rhythm, struct recordings *recordings)
 {
     settings_period(s, group, "period", REQUIRED, &rhythm->period);
     settings_number(s, group, "phase", OPTIONAL, 0, PHASE_MAX_S, &phase_s);
     if (!s->failed)
         apc_ns_from_s(phase_s, &rhythm->phase);
+    read_overrun(s, group, &rhythm->overrun);
+    models_read_task(s, group, task, &rhythm->model, recordings);
 }
 
 static void read_signal(struct settings *s, const config_setting_t *group, enum apc_table table, int id,
@@ -145,12 +161,12 @@ static void read_model(struct settings *s, const config_setting_t *group, struct
 static void read_plant(struct settings *s, const config_setting_t *root, struct experiment *e,
                        bool resolve_model, const char *override)
 {
-    static const char *const known[] = {"model", "parameters", "x0", "period", "phase", "listen", NULL};
+    static const char *const known[] = {"model", "parameters", "x0", "listen", RHYTHM, NULL};
     const config_setting_t *group = settings_group(s, root, "plant", REQUIRED);
     if (!group)
         return;
     settings_known(s, group, known);
-    read_rhythm(s, group, 0, &e->plant.rhythm);
+    read_rhythm(s, group, "plant", 0, &e->plant.rhythm, &e->models.recordings);
     settings_text(s, group, "model", REQUIRED, e->plant.name, sizeof e->plant.name);
     settings_text(s, group, "listen", OPTIONAL, e->plant.listen, sizeof e->plant.listen);
     if (resolve_model)
@@ -159,12 +175,12 @@ static void read_plant(struct settings *s, const config_setting_t *root, struct 
 
 static void read_client(struct settings *s, const config_setting_t *root, struct experiment *e)
 {
-    static const char *const known[] = {"period", "phase", "link", NULL};
+    static const char *const known[] = {"link", RHYTHM, NULL};
     const config_setting_t *group = settings_group(s, root, "client", REQUIRED);
     if (!group)
         return;
     settings_known(s, group, known);
-    read_rhythm(s, group, client_phase_s, &e->client.rhythm);
+    read_rhythm(s, group, "client", client_phase_s, &e->client.rhythm, &e->models.recordings);
     settings_text(s, group, "link", OPTIONAL, e->client.link, sizeof e->client.link);
 }
 
@@ -209,14 +225,14 @@ static void read_law(struct settings *s, const config_setting_t *group, struct e
 static void read_controller(struct settings *s, const config_setting_t *root, struct experiment *e,
                             bool resolve_law, const char *override)
 {
-    static const char *const known[] = {"law", "period", "phase", "tuning", "mode", "hold", NULL};
+    static const char *const known[] = {"law", "tuning", "mode", "hold", RHYTHM, NULL};
     const config_setting_t *group = settings_group(s, root, "controller", REQUIRED);
     char mode[16] = "Auto";
     double hold_s;
     if (!group)
         return;
     settings_known(s, group, known);
-    read_rhythm(s, group, controller_phase_s, &e->controller.rhythm);
+    read_rhythm(s, group, "controller", controller_phase_s, &e->controller.rhythm, &e->models.recordings);
     settings_text(s, group, "law", REQUIRED, e->controller.name, sizeof e->controller.name);
     settings_text(s, group, "mode", OPTIONAL, mode, sizeof mode);
     if (!s->failed && strcmp(mode, "Auto") != 0 && strcmp(mode, "Man") != 0)
@@ -232,13 +248,13 @@ static void read_controller(struct settings *s, const config_setting_t *root, st
 
 static void read_scheduler(struct settings *s, const config_setting_t *root, struct experiment *e)
 {
-    static const char *const known[] = {"period", "phase", "sequence", "repeat", NULL};
+    static const char *const known[] = {"sequence", "repeat", RHYTHM, NULL};
     const config_setting_t *group = settings_group(s, root, "scheduler", REQUIRED);
     const config_setting_t *list = group ? settings_list(s, group, "sequence", REQUIRED) : NULL;
     if (!list)
         return;
     settings_known(s, group, known);
-    read_rhythm(s, group, 0, &e->scheduler.rhythm);
+    read_rhythm(s, group, "scheduler", 0, &e->scheduler.rhythm, &e->models.recordings);
     e->scheduler.repeat = true;
     settings_flag(s, group, "repeat", &e->scheduler.repeat);
     e->scheduler.steps = (size_t)config_setting_length(list);
@@ -259,9 +275,9 @@ static void read_scheduler(struct settings *s, const config_setting_t *root, str
 static void read_root(struct settings *s, const config_setting_t *root, struct experiment *e, unsigned parts,
                       const struct experiment_overrides *overrides)
 {
-    static const char *const known[] = {"name",       "title",     "duration", "measurements",
-                                        "setpoints",  "outputs",   "plant",    "client",
-                                        "controller", "scheduler", NULL};
+    static const char *const known[] = {"name",    "title", "duration", "measurements", "setpoints",
+                                        "outputs", "plant", "client",   "controller",   "scheduler",
+                                        "network", "clock", NULL};
     settings_known(s, root, known);
     settings_text(s, root, "name", REQUIRED, e->name, sizeof e->name);
     snprintf(e->title, sizeof e->title, "%s", e->name);
@@ -274,6 +290,7 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     read_client(s, root, e);
     read_controller(s, root, e, (parts & EXPERIMENT_LAW) != 0, overrides ? overrides->law : NULL);
     read_scheduler(s, root, e);
+    models_read(s, root, &e->models);
 }
 
 int experiment_load(struct experiment *e, const char *file, unsigned parts,
@@ -309,6 +326,7 @@ void experiment_free(struct experiment *e)
     free(e->plant.x0);
     free(e->controller.tuning);
     free(e->scheduler.sequence);
+    models_free(&e->models);
     apc_plugin_close(e->model_handle);
     apc_plugin_close(e->law_handle);
     memset(e, 0, sizeof *e);

@@ -9,6 +9,9 @@
 #include <apccontrol.h>
 #include <apcplant.h>
 #include <apcshareddata.h>
+#include <apctimer.h>
+
+#include "models.h"
 
 /* One measurement, setpoint or manipulated variable. */
 struct signal {
@@ -18,6 +21,8 @@ struct signal {
 
 struct rhythm {
     apc_ns period, phase;
+    enum apc_overrun overrun;
+    struct task_model model; /* in virtual time */
 };
 
 struct experiment {
@@ -52,6 +57,8 @@ struct experiment {
         size_t steps;
         bool repeat;
     } scheduler;
+
+    struct models models; /* of virtual time */
 
     void *model_handle, *law_handle;
 };
