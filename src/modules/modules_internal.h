@@ -34,6 +34,21 @@ int apc_limits_copy(double *low, double *high, double *fallback, const double *f
                     const double *from_high, const double *from_fallback, size_t n, const char *what,
                     struct apc_error *why);
 
+/** A sensor and what it remembers. */
+struct apc_reading {
+    const struct apc_sensor *sensor;
+    struct apc_random noise;
+    apc_ns before; /* of the last tick */
+    double shown;  /* then */
+};
+
+/** Check @p n sensors. Returns 0 or APC_EINVAL. */
+int apc_sensors_check(const struct apc_sensor *sensor, size_t n, struct apc_error *why);
+/** Begin reading sensor number @p i, from 0. [setup] */
+void apc_reading_init(struct apc_reading *reading, const struct apc_sensor *sensor, uint64_t seed, size_t i);
+/** What it shows at @p t since the first tick, of @p value; *@p status tells how good that is. [tick] */
+double apc_reading_take(struct apc_reading *reading, apc_ns t, double value, apc_status *status);
+
 /* Made by controller.c, run by controller_tick.c, its rows read and written by controller_rows.c. */
 struct apc_controller {
     const struct apc_law *law;
