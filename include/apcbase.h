@@ -76,6 +76,9 @@ typedef uint32_t apc_status;
 /* "ok" and "'ok'" (the paper's spelling) also mean Good. */
 #define APC_GOOD                         ((apc_status)0x00000000u)
 #define APC_GOOD_LOCAL_OVERRIDE          ((apc_status)0x00960000u)
+#define APC_GOOD_LIMITED_LOW             ((apc_status)0x00000500u) /**< with limit bits: held back by a limit */
+#define APC_GOOD_LIMITED_HIGH            ((apc_status)0x00000600u)
+#define APC_GOOD_LIMITED_CONSTANT        ((apc_status)0x00000700u)
 #define APC_UNCERTAIN                    ((apc_status)0x40000000u)
 #define APC_UNCERTAIN_LAST_USABLE        ((apc_status)0x40900000u)
 #define APC_UNCERTAIN_SUBSTITUTE         ((apc_status)0x40910000u)

@@ -186,6 +186,9 @@ struct apc_controller_options {
     apc_ns hold;               /**< how long to hold before the fault value; default 3 periods */
     const double *fault;       /**< [nu] fault value; NULL: zeros; copied */
     const double *low, *high;  /**< [nu] limits of the outputs; NULL: none; copied */
+    size_t n_setting;
+    const struct apc_setting *setting; /**< of the law; [n_setting]; not used after creation */
+    const struct apc_law_plant *plant; /**< linear model for a law that wants one, or NULL; as setting */
 };
 struct apc_controller;
 
@@ -228,6 +231,8 @@ APC_API int apc_controller_compute(struct apc_controller *controller, struct apc
                                    struct apc_notice *notice);
 /** Update the law's state, after u was written. [tick] */
 APC_API void apc_controller_update(struct apc_controller *controller);
+/** How often the law gave something that is no finite number, and the output was held. [tick] */
+APC_API uint64_t apc_controller_failures(const struct apc_controller *controller);
 
 /* ---- The link inproc: --------------------------------------------------------------------- */
 

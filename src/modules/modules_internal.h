@@ -53,7 +53,9 @@ double apc_reading_take(struct apc_reading *reading, apc_ns t, double value, apc
 struct apc_controller {
     const struct apc_law *law;
     struct apc_dim dim;
-    size_t n_x, n_tuning;      /* of the whole law: n_tuning of each output times nu */
+    size_t n_x, n_tuning; /* of the whole law: n_tuning of each output times nu */
+    double *constant;     /* [n_constant] what the law was configured with */
+    size_t n_constant;
     double dim_mark, law_mark; /* whole numbers by which stored rows are known; see controller_rows.c */
     double Ts;
     apc_ns horizon, hold;
@@ -66,6 +68,7 @@ struct apc_controller {
     double *trial;              /* what the law asks for now */
     double *tuning, *offered;   /* in force; wanted by the operator */
     double *low, *high, *fault; /* [nu] */
+    unsigned *limited;          /* [nu] enum apc_limited of trial */
 
     int64_t *marks;         /* all the seqs below */
     int64_t *y_seq, *z_seq; /* of y and z */
@@ -79,20 +82,21 @@ struct apc_controller {
     bool mode_written; /* the actual mode stands in the store */
     bool have_u;       /* u holds an output */
     bool have_y;       /* y and z hold a measurement */
+    bool begun;        /* x was filled from a measurement, or taken over */
+    bool gap;          /* the measurement was away since x was updated */
     bool by_law;       /* u was computed by the law from y and z */
     bool on_track;     /* x goes on from the last output: computing makes no bump */
     bool resumed;      /* x, y, z, u are a former run's, whose last update is still due */
     bool update_due;
     bool holding, faulted;
     apc_ns hold_since;
+    uint64_t failures; /* how often the law gave no finite number */
     apc_ns resumed_at; /* source time of the former run's last output; 0: none */
     char trouble[64];  /* why there is no usable measurement */
 };
 
 /** Work out the marks of law and dimensions. */
 void apc_controller_mark(struct apc_controller *c);
-/** The law's state to what it is before the first tick. */
-void apc_controller_reset(struct apc_controller *c);
 /** @p u [nu] into the limits of the outputs. */
 void apc_controller_limit(const struct apc_controller *c, double *u);
 /** The rows of an output: the actuators and what a restart needs. Returns how many. */
