@@ -89,15 +89,18 @@ static int allocate(struct analysis *z)
     return 0;
 }
 
-static bool take(const struct apc_param *table, size_t n, const char *name, size_t length, double value,
-                 double *values, const struct apc_param **found)
+/* The variable of that name, its place in *value; those of a table that is none are x1, x2, ... */
+static bool find(const struct apc_param *table, char letter, size_t n, const char *name, double *values,
+                 double **value, const struct apc_param **found)
 {
-    for (size_t i = 0; table && i < n; i++) {
-        if (strlen(table[i].name) != length || strncmp(table[i].name, name, length) != 0)
-            continue;
-        *found = &table[i];
-        values[i] = value;
-        return true;
+    static const struct apc_param unnamed = {"value", "", "", 0, -APC_VALUE_MAX, APC_VALUE_MAX};
+    for (size_t i = 0; i < n; i++) {
+        char text[24];
+        snprintf(text, sizeof text, "%c%zu", letter, i + 1);
+        *value = &values[i];
+        *found = table ? &table[i] : &unnamed;
+        if (strcmp(table ? table[i].name : text, name) == 0)
+            return true;
     }
     return false;
 }
@@ -106,26 +109,24 @@ static bool take(const struct apc_param *table, size_t n, const char *name, size
 static int set(const struct cli *cli, struct analysis *z, const char *text)
 {
     const struct apc_model *m = z->model;
-    const struct apc_param *found = NULL;
+    const struct apc_param *found;
     const char *equals = strchr(text, '=');
-    size_t length = equals ? (size_t)(equals - text) : 0;
-    double value;
+    char name[64];
+    double *at, value;
 
     if (!equals || apc_number_parse(equals + 1, &value) < 0)
         return cli_usage(cli, "\"%s\": expected NAME=VALUE with a finite number", text);
-    if (!take(m->param, m->np, text, length, value, z->p, &found) &&
-        !take(m->input, m->nu, text, length, value, z->u, &found) &&
-        !take(m->disturbance, m->nd, text, length, value, z->u + m->nu, &found) &&
-        !take(m->state, m->nx, text, length, value, z->x, &found)) {
-        cli_error(cli, APC_ENOTFOUND, "%s has no \"%.*s\"; `apc plants %s` shows what it has", m->name,
-                  (int)length, text, m->name);
-        return EXIT_ERROR;
-    }
-    if (value < found->low || value > found->high) {
-        cli_error(cli, APC_ERANGE, "%s of %s is %g; it must lie in %g to %g", found->name, m->name, value,
-                  found->low, found->high);
-        return EXIT_ERROR;
-    }
+    snprintf(name, sizeof name, "%.*s", (int)(equals - text), text);
+    if (!find(m->param, 'p', m->np, name, z->p, &at, &found) &&
+        !find(m->input, 'u', m->nu, name, z->u, &at, &found) &&
+        !find(m->disturbance, 'd', m->nd, name, z->u + m->nu, &at, &found) &&
+        !find(m->state, 'x', m->nx, name, z->x, &at, &found))
+        return cli_error(cli, APC_ENOTFOUND, "%s has no \"%s\"; `apc plants %s` shows what it has", m->name,
+                         name, cli->args[0]);
+    if (value < found->low || value > found->high)
+        return cli_error(cli, APC_EINVAL, "%s of %s is %g; it must lie in %g to %g", name, m->name, value,
+                         found->low, found->high);
+    *at = value;
     return EXIT_OK;
 }
 
@@ -163,7 +164,7 @@ static int analyse(const struct cli *cli, struct analysis *z, bool here)
 
 /* ---- Showing it ---------------------------------------------------------------------------- */
 
-/* Names of one kind of variable; those of a model without them are x1, x2, ... */
+/* Names of one kind of variable, or of inputs and disturbances after them. */
 struct names {
     char letter;
     const struct apc_param *table, *more; /* the first @n of table, then those of more */
@@ -172,10 +173,12 @@ struct names {
 
 static const char *name_of(const struct names *names, size_t i, char text[24])
 {
-    const struct apc_param *table = i < names->n ? names->table : names->more;
+    bool first = i < names->n;
+    const struct apc_param *table = first ? names->table : names->more;
+    i -= first ? 0 : names->n;
     if (table)
-        return table[i < names->n ? i : i - names->n].name;
-    snprintf(text, 24, "%c%zu", names->letter, i + 1);
+        return table[i].name;
+    snprintf(text, 24, "%c%zu", first ? names->letter : 'd', i + 1);
     return text;
 }
 

@@ -19,6 +19,7 @@ static const struct cli_spec spec = {
 /* One table of a model. */
 struct kind {
     const char *name, *names; /* "state", "states" */
+    char letter;
     const struct apc_param *table;
     size_t n;
     bool named_only; /* it has no values */
@@ -27,11 +28,11 @@ struct kind {
 
 static void kinds_of(const struct apc_model *m, struct kind kinds[KINDS])
 {
-    kinds[0] = (struct kind){"parameter", "parameters", m->param, m->np, false};
-    kinds[1] = (struct kind){"state", "states", m->state, m->nx, false};
-    kinds[2] = (struct kind){"input", "inputs", m->input, m->nu, false};
-    kinds[3] = (struct kind){"disturbance", "disturbances", m->disturbance, m->nd, false};
-    kinds[4] = (struct kind){"output", "outputs", m->output, m->ny, true};
+    kinds[0] = (struct kind){"parameter", "parameters", 'p', m->param, m->np, false};
+    kinds[1] = (struct kind){"state", "states", 'x', m->state, m->nx, false};
+    kinds[2] = (struct kind){"input", "inputs", 'u', m->input, m->nu, false};
+    kinds[3] = (struct kind){"disturbance", "disturbances", 'd', m->disturbance, m->nd, false};
+    kinds[4] = (struct kind){"output", "outputs", 'y', m->output, m->ny, true};
 }
 
 static const char *text_of(const char *text)
@@ -122,8 +123,10 @@ static int show_text(const struct apc_model *m)
     print_table_open(&table, columns, 7);
     for (size_t k = 0; k < KINDS; k++)
         for (size_t i = 0; i < kinds[k].n; i++) {
-            static const struct apc_param unnamed = {"(unnamed)", "", "", 0, -APC_VALUE_MAX, APC_VALUE_MAX};
+            char name[24]; /* by which `apc linearize` knows one without */
+            const struct apc_param unnamed = {name, "", "", 0, -APC_VALUE_MAX, APC_VALUE_MAX};
             const struct apc_param *p = kinds[k].table ? &kinds[k].table[i] : &unnamed;
+            snprintf(name, sizeof name, "%c%zu", kinds[k].letter, i + 1);
             bool value = !kinds[k].named_only;
             print_cell(&table, PRINT_PLAIN, "%s", i ? "" : kinds[k].names);
             print_cell(&table, PRINT_PLAIN, "%s", p->name);
