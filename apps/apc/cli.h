@@ -105,5 +105,7 @@ int command_watch(int argc, char **argv);
 int command_history(int argc, char **argv);
 int command_timing(int argc, char **argv);
 int command_report(int argc, char **argv);
+int command_plants(int argc, char **argv);
+int command_linearize(int argc, char **argv);
 
 #endif

@@ -21,6 +21,8 @@ static const struct {
     {"history", command_history, "past values of a variable, or events"},
     {"timing", command_timing, "how well the tasks keep time: lateness, jitter, run time, missed ticks"},
     {"report", command_report, "draw the report of a run again"},
+    {"plants", command_plants, "the plants there are: their parameters, states, inputs, outputs"},
+    {"linearize", command_linearize, "the linear model of a plant: matrices, poles, zeros, gains"},
 };
 
 static void usage(FILE *out)

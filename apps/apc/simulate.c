@@ -17,6 +17,7 @@
 struct simulate_options {
     double duration; /* s; 0: the file's */
     uint64_t seed;
+    bool seeded;         /* --seed was given */
     unsigned runs, jobs; /* runs 0: one, and no campaign */
     const char *csv, *report, *net, *compare;
     struct experiment_overrides overrides;
@@ -25,7 +26,7 @@ struct simulate_options {
 enum { OPT_CSV = 0x500, OPT_LAW, OPT_PLANT, OPT_NET, OPT_COMPARE };
 
 static const struct argp_option option_list[] = {
-    {"seed", 's', "N", 0, "Of everything random, 0 to 2^64 - 1; default 1", 0},
+    {"seed", 's', "N", 0, "Of everything random, 0 to 2^64 - 1, instead of the file's", 0},
     {"duration", 'd', "SECONDS", 0, "How long to simulate instead of the file's duration", 0},
     {"csv", OPT_CSV, "FILE", 0, "Write the samples (of --runs: the figures of each run) there; - is stdout",
      0},
@@ -63,6 +64,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case 's':
         if (!parse_whole(arg, 0, UINT64_MAX, &o->seed))
             argp_error(state, "--seed \"%s\": must be a whole number, 0 to 18446744073709551615", arg);
+        o->seeded = true;
         break;
     case 'd':
         if (apc_number_parse(arg, &o->duration) < 0 || !(o->duration > 0) || o->duration > 366 * 86400.0)
@@ -99,8 +101,6 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case ARGP_KEY_END:
         if (o->runs && (o->report || o->compare))
             argp_error(state, "--runs: a campaign has no single run to %s", o->report ? "report" : "compare");
-        if (o->runs && o->runs - 1 > UINT64_MAX - o->seed)
-            argp_error(state, "--seed: %u seeds from there go beyond 18446744073709551615", o->runs);
         break;
     default:
         return ARGP_ERR_UNKNOWN;
@@ -285,8 +285,15 @@ static int simulate(struct simulate *r)
         cli_error(&r->cli, APC_EINVAL, "%s has no duration: give --duration SECONDS", r->cli.args[0]);
         return APC_EINVAL;
     }
+    if (!r->options.seeded)
+        r->options.seed = r->e.seed;
     if (!r->options.runs)
         return simulate_once(r);
+    if (r->options.runs - 1 > UINT64_MAX - r->options.seed) {
+        cli_error(&r->cli, APC_ERANGE, "--runs %u: so many seeds from %llu on go beyond 18446744073709551615",
+                  r->options.runs, (unsigned long long)r->options.seed);
+        return APC_ERANGE;
+    }
     const struct campaign_options campaign = {.seed = r->options.seed,
                                               .runs = r->options.runs,
                                               .jobs = r->options.jobs,
@@ -298,7 +305,7 @@ static int simulate(struct simulate *r)
 
 int command_simulate(int argc, char **argv)
 {
-    struct simulate r = {.options = {.seed = 1}};
+    struct simulate r = {.options = {.seed = 0}};
     cli_parse(&r.cli, &spec, &r.options, argc, argv);
     r.talk = r.options.csv && !strcmp(r.options.csv, "-") ? stderr : stdout;
     int rc = simulate(&r);

@@ -393,7 +393,9 @@ int simulation_create(struct simulation *s, const struct experiment *e, uint64_t
                                                   .steps = e->scheduler.steps,
                                                   .sequence = e->scheduler.sequence,
                                                   .repeat = e->scheduler.repeat};
-    if ((rc = cores_plant(e, seed, &s->plant, &s->server, why)) < 0 ||
+    struct experiment seeded = *e;
+    seeded.seed = seed;
+    if ((rc = experiment_plant(&seeded, &s->plant, &s->server, why)) < 0 ||
         (rc = cores_controller(e, &s->controller, why)) < 0 ||
         (rc = cores_client(e, NULL, SIMULATION_BEGIN, &s->client, why)) < 0 ||
         (rc = make_link(s, seed, why)) < 0)

@@ -7,7 +7,7 @@
 
 #include <apcsockets.h>
 
-#include "settings.h"
+#include "experiment_plant.h"
 
 #define SIGNALS_MAX 4096
 #define PHASE_MAX_S 3600.0
@@ -53,6 +53,8 @@ static void read_signal(struct settings *s, const config_setting_t *group, enum 
                         struct signal *signal)
 {
     static const char *const known[] = {"name", "unit", "description", "low", "high", NULL};
+    static const char *const known_sensor[] = {"name",  "unit",    "description", "low", "high",
+                                               "noise", "quantum", "faults",      NULL};
     static const char *const known_output[] = {"name", "unit", "description", "low",
                                                "high", "safe", "fault",       NULL};
     struct apc_tag *tag = &signal->tag;
@@ -62,7 +64,10 @@ static void read_signal(struct settings *s, const config_setting_t *group, enum 
         settings_fail(s, group, "expected a group: { name = \"...\"; ... }");
         return;
     }
-    settings_known(s, group, table == APC_ACTUATOR ? known_output : known);
+    settings_known(s, group,
+                   table == APC_ACTUATOR ? known_output
+                   : table == APC_SENSOR ? known_sensor
+                                         : known);
     settings_text(s, group, "name", REQUIRED, tag->name, sizeof tag->name);
     settings_text(s, group, "unit", OPTIONAL, tag->unit, sizeof tag->unit);
     settings_text(s, group, "description", OPTIONAL, tag->description, sizeof tag->description);
@@ -156,12 +161,15 @@ static void read_model(struct settings *s, const config_setting_t *group, struct
     const config_setting_t *x0 = config_setting_get_member(group, "x0");
     if (x0 && !override && (e->plant.x0 = array(s, model->nx, sizeof *e->plant.x0)))
         settings_numbers(s, x0, model->nx, e->plant.x0);
+    experiment_read_dynamics(s, group, e, override != NULL);
 }
 
 static void read_plant(struct settings *s, const config_setting_t *root, struct experiment *e,
                        bool resolve_model, const char *override)
 {
-    static const char *const known[] = {"model", "parameters", "x0", "listen", RHYTHM, NULL};
+    static const char *const known[] = {"model",        "parameters", "x0",    "listen",    "integrator",
+                                        "rtol",         "atol",       "steps", "dead_time", "noise",
+                                        "disturbances", RHYTHM,       NULL};
     const config_setting_t *group = settings_group(s, root, "plant", REQUIRED);
     if (!group)
         return;
@@ -275,20 +283,24 @@ static void read_scheduler(struct settings *s, const config_setting_t *root, str
 static void read_root(struct settings *s, const config_setting_t *root, struct experiment *e, unsigned parts,
                       const struct experiment_overrides *overrides)
 {
-    static const char *const known[] = {"name",    "title", "duration", "measurements", "setpoints",
-                                        "outputs", "plant", "client",   "controller",   "scheduler",
-                                        "network", "clock", NULL};
+    static const char *const known[] = {"name",      "title",   "duration", "seed",   "measurements",
+                                        "setpoints", "outputs", "plant",    "client", "controller",
+                                        "scheduler", "network", "clock",    NULL};
+    double seed = 1;
     settings_known(s, root, known);
     settings_text(s, root, "name", REQUIRED, e->name, sizeof e->name);
     snprintf(e->title, sizeof e->title, "%s", e->name);
     settings_text(s, root, "title", OPTIONAL, e->title, sizeof e->title);
     settings_number(s, root, "duration", OPTIONAL, 0, 366 * 86400.0, &e->duration);
+    settings_number(s, root, "seed", OPTIONAL, 0, 9007199254740992.0, &seed); /* 2^53: exact as a double */
+    e->seed = (uint64_t)seed;
     e->dim.ny = read_signals(s, root, "measurements", APC_SENSOR, &e->y);
+    experiment_read_sensors(s, config_setting_get_member(root, "measurements"), e);
     e->dim.nz = read_signals(s, root, "setpoints", APC_SETPOINT, &e->z);
     e->dim.nu = read_signals(s, root, "outputs", APC_ACTUATOR, &e->u);
-    read_plant(s, root, e, (parts & EXPERIMENT_MODEL) != 0, overrides ? overrides->model : NULL);
     read_client(s, root, e);
     read_controller(s, root, e, (parts & EXPERIMENT_LAW) != 0, overrides ? overrides->law : NULL);
+    read_plant(s, root, e, (parts & EXPERIMENT_MODEL) != 0, overrides ? overrides->model : NULL);
     read_scheduler(s, root, e);
     models_read(s, root, &e->models);
 }
@@ -324,6 +336,10 @@ void experiment_free(struct experiment *e)
     free(e->u);
     free(e->plant.p);
     free(e->plant.x0);
+    free(e->plant.noise);
+    free(e->plant.disturbance);
+    free(e->sensor);
+    free(e->faults);
     free(e->controller.tuning);
     free(e->scheduler.sequence);
     models_free(&e->models);
