@@ -50,6 +50,7 @@ int cores_plant(const struct experiment *e, uint64_t seed, struct apc_plant **pl
 int cores_controller(const struct experiment *e, struct apc_controller **controller, struct apc_error *why)
 {
     const apc_ns client = e->client.rhythm.period, plant = e->plant.rhythm.period;
+    const struct apc_law_setup setup = experiment_law_setup(e);
     struct outputs o;
     int rc = read_outputs(e, &o, why);
     if (rc < 0)
@@ -64,6 +65,9 @@ int cores_controller(const struct experiment *e, struct apc_controller **control
         .fault = o.fault,
         .low = o.low,
         .high = o.high,
+        .n_setting = e->controller.n_setting,
+        .setting = e->controller.setting,
+        .plant = setup.plant,
     };
     rc = apc_controller_create(controller, &options, why);
     free(o.low);

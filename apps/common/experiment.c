@@ -7,6 +7,7 @@
 
 #include <apcsockets.h>
 
+#include "experiment_law.h"
 #include "settings.h"
 
 #define SIGNALS_MAX 4096
@@ -209,7 +210,8 @@ static void read_law(struct settings *s, const config_setting_t *group, struct e
 static void read_controller(struct settings *s, const config_setting_t *root, struct experiment *e,
                             bool resolve_law, const char *override)
 {
-    static const char *const known[] = {"law", "period", "phase", "tuning", "mode", "hold", NULL};
+    static const char *const known[] = {"law",  "period",   "phase",           "tuning", "mode",
+                                        "hold", "settings", "operating_point", NULL};
     const config_setting_t *group = settings_group(s, root, "controller", REQUIRED);
     char mode[16] = "Auto";
     double hold_s;
@@ -270,10 +272,13 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     e->dim.ny = read_signals(s, root, "measurements", APC_SENSOR, &e->y);
     e->dim.nz = read_signals(s, root, "setpoints", APC_SETPOINT, &e->z);
     e->dim.nu = read_signals(s, root, "outputs", APC_ACTUATOR, &e->u);
-    read_plant(s, root, e, (parts & EXPERIMENT_MODEL) != 0, overrides ? overrides->model : NULL);
+    read_plant(s, root, e,
+               (parts & EXPERIMENT_MODEL) || ((parts & EXPERIMENT_LAW) && experiment_wants_model(root)),
+               overrides ? overrides->model : NULL);
     read_client(s, root, e);
     read_controller(s, root, e, (parts & EXPERIMENT_LAW) != 0, overrides ? overrides->law : NULL);
     read_scheduler(s, root, e);
+    experiment_read_law(s, root, e, overrides);
 }
 
 int experiment_load(struct experiment *e, const char *file, unsigned parts,
@@ -308,6 +313,7 @@ void experiment_free(struct experiment *e)
     free(e->plant.p);
     free(e->plant.x0);
     free(e->controller.tuning);
+    experiment_free_law(e);
     free(e->scheduler.sequence);
     apc_plugin_close(e->model_handle);
     apc_plugin_close(e->law_handle);
