@@ -95,6 +95,7 @@ int cli_variables(const struct cli *cli, const struct cli_tags *tags, const enum
 
 int command_init(int argc, char **argv);
 int command_run(int argc, char **argv);
+int command_simulate(int argc, char **argv);
 int command_status(int argc, char **argv);
 int command_get(int argc, char **argv);
 int command_set(int argc, char **argv);
@@ -104,5 +105,7 @@ int command_watch(int argc, char **argv);
 int command_history(int argc, char **argv);
 int command_timing(int argc, char **argv);
 int command_report(int argc, char **argv);
+int command_plants(int argc, char **argv);
+int command_linearize(int argc, char **argv);
 
 #endif

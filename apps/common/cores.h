@@ -7,9 +7,7 @@
 
 #include "experiment.h"
 
-/* All return 0 or a negative error with its text in why. The plant outlives its server. */
-int cores_plant(const struct experiment *e, uint64_t seed, struct apc_plant **plant,
-                struct apc_plantserver **server, struct apc_error *why);
+/* All return 0 or a negative error with its text in why. The plant's is experiment_plant(). */
 int cores_controller(const struct experiment *e, struct apc_controller **controller, struct apc_error *why);
 int cores_client(const struct experiment *e, const int64_t *last, apc_ns since, struct apc_client **client,
                  struct apc_error *why);

@@ -349,6 +349,7 @@ int daemon_run(struct daemon *d, struct rhythm rhythm, apc_task_fn tick, void *c
                                              .period = rhythm.period,
                                              .start = d->start + rhythm.phase,
                                              .aligned = true,
+                                             .overrun = rhythm.overrun,
                                              .spin = d->options.spin};
     struct apc_task *task = NULL;
     struct apc_error why;

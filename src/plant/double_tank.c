@@ -18,8 +18,8 @@ static const struct apc_param param[] = {
     {"g", "m/s2", "gravity", 9.81, 0.0, 1e3},
 };
 static const struct apc_param state[] = {
-    {"h1", "m", "level of tank 1", 0.0, 0.0, APC_UNLIMITED},
-    {"h2", "m", "level of tank 2", 0.0, 0.0, APC_UNLIMITED},
+    {"h1", "m", "level of tank 1", 0.0, 0.0, APC_VALUE_MAX},
+    {"h2", "m", "level of tank 2", 0.0, 0.0, APC_VALUE_MAX},
 };
 static const struct apc_param input[] = {{"u", "V", "pump voltage", 10.0, 0.0, 20.0}};
 static const struct apc_param disturbance[] = {{"leak", "m3/s", "drawn from tank 2", 0.0, 0.0, 1.0}};

@@ -7,7 +7,7 @@ static const struct apc_param param[] = {
     {"tau", "s", "time constant", 10.0, 1e-6, 1e9},
 };
 
-static const struct apc_param state[] = {{"x", "", "state", 0.0, -APC_UNLIMITED, APC_UNLIMITED}};
+static const struct apc_param state[] = {{"x", "", "state", 0.0, -APC_VALUE_MAX, APC_VALUE_MAX}};
 static const struct apc_param input[] = {{"u", "", "manipulated variable", 0.0, -10.0, 10.0}};
 static const struct apc_param output[] = {{"y", "", "measurement", 0.0, 0.0, 0.0}};
 

@@ -18,10 +18,10 @@ static const struct apc_param param[] = {
     {"g", "m/s2", "gravity", 9.8, 0.0, 1e3},
 };
 static const struct apc_param state[] = {
-    {"s", "m", "position of the cart", 0.0, -APC_UNLIMITED, APC_UNLIMITED},
-    {"v", "m/s", "speed of the cart", 0.0, -APC_UNLIMITED, APC_UNLIMITED},
-    {"phi", "rad", "angle of the pendulum from upright", 0.0, -APC_UNLIMITED, APC_UNLIMITED},
-    {"omega", "rad/s", "angular speed of the pendulum", 0.0, -APC_UNLIMITED, APC_UNLIMITED},
+    {"s", "m", "position of the cart", 0.0, -APC_VALUE_MAX, APC_VALUE_MAX},
+    {"v", "m/s", "speed of the cart", 0.0, -APC_VALUE_MAX, APC_VALUE_MAX},
+    {"phi", "rad", "angle of the pendulum from upright", 0.0, -APC_VALUE_MAX, APC_VALUE_MAX},
+    {"omega", "rad/s", "angular speed of the pendulum", 0.0, -APC_VALUE_MAX, APC_VALUE_MAX},
 };
 static const struct apc_param input[] = {{"F", "N", "force on the cart", 0.0, -100.0, 100.0}};
 static const struct apc_param disturbance[] = {{"push", "N", "another force on the cart", 0.0, -1e3, 1e3}};

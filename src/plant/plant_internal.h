@@ -59,8 +59,7 @@ extern const struct apc_model apc_model_servo, apc_model_double_tank, apc_model_
     apc_model_quadruple_tank, apc_model_quadruple_tank_nonminimum, apc_model_four_tank,
     apc_model_van_de_vusse, apc_model_adiabatic_cstr, apc_model_temperature_lab;
 
-#define APC_UNLIMITED 1e299  /* of a range without an end */
-#define APC_KELVIN    273.15 /* 0 degC */
+#define APC_KELVIN 273.15 /* 0 degC */
 
 /** Flow out of a hole of @p area under a level @p h: Torricelli. An empty tank gives nothing. */
 static inline double apc_outflow(double area, double gravity, double h)

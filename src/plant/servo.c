@@ -12,8 +12,8 @@ static const struct apc_param param[] = {
     {"tau", "s", "time constant", 1.0, 1e-6, 1e6},
 };
 static const struct apc_param state[] = {
-    {"angle", "rad", "angle", 0.0, -APC_UNLIMITED, APC_UNLIMITED},
-    {"speed", "rad/s", "angular speed", 0.0, -APC_UNLIMITED, APC_UNLIMITED},
+    {"angle", "rad", "angle", 0.0, -APC_VALUE_MAX, APC_VALUE_MAX},
+    {"speed", "rad/s", "angular speed", 0.0, -APC_VALUE_MAX, APC_VALUE_MAX},
 };
 static const struct apc_param input[] = {{"u", "V", "voltage", 0.0, -10.0, 10.0}};
 static const struct apc_param disturbance[] = {{"load", "V", "load torque, as voltage", 0.0, -10.0, 10.0}};
