@@ -27,7 +27,7 @@ enum { OPT_START = 0x100, OPT_LOG_LEVEL, OPT_SPIN, OPT_HOLD_LATENCY };
 static const struct argp_option common_options[] = {
     {"config", 'c', "FILE", 0, "Experiment file [APC_CONFIG]", 0},
     {"store", 's', "URI", 0,
-     "Shared data, e.g. postgresql://host/db#schema [APC_STORE]; default postgresql:", 0},
+     "Shared data: postgresql://host/db#schema, sqlite:FILE [APC_STORE]; default postgresql:", 0},
     {"timer", 't', "NAME", 0, "Executive: deadline (default) or posix", 0},
     {"spin", OPT_SPIN, NULL, 0, "Spin for the last microseconds before a tick (deadline only)", 0},
     {"hold-latency", OPT_HOLD_LATENCY, NULL, 0, "Hold /dev/cpu_dma_latency at 0: idle CPUs stay awake", 0},
