@@ -197,6 +197,7 @@ static int start_daemons(struct run *r)
         s->child[2].extra[1] = r->options.overrides.law;
     }
     setenv("APC_STORE", r->cli.store, 1); /* not in argv, where everybody could read a password */
+    setenv("APC_SPOOL", r->dir, 1);
     r->start = (apc_clock_utc(NULL) + LEAD + APC_NS_PER_S - 1) / APC_NS_PER_S * APC_NS_PER_S;
     r->begin = r->start - apc_clock_offset(NULL, NULL);
     r->finish = r->e.duration > 0 ? r->begin + (apc_ns)(r->e.duration * 1e9) : 0;
