@@ -20,6 +20,7 @@ static const struct {
     {"history", command_history, "past values of a variable, or events"},
     {"timing", command_timing, "how well the tasks keep time: lateness, jitter, run time, missed ticks"},
     {"report", command_report, "draw the report of a run again"},
+    {"drain", command_drain, "store what daemons kept back while the store was away"},
 };
 
 static void usage(FILE *out)

@@ -413,16 +413,17 @@ static int keep(struct spooling *s, enum apc_spool_kind kind, const void *items,
     return 0;
 }
 
-/* The store first, when nothing waits; else, or when it is away, the spool. @p rc is what the store said. */
+/* @p sent: the store was asked, and may have it. */
 static int spool(struct spooling *s, enum apc_spool_kind kind, const void *items, size_t n, bool sent)
 {
     int rc = keep(s, kind, items, n, sent);
+    const struct apc_error why = s->base.why;
+    int left = drain(s); /* also when it is full: there may be room the next time */
     if (rc < 0) {
-        (void)drain(s); /* that there may be room the next time */
+        s->base.why = why;
         return rc;
     }
-    rc = drain(s);
-    return rc < 0 && !is_away(rc) ? rc : (int)n;
+    return left < 0 && !is_away(left) ? left : (int)n;
 }
 
 static int append(struct apc_store *store, const struct apc_sample *samples, size_t n)
