@@ -102,6 +102,8 @@ static int read_u(struct shell *s)
 static int append(struct shell *s, size_t n)
 {
     int rc = apc_store_append(s->store, s->y, n);
+    if (rc == APC_EBUSY || rc == APC_ECONFLICT || rc == APC_ESCHEMA) /* the end, which says why */
+        return rc;
     if (rc < 0) {
         if (s->lost == 0)
             daemon_event(s->d, APC_EVENT_ALARM, "store", "measurements are being lost: %.150s",

@@ -112,6 +112,7 @@ APC_API void apc_store_stats(const struct apc_store *store, struct apc_store_sta
  * - apc_store_read() gives, while the store is away, what was last read or appended through this store, with
  *   its own seq and time, and status UncertainLastUsableValue unless it is worse; APC_ECONN if one of the
  *   variables was never seen.
+ * - APC_EBUSY, APC_ESCHEMA and APC_ECONFLICT from an append, met while draining, leave its rows in the spool.
  * - A spool that is full keeps what it has: a new append is then refused with APC_ESTORE, and counted in
  *   `refused`. What was acknowledged is never thrown away.
  * - Samples drain once: see apc_store_append(). A sample whose seq another writer took meanwhile, with

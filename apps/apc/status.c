@@ -250,6 +250,8 @@ static int show_spools(const struct status *s, bool colour)
                                                   {"OLDEST", PRINT_RIGHT}};
     char text[PRINT_LEN];
     struct print_table table;
+    if (s->spools.n == 0)
+        return 0;
     print_table_open(&table, columns, 5);
     for (size_t i = 0; i < s->spools.n; i++) {
         const struct apc_spool_stats *w = &s->spools.info[i].stats;
@@ -261,7 +263,7 @@ static int show_spools(const struct status *s, bool colour)
         print_cell(&table, ink, "%s", w->oldest ? print_duration(s->now - w->oldest, text) : "-");
     }
     putchar('\n');
-    int rc = s->spools.n > 0 ? print_table_show(&table, stdout, colour, 0, "\n") : 0;
+    int rc = print_table_show(&table, stdout, colour, 0, "\n");
     print_table_close(&table);
     return rc;
 }

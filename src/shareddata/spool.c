@@ -168,11 +168,11 @@ static int reserve_writing(struct writing *w, size_t n)
     return 0;
 }
 
-static void wrote(struct spooling *s, const struct apc_sample *samples, size_t n)
+/* These seqs are used up, whether the samples will be stored or not. */
+static void use_up(struct spooling *s, const struct apc_sample *samples, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
         struct writing *w = &s->writing[samples[i].table];
-        see(s, &samples[i]);
         if (samples[i].id >= 1 && (size_t)samples[i].id <= w->n &&
             samples[i].seq > w->last[samples[i].id - 1]) {
             w->last[samples[i].id - 1] = samples[i].seq;
@@ -185,14 +185,16 @@ static int recovered(void *ctx, enum apc_spool_kind kind, const struct apc_sampl
 {
     struct spooling *s = (struct spooling *)ctx;
     if (!apc_table_known(sample->table) || sample->id < 0) {
-        return apc_fail(&s->base.why, APC_EPROTO, "spool %s: written by another version of libapc",
-                        s->file.path);
+        return APC_EPROTO;
     }
     if (kind == APC_SPOOL_BASE && sample->id >= 1 &&
         reserve_writing(&s->writing[sample->table], (size_t)sample->id) != 0) {
         return APC_ENOMEM;
     }
-    wrote(s, sample, kind == APC_SPOOL_BASE && sample->seq == 0 ? 0 : 1);
+    use_up(s, sample, 1);
+    if (kind == APC_SPOOL_SAMPLES) {
+        see(s, sample);
+    }
     return 0;
 }
 
@@ -349,7 +351,10 @@ static int drain_batch(struct spooling *s)
     if (rc < 0) {
         return rc;
     }
-    if (s->batch.n > 0) {
+    if (s->batch.n == 0) { /* only how far the writer was, which the store knows, if it is there */
+        apc_ns began = apc_clock_mono(NULL);
+        rc = answered(s, apc_store_connect(s->inner), began);
+    } else {
         rc = s->batch.kind == APC_SPOOL_EVENTS ? drain_events(s) : drain_samples(s);
     }
     if (is_away(rc) && s->unsure < s->batch.end) {
@@ -413,7 +418,8 @@ static int keep(struct spooling *s, enum apc_spool_kind kind, const void *items,
     return 0;
 }
 
-/* @p sent: the store was asked, and may have it. */
+/* @p sent: the store was asked, and may have it. What tells the writer to stop is said although the record is
+ * safe; that the store refuses a part of what waits is not: it goes on waiting. */
 static int spool(struct spooling *s, enum apc_spool_kind kind, const void *items, size_t n, bool sent)
 {
     int rc = keep(s, kind, items, n, sent);
@@ -423,7 +429,7 @@ static int spool(struct spooling *s, enum apc_spool_kind kind, const void *items
         s->base.why = why;
         return rc;
     }
-    return left < 0 && !is_away(left) ? left : (int)n;
+    return left == APC_EBUSY || left == APC_ECONFLICT || left == APC_ESCHEMA ? left : (int)n;
 }
 
 static int append(struct apc_store *store, const struct apc_sample *samples, size_t n)
@@ -431,6 +437,7 @@ static int append(struct apc_store *store, const struct apc_sample *samples, siz
     struct spooling *s = of(store);
     bool direct = apc_spool_empty(&s->file) && !is_quiet(s);
     int rc = APC_ECONN;
+    use_up(s, samples, n);
     if (direct) {
         apc_ns began = apc_clock_mono(NULL);
         rc = answered(s, apc_store_append(s->inner, samples, n), began);
@@ -438,8 +445,8 @@ static int append(struct apc_store *store, const struct apc_sample *samples, siz
     if (is_away(rc)) {
         rc = spool(s, APC_SPOOL_SAMPLES, samples, n, direct);
     }
-    if (rc >= 0) {
-        wrote(s, samples, n);
+    for (size_t i = 0; rc >= 0 && i < n; i++) {
+        see(s, &samples[i]);
     }
     return rc;
 }

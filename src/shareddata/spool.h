@@ -41,9 +41,9 @@ struct apc_spool_file {
 /** Records of one kind from the head on, as many as make a batch. Memory is kept and only grows. */
 struct apc_spool_batch {
     enum apc_spool_kind kind;
-    uint64_t begin, end; /* in the file */
-    size_t n, capacity;
-    struct apc_sample *samples; /* one of these two */
+    uint64_t begin, end;           /* in the file */
+    size_t n, n_samples, n_events; /* used; there is room for */
+    struct apc_sample *samples;    /* one of these two */
     struct apc_event *events;
 };
 

@@ -495,20 +495,22 @@ int apc_spool_put(struct apc_spool_file *file, enum apc_spool_kind kind, const v
 
 /* ---- Draining ------------------------------------------------------------------------------- */
 
-static int batch_reserve(struct apc_spool_batch *b, enum apc_spool_kind kind, size_t n)
+static int reserve_batch(struct apc_spool_batch *b, enum apc_spool_kind kind, size_t n)
 {
-    if (n > b->capacity || !b->samples || !b->events) {
-        size_t capacity = n > BATCH ? n : BATCH;
+    size_t capacity = n > BATCH ? n : BATCH;
+    if (kind == APC_SPOOL_EVENTS && n > b->n_events) {
+        struct apc_event *events = realloc(b->events, capacity * sizeof *events);
+        b->events = events ? events : b->events;
+        b->n_events = events ? capacity : b->n_events;
+        return events ? 0 : APC_ENOMEM;
+    }
+    if (kind != APC_SPOOL_EVENTS && n > b->n_samples) {
         struct apc_sample *samples = realloc(b->samples, capacity * sizeof *samples);
         b->samples = samples ? samples : b->samples;
-        struct apc_event *events = realloc(b->events, BATCH * sizeof *events);
-        b->events = events ? events : b->events;
-        if (!samples || !events) {
-            return APC_ENOMEM;
-        }
-        b->capacity = capacity;
+        b->n_samples = samples ? capacity : b->n_samples;
+        return samples ? 0 : APC_ENOMEM;
     }
-    return kind == APC_SPOOL_EVENTS && n > BATCH ? APC_EPROTO : 0;
+    return 0;
 }
 
 int apc_spool_peek(struct apc_spool_file *file, struct apc_spool_batch *b, struct apc_error *why)
@@ -528,7 +530,7 @@ int apc_spool_peek(struct apc_spool_file *file, struct apc_spool_batch *b, struc
             if (b->n > 0 && (record.kind != b->kind || b->n + record.n > BATCH)) {
                 return 0;
             }
-            int err = batch_reserve(b, record.kind, b->n + record.n);
+            int err = reserve_batch(b, record.kind, b->n + record.n);
             if (err) {
                 return apc_fail(why, err, "out of memory for a batch of the spool");
             }

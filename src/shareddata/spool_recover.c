@@ -134,5 +134,7 @@ int apc_spool_recover(struct apc_spool_file *file, apc_spool_fn fn, void *ctx, s
         }
     }
     file->stats.bytes = file->end - file->head;
-    return err;
+    return err == APC_EPROTO || err == APC_ENOMEM
+               ? apc_fail(why, err, "spool %s cannot be taken over: %s", file->path, apc_err_text(err))
+               : err;
 }

@@ -361,8 +361,12 @@ static void test_it_drains_in_order_and_without_duplicates(void **state)
     struct apc_store *store = open_spooled(through);
     append(store, 1, 1);
     proxy_set(proxy, PROXY_REFUSE);
-    for (int64_t seq = 2; seq <= 2500; seq++) {
-        append(store, 1, seq);
+    for (int64_t seq = 2; seq <= 2500; seq += 17) {
+        struct apc_sample s[17];
+        for (int64_t i = 0; i < 17; i++) {
+            s[i] = sample(1, seq + i, (double)((seq + i) * 10 + 1));
+        }
+        assert_int_equal(apc_store_append(store, s, 17), 17);
     }
     assert_int_equal(stats_of(store).samples, 2499);
     proxy_set(proxy, PROXY_PASS);
@@ -499,6 +503,15 @@ static void test_a_store_that_hangs_is_left_alone_for_a_while(void **state)
     apc_store_close(store);
 }
 
+static void limit_files(rlim_t size)
+{
+    struct rlimit limit;
+    signal(SIGXFSZ, SIG_IGN);
+    assert_int_equal(getrlimit(RLIMIT_FSIZE, &limit), 0);
+    limit.rlim_cur = size;
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
+}
+
 /* ---- Claims --------------------------------------------------------------------------------- */
 
 static void spool_claimed(struct apc_store *store)
@@ -536,6 +549,29 @@ static void test_a_claim_counts_the_spool_in_and_needs_it_while_the_store_is_awa
     assert_int_equal(last[0], 4);
     drain(store);
     assert_stored(4);
+    apc_store_close(store);
+}
+
+/* The store has it, its answer was lost, and the spool could not take it: nobody acknowledged it, but its seq
+ * is used up, also for the next process. */
+static void test_a_seq_that_was_sent_is_never_given_out_again(void **state)
+{
+    (void)state;
+    int64_t last;
+    struct apc_store *store = open_spooled(through);
+    ok(store, apc_store_claim(store, APC_SENSOR, 1, &last));
+    append(store, 1, 1);
+    proxy_arm(proxy, PROXY_TO_CLIENT, 0, PROXY_REFUSE);
+    struct apc_sample s = sample(1, 2, 21);
+    limit_files(APC_SPOOL_HEADER + 72); /* how far it was fits, the sample does not */
+    int rc = apc_store_append(store, &s, 1);
+    limit_files(RLIM_INFINITY);
+    assert_int_equal(rc, APC_ESTORE);
+    assert_stored(2);
+    apc_store_close(store);
+    store = open_spooled(through);
+    ok(store, apc_store_claim(store, APC_SENSOR, 1, &last));
+    assert_int_equal(last, 2);
     apc_store_close(store);
 }
 
@@ -608,15 +644,6 @@ static void test_a_full_spool_keeps_what_it_has_and_refuses_the_next(void **stat
     append(store, 1, 14);
     assert_stored(14);
     apc_store_close(store);
-}
-
-static void limit_files(rlim_t size)
-{
-    struct rlimit limit;
-    signal(SIGXFSZ, SIG_IGN);
-    assert_int_equal(getrlimit(RLIMIT_FSIZE, &limit), 0);
-    limit.rlim_cur = size;
-    assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
 }
 
 static void test_what_the_disk_does_not_take_is_not_acknowledged(void **state)
@@ -816,6 +843,7 @@ int main(void)
         ONLINE(test_a_large_spool_drains_in_portions),
         ONLINE(test_a_store_that_hangs_is_left_alone_for_a_while),
         ONLINE(test_a_claim_counts_the_spool_in_and_needs_it_while_the_store_is_away),
+        ONLINE(test_a_seq_that_was_sent_is_never_given_out_again),
         ONLINE(test_a_claim_on_trust_is_made_up_for_before_anything_drains),
         ONLINE(test_seqs_that_somebody_else_took_meanwhile_are_found_and_set_aside),
         ONLINE(test_a_full_spool_keeps_what_it_has_and_refuses_the_next),
