@@ -19,7 +19,8 @@ RUN apt-get update \
  && apt-get install -y --no-install-recommends libpq5 libsqlite3-0 libsundials-cvode6 libconfig9 libsystemd0 liblapacke libssl3 \
  && rm -rf /var/lib/apt/lists/*
 COPY --from=build /out/ /
-RUN useradd --system --uid 10001 --user-group --no-create-home --shell /usr/sbin/nologin apc
+RUN useradd --system --uid 10001 --user-group --no-create-home --shell /usr/sbin/nologin apc \
+ && install -d -m 700 -o apc -g apc /var/lib/apc
 
 FROM base AS init
 RUN apt-get update \

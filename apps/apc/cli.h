@@ -114,5 +114,6 @@ int command_maintain(int argc, char **argv);
 int command_plants(int argc, char **argv);
 int command_linearize(int argc, char **argv);
 int command_copy(int argc, char **argv);
+int command_drain(int argc, char **argv);
 
 #endif
