@@ -14,6 +14,7 @@ int main(int argc, char **argv)
     PQfinish(conn);
     bench_describe(&b, server);
     bench_postgresql(&b);
+    bench_shm(&b);
     bench_end(&b);
     return 0;
 }
