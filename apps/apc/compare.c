@@ -8,6 +8,8 @@
 #include "report_data.h"
 #include "simulation.h"
 
+static const double none = (double)NAN;
+
 /* The simulated samples of one variable. */
 struct trace {
     double *t, *value;
@@ -56,22 +58,22 @@ static double span(const struct trace *trace)
         low = fmin(low, trace->value[i]);
         high = fmax(high, trace->value[i]);
     }
-    return high > low ? high - low : (double)NAN;
+    return high > low ? high - low : none;
 }
 
-/* Of the setpoint of measurement @p id; the first from where the measurement begins. */
+/* Of the setpoint of measurement @p id; the first step is from where the measurement begins. */
 static double largest_step(const struct samples *s, int id)
 {
-    double step = NAN, before = NAN;
-    for (size_t i = 0; i < s->n; i++) {
-        const struct apc_sample *at = &s->at[i];
-        if (at->id != id || (at->table != APC_SETPOINT && !(at->table == APC_SENSOR && isnan(before))))
-            continue;
-        if (!isnan(before))
-            step = fmax(isnan(step) ? 0 : step, fabs(at->value - before));
-        before = at->value;
-    }
-    return step > 0 ? step : (double)NAN;
+    double step = none, before = none;
+    for (size_t i = 0; i < s->n && isnan(before); i++)
+        if (s->at[i].table == APC_SENSOR && s->at[i].id == id)
+            before = s->at[i].value;
+    for (size_t i = 0; i < s->n; i++)
+        if (s->at[i].table == APC_SETPOINT && s->at[i].id == id) {
+            step = fmax(step, fabs(s->at[i].value - before)); /* which is the other one when step is NAN */
+            before = s->at[i].value;
+        }
+    return step > 0 ? step : none;
 }
 
 static int compare_variable(const struct samples *simulated, const struct report_series *recorded,

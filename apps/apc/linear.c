@@ -25,7 +25,7 @@ static int eigenvalues(double *a, size_t n, double complex *value)
                  ? APC_ESOLVER
                  : 0;
     for (size_t i = 0; i < n && rc == 0; i++)
-        value[i] = CMPLX(re[i], im[i]);
+        value[i] = lapack_make_complex_double(re[i], im[i]); /* clang has no CMPLX() here */
     free(re);
     return rc;
 }

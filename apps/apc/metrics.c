@@ -8,6 +8,8 @@
 
 #define BAND 0.05 /* of the step, within which the measurement has settled */
 
+static const double none = (double)NAN;
+
 static const char *const names[METRICS] = {[METRIC_IAE] = "IAE",
                                            [METRIC_ISE] = "ISE",
                                            [METRIC_ITAE] = "ITAE",
@@ -93,16 +95,16 @@ static void take(struct loop *l, const struct apc_sample *s, double t)
 
 void metrics_of(const struct samples *s, size_t loop, apc_ns start, double end, double figure[METRICS])
 {
-    struct loop l = {.y = NAN, .r = NAN, .u = NAN, .step = NAN, .figure = figure};
+    struct loop l = {.y = none, .r = none, .u = none, .step = none, .figure = figure};
     for (int i = 0; i < METRICS; i++)
-        figure[i] = i == METRIC_OVERSHOOT || i == METRIC_SETTLING ? (double)NAN : 0;
+        figure[i] = i == METRIC_OVERSHOOT || i == METRIC_SETTLING ? none : 0;
     for (size_t i = 0; i < s->n; i++)
         if (s->at[i].id == (int)loop + 1)
             take(&l, &s->at[i], apc_ns_to_s(s->at[i].time - start));
     integrate(&l, end);
     close_step(&l);
     if (isinf(figure[METRIC_SETTLING]))
-        figure[METRIC_SETTLING] = NAN;
+        figure[METRIC_SETTLING] = none;
 }
 
 int metrics_print(const struct samples *s, const struct experiment *e, double end, FILE *out)
