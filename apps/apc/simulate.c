@@ -212,6 +212,9 @@ static void print_tasks(const struct simulate *r)
     if (r->s.held > 0)
         fprintf(r->talk, "controller: output held or at its fault value at %llu ticks\n",
                 (unsigned long long)r->s.held);
+    if (apc_controller_failures(r->s.controller) > 0)
+        fprintf(r->talk, "controller: law %s gave no finite number at %llu ticks\n",
+                r->e.controller.law->name, (unsigned long long)apc_controller_failures(r->s.controller));
 }
 
 /* What was out of the ordinary, the first few. */

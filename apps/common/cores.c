@@ -6,6 +6,7 @@
 int cores_controller(const struct experiment *e, struct apc_controller **controller, struct apc_error *why)
 {
     const apc_ns client = e->client.rhythm.period, plant = e->plant.rhythm.period;
+    const struct apc_law_setup setup = experiment_law_setup(e);
     const size_t nu = e->dim.nu;
     double *limits = calloc(4 * nu, sizeof *limits);
     if (!limits)
@@ -21,6 +22,9 @@ int cores_controller(const struct experiment *e, struct apc_controller **control
         .fault = limits + 3 * nu,
         .low = limits,
         .high = limits + nu,
+        .n_setting = setup.n_setting,
+        .setting = setup.setting,
+        .plant = setup.plant,
     };
     int rc = apc_controller_create(controller, &options, why);
     free(limits);

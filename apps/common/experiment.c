@@ -7,6 +7,7 @@
 
 #include <apcsockets.h>
 
+#include "experiment_law.h"
 #include "experiment_plant.h"
 
 #define SIGNALS_MAX 4096
@@ -233,7 +234,8 @@ static void read_law(struct settings *s, const config_setting_t *group, struct e
 static void read_controller(struct settings *s, const config_setting_t *root, struct experiment *e,
                             bool resolve_law, const char *override)
 {
-    static const char *const known[] = {"law", "tuning", "mode", "hold", RHYTHM, NULL};
+    static const char *const known[] = {"law",      "tuning",          "mode", "hold",
+                                        "settings", "operating_point", RHYTHM, NULL};
     const config_setting_t *group = settings_group(s, root, "controller", REQUIRED);
     char mode[16] = "Auto";
     double hold_s;
@@ -300,8 +302,11 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     e->dim.nu = read_signals(s, root, "outputs", APC_ACTUATOR, &e->u);
     read_client(s, root, e);
     read_controller(s, root, e, (parts & EXPERIMENT_LAW) != 0, overrides ? overrides->law : NULL);
-    read_plant(s, root, e, (parts & EXPERIMENT_MODEL) != 0, overrides ? overrides->model : NULL);
+    read_plant(s, root, e,
+               (parts & EXPERIMENT_MODEL) || ((parts & EXPERIMENT_LAW) && experiment_wants_model(root)),
+               overrides ? overrides->model : NULL);
     read_scheduler(s, root, e);
+    experiment_read_law(s, root, e, overrides);
     models_read(s, root, &e->models);
 }
 
@@ -341,6 +346,7 @@ void experiment_free(struct experiment *e)
     free(e->sensor);
     free(e->faults);
     free(e->controller.tuning);
+    experiment_free_law(e);
     free(e->scheduler.sequence);
     models_free(&e->models);
     apc_plugin_close(e->model_handle);

@@ -54,7 +54,12 @@ struct experiment {
         struct rhythm rhythm;
         char name[256]; /* of the law */
         const struct apc_law *law;
-        double *tuning; /* [dim.nu * law->n_tuning] */
+        double *tuning;              /* [dim.nu * law->n_tuning] */
+        struct apc_setting *setting; /* [n_setting] */
+        size_t n_setting;
+        double *values; /* memory of the settings */
+        double *linear; /* memory of plant; NULL: no operating point is given */
+        struct apc_law_plant plant;
         enum apc_mode mode;
         apc_ns hold;
     } controller;
@@ -82,6 +87,9 @@ struct experiment_overrides {
 int experiment_load(struct experiment *e, const char *file, unsigned parts,
                     const struct experiment_overrides *overrides, struct apc_error *why);
 void experiment_free(struct experiment *e);
+
+/* What the law is configured from. */
+struct apc_law_setup experiment_law_setup(const struct experiment *e);
 
 /* The plant and the core that serves it, as the file describes them; both or, with an error in why, none. The
  * experiment must outlive them. */
