@@ -70,7 +70,7 @@ static void make_run(const struct campaign *c, unsigned run)
         r->rc = simulation_run(&s, c->e->duration);
         why = s.why;
         for (size_t loop = 0; loop < c->loops; loop++)
-            metrics_of(&s.variables.history, loop, SIMULATION_BEGIN, simulation_time(&s),
+            metrics_of(&s.variables.history, loop, SIMULATION_BEGIN, s.ended,
                        figures_of(c, run) + loop * METRICS);
     }
     simulation_destroy(&s);

@@ -185,7 +185,7 @@ static int put_samples(struct simulate *r)
 
 static void print_speed(const struct simulate *r, apc_ns took)
 {
-    double t = simulation_time(&r->s), wall = apc_ns_to_s(took);
+    double t = r->s.ended, wall = apc_ns_to_s(took);
     fprintf(r->talk, "%s: %s\n%.10g s in %.3g ms: %.3g times as fast as real time; %lld events, seed %llu\n",
             r->e.name, r->e.title, t, 1e3 * wall, t / wall, (long long)r->s.handled,
             (unsigned long long)r->options.seed);
@@ -260,7 +260,7 @@ static int simulate_once(struct simulate *r)
     print_events(r);
     rc = put_samples(r);
     if (rc == 0)
-        rc = metrics_print(&r->s.variables.history, &r->e, simulation_time(&r->s), r->talk);
+        rc = metrics_print(&r->s.variables.history, &r->e, r->s.ended, r->talk);
     if (rc == 0 && r->options.compare &&
         (rc = compare_run(&r->s.variables.history, &r->e, r->options.compare, r->talk, &why)) < 0)
         refuse(r, rc, &why);

@@ -28,7 +28,7 @@ static struct apc_now now_of(const struct simulation *s)
     return (struct apc_now){.mono = apc_clock_mono(s->clock), .utc = apc_clock_utc(s->clock)};
 }
 
-double simulation_time(const struct simulation *s)
+static double time_of(const struct simulation *s)
 {
     return apc_ns_to_s(apc_clock_mono(s->clock) - s->zero);
 }
@@ -51,7 +51,7 @@ static void stop(struct simulation *s, int rc, const char *fmt, ...)
 static void stop_at_failure(struct simulation *s, int rc)
 {
     if (rc < 0)
-        stop(s, rc, "at t = %g s: %s", simulation_time(s), apc_err_text(rc));
+        stop(s, rc, "at t = %g s: %s", time_of(s), apc_err_text(rc));
 }
 
 static void record(struct simulation *s, const char *source, struct apc_event *event)
@@ -154,7 +154,7 @@ static void plant_finish(void *ctx)
     if (rc == 0 && !diverged(s))
         return;
     describe_state(s, state, sizeof state);
-    stop(s, APC_ESOLVER, "the plant diverged at t = %g s, %s: %s", simulation_time(s), state,
+    stop(s, APC_ESOLVER, "the plant diverged at t = %g s, %s: %s", time_of(s), state,
          rc < 0 ? apc_plant_error(s->plant) : "a state is no longer a finite number");
 }
 
@@ -411,7 +411,8 @@ int simulation_run(struct simulation *s, double duration)
     if (apc_ns_from_s(duration, &length) < 0 || length <= 0)
         return s->rc = apc_fail(&s->why, APC_EINVAL, "a duration of %g s: must be above 0", duration);
     int64_t handled = apc_virtual_run(s->executive, s->zero + length - 1);
-    s->handled += handled > 0 ? handled : 0;
+    s->handled = handled;
+    s->ended = s->rc < 0 ? time_of(s) : duration;
     return s->rc;
 }
 
