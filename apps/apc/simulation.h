@@ -11,8 +11,8 @@
 #include <apctimer.h>
 
 #include "common/experiment.h"
-#include "variables.h"
 
+#define SIMULATION_STORE "mem:apc-simulate"
 #define SIMULATION_BEGIN (INT64_C(946684800) * APC_NS_PER_S) /* UTC of t = 0: 2000-01-01 */
 
 enum simulation_task { SIM_SCHEDULER, SIM_PLANT, SIM_CLIENT, SIM_CONTROLLER, SIM_TASKS };
@@ -32,7 +32,7 @@ struct simulation {
     struct apc_controller *controller;
     struct apc_scheduler_options scheduler;
     struct apc_controller_size size; /* of in and out */
-    struct variables variables;
+    struct apc_store *store;         /* mem: */
 
     /* what the shells keep between two of their events */
     struct apc_sample *u, *y, *step, *in, *out, *memory;
@@ -42,8 +42,6 @@ struct simulation {
     struct clock_step *clock_steps;
     bool link_down;
 
-    struct apc_event *events;
-    size_t n_events, room_events;
     uint64_t held;   /* ticks of the controller at which its output was not the law's */
     int64_t handled; /* events of the executive */
     double ended;    /* s since t = 0 */
