@@ -285,6 +285,24 @@ static void a_first_measurement_far_from_zero_gives_no_derivative(void **state)
     assert_near(tick(&r), 0.0, 1e-13);
 }
 
+static void at_its_setpoint_it_begins_with_u_bar_whatever_the_weight(void **state)
+{
+    struct rig r;
+
+    (void)state;
+    make(&r, 0.1);
+    r.tuning[KP] = 7.0;
+    r.tuning[TAU_I] = 3.0;
+    r.tuning[B] = 0.4;
+    r.tuning[U_BAR] = 2.5;
+    r.y[0] = r.z[0] = 100.0;
+    pid->reset(&r.c);
+    for (int k = 0; k < 10; k++)
+        assert_near(tick(&r), 2.5, 1e-12);
+    r.z[0] = 101.0;
+    assert_near(tick(&r), 2.5 + 7.0 * 0.4, 1e-12);
+}
+
 static void make_windup(struct rig *r, double tau_t)
 {
     make(r, 0.1);
@@ -500,6 +518,7 @@ int main(void)
         cmocka_unit_test(setpoint_weights_scale_what_a_setpoint_step_gives_at_once),
         cmocka_unit_test(the_derivative_of_the_measurement_is_filtered),
         cmocka_unit_test(a_first_measurement_far_from_zero_gives_no_derivative),
+        cmocka_unit_test(at_its_setpoint_it_begins_with_u_bar_whatever_the_weight),
         cmocka_unit_test(conditional_integration_stands_still_in_saturation),
         cmocka_unit_test(back_calculation_settles_at_a_distance_from_the_limit),
         cmocka_unit_test(the_output_changes_no_faster_than_its_rate_limit),
