@@ -215,7 +215,7 @@ static double copy_system(struct subspace *z, const struct linear *sys)
         for (size_t j = 0; j < z->n; j++)
             z->a[i * z->n + j] = sys->a[flip ? j * z->n + i : i * z->n + j] / scale;
         for (size_t j = 0; j < z->m; j++)
-            z->b[i * z->m + j] = flip ? sys->c[j * z->n + i] : sys->b[i * z->m + j];
+            z->b[i * z->m + j] = (flip ? sys->c[j * z->n + i] : sys->b[i * z->m + j]) / scale;
         for (size_t j = 0; j < z->r; j++)
             z->c[j * z->n + i] = flip ? sys->b[i * z->r + j] : sys->c[j * z->n + i];
     }

@@ -14,6 +14,9 @@ struct samples {
 
 int samples_add(struct samples *s, const struct apc_sample *sample); /* 0 or APC_ENOMEM */
 void samples_free(struct samples *s);
+/* Those of DIR/samples.csv, in the order of the file, times counted from the start of the run, and the
+ * seq of each variable counted from 1. Returns 0 or a negative error; samples_free() in either case. */
+int samples_read(struct samples *s, const char *dir, struct apc_error *why);
 /* By time; at one time in the order of the loop: setpoint, measurement, output. */
 void samples_sort(struct samples *s);
 /* With the header; times in seconds since @start. */
