@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/cores.h"
 #include "common/daemon.h"
 
 struct own_options {
@@ -153,8 +154,8 @@ static int open_shell(struct shell *s, const struct own_options *own)
     struct apc_error why;
     int64_t *last = calloc(e->dim.ny, sizeof *last);
 
-    s->patience = period / 2 < APC_NS_PER_S ? period / 2 : APC_NS_PER_S;
-    s->frame_max = 256 + 96 * (e->dim.ny + e->dim.nu);
+    s->patience = cores_patience(e);
+    s->frame_max = cores_frame_max(e);
     s->request = calloc(1, s->frame_max);
     s->u = calloc(e->dim.nu, sizeof *s->u);
     s->read = calloc(e->dim.nu, sizeof *s->read);
@@ -171,17 +172,8 @@ static int open_shell(struct shell *s, const struct own_options *own)
         if (rc < 0)
             daemon_error(s->d, rc, "%s", why.text);
     }
-    if (rc == 0) {
-        const struct apc_client_options options = {.size = sizeof options,
-                                                   .ny = e->dim.ny,
-                                                   .nu = e->dim.nu,
-                                                   .command_period = e->controller.rhythm.period,
-                                                   .last = last,
-                                                   .since = s->d->start};
-        rc = apc_client_create(&s->core, &options, &why);
-        if (rc < 0)
-            daemon_error(s->d, rc, "%s", why.text);
-    }
+    if (rc == 0 && (rc = cores_client(e, last, s->d->start, &s->core, &why)) < 0)
+        daemon_error(s->d, rc, "%s", why.text);
     free(last);
     return rc;
 }

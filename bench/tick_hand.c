@@ -119,7 +119,7 @@ static struct value *add_read(struct hand *h, const char *table, int first, size
     snprintf(
         sql, sizeof sql,
         "SELECT n.* FROM unnest($1::int4[]) AS v (id) CROSS JOIN LATERAL (SELECT seq, time, status, value"
-        " FROM %s WHERE id = v.id ORDER BY seq DESC LIMIT 1) AS n",
+        " FROM %s_newest WHERE id = v.id LIMIT 1) AS n",
         table);
     prepare(h, "read", table, sql);
     return part->values;

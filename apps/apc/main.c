@@ -10,6 +10,7 @@ static const struct {
     const char *doc;
 } commands[] = {
     {"run", command_run, "run an experiment in real time and leave a report"},
+    {"simulate", command_simulate, "run an experiment in virtual time, once or over many seeds"},
     {"init", command_init, "make or update the tables, and describe an experiment in them"},
     {"status", command_status, "what every part is doing: modes, values with their age, timing, events"},
     {"get", command_get, "newest values"},
@@ -21,6 +22,9 @@ static const struct {
     {"timing", command_timing, "how well the tasks keep time: lateness, jitter, run time, missed ticks"},
     {"report", command_report, "draw the report of a run again"},
     {"drain", command_drain, "store what daemons kept back while the store was away"},
+    {"maintain", command_maintain, "make room ahead for samples, and drop what is old"},
+    {"plants", command_plants, "the plants there are: their parameters, states, inputs, outputs"},
+    {"linearize", command_linearize, "the linear model of a plant: matrices, poles, zeros, gains"},
 };
 
 static void usage(FILE *out)

@@ -11,6 +11,7 @@
 #include <systemd/sd-daemon.h>
 
 #include "exitcode.h"
+#include "notice.h"
 #include "recorder.h"
 #include "watch.h"
 
@@ -158,6 +159,9 @@ static int open_executive(struct daemon *d)
         .size = sizeof options, .log = d->log, .hold_latency = d->options.hold_latency, .lock_memory = true};
     struct apc_error why;
     const char *name = d->options.timer ? d->options.timer : "deadline";
+    if (!strcmp(name, "virtual"))
+        return daemon_error(d, APC_EINVAL,
+                            "--timer: a daemon runs in real time: expected 'deadline' or 'posix'");
     int rc = apc_executive_create(&d->executive, name, &options, &why);
     return rc < 0 ? daemon_error(d, rc, "--timer: %s", why.text) : 0;
 }
@@ -237,39 +241,35 @@ int daemon_store(struct daemon *d, struct apc_store **store, enum apc_table tabl
 
 /* ---- Events ------------------------------------------------------------------------------- */
 
-void daemon_event(struct daemon *d, enum apc_event_severity severity, const char *kind, const char *fmt, ...)
+static void record(struct daemon *d, struct apc_event *event)
 {
     static const enum apc_log_level levels[] = {[APC_EVENT_INFO] = APC_LOG_INFO,
                                                 [APC_EVENT_WARNING] = APC_LOG_WARN,
                                                 [APC_EVENT_ALARM] = APC_LOG_ERROR};
-    struct apc_event event = {.time = apc_clock_utc(NULL), .severity = severity};
+    event->time = apc_clock_utc(NULL);
+    snprintf(event->source, sizeof event->source, "%s", d->program->name);
+    apc_log_write(d->log, levels[event->severity], "%s", event->text);
+    recorder_event(d->recorder, event);
+}
+
+void daemon_event(struct daemon *d, enum apc_event_severity severity, const char *kind, const char *fmt, ...)
+{
+    struct apc_event event = {.severity = severity};
     va_list args;
     va_start(args, fmt);
     vsnprintf(event.text, sizeof event.text, fmt, args);
     va_end(args);
-    snprintf(event.source, sizeof event.source, "%s", d->program->name);
     snprintf(event.kind, sizeof event.kind, "%s", kind);
-    apc_log_write(d->log, levels[severity], "%s", event.text);
-    recorder_event(d->recorder, &event);
+    record(d, &event);
 }
 
 void daemon_notice(struct daemon *d, const struct apc_notice *notice)
 {
-    static const struct {
-        enum apc_event_severity severity;
-        const char *kind;
-    } of[] = {
-        [APC_NOTICE_MODE] = {APC_EVENT_INFO, "mode"},
-        [APC_NOTICE_HOLD] = {APC_EVENT_WARNING, "measurement"},
-        [APC_NOTICE_FAULT] = {APC_EVENT_ALARM, "measurement"},
-        [APC_NOTICE_FAILED] = {APC_EVENT_ALARM, "measurement"},
-        [APC_NOTICE_RECOVERED] = {APC_EVENT_INFO, "measurement"},
-        [APC_NOTICE_TRIP] = {APC_EVENT_ALARM, "watchdog"},
-        [APC_NOTICE_RESUMED] = {APC_EVENT_INFO, "watchdog"},
-        [APC_NOTICE_REJECTED] = {APC_EVENT_WARNING, "rejected"},
-    };
-    if (notice->kind != APC_NOTICE_NONE)
-        daemon_event(d, of[notice->kind].severity, of[notice->kind].kind, "%s", notice->text);
+    struct apc_event event = {0};
+    if (notice->kind == APC_NOTICE_NONE)
+        return;
+    notice_event(notice, &event);
+    record(d, &event);
 }
 
 static void watch_spool(struct daemon *d, struct spool_watch *w, const struct apc_store *store,
@@ -396,6 +396,7 @@ int daemon_run(struct daemon *d, struct rhythm rhythm, apc_task_fn tick, void *c
                                              .period = rhythm.period,
                                              .start = d->start + rhythm.phase,
                                              .aligned = true,
+                                             .overrun = rhythm.overrun,
                                              .spin = d->options.spin};
     struct apc_task *task = NULL;
     struct apc_error why;

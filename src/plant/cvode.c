@@ -145,8 +145,8 @@ static int configure(struct solver *s, double rtol, double atol)
     return rc;
 }
 
-static int create(void **self, const struct apc_model *model, const double *p, double rtol, double atol,
-                  struct apc_error *why)
+static int create(int method, void **self, const struct apc_model *model, const double *p,
+                  const struct apc_plant_options *options, struct apc_error *why)
 {
     sunindextype nx = (sunindextype)model->nx;
     struct solver *s = calloc(1, sizeof(*s));
@@ -156,7 +156,7 @@ static int create(void **self, const struct apc_model *model, const double *p, d
         goto fail;
     s->model = model;
     s->p = p;
-    s->zero_scale = atol / rtol;
+    s->zero_scale = options->atol / options->rtol;
     if (SUNContext_Create(NULL, &s->context) < 0)
         goto fail;
     s->state = N_VNew_Serial(nx, s->context);
@@ -165,11 +165,11 @@ static int create(void **self, const struct apc_model *model, const double *p, d
     if (!s->state || !s->system || !s->jacobian)
         goto fail;
     s->linear = SUNLinSol_Dense(s->state, s->system, s->context);
-    s->memory = CVodeCreate(CV_BDF, s->context);
+    s->memory = CVodeCreate(method, s->context);
     if (!s->linear || !s->memory)
         goto fail;
     N_VConst(0.0, s->state);
-    cv = configure(s, rtol, atol);
+    cv = configure(s, options->rtol, options->atol);
     if (cv != CV_SUCCESS) {
         rc = cv == CV_MEM_FAIL || cv == CVLS_MEM_FAIL ? APC_ENOMEM : APC_ESOLVER;
         goto fail;
@@ -202,15 +202,28 @@ static int step(void *self, double t, double dt, const double *u, double *x, str
     if (rc == CV_SUCCESS)
         rc = CVode(s->memory, dt, s->state, &reached, CV_NORMAL);
     if (rc < 0)
-        return apc_fail(why, APC_ESOLVER, "%s at t = %g s: %s", s->model->name ? s->model->name : "model", t,
-                        s->error.text[0] ? s->error.text : "CVODE gave up");
+        return apc_fail(why, APC_ESOLVER, "%s", s->error.text[0] ? s->error.text : "CVODE gave up");
     for (size_t i = 0; i < nx; i++) {
         if (!isfinite(state[i]))
-            return apc_fail(why, APC_ESOLVER, "state %zu is no longer a finite number at t = %g s", i + 1,
-                            t + dt);
+            return apc_fail(why, APC_ESOLVER, "state %zu is no longer a finite number", i + 1);
     }
     memcpy(x, state, nx * sizeof(*x));
     return 0;
 }
 
-const struct apc_integrator apc_integrator_cvode = {.create = create, .step = step, .destroy = destroy};
+static int create_bdf(void **self, const struct apc_model *model, const double *p,
+                      const struct apc_plant_options *options, struct apc_error *why)
+{
+    return create(CV_BDF, self, model, p, options, why);
+}
+
+static int create_adams(void **self, const struct apc_model *model, const double *p,
+                        const struct apc_plant_options *options, struct apc_error *why)
+{
+    return create(CV_ADAMS, self, model, p, options, why);
+}
+
+const struct apc_integrator apc_integrator_cvode = {
+    .name = "cvode", .create = create_bdf, .step = step, .destroy = destroy};
+const struct apc_integrator apc_integrator_adams = {
+    .name = "adams", .create = create_adams, .step = step, .destroy = destroy};

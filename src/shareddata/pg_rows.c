@@ -3,6 +3,7 @@
  * The PostgreSQL store outside the tick: history, events, timing, tags. Rows stream through a cursor,
  * some at a time, so that memory stays bounded however long the history is and the caller may stop early.
  */
+#include <endian.h>
 #include <limits.h>
 #include <stdlib.h>
 #include <string.h>
@@ -24,12 +25,15 @@ struct stream {
     int columns;
     union {
         apc_sample_fn sample;
+        apc_history_bin_fn bin;
         apc_event_fn event;
         apc_timing_fn timing;
     } fn;
     void *ctx;
     enum apc_table table; /* of a history */
     int id;
+    apc_ns since, until; /* of its bins */
+    size_t n;
     int64_t *bins; /* of timing rows: room for three arrays */
     size_t bins_capacity;
     int fetch; /* number of the FETCH among the statements sent */
@@ -141,6 +145,13 @@ static int give_sample(struct stream *s, const PGresult *result, int row)
     return s->fn.sample(s->ctx, &sample) != 0;
 }
 
+static void add_id(struct apc_pg_params *p, char bytes[4], int id)
+{
+    uint32_t big = htobe32((uint32_t)id);
+    memcpy(bytes, &big, 4);
+    apc_pg_param(p, bytes, 4);
+}
+
 int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                    apc_sample_fn fn, void *ctx)
 {
@@ -153,56 +164,73 @@ int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const 
                        .id = id};
     struct apc_pg_params p = {0};
     struct bounds b;
-    uint32_t big = (uint32_t)id;
-    char number[4] = {(char)(big >> 24), (char)(big >> 16), (char)(big >> 8), (char)big};
-    apc_pg_param(&p, number, sizeof number);
+    char number[4];
+    add_id(&p, number, id);
     add_range(&p, &b, range);
     const struct apc_pg_text *text = &apc_pg_texts[table];
     return stream(&s, range->last > 0 ? text->history_last : text->history, &p);
 }
 
-/* ---- Text on its way in --------------------------------------------------------------------- */
+/* ---- History in bins ------------------------------------------------------------------------ */
 
-/* Length of the well-formed UTF-8 character at @p text, or 0. */
-static size_t character(const unsigned char *text)
+/* A bin that begins at t holds whole microseconds only: those from the next whole one on. */
+static int64_t pg_edge(apc_ns t)
 {
-    unsigned char c = text[0];
-    size_t length = c < 0x80                ? 1
-                    : c >= 0xC2 && c < 0xE0 ? 2
-                    : (c & 0xF0) == 0xE0    ? 3
-                    : c >= 0xF0 && c < 0xF5 ? 4
-                                            : 0;
-    for (size_t i = 1; i < length; i++) {
-        if ((text[i] & 0xC0) != 0x80) {
-            return 0;
-        }
-    }
-    if ((c == 0xE0 && text[1] < 0xA0) || (c == 0xED && text[1] > 0x9F) || (c == 0xF0 && text[1] < 0x90) ||
-        (c == 0xF4 && text[1] > 0x8F)) {
-        return 0; /* overlong, surrogate, beyond Unicode */
-    }
-    return length;
+    return t > INT64_MAX - 999 ? INT64_MAX : apc_pg_time(t + 999);
 }
 
-/*
- * Into a copy that the database takes: a byte that is no part of a character (a text cut in the middle of
- * one, something from the network) becomes '?'. An event must not be lost for that.
- */
-static const char *clean(char *out, const char *in, size_t size)
+static int give_bin(struct stream *s, const PGresult *result, int row)
 {
-    size_t length = strnlen(in, size - 1);
-    memset(out, 0, size);
-    memcpy(out, in, length);
-    for (size_t i = 0; i < length;) {
-        size_t step = character((const unsigned char *)out + i);
-        if (step == 0) {
-            out[i] = '?';
-            step = 1;
-        }
-        i += step;
+    int64_t number = apc_pg_cell(result, row, 0); /* from 1 */
+    if (number < 1 || (uint64_t)number > s->n) {
+        return apc_fail(&s->pg->base.why, APC_EPROTO, "the database did not answer what was asked");
     }
-    return out;
+    struct apc_history_bin bin = {
+        .from = apc_bin_edge(s->since, s->until, s->n, (size_t)number - 1),
+        .until = apc_bin_edge(s->since, s->until, s->n, (size_t)number),
+        .count = (uint64_t)apc_pg_cell(result, row, 1),
+        .bad = (uint64_t)apc_pg_cell(result, row, 2),
+        .min = cell_double(result, row, 3), /* NULL, which is 0, when there is none */
+        .max = cell_double(result, row, 4),
+        .mean = cell_double(result, row, 5),
+        .last = cell_double(result, row, 6),
+        .worst = (apc_status)apc_pg_cell(result, row, 7),
+        .seq = apc_pg_cell(result, row, 8),
+    };
+    return s->fn.bin(s->ctx, &bin) != 0;
 }
+
+int apc_pg_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
+                        size_t n, apc_history_bin_fn fn, void *ctx)
+{
+    struct apc_pg *pg = apc_pg_of(store);
+    struct stream s = {.pg = pg,
+                       .row = give_bin,
+                       .columns = 9,
+                       .fn.bin = fn,
+                       .ctx = ctx,
+                       .since = since,
+                       .until = until,
+                       .n = n};
+    struct apc_pg_params p = {0};
+    struct apc_pg_array *edges = &pg->columns[0];
+    if (apc_pg_array_begin(edges, APC_PG_TIMESTAMPTZ, n) != 0) {
+        return apc_fail(&pg->base.why, APC_ENOMEM, "out of memory for %zu bins", n);
+    }
+    for (size_t i = 0; i < n; i++) {
+        apc_pg_array_int8(edges, pg_edge(apc_bin_edge(since, until, n, i)));
+    }
+    char number[4], bounds[2][8];
+    add_id(&p, number, id);
+    apc_pg_put_int8(bounds[0], pg_edge(since));
+    apc_pg_put_int8(bounds[1], pg_edge(until));
+    apc_pg_param(&p, bounds[0], 8);
+    apc_pg_param(&p, bounds[1], 8);
+    apc_pg_param(&p, edges->data, edges->length);
+    return stream(&s, apc_pg_texts[table].bins, &p);
+}
+
+/* ---- Rows on their way in --------------------------------------------------------------------- */
 
 static void add_int8(struct apc_pg_params *p, char (*bytes)[8], int64_t value)
 {
@@ -246,9 +274,9 @@ int apc_pg_append_events(struct apc_store *store, const struct apc_event *events
         char numbers[16][8], source[sizeof e->source], kind[sizeof e->kind], text[sizeof e->text];
         add_int8(&p, numbers, apc_pg_time(e->time));
         add_int8(&p, numbers, (int64_t)e->severity);
-        apc_pg_param_text(&p, clean(source, e->source, sizeof source));
-        apc_pg_param_text(&p, clean(kind, e->kind, sizeof kind));
-        apc_pg_param_text(&p, clean(text, e->text, sizeof text));
+        apc_pg_param_text(&p, apc_text_clean(source, e->source, sizeof source));
+        apc_pg_param_text(&p, apc_text_clean(kind, e->kind, sizeof kind));
+        apc_pg_param_text(&p, apc_text_clean(text, e->text, sizeof text));
         err = apc_pg_send(pg,
                           "INSERT INTO event (time, severity, source, kind, text) "
                           "VALUES ($1::timestamptz, $2::int8, $3, $4, $5)",
@@ -305,8 +333,8 @@ static int send_timing(struct apc_pg *pg, const struct apc_timing_row *r)
     struct apc_pg_params p = {0};
     char numbers[16][8], task[sizeof r->task], quantity[sizeof r->quantity];
     add_int8(&p, numbers, apc_pg_time(r->time));
-    apc_pg_param_text(&p, clean(task, r->task, sizeof task));
-    apc_pg_param_text(&p, clean(quantity, r->quantity, sizeof quantity));
+    apc_pg_param_text(&p, apc_text_clean(task, r->task, sizeof task));
+    apc_pg_param_text(&p, apc_text_clean(quantity, r->quantity, sizeof quantity));
     add_int8(&p, numbers, r->period);
     add_int8(&p, numbers, (int64_t)r->missed);
     add_int8(&p, numbers, (int64_t)r->count);
@@ -431,9 +459,9 @@ int apc_pg_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t 
         char numbers[16][8], name[APC_TAG_LEN], unit[APC_TAG_LEN], description[sizeof t->description];
         apc_pg_param_text(&p, apc_table_name(t->table));
         add_int8(&p, numbers, t->id);
-        apc_pg_param_text(&p, clean(name, t->name, sizeof name));
-        apc_pg_param_text(&p, clean(unit, t->unit, sizeof unit));
-        apc_pg_param_text(&p, clean(description, t->description, sizeof description));
+        apc_pg_param_text(&p, apc_text_clean(name, t->name, sizeof name));
+        apc_pg_param_text(&p, apc_text_clean(unit, t->unit, sizeof unit));
+        apc_pg_param_text(&p, apc_text_clean(description, t->description, sizeof description));
         add_float8(&p, numbers, t->low);
         add_float8(&p, numbers, t->high);
         err = apc_pg_send(pg,

@@ -9,7 +9,8 @@
 #include "shareddata/shareddata_internal.h"
 #include "shareddata/spool.h"
 
-static const struct apc_store_ops *const stores[] = {&apc_postgresql_store, &apc_postgres_store};
+static const struct apc_store_ops *const stores[] = {&apc_postgresql_store, &apc_postgres_store,
+                                                     &apc_mem_store, &apc_shm_store};
 
 /* ---- Opening ------------------------------------------------------------------------------ */
 
@@ -66,7 +67,8 @@ int apc_store_open(struct apc_store **store, const char *uri, const struct apc_s
     /* The URI may hold a password: only what must be its scheme is shown. */
     size_t scheme = strcspn(uri, ":/@");
     bool shown = scheme < 32 && uri[scheme] == ':';
-    return apc_fail(why, APC_EINVAL, "unknown store \"%.*s\": expected postgresql: or postgresql://...",
+    return apc_fail(why, APC_EINVAL,
+                    "unknown store \"%.*s\": expected postgresql:, postgresql://..., shm:NAME or mem:NAME",
                     shown ? (int)scheme + 1 : 0, uri);
 }
 
@@ -254,7 +256,7 @@ int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_
     if (!err && timeout < 0) {
         err = apc_fail(&store->why, APC_EINVAL, "a wait must not be negative");
     }
-    return err ? err : store->ops->wait(store, seen, n, timeout);
+    return err || n == 0 ? err : store->ops->wait(store, seen, n, timeout);
 }
 
 int apc_store_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
