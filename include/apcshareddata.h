@@ -75,6 +75,7 @@ struct apc_store;
  * Durable means: survives any process, and not the machine. Readers never wait; a writer that is killed, at
  * any instruction, leaves old or new and no other writer waiting.
  *
+ * `sqlite:FILE` is in a file, without a server (docs/stores.md).
  *
  * `postgresql:` (the environment's database: PGHOST, PGSERVICE, ...) or
  * `postgresql://...`, any libpq URI; `#NAME` at its end chooses the schema NAME, one a plant, default
@@ -215,6 +216,12 @@ APC_API int apc_store_swap(struct apc_store *store, struct apc_sample *samples, 
  * by the next call. A change between a read and the wait is never missed. n = 0 returns 0 at once. [setup]
  */
 APC_API int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout);
+
+/**
+ * The variables that have samples, described or not: table and id of up to @p capacity, in that order.
+ * Returns how many there are in all. [setup]
+ */
+APC_API int apc_store_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity);
 
 /** Called for each row in rising seq; return nonzero to end early. */
 typedef int (*apc_sample_fn)(void *ctx, const struct apc_sample *sample);

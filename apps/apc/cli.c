@@ -9,7 +9,7 @@
 enum { OPT_JSON = 0x300, OPT_CSV };
 
 static const struct argp_option store_options[] = {
-    {"store", 's', "URI", 0, "Shared data, e.g. postgresql://host/db#schema [APC_STORE]", 0}, {0}};
+    {"store", 's', "URI", 0, "Shared data: postgresql://host/db#schema, sqlite:FILE [APC_STORE]", 0}, {0}};
 static const struct argp_option format_options[] = {
     {"json", OPT_JSON, NULL, 0, "JSON on stdout", 0}, {"csv", OPT_CSV, NULL, 0, "CSV on stdout", 0}, {0}};
 
@@ -123,7 +123,7 @@ void cli_parse(struct cli *cli, const struct cli_spec *spec, void *own, int argc
     if (!cli->store)
         cli->store = getenv("APC_STORE");
     if (!cli->store || !*cli->store)
-        cli->store = "postgresql:";
+        cli->store = spec->takes & CLI_OWN_STORE ? NULL : "postgresql:";
 }
 
 static void APC_PRINTF(2, 0) say(const struct cli *cli, const char *fmt, va_list args)

@@ -20,7 +20,8 @@ enum cli_format { CLI_TEXT = 0, CLI_JSON, CLI_CSV };
 enum cli_takes {
     CLI_STORE = 1,
     CLI_FORMAT = 2,
-    CLI_NEGATIVE = 4 /* arguments may be negative numbers: -5 is then none of the options */
+    CLI_NEGATIVE = 4, /* arguments may be negative numbers: -5 is then none of the options */
+    CLI_OWN_STORE = 8 /* `store` stays NULL without --store and APC_STORE */
 };
 
 struct cli {
@@ -109,9 +110,10 @@ int command_watch(int argc, char **argv);
 int command_history(int argc, char **argv);
 int command_timing(int argc, char **argv);
 int command_report(int argc, char **argv);
-int command_drain(int argc, char **argv);
 int command_maintain(int argc, char **argv);
 int command_plants(int argc, char **argv);
 int command_linearize(int argc, char **argv);
+int command_copy(int argc, char **argv);
+int command_drain(int argc, char **argv);
 
 #endif

@@ -28,7 +28,7 @@ enum { OPT_START = 0x100, OPT_LOG_LEVEL, OPT_SPIN, OPT_HOLD_LATENCY, OPT_SPOOL }
 static const struct argp_option common_options[] = {
     {"config", 'c', "FILE", 0, "Experiment file [APC_CONFIG]", 0},
     {"store", 's', "URI", 0,
-     "Shared data, e.g. postgresql://host/db#schema [APC_STORE]; default postgresql:", 0},
+     "Shared data: postgresql://host/db#schema, sqlite:FILE [APC_STORE]; default postgresql:", 0},
     {"spool", OPT_SPOOL, "DIR", 0,
      "Keep in this folder what the store cannot take while it is away [APC_SPOOL]; default: it is lost", 0},
     {"timer", 't', "NAME", 0, "Executive: deadline (default) or posix", 0},

@@ -166,6 +166,7 @@ int apc_pg_take_claim(struct apc_pg *pg, enum apc_table table, const PGresult *r
 int apc_pg_read(struct apc_store *store, struct apc_sample *samples, size_t n);
 int apc_pg_init(struct apc_store *store);
 int apc_pg_maintain(struct apc_store *store, const struct apc_retention *keep);
+int apc_pg_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity);
 int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                    apc_sample_fn fn, void *ctx);
 int apc_pg_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,

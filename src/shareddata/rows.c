@@ -41,45 +41,6 @@ struct apc_sample apc_row_of(const struct apc_sample *s)
     return row;
 }
 
-/* ---- Text ---------------------------------------------------------------------------------- */
-
-/* Length of the well-formed UTF-8 character at @p text, or 0. */
-static size_t character(const unsigned char *text)
-{
-    unsigned char c = text[0];
-    size_t length = c < 0x80                ? 1
-                    : c >= 0xC2 && c < 0xE0 ? 2
-                    : (c & 0xF0) == 0xE0    ? 3
-                    : c >= 0xF0 && c < 0xF5 ? 4
-                                            : 0;
-    for (size_t i = 1; i < length; i++) {
-        if ((text[i] & 0xC0) != 0x80) {
-            return 0;
-        }
-    }
-    if ((c == 0xE0 && text[1] < 0xA0) || (c == 0xED && text[1] > 0x9F) || (c == 0xF0 && text[1] < 0x90) ||
-        (c == 0xF4 && text[1] > 0x8F)) {
-        return 0; /* overlong, surrogate, beyond Unicode */
-    }
-    return length;
-}
-
-const char *apc_text_clean(char *out, const char *in, size_t size)
-{
-    size_t length = strnlen(in, size - 1);
-    memcpy(out, in, length);
-    memset(out + length, 0, size - length);
-    for (size_t i = 0; i < length;) {
-        size_t step = character((const unsigned char *)out + i);
-        if (step == 0) {
-            out[i] = '?';
-            step = 1;
-        }
-        i += step;
-    }
-    return out;
-}
-
 /* ---- Events and timing rows ------------------------------------------------------------------ */
 
 struct apc_event apc_event_row(const struct apc_event *e)

@@ -10,7 +10,7 @@
 #include "shareddata/spool.h"
 
 static const struct apc_store_ops *const stores[] = {&apc_postgresql_store, &apc_postgres_store,
-                                                     &apc_mem_store, &apc_shm_store};
+                                                     &apc_mem_store, &apc_shm_store, &apc_sqlite_store};
 
 /* ---- Opening ------------------------------------------------------------------------------ */
 
@@ -41,7 +41,7 @@ int apc_store_open(struct apc_store **store, const char *uri, const struct apc_s
     }
     *store = NULL;
     if (!uri) {
-        return apc_fail(why, APC_EINVAL, "no store URI given; the simplest is postgresql:");
+        return apc_fail(why, APC_EINVAL, "no store URI given; the simplest is sqlite:FILE");
     }
     struct apc_store_config config;
     struct apc_store_options o = {0};
@@ -67,9 +67,10 @@ int apc_store_open(struct apc_store **store, const char *uri, const struct apc_s
     /* The URI may hold a password: only what must be its scheme is shown. */
     size_t scheme = strcspn(uri, ":/@");
     bool shown = scheme < 32 && uri[scheme] == ':';
-    return apc_fail(why, APC_EINVAL,
-                    "unknown store \"%.*s\": expected postgresql:, postgresql://..., shm:NAME or mem:NAME",
-                    shown ? (int)scheme + 1 : 0, uri);
+    return apc_fail(
+        why, APC_EINVAL,
+        "unknown store \"%.*s\": expected postgresql:, postgresql://..., sqlite:FILE, shm:NAME or mem:NAME",
+        shown ? (int)scheme + 1 : 0, uri);
 }
 
 void apc_store_close(struct apc_store *store)
@@ -257,6 +258,12 @@ int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_
         err = apc_fail(&store->why, APC_EINVAL, "a wait must not be negative");
     }
     return err || n == 0 ? err : store->ops->wait(store, seen, n, timeout);
+}
+
+int apc_store_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity)
+{
+    int err = enter(store, variables, capacity);
+    return err ? err : store->ops->variables(store, variables, capacity);
 }
 
 int apc_store_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,

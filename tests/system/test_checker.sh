@@ -79,5 +79,6 @@ check() { # NAME OPTIONS...
 }
 trap 'rm -f "/dev/shm/apc.checker-$$"; finish' EXIT
 check postgresql --store 'postgresql:#plain' --server-hook "bash $work/hook"
+check sqlite --store "sqlite:$work/checker.db"
 check shm --store "shm:checker-$$" --ring
 check spool --store 'postgresql:#spooled' --server-hook "bash $work/hook" --spool
