@@ -39,6 +39,7 @@ struct apc_store_ops {
                 struct apc_error *why);
     void (*close)(struct apc_store *store);
     bool (*connected)(const struct apc_store *store);
+    void (*stats)(const struct apc_store *store, struct apc_store_stats *stats); /* NULL: store->stats */
     int (*connect)(struct apc_store *store);
     int (*read)(struct apc_store *store, struct apc_sample *samples, size_t n);
     int (*append)(struct apc_store *store, const struct apc_sample *samples, size_t n);
