@@ -32,6 +32,11 @@ static void postgresql_uri(char *text, size_t size, int number)
     snprintf(text, size, "%s#plant%d", cluster_uri(cluster), number);
 }
 
+static void sqlite_uri(char *text, size_t size, int number)
+{
+    snprintf(text, size, "sqlite:%s/plant%d.db", scratch_folder(), number);
+}
+
 static void mem_uri(char *text, size_t size, int number)
 {
     snprintf(text, size, "mem:plant%d", number);
@@ -47,11 +52,6 @@ static void shm_remove(int number)
     char path[64];
     snprintf(path, sizeof path, "/dev/shm/apc.test-%d-%d", (int)getpid(), number);
     unlink(path);
-}
-
-static void sqlite_uri(char *text, size_t size, int number)
-{
-    snprintf(text, size, "sqlite:%s/plant%d.db", scratch_folder(), number);
 }
 
 static const struct kind kinds[] = {{"postgresql:", postgresql_uri, NULL, false},
