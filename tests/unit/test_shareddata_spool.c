@@ -825,7 +825,7 @@ static void test_no_garbage_does_harm(void **state)
     struct apc_store_options o = options();
     struct apc_error why;
     for (unsigned seed = 1; seed <= 150; seed++) {
-        char command[300];
+        char command[400];
         unsigned char bytes[64];
         snprintf(command, sizeof command, "rm -f %s*", spool);
         assert_int_equal(system(command), 0);
