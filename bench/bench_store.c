@@ -15,6 +15,7 @@ int main(int argc, char **argv)
     bench_describe(&b, server);
     bench_sqlite(&b);
     bench_postgresql(&b);
+    bench_shm(&b);
     bench_end(&b);
     return 0;
 }

@@ -132,44 +132,42 @@ COMMENT ON FUNCTION drop_week(text, text) IS 'Drop a partition, but not the newe
 DO $do$
 DECLARE
     target text;
-    more text;
+    more text; -- columns
     parts boolean;
     guard text;
+    monday date := date_trunc('week', now() AT TIME ZONE 'UTC')::date;
 BEGIN
     FOREACH target IN ARRAY ARRAY['sensor', 'actuator', 'setpoint', 'state', 'tuning', 'manual', 'dim', 'opmode'] LOOP
         parts := target IN ('sensor', 'actuator', 'setpoint', 'state');
         more := CASE target WHEN 'actuator' THEN ', sensor_seq, setpoint_seq' ELSE '' END;
+        EXECUTE format('CREATE INDEX ON %I USING brin (time) WITH (pages_per_range = 32, autosummarize = on)', target);
         IF parts THEN
-            EXECUTE format('CREATE INDEX ON %I USING brin (time) WITH (pages_per_range = 32, autosummarize = on)', target);
             PERFORM make_partition(target, 'rest');
             EXECUTE format('ALTER TABLE %I ATTACH PARTITION %I DEFAULT', target, target || '_rest');
-            FOR week IN 0 .. 4 LOOP
-                PERFORM make_week(target, date_trunc('week', now() AT TIME ZONE 'UTC')::date + 7 * week,
-                                  (now() AT TIME ZONE 'UTC')::date);
-            END LOOP;
-        ELSE
-            EXECUTE format('CREATE INDEX ON %I USING brin (time) WITH (pages_per_range = 32, autosummarize = on)', target);
+            PERFORM make_week(target, monday + 7 * week, monday) FROM generate_series(0, 4) AS week;
         END IF;
+
         -- Half of each page is left for the next versions of its rows: the index need not change with them.
         EXECUTE format('CREATE TABLE %I (LIKE %I INCLUDING COMMENTS, previous bigint NOT NULL DEFAULT 0,'
                        ' PRIMARY KEY (id)) WITH (fillfactor = 50)', target || '_newest', target);
         EXECUTE format('COMMENT ON TABLE %I IS %L', target || '_newest',
                        format('The newest sample of each variable of table %s. Kept by a trigger.', target));
-        EXECUTE format('COMMENT ON COLUMN %I.previous IS %L', target || '_newest', 'seq of the newest before it; 0: none.');
+        EXECUTE format('COMMENT ON COLUMN %I.previous IS %L', target || '_newest',
+                       'seq of the newest before it; 0: none.');
 
         guard := format($guard$
     SELECT count(*) INTO samples FROM fresh;
-    IF risen < samples AND (
-        risen < (SELECT count(DISTINCT id) FROM fresh)
-        OR EXISTS (SELECT FROM (SELECT id, min(seq) AS lowest, count(*) - count(DISTINCT seq) AS double FROM fresh GROUP BY id) AS f
-                     JOIN %1$I USING (id) WHERE lowest <= previous OR double > 0))
+    IF risen < samples AND (risen < (SELECT count(DISTINCT id) FROM fresh) OR EXISTS (
+        SELECT FROM (SELECT id, min(seq) AS lowest, count(*) > count(DISTINCT seq) AS twice FROM fresh GROUP BY id) AS f
+          JOIN %1$I USING (id) WHERE lowest <= previous OR twice))
     THEN
         SELECT s.id, s.seq INTO taken
           FROM (SELECT DISTINCT id, seq FROM fresh) AS f CROSS JOIN LATERAL
                (SELECT id, seq FROM %2$I WHERE id = f.id AND seq = f.seq LIMIT 2) AS s
          GROUP BY s.id, s.seq HAVING count(*) > 1 LIMIT 1;
         IF FOUND THEN
-            RAISE unique_violation USING MESSAGE = format('%2$s: id %%s, seq %%s is there already', taken.id, taken.seq);
+            RAISE unique_violation
+            USING MESSAGE = format('%2$s: id %%s, seq %%s is there already', taken.id, taken.seq);
         END IF;
     END IF;$guard$, target || '_newest', target);
 
@@ -177,7 +175,7 @@ BEGIN
 CREATE FUNCTION %1$I() RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path FROM CURRENT AS $$
 DECLARE
     samples bigint;
-    risen bigint;
+    risen bigint; -- variables that have a newer newest
     taken record;
 BEGIN
     INSERT INTO %2$I AS n (id, seq, time, status, value%3$s)
@@ -194,8 +192,8 @@ BEGIN
 END
 $$ $function$, target || '_appended', target || '_newest', more, replace(more, ' s', ' excluded.s'),
                        CASE WHEN parts THEN guard ELSE '' END);
-        EXECUTE format('CREATE TRIGGER appended AFTER INSERT ON %I REFERENCING NEW TABLE AS fresh EXECUTE FUNCTION %I()',
-                       target, target || '_appended');
+        EXECUTE format('CREATE TRIGGER appended AFTER INSERT ON %I REFERENCING NEW TABLE AS fresh'
+                       ' EXECUTE FUNCTION %I()', target, target || '_appended');
     END LOOP;
 END
 $do$;

@@ -100,6 +100,8 @@ int cli_variables(const struct cli *cli, const struct cli_tags *tags, const enum
 
 int command_init(int argc, char **argv);
 int command_run(int argc, char **argv);
+int command_simulate(int argc, char **argv);
+int command_replay(int argc, char **argv);
 int command_status(int argc, char **argv);
 int command_get(int argc, char **argv);
 int command_set(int argc, char **argv);
@@ -109,7 +111,10 @@ int command_watch(int argc, char **argv);
 int command_history(int argc, char **argv);
 int command_timing(int argc, char **argv);
 int command_report(int argc, char **argv);
-int command_copy(int argc, char **argv);
 int command_maintain(int argc, char **argv);
+int command_plants(int argc, char **argv);
+int command_linearize(int argc, char **argv);
+int command_copy(int argc, char **argv);
+int command_drain(int argc, char **argv);
 
 #endif

@@ -10,6 +10,8 @@ static const struct {
     const char *doc;
 } commands[] = {
     {"run", command_run, "run an experiment in real time and leave a report"},
+    {"simulate", command_simulate, "run an experiment in virtual time, once or over many seeds"},
+    {"replay", command_replay, "give a recorded run to a controller and see how its outputs differ"},
     {"init", command_init, "make or update the tables, and describe an experiment in them"},
     {"status", command_status, "what every part is doing: modes, values with their age, timing, events"},
     {"get", command_get, "newest values"},
@@ -22,6 +24,9 @@ static const struct {
     {"copy", command_copy, "copy history, descriptions, events and timing to another store"},
     {"report", command_report, "draw the report of a run again"},
     {"maintain", command_maintain, "make room ahead for samples, and drop what is old"},
+    {"plants", command_plants, "the plants there are: their parameters, states, inputs, outputs"},
+    {"linearize", command_linearize, "the linear model of a plant: matrices, poles, zeros, gains"},
+    {"drain", command_drain, "store what daemons kept back while the store was away"},
 };
 
 static void usage(FILE *out)

@@ -12,6 +12,7 @@
 #include "live.h"
 #include "provision.h"
 #include "report.h"
+#include "spools.h"
 #include "supervisor.h"
 
 #define EXPORT_TRIES 60                    /* a second each */
@@ -237,6 +238,7 @@ static int start_daemons(struct run *r)
         s->child[2].extra[1] = r->options.overrides.law;
     }
     setenv("APC_STORE", r->cli.store, 1); /* not in argv, where everybody could read a password */
+    setenv("APC_SPOOL", r->dir, 1);
     r->start = (apc_clock_utc(NULL) + LEAD + APC_NS_PER_S - 1) / APC_NS_PER_S * APC_NS_PER_S;
     r->begin = r->start - apc_clock_offset(NULL, NULL);
     r->finish = r->e.duration > 0 ? r->begin + (apc_ns)(r->e.duration * 1e9) : 0;
@@ -275,16 +277,23 @@ static int follow(struct run *r, const sigset_t *signals)
     }
 }
 
+/* What the daemons could not store before they were stopped belongs to the record. */
+static int drain_and_export(const struct run *r, apc_ns since, apc_ns until, struct apc_error *why)
+{
+    int rc = spools_drain(r->dir, r->cli.store, r->cli.timeout, why);
+    return rc < 0 ? rc : folder_export(r->dir, r->store, &r->e, r->start, since, until, why);
+}
+
 /* The store may just be away: nobody wants to lose a run for that. */
 static int export_patiently(const struct run *r, apc_ns since, apc_ns until, struct apc_error *why)
 {
     const struct timespec pause = {1, 0};
-    int rc = folder_export(r->dir, r->store, &r->e, r->start, since, until, why);
+    int rc = drain_and_export(r, since, until, why);
     for (int tries = 0; (rc == APC_ECONN || rc == APC_ETIMEDOUT) && tries < EXPORT_TRIES; tries++) {
         if (tries == 0)
             cli_error(&r->cli, rc, "%s; trying again", why->text);
         nanosleep(&pause, NULL);
-        rc = folder_export(r->dir, r->store, &r->e, r->start, since, until, why);
+        rc = drain_and_export(r, since, until, why);
     }
     return rc;
 }

@@ -285,7 +285,7 @@ int apc_pg_history_bins(struct apc_store *store, enum apc_table table, int id, a
     return stream(&s, apc_pg_texts[table].bins, &p);
 }
 
-/* ---- Rows on their way in -------------------------------------------------------------------- */
+/* ---- Rows on their way in --------------------------------------------------------------------- */
 
 static void add_int8(struct apc_pg_params *p, char (*bytes)[8], int64_t value)
 {

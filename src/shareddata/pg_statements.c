@@ -52,18 +52,18 @@
             "ORDER BY seq DESC LIMIT $4::int8) AS newest ORDER BY seq"
 
 /*
- * $4 where each bin begins, but in order. Bad is a status from 2^31 on. The last value comes by its key: an
- * aggregate for it would hold or sort all rows.
+ * $4 where each bin begins, in order. Bad is a status from 2^31 on. The last value comes by its key, for an
+ * aggregate of it would hold or sort all rows; the bin's times tell in which partitions it can be.
  */
 #define GOOD " FILTER (WHERE status < 2147483648)"
 #define BINS(table)                                                                                          \
     DECLARE "SELECT bin::int8, good, samples - good, lowest, highest, mean, "                                \
-            "(SELECT value FROM " table " WHERE id = $1::int4 AND seq = b.last "                             \
-            "AND time >= $2::timestamptz AND time < $3::timestamptz), worst, newest FROM "                   \
+            "(SELECT value FROM " table " WHERE id = $1::int4 AND seq = b.last AND time >= b.first "         \
+            "AND time <= b.final), worst, newest FROM "                                                      \
             "(SELECT width_bucket(time, $4::timestamptz[]) AS bin, count(*)" GOOD " AS good, "               \
             "count(*) AS samples, min(value)" GOOD " AS lowest, max(value)" GOOD " AS highest, "             \
-            "avg(value)" GOOD " AS mean, max(seq)" GOOD                                                      \
-            " AS last, max(status) AS worst, max(seq) AS newest "                                            \
+            "avg(value)" GOOD " AS mean, max(seq)" GOOD " AS last, max(status) AS worst, "                   \
+            "max(seq) AS newest, min(time) AS first, max(time) AS final "                                    \
             "FROM " table " WHERE id = $1::int4 AND time >= $2::timestamptz AND time < $3::timestamptz "     \
             "GROUP BY 1) AS b ORDER BY bin"
 

@@ -261,6 +261,31 @@ static void test_after_a_failed_connect_it_answers_at_once_until_the_pause_is_ov
     rmdir(directory);
 }
 
+static void test_the_pauses_of_many_clients_are_not_the_same(void **state)
+{
+    (void)state;
+    enum { N = 8 };
+    double pauses[N], lowest = 1e9, highest = 0;
+    for (int i = 0; i < N; i++) {
+        struct apc_store *store = NULL;
+        struct apc_store_options options = {.size = sizeof options,
+                                            .timeout = LONG,
+                                            .backoff_min = 3600 * APC_NS_PER_S,
+                                            .backoff_max = 7200 * APC_NS_PER_S};
+        assert_int_equal(
+            apc_store_open(&store, "postgresql://apc@/nowhere?host=/nonexistent", &options, NULL), 0);
+        assert_int_equal(apc_store_connect(store), APC_ECONN);
+        assert_int_equal(apc_store_connect(store), APC_ECONN);
+        const char *says = strstr(apc_store_error(store), "next try in ");
+        pauses[i] = says ? strtod(says + strlen("next try in "), NULL) : 0;
+        lowest = fmin(lowest, pauses[i]);
+        highest = fmax(highest, pauses[i]);
+        apc_store_close(store);
+    }
+    assert_true(lowest > 1700 && highest <= 3600.1); /* half is certain; less what has passed since */
+    assert_true(highest - lowest > 1);
+}
+
 static void test_an_unreachable_server_is_named(void **state)
 {
     (void)state;
@@ -1127,6 +1152,7 @@ int main(void)
         T(test_a_lost_answer_to_commit_is_retried_without_a_duplicate),
         T(test_an_answer_cut_anywhere_is_an_error_and_never_half_a_result),
         T(test_after_a_failed_connect_it_answers_at_once_until_the_pause_is_over),
+        T(test_the_pauses_of_many_clients_are_not_the_same),
         T(test_an_unreachable_server_is_named),
         T(test_of_several_hosts_the_next_is_tried_when_one_swallows_packets),
         T(test_hosts_of_a_service_file_take_turns_as_well),

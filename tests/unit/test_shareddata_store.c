@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "apcshareddata.h"
 #include "check.h"
@@ -18,6 +19,7 @@ static struct cluster *cluster;
 struct kind {
     const char *name;
     void (*uri)(char *text, size_t size, int number); /* of a store that does not exist yet */
+    void (*remove)(int number);                       /* after its test; NULL: nothing is left of it */
 };
 
 static void postgresql_uri(char *text, size_t size, int number)
@@ -33,7 +35,27 @@ static void sqlite_uri(char *text, size_t size, int number)
     snprintf(text, size, "sqlite:%s/plant%d.db", scratch_folder(), number);
 }
 
-static const struct kind kinds[] = {{"postgresql:", postgresql_uri}, {"sqlite:", sqlite_uri}};
+static void mem_uri(char *text, size_t size, int number)
+{
+    snprintf(text, size, "mem:plant%d", number);
+}
+
+static void shm_uri(char *text, size_t size, int number)
+{
+    snprintf(text, size, "shm:test-%d-%d", (int)getpid(), number);
+}
+
+static void shm_remove(int number)
+{
+    char path[64];
+    snprintf(path, sizeof path, "/dev/shm/apc.test-%d-%d", (int)getpid(), number);
+    unlink(path);
+}
+
+static const struct kind kinds[] = {{"postgresql:", postgresql_uri, NULL},
+                                    {"sqlite:", sqlite_uri, NULL},
+                                    {"shm:", shm_uri, shm_remove},
+                                    {"mem:", mem_uri, NULL}};
 
 static const struct kind *kind;
 static char uri[512];
@@ -57,10 +79,11 @@ static struct apc_store *open_store(void)
         }                                                                                                    \
     } while (0)
 
+static int number, removed; /* so many stores were made, and so many of them removed */
+
 /* A new, empty store for each test. */
 static int set_up(void **state)
 {
-    static int number;
     kind->uri(uri, sizeof uri, ++number);
     struct apc_store *store = open_store();
     int had = apc_store_init(store);
@@ -74,6 +97,9 @@ static int set_up(void **state)
 static int tear_down(void **state)
 {
     apc_store_close(*state);
+    while (kind->remove && removed < number) {
+        kind->remove(++removed);
+    }
     return 0;
 }
 
