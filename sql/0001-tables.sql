@@ -396,3 +396,4 @@ END
 $$;
 COMMENT ON PROCEDURE maintain(timestamptz, timestamptz, timestamptz, timestamptz, bigint) IS
     'Make partitions ahead, drop what is older than each given time; dropped: rows and partitions.';
+REVOKE ALL ON PROCEDURE maintain(timestamptz, timestamptz, timestamptz, timestamptz, bigint) FROM PUBLIC;
