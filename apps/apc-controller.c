@@ -136,8 +136,8 @@ int main(int argc, char **argv)
         rc = daemon_run(&d, d.experiment.controller.rhythm, on_tick, &s);
     if (s.core && apc_controller_failures(s.core) > 0)
         daemon_event(&d, APC_EVENT_WARNING, "rejected",
-                     "the law gave no finite number in %llu ticks of this run",
-                     (unsigned long long)apc_controller_failures(s.core));
+                     "law %s gave no finite number at %llu ticks of this run",
+                     d.experiment.controller.law->name, (unsigned long long)apc_controller_failures(s.core));
     close_shell(&s);
     return daemon_close(&d, rc);
 }

@@ -13,7 +13,9 @@ int main(int argc, char **argv)
     tick_describe(conn, server, sizeof server);
     PQfinish(conn);
     bench_describe(&b, server);
+    bench_sqlite(&b);
     bench_postgresql(&b);
+    bench_shm(&b);
     bench_end(&b);
     return 0;
 }

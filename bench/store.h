@@ -8,5 +8,7 @@
 
 /* Each measures with bench_run(), whose references, calls and budget it sets itself. */
 void bench_postgresql(struct bench *b);
+void bench_shm(struct bench *b);
+void bench_sqlite(struct bench *b);
 
 #endif

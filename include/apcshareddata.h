@@ -61,30 +61,24 @@ struct apc_store_options {
 struct apc_store;
 
 /**
- * A store by URI. `mem:` is in this process' memory, for virtual time and for tests: `mem:` alone is the
- * handle's own, `mem:NAME` (at most 63 bytes) is shared by all handles of that name, whatever their thread, and
- * gone when the last of them is closed; its ticks allocate only when a variable's history doubles.
+ * A store by URI (which one: docs/stores.md):
+ * - `sqlite:FILE`, a file.
+ * - `shm:NAME`, POSIX shared memory, for the processes of one user on one host (and in one PID namespace),
+ * until the machine stops or /dev/shm/apc.NAME is removed: the newest value of every variable and of each a
+ *   recent history. `shm:NAME?size=MIB`, looked at by apc_store_init() only, makes it larger or smaller than
+ * 32 MiB. What no longer fits takes the place of the oldest; a new variable that does not, too many tags and
+ * a call of too many rows are refused with APC_ESTORE. Durable means: survives any process, not the machine.
+ * - `mem:`, this process' memory, for virtual time and for tests: `mem:` alone is the handle's own,
+ * `mem:NAME` (at most 63 bytes) is shared by all handles of that name, whatever their thread, and gone when
+ * the last of them is closed. Its ticks allocate only when a variable's history doubles.
+ * - `postgresql:` (the environment's database: PGHOST, PGSERVICE, ...) or `postgresql://...`, any libpq URI;
+ *   `#NAME` at its end chooses the schema NAME, one a plant, default `apc`. A standby is refused, because a
+ *   store is for writing, unless target_session_attrs in the URI or PGTARGETSESSIONATTRS says otherwise.
  *
- * `shm:NAME` is in POSIX shared memory, for the processes of one user on one host (and in one PID namespace),
- * until the machine stops or /dev/shm/apc.NAME is removed. It keeps the newest value of up to 51200 variables
- * and the recent history of each: 12288 samples while there is room for 17 such histories in all, fewer when
- * there are more; 1536 events, 384 timing rows with 256 buckets (neighbours of more are merged), 2048 tags.
- * `shm:NAME?size=MIB`, looked at by apc_store_init() only, makes that more or less: default 32. What no longer
- * fits is refused with APC_ESTORE where it is a new variable, a tag or a call of too many rows; else it takes
- * the place of the oldest. A sample whose seq is lower than all that a history still holds counts as there.
- * Durable means: survives any process, and not the machine. Readers never wait; a writer that is killed, at
- * any instruction, leaves old or new and no other writer waiting.
- *
- * `sqlite:FILE` is in a file, without a server (docs/stores.md).
- *
- * `postgresql:` (the environment's database: PGHOST, PGSERVICE, ...) or
- * `postgresql://...`, any libpq URI; `#NAME` at its end chooses the schema NAME, one a plant, default
- * `apc`. A standby is refused, because a store is for writing, unless target_session_attrs in the URI or
- * PGTARGETSESSIONATTRS says otherwise. Nothing is connected yet: every operation connects when it has to,
- * waits no longer than the timeout, and after a failed connect answers APC_ECONN at once until a jittered
- * pause is over.
- * One thread at a time. [setup] Returns 0, APC_EINVAL (unknown scheme, malformed URI, not our spool),
- * APC_EBUSY, APC_ESTORE (the spool cannot be used), APC_ENOMEM.
+ * Nothing is connected yet: every operation connects when it has to, waits no longer than the timeout, and
+ * after a failed connect to a server answers APC_ECONN at once until a jittered pause is over. One thread at
+ * a time. [setup] Returns 0, APC_EINVAL (unknown scheme, malformed URI, not our spool), APC_EBUSY,
+ * APC_ESTORE (the spool cannot be used), APC_ENOMEM.
  */
 APC_API int apc_store_open(struct apc_store **store, const char *uri, const struct apc_store_options *options,
                            struct apc_error *why);

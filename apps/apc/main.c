@@ -11,6 +11,7 @@ static const struct {
 } commands[] = {
     {"run", command_run, "run an experiment in real time and leave a report"},
     {"simulate", command_simulate, "run an experiment in virtual time, once or over many seeds"},
+    {"replay", command_replay, "give a recorded run to a controller and see how its outputs differ"},
     {"init", command_init, "make or update the tables, and describe an experiment in them"},
     {"status", command_status, "what every part is doing: modes, values with their age, timing, events"},
     {"get", command_get, "newest values"},

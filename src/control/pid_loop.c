@@ -31,7 +31,9 @@ static double share(const struct pid_loop *l)
 
 void apc_pid_reset(const struct pid_loop *l)
 {
-    l->x[I] = -l->feed_forward; /* what it feeds forward is a change from here */
+    /* As if it had been at rest at y until now: a start at the setpoint gives u_bar, whatever b is, and what
+     * is fed forward is a change from here. */
+    l->x[I] = (l->p[PID_TAU_I] > 0.0 ? l->p[PID_KP] * (1.0 - l->p[PID_B]) * l->y : 0.0) - l->feed_forward;
     l->x[D] = 0.0;
     l->x[LAST_Y] = l->y;
     l->x[LAST_R] = l->r;

@@ -345,6 +345,8 @@ static bool take_inputs(struct apc_controller *c, struct apc_now now, const stru
         retuned = false;
         settle(c, now);
     }
+    if (!c->begun)
+        adopt_tuning(c); /* for reset, and because there is nothing yet to be bumpless to */
     measured = take_measurement(c, now, &at);
     if (retuned && measured && c->target == APC_MODE_AUTO)
         retune(c);

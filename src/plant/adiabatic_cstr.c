@@ -2,7 +2,7 @@
 /*
  * An exothermic reaction A + 2 B -> products in an adiabatic stirred tank (Wahlgreen, Schroll-Fleischer,
  * Boiroux, Ritschel, Wu, Huusom, Jorgensen, Nonlinear Model Predictive Control for an Exothermic Reaction in
- * an Adiabatic CSTR, ADCHEM 2020). Between two folds it has three steady states, of which the middle one is
+ * an Adiabatic CSTR, ACODS 2020). Between two folds it has three steady states, of which the middle one is
  * unstable.
  *
  *   cA' = F/V (cAin - cA) - r,  cB' = F/V (cBin - cB) - 2 r,  T' = F/V (Tin - T) + beta r,

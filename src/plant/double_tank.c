@@ -23,7 +23,10 @@ static const struct apc_param state[] = {
 };
 static const struct apc_param input[] = {{"u", "V", "pump voltage", 10.0, 0.0, 20.0}};
 static const struct apc_param disturbance[] = {{"leak", "m3/s", "drawn from tank 2", 0.0, 0.0, 1.0}};
-static const struct apc_param output[] = {{"h2", "m", "level of tank 2", 0.0, 0.0, 0.0}};
+static const struct apc_param output[] = {
+    {"h2", "m", "level of tank 2", 0.0, 0.0, 0.0},
+    {"h1", "m", "level of tank 1", 0.0, 0.0, 0.0},
+};
 
 static int f(double t, const double *x, const double *u, const double *p, double *dx)
 {
@@ -41,6 +44,7 @@ static void g(double t, const double *x, const double *u, const double *p, doubl
 {
     (void)t, (void)u, (void)p;
     y[0] = x[1];
+    y[1] = x[0];
 }
 
 const struct apc_model apc_model_double_tank = {
@@ -50,7 +54,7 @@ const struct apc_model apc_model_double_tank = {
     .nx = 2,
     .nu = 1,
     .nd = 1,
-    .ny = 1,
+    .ny = 2,
     .np = 6,
     .param = param,
     .state = state,

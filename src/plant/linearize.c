@@ -24,14 +24,6 @@ static void close_point(struct point *at)
     free(at->pivot);
 }
 
-static void copy_or_initials(double *to, const double *from, const struct apc_param *table, size_t n)
-{
-    if (from)
-        memcpy(to, from, n * sizeof(*to));
-    else
-        apc_param_initials(table, n, to);
-}
-
 static int open_point(struct point *at, const struct apc_model *model, const double *p, const double *x,
                       const double *u, struct apc_error *why)
 {
@@ -68,27 +60,19 @@ static int open_point(struct point *at, const struct apc_model *model, const dou
         at->f[k] = at->f[0] + k * nx;
         at->g[k] = at->g[0] + k * ny;
     }
-    copy_or_initials(at->p, p, model->param, model->np);
-    copy_or_initials(at->x, x, model->state, nx);
+    rc = apc_model_take(model, at->p, p, model->param, model->np, "parameter", why);
+    if (rc == 0)
+        rc = apc_model_take(model, at->x, x, model->state, nx, "state", why);
+    if (rc == 0 && u && !apc_values_ok(u, nu))
+        rc = apc_fail(why, APC_EINVAL, "%s: an input of the point is not a finite number", model->name);
+    if (rc < 0) {
+        close_point(at);
+        return rc;
+    }
+    apc_param_initials(model->input, model->nu, at->u);
+    apc_param_initials(model->disturbance, model->nd, at->u + model->nu);
     if (u)
         memcpy(at->u, u, nu * sizeof(*u));
-    else
-        apc_param_initials(model->input, model->nu, at->u);
-    if (!u)
-        apc_param_initials(model->disturbance, model->nd, at->u + model->nu);
-    for (size_t i = 0; i < model->np; i++) {
-        if (!apc_param_accepts(&model->param[i], at->p[i])) {
-            rc = apc_fail(why, APC_EINVAL, "%s: parameter %s is %g; it must lie in %g to %g", model->name,
-                          model->param[i].name, at->p[i], model->param[i].low, model->param[i].high);
-            close_point(at);
-            return rc;
-        }
-    }
-    if (!apc_values_ok(at->x, nx) || !apc_values_ok(at->u, nu)) {
-        close_point(at);
-        return apc_fail(why, APC_EINVAL, "%s: a state or input of the point is not a finite number",
-                        model->name);
-    }
     return 0;
 }
 

@@ -78,6 +78,21 @@ void apc_param_initials(const struct apc_param *param, size_t n, double *value)
         value[i] = param ? param[i].initial : 0.0;
 }
 
+int apc_model_take(const struct apc_model *model, double *value, const double *given,
+                   const struct apc_param *table, size_t n, const char *what, struct apc_error *why)
+{
+    apc_param_initials(table, n, value);
+    for (size_t i = 0; given && i < n; i++) {
+        value[i] = given[i];
+        if (!table && !apc_value_ok(value[i]))
+            return apc_fail(why, APC_EINVAL, "%s: %s %zu is not a finite number", model->name, what, i + 1);
+        if (table && !apc_param_accepts(&table[i], value[i]))
+            return apc_fail(why, APC_EINVAL, "%s: %s %s is %g; it must lie in %g to %g", model->name, what,
+                            table[i].name, value[i], table[i].low, table[i].high);
+    }
+    return 0;
+}
+
 int apc_model_derivative(const struct apc_model *model, double t, const double *x, const double *u,
                          const double *p, double *dx, struct apc_error *why)
 {

@@ -2,7 +2,7 @@
 /*
  * An inverted pendulum on a cart, with the numbers of the Control Tutorials for MATLAB and Simulink
  * (Messner and Tilbury, University of Michigan). phi is the angle from upright, positive when the pendulum
- * falls the way the cart pulls it from; unlike there the equations are not linearised:
+ * leans towards smaller s; unlike there the equations are not linearised:
  *
  *   (M + m) s'' + b s' - m l phi'' cos phi + m l phi'^2 sin phi = F + push
  *   (I + m l^2) phi'' - m g l sin phi = m l s'' cos phi

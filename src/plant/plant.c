@@ -23,22 +23,6 @@ struct apc_plant {
 
 /* ---- Set-up --------------------------------------------------------------------------------- */
 
-/* The model's own values, or @p given ones, each within its range. */
-static int take(double *value, const double *given, const struct apc_param *param, size_t n, const char *what,
-                const char *model, struct apc_error *why)
-{
-    apc_param_initials(param, n, value);
-    for (size_t i = 0; given && i < n; i++) {
-        value[i] = given[i];
-        if (!param && !apc_value_ok(value[i]))
-            return apc_fail(why, APC_EINVAL, "%s: %s %zu is not a finite number", model, what, i + 1);
-        if (param && !apc_param_accepts(&param[i], value[i]))
-            return apc_fail(why, APC_EINVAL, "%s: %s %s is %g; it must lie in %g to %g", model, what,
-                            param[i].name, value[i], param[i].low, param[i].high);
-    }
-    return 0;
-}
-
 static int take_options(struct apc_plant_options *ours, const struct apc_plant_options *theirs,
                         struct apc_error *why)
 {
@@ -107,9 +91,9 @@ static int set_up(struct apc_plant *plant, const double *p, const double *x0,
     if (rc == 0 && (allocate(plant) < 0 || apc_delay_open(&plant->delay, o->dead_time, m->nu) < 0))
         rc = apc_fail(why, APC_ENOMEM, "no memory for plant %s", m->name);
     if (rc == 0)
-        rc = take(plant->p, p, m->param, m->np, "parameter", m->name, why);
+        rc = apc_model_take(m, plant->p, p, m->param, m->np, "parameter", why);
     if (rc == 0)
-        rc = take(plant->x, x0, m->state, m->nx, "initial state", m->name, why);
+        rc = apc_model_take(m, plant->x, x0, m->state, m->nx, "state", why);
     if (rc < 0)
         return rc;
     apc_param_initials(m->input, m->nu, plant->in);

@@ -14,6 +14,12 @@ int apc_model_derivative(const struct apc_model *model, double t, const double *
                          const double *p, double *dx, struct apc_error *why);
 /** The initial values of @p n parameters or variables into @p value; zeros when there is no table. */
 void apc_param_initials(const struct apc_param *param, size_t n, double *value);
+/**
+ * The same, or @p given ones (NULL: none) in their place, each within its range; @p what it is, for the
+ * error. Returns 0 or APC_EINVAL.
+ */
+int apc_model_take(const struct apc_model *model, double *value, const double *given,
+                   const struct apc_param *table, size_t n, const char *what, struct apc_error *why);
 
 /* ---- Integrators ---------------------------------------------------------------------------- */
 

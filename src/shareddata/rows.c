@@ -31,14 +31,21 @@ int apc_rows_seq_failure(struct apc_store *store, const struct apc_sample *s)
                     apc_table_name(s->table), s->id);
 }
 
-struct apc_sample apc_row_of(const struct apc_sample *s)
+static int by_variable(const void *a, const void *b)
 {
-    struct apc_sample row = *s;
-    row.time = apc_time_stored(s->time);
-    if (s->table != APC_ACTUATOR) {
-        row.sensor_seq = row.setpoint_seq = 0;
+    const struct apc_sample *x = (const struct apc_sample *)a, *y = (const struct apc_sample *)b;
+    return x->table != y->table ? (x->table > y->table) - (x->table < y->table)
+                                : (x->id > y->id) - (x->id < y->id);
+}
+
+int apc_variables_give(struct apc_sample *all, size_t n, struct apc_sample *variables, size_t capacity)
+{
+    qsort(all, n, sizeof *all, by_variable);
+    for (size_t i = 0; i < n && i < capacity; i++) {
+        variables[i] = (struct apc_sample){.table = all[i].table, .id = all[i].id};
     }
-    return row;
+    free(all);
+    return (int)n;
 }
 
 /* ---- Events and timing rows ------------------------------------------------------------------ */

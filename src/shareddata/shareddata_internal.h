@@ -64,9 +64,9 @@ struct apc_store_ops {
 
 extern const struct apc_store_ops apc_postgresql_store;
 extern const struct apc_store_ops apc_postgres_store; /* libpq's other spelling */
+extern const struct apc_store_ops apc_sqlite_store;
 extern const struct apc_store_ops apc_mem_store;
 extern const struct apc_store_ops apc_shm_store;
-extern const struct apc_store_ops apc_sqlite_store;
 
 /**
  * Into a copy that every store takes: a byte that is no part of a character (a text cut in the middle of one,
@@ -104,8 +104,9 @@ static inline apc_ns apc_time_stored(apc_ns time)
 int apc_rows_check(struct apc_store *store, const struct apc_sample *samples, size_t n);
 /** Say that a sample's seq would be above APC_SEQ_MAX. Returns APC_ESTORE. */
 int apc_rows_seq_failure(struct apc_store *store, const struct apc_sample *sample);
-/** As it is stored: whole microseconds; only actuators say what they were computed from. */
-struct apc_sample apc_row_of(const struct apc_sample *sample);
+/** The operation variables, from @p all that there are, in any order; frees them. Returns @p n. */
+int apc_variables_give(struct apc_sample *all, size_t n, struct apc_sample *variables, size_t capacity);
+
 struct apc_event apc_event_row(const struct apc_event *event);
 int apc_timing_check(struct apc_store *store, const struct apc_timing_row *rows, size_t n);
 struct apc_timing_row apc_timing_stored(const struct apc_timing_row *row);

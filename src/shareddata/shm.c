@@ -33,18 +33,25 @@ int apc_shm_load(const struct apc_shm_slot *slot, uint64_t g, uint64_t version[8
     return mark <= g && mark > 0 && apc_shm_unchanged(&slot->mark[current], mark) ? 1 : -1;
 }
 
-/* The newest of generation @p g. Returns false when it is lost. */
-static bool load_sample(struct apc_shm *shm, uint64_t g, struct apc_sample *s, uint32_t *hint)
+/* The newest of generation @p g. Returns false when it is lost: then only table and id are left. */
+static inline bool load_sample(struct apc_shm *shm, uint64_t g, struct apc_sample *s, uint32_t *hint)
 {
     const struct apc_shm_slot *slot = apc_shm_find(shm, apc_shm_key(s->table, s->id), hint);
-    uint64_t words[8];
-    const int there = slot ? apc_shm_load(slot, g, words) : 0;
-    if (there > 0) {
-        *s = apc_shm_sample(s->table, s->id, words);
-    } else if (there == 0) {
+    const int current = slot ? apc_shm_current(slot->mark, g) : -1;
+    if (current < 0) {
         *s = (struct apc_sample){.table = s->table, .id = s->id, .status = APC_BAD_NO_DATA};
+        return current == -1;
     }
-    return there >= 0;
+    /* Field by field: words that are put down and picked up again as a struct cost more than all the rest. */
+    const struct apc_shm_cell *v = &slot->version[current];
+    const uint64_t mark = apc_word_get(&slot->mark[current]), value = apc_word_get(&v->value);
+    s->seq = (int64_t)apc_word_get(&v->seq);
+    s->time = (apc_ns)apc_word_get(&v->time);
+    memcpy(&s->value, &value, sizeof value);
+    s->status = (apc_status)apc_word_get(&v->status);
+    s->sensor_seq = (int64_t)apc_word_get(&v->sensor_seq);
+    s->setpoint_seq = (int64_t)apc_word_get(&v->setpoint_seq);
+    return mark <= g && mark > 0 && apc_shm_unchanged(&slot->mark[current], mark);
 }
 
 static uint32_t *hint_of(uint32_t *hints, size_t i)
@@ -265,6 +272,7 @@ const struct apc_store_ops apc_shm_store = {
     .put = put,
     .swap = swap,
     .wait = wait_newer,
+    .variables = apc_shm_variables,
     .history = apc_shm_history,
     .history_bins = apc_bins_by_history,
     .put_tags = apc_shm_put_tags,

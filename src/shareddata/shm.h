@@ -232,9 +232,9 @@ int apc_shm_lock_table(struct apc_shm *shm, enum apc_table table);
 /** A transaction: the lock is held. */
 struct apc_shm_write {
     struct apc_shm *shm;
-    uint64_t generation; /* that it makes */
-    struct apc_shm_counters counters;
-    bool counted; /* counters have changed */
+    uint64_t generation;              /* that it makes */
+    struct apc_shm_counters counters; /* once they are needed: apc_shm_count() */
+    bool counted;
 };
 
 /** Take the writers' lock, before the timeout. */
@@ -242,6 +242,8 @@ int apc_shm_lock(struct apc_shm *shm);
 void apc_shm_unlock(struct apc_shm *shm);
 
 int apc_shm_begin(struct apc_shm *shm, struct apc_shm_write *w);
+/** The counters, to be changed. */
+struct apc_shm_counters *apc_shm_count(struct apc_shm_write *w);
 /** Make it visible, unlock, wake those who wait. */
 void apc_shm_commit(struct apc_shm_write *w);
 /** Leave everything as it was, unlock. */
@@ -249,8 +251,14 @@ void apc_shm_abort(struct apc_shm_write *w);
 /** The version to write of two; the former one, or -1, is *@p from. */
 int apc_shm_version(struct apc_shm_write *w, apc_word mark[2], int *from);
 
-/** The variable's slot, or NULL; @p hint is where it was. */
-struct apc_shm_slot *apc_shm_find(const struct apc_shm *shm, uint64_t key, uint32_t *hint);
+/** The variable's slot, or NULL; *@p hint (may be NULL) becomes its number. */
+struct apc_shm_slot *apc_shm_look_up(const struct apc_shm *shm, uint64_t key, uint32_t *hint);
+/** The same; @p hint is where it was the last time. */
+static inline struct apc_shm_slot *apc_shm_find(const struct apc_shm *shm, uint64_t key, uint32_t *hint)
+{
+    return hint && apc_word_get(&shm->slot[*hint].key) == key ? &shm->slot[*hint]
+                                                              : apc_shm_look_up(shm, key, hint);
+}
 /** The newest seq of a variable, as the transaction sees it. */
 int64_t apc_shm_newest_seq(const struct apc_shm_write *w, enum apc_table table, int id);
 /** Write one sample. Returns 1, 0 when its seq was taken, APC_ESTORE when there is no room. */
@@ -259,9 +267,26 @@ int apc_shm_write_sample(struct apc_shm_write *w, const struct apc_sample *s, ui
 void apc_shm_write_record(struct apc_shm_write *w, enum apc_shm_log_name name, const void *record,
                           size_t words);
 
+/** Cells of the first @p extents: 0, 4, 16, 64, ... */
+static inline uint64_t apc_shm_capacity(uint64_t extents)
+{
+    return extents > 0 ? UINT64_C(1) << 2 * extents : 0;
+}
+
 /** A ring's cell by its ordinal, NULL when the slot makes no sense. @p extents as in the version. */
-struct apc_shm_cell *apc_shm_cell(const struct apc_shm *shm, const struct apc_shm_slot *slot,
-                                  uint64_t extents, uint64_t ordinal);
+static inline struct apc_shm_cell *apc_shm_cell(const struct apc_shm *shm, const struct apc_shm_slot *slot,
+                                                uint64_t extents, uint64_t ordinal)
+{
+    const uint64_t position = ordinal & (apc_shm_capacity(extents) - 1);
+    if (extents < 1 || extents > APC_SHM_EXTENTS) {
+        return NULL;
+    }
+    const int extent = (63 - __builtin_clzll(position | 1)) / 2;
+    const uint64_t at = atomic_load_explicit(&slot->extent[extent], memory_order_relaxed) + position -
+                        (extent > 0 ? apc_shm_capacity((uint64_t)extent) : 0);
+    return at < shm->cells ? &shm->cell[at] : NULL;
+}
+
 /** How much of a ring is shown. */
 static inline uint64_t apc_shm_shown(uint64_t capacity)
 {
@@ -275,6 +300,7 @@ int apc_shm_load(const struct apc_shm_slot *slot, uint64_t g, uint64_t version[8
 /** The sample in a version's or cell's words. */
 struct apc_sample apc_shm_sample(enum apc_table table, int id, const uint64_t words[8]);
 
+int apc_shm_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity);
 int apc_shm_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                     apc_sample_fn fn, void *ctx);
 int apc_shm_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n);

@@ -86,7 +86,7 @@ int apc_shm_history(struct apc_store *store, enum apc_table table, int id, const
     if (!slot || load_version(shm, slot, version) == 0) {
         return 0;
     }
-    const uint64_t most = apc_shm_shown(UINT64_C(1) << 2 * APC_SHM_EXTENTS), kept = version[7] >> 8;
+    const uint64_t most = apc_shm_shown(apc_shm_capacity(APC_SHM_EXTENTS)), kept = version[7] >> 8;
     if (kept > most || kept > version[0]) {
         return apc_fail(&store->why, APC_ESTORE, "shm:%s is corrupt", shm->name);
     }
@@ -115,6 +115,27 @@ int apc_shm_history(struct apc_store *store, enum apc_table table, int id, const
     store->streaming = false;
     free(row);
     return count;
+}
+
+int apc_shm_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity)
+{
+    struct apc_shm *shm = apc_shm_of(store);
+    size_t n = 0;
+    uint64_t version[8], key;
+    int err = apc_shm_ready(shm);
+    if (err) {
+        return err;
+    }
+    struct apc_sample *all = (struct apc_sample *)malloc(shm->variables * sizeof *all);
+    if (!all) {
+        return no_memory(shm, shm->variables);
+    }
+    for (size_t i = 0; i < shm->variables && (key = apc_word_get(&shm->slot[i].key)) != 0; i++) {
+        if (load_version(shm, &shm->slot[i], version) > 0) {
+            all[n++] = (struct apc_sample){.table = (enum apc_table)(key >> 32), .id = (int)(uint32_t)key};
+        }
+    }
+    return apc_variables_give(all, n, variables, capacity);
 }
 
 /* ---- Tags ---------------------------------------------------------------------------------- */
@@ -427,7 +448,7 @@ static int drop_records(struct apc_shm *shm, enum apc_shm_log_name name, apc_ns 
     if (err) {
         return err;
     }
-    struct apc_shm_ends *ends = &w.counters.log[name];
+    struct apc_shm_ends *ends = &apc_shm_count(&w)->log[name];
     int n = 0;
     apc_ns time = 0;
     while (ends->kept > 0 &&
@@ -436,7 +457,6 @@ static int drop_records(struct apc_shm *shm, enum apc_shm_log_name name, apc_ns 
         n++;
     }
     if (n > 0) {
-        w.counted = true;
         apc_shm_commit(&w);
     } else {
         apc_shm_unlock(shm);

@@ -106,11 +106,20 @@ int apc_shm_begin(struct apc_shm *shm, struct apc_shm_write *w)
 {
     int err = apc_shm_lock(shm);
     if (!err) {
-        const uint64_t g = apc_shm_generation(shm);
-        *w = (struct apc_shm_write){
-            .shm = shm, .generation = g + 1, .counters = counters_of(shm, g), .counted = false};
+        w->shm = shm;
+        w->generation = apc_shm_generation(shm) + 1;
+        w->counted = false;
     }
     return err;
+}
+
+struct apc_shm_counters *apc_shm_count(struct apc_shm_write *w)
+{
+    if (!w->counted) {
+        w->counters = counters_of(w->shm, w->generation - 1);
+        w->counted = true;
+    }
+    return &w->counters;
 }
 
 int apc_shm_version(struct apc_shm_write *w, apc_word mark[2], int *from)
@@ -168,11 +177,8 @@ static _Atomic uint32_t *place(const struct apc_shm *shm, uint64_t key)
     return NULL;
 }
 
-struct apc_shm_slot *apc_shm_find(const struct apc_shm *shm, uint64_t key, uint32_t *hint)
+struct apc_shm_slot *apc_shm_look_up(const struct apc_shm *shm, uint64_t key, uint32_t *hint)
 {
-    if (hint && apc_word_get(&shm->slot[*hint].key) == key) {
-        return &shm->slot[*hint];
-    }
     const _Atomic uint32_t *at = place(shm, key);
     const uint32_t number = at ? atomic_load_explicit(at, memory_order_relaxed) : 0;
     if (number == 0 || number > shm->variables) {
@@ -188,13 +194,13 @@ static struct apc_shm_slot *add(struct apc_shm_write *w, uint64_t key)
 {
     struct apc_shm *shm = w->shm;
     _Atomic uint32_t *at = place(shm, key);
-    if (!at || w->counters.variables >= shm->variables) {
+    struct apc_shm_counters *counters = apc_shm_count(w);
+    if (!at || counters->variables >= shm->variables) {
         apc_fail(&shm->base.why, APC_ESTORE, "shm:%s is full: it holds %zu variables: make a larger one",
                  shm->name, shm->variables);
         return NULL;
     }
-    const size_t number = (size_t)w->counters.variables++;
-    w->counted = true;
+    const size_t number = (size_t)counters->variables++;
     struct apc_shm_slot *slot = &shm->slot[number];
     apc_word_put(&slot->mark[0], 0); /* of a transaction that was not finished */
     apc_word_put(&slot->mark[1], 0);
@@ -212,36 +218,16 @@ int64_t apc_shm_newest_seq(const struct apc_shm_write *w, enum apc_table table, 
 
 /* ---- Rings of cells --------------------------------------------------------------------------- */
 
-/* Of the first @p extents: 0, 4, 16, 64, ... */
-static uint64_t capacity_of(uint64_t extents)
-{
-    return extents > 0 ? UINT64_C(1) << 2 * extents : 0;
-}
-
-struct apc_shm_cell *apc_shm_cell(const struct apc_shm *shm, const struct apc_shm_slot *slot,
-                                  uint64_t extents, uint64_t ordinal)
-{
-    const uint64_t capacity = capacity_of(extents);
-    if (extents < 1 || extents > APC_SHM_EXTENTS) {
-        return NULL;
-    }
-    const uint64_t position = ordinal & (capacity - 1);
-    const int extent = (63 - __builtin_clzll(position | 1)) / 2;
-    const uint64_t at = atomic_load_explicit(&slot->extent[extent], memory_order_relaxed) + position -
-                        (extent > 0 ? capacity_of((uint64_t)extent) : 0);
-    return at < shm->cells ? &shm->cell[at] : NULL;
-}
-
 /* One more extent, if there are cells for it. Returns how many there are then. */
 static uint64_t grow_ring(struct apc_shm_write *w, struct apc_shm_slot *slot, uint64_t extents)
 {
-    const uint64_t more = capacity_of(extents + 1) - capacity_of(extents);
-    if (extents >= APC_SHM_EXTENTS || w->shm->cells - w->counters.cells < more) {
+    const uint64_t more = apc_shm_capacity(extents + 1) - apc_shm_capacity(extents);
+    struct apc_shm_counters *counters = apc_shm_count(w);
+    if (w->shm->cells - counters->cells < more) {
         return extents;
     }
-    atomic_store_explicit(&slot->extent[extents], (uint32_t)w->counters.cells, memory_order_relaxed);
-    w->counters.cells += more;
-    w->counted = true;
+    atomic_store_explicit(&slot->extent[extents], (uint32_t)counters->cells, memory_order_relaxed);
+    counters->cells += more;
     return extents + 1;
 }
 
@@ -286,15 +272,17 @@ static bool holds(const struct apc_shm *shm, const struct apc_shm_slot *slot, co
     return v->head > v->kept && seq < oldest;
 }
 
+/* Field by field: to copy a struct that was just filled in costs more than all the rest. */
 static void put_words(struct apc_shm_cell *c, const struct apc_sample *s)
 {
+    const bool actuator = s->table == APC_ACTUATOR;
     uint64_t value;
     memcpy(&value, &s->value, sizeof value);
     apc_word_put(&c->seq, (uint64_t)s->seq);
-    apc_word_put(&c->time, (uint64_t)s->time);
+    apc_word_put(&c->time, (uint64_t)apc_time_stored(s->time));
     apc_word_put(&c->value, value);
-    apc_word_put(&c->sensor_seq, (uint64_t)s->sensor_seq);
-    apc_word_put(&c->setpoint_seq, (uint64_t)s->setpoint_seq);
+    apc_word_put(&c->sensor_seq, actuator ? (uint64_t)s->sensor_seq : 0);
+    apc_word_put(&c->setpoint_seq, actuator ? (uint64_t)s->setpoint_seq : 0);
     apc_word_put(&c->status, s->status);
 }
 
@@ -302,8 +290,9 @@ static void put_words(struct apc_shm_cell *c, const struct apc_sample *s)
 static int put_cell(struct apc_shm_write *w, struct apc_shm_slot *slot, struct version *v,
                     const struct apc_sample *s)
 {
-    const uint64_t capacity = capacity_of(v->extents);
-    if (v->head >= apc_shm_shown(capacity) && v->head <= capacity) { /* it never went round */
+    const uint64_t capacity = apc_shm_capacity(v->extents);
+    if (v->head >= apc_shm_shown(capacity) && v->head <= capacity &&
+        v->extents < APC_SHM_EXTENTS) { /* it never went round */
         v->extents = grow_ring(w, slot, v->extents);
     }
     struct apc_shm_cell *cell = apc_shm_cell(w->shm, slot, v->extents, v->head);
@@ -315,7 +304,8 @@ static int put_cell(struct apc_shm_write *w, struct apc_shm_slot *slot, struct v
     atomic_thread_fence(memory_order_release);
     put_words(cell, s);
     atomic_store_explicit(&cell->mark, ++v->head, memory_order_release);
-    const uint64_t shown = apc_shm_shown(capacity_of(v->extents));
+    __builtin_prefetch(cell + 1, 1); /* the next one's: it has long gone from the caches */
+    const uint64_t shown = apc_shm_shown(apc_shm_capacity(v->extents));
     v->kept = v->kept < shown ? v->kept + 1 : shown;
     return 0;
 }
@@ -324,7 +314,6 @@ int apc_shm_write_sample(struct apc_shm_write *w, const struct apc_sample *s, ui
 {
     const uint64_t key = apc_shm_key(s->table, s->id);
     struct apc_shm_slot *slot = apc_shm_find(w->shm, key, hint);
-    const struct apc_sample row = apc_row_of(s);
     struct version v = {0};
     if (!slot) {
         slot = add(w, key);
@@ -335,17 +324,17 @@ int apc_shm_write_sample(struct apc_shm_write *w, const struct apc_sample *s, ui
     int from = apc_shm_current(slot->mark, w->generation);
     if (from >= 0) {
         v = load_version(&slot->version[from]);
-        if ((uint64_t)row.seq <= v.seq && holds(w->shm, slot, &v, (uint64_t)row.seq)) {
+        if ((uint64_t)s->seq <= v.seq && holds(w->shm, slot, &v, (uint64_t)s->seq)) {
             return 0;
         }
     }
-    int err = put_cell(w, slot, &v, &row);
+    int err = put_cell(w, slot, &v, s);
     if (err) {
         return err;
     }
     struct apc_shm_cell *to = &slot->version[apc_shm_version(w, slot->mark, &from)];
-    if ((uint64_t)row.seq > v.seq) {
-        put_words(to, &row);
+    if ((uint64_t)s->seq > v.seq) {
+        put_words(to, s);
     } else if (to != &slot->version[from]) { /* a late one: the newest stays */
         uint64_t words[8];
         apc_words_get(words, &slot->version[from].mark, 8);
@@ -362,7 +351,7 @@ void apc_shm_write_record(struct apc_shm_write *w, enum apc_shm_log_name name, c
                           size_t words)
 {
     const struct apc_shm_log *log = &w->shm->log[name];
-    struct apc_shm_ends *ends = &w->counters.log[name];
+    struct apc_shm_ends *ends = &apc_shm_count(w)->log[name];
     apc_word *at = log->record + (size_t)(ends->head % log->capacity) * log->words;
     apc_word_put(&at[0], 0);
     atomic_thread_fence(memory_order_release);
@@ -370,5 +359,4 @@ void apc_shm_write_record(struct apc_shm_write *w, enum apc_shm_log_name name, c
     atomic_store_explicit(&at[0], ++ends->head, memory_order_release);
     const uint64_t shown = apc_shm_shown(log->capacity);
     ends->kept = ends->kept < shown ? ends->kept + 1 : shown;
-    w->counted = true;
 }

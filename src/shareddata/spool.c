@@ -491,8 +491,10 @@ static int claim(struct apc_store *store, enum apc_table table, size_t n, int64_
     s->scratch = scratch;
     w->pending = trusted;
     for (size_t i = 0; i < n; i++) {
-        if (!trusted && last[i] > w->last[i]) {
-            w->last[i] = last[i];
+        const struct apc_sample *seen = find_seen(s, table, (int)i + 1); /* maybe it still waits */
+        int64_t newest[2] = {trusted ? 0 : last[i], seen ? seen->seq : 0};
+        for (size_t k = 0; k < 2; k++) {
+            w->last[i] = newest[k] > w->last[i] ? newest[k] : w->last[i];
         }
         last[i] = w->last[i];
     }

@@ -34,6 +34,11 @@ static const char *const texts[APC_SQLITE_STATEMENTS] = {
     [APC_SQLITE_NEWEST] = "SELECT s.seq, s.time, s.status, s.value, s.sensor_seq, s.setpoint_seq"
                           " FROM variable v JOIN sample s ON s.pos = v.pos WHERE v.variable = ?1",
     [APC_SQLITE_VARIABLE] = "SELECT seq, pos, count, first, last FROM variable WHERE variable = ?1",
+    [APC_SQLITE_GROW] = "UPDATE variable SET pos = grow(seq, pos, count, first, last), seq = ?2,"
+                        " count = count + 1, first = iif(first < ?3, first, ?3),"
+                        " last = iif(last > ?3, last, ?3)"
+                        " WHERE variable = ?1 AND seq < ?2",
+    [APC_SQLITE_LAST_POS] = "SELECT max(pos) FROM sample",
     [APC_SQLITE_PUT_VARIABLE] = "REPLACE INTO variable VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
     [APC_SQLITE_NEXT_BLOCK] =
         "SELECT seq, pos, count, first, last FROM block WHERE variable = ?1 AND seq >= ?2"
@@ -44,8 +49,7 @@ static const char *const texts[APC_SQLITE_STATEMENTS] = {
     [APC_SQLITE_DROP_BLOCK] = "DELETE FROM block WHERE variable = ?1 AND seq = ?2",
     [APC_SQLITE_SAMPLE] = "SELECT variable, seq, previous, time, status, value, sensor_seq, setpoint_seq"
                           " FROM sample WHERE pos = ?1",
-    [APC_SQLITE_INSERT] = "INSERT INTO sample (variable, seq, previous, time, status, value, sensor_seq,"
-                          " setpoint_seq) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
+    [APC_SQLITE_INSERT] = "INSERT INTO sample VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
     [APC_SQLITE_LINK] = "UPDATE sample SET previous = ?2 WHERE pos = ?1",
     [APC_SQLITE_DROP_SAMPLE] = "DELETE FROM sample WHERE pos = ?1",
 };
@@ -279,6 +283,10 @@ static int set_up(struct apc_sqlite *sq, bool make)
         err = set_journal(sq);
     }
     if (!err) {
+        int rc = apc_sqlite_make_function(sq);
+        err = rc == SQLITE_OK ? 0 : apc_sqlite_fail(sq, rc);
+    }
+    if (!err) {
         err = prepare(sq, 0, make ? APC_SQLITE_NEWEST : APC_SQLITE_STATEMENTS);
     }
     return err;
@@ -338,6 +346,7 @@ int apc_sqlite_begin(struct apc_sqlite *sq, enum apc_sqlite_sql how)
 {
     sq->base.stats.round_trips++;
     sq->loaded.variable = -1;
+    sq->pos = 0;
     return apc_sqlite_step(sq, apc_sqlite_use(sq, how));
 }
 

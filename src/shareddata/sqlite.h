@@ -25,6 +25,8 @@ enum apc_sqlite_sql {
     APC_SQLITE_ROLLBACK,
     APC_SQLITE_NEWEST,       /* ?1 variable */
     APC_SQLITE_VARIABLE,     /* ?1 variable */
+    APC_SQLITE_GROW,         /* ?1 variable, ?2 seq, ?3 time: the growing block by one sample */
+    APC_SQLITE_LAST_POS,     /* of all samples */
     APC_SQLITE_PUT_VARIABLE, /* ?1 variable, then struct apc_sqlite_block */
     APC_SQLITE_NEXT_BLOCK,   /* ?1 variable, ?2 seq or above, ?3 since, ?4 until */
     APC_SQLITE_FORMER_BLOCK, /* ?1 variable, ?2 below seq, ?3 since, ?4 until */
@@ -69,8 +71,10 @@ struct apc_sqlite {
     sqlite3_stmt *statements[APC_SQLITE_STATEMENTS];
     dev_t device; /* of the open file */
     ino_t inode;
-    apc_ns deadline; /* of the running operation, monotonic */
-    uint64_t random; /* of the jitter of pauses */
+    apc_ns deadline;               /* of the running operation, monotonic */
+    uint64_t random;               /* of the jitter of pauses */
+    int64_t pos;                   /* of the newest row, in a transaction that has inserted some; else 0 */
+    struct apc_sqlite_block grown; /* what the last GROW found */
     struct apc_sqlite_loaded loaded;
     int claims; /* the lock file; -1: not open */
     bool claimed[APC_TABLE_END];
@@ -130,6 +134,8 @@ static inline int64_t apc_sqlite_variable(enum apc_table table, int id)
     return (int64_t)id * 16 + (int64_t)table;
 }
 
+/** Make the SQL function that GROW needs. Returns SQLite's error number. */
+int apc_sqlite_make_function(struct apc_sqlite *sq);
 /** The newest sample of @p s's table and id, as apc_store_read() gives it. */
 int apc_sqlite_newest(struct apc_sqlite *sq, struct apc_sample *s);
 /** Returns 1 when it was stored, 0 when its seq is taken, or an error. */

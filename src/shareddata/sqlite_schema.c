@@ -19,10 +19,7 @@ static const char version_1[] =
      * time. value has no type: a column of REAL loses the sign of -0.0. */
     "CREATE TABLE sample (pos INTEGER PRIMARY KEY, variable INTEGER NOT NULL, seq INTEGER NOT NULL,"
     " previous INTEGER NOT NULL, time INTEGER NOT NULL, status INTEGER NOT NULL, value NOT NULL,"
-    " sensor_seq INTEGER, setpoint_seq INTEGER,"
-    " CONSTRAINT seq_in_range CHECK (seq BETWEEN 1 AND 4611686018427387903),"
-    " CONSTRAINT value_finite CHECK (abs(value) < 1e300),"
-    " CONSTRAINT value_whole CHECK (variable & 15 NOT IN (4, 5) OR value = CAST(value AS INTEGER)));"
+    " sensor_seq INTEGER, setpoint_seq INTEGER);"
     "CREATE TABLE variable (variable INTEGER PRIMARY KEY, seq INTEGER NOT NULL, pos INTEGER NOT NULL,"
     " count INTEGER NOT NULL, first INTEGER NOT NULL, last INTEGER NOT NULL);"
     "CREATE TABLE block (variable INTEGER NOT NULL, seq INTEGER NOT NULL, pos INTEGER NOT NULL,"

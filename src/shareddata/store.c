@@ -10,7 +10,7 @@
 #include "shareddata/spool.h"
 
 static const struct apc_store_ops *const stores[] = {&apc_postgresql_store, &apc_postgres_store,
-                                                     &apc_mem_store, &apc_shm_store, &apc_sqlite_store};
+                                                     &apc_sqlite_store, &apc_shm_store, &apc_mem_store};
 
 /* ---- Opening ------------------------------------------------------------------------------ */
 

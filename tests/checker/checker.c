@@ -5,8 +5,9 @@
  * read. In the end that must fit together (history.h).
  *
  * checker run --store URI --dir DIR [--kills N] [--writers N] [--readers N] [--ids N] [--seed N] [--spool]
- *             [--server-hook COMMAND]     COMMAND kills the server and brings it back; its argument is a
- *                                         random number
+ *             [--ring] [--server-hook COMMAND]
+ *                                         --ring: the store keeps the newest rows only. COMMAND kills the
+ *                                         server and brings it back; its argument is a random number
  * checker check DIR                       look at a history again
  */
 #include <argp.h>
@@ -34,7 +35,7 @@ static const enum apc_table tables[WRITERS_MAX] = {APC_SENSOR, APC_ACTUATOR, APC
 
 struct options {
     const char *store, *dir, *server_hook;
-    unsigned kills, writers, readers, ids, spool;
+    unsigned kills, writers, readers, ids, spool, ring;
     uint64_t seed;
 };
 
@@ -341,7 +342,11 @@ static int store_line(void *ctx, const struct apc_sample *s)
 static void dump(const struct run *r)
 {
     static struct lines log;
+    char ring[600];
     log.fd = open_log(&r->o, "stored", 0);
+    snprintf(ring, sizeof ring, "%s/ring", r->o.dir);
+    if (r->o.ring)
+        close(open(ring, O_WRONLY | O_CREAT, 0666));
     struct apc_store *store = open_store(&r->o, "checker", false, 0);
     for (unsigned t = 0; t < r->o.writers; t++)
         for (unsigned i = 0; i < r->o.ids; i++)
@@ -393,7 +398,7 @@ static int run(struct run *r)
 
 /* ---- Options --------------------------------------------------------------------------------- */
 
-enum { STORE = 0x100, DIR_, KILLS, WRITERS, READERS, IDS, SEED, SPOOL, HOOK };
+enum { STORE = 0x100, DIR_, KILLS, WRITERS, READERS, IDS, SEED, SPOOL, RING, HOOK };
 
 static const struct argp_option option_list[] = {
     {"store", STORE, "URI", 0, "The store", 0},
@@ -404,6 +409,7 @@ static const struct argp_option option_list[] = {
     {"ids", IDS, "N", 0, "Variables of a table, 1 to 64; default 8", 0},
     {"seed", SEED, "N", 0, "Of all that is random; default: the time", 0},
     {"spool", SPOOL, NULL, 0, "The writers spool", 0},
+    {"ring", RING, NULL, 0, "The store keeps the newest rows of each variable only", 0},
     {"server-hook", HOOK, "COMMAND", 0, "Kills the server and brings it back", 0},
     {0},
 };
@@ -444,6 +450,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         break;
     case SPOOL:
         o->spool = 1;
+        break;
+    case RING:
+        o->ring = 1;
         break;
     case HOOK:
         o->server_hook = arg;

@@ -9,6 +9,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #define SAID_MAX 20
 
@@ -27,6 +28,7 @@ struct rows {
 
 struct history {
     struct history_counts *counts;
+    bool ring;
     struct rows attempts, acks, stored, reads; /* reads: of one reader at a time */
 };
 
@@ -107,8 +109,8 @@ static void sort(struct rows *rows)
         qsort(rows->row, rows->n, sizeof *rows->row, compare);
 }
 
-/* The first of the rows with this key, in sorted rows. */
-static const struct row *find(const struct rows *rows, const struct row *key)
+/* Where the first row with this key is, or would be, in sorted rows. */
+static size_t place(const struct rows *rows, const struct row *key)
 {
     size_t low = 0, high = rows->n;
     while (low < high) {
@@ -118,7 +120,23 @@ static const struct row *find(const struct rows *rows, const struct row *key)
         else
             high = middle;
     }
-    return low < rows->n && compare_key(&rows->row[low], key) == 0 ? &rows->row[low] : NULL;
+    return low;
+}
+
+static const struct row *find(const struct rows *rows, const struct row *key)
+{
+    size_t at = place(rows, key);
+    return at < rows->n && compare_key(&rows->row[at], key) == 0 ? &rows->row[at] : NULL;
+}
+
+/* Is it older than what the store keeps? */
+static bool is_dropped(const struct history *h, const struct row *row)
+{
+    struct row first = *row;
+    first.seq = 0;
+    size_t at = place(&h->stored, &first);
+    return h->ring && at < h->stored.n && strcmp(h->stored.row[at].table, row->table) == 0 &&
+           h->stored.row[at].id == row->id && row->seq < h->stored.row[at].seq;
 }
 
 static bool same_value(const struct row *a, const struct row *b)
@@ -159,25 +177,25 @@ static void check_acks(struct history *h)
 {
     for (size_t i = 0; i < h->acks.n; i++) {
         const struct row *ack = &h->acks.row[i], *row = find(&h->stored, ack);
-        if (!row)
+        if (!row && !is_dropped(h, ack))
             violated(h, "acknowledged, but not stored: " ROW, OF(ack));
-        else if (!same_value(row, ack))
+        else if (row && !same_value(row, ack))
             violated(h, "acknowledged: " ROW ", but stored: value %s", OF(ack), row->value);
         if (i > 0 && compare_key(ack, ack - 1) == 0 && !same_value(ack, ack - 1))
             violated(h, "acknowledged twice with different values: " ROW " and %s", OF(ack), ack[-1].value);
     }
 }
 
-/* Sorted by variable and seq; then the order of the reads has to be theirs too. */
+/* Sorted by seq, the reads of a variable have to be in the order in which they were made. */
 static void check_reads(struct history *h, const char *reader)
 {
     struct rows *reads = &h->reads;
     for (size_t i = 0; i < reads->n;
          i++) { /* of each variable in the order of reading: seq 0 sorts by order */
         const struct row *row = &reads->row[i], *stored = find(&h->stored, row);
-        if (!stored)
+        if (!stored && !is_dropped(h, row))
             violated(h, "%s read what is not stored: " ROW, reader, OF(row));
-        else if (!same_value(stored, row))
+        else if (stored && !same_value(stored, row))
             violated(h, "%s read: " ROW ", but stored: value %s", reader, OF(row), stored->value);
     }
     sort(reads);
@@ -223,7 +241,9 @@ static int load_files(struct history *h, const char *dir, const char *begin, boo
 
 int history_check(const char *dir, struct history_counts *counts)
 {
-    struct history h = {.counts = counts};
+    char ring[600];
+    snprintf(ring, sizeof ring, "%s/ring", dir);
+    struct history h = {.counts = counts, .ring = access(ring, F_OK) == 0};
     *counts = (struct history_counts){0};
     int rc = load_files(&h, dir, "writer-", false);
     if (rc == 0)

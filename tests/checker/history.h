@@ -7,7 +7,9 @@
  *                  k TABLE ID SEQ VALUE    acknowledged
  *                  x TEXT                  something that must not happen, in words
  *   reader-*.log   r TABLE ID SEQ VALUE    read as the newest
- *   stored.log     s TABLE ID SEQ VALUE    in the store at the end, in the order of its history
+ *   stored-*.log   s TABLE ID SEQ VALUE    in the store at the end, in the order of its history
+ *   ring           if there: the store keeps the newest rows of each variable only, and what is older than
+ *                  the oldest stored one is not looked for
  *
  * What must hold: acknowledged is stored, with the same value; stored was attempted; no row stands twice and
  * seq rises strictly; nobody acknowledges a seq twice with different values; no reader sees a variable's seq

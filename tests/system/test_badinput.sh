@@ -68,7 +68,7 @@ plant_with 'x0 = [1e301];' 'x0?.*1e\+301'
 plant_with 'noise = { z = 0.1; };' 'first-order has no state "z"; there are: x'
 plant_with 'noise = { x = -0.1; };' '"x" is -0.1: must be from'
 plant_with 'disturbances = ( { name = "d"; at = 1.0; value = 1.0; } );' 'has no disturbance "d"'
-change 's/model = "first-order";/model = "double-tank"; integrator = "exact";/;s/parameters = [^;]*;[^}]*};//' 'exact: double-tank is not linear'
+change 's/model = "first-order";/model = "adiabatic-cstr"; integrator = "exact";/;s/parameters = [^;]*;[^}]*};//' 'exact: adiabatic-cstr is not linear'
 sensor_with() { change "s/name = \"y\";/&$1/" "$2"; }
 sensor_with 'noise = -0.1;' 'noise.*must be from'
 sensor_with 'quantum = "fine";' 'quantum.*finite number'

@@ -48,6 +48,10 @@ rejects 'reader-0.log read what is not stored: sensor 1 seq 4' 'r:r sensor 1 4 1
 rejects 'reader-0.log read: .*value 8, but stored: value 7' 'r:r sensor 1 3 8'
 rejects 'append: it went wrong' 'w:x append: it went wrong'
 rejects 'a line that is none' 'w:k sensor 1'
+history "${good[@]}" 'w:a sensor 2 4 1' 'w:k sensor 2 4 1' 'w:a sensor 2 5 1' 'w:k sensor 2 5 1' 's:s sensor 2 5 1'
+expect 1 'acknowledged, but not stored: sensor 2 seq 4' "$checker" check "$work/history"
+: >"$work/history/ring" # it was pushed out of a store that keeps the newest rows only
+expect 0 ' 0 violations' "$checker" check "$work/history"
 history
 expect 2 'nothing happened' "$checker" check "$work/history"
 
@@ -73,5 +77,8 @@ check() { # NAME OPTIONS...
   mkdir "$work/$1"
   "$checker" run --dir "$work/$1" --kills "$kills" ${APC_SEED:+--seed "$APC_SEED"} "${@:2}" || fail "$1: see above"
 }
+trap 'rm -f "/dev/shm/apc.checker-$$"; finish' EXIT
 check postgresql --store 'postgresql:#plain' --server-hook "bash $work/hook"
+check sqlite --store "sqlite:$work/checker.db"
+check shm --store "shm:checker-$$" --ring
 check spool --store 'postgresql:#spooled' --server-hook "bash $work/hook" --spool

@@ -202,6 +202,26 @@ static void the_first_measurement_gives_no_derivative(void **state)
     apc_controller_destroy(r.controller);
 }
 
+/* The first tick already has the operator's tuning, the state that reset made of it as well. */
+static void it_begins_with_the_tuning_there_is(void **state)
+{
+    struct rig r;
+
+    (void)state;
+    make(&r, &apc_law_pid, 1, NULL);
+    feed(&r, APC_TUNING, 1, 4.0, 0);  /* Kp */
+    feed(&r, APC_TUNING, 5, 0.5, 0);  /* b */
+    feed(&r, APC_TUNING, 8, 30.0, 0); /* u_bar */
+    assert_near(tick(&r, 1, APC_MODE_AUTO, 0.0), 30.0, 1e-12);
+    apc_controller_destroy(r.controller);
+    make(&r, &apc_law_pid, 1, NULL);
+    feed(&r, APC_TUNING, 1, 4.0, 0);
+    feed(&r, APC_TUNING, 5, 0.5, 0);
+    feed(&r, APC_TUNING, 8, 30.0, 0);
+    assert_near(tick(&r, 1, APC_MODE_AUTO, 7.0), 30.0 + 4.0 * (0.5 * 0.0 - 0.5 * 7.0), 1e-12);
+    apc_controller_destroy(r.controller);
+}
+
 /* ---- A law of one's own ------------------------------------------------------------------------ */
 
 static size_t one_state(const struct apc_dim *dim)
@@ -270,6 +290,7 @@ int main(void)
         cmocka_unit_test(a_state_made_with_other_settings_is_not_taken_but_gives_no_bump),
         cmocka_unit_test(in_man_a_filter_goes_on),
         cmocka_unit_test(the_first_measurement_gives_no_derivative),
+        cmocka_unit_test(it_begins_with_the_tuning_there_is),
         cmocka_unit_test(a_law_without_track_is_not_updated_in_man),
         cmocka_unit_test(a_law_that_makes_a_constant_which_is_no_number_is_refused),
     };

@@ -30,6 +30,11 @@ static void postgresql_uri(char *text, size_t size, int number)
     snprintf(text, size, "%s#plant%d", cluster_uri(cluster), number);
 }
 
+static void sqlite_uri(char *text, size_t size, int number)
+{
+    snprintf(text, size, "sqlite:%s/plant%d.db", scratch_folder(), number);
+}
+
 static void mem_uri(char *text, size_t size, int number)
 {
     snprintf(text, size, "mem:plant%d", number);
@@ -47,15 +52,10 @@ static void shm_remove(int number)
     unlink(path);
 }
 
-static void sqlite_uri(char *text, size_t size, int number)
-{
-    snprintf(text, size, "sqlite:%s/plant%d.db", scratch_folder(), number);
-}
-
 static const struct kind kinds[] = {{"postgresql:", postgresql_uri, NULL},
                                     {"sqlite:", sqlite_uri, NULL},
-                                    {"mem:", mem_uri, NULL},
-                                    {"shm:", shm_uri, shm_remove}};
+                                    {"shm:", shm_uri, shm_remove},
+                                    {"mem:", mem_uri, NULL}};
 
 static const struct kind *kind;
 static char uri[512];
