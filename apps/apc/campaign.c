@@ -63,17 +63,20 @@ static void make_run(const struct campaign *c, unsigned run)
 {
     struct result *r = result_of(c, run);
     struct simulation s;
+    struct samples samples = {0};
     struct apc_error why = {""};
 
     r->rc = simulation_create(&s, c->e, c->options->seed + run, &why);
     if (r->rc == 0) {
         r->rc = simulation_run(&s, c->e->duration);
         why = s.why;
+        int collected = samples_collect(&samples, s.store, c->e, NULL);
+        r->rc = r->rc < 0 ? r->rc : collected;
         for (size_t loop = 0; loop < c->loops; loop++)
-            metrics_of(&s.variables.history, loop, SIMULATION_BEGIN, simulation_time(&s),
-                       figures_of(c, run) + loop * METRICS);
+            metrics_of(&samples, loop, SIMULATION_BEGIN, s.ended, figures_of(c, run) + loop * METRICS);
     }
     simulation_destroy(&s);
+    samples_free(&samples);
     snprintf(r->why, sizeof r->why, "%s", why.text);
     r->made = true;
     atomic_fetch_add(&c->board->done, 1);

@@ -89,41 +89,16 @@ void folder_discard(const char *dir)
 
 /* ---- Samples ------------------------------------------------------------------------------ */
 
-static int collect(void *ctx, const struct apc_sample *sample)
-{
-    return samples_add(ctx, sample);
-}
-
-static int collect_all(struct apc_store *store, const struct experiment *e, const struct apc_range *range,
-                       struct samples *samples)
-{
-    const struct {
-        enum apc_table table;
-        size_t n;
-    } of[] = {{APC_SETPOINT, e->dim.nz}, {APC_SENSOR, e->dim.ny}, {APC_ACTUATOR, e->dim.nu}};
-    for (size_t t = 0; t < sizeof of / sizeof *of; t++)
-        for (size_t i = 0; i < of[t].n; i++) {
-            size_t before = samples->n;
-            int rc = apc_store_history(store, of[t].table, (int)i + 1, range, collect, samples);
-            if (rc < 0)
-                return rc;
-            if (samples->n - before < (size_t)rc)
-                return APC_ENOMEM;
-        }
-    return 0;
-}
-
 static int export_samples(const char *dir, struct apc_store *store, const struct experiment *e,
                           const struct apc_range *range, apc_ns start, struct apc_error *why)
 {
     struct samples samples = {0};
     struct file f;
-    int rc = collect_all(store, e, range, &samples);
+    int rc = samples_collect(&samples, store, e, range);
     if (rc < 0) {
         apc_fail(why, rc, "samples: %s", rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(store));
         goto out;
     }
-    samples_sort(&samples);
     if ((rc = file_open(&f, dir, "samples.csv", why)) < 0)
         goto out;
     samples_write(&samples, start, f.stream);

@@ -6,7 +6,8 @@
 #include "print.h"
 #include "simulation.h"
 
-#define BAND 0.05 /* of the step, within which the measurement has settled */
+#define BAND  0.05 /* of the step, within which the measurement has settled */
+#define LEAST 0.1  /* of the largest step: a smaller one is none */
 
 static const double none = (double)NAN;
 
@@ -32,6 +33,7 @@ size_t metrics_loops(const struct experiment *e)
 struct loop {
     double t, y, r, u;      /* NAN: none yet */
     double step_at, step;   /* of the last step of the setpoint */
+    double least;           /* a smaller step is none */
     double beyond, outside; /* largest overshoot of it; time at which y was last outside the band */
     double *figure;
 };
@@ -49,9 +51,15 @@ static void integrate(struct loop *l, double until)
     l->figure[METRIC_ITAE] += fabs(e) * dt * (from + dt / 2);
 }
 
+/* A setpoint that begins next to where the measurement is makes no step. */
+static bool steps(const struct loop *l)
+{
+    return fabs(l->step) > l->least;
+}
+
 static void watch(struct loop *l)
 {
-    if (isnan(l->step) || l->step == 0)
+    if (!steps(l))
         return;
     double e = (l->y - l->r) / l->step;
     l->beyond = fmax(l->beyond, e);
@@ -63,7 +71,7 @@ static void watch(struct loop *l)
 static void close_step(struct loop *l)
 {
     double *overshoot = &l->figure[METRIC_OVERSHOOT], *settling = &l->figure[METRIC_SETTLING];
-    if (isnan(l->step) || l->step == 0)
+    if (!steps(l))
         return;
     double took = fabs(l->y - l->r) > BAND * fabs(l->step) ? HUGE_VAL : fmax(l->outside - l->step_at, 0);
     *overshoot = isnan(*overshoot) ? 100 * l->beyond : fmax(*overshoot, 100 * l->beyond);
@@ -93,11 +101,26 @@ static void take(struct loop *l, const struct apc_sample *s, double t)
     }
 }
 
+double metrics_step(const struct samples *s, int id)
+{
+    double step = none, before = none;
+    for (size_t i = 0; i < s->n && isnan(before); i++)
+        if (s->at[i].table == APC_SENSOR && s->at[i].id == id)
+            before = s->at[i].value;
+    for (size_t i = 0; i < s->n; i++)
+        if (s->at[i].table == APC_SETPOINT && s->at[i].id == id) {
+            step = fmax(step, fabs(s->at[i].value - before)); /* which is the other one when step is NAN */
+            before = s->at[i].value;
+        }
+    return step > 0 ? step : none;
+}
+
 void metrics_of(const struct samples *s, size_t loop, apc_ns start, double end, double figure[METRICS])
 {
     struct loop l = {.y = none, .r = none, .u = none, .step = none, .figure = figure};
     for (int i = 0; i < METRICS; i++)
         figure[i] = i == METRIC_OVERSHOOT || i == METRIC_SETTLING ? none : 0;
+    l.least = LEAST * metrics_step(s, (int)loop + 1);
     for (size_t i = 0; i < s->n; i++)
         if (s->at[i].id == (int)loop + 1)
             take(&l, &s->at[i], apc_ns_to_s(s->at[i].time - start));

@@ -7,8 +7,9 @@
 #include "samples.h"
 
 /*
- * Between two samples a value stays as it was. A step is a change of the setpoint, the first one among them.
- * What no step shows (no setpoint changed, never settled) is NAN.
+ * Between two samples a value stays as it was. A step is a change of the setpoint, the first one among them;
+ * one smaller than a tenth of the largest counts as none. What no step shows (no setpoint changed, never
+ * settled) is NAN.
  */
 enum metric {
     METRIC_IAE,       /* integral of |r - y| */
@@ -26,6 +27,10 @@ const char *metric_name(enum metric metric);
 size_t metrics_loops(const struct experiment *e);
 /* Of loop @p loop, from 0. The samples of each variable must be in order of time, until @p end in s. */
 void metrics_of(const struct samples *s, size_t loop, apc_ns start, double end, double figure[METRICS]);
+
+/* The largest step of setpoint @p id, the first one from where measurement @p id begins; NAN: there is none.
+ */
+double metrics_step(const struct samples *s, int id);
 
 /* A table of them for people. Returns 0 or APC_ENOMEM. */
 int metrics_print(const struct samples *s, const struct experiment *e, double end, FILE *out);

@@ -41,10 +41,30 @@ static int by_time(const void *left, const void *right)
     return a->seq < b->seq ? -1 : a->seq > b->seq;
 }
 
-void samples_sort(struct samples *s)
+static int collect(void *ctx, const struct apc_sample *sample)
 {
-    if (s->n > 0)
-        qsort(s->at, s->n, sizeof *s->at, by_time);
+    return samples_add(ctx, sample);
+}
+
+int samples_collect(struct samples *samples, struct apc_store *store, const struct experiment *e,
+                    const struct apc_range *range)
+{
+    const struct {
+        enum apc_table table;
+        size_t n;
+    } of[] = {{APC_SETPOINT, e->dim.nz}, {APC_SENSOR, e->dim.ny}, {APC_ACTUATOR, e->dim.nu}};
+    for (size_t t = 0; t < sizeof of / sizeof *of; t++)
+        for (size_t i = 0; i < of[t].n; i++) {
+            size_t before = samples->n;
+            int rc = apc_store_history(store, of[t].table, (int)i + 1, range, collect, samples);
+            if (rc < 0)
+                return rc;
+            if (samples->n - before < (size_t)rc)
+                return APC_ENOMEM;
+        }
+    if (samples->n > 0)
+        qsort(samples->at, samples->n, sizeof *samples->at, by_time);
+    return 0;
 }
 
 void samples_write(const struct samples *s, apc_ns start, FILE *out)

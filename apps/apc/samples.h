@@ -5,7 +5,9 @@
 
 #include <stdio.h>
 
-#include <apcbase.h>
+#include <apcshareddata.h>
+
+#include "common/experiment.h"
 
 struct samples {
     struct apc_sample *at;
@@ -17,8 +19,10 @@ void samples_free(struct samples *s);
 /* Those of DIR/samples.csv, in the order of the file, times counted from the start of the run, and the
  * seq of each variable counted from 1. Returns 0 or a negative error; samples_free() in either case. */
 int samples_read(struct samples *s, const char *dir, struct apc_error *why);
-/* By time; at one time in the order of the loop: setpoint, measurement, output. */
-void samples_sort(struct samples *s);
+/* Those that a store has in a range, by time; at one time in the order of the loop: setpoint, measurement,
+ * output. Returns 0, APC_ENOMEM or the store's error. */
+int samples_collect(struct samples *s, struct apc_store *store, const struct experiment *e,
+                    const struct apc_range *range);
 /* With the header; times in seconds since @start. */
 void samples_write(const struct samples *s, apc_ns start, FILE *out);
 

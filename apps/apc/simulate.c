@@ -14,6 +14,8 @@
 #include "report.h"
 #include "simulation.h"
 
+#define EVENTS 10 /* of a run that are told of */
+
 struct simulate_options {
     double duration; /* s; 0: the file's */
     uint64_t seed;
@@ -125,6 +127,7 @@ struct simulate {
     struct simulate_options options;
     struct experiment e;
     struct simulation s;
+    struct samples samples;
     FILE *talk; /* where the summary goes: stdout, unless the samples go there */
 };
 
@@ -167,9 +170,8 @@ static int put_samples(struct simulate *r)
     int rc = 0;
     FILE *memory = open_memstream(&text, &size);
 
-    samples_sort(&r->s.variables.history);
     if (memory)
-        samples_write(&r->s.variables.history, SIMULATION_BEGIN, memory);
+        samples_write(&r->samples, SIMULATION_BEGIN, memory);
     if (!memory || fclose(memory) != 0) {
         free(text);
         return cli_error(&r->cli, APC_ENOMEM, "out of memory"), APC_ENOMEM;
@@ -185,7 +187,7 @@ static int put_samples(struct simulate *r)
 
 static void print_speed(const struct simulate *r, apc_ns took)
 {
-    double t = simulation_time(&r->s), wall = apc_ns_to_s(took);
+    double t = r->s.ended, wall = apc_ns_to_s(took);
     fprintf(r->talk, "%s: %s\n%.10g s in %.3g ms: %.3g times as fast as real time; %lld events, seed %llu\n",
             r->e.name, r->e.title, t, 1e3 * wall, t / wall, (long long)r->s.handled,
             (unsigned long long)r->options.seed);
@@ -217,22 +219,26 @@ static void print_tasks(const struct simulate *r)
                 r->e.controller.law->name, (unsigned long long)apc_controller_failures(r->s.controller));
 }
 
+struct listing {
+    FILE *out;
+    size_t n;
+};
+
 /* What was out of the ordinary, the first few. */
+static int print_event(void *ctx, const struct apc_event *e)
+{
+    struct listing *l = ctx;
+    if (e->severity != APC_EVENT_INFO && l->n++ < EVENTS)
+        fprintf(l->out, "%10.3f s  %s: %s\n", apc_ns_to_s(e->time - SIMULATION_BEGIN), e->source, e->text);
+    return 0;
+}
+
 static void print_events(const struct simulate *r)
 {
-    const size_t most = 10;
-    size_t said = 0, n = 0;
-    for (size_t i = 0; i < r->s.n_events; i++) {
-        const struct apc_event *e = &r->s.events[i];
-        if (e->severity == APC_EVENT_INFO)
-            continue;
-        if (said++ < most)
-            fprintf(r->talk, "%10.3f s  %s: %s\n", apc_ns_to_s(e->time - SIMULATION_BEGIN), e->source,
-                    e->text);
-        n++;
-    }
-    if (n > most)
-        fprintf(r->talk, "... and %zu more\n", n - most);
+    struct listing l = {.out = r->talk};
+    apc_store_events(r->s.store, NULL, print_event, &l);
+    if (l.n > EVENTS)
+        fprintf(r->talk, "... and %zu more\n", l.n - EVENTS);
 }
 
 static int leave_report(const struct simulate *r)
@@ -258,11 +264,15 @@ static int simulate_once(struct simulate *r)
     print_speed(r, apc_clock_mono(NULL) - began);
     print_tasks(r);
     print_events(r);
+    if ((rc = samples_collect(&r->samples, r->s.store, &r->e, NULL)) < 0) {
+        cli_store_error(&r->cli, rc, r->s.store);
+        return rc;
+    }
     rc = put_samples(r);
     if (rc == 0)
-        rc = metrics_print(&r->s.variables.history, &r->e, simulation_time(&r->s), r->talk);
+        rc = metrics_print(&r->samples, &r->e, r->s.ended, r->talk);
     if (rc == 0 && r->options.compare &&
-        (rc = compare_run(&r->s.variables.history, &r->e, r->options.compare, r->talk, &why)) < 0)
+        (rc = compare_run(&r->samples, &r->e, r->options.compare, r->talk, &why)) < 0)
         refuse(r, rc, &why);
     if (rc == 0 && r->options.report)
         rc = leave_report(r);
@@ -313,6 +323,7 @@ int command_simulate(int argc, char **argv)
     r.talk = r.options.csv && !strcmp(r.options.csv, "-") ? stderr : stdout;
     int rc = simulate(&r);
     simulation_destroy(&r.s);
+    samples_free(&r.samples);
     experiment_free(&r.e);
     return cli_done(&r.cli, exit_code_of(rc));
 }

@@ -28,7 +28,7 @@ static struct apc_now now_of(const struct simulation *s)
     return (struct apc_now){.mono = apc_clock_mono(s->clock), .utc = apc_clock_utc(s->clock)};
 }
 
-double simulation_time(const struct simulation *s)
+static double time_of(const struct simulation *s)
 {
     return apc_ns_to_s(apc_clock_mono(s->clock) - s->zero);
 }
@@ -51,24 +51,20 @@ static void stop(struct simulation *s, int rc, const char *fmt, ...)
 static void stop_at_failure(struct simulation *s, int rc)
 {
     if (rc < 0)
-        stop(s, rc, "at t = %g s: %s", simulation_time(s), apc_err_text(rc));
+        stop(s, rc, "at t = %g s: %s", time_of(s), apc_err_text(rc));
+}
+
+static void stop_at_store(struct simulation *s, int rc)
+{
+    if (rc < 0)
+        stop(s, rc, "at t = %g s: %s", time_of(s), apc_store_error(s->store));
 }
 
 static void record(struct simulation *s, const char *source, struct apc_event *event)
 {
-    if (s->n_events == s->room_events) {
-        size_t room = s->room_events ? 2 * s->room_events : 64;
-        struct apc_event *events = reallocarray(s->events, room, sizeof *events);
-        if (!events) {
-            stop_at_failure(s, APC_ENOMEM);
-            return;
-        }
-        s->events = events;
-        s->room_events = room;
-    }
     event->time = apc_clock_utc(s->clock);
     snprintf(event->source, sizeof event->source, "%s", source);
-    s->events[s->n_events++] = *event;
+    stop_at_store(s, apc_store_append_events(s->store, event, 1));
 }
 
 static void tell(struct simulation *s, const char *source, enum apc_event_severity severity, const char *kind,
@@ -109,7 +105,7 @@ static void scheduler_finish(void *ctx)
     apc_ns utc = apc_clock_utc(s->clock);
     for (size_t i = 0; i < s->e->dim.nz; i++)
         s->step[i].time = utc;
-    stop_at_failure(s, variables_put(&s->variables, s->step, s->e->dim.nz));
+    stop_at_store(s, apc_store_put(s->store, s->step, s->e->dim.nz));
 }
 
 /* ---- Plant -------------------------------------------------------------------------------- */
@@ -154,7 +150,7 @@ static void plant_finish(void *ctx)
     if (rc == 0 && !diverged(s))
         return;
     describe_state(s, state, sizeof state);
-    stop(s, APC_ESOLVER, "the plant diverged at t = %g s, %s: %s", simulation_time(s), state,
+    stop(s, APC_ESOLVER, "the plant diverged at t = %g s, %s: %s", time_of(s), state,
          rc < 0 ? apc_plant_error(s->plant) : "a state is no longer a finite number");
 }
 
@@ -173,7 +169,7 @@ static int client_tick(void *ctx, const struct apc_tick *tick)
 {
     struct simulation *s = ctx;
     const struct apc_now now = {.mono = tick->started, .utc = tick->utc};
-    variables_read(&s->variables, s->u, s->e->dim.nu);
+    stop_at_store(s, apc_store_read(s->store, s->u, s->e->dim.nu));
     s->request_length = apc_client_request(s->client, now, s->u, s->request, cores_frame_max(s->e));
     stop_at_failure(s, s->request_length);
     return 0;
@@ -199,7 +195,7 @@ static void on_reply(void *ctx, const char *reply, int length)
         apc_inproc_reset(s->link);
     } else {
         report_link(s, false, "");
-        stop_at_failure(s, variables_append(&s->variables, s->y, (size_t)n));
+        stop_at_store(s, apc_store_append(s->store, s->y, (size_t)n));
     }
 }
 
@@ -221,7 +217,7 @@ static int controller_tick(void *ctx, const struct apc_tick *tick)
     struct simulation *s = ctx;
     struct apc_notice notice;
     (void)tick;
-    variables_read(&s->variables, s->in, s->size.in);
+    stop_at_store(s, apc_store_read(s->store, s->in, s->size.in));
     s->n_out = apc_controller_compute(s->controller, now_of(s), s->in, s->out, &notice);
     tell_notice(s, "apc-controller", &notice);
     s->held += s->n_out > 0 && s->out[0].table == APC_ACTUATOR &&
@@ -232,7 +228,7 @@ static int controller_tick(void *ctx, const struct apc_tick *tick)
 static void controller_finish(void *ctx)
 {
     struct simulation *s = ctx;
-    stop_at_failure(s, variables_append(&s->variables, s->out, (size_t)s->n_out));
+    stop_at_store(s, apc_store_append(s->store, s->out, (size_t)s->n_out));
     apc_controller_update(s->controller);
 }
 
@@ -362,20 +358,28 @@ static int make_room(struct simulation *s)
 }
 
 /* As `apc run` does before it starts the daemons. */
-static int provision_variables(struct simulation *s)
+static int make_store(struct simulation *s, struct apc_error *why)
 {
     const struct experiment *e = s->e;
-    struct apc_sample sample = {
-        .table = APC_OPMODE, .time = SIMULATION_BEGIN, .value = (double)e->controller.mode};
-    int rc = variables_put(&s->variables, &sample, 1);
-    for (size_t i = 0; i < e->dim.nu * e->controller.law->n_tuning && rc == 0; i++) {
-        sample = (struct apc_sample){.table = APC_TUNING,
-                                     .id = (int)i + 1,
-                                     .time = SIMULATION_BEGIN,
-                                     .value = e->controller.tuning[i]};
-        rc = variables_put(&s->variables, &sample, 1);
+    const size_t n = e->dim.nu * e->controller.law->n_tuning;
+    struct apc_sample *first = calloc(n + 1, sizeof *first);
+    int rc = first ? apc_store_open(&s->store, SIMULATION_STORE, NULL, why) : APC_ENOMEM;
+
+    if (rc < 0) {
+        free(first);
+        return first ? rc : apc_fail(why, APC_ENOMEM, "out of memory");
     }
-    return rc;
+    first[0] = (struct apc_sample){.table = APC_OPMODE, .value = (double)e->controller.mode};
+    for (size_t i = 0; i < n; i++)
+        first[1 + i] =
+            (struct apc_sample){.table = APC_TUNING, .id = (int)i + 1, .value = e->controller.tuning[i]};
+    for (size_t i = 0; i <= n; i++)
+        first[i].time = SIMULATION_BEGIN;
+    rc = apc_store_init(s->store);
+    if (rc >= 0)
+        rc = apc_store_put(s->store, first, n + 1);
+    free(first);
+    return rc < 0 ? apc_fail(why, rc, "%s", apc_store_error(s->store)) : 0;
 }
 
 int simulation_create(struct simulation *s, const struct experiment *e, uint64_t seed, struct apc_error *why)
@@ -398,9 +402,9 @@ int simulation_create(struct simulation *s, const struct experiment *e, uint64_t
     if ((rc = experiment_plant(&seeded, &s->plant, &s->server, why)) < 0 ||
         (rc = cores_controller(e, &s->controller, why)) < 0 ||
         (rc = cores_client(e, NULL, SIMULATION_BEGIN, &s->client, why)) < 0 ||
-        (rc = make_link(s, seed, why)) < 0)
+        (rc = make_link(s, seed, why)) < 0 || (rc = make_store(s, why)) < 0)
         return rc;
-    if (make_room(s) < 0 || provision_variables(s) < 0 || schedule_clock(s) < 0)
+    if (make_room(s) < 0 || schedule_clock(s) < 0)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     return make_tasks(s, seed, why);
 }
@@ -411,7 +415,8 @@ int simulation_run(struct simulation *s, double duration)
     if (apc_ns_from_s(duration, &length) < 0 || length <= 0)
         return s->rc = apc_fail(&s->why, APC_EINVAL, "a duration of %g s: must be above 0", duration);
     int64_t handled = apc_virtual_run(s->executive, s->zero + length - 1);
-    s->handled += handled > 0 ? handled : 0;
+    s->handled = handled;
+    s->ended = s->rc < 0 ? time_of(s) : duration;
     return s->rc;
 }
 
@@ -425,9 +430,8 @@ void simulation_destroy(struct simulation *s)
     apc_controller_destroy(s->controller);
     apc_plantserver_destroy(s->server);
     apc_plant_destroy(s->plant);
-    variables_free(&s->variables);
+    apc_store_close(s->store);
     free(s->memory);
     free(s->request);
     free(s->clock_steps);
-    free(s->events);
 }

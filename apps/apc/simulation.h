@@ -11,8 +11,8 @@
 #include <apctimer.h>
 
 #include "common/experiment.h"
-#include "variables.h"
 
+#define SIMULATION_STORE "mem:apc-simulate"
 #define SIMULATION_BEGIN (INT64_C(946684800) * APC_NS_PER_S) /* UTC of t = 0: 2000-01-01 */
 
 enum simulation_task { SIM_SCHEDULER, SIM_PLANT, SIM_CLIENT, SIM_CONTROLLER, SIM_TASKS };
@@ -32,7 +32,7 @@ struct simulation {
     struct apc_controller *controller;
     struct apc_scheduler_options scheduler;
     struct apc_controller_size size; /* of in and out */
-    struct variables variables;
+    struct apc_store *store;         /* mem: */
 
     /* what the shells keep between two of their events */
     struct apc_sample *u, *y, *step, *in, *out, *memory;
@@ -42,10 +42,9 @@ struct simulation {
     struct clock_step *clock_steps;
     bool link_down;
 
-    struct apc_event *events;
-    size_t n_events, room_events;
     uint64_t held;   /* ticks of the controller at which its output was not the law's */
     int64_t handled; /* events of the executive */
+    double ended;    /* s since t = 0 */
     int rc;          /* why it ended early, with its text in why */
     struct apc_error why;
 };
@@ -55,7 +54,7 @@ const char *simulation_task_name(enum simulation_task task);
 /* Returns 0 or a negative error; simulation_destroy() in either case. */
 int simulation_create(struct simulation *s, const struct experiment *e, uint64_t seed, struct apc_error *why);
 /*
- * Go on until @duration, in s since t = 0: what happens at that very instant is not part of it. Returns 0, or
+ * Run once, for @duration in s: what happens at that very instant is not part of it. Returns 0, or
  * why it ended before (also in s->rc, s->why): what has happened until then is kept.
  */
 int simulation_run(struct simulation *s, double duration);
@@ -64,8 +63,5 @@ void simulation_destroy(struct simulation *s);
 /* The run folder of what was simulated, as `apc run` leaves one. */
 int simulation_export(const struct simulation *s, const char *dir, const char *experiment_file,
                       struct apc_error *why);
-
-/* Seconds since t = 0. */
-double simulation_time(const struct simulation *s);
 
 #endif
