@@ -85,6 +85,7 @@ static void make_run(const struct campaign *c, unsigned run)
 static void work(const struct campaign *c)
 {
     unsigned run;
+    simulation_keep_memory();
     while (!atomic_load(&c->board->stop) && (run = atomic_fetch_add(&c->board->next, 1)) < c->options->runs)
         make_run(c, run);
 }
