@@ -77,7 +77,7 @@ static void make_run(const struct campaign *c, unsigned run)
     }
     simulation_destroy(&s);
     samples_free(&samples);
-    snprintf(r->why, sizeof r->why, "%s", why.text);
+    snprintf(r->why, sizeof r->why, "%.199s", why.text);
     r->made = true;
     atomic_fetch_add(&c->board->done, 1);
 }

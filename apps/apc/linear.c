@@ -18,15 +18,15 @@ static int size_of(size_t n)
 /* The eigenvalues of a[n * n], which is destroyed. */
 static int eigenvalues(double *a, size_t n, double complex *value)
 {
-    double *re = calloc(2 * n + 1, sizeof *re), *im = re + n;
-    int rc = APC_ENOMEM;
-    if (re)
-        rc = LAPACKE_dgeev(LAPACK_ROW_MAJOR, 'N', 'N', size_of(n), a, size_of(n), re, im, NULL, 1, NULL, 1)
-                 ? APC_ESOLVER
-                 : 0;
+    double *re = calloc(n, sizeof *re), *im = calloc(n, sizeof *im);
+    int rc = re && im ? 0 : APC_ENOMEM;
+    if (rc == 0 &&
+        LAPACKE_dgeev(LAPACK_ROW_MAJOR, 'N', 'N', size_of(n), a, size_of(n), re, im, NULL, 1, NULL, 1))
+        rc = APC_ESOLVER;
     for (size_t i = 0; i < n && rc == 0; i++)
         value[i] = lapack_make_complex_double(re[i], im[i]); /* clang has no CMPLX() here */
     free(re);
+    free(im);
     return rc;
 }
 
@@ -291,11 +291,11 @@ int linear_gain(const struct linear *sys, double *gain)
 
 int linear_rga(const double *gain, size_t n, double *rga)
 {
-    double *inverse = calloc(2 * n * n, sizeof *inverse), *a = inverse + n * n;
+    double *inverse = calloc(n * n, sizeof *inverse), *a = calloc(n * n, sizeof *a);
     int *pivot = calloc(n, sizeof *pivot);
-    int rc = inverse && pivot ? 0 : APC_ENOMEM;
-    for (size_t i = 0; i < n * n && rc == 0; i++)
-        a[i] = gain[i];
+    int rc = inverse && a && pivot ? 0 : APC_ENOMEM;
+    if (rc == 0)
+        memcpy(a, gain, n * n * sizeof *a);
     for (size_t i = 0; i < n && rc == 0; i++)
         inverse[i * n + i] = 1;
     if (rc == 0 &&
@@ -305,6 +305,7 @@ int linear_rga(const double *gain, size_t n, double *rga)
         for (size_t j = 0; j < n; j++)
             rga[i * n + j] = gain[i * n + j] * inverse[j * n + i];
     free(inverse);
+    free(a);
     free(pivot);
     return rc;
 }

@@ -2,9 +2,10 @@
 /*
  * SUNDIALS CVODE. This file alone includes it: 6.4.1 and 7.x differ.
  *
- * BDF with Newton and a dense Jacobian, although Adams is quicker by a third on the paper's plant:
- * reactors and other chemistry are stiff, and there Adams ends in an error or takes thousands of steps,
- * which a tick cannot afford. Where BDF is not needed it costs a few us more of a tick of milliseconds.
+ * BDF with Newton and a dense Jacobian unless Adams, with a fixed-point iteration, is asked for, although
+ * Adams is quicker by a third on the paper's plant: reactors and other chemistry are stiff, and there Adams
+ * ends in an error or takes thousands of steps, which a tick cannot afford. Where BDF is not needed it costs
+ * a few us more of a tick of milliseconds.
  *
  * The input is constant over a step and jumps between steps, so each step starts the method afresh
  * (CVodeReInit uses the memory again) and CVODE is told never to look past the step's end. Nothing is
@@ -21,6 +22,7 @@
 #include <string.h>
 #include <sunlinsol/sunlinsol_dense.h>
 #include <sunmatrix/sunmatrix_dense.h>
+#include <sunnonlinsol/sunnonlinsol_fixedpoint.h>
 
 _Static_assert(sizeof(realtype) == sizeof(double), "SUNDIALS must be built for double precision");
 
@@ -37,7 +39,8 @@ struct solver {
     SUNMatrix system, jacobian; /* I - gamma J, and J */
     double zero_scale;          /* a state below it counts as zero to the tolerances */
     SUNLinearSolver linear;
-    struct apc_error error; /* what CVODE had to say last */
+    SUNNonlinearSolver fixed_point; /* of Adams, else NULL */
+    struct apc_error error;         /* what CVODE had to say last */
 };
 
 /* For CVODE: 0, above 0 try a shorter step, below 0 give up. */
@@ -113,6 +116,8 @@ static void destroy(void *self)
         return;
     if (s->memory)
         CVodeFree(&s->memory);
+    if (s->fixed_point)
+        SUNNonlinSolFree(s->fixed_point);
     if (s->linear)
         SUNLinSolFree(s->linear);
     if (s->system)
@@ -137,11 +142,13 @@ static int configure(struct solver *s, double rtol, double atol)
     if (rc == CV_SUCCESS)
         rc = CVodeSStolerances(s->memory, rtol, atol);
     if (rc == CV_SUCCESS)
+        rc = CVodeSetMaxNumSteps(s->memory, MAX_INTERNAL_STEPS);
+    if (rc == CV_SUCCESS && s->fixed_point)
+        return CVodeSetNonlinearSolver(s->memory, s->fixed_point);
+    if (rc == CV_SUCCESS)
         rc = CVodeSetLinearSolver(s->memory, s->linear, s->system);
     if (rc == CV_SUCCESS)
         rc = CVodeSetLinSysFn(s->memory, newton_matrix);
-    if (rc == CV_SUCCESS)
-        rc = CVodeSetMaxNumSteps(s->memory, MAX_INTERNAL_STEPS);
     return rc;
 }
 
@@ -166,7 +173,9 @@ static int create(int method, void **self, const struct apc_model *model, const 
         goto fail;
     s->linear = SUNLinSol_Dense(s->state, s->system, s->context);
     s->memory = CVodeCreate(method, s->context);
-    if (!s->linear || !s->memory)
+    if (method == CV_ADAMS)
+        s->fixed_point = SUNNonlinSol_FixedPoint(s->state, 0, s->context);
+    if (!s->linear || !s->memory || (method == CV_ADAMS && !s->fixed_point))
         goto fail;
     N_VConst(0.0, s->state);
     cv = configure(s, options->rtol, options->atol);
