@@ -21,9 +21,12 @@ static const struct {
     {"watch", command_watch, "follow values as they change"},
     {"history", command_history, "past values of a variable, or events"},
     {"timing", command_timing, "how well the tasks keep time: lateness, jitter, run time, missed ticks"},
+    {"copy", command_copy, "copy history, descriptions, events and timing to another store"},
     {"report", command_report, "draw the report of a run again"},
+    {"maintain", command_maintain, "make room ahead for samples, and drop what is old"},
     {"plants", command_plants, "the plants there are: their parameters, states, inputs, outputs"},
     {"linearize", command_linearize, "the linear model of a plant: matrices, poles, zeros, gains"},
+    {"drain", command_drain, "store what daemons kept back while the store was away"},
 };
 
 static void usage(FILE *out)
@@ -33,8 +36,8 @@ static void usage(FILE *out)
           out);
     for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
         fprintf(out, "  %-9s %s\n", commands[i].name, commands[i].doc);
-    fputs("\n`apc COMMAND --help` tells more. The database is that of --store URI, of APC_STORE,\n"
-          "or of libpq's environment (PGHOST, PGSERVICE, ...).\n",
+    fputs("\n`apc COMMAND --help` tells more. The shared data are those of --store URI, of\n"
+          "APC_STORE, or of the PostgreSQL of libpq's environment (PGHOST, PGSERVICE, ...).\n",
           out);
 }
 

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <systemd/sd-daemon.h>
@@ -22,12 +23,14 @@
 
 /* ---- Options ------------------------------------------------------------------------------ */
 
-enum { OPT_START = 0x100, OPT_LOG_LEVEL, OPT_SPIN, OPT_HOLD_LATENCY };
+enum { OPT_START = 0x100, OPT_LOG_LEVEL, OPT_SPIN, OPT_HOLD_LATENCY, OPT_SPOOL };
 
 static const struct argp_option common_options[] = {
     {"config", 'c', "FILE", 0, "Experiment file [APC_CONFIG]", 0},
     {"store", 's', "URI", 0,
-     "Shared data, e.g. postgresql://host/db#schema [APC_STORE]; default postgresql:", 0},
+     "Shared data: postgresql://host/db#schema, sqlite:FILE [APC_STORE]; default postgresql:", 0},
+    {"spool", OPT_SPOOL, "DIR", 0,
+     "Keep in this folder what the store cannot take while it is away [APC_SPOOL]; default: it is lost", 0},
     {"timer", 't', "NAME", 0, "Executive: deadline (default) or posix", 0},
     {"spin", OPT_SPIN, NULL, 0, "Spin for the last microseconds before a tick (deadline only)", 0},
     {"hold-latency", OPT_HOLD_LATENCY, NULL, 0, "Hold /dev/cpu_dma_latency at 0: idle CPUs stay awake", 0},
@@ -45,6 +48,9 @@ static error_t parse_common(int key, char *arg, struct argp_state *state)
         break;
     case 's':
         o->store = arg;
+        break;
+    case OPT_SPOOL:
+        o->spool = arg;
         break;
     case 't':
         o->timer = arg;
@@ -160,10 +166,19 @@ static int open_executive(struct daemon *d)
     return rc < 0 ? daemon_error(d, rc, "--timer: %s", why.text) : 0;
 }
 
-static int open_store(struct daemon *d, struct apc_store **store, apc_ns timeout)
+/* @spool: what is added to the program's name for the spool's; NULL: none. */
+static int open_store(struct daemon *d, struct apc_store **store, apc_ns timeout, const char *spool)
 {
     struct apc_store_options options = {.size = sizeof options, .name = d->program->name, .timeout = timeout};
     struct apc_error why;
+    char path[512];
+    const char *dir = spool ? or_environment(d->options.spool, "APC_SPOOL") : NULL;
+    if (dir && *dir) {
+        mkdir(dir, 0700); /* one that is there is fine; any other trouble shows at the file */
+        if (snprintf(path, sizeof path, "%s/%s%s.spool", dir, d->program->name, spool) >= (int)sizeof path)
+            return daemon_error(d, APC_EINVAL, "--spool: the path is too long");
+        options.spool = path;
+    }
     const char *uri = or_environment(d->options.store, "APC_STORE");
     int rc = apc_store_open(store, uri ? uri : "postgresql:", &options, &why);
     return rc < 0 ? daemon_error(d, rc, "--store: %s", why.text) : 0;
@@ -183,7 +198,7 @@ int daemon_open(struct daemon *d, const struct program *program, void *own, int 
     if ((rc = open_log(d)) < 0 || (rc = load(d)) < 0 || (rc = open_executive(d)) < 0)
         return rc;
     d->has_store = !program->store_optional || or_environment(d->options.store, "APC_STORE");
-    if (d->has_store && (rc = open_store(d, &records, 0)) < 0)
+    if (d->has_store && (rc = open_store(d, &records, 0, "-events")) < 0)
         return rc;
     rc = recorder_create(&d->recorder, records, program->task);
     return rc < 0 ? daemon_error(d, rc, "%s", apc_err_text(rc)) : 0;
@@ -212,7 +227,7 @@ int daemon_store(struct daemon *d, struct apc_store **store, enum apc_table tabl
     apc_ns give_up = apc_clock_mono(NULL) + TAKEOVER;
     bool slow = false;
     sigset_t signals;
-    int rc = open_store(d, store, d->store_timeout);
+    int rc = open_store(d, store, d->store_timeout, d->program->spools ? "" : NULL);
 
     if (rc < 0)
         return rc;
@@ -257,6 +272,36 @@ void daemon_notice(struct daemon *d, const struct apc_notice *notice)
     record(d, &event);
 }
 
+static void watch_spool(struct daemon *d, struct spool_watch *w, const struct apc_store *store,
+                        const char *what)
+{
+    struct apc_store_stats stats;
+    apc_store_stats(store, &stats);
+    const struct apc_spool_stats *now = &stats.spool;
+    bool waiting = now->samples + now->events > 0;
+    if (now->damaged > w->damaged)
+        daemon_event(d, APC_EVENT_ALARM, "store", "spool of %s damaged or in conflict: kept as %.100s", what,
+                     now->aside);
+    if (waiting && !w->waiting)
+        daemon_event(d, APC_EVENT_WARNING, "store", "%s go to the spool: %.140s", what,
+                     apc_store_error(store));
+    if (waiting) {
+        apc_ns age = apc_clock_utc(NULL) - now->oldest;
+        w->age = age > w->age || !w->waiting ? age : w->age;
+    } else if (w->waiting) {
+        daemon_event(d, APC_EVENT_INFO, "store", "spool of %s drained: %llu, up to %.1f s late", what,
+                     (unsigned long long)(now->drained - w->drained), apc_ns_to_s(w->age));
+        w->drained = now->drained;
+    }
+    w->waiting = waiting;
+    w->damaged = now->damaged;
+}
+
+void daemon_spool(struct daemon *d, const struct apc_store *store)
+{
+    watch_spool(d, &d->task, store, d->program->spools);
+}
+
 int daemon_fatal(struct daemon *d, const struct apc_store *store, int rc)
 {
     if (rc == APC_ECONFLICT)
@@ -291,7 +336,8 @@ static void watch_overruns(struct daemon *d, const struct apc_task *task, struct
 static void watch_records(struct daemon *d, int rc, int *last)
 {
     if (rc < 0 && *last >= 0)
-        apc_log_write(d->log, APC_LOG_WARN, "records are kept back: %s", recorder_error(d->recorder));
+        apc_log_write(d->log, APC_LOG_WARN, "records are kept back: %s",
+                      apc_store_error(recorder_store(d->recorder)));
     if (rc >= 0 && *last < 0)
         apc_log_write(d->log, APC_LOG_INFO, "records are being stored again");
     *last = rc;
@@ -327,6 +373,7 @@ static int housekeep(struct daemon *d, struct apc_task *task, struct rhythm rhyt
         }
         watch_records(d, recorder_flush(d->recorder, looks % WINDOW == 0 ? task : NULL, rhythm.period),
                       &recorded);
+        watch_spool(d, &d->records, recorder_store(d->recorder), "events");
         sd_notify(0, "WATCHDOG=1");
         rc = apc_task_wait(task, 0);
     }

@@ -392,6 +392,20 @@ static int reserve(struct apc_store *store, const struct apc_sample *samples, si
     return err;
 }
 
+/* Field by field: to copy a struct that was just filled in costs more than all the rest. */
+static void set_row(struct apc_sample *row, const struct apc_sample *s)
+{
+    const bool actuator = s->table == APC_ACTUATOR;
+    row->table = s->table;
+    row->id = s->id;
+    row->seq = s->seq;
+    row->time = apc_time_stored(s->time);
+    row->value = s->value;
+    row->status = s->status;
+    row->sensor_seq = actuator ? s->sensor_seq : 0;
+    row->setpoint_seq = actuator ? s->setpoint_seq : 0;
+}
+
 /* There is room. Returns whether the seq was free. */
 static bool insert(struct memory *m, const struct apc_sample *s)
 {
@@ -400,8 +414,10 @@ static bool insert(struct memory *m, const struct apc_sample *s)
     if (at < v->n && v->row[at].seq == s->seq) {
         return false;
     }
-    memmove(&v->row[at + 1], &v->row[at], (v->n - at) * sizeof *v->row);
-    v->row[at] = apc_row_of(s);
+    if (at < v->n) {
+        memmove(&v->row[at + 1], &v->row[at], (v->n - at) * sizeof *v->row);
+    }
+    set_row(&v->row[at], s);
     v->n++;
     return true;
 }
@@ -605,6 +621,24 @@ static int history(struct apc_store *store, enum apc_table table, int id, const 
         store->streaming = false;
     }
     return count;
+}
+
+static int variables(struct apc_store *store, struct apc_sample *out, size_t capacity)
+{
+    struct memory *m = mem_of(store)->memory;
+    size_t n = 0;
+    int err = begin(store);
+    if (err) {
+        return err;
+    }
+    struct apc_sample *all = (struct apc_sample *)malloc((m->n + 1) * sizeof *all);
+    for (size_t i = 0; all && i < m->n; i++) {
+        if (m->variable[i].n > 0) {
+            all[n++] = m->variable[i].row[0];
+        }
+    }
+    end(store);
+    return all ? apc_variables_give(all, n, out, capacity) : no_memory(store);
 }
 
 /* ---- Tags ---------------------------------------------------------------------------------- */
@@ -888,6 +922,7 @@ const struct apc_store_ops apc_mem_store = {
     .put = put,
     .swap = swap,
     .wait = wait_newer,
+    .variables = variables,
     .history = history,
     .history_bins = apc_bins_by_history,
     .put_tags = put_tags,

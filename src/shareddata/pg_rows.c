@@ -171,6 +171,61 @@ int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const 
     return stream(&s, range->last > 0 ? text->history_last : text->history, &p);
 }
 
+/* ---- Variables ------------------------------------------------------------------------------ */
+
+#define IDS(number, table) "SELECT " number "::int8, id::int8 FROM " table "_newest"
+
+struct variable_list {
+    struct apc_pg *pg;
+    struct apc_sample *variables;
+    size_t capacity;
+    int count;
+};
+
+static int take_variables(void *ctx, int statement, PGresult *result)
+{
+    struct variable_list *list = (struct variable_list *)ctx;
+    (void)statement;
+    if (PQnfields(result) != 2) {
+        return apc_fail(&list->pg->base.why, APC_EPROTO, "the database did not answer what was asked");
+    }
+    list->count = PQntuples(result);
+    for (int row = 0; row < list->count && (size_t)row < list->capacity; row++) {
+        list->variables[row] = (struct apc_sample){.table = (enum apc_table)apc_pg_cell(result, row, 0),
+                                                   .id = (int)apc_pg_cell(result, row, 1)};
+    }
+    return 0;
+}
+
+int apc_pg_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity)
+{
+    struct variable_list list = {.pg = apc_pg_of(store), .variables = variables, .capacity = capacity};
+    int err = apc_pg_begin(list.pg);
+    if (!err) {
+        err = apc_pg_send(
+            list.pg,
+            IDS("1", "sensor") " UNION ALL " IDS("2", "actuator") " UNION ALL " IDS(
+                "3",
+                "setpo"
+                "int") " UNION ALL " IDS("4",
+                                         "dim") " UNION ALL " IDS("5",
+                                                                  "opmode") " UNION ALL " IDS("6",
+                                                                                              "tuning") " UNI"
+                                                                                                        "ON "
+                                                                                                        "ALL"
+                                                                                                        " " IDS(
+                                                                                                            "7",
+                                                                                                            "manu"
+                                                                                                            "al") " UNION ALL " IDS("8",
+                                                                                                                                    "state") " ORDER BY 1, 2",
+            &(struct apc_pg_params){0});
+    }
+    if (!err) {
+        err = apc_pg_finish(list.pg, take_variables, &list);
+    }
+    return err ? err : list.count;
+}
+
 /* ---- History in bins ------------------------------------------------------------------------ */
 
 /* A bin that begins at t holds whole microseconds only: those from the next whole one on. */

@@ -31,53 +31,21 @@ int apc_rows_seq_failure(struct apc_store *store, const struct apc_sample *s)
                     apc_table_name(s->table), s->id);
 }
 
-struct apc_sample apc_row_of(const struct apc_sample *s)
+static int by_variable(const void *a, const void *b)
 {
-    struct apc_sample row = *s;
-    row.time = apc_time_stored(s->time);
-    if (s->table != APC_ACTUATOR) {
-        row.sensor_seq = row.setpoint_seq = 0;
-    }
-    return row;
+    const struct apc_sample *x = (const struct apc_sample *)a, *y = (const struct apc_sample *)b;
+    return x->table != y->table ? (x->table > y->table) - (x->table < y->table)
+                                : (x->id > y->id) - (x->id < y->id);
 }
 
-/* ---- Text ---------------------------------------------------------------------------------- */
-
-/* Length of the well-formed UTF-8 character at @p text, or 0. */
-static size_t character(const unsigned char *text)
+int apc_variables_give(struct apc_sample *all, size_t n, struct apc_sample *variables, size_t capacity)
 {
-    unsigned char c = text[0];
-    size_t length = c < 0x80                ? 1
-                    : c >= 0xC2 && c < 0xE0 ? 2
-                    : (c & 0xF0) == 0xE0    ? 3
-                    : c >= 0xF0 && c < 0xF5 ? 4
-                                            : 0;
-    for (size_t i = 1; i < length; i++) {
-        if ((text[i] & 0xC0) != 0x80) {
-            return 0;
-        }
+    qsort(all, n, sizeof *all, by_variable);
+    for (size_t i = 0; i < n && i < capacity; i++) {
+        variables[i] = (struct apc_sample){.table = all[i].table, .id = all[i].id};
     }
-    if ((c == 0xE0 && text[1] < 0xA0) || (c == 0xED && text[1] > 0x9F) || (c == 0xF0 && text[1] < 0x90) ||
-        (c == 0xF4 && text[1] > 0x8F)) {
-        return 0; /* overlong, surrogate, beyond Unicode */
-    }
-    return length;
-}
-
-const char *apc_text_clean(char *out, const char *in, size_t size)
-{
-    size_t length = strnlen(in, size - 1);
-    memcpy(out, in, length);
-    memset(out + length, 0, size - length);
-    for (size_t i = 0; i < length;) {
-        size_t step = character((const unsigned char *)out + i);
-        if (step == 0) {
-            out[i] = '?';
-            step = 1;
-        }
-        i += step;
-    }
-    return out;
+    free(all);
+    return (int)n;
 }
 
 /* ---- Events and timing rows ------------------------------------------------------------------ */

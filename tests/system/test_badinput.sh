@@ -27,7 +27,7 @@ for program in "${daemons[@]}"; do
   expect 2 'unexpected argument' "$APC_BIN/$program" surplus
   expect 1 'store.*carrierpigeon' "$APC_BIN/$program" --config "$good" --store carrierpigeon:coop
 done
-for command in init run status get set mode tune watch history timing report plants linearize; do
+for command in $("$apc" --help | sed -n 's/^  \([a-z]*\)  .*/\1/p'); do
   expect 0 'Usage: ' "$apc" "$command" --help
   expect 2 'unrecognized option' "$apc" "$command" --no-such-option
 done
