@@ -22,11 +22,11 @@ static double *numbers(struct settings *s, size_t n)
 
 /* A number, or an array of them, to *value; the name is the law's own copy. */
 static void read_setting(struct settings *s, const config_setting_t *group, const config_setting_t *member,
-                         const struct apc_law *law, struct apc_setting *to, double *value)
+                         const char *const *known, struct apc_setting *to, double *value)
 {
     const char *name = config_setting_name(member);
 
-    for (const char *const *known = law->settings; *known; known++)
+    for (; *known; known++)
         if (strcmp(*known, name) == 0)
             to->name = *known;
     to->value = value;
@@ -39,13 +39,13 @@ static void read_setting(struct settings *s, const config_setting_t *group, cons
 static void read_settings(struct settings *s, const config_setting_t *group, struct experiment *e)
 {
     static const char *const none[] = {NULL};
-    const struct apc_law *law = e->controller.law;
+    const char *const *known = e->controller.law->settings ? e->controller.law->settings : none;
     const config_setting_t *list = settings_group(s, group, "settings", OPTIONAL);
     size_t n = list ? (size_t)config_setting_length(list) : 0, total = 0;
 
     if (!list)
         return;
-    settings_known(s, list, law->settings ? law->settings : none);
+    settings_known(s, list, known);
     if (s->failed)
         return;
     e->controller.setting = calloc(n + 1, sizeof *e->controller.setting);
@@ -61,7 +61,7 @@ static void read_settings(struct settings *s, const config_setting_t *group, str
     }
     double *value = e->controller.values = numbers(s, total);
     for (size_t i = 0; i < n && !s->failed; i++) {
-        read_setting(s, list, config_setting_get_elem(list, (unsigned)i), law, &e->controller.setting[i],
+        read_setting(s, list, config_setting_get_elem(list, (unsigned)i), known, &e->controller.setting[i],
                      value);
         value += e->controller.setting[i].n;
     }

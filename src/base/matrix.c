@@ -44,12 +44,13 @@ static void swap_rows(double *M, size_t width, size_t a, size_t b)
     }
 }
 
+/* NaN when an element is. */
 static double row_magnitude(const double *row, size_t n)
 {
     double magnitude = 0.0;
 
     for (size_t j = 0; j < n; j++)
-        magnitude = fmax(magnitude, fabs(row[j]));
+        magnitude = fabs(row[j]) > magnitude || isnan(row[j]) ? fabs(row[j]) : magnitude;
     return magnitude;
 }
 
@@ -146,5 +147,5 @@ int apc_matrix_exponential(size_t n, const double *M, double *E, double *work)
         apc_matrix_multiply(n, n, n, E, E, product);
         memcpy(E, product, n * n * sizeof(*E));
     }
-    return 0;
+    return isfinite(apc_matrix_norm(n, E)) ? 0 : -1;
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Small dense matrices, stored row after row, for the design of linear laws and models. [setup] */
+/* Small dense matrices, stored row after row, for linear models and laws. [tick] */
 #ifndef APC_MATRIX_H
 #define APC_MATRIX_H
 
@@ -16,7 +16,7 @@ void apc_matrix_put(double *M, size_t width, size_t r, size_t c, size_t rows, si
                     const double *block);
 /* X [n * m] = A^-1 B, in place of B; A is destroyed. Returns 0, or nonzero where A is singular. */
 int apc_matrix_solve(size_t n, size_t m, double *A, double *B);
-/* E = exp(M) [n * n]; work [4 * n * n]. Returns 0, or nonzero where an element of M is no finite number. */
+/* E = exp(M) [n * n]; work [4 * n * n]. Returns 0, or nonzero where M or E is not finite. */
 int apc_matrix_exponential(size_t n, const double *M, double *E, double *work);
 /* The greatest sum of magnitudes of a row: a norm. */
 double apc_matrix_norm(size_t n, const double *M);

@@ -11,8 +11,7 @@
 #include "control/control_internal.h"
 #include "control/pid_loop.h"
 
-#define N_TUNING (2 * PID_TUNING)
-#define N_STATES (2 * PID_STATES)
+enum { N_TUNING = 2 * PID_TUNING, N_STATES = 2 * PID_STATES };
 
 static const struct apc_param tuning[N_TUNING] = {PID_PARAMS("outer_"), PID_PARAMS("inner_")};
 

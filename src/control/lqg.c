@@ -346,7 +346,9 @@ static int check(const struct apc_law_setup *setup, struct apc_error *why)
     const struct apc_dim *dim = &setup->dim;
 
     if (!setup->plant)
-        return apc_fail(why, APC_EINVAL, "law lqg: needs the plant's linear model");
+        return apc_fail(
+            why, APC_EINVAL,
+            "law lqg: needs the plant's linear model; an experiment file gives it with operating_point");
     if (dim->nz != dim->nu || dim->ny < dim->nu)
         return apc_fail(
             why, APC_EINVAL,

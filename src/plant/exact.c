@@ -6,6 +6,7 @@
  *
  * Whether a model is linear, and A, B, c, are found by asking f: no model needs to say so.
  */
+#include "base/matrix.h"
 #include "plant/plant_internal.h"
 
 #include <stdlib.h>
@@ -17,7 +18,7 @@ struct solver {
     double dt;    /* of phi */
     double *m;    /* [nx * n]: A, B, c */
     double *phi;  /* [n * n] */
-    double *term, *work;
+    double *generator, *work;
     double *x;
 };
 
@@ -70,59 +71,17 @@ static bool find_matrix(struct solver *s, const double *p)
 
 /* ---- Matrix exponential --------------------------------------------------------------------- */
 
-static void multiply(size_t n, const double *a, const double *b, double *out)
+/* phi = exp([m; 0] dt). Returns nonzero where it is not finite. */
+static int exponentiate(struct solver *s, double dt)
 {
-    for (size_t i = 0; i < n; i++) {
-        for (size_t j = 0; j < n; j++) {
-            double sum = 0.0;
-
-            for (size_t k = 0; k < n; k++)
-                sum += a[i * n + k] * b[k * n + j];
-            out[i * n + j] = sum;
-        }
-    }
-}
-
-/* phi = exp([m; 0] dt) by scaling, Taylor's series and squaring; 18 terms leave 1e-22 at a norm of 1/2. */
-static void exponentiate(struct solver *s, double dt)
-{
-    size_t n = s->n, all = n * n;
-    double norm = 0.0, scale = dt;
-    int squarings = 0;
-
-    for (size_t i = 0; i < s->nx; i++) {
-        double row = 0.0;
-
-        for (size_t j = 0; j < n; j++)
-            row += fabs(s->m[i * n + j]) * dt;
-        norm = fmax(norm, row);
-    }
-    for (; norm > 0.5 && squarings < 1000; norm /= 2.0, scale /= 2.0)
-        squarings++;
-    memset(s->phi, 0, all * sizeof(double));
-    memset(s->term, 0, all * sizeof(double));
-    for (size_t i = 0; i < n; i++)
-        s->phi[i * n + i] = s->term[i * n + i] = 1.0;
-    for (int k = 1; k <= 18;
-         k++) { /* term = term * [m; 0] * scale / k; its last rows are zero from then on */
-        for (size_t i = 0; i < n; i++) {
-            for (size_t j = 0; j < n; j++) {
-                double sum = 0.0;
-
-                for (size_t l = 0; l < s->nx; l++)
-                    sum += s->term[i * n + l] * s->m[l * n + j];
-                s->work[i * n + j] = sum * scale / k;
-            }
-        }
-        memcpy(s->term, s->work, all * sizeof(double));
-        for (size_t i = 0; i < all; i++)
-            s->phi[i] += s->term[i];
-    }
-    for (; squarings > 0; squarings--) {
-        multiply(n, s->phi, s->phi, s->work);
-        memcpy(s->phi, s->work, all * sizeof(double));
-    }
+    memset(s->generator, 0, s->n * s->n * sizeof(double));
+    for (size_t i = 0; i < s->nx * s->n; i++)
+        s->generator[i] = s->m[i] * dt;
+    s->dt = 0.0;
+    if (apc_matrix_exponential(s->n, s->generator, s->phi, s->work))
+        return -1;
     s->dt = dt;
+    return 0;
 }
 
 /* ---- Integrator ----------------------------------------------------------------------------- */
@@ -142,7 +101,7 @@ static int create(void **self, const struct apc_model *model, const double *p,
 {
     size_t nx = model->nx, n = nx + model->nu + model->nd + 1;
     struct solver *s = calloc(1, sizeof(*s));
-    double *memory = calloc(nx * n + 3 * n * n + nx, sizeof(*memory));
+    double *memory = calloc(nx * n + 6 * n * n + nx, sizeof(*memory));
 
     (void)options;
     if (!s || !memory) {
@@ -155,9 +114,9 @@ static int create(void **self, const struct apc_model *model, const double *p,
                          .n = n,
                          .m = memory,
                          .phi = memory + nx * n,
-                         .term = memory + nx * n + n * n,
+                         .generator = memory + nx * n + n * n,
                          .work = memory + nx * n + 2 * n * n,
-                         .x = memory + nx * n + 3 * n * n};
+                         .x = memory + nx * n + 6 * n * n};
     if (!find_matrix(s, p)) {
         destroy(s);
         return apc_fail(why, APC_EINVAL,
@@ -173,8 +132,8 @@ static int step(void *self, double t, double dt, const double *u, double *x, str
     struct solver *s = self;
 
     (void)t;
-    if (dt != s->dt)
-        exponentiate(s, dt);
+    if (dt != s->dt && exponentiate(s, dt))
+        return apc_fail(why, APC_ESOLVER, "the matrix exponential over %g s is not finite", dt);
     for (size_t i = 0; i < s->nx; i++) {
         const double *row = s->phi + i * s->n;
         double sum = row[s->n - 1];

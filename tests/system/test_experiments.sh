@@ -71,7 +71,7 @@ change pendulum 's/y_dev = \[0.2, 0.1\]/y_dev = [0.2]/' '"y_dev" must be 2 numbe
 change pendulum 's/u_noise = \[0.5\]/u_noise = [0.0]/' '"u_noise"'
 change pendulum 's/u_noise = \[0.5\]/u_noise = "much"/' 'u_noise.*number'
 change pendulum 's/measurement = \[1\]/measurement = [2]/' 'steady state'
-change pendulum 's/delay = 0.006/delay = 0.05/' 'delay.*below the period'
+change pendulum 's/delay = 0.011/delay = 0.05/' 'delay.*below the period'
 change pendulum '/operating_point/d' 'linear model'
 change pendulum 's/u = \[0.0\]/u = [1.0]/' 'steady state'
 change pendulum 's/u = \[0.0\]/f = [0.0]/' 'unknown setting "f"'

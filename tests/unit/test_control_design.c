@@ -136,6 +136,35 @@ static void a_badly_scaled_system_is_solved(void **state)
     residual(3, 1, A, B, Q, P, K, 1e-9);
 }
 
+static double next_random(uint32_t *seed)
+{
+    *seed = *seed * 1664525u + 1013904223u;
+    return 2.0 * *seed / 4294967295.0 - 1.0;
+}
+
+/* Most of them unstable, weights over six decades: some are as hard as they come. */
+static void whatever_can_be_stabilised_is_solved(void **state)
+{
+    uint32_t seed = 1;
+
+    (void)state;
+    for (int trial = 0; trial < 500; trial++) {
+        const size_t n = 1 + (size_t)trial % 8, m = 1 + (size_t)trial % 3;
+        double A[64], B[24], Q[64] = {0}, R[9] = {0}, P[64], K[24];
+
+        for (size_t i = 0; i < n * n; i++)
+            A[i] = 1.2 * next_random(&seed);
+        for (size_t i = 0; i < n * m; i++)
+            B[i] = next_random(&seed);
+        for (size_t i = 0; i < n; i++)
+            Q[i * n + i] = pow(10.0, 3.0 * next_random(&seed));
+        for (size_t i = 0; i < m; i++)
+            R[i * m + i] = pow(10.0, 3.0 * next_random(&seed));
+        assert_int_equal(apc_riccati_solve(n, m, A, B, Q, R, P, K, NULL), 0);
+        residual(n, m, A, B, Q, P, K, 1e-6);
+    }
+}
+
 static void what_cannot_be_stabilised_is_an_error_with_a_reason(void **state)
 {
     const double A[4] = {1.5, 0, 0, 0.5}, unreached[2] = {0, 1}, Q[4] = {1, 0, 0, 1}, R = 1.0, none = 0.0;
@@ -168,6 +197,7 @@ int main(void)
         cmocka_unit_test(a_scalar_equation_has_its_known_solution),
         cmocka_unit_test(an_unstable_system_with_two_inputs_is_solved),
         cmocka_unit_test(a_badly_scaled_system_is_solved),
+        cmocka_unit_test(whatever_can_be_stabilised_is_solved),
         cmocka_unit_test(what_cannot_be_stabilised_is_an_error_with_a_reason),
         cmocka_unit_test(an_unstable_mode_without_a_weight_is_an_error),
     };

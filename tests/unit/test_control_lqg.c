@@ -269,21 +269,32 @@ static void a_known_delay_is_allowed_for(void **state)
     assert_int_equal(apc_linear_sample(1, 1, &A, &B, delay, &early_A, &early_B, NULL), 0);
     assert_int_equal(apc_linear_sample(1, 1, &A, &B, H - delay, &late_A, &late_B, NULL), 0);
     for (int told = 0; told <= 1; told++) {
+        const double load = 0.3;
         struct rig r;
-        double x = 0.01, last = 0.0;
+        double x = 0.01, last = load;
 
         make(&r, &plant, 1, setting, told ? 3 : 2);
-        for (int k = 0; k < 200 && fabs(x) < 1e6; k++) {
+        r.z[0] = 0.05;
+        for (int k = 0; k < 400 && fabs(x) < 1e6; k++) {
             r.y[0] = x;
             lqg->compute(&r.c);
             lqg->update(&r.c);
-            x = late_A * (early_A * x + early_B * last) + late_B * r.u[0];
-            last = r.u[0];
+            x = late_A * (early_A * x + early_B * last) + late_B * (r.u[0] + load);
+            last = r.u[0] + load;
         }
-        if (told)
-            assert_near(x, 0.0, 1e-9);
-        else
+        if (!told) {
             assert_true(fabs(x) >= 1e6);
+            continue;
+        }
+        assert_near(x, 0.05, 1e-9);
+        assert_near(r.x[1], last - load, 1e-9); /* the estimates: of the output before, */
+        assert_near(r.x[2], load, 1e-9);        /* and of the load */
+        r.u[0] = 0.7;
+        r.c.gap = true;
+        lqg->track(&r.c);
+        assert_near(r.x[0], x, 1e-6); /* of the state, from y alone */
+        assert_near(r.x[1], 0.7, 0.0);
+        assert_near(r.x[2], load, 1e-9);
     }
 }
 

@@ -296,6 +296,8 @@ static void setpoint_weights_scale_what_a_setpoint_step_gives_at_once(void **sta
     assert_near(compute(&r), 2.0, 1e-15);
     r.tuning[C] = 0.5;
     assert_near(compute(&r), 2.0 + 2.0 * 10.0 * 3.0 / (3.0 + 10.0 * 0.5) * 0.5 * 4.0, 1e-13);
+    pid->update(&r.c);
+    assert_near(compute(&r), 2.0 + 2.0 * 10.0 * pow(3.0 / (3.0 + 10.0 * 0.5), 2) * 0.5 * 4.0, 1e-13);
 }
 
 /* After a step of y the derivative is there at once and dies out with time constant tau_d / N. */

@@ -191,6 +191,46 @@ static void in_man_a_filter_goes_on(void **state)
     assert_near(u[1], u[0], 1e-12);
 }
 
+/* What y did while it was away is no derivative; the output goes on from where it was held, in Auto, after
+ * Man or OOS without a measurement, and in a new controller after the plant went to its safe value. */
+static void after_a_lost_measurement_the_derivative_begins_anew(void **state)
+{
+    (void)state;
+    for (int way = 0; way < 4; way++) {
+        const int meanwhile[] = {APC_MODE_AUTO, APC_MODE_MAN, APC_MODE_OOS, APC_MODE_AUTO};
+        struct rig r, next;
+        double u = 0.0;
+        int k;
+
+        make(&r, &apc_law_pid, 1, NULL);
+        make(&next, &apc_law_pid, 1, NULL);
+        feed(&r, APC_TUNING, 2, 1e9, 0); /* hardly an integral */
+        feed(&r, APC_TUNING, 3, 40.0, 0);
+        for (k = 1; k < 5; k++)
+            u = tick(&r, k, APC_MODE_AUTO, 0.0);
+        memcpy(next.in, r.in, sizeof(next.in));
+        if (way == 3) {
+            take_over(&next, &r);
+            assert_near(tick(&next, 9, APC_MODE_AUTO, 50.0), u, 1e-6);
+            assert_near(tick(&next, 10, APC_MODE_AUTO, 50.0), u, 1e-6);
+        } else {
+            struct apc_notice notice;
+
+            for (; k < 7; k++) {
+                feed(&r, APC_OPMODE, 0, meanwhile[way], k);
+                r.in[0].status = APC_BAD;
+                r.n = apc_controller_compute(r.controller, (struct apc_now){k * PERIOD, T0 + k * PERIOD},
+                                             r.in, r.out, &notice);
+                apc_controller_update(r.controller);
+            }
+            for (; k < 10; k++)
+                assert_near(tick(&r, k, APC_MODE_AUTO, 50.0), u, 1e-6);
+        }
+        apc_controller_destroy(r.controller);
+        apc_controller_destroy(next.controller);
+    }
+}
+
 static void the_first_measurement_gives_no_derivative(void **state)
 {
     struct rig r;
@@ -289,6 +329,7 @@ int main(void)
         cmocka_unit_test(every_law_restarted_goes_on_bit_for_bit),
         cmocka_unit_test(a_state_made_with_other_settings_is_not_taken_but_gives_no_bump),
         cmocka_unit_test(in_man_a_filter_goes_on),
+        cmocka_unit_test(after_a_lost_measurement_the_derivative_begins_anew),
         cmocka_unit_test(the_first_measurement_gives_no_derivative),
         cmocka_unit_test(it_begins_with_the_tuning_there_is),
         cmocka_unit_test(a_law_without_track_is_not_updated_in_man),
