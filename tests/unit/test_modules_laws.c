@@ -148,6 +148,62 @@ static void every_law_restarted_goes_on_bit_for_bit(void **state)
     }
 }
 
+/* The output of the tick is that of the old tuning, and the next ones are those of the new. */
+static void a_change_of_tuning_in_auto_gives_no_bump(void **state)
+{
+    const struct {
+        const struct apc_law *law;
+        size_t ny;
+        int changed; /* parameter, from 1 */
+    } of[] = {{&apc_law_pid, 1, 1},
+              {&apc_law_pid, 1, 3},
+              {&apc_law_pid, 1, 2},
+              {&apc_law_cascade, 2, 1},
+              {&apc_law_cascade, 2, 12}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(of) / sizeof(of[0]); i++) {
+        struct rig kept, tuned;
+        double apart;
+
+        make(&kept, of[i].law, of[i].ny, NULL);
+        make(&tuned, of[i].law, of[i].ny, NULL);
+        for (int k = 1; k < 15; k++) {
+            tick(&kept, k, APC_MODE_AUTO, wavy(k));
+            tick(&tuned, k, APC_MODE_AUTO, wavy(k));
+        }
+        feed(&tuned, APC_TUNING, of[i].changed, of[i].law->tuning[of[i].changed - 1].initial + 2.5, 15);
+        assert_near(tick(&tuned, 15, APC_MODE_AUTO, wavy(15)), tick(&kept, 15, APC_MODE_AUTO, wavy(15)),
+                    1e-12);
+        apart = tick(&tuned, 16, APC_MODE_AUTO, 3.0) - tick(&kept, 16, APC_MODE_AUTO, 3.0);
+        assert_true(fabs(apart) > 0.01);
+        apc_controller_destroy(kept.controller);
+        apc_controller_destroy(tuned.controller);
+    }
+}
+
+static void from_man_to_auto_no_law_gives_a_bump(void **state)
+{
+    const struct {
+        const struct apc_law *law;
+        size_t ny;
+    } of[] = {{&apc_law_pi, 1}, {&apc_law_pid, 1}, {&apc_law_cascade, 2}, {&apc_law_lqg, 1}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(of) / sizeof(of[0]); i++) {
+        struct rig r;
+
+        make(&r, of[i].law, of[i].ny, NULL);
+        tick(&r, 1, APC_MODE_AUTO, wavy(1));
+        for (int k = 2; k < 10; k++) {
+            feed(&r, APC_MANUAL, 1, 1.75, k);
+            assert_near(tick(&r, k, APC_MODE_MAN, wavy(k)), 1.75, 0.0);
+        }
+        assert_near(tick(&r, 10, APC_MODE_AUTO, wavy(10)), 1.75, 1e-12);
+        apc_controller_destroy(r.controller);
+    }
+}
+
 static void a_state_made_with_other_settings_is_not_taken_but_gives_no_bump(void **state)
 {
     const double dev = 0.01;
@@ -327,6 +383,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_law_restarted_goes_on_bit_for_bit),
+        cmocka_unit_test(a_change_of_tuning_in_auto_gives_no_bump),
+        cmocka_unit_test(from_man_to_auto_no_law_gives_a_bump),
         cmocka_unit_test(a_state_made_with_other_settings_is_not_taken_but_gives_no_bump),
         cmocka_unit_test(in_man_a_filter_goes_on),
         cmocka_unit_test(after_a_lost_measurement_the_derivative_begins_anew),
