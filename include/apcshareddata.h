@@ -50,11 +50,12 @@ APC_API void genTimeStampUTC(char ts[27]);
 /** Zero means default. */
 struct apc_store_options {
     size_t size;
-    const char *name;    /**< who is writing: application_name, and in refusals; default "libapc" */
-    apc_ns timeout;      /**< for every operation, connecting included; default 2 s */
-    apc_ns backoff_min;  /**< first pause after a failed connect; default 100 ms */
-    apc_ns backoff_max;  /**< longest pause; default 5 s. Pauses double and are jittered */
-    const char *spool;   /**< file for what the store cannot take at the moment; NULL: none. See below */
+    const char *name;   /**< who is writing: application_name, and in refusals; default "libapc" */
+    apc_ns timeout;     /**< for every operation, connecting included; default 2 s */
+    apc_ns backoff_min; /**< first pause after a failed connect; default 100 ms */
+    apc_ns backoff_max; /**< longest pause; default 5 s. Pauses double and are jittered */
+    const char *spool;  /**< file for what the store cannot take at the moment; "": in memory, which ends with
+                             the process; NULL: none. See below */
     uint64_t spool_size; /**< most bytes that may wait in it; default 256 MiB */
 };
 

@@ -15,8 +15,9 @@
 #include "recorder.h"
 #include "watch.h"
 
-#define HOUSEKEEPING APC_NS_PER_S /* between two looks of the main thread */
-#define WINDOW       5            /* looks between two timing rows */
+#define HOUSEKEEPING    APC_NS_PER_S /* between two looks of the main thread */
+#define WINDOW          5            /* looks between two timing rows */
+#define SPOOL_IN_MEMORY ((uint64_t)16 << 20)
 #define TAKEOVER                                                                                             \
     (12 *                                                                                                    \
      APC_NS_PER_S) /* how long to wait for a dead predecessor's claim: the server may need 8 s to notice */
@@ -30,7 +31,7 @@ static const struct argp_option common_options[] = {
     {"store", 's', "URI", 0,
      "Shared data: postgresql://host/db#schema, sqlite:FILE [APC_STORE]; default postgresql:", 0},
     {"spool", OPT_SPOOL, "DIR", 0,
-     "Keep in this folder what the store cannot take while it is away [APC_SPOOL]; default: it is lost", 0},
+     "Keep in this folder what the store cannot take while it is away [APC_SPOOL]; default: in memory", 0},
     {"timer", 't', "NAME", 0, "Executive: deadline (default) or posix", 0},
     {"spin", OPT_SPIN, NULL, 0, "Spin for the last microseconds before a tick (deadline only)", 0},
     {"hold-latency", OPT_HOLD_LATENCY, NULL, 0, "Hold /dev/cpu_dma_latency at 0: idle CPUs stay awake", 0},
@@ -173,11 +174,16 @@ static int open_store(struct daemon *d, struct apc_store **store, apc_ns timeout
     struct apc_error why;
     char path[512];
     const char *dir = spool ? or_environment(d->options.spool, "APC_SPOOL") : NULL;
+    if (spool) { /* an outage that the process outlives is bridged in any case */
+        options.spool = "";
+        options.spool_size = SPOOL_IN_MEMORY;
+    }
     if (dir && *dir) {
         mkdir(dir, 0700); /* one that is there is fine; any other trouble shows at the file */
         if (snprintf(path, sizeof path, "%s/%s%s.spool", dir, d->program->name, spool) >= (int)sizeof path)
             return daemon_error(d, APC_EINVAL, "--spool: the path is too long");
         options.spool = path;
+        options.spool_size = 0;
     }
     const char *uri = or_environment(d->options.store, "APC_STORE");
     int rc = apc_store_open(store, uri ? uri : "postgresql:", &options, &why);

@@ -28,6 +28,7 @@ enum apc_spool_kind {
 
 struct apc_spool_file {
     int fd;
+    bool memory; /* no file: it ends with the process */
     char path[512], writer[64], store[2048];
     uint64_t capacity; /* bytes of waiting records */
     uint64_t floor;    /* from here on the file takes room on the disk */
@@ -52,8 +53,9 @@ typedef int (*apc_spool_fn)(void *ctx, enum apc_spool_kind kind, const struct ap
 
 /* ---- spool_file.c -------------------------------------------------------------------------- */
 
-/** Open or make the file, lock it, recover what is in it. APC_EBUSY: another process has it. APC_EINVAL:
- * it is not a spool, or another writer's, or for another store. On failure *file needs no close. */
+/** Open or make the file ("": in memory), lock it, recover what is in it. APC_EBUSY: another process has it.
+ * APC_EINVAL: it is not a spool, or another writer's, or for another store. On failure *file needs no close.
+ */
 int apc_spool_open(struct apc_spool_file *file, const char *path, const char *writer, const char *store,
                    uint64_t capacity, apc_spool_fn fn, void *ctx, struct apc_error *why);
 /** Removes the file when nothing waits in it. */
@@ -74,6 +76,8 @@ static inline bool apc_spool_empty(const struct apc_spool_file *file)
 
 /** A header and a head into an empty file, on disk on return. */
 int apc_spool_write_header(struct apc_spool_file *file, struct apc_error *why);
+/** The descriptor of file @p path, made if need be, or of memory. -1 with errno. */
+int apc_spool_descriptor(const struct apc_spool_file *file, const char *path, int flags);
 
 /** A record's place and kind. */
 struct apc_spool_record {

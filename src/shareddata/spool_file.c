@@ -8,7 +8,7 @@
  * what is found damaged from the head on was never drained.
  */
 #ifndef _GNU_SOURCE
-#define _GNU_SOURCE /* fallocate */
+#define _GNU_SOURCE /* fallocate, memfd_create */
 #endif
 #include <errno.h>
 #include <fcntl.h>
@@ -16,6 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
+#include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -333,10 +334,16 @@ static int check_owner(const struct apc_spool_file *file, const char *writer, co
     return 0;
 }
 
+int apc_spool_descriptor(const struct apc_spool_file *file, const char *path, int flags)
+{
+    return file->memory ? memfd_create("apc-spool", MFD_CLOEXEC)
+                        : open(path, O_RDWR | O_CREAT | O_CLOEXEC | flags, 0600);
+}
+
 static int open_locked(struct apc_spool_file *file, uint64_t *size, struct apc_error *why)
 {
     struct stat st;
-    file->fd = open(file->path, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
+    file->fd = apc_spool_descriptor(file, file->path, 0);
     if (file->fd < 0) {
         return sick(file, "cannot be opened", why);
     }
@@ -370,7 +377,9 @@ static int open_header(struct apc_spool_file *file, uint64_t size, const char *w
         return apc_spool_set_aside(file, "damaged", false, why);
     }
     err = apc_spool_write_header(file, why);
-    sync_folder(file->path);
+    if (!file->memory) {
+        sync_folder(file->path);
+    }
     return err;
 }
 
@@ -384,7 +393,8 @@ int apc_spool_open(struct apc_spool_file *file, const char *path, const char *wr
     if (strlen(path) >= sizeof file->path - 64) {
         return apc_fail(why, APC_EINVAL, "the spool's path is too long");
     }
-    strcpy(file->path, path);
+    file->memory = !*path;
+    strcpy(file->path, file->memory ? "in memory" : path);
     make_crc(file->crc);
     int err = reserve(file, APC_SPOOL_HEADER);
     if (err) {
@@ -408,7 +418,7 @@ int apc_spool_open(struct apc_spool_file *file, const char *path, const char *wr
 
 void apc_spool_close(struct apc_spool_file *file)
 {
-    if (apc_spool_empty(file)) {
+    if (apc_spool_empty(file) && !file->memory) {
         (void)unlink(file->path);
     }
     close(file->fd);

@@ -56,7 +56,7 @@ int apc_spool_set_aside(struct apc_spool_file *file, const char *suffix, bool ke
     snprintf(aside, sizeof aside, "%s.%s-%s", file->path, suffix,
              apc_time_format(apc_clock_utc(NULL), stamp));
     snprintf(fresh, sizeof fresh, "%s.new", file->path);
-    new.fd = open(fresh, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
+    new.fd = apc_spool_descriptor(file, fresh, O_TRUNC);
     int err = new.fd < 0 || flock(new.fd, LOCK_EX | LOCK_NB) != 0 ? APC_ESTORE : 0;
     uint64_t end = APC_SPOOL_HEADER;
     if (!err) {
@@ -65,7 +65,10 @@ int apc_spool_set_aside(struct apc_spool_file *file, const char *suffix, bool ke
     if (!err && keep_records) {
         err = copy_records(file, new.fd, &end);
     }
-    if (!err && (fsync(new.fd) != 0 || link(file->path, aside) != 0 || rename(fresh, file->path) != 0)) {
+    if (!err && file->memory) {
+        snprintf(aside, sizeof aside, "nothing: it was in memory");
+    } else if (!err &&
+               (fsync(new.fd) != 0 || link(file->path, aside) != 0 || rename(fresh, file->path) != 0)) {
         err = APC_ESTORE;
     }
     new.buffer = file->buffer;

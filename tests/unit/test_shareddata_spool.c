@@ -633,6 +633,34 @@ static void test_seqs_that_somebody_else_took_meanwhile_are_found_and_set_aside(
     apc_store_close(other);
 }
 
+static void test_a_spool_in_memory_does_the_same_until_the_process_ends(void **state)
+{
+    (void)state;
+    struct apc_store_options o = options();
+    o.spool = "";
+    struct apc_store *store = open_with(through, &o), *other = open_plain();
+    append(store, 1, 1);
+    proxy_set(proxy, PROXY_REFUSE);
+    append(store, 1, 2);
+    append(store, 1, 3);
+    assert_int_equal(stats_of(store).samples, 2);
+    proxy_set(proxy, PROXY_PASS);
+    drain(store);
+    assert_stored(3);
+
+    proxy_set(proxy, PROXY_REFUSE);
+    append(store, 1, 4);
+    struct apc_sample theirs = sample(1, 4, -5);
+    ok(other, apc_store_append(other, &theirs, 1));
+    proxy_set(proxy, PROXY_PASS);
+    assert_int_equal(apc_store_connect(store), APC_ECONFLICT);
+    assert_says(stats_of(store).aside, "it was in memory");
+    append(store, 2, 1); /* it goes on */
+    assert_int_equal(stats_of(store).samples, 0);
+    apc_store_close(store);
+    apc_store_close(other);
+}
+
 /* ---- Full, unwritable ------------------------------------------------------------------------- */
 
 static void test_a_full_spool_keeps_what_it_has_and_refuses_the_next(void **state)
@@ -894,6 +922,7 @@ int main(void)
         ONLINE(test_a_seq_that_was_sent_is_never_given_out_again),
         ONLINE(test_a_claim_on_trust_is_made_up_for_before_anything_drains),
         ONLINE(test_seqs_that_somebody_else_took_meanwhile_are_found_and_set_aside),
+        ONLINE(test_a_spool_in_memory_does_the_same_until_the_process_ends),
         ONLINE(test_a_full_spool_keeps_what_it_has_and_refuses_the_next),
         OFFLINE(test_what_the_disk_does_not_take_is_not_acknowledged),
         OFFLINE(test_another_writers_or_stores_spool_is_refused),
