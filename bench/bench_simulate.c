@@ -225,6 +225,7 @@ int main(int argc, char **argv)
     struct bench b = {.name = "simulate", .reference = {"first"}, .calls = 20, .budget = 200 * APC_NS_PER_MS};
     bench_begin(&b, argc, argv, "Time simulations in virtual time.");
     bench_describe(&b, NULL);
+    simulation_keep_memory(); /* as a campaign does */
     bench_experiment(&b);
     bench_events(&b);
     bench_campaign(&b);

@@ -75,6 +75,8 @@ BEGIN
     EXECUTE format('CREATE TABLE %I (LIKE %I INCLUDING CONSTRAINTS INCLUDING COMMENTS, PRIMARY KEY (id, seq))',
                    partition, target);
     EXECUTE format('COMMENT ON TABLE %I IS %L', partition, format('Partition of table %s.', target));
+    EXECUTE format('ALTER TABLE %I OWNER TO %s', partition, -- it may be a superuser who maintains
+                   (SELECT relowner::regrole FROM pg_class WHERE oid = to_regclass(quote_ident(target))));
 END
 $$;
 COMMENT ON FUNCTION make_partition(text, text) IS 'A table that can become a partition of target.';
@@ -157,17 +159,20 @@ BEGIN
 
         guard := format($guard$
     SELECT count(*) INTO samples FROM fresh;
-    IF risen < samples AND (risen < (SELECT count(DISTINCT id) FROM fresh) OR EXISTS (
-        SELECT FROM (SELECT id, min(seq) AS lowest, count(*) > count(DISTINCT seq) AS twice FROM fresh GROUP BY id) AS f
-          JOIN %1$I USING (id) WHERE lowest <= previous OR twice))
-    THEN
-        SELECT s.id, s.seq INTO taken
-          FROM (SELECT DISTINCT id, seq FROM fresh) AS f CROSS JOIN LATERAL
-               (SELECT id, seq FROM %2$I WHERE id = f.id AND seq = f.seq LIMIT 2) AS s
-         GROUP BY s.id, s.seq HAVING count(*) > 1 LIMIT 1;
-        IF FOUND THEN
-            RAISE unique_violation
-            USING MESSAGE = format('%2$s: id %%s, seq %%s is there already', taken.id, taken.seq);
+    IF risen < samples THEN -- by itself: plpgsql would set up the queries below even where it needs them not
+        IF risen < (SELECT count(DISTINCT id) FROM fresh) OR EXISTS (
+            SELECT FROM (SELECT id, min(seq) AS lowest, count(*) > count(DISTINCT seq) AS twice
+                           FROM fresh GROUP BY id) AS f
+              JOIN %1$I USING (id) WHERE lowest <= previous OR twice)
+        THEN
+            SELECT s.id, s.seq INTO taken
+              FROM (SELECT DISTINCT id, seq FROM fresh) AS f CROSS JOIN LATERAL
+                   (SELECT id, seq FROM %2$I WHERE id = f.id AND seq = f.seq LIMIT 2) AS s
+             GROUP BY s.id, s.seq HAVING count(*) > 1 LIMIT 1;
+            IF FOUND THEN
+                RAISE unique_violation
+                USING MESSAGE = format('%2$s: id %%s, seq %%s is there already', taken.id, taken.seq);
+            END IF;
         END IF;
     END IF;$guard$, target || '_newest', target);
 
@@ -396,3 +401,4 @@ END
 $$;
 COMMENT ON PROCEDURE maintain(timestamptz, timestamptz, timestamptz, timestamptz, bigint) IS
     'Make partitions ahead, drop what is older than each given time; dropped: rows and partitions.';
+REVOKE ALL ON PROCEDURE maintain(timestamptz, timestamptz, timestamptz, timestamptz, bigint) FROM PUBLIC;

@@ -24,6 +24,8 @@ $$;
 GRANT SELECT ON migration, dim, dim_newest, tag TO apc_plant, apc_client, apc_controller, apc_scheduler, apc_operator;
 GRANT INSERT (time, severity, source, kind, text) ON event -- not role: nobody writes in another's name
     TO apc_plant, apc_client, apc_controller, apc_scheduler, apc_operator;
+GRANT SELECT ON event -- a spool that drains looks up which are there already
+    TO apc_plant, apc_client, apc_controller, apc_scheduler;
 GRANT INSERT ON timing TO apc_plant, apc_client, apc_controller, apc_scheduler;
 GRANT EXECUTE ON FUNCTION claim(text, integer) TO apc_client, apc_controller, apc_scheduler;
 GRANT EXECUTE ON FUNCTION absent(text, integer[], bigint[]) TO apc_client, apc_controller, apc_scheduler, apc_operator;

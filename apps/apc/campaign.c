@@ -85,19 +85,21 @@ static void make_run(const struct campaign *c, unsigned run)
 static void work(const struct campaign *c)
 {
     unsigned run;
+    simulation_keep_memory();
     while (!atomic_load(&c->board->stop) && (run = atomic_fetch_add(&c->board->next, 1)) < c->options->runs)
         make_run(c, run);
 }
 
 static void show_progress(const struct campaign *c, bool last)
 {
-    unsigned done = atomic_load(&c->board->done), all = c->options->runs;
-    int filled = (int)((uint64_t)done * BAR / all);
     static const char full[] = "########################", empty[] = "........................";
+    unsigned done = atomic_load(&c->board->done), all = c->options->runs;
+    double share = (double)done / (double)all;
+    int filled = (int)(share * BAR);
     if (!isatty(STDERR_FILENO))
         return;
-    fprintf(stderr, "\r%u of %u runs  [%.*s%.*s] %3u %%%s", done, all, filled, full, BAR - filled, empty,
-            (unsigned)((uint64_t)done * 100 / all), last ? "\n" : "");
+    fprintf(stderr, "\r%u of %u runs  [%.*s%.*s] %3.0f %%%s", done, all, filled, full, BAR - filled, empty,
+            100 * share, last ? "\n" : "");
     fflush(stderr);
 }
 

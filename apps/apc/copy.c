@@ -83,6 +83,7 @@ static void show(struct copy *c, int64_t seq)
     c->shown = now;
     double part = c->newest > c->first ? (double)(seq - c->first) / (double)(c->newest - c->first) : 1;
     double share = c->total > 0 ? (c->done + part * c->weight) / c->total : 1;
+    share = share < 1 ? share : 1; /* the last batch holds what has been counted */
     int filled = (int)(share * BAR);
     fprintf(stderr, "\r[%.*s%*s] %3.0f %%  %" PRIu64 " samples", filled, "########################",
             BAR - filled, "", 100 * share, c->samples.copied + c->samples.there);
@@ -145,15 +146,12 @@ static int take_sample(void *ctx, const struct apc_sample *s)
 
 static int copy_variable(struct copy *c, const struct apc_sample *newest)
 {
-    c->n = 0;
     c->first = 0;
     c->newest = newest->seq;
     c->weight = (double)newest->seq;
     int rc = apc_store_history(c->from, newest->table, newest->id, &c->range, take_sample, c);
     if (rc == 0 && newest->seq > 0) /* all of it is older: what holds now goes along all the same */
         take_sample(c, newest);
-    if (rc >= 0 && !c->failed)
-        flush_samples(c);
     c->done += c->weight;
     return stream_result(c, rc);
 }
@@ -180,6 +178,8 @@ static int copy_samples(struct copy *c)
         c->total += (double)newest[i].seq;
     for (int i = 0; i < n && rc >= 0; i++)
         rc = copy_variable(c, &newest[i]);
+    if (rc >= 0)
+        rc = stream_result(c, flush_samples(c));
 out:
     free(newest);
     return rc;

@@ -61,7 +61,7 @@ static bool parse_whole(const char *text, uint64_t low, uint64_t high, uint64_t 
 static error_t parse(int key, char *arg, struct argp_state *state)
 {
     struct simulate_options *o = state->input;
-    uint64_t number;
+    uint64_t number = 1;
     switch (key) {
     case 's':
         if (!parse_whole(arg, 0, UINT64_MAX, &o->seed))

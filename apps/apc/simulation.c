@@ -6,6 +6,7 @@
  */
 #include "simulation.h"
 
+#include <malloc.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -434,4 +435,10 @@ void simulation_destroy(struct simulation *s)
     free(s->memory);
     free(s->request);
     free(s->clock_steps);
+}
+
+void simulation_keep_memory(void)
+{
+    mallopt(M_TRIM_THRESHOLD, 256 << 20); /* or else the kernel clears some 200 pages for each */
+    mallopt(M_MMAP_THRESHOLD, 32 << 20);
 }

@@ -60,6 +60,9 @@ int simulation_create(struct simulation *s, const struct experiment *e, uint64_t
 int simulation_run(struct simulation *s, double duration);
 void simulation_destroy(struct simulation *s);
 
+/* For a process that makes many, one after another: keep the memory of one for the next. */
+void simulation_keep_memory(void);
+
 /* The run folder of what was simulated, as `apc run` leaves one. */
 int simulation_export(const struct simulation *s, const char *dir, const char *experiment_file,
                       struct apc_error *why);

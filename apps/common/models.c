@@ -41,6 +41,7 @@ static bool take_line(struct histogram *h, const struct form *form, char *line, 
             return false;
     if (rest)
         return false;
+    /* NOLINTNEXTLINE(clang-analyzer-core.*): the loop has filled all columns */
     if (form == &timing && (strcmp(field[0], task) != 0 || strcmp(field[1], quantity) != 0))
         return true;
     if (apc_number_parse(field[form->low], &low) < 0 || apc_number_parse(field[form->low + 1], &high) < 0 ||
@@ -96,10 +97,10 @@ static int recorded(const char *path, const char *task, const char *quantity, st
 
     snprintf(file, sizeof file, folder ? "%.510s/timing.csv" : "%.510s", path);
     int rc = read_histogram(&h, file, folder ? &timing : &plain, task, quantity, why);
-    struct apc_share **all = reallocarray(recordings->shares, recordings->n + 1, sizeof *all);
+    struct recording *all = reallocarray(recordings->at, recordings->n + 1, sizeof *all);
     if (all) {
-        recordings->shares = all;
-        recordings->shares[recordings->n++] = h.shares;
+        recordings->at = all;
+        recordings->at[recordings->n++].shares = h.shares;
     }
     if (rc == 0 && !all)
         rc = apc_fail(why, APC_ENOMEM, "out of memory");
@@ -117,7 +118,7 @@ static int parse(const char *text, const char *folder, int length, const char *t
     char path[TEXT_LEN];
     size_t end = strlen(text);
 
-    if (strncmp(text, open, sizeof open - 1) != 0 || text[end - 1] != ')')
+    if (end < sizeof open || strncmp(text, open, sizeof open - 1) != 0 || text[end - 1] != ')')
         return apc_distribution_parse(text, d, why);
     const char *name = text + sizeof open - 1;
     snprintf(path, sizeof path, "%.*s%.*s", *name == '/' ? 0 : length, folder, (int)(text + end - 1 - name),
@@ -148,7 +149,7 @@ static void read_distribution(struct settings *s, const config_setting_t *group,
     const config_setting_t *member = s->failed ? NULL : config_setting_get_member(group, name);
     const char *slash = strrchr(s->file, '/');
     struct apc_error why;
-    char text[TEXT_LEN];
+    char text[TEXT_LEN] = "";
 
     if (!member || !text_of(s, member, text))
         return;
@@ -277,8 +278,8 @@ void models_free(struct models *m)
     free(m->network.outages);
     free(m->clock);
     for (size_t i = 0; i < m->recordings.n; i++)
-        free(m->recordings.shares[i]);
-    free(m->recordings.shares);
+        free(m->recordings.at[i].shares);
+    free(m->recordings.at);
 }
 
 /* ---- From the command line ---------------------------------------------------------------- */

@@ -28,7 +28,9 @@ struct clock_change {
 
 /* Histograms that were read for distributions; they live as long as these. */
 struct recordings {
-    struct apc_share **shares;
+    struct recording {
+        struct apc_share *shares;
+    } * at;
     size_t n;
 };
 

@@ -108,13 +108,13 @@ static void date_from_days(int64_t days, uint32_t *year, uint32_t *month, uint32
     *year = (uint32_t)(yoe + era * 400 + (*month <= 2));
 }
 
-/* @digits decimal digits and @end, into text; where the next piece goes. */
-static char *put(char *text, uint32_t value, int digits, char end)
+/* Two decimal digits and @end, into text; where the next piece goes. */
+static char *put(char *text, uint32_t value, char end)
 {
-    for (int i = digits - 1; i >= 0; i--, value /= 10)
-        text[i] = (char)('0' + value % 10);
-    text[digits] = end;
-    return text + digits + 1;
+    text[0] = (char)('0' + value / 10);
+    text[1] = (char)('0' + value % 10);
+    text[2] = end;
+    return text + 3;
 }
 
 char *apc_time_format(apc_ns utc, char text[APC_TIME_LEN])
@@ -127,13 +127,16 @@ char *apc_time_format(apc_ns utc, char text[APC_TIME_LEN])
     char *c = text;
 
     date_from_days(days, &year, &month, &day);
-    c = put(c, year, 4, '-');
-    c = put(c, month, 2, '-');
-    c = put(c, day, 2, 'T');
-    c = put(c, second / 3600, 2, ':');
-    c = put(c, second / 60 % 60, 2, ':');
-    c = put(c, second % 60, 2, '.');
-    c = put(c, micro, 6, 'Z');
+    c = put(c, year / 100, '0') - 1; /* the next digit stands where the end was */
+    c = put(c, year % 100, '-');
+    c = put(c, month, '-');
+    c = put(c, day, 'T');
+    c = put(c, second / 3600, ':');
+    c = put(c, second / 60 % 60, ':');
+    c = put(c, second % 60, '.');
+    c = put(c, micro / 10000, '0') - 1;
+    c = put(c, micro / 100 % 100, '0') - 1;
+    c = put(c, micro % 100, 'Z');
     *c = '\0';
     return text;
 }

@@ -173,7 +173,12 @@ int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const 
 
 /* ---- Variables ------------------------------------------------------------------------------ */
 
-#define IDS(number, table) "SELECT " number "::int8, id::int8 FROM " table "_newest"
+/* The tables' numbers are those of enum apc_table. */
+static const char variables_sql[] =
+    "SELECT 1::int8, id::int8 FROM sensor_newest UNION ALL SELECT 2, id FROM actuator_newest "
+    "UNION ALL SELECT 3, id FROM setpoint_newest UNION ALL SELECT 4, id FROM dim_newest "
+    "UNION ALL SELECT 5, id FROM opmode_newest UNION ALL SELECT 6, id FROM tuning_newest "
+    "UNION ALL SELECT 7, id FROM manual_newest UNION ALL SELECT 8, id FROM state_newest ORDER BY 1, 2";
 
 struct variable_list {
     struct apc_pg *pg;
@@ -202,23 +207,7 @@ int apc_pg_variables(struct apc_store *store, struct apc_sample *variables, size
     struct variable_list list = {.pg = apc_pg_of(store), .variables = variables, .capacity = capacity};
     int err = apc_pg_begin(list.pg);
     if (!err) {
-        err = apc_pg_send(
-            list.pg,
-            IDS("1", "sensor") " UNION ALL " IDS("2", "actuator") " UNION ALL " IDS(
-                "3",
-                "setpo"
-                "int") " UNION ALL " IDS("4",
-                                         "dim") " UNION ALL " IDS("5",
-                                                                  "opmode") " UNION ALL " IDS("6",
-                                                                                              "tuning") " UNI"
-                                                                                                        "ON "
-                                                                                                        "ALL"
-                                                                                                        " " IDS(
-                                                                                                            "7",
-                                                                                                            "manu"
-                                                                                                            "al") " UNION ALL " IDS("8",
-                                                                                                                                    "state") " ORDER BY 1, 2",
-            &(struct apc_pg_params){0});
+        err = apc_pg_send(list.pg, variables_sql, &(struct apc_pg_params){0});
     }
     if (!err) {
         err = apc_pg_finish(list.pg, take_variables, &list);

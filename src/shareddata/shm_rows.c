@@ -37,30 +37,31 @@ static int by_seq(const void *a, const void *b)
     return (x->seq > y->seq) - (x->seq < y->seq);
 }
 
-/* What the ring of a version still holds, and the version's own sample, in rising seq. */
+/* What the ring of a version still holds, and the version's own sample, in rising seq, at the end of @p out,
+ * which has room for @p capacity. Returns how many. */
 static size_t load_ring(const struct apc_shm *shm, const struct apc_shm_slot *slot, const uint64_t version[8],
-                        enum apc_table table, int id, struct apc_sample *out)
+                        enum apc_table table, int id, struct apc_sample *out, size_t capacity)
 {
     const uint64_t head = version[0], kept = version[7] >> 8, extents = version[7] & 0xff;
     const struct apc_sample newest = apc_shm_sample(table, id, version);
     bool sorted = true, complete = false;
-    size_t n = 0;
-    for (uint64_t o = head - kept; o < head; o++) {
-        uint64_t words[8];
-        if (load_cell(apc_shm_cell(shm, slot, extents, o), o, words)) {
-            out[n] = apc_shm_sample(table, id, words);
-            sorted = sorted && (n == 0 || out[n - 1].seq < out[n].seq);
-            complete = complete || out[n].seq == newest.seq;
-            n++;
+    size_t at = capacity;
+    uint64_t words[8];
+    for (uint64_t o = head; o > head - kept && at > 1; o--) {
+        if (!load_cell(apc_shm_cell(shm, slot, extents, o - 1), o - 1, words)) {
+            break;
         }
+        out[--at] = apc_shm_sample(table, id, words);
+        sorted = sorted && (at + 1 == capacity || out[at].seq < out[at + 1].seq);
+        complete = complete || out[at].seq == newest.seq;
     }
-    if (!complete) {
-        out[n++] = newest;
+    if (!complete) { /* too many late ones came after it */
+        out[--at] = newest;
     }
     if (!sorted || !complete) {
-        qsort(out, n, sizeof *out, by_seq);
+        qsort(out + at, capacity - at, sizeof *out, by_seq);
     }
-    return n;
+    return capacity - at;
 }
 
 /* The variable's version as of now. Returns 1, or 0 when it has none. */
@@ -86,31 +87,27 @@ int apc_shm_history(struct apc_store *store, enum apc_table table, int id, const
     if (!slot || load_version(shm, slot, version) == 0) {
         return 0;
     }
-    const uint64_t most = apc_shm_shown(apc_shm_capacity(APC_SHM_EXTENTS)), kept = version[7] >> 8;
-    if (kept > most || kept > version[0]) {
+    const uint64_t kept = version[7] >> 8;
+    if (kept > apc_shm_shown(apc_shm_capacity(APC_SHM_EXTENTS)) || kept > version[0]) {
         return apc_fail(&store->why, APC_ESTORE, "shm:%s is corrupt", shm->name);
     }
-    struct apc_sample *row = (struct apc_sample *)malloc((size_t)(kept + 1) * sizeof *row);
+    const size_t most = (size_t)kept + 1;
+    struct apc_sample *row = (struct apc_sample *)malloc(most * sizeof *row);
     if (!row) {
         return no_memory(shm, kept);
     }
-    const size_t n = load_ring(shm, slot, version, table, id, row);
-    size_t kept_rows = 0, first = 0;
-    for (size_t i = 0; i < n; i++) {
-        if (within(range, row[i].time)) {
-            row[kept_rows++] = row[i];
+    size_t first = most - load_ring(shm, slot, version, table, id, row, most), n = 0;
+    for (; first < most; first++) {
+        if (within(range, row[first].time)) {
+            row[n++] = row[first];
         }
     }
-    if (range->last > 0 && kept_rows > range->last) {
-        first = kept_rows - range->last;
-    }
+    first = range->last > 0 && n > range->last ? n - range->last : 0;
     int count = 0;
     store->streaming = true;
-    for (size_t i = first; i < kept_rows; i++) {
+    for (bool ended = false; !ended && first < n; first++) {
         count++;
-        if (fn(ctx, &row[i]) != 0) {
-            break;
-        }
+        ended = fn(ctx, &row[first]) != 0;
     }
     store->streaming = false;
     free(row);
@@ -221,48 +218,68 @@ static bool load_record(const struct apc_shm_log *log, uint64_t ordinal, void *o
     return apc_shm_unchanged(at, ordinal + 1);
 }
 
-struct entry {
-    apc_ns time;
-    uint64_t ordinal;
+/* Copies of the records to give, in order: records[order[i].at] for i in first..n-1. Each begins with its
+ * time. */
+struct selection {
+    uint64_t *record;
+    struct entry {
+        apc_ns time;
+        size_t at; /* the higher, the older */
+    } * order;
+    size_t words, first, n;
 };
 
 static int by_time(const void *a, const void *b)
 {
     const struct entry *x = (const struct entry *)a, *y = (const struct entry *)b;
-    return x->time != y->time ? (x->time > y->time) - (x->time < y->time)
-                              : (x->ordinal > y->ordinal) - (x->ordinal < y->ordinal);
+    return x->time != y->time ? (x->time > y->time) - (x->time < y->time) : (x->at < y->at) - (x->at > y->at);
 }
 
-/* Which records to give, in order. Each begins with its time. @p entries is to be freed. */
+static int by_arrival(const void *a, const void *b)
+{
+    const struct entry *x = (const struct entry *)a, *y = (const struct entry *)b;
+    return (x->at < y->at) - (x->at > y->at);
+}
+
+static void free_selection(struct selection *s)
+{
+    free(s->record);
+    free(s->order);
+}
+
+static const void *selected(const struct selection *s, size_t i)
+{
+    return s->record + s->order[i].at * s->words;
+}
+
 static int select_records(struct apc_shm *shm, enum apc_shm_log_name name, const struct apc_range *range,
-                          struct entry **entries, size_t *first)
+                          struct selection *s)
 {
     const struct apc_shm_log *log = &shm->log[name];
     const struct apc_shm_ends ends = load_ends(shm, name);
-    size_t n = 0;
-    *entries = NULL;
-    *first = 0;
+    *s = (struct selection){.words = log->words - 1};
     if (ends.kept > log->capacity || ends.kept > ends.head) {
         return apc_fail(&shm->base.why, APC_ESTORE, "shm:%s is corrupt", shm->name);
     }
-    struct entry *e = (struct entry *)calloc((size_t)ends.kept + 1, sizeof *e);
-    if (!e) {
+    s->record = (uint64_t *)calloc((size_t)ends.kept + 1, s->words * sizeof *s->record);
+    s->order = (struct entry *)calloc((size_t)ends.kept + 1, sizeof *s->order);
+    if (!s->record || !s->order) {
+        free_selection(s);
         return no_memory(shm, ends.kept);
     }
-    for (uint64_t o = ends.head - ends.kept; o < ends.head; o++) {
-        apc_ns time = 0;
-        if (load_record(log, o, &time, 1) && within(range, time)) {
-            e[n++] = (struct entry){.time = time, .ordinal = o};
+    size_t at = 0;
+    for (uint64_t o = ends.head; o > ends.head - ends.kept; o--, at++) {
+        uint64_t *record = s->record + at * s->words;
+        if (!load_record(log, o - 1, record, s->words)) {
+            break;
+        }
+        if (within(range, (apc_ns)record[0])) {
+            s->order[s->n++] = (struct entry){.time = (apc_ns)record[0], .at = at};
         }
     }
-    if (name == APC_SHM_TIMING) {
-        qsort(e, n, sizeof *e, by_time);
-    }
-    if (range->last > 0 && n > range->last) {
-        *first = n - range->last;
-    }
-    *entries = e;
-    return (int)n;
+    qsort(s->order, s->n, sizeof *s->order, name == APC_SHM_TIMING ? by_time : by_arrival);
+    s->first = range->last > 0 && s->n > range->last ? s->n - range->last : 0;
+    return 0;
 }
 
 /* Make room for, and begin, an append of @p n records. */
@@ -295,21 +312,22 @@ int apc_shm_append_events(struct apc_store *store, const struct apc_event *event
 int apc_shm_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx)
 {
     struct apc_shm *shm = apc_shm_of(store);
-    struct entry *entries = NULL;
-    size_t i = 0;
+    struct selection s;
     int err = apc_shm_ready(shm), count = 0;
-    const int n = err ? err : select_records(shm, APC_SHM_EVENTS, range, &entries, &i);
+    if (!err) {
+        err = select_records(shm, APC_SHM_EVENTS, range, &s);
+    }
+    if (err) {
+        return err;
+    }
     store->streaming = true;
-    for (bool ended = n < 0; !ended && i < (size_t)n; i++) {
-        struct apc_event e;
-        if (load_record(&shm->log[APC_SHM_EVENTS], entries[i].ordinal, &e, sizeof e / 8)) {
-            count++;
-            ended = fn(ctx, &e) != 0;
-        }
+    for (bool ended = false; !ended && s.first < s.n; s.first++) {
+        count++;
+        ended = fn(ctx, (const struct apc_event *)selected(&s, s.first)) != 0;
     }
     store->streaming = false;
-    free(entries);
-    return n < 0 ? n : count;
+    free_selection(&s);
+    return count;
 }
 
 /* Neighbours are merged, as many as it takes, so that no more than APC_SHM_BINS are left. */
@@ -383,21 +401,22 @@ static int give_timing(const struct apc_shm_timing *t, apc_timing_fn fn, void *c
 int apc_shm_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx)
 {
     struct apc_shm *shm = apc_shm_of(store);
-    struct entry *entries = NULL;
-    size_t i = 0;
+    struct selection s;
     int err = apc_shm_ready(shm), count = 0;
-    const int n = err ? err : select_records(shm, APC_SHM_TIMING, range, &entries, &i);
+    if (!err) {
+        err = select_records(shm, APC_SHM_TIMING, range, &s);
+    }
+    if (err) {
+        return err;
+    }
     store->streaming = true;
-    for (bool ended = n < 0; !ended && i < (size_t)n; i++) {
-        struct apc_shm_timing t;
-        if (load_record(&shm->log[APC_SHM_TIMING], entries[i].ordinal, &t, sizeof t / 8)) {
-            count++;
-            ended = give_timing(&t, fn, ctx) != 0;
-        }
+    for (bool ended = false; !ended && s.first < s.n; s.first++) {
+        count++;
+        ended = give_timing((const struct apc_shm_timing *)selected(&s, s.first), fn, ctx) != 0;
     }
     store->streaming = false;
-    free(entries);
-    return n < 0 ? n : count;
+    free_selection(&s);
+    return count;
 }
 
 /* ---- Housekeeping ---------------------------------------------------------------------------- */

@@ -15,6 +15,10 @@
 
 #include "shareddata/shm.h"
 
+#ifdef __SANITIZE_THREAD__
+#include <sanitizer/tsan_interface.h>
+#endif
+
 /* ---- Recovery -------------------------------------------------------------------------------- */
 
 static void erase_marks(apc_word mark[2], uint64_t g)
@@ -73,7 +77,14 @@ static int wait_for_lock(struct apc_shm *shm)
     const apc_ns until = apc_clock_mono(NULL) + shm->base.config.timeout;
     const struct timespec deadline = {.tv_sec = (time_t)(until / APC_NS_PER_S),
                                       .tv_nsec = (long)(until % APC_NS_PER_S)};
-    return pthread_mutex_clocklock(&shm->header->writer, CLOCK_MONOTONIC, &deadline);
+    int e = pthread_mutex_clocklock(&shm->header->writer, CLOCK_MONOTONIC, &deadline);
+#ifdef __SANITIZE_THREAD__ /* GCC's does not know that function */
+    if (e == 0 || e == EOWNERDEAD) {
+        __tsan_mutex_pre_lock(&shm->header->writer, 0);
+        __tsan_mutex_post_lock(&shm->header->writer, 0, 0);
+    }
+#endif
+    return e;
 }
 
 int apc_shm_lock(struct apc_shm *shm)

@@ -103,7 +103,8 @@ static struct apc_sample *find_seen(struct spooling *s, enum apc_table table, in
     return NULL;
 }
 
-/* Without memory for one more it is not remembered, that is all. */
+/* A newer one, or, while nothing waits, what the store says: it may have been put back to an older state.
+ * Without memory for one more it is not remembered, that is all. */
 static void see(struct spooling *s, const struct apc_sample *sample)
 {
     struct apc_sample *seen = find_seen(s, sample->table, sample->id);
@@ -120,7 +121,7 @@ static void see(struct spooling *s, const struct apc_sample *sample)
         seen = &s->seen[s->n_seen++];
         *seen = (struct apc_sample){0};
     }
-    if (sample->seq >= seen->seq) {
+    if (sample->seq >= seen->seq || apc_spool_empty(&s->file)) {
         *seen = *sample;
     }
 }
@@ -534,6 +535,11 @@ static int wait_change(struct apc_store *store, const struct apc_sample *seen, s
     PASS(store, apc_store_wait(inner, seen, n, timeout));
 }
 
+static int variables(struct apc_store *store, struct apc_sample *out, size_t capacity)
+{
+    PASS(store, apc_store_variables(inner, out, capacity));
+}
+
 static int history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                    apc_sample_fn fn, void *ctx)
 {
@@ -576,9 +582,11 @@ static int init(struct apc_store *store)
     PASS(store, apc_store_init(inner));
 }
 
-static int maintain(struct apc_store *store, const struct apc_retention *keep_what)
+static int maintain(struct apc_store *store, const struct apc_retention *retention)
 {
-    PASS(store, apc_store_maintain(inner, keep_what));
+    struct apc_retention sized = *retention;
+    sized.size = sizeof sized;
+    PASS(store, apc_store_maintain(inner, &sized));
 }
 
 static void stats(const struct apc_store *store, struct apc_store_stats *out)
@@ -619,6 +627,7 @@ static const struct apc_store_ops spooling_store = {
     .put = put,
     .swap = swap,
     .wait = wait_change,
+    .variables = variables,
     .history = history,
     .history_bins = history_bins,
     .put_tags = put_tags,

@@ -50,6 +50,10 @@ done
 expect 0 'y +[0-9]+ +[0-9]+ +0 +0 +0\.0000' "$apc" simulate "$work/models.conf" --duration 60 --compare "$work/run"
 edit "$work/recorded.conf" -e "s|controller = {|controller = { execution = \"recorded($work/run)\"; jitter = \"recorded($work/run)\";|"
 expect 0 'sha256' "$apc" simulate "$work/recorded.conf"
+printf 'low,high,count\n0.01,0.02,3\n0.3,0.3,1\n' >"$work/delays.csv"
+expect 0 '[1-9][0-9]* of 1200 exchanges in vain' "$apc" simulate "$conf" --net "delay=recorded($work/delays.csv)"
+printf 'low,high,count\n0.02,0.01,3\n' >"$work/delays.csv"
+expect 1 'delays.csv:2: expected low,high,count' "$apc" simulate "$conf" --net "delay=recorded($work/delays.csv)"
 "$apc" simulate "$conf" --report "$work/clean" >/dev/null
 expect 0 'u +300 +300 +0 +0 +0\.0000' "$apc" replay "$work/clean" --tolerance 0
 expect 1 'u differs by' "$apc" replay "$work/clean" --law "$APC_BUILD_DIR/examples/mylaw.so" --tolerance 0.01

@@ -18,6 +18,17 @@
 #include "apcshareddata.h"
 #include "check.h"
 
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define SANITIZED 1
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) || __has_feature(memory_sanitizer)
+#define SANITIZED 1
+#endif
+#endif
+#ifndef SANITIZED
+#define SANITIZED 0
+#endif
+
 static char uri[128], path[128];
 
 static struct apc_store *open_store(void)
@@ -142,6 +153,22 @@ static int prepare(struct apc_store *store)
     return apc_store_put_tags(store, &tag, 1) == 1 && apc_store_append_events(store, &event, 1) == 1 ? 0 : -1;
 }
 
+/* The ring of sensor 0 cannot grow any more and has gone round. */
+static int prepare_full(struct apc_store *store)
+{
+    enum { MANY = 4500 };
+    static struct apc_sample s[MANY];
+    for (int i = 0; i < MANY; i++) {
+        s[i] = sample(APC_SENSOR, 0, i + 1);
+    }
+    return apc_store_append(store, s, MANY) == MANY ? 0 : -1;
+}
+
+static int append_full(struct apc_store *store)
+{
+    return apc_store_append(store, (struct apc_sample[]){sample(APC_SENSOR, 0, 4501)}, 1);
+}
+
 static int append_known(struct apc_store *store)
 {
     const struct apc_sample s[2] = {sample(APC_SENSOR, 0, 6), sample(APC_SENSOR, 1, 6)};
@@ -209,9 +236,15 @@ static int maintain(struct apc_store *store)
 /* To be killed after k instructions takes k single steps: so many in all, spread evenly over an operation. */
 enum { EVERY = 2000000, SOME = 50000 };
 
-/* Let a process do it and be killed after @p steps instructions. Returns how many it made. */
-static long run_killed(struct apc_store *store, int (*operation)(struct apc_store *), long steps)
+typedef int (*operation_fn)(struct apc_store *store);
+
+/* Let a process do it and be killed after @p steps instructions. Returns how many it made, or -1: no ptrace
+ * here, or most of the instructions are a sanitizer's. */
+static long run_killed(struct apc_store *store, operation_fn operation, long steps)
 {
+    if (SANITIZED) {
+        return -1;
+    }
     pid_t child = fork();
     if (child == 0) {
         if (ptrace(PTRACE_TRACEME, 0, NULL, NULL) != 0) {
@@ -242,11 +275,11 @@ static long run_killed(struct apc_store *store, int (*operation)(struct apc_stor
 }
 
 /* Once: what is left after so many instructions is old or new, and the next writer makes it new. */
-static long check_killed(int (*operation)(struct apc_store *), long steps, bool repeatable,
+static long check_killed(operation_fn before, operation_fn operation, long steps, bool repeatable,
                          uint64_t old_contents, uint64_t new_contents, bool *was_new)
 {
     struct apc_store *store = new_store();
-    assert_int_equal(prepare(store), 0);
+    assert_int_equal(before(store), 0);
     assert_true(contents() == old_contents);
     long made = run_killed(store, operation, steps);
     const uint64_t left = contents();
@@ -265,15 +298,15 @@ static long check_killed(int (*operation)(struct apc_store *), long steps, bool 
     return made;
 }
 
-static void kill_everywhere(int (*operation)(struct apc_store *), bool repeatable, long budget)
+static void kill_everywhere(operation_fn before, operation_fn operation, bool repeatable, long budget)
 {
     struct apc_store *store = new_store();
-    assert_int_equal(prepare(store), 0);
+    assert_int_equal(before(store), 0);
     const uint64_t old_contents = contents();
     const long all = run_killed(store, operation, 1L << 24); /* to its end */
     if (all < 0) {
         apc_store_close(store);
-        skip(); /* no ptrace here */
+        skip();
     }
     const uint64_t new_contents = contents();
     assert_true(new_contents != old_contents);
@@ -282,7 +315,7 @@ static void kill_everywhere(int (*operation)(struct apc_store *), bool repeatabl
     int n_old = 0, n_new = 0;
     for (long steps = all - 1; steps >= 0; steps -= stride) {
         bool was_new = false;
-        check_killed(operation, steps, repeatable, old_contents, new_contents, &was_new);
+        check_killed(before, operation, steps, repeatable, old_contents, new_contents, &was_new);
         n_new += was_new;
         n_old += !was_new;
     }
@@ -291,21 +324,22 @@ static void kill_everywhere(int (*operation)(struct apc_store *), bool repeatabl
     assert_true(n_old > 0 && n_new > 0);
 }
 
-#define KILLED(operation, repeatable, budget)                                                                \
+#define KILLED(before, operation, repeatable, budget)                                                        \
     static void test_##operation##_killed_anywhere_leaves_old_or_new(void **state)                           \
     {                                                                                                        \
         (void)state;                                                                                         \
-        kill_everywhere(operation, repeatable, budget);                                                      \
+        kill_everywhere(before, operation, repeatable, budget);                                              \
     }
 
-KILLED(append_known, true, EVERY)
-KILLED(append_new, true, SOME)
-KILLED(append_late, true, SOME)
-KILLED(put, false, SOME)
-KILLED(swap, true, SOME)
-KILLED(put_tags, true, SOME)
-KILLED(append_events, false, SOME)
-KILLED(append_timing, false, SOME)
+KILLED(prepare, append_known, true, EVERY)
+KILLED(prepare_full, append_full, true, SOME)
+KILLED(prepare, append_new, true, SOME)
+KILLED(prepare, append_late, true, SOME)
+KILLED(prepare, put, false, SOME)
+KILLED(prepare, swap, true, SOME)
+KILLED(prepare, put_tags, true, SOME)
+KILLED(prepare, append_events, false, SOME)
+KILLED(prepare, append_timing, false, SOME)
 
 /* Housekeeping is a transaction a variable: in between is neither old nor new, but every newest sample stays.
  */
@@ -334,9 +368,82 @@ static void test_maintain_killed_anywhere_keeps_the_newest_and_can_be_repeated(v
     }
 }
 
+/* ---- A reader that is stopped ---------------------------------------------------------------------- */
+
+enum { TOGETHER = 3 };
+
+static int append_together(struct apc_store *store, int64_t seq)
+{
+    struct apc_sample s[TOGETHER];
+    for (int i = 0; i < TOGETHER; i++) {
+        s[i] = sample(APC_SENSOR, i, seq);
+    }
+    return apc_store_append(store, s, TOGETHER);
+}
+
+static int read_together(struct apc_store *store)
+{
+    struct apc_sample s[TOGETHER];
+    for (int i = 0; i < TOGETHER; i++) {
+        s[i] = sample(APC_SENSOR, i, 0);
+    }
+    int err = apc_store_read(store, s, TOGETHER);
+    for (int i = 0; !err && i < TOGETHER; i++) {
+        err = s[i].seq != s[0].seq || s[i].time != 1000 * s[i].seq || s[i].value < (double)s[i].seq ||
+                      s[i].value > (double)s[i].seq
+                  ? APC_EPROTO
+                  : 0;
+    }
+    return err;
+}
+
+/* Wherever a reader is stopped, whatever is written then: what it has read in the end is one append's. */
+static void test_a_reader_stopped_anywhere_reads_one_append(void **state)
+{
+    (void)state;
+    struct apc_store *store = new_store();
+    int64_t seq = 0;
+    assert_int_equal(append_together(store, ++seq), TOGETHER);
+    assert_int_equal(read_together(store), 0);
+    bool ended = false;
+    for (long steps = 1; !ended && !SANITIZED; steps++) {
+        int status = 0;
+        pid_t child = fork();
+        if (child == 0) {
+            if (ptrace(PTRACE_TRACEME, 0, NULL, NULL) != 0) {
+                _exit(77);
+            }
+            raise(SIGSTOP);
+            _exit(read_together(store) != 0);
+        }
+        assert_int_equal(waitpid(child, &status, 0), child);
+        for (long made = 0; made < steps && WIFSTOPPED(status); made++) {
+            assert_int_equal(ptrace(PTRACE_SINGLESTEP, child, NULL, NULL), 0);
+            assert_int_equal(waitpid(child, &status, 0), child);
+        }
+        ended = WIFEXITED(status);
+        for (int64_t more = 1 + steps % 3; more > 0; more--) {
+            assert_int_equal(append_together(store, ++seq), TOGETHER);
+        }
+        if (!ended) {
+            assert_int_equal(ptrace(PTRACE_CONT, child, NULL, NULL), 0);
+            assert_int_equal(waitpid(child, &status, 0), child);
+        }
+        assert_true(WIFEXITED(status));
+        if (WEXITSTATUS(status) == 77) {
+            break;
+        }
+        assert_int_equal(WEXITSTATUS(status), 0);
+    }
+    apc_store_close(store);
+    if (!ended) {
+        skip();
+    }
+}
+
 /* ---- Killed at random ------------------------------------------------------------------------------ */
 
-enum { KILLS = 2000, N = 6 };
+enum { KILLS = SANITIZED ? 200 : 2000, N = 6 };
 
 struct record {
     volatile int64_t attempted, acknowledged;
@@ -451,6 +558,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         T_KILLED(append_known),
+        T_KILLED(append_full),
         T_KILLED(append_new),
         T_KILLED(append_late),
         T_KILLED(put),
@@ -459,6 +567,7 @@ int main(void)
         T_KILLED(append_events),
         T_KILLED(append_timing),
         T(test_maintain_killed_anywhere_keeps_the_newest_and_can_be_repeated),
+        T(test_a_reader_stopped_anywhere_reads_one_append),
         T(test_thousands_of_random_kills_lose_double_and_tear_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -3,6 +3,7 @@
 #include <inttypes.h>
 #include <locale.h>
 #include <pthread.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -20,6 +21,7 @@ struct kind {
     const char *name;
     void (*uri)(char *text, size_t size, int number); /* of a store that does not exist yet */
     void (*remove)(int number);                       /* after its test; NULL: nothing is left of it */
+    bool spooled;                                     /* and a spool before it, which stays empty */
 };
 
 static void postgresql_uri(char *text, size_t size, int number)
@@ -52,10 +54,11 @@ static void shm_remove(int number)
     unlink(path);
 }
 
-static const struct kind kinds[] = {{"postgresql:", postgresql_uri, NULL},
-                                    {"sqlite:", sqlite_uri, NULL},
-                                    {"shm:", shm_uri, shm_remove},
-                                    {"mem:", mem_uri, NULL}};
+static const struct kind kinds[] = {{"postgresql:", postgresql_uri, NULL, false},
+                                    {"sqlite:", sqlite_uri, NULL, false},
+                                    {"mem:", mem_uri, NULL, false},
+                                    {"shm:", shm_uri, shm_remove, false},
+                                    {"sqlite: with a spool", sqlite_uri, NULL, true}};
 
 static const struct kind *kind;
 static char uri[512];
@@ -64,7 +67,13 @@ static struct apc_store *open_store(void)
 {
     struct apc_error why = {""};
     struct apc_store *store = NULL;
-    struct apc_store_options options = {.size = sizeof options, .name = "test", .timeout = 20 * APC_NS_PER_S};
+    static atomic_int spools;
+    char spool[300];
+    snprintf(spool, sizeof spool, "%s/%d.spool", scratch_folder(), atomic_fetch_add(&spools, 1));
+    struct apc_store_options options = {.size = sizeof options,
+                                        .name = "test",
+                                        .timeout = 20 * APC_NS_PER_S,
+                                        .spool = kind->spooled ? spool : NULL};
     if (apc_store_open(&store, uri, &options, &why) != 0) {
         fail_msg("%s", why.text);
     }
