@@ -132,14 +132,17 @@ APC_API int apc_store_put(struct apc_store *store, struct apc_sample *samples, s
  * Compare and set: as apc_store_put(), but each samples[i].seq is the newest one that the caller knows (0:
  * there is none), and nothing is written unless all of them are the newest still. Then the answer is
  * APC_ECONFLICT, and @p samples are what is newest now, as from apc_store_read(). Returns 0 with the new seqs
- * filled in. [setup]
+ * filled in. After APC_ECONN or APC_ETIMEDOUT it may have taken place: a repeat then answers APC_ECONFLICT
+ * and shows the caller's own values. [setup]
  */
 APC_API int apc_store_swap(struct apc_store *store, struct apc_sample *samples, size_t n);
 
 /**
- * Wait until one of @p n variables has a sample newer than its @p seen[i].seq, no longer than @p timeout.
- * Nothing else of @p seen is looked at but table and id. Returns 1 when there is one (a read then gives it),
- * 0 when the time is up; at once when there is one already. [setup]
+ * Wait until one of @p n variables has a sample newer than its @p seen[i].seq, no longer than @p timeout
+ * (0: only look; longer by the store's own timeout at most when it cannot be reached). Of @p seen only table,
+ * id and seq are looked at. Returns 1 when there is one (a read then gives it), at once when it is there
+ * already; 0 when the time is up; an error as soon as the store is lost: what was written meanwhile is found
+ * by the next call. A change between a read and the wait is never missed. n = 0 returns 0 at once. [setup]
  */
 APC_API int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout);
 
@@ -155,21 +158,21 @@ struct apc_range {
 APC_API int apc_store_history(struct apc_store *store, enum apc_table table, int id,
                               const struct apc_range *range, apc_sample_fn fn, void *ctx);
 
-/** What an interval of a variable's history holds, [from, until). Bad samples are counted, and nothing else.
- */
+/** What an interval of a variable's history holds: the samples of source time from <= t < until. */
 struct apc_history_bin {
     apc_ns from, until;
     uint64_t count, bad;         /**< samples that are not Bad; samples that are */
     double min, max, mean, last; /**< of those not Bad; last: of the highest seq. 0 when count is 0 */
-    apc_status worst;            /**< the status of the gravest severity among all */
+    apc_status worst;            /**< the highest status code among all: of the gravest severity */
     int64_t seq;                 /**< the highest of all */
 };
 /** Called for each bin in rising time; return nonzero to end early. */
 typedef int (*apc_history_bin_fn)(void *ctx, const struct apc_history_bin *bin);
 /**
- * History of one variable in @p n intervals of equal length between @p since and @p until (source time),
- * made by the server; intervals without samples are left out. Streamed in bounded memory. At most
- * APC_HISTORY_BINS. Returns the number of bins given. [setup]
+ * History of one variable in @p n intervals (1..APC_HISTORY_BINS) of equal length, made by the server: bin i
+ * begins at @p since + i * (@p until - @p since) / n, rounded down to the nanosecond, and ends where the next
+ * one begins. Bins without samples are left out. Streamed in bounded memory. All of it has to be read before
+ * the first bin comes: give the store a timeout for that. Returns the number of bins given. [setup]
  */
 APC_API int apc_store_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since,
                                    apc_ns until, size_t n, apc_history_bin_fn fn, void *ctx);
@@ -238,15 +241,17 @@ APC_API int apc_store_timing(struct apc_store *store, const struct apc_range *ra
  */
 APC_API int apc_store_init(struct apc_store *store);
 
-/** How long to keep what; zero: for ever. The newest sample of each variable is kept in any case. */
+/** How long to keep what, by source time; zero: for ever. */
 struct apc_retention {
     size_t size;
     apc_ns samples, events, timing;
 };
 /**
  * Housekeeping, as often as you like, while others use the store: make room ahead for what will come, and
- * drop what is older than @p keep (NULL: drop nothing). For the schema's owner. [setup]
- * Returns the number of rows or partitions dropped, or an error.
+ * drop what is older than @p keep (NULL: drop nothing). The newest sample of each variable stays in any case,
+ * also in its history. What is dropped is at least as old, but a store that drops in larger pieces keeps some
+ * of it until the whole piece is. For the schema's owner. [setup]
+ * Returns the number of rows or pieces dropped, or an error.
  */
 APC_API int apc_store_maintain(struct apc_store *store, const struct apc_retention *keep);
 /** The schema version that this library makes and needs. */

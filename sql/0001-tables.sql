@@ -52,6 +52,22 @@ CREATE TABLE state (LIKE sensor INCLUDING ALL);
 CREATE TABLE dim (LIKE sensor INCLUDING ALL, CONSTRAINT value_whole CHECK (value = trunc(value)));
 CREATE TABLE opmode (LIKE sensor INCLUDING ALL, CONSTRAINT value_whole CHECK (value = trunc(value)));
 
+-- Waiters (apc_store_wait) are told of every commit that wrote samples, whoever wrote them.
+CREATE FUNCTION changed() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    PERFORM pg_notify('apc_' || TG_RELID, '');
+    RETURN NULL;
+END
+$$;
+CREATE TRIGGER changed AFTER INSERT ON sensor EXECUTE FUNCTION changed();
+CREATE TRIGGER changed AFTER INSERT ON actuator EXECUTE FUNCTION changed();
+CREATE TRIGGER changed AFTER INSERT ON setpoint EXECUTE FUNCTION changed();
+CREATE TRIGGER changed AFTER INSERT ON dim EXECUTE FUNCTION changed();
+CREATE TRIGGER changed AFTER INSERT ON opmode EXECUTE FUNCTION changed();
+CREATE TRIGGER changed AFTER INSERT ON tuning EXECUTE FUNCTION changed();
+CREATE TRIGGER changed AFTER INSERT ON manual EXECUTE FUNCTION changed();
+CREATE TRIGGER changed AFTER INSERT ON state EXECUTE FUNCTION changed();
+
 COMMENT ON TABLE sensor IS 'Measurements y. Written by apc-client.';
 COMMENT ON TABLE actuator IS 'Manipulated variables u. Written by apc-controller.';
 COMMENT ON TABLE setpoint IS 'Setpoints. Written by apc-scheduler and the operator.';

@@ -136,22 +136,51 @@ int apc_pg_refused(struct apc_pg *pg, const PGresult *result)
 
 /* ---- Waiting ------------------------------------------------------------------------------ */
 
-/* Until the socket is ready, but not past the deadline: 0, or APC_ETIMEDOUT, APC_ESYS. */
-static int wait_socket(struct apc_pg *pg, short events)
+/* Until the socket is ready, but not past the deadline: 1, 0 when the time is up, or APC_ESYS. */
+static int poll_socket(struct apc_pg *pg, short events, apc_ns deadline)
 {
     for (;;) {
-        apc_ns left = pg->deadline - apc_clock_mono(NULL);
+        apc_ns left = deadline - apc_clock_mono(NULL);
         if (left <= 0) {
-            return timed_out(pg);
+            return 0;
         }
         struct pollfd fd = {.fd = PQsocket(pg->conn), .events = events};
         struct timespec timeout = {.tv_sec = left / APC_NS_PER_S, .tv_nsec = left % APC_NS_PER_S};
         int ready = ppoll(&fd, 1, &timeout, NULL);
         if (ready > 0) {
-            return 0;
+            return 1;
         }
         if (ready < 0 && errno != EINTR) {
             return apc_fail(&pg->base.why, APC_ESYS, "cannot wait for the database: %s", strerror(errno));
+        }
+    }
+}
+
+/* The same within an operation: 0, or APC_ETIMEDOUT, APC_ESYS. */
+static int wait_socket(struct apc_pg *pg, short events)
+{
+    int ready = poll_socket(pg, events, pg->deadline);
+    return ready > 0 ? 0 : ready < 0 ? ready : timed_out(pg);
+}
+
+/* One may have come already, along with the answer to an operation. */
+int apc_pg_await_notify(struct apc_pg *pg, apc_ns deadline)
+{
+    for (;;) {
+        bool any = false;
+        for (PGnotify *n = PQnotifies(pg->conn); n; n = PQnotifies(pg->conn)) {
+            PQfreemem(n);
+            any = true;
+        }
+        if (any) {
+            return 1;
+        }
+        int ready = poll_socket(pg, POLLIN, deadline);
+        if (ready <= 0) {
+            return ready;
+        }
+        if (!PQconsumeInput(pg->conn)) {
+            return lost(pg);
         }
     }
 }
@@ -308,6 +337,7 @@ void apc_pg_drop(struct apc_pg *pg)
     apc_pg_remember(pg);
     PQfinish(pg->conn);
     pg->conn = NULL;
+    pg->listening = 0;
 }
 
 /* ---- Connecting --------------------------------------------------------------------------- */

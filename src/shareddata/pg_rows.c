@@ -3,6 +3,7 @@
  * The PostgreSQL store outside the tick: history, events, timing, tags. Rows stream through a cursor,
  * some at a time, so that memory stays bounded however long the history is and the caller may stop early.
  */
+#include <endian.h>
 #include <limits.h>
 #include <stdlib.h>
 #include <string.h>
@@ -24,12 +25,15 @@ struct stream {
     int columns;
     union {
         apc_sample_fn sample;
+        apc_history_bin_fn bin;
         apc_event_fn event;
         apc_timing_fn timing;
     } fn;
     void *ctx;
     enum apc_table table; /* of a history */
     int id;
+    apc_ns since, until; /* of its bins */
+    size_t n;
     int64_t *bins; /* of timing rows: room for three arrays */
     size_t bins_capacity;
     int fetch; /* number of the FETCH among the statements sent */
@@ -141,6 +145,13 @@ static int give_sample(struct stream *s, const PGresult *result, int row)
     return s->fn.sample(s->ctx, &sample) != 0;
 }
 
+static void add_id(struct apc_pg_params *p, char bytes[4], int id)
+{
+    uint32_t big = htobe32((uint32_t)id);
+    memcpy(bytes, &big, 4);
+    apc_pg_param(p, bytes, 4);
+}
+
 int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                    apc_sample_fn fn, void *ctx)
 {
@@ -153,12 +164,70 @@ int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const 
                        .id = id};
     struct apc_pg_params p = {0};
     struct bounds b;
-    uint32_t big = (uint32_t)id;
-    char number[4] = {(char)(big >> 24), (char)(big >> 16), (char)(big >> 8), (char)big};
-    apc_pg_param(&p, number, sizeof number);
+    char number[4];
+    add_id(&p, number, id);
     add_range(&p, &b, range);
     const struct apc_pg_text *text = &apc_pg_texts[table];
     return stream(&s, range->last > 0 ? text->history_last : text->history, &p);
+}
+
+/* ---- History in bins ------------------------------------------------------------------------ */
+
+/* A bin that begins at t holds whole microseconds only: those from the next whole one on. */
+static int64_t pg_edge(apc_ns t)
+{
+    return t > INT64_MAX - 999 ? INT64_MAX : apc_pg_time(t + 999);
+}
+
+static int give_bin(struct stream *s, const PGresult *result, int row)
+{
+    int64_t number = apc_pg_cell(result, row, 0); /* from 1 */
+    if (number < 1 || (uint64_t)number > s->n) {
+        return apc_fail(&s->pg->base.why, APC_EPROTO, "the database did not answer what was asked");
+    }
+    struct apc_history_bin bin = {
+        .from = apc_bin_edge(s->since, s->until, s->n, (size_t)number - 1),
+        .until = apc_bin_edge(s->since, s->until, s->n, (size_t)number),
+        .count = (uint64_t)apc_pg_cell(result, row, 1),
+        .bad = (uint64_t)apc_pg_cell(result, row, 2),
+        .min = cell_double(result, row, 3), /* NULL, which is 0, when there is none */
+        .max = cell_double(result, row, 4),
+        .mean = cell_double(result, row, 5),
+        .last = cell_double(result, row, 6),
+        .worst = (apc_status)apc_pg_cell(result, row, 7),
+        .seq = apc_pg_cell(result, row, 8),
+    };
+    return s->fn.bin(s->ctx, &bin) != 0;
+}
+
+int apc_pg_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
+                        size_t n, apc_history_bin_fn fn, void *ctx)
+{
+    struct apc_pg *pg = apc_pg_of(store);
+    struct stream s = {.pg = pg,
+                       .row = give_bin,
+                       .columns = 9,
+                       .fn.bin = fn,
+                       .ctx = ctx,
+                       .since = since,
+                       .until = until,
+                       .n = n};
+    struct apc_pg_params p = {0};
+    struct apc_pg_array *edges = &pg->columns[0];
+    if (apc_pg_array_begin(edges, APC_PG_TIMESTAMPTZ, n) != 0) {
+        return apc_fail(&pg->base.why, APC_ENOMEM, "out of memory for %zu bins", n);
+    }
+    for (size_t i = 0; i < n; i++) {
+        apc_pg_array_int8(edges, pg_edge(apc_bin_edge(since, until, n, i)));
+    }
+    char number[4], bounds[2][8];
+    add_id(&p, number, id);
+    apc_pg_put_int8(bounds[0], pg_edge(since));
+    apc_pg_put_int8(bounds[1], pg_edge(until));
+    apc_pg_param(&p, bounds[0], 8);
+    apc_pg_param(&p, bounds[1], 8);
+    apc_pg_param(&p, edges->data, edges->length);
+    return stream(&s, apc_pg_texts[table].bins, &p);
 }
 
 /* ---- Text on its way in --------------------------------------------------------------------- */

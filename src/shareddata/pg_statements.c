@@ -38,6 +38,14 @@
     "unnest($1::int4[], $2::timestamptz[], $3::int8[], $4::float8[]) AS v (id, time, status, value) "        \
     "ORDER BY v.id"
 
+#define SWAP(table)                                                                                          \
+    "INSERT INTO " table                                                                                     \
+    " (id, seq, time, status, value) SELECT v.id, v.seq + 1, v.time, v.status, v.value "                     \
+    "FROM unnest($1::int4[], $2::int8[], $3::timestamptz[], $4::int8[], $5::float8[]) "                      \
+    "AS v (id, seq, time, status, value) "                                                                   \
+    "WHERE v.seq = coalesce((SELECT max(seq) FROM " table " WHERE id = v.id), 0) ORDER BY v.id "             \
+    "RETURNING id, seq"
+
 #define DECLARE "DECLARE rows NO SCROLL CURSOR FOR "
 /* $1 id, $2 since, $3 until. */
 #define HISTORY(table, more)                                                                                 \
@@ -49,14 +57,32 @@
             " WHERE id = $1::int4 AND time >= $2::timestamptz AND time < $3::timestamptz "                   \
             "ORDER BY seq DESC LIMIT $4::int8) AS newest ORDER BY seq"
 
+/*
+ * $4 where each bin begins, but in order. Bad is a status from 2^31 on. The last value comes by its key: an
+ * aggregate for it would hold or sort all rows.
+ */
+#define GOOD " FILTER (WHERE status < 2147483648)"
+#define BINS(table)                                                                                          \
+    DECLARE "SELECT bin::int8, good, samples - good, lowest, highest, mean, "                                \
+            "(SELECT value FROM " table " WHERE id = $1::int4 AND seq = b.last "                             \
+            "AND time >= $2::timestamptz AND time < $3::timestamptz), worst, newest FROM "                   \
+            "(SELECT width_bucket(time, $4::timestamptz[]) AS bin, count(*)" GOOD " AS good, "               \
+            "count(*) AS samples, min(value)" GOOD " AS lowest, max(value)" GOOD " AS highest, "             \
+            "avg(value)" GOOD " AS mean, max(seq)" GOOD                                                      \
+            " AS last, max(status) AS worst, max(seq) AS newest "                                            \
+            "FROM " table " WHERE id = $1::int4 AND time >= $2::timestamptz AND time < $3::timestamptz "     \
+            "GROUP BY 1) AS b ORDER BY bin"
+
 #define TEXTS(table, more, arrays)                                                                           \
     {                                                                                                        \
         .read_name = "read_" table, .read = READ(table, more), .append_name = "append_" table,               \
         .append = APPEND(table, more, arrays, ""),                                                           \
         .repeat = APPEND(table, more, arrays, " ON CONFLICT DO NOTHING"),                                    \
-        .put = PUT(table) " RETURNING id, seq", .history = HISTORY(table, more),                             \
-        .history_last = HISTORY_LAST(table, more), .paper_read = READ("apc." table, ""),                     \
-        .paper_put = PUT("apc." table) " ON CONFLICT DO NOTHING",                                            \
+        .put = PUT(table) " RETURNING id, seq", .swap = SWAP(table), .bins = BINS(table),                    \
+        .drop = "DELETE FROM " table " AS s WHERE time < $1::timestamptz AND seq < "                         \
+                "(SELECT max(seq) FROM " table " WHERE id = s.id)",                                          \
+        .history = HISTORY(table, more), .history_last = HISTORY_LAST(table, more),                          \
+        .paper_read = READ("apc." table, ""), .paper_put = PUT("apc." table) " ON CONFLICT DO NOTHING",      \
     }
 
 const struct apc_pg_text apc_pg_texts[APC_TABLE_END] = {

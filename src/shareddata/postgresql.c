@@ -124,14 +124,14 @@ static const enum column append_columns[] = {COLUMN_ID,    COLUMN_SEQ,    COLUMN
                                              COLUMN_VALUE, COLUMN_SENSOR, COLUMN_SETPOINT};
 static const enum column put_columns[] = {COLUMN_ID, COLUMN_TIME, COLUMN_STATUS, COLUMN_VALUE};
 
-enum operation { READ, APPEND, REPEAT, PUT };
+enum operation { READ, APPEND, REPEAT, PUT, SWAP };
 
 static int send_group(struct apc_pg *pg, enum operation op, enum apc_table table, const struct groups *g,
                       const struct apc_sample *samples)
 {
     const struct apc_pg_text *text = &apc_pg_texts[table];
     const enum column *columns = op == READ ? read_columns : op == PUT ? put_columns : append_columns;
-    size_t n = op == READ ? 1 : op == PUT ? 4 : table == APC_ACTUATOR ? 7 : 5;
+    size_t n = op == READ ? 1 : op == PUT ? 4 : op != SWAP && table == APC_ACTUATOR ? 7 : 5;
     struct apc_pg_params p = {0};
     for (size_t i = 0; i < n; i++) {
         int err = add_column(pg, &p, g, table, samples, columns[i]);
@@ -139,10 +139,18 @@ static int send_group(struct apc_pg *pg, enum operation op, enum apc_table table
             return err;
         }
     }
-    if (op == PUT || op == REPEAT) {
-        return apc_pg_send(pg, op == PUT ? text->put : text->repeat, &p);
+    switch (op) {
+    case READ:
+        return apc_pg_send_prepared(pg, text->read_name, &p);
+    case APPEND:
+        return apc_pg_send_prepared(pg, text->append_name, &p);
+    case REPEAT:
+        return apc_pg_send(pg, text->repeat, &p);
+    case PUT:
+        return apc_pg_send(pg, text->put, &p);
+    default:
+        return apc_pg_send(pg, text->swap, &p);
     }
-    return apc_pg_send_prepared(pg, op == READ ? text->read_name : text->append_name, &p);
 }
 
 /* Everything of one operation but its answer. */
@@ -207,7 +215,7 @@ static int take_read(void *ctx, int statement, PGresult *result)
     return 0;
 }
 
-static int read_newest(struct apc_store *store, struct apc_sample *samples, size_t n)
+int apc_pg_read(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     struct exchange x = {.pg = apc_pg_of(store), .samples = samples};
     int err = send_groups(x.pg, READ, samples, n, &x.groups);
@@ -309,6 +317,60 @@ static int put(struct apc_store *store, struct apc_sample *samples, size_t n)
     return err ? err : check_replicated(x.pg);
 }
 
+/* ---- Swap ---------------------------------------------------------------------------------- */
+
+/* RETURNING id and seq of those that were as expected. Statement 0 is the BEGIN. */
+static int take_swap(void *ctx, int statement, PGresult *result)
+{
+    struct exchange *x = (struct exchange *)ctx;
+    x->count += PQntuples(result);
+    return statement == 0 || PQnfields(result) == 2 ? 0 : unexpected(x->pg);
+}
+
+static int end_transaction(struct apc_pg *pg, const char *how)
+{
+    int err = apc_pg_begin(pg);
+    if (!err) {
+        err = apc_pg_send(pg, how, &(struct apc_pg_params){0});
+    }
+    return err ? err : apc_pg_finish(pg, NULL, NULL);
+}
+
+/*
+ * Whether all are the newest still is known only when all statements have answered: so the transaction ends
+ * in a second round trip. Of two that swap at the same time the later one collides on the primary key.
+ */
+static int swap(struct apc_store *store, struct apc_sample *samples, size_t n)
+{
+    struct exchange x = {.pg = apc_pg_of(store), .samples = samples};
+    int err = apc_pg_begin(x.pg);
+    if (!err) {
+        err = apc_pg_send(x.pg, "BEGIN", &(struct apc_pg_params){0});
+    }
+    if (!err) {
+        err = send_groups(x.pg, SWAP, samples, n, &x.groups);
+    }
+    if (!err) {
+        err = apc_pg_finish(x.pg, take_swap, &x);
+    }
+    bool late = err == APC_ECONFLICT || (!err && (size_t)x.count < n);
+    if (!err && !late) {
+        err = end_transaction(x.pg, "COMMIT");
+        for (size_t i = 0; !err && i < n; i++) {
+            samples[i].seq++;
+        }
+        return err ? err : check_replicated(x.pg);
+    }
+    struct apc_error why = x.pg->base.why;
+    int ended = x.pg->conn ? end_transaction(x.pg, "ROLLBACK") : 0;
+    if (!late) {
+        x.pg->base.why = why;
+        return err;
+    }
+    err = ended ? ended : apc_pg_read(store, samples, n);
+    return err ? err : apc_fail(&x.pg->base.why, APC_ECONFLICT, "somebody else was faster: it has changed");
+}
+
 /* ---- Claim --------------------------------------------------------------------------------- */
 
 int apc_pg_send_claim(struct apc_pg *pg, enum apc_table table, size_t n)
@@ -375,6 +437,7 @@ static int claim(struct apc_store *store, enum apc_table table, size_t n, int64_
 static void close_store(struct apc_store *store)
 {
     struct apc_pg *pg = apc_pg_of(store);
+    apc_pg_close_waiter(pg);
     apc_pg_drop(pg);
     PQconninfoFree(pg->uri);
     for (size_t i = 0; i < sizeof pg->columns / sizeof pg->columns[0]; i++) {
@@ -417,10 +480,11 @@ static int connect_store(struct apc_store *store)
 #define OPS(word)                                                                                            \
     {                                                                                                        \
         .scheme = word, .open = open_store, .close = close_store, .connected = connected,                    \
-        .connect = connect_store, .read = read_newest, .append = append, .claim = claim, .put = put,         \
-        .history = apc_pg_history, .put_tags = apc_pg_put_tags, .get_tags = apc_pg_get_tags,                 \
-        .append_events = apc_pg_append_events, .events = apc_pg_events,                                      \
-        .append_timing = apc_pg_append_timing, .timing = apc_pg_timing, .init = apc_pg_init,                 \
+        .connect = connect_store, .read = apc_pg_read, .append = append, .claim = claim, .put = put,         \
+        .swap = swap, .wait = apc_pg_wait, .history = apc_pg_history, .history_bins = apc_pg_history_bins,   \
+        .put_tags = apc_pg_put_tags, .get_tags = apc_pg_get_tags, .append_events = apc_pg_append_events,     \
+        .events = apc_pg_events, .append_timing = apc_pg_append_timing, .timing = apc_pg_timing,             \
+        .init = apc_pg_init, .maintain = apc_pg_maintain,                                                    \
     }
 
 const struct apc_store_ops apc_postgresql_store = OPS("postgresql:");

@@ -55,7 +55,10 @@ struct apc_pg_text {
     const char *append_name, *append;   /* prepared */
     const char *repeat;                 /* append, but leaves rows alone that are there */
     const char *put;                    /* takes the next seq; a concurrent writer makes it fail */
+    const char *swap;                   /* the next seq of those whose newest is the one given */
     const char *history, *history_last; /* declares cursor "rows" */
+    const char *bins;                   /* likewise */
+    const char *drop;                   /* what is older, but the newest of each */
     const char *paper_read, *paper_put; /* the same on schema apc, for any PGconn */
 };
 extern const struct apc_pg_text apc_pg_texts[APC_TABLE_END];
@@ -87,6 +90,8 @@ struct apc_pg {
     struct apc_pg_session session, former[APC_PG_FORMER_MAX];
     size_t n_former;
     bool unreplicated;              /* a commit's warning: not on the standby */
+    struct apc_pg *waiter;          /* the connection of apc_store_wait(); NULL: never used */
+    uint32_t listening;             /* of a waiter: bit t: to changes of table t */
     struct apc_pg_array columns[7]; /* parameters; kept, so that a tick allocates nothing */
     uint32_t *order;                /* samples sorted by table; kept as well */
     size_t order_capacity;
@@ -114,6 +119,8 @@ typedef int (*apc_pg_result_fn)(void *ctx, int statement, PGresult *result);
 
 /** Begin an operation: set its deadline, connect when not connected. */
 int apc_pg_begin(struct apc_pg *pg);
+/** Wait for a notification until @p deadline (monotonic). Returns 1, 0 when the time is up, or an error. */
+int apc_pg_await_notify(struct apc_pg *pg, apc_ns deadline);
 /** Queue a statement by text, or a prepared one by name. */
 int apc_pg_send(struct apc_pg *pg, const char *sql, const struct apc_pg_params *p);
 int apc_pg_send_prepared(struct apc_pg *pg, const char *name, const struct apc_pg_params *p);
@@ -142,6 +149,11 @@ void apc_pg_remember(struct apc_pg *pg);
 /** Before claims are renewed: end the former sessions. APC_ECONN when one is left. */
 int apc_pg_end_former(struct apc_pg *pg);
 
+/* ---- pg_wait.c ------------------------------------------------------------------------------ */
+
+int apc_pg_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout);
+void apc_pg_close_waiter(struct apc_pg *pg);
+
 /* ---- pg_claim: in postgresql.c -------------------------------------------------------------- */
 
 /** Queue a claim on a table; n = 0 just renews it. */
@@ -150,11 +162,15 @@ int apc_pg_send_claim(struct apc_pg *pg, enum apc_table table, size_t n);
 int apc_pg_take_claim(struct apc_pg *pg, enum apc_table table, const PGresult *result, int64_t *last,
                       size_t n);
 
-/* ---- pg_init.c, pg_rows.c: operations ------------------------------------------------------- */
+/* ---- postgresql.c, pg_init.c, pg_maintain.c, pg_rows.c: operations -------------------------- */
 
+int apc_pg_read(struct apc_store *store, struct apc_sample *samples, size_t n);
 int apc_pg_init(struct apc_store *store);
+int apc_pg_maintain(struct apc_store *store, const struct apc_retention *keep);
 int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                    apc_sample_fn fn, void *ctx);
+int apc_pg_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
+                        size_t n, apc_history_bin_fn fn, void *ctx);
 int apc_pg_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n);
 int apc_pg_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity);
 int apc_pg_append_events(struct apc_store *store, const struct apc_event *events, size_t n);

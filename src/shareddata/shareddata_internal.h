@@ -63,6 +63,14 @@ struct apc_store_ops {
 extern const struct apc_store_ops apc_postgresql_store;
 extern const struct apc_store_ops apc_postgres_store; /* libpq's other spelling */
 
+/** Where bin @p i of apc_store_history_bins() begins; i = n is where the last one ends. */
+static inline apc_ns apc_bin_edge(apc_ns since, apc_ns until, size_t n, size_t i)
+{
+    uint64_t span =
+        (uint64_t)until - (uint64_t)since; /* may exceed apc_ns; the product below never overflows */
+    return (apc_ns)((uint64_t)since + span / n * i + span % n * i / n);
+}
+
 /** Is the number one of a table? */
 static inline bool apc_table_known(enum apc_table table)
 {

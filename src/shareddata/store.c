@@ -244,7 +244,7 @@ int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_
     if (!err && timeout < 0) {
         err = apc_fail(&store->why, APC_EINVAL, "a wait must not be negative");
     }
-    return err ? err : store->ops->wait(store, seen, n, timeout);
+    return err || n == 0 ? err : store->ops->wait(store, seen, n, timeout);
 }
 
 int apc_store_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,

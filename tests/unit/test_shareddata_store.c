@@ -212,6 +212,7 @@ static void test_an_append_repeated_changes_nothing_and_counts_nothing(void **st
                               sample(APC_ACTUATOR, 1, 1, 3)};
     assert_int_equal(apc_store_append(*state, s, 3), 3);
     s[0].value = 99; /* whoever was first keeps the seq */
+    s[1].time += 3600 * APC_NS_PER_S;
     assert_int_equal(apc_store_append(*state, s, 3), 0);
     struct apc_sample more[3] = {s[0], s[1], sample(APC_ACTUATOR, 1, 2, 4)};
     assert_int_equal(apc_store_append(*state, more, 3), 1);
@@ -433,6 +434,204 @@ static void test_concurrent_puts_lose_and_double_nothing(void **state)
     assert_int_equal(rows_of(*state, APC_SETPOINT, 2), PUTTERS * PUTS);
 }
 
+/* ---- Swap ------------------------------------------------------------------------------------ */
+
+static void test_a_swap_takes_the_next_seq_when_the_newest_is_the_one_expected(void **state)
+{
+    struct apc_sample s[2] = {sample(APC_SETPOINT, 1, 0, 5), sample(APC_OPMODE, 0, 0, 1)};
+    s[0].time = 7000;
+    s[1].status = APC_UNCERTAIN;
+    ok(*state, apc_store_swap(*state, s, 2)); /* seq 0: there is none yet */
+    assert_true(s[0].seq == 1 && s[1].seq == 1);
+    s[0].value = 6;
+    ok(*state, apc_store_swap(*state, s, 1));
+    assert_int_equal(s[0].seq, 2);
+    struct apc_sample setpoint = newest(*state, APC_SETPOINT, 1), mode = newest(*state, APC_OPMODE, 0);
+    assert_int_equal(setpoint.seq, 2);
+    assert_near(setpoint.value, 6, 0);
+    assert_true(setpoint.time == 7000);
+    assert_int_equal(mode.seq, 1);
+    assert_int_equal(mode.status, APC_UNCERTAIN);
+}
+
+static void test_a_swap_that_is_too_late_writes_nothing_and_shows_what_is_newest(void **state)
+{
+    struct apc_sample first[2] = {sample(APC_SETPOINT, 1, 0, 5), sample(APC_TUNING, 2, 0, 50)};
+    ok(*state, apc_store_put(*state, first, 2));
+    ok(*state, apc_store_put(*state, first, 1)); /* setpoint 1 is now at seq 2 */
+    struct apc_sample late[3] = {sample(APC_TUNING, 2, 1, -1), sample(APC_SETPOINT, 1, 1, -1),
+                                 sample(APC_SETPOINT, 9, 0, -1)};
+    assert_int_equal(apc_store_swap(*state, late, 3), APC_ECONFLICT);
+    assert_true(late[0].seq == 1 && late[1].seq == 2 && late[2].seq == 0);
+    assert_near(late[0].value, 50, 0);
+    assert_near(late[1].value, 5, 0);
+    assert_int_equal(late[2].status, APC_BAD_NO_DATA);
+    assert_int_equal(rows_of(*state, APC_TUNING, 2), 1);
+    assert_int_equal(rows_of(*state, APC_SETPOINT, 1), 2);
+    assert_int_equal(rows_of(*state, APC_SETPOINT, 9), 0);
+    late[1].value = 8;
+    ok(*state, apc_store_swap(*state, late, 3)); /* with what it has been shown */
+    assert_true(late[0].seq == 2 && late[1].seq == 3 && late[2].seq == 1);
+    assert_near(newest(*state, APC_SETPOINT, 1).value, 8, 0);
+}
+
+static void test_a_swap_into_a_gap_of_the_history_is_too_late_as_well(void **state)
+{
+    struct apc_sample s[2] = {sample(APC_MANUAL, 1, 1, 1), sample(APC_MANUAL, 1, 5, 5)};
+    assert_int_equal(apc_store_append(*state, s, 2), 2);
+    struct apc_sample gap = sample(APC_MANUAL, 1, 1, -1), ahead = sample(APC_MANUAL, 1, 7, -1);
+    assert_int_equal(apc_store_swap(*state, &gap, 1), APC_ECONFLICT); /* seq 2 would be free */
+    assert_int_equal(gap.seq, 5);
+    assert_int_equal(apc_store_swap(*state, &ahead, 1), APC_ECONFLICT);
+    assert_int_equal(rows_of(*state, APC_MANUAL, 1), 2);
+}
+
+static void test_a_swap_that_makes_no_sense_is_refused(void **state)
+{
+    struct apc_sample s[2] = {sample(APC_SETPOINT, 1, 0, 1), sample(APC_SETPOINT, 1, 0, 2)};
+    assert_int_equal(apc_store_swap(*state, s, 2), APC_EINVAL); /* twice the same */
+    s[1] = sample(APC_SETPOINT, 2, -1, 1);
+    assert_int_equal(apc_store_swap(*state, s, 2), APC_EINVAL);
+    s[1] = sample(APC_SETPOINT, 2, 0, (double)NAN);
+    assert_int_equal(apc_store_swap(*state, s, 2), APC_EINVAL);
+    s[1] =
+        sample(APC_OPMODE, 0, 0, 0.5); /* refused by the store itself: and the other is not written either */
+    assert_int_equal(apc_store_swap(*state, s, 2), APC_ESTORE);
+    assert_int_equal(rows_of(*state, APC_SETPOINT, 1), 0);
+    assert_int_equal(apc_store_swap(*state, NULL, 0), 0);
+    s[1] = sample(APC_OPMODE, 0, 0, 1);
+    ok(*state, apc_store_swap(*state, s, 2)); /* and it goes on */
+}
+
+enum { SWAPPERS = 3, SWAPS = 40 };
+
+/* Each adds one to a value that all of them share: what is lost or doubled shows in the sum. */
+static void *swap_many(void *arg)
+{
+    int *failed = arg;
+    struct apc_store *store = NULL;
+    struct apc_store_options options = {.size = sizeof options, .timeout = 20 * APC_NS_PER_S};
+    *failed = apc_store_open(&store, uri, &options, NULL);
+    struct apc_sample s[2] = {{.table = APC_SETPOINT, .id = 1}, {.table = APC_TUNING, .id = 1}};
+    *failed = *failed ? *failed : apc_store_read(store, s, 2);
+    for (int done = 0; !*failed && done < SWAPS;) {
+        for (int i = 0; i < 2; i++) {
+            s[i].value = s[i].seq ? s[i].value + 1 : 1;
+            s[i].status = APC_GOOD;
+        }
+        int err = apc_store_swap(store, s, 2);
+        done += err == 0;
+        *failed = err == APC_ECONFLICT ? 0 : err;
+    }
+    apc_store_close(store);
+    return NULL;
+}
+
+static void test_concurrent_swaps_lose_and_double_nothing(void **state)
+{
+    pthread_t threads[SWAPPERS];
+    int failed[SWAPPERS];
+    for (int i = 0; i < SWAPPERS; i++) {
+        assert_int_equal(pthread_create(&threads[i], NULL, swap_many, &failed[i]), 0);
+    }
+    for (int i = 0; i < SWAPPERS; i++) {
+        pthread_join(threads[i], NULL);
+        assert_int_equal(failed[i], 0);
+    }
+    const enum apc_table tables[2] = {APC_SETPOINT, APC_TUNING};
+    for (int i = 0; i < 2; i++) {
+        struct apc_sample s = newest(*state, tables[i], 1);
+        assert_near(s.value, SWAPPERS * SWAPS, 0);
+        assert_int_equal(s.seq, SWAPPERS * SWAPS);
+        assert_int_equal(rows_of(*state, tables[i], 1), SWAPPERS * SWAPS);
+    }
+}
+
+/* ---- Wait ------------------------------------------------------------------------------------ */
+
+static void test_a_wait_tells_what_is_there_already_and_what_is_not(void **state)
+{
+    struct apc_sample seen[2] = {{.table = APC_SENSOR, .id = 1}, {.table = APC_SETPOINT, .id = 2}};
+    assert_int_equal(apc_store_wait(*state, seen, 2, 0), 0);
+    struct apc_sample s[2] = {sample(APC_SETPOINT, 2, 3, 1), sample(APC_SETPOINT, 1, 9, 1)};
+    assert_int_equal(apc_store_append(*state, s, 2), 2);
+    assert_int_equal(apc_store_wait(*state, seen, 2, 0), 1);
+    assert_int_equal(apc_store_wait(*state, seen, 2, 60 * APC_NS_PER_S), 1);
+    assert_int_equal(apc_store_wait(*state, seen, 1, 0), 0); /* sensor 1 alone */
+    seen[1].seq = 2;
+    assert_int_equal(apc_store_wait(*state, seen, 2, 0), 1);
+    seen[1].seq = 3;
+    assert_int_equal(apc_store_wait(*state, seen, 2, 0), 0);
+    assert_int_equal(apc_store_wait(*state, seen, 2, 20 * APC_NS_PER_MS), 0);
+    assert_int_equal(apc_store_wait(*state, NULL, 0, 60 * APC_NS_PER_S), 0);
+    assert_int_equal(apc_store_wait(*state, seen, 2, -1), APC_EINVAL);
+    seen[0].table = APC_TABLE_END;
+    assert_int_equal(apc_store_wait(*state, seen, 2, 0), APC_EINVAL);
+    assert_int_equal(newest(*state, APC_SETPOINT, 2).seq, 3); /* and the store goes on */
+}
+
+static void test_a_wait_sees_every_way_of_writing(void **state)
+{
+    struct apc_store *writer = open_store();
+    struct apc_sample seen = {.table = APC_SETPOINT, .id = 1}, s = sample(APC_SETPOINT, 1, 1, 1);
+    assert_int_equal(apc_store_wait(*state, &seen, 1, 0), 0);
+    assert_int_equal(apc_store_append(writer, &s, 1), 1);
+    assert_int_equal(apc_store_wait(*state, &seen, 1, 0), 1);
+    seen.seq = 1;
+    ok(writer, apc_store_put(writer, &s, 1));
+    assert_int_equal(apc_store_wait(*state, &seen, 1, 0), 1);
+    seen.seq = 2;
+    ok(writer, apc_store_swap(writer, &s, 1));
+    assert_int_equal(apc_store_wait(*state, &seen, 1, 0), 1);
+    seen.seq = 3;
+    assert_int_equal(apc_store_wait(*state, &seen, 1, 0), 0);
+    struct apc_sample old = sample(APC_SETPOINT, 1, 0, 1); /* in the place of none: not newer than seen */
+    old.seq = 2;
+    assert_int_equal(apc_store_append(writer, &old, 1), 0);
+    assert_int_equal(apc_store_wait(*state, &seen, 1, 0), 0);
+    apc_store_close(writer);
+}
+
+enum { VOLLEYS = 300 };
+
+/* Answers each sensor sample by an actuator sample with the same seq and value. */
+static void *play(void *arg)
+{
+    int *failed = arg;
+    struct apc_store *store = NULL;
+    struct apc_store_options options = {.size = sizeof options, .timeout = 20 * APC_NS_PER_S};
+    *failed = apc_store_open(&store, uri, &options, NULL);
+    struct apc_sample seen = {.table = APC_SENSOR, .id = 1};
+    while (!*failed && seen.seq < VOLLEYS) {
+        int64_t before = seen.seq;
+        int woken = apc_store_wait(store, &seen, 1, 60 * APC_NS_PER_S);
+        int err = apc_store_read(store, &seen, 1);
+        struct apc_sample answer = sample(APC_ACTUATOR, 1, seen.seq, seen.value);
+        *failed = woken != 1 || err || seen.seq != before + 1 || apc_store_append(store, &answer, 1) != 1;
+    }
+    apc_store_close(store);
+    return NULL;
+}
+
+static void test_two_waiters_wake_each_other_and_miss_nothing(void **state)
+{
+    pthread_t thread;
+    int failed = 0, woken = 1, appended = 1;
+    assert_int_equal(pthread_create(&thread, NULL, play, &failed), 0);
+    struct apc_sample seen = {.table = APC_ACTUATOR, .id = 1};
+    for (int i = 1; i <= VOLLEYS && woken == 1 && appended == 1; i++) {
+        struct apc_sample ball = sample(APC_SENSOR, 1, i, i);
+        appended = apc_store_append(*state, &ball, 1);
+        woken = apc_store_wait(*state, &seen, 1, 60 * APC_NS_PER_S);
+        seen.seq = i;
+    }
+    pthread_join(thread, NULL);
+    assert_int_equal(appended, 1);
+    assert_int_equal(woken, 1);
+    assert_int_equal(failed, 0);
+    assert_int_equal(newest(*state, APC_ACTUATOR, 1).seq, VOLLEYS);
+}
+
 /* ---- History --------------------------------------------------------------------------------- */
 
 struct seen {
@@ -522,6 +721,141 @@ static void test_an_actuators_history_names_what_it_was_computed_from(void **sta
     assert_int_equal(newest(*state, APC_ACTUATOR, 1).setpoint_seq, 9);
     assert_int_equal(newest(*state, APC_ACTUATOR, 1).sensor_seq, 0);
     assert_int_equal(rows_of(*state, APC_ACTUATOR, 1), 2);
+}
+
+/* ---- History in bins ------------------------------------------------------------------------- */
+
+enum { BINS_MAX = 8 };
+
+struct bins {
+    struct apc_history_bin bin[BINS_MAX];
+    size_t n, stop_after;
+    struct apc_store *store;
+    int inner;
+};
+
+static int keep_bin(void *ctx, const struct apc_history_bin *bin)
+{
+    struct bins *bins = ctx;
+    if (bins->n < BINS_MAX) {
+        bins->bin[bins->n] = *bin;
+    }
+    if (bins->store) {
+        struct apc_sample s = {.table = APC_SENSOR, .id = 1};
+        bins->inner = apc_store_read(bins->store, &s, 1);
+    }
+    return ++bins->n == bins->stop_after;
+}
+
+static int bins_of(struct apc_store *store, apc_ns since, apc_ns until, size_t n, struct bins *bins)
+{
+    return apc_store_history_bins(store, APC_SENSOR, 1, since, until, n, keep_bin, bins);
+}
+
+/* Times in us, since that is what every store keeps. */
+static void append_at(struct apc_store *store, int64_t seq, apc_ns us, double value, apc_status status)
+{
+    struct apc_sample s = sample(APC_SENSOR, 1, seq, value);
+    s.time = us * APC_NS_PER_US;
+    s.status = status;
+    assert_int_equal(apc_store_append(store, &s, 1), 1);
+}
+
+static void test_a_bin_holds_what_lies_within_it(void **state)
+{
+    append_at(*state, 1, 99, 1000, APC_GOOD); /* before */
+    append_at(*state, 2, 100, 4, APC_GOOD);
+    append_at(*state, 3, 119, -8, APC_UNCERTAIN_LAST_USABLE);
+    append_at(*state, 4, 110, 1.5, APC_GOOD); /* the clock stepped back: last is by seq */
+    append_at(*state, 5, 112, 777, APC_BAD_OUT_OF_SERVICE);
+    append_at(*state, 6, 120, 3, APC_GOOD); /* the second bin's first moment */
+    append_at(*state, 7, 165, 0, APC_BAD_NO_COMMUNICATION);
+    append_at(*state, 8, 160, 0, APC_BAD_SENSOR_FAILURE);
+    append_at(*state, 9, 200, 2000, APC_GOOD); /* after */
+    struct apc_sample other = sample(APC_SENSOR, 2, 1, 9);
+    other.time = 110 * APC_NS_PER_US;
+    assert_int_equal(apc_store_append(*state, &other, 1), 1);
+
+    struct bins b = {0};
+    assert_int_equal(bins_of(*state, 100000, 200000, 5, &b), 3);
+    assert_int_equal(b.n, 3);
+    assert_true(b.bin[0].from == 100000 && b.bin[0].until == 120000);
+    assert_int_equal(b.bin[0].count, 3);
+    assert_int_equal(b.bin[0].bad, 1);
+    assert_near(b.bin[0].min, -8, 0);
+    assert_near(b.bin[0].max, 4, 0);
+    assert_near(b.bin[0].mean, -2.5 / 3, 1e-15);
+    assert_near(b.bin[0].last, 1.5, 0);
+    assert_int_equal(b.bin[0].worst, APC_BAD_OUT_OF_SERVICE);
+    assert_int_equal(b.bin[0].seq, 5);
+
+    assert_true(b.bin[1].from == 120000 && b.bin[1].until == 140000);
+    assert_true(b.bin[1].count == 1 && b.bin[1].bad == 0 && b.bin[1].seq == 6);
+    assert_near(b.bin[1].min, 3, 0);
+    assert_near(b.bin[1].last, 3, 0);
+    assert_int_equal(b.bin[1].worst, APC_GOOD);
+
+    assert_true(b.bin[2].from == 160000 && b.bin[2].until == 180000); /* the one before it is empty */
+    assert_true(b.bin[2].count == 0 && b.bin[2].bad == 2 && b.bin[2].seq == 8);
+    assert_true(b.bin[2].min == 0 && b.bin[2].max == 0 && b.bin[2].mean == 0 && b.bin[2].last == 0);
+    assert_int_equal(b.bin[2].worst, APC_BAD_SENSOR_FAILURE);
+}
+
+static void test_bins_divide_what_cannot_be_divided_evenly(void **state)
+{
+    /* 10 us in three bins: they begin at 0, 3.333 and 6.666 us. */
+    for (int i = 0; i < 10; i++) {
+        append_at(*state, i + 1, i, i, APC_GOOD);
+    }
+    struct bins b = {0};
+    assert_int_equal(bins_of(*state, 0, 10000, 3, &b), 3);
+    const int counts[3] = {4, 3, 3}, begins[4] = {0, 3333, 6666, 10000};
+    for (int i = 0; i < 3; i++) {
+        assert_int_equal(b.bin[i].count, counts[i]);
+        assert_true(b.bin[i].from == begins[i] && b.bin[i].until == begins[i + 1]);
+    }
+    /* A bin may be shorter than what times are kept to; before 1970, and bounds between two of them. */
+    struct apc_sample s = sample(APC_SENSOR, 1, 11, 11);
+    s.time = -2000;
+    assert_int_equal(apc_store_append(*state, &s, 1), 1);
+    struct bins c = {0};
+    assert_int_equal(bins_of(*state, -2001, 999, 3000, &c), 2);
+    assert_true(c.bin[0].from == -2000 && c.bin[0].until == -1999 && c.bin[0].seq == 11);
+    assert_true(c.bin[1].from == 0 && c.bin[1].until == 1 && c.bin[1].seq == 1);
+    struct bins d = {0};
+    assert_int_equal(bins_of(*state, 1, 2000, 1, &d), 1);
+    assert_int_equal(d.bin[0].count, 1);
+    assert_near(d.bin[0].last, 1, 0);
+}
+
+static void test_a_bin_may_be_all_of_time_and_there_may_be_as_many_as_allowed(void **state)
+{
+    append_many(*state, 1, 2000); /* at 1000 us * seq */
+    struct bins b = {0};
+    assert_int_equal(bins_of(*state, INT64_MIN, INT64_MAX, 1, &b), 1);
+    assert_int_equal(b.bin[0].count, 2000);
+    assert_near(b.bin[0].mean, 1999.0 / 2, 0);
+    assert_near(b.bin[0].max, 1999, 0);
+    assert_near(b.bin[0].last, 1999, 0);
+    struct bins c = {0};
+    assert_int_equal(bins_of(*state, 0, 2001 * APC_NS_PER_MS, APC_HISTORY_BINS, &c), 2000);
+    assert_int_equal(c.n, 2000);
+    struct bins none = {0};
+    assert_int_equal(bins_of(*state, 3000 * APC_NS_PER_MS, 4000 * APC_NS_PER_MS, 10, &none), 0);
+}
+
+static void test_bins_end_when_their_function_says_so_and_refuse_what_makes_no_sense(void **state)
+{
+    append_many(*state, 1, 2000);
+    struct bins b = {.stop_after = 3, .store = *state};
+    assert_int_equal(bins_of(*state, 0, 2001 * APC_NS_PER_MS, 100, &b), 3);
+    assert_int_equal(b.inner, APC_ESTATE);
+    assert_int_equal(newest(*state, APC_SENSOR, 1).seq, 2000); /* the store goes on */
+    assert_int_equal(bins_of(*state, 0, 1, 0, &b), APC_EINVAL);
+    assert_int_equal(bins_of(*state, 0, 1, APC_HISTORY_BINS + 1, &b), APC_EINVAL);
+    assert_int_equal(bins_of(*state, 1, 1, 1, &b), APC_EINVAL);
+    assert_int_equal(apc_store_history_bins(*state, APC_SENSOR, 1, 0, 1, 1, NULL, NULL), APC_EINVAL);
+    assert_int_equal(apc_store_history_bins(*state, APC_SENSOR, -1, 0, 1, 1, keep_bin, &b), APC_EINVAL);
 }
 
 /* ---- Tags, events, timing ---------------------------------------------------------------------- */
@@ -679,6 +1013,94 @@ static void test_timing_rows_come_back_with_their_buckets(void **state)
     assert_string_equal(newest_one.rows[0].task, "controller");
 }
 
+/* ---- Housekeeping ------------------------------------------------------------------------------ */
+
+#define HOUR (3600 * APC_NS_PER_S)
+
+static int count_event(void *ctx, const struct apc_event *e)
+{
+    (void)e;
+    ++*(int *)ctx;
+    return 0;
+}
+
+static int count_timing(void *ctx, const struct apc_timing_row *row)
+{
+    (void)row;
+    ++*(int *)ctx;
+    return 0;
+}
+
+static void test_maintenance_drops_what_is_old_and_keeps_the_newest_of_each_variable(void **state)
+{
+    struct apc_store *store = *state;
+    const apc_ns now = apc_clock_utc(NULL), times[4] = {0, 1, now - HOUR, now};
+    struct apc_sample s[12];
+    for (int i = 0; i < 12; i++) {
+        s[i] = sample(i % 2 ? APC_SENSOR : APC_TUNING, 1 + i / 8, 1 + i / 2 % 4, i);
+        s[i].time = times[i / 2 % 4];
+    }
+    /* Variable 1 of each table: two from 1970, two of today; variable 2: the two from 1970 only. */
+    assert_int_equal(apc_store_append(store, s, 12), 12);
+    const struct apc_event events[2] = {{.time = 0, .severity = APC_EVENT_INFO, .kind = "start"},
+                                        {.time = now, .severity = APC_EVENT_INFO, .kind = "stop"}};
+    assert_int_equal(apc_store_append_events(store, events, 2), 2);
+    const struct apc_timing_row rows[2] = {{.time = 0, .task = "t", .quantity = "run"},
+                                           {.time = now, .task = "t", .quantity = "run"}};
+    assert_int_equal(apc_store_append_timing(store, rows, 2), 2);
+
+    assert_int_equal(apc_store_maintain(store, NULL), 0);
+    assert_int_equal(rows_of(store, APC_SENSOR, 1), 4);
+    struct apc_retention keep = {.size = sizeof keep, .samples = 24 * HOUR};
+    assert_true(apc_store_maintain(store, &keep) > 0);
+    const enum apc_table tables[2] = {APC_TUNING, APC_SENSOR};
+    for (int i = 0; i < 2; i++) {
+        assert_int_equal(rows_of(store, tables[i], 1), 2);
+        assert_int_equal(rows_of(store, tables[i], 2), 1);
+        struct apc_sample recent = newest(store, tables[i], 1), ancient = newest(store, tables[i], 2);
+        assert_true(recent.seq == 4 && recent.time / 1000 == now / 1000);
+        assert_true(ancient.seq == 2 && ancient.time / 1000 == 0);
+        assert_near(ancient.value, 10 + i, 0);
+    }
+    int n = 0;
+    assert_int_equal(apc_store_events(store, NULL, count_event, &n), 2); /* not asked for */
+    keep = (struct apc_retention){.size = sizeof keep, .events = 24 * HOUR, .timing = 24 * HOUR};
+    assert_true(apc_store_maintain(store, &keep) > 0);
+    assert_int_equal(apc_store_events(store, NULL, count_event, &n), 1);
+    assert_int_equal(apc_store_timing(store, NULL, count_timing, &n), 1);
+    assert_int_equal(apc_store_maintain(store, &keep), 0); /* there is nothing left to do */
+
+    int64_t last[2];
+    ok(store, apc_store_claim(store, APC_SENSOR, 2, last)); /* writers count on */
+    assert_true(last[0] == 4 && last[1] == 2);
+    struct apc_sample next = sample(APC_SENSOR, 2, 3, 1);
+    assert_int_equal(apc_store_append(store, &next, 1), 1);
+    keep.events = -1;
+    assert_int_equal(apc_store_maintain(store, &keep), APC_EINVAL);
+}
+
+static void test_samples_of_any_time_are_kept_before_and_after_maintenance(void **state)
+{
+    const apc_ns now = apc_clock_utc(NULL), year = 366 * 24 * HOUR;
+    const apc_ns times[] = {now + 200 * year, now - 50 * year, now + year, -year, now,
+                            now - year,       now + HOUR};
+    enum { N = sizeof times / sizeof times[0] };
+    for (int round = 0; round < 3; round++) {
+        for (int i = 0; i < N; i++) {
+            struct apc_sample s = sample(APC_SENSOR, 1, round * N + i + 1, i);
+            s.time = times[i];
+            assert_int_equal(apc_store_append(*state, &s, 1), 1);
+            assert_int_equal(apc_store_append(*state, &s, 1), 0); /* once, wherever it is kept */
+            s.time = now;
+            assert_int_equal(apc_store_append(*state, &s, 1), 0); /* and whatever its time is */
+        }
+        assert_int_equal(rows_of(*state, APC_SENSOR, 1), (round + 1) * N);
+        assert_int_equal(apc_store_maintain(*state, NULL), 0);
+        assert_int_equal(rows_of(*state, APC_SENSOR, 1), (round + 1) * N);
+        assert_int_equal(newest(*state, APC_SENSOR, 1).seq, (round + 1) * N);
+    }
+}
+
 /* ---- Set-up, text ------------------------------------------------------------------------------ */
 
 static void test_init_again_changes_nothing(void **state)
@@ -769,14 +1191,28 @@ int main(void)
         T(test_put_takes_the_next_seq),
         T(test_a_put_is_all_or_nothing),
         T(test_concurrent_puts_lose_and_double_nothing),
+        T(test_a_swap_takes_the_next_seq_when_the_newest_is_the_one_expected),
+        T(test_a_swap_that_is_too_late_writes_nothing_and_shows_what_is_newest),
+        T(test_a_swap_into_a_gap_of_the_history_is_too_late_as_well),
+        T(test_a_swap_that_makes_no_sense_is_refused),
+        T(test_concurrent_swaps_lose_and_double_nothing),
+        T(test_a_wait_tells_what_is_there_already_and_what_is_not),
+        T(test_a_wait_sees_every_way_of_writing),
+        T(test_two_waiters_wake_each_other_and_miss_nothing),
         T(test_history_comes_in_rising_seq_within_its_bounds),
         T(test_history_ends_when_its_function_says_so),
         T(test_a_store_refuses_to_be_used_from_inside_its_history),
         T(test_an_actuators_history_names_what_it_was_computed_from),
+        T(test_a_bin_holds_what_lies_within_it),
+        T(test_bins_divide_what_cannot_be_divided_evenly),
+        T(test_a_bin_may_be_all_of_time_and_there_may_be_as_many_as_allowed),
+        T(test_bins_end_when_their_function_says_so_and_refuse_what_makes_no_sense),
         T(test_tags_come_back_in_order),
         T(test_tags_are_replaced_as_a_whole_and_may_change_names),
         T(test_events_come_back_in_order),
         T(test_timing_rows_come_back_with_their_buckets),
+        T(test_maintenance_drops_what_is_old_and_keeps_the_newest_of_each_variable),
+        T(test_samples_of_any_time_are_kept_before_and_after_maintenance),
         T(test_init_again_changes_nothing),
         T(test_counters_and_connected_tell_the_truth),
         T(test_a_comma_locale_changes_no_value),
