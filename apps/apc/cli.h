@@ -104,5 +104,6 @@ int command_watch(int argc, char **argv);
 int command_history(int argc, char **argv);
 int command_timing(int argc, char **argv);
 int command_report(int argc, char **argv);
+int command_user(int argc, char **argv);
 
 #endif

@@ -20,6 +20,7 @@ static const struct {
     {"history", command_history, "past values of a variable, or events"},
     {"timing", command_timing, "how well the tasks keep time: lateness, jitter, run time, missed ticks"},
     {"report", command_report, "draw the report of a run again"},
+    {"user", command_user, "who may use the operator's page"},
 };
 
 static void usage(FILE *out)
