@@ -19,9 +19,8 @@
 int http_connect(int port)
 {
     const struct timeval patience = {20, 0};
-    const struct sockaddr_in address = {.sin_family = AF_INET,
-                                        .sin_port = htons((uint16_t)port),
-                                        .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    const struct sockaddr_in address = {
+        .sin_family = AF_INET, .sin_port = htons((uint16_t)port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
     int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
     assert_true(fd >= 0);
     assert_int_equal(setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience), 0);
@@ -111,8 +110,8 @@ static char *format(const char *fmt, ...)
     return text;
 }
 
-void http_request(struct http_reply *reply, int port, const char *method, const char *path, const char *header,
-                  const char *body)
+void http_request(struct http_reply *reply, int port, const char *method, const char *path,
+                  const char *header, const char *body)
 {
     char host[64] = "", length[64] = "";
     if (!header || !strcasestr(header, "Host:"))

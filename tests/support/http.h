@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* A small HTTP client for tests: loopback, one request a connection, and streams. It gives up after 20 s of silence. */
+/* A small HTTP client for tests: loopback, one request a connection, and streams. It gives up after 20 s of
+ * silence. */
 #ifndef APC_TEST_HTTP_H
 #define APC_TEST_HTTP_H
 
@@ -17,8 +18,8 @@ struct http_reply {
  * `header` holds further lines, each ended by \r\n, or NULL; Host is added unless there is one in it, and
  * Content-Length if there is a body.
  */
-void http_request(struct http_reply *reply, int port, const char *method, const char *path, const char *header,
-                  const char *body);
+void http_request(struct http_reply *reply, int port, const char *method, const char *path,
+                  const char *header, const char *body);
 /* Send these bytes, read until the server closes. */
 void http_raw(struct http_reply *reply, int port, const char *bytes, size_t n);
 void http_free(struct http_reply *reply);

@@ -14,14 +14,14 @@ static json_t *parse(const struct http_reply *reply)
     return json_loadb(reply->body ? reply->body : "", reply->n, 0, NULL);
 }
 
-static int ask(const struct client *c, const char *method, const char *path, const char *header, const char *body,
-               json_t **json)
+static int ask(const struct client *c, const char *method, const char *path, const char *header,
+               const char *body, json_t **json)
 {
     struct http_reply reply;
     char lines[1024];
     snprintf(lines, sizeof lines, "%s%s%s%s%s%s%s", c->cookie[0] ? "Cookie: " : "", c->cookie,
-             c->cookie[0] ? "\r\n" : "", c->csrf[0] ? "X-CSRF-Token: " : "", c->csrf, c->csrf[0] ? "\r\n" : "",
-             header ? header : "");
+             c->cookie[0] ? "\r\n" : "", c->csrf[0] ? "X-CSRF-Token: " : "", c->csrf,
+             c->csrf[0] ? "\r\n" : "", header ? header : "");
     http_request(&reply, c->port, method, path, lines, body);
     int status = reply.status;
     if (json)
@@ -65,12 +65,16 @@ void expect_error(const struct client *c, const char *method, const char *path, 
                   const char *body, int status, const char *code)
 {
     json_t *json;
-    int got = ask(c, method, path, header ? header : body ? "Content-Type: application/json\r\n" : NULL, body, &json);
+    int got = ask(c, method, path,
+                  header ? header
+                  : body ? "Content-Type: application/json\r\n"
+                         : NULL,
+                  body, &json);
     const json_t *error = json_object_get(json, "error");
     const char *said = text_of(error, "code"), *message = text_of(error, "message");
     if (got != status || !said || strcmp(said, code) != 0 || !message || !*message)
-        fail_msg("%s %s %.60s: %d %s (%s), expected %d %s", method, path, body ? body : "", got, said ? said : "-",
-                 message ? message : "-", status, code);
+        fail_msg("%s %s %.60s: %d %s (%s), expected %d %s", method, path, body ? body : "", got,
+                 said ? said : "-", message ? message : "-", status, code);
     json_decref(json);
 }
 

@@ -22,7 +22,8 @@ struct client {
 int environment_port(const char *name);
 /* Log in; on an open server (user NULL) only ask for the token. */
 struct client client_make(int port, const char *user, const char *password);
-/* A request in the client's name; the status, and the answer's JSON in *json (NULL: it is none, or not wanted). */
+/* A request in the client's name; the status, and the answer's JSON in *json (NULL: it is none, or not
+ * wanted). */
 int client_get(const struct client *c, const char *path, json_t **json);
 int client_post(const struct client *c, const char *path, const char *body, json_t **json);
 /* Exactly this status, and this code of its error. */

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * The API of apc-ui against a running loop, as test_ui_api.sh sets it up: APC_UI_OPEN is the port of a server
- * without users, APC_UI_SECURE of one with anna (operator) and otto (observer). Every refused request leaves what
- * it was about as it was.
+ * without users, APC_UI_SECURE of one with anna (operator) and otto (observer). Every refused request leaves
+ * what it was about as it was.
  */
-#include "api.h"
 #include "apc-ui/http.h"
+#include "api.h"
 #include "schema.h"
 
 #define JSON "Content-Type: application/json\r\n"
@@ -67,10 +67,12 @@ static void openapi_names_every_route_and_no_other(void **state)
         const json_t *op = operation(&routes[i]);
         if (!op)
             fail_msg("openapi.json has no %s %s", routes[i].method, routes[i].path);
-        assert_string_equal(text_of(op, "x-role"), routes[i].role == ROLE_NONE ? "anyone" : role_name(routes[i].role));
+        assert_string_equal(text_of(op, "x-role"),
+                            routes[i].role == ROLE_NONE ? "anyone" : role_name(routes[i].role));
         same_parameters(&routes[i], op);
     }
-    json_object_foreach(json_object_get(openapi, "paths"), path, methods) described += json_object_size(methods);
+    json_object_foreach(json_object_get(openapi, "paths"), path, methods) described +=
+        json_object_size(methods);
     assert_int_equal(described, n_routes);
 }
 
@@ -88,7 +90,8 @@ static const struct route *route_of(const char *method, const char *path)
 {
     size_t n = strcspn(path, "?");
     for (size_t i = 0; i < n_routes; i++)
-        if (!strcmp(routes[i].method, method) && strlen(routes[i].path) == n && !strncmp(routes[i].path, path, n))
+        if (!strcmp(routes[i].method, method) && strlen(routes[i].path) == n &&
+            !strncmp(routes[i].path, path, n))
             return &routes[i];
     fail_msg("no route %s %s", method, path);
     return NULL;
@@ -136,7 +139,8 @@ static void a_stranger_gets_401_on_every_route(void **state)
         const char *path = routes[i].where == PAGE ? "/" : routes[i].path;
         if (routes[i].role == ROLE_NONE)
             continue;
-        http_request(&reply, stranger.port, routes[i].method, path, JSON, !strcmp(routes[i].method, "POST") ? "{}" : NULL);
+        http_request(&reply, stranger.port, routes[i].method, path, JSON,
+                     !strcmp(routes[i].method, "POST") ? "{}" : NULL);
         if (reply.status != 401)
             fail_msg("%s %s: %d", routes[i].method, path, reply.status);
         http_free(&reply);
@@ -169,16 +173,16 @@ static void a_browser_without_a_session_gets_the_form(void **state)
     assert_int_equal(reply.status, 401);
     assert_non_null(strstr(reply.body, "<form method=\"post\" action=\"/api/login\">"));
     http_free(&reply);
-    http_request(&reply, stranger.port, "POST", "/api/login", "Content-Type: application/x-www-form-urlencoded\r\n",
-                 "user=otto&password=observer%3123");
+    http_request(&reply, stranger.port, "POST", "/api/login",
+                 "Content-Type: application/x-www-form-urlencoded\r\n", "user=otto&password=observer%3123");
     assert_int_equal(reply.status, 303);
     assert_string_equal(http_header(&reply, "Location", text, sizeof text), "/");
     http_header(&reply, "Set-Cookie", text, sizeof text);
     assert_non_null(strstr(text, "HttpOnly"));
     assert_non_null(strstr(text, "SameSite=Strict"));
     http_free(&reply);
-    http_request(&reply, stranger.port, "POST", "/api/login", "Content-Type: application/x-www-form-urlencoded\r\n",
-                 "user=%3Cb%3E&password=x");
+    http_request(&reply, stranger.port, "POST", "/api/login",
+                 "Content-Type: application/x-www-form-urlencoded\r\n", "user=%3Cb%3E&password=x");
     assert_int_equal(reply.status, 401);
     assert_non_null(strstr(reply.body, "name or password is wrong"));
     assert_null(strstr(reply.body, "<b>"));
@@ -252,7 +256,8 @@ static void failed_logins_have_to_wait(void **state)
     assert_true(atoi(http_header(&reply, "Retry-After", seconds, sizeof seconds)) >= 1);
     http_free(&reply);
     /* the right password has to wait as well, or the pause would tell whether it is the right one */
-    http_request(&reply, port, "POST", "/api/login", JSON, "{\"user\":\"anna\",\"password\":\"operator123\"}");
+    http_request(&reply, port, "POST", "/api/login", JSON,
+                 "{\"user\":\"anna\",\"password\":\"operator123\"}");
     assert_int_equal(reply.status, 429);
     http_free(&reply);
 }
@@ -281,7 +286,8 @@ static void refused_requests_write_nothing(void **state)
         {&anna, "/api/setpoint", JSON "Sec-Fetch-Site: cross-site\r\n", good, 403, "origin"},
         {&anna, "/api/setpoint", JSON "Host: evil.example\r\n", good, 403, "host"},
         {&anna, "/api/setpoint", "Content-Type: text/plain\r\n", good, 415, "type"},
-        {&anna, "/api/setpoint", "Content-Type: application/x-www-form-urlencoded\r\n", "id=1&value=3", 415, "type"},
+        {&anna, "/api/setpoint", "Content-Type: application/x-www-form-urlencoded\r\n", "id=1&value=3", 415,
+         "type"},
         {&anna, "/api/setpoint", NULL, "", 400, "json"},
         {&anna, "/api/setpoint", NULL, "{\"id\":1,", 400, "json"},
         {&anna, "/api/setpoint", NULL, "[1]", 400, "json"},
@@ -309,10 +315,13 @@ static void refused_requests_write_nothing(void **state)
         {&anna, "/api/tuning", NULL, tuning, 409, "stale"}, /* one of two is */
         {&anna, "/api/tuning", NULL, "{\"values\":[{\"id\":2,\"value\":0,\"seq\":1}]}", 422, "limits"},
     };
-    snprintf(stale, sizeof stale, "{\"id\":1,\"value\":3,\"seq\":%" JSON_INTEGER_FORMAT "}", (json_int_t)z + 1);
-    snprintf(output, sizeof output, "{\"id\":1,\"value\":1,\"seq\":%" JSON_INTEGER_FORMAT "}", (json_int_t)manual);
+    snprintf(stale, sizeof stale, "{\"id\":1,\"value\":3,\"seq\":%" JSON_INTEGER_FORMAT "}",
+             (json_int_t)z + 1);
+    snprintf(output, sizeof output, "{\"id\":1,\"value\":1,\"seq\":%" JSON_INTEGER_FORMAT "}",
+             (json_int_t)manual);
     snprintf(tuning, sizeof tuning,
-             "{\"values\":[{\"id\":1,\"value\":0.3,\"seq\":%" JSON_INTEGER_FORMAT "},{\"id\":2,\"value\":2,\"seq\":77}]}",
+             "{\"values\":[{\"id\":1,\"value\":0.3,\"seq\":%" JSON_INTEGER_FORMAT
+             "},{\"id\":2,\"value\":2,\"seq\":77}]}",
              (json_int_t)kp);
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
         if (cases[i].code)
@@ -339,7 +348,8 @@ static void a_stale_form_is_shown_the_newer_value(void **state)
     json_t *json;
     (void)state;
     assert_int_equal(client_post(&anna, "/api/setpoint", "{\"id\":1,\"value\":3,\"seq\":0}", &json), 409);
-    const json_t *current = json_object_get(json_object_get(json_object_get(json, "error"), "current"), "setpoint.1");
+    const json_t *current =
+        json_object_get(json_object_get(json_object_get(json, "error"), "current"), "setpoint.1");
     assert_int_equal(json_integer_value(json_array_get(current, 0)), seq_of(&anna, "setpoint.1"));
     assert_near(json_number_value(json_array_get(current, 2)), value_of(&anna, "setpoint.1"), 0);
     schema_check(openapi, schema_of(route_of("POST", "/api/setpoint"), 409), json, "409");
@@ -419,7 +429,8 @@ static void a_body_that_is_too_large_is_refused(void **state)
 
 static void what_is_no_http_is_turned_away(void **state)
 {
-    static const char *const garbage[] = {"\r\n\r\n\r\n", "GET\r\n\r\n", "\x16\x03\x01\x02\x00\x01\x00\x01\xfc",
+    static const char *const garbage[] = {"\r\n\r\n\r\n", "GET\r\n\r\n",
+                                          "\x16\x03\x01\x02\x00\x01\x00\x01\xfc",
                                           "GET /api/state HTTP/1.1\r\n\r\n", /* without a host */
                                           "GET /api/state HTTP/9.9\r\nHost: localhost\r\n\r\n"};
     (void)state;
@@ -464,8 +475,8 @@ static json_t *applied(const struct client *c, struct http_stream *stream, const
     return await_write(stream, key, "applied");
 }
 
-static void write_value(const struct client *c, struct http_stream *stream, const char *path, const char *ref, int id,
-                        double value)
+static void write_value(const struct client *c, struct http_stream *stream, const char *path, const char *ref,
+                        int id, double value)
 {
     char body[200];
     snprintf(body, sizeof body, "{\"id\":%d,\"value\":%.17g,\"seq\":%" JSON_INTEGER_FORMAT "}", id, value,
@@ -529,7 +540,8 @@ static void each_write_is_recorded_with_its_operator(void **state)
     for (bool told = false; !told;) { /* and everybody who watches is told */
         json = next_event(stream, "event", NULL);
         size_t i;
-        json_array_foreach(json_object_get(json, "events"), i, event) told |= !strcmp(text_of(event, "text"), text);
+        json_array_foreach(json_object_get(json, "events"), i, event) told |=
+            !strcmp(text_of(event, "text"), text);
         json_decref(json);
     }
     http_stream_close(stream);
@@ -542,8 +554,8 @@ static void a_key_that_was_used_writes_nothing_again(void **state)
     (void)state;
     int64_t seq = seq_of(&anna, "setpoint.1");
     snprintf(key, sizeof key, "test-key-%ld", (long)getpid());
-    snprintf(body, sizeof body, "{\"id\":1,\"value\":14,\"seq\":%" JSON_INTEGER_FORMAT ",\"key\":\"%s\"}", (json_int_t)seq,
-             key);
+    snprintf(body, sizeof body, "{\"id\":1,\"value\":14,\"seq\":%" JSON_INTEGER_FORMAT ",\"key\":\"%s\"}",
+             (json_int_t)seq, key);
     assert_int_equal(client_post(&anna, "/api/setpoint", body, &first), 200);
     assert_int_equal(client_post(&anna, "/api/setpoint", body, &again), 200);
     assert_string_equal(text_of(again, "key"), key);
@@ -573,8 +585,9 @@ static void a_stream_begins_with_everything_and_goes_on_with_changes(void **stat
     assert_true(http_stream_next(stream, &message));
     assert_string_equal(message.event, "state");
     json_t *data = json_loads(message.data, 0, NULL);
-    schema_check(openapi, json_object_get(json_object_get(json_object_get(openapi, "components"), "schemas"), "State"), data,
-                 "state");
+    schema_check(openapi,
+                 json_object_get(json_object_get(json_object_get(openapi, "components"), "schemas"), "State"),
+                 data, "state");
     json_decref(data);
     double before = 0;
     for (int i = 0; i < 5; i++) {
@@ -666,7 +679,10 @@ static void whoever_dribbles_is_thrown_out(void **state)
 static int ready(const char *port)
 {
     struct client c = {.port = atoi(port)};
-    return client_get(&c, "/readyz", NULL) == 200 && seq_of(&c, "actuator.1") > 0 && seq_of(&c, "opmode.1") > 0 ? 0 : 1;
+    return client_get(&c, "/readyz", NULL) == 200 && seq_of(&c, "actuator.1") > 0 &&
+                   seq_of(&c, "opmode.1") > 0
+               ? 0
+               : 1;
 }
 
 /* Show what the stream says, without values, until it ends. */

@@ -13,8 +13,8 @@ static const json_t *resolve(const json_t *root, const json_t *schema)
     if (!ref)
         return schema;
     assert_int_equal(strncmp(ref, prefix, sizeof prefix - 1), 0);
-    const json_t *found = json_object_get(
-        json_object_get(json_object_get(root, "components"), "schemas"), ref + sizeof prefix - 1);
+    const json_t *found = json_object_get(json_object_get(json_object_get(root, "components"), "schemas"),
+                                          ref + sizeof prefix - 1);
     if (!found)
         fail_msg("openapi.json has no schema %s", ref);
     return resolve(root, found);
@@ -27,7 +27,8 @@ static bool is_type(const char *type, const json_t *value)
            (!strcmp(type, "string") && json_is_string(value)) ||
            (!strcmp(type, "integer") && json_is_integer(value)) ||
            (!strcmp(type, "number") && json_is_number(value)) ||
-           (!strcmp(type, "boolean") && json_is_boolean(value)) || (!strcmp(type, "null") && json_is_null(value));
+           (!strcmp(type, "boolean") && json_is_boolean(value)) ||
+           (!strcmp(type, "null") && json_is_null(value));
 }
 
 static bool type_fits(const json_t *type, const json_t *value)
@@ -50,7 +51,8 @@ static bool enum_fits(const json_t *list, const json_t *value)
 
 static void check_object(const json_t *root, const json_t *schema, const json_t *value, const char *where)
 {
-    const json_t *properties = json_object_get(schema, "properties"), *required = json_object_get(schema, "required"),
+    const json_t *properties = json_object_get(schema, "properties"),
+                 *required = json_object_get(schema, "required"),
                  *others = json_object_get(schema, "additionalProperties"), *name;
     size_t i;
     json_array_foreach(required, i, name) if (!json_object_get(value, json_string_value(name)))
@@ -72,7 +74,8 @@ static void check_object(const json_t *root, const json_t *schema, const json_t 
 
 static void check_array(const json_t *root, const json_t *schema, const json_t *value, const char *where)
 {
-    const json_t *least = json_object_get(schema, "minItems"), *most = json_object_get(schema, "maxItems"), *one;
+    const json_t *least = json_object_get(schema, "minItems"), *most = json_object_get(schema, "maxItems"),
+                 *one;
     size_t i, n = json_array_size(value);
     if ((least && n < (size_t)json_integer_value(least)) || (most && n > (size_t)json_integer_value(most)))
         fail_msg("%s has %zu elements", where, n);
@@ -96,7 +99,8 @@ void schema_check(const json_t *root, const json_t *schema, const json_t *value,
     schema = resolve(root, schema);
     char *text = json_dumps(value, JSON_ENCODE_ANY | JSON_COMPACT);
     assert_non_null(text);
-    if (!type_fits(json_object_get(schema, "type"), value) || !enum_fits(json_object_get(schema, "enum"), value))
+    if (!type_fits(json_object_get(schema, "type"), value) ||
+        !enum_fits(json_object_get(schema, "enum"), value))
         fail_msg("%s is %.80s: not what openapi.json says", where, text);
     free(text);
     if (json_is_object(value))
