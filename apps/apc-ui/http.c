@@ -341,6 +341,23 @@ static bool everybody(void *ctx, void *arg)
 
 /* ---- Pools -------------------------------------------------------------------------------- */
 
+/*
+ * Connect if need be. A store that failed pauses before it tries again; when the database is back, as the
+ * live thread knows, that pause is waited out and not made a failure of the request.
+ */
+static void connect_store(struct ui *ui, struct apc_store *store)
+{
+    const apc_ns give_up = apc_clock_mono(NULL) + APC_NS_PER_S;
+    while (store && !apc_store_connected(store) && apc_store_connect(store) == APC_ECONN) {
+        pthread_mutex_lock(&ui->model.mutex);
+        bool back = ui->model.connected;
+        pthread_mutex_unlock(&ui->model.mutex);
+        if (!back || apc_clock_mono(NULL) > give_up)
+            break;
+        ui_pause(ui, 25 * APC_NS_PER_MS);
+    }
+}
+
 static void *work(void *arg)
 {
     struct pool *p = arg;
@@ -360,6 +377,7 @@ static void *work(void *arg)
             p->last = &p->first;
         p->queued--;
         pthread_mutex_unlock(&p->mutex);
+        connect_store(p->ui, store);
         x->r.route->handle(p->ui, &x->r, store);
         MHD_resume_connection(x->r.connection);
         pthread_mutex_lock(&p->mutex);
