@@ -38,18 +38,16 @@ serve() {
 
 background run "$apc" run "$work/fast.conf" --duration 0 --out "$work/run" --no-ui
 run=$pid
-until_true 20 grep -q 'mode Auto' "$work/run/apc-controller.log"
 serve open
 export APC_UI_OPEN=$ui_port
 serve secure --users "$work/users"
 export APC_UI_SECURE=$ui_port
 serve login --users "$work/users"
 export APC_UI_LOGIN=$ui_port
-until_true 10 grep -q 'store connected' "$work/open.log"
-until_true 10 grep -q 'store connected' "$work/secure.log"
 
 # the controller has written before the first question
-until_true 10 "$APC_BUILD_DIR/tests/ui_probe" --ready "$APC_UI_OPEN"
+until_true 20 "$APC_BUILD_DIR/tests/ui_probe" --ready "$APC_UI_OPEN"
+until_true 20 grep -q 'store connected' "$work/secure.log"
 "$APC_BUILD_DIR/tests/ui_probe"
 
 # every write that was accepted has one row in the audit, and the store holds nothing else
