@@ -101,6 +101,15 @@ static wide join(uint64_t high, uint64_t low)
     return (wide)((uwide)high << 64 | low);
 }
 
+static struct moments moments_of(const uint64_t word[WORDS])
+{
+    return (struct moments){.count = word[COUNT],
+                            .sum = join(word[SUM_HIGH], word[SUM_LOW]),
+                            .squares = join(word[SQUARES_HIGH], word[SQUARES_LOW]),
+                            .min = (apc_ns)word[MIN],
+                            .max = (apc_ns)word[MAX]};
+}
+
 static struct moments read_moments(const struct apc_histogram *h)
 {
     uint64_t word[WORDS], sequence;
@@ -109,11 +118,16 @@ static struct moments read_moments(const struct apc_histogram *h)
         for (int i = 0; i < WORDS; i++)
             word[i] = atomic_load_explicit(&h->copy[sequence & 1][i], memory_order_acquire);
     } while (sequence != atomic_load_explicit(&h->sequence, memory_order_relaxed));
-    return (struct moments){.count = word[COUNT],
-                            .sum = join(word[SUM_HIGH], word[SUM_LOW]),
-                            .squares = join(word[SQUARES_HIGH], word[SQUARES_LOW]),
-                            .min = (apc_ns)word[MIN],
-                            .max = (apc_ns)word[MAX]};
+    return moments_of(word);
+}
+
+/* By the writer, whom nobody disturbs. */
+static struct moments own_moments(const struct apc_histogram *h)
+{
+    uint64_t word[WORDS], sequence = atomic_load_explicit(&h->sequence, memory_order_relaxed);
+    for (int i = 0; i < WORDS; i++)
+        word[i] = atomic_load_explicit(&h->copy[sequence & 1][i], memory_order_relaxed);
+    return moments_of(word);
 }
 
 static void publish_moments(struct apc_histogram *h, const struct moments *m)
@@ -173,7 +187,7 @@ void apc_histogram_record(struct apc_histogram *histogram, apc_ns value)
 {
     value = value < -LIMIT ? -LIMIT : value > LIMIT ? LIMIT : value;
     const struct moments one = {1, value, (wide)value * value, value, value};
-    struct moments m = read_moments(histogram);
+    struct moments m = own_moments(histogram);
     int at = position(value);
 
     hold(histogram, at, held(histogram, at) + 1);
