@@ -692,7 +692,7 @@ static int read_pem(const char *path, char **text, struct apc_error *why)
                          errno ? strerror(errno) : "it is empty");
 }
 
-static void log_library(void *arg, const char *fmt, va_list args)
+APC_PRINTF(2, 0) static void log_library(void *arg, const char *fmt, va_list args)
 {
     char text[400];
     vsnprintf(text, sizeof text, fmt, args);

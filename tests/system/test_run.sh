@@ -62,7 +62,7 @@ done
 
 # Ctrl-C ends an endless run cleanly, with its report
 background run "$apc" run "$work/fast.conf" --duration 0 --out "$work/endless"
-until_true 20 grep -q 'mode Auto' "$work/endless/apc-controller.log"
+until_true 20 grep -Eq 'mode Auto|inputs good again' "$work/endless/apc-controller.log"
 kill -INT "$pid"
 wait "$pid" || fail "apc run ended with $? after Ctrl-C"
 folder_is_whole "$work/endless"
