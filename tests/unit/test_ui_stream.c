@@ -246,6 +246,23 @@ static void one_reader_can_be_sent_away(void **state)
     stream_close(b.reader);
 }
 
+static void once_ended_nobody_rests_and_nobody_comes(void **state)
+{
+    struct reader r, late = {0};
+    (void)state;
+    join(&r, NULL);
+    drain(&r, 1000);
+    stream_end(stream, "shutdown", "bye");
+    assert_int_equal(r.wakes, 1);
+    assert_int_equal(drain(&r, 1000), STREAM_END);
+    publish("{}");
+    assert_int_equal(drain(&r, 1000), STREAM_END);
+    assert_int_equal(r.rests, 1);
+    assert_int_equal(stream_open(stream, NULL, on_rest, on_wake, &late, &late.reader, &late.resumed),
+                     APC_EBUSY);
+    stream_close(r.reader);
+}
+
 static void there_are_no_more_readers_than_allowed(void **state)
 {
     struct reader *r = calloc(STREAM_READERS + 1, sizeof *r);
@@ -278,6 +295,7 @@ int main(void)
         T(the_slow_are_dropped_and_told_the_others_go_on),
         T(many_bytes_are_too_many_as_well),
         T(one_reader_can_be_sent_away),
+        T(once_ended_nobody_rests_and_nobody_comes),
         T(there_are_no_more_readers_than_allowed),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
