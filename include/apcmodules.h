@@ -208,8 +208,9 @@ APC_API void apc_controller_inputs(const struct apc_controller *controller, stru
 
 /**
  * Fill @p in [resume] with table and id of what a restart goes on from, for apc_store_read(): all of table
- * state (id 0 says which law and dimensions wrote it, ids 1.. are y, z-bar, u and the law's x) and the
- * actual mode. [setup]
+ * state (id 0 says which law and dimensions wrote it, ids 1.. are y, z-bar, u, the sum of the seqs of the
+ * setpoints, target mode, tunings and manual outputs that were taken, and the law's x) and the actual mode.
+ * [setup]
  */
 APC_API void apc_controller_resume_inputs(const struct apc_controller *controller, struct apc_sample *in);
 /**

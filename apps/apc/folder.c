@@ -8,8 +8,8 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "common/timing.h"
 #include "samples.h"
-#include "timing.h"
 
 #define PATH_LEN 600
 
@@ -179,7 +179,7 @@ static int write_timing(const char *dir, const struct timing *t, struct apc_erro
 static int export_timing(const char *dir, struct apc_store *store, apc_ns since, struct apc_error *why)
 {
     struct timing t;
-    int rc = timing_load(&t, store, since, NULL);
+    int rc = timing_load(&t, store, &(struct apc_range){.since = since}, NULL);
     if (rc < 0)
         apc_fail(why, rc, "timing: %s", rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(store));
     else

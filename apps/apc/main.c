@@ -23,6 +23,7 @@ static const struct {
     {"timing", command_timing, "how well the tasks keep time: lateness, jitter, run time, missed ticks"},
     {"copy", command_copy, "copy history, descriptions, events and timing to another store"},
     {"report", command_report, "draw the report of a run again"},
+    {"user", command_user, "who may use the operator's page"},
     {"maintain", command_maintain, "make room ahead for samples, and drop what is old"},
     {"plants", command_plants, "the plants there are: their parameters, states, inputs, outputs"},
     {"linearize", command_linearize, "the linear model of a plant: matrices, poles, zeros, gains"},

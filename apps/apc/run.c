@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc run: the daemons of an experiment as processes, one live line, a run folder. */
+#include <arpa/inet.h>
 #include <errno.h>
 #include <limits.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/socket.h>
 #include <unistd.h>
 
 #include "cli.h"
@@ -18,15 +20,16 @@
 #define EXPORT_TRIES 60                    /* a second each */
 #define LEAD         (2 * APC_NS_PER_S)    /* from here to t = 0: the daemons start meanwhile */
 #define LOOK         (250 * APC_NS_PER_MS) /* between two looks at the children and the store */
+#define PAGE_PORT    8080
 
 struct run_options {
     double duration; /* s; < 0: the file's */
     const char *out, *timer;
-    bool spin, hold_latency;
+    bool spin, hold_latency, no_ui;
     struct experiment_overrides overrides;
 };
 
-enum { OPT_LAW = 0x400, OPT_PLANT, OPT_SPIN, OPT_HOLD_LATENCY };
+enum { OPT_LAW = 0x400, OPT_PLANT, OPT_SPIN, OPT_HOLD_LATENCY, OPT_NO_UI };
 
 static const struct argp_option option_list[] = {
     {"duration", 'd', "SECONDS", 0, "How long to run instead of the file's duration; 0: until Ctrl-C", 0},
@@ -40,6 +43,7 @@ static const struct argp_option option_list[] = {
      "Control law instead of the file's: built in, or ./file.so; its own tuning applies", 0},
     {"plant", OPT_PLANT, "NAME", 0,
      "Model instead of the file's: built in, or ./file.so; its own parameters apply", 0},
+    {"no-ui", OPT_NO_UI, NULL, 0, "Do not serve the operator's page", 0},
     {0},
 };
 
@@ -71,6 +75,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case OPT_PLANT:
         o->overrides.model = arg;
         break;
+    case OPT_NO_UI:
+        o->no_ui = true;
+        break;
     case ARGP_KEY_END:
         if (o->spin && o->timer && !strcmp(o->timer, "posix"))
             argp_error(state, "--spin: the executive posix cannot spin");
@@ -87,10 +94,10 @@ static const struct cli_spec spec = {
     .args_doc = "FILE",
     .doc =
         "Run the experiment FILE in real time: start its plant, client, controller and scheduler as "
-        "processes, "
-        "show one live line, stop them all at the end or on Ctrl-C, and leave a run folder with report.png, "
-        "report.svg and samples.csv. Tuning and mode are set to the file's; tables are made if there are "
-        "none. Without --store and APC_STORE the shared data are a file in the run folder, store.db.",
+        "processes, serve the operator's page, show one live line, stop them all at the end or on Ctrl-C, "
+        "and leave a run folder with report.png, report.svg and samples.csv. Tuning and mode are set to the "
+        "file's; tables are made if there are none. Without --store and APC_STORE the shared data are a file "
+        "in the run folder, store.db.",
     .takes = CLI_STORE | CLI_OWN_STORE,
     .min_args = 1,
     .max_args = 1,
@@ -104,6 +111,7 @@ struct run {
     struct apc_store *store;
     struct supervisor daemons;
     struct live *live;
+    char page[64];               /* ADDRESS:PORT of the operator's page; "": none */
     apc_ns start, begin, finish; /* t = 0: UTC then, monotonic; monotonic end, 0: none */
     char dir[512];
     char own_store[PATH_MAX + 32]; /* URI of a store in dir; "": it was given one */
@@ -216,6 +224,32 @@ static void discard(const struct run *r)
     folder_discard(r->dir);
 }
 
+/* Is it free? 0: any; returns the port, or 0 when it is not. */
+static int free_port(int port)
+{
+    struct sockaddr_in address = {
+        .sin_family = AF_INET, .sin_port = htons((uint16_t)port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    socklen_t size = sizeof address;
+    const int on = 1;
+    int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    bool free = fd >= 0 && setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) == 0 &&
+                bind(fd, (struct sockaddr *)&address, size) == 0 && listen(fd, 1) == 0 &&
+                getsockname(fd, (struct sockaddr *)&address, &size) == 0;
+    if (fd >= 0)
+        close(fd);
+    return free ? ntohs(address.sin_port) : 0;
+}
+
+/* The page stands aside: whatever becomes of it, the loop goes on. */
+static void add_page(struct run *r, struct child *child)
+{
+    int port = free_port(PAGE_PORT);
+    if (r->options.no_ui || (port == 0 && (port = free_port(0)) == 0))
+        return;
+    snprintf(r->page, sizeof r->page, "127.0.0.1:%d", port);
+    *child = (struct child){.name = "apc-ui", .extra = {"--listen", r->page}, .aside = true};
+}
+
 static int start_daemons(struct run *r)
 {
     struct supervisor *s = &r->daemons;
@@ -237,6 +271,7 @@ static int start_daemons(struct run *r)
         s->child[2].extra[0] = "--law";
         s->child[2].extra[1] = r->options.overrides.law;
     }
+    add_page(r, &s->child[4]);
     setenv("APC_STORE", r->cli.store, 1); /* not in argv, where everybody could read a password */
     setenv("APC_SPOOL", r->dir, 1);
     r->start = (apc_clock_utc(NULL) + LEAD + APC_NS_PER_S - 1) / APC_NS_PER_S * APC_NS_PER_S;
@@ -269,6 +304,10 @@ static int follow(struct run *r, const sigset_t *signals)
             live_end(r->live);
             cli_error(&r->cli, rc, "%s", why.text);
             return rc;
+        }
+        if (r->page[0] && !r->daemons.child[4].name) {
+            live_say(r->live, "the operator's page could not be served: see %s/apc-ui.log", r->dir);
+            r->page[0] = '\0';
         }
         if (rc > 0)
             live_say(r->live, "a daemon died and was started again: see %s/*.log", r->dir);
@@ -343,6 +382,8 @@ static int run(struct run *r)
     if ((rc = start_daemons(r)) < 0)
         return rc;
     printf("%s: %s%s\n", r->e.name, r->e.title, r->finish ? "" : " (Ctrl-C ends it)");
+    if (r->page[0])
+        printf("page:    http://%s/\n", r->page);
     rc = live_create(&r->live, r->store, &r->e, r->start, r->e.duration);
     if (rc == 0) {
         rc = follow(r, &signals);

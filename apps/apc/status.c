@@ -3,9 +3,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/timing.h"
 #include "print.h"
 #include "spools.h"
-#include "timing.h"
 
 #define EVENTS 5
 #define WINDOW (60 * APC_NS_PER_S)
@@ -146,7 +146,7 @@ static int load(const struct cli *cli, struct apc_store *store, struct status *s
         rc = apc_store_read(store, s->mode, 2);
     s->now = apc_clock_utc(NULL);
     if (rc >= 0)
-        rc = timing_load(&s->timing, store, s->now - WINDOW, "lateness");
+        rc = timing_load(&s->timing, store, &(struct apc_range){.since = s->now - WINDOW}, "lateness");
     if (rc >= 0)
         rc = apc_store_events(store, &last, take_event, s);
     if (rc < 0)

@@ -69,13 +69,13 @@ static int spawn(const struct supervisor *s, struct child *child, struct apc_err
     argv[n++] = s->config;
     argv[n++] = "--start";
     argv[n++] = start_time(s, start);
-    if (s->timer) {
+    if (s->timer && !child->aside) {
         argv[n++] = "--timer";
         argv[n++] = s->timer;
     }
-    if (s->spin)
+    if (s->spin && !child->aside)
         argv[n++] = "--spin";
-    if (s->hold_latency)
+    if (s->hold_latency && !child->aside)
         argv[n++] = "--hold-latency";
     for (int i = 0; i < 3 && child->extra[i]; i++)
         argv[n++] = child->extra[i];
@@ -105,7 +105,8 @@ int supervisor_start(struct supervisor *s, struct apc_error *why)
 {
     int rc = find_folder(s, why);
     for (int i = 0; i < DAEMONS && rc == 0; i++)
-        rc = spawn(s, &s->child[i], why);
+        if (s->child[i].name)
+            rc = spawn(s, &s->child[i], why);
     if (rc < 0)
         supervisor_stop(s);
     return rc;
@@ -158,7 +159,11 @@ int supervisor_check(struct supervisor *s, struct apc_error *why)
         struct child *child = &s->child[i];
         if (child->pid > 0 && waitpid(child->pid, &status, WNOHANG) == child->pid)
             rc = bury(child, status, why);
-        if (rc == 0 && child->pid == 0 && apc_clock_mono(NULL) >= child->started) {
+        if (rc < 0 && child->aside) {
+            child->name = NULL;
+            rc = 0;
+        }
+        if (rc == 0 && child->name && child->pid == 0 && apc_clock_mono(NULL) >= child->started) {
             child->restarts++;
             revived++;
             rc = spawn(s, child, why);

@@ -3,8 +3,8 @@
 #include <inttypes.h>
 #include <string.h>
 
+#include "common/timing.h"
 #include "print.h"
-#include "timing.h"
 
 #define LIVE (60 * APC_NS_PER_S)
 
@@ -158,7 +158,7 @@ int command_timing(int argc, char **argv)
         return EXIT_USAGE;
     int rc = exit_code_of(cli_open(&cli, &store));
     if (rc == EXIT_OK) {
-        int loaded = timing_load(&timing, store, from, NULL);
+        int loaded = timing_load(&timing, store, &(struct apc_range){.since = from}, NULL);
         rc = loaded == 0 ? give_out(&cli, &timing) : cli_store_error(&cli, loaded, store);
     }
     timing_free(&timing);

@@ -57,7 +57,7 @@ void apc_controller_mark(struct apc_controller *c)
 /* Samples of table state, the law's x excepted: they are the same for all laws of the same dimensions. */
 static size_t outer_state(const struct apc_controller *c)
 {
-    return 1 + c->dim.ny + c->dim.nz + c->dim.nu;
+    return 2 + c->dim.ny + c->dim.nz + c->dim.nu;
 }
 
 struct apc_controller_size apc_controller_size(const struct apc_controller *c)
@@ -141,7 +141,7 @@ int apc_controller_resume(struct apc_controller *c, const int64_t *last, const s
     c->resumed = in[0].value - dim * LAW_MARKS == c->law_mark && whole(in, n, since);
     c->begun = c->resumed;
     if (c->resumed)
-        (void)take_vector(c->x, c->n_x, at);
+        (void)take_vector(c->x, c->n_x, at + 1);
     return 1;
 }
 
@@ -177,11 +177,29 @@ static size_t put_actuators(struct apc_controller *c, apc_ns utc, apc_status sta
     return d->nu;
 }
 
+/*
+ * How many rows of the operator's were taken: the sum of the seqs of setpoints, target mode, tunings and
+ * outputs. Seqs only rise, so whoever reads it knows whether a row of his is among them.
+ */
+static double taken(const struct apc_controller *c)
+{
+    int64_t sum = c->target_seq;
+
+    for (size_t i = 0; i < c->dim.nz; i++)
+        sum += c->z_seq[i];
+    for (size_t i = 0; i < c->n_tuning; i++)
+        sum += c->tuning_seq[i];
+    for (size_t i = 0; i < c->dim.nu; i++)
+        sum += c->manual_seq[i] > 0 ? c->manual_seq[i] : 0;
+    return (double)sum;
+}
+
 static size_t put_state(struct apc_controller *c, apc_ns utc, struct apc_sample *out)
 {
     const double signature = c->dim_mark * LAW_MARKS + c->law_mark;
-    const double *part[] = {&signature, c->y, c->z, c->u, c->x};
-    const size_t length[] = {1, c->dim.ny, c->dim.nz, c->dim.nu, c->n_x};
+    const double sum = taken(c);
+    const double *part[] = {&signature, c->y, c->z, c->u, &sum, c->x};
+    const size_t length[] = {1, c->dim.ny, c->dim.nz, c->dim.nu, 1, c->n_x};
     size_t n = 0;
 
     if (!c->begun || !apc_values_ok(c->x, c->n_x))

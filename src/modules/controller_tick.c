@@ -339,6 +339,7 @@ static bool take_inputs(struct apc_controller *c, struct apc_now now, const stru
     }
     at = locate(c, in);
     c->target = target_mode(at.mode);
+    c->target_seq = at.mode->seq;
     retuned = take_tuning(c, at.tuning, notice);
     if (c->resumed) {
         adopt_tuning(c);

@@ -76,6 +76,7 @@ struct apc_controller {
     int64_t *manual_seq;    /* of the operator's outputs looked at */
     int64_t *tuning_seq;    /* of the tuning rows looked at */
     int64_t state_seq, mode_seq;
+    int64_t target_seq; /* of the target mode looked at */
 
     struct apc_freshness *fresh; /* [ny] */
     enum apc_mode target, mode;

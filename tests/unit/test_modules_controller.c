@@ -13,7 +13,7 @@
 #define HOLD    (6 * S)
 #define FAULT   (-0.7)
 #define MAX_OUT 32
-#define STORED  6 /* what the PI goes on from: signature, y, z, u, x; the actual mode */
+#define STORED  7 /* what the PI goes on from: signature, y, z, u, rows taken, x; the actual mode */
 
 enum { Y, Z, MODE, KP, TAU_I, U_BAR, U_MIN, U_MAX, MANUAL, INPUTS };
 
@@ -122,6 +122,35 @@ static int tear_down(void **state)
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
+#define TAKEN 4 /* id in table state of how many rows of the operator's were taken */
+
+static double sum_of_seqs(const struct rig *r)
+{
+    int64_t sum = 0;
+
+    for (int i = Z; i < INPUTS; i++)
+        sum += r->in[i].seq;
+    return (double)sum;
+}
+
+static void each_tick_confirms_the_operators_rows_that_it_took(void **state)
+{
+    static const int operators[] = {Z, MODE, KP, U_MAX, MANUAL};
+    struct rig *r = *state;
+
+    for (size_t i = 0; i < sizeof(operators) / sizeof(operators[0]); i++) {
+        set(r, operators[i], operators[i] == MODE ? APC_MODE_MAN : 1.0);
+        measured_tick(r, 0.5);
+        assert_near(find(r, APC_STATE, TAKEN)->value, sum_of_seqs(r), 0.0);
+    }
+    set(r, Z, 2.0); /* a setpoint counts once it is used: not while the output is held */
+    r->in[Y].status = APC_BAD;
+    tick(r);
+    assert_near(find(r, APC_STATE, TAKEN)->value, sum_of_seqs(r) - 1, 0.0);
+    measured_tick(r, 0.5);
+    assert_near(find(r, APC_STATE, TAKEN)->value, sum_of_seqs(r), 0.0);
+}
+
 static void it_names_what_it_reads(void **state)
 {
     struct rig *r = *state;
@@ -129,7 +158,7 @@ static void it_names_what_it_reads(void **state)
 
     assert_int_equal(size.in, INPUTS);
     assert_int_equal(size.resume, STORED);
-    assert_int_equal(size.out, 1 + 5 + 1);
+    assert_int_equal(size.out, 1 + 6 + 1);
     apc_controller_inputs(r->controller, r->in);
     assert_int_equal(r->in[Y].table, APC_SENSOR);
     assert_int_equal(r->in[Y].id, 1);
@@ -578,7 +607,7 @@ static void a_state_that_is_not_whole_or_another_runs_is_not_taken_but_seq_count
         measured_tick(&next, 0.5);
         assert_near(find(&next, APC_ACTUATOR, 1)->value, 0.1, 1e-15);
         assert_int_equal(find(&next, APC_ACTUATOR, 1)->seq, 11);
-        assert_int_equal(find(&next, APC_STATE, 4)->seq, 11);
+        assert_int_equal(find(&next, APC_STATE, 5)->seq, 11);
         assert_int_equal(find(&next, APC_OPMODE, 1)->seq, 6);
         apc_controller_destroy(next.controller);
     }
@@ -652,14 +681,14 @@ static void a_law_of_as_many_states_but_another_name_does_not_take_the_state(voi
     set(r, MODE, APC_MODE_MAN);
     set(r, MANUAL, 0.5);
     measured_tick(r, 0.3);
-    assert_near(find(r, APC_STATE, 4)->value, 0.5 + 7.0 - 0.2 * 0.7, 1e-14);
+    assert_near(find(r, APC_STATE, 5)->value, 0.5 + 7.0 - 0.2 * 0.7, 1e-14);
     make(&next, &other);
     assert_int_equal(take_over(&next, r), 1);
     apc_controller_inputs(next.controller, next.in);
     set(&next, Z, 1.0);
     set(&next, MODE, APC_MODE_MAN);
     measured_tick(&next, 0.3);
-    assert_near(find(&next, APC_STATE, 4)->value, 0.0, 0.0);
+    assert_near(find(&next, APC_STATE, 5)->value, 0.0, 0.0);
     apc_controller_destroy(next.controller);
 }
 
@@ -691,8 +720,8 @@ static void a_state_left_by_a_law_before_the_last_one_is_not_taken(void **state)
     for (int k = 0; k < 10; k++)
         measured_tick(r, 0.5);
     read_stored(r, r, rows);
-    rows[4].seq--; /* x alone is older: a law without states wrote since */
-    rows[4].value = 50.0;
+    rows[5].seq--; /* x alone is older: a law without states wrote since */
+    rows[5].value = 50.0;
     make(&next, &apc_law_pi);
     assert_int_equal(apc_controller_resume(next.controller, last, rows, T0), 1);
     memcpy(next.in, r->in, sizeof(next.in));
@@ -822,6 +851,7 @@ int main(void)
 #define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
     const struct CMUnitTest tests[] = {
         T(it_names_what_it_reads),
+        T(each_tick_confirms_the_operators_rows_that_it_took),
         T(an_output_names_what_it_was_computed_from),
         T(the_output_never_leaves_its_limits),
         T(a_limit_of_the_law_is_told_as_well),

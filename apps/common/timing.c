@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "timing.h"
+#include "common/timing.h"
 
 #include <inttypes.h>
 #include <math.h>
@@ -122,11 +122,11 @@ static int by_name(const void *a, const void *b)
     return order ? order : strcmp(x->task, y->task);
 }
 
-int timing_load(struct timing *timing, struct apc_store *store, apc_ns since, const char *quantity)
+int timing_load(struct timing *timing, struct apc_store *store, const struct apc_range *range,
+                const char *quantity)
 {
-    const struct apc_range range = {.since = since};
     *timing = (struct timing){.quantity = quantity};
-    int rc = apc_store_timing(store, &range, take_row, timing);
+    int rc = apc_store_timing(store, range, take_row, timing);
     if (timing->failed)
         return timing->failed;
     for (size_t i = 0; i < timing->n && rc >= 0; i++) {

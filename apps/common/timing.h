@@ -27,7 +27,8 @@ struct timing {
 };
 
 /* Returns 0, APC_ENOMEM or the store's error. timing_free() in either case. */
-int timing_load(struct timing *timing, struct apc_store *store, apc_ns since, const char *quantity);
+int timing_load(struct timing *timing, struct apc_store *store, const struct apc_range *range,
+                const char *quantity);
 void timing_free(struct timing *timing);
 /* NULL: it has not reported. */
 const struct timing_series *timing_find(const struct timing *timing, const char *task, const char *quantity);

@@ -1,0 +1,306 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What is answered from memory: description, state, diagnostics, writes, metrics, health. */
+#include <inttypes.h>
+#include <string.h>
+
+#include "http.h"
+
+void get_plant(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    struct model *m = &ui->model;
+    (void)store;
+    pthread_mutex_lock(&m->mutex);
+    bool known = m->plant.revision > 0;
+    if (known)
+        plant_json(&m->plant, &r->reply);
+    pthread_mutex_unlock(&m->mutex);
+    if (!known)
+        fault_set(&r->fault, 503, "store", NULL, "the database has not been reached yet");
+}
+
+void get_state(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    (void)store;
+    model_state_json(ui, &r->reply);
+}
+
+void get_writes(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    const char *key = request_query(r, "key");
+    (void)store;
+    text_add(&r->reply, "{\"writes\":[");
+    size_t n = writes_json(ui->writes, key, &r->reply);
+    text_add(&r->reply, "]}");
+    if (key && n == 0)
+        fault_set(&r->fault, 404, "write", "key", "there was no such write since this server began");
+}
+
+/* ---- Diagnostics -------------------------------------------------------------------------- */
+
+static void tasks_json(const struct model *m, apc_ns now, struct text *t)
+{
+    text_add(t, ",\"tasks\":[");
+    for (size_t i = 0; i < m->tasks; i++) {
+        task_json(&m->task[i], now, t);
+        text_put(t, ",", 1);
+    }
+    text_chop(t, ',');
+}
+
+/* A client whose link never changed has said nothing of it: what it measures tells. */
+static void silent_link_json(const struct model *m, apc_ns now, struct text *t)
+{
+    bool up = false;
+    for (size_t i = 0; i < m->plant.n; i++)
+        up |= m->now[i].table == APC_SENSOR && m->now[i].seq > 0 && !model_stale(m, i, now) &&
+              apc_status_severity(m->now[i].status) != APC_SEVERITY_BAD;
+    text_add(t,
+             "{\"name\":\"apc-client\",\"up\":%s,\"since\":null,\"text\":\"%s\",\"changes\":0,"
+             "\"round_trip\":null,\"failed\":null},",
+             up ? "true" : "false", up ? "measurements arrive" : "no measurements arrive");
+}
+
+static void links_json(const struct model *m, apc_ns now, struct text *t)
+{
+    bool client = false;
+    text_add(t, "],\"links\":[");
+    for (size_t i = 0; i < m->links; i++) {
+        const struct link_state *link = &m->link[i];
+        client |= !strcmp(link->name, "apc-client");
+        text_add(t, "{\"name\":");
+        json_string_add(t, link->name);
+        text_add(t, ",\"up\":%s,\"since\":", link->up ? "true" : "false");
+        json_time_add(t, link->since);
+        text_add(t, ",\"text\":");
+        json_string_add(t, link->text);
+        text_add(t, ",\"changes\":%" PRIu64 ",\"round_trip\":null,\"failed\":null},", link->changes);
+    }
+    if (!client && model_task_period(m, "client") > 0)
+        silent_link_json(m, now, t);
+    text_chop(t, ',');
+}
+
+static void signals_json(const struct model *m, apc_ns now, struct text *t)
+{
+    char ref[REF_LEN], status[APC_STATUS_NAME_LEN];
+    text_add(t, "],\"signals\":[");
+    for (size_t i = 0; i < m->plant.n; i++) {
+        const struct apc_sample *s = &m->now[i];
+        apc_ns age = model_age(m, i, now), period = plant_period(&m->plant, s->table);
+        text_add(t, "{\"ref\":\"%s\",\"age\":", ref_format(s->table, s->id, ref));
+        if (age >= 0)
+            json_seconds_add(t, age);
+        else
+            text_add(t, "null");
+        text_add(t, ",\"period\":");
+        if (period > 0)
+            json_seconds_add(t, period);
+        else
+            text_add(t, "null");
+        text_add(t, ",\"stale\":%s,\"status\":\"%s\"},", model_stale(m, i, now) ? "true" : "false",
+                 apc_status_format(s->seq > 0 ? s->status : APC_BAD_NO_DATA, status));
+    }
+    text_chop(t, ',');
+}
+
+static void meter_json(struct meter *m, const char *name, struct text *t)
+{
+    struct apc_summary summary;
+    meter_summary(m, &summary);
+    text_add(t, ",\"%s\":", name);
+    figures_json(&summary, t);
+}
+
+static void spool_json(const struct ui *ui, struct text *t)
+{
+    const struct apc_spool_stats *s = &ui->model.spool;
+    apc_ns age = s->oldest > 0 ? apc_clock_utc(NULL) - s->oldest : 0;
+    if (!ui->options.spool) {
+        text_add(t, "null");
+        return;
+    }
+    text_add(t, "{\"depth\":%" PRIu64 ",\"age\":", s->samples + s->events);
+    json_seconds_add(t, age);
+    text_add(t, "}");
+}
+
+void get_diagnostics(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    struct model *m = &ui->model;
+    struct text *t = &r->reply;
+    struct stream_stats stream;
+    apc_ns now = apc_clock_mono(NULL);
+    (void)store;
+
+    stream_stats(ui->stream, &stream);
+    text_add(t, "{\"t\":");
+    json_time_add(t, apc_clock_utc(NULL));
+    text_add(t, ",\"uptime\":");
+    json_seconds_add(t, now - ui->began);
+    pthread_mutex_lock(&m->mutex);
+    tasks_json(m, now, t);
+    links_json(m, now, t);
+    signals_json(m, now, t);
+    text_add(t, "],\"store\":");
+    store_state_json(m, t);
+    text_chop(t, '}');
+    text_add(t, ",\"connects\":%" PRIu64 ",\"spool\":", m->connects);
+    spool_json(ui, t);
+    pthread_mutex_unlock(&m->mutex);
+    meter_json(&ui->reads, "read", t);
+    meter_json(&ui->stores, "write", t);
+    text_add(t, "},\"stream\":{\"clients\":%zu,\"messages\":%" PRIu64 ",\"dropped\":%" PRIu64, stream.readers,
+             stream.messages, stream.dropped);
+    meter_json(&ui->lag, "lag", t);
+    text_add(t, "}}");
+}
+
+/* ---- Prometheus --------------------------------------------------------------------------- */
+
+static void metric(struct text *t, const char *name, const char *type, const char *help)
+{
+    text_add(t, "# HELP %s %s\n# TYPE %s %s\n", name, help, name, type);
+}
+
+/* A label's value: names of tasks and sources are bytes that anybody may have written. */
+static void label(struct text *t, const char *value)
+{
+    text_put(t, "\"", 1);
+    for (; *value; value++)
+        if (*value == '"' || *value == '\\')
+            text_add(t, "\\%c", *value);
+        else
+            text_put(t, (unsigned char)*value < ' ' ? "?" : value, 1);
+    text_put(t, "\"", 1);
+}
+
+static void task_summary(const struct model *m, struct text *t, const char *name, int q, const char *help)
+{
+    metric(t, name, "summary", help);
+    for (size_t i = 0; i < m->tasks; i++) {
+        const struct task *task = &m->task[i];
+        const struct {
+            const char *quantile;
+            apc_ns value;
+        } part[] = {{"0.5", task->last[q].p50}, {"0.99", task->last[q].p99}, {"1", task->last[q].max}};
+        for (size_t k = 0; k < sizeof part / sizeof *part && task->last[q].count > 0; k++) {
+            text_add(t, "%s{task=", name);
+            label(t, task->name);
+            text_add(t, ",quantile=\"%s\"} %.9g\n", part[k].quantile, apc_ns_to_s(part[k].value));
+        }
+        text_add(t, "%s_sum{task=", name);
+        label(t, task->name);
+        text_add(t, "} %.9g\n%s_count{task=", task->total[q].sum, name);
+        label(t, task->name);
+        text_add(t, "} %" PRIu64 "\n", task->total[q].count);
+    }
+}
+
+static void task_metrics(const struct model *m, struct text *t)
+{
+    task_summary(m, t, "apc_task_jitter_seconds", JITTER,
+                 "Start to start minus the period; quantiles of the last window.");
+    task_summary(m, t, "apc_task_exec_seconds", RUN, "Start to end of a tick; quantiles of the last window.");
+    metric(t, "apc_task_overruns_total", "counter", "Ticks missed since this server began.");
+    for (size_t i = 0; i < m->tasks; i++) {
+        text_add(t, "apc_task_overruns_total{task=");
+        label(t, m->task[i].name);
+        text_add(t, "} %" PRIu64 "\n", m->task[i].missed_total);
+    }
+}
+
+static void link_metrics(const struct model *m, struct text *t)
+{
+    metric(t, "apc_link_up", "gauge", "1: connected.");
+    for (size_t i = 0; i < m->links; i++) {
+        text_add(t, "apc_link_up{link=");
+        label(t, m->link[i].name);
+        text_add(t, "} %d\n", m->link[i].up);
+    }
+    metric(t, "apc_link_reconnects_total", "counter", "Times that the link went or came back.");
+    for (size_t i = 0; i < m->links; i++) {
+        text_add(t, "apc_link_reconnects_total{link=");
+        label(t, m->link[i].name);
+        text_add(t, "} %" PRIu64 "\n", m->link[i].changes);
+    }
+}
+
+static void signal_metrics(const struct model *m, struct text *t)
+{
+    apc_ns now = apc_clock_mono(NULL);
+    metric(t, "apc_signal_age_seconds", "gauge", "Since the newest sample came.");
+    for (size_t i = 0; i < m->plant.n; i++) {
+        if (m->now[i].seq == 0)
+            continue;
+        text_add(t, "apc_signal_age_seconds{table=\"%s\",name=", apc_table_name(m->now[i].table));
+        label(t, m->plant.tag[i].name);
+        text_add(t, "} %.9g\n", apc_ns_to_s(model_age(m, i, now)));
+    }
+}
+
+static void meter_metrics(struct meter *m, struct text *t, const char *name, const char *help)
+{
+    struct apc_summary s;
+    meter_summary(m, &s);
+    pthread_mutex_lock(&m->mutex);
+    uint64_t n = m->count;
+    double sum = m->sum;
+    pthread_mutex_unlock(&m->mutex);
+    metric(t, name, "summary", help);
+    if (s.count > 0)
+        text_add(t, "%s{quantile=\"0.5\"} %.9g\n%s{quantile=\"0.99\"} %.9g\n", name, apc_ns_to_s(s.p50), name,
+                 apc_ns_to_s(s.p99));
+    text_add(t, "%s_sum %.9g\n%s_count %" PRIu64 "\n", name, sum, name, n);
+}
+
+void get_metrics(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    struct model *m = &ui->model;
+    struct text *t = &r->reply;
+    struct stream_stats stream;
+    (void)store;
+
+    r->type = "text/plain; version=0.0.4; charset=utf-8";
+    stream_stats(ui->stream, &stream);
+    pthread_mutex_lock(&m->mutex);
+    task_metrics(m, t);
+    link_metrics(m, t);
+    signal_metrics(m, t);
+    metric(t, "apc_db_up", "gauge", "1: the database answers.");
+    text_add(t, "apc_db_up %d\n", m->connected);
+    metric(t, "apc_spool_depth", "gauge", "Samples and events that wait for the database.");
+    text_add(t, "apc_spool_depth %" PRIu64 "\n", m->spool.samples + m->spool.events);
+    pthread_mutex_unlock(&m->mutex);
+    meter_metrics(&ui->stores, t, "apc_db_write_seconds", "This server's writes.");
+    meter_metrics(&ui->reads, t, "apc_db_read_seconds", "This server's reads of all newest samples.");
+    meter_metrics(&ui->lag, t, "apc_ui_lag_seconds",
+                  "From a sample's source time to its message on the stream.");
+    metric(t, "apc_ui_clients", "gauge", "Open streams.");
+    text_add(t, "apc_ui_clients %zu\n", stream.readers);
+    metric(t, "apc_ui_requests_total", "counter", "Requests answered.");
+    for (int i = 1; i < 6; i++)
+        text_add(t, "apc_ui_requests_total{status=\"%dxx\"} %" PRIu64 "\n", i, (uint64_t)ui->requests[i]);
+    metric(t, "apc_build_info", "gauge", "The library's version.");
+    text_add(t, "apc_build_info{version=\"%s\"} 1\n", apc_version());
+}
+
+/* ---- Health ------------------------------------------------------------------------------- */
+
+void get_livez(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    (void)ui;
+    (void)store;
+    r->type = "text/plain; charset=utf-8";
+    text_add(&r->reply, "ok\n");
+}
+
+void get_readyz(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    (void)store;
+    pthread_mutex_lock(&ui->model.mutex);
+    bool ready = ui->model.connected;
+    pthread_mutex_unlock(&ui->model.mutex);
+    r->type = "text/plain; charset=utf-8";
+    r->status = ready ? 200 : 503;
+    text_add(&r->reply, ready ? "ok\n" : "the database is away\n");
+}

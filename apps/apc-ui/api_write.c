@@ -1,0 +1,338 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * What operators write. Each request is checked against the description and the mode, then swapped in for
+ * what the operator saw, then recorded with his name; writes.h says what becomes of it.
+ */
+#include <inttypes.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "http.h"
+
+#define TEXT_LEN 40
+
+/* As in a command line: the shortest that reads back the same; modes by name. */
+static char *value_text(const struct apc_sample *s, char text[TEXT_LEN])
+{
+    const char *mode = s->table == APC_OPMODE && s->value >= 0 ? apc_mode_name((int)s->value) : NULL;
+    int digits = 6;
+    if (s->seq == 0 || mode) {
+        snprintf(text, TEXT_LEN, "%s", s->seq == 0 ? "none" : mode);
+        return text;
+    }
+    do
+        snprintf(text, TEXT_LEN, "%.*g", digits, s->value);
+    while (++digits <= 17 && strtod(text, NULL) != s->value);
+    return text;
+}
+
+/* ---- Reading the request ------------------------------------------------------------------ */
+
+struct order {
+    struct write write;
+    struct write_change change[WRITE_CHANGES];
+};
+
+static bool check_limits(struct request *r, const struct apc_tag *tag, double value)
+{
+    if (value >= tag->low && value <= tag->high && fabs(value) < APC_VALUE_MAX)
+        return true;
+    bool above = value > tag->high, limited = fabs(above ? tag->high : tag->low) < APC_VALUE_MAX;
+    return fault_set(&r->fault, 422, "limits", "value", "%s = %.6g lies %s its limit %.6g", tag->name, value,
+                     above ? "above" : "below",
+                     limited ? (above ? tag->high : tag->low) : copysign(APC_VALUE_MAX, value));
+}
+
+/* Change a variable to a value: is there one, and may it be that? Outputs have the limits of their actuator.
+ */
+static bool order_change(struct ui *ui, struct request *r, struct order *o, enum apc_table table, int64_t id,
+                         double value, int64_t seq)
+{
+    struct model *m = &ui->model;
+    struct write_change *c = &o->change[o->write.n];
+    char ref[REF_LEN];
+    struct apc_tag tag = {0};
+
+    if (o->write.n == WRITE_CHANGES)
+        return fault_set(&r->fault, 400, "json", "values", "more than %d values at once", WRITE_CHANGES);
+    pthread_mutex_lock(&m->mutex);
+    int own = id <= INT32_MAX ? plant_find(&m->plant, table, (int)id) : -1;
+    int named = table == APC_MANUAL && own >= 0 ? plant_find(&m->plant, APC_ACTUATOR, (int)id) : own;
+    if (own >= 0 && named >= 0)
+        tag = m->plant.tag[named];
+    pthread_mutex_unlock(&m->mutex);
+    if (!tag.table)
+        return fault_set(&r->fault, 404, "variable", "id", "there is no variable %s",
+                         ref_format(table, id <= INT32_MAX ? (int)id : INT32_MAX, ref));
+    if (!check_limits(r, &tag, value))
+        return false;
+    for (size_t i = 0; i < o->write.n; i++)
+        if (o->change[i].after.id == (int)id)
+            return fault_set(&r->fault, 400, "json", "id", "%s is given twice", tag.name);
+    *c = (struct write_change){.after = {.table = table, .id = (int)id, .value = value, .seq = seq}};
+    snprintf(c->name, sizeof c->name, "%s", tag.name);
+    o->write.n++;
+    return true;
+}
+
+static bool read_key(struct request *r, const json_t *body, struct order *o)
+{
+    const char *key = NULL;
+    char token[TOKEN_LEN];
+    if (!json_object_get(body, "key")) {
+        if (token_make(token) < 0)
+            return fault_set(&r->fault, 503, "busy", NULL, "no random number");
+        snprintf(o->write.key, sizeof o->write.key, "%.32s", token);
+        return true;
+    }
+    if (!member_text(body, "key", &key, &r->fault))
+        return false;
+    if (!key_ok(key))
+        return fault_set(&r->fault, 400, "json", "key", "\"key\" must be 8 to 64 letters, digits, _ or -");
+    snprintf(o->write.key, sizeof o->write.key, "%s", key);
+    return true;
+}
+
+static bool read_value(struct ui *ui, struct request *r, const json_t *object, struct order *o,
+                       enum apc_table table)
+{
+    int64_t id, seq;
+    double value;
+    return member_whole(object, "id", 0, &id, &r->fault) &&
+           member_number(object, "value", &value, &r->fault) &&
+           member_whole(object, "seq", 0, &seq, &r->fault) && order_change(ui, r, o, table, id, value, seq);
+}
+
+static bool read_mode(struct ui *ui, struct request *r, const json_t *body, struct order *o)
+{
+    const char *name;
+    int64_t seq;
+    if (!member_text(body, "mode", &name, &r->fault) || !member_whole(body, "seq", 0, &seq, &r->fault))
+        return false;
+    for (int mode = APC_MODE_MAN; mode <= APC_MODE_AUTO; mode++)
+        if (!strcmp(name, apc_mode_name(mode)))
+            return order_change(ui, r, o, APC_OPMODE, 0, mode, seq);
+    return fault_set(&r->fault, 422, "value", "mode", "\"mode\" must be Man or Auto");
+}
+
+static bool read_tuning(struct ui *ui, struct request *r, const json_t *body, struct order *o)
+{
+    static const char *const members[] = {"id", "value", "seq", NULL};
+    const json_t *values = json_object_get(body, "values");
+    size_t n = json_array_size(values);
+    if (n == 0)
+        return fault_set(&r->fault, 400, "json", "values", "\"values\" must be an array that is not empty");
+    for (size_t i = 0; i < n; i++) {
+        const json_t *object = json_array_get(values, i);
+        if (!json_is_object(object))
+            return fault_set(&r->fault, 400, "json", "values", "\"values\" must hold objects");
+        if (!members_known(object, members, &r->fault) || !read_value(ui, r, object, o, APC_TUNING))
+            return false;
+    }
+    return true;
+}
+
+static bool read_order(struct ui *ui, struct request *r, struct order *o)
+{
+    static const char *const value_members[] = {"id", "value", "seq", "key", NULL};
+    static const char *const mode_members[] = {"mode", "seq", "key", NULL};
+    static const char *const tuning_members[] = {"values", "key", NULL};
+    enum write_kind kind = o->write.kind;
+    json_t *body = body_parse(r->body, r->n,
+                              kind == WRITE_MODE     ? mode_members
+                              : kind == WRITE_TUNING ? tuning_members
+                                                     : value_members,
+                              &r->fault);
+    bool ok = body && read_key(r, body, o);
+    if (ok && kind == WRITE_MODE)
+        ok = read_mode(ui, r, body, o);
+    else if (ok && kind == WRITE_TUNING)
+        ok = read_tuning(ui, r, body, o);
+    else if (ok)
+        ok = read_value(ui, r, body, o, kind == WRITE_SETPOINT ? APC_SETPOINT : APC_MANUAL);
+    json_decref(body);
+    return ok;
+}
+
+/* ---- Writing ------------------------------------------------------------------------------ */
+
+/* What is in force, all of one instant: fills in `before`. Returns 0 or the store's error. */
+static int read_before(struct order *o, struct apc_store *store, struct apc_sample *mode)
+{
+    struct apc_sample now[WRITE_CHANGES + 1];
+    size_t n = o->write.n;
+    for (size_t i = 0; i < n; i++)
+        now[i] = (struct apc_sample){.table = o->change[i].after.table, .id = o->change[i].after.id};
+    now[n] = (struct apc_sample){.table = APC_OPMODE, .id = 0};
+    int rc = apc_store_read(store, now, n + 1);
+    for (size_t i = 0; i < n && rc >= 0; i++)
+        o->change[i].before = now[i];
+    *mode = now[n];
+    return rc < 0 ? rc : 0;
+}
+
+static void stale_fault(struct request *r, const struct order *o)
+{
+    char ref[REF_LEN], text[TEXT_LEN];
+    const struct write_change *first = NULL;
+    text_add(&r->extra, ",\"current\":{");
+    for (size_t i = 0; i < o->write.n; i++) {
+        const struct write_change *c = &o->change[i];
+        if (!first && c->before.seq != c->after.seq)
+            first = c;
+        text_add(&r->extra, "\"%s\":", ref_format(c->after.table, c->after.id, ref));
+        json_sample_add(&r->extra, &c->before);
+        text_add(&r->extra, ",");
+    }
+    text_chop(&r->extra, ',');
+    text_add(&r->extra, "}");
+    if (!first)
+        first = &o->change[0];
+    fault_set(&r->fault, 409, "stale", NULL, "%s was changed meanwhile: it is %s now", first->name,
+              value_text(&first->before, text));
+}
+
+/* May it be written as things stand? */
+static bool check_now(struct request *r, const struct order *o, const struct apc_sample *mode)
+{
+    if (o->write.kind == WRITE_OUTPUT && !(mode->seq > 0 && mode->value == (double)APC_MODE_MAN))
+        return fault_set(&r->fault, 409, "mode", NULL, "%s is controlled: change to Man first",
+                         o->change[0].name);
+    for (size_t i = 0; i < o->write.n; i++)
+        if (o->change[i].before.seq != o->change[i].after.seq) {
+            stale_fault(r, o);
+            return false;
+        }
+    return true;
+}
+
+/* Returns the store's answer; the changes then have their seqs, or what is newest instead. */
+static int swap(struct ui *ui, struct order *o, struct apc_store *store)
+{
+    struct apc_sample samples[WRITE_CHANGES];
+    apc_ns began = apc_clock_mono(NULL);
+    for (size_t i = 0; i < o->write.n; i++) {
+        o->change[i].after.time = o->write.time;
+        o->change[i].after.status = APC_GOOD;
+        samples[i] = o->change[i].after;
+    }
+    int rc = apc_store_swap(store, samples, o->write.n);
+    for (size_t i = 0; i < o->write.n; i++) {
+        if (rc == APC_ECONFLICT)
+            o->change[i].before = samples[i];
+        else
+            o->change[i].after.seq++; /* what it was given, or would have been */
+    }
+    if (rc >= 0)
+        meter_record(&ui->stores, apc_clock_mono(NULL) - began);
+    return rc;
+}
+
+static void record(struct ui *ui, const struct order *o, struct apc_store *store, const char *outcome)
+{
+    char before[TEXT_LEN], after[TEXT_LEN];
+    for (size_t i = 0; i < o->write.n; i++) {
+        const struct write_change *c = &o->change[i];
+        struct apc_event event = {.time = o->write.time, .severity = APC_EVENT_INFO, .kind = "operator"};
+        snprintf(event.source, sizeof event.source, "%s", o->write.user);
+        snprintf(event.text, sizeof event.text, "%s: %s -> %s%s", c->name, value_text(&c->before, before),
+                 value_text(&c->after, after), outcome);
+        audit(ui, store, &event);
+    }
+}
+
+static void end(struct ui *ui, struct request *r, const struct order *o, enum write_state state, int stored,
+                const char *reason)
+{
+    struct text t = {0};
+    writes_end(ui->writes, o->write.key, state, stored, reason, o->change, apc_clock_mono(NULL), &t);
+    if (r->fault.http == 0) {
+        r->reply = t;
+        return;
+    }
+    if (strcmp(r->fault.code, "unknown") == 0) {
+        text_add(&r->extra, ",\"write\":");
+        text_put(&r->extra, t.at, t.n);
+    }
+    text_free(&t);
+}
+
+static void carry_out(struct ui *ui, struct request *r, struct order *o, struct apc_store *store)
+{
+    struct apc_sample mode;
+    int rc = apc_store_connect(store);
+    if (rc >= 0)
+        rc = read_before(o, store, &mode);
+    if (rc < 0)
+        fault_store(r, rc, store);
+    else
+        (void)check_now(r, o, &mode);
+    if (r->fault.http) { /* nothing was sent */
+        end(ui, r, o, WRITE_FAILED, 0, r->fault.message);
+        return;
+    }
+    rc = swap(ui, o, store);
+    if (rc == APC_ECONFLICT)
+        stale_fault(r, o);
+    else if (rc == APC_ECONN || rc == APC_ETIMEDOUT)
+        fault_set(&r->fault, 504, "unknown", NULL,
+                  "the database did not answer: whether it was written is not known");
+    else if (rc < 0)
+        fault_set(&r->fault, 503, "store", NULL, "the database refused it: %.150s", apc_store_error(store));
+    if (r->fault.http == 504)
+        record(ui, o, NULL, " (outcome unknown)");
+    if (r->fault.http)
+        end(ui, r, o, r->fault.http == 504 ? WRITE_UNKNOWN : WRITE_FAILED, r->fault.http == 504 ? -1 : 0,
+            r->fault.message);
+    if (rc < 0)
+        return;
+    end(ui, r, o, WRITE_ACCEPTED, 1, "");
+    record(ui, o, store, "");
+}
+
+static void write_order(struct ui *ui, struct request *r, struct apc_store *store, enum write_kind kind)
+{
+    struct order *o = calloc(1, sizeof *o);
+    if (!o) {
+        fault_store(r, APC_ENOMEM, store);
+        return;
+    }
+    o->write.kind = kind;
+    o->write.change = o->change;
+    o->write.time = apc_clock_utc(NULL) / APC_NS_PER_US * APC_NS_PER_US; /* as the store keeps it */
+    memcpy(o->write.user, r->session.user, sizeof o->write.user);
+    apc_ns now = apc_clock_mono(NULL), again;
+    if (read_order(ui, r, o) && !session_may_write(&ui->sessions, r->session.token, now, &again)) {
+        r->retry_after = again - now;
+        fault_set(&r->fault, 429, "rate", NULL, "too many writes: wait a little");
+    }
+    int rc = r->fault.http ? 0 : writes_begin(ui->writes, &o->write, &r->reply);
+    if (rc == APC_EBUSY)
+        fault_set(&r->fault, 503, "busy", "key", "this very write is under way");
+    else if (rc < 0)
+        fault_store(r, rc, store);
+    else if (rc == 0 && !r->fault.http)
+        carry_out(ui, r, o, store);
+    free(o);
+}
+
+void post_setpoint(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    write_order(ui, r, store, WRITE_SETPOINT);
+}
+
+void post_output(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    write_order(ui, r, store, WRITE_OUTPUT);
+}
+
+void post_mode(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    write_order(ui, r, store, WRITE_MODE);
+}
+
+void post_tuning(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    write_order(ui, r, store, WRITE_TUNING);
+}

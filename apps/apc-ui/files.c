@@ -1,0 +1,168 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The page: all files of one folder, read once. A path is looked up among these names, so none leads
+ * elsewhere. */
+#include <dirent.h>
+#include <errno.h>
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include <zlib.h>
+
+#include "http.h"
+
+#define FILES_MAX 256
+#define FILE_MAX  (8 << 20)
+#define DEPTH     4
+
+struct files {
+    struct file at[FILES_MAX];
+    size_t n;
+};
+
+static const char *type_of(const char *path)
+{
+    static const char *const types[][2] = {{".html", "text/html; charset=utf-8"},
+                                           {".js", "text/javascript; charset=utf-8"},
+                                           {".css", "text/css; charset=utf-8"},
+                                           {".json", "application/json"},
+                                           {".svg", "image/svg+xml"},
+                                           {".png", "image/png"},
+                                           {".ico", "image/x-icon"},
+                                           {".woff2", "font/woff2"},
+                                           {".txt", "text/plain; charset=utf-8"},
+                                           {".webmanifest", "application/manifest+json"},
+                                           {".map", "application/json"}};
+    const char *ending = strrchr(path, '.');
+    for (size_t i = 0; ending && i < sizeof types / sizeof *types; i++)
+        if (!strcmp(ending, types[i][0]))
+            return types[i][1];
+    return "application/octet-stream";
+}
+
+/* app-1A2B3C4D.js: a name that changes with what is in the file. */
+static bool has_hash(const char *path)
+{
+    const char *ending = strrchr(path, '.'), *at = ending;
+    while (at && at > path &&
+           ((at[-1] >= '0' && at[-1] <= '9') || (at[-1] >= 'A' && at[-1] <= 'Z') ||
+            (at[-1] >= 'a' && at[-1] <= 'z')))
+        at--;
+    return at && at > path && (at[-1] == '-' || at[-1] == '.') && ending - at >= 8;
+}
+
+/* gzip, or NULL where it would be no smaller. */
+static char *zip(const char *data, size_t n, size_t *n_zipped)
+{
+    z_stream z = {0};
+    if (n < 256 || deflateInit2(&z, 9, Z_DEFLATED, 15 + 16, 9, Z_DEFAULT_STRATEGY) != Z_OK)
+        return NULL;
+    char *out = malloc(n);
+    z.next_in = (Bytef *)(uintptr_t)data;
+    z.avail_in = (uInt)n;
+    z.next_out = (Bytef *)out;
+    z.avail_out = (uInt)n;
+    bool smaller = out && deflate(&z, Z_FINISH) == Z_STREAM_END;
+    *n_zipped = z.total_out;
+    deflateEnd(&z);
+    if (!smaller)
+        free(out);
+    return smaller ? out : NULL;
+}
+
+static char *etag(const char *data, size_t n)
+{
+    uint64_t hash = UINT64_C(14695981039346656037); /* FNV-1a */
+    char text[40];
+    for (size_t i = 0; i < n; i++)
+        hash = (hash ^ (unsigned char)data[i]) * UINT64_C(1099511628211);
+    snprintf(text, sizeof text, "\"%016" PRIx64 "-%zx\"", hash, n);
+    return strdup(text);
+}
+
+static int load_file(struct files *files, const char *name, const char *path, size_t size,
+                     struct apc_error *why)
+{
+    struct file *file = &files->at[files->n];
+    char *data = malloc(size + 1);
+    FILE *in = fopen(name, "re");
+    size_t n = in && data ? fread(data, 1, size, in) : 0;
+    bool ok = in && data && n == size;
+    if (in)
+        fclose(in);
+    if (!ok) {
+        free(data);
+        return apc_fail(why, APC_ESYS, "%s: cannot be read: %s", name, strerror(errno));
+    }
+    files->n++;
+    *file = (struct file){.path = strdup(path),
+                          .type = type_of(path),
+                          .etag = etag(data, n),
+                          .immutable = has_hash(path),
+                          .data = data,
+                          .n = n};
+    file->zipped = zip(data, n, &file->n_zipped);
+    return file->path && file->etag ? 0 : apc_fail(why, APC_ENOMEM, "out of memory");
+}
+
+static int load_folder(struct files *files, const char *folder, const char *path, int depth,
+                       struct apc_error *why)
+{
+    char name[4096], inner[1024];
+    struct stat st;
+    struct dirent *entry;
+    int rc = 0;
+    DIR *dir = opendir(folder);
+    if (!dir)
+        return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s", folder, strerror(errno));
+    while (rc == 0 && (entry = readdir(dir)) != NULL) {
+        if (entry->d_name[0] == '.')
+            continue;
+        snprintf(name, sizeof name, "%s/%s", folder, entry->d_name);
+        snprintf(inner, sizeof inner, "%s/%s", path, entry->d_name);
+        if (stat(name, &st) < 0)
+            continue;
+        if (S_ISDIR(st.st_mode) && depth < DEPTH)
+            rc = load_folder(files, name, inner, depth + 1, why);
+        else if (S_ISREG(st.st_mode) && (st.st_size > FILE_MAX || files->n == FILES_MAX))
+            rc = apc_fail(why, APC_ERANGE, "%s: more than %d files, or one larger than %d MiB", name,
+                          FILES_MAX, FILE_MAX >> 20);
+        else if (S_ISREG(st.st_mode))
+            rc = load_file(files, name, inner, (size_t)st.st_size, why);
+    }
+    closedir(dir);
+    return rc;
+}
+
+int files_load(struct files **files, const char *folder, struct apc_error *why)
+{
+    *files = calloc(1, sizeof **files);
+    return *files ? load_folder(*files, folder, "", 0, why) : APC_ENOMEM;
+}
+
+void files_free(struct files *files)
+{
+    for (size_t i = 0; files && i < files->n; i++) {
+        const struct file *f = &files->at[i];
+        const void *parts[] = {f->path, f->etag, f->data, f->zipped};
+        for (size_t k = 0; k < sizeof parts / sizeof *parts; k++)
+            free((void *)(uintptr_t)parts[k]);
+    }
+    free(files);
+}
+
+size_t files_count(const struct files *files)
+{
+    return files->n;
+}
+
+const struct file *files_find(const struct files *files, const char *path)
+{
+    if (!strcmp(path, "/"))
+        path = "/index.html";
+    for (size_t i = 0; i < files->n; i++)
+        if (!strcmp(files->at[i].path, path))
+            return &files->at[i];
+    return NULL;
+}

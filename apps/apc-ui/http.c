@@ -1,0 +1,798 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The server. libmicrohttpd's one thread takes all requests; one that takes a store is put to sleep and given
+ * to a pool of threads, one of which wakes it with its answer. A stream sleeps while there is nothing for it.
+ * Long looks into the past have a pool of their own, so that no write waits behind them.
+ *
+ * A connection that has not sent a whole request DEADLINE after it was opened, or after its last answer, is
+ * shut down, however it dribbles: libmicrohttpd's own time-out only knows silence.
+ */
+#include "http.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <inttypes.h>
+#include <netdb.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#define WRITERS     2
+#define READERS     3
+#define QUEUE       64                  /* requests waiting for a pool */
+#define PATIENCE    (10 * APC_NS_PER_S) /* for history */
+#define CONNECTIONS 600
+#define PER_ADDRESS 400
+#define SILENCE     30 /* s */
+#define DEADLINE    (20 * APC_NS_PER_S)
+
+struct connection {
+    struct connection *next, **at;
+    int fd;
+    apc_ns since;
+    bool busy;
+    char address[64];
+};
+
+struct exchange {
+    struct ui *ui;
+    struct request r;
+    struct connection *connection;
+    struct exchange *next;
+    bool begun, queued, answered;
+    struct stream_reader *reader;
+};
+
+struct pool {
+    struct ui *ui;
+    apc_ns patience;
+    pthread_mutex_t mutex;
+    pthread_cond_t filled;
+    struct exchange *first, **last;
+    size_t queued;
+    bool ending;
+    pthread_t thread[WRITERS > READERS ? WRITERS : READERS];
+    size_t threads;
+};
+
+struct server {
+    struct ui *ui;
+    struct MHD_Daemon *daemon;
+    char *cert, *key;
+    pthread_mutex_t mutex; /* of the connections */
+    struct connection *connections;
+
+    struct pool writers, readers;
+};
+
+/* ---- Requests ----------------------------------------------------------------------------- */
+
+const char *request_query(const struct request *r, const char *name)
+{
+    return MHD_lookup_connection_value(r->connection, MHD_GET_ARGUMENT_KIND, name);
+}
+
+const char *request_header(const struct request *r, const char *name)
+{
+    return MHD_lookup_connection_value(r->connection, MHD_HEADER_KIND, name);
+}
+
+bool query_whole(struct request *r, const char *name, int64_t low, int64_t high, int64_t *value)
+{
+    const char *text = request_query(r, name);
+    char *end;
+    if (!text)
+        return true;
+    errno = 0;
+    long long number = strtoll(text, &end, 10);
+    if (end == text || *end || errno || number < low || number > high)
+        return fault_set(&r->fault, 400, "parameter", name,
+                         "\"%s\" must be a whole number from %" PRId64 " to %" PRId64, name, low, high);
+    *value = number;
+    return true;
+}
+
+bool time_parse(const char *text, apc_ns now, apc_ns *value)
+{
+    double seconds;
+    if (apc_number_parse(text, &seconds) < 0)
+        return apc_time_parse(text, value) == 0;
+    return apc_ns_from_s(seconds, value) == 0 &&
+           (seconds >= 0 || !__builtin_add_overflow(now, *value, value));
+}
+
+bool query_time(struct request *r, const char *name, apc_ns now, apc_ns *value)
+{
+    const char *text = request_query(r, name);
+    if (!text || time_parse(text, now, value))
+        return true;
+    return fault_set(
+        &r->fault, 400, "parameter", name,
+        "\"%s\" must be Unix seconds, a time such as 2026-01-31T12:00:00Z, or negative seconds before now",
+        name);
+}
+
+void fault_store(struct request *r, int rc, const struct apc_store *store)
+{
+    fault_set(&r->fault, 503, "store", NULL, "the database is away: %.150s",
+              rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(store));
+}
+
+/* ---- Answers ------------------------------------------------------------------------------ */
+
+static void add_headers(const struct ui *ui, struct MHD_Response *response, const char *nonce)
+{
+    char csp[256];
+    snprintf(
+        csp, sizeof csp,
+        "default-src 'self'; object-src 'none'; base-uri 'none'; frame-ancestors 'none'; form-action 'self'; "
+        "img-src 'self' data: blob:%s%s%s",
+        nonce ? "; style-src 'nonce-" : "", nonce ? nonce : "", nonce ? "'" : "");
+    MHD_add_response_header(response, "Content-Security-Policy", csp);
+    MHD_add_response_header(response, "X-Content-Type-Options", "nosniff");
+    MHD_add_response_header(response, "X-Frame-Options", "DENY");
+    MHD_add_response_header(response, "Referrer-Policy", "no-referrer");
+    MHD_add_response_header(response, "Cross-Origin-Opener-Policy", "same-origin");
+    MHD_add_response_header(response, "Cross-Origin-Resource-Policy", "same-origin");
+    if (ui->tls)
+        MHD_add_response_header(response, "Strict-Transport-Security", "max-age=31536000");
+}
+
+/* The request is whole: from here until its answer is out no deadline is the client's to keep. */
+static void set_busy(struct exchange *x)
+{
+    struct server *s = x->ui->server;
+    pthread_mutex_lock(&s->mutex);
+    x->connection->busy = true;
+    pthread_mutex_unlock(&s->mutex);
+}
+
+static enum MHD_Result queue(struct exchange *x, int status, struct MHD_Response *response)
+{
+    if (!response)
+        return MHD_NO;
+    set_busy(x);
+    x->answered = true;
+    x->ui->requests[status / 100 < 6 ? status / 100 : 0]++;
+    enum MHD_Result ok = MHD_queue_response(x->r.connection, (unsigned)status, response);
+    MHD_destroy_response(response);
+    return ok;
+}
+
+static void fault_json(struct request *r)
+{
+    text_free(&r->reply);
+    r->type = NULL;
+    r->status = r->fault.http;
+    text_add(&r->reply, "{\"error\":{\"code\":\"%s\",\"message\":", r->fault.code);
+    json_string_add(&r->reply, r->fault.message);
+    if (r->fault.field[0]) {
+        text_add(&r->reply, ",\"field\":");
+        json_string_add(&r->reply, r->fault.field);
+    }
+    if (!strcmp(r->fault.code, "stale"))
+        text_put(&r->reply, r->extra.at, r->extra.n);
+    text_add(&r->reply, "}");
+    if (strcmp(r->fault.code, "stale") != 0)
+        text_put(&r->reply, r->extra.at, r->extra.n);
+    text_add(&r->reply, "}");
+}
+
+/* A person without a session, who asked for a page: not JSON but the form. */
+static bool wants_form(const struct request *r)
+{
+    const char *accept = request_header(r, "Accept");
+    return r->fault.http == 401 && r->route && r->route->where == PAGE && accept &&
+           strstr(accept, "text/html");
+}
+
+static enum MHD_Result answer(struct exchange *x)
+{
+    struct request *r = &x->r;
+    char seconds[24];
+
+    if (wants_form(r))
+        login_page(r, "");
+    else if (r->fault.http)
+        fault_json(r);
+    if (r->reply.failed) {
+        text_free(&r->reply);
+        r->status = 503;
+    }
+    struct MHD_Response *response =
+        MHD_create_response_from_buffer(r->reply.n, r->reply.at, MHD_RESPMEM_MUST_FREE);
+    if (!response)
+        return MHD_NO;
+    r->reply = (struct text){0};
+    add_headers(x->ui, response, r->nonce[0] ? r->nonce : NULL);
+    MHD_add_response_header(response, "Cache-Control", "no-store");
+    MHD_add_response_header(response, "Content-Type", r->type ? r->type : "application/json");
+    if (r->cookie[0])
+        MHD_add_response_header(response, "Set-Cookie", r->cookie);
+    if (r->location)
+        MHD_add_response_header(response, "Location", r->location);
+    if (r->status == 405)
+        MHD_add_response_header(response, "Allow", r->route->method);
+    if (r->retry_after > 0) {
+        snprintf(seconds, sizeof seconds, "%" PRId64, (r->retry_after + APC_NS_PER_S - 1) / APC_NS_PER_S);
+        MHD_add_response_header(response, "Retry-After", seconds);
+    }
+    return queue(x, r->status ? r->status : 200, response);
+}
+
+static void free_nothing(void *data)
+{
+    (void)data;
+}
+
+static enum MHD_Result answer_file(struct exchange *x, const char *path)
+{
+    const struct file *file = files_find(x->ui->files, path);
+    const char *accept = request_header(&x->r, "Accept-Encoding"),
+               *known = request_header(&x->r, "If-None-Match");
+    if (!file) {
+        if (!strcmp(path, "/"))
+            fault_set(
+                &x->r.fault, 404, "path", NULL,
+                "the page was not built (that takes Node: scripts/setup && scripts/build); the API works");
+        else
+            fault_set(&x->r.fault, 404, "path", NULL, "there is nothing here");
+        return answer(x);
+    }
+    bool same = known && strstr(known, file->etag), zipped = file->zipped && accept && strstr(accept, "gzip");
+    const char *data = zipped ? file->zipped : file->data;
+    struct MHD_Response *response =
+        MHD_create_response_from_buffer_with_free_callback(same     ? 0
+                                                           : zipped ? file->n_zipped
+                                                                    : file->n,
+                                                           (void *)(uintptr_t)data, free_nothing);
+    if (!response)
+        return MHD_NO;
+    add_headers(x->ui, response, NULL);
+    MHD_add_response_header(response, "Content-Type", file->type);
+    MHD_add_response_header(response, "ETag", file->etag);
+    MHD_add_response_header(response, "Vary", "Accept-Encoding");
+    MHD_add_response_header(response, "Cache-Control",
+                            file->immutable ? "private, max-age=31536000, immutable" : "private, no-cache");
+    if (zipped && !same)
+        MHD_add_response_header(response, "Content-Encoding", "gzip");
+    return queue(x, same ? 304 : 200, response);
+}
+
+/* ---- Streams ------------------------------------------------------------------------------ */
+
+static void rest_stream(void *ctx)
+{
+    const struct exchange *x = ctx;
+    MHD_suspend_connection(x->r.connection);
+}
+
+static void wake_stream(void *ctx)
+{
+    const struct exchange *x = ctx;
+    MHD_resume_connection(x->r.connection);
+}
+
+static ssize_t read_stream(void *ctx, uint64_t pos, char *to, size_t size)
+{
+    const struct exchange *x = ctx;
+    (void)pos;
+    long n = stream_read(x->reader, to, size);
+    return n == STREAM_END ? MHD_CONTENT_READER_END_OF_STREAM : n;
+}
+
+static void greet(struct exchange *x, bool resumed)
+{
+    struct text t = {0};
+    text_add(&t, "{\"t\":");
+    json_time_add(&t, apc_clock_utc(NULL));
+    text_add(&t, ",\"resumed\":%s,\"beat\":1}", resumed ? "true" : "false");
+    stream_greet(x->reader, "hello", t.at, t.n);
+    text_free(&t);
+    if (resumed)
+        return;
+    model_state_json(x->ui, &t);
+    stream_greet(x->reader, "state", t.at, t.n);
+    text_free(&t);
+}
+
+static enum MHD_Result answer_stream(struct exchange *x)
+{
+    struct ui *ui = x->ui;
+    const char *last = request_header(&x->r, "Last-Event-ID");
+    bool resumed;
+    int rc = stream_open(ui->stream, last ? last : request_query(&x->r, "last"), rest_stream, wake_stream, x,
+                         &x->reader, &resumed);
+    if (rc < 0) {
+        fault_set(&x->r.fault, 503, "busy", NULL, "too many pages are watching: try again later");
+        x->r.retry_after = 10 * APC_NS_PER_S;
+        return answer(x);
+    }
+    greet(x, resumed);
+    struct MHD_Response *response =
+        MHD_create_response_from_callback(MHD_SIZE_UNKNOWN, 32 * 1024, read_stream, x, free_nothing);
+    if (!response)
+        return MHD_NO;
+    add_headers(ui, response, NULL);
+    MHD_add_response_header(response, "Content-Type", "text/event-stream");
+    MHD_add_response_header(response, "Cache-Control", "no-store");
+    MHD_add_response_header(response, "X-Accel-Buffering", "no");
+    return queue(x, 200, response);
+}
+
+static bool session_over(void *ctx, void *arg)
+{
+    const struct exchange *x = ctx;
+    struct session session;
+    (void)arg;
+    return !x->ui->open &&
+           !session_find(&x->ui->sessions, x->r.session.token, apc_clock_mono(NULL), &session);
+}
+
+/* ---- Pools -------------------------------------------------------------------------------- */
+
+/*
+ * Connect if need be. A store that failed pauses before it tries again; when the database is back, as the
+ * live thread knows, that pause is waited out and not made a failure of the request.
+ */
+static void connect_store(struct ui *ui, struct apc_store *store)
+{
+    const apc_ns give_up = apc_clock_mono(NULL) + APC_NS_PER_S;
+    while (store && !apc_store_connected(store) && apc_store_connect(store) == APC_ECONN) {
+        pthread_mutex_lock(&ui->model.mutex);
+        bool back = ui->model.connected;
+        pthread_mutex_unlock(&ui->model.mutex);
+        if (!back || apc_clock_mono(NULL) > give_up)
+            break;
+        ui_pause(ui, 25 * APC_NS_PER_MS);
+    }
+}
+
+static void *work(void *arg)
+{
+    struct pool *p = arg;
+    struct apc_store *store = NULL;
+    struct apc_error why;
+    if (ui_open_store(p->ui, "apc-ui", p->patience, &store, &why) < 0)
+        apc_log_write(p->ui->log, APC_LOG_ERROR, "%s", why.text);
+    pthread_mutex_lock(&p->mutex);
+    for (;;) {
+        while (!p->first && !p->ending)
+            pthread_cond_wait(&p->filled, &p->mutex);
+        struct exchange *x = p->first;
+        if (!x)
+            break;
+        p->first = x->next;
+        if (!p->first)
+            p->last = &p->first;
+        p->queued--;
+        pthread_mutex_unlock(&p->mutex);
+        connect_store(p->ui, store);
+        x->r.route->handle(p->ui, &x->r, store);
+        MHD_resume_connection(x->r.connection);
+        pthread_mutex_lock(&p->mutex);
+    }
+    pthread_mutex_unlock(&p->mutex);
+    apc_store_close(store);
+    return NULL;
+}
+
+static int pool_start(struct pool *p, struct ui *ui, size_t threads, apc_ns patience)
+{
+    p->ui = ui;
+    p->patience = patience;
+    p->last = &p->first;
+    if (pthread_mutex_init(&p->mutex, NULL) || pthread_cond_init(&p->filled, NULL))
+        return APC_ESYS;
+    while (p->threads < threads && pthread_create(&p->thread[p->threads], NULL, work, p) == 0)
+        p->threads++;
+    return p->threads > 0 ? 0 : APC_ESYS;
+}
+
+/* What is waiting is still answered. */
+static void pool_stop(struct pool *p)
+{
+    if (!p->ui)
+        return;
+    pthread_mutex_lock(&p->mutex);
+    p->ending = true;
+    pthread_cond_broadcast(&p->filled);
+    pthread_mutex_unlock(&p->mutex);
+    for (size_t i = 0; i < p->threads; i++)
+        pthread_join(p->thread[i], NULL);
+}
+
+/* Once nobody can give it anything any more. */
+static void pool_free(struct pool *p)
+{
+    if (!p->ui)
+        return;
+    pthread_cond_destroy(&p->filled);
+    pthread_mutex_destroy(&p->mutex);
+}
+
+static enum MHD_Result give_to(struct pool *p, struct exchange *x)
+{
+    set_busy(x);
+    pthread_mutex_lock(&p->mutex);
+    bool room = p->queued < QUEUE && !p->ending;
+    if (room) {
+        MHD_suspend_connection(x->r.connection);
+        x->queued = true;
+        x->next = NULL;
+        *p->last = x;
+        p->last = &x->next;
+        p->queued++;
+        pthread_cond_signal(&p->filled);
+    }
+    pthread_mutex_unlock(&p->mutex);
+    if (room)
+        return MHD_YES;
+    fault_set(&x->r.fault, 503, "busy", NULL, "too many requests at once: try again");
+    x->r.retry_after = APC_NS_PER_S;
+    return answer(x);
+}
+
+/* ---- libmicrohttpd's calls ---------------------------------------------------------------- */
+
+static const struct route *find_route(const char *method, const char *path)
+{
+    const struct route *found = NULL;
+    for (size_t i = 0; i < n_routes; i++)
+        if (!strcmp(path, routes[i].path) && (!found || !strcmp(method, routes[i].method)))
+            found = &routes[i];
+    bool reading = !strcmp(method, "GET") || !strcmp(method, "HEAD");
+    if (!found && reading && strncmp(path, "/api/", 5) != 0)
+        found = &routes[n_routes - 1];
+    return found;
+}
+
+static enum MHD_Result known_parameter(void *ctx, enum MHD_ValueKind kind, const char *name,
+                                       const char *value)
+{
+    struct request *r = ctx;
+    size_t n = strlen(name);
+    (void)kind;
+    for (const char *at = r->route->query; at && n > 0 && (at = strstr(at, name)) != NULL; at += n)
+        if ((at == r->route->query || at[-1] == ' ') && (at[n] == ' ' || at[n] == '\0')) {
+            if (!value)
+                fault_set(&r->fault, 400, "parameter", name, "\"%.30s\" has no value", name);
+            return value ? MHD_YES : MHD_NO;
+        }
+    fault_set(&r->fault, 400, "parameter", name, "\"%.30s\" is not known here", name);
+    return MHD_NO;
+}
+
+/* Headers are there: refuse now, or go on to the body. */
+static enum MHD_Result begin(struct exchange *x, const char *method, const char *path)
+{
+    x->begun = true;
+    x->r.route = find_route(method, path);
+    if (gate_pass(x->ui, &x->r, method) && x->r.route->query)
+        MHD_get_connection_values(x->r.connection, MHD_GET_ARGUMENT_KIND, known_parameter, &x->r);
+    return x->r.fault.http ? answer(x) : MHD_YES;
+}
+
+static enum MHD_Result take_body(struct exchange *x, const char *data, size_t *n)
+{
+    struct request *r = &x->r;
+    if (r->n + *n > BODY_MAX) {
+        r->too_large = true;
+    } else {
+        char *body = realloc(r->body, r->n + *n + 1);
+        if (!body)
+            return MHD_NO;
+        r->body = body;
+        memcpy(body + r->n, data, *n);
+        r->n += *n;
+        body[r->n] = '\0';
+    }
+    *n = 0;
+    return MHD_YES;
+}
+
+static enum MHD_Result finish(struct exchange *x, const char *path)
+{
+    struct request *r = &x->r;
+    if (r->too_large) {
+        fault_set(&r->fault, 413, "size", NULL, "the request is larger than %d bytes", BODY_MAX);
+        return answer(x);
+    }
+    switch (r->route->where) {
+    case DIRECT:
+        r->route->handle(x->ui, r, NULL);
+        return answer(x);
+    case WRITER:
+        return give_to(&x->ui->server->writers, x);
+    case PAST:
+        return give_to(&x->ui->server->readers, x);
+    case STREAM:
+        return answer_stream(x);
+    case PAGE:
+    default:
+        return answer_file(x, path);
+    }
+}
+
+static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, const char *path,
+                                  const char *method, const char *version, const char *data, size_t *n,
+                                  void **ctx)
+{
+    struct ui *ui = cls;
+    struct exchange *x = *ctx;
+    (void)version;
+    if (!x)
+        return MHD_NO;
+    x->r.connection = connection;
+    if (!x->begun) {
+        const union MHD_ConnectionInfo *info =
+            MHD_get_connection_info(connection, MHD_CONNECTION_INFO_SOCKET_CONTEXT);
+        x->ui = ui;
+        x->connection = info->socket_context;
+        if (!x->connection)
+            return MHD_NO;
+        memcpy(x->r.address, x->connection->address, sizeof x->r.address);
+        return begin(x, method, path);
+    }
+    if (x->answered)
+        return MHD_YES;
+    if (x->queued)
+        return answer(x);
+    return *n > 0 ? take_body(x, data, n) : finish(x, path);
+}
+
+/* The first call of a request; what it returns is *ctx of the others. */
+static void *on_uri(void *cls, const char *uri, struct MHD_Connection *connection)
+{
+    (void)cls;
+    (void)uri;
+    (void)connection;
+    return calloc(1, sizeof(struct exchange));
+}
+
+static void on_completed(void *cls, struct MHD_Connection *connection, void **ctx,
+                         enum MHD_RequestTerminationCode code)
+{
+    struct ui *ui = cls;
+    struct exchange *x = *ctx;
+    (void)connection;
+    (void)code;
+    if (!x)
+        return;
+    stream_close(x->reader);
+    if (x->connection) {
+        pthread_mutex_lock(&ui->server->mutex);
+        x->connection->since = apc_clock_mono(NULL);
+        x->connection->busy = false;
+        pthread_mutex_unlock(&ui->server->mutex);
+    }
+    free(x->r.body);
+    text_free(&x->r.reply);
+    text_free(&x->r.extra);
+    free(x);
+    *ctx = NULL;
+}
+
+static void on_connection(void *cls, struct MHD_Connection *connection, void **ctx,
+                          enum MHD_ConnectionNotificationCode code)
+{
+    struct server *s = ((struct ui *)cls)->server;
+    struct connection *c = *ctx;
+    if (code == MHD_CONNECTION_NOTIFY_CLOSED && !c)
+        return;
+    if (code == MHD_CONNECTION_NOTIFY_CLOSED) { /* its socket is still open, so its number is still its own */
+        pthread_mutex_lock(&s->mutex);
+        *c->at = c->next;
+        if (c->next)
+            c->next->at = c->at;
+        pthread_mutex_unlock(&s->mutex);
+        free(c);
+        return;
+    }
+    const union MHD_ConnectionInfo *fd =
+        MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD);
+    const union MHD_ConnectionInfo *client =
+        MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CLIENT_ADDRESS);
+    *ctx = c = calloc(1, sizeof *c);
+    if (!c) /* it cannot be refused here: its first request is */
+        return;
+    c->fd = fd->connect_fd;
+    c->since = apc_clock_mono(NULL);
+    socklen_t size =
+        client->client_addr->sa_family == AF_INET6 ? sizeof(struct sockaddr_in6) : sizeof(struct sockaddr_in);
+    getnameinfo(client->client_addr, size, c->address, sizeof c->address, NULL, 0, NI_NUMERICHOST);
+    pthread_mutex_lock(&s->mutex);
+    c->at = &s->connections;
+    c->next = s->connections;
+    if (c->next)
+        c->next->at = &c->next;
+    s->connections = c;
+    pthread_mutex_unlock(&s->mutex);
+}
+
+/* ---- Start and stop ----------------------------------------------------------------------- */
+
+static bool is_loopback(const struct sockaddr *address)
+{
+    if (address->sa_family == AF_INET)
+        return ntohl(((const struct sockaddr_in *)(const void *)address)->sin_addr.s_addr) >> 24 == 127;
+    return address->sa_family == AF_INET6 &&
+           IN6_IS_ADDR_LOOPBACK(&((const struct sockaddr_in6 *)(const void *)address)->sin6_addr);
+}
+
+static int check_binding(const struct ui *ui, const struct sockaddr *address, struct apc_error *why)
+{
+    const struct ui_options *o = &ui->options;
+    if (is_loopback(address))
+        return 0;
+    if (ui->open)
+        return apc_fail(
+            why, APC_EPERM,
+            "--listen %s: everybody could operate the plant: first make users with `apc user add`",
+            o->listen);
+    if (!ui->tls && !o->allow_plaintext)
+        return apc_fail(why, APC_EPERM,
+                        "--listen %s: passwords would cross the network in the clear: give --tls-cert and "
+                        "--tls-key, or --allow-plaintext if something in front does TLS",
+                        o->listen);
+    return 0;
+}
+
+/* A socket that listens there. Returns it, or an error. */
+static int listen_on(struct ui *ui, struct apc_error *why)
+{
+    const struct addrinfo hints = {.ai_socktype = SOCK_STREAM,
+                                   .ai_flags = AI_NUMERICHOST | AI_NUMERICSERV | AI_PASSIVE};
+    const char *text = ui->options.listen, *colon = strrchr(text, ':');
+    struct addrinfo *found = NULL;
+    struct sockaddr_storage bound;
+    socklen_t size = sizeof bound;
+    char host[64] = "";
+    const int on = 1;
+
+    if (colon && colon - text < (ptrdiff_t)sizeof host)
+        snprintf(host, sizeof host, "%.*s", (int)(colon - text), text);
+    size_t n = strlen(host);
+    if (n > 1 && host[0] == '[' && host[n - 1] == ']') {
+        host[n - 1] = '\0';
+        memmove(host, host + 1, n - 1);
+    }
+    if (!host[0] || getaddrinfo(host, colon + 1, &hints, &found) != 0)
+        return apc_fail(why, APC_EINVAL, "--listen \"%s\": must be ADDRESS:PORT, such as 127.0.0.1:8080",
+                        text);
+    int rc = check_binding(ui, found->ai_addr, why), fd = -1;
+    if (rc == 0) {
+        fd = socket(found->ai_family, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+        if (fd < 0 || setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) < 0 ||
+            bind(fd, found->ai_addr, found->ai_addrlen) < 0 || listen(fd, 128) < 0 ||
+            getsockname(fd, (struct sockaddr *)&bound, &size) < 0)
+            rc = apc_fail(why, APC_ESYS, "--listen %s: %s", text, strerror(errno));
+    }
+    freeaddrinfo(found);
+    if (rc < 0) {
+        if (fd >= 0)
+            close(fd);
+        return rc;
+    }
+    ui->port = ntohs(bound.ss_family == AF_INET6 ? ((struct sockaddr_in6 *)(void *)&bound)->sin6_port
+                                                 : ((struct sockaddr_in *)(void *)&bound)->sin_port);
+    return fd;
+}
+
+static int read_pem(const char *path, char **text, struct apc_error *why)
+{
+    const size_t most = 1 << 20;
+    FILE *file = fopen(path, "re");
+    *text = file ? calloc(1, most + 1) : NULL;
+    size_t n = *text ? fread(*text, 1, most, file) : 0;
+    bool ok = file && *text && n > 0 && !ferror(file);
+    if (file)
+        fclose(file);
+    return ok ? 0
+              : apc_fail(why, APC_ESYS, "%s: cannot be read: %s", path,
+                         errno ? strerror(errno) : "it is empty");
+}
+
+APC_PRINTF(2, 0) static void log_library(void *arg, const char *fmt, va_list args)
+{
+    char text[400];
+    vsnprintf(text, sizeof text, fmt, args);
+    text[strcspn(text, "\n")] = '\0';
+    apc_log_write(arg, APC_LOG_DEBUG, "libmicrohttpd: %s", text);
+}
+
+static int start_daemon(struct server *s, int fd, struct apc_error *why)
+{
+    const struct ui *ui = s->ui;
+    struct MHD_OptionItem tls[] = {
+        {MHD_OPTION_HTTPS_MEM_CERT, 0, s->cert},
+        {MHD_OPTION_HTTPS_MEM_KEY, 0, s->key},
+        {MHD_OPTION_HTTPS_PRIORITIES, 0, (void *)(uintptr_t) "NORMAL:-VERS-ALL:+VERS-TLS1.3:+VERS-TLS1.2"},
+        {MHD_OPTION_END, 0, NULL}};
+    unsigned flags = MHD_USE_EPOLL_INTERNAL_THREAD | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ERROR_LOG;
+    if (ui->tls)
+        flags |= MHD_USE_TLS;
+    else
+        tls[0].option = MHD_OPTION_END;
+    s->daemon = MHD_start_daemon(flags, 0, NULL, NULL, on_request, s->ui,                   //
+                                 MHD_OPTION_EXTERNAL_LOGGER, log_library, (void *)ui->log,  //
+                                 MHD_OPTION_LISTEN_SOCKET, fd,                              //
+                                 MHD_OPTION_URI_LOG_CALLBACK, on_uri, s->ui,                //
+                                 MHD_OPTION_NOTIFY_COMPLETED, on_completed, s->ui,          //
+                                 MHD_OPTION_NOTIFY_CONNECTION, on_connection, s->ui,        //
+                                 MHD_OPTION_CONNECTION_LIMIT, (unsigned)CONNECTIONS,        //
+                                 MHD_OPTION_PER_IP_CONNECTION_LIMIT, (unsigned)PER_ADDRESS, //
+                                 MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)SILENCE,          //
+                                 MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)(48 * 1024),   //
+                                 MHD_OPTION_ARRAY, tls, MHD_OPTION_END);
+    if (s->daemon)
+        return 0;
+    close(fd);
+    return apc_fail(why, APC_ESYS, "the server cannot be started%s",
+                    ui->tls ? ": certificate and key must be PEM and belong together" : "");
+}
+
+int server_start(struct ui *ui, struct apc_error *why)
+{
+    struct server *s = ui->server = calloc(1, sizeof *s);
+    if (!s)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    s->ui = ui;
+    ui->tls = ui->options.tls_cert != NULL;
+    if (pthread_mutex_init(&s->mutex, NULL))
+        return apc_fail(why, APC_ESYS, "no mutex");
+    int rc = 0;
+    if (ui->tls && ((rc = read_pem(ui->options.tls_cert, &s->cert, why)) < 0 ||
+                    (rc = read_pem(ui->options.tls_key, &s->key, why)) < 0))
+        return rc;
+    int fd = listen_on(ui, why);
+    if (fd < 0)
+        return fd;
+    if (pool_start(&s->writers, ui, WRITERS, 0) < 0 || pool_start(&s->readers, ui, READERS, PATIENCE) < 0) {
+        close(fd);
+        return apc_fail(why, APC_ESYS, "no thread can be made");
+    }
+    return start_daemon(s, fd, why);
+}
+
+void server_look(struct ui *ui)
+{
+    struct server *s = ui->server;
+    apc_ns now = apc_clock_mono(NULL);
+    stream_drop(ui->stream, session_over, NULL, "session", "the session has ended: please log in");
+    pthread_mutex_lock(&s->mutex);
+    for (const struct connection *c = s->connections; c; c = c->next)
+        if (!c->busy && now - c->since > DEADLINE)
+            shutdown(c->fd, SHUT_RDWR);
+    pthread_mutex_unlock(&s->mutex);
+}
+
+void server_stop(struct ui *ui)
+{
+    struct server *s = ui->server;
+    if (!s)
+        return;
+    pool_stop(&s->writers);
+    pool_stop(&s->readers);
+    stream_end(ui->stream, "shutdown", "the server is being stopped");
+    for (int i = 0; i < 20 && s->daemon; i++) { /* let the streams read it */
+        struct stream_stats stats;
+        stream_stats(ui->stream, &stats);
+        if (stats.readers == 0)
+            break;
+        poll(NULL, 0, 10);
+    }
+    if (s->daemon)
+        MHD_stop_daemon(s->daemon); /* no connection sleeps now: it would not have that */
+    pool_free(&s->writers);
+    pool_free(&s->readers);
+    pthread_mutex_destroy(&s->mutex);
+    free(s->cert);
+    free(s->key);
+    free(s);
+    ui->server = NULL;
+}

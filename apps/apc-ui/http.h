@@ -1,0 +1,116 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * Requests and their answers, on libmicrohttpd. Every request goes through one gate (host, session, role,
+ * CSRF, type, size), by what its route in the table says; a path that is in no route answers strangers as all
+ * others do.
+ */
+#ifndef APC_UI_HTTP_H
+#define APC_UI_HTTP_H
+
+#include <microhttpd.h>
+
+#include "ui.h"
+
+#define BODY_MAX (64 * 1024)
+
+enum where {
+    DIRECT = 1, /* in the server's thread: never waits */
+    WRITER,     /* in a writer's, with a store */
+    PAST,       /* in a reader's, with a store that may take its time */
+    STREAM,
+    PAGE
+};
+
+struct request;
+
+struct route {
+    const char *method, *path;
+    enum role role; /* ROLE_NONE: anyone */
+    enum where where;
+    void (*handle)(struct ui *ui, struct request *r, struct apc_store *store);
+    const char *query; /* names of parameters, with a space between */
+    const char *doc;
+};
+extern const struct route routes[];
+extern const size_t n_routes;
+
+struct request {
+    const struct route *route;
+    struct MHD_Connection *connection;
+    char address[64]; /* of the client */
+    struct session session;
+    char *body;
+    size_t n;
+    bool too_large;
+
+    /* The answer. */
+    int status; /* 0: 200 */
+    struct fault fault;
+    struct text extra; /* members beside "error", beginning with a comma */
+    struct text reply;
+    const char *type; /* default application/json */
+    char cookie[256]; /* Set-Cookie, or "" */
+    const char *location;
+    char nonce[TOKEN_LEN]; /* of the style in an HTML answer, or "" */
+    apc_ns retry_after;
+};
+
+/* A parameter, or NULL. */
+const char *request_query(const struct request *r, const char *name);
+const char *request_header(const struct request *r, const char *name);
+/* Number parameters; false: fault set. An absent one leaves *value alone. */
+bool query_whole(struct request *r, const char *name, int64_t low, int64_t high, int64_t *value);
+/* Unix seconds, RFC 3339, or negative seconds before now. */
+bool query_time(struct request *r, const char *name, apc_ns now, apc_ns *value);
+bool time_parse(const char *text, apc_ns now, apc_ns *value);
+/* The store's answer as a fault: nothing was written. */
+void fault_store(struct request *r, int rc, const struct apc_store *store);
+
+/* Returns 0 or an error in why; ui->server and ui->port are set. */
+int server_start(struct ui *ui, struct apc_error *why);
+/* Close what has not sent its request in time; each second. */
+void server_look(struct ui *ui);
+void server_stop(struct ui *ui);
+
+/* gate.c: may this request go on? False: the fault is set. Body not looked at. */
+bool gate_pass(struct ui *ui, struct request *r, const char *method);
+bool host_allowed(const char *host, const char *const *names);
+bool origin_matches(const char *origin, const char *host);
+void cookie_name(const struct ui *ui, char name[32]);
+
+/* files.c: the page. */
+int files_load(struct files **files, const char *folder, struct apc_error *why);
+void files_free(struct files *files);
+size_t files_count(const struct files *files);
+struct file {
+    const char *path, *type, *etag; /* path begins with / */
+    bool immutable;
+    const char *data, *zipped; /* zipped: NULL where it would be no smaller */
+    size_t n, n_zipped;
+};
+/* "/" is "/index.html". NULL: there is none. */
+const struct file *files_find(const struct files *files, const char *path);
+
+/* Handlers of the table. */
+void get_session(struct ui *ui, struct request *r, struct apc_store *store);
+void post_login(struct ui *ui, struct request *r, struct apc_store *store);
+void post_logout(struct ui *ui, struct request *r, struct apc_store *store);
+void get_plant(struct ui *ui, struct request *r, struct apc_store *store);
+void get_state(struct ui *ui, struct request *r, struct apc_store *store);
+void get_diagnostics(struct ui *ui, struct request *r, struct apc_store *store);
+void get_history(struct ui *ui, struct request *r, struct apc_store *store);
+void get_events(struct ui *ui, struct request *r, struct apc_store *store);
+void get_timing(struct ui *ui, struct request *r, struct apc_store *store);
+void get_timing_series(struct ui *ui, struct request *r, struct apc_store *store);
+void get_writes(struct ui *ui, struct request *r, struct apc_store *store);
+void post_setpoint(struct ui *ui, struct request *r, struct apc_store *store);
+void post_output(struct ui *ui, struct request *r, struct apc_store *store);
+void post_mode(struct ui *ui, struct request *r, struct apc_store *store);
+void post_tuning(struct ui *ui, struct request *r, struct apc_store *store);
+void get_metrics(struct ui *ui, struct request *r, struct apc_store *store);
+void get_livez(struct ui *ui, struct request *r, struct apc_store *store);
+void get_readyz(struct ui *ui, struct request *r, struct apc_store *store);
+/* The login form as the answer to a browser without a session. */
+void login_page(struct request *r, const char *message);
+
+#endif

@@ -1,0 +1,356 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc-ui: the operator's page and its API. See docs/http-api.md. */
+#include <argp.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <systemd/sd-daemon.h>
+
+#include "common/exitcode.h"
+#include "common/experiment.h"
+#include "http.h"
+
+#define NICE          5 /* control comes first */
+#define LIFE          (12 * 3600 * APC_NS_PER_S)
+#define DEFAULT_IDLE  3600.0
+#define DEFAULT_PLACE "127.0.0.1:8080"
+
+/* ---- Options ------------------------------------------------------------------------------ */
+
+struct options {
+    struct ui_options ui;
+    const char *config, *start, *log_level;
+    size_t names;
+};
+
+enum {
+    OPT_START = 0x100,
+    OPT_LOG_LEVEL,
+    OPT_USERS,
+    OPT_PAGE,
+    OPT_NAME,
+    OPT_CERT,
+    OPT_KEY,
+    OPT_PLAIN,
+    OPT_SESSION,
+    OPT_SPOOL
+};
+
+static const struct argp_option option_list[] = {
+    {"config", 'c', "FILE", 0, "Experiment file, for its name and periods [APC_CONFIG]", 0},
+    {"store", 's', "URI", 0,
+     "Shared data, e.g. postgresql://host/db#schema [APC_STORE]; default postgresql:", 0},
+    {"listen", 'l', "ADDRESS:PORT", 0, "Where to serve; default " DEFAULT_PLACE "; port 0: any", 0},
+    {"users", OPT_USERS, "FILE", 0,
+     "Who may log in, made by `apc user add` [APC_USERS]; default ~/.config/apc/users. Without this file, "
+     "and on "
+     "loopback only, everybody is operator",
+     0},
+    {"name", OPT_NAME, "HOST", 0,
+     "A name of this server, other than localhost and its addresses; may be repeated", 0},
+    {"tls-cert", OPT_CERT, "FILE", 0, "Serve HTTPS with this certificate (PEM)", 0},
+    {"tls-key", OPT_KEY, "FILE", 0, "Its private key (PEM)", 0},
+    {"allow-plaintext", OPT_PLAIN, NULL, 0, "Serve other hosts without TLS: when something in front does it",
+     0},
+    {"session", OPT_SESSION, "SECONDS", 0, "How long a login lasts without use; default 3600, at most 12 h",
+     0},
+    {"page", OPT_PAGE, "DIR", 0, "Folder of the built page; default ../share/apc/ui beside this program", 0},
+    {"spool", OPT_SPOOL, "DIR", 0,
+     "Folder of the daemons' spools, to show how much waits in them [APC_SPOOL]", 0},
+    {"start", OPT_START, "TIME", 0, "Time of t = 0 of the run, RFC 3339", 0},
+    {"log-level", OPT_LOG_LEVEL, "LEVEL", 0, "error, warn, info (default) or debug [APC_LOG_LEVEL]", 0},
+    {0},
+};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct options *o = state->input;
+    switch (key) {
+    case 'c':
+        o->config = arg;
+        break;
+    case 's':
+        o->ui.store = arg;
+        break;
+    case 'l':
+        o->ui.listen = arg;
+        break;
+    case OPT_USERS:
+        o->ui.users = arg;
+        break;
+    case OPT_NAME:
+        if (o->names + 1 >= sizeof o->ui.names / sizeof *o->ui.names)
+            argp_error(state, "--name: too many");
+        o->ui.names[o->names++] = arg;
+        break;
+    case OPT_CERT:
+        o->ui.tls_cert = arg;
+        break;
+    case OPT_KEY:
+        o->ui.tls_key = arg;
+        break;
+    case OPT_PLAIN:
+        o->ui.allow_plaintext = true;
+        break;
+    case OPT_SESSION:
+        if (apc_number_parse(arg, &o->ui.session) < 0 || o->ui.session < 1 || o->ui.session > 43200)
+            argp_error(state, "--session \"%s\": must be seconds, from 1 to 43200", arg);
+        break;
+    case OPT_SPOOL:
+        o->ui.spool = arg;
+        break;
+    case OPT_PAGE:
+        o->ui.page = arg;
+        break;
+    case OPT_START:
+        o->start = arg;
+        break;
+    case OPT_LOG_LEVEL:
+        o->log_level = arg;
+        break;
+    case ARGP_KEY_ARG:
+        argp_error(state, "unexpected argument \"%s\"", arg);
+        break;
+    case ARGP_KEY_END:
+        if (!o->ui.tls_cert != !o->ui.tls_key)
+            argp_error(state, "--tls-cert and --tls-key belong together");
+        break;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static void print_version(FILE *stream, struct argp_state *state)
+{
+    fprintf(stream, "%s (libapc) %s\n", state->name, apc_version());
+}
+
+static const char *or_environment(const char *flag, const char *name, const char *fallback)
+{
+    const char *value = flag ? flag : getenv(name);
+    return value ? value : fallback;
+}
+
+_Noreturn static void usage_error(const char *option, const char *value, const char *must)
+{
+    fprintf(stderr, "apc-ui: %s \"%s\": must be %s\n", option, value, must);
+    exit(EXIT_USAGE);
+}
+
+/* ---- Setting up --------------------------------------------------------------------------- */
+
+static int fail(const struct apc_error *why, int rc)
+{
+    fprintf(stderr, "apc-ui: %s\n", why->text);
+    return rc;
+}
+
+/* What the file says that the store does not: name, title, periods. */
+static int load_experiment(struct ui *ui, const char *file, struct apc_error *why)
+{
+    struct experiment e;
+    struct plant *p = &ui->model.plant;
+    if (!file)
+        return 0;
+    int rc = experiment_load(&e, file, 0, NULL, why);
+    if (rc < 0)
+        return rc;
+    snprintf(p->name, sizeof p->name, "%s", e.name);
+    snprintf(p->title, sizeof p->title, "%s", e.title);
+    p->rhythms = (struct rhythms){.client = e.client.rhythm.period,
+                                  .plant = e.plant.rhythm.period,
+                                  .controller = e.controller.rhythm.period};
+    experiment_free(&e);
+    return 0;
+}
+
+static int load_users(struct ui *ui, struct apc_error *why)
+{
+    if (!users_path(ui->options.users, ui->users_path)) {
+        ui->open = true;
+        return 0;
+    }
+    int rc = users_load(&ui->users, ui->users_path, why);
+    bool asked = ui->options.users || getenv("APC_USERS");
+    ui->open = rc == APC_ENOTFOUND && !asked;
+    return ui->open ? 0 : rc;
+}
+
+static int load_page(struct ui *ui, struct apc_error *why)
+{
+    char folder[4096] = "";
+    if (!ui->options.page) {
+        ssize_t n = readlink("/proc/self/exe", folder, sizeof folder - 32);
+        folder[n > 0 ? n : 0] = '\0';
+        for (int up = 0; up < 2 && strrchr(folder, '/'); up++)
+            *strrchr(folder, '/') = '\0';
+        strcat(folder, "/share/apc/ui");
+    }
+    int rc = files_load(&ui->files, ui->options.page ? ui->options.page : folder, why);
+    if (rc == APC_ENOTFOUND && !ui->options.page && ui->files) {
+        apc_log_write(ui->log, APC_LOG_WARN, "the page is not there (%s); the API works", why->text);
+        return 0;
+    }
+    return rc;
+}
+
+static void told(void *ctx, const struct write *write)
+{
+    struct ui *ui = ctx;
+    struct text t = {0};
+    write_json(write, &t);
+    if (!t.failed)
+        stream_publish(ui->stream, "write", t.at, t.n, true);
+    text_free(&t);
+}
+
+static int make_parts(struct ui *ui, struct apc_error *why)
+{
+    double idle = ui->options.session > 0 ? ui->options.session : DEFAULT_IDLE;
+    ui->began = apc_clock_mono(NULL);
+    int rc = model_init(&ui->model);
+    if (rc == 0)
+        rc = stream_create(&ui->stream);
+    if (rc == 0)
+        rc = writes_create(&ui->writes, told, ui);
+    if (rc == 0)
+        rc = sessions_init(&ui->sessions, (apc_ns)(idle * 1e9), LIFE);
+    if (rc == 0)
+        rc = backoff_init(&ui->backoff);
+    if (rc == 0 && (pthread_mutex_init(&ui->users_mutex, NULL) || pthread_mutex_init(&ui->audit_mutex, NULL)))
+        rc = APC_ESYS;
+    struct meter *meters[] = {&ui->reads, &ui->stores, &ui->lag};
+    for (size_t i = 0; i < 3 && rc == 0; i++)
+        rc = meter_init(meters[i]);
+    return rc < 0 ? apc_fail(why, rc, "%s", apc_err_text(rc)) : 0;
+}
+
+static void free_parts(struct ui *ui)
+{
+    struct meter *meters[] = {&ui->reads, &ui->stores, &ui->lag};
+    for (size_t i = 0; i < 3; i++)
+        meter_free(meters[i]);
+    stream_destroy(ui->stream);
+    writes_destroy(ui->writes);
+    sessions_free(&ui->sessions);
+    users_free(&ui->users);
+    files_free(ui->files);
+    model_free(&ui->model);
+}
+
+/* ---- Running ------------------------------------------------------------------------------ */
+
+static void block_signals(sigset_t *set)
+{
+    sigemptyset(set);
+    sigaddset(set, SIGTERM);
+    sigaddset(set, SIGINT);
+    pthread_sigmask(SIG_BLOCK, set, NULL);
+    signal(SIGPIPE, SIG_IGN);
+}
+
+static void beat(struct ui *ui)
+{
+    struct text t = {0};
+    text_add(&t, "{\"t\":");
+    json_time_add(&t, apc_clock_utc(NULL));
+    pthread_mutex_lock(&ui->model.mutex);
+    text_add(&t, ",\"connected\":%s}", ui->model.connected ? "true" : "false");
+    pthread_mutex_unlock(&ui->model.mutex);
+    if (!t.failed)
+        stream_publish(ui->stream, "beat", t.at, t.n, false);
+    text_free(&t);
+}
+
+static void say_where(const struct ui *ui)
+{
+    const char *listen = ui->options.listen;
+    apc_log_write(ui->log, APC_LOG_INFO, "serving %s://%.*s:%d (%zu files of the page, %s)",
+                  ui->tls ? "https" : "http", (int)(strrchr(listen, ':') - listen), listen, ui->port,
+                  files_count(ui->files),
+                  ui->open ? "no login: everybody on this host is operator" : "with login");
+}
+
+static void serve(struct ui *ui, sigset_t *signals)
+{
+    const struct timespec second = {1, 0};
+    while (sigtimedwait(signals, NULL, &second) < 0) {
+        beat(ui);
+        server_look(ui);
+        sd_notify(0, "WATCHDOG=1");
+    }
+}
+
+static int run(struct ui *ui, sigset_t *signals, struct apc_error *why)
+{
+    pthread_t live, records;
+    int rc = server_start(ui, why);
+    if (rc < 0)
+        return rc;
+    bool have_live = pthread_create(&live, NULL, live_thread, ui) == 0;
+    bool have_records = have_live && pthread_create(&records, NULL, records_thread, ui) == 0;
+    if (have_records) {
+        say_where(ui);
+        sd_notify(0, "READY=1");
+        serve(ui, signals);
+        sd_notify(0, "STOPPING=1");
+        apc_log_write(ui->log, APC_LOG_INFO, "stopping");
+    } else {
+        rc = apc_fail(why, APC_ESYS, "no thread can be made");
+    }
+    ui->stopping = true;
+    server_stop(ui);
+    if (have_live)
+        pthread_join(live, NULL);
+    if (have_records)
+        pthread_join(records, NULL);
+    return rc;
+}
+
+int main(int argc, char **argv)
+{
+    static const struct argp argp = {option_list, parse, NULL, "Serve the operator's page of a plant.",
+                                     NULL,        NULL,  NULL};
+    struct options o = {0};
+    struct apc_error why;
+    sigset_t signals;
+    struct ui *ui = calloc(1, sizeof *ui);
+
+    argp_program_version_hook = print_version;
+    argp_err_exit_status = EXIT_USAGE;
+    argp_parse(&argp, argc, argv, 0, NULL, &o);
+    const char *level = or_environment(o.log_level, "APC_LOG_LEVEL", "info");
+    if (!apc_log_level_parse(level))
+        usage_error("--log-level", level, "error, warn, info or debug");
+    if (!ui)
+        return EXIT_ERROR;
+    ui->options = o.ui;
+    ui->options.store = or_environment(o.ui.store, "APC_STORE", "postgresql:");
+    ui->options.spool = or_environment(o.ui.spool, "APC_SPOOL", NULL);
+    ui->options.listen = o.ui.listen ? o.ui.listen : DEFAULT_PLACE;
+    if (o.start && apc_time_parse(o.start, &ui->model.plant.start) < 0)
+        usage_error("--start", o.start, "a time such as 2026-01-31T12:00:00Z");
+    block_signals(&signals);
+    (void)setpriority(PRIO_PROCESS, 0, NICE);
+    int rc = apc_log_create(&ui->log, STDERR_FILENO, "apc-ui", apc_log_level_parse(level));
+    if (rc == 0 && (rc = make_parts(ui, &why)) == 0 &&
+        (rc = load_experiment(ui, or_environment(o.config, "APC_CONFIG", NULL), &why)) == 0 &&
+        (rc = load_users(ui, &why)) == 0 && (rc = load_page(ui, &why)) == 0) {
+        struct apc_store *probe = NULL; /* is the URI one at all? */
+        rc = ui_open_store(ui, "apc-ui", 0, &probe, &why);
+        apc_store_close(probe);
+    }
+    if (rc == 0)
+        rc = run(ui, &signals, &why);
+    if (rc < 0)
+        fail(&why, rc);
+    server_stop(ui);
+    free_parts(ui);
+    apc_log_destroy(ui->log);
+    free(ui);
+    return exit_code_of(rc);
+}

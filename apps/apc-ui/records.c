@@ -1,0 +1,382 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * What the store has no wake-up for: each second the newest events and timing rows, now and then the
+ * descriptions and the file of users; and the audit rows that could not be written when they were due.
+ */
+#include <glob.h>
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "ui.h"
+
+#define LOOK       APC_NS_PER_S
+#define RECENT     50                  /* events of one look */
+#define FIRST      1000                /* events of the first, for the links */
+#define BACK       (15 * APC_NS_PER_S) /* timing rows may come this late */
+#define FIRST_BACK (60 * APC_NS_PER_S)
+#define TAGS_EACH  10 /* looks */
+
+const char *const quantity_names[QUANTITIES] = {"lateness", "jitter", "run"};
+
+struct records {
+    struct ui *ui;
+    struct apc_store *store;
+    struct apc_event *event; /* [FIRST]: of this look, oldest first */
+    size_t n, room;
+    struct apc_event last; /* newest event known */
+    bool know_last;
+    bool reported[TASKS]; /* tasks with news in this look */
+    bool started;
+};
+
+/* ---- Audit -------------------------------------------------------------------------------- */
+
+void audit(struct ui *ui, struct apc_store *store, const struct apc_event *event)
+{
+    const size_t room = sizeof ui->audit / sizeof *ui->audit;
+    if (store && apc_store_append_events(store, event, 1) >= 0)
+        return;
+    pthread_mutex_lock(&ui->audit_mutex);
+    if (ui->audits < room)
+        ui->audit[ui->audits++] = *event;
+    else
+        apc_log_write(ui->log, APC_LOG_ERROR, "not recorded: %s: %s", event->source, event->text);
+    pthread_mutex_unlock(&ui->audit_mutex);
+}
+
+static int flush_audit(struct records *r)
+{
+    struct ui *ui = r->ui;
+    struct apc_event waiting[sizeof ui->audit / sizeof *ui->audit];
+    pthread_mutex_lock(&ui->audit_mutex);
+    size_t n = ui->audits;
+    memcpy(waiting, ui->audit, n * sizeof *waiting);
+    pthread_mutex_unlock(&ui->audit_mutex);
+    int rc = n > 0 ? apc_store_append_events(r->store, waiting, n) : 0;
+    if (rc < 0)
+        return rc;
+    pthread_mutex_lock(&ui->audit_mutex); /* others may have come behind these */
+    ui->audits -= n;
+    memmove(ui->audit, ui->audit + n, ui->audits * sizeof *ui->audit);
+    pthread_mutex_unlock(&ui->audit_mutex);
+    return 0;
+}
+
+/* ---- Events ------------------------------------------------------------------------------- */
+
+void event_json(const struct apc_event *event, struct text *t)
+{
+    text_add(t, "{\"time\":");
+    json_time_add(t, event->time);
+    text_add(t, ",\"severity\":%d,\"source\":", (int)event->severity);
+    json_string_add(t, event->source);
+    text_add(t, ",\"kind\":");
+    json_string_add(t, event->kind);
+    text_add(t, ",\"text\":");
+    json_string_add(t, event->text);
+    text_add(t, "}");
+}
+
+static int take_event(void *ctx, const struct apc_event *event)
+{
+    struct records *r = ctx;
+    if (r->n < r->room)
+        r->event[r->n++] = *event;
+    return 0;
+}
+
+static bool same_event(const struct apc_event *a, const struct apc_event *b)
+{
+    return a->time == b->time && a->severity == b->severity && !strcmp(a->source, b->source) &&
+           !strcmp(a->kind, b->kind) && !strcmp(a->text, b->text);
+}
+
+/* Who lost or found his connection says so by an event of kind link: a warning, an information. */
+static void take_link(struct model *m, const struct apc_event *event)
+{
+    size_t i = 0;
+    pthread_mutex_lock(&m->mutex);
+    while (i < m->links && strcmp(m->link[i].name, event->source) != 0)
+        i++;
+    if (i == m->links && i < LINKS)
+        m->links++;
+    if (i < LINKS) {
+        struct link_state *link = &m->link[i];
+        memcpy(link->name, event->source, sizeof link->name);
+        memcpy(link->text, event->text, sizeof link->text);
+        link->up = event->severity == APC_EVENT_INFO;
+        link->since = event->time;
+        link->changes++;
+    }
+    pthread_mutex_unlock(&m->mutex);
+}
+
+static void tell_events(struct records *r, size_t from)
+{
+    struct text t = {0};
+    text_add(&t, "{\"events\":[");
+    for (size_t i = from; i < r->n; i++) {
+        event_json(&r->event[i], &t);
+        text_put(&t, ",", 1);
+    }
+    text_chop(&t, ',');
+    text_add(&t, "]}");
+    if (!t.failed)
+        stream_publish(r->ui->stream, "event", t.at, t.n, true);
+    text_free(&t);
+}
+
+/* Events have no number: the new ones are those behind the newest that is known. */
+static int look_events(struct records *r)
+{
+    const struct apc_range range = {.last = r->started ? RECENT : FIRST};
+    r->n = 0;
+    r->room = range.last;
+    int rc = apc_store_events(r->store, &range, take_event, r);
+    if (rc < 0)
+        return rc;
+    size_t from = r->n;
+    while (from > 0 && !(r->know_last && same_event(&r->event[from - 1], &r->last)))
+        from--;
+    for (size_t i = from; i < r->n; i++)
+        if (!strcmp(r->event[i].kind, "link"))
+            take_link(&r->ui->model, &r->event[i]);
+    if (r->started && from < r->n)
+        tell_events(r, from);
+    if (r->n > 0) {
+        r->last = r->event[r->n - 1];
+        r->know_last = true;
+    }
+    return 0;
+}
+
+/* ---- Timing ------------------------------------------------------------------------------- */
+
+void figures_json(const struct apc_summary *s, struct text *t)
+{
+    text_add(t, "{\"count\":%" PRIu64 ",\"mean\":%.9g,\"p50\":", s->count, s->mean / 1e9);
+    json_seconds_add(t, s->p50);
+    text_add(t, ",\"p99\":");
+    json_seconds_add(t, s->p99);
+    text_add(t, ",\"max\":");
+    json_seconds_add(t, s->max);
+    text_add(t, "}");
+}
+
+void task_json(const struct task *task, apc_ns now, struct text *t)
+{
+    text_add(t, "{\"task\":");
+    json_string_add(t, task->name);
+    text_add(t, ",\"period\":");
+    json_seconds_add(t, task->period);
+    text_add(t, ",\"time\":");
+    json_time_add(t, task->last[RUN].time);
+    text_add(t, ",\"age\":");
+    json_seconds_add(t, now - task->heard);
+    text_add(t, ",\"count\":%" PRIu64 ",\"missed\":%" PRIu64 ",\"missed_total\":%" PRIu64,
+             task->last[RUN].count, task->missed, task->missed_total);
+    for (int q = 0; q < QUANTITIES; q++) {
+        const struct figures *f = &task->last[q];
+        const struct apc_summary s = {
+            .count = f->count, .mean = f->mean, .p50 = f->p50, .p99 = f->p99, .max = f->max};
+        text_add(t, ",\"%s\":", quantity_names[q]);
+        if (f->count > 0)
+            figures_json(&s, t);
+        else
+            text_add(t, "null");
+    }
+    text_add(t, "}");
+}
+
+static struct task *task_of(struct model *m, const char *name)
+{
+    size_t i = 0;
+    while (i < m->tasks && strcmp(m->task[i].name, name) != 0)
+        i++;
+    if (i == m->tasks && i < TASKS) {
+        m->tasks++;
+        memcpy(m->task[i].name, name, sizeof m->task[i].name);
+    }
+    return i < TASKS ? &m->task[i] : NULL;
+}
+
+static int quantity_of(const char *name)
+{
+    int q = 0;
+    while (q < QUANTITIES && strcmp(name, quantity_names[q]) != 0)
+        q++;
+    return q;
+}
+
+/* A row is new when it is later than what its task said last about this quantity. */
+static int take_timing(void *ctx, const struct apc_timing_row *row)
+{
+    struct records *r = ctx;
+    struct model *m = &r->ui->model;
+    int q = quantity_of(row->quantity);
+    pthread_mutex_lock(&m->mutex);
+    struct task *task = q < QUANTITIES ? task_of(m, row->task) : NULL;
+    if (task && row->time > task->last[q].time) {
+        task->last[q] = (struct figures){.time = row->time,
+                                         .count = row->count,
+                                         .mean = row->mean,
+                                         .p50 = row->p50,
+                                         .p99 = row->p99,
+                                         .max = row->max};
+        task->total[q].count += row->count;
+        task->total[q].sum += row->mean * (double)row->count / 1e9;
+        task->period = row->period;
+        task->heard = apc_clock_mono(NULL) - (r->started ? 0 : apc_clock_utc(NULL) - row->time);
+        if (q == RUN) { /* all quantities of a window have the same */
+            task->missed = row->missed;
+            task->missed_total += r->started ? row->missed : 0;
+        }
+        r->reported[task - m->task] = true;
+    }
+    pthread_mutex_unlock(&m->mutex);
+    return 0;
+}
+
+static void tell_tasks(struct records *r)
+{
+    struct model *m = &r->ui->model;
+    struct text t = {0};
+    apc_ns now = apc_clock_mono(NULL);
+    text_add(&t, "{\"tasks\":[");
+    size_t empty = t.n;
+    pthread_mutex_lock(&m->mutex);
+    for (size_t i = 0; i < m->tasks; i++)
+        if (r->reported[i]) {
+            task_json(&m->task[i], now, &t);
+            text_put(&t, ",", 1);
+        }
+    /* What the tasks say counts more than what a file said. */
+    struct rhythms rhythms = m->plant.rhythms;
+    apc_ns client = model_task_period(m, "client"), plant = model_task_period(m, "plant"),
+           controller = model_task_period(m, "controller");
+    rhythms.client = client ? client : rhythms.client;
+    rhythms.plant = plant ? plant : rhythms.plant;
+    rhythms.controller = controller ? controller : rhythms.controller;
+    plant_rhythms(&m->plant, &rhythms);
+    pthread_mutex_unlock(&m->mutex);
+    bool news = t.n > empty;
+    text_chop(&t, ',');
+    text_add(&t, "]}");
+    if (news && !t.failed)
+        stream_publish(r->ui->stream, "tasks", t.at, t.n, true);
+    text_free(&t);
+}
+
+static int look_timing(struct records *r)
+{
+    const struct apc_range range = {.since = apc_clock_utc(NULL) - (r->started ? BACK : FIRST_BACK)};
+    memset(r->reported, 0, sizeof r->reported);
+    int rc = apc_store_timing(r->store, &range, take_timing, r);
+    tell_tasks(r);
+    return rc < 0 ? rc : 0;
+}
+
+/* ---- Spools ------------------------------------------------------------------------------- */
+
+/* What daemons of this host keep back, all together. */
+static void look_spools(struct ui *ui)
+{
+    struct apc_spool_stats all = {0};
+    struct apc_spool_info info;
+    char pattern[4096];
+    glob_t found = {0};
+    if (!ui->options.spool)
+        return;
+    snprintf(pattern, sizeof pattern, "%s/*.spool", ui->options.spool);
+    if (glob(pattern, GLOB_NOSORT, NULL, &found) != 0)
+        found.gl_pathc = 0;
+    for (size_t i = 0; i < found.gl_pathc; i++) {
+        if (apc_spool_look(found.gl_pathv[i], &info, NULL) < 0)
+            continue;
+        all.samples += info.stats.samples;
+        all.events += info.stats.events;
+        if (info.stats.oldest > 0 && (all.oldest == 0 || info.stats.oldest < all.oldest))
+            all.oldest = info.stats.oldest;
+    }
+    globfree(&found);
+    pthread_mutex_lock(&ui->model.mutex);
+    ui->model.spool = all;
+    pthread_mutex_unlock(&ui->model.mutex);
+}
+
+/* ---- Descriptions and users --------------------------------------------------------------- */
+
+static int look_tags(struct records *r)
+{
+    int n = apc_store_get_tags(r->store, NULL, 0);
+    struct apc_tag *tags = n > 0 ? calloc((size_t)n, sizeof *tags) : NULL;
+    int rc = tags ? apc_store_get_tags(r->store, tags, (size_t)n) : n;
+    if (tags && rc >= 0)
+        model_describe(&r->ui->model, tags, (size_t)(rc < n ? rc : n));
+    free(tags);
+    return rc < 0 ? rc : 0;
+}
+
+static void look_users(struct ui *ui)
+{
+    struct users users;
+    struct apc_error why;
+    if (ui->open)
+        return;
+    int rc = users_load(&users, ui->users_path, &why);
+    pthread_mutex_lock(&ui->users_mutex);
+    bool changed = rc == 0 && memcmp(&users.changed, &ui->users.changed, sizeof users.changed) != 0;
+    if (changed) {
+        struct users old = ui->users;
+        ui->users = users;
+        users = old;
+        sessions_revoke(&ui->sessions, &ui->users);
+    }
+    pthread_mutex_unlock(&ui->users_mutex);
+    if (changed)
+        apc_log_write(ui->log, APC_LOG_INFO, "the file of users has changed");
+    users_free(&users);
+}
+
+/* ------------------------------------------------------------------------------------------- */
+
+static int look(struct records *r, unsigned looks)
+{
+    int rc = flush_audit(r);
+    if (rc >= 0)
+        rc = look_events(r);
+    if (rc >= 0)
+        rc = look_timing(r);
+    if (rc >= 0 && looks % TAGS_EACH == 0)
+        rc = look_tags(r);
+    if (rc >= 0)
+        r->started = true;
+    return rc;
+}
+
+void *records_thread(void *arg)
+{
+    struct records r = {.ui = arg, .event = calloc(FIRST, sizeof *r.event)};
+    struct apc_error why;
+    bool said = false;
+    if (!r.event || ui_open_store(r.ui, "apc-ui records", 0, &r.store, &why) < 0) {
+        free(r.event);
+        return NULL;
+    }
+    for (unsigned looks = 1; !r.ui->stopping; looks++) {
+        int rc = look(&r, looks);
+        if (rc < 0 && rc != APC_ECONN && rc != APC_ETIMEDOUT && !said)
+            apc_log_write(r.ui->log, APC_LOG_WARN, "events and timing cannot be read: %s",
+                          apc_store_error(r.store));
+        said = rc < 0;
+        look_spools(r.ui);
+        look_users(r.ui);
+        for (apc_ns left = LOOK; left > 0 && !r.ui->stopping; left -= LOOK / 4)
+            ui_pause(r.ui, LOOK / 4);
+    }
+    flush_audit(&r);
+    apc_store_close(r.store);
+    free(r.event);
+    return NULL;
+}

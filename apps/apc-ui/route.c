@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* All that the server answers to; docs/openapi.json says the same, and a test compares. */
+#include "http.h"
+
+const struct route routes[] = {
+    {"GET", "/api/session", ROLE_OBSERVER, DIRECT, get_session, "", "who is logged in"},
+    {"POST", "/api/login", ROLE_NONE, WRITER, post_login, "", "log in"},
+    {"POST", "/api/logout", ROLE_OBSERVER, DIRECT, post_logout, "", "end the session"},
+    {"GET", "/api/plant", ROLE_OBSERVER, DIRECT, get_plant, "", "variables, loops, limits"},
+    {"GET", "/api/state", ROLE_OBSERVER, DIRECT, get_state, "", "all newest values"},
+    {"GET", "/api/history", ROLE_OBSERVER, PAST, get_history, "var since until bins last", "past values"},
+    {"GET", "/api/events", ROLE_OBSERVER, PAST, get_events, "since until severity kind source text last",
+     "what happened"},
+    {"GET", "/api/timing", ROLE_OBSERVER, PAST, get_timing, "since until task quantity", "histograms"},
+    {"GET", "/api/timing/series", ROLE_OBSERVER, PAST, get_timing_series, "task quantity since until points",
+     "timing against time"},
+    {"GET", "/api/diagnostics", ROLE_OBSERVER, DIRECT, get_diagnostics, "", "how all parts are"},
+    {"GET", "/api/writes", ROLE_OBSERVER, DIRECT, get_writes, "key", "what became of writes"},
+    {"POST", "/api/setpoint", ROLE_OPERATOR, WRITER, post_setpoint, "", "write a setpoint"},
+    {"POST", "/api/output", ROLE_OPERATOR, WRITER, post_output, "", "write an output in mode Man"},
+    {"POST", "/api/mode", ROLE_OPERATOR, WRITER, post_mode, "", "change the target mode"},
+    {"POST", "/api/tuning", ROLE_OPERATOR, WRITER, post_tuning, "", "change tunings"},
+    {"GET", "/events", ROLE_OBSERVER, STREAM, NULL, "last", "Server-Sent Events"},
+    {"GET", "/metrics", ROLE_OBSERVER, DIRECT, get_metrics, "", "figures for Prometheus"},
+    {"GET", "/livez", ROLE_NONE, DIRECT, get_livez, "", "the process answers"},
+    {"GET", "/readyz", ROLE_NONE, DIRECT, get_readyz, "", "the database answers too"},
+    {"GET", "/{file}", ROLE_OBSERVER, PAGE, NULL, NULL, "the page"}, /* any path that is none of these */
+};
+const size_t n_routes = sizeof routes / sizeof *routes;

@@ -1,0 +1,148 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The daemon's parts and threads:
+ *
+ *     server   (one, libmicrohttpd's)  takes requests, answers what is in memory, feeds the streams
+ *     writers, readers  (some)         answer what takes a store, or long: each has a store of its own
+ *     live     (one)                   waits in the store for newer samples: model, stream, writes
+ *     records  (one)                   looks each second for events, timing, descriptions, users
+ *     main                             signals; each second the beat and what has to be closed
+ *
+ * The model is what is newest, under one mutex that nobody holds while he waits for anything else.
+ */
+#ifndef APC_UI_H
+#define APC_UI_H
+
+#include <stdatomic.h>
+
+#include <apcshareddata.h>
+#include <apctimer.h>
+
+#include "plant.h"
+#include "session.h"
+#include "stream.h"
+#include "writes.h"
+
+struct files;
+struct server;
+
+struct ui_options {
+    const char *store, *listen, *users, *page, *tls_cert, *tls_key, *spool;
+    const char *names[8]; /* --name, up to a NULL */
+    bool allow_plaintext;
+    double session; /* s */
+};
+
+/* Figures of a histogram of the last minutes. */
+struct meter {
+    pthread_mutex_t mutex;
+    struct apc_histogram *past, *now; /* `now` becomes `past` when it is old enough */
+    apc_ns since;
+    uint64_t count; /* since the start */
+    double sum;     /* s */
+};
+int meter_init(struct meter *m);
+void meter_free(struct meter *m);
+void meter_record(struct meter *m, apc_ns value);
+void meter_summary(struct meter *m, struct apc_summary *summary);
+
+/* What a task said last about one quantity, or about all of them since the daemon began. */
+struct figures {
+    apc_ns time; /* end of the window, UTC */
+    uint64_t count;
+    double mean, sum; /* ns; s */
+    apc_ns p50, p99, max;
+};
+
+enum { LATENESS = 0, JITTER, RUN, QUANTITIES };
+extern const char *const quantity_names[QUANTITIES];
+
+#define TASKS 64
+#define LINKS 16
+
+struct task {
+    char name[32];
+    apc_ns period, heard; /* heard: when the last window came, monotonic */
+    uint64_t missed, missed_total;
+    struct figures last[QUANTITIES], total[QUANTITIES];
+};
+
+struct link_state {
+    char name[32];
+    bool up;
+    apc_ns since;
+    char text[192];
+    uint64_t changes;
+};
+
+struct model {
+    pthread_mutex_t mutex;
+    struct plant plant;
+    struct apc_sample *now; /* [plant.n], as plant.tag, and the controller's confirmation behind them */
+    apc_ns *moved;          /* monotonic: when the seq was last seen to move; 0: never */
+    bool connected;
+    apc_ns since; /* UTC */
+    char error[300];
+    uint64_t connects;
+    struct task task[TASKS];
+    size_t tasks;
+    struct link_state link[LINKS];
+    size_t links;
+    struct apc_spool_stats spool; /* of all spools of the folder */
+};
+
+struct ui {
+    struct ui_options options;
+    struct apc_log *log;
+    struct model model;
+    struct stream *stream;
+    struct writes *writes;
+    struct sessions sessions;
+    struct backoff backoff;
+    struct meter reads, stores, lag; /* reading, writing; source time to message */
+    pthread_mutex_t users_mutex;
+    char users_path[4096];
+    struct users users;
+    bool open; /* no users: everybody is operator */
+    bool tls;
+    int port;
+    apc_ns began;
+    struct files *files;
+    struct server *server;
+    _Atomic bool stopping;
+    _Atomic uint64_t requests[6]; /* answered, by the hundreds of their status */
+
+    pthread_mutex_t audit_mutex; /* rows that could not be written yet */
+    struct apc_event audit[256];
+    size_t audits;
+};
+
+/* ---- model.c ---- */
+int model_init(struct model *m);
+void model_free(struct model *m);
+/* New descriptions: what was read is unknown again. Returns true when they changed. */
+bool model_describe(struct model *m, const struct apc_tag *tags, size_t n);
+void model_state_json(struct ui *ui, struct text *t);
+apc_ns model_age(const struct model *m, size_t i, apc_ns now); /* locked; < 0: no sample yet */
+bool model_stale(const struct model *m, size_t i, apc_ns now); /* locked */
+/* The period that the task last told; 0: it has told nothing. Locked. */
+apc_ns model_task_period(const struct model *m, const char *name);
+void model_store(struct ui *ui, bool connected, const char *error);
+void store_state_json(const struct model *m, struct text *t); /* locked */
+
+/* ---- threads: until ui->stopping; arg is the ui ---- */
+void *live_thread(void *arg);
+void *records_thread(void *arg);
+int ui_open_store(struct ui *ui, const char *name, apc_ns timeout, struct apc_store **store,
+                  struct apc_error *why); /* timeout 0: the library's default */
+/* Wait a little, unless it is time to stop. */
+void ui_pause(struct ui *ui, apc_ns pause);
+
+/* ---- records.c ---- */
+/* Write an event, now or as soon as the store takes it. */
+void audit(struct ui *ui, struct apc_store *store, const struct apc_event *event);
+void event_json(const struct apc_event *event, struct text *t);
+void task_json(const struct task *task, apc_ns now, struct text *t);
+void figures_json(const struct apc_summary *summary, struct text *t);
+
+#endif

@@ -1,0 +1,125 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc user: who may use the operator's page. */
+#include <string.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include "cli.h"
+#include "users/users.h"
+
+struct options {
+    const char *file, *role;
+};
+
+enum { OPT_USERS = 0x400, OPT_ROLE };
+
+static const struct argp_option option_list[] = {
+    {"users", OPT_USERS, "FILE", 0, "The file [APC_USERS]; default ~/.config/apc/users", 0},
+    {"role", OPT_ROLE, "ROLE", 0, "observer (default) or operator", 0},
+    {0},
+};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct options *o = state->input;
+    if (key == OPT_USERS)
+        o->file = arg;
+    else if (key == OPT_ROLE && role_parse(arg) == ROLE_NONE)
+        argp_error(state, "--role \"%s\": must be observer or operator", arg);
+    else if (key == OPT_ROLE)
+        o->role = arg;
+    else
+        return ARGP_ERR_UNKNOWN;
+    return 0;
+}
+
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct cli_spec spec = {
+    .args_doc = "list | add NAME | remove NAME",
+    .doc = "Who may use the operator's page. `add` asks for a password on the terminal, or takes the first "
+           "line of "
+           "its input; for a name that is there it sets password and role anew. The file holds argon2id "
+           "hashes and "
+           "is its owner's alone; apc-ui sees a change within a second.",
+    .takes = 0,
+    .min_args = 1,
+    .max_args = 2,
+    .extra = &extra,
+};
+
+/* One line without its end; false: there is none, or it is too long. */
+static bool read_line(char *line, size_t size)
+{
+    if (!fgets(line, (int)size, stdin))
+        return false;
+    size_t n = strcspn(line, "\n");
+    bool whole = line[n] == '\n' || feof(stdin);
+    line[n] = '\0';
+    return whole;
+}
+
+/* Without an echo, where there is a terminal. */
+static bool ask(const char *prompt, char *line, size_t size)
+{
+    struct termios terminal, quiet;
+    if (tcgetattr(STDIN_FILENO, &terminal) < 0)
+        return read_line(line, size);
+    quiet = terminal;
+    quiet.c_lflag &= ~(tcflag_t)ECHO;
+    fputs(prompt, stderr);
+    tcsetattr(STDIN_FILENO, TCSAFLUSH, &quiet);
+    bool ok = read_line(line, size);
+    tcsetattr(STDIN_FILENO, TCSAFLUSH, &terminal);
+    fputc('\n', stderr);
+    return ok;
+}
+
+static int add(const struct cli *cli, const struct options *o, const char *path, const char *name)
+{
+    char password[PASSWORD_MAX + 2], again[PASSWORD_MAX + 2];
+    struct apc_error why;
+    if (!ask("Password: ", password, sizeof password))
+        return cli_error(cli, APC_EINVAL, "no password, or one of more than %d bytes", PASSWORD_MAX);
+    if (isatty(STDIN_FILENO) && (!ask("Once more: ", again, sizeof again) || strcmp(password, again) != 0))
+        return cli_error(cli, APC_EINVAL, "the two are not the same");
+    int rc = users_add(path, name, o->role ? role_parse(o->role) : ROLE_OBSERVER, password, &why);
+    explicit_bzero(password, sizeof password);
+    explicit_bzero(again, sizeof again);
+    return rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
+}
+
+static int list(const struct cli *cli, const char *path)
+{
+    struct users users;
+    struct apc_error why;
+    int rc = users_load(&users, path, &why);
+    if (rc < 0)
+        return cli_error(cli, rc, "%s", why.text);
+    for (size_t i = 0; i < users.n; i++)
+        printf("%-31s  %s\n", users.user[i].name, role_name(users.user[i].role));
+    users_free(&users);
+    return EXIT_OK;
+}
+
+int command_user(int argc, char **argv)
+{
+    struct options o = {0};
+    struct apc_error why;
+    struct cli cli;
+    char path[4096];
+
+    cli_parse(&cli, &spec, &o, argc, argv);
+    const char *what = cli.args[0], *name = cli.n_args > 1 ? cli.args[1] : NULL;
+    bool listing = !strcmp(what, "list");
+    if ((!listing && strcmp(what, "add") != 0 && strcmp(what, "remove") != 0) || listing == (name != NULL))
+        return cli_usage(&cli, "must be list, add NAME or remove NAME");
+    if (!users_path(o.file, path))
+        return cli_error(&cli, APC_EINVAL, "there is no home folder: give --users FILE");
+    if (listing)
+        return cli_done(&cli, list(&cli, path));
+    if (!strcmp(what, "add"))
+        return add(&cli, &o, path, name);
+    int rc = users_remove(path, name, &why);
+    return rc < 0 ? cli_error(&cli, rc, "%s", why.text) : EXIT_OK;
+}

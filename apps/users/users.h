@@ -1,0 +1,58 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * Who may use the operator's page: a file of lines NAME:ROLE:HASH that nobody but its owner may read.
+ * Passwords are in it as argon2id only.
+ */
+#ifndef APC_USERS_H
+#define APC_USERS_H
+
+#include <sys/types.h>
+#include <time.h>
+
+#include <apcbase.h>
+
+#define USER_NAME_LEN 32 /* with the terminator: it goes into an event's source */
+#define PASSWORD_MIN  8
+#define PASSWORD_MAX  128
+
+enum role { ROLE_NONE = 0, ROLE_OBSERVER, ROLE_OPERATOR };
+const char *role_name(enum role role); /* "observer", "operator" */
+enum role role_parse(const char *name);
+
+struct user {
+    char name[USER_NAME_LEN];
+    enum role role;
+    char hash[128]; /* $argon2id$v=19$m=...,t=...,p=...$salt$hash */
+};
+
+struct users {
+    struct user *user;
+    size_t n;
+    struct timespec changed; /* of the file */
+};
+
+/* --users, else APC_USERS, else users in ~/.config/apc. Returns path, or NULL when there is no home. */
+const char *users_path(const char *option, char path[4096]);
+
+/*
+ * APC_ENOTFOUND: there is no such file. APC_EPERM: others may read or write it. APC_EPROTO: a line that is
+ * none. In every failure *users is empty. users_free() in either case.
+ */
+int users_load(struct users *users, const char *path, struct apc_error *why);
+void users_free(struct users *users);
+const struct user *users_find(const struct users *users, const char *name);
+
+/* Add, or give a new password and role to. The file is replaced as a whole. APC_EINVAL: name or password
+ * unfit. */
+int users_add(const char *path, const char *name, enum role role, const char *password,
+              struct apc_error *why);
+/* APC_ENOTFOUND: no such user. */
+int users_remove(const char *path, const char *name, struct apc_error *why);
+
+/*
+ * Is it this user's password? Takes some tens of milliseconds and 19 MiB, also for a user (NULL) who does not
+ * exist, so that the time tells nothing.
+ */
+bool user_verify(const struct user *user, const char *password);
+
+#endif

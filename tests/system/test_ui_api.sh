@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# apc-ui against a running loop: its whole API (tests/ui/probe.c), who may bind where, TLS, users that change.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+fast_experiment
+sed -i 's/period = 15.0;/period = 1500.0;/' "$work/fast.conf" # nobody else writes setpoints
+export HOME=$work
+unset APC_USERS
+
+# users: passwords come from stdin, the file is its owner's alone
+printf 'operator123\n' | "$apc" user add anna --role operator --users "$work/users"
+printf 'observer123\n' | "$apc" user add otto --users "$work/users"
+[ "$(stat -c %a "$work/users")" = 600 ] || fail "the file of users is not 0600"
+! grep -q 'operator123\|observer123' "$work/users" || fail "a password stands in the file"
+expect 0 '^otto +observer$' "$apc" user list --users "$work/users"
+expect 1 'no password' "$apc" user add eve --users "$work/users" # no password at all
+expect 2 'observer or operator' "$apc" user add eve --role admin --users "$work/users"
+expect 1 'no user "eve"' "$apc" user remove eve --users "$work/users"
+
+# who may bind where
+expect 4 'apc user add' "$APC_BIN/apc-ui" --listen 0.0.0.0:0
+expect 4 'tls-cert' "$APC_BIN/apc-ui" --listen 0.0.0.0:0 --users "$work/users"
+expect 2 'belong together' "$APC_BIN/apc-ui" --tls-cert "$work/users"
+expect 1 'ADDRESS:PORT' "$APC_BIN/apc-ui" --listen 8080
+expect 1 'No such file' "$APC_BIN/apc-ui" --users "$work/nobody" # asked for by name: then it has to be there
+cp "$work/users" "$work/open-users" && chmod 644 "$work/open-users"
+expect 4 'chmod 600' "$APC_BIN/apc-ui" --users "$work/open-users"
+expect 1 'unknown store' "$APC_BIN/apc-ui" --store nonsense:
+
+servers=()
+# serve NAME [OPTION...]: start an apc-ui on a port of its own, in $ui_port
+serve() {
+  local name=$1
+  shift
+  background "$name" "$APC_BIN/apc-ui" --config "$work/fast.conf" --listen 127.0.0.1:0 "$@"
+  servers+=("$pid")
+  until_true 10 grep -q 'serving http' "$work/$name.log"
+  ui_port=$(sed -n 's/.*serving https*:\/\/[^ ]*:\([0-9]*\) .*/\1/p' "$work/$name.log")
+}
+
+background run "$apc" run "$work/fast.conf" --duration 0 --out "$work/run" --no-ui
+run=$pid
+serve open
+export APC_UI_OPEN=$ui_port
+serve secure --users "$work/users"
+export APC_UI_SECURE=$ui_port
+serve login --users "$work/users"
+export APC_UI_LOGIN=$ui_port
+
+# the controller has written before the first question
+until_true 20 "$APC_BUILD_DIR/tests/ui_probe" --ready "$APC_UI_OPEN"
+until_true 20 grep -q 'store connected' "$work/secure.log"
+"$APC_BUILD_DIR/tests/ui_probe"
+
+# every write that was accepted has one row in the audit, and the store holds nothing else
+[ "$(sql "SELECT count(*) FROM apc.event WHERE kind = 'operator' AND source = 'anna'")" -ge 7 ] ||
+  fail "writes of anna are not recorded"
+[ "$(sql "SELECT count(*) FROM apc.event WHERE kind = 'operator' AND source NOT IN ('anna', 'local')")" = 0 ] ||
+  fail "somebody else has written"
+[ "$(sql "SELECT count(*) FROM apc.event WHERE kind = 'access' AND text LIKE 'login failed%' AND source = 'anna'")" -ge 3 ] ||
+  fail "failed logins are not recorded"
+
+# a user who is taken away loses the session he has
+"$APC_BUILD_DIR/tests/ui_probe" --watch "$APC_UI_SECURE" otto observer123 >"$work/watch.log" 2>&1 &
+children+=($!)
+watch=$!
+until_true 10 grep -q 'hello' "$work/watch.log"
+"$apc" user remove otto --users "$work/users"
+wait "$watch" || fail "the session of a removed user went on"
+grep -q 'bye.*session' "$work/watch.log" || fail "the stream of a removed user was not told why it ends"
+
+# TLS: cookies are Secure, an unprotected request gets nothing
+if command -v openssl >/dev/null; then
+  openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -keyout "$work/key.pem" -out "$work/cert.pem" \
+    -days 2 -subj /CN=localhost 2>/dev/null
+  serve tls --users "$work/users" --tls-cert "$work/cert.pem" --tls-key "$work/key.pem"
+  body='{"user":"anna","password":"operator123"}'
+  reply=$(printf 'POST /api/login HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: %d\r\nConnection: close\r\n\r\n%s' \
+    ${#body} "$body" | openssl s_client -quiet -connect "127.0.0.1:$ui_port" -CAfile "$work/cert.pem" 2>/dev/null) || true
+  grep -q '^HTTP/1.1 200' <<<"$reply" || fail "no login over TLS: $reply"
+  grep -q '^Set-Cookie: .*; Secure' <<<"$reply" || fail "the cookie is not Secure: $reply"
+  expect 1 'PEM' "$APC_BIN/apc-ui" --listen 127.0.0.1:0 --users "$work/users" --tls-cert "$work/users" --tls-key "$work/users"
+fi
+
+# they end cleanly, also with streams open, and `apc run` serves the page by itself
+"$APC_BUILD_DIR/tests/ui_probe" --watch "$APC_UI_SECURE" anna operator123 >"$work/last.log" 2>&1 &
+watch=$!
+children+=("$watch")
+until_true 10 grep -q 'hello' "$work/last.log"
+for server in "${servers[@]}"; do
+  kill -TERM "$server"
+  wait "$server" || fail "apc-ui ended with $?"
+done
+wait "$watch" || fail "the stream did not end"
+grep -q 'bye.*shutdown' "$work/last.log" || fail "the stream was not told why it ends"
+! grep 'level=error' "$work"/{open,secure,login}.log || fail "apc-ui has complained"
+kill -INT "$run"
+wait "$run" || fail "apc run ended with $?"
+[ ! -e "$work/run/apc-ui.log" ] || fail "--no-ui did not keep the page away"
+background again "$apc" run "$work/fast.conf" --duration 0 --out "$work/again"
+until_true 20 grep -q 'page: *http://127.0.0.1:' "$work/again.log"
+page=$(sed -n 's/^page: *http:\/\/127.0.0.1:\([0-9]*\).*/\1/p' "$work/again.log")
+until_true 20 "$APC_BUILD_DIR/tests/ui_probe" --ready "$page"
+kill -INT "$pid"
+wait "$pid" || fail "apc run ended with $?"
+grep -q 'msg="stopping"' "$work/again/apc-ui.log" || fail "apc-ui was not stopped cleanly"

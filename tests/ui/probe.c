@@ -1,0 +1,731 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The API of apc-ui against a running loop, as test_ui_api.sh sets it up: APC_UI_OPEN is the port of a server
+ * without users, APC_UI_SECURE of one with anna (operator) and otto (observer). Every refused request leaves
+ * what it was about as it was.
+ */
+#include "apc-ui/http.h"
+#include "api.h"
+#include "schema.h"
+
+#define JSON "Content-Type: application/json\r\n"
+
+static json_t *openapi;
+static struct client local, anna, otto, stranger;
+
+static int set_up(void **state)
+{
+    json_error_t error;
+    (void)state;
+    openapi = json_load_file(APC_OPENAPI, 0, &error);
+    if (!openapi)
+        fail_msg("%s:%d: %s", APC_OPENAPI, error.line, error.text);
+    local = client_make(environment_port("APC_UI_OPEN"), NULL, NULL);
+    anna = client_make(environment_port("APC_UI_SECURE"), "anna", "operator123");
+    otto = client_make(environment_port("APC_UI_SECURE"), "otto", "observer123");
+    stranger = (struct client){.port = anna.port};
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    (void)state;
+    json_decref(openapi);
+    return 0;
+}
+
+/* ---- The description ---------------------------------------------------------------------- */
+
+static const json_t *operation(const struct route *route)
+{
+    const char *method = !strcmp(route->method, "GET") ? "get" : "post";
+    return json_object_get(json_object_get(json_object_get(openapi, "paths"), route->path), method);
+}
+
+static void same_parameters(const struct route *route, const json_t *described)
+{
+    char query[200] = "";
+    const json_t *parameter;
+    size_t i;
+    if (!route->query)
+        return;
+    json_array_foreach(json_object_get(described, "parameters"), i, parameter)
+    {
+        size_t n = strlen(query);
+        snprintf(query + n, sizeof query - n, "%s%s", n ? " " : "", text_of(parameter, "name"));
+    }
+    assert_string_equal(query, route->query);
+}
+
+static void openapi_names_every_route_and_no_other(void **state)
+{
+    size_t described = 0;
+    const char *path;
+    json_t *methods;
+    (void)state;
+    for (size_t i = 0; i < n_routes; i++) {
+        const json_t *op = operation(&routes[i]);
+        if (!op)
+            fail_msg("openapi.json has no %s %s", routes[i].method, routes[i].path);
+        assert_string_equal(text_of(op, "x-role"),
+                            routes[i].role == ROLE_NONE ? "anyone" : role_name(routes[i].role));
+        same_parameters(&routes[i], op);
+    }
+    json_object_foreach(json_object_get(openapi, "paths"), path, methods) described +=
+        json_object_size(methods);
+    assert_int_equal(described, n_routes);
+}
+
+static const json_t *schema_of(const struct route *route, int status)
+{
+    char text[8];
+    snprintf(text, sizeof text, "%d", status);
+    const json_t *answer = json_object_get(json_object_get(operation(route), "responses"), text);
+    if (!answer)
+        fail_msg("openapi.json says nothing of %d for %s %s", status, route->method, route->path);
+    return json_object_get(json_object_get(json_object_get(answer, "content"), "application/json"), "schema");
+}
+
+static const struct route *route_of(const char *method, const char *path)
+{
+    size_t n = strcspn(path, "?");
+    for (size_t i = 0; i < n_routes; i++)
+        if (!strcmp(routes[i].method, method) && strlen(routes[i].path) == n &&
+            !strncmp(routes[i].path, path, n))
+            return &routes[i];
+    fail_msg("no route %s %s", method, path);
+    return NULL;
+}
+
+static void answers_are_what_openapi_says(void **state)
+{
+    static const struct {
+        const char *path;
+        int status;
+    } cases[] = {
+        {"/api/session", 200},
+        {"/api/plant", 200},
+        {"/api/state", 200},
+        {"/api/history?var=sensor.1&since=-60&bins=10", 200},
+        {"/api/history?var=setpoint.1&since=-1&last=10", 200},
+        {"/api/history?var=sensor.99&since=-60&bins=10", 404},
+        {"/api/events", 200},
+        {"/api/events?severity=4", 400},
+        {"/api/timing", 200},
+        {"/api/timing/series?task=controller&quantity=jitter", 200},
+        {"/api/diagnostics", 200},
+        {"/api/writes", 200},
+        {"/api/writes?key=no-such-key", 404},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        json_t *json;
+        int status = client_get(&local, cases[i].path, &json);
+        if (status != cases[i].status)
+            fail_msg("%s: %d", cases[i].path, status);
+        assert_non_null(json);
+        schema_check(openapi, schema_of(route_of("GET", cases[i].path), status), json, cases[i].path);
+        json_decref(json);
+    }
+}
+
+/* ---- Access ------------------------------------------------------------------------------- */
+
+static void a_stranger_gets_401_on_every_route(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < n_routes; i++) {
+        struct http_reply reply;
+        const char *path = routes[i].where == PAGE ? "/" : routes[i].path;
+        if (routes[i].role == ROLE_NONE)
+            continue;
+        http_request(&reply, stranger.port, routes[i].method, path, JSON,
+                     !strcmp(routes[i].method, "POST") ? "{}" : NULL);
+        if (reply.status != 401)
+            fail_msg("%s %s: %d", routes[i].method, path, reply.status);
+        http_free(&reply);
+    }
+    expect_error(&stranger, "GET", "/no/such/path", NULL, NULL, 401, "login");
+    expect_error(&stranger, "GET", "/index.html", NULL, NULL, 401, "login");
+    expect_error(&stranger, "DELETE", "/api/state", NULL, NULL, 401, "login");
+    expect_error(&stranger, "GET", "/api/state", "Cookie: apc-session-1=0\r\n", NULL, 401, "login");
+}
+
+static void only_these_need_no_login(void **state)
+{
+    static const char *const anyone[] = {"/api/login", "/livez", "/readyz"};
+    size_t n = 0;
+    (void)state;
+    for (size_t i = 0; i < n_routes; i++)
+        if (routes[i].role == ROLE_NONE)
+            assert_string_equal(routes[i].path, anyone[n++]);
+    assert_int_equal(n, 3);
+    assert_int_equal(client_get(&stranger, "/livez", NULL), 200);
+    assert_int_equal(client_get(&stranger, "/readyz", NULL), 200);
+}
+
+static void a_browser_without_a_session_gets_the_form(void **state)
+{
+    struct http_reply reply;
+    char text[300];
+    (void)state;
+    http_request(&reply, stranger.port, "GET", "/", "Accept: text/html\r\n", NULL);
+    assert_int_equal(reply.status, 401);
+    assert_non_null(strstr(reply.body, "<form method=\"post\" action=\"/api/login\">"));
+    http_free(&reply);
+    http_request(&reply, stranger.port, "POST", "/api/login",
+                 "Content-Type: application/x-www-form-urlencoded\r\n", "user=otto&password=observer%3123");
+    assert_int_equal(reply.status, 303);
+    assert_string_equal(http_header(&reply, "Location", text, sizeof text), "/");
+    http_header(&reply, "Set-Cookie", text, sizeof text);
+    assert_non_null(strstr(text, "HttpOnly"));
+    assert_non_null(strstr(text, "SameSite=Strict"));
+    http_free(&reply);
+    http_request(&reply, stranger.port, "POST", "/api/login",
+                 "Content-Type: application/x-www-form-urlencoded\r\n", "user=%3Cb%3E&password=x");
+    assert_int_equal(reply.status, 401);
+    assert_non_null(strstr(reply.body, "name or password is wrong"));
+    assert_null(strstr(reply.body, "<b>"));
+    http_free(&reply);
+}
+
+static void an_open_server_says_that_it_is_one(void **state)
+{
+    json_t *session;
+    (void)state;
+    client_get(&local, "/api/session", &session);
+    assert_true(json_is_false(json_object_get(session, "protected")));
+    assert_string_equal(text_of(session, "role"), "operator");
+    json_decref(session);
+    client_get(&otto, "/api/session", &session);
+    assert_true(json_is_true(json_object_get(session, "protected")));
+    assert_string_equal(text_of(session, "role"), "observer");
+    assert_string_equal(text_of(session, "user"), "otto");
+    json_decref(session);
+}
+
+static void every_answer_carries_the_headers_that_protect_it(void **state)
+{
+    static const char *const names[][2] = {{"Content-Security-Policy", "default-src 'self'"},
+                                           {"X-Content-Type-Options", "nosniff"},
+                                           {"X-Frame-Options", "DENY"},
+                                           {"Cache-Control", "no-store"}};
+    static const char *const paths[] = {"/api/state", "/api/nothing", "/livez", "/metrics"};
+    char text[400];
+    (void)state;
+    for (size_t i = 0; i < sizeof paths / sizeof *paths; i++) {
+        struct http_reply reply;
+        http_request(&reply, local.port, "GET", paths[i], NULL, NULL);
+        for (size_t k = 0; k < sizeof names / sizeof *names; k++)
+            assert_non_null(strstr(http_header(&reply, names[k][0], text, sizeof text), names[k][1]));
+        assert_string_equal(http_header(&reply, "Access-Control-Allow-Origin", text, sizeof text), "");
+        http_free(&reply);
+    }
+}
+
+static void a_session_ends_with_logout(void **state)
+{
+    struct client c = client_make(anna.port, "otto", "observer123");
+    struct http_stream *stream = client_stream(&c, NULL);
+    json_t *data = next_event(stream, "hello", NULL);
+    (void)state;
+    json_decref(data);
+    assert_int_equal(client_post(&c, "/api/logout", "{}", NULL), 200);
+    expect_error(&c, "GET", "/api/state", NULL, NULL, 401, "login");
+    data = next_event(stream, "bye", NULL);
+    assert_string_equal(text_of(data, "reason"), "session");
+    json_decref(data);
+    http_stream_close(stream);
+}
+
+static void failed_logins_have_to_wait(void **state)
+{
+    struct http_reply reply;
+    char seconds[32];
+    int status = 0;
+    (void)state;
+    /* at its own server: the pause is for the whole address */
+    int port = environment_port("APC_UI_LOGIN");
+    for (int i = 0; i < 5 && status != 429; i++) {
+        http_request(&reply, port, "POST", "/api/login", JSON, "{\"user\":\"anna\",\"password\":\"wrong\"}");
+        status = reply.status;
+        if (status == 401)
+            http_free(&reply);
+    }
+    assert_int_equal(status, 429);
+    assert_true(atoi(http_header(&reply, "Retry-After", seconds, sizeof seconds)) >= 1);
+    http_free(&reply);
+    /* the right password has to wait as well, or the pause would tell whether it is the right one */
+    http_request(&reply, port, "POST", "/api/login", JSON,
+                 "{\"user\":\"anna\",\"password\":\"operator123\"}");
+    assert_int_equal(reply.status, 429);
+    http_free(&reply);
+}
+
+/* ---- Bad input: nothing is written -------------------------------------------------------- */
+
+static void refused_requests_write_nothing(void **state)
+{
+    char header[200], stale[200], output[200], tuning[400];
+    const int64_t z = seq_of(&anna, "setpoint.1"), manual = seq_of(&anna, "manual.1"),
+                  mode = seq_of(&anna, "opmode.0"), kp = seq_of(&anna, "tuning.1");
+    char good[200];
+    (void)state;
+    snprintf(good, sizeof good, "{\"id\":1,\"value\":3,\"seq\":%" JSON_INTEGER_FORMAT "}", (json_int_t)z);
+    const struct {
+        const struct client *who;
+        const char *path, *header, *body;
+        int status;
+        const char *code;
+    } cases[] = {
+        {&stranger, "/api/setpoint", NULL, good, 401, "login"},
+        {&otto, "/api/setpoint", NULL, good, 403, "role"},
+        {&otto, "/api/mode", NULL, "{\"mode\":\"Man\",\"seq\":1}", 403, "role"},
+        {&anna, "/api/setpoint", JSON "Origin: http://evil.example\r\n", good, 403, "origin"},
+        {&anna, "/api/setpoint", JSON "Origin: null\r\n", good, 403, "origin"},
+        {&anna, "/api/setpoint", JSON "Sec-Fetch-Site: cross-site\r\n", good, 403, "origin"},
+        {&anna, "/api/setpoint", JSON "Host: evil.example\r\n", good, 403, "host"},
+        {&anna, "/api/setpoint", "Content-Type: text/plain\r\n", good, 415, "type"},
+        {&anna, "/api/setpoint", "Content-Type: application/x-www-form-urlencoded\r\n", "id=1&value=3", 415,
+         "type"},
+        {&anna, "/api/setpoint", NULL, "", 400, "json"},
+        {&anna, "/api/setpoint", NULL, "{\"id\":1,", 400, "json"},
+        {&anna, "/api/setpoint", NULL, "[1]", 400, "json"},
+        {&anna, "/api/setpoint", NULL, "{\"id\":1,\"value\":3,\"seq\":1,\"sec\":1}", 400, "json"},
+        {&anna, "/api/setpoint", NULL, "{\"id\":1,\"value\":3,\"value\":4,\"seq\":1}", 400, "json"},
+        {&anna, "/api/setpoint", NULL, "{\"id\":1,\"value\":3}", 400, "json"},
+        {&anna, "/api/setpoint", NULL, "{\"id\":1,\"value\":3,\"seq\":-1}", 400, "json"},
+        {&anna, "/api/setpoint", NULL, "{\"id\":1,\"value\":NaN,\"seq\":1}", 400, "json"},
+        {&anna, "/api/setpoint", NULL, "{\"id\":1,\"value\":1e999,\"seq\":1}", 400, "json"},
+        {&anna, "/api/setpoint", NULL, "{\"id\":1,\"value\":\"3\",\"seq\":1}", 422, "value"},
+        {&anna, "/api/setpoint", NULL, "{\"id\":1,\"value\":null,\"seq\":1}", 422, "value"},
+        {&anna, "/api/setpoint", NULL, "{\"id\":1,\"value\":3,\"seq\":1,\"key\":\"x\"}", 400, "json"},
+        {&anna, "/api/setpoint", NULL, "{\"id\":9,\"value\":3,\"seq\":1}", 404, "variable"},
+        {&anna, "/api/setpoint", NULL, "{\"id\":4294967297,\"value\":3,\"seq\":1}", 404, "variable"},
+        {&anna, "/api/setpoint", NULL, "{\"id\":1,\"value\":100.5,\"seq\":1}", 422, "limits"},
+        {&anna, "/api/setpoint", NULL, "{\"id\":1,\"value\":-1e300,\"seq\":1}", 422, "limits"},
+        {&anna, "/api/setpoint", NULL, stale, 409, "stale"},
+        {&anna, "/api/output", NULL, output, 409, "mode"},
+        {&anna, "/api/output", NULL, "{\"id\":1,\"value\":11,\"seq\":0}", 422, "limits"},
+        {&anna, "/api/mode", NULL, "{\"mode\":\"OOS\",\"seq\":1}", 422, "value"},
+        {&anna, "/api/mode", NULL, "{\"mode\":1,\"seq\":1}", 400, "json"},
+        {&anna, "/api/mode", NULL, "{\"mode\":\"Man\",\"seq\":0}", 409, "stale"},
+        {&anna, "/api/tuning", NULL, "{\"values\":[]}", 400, "json"},
+        {&anna, "/api/tuning", NULL, "{\"values\":[1]}", 400, "json"},
+        {&anna, "/api/tuning", NULL, tuning, 409, "stale"}, /* one of two is */
+        {&anna, "/api/tuning", NULL, "{\"values\":[{\"id\":2,\"value\":0,\"seq\":1}]}", 422, "limits"},
+    };
+    snprintf(stale, sizeof stale, "{\"id\":1,\"value\":3,\"seq\":%" JSON_INTEGER_FORMAT "}",
+             (json_int_t)z + 1);
+    snprintf(output, sizeof output, "{\"id\":1,\"value\":1,\"seq\":%" JSON_INTEGER_FORMAT "}",
+             (json_int_t)manual);
+    snprintf(tuning, sizeof tuning,
+             "{\"values\":[{\"id\":1,\"value\":0.3,\"seq\":%" JSON_INTEGER_FORMAT
+             "},{\"id\":2,\"value\":2,\"seq\":77}]}",
+             (json_int_t)kp);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
+        if (cases[i].code)
+            expect_error(cases[i].who, "POST", cases[i].path, cases[i].header, cases[i].body, cases[i].status,
+                         cases[i].code);
+
+    struct client forger = anna;
+    forger.csrf[0] = '\0';
+    expect_error(&forger, "POST", "/api/setpoint", NULL, good, 403, "csrf");
+    expect_error(&forger, "POST", "/api/setpoint", JSON "X-CSRF-Token: 00\r\n", good, 403, "csrf");
+    snprintf(header, sizeof header, JSON "X-CSRF-Token: %s\r\n", otto.csrf);
+    expect_error(&forger, "POST", "/api/setpoint", header, good, 403, "csrf");
+    struct client open_forger = {.port = local.port};
+    expect_error(&open_forger, "POST", "/api/setpoint", NULL, good, 403, "csrf");
+
+    assert_int_equal(seq_of(&anna, "setpoint.1"), z);
+    assert_int_equal(seq_of(&anna, "manual.1"), manual);
+    assert_int_equal(seq_of(&anna, "opmode.0"), mode);
+    assert_int_equal(seq_of(&anna, "tuning.1"), kp);
+}
+
+static void a_stale_form_is_shown_the_newer_value(void **state)
+{
+    json_t *json;
+    (void)state;
+    assert_int_equal(client_post(&anna, "/api/setpoint", "{\"id\":1,\"value\":3,\"seq\":0}", &json), 409);
+    const json_t *current =
+        json_object_get(json_object_get(json_object_get(json, "error"), "current"), "setpoint.1");
+    assert_int_equal(json_integer_value(json_array_get(current, 0)), seq_of(&anna, "setpoint.1"));
+    assert_near(json_number_value(json_array_get(current, 2)), value_of(&anna, "setpoint.1"), 0);
+    schema_check(openapi, schema_of(route_of("POST", "/api/setpoint"), 409), json, "409");
+    json_decref(json);
+}
+
+static void bad_parameters_and_paths_are_refused(void **state)
+{
+    static const struct {
+        const char *path;
+        int status;
+        const char *code;
+    } cases[] = {
+        {"/api/history", 400, "parameter"},
+        {"/api/history?var=sensor.1&since=-60", 400, "parameter"},
+        {"/api/history?var=sensor.1&since=-60&bins=10&last=10", 400, "parameter"},
+        {"/api/history?var=sensor.1&since=-60&bins=0", 400, "parameter"},
+        {"/api/history?var=sensor.1&since=-60&bins=4001", 400, "parameter"},
+        {"/api/history?var=sensor.1&since=-60&bins=1e3", 400, "parameter"},
+        {"/api/history?var=sensor.1&since=tomorrow&bins=9", 400, "parameter"},
+        {"/api/history?var=sensor.1&since=nan&bins=9", 400, "parameter"},
+        {"/api/history?var=sensor.1&since=1e300&bins=9", 400, "parameter"},
+        {"/api/history?var=sensor.1&since=20&until=10&bins=9", 400, "parameter"},
+        {"/api/history?var=sensor.1&sinse=-60&bins=9", 400, "parameter"},
+        {"/api/history?var&since=-60&bins=9", 400, "parameter"},
+        {"/api/history?var=sensor.1%27%3B--&since=-60&bins=9", 404, "variable"},
+        {"/api/history?var=state.1&since=-60&bins=9", 404, "variable"},
+        {"/api/history?var=sensor.-1&since=-60&bins=9", 404, "variable"},
+        {"/api/timing?since=-1e6", 400, "parameter"},
+        {"/api/timing?quantity=speed", 400, "parameter"},
+        {"/api/timing/series?task=controller", 400, "parameter"},
+        {"/api/nothing", 404, "path"},
+        {"/../../../../etc/passwd", 404, "path"},
+        {"/%2e%2e/%2e%2e/%2e%2e/etc/passwd", 404, "path"},
+        {"/..%2f..%2f..%2fetc%2fpasswd", 404, "path"},
+        {"/nothing/\\..\\..\\etc", 404, "path"},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
+        expect_error(&local, "GET", cases[i].path, NULL, NULL, cases[i].status, cases[i].code);
+    expect_error(&local, "POST", "/api/state", NULL, "{}", 405, "method");
+    expect_error(&local, "GET", "/api/setpoint", NULL, NULL, 405, "method");
+}
+
+static void a_body_that_is_too_large_is_refused(void **state)
+{
+    const size_t size = 10 << 20;
+    char *bytes = malloc(size + 1000), *at = bytes;
+    struct http_reply reply;
+    (void)state;
+    assert_non_null(bytes);
+    int n = snprintf(bytes, 1000,
+                     "POST /api/setpoint HTTP/1.1\r\nHost: localhost\r\nX-CSRF-Token: %s\r\n" JSON
+                     "Content-Length: %zu\r\nConnection: close\r\n\r\n",
+                     local.csrf, size);
+    memset(bytes + n, ' ', size);
+    http_raw(&reply, local.port, bytes, (size_t)n + size);
+    /* it may have closed while we were still sending: then its answer is lost, as HTTP has it */
+    assert_true(reply.status == 413 || reply.status == 0);
+    http_free(&reply);
+    at += snprintf(bytes, 1000,
+                   "POST /api/setpoint HTTP/1.1\r\nHost: localhost\r\nX-CSRF-Token: %s\r\n" JSON
+                   "Transfer-Encoding: chunked\r\nConnection: close\r\n\r\n",
+                   local.csrf);
+    for (int i = 0; i < 20; i++) { /* 80 KiB that were not announced */
+        at += sprintf(at, "1000\r\n");
+        memset(at, ' ', 4096);
+        at += 4096;
+        at += sprintf(at, "\r\n");
+    }
+    at += sprintf(at, "0\r\n\r\n");
+    http_raw(&reply, local.port, bytes, (size_t)(at - bytes));
+    assert_int_equal(reply.status, 413);
+    http_free(&reply);
+    free(bytes);
+}
+
+static void what_is_no_http_is_turned_away(void **state)
+{
+    static const char *const garbage[] = {"\r\n\r\n\r\n", "GET\r\n\r\n",
+                                          "\x16\x03\x01\x02\x00\x01\x00\x01\xfc",
+                                          "GET /api/state HTTP/1.1\r\n\r\n", /* without a host */
+                                          "GET /api/state HTTP/9.9\r\nHost: localhost\r\n\r\n"};
+    (void)state;
+    for (size_t i = 0; i < sizeof garbage / sizeof *garbage; i++) {
+        struct http_reply reply;
+        char bytes[200];
+        /* closing our half tells it that no more will come */
+        int fd = http_connect(local.port);
+        snprintf(bytes, sizeof bytes, "%s", garbage[i]);
+        assert_true(http_send(fd, bytes, strlen(bytes)));
+        close(fd);
+        http_request(&reply, local.port, "GET", "/livez", NULL, NULL);
+        assert_int_equal(reply.status, 200);
+        http_free(&reply);
+    }
+    char *header = malloc(100000);
+    assert_non_null(header);
+    memcpy(header, "X-Long: ", 8);
+    memset(header + 8, 'x', 99000);
+    memcpy(header + 99008, "\r\n", 3);
+    struct http_reply reply;
+    http_request(&reply, local.port, "GET", "/api/state", header, NULL);
+    assert_true(reply.status == 431 || reply.status == 413 || reply.status == 0);
+    http_free(&reply);
+    free(header);
+}
+
+/* ---- Writes ------------------------------------------------------------------------------- */
+
+/* Write, and see it applied. Returns the last state of the write. */
+static json_t *applied(const struct client *c, struct http_stream *stream, const char *path, const char *body)
+{
+    json_t *answer;
+    int status = client_post(c, path, body, &answer);
+    if (status != 200)
+        fail_msg("%s %s: %d %s", path, body, status, json_dumps(answer, 0));
+    schema_check(openapi, schema_of(route_of("POST", path), 200), answer, path);
+    assert_string_equal(text_of(answer, "state"), "accepted");
+    char key[80];
+    snprintf(key, sizeof key, "%s", text_of(answer, "key"));
+    json_decref(answer);
+    return await_write(stream, key, "applied");
+}
+
+static void write_value(const struct client *c, struct http_stream *stream, const char *path, const char *ref,
+                        int id, double value)
+{
+    char body[200];
+    snprintf(body, sizeof body, "{\"id\":%d,\"value\":%.17g,\"seq\":%" JSON_INTEGER_FORMAT "}", id, value,
+             (json_int_t)seq_of(c, ref));
+    json_decref(applied(c, stream, path, body));
+    assert_near(value_of(c, ref), value, 0);
+}
+
+static void write_mode(const struct client *c, struct http_stream *stream, const char *mode, double number)
+{
+    char body[200];
+    snprintf(body, sizeof body, "{\"mode\":\"%s\",\"seq\":%" JSON_INTEGER_FORMAT "}", mode,
+             (json_int_t)seq_of(c, "opmode.0"));
+    json_decref(applied(c, stream, "/api/mode", body));
+    assert_near(value_of(c, "opmode.0"), number, 0);
+    assert_near(value_of(c, "opmode.1"), number, 0);
+}
+
+static void what_an_operator_writes_is_accepted_then_applied(void **state)
+{
+    struct http_stream *stream = client_stream(&anna, NULL);
+    char body[400];
+    (void)state;
+    json_decref(next_event(stream, "state", NULL));
+    write_value(&anna, stream, "/api/setpoint", "setpoint.1", 1, 12.5);
+    write_mode(&anna, stream, "Man", 0);
+    write_value(&anna, stream, "/api/output", "manual.1", 1, 1.5);
+    assert_near(value_of(&anna, "actuator.1"), 1.5, 0);
+    write_value(&anna, stream, "/api/setpoint", "setpoint.1", 1, 13.5); /* also in Man */
+    snprintf(body, sizeof body,
+             "{\"values\":[{\"id\":1,\"value\":0.25,\"seq\":%" JSON_INTEGER_FORMAT
+             "},{\"id\":2,\"value\":1.25,\"seq\":%" JSON_INTEGER_FORMAT "}]}",
+             (json_int_t)seq_of(&anna, "tuning.1"), (json_int_t)seq_of(&anna, "tuning.2"));
+    json_t *write = applied(&anna, stream, "/api/tuning", body);
+    const json_t *change = json_array_get(json_object_get(write, "changes"), 1);
+    assert_string_equal(text_of(change, "name"), "tau_i");
+    assert_near(number_of(change, "to"), 1.25, 0);
+    json_decref(write);
+    write_mode(&anna, stream, "Auto", 1);
+    assert_near(value_of(&anna, "tuning.1"), 0.25, 0);
+    assert_near(value_of(&anna, "tuning.2"), 1.25, 0);
+    http_stream_close(stream);
+}
+
+static void each_write_is_recorded_with_its_operator(void **state)
+{
+    json_t *json;
+    char text[100];
+    (void)state;
+    double before = value_of(&anna, "setpoint.1"), after = before + 1;
+    struct http_stream *stream = client_stream(&otto, NULL);
+    json_decref(next_event(stream, "state", NULL));
+    snprintf(text, sizeof text, "{\"id\":1,\"value\":%.17g,\"seq\":%" JSON_INTEGER_FORMAT "}", after,
+             (json_int_t)seq_of(&anna, "setpoint.1"));
+    assert_int_equal(client_post(&anna, "/api/setpoint", text, NULL), 200);
+    snprintf(text, sizeof text, "r: %g -> %g", before, after);
+    assert_int_equal(client_get(&otto, "/api/events?kind=operator&source=anna&last=1", &json), 200);
+    const json_t *event = json_array_get(json_object_get(json, "events"), 0);
+    assert_string_equal(text_of(event, "text"), text);
+    json_decref(json);
+    for (bool told = false; !told;) { /* and everybody who watches is told */
+        json = next_event(stream, "event", NULL);
+        size_t i;
+        json_array_foreach(json_object_get(json, "events"), i, event) told |=
+            !strcmp(text_of(event, "text"), text);
+        json_decref(json);
+    }
+    http_stream_close(stream);
+}
+
+static void a_key_that_was_used_writes_nothing_again(void **state)
+{
+    char body[300], key[40];
+    json_t *first, *again;
+    (void)state;
+    int64_t seq = seq_of(&anna, "setpoint.1");
+    snprintf(key, sizeof key, "test-key-%ld", (long)getpid());
+    snprintf(body, sizeof body, "{\"id\":1,\"value\":14,\"seq\":%" JSON_INTEGER_FORMAT ",\"key\":\"%s\"}",
+             (json_int_t)seq, key);
+    assert_int_equal(client_post(&anna, "/api/setpoint", body, &first), 200);
+    assert_int_equal(client_post(&anna, "/api/setpoint", body, &again), 200);
+    assert_string_equal(text_of(again, "key"), key);
+    assert_true(json_equal(json_object_get(first, "changes"), json_object_get(again, "changes")));
+    json_decref(again);
+    snprintf(body, sizeof body, "/api/writes?key=%s", key);
+    assert_int_equal(client_get(&anna, body, &again), 200);
+    assert_int_equal(json_array_size(json_object_get(again, "writes")), 1);
+    json_decref(again);
+    json_decref(first);
+    struct http_stream *stream = client_stream(&anna, NULL);
+    while (seq_of(&anna, "setpoint.1") < seq + 1)
+        json_decref(next_event(stream, "values", NULL));
+    assert_int_equal(seq_of(&anna, "setpoint.1"), seq + 1);
+    http_stream_close(stream);
+}
+
+/* ---- The stream --------------------------------------------------------------------------- */
+
+static void a_stream_begins_with_everything_and_goes_on_with_changes(void **state)
+{
+    struct http_stream *stream = client_stream(&otto, NULL);
+    struct http_message message;
+    (void)state;
+    assert_true(http_stream_next(stream, &message));
+    assert_string_equal(message.event, "hello");
+    assert_true(http_stream_next(stream, &message));
+    assert_string_equal(message.event, "state");
+    json_t *data = json_loads(message.data, 0, NULL);
+    schema_check(openapi,
+                 json_object_get(json_object_get(json_object_get(openapi, "components"), "schemas"), "State"),
+                 data, "state");
+    json_decref(data);
+    double before = 0;
+    for (int i = 0; i < 5; i++) {
+        data = next_event(stream, "values", &message);
+        assert_true(message.id[0] != '\0');
+        const json_t *y = json_object_get(json_object_get(data, "values"), "sensor.1");
+        if (y) {
+            double seq = json_number_value(json_array_get(y, 0));
+            assert_true(seq > before);
+            before = seq;
+        }
+        json_decref(data);
+    }
+    data = next_event(stream, "beat", &message);
+    assert_string_equal(message.id, "");
+    json_decref(data);
+    http_stream_close(stream);
+}
+
+static void a_stream_goes_on_where_it_was_left(void **state)
+{
+    struct http_stream *stream = client_stream(&otto, NULL);
+    struct http_message message;
+    char last[64];
+    (void)state;
+    json_decref(next_event(stream, "values", &message));
+    snprintf(last, sizeof last, "%s", message.id);
+    json_decref(next_event(stream, "values", &message));
+    char follows[64];
+    snprintf(follows, sizeof follows, "%s", message.id);
+    http_stream_close(stream);
+
+    stream = client_stream(&otto, last);
+    json_t *hello = next_event(stream, "hello", NULL);
+    assert_true(json_is_true(json_object_get(hello, "resumed")));
+    json_decref(hello);
+    do
+        assert_true(http_stream_next(stream, &message));
+    while (!message.id[0]);
+    assert_true(strcmp(message.event, "state") != 0);
+    /* what came next before comes next again; other kinds may lie between */
+    while (strcmp(message.id, follows) != 0)
+        assert_true(http_stream_next(stream, &message));
+    http_stream_close(stream);
+
+    static const char *const unknown[] = {"00000000.1", "nonsense", "00000000.99999999999999999999"};
+    for (size_t i = 0; i < sizeof unknown / sizeof *unknown; i++) {
+        stream = client_stream(&otto, unknown[i]);
+        hello = next_event(stream, "hello", NULL);
+        assert_true(json_is_false(json_object_get(hello, "resumed")));
+        json_decref(hello);
+        json_decref(next_event(stream, "state", NULL));
+        http_stream_close(stream);
+    }
+}
+
+/* ---- Slow clients ------------------------------------------------------------------------- */
+
+/* They dribble a byte a look until they are thrown out; meanwhile the server answers others. */
+static void whoever_dribbles_is_thrown_out(void **state)
+{
+    static const char *const begun[] = {"GET /api/state HTTP/1.1\r\nHost: localhost\r\nX-Slow: ",
+                                        "POST /api/login HTTP/1.1\r\nHost: localhost\r\n" JSON
+                                        "Content-Length: 60000\r\n\r\n"};
+    struct http_stream *stream = client_stream(&local, NULL);
+    int fds[2];
+    (void)state;
+    for (size_t i = 0; i < 2; i++) {
+        fds[i] = http_connect(local.port);
+        assert_true(http_send(fds[i], begun[i], strlen(begun[i])));
+    }
+    for (int open = 2, beats = 0; open > 0; beats++) {
+        assert_true(beats < 60);
+        json_decref(next_event(stream, "beat", NULL));
+        for (size_t i = 0; i < 2; i++)
+            if (fds[i] >= 0 && (!http_send(fds[i], " ", 1) || !http_send(fds[i], " ", 1))) {
+                close(fds[i]);
+                fds[i] = -1;
+                open--;
+            }
+        assert_int_equal(client_get(&local, "/api/state", NULL), 200);
+    }
+    http_stream_close(stream);
+}
+
+/* ---- For the shell ------------------------------------------------------------------------ */
+
+/* Is the loop running there? */
+static int ready(const char *port)
+{
+    struct client c = {.port = atoi(port)};
+    return client_get(&c, "/readyz", NULL) == 200 && seq_of(&c, "actuator.1") > 0 &&
+                   seq_of(&c, "opmode.1") > 0
+               ? 0
+               : 1;
+}
+
+/* Show what the stream says, without values, until it ends. */
+static int watch(const char *port, const char *user, const char *password)
+{
+    struct client c = client_make(atoi(port), user, password);
+    struct http_stream *stream = client_stream(&c, NULL);
+    struct http_message message;
+    while (http_stream_next(stream, &message)) {
+        printf("%s %s\n", message.event, message.data);
+        fflush(stdout);
+    }
+    http_stream_close(stream);
+    return 0;
+}
+
+int main(int argc, char **argv)
+{
+    if (argc == 3 && !strcmp(argv[1], "--ready"))
+        return ready(argv[2]);
+    if (argc == 5 && !strcmp(argv[1], "--watch"))
+        return watch(argv[2], argv[3], argv[4]);
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(openapi_names_every_route_and_no_other),
+        cmocka_unit_test(answers_are_what_openapi_says),
+        cmocka_unit_test(a_stranger_gets_401_on_every_route),
+        cmocka_unit_test(only_these_need_no_login),
+        cmocka_unit_test(a_browser_without_a_session_gets_the_form),
+        cmocka_unit_test(an_open_server_says_that_it_is_one),
+        cmocka_unit_test(every_answer_carries_the_headers_that_protect_it),
+        cmocka_unit_test(a_session_ends_with_logout),
+        cmocka_unit_test(failed_logins_have_to_wait),
+        cmocka_unit_test(refused_requests_write_nothing),
+        cmocka_unit_test(a_stale_form_is_shown_the_newer_value),
+        cmocka_unit_test(bad_parameters_and_paths_are_refused),
+        cmocka_unit_test(a_body_that_is_too_large_is_refused),
+        cmocka_unit_test(what_is_no_http_is_turned_away),
+        cmocka_unit_test(what_an_operator_writes_is_accepted_then_applied),
+        cmocka_unit_test(each_write_is_recorded_with_its_operator),
+        cmocka_unit_test(a_key_that_was_used_writes_nothing_again),
+        cmocka_unit_test(a_stream_begins_with_everything_and_goes_on_with_changes),
+        cmocka_unit_test(a_stream_goes_on_where_it_was_left),
+        cmocka_unit_test(whoever_dribbles_is_thrown_out),
+    };
+    return cmocka_run_group_tests(tests, set_up, tear_down);
+}

@@ -1,0 +1,11 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* docs/openapi.json against answers: as much of JSON Schema as that file uses. */
+#ifndef APC_TEST_SCHEMA_H
+#define APC_TEST_SCHEMA_H
+
+#include <jansson.h>
+
+/* Fails the test, saying where, unless value is what the schema says. root: the whole document. */
+void schema_check(const json_t *root, const json_t *schema, const json_t *value, const char *where);
+
+#endif
