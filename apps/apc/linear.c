@@ -1,14 +1,34 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "linear.h"
 
+#include <dlfcn.h>
 #include <lapacke.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <apcbase.h>
-
 #define RANK_TOLERANCE 1e-8 /* against the largest singular value; the Jacobians are good to 1e-9 */
+
+#define LAPACK_FUNCTIONS(X) X(dgeev) X(dgelss) X(dgesv) X(dgesvd)
+
+static struct {
+#define LAPACK_MEMBER(name) __typeof__(LAPACKE_##name) *name;
+    LAPACK_FUNCTIONS(LAPACK_MEMBER)
+} lapack;
+
+int linear_load(struct apc_error *why)
+{
+    static const char library[] = "liblapacke.so.3";
+    void *handle = dlopen(library, RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
+    if (!handle)
+        return apc_fail(why, APC_ENOTFOUND, "%s is missing (Debian: liblapacke): %s", library, dlerror());
+#define LAPACK_FIND(name)                                                                                    \
+    *(void **)&lapack.name = dlsym(handle, "LAPACKE_" #name);                                                \
+    if (!lapack.name)                                                                                        \
+        return apc_fail(why, APC_ENOTFOUND, "%s has no LAPACKE_" #name, library);
+    LAPACK_FUNCTIONS(LAPACK_FIND)
+    return 0;
+}
 
 static int size_of(size_t n)
 {
@@ -21,10 +41,10 @@ static int eigenvalues(double *a, size_t n, double complex *value)
     double *re = calloc(n, sizeof *re), *im = calloc(n, sizeof *im);
     int rc = re && im ? 0 : APC_ENOMEM;
     if (rc == 0 &&
-        LAPACKE_dgeev(LAPACK_ROW_MAJOR, 'N', 'N', size_of(n), a, size_of(n), re, im, NULL, 1, NULL, 1))
+        lapack.dgeev(LAPACK_ROW_MAJOR, 'N', 'N', size_of(n), a, size_of(n), re, im, NULL, 1, NULL, 1))
         rc = APC_ESOLVER;
     for (size_t i = 0; i < n && rc == 0; i++)
-        value[i] = lapack_make_complex_double(re[i], im[i]); /* clang has no CMPLX() here */
+        value[i] = re[i] + im[i] * (double complex)I;
     free(re);
     free(im);
     return rc;
@@ -104,8 +124,8 @@ static int decompose(struct subspace *z, double *x, size_t rows, size_t columns,
 {
     if (columns == 0)
         return 0;
-    if (LAPACKE_dgesvd(LAPACK_ROW_MAJOR, 'N', 'A', size_of(rows), size_of(columns), x, size_of(columns), z->s,
-                       NULL, 1, z->right, size_of(columns), z->scratch))
+    if (lapack.dgesvd(LAPACK_ROW_MAJOR, 'N', 'A', size_of(rows), size_of(columns), x, size_of(columns), z->s,
+                      NULL, 1, z->right, size_of(columns), z->scratch))
         return APC_ESOLVER;
     int rank = 0;
     while (rank < size_of(columns) && z->s[rank] > RANK_TOLERANCE * largest)
@@ -155,8 +175,8 @@ static int motion_of(struct subspace *z, double complex *zero)
             f[i * z->k + q] = -z->test[i * w + q];
         memcpy(left + i * z->m, z->test + i * w + z->k, z->m * sizeof *left);
     }
-    if (rc == 0 && LAPACKE_dgelss(LAPACK_ROW_MAJOR, size_of(rows), size_of(z->m), size_of(rhs), left,
-                                  size_of(z->m), f, size_of(rhs), z->s, RANK_TOLERANCE, &rank))
+    if (rc == 0 && lapack.dgelss(LAPACK_ROW_MAJOR, size_of(rows), size_of(z->m), size_of(rhs), left,
+                                 size_of(z->m), f, size_of(rhs), z->s, RANK_TOLERANCE, &rank))
         rc = APC_ESOLVER;
     if (rc == 0 && (rank < size_of(z->m) || z->s[rank - 1] < RANK_TOLERANCE))
         rc = APC_ESTATE;
@@ -275,7 +295,7 @@ int linear_gain(const struct linear *sys, double *gain)
     if (rc == 0) {
         memcpy(a, sys->a, n * n * sizeof *a);
         memcpy(x, sys->b, n * m * sizeof *x);
-        if (LAPACKE_dgesv(LAPACK_ROW_MAJOR, size_of(n), size_of(m), a, size_of(n), pivot, x, size_of(m)))
+        if (lapack.dgesv(LAPACK_ROW_MAJOR, size_of(n), size_of(m), a, size_of(n), pivot, x, size_of(m)))
             rc = APC_ESTATE;
     }
     if (rc == 0)
@@ -299,7 +319,7 @@ int linear_rga(const double *gain, size_t n, double *rga)
     for (size_t i = 0; i < n && rc == 0; i++)
         inverse[i * n + i] = 1;
     if (rc == 0 &&
-        LAPACKE_dgesv(LAPACK_ROW_MAJOR, size_of(n), size_of(n), a, size_of(n), pivot, inverse, size_of(n)))
+        lapack.dgesv(LAPACK_ROW_MAJOR, size_of(n), size_of(n), a, size_of(n), pivot, inverse, size_of(n)))
         rc = APC_ESTATE;
     for (size_t i = 0; i < n && rc == 0; i++)
         for (size_t j = 0; j < n; j++)

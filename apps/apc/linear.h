@@ -7,6 +7,14 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include <apcbase.h>
+
+/*
+ * Load LAPACK, before all else here. Not linked, because some builds of it start threads when they are
+ * loaded: a signal meant for apc run would end the process in one of those. Returns 0, or APC_ENOTFOUND.
+ */
+int linear_load(struct apc_error *why);
+
 struct linear {
     size_t nx, nu, ny;
     double *a, *b, *c, *d; /* [nx * nx], [nx * nu], [ny * nx], [ny * nu] */

@@ -135,7 +135,9 @@ static int analyse(const struct cli *cli, struct analysis *z, bool here)
     const struct apc_model *m = z->model;
     struct linear sys = {m->nx, m->nu, m->ny, z->a, z->manipulated, z->c, z->feedthrough};
     struct apc_error why;
-    int rc = here ? 0 : apc_model_equilibrium(m, z->p, z->u, z->x, &why);
+    int rc = linear_load(&why);
+    if (rc == 0 && !here)
+        rc = apc_model_equilibrium(m, z->p, z->u, z->x, &why);
     if (rc == 0)
         rc = apc_model_linearize(m, z->p, z->x, z->u, z->a, z->b, z->c, z->d, &why);
     if (rc < 0)

@@ -2,6 +2,7 @@
 /* Poles, zeros and gains of linear systems, and of the plants, against what is known of them. */
 #include "check.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 
 #include "apc/linear.h"
@@ -191,6 +192,11 @@ static void the_quadruple_tanks_zeros_lie_where_its_valves_put_them(void **state
 
 int main(void)
 {
+    struct apc_error why;
+    if (linear_load(&why) < 0) {
+        fprintf(stderr, "%s\n", why.text);
+        return 1;
+    }
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_zeros_of_a_transfer_function_are_its_numerators),
         cmocka_unit_test(scales_do_not_matter),
