@@ -188,6 +188,13 @@ int experiment_plant(const struct experiment *e, struct apc_plant **plant, struc
 {
     struct apc_plant_options how = e->plant.options;
     double *limits = calloc(4 * e->dim.nu, sizeof *limits);
+    int rc;
+
+    *plant = NULL;
+    *server = NULL;
+    if (!limits)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    experiment_outputs(e, limits, limits + e->dim.nu, limits + 2 * e->dim.nu, limits + 3 * e->dim.nu);
     struct apc_plantserver_options options = {
         .size = sizeof options,
         .model = e->plant.model,
@@ -202,13 +209,6 @@ int experiment_plant(const struct experiment *e, struct apc_plant **plant, struc
         .n_disturbances = e->plant.n_disturbances,
         .sensor = e->sensor,
     };
-    int rc;
-
-    *plant = NULL;
-    *server = NULL;
-    if (!limits)
-        return apc_fail(why, APC_ENOMEM, "out of memory");
-    experiment_outputs(e, limits, limits + e->dim.nu, limits + 2 * e->dim.nu, limits + 3 * e->dim.nu);
     how.integrator = e->plant.integrator[0] ? e->plant.integrator : NULL;
     rc = apc_plant_create(plant, e->plant.model, e->plant.p, e->plant.x0, &how, why);
     options.plant = *plant;

@@ -72,7 +72,7 @@ done
 exit 0 # not that of the last read
 HOOK
 
-kills=${APC_KILLS:-15}
+kills=${APC_KILLS:-8}
 check() { # NAME OPTIONS...
   mkdir "$work/$1"
   "$checker" run --dir "$work/$1" --kills "$kills" ${APC_SEED:+--seed "$APC_SEED"} "${@:2}" || fail "$1: see above"

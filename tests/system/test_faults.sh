@@ -14,6 +14,28 @@ events() { [ "$(sql "SELECT count(*) FROM apc.event WHERE text LIKE '%$1%'")" -g
 near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN {d = a - b; exit !(d < t && d > -t)}'; }
 
 start() { background "$1" "$APC_BIN/$1" "${@:2}"; }
+
+# two writers of one table, two servers of one port. A claim goes with its connection, which a daemon drops when the
+# database does not answer in a period, 2 s at most: so these are slow.
+sed -e 's/period = 0.05;/period = 2.0;/' -e 's/period = 0.2;/period = 2.0;/' "$work/fast.conf" >"$work/slow.conf"
+started() { grep -q 'running every' "$work/$1.log"; }
+holders=()
+for program in apc-plant apc-client apc-controller; do
+  start "$program" --config "$work/slow.conf" --store postgresql:
+  holders+=("$pid")
+  until_true 20 started "$program"
+done
+expect 4 'actuator.*already written by apc-controller' timeout 60 env APC_SPOOL= "$APC_BIN/apc-controller" --config "$work/slow.conf" &
+refused=$!
+expect 4 'sensor.*already written by apc-client' timeout 60 env APC_SPOOL= "$APC_BIN/apc-client" --config "$work/slow.conf"
+wait "$refused"
+expect 4 'spool .*apc-client-events.spool is in use by another process' timeout 60 "$APC_BIN/apc-client"
+expect 1 "$port" timeout 60 env APC_SPOOL= "$APC_BIN/apc-plant"
+kill "${holders[@]}"
+for pid in "${holders[@]}"; do
+  wait "$pid" || fail "a daemon ended with $? on SIGTERM"
+done
+
 start apc-plant --store postgresql:
 plant=$pid
 start apc-client
@@ -23,12 +45,6 @@ controller=$pid
 start apc-scheduler
 until_true 20 more_rows actuator 5
 until_true 20 events 'plant takes commands' 1
-
-# two writers of one table, two servers of one port
-expect 4 'actuator.*already written by apc-controller' env APC_SPOOL= "$APC_BIN/apc-controller"
-expect 4 'sensor.*already written by apc-client' env APC_SPOOL= "$APC_BIN/apc-client"
-expect 4 'spool .*apc-client-events.spool is in use by another process' "$APC_BIN/apc-client"
-expect 1 "$port" env APC_SPOOL= "$APC_BIN/apc-plant"
 
 # the loop settles; then the controller dies: the plant trips, a new controller goes on where the old one stopped
 settled() { near "$(newest sensor)" "$(newest setpoint)" 0.1; }

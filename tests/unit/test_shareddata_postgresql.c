@@ -96,14 +96,23 @@ static struct apc_sample newest(struct apc_store *store, enum apc_table table, i
     return s;
 }
 
-/* Until the pause after a failed connect is over: the store itself says when. */
+/* Until the pause after a failed connect is over: the store itself says when; and for as long as a machine
+ * that stalls takes longer than a short timeout. */
 static int append_again(struct apc_store *store, const struct apc_sample *s, size_t n)
 {
     int result = APC_ECONN;
-    for (int i = 0; i < 100000 && (result == APC_ECONN || result == APC_EBUSY); i++) {
+    for (int i = 0; i < 100000 && (result == APC_ECONN || result == APC_EBUSY || result == APC_ETIMEDOUT);
+         i++) {
         result = apc_store_append(store, s, n);
     }
     return result;
+}
+
+/* The same for a connection. */
+static void connect_again(struct apc_store *store)
+{
+    while (apc_store_connect(store) != 0) { /* or until the test runs out of time */
+    }
 }
 
 /* ---- Round trips ----------------------------------------------------------------------------- */
@@ -148,9 +157,10 @@ static void test_a_stalled_server_costs_the_timeout_and_the_next_call_works(void
     (void)state;
     char directory[256];
     struct proxy *proxy = new_proxy(directory);
-    struct apc_store *store = open_through(directory, SHORT);
+    struct apc_store *store = open_through(directory, SHORT), *direct = open_direct(LONG);
     struct apc_sample s = sample(APC_SENSOR, 1, 1, 1), out = {.table = APC_SENSOR, .id = 1};
-    assert_int_equal(append_again(store, &s, 1), 1);
+    assert_int_equal(append_again(direct, &s, 1), 1);
+    assert_int_equal(append_again(store, &s, 1), 0);
     proxy_set(proxy, PROXY_STALL);
     assert_int_equal(apc_store_read(store, &out, 1), APC_ETIMEDOUT);
     assert_says(store, "no answer from the database");
@@ -158,8 +168,9 @@ static void test_a_stalled_server_costs_the_timeout_and_the_next_call_works(void
     assert_int_equal(apc_store_connect(store), APC_ETIMEDOUT);
     proxy_set(proxy, PROXY_PASS);
     assert_int_equal(append_again(store, &s, 1), 0); /* there already */
-    assert_int_equal(newest(store, APC_SENSOR, 1).seq, 1);
+    assert_int_equal(newest(direct, APC_SENSOR, 1).seq, 1);
     apc_store_close(store);
+    apc_store_close(direct);
     proxy_stop(proxy);
     rmdir(directory);
 }
@@ -171,12 +182,12 @@ static void test_a_write_that_the_server_does_not_take_ends_at_the_timeout(void 
     char directory[256];
     struct proxy *proxy = new_proxy(directory);
     struct apc_store *store = open_through(directory, SHORT);
-    ok(store, apc_store_connect(store));
     struct apc_sample *s = malloc(N * sizeof *s);
     assert_non_null(s);
     for (int i = 0; i < N; i++) {
         s[i] = sample(APC_SENSOR, i, 1, 1);
     }
+    connect_again(store);
     proxy_set(proxy, PROXY_STALL);
     int result = apc_store_append(store, s, N);
     proxy_set(proxy, PROXY_CUT);
@@ -312,7 +323,7 @@ static void test_of_several_hosts_the_next_is_tried_when_one_swallows_packets(vo
     struct apc_store *store = open_uri(uri, SHORT);
     assert_int_equal(apc_store_connect(store), APC_ETIMEDOUT);
     struct apc_sample s = sample(APC_SENSOR, 1, 1, 1);
-    assert_int_equal(append_again(store, &s, 1), 1);
+    ok(store, append_again(store, &s, 1));
     apc_store_close(store);
     proxy_stop(proxy);
     rmdir(directory);
@@ -339,7 +350,7 @@ static void test_hosts_of_a_service_file_take_turns_as_well(void **state)
     unsetenv("PGSERVICEFILE");
     unlink(path);
     assert_int_equal(stalled, APC_ETIMEDOUT);
-    assert_int_equal(appended, 1);
+    assert_in_range(appended, 0, 1); /* 0: an earlier try had taken place, its answer was late */
     apc_store_close(store);
     proxy_stop(proxy);
     rmdir(directory);
@@ -865,10 +876,11 @@ static void test_a_wait_ends_with_an_error_when_its_connection_does_and_the_next
 {
     (void)state;
     struct appender a = {.store = open_direct(LONG)};
-    char waiting[300];
+    char waiting[300]; /* the look was its last statement: before that, ending its connection makes it connect
+                          anew */
     snprintf(waiting, sizeof waiting,
              "SELECT count(*) FROM pg_stat_activity WHERE application_name = 'test' AND state = 'idle' AND "
-             "datname = '%s'",
+             "query LIKE 'SELECT v.i%%FROM setpoint_newest%%' AND datname = '%s'",
              cluster_database(cluster));
     pthread_t thread;
     assert_int_equal(pthread_create(&thread, NULL, wait_long, &a), 0);
