@@ -135,12 +135,12 @@ static void add_bar(const struct live *l, struct line *line, double t)
     add(line, "  [%.*s%.*s] %3.0f %%", filled, full, bar - filled, empty, 100 * done);
 }
 
-void live_show(struct live *l)
+void live_show(struct live *l, bool last)
 {
     struct line line = {.used = 0};
     apc_ns now = apc_clock_utc(NULL), mono = apc_clock_mono(NULL);
     double t = apc_ns_to_s(now - l->start);
-    if (!l->terminal && mono - l->printed < PLAIN_EVERY)
+    if (!l->terminal && !last && mono - l->printed < PLAIN_EVERY)
         return;
     int rc = apc_store_read(l->store, l->samples, l->n);
     if (rc >= 0 && mono - l->asked > TIMING_EVERY) {

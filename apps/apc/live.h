@@ -12,8 +12,9 @@ struct live;
 int live_create(struct live **live, struct apc_store *store, const struct experiment *e, apc_ns start,
                 double duration);
 void live_destroy(struct live *live);
-/* Read and print. A store that is away is said on the line; it is no error. */
-void live_show(struct live *live);
+/* Read and print; unless it is the last time, only now and then where stdout is no terminal. A store that is
+ * away is said on the line; it is no error. */
+void live_show(struct live *live, bool last);
 /* A message of its own above the line. */
 void live_say(struct live *live, const char *fmt, ...) APC_PRINTF(2, 3);
 /* End the line. */

@@ -296,7 +296,7 @@ static int follow(struct run *r, const sigset_t *signals)
             return 0;
         }
         if (r->finish && apc_clock_mono(NULL) >= r->finish) {
-            live_show(r->live);
+            live_show(r->live, true);
             return 0;
         }
         int rc = supervisor_check(&r->daemons, &why);
@@ -312,7 +312,7 @@ static int follow(struct run *r, const sigset_t *signals)
         if (rc > 0)
             live_say(r->live, "a daemon died and was started again: see %s/*.log", r->dir);
         if (apc_clock_mono(NULL) >= r->begin)
-            live_show(r->live);
+            live_show(r->live, false);
     }
 }
 

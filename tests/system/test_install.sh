@@ -22,9 +22,13 @@ export PKG_CONFIG_PATH=$libdir/pkgconfig
   cc $(pkg-config --cflags apc) "$APC_SOURCE_DIR/examples/consumer/consumer.c" -o "$work/shared" $(pkg-config --libs apc)
   cc $(pkg-config --cflags apc-static) "$APC_SOURCE_DIR/examples/consumer/consumer.c" -o "$work/static" \
     $(pkg-config --libs apc-static)
+  # The consumer needs little of the library; what all of it depends on is named as well.
+  cc $(pkg-config --cflags apc-static) "$APC_SOURCE_DIR/examples/consumer/consumer.c" -o "$work/whole" \
+    $(pkg-config --libs apc-static | sed 's/-l:libapc.a/-Wl,--whole-archive & -Wl,--no-whole-archive/')
 }
 LD_LIBRARY_PATH=$libdir expect 0 'tick 9, ' "$work/shared"
 expect 0 'tick 9, ' "$work/static"
+expect 0 'tick 9, ' "$work/whole"
 
 # Every header stands alone, in C and, for its users, in C++ where there is a compiler.
 for header in "$prefix"/include/apc*.h; do

@@ -26,13 +26,16 @@ guest() {
   read -r postmaster <"$data/postmaster.pid"
 }
 
-serves() { [ "/proc/$1/cwd" -ef "$2" ]; }
+# A container's root may not see where another user's process works.
+as_server=()
+[ "$(id -u)" -ne 0 ] || as_server=(runuser -u postgres --)
+serves() { "${as_server[@]}" test "/proc/$1/cwd" -ef "$2"; }
 
 nothing_left() {
   [ ! -e "$1" ] || fail "$1 is still there"
   [ ! -e "$data" ] || fail "the data in $data is still there"
   [ ! -e "$sockets" ] || fail "the sockets in $sockets are still there"
-  ! readlink "/proc/$postmaster/cwd" >/dev/null || fail "the server, $postmaster, still runs"
+  ! "${as_server[@]}" readlink "/proc/$postmaster/cwd" >/dev/null || fail "the server, $postmaster, still runs"
 }
 
 # ended STATUS: the guest has ended with that status, and before its database did.

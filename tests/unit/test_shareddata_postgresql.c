@@ -885,7 +885,7 @@ static void test_a_wait_ends_with_an_error_when_its_connection_does_and_the_next
     pthread_t thread;
     assert_int_equal(pthread_create(&thread, NULL, wait_long, &a), 0);
     bool idle = cluster_await(cluster, waiting, "1");
-    terminate(cluster, "test");
+    terminate(cluster, "waiter");
     pthread_join(thread, NULL);
     assert_true(idle);
     assert_int_equal(a.result, APC_ECONN);
