@@ -285,6 +285,9 @@ static void watch_spool(struct daemon *d, struct spool_watch *w, const struct ap
     if (waiting && !w->waiting)
         daemon_event(d, APC_EVENT_WARNING, "store", "%s go to the spool: %.140s", what,
                      apc_store_error(store));
+    if (now->blocked < 0 && w->blocked >= 0)
+        daemon_event(d, APC_EVENT_ALARM, "store", "%s stay in the spool: %.140s", what,
+                     apc_store_error(store));
     if (waiting) {
         apc_ns age = apc_clock_utc(NULL) - now->oldest;
         w->age = age > w->age || !w->waiting ? age : w->age;
@@ -295,6 +298,7 @@ static void watch_spool(struct daemon *d, struct spool_watch *w, const struct ap
     }
     w->waiting = waiting;
     w->damaged = now->damaged;
+    w->blocked = now->blocked;
 }
 
 void daemon_spool(struct daemon *d, const struct apc_store *store)

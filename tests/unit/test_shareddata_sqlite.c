@@ -436,7 +436,7 @@ static void test_a_full_disk_keeps_the_whole_append_out_and_no_later_one(void **
     int64_t after = newest_seq(*state, 1);
     int small = append_one(*state, 1, 2);
     assert_int_equal(setrlimit(RLIMIT_FSIZE, &unlimited), 0);
-    assert_int_equal(full, APC_ESTORE);
+    assert_int_equal(full, APC_EFULL);
     assert_non_null(strstr(why.text, "no room left"));
     assert_int_equal(after, 1);
     assert_int_equal(small, 1);
