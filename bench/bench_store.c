@@ -13,6 +13,7 @@ int main(int argc, char **argv)
     tick_describe(conn, server, sizeof server);
     PQfinish(conn);
     bench_describe(&b, server);
+    bench_all(&b);
     bench_sqlite(&b);
     bench_postgresql(&b);
     bench_shm(&b);

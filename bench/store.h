@@ -7,8 +7,12 @@
 #include "bench.h"
 
 /* Each measures with bench_run(), whose references, calls and budget it sets itself. */
+void bench_all(struct bench *b);
 void bench_postgresql(struct bench *b);
 void bench_shm(struct bench *b);
 void bench_sqlite(struct bench *b);
+
+/* For files, beside this program, on the disk that the build folder is on; it goes at the end. */
+const char *bench_folder(void);
 
 #endif

@@ -41,9 +41,11 @@ static void remove_folder(void)
     nftw(folder, remove_one, 8, FTW_DEPTH | FTW_PHYS);
 }
 
-static void make_folder(void)
+const char *bench_folder(void)
 {
     char program[4096];
+    if (folder[0])
+        return folder;
     ssize_t n = readlink("/proc/self/exe", program, sizeof program - 1);
     program[n > 0 ? n : 0] = '\0';
     if (!strrchr(program, '/'))
@@ -52,6 +54,8 @@ static void make_folder(void)
     snprintf(folder, sizeof folder, "%s/sqlite.XXXXXX", program);
     if (!mkdtemp(folder))
         die("cannot make %s", folder);
+    atexit(remove_folder);
+    return folder;
 }
 
 /* ---- Ours ------------------------------------------------------------------------------------ */
@@ -86,7 +90,7 @@ static struct ours *ours_open(const char *name, int n)
         .size = sizeof options, .name = "bench", .timeout = 60 * APC_NS_PER_S};
 
     o->n = n;
-    snprintf(uri, sizeof uri, "sqlite:%s/%s-%d.db", folder, name, n);
+    snprintf(uri, sizeof uri, "sqlite:%s/%s-%d.db", bench_folder(), name, n);
     if (apc_store_open(&o->store, uri, &options, &why) < 0)
         die("%s", why.text);
     if (apc_store_init(o->store) < 0)
@@ -179,7 +183,7 @@ static struct hand *hand_open(const char *name, int n, bool newest)
     char path[sizeof folder + 64];
 
     h->n = n;
-    snprintf(path, sizeof path, "%s/%s-%d.db", folder, name, n);
+    snprintf(path, sizeof path, "%s/%s-%d.db", bench_folder(), name, n);
     if (sqlite3_open(path, &h->db) != SQLITE_OK)
         die("%s: %s", path, sqlite3_errmsg(h->db));
     run(h, "PRAGMA journal_mode = PERSIST; PRAGMA synchronous = FULL; PRAGMA cache_size = -8000");
@@ -270,8 +274,6 @@ static void newest(struct bench *b, int n)
 
 void bench_sqlite(struct bench *b)
 {
-    make_folder();
-    atexit(remove_folder);
     tick(b, 10);
     tick(b, 100);
     tick(b, 1000);

@@ -46,7 +46,8 @@ extern "C" {
     X(APC_EPERM, -13, "not permitted")                                                                       \
     X(APC_ESOLVER, -14, "the differential equation could not be solved")                                     \
     X(APC_ESTORE, -15, "the store refused the operation")                                                    \
-    X(APC_EOVERRUN, -16, "ticks were missed")
+    X(APC_EOVERRUN, -16, "ticks were missed")                                                                \
+    X(APC_EFULL, -17, "no room left on its disk")
 
 enum apc_err {
 #define APC_ERR_ENUM(name, number, text) name = number,

@@ -6,10 +6,11 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "common/storeuri.h"
+
 enum { OPT_JSON = 0x300, OPT_CSV };
 
-static const struct argp_option store_options[] = {
-    {"store", 's', "URI", 0, "Shared data: postgresql://host/db#schema, sqlite:FILE [APC_STORE]", 0}, {0}};
+static const struct argp_option store_options[] = {{"store", 's', "URI", 0, STORE_HELP, 0}, {0}};
 static const struct argp_option format_options[] = {
     {"json", OPT_JSON, NULL, 0, "JSON on stdout", 0}, {"csv", OPT_CSV, NULL, 0, "CSV on stdout", 0}, {0}};
 
@@ -171,7 +172,7 @@ int cli_open(const struct cli *cli, struct apc_store **store)
 {
     const struct apc_store_options options = {.size = sizeof options, .name = "apc", .timeout = cli->timeout};
     struct apc_error why;
-    int rc = apc_store_open(store, cli->store, &options, &why);
+    int rc = store_open(store, cli->store, &options, &why);
     if (rc < 0)
         cli_error(cli, rc, "%s", why.text);
     return rc;

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "cli.h"
+#include "common/storeuri.h"
 
 static int is_spool(const struct dirent *entry)
 {
@@ -45,7 +46,7 @@ static int drain_one(const char *path, const char *writer, const char *uri, apc_
         .size = sizeof options, .name = writer, .timeout = timeout, .spool = path};
     struct apc_store_stats stats;
     struct apc_store *store;
-    int rc = apc_store_open(&store, uri, &options, why);
+    int rc = store_open(&store, uri, &options, why);
     if (rc < 0)
         return rc;
     do {

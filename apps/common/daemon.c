@@ -13,6 +13,7 @@
 #include "exitcode.h"
 #include "notice.h"
 #include "recorder.h"
+#include "storeuri.h"
 #include "watch.h"
 
 #define HOUSEKEEPING    APC_NS_PER_S /* between two looks of the main thread */
@@ -28,8 +29,7 @@ enum { OPT_START = 0x100, OPT_LOG_LEVEL, OPT_SPIN, OPT_HOLD_LATENCY, OPT_SPOOL }
 
 static const struct argp_option common_options[] = {
     {"config", 'c', "FILE", 0, "Experiment file [APC_CONFIG]", 0},
-    {"store", 's', "URI", 0,
-     "Shared data: postgresql://host/db#schema, sqlite:FILE [APC_STORE]; default postgresql:", 0},
+    {"store", 's', "URI", 0, STORE_HELP "; default postgresql:", 0},
     {"spool", OPT_SPOOL, "DIR", 0,
      "Keep in this folder what the store cannot take while it is away [APC_SPOOL]; default: in memory", 0},
     {"timer", 't', "NAME", 0, "Executive: deadline (default) or posix", 0},
@@ -186,7 +186,7 @@ static int open_store(struct daemon *d, struct apc_store **store, apc_ns timeout
         options.spool_size = 0;
     }
     const char *uri = or_environment(d->options.store, "APC_STORE");
-    int rc = apc_store_open(store, uri ? uri : "postgresql:", &options, &why);
+    int rc = store_open(store, uri ? uri : "postgresql:", &options, &why);
     return rc < 0 ? daemon_error(d, rc, "--store: %s", why.text) : 0;
 }
 
@@ -291,6 +291,9 @@ static void watch_spool(struct daemon *d, struct spool_watch *w, const struct ap
     if (waiting && !w->waiting)
         daemon_event(d, APC_EVENT_WARNING, "store", "%s go to the spool: %.140s", what,
                      apc_store_error(store));
+    if (now->blocked < 0 && w->blocked >= 0)
+        daemon_event(d, APC_EVENT_ALARM, "store", "%s stay in the spool: %.140s", what,
+                     apc_store_error(store));
     if (waiting) {
         apc_ns age = apc_clock_utc(NULL) - now->oldest;
         w->age = age > w->age || !w->waiting ? age : w->age;
@@ -301,6 +304,7 @@ static void watch_spool(struct daemon *d, struct spool_watch *w, const struct ap
     }
     w->waiting = waiting;
     w->damaged = now->damaged;
+    w->blocked = now->blocked;
 }
 
 void daemon_spool(struct daemon *d, const struct apc_store *store)

@@ -40,6 +40,7 @@ struct spool_watch {
     bool waiting;
     apc_ns age; /* the greatest while something waits */
     uint64_t drained, damaged;
+    int blocked;
 };
 
 struct daemon {

@@ -16,66 +16,18 @@
 #include <string.h>
 #include <time.h>
 
-#include "shareddata/shareddata_internal.h"
-
-struct variable {
-    enum apc_table table;
-    int id;
-    struct apc_sample *row; /* in rising seq */
-    size_t n, capacity;
-    size_t want; /* rows of the running append, at most */
-};
-
-struct timing {
-    struct apc_timing_row row; /* its buckets are the allocation that starts at bin_low */
-    uint64_t number;           /* order of arrival */
-};
-
-/* What the handles of one name share. */
-struct memory {
-    char name[64];
-    struct memory *next; /* of those with a name */
-    size_t handles;
-    pthread_mutex_t mutex;
-    pthread_cond_t changed;
-    unsigned waiters;
-    int version; /* 0: there is no schema yet */
-    const struct apc_store *writer[APC_TABLE_END];
-    struct variable *variable;
-    size_t n, capacity;
-    uint32_t *index; /* a hash table of 2 * capacity: 1 + the number of a variable, or 0 */
-    struct apc_tag *tag;
-    size_t n_tags;
-    struct apc_event *event; /* in order of arrival */
-    size_t n_events, events_capacity;
-    uint64_t dropped_events; /* so many came before event[0] */
-    struct timing *timing;   /* in rising (time, number) */
-    size_t n_timings, timings_capacity;
-    uint64_t next_timing;
-};
-
-struct mem {
-    struct apc_store base;
-    struct memory *memory;
-    bool connected;
-};
+#include "shareddata/mem.h"
 
 /* The process' named memories. Only opening and closing touch them. */
 static pthread_mutex_t names_mutex = PTHREAD_MUTEX_INITIALIZER;
 static struct memory *names;
 
-static struct mem *mem_of(struct apc_store *store)
-{
-    return (struct mem *)store;
-}
-
-static int no_memory(struct apc_store *store)
+int apc_mem_no_memory(struct apc_store *store)
 {
     return apc_fail(&store->why, APC_ENOMEM, "out of memory");
 }
 
-/* Room for @p n more of what @p array holds @p used of. It doubles, so n rows cost log n moves. */
-static int grow(struct apc_store *store, void **array, size_t *capacity, size_t used, size_t n, size_t size)
+int apc_mem_grow(struct apc_store *store, void **array, size_t *capacity, size_t used, size_t n, size_t size)
 {
     if (*capacity - used >= n) {
         return 0;
@@ -83,7 +35,7 @@ static int grow(struct apc_store *store, void **array, size_t *capacity, size_t 
     size_t most = 2 * *capacity > used + n ? 2 * *capacity : used + n;
     void *bigger = realloc(*array, (most < 16 ? 16 : most) * size);
     if (!bigger) {
-        return no_memory(store);
+        return apc_mem_no_memory(store);
     }
     *array = bigger;
     *capacity = most < 16 ? 16 : most;
@@ -97,14 +49,9 @@ static void destroy_memory(struct memory *m)
     for (size_t i = 0; i < m->n; i++) {
         free(m->variable[i].row);
     }
-    for (size_t i = 0; i < m->n_timings; i++) {
-        free((void *)(uintptr_t)m->timing[i].row.bin_low);
-    }
     free(m->variable);
     free(m->index);
-    free(m->tag);
-    free(m->event);
-    free(m->timing);
+    apc_mem_free_records(m);
     pthread_cond_destroy(&m->changed);
     pthread_mutex_destroy(&m->mutex);
     free(m);
@@ -172,7 +119,7 @@ static void leave_memory(struct memory *m)
 
 static void close_store(struct apc_store *store)
 {
-    struct memory *m = mem_of(store)->memory;
+    struct memory *m = apc_mem_of(store)->memory;
     pthread_mutex_lock(&m->mutex);
     for (int table = 0; table < APC_TABLE_END; table++) {
         if (m->writer[table] == store) {
@@ -210,10 +157,9 @@ static bool connected(const struct apc_store *store)
     return ((const struct mem *)store)->connected;
 }
 
-/* Every operation begins with it; on success the mutex is held. */
-static void begin_bare(struct apc_store *store)
+void apc_mem_begin_bare(struct apc_store *store)
 {
-    struct mem *mem = mem_of(store);
+    struct mem *mem = apc_mem_of(store);
     if (!mem->connected) {
         mem->connected = true;
         store->stats.connects++;
@@ -222,38 +168,38 @@ static void begin_bare(struct apc_store *store)
     pthread_mutex_lock(&mem->memory->mutex);
 }
 
-static void end(struct apc_store *store)
+void apc_mem_end(struct apc_store *store)
 {
-    pthread_mutex_unlock(&mem_of(store)->memory->mutex);
+    pthread_mutex_unlock(&apc_mem_of(store)->memory->mutex);
 }
 
-static int begin(struct apc_store *store)
+int apc_mem_begin(struct apc_store *store)
 {
-    begin_bare(store);
-    if (mem_of(store)->memory->version == 0) {
-        end(store);
+    apc_mem_begin_bare(store);
+    if (apc_mem_of(store)->memory->version == 0) {
+        apc_mem_end(store);
         return apc_fail(&store->why, APC_ESCHEMA, "mem:%s has no tables yet: run apc_store_init()",
-                        mem_of(store)->memory->name);
+                        apc_mem_of(store)->memory->name);
     }
     return 0;
 }
 
 static int connect_store(struct apc_store *store)
 {
-    int err = begin(store);
+    int err = apc_mem_begin(store);
     if (!err) {
-        end(store);
+        apc_mem_end(store);
     }
     return err;
 }
 
 static int init(struct apc_store *store)
 {
-    struct memory *m = mem_of(store)->memory;
-    begin_bare(store);
+    struct memory *m = apc_mem_of(store)->memory;
+    apc_mem_begin_bare(store);
     int had = m->version;
     m->version = apc_store_version();
-    end(store);
+    apc_mem_end(store);
     return had;
 }
 
@@ -293,7 +239,7 @@ static int grow_variables(struct apc_store *store, struct memory *m)
     }
     if (!index || !variable) {
         free(index);
-        return no_memory(store);
+        return apc_mem_no_memory(store);
     }
     free(m->index);
     m->index = index;
@@ -306,7 +252,7 @@ static int grow_variables(struct apc_store *store, struct memory *m)
 
 static int find_or_add(struct apc_store *store, enum apc_table table, int id, struct variable **found)
 {
-    struct memory *m = mem_of(store)->memory;
+    struct memory *m = apc_mem_of(store)->memory;
     *found = find(m, table, id);
     if (*found) {
         return 0;
@@ -358,21 +304,21 @@ static int64_t newest_seq(const struct memory *m, enum apc_table table, int id)
 
 static int read_newest(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
-    int err = begin(store);
+    int err = apc_mem_begin(store);
     if (err) {
         return err;
     }
     for (size_t i = 0; i < n; i++) {
-        copy_newest(mem_of(store)->memory, &samples[i]);
+        copy_newest(apc_mem_of(store)->memory, &samples[i]);
     }
-    end(store);
+    apc_mem_end(store);
     return 0;
 }
 
 /* Room for all of them. */
 static int reserve(struct apc_store *store, const struct apc_sample *samples, size_t n)
 {
-    struct memory *m = mem_of(store)->memory;
+    struct memory *m = apc_mem_of(store)->memory;
     struct variable *v = NULL;
     size_t counted = 0;
     int err = 0;
@@ -385,7 +331,7 @@ static int reserve(struct apc_store *store, const struct apc_sample *samples, si
     for (size_t i = 0; i < counted; i++) {
         v = &m->variable[*place(m, samples[i].table, samples[i].id) - 1];
         if (!err && v->want > 0) {
-            err = grow(store, (void **)&v->row, &v->capacity, v->n, v->want, sizeof *v->row);
+            err = apc_mem_grow(store, (void **)&v->row, &v->capacity, v->n, v->want, sizeof *v->row);
         }
         v->want = 0;
     }
@@ -439,21 +385,21 @@ static int append(struct apc_store *store, const struct apc_sample *samples, siz
 {
     int err = apc_rows_check(store, samples, n);
     if (!err) {
-        err = begin(store);
+        err = apc_mem_begin(store);
     }
     if (err) {
         return err;
     }
     err = reserve(store, samples, n);
-    int count = err ? 0 : insert_all(mem_of(store)->memory, samples, n);
-    end(store);
+    int count = err ? 0 : insert_all(apc_mem_of(store)->memory, samples, n);
+    apc_mem_end(store);
     return err ? err : count;
 }
 
 /* Each becomes its variable's next. */
 static int write_next(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
-    struct memory *m = mem_of(store)->memory;
+    struct memory *m = apc_mem_of(store)->memory;
     int err = reserve(store, samples, n);
     for (size_t i = 0; !err && i < n; i++) {
         if (newest_seq(m, samples[i].table, samples[i].id) >= APC_SEQ_MAX) {
@@ -471,10 +417,10 @@ static int write_next(struct apc_store *store, struct apc_sample *samples, size_
 
 static int put_or_swap(struct apc_store *store, struct apc_sample *samples, size_t n, bool compare)
 {
-    struct memory *m = mem_of(store)->memory;
+    struct memory *m = apc_mem_of(store)->memory;
     int err = apc_rows_check(store, samples, n);
     if (!err) {
-        err = begin(store);
+        err = apc_mem_begin(store);
     }
     if (err) {
         return err;
@@ -491,7 +437,7 @@ static int put_or_swap(struct apc_store *store, struct apc_sample *samples, size
         }
         err = apc_fail(&store->why, APC_ECONFLICT, "someone else has changed it meanwhile");
     }
-    end(store);
+    apc_mem_end(store);
     return err;
 }
 
@@ -507,8 +453,8 @@ static int swap(struct apc_store *store, struct apc_sample *samples, size_t n)
 
 static int claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last)
 {
-    struct memory *m = mem_of(store)->memory;
-    int err = begin(store);
+    struct memory *m = apc_mem_of(store)->memory;
+    int err = apc_mem_begin(store);
     if (err) {
         return err;
     }
@@ -521,7 +467,7 @@ static int claim(struct apc_store *store, enum apc_table table, size_t n, int64_
             last[i] = newest_seq(m, table, (int)i + 1);
         }
     }
-    end(store);
+    apc_mem_end(store);
     return err;
 }
 
@@ -537,11 +483,11 @@ static bool any_newer(const struct memory *m, const struct apc_sample *seen, siz
 
 static int wait_newer(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout)
 {
-    struct memory *m = mem_of(store)->memory;
+    struct memory *m = apc_mem_of(store)->memory;
     const apc_ns now = apc_clock_mono(NULL), until = timeout < INT64_MAX - now ? now + timeout : INT64_MAX;
     const struct timespec deadline = {.tv_sec = (time_t)(until / APC_NS_PER_S),
                                       .tv_nsec = (long)(until % APC_NS_PER_S)};
-    int err = begin(store);
+    int err = apc_mem_begin(store);
     if (err) {
         return err;
     }
@@ -551,23 +497,18 @@ static int wait_newer(struct apc_store *store, const struct apc_sample *seen, si
         e = pthread_cond_timedwait(&m->changed, &m->mutex, &deadline);
     }
     m->waiters--;
-    end(store);
+    apc_mem_end(store);
     return newer;
 }
 
 /* ---- History --------------------------------------------------------------------------------- */
-
-static bool within(const struct apc_range *range, apc_ns time)
-{
-    return (range->since == 0 || time >= range->since) && (range->until == 0 || time < range->until);
-}
 
 /* From which seq on, so that the rows within the range are the newest range->last. */
 static int64_t first_seq(const struct variable *v, const struct apc_range *range)
 {
     size_t left = range->last;
     for (size_t i = v->n; left > 0 && i > 0; i--) {
-        left -= within(range, v->row[i - 1].time);
+        left -= apc_mem_within(range, v->row[i - 1].time);
         if (left == 0) {
             return v->row[i - 1].seq;
         }
@@ -583,7 +524,7 @@ static size_t copy_rows(const struct variable *v, const struct apc_range *range,
 {
     size_t n = 0;
     for (size_t i = lower_bound(v, *next); i < v->n && v->row[i].seq <= last && n < BATCH; i++) {
-        if (within(range, v->row[i].time)) {
+        if (apc_mem_within(range, v->row[i].time)) {
             out[n++] = v->row[i];
         }
         *next = v->row[i].seq + 1;
@@ -594,13 +535,13 @@ static size_t copy_rows(const struct variable *v, const struct apc_range *range,
 static int history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                    apc_sample_fn fn, void *ctx)
 {
-    struct memory *m = mem_of(store)->memory;
+    struct memory *m = apc_mem_of(store)->memory;
     struct apc_sample row[BATCH];
     int64_t next = -1, last = 0;
     int count = 0;
     size_t n = BATCH;
     while (n == BATCH) {
-        int err = begin(store);
+        int err = apc_mem_begin(store);
         if (err) {
             return err;
         }
@@ -610,7 +551,7 @@ static int history(struct apc_store *store, enum apc_table table, int id, const 
             last = newest_seq(m, table, id);
         }
         n = v ? copy_rows(v, range, &next, last, row) : 0;
-        end(store);
+        apc_mem_end(store);
         store->streaming = true;
         for (size_t i = 0; i < n; i++) {
             count += count < INT_MAX;
@@ -625,9 +566,9 @@ static int history(struct apc_store *store, enum apc_table table, int id, const 
 
 static int variables(struct apc_store *store, struct apc_sample *out, size_t capacity)
 {
-    struct memory *m = mem_of(store)->memory;
+    struct memory *m = apc_mem_of(store)->memory;
     size_t n = 0;
-    int err = begin(store);
+    int err = apc_mem_begin(store);
     if (err) {
         return err;
     }
@@ -637,216 +578,8 @@ static int variables(struct apc_store *store, struct apc_sample *out, size_t cap
             all[n++] = m->variable[i].row[0];
         }
     }
-    end(store);
-    return all ? apc_variables_give(all, n, out, capacity) : no_memory(store);
-}
-
-/* ---- Tags ---------------------------------------------------------------------------------- */
-
-static int put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n)
-{
-    struct memory *m = mem_of(store)->memory;
-    struct apc_tag *sorted = NULL;
-    int err = apc_tags_sort(store, tags, n, &sorted);
-    if (!err) {
-        err = begin(store);
-    }
-    if (!err) {
-        struct apc_tag *former = m->tag;
-        m->tag = sorted;
-        m->n_tags = n;
-        end(store);
-        sorted = former;
-    }
-    free(sorted);
-    return err ? err : (int)n;
-}
-
-static int get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
-{
-    struct memory *m = mem_of(store)->memory;
-    int err = begin(store);
-    if (err) {
-        return err;
-    }
-    for (size_t i = 0; i < capacity && i < m->n_tags; i++) {
-        tags[i] = m->tag[i];
-    }
-    int n = (int)m->n_tags;
-    end(store);
-    return n;
-}
-
-/* ---- Events -------------------------------------------------------------------------------- */
-
-static int append_events(struct apc_store *store, const struct apc_event *events, size_t n)
-{
-    struct memory *m = mem_of(store)->memory;
-    int err = begin(store);
-    if (err) {
-        return err;
-    }
-    err = grow(store, (void **)&m->event, &m->events_capacity, m->n_events, n, sizeof *m->event);
-    for (size_t i = 0; !err && i < n; i++) {
-        m->event[m->n_events++] = apc_event_row(&events[i]);
-    }
-    end(store);
-    return err ? err : (int)n;
-}
-
-/* The number of the first event, so that those within the range are the newest range->last. */
-static uint64_t first_event(const struct memory *m, const struct apc_range *range)
-{
-    size_t left = range->last, i = m->n_events;
-    while (i > 0 && (range->last == 0 || left > 0)) {
-        left -= within(range, m->event[--i].time);
-    }
-    return m->dropped_events + i;
-}
-
-/* The next event within the range. */
-static bool next_event(const struct memory *m, const struct apc_range *range, uint64_t *next, uint64_t until,
-                       struct apc_event *out)
-{
-    *next = *next < m->dropped_events ? m->dropped_events : *next;
-    while (*next < until) {
-        const struct apc_event *e = &m->event[(*next)++ - m->dropped_events];
-        if (within(range, e->time)) {
-            *out = *e;
-            return true;
-        }
-    }
-    return false;
-}
-
-static int events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx)
-{
-    struct memory *m = mem_of(store)->memory;
-    int err = begin(store);
-    if (err) {
-        return err;
-    }
-    uint64_t next = first_event(m, range), until = m->dropped_events + m->n_events;
-    int count = 0;
-    bool ended = false;
-    struct apc_event e;
-    while (!ended && next_event(m, range, &next, until, &e)) {
-        end(store);
-        store->streaming = true;
-        count += count < INT_MAX;
-        ended = fn(ctx, &e) != 0;
-        store->streaming = false;
-        begin_bare(store);
-    }
-    end(store);
-    return count;
-}
-
-/* ---- Timing -------------------------------------------------------------------------------- */
-
-/* Copy a row's buckets into one allocation, or none. */
-static int copy_bins(struct apc_store *store, struct apc_timing_row *row)
-{
-    const size_t n = row->n_bins, size = n * sizeof(int64_t);
-    int64_t *bins = n > 0 ? (int64_t *)malloc(3 * size) : NULL;
-    if (n > 0 && !bins) {
-        return no_memory(store);
-    }
-    if (n > 0) {
-        memcpy(bins, row->bin_low, size);
-        memcpy(bins + n, row->bin_high, size);
-        memcpy(bins + 2 * n, row->bin_count, size);
-    }
-    row->bin_low = bins;
-    row->bin_high = n > 0 ? bins + n : NULL;
-    row->bin_count = n > 0 ? bins + 2 * n : NULL;
-    return 0;
-}
-
-static void free_bins(const struct apc_timing_row *row)
-{
-    free((void *)(uintptr_t)row->bin_low);
-}
-
-/* The first row that does not come before (time, number). */
-static size_t timing_bound(const struct memory *m, apc_ns time, uint64_t number)
-{
-    size_t i = m->n_timings;
-    while (i > 0 && (m->timing[i - 1].row.time > time ||
-                     (m->timing[i - 1].row.time == time && m->timing[i - 1].number >= number))) {
-        i--;
-    }
-    return i;
-}
-
-static int append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
-{
-    struct memory *m = mem_of(store)->memory;
-    int err = apc_timing_check(store, rows, n);
-    struct apc_timing_row *copy = err ? NULL : (struct apc_timing_row *)calloc(n, sizeof *copy);
-    size_t copied = 0;
-    if (!err && !copy) {
-        err = no_memory(store);
-    }
-    for (; !err && copied < n; copied += !err) {
-        copy[copied] = apc_timing_stored(&rows[copied]);
-        err = copy_bins(store, &copy[copied]);
-    }
-    if (!err && (err = begin(store)) == 0) {
-        err = grow(store, (void **)&m->timing, &m->timings_capacity, m->n_timings, n, sizeof *m->timing);
-        for (size_t i = 0; !err && i < n; i++) {
-            size_t at = timing_bound(m, copy[i].time, m->next_timing);
-            memmove(&m->timing[at + 1], &m->timing[at], (m->n_timings++ - at) * sizeof *m->timing);
-            m->timing[at] = (struct timing){.row = copy[i], .number = m->next_timing++};
-        }
-        end(store);
-    }
-    for (size_t i = 0; err && i < copied; i++) {
-        free_bins(&copy[i]);
-    }
-    free(copy);
-    return err ? err : (int)n;
-}
-
-static size_t first_timing(const struct memory *m, const struct apc_range *range)
-{
-    size_t left = range->last, i = m->n_timings;
-    while (i > 0 && (range->last == 0 || left > 0)) {
-        left -= within(range, m->timing[--i].row.time);
-    }
-    return i;
-}
-
-static int timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx)
-{
-    struct memory *m = mem_of(store)->memory;
-    int err = begin(store);
-    if (err) {
-        return err;
-    }
-    const uint64_t until = m->next_timing;
-    size_t i = first_timing(m, range);
-    int count = 0;
-    bool ended = false;
-    while (!err && !ended && i < m->n_timings) {
-        struct timing t = m->timing[i++];
-        if (t.number >= until || !within(range, t.row.time)) {
-            continue;
-        }
-        err = copy_bins(store, &t.row);
-        if (!err) {
-            end(store);
-            store->streaming = true;
-            count += count < INT_MAX;
-            ended = fn(ctx, &t.row) != 0;
-            store->streaming = false;
-            free_bins(&t.row);
-            begin_bare(store);
-            i = timing_bound(m, t.row.time, t.number + 1);
-        }
-    }
-    end(store);
-    return err ? err : count;
+    apc_mem_end(store);
+    return all ? apc_variables_give(all, n, out, capacity) : apc_mem_no_memory(store);
 }
 
 /* ---- Housekeeping ---------------------------------------------------------------------------- */
@@ -865,35 +598,11 @@ static int drop_samples(struct variable *v, apc_ns before)
     return (int)(n - kept);
 }
 
-/* Events are numbered as they came: only the oldest ones can go. */
-static int drop_events(struct memory *m, apc_ns before)
-{
-    size_t n = 0;
-    while (n < m->n_events && m->event[n].time < before) {
-        n++;
-    }
-    m->n_events -= n;
-    m->dropped_events += n;
-    memmove(m->event, m->event + n, m->n_events * sizeof *m->event);
-    return (int)n;
-}
-
-static int drop_timings(struct memory *m, apc_ns before)
-{
-    size_t n = 0;
-    while (n < m->n_timings && m->timing[n].row.time < before) {
-        free_bins(&m->timing[n++].row);
-    }
-    m->n_timings -= n;
-    memmove(m->timing, m->timing + n, m->n_timings * sizeof *m->timing);
-    return (int)n;
-}
-
 static int maintain(struct apc_store *store, const struct apc_retention *keep)
 {
-    struct memory *m = mem_of(store)->memory;
+    struct memory *m = apc_mem_of(store)->memory;
     const apc_ns now = apc_clock_utc(NULL);
-    int err = begin(store), dropped = 0;
+    int err = apc_mem_begin(store), dropped = 0;
     if (err) {
         return err;
     }
@@ -901,12 +610,12 @@ static int maintain(struct apc_store *store, const struct apc_retention *keep)
         dropped += drop_samples(&m->variable[i], now - keep->samples);
     }
     if (keep->events > 0 && m->n_events > 0) {
-        dropped += drop_events(m, now - keep->events);
+        dropped += apc_mem_drop_events(m, now - keep->events);
     }
     if (keep->timing > 0 && m->n_timings > 0) {
-        dropped += drop_timings(m, now - keep->timing);
+        dropped += apc_mem_drop_timings(m, now - keep->timing);
     }
-    end(store);
+    apc_mem_end(store);
     return dropped;
 }
 
@@ -925,12 +634,12 @@ const struct apc_store_ops apc_mem_store = {
     .variables = variables,
     .history = history,
     .history_bins = apc_bins_by_history,
-    .put_tags = put_tags,
-    .get_tags = get_tags,
-    .append_events = append_events,
-    .events = events,
-    .append_timing = append_timing,
-    .timing = timing,
+    .put_tags = apc_mem_put_tags,
+    .get_tags = apc_mem_get_tags,
+    .append_events = apc_mem_append_events,
+    .events = apc_mem_events,
+    .append_timing = apc_mem_append_timing,
+    .timing = apc_mem_timing,
     .init = init,
     .maintain = maintain,
 };

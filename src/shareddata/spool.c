@@ -43,9 +43,10 @@ static struct spooling *of(struct apc_store *store)
     return (struct spooling *)store;
 }
 
+/* It may take later what it does not take now. */
 static bool is_away(int err)
 {
-    return err == APC_ECONN || err == APC_ETIMEDOUT;
+    return err == APC_ECONN || err == APC_ETIMEDOUT || err == APC_EFULL;
 }
 
 /* ---- Asking the store behind ----------------------------------------------------------------- */
@@ -393,6 +394,7 @@ static int drain(struct spooling *s)
     while (rc >= 0 && !apc_spool_empty(&s->file) && (rc = drain_batch(s)) >= 0 &&
            apc_clock_mono(NULL) < enough) {
     }
+    s->file.stats.blocked = rc < 0 && !is_away(rc) ? rc : 0;
     return rc < 0 ? rc : 0;
 }
 

@@ -99,7 +99,7 @@ static int fail_system(struct apc_sqlite *sq, int code, int error)
 {
     struct apc_error *why = &sq->base.why;
     if (no_room(error)) {
-        return apc_fail(why, APC_ESTORE, "%s: there is no room left for it: %s", sq->given, strerror(error));
+        return apc_fail(why, APC_EFULL, "%s: there is no room left for it: %s", sq->given, strerror(error));
     }
     if (error == EACCES || error == EPERM || error == EROFS) {
         return apc_fail(why, APC_EPERM, "%s: it, its folder and what is beside it must be writable: %s",
@@ -127,7 +127,7 @@ int apc_sqlite_fail(struct apc_sqlite *sq, int code)
     case SQLITE_CORRUPT:
         return apc_sqlite_damaged(sq);
     case SQLITE_FULL:
-        return apc_fail(why, APC_ESTORE, "%s: there is no room left for it: the disk is full", sq->given);
+        return apc_fail(why, APC_EFULL, "%s: there is no room left for it: the disk is full", sq->given);
     case SQLITE_READONLY:
         return apc_fail(why, APC_EPERM, "%s is read-only for this user", sq->given);
     case SQLITE_IOERR:

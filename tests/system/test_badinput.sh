@@ -90,6 +90,12 @@ expect 3 'no_such_database' "$apc" get --store postgresql:///no_such_database
 expect 3 'connect' env PGHOST="$work" "$apc" get
 expect 3 'connect' env PGHOST="$work" "$APC_BIN/apc-controller" --config "$good"
 expect 1 'carrierpigeon' "$apc" get --store carrierpigeon:coop
+for command in "init $good" "run $good" get; do
+  # shellcheck disable=SC2086
+  expect 1 'mem:.* is the memory of one process.*sqlite:FILE' "$apc" $command --store mem:
+done
+expect 1 'memory of one process' "$apc" copy mem: postgresql:
+expect 1 'memory of one process' "$APC_BIN/apc-controller" --config "$good" --store mem:plant
 expect 0 'tables made' "$apc" init "$good"
 expect 0 'up to date' "$apc" init "$good"
 sql 'INSERT INTO apc.migration (version, name) VALUES (999, $$from the future$$)'

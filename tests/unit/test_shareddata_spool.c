@@ -661,6 +661,31 @@ static void test_a_spool_in_memory_does_the_same_until_the_process_ends(void **s
     apc_store_close(other);
 }
 
+static void test_a_row_that_the_store_refuses_shows_and_loses_nothing(void **state)
+{
+    char sql[128];
+    (void)state;
+    struct apc_store *store = open_spooled(through);
+    proxy_set(proxy, PROXY_REFUSE);
+    for (int64_t seq = 1; seq <= 3; seq++) {
+        append(store, 1, seq);
+    }
+    assert_int_equal(stats_of(store).blocked, 0);
+    snprintf(sql, sizeof sql, "ALTER TABLE plant%d.sensor ADD CONSTRAINT never CHECK (seq <> 2)", plant);
+    cluster_query(cluster, sql);
+    proxy_set(proxy, PROXY_PASS);
+    append(store, 1, 4); /* acknowledged, although what comes before it is refused */
+    assert_int_equal(stats_of(store).blocked, APC_ESTORE);
+    assert_says(apc_store_error(store), "never");
+    assert_int_equal(stats_of(store).samples, 4);
+    snprintf(sql, sizeof sql, "ALTER TABLE plant%d.sensor DROP CONSTRAINT never", plant);
+    cluster_query(cluster, sql);
+    drain(store);
+    assert_int_equal(stats_of(store).blocked, 0);
+    assert_stored(4);
+    apc_store_close(store);
+}
+
 /* ---- Full, unwritable ------------------------------------------------------------------------- */
 
 static void test_a_full_spool_keeps_what_it_has_and_refuses_the_next(void **state)
@@ -704,6 +729,33 @@ static void test_what_the_disk_does_not_take_is_not_acknowledged(void **state)
     assert_int_equal(stats_of(store).samples, 2);
     assert_int_equal(stats_of(store).torn, 0);
     apc_store_close(store);
+}
+
+static void test_a_store_whose_disk_is_full_is_bridged(void **state)
+{
+    enum { THERE = 5000, N = 500 };
+    char uri[300];
+    struct apc_sample *s = calloc(THERE + N, sizeof *s);
+    (void)state;
+    assert_non_null(s);
+    for (int i = 0; i < THERE + N; i++) {
+        s[i] = sample(1, i + 1, (i + 1) * 10 + 1);
+    }
+    snprintf(uri, sizeof uri, "sqlite:%s/a.db", folder);
+    struct apc_store *store = open_spooled(uri);
+    ok(store, apc_store_init(store));
+    assert_int_equal(apc_store_append(store, s, THERE), THERE);
+    limit_files(100 << 10); /* the store is larger already, its spool is not */
+    int rc = apc_store_append(store, s + THERE, N);
+    struct apc_spool_stats full = stats_of(store);
+    limit_files(RLIM_INFINITY);
+    assert_int_equal(rc, N);
+    assert_int_equal(full.samples, N);
+    drain(store);
+    int64_t seq = 0;
+    assert_int_equal(apc_store_history(store, APC_SENSOR, 1, NULL, expect_next, &seq), THERE + N);
+    apc_store_close(store);
+    free(s);
 }
 
 /* ---- What is found at opening ------------------------------------------------------------------ */
@@ -923,8 +975,10 @@ int main(void)
         ONLINE(test_a_claim_on_trust_is_made_up_for_before_anything_drains),
         ONLINE(test_seqs_that_somebody_else_took_meanwhile_are_found_and_set_aside),
         ONLINE(test_a_spool_in_memory_does_the_same_until_the_process_ends),
+        ONLINE(test_a_row_that_the_store_refuses_shows_and_loses_nothing),
         ONLINE(test_a_full_spool_keeps_what_it_has_and_refuses_the_next),
         OFFLINE(test_what_the_disk_does_not_take_is_not_acknowledged),
+        OFFLINE(test_a_store_whose_disk_is_full_is_bridged),
         OFFLINE(test_another_writers_or_stores_spool_is_refused),
         OFFLINE(test_a_file_that_is_no_spool_is_refused_and_left_alone),
         OFFLINE(test_a_file_that_was_just_begun_is_taken_over),

@@ -20,102 +20,6 @@
 #include "check.h"
 #include "scratch.h"
 
-/* ---- Allocations outside SQLite ---------------------------------------------------------------- */
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define COUNTING 0
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define COUNTING 0
-#endif
-#endif
-#ifndef COUNTING
-#define COUNTING 1
-#endif
-
-static volatile int allocations;
-
-#if COUNTING
-/* glibc's own, for programs that replace malloc. */
-extern void *__libc_malloc(size_t size);
-extern void *__libc_calloc(size_t n, size_t size);
-extern void *__libc_realloc(void *p, size_t size);
-
-void *malloc(size_t size)
-{
-    allocations++;
-    return __libc_malloc(size);
-}
-
-void *calloc(size_t n, size_t size)
-{
-    allocations++;
-    return __libc_calloc(n, size);
-}
-
-void *realloc(void *p, size_t size)
-{
-    allocations++;
-    return __libc_realloc(p, size);
-}
-
-/* SQLite's, which do not count; each block begins with its size. */
-enum { HEAD = 16 };
-
-static void *sq_malloc(int size)
-{
-    char *p = __libc_malloc((size_t)size + HEAD);
-    if (!p) {
-        return NULL;
-    }
-    memcpy(p, &size, sizeof size);
-    return p + HEAD;
-}
-
-static void sq_free(void *p)
-{
-    free((char *)p - HEAD);
-}
-
-static void *sq_realloc(void *p, int size)
-{
-    char *q = __libc_realloc((char *)p - HEAD, (size_t)size + HEAD);
-    if (!q) {
-        return NULL;
-    }
-    memcpy(q, &size, sizeof size);
-    return q + HEAD;
-}
-
-static int sq_size(void *p)
-{
-    int size = 0;
-    if (p) {
-        memcpy(&size, (char *)p - HEAD, sizeof size);
-    }
-    return size;
-}
-
-static int sq_round(int size)
-{
-    return (size + 7) & ~7;
-}
-
-static int sq_init(void *data)
-{
-    (void)data;
-    return SQLITE_OK;
-}
-
-static void sq_shutdown(void *data)
-{
-    (void)data;
-}
-
-static const sqlite3_mem_methods uncounted = {sq_malloc, sq_free, sq_realloc,  sq_size,
-                                              sq_round,  sq_init, sq_shutdown, NULL};
-#endif
-
 /* ---- Stores and samples ------------------------------------------------------------------------ */
 
 #define SECOND APC_NS_PER_S
@@ -532,7 +436,7 @@ static void test_a_full_disk_keeps_the_whole_append_out_and_no_later_one(void **
     int64_t after = newest_seq(*state, 1);
     int small = append_one(*state, 1, 2);
     assert_int_equal(setrlimit(RLIMIT_FSIZE, &unlimited), 0);
-    assert_int_equal(full, APC_ESTORE);
+    assert_int_equal(full, APC_EFULL);
     assert_non_null(strstr(why.text, "no room left"));
     assert_int_equal(after, 1);
     assert_int_equal(small, 1);
@@ -780,38 +684,11 @@ static void test_a_killed_writer_leaves_what_was_acknowledged_and_no_half_of_a_t
     }
 }
 
-/* ---- Ticks ------------------------------------------------------------------------------------- */
-
-static void test_steady_ticks_allocate_nothing_outside_sqlite(void **state)
-{
-    struct apc_store *store = *state;
-    struct apc_sample s[20];
-    int64_t last[10];
-    if (!COUNTING) {
-        skip();
-    }
-    assert_int_equal(apc_store_claim(store, APC_SENSOR, 10, last), 0);
-    for (int64_t seq = 1; seq <= 200; seq++) { /* over the borders of blocks */
-        if (seq == 10) {
-            allocations = 0;
-        }
-        for (int i = 0; i < 20; i++) {
-            s[i] = sample(i < 10 ? APC_SENSOR : APC_STATE, i % 10 + 1, seq, (double)seq);
-        }
-        assert_int_equal(apc_store_append(store, s, 20), 20);
-        assert_int_equal(apc_store_read(store, s, 20), 0);
-    }
-    assert_int_equal(allocations, 0);
-}
-
 #define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 #define N(name) cmocka_unit_test_setup_teardown(name, set_up_nothing, tear_down)
 
 int main(void)
 {
-#if COUNTING
-    sqlite3_config(SQLITE_CONFIG_MALLOC, &uncounted);
-#endif
     const struct CMUnitTest tests[] = {
         T(test_samples_in_any_order_are_found_as_a_model_finds_them),
         T(test_a_path_that_is_none_is_refused),
@@ -827,7 +704,6 @@ int main(void)
         T(test_a_file_that_goes_away_and_comes_back_is_noticed),
         T(test_a_claim_ends_with_its_process_and_with_nothing_less),
         T(test_a_killed_writer_leaves_what_was_acknowledged_and_no_half_of_a_tick),
-        T(test_steady_ticks_allocate_nothing_outside_sqlite),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

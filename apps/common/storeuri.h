@@ -1,0 +1,15 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The store of a program. */
+#ifndef APC_STOREURI_H
+#define APC_STOREURI_H
+
+#include <apcshareddata.h>
+
+/* For the help of the option. */
+#define STORE_HELP "Shared data: postgresql://host/db#schema, sqlite:FILE, shm:NAME [APC_STORE]"
+
+/* apc_store_open(), but for the memory of this very process, which no other program would see. */
+int store_open(struct apc_store **store, const char *uri, const struct apc_store_options *options,
+               struct apc_error *why);
+
+#endif

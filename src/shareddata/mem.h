@@ -1,0 +1,85 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The store in memory, between its files: mem.c says how it works. */
+#ifndef APC_SHAREDDATA_MEM_H
+#define APC_SHAREDDATA_MEM_H
+
+#include <pthread.h>
+
+#include "shareddata/shareddata_internal.h"
+
+struct variable {
+    enum apc_table table;
+    int id;
+    struct apc_sample *row; /* in rising seq */
+    size_t n, capacity;
+    size_t want; /* rows of the running append, at most */
+};
+
+struct timing {
+    struct apc_timing_row row; /* its buckets are the allocation that starts at bin_low */
+    uint64_t number;           /* order of arrival */
+};
+
+/* What the handles of one name share. */
+struct memory {
+    char name[64];
+    struct memory *next; /* of those with a name */
+    size_t handles;
+    pthread_mutex_t mutex;
+    pthread_cond_t changed;
+    unsigned waiters;
+    int version; /* 0: there is no schema yet */
+    const struct apc_store *writer[APC_TABLE_END];
+    struct variable *variable;
+    size_t n, capacity;
+    uint32_t *index; /* a hash table of 2 * capacity: 1 + the number of a variable, or 0 */
+    struct apc_tag *tag;
+    size_t n_tags;
+    struct apc_event *event; /* in order of arrival */
+    size_t n_events, events_capacity;
+    uint64_t dropped_events; /* so many came before event[0] */
+    struct timing *timing;   /* in rising (time, number) */
+    size_t n_timings, timings_capacity;
+    uint64_t next_timing;
+};
+
+struct mem {
+    struct apc_store base;
+    struct memory *memory;
+    bool connected;
+};
+
+static inline struct mem *apc_mem_of(struct apc_store *store)
+{
+    return (struct mem *)store;
+}
+
+static inline bool apc_mem_within(const struct apc_range *range, apc_ns time)
+{
+    return (range->since == 0 || time >= range->since) && (range->until == 0 || time < range->until);
+}
+
+int apc_mem_no_memory(struct apc_store *store);
+/* Room for @p n more of what @p array holds @p used of. It doubles, so n rows cost log n moves. */
+int apc_mem_grow(struct apc_store *store, void **array, size_t *capacity, size_t used, size_t n, size_t size);
+
+/* Every operation begins with it; on success the mutex is held until apc_mem_end(). */
+int apc_mem_begin(struct apc_store *store);
+/* The same where there need be no tables yet, or still are some. */
+void apc_mem_begin_bare(struct apc_store *store);
+void apc_mem_end(struct apc_store *store);
+
+/* ---- mem_records.c ---------------------------------------------------------------------------- */
+
+int apc_mem_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n);
+int apc_mem_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity);
+int apc_mem_append_events(struct apc_store *store, const struct apc_event *events, size_t n);
+int apc_mem_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx);
+int apc_mem_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n);
+int apc_mem_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx);
+/* Of what is older; with the mutex held. They return how many went. */
+int apc_mem_drop_events(struct memory *m, apc_ns before);
+int apc_mem_drop_timings(struct memory *m, apc_ns before);
+void apc_mem_free_records(struct memory *m);
+
+#endif
