@@ -202,7 +202,7 @@ static void print_row(const struct bench *b, const struct bench_row *row, double
         else
             printf(" %10s", "");
     }
-    putchar('\n');
+    printf(row->goal ? "  goal: %s\n" : "\n", row->goal);
 }
 
 static void write_row(const struct bench *b, const struct bench_row *row, double p50, double p99)

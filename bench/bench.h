@@ -20,6 +20,7 @@ struct bench_row {
     void (*once)(void *ctx); /* do it once; die() when it fails */
     void *ctx;
     const struct bench_row *to[BENCH_REFERENCES]; /* what it is compared with; NULL: nothing */
+    const char *goal;                             /* for the ratio, printed behind it; NULL: none */
     /* Filled in by bench_run(). */
     double *us;     /* every call that was measured */
     double *median; /* of each round */

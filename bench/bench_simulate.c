@@ -22,6 +22,7 @@
 #define EXPERIMENT APC_SOURCE_DIR "/experiments/first-order.conf"
 #define STEPS      3000
 #define PENDING    1000 /* events in the queue at any time */
+#define CAMPAIGNS  3    /* rounds: a call takes many seconds */
 
 /* ---- By hand ------------------------------------------------------------------------------ */
 
@@ -134,6 +135,9 @@ static void bench_experiment(struct bench *b)
     };
     rows[1].to[0] = rows[4].to[0] = rows[5].to[0] = &rows[0];
     rows[3].to[0] = &rows[2];
+    rows[1].goal = rows[3].goal = "at most 1.3";
+    rows[4].goal = "at most 0.19";
+    rows[5].goal = "at most 0.095";
     bench_run(b, "600 s of the paper's experiment", STEPS, rows, sizeof rows / sizeof *rows);
     hand_close(bdf_hand);
     hand_close(adams_hand);
@@ -186,6 +190,8 @@ static void bench_events(struct bench *b)
         {.name = "1e7 events", .once = events_once, .ctx = &events[2]},
     };
     rows[1].to[0] = rows[2].to[0] = &rows[0];
+    rows[1].goal = "10, linear";
+    rows[2].goal = "100, linear";
     bench_run(b, "events, 1000 in the queue", PENDING, rows, sizeof rows / sizeof *rows);
 }
 
@@ -216,8 +222,12 @@ static void bench_campaign(struct bench *b)
         {.name = "1000 seeds, 2 processes", .once = campaign_once, .ctx = &jobs[1]},
         {.name = "1000 seeds, 1 process", .once = campaign_once, .ctx = &jobs[0]},
     };
+    const size_t rounds = b->rounds;
     rows[1].to[0] = &rows[0];
+    rows[1].goal = "at least 1.8";
+    b->rounds = CAMPAIGNS;
     bench_run(b, "a campaign", 1000, rows, sizeof rows / sizeof *rows);
+    b->rounds = rounds;
 }
 
 int main(int argc, char **argv)

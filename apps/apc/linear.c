@@ -280,6 +280,17 @@ int linear_zeros(const struct linear *sys, double complex *zero)
 
 /* ---- Gains --------------------------------------------------------------------------------- */
 
+/* What rounding has left of a zero in a column of @n numbers, @stride apart. */
+static void clear_rounding(double *column, size_t n, size_t stride)
+{
+    double largest = 0;
+    for (size_t i = 0; i < n; i++)
+        largest = fmax(largest, fabs(column[i * stride]));
+    for (size_t i = 0; i < n; i++)
+        if (fabs(column[i * stride]) <= 1e-14 * largest)
+            column[i * stride] = 0;
+}
+
 int linear_gain(const struct linear *sys, double *gain)
 {
     size_t n = sys->nx, m = sys->nu;
@@ -298,6 +309,8 @@ int linear_gain(const struct linear *sys, double *gain)
         if (lapack.dgesv(LAPACK_ROW_MAJOR, size_of(n), size_of(m), a, size_of(n), pivot, x, size_of(m)))
             rc = APC_ESTATE;
     }
+    for (size_t j = 0; j < m && rc == 0; j++)
+        clear_rounding(x + j, n, m);
     if (rc == 0)
         multiply(sys->c, x, gain, sys->ny, n, m, m);
     for (size_t i = 0; i < sys->ny * m && rc == 0; i++)

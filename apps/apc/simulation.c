@@ -148,11 +148,13 @@ static void plant_finish(void *ctx)
     int rc = apc_plantserver_tick(s->server, s->plant_now, &notice);
 
     tell_notice(s, "apc-plant", &notice);
-    if (rc == 0 && !diverged(s))
-        return;
-    describe_state(s, state, sizeof state);
-    stop(s, APC_ESOLVER, "the plant diverged at t = %g s, %s: %s", time_of(s), state,
-         rc < 0 ? apc_plant_error(s->plant) : "a state is no longer a finite number");
+    if (rc < 0) {
+        stop(s, APC_ESOLVER, "the plant diverged at t = %g s: %s", time_of(s), apc_plant_error(s->plant));
+    } else if (diverged(s)) {
+        describe_state(s, state, sizeof state);
+        stop(s, APC_ESOLVER, "the plant diverged at t = %g s, %s: beyond %g", time_of(s), state,
+             APC_VALUE_MAX);
+    }
 }
 
 static int serve(void *ctx, uint64_t connection, const char *request, size_t length, char *reply, size_t size)
