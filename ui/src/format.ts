@@ -22,6 +22,14 @@ export function plain(value: number | null | undefined): string {
   return value == null ? "" : String(Number(value.toPrecision(12)));
 }
 
+/** Of a limit: far away or tiny ones as powers of ten. */
+export function short(value: number | null): string {
+  if (value == null) return missing;
+  const size = Math.abs(value);
+  const text = size !== 0 && (size >= 1e5 || size < 1e-3) ? value.toExponential().replace("e+", "e") : plain(value);
+  return text.replace("-", "\u2212").replace("e-", "e\u2212");
+}
+
 /** A number as people type it: point or comma, true minus. */
 export function parse(text: string): number | null {
   const clean = text.trim().replace("\u2212", "-").replace(",", ".");

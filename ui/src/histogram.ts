@@ -20,7 +20,7 @@ export function reach(timing: Pick<Timing, "quantity" | "min" | "p999" | "p50" |
     return Number(((lead <= 1 ? 1 : lead <= 2 ? 2 : lead <= 5 ? 5 : 10) * power).toPrecision(6));
   };
   if (timing.quantity === "jitter") {
-    const half = round(Math.max(Math.abs(timing.p999), Math.min(Math.abs(timing.min), 2 * Math.abs(timing.p999))) * 1.05);
+    const half = round(Math.max(Math.abs(timing.p999), Math.abs(timing.p50), Math.min(Math.abs(timing.min), 10 * Math.abs(timing.p999))) * 1.05);
     return {low: -half, high: half};
   }
   return {low: 0, high: round(Math.max(timing.p999, 1e-7) * 1.05)};

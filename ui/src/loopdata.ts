@@ -10,11 +10,8 @@ import type {Loop, Ref} from "./types";
 export const RECENT = 600; // s
 const PIXELS = 150;
 
-export interface Recent {
-  series: Cell<Series>;
-}
-
 const recents = new Map<Ref, Cell<Series>>();
+const filled = new Set<Ref>();
 const scales = new Map<string, Cell<Scale | null>>();
 
 /** The last ten minutes of a variable; kept up from the first time it is asked for. */
@@ -37,7 +34,13 @@ function fill(ref: Ref, cell: Cell<Series>): void {
       if (t > until) append(series, t, cell.value.mid[i] ?? null, "Good", boundOf(one));
     }
     cell.value = series;
-  }).catch(() => {});
+  }).then(
+    () => {
+      filled.add(ref);
+      cell.value = {...cell.value};
+    },
+    () => {},
+  );
 }
 
 refill.subscribe(() => {
@@ -54,48 +57,50 @@ onSample((ref, [, t, value, status]) => {
   cell.value = {...s};
 });
 
-/** Does it have both limits of its own? */
-function ownScale(ref: Ref | null): Scale | null {
+/** Where it has both limits of its own. */
+function limits(ref: Ref | null): Cell<Scale | null> | null {
   const one = variable(ref);
-  return one && one.low != null && one.high != null ? {low: one.low, high: one.high} : null;
+  if (!one || one.low == null || one.high == null) return null;
+  const name = `limits ${one.low} ${one.high}`;
+  let cell = scales.get(name);
+  if (!cell) scales.set(name, (cell = new Cell<Scale | null>({low: one.low, high: one.high})));
+  return cell;
 }
 
-/** Measurement and setpoint together: limits of the measurement, else round ends around the last ten minutes. Only a
+/** Round ends around the last ten minutes, with room for what comes; from zero where that is near. Chosen once: only a
  *  setpoint that leaves it moves it. */
-export function loopScale(loop: Pick<Loop, "measurement" | "setpoint">): Cell<Scale | null> {
-  const name = `${loop.measurement}/${loop.setpoint}`;
+function fitted(name: string, refs: Ref[], setpoint: Ref | null): Cell<Scale | null> {
   const known = scales.get(name);
   if (known) return known;
-  const cell = new Cell<Scale | null>(ownScale(loop.measurement));
+  const cell = new Cell<Scale | null>(null);
   scales.set(name, cell);
-  if (cell.value) return cell;
-  const refs = [loop.measurement, loop.setpoint].filter((ref): ref is Ref => ref != null);
   const choose = (): void => {
-    const all = refs.flatMap(ref => [...recent(ref).value.mid, live(ref).value.value]);
-    const setpoint = loop.setpoint ? live(loop.setpoint).value.value : null;
-    if (cell.value && (setpoint == null || (setpoint >= cell.value.low && setpoint <= cell.value.high))) return;
-    const [low, high] = extent(all);
-    if (isFinite(low)) cell.value = niceScale(Math.min(low, 0 <= low && low < high / 2 ? 0 : low), high);
+    if (!refs.every(ref => filled.has(ref))) return;
+    const target = setpoint ? live(setpoint).value.value : null;
+    if (cell.value && (target == null || (target > cell.value.low && target < cell.value.high))) return;
+    const [low, high] = extent(refs.flatMap(ref => [...recent(ref).value.mid, live(ref).value.value]));
+    if (!isFinite(low)) return;
+    const room = (high - low) * 0.12;
+    cell.value = niceScale(low >= 0 && low - room < high * 0.4 ? Math.min(0, low) : low - room, high + room);
   };
-  for (const ref of refs) {
-    const cells = recent(ref);
-    const stop = cells.subscribe(() => {
-      choose();
-      if (!loop.setpoint && cell.value) stop();
-    });
-    if (ref === loop.setpoint) live(ref).subscribe(choose);
-  }
+  for (const ref of refs) recent(ref).subscribe(choose);
+  if (setpoint) live(setpoint).subscribe(choose);
   choose();
   return cell;
 }
 
-/** Of an output: its limits, else what it did. */
+/** Measurement and setpoint together: limits of the measurement, where it has them. */
+export function loopScale(loop: Pick<Loop, "measurement" | "setpoint">): Cell<Scale | null> {
+  const refs = [loop.measurement, loop.setpoint].filter((ref): ref is Ref => ref != null);
+  return limits(loop.measurement) ?? fitted(refs.join("/"), refs, loop.setpoint);
+}
+
+/** Of an output's bar: its limits. */
 export function outputScale(ref: Ref): Cell<Scale | null> {
-  const known = scales.get(ref);
-  if (known) return known;
-  const own = ownScale(ref);
-  if (!own) return loopScale({measurement: ref, setpoint: null});
-  const cell = new Cell<Scale | null>(own);
-  scales.set(ref, cell);
-  return cell;
+  return limits(ref) ?? trendScale(ref);
+}
+
+/** Of an output's curve: what it did, as its limits may be far away. */
+export function trendScale(ref: Ref): Cell<Scale | null> {
+  return fitted(ref, [ref], null);
 }

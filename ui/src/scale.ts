@@ -13,7 +13,7 @@ function niceStep(span: number): number {
   return (lead <= 1 ? 1 : lead <= 2 ? 2 : lead <= 5 ? 5 : 10) * power;
 }
 
-/** Round ends around what there is, with a little room; never of no height. */
+/** Round ends around what there is; never of no height. */
 export function niceScale(low: number, high: number): Scale {
   if (!isFinite(low) || !isFinite(high)) return {low: 0, high: 1};
   const smallest = Math.max(Math.abs(low), Math.abs(high), 1e-9) * 1e-3;
@@ -24,9 +24,8 @@ export function niceScale(low: number, high: number): Scale {
     high = middle + half;
   }
   const step = niceStep(high - low);
-  const room = (high - low) * 0.02;
   const round = (x: number): number => Number((x * step).toPrecision(12));
-  return {low: round(Math.floor((low - room) / step)), high: round(Math.ceil((high + room) / step))};
+  return {low: round(Math.floor(low / step + 1e-9)), high: round(Math.ceil(high / step - 1e-9))};
 }
 
 export function extent(values: Iterable<number | null | undefined>): [number, number] {

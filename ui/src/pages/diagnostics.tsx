@@ -64,6 +64,7 @@ export function DiagnosticsPage(): JSX.Element {
           })}
         </Panel>
         <Panel title="Links" head={["link", "state", "since (UTC)", "round trip p50", "p99", "changes", "failed"]} wide>
+          {d.links.length === 0 && <tr><td colSpan={7} class="say">no link has reported yet</td></tr>}
           {d.links.map(link => (
             <tr key={link.name}>
               <th scope="row">{link.name}<small>{link.text}</small></th>

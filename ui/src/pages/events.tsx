@@ -71,8 +71,8 @@ export function EventsPage(): JSX.Element {
             {KINDS.map(one => <option key={one} value={one}>{one}</option>)}
           </select>
         </label>
-        <label>source <input type="text" size={10} value={filter.source} onInput={event => set({source: event.currentTarget.value.trim()})} /></label>
-        <label>contains <input type="text" size={14} value={filter.text} onInput={event => set({text: event.currentTarget.value})} /></label>
+        <label>source <input type="text" size={8} value={filter.source} onInput={event => set({source: event.currentTarget.value.trim()})} /></label>
+        <label>contains <input type="text" size={10} value={filter.text} onInput={event => set({text: event.currentTarget.value})} /></label>
         <label>
           in the{" "}
           <select value={filter.seconds} onChange={event => set({seconds: Number(event.currentTarget.value)})}>

@@ -53,7 +53,7 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
         )}
         <a class="button" href={path("trend", loop.id)}>Trend</a>
       </div>
-      <div class="grid">
+      <div class="grid equal">
         <div class="panel faceplate">
           <h2>Values</h2>
           {loop.measurement && (
@@ -82,7 +82,7 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
           )}
           <LastAction loop={loop} plant={p} />
         </div>
-        <div class="panel">
+        <div class="panel operate">
           <h2>Mode{p.loops.length > 1 && <small> of all loops</small>}</h2>
           <ModeSwitch plant={p} />
           <h2>Setpoint</h2>
@@ -103,7 +103,7 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
             blocked={manual ? null : "by hand in mode Man only"}
           />
         </div>
-        <div class="panel tuning-panel">
+        <div class="panel tuning-panel span">
           <h2>Tuning</h2>
           {loop.tuning.length > 0 ? <Tuning loop={loop} /> : <p class="say">this law has nothing to tune</p>}
         </div>

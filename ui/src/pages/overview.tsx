@@ -5,6 +5,7 @@ import {useState} from "preact/hooks";
 import {useCell} from "../cell";
 import {decimalsOf} from "../format";
 import {loopScale, outputScale, recent} from "../loopdata";
+import {Latest} from "../parts/latest";
 import {live, plant, second, variable} from "../model";
 import {Bar} from "../parts/bar";
 import {Shape} from "../parts/shape";
@@ -74,7 +75,7 @@ export function OverviewPage(): JSX.Element {
   const used = new Set(p.loops.map(loop => loop.measurement));
   const others = p.variables.filter(one => one.table === "sensor" && !used.has(one.ref));
   return (
-    <section class="overview">
+    <section class={`overview${p.loops.length + others.length <= 4 ? " few" : ""}`}>
       <div class="toolbar">
         <h1>{p.title}</h1>
         <Abnormal plant={p} />
@@ -114,6 +115,7 @@ export function OverviewPage(): JSX.Element {
           </table>
         </div>
       )}
+      <Latest />
     </section>
   );
 }

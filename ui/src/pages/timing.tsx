@@ -119,8 +119,8 @@ function Figures({of}: {of: Timing}): JSX.Element {
   );
 }
 
-const W = 560;
-const H = 210;
+const W = 420;
+const H = 190;
 const LEFT = 48;
 const RIGHT = 12;
 const TOP = 18;

@@ -6,7 +6,7 @@ import {download, downloadText} from "../download";
 import {clock, csv, day, decimalsOf, duration, iso, missing, number, stamp} from "../format";
 import {boundOf, load} from "../history";
 import {isTyping} from "../keyboard";
-import {loopScale, outputScale} from "../loopdata";
+import {loopScale, trendScale} from "../loopdata";
 import {Table} from "../parts/table";
 import {connection, live, onSample, plant, refill, serverNow, variable} from "../model";
 import {go} from "../router";
@@ -109,6 +109,11 @@ class Curves {
   }
 }
 
+function padded(low: number, high: number): Scale {
+  const room = (high - low) * 0.05;
+  return niceScale(low - room, high + room);
+}
+
 /** A setpoint or an output holds until now, as long as somebody says so. */
 function held(series: Series | null, ref: Ref | null, now: number): Series | null {
   if (!series || !ref) return series;
@@ -141,7 +146,7 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
   const chart = useRef<TrendChart | null>(null);
   const cursor = useMemo(() => new Cell<number | null>(null), []);
   const yDefault = useCell(loopScale({measurement: subject.y, setpoint: subject.r}));
-  const uDefault = useCell(outputScale(subject.u ?? subject.y));
+  const uDefault = useCell(trendScale(subject.u ?? subject.y));
   const scales = own ?? {y: yDefault ?? {low: 0, high: 1}, u: uDefault ?? {low: 0, high: 1}};
   const state = useRef({win, scales});
   state.current = {win, scales};
@@ -276,7 +281,7 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
     const [from, to] = bounds(win, serverNow());
     const y = extent([...visible(curves.series(subject.y), from, to), ...visible(curves.series(subject.r), from, to)]);
     const u = extent(visible(curves.series(subject.u), from, to));
-    setOwn({y: niceScale(...y), u: niceScale(...u)});
+    setOwn({y: padded(...y), u: padded(...u)});
   };
 
   const rows = (most: number): (string | number | null)[][] => {
@@ -317,8 +322,8 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
             ))}
           </select>
         </label>
-        <button type="button" class="live-button" aria-pressed={win.live} onClick={toggle}>
-          {win.live ? "❚❚ Pause" : "▶ Live"}
+        <button type="button" class={`live-button${win.live ? "" : " primary"}`} onClick={toggle}>
+          {win.live ? "Pause" : "Back to live"}
         </button>
         <div class="segments" role="group" aria-label="Time span">
           {SPANS.map(one => (

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// An analogue bar: the value as a bar from the left end, the normal band around the setpoint, the setpoint as a mark.
+// An analogue bar: the value as a bar, the normal band around the setpoint, the setpoint as a mark.
 import type {JSX} from "preact";
 import {useCell} from "../cell";
 import {decimalsOf, number} from "../format";
@@ -34,14 +34,17 @@ export function Bar({label, value, setpoint, scale, ends}: Props): JSX.Element {
     (target == null ? "" : `, setpoint ${number(target, decimals)}, ${outside ? "outside" : "within"} the normal band`) +
     `, scale ${number(scale.low, decimals)} to ${number(scale.high, decimals)}` +
     (one.stale ? ", stale" : "");
+  // From zero where the scale has it, else from its end.
+  const zero = place(scale, 0).at;
   const left = sp ? Math.max(0, sp.at - BAND) : 0;
   const right = sp ? Math.min(1, sp.at + BAND) : 0;
   return (
     <div class="bar-with-ends">
       <div class={`bar${one.stale ? " stale" : ""}${outside ? " outside" : ""}`} role="img" aria-label={text}>
         {sp && <i class="band" style={{left: percent(left), width: percent(right - left)}} />}
-        {at && <i class="fill" style={{width: percent(at.at)}} />}
+        {at && <i class="fill" style={{left: percent(Math.min(at.at, zero)), width: percent(Math.abs(at.at - zero))}} />}
         {sp && !sp.off && <i class="setpoint" style={{left: percent(sp.at)}} />}
+        {zero > 0 && zero < 1 && <i class="zero" style={{left: percent(zero)}} />}
         {at && at.off !== 0 && <b class={at.off < 0 ? "off low" : "off high"}>{at.off < 0 ? "◀" : "▶"}</b>}
       </div>
       {ends && (

@@ -5,7 +5,7 @@ import type {JSX} from "preact";
 import {useEffect, useId, useRef, useState} from "preact/hooks";
 import {useWriteBar} from "../access";
 import {useCell} from "../cell";
-import {number, parse, plain} from "../format";
+import {number, parse, plain, short} from "../format";
 import {live, variable} from "../model";
 import type {Ref} from "../types";
 import {forget, send, slot} from "../writing";
@@ -24,9 +24,9 @@ interface Props {
 
 export function limitsText(low: number | null, high: number | null): string {
   if (low == null && high == null) return "no limits";
-  if (low == null) return `at most ${plain(high)}`;
-  if (high == null) return `at least ${plain(low)}`;
-  return `${plain(low)} to ${plain(high)}`;
+  if (low == null) return `at most ${short(high)}`;
+  if (high == null) return `at least ${short(low)}`;
+  return `${short(low)} to ${short(high)}`;
 }
 
 export function check(text: string, low: number | null, high: number | null): string | null {

@@ -4,7 +4,7 @@ import type {JSX} from "preact";
 import {useEffect, useId, useState} from "preact/hooks";
 import {useWriteBar} from "../access";
 import {useCell} from "../cell";
-import {parse, plain} from "../format";
+import {parse, plain, short} from "../format";
 import {live, variable} from "../model";
 import type {Loop, Ref} from "../types";
 import {forget, send, slot} from "../writing";
@@ -35,7 +35,7 @@ function Field({of, label, draft, disabled, edit}: FieldProps): JSX.Element {
         <label for={id}>{label}</label>
         <small>{one?.description}</small>
       </th>
-      <td class="number" data-ref={of}>{plain(now.value)}</td>
+      <td class="number" data-ref={of}>{short(now.value)}</td>
       <td>
         <input
           id={id}
