@@ -58,12 +58,22 @@ export function onSample(listener: SampleListener): () => void {
   return () => void sampleListeners.delete(listener);
 }
 
+let refilling: ReturnType<typeof setTimeout> | undefined;
+
+/** Samples that were kept while the database was away are stored after it is back: ask once they have settled. */
+function refillSoon(): void {
+  clearTimeout(refilling);
+  refilling = setTimeout(() => refill.value++, 1000);
+}
+
 function take(samples: Record<Ref, Sample>, ages: Record<Ref, number | null> | null): void {
   const at = now();
   for (const [ref, sample] of Object.entries(samples)) {
     const cell = live(ref);
     const before = cell.value;
     cell.value = heard(before, sample, at, ages ? (ages[ref] ?? 0) : null);
+    const one = variables.get(ref);
+    if (one && before.time != null && sample[1] != null && sample[1] - before.time > limit(one)) refillSoon();
     if (sample[0] !== before.seq) for (const listener of sampleListeners) listener(ref, sample);
   }
 }
