@@ -48,13 +48,14 @@ serve() {
 }
 
 background run "$apc" run "$work/fast.conf" --duration 0 --out "$work/run" --no-ui
-until_true 20 grep -q 'mode Auto' "$work/run/apc-controller.log"
+controlled() { [ "$(sql 'SELECT count(*) FROM apc.actuator')" -gt 5 ]; }
+until_true 20 controlled
 serve ui --config "$work/fast.conf"
 export APC_UI_URL=$ui_url APC_UI_PID=$pid
 
 # A hundred variables of another plant.
 "$apc" init --store 'postgresql:#hundred' >/dev/null
-sql "INSERT INTO hundred.tag (\"table\", id, name, unit, description, low, high)
+sql "INSERT INTO hundred.tag (table_name, id, name, unit, description, low, high)
      SELECT 'sensor', i, 'y' || i, '', 'signal ' || i, 0, 100 FROM generate_series(1, 100) i"
 background feed psql -XAtqc "DO \$\$ BEGIN
   FOR k IN 1..100000 LOOP
@@ -70,5 +71,7 @@ export APC_UI_HUNDRED=$ui_url
 tests=$APC_SOURCE_DIR/ui/test
 node --test --test-reporter=spec "$tests/hundred.mjs"
 kill "$feed"
-node --test --test-reporter=spec "$tests/axe.mjs"
-node --test --test-reporter=spec "$tests/operator.mjs"
+status=0
+node --test --test-reporter=spec "$tests/axe.mjs" || status=$?
+node --test --test-reporter=spec "$tests/operator.mjs" || status=$?
+exit $status

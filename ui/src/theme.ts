@@ -28,6 +28,7 @@ export const shortcuts = new Cell(stored("apc-shortcuts") !== "off");
 function apply(): void {
   if (theme.value === "auto") delete document.documentElement.dataset.theme;
   else document.documentElement.dataset.theme = theme.value;
+  known.clear();
   repaint.value++;
 }
 
@@ -42,8 +43,13 @@ export function setShortcuts(on: boolean): void {
   remember("apc-shortcuts", on ? "on" : "off");
 }
 
+const known = new Map<string, string>();
+
+/** Asked for often while drawing: each question to the style sheet may cost a layout. */
 export function colour(name: string): string {
-  return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  let value = known.get(name);
+  if (value == null) known.set(name, (value = getComputedStyle(document.documentElement).getPropertyValue(name).trim()));
+  return value;
 }
 
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", apply);

@@ -42,7 +42,7 @@ export function Bar({label, value, setpoint, scale, ends}: Props): JSX.Element {
     <div class="bar-with-ends">
       <div class={`bar${one.stale ? " stale" : ""}${outside ? " outside" : ""}`} role="img" aria-label={text}>
         {sp && <i class="band" style={{left: percent(left), width: percent(right - left)}} />}
-        {at && <i class="fill" style={{left: percent(Math.min(at.at, zero)), width: percent(Math.abs(at.at - zero))}} />}
+        {at && <i class="fill" style={{transform: `translateX(${percent(Math.min(at.at, zero))}) scaleX(${Math.abs(at.at - zero).toFixed(4)})`}} />}
         {sp && !sp.off && <i class="setpoint" style={{left: percent(sp.at)}} />}
         {zero > 0 && zero < 1 && <i class="zero" style={{left: percent(zero)}} />}
         {at && at.off !== 0 && <b class={at.off < 0 ? "off low" : "off high"}>{at.off < 0 ? "◀" : "▶"}</b>}
