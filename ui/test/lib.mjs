@@ -77,6 +77,14 @@ export function phase(page, slot) {
   return page.locator(`[data-slot="${slot}"]`).getAttribute("data-phase");
 }
 
+export async function applied(page, slot) {
+  const status = page.locator(`[data-slot="${slot}"]`);
+  await until(`${slot} is applied`, async () => {
+    if ((await status.getAttribute("data-phase")) === "applied") return true;
+    throw new Error(`it says "${await status.textContent()}"`);
+  });
+}
+
 export const api = async (path, server = url) => (await fetch(server + path)).json();
 
 /** Another operator. */

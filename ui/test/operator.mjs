@@ -2,7 +2,7 @@
 // What an operator does, done through the page, against a running plant. tests/system/test_ui_page.sh starts it.
 import assert from "node:assert/strict";
 import {after, before, test} from "node:test";
-import {api, database, exported, launch, near, open, phase, phases, post, shown, until, watchPhases} from "./lib.mjs";
+import {api, applied, database, exported, launch, near, open, phase, phases, post, shown, until, watchPhases} from "./lib.mjs";
 
 let browser;
 before(async () => (browser = await launch()));
@@ -25,7 +25,7 @@ test("y follows a setpoint that is changed through the page", () =>
     await watchPhases(page, "setpoint.1");
     await setpoint(page).fill("12");
     await setpoint(page).press("Enter");
-    await until("the write is applied", async () => (await phase(page, "setpoint.1")) === "applied");
+    await applied(page, "setpoint.1");
     const seen = await phases(page);
     assert.equal(seen[0], "none");
     assert.ok(seen.includes("pending"), `pending was never shown: ${seen}`);
@@ -48,7 +48,7 @@ test("Man, move the output, and back to Auto without a bump", () =>
     const moved = Number((held + 0.1).toFixed(3));
     await output.fill(String(moved));
     await output.press("Enter");
-    await until("the output is applied", async () => (await phase(page, "output.1")) === "applied");
+    await applied(page, "output.1");
     await near(page, "actuator.1", moved, 0.011);
     await near(page, "sensor.1", 13, 0.1);
     await page.getByRole("button", {name: "Auto", exact: true}).click();
@@ -70,7 +70,7 @@ test("tuning goes as one transaction, old and new are shown, and it is applied",
     const form = page.locator("form.tuning");
     assert.match(await form.textContent(), /0\.2 → 0\.25/);
     await form.getByRole("button", {name: "Apply all 2 together"}).click();
-    await until("the tuning is applied", async () => (await phase(page, "tuning.1")) === "applied");
+    await applied(page, "tuning.1");
     assert.match(await page.locator('[data-slot="tuning.1"]').textContent(), /Kp 0\.2 → 0\.25, tau_i 1 → 1\.2: applied/);
     const {values} = await api("/api/state");
     assert.deepEqual(["Kp", "tau_i"].map(name => values[tuning[parameters.indexOf(name)]][2]), [0.25, 1.2]);
@@ -93,7 +93,7 @@ test("an entry does not fight the readback, and a change by somebody else is not
     assert.equal((await api("/api/state")).values["setpoint.1"][2], 14);
     assert.equal(await setpoint(page).inputValue(), "11");
     await page.locator('[data-slot="setpoint.1"]').getByRole("button", {name: "Retry"}).click();
-    await until("it is applied after Retry", async () => (await phase(page, "setpoint.1")) === "applied");
+    await applied(page, "setpoint.1");
     assert.equal(await shown(page, "setpoint.1"), 11);
     await setpoint(page).fill("1000");
     assert.match(await page.locator("main").textContent(), /outside −100 to 100/);
@@ -170,9 +170,10 @@ test("everything by keyboard alone", () =>
     await page.keyboard.type("13");
     await page.keyboard.press("Escape");
     assert.notEqual(await setpoint(page).inputValue(), "13");
+    await until("the readback is selected", () => setpoint(page).evaluate(field => field.selectionEnd - field.selectionStart === field.value.length));
     await page.keyboard.type("12.5");
     await page.keyboard.press("Enter");
-    await until("it is applied", async () => (await phase(page, "setpoint.1")) === "applied");
+    await applied(page, "setpoint.1");
     assert.equal(await shown(page, "setpoint.1"), 12.5);
   }));
 
@@ -269,9 +270,10 @@ test("the database is lost: the page says so, nothing can be written, and the ga
     await until("writing is possible again", () => setpoint(page).isEnabled());
     await until("the value is fresh", async () => (await page.locator('main .value.stale[data-ref="sensor.1"]').count()) === 0);
     await until("the trend has what was measured meanwhile", async () => {
+      await trend.bringToFront();
       const lines = (await exported(trend, "CSV")).toString().trimEnd().split("\r\n").slice(1);
       const times = lines.map(line => Date.parse(line.slice(0, 23) + "Z") / 1000);
-      const { samples } = await api(`/api/history?var=sensor.1&since=${from}&last=20000`);
+      const {samples} = await api(`/api/history?var=sensor.1&since=${from}&last=20000`);
       const wanted = samples.time.filter(t => t < stopped).length;
       return wanted > 0 && times.filter(t => t >= from && t < stopped).length >= wanted - 1;
     });

@@ -314,8 +314,9 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
   return (
     <section class="trend" data-live={win.live} data-span={win.span} data-points={curves.series(subject.y)?.t.length ?? 0}>
       <div class="toolbar">
+        <h1>Trend</h1>
         <label>
-          Trend of{" "}
+          of{" "}
           <select value={subject.about} onChange={event => go("trend", event.currentTarget.value)}>
             {all.map(one => (
               <option key={one.about} value={one.about}>{one.name}</option>

@@ -66,7 +66,7 @@ export function Entry({of, kind, label, decimals, shown = of, low = null, high =
   const revert = (): void => {
     setDraft(null);
     if (view && view.phase !== "pending") forget(name);
-    field.current?.select();
+    requestAnimationFrame(() => field.current?.select()); // once it shows the readback again
   };
   const again = (): void => apply(view?.current?.[of]?.[0]);
 
