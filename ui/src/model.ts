@@ -73,7 +73,8 @@ function take(samples: Record<Ref, Sample>, ages: Record<Ref, number | null> | n
     const before = cell.value;
     cell.value = heard(before, sample, at, ages ? (ages[ref] ?? 0) : null);
     const one = variables.get(ref);
-    if (one && before.time != null && sample[1] != null && sample[1] - before.time > limit(one)) refillSoon();
+    const step = before.time != null && sample[1] != null ? sample[1] - before.time : 0;
+    if (one && (step < 0 || step > limit(one))) refillSoon();
     if (sample[0] !== before.seq) for (const listener of sampleListeners) listener(ref, sample);
   }
 }

@@ -32,7 +32,9 @@ export function append(s: Series, t: number, value: number | null, status: strin
 export function fromSamples(samples: Samples, before: Sample | null, since: number, bound: number): Series {
   const s = empty();
   if (before && before[1] != null) append(s, Math.max(since, before[1]), before[2], before[3], Infinity);
-  samples.time.forEach((t, i) => append(s, t, samples.value[i] ?? null, samples.status[i] ?? "Bad", bound));
+  // In the order of seq: what was kept during an outage comes after what was measured when it ended.
+  const order = samples.time.map((_, i) => i).sort((a, b) => (samples.time[a] as number) - (samples.time[b] as number));
+  for (const i of order) append(s, samples.time[i] as number, samples.value[i] ?? null, samples.status[i] ?? "Bad", bound);
   return s;
 }
 
