@@ -105,7 +105,7 @@ export function EventsPage(): JSX.Element {
                 </td>
                 <td data-label="Kind">{one.kind}</td>
                 <td data-label="Source">{one.source}</td>
-                <td data-label="What happened">{one.text}</td>
+                <td class="wide" data-label="What happened">{one.text}</td>
               </tr>
             ))}
           </tbody>

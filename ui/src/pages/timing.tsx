@@ -133,7 +133,7 @@ function HistogramChart({of}: {of: Timing}): JSX.Element {
   const y = (count: number): number => H - BOTTOM - logHeight(count, h.most) * (H - TOP - BOTTOM);
   const decades = [];
   for (let count = 1; count <= h.most; count *= 10) decades.push(count);
-  const ticks = [0, 0.25, 0.5, 0.75, 1].map(part => low + part * (high - low));
+  const ticks = [0, 0.5, 1].map(part => low + part * (high - low));
   const bar = (W - LEFT - RIGHT) / BARS;
   return (
     <svg
@@ -151,7 +151,7 @@ function HistogramChart({of}: {of: Timing}): JSX.Element {
       {h.counts.map((count, i) => count > 0 && <rect key={i} class="column" x={LEFT + i * bar + 0.5} width={Math.max(1, bar - 1)} y={y(count)} height={H - BOTTOM - y(count)} />)}
       <line class="axis-line" x1={LEFT} x2={W - RIGHT} y1={H - BOTTOM} y2={H - BOTTOM} />
       {ticks.map((t, i) => (
-        <text key={t} class={`tick ${i === 0 ? "start" : i === 4 ? "end" : "middle"}`} x={x(t)} y={H - BOTTOM + 17}>
+        <text key={t} class={`tick ${i === 0 ? "start" : i === 2 ? "end" : "middle"}`} x={x(t)} y={H - BOTTOM + 17}>
           {duration(Math.abs(t) < (high - low) * 1e-9 ? 0 : t)}
         </text>
       ))}
