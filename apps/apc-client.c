@@ -7,9 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/cores.h"
 #include "common/daemon.h"
-
-#define BACKLOG 4096 /* sensor samples kept while the store does not acknowledge them */
 
 struct own_options {
     const char *link;
@@ -35,6 +34,7 @@ static const struct program program = {
     .name = "apc-client",
     .doc = "Move data between the plant and the shared data.",
     .task = "client",
+    .spools = "measurements",
     .extra = &extra,
 };
 
@@ -47,9 +47,8 @@ struct shell {
     size_t frame_max;
     char *request;
     struct apc_sample *u, *read; /* newest known; scratch */
-    bool know_u, unsure;         /* u was read once; the last append may or may not have taken place */
-    struct apc_sample *backlog;  /* not yet acknowledged, oldest first; [BACKLOG + ny] */
-    size_t waiting;
+    bool know_u;                 /* u was read once */
+    struct apc_sample *y;        /* [ny] of this tick */
     uint64_t lost;
     bool link_up, store_up;
 };
@@ -63,21 +62,8 @@ static void report(struct shell *s, bool *state, bool up, const char *kind, cons
     *state = up;
 }
 
-static size_t room(struct shell *s)
-{
-    size_t ny = s->d->experiment.dim.ny;
-    if (s->waiting > BACKLOG) {
-        memmove(s->backlog, s->backlog + ny, (s->waiting - ny) * sizeof *s->backlog);
-        s->waiting -= ny;
-        s->lost += ny;
-        if (s->lost == ny)
-            daemon_event(s->d, APC_EVENT_ALARM, "store",
-                         "measurements are being lost: %d are waiting for the store", BACKLOG);
-    }
-    return s->waiting;
-}
-
-static void exchange(struct shell *s, const struct apc_tick *tick, const struct apc_sample *u)
+/* Returns how many measurements came. */
+static size_t exchange(struct shell *s, const struct apc_tick *tick, const struct apc_sample *u)
 {
     const struct apc_now now = {.mono = tick->started, .utc = tick->utc};
     const char *reply;
@@ -85,21 +71,21 @@ static void exchange(struct shell *s, const struct apc_tick *tick, const struct 
     if (n < 0) {
         daemon_event(s->d, APC_EVENT_ALARM, "link", "the command does not fit into a frame of %zu bytes",
                      s->frame_max);
-        return;
+        return 0;
     }
     n = apc_link_exchange(s->link, s->request, (size_t)n, &reply, apc_clock_mono(NULL) + s->patience);
     if (n < 0) {
         report(s, &s->link_up, false, "link", "plant", apc_link_error(s->link));
-        return;
+        return 0;
     }
-    n = apc_client_reply(s->core, reply, (size_t)n, s->backlog + room(s));
+    n = apc_client_reply(s->core, reply, (size_t)n, s->y);
     if (n < 0) {
         report(s, &s->link_up, false, "link", "plant", "its reply does not answer the request");
         apc_link_reset(s->link);
-        return;
+        return 0;
     }
     report(s, &s->link_up, true, "link", "plant", "");
-    s->waiting += (size_t)n;
+    return (size_t)n;
 }
 
 static int read_u(struct shell *s)
@@ -113,24 +99,24 @@ static int read_u(struct shell *s)
     return rc;
 }
 
-/*
- * Everything that waits. Only samples of a try that failed may be there already; when others are, somebody
- * else writes this table.
- */
-static int append(struct shell *s)
+/* The store, or else the spool, takes them, or they are lost: a measurement belongs to its instant. */
+static int append(struct shell *s, size_t n)
 {
-    int rc = apc_store_append(s->store, s->backlog, s->waiting);
-    if (rc >= 0 && (size_t)rc < s->waiting && !s->unsure)
-        return APC_ECONFLICT;
-    s->unsure = rc < 0;
-    if (rc < 0)
+    int rc = apc_store_append(s->store, s->y, n);
+    if (rc == APC_EBUSY || rc == APC_ECONFLICT || rc == APC_ESCHEMA) /* the end, which says why */
         return rc;
-    s->waiting = 0;
+    if (rc < 0) {
+        if (s->lost == 0)
+            daemon_event(s->d, APC_EVENT_ALARM, "store", "measurements are being lost: %.150s",
+                         apc_store_error(s->store));
+        s->lost += n;
+        return rc;
+    }
     if (s->lost > 0)
-        daemon_event(s->d, APC_EVENT_ALARM, "store", "%llu measurements were lost while the store was away",
+        daemon_event(s->d, APC_EVENT_ALARM, "store", "%llu measurements were lost",
                      (unsigned long long)s->lost);
     s->lost = 0;
-    return 0;
+    return (size_t)rc == n ? 0 : APC_ECONFLICT; /* none was sent before: those there are somebody else's */
 }
 
 /*
@@ -143,13 +129,14 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
     struct shell *s = ctx;
     bool connected = apc_store_connected(s->store);
     int rc = connected ? read_u(s) : 0;
-    exchange(s, tick, s->know_u ? s->u : NULL);
+    size_t n = exchange(s, tick, s->know_u ? s->u : NULL);
     if (!connected)
         rc = apc_store_connect(s->store);
-    if (rc >= 0 && s->waiting > 0)
-        rc = append(s);
-    report(s, &s->store_up, rc >= 0, "store", "store", rc < 0 ? apc_store_error(s->store) : "");
-    return daemon_fatal(s->d, s->store, rc);
+    int wrote = n > 0 ? append(s, n) : 0;
+    bool up = rc >= 0 && wrote >= 0 && apc_store_connected(s->store);
+    report(s, &s->store_up, up, "store", "store", up ? "" : apc_store_error(s->store));
+    daemon_spool(s->d, s->store);
+    return daemon_fatal(s->d, s->store, wrote < 0 ? wrote : rc);
 }
 
 /* A store that hangs must not keep the link from its frames: one wait of this and an exchange stay well
@@ -167,13 +154,13 @@ static int open_shell(struct shell *s, const struct own_options *own)
     struct apc_error why;
     int64_t *last = calloc(e->dim.ny, sizeof *last);
 
-    s->patience = period / 2 < APC_NS_PER_S ? period / 2 : APC_NS_PER_S;
-    s->frame_max = 256 + 96 * (e->dim.ny + e->dim.nu);
+    s->patience = cores_patience(e);
+    s->frame_max = cores_frame_max(e);
     s->request = calloc(1, s->frame_max);
     s->u = calloc(e->dim.nu, sizeof *s->u);
     s->read = calloc(e->dim.nu, sizeof *s->read);
-    s->backlog = calloc(BACKLOG + e->dim.ny, sizeof *s->backlog);
-    int rc = s->request && s->u && s->read && s->backlog && last ? 0 : APC_ENOMEM;
+    s->y = calloc(e->dim.ny, sizeof *s->y);
+    int rc = s->request && s->u && s->read && s->y && last ? 0 : APC_ENOMEM;
     for (size_t i = 0; i < e->dim.nu && rc == 0; i++)
         s->read[i] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)i + 1};
     s->d->store_timeout = store_timeout(period);
@@ -185,17 +172,8 @@ static int open_shell(struct shell *s, const struct own_options *own)
         if (rc < 0)
             daemon_error(s->d, rc, "%s", why.text);
     }
-    if (rc == 0) {
-        const struct apc_client_options options = {.size = sizeof options,
-                                                   .ny = e->dim.ny,
-                                                   .nu = e->dim.nu,
-                                                   .command_period = e->controller.rhythm.period,
-                                                   .last = last,
-                                                   .since = s->d->start};
-        rc = apc_client_create(&s->core, &options, &why);
-        if (rc < 0)
-            daemon_error(s->d, rc, "%s", why.text);
-    }
+    if (rc == 0 && (rc = cores_client(e, last, s->d->start, &s->core, &why)) < 0)
+        daemon_error(s->d, rc, "%s", why.text);
     free(last);
     return rc;
 }
@@ -208,7 +186,7 @@ static void close_shell(struct shell *s)
     free(s->request);
     free(s->u);
     free(s->read);
-    free(s->backlog);
+    free(s->y);
 }
 
 int main(int argc, char **argv)

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "common/cores.h"
 #include "common/daemon.h"
 
 static const struct argp_option option_list[] = {
@@ -77,32 +78,6 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
     return daemon_fatal(s->d, s->store, rc);
 }
 
-static int make_core(struct shell *s)
-{
-    const struct experiment *e = &s->d->experiment;
-    const apc_ns client = e->client.rhythm.period, plant = e->plant.rhythm.period;
-    size_t nu = e->dim.nu;
-    struct apc_error why;
-    double *limits = calloc(4 * nu, sizeof *limits);
-    if (!limits)
-        return daemon_error(s->d, APC_ENOMEM, "out of memory");
-    experiment_outputs(e, limits, limits + nu, limits + 2 * nu, limits + 3 * nu);
-    const struct apc_controller_options options = {
-        .size = sizeof options,
-        .law = e->controller.law,
-        .dim = e->dim,
-        .period = e->controller.rhythm.period,
-        .horizon = 3 * (client > plant ? client : plant) + 100 * APC_NS_PER_MS,
-        .hold = e->controller.hold,
-        .fault = limits + 3 * nu,
-        .low = limits,
-        .high = limits + nu,
-    };
-    int rc = apc_controller_create(&s->core, &options, &why);
-    free(limits);
-    return rc < 0 ? daemon_error(s->d, rc, "%s", why.text) : 0;
-}
-
 /* Go on where the last controller of this run stopped, if there was one. */
 static int resume(struct shell *s, const int64_t *last)
 {
@@ -122,9 +97,10 @@ static int resume(struct shell *s, const int64_t *last)
 static int open_shell(struct shell *s)
 {
     size_t nu = s->d->experiment.dim.nu;
-    int rc = make_core(s);
+    struct apc_error why;
+    int rc = cores_controller(&s->d->experiment, &s->core, &why);
     if (rc < 0)
-        return rc;
+        return daemon_error(s->d, rc, "%s", why.text);
     s->size = apc_controller_size(s->core);
     s->in = calloc(s->size.in, sizeof *s->in);
     s->out = calloc(s->size.out, sizeof *s->out);
@@ -158,6 +134,10 @@ int main(int argc, char **argv)
         rc = open_shell(&s);
     if (rc == 0)
         rc = daemon_run(&d, d.experiment.controller.rhythm, on_tick, &s);
+    if (s.core && apc_controller_failures(s.core) > 0)
+        daemon_event(&d, APC_EVENT_WARNING, "rejected",
+                     "law %s gave no finite number at %llu ticks of this run",
+                     d.experiment.controller.law->name, (unsigned long long)apc_controller_failures(s.core));
     close_shell(&s);
     return daemon_close(&d, rc);
 }

@@ -5,8 +5,8 @@
  */
 #include <pthread.h>
 #include <stdio.h>
-#include <stdlib.h>
 
+#include "common/cores.h"
 #include "common/daemon.h"
 
 struct own_options {
@@ -61,7 +61,6 @@ struct shell {
     struct apc_plant *plant;
     struct apc_plantserver *core;
     struct apc_server *server;
-    double *safe, *low, *high, *fault;
 };
 
 static int on_tick(void *ctx, const struct apc_tick *tick)
@@ -91,49 +90,19 @@ static int on_request(void *ctx, uint64_t connection, const char *request, size_
     return rc;
 }
 
-static int make_core(struct shell *s)
-{
-    const struct experiment *e = &s->d->experiment;
-    size_t nu = e->dim.nu;
-    struct apc_error why;
-
-    s->safe = calloc(nu, sizeof(double));
-    s->low = calloc(nu, sizeof(double));
-    s->high = calloc(nu, sizeof(double));
-    s->fault = calloc(nu, sizeof(double));
-    if (!s->safe || !s->low || !s->high || !s->fault)
-        return daemon_error(s->d, APC_ENOMEM, "out of memory");
-    experiment_outputs(e, s->low, s->high, s->safe, s->fault);
-    int rc = apc_plant_create(&s->plant, e->plant.model, e->plant.p, e->plant.x0, NULL, &why);
-    if (rc == 0) {
-        const struct apc_plantserver_options options = {
-            .size = sizeof options,
-            .plant = s->plant,
-            .model = e->plant.model,
-            .safe = s->safe,
-            .low = s->low,
-            .high = s->high,
-            .link_period = e->client.rhythm.period,
-            .command_period = e->controller.rhythm.period,
-        };
-        rc = apc_plantserver_create(&s->core, &options, &why);
-    }
-    return rc < 0 ? daemon_error(s->d, rc, "%s", why.text) : 0;
-}
-
 static int open_shell(struct shell *s, const struct own_options *own)
 {
     const struct experiment *e = &s->d->experiment;
     struct apc_server_options options = {
         .size = sizeof options,
-        .frame_max = 256 + 96 * (e->dim.ny + e->dim.nu),
+        .frame_max = cores_frame_max(e),
         .allow_plaintext = own->allow_plaintext,
         .log = s->d->log,
     };
     struct apc_error why;
-    int rc = make_core(s);
+    int rc = experiment_plant(e, &s->plant, &s->core, &why);
     if (rc < 0)
-        return rc;
+        return daemon_error(s->d, rc, "%s", why.text);
     rc = apc_server_create(&s->server, own->listen ? own->listen : e->plant.listen, &options, on_request, s,
                            &why);
     if (rc == APC_EPERM)
@@ -148,10 +117,6 @@ static void close_shell(struct shell *s)
     apc_server_destroy(s->server);
     apc_plantserver_destroy(s->core);
     apc_plant_destroy(s->plant);
-    free(s->safe);
-    free(s->low);
-    free(s->high);
-    free(s->fault);
 }
 
 int main(int argc, char **argv)

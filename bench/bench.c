@@ -227,8 +227,11 @@ static void report(struct bench *b, const char *title, size_t n, struct bench_ro
     for (size_t i = 0; i < BENCH_REFERENCES && b->reference[i]; i++)
         printf(" %*s%s", (int)(8 - strlen(b->reference[i])), "/ ", b->reference[i]);
     putchar('\n');
-    if (b->json)
-        fprintf(b->json, "%s\n  {\"n\": %zu, \"rows\": [", b->any ? "," : "", n);
+    if (b->json) {
+        fprintf(b->json, "%s\n  {\"n\": %zu, ", b->any ? "," : "", n);
+        put_text(b->json, "title", title);
+        fputs(", \"rows\": [", b->json);
+    }
     b->any = true;
     for (size_t i = 0; i < n_rows; i++) {
         struct bench_row *row = &rows[i];

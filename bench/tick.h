@@ -13,11 +13,21 @@
 #define TAU_I 10.0
 #define TS    2.0
 
+struct bench;
+
 /* What a tick touches. */
 enum tick_rows {
     TICK_PAPER = 1, /* reads mode, n sensors, n setpoints; writes n actuators */
     TICK_FULL       /* what apc-controller touches: also tuning and manual outputs, and the state rows */
 };
+
+/* ---- tick_run.c: all ways, in turn ----------------------------------------------------------- */
+
+/* Measure them for @p n loops on the database of @p conn, in schemas that are made anew. The bench has three
+ * references: the floor, by hand, the listing. */
+void tick_run(struct bench *b, PGconn *conn, size_t n);
+/* One line about the server: version and the settings that decide what a commit costs. */
+void tick_describe(PGconn *conn, char *text, size_t size);
 
 /* ---- tick_libpq.c: plain libpq --------------------------------------------------------------- */
 

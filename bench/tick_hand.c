@@ -4,14 +4,12 @@
  * pipelines, binary arrays. It has what is known to be fast (pg_statements.c says what was measured), and
  * nothing that guards against a slow or failing server: no deadline, no reconnecting, no repeating.
  */
-#include <endian.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "bench.h"
+#include "pgbinary.h"
 #include "tick.h"
-
-#define PG_EPOCH_US INT64_C(946684800000000) /* 2000-01-01 */
 
 /* ---- Parts ----------------------------------------------------------------------------------- */
 
@@ -41,40 +39,6 @@ struct hand {
     double *integral;
     char *columns[6]; /* parameters: seq, time, status, value, sensor_seq, setpoint_seq */
 };
-
-/* An array in binary: dimensions, NULLs, type, length, lower bound; then each with its own length. */
-static char *begin_array(char *at, uint32_t type, size_t n)
-{
-    const uint32_t head[5] = {htobe32(1), 0, htobe32(type), htobe32((uint32_t)n), htobe32(1)};
-
-    memcpy(at, head, sizeof head);
-    return at + sizeof head;
-}
-
-static char *add_int4(char *at, uint32_t value)
-{
-    const uint32_t cell[2] = {htobe32(4), htobe32(value)};
-
-    memcpy(at, cell, sizeof cell);
-    return at + sizeof cell;
-}
-
-static char *add_int8(char *at, int64_t value)
-{
-    const uint32_t length = htobe32(8);
-    const uint64_t big = htobe64((uint64_t)value);
-
-    memcpy(at, &length, 4);
-    memcpy(at + 4, &big, 8);
-    return at + 12;
-}
-
-static int64_t bits(double value)
-{
-    int64_t i;
-    memcpy(&i, &value, sizeof i);
-    return i;
-}
 
 static double from_bits(int64_t i)
 {
@@ -119,7 +83,7 @@ static struct value *add_read(struct hand *h, const char *table, int first, size
     snprintf(
         sql, sizeof sql,
         "SELECT n.* FROM unnest($1::int4[]) AS v (id) CROSS JOIN LATERAL (SELECT seq, time, status, value"
-        " FROM %s WHERE id = v.id ORDER BY seq DESC LIMIT 1) AS n",
+        " FROM %s_newest WHERE id = v.id LIMIT 1) AS n",
         table);
     prepare(h, "read", table, sql);
     return part->values;

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# cmake --install: headers, both libraries, programs, the experiment, apc.pc, apc-static.pc and the CMake package.
+# cmake --install: headers, both libraries, programs, the experiments, apc.pc, apc-static.pc and the CMake package.
 include(CMakePackageConfigHelpers)
 set(APC_CMAKE_DIR ${CMAKE_INSTALL_LIBDIR}/cmake/apc)
 
@@ -7,7 +7,7 @@ install(TARGETS apc EXPORT apcTargets)
 install(TARGETS apc_static EXPORT apcStaticTargets)
 install(TARGETS ${APC_PROGRAMS} apc_cli)
 install(DIRECTORY include/ DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} FILES_MATCHING PATTERN "apc*.h")
-install(FILES experiments/first-order.conf DESTINATION ${CMAKE_INSTALL_DATADIR}/apc)
+install(DIRECTORY experiments/ DESTINATION ${CMAKE_INSTALL_DATADIR}/apc FILES_MATCHING PATTERN "*.conf")
 if(APC_PAGE)
   install(DIRECTORY ${APC_PAGE}/ DESTINATION ${CMAKE_INSTALL_DATADIR}/apc/ui)
 endif()

@@ -76,6 +76,9 @@ typedef uint32_t apc_status;
 /* "ok" and "'ok'" (the paper's spelling) also mean Good. */
 #define APC_GOOD                         ((apc_status)0x00000000u)
 #define APC_GOOD_LOCAL_OVERRIDE          ((apc_status)0x00960000u)
+#define APC_GOOD_LIMITED_LOW             ((apc_status)0x00000500u) /**< with limit bits: held back by a limit */
+#define APC_GOOD_LIMITED_HIGH            ((apc_status)0x00000600u)
+#define APC_GOOD_LIMITED_CONSTANT        ((apc_status)0x00000700u)
 #define APC_UNCERTAIN                    ((apc_status)0x40000000u)
 #define APC_UNCERTAIN_LAST_USABLE        ((apc_status)0x40900000u)
 #define APC_UNCERTAIN_SUBSTITUTE         ((apc_status)0x40910000u)
@@ -219,6 +222,54 @@ APC_API void apc_log_destroy(struct apc_log *log);
 /** Queue one message; @p fmt gives the text, quoted by the log. Longer than 400 bytes is cut. [tick] */
 APC_API void apc_log_write(struct apc_log *log, enum apc_log_level level, const char *fmt, ...)
     APC_PRINTF(3, 4);
+
+/* ---- Chance ------------------------------------------------------------------------------- */
+
+/**
+ * A stream of random numbers, xoshiro256++ (Blackman and Vigna 2019). The same seed and name give the same
+ * numbers on every machine; streams of different names have nothing to do with each other, so that one more
+ * draw from one leaves all others as they are. Name a stream after what it is for: "network.delay",
+ * "plant.noise.1".
+ */
+struct apc_random {
+    uint64_t state[4];
+};
+/** Begin stream @p name (NULL: "") of @p seed, any number. [any] */
+APC_API void apc_random_init(struct apc_random *random, uint64_t seed, const char *name);
+APC_API uint64_t apc_random_next(struct apc_random *random);  /**< 64 random bits. [tick] */
+APC_API double apc_random_uniform(struct apc_random *random); /**< 0 <= x < 1, 53 bits. [tick] */
+APC_API double apc_random_normal(struct apc_random *random);  /**< mean 0, standard deviation 1. [tick] */
+
+/** One interval of a recorded distribution. */
+struct apc_share {
+    double low, high; /**< low <= high; a draw is uniform between them */
+    double share;     /**< the fraction of all that lies here or in an interval before: rises to 1 */
+};
+
+/** The numbers a and b are named below; all but @p shares is a plain value. */
+struct apc_distribution {
+    enum apc_distribution_kind {
+        APC_CONSTANT = 1, /**< a */
+        APC_UNIFORM,      /**< a <= x < b */
+        APC_NORMAL,       /**< mean a, standard deviation b */
+        APC_EXPONENTIAL,  /**< mean a */
+        APC_GAMMA,        /**< shape a, scale b */
+        APC_RECORDED      /**< a histogram: shares */
+    } kind;
+    double a, b;
+    const struct apc_share *shares; /**< borrowed */
+    size_t n_shares;
+};
+/**
+ * Read "0.004" (constant), "uniform(low, high)", "normal(mean, sd)", "exponential(mean)" or
+ * "gamma(shape, scale)". Returns 0, or APC_EINVAL with the reason in @p why (may be NULL). [setup]
+ */
+APC_API int apc_distribution_parse(const char *text, struct apc_distribution *distribution,
+                                   struct apc_error *why);
+/** A constant draws nothing. [tick] */
+APC_API double apc_distribution_draw(const struct apc_distribution *distribution, struct apc_random *random);
+/** No draw is below it: -HUGE_VAL for a normal one with sd > 0. [any] */
+APC_API double apc_distribution_low(const struct apc_distribution *distribution);
 
 /* ---- Threads ------------------------------------------------------------------------------ */
 

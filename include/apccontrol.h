@@ -23,20 +23,58 @@ struct apc_dim {
     size_t ny, nz, nu;
 };
 
+/** Which way an output is held back by a limit or a rate limit; both bits: it cannot move. As OPC UA's limit
+ * bits. */
+enum apc_limited { APC_LIMITED_LOW = 1, APC_LIMITED_HIGH = 2 };
+
 /** What one call of a law works on. The arrays belong to the caller. */
 struct apc_law_call {
     struct apc_dim dim;
-    double Ts;            /**< period of the controller in s */
-    const double *y;      /**< [ny] measurements */
-    const double *z;      /**< [nz] setpoints */
-    const double *tuning; /**< [nu * n_tuning], the parameters of output 0, of output 1, ... */
-    double *x;            /**< [n_state(dim)] the law's state */
-    double *u;            /**< [nu] compute: to be filled; update, track: what went out */
+    double Ts;              /**< period of the controller in s */
+    const double *y;        /**< [ny] measurements */
+    const double *z;        /**< [nz] setpoints */
+    const double *tuning;   /**< [nu * n_tuning], the parameters of output 0, of output 1, ... */
+    double *x;              /**< [n_state(dim), or as configured] the law's state */
+    double *u;              /**< [nu] compute: to be filled; update, track: what went out */
+    const double *constant; /**< [as configured] what configure made; NULL without it */
+    unsigned *limited;      /**< [nu] compute: zeros, to be filled with enum apc_limited where it applies */
+    bool gap;               /**< track: y was away, or this is the first call: x knows no recent y */
+};
+
+/** A named array of numbers, from group `settings` of the experiment file. */
+struct apc_setting {
+    const char *name;
+    size_t n;
+    const double *value; /**< [n] */
+};
+
+/** dx/dt = A (x - x0) + B (u - u0), y = y0 + C (x - x0) + D (u - u0). Matrices row after row. */
+struct apc_law_plant {
+    size_t nx;
+    const double *A, *B, *C, *D;
+    const double *x0, *u0, *y0; /**< the operating point */
+};
+
+/** What a law may be configured from, once, before it runs. */
+struct apc_law_setup {
+    struct apc_dim dim;
+    double Ts;
+    size_t n_setting;
+    const struct apc_setting *setting;
+    const struct apc_law_plant *plant; /**< the plant's linear model; NULL where none is known */
+};
+
+struct apc_law_size {
+    size_t constants, states;
 };
 
 #define APC_LAW_ABI 1u
 
-/** All functions are [tick]: no allocation, no I/O, no clock. NULL is allowed where it says so. */
+/**
+ * NULL is allowed where it says so. All functions but configure are [tick]: no allocation, no I/O, no clock.
+ * The order of a tick is: track, where the last output was not the law's; compute; u goes out; update. In
+ * mode Man, for a law that has track: track with the operator's u; it goes out; update.
+ */
 struct apc_law {
     unsigned abi; /**< APC_LAW_ABI */
     const char *name, *description;
@@ -44,10 +82,18 @@ struct apc_law {
     const struct apc_param *tuning;               /**< [n_tuning] */
     size_t (*n_state)(const struct apc_dim *dim); /**< NULL: none */
     bool (*accepts)(const struct apc_dim *dim);   /**< NULL: any dimensions */
-    void (*reset)(struct apc_law_call *c);        /**< fill x before the first tick; NULL: zeros */
-    void (*compute)(struct apc_law_call *c);      /**< u from y, z, x; x stays as it is */
-    void (*update)(struct apc_law_call *c);       /**< x for the next tick; u is what went out; NULL: none */
-    void (*track)(struct apc_law_call *c);        /**< set x so that compute would give u; NULL: cannot */
+    void (*reset)(struct apc_law_call *c); /**< fill x before the first tick, from its y and z; NULL: zeros */
+    void (*compute)(struct apc_law_call *c); /**< u from y, z, x; x stays as it is */
+    void (*update)(struct apc_law_call *c);  /**< x for the next tick; u is what went out; NULL: none */
+    void (*track)(struct apc_law_call *c);   /**< set x so that compute would give u; NULL: cannot */
+    const char *const *settings;             /**< names it knows, closed by NULL; NULL: none */
+    /**
+     * For a law with settings or constants; NULL: none. Called twice: first with @p constant NULL, to say how
+     * many constants and states there will be (this replaces n_state), then to fill them. [setup] Returns 0,
+     * or a negative error with the reason.
+     */
+    int (*configure)(const struct apc_law_setup *setup, struct apc_law_size *size, double *constant,
+                     struct apc_error *why);
 };
 
 /**
@@ -57,8 +103,36 @@ struct apc_law {
  */
 APC_API int apc_law_find(const char *name, const struct apc_law **law, void **handle, struct apc_error *why);
 
-/** The paper's PI controller, one loop for each output; see src/control/pi.c. */
-APC_API extern const struct apc_law apc_law_pi;
+/** The setting of that name, or NULL. [setup] */
+APC_API const struct apc_setting *apc_setting_find(const struct apc_law_setup *setup, const char *name);
+
+/* docs/laws.md has their equations and when to use which. */
+APC_API extern const struct apc_law apc_law_pi;  /**< the paper's PI controller, one loop for each output */
+APC_API extern const struct apc_law apc_law_pid; /**< PID in standard form, one loop for each output */
+APC_API extern const struct apc_law
+    apc_law_cascade;                             /**< an outer PID whose output is an inner one's setpoint */
+APC_API extern const struct apc_law apc_law_lqg; /**< state feedback, observer and disturbance estimate */
+
+/* ---- Design of linear laws ---------------------------------------------------------------- */
+
+/* Matrices are stored row after row. All are [setup]; they return 0, APC_EINVAL, APC_ENOMEM or APC_ESOLVER.
+ */
+
+/**
+ * Sample dx/dt = A x + B u with period @p Ts, u held between the samples: x[k+1] = Ad x[k] + Bd u[k].
+ * A, Ad [nx * nx], B, Bd [nx * nu].
+ */
+APC_API int apc_linear_sample(size_t nx, size_t nu, const double *A, const double *B, double Ts, double *Ad,
+                              double *Bd, struct apc_error *why);
+/**
+ * The stabilising solution P [nx * nx] of the discrete Riccati equation
+ *     P = A'PA - A'PB (R + B'PB)^-1 B'PA + Q
+ * and its gain K = (R + B'PB)^-1 B'PA [nu * nx]: u = -K x minimises the sum of x'Qx + u'Ru. With A', C' for
+ * A, B and the covariances of process and measurement noise for Q, R it is the Kalman filter's. R must be
+ * positive definite. APC_ESOLVER: there is no stabilising solution; @p why says what is to be looked at.
+ */
+APC_API int apc_riccati_solve(size_t nx, size_t nu, const double *A, const double *B, const double *Q,
+                              const double *R, double *P, double *K, struct apc_error *why);
 
 #ifdef __cplusplus
 }

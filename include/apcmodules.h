@@ -14,6 +14,8 @@
 #include "apcbase.h"
 #include "apccontrol.h"
 #include "apcplant.h"
+#include "apcsockets.h"
+#include "apctimer.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -71,6 +73,33 @@ APC_API size_t apc_scheduler_step(const struct apc_scheduler_options *options, u
 
 /* ---- Plant server ------------------------------------------------------------------------- */
 
+/** What may go wrong with a sensor. Times are since the plant's first tick. */
+struct apc_sensor_fault {
+    enum apc_sensor_fault_kind {
+        APC_FAULT_STUCK = 1, /**< it goes on showing what it showed last */
+        APC_FAULT_DRIFT,     /**< size is added for each second since it began */
+        APC_FAULT_DROPOUT,   /**< Bad */
+        APC_FAULT_SPIKE      /**< size is added */
+    } kind;
+    apc_ns at, duration; /**< duration 0: for ever; a spike, however short, is seen at one tick at least */
+    double size;
+};
+
+/** How a sensor shows an output: value + noise + faults, rounded to its steps. Zeros: as it is. */
+struct apc_sensor {
+    double noise;                         /**< standard deviation of a normal error, anew at each tick */
+    double quantum;                       /**< the step between two values that it can show; 0: none */
+    const struct apc_sensor_fault *fault; /**< [n_faults]; borrowed */
+    size_t n_faults;
+};
+
+/** From @p at on, since the plant's first tick, disturbance @p k, from 0, is @p value. */
+struct apc_disturbance {
+    size_t k;
+    apc_ns at;
+    double value;
+};
+
 /** Zero means default, but for those marked required. */
 struct apc_plantserver_options {
     size_t size;
@@ -81,6 +110,12 @@ struct apc_plantserver_options {
     apc_ns link_period;    /**< required: of the client. Trips 3 of them + 100 ms after the last frame */
     apc_ns command_period; /**< required: of the controller. Trips 3 of them + 100 ms after the last new
                               command */
+    uint64_t seed;         /**< of all noise: the same seed, the same numbers */
+    const double *noise;   /**< [nx] process noise: standard deviation of a random walk in 1 s,
+                              added to each state at each tick; NULL: none; copied */
+    const struct apc_disturbance *disturbance; /**< [n_disturbances] by rising time; borrowed */
+    size_t n_disturbances;
+    const struct apc_sensor *sensor; /**< [ny]; NULL: ideal ones; borrowed */
 };
 struct apc_plantserver;
 
@@ -90,8 +125,9 @@ APC_API void apc_plantserver_destroy(struct apc_plantserver *server);
 /**
  * Advance the plant to @p now, the scheduled time of the tick: over the interval since the previous
  * tick with the input that was sampled then (with the safe value from the watchdog's instant on, if it
- * lies within), publish y, sample the input for the next interval. Returns 0 or APC_ESOLVER, then y is
- * Bad; the notice says so once, and once that it is over. [tick]
+ * lies within; disturbances change at their very instants), publish y as the sensors show it, sample the
+ * input for the next interval. Returns 0 or APC_ESOLVER, then y is Bad; the notice says so once, and once
+ * that it is over. [tick]
  */
 APC_API int apc_plantserver_tick(struct apc_plantserver *server, struct apc_now now,
                                  struct apc_notice *notice);
@@ -150,6 +186,9 @@ struct apc_controller_options {
     apc_ns hold;               /**< how long to hold before the fault value; default 3 periods */
     const double *fault;       /**< [nu] fault value; NULL: zeros; copied */
     const double *low, *high;  /**< [nu] limits of the outputs; NULL: none; copied */
+    size_t n_setting;
+    const struct apc_setting *setting; /**< of the law; [n_setting]; not used after creation */
+    const struct apc_law_plant *plant; /**< linear model for a law that wants one, or NULL; as setting */
 };
 struct apc_controller;
 
@@ -177,9 +216,9 @@ APC_API void apc_controller_resume_inputs(const struct apc_controller *controlle
 /**
  * Resume from @p in [resume], as filled by the store (NULL: nothing is stored); @p last [nu] are the newest
  * seqs of the actuators, to count on from. The next tick then goes on without a bump, with the law's own
- * state when the same law stored it, from the last output when another law of the same dimensions did. What
- * was stored with other dimensions, or before @p since, UTC, and so by another run, is not taken. [setup]
- * Returns 1 when it resumed, 0 when it starts anew.
+ * state when the same law with the same constants stored it, from the last output when another law of the
+ * same dimensions did. What was stored with other dimensions, or before @p since, UTC, and so by another run,
+ * is not taken. [setup] Returns 1 when it resumed, 0 when it starts anew.
  */
 APC_API int apc_controller_resume(struct apc_controller *controller, const int64_t *last,
                                   const struct apc_sample *in, apc_ns since);
@@ -193,6 +232,53 @@ APC_API int apc_controller_compute(struct apc_controller *controller, struct apc
                                    struct apc_notice *notice);
 /** Update the law's state, after u was written. [tick] */
 APC_API void apc_controller_update(struct apc_controller *controller);
+/** How often the law gave something that is no finite number, and the output was held. [tick] */
+APC_API uint64_t apc_controller_failures(const struct apc_controller *controller);
+
+/* ---- The link inproc: --------------------------------------------------------------------- */
+
+/**
+ * A link in virtual time: what is sent arrives when a modelled network says, as events of a virtual
+ * executive. Nobody waits in virtual time, so an exchange begins with a call and ends with another. As over
+ * tcp: there is one exchange at a time, and one that fails closes the connection, so that a late reply is
+ * never taken for the next one's; a request that is under way still arrives. Connecting takes no time.
+ */
+struct apc_inproc_options {
+    size_t size;
+    struct apc_executive *executive; /**< required; borrowed */
+    int request_rank, reply_rank;    /**< of arrivals, among coinciding events */
+    /** Both ways are alike, each with streams of its own: "network.to" and "network.from". */
+    struct apc_network_options network;
+    size_t frame_max;    /**< largest request and reply; default 64 KiB */
+    apc_server_fn serve; /**< required: the answering side */
+    void *serve_ctx;
+};
+struct apc_inproc;
+
+/** [setup] Returns 0, APC_EINVAL, APC_ENOMEM. */
+APC_API int apc_inproc_create(struct apc_inproc **link, const struct apc_inproc_options *options,
+                              struct apc_error *why);
+/** Before its executive, which must not run any more. NULL is legal. [setup] */
+APC_API void apc_inproc_destroy(struct apc_inproc *link);
+
+/** The end of an exchange: a reply of @p length bytes, which lives until the function returns, or NULL and
+ * APC_ETIMEDOUT or APC_ECONN (the other side closed the connection). */
+typedef void (*apc_reply_fn)(void *ctx, const char *reply, int length);
+/**
+ * Send a request; @p fn is called once, within @p timeout. Returns 0, or APC_EBUSY (an exchange is under
+ * way), APC_EINVAL (longer than frame_max, timeout not above 0), APC_ENOMEM: then fn is not called.
+ */
+APC_API int apc_inproc_exchange(struct apc_inproc *link, const char *request, size_t length, apc_ns timeout,
+                                apc_reply_fn fn, void *ctx);
+/** Close the connection, e.g. because the reply made no sense. */
+APC_API void apc_inproc_reset(struct apc_inproc *link);
+
+/** Counts, of requests and replies together and of exchanges that timed out. */
+struct apc_inproc_stats {
+    struct apc_network_stats frames;
+    uint64_t exchanges, timeouts;
+};
+APC_API void apc_inproc_stats(const struct apc_inproc *link, struct apc_inproc_stats *stats);
 
 #ifdef __cplusplus
 }

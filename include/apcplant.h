@@ -14,15 +14,23 @@
 extern "C" {
 #endif
 
-#define APC_MODEL_ABI 1u
+#define APC_MODEL_ABI 2u
 
-/** x' = f(t, x, u, p), y = g(t, x, u, p). Functions are pure; f returns 0, or nonzero where undefined. */
+/**
+ * x' = f(t, x, u, p), y = g(t, x, u, p). Functions are pure; f returns 0, or nonzero where undefined.
+ * Time is in seconds. u holds the nu manipulated inputs and after them the nd disturbances: [nu + nd].
+ *
+ * The tables name the variables; each may be NULL: then they are unnamed, unlimited, and start at zero.
+ */
 struct apc_model {
     unsigned abi; /**< APC_MODEL_ABI */
     const char *name, *description;
-    size_t nx, nu, ny, np;
-    const struct apc_param *param; /**< [np] */
-    const double *x0;              /**< [nx] default initial state; NULL: zeros */
+    size_t nx, nu, nd, ny, np;
+    const struct apc_param *param;       /**< [np] */
+    const struct apc_param *state;       /**< [nx] initial: where it starts; range: where the model holds */
+    const struct apc_param *input;       /**< [nu] initial: at the nominal operating point */
+    const struct apc_param *disturbance; /**< [nd] initial: as long as nothing is disturbed */
+    const struct apc_param *output;      /**< [ny] name, unit, description only */
     int (*f)(double t, const double *x, const double *u, const double *p, double *dx);
     void (*g)(double t, const double *x, const double *u, const double *p, double *y);
 };
@@ -30,14 +38,51 @@ struct apc_model {
 /** As apc_law_find(): a built-in model ("first-order"), or the `apc_model` of a shared object. [setup] */
 APC_API int apc_model_find(const char *name, const struct apc_model **model, void **handle,
                            struct apc_error *why);
+/** The built-in model number @p i, from 0; NULL beyond the last. Static. [any] */
+APC_API const struct apc_model *apc_model_built_in(size_t i);
 
 /** dx/dt = (-x + K u) / tau, y = x: the plant of the paper's experiment. */
 APC_API extern const struct apc_model apc_model_first_order;
 
+/* ---- Linear models ------------------------------------------------------------------------ */
+
+/**
+ * Jacobians at t = 0, @p x [nx] and @p u [nu + nd], by central differences of fourth order: relative errors
+ * of 1e-9 and less where f and g are smooth. Row-major; column k of B and D is input k, the disturbances
+ * after the manipulated ones: @p a [nx * nx], @p b [nx * (nu + nd)], @p c [ny * nx], @p d [ny * (nu + nd)].
+ * NULL for @p p, @p x, @p u takes the model's own. [setup]
+ * Returns 0, APC_EINVAL, APC_ENOMEM, or APC_ESOLVER where f or g is not defined.
+ */
+APC_API int apc_model_linearize(const struct apc_model *model, const double *p, const double *x,
+                                const double *u, double *a, double *b, double *c, double *d,
+                                struct apc_error *why);
+/**
+ * Find the steady state f(0, x, u, p) = 0 by damped Newton steps from @p x [nx], and leave it there. Where
+ * there are several, the start decides; it need not be a stable one. NULL for @p p, @p u: as above. [setup]
+ * Returns 0, APC_EINVAL, APC_ENOMEM, or APC_ESOLVER: none found from there; x is then as it was.
+ */
+APC_API int apc_model_equilibrium(const struct apc_model *model, const double *p, const double *u, double *x,
+                                  struct apc_error *why);
+
+/* ---- Plants ------------------------------------------------------------------------------- */
+
 /** Zero means default. */
-struct apc_integrator_options {
+struct apc_plant_options {
     size_t size;
-    double rtol, atol; /**< default 1e-8, 1e-10 */
+    /**
+     * "cvode" (the default: BDF of variable order and step, for anything, stiff too), "adams" (CVODE as
+     * well, for what is not stiff), "rk4" (fixed steps, no control of the error), "exact" (linear models
+     * only). docs/plants.md says when to choose which.
+     */
+    const char *integrator;
+    double rtol, atol; /**< of cvode and adams; default 1e-8, 1e-10 */
+    unsigned steps;    /**< of rk4: how many in each interval; default 10 */
+    /**
+     * s by which the manipulated inputs act later, exactly (the state is advanced from one delayed change of
+     * the input to the next). Before the start they were at their nominal values. At most 8192 changes may
+     * be under way.
+     */
+    double dead_time;
 };
 
 /** A model with its parameters, its state and an integrator whose memory is used again each step. */
@@ -45,10 +90,11 @@ struct apc_plant;
 
 /**
  * @p p [np] and @p x0 [nx] are copied; NULL takes the model's own. [setup] Returns 0, APC_EINVAL (a
- * parameter outside its range, a model without functions), APC_ENOMEM, APC_ESOLVER.
+ * parameter or state outside its range, a model without functions, an unknown integrator, a nonlinear model
+ * for "exact"), APC_ENOMEM, APC_ESOLVER.
  */
 APC_API int apc_plant_create(struct apc_plant **plant, const struct apc_model *model, const double *p,
-                             const double *x0, const struct apc_integrator_options *options,
+                             const double *x0, const struct apc_plant_options *options,
                              struct apc_error *why);
 APC_API void apc_plant_destroy(struct apc_plant *plant); /**< NULL is legal. [setup] */
 /**
@@ -56,7 +102,13 @@ APC_API void apc_plant_destroy(struct apc_plant *plant); /**< NULL is legal. [se
  * APC_ESOLVER, after which the state is that of before the call. [tick]
  */
 APC_API int apc_plant_advance(struct apc_plant *plant, double dt, const double *u);
-/** y [ny] of the present state. [tick] */
+/** Give disturbance @p k, from 0, a value from now on. Returns 0, or APC_EINVAL: no such, or not finite.
+ * [tick]
+ */
+APC_API int apc_plant_disturb(struct apc_plant *plant, size_t k, double value);
+/** Add to state @p k, from 0, and keep it within its range. Returns 0 or APC_EINVAL, as above. [tick] */
+APC_API int apc_plant_kick(struct apc_plant *plant, size_t k, double by);
+/** y [ny] of the present state; @p u [nu] as it is, without dead time. [tick] */
 APC_API void apc_plant_output(const struct apc_plant *plant, const double *u, double *y);
 APC_API const double *apc_plant_state(const struct apc_plant *plant); /**< [nx], the plant's own */
 APC_API double apc_plant_time(const struct apc_plant *plant);         /**< s since it was made */

@@ -54,18 +54,32 @@ struct apc_store_options {
     apc_ns timeout;     /**< for every operation, connecting included; default 2 s */
     apc_ns backoff_min; /**< first pause after a failed connect; default 100 ms */
     apc_ns backoff_max; /**< longest pause; default 5 s. Pauses double and are jittered */
+    const char *spool;  /**< file for what the store cannot take at the moment; "": in memory, which ends with
+                             the process; NULL: none. See below */
+    uint64_t spool_size; /**< most bytes that may wait in it; default 256 MiB */
 };
 
 struct apc_store;
 
 /**
- * A store by URI: `postgresql:` (the environment's database: PGHOST, PGSERVICE, ...) or
- * `postgresql://...`, any libpq URI; `#NAME` at its end chooses the schema NAME, one a plant, default
- * `apc`. A standby is refused, because a store is for writing, unless target_session_attrs in the URI or
- * PGTARGETSESSIONATTRS says otherwise. Nothing is connected yet: every operation connects when it has to,
- * waits no longer than the timeout, and after a failed connect answers APC_ECONN at once until a jittered
- * pause is over.
- * One thread at a time. [setup] Returns 0, APC_EINVAL (unknown scheme, malformed URI), APC_ENOMEM.
+ * A store by URI (which one: docs/stores.md):
+ * - `sqlite:FILE`, a file.
+ * - `shm:NAME`, POSIX shared memory, for the processes of one user on one host (and in one PID namespace),
+ * until the machine stops or /dev/shm/apc.NAME is removed: the newest value of every variable and of each a
+ *   recent history. `shm:NAME?size=MIB`, looked at by apc_store_init() only, makes it larger or smaller than
+ * 32 MiB. What no longer fits takes the place of the oldest; a new variable that does not, too many tags and
+ * a call of too many rows are refused with APC_ESTORE. Durable means: survives any process, not the machine.
+ * - `mem:`, this process' memory, for virtual time and for tests: `mem:` alone is the handle's own,
+ * `mem:NAME` (at most 63 bytes) is shared by all handles of that name, whatever their thread, and gone when
+ * the last of them is closed. Its ticks allocate only when a variable's history doubles.
+ * - `postgresql:` (the environment's database: PGHOST, PGSERVICE, ...) or `postgresql://...`, any libpq URI;
+ *   `#NAME` at its end chooses the schema NAME, one a plant, default `apc`. A standby is refused, because a
+ *   store is for writing, unless target_session_attrs in the URI or PGTARGETSESSIONATTRS says otherwise.
+ *
+ * Nothing is connected yet: every operation connects when it has to, waits no longer than the timeout, and
+ * after a failed connect to a server answers APC_ECONN at once until a jittered pause is over. One thread at
+ * a time. [setup] Returns 0, APC_EINVAL (unknown scheme, malformed URI, not our spool), APC_EBUSY,
+ * APC_ESTORE (the spool cannot be used), APC_ENOMEM.
  */
 APC_API int apc_store_open(struct apc_store **store, const char *uri, const struct apc_store_options *options,
                            struct apc_error *why);
@@ -74,12 +88,64 @@ APC_API void apc_store_close(struct apc_store *store); /**< NULL is legal. [setu
 APC_API const char *apc_store_error(const struct apc_store *store);
 APC_API bool apc_store_connected(const struct apc_store *store);
 
+/** What waits in a spool, and what became of it since it was opened. */
+struct apc_spool_stats {
+    uint64_t samples, events; /**< waiting */
+    uint64_t bytes, capacity; /**< they take, they may take */
+    apc_ns oldest;            /**< source time of the first of them; 0: nothing waits */
+    uint64_t drained;         /**< samples and events that went on to the store */
+    uint64_t refused;         /**< samples and events: full, or the disk would not. Never acknowledged */
+    uint64_t torn;            /**< bytes of a last, unfinished record, cut off when it was opened */
+    uint64_t damaged;         /**< times that the file was set aside ... */
+    char aside[256];          /**< ... and as what, the last time */
+};
+
 /** Counters since it was opened. */
 struct apc_store_stats {
     uint64_t connects;
-    uint64_t round_trips; /**< times it waited for the server */
+    uint64_t round_trips;         /**< times it waited for the server */
+    struct apc_spool_stats spool; /**< zeros: it has none */
 };
 APC_API void apc_store_stats(const struct apc_store *store, struct apc_store_stats *stats);
+
+/*
+ * Store and forward: a store with a spool goes on acknowledging apc_store_append() and
+ * apc_store_append_events() while it is away (APC_ECONN, APC_ETIMEDOUT): they are on disk in the spool when
+ * the call returns. apc_store_error() then says why the store is away. Once something waits, everything goes
+ * through the spool, in order; apc_store_connect(), apc_store_append() and apc_store_append_events() each
+ * drain a portion when the store is there, for about a tenth of the timeout. While it is away it is asked
+ * only now and then: what made a call wait is left alone for four times as long.
+ *
+ * - apc_store_claim() finds what a former writer left; `last` counts it in. When the store is away it
+ * succeeds if records wait, which say how far the writer had come, and is made up for before they drain; then
+ * another writer's claim is APC_EBUSY, and they go on waiting. With an empty spool it is APC_ECONN, as
+ * without one.
+ * - apc_store_read() gives, while the store is away, what was last read or appended through this store, with
+ *   its own seq and time, and status UncertainLastUsableValue unless it is worse; APC_ECONN if one of the
+ *   variables was never seen.
+ * - APC_EBUSY, APC_ESCHEMA and APC_ECONFLICT from an append, met while draining, leave its rows in the spool.
+ * - A spool that is full keeps what it has: a new append is then refused with APC_ESTORE, and counted in
+ *   `refused`. What was acknowledged is never thrown away.
+ * - Samples drain once: see apc_store_append(). A sample whose seq another writer took meanwhile, with
+ * another value, is found: the spool is set aside as FILE.conflict-TIME, and the answer is APC_ECONFLICT. Of
+ * events that may have been stored already, those that stand there are left out, if this user may read
+ * events.
+ * - A spool of another writer (options->name) or for another store is refused by apc_store_open(), one that
+ *   another process has in use too. One that is damaged is kept as FILE.damaged-TIME; what is readable goes
+ * on.
+ *
+ * All else goes to the store itself. What commands (setpoints, outputs, modes, tuning) must not be spooled:
+ * it would come late and look new.
+ */
+
+/** A spool as it lies on disk. */
+struct apc_spool_info {
+    char writer[64], store[256]; /**< whose, and for which store, without secrets */
+    struct apc_spool_stats stats;
+};
+/** Look into a spool that another process may have in use. [setup] Returns 0, APC_ENOTFOUND, APC_ESYS,
+ * APC_EINVAL: it is none. */
+APC_API int apc_spool_look(const char *file, struct apc_spool_info *info, struct apc_error *why);
 
 /*
  * Operations return 0 or a count, else: APC_ECONN, APC_ETIMEDOUT, APC_ESCHEMA (run `apc init`), APC_EBUSY
@@ -145,6 +211,12 @@ APC_API int apc_store_swap(struct apc_store *store, struct apc_sample *samples, 
  * by the next call. A change between a read and the wait is never missed. n = 0 returns 0 at once. [setup]
  */
 APC_API int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout);
+
+/**
+ * The variables that have samples, described or not: table and id of up to @p capacity, in that order.
+ * Returns how many there are in all. [setup]
+ */
+APC_API int apc_store_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity);
 
 /** Called for each row in rising seq; return nonzero to end early. */
 typedef int (*apc_sample_fn)(void *ctx, const struct apc_sample *sample);

@@ -168,6 +168,54 @@ APC_API void apc_server_destroy(struct apc_server *server);
 APC_API int apc_server_port(const struct apc_server *server);
 APC_API void apc_server_stats(const struct apc_server *server, struct apc_server_stats *stats); /**< [any] */
 
+/* ---- A network that is only modelled ------------------------------------------------------ */
+
+/** Time on the monotonic clock, from <= t < until, in which every frame that is sent is lost. */
+struct apc_outage {
+    apc_ns from, until;
+};
+
+/** Zero means none. Distributions of seconds; one of kind 0 is none, what they borrow outlives the network.
+ */
+struct apc_network_options {
+    size_t size;
+    struct apc_distribution delay;  /**< of each frame; a draw below 0 counts as 0 */
+    struct apc_distribution jitter; /**< added to it, may be negative; the sum counts as 0 below 0 */
+    double loss;                    /**< probability that a frame is lost */
+    double duplication; /**< that it arrives twice, the second with a delay and jitter of its own */
+    /** That it takes no delay and overtakes those before it. Other frames keep their order: one that would
+     * arrive before its predecessor arrives with it. */
+    double reordering;
+    double bandwidth; /**< bit/s: frames wait for each other; 0: no limit */
+    const struct apc_outage *outages;
+    size_t n_outages;
+    uint64_t seed;
+    const char
+        *name; /**< of its random streams: two networks of one seed need two names; default "network" */
+};
+
+/** Counts of frames. */
+struct apc_network_stats {
+    uint64_t sent, lost, duplicated, reordered;
+};
+
+/**
+ * One direction of a network: pure, it keeps no frames and knows no clock. Every model draws from a stream of
+ * its own, and a frame that is lost draws all the same, so that changing one model changes the draws of no
+ * other. One thread at a time.
+ */
+struct apc_network;
+
+/** [setup] Returns 0, APC_EINVAL (a delay that could only be negative, a probability not within 0 to 1, an
+ * outage that ends before it begins), APC_ENOMEM. */
+APC_API int apc_network_create(struct apc_network **network, const struct apc_network_options *options,
+                               struct apc_error *why);
+APC_API void apc_network_destroy(struct apc_network *network); /**< NULL is legal. [setup] */
+/** Whether a frame of @p length bytes sent at @p now arrives, and when: into @p at. Returns how often: 0, 1
+ * or 2 times. @p now never goes back. [tick] */
+APC_API int apc_network_send(struct apc_network *network, apc_ns now, size_t length, apc_ns at[2]);
+APC_API void apc_network_stats(const struct apc_network *network, struct apc_network_stats *stats);
+
 #ifdef __cplusplus
 }
 #endif

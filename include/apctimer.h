@@ -167,8 +167,8 @@ struct apc_task;
 
 struct apc_executive_options {
     size_t size;
-    /** NULL: the system's. Outlives the executive. A real-time executive asks an injected one for utc only.
-     */
+    /** NULL: the system's. Outlives the executive. A real-time executive asks an injected one for utc only;
+     * executive "virtual" is its own clock and takes none. */
     const struct apc_clock *clock;
     struct apc_log *log; /**< NULL: silent */
     /* What follows is done if the process may; if not, a line in the log says so, and all goes on without. */
@@ -182,12 +182,14 @@ struct apc_executive_options {
      * CAP_IPC_LOCK or an unlimited RLIMIT_MEMLOCK: under a limit, later allocations would fail.
      */
     bool lock_memory;
+    apc_ns begin; /**< executive "virtual": the UTC at which it begins */
 };
 
 /**
- * An executive by name: "deadline" (one thread a task, absolute sleeps, SCHED_FIFO when allowed) or
- * "posix" (SIGEV_THREAD interval timers as in the paper, made safe). [setup] Returns 0, APC_EINVAL
- * (unknown name), APC_ENOMEM. "posix" keeps a page of memory until the process ends: see src/timer/posix.c.
+ * An executive by name: "deadline" (one thread a task, absolute sleeps, SCHED_FIFO when allowed), "posix"
+ * (SIGEV_THREAD interval timers as in the paper, made safe) or "virtual" (below). [setup] Returns 0,
+ * APC_EINVAL (unknown name, a clock for "virtual"), APC_ENOMEM. "posix" keeps a page of memory until the
+ * process ends: see src/timer/posix.c.
  */
 APC_API int apc_executive_create(struct apc_executive **executive, const char *name,
                                  const struct apc_executive_options *options, struct apc_error *why);
@@ -239,6 +241,62 @@ enum apc_task_histogram { APC_LATENESS = 1, APC_JITTER, APC_RUN };
 /** The task's own histogram, to read or merge; lives as long as the task. [any] */
 APC_API const struct apc_histogram *apc_task_histogram(const struct apc_task *task,
                                                        enum apc_task_histogram which);
+
+/* ---- Virtual time ------------------------------------------------------------------------- */
+
+/**
+ * The executive "virtual" waits for nothing: apc_virtual_run() goes from event to event, and between them no
+ * time passes. Its tasks are made, started and stopped as any others, with the same grid, the same overrun
+ * policies and the same statistics, but run on the thread that calls apc_virtual_run(); apc_task_wait() there
+ * takes no timeout but 0. What happens at one instant happens in the order of its rank, then of its being
+ * asked for: the same program gives the same events, every time. The functions below answer APC_EINVAL to
+ * another executive. One thread at a time uses such an executive and all that runs on it.
+ */
+
+/**
+ * What time the executive has: monotonic from 1 s on, and UTC from apc_executive_options.begin on. Lives as
+ * long as the executive. Of a real-time executive: what it was given, or the system's. [any]
+ */
+APC_API const struct apc_clock *apc_executive_clock(const struct apc_executive *executive);
+
+APC_API bool apc_executive_is_virtual(const struct apc_executive *executive); /**< [any] */
+
+/**
+ * Handle all events up to and including the monotonic time @p until; then it is @p until. Returns their
+ * number, or APC_EINVAL, also for a time that is past. Not from inside an event. [setup]
+ */
+APC_API int64_t apc_virtual_run(struct apc_executive *executive, apc_ns until);
+/** End apc_virtual_run() after the present event; the time stays. The next apc_virtual_run() goes on. */
+APC_API int apc_virtual_stop(struct apc_executive *executive);
+
+typedef void (*apc_virtual_fn)(void *ctx);
+/**
+ * Call @p fn at the monotonic time @p at, once. Returns 0, APC_EINVAL (a time that is past), APC_ENOMEM.
+ * Each task needs no more memory than it got when it was made; these do.
+ */
+APC_API int apc_virtual_at(struct apc_executive *executive, apc_ns at, int rank, apc_virtual_fn fn,
+                           void *ctx);
+
+/**
+ * Step the wall clock by @p step, and let it gain from now on @p drift seconds a second on the monotonic one
+ * (1e-6: 1 ppm; -1 < drift < 1).
+ */
+APC_API int apc_virtual_set_clock(struct apc_executive *executive, apc_ns step, double drift);
+
+/** How a task behaves in virtual time. Zero: a perfect one, which starts in time and takes none. */
+struct apc_virtual_model {
+    size_t size;
+    int rank; /**< its place among coinciding events: lower ones come first */
+    /** Seconds from the instant of a tick to its call, and from the call to its end; a draw below 0 counts as
+     * 0. kind 0: none. What they borrow outlives the task. */
+    struct apc_distribution jitter, execution;
+    uint64_t seed;         /**< of both, in streams of their own named after the task */
+    apc_virtual_fn finish; /**< called with the task's ctx at the end of the execution time, when what
+                               the callback has made is to take effect; NULL: nothing to call */
+};
+/** Before the start. [setup] Returns 0, APC_EINVAL, APC_ESTATE (started). */
+APC_API int apc_virtual_set_model(struct apc_task *task, const struct apc_virtual_model *model,
+                                  struct apc_error *why);
 
 #ifdef __cplusplus
 }

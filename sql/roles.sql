@@ -21,21 +21,29 @@ END
 $$;
 
 -- Everybody: is the schema there, how large is the plant, what is called what; tell what happened.
-GRANT SELECT ON migration, dim, tag TO apc_plant, apc_client, apc_controller, apc_scheduler, apc_operator;
+GRANT SELECT ON migration, dim, dim_newest, tag TO apc_plant, apc_client, apc_controller, apc_scheduler, apc_operator;
 GRANT INSERT (time, severity, source, kind, text) ON event -- not role: nobody writes in another's name
     TO apc_plant, apc_client, apc_controller, apc_scheduler, apc_operator;
+GRANT SELECT ON event -- a spool that drains looks up which are there already
+    TO apc_plant, apc_client, apc_controller, apc_scheduler;
 GRANT INSERT ON timing TO apc_plant, apc_client, apc_controller, apc_scheduler;
 GRANT EXECUTE ON FUNCTION claim(text, integer) TO apc_client, apc_controller, apc_scheduler;
+GRANT EXECUTE ON FUNCTION absent(text, integer[], bigint[]) TO apc_client, apc_controller, apc_scheduler, apc_operator;
 
 GRANT INSERT ON sensor TO apc_client;
-GRANT SELECT ON actuator TO apc_client;
+GRANT SELECT ON actuator, actuator_newest TO apc_client;
 
 GRANT SELECT ON sensor, setpoint, opmode, tuning, manual, state TO apc_controller;
+GRANT SELECT ON sensor_newest, setpoint_newest, opmode_newest, tuning_newest, manual_newest, state_newest
+    TO apc_controller;
 GRANT INSERT ON actuator, state, opmode TO apc_controller;
 
-GRANT SELECT, INSERT ON setpoint TO apc_scheduler;
+GRANT SELECT ON setpoint, setpoint_newest TO apc_scheduler;
+GRANT INSERT ON setpoint TO apc_scheduler;
 
 GRANT SELECT ON sensor, actuator, setpoint, opmode, tuning, manual, state, event, timing TO apc_operator;
+GRANT SELECT ON sensor_newest, actuator_newest, setpoint_newest, opmode_newest, tuning_newest, manual_newest,
+    state_newest TO apc_operator;
 GRANT INSERT ON setpoint, opmode, tuning, manual TO apc_operator;
 
 -- Table opmode has two writers, each with a row of its own: the operator's target and the controller's actual mode.

@@ -47,11 +47,26 @@ static void tasks_json(const struct model *m, apc_ns now, struct text *t)
     text_chop(t, ',');
 }
 
-static void links_json(const struct model *m, struct text *t)
+/* A client whose link never changed has said nothing of it: what it measures tells. */
+static void silent_link_json(const struct model *m, apc_ns now, struct text *t)
 {
+    bool up = false;
+    for (size_t i = 0; i < m->plant.n; i++)
+        up |= m->now[i].table == APC_SENSOR && m->now[i].seq > 0 && !model_stale(m, i, now) &&
+              apc_status_severity(m->now[i].status) != APC_SEVERITY_BAD;
+    text_add(t,
+             "{\"name\":\"apc-client\",\"up\":%s,\"since\":null,\"text\":\"%s\",\"changes\":0,"
+             "\"round_trip\":null,\"failed\":null},",
+             up ? "true" : "false", up ? "measurements arrive" : "no measurements arrive");
+}
+
+static void links_json(const struct model *m, apc_ns now, struct text *t)
+{
+    bool client = false;
     text_add(t, "],\"links\":[");
     for (size_t i = 0; i < m->links; i++) {
         const struct link_state *link = &m->link[i];
+        client |= !strcmp(link->name, "apc-client");
         text_add(t, "{\"name\":");
         json_string_add(t, link->name);
         text_add(t, ",\"up\":%s,\"since\":", link->up ? "true" : "false");
@@ -60,6 +75,8 @@ static void links_json(const struct model *m, struct text *t)
         json_string_add(t, link->text);
         text_add(t, ",\"changes\":%" PRIu64 ",\"round_trip\":null,\"failed\":null},", link->changes);
     }
+    if (!client && model_task_period(m, "client") > 0)
+        silent_link_json(m, now, t);
     text_chop(t, ',');
 }
 
@@ -94,6 +111,19 @@ static void meter_json(struct meter *m, const char *name, struct text *t)
     figures_json(&summary, t);
 }
 
+static void spool_json(const struct ui *ui, struct text *t)
+{
+    const struct apc_spool_stats *s = &ui->model.spool;
+    apc_ns age = s->oldest > 0 ? apc_clock_utc(NULL) - s->oldest : 0;
+    if (!ui->options.spool) {
+        text_add(t, "null");
+        return;
+    }
+    text_add(t, "{\"depth\":%" PRIu64 ",\"age\":", s->samples + s->events);
+    json_seconds_add(t, age);
+    text_add(t, "}");
+}
+
 void get_diagnostics(struct ui *ui, struct request *r, struct apc_store *store)
 {
     struct model *m = &ui->model;
@@ -109,12 +139,13 @@ void get_diagnostics(struct ui *ui, struct request *r, struct apc_store *store)
     json_seconds_add(t, now - ui->began);
     pthread_mutex_lock(&m->mutex);
     tasks_json(m, now, t);
-    links_json(m, t);
+    links_json(m, now, t);
     signals_json(m, now, t);
     text_add(t, "],\"store\":");
     store_state_json(m, t);
     text_chop(t, '}');
-    text_add(t, ",\"connects\":%" PRIu64 ",\"spool\":null", m->connects);
+    text_add(t, ",\"connects\":%" PRIu64 ",\"spool\":", m->connects);
+    spool_json(ui, t);
     pthread_mutex_unlock(&m->mutex);
     meter_json(&ui->reads, "read", t);
     meter_json(&ui->stores, "write", t);
@@ -237,6 +268,8 @@ void get_metrics(struct ui *ui, struct request *r, struct apc_store *store)
     signal_metrics(m, t);
     metric(t, "apc_db_up", "gauge", "1: the database answers.");
     text_add(t, "apc_db_up %d\n", m->connected);
+    metric(t, "apc_spool_depth", "gauge", "Samples and events that wait for the database.");
+    text_add(t, "apc_spool_depth %" PRIu64 "\n", m->spool.samples + m->spool.events);
     pthread_mutex_unlock(&m->mutex);
     meter_metrics(&ui->stores, t, "apc_db_write_seconds", "This server's writes.");
     meter_metrics(&ui->reads, t, "apc_db_read_seconds", "This server's reads of all newest samples.");

@@ -14,6 +14,7 @@
 #include <inttypes.h>
 #include <netdb.h>
 #include <netinet/in.h>
+#include <poll.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
@@ -332,14 +333,24 @@ static bool session_over(void *ctx, void *arg)
            !session_find(&x->ui->sessions, x->r.session.token, apc_clock_mono(NULL), &session);
 }
 
-static bool everybody(void *ctx, void *arg)
-{
-    (void)ctx;
-    (void)arg;
-    return true;
-}
-
 /* ---- Pools -------------------------------------------------------------------------------- */
+
+/*
+ * Connect if need be. A store that failed pauses before it tries again; when the database is back, as the
+ * live thread knows, that pause is waited out and not made a failure of the request.
+ */
+static void connect_store(struct ui *ui, struct apc_store *store)
+{
+    const apc_ns give_up = apc_clock_mono(NULL) + APC_NS_PER_S;
+    while (store && !apc_store_connected(store) && apc_store_connect(store) == APC_ECONN) {
+        pthread_mutex_lock(&ui->model.mutex);
+        bool back = ui->model.connected;
+        pthread_mutex_unlock(&ui->model.mutex);
+        if (!back || apc_clock_mono(NULL) > give_up)
+            break;
+        ui_pause(ui, 25 * APC_NS_PER_MS);
+    }
+}
 
 static void *work(void *arg)
 {
@@ -360,6 +371,7 @@ static void *work(void *arg)
             p->last = &p->first;
         p->queued--;
         pthread_mutex_unlock(&p->mutex);
+        connect_store(p->ui, store);
         x->r.route->handle(p->ui, &x->r, store);
         MHD_resume_connection(x->r.connection);
         pthread_mutex_lock(&p->mutex);
@@ -392,6 +404,13 @@ static void pool_stop(struct pool *p)
     pthread_mutex_unlock(&p->mutex);
     for (size_t i = 0; i < p->threads; i++)
         pthread_join(p->thread[i], NULL);
+}
+
+/* Once nobody can give it anything any more. */
+static void pool_free(struct pool *p)
+{
+    if (!p->ui)
+        return;
     pthread_cond_destroy(&p->filled);
     pthread_mutex_destroy(&p->mutex);
 }
@@ -514,6 +533,8 @@ static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, 
             MHD_get_connection_info(connection, MHD_CONNECTION_INFO_SOCKET_CONTEXT);
         x->ui = ui;
         x->connection = info->socket_context;
+        if (!x->connection)
+            return MHD_NO;
         memcpy(x->r.address, x->connection->address, sizeof x->r.address);
         return begin(x, method, path);
     }
@@ -561,6 +582,8 @@ static void on_connection(void *cls, struct MHD_Connection *connection, void **c
 {
     struct server *s = ((struct ui *)cls)->server;
     struct connection *c = *ctx;
+    if (code == MHD_CONNECTION_NOTIFY_CLOSED && !c)
+        return;
     if (code == MHD_CONNECTION_NOTIFY_CLOSED) { /* its socket is still open, so its number is still its own */
         pthread_mutex_lock(&s->mutex);
         *c->at = c->next;
@@ -575,8 +598,8 @@ static void on_connection(void *cls, struct MHD_Connection *connection, void **c
     const union MHD_ConnectionInfo *client =
         MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CLIENT_ADDRESS);
     *ctx = c = calloc(1, sizeof *c);
-    if (!c)
-        abort(); /* libmicrohttpd gives no way to refuse it here */
+    if (!c) /* it cannot be refused here: its first request is */
+        return;
     c->fd = fd->connect_fd;
     c->since = apc_clock_mono(NULL);
     socklen_t size =
@@ -674,7 +697,7 @@ static int read_pem(const char *path, char **text, struct apc_error *why)
                          errno ? strerror(errno) : "it is empty");
 }
 
-static void log_library(void *arg, const char *fmt, va_list args)
+APC_PRINTF(2, 0) static void log_library(void *arg, const char *fmt, va_list args)
 {
     char text[400];
     vsnprintf(text, sizeof text, fmt, args);
@@ -755,16 +778,18 @@ void server_stop(struct ui *ui)
         return;
     pool_stop(&s->writers);
     pool_stop(&s->readers);
-    stream_drop(ui->stream, everybody, NULL, "shutdown", "the server is being stopped");
+    stream_end(ui->stream, "shutdown", "the server is being stopped");
     for (int i = 0; i < 20 && s->daemon; i++) { /* let the streams read it */
         struct stream_stats stats;
         stream_stats(ui->stream, &stats);
         if (stats.readers == 0)
             break;
-        ui_pause(&(struct ui){0}, 10 * APC_NS_PER_MS);
+        poll(NULL, 0, 10);
     }
     if (s->daemon)
-        MHD_stop_daemon(s->daemon);
+        MHD_stop_daemon(s->daemon); /* no connection sleeps now: it would not have that */
+    pool_free(&s->writers);
+    pool_free(&s->readers);
     pthread_mutex_destroy(&s->mutex);
     free(s->cert);
     free(s->key);

@@ -34,7 +34,7 @@ static bool reserve(struct text *t, size_t n)
 
 void text_put(struct text *t, const char *data, size_t n)
 {
-    if (!reserve(t, n))
+    if (n == 0 || !reserve(t, n))
         return;
     memcpy(t->at + t->n, data, n);
     t->n += n;

@@ -9,9 +9,10 @@
 
 #include "ui.h"
 
-#define PACE  (25 * APC_NS_PER_MS)
-#define WAIT  (500 * APC_NS_PER_MS) /* also how long it takes to notice that it is time to stop */
-#define RETRY (100 * APC_NS_PER_MS)
+#define PACE         (25 * APC_NS_PER_MS)
+#define WAIT         (500 * APC_NS_PER_MS) /* also how long it takes to notice that it is time to stop */
+#define RETRY        (100 * APC_NS_PER_MS)
+#define BACKOFF_MOST (APC_NS_PER_S / 4) /* somebody sits there and waits */
 
 struct live {
     struct ui *ui;
@@ -31,7 +32,8 @@ void ui_pause(struct ui *ui, apc_ns pause)
 int ui_open_store(struct ui *ui, const char *name, apc_ns timeout, struct apc_store **store,
                   struct apc_error *why)
 {
-    const struct apc_store_options options = {.size = sizeof options, .name = name, .timeout = timeout};
+    const struct apc_store_options options = {
+        .size = sizeof options, .name = name, .timeout = timeout, .backoff_max = BACKOFF_MOST};
     return apc_store_open(store, ui->options.store, &options, why);
 }
 

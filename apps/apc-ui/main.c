@@ -35,7 +35,8 @@ enum {
     OPT_CERT,
     OPT_KEY,
     OPT_PLAIN,
-    OPT_SESSION
+    OPT_SESSION,
+    OPT_SPOOL
 };
 
 static const struct argp_option option_list[] = {
@@ -57,6 +58,8 @@ static const struct argp_option option_list[] = {
     {"session", OPT_SESSION, "SECONDS", 0, "How long a login lasts without use; default 3600, at most 12 h",
      0},
     {"page", OPT_PAGE, "DIR", 0, "Folder of the built page; default ../share/apc/ui beside this program", 0},
+    {"spool", OPT_SPOOL, "DIR", 0,
+     "Folder of the daemons' spools, to show how much waits in them [APC_SPOOL]", 0},
     {"start", OPT_START, "TIME", 0, "Time of t = 0 of the run, RFC 3339", 0},
     {"log-level", OPT_LOG_LEVEL, "LEVEL", 0, "error, warn, info (default) or debug [APC_LOG_LEVEL]", 0},
     {0},
@@ -95,6 +98,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case OPT_SESSION:
         if (apc_number_parse(arg, &o->ui.session) < 0 || o->ui.session < 1 || o->ui.session > 43200)
             argp_error(state, "--session \"%s\": must be seconds, from 1 to 43200", arg);
+        break;
+    case OPT_SPOOL:
+        o->ui.spool = arg;
         break;
     case OPT_PAGE:
         o->ui.page = arg;
@@ -324,6 +330,7 @@ int main(int argc, char **argv)
         return EXIT_ERROR;
     ui->options = o.ui;
     ui->options.store = or_environment(o.ui.store, "APC_STORE", "postgresql:");
+    ui->options.spool = or_environment(o.ui.spool, "APC_SPOOL", NULL);
     ui->options.listen = o.ui.listen ? o.ui.listen : DEFAULT_PLACE;
     if (o.start && apc_time_parse(o.start, &ui->model.plant.start) < 0)
         usage_error("--start", o.start, "a time such as 2026-01-31T12:00:00Z");

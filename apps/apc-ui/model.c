@@ -109,6 +109,14 @@ bool model_stale(const struct model *m, size_t i, apc_ns now)
     return period > 0 && age > (3 * period > APC_NS_PER_S ? 3 * period : APC_NS_PER_S);
 }
 
+apc_ns model_task_period(const struct model *m, const char *name)
+{
+    for (size_t i = 0; i < m->tasks; i++)
+        if (!strcmp(m->task[i].name, name))
+            return m->task[i].period;
+    return 0;
+}
+
 void store_state_json(const struct model *m, struct text *t)
 {
     text_add(t, "{\"connected\":%s,\"since\":", m->connected ? "true" : "false");

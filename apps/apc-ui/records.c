@@ -3,6 +3,7 @@
  * What the store has no wake-up for: each second the newest events and timing rows, now and then the
  * descriptions and the file of users; and the audit rows that could not be written when they were due.
  */
+#include <glob.h>
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
@@ -237,14 +238,6 @@ static int take_timing(void *ctx, const struct apc_timing_row *row)
     return 0;
 }
 
-static apc_ns period_of(const struct model *m, const char *name)
-{
-    for (size_t i = 0; i < m->tasks; i++)
-        if (!strcmp(m->task[i].name, name))
-            return m->task[i].period;
-    return 0;
-}
-
 static void tell_tasks(struct records *r)
 {
     struct model *m = &r->ui->model;
@@ -260,8 +253,8 @@ static void tell_tasks(struct records *r)
         }
     /* What the tasks say counts more than what a file said. */
     struct rhythms rhythms = m->plant.rhythms;
-    apc_ns client = period_of(m, "client"), plant = period_of(m, "plant"),
-           controller = period_of(m, "controller");
+    apc_ns client = model_task_period(m, "client"), plant = model_task_period(m, "plant"),
+           controller = model_task_period(m, "controller");
     rhythms.client = client ? client : rhythms.client;
     rhythms.plant = plant ? plant : rhythms.plant;
     rhythms.controller = controller ? controller : rhythms.controller;
@@ -282,6 +275,34 @@ static int look_timing(struct records *r)
     int rc = apc_store_timing(r->store, &range, take_timing, r);
     tell_tasks(r);
     return rc < 0 ? rc : 0;
+}
+
+/* ---- Spools ------------------------------------------------------------------------------- */
+
+/* What daemons of this host keep back, all together. */
+static void look_spools(struct ui *ui)
+{
+    struct apc_spool_stats all = {0};
+    struct apc_spool_info info;
+    char pattern[4096];
+    glob_t found = {0};
+    if (!ui->options.spool)
+        return;
+    snprintf(pattern, sizeof pattern, "%s/*.spool", ui->options.spool);
+    if (glob(pattern, GLOB_NOSORT, NULL, &found) != 0)
+        found.gl_pathc = 0;
+    for (size_t i = 0; i < found.gl_pathc; i++) {
+        if (apc_spool_look(found.gl_pathv[i], &info, NULL) < 0)
+            continue;
+        all.samples += info.stats.samples;
+        all.events += info.stats.events;
+        if (info.stats.oldest > 0 && (all.oldest == 0 || info.stats.oldest < all.oldest))
+            all.oldest = info.stats.oldest;
+    }
+    globfree(&found);
+    pthread_mutex_lock(&ui->model.mutex);
+    ui->model.spool = all;
+    pthread_mutex_unlock(&ui->model.mutex);
 }
 
 /* ---- Descriptions and users --------------------------------------------------------------- */
@@ -349,6 +370,7 @@ void *records_thread(void *arg)
             apc_log_write(r.ui->log, APC_LOG_WARN, "events and timing cannot be read: %s",
                           apc_store_error(r.store));
         said = rc < 0;
+        look_spools(r.ui);
         look_users(r.ui);
         for (apc_ns left = LOOK; left > 0 && !r.ui->stopping; left -= LOOK / 4)
             ui_pause(r.ui, LOOK / 4);

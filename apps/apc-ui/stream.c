@@ -38,6 +38,7 @@ struct stream {
     uint64_t first, next, bytes;
     uint64_t last_id; /* 1 + number of the last message with an id */
     struct stream_reader *readers;
+    bool ended;
     struct stream_stats stats;
 };
 
@@ -192,7 +193,7 @@ int stream_open(struct stream *stream, const char *last, stream_call rest, strea
     r->wake = wake_fn;
     r->ctx = ctx;
     pthread_mutex_lock(&stream->mutex);
-    bool room = stream->stats.readers < STREAM_READERS;
+    bool room = !stream->ended && stream->stats.readers < STREAM_READERS;
     if (room) {
         r->next = stream->next;
         *resumed = place_after(stream, last, &r->next);
@@ -289,6 +290,15 @@ void stream_drop(struct stream *stream, bool (*which)(void *ctx, void *arg), voi
     for (struct stream_reader *r = stream->readers; r; r = r->next_reader)
         if (which(r->ctx, arg))
             end_reader(r, reason, message);
+    pthread_mutex_unlock(&stream->mutex);
+}
+
+void stream_end(struct stream *stream, const char *reason, const char *message)
+{
+    pthread_mutex_lock(&stream->mutex);
+    stream->ended = true;
+    for (struct stream_reader *r = stream->readers; r; r = r->next_reader)
+        end_reader(r, reason, message);
     pthread_mutex_unlock(&stream->mutex);
 }
 

@@ -51,6 +51,9 @@ long stream_read(struct stream_reader *reader, char *to, size_t size);
 void stream_drop(struct stream *stream, bool (*which)(void *ctx, void *arg), void *arg, const char *reason,
                  const char *message);
 
+/* Tell all readers so, and take no more: stream_open() is APC_EBUSY from here on, and no reader rests. */
+void stream_end(struct stream *stream, const char *reason, const char *message);
+
 struct stream_stats {
     size_t readers;
     uint64_t messages, dropped;

@@ -27,7 +27,7 @@ struct files;
 struct server;
 
 struct ui_options {
-    const char *store, *listen, *users, *page, *tls_cert, *tls_key;
+    const char *store, *listen, *users, *page, *tls_cert, *tls_key, *spool;
     const char *names[8]; /* --name, up to a NULL */
     bool allow_plaintext;
     double session; /* s */
@@ -88,6 +88,7 @@ struct model {
     size_t tasks;
     struct link_state link[LINKS];
     size_t links;
+    struct apc_spool_stats spool; /* of all spools of the folder */
 };
 
 struct ui {
@@ -124,6 +125,8 @@ bool model_describe(struct model *m, const struct apc_tag *tags, size_t n);
 void model_state_json(struct ui *ui, struct text *t);
 apc_ns model_age(const struct model *m, size_t i, apc_ns now); /* locked; < 0: no sample yet */
 bool model_stale(const struct model *m, size_t i, apc_ns now); /* locked */
+/* The period that the task last told; 0: it has told nothing. Locked. */
+apc_ns model_task_period(const struct model *m, const char *name);
 void model_store(struct ui *ui, bool connected, const char *error);
 void store_state_json(const struct model *m, struct text *t); /* locked */
 

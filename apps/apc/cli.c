@@ -9,7 +9,7 @@
 enum { OPT_JSON = 0x300, OPT_CSV };
 
 static const struct argp_option store_options[] = {
-    {"store", 's', "URI", 0, "Shared data, e.g. postgresql://host/db#schema [APC_STORE]", 0}, {0}};
+    {"store", 's', "URI", 0, "Shared data: postgresql://host/db#schema, sqlite:FILE [APC_STORE]", 0}, {0}};
 static const struct argp_option format_options[] = {
     {"json", OPT_JSON, NULL, 0, "JSON on stdout", 0}, {"csv", OPT_CSV, NULL, 0, "CSV on stdout", 0}, {0}};
 
@@ -123,7 +123,7 @@ void cli_parse(struct cli *cli, const struct cli_spec *spec, void *own, int argc
     if (!cli->store)
         cli->store = getenv("APC_STORE");
     if (!cli->store || !*cli->store)
-        cli->store = "postgresql:";
+        cli->store = spec->takes & CLI_OWN_STORE ? NULL : "postgresql:";
 }
 
 static void APC_PRINTF(2, 0) say(const struct cli *cli, const char *fmt, va_list args)
@@ -195,31 +195,39 @@ void cli_json_text(FILE *out, const char *text)
     }
 }
 
-/* -30s, -10m, -2h, -1d */
-static bool parse_relative(const char *text, apc_ns now, apc_ns *time)
+/* 30s, 10m, 2h, 1d */
+static bool parse_duration(const char *text, apc_ns *duration)
 {
     static const char units[] = "smhd";
     static const double seconds[] = {1, 60, 3600, 86400};
     char number[32];
     size_t length = strlen(text);
     double value;
-    apc_ns before;
 
-    if (text[0] != '-' || length < 3 || length > sizeof number)
+    if (length < 2 || length > sizeof number)
         return false;
     const char *unit = strchr(units, text[length - 1]);
-    memcpy(number, text + 1, length - 2);
-    number[length - 2] = '\0';
-    if (!unit || apc_number_parse(number, &value) < 0 || !(value >= 0) ||
-        apc_ns_from_s(value * seconds[unit - units], &before) < 0 || before >= now)
-        return false;
-    *time = now - before;
-    return true;
+    memcpy(number, text, length - 1);
+    number[length - 1] = '\0';
+    return unit && apc_number_parse(number, &value) == 0 && value >= 0 &&
+           apc_ns_from_s(value * seconds[unit - units], duration) == 0;
+}
+
+int cli_duration(const struct cli *cli, const char *option, const char *text, apc_ns *duration)
+{
+    if (!text || (parse_duration(text, duration) && *duration > 0 && *duration < apc_clock_utc(NULL)))
+        return EXIT_OK;
+    return cli_usage(cli, "--%s \"%s\": must be a duration above zero, as 30s, 10m, 2h, 90d", option, text);
 }
 
 int cli_time(const struct cli *cli, const char *option, const char *text, apc_ns *time)
 {
-    if (!text || parse_relative(text, apc_clock_utc(NULL), time) || apc_time_parse(text, time) == 0)
+    apc_ns now = apc_clock_utc(NULL), before;
+    if (text && text[0] == '-' && parse_duration(text + 1, &before) && before < now) {
+        *time = now - before;
+        return EXIT_OK;
+    }
+    if (!text || apc_time_parse(text, time) == 0)
         return EXIT_OK;
     return cli_usage(cli, "--%s \"%s\": must be a time, as 2026-01-31T12:00:00Z, or -30s, -10m, -2h, -1d",
                      option, text);

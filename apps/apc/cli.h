@@ -20,7 +20,8 @@ enum cli_format { CLI_TEXT = 0, CLI_JSON, CLI_CSV };
 enum cli_takes {
     CLI_STORE = 1,
     CLI_FORMAT = 2,
-    CLI_NEGATIVE = 4 /* arguments may be negative numbers: -5 is then none of the options */
+    CLI_NEGATIVE = 4, /* arguments may be negative numbers: -5 is then none of the options */
+    CLI_OWN_STORE = 8 /* `store` stays NULL without --store and APC_STORE */
 };
 
 struct cli {
@@ -66,6 +67,10 @@ void cli_json_text(FILE *out, const char *text);
  * is. Returns EXIT_OK, or EXIT_USAGE after saying so. */
 int cli_time(const struct cli *cli, const char *name, const char *text, apc_ns *time);
 
+/* The DURATION of option --NAME, as 30s, 10m, 2h, 90d, into *duration; NULL leaves it as it is. Returns
+ * EXIT_OK, or EXIT_USAGE after saying so. */
+int cli_duration(const struct cli *cli, const char *name, const char *text, apc_ns *duration);
+
 /* The variables' descriptions, and finding one by name. */
 struct cli_tags {
     struct apc_tag *tag;
@@ -95,6 +100,8 @@ int cli_variables(const struct cli *cli, const struct cli_tags *tags, const enum
 
 int command_init(int argc, char **argv);
 int command_run(int argc, char **argv);
+int command_simulate(int argc, char **argv);
+int command_replay(int argc, char **argv);
 int command_status(int argc, char **argv);
 int command_get(int argc, char **argv);
 int command_set(int argc, char **argv);
@@ -105,5 +112,10 @@ int command_history(int argc, char **argv);
 int command_timing(int argc, char **argv);
 int command_report(int argc, char **argv);
 int command_user(int argc, char **argv);
+int command_maintain(int argc, char **argv);
+int command_plants(int argc, char **argv);
+int command_linearize(int argc, char **argv);
+int command_copy(int argc, char **argv);
+int command_drain(int argc, char **argv);
 
 #endif

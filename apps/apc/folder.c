@@ -9,6 +9,7 @@
 #include <sys/stat.h>
 
 #include "common/timing.h"
+#include "samples.h"
 
 #define PATH_LEN 600
 
@@ -88,84 +89,22 @@ void folder_discard(const char *dir)
 
 /* ---- Samples ------------------------------------------------------------------------------ */
 
-struct samples {
-    struct apc_sample *at;
-    size_t n, room;
-};
-
-static int collect(void *ctx, const struct apc_sample *sample)
-{
-    struct samples *s = ctx;
-    if (s->n == s->room) {
-        size_t room = s->room ? 2 * s->room : 4096;
-        struct apc_sample *at = realloc(s->at, room * sizeof *at);
-        if (!at)
-            return APC_ENOMEM;
-        s->at = at;
-        s->room = room;
-    }
-    s->at[s->n++] = *sample;
-    return 0;
-}
-
-/* By time; at one time in the order of the loop: setpoint, measurement, output. */
-static int by_time(const void *left, const void *right)
-{
-    static const int rank[APC_TABLE_END] = {[APC_SETPOINT] = 1, [APC_SENSOR] = 2, [APC_ACTUATOR] = 3};
-    const struct apc_sample *a = left, *b = right;
-    if (a->time != b->time)
-        return a->time < b->time ? -1 : 1;
-    if (a->table != b->table)
-        return rank[a->table] - rank[b->table];
-    if (a->id != b->id)
-        return a->id - b->id;
-    return a->seq < b->seq ? -1 : a->seq > b->seq;
-}
-
-static int collect_all(struct apc_store *store, const struct experiment *e, const struct apc_range *range,
-                       struct samples *samples)
-{
-    const struct {
-        enum apc_table table;
-        size_t n;
-    } of[] = {{APC_SETPOINT, e->dim.nz}, {APC_SENSOR, e->dim.ny}, {APC_ACTUATOR, e->dim.nu}};
-    for (size_t t = 0; t < sizeof of / sizeof *of; t++)
-        for (size_t i = 0; i < of[t].n; i++) {
-            size_t before = samples->n;
-            int rc = apc_store_history(store, of[t].table, (int)i + 1, range, collect, samples);
-            if (rc < 0)
-                return rc;
-            if (samples->n - before < (size_t)rc)
-                return APC_ENOMEM;
-        }
-    return 0;
-}
-
 static int export_samples(const char *dir, struct apc_store *store, const struct experiment *e,
                           const struct apc_range *range, apc_ns start, struct apc_error *why)
 {
     struct samples samples = {0};
     struct file f;
-    int rc = collect_all(store, e, range, &samples);
+    int rc = samples_collect(&samples, store, e, range);
     if (rc < 0) {
         apc_fail(why, rc, "samples: %s", rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(store));
         goto out;
     }
-    if (samples.n > 0)
-        qsort(samples.at, samples.n, sizeof *samples.at, by_time);
     if ((rc = file_open(&f, dir, "samples.csv", why)) < 0)
         goto out;
-    fputs("time,table,id,status,value\n", f.stream);
-    for (size_t i = 0; i < samples.n; i++) {
-        const struct apc_sample *s = &samples.at[i];
-        char status[APC_STATUS_NAME_LEN], value[40];
-        apc_number_format(s->value, value, sizeof value);
-        fprintf(f.stream, "%.6f,%s,%d,%s,%s\n", apc_ns_to_s(s->time - start), apc_table_name(s->table), s->id,
-                apc_status_format(s->status, status), value);
-    }
+    samples_write(&samples, start, f.stream);
     rc = file_close(&f, 0, why);
 out:
-    free(samples.at);
+    samples_free(&samples);
     return rc;
 }
 

@@ -10,6 +10,8 @@ static const struct {
     const char *doc;
 } commands[] = {
     {"run", command_run, "run an experiment in real time and leave a report"},
+    {"simulate", command_simulate, "run an experiment in virtual time, once or over many seeds"},
+    {"replay", command_replay, "give a recorded run to a controller and see how its outputs differ"},
     {"init", command_init, "make or update the tables, and describe an experiment in them"},
     {"status", command_status, "what every part is doing: modes, values with their age, timing, events"},
     {"get", command_get, "newest values"},
@@ -19,8 +21,13 @@ static const struct {
     {"watch", command_watch, "follow values as they change"},
     {"history", command_history, "past values of a variable, or events"},
     {"timing", command_timing, "how well the tasks keep time: lateness, jitter, run time, missed ticks"},
+    {"copy", command_copy, "copy history, descriptions, events and timing to another store"},
     {"report", command_report, "draw the report of a run again"},
     {"user", command_user, "who may use the operator's page"},
+    {"maintain", command_maintain, "make room ahead for samples, and drop what is old"},
+    {"plants", command_plants, "the plants there are: their parameters, states, inputs, outputs"},
+    {"linearize", command_linearize, "the linear model of a plant: matrices, poles, zeros, gains"},
+    {"drain", command_drain, "store what daemons kept back while the store was away"},
 };
 
 static void usage(FILE *out)
@@ -30,8 +37,8 @@ static void usage(FILE *out)
           out);
     for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
         fprintf(out, "  %-9s %s\n", commands[i].name, commands[i].doc);
-    fputs("\n`apc COMMAND --help` tells more. The database is that of --store URI, of APC_STORE,\n"
-          "or of libpq's environment (PGHOST, PGSERVICE, ...).\n",
+    fputs("\n`apc COMMAND --help` tells more. The shared data are those of --store URI, of\n"
+          "APC_STORE, or of the PostgreSQL of libpq's environment (PGHOST, PGSERVICE, ...).\n",
           out);
 }
 

@@ -192,9 +192,9 @@ static void put_cell(FILE *out, const struct print_cell *cell, const struct prin
         fprintf(out, "%*s", *owed + lead, "");
         put_text(out, cell->ink, colour, cell->text);
         *owed = 0;
-        lead += width;
+        width += lead;
     }
-    *owed += l->width - lead + 2;
+    *owed += l->width - width + 2;
 }
 
 static void put_row(FILE *out, const struct print_table *table, size_t row, bool colour)

@@ -2,6 +2,7 @@
 /* apc run: the daemons of an experiment as processes, one live line, a run folder. */
 #include <arpa/inet.h>
 #include <errno.h>
+#include <limits.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,6 +14,7 @@
 #include "live.h"
 #include "provision.h"
 #include "report.h"
+#include "spools.h"
 #include "supervisor.h"
 
 #define EXPORT_TRIES 60                    /* a second each */
@@ -90,13 +92,13 @@ static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NU
 
 static const struct cli_spec spec = {
     .args_doc = "FILE",
-    .doc = "Run the experiment FILE in real time: start its plant, client, controller and scheduler as "
-           "processes, "
-           "serve the operator's page, show one live line, stop them all at the end or on Ctrl-C, and leave "
-           "a run folder with report.png, "
-           "report.svg and samples.csv. Tuning and mode are set to the file's; tables are made if there are "
-           "none.",
-    .takes = CLI_STORE,
+    .doc =
+        "Run the experiment FILE in real time: start its plant, client, controller and scheduler as "
+        "processes, serve the operator's page, show one live line, stop them all at the end or on Ctrl-C, "
+        "and leave a run folder with report.png, report.svg and samples.csv. Tuning and mode are set to the "
+        "file's; tables are made if there are none. Without --store and APC_STORE the shared data are a file "
+        "in the run folder, store.db.",
+    .takes = CLI_STORE | CLI_OWN_STORE,
     .min_args = 1,
     .max_args = 1,
     .extra = &extra,
@@ -112,6 +114,8 @@ struct run {
     char page[64];               /* ADDRESS:PORT of the operator's page; "": none */
     apc_ns start, begin, finish; /* t = 0: UTC then, monotonic; monotonic end, 0: none */
     char dir[512];
+    char own_store[PATH_MAX + 32]; /* URI of a store in dir; "": it was given one */
+    bool made_store;               /* it was not there before */
 };
 
 /* ---- Signals ------------------------------------------------------------------------------ */
@@ -184,6 +188,42 @@ static int prepare_folder(struct run *r)
     return rc;
 }
 
+/* "in another terminal: export APC_STORE='sqlite:...'", to be pasted into a shell. */
+static void say_export(const char *uri)
+{
+    fputs("in another terminal: export APC_STORE='", stderr);
+    for (; *uri; uri++)
+        fputs(*uri == '\'' ? "'\\''" : (const char[]){*uri, '\0'}, stderr);
+    fputs("'\n", stderr);
+}
+
+/* Nobody named a store: a file in the run folder, which every program then gets from the environment. */
+static int embed_store(struct run *r)
+{
+    char dir[PATH_MAX];
+    if (!realpath(r->dir, dir)) {
+        cli_error(&r->cli, APC_ESYS, "%s: %s", r->dir, strerror(errno));
+        return APC_ESYS;
+    }
+    int scheme = snprintf(r->own_store, sizeof r->own_store, "sqlite:");
+    snprintf(r->own_store + scheme, sizeof r->own_store - (size_t)scheme, "%s/store.db", dir);
+    r->made_store = access(r->own_store + scheme, F_OK) != 0;
+    r->cli.store = r->own_store;
+    return 0;
+}
+
+/* The run did not come about: what was made for it goes. */
+static void discard(const struct run *r)
+{
+    static const char *const names[] = {"store.db", "store.db-journal", "store.db-claims"};
+    char path[sizeof r->dir + 32];
+    for (size_t i = 0; r->made_store && i < sizeof names / sizeof *names; i++) {
+        snprintf(path, sizeof path, "%s/%s", r->dir, names[i]);
+        remove(path);
+    }
+    folder_discard(r->dir);
+}
+
 /* Is it free? 0: any; returns the port, or 0 when it is not. */
 static int free_port(int port)
 {
@@ -233,6 +273,7 @@ static int start_daemons(struct run *r)
     }
     add_page(r, &s->child[4]);
     setenv("APC_STORE", r->cli.store, 1); /* not in argv, where everybody could read a password */
+    setenv("APC_SPOOL", r->dir, 1);
     r->start = (apc_clock_utc(NULL) + LEAD + APC_NS_PER_S - 1) / APC_NS_PER_S * APC_NS_PER_S;
     r->begin = r->start - apc_clock_offset(NULL, NULL);
     r->finish = r->e.duration > 0 ? r->begin + (apc_ns)(r->e.duration * 1e9) : 0;
@@ -275,16 +316,23 @@ static int follow(struct run *r, const sigset_t *signals)
     }
 }
 
+/* What the daemons could not store before they were stopped belongs to the record. */
+static int drain_and_export(const struct run *r, apc_ns since, apc_ns until, struct apc_error *why)
+{
+    int rc = spools_drain(r->dir, r->cli.store, r->cli.timeout, why);
+    return rc < 0 ? rc : folder_export(r->dir, r->store, &r->e, r->start, since, until, why);
+}
+
 /* The store may just be away: nobody wants to lose a run for that. */
 static int export_patiently(const struct run *r, apc_ns since, apc_ns until, struct apc_error *why)
 {
     const struct timespec pause = {1, 0};
-    int rc = folder_export(r->dir, r->store, &r->e, r->start, since, until, why);
+    int rc = drain_and_export(r, since, until, why);
     for (int tries = 0; (rc == APC_ECONN || rc == APC_ETIMEDOUT) && tries < EXPORT_TRIES; tries++) {
         if (tries == 0)
             cli_error(&r->cli, rc, "%s; trying again", why->text);
         nanosleep(&pause, NULL);
-        rc = folder_export(r->dir, r->store, &r->e, r->start, since, until, why);
+        rc = drain_and_export(r, since, until, why);
     }
     return rc;
 }
@@ -325,10 +373,12 @@ static int run(struct run *r)
     signal(SIGPIPE, SIG_IGN); /* `apc run ... | head` is no reason to leave no report */
     if ((rc = prepare_folder(r)) < 0)
         return rc;
-    if ((rc = prepare_store(r)) < 0) {
-        folder_discard(r->dir);
+    if ((!r->cli.store && (rc = embed_store(r)) < 0) || (rc = prepare_store(r)) < 0) {
+        discard(r);
         return rc;
     }
+    if (r->own_store[0])
+        say_export(r->own_store);
     if ((rc = start_daemons(r)) < 0)
         return rc;
     printf("%s: %s%s\n", r->e.name, r->e.title, r->finish ? "" : " (Ctrl-C ends it)");

@@ -5,9 +5,30 @@
 
 #include "common/timing.h"
 #include "print.h"
+#include "spools.h"
 
 #define EVENTS 5
 #define WINDOW (60 * APC_NS_PER_S)
+
+enum { OPT_SPOOL = 0x400 };
+
+static const struct argp_option option_list[] = {
+    {"spool", OPT_SPOOL, "DIR", 0,
+     "Folder of the daemons' spools, e.g. that of the run [APC_SPOOL]; shown also while the store is away",
+     0},
+    {0},
+};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    const char **dir = state->input;
+    if (key != OPT_SPOOL)
+        return ARGP_ERR_UNKNOWN;
+    *dir = arg;
+    return 0;
+}
+
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "",
@@ -16,6 +37,7 @@ static const struct cli_spec spec = {
         "task over the last minute, and the last events. A measurement or output that was not written for "
         "10 s, or for three periods of its writer if that is longer, is STALE.",
     .takes = CLI_STORE | CLI_FORMAT,
+    .extra = &extra,
 };
 
 /* All of it, read before any of it is shown. */
@@ -27,6 +49,7 @@ struct status {
     struct timing timing;
     struct apc_event events[EVENTS];
     size_t n_events;
+    struct spools spools;
     apc_ns now;
 };
 
@@ -218,6 +241,33 @@ static int show_events(const struct status *s, bool colour)
     return rc;
 }
 
+static int show_spools(const struct status *s, bool colour)
+{
+    static const struct print_column columns[] = {{"SPOOL OF", PRINT_LEFT},
+                                                  {"SAMPLES", PRINT_RIGHT},
+                                                  {"EVENTS", PRINT_RIGHT},
+                                                  {"BYTES", PRINT_RIGHT},
+                                                  {"OLDEST", PRINT_RIGHT}};
+    char text[PRINT_LEN];
+    struct print_table table;
+    if (s->spools.n == 0)
+        return 0;
+    print_table_open(&table, columns, 5);
+    for (size_t i = 0; i < s->spools.n; i++) {
+        const struct apc_spool_stats *w = &s->spools.info[i].stats;
+        enum print_ink ink = w->oldest ? PRINT_WARN : PRINT_PLAIN;
+        print_cell(&table, ink, "%s", s->spools.info[i].writer);
+        print_cell(&table, ink, "%llu", (unsigned long long)w->samples);
+        print_cell(&table, ink, "%llu", (unsigned long long)w->events);
+        print_cell(&table, PRINT_PLAIN, "%llu", (unsigned long long)w->bytes);
+        print_cell(&table, ink, "%s", w->oldest ? print_duration(s->now - w->oldest, text) : "-");
+    }
+    putchar('\n');
+    int rc = print_table_show(&table, stdout, colour, 0, "\n");
+    print_table_close(&table);
+    return rc;
+}
+
 static int show(const struct status *s)
 {
     bool colour = cli_colour();
@@ -230,7 +280,9 @@ static int show(const struct status *s)
     int rc = show_values(s, colour);
     if (rc == 0)
         rc = show_timing(s, colour);
-    return rc == 0 ? show_events(s, colour) : rc;
+    if (rc == 0)
+        rc = show_events(s, colour);
+    return rc == 0 ? show_spools(s, colour) : rc;
 }
 
 /* ---- For programs ------------------------------------------------------------------------- */
@@ -269,11 +321,29 @@ static void json_store(const char *uri, const char *why)
     putchar('}');
 }
 
+static void json_spools(const struct status *s)
+{
+    fputs(",\n\"spools\":[", stdout);
+    for (size_t i = 0; i < s->spools.n; i++) {
+        const struct apc_spool_stats *w = &s->spools.info[i].stats;
+        fputs(i == 0 ? "\n{" : ",\n{", stdout);
+        print_json_text(stdout, "writer", s->spools.info[i].writer);
+        printf(",\"samples\":%llu,\"events\":%llu,\"bytes\":%llu,\"age_s\":", (unsigned long long)w->samples,
+               (unsigned long long)w->events, (unsigned long long)w->bytes);
+        if (w->oldest)
+            printf("%.3f}", apc_ns_to_s(s->now - w->oldest));
+        else
+            fputs("null}", stdout);
+    }
+    putchar(']');
+}
+
 /* @why: it could not be read. */
 static void show_json(const struct status *s, const char *why)
 {
     putchar('{');
     json_store(s->store, why);
+    json_spools(s);
     if (why) {
         puts("}");
         return;
@@ -300,19 +370,25 @@ int command_status(int argc, char **argv)
     struct apc_store *store = NULL;
     struct cli cli;
 
-    cli_parse(&cli, &spec, NULL, argc, argv);
+    const char *dir = getenv("APC_SPOOL");
+    struct apc_error why;
+    cli_parse(&cli, &spec, &dir, argc, argv);
     if (cli.format == CLI_CSV)
         return cli_usage(&cli, "a status is no table: there is --json");
     mask(cli.store, status.store, sizeof status.store);
     add_environment(cli.store, status.store, sizeof status.store);
+    status.now = apc_clock_utc(NULL);
+    if (dir && *dir && spools_look(&status.spools, dir, &why) < 0)
+        cli_error(&cli, 0, "%s", why.text);
     int rc = cli_open(&cli, &store);
-    if (rc == 0) {
+    if (rc == 0)
         rc = load(&cli, store, &status);
-        if (cli.format == CLI_JSON)
-            show_json(&status, rc < 0 ? apc_store_error(store) : NULL);
-        else if (rc == 0 && (rc = show(&status)) < 0)
-            cli_error(&cli, rc, "out of memory");
-    }
+    if (cli.format == CLI_JSON)
+        show_json(&status, rc < 0 ? apc_store_error(store) : NULL);
+    else if (rc < 0)
+        show_spools(&status, cli_colour());
+    else if ((rc = show(&status)) < 0)
+        cli_error(&cli, rc, "out of memory");
     free(status.samples);
     cli_tags_free(&status.tags);
     timing_free(&status.timing);

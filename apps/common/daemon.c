@@ -5,28 +5,33 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <systemd/sd-daemon.h>
 
 #include "exitcode.h"
+#include "notice.h"
 #include "recorder.h"
 #include "watch.h"
 
-#define HOUSEKEEPING APC_NS_PER_S /* between two looks of the main thread */
-#define WINDOW       5            /* looks between two timing rows */
+#define HOUSEKEEPING    APC_NS_PER_S /* between two looks of the main thread */
+#define WINDOW          5            /* looks between two timing rows */
+#define SPOOL_IN_MEMORY ((uint64_t)16 << 20)
 #define TAKEOVER                                                                                             \
     (12 *                                                                                                    \
      APC_NS_PER_S) /* how long to wait for a dead predecessor's claim: the server may need 8 s to notice */
 
 /* ---- Options ------------------------------------------------------------------------------ */
 
-enum { OPT_START = 0x100, OPT_LOG_LEVEL, OPT_SPIN, OPT_HOLD_LATENCY };
+enum { OPT_START = 0x100, OPT_LOG_LEVEL, OPT_SPIN, OPT_HOLD_LATENCY, OPT_SPOOL };
 
 static const struct argp_option common_options[] = {
     {"config", 'c', "FILE", 0, "Experiment file [APC_CONFIG]", 0},
     {"store", 's', "URI", 0,
-     "Shared data, e.g. postgresql://host/db#schema [APC_STORE]; default postgresql:", 0},
+     "Shared data: postgresql://host/db#schema, sqlite:FILE [APC_STORE]; default postgresql:", 0},
+    {"spool", OPT_SPOOL, "DIR", 0,
+     "Keep in this folder what the store cannot take while it is away [APC_SPOOL]; default: in memory", 0},
     {"timer", 't', "NAME", 0, "Executive: deadline (default) or posix", 0},
     {"spin", OPT_SPIN, NULL, 0, "Spin for the last microseconds before a tick (deadline only)", 0},
     {"hold-latency", OPT_HOLD_LATENCY, NULL, 0, "Hold /dev/cpu_dma_latency at 0: idle CPUs stay awake", 0},
@@ -44,6 +49,9 @@ static error_t parse_common(int key, char *arg, struct argp_state *state)
         break;
     case 's':
         o->store = arg;
+        break;
+    case OPT_SPOOL:
+        o->spool = arg;
         break;
     case 't':
         o->timer = arg;
@@ -152,14 +160,31 @@ static int open_executive(struct daemon *d)
         .size = sizeof options, .log = d->log, .hold_latency = d->options.hold_latency, .lock_memory = true};
     struct apc_error why;
     const char *name = d->options.timer ? d->options.timer : "deadline";
+    if (!strcmp(name, "virtual"))
+        return daemon_error(d, APC_EINVAL,
+                            "--timer: a daemon runs in real time: expected 'deadline' or 'posix'");
     int rc = apc_executive_create(&d->executive, name, &options, &why);
     return rc < 0 ? daemon_error(d, rc, "--timer: %s", why.text) : 0;
 }
 
-static int open_store(struct daemon *d, struct apc_store **store, apc_ns timeout)
+/* @spool: what is added to the program's name for the spool's; NULL: none. */
+static int open_store(struct daemon *d, struct apc_store **store, apc_ns timeout, const char *spool)
 {
     struct apc_store_options options = {.size = sizeof options, .name = d->program->name, .timeout = timeout};
     struct apc_error why;
+    char path[512];
+    const char *dir = spool ? or_environment(d->options.spool, "APC_SPOOL") : NULL;
+    if (spool) { /* an outage that the process outlives is bridged in any case */
+        options.spool = "";
+        options.spool_size = SPOOL_IN_MEMORY;
+    }
+    if (dir && *dir) {
+        mkdir(dir, 0700); /* one that is there is fine; any other trouble shows at the file */
+        if (snprintf(path, sizeof path, "%s/%s%s.spool", dir, d->program->name, spool) >= (int)sizeof path)
+            return daemon_error(d, APC_EINVAL, "--spool: the path is too long");
+        options.spool = path;
+        options.spool_size = 0;
+    }
     const char *uri = or_environment(d->options.store, "APC_STORE");
     int rc = apc_store_open(store, uri ? uri : "postgresql:", &options, &why);
     return rc < 0 ? daemon_error(d, rc, "--store: %s", why.text) : 0;
@@ -179,7 +204,7 @@ int daemon_open(struct daemon *d, const struct program *program, void *own, int 
     if ((rc = open_log(d)) < 0 || (rc = load(d)) < 0 || (rc = open_executive(d)) < 0)
         return rc;
     d->has_store = !program->store_optional || or_environment(d->options.store, "APC_STORE");
-    if (d->has_store && (rc = open_store(d, &records, 0)) < 0)
+    if (d->has_store && (rc = open_store(d, &records, 0, "-events")) < 0)
         return rc;
     rc = recorder_create(&d->recorder, records, program->task);
     return rc < 0 ? daemon_error(d, rc, "%s", apc_err_text(rc)) : 0;
@@ -208,7 +233,7 @@ int daemon_store(struct daemon *d, struct apc_store **store, enum apc_table tabl
     apc_ns give_up = apc_clock_mono(NULL) + TAKEOVER;
     bool slow = false;
     sigset_t signals;
-    int rc = open_store(d, store, d->store_timeout);
+    int rc = open_store(d, store, d->store_timeout, d->program->spools ? "" : NULL);
 
     if (rc < 0)
         return rc;
@@ -222,39 +247,65 @@ int daemon_store(struct daemon *d, struct apc_store **store, enum apc_table tabl
 
 /* ---- Events ------------------------------------------------------------------------------- */
 
-void daemon_event(struct daemon *d, enum apc_event_severity severity, const char *kind, const char *fmt, ...)
+static void record(struct daemon *d, struct apc_event *event)
 {
     static const enum apc_log_level levels[] = {[APC_EVENT_INFO] = APC_LOG_INFO,
                                                 [APC_EVENT_WARNING] = APC_LOG_WARN,
                                                 [APC_EVENT_ALARM] = APC_LOG_ERROR};
-    struct apc_event event = {.time = apc_clock_utc(NULL), .severity = severity};
+    event->time = apc_clock_utc(NULL);
+    snprintf(event->source, sizeof event->source, "%s", d->program->name);
+    apc_log_write(d->log, levels[event->severity], "%s", event->text);
+    recorder_event(d->recorder, event);
+}
+
+void daemon_event(struct daemon *d, enum apc_event_severity severity, const char *kind, const char *fmt, ...)
+{
+    struct apc_event event = {.severity = severity};
     va_list args;
     va_start(args, fmt);
     vsnprintf(event.text, sizeof event.text, fmt, args);
     va_end(args);
-    snprintf(event.source, sizeof event.source, "%s", d->program->name);
     snprintf(event.kind, sizeof event.kind, "%s", kind);
-    apc_log_write(d->log, levels[severity], "%s", event.text);
-    recorder_event(d->recorder, &event);
+    record(d, &event);
 }
 
 void daemon_notice(struct daemon *d, const struct apc_notice *notice)
 {
-    static const struct {
-        enum apc_event_severity severity;
-        const char *kind;
-    } of[] = {
-        [APC_NOTICE_MODE] = {APC_EVENT_INFO, "mode"},
-        [APC_NOTICE_HOLD] = {APC_EVENT_WARNING, "measurement"},
-        [APC_NOTICE_FAULT] = {APC_EVENT_ALARM, "measurement"},
-        [APC_NOTICE_FAILED] = {APC_EVENT_ALARM, "measurement"},
-        [APC_NOTICE_RECOVERED] = {APC_EVENT_INFO, "measurement"},
-        [APC_NOTICE_TRIP] = {APC_EVENT_ALARM, "watchdog"},
-        [APC_NOTICE_RESUMED] = {APC_EVENT_INFO, "watchdog"},
-        [APC_NOTICE_REJECTED] = {APC_EVENT_WARNING, "rejected"},
-    };
-    if (notice->kind != APC_NOTICE_NONE)
-        daemon_event(d, of[notice->kind].severity, of[notice->kind].kind, "%s", notice->text);
+    struct apc_event event = {0};
+    if (notice->kind == APC_NOTICE_NONE)
+        return;
+    notice_event(notice, &event);
+    record(d, &event);
+}
+
+static void watch_spool(struct daemon *d, struct spool_watch *w, const struct apc_store *store,
+                        const char *what)
+{
+    struct apc_store_stats stats;
+    apc_store_stats(store, &stats);
+    const struct apc_spool_stats *now = &stats.spool;
+    bool waiting = now->samples + now->events > 0;
+    if (now->damaged > w->damaged)
+        daemon_event(d, APC_EVENT_ALARM, "store", "spool of %s damaged or in conflict: kept as %.100s", what,
+                     now->aside);
+    if (waiting && !w->waiting)
+        daemon_event(d, APC_EVENT_WARNING, "store", "%s go to the spool: %.140s", what,
+                     apc_store_error(store));
+    if (waiting) {
+        apc_ns age = apc_clock_utc(NULL) - now->oldest;
+        w->age = age > w->age || !w->waiting ? age : w->age;
+    } else if (w->waiting) {
+        daemon_event(d, APC_EVENT_INFO, "store", "spool of %s drained: %llu, up to %.1f s late", what,
+                     (unsigned long long)(now->drained - w->drained), apc_ns_to_s(w->age));
+        w->drained = now->drained;
+    }
+    w->waiting = waiting;
+    w->damaged = now->damaged;
+}
+
+void daemon_spool(struct daemon *d, const struct apc_store *store)
+{
+    watch_spool(d, &d->task, store, d->program->spools);
 }
 
 int daemon_fatal(struct daemon *d, const struct apc_store *store, int rc)
@@ -291,7 +342,8 @@ static void watch_overruns(struct daemon *d, const struct apc_task *task, struct
 static void watch_records(struct daemon *d, int rc, int *last)
 {
     if (rc < 0 && *last >= 0)
-        apc_log_write(d->log, APC_LOG_WARN, "records are kept back: %s", recorder_error(d->recorder));
+        apc_log_write(d->log, APC_LOG_WARN, "records are kept back: %s",
+                      apc_store_error(recorder_store(d->recorder)));
     if (rc >= 0 && *last < 0)
         apc_log_write(d->log, APC_LOG_INFO, "records are being stored again");
     *last = rc;
@@ -327,6 +379,7 @@ static int housekeep(struct daemon *d, struct apc_task *task, struct rhythm rhyt
         }
         watch_records(d, recorder_flush(d->recorder, looks % WINDOW == 0 ? task : NULL, rhythm.period),
                       &recorded);
+        watch_spool(d, &d->records, recorder_store(d->recorder), "events");
         sd_notify(0, "WATCHDOG=1");
         rc = apc_task_wait(task, 0);
     }
@@ -349,6 +402,7 @@ int daemon_run(struct daemon *d, struct rhythm rhythm, apc_task_fn tick, void *c
                                              .period = rhythm.period,
                                              .start = d->start + rhythm.phase,
                                              .aligned = true,
+                                             .overrun = rhythm.overrun,
                                              .spin = d->options.spin};
     struct apc_task *task = NULL;
     struct apc_error why;

@@ -22,17 +22,25 @@ struct program {
     const char *task;         /* "controller": of the timing rows */
     unsigned parts;           /* enum experiment_parts */
     bool store_optional;      /* runs without a store, then keeps no records */
+    const char *spools;       /* "measurements": what the task writes is spooled; NULL: it is not */
     const struct argp *extra; /* options of its own, or NULL; their input is `own` */
 };
 
 struct daemon_options {
-    const char *config, *store, *timer, *log_level, *start;
+    const char *config, *store, *spool, *timer, *log_level, *start;
     bool spin, hold_latency;
     struct experiment_overrides overrides;
     void *own;
 };
 
 struct recorder;
+
+/* What was last said of a spool. */
+struct spool_watch {
+    bool waiting;
+    apc_ns age; /* the greatest while something waits */
+    uint64_t drained, damaged;
+};
 
 struct daemon {
     const struct program *program;
@@ -46,6 +54,7 @@ struct daemon {
     apc_ns store_timeout;    /* of the task's store; 0: the library's default */
     void (*look)(void *ctx); /* called about every second by the main thread, with look_ctx; may be NULL */
     void *look_ctx;
+    struct spool_watch records, task; /* the main thread's; the task's */
 };
 
 /* Read the command line, the environment and the experiment. Returns 0, or an error already reported;
@@ -55,6 +64,9 @@ int daemon_open(struct daemon *d, const struct program *program, void *own, int 
 /* Open the task's store and become the one writer of a table. Waits some seconds for a dead predecessor's
  * claim to go. Returns 0, 1 when a signal came meanwhile, or an error already reported. */
 int daemon_store(struct daemon *d, struct apc_store **store, enum apc_table table, size_t n, int64_t *last);
+
+/* After the task has used its store: tell of what its spool holds back, and has stored later. [tick] */
+void daemon_spool(struct daemon *d, const struct apc_store *store);
 
 /* What a tick returns for the outcome of its store operations: 0 to go on and try again, or, after saying so,
  * the error that ends the daemon: another writer has the table, or the schema is not ours. [tick] */

@@ -7,10 +7,12 @@
 
 #include <apcsockets.h>
 
-#include "settings.h"
+#include "experiment_law.h"
+#include "experiment_plant.h"
 
 #define SIGNALS_MAX 4096
 #define PHASE_MAX_S 3600.0
+#define RHYTHM      "period", "phase", "overrun", "execution", "jitter"
 
 /* What phases there are when the file names none: they keep the order scheduler, plant, client,
  * controller where ticks coincide. */
@@ -24,19 +26,36 @@ static void *array(struct settings *s, size_t n, size_t size)
     return p;
 }
 
-static void read_rhythm(struct settings *s, const config_setting_t *group, double phase_s,
-                        struct rhythm *rhythm)
+static void read_overrun(struct settings *s, const config_setting_t *group, enum apc_overrun *overrun)
+{
+    static const char *const names[] = {
+        [APC_OVERRUN_SKIP] = "skip", [APC_OVERRUN_BURST] = "burst", [APC_OVERRUN_STOP] = "stop"};
+    char name[16] = "skip";
+    settings_text(s, group, "overrun", OPTIONAL, name, sizeof name);
+    for (*overrun = APC_OVERRUN_SKIP; *overrun <= APC_OVERRUN_STOP; (*overrun)++)
+        if (strcmp(name, names[*overrun]) == 0)
+            return;
+    settings_fail(s, config_setting_get_member(group, "overrun"),
+                  "\"overrun\" must be \"skip\", \"burst\" or \"stop\"");
+}
+
+static void read_rhythm(struct settings *s, const config_setting_t *group, const char *task, double phase_s,
+                        struct rhythm *rhythm, struct recordings *recordings)
 {
     settings_period(s, group, "period", REQUIRED, &rhythm->period);
     settings_number(s, group, "phase", OPTIONAL, 0, PHASE_MAX_S, &phase_s);
     if (!s->failed)
         apc_ns_from_s(phase_s, &rhythm->phase);
+    read_overrun(s, group, &rhythm->overrun);
+    models_read_task(s, group, task, &rhythm->model, recordings);
 }
 
 static void read_signal(struct settings *s, const config_setting_t *group, enum apc_table table, int id,
                         struct signal *signal)
 {
     static const char *const known[] = {"name", "unit", "description", "low", "high", NULL};
+    static const char *const known_sensor[] = {"name",  "unit",    "description", "low", "high",
+                                               "noise", "quantum", "faults",      NULL};
     static const char *const known_output[] = {"name", "unit", "description", "low",
                                                "high", "safe", "fault",       NULL};
     struct apc_tag *tag = &signal->tag;
@@ -46,7 +65,10 @@ static void read_signal(struct settings *s, const config_setting_t *group, enum 
         settings_fail(s, group, "expected a group: { name = \"...\"; ... }");
         return;
     }
-    settings_known(s, group, table == APC_ACTUATOR ? known_output : known);
+    settings_known(s, group,
+                   table == APC_ACTUATOR ? known_output
+                   : table == APC_SENSOR ? known_sensor
+                                         : known);
     settings_text(s, group, "name", REQUIRED, tag->name, sizeof tag->name);
     settings_text(s, group, "unit", OPTIONAL, tag->unit, sizeof tag->unit);
     settings_text(s, group, "description", OPTIONAL, tag->description, sizeof tag->description);
@@ -140,17 +162,20 @@ static void read_model(struct settings *s, const config_setting_t *group, struct
     const config_setting_t *x0 = config_setting_get_member(group, "x0");
     if (x0 && !override && (e->plant.x0 = array(s, model->nx, sizeof *e->plant.x0)))
         settings_numbers(s, x0, model->nx, e->plant.x0);
+    experiment_read_dynamics(s, group, e, override != NULL);
 }
 
 static void read_plant(struct settings *s, const config_setting_t *root, struct experiment *e,
                        bool resolve_model, const char *override)
 {
-    static const char *const known[] = {"model", "parameters", "x0", "period", "phase", "listen", NULL};
+    static const char *const known[] = {"model",        "parameters", "x0",    "listen",    "integrator",
+                                        "rtol",         "atol",       "steps", "dead_time", "noise",
+                                        "disturbances", RHYTHM,       NULL};
     const config_setting_t *group = settings_group(s, root, "plant", REQUIRED);
     if (!group)
         return;
     settings_known(s, group, known);
-    read_rhythm(s, group, 0, &e->plant.rhythm);
+    read_rhythm(s, group, "plant", 0, &e->plant.rhythm, &e->models.recordings);
     settings_text(s, group, "model", REQUIRED, e->plant.name, sizeof e->plant.name);
     settings_text(s, group, "listen", OPTIONAL, e->plant.listen, sizeof e->plant.listen);
     if (resolve_model)
@@ -159,12 +184,12 @@ static void read_plant(struct settings *s, const config_setting_t *root, struct 
 
 static void read_client(struct settings *s, const config_setting_t *root, struct experiment *e)
 {
-    static const char *const known[] = {"period", "phase", "link", NULL};
+    static const char *const known[] = {"link", RHYTHM, NULL};
     const config_setting_t *group = settings_group(s, root, "client", REQUIRED);
     if (!group)
         return;
     settings_known(s, group, known);
-    read_rhythm(s, group, client_phase_s, &e->client.rhythm);
+    read_rhythm(s, group, "client", client_phase_s, &e->client.rhythm, &e->models.recordings);
     settings_text(s, group, "link", OPTIONAL, e->client.link, sizeof e->client.link);
 }
 
@@ -209,14 +234,15 @@ static void read_law(struct settings *s, const config_setting_t *group, struct e
 static void read_controller(struct settings *s, const config_setting_t *root, struct experiment *e,
                             bool resolve_law, const char *override)
 {
-    static const char *const known[] = {"law", "period", "phase", "tuning", "mode", "hold", NULL};
+    static const char *const known[] = {"law",      "tuning",          "mode", "hold",
+                                        "settings", "operating_point", RHYTHM, NULL};
     const config_setting_t *group = settings_group(s, root, "controller", REQUIRED);
     char mode[16] = "Auto";
     double hold_s;
     if (!group)
         return;
     settings_known(s, group, known);
-    read_rhythm(s, group, controller_phase_s, &e->controller.rhythm);
+    read_rhythm(s, group, "controller", controller_phase_s, &e->controller.rhythm, &e->models.recordings);
     settings_text(s, group, "law", REQUIRED, e->controller.name, sizeof e->controller.name);
     settings_text(s, group, "mode", OPTIONAL, mode, sizeof mode);
     if (!s->failed && strcmp(mode, "Auto") != 0 && strcmp(mode, "Man") != 0)
@@ -232,13 +258,13 @@ static void read_controller(struct settings *s, const config_setting_t *root, st
 
 static void read_scheduler(struct settings *s, const config_setting_t *root, struct experiment *e)
 {
-    static const char *const known[] = {"period", "phase", "sequence", "repeat", NULL};
+    static const char *const known[] = {"sequence", "repeat", RHYTHM, NULL};
     const config_setting_t *group = settings_group(s, root, "scheduler", REQUIRED);
     const config_setting_t *list = group ? settings_list(s, group, "sequence", REQUIRED) : NULL;
     if (!list)
         return;
     settings_known(s, group, known);
-    read_rhythm(s, group, 0, &e->scheduler.rhythm);
+    read_rhythm(s, group, "scheduler", 0, &e->scheduler.rhythm, &e->models.recordings);
     e->scheduler.repeat = true;
     settings_flag(s, group, "repeat", &e->scheduler.repeat);
     e->scheduler.steps = (size_t)config_setting_length(list);
@@ -259,21 +285,29 @@ static void read_scheduler(struct settings *s, const config_setting_t *root, str
 static void read_root(struct settings *s, const config_setting_t *root, struct experiment *e, unsigned parts,
                       const struct experiment_overrides *overrides)
 {
-    static const char *const known[] = {"name",       "title",     "duration", "measurements",
-                                        "setpoints",  "outputs",   "plant",    "client",
-                                        "controller", "scheduler", NULL};
+    static const char *const known[] = {"name",      "title",   "duration", "seed",   "measurements",
+                                        "setpoints", "outputs", "plant",    "client", "controller",
+                                        "scheduler", "network", "clock",    NULL};
+    double seed = 1;
     settings_known(s, root, known);
     settings_text(s, root, "name", REQUIRED, e->name, sizeof e->name);
     snprintf(e->title, sizeof e->title, "%s", e->name);
     settings_text(s, root, "title", OPTIONAL, e->title, sizeof e->title);
     settings_number(s, root, "duration", OPTIONAL, 0, 366 * 86400.0, &e->duration);
+    settings_number(s, root, "seed", OPTIONAL, 0, 9007199254740992.0, &seed); /* 2^53: exact as a double */
+    e->seed = (uint64_t)seed;
     e->dim.ny = read_signals(s, root, "measurements", APC_SENSOR, &e->y);
+    experiment_read_sensors(s, config_setting_get_member(root, "measurements"), e);
     e->dim.nz = read_signals(s, root, "setpoints", APC_SETPOINT, &e->z);
     e->dim.nu = read_signals(s, root, "outputs", APC_ACTUATOR, &e->u);
-    read_plant(s, root, e, (parts & EXPERIMENT_MODEL) != 0, overrides ? overrides->model : NULL);
     read_client(s, root, e);
     read_controller(s, root, e, (parts & EXPERIMENT_LAW) != 0, overrides ? overrides->law : NULL);
+    read_plant(s, root, e,
+               (parts & EXPERIMENT_MODEL) || ((parts & EXPERIMENT_LAW) && experiment_wants_model(root)),
+               overrides ? overrides->model : NULL);
     read_scheduler(s, root, e);
+    experiment_read_law(s, root, e, overrides);
+    models_read(s, root, &e->models);
 }
 
 int experiment_load(struct experiment *e, const char *file, unsigned parts,
@@ -307,8 +341,14 @@ void experiment_free(struct experiment *e)
     free(e->u);
     free(e->plant.p);
     free(e->plant.x0);
+    free(e->plant.noise);
+    free(e->plant.disturbance);
+    free(e->sensor);
+    free(e->faults);
     free(e->controller.tuning);
+    experiment_free_law(e);
     free(e->scheduler.sequence);
+    models_free(&e->models);
     apc_plugin_close(e->model_handle);
     apc_plugin_close(e->law_handle);
     memset(e, 0, sizeof *e);

@@ -6,9 +6,11 @@
 #ifndef APC_EXPERIMENT_H
 #define APC_EXPERIMENT_H
 
-#include <apccontrol.h>
-#include <apcplant.h>
+#include <apcmodules.h>
 #include <apcshareddata.h>
+#include <apctimer.h>
+
+#include "models.h"
 
 /* One measurement, setpoint or manipulated variable. */
 struct signal {
@@ -18,14 +20,19 @@ struct signal {
 
 struct rhythm {
     apc_ns period, phase;
+    enum apc_overrun overrun;
+    struct task_model model; /* in virtual time */
 };
 
 struct experiment {
     char name[APC_TAG_LEN];
     char title[128];
     double duration; /* s; 0: until it is stopped */
+    uint64_t seed;   /* of all that is random */
     struct apc_dim dim;
-    struct signal *y, *z, *u; /* [dim.ny], [dim.nz], [dim.nu] */
+    struct signal *y, *z, *u;        /* [dim.ny], [dim.nz], [dim.nu] */
+    struct apc_sensor *sensor;       /* [dim.ny] */
+    struct apc_sensor_fault *faults; /* of all sensors */
 
     struct {
         struct rhythm rhythm;
@@ -33,6 +40,11 @@ struct experiment {
         const struct apc_model *model;
         double *p, *x0; /* [model->np]; [model->nx] or NULL */
         char listen[128];
+        char integrator[16];
+        struct apc_plant_options options; /* but for the integrator, which is above */
+        double *noise;                    /* [model->nx] or NULL */
+        struct apc_disturbance *disturbance;
+        size_t n_disturbances;
     } plant;
     struct {
         struct rhythm rhythm;
@@ -42,7 +54,12 @@ struct experiment {
         struct rhythm rhythm;
         char name[256]; /* of the law */
         const struct apc_law *law;
-        double *tuning; /* [dim.nu * law->n_tuning] */
+        double *tuning;              /* [dim.nu * law->n_tuning] */
+        struct apc_setting *setting; /* [n_setting] */
+        size_t n_setting;
+        double *values; /* memory of the settings */
+        double *linear; /* memory of plant; NULL: no operating point is given */
+        struct apc_law_plant plant;
         enum apc_mode mode;
         apc_ns hold;
     } controller;
@@ -52,6 +69,8 @@ struct experiment {
         size_t steps;
         bool repeat;
     } scheduler;
+
+    struct models models; /* of virtual time */
 
     void *model_handle, *law_handle;
 };
@@ -68,6 +87,14 @@ struct experiment_overrides {
 int experiment_load(struct experiment *e, const char *file, unsigned parts,
                     const struct experiment_overrides *overrides, struct apc_error *why);
 void experiment_free(struct experiment *e);
+
+/* What the law is configured from. */
+struct apc_law_setup experiment_law_setup(const struct experiment *e);
+
+/* The plant and the core that serves it, as the file describes them; both or, with an error in why, none. The
+ * experiment must outlive them. */
+int experiment_plant(const struct experiment *e, struct apc_plant **plant, struct apc_plantserver **server,
+                     struct apc_error *why);
 
 /* One member of the manipulated variables as an array for the cores: out[dim.nu]. */
 void experiment_outputs(const struct experiment *e, double *low, double *high, double *safe, double *fault);

@@ -177,11 +177,12 @@ int recorder_flush(struct recorder *r, const struct apc_task *task, apc_ns perio
 {
     if (!r->store)
         return 0;
-    int rc = flush_events(r);
+    int rc = apc_store_connect(r->store), wrote = flush_events(r);
+    rc = rc < 0 ? rc : wrote;
     return rc < 0 || !task ? rc : flush_timing(r, task, period);
 }
 
-const char *recorder_error(const struct recorder *r)
+const struct apc_store *recorder_store(const struct recorder *r)
 {
-    return r->store ? apc_store_error(r->store) : "";
+    return r->store;
 }

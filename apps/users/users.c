@@ -65,8 +65,8 @@ static bool parse_line(char *line, struct user *user)
     if (!name_ok(line) || user->role == ROLE_NONE || strncmp(hash, "$argon2id$", 10) != 0 ||
         strlen(hash) >= sizeof user->hash)
         return false;
-    snprintf(user->name, sizeof user->name, "%s", line);
-    snprintf(user->hash, sizeof user->hash, "%s", hash);
+    snprintf(user->name, sizeof user->name, "%.*s", USER_NAME_LEN - 1, line);
+    snprintf(user->hash, sizeof user->hash, "%.*s", (int)sizeof user->hash - 1, hash);
     return true;
 }
 

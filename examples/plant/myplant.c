@@ -7,6 +7,9 @@
 static const struct apc_param param[] = {{"A", "m2", "cross section", 0.5, 0.001, 100.0},
                                          {"a", "m2", "area of the outlet", 0.019, 1e-6, 1.0}};
 
+static const struct apc_param state[] = {{"h", "m", "level", 0.0, 0.0, 10.0}};
+static const struct apc_param input[] = {{"q", "m3/s", "inflow", 0.01, 0.0, 0.1}};
+
 /* dh/dt = (inflow - outflow) / A: level h is x[0], the inflow in m3/s u[0]. */
 static int f(double t, const double *x, const double *u, const double *p, double *dx)
 {
@@ -29,6 +32,8 @@ const struct apc_model apc_model = {
     .ny = 1,
     .np = 2,
     .param = param,
+    .state = state,
+    .input = input,
     .f = f,
     .g = g,
 };

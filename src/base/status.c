@@ -10,6 +10,9 @@ static const struct {
 } names[] = {
     {APC_GOOD, "Good"},
     {APC_GOOD_LOCAL_OVERRIDE, "GoodLocalOverride"},
+    {APC_GOOD_LIMITED_LOW, "GoodLimitedLow"},
+    {APC_GOOD_LIMITED_HIGH, "GoodLimitedHigh"},
+    {APC_GOOD_LIMITED_CONSTANT, "GoodLimitedConstant"},
     {APC_UNCERTAIN, "Uncertain"},
     {APC_UNCERTAIN_LAST_USABLE, "UncertainLastUsableValue"},
     {APC_UNCERTAIN_SUBSTITUTE, "UncertainSubstituteValue"},

@@ -95,47 +95,48 @@ static int64_t days_from_date(int64_t year, int month, int day)
     return era * 146097 + year_of_era * 365 + year_of_era / 4 - year_of_era / 100 + day_of_year - 719468;
 }
 
-static void date_from_days(int64_t days, int64_t *year, int *month, int *day)
+static void date_from_days(int64_t days, uint32_t *year, uint32_t *month, uint32_t *day)
 {
     int64_t z = days + 719468;
     int64_t era = (z >= 0 ? z : z - 146096) / 146097;
-    int64_t doe = z - era * 146097;
-    int64_t yoe = (doe - doe / 1460 + doe / 36524 - doe / 146096) / 365;
-    int64_t doy = doe - (365 * yoe + yoe / 4 - yoe / 100);
-    int64_t mp = (5 * doy + 2) / 153;
-    *day = (int)(doy - (153 * mp + 2) / 5 + 1);
-    *month = (int)(mp < 10 ? mp + 3 : mp - 9);
-    *year = yoe + era * 400 + (*month <= 2);
+    uint32_t doe = (uint32_t)(z - era * 146097); /* below 2^32: half the time of 64-bit divisions */
+    uint32_t yoe = (doe - doe / 1460 + doe / 36524 - doe / 146096) / 365;
+    uint32_t doy = doe - (365 * yoe + yoe / 4 - yoe / 100);
+    uint32_t mp = (5 * doy + 2) / 153;
+    *day = doy - (153 * mp + 2) / 5 + 1;
+    *month = mp < 10 ? mp + 3 : mp - 9;
+    *year = (uint32_t)(yoe + era * 400 + (*month <= 2));
 }
 
-/* @digits decimal digits and @end, into text; where the next piece goes. */
-static char *put(char *text, int64_t value, int digits, char end)
+/* Two decimal digits and @end, into text; where the next piece goes. */
+static char *put(char *text, uint32_t value, char end)
 {
-    for (int i = digits - 1; i >= 0; i--, value /= 10)
-        text[i] = (char)('0' + value % 10);
-    text[digits] = end;
-    return text + digits + 1;
+    text[0] = (char)('0' + value / 10);
+    text[1] = (char)('0' + value % 10);
+    text[2] = end;
+    return text + 3;
 }
 
 char *apc_time_format(apc_ns utc, char text[APC_TIME_LEN])
 {
     int64_t us = utc / 1000 - (utc % 1000 < 0);
-    int64_t second = us / 1000000 - (us % 1000000 < 0);
-    int64_t micro = us - second * 1000000;
-    int64_t days = second / 86400 - (second % 86400 < 0);
-    int64_t year;
-    int month, day;
+    int64_t seconds = us / 1000000 - (us % 1000000 < 0);
+    int64_t days = seconds / 86400 - (seconds % 86400 < 0);
+    uint32_t micro = (uint32_t)(us - seconds * 1000000), second = (uint32_t)(seconds - days * 86400);
+    uint32_t year, month, day;
     char *c = text;
 
     date_from_days(days, &year, &month, &day);
-    c = put(c, year, 4, '-');
-    c = put(c, month, 2, '-');
-    c = put(c, day, 2, 'T');
-    second -= days * 86400;
-    c = put(c, second / 3600, 2, ':');
-    c = put(c, second / 60 % 60, 2, ':');
-    c = put(c, second % 60, 2, '.');
-    c = put(c, micro, 6, 'Z');
+    c = put(c, year / 100, '0') - 1; /* the next digit stands where the end was */
+    c = put(c, year % 100, '-');
+    c = put(c, month, '-');
+    c = put(c, day, 'T');
+    c = put(c, second / 3600, ':');
+    c = put(c, second / 60 % 60, ':');
+    c = put(c, second % 60, '.');
+    c = put(c, micro / 10000, '0') - 1;
+    c = put(c, micro / 100 % 100, '0') - 1;
+    c = put(c, micro % 100, 'Z');
     *c = '\0';
     return text;
 }

@@ -3,6 +3,9 @@
 #include "base/base_internal.h"
 #include "control/control_internal.h"
 
+#include <math.h>
+#include <string.h>
+
 int apc_law_check(const struct apc_law *law, const char *from, struct apc_error *why)
 {
     if (law->abi != APC_LAW_ABI)
@@ -16,6 +19,74 @@ int apc_law_check(const struct apc_law *law, const char *from, struct apc_error 
     return apc_params_check(law->tuning, law->n_tuning, from, why);
 }
 
+int apc_law_check_settings(const struct apc_law *law, const struct apc_law_setup *setup,
+                           struct apc_error *why)
+{
+    for (size_t i = 0; i < setup->n_setting; i++) {
+        const char *const *known = law->settings;
+
+        while (known && *known && strcmp(*known, setup->setting[i].name) != 0)
+            known++;
+        if (!known || !*known)
+            return apc_fail(why, APC_EINVAL, "law %s has no setting \"%s\"", law->name,
+                            setup->setting[i].name);
+    }
+    return 0;
+}
+
+const struct apc_setting *apc_setting_find(const struct apc_law_setup *setup, const char *name)
+{
+    for (size_t i = 0; i < setup->n_setting; i++) {
+        if (strcmp(setup->setting[i].name, name) == 0)
+            return &setup->setting[i];
+    }
+    return NULL;
+}
+
+/* Copy the setting, if it is there, when it has n numbers and each passes. */
+static int take(const struct apc_law_setup *setup, const char *name, size_t n, double low, double high,
+                bool whole, double *to, struct apc_error *why)
+{
+    const struct apc_setting *s = apc_setting_find(setup, name);
+
+    if (!s)
+        return 0;
+    if (s->n != n)
+        return apc_fail(why, APC_EINVAL, "setting \"%s\" must be %zu numbers, not %zu", name, n, s->n);
+    for (size_t i = 0; i < n; i++) {
+        if (!(s->value[i] >= low && s->value[i] <= high) || (whole && s->value[i] != trunc(s->value[i])))
+            return apc_fail(why, APC_EINVAL, "setting \"%s\": %g is no %s from %g to %g", name, s->value[i],
+                            whole ? "whole number" : "number", low, high);
+        to[i] = s->value[i];
+    }
+    return 0;
+}
+
+int apc_setting_indices(const struct apc_law_setup *setup, const char *name, size_t n, size_t least,
+                        size_t most, double *to, struct apc_error *why)
+{
+    return take(setup, name, n, (double)least, (double)most, true, to, why);
+}
+
+int apc_setting_amounts(const struct apc_law_setup *setup, const char *name, size_t n, double *to,
+                        struct apc_error *why)
+{
+    return take(setup, name, n, 0.0, APC_VALUE_MAX, false, to, why);
+}
+
+double apc_law_cut(double u, double low, double high, unsigned *limited)
+{
+    if (u < low) {
+        u = low;
+        *limited |= APC_LIMITED_LOW;
+    }
+    if (u > high) {
+        u = high;
+        *limited |= APC_LIMITED_HIGH;
+    }
+    return u;
+}
+
 static int check(const void *law, const char *from, struct apc_error *why)
 {
     return apc_law_check(law, from, why);
@@ -23,7 +94,8 @@ static int check(const void *law, const char *from, struct apc_error *why)
 
 int apc_law_find(const char *name, const struct apc_law **law, void **handle, struct apc_error *why)
 {
-    static const struct apc_built_in built_in[] = {{"pi", &apc_law_pi}};
+    static const struct apc_built_in built_in[] = {
+        {"pi", &apc_law_pi}, {"pid", &apc_law_pid}, {"cascade", &apc_law_cascade}, {"lqg", &apc_law_lqg}};
     static const struct apc_plugin_kind kind = {.what = "law",
                                                 .symbol = "apc_law",
                                                 .built_in = built_in,

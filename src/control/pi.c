@@ -10,7 +10,7 @@
  *
  * Loop i controls y_i to zbar_i with u_i; its state is I_i.
  */
-#include "apccontrol.h"
+#include "control/control_internal.h"
 
 enum { KP, TAU_I, U_BAR, U_MIN, U_MAX, N_TUNING };
 
@@ -45,13 +45,8 @@ static void compute(struct apc_law_call *c)
 {
     for (size_t i = 0; i < c->dim.nu; i++) {
         const double *p = c->tuning + i * N_TUNING;
-        double u = proportional(c, i) + c->x[i];
 
-        if (u < p[U_MIN])
-            u = p[U_MIN];
-        if (u > p[U_MAX])
-            u = p[U_MAX];
-        c->u[i] = u;
+        c->u[i] = apc_law_cut(proportional(c, i) + c->x[i], p[U_MIN], p[U_MAX], &c->limited[i]);
     }
 }
 

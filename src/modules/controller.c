@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define LAW_STATE_MAX 1000000 /* a law that wants more than this has counted wrong */
+#define LAW_SIZE_MAX 1000000 /* a law that wants more than this has counted wrong */
 
 static int take_options(struct apc_controller_options *o, const struct apc_controller_options *options,
                         struct apc_error *why)
@@ -54,7 +54,8 @@ static int allocate(struct apc_controller *c)
     c->memory = at;
     c->marks = calloc(ny + nz + 2 * nu + c->n_tuning, sizeof(*c->marks));
     c->fresh = calloc(ny, sizeof(*c->fresh));
-    if (!c->memory || !c->marks || !c->fresh)
+    c->limited = calloc(nu, sizeof(*c->limited));
+    if (!c->memory || !c->marks || !c->fresh || !c->limited)
         return APC_ENOMEM;
     c->y = carve(&at, ny);
     c->z = carve(&at, nz);
@@ -74,19 +75,48 @@ static int allocate(struct apc_controller *c)
     return 0;
 }
 
+/* Let the law make its constants and say how many states it has. */
+static int configure(struct apc_controller *c, const struct apc_controller_options *o, struct apc_error *why)
+{
+    const struct apc_law *law = o->law;
+    const struct apc_law_setup setup = {
+        .dim = c->dim, .Ts = c->Ts, .n_setting = o->n_setting, .setting = o->setting, .plant = o->plant};
+    struct apc_law_size size = {.states = law->n_state ? law->n_state(&c->dim) : 0};
+    int rc = apc_law_check_settings(law, &setup, why);
+
+    if (rc == 0 && law->configure)
+        rc = law->configure(&setup, &size, NULL, why);
+    if (rc < 0)
+        return rc;
+    if (size.states > LAW_SIZE_MAX || size.constants > LAW_SIZE_MAX || law->n_tuning > APC_VECTOR_MAX)
+        return apc_fail(why, APC_EINVAL,
+                        "controller: law %s wants %zu states, %zu constants and %zu tuning parameters an "
+                        "output; too many",
+                        law->name, size.states, size.constants, law->n_tuning);
+    c->n_x = size.states;
+    c->n_constant = size.constants;
+    c->constant = calloc(c->n_constant + 1, sizeof(*c->constant));
+    if (!c->constant)
+        return apc_fail(why, APC_ENOMEM, "controller: no memory");
+    rc = law->configure ? law->configure(&setup, &size, c->constant, why) : 0;
+    if (rc == 0 && !apc_values_ok(c->constant, c->n_constant))
+        rc = apc_fail(why, APC_EINVAL, "controller: law %s made a constant that is no finite number",
+                      law->name);
+    return rc;
+}
+
 static int fill(struct apc_controller *c, const struct apc_controller_options *o, struct apc_error *why)
 {
     const struct apc_law *law = o->law;
+    int rc;
 
     c->law = law;
     c->dim = o->dim;
-    c->n_x = law->n_state ? law->n_state(&c->dim) : 0;
-    if (c->n_x > LAW_STATE_MAX || law->n_tuning > APC_VECTOR_MAX)
-        return apc_fail(why, APC_EINVAL,
-                        "controller: law %s wants %zu states and %zu tuning parameters an output; too many",
-                        law->name, c->n_x, law->n_tuning);
-    c->n_tuning = c->dim.nu * law->n_tuning;
     c->Ts = apc_ns_to_s(o->period);
+    rc = configure(c, o, why);
+    if (rc < 0)
+        return rc;
+    c->n_tuning = c->dim.nu * law->n_tuning;
     c->horizon = o->horizon;
     c->loss = apc_loss_limit(o->period);
     c->hold = o->hold ? o->hold : 3 * o->period;
@@ -100,7 +130,6 @@ static int fill(struct apc_controller *c, const struct apc_controller_options *o
     for (size_t i = 0; i < c->n_tuning; i++)
         c->tuning[i] = law->tuning[i % law->n_tuning].initial;
     memcpy(c->offered, c->tuning, c->n_tuning * sizeof(*c->offered));
-    apc_controller_reset(c);
     return apc_limits_copy(c->low, c->high, c->fault, o->low, o->high, o->fault, c->dim.nu, "fault", why);
 }
 
@@ -133,6 +162,8 @@ void apc_controller_destroy(struct apc_controller *controller)
 {
     if (!controller)
         return;
+    free(controller->constant);
+    free(controller->limited);
     free(controller->fresh);
     free(controller->marks);
     free(controller->memory);

@@ -41,6 +41,13 @@ void apc_controller_mark(struct apc_controller *c)
     uint32_t dim = fnv1a_number(fnv1a_number(fnv1a_number(basis, c->dim.ny), c->dim.nz), c->dim.nu);
     uint32_t law = fnv1a_number(fnv1a(basis, c->law->name, strlen(c->law->name)), c->n_x);
 
+    for (size_t i = 0; i < c->n_constant; i++) {
+        uint64_t bits;
+
+        memcpy(&bits, &c->constant[i], sizeof(bits));
+        law = fnv1a_number(law, bits);
+    }
+
     c->dim_mark = (double)(dim >> (32 - DIM_BITS));
     c->law_mark = (double)law;
 }
@@ -132,12 +139,22 @@ int apc_controller_resume(struct apc_controller *c, const int64_t *last, const s
     c->have_u = true;
     c->have_y = true;
     c->resumed = in[0].value - dim * LAW_MARKS == c->law_mark && whole(in, n, since);
+    c->begun = c->resumed;
     if (c->resumed)
         (void)take_vector(c->x, c->n_x, at + 1);
     return 1;
 }
 
 /* ---- What it writes -------------------------------------------------------------------------------- */
+
+/* A good output says as well, with OPC UA's limit bits, which way a limit holds it back. */
+static apc_status limit_status(unsigned limited)
+{
+    static const apc_status status[] = {APC_GOOD, APC_GOOD_LIMITED_LOW, APC_GOOD_LIMITED_HIGH,
+                                        APC_GOOD_LIMITED_CONSTANT};
+
+    return status[limited & (APC_LIMITED_LOW | APC_LIMITED_HIGH)];
+}
 
 static size_t put_actuators(struct apc_controller *c, apc_ns utc, apc_status status, struct apc_sample *out)
 {
@@ -151,6 +168,8 @@ static size_t put_actuators(struct apc_controller *c, apc_ns utc, apc_status sta
                                      .value = c->u[i],
                                      .status = status};
         if (c->by_law) {
+            if (status == APC_GOOD)
+                out[i].status = limit_status(c->limited[i]);
             out[i].sensor_seq = c->y_seq[i < d->ny ? i : 0];
             out[i].setpoint_seq = d->nz ? c->z_seq[i < d->nz ? i : 0] : 0;
         }
@@ -183,7 +202,7 @@ static size_t put_state(struct apc_controller *c, apc_ns utc, struct apc_sample 
     const size_t length[] = {1, c->dim.ny, c->dim.nz, c->dim.nu, 1, c->n_x};
     size_t n = 0;
 
-    if (!c->have_y || !apc_values_ok(c->x, c->n_x))
+    if (!c->begun || !apc_values_ok(c->x, c->n_x))
         return 0;
     c->state_seq++;
     for (size_t k = 0; k < sizeof(part) / sizeof(part[0]); k++) {

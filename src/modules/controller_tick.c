@@ -15,6 +15,7 @@
 #include "base/base_internal.h"
 #include "modules/modules_internal.h"
 
+#include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -22,8 +23,16 @@
 
 static struct apc_law_call call(struct apc_controller *c, double *u)
 {
-    return (struct apc_law_call){
-        .dim = c->dim, .Ts = c->Ts, .y = c->y, .z = c->z, .tuning = c->tuning, .x = c->x, .u = u};
+    return (struct apc_law_call){.dim = c->dim,
+                                 .Ts = c->Ts,
+                                 .y = c->y,
+                                 .z = c->z,
+                                 .tuning = c->tuning,
+                                 .x = c->x,
+                                 .u = u,
+                                 .constant = c->constant,
+                                 .limited = c->limited,
+                                 .gap = c->gap};
 }
 
 void apc_controller_limit(const struct apc_controller *c, double *u)
@@ -36,13 +45,16 @@ void apc_controller_limit(const struct apc_controller *c, double *u)
     }
 }
 
-void apc_controller_reset(struct apc_controller *c)
+/* The law's state to what it is before the first tick. */
+static void reset(struct apc_controller *c)
 {
     struct apc_law_call law = call(c, c->u);
 
     memset(c->x, 0, c->n_x * sizeof(*c->x));
     if (c->law->reset)
         c->law->reset(&law);
+    c->begun = true;
+    c->gap = true;
     c->on_track = false;
 }
 
@@ -52,9 +64,16 @@ static bool compute(struct apc_controller *c)
     struct apc_law_call law = call(c, c->trial);
 
     memcpy(c->trial, c->u, c->dim.nu * sizeof(*c->trial)); /* a law that leaves one out keeps it */
+    memset(c->limited, 0, c->dim.nu * sizeof(*c->limited));
     c->law->compute(&law);
     if (!apc_values_ok(c->trial, c->dim.nu) || !apc_values_ok(c->x, c->n_x))
         return false;
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        if (c->trial[i] < c->low[i])
+            c->limited[i] |= APC_LIMITED_LOW;
+        if (c->trial[i] > c->high[i])
+            c->limited[i] |= APC_LIMITED_HIGH;
+    }
     apc_controller_limit(c, c->trial);
     return true;
 }
@@ -65,6 +84,7 @@ static void track(struct apc_controller *c, double *u)
 
     if (c->law->track)
         c->law->track(&law);
+    c->gap = false;
 }
 
 static void update(struct apc_controller *c)
@@ -88,6 +108,7 @@ static void settle(struct apc_controller *c, struct apc_now now)
 
     c->resumed = false;
     c->on_track = now.utc - c->resumed_at <= c->loss;
+    c->gap = !c->on_track;
     if (!c->on_track)
         return;
     for (size_t i = 0; i < c->dim.nu; i++) {
@@ -186,6 +207,8 @@ static bool take_measurement(struct apc_controller *c, struct apc_now now, const
         c->z_seq[i] = in->z[i].seq;
     }
     c->have_y = true;
+    if (!c->begun)
+        reset(c);
     return true;
 }
 
@@ -195,6 +218,7 @@ static bool take_measurement(struct apc_controller *c, struct apc_now now, const
 static apc_status hold(struct apc_controller *c, struct apc_now now, struct apc_notice *notice)
 {
     c->on_track = false;
+    c->gap = true;
     if (!c->holding) {
         c->holding = true;
         c->faulted = false;
@@ -230,10 +254,12 @@ static apc_status automatic(struct apc_controller *c, struct apc_now now, struct
     if (!c->on_track && c->have_u)
         track(c, c->u);
     if (!compute(c)) {
-        snprintf(c->trouble, sizeof(c->trouble), "law %s gave no finite number", c->law->name);
+        c->failures++;
+        snprintf(c->trouble, sizeof(c->trouble), "law %.20s gave no finite number (%" PRIu64 ")",
+                 c->law->name, c->failures);
         if (!c->holding)
             apc_note(notice, APC_NOTICE_REJECTED, "output held: %s", c->trouble);
-        apc_controller_reset(c);
+        reset(c);
         c->by_law = false;
         return hold(c, now, notice);
     }
@@ -244,6 +270,7 @@ static apc_status automatic(struct apc_controller *c, struct apc_now now, struct
     c->have_u = true;
     c->by_law = true;
     c->on_track = true;
+    c->gap = false;
     c->holding = false;
     c->update_due = true;
     c->mode = APC_MODE_AUTO;
@@ -284,12 +311,15 @@ static apc_status manual(struct apc_controller *c, const struct apc_sample *want
     c->mode = APC_MODE_MAN;
     if (measured)
         track(c, c->u);
+    c->gap = !measured;
+    c->update_due = measured && c->law->track; /* without it an integral would wind up */
     return APC_GOOD;
 }
 
 static void out_of_service(struct apc_controller *c)
 {
     c->on_track = false;
+    c->gap = true;
     c->holding = false;
     c->mode = APC_MODE_OOS;
 }
@@ -316,6 +346,8 @@ static bool take_inputs(struct apc_controller *c, struct apc_now now, const stru
         retuned = false;
         settle(c, now);
     }
+    if (!c->begun)
+        adopt_tuning(c); /* for reset, and because there is nothing yet to be bumpless to */
     measured = take_measurement(c, now, &at);
     if (retuned && measured && c->target == APC_MODE_AUTO)
         retune(c);
@@ -361,4 +393,9 @@ void apc_controller_update(struct apc_controller *c)
         update(c);
     c->update_due = false;
     c->mode_written = true;
+}
+
+uint64_t apc_controller_failures(const struct apc_controller *c)
+{
+    return c->failures;
 }

@@ -34,11 +34,28 @@ int apc_limits_copy(double *low, double *high, double *fallback, const double *f
                     const double *from_high, const double *from_fallback, size_t n, const char *what,
                     struct apc_error *why);
 
+/** A sensor and what it remembers. */
+struct apc_reading {
+    const struct apc_sensor *sensor;
+    struct apc_random noise;
+    apc_ns before; /* of the last tick */
+    double shown;  /* then */
+};
+
+/** Check @p n sensors. Returns 0 or APC_EINVAL. */
+int apc_sensors_check(const struct apc_sensor *sensor, size_t n, struct apc_error *why);
+/** Begin reading sensor number @p i, from 0. [setup] */
+void apc_reading_init(struct apc_reading *reading, const struct apc_sensor *sensor, uint64_t seed, size_t i);
+/** What it shows at @p t since the first tick, of @p value; *@p status tells how good that is. [tick] */
+double apc_reading_take(struct apc_reading *reading, apc_ns t, double value, apc_status *status);
+
 /* Made by controller.c, run by controller_tick.c, its rows read and written by controller_rows.c. */
 struct apc_controller {
     const struct apc_law *law;
     struct apc_dim dim;
-    size_t n_x, n_tuning;      /* of the whole law: n_tuning of each output times nu */
+    size_t n_x, n_tuning; /* of the whole law: n_tuning of each output times nu */
+    double *constant;     /* [n_constant] what the law was configured with */
+    size_t n_constant;
     double dim_mark, law_mark; /* whole numbers by which stored rows are known; see controller_rows.c */
     double Ts;
     apc_ns horizon, hold;
@@ -51,6 +68,7 @@ struct apc_controller {
     double *trial;              /* what the law asks for now */
     double *tuning, *offered;   /* in force; wanted by the operator */
     double *low, *high, *fault; /* [nu] */
+    unsigned *limited;          /* [nu] enum apc_limited of trial */
 
     int64_t *marks;         /* all the seqs below */
     int64_t *y_seq, *z_seq; /* of y and z */
@@ -65,20 +83,21 @@ struct apc_controller {
     bool mode_written; /* the actual mode stands in the store */
     bool have_u;       /* u holds an output */
     bool have_y;       /* y and z hold a measurement */
+    bool begun;        /* x was filled from a measurement, or taken over */
+    bool gap;          /* the measurement was away since x was updated */
     bool by_law;       /* u was computed by the law from y and z */
     bool on_track;     /* x goes on from the last output: computing makes no bump */
     bool resumed;      /* x, y, z, u are a former run's, whose last update is still due */
     bool update_due;
     bool holding, faulted;
     apc_ns hold_since;
+    uint64_t failures; /* how often the law gave no finite number */
     apc_ns resumed_at; /* source time of the former run's last output; 0: none */
     char trouble[64];  /* why there is no usable measurement */
 };
 
 /** Work out the marks of law and dimensions. */
 void apc_controller_mark(struct apc_controller *c);
-/** The law's state to what it is before the first tick. */
-void apc_controller_reset(struct apc_controller *c);
 /** @p u [nu] into the limits of the outputs. */
 void apc_controller_limit(const struct apc_controller *c, double *u);
 /** The rows of an output: the actuators and what a restart needs. Returns how many. */

@@ -14,12 +14,14 @@
 #include "base/base_internal.h"
 #include "modules/modules_internal.h"
 
+#include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 struct apc_plantserver {
     struct apc_plant *plant;
-    size_t nu, ny;
+    size_t nx, nu, ny;
     apc_ns link_limit, command_limit;
 
     double *memory;             /* all the doubles below */
@@ -27,6 +29,10 @@ struct apc_plantserver {
     double *command;            /* [nu] newest accepted */
     double *input;              /* [nu] what the plant is being given */
     double *y, *measured;       /* [ny] published; scratch */
+    double *noise;              /* [nx] of the process */
+    struct apc_random *chance;  /* [nx] where that comes from */
+    struct apc_reading *sensor; /* [ny] */
+    apc_status *status;         /* [ny] of y */
     struct apc_sample *samples; /* [max(nu, ny)] of the frame at hand */
 
     bool tripped;    /* no fresh command: safe value */
@@ -43,10 +49,12 @@ struct apc_plantserver {
     bool refusing; /* told of a refused command, and none was accepted since */
     bool failing;  /* told that the plant cannot be solved */
 
+    const struct apc_disturbance *disturbance; /* those still to come */
+    size_t n_disturbances;
+
     bool ticked;
-    apc_ns ticked_at; /* mono, scheduled */
+    apc_ns began_at, ticked_at; /* mono, scheduled: the first tick; the last one */
     apc_ns y_time;
-    apc_status y_status;
 };
 
 static int take_options(struct apc_plantserver_options *o, const struct apc_plantserver_options *options,
@@ -65,17 +73,35 @@ static int take_options(struct apc_plantserver_options *o, const struct apc_plan
     if (!apc_period_ok(o->link_period) || !apc_period_ok(o->command_period))
         return apc_fail(why, APC_EINVAL,
                         "plant server: link_period and command_period must be above 0 and at most 366 days");
-    return 0;
+    for (size_t i = 0; o->noise && i < o->model->nx; i++) {
+        if (!(o->noise[i] >= 0.0 && apc_value_ok(o->noise[i])))
+            return apc_fail(why, APC_EINVAL, "plant server: noise of state %zu is %g; it must be 0 or above",
+                            i + 1, o->noise[i]);
+    }
+    for (size_t i = 0; i < o->n_disturbances; i++) {
+        const struct apc_disturbance *d = &o->disturbance[i];
+
+        if (d->k >= o->model->nd || !apc_value_ok(d->value) || d->at < (i ? d[-1].at : 0))
+            return apc_fail(
+                why, APC_EINVAL,
+                "plant server: change %zu of a disturbance: its number must be below %zu, its value "
+                "finite, its time not before the one ahead of it",
+                i + 1, o->model->nd);
+    }
+    return o->sensor ? apc_sensors_check(o->sensor, o->model->ny, why) : 0;
 }
 
 static int allocate(struct apc_plantserver *s)
 {
     size_t nu = s->nu, ny = s->ny;
-    double *at = calloc(5 * nu + 2 * ny, sizeof(*at));
+    double *at = calloc(5 * nu + 2 * ny + s->nx, sizeof(*at));
 
     s->memory = at;
     s->samples = calloc(nu > ny ? nu : ny, sizeof(*s->samples));
-    if (!at || !s->samples)
+    s->chance = calloc(s->nx, sizeof(*s->chance));
+    s->sensor = calloc(ny, sizeof(*s->sensor));
+    s->status = calloc(ny, sizeof(*s->status));
+    if (!at || !s->samples || !s->chance || !s->sensor || !s->status)
         return APC_ENOMEM;
     s->safe = at;
     s->low = at + nu;
@@ -84,7 +110,25 @@ static int allocate(struct apc_plantserver *s)
     s->input = at + 4 * nu;
     s->y = at + 5 * nu;
     s->measured = s->y + ny;
+    s->noise = s->measured + ny;
     return 0;
+}
+
+static void set_up_noise(struct apc_plantserver *s, const struct apc_plantserver_options *o)
+{
+    static const struct apc_sensor ideal = {0};
+
+    for (size_t i = 0; i < s->nx; i++) {
+        char name[40];
+
+        (void)snprintf(name, sizeof(name), "plant.noise.%zu", i + 1);
+        apc_random_init(&s->chance[i], o->seed, name);
+        s->noise[i] = o->noise ? o->noise[i] : 0.0;
+    }
+    for (size_t i = 0; i < s->ny; i++) {
+        apc_reading_init(&s->sensor[i], o->sensor ? &o->sensor[i] : &ideal, o->seed, i);
+        s->status[i] = APC_BAD_WAITING_FOR_INITIAL_DATA;
+    }
 }
 
 int apc_plantserver_create(struct apc_plantserver **server, const struct apc_plantserver_options *options,
@@ -104,6 +148,7 @@ int apc_plantserver_create(struct apc_plantserver **server, const struct apc_pla
     if (!new)
         return apc_fail(why, APC_ENOMEM, "plant server: no memory");
     new->plant = o.plant;
+    new->nx = o.model->nx;
     new->nu = o.model->nu;
     new->ny = o.model->ny;
     new->link_limit = apc_loss_limit(o.link_period);
@@ -117,10 +162,12 @@ int apc_plantserver_create(struct apc_plantserver **server, const struct apc_pla
         apc_plantserver_destroy(new);
         return rc;
     }
+    set_up_noise(new, &o);
+    new->disturbance = o.disturbance;
+    new->n_disturbances = o.n_disturbances;
     memcpy(new->input, new->safe, new->nu * sizeof(*new->input));
     new->tripped = true;
     new->input_safe = true;
-    new->y_status = APC_BAD_WAITING_FOR_INITIAL_DATA;
     *server = new;
     return 0;
 }
@@ -129,6 +176,9 @@ void apc_plantserver_destroy(struct apc_plantserver *server)
 {
     if (!server)
         return;
+    free(server->status);
+    free(server->sensor);
+    free(server->chance);
     free(server->samples);
     free(server->memory);
     free(server);
@@ -212,36 +262,58 @@ static void give(struct apc_plantserver *s, bool safe)
     s->input_safe = safe;
 }
 
+/* With one input from one instant to another, piece by piece between the changes of the disturbances. */
+static int hold(struct apc_plantserver *s, apc_ns from, apc_ns to)
+{
+    int rc = 0;
+
+    while (from < to && rc == 0) {
+        apc_ns until = to;
+
+        for (; s->n_disturbances && s->began_at + s->disturbance->at <= from; s->n_disturbances--) {
+            (void)apc_plant_disturb(s->plant, s->disturbance->k, s->disturbance->value);
+            s->disturbance++;
+        }
+        if (s->n_disturbances && s->began_at + s->disturbance->at < to)
+            until = s->began_at + s->disturbance->at;
+        rc = apc_plant_advance(s->plant, apc_ns_to_s(until - from), s->input);
+        from = until;
+    }
+    return rc;
+}
+
 static int advance(struct apc_plantserver *s, apc_ns to)
 {
     apc_ns from = s->ticked_at;
+    int rc = 0;
 
     if (s->split && s->split_at < to) {
-        int rc =
-            s->split_at > from ? apc_plant_advance(s->plant, apc_ns_to_s(s->split_at - from), s->input) : 0;
-
+        rc = hold(s, from, s->split_at);
         give(s, true);
-        if (rc < 0)
-            return rc;
         from = s->split_at > from ? s->split_at : from;
     }
-    return to > from ? apc_plant_advance(s->plant, apc_ns_to_s(to - from), s->input) : 0;
+    if (rc == 0)
+        rc = hold(s, from, to);
+    for (size_t i = 0; i < s->nx && to > s->ticked_at && rc == 0; i++) {
+        if (s->noise[i] > 0.0)
+            rc = apc_plant_kick(s->plant, i,
+                                s->noise[i] * sqrt(apc_ns_to_s(to - s->ticked_at)) *
+                                    apc_random_normal(&s->chance[i]));
+    }
+    return rc;
 }
 
-static void publish(struct apc_plantserver *s, apc_ns utc, bool solved)
+static void publish(struct apc_plantserver *s, struct apc_now now, bool solved)
 {
-    s->y_time = utc;
-    s->y_status = APC_BAD_DEVICE_FAILURE; /* y keeps the last value that there was */
-    if (!solved)
-        return;
-    apc_plant_output(s->plant, s->input, s->measured);
-    s->y_status = APC_GOOD;
+    s->y_time = now.utc;
+    if (solved)
+        apc_plant_output(s->plant, s->input, s->measured);
     for (size_t i = 0; i < s->ny; i++) {
-        if (!apc_value_ok(s->measured[i]))
-            s->y_status = APC_BAD_SENSOR_FAILURE;
+        if (solved)
+            s->y[i] = apc_reading_take(&s->sensor[i], now.mono - s->began_at, s->measured[i], &s->status[i]);
+        else
+            s->status[i] = APC_BAD_DEVICE_FAILURE; /* y keeps the last value that there was */
     }
-    if (s->y_status == APC_GOOD)
-        memcpy(s->y, s->measured, s->ny * sizeof(*s->y));
 }
 
 static void report_solver(struct apc_plantserver *s, bool solved, struct apc_notice *notice)
@@ -262,10 +334,12 @@ int apc_plantserver_tick(struct apc_plantserver *server, struct apc_now now, str
     watch(server, now.mono, notice);
     if (server->ticked)
         rc = advance(server, now.mono);
+    else
+        server->began_at = now.mono;
     if (!server->ticked || now.mono > server->ticked_at)
         server->ticked_at = now.mono;
     server->ticked = true;
-    publish(server, now.utc, rc == 0);
+    publish(server, now, rc == 0);
     report_solver(server, rc == 0, notice);
     if (!server->tripped && (server->input_safe || server->split))
         apc_note(notice, APC_NOTICE_RESUMED, "plant takes commands");
@@ -282,7 +356,7 @@ static int reply_values(struct apc_plantserver *s, struct apc_now now, uint64_t 
 
     for (size_t i = 0; i < s->ny; i++) {
         s->samples[i].time = s->ticked ? s->y_time : now.utc;
-        s->samples[i].status = s->y_status;
+        s->samples[i].status = s->status[i];
         s->samples[i].value = s->y[i];
     }
     return apc_frame_encode(reply, size, &frame, s->samples);

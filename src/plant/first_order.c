@@ -1,11 +1,15 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* The plant of the paper's experiment: dx/dt = (-x + K u) / tau, y = x. */
-#include "apcplant.h"
+#include "plant/plant_internal.h"
 
 static const struct apc_param param[] = {
     {"K", "", "gain", 10.0, -1e6, 1e6},
     {"tau", "s", "time constant", 10.0, 1e-6, 1e9},
 };
+
+static const struct apc_param state[] = {{"x", "", "state", 0.0, -APC_VALUE_MAX, APC_VALUE_MAX}};
+static const struct apc_param input[] = {{"u", "", "manipulated variable", 0.0, -10.0, 10.0}};
+static const struct apc_param output[] = {{"y", "", "measurement", 0.0, 0.0, 0.0}};
 
 static int f(double t, const double *x, const double *u, const double *p, double *dx)
 {
@@ -31,6 +35,9 @@ const struct apc_model apc_model_first_order = {
     .ny = 1,
     .np = 2,
     .param = param,
+    .state = state,
+    .input = input,
+    .output = output,
     .f = f,
     .g = g,
 };

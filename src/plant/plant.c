@@ -3,7 +3,7 @@
 #include "base/base_internal.h"
 #include "plant/plant_internal.h"
 
-#include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -11,61 +11,101 @@ struct apc_plant {
     const struct apc_model *model;
     const struct apc_integrator *integrator;
     void *solver;
+    struct apc_delay delay;
     double t;
-    double *x; /* [nx] */
-    double *p; /* [np] */
+    double *memory;         /* all the doubles below */
+    double *p;              /* [np] */
+    double *x, *x_before;   /* [nx] */
+    double *in, *in_before; /* [nu + nd] what acts: manipulated inputs, disturbances */
+    double *given;          /* [nu + nd] scratch for outputs */
     struct apc_error error;
 };
 
-static int take_parameters(struct apc_plant *plant, const double *p, struct apc_error *why)
-{
-    const struct apc_model *model = plant->model;
+/* ---- Set-up --------------------------------------------------------------------------------- */
 
-    for (size_t i = 0; i < model->np; i++) {
-        plant->p[i] = p ? p[i] : model->param[i].initial;
-        if (!apc_param_accepts(&model->param[i], plant->p[i]))
-            return apc_fail(why, APC_EINVAL, "%s: parameter %s is %g; it must lie in %g to %g", model->name,
-                            model->param[i].name, plant->p[i], model->param[i].low, model->param[i].high);
-    }
-    return 0;
-}
-
-static int take_state(struct apc_plant *plant, const double *x0, struct apc_error *why)
-{
-    if (!x0)
-        x0 = plant->model->x0;
-    for (size_t i = 0; x0 && i < plant->model->nx; i++) {
-        if (!apc_value_ok(x0[i]))
-            return apc_fail(why, APC_EINVAL, "%s: initial state %zu is not a finite number",
-                            plant->model->name, i + 1);
-        plant->x[i] = x0[i];
-    }
-    return 0;
-}
-
-static int take_options(struct apc_integrator_options *ours, const struct apc_integrator_options *theirs,
+static int take_options(struct apc_plant_options *ours, const struct apc_plant_options *theirs,
                         struct apc_error *why)
 {
-    int rc = apc_options_copy(ours, sizeof(*ours), theirs, "apc_integrator_options", why);
+    int rc = apc_options_copy(ours, sizeof(*ours), theirs, "apc_plant_options", why);
 
     if (rc < 0)
         return rc;
+    if (!ours->integrator)
+        ours->integrator = apc_integrator_cvode.name;
     if (ours->rtol == 0.0)
         ours->rtol = 1e-8;
     if (ours->atol == 0.0)
         ours->atol = 1e-10;
+    if (ours->steps == 0)
+        ours->steps = 10;
     if (!(ours->rtol > 0.0 && ours->rtol < 1.0 && ours->atol > 0.0 && isfinite(ours->atol)))
         return apc_fail(why, APC_EINVAL,
                         "integrator: rtol is %g, must lie in 0 to 1; atol is %g, must be above 0", ours->rtol,
                         ours->atol);
+    if (ours->steps > 1000000)
+        return apc_fail(why, APC_EINVAL, "integrator: %u steps in each interval; at most 1000000",
+                        ours->steps);
+    if (!(ours->dead_time >= 0.0 && isfinite(ours->dead_time)))
+        return apc_fail(why, APC_EINVAL, "dead time is %g s; it must be a finite number, 0 or above",
+                        ours->dead_time);
     return 0;
 }
 
-int apc_plant_create(struct apc_plant **plant, const struct apc_model *model, const double *p,
-                     const double *x0, const struct apc_integrator_options *options, struct apc_error *why)
+static int find_integrator(const struct apc_integrator **integrator, const char *name, struct apc_error *why)
 {
-    struct apc_integrator_options o = {0};
-    struct apc_plant *new = NULL;
+    static const struct apc_integrator *const all[] = {&apc_integrator_cvode, &apc_integrator_adams,
+                                                       &apc_integrator_rk4, &apc_integrator_exact};
+
+    for (size_t i = 0; i < sizeof(all) / sizeof(all[0]); i++) {
+        *integrator = all[i];
+        if (strcmp(all[i]->name, name) == 0)
+            return 0;
+    }
+    return apc_fail(why, APC_EINVAL, "no integrator \"%s\"; there are: cvode, adams, rk4, exact", name);
+}
+
+static int allocate(struct apc_plant *plant)
+{
+    const struct apc_model *m = plant->model;
+    size_t n_in = m->nu + m->nd;
+    double *at = calloc(m->np + 2 * m->nx + 3 * n_in, sizeof(*at));
+
+    plant->memory = at;
+    if (!at)
+        return APC_ENOMEM;
+    plant->p = at;
+    plant->x = at + m->np;
+    plant->x_before = plant->x + m->nx;
+    plant->in = plant->x_before + m->nx;
+    plant->in_before = plant->in + n_in;
+    plant->given = plant->in_before + n_in;
+    return 0;
+}
+
+static int set_up(struct apc_plant *plant, const double *p, const double *x0,
+                  const struct apc_plant_options *o, struct apc_error *why)
+{
+    const struct apc_model *m = plant->model;
+    int rc = find_integrator(&plant->integrator, o->integrator, why);
+
+    if (rc == 0 && (allocate(plant) < 0 || apc_delay_open(&plant->delay, o->dead_time, m->nu) < 0))
+        rc = apc_fail(why, APC_ENOMEM, "no memory for plant %s", m->name);
+    if (rc == 0)
+        rc = apc_model_take(m, plant->p, p, m->param, m->np, "parameter", why);
+    if (rc == 0)
+        rc = apc_model_take(m, plant->x, x0, m->state, m->nx, "state", why);
+    if (rc < 0)
+        return rc;
+    apc_param_initials(m->input, m->nu, plant->in);
+    apc_param_initials(m->disturbance, m->nd, plant->in + m->nu);
+    return plant->integrator->create(&plant->solver, m, plant->p, o, why);
+}
+
+int apc_plant_create(struct apc_plant **plant, const struct apc_model *model, const double *p,
+                     const double *x0, const struct apc_plant_options *options, struct apc_error *why)
+{
+    struct apc_plant_options o = {0};
+    struct apc_plant *new;
     int rc;
 
     if (!plant)
@@ -74,35 +114,19 @@ int apc_plant_create(struct apc_plant **plant, const struct apc_model *model, co
     if (!model)
         return apc_fail(why, APC_EINVAL, "apc_plant_create: model must not be NULL");
     rc = apc_model_check(model, "apc_plant_create", why);
-    if (rc < 0)
-        return rc;
-    rc = take_options(&o, options, why);
+    if (rc == 0)
+        rc = take_options(&o, options, why);
     if (rc < 0)
         return rc;
     new = calloc(1, sizeof(*new));
     if (!new)
-        goto no_memory;
+        return apc_fail(why, APC_ENOMEM, "no memory for plant %s", model->name);
     new->model = model;
-    new->integrator = &apc_integrator_cvode;
-    new->x = calloc(model->nx, sizeof(*new->x));
-    new->p =
-        calloc(model->np + 1, sizeof(*new->p)); /* + 1: a model without parameters gets a valid pointer too */
-    if (!new->x || !new->p)
-        goto no_memory;
-    rc = take_parameters(new, p, why);
-    if (rc == 0)
-        rc = take_state(new, x0, why);
-    if (rc == 0)
-        rc = new->integrator->create(&new->solver, model, new->p, o.rtol, o.atol, why);
+    rc = set_up(new, p, x0, &o, why);
     if (rc < 0)
-        goto out;
-    *plant = new;
-    return 0;
-
-no_memory:
-    rc = apc_fail(why, APC_ENOMEM, "no memory for plant %s", model->name);
-out:
-    apc_plant_destroy(new);
+        apc_plant_destroy(new);
+    else
+        *plant = new;
     return rc;
 }
 
@@ -110,33 +134,125 @@ void apc_plant_destroy(struct apc_plant *plant)
 {
     if (!plant)
         return;
-    plant->integrator->destroy(plant->solver);
-    free(plant->p);
-    free(plant->x);
+    if (plant->solver)
+        plant->integrator->destroy(plant->solver);
+    apc_delay_close(&plant->delay);
+    free(plant->memory);
     free(plant);
+}
+
+/* ---- Running -------------------------------------------------------------------------------- */
+
+/* What failed, and where: the time and the state from which it could not go on. */
+static int report(struct apc_plant *plant, int rc, const char *what)
+{
+    const struct apc_model *m = plant->model;
+    char where[300] = "";
+    size_t used = 0;
+
+    for (size_t i = 0; i < m->nx && used < sizeof(where); i++) {
+        char number[24];
+        const char *name = m->state ? m->state[i].name : number;
+
+        (void)snprintf(number, sizeof(number), "x%zu", i + 1);
+        used += (size_t)snprintf(where + used, sizeof(where) - used, "%s%s = %g", i ? ", " : "", name,
+                                 plant->x[i]);
+    }
+    return apc_fail(&plant->error, rc, "%s at t = %g s, %s: %s", m->name, plant->t, where, what);
+}
+
+/* Piece by piece between the delayed changes of the input. Pieces of less than a billionth of dt come of
+ * rounding and are no pieces. */
+static int advance_delayed(struct apc_plant *plant, double dt, const double *u, struct apc_error *why)
+{
+    const double sliver = 1e-9 * dt, end = plant->t + dt;
+    double at = plant->t;
+
+    if (!apc_delay_put(&plant->delay, at, u, plant->in))
+        return apc_fail(why, APC_ESOLVER, "more than %d changes of the input within its dead time of %g s",
+                        APC_DELAY_MAX, plant->delay.dead_time);
+    while (at < end) {
+        double next = apc_delay_take(&plant->delay, at + sliver, plant->in);
+        int rc;
+
+        if (next > end - sliver)
+            next = end;
+        rc = plant->integrator->step(plant->solver, at, next - at, plant->in, plant->x, why);
+        if (rc < 0)
+            return rc;
+        at = next;
+    }
+    return 0;
 }
 
 int apc_plant_advance(struct apc_plant *plant, double dt, const double *u)
 {
+    const struct apc_model *m = plant->model;
+    const struct apc_delay delay = plant->delay;
+    const size_t x_bytes = m->nx * sizeof(double), in_bytes = (m->nu + m->nd) * sizeof(double);
+    struct apc_error why = {""};
     int rc;
 
-    if (!(dt >= 0.0) || !isfinite(dt))
-        return apc_fail(&plant->error, APC_ESOLVER, "cannot advance by %g s", dt);
-    for (size_t i = 0; i < plant->model->nu; i++) {
-        if (!isfinite(u[i]))
-            return apc_fail(&plant->error, APC_ESOLVER, "input %zu is not a finite number", i + 1);
+    if (!(dt >= 0.0) || !isfinite(dt)) {
+        (void)apc_fail(&why, APC_ESOLVER, "cannot advance by %g s", dt);
+        return report(plant, APC_ESOLVER, why.text);
+    }
+    for (size_t i = 0; i < m->nu; i++) {
+        if (!isfinite(u[i])) {
+            (void)apc_fail(&why, APC_ESOLVER, "input %zu is not a finite number", i + 1);
+            return report(plant, APC_ESOLVER, why.text);
+        }
     }
     if (dt == 0.0)
         return 0;
-    rc = plant->integrator->step(plant->solver, plant->t, dt, u, plant->x, &plant->error);
-    if (rc == 0)
+    memcpy(plant->x_before, plant->x, x_bytes);
+    memcpy(plant->in_before, plant->in, in_bytes);
+    if (delay.dead_time > 0.0) {
+        rc = advance_delayed(plant, dt, u, &why);
+    } else {
+        memcpy(plant->in, u, m->nu * sizeof(*u));
+        rc = plant->integrator->step(plant->solver, plant->t, dt, plant->in, plant->x, &why);
+    }
+    if (rc == 0) {
         plant->t += dt;
-    return rc;
+        return 0;
+    }
+    memcpy(plant->x, plant->x_before, x_bytes);
+    memcpy(plant->in, plant->in_before, in_bytes);
+    plant->delay = delay;
+    return report(plant, rc, why.text);
+}
+
+int apc_plant_disturb(struct apc_plant *plant, size_t k, double value)
+{
+    if (k >= plant->model->nd || !apc_value_ok(value))
+        return apc_fail(&plant->error, APC_EINVAL, "%s: disturbance %zu of %zu cannot be %g",
+                        plant->model->name, k + 1, plant->model->nd, value);
+    plant->in[plant->model->nu + k] = value;
+    return 0;
+}
+
+int apc_plant_kick(struct apc_plant *plant, size_t k, double by)
+{
+    const struct apc_model *m = plant->model;
+
+    if (k >= m->nx || !apc_value_ok(by))
+        return apc_fail(&plant->error, APC_EINVAL, "%s: state %zu of %zu cannot be moved by %g", m->name,
+                        k + 1, m->nx, by);
+    plant->x[k] += by;
+    if (m->state)
+        plant->x[k] = fmin(fmax(plant->x[k], m->state[k].low), m->state[k].high);
+    return 0;
 }
 
 void apc_plant_output(const struct apc_plant *plant, const double *u, double *y)
 {
-    plant->model->g(plant->t, plant->x, u, plant->p, y);
+    const struct apc_model *m = plant->model;
+
+    memcpy(plant->given, plant->in, (m->nu + m->nd) * sizeof(*u));
+    if (!(plant->delay.dead_time > 0.0))
+        memcpy(plant->given, u, m->nu * sizeof(*u));
+    m->g(plant->t, plant->x, plant->given, plant->p, y);
 }
 
 const double *apc_plant_state(const struct apc_plant *plant)

@@ -77,8 +77,10 @@ int insertIntoTableFloat(PGconn *conn, const char *table, int id, const char *ts
         PGresult *result = execute(conn, apc_pg_texts[number].paper_put, &one.params);
         bool done = PQresultStatus(result) == PGRES_COMMAND_OK;
         bool inserted = done && strcmp(PQcmdTuples(result), "1") == 0;
+        const char *sqlstate = PQresultErrorField(result, PG_DIAG_SQLSTATE);
+        bool taken = sqlstate && strcmp(sqlstate, "23505") == 0;
         PQclear(result);
-        if (!done) {
+        if (!done && !taken) {
             return refused(conn);
         }
         if (inserted) {

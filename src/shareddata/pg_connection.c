@@ -98,6 +98,7 @@ static int error_of(const char *sqlstate)
         {"3F", APC_ESCHEMA},      /* undefined schema */
         {"25006", APC_ECONN},     /* read-only: this server has become, or is still, a standby */
         {"57P", APC_ECONN},       /* shutting down, starting up */
+        {"53", APC_ECONN},        /* disk full, no memory, too many connections: it may pass */
         {"08", APC_ECONN},        /* connection */
         {"40P01", APC_ECONFLICT}, /* deadlock */
         {"40001", APC_ECONFLICT}, /* serialization */

@@ -1,49 +1,42 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Housekeeping: dropping what is older than is to be kept. */
-#include <stdlib.h>
-
+/* Housekeeping: the procedure maintain() of the schema does it, a transaction for each step. */
 #include "shareddata/postgresql.h"
 
-/* Deleting much takes longer than a tick's operation. */
+/* Dropping much takes longer than a tick's operation. */
 #define PATIENCE 300
-
-struct dropping {
-    struct apc_pg *pg;
-    int count;
-};
 
 static int take_dropped(void *ctx, int statement, PGresult *result)
 {
-    struct dropping *d = (struct dropping *)ctx;
     (void)statement;
-    d->count += atoi(PQcmdTuples(result));
+    int64_t dropped = PQntuples(result) == 1 && PQnfields(result) == 1 ? apc_pg_cell(result, 0, 0) : 0;
+    *(int *)ctx = dropped < INT32_MAX ? (int)dropped : INT32_MAX;
     return 0;
-}
-
-static int drop_older(struct apc_pg *pg, const char *sql, apc_ns keep)
-{
-    if (keep == 0) {
-        return 0;
-    }
-    struct apc_pg_params p = {0};
-    char before[8];
-    apc_pg_put_int8(before, apc_pg_time(apc_clock_utc(NULL) - keep));
-    apc_pg_param(&p, before, sizeof before);
-    return apc_pg_send(pg, sql, &p);
 }
 
 int apc_pg_maintain(struct apc_store *store, const struct apc_retention *keep)
 {
-    struct dropping d = {.pg = apc_pg_of(store)};
-    int err = apc_pg_begin(d.pg);
-    for (enum apc_table table = APC_SENSOR; !err && table < APC_TABLE_END; table++) {
-        err = drop_older(d.pg, apc_pg_texts[table].drop, keep->samples);
+    struct apc_pg *pg = apc_pg_of(store);
+    const apc_ns now = apc_clock_utc(NULL), kept[4] = {0, keep->samples, keep->events, keep->timing};
+    struct apc_pg_params p = {0};
+    char times[4][8];
+    for (size_t i = 0; i < 4; i++) {
+        if (i > 0 && kept[i] == 0) {
+            apc_pg_param_text(&p, NULL);
+        } else {
+            apc_pg_put_int8(times[i], apc_pg_time(now - kept[i]));
+            apc_pg_param(&p, times[i], 8);
+        }
     }
-    err = err ? err : drop_older(d.pg, "DELETE FROM event WHERE time < $1::timestamptz", keep->events);
-    err = err ? err : drop_older(d.pg, "DELETE FROM timing WHERE time < $1::timestamptz", keep->timing);
+    int dropped = 0;
+    int err = apc_pg_begin(pg);
     if (!err) {
-        d.pg->deadline = apc_clock_mono(NULL) + PATIENCE * d.pg->base.config.timeout;
-        err = apc_pg_finish(d.pg, take_dropped, &d);
+        err = apc_pg_send(
+            pg, "CALL maintain($1::timestamptz, $2::timestamptz, $3::timestamptz, $4::timestamptz, NULL)",
+            &p);
     }
-    return err ? err : d.count;
+    if (!err) {
+        pg->deadline = apc_clock_mono(NULL) + PATIENCE * pg->base.config.timeout;
+        err = apc_pg_finish(pg, take_dropped, &dropped);
+    }
+    return err ? err : dropped;
 }

@@ -171,6 +171,50 @@ int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const 
     return stream(&s, range->last > 0 ? text->history_last : text->history, &p);
 }
 
+/* ---- Variables ------------------------------------------------------------------------------ */
+
+/* The tables' numbers are those of enum apc_table. */
+static const char variables_sql[] =
+    "SELECT 1::int8, id::int8 FROM sensor_newest UNION ALL SELECT 2, id FROM actuator_newest "
+    "UNION ALL SELECT 3, id FROM setpoint_newest UNION ALL SELECT 4, id FROM dim_newest "
+    "UNION ALL SELECT 5, id FROM opmode_newest UNION ALL SELECT 6, id FROM tuning_newest "
+    "UNION ALL SELECT 7, id FROM manual_newest UNION ALL SELECT 8, id FROM state_newest ORDER BY 1, 2";
+
+struct variable_list {
+    struct apc_pg *pg;
+    struct apc_sample *variables;
+    size_t capacity;
+    int count;
+};
+
+static int take_variables(void *ctx, int statement, PGresult *result)
+{
+    struct variable_list *list = (struct variable_list *)ctx;
+    (void)statement;
+    if (PQnfields(result) != 2) {
+        return apc_fail(&list->pg->base.why, APC_EPROTO, "the database did not answer what was asked");
+    }
+    list->count = PQntuples(result);
+    for (int row = 0; row < list->count && (size_t)row < list->capacity; row++) {
+        list->variables[row] = (struct apc_sample){.table = (enum apc_table)apc_pg_cell(result, row, 0),
+                                                   .id = (int)apc_pg_cell(result, row, 1)};
+    }
+    return 0;
+}
+
+int apc_pg_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity)
+{
+    struct variable_list list = {.pg = apc_pg_of(store), .variables = variables, .capacity = capacity};
+    int err = apc_pg_begin(list.pg);
+    if (!err) {
+        err = apc_pg_send(list.pg, variables_sql, &(struct apc_pg_params){0});
+    }
+    if (!err) {
+        err = apc_pg_finish(list.pg, take_variables, &list);
+    }
+    return err ? err : list.count;
+}
+
 /* ---- History in bins ------------------------------------------------------------------------ */
 
 /* A bin that begins at t holds whole microseconds only: those from the next whole one on. */
@@ -230,48 +274,7 @@ int apc_pg_history_bins(struct apc_store *store, enum apc_table table, int id, a
     return stream(&s, apc_pg_texts[table].bins, &p);
 }
 
-/* ---- Text on its way in --------------------------------------------------------------------- */
-
-/* Length of the well-formed UTF-8 character at @p text, or 0. */
-static size_t character(const unsigned char *text)
-{
-    unsigned char c = text[0];
-    size_t length = c < 0x80                ? 1
-                    : c >= 0xC2 && c < 0xE0 ? 2
-                    : (c & 0xF0) == 0xE0    ? 3
-                    : c >= 0xF0 && c < 0xF5 ? 4
-                                            : 0;
-    for (size_t i = 1; i < length; i++) {
-        if ((text[i] & 0xC0) != 0x80) {
-            return 0;
-        }
-    }
-    if ((c == 0xE0 && text[1] < 0xA0) || (c == 0xED && text[1] > 0x9F) || (c == 0xF0 && text[1] < 0x90) ||
-        (c == 0xF4 && text[1] > 0x8F)) {
-        return 0; /* overlong, surrogate, beyond Unicode */
-    }
-    return length;
-}
-
-/*
- * Into a copy that the database takes: a byte that is no part of a character (a text cut in the middle of
- * one, something from the network) becomes '?'. An event must not be lost for that.
- */
-static const char *clean(char *out, const char *in, size_t size)
-{
-    size_t length = strnlen(in, size - 1);
-    memset(out, 0, size);
-    memcpy(out, in, length);
-    for (size_t i = 0; i < length;) {
-        size_t step = character((const unsigned char *)out + i);
-        if (step == 0) {
-            out[i] = '?';
-            step = 1;
-        }
-        i += step;
-    }
-    return out;
-}
+/* ---- Rows on their way in --------------------------------------------------------------------- */
 
 static void add_int8(struct apc_pg_params *p, char (*bytes)[8], int64_t value)
 {
@@ -315,9 +318,9 @@ int apc_pg_append_events(struct apc_store *store, const struct apc_event *events
         char numbers[16][8], source[sizeof e->source], kind[sizeof e->kind], text[sizeof e->text];
         add_int8(&p, numbers, apc_pg_time(e->time));
         add_int8(&p, numbers, (int64_t)e->severity);
-        apc_pg_param_text(&p, clean(source, e->source, sizeof source));
-        apc_pg_param_text(&p, clean(kind, e->kind, sizeof kind));
-        apc_pg_param_text(&p, clean(text, e->text, sizeof text));
+        apc_pg_param_text(&p, apc_text_clean(source, e->source, sizeof source));
+        apc_pg_param_text(&p, apc_text_clean(kind, e->kind, sizeof kind));
+        apc_pg_param_text(&p, apc_text_clean(text, e->text, sizeof text));
         err = apc_pg_send(pg,
                           "INSERT INTO event (time, severity, source, kind, text) "
                           "VALUES ($1::timestamptz, $2::int8, $3, $4, $5)",
@@ -374,8 +377,8 @@ static int send_timing(struct apc_pg *pg, const struct apc_timing_row *r)
     struct apc_pg_params p = {0};
     char numbers[16][8], task[sizeof r->task], quantity[sizeof r->quantity];
     add_int8(&p, numbers, apc_pg_time(r->time));
-    apc_pg_param_text(&p, clean(task, r->task, sizeof task));
-    apc_pg_param_text(&p, clean(quantity, r->quantity, sizeof quantity));
+    apc_pg_param_text(&p, apc_text_clean(task, r->task, sizeof task));
+    apc_pg_param_text(&p, apc_text_clean(quantity, r->quantity, sizeof quantity));
     add_int8(&p, numbers, r->period);
     add_int8(&p, numbers, (int64_t)r->missed);
     add_int8(&p, numbers, (int64_t)r->count);
@@ -500,9 +503,9 @@ int apc_pg_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t 
         char numbers[16][8], name[APC_TAG_LEN], unit[APC_TAG_LEN], description[sizeof t->description];
         apc_pg_param_text(&p, apc_table_name(t->table));
         add_int8(&p, numbers, t->id);
-        apc_pg_param_text(&p, clean(name, t->name, sizeof name));
-        apc_pg_param_text(&p, clean(unit, t->unit, sizeof unit));
-        apc_pg_param_text(&p, clean(description, t->description, sizeof description));
+        apc_pg_param_text(&p, apc_text_clean(name, t->name, sizeof name));
+        apc_pg_param_text(&p, apc_text_clean(unit, t->unit, sizeof unit));
+        apc_pg_param_text(&p, apc_text_clean(description, t->description, sizeof description));
         add_float8(&p, numbers, t->low);
         add_float8(&p, numbers, t->high);
         err = apc_pg_send(pg,

@@ -268,7 +268,7 @@ static int append(struct apc_store *store, const struct apc_sample *samples, siz
 {
     struct exchange x = {.pg = apc_pg_of(store)};
     int err = try_append(&x, APPEND, samples, n);
-    if (err == APC_ECONFLICT) {
+    for (int i = 0; i < 10 && err == APC_ECONFLICT; i++) { /* again when another writer is faster */
         err = try_append(&x, REPEAT, samples, n);
     }
     if (!err) {
@@ -481,10 +481,11 @@ static int connect_store(struct apc_store *store)
     {                                                                                                        \
         .scheme = word, .open = open_store, .close = close_store, .connected = connected,                    \
         .connect = connect_store, .read = apc_pg_read, .append = append, .claim = claim, .put = put,         \
-        .swap = swap, .wait = apc_pg_wait, .history = apc_pg_history, .history_bins = apc_pg_history_bins,   \
-        .put_tags = apc_pg_put_tags, .get_tags = apc_pg_get_tags, .append_events = apc_pg_append_events,     \
-        .events = apc_pg_events, .append_timing = apc_pg_append_timing, .timing = apc_pg_timing,             \
-        .init = apc_pg_init, .maintain = apc_pg_maintain,                                                    \
+        .swap = swap, .wait = apc_pg_wait, .variables = apc_pg_variables, .history = apc_pg_history,         \
+        .history_bins = apc_pg_history_bins, .put_tags = apc_pg_put_tags, .get_tags = apc_pg_get_tags,       \
+        .append_events = apc_pg_append_events, .events = apc_pg_events,                                      \
+        .append_timing = apc_pg_append_timing, .timing = apc_pg_timing, .init = apc_pg_init,                 \
+        .maintain = apc_pg_maintain,                                                                         \
     }
 
 const struct apc_store_ops apc_postgresql_store = OPS("postgresql:");

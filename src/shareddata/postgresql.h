@@ -53,12 +53,11 @@ apc_ns apc_pg_time_ns(int64_t pg);
 struct apc_pg_text {
     const char *read_name, *read;       /* prepared */
     const char *append_name, *append;   /* prepared */
-    const char *repeat;                 /* append, but leaves rows alone that are there */
+    const char *repeat;                 /* append of those that are not there */
     const char *put;                    /* takes the next seq; a concurrent writer makes it fail */
     const char *swap;                   /* the next seq of those whose newest is the one given */
     const char *history, *history_last; /* declares cursor "rows" */
     const char *bins;                   /* likewise */
-    const char *drop;                   /* what is older, but the newest of each */
     const char *paper_read, *paper_put; /* the same on schema apc, for any PGconn */
 };
 extern const struct apc_pg_text apc_pg_texts[APC_TABLE_END];
@@ -167,6 +166,7 @@ int apc_pg_take_claim(struct apc_pg *pg, enum apc_table table, const PGresult *r
 int apc_pg_read(struct apc_store *store, struct apc_sample *samples, size_t n);
 int apc_pg_init(struct apc_store *store);
 int apc_pg_maintain(struct apc_store *store, const struct apc_retention *keep);
+int apc_pg_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity);
 int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                    apc_sample_fn fn, void *ctx);
 int apc_pg_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,

@@ -39,6 +39,7 @@ struct apc_store_ops {
                 struct apc_error *why);
     void (*close)(struct apc_store *store);
     bool (*connected)(const struct apc_store *store);
+    void (*stats)(const struct apc_store *store, struct apc_store_stats *stats); /* NULL: store->stats */
     int (*connect)(struct apc_store *store);
     int (*read)(struct apc_store *store, struct apc_sample *samples, size_t n);
     int (*append)(struct apc_store *store, const struct apc_sample *samples, size_t n);
@@ -46,6 +47,7 @@ struct apc_store_ops {
     int (*put)(struct apc_store *store, struct apc_sample *samples, size_t n);
     int (*swap)(struct apc_store *store, struct apc_sample *samples, size_t n);
     int (*wait)(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout);
+    int (*variables)(struct apc_store *store, struct apc_sample *variables, size_t capacity);
     int (*history)(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                    apc_sample_fn fn, void *ctx);
     int (*history_bins)(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
@@ -62,6 +64,16 @@ struct apc_store_ops {
 
 extern const struct apc_store_ops apc_postgresql_store;
 extern const struct apc_store_ops apc_postgres_store; /* libpq's other spelling */
+extern const struct apc_store_ops apc_sqlite_store;
+extern const struct apc_store_ops apc_mem_store;
+extern const struct apc_store_ops apc_shm_store;
+
+/**
+ * Into a copy that every store takes: a byte that is no part of a character (a text cut in the middle of one,
+ * something from the network) becomes '?'. An event must not be lost for that. @p size is that of both; @p
+ * out is filled to its end. Returns @p out.
+ */
+const char *apc_text_clean(char *out, const char *in, size_t size);
 
 /** Where bin @p i of apc_store_history_bins() begins; i = n is where the last one ends. */
 static inline apc_ns apc_bin_edge(apc_ns since, apc_ns until, size_t n, size_t i)
@@ -76,5 +88,35 @@ static inline bool apc_table_known(enum apc_table table)
 {
     return table >= APC_SENSOR && table < APC_TABLE_END;
 }
+
+/* ---- rows.c: for stores without a server, what PostgreSQL's constraints say ------------------ */
+
+#define APC_SEQ_MAX ((INT64_C(1) << 62) - 1) /* there is always room to count on */
+
+/** Stored times are whole microseconds, rounded down. */
+static inline apc_ns apc_time_stored(apc_ns time)
+{
+    apc_ns rest = time % 1000;
+    return time - rest - (rest < 0 && time >= INT64_MIN + 1000 ? 1000 : 0);
+}
+
+/** May they be stored? Returns 0 or APC_ESTORE. */
+int apc_rows_check(struct apc_store *store, const struct apc_sample *samples, size_t n);
+/** Say that a sample's seq would be above APC_SEQ_MAX. Returns APC_ESTORE. */
+int apc_rows_seq_failure(struct apc_store *store, const struct apc_sample *sample);
+/** The operation variables, from @p all that there are, in any order; frees them. Returns @p n. */
+int apc_variables_give(struct apc_sample *all, size_t n, struct apc_sample *variables, size_t capacity);
+
+struct apc_event apc_event_row(const struct apc_event *event);
+int apc_timing_check(struct apc_store *store, const struct apc_timing_row *rows, size_t n);
+struct apc_timing_row apc_timing_stored(const struct apc_timing_row *row);
+
+/** Check tags and give a copy, to be freed, in the order of table and id. Returns 0, APC_ESTORE, APC_ENOMEM.
+ */
+int apc_tags_sort(struct apc_store *store, const struct apc_tag *tags, size_t n, struct apc_tag **sorted);
+
+/** The operation history_bins, made from the store's own history. */
+int apc_bins_by_history(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
+                        size_t n, apc_history_bin_fn fn, void *ctx);
 
 #endif

@@ -7,19 +7,17 @@
 #include "base/base_internal.h"
 #include "shareddata/migrations.h"
 #include "shareddata/shareddata_internal.h"
+#include "shareddata/spool.h"
 
-static const struct apc_store_ops *const stores[] = {&apc_postgresql_store, &apc_postgres_store};
+static const struct apc_store_ops *const stores[] = {&apc_postgresql_store, &apc_postgres_store,
+                                                     &apc_sqlite_store, &apc_shm_store, &apc_mem_store};
 
 /* ---- Opening ------------------------------------------------------------------------------ */
 
-static int make_config(struct apc_store_config *config, const struct apc_store_options *options,
-                       struct apc_error *why)
+#define SPOOL_SIZE ((uint64_t)256 << 20)
+
+static int make_config(struct apc_store_config *config, struct apc_store_options o, struct apc_error *why)
 {
-    struct apc_store_options o = {0};
-    int err = apc_options_copy(&o, sizeof o, options, "apc_store_options", why);
-    if (err) {
-        return err;
-    }
     if (o.timeout < 0 || o.backoff_min < 0 || o.backoff_max < 0) {
         return apc_fail(why, APC_EINVAL, "a store's timeout and pauses must not be negative");
     }
@@ -43,23 +41,36 @@ int apc_store_open(struct apc_store **store, const char *uri, const struct apc_s
     }
     *store = NULL;
     if (!uri) {
-        return apc_fail(why, APC_EINVAL, "no store URI given; the simplest is postgresql:");
+        return apc_fail(why, APC_EINVAL, "no store URI given; the simplest is sqlite:FILE");
     }
     struct apc_store_config config;
-    int err = make_config(&config, options, why);
+    struct apc_store_options o = {0};
+    int err = apc_options_copy(&o, sizeof o, options, "apc_store_options", why);
+    if (!err) {
+        err = make_config(&config, o, why);
+    }
     if (err) {
         return err;
     }
     for (size_t i = 0; i < sizeof stores / sizeof stores[0]; i++) {
         if (strncmp(uri, stores[i]->scheme, strlen(stores[i]->scheme)) == 0) {
-            return stores[i]->open(store, uri, &config, why);
+            struct apc_store *plain = NULL;
+            err = stores[i]->open(&plain, uri, &config, why);
+            if (!err && o.spool) {
+                return apc_spool_wrap(store, plain, uri, o.spool, o.spool_size ? o.spool_size : SPOOL_SIZE,
+                                      why);
+            }
+            *store = plain;
+            return err;
         }
     }
     /* The URI may hold a password: only what must be its scheme is shown. */
     size_t scheme = strcspn(uri, ":/@");
     bool shown = scheme < 32 && uri[scheme] == ':';
-    return apc_fail(why, APC_EINVAL, "unknown store \"%.*s\": expected postgresql: or postgresql://...",
-                    shown ? (int)scheme + 1 : 0, uri);
+    return apc_fail(
+        why, APC_EINVAL,
+        "unknown store \"%.*s\": expected postgresql:, postgresql://..., sqlite:FILE, shm:NAME or mem:NAME",
+        shown ? (int)scheme + 1 : 0, uri);
 }
 
 void apc_store_close(struct apc_store *store)
@@ -81,7 +92,9 @@ bool apc_store_connected(const struct apc_store *store)
 
 void apc_store_stats(const struct apc_store *store, struct apc_store_stats *stats)
 {
-    if (stats) {
+    if (stats && store && store->ops->stats) {
+        store->ops->stats(store, stats);
+    } else if (stats) {
         *stats = store ? store->stats : (struct apc_store_stats){0};
     }
 }
@@ -245,6 +258,12 @@ int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_
         err = apc_fail(&store->why, APC_EINVAL, "a wait must not be negative");
     }
     return err || n == 0 ? err : store->ops->wait(store, seen, n, timeout);
+}
+
+int apc_store_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity)
+{
+    int err = enter(store, variables, capacity);
+    return err ? err : store->ops->variables(store, variables, capacity);
 }
 
 int apc_store_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,

@@ -8,7 +8,7 @@
 #include <unistd.h>
 
 static const struct apc_executive_ops *const executives[] = {&apc_executive_deadline, &apc_executive_posix,
-                                                             NULL};
+                                                             &apc_executive_virtual, NULL};
 
 static const struct apc_executive_ops *find(const char *name)
 {
@@ -31,8 +31,11 @@ int apc_executive_create(struct apc_executive **executive, const char *name,
         return err;
     const struct apc_executive_ops *ops = find(name);
     if (!ops)
-        return apc_fail(why, APC_EINVAL, "no executive is called '%s': expected 'deadline' or 'posix'",
+        return apc_fail(why, APC_EINVAL,
+                        "no executive is called '%s': expected 'deadline', 'posix' or 'virtual'",
                         name ? name : "(null)");
+    if (o.clock && ops->own_clock)
+        return apc_fail(why, APC_EINVAL, "the executive '%s' is its own clock and takes no other", name);
 
     struct apc_executive *e = calloc(1, sizeof *e);
     if (!e)
@@ -41,6 +44,7 @@ int apc_executive_create(struct apc_executive **executive, const char *name,
     e->mono = apc_clock_system();
     e->utc = o.clock ? o.clock : apc_clock_system();
     e->log = o.log;
+    e->begin = o.begin;
     if (ops->open && (err = ops->open(e)) < 0) {
         free(e);
         return apc_fail(why, err, "no memory for the executive '%s'", name);
@@ -64,4 +68,9 @@ int apc_executive_destroy(struct apc_executive *executive)
         close(executive->latency);
     free(executive);
     return 0;
+}
+
+const struct apc_clock *apc_executive_clock(const struct apc_executive *executive)
+{
+    return executive ? executive->utc : NULL;
 }

@@ -48,7 +48,8 @@ void apc_lock_memory(struct apc_log *log);
 /** One implementation. A task's thread or timer lives in task->own. */
 struct apc_executive_ops {
     const char *name;
-    bool spins; /* its tasks can */
+    bool spins;     /* its tasks can */
+    bool own_clock; /* it is one, and takes no other */
     int (*open)(struct apc_executive *executive);
     void (*close)(struct apc_executive *executive);
     int (*prepare)(struct apc_task *task); /**< allocate task->own */
@@ -59,6 +60,7 @@ struct apc_executive_ops {
 
 extern const struct apc_executive_ops apc_executive_deadline;
 extern const struct apc_executive_ops apc_executive_posix;
+extern const struct apc_executive_ops apc_executive_virtual;
 
 struct apc_executive {
     const struct apc_executive_ops *ops;
@@ -68,6 +70,7 @@ struct apc_executive {
     atomic_uint tasks;
     atomic_bool warned; /* of a refused priority: once is enough */
     int latency;        /* descriptor of the held latency, or -1 */
+    apc_ns begin;       /* UTC, of virtual time */
     void *own;
 };
 

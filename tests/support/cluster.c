@@ -133,16 +133,21 @@ static void make_directory(struct cluster *c)
     }
 }
 
+static void must_run(struct cluster *c, const char *command)
+{
+    int status = -1;
+    if (waitpid(spawn(c, command), &status, 0) < 0 || status != 0) {
+        print_log(c);
+        die("failed: %s", command);
+    }
+}
+
 static void init_database(struct cluster *c)
 {
     char line[512];
     snprintf(line, sizeof line,
              "exec '%s/initdb' -D data -A trust -U apc --no-sync --encoding=UTF8 --locale=C", c->bin);
-    int status = -1;
-    if (waitpid(spawn(c, line), &status, 0) < 0 || status != 0) {
-        print_log(c);
-        die("initdb failed");
-    }
+    must_run(c, line);
 }
 
 void cluster_run(struct cluster *c)
@@ -263,6 +268,23 @@ struct cluster *cluster_start_private(void)
     init_database(c);
     cluster_run(c);
     make_database(c);
+    return c;
+}
+
+struct cluster *cluster_start_standby(const struct cluster *primary)
+{
+    struct cluster *c = new_cluster();
+    find_programs(c);
+    make_directory(c);
+    snprintf(c->host, sizeof c->host, "%s", c->dir);
+    snprintf(c->socket, sizeof c->socket, "%s/.s.PGSQL.5432", c->host);
+    snprintf(c->database, sizeof c->database, "%s", primary->database);
+    snprintf(c->uri, sizeof c->uri, "postgresql://apc@/%s?host=%s", c->database, c->host);
+    char line[512];
+    snprintf(line, sizeof line, "exec '%s/pg_basebackup' -h '%s' -U apc -D data -R -c fast --no-sync", c->bin,
+             primary->host);
+    must_run(c, line);
+    cluster_run(c);
     return c;
 }
 

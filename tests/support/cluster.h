@@ -18,6 +18,8 @@ struct cluster;
 struct cluster *cluster_start(void);
 /** A server that belongs to this test alone: it may be killed. */
 struct cluster *cluster_start_private(void);
+/** A hot standby of a private server, streaming from it; to be queried for the same database. */
+struct cluster *cluster_start_standby(const struct cluster *primary);
 void cluster_destroy(struct cluster *c); /**< NULL is legal; done at exit for those that are left */
 
 const char *cluster_uri(const struct cluster *c);    /**< postgresql://..., as superuser, without schema */

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "http.h"
 
+#include <apcbase.h>
+
 #include <arpa/inet.h>
 #include <stdarg.h>
 #include <stdint.h>
@@ -100,7 +102,7 @@ void http_raw(struct http_reply *reply, int port, const char *bytes, size_t n)
         unchunk(reply);
 }
 
-static char *format(const char *fmt, ...)
+APC_PRINTF(1, 2) static char *format(const char *fmt, ...)
 {
     va_list args;
     char *text = NULL;

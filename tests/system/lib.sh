@@ -6,6 +6,7 @@ set -euo pipefail
 apc=$APC_BIN/apc
 work=$(mktemp -d "${TMPDIR:-/tmp}/apc-system.XXXXXX")
 children=()
+segment= # in shared memory, of the test that uses one
 
 finish() {
   local status=$?
@@ -20,7 +21,7 @@ finish() {
       [ -f "$log" ] && echo "--- $log" && tail -n 15 "$log"
     done
   fi
-  rm -rf "$work"
+  rm -rf "$work" ${segment:+"$segment"}
   exit $status
 }
 trap finish EXIT

@@ -27,7 +27,7 @@ for program in "${daemons[@]}"; do
   expect 2 'unexpected argument' "$APC_BIN/$program" surplus
   expect 1 'store.*carrierpigeon' "$APC_BIN/$program" --config "$good" --store carrierpigeon:coop
 done
-for command in init run status get set mode tune watch history timing report; do
+for command in $("$apc" --help | sed -n 's/^  \([a-z]*\)  .*/\1/p'); do
   expect 0 'Usage: ' "$apc" "$command" --help
   expect 2 'unrecognized option' "$apc" "$command" --no-such-option
 done
@@ -59,6 +59,24 @@ change 's/\[10.0\]/[10.0, 20.0]/' 'expected 1 number'
 change 's/mode = "Auto"/mode = "Fast"/' 'mode.*Auto.*Man'
 change 's/duration = 60.0;/duration = 60.0/;s/^measurements.*/x/' 'syntax error'
 change 's/safe = 0.0/safe = 11.0/' 'safe.*must be from'
+plant_with() { change "s/model = \"first-order\";/&$1/" "$2"; }
+plant_with 'integrator = "euler";' 'no integrator "euler"; there are: cvode, adams, rk4, exact'
+plant_with 'steps = 0;' 'steps.*must be from'
+plant_with 'rtol = 2.0;' 'rtol.*must be from'
+plant_with 'dead_time = -1.0;' 'dead_time.*must be from'
+plant_with 'x0 = [1e301];' 'x0?.*1e\+301'
+plant_with 'noise = { z = 0.1; };' 'first-order has no state "z"; there are: x'
+plant_with 'noise = { x = -0.1; };' '"x" is -0.1: must be from'
+plant_with 'disturbances = ( { name = "d"; at = 1.0; value = 1.0; } );' 'has no disturbance "d"'
+change 's/model = "first-order";/model = "adiabatic-cstr"; integrator = "exact";/;s/parameters = [^;]*;[^}]*};//' 'exact: adiabatic-cstr is not linear'
+sensor_with() { change "s/name = \"y\";/&$1/" "$2"; }
+sensor_with 'noise = -0.1;' 'noise.*must be from'
+sensor_with 'quantum = "fine";' 'quantum.*finite number'
+sensor_with 'faults = ( { kind = "tired"; at = 1.0; } );' 'kind.*stuck.*drift.*dropout.*spike'
+sensor_with 'faults = ( { kind = "drift"; at = 1.0; } );' '"size" is missing'
+sensor_with 'faults = ( { kind = "stuck"; at = 1.0; size = 3.0; } );' 'stuck.*has no size'
+sensor_with 'faults = ( { kind = "stuck"; } );' '"at" is missing'
+change 's/^name = /seed = -1; name = /' 'seed.*must be from'
 [ ! -e "$work/never" ] || fail "a refused experiment left a folder behind"
 [ "$(sql "SELECT count(*) FROM information_schema.schemata WHERE schema_name = 'apc'")" = 0 ] ||
   fail "a refused experiment left tables behind"

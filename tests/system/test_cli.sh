@@ -146,6 +146,31 @@ test_a_store_without_tables_says_what_to_do() {
   err_has "apc init"
 }
 
+test_maintain_keeps_what_it_is_told_to_and_the_newest_in_any_case() {
+  local store=postgresql:#maintained
+  for bad in 0d -5d 5 d 5y nand 1e300d ""; do
+    run 2 maintain --keep="$bad"
+    err_has 'must be a duration above zero, as 30s, 10m, 2h, 90d'
+  done
+  run 2 maintain --keep-events=soon
+  err_has 'keep-events "soon"'
+  run 2 maintain 90d
+  run 1 maintain --store "$store" --keep 90d
+  err_has "apc init"
+  run 0 init --store "$store"
+  sql "INSERT INTO maintained.sensor SELECT 1, s, now() - (40 - s) * interval '10 days', 0, s FROM generate_series(1, 40) AS s;
+       INSERT INTO maintained.sensor VALUES (2, 7, '2001-01-01', 0, 5);
+       INSERT INTO maintained.event (time, severity, source, kind, text) VALUES ('2001-01-01', 1, 't', 'start', '')" >/dev/null
+  run 0 maintain --store "$store"
+  out_has '^0 rows'
+  run 0 maintain --store "$store" --keep 95d
+  equal "$(sql 'SELECT min(seq) FROM maintained.sensor WHERE id = 1')" 31 "the oldest that is kept"
+  equal "$(sql 'SELECT seq FROM maintained.sensor WHERE id = 2')" 7 "the newest of a variable that has long been silent"
+  equal "$(sql 'SELECT count(*) FROM maintained.event')" 1 "events without --keep-events"
+  run 0 maintain --store "$store" --keep-events 36.5h
+  equal "$(sql 'SELECT count(*) FROM maintained.event')" 0 "events with --keep-events"
+}
+
 test_init_describes_an_experiment_and_may_be_repeated() {
   run 0 init
   run 1 get

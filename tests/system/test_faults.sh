@@ -3,7 +3,7 @@
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 fast_experiment
-export APC_CONFIG=$work/fast.conf
+export APC_CONFIG=$work/fast.conf APC_SPOOL=$work/spool
 "$apc" init "$work/fast.conf" >/dev/null
 
 newest() { sql "SELECT value FROM apc.$1 WHERE id = 1 ORDER BY seq DESC LIMIT 1"; }
@@ -25,9 +25,10 @@ until_true 20 more_rows actuator 5
 until_true 20 events 'plant takes commands' 1
 
 # two writers of one table, two servers of one port
-expect 4 'actuator.*already written by apc-controller' "$APC_BIN/apc-controller"
-expect 4 'sensor.*already written by apc-client' "$APC_BIN/apc-client"
-expect 1 "$port" "$APC_BIN/apc-plant"
+expect 4 'actuator.*already written by apc-controller' env APC_SPOOL= "$APC_BIN/apc-controller"
+expect 4 'sensor.*already written by apc-client' env APC_SPOOL= "$APC_BIN/apc-client"
+expect 4 'spool .*apc-client-events.spool is in use by another process' "$APC_BIN/apc-client"
+expect 1 "$port" env APC_SPOOL= "$APC_BIN/apc-plant"
 
 # the loop settles; then the controller dies: the plant trips, a new controller goes on where the old one stopped
 settled() { near "$(newest sensor)" "$(newest setpoint)" 0.1; }

@@ -20,20 +20,15 @@ folder_is_whole() {
   grep -q '</svg>' "$1/report.svg" || fail "report.svg is no whole SVG"
 }
 
-# last_value FOLDER TABLE: the newest value of the run.
-last_value() {
-  awk -F, -v table="$2" '$2 == table {value = $5} END {print value}' "$1/samples.csv"
-}
-
-# y has settled at the setpoint after ten time constants
 expect 0 'report\.png' "$apc" run "$work/fast.conf" --duration 10 --out "$work/run"
 folder_is_whole "$work/run"
-awk -v y="$(last_value "$work/run" sensor)" 'BEGIN {exit !(y > 9.8 && y < 10.2)}' ||
-  fail "y = $(last_value "$work/run" sensor) did not settle at 10"
+# y settles: a second within 2 % of the setpoint (a machine that stalls may trip the watchdog before or after)
+awk -F, '$2 == "sensor" {n = $5 > 9.8 && $5 < 10.2 ? n + 1 : 0; if (n > most) most = n} END {exit !(most >= 20)}' \
+  "$work/run/samples.csv" || fail "y did not settle at 10"
 awk -F, '$1 < 0 || $1 >= 10 {exit 1}' <(tail -n +2 "$work/run/samples.csv") || fail "a sample lies outside the run"
 [ "$(sql 'SELECT count(*) FROM (SELECT seq - lag(seq) OVER (ORDER BY seq) AS d FROM apc.sensor WHERE id = 1) s WHERE d <> 1')" = 0 ] ||
   fail "the sensor's seq has gaps"
-[ "$(sql 'SELECT count(*) FROM apc.actuator a WHERE NOT EXISTS (SELECT FROM apc.sensor s WHERE s.id = a.id AND s.seq = a.sensor_seq)')" = 0 ] ||
+[ "$(sql 'SELECT count(*) FROM apc.actuator a WHERE (a.status = 0 OR a.sensor_seq IS NOT NULL) AND NOT EXISTS (SELECT FROM apc.sensor s WHERE s.id = a.id AND s.seq = a.sensor_seq)')" = 0 ] ||
   fail "an actuator row names a measurement that is not there"
 
 # every u is the paper's PI of the very samples that its row names: u = Kp e + I, then I += Kp Ts/tau_i e
@@ -67,7 +62,7 @@ done
 
 # Ctrl-C ends an endless run cleanly, with its report
 background run "$apc" run "$work/fast.conf" --duration 0 --out "$work/endless"
-until_true 20 grep -q 'mode Auto' "$work/endless/apc-controller.log"
+until_true 20 grep -Eq 'mode Auto|inputs good again' "$work/endless/apc-controller.log"
 kill -INT "$pid"
 wait "$pid" || fail "apc run ended with $? after Ctrl-C"
 folder_is_whole "$work/endless"

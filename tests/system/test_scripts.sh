@@ -116,7 +116,7 @@ expect 0 '^$' "$private" "$work/pg" true
 [ -e "$work/precious/thesis" ] || fail "the folder that a forged mark named was removed"
 
 # the other scripts say what they want
-expect 0 '^scripts/demo \[--duration' "$scripts/demo" --help
+expect 0 '^scripts/demo \[--postgres\] \[--duration' "$scripts/demo" --help
 mkdir "$work/bin"
 ln -s "$(command -v dirname)" "$work/bin"
 expect 1 'no cmake: run scripts/setup' env PATH="$work/bin" "$BASH" "$scripts/build"

@@ -27,29 +27,29 @@ cp "$work/users" "$work/open-users" && chmod 644 "$work/open-users"
 expect 4 'chmod 600' "$APC_BIN/apc-ui" --users "$work/open-users"
 expect 1 'unknown store' "$APC_BIN/apc-ui" --store nonsense:
 
+servers=()
 # serve NAME [OPTION...]: start an apc-ui on a port of its own, in $ui_port
 serve() {
   local name=$1
   shift
   background "$name" "$APC_BIN/apc-ui" --config "$work/fast.conf" --listen 127.0.0.1:0 "$@"
+  servers+=("$pid")
   until_true 10 grep -q 'serving http' "$work/$name.log"
   ui_port=$(sed -n 's/.*serving https*:\/\/[^ ]*:\([0-9]*\) .*/\1/p' "$work/$name.log")
 }
 
 background run "$apc" run "$work/fast.conf" --duration 0 --out "$work/run" --no-ui
 run=$pid
-until_true 20 grep -q 'mode Auto' "$work/run/apc-controller.log"
 serve open
 export APC_UI_OPEN=$ui_port
 serve secure --users "$work/users"
 export APC_UI_SECURE=$ui_port
 serve login --users "$work/users"
 export APC_UI_LOGIN=$ui_port
-until_true 10 grep -q 'store connected' "$work/open.log"
-until_true 10 grep -q 'store connected' "$work/secure.log"
 
 # the controller has written before the first question
-until_true 10 "$APC_BUILD_DIR/tests/ui_probe" --ready "$APC_UI_OPEN"
+until_true 20 "$APC_BUILD_DIR/tests/ui_probe" --ready "$APC_UI_OPEN"
+until_true 20 grep -q 'store connected' "$work/secure.log"
 "$APC_BUILD_DIR/tests/ui_probe"
 
 # every write that was accepted has one row in the audit, and the store holds nothing else
@@ -82,10 +82,18 @@ if command -v openssl >/dev/null; then
   expect 1 'PEM' "$APC_BIN/apc-ui" --listen 127.0.0.1:0 --users "$work/users" --tls-cert "$work/users" --tls-key "$work/users"
 fi
 
-# they end cleanly, and `apc run` serves the page by itself
-for name in open secure login; do
-  grep -q 'level=error' "$work/$name.log" && fail "apc-ui has complained"
+# they end cleanly, also with streams open, and `apc run` serves the page by itself
+"$APC_BUILD_DIR/tests/ui_probe" --watch "$APC_UI_SECURE" anna operator123 >"$work/last.log" 2>&1 &
+watch=$!
+children+=("$watch")
+until_true 10 grep -q 'hello' "$work/last.log"
+for server in "${servers[@]}"; do
+  kill -TERM "$server"
+  wait "$server" || fail "apc-ui ended with $?"
 done
+wait "$watch" || fail "the stream did not end"
+grep -q 'bye.*shutdown' "$work/last.log" || fail "the stream was not told why it ends"
+! grep 'level=error' "$work"/{open,secure,login}.log || fail "apc-ui has complained"
 kill -INT "$run"
 wait "$run" || fail "apc run ended with $?"
 [ ! -e "$work/run/apc-ui.log" ] || fail "--no-ui did not keep the page away"

@@ -33,6 +33,7 @@ static void status_severity_is_the_top_two_bits(void **state)
 {
     (void)state;
     assert_int_equal(apc_status_severity(APC_GOOD), APC_SEVERITY_GOOD);
+    assert_int_equal(apc_status_severity(APC_GOOD_LIMITED_HIGH), APC_SEVERITY_GOOD);
     assert_int_equal(apc_status_severity(APC_UNCERTAIN_LAST_USABLE), APC_SEVERITY_UNCERTAIN);
     assert_int_equal(apc_status_severity(APC_BAD_NO_COMMUNICATION), APC_SEVERITY_BAD);
     assert_int_equal(apc_status_severity(0xC0000000u), APC_SEVERITY_BAD);
@@ -40,7 +41,12 @@ static void status_severity_is_the_top_two_bits(void **state)
 
 static void status_text_goes_both_ways(void **state)
 {
-    const apc_status codes[] = {APC_GOOD, APC_UNCERTAIN_SUBSTITUTE, APC_BAD_OUT_OF_SERVICE, 0x12345678u,
+    const apc_status codes[] = {APC_GOOD,
+                                APC_GOOD_LIMITED_LOW,
+                                APC_GOOD_LIMITED_CONSTANT,
+                                APC_UNCERTAIN_SUBSTITUTE,
+                                APC_BAD_OUT_OF_SERVICE,
+                                0x12345678u,
                                 0xFFFFFFFFu};
     char text[APC_STATUS_NAME_LEN];
     apc_status back;
@@ -50,6 +56,7 @@ static void status_text_goes_both_ways(void **state)
         assert_int_equal(back, codes[i]);
     }
     assert_string_equal(apc_status_format(0x80310000u, text), "BadNoCommunication");
+    assert_string_equal(apc_status_format(0x00000600u, text), "GoodLimitedHigh");
 }
 
 static void the_papers_ok_is_good(void **state)

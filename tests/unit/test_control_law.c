@@ -10,16 +10,20 @@ static void compute(struct apc_law_call *c)
     c->u[0] = 0.0;
 }
 
-static void pi_is_built_in(void **state)
+static void the_built_in_laws_are_found_by_name(void **state)
 {
-    const struct apc_law *law = NULL;
-    void *handle = &law;
+    const struct apc_law *const built_in[] = {&apc_law_pi, &apc_law_pid, &apc_law_cascade, &apc_law_lqg};
 
     (void)state;
-    assert_int_equal(apc_law_find("pi", &law, &handle, NULL), 0);
-    assert_ptr_equal(law, &apc_law_pi);
-    assert_null(handle);
-    assert_int_equal(apc_law_check(&apc_law_pi, "pi", NULL), 0);
+    for (size_t i = 0; i < sizeof(built_in) / sizeof(built_in[0]); i++) {
+        const struct apc_law *law = NULL;
+        void *handle = &law;
+
+        assert_int_equal(apc_law_find(built_in[i]->name, &law, &handle, NULL), 0);
+        assert_ptr_equal(law, built_in[i]);
+        assert_null(handle);
+        assert_int_equal(apc_law_check(law, law->name, NULL), 0);
+    }
 }
 
 static void an_unknown_name_is_answered_with_the_names_there_are(void **state)
@@ -29,11 +33,11 @@ static void an_unknown_name_is_answered_with_the_names_there_are(void **state)
     struct apc_error why = {""};
 
     (void)state;
-    assert_int_equal(apc_law_find("pid", &law, &handle, &why), APC_ENOTFOUND);
+    assert_int_equal(apc_law_find("pdi", &law, &handle, &why), APC_ENOTFOUND);
     assert_null(law);
     assert_null(handle);
-    assert_non_null(strstr(why.text, "\"pid\""));
-    assert_non_null(strstr(why.text, "there are: pi;"));
+    assert_non_null(strstr(why.text, "\"pdi\""));
+    assert_non_null(strstr(why.text, "there are: pi, pid, cascade, lqg;"));
 }
 
 static void a_missing_shared_object_is_named(void **state)
@@ -84,7 +88,7 @@ static void a_law_that_cannot_work_is_refused_with_the_reason(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(pi_is_built_in),
+        cmocka_unit_test(the_built_in_laws_are_found_by_name),
         cmocka_unit_test(an_unknown_name_is_answered_with_the_names_there_are),
         cmocka_unit_test(a_missing_shared_object_is_named),
         cmocka_unit_test(a_law_that_cannot_work_is_refused_with_the_reason),

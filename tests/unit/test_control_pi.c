@@ -11,14 +11,21 @@ static double tuning[] = {KP, TAU_I, 0.0, -1e9, 1e9};
 /* One loop: its y, z, x, u and a call that works on them. */
 struct loop {
     double y, z, x, u;
+    unsigned limited;
     struct apc_law_call c;
 };
 
 static struct apc_law_call *begin(struct loop *l, const double *parameters)
 {
     *l = (struct loop){0};
-    l->c = (struct apc_law_call){
-        .dim = {1, 1, 1}, .Ts = 2.0, .y = &l->y, .z = &l->z, .tuning = parameters, .x = &l->x, .u = &l->u};
+    l->c = (struct apc_law_call){.dim = {1, 1, 1},
+                                 .Ts = 2.0,
+                                 .y = &l->y,
+                                 .z = &l->z,
+                                 .tuning = parameters,
+                                 .x = &l->x,
+                                 .u = &l->u,
+                                 .limited = &l->limited};
     return &l->c;
 }
 
@@ -72,6 +79,7 @@ static void after_long_saturation_it_leaves_the_limit_at_once(void **state)
         for (int k = 0; k < 10000; k++) {
             apc_law_pi.compute(c);
             assert_near(l.u, sign * 0.5, 0.0);
+            assert_int_equal(l.limited, sign > 0.0 ? APC_LIMITED_HIGH : APC_LIMITED_LOW);
             apc_law_pi.update(c);
         }
         l.z = sign * -0.1;
@@ -124,7 +132,9 @@ static void each_output_has_its_own_loop_and_tuning(void **state)
     const double z[] = {2.0, 2.1};
     double x[2] = {0.0, 0.5};
     double u[2];
-    struct apc_law_call c = {.dim = {3, 2, 2}, .Ts = 1.0, .y = y, .z = z, .tuning = both, .x = x, .u = u};
+    unsigned limited[2] = {0};
+    struct apc_law_call c = {
+        .dim = {3, 2, 2}, .Ts = 1.0, .y = y, .z = z, .tuning = both, .x = x, .u = u, .limited = limited};
 
     (void)state;
     apc_law_pi.compute(&c);

@@ -3,6 +3,7 @@
 
 #include "apcmodules.h"
 
+#include <stdio.h>
 #include <string.h>
 
 #define S       APC_NS_PER_S
@@ -201,8 +202,24 @@ static void the_output_never_leaves_its_limits(void **state)
 
     set(r, Z, 1000.0);
     assert_near(measured_tick(r, 0.0)->value, 2.0, 0.0);
+    assert_int_equal(find(r, APC_ACTUATOR, 1)->status, APC_GOOD_LIMITED_HIGH);
     set(r, Z, -1000.0);
     assert_near(measured_tick(r, 0.0)->value, -1.0, 0.0);
+    assert_int_equal(find(r, APC_ACTUATOR, 1)->status, APC_GOOD_LIMITED_LOW);
+    set(r, Z, 0.0);
+    assert_int_equal(measured_tick(r, 0.0)->status, APC_GOOD);
+}
+
+static void a_limit_of_the_law_is_told_as_well(void **state)
+{
+    struct rig *r = *state;
+
+    set(r, U_MAX, 0.1);
+    set(r, Z, 1000.0);
+    assert_near(measured_tick(r, 0.0)->value, 0.1, 0.0);
+    assert_int_equal(find(r, APC_ACTUATOR, 1)->status, APC_GOOD_LIMITED_HIGH);
+    set(r, MODE, APC_MODE_MAN); /* the operator's output is not the law's */
+    assert_int_equal(measured_tick(r, 0.0)->status, APC_GOOD);
 }
 
 /* ---- Modes ----------------------------------------------------------------------------------- */
@@ -454,7 +471,7 @@ static void a_clock_step_of_an_hour_changes_nothing(void **state)
         b = measured_tick(&steady, y);
         assert_true(a->seq && b->seq);
         assert_near(a->value, b->value, 0.0);
-        assert_int_equal(a->status, APC_GOOD);
+        assert_int_equal(apc_status_severity(a->status), APC_SEVERITY_GOOD);
     }
     apc_controller_destroy(steady.controller);
 }
@@ -763,6 +780,7 @@ static void a_law_that_gives_no_finite_number_is_held_and_begins_anew(void **sta
     struct rig r;
     const struct apc_sample *u;
     struct apc_sample in[4];
+    char count[16];
 
     (void)state;
     make(&r, &fragile);
@@ -777,6 +795,9 @@ static void a_law_that_gives_no_finite_number_is_held_and_begins_anew(void **sta
         assert_near(u->value, 0.5, 0.0);
         assert_int_equal(u->status, APC_UNCERTAIN_LAST_USABLE);
         assert_int_equal(r.notice.kind, APC_NOTICE_REJECTED);
+        assert_int_equal(apc_controller_failures(r.controller), (int)z - 5);
+        snprintf(count, sizeof(count), "(%d)", (int)z - 5);
+        assert_non_null(strstr(r.notice.text, count));
         set(&r, Z, 1.0);
         u = measured_tick(&r, 0.0);
         assert_near(u->value, 0.5, 0.0);
@@ -806,6 +827,16 @@ static void a_controller_that_could_not_work_is_refused(void **state)
     o.law = NULL;
     assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
     o = good;
+    o.n_setting = 1; /* the PI has none */
+    o.setting = &(const struct apc_setting){"measurement", 1, &high};
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "\"measurement\""));
+    o.law = &apc_law_pid; /* has it, but there is no measurement -1 */
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
+    o = good;
+    o.law = &apc_law_lqg; /* needs a model */
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
+    o = good;
     o.period = 0;
     assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
     o = good;
@@ -823,6 +854,7 @@ int main(void)
         T(each_tick_confirms_the_operators_rows_that_it_took),
         T(an_output_names_what_it_was_computed_from),
         T(the_output_never_leaves_its_limits),
+        T(a_limit_of_the_law_is_told_as_well),
         T(in_man_the_operators_output_goes_out_within_the_limits),
         T(from_auto_to_man_an_old_output_of_the_operator_is_not_taken_up),
         T(an_output_set_right_after_the_change_to_man_is_taken_at_once),

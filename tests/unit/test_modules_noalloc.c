@@ -175,12 +175,141 @@ static void whichever_allocation_fails_creation_says_so(void **state)
     assert_in_range(n, 8, 100);
 }
 
+/* Laws that make constants, and the largest of them through some ticks. */
+static void whichever_allocation_fails_a_configured_law_says_so(void **state)
+{
+    static const double A = -1.0, one = 1.0, nought = 0.0;
+    static const struct apc_law_plant plant = {
+        .nx = 1, .A = &A, .B = &one, .C = &one, .D = &nought, .x0 = &nought, .u0 = &nought, .y0 = &nought};
+    static const struct apc_law *const laws[] = {&apc_law_pid, &apc_law_lqg};
+
+    (void)state;
+    if (!COUNTING)
+        skip();
+    for (size_t i = 0; i < 2; i++) {
+        const struct apc_controller_options o = {.size = sizeof(o),
+                                                 .law = laws[i],
+                                                 .dim = {1, 1, 1},
+                                                 .period = S,
+                                                 .horizon = 3 * S,
+                                                 .plant = &plant};
+        struct apc_controller *controller;
+        struct apc_sample in[32], out[32];
+        struct apc_notice notice;
+        int rc, before, n = -1;
+
+        do {
+            fail_at = allocations + ++n;
+            rc = apc_controller_create(&controller, &o, NULL);
+            fail_at = -1;
+            assert_true(rc == 0 || rc == APC_ENOMEM);
+        } while (rc < 0);
+        assert_in_range(n, 5, 100);
+        assert_in_range(apc_controller_size(controller).in, 1, 32);
+        assert_in_range(apc_controller_size(controller).out, 1, 32);
+        apc_controller_inputs(controller, in);
+        before = allocations;
+        for (int k = 1; k < 100; k++) {
+            for (int j = 0; j < 3; j++)
+                in[j] = (struct apc_sample){
+                    .table = in[j].table, .id = in[j].id, .seq = k, .value = j < 2 ? 0.01 * k : 1.0};
+            (void)apc_controller_compute(controller, (struct apc_now){.mono = k * S, .utc = T0 + k * S}, in,
+                                         out, &notice);
+            apc_controller_update(controller);
+        }
+        assert_int_equal(allocations - before, 0);
+        apc_controller_destroy(controller);
+    }
+}
+
+/* A plant with everything that a file can ask for: noise, faults, disturbances, dead time. */
+static int make_plant(struct loop *l, const char *integrator, int n)
+{
+    static const struct apc_sensor_fault fault = {.kind = APC_FAULT_DRIFT, .at = S, .size = 0.1};
+    static const struct apc_sensor sensor[2] = {{.noise = 1.0, .quantum = 0.1},
+                                                {.fault = &fault, .n_faults = 1}};
+    static const struct apc_disturbance change = {.at = 3 * S / 2, .value = 15.0};
+    static const double noise[4] = {0.1, 0.1, 0.1, 0.1};
+    const struct apc_plant_options plant = {
+        .size = sizeof(plant), .integrator = integrator, .dead_time = 0.7};
+    struct apc_plantserver_options o = {.size = sizeof(o),
+                                        .link_period = S,
+                                        .command_period = S,
+                                        .noise = noise,
+                                        .sensor = sensor,
+                                        .disturbance = &change,
+                                        .n_disturbances = 1};
+    void *handle;
+    int rc = apc_model_find("temperature-lab", &o.model, &handle, NULL);
+
+    *l = (struct loop){0};
+    if (n >= 0)
+        fail_at = allocations + n;
+    if (rc == 0)
+        rc = apc_plant_create(&l->plant, o.model, NULL, NULL, &plant, NULL);
+    o.plant = l->plant;
+    if (rc == 0)
+        rc = apc_plantserver_create(&l->server, &o, NULL);
+    fail_at = -1;
+    return rc;
+}
+
+static void no_integrator_allocates_in_a_tick(void **state)
+{
+    static const char *const integrators[] = {"cvode", "adams", "rk4", "exact"};
+
+    (void)state;
+    if (!COUNTING)
+        skip();
+    for (size_t i = 0; i < 4; i++) {
+        struct loop l;
+        double u[2] = {0.0, 0.0};
+        int before, failures = 0;
+
+        assert_int_equal(make_plant(&l, integrators[i], -1), 0);
+        before = allocations;
+        for (int k = 0; k < 100; k++) {
+            const struct apc_now now = {.mono = k * S / 5, .utc = T0 + k * S / 5};
+
+            u[0] = k % 7;
+            failures += apc_plant_advance(l.plant, 0.1, u) < 0;
+            failures += apc_plantserver_tick(l.server, now, NULL) < 0;
+        }
+        assert_int_equal(allocations - before, 0);
+        assert_int_equal(failures, 0);
+        destroy(&l);
+    }
+}
+
+static void whichever_allocation_fails_a_plant_says_so(void **state)
+{
+    static const char *const integrators[] = {"rk4", "exact"}; /* SUNDIALS does not survive its own */
+
+    (void)state;
+    if (!COUNTING)
+        skip();
+    for (size_t i = 0; i < 2; i++) {
+        struct loop l;
+        int rc, n = -1;
+
+        do {
+            rc = make_plant(&l, integrators[i], ++n);
+            destroy(&l);
+            assert_true(rc == 0 || rc == APC_ENOMEM);
+        } while (rc < 0);
+        assert_in_range(n, 8, 100);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_counter_counts),
         cmocka_unit_test(ticks_do_not_allocate),
         cmocka_unit_test(whichever_allocation_fails_creation_says_so),
+        cmocka_unit_test(whichever_allocation_fails_a_configured_law_says_so),
+        cmocka_unit_test(no_integrator_allocates_in_a_tick),
+        cmocka_unit_test(whichever_allocation_fails_a_plant_says_so),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -35,13 +35,14 @@ static void first_g(double t, const double *x, const double *u, const double *p,
     y[0] = x[0];
 }
 
-static const double robertson_x0[] = {1.0, 0.0, 0.0};
+static const struct apc_param robertson_state[] = {
+    {"a", "", "", 1.0, 0.0, 2.0}, {"b", "", "", 0.0, -1.0, 2.0}, {"c", "", "", 0.0, -1.0, 2.0}};
 static const struct apc_model robertson = {.abi = APC_MODEL_ABI,
                                            .name = "robertson",
                                            .nx = 3,
                                            .nu = 1,
                                            .ny = 1,
-                                           .x0 = robertson_x0,
+                                           .state = robertson_state,
                                            .f = robertson_f,
                                            .g = first_g};
 
@@ -64,13 +65,13 @@ static int explosive_f(double t, const double *x, const double *u, const double 
     return 0;
 }
 
-static const double one[] = {1.0};
+static const struct apc_param one[] = {{"x", "", "", 1.0, -1e299, 1e299}};
 static const struct apc_model explosive = {.abi = APC_MODEL_ABI,
                                            .name = "explosive",
                                            .nx = 1,
                                            .nu = 1,
                                            .ny = 1,
-                                           .x0 = one,
+                                           .state = one,
                                            .f = explosive_f,
                                            .g = first_g};
 
@@ -219,8 +220,8 @@ static void no_time_changes_nothing(void **state)
 static void what_cannot_be_integrated_is_refused_at_creation(void **state)
 {
     const double too_slow[] = {10.0, 0.0}, nan_state[] = {(double)NAN};
-    const struct apc_integrator_options bad = {.size = sizeof(bad), .rtol = -1.0};
-    const struct apc_integrator_options unsized = {.rtol = 1e-6};
+    const struct apc_plant_options bad = {.size = sizeof(bad), .rtol = -1.0};
+    const struct apc_plant_options unsized = {.rtol = 1e-6};
     struct apc_model half = bounded;
     struct apc_plant *plant = (void *)&half;
     struct apc_error why = {""};

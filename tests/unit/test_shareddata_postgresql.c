@@ -261,6 +261,31 @@ static void test_after_a_failed_connect_it_answers_at_once_until_the_pause_is_ov
     rmdir(directory);
 }
 
+static void test_the_pauses_of_many_clients_are_not_the_same(void **state)
+{
+    (void)state;
+    enum { N = 8 };
+    double pauses[N], lowest = 1e9, highest = 0;
+    for (int i = 0; i < N; i++) {
+        struct apc_store *store = NULL;
+        struct apc_store_options options = {.size = sizeof options,
+                                            .timeout = LONG,
+                                            .backoff_min = 3600 * APC_NS_PER_S,
+                                            .backoff_max = 7200 * APC_NS_PER_S};
+        assert_int_equal(
+            apc_store_open(&store, "postgresql://apc@/nowhere?host=/nonexistent", &options, NULL), 0);
+        assert_int_equal(apc_store_connect(store), APC_ECONN);
+        assert_int_equal(apc_store_connect(store), APC_ECONN);
+        const char *says = strstr(apc_store_error(store), "next try in ");
+        pauses[i] = says ? strtod(says + strlen("next try in "), NULL) : 0;
+        lowest = fmin(lowest, pauses[i]);
+        highest = fmax(highest, pauses[i]);
+        apc_store_close(store);
+    }
+    assert_true(lowest > 1700 && highest <= 3600.1); /* half is certain; less what has passed since */
+    assert_true(highest - lowest > 1);
+}
+
 static void test_an_unreachable_server_is_named(void **state)
 {
     (void)state;
@@ -459,6 +484,43 @@ static void test_after_kill_9_of_the_server_nothing_acknowledged_is_lost(void **
     cluster_destroy(own);
 }
 
+/* ---- A standby takes over ------------------------------------------------------------------------ */
+
+static void test_of_two_servers_the_primary_is_used_and_after_a_failover_the_other_one(void **state)
+{
+    (void)state;
+    struct cluster *first = cluster_start_private(), *second = cluster_start_standby(first);
+    cluster_query(first, "ALTER SYSTEM SET synchronous_standby_names = '*'");
+    cluster_query(first, "SELECT pg_reload_conf()");
+    assert_true(
+        cluster_await(first, "SELECT count(*) FROM pg_stat_replication WHERE sync_state = 'sync'", "1"));
+    char uri[700];
+    snprintf(uri, sizeof uri, "postgresql://apc@/%s?host=%s,%s#p", cluster_database(first),
+             cluster_host(second), cluster_host(first));
+    struct apc_store *store = open_uri(uri, LONG);
+    assert_int_equal(apc_store_init(store), 0); /* not on the standby, though it comes first */
+    int64_t last[1];
+    ok(store, apc_store_claim(store, APC_SENSOR, 1, last));
+    for (int64_t seq = 1; seq <= 40; seq++) {
+        struct apc_sample s = sample(APC_SENSOR, 1, seq, (double)seq);
+        if (seq == 21) {
+            cluster_kill(first);
+            assert_int_equal(apc_store_append(store, &s, 1), APC_ECONN);
+            assert_int_equal(apc_store_append(store, &s, 1), APC_ECONN); /* the standby is none to write to */
+            cluster_query(second, "SELECT pg_promote(true, 60)");
+            cluster_query(second, "ALTER SYSTEM RESET synchronous_standby_names");
+            cluster_query(second, "SELECT pg_reload_conf()");
+        }
+        assert_int_equal(append_again(store, &s, 1), 1);
+    }
+    /* Nothing that was acknowledged is missing. */
+    assert_string_equal(cluster_query(second, "SELECT count(*) || ' ' || max(seq) FROM p.sensor"), "40 40");
+    assert_int_equal(newest(store, APC_SENSOR, 1).seq, 40);
+    apc_store_close(store);
+    cluster_destroy(second);
+    cluster_destroy(first);
+}
+
 /* ---- Claims ------------------------------------------------------------------------------------- */
 
 static void terminate(struct cluster *c, const char *application)
@@ -563,6 +625,267 @@ static void test_a_former_session_behind_a_half_open_connection_is_ended(void **
     apc_store_close(store);
     proxy_stop(proxy);
     rmdir(directory);
+}
+
+/* ---- Partitions --------------------------------------------------------------------------------- */
+
+/* SQL in the plant's schema. */
+static const char *ask(const char *sql)
+{
+    char path[100];
+    snprintf(path, sizeof path, "SET search_path TO plant%d, pg_temp", plant);
+    cluster_query(cluster, path);
+    return cluster_query(cluster, sql);
+}
+
+#define WEEK (7 * 24 * 3600 * APC_NS_PER_S)
+
+static void append_at(struct apc_store *store, int id, int64_t seq, apc_ns time)
+{
+    struct apc_sample s = sample(APC_SENSOR, id, seq, (double)seq);
+    s.time = time;
+    assert_int_equal(apc_store_append(store, &s, 1), 1);
+}
+
+static int count_sample(void *ctx, const struct apc_sample *s)
+{
+    (void)s;
+    ++*(int *)ctx;
+    return 0;
+}
+
+static int rows_of(struct apc_store *store, int id)
+{
+    int n = 0;
+    ok(store, apc_store_history(store, APC_SENSOR, id, NULL, count_sample, &n));
+    return n;
+}
+
+static void test_there_is_a_partition_for_now_and_for_the_weeks_to_come(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG);
+    apc_ns now = apc_clock_utc(NULL);
+    for (int week = 0; week <= 4; week++) {
+        append_at(store, 1, week + 1, now + week * WEEK);
+    }
+    assert_string_equal(ask("SELECT count(*) || ' ' || count(DISTINCT tableoid) FROM sensor"), "5 5");
+    assert_string_equal(ask("SELECT count(*) FROM sensor_rest"), "0");
+    append_at(store, 1, 6, now + 20 * WEEK); /* nobody has made that */
+    assert_string_equal(ask("SELECT count(*) FROM sensor_rest"), "1");
+    assert_int_equal(rows_of(store, 1), 6);
+    apc_store_close(store);
+}
+
+static void test_a_week_made_late_takes_in_what_was_stored_elsewhere(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG);
+    apc_ns now = apc_clock_utc(NULL);
+    append_at(store, 1, 1, now + 6 * WEEK);
+    append_at(store, 1, 2, now + 30 * WEEK);
+    ask("CALL maintain(now() + interval '3 weeks', NULL, NULL, NULL, NULL)");
+    assert_string_equal(ask("SELECT count(*) FROM sensor_rest"), "1");
+    /* The week that runs stays where it is while rows of it lie elsewhere; the next ones are made. */
+    ask("CALL maintain(now() + interval '30 weeks', NULL, NULL, NULL, NULL)");
+    assert_string_equal(ask("SELECT count(*) FROM sensor_rest"), "1");
+    append_at(store, 1, 3, now + 31 * WEEK);
+    append_at(store, 1, 4, now + 30 * WEEK);
+    assert_string_equal(ask("SELECT count(*) FROM sensor_rest"), "2");
+    assert_int_equal(rows_of(store, 1), 4);
+    assert_int_equal(newest(store, APC_SENSOR, 1).seq, 4);
+    ask("CALL maintain(now() + interval '30 weeks', NULL, NULL, NULL, NULL)"); /* harmless to repeat */
+    assert_int_equal(rows_of(store, 1), 4);
+    apc_store_close(store);
+}
+
+static void make_old_weeks(struct apc_store *store)
+{
+    ask("SELECT make_week('sensor', date_trunc('week', now() AT TIME ZONE 'UTC')::date - 7 * w, current_date)"
+        " FROM generate_series(1, 5) AS w");
+    apc_ns now = apc_clock_utc(NULL);
+    for (int week = 5; week >= 0; week--) {
+        append_at(store, 1, 6 - week, now - week * WEEK);
+    }
+    append_at(store, 2, 1, now - 5 * WEEK); /* silent since */
+    assert_string_equal(ask("SELECT count(DISTINCT tableoid) FROM sensor"), "6");
+}
+
+static void test_old_weeks_are_dropped_whole_but_not_the_newest_of_a_variable(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG);
+    make_old_weeks(store);
+    struct apc_retention keep = {.size = sizeof keep, .samples = 3 * WEEK};
+    int dropped = apc_store_maintain(store, &keep);
+    assert_true(dropped == 2); /* 5 and 4 weeks ago; of 3 weeks ago a part is still to be kept */
+    assert_int_equal(rows_of(store, 1), 4);
+    assert_int_equal(rows_of(store, 2), 1);
+    assert_int_equal(newest(store, APC_SENSOR, 2).seq, 1);
+    append_at(store, 2, 2, apc_clock_utc(NULL));
+    assert_int_equal(apc_store_maintain(store, &keep), 1); /* it is the newest no more */
+    assert_int_equal(rows_of(store, 2), 1);
+    apc_store_close(store);
+}
+
+struct maintaining {
+    struct apc_store *store;
+    int result;
+};
+
+static void *maintain(void *arg)
+{
+    struct maintaining *m = arg;
+    struct apc_retention keep = {.size = sizeof keep, .samples = WEEK};
+    m->result = apc_store_maintain(m->store, &keep);
+    return NULL;
+}
+
+static void test_maintenance_waits_for_readers_without_holding_up_writers(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG);
+    make_old_weeks(store);
+    PGconn *reader = cluster_connect(cluster);
+    char sql[100];
+    snprintf(sql, sizeof sql, "BEGIN; SELECT count(*) FROM plant%d.sensor", plant);
+    PQclear(PQexec(reader, sql));
+    struct maintaining m = {.store = open_direct(LONG)};
+    pthread_t thread;
+    assert_int_equal(pthread_create(&thread, NULL, maintain, &m), 0);
+    bool waits = cluster_await(cluster,
+                               "SELECT count(*) > 0 FROM pg_stat_activity WHERE wait_event_type = 'Lock' AND "
+                               "query LIKE 'CALL maintain%' AND datname = current_database()",
+                               "t");
+    int appended = 0;
+    for (int i = 1; i <= 50; i++) {
+        struct apc_sample s = sample(APC_SENSOR, 3, i, i);
+        s.time = apc_clock_utc(NULL);
+        appended += apc_store_append(store, &s, 1);
+    }
+    PQclear(PQexec(reader, "COMMIT"));
+    PQfinish(reader);
+    pthread_join(thread, NULL);
+    assert_true(waits);
+    assert_int_equal(appended, 50);
+    ok(m.store, m.result);
+    assert_true(m.result > 0);
+    assert_int_equal(rows_of(store, 1), 2);
+    apc_store_close(m.store);
+    apc_store_close(store);
+}
+
+enum { RACERS = 2, RACE = 150 };
+
+struct racer {
+    struct apc_store *store;
+    apc_ns time; /* each in a partition of its own */
+    int stored, failed;
+};
+
+static void *race(void *arg)
+{
+    struct racer *r = arg;
+    for (int64_t seq = 1; seq <= RACE && !r->failed; seq++) {
+        struct apc_sample s[2] = {sample(APC_SENSOR, 1, seq, 1), sample(APC_SENSOR, 2, seq, 2)};
+        s[0].time = s[1].time = r->time;
+        int n = apc_store_append(r->store, s, 2);
+        r->stored += n;
+        r->failed = n < 0;
+    }
+    return NULL;
+}
+
+static void test_a_key_is_taken_once_in_all_partitions_whoever_is_faster(void **state)
+{
+    (void)state;
+    struct racer r[RACERS];
+    pthread_t threads[RACERS];
+    for (int i = 0; i < RACERS; i++) {
+        r[i] = (struct racer){.store = open_direct(LONG), .time = apc_clock_utc(NULL) + i * WEEK};
+        ok(r[i].store, apc_store_connect(r[i].store));
+        assert_int_equal(pthread_create(&threads[i], NULL, race, &r[i]), 0);
+    }
+    int stored = 0;
+    for (int i = 0; i < RACERS; i++) {
+        pthread_join(threads[i], NULL);
+        if (r[i].failed) {
+            fail_msg("%s", apc_store_error(r[i].store));
+        }
+        stored += r[i].stored;
+        apc_store_close(r[i].store);
+    }
+    assert_int_equal(stored, 2 * RACE);
+    assert_string_equal(ask("SELECT count(*) || ' ' || count(DISTINCT (id, seq)) FROM sensor"), "300 300");
+}
+
+static void test_sql_by_hand_cannot_take_a_key_twice_nor_leave_the_newest_behind(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG);
+    PGconn *conn = cluster_connect(cluster);
+    char sql[200];
+    snprintf(sql, sizeof sql, "INSERT INTO plant%d.sensor VALUES (1, 5, now(), 0, 1), (1, 4, now(), 0, 1)",
+             plant);
+    PGresult *result = PQexec(conn, sql);
+    assert_int_equal(PQresultStatus(result), PGRES_COMMAND_OK);
+    PQclear(result);
+    assert_int_equal(newest(store, APC_SENSOR, 1).seq, 5);
+    static const char *const twice[] = {
+        "(1, 5, now() + interval '1 week', 0, 1)",
+        "(1, 4, now() + interval '1 week', 0, 1), (1, 6, now(), 0, 1)",
+        "(1, 7, now(), 0, 1), (1, 7, now() + interval '1 week', 0, 1)",
+        "(2, 1, now(), 0, 1), (1, 4, '1970-01-01', 0, 1)",
+    };
+    for (size_t i = 0; i < sizeof twice / sizeof twice[0]; i++) {
+        snprintf(sql, sizeof sql, "INSERT INTO plant%d.sensor VALUES %s", plant, twice[i]);
+        result = PQexec(conn, sql);
+        const char *state_code = PQresultErrorField(result, PG_DIAG_SQLSTATE);
+        assert_string_equal(state_code ? state_code : "none", "23505");
+        PQclear(result);
+    }
+    PQfinish(conn);
+    assert_int_equal(rows_of(store, 1), 2);
+    assert_int_equal(newest(store, APC_SENSOR, 1).seq, 5);
+    assert_int_equal(newest(store, APC_SENSOR, 2).seq, 0);
+    apc_store_close(store);
+}
+
+/* ---- Waiting ------------------------------------------------------------------------------------ */
+
+static void *wait_long(void *arg)
+{
+    struct appender *a = arg;
+    struct apc_sample seen = {.table = APC_SETPOINT, .id = 1};
+    a->result = apc_store_wait(a->store, &seen, 1, 60 * APC_NS_PER_S);
+    return NULL;
+}
+
+static void test_a_wait_ends_with_an_error_when_its_connection_does_and_the_next_one_works(void **state)
+{
+    (void)state;
+    struct appender a = {.store = open_direct(LONG)};
+    char waiting[300];
+    snprintf(waiting, sizeof waiting,
+             "SELECT count(*) FROM pg_stat_activity WHERE application_name = 'test' AND state = 'idle' AND "
+             "datname = '%s'",
+             cluster_database(cluster));
+    pthread_t thread;
+    assert_int_equal(pthread_create(&thread, NULL, wait_long, &a), 0);
+    bool idle = cluster_await(cluster, waiting, "1");
+    terminate(cluster, "test");
+    pthread_join(thread, NULL);
+    assert_true(idle);
+    assert_int_equal(a.result, APC_ECONN);
+    assert_true(apc_store_error(a.store)[0] != '\0');
+    struct apc_sample s = sample(APC_SETPOINT, 1, 1, 1), seen = {.table = APC_SETPOINT, .id = 1};
+    assert_int_equal(append_again(a.store, &s, 1), 1);
+    int result = APC_ECONN;
+    for (int i = 0; i < 100000 && result == APC_ECONN; i++) {
+        result = apc_store_wait(a.store, &seen, 1, 0);
+    }
+    assert_int_equal(result, 1);
+    apc_store_close(a.store);
 }
 
 /* ---- Schema ------------------------------------------------------------------------------------- */
@@ -829,6 +1152,7 @@ int main(void)
         T(test_a_lost_answer_to_commit_is_retried_without_a_duplicate),
         T(test_an_answer_cut_anywhere_is_an_error_and_never_half_a_result),
         T(test_after_a_failed_connect_it_answers_at_once_until_the_pause_is_over),
+        T(test_the_pauses_of_many_clients_are_not_the_same),
         T(test_an_unreachable_server_is_named),
         T(test_of_several_hosts_the_next_is_tried_when_one_swallows_packets),
         T(test_hosts_of_a_service_file_take_turns_as_well),
@@ -837,9 +1161,17 @@ int main(void)
         T(test_a_commit_refused_at_its_very_end_is_not_acknowledged),
         T(test_a_commit_that_no_standby_has_is_not_acknowledged),
         T(test_after_kill_9_of_the_server_nothing_acknowledged_is_lost),
+        T(test_of_two_servers_the_primary_is_used_and_after_a_failover_the_other_one),
         T(test_a_dead_writers_claim_goes_to_the_next_and_the_dead_one_gets_it_not_back),
         T(test_a_stopped_former_session_is_waited_for_and_is_no_other_writer),
         T(test_a_former_session_behind_a_half_open_connection_is_ended),
+        T(test_there_is_a_partition_for_now_and_for_the_weeks_to_come),
+        T(test_a_week_made_late_takes_in_what_was_stored_elsewhere),
+        T(test_old_weeks_are_dropped_whole_but_not_the_newest_of_a_variable),
+        T(test_maintenance_waits_for_readers_without_holding_up_writers),
+        T(test_a_key_is_taken_once_in_all_partitions_whoever_is_faster),
+        T(test_sql_by_hand_cannot_take_a_key_twice_nor_leave_the_newest_behind),
+        T(test_a_wait_ends_with_an_error_when_its_connection_does_and_the_next_one_works),
         T(test_a_missing_schema_says_what_to_run),
         T(test_a_newer_schema_is_left_alone),
         T(test_a_schema_that_vanishes_is_noticed),

@@ -133,6 +133,20 @@ static void test_the_controller_may_not_write_the_target_mode_nor_the_operator_t
     apc_store_close(controller);
 }
 
+static void test_nobody_but_the_owner_maintains_the_tables_but_waiting_is_for_readers(void **state)
+{
+    (void)state;
+    struct apc_sample seen = {.table = APC_SENSOR, .id = 1, .seq = INT64_MAX};
+    for (size_t r = 0; r < sizeof rights / sizeof rights[0]; r++) {
+        struct apc_store *store = open_as(rights[r].role);
+        struct apc_retention keep = {.size = sizeof keep, .samples = 1};
+        assert_int_equal(apc_store_maintain(store, NULL), APC_EPERM);
+        assert_int_equal(apc_store_maintain(store, &keep), APC_EPERM);
+        assert_int_equal(apc_store_wait(store, &seen, 1, 0), rights[r].reads[0] == 's' ? 0 : APC_EPERM);
+        apc_store_close(store);
+    }
+}
+
 static void test_an_event_names_the_user_who_wrote_it(void **state)
 {
     (void)state;
@@ -237,6 +251,7 @@ int main(void)
         cmocka_unit_test(test_each_role_may_do_what_it_needs_and_no_more),
         cmocka_unit_test(test_the_controller_may_not_write_the_target_mode_nor_the_operator_the_actual_one),
         cmocka_unit_test(test_everybody_tells_events_and_every_daemon_timing),
+        cmocka_unit_test(test_nobody_but_the_owner_maintains_the_tables_but_waiting_is_for_readers),
         cmocka_unit_test(test_an_event_names_the_user_who_wrote_it),
         cmocka_unit_test(test_the_operator_puts_and_the_client_may_not),
         cmocka_unit_test(test_a_claim_is_refused_by_name_across_roles),

@@ -3,20 +3,25 @@
 #include <inttypes.h>
 #include <locale.h>
 #include <pthread.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "apcshareddata.h"
 #include "check.h"
 #include "cluster.h"
 #include "comma_locale.h"
+#include "scratch.h"
 
 static struct cluster *cluster;
 
 struct kind {
     const char *name;
     void (*uri)(char *text, size_t size, int number); /* of a store that does not exist yet */
+    void (*remove)(int number);                       /* after its test; NULL: nothing is left of it */
+    bool spooled;                                     /* and a spool before it, which stays empty */
 };
 
 static void postgresql_uri(char *text, size_t size, int number)
@@ -27,7 +32,33 @@ static void postgresql_uri(char *text, size_t size, int number)
     snprintf(text, size, "%s#plant%d", cluster_uri(cluster), number);
 }
 
-static const struct kind kinds[] = {{"postgresql:", postgresql_uri}};
+static void sqlite_uri(char *text, size_t size, int number)
+{
+    snprintf(text, size, "sqlite:%s/plant%d.db", scratch_folder(), number);
+}
+
+static void mem_uri(char *text, size_t size, int number)
+{
+    snprintf(text, size, "mem:plant%d", number);
+}
+
+static void shm_uri(char *text, size_t size, int number)
+{
+    snprintf(text, size, "shm:test-%d-%d", (int)getpid(), number);
+}
+
+static void shm_remove(int number)
+{
+    char path[64];
+    snprintf(path, sizeof path, "/dev/shm/apc.test-%d-%d", (int)getpid(), number);
+    unlink(path);
+}
+
+static const struct kind kinds[] = {{"postgresql:", postgresql_uri, NULL, false},
+                                    {"sqlite:", sqlite_uri, NULL, false},
+                                    {"mem:", mem_uri, NULL, false},
+                                    {"shm:", shm_uri, shm_remove, false},
+                                    {"sqlite: with a spool", sqlite_uri, NULL, true}};
 
 static const struct kind *kind;
 static char uri[512];
@@ -36,7 +67,13 @@ static struct apc_store *open_store(void)
 {
     struct apc_error why = {""};
     struct apc_store *store = NULL;
-    struct apc_store_options options = {.size = sizeof options, .name = "test", .timeout = 20 * APC_NS_PER_S};
+    static atomic_int spools;
+    char spool[300];
+    snprintf(spool, sizeof spool, "%s/%d.spool", scratch_folder(), atomic_fetch_add(&spools, 1));
+    struct apc_store_options options = {.size = sizeof options,
+                                        .name = "test",
+                                        .timeout = 20 * APC_NS_PER_S,
+                                        .spool = kind->spooled ? spool : NULL};
     if (apc_store_open(&store, uri, &options, &why) != 0) {
         fail_msg("%s", why.text);
     }
@@ -51,10 +88,11 @@ static struct apc_store *open_store(void)
         }                                                                                                    \
     } while (0)
 
+static int number, removed; /* so many stores were made, and so many of them removed */
+
 /* A new, empty store for each test. */
 static int set_up(void **state)
 {
-    static int number;
     kind->uri(uri, sizeof uri, ++number);
     struct apc_store *store = open_store();
     int had = apc_store_init(store);
@@ -68,6 +106,9 @@ static int set_up(void **state)
 static int tear_down(void **state)
 {
     apc_store_close(*state);
+    while (kind->remove && removed < number) {
+        kind->remove(++removed);
+    }
     return 0;
 }
 
@@ -723,6 +764,23 @@ static void test_an_actuators_history_names_what_it_was_computed_from(void **sta
     assert_int_equal(rows_of(*state, APC_ACTUATOR, 1), 2);
 }
 
+static void test_variables_are_those_that_have_samples(void **state)
+{
+    assert_int_equal(apc_store_variables(*state, NULL, 0), 0);
+    const struct apc_sample s[6] = {sample(APC_STATE, 1000000, 1, 1), sample(APC_SENSOR, 2, 1, 1),
+                                    sample(APC_SENSOR, 2, 2, 1),      sample(APC_OPMODE, 0, 1, 1),
+                                    sample(APC_SENSOR, 1, 7, 1),      sample(APC_ACTUATOR, 3, 1, 1)};
+    assert_int_equal(apc_store_append(*state, s, 6), 6);
+    struct apc_sample v[5];
+    assert_int_equal(apc_store_variables(*state, v, 4), 5); /* in all */
+    assert_int_equal(apc_store_variables(*state, v, 5), 5);
+    assert_true(v[0].table == APC_SENSOR && v[0].id == 1);
+    assert_true(v[1].table == APC_SENSOR && v[1].id == 2);
+    assert_true(v[2].table == APC_ACTUATOR && v[2].id == 3);
+    assert_true(v[3].table == APC_OPMODE && v[3].id == 0);
+    assert_true(v[4].table == APC_STATE && v[4].id == 1000000);
+}
+
 /* ---- History in bins ------------------------------------------------------------------------- */
 
 enum { BINS_MAX = 8 };
@@ -1203,6 +1261,7 @@ int main(void)
         T(test_history_ends_when_its_function_says_so),
         T(test_a_store_refuses_to_be_used_from_inside_its_history),
         T(test_an_actuators_history_names_what_it_was_computed_from),
+        T(test_variables_are_those_that_have_samples),
         T(test_a_bin_holds_what_lies_within_it),
         T(test_bins_divide_what_cannot_be_divided_evenly),
         T(test_a_bin_may_be_all_of_time_and_there_may_be_as_many_as_allowed),

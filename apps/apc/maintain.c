@@ -1,0 +1,67 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc maintain: the store's housekeeping. */
+#include "cli.h"
+
+enum { OPT_KEEP = 0x400, OPT_EVENTS };
+
+static const struct argp_option option_list[] = {
+    {"keep", OPT_KEEP, "DURATION", 0,
+     "Drop samples and timing older than that, as 90d or 36h; default: keep them for ever", 0},
+    {"keep-events", OPT_EVENTS, "DURATION", 0, "Drop events older than that; default: keep them for ever", 0},
+    {0},
+};
+
+struct wish {
+    const char *keep, *events;
+};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct wish *wish = state->input;
+    switch (key) {
+    case OPT_KEEP:
+        wish->keep = arg;
+        return 0;
+    case OPT_EVENTS:
+        wish->events = arg;
+        return 0;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+}
+
+static const struct argp own = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct cli_spec spec = {
+    .doc = "Make room ahead for what will be stored, and drop what is older than is to be kept. For the "
+           "owner of "
+           "the tables; run it once a day, the programs may go on meanwhile. Samples are dropped by the week "
+           "where "
+           "tables are partitioned; the newest sample of each variable always stays.",
+    .takes = CLI_STORE,
+    .extra = &own,
+};
+
+int command_maintain(int argc, char **argv)
+{
+    struct wish wish = {0};
+    struct apc_retention keep = {.size = sizeof keep};
+    struct apc_store *store = NULL;
+    struct cli cli;
+
+    cli_parse(&cli, &spec, &wish, argc, argv);
+    if (cli_duration(&cli, "keep", wish.keep, &keep.samples) != EXIT_OK ||
+        cli_duration(&cli, "keep-events", wish.events, &keep.events) != EXIT_OK)
+        return EXIT_USAGE;
+    keep.timing = keep.samples;
+    int rc = cli_open(&cli, &store);
+    if (rc < 0)
+        return exit_code_of(rc);
+    int dropped = apc_store_maintain(store, &keep);
+    if (dropped < 0)
+        rc = cli_store_error(&cli, dropped, store);
+    else
+        printf("%d rows and partitions dropped\n", dropped);
+    apc_store_close(store);
+    return cli_done(&cli, rc);
+}

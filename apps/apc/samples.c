@@ -1,0 +1,143 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "samples.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define HEADER "time,table,id,status,value"
+
+int samples_add(struct samples *s, const struct apc_sample *sample)
+{
+    if (s->n == s->room) {
+        size_t room = s->room ? 2 * s->room : 4096;
+        struct apc_sample *at = reallocarray(s->at, room, sizeof *at);
+        if (!at)
+            return APC_ENOMEM;
+        s->at = at;
+        s->room = room;
+    }
+    s->at[s->n++] = *sample;
+    return 0;
+}
+
+void samples_free(struct samples *s)
+{
+    free(s->at);
+    *s = (struct samples){0};
+}
+
+static int by_time(const void *left, const void *right)
+{
+    static const int rank[APC_TABLE_END] = {[APC_SETPOINT] = 1, [APC_SENSOR] = 2, [APC_ACTUATOR] = 3};
+    const struct apc_sample *a = left, *b = right;
+    if (a->time != b->time)
+        return a->time < b->time ? -1 : 1;
+    if (a->table != b->table)
+        return rank[a->table] - rank[b->table];
+    if (a->id != b->id)
+        return a->id - b->id;
+    return a->seq < b->seq ? -1 : a->seq > b->seq;
+}
+
+static int collect(void *ctx, const struct apc_sample *sample)
+{
+    return samples_add(ctx, sample);
+}
+
+int samples_collect(struct samples *samples, struct apc_store *store, const struct experiment *e,
+                    const struct apc_range *range)
+{
+    const struct {
+        enum apc_table table;
+        size_t n;
+    } of[] = {{APC_SETPOINT, e->dim.nz}, {APC_SENSOR, e->dim.ny}, {APC_ACTUATOR, e->dim.nu}};
+    for (size_t t = 0; t < sizeof of / sizeof *of; t++)
+        for (size_t i = 0; i < of[t].n; i++) {
+            size_t before = samples->n;
+            int rc = apc_store_history(store, of[t].table, (int)i + 1, range, collect, samples);
+            if (rc < 0)
+                return rc;
+            if (samples->n - before < (size_t)rc)
+                return APC_ENOMEM;
+        }
+    if (samples->n > 0)
+        qsort(samples->at, samples->n, sizeof *samples->at, by_time);
+    return 0;
+}
+
+void samples_write(const struct samples *s, apc_ns start, FILE *out)
+{
+    fputs(HEADER "\n", out);
+    for (size_t i = 0; i < s->n; i++) {
+        const struct apc_sample *at = &s->at[i];
+        char status[APC_STATUS_NAME_LEN], value[40];
+        apc_number_format(at->value, value, sizeof value);
+        fprintf(out, "%.6f,%s,%d,%s,%s\n", apc_ns_to_s(at->time - start), apc_table_name(at->table), at->id,
+                apc_status_format(at->status, status), value);
+    }
+}
+
+/* ---- Reading ------------------------------------------------------------------------------ */
+
+static bool parse_line(char *line, struct apc_sample *sample)
+{
+    char *field[5], *rest = line;
+    double t, id;
+
+    line[strcspn(line, "\r\n")] = '\0';
+    for (int i = 0; i < 5; i++)
+        if (!(field[i] = strsep(&rest, ",")))
+            return false;
+    if (rest || apc_number_parse(field[0], &t) < 0 || apc_ns_from_s(t, &sample->time) < 0 ||
+        !(sample->table = apc_table_parse(field[1])) || apc_number_parse(field[2], &id) < 0 ||
+        !(id >= 0 && id <= 1e6 && id == floor(id)) || apc_status_parse(field[3], &sample->status) < 0 ||
+        apc_number_parse(field[4], &sample->value) < 0)
+        return false;
+    sample->id = (int)id;
+    return true;
+}
+
+static int count_seqs(struct samples *s)
+{
+    int64_t *seq = NULL;
+    size_t ids = 0;
+    for (size_t i = 0; i < s->n; i++)
+        ids = (size_t)s->at[i].id >= ids ? (size_t)s->at[i].id + 1 : ids;
+    seq = calloc(ids * APC_TABLE_END + 1, sizeof *seq);
+    if (!seq)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < s->n; i++)
+        s->at[i].seq = ++seq[(size_t)s->at[i].table * ids + (size_t)s->at[i].id];
+    free(seq);
+    return 0;
+}
+
+int samples_read(struct samples *s, const char *dir, struct apc_error *why)
+{
+    char path[600], *line = NULL;
+    size_t size = 0, number = 1;
+    int rc = 0;
+
+    *s = (struct samples){0};
+    snprintf(path, sizeof path, "%.580s/samples.csv", dir);
+    FILE *stream = fopen(path, "re");
+    if (!stream)
+        return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s", path, strerror(errno));
+    if (getline(&line, &size, stream) < 0 || strcmp(line, HEADER "\n") != 0)
+        rc = apc_fail(why, APC_EPROTO, "%s:1: expected the columns " HEADER, path);
+    while (rc == 0 && getline(&line, &size, stream) >= 0) {
+        struct apc_sample sample = {0};
+        number++;
+        if (!parse_line(line, &sample))
+            rc = apc_fail(why, APC_EPROTO, "%s:%zu: expected " HEADER, path, number);
+        else if (samples_add(s, &sample) < 0)
+            rc = apc_fail(why, APC_ENOMEM, "out of memory");
+    }
+    free(line);
+    fclose(stream);
+    if (rc == 0 && count_seqs(s) < 0)
+        rc = apc_fail(why, APC_ENOMEM, "out of memory");
+    return rc;
+}

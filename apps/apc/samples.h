@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The samples of a run: measurements, setpoints, outputs, and the file samples.csv. */
+#ifndef APC_SAMPLES_H
+#define APC_SAMPLES_H
+
+#include <stdio.h>
+
+#include <apcshareddata.h>
+
+#include "common/experiment.h"
+
+struct samples {
+    struct apc_sample *at;
+    size_t n, room;
+};
+
+int samples_add(struct samples *s, const struct apc_sample *sample); /* 0 or APC_ENOMEM */
+void samples_free(struct samples *s);
+/* Those of DIR/samples.csv, in the order of the file, times counted from the start of the run, and the
+ * seq of each variable counted from 1. Returns 0 or a negative error; samples_free() in either case. */
+int samples_read(struct samples *s, const char *dir, struct apc_error *why);
+/* Those that a store has in a range, by time; at one time in the order of the loop: setpoint, measurement,
+ * output. Returns 0, APC_ENOMEM or the store's error. */
+int samples_collect(struct samples *s, struct apc_store *store, const struct experiment *e,
+                    const struct apc_range *range);
+/* With the header; times in seconds since @start. */
+void samples_write(const struct samples *s, apc_ns start, FILE *out);
+
+#endif

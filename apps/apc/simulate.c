@@ -1,0 +1,329 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc simulate: an experiment in virtual time, once or over many seeds. */
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <openssl/evp.h>
+
+#include "campaign.h"
+#include "cli.h"
+#include "compare.h"
+#include "metrics.h"
+#include "report.h"
+#include "simulation.h"
+
+#define EVENTS 10 /* of a run that are told of */
+
+struct simulate_options {
+    double duration; /* s; 0: the file's */
+    uint64_t seed;
+    bool seeded;         /* --seed was given */
+    unsigned runs, jobs; /* runs 0: one, and no campaign */
+    const char *csv, *report, *net, *compare;
+    struct experiment_overrides overrides;
+};
+
+enum { OPT_CSV = 0x500, OPT_LAW, OPT_PLANT, OPT_NET, OPT_COMPARE };
+
+static const struct argp_option option_list[] = {
+    {"seed", 's', "N", 0, "Of everything random, 0 to 2^64 - 1, instead of the file's", 0},
+    {"duration", 'd', "SECONDS", 0, "How long to simulate instead of the file's duration", 0},
+    {"csv", OPT_CSV, "FILE", 0, "Write the samples (of --runs: the figures of each run) there; - is stdout",
+     0},
+    {"report", 'o', "DIR", 0, "Leave a run folder there, with its figure", 0},
+    {"net", OPT_NET, "SPEC", 0,
+     "The network, over what the file says: delay=normal(0.004,0.001),jitter=...,loss=0.01,duplication=...,"
+     "reordering=...,bandwidth=1e6,outage=10-12; times in seconds, bandwidth in bit/s",
+     0},
+    {"compare", OPT_COMPARE, "RUN", 0, "Lay the samples of run folder RUN over those of the simulation", 0},
+    {"runs", 'n', "N", 0, "A campaign over N seeds from --seed on, with a summary", 0},
+    {"jobs", 'j', "N", 0, "Processes of a campaign; default: one a CPU", 0},
+    {"law", OPT_LAW, "NAME", 0,
+     "Control law instead of the file's: built in, or ./file.so; its own tuning applies", 0},
+    {"plant", OPT_PLANT, "NAME", 0,
+     "Model instead of the file's: built in, or ./file.so; its own parameters apply", 0},
+    {0},
+};
+
+/* Decimal digits only: strtoull() takes a sign, and takes it as a negative number's complement. */
+static bool parse_whole(const char *text, uint64_t low, uint64_t high, uint64_t *value)
+{
+    char *end;
+    if (*text < '0' || *text > '9')
+        return false;
+    errno = 0;
+    *value = strtoull(text, &end, 10);
+    return errno == 0 && *end == '\0' && *value >= low && *value <= high;
+}
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct simulate_options *o = state->input;
+    uint64_t number = 1;
+    switch (key) {
+    case 's':
+        if (!parse_whole(arg, 0, UINT64_MAX, &o->seed))
+            argp_error(state, "--seed \"%s\": must be a whole number, 0 to 18446744073709551615", arg);
+        o->seeded = true;
+        break;
+    case 'd':
+        if (apc_number_parse(arg, &o->duration) < 0 || !(o->duration > 0) || o->duration > 366 * 86400.0)
+            argp_error(state, "--duration \"%s\": must be seconds, above 0 up to 31622400", arg);
+        break;
+    case 'n':
+        if (!parse_whole(arg, 1, 1000000, &number))
+            argp_error(state, "--runs \"%s\": must be 1 to 1000000", arg);
+        o->runs = (unsigned)number;
+        break;
+    case 'j':
+        if (!parse_whole(arg, 1, 1024, &number))
+            argp_error(state, "--jobs \"%s\": must be 1 to 1024", arg);
+        o->jobs = (unsigned)number;
+        break;
+    case OPT_CSV:
+        o->csv = arg;
+        break;
+    case 'o':
+        o->report = arg;
+        break;
+    case OPT_NET:
+        o->net = arg;
+        break;
+    case OPT_COMPARE:
+        o->compare = arg;
+        break;
+    case OPT_LAW:
+        o->overrides.law = arg;
+        break;
+    case OPT_PLANT:
+        o->overrides.model = arg;
+        break;
+    case ARGP_KEY_END:
+        if (o->runs && (o->report || o->compare))
+            argp_error(state, "--runs: a campaign has no single run to %s", o->report ? "report" : "compare");
+        break;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct cli_spec spec = {
+    .args_doc = "FILE",
+    .doc = "Run the experiment FILE in virtual time, in one process: the modules, laws and plants of `apc "
+           "run`, over "
+           "a network as bad as you like. The same seed gives the same samples bit for bit.",
+    .min_args = 1,
+    .max_args = 1,
+    .extra = &extra,
+};
+
+struct simulate {
+    struct cli cli;
+    struct simulate_options options;
+    struct experiment e;
+    struct simulation s;
+    struct samples samples;
+    FILE *talk; /* where the summary goes: stdout, unless the samples go there */
+};
+
+static int refuse(const struct simulate *r, int rc, const struct apc_error *why)
+{
+    cli_error(&r->cli, rc, "%s", why->text);
+    return rc;
+}
+
+/* ---- The samples -------------------------------------------------------------------------- */
+
+static int write_file(const struct simulate *r, const char *path, const char *text, size_t size)
+{
+    FILE *out = !strcmp(path, "-") ? stdout : fopen(path, "w");
+    bool failed = !out || fwrite(text, 1, size, out) != size;
+    if (out)
+        failed |= out == stdout ? fflush(out) != 0 : fclose(out) != 0;
+    if (failed)
+        cli_error(&r->cli, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
+    return failed ? APC_ESYS : 0;
+}
+
+static void print_hash(FILE *out, const char *text, size_t size)
+{
+    unsigned char hash[EVP_MAX_MD_SIZE];
+    unsigned length = 0;
+    if (EVP_Digest(text, size, hash, &length, EVP_sha256(), NULL) != 1)
+        return;
+    fputs("sha256:  ", out);
+    for (unsigned i = 0; i < length; i++)
+        fprintf(out, "%02x", hash[i]);
+    fputc('\n', out);
+}
+
+/* Also of a run that ended early. */
+static int put_samples(struct simulate *r)
+{
+    char *text = NULL;
+    size_t size = 0;
+    int rc = 0;
+    FILE *memory = open_memstream(&text, &size);
+
+    if (memory)
+        samples_write(&r->samples, SIMULATION_BEGIN, memory);
+    if (!memory || fclose(memory) != 0) {
+        free(text);
+        return cli_error(&r->cli, APC_ENOMEM, "out of memory"), APC_ENOMEM;
+    }
+    if (r->options.csv)
+        rc = write_file(r, r->options.csv, text, size);
+    print_hash(r->talk, text, size);
+    free(text);
+    return rc;
+}
+
+/* ---- One run ------------------------------------------------------------------------------ */
+
+static void print_speed(const struct simulate *r, apc_ns took)
+{
+    double t = r->s.ended, wall = apc_ns_to_s(took);
+    fprintf(r->talk, "%s: %s\n%.10g s in %.3g ms: %.3g times as fast as real time; %lld events, seed %llu\n",
+            r->e.name, r->e.title, t, 1e3 * wall, t / wall, (long long)r->s.handled,
+            (unsigned long long)r->options.seed);
+}
+
+static void print_tasks(const struct simulate *r)
+{
+    struct apc_inproc_stats link;
+    struct apc_timing timing;
+    for (int i = 0; i < SIM_TASKS; i++) {
+        apc_task_timing(r->s.task[i], &timing);
+        if (timing.missed > 0)
+            fprintf(r->talk, "%s: %llu of %llu ticks missed\n", simulation_task_name((enum simulation_task)i),
+                    (unsigned long long)timing.missed, (unsigned long long)(timing.missed + timing.ticks));
+    }
+    apc_inproc_stats(r->s.link, &link);
+    if (link.frames.lost + link.frames.duplicated + link.frames.reordered + link.timeouts > 0)
+        fprintf(r->talk,
+                "network: %llu frames, %llu lost, %llu duplicated, %llu reordered; %llu of %llu exchanges in "
+                "vain\n",
+                (unsigned long long)link.frames.sent, (unsigned long long)link.frames.lost,
+                (unsigned long long)link.frames.duplicated, (unsigned long long)link.frames.reordered,
+                (unsigned long long)link.timeouts, (unsigned long long)link.exchanges);
+    if (r->s.held > 0)
+        fprintf(r->talk, "controller: output held or at its fault value at %llu ticks\n",
+                (unsigned long long)r->s.held);
+    if (apc_controller_failures(r->s.controller) > 0)
+        fprintf(r->talk, "controller: law %s gave no finite number at %llu ticks\n",
+                r->e.controller.law->name, (unsigned long long)apc_controller_failures(r->s.controller));
+}
+
+struct listing {
+    FILE *out;
+    size_t n;
+};
+
+/* What was out of the ordinary, the first few. */
+static int print_event(void *ctx, const struct apc_event *e)
+{
+    struct listing *l = ctx;
+    if (e->severity != APC_EVENT_INFO && l->n++ < EVENTS)
+        fprintf(l->out, "%10.3f s  %s: %s\n", apc_ns_to_s(e->time - SIMULATION_BEGIN), e->source, e->text);
+    return 0;
+}
+
+static void print_events(const struct simulate *r)
+{
+    struct listing l = {.out = r->talk};
+    apc_store_events(r->s.store, NULL, print_event, &l);
+    if (l.n > EVENTS)
+        fprintf(r->talk, "... and %zu more\n", l.n - EVENTS);
+}
+
+static int leave_report(const struct simulate *r)
+{
+    struct apc_error why;
+    int rc = simulation_export(&r->s, r->options.report, r->cli.args[0], &why);
+    if (rc == 0)
+        rc = report_write(r->options.report, r->e.title, &why);
+    if (rc < 0)
+        return refuse(r, rc, &why);
+    fprintf(r->talk, "report:  %s/report.png, report.svg\n", r->options.report);
+    return 0;
+}
+
+static int simulate_once(struct simulate *r)
+{
+    struct apc_error why;
+    apc_ns began = apc_clock_mono(NULL);
+    int rc = simulation_create(&r->s, &r->e, r->options.seed, &why);
+    if (rc < 0)
+        return refuse(r, rc, &why);
+    int ended = simulation_run(&r->s, r->e.duration);
+    print_speed(r, apc_clock_mono(NULL) - began);
+    print_tasks(r);
+    print_events(r);
+    if ((rc = samples_collect(&r->samples, r->s.store, &r->e, NULL)) < 0) {
+        cli_store_error(&r->cli, rc, r->s.store);
+        return rc;
+    }
+    rc = put_samples(r);
+    if (rc == 0)
+        rc = metrics_print(&r->samples, &r->e, r->s.ended, r->talk);
+    if (rc == 0 && r->options.compare &&
+        (rc = compare_run(&r->samples, &r->e, r->options.compare, r->talk, &why)) < 0)
+        refuse(r, rc, &why);
+    if (rc == 0 && r->options.report)
+        rc = leave_report(r);
+    if (ended < 0)
+        cli_error(&r->cli, ended, "%s", r->s.why.text);
+    return ended < 0 ? ended : rc;
+}
+
+static int simulate(struct simulate *r)
+{
+    struct apc_error why;
+    int rc = experiment_load(&r->e, r->cli.args[0], EXPERIMENT_MODEL | EXPERIMENT_LAW, &r->options.overrides,
+                             &why);
+    if (rc < 0)
+        return refuse(r, rc, &why);
+    if (r->options.net && (rc = models_network(&r->e.models, r->options.net, &why)) < 0) {
+        cli_error(&r->cli, rc, "--net: %s", why.text);
+        return rc;
+    }
+    if (r->options.duration > 0)
+        r->e.duration = r->options.duration;
+    if (!(r->e.duration > 0)) {
+        cli_error(&r->cli, APC_EINVAL, "%s has no duration: give --duration SECONDS", r->cli.args[0]);
+        return APC_EINVAL;
+    }
+    if (!r->options.seeded)
+        r->options.seed = r->e.seed;
+    if (!r->options.runs)
+        return simulate_once(r);
+    if (r->options.runs - 1 > UINT64_MAX - r->options.seed) {
+        cli_error(&r->cli, APC_ERANGE, "--runs %u: so many seeds from %llu on go beyond 18446744073709551615",
+                  r->options.runs, (unsigned long long)r->options.seed);
+        return APC_ERANGE;
+    }
+    const struct campaign_options campaign = {.seed = r->options.seed,
+                                              .runs = r->options.runs,
+                                              .jobs = r->options.jobs,
+                                              .csv = r->options.csv,
+                                              .talk = r->talk};
+    rc = campaign_run(&r->e, &campaign, &why);
+    return rc < 0 ? refuse(r, rc, &why) : rc;
+}
+
+int command_simulate(int argc, char **argv)
+{
+    struct simulate r = {.options = {.seed = 0}};
+    cli_parse(&r.cli, &spec, &r.options, argc, argv);
+    r.talk = r.options.csv && !strcmp(r.options.csv, "-") ? stderr : stdout;
+    int rc = simulate(&r);
+    simulation_destroy(&r.s);
+    samples_free(&r.samples);
+    experiment_free(&r.e);
+    return cli_done(&r.cli, exit_code_of(rc));
+}

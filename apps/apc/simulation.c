@@ -1,0 +1,444 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The shells of the modules in virtual time. Each does what its daemon does around the same core: what the
+ * daemon reads, it reads when its tick begins; what the daemon writes or sends, it writes or sends when the
+ * execution time is over.
+ */
+#include "simulation.h"
+
+#include <malloc.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "common/cores.h"
+#include "common/notice.h"
+
+/* The order of coinciding events. Requests come to the plant after its own tick, replies before the
+ * controller's. */
+enum rank { RANK_CLOCK, RANK_SCHEDULER, RANK_PLANT, RANK_LINK, RANK_CLIENT = RANK_LINK, RANK_CONTROLLER };
+
+struct clock_step {
+    struct simulation *s;
+    const struct clock_change *change;
+};
+
+static struct apc_now now_of(const struct simulation *s)
+{
+    return (struct apc_now){.mono = apc_clock_mono(s->clock), .utc = apc_clock_utc(s->clock)};
+}
+
+static double time_of(const struct simulation *s)
+{
+    return apc_ns_to_s(apc_clock_mono(s->clock) - s->zero);
+}
+
+/* ---- What is told ------------------------------------------------------------------------- */
+
+static void stop(struct simulation *s, int rc, const char *fmt, ...) APC_PRINTF(3, 4);
+static void stop(struct simulation *s, int rc, const char *fmt, ...)
+{
+    va_list args;
+    if (s->rc < 0)
+        return;
+    s->rc = rc;
+    va_start(args, fmt);
+    vsnprintf(s->why.text, sizeof s->why.text, fmt, args);
+    va_end(args);
+    apc_virtual_stop(s->executive);
+}
+
+static void stop_at_failure(struct simulation *s, int rc)
+{
+    if (rc < 0)
+        stop(s, rc, "at t = %g s: %s", time_of(s), apc_err_text(rc));
+}
+
+static void stop_at_store(struct simulation *s, int rc)
+{
+    if (rc < 0)
+        stop(s, rc, "at t = %g s: %s", time_of(s), apc_store_error(s->store));
+}
+
+static void record(struct simulation *s, const char *source, struct apc_event *event)
+{
+    event->time = apc_clock_utc(s->clock);
+    snprintf(event->source, sizeof event->source, "%s", source);
+    stop_at_store(s, apc_store_append_events(s->store, event, 1));
+}
+
+static void tell(struct simulation *s, const char *source, enum apc_event_severity severity, const char *kind,
+                 const char *fmt, ...) APC_PRINTF(5, 6);
+static void tell(struct simulation *s, const char *source, enum apc_event_severity severity, const char *kind,
+                 const char *fmt, ...)
+{
+    struct apc_event event = {.severity = severity};
+    va_list args;
+    va_start(args, fmt);
+    vsnprintf(event.text, sizeof event.text, fmt, args);
+    va_end(args);
+    snprintf(event.kind, sizeof event.kind, "%s", kind);
+    record(s, source, &event);
+}
+
+static void tell_notice(struct simulation *s, const char *source, const struct apc_notice *notice)
+{
+    struct apc_event event = {0};
+    if (notice->kind == APC_NOTICE_NONE)
+        return;
+    notice_event(notice, &event);
+    record(s, source, &event);
+}
+
+/* ---- Scheduler ---------------------------------------------------------------------------- */
+
+static int scheduler_tick(void *ctx, const struct apc_tick *tick)
+{
+    struct simulation *s = ctx;
+    apc_scheduler_step(&s->scheduler, tick->index, now_of(s), s->step);
+    return 0;
+}
+
+static void scheduler_finish(void *ctx)
+{
+    struct simulation *s = ctx;
+    apc_ns utc = apc_clock_utc(s->clock);
+    for (size_t i = 0; i < s->e->dim.nz; i++)
+        s->step[i].time = utc;
+    stop_at_store(s, apc_store_put(s->store, s->step, s->e->dim.nz));
+}
+
+/* ---- Plant -------------------------------------------------------------------------------- */
+
+static void describe_state(const struct simulation *s, char *text, size_t size)
+{
+    const struct apc_model *model = s->e->plant.model;
+    const double *x = apc_plant_state(s->plant);
+    size_t used = 0;
+    for (size_t i = 0; i < model->nx && used < size; i++) {
+        const char *name = model->state ? model->state[i].name : NULL;
+        used +=
+            (size_t)(name ? snprintf(text + used, size - used, "%s%s = %g", i ? ", " : "", name, x[i])
+                          : snprintf(text + used, size - used, "%sx%zu = %g", i ? ", " : "", i + 1, x[i]));
+    }
+}
+
+static bool diverged(const struct simulation *s)
+{
+    const double *x = apc_plant_state(s->plant);
+    for (size_t i = 0; i < s->e->plant.model->nx; i++)
+        if (!(fabs(x[i]) < APC_VALUE_MAX))
+            return true;
+    return false;
+}
+
+static int plant_tick(void *ctx, const struct apc_tick *tick)
+{
+    struct simulation *s = ctx;
+    s->plant_now = (struct apc_now){.mono = tick->scheduled, .utc = tick->utc};
+    return 0;
+}
+
+static void plant_finish(void *ctx)
+{
+    struct simulation *s = ctx;
+    struct apc_notice notice;
+    char state[300];
+    int rc = apc_plantserver_tick(s->server, s->plant_now, &notice);
+
+    tell_notice(s, "apc-plant", &notice);
+    if (rc == 0 && !diverged(s))
+        return;
+    describe_state(s, state, sizeof state);
+    stop(s, APC_ESOLVER, "the plant diverged at t = %g s, %s: %s", time_of(s), state,
+         rc < 0 ? apc_plant_error(s->plant) : "a state is no longer a finite number");
+}
+
+static int serve(void *ctx, uint64_t connection, const char *request, size_t length, char *reply, size_t size)
+{
+    struct simulation *s = ctx;
+    struct apc_notice notice;
+    int rc = apc_plantserver_request(s->server, now_of(s), connection, request, length, reply, size, &notice);
+    tell_notice(s, "apc-plant", &notice);
+    return rc;
+}
+
+/* ---- Client ------------------------------------------------------------------------------- */
+
+static int client_tick(void *ctx, const struct apc_tick *tick)
+{
+    struct simulation *s = ctx;
+    const struct apc_now now = {.mono = tick->started, .utc = tick->utc};
+    stop_at_store(s, apc_store_read(s->store, s->u, s->e->dim.nu));
+    s->request_length = apc_client_request(s->client, now, s->u, s->request, cores_frame_max(s->e));
+    stop_at_failure(s, s->request_length);
+    return 0;
+}
+
+static void report_link(struct simulation *s, bool down, const char *why)
+{
+    if (s->link_down != down)
+        tell(s, "apc-client", down ? APC_EVENT_WARNING : APC_EVENT_INFO, "link", "plant %s%s",
+             down ? "lost, trying again: " : "connected", why);
+    s->link_down = down;
+}
+
+static void on_reply(void *ctx, const char *reply, int length)
+{
+    struct simulation *s = ctx;
+    int n = reply ? apc_client_reply(s->client, reply, (size_t)length, s->y) : 0;
+
+    if (!reply) {
+        report_link(s, true, apc_err_text(length));
+    } else if (n < 0) {
+        report_link(s, true, "its reply does not answer the request");
+        apc_inproc_reset(s->link);
+    } else {
+        report_link(s, false, "");
+        stop_at_store(s, apc_store_append(s->store, s->y, (size_t)n));
+    }
+}
+
+static void client_finish(void *ctx)
+{
+    struct simulation *s = ctx;
+    int rc = apc_inproc_exchange(s->link, s->request, (size_t)s->request_length, cores_patience(s->e),
+                                 on_reply, s);
+    if (rc == APC_EBUSY) /* its execution time has eaten the patience of the one before */
+        report_link(s, true, "the exchange before has not ended");
+    else
+        stop_at_failure(s, rc);
+}
+
+/* ---- Controller --------------------------------------------------------------------------- */
+
+static int controller_tick(void *ctx, const struct apc_tick *tick)
+{
+    struct simulation *s = ctx;
+    struct apc_notice notice;
+    (void)tick;
+    stop_at_store(s, apc_store_read(s->store, s->in, s->size.in));
+    s->n_out = apc_controller_compute(s->controller, now_of(s), s->in, s->out, &notice);
+    tell_notice(s, "apc-controller", &notice);
+    s->held += s->n_out > 0 && s->out[0].table == APC_ACTUATOR &&
+               apc_status_severity(s->out[0].status) != APC_SEVERITY_GOOD;
+    return 0;
+}
+
+static void controller_finish(void *ctx)
+{
+    struct simulation *s = ctx;
+    stop_at_store(s, apc_store_append(s->store, s->out, (size_t)s->n_out));
+    apc_controller_update(s->controller);
+}
+
+/* ---- The wall clock ----------------------------------------------------------------------- */
+
+static void on_clock(void *ctx)
+{
+    struct clock_step *step = ctx;
+    const struct clock_change *c = step->change;
+    apc_virtual_set_clock(step->s->executive, c->step, c->drift);
+    if (c->step != 0)
+        tell(step->s, "apc-simulate", APC_EVENT_WARNING, "clock",
+             "the wall clock stepped by %+.3f s; periods are not affected", apc_ns_to_s(c->step));
+}
+
+static int schedule_clock(struct simulation *s)
+{
+    const struct models *m = &s->e->models;
+    s->clock_steps = calloc(m->n_clock + 1, sizeof *s->clock_steps);
+    if (!s->clock_steps)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < m->n_clock; i++) {
+        s->clock_steps[i] = (struct clock_step){s, &m->clock[i]};
+        if (apc_virtual_at(s->executive, s->zero + m->clock[i].at, RANK_CLOCK, on_clock, &s->clock_steps[i]) <
+            0)
+            return APC_ENOMEM;
+    }
+    return 0;
+}
+
+/* ---- Making one --------------------------------------------------------------------------- */
+
+static const struct {
+    const char *name;
+    enum rank rank;
+    apc_task_fn tick;
+    apc_virtual_fn finish;
+} tasks[SIM_TASKS] = {
+    [SIM_SCHEDULER] = {"scheduler", RANK_SCHEDULER, scheduler_tick, scheduler_finish},
+    [SIM_PLANT] = {"plant", RANK_PLANT, plant_tick, plant_finish},
+    [SIM_CLIENT] = {"client", RANK_CLIENT, client_tick, client_finish},
+    [SIM_CONTROLLER] = {"controller", RANK_CONTROLLER, controller_tick, controller_finish},
+};
+
+const char *simulation_task_name(enum simulation_task task)
+{
+    return tasks[task].name;
+}
+
+static int make_task(struct simulation *s, enum simulation_task which, const struct rhythm *rhythm,
+                     uint64_t seed, struct apc_error *why)
+{
+    const struct apc_task_options options = {.size = sizeof options,
+                                             .name = tasks[which].name,
+                                             .period = rhythm->period,
+                                             .start = SIMULATION_BEGIN + rhythm->phase,
+                                             .aligned = true,
+                                             .overrun = rhythm->overrun};
+    const struct apc_virtual_model model = {.size = sizeof model,
+                                            .rank = (int)tasks[which].rank,
+                                            .jitter = rhythm->model.jitter,
+                                            .execution = rhythm->model.execution,
+                                            .seed = seed,
+                                            .finish = tasks[which].finish};
+    int rc = apc_task_create(s->executive, &options, tasks[which].tick, s, &s->task[which], why);
+    if (rc == 0)
+        rc = apc_virtual_set_model(s->task[which], &model, why);
+    return rc < 0 ? rc : apc_task_start(s->task[which], why);
+}
+
+static int make_tasks(struct simulation *s, uint64_t seed, struct apc_error *why)
+{
+    const struct rhythm *const rhythms[SIM_TASKS] = {
+        [SIM_SCHEDULER] = &s->e->scheduler.rhythm,
+        [SIM_PLANT] = &s->e->plant.rhythm,
+        [SIM_CLIENT] = &s->e->client.rhythm,
+        [SIM_CONTROLLER] = &s->e->controller.rhythm,
+    };
+    int rc = 0;
+    for (int i = 0; i < SIM_TASKS && rc == 0; i++)
+        rc = make_task(s, (enum simulation_task)i, rhythms[i], seed, why);
+    return rc;
+}
+
+static int make_link(struct simulation *s, uint64_t seed, struct apc_error *why)
+{
+    const struct network_model *network = &s->e->models.network;
+    struct apc_inproc_options options = {.size = sizeof options,
+                                         .executive = s->executive,
+                                         .request_rank = RANK_LINK,
+                                         .reply_rank = RANK_LINK,
+                                         .network = network->options,
+                                         .frame_max = cores_frame_max(s->e),
+                                         .serve = serve,
+                                         .serve_ctx = s};
+    size_t n = network->options.n_outages;
+    struct apc_outage *outages = calloc(n + 1, sizeof *outages);
+    if (!outages)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < n; i++)
+        outages[i] =
+            (struct apc_outage){s->zero + network->outages[i].from, s->zero + network->outages[i].until};
+    options.network.outages = outages;
+    options.network.seed = seed;
+    int rc = apc_inproc_create(&s->link, &options, why);
+    free(outages);
+    return rc;
+}
+
+static int make_room(struct simulation *s)
+{
+    const struct apc_dim *dim = &s->e->dim;
+    s->size = apc_controller_size(s->controller);
+    s->memory = calloc(dim->nu + dim->ny + dim->nz + s->size.in + s->size.out, sizeof *s->memory);
+    s->request = malloc(cores_frame_max(s->e));
+    if (!s->memory || !s->request)
+        return APC_ENOMEM;
+    s->u = s->memory;
+    s->y = s->u + dim->nu;
+    s->step = s->y + dim->ny;
+    s->in = s->step + dim->nz;
+    s->out = s->in + s->size.in;
+    for (size_t i = 0; i < dim->nu; i++)
+        s->u[i] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)i + 1};
+    apc_controller_inputs(s->controller, s->in);
+    return 0;
+}
+
+/* As `apc run` does before it starts the daemons. */
+static int make_store(struct simulation *s, struct apc_error *why)
+{
+    const struct experiment *e = s->e;
+    const size_t n = e->dim.nu * e->controller.law->n_tuning;
+    struct apc_sample *first = calloc(n + 1, sizeof *first);
+    int rc = first ? apc_store_open(&s->store, SIMULATION_STORE, NULL, why) : APC_ENOMEM;
+
+    if (rc < 0) {
+        free(first);
+        return first ? rc : apc_fail(why, APC_ENOMEM, "out of memory");
+    }
+    first[0] = (struct apc_sample){.table = APC_OPMODE, .value = (double)e->controller.mode};
+    for (size_t i = 0; i < n; i++)
+        first[1 + i] =
+            (struct apc_sample){.table = APC_TUNING, .id = (int)i + 1, .value = e->controller.tuning[i]};
+    for (size_t i = 0; i <= n; i++)
+        first[i].time = SIMULATION_BEGIN;
+    rc = apc_store_init(s->store);
+    if (rc >= 0)
+        rc = apc_store_put(s->store, first, n + 1);
+    free(first);
+    return rc < 0 ? apc_fail(why, rc, "%s", apc_store_error(s->store)) : 0;
+}
+
+int simulation_create(struct simulation *s, const struct experiment *e, uint64_t seed, struct apc_error *why)
+{
+    const struct apc_executive_options options = {.size = sizeof options, .begin = SIMULATION_BEGIN};
+    int rc;
+
+    *s = (struct simulation){.e = e};
+    if ((rc = apc_executive_create(&s->executive, "virtual", &options, why)) < 0)
+        return rc;
+    s->clock = apc_executive_clock(s->executive);
+    s->zero = apc_clock_mono(s->clock);
+    s->scheduler = (struct apc_scheduler_options){.size = sizeof s->scheduler,
+                                                  .nz = e->dim.nz,
+                                                  .steps = e->scheduler.steps,
+                                                  .sequence = e->scheduler.sequence,
+                                                  .repeat = e->scheduler.repeat};
+    struct experiment seeded = *e;
+    seeded.seed = seed;
+    if ((rc = experiment_plant(&seeded, &s->plant, &s->server, why)) < 0 ||
+        (rc = cores_controller(e, &s->controller, why)) < 0 ||
+        (rc = cores_client(e, NULL, SIMULATION_BEGIN, &s->client, why)) < 0 ||
+        (rc = make_link(s, seed, why)) < 0 || (rc = make_store(s, why)) < 0)
+        return rc;
+    if (make_room(s) < 0 || schedule_clock(s) < 0)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    return make_tasks(s, seed, why);
+}
+
+int simulation_run(struct simulation *s, double duration)
+{
+    apc_ns length;
+    if (apc_ns_from_s(duration, &length) < 0 || length <= 0)
+        return s->rc = apc_fail(&s->why, APC_EINVAL, "a duration of %g s: must be above 0", duration);
+    int64_t handled = apc_virtual_run(s->executive, s->zero + length - 1);
+    s->handled = handled;
+    s->ended = s->rc < 0 ? time_of(s) : duration;
+    return s->rc;
+}
+
+void simulation_destroy(struct simulation *s)
+{
+    for (int i = 0; i < SIM_TASKS; i++)
+        apc_task_destroy(s->task[i]);
+    apc_inproc_destroy(s->link);
+    apc_executive_destroy(s->executive);
+    apc_client_destroy(s->client);
+    apc_controller_destroy(s->controller);
+    apc_plantserver_destroy(s->server);
+    apc_plant_destroy(s->plant);
+    apc_store_close(s->store);
+    free(s->memory);
+    free(s->request);
+    free(s->clock_steps);
+}
+
+void simulation_keep_memory(void)
+{
+    mallopt(M_TRIM_THRESHOLD, 256 << 20); /* or else the kernel clears some 200 pages for each */
+    mallopt(M_MMAP_THRESHOLD, 32 << 20);
+}

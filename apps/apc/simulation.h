@@ -1,0 +1,70 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * An experiment in virtual time: the cores of the four modules on the executive "virtual" and the link
+ * inproc:, in one process.
+ */
+#ifndef APC_SIMULATION_H
+#define APC_SIMULATION_H
+
+#include <apcmodules.h>
+#include <apcshareddata.h>
+#include <apctimer.h>
+
+#include "common/experiment.h"
+
+#define SIMULATION_STORE "mem:apc-simulate"
+#define SIMULATION_BEGIN (INT64_C(946684800) * APC_NS_PER_S) /* UTC of t = 0: 2000-01-01 */
+
+enum simulation_task { SIM_SCHEDULER, SIM_PLANT, SIM_CLIENT, SIM_CONTROLLER, SIM_TASKS };
+
+/* Made by simulation_create(), to be read by anyone. */
+struct simulation {
+    const struct experiment *e;
+    struct apc_executive *executive;
+    const struct apc_clock *clock;
+    struct apc_task *task[SIM_TASKS];
+    struct apc_inproc *link;
+    apc_ns zero; /* monotonic, of t = 0 */
+
+    struct apc_plant *plant;
+    struct apc_plantserver *server;
+    struct apc_client *client;
+    struct apc_controller *controller;
+    struct apc_scheduler_options scheduler;
+    struct apc_controller_size size; /* of in and out */
+    struct apc_store *store;         /* mem: */
+
+    /* what the shells keep between two of their events */
+    struct apc_sample *u, *y, *step, *in, *out, *memory;
+    char *request;
+    int request_length, n_out;
+    struct apc_now plant_now;
+    struct clock_step *clock_steps;
+    bool link_down;
+
+    uint64_t held;   /* ticks of the controller at which its output was not the law's */
+    int64_t handled; /* events of the executive */
+    double ended;    /* s since t = 0 */
+    int rc;          /* why it ended early, with its text in why */
+    struct apc_error why;
+};
+
+const char *simulation_task_name(enum simulation_task task);
+
+/* Returns 0 or a negative error; simulation_destroy() in either case. */
+int simulation_create(struct simulation *s, const struct experiment *e, uint64_t seed, struct apc_error *why);
+/*
+ * Run once, for @duration in s: what happens at that very instant is not part of it. Returns 0, or
+ * why it ended before (also in s->rc, s->why): what has happened until then is kept.
+ */
+int simulation_run(struct simulation *s, double duration);
+void simulation_destroy(struct simulation *s);
+
+/* For a process that makes many, one after another: keep the memory of one for the next. */
+void simulation_keep_memory(void);
+
+/* The run folder of what was simulated, as `apc run` leaves one. */
+int simulation_export(const struct simulation *s, const char *dir, const char *experiment_file,
+                      struct apc_error *why);
+
+#endif

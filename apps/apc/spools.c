@@ -1,0 +1,90 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "spools.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli.h"
+
+static int is_spool(const struct dirent *entry)
+{
+    size_t n = strlen(entry->d_name);
+    return n > 6 && !strcmp(entry->d_name + n - 6, ".spool");
+}
+
+int spools_look(struct spools *spools, const char *dir, struct apc_error *why)
+{
+    struct dirent **names;
+    int rc = 0, n = scandir(dir, &names, is_spool, alphasort);
+    spools->n = 0;
+    if (n < 0)
+        return apc_fail(why, APC_ENOTFOUND, "%s: cannot be read: %s", dir, strerror(errno));
+    for (int i = 0; i < n; i++) {
+        if (rc >= 0 && spools->n < SPOOLS_MAX) {
+            char *path = spools->path[spools->n];
+            snprintf(path, sizeof spools->path[0], "%s/%s", dir, names[i]->d_name);
+            rc = apc_spool_look(path, &spools->info[spools->n], why);
+            if (rc == APC_ENOTFOUND) /* its writer has just removed it */
+                rc = 0;
+            else if (rc == 0)
+                spools->n++;
+        }
+        free(names[i]);
+    }
+    free(names);
+    return rc;
+}
+
+static int drain_one(const char *path, const char *writer, const char *uri, apc_ns timeout,
+                     struct apc_error *why)
+{
+    const struct apc_store_options options = {
+        .size = sizeof options, .name = writer, .timeout = timeout, .spool = path};
+    struct apc_store_stats stats;
+    struct apc_store *store;
+    int rc = apc_store_open(&store, uri, &options, why);
+    if (rc < 0)
+        return rc;
+    do {
+        rc = apc_store_connect(store);
+        apc_store_stats(store, &stats);
+    } while (rc >= 0 && stats.spool.samples + stats.spool.events > 0);
+    if (rc < 0)
+        apc_fail(why, rc, "%llu samples and %llu events wait in %.200s: %.250s",
+                 (unsigned long long)stats.spool.samples, (unsigned long long)stats.spool.events, path,
+                 apc_store_error(store));
+    apc_store_close(store);
+    return rc;
+}
+
+int spools_drain(const char *dir, const char *uri, apc_ns timeout, struct apc_error *why)
+{
+    struct spools *spools = malloc(sizeof *spools);
+    int rc = spools ? spools_look(spools, dir, why) : apc_fail(why, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; rc >= 0 && i < spools->n; i++)
+        rc = drain_one(spools->path[i], spools->info[i].writer, uri, timeout, why);
+    free(spools);
+    return rc;
+}
+
+static const struct cli_spec spec = {
+    .args_doc = "DIR",
+    .doc =
+        "Store what daemons left in the spools (*.spool) of the folder DIR, which they had kept back while "
+        "the store was away, and remove the spools. The next start of such a daemon does the same.",
+    .takes = CLI_STORE,
+    .min_args = 1,
+    .max_args = 1,
+};
+
+int command_drain(int argc, char **argv)
+{
+    struct apc_error why;
+    struct cli cli;
+    cli_parse(&cli, &spec, NULL, argc, argv);
+    int rc = spools_drain(cli.args[0], cli.store, cli.timeout, &why);
+    return rc < 0 ? cli_error(&cli, rc, "%s", why.text) : EXIT_OK;
+}

@@ -1,0 +1,175 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "experiment_law.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+bool experiment_wants_model(const config_setting_t *root)
+{
+    const config_setting_t *controller = config_setting_get_member(root, "controller");
+    return controller && config_setting_get_member(controller, "operating_point");
+}
+
+static double *numbers(struct settings *s, size_t n)
+{
+    double *p = calloc(n ? n : 1, sizeof *p);
+    if (!p && !s->failed)
+        s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
+    return p;
+}
+
+/* ---- Settings ----------------------------------------------------------------------------- */
+
+/* A number, or an array of them, to *value; the name is the law's own copy. */
+static void read_setting(struct settings *s, const config_setting_t *group, const config_setting_t *member,
+                         const char *const *known, struct apc_setting *to, double *value)
+{
+    const char *name = config_setting_name(member);
+
+    for (; *known; known++)
+        if (strcmp(*known, name) == 0)
+            to->name = *known;
+    to->value = value;
+    if (config_setting_is_aggregate(member))
+        settings_numbers(s, member, to->n, value);
+    else
+        settings_number(s, group, name, REQUIRED, -APC_VALUE_MAX, APC_VALUE_MAX, value);
+}
+
+static void read_settings(struct settings *s, const config_setting_t *group, struct experiment *e)
+{
+    static const char *const none[] = {NULL};
+    const char *const *known = e->controller.law->settings ? e->controller.law->settings : none;
+    const config_setting_t *list = settings_group(s, group, "settings", OPTIONAL);
+    size_t n = list ? (size_t)config_setting_length(list) : 0, total = 0;
+
+    if (!list)
+        return;
+    settings_known(s, list, known);
+    if (s->failed)
+        return;
+    e->controller.setting = calloc(n + 1, sizeof *e->controller.setting);
+    if (!e->controller.setting) {
+        s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
+        return;
+    }
+    e->controller.n_setting = n;
+    for (size_t i = 0; i < n; i++) {
+        const config_setting_t *member = config_setting_get_elem(list, (unsigned)i);
+        bool many = config_setting_is_aggregate(member);
+        total += e->controller.setting[i].n = many ? (size_t)config_setting_length(member) : 1;
+    }
+    double *value = e->controller.values = numbers(s, total);
+    for (size_t i = 0; i < n && !s->failed; i++) {
+        read_setting(s, list, config_setting_get_elem(list, (unsigned)i), known, &e->controller.setting[i],
+                     value);
+        value += e->controller.setting[i].n;
+    }
+}
+
+/* ---- The operating point ------------------------------------------------------------------- */
+
+/* From what the file says, or the model's own values, to the steady state there and the linear model. */
+static void linearise(struct settings *s, const config_setting_t *at, struct experiment *e)
+{
+    const struct apc_model *m = e->plant.model;
+    size_t nx = m->nx, nu = m->nu, all = nu + m->nd, ny = m->ny;
+    double *memory = numbers(s, nx * nx + 2 * nx * all + 2 * ny * all + ny * nx + nx + all + ny);
+    const config_setting_t *x_setting = config_setting_get_member(at, "x");
+    const config_setting_t *u_setting = config_setting_get_member(at, "u");
+    struct apc_error why;
+
+    e->controller.linear = memory;
+    if (!memory)
+        return;
+    double *A = memory, *C = A + nx * nx, *B = C + ny * nx, *D = B + nx * nu, *x = D + ny * nu, *u = x + nx,
+           *y = u + all, *B_all = y + ny, *D_all = B_all + nx * all;
+    for (size_t i = 0; i < nx; i++)
+        x[i] = m->state ? m->state[i].initial : 0;
+    for (size_t i = 0; i < nu; i++)
+        u[i] = m->input ? m->input[i].initial : 0;
+    for (size_t i = 0; i < m->nd; i++)
+        u[nu + i] = m->disturbance ? m->disturbance[i].initial : 0;
+    if (x_setting)
+        settings_numbers(s, x_setting, nx, x);
+    if (u_setting)
+        settings_numbers(s, u_setting, nu, u);
+    if (s->failed)
+        return;
+    int rc = apc_model_equilibrium(m, e->plant.p, u, x, &why);
+    if (rc == 0)
+        rc = apc_model_linearize(m, e->plant.p, x, u, A, B_all, C, D_all, &why);
+    if (rc < 0) {
+        settings_fail(s, at, "%s", why.text);
+        return;
+    }
+    m->g(0, x, u, e->plant.p, y);
+    for (size_t i = 0; i < nx; i++) /* without the columns of the disturbances */
+        memcpy(B + i * nu, B_all + i * all, nu * sizeof *B);
+    for (size_t i = 0; i < ny; i++)
+        memcpy(D + i * nu, D_all + i * all, nu * sizeof *D);
+    e->controller.plant =
+        (struct apc_law_plant){.nx = nx, .A = A, .B = B, .C = C, .D = D, .x0 = x, .u0 = u, .y0 = y};
+}
+
+static void read_operating_point(struct settings *s, const config_setting_t *group, struct experiment *e)
+{
+    static const char *const known[] = {"x", "u", NULL};
+    const config_setting_t *at = settings_group(s, group, "operating_point", OPTIONAL);
+
+    if (!at)
+        return;
+    settings_known(s, at, known);
+    if (!s->failed)
+        linearise(s, at, e);
+}
+
+/* ---- Trial --------------------------------------------------------------------------------- */
+
+static void try_to_configure(struct settings *s, const config_setting_t *group, const struct experiment *e)
+{
+    const struct apc_law_setup setup = experiment_law_setup(e);
+    struct apc_law_size size = {0};
+    struct apc_error why;
+    int rc = e->controller.law->configure(&setup, &size, NULL, &why);
+
+    if (rc == 0) {
+        double *constant = numbers(s, size.constants);
+        if (!constant)
+            return;
+        rc = e->controller.law->configure(&setup, &size, constant, &why);
+        free(constant);
+    }
+    if (rc < 0)
+        settings_fail(s, group, "%s", why.text);
+}
+
+struct apc_law_setup experiment_law_setup(const struct experiment *e)
+{
+    return (struct apc_law_setup){.dim = e->dim,
+                                  .Ts = apc_ns_to_s(e->controller.rhythm.period),
+                                  .n_setting = e->controller.n_setting,
+                                  .setting = e->controller.setting,
+                                  .plant = e->controller.linear ? &e->controller.plant : NULL};
+}
+
+void experiment_read_law(struct settings *s, const config_setting_t *root, struct experiment *e,
+                         const struct experiment_overrides *overrides)
+{
+    const config_setting_t *group = s->failed ? NULL : config_setting_get_member(root, "controller");
+    if (!group || !e->controller.law)
+        return;
+    if (!overrides || !overrides->law)
+        read_settings(s, group, e);
+    if (e->plant.model && !(overrides && overrides->model))
+        read_operating_point(s, group, e);
+    if (!s->failed && e->controller.law->configure)
+        try_to_configure(s, group, e);
+}
+
+void experiment_free_law(struct experiment *e)
+{
+    free(e->controller.setting);
+    free(e->controller.values);
+    free(e->controller.linear);
+}

@@ -1,0 +1,223 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "experiment_plant.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define DAYS_366 (366 * 86400.0)
+
+static void *zeros(struct settings *s, size_t n, size_t size)
+{
+    void *p = calloc(n ? n : 1, size);
+    if (!p && !s->failed)
+        s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
+    return p;
+}
+
+static apc_ns seconds(struct settings *s, const config_setting_t *group, const char *name,
+                      enum settings_presence presence)
+{
+    double value = 0.0;
+    apc_ns ns = 0;
+    settings_number(s, group, name, presence, 0, DAYS_366, &value);
+    if (!s->failed)
+        (void)apc_ns_from_s(value, &ns);
+    return ns;
+}
+
+/* The number of a model's variable by its name; @n when there is none, and that is a failure. */
+static size_t find(struct settings *s, const config_setting_t *at, const char *name,
+                   const struct apc_param *table, size_t n, const char *what, const char *model)
+{
+    char names[256] = "none with a name";
+    size_t i = 0, used = 0;
+    while (table && i < n && strcmp(table[i].name, name) != 0)
+        i++;
+    if (table && i < n)
+        return i;
+    for (i = 0; table && i < n && used < sizeof names; i++)
+        used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", i ? ", " : "", table[i].name);
+    settings_fail(s, at, "%s has no %s \"%s\"; there are: %s", model, what, name, names);
+    return n;
+}
+
+/* ---- Sensors ------------------------------------------------------------------------------- */
+
+static void read_fault(struct settings *s, const config_setting_t *group, struct apc_sensor_fault *fault)
+{
+    static const char *const known[] = {"kind", "at", "duration", "size", NULL};
+    static const char *const kinds[] = {"", "stuck", "drift", "dropout", "spike"};
+    char kind[16] = "";
+    int k = APC_FAULT_SPIKE;
+    if (!config_setting_is_group(group)) {
+        settings_fail(s, group, "expected a group: { kind = \"stuck\"; at = 10.0; duration = 5.0; }");
+        return;
+    }
+    settings_known(s, group, known);
+    settings_text(s, group, "kind", REQUIRED, kind, sizeof kind);
+    while (k > 0 && strcmp(kinds[k], kind) != 0)
+        k--;
+    if (k == 0)
+        settings_fail(s, config_setting_get_member(group, "kind"),
+                      "\"kind\" must be \"stuck\", \"drift\", \"dropout\" or \"spike\"");
+    if (s->failed)
+        return;
+    fault->kind = (enum apc_sensor_fault_kind)k;
+    fault->at = seconds(s, group, "at", REQUIRED);
+    fault->duration = seconds(s, group, "duration", OPTIONAL);
+    if (fault->kind == APC_FAULT_DRIFT || fault->kind == APC_FAULT_SPIKE)
+        settings_number(s, group, "size", REQUIRED, -APC_VALUE_MAX / 2, APC_VALUE_MAX / 2, &fault->size);
+    else if (config_setting_get_member(group, "size"))
+        settings_fail(s, group, "a fault of kind \"%s\" has no size", kind);
+}
+
+static const config_setting_t *faults_of(struct settings *s, const config_setting_t *list, size_t i)
+{
+    return settings_list(s, config_setting_get_elem(list, (unsigned)i), "faults", OPTIONAL);
+}
+
+void experiment_read_sensors(struct settings *s, const config_setting_t *list, struct experiment *e)
+{
+    size_t n = 0;
+    if (s->failed)
+        return;
+    for (size_t i = 0; i < e->dim.ny; i++) {
+        const config_setting_t *faults = faults_of(s, list, i);
+        n += faults ? (size_t)config_setting_length(faults) : 0;
+    }
+    e->sensor = zeros(s, e->dim.ny, sizeof *e->sensor);
+    e->faults = zeros(s, n, sizeof *e->faults);
+    n = 0;
+    for (size_t i = 0; i < e->dim.ny && !s->failed; i++) {
+        const config_setting_t *one = config_setting_get_elem(list, (unsigned)i);
+        const config_setting_t *faults = faults_of(s, list, i);
+        struct apc_sensor *sensor = &e->sensor[i];
+        settings_number(s, one, "noise", OPTIONAL, 0, APC_VALUE_MAX / 2, &sensor->noise);
+        settings_number(s, one, "quantum", OPTIONAL, 0, APC_VALUE_MAX / 2, &sensor->quantum);
+        sensor->fault = e->faults + n;
+        sensor->n_faults = faults ? (size_t)config_setting_length(faults) : 0;
+        for (unsigned k = 0; k < sensor->n_faults && !s->failed; k++)
+            read_fault(s, config_setting_get_elem(faults, k), &e->faults[n++]);
+    }
+}
+
+/* ---- Plant --------------------------------------------------------------------------------- */
+
+static void read_noise(struct settings *s, const config_setting_t *group, struct experiment *e)
+{
+    const struct apc_model *model = e->plant.model;
+    e->plant.noise = zeros(s, model->nx, sizeof *e->plant.noise);
+    for (int i = 0; i < config_setting_length(group) && !s->failed; i++) {
+        const config_setting_t *member = config_setting_get_elem(group, (unsigned)i);
+        const char *name = config_setting_name(member);
+        size_t k = find(s, member, name, model->state, model->nx, "state", model->name);
+        if (k < model->nx)
+            settings_number(s, group, name, REQUIRED, 0, APC_VALUE_MAX / 2, &e->plant.noise[k]);
+    }
+}
+
+static void read_disturbance(struct settings *s, const config_setting_t *group, const struct apc_model *model,
+                             struct apc_disturbance *change)
+{
+    static const char *const known[] = {"name", "at", "value", NULL};
+    char name[64] = "";
+    if (!config_setting_is_group(group)) {
+        settings_fail(s, group, "expected a group: { name = \"...\"; at = 100.0; value = 1.0; }");
+        return;
+    }
+    settings_known(s, group, known);
+    settings_text(s, group, "name", REQUIRED, name, sizeof name);
+    if (s->failed)
+        return;
+    change->k = find(s, group, name, model->disturbance, model->nd, "disturbance", model->name);
+    change->at = seconds(s, group, "at", REQUIRED);
+    if (s->failed)
+        return;
+    settings_number(s, group, "value", REQUIRED, model->disturbance[change->k].low,
+                    model->disturbance[change->k].high, &change->value);
+}
+
+static void read_disturbances(struct settings *s, const config_setting_t *list, struct experiment *e)
+{
+    int n = config_setting_length(list);
+    struct apc_disturbance *all = zeros(s, (size_t)n, sizeof *all);
+    e->plant.disturbance = all;
+    for (int i = 0; all && i < n && !s->failed; i++) {
+        struct apc_disturbance change = {0};
+        size_t at = e->plant.n_disturbances;
+        read_disturbance(s, config_setting_get_elem(list, (unsigned)i), e->plant.model, &change);
+        for (; at > 0 && all[at - 1].at > change.at; at--) /* by time, as the core wants them */
+            all[at] = all[at - 1];
+        all[at] = change;
+        e->plant.n_disturbances++;
+    }
+}
+
+void experiment_read_dynamics(struct settings *s, const config_setting_t *group, struct experiment *e,
+                              bool own)
+{
+    const config_setting_t *noise = settings_group(s, group, "noise", OPTIONAL);
+    const config_setting_t *disturbances = settings_list(s, group, "disturbances", OPTIONAL);
+    struct apc_plant_options *o = &e->plant.options;
+    struct apc_plant *trial = NULL;
+    struct apc_plantserver *core = NULL;
+    struct apc_error why;
+    double steps = 0.0;
+    o->size = sizeof *o;
+    settings_text(s, group, "integrator", OPTIONAL, e->plant.integrator, sizeof e->plant.integrator);
+    settings_number(s, group, "rtol", OPTIONAL, 1e-15, 0.1, &o->rtol);
+    settings_number(s, group, "atol", OPTIONAL, 1e-300, 1e300, &o->atol);
+    settings_number(s, group, "steps", OPTIONAL, 1, 1e6, &steps);
+    settings_number(s, group, "dead_time", OPTIONAL, 0, DAYS_366, &o->dead_time);
+    o->steps = (unsigned)steps;
+    if (noise && !own && !s->failed)
+        read_noise(s, noise, e);
+    if (disturbances && !own && !s->failed)
+        read_disturbances(s, disturbances, e);
+    if (s->failed)
+        return;
+    if (experiment_plant(e, &trial, &core, &why) < 0) /* what only the library knows, said with the line */
+        settings_fail(s, group, "%s", why.text);
+    apc_plantserver_destroy(core);
+    apc_plant_destroy(trial);
+}
+
+int experiment_plant(const struct experiment *e, struct apc_plant **plant, struct apc_plantserver **server,
+                     struct apc_error *why)
+{
+    struct apc_plant_options how = e->plant.options;
+    double *limits = calloc(4 * e->dim.nu, sizeof *limits);
+    struct apc_plantserver_options options = {
+        .size = sizeof options,
+        .model = e->plant.model,
+        .low = limits,
+        .high = limits + e->dim.nu,
+        .safe = limits + 2 * e->dim.nu,
+        .link_period = e->client.rhythm.period,
+        .command_period = e->controller.rhythm.period,
+        .seed = e->seed,
+        .noise = e->plant.noise,
+        .disturbance = e->plant.disturbance,
+        .n_disturbances = e->plant.n_disturbances,
+        .sensor = e->sensor,
+    };
+    int rc;
+
+    *plant = NULL;
+    *server = NULL;
+    if (!limits)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    experiment_outputs(e, limits, limits + e->dim.nu, limits + 2 * e->dim.nu, limits + 3 * e->dim.nu);
+    how.integrator = e->plant.integrator[0] ? e->plant.integrator : NULL;
+    rc = apc_plant_create(plant, e->plant.model, e->plant.p, e->plant.x0, &how, why);
+    options.plant = *plant;
+    if (rc == 0)
+        rc = apc_plantserver_create(server, &options, why);
+    if (rc < 0) {
+        apc_plant_destroy(*plant);
+        *plant = NULL;
+    }
+    free(limits);
+    return rc;
+}

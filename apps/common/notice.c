@@ -1,0 +1,24 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "notice.h"
+
+#include <stdio.h>
+
+void notice_event(const struct apc_notice *notice, struct apc_event *event)
+{
+    static const struct {
+        enum apc_event_severity severity;
+        const char *kind;
+    } of[] = {
+        [APC_NOTICE_MODE] = {APC_EVENT_INFO, "mode"},
+        [APC_NOTICE_HOLD] = {APC_EVENT_WARNING, "measurement"},
+        [APC_NOTICE_FAULT] = {APC_EVENT_ALARM, "measurement"},
+        [APC_NOTICE_FAILED] = {APC_EVENT_ALARM, "measurement"},
+        [APC_NOTICE_RECOVERED] = {APC_EVENT_INFO, "measurement"},
+        [APC_NOTICE_TRIP] = {APC_EVENT_ALARM, "watchdog"},
+        [APC_NOTICE_RESUMED] = {APC_EVENT_INFO, "watchdog"},
+        [APC_NOTICE_REJECTED] = {APC_EVENT_WARNING, "rejected"},
+    };
+    event->severity = of[notice->kind].severity;
+    snprintf(event->kind, sizeof event->kind, "%s", of[notice->kind].kind);
+    snprintf(event->text, sizeof event->text, "%s", notice->text);
+}

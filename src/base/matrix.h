@@ -1,0 +1,24 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Small dense matrices, stored row after row, for linear models and laws. [tick] */
+#ifndef APC_MATRIX_H
+#define APC_MATRIX_H
+
+#include <stddef.h>
+
+/* C [rows * columns] = A [rows * inner] B [inner * columns] */
+void apc_matrix_multiply(size_t rows, size_t inner, size_t columns, const double *A, const double *B,
+                         double *C);
+/* T [columns * rows] = A' */
+void apc_matrix_transpose(size_t rows, size_t columns, const double *A, double *T);
+/* Copy block [rows * columns] to where its first element is at row r, column c of M, which has width columns.
+ */
+void apc_matrix_put(double *M, size_t width, size_t r, size_t c, size_t rows, size_t columns,
+                    const double *block);
+/* X [n * m] = A^-1 B, in place of B; A is destroyed. Returns 0, or nonzero where A is singular. */
+int apc_matrix_solve(size_t n, size_t m, double *A, double *B);
+/* E = exp(M) [n * n]; work [4 * n * n]. Returns 0, or nonzero where M or E is not finite. */
+int apc_matrix_exponential(size_t n, const double *M, double *E, double *work);
+/* The greatest sum of magnitudes of a row: a norm. */
+double apc_matrix_norm(size_t n, const double *M);
+
+#endif

@@ -1,0 +1,507 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * State feedback with an observer, for all outputs together, from the plant's linear model at an operating
+ * point. Everything below is a deviation from that point. The plant is sampled with the law's period h and,
+ * where setting `delay` says that u acts later by so much (below h), with the former u as further states:
+ *
+ *     x_{k+1} = A x_k + B u_k + E d_k,    d_{k+1} = d_k,    y_k = C x_k
+ *
+ * d are disturbances that add to u, one for each: the observer estimates them too, and that is the integral
+ * action: no offset remains, and nothing winds up, because the observer is told what really went out. With
+ * the estimate corrected by y_k (a steady-state Kalman filter, gain L),
+ *
+ *     (x, d)_k|k = (x, d)_k|k-1 + L (y_k - C x_k|k-1),
+ *     u_k = -K (x_k|k - x*_k) + u*_k + bias_k
+ *
+ * where x*, u* is the steady state with the controlled measurements at z for the estimated d, and K the gain
+ * of the linear-quadratic regulator. The bias is what a bumpless change needs; it dies out with tau_b.
+ *
+ * compute has no room for the corrected estimate and needs none: it is linear in (x, d)_k|k-1, y and z.
+ */
+#include "base/matrix.h"
+#include "control/control_internal.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum { U_MIN, U_MAX, TAU_B, N_TUNING };
+
+static const struct apc_param tuning[N_TUNING] = {
+    [U_MIN] = {"u_min", "", "least output", -1e9, -1e9, 1e9},
+    [U_MAX] = {"u_max", "", "greatest output", 1e9, -1e9, 1e9},
+    [TAU_B] = {"tau_b", "s", "time in which a bumpless change dies out", 10.0, 0.0, 1e9},
+};
+
+static const char *const settings[] = {"measurement", "y_dev",   "x_dev", "u_dev", "y_noise",
+                                       "x_noise",     "u_noise", "delay", NULL};
+
+#define ESTIMATES_MAX 64 /* so that update needs no memory */
+
+/* ---- The constants ------------------------------------------------------------------------------- */
+
+/* Estimates: ns of the states (nx, and nu former outputs where there is a delay), and nu of the disturbances.
+ */
+struct sizes {
+    size_t nx, ns, n, nu, ny, nz;
+};
+
+/*
+ * Where each matrix begins in the constants; at 0 and 1 are nx and ns.
+ *     u = u0 - F e - G (y - y0) + H (z - z0) + bias,   then   e = Next e + Gain (y - y0) + Drive (u - u0)
+ * After a gap the first nx of e are Start (y - y0).
+ */
+struct layout {
+    size_t F, G, H, Next, Gain, Drive, Start, u0, y0, z0, end;
+};
+
+static struct layout lay_out(const struct sizes *s)
+{
+    struct layout at = {.F = 2};
+
+    at.G = at.F + s->nu * s->n;
+    at.H = at.G + s->nu * s->ny;
+    at.Next = at.H + s->nu * s->nz;
+    at.Gain = at.Next + s->n * s->n;
+    at.Drive = at.Gain + s->n * s->ny;
+    at.Start = at.Drive + s->n * s->nu;
+    at.u0 = at.Start + s->nx * s->ny;
+    at.y0 = at.u0 + s->nu;
+    at.z0 = at.y0 + s->ny;
+    at.end = at.z0 + s->nz;
+    return at;
+}
+
+static struct sizes sizes_of(const struct apc_dim *d, size_t nx, size_t ns)
+{
+    return (struct sizes){.nx = nx, .ns = ns, .n = ns + d->nu, .nu = d->nu, .ny = d->ny, .nz = d->nz};
+}
+
+/* ---- The design ---------------------------------------------------------------------------------- */
+
+struct design {
+    const struct apc_law_setup *setup;
+    struct sizes s;
+    double delay;
+    double *memory, *free; /* all the matrices, and where the next one goes */
+    double *A, *B, *E, *C; /* [ns ns], [ns nu], [ns nu], [ny ns] */
+    double *Ca;            /* [ny n] C, of all estimates */
+    double *K;             /* [nu ns] */
+    double *Nx, *Nu;       /* [ns nu], [nu nu] x* and u* for each setpoint */
+    double *L;             /* [n ny] */
+    double *Aa, *Ba;       /* [n n], [n nu] A and B, of all estimates */
+    double *controlled;    /* [nz] the measurement of each setpoint, from 1 */
+};
+
+/* A matrix of zeros, until the design is freed. */
+static double *matrix(struct design *d, size_t rows, size_t columns)
+{
+    double *at = d->free;
+
+    d->free += rows * columns;
+    return at;
+}
+
+/* n amounts by name, squared or inversely squared; absent ones are `usual`. An amount of 0 gives 0. */
+static int squares(struct design *d, const char *name, size_t n, double usual, bool inverse, double *to,
+                   struct apc_error *why)
+{
+    int rc;
+
+    for (size_t i = 0; i < n; i++)
+        to[i] = usual;
+    rc = apc_setting_amounts(d->setup, name, n, to, why);
+    for (size_t i = 0; i < n; i++) {
+        double square = to[i] * to[i];
+
+        to[i] = !inverse ? square : square > 0.0 ? 1.0 / square : 0.0;
+    }
+    return rc;
+}
+
+static int all_positive(const char *name, const double *v, size_t n, struct apc_error *why)
+{
+    for (size_t i = 0; i < n; i++) {
+        if (!(v[i] > 0.0))
+            return apc_fail(why, APC_EINVAL, "setting \"%s\": none may be 0", name);
+    }
+    return 0;
+}
+
+/* With a delay of tau in a period of h: x' = A(h) x + A(h - tau) B(tau) u_{k-1} + B(h - tau) u_k. */
+static int sample(struct design *d, struct apc_error *why)
+{
+    const struct apc_law_plant *plant = d->setup->plant;
+    size_t nx = d->s.nx, nu = d->s.nu, ns = d->s.ns;
+    double *A1 = matrix(d, nx, nx), *B1 = matrix(d, nx, nu), *A2 = matrix(d, nx, nx), *B2 = matrix(d, nx, nu);
+    double *late = matrix(d, nx, nu), *whole = matrix(d, nx, nx);
+    int rc = apc_linear_sample(nx, nu, plant->A, plant->B, d->setup->Ts - d->delay, A1, B1, why);
+
+    if (rc == 0)
+        rc = apc_linear_sample(nx, nu, plant->A, plant->B, d->delay, A2, B2, why);
+    if (rc < 0)
+        return rc;
+    apc_matrix_multiply(nx, nx, nx, A1, A2, whole);
+    apc_matrix_multiply(nx, nx, nu, A1, B2, late);
+    apc_matrix_put(d->A, ns, 0, 0, nx, nx, whole);
+    apc_matrix_put(d->B, nu, 0, 0, nx, nu, B1);
+    for (size_t i = 0; i < nx * nu; i++)
+        d->E[i] = B1[i] + late[i];
+    if (ns > nx) {
+        apc_matrix_put(d->A, ns, 0, nx, nx, nu, late);
+        for (size_t i = 0; i < nu; i++)
+            d->B[(nx + i) * nu + i] = 1.0;
+    }
+    apc_matrix_put(d->C, ns, 0, 0, d->s.ny, nx, plant->C);
+    return 0;
+}
+
+static int regulator(struct design *d, struct apc_error *why)
+{
+    const struct sizes *s = &d->s;
+    double *y = matrix(d, s->ny, 1), *x = matrix(d, s->nx, 1), *u = matrix(d, s->nu, 1);
+    double *Q = matrix(d, s->ns, s->ns), *R = matrix(d, s->nu, s->nu), *P = matrix(d, s->ns, s->ns);
+    int rc = squares(d, "y_dev", s->ny, 1.0, true, y, why);
+
+    if (rc == 0)
+        rc = squares(d, "x_dev", s->nx, 0.0, true, x, why);
+    if (rc == 0)
+        rc = squares(d, "u_dev", s->nu, 1.0, true, u, why);
+    if (rc == 0)
+        rc = all_positive("u_dev", u, s->nu, why);
+    if (rc < 0)
+        return rc;
+    for (size_t i = 0; i < s->nx; i++) {
+        for (size_t j = 0; j < s->nx; j++) {
+            for (size_t k = 0; k < s->ny; k++)
+                Q[i * s->ns + j] += d->C[k * s->ns + i] * y[k] * d->C[k * s->ns + j];
+        }
+        Q[i * s->ns + i] += x[i];
+    }
+    for (size_t i = 0; i < s->nu; i++)
+        R[i * s->nu + i] = u[i];
+    return apc_riccati_solve(s->ns, s->nu, d->A, d->B, Q, R, P, d->K, why);
+}
+
+/* The steady state for each setpoint: x* = A x* + B u*, C x* = z. */
+static int target(struct design *d, struct apc_error *why)
+{
+    const struct sizes *s = &d->s;
+    size_t n = s->ns + s->nu;
+    double *M = matrix(d, n, n), *N = matrix(d, n, s->nz);
+
+    apc_matrix_put(M, n, 0, 0, s->ns, s->ns, d->A);
+    apc_matrix_put(M, n, 0, s->ns, s->ns, s->nu, d->B);
+    for (size_t i = 0; i < s->ns; i++)
+        M[i * n + i] -= 1.0;
+    for (size_t i = 0; i < s->nz; i++) {
+        apc_matrix_put(M, n, s->ns + i, 0, 1, s->ns, d->C + ((size_t)d->controlled[i] - 1) * s->ns);
+        N[(s->ns + i) * s->nz + i] = 1.0;
+    }
+    if (apc_matrix_solve(n, s->nz, M, N))
+        return apc_fail(why, APC_ESOLVER,
+                        "no steady state belongs to every setpoint: at rest the outputs do not determine the "
+                        "controlled measurements one by one");
+    memcpy(d->Nx, N, s->ns * s->nz * sizeof(*N));
+    memcpy(d->Nu, N + s->ns * s->nz, s->nu * s->nz * sizeof(*N));
+    return 0;
+}
+
+static int observer(struct design *d, struct apc_error *why)
+{
+    const struct sizes *s = &d->s;
+    size_t n = s->n, ny = s->ny;
+    double *x = matrix(d, s->nx, 1), *u = matrix(d, s->nu, 1), *y = matrix(d, ny, 1);
+    double *At = matrix(d, n, n), *Ct = matrix(d, n, ny), *Q = matrix(d, n, n), *R = matrix(d, ny, ny);
+    double *P = matrix(d, n, n), *K = matrix(d, ny, n), *CP = matrix(d, ny, n), *S = matrix(d, ny, ny);
+    double h = d->setup->Ts;
+    int rc = squares(d, "x_noise", s->nx, 0.0, false, x, why);
+
+    if (rc == 0)
+        rc = squares(d, "u_noise", s->nu, 1.0, false, u, why);
+    if (rc == 0)
+        rc = squares(d, "y_noise", ny, 1.0, false, y, why);
+    if (rc == 0)
+        rc = all_positive("u_noise", u, s->nu, why);
+    if (rc == 0)
+        rc = all_positive("y_noise", y, ny, why);
+    if (rc < 0)
+        return rc;
+    for (size_t i = 0; i < s->nx; i++)
+        Q[i * n + i] = h * x[i];
+    for (size_t i = 0; i < s->nu; i++)
+        Q[(s->ns + i) * n + s->ns + i] = h * u[i];
+    for (size_t i = 0; i < ny; i++)
+        R[i * ny + i] = y[i];
+    apc_matrix_transpose(n, n, d->Aa, At);
+    apc_matrix_transpose(ny, n, d->Ca, Ct);
+    rc = apc_riccati_solve(n, ny, At, Ct, Q, R, P, K, why);
+    if (rc < 0)
+        return rc;
+    apc_matrix_multiply(ny, n, n, d->Ca, P, CP);
+    apc_matrix_multiply(ny, n, ny, CP, Ct, S);
+    for (size_t i = 0; i < ny * ny; i++)
+        S[i] += R[i];
+    if (apc_matrix_solve(ny, n, S, CP))
+        return apc_fail(why, APC_ESOLVER, "the observer's gain cannot be computed");
+    apc_matrix_transpose(ny, n, CP, d->L);
+    return 0;
+}
+
+static int start(struct design *d, double *Start, struct apc_error *why)
+{
+    const struct sizes *s = &d->s;
+    double *Ct = matrix(d, s->nx, s->ny), *CC = matrix(d, s->ny, s->ny), *X = matrix(d, s->ny, s->nx);
+    double trace = 0.0;
+
+    apc_matrix_transpose(s->ny, s->nx, d->setup->plant->C, Ct);
+    apc_matrix_multiply(s->ny, s->nx, s->ny, d->setup->plant->C, Ct, CC);
+    for (size_t i = 0; i < s->ny; i++)
+        trace += CC[i * s->ny + i];
+    for (size_t i = 0; i < s->ny; i++)
+        CC[i * s->ny + i] += 1e-9 * trace; /* where two measurements say the same */
+    memcpy(X, d->setup->plant->C, s->ny * s->nx * sizeof(*X));
+    if (apc_matrix_solve(s->ny, s->nx, CC, X))
+        return apc_fail(why, APC_ESOLVER, "the measurements do not depend on the states");
+    apc_matrix_transpose(s->ny, s->nx, X, Start);
+    return 0;
+}
+
+/* Gains of the estimates before y corrects them: (1 - L C) goes into F and Next. */
+static void assemble(struct design *d, const struct layout *at, double *k)
+{
+    const struct sizes *s = &d->s;
+    const struct apc_law_plant *plant = d->setup->plant;
+    double *Ka = matrix(d, s->nu, s->n), *I_LC = matrix(d, s->n, s->n), *KN = matrix(d, s->nu, s->nz);
+
+    /* Of d: u* is smaller by it, and so are the former outputs in x*. */
+    apc_matrix_put(Ka, s->n, 0, 0, s->nu, s->ns, d->K);
+    for (size_t i = 0; i < s->nu; i++) {
+        for (size_t j = s->nx; j < s->ns; j++)
+            Ka[i * s->n + s->ns + j - s->nx] = d->K[i * s->ns + j];
+        Ka[i * s->n + s->ns + i] += 1.0;
+    }
+    apc_matrix_multiply(s->n, s->ny, s->n, d->L, d->Ca, I_LC);
+    for (size_t i = 0; i < s->n * s->n; i++)
+        I_LC[i] = (i % (s->n + 1) == 0 ? 1.0 : 0.0) - I_LC[i];
+    apc_matrix_multiply(s->nu, s->n, s->n, Ka, I_LC, k + at->F);
+    apc_matrix_multiply(s->nu, s->n, s->ny, Ka, d->L, k + at->G);
+    apc_matrix_multiply(s->nu, s->ns, s->nz, d->K, d->Nx, KN);
+    for (size_t i = 0; i < s->nu * s->nz; i++)
+        k[at->H + i] = KN[i] + d->Nu[i];
+    apc_matrix_multiply(s->n, s->n, s->n, d->Aa, I_LC, k + at->Next);
+    apc_matrix_multiply(s->n, s->n, s->ny, d->Aa, d->L, k + at->Gain);
+    memcpy(k + at->Drive, d->Ba, s->n * s->nu * sizeof(*k));
+    memcpy(k + at->u0, plant->u0, s->nu * sizeof(*k));
+    memcpy(k + at->y0, plant->y0, s->ny * sizeof(*k));
+    for (size_t i = 0; i < s->nz; i++)
+        k[at->z0 + i] = plant->y0[(size_t)d->controlled[i] - 1];
+    k[0] = (double)s->nx;
+    k[1] = (double)s->ns;
+}
+
+static int make(struct design *d, const struct layout *at, double *k, struct apc_error *why)
+{
+    const struct sizes *s = &d->s;
+    int rc;
+
+    d->A = matrix(d, s->ns, s->ns);
+    d->B = matrix(d, s->ns, s->nu);
+    d->E = matrix(d, s->ns, s->nu);
+    d->C = matrix(d, s->ny, s->ns);
+    d->Ca = matrix(d, s->ny, s->n);
+    d->K = matrix(d, s->nu, s->ns);
+    d->Nx = matrix(d, s->ns, s->nz);
+    d->Nu = matrix(d, s->nu, s->nz);
+    d->L = matrix(d, s->n, s->ny);
+    d->Aa = matrix(d, s->n, s->n);
+    d->Ba = matrix(d, s->n, s->nu);
+    d->controlled = matrix(d, s->nz, 1);
+    for (size_t i = 0; i < s->nz; i++)
+        d->controlled[i] = (double)i + 1.0;
+    rc = apc_setting_indices(d->setup, "measurement", s->nz, 1, s->ny, d->controlled, why);
+    if (rc == 0)
+        rc = sample(d, why);
+    if (rc < 0)
+        return rc;
+    apc_matrix_put(d->Aa, s->n, 0, 0, s->ns, s->ns, d->A);
+    apc_matrix_put(d->Aa, s->n, 0, s->ns, s->ns, s->nu, d->E);
+    for (size_t i = s->ns; i < s->n; i++)
+        d->Aa[i * s->n + i] = 1.0;
+    apc_matrix_put(d->Ba, s->nu, 0, 0, s->ns, s->nu, d->B);
+    apc_matrix_put(d->Ca, s->n, 0, 0, s->ny, s->ns, d->C);
+    rc = regulator(d, why);
+    if (rc == 0)
+        rc = target(d, why);
+    if (rc == 0)
+        rc = observer(d, why);
+    if (rc == 0)
+        rc = start(d, k + at->Start, why);
+    if (rc == 0)
+        assemble(d, at, k);
+    return rc;
+}
+
+static int check(const struct apc_law_setup *setup, struct apc_error *why)
+{
+    const struct apc_dim *dim = &setup->dim;
+
+    if (!setup->plant)
+        return apc_fail(
+            why, APC_EINVAL,
+            "law lqg: needs the plant's linear model; an experiment file gives it with operating_point");
+    if (dim->nz != dim->nu || dim->ny < dim->nu)
+        return apc_fail(
+            why, APC_EINVAL,
+            "law lqg: needs a setpoint for each output, and at least as many measurements; there are %zu "
+            "outputs, %zu setpoints, %zu measurements",
+            dim->nu, dim->nz, dim->ny);
+    for (size_t i = 0; i < dim->ny * dim->nu; i++) {
+        if (setup->plant->D[i] < 0.0 || setup->plant->D[i] > 0.0)
+            return apc_fail(why, APC_EINVAL,
+                            "law lqg: u acts on y at once (D is not zero); that is not provided for");
+    }
+    return 0;
+}
+
+static int configure(const struct apc_law_setup *setup, struct apc_law_size *size, double *k,
+                     struct apc_error *why)
+{
+    struct design d = {.setup = setup};
+    struct apc_error reason = {""};
+    size_t nx, span;
+    struct layout at;
+    int rc = check(setup, why);
+
+    if (rc == 0)
+        rc = apc_setting_amounts(setup, "delay", 1, &d.delay, why);
+    if (rc < 0)
+        return rc;
+    if (d.delay >= setup->Ts)
+        return apc_fail(why, APC_EINVAL, "law lqg: \"delay\" is %g s; it must be below the period, %g s",
+                        d.delay, setup->Ts);
+    nx = setup->plant->nx;
+    d.s = sizes_of(&setup->dim, nx, d.delay > 0.0 ? nx + setup->dim.nu : nx);
+    if (d.s.n > ESTIMATES_MAX)
+        return apc_fail(why, APC_EINVAL, "law lqg: would have %zu estimates; it is made for %d at most",
+                        d.s.n, ESTIMATES_MAX);
+    at = lay_out(&d.s);
+    *size = (struct apc_law_size){.constants = at.end, .states = d.s.n + d.s.nu};
+    if (!k)
+        return 0;
+    span = d.s.n + d.s.ny + d.s.nz;
+    d.memory = d.free = calloc(40 * span * span, sizeof(*d.memory)); /* more than the matrices are */
+    if (!d.memory)
+        return apc_fail(why, APC_ENOMEM, "law lqg: no memory");
+    rc = make(&d, &at, k, &reason);
+    free(d.memory);
+    return rc < 0 ? apc_fail(why, rc, "law lqg: %s", reason.text) : 0;
+}
+
+/* ---- The tick --------------------------------------------------------------------------------------- */
+
+struct view {
+    struct sizes s;
+    struct layout at;
+    const double *k;
+    double *e, *bias;
+};
+
+static struct view view(const struct apc_law_call *c)
+{
+    struct view v = {.k = c->constant};
+
+    v.s = sizes_of(&c->dim, (size_t)c->constant[0], (size_t)c->constant[1]);
+    v.at = lay_out(&v.s);
+    v.e = c->x;
+    v.bias = c->x + v.s.n;
+    return v;
+}
+
+static double row_times(const double *M, size_t row, size_t n, const double *a, const double *zero)
+{
+    double sum = 0.0;
+
+    for (size_t j = 0; j < n; j++)
+        sum += M[row * n + j] * (zero ? a[j] - zero[j] : a[j]);
+    return sum;
+}
+
+/* Output i without its bias. Always evaluated in this order: a law that resumes compares bits. */
+static double unbiased(const struct apc_law_call *c, const struct view *v, size_t i)
+{
+    const double *k = v->k;
+
+    return k[v->at.u0 + i] - row_times(k + v->at.F, i, v->s.n, v->e, NULL) -
+           row_times(k + v->at.G, i, v->s.ny, c->y, k + v->at.y0) +
+           row_times(k + v->at.H, i, v->s.nz, c->z, k + v->at.z0);
+}
+
+/* Begin the states from y alone; what is known of the disturbances stays. */
+static void restart(const struct apc_law_call *c, const struct view *v)
+{
+    for (size_t i = 0; i < v->s.nx; i++)
+        v->e[i] = row_times(v->k + v->at.Start, i, v->s.ny, c->y, v->k + v->at.y0);
+}
+
+static void reset(struct apc_law_call *c)
+{
+    const struct view v = view(c);
+
+    restart(c, &v);
+}
+
+static void compute(struct apc_law_call *c)
+{
+    const struct view v = view(c);
+
+    for (size_t i = 0; i < v.s.nu; i++) {
+        const double *p = c->tuning + i * N_TUNING;
+
+        c->u[i] = apc_law_cut(unbiased(c, &v, i) + v.bias[i], p[U_MIN], p[U_MAX], &c->limited[i]);
+    }
+}
+
+static void update(struct apc_law_call *c)
+{
+    const struct view v = view(c);
+    const double *k = v.k;
+    double e[ESTIMATES_MAX];
+
+    memcpy(e, v.e, v.s.n * sizeof(*e));
+    for (size_t i = 0; i < v.s.n; i++)
+        v.e[i] = row_times(k + v.at.Next, i, v.s.n, e, NULL) +
+                 row_times(k + v.at.Gain, i, v.s.ny, c->y, k + v.at.y0) +
+                 row_times(k + v.at.Drive, i, v.s.nu, c->u, k + v.at.u0);
+    for (size_t i = 0; i < v.s.nu; i++) {
+        double tau = c->tuning[i * N_TUNING + TAU_B];
+
+        v.bias[i] -= c->Ts < tau ? c->Ts / tau * v.bias[i] : v.bias[i];
+    }
+}
+
+static void track(struct apc_law_call *c)
+{
+    const struct view v = view(c);
+
+    if (c->gap) {
+        restart(c, &v);
+        for (size_t i = v.s.nx; i < v.s.ns; i++)
+            v.e[i] = c->u[i - v.s.nx] - v.k[v.at.u0 + i - v.s.nx];
+    }
+    for (size_t i = 0; i < v.s.nu; i++)
+        v.bias[i] = c->u[i] - unbiased(c, &v, i);
+}
+
+const struct apc_law apc_law_lqg = {
+    .abi = APC_LAW_ABI,
+    .name = "lqg",
+    .description = "state feedback with an observer that estimates disturbances, for all outputs together",
+    .n_tuning = N_TUNING,
+    .tuning = tuning,
+    .reset = reset,
+    .compute = compute,
+    .update = update,
+    .track = track,
+    .settings = settings,
+    .configure = configure,
+};

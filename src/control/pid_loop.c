@@ -1,0 +1,84 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "control/pid_loop.h"
+
+#include "control/control_internal.h"
+
+enum { I, D, LAST_Y, LAST_R, LAST_U };
+
+/* D_k. Where tau_d is 0 so is it. */
+static double derivative(const struct pid_loop *l)
+{
+    const double *p = l->p, *x = l->x;
+    double a = p[PID_TAU_D] / (p[PID_TAU_D] + p[PID_N] * l->h);
+    double slope = p[PID_C] * (l->r - x[LAST_R]) - (l->y - x[LAST_Y]);
+
+    return p[PID_TAU_D] > 0.0 ? a * x[D] + p[PID_KP] * p[PID_N] * a * slope : 0.0;
+}
+
+/* v without the integral. Always evaluated in this order: a law that resumes compares bits. */
+static double rest(const struct pid_loop *l)
+{
+    const double *p = l->p;
+
+    return p[PID_U_BAR] + p[PID_KP] * (p[PID_B] * l->r - l->y) + derivative(l) + l->feed_forward;
+}
+
+/* The part of a bias that one period takes away. */
+static double share(const struct pid_loop *l)
+{
+    return l->h < l->p[PID_TAU_T] ? l->h / l->p[PID_TAU_T] : 1.0;
+}
+
+void apc_pid_reset(const struct pid_loop *l)
+{
+    /* As if it had been at rest at y until now: a start at the setpoint gives u_bar, whatever b is, and what
+     * is fed forward is a change from here. */
+    l->x[I] = (l->p[PID_TAU_I] > 0.0 ? l->p[PID_KP] * (1.0 - l->p[PID_B]) * l->y : 0.0) - l->feed_forward;
+    l->x[D] = 0.0;
+    l->x[LAST_Y] = l->y;
+    l->x[LAST_R] = l->r;
+    l->x[LAST_U] = l->p[PID_U_BAR];
+}
+
+double apc_pid_wanted(const struct pid_loop *l)
+{
+    return rest(l) + l->x[I];
+}
+
+double apc_pid_limit(const struct pid_loop *l, double wanted, unsigned *limited)
+{
+    const double *p = l->p;
+    double step = p[PID_DU_MAX] * l->h, u = apc_law_cut(wanted, p[PID_U_MIN], p[PID_U_MAX], limited);
+
+    return step > 0.0 ? apc_law_cut(u, l->x[LAST_U] - step, l->x[LAST_U] + step, limited) : u;
+}
+
+void apc_pid_update(const struct pid_loop *l, double u, double blocked)
+{
+    const double *p = l->p;
+    double *x = l->x, beyond = apc_pid_wanted(l) - u;
+
+    if (p[PID_TAU_I] > 0.0) {
+        double increment = p[PID_KP] * l->h / p[PID_TAU_I] * (l->r - l->y);
+        bool conditional = !(p[PID_TAU_T] > 0.0);
+
+        if (!(increment * blocked > 0.0) && !(conditional && increment * beyond > 0.0))
+            x[I] += increment;
+        if (!conditional)
+            x[I] -= share(l) * beyond;
+    } else {
+        x[I] -= share(l) * x[I]; /* nothing holds what a bumpless change has left */
+    }
+    x[D] = derivative(l);
+    x[LAST_Y] = l->y;
+    x[LAST_R] = l->r;
+    x[LAST_U] = u;
+}
+
+void apc_pid_track(const struct pid_loop *l, double u, bool gap)
+{
+    if (gap)
+        apc_pid_reset(l);
+    l->x[I] = u - rest(l);
+    l->x[LAST_U] = u;
+}

@@ -1,0 +1,70 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * One PID loop, for the laws made of such loops. With r the setpoint, y the measurement and h the period:
+ *
+ *     P_k = Kp (b r_k - y_k)
+ *     D_k = a D_{k-1} + Kp N (1 - a) (c (r_k - r_{k-1}) - (y_k - y_{k-1})),     a = tau_d / (tau_d + N h)
+ *     v_k = u_bar + P_k + I_k + D_k + feed-forward
+ *     u_k = v_k within u_min..u_max, then within u_{k-1} -+ du_max h
+ *     I_{k+1} = I_k + Kp h / tau_i (r_k - y_k)                       + h / tau_t (u_k - v_k)
+ *
+ * The derivative's filter is a backward difference, the integral a forward one, as in TrueTime's and most
+ * textbooks' PID. Without tau_t the integral is conditional instead: it leaves out an increment that would
+ * drive an output further out that is already cut.
+ */
+#ifndef APC_PID_LOOP_H
+#define APC_PID_LOOP_H
+
+#include "apccontrol.h"
+
+enum {
+    PID_KP,
+    PID_TAU_I,
+    PID_TAU_D,
+    PID_N,
+    PID_B,
+    PID_C,
+    PID_TAU_T,
+    PID_U_BAR,
+    PID_U_MIN,
+    PID_U_MAX,
+    PID_DU_MAX
+};
+
+#define PID_TUNING 11
+#define PID_PARAMS(of)                                                                                       \
+    {of "Kp", "", "proportional gain", 1.0, -1e6, 1e6},                                                      \
+        {of "tau_i", "s", "integral time; 0: no integral", 10.0, 0.0, 1e9},                                  \
+        {of "tau_d", "s", "derivative time", 0.0, 0.0, 1e9},                                                 \
+        {of "N", "", "derivative filter: its time constant is tau_d / N", 10.0, 1.0, 1e6},                   \
+        {of "b", "", "setpoint weight of the proportional part", 1.0, 0.0, 10.0},                            \
+        {of "c", "", "setpoint weight of the derivative part", 0.0, 0.0, 10.0},                              \
+        {of "tau_t", "s", "anti-windup: tracking time; 0: conditional integration", 0.0, 0.0, 1e9},          \
+        {of "u_bar", "", "output at the operating point", 0.0, -1e9, 1e9},                                   \
+        {of "u_min", "", "least output", -1e9, -1e9, 1e9},                                                   \
+        {of "u_max", "", "greatest output", 1e9, -1e9, 1e9},                                                 \
+    {                                                                                                        \
+        of "du_max", "1/s", "fastest change of the output; 0: any", 0.0, 0.0, 1e9                            \
+    }
+
+#define PID_STATES 5
+
+struct pid_loop {
+    const double *p; /* [PID_TUNING] */
+    double *x;       /* [PID_STATES] */
+    double h;        /* period in s */
+    double r, y, feed_forward;
+};
+
+void apc_pid_reset(const struct pid_loop *l);
+/* v: the output that the loop wants. */
+double apc_pid_wanted(const struct pid_loop *l);
+/* What the limits leave of it; notes in *limited what they cut. */
+double apc_pid_limit(const struct pid_loop *l, double wanted, unsigned *limited);
+/* The state for the next tick, u being what went out. An increment of the integral with the sign of blocked
+ * is left out. */
+void apc_pid_update(const struct pid_loop *l, double u, double blocked);
+/* A state from which the loop wants u. */
+void apc_pid_track(const struct pid_loop *l, double u, bool gap);
+
+#endif

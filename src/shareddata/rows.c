@@ -1,0 +1,201 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What the tables' constraints are in PostgreSQL, for the stores that have no server to check them. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "shareddata/shareddata_internal.h"
+
+__extension__ typedef unsigned __int128 uwide;
+
+/* ---- Samples ------------------------------------------------------------------------------- */
+
+int apc_rows_check(struct apc_store *store, const struct apc_sample *samples, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        const struct apc_sample *s = &samples[i];
+        if (s->seq > APC_SEQ_MAX) {
+            return apc_rows_seq_failure(store, s);
+        }
+        if ((s->table == APC_DIM || s->table == APC_OPMODE) && trunc(s->value) != s->value) {
+            return apc_fail(&store->why, APC_ESTORE, "%s %d: %g breaks value_whole: expected a whole number",
+                            apc_table_name(s->table), s->id, s->value);
+        }
+    }
+    return 0;
+}
+
+int apc_rows_seq_failure(struct apc_store *store, const struct apc_sample *s)
+{
+    return apc_fail(&store->why, APC_ESTORE, "%s %d: the next seq breaks seq_in_range: expected below 2^62",
+                    apc_table_name(s->table), s->id);
+}
+
+static int by_variable(const void *a, const void *b)
+{
+    const struct apc_sample *x = (const struct apc_sample *)a, *y = (const struct apc_sample *)b;
+    return x->table != y->table ? (x->table > y->table) - (x->table < y->table)
+                                : (x->id > y->id) - (x->id < y->id);
+}
+
+int apc_variables_give(struct apc_sample *all, size_t n, struct apc_sample *variables, size_t capacity)
+{
+    qsort(all, n, sizeof *all, by_variable);
+    for (size_t i = 0; i < n && i < capacity; i++) {
+        variables[i] = (struct apc_sample){.table = all[i].table, .id = all[i].id};
+    }
+    free(all);
+    return (int)n;
+}
+
+/* ---- Events and timing rows ------------------------------------------------------------------ */
+
+struct apc_event apc_event_row(const struct apc_event *e)
+{
+    struct apc_event row = {.time = apc_time_stored(e->time), .severity = e->severity};
+    apc_text_clean(row.source, e->source, sizeof row.source);
+    apc_text_clean(row.kind, e->kind, sizeof row.kind);
+    apc_text_clean(row.text, e->text, sizeof row.text);
+    return row;
+}
+
+int apc_timing_check(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        char quantity[sizeof rows[i].quantity];
+        apc_text_clean(quantity, rows[i].quantity, sizeof quantity);
+        if (strcmp(quantity, "lateness") != 0 && strcmp(quantity, "jitter") != 0 &&
+            strcmp(quantity, "run") != 0) {
+            return apc_fail(&store->why, APC_ESTORE, "\"%s\" is no quantity of a timing row", quantity);
+        }
+        if (rows[i].period < 0) {
+            return apc_fail(&store->why, APC_ESTORE, "a timing row's period is negative");
+        }
+    }
+    return 0;
+}
+
+struct apc_timing_row apc_timing_stored(const struct apc_timing_row *r)
+{
+    struct apc_timing_row row = *r;
+    row.time = apc_time_stored(r->time);
+    apc_text_clean(row.task, r->task, sizeof row.task);
+    return row;
+}
+
+/* ---- Tags ---------------------------------------------------------------------------------- */
+
+static int by_name(const void *a, const void *b)
+{
+    const struct apc_tag *x = (const struct apc_tag *)a, *y = (const struct apc_tag *)b;
+    return x->table != y->table ? (x->table > y->table) - (x->table < y->table) : strcmp(x->name, y->name);
+}
+
+static int by_key(const void *a, const void *b)
+{
+    const struct apc_tag *x = (const struct apc_tag *)a, *y = (const struct apc_tag *)b;
+    return x->table != y->table ? (x->table > y->table) - (x->table < y->table)
+                                : (x->id > y->id) - (x->id < y->id);
+}
+
+int apc_tags_sort(struct apc_store *store, const struct apc_tag *tags, size_t n, struct apc_tag **sorted)
+{
+    struct apc_tag *t = (struct apc_tag *)calloc(n ? n : 1, sizeof *t);
+    if (!t) {
+        return apc_fail(&store->why, APC_ENOMEM, "out of memory for %zu tags", n);
+    }
+    for (size_t i = 0; i < n; i++) {
+        t[i] = (struct apc_tag){
+            .table = tags[i].table, .id = tags[i].id, .low = tags[i].low, .high = tags[i].high};
+        apc_text_clean(t[i].name, tags[i].name, sizeof t[i].name);
+        apc_text_clean(t[i].unit, tags[i].unit, sizeof t[i].unit);
+        apc_text_clean(t[i].description, tags[i].description, sizeof t[i].description);
+    }
+    int err = 0;
+    qsort(t, n, sizeof *t, by_name);
+    for (size_t i = 0; !err && i < n; i++) {
+        if (t[i].name[0] == '\0' || (i > 0 && by_name(&t[i - 1], &t[i]) == 0)) {
+            err =
+                apc_fail(&store->why, APC_ESTORE, "%s %d: the name \"%s\" is %s", apc_table_name(t[i].table),
+                         t[i].id, t[i].name, t[i].name[0] ? "another one's too" : "empty");
+        }
+    }
+    qsort(t, n, sizeof *t, by_key);
+    for (size_t i = 1; !err && i < n; i++) {
+        if (by_key(&t[i - 1], &t[i]) == 0) {
+            err = apc_fail(&store->why, APC_ESTORE, "%s %d is described twice", apc_table_name(t[i].table),
+                           t[i].id);
+        }
+    }
+    if (err) {
+        free(t);
+        t = NULL;
+    }
+    *sorted = t;
+    return err;
+}
+
+/* ---- Bins ---------------------------------------------------------------------------------- */
+
+struct bin {
+    struct apc_history_bin b;
+    long double sum; /* of values below 1e300: cannot overflow */
+};
+
+struct bins {
+    struct bin *bin;
+    size_t n;
+    apc_ns since, until;
+};
+
+static int fill_bin(void *ctx, const struct apc_sample *s)
+{
+    struct bins *x = (struct bins *)ctx;
+    if (s->time < x->since || s->time >= x->until) {
+        return 0; /* 0 is no bound to a range, but one to bins */
+    }
+    /* The highest i whose edge, since + span * i / n rounded down, is not above the time. */
+    uwide into = (uwide)((uint64_t)s->time - (uint64_t)x->since) + 1;
+    struct bin *bin = &x->bin[(size_t)((into * x->n - 1) / ((uint64_t)x->until - (uint64_t)x->since))];
+    struct apc_history_bin *b = &bin->b;
+    if (apc_status_severity(s->status) == APC_SEVERITY_BAD) {
+        b->bad++;
+    } else {
+        b->min = b->count == 0 || s->value < b->min ? s->value : b->min;
+        b->max = b->count == 0 || s->value > b->max ? s->value : b->max;
+        b->last = s->value;
+        bin->sum += (long double)s->value;
+        b->count++;
+    }
+    b->worst = s->status > b->worst ? s->status : b->worst;
+    b->seq = s->seq;
+    return 0;
+}
+
+int apc_bins_by_history(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
+                        size_t n, apc_history_bin_fn fn, void *ctx)
+{
+    struct bins x = {.bin = (struct bin *)calloc(n, sizeof *x.bin), .n = n, .since = since, .until = until};
+    if (!x.bin) {
+        return apc_fail(&store->why, APC_ENOMEM, "out of memory for %zu bins", n);
+    }
+    const struct apc_range range = {.since = since, .until = until};
+    int count = store->ops->history(store, table, id, &range, fill_bin, &x);
+    if (count >= 0) {
+        count = 0;
+        store->streaming = true;
+        for (size_t i = 0, ended = 0; i < n && !ended; i++) {
+            struct apc_history_bin *b = &x.bin[i].b;
+            if (b->seq > 0) {
+                b->from = apc_bin_edge(since, until, n, i);
+                b->until = apc_bin_edge(since, until, n, i + 1);
+                b->mean = b->count ? (double)(x.bin[i].sum / (long double)b->count) : 0;
+                count++;
+                ended = fn(ctx, b) != 0;
+            }
+        }
+        store->streaming = false;
+    }
+    free(x.bin);
+    return count;
+}

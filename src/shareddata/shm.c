@@ -1,0 +1,286 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The store in shared memory: samples. See shm.h. */
+#include <linux/futex.h>
+#include <sys/syscall.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "shareddata/shm.h"
+
+/* ---- Read ---------------------------------------------------------------------------------- */
+
+struct apc_sample apc_shm_sample(enum apc_table table, int id, const uint64_t words[8])
+{
+    struct apc_sample s = {.table = table,
+                           .id = id,
+                           .seq = (int64_t)words[1],
+                           .time = (apc_ns)words[2],
+                           .status = (apc_status)words[6],
+                           .sensor_seq = (int64_t)words[4],
+                           .setpoint_seq = (int64_t)words[5]};
+    memcpy(&s.value, &words[3], sizeof s.value);
+    return s;
+}
+
+int apc_shm_load(const struct apc_shm_slot *slot, uint64_t g, uint64_t version[8])
+{
+    const int current = apc_shm_current(slot->mark, g);
+    if (current < 0) {
+        return current == -1 ? 0 : -1;
+    }
+    const uint64_t mark = apc_word_get(&slot->mark[current]);
+    apc_words_get(version, &slot->version[current].mark, 8);
+    return mark <= g && mark > 0 && apc_shm_unchanged(&slot->mark[current], mark) ? 1 : -1;
+}
+
+/* The newest of generation @p g. Returns false when it is lost: then only table and id are left. */
+static inline bool load_sample(struct apc_shm *shm, uint64_t g, struct apc_sample *s, uint32_t *hint)
+{
+    const struct apc_shm_slot *slot = apc_shm_find(shm, apc_shm_key(s->table, s->id), hint);
+    const int current = slot ? apc_shm_current(slot->mark, g) : -1;
+    if (current < 0) {
+        *s = (struct apc_sample){.table = s->table, .id = s->id, .status = APC_BAD_NO_DATA};
+        return current == -1;
+    }
+    /* Field by field: words that are put down and picked up again as a struct cost more than all the rest. */
+    const struct apc_shm_cell *v = &slot->version[current];
+    const uint64_t mark = apc_word_get(&slot->mark[current]), value = apc_word_get(&v->value);
+    s->seq = (int64_t)apc_word_get(&v->seq);
+    s->time = (apc_ns)apc_word_get(&v->time);
+    memcpy(&s->value, &value, sizeof value);
+    s->status = (apc_status)apc_word_get(&v->status);
+    s->sensor_seq = (int64_t)apc_word_get(&v->sensor_seq);
+    s->setpoint_seq = (int64_t)apc_word_get(&v->setpoint_seq);
+    return mark <= g && mark > 0 && apc_shm_unchanged(&slot->mark[current], mark);
+}
+
+static uint32_t *hint_of(uint32_t *hints, size_t i)
+{
+    return i < APC_SHM_HINTS ? &hints[i] : NULL;
+}
+
+/* All of one generation, those first that were lost the last time. */
+static bool load_samples(struct apc_shm *shm, struct apc_sample *samples, size_t n, size_t *first)
+{
+    const uint64_t g = apc_shm_generation(shm);
+    for (size_t k = 0, i = *first; k < n; k++, i = i + 1 < n ? i + 1 : 0) {
+        if (!load_sample(shm, g, &samples[i], hint_of(shm->read_hint, i))) {
+            *first = i;
+            return false;
+        }
+    }
+    return true;
+}
+
+static int read_newest(struct apc_store *store, struct apc_sample *samples, size_t n)
+{
+    struct apc_shm *shm = apc_shm_of(store);
+    int err = apc_shm_ready(shm);
+    if (err) {
+        return err;
+    }
+    size_t first = 0;
+    for (int tries = 0; tries < APC_SHM_TRIES; tries++) {
+        if (load_samples(shm, samples, n, &first)) {
+            return 0;
+        }
+    }
+    for (size_t i = 0; i < n; i++) {
+        bool whole = false;
+        for (int tries = 0; !whole && tries < APC_SHM_TRIES; tries++) {
+            whole = load_sample(shm, apc_shm_generation(shm), &samples[i], NULL);
+        }
+        if (!whole) {
+            return apc_fail(&store->why, APC_ETIMEDOUT, "shm:%s: %s %d changes too fast to be read",
+                            shm->name, apc_table_name(samples[i].table), samples[i].id);
+        }
+    }
+    return 0;
+}
+
+/* ---- Write --------------------------------------------------------------------------------- */
+
+/* Write all, or nothing when one fails. Returns how many were stored. */
+static int write_all(struct apc_shm_write *w, const struct apc_sample *samples, size_t n)
+{
+    int count = 0, err = 0;
+    for (size_t i = 0; err >= 0 && i < n; i++) {
+        err = apc_shm_write_sample(w, &samples[i], hint_of(w->shm->write_hint, i));
+        count += err > 0;
+    }
+    if (err < 0) {
+        apc_shm_abort(w);
+    } else if (count > 0) {
+        apc_shm_commit(w);
+    } else {
+        apc_shm_unlock(w->shm);
+    }
+    return err < 0 ? err : count;
+}
+
+static int begin(struct apc_store *store, const struct apc_sample *samples, size_t n, struct apc_shm_write *w)
+{
+    int err = apc_rows_check(store, samples, n);
+    if (!err) {
+        err = apc_shm_ready(apc_shm_of(store));
+    }
+    return err ? err : apc_shm_begin(apc_shm_of(store), w);
+}
+
+static int append(struct apc_store *store, const struct apc_sample *samples, size_t n)
+{
+    struct apc_shm_write w;
+    int err = begin(store, samples, n, &w);
+    return err ? err : write_all(&w, samples, n);
+}
+
+/* Nobody else writes meanwhile. */
+static void newest(const struct apc_shm_write *w, struct apc_sample *samples, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        load_sample(w->shm, w->generation, &samples[i], NULL);
+    }
+}
+
+static int write_next(struct apc_shm_write *w, struct apc_sample *samples, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        const int64_t seq = apc_shm_newest_seq(w, samples[i].table, samples[i].id);
+        if (seq >= APC_SEQ_MAX) {
+            apc_shm_unlock(w->shm);
+            return apc_rows_seq_failure(&w->shm->base, &samples[i]);
+        }
+        samples[i].seq = seq + 1;
+    }
+    int count = write_all(w, samples, n);
+    return count < 0 ? count : 0;
+}
+
+static int put(struct apc_store *store, struct apc_sample *samples, size_t n)
+{
+    struct apc_shm_write w;
+    int err = begin(store, samples, n, &w);
+    return err ? err : write_next(&w, samples, n);
+}
+
+static int swap(struct apc_store *store, struct apc_sample *samples, size_t n)
+{
+    struct apc_shm_write w;
+    int err = begin(store, samples, n, &w);
+    if (err) {
+        return err;
+    }
+    for (size_t i = 0; i < n; i++) {
+        if (samples[i].seq != apc_shm_newest_seq(&w, samples[i].table, samples[i].id)) {
+            newest(&w, samples, n);
+            apc_shm_unlock(w.shm);
+            return apc_fail(&store->why, APC_ECONFLICT, "someone else has changed it meanwhile");
+        }
+    }
+    return write_next(&w, samples, n);
+}
+
+static int claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last)
+{
+    struct apc_shm *shm = apc_shm_of(store);
+    struct apc_shm_write w;
+    int err = apc_shm_ready(shm);
+    if (!err) {
+        err = apc_shm_lock_table(shm, table);
+    }
+    if (!err) {
+        shm->claimed[table] = true;
+        err = apc_shm_begin(shm, &w);
+    }
+    if (err) {
+        return err;
+    }
+    for (size_t i = 0; i < n; i++) {
+        last[i] = apc_shm_newest_seq(&w, table, (int)i + 1);
+    }
+    apc_shm_unlock(shm);
+    return 0;
+}
+
+/* ---- Wait ---------------------------------------------------------------------------------- */
+
+/* A writer may die between its commit and waking us, and the segment may be removed: look every so often. */
+#define SLICE (100 * APC_NS_PER_MS)
+
+static bool any_newer(struct apc_shm *shm, const struct apc_sample *seen, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        const struct apc_shm_slot *slot = apc_shm_find(shm, apc_shm_key(seen[i].table, seen[i].id), NULL);
+        uint64_t words[8];
+        int there = -1;
+        while (slot && there < 0) { /* one variable: two commits within some ns are no rule */
+            there = apc_shm_load(slot, apc_shm_generation(shm), words);
+        }
+        if (slot && there > 0 && (int64_t)words[1] > seen[i].seq) {
+            return true;
+        }
+    }
+    return false;
+}
+
+static int wait_newer(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout)
+{
+    struct apc_shm *shm = apc_shm_of(store);
+    const apc_ns now = apc_clock_mono(NULL), until = timeout < INT64_MAX - now ? now + timeout : INT64_MAX;
+    for (;;) {
+        int err = apc_shm_ready(shm);
+        if (err) {
+            return err;
+        }
+        struct apc_shm_header *h = shm->header;
+        const uint32_t tick = atomic_load_explicit(&h->tick, memory_order_seq_cst);
+        if (any_newer(shm, seen, n)) {
+            return 1;
+        }
+        apc_ns left = timeout > 0 ? until - apc_clock_mono(NULL) : 0;
+        if (left <= 0) {
+            return 0;
+        }
+        left = left < SLICE ? left : SLICE;
+        const struct timespec slice = {.tv_nsec = (long)left};
+        atomic_store_explicit(&h->waiting, tick, memory_order_seq_cst);
+        syscall(SYS_futex, &h->tick, FUTEX_WAIT, tick, &slice, NULL, 0);
+    }
+}
+
+/* ---- The store ------------------------------------------------------------------------------ */
+
+static bool connected(const struct apc_store *store)
+{
+    return ((const struct apc_shm *)store)->header != NULL;
+}
+
+static int connect_store(struct apc_store *store)
+{
+    return apc_shm_ready(apc_shm_of(store));
+}
+
+const struct apc_store_ops apc_shm_store = {
+    .scheme = "shm:",
+    .open = apc_shm_open,
+    .close = apc_shm_close,
+    .connected = connected,
+    .connect = connect_store,
+    .read = read_newest,
+    .append = append,
+    .claim = claim,
+    .put = put,
+    .swap = swap,
+    .wait = wait_newer,
+    .variables = apc_shm_variables,
+    .history = apc_shm_history,
+    .history_bins = apc_bins_by_history,
+    .put_tags = apc_shm_put_tags,
+    .get_tags = apc_shm_get_tags,
+    .append_events = apc_shm_append_events,
+    .events = apc_shm_events,
+    .append_timing = apc_shm_append_timing,
+    .timing = apc_shm_timing,
+    .init = apc_shm_init,
+    .maintain = apc_shm_maintain,
+};

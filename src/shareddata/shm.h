@@ -1,0 +1,314 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The store in shared memory, shared by its files: shm_segment.c (what the segment is: made, checked,
+ * mapped), shm_write.c (the writers' lock, transactions, recovery), shm.c (samples), shm_rows.c (history,
+ * tags, events, timing, housekeeping).
+ *
+ * One segment, /dev/shm/apc.NAME
+ * ------------------------------
+ * header | index | slots | tags | events | timing | cells
+ *
+ * A variable has a slot, found by a hash index. The slot holds its newest sample, twice: in two versions. Its
+ * history is a ring of cells, which grows from 4 to 16, 64, ... 16384 while there are cells left. Events and
+ * timing rows are rings as well. Three quarters of a ring are shown: what a writer may be overwriting is
+ * not.
+ *
+ * Old or new
+ * ----------
+ * `generation` counts the transactions; to store it is the one instruction that commits. A writer, who
+ * holds the lock, makes generation g + 1: of whatever has two versions (a slot, the tags, the counters of
+ * `meta`) it overwrites the one that is not current, after it has marked it by g + 1; cells and records it
+ * only writes where nobody looks as long as the heads of generation g hold. Readers take generation g, then
+ * of each thing the version with the highest mark not above g, and look again whether its mark has stayed.
+ * So what a writer is doing, or did not live to finish, is invisible, and all of it becomes visible at once.
+ * A reader holds no lock, and nobody waits for it.
+ *
+ * Who gets the lock of a dead writer (a robust mutex: the kernel says so) erases all marks above g before it
+ * begins: recovery. It can be killed in the middle of that, too. An operation that fails half-way does the
+ * same.
+ *
+ * A reader that takes long may find both versions of a slot already newer than its g. Then it begins again
+ * with a newer g and that slot first. A writer at full speed could keep it from ever finishing a long list:
+ * after APC_SHM_TRIES it takes each sample by itself, whole and newest, but maybe not of one moment.
+ *
+ * Shared words are atomic and relaxed where a mark guards them, so that there is no data race in C's sense.
+ */
+#ifndef APC_SHM_H
+#define APC_SHM_H
+
+#include <pthread.h>
+#include <stdatomic.h>
+#include <string.h>
+#include <sys/types.h>
+
+#include "shareddata/shareddata_internal.h"
+
+#define APC_SHM_TRIES    1000
+#define APC_SHM_EXTENTS  7   /* of a ring: 4, 12, 48, ... 12288 cells */
+#define APC_SHM_BINS     256 /* of a timing row; more are merged */
+#define APC_SHM_MIB      32  /* of a segment when the URI does not say */
+#define APC_SHM_MIB_MAX  65536
+#define APC_SHM_NAME_MAX 200
+
+typedef _Atomic uint64_t apc_word;
+
+/* ---- What lies in the segment ---------------------------------------------------------------- */
+
+/** What never changes. */
+struct apc_shm_constants {
+    char magic[16];
+    uint32_t layout, header_size; /* of this library's structs */
+    int64_t version;              /* apc_store_version() */
+    uint64_t mib;                 /* everything's size follows from it */
+    uint64_t checksum;            /* of what stands before it */
+};
+
+/** A ring's first ordinal is head - kept. */
+struct apc_shm_ends {
+    uint64_t head, kept;
+};
+
+enum apc_shm_log_name { APC_SHM_EVENTS, APC_SHM_TIMING, APC_SHM_LOGS };
+
+/** Counters of the whole: two versions. */
+struct apc_shm_counters {
+    uint64_t variables, cells; /* in use */
+    struct apc_shm_ends log[APC_SHM_LOGS];
+};
+#define APC_SHM_COUNTERS (sizeof(struct apc_shm_counters) / sizeof(uint64_t))
+
+struct apc_shm_meta {
+    apc_word mark[2];
+    apc_word counters[2][APC_SHM_COUNTERS];
+};
+
+struct apc_shm_header {
+    struct apc_shm_constants constants;
+    _Alignas(64) apc_word generation; /* of the last commit */
+    _Atomic uint32_t tick;            /* a futex: changes with every commit */
+    _Alignas(64) pthread_mutex_t writer;
+    _Atomic uint32_t waiting; /* the tick that someone may sleep on, or 0 */
+    _Alignas(64) struct apc_shm_meta meta;
+    apc_word tags_mark[2], n_tags[2];
+    char claimant[APC_TABLE_END][64]; /* guarded by the writers' lock */
+};
+
+/** A sample, and of a slot's version its ring. Eight words: a cache line. */
+struct apc_shm_cell {
+    apc_word mark; /* of a cell: 1 + its ordinal, or 0 while it is written. Of a version: the ring's head */
+    apc_word seq, time, value, sensor_seq, setpoint_seq;
+    apc_word status;
+    apc_word ring; /* of a version: extents in the low byte, above it how many cells are kept */
+};
+
+struct apc_shm_slot {
+    apc_word key; /* table and id; 0: free */
+    apc_word mark[2];
+    _Atomic uint32_t extent[APC_SHM_EXTENTS]; /* first cell of each */
+    _Alignas(64) struct apc_shm_cell version[2];
+};
+
+/** A timing row's record; the buckets' lows, highs and counts follow each other. */
+struct apc_shm_timing {
+    apc_ns time;
+    char task[32], quantity[16];
+    int64_t period, missed, count;
+    double mean, sd;
+    int64_t p50, p99, max, n_bins;
+    int64_t bins[3 * APC_SHM_BINS];
+};
+
+/* ---- A handle -------------------------------------------------------------------------------- */
+
+/** A ring of records: each a mark, 1 + its ordinal, and then its words. */
+struct apc_shm_log {
+    apc_word *record;
+    size_t words; /* of a record with its mark */
+    size_t capacity;
+};
+
+#define APC_SHM_HINTS 256
+
+struct apc_shm {
+    struct apc_store base;
+    char path[APC_SHM_NAME_MAX + 16];
+    const char *name; /* in path */
+    uint64_t mib;
+    int fd;
+    ino_t inode;
+    dev_t device;
+    apc_ns checked; /* when path was last seen to lead to what is mapped */
+    bool claimed[APC_TABLE_END];
+    struct apc_shm_header *header; /* NULL: not connected */
+    size_t size, variables, index_size, cells, tags;
+    _Atomic uint32_t *index; /* 1 + number of a slot; 0: free */
+    struct apc_shm_slot *slot;
+    apc_word *tag[2];
+    struct apc_shm_log log[APC_SHM_LOGS];
+    struct apc_shm_cell *cell;
+    uint32_t read_hint[APC_SHM_HINTS], write_hint[APC_SHM_HINTS]; /* slots of the last time's samples */
+};
+
+static inline struct apc_shm *apc_shm_of(struct apc_store *store)
+{
+    return (struct apc_shm *)store;
+}
+
+/* ---- Words ----------------------------------------------------------------------------------- */
+
+static inline uint64_t apc_word_get(const apc_word *w)
+{
+    return atomic_load_explicit(w, memory_order_relaxed);
+}
+
+static inline void apc_word_put(apc_word *w, uint64_t value)
+{
+    atomic_store_explicit(w, value, memory_order_relaxed);
+}
+
+static inline void apc_words_get(void *to, const apc_word *from, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        uint64_t word = apc_word_get(&from[i]);
+        memcpy((char *)to + 8 * i, &word, 8);
+    }
+}
+
+static inline void apc_words_put(apc_word *to, const void *from, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        uint64_t word;
+        memcpy(&word, (const char *)from + 8 * i, 8);
+        apc_word_put(&to[i], word);
+    }
+}
+
+/** Which of two versions is the current one of generation @p g: 0 or 1, -1: none, -2: both are newer. */
+static inline int apc_shm_current(const apc_word mark[2], uint64_t g)
+{
+    uint64_t a = atomic_load_explicit(&mark[0], memory_order_acquire);
+    uint64_t b = atomic_load_explicit(&mark[1], memory_order_acquire);
+    if (a > g) {
+        a = 0;
+        if (b > g) {
+            return -2;
+        }
+    } else if (b > g) {
+        b = 0;
+    }
+    return a == 0 && b == 0 ? -1 : b > a;
+}
+
+/** After reading a version: was it @p mark all the time? */
+static inline bool apc_shm_unchanged(const apc_word *mark, uint64_t value)
+{
+    atomic_thread_fence(memory_order_acquire);
+    return apc_word_get(mark) == value;
+}
+
+static inline uint64_t apc_shm_generation(const struct apc_shm *shm)
+{
+    return atomic_load_explicit(&shm->header->generation, memory_order_acquire);
+}
+
+static inline uint64_t apc_shm_key(enum apc_table table, int id)
+{
+    return (uint64_t)table << 32 | (uint32_t)id;
+}
+
+/* ---- shm_segment.c ----------------------------------------------------------------------------- */
+
+int apc_shm_open(struct apc_store **store, const char *uri, const struct apc_store_config *config,
+                 struct apc_error *why);
+void apc_shm_close(struct apc_store *store);
+int apc_shm_init(struct apc_store *store);
+/** Connect, or see whether the segment is still the one of that name: every operation begins with it. */
+int apc_shm_ready(struct apc_shm *shm);
+/** Take the claim's lock. Returns 0 or APC_EBUSY. */
+int apc_shm_lock_table(struct apc_shm *shm, enum apc_table table);
+
+/* ---- shm_write.c ------------------------------------------------------------------------------- */
+
+/** A transaction: the lock is held. */
+struct apc_shm_write {
+    struct apc_shm *shm;
+    uint64_t generation;              /* that it makes */
+    struct apc_shm_counters counters; /* once they are needed: apc_shm_count() */
+    bool counted;
+};
+
+/** Take the writers' lock, before the timeout. */
+int apc_shm_lock(struct apc_shm *shm);
+void apc_shm_unlock(struct apc_shm *shm);
+
+int apc_shm_begin(struct apc_shm *shm, struct apc_shm_write *w);
+/** The counters, to be changed. */
+struct apc_shm_counters *apc_shm_count(struct apc_shm_write *w);
+/** Make it visible, unlock, wake those who wait. */
+void apc_shm_commit(struct apc_shm_write *w);
+/** Leave everything as it was, unlock. */
+void apc_shm_abort(struct apc_shm_write *w);
+/** The version to write of two; the former one, or -1, is *@p from. */
+int apc_shm_version(struct apc_shm_write *w, apc_word mark[2], int *from);
+
+/** The variable's slot, or NULL; *@p hint (may be NULL) becomes its number. */
+struct apc_shm_slot *apc_shm_look_up(const struct apc_shm *shm, uint64_t key, uint32_t *hint);
+/** The same; @p hint is where it was the last time. */
+static inline struct apc_shm_slot *apc_shm_find(const struct apc_shm *shm, uint64_t key, uint32_t *hint)
+{
+    return hint && apc_word_get(&shm->slot[*hint].key) == key ? &shm->slot[*hint]
+                                                              : apc_shm_look_up(shm, key, hint);
+}
+/** The newest seq of a variable, as the transaction sees it. */
+int64_t apc_shm_newest_seq(const struct apc_shm_write *w, enum apc_table table, int id);
+/** Write one sample. Returns 1, 0 when its seq was taken, APC_ESTORE when there is no room. */
+int apc_shm_write_sample(struct apc_shm_write *w, const struct apc_sample *s, uint32_t *hint);
+/** Write one record of @p words words after its mark. */
+void apc_shm_write_record(struct apc_shm_write *w, enum apc_shm_log_name name, const void *record,
+                          size_t words);
+
+/** Cells of the first @p extents: 0, 4, 16, 64, ... */
+static inline uint64_t apc_shm_capacity(uint64_t extents)
+{
+    return extents > 0 ? UINT64_C(1) << 2 * extents : 0;
+}
+
+/** A ring's cell by its ordinal, NULL when the slot makes no sense. @p extents as in the version. */
+static inline struct apc_shm_cell *apc_shm_cell(const struct apc_shm *shm, const struct apc_shm_slot *slot,
+                                                uint64_t extents, uint64_t ordinal)
+{
+    const uint64_t position = ordinal & (apc_shm_capacity(extents) - 1);
+    if (extents < 1 || extents > APC_SHM_EXTENTS) {
+        return NULL;
+    }
+    const int extent = (63 - __builtin_clzll(position | 1)) / 2;
+    const uint64_t at = atomic_load_explicit(&slot->extent[extent], memory_order_relaxed) + position -
+                        (extent > 0 ? apc_shm_capacity((uint64_t)extent) : 0);
+    return at < shm->cells ? &shm->cell[at] : NULL;
+}
+
+/** How much of a ring is shown. */
+static inline uint64_t apc_shm_shown(uint64_t capacity)
+{
+    return capacity - capacity / 4;
+}
+
+/* ---- shm.c, shm_rows.c: operations ------------------------------------------------------------- */
+
+/** A slot's version of generation @p g: 1, 0: none, -1: lost, take a newer generation. */
+int apc_shm_load(const struct apc_shm_slot *slot, uint64_t g, uint64_t version[8]);
+/** The sample in a version's or cell's words. */
+struct apc_sample apc_shm_sample(enum apc_table table, int id, const uint64_t words[8]);
+
+int apc_shm_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity);
+int apc_shm_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
+                    apc_sample_fn fn, void *ctx);
+int apc_shm_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n);
+int apc_shm_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity);
+int apc_shm_append_events(struct apc_store *store, const struct apc_event *events, size_t n);
+int apc_shm_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx);
+int apc_shm_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n);
+int apc_shm_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx);
+int apc_shm_maintain(struct apc_store *store, const struct apc_retention *keep);
+
+#endif

@@ -1,0 +1,504 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The store in shared memory outside the tick: history, tags, events, timing, housekeeping. Rings are read
+ * while they are written: what has been overwritten before its turn is left out, which can only be the
+ * oldest.
+ */
+#include <limits.h>
+#include <stdlib.h>
+
+#include "shareddata/shm.h"
+
+static bool within(const struct apc_range *range, apc_ns time)
+{
+    return (range->since == 0 || time >= range->since) && (range->until == 0 || time < range->until);
+}
+
+static int no_memory(struct apc_shm *shm, uint64_t rows)
+{
+    return apc_fail(&shm->base.why, APC_ENOMEM, "out of memory for %llu rows", (unsigned long long)rows);
+}
+
+/* ---- History --------------------------------------------------------------------------------- */
+
+/* A row of a ring; false when it has been overwritten. */
+static bool load_cell(const struct apc_shm_cell *cell, uint64_t ordinal, uint64_t words[8])
+{
+    if (!cell || atomic_load_explicit(&cell->mark, memory_order_acquire) != ordinal + 1) {
+        return false;
+    }
+    apc_words_get(words, &cell->mark, 8);
+    return apc_shm_unchanged(&cell->mark, ordinal + 1);
+}
+
+static int by_seq(const void *a, const void *b)
+{
+    const struct apc_sample *x = (const struct apc_sample *)a, *y = (const struct apc_sample *)b;
+    return (x->seq > y->seq) - (x->seq < y->seq);
+}
+
+/* What the ring of a version still holds, and the version's own sample, in rising seq, at the end of @p out,
+ * which has room for @p capacity. Returns how many. */
+static size_t load_ring(const struct apc_shm *shm, const struct apc_shm_slot *slot, const uint64_t version[8],
+                        enum apc_table table, int id, struct apc_sample *out, size_t capacity)
+{
+    const uint64_t head = version[0], kept = version[7] >> 8, extents = version[7] & 0xff;
+    const struct apc_sample newest = apc_shm_sample(table, id, version);
+    bool sorted = true, complete = false;
+    size_t at = capacity;
+    uint64_t words[8];
+    for (uint64_t o = head; o > head - kept && at > 1; o--) {
+        if (!load_cell(apc_shm_cell(shm, slot, extents, o - 1), o - 1, words)) {
+            break;
+        }
+        out[--at] = apc_shm_sample(table, id, words);
+        sorted = sorted && (at + 1 == capacity || out[at].seq < out[at + 1].seq);
+        complete = complete || out[at].seq == newest.seq;
+    }
+    if (!complete) { /* too many late ones came after it */
+        out[--at] = newest;
+    }
+    if (!sorted || !complete) {
+        qsort(out + at, capacity - at, sizeof *out, by_seq);
+    }
+    return capacity - at;
+}
+
+/* The variable's version as of now. Returns 1, or 0 when it has none. */
+static int load_version(const struct apc_shm *shm, const struct apc_shm_slot *slot, uint64_t version[8])
+{
+    int there = -1;
+    while (there < 0) { /* two commits within some ns are no rule */
+        there = apc_shm_load(slot, apc_shm_generation(shm), version);
+    }
+    return there;
+}
+
+int apc_shm_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
+                    apc_sample_fn fn, void *ctx)
+{
+    struct apc_shm *shm = apc_shm_of(store);
+    uint64_t version[8];
+    int err = apc_shm_ready(shm);
+    if (err) {
+        return err;
+    }
+    const struct apc_shm_slot *slot = apc_shm_find(shm, apc_shm_key(table, id), NULL);
+    if (!slot || load_version(shm, slot, version) == 0) {
+        return 0;
+    }
+    const uint64_t kept = version[7] >> 8;
+    if (kept > apc_shm_shown(apc_shm_capacity(APC_SHM_EXTENTS)) || kept > version[0]) {
+        return apc_fail(&store->why, APC_ESTORE, "shm:%s is corrupt", shm->name);
+    }
+    const size_t most = (size_t)kept + 1;
+    struct apc_sample *row = (struct apc_sample *)malloc(most * sizeof *row);
+    if (!row) {
+        return no_memory(shm, kept);
+    }
+    size_t first = most - load_ring(shm, slot, version, table, id, row, most), n = 0;
+    for (; first < most; first++) {
+        if (within(range, row[first].time)) {
+            row[n++] = row[first];
+        }
+    }
+    first = range->last > 0 && n > range->last ? n - range->last : 0;
+    int count = 0;
+    store->streaming = true;
+    for (bool ended = false; !ended && first < n; first++) {
+        count++;
+        ended = fn(ctx, &row[first]) != 0;
+    }
+    store->streaming = false;
+    free(row);
+    return count;
+}
+
+int apc_shm_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity)
+{
+    struct apc_shm *shm = apc_shm_of(store);
+    size_t n = 0;
+    uint64_t version[8], key;
+    int err = apc_shm_ready(shm);
+    if (err) {
+        return err;
+    }
+    struct apc_sample *all = (struct apc_sample *)malloc(shm->variables * sizeof *all);
+    if (!all) {
+        return no_memory(shm, shm->variables);
+    }
+    for (size_t i = 0; i < shm->variables && (key = apc_word_get(&shm->slot[i].key)) != 0; i++) {
+        if (load_version(shm, &shm->slot[i], version) > 0) {
+            all[n++] = (struct apc_sample){.table = (enum apc_table)(key >> 32), .id = (int)(uint32_t)key};
+        }
+    }
+    return apc_variables_give(all, n, variables, capacity);
+}
+
+/* ---- Tags ---------------------------------------------------------------------------------- */
+
+int apc_shm_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n)
+{
+    struct apc_shm *shm = apc_shm_of(store);
+    struct apc_shm_write w;
+    struct apc_tag *sorted = NULL;
+    int err = apc_tags_sort(store, tags, n, &sorted);
+    if (!err) {
+        err = apc_shm_ready(shm);
+    }
+    if (!err && n > shm->tags) {
+        err = apc_fail(&store->why, APC_ESTORE, "shm:%s holds %zu tags at most, not %zu: make a larger one",
+                       shm->name, shm->tags, n);
+    }
+    if (!err) {
+        err = apc_shm_begin(shm, &w);
+    }
+    if (!err) {
+        int from, to = apc_shm_version(&w, shm->header->tags_mark, &from);
+        apc_words_put(shm->tag[to], sorted, n * sizeof *sorted / 8);
+        apc_word_put(&shm->header->n_tags[to], n);
+        apc_shm_commit(&w);
+    }
+    free(sorted);
+    return err ? err : (int)n;
+}
+
+int apc_shm_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
+{
+    struct apc_shm *shm = apc_shm_of(store);
+    int err = apc_shm_ready(shm);
+    if (err) {
+        return err;
+    }
+    for (int tries = 0; tries < APC_SHM_TRIES; tries++) {
+        const apc_word *marks = shm->header->tags_mark;
+        const int current = apc_shm_current(marks, apc_shm_generation(shm));
+        if (current < 0) {
+            continue;
+        }
+        const uint64_t mark = apc_word_get(&marks[current]), n = apc_word_get(&shm->header->n_tags[current]);
+        const size_t some = n < capacity ? (size_t)n : capacity;
+        if (n > shm->tags) {
+            continue;
+        }
+        apc_words_get(tags, shm->tag[current], some * sizeof *tags / 8);
+        if (apc_shm_unchanged(&marks[current], mark)) {
+            return (int)n;
+        }
+    }
+    return apc_fail(&store->why, APC_ETIMEDOUT, "shm:%s: the tags change too fast to be read", shm->name);
+}
+
+/* ---- Events and timing: rings of records ------------------------------------------------------- */
+
+static struct apc_shm_ends load_ends(const struct apc_shm *shm, enum apc_shm_log_name name)
+{
+    const struct apc_shm_meta *meta = &shm->header->meta;
+    struct apc_shm_counters c = {0};
+    for (;;) {
+        const int current = apc_shm_current(meta->mark, apc_shm_generation(shm));
+        if (current >= 0) {
+            const uint64_t mark = apc_word_get(&meta->mark[current]);
+            apc_words_get(&c, meta->counters[current], APC_SHM_COUNTERS);
+            if (apc_shm_unchanged(&meta->mark[current], mark)) {
+                return c.log[name];
+            }
+        }
+    }
+}
+
+/* The first @p words of a record; false when it has been overwritten. */
+static bool load_record(const struct apc_shm_log *log, uint64_t ordinal, void *out, size_t words)
+{
+    const apc_word *at = log->record + (size_t)(ordinal % log->capacity) * log->words;
+    if (atomic_load_explicit(at, memory_order_acquire) != ordinal + 1) {
+        return false;
+    }
+    apc_words_get(out, at + 1, words);
+    return apc_shm_unchanged(at, ordinal + 1);
+}
+
+/* Copies of the records to give, in order: records[order[i].at] for i in first..n-1. Each begins with its
+ * time. */
+struct selection {
+    uint64_t *record;
+    struct entry {
+        apc_ns time;
+        size_t at; /* the higher, the older */
+    } * order;
+    size_t words, first, n;
+};
+
+static int by_time(const void *a, const void *b)
+{
+    const struct entry *x = (const struct entry *)a, *y = (const struct entry *)b;
+    return x->time != y->time ? (x->time > y->time) - (x->time < y->time) : (x->at < y->at) - (x->at > y->at);
+}
+
+static int by_arrival(const void *a, const void *b)
+{
+    const struct entry *x = (const struct entry *)a, *y = (const struct entry *)b;
+    return (x->at < y->at) - (x->at > y->at);
+}
+
+static void free_selection(struct selection *s)
+{
+    free(s->record);
+    free(s->order);
+}
+
+static const void *selected(const struct selection *s, size_t i)
+{
+    return s->record + s->order[i].at * s->words;
+}
+
+static int select_records(struct apc_shm *shm, enum apc_shm_log_name name, const struct apc_range *range,
+                          struct selection *s)
+{
+    const struct apc_shm_log *log = &shm->log[name];
+    const struct apc_shm_ends ends = load_ends(shm, name);
+    *s = (struct selection){.words = log->words - 1};
+    if (ends.kept > log->capacity || ends.kept > ends.head) {
+        return apc_fail(&shm->base.why, APC_ESTORE, "shm:%s is corrupt", shm->name);
+    }
+    s->record = (uint64_t *)calloc((size_t)ends.kept + 1, s->words * sizeof *s->record);
+    s->order = (struct entry *)calloc((size_t)ends.kept + 1, sizeof *s->order);
+    if (!s->record || !s->order) {
+        free_selection(s);
+        return no_memory(shm, ends.kept);
+    }
+    size_t at = 0;
+    for (uint64_t o = ends.head; o > ends.head - ends.kept; o--, at++) {
+        uint64_t *record = s->record + at * s->words;
+        if (!load_record(log, o - 1, record, s->words)) {
+            break;
+        }
+        if (within(range, (apc_ns)record[0])) {
+            s->order[s->n++] = (struct entry){.time = (apc_ns)record[0], .at = at};
+        }
+    }
+    qsort(s->order, s->n, sizeof *s->order, name == APC_SHM_TIMING ? by_time : by_arrival);
+    s->first = range->last > 0 && s->n > range->last ? s->n - range->last : 0;
+    return 0;
+}
+
+/* Make room for, and begin, an append of @p n records. */
+static int begin_records(struct apc_shm *shm, enum apc_shm_log_name name, size_t n, struct apc_shm_write *w)
+{
+    int err = apc_shm_ready(shm);
+    const size_t most = err ? 0 : (size_t)apc_shm_shown(shm->log[name].capacity);
+    if (!err && n > most) {
+        err = apc_fail(&shm->base.why, APC_ESTORE, "shm:%s holds %zu %s at most, not %zu: make a larger one",
+                       shm->name, most, name == APC_SHM_EVENTS ? "events" : "timing rows", n);
+    }
+    return err ? err : apc_shm_begin(shm, w);
+}
+
+int apc_shm_append_events(struct apc_store *store, const struct apc_event *events, size_t n)
+{
+    struct apc_shm_write w;
+    int err = begin_records(apc_shm_of(store), APC_SHM_EVENTS, n, &w);
+    if (err) {
+        return err;
+    }
+    for (size_t i = 0; i < n; i++) {
+        const struct apc_event row = apc_event_row(&events[i]);
+        apc_shm_write_record(&w, APC_SHM_EVENTS, &row, sizeof row / 8);
+    }
+    apc_shm_commit(&w);
+    return (int)n;
+}
+
+int apc_shm_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx)
+{
+    struct apc_shm *shm = apc_shm_of(store);
+    struct selection s;
+    int err = apc_shm_ready(shm), count = 0;
+    if (!err) {
+        err = select_records(shm, APC_SHM_EVENTS, range, &s);
+    }
+    if (err) {
+        return err;
+    }
+    store->streaming = true;
+    for (bool ended = false; !ended && s.first < s.n; s.first++) {
+        count++;
+        ended = fn(ctx, (const struct apc_event *)selected(&s, s.first)) != 0;
+    }
+    store->streaming = false;
+    free_selection(&s);
+    return count;
+}
+
+/* Neighbours are merged, as many as it takes, so that no more than APC_SHM_BINS are left. */
+static void put_bins(struct apc_shm_timing *t, const struct apc_timing_row *r)
+{
+    const size_t merged = (r->n_bins + APC_SHM_BINS - 1) / APC_SHM_BINS;
+    const size_t n = merged > 0 ? (r->n_bins + merged - 1) / merged : 0;
+    for (size_t i = 0; i < r->n_bins; i++) {
+        const size_t at = i / merged;
+        if (i % merged == 0) {
+            t->bins[at] = r->bin_low[i];
+            t->bins[2 * n + at] = 0;
+        }
+        t->bins[n + at] = r->bin_high[i];
+        t->bins[2 * n + at] += r->bin_count[i];
+    }
+    t->n_bins = (int64_t)n;
+}
+
+int apc_shm_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
+{
+    struct apc_shm_write w;
+    int err = apc_timing_check(store, rows, n);
+    if (!err) {
+        err = begin_records(apc_shm_of(store), APC_SHM_TIMING, n, &w);
+    }
+    if (err) {
+        return err;
+    }
+    for (size_t i = 0; i < n; i++) {
+        const struct apc_timing_row r = apc_timing_stored(&rows[i]);
+        struct apc_shm_timing t = {.time = r.time,
+                                   .period = r.period,
+                                   .missed = (int64_t)r.missed,
+                                   .count = (int64_t)r.count,
+                                   .mean = r.mean,
+                                   .sd = r.sd,
+                                   .p50 = r.p50,
+                                   .p99 = r.p99,
+                                   .max = r.max};
+        memcpy(t.task, r.task, sizeof t.task);
+        apc_text_clean(t.quantity, r.quantity, sizeof t.quantity);
+        put_bins(&t, &r);
+        apc_shm_write_record(&w, APC_SHM_TIMING, &t, sizeof t / 8);
+    }
+    apc_shm_commit(&w);
+    return (int)n;
+}
+
+static int give_timing(const struct apc_shm_timing *t, apc_timing_fn fn, void *ctx)
+{
+    const size_t n = t->n_bins < APC_SHM_BINS ? (size_t)t->n_bins : APC_SHM_BINS;
+    struct apc_timing_row row = {.time = t->time,
+                                 .period = t->period,
+                                 .missed = (uint64_t)t->missed,
+                                 .count = (uint64_t)t->count,
+                                 .mean = t->mean,
+                                 .sd = t->sd,
+                                 .p50 = t->p50,
+                                 .p99 = t->p99,
+                                 .max = t->max,
+                                 .bin_low = n > 0 ? t->bins : NULL,
+                                 .bin_high = n > 0 ? t->bins + n : NULL,
+                                 .bin_count = n > 0 ? t->bins + 2 * n : NULL,
+                                 .n_bins = n};
+    apc_text_clean(row.task, t->task, sizeof row.task);
+    apc_text_clean(row.quantity, t->quantity, sizeof row.quantity);
+    return fn(ctx, &row);
+}
+
+int apc_shm_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx)
+{
+    struct apc_shm *shm = apc_shm_of(store);
+    struct selection s;
+    int err = apc_shm_ready(shm), count = 0;
+    if (!err) {
+        err = select_records(shm, APC_SHM_TIMING, range, &s);
+    }
+    if (err) {
+        return err;
+    }
+    store->streaming = true;
+    for (bool ended = false; !ended && s.first < s.n; s.first++) {
+        count++;
+        ended = give_timing((const struct apc_shm_timing *)selected(&s, s.first), fn, ctx) != 0;
+    }
+    store->streaming = false;
+    free_selection(&s);
+    return count;
+}
+
+/* ---- Housekeeping ---------------------------------------------------------------------------- */
+
+/* How many of a ring's oldest are older than @p before. */
+static uint64_t old_samples(const struct apc_shm *shm, const struct apc_shm_slot *slot,
+                            const uint64_t version[8], apc_ns before)
+{
+    const uint64_t head = version[0], kept = version[7] >> 8, extents = version[7] & 0xff;
+    uint64_t n = 0, words[8];
+    while (n < kept &&
+           (!load_cell(apc_shm_cell(shm, slot, extents, head - kept + n), head - kept + n, words) ||
+            (apc_ns)words[2] < before)) {
+        n++;
+    }
+    return n;
+}
+
+/* One variable's: a transaction of its own, so that no writer waits for more. The newest stays in the slot.
+ */
+static int drop_samples(struct apc_shm *shm, struct apc_shm_slot *slot, apc_ns before)
+{
+    struct apc_shm_write w;
+    uint64_t version[8];
+    if (load_version(shm, slot, version) == 0 || old_samples(shm, slot, version, before) == 0) {
+        return 0;
+    }
+    int err = apc_shm_begin(shm, &w);
+    if (err) {
+        return err;
+    }
+    load_version(shm, slot, version);
+    const uint64_t n = old_samples(shm, slot, version, before);
+    const bool all = n == version[7] >> 8; /* the newest, too, if it is as old, but that stays in the slot */
+    const struct apc_sample newest = apc_shm_sample(APC_SENSOR, 0, version);
+    int from, to = apc_shm_version(&w, slot->mark, &from);
+    version[7] -= n << 8;
+    apc_words_put(&slot->version[to].mark, version, 8);
+    apc_shm_commit(&w);
+    return (int)n - (all && newest.time < before);
+}
+
+/* Of one ring of records, only the oldest can go. */
+static int drop_records(struct apc_shm *shm, enum apc_shm_log_name name, apc_ns before)
+{
+    struct apc_shm_write w;
+    int err = apc_shm_begin(shm, &w);
+    if (err) {
+        return err;
+    }
+    struct apc_shm_ends *ends = &apc_shm_count(&w)->log[name];
+    int n = 0;
+    apc_ns time = 0;
+    while (ends->kept > 0 &&
+           (!load_record(&shm->log[name], ends->head - ends->kept, &time, 1) || time < before)) {
+        ends->kept--;
+        n++;
+    }
+    if (n > 0) {
+        apc_shm_commit(&w);
+    } else {
+        apc_shm_unlock(shm);
+    }
+    return n;
+}
+
+int apc_shm_maintain(struct apc_store *store, const struct apc_retention *keep)
+{
+    struct apc_shm *shm = apc_shm_of(store);
+    const apc_ns now = apc_clock_utc(NULL), age[APC_SHM_LOGS] = {keep->events, keep->timing};
+    int err = apc_shm_ready(shm), dropped = 0;
+    for (size_t i = 0; err >= 0 && keep->samples > 0 && i < shm->variables; i++) {
+        if (apc_word_get(&shm->slot[i].key) != 0) {
+            err = drop_samples(shm, &shm->slot[i], now - keep->samples);
+            dropped += err > 0 ? err : 0;
+        }
+    }
+    for (enum apc_shm_log_name name = APC_SHM_EVENTS; err >= 0 && name < APC_SHM_LOGS; name++) {
+        if (age[name] > 0) {
+            err = drop_records(shm, name, now - age[name]);
+            dropped += err > 0 ? err : 0;
+        }
+    }
+    return err < 0 ? err : dropped;
+}

@@ -1,0 +1,178 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The SQLite store, shared by its files: sqlite.c (connecting, transactions, errors, the ticks' operations),
+ * sqlite_blocks.c (where samples are and how they are found), sqlite_history.c (history, bins, housekeeping),
+ * sqlite_records.c (tags, events, timing), sqlite_claim.c (one writer a table, waiting for a change) and
+ * sqlite_schema.c (the tables).
+ */
+#ifndef APC_SQLITE_H
+#define APC_SQLITE_H
+
+#include <limits.h>
+#include <sqlite3.h>
+#include <sys/types.h>
+
+#include "shareddata/shareddata_internal.h"
+
+#define APC_SQLITE_APPLICATION 0x61706331 /* "apc1", in the file's header */
+#define APC_SQLITE_BLOCK       64 /* samples of a full block; a late sample splits one of twice as many */
+
+/** Statements that are prepared once a connection. */
+enum apc_sqlite_sql {
+    APC_SQLITE_READ, /* BEGIN ... */
+    APC_SQLITE_WRITE,
+    APC_SQLITE_COMMIT,
+    APC_SQLITE_ROLLBACK,
+    APC_SQLITE_NEWEST,       /* ?1 variable */
+    APC_SQLITE_VARIABLE,     /* ?1 variable */
+    APC_SQLITE_GROW,         /* ?1 variable, ?2 seq, ?3 time: the growing block by one sample */
+    APC_SQLITE_LAST_POS,     /* of all samples */
+    APC_SQLITE_PUT_VARIABLE, /* ?1 variable, then struct apc_sqlite_block */
+    APC_SQLITE_NEXT_BLOCK,   /* ?1 variable, ?2 seq or above, ?3 since, ?4 until */
+    APC_SQLITE_FORMER_BLOCK, /* ?1 variable, ?2 below seq, ?3 since, ?4 until */
+    APC_SQLITE_PUT_BLOCK,    /* as PUT_VARIABLE */
+    APC_SQLITE_DROP_BLOCK,   /* ?1 variable, ?2 seq */
+    APC_SQLITE_SAMPLE,       /* ?1 pos */
+    APC_SQLITE_INSERT,
+    APC_SQLITE_LINK,        /* ?1 pos, ?2 previous */
+    APC_SQLITE_DROP_SAMPLE, /* ?1 pos */
+    APC_SQLITE_STATEMENTS
+};
+
+/**
+ * Samples of one variable that follow each other in seq. Each row names the place of the one before it, so
+ * the block is read backwards from its last one. A variable's newest block, which is still growing, is its
+ * row of table variable (count 0: none; seq and pos are the newest sample's all the same).
+ */
+struct apc_sqlite_block {
+    int64_t seq, pos; /* of the last sample */
+    int64_t count;
+    int64_t first, last; /* earliest and latest time among them, us */
+};
+
+struct apc_sqlite_row {
+    int64_t pos;
+    struct apc_sample sample;
+};
+
+/** The block whose rows are at hand, in rising seq. */
+struct apc_sqlite_loaded {
+    int64_t variable; /* -1: none */
+    struct apc_sqlite_block block;
+    size_t n;
+    struct apc_sqlite_row rows[2 * APC_SQLITE_BLOCK + 1];
+};
+
+struct apc_sqlite {
+    struct apc_store base;
+    char given[PATH_MAX]; /* as in the URI, made absolute */
+    char path[PATH_MAX];  /* of the open file, without symbolic links */
+    sqlite3 *db;          /* NULL: not open */
+    sqlite3_stmt *statements[APC_SQLITE_STATEMENTS];
+    dev_t device; /* of the open file */
+    ino_t inode;
+    apc_ns deadline;               /* of the running operation, monotonic */
+    uint64_t random;               /* of the jitter of pauses */
+    int64_t pos;                   /* of the newest row, in a transaction that has inserted some; else 0 */
+    struct apc_sqlite_block grown; /* what the last GROW found */
+    struct apc_sqlite_loaded loaded;
+    int claims; /* the lock file; -1: not open */
+    bool claimed[APC_TABLE_END];
+    int watch; /* inotify on the open file; -1: none */
+};
+
+static inline struct apc_sqlite *apc_sqlite_of(struct apc_store *store)
+{
+    return (struct apc_sqlite *)store;
+}
+
+/* ---- sqlite.c ------------------------------------------------------------------------------- */
+
+/** Open the file, make it first when @p make; without a look at what is in it then. */
+int apc_sqlite_open(struct apc_sqlite *sq, bool make);
+/** Begin an operation: set its deadline, open the file when it is not, or is another one now. */
+int apc_sqlite_enter(struct apc_sqlite *sq);
+/** Begin a transaction: APC_SQLITE_READ or APC_SQLITE_WRITE. On failure there is none. */
+int apc_sqlite_begin(struct apc_sqlite *sq, enum apc_sqlite_sql how);
+/** Both at once. */
+int apc_sqlite_enter_begin(struct apc_sqlite *sq, enum apc_sqlite_sql how);
+/** End it: commit when @p result is 0 or above, else roll back. Returns @p result, or why it cannot commit.
+ */
+int apc_sqlite_end(struct apc_sqlite *sq, int result);
+/** Close the file. The next operation opens it anew. */
+void apc_sqlite_drop(struct apc_sqlite *sq);
+
+/** Take a statement from the cache; its parameters are still those of its last use. */
+sqlite3_stmt *apc_sqlite_use(struct apc_sqlite *sq, enum apc_sqlite_sql which);
+/** Prepare one that is used seldom. */
+int apc_sqlite_prepare(struct apc_sqlite *sq, const char *sql, sqlite3_stmt **statement);
+/** One step: 1 for a row, 0 when it is done, or an error. Done or failed it is reset. */
+int apc_sqlite_step(struct apc_sqlite *sq, sqlite3_stmt *statement);
+/** Run SQL text, maybe several commands. */
+int apc_sqlite_run(struct apc_sqlite *sq, const char *sql);
+/** Fail with SQLite's error number and text. */
+int apc_sqlite_fail(struct apc_sqlite *sq, int code);
+/** Fail because what is in the file contradicts itself. */
+int apc_sqlite_damaged(struct apc_sqlite *sq);
+
+/** Times are kept as whole microseconds; a bound is the next whole one (0: @p none). */
+int64_t apc_sqlite_time(apc_ns utc);
+int64_t apc_sqlite_bound(apc_ns utc, int64_t none);
+apc_ns apc_sqlite_ns(int64_t us);
+
+/* ---- sqlite_schema.c ------------------------------------------------------------------------ */
+
+/** What a file must say of itself to be used: 0, or APC_ESCHEMA. */
+int apc_sqlite_check(struct apc_sqlite *sq);
+int apc_sqlite_init(struct apc_store *store);
+
+/* ---- sqlite_blocks.c: within a transaction -------------------------------------------------- */
+
+/** A variable in the file. */
+static inline int64_t apc_sqlite_variable(enum apc_table table, int id)
+{
+    return (int64_t)id * 16 + (int64_t)table;
+}
+
+/** Make the SQL function that GROW needs. Returns SQLite's error number. */
+int apc_sqlite_make_function(struct apc_sqlite *sq);
+/** The newest sample of @p s's table and id, as apc_store_read() gives it. */
+int apc_sqlite_newest(struct apc_sqlite *sq, struct apc_sample *s);
+/** Returns 1 when it was stored, 0 when its seq is taken, or an error. */
+int apc_sqlite_append_one(struct apc_sqlite *sq, const struct apc_sample *s);
+/** The first block that reaches @p seq or beyond and may have samples of since <= time < until. 1, 0 or
+ * error. */
+int apc_sqlite_next_block(struct apc_sqlite *sq, int64_t variable, int64_t seq, int64_t since, int64_t until,
+                          struct apc_sqlite_block *b);
+/** The last such block that ends below @p seq; INT64_MAX: the growing one too. */
+int apc_sqlite_former_block(struct apc_sqlite *sq, int64_t variable, int64_t seq, int64_t since,
+                            int64_t until, struct apc_sqlite_block *b);
+/** Bring a block's rows into sq->loaded. */
+int apc_sqlite_load(struct apc_sqlite *sq, int64_t variable, const struct apc_sqlite_block *b);
+/** Drop the samples before @p before (us) of the block at hand, but not the variable's newest. Returns how
+ * many. */
+int apc_sqlite_trim(struct apc_sqlite *sq, int64_t before);
+
+/* ---- sqlite_claim.c ------------------------------------------------------------------------- */
+
+int apc_sqlite_claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last);
+/** After the file was opened, or whenever claims are held: are they still? Else take them again. */
+int apc_sqlite_renew_claims(struct apc_sqlite *sq);
+int apc_sqlite_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout);
+
+/* ---- sqlite_history.c, sqlite_records.c: operations ----------------------------------------- */
+
+int apc_sqlite_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity);
+int apc_sqlite_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
+                       apc_sample_fn fn, void *ctx);
+int apc_sqlite_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
+                            size_t n, apc_history_bin_fn fn, void *ctx);
+int apc_sqlite_maintain(struct apc_store *store, const struct apc_retention *keep);
+int apc_sqlite_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n);
+int apc_sqlite_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity);
+int apc_sqlite_append_events(struct apc_store *store, const struct apc_event *events, size_t n);
+int apc_sqlite_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx);
+int apc_sqlite_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n);
+int apc_sqlite_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx);
+
+#endif

@@ -1,0 +1,361 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The SQLite store outside the tick: tags, events, timing. Statements are prepared for each use. */
+#include "shareddata/sqlite.h"
+
+#include <endian.h>
+#include <stdlib.h>
+#include <string.h>
+
+static void bind_text(sqlite3_stmt *statement, int parameter, const char *text)
+{
+    sqlite3_bind_text(statement, parameter, text, -1, SQLITE_TRANSIENT);
+}
+
+static void take_text(sqlite3_stmt *statement, int column, char *out, size_t size)
+{
+    const unsigned char *text = sqlite3_column_text(statement, column);
+    sqlite3_snprintf((int)size, out, "%s", text ? (const char *)text : "");
+}
+
+/* ---- Writing -------------------------------------------------------------------------------- */
+
+/* Binds row i of an array. Returns 0 or an error. */
+typedef int (*bind_fn)(struct apc_sqlite *sq, sqlite3_stmt *statement, const void *rows, size_t i);
+
+static int insert_rows(struct apc_sqlite *sq, const char *sql, bind_fn bind, const void *rows, size_t n)
+{
+    sqlite3_stmt *statement = NULL;
+    int err = apc_sqlite_prepare(sq, sql, &statement);
+    for (size_t i = 0; !err && i < n; i++) {
+        err = bind(sq, statement, rows, i);
+        if (!err) {
+            err = apc_sqlite_step(sq, statement);
+        }
+    }
+    sqlite3_finalize(statement);
+    return err ? err : (int)n;
+}
+
+static int append_rows(struct apc_store *store, const char *sql, bind_fn bind, const void *rows, size_t n)
+{
+    struct apc_sqlite *sq = apc_sqlite_of(store);
+    int err = apc_sqlite_enter_begin(sq, APC_SQLITE_WRITE);
+    return err ? err : apc_sqlite_end(sq, insert_rows(sq, sql, bind, rows, n));
+}
+
+/* ---- Reading -------------------------------------------------------------------------------- */
+
+/*
+ * Rows in the order of two numbers, a and b. Each comes in a transaction of its own and is copied, so that
+ * the file is free while the caller's function runs.
+ */
+struct stream {
+    struct apc_sqlite *sq;
+    const char *
+        next; /* ?1 since, ?2 until: the first row from (a, b) = (?3, ?4) on; a and b are its first columns */
+    const char *back; /* ?1, ?2: a and b of the row with ?3 newer ones */
+    int (*take)(struct stream *s, sqlite3_stmt *statement); /* copies the row: 0 or an error */
+    int (*give)(struct stream *s); /* gives it to the caller, who may end the stream */
+    int64_t since, until, a, b;
+    union {
+        apc_event_fn event;
+        apc_timing_fn timing;
+    } fn;
+    void *ctx;
+    struct apc_event event;
+    struct apc_timing_row timing;
+    int64_t *bins; /* of the timing row */
+};
+
+/* One row of a query with the stream's bounds and two numbers more. */
+static int query(struct stream *s, sqlite3_stmt *statement, int64_t third, int64_t fourth)
+{
+    sqlite3_bind_int64(statement, 1, s->since);
+    sqlite3_bind_int64(statement, 2, s->until);
+    sqlite3_bind_int64(statement, 3, third);
+    sqlite3_bind_int64(statement, 4, fourth);
+    return apc_sqlite_step(s->sq, statement);
+}
+
+/* Where to begin: at the last so many rows. */
+static int go_back(struct stream *s, size_t last)
+{
+    sqlite3_stmt *statement = NULL;
+    int found = apc_sqlite_prepare(s->sq, s->back, &statement);
+    if (found == 0) {
+        found = query(s, statement, (int64_t)last - 1, 0);
+    }
+    if (found > 0) {
+        s->a = sqlite3_column_int64(statement, 0);
+        s->b = sqlite3_column_int64(statement, 1);
+    }
+    sqlite3_finalize(statement);
+    return found < 0 ? found : 0;
+}
+
+/* The next row: 1, 0 at the end, or an error. */
+static int next_row(struct stream *s, sqlite3_stmt *statement)
+{
+    s->sq->deadline =
+        apc_clock_mono(NULL) + s->sq->base.config.timeout; /* the caller's own time is not ours */
+    int found = query(s, statement, s->a, s->b);
+    if (found > 0) {
+        s->a = sqlite3_column_int64(statement, 0);
+        s->b = sqlite3_column_int64(statement, 1) + 1;
+        int err = s->take(s, statement);
+        sqlite3_reset(statement);
+        found = err ? err : found;
+    }
+    return found;
+}
+
+static int run_stream(struct stream *s, const struct apc_range *range)
+{
+    sqlite3_stmt *statement = NULL;
+    int count = 0;
+    s->since = apc_sqlite_bound(range->since, INT64_MIN);
+    s->until = apc_sqlite_bound(range->until, INT64_MAX);
+    s->a = s->b = INT64_MIN;
+    s->sq->base.stats.round_trips++;
+    int found = apc_sqlite_enter(s->sq);
+    if (found == 0 && range->last > 0) {
+        found = go_back(s, range->last);
+    }
+    if (found == 0) {
+        found = apc_sqlite_prepare(s->sq, s->next, &statement);
+    }
+    bool ended = found < 0;
+    while (!ended && (found = next_row(s, statement)) > 0) {
+        s->sq->base.streaming = true;
+        ended = s->give(s) != 0;
+        s->sq->base.streaming = false;
+        count += count < INT_MAX;
+    }
+    sqlite3_finalize(statement);
+    return found < 0 ? found : count;
+}
+
+/* ---- Events --------------------------------------------------------------------------------- */
+
+static int bind_event(struct apc_sqlite *sq, sqlite3_stmt *statement, const void *rows, size_t i)
+{
+    const struct apc_event *e = (const struct apc_event *)rows + i;
+    char text[sizeof e->text];
+    (void)sq;
+    sqlite3_bind_int64(statement, 1, apc_sqlite_time(e->time));
+    sqlite3_bind_int64(statement, 2, e->severity);
+    bind_text(statement, 3, apc_text_clean(text, e->source, sizeof e->source));
+    bind_text(statement, 4, apc_text_clean(text, e->kind, sizeof e->kind));
+    bind_text(statement, 5, apc_text_clean(text, e->text, sizeof e->text));
+    return 0;
+}
+
+int apc_sqlite_append_events(struct apc_store *store, const struct apc_event *events, size_t n)
+{
+    return append_rows(store,
+                       "INSERT INTO event (time, severity, source, kind, text) VALUES (?1, ?2, ?3, ?4, ?5)",
+                       bind_event, events, n);
+}
+
+static int take_event(struct stream *s, sqlite3_stmt *statement)
+{
+    struct apc_event *e = &s->event;
+    e->time = apc_sqlite_ns(sqlite3_column_int64(statement, 2));
+    e->severity = (enum apc_event_severity)sqlite3_column_int(statement, 3);
+    take_text(statement, 4, e->source, sizeof e->source);
+    take_text(statement, 5, e->kind, sizeof e->kind);
+    take_text(statement, 6, e->text, sizeof e->text);
+    return 0;
+}
+
+static int give_event(struct stream *s)
+{
+    return s->fn.event(s->ctx, &s->event);
+}
+
+/* By id, the order of arrival; the first one by the index on time. */
+int apc_sqlite_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx)
+{
+    struct stream s = {
+        .sq = apc_sqlite_of(store),
+        .next = "SELECT 0, id, time, severity, source, kind, text FROM event NOT INDEXED"
+                " WHERE id >= CASE WHEN ?4 > 0 THEN ?4 ELSE coalesce((SELECT min(id) FROM event INDEXED BY "
+                "event_time"
+                " WHERE time >= ?1 AND time < ?2), 9223372036854775807) END"
+                " AND time >= ?1 AND time < ?2 ORDER BY id LIMIT 1",
+        .back = "SELECT 0, id FROM event NOT INDEXED WHERE time >= ?1 AND time < ?2"
+                " ORDER BY id DESC LIMIT 1 OFFSET ?3",
+        .take = take_event,
+        .give = give_event,
+        .fn.event = fn,
+        .ctx = ctx,
+    };
+    return run_stream(&s, range);
+}
+
+/* ---- Timing --------------------------------------------------------------------------------- */
+
+static int bind_timing(struct apc_sqlite *sq, sqlite3_stmt *statement, const void *rows, size_t i)
+{
+    const struct apc_timing_row *r = (const struct apc_timing_row *)rows + i;
+    const int64_t *const bins[3] = {r->bin_low, r->bin_high, r->bin_count};
+    char text[sizeof r->task];
+    sqlite3_bind_int64(statement, 1, apc_sqlite_time(r->time));
+    bind_text(statement, 2, apc_text_clean(text, r->task, sizeof r->task));
+    bind_text(statement, 3, apc_text_clean(text, r->quantity, sizeof r->quantity));
+    sqlite3_bind_int64(statement, 4, r->period);
+    sqlite3_bind_int64(statement, 5, (int64_t)r->missed);
+    sqlite3_bind_int64(statement, 6, (int64_t)r->count);
+    sqlite3_bind_double(statement, 7, r->mean);
+    sqlite3_bind_double(statement, 8, r->sd);
+    sqlite3_bind_int64(statement, 9, r->p50);
+    sqlite3_bind_int64(statement, 10, r->p99);
+    sqlite3_bind_int64(statement, 11, r->max);
+    uint64_t *blob = malloc(3 * r->n_bins * sizeof *blob + 1);
+    if (!blob) {
+        return apc_fail(&sq->base.why, APC_ENOMEM, "out of memory for %zu buckets", r->n_bins);
+    }
+    for (size_t b = 0; b < 3 * r->n_bins; b++) {
+        blob[b] = htole64((uint64_t)bins[b / r->n_bins][b % r->n_bins]);
+    }
+    sqlite3_bind_blob64(statement, 12, blob, 3 * r->n_bins * sizeof *blob, free);
+    return 0;
+}
+
+int apc_sqlite_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
+{
+    return append_rows(
+        store,
+        "INSERT INTO timing (time, task, quantity, period, missed, count, mean, sd, p50, p99, max,"
+        " bins) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12)",
+        bind_timing, rows, n);
+}
+
+static int take_bins(struct stream *s, sqlite3_stmt *statement, int column)
+{
+    size_t n = (size_t)sqlite3_column_bytes(statement, column) / (3 * sizeof *s->bins);
+    const void *blob = sqlite3_column_blob(statement, column);
+    int64_t *bins = realloc(s->bins, 3 * n * sizeof *bins + 1);
+    if (!bins || (n > 0 && !blob)) {
+        s->bins = bins ? bins : s->bins;
+        return apc_fail(&s->sq->base.why, APC_ENOMEM, "out of memory for %zu buckets", n);
+    }
+    s->bins = bins;
+    for (size_t i = 0; i < 3 * n; i++) {
+        uint64_t little;
+        memcpy(&little, (const char *)blob + i * sizeof little, sizeof little);
+        bins[i] = (int64_t)le64toh(little);
+    }
+    s->timing.n_bins = n;
+    s->timing.bin_low = bins;
+    s->timing.bin_high = bins + n;
+    s->timing.bin_count = bins + 2 * n;
+    return 0;
+}
+
+static int take_timing(struct stream *s, sqlite3_stmt *statement)
+{
+    struct apc_timing_row *r = &s->timing;
+    r->time = apc_sqlite_ns(sqlite3_column_int64(statement, 0));
+    take_text(statement, 2, r->task, sizeof r->task);
+    take_text(statement, 3, r->quantity, sizeof r->quantity);
+    r->period = sqlite3_column_int64(statement, 4);
+    r->missed = (uint64_t)sqlite3_column_int64(statement, 5);
+    r->count = (uint64_t)sqlite3_column_int64(statement, 6);
+    r->mean = sqlite3_column_double(statement, 7);
+    r->sd = sqlite3_column_double(statement, 8);
+    r->p50 = sqlite3_column_int64(statement, 9);
+    r->p99 = sqlite3_column_int64(statement, 10);
+    r->max = sqlite3_column_int64(statement, 11);
+    return take_bins(s, statement, 12);
+}
+
+static int give_timing(struct stream *s)
+{
+    return s->fn.timing(s->ctx, &s->timing);
+}
+
+int apc_sqlite_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx)
+{
+    struct stream s = {
+        .sq = apc_sqlite_of(store),
+        .next = "SELECT time, id, task, quantity, period, missed, count, mean, sd, p50, p99, max, bins"
+                " FROM timing WHERE (time, id) >= (max(?1, ?3), ?4) AND time < ?2 ORDER BY time, id LIMIT 1",
+        .back = "SELECT time, id FROM timing WHERE time >= ?1 AND time < ?2"
+                " ORDER BY time DESC, id DESC LIMIT 1 OFFSET ?3",
+        .take = take_timing,
+        .give = give_timing,
+        .fn.timing = fn,
+        .ctx = ctx,
+    };
+    int count = run_stream(&s, range);
+    free(s.bins);
+    return count;
+}
+
+/* ---- Tags ----------------------------------------------------------------------------------- */
+
+static int bind_tag(struct apc_sqlite *sq, sqlite3_stmt *statement, const void *rows, size_t i)
+{
+    const struct apc_tag *t = (const struct apc_tag *)rows + i;
+    char text[sizeof t->description];
+    (void)sq;
+    sqlite3_bind_int64(statement, 1, t->table);
+    sqlite3_bind_int64(statement, 2, t->id);
+    bind_text(statement, 3, apc_text_clean(text, t->name, sizeof t->name));
+    bind_text(statement, 4, apc_text_clean(text, t->unit, sizeof t->unit));
+    bind_text(statement, 5, apc_text_clean(text, t->description, sizeof t->description));
+    sqlite3_bind_double(statement, 6, t->low);
+    sqlite3_bind_double(statement, 7, t->high);
+    return 0;
+}
+
+int apc_sqlite_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n)
+{
+    struct apc_sqlite *sq = apc_sqlite_of(store);
+    int err = apc_sqlite_enter_begin(sq, APC_SQLITE_WRITE);
+    if (err) {
+        return err;
+    }
+    err = apc_sqlite_run(sq, "DELETE FROM tag");
+    if (!err) {
+        err = insert_rows(sq,
+                          "INSERT INTO tag (table_number, id, name, unit, description, low, high)"
+                          " VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
+                          bind_tag, tags, n);
+    }
+    return apc_sqlite_end(sq, err);
+}
+
+static void take_tag(sqlite3_stmt *statement, struct apc_tag *t)
+{
+    *t = (struct apc_tag){.table = (enum apc_table)sqlite3_column_int(statement, 0),
+                          .id = sqlite3_column_int(statement, 1),
+                          .low = sqlite3_column_double(statement, 5),
+                          .high = sqlite3_column_double(statement, 6)};
+    take_text(statement, 2, t->name, sizeof t->name);
+    take_text(statement, 3, t->unit, sizeof t->unit);
+    take_text(statement, 4, t->description, sizeof t->description);
+}
+
+int apc_sqlite_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
+{
+    struct apc_sqlite *sq = apc_sqlite_of(store);
+    sqlite3_stmt *statement = NULL;
+    int count = 0, found = apc_sqlite_enter(sq);
+    if (found == 0) {
+        found = apc_sqlite_prepare(
+            sq,
+            "SELECT table_number, id, name, unit, description, low, high FROM tag ORDER BY table_number, id",
+            &statement);
+    }
+    sq->base.stats.round_trips++;
+    while (found >= 0 && (found = apc_sqlite_step(sq, statement)) > 0) {
+        if ((size_t)count < capacity) {
+            take_tag(statement, &tags[count]);
+        }
+        count++;
+    }
+    sqlite3_finalize(statement);
+    return found < 0 ? found : count;
+}

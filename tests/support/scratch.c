@@ -1,0 +1,37 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "scratch.h"
+
+#include <ftw.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+static char folder[] = "/tmp/apc-test.XXXXXX";
+static pid_t owner;
+
+static int remove_one(const char *path, const struct stat *st, int type, struct FTW *ftw)
+{
+    (void)st;
+    (void)type;
+    (void)ftw;
+    return remove(path);
+}
+
+static void remove_folder(void)
+{
+    if (getpid() == owner) { /* and not a child that calls exit() */
+        nftw(folder, remove_one, 8, FTW_DEPTH | FTW_PHYS);
+    }
+}
+
+const char *scratch_folder(void)
+{
+    if (!owner) {
+        if (!mkdtemp(folder) || atexit(remove_folder) != 0) {
+            perror(folder);
+            exit(1);
+        }
+        owner = getpid();
+    }
+    return folder;
+}

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# `apc run` without a store keeps the shared data in a file of the run folder: every program finds it, nothing is lost
+# when programs are killed, and nobody else gets in between.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+unset APC_STORE PGHOST PGUSER PGDATABASE # there is no server
+fast_experiment
+
+values() { "$apc" history "$1" --last 100000 --csv | tail -n +2; }
+more_values() { [ "$(values "$1" | wc -l)" -gt "$2" ]; }
+events() { "$apc" history --events --last 100000 --csv | grep -c -- "$1" || true; }
+event_again() { [ "$(events "$1")" -gt "$2" ]; }
+daemon() { pgrep -P "$run" -x "$1"; }
+
+# the line that it prints is what another terminal needs, whatever the folder is called
+dir="$work/it's a run"
+background run "$apc" run "$work/fast.conf" --duration 0 --out "$dir"
+run=$pid
+until_true 20 grep -q '^in another terminal: export APC_STORE=' "$work/run.log"
+eval "$(sed -n 's/^in another terminal: //p' "$work/run.log")"
+[ "$APC_STORE" = "sqlite:$dir/store.db" ] || fail "it said APC_STORE=$APC_STORE"
+until_true 20 more_values u 5
+
+# what an operator does
+expect 0 'connected, schema version' "$apc" status
+expect 0 '^target +Auto' "$apc" mode
+expect 0 '' "$apc" set r 12
+expect 4 'limits' "$apc" set r 1000
+expect 0 '' "$apc" tune Kp=0.25
+at_12() { "$apc" get y --csv | awk -F, 'NR == 2 {exit !($NF > 11.9 && $NF < 12.1)}'; }
+until_true 20 at_12
+"$apc" mode man
+in_man() { "$apc" mode | grep -Eq '^actual +Man'; }
+until_true 10 in_man
+expect 0 '' "$apc" set u 1.2
+expect 0 '' "$apc" mode auto
+
+# a second run in the same place is refused, names who is there, and harms nothing
+expect 4 'sensor.*already written by apc-client \(process [0-9]+\)' "$apc" run "$work/fast.conf" --duration 1 --out "$dir"
+[ -s "$dir/store.db" ] || fail "the refused run removed the store of the other"
+expect 4 'writing TO: .*already written by apc-' "$apc" copy "$APC_STORE" "sqlite:$dir/../$(basename "$dir")/store.db"
+
+# daemons that are killed are started again and take their tables over
+n=$(events 'resuming from the stored state')
+kill -9 "$(daemon apc-controller)"
+until_true 20 event_again 'resuming from the stored state' "$n"
+n=$(values y | wc -l)
+kill -9 "$(daemon apc-client)"
+until_true 20 more_values y $((n + 5))
+
+kill -INT "$run"
+wait "$run" || fail "apc run ended with $? after Ctrl-C"
+for file in samples.csv timing.csv events.csv report.svg report.png; do
+  [ -s "$dir/$file" ] || fail "$file is missing or empty"
+done
+
+# no measurement is doubled
+[ "$(values y | cut -d, -f1 | sort | uniq -d | wc -l)" = 0 ] || fail "a measurement stands twice"
+
+# the same folder again goes on where it was; a run that cannot begin leaves nothing behind
+n=$(values y | wc -l)
+(unset APC_STORE && expect 0 'report\.png' "$apc" run "$work/fast.conf" --duration 1 --out "$dir")
+more_values y "$n" || fail "the second run went elsewhere"
+mkdir -p "$work/way/store.db-journal" # a folder where the journal must be
+(unset APC_STORE && expect 3 'store\.db' "$apc" run "$work/fast.conf" --duration 1 --out "$work/way")
+[ ! -e "$work/way/store.db" ] || fail "a run that could not begin left its store behind"

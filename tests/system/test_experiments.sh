@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# Every experiment of experiments/ runs in virtual time, and its measurements settle at their setpoints; laws of one's own
+# with settings, and what is said of a law that fails.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+experiments=$APC_SOURCE_DIR/experiments
+
+# How far a measurement may be, on average, from its setpoint before the setpoint changes: about 1 % of the step where
+# time suffices, 5 % where it does not.
+tolerances='
+  first-order                1  0.001
+  servo                      1  0.0001
+  double-tank                1  0.0005
+  pendulum                   1  0.002
+  quadruple-tank             1  0.03
+  quadruple-tank             2  0.03
+  quadruple-tank-nonminimum  1  0.03
+  quadruple-tank-nonminimum  2  0.03
+  four-tank                  1  0.7
+  four-tank                  2  0.9
+  van-de-vusse               1  0.002
+  van-de-vusse               2  0.05
+  adiabatic-cstr             1  0.1
+  temperature-lab            1  0.1
+  temperature-lab            2  0.1
+'
+
+for file in "$experiments"/*.conf; do
+  name=$(basename "$file" .conf)
+  "$apc" simulate "$file" --csv "$work/$name.csv" >"$work/$name.log"
+  grep -q "^  *$name  *1 " <<<"$tolerances" || fail "$name: how well does it settle? Add its tolerances here"
+  grep -q "gave no finite number\|output held" "$work/$name.log" && fail "$name: its law failed, or was without measurement"
+done
+while read -r name y tolerance; do
+  [ -n "$name" ] || continue
+  far=$(awk -F, -v y="$y" -f "$(dirname "$0")/settled.awk" "$work/$name.csv") || fail "$name: $far"
+  awk -v f="$far" -v t="$tolerance" 'BEGIN { exit !(f <= t) }' ||
+    fail "$name: measurement $y stays $far from its setpoint; $tolerance at most was expected"
+done <<<"$tolerances"
+
+# the published figures of the quadruple tank: a step of 1 V in r1 overshoots by 4.6 %, both within 5 % at 48 s
+awk -F, '$2 == "sensor" && $1 >= 200 && $1 < 400 {
+    if ($3 == 1 && $5 > peak) peak = $5
+    far = $3 == 1 ? $5 - 7.1315 : $5 - 6.3915
+    if (far > 0.05 || far < -0.05) last = $1 - 200
+  }
+  END { overshoot = 100 * (peak - 7.1315); exit !(overshoot > 3.6 && overshoot < 5.9 && last < 53) }' "$work/quadruple-tank.csv" ||
+  fail "quadruple tank: its overshoot or its settling time is not the published one"
+
+# the reactors rest where they were computed to
+at_rest() { # experiment, sensor, from, to, expected, tolerance
+  awk -F, -v id="$2" -v from="$3" -v to="$4" -v e="$5" -v t="$6" '
+    $2 == "actuator" && $3 == id && $1 >= from && $1 < to { sum += $5; n++ }
+    END { mean = sum / n; if (mean < e - t || mean > e + t) { print mean; exit 1 } }' "$work/$1.csv"
+}
+far=$(at_rest adiabatic-cstr 1 100 150 500 2) || fail "adiabatic reactor: $far mL/min hold 38.6155 degC; it should be 500"
+far=$(at_rest van-de-vusse 1 900 1800 8 0.1) || fail "van de Vusse: a feed of $far holds 1.022 mol/L; it should be 8"
+
+# the same seed, the same bytes, with an observer and noise as well
+"$apc" simulate "$experiments/pendulum.conf" --csv "$work/again.csv" >"$work/again.log"
+cmp "$work/again.csv" "$work/pendulum.csv" || fail "the pendulum's samples differ between two runs of one seed"
+
+# settings that a law does not know or cannot use
+change() { # experiment, sed script, pattern
+  sed -e "$2" "$experiments/$1.conf" >"$work/bad.conf"
+  cmp -s "$work/bad.conf" "$experiments/$1.conf" && fail "the mistake $2 changes nothing"
+  expect 1 "bad\.conf:[0-9]+: .*$3" "$apc" simulate "$work/bad.conf"
+}
+change pendulum 's/y_dev/y_def/' 'unknown setting "y_def".*y_dev'
+change pendulum 's/y_dev = \[0.2, 0.1\]/y_dev = [0.2]/' '"y_dev" must be 2 numbers'
+change pendulum 's/u_noise = \[0.5\]/u_noise = [0.0]/' '"u_noise"'
+change pendulum 's/u_noise = \[0.5\]/u_noise = "much"/' 'u_noise.*number'
+change pendulum 's/measurement = \[1\]/measurement = [2]/' 'steady state'
+change pendulum 's/delay = 0.011/delay = 0.05/' 'delay.*below the period'
+change pendulum '/operating_point/d' 'linear model'
+change pendulum 's/u = \[0.0\]/u = [1.0]/' 'steady state'
+change pendulum 's/u = \[0.0\]/f = [0.0]/' 'unknown setting "f"'
+change servo 's/law = "pid";/law = "pid"; settings = { measurement = [2]; };/' 'measurement.*1 to 1'
+change first-order 's/law = "pi";/law = "pi"; settings = { measurement = [1]; };/' 'unknown setting "measurement"'
+
+# a law of one's own with a setting, which every so often gives no number: held, counted, reported
+cat >"$work/nan.c" <<'END'
+#include <apccontrol.h>
+static const char *const settings[] = {"every", NULL};
+static size_t one(const struct apc_dim *dim) { (void)dim; return 1; }
+static void compute(struct apc_law_call *c) { c->u[0] = c->x[0] < c->constant[0] ? 1.0 : 0.0 / 0.0; }
+static void update(struct apc_law_call *c) { c->x[0] += 1.0; }
+static int configure(const struct apc_law_setup *s, struct apc_law_size *size, double *constant, struct apc_error *why)
+{
+    const struct apc_setting *every = apc_setting_find(s, "every");
+    (void)why;
+    size->constants = 1;
+    if (constant)
+        constant[0] = every ? every->value[0] : 10.0;
+    return 0;
+}
+const struct apc_law apc_law = {.abi = APC_LAW_ABI, .name = "nan", .n_state = one, .compute = compute, .update = update,
+                                .settings = settings, .configure = configure};
+END
+"${CC:-cc}" -shared -fPIC -I"$APC_SOURCE_DIR/include" -o "$work/nan.so" "$work/nan.c" -Wl,--unresolved-symbols=ignore-all
+sed -e "s/law = \"pi\"/law = \".\/nan.so\"; settings = { every = 49; }/; /tuning/d" "$experiments/first-order.conf" >"$work/nan.conf"
+"$apc" simulate "$work/nan.conf" --csv "$work/nan.csv" >"$work/nan.log" || fail "a law that fails must not end the run"
+grep -q 'law nan gave no finite number at 6 ticks' "$work/nan.log" || fail "it is not said how often the law failed"
+grep -q 'output held: law nan gave no finite number (6)' "$work/nan.log" || fail "it is not said when the law failed"
+[ "$(grep -c 'actuator,1,UncertainLastUsableValue,1$' "$work/nan.csv")" = 6 ] || fail "the output was not held"

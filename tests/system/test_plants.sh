@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# The plants as a user meets them: listed, linearised, disturbed.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+fast_experiment
+
+# What is listed can be linearised, and JSON says the same as text does.
+expect 0 'adiabatic-cstr +cA cB T +F +cAin cBin Tin +T ' "$apc" plants
+expect 0 'parameters +A1 +0.5 +m2 .*cross section of tank 1' "$apc" plants double-tank
+expect 0 '^servo,parameter,K,"",1000,-1e\+06,1e\+06,"gain"$' "$apc" plants servo --csv
+expect 0 '"name":"K","unit":"","description":"gain","initial":1000,"low":-1000000' "$apc" plants servo --json
+expect 0 'h +0 +m' "$apc" plants "$APC_BUILD_DIR/examples/myplant.so"
+expect 1 'no model "reactor"; there are: first-order, servo' "$apc" plants reactor
+mapfile -t names < <("$apc" plants --csv | sed 1d | cut -d, -f1 | sort -u)
+[ ${#names[@]} -eq 10 ] || fail "there are ${#names[@]} plants: ${names[*]}"
+for name in "${names[@]}"; do
+  expect 0 '^poles, 1/s' "$apc" linearize "$name"
+done
+
+# Operating points
+near() { awk -v x="$2" -v e="$3" -v t="$4" 'BEGIN { exit !(x - e <= t && e - x <= t && x != "") }' || fail "$1 is $2, not $3"; }
+at() { "$apc" linearize "$@" --csv | awk -F, -v what="$what" '$1 "," $2 "," $3 == what { print $4 }'; }
+steady() { "$apc" linearize "$@" | awk '$2 == "T" || $1 == "T" { for (i = 1; i < NF; i++) if ($i == "T") { print $(i + 1); exit } }'; }
+near "the cold state" "$(steady adiabatic-cstr)" 3.95 0.005
+near "the middle state" "$(steady adiabatic-cstr cA=0.52 cB=0.63 T=38)" 38.62 0.005
+near "the hot state" "$(steady adiabatic-cstr cA=0.3 cB=0.2 T=68)" 68.56 0.005
+what=pole,4,
+near "the pendulum's unstable pole" "$(at pendulum)" 5.5651 5e-5
+what=zero,2,
+near "the non-minimum phase zero" "$(at quadruple-tank-nonminimum)" 0.0128 1e-4
+near "the minimum phase zero" "$(at quadruple-tank)" -0.0175 1e-4
+what=gain,h2,u
+near "the double tank's gain" "$(at double-tank)" 0.035837 1e-6
+near "the same at another voltage" "$(at double-tank u=5)" 0.0179186 1e-6
+expect 0 'right half plane' "$apc" linearize quadruple-tank g1=0.43 g2=0.34
+expect 0 'these states' "$apc" linearize servo --here angle=3 speed=1
+expect 0 '"A":\[\[0,1\],\[0,-1\]\]' "$apc" linearize servo --json
+expect 1 'servo has no "angel"' "$apc" linearize servo angel=1
+expect 1 'K of servo is 1e\+09; it must lie in' "$apc" linearize servo K=1e9
+expect 1 'no steady state.*integrating' "$apc" linearize servo u=1
+expect 2 'expected NAME=VALUE' "$apc" linearize servo u
+expect 2 'expected NAME=VALUE' "$apc" linearize servo u=nan
+expect 1 'no model "reactor"' "$apc" linearize reactor
+
+# The real plant shows what the file says: a sensor that drops out, another that shows whole steps only.
+cat >"$work/lab.conf" <<EOF
+name = "lab";
+seed = 3;
+measurements = ( { name = "T1"; faults = ( { kind = "dropout"; at = 0.0; } ); },
+                 { name = "T2"; noise = 0.043; quantum = 0.3223; } );
+setpoints    = ( { name = "r1"; }, { name = "r2"; } );
+outputs      = ( { name = "Q1"; low = 0.0; high = 100.0; }, { name = "Q2"; low = 0.0; high = 100.0; } );
+plant = { model = "temperature-lab"; period = 0.02; listen = "tcp:127.0.0.1:$port"; integrator = "exact";
+          dead_time = 0.5; noise = { H1 = 0.01; };
+          disturbances = ( { name = "Ta"; at = 2.0; value = 15.0; }, { name = "Ta"; at = 1.0; value = 25.0; } ); };
+client = { period = 0.05; link = "tcp:127.0.0.1:$port"; };
+controller = { law = "pi"; period = 0.2; };
+scheduler = { period = 15.0; sequence = ( [30.0, 30.0] ); };
+EOF
+background plant "$APC_BIN/apc-plant" --config "$work/lab.conf"
+answers() {
+  exec 3<>"/dev/tcp/127.0.0.1/$port" && printf 'apc1 query 7 0;\n' >&3 && read -rt 5 reply <&3 &&
+    grep -Eq '^apc1 values 7 2;[^,]*,BadSensorFailure,[^;]*;[^,]*,Good,(20\.949|21\.271)' <<<"$reply"
+}
+until_true 10 answers

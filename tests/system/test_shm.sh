@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# `apc run --store shm:NAME`: the four daemons and the operator meet in shared memory; who is killed leaves the others
+# undisturbed, and who removes the segment is noticed.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+unset PGHOST PGUSER PGDATABASE # there is no server
+name=system-test-$$
+segment=/dev/shm/apc.$name
+export APC_STORE=shm:$name
+fast_experiment
+
+values() { "$apc" history "$1" --last 100000 --csv | tail -n +2; }
+more_values() { [ "$(values "$1" | wc -l)" -gt "$2" ]; }
+events() { "$apc" history --events --last 100000 --csv | grep -c -- "$1" || true; }
+event_again() { [ "$(events "$1")" -gt "$2" ]; }
+daemon() { pgrep -P "$run" -x "$1"; }
+
+expect 1 'there is no .*run apc init' "$apc" get
+background run "$apc" run "$work/fast.conf" --duration 0 --out "$work/out"
+run=$pid
+until_true 20 more_values u 5
+[ "$(stat -c %a "$segment")" = 600 ] || fail "the segment is open to others"
+
+# what an operator does
+expect 0 'connected, schema version' "$apc" status
+expect 0 '^target +Auto' "$apc" mode
+expect 0 '' "$apc" set r 12
+expect 4 'limits' "$apc" set r 1000
+expect 0 '' "$apc" tune Kp=0.25
+at_12() { "$apc" get y --csv | awk -F, 'NR == 2 {exit !($NF > 11.9 && $NF < 12.1)}'; }
+until_true 20 at_12
+"$apc" mode man
+in_man() { "$apc" mode | grep -Eq '^actual +Man'; }
+until_true 10 in_man
+expect 0 '' "$apc" set u 1.2
+expect 0 '' "$apc" mode auto
+expect 0 ',sensor,1,Good,' "$apc" history y --last 3 --csv
+
+# a second run on the same segment is refused and names who is there
+expect 4 'sensor of shm:.* is already written by apc-client' "$apc" run "$work/fast.conf" --duration 1 --out "$work/second"
+
+# daemons that are killed are started again and take their tables over
+n=$(events 'resuming from the stored state')
+kill -9 "$(daemon apc-controller)"
+until_true 20 event_again 'resuming from the stored state' "$n"
+n=$(values y | wc -l)
+kill -9 "$(daemon apc-client)"
+until_true 20 more_values y $((n + 5))
+
+kill -INT "$run"
+wait "$run" || fail "apc run ended with $? after Ctrl-C"
+for file in samples.csv timing.csv events.csv report.svg report.png; do
+  [ -s "$work/out/$file" ] || fail "$file is missing or empty"
+done
+[ "$(values y | cut -d, -f1 | sort | uniq -d | wc -l)" = 0 ] || fail "a measurement stands twice"
+expect 0 'samples' "$apc" copy "$APC_STORE" "sqlite:$work/copy.db"
+
+# what is no store of ours is refused and left as it is
+printf 'somebody else' >"$segment"
+expect 1 'no store of libapc' "$apc" get
+expect 1 'no store of libapc' "$apc" run "$work/fast.conf" --duration 1 --out "$work/third"
+[ "$(cat "$segment")" = 'somebody else' ] || fail "a foreign segment was written to"

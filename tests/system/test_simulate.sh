@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# apc simulate and apc replay: the same seed gives the same bytes; campaigns do not depend on their processes; laws and
+# plants of the user's run as they are; what fails says so and keeps what there is.
+. "$(dirname "$0")/lib.sh"
+conf=$APC_SOURCE_DIR/experiments/first-order.conf
+rough=delay=gamma\(2,0.05\),jitter=normal\(0,0.01\),loss=0.1,duplication=0.05,reordering=0.1,bandwidth=1e5,outage=200-210
+
+# a shared object of one C file
+plugin() {
+  cc -shared -fPIC -I"$APC_SOURCE_DIR/include" -x c -o "$1" - || fail "no $1"
+}
+# the settings of a part of the experiment changed: edit FILE SED...
+edit() {
+  local to=$1
+  shift
+  sed "$@" "$conf" >"$to"
+  ! cmp -s "$conf" "$to" || fail "sed $* changes nothing"
+}
+
+# ---- One run is its seed
+
+for run in 1 2; do
+  "$apc" simulate "$conf" --seed 1 --csv - >"$work/plain$run.csv" 2>"$work/plain$run.txt"
+  "$apc" simulate "$conf" --seed 7 --net "$rough" --csv "$work/rough$run.csv" >"$work/rough$run.txt"
+done
+cmp "$work/plain1.csv" "$work/plain2.csv" || fail "two runs of one seed differ"
+cmp "$work/rough1.csv" "$work/rough2.csv" || fail "two rough runs of one seed differ"
+"$apc" simulate "$conf" --seed 8 --net "$rough" --csv - 2>/dev/null | cmp -s - "$work/rough1.csv" && fail "the seed changes nothing"
+hash=$(sha256sum "$work/plain1.csv" | cut -d' ' -f1)
+grep -q "sha256:  $hash" "$work/plain1.txt" || fail "the SHA-256 printed is not that of the samples"
+head -n 1 "$work/plain1.csv" | grep -qx 'time,table,id,status,value' || fail "not the design's CSV"
+awk -f "$APC_SOURCE_DIR/tests/system/ideal.awk" "$work/plain1.csv" || fail "it is not the paper's loop"
+grep -Eq 'network: .* lost, .* duplicated, .* reordered' "$work/rough1.txt" || fail "no word of what the network did"
+
+# ---- The file's models
+
+edit "$work/models.conf" -e 's/controller = {/controller = { execution = "uniform(0.1, 0.3)"; jitter = "exponential(0.01)";/' \
+  -e 's/client = {/client = { execution = 0.6;/' \
+  -e '$a network = { delay = 0.01; outages = ( [100.0, 120.0] ); }; clock = ( { at = 300.0; step = -3600.0; drift = 1e-5; } );'
+expect 0 'client: .* of 1[0-9]* ticks missed' "$apc" simulate "$work/models.conf"
+expect 0 'the wall clock stepped by -3600' "$apc" simulate "$work/models.conf"
+expect 0 '100\.[0-9]* s  apc-client: plant lost' "$apc" simulate "$work/models.conf"
+
+# ---- Folders: a report, a comparison, timing as recorded, a replay
+
+"$apc" simulate "$work/models.conf" --duration 60 --report "$work/run" >/dev/null
+for file in run.conf samples.csv events.csv timing.csv timing-summary.csv report.png report.svg; do
+  [ -s "$work/run/$file" ] || fail "no $file in the folder"
+done
+expect 0 'y +[0-9]+ +[0-9]+ +0 +0 +0\.0000' "$apc" simulate "$work/models.conf" --duration 60 --compare "$work/run"
+edit "$work/recorded.conf" -e "s|controller = {|controller = { execution = \"recorded($work/run)\"; jitter = \"recorded($work/run)\";|"
+expect 0 'sha256' "$apc" simulate "$work/recorded.conf"
+printf 'low,high,count\n0.01,0.02,3\n0.3,0.3,1\n' >"$work/delays.csv"
+expect 0 '[1-9][0-9]* of 1200 exchanges in vain' "$apc" simulate "$conf" --net "delay=recorded($work/delays.csv)"
+printf 'low,high,count\n0.02,0.01,3\n' >"$work/delays.csv"
+expect 1 'delays.csv:2: expected low,high,count' "$apc" simulate "$conf" --net "delay=recorded($work/delays.csv)"
+"$apc" simulate "$conf" --report "$work/clean" >/dev/null
+expect 0 'u +300 +300 +0 +0 +0\.0000' "$apc" replay "$work/clean" --tolerance 0
+expect 1 'u differs by' "$apc" replay "$work/clean" --law "$APC_BUILD_DIR/examples/mylaw.so" --tolerance 0.01
+
+# ---- Campaigns
+
+for jobs in 1 2 5; do
+  "$apc" simulate "$conf" --duration 60 --net "$rough" --runs 20 --jobs $jobs --csv "$work/jobs$jobs.csv" |
+    grep -v 'real time' >"$work/jobs$jobs.txt"
+  cmp "$work/jobs1.csv" "$work/jobs$jobs.csv" || fail "$jobs processes give other figures than one"
+  cmp "$work/jobs1.txt" "$work/jobs$jobs.txt" || fail "$jobs processes give another summary than one"
+done
+[ "$(wc -l <"$work/jobs1.csv")" -eq 21 ] || fail "a campaign of 20 runs has not 20 lines"
+grep -Eq 'IAE +20 ' "$work/jobs1.txt" || fail "no summary"
+
+# ---- The user's own law and plant, as apc run takes them
+
+expect 0 'sha256' "$apc" simulate "$conf" --law "$APC_BUILD_DIR/examples/mylaw.so" --plant "$APC_BUILD_DIR/examples/myplant.so"
+
+# ---- What fails: a law without a number, a plant that goes away
+
+plugin "$work/nan.so" <<'C'
+#include <apccontrol.h>
+#include <math.h>
+static const struct apc_param none[] = {{"K", "", "", 1, 0, 2}};
+static void compute(struct apc_law_call *c) { c->u[0] = c->y[0] > 5 ? NAN : 1.0; }
+const struct apc_law apc_law = {.abi = APC_LAW_ABI, .name = "nan", .n_tuning = 1, .tuning = none, .compute = compute};
+C
+expect 0 'output held: law nan gave no finite number' "$apc" simulate "$conf" --law "$work/nan.so" --csv "$work/nan.csv"
+expect 0 'controller: output held or at its fault value at [1-9][0-9]* ticks' "$apc" simulate "$conf" --law "$work/nan.so"
+grep -q 'UncertainLastUsableValue' "$work/nan.csv" || fail "what was held is not marked"
+! grep -qi nan "$work/nan.csv" || fail "NaN in the samples"
+
+plugin "$work/burst.so" <<'C'
+#include <apcplant.h>
+static int f(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    (void)t, (void)u, (void)p;
+    dx[0] = 1.0 + x[0] * x[0];
+    return 0;
+}
+static void g(double t, const double *x, const double *u, const double *p, double *y) { (void)t, (void)u, (void)p; y[0] = x[0]; }
+const struct apc_model apc_model = {.abi = APC_MODEL_ABI, .name = "burst", .nx = 1, .nu = 1, .ny = 1, .f = f, .g = g};
+C
+expect 1 'the plant diverged at t = 1\.6 s, x1 = [0-9.]+' "$apc" simulate "$conf" --plant "$work/burst.so" --csv "$work/burst.csv"
+grep -q '^1\.4.*sensor' "$work/burst.csv" || fail "what came before the divergence is lost"
+expect 1 '20 of 20 runs ended early' "$apc" simulate "$conf" --plant "$work/burst.so" --runs 20
+
+# ---- Bad input
+
+bad_net() {
+  expect 1 "--net: .*$1" "$apc" simulate "$conf" --net "$2"
+}
+bad_net 'must not be negative' delay=-0.1
+bad_net 'no distribution is called' 'delay=cauchy(1)'
+bad_net 'expected normal\(mean, sd\)' 'delay=normal(1)'
+bad_net 'loss is 1.5' loss=1.5
+bad_net 'must be a number' loss=much
+bad_net 'there is no "speed"' speed=3
+bad_net 'expected NAME=VALUE' fast
+bad_net 'FROM-UNTIL' outage=3
+bad_net 'ends before it begins' outage=3-2
+bad_net 'No such file' 'delay=recorded(/nowhere)'
+for seed in -1 1.5 18446744073709551616 one ''; do
+  expect 2 '--seed' "$apc" simulate "$conf" --seed "$seed"
+done
+expect 4 'beyond 18446744073709551615' "$apc" simulate "$conf" --seed 18446744073709551615 --runs 2
+expect 0 'seed 18446744073709551615' "$apc" simulate "$conf" --duration 1 --seed 18446744073709551615
+expect 2 '--duration' "$apc" simulate "$conf" --duration 0
+expect 2 '--runs' "$apc" simulate "$conf" --runs 0
+expect 1 'no law' "$apc" simulate "$conf" --law pd
+expect 1 'no model' "$apc" simulate "$conf" --plant reactor
+expect 1 'cannot be written' "$apc" simulate "$conf" --duration 1 --csv /nowhere/samples.csv
+expect 1 'samples.csv: No such file' "$apc" simulate "$conf" --duration 1 --compare "$work"
+edit "$work/bad.conf" -e '$a network = { loss = 2.0; };'
+expect 1 'bad.conf:[0-9]+: "loss"' "$apc" simulate "$work/bad.conf"
+edit "$work/bad.conf" -e '$a network = { delay = "-1"; };'
+expect 1 'bad.conf:[0-9]+: .*delay must not be negative' "$apc" simulate "$work/bad.conf"
+edit "$work/bad.conf" -e 's/client = {/client = { execution = "triangle(1)";/'
+expect 1 'bad.conf:[0-9]+: "execution": no distribution' "$apc" simulate "$work/bad.conf"
+edit "$work/bad.conf" -e 's/client = {/client = { overrun = "later";/'
+expect 1 'bad.conf:[0-9]+: "overrun" must be' "$apc" simulate "$work/bad.conf"
+edit "$work/bad.conf" -e '$a clock = ( { at = 1.0; drift = 2.0; } );'
+expect 1 'bad.conf:[0-9]+: "drift"' "$apc" simulate "$work/bad.conf"

@@ -1,0 +1,107 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "check.h"
+
+#include "base/matrix.h"
+
+static void a_product_and_a_transpose_have_their_shapes(void **state)
+{
+    const double A[6] = {1, 2, 3, 4, 5, 6}, B[3] = {1, 0, -1};
+    double C[2], T[6], M[8] = {0};
+
+    (void)state;
+    apc_matrix_multiply(2, 3, 1, A, B, C);
+    assert_near(C[0], -2.0, 0.0);
+    assert_near(C[1], -2.0, 0.0);
+    apc_matrix_transpose(2, 3, A, T);
+    assert_near(T[1], 4.0, 0.0);
+    assert_near(T[4], 3.0, 0.0);
+    apc_matrix_put(M, 4, 0, 1, 2, 3, A);
+    assert_near(M[0], 0.0, 0.0);
+    assert_near(M[1], 1.0, 0.0);
+    assert_near(M[7], 6.0, 0.0);
+}
+
+/* Hilbert's matrix of order 5, with its right hand side for ones; and rows in units 1e20 apart. */
+static void equations_are_solved_whatever_the_units_of_the_rows(void **state)
+{
+    double A[25], B[5], U[4] = {1e20, 1e20, 1e-20, -1e-20}, V[2] = {3e20, 1e-20};
+
+    (void)state;
+    for (int i = 0; i < 5; i++) {
+        B[i] = 0.0;
+        for (int j = 0; j < 5; j++)
+            B[i] += A[i * 5 + j] = 1.0 / (i + j + 1);
+    }
+    assert_int_equal(apc_matrix_solve(5, 1, A, B), 0);
+    for (int i = 0; i < 5; i++)
+        assert_near(B[i], 1.0, 1e-10);
+    assert_int_equal(apc_matrix_solve(2, 1, U, V), 0);
+    assert_near(V[0], 2.0, 1e-14);
+    assert_near(V[1], 1.0, 1e-14);
+}
+
+static void a_first_pivot_of_zero_is_no_obstacle(void **state)
+{
+    double A[4] = {0, 2, 1, 0}, B[4] = {6, 2, 5, 1};
+
+    (void)state;
+    assert_int_equal(apc_matrix_solve(2, 2, A, B), 0);
+    assert_near(B[0], 5.0, 1e-15);
+    assert_near(B[1], 1.0, 1e-15);
+    assert_near(B[2], 3.0, 1e-15);
+    assert_near(B[3], 1.0, 1e-15);
+}
+
+static void what_is_singular_or_no_number_is_not_solved(void **state)
+{
+    double dependent[4] = {1, 2, 0.1, 0.2}, zero[4] = {1, 2, 0, 0}, bad[4] = {1, (double)NAN, 0, 1},
+           B[2] = {1, 1};
+
+    (void)state;
+    assert_int_not_equal(apc_matrix_solve(2, 1, dependent, B), 0);
+    assert_int_not_equal(apc_matrix_solve(2, 1, zero, B), 0);
+    assert_int_not_equal(apc_matrix_solve(2, 1, bad, B), 0);
+}
+
+/* exp of a nilpotent matrix is a polynomial; of a rotation a rotation, also many times round. */
+static void the_exponential_is_exact_where_it_is_known(void **state)
+{
+    const double shift[9] = {0, 2, 0, 0, 0, 3, 0, 0, 0}, turn[4] = {0, -100, 100, 0};
+    double E[9], work[36];
+
+    (void)state;
+    assert_int_equal(apc_matrix_exponential(3, shift, E, work), 0);
+    assert_near(E[0], 1.0, 1e-15);
+    assert_near(E[1], 2.0, 1e-14);
+    assert_near(E[2], 3.0, 1e-14);
+    assert_near(E[5], 3.0, 1e-14);
+    assert_near(E[6], 0.0, 1e-15);
+    assert_int_equal(apc_matrix_exponential(2, turn, E, work), 0);
+    assert_near(E[0], cos(100.0), 1e-12);
+    assert_near(E[2], sin(100.0), 1e-12);
+}
+
+static void an_exponential_that_is_not_finite_is_said_so(void **state)
+{
+    const double large = 1000.0, infinite = (double)INFINITY, bad = (double)NAN;
+    double E, work[4];
+
+    (void)state;
+    assert_int_not_equal(apc_matrix_exponential(1, &large, &E, work), 0);
+    assert_int_not_equal(apc_matrix_exponential(1, &infinite, &E, work), 0);
+    assert_int_not_equal(apc_matrix_exponential(1, &bad, &E, work), 0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_product_and_a_transpose_have_their_shapes),
+        cmocka_unit_test(equations_are_solved_whatever_the_units_of_the_rows),
+        cmocka_unit_test(a_first_pivot_of_zero_is_no_obstacle),
+        cmocka_unit_test(what_is_singular_or_no_number_is_not_solved),
+        cmocka_unit_test(the_exponential_is_exact_where_it_is_known),
+        cmocka_unit_test(an_exponential_that_is_not_finite_is_said_so),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,206 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "check.h"
+
+#include "apccontrol.h"
+
+#include <string.h>
+
+enum { KP, TAU_I, TAU_D, N, B, C, TAU_T, U_BAR, U_MIN, U_MAX, DU_MAX, LOOP };
+enum { OUTER, INNER = LOOP, PARAMS = 2 * LOOP, STATES = 10 };
+#define H 0.1
+
+static const struct apc_law *const cascade = &apc_law_cascade;
+
+/* y[1]' = (-y[1] + u + load) / 0.5, y[0]' = (-y[0] + y[1]) / 5, by the law's period. */
+struct rig {
+    double y[4], z[2], u[2], x[2 * STATES], tuning[2 * PARAMS], constant[6], load;
+    unsigned limited[2];
+    struct apc_law_call c;
+};
+
+static int configure(struct rig *r, struct apc_dim dim, const struct apc_setting *setting, size_t n,
+                     struct apc_error *why)
+{
+    const struct apc_law_setup setup = {.dim = dim, .Ts = H, .n_setting = n, .setting = setting};
+    struct apc_law_size size = {0, 0};
+    int rc = cascade->configure(&setup, &size, NULL, why);
+
+    if (rc < 0)
+        return rc;
+    assert_int_equal(size.constants, 3 * dim.nu);
+    assert_int_equal(size.states, STATES * dim.nu);
+    return cascade->configure(&setup, &size, r->constant, why);
+}
+
+static void make(struct rig *r)
+{
+    memset(r, 0, sizeof(*r));
+    r->c = (struct apc_law_call){.dim = {2, 1, 1},
+                                 .Ts = H,
+                                 .y = r->y,
+                                 .z = r->z,
+                                 .u = r->u,
+                                 .x = r->x,
+                                 .tuning = r->tuning,
+                                 .constant = r->constant,
+                                 .limited = r->limited};
+    for (size_t i = 0; i < 2 * PARAMS; i++)
+        r->tuning[i] = cascade->tuning[i % PARAMS].initial;
+    r->tuning[OUTER + KP] = 3.0;
+    r->tuning[OUTER + TAU_I] = 5.0;
+    r->tuning[INNER + KP] = 2.0;
+    r->tuning[INNER + TAU_I] = 0.5;
+    assert_int_equal(configure(r, r->c.dim, NULL, 0, NULL), 0);
+    cascade->reset(&r->c);
+}
+
+static double tick(struct rig *r)
+{
+    double a = exp(-H / 0.5), b = exp(-H / 5.0), u;
+
+    memset(r->limited, 0, sizeof(r->limited));
+    cascade->compute(&r->c);
+    u = r->u[0];
+    cascade->update(&r->c);
+    r->y[0] = b * r->y[0] + (1.0 - b) * r->y[1];
+    r->y[1] = a * r->y[1] + (1.0 - a) * (u + r->load);
+    return u;
+}
+
+static void the_outer_loop_reaches_its_setpoint_through_the_inner_one(void **state)
+{
+    struct rig r;
+
+    (void)state;
+    make(&r);
+    r.z[0] = 2.0;
+    r.load = -0.7;
+    for (int k = 0; k < 1000; k++)
+        tick(&r);
+    assert_near(r.y[0], 2.0, 1e-9);
+    assert_near(r.y[1], 2.0, 1e-9);
+    assert_near(r.u[0], 2.7, 1e-9);
+}
+
+/* The first output by hand: outer P, limited, into inner P. */
+static void the_inner_setpoint_is_the_outer_output_within_its_limits(void **state)
+{
+    struct rig r;
+
+    (void)state;
+    make(&r);
+    r.z[0] = 4.0;
+    r.y[1] = 0.5;
+    cascade->compute(&r.c);
+    assert_near(r.u[0], 2.0 * (3.0 * 4.0 - 0.5), 1e-12);
+    r.tuning[OUTER + U_MAX] = 5.0;
+    cascade->compute(&r.c);
+    assert_near(r.u[0], 2.0 * (5.0 - 0.5), 1e-12);
+}
+
+/* A load on the inner loop hardly reaches the outer measurement; without the inner loop it does. */
+static void the_inner_loop_takes_disturbances_before_they_reach_the_outer_one(void **state)
+{
+    struct rig r;
+    double worst = 0.0;
+
+    (void)state;
+    make(&r);
+    r.load = 1.0;
+    for (int k = 0; k < 300; k++) {
+        tick(&r);
+        worst = fmax(worst, fabs(r.y[0]));
+    }
+    assert_true(worst > 0.0 && worst < 0.06);
+}
+
+static void neither_integral_winds_up_while_the_output_is_cut(void **state)
+{
+    struct rig r;
+    double before, peak = 0.0;
+
+    (void)state;
+    make(&r);
+    r.tuning[INNER + U_MAX] = 1.0;
+    r.z[0] = 2.0; /* out of reach: u ends at 1, and so does y */
+    for (int k = 0; k < 200; k++)
+        tick(&r);
+    before = r.x[0];
+    for (int k = 0; k < 2000; k++)
+        assert_near(tick(&r), 1.0, 0.0);
+    assert_int_equal(r.limited[0], APC_LIMITED_HIGH);
+    assert_near(r.x[0], before, 0.0);
+    r.z[0] = 0.5;
+    for (int k = 0; k < 600; k++) {
+        tick(&r);
+        peak = fmax(peak, 0.5 - r.y[0]);
+    }
+    assert_near(r.y[0], 0.5, 1e-3);
+    assert_true(peak < 0.3);
+}
+
+static void after_track_it_gives_the_tracked_output_and_the_inner_loop_is_at_rest(void **state)
+{
+    (void)state;
+    for (int gap = 0; gap <= 1; gap++) {
+        struct rig r;
+
+        make(&r);
+        r.z[0] = 2.0;
+        tick(&r);
+        r.y[0] = 1.0;
+        r.y[1] = 7.0;
+        r.u[0] = -3.0;
+        r.c.gap = gap != 0;
+        cascade->track(&r.c);
+        r.u[0] = 0.0;
+        cascade->compute(&r.c);
+        assert_near(r.u[0], -3.0, 1e-12);
+        assert_near(3.0 * (2.0 - 1.0) + r.x[0], 7.0, 1e-12); /* the inner setpoint is the inner measurement */
+    }
+}
+
+static void pairs_are_made_at_will(void **state)
+{
+    const double outer[] = {4.0, 2.0}, inner[] = {1.0, 3.0}, setpoint[] = {2.0, 1.0}, beyond[] = {5.0, 1.0};
+    const struct apc_setting good[] = {{"outer", 2, outer}, {"inner", 2, inner}, {"setpoint", 2, setpoint}};
+    const struct apc_setting bad = {"inner", 2, beyond};
+    const struct apc_dim dim = {4, 2, 2};
+    struct apc_error why;
+    struct rig r;
+
+    (void)state;
+    make(&r);
+    r.c.dim = dim;
+    for (int i = 0; i < 2; i++) { /* u = z - outer - inner */
+        r.tuning[i * PARAMS + OUTER + KP] = r.tuning[i * PARAMS + INNER + KP] = 1.0;
+        r.tuning[i * PARAMS + OUTER + TAU_I] = r.tuning[i * PARAMS + INNER + TAU_I] = 0.0;
+    }
+    r.y[0] = 1.0;
+    r.y[1] = 20.0;
+    r.y[2] = 300.0;
+    r.y[3] = 4000.0;
+    r.z[1] = 50000.0;
+    assert_int_equal(configure(&r, dim, good, 3, NULL), 0);
+    cascade->compute(&r.c);
+    assert_near(r.u[0], 50000.0 - 4000.0 - 1.0, 1e-9);
+    assert_near(r.u[1], 0.0 - 20.0 - 300.0, 1e-9);
+    assert_int_equal(configure(&r, dim, &bad, 1, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "inner"));
+    assert_int_equal(configure(&r, (struct apc_dim){1, 1, 1}, NULL, 0, &why), APC_EINVAL);
+    assert_int_equal(configure(&r, (struct apc_dim){3, 2, 2}, NULL, 0, &why), APC_EINVAL);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_outer_loop_reaches_its_setpoint_through_the_inner_one),
+        cmocka_unit_test(the_inner_setpoint_is_the_outer_output_within_its_limits),
+        cmocka_unit_test(the_inner_loop_takes_disturbances_before_they_reach_the_outer_one),
+        cmocka_unit_test(neither_integral_winds_up_while_the_output_is_cut),
+        cmocka_unit_test(after_track_it_gives_the_tracked_output_and_the_inner_loop_is_at_rest),
+        cmocka_unit_test(pairs_are_made_at_will),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

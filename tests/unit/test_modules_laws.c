@@ -1,0 +1,398 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The controller's core with laws that have settings, filters and observers. */
+#include "check.h"
+
+#include "apcmodules.h"
+
+#include <string.h>
+
+#define S      APC_NS_PER_S
+#define T0     (INT64_C(1700000000) * S)
+#define PERIOD (2 * S)
+#define ROWS   64
+
+/* A controller, the rows that it reads and those that it gave last. */
+struct rig {
+    struct apc_controller *controller;
+    struct apc_controller_size size;
+    struct apc_sample in[ROWS], out[ROWS];
+    size_t ny;
+    int n;
+};
+
+static const double lag_A = -0.5, lag_B = 1.0, lag_C = 1.0, nought = 0.0;
+static const struct apc_law_plant lag = {.nx = 1,
+                                         .A = &lag_A,
+                                         .B = &lag_B,
+                                         .C = &lag_C,
+                                         .D = &nought,
+                                         .x0 = &nought,
+                                         .u0 = &nought,
+                                         .y0 = &nought};
+
+static void make(struct rig *r, const struct apc_law *law, size_t ny, const struct apc_setting *setting)
+{
+    const struct apc_controller_options o = {.size = sizeof(o),
+                                             .law = law,
+                                             .dim = {ny, 1, 1},
+                                             .period = PERIOD,
+                                             .horizon = 2 * PERIOD,
+                                             .n_setting = setting ? 1 : 0,
+                                             .setting = setting,
+                                             .plant = &lag};
+    struct apc_error why = {""};
+
+    memset(r, 0, sizeof(*r));
+    if (apc_controller_create(&r->controller, &o, &why) < 0)
+        fail_msg("%s", why.text);
+    r->ny = ny;
+    r->size = apc_controller_size(r->controller);
+    assert_in_range(r->size.in, 1, ROWS);
+    assert_in_range(r->size.out, 1, ROWS);
+    apc_controller_inputs(r->controller, r->in);
+}
+
+/* Write one of its inputs at tick k. */
+static void feed(struct rig *r, enum apc_table table, int id, double value, int k)
+{
+    size_t i = 0;
+
+    while (i < r->size.in && (r->in[i].table != table || r->in[i].id != id))
+        i++;
+    assert_in_range(i, 0, r->size.in - 1);
+    r->in[i].value = value;
+    r->in[i].seq++;
+    r->in[i].time = T0 + k * PERIOD;
+    r->in[i].status = APC_GOOD;
+}
+
+static const struct apc_sample *given(const struct rig *r, enum apc_table table, int id)
+{
+    static const struct apc_sample none;
+
+    for (int i = 0; i < r->n; i++) {
+        if (r->out[i].table == table && r->out[i].id == id)
+            return &r->out[i];
+    }
+    return &none;
+}
+
+/* Read, compute, update; y also decides where the further measurements are. Returns u. */
+static double tick(struct rig *r, int k, int mode, double y)
+{
+    const struct apc_now now = {.mono = k * PERIOD, .utc = T0 + k * PERIOD};
+    struct apc_notice notice;
+
+    for (size_t i = 0; i < r->ny; i++)
+        feed(r, APC_SENSOR, (int)i + 1, y + 0.1 * (double)i, k);
+    feed(r, APC_SETPOINT, 1, k / 11 % 2, k);
+    feed(r, APC_OPMODE, 0, mode, k);
+    r->n = apc_controller_compute(r->controller, now, r->in, r->out, &notice);
+    apc_controller_update(r->controller);
+    return given(r, APC_ACTUATOR, 1)->value;
+}
+
+static void take_over(struct rig *next, const struct rig *r)
+{
+    const int64_t last = given(r, APC_ACTUATOR, 1)->seq;
+    struct apc_sample rows[ROWS];
+
+    apc_controller_resume_inputs(next->controller, rows);
+    for (size_t i = 0; i < next->size.resume; i++) {
+        if (given(r, rows[i].table, rows[i].id)->seq)
+            rows[i] = *given(r, rows[i].table, rows[i].id);
+    }
+    assert_int_equal(apc_controller_resume(next->controller, &last, rows, T0), 1);
+}
+
+static double wavy(int k)
+{
+    return sin(0.3 * k) + 0.1 * (k % 5);
+}
+
+/* Derivatives, rate limits, observers: nothing of them may be lost, in Auto and in Man. */
+static void every_law_restarted_goes_on_bit_for_bit(void **state)
+{
+    const struct {
+        const struct apc_law *law;
+        size_t ny;
+    } of[] = {{&apc_law_pi, 1}, {&apc_law_pid, 1}, {&apc_law_cascade, 2}, {&apc_law_lqg, 1}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(of) / sizeof(of[0]); i++) {
+        for (int mode = APC_MODE_MAN; mode <= APC_MODE_AUTO; mode++) {
+            struct rig r, next;
+
+            make(&r, of[i].law, of[i].ny, NULL);
+            make(&next, of[i].law, of[i].ny, NULL);
+            for (size_t j = 0; j < of[i].law->n_tuning; j++) {
+                const struct apc_param *p = &of[i].law->tuning[j];
+                double value = strstr(p->name, "tau_d") ? 3.0 : strstr(p->name, "du_max") ? 0.1 : p->initial;
+
+                feed(&r, APC_TUNING, (int)j + 1, value, 0);
+                feed(&next, APC_TUNING, (int)j + 1, value, 0);
+            }
+            for (int k = 1; k < 30; k++)
+                tick(&r, k, k < 20 ? APC_MODE_AUTO : mode, wavy(k));
+            take_over(&next, &r);
+            memcpy(next.in, r.in, sizeof(next.in));
+            for (int k = 30; k < 60; k++) {
+                int now = k < 40 ? mode : APC_MODE_AUTO;
+                double u = tick(&r, k, now, wavy(k));
+
+                assert_near(tick(&next, k, now, wavy(k)), u, 0.0);
+            }
+            apc_controller_destroy(r.controller);
+            apc_controller_destroy(next.controller);
+        }
+    }
+}
+
+/* The output of the tick is that of the old tuning, and the next ones are those of the new. */
+static void a_change_of_tuning_in_auto_gives_no_bump(void **state)
+{
+    const struct {
+        const struct apc_law *law;
+        size_t ny;
+        int changed; /* parameter, from 1 */
+    } of[] = {{&apc_law_pid, 1, 1},
+              {&apc_law_pid, 1, 3},
+              {&apc_law_pid, 1, 2},
+              {&apc_law_cascade, 2, 1},
+              {&apc_law_cascade, 2, 12}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(of) / sizeof(of[0]); i++) {
+        struct rig kept, tuned;
+        double apart;
+
+        make(&kept, of[i].law, of[i].ny, NULL);
+        make(&tuned, of[i].law, of[i].ny, NULL);
+        for (int k = 1; k < 15; k++) {
+            tick(&kept, k, APC_MODE_AUTO, wavy(k));
+            tick(&tuned, k, APC_MODE_AUTO, wavy(k));
+        }
+        feed(&tuned, APC_TUNING, of[i].changed, of[i].law->tuning[of[i].changed - 1].initial + 2.5, 15);
+        assert_near(tick(&tuned, 15, APC_MODE_AUTO, wavy(15)), tick(&kept, 15, APC_MODE_AUTO, wavy(15)),
+                    1e-12);
+        apart = tick(&tuned, 16, APC_MODE_AUTO, 3.0) - tick(&kept, 16, APC_MODE_AUTO, 3.0);
+        assert_true(fabs(apart) > 0.01);
+        apc_controller_destroy(kept.controller);
+        apc_controller_destroy(tuned.controller);
+    }
+}
+
+static void from_man_to_auto_no_law_gives_a_bump(void **state)
+{
+    const struct {
+        const struct apc_law *law;
+        size_t ny;
+    } of[] = {{&apc_law_pi, 1}, {&apc_law_pid, 1}, {&apc_law_cascade, 2}, {&apc_law_lqg, 1}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(of) / sizeof(of[0]); i++) {
+        struct rig r;
+
+        make(&r, of[i].law, of[i].ny, NULL);
+        tick(&r, 1, APC_MODE_AUTO, wavy(1));
+        for (int k = 2; k < 10; k++) {
+            feed(&r, APC_MANUAL, 1, 1.75, k);
+            assert_near(tick(&r, k, APC_MODE_MAN, wavy(k)), 1.75, 0.0);
+        }
+        assert_near(tick(&r, 10, APC_MODE_AUTO, wavy(10)), 1.75, 1e-12);
+        apc_controller_destroy(r.controller);
+    }
+}
+
+static void a_state_made_with_other_settings_is_not_taken_but_gives_no_bump(void **state)
+{
+    const double dev = 0.01;
+    const struct apc_setting setting = {"u_dev", 1, &dev};
+    struct rig r, next;
+    double last = 0.0, mark, other;
+
+    (void)state;
+    make(&r, &apc_law_lqg, 1, NULL);
+    make(&next, &apc_law_lqg, 1, &setting);
+    for (int k = 1; k < 30; k++)
+        last = tick(&r, k, APC_MODE_AUTO, 0.5);
+    take_over(&next, &r);
+    memcpy(next.in, r.in, sizeof(next.in));
+    assert_near(tick(&next, 30, APC_MODE_AUTO, 0.5), last, 1e-12);
+    mark = given(&r, APC_STATE, 0)->value;
+    other = given(&next, APC_STATE, 0)->value;
+    assert_true(mark < other || mark > other);
+    apc_controller_destroy(r.controller);
+    apc_controller_destroy(next.controller);
+}
+
+/* From Man to Auto while y moves: the derivative has gone on with it, and is there from the first tick. */
+static void in_man_a_filter_goes_on(void **state)
+{
+    double u[2];
+
+    (void)state;
+    for (int manual = 0; manual <= 1; manual++) {
+        struct rig r;
+
+        make(&r, &apc_law_pid, 1, NULL);
+        feed(&r, APC_TUNING, 2, 0.0, 0); /* no integral */
+        feed(&r, APC_TUNING, 3, 4.0, 0);
+        for (int k = 1; k < 20; k++)
+            tick(&r, k, manual ? APC_MODE_MAN : APC_MODE_AUTO, 0.1 * k);
+        tick(&r, 20, APC_MODE_AUTO, 2.0);
+        u[manual] = tick(&r, 21, APC_MODE_AUTO, 2.1); /* what was to prevent a bump has gone */
+        apc_controller_destroy(r.controller);
+    }
+    assert_near(u[1], u[0], 1e-12);
+}
+
+/* What y did while it was away is no derivative; the output goes on from where it was held, in Auto, after
+ * Man or OOS without a measurement, and in a new controller after the plant went to its safe value. */
+static void after_a_lost_measurement_the_derivative_begins_anew(void **state)
+{
+    (void)state;
+    for (int way = 0; way < 4; way++) {
+        const int meanwhile[] = {APC_MODE_AUTO, APC_MODE_MAN, APC_MODE_OOS, APC_MODE_AUTO};
+        struct rig r, next;
+        double u = 0.0;
+        int k;
+
+        make(&r, &apc_law_pid, 1, NULL);
+        make(&next, &apc_law_pid, 1, NULL);
+        feed(&r, APC_TUNING, 2, 1e9, 0); /* hardly an integral */
+        feed(&r, APC_TUNING, 3, 40.0, 0);
+        for (k = 1; k < 5; k++)
+            u = tick(&r, k, APC_MODE_AUTO, 0.0);
+        memcpy(next.in, r.in, sizeof(next.in));
+        if (way == 3) {
+            take_over(&next, &r);
+            assert_near(tick(&next, 9, APC_MODE_AUTO, 50.0), u, 1e-6);
+            assert_near(tick(&next, 10, APC_MODE_AUTO, 50.0), u, 1e-6);
+        } else {
+            struct apc_notice notice;
+
+            for (; k < 7; k++) {
+                feed(&r, APC_OPMODE, 0, meanwhile[way], k);
+                r.in[0].status = APC_BAD;
+                r.n = apc_controller_compute(r.controller, (struct apc_now){k * PERIOD, T0 + k * PERIOD},
+                                             r.in, r.out, &notice);
+                apc_controller_update(r.controller);
+            }
+            for (; k < 10; k++)
+                assert_near(tick(&r, k, APC_MODE_AUTO, 50.0), u, 1e-6);
+        }
+        apc_controller_destroy(r.controller);
+        apc_controller_destroy(next.controller);
+    }
+}
+
+static void the_first_measurement_gives_no_derivative(void **state)
+{
+    struct rig r;
+
+    (void)state;
+    make(&r, &apc_law_pid, 1, NULL);
+    feed(&r, APC_TUNING, 3, 100.0, 0);
+    assert_near(tick(&r, 1, APC_MODE_AUTO, 50.0), -50.0, 1e-12);
+    apc_controller_destroy(r.controller);
+}
+
+/* The first tick already has the operator's tuning, the state that reset made of it as well. */
+static void it_begins_with_the_tuning_there_is(void **state)
+{
+    struct rig r;
+
+    (void)state;
+    make(&r, &apc_law_pid, 1, NULL);
+    feed(&r, APC_TUNING, 1, 4.0, 0);  /* Kp */
+    feed(&r, APC_TUNING, 5, 0.5, 0);  /* b */
+    feed(&r, APC_TUNING, 8, 30.0, 0); /* u_bar */
+    assert_near(tick(&r, 1, APC_MODE_AUTO, 0.0), 30.0, 1e-12);
+    apc_controller_destroy(r.controller);
+    make(&r, &apc_law_pid, 1, NULL);
+    feed(&r, APC_TUNING, 1, 4.0, 0);
+    feed(&r, APC_TUNING, 5, 0.5, 0);
+    feed(&r, APC_TUNING, 8, 30.0, 0);
+    assert_near(tick(&r, 1, APC_MODE_AUTO, 7.0), 30.0 + 4.0 * (0.5 * 0.0 - 0.5 * 7.0), 1e-12);
+    apc_controller_destroy(r.controller);
+}
+
+/* ---- A law of one's own ------------------------------------------------------------------------ */
+
+static size_t one_state(const struct apc_dim *dim)
+{
+    (void)dim;
+    return 1;
+}
+
+static void show_count(struct apc_law_call *c)
+{
+    c->u[0] = c->x[0];
+}
+
+static void count(struct apc_law_call *c)
+{
+    c->x[0] += 1.0;
+}
+
+static void a_law_without_track_is_not_updated_in_man(void **state)
+{
+    static const struct apc_law counting = {
+        .abi = APC_LAW_ABI, .name = "counting", .n_state = one_state, .compute = show_count, .update = count};
+    struct rig r;
+
+    (void)state;
+    make(&r, &counting, 1, NULL);
+    for (int k = 1; k < 5; k++)
+        tick(&r, k, APC_MODE_MAN, 0.0);
+    assert_near(tick(&r, 5, APC_MODE_AUTO, 0.0), 0.0, 0.0);
+    assert_near(tick(&r, 6, APC_MODE_AUTO, 0.0), 1.0, 0.0);
+    apc_controller_destroy(r.controller);
+}
+
+static int give_nan(const struct apc_law_setup *setup, struct apc_law_size *size, double *constant,
+                    struct apc_error *why)
+{
+    (void)setup, (void)why;
+    size->constants = 3;
+    if (constant)
+        constant[2] = (double)NAN;
+    return 0;
+}
+
+static void a_law_that_makes_a_constant_which_is_no_number_is_refused(void **state)
+{
+    static const struct apc_law law = {.abi = APC_LAW_ABI,
+                                       .name = "mine",
+                                       .compute = show_count,
+                                       .n_state = one_state,
+                                       .configure = give_nan};
+    const struct apc_controller_options o = {
+        .size = sizeof(o), .law = &law, .dim = {1, 1, 1}, .period = PERIOD, .horizon = PERIOD};
+    struct apc_controller *c;
+    struct apc_error why;
+
+    (void)state;
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "mine"));
+    assert_null(c);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(every_law_restarted_goes_on_bit_for_bit),
+        cmocka_unit_test(a_change_of_tuning_in_auto_gives_no_bump),
+        cmocka_unit_test(from_man_to_auto_no_law_gives_a_bump),
+        cmocka_unit_test(a_state_made_with_other_settings_is_not_taken_but_gives_no_bump),
+        cmocka_unit_test(in_man_a_filter_goes_on),
+        cmocka_unit_test(after_a_lost_measurement_the_derivative_begins_anew),
+        cmocka_unit_test(the_first_measurement_gives_no_derivative),
+        cmocka_unit_test(it_begins_with_the_tuning_there_is),
+        cmocka_unit_test(a_law_without_track_is_not_updated_in_man),
+        cmocka_unit_test(a_law_that_makes_a_constant_which_is_no_number_is_refused),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

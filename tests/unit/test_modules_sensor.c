@@ -1,0 +1,311 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Noise, sensors and their faults, disturbances: in the plant server's core. */
+#include "check.h"
+
+#include "apcmodules.h"
+#include "apcsockets.h"
+
+#include <string.h>
+
+#define S    APC_NS_PER_S
+#define TICK (S / 10)
+#define N    2000
+
+/* A plant with its core, that is read at each tick. */
+struct rig {
+    struct apc_plant *plant;
+    struct apc_plantserver *server;
+    size_t ny;
+    struct apc_sample y[4];
+};
+
+static struct rig make(const char *name, struct apc_plantserver_options o)
+{
+    struct rig r = {0};
+    struct apc_error why = {""};
+    void *handle;
+
+    o.size = sizeof(o);
+    o.link_period = o.command_period = S;
+    if (apc_model_find(name, &o.model, &handle, &why) < 0 ||
+        apc_plant_create(&r.plant, o.model, NULL, NULL, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    o.plant = r.plant;
+    r.ny = o.model->ny;
+    if (apc_plantserver_create(&r.server, &o, &why) < 0)
+        fail_msg("%s", why.text);
+    return r;
+}
+
+static void drop(struct rig *r)
+{
+    apc_plantserver_destroy(r->server);
+    apc_plant_destroy(r->plant);
+}
+
+/* Tick number k, and what a client then reads. */
+static void tick(struct rig *r, int k)
+{
+    const struct apc_now now = {.mono = 5 * S + k * TICK, .utc = k * TICK};
+    const struct apc_frame query = {.kind = APC_FRAME_QUERY, .id = 1};
+    struct apc_frame frame;
+    char text[64], reply[512];
+    int n = apc_frame_encode(text, sizeof(text), &query, NULL);
+
+    assert_int_equal(apc_plantserver_tick(r->server, now, NULL), 0);
+    n = apc_plantserver_request(r->server, now, 1, text, (size_t)n, reply, sizeof(reply), NULL);
+    assert_true(n > 0);
+    assert_int_equal(apc_frame_decode(reply, (size_t)n, &frame, r->y, 4), 0);
+    assert_int_equal(frame.n, r->ny);
+}
+
+/* ---- Noise --------------------------------------------------------------------------------- */
+
+static void measurement_noise_has_its_standard_deviation_and_leaves_the_plant_alone(void **state)
+{
+    const struct apc_sensor sensor = {.noise = 0.3};
+    struct rig r = make("first-order", (struct apc_plantserver_options){.sensor = &sensor, .seed = 7});
+    double sum = 0.0, square = 0.0;
+
+    (void)state;
+    for (int k = 0; k < N; k++) {
+        tick(&r, k);
+        sum += r.y[0].value;
+        square += r.y[0].value * r.y[0].value;
+    }
+    assert_near(apc_plant_state(r.plant)[0], 0.0, 0.0);
+    assert_near(sum / N, 0.0, 4.0 * 0.3 / sqrt(N));
+    assert_near(sqrt(square / N), 0.3, 4.0 * 0.3 / sqrt(2.0 * N));
+    drop(&r);
+}
+
+/* What a tick adds to where the plant would go by itself. */
+static void process_noise_moves_the_state_as_a_random_walk(void **state)
+{
+    const double noise = 0.2, expected = 0.2 * sqrt(0.1);
+    struct rig r = make("first-order", (struct apc_plantserver_options){.noise = &noise, .seed = 7});
+    double before = 0.0, square = 0.0;
+
+    (void)state;
+    for (int k = 0; k < N; k++) {
+        double x;
+
+        tick(&r, k);
+        x = apc_plant_state(r.plant)[0];
+        assert_near(r.y[0].value, x, 0.0);
+        square += k > 0 ? pow(x - exp(-0.01) * before, 2) : 0.0;
+        before = x;
+    }
+    assert_near(sqrt(square / (N - 1)), expected, 4.0 * expected / sqrt(2.0 * N));
+    drop(&r);
+}
+
+static void a_level_under_noise_stays_at_or_above_zero(void **state)
+{
+    const double noise[] = {0.5, 0.5};
+    struct rig r = make("double-tank", (struct apc_plantserver_options){.noise = noise});
+
+    (void)state;
+    for (int k = 0; k < N; k++) {
+        tick(&r, k);
+        assert_true(apc_plant_state(r.plant)[0] >= -1e-9 && apc_plant_state(r.plant)[1] >= -1e-9);
+    }
+    drop(&r);
+}
+
+static void the_same_seed_gives_the_same_numbers_and_another_others(void **state)
+{
+    const struct apc_sensor sensor[2] = {{.noise = 1.0}, {.noise = 1.0}};
+    const double noise[4] = {0.1, 0.0, 0.0, 0.1};
+    const struct apc_plantserver_options o = {.sensor = sensor, .noise = noise, .seed = 42};
+    struct apc_plantserver_options other = o;
+    struct rig a = make("temperature-lab", o), b = make("temperature-lab", o), c;
+    int differ = 0;
+
+    (void)state;
+    other.seed = 43;
+    c = make("temperature-lab", other);
+    for (int k = 0; k < N; k++) {
+        tick(&a, k);
+        tick(&b, k);
+        tick(&c, k);
+        assert_true(a.y[0].value == b.y[0].value && a.y[1].value == b.y[1].value);
+        assert_true(a.y[0].value != a.y[1].value);
+        differ += a.y[0].value != c.y[0].value;
+    }
+    assert_int_equal(differ, N);
+    drop(&a);
+    drop(&b);
+    drop(&c);
+}
+
+/* Giving one sensor noise, or a fault, must not change what another shows. */
+static void one_sensor_changes_nothing_of_another(void **state)
+{
+    const struct apc_sensor_fault fault = {.kind = APC_FAULT_DROPOUT, .at = S};
+    const struct apc_sensor one[2] = {{.noise = 0.0}, {.noise = 1.0}};
+    const struct apc_sensor two[2] = {{.noise = 5.0, .fault = &fault, .n_faults = 1}, {.noise = 1.0}};
+    struct rig a = make("temperature-lab", (struct apc_plantserver_options){.sensor = one});
+    struct rig b = make("temperature-lab", (struct apc_plantserver_options){.sensor = two});
+
+    (void)state;
+    for (int k = 0; k < 100; k++) {
+        tick(&a, k);
+        tick(&b, k);
+        assert_true(a.y[1].value == b.y[1].value);
+        assert_int_equal(b.y[1].status, APC_GOOD);
+    }
+    drop(&a);
+    drop(&b);
+}
+
+/* ---- Sensors ------------------------------------------------------------------------------- */
+
+static void a_sensor_shows_whole_steps_only(void **state)
+{
+    const struct apc_sensor sensor[2] = {{.noise = 0.5, .quantum = 0.3223}, {.quantum = 0.3223}};
+    struct rig r = make("temperature-lab", (struct apc_plantserver_options){.sensor = sensor});
+
+    (void)state;
+    for (int k = 0; k < 200; k++) {
+        double steps;
+
+        tick(&r, k);
+        steps = r.y[0].value / 0.3223;
+        assert_near(steps, round(steps), 1e-9);
+    }
+    assert_near(r.y[1].value, 65.0 * 0.3223, 1e-12); /* 21 lies between 65 and 66 of them */
+    drop(&r);
+}
+
+/* Levels that rise all the time, so that a stuck sensor shows. */
+static void faults_begin_and_end_when_they_should(void **state)
+{
+    const struct apc_sensor_fault stuck = {.kind = APC_FAULT_STUCK, .at = 2 * S, .duration = S};
+    const struct apc_sensor_fault several[] = {
+        {.kind = APC_FAULT_DRIFT, .at = S, .duration = S, .size = 0.5},
+        {.kind = APC_FAULT_SPIKE,
+         .at = 3 * S - S / 40,
+         .size = 7.0}, /* between two ticks: seen at the second */
+        {.kind = APC_FAULT_SPIKE, .at = 4 * S, .duration = S / 5, .size = -7.0},
+        {.kind = APC_FAULT_DROPOUT, .at = 5 * S, .duration = S},
+    };
+    const struct apc_sensor sensor[2] = {{.fault = &stuck, .n_faults = 1}, {.fault = several, .n_faults = 4}};
+    const double noise[4] = {0.0, 0.0, 0.2, 0.2};
+    struct rig r =
+        make("temperature-lab", (struct apc_plantserver_options){.sensor = sensor, .noise = noise});
+    double before[2] = {0.0, 0.0};
+
+    (void)state;
+    for (int k = 0; k < 80; k++) {
+        double t = 0.1 * k, added = 0.0;
+        const double *x = apc_plant_state(r.plant) + 2;
+
+        tick(&r, k);
+        assert_int_equal(r.y[0].status, APC_GOOD);
+        assert_true(r.y[0].value == (k >= 20 && k < 30 ? before[0] : x[0]));
+        assert_int_equal(r.y[1].status, k >= 50 && k < 60 ? APC_BAD_SENSOR_FAILURE : APC_GOOD);
+        if (k >= 10 && k < 20)
+            added = 0.5 * (t - 1.0);
+        if (k == 30)
+            added = 7.0;
+        if (k == 40 || k == 41)
+            added = -7.0;
+        assert_near(r.y[1].value, k >= 50 && k < 60 ? before[1] : x[1] + added, 1e-12);
+        before[0] = r.y[0].value;
+        before[1] = r.y[1].value;
+    }
+    drop(&r);
+}
+
+static void a_fault_without_duration_lasts(void **state)
+{
+    const struct apc_sensor_fault fault = {.kind = APC_FAULT_DROPOUT, .at = S};
+    const struct apc_sensor sensor = {.fault = &fault, .n_faults = 1};
+    struct rig r = make("first-order", (struct apc_plantserver_options){.sensor = &sensor});
+
+    (void)state;
+    for (int k = 0; k < N; k++) {
+        tick(&r, k);
+        assert_int_equal(r.y[0].status, k < 10 ? APC_GOOD : APC_BAD_SENSOR_FAILURE);
+    }
+    drop(&r);
+}
+
+/* ---- Disturbances -------------------------------------------------------------------------- */
+
+/* Between two ticks, at 0.25 s and 0.55 s: ambient temperature through heater to sensor, in closed form. */
+static void a_disturbance_changes_at_its_very_instant(void **state)
+{
+    const struct apc_disturbance changes[] = {{.k = 0, .at = S / 4, .value = 31.0},
+                                              {.k = 0, .at = 55 * S / 100, .value = 21.0}};
+    struct rig r = make("temperature-lab",
+                        (struct apc_plantserver_options){.disturbance = changes, .n_disturbances = 2});
+    double h = 0.0;
+
+    (void)state;
+    for (int k = 0; k <= 10; k++)
+        tick(&r, k);
+    h = 10.0 * (1.0 - exp(-0.3 / 20.0)) *
+        exp(-0.45 / 20.0); /* both heaters are alike: no flow between them */
+    assert_near(apc_plant_state(r.plant)[0], 21.0 + h, 1e-6);
+    assert_near(apc_plant_state(r.plant)[1], 21.0 + h, 1e-6);
+    drop(&r);
+}
+
+static void what_makes_no_sense_is_refused(void **state)
+{
+    const struct apc_disturbance back[] = {{.k = 0, .at = S}, {.k = 0, .at = 0}}, no_such = {.k = 1};
+    const struct apc_sensor_fault nothing = {.at = S}, early = {.kind = APC_FAULT_STUCK, .at = -1};
+    const struct apc_sensor loud = {.noise = -1.0}, odd = {.fault = &nothing, .n_faults = 1},
+                            past = {.fault = &early, .n_faults = 1}, nan_step = {.quantum = (double)NAN};
+    const double negative[] = {0.0, -1.0};
+    const struct apc_plantserver_options cases[] = {
+        {.disturbance = back, .n_disturbances = 2},
+        {.disturbance = &no_such, .n_disturbances = 1},
+        {.sensor = &loud},
+        {.sensor = &odd},
+        {.sensor = &past},
+        {.sensor = &nan_step},
+        {.noise = negative},
+    };
+    const struct apc_model *tank = NULL;
+    struct apc_plant *plant = NULL;
+    void *handle;
+
+    (void)state;
+    assert_int_equal(apc_model_find("double-tank", &tank, &handle, NULL), 0);
+    assert_int_equal(apc_plant_create(&plant, tank, NULL, NULL, NULL, NULL), 0);
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
+        struct apc_plantserver_options o = cases[i];
+        struct apc_plantserver *server;
+        struct apc_error why = {""};
+
+        o.size = sizeof(o);
+        o.plant = plant;
+        o.model = tank;
+        o.link_period = o.command_period = S;
+        assert_int_equal(apc_plantserver_create(&server, &o, &why), APC_EINVAL);
+        assert_null(server);
+        assert_true(strlen(why.text) > 20);
+    }
+    apc_plant_destroy(plant);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(measurement_noise_has_its_standard_deviation_and_leaves_the_plant_alone),
+        cmocka_unit_test(process_noise_moves_the_state_as_a_random_walk),
+        cmocka_unit_test(a_level_under_noise_stays_at_or_above_zero),
+        cmocka_unit_test(the_same_seed_gives_the_same_numbers_and_another_others),
+        cmocka_unit_test(one_sensor_changes_nothing_of_another),
+        cmocka_unit_test(a_sensor_shows_whole_steps_only),
+        cmocka_unit_test(faults_begin_and_end_when_they_should),
+        cmocka_unit_test(a_fault_without_duration_lasts),
+        cmocka_unit_test(a_disturbance_changes_at_its_very_instant),
+        cmocka_unit_test(what_makes_no_sense_is_refused),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,544 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The store in shared memory beyond what every store must do: its segment, its limits, several processes. */
+#include <fcntl.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <sys/statvfs.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "apcshareddata.h"
+#include "check.h"
+#include "shareddata/shm.h"
+
+static char uri[128], path[128];
+
+static struct apc_store *open_uri(const char *which)
+{
+    struct apc_store *store = NULL;
+    struct apc_error why = {""};
+    struct apc_store_options options = {.size = sizeof options, .name = "test", .timeout = 20 * APC_NS_PER_S};
+    if (apc_store_open(&store, which, &options, &why) != 0) {
+        fail_msg("%s", why.text);
+    }
+    return store;
+}
+
+static struct apc_store *open_store(void)
+{
+    return open_uri(uri);
+}
+
+static int set_up(void **state)
+{
+    snprintf(uri, sizeof uri, "shm:shm-test-%d?size=1", (int)getpid());
+    snprintf(path, sizeof path, "/dev/shm/apc.shm-test-%d", (int)getpid());
+    unlink(path);
+    *state = open_store();
+    return apc_store_init(*state);
+}
+
+static int tear_down(void **state)
+{
+    apc_store_close(*state);
+    unlink(path);
+    return 0;
+}
+
+static struct apc_sample sample(int id, int64_t seq)
+{
+    return (struct apc_sample){
+        .table = APC_SENSOR, .id = id, .seq = seq, .time = 1000 * seq, .value = (double)seq};
+}
+
+static int append(struct apc_store *store, int id, int64_t seq)
+{
+    struct apc_sample s = sample(id, seq);
+    return apc_store_append(store, &s, 1);
+}
+
+static int64_t newest(struct apc_store *store, int id)
+{
+    struct apc_sample s = sample(id, 0);
+    int err = apc_store_read(store, &s, 1);
+    if (err) {
+        fail_msg("%s", apc_store_error(store));
+    }
+    return s.seq;
+}
+
+/* ---- Names ----------------------------------------------------------------------------------- */
+
+static void test_a_uri_that_names_no_segment_is_refused(void **state)
+{
+    (void)state;
+    char longer[220] = "shm:";
+    memset(longer + 4, 'x', 201);
+    const char *const bad[] = {"shm:",          "shm:a/b",         "shm:../etc/passwd",
+                               "shm:?size=3",   "shm:a?",          "shm:a?size",
+                               "shm:a?size=",   "shm:a?size=0",    "shm:a?size=-1",
+                               "shm:a?size=+1", "shm:a?size=1M",   "shm:a?size=65537",
+                               "shm:a?size= 1", "shm:a?history=9", "shm:a?size=1&b=2",
+                               "shm:a b",       "shm:a?size=1e3",  "shm:\xc3\xa4",
+                               longer};
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        struct apc_store *store = NULL;
+        struct apc_error why = {""};
+        assert_int_equal(apc_store_open(&store, bad[i], NULL, &why), APC_EINVAL);
+        assert_null(store);
+        assert_non_null(strstr(why.text, "expected"));
+    }
+}
+
+static void test_before_init_there_is_nothing_and_nothing_is_made(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_uri("shm:shm-test-nobody-made-it");
+    assert_int_equal(apc_store_connect(store), APC_ESCHEMA);
+    assert_int_equal(append(store, 1, 1), APC_ESCHEMA);
+    assert_non_null(strstr(apc_store_error(store), "apc init"));
+    assert_false(apc_store_connected(store));
+    assert_int_equal(access("/dev/shm/apc.shm-test-nobody-made-it", F_OK), -1);
+    apc_store_close(store);
+}
+
+static void test_a_segment_is_its_users_alone(void **state)
+{
+    (void)state;
+    struct stat st;
+    assert_int_equal(stat(path, &st), 0);
+    assert_int_equal(st.st_mode & 0777, 0600);
+    assert_int_equal(st.st_size, 1 << 20);
+    assert_int_equal(st.st_blocks, (1 << 20) / 512); /* all there: no SIGBUS later */
+    assert_int_equal(chmod(path, 0644), 0);
+    struct apc_store *store = open_store();
+    assert_int_equal(apc_store_connect(store), APC_EPERM);
+    assert_int_equal(apc_store_init(store), APC_EPERM);
+    apc_store_close(store);
+}
+
+static void test_what_is_no_store_of_ours_is_refused_and_left_as_it_is(void **state)
+{
+    (void)state;
+    const struct {
+        long at, length; /* spoil one byte there; make it so long, -1: leave that */
+        int err;
+        const char *word;
+    } cases[] = {
+        {-1, 0, APC_ESTORE, "no store"},
+        {-1, 10, APC_ESTORE, "no store"},
+        {0, -1, APC_ESTORE, "no store"},
+        {offsetof(struct apc_shm_constants, mib), -1, APC_ESTORE, "checksum"},
+        {offsetof(struct apc_shm_constants, version), -1, APC_ESTORE, "checksum"},
+        {offsetof(struct apc_shm_constants, checksum), -1, APC_ESTORE, "checksum"},
+        {-1, 4096, APC_ESTORE, "size"},
+        {-1, (1 << 20) - 1, APC_ESTORE, "size"},
+        {-1, (1 << 20) + 1, APC_ESTORE, "size"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        void *other = NULL;
+        assert_int_equal(set_up(&other), 0);
+        apc_store_close(other);
+        int fd = open(path, O_RDWR);
+        char byte = 0, before[512] = {0}, after[512] = {0};
+        if (cases[i].at >= 0) {
+            assert_int_equal(pread(fd, &byte, 1, cases[i].at), 1);
+            byte ^= 4;
+            assert_int_equal(pwrite(fd, &byte, 1, cases[i].at), 1);
+        }
+        if (cases[i].length >= 0) {
+            assert_int_equal(ftruncate(fd, cases[i].length), 0);
+        }
+        ssize_t length = pread(fd, before, sizeof before, 0);
+        struct apc_store *store = open_store();
+        assert_int_equal(apc_store_connect(store), cases[i].err);
+        assert_int_equal(append(store, 1, 1), cases[i].err);
+        assert_int_equal(apc_store_init(store), cases[i].err);
+        assert_non_null(strstr(apc_store_error(store), cases[i].word));
+        assert_non_null(strstr(apc_store_error(store), path));
+        assert_int_equal(pread(fd, after, sizeof after, 0), length);
+        assert_memory_equal(before, after, sizeof before);
+        apc_store_close(store);
+        close(fd);
+    }
+    unlink(path);
+    assert_int_equal(mkdir(path, 0700), 0);
+    struct apc_store *store = open_store();
+    assert_true(apc_store_init(store) < 0);
+    assert_int_equal(rmdir(path), 0);
+    assert_int_equal(symlink("/dev/null", path), 0);
+    assert_true(apc_store_init(store) < 0);
+    assert_int_equal(unlink(path), 0);
+    assert_int_equal(mkfifo(path, 0600), 0);
+    assert_true(apc_store_init(store) < 0); /* and does not hang */
+    apc_store_close(store);
+}
+
+static void test_a_segment_of_another_version_is_refused(void **state)
+{
+    (void)state;
+    struct apc_shm_constants c;
+    int fd = open(path, O_RDWR);
+    assert_int_equal(pread(fd, &c, sizeof c, 0), sizeof c);
+    c.version++;
+    c.checksum = UINT64_C(0xcbf29ce484222325);
+    for (size_t i = 0; i < offsetof(struct apc_shm_constants, checksum); i++) {
+        c.checksum = (c.checksum ^ ((unsigned char *)&c)[i]) * UINT64_C(0x100000001b3);
+    }
+    assert_int_equal(pwrite(fd, &c, sizeof c, 0), sizeof c);
+    close(fd);
+    struct apc_store *store = open_store();
+    assert_int_equal(apc_store_connect(store), APC_ESCHEMA);
+    assert_int_equal(apc_store_init(store), APC_ESCHEMA);
+    apc_store_close(store);
+}
+
+static void test_a_segment_larger_than_dev_shm_is_refused_and_leaves_nothing(void **state)
+{
+    (void)state;
+    struct statvfs fs;
+    assert_int_equal(statvfs("/dev/shm", &fs), 0);
+    const unsigned long long mib = ((unsigned long long)fs.f_blocks * fs.f_frsize >> 20) + 1;
+    if (fs.f_blocks == 0 || mib > APC_SHM_MIB_MAX) {
+        skip();
+    }
+    char large[160];
+    unlink(path);
+    snprintf(large, sizeof large, "%.*s?size=%llu", (int)strcspn(uri, "?"), uri, mib);
+    struct apc_store *store = open_uri(large);
+    assert_int_equal(apc_store_init(store), APC_ESTORE);
+    assert_non_null(strstr(apc_store_error(store), "free"));
+    assert_int_equal(access(path, F_OK), -1);
+    apc_store_close(store);
+}
+
+/* ---- Limits ---------------------------------------------------------------------------------- */
+
+static void test_a_full_segment_refuses_new_variables_and_keeps_the_rest(void **state)
+{
+    struct apc_store *store = *state;
+    enum { MOST = 1600 };
+    static struct apc_sample s[MOST + 10];
+    for (int i = 0; i < MOST + 10; i++) {
+        s[i] = sample(i, 1);
+    }
+    assert_int_equal(apc_store_append(store, s, MOST - 1), MOST - 1);
+    struct apc_sample two[3] = {sample(5, 2), sample(9000, 1), sample(9001, 1)};
+    assert_int_equal(apc_store_append(store, two, 3), APC_ESTORE); /* room for one, not for two */
+    assert_non_null(strstr(apc_store_error(store), "full"));
+    assert_int_equal(newest(store, 5), 1); /* none of it */
+    assert_int_equal(newest(store, 9000), 0);
+    assert_int_equal(apc_store_append(store, two, 2), 2);
+    assert_int_equal(newest(store, 9000), 1);
+    assert_int_equal(append(store, 9001, 1), APC_ESTORE);
+    assert_int_equal(append(store, 5, 3), 1); /* and it goes on */
+    assert_int_equal(newest(store, 5), 3);
+}
+
+struct span {
+    int64_t first, last;
+    int count;
+};
+
+static int see(void *ctx, const struct apc_sample *s)
+{
+    struct span *span = ctx;
+    span->first = span->count++ == 0 ? s->seq : span->first;
+    span->last = s->seq;
+    return 0;
+}
+
+static void test_a_history_ends_where_it_was_overwritten(void **state)
+{
+    (void)state;
+    enum { N = 40000, KEPT = 12288 };
+    unlink(path);
+    char larger[160];
+    snprintf(larger, sizeof larger, "%.*s?size=4", (int)strcspn(uri, "?"), uri);
+    struct apc_store *store = open_uri(larger);
+    assert_int_equal(apc_store_init(store), 0);
+    for (int64_t seq = 1; seq <= N; seq++) {
+        assert_int_equal(append(store, 1, seq), 1);
+        if (seq % 1000 == 0) {
+            struct span span = {0};
+            const int kept = seq < KEPT ? (int)seq : KEPT;
+            assert_int_equal(apc_store_history(store, APC_SENSOR, 1, NULL, see, &span), kept);
+            assert_true(span.last == seq && span.first == seq - kept + 1);
+        }
+    }
+    assert_int_equal(append(store, 1, N - 5000), 0);
+    assert_int_equal(append(store, 1, 1), 0); /* overwritten: it was there */
+    assert_int_equal(append(store, 1, N), 0);
+    /* A second one finds fewer cells, and still keeps its newest. */
+    for (int64_t seq = 1; seq <= N; seq++) {
+        assert_int_equal(append(store, 2, 2 * seq), 1);
+    }
+    struct span span = {0};
+    assert_true(apc_store_history(store, APC_SENSOR, 2, NULL, see, &span) >= 768);
+    assert_int_equal(span.last, 2 * N);
+    assert_int_equal(append(store, 2, 2 * N - 1), 1); /* a late one */
+    assert_int_equal(append(store, 2, 2 * N - 1), 0);
+    assert_int_equal(newest(store, 2), 2 * N);
+    apc_store_close(store);
+}
+
+static void test_late_samples_never_push_the_newest_out(void **state)
+{
+    enum { LATE = 20000 };
+    assert_int_equal(append(*state, 1, LATE + 1), 1);
+    for (int64_t seq = 1; seq <= LATE; seq++) {
+        assert_int_equal(append(*state, 1, seq), 1);
+    }
+    struct span span = {0};
+    assert_true(apc_store_history(*state, APC_SENSOR, 1, NULL, see, &span) > 768);
+    assert_int_equal(span.last, LATE + 1);
+    assert_int_equal(newest(*state, 1), LATE + 1);
+}
+
+static int count_event(void *ctx, const struct apc_event *event)
+{
+    int *next = ctx;
+    return event->time != 1000 * (*next)++; /* ends where one is missing */
+}
+
+static int sum_bins(void *ctx, const struct apc_timing_row *row)
+{
+    int64_t *sum = ctx;
+    for (size_t i = 0; i < row->n_bins; i++) {
+        sum[0] += row->bin_count[i];
+        sum[1] += row->bin_low[i] <= row->bin_high[i] && (i == 0 || row->bin_high[i - 1] < row->bin_low[i]);
+    }
+    sum[2] += (int64_t)row->n_bins;
+    sum[3]++;
+    return 0;
+}
+
+static void test_rings_of_events_and_timing_keep_the_newest(void **state)
+{
+    struct apc_store *store = *state;
+    enum { EVENTS = 48, ROWS = 12 };
+    struct apc_event e[EVENTS + 1];
+    for (int i = 0; i <= EVENTS; i++) {
+        e[i] = (struct apc_event){.time = 1000 * i, .severity = APC_EVENT_INFO};
+    }
+    assert_int_equal(apc_store_append_events(store, e, EVENTS + 1), APC_ESTORE);
+    assert_int_equal(apc_store_append_events(store, e, EVENTS), EVENTS);
+    assert_int_equal(apc_store_append_events(store, &e[EVENTS], 1), 1);
+    int next = 1;
+    assert_int_equal(apc_store_events(store, NULL, count_event, &next), EVENTS);
+    assert_int_equal(next, EVENTS + 1);
+
+    enum { BINS = 1000 };
+    static int64_t low[BINS], high[BINS], count[BINS];
+    for (int i = 0; i < BINS; i++) {
+        low[i] = 10 * i;
+        high[i] = 10 * i + 9;
+        count[i] = i;
+    }
+    const struct apc_timing_row row = {.quantity = "run",
+                                       .task = "a task with a long enough name",
+                                       .bin_low = low,
+                                       .bin_high = high,
+                                       .bin_count = count,
+                                       .n_bins = BINS};
+    for (int i = 0; i < ROWS + 3; i++) {
+        assert_int_equal(apc_store_append_timing(store, &row, 1), 1);
+    }
+    int64_t sum[4] = {0};
+    assert_int_equal(apc_store_timing(store, NULL, sum_bins, sum), ROWS);
+    assert_int_equal(sum[0], ROWS * (BINS * (BINS - 1) / 2)); /* merged, none lost */
+    assert_int_equal(sum[1], sum[2]);
+    assert_true(sum[2] <= 256 * ROWS);
+
+    struct apc_tag tags[65] = {{0}};
+    for (int i = 0; i < 65; i++) {
+        tags[i] = (struct apc_tag){.table = APC_SENSOR, .id = i};
+        snprintf(tags[i].name, sizeof tags[i].name, "%d", i);
+    }
+    assert_int_equal(apc_store_put_tags(store, tags, 64), 64);
+    assert_int_equal(apc_store_put_tags(store, tags, 65), APC_ESTORE);
+    assert_int_equal(apc_store_get_tags(store, NULL, 0), 64);
+}
+
+/* ---- Removed and made anew ---------------------------------------------------------------------- */
+
+static void test_a_removed_segment_is_noticed_and_the_new_one_used(void **state)
+{
+    struct apc_store *store = *state, *other = open_store();
+    int64_t last[1];
+    assert_int_equal(append(store, 1, 7), 1);
+    assert_int_equal(apc_store_claim(store, APC_SENSOR, 1, last), 0);
+    assert_int_equal(apc_store_claim(store, APC_STATE, 1, last), 0);
+    assert_int_equal(unlink(path), 0);
+    struct apc_sample s = sample(1, 0);
+    while (apc_store_read(store, &s, 1) == 0) { /* until it has noticed */
+    }
+    assert_int_equal(apc_store_read(store, &s, 1), APC_ESCHEMA);
+    assert_false(apc_store_connected(store));
+    assert_int_equal(apc_store_init(other), 0);
+    assert_int_equal(newest(other, 1), 0);
+    assert_int_equal(newest(store, 1), 0);                                    /* the new one's */
+    assert_int_equal(apc_store_claim(other, APC_SENSOR, 1, last), APC_EBUSY); /* claims were renewed */
+
+    assert_int_equal(unlink(path), 0);
+    while (apc_store_init(other) != 0) {
+    }
+    assert_int_equal(apc_store_claim(other, APC_STATE, 1, last), 0);
+    int err = 0;
+    while ((err = apc_store_read(store, &s, 1)) == 0) {
+    }
+    assert_int_equal(err, APC_EBUSY); /* another writer took what was ours */
+    apc_store_close(other);
+    assert_int_equal(newest(store, 1), 0);
+}
+
+static void test_who_waits_notices_a_removed_segment(void **state)
+{
+    struct apc_sample seen = sample(1, 0);
+    assert_int_equal(apc_store_wait(*state, &seen, 1, 0), 0);
+    assert_int_equal(unlink(path), 0);
+    assert_int_equal(apc_store_wait(*state, &seen, 1, 3600 * APC_NS_PER_S), APC_ESCHEMA);
+}
+
+/* ---- Processes --------------------------------------------------------------------------------- */
+
+static void wait_for(pid_t pid, int signal)
+{
+    int status = 0;
+    assert_int_equal(waitpid(pid, &status, 0), pid);
+    assert_true(signal ? WIFSIGNALED(status) && WTERMSIG(status) == signal
+                       : WIFEXITED(status) && WEXITSTATUS(status) == 0);
+}
+
+static void test_processes_that_init_at_once_share_one_segment(void **state)
+{
+    enum { PROCESSES = 8, ROUNDS = 20 };
+    apc_store_close(*state);
+    for (int round = 0; round < ROUNDS; round++) {
+        pid_t child[PROCESSES];
+        int go[2];
+        char byte;
+        unlink(path);
+        assert_int_equal(pipe(go), 0);
+        for (int i = 0; i < PROCESSES; i++) {
+            child[i] = fork();
+            if (child[i] == 0) {
+                close(go[1]);
+                struct apc_store *store = open_store();
+                bool good =
+                    read(go[0], &byte, 1) == 0 && apc_store_init(store) >= 0 && append(store, i, 1) == 1;
+                _exit(!good);
+            }
+        }
+        close(go[0]);
+        close(go[1]); /* all of them, now */
+        for (int i = 0; i < PROCESSES; i++) {
+            wait_for(child[i], 0);
+        }
+        struct apc_store *store = open_store();
+        for (int i = 0; i < PROCESSES; i++) {
+            assert_int_equal(newest(store, i), 1);
+        }
+        apc_store_close(store);
+    }
+    *state = open_store();
+}
+
+static void test_a_dead_writers_claim_is_free(void **state)
+{
+    int ready[2];
+    int64_t last[1];
+    char byte;
+    assert_int_equal(pipe(ready), 0);
+    pid_t child = fork();
+    if (child == 0) {
+        struct apc_store_options options = {.size = sizeof options, .name = "the first"};
+        struct apc_store *store = NULL;
+        if (apc_store_open(&store, uri, &options, NULL) == 0 &&
+            apc_store_claim(store, APC_ACTUATOR, 1, last) == 0 && write(ready[1], "", 1) == 1) {
+            pause();
+        }
+        _exit(1);
+    }
+    assert_int_equal(read(ready[0], &byte, 1), 1);
+    assert_int_equal(apc_store_claim(*state, APC_ACTUATOR, 1, last), APC_EBUSY);
+    assert_non_null(strstr(apc_store_error(*state), "already written by the first"));
+    kill(child, SIGKILL);
+    wait_for(child, SIGKILL);
+    assert_int_equal(apc_store_claim(*state, APC_ACTUATOR, 1, last), 0);
+    close(ready[0]);
+    close(ready[1]);
+}
+
+/* Samples of one append belong together: no reader ever sees two appends mixed, however fast they come. */
+static void test_a_flat_out_writer_neither_tears_nor_starves_a_reader(void **state)
+{
+    enum { N = 10, READS = 20000 };
+    struct apc_store *store = *state;
+    struct apc_sample s[N];
+    for (int i = 0; i < N; i++) {
+        s[i] = sample(i, 1);
+    }
+    assert_int_equal(apc_store_append(store, s, N), N);
+    pid_t child = fork();
+    if (child == 0) {
+        struct apc_store *writer = open_store();
+        for (int64_t seq = 2;; seq++) {
+            for (int i = 0; i < N; i++) {
+                s[i] = sample(i, seq);
+            }
+            if (apc_store_append(writer, s, N) != N) {
+                _exit(1);
+            }
+        }
+    }
+    int64_t before = 0;
+    int torn = 0, fell = 0, failed = 0, rows_wrong = 0;
+    for (int k = 0; k < READS; k++) {
+        failed += apc_store_read(store, s, N) != 0;
+        for (int i = 0; i < N; i++) {
+            torn += s[i].seq != s[0].seq || s[i].time != 1000 * s[i].seq || s[i].value < (double)s[i].seq ||
+                    s[i].value > (double)s[i].seq;
+        }
+        fell += s[0].seq < before;
+        before = s[0].seq;
+        if (k % 1000 == 0) {
+            struct span span = {0};
+            int rows = apc_store_history(store, APC_SENSOR, 3, &(struct apc_range){.last = 50}, see, &span);
+            rows_wrong += rows > 50 || rows < 1 || span.last - span.first != rows - 1 || span.last < before;
+        }
+    }
+    assert_int_equal(kill(child, SIGKILL), 0);
+    wait_for(child, SIGKILL);
+    assert_int_equal(failed, 0);
+    assert_int_equal(torn, 0);
+    assert_int_equal(fell, 0);
+    assert_int_equal(rows_wrong, 0);
+}
+
+#define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        T(test_a_uri_that_names_no_segment_is_refused),
+        T(test_before_init_there_is_nothing_and_nothing_is_made),
+        T(test_a_segment_is_its_users_alone),
+        T(test_what_is_no_store_of_ours_is_refused_and_left_as_it_is),
+        T(test_a_segment_of_another_version_is_refused),
+        T(test_a_segment_larger_than_dev_shm_is_refused_and_leaves_nothing),
+        T(test_a_full_segment_refuses_new_variables_and_keeps_the_rest),
+        T(test_a_history_ends_where_it_was_overwritten),
+        T(test_late_samples_never_push_the_newest_out),
+        T(test_rings_of_events_and_timing_keep_the_newest),
+        T(test_a_removed_segment_is_noticed_and_the_new_one_used),
+        T(test_who_waits_notices_a_removed_segment),
+        T(test_processes_that_init_at_once_share_one_segment),
+        T(test_a_dead_writers_claim_is_free),
+        T(test_a_flat_out_writer_neither_tears_nor_starves_a_reader),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

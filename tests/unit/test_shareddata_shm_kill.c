@@ -1,0 +1,574 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * A writer of the store in shared memory that is killed, after every single instruction of an operation and
+ * at random instants: what it leaves is what was there before or what it was to write, and the next
+ * writer goes on.
+ */
+#include <errno.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/ptrace.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "apcshareddata.h"
+#include "check.h"
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define SANITIZED 1
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) || __has_feature(memory_sanitizer)
+#define SANITIZED 1
+#endif
+#endif
+#ifndef SANITIZED
+#define SANITIZED 0
+#endif
+
+static char uri[128], path[128];
+
+static struct apc_store *open_store(void)
+{
+    struct apc_store *store = NULL;
+    struct apc_store_options options = {.size = sizeof options, .name = "test", .timeout = 20 * APC_NS_PER_S};
+    assert_int_equal(apc_store_open(&store, uri, &options, NULL), 0);
+    return store;
+}
+
+static struct apc_store *new_store(void)
+{
+    unlink(path);
+    struct apc_store *store = open_store();
+    assert_int_equal(apc_store_init(store), 0);
+    return store;
+}
+
+static int set_up(void **state)
+{
+    (void)state;
+    snprintf(uri, sizeof uri, "shm:kill-test-%d?size=1", (int)getpid());
+    snprintf(path, sizeof path, "/dev/shm/apc.kill-test-%d", (int)getpid());
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    (void)state;
+    unlink(path);
+    return 0;
+}
+
+static struct apc_sample sample(enum apc_table table, int id, int64_t seq)
+{
+    return (struct apc_sample){
+        .table = table, .id = id, .seq = seq, .time = 1000 * seq, .value = (double)seq};
+}
+
+/* ---- All that a store holds, in one number ------------------------------------------------------- */
+
+enum { IDS = 8 };
+
+static void mix(uint64_t *sum, const void *bytes, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        *sum = (*sum ^ ((const unsigned char *)bytes)[i]) * UINT64_C(0x100000001b3);
+    }
+}
+
+static int mix_sample(void *ctx, const struct apc_sample *s)
+{
+    mix(ctx, &s->seq, sizeof s->seq);
+    mix(ctx, &s->time, sizeof s->time);
+    mix(ctx, &s->value, sizeof s->value);
+    mix(ctx, &s->status, sizeof s->status);
+    return 0;
+}
+
+static int mix_event(void *ctx, const struct apc_event *e)
+{
+    mix(ctx, e, sizeof *e);
+    return 0;
+}
+
+static int mix_timing(void *ctx, const struct apc_timing_row *row)
+{
+    mix(ctx, row->task, strlen(row->task));
+    mix(ctx, row->bin_count, row->n_bins * sizeof *row->bin_count);
+    return 0;
+}
+
+/* By what any process can see: a handle of its own that only reads. */
+static uint64_t contents(void)
+{
+    const enum apc_table tables[2] = {APC_SENSOR, APC_SETPOINT};
+    uint64_t sum = UINT64_C(0xcbf29ce484222325);
+    struct apc_store *store = open_store();
+    int err = 0;
+    for (int t = 0; t < 2; t++) {
+        for (int id = 0; id < IDS; id++) {
+            struct apc_sample s = sample(tables[t], id, 0);
+            err |= apc_store_read(store, &s, 1);
+            mix_sample(&sum, &s);
+            err |= apc_store_history(store, tables[t], id, NULL, mix_sample, &sum) < 0;
+            mix(&sum, "|", 1);
+        }
+    }
+    static struct apc_tag tags[64];
+    int n = apc_store_get_tags(store, tags, 64);
+    assert_true(n >= 0 && n <= 64);
+    mix(&sum, tags, (size_t)n * sizeof *tags);
+    err |= apc_store_events(store, NULL, mix_event, &sum) < 0;
+    err |= apc_store_timing(store, NULL, mix_timing, &sum) < 0;
+    assert_int_equal(err, 0);
+    apc_store_close(store);
+    return sum;
+}
+
+/* ---- The operations ------------------------------------------------------------------------------ */
+
+static int prepare(struct apc_store *store)
+{
+    struct apc_sample s[5];
+    for (int64_t seq = 1; seq <= 3; seq++) { /* the rings are about to grow from 4 cells to 16 */
+        for (int i = 0; i < 4; i++) {
+            s[i] = sample(APC_SENSOR, i, seq);
+        }
+        s[4] = sample(APC_SETPOINT, 1, seq);
+        if (apc_store_append(store, s, 5) != 5) {
+            return -1;
+        }
+    }
+    for (int64_t seq = 4; seq <= 5; seq++) { /* and those of the first two have grown */
+        if (apc_store_append(store, (struct apc_sample[]){sample(APC_SENSOR, 0, seq)}, 1) != 1 ||
+            apc_store_append(store, (struct apc_sample[]){sample(APC_SENSOR, 1, seq)}, 1) != 1) {
+            return -1;
+        }
+    }
+    const struct apc_tag tag = {.table = APC_SENSOR, .id = 1, .name = "old"};
+    const struct apc_event event = {.severity = APC_EVENT_INFO, .text = "old"};
+    return apc_store_put_tags(store, &tag, 1) == 1 && apc_store_append_events(store, &event, 1) == 1 ? 0 : -1;
+}
+
+/* The ring of sensor 0 cannot grow any more and has gone round. */
+static int prepare_full(struct apc_store *store)
+{
+    enum { MANY = 4500 };
+    static struct apc_sample s[MANY];
+    for (int i = 0; i < MANY; i++) {
+        s[i] = sample(APC_SENSOR, 0, i + 1);
+    }
+    return apc_store_append(store, s, MANY) == MANY ? 0 : -1;
+}
+
+static int append_full(struct apc_store *store)
+{
+    return apc_store_append(store, (struct apc_sample[]){sample(APC_SENSOR, 0, 4501)}, 1);
+}
+
+static int append_known(struct apc_store *store)
+{
+    const struct apc_sample s[2] = {sample(APC_SENSOR, 0, 6), sample(APC_SENSOR, 1, 6)};
+    return apc_store_append(store, s, 2);
+}
+
+/* One new, one whose ring grows, one known. */
+static int append_new(struct apc_store *store)
+{
+    const struct apc_sample s[4] = {sample(APC_SENSOR, 7, 1), sample(APC_SENSOR, 2, 4),
+                                    sample(APC_SENSOR, 0, 6), sample(APC_SETPOINT, 7, 1)};
+    return apc_store_append(store, s, 4);
+}
+
+static int append_late(struct apc_store *store)
+{
+    const struct apc_sample s[3] = {sample(APC_SENSOR, 0, 8), sample(APC_SENSOR, 0, 7),
+                                    sample(APC_SENSOR, 0, 6)};
+    return apc_store_append(store, s, 3);
+}
+
+static int put(struct apc_store *store)
+{
+    struct apc_sample s[2] = {sample(APC_SETPOINT, 1, 0), sample(APC_SETPOINT, 2, 0)};
+    return apc_store_put(store, s, 2);
+}
+
+static int swap(struct apc_store *store)
+{
+    struct apc_sample s[2] = {sample(APC_SETPOINT, 1, 3), sample(APC_SENSOR, 0, 5)};
+    int err = apc_store_swap(store, s, 2);
+    return err == APC_ECONFLICT && s[0].seq == 4 ? 0 : err; /* a repeat */
+}
+
+static int put_tags(struct apc_store *store)
+{
+    const struct apc_tag tags[2] = {{.table = APC_SENSOR, .id = 1, .name = "new"},
+                                    {.table = APC_SENSOR, .id = 2, .name = "newer"}};
+    return apc_store_put_tags(store, tags, 2);
+}
+
+static int append_events(struct apc_store *store)
+{
+    const struct apc_event events[2] = {{.severity = APC_EVENT_ALARM, .text = "one"},
+                                        {.severity = APC_EVENT_ALARM, .text = "other"}};
+    return apc_store_append_events(store, events, 2);
+}
+
+static int append_timing(struct apc_store *store)
+{
+    const int64_t bin[2] = {1, 2};
+    const struct apc_timing_row row = {
+        .task = "t", .quantity = "run", .bin_low = bin, .bin_high = bin, .bin_count = bin, .n_bins = 2};
+    return apc_store_append_timing(store, &row, 1);
+}
+
+static int maintain(struct apc_store *store)
+{
+    const struct apc_retention keep = {.size = sizeof keep, .samples = 1, .events = 1};
+    return apc_store_maintain(store, &keep);
+}
+
+/* ---- Killed after every instruction --------------------------------------------------------------- */
+
+/* To be killed after k instructions takes k single steps: so many in all, spread evenly over an operation. */
+enum { EVERY = 2000000, SOME = 50000 };
+
+typedef int (*operation_fn)(struct apc_store *store);
+
+/* Let a process do it and be killed after @p steps instructions. Returns how many it made, or -1: no ptrace
+ * here, or most of the instructions are a sanitizer's. */
+static long run_killed(struct apc_store *store, operation_fn operation, long steps)
+{
+    if (SANITIZED) {
+        return -1;
+    }
+    pid_t child = fork();
+    if (child == 0) {
+        if (ptrace(PTRACE_TRACEME, 0, NULL, NULL) != 0) {
+            _exit(77);
+        }
+        raise(SIGSTOP);
+        _exit(operation(store) < 0);
+    }
+    int status = 0;
+    long made = 0;
+    assert_int_equal(waitpid(child, &status, 0), child);
+    if (WIFEXITED(status) && WEXITSTATUS(status) == 77) {
+        return -1;
+    }
+    assert_true(WIFSTOPPED(status));
+    while (made < steps && WIFSTOPPED(status)) {
+        assert_int_equal(ptrace(PTRACE_SINGLESTEP, child, NULL, NULL), 0);
+        assert_int_equal(waitpid(child, &status, 0), child);
+        made++;
+    }
+    if (WIFSTOPPED(status)) {
+        kill(child, SIGKILL);
+        assert_int_equal(waitpid(child, &status, 0), child);
+    } else {
+        assert_true(WIFEXITED(status) && WEXITSTATUS(status) == 0);
+    }
+    return made;
+}
+
+/* Once: what is left after so many instructions is old or new, and the next writer makes it new. */
+static long check_killed(operation_fn before, operation_fn operation, long steps, bool repeatable,
+                         uint64_t old_contents, uint64_t new_contents, bool *was_new)
+{
+    struct apc_store *store = new_store();
+    assert_int_equal(before(store), 0);
+    assert_true(contents() == old_contents);
+    long made = run_killed(store, operation, steps);
+    const uint64_t left = contents();
+    *was_new = left == new_contents;
+    if (left != old_contents && left != new_contents) {
+        fail_msg("neither old nor new after %ld instructions", made);
+    }
+    struct apc_sample other = sample(APC_STATE, 1, 1);
+    assert_int_equal(apc_store_append(store, &other, 1), 1); /* the next writer: it erases what it finds */
+    assert_true(contents() == left);
+    if (left == old_contents || repeatable) {
+        assert_true(operation(store) >= 0);
+        assert_true(contents() == new_contents);
+    }
+    apc_store_close(store);
+    return made;
+}
+
+static void kill_everywhere(operation_fn before, operation_fn operation, bool repeatable, long budget)
+{
+    struct apc_store *store = new_store();
+    assert_int_equal(before(store), 0);
+    const uint64_t old_contents = contents();
+    const long all = run_killed(store, operation, 1L << 24); /* to its end */
+    if (all < 0) {
+        apc_store_close(store);
+        skip();
+    }
+    const uint64_t new_contents = contents();
+    assert_true(new_contents != old_contents);
+    apc_store_close(store);
+    const long stride = 1 + all * all / 2 / budget;
+    int n_old = 0, n_new = 0;
+    for (long steps = all - 1; steps >= 0; steps -= stride) {
+        bool was_new = false;
+        check_killed(before, operation, steps, repeatable, old_contents, new_contents, &was_new);
+        n_new += was_new;
+        n_old += !was_new;
+    }
+    printf("%ld instructions, killed after every %ld: %d times old, %d times new\n", all, stride, n_old,
+           n_new);
+    assert_true(n_old > 0 && n_new > 0);
+}
+
+#define KILLED(before, operation, repeatable, budget)                                                        \
+    static void test_##operation##_killed_anywhere_leaves_old_or_new(void **state)                           \
+    {                                                                                                        \
+        (void)state;                                                                                         \
+        kill_everywhere(before, operation, repeatable, budget);                                              \
+    }
+
+KILLED(prepare, append_known, true, EVERY)
+KILLED(prepare_full, append_full, true, SOME)
+KILLED(prepare, append_new, true, SOME)
+KILLED(prepare, append_late, true, SOME)
+KILLED(prepare, put, false, SOME)
+KILLED(prepare, swap, true, SOME)
+KILLED(prepare, put_tags, true, SOME)
+KILLED(prepare, append_events, false, SOME)
+KILLED(prepare, append_timing, false, SOME)
+
+/* Housekeeping is a transaction a variable: in between is neither old nor new, but every newest sample stays.
+ */
+static void test_maintain_killed_anywhere_keeps_the_newest_and_can_be_repeated(void **state)
+{
+    (void)state;
+    struct apc_store *store = new_store();
+    assert_int_equal(prepare(store), 0);
+    const long all = run_killed(store, maintain, 1L << 24);
+    if (all < 0) {
+        apc_store_close(store);
+        skip();
+    }
+    const uint64_t new_contents = contents();
+    apc_store_close(store);
+    for (long steps = 0; steps < all; steps += 1 + all * all / 2 / SOME) {
+        store = new_store();
+        assert_int_equal(prepare(store), 0);
+        run_killed(store, maintain, steps);
+        struct apc_sample s[2] = {sample(APC_SENSOR, 0, 0), sample(APC_SETPOINT, 1, 0)};
+        assert_int_equal(apc_store_read(store, s, 2), 0);
+        assert_true(s[0].seq == 5 && s[1].seq == 3);
+        assert_true(maintain(store) >= 0);
+        assert_true(contents() == new_contents);
+        apc_store_close(store);
+    }
+}
+
+/* ---- A reader that is stopped ---------------------------------------------------------------------- */
+
+enum { TOGETHER = 3 };
+
+static int append_together(struct apc_store *store, int64_t seq)
+{
+    struct apc_sample s[TOGETHER];
+    for (int i = 0; i < TOGETHER; i++) {
+        s[i] = sample(APC_SENSOR, i, seq);
+    }
+    return apc_store_append(store, s, TOGETHER);
+}
+
+static int read_together(struct apc_store *store)
+{
+    struct apc_sample s[TOGETHER];
+    for (int i = 0; i < TOGETHER; i++) {
+        s[i] = sample(APC_SENSOR, i, 0);
+    }
+    int err = apc_store_read(store, s, TOGETHER);
+    for (int i = 0; !err && i < TOGETHER; i++) {
+        err = s[i].seq != s[0].seq || s[i].time != 1000 * s[i].seq || s[i].value < (double)s[i].seq ||
+                      s[i].value > (double)s[i].seq
+                  ? APC_EPROTO
+                  : 0;
+    }
+    return err;
+}
+
+/* Wherever a reader is stopped, whatever is written then: what it has read in the end is one append's. */
+static void test_a_reader_stopped_anywhere_reads_one_append(void **state)
+{
+    (void)state;
+    struct apc_store *store = new_store();
+    int64_t seq = 0;
+    assert_int_equal(append_together(store, ++seq), TOGETHER);
+    assert_int_equal(read_together(store), 0);
+    bool ended = false;
+    for (long steps = 1; !ended && !SANITIZED; steps++) {
+        int status = 0;
+        pid_t child = fork();
+        if (child == 0) {
+            if (ptrace(PTRACE_TRACEME, 0, NULL, NULL) != 0) {
+                _exit(77);
+            }
+            raise(SIGSTOP);
+            _exit(read_together(store) != 0);
+        }
+        assert_int_equal(waitpid(child, &status, 0), child);
+        for (long made = 0; made < steps && WIFSTOPPED(status); made++) {
+            assert_int_equal(ptrace(PTRACE_SINGLESTEP, child, NULL, NULL), 0);
+            assert_int_equal(waitpid(child, &status, 0), child);
+        }
+        ended = WIFEXITED(status);
+        for (int64_t more = 1 + steps % 3; more > 0; more--) {
+            assert_int_equal(append_together(store, ++seq), TOGETHER);
+        }
+        if (!ended) {
+            assert_int_equal(ptrace(PTRACE_CONT, child, NULL, NULL), 0);
+            assert_int_equal(waitpid(child, &status, 0), child);
+        }
+        assert_true(WIFEXITED(status));
+        if (WEXITSTATUS(status) == 77) {
+            break;
+        }
+        assert_int_equal(WEXITSTATUS(status), 0);
+    }
+    apc_store_close(store);
+    if (!ended) {
+        skip();
+    }
+}
+
+/* ---- Killed at random ------------------------------------------------------------------------------ */
+
+enum { KILLS = SANITIZED ? 200 : 2000, N = 6 };
+
+struct record {
+    volatile int64_t attempted, acknowledged;
+};
+
+/* Appends the same seq to N variables, an event now and then, for ever. */
+static void write_on(struct record *r, int64_t seq)
+{
+    struct apc_store *store = NULL;
+    if (apc_store_open(&store, uri, NULL, NULL) != 0) {
+        _exit(1);
+    }
+    for (;; seq++) {
+        struct apc_sample s[N];
+        for (int i = 0; i < N; i++) {
+            s[i] = sample(APC_SENSOR, i, seq);
+        }
+        r->attempted = seq;
+        if (apc_store_append(store, s, N) != N) {
+            _exit(2);
+        }
+        r->acknowledged = seq;
+        const struct apc_event e = {.time = 1000 * seq, .severity = APC_EVENT_INFO};
+        if (seq % 3 == 0 && apc_store_append_events(store, &e, 1) != 1) {
+            _exit(3);
+        }
+    }
+}
+
+struct run {
+    int64_t previous;
+    int count;
+    bool gap;
+};
+
+static int follow(void *ctx, const struct apc_sample *s)
+{
+    struct run *run = ctx;
+    run->gap = run->gap || (run->count > 0 && s->seq != run->previous + 1) || s->time != 1000 * s->seq ||
+               s->value < (double)s->seq || s->value > (double)s->seq;
+    run->previous = s->seq;
+    run->count++;
+    return 0;
+}
+
+static int follow_event(void *ctx, const struct apc_event *e)
+{
+    struct run *run = ctx;
+    run->gap = run->gap || e->time < run->previous || e->time % 3000 != 0;
+    run->previous = e->time;
+    return 0;
+}
+
+static int64_t check_all(struct apc_store *store)
+{
+    struct apc_sample s[N];
+    for (int i = 0; i < N; i++) {
+        s[i] = sample(APC_SENSOR, i, 0);
+    }
+    assert_int_equal(apc_store_read(store, s, N), 0);
+    for (int i = 0; i < N; i++) {
+        assert_true(s[i].seq == s[0].seq && s[i].time == 1000 * s[0].seq);
+        struct run run = {0};
+        assert_true(apc_store_history(store, APC_SENSOR, i, NULL, follow, &run) >= 0);
+        assert_false(run.gap);
+        assert_int_equal(run.previous, s[0].seq);
+    }
+    struct run events = {0};
+    assert_true(apc_store_events(store, NULL, follow_event, &events) >= 0);
+    assert_false(events.gap);
+    return s[0].seq;
+}
+
+static void test_thousands_of_random_kills_lose_double_and_tear_nothing(void **state)
+{
+    (void)state;
+    struct record *r = mmap(NULL, sizeof *r, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    assert_true(r != MAP_FAILED);
+    const unsigned seed = 1;
+    struct apc_store *store = new_store();
+    int64_t stored = 0, acknowledged_by_all = 0;
+    srand(seed);
+    for (int k = 0; k < KILLS; k++) {
+        r->attempted = r->acknowledged = stored;
+        pid_t child = fork();
+        if (child == 0) {
+            write_on(r, stored + 1);
+        }
+        const int64_t enough = stored + rand() % 40;
+        while (r->acknowledged < enough) { /* or until it fails, when the test runs out of time */
+        }
+        for (volatile int spin = rand() % 3000; spin > 0; spin--) {
+        }
+        kill(child, SIGKILL);
+        int status = 0;
+        assert_int_equal(waitpid(child, &status, 0), child);
+        assert_true(WIFSIGNALED(status));
+        stored = check_all(store);
+        assert_true(r->acknowledged <= stored && stored <= r->attempted);
+        acknowledged_by_all += r->acknowledged > 0;
+    }
+    printf("%d kills (seed %u), %lld appends\n", KILLS, seed, (long long)stored);
+    assert_true(acknowledged_by_all > KILLS / 2);
+    apc_store_close(store);
+    munmap(r, sizeof *r);
+}
+
+#define T(name)             cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+#define T_KILLED(operation) T(test_##operation##_killed_anywhere_leaves_old_or_new)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        T_KILLED(append_known),
+        T_KILLED(append_full),
+        T_KILLED(append_new),
+        T_KILLED(append_late),
+        T_KILLED(put),
+        T_KILLED(swap),
+        T_KILLED(put_tags),
+        T_KILLED(append_events),
+        T_KILLED(append_timing),
+        T(test_maintain_killed_anywhere_keeps_the_newest_and_can_be_repeated),
+        T(test_a_reader_stopped_anywhere_reads_one_append),
+        T(test_thousands_of_random_kills_lose_double_and_tear_nothing),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

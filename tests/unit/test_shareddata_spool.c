@@ -1,0 +1,937 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Store and forward: what a spool keeps, gives on, refuses and recovers. */
+#include <fcntl.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "apcmodules.h"
+#include "apcshareddata.h"
+#include "check.h"
+#include "cluster.h"
+#include "proxy.h"
+#include "shareddata/spool.h"
+
+#define LONG (30 * APC_NS_PER_S)
+#define T0   (INT64_C(1700000000) * APC_NS_PER_S)
+
+static struct cluster *cluster;
+static int plant;         /* a schema for each test */
+static char folder[256];  /* of this test: the spool and the proxy's socket */
+static char spool[300];   /* folder/writer.spool */
+static char nowhere[400]; /* the URI of a server that is not there */
+static char direct[512], through[800];
+static struct proxy *proxy;
+
+#define ok(store, call)                                                                                      \
+    do {                                                                                                     \
+        int ok_result = (call);                                                                              \
+        if (ok_result < 0) {                                                                                 \
+            fail_msg("%s: %s: %s", #call, apc_err_name(ok_result), apc_store_error(store));                  \
+        }                                                                                                    \
+    } while (0)
+
+#define assert_says(text, words)                                                                             \
+    do {                                                                                                     \
+        if (!strstr(text, words)) {                                                                          \
+            fail_msg("expected \"%s\" in \"%s\"", words, text);                                              \
+        }                                                                                                    \
+        assert_null(strchr(text, '\n'));                                                                     \
+    } while (0)
+
+/* No pauses: every call asks the store. */
+static struct apc_store_options options(void)
+{
+    return (struct apc_store_options){.size = sizeof(struct apc_store_options),
+                                      .name = "writer",
+                                      .timeout = LONG,
+                                      .backoff_min = 1,
+                                      .backoff_max = 1,
+                                      .spool = spool};
+}
+
+static struct apc_store *open_with(const char *uri, const struct apc_store_options *o)
+{
+    struct apc_error why = {""};
+    struct apc_store *store = NULL;
+    if (apc_store_open(&store, uri, o, &why) != 0) {
+        fail_msg("%s", why.text);
+    }
+    return store;
+}
+
+static struct apc_store *open_spooled(const char *uri)
+{
+    struct apc_store_options o = options();
+    return open_with(uri, &o);
+}
+
+static struct apc_store *open_plain(void)
+{
+    struct apc_store_options o = options();
+    o.spool = NULL;
+    return open_with(direct, &o);
+}
+
+static int set_up(void **state)
+{
+    (void)state;
+    plant++;
+    strcpy(folder, "/tmp/apc-spool.XXXXXX");
+    if (!mkdtemp(folder)) {
+        return 1;
+    }
+    snprintf(spool, sizeof spool, "%s/writer.spool", folder);
+    snprintf(nowhere, sizeof nowhere, "postgresql://apc:secret@/none?host=%s", folder);
+    return 0;
+}
+
+static int clear_folder(void **state)
+{
+    char command[300];
+    (void)state;
+    snprintf(command, sizeof command, "rm -rf %s", folder);
+    return system(command);
+}
+
+static int set_up_server(void **state)
+{
+    char listening[400], server[400];
+    set_up(state);
+    if (!cluster) {
+        cluster = cluster_start();
+    }
+    snprintf(direct, sizeof direct, "%s#plant%d", cluster_uri(cluster), plant);
+    snprintf(through, sizeof through, "postgresql://apc@/%s?host=%s#plant%d", cluster_database(cluster),
+             folder, plant);
+    snprintf(listening, sizeof listening, "unix:%s/.s.PGSQL.5432", folder);
+    snprintf(server, sizeof server, "unix:%s", cluster_socket(cluster));
+    proxy = proxy_start(listening, server);
+    struct apc_store *store = open_plain();
+    int had = apc_store_init(store);
+    apc_store_close(store);
+    return had != 0;
+}
+
+static int clear_server(void **state)
+{
+    proxy_stop(proxy);
+    return clear_folder(state);
+}
+
+static struct apc_sample sample(int id, int64_t seq, double value)
+{
+    return (struct apc_sample){
+        .table = APC_SENSOR, .id = id, .seq = seq, .time = T0 + seq * APC_NS_PER_MS, .value = value};
+}
+
+static void append(struct apc_store *store, int id, int64_t seq)
+{
+    struct apc_sample s = sample(id, seq, (double)(seq * 10 + id));
+    int rc = apc_store_append(store, &s, 1);
+    ok(store, rc);
+    assert_int_equal(rc, 1);
+}
+
+static struct apc_event event(int number)
+{
+    struct apc_event e = {.time = T0 + number * APC_NS_PER_MS, .severity = APC_EVENT_INFO};
+    snprintf(e.source, sizeof e.source, "writer");
+    snprintf(e.kind, sizeof e.kind, "store");
+    snprintf(e.text, sizeof e.text, "event %d", number);
+    return e;
+}
+
+static struct apc_spool_stats stats_of(const struct apc_store *store)
+{
+    struct apc_store_stats stats;
+    apc_store_stats(store, &stats);
+    return stats.spool;
+}
+
+static struct apc_spool_info look(void)
+{
+    struct apc_spool_info info;
+    struct apc_error why = {""};
+    if (apc_spool_look(spool, &info, &why) != 0) {
+        fail_msg("%s", why.text);
+    }
+    return info;
+}
+
+static void drain(struct apc_store *store)
+{
+    for (int i = 0; i < 100000 && stats_of(store).bytes > 0; i++) {
+        (void)apc_store_connect(store);
+    }
+    if (stats_of(store).bytes > 0) {
+        fail_msg("not drained: %s", apc_store_error(store));
+    }
+}
+
+/* Seqs 1..n of variable 1, each with its value, once. */
+static int expect_next(void *ctx, const struct apc_sample *s)
+{
+    int64_t *seq = ctx;
+    assert_int_equal(s->seq, ++*seq);
+    assert_near(s->value, (double)(s->seq * 10 + 1), 0.0);
+    assert_int_equal(s->time, T0 + s->seq * APC_NS_PER_MS);
+    return 0;
+}
+
+static void assert_stored(int64_t n)
+{
+    int64_t seq = 0;
+    struct apc_store *store = open_plain();
+    ok(store, apc_store_history(store, APC_SENSOR, 1, NULL, expect_next, &seq));
+    assert_int_equal(seq, n);
+    apc_store_close(store);
+}
+
+static const char *count_events(void)
+{
+    char sql[128];
+    snprintf(sql, sizeof sql, "SELECT count(*) || ' ' || count(DISTINCT text) FROM plant%d.event", plant);
+    return cluster_query(cluster, sql);
+}
+
+/* What a process leaves that is killed: the file as it lies there, without its lock. */
+static void in_a_process_that_dies(const char *uri, void (*fn)(struct apc_store *))
+{
+    int status;
+    pid_t pid = fork();
+    if (pid == 0) {
+        fn(open_spooled(uri));
+        _exit(0);
+    }
+    assert_int_equal(waitpid(pid, &status, 0), pid);
+    assert_int_equal(status, 0);
+}
+
+/* ---- While the store is away ---------------------------------------------------------------- */
+
+static void test_an_append_is_acknowledged_once_it_is_in_the_spool(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_spooled(nowhere);
+    append(store, 1, 1);
+    assert_says(apc_store_error(store), "cannot connect");
+    struct apc_sample two[2] = {sample(1, 2, 21), sample(2, 1, 12)};
+    assert_int_equal(apc_store_append(store, two, 2), 2);
+    struct apc_event e = event(1);
+    assert_int_equal(apc_store_append_events(store, &e, 1), 1);
+    struct apc_spool_stats own = stats_of(store);
+    struct apc_spool_info seen = look(); /* from outside, while it is open */
+    assert_int_equal(own.samples, 3);
+    assert_int_equal(own.events, 1);
+    assert_int_equal(own.oldest, T0 + APC_NS_PER_MS);
+    assert_int_equal(seen.stats.samples, 3);
+    assert_int_equal(seen.stats.events, 1);
+    assert_int_equal(seen.stats.oldest, own.oldest);
+    assert_int_equal(seen.stats.bytes, own.bytes);
+    assert_string_equal(seen.writer, "writer");
+    assert_null(strstr(seen.store, "secret"));
+    apc_store_close(store);
+    store = open_spooled(nowhere); /* they outlive the writer */
+    assert_int_equal(stats_of(store).samples, 3);
+    assert_int_equal(stats_of(store).events, 1);
+    apc_store_close(store);
+}
+
+static void test_a_spool_without_records_is_removed_at_the_end(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_spooled(nowhere);
+    assert_int_equal(access(spool, F_OK), 0); /* made at once: what cannot be shows at the start */
+    apc_store_close(store);
+    assert_int_equal(access(spool, F_OK), -1);
+}
+
+static void test_what_commands_is_not_spooled(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_spooled(nowhere);
+    struct apc_sample s = {.table = APC_SETPOINT, .id = 1, .value = 3};
+    assert_int_equal(apc_store_put(store, &s, 1), APC_ECONN);
+    assert_int_equal(stats_of(store).samples, 0);
+    apc_store_close(store);
+}
+
+static void test_a_reader_gets_the_last_value_with_its_own_time_and_an_uncertain_status(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_spooled(through), *other = open_plain();
+    struct apc_sample s[2] = {sample(1, 1, 11), sample(2, 1, 12)};
+    s[1].status = APC_BAD_SENSOR_FAILURE;
+    ok(other, apc_store_append(other, s, 2));
+    struct apc_sample r[2] = {{.table = APC_SENSOR, .id = 1}, {.table = APC_SENSOR, .id = 2}};
+    ok(store, apc_store_read(store, r, 2));
+    assert_int_equal(r[0].status, APC_GOOD);
+    proxy_set(proxy, PROXY_REFUSE);
+    for (int i = 0; i < 3; i++) {
+        ok(store, apc_store_read(store, r, 2));
+        assert_int_equal(r[0].status, APC_UNCERTAIN_LAST_USABLE);
+        assert_int_equal(r[1].status, APC_BAD_SENSOR_FAILURE);
+        assert_int_equal(r[0].seq, 1);
+        assert_int_equal(r[0].time, s[0].time);
+        assert_near(r[0].value, 11, 0);
+    }
+    struct apc_sample unseen = {.table = APC_SENSOR, .id = 3};
+    assert_int_equal(apc_store_read(store, &unseen, 1), APC_ECONN);
+    proxy_set(proxy, PROXY_PASS);
+    s[0] = sample(1, 2, 21);
+    ok(other, apc_store_append(other, s, 1));
+    ok(store, apc_store_read(store, r, 2));
+    assert_int_equal(r[0].status, APC_GOOD);
+    assert_int_equal(r[0].seq, 2);
+    apc_store_close(store);
+    apc_store_close(other);
+}
+
+static void test_what_waits_is_newer_than_what_is_stored(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_spooled(through);
+    append(store, 1, 1);
+    proxy_set(proxy, PROXY_REFUSE);
+    append(store, 1, 2);
+    proxy_set(proxy, PROXY_PASS); /* the store is there again, and knows of seq 1 only */
+    struct apc_sample r = {.table = APC_SENSOR, .id = 1};
+    ok(store, apc_store_read(store, &r, 1));
+    assert_int_equal(r.seq, 2);
+    apc_store_close(store);
+}
+
+/* A controller that reads through a spool while the store is away: holds, then goes to its fault value. */
+static void test_a_controller_does_not_take_an_old_value_for_a_new_one(void **state)
+{
+    (void)state;
+    static const double fault = -0.7;
+    const struct apc_law *law = NULL;
+    void *handle = NULL;
+    struct apc_error why = {""};
+    assert_int_equal(apc_law_find("pi", &law, &handle, &why), 0);
+    const struct apc_controller_options o = {.size = sizeof o,
+                                             .law = law,
+                                             .dim = {.ny = 1, .nz = 1, .nu = 1},
+                                             .period = APC_NS_PER_S,
+                                             .horizon = 2 * APC_NS_PER_S,
+                                             .hold = 3 * APC_NS_PER_S,
+                                             .fault = &fault};
+    struct apc_controller *c = NULL;
+    assert_int_equal(apc_controller_create(&c, &o, &why), 0);
+    struct apc_controller_size size = apc_controller_size(c);
+    struct apc_sample *in = calloc(size.in, sizeof *in), *out = calloc(size.out, sizeof *out);
+    struct apc_store *store = open_spooled(through), *other = open_plain();
+    struct apc_sample rows[] = {sample(1, 1, 11),
+                                {.table = APC_SETPOINT, .id = 1, .seq = 1, .time = T0, .value = 10},
+                                {.table = APC_OPMODE, .id = 0, .seq = 1, .time = T0, .value = APC_MODE_AUTO}};
+    ok(other, apc_store_append(other, rows, 3));
+    apc_controller_inputs(c, in);
+    enum apc_notice_kind told[8] = {0};
+    for (int i = 0; i < 8; i++) {
+        const struct apc_now now = {.mono = i * APC_NS_PER_S, .utc = T0 + i * APC_NS_PER_S};
+        struct apc_notice notice = {0};
+        ok(store, apc_store_read(store, in, size.in));
+        proxy_set(proxy, PROXY_REFUSE); /* from the second tick on */
+        assert_true(apc_controller_compute(c, now, in, out, &notice) > 0);
+        told[i] = notice.kind;
+    }
+    assert_int_equal(told[3], APC_NOTICE_HOLD);
+    assert_int_equal(told[6], APC_NOTICE_FAULT);
+    assert_near(out[0].value, fault, 0.0);
+    free(in);
+    free(out);
+    apc_store_close(store);
+    apc_store_close(other);
+    apc_controller_destroy(c);
+    apc_plugin_close(handle);
+}
+
+/* ---- At its return --------------------------------------------------------------------------- */
+
+static void test_it_drains_in_order_and_without_duplicates(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_spooled(through);
+    append(store, 1, 1);
+    proxy_set(proxy, PROXY_REFUSE);
+    for (int64_t seq = 2; seq <= 2500; seq += 17) {
+        struct apc_sample s[17];
+        for (int64_t i = 0; i < 17; i++) {
+            s[i] = sample(1, seq + i, (double)((seq + i) * 10 + 1));
+        }
+        assert_int_equal(apc_store_append(store, s, 17), 17);
+    }
+    assert_int_equal(stats_of(store).samples, 2499);
+    proxy_set(proxy, PROXY_PASS);
+    append(store, 1, 2501); /* behind those that wait */
+    drain(store);
+    assert_int_equal(stats_of(store).samples, 0);
+    assert_int_equal(stats_of(store).oldest, 0);
+    assert_int_equal(stats_of(store).drained, 2500);
+    append(store, 1, 2502);
+    assert_int_equal(stats_of(store).drained, 2500); /* that one went straight on */
+    assert_stored(2502);
+    apc_store_close(store);
+}
+
+static void test_an_append_whose_answer_was_lost_is_stored_once(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_spooled(through);
+    append(store, 1, 1);
+    proxy_arm(proxy, PROXY_TO_CLIENT, 0, PROXY_REFUSE);
+    append(store, 1, 2); /* stored, and spooled as well */
+    append(store, 1, 3);
+    assert_stored(2);
+    proxy_set(proxy, PROXY_PASS);
+    proxy_arm(proxy, PROXY_TO_CLIENT, 4000, PROXY_CUT); /* while it drains */
+    drain(store);
+    assert_stored(3);
+    apc_store_close(store);
+}
+
+static void spool_some(struct apc_store *store)
+{
+    for (int64_t seq = 1; seq <= 30; seq++) {
+        append(store, 1, seq);
+    }
+    for (int i = 1; i <= 5; i++) {
+        struct apc_event e = event(i);
+        ok(store, apc_store_append_events(store, &e, 1));
+    }
+}
+
+/* The next process drains what a killed one left, and what both sent is there once, events too. */
+static void test_a_killed_writers_spool_is_drained_by_the_next(void **state)
+{
+    (void)state;
+    proxy_set(proxy, PROXY_REFUSE);
+    in_a_process_that_dies(through, spool_some);
+    proxy_set(proxy, PROXY_PASS);
+    struct apc_store_options o = options();
+    o.timeout = APC_NS_PER_S / 2;
+    struct apc_store *store = open_with(through, &o);
+    assert_int_equal(stats_of(store).samples, 30);
+    for (uint64_t bytes = 0; stats_of(store).bytes > 0 && bytes < 20000; bytes += 211) {
+        (void)apc_store_connect(store);
+        proxy_arm(proxy, PROXY_TO_CLIENT, bytes, PROXY_CUT);
+        (void)apc_store_connect(store);
+        apc_store_close(store); /* with what is left */
+        proxy_set(proxy, PROXY_PASS);
+        store = open_with(through, &o);
+    }
+    drain(store);
+    assert_stored(30);
+    assert_string_equal(count_events(), "5 5");
+    apc_store_close(store);
+}
+
+static void test_events_whose_answer_was_lost_are_stored_once(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_spooled(through);
+    ok(store, apc_store_connect(store));
+    struct apc_event e[3] = {event(1), event(2), event(3)};
+    proxy_arm(proxy, PROXY_TO_CLIENT, 0, PROXY_REFUSE);
+    assert_int_equal(apc_store_append_events(store, e, 2), 2);
+    assert_string_equal(count_events(), "2 2");
+    assert_int_equal(apc_store_append_events(store, e + 2, 1), 1);
+    proxy_set(proxy, PROXY_PASS);
+    drain(store);
+    assert_string_equal(count_events(), "3 3");
+    apc_store_close(store);
+}
+
+static void test_a_large_spool_drains_in_portions(void **state)
+{
+    (void)state;
+    static struct apc_sample s[1000];
+    int64_t last;
+    struct apc_store_options o = options();
+    struct apc_store *store = open_with(through, &o);
+    ok(store, apc_store_claim(store, APC_SENSOR, 1, &last));
+    proxy_set(proxy, PROXY_REFUSE);
+    for (int64_t batch = 0; batch < 100; batch++) {
+        for (int64_t i = 0; i < 1000; i++) {
+            s[i] = sample(1, batch * 1000 + i + 1, (double)((batch * 1000 + i + 1) * 10 + 1));
+        }
+        assert_int_equal(apc_store_append(store, s, 1000), 1000);
+    }
+    apc_store_close(store);
+    o.timeout = 300 * APC_NS_PER_MS; /* a portion: a tenth of it, or one batch */
+    proxy_set(proxy, PROXY_PASS);
+    uint64_t left = 100000, calls = 1;
+    for (store = open_with(through, &o); stats_of(store).drained == 0; calls++) {
+        (void)apc_store_connect(store);
+    }
+    apc_store_close(store); /* in the middle of it; the next writer counts on from all the same */
+    store = open_with(through, &o);
+    assert_true(stats_of(store).samples > 0);
+    while (apc_store_claim(store, APC_SENSOR, 1, &last) != 0) { /* a busy machine, a short timeout */
+    }
+    assert_int_equal(last, 100000);
+    while (left > 0 && calls < 100000) {
+        (void)apc_store_connect(store);
+        assert_true(stats_of(store).samples <= left);
+        left = stats_of(store).samples;
+        calls++;
+    }
+    assert_int_equal(left, 0);
+    assert_true(calls > 3);
+    assert_stored(100000);
+    apc_store_close(store);
+}
+
+static void test_a_store_that_hangs_is_left_alone_for_a_while(void **state)
+{
+    (void)state;
+    struct apc_store_options o = options();
+    o.timeout = 200 * APC_NS_PER_MS;
+    o.backoff_min = o.backoff_max = LONG;
+    struct apc_store *store = open_with(through, &o);
+    append(store, 1, 1);
+    proxy_set(proxy, PROXY_STALL);
+    append(store, 1, 2); /* waits its time */
+    struct apc_store_stats before, after;
+    apc_store_stats(store, &before);
+    uint64_t asked = proxy_round_trips(proxy);
+    struct apc_sample r = {.table = APC_SENSOR, .id = 1};
+    for (int64_t seq = 3; seq < 50; seq++) {
+        append(store, 1, seq);
+        ok(store, apc_store_read(store, &r, 1));
+        assert_int_equal(r.seq, seq);
+        assert_int_equal(apc_store_connect(store), APC_ECONN);
+    }
+    apc_store_stats(store, &after);
+    assert_int_equal(after.round_trips, before.round_trips); /* these did not */
+    assert_int_equal(proxy_round_trips(proxy), asked);
+    apc_store_close(store);
+}
+
+static void limit_files(rlim_t size)
+{
+    struct rlimit limit;
+    signal(SIGXFSZ, SIG_IGN);
+    assert_int_equal(getrlimit(RLIMIT_FSIZE, &limit), 0);
+    limit.rlim_cur = size;
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
+}
+
+/* ---- Claims --------------------------------------------------------------------------------- */
+
+static void spool_claimed(struct apc_store *store)
+{
+    int64_t last[2];
+    ok(store, apc_store_claim(store, APC_SENSOR, 2, last));
+    append(store, 1, 1);
+    proxy_set(proxy, PROXY_REFUSE);
+    append(store, 1, 2);
+    append(store, 1, 3);
+}
+
+static void test_a_claim_counts_the_spool_in_and_needs_it_while_the_store_is_away(void **state)
+{
+    (void)state;
+    int64_t last[2] = {-1, -1};
+    struct apc_store *store = open_spooled(nowhere);
+    assert_int_equal(apc_store_claim(store, APC_SENSOR, 2, last), APC_ECONN); /* who knows how far it was? */
+    apc_store_close(store);
+    unlink(spool);
+    store = open_spooled(through);
+    spool_claimed(store);
+    apc_store_close(store);
+    store = open_spooled(through); /* the next process, with the store still away */
+    ok(store, apc_store_claim(store, APC_SENSOR, 2, last));
+    assert_int_equal(last[0], 3);
+    assert_int_equal(last[1], 0);
+    append(store, 1, 4);
+    assert_int_equal(apc_store_claim(store, APC_ACTUATOR, 1, last), APC_EINVAL);
+    assert_says(apc_store_error(store), "writer of table sensor");
+    apc_store_close(store);
+    proxy_set(proxy, PROXY_PASS);
+    store = open_spooled(through);
+    ok(store, apc_store_claim(store, APC_SENSOR, 2, last)); /* with the store there, and seq 1 in it */
+    assert_int_equal(last[0], 4);
+    drain(store);
+    assert_stored(4);
+    apc_store_close(store);
+}
+
+/* The store has it, its answer was lost, and the spool could not take it: nobody acknowledged it, but its seq
+ * is used up, also for the next process. */
+static void test_a_seq_that_was_sent_is_never_given_out_again(void **state)
+{
+    (void)state;
+    int64_t last;
+    struct apc_store *store = open_spooled(through);
+    ok(store, apc_store_claim(store, APC_SENSOR, 1, &last));
+    append(store, 1, 1);
+    proxy_arm(proxy, PROXY_TO_CLIENT, 0, PROXY_REFUSE);
+    struct apc_sample s = sample(1, 2, 21);
+    limit_files(APC_SPOOL_HEADER + 72); /* how far it was fits, the sample does not */
+    int rc = apc_store_append(store, &s, 1);
+    limit_files(RLIM_INFINITY);
+    assert_int_equal(rc, APC_ESTORE);
+    assert_stored(2);
+    apc_store_close(store);
+    store = open_spooled(through);
+    ok(store, apc_store_claim(store, APC_SENSOR, 1, &last));
+    assert_int_equal(last, 2);
+    apc_store_close(store);
+}
+
+static void test_a_claim_on_trust_is_made_up_for_before_anything_drains(void **state)
+{
+    (void)state;
+    int64_t last[2];
+    struct apc_store *store = open_spooled(through), *other = open_plain();
+    spool_claimed(store);
+    apc_store_close(store);
+    store = open_spooled(through);
+    ok(store, apc_store_claim(store, APC_SENSOR, 2, last));
+    ok(other, apc_store_claim(other, APC_SENSOR, 2, last)); /* somebody is faster */
+    proxy_set(proxy, PROXY_PASS);
+    struct apc_sample s = sample(1, 4, 41);
+    assert_int_equal(apc_store_append(store, &s, 1), APC_EBUSY);
+    assert_true(stats_of(store).samples >= 2); /* nothing is thrown away */
+    assert_stored(1);
+    apc_store_close(other);
+    drain(store);
+    apc_store_close(store);
+}
+
+static void test_seqs_that_somebody_else_took_meanwhile_are_found_and_set_aside(void **state)
+{
+    (void)state;
+    char pattern[400];
+    struct apc_store *store = open_spooled(through), *other = open_plain();
+    append(store, 1, 1);
+    proxy_set(proxy, PROXY_REFUSE);
+    append(store, 1, 2);
+    append(store, 1, 3);
+    struct apc_sample theirs = sample(1, 2, -5);
+    ok(other, apc_store_append(other, &theirs, 1));
+    proxy_set(proxy, PROXY_PASS);
+    assert_int_equal(apc_store_connect(store), APC_ECONFLICT);
+    assert_says(apc_store_error(store), "somebody else wrote the same sensor");
+    assert_int_equal(stats_of(store).damaged, 1);
+    snprintf(pattern, sizeof pattern, "%s.conflict-", spool);
+    assert_says(stats_of(store).aside, pattern);
+    struct apc_spool_info info;
+    assert_int_equal(apc_spool_look(stats_of(store).aside, &info, NULL), 0);
+    assert_int_equal(info.stats.samples, 2);
+    append(store, 2, 1); /* it goes on */
+    assert_int_equal(stats_of(store).samples, 0);
+    apc_store_close(store);
+    apc_store_close(other);
+}
+
+static void test_a_spool_in_memory_does_the_same_until_the_process_ends(void **state)
+{
+    (void)state;
+    struct apc_store_options o = options();
+    o.spool = "";
+    struct apc_store *store = open_with(through, &o), *other = open_plain();
+    append(store, 1, 1);
+    proxy_set(proxy, PROXY_REFUSE);
+    append(store, 1, 2);
+    append(store, 1, 3);
+    assert_int_equal(stats_of(store).samples, 2);
+    proxy_set(proxy, PROXY_PASS);
+    drain(store);
+    assert_stored(3);
+
+    proxy_set(proxy, PROXY_REFUSE);
+    append(store, 1, 4);
+    struct apc_sample theirs = sample(1, 4, -5);
+    ok(other, apc_store_append(other, &theirs, 1));
+    proxy_set(proxy, PROXY_PASS);
+    assert_int_equal(apc_store_connect(store), APC_ECONFLICT);
+    assert_says(stats_of(store).aside, "it was in memory");
+    append(store, 2, 1); /* it goes on */
+    assert_int_equal(stats_of(store).samples, 0);
+    apc_store_close(store);
+    apc_store_close(other);
+}
+
+/* ---- Full, unwritable ------------------------------------------------------------------------- */
+
+static void test_a_full_spool_keeps_what_it_has_and_refuses_the_next(void **state)
+{
+    (void)state;
+    struct apc_store_options o = options();
+    o.spool_size = 1000; /* of records of 16 + 56 bytes */
+    struct apc_store *store = open_with(through, &o);
+    proxy_set(proxy, PROXY_REFUSE);
+    struct apc_sample s = sample(1, 14, 141);
+    for (int64_t seq = 1; seq <= 13; seq++) {
+        append(store, 1, seq);
+    }
+    assert_int_equal(apc_store_append(store, &s, 1), APC_ESTORE);
+    assert_says(apc_store_error(store), "is full");
+    assert_says(apc_store_error(store), "cannot connect");
+    assert_int_equal(stats_of(store).refused, 1);
+    assert_int_equal(stats_of(store).samples, 13);
+    proxy_set(proxy, PROXY_PASS);
+    drain(store);
+    append(store, 1, 14);
+    assert_stored(14);
+    apc_store_close(store);
+}
+
+static void test_what_the_disk_does_not_take_is_not_acknowledged(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_spooled(nowhere);
+    append(store, 1, 1);
+    struct apc_sample s = sample(1, 2, 21);
+    limit_files(APC_SPOOL_HEADER + 72 + 20); /* the second record's first twenty bytes fit */
+    int rc = apc_store_append(store, &s, 1);
+    limit_files(RLIM_INFINITY);
+    assert_int_equal(rc, APC_ESTORE);
+    assert_says(apc_store_error(store), "cannot be written");
+    assert_int_equal(look().stats.samples, 1);
+    append(store, 1, 2); /* there is room again */
+    apc_store_close(store);
+    store = open_spooled(nowhere);
+    assert_int_equal(stats_of(store).samples, 2);
+    assert_int_equal(stats_of(store).torn, 0);
+    apc_store_close(store);
+}
+
+/* ---- What is found at opening ------------------------------------------------------------------ */
+
+static void assert_refused(const char *uri, const struct apc_store_options *o, int err, const char *words)
+{
+    struct apc_error why = {""};
+    struct apc_store *store = NULL;
+    assert_int_equal(apc_store_open(&store, uri, o, &why), err);
+    assert_null(store);
+    assert_says(why.text, words);
+}
+
+static void test_another_writers_or_stores_spool_is_refused(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_spooled(nowhere);
+    struct apc_store_options o = options();
+    assert_refused(nowhere, &o, APC_EBUSY, "in use by another process");
+    append(store, 1, 1);
+    apc_store_close(store);
+    o.name = "somebody";
+    assert_refused(nowhere, &o, APC_EINVAL, "is of writer writer, not of somebody");
+    o.name = "writer";
+    char other[500];
+    snprintf(other, sizeof other, "%s#plant2", nowhere);
+    assert_refused(other, &o, APC_EINVAL, "is for the store");
+    snprintf(other, sizeof other, "postgresql://apc:changed@/none?host=%s&connect_timeout=3", folder);
+    store = open_with(other, &o); /* the same store with another password */
+    assert_int_equal(stats_of(store).samples, 1);
+    apc_store_close(store);
+}
+
+static void write_file(const char *text, size_t n)
+{
+    int fd = open(spool, O_WRONLY | O_CREAT | O_TRUNC, 0600);
+    assert_int_equal(write(fd, text, n), n);
+    close(fd);
+}
+
+static void test_a_file_that_is_no_spool_is_refused_and_left_alone(void **state)
+{
+    (void)state;
+    struct apc_store_options o = options();
+    write_file("precious", 8);
+    assert_refused(nowhere, &o, APC_EINVAL, "no spool of libapc");
+    struct stat st;
+    assert_int_equal(stat(spool, &st), 0);
+    assert_int_equal(st.st_size, 8);
+    unlink(spool);
+    assert_int_equal(mkdir(spool, 0700), 0);
+    assert_refused(nowhere, &o, APC_ESTORE, "cannot be opened");
+    rmdir(spool);
+    o.spool = "/nowhere/at/all.spool";
+    assert_refused(nowhere, &o, APC_ESTORE, "No such file");
+    assert_int_equal(apc_spool_look("/nowhere/at/all.spool", &(struct apc_spool_info){0}, NULL),
+                     APC_ENOTFOUND);
+}
+
+static void test_a_file_that_was_just_begun_is_taken_over(void **state)
+{
+    (void)state;
+    write_file("apcspool\1\0\0\0", 12); /* killed while it wrote the header */
+    struct apc_store *store = open_spooled(nowhere);
+    append(store, 1, 1);
+    apc_store_close(store);
+    write_file("", 0);
+    store = open_spooled(nowhere);
+    append(store, 1, 1);
+    apc_store_close(store);
+}
+
+static void spool_three(void)
+{
+    struct apc_store *store = open_spooled(nowhere);
+    for (int64_t seq = 1; seq <= 3; seq++) {
+        append(store, 1, seq);
+    }
+    apc_store_close(store);
+}
+
+static off_t size_of(const char *path)
+{
+    struct stat st;
+    return stat(path, &st) == 0 ? st.st_size : -1;
+}
+
+/* At whatever byte the last record ends: it goes, those before it stay. */
+static void test_a_torn_tail_is_cut_off(void **state)
+{
+    (void)state;
+    for (int cut = 1; cut < 72; cut++) {
+        unlink(spool);
+        spool_three();
+        assert_int_equal(truncate(spool, size_of(spool) - cut), 0);
+        struct apc_store *store = open_spooled(nowhere);
+        assert_int_equal(stats_of(store).samples, 2);
+        assert_int_equal(stats_of(store).torn, 72 - cut);
+        assert_int_equal(stats_of(store).damaged, 0);
+        append(store, 1, 3);
+        apc_store_close(store);
+        store = open_spooled(nowhere);
+        assert_int_equal(stats_of(store).samples, 3);
+        apc_store_close(store);
+    }
+}
+
+static void flip(off_t at)
+{
+    unsigned char byte;
+    int fd = open(spool, O_RDWR);
+    assert_int_equal(pread(fd, &byte, 1, at), 1);
+    byte ^= 0x10;
+    assert_int_equal(pwrite(fd, &byte, 1, at), 1);
+    close(fd);
+}
+
+/* Whatever byte of whatever record is wrong: that record is lost to us, the others are not, and the file is
+ * kept for people. */
+static void test_a_damaged_record_is_set_aside_and_the_others_go_on(void **state)
+{
+    (void)state;
+    for (int at = 0; at < 3 * 72; at++) {
+        bool length = at % 72 >= 12 && at % 72 < 16 && at >= 2 * 72; /* looks like a record cut short */
+        unlink(spool);
+        spool_three();
+        flip(APC_SPOOL_HEADER + at);
+        off_t size = size_of(spool);
+        struct apc_store *store = open_spooled(nowhere);
+        struct apc_spool_stats stats = stats_of(store);
+        assert_int_equal(stats.samples, 2);
+        if (length && stats.damaged == 0) {
+            assert_int_equal(stats.torn, 72);
+        } else {
+            assert_int_equal(stats.damaged, 1);
+            assert_int_equal(size_of(stats.aside), size);
+            unlink(stats.aside);
+        }
+        apc_store_close(store);
+    }
+}
+
+/* Bytes changed, cut off, added anywhere: it is taken over or refused, and nothing is made up. */
+static void test_no_garbage_does_harm(void **state)
+{
+    (void)state;
+    struct apc_store_options o = options();
+    struct apc_error why;
+    for (unsigned seed = 1; seed <= 150; seed++) {
+        char command[400];
+        unsigned char bytes[64];
+        snprintf(command, sizeof command, "rm -f %s*", spool);
+        assert_int_equal(system(command), 0);
+        spool_three();
+        uint64_t r = seed * UINT64_C(0x9e3779b97f4a7c15);
+        for (size_t i = 0; i < sizeof bytes; i++) {
+            r = r * UINT64_C(6364136223846793005) + UINT64_C(1442695040888963407);
+            bytes[i] = (unsigned char)(r >> 56);
+        }
+        int fd = open(spool, O_RDWR);
+        off_t at = (off_t)((r >> 20) % (seed % 3 == 0 ? 140 : APC_SPOOL_HEADER + 3 * 72));
+        assert_true(pwrite(fd, bytes, 1 + seed % 60, at) > 0);
+        assert_int_equal(ftruncate(fd, size_of(spool) - (off_t)(seed % 4 == 0 ? (r >> 8) % 300 : 0)), 0);
+        close(fd);
+        struct apc_store *store = NULL;
+        struct apc_spool_info info;
+        (void)apc_spool_look(spool, &info, &why);
+        int rc = apc_store_open(&store, nowhere, &o, &why);
+        if (rc != 0 && rc != APC_EINVAL) {
+            fail_msg("seed %u: %s", seed, why.text);
+        }
+        if (rc == 0 && stats_of(store).samples > 3) {
+            fail_msg("seed %u: %llu samples", seed, (unsigned long long)stats_of(store).samples);
+        }
+        apc_store_close(store);
+    }
+}
+
+static void test_a_damaged_header_sets_the_file_aside(void **state)
+{
+    (void)state;
+    spool_three();
+    flip(100);
+    struct apc_store *store = open_spooled(nowhere);
+    assert_int_equal(stats_of(store).samples, 0);
+    assert_int_equal(stats_of(store).damaged, 1);
+    assert_int_equal(size_of(stats_of(store).aside), APC_SPOOL_HEADER + 3 * 72);
+    append(store, 1, 1);
+    apc_store_close(store);
+    unlink(spool);
+    spool_three();
+    flip(4080); /* the head: from the first record on, then */
+    store = open_spooled(nowhere);
+    assert_int_equal(stats_of(store).samples, 3);
+    apc_store_close(store);
+}
+
+int main(void)
+{
+#define OFFLINE(test) cmocka_unit_test_setup_teardown(test, set_up, clear_folder)
+#define ONLINE(test)  cmocka_unit_test_setup_teardown(test, set_up_server, clear_server)
+    const struct CMUnitTest tests[] = {
+        OFFLINE(test_an_append_is_acknowledged_once_it_is_in_the_spool),
+        OFFLINE(test_a_spool_without_records_is_removed_at_the_end),
+        OFFLINE(test_what_commands_is_not_spooled),
+        ONLINE(test_a_reader_gets_the_last_value_with_its_own_time_and_an_uncertain_status),
+        ONLINE(test_what_waits_is_newer_than_what_is_stored),
+        ONLINE(test_a_controller_does_not_take_an_old_value_for_a_new_one),
+        ONLINE(test_it_drains_in_order_and_without_duplicates),
+        ONLINE(test_an_append_whose_answer_was_lost_is_stored_once),
+        ONLINE(test_a_killed_writers_spool_is_drained_by_the_next),
+        ONLINE(test_events_whose_answer_was_lost_are_stored_once),
+        ONLINE(test_a_large_spool_drains_in_portions),
+        ONLINE(test_a_store_that_hangs_is_left_alone_for_a_while),
+        ONLINE(test_a_claim_counts_the_spool_in_and_needs_it_while_the_store_is_away),
+        ONLINE(test_a_seq_that_was_sent_is_never_given_out_again),
+        ONLINE(test_a_claim_on_trust_is_made_up_for_before_anything_drains),
+        ONLINE(test_seqs_that_somebody_else_took_meanwhile_are_found_and_set_aside),
+        ONLINE(test_a_spool_in_memory_does_the_same_until_the_process_ends),
+        ONLINE(test_a_full_spool_keeps_what_it_has_and_refuses_the_next),
+        OFFLINE(test_what_the_disk_does_not_take_is_not_acknowledged),
+        OFFLINE(test_another_writers_or_stores_spool_is_refused),
+        OFFLINE(test_a_file_that_is_no_spool_is_refused_and_left_alone),
+        OFFLINE(test_a_file_that_was_just_begun_is_taken_over),
+        OFFLINE(test_a_torn_tail_is_cut_off),
+        OFFLINE(test_a_damaged_record_is_set_aside_and_the_others_go_on),
+        OFFLINE(test_no_garbage_does_harm),
+        OFFLINE(test_a_damaged_header_sets_the_file_aside),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

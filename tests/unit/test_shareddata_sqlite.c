@@ -1,0 +1,833 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The SQLite store where it is itself: what a file may be wrong with, who else may have it open, writers that
+ * are killed, and the chains of samples against a model of them.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <inttypes.h>
+#include <signal.h>
+#include <sqlite3.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "apcshareddata.h"
+#include "check.h"
+#include "scratch.h"
+
+/* ---- Allocations outside SQLite ---------------------------------------------------------------- */
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define COUNTING 0
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
+#define COUNTING 0
+#endif
+#endif
+#ifndef COUNTING
+#define COUNTING 1
+#endif
+
+static volatile int allocations;
+
+#if COUNTING
+/* glibc's own, for programs that replace malloc. */
+extern void *__libc_malloc(size_t size);
+extern void *__libc_calloc(size_t n, size_t size);
+extern void *__libc_realloc(void *p, size_t size);
+
+void *malloc(size_t size)
+{
+    allocations++;
+    return __libc_malloc(size);
+}
+
+void *calloc(size_t n, size_t size)
+{
+    allocations++;
+    return __libc_calloc(n, size);
+}
+
+void *realloc(void *p, size_t size)
+{
+    allocations++;
+    return __libc_realloc(p, size);
+}
+
+/* SQLite's, which do not count; each block begins with its size. */
+enum { HEAD = 16 };
+
+static void *sq_malloc(int size)
+{
+    char *p = __libc_malloc((size_t)size + HEAD);
+    if (!p) {
+        return NULL;
+    }
+    memcpy(p, &size, sizeof size);
+    return p + HEAD;
+}
+
+static void sq_free(void *p)
+{
+    free((char *)p - HEAD);
+}
+
+static void *sq_realloc(void *p, int size)
+{
+    char *q = __libc_realloc((char *)p - HEAD, (size_t)size + HEAD);
+    if (!q) {
+        return NULL;
+    }
+    memcpy(q, &size, sizeof size);
+    return q + HEAD;
+}
+
+static int sq_size(void *p)
+{
+    int size = 0;
+    if (p) {
+        memcpy(&size, (char *)p - HEAD, sizeof size);
+    }
+    return size;
+}
+
+static int sq_round(int size)
+{
+    return (size + 7) & ~7;
+}
+
+static int sq_init(void *data)
+{
+    (void)data;
+    return SQLITE_OK;
+}
+
+static void sq_shutdown(void *data)
+{
+    (void)data;
+}
+
+static const sqlite3_mem_methods uncounted = {sq_malloc, sq_free, sq_realloc,  sq_size,
+                                              sq_round,  sq_init, sq_shutdown, NULL};
+#endif
+
+/* ---- Stores and samples ------------------------------------------------------------------------ */
+
+#define SECOND APC_NS_PER_S
+
+static char path[200], uri[220]; /* of this test's file */
+
+static struct apc_store *open_named(const char *name, apc_ns timeout)
+{
+    struct apc_store *store = NULL;
+    struct apc_error why = {""};
+    struct apc_store_options options = {.size = sizeof options, .name = "test", .timeout = timeout};
+    if (apc_store_open(&store, name, &options, &why) != 0) {
+        fail_msg("%s", why.text);
+    }
+    return store;
+}
+
+static struct apc_store *open_store(apc_ns timeout)
+{
+    return open_named(uri, timeout);
+}
+
+static int set_up_nothing(void **state)
+{
+    static int number;
+    snprintf(path, sizeof path, "%s/%d.db", scratch_folder(), ++number);
+    snprintf(uri, sizeof uri, "sqlite:%s", path);
+    *state = open_store(20 * SECOND);
+    return 0;
+}
+
+static int set_up(void **state)
+{
+    set_up_nothing(state);
+    return apc_store_init(*state) != 0;
+}
+
+static int tear_down(void **state)
+{
+    apc_store_close(*state);
+    return 0;
+}
+
+static struct apc_sample sample(enum apc_table table, int id, int64_t seq, double value)
+{
+    return (struct apc_sample){.table = table, .id = id, .seq = seq, .time = seq * 1000, .value = value};
+}
+
+static int append_one(struct apc_store *store, int id, int64_t seq)
+{
+    struct apc_sample s = sample(APC_SENSOR, id, seq, (double)seq);
+    return apc_store_append(store, &s, 1);
+}
+
+static int64_t newest_seq(struct apc_store *store, int id)
+{
+    struct apc_sample s = {.table = APC_SENSOR, .id = id};
+    int err = apc_store_read(store, &s, 1);
+    return err ? err : s.seq;
+}
+
+#define assert_said(store, call, err, text)                                                                  \
+    do {                                                                                                     \
+        int said_result = (int)(call);                                                                       \
+        if (said_result != (err) || !strstr(apc_store_error(store), text))                                   \
+            fail_msg("%s: %s: %s", #call, apc_err_name(said_result), apc_store_error(store));                \
+    } while (0)
+
+static void raw(const char *file, const char *sql)
+{
+    sqlite3 *db = NULL;
+    assert_int_equal(sqlite3_open(file, &db), SQLITE_OK);
+    assert_int_equal(sqlite3_exec(db, sql, NULL, NULL, NULL), SQLITE_OK);
+    sqlite3_close(db);
+}
+
+static void write_file(const char *file, const char *text)
+{
+    FILE *f = fopen(file, "w");
+    assert_non_null(f);
+    fputs(text, f);
+    assert_int_equal(fclose(f), 0);
+}
+
+/* ---- The chains against a model ---------------------------------------------------------------- */
+
+enum { MODEL_IDS = 3, MODEL_SEQS = 1500 };
+
+static struct model {
+    bool there[MODEL_SEQS + 1];
+    apc_ns time[MODEL_SEQS + 1];
+} model[MODEL_IDS];
+
+static uint64_t seed;
+
+static int64_t random_below(int64_t n)
+{
+    seed = seed * UINT64_C(6364136223846793005) + UINT64_C(1442695040888963407);
+    return (int64_t)((seed >> 33) % (uint64_t)n);
+}
+
+static int64_t model_newest(const struct model *m)
+{
+    int64_t seq = MODEL_SEQS;
+    while (seq > 0 && !m->there[seq]) {
+        seq--;
+    }
+    return seq;
+}
+
+/* Some samples: the next ones, with gaps, or anywhere, there already or not; the clock mostly goes on. */
+static void append_some(struct apc_store *store, apc_ns base)
+{
+    struct apc_sample s[100];
+    const int n = 1 + (int)random_below(100);
+    const bool late = random_below(3) == 0;
+    int fresh = 0;
+    int64_t next[MODEL_IDS];
+    for (int id = 0; id < MODEL_IDS; id++) {
+        next[id] = model_newest(&model[id]) + 1;
+    }
+    for (int i = 0; i < n; i++) {
+        const int id = (int)random_below(MODEL_IDS);
+        int64_t seq = late ? 1 + random_below(MODEL_SEQS) : next[id]++;
+        next[id] += !late && random_below(20) == 0 ? random_below(5) : 0;
+        seq = seq < MODEL_SEQS ? seq : MODEL_SEQS;
+        struct model *m = &model[id];
+        s[i] = sample(APC_SENSOR, id, seq, (double)(seq * MODEL_IDS + id));
+        s[i].time = base + seq * 1000 + (random_below(10) == 0 ? (random_below(2000) - 1000) * 1000 : 0);
+        if (!m->there[seq]) {
+            m->there[seq] = true;
+            m->time[seq] = s[i].time;
+            fresh++;
+        }
+    }
+    assert_int_equal(apc_store_append(store, s, (size_t)n), fresh);
+}
+
+struct check {
+    const struct model *m;
+    int id, count;
+    int64_t next; /* seq from which on the model's next one must be the row's */
+    struct apc_range range;
+};
+
+static bool in_range(const struct check *c, int64_t seq)
+{
+    return c->m->there[seq] && (c->range.since == 0 || c->m->time[seq] >= c->range.since) &&
+           (c->range.until == 0 || c->m->time[seq] < c->range.until);
+}
+
+static int check_row(void *ctx, const struct apc_sample *s)
+{
+    struct check *c = ctx;
+    while (c->next <= MODEL_SEQS && !in_range(c, c->next)) {
+        c->next++;
+    }
+    if (s->seq != c->next || s->time != c->m->time[s->seq] ||
+        !(s->value == (double)(s->seq * MODEL_IDS + c->id))) {
+        fail_msg("variable %d: seq %" PRId64 " at %" PRId64 ", expected %" PRId64, c->id, s->seq, s->time,
+                 c->next);
+    }
+    c->next++;
+    c->count++;
+    return 0;
+}
+
+static void check_history(struct apc_store *store, apc_ns base)
+{
+    const int id = (int)random_below(MODEL_IDS);
+    struct check c = {.m = &model[id], .id = id, .next = 1};
+    if (random_below(2)) {
+        c.range.since = base + 1000 * random_below(MODEL_SEQS);
+    }
+    if (random_below(2)) {
+        c.range.until = base + 1000 * random_below(MODEL_SEQS);
+    }
+    int expected = 0;
+    for (int64_t seq = 1; seq <= MODEL_SEQS; seq++) {
+        expected += in_range(&c, seq);
+    }
+    if (random_below(2)) {
+        c.range.last = 1 + (size_t)random_below(300);
+        for (; (size_t)expected > c.range.last; c.next++) {
+            expected -= in_range(&c, c.next);
+        }
+    }
+    assert_int_equal(apc_store_history(store, APC_SENSOR, id, &c.range, check_row, &c), expected);
+    assert_int_equal(c.count, expected);
+    assert_true(newest_seq(store, id) == model_newest(c.m));
+}
+
+static int sum_bin(void *ctx, const struct apc_history_bin *bin)
+{
+    struct check *c = ctx;
+    for (int64_t seq = 1; seq <= MODEL_SEQS; seq++) {
+        if (c->m->there[seq] && c->m->time[seq] >= bin->from && c->m->time[seq] < bin->until) {
+            c->count++;
+        }
+    }
+    c->next += (int64_t)bin->count;
+    return 0;
+}
+
+static void check_bins(struct apc_store *store, apc_ns base)
+{
+    const int id = (int)random_below(MODEL_IDS);
+    struct check c = {.m = &model[id], .id = id};
+    const apc_ns since = base + random_below(1000000), until = since + 1 + random_below(2000000);
+    assert_true(apc_store_history_bins(store, APC_SENSOR, id, since, until, 1 + (size_t)random_below(50),
+                                       sum_bin, &c) >= 0);
+    assert_true(c.next == c.count);
+}
+
+/* What is older goes, but for each newest one. */
+static void trim_model(struct apc_store *store, apc_ns before)
+{
+    const struct apc_retention keep = {.size = sizeof keep, .samples = apc_clock_utc(NULL) - before};
+    int dropped = 0;
+    for (int id = 0; id < MODEL_IDS; id++) {
+        const int64_t newest = model_newest(&model[id]);
+        for (int64_t seq = 1; seq < newest; seq++) {
+            if (model[id].there[seq] && model[id].time[seq] < before) {
+                model[id].there[seq] = false;
+                dropped++;
+            }
+        }
+    }
+    assert_int_equal(apc_store_maintain(store, &keep), dropped);
+}
+
+static void test_samples_in_any_order_are_found_as_a_model_finds_them(void **state)
+{
+    const char *given = getenv("APC_TEST_SEED");
+    seed = given ? strtoull(given, NULL, 0) : (uint64_t)apc_clock_mono(NULL);
+    print_message("APC_TEST_SEED=%" PRIu64 "\n", seed);
+    memset(model, 0, sizeof model);
+    /* An hour apart from what the trimming below keeps: the time that passes meanwhile decides nothing. */
+    const apc_ns base = (apc_clock_utc(NULL) - 3600 * SECOND) / 1000 * 1000;
+    for (int round = 0; round < 150; round++) {
+        append_some(*state, base);
+        check_history(*state, base);
+        check_bins(*state, base);
+    }
+    for (int id = 0; id < MODEL_IDS; id++) { /* far in the future of the rest: these stay */
+        struct apc_sample s = sample(APC_SENSOR, id, MODEL_SEQS, (double)(MODEL_SEQS * MODEL_IDS + id));
+        s.time = base + 2 * 3600 * SECOND;
+        bool fresh = !model[id].there[MODEL_SEQS];
+        assert_int_equal(apc_store_append(*state, &s, 1), fresh);
+        if (fresh) {
+            model[id].there[MODEL_SEQS] = true;
+            model[id].time[MODEL_SEQS] = s.time;
+        }
+    }
+    trim_model(*state, base + 1800 * SECOND);
+    for (int round = 0; round < 50; round++) { /* where something was dropped, there is room again */
+        append_some(*state, base + 7200 * SECOND);
+        check_history(*state, base);
+    }
+}
+
+/* ---- What a file may be wrong with ------------------------------------------------------------- */
+
+static void test_a_path_that_is_none_is_refused(void **state)
+{
+    struct apc_store *store = *state;
+    struct apc_error why;
+    char longest[5000] = "sqlite:/";
+    memset(longest + 8, 'x', sizeof longest - 9);
+    assert_int_equal(apc_store_open(&store, "sqlite:", NULL, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "sqlite:FILE"));
+    assert_int_equal(apc_store_open(&store, longest, NULL, &why), APC_EINVAL);
+    assert_null(store);
+}
+
+static void test_a_file_that_is_not_there_is_not_made_by_using_it(void **state)
+{
+    assert_said(*state, newest_seq(*state, 1), APC_ECONN, "apc init");
+    assert_said(*state, append_one(*state, 1, 1), APC_ECONN, path);
+    assert_int_equal(access(path, F_OK), -1);
+    assert_int_equal(apc_store_init(*state), 0);
+    assert_int_equal(append_one(*state, 1, 1), 1); /* and the same store goes on */
+
+    struct apc_store *store = open_named("sqlite:/no/such/folder/x.db", SECOND);
+    assert_said(store, apc_store_init(store), APC_ECONN, "/no/such/folder/x.db");
+    apc_store_close(store);
+    char text[300];
+    snprintf(text, sizeof text, "sqlite:%s", scratch_folder());
+    store = open_named(text, SECOND);
+    assert_said(store, newest_seq(store, 1), APC_EINVAL, "is no file");
+    assert_said(store, apc_store_init(store), APC_EINVAL, "is no file");
+    apc_store_close(store);
+}
+
+static void test_a_file_that_is_not_ours_is_refused_and_left_alone(void **state)
+{
+    struct apc_store *store = *state;
+    static const char text[] =
+        "Dear diary, this is more than a hundred bytes of text that nobody wants to lose, "
+        "least of all to a control system.\n";
+    write_file(path, text);
+    assert_said(store, newest_seq(store, 1), APC_ESCHEMA, "no SQLite database");
+    assert_said(store, apc_store_init(store), APC_ESCHEMA, "no SQLite database");
+    char read_back[sizeof text];
+    FILE *f = fopen(path, "r");
+    assert_true(fgets(read_back, sizeof read_back, f) && strcmp(read_back, text) == 0);
+    fclose(f);
+    unlink(path);
+
+    raw(path, "CREATE TABLE recipe (name TEXT)");
+    assert_said(store, newest_seq(store, 1), APC_ESCHEMA, "another program's");
+    assert_said(store, apc_store_init(store), APC_ESCHEMA, "another program's");
+    unlink(path);
+    raw(path, "PRAGMA application_id = 252006674; CREATE TABLE sample (x)");
+    assert_said(store, apc_store_init(store), APC_ESCHEMA, "another program's");
+    unlink(path);
+
+    write_file(path, ""); /* an empty file is an empty database: anybody's */
+    assert_said(store, newest_seq(store, 1), APC_ESCHEMA, "apc init");
+    assert_int_equal(apc_store_init(store), 0);
+    assert_int_equal(append_one(store, 1, 1), 1);
+}
+
+static void test_another_version_is_refused(void **state)
+{
+    struct apc_store *store = open_store(SECOND);
+    assert_int_equal(append_one(*state, 1, 1), 1);
+    raw(path, "PRAGMA user_version = 999");
+    assert_said(store, newest_seq(store, 1), APC_ESCHEMA, "upgrade libapc");
+    assert_said(store, apc_store_init(store), APC_ESCHEMA, "upgrade libapc");
+    raw(path, "PRAGMA user_version = 0");
+    assert_said(store, newest_seq(store, 1), APC_ESCHEMA, "apc init");
+    char sql[60];
+    snprintf(sql, sizeof sql, "PRAGMA user_version = %d", apc_store_version());
+    raw(path, sql);
+    assert_int_equal(newest_seq(store, 1), 1);
+    apc_store_close(store);
+}
+
+static void test_a_write_ahead_log_goes_or_is_refused(void **state)
+{
+    struct apc_store *store = *state;
+    sqlite3 *db = NULL;
+    assert_int_equal(append_one(store, 1, 1), 1);
+    apc_store_close(store);
+    raw(path, "PRAGMA journal_mode = WAL");
+    assert_int_equal(sqlite3_open(path, &db), SQLITE_OK);
+    assert_int_equal(sqlite3_exec(db, "SELECT count(*) FROM sample", NULL, NULL, NULL), SQLITE_OK);
+    *state = store = open_store(SECOND / 10);
+    int err = append_one(store, 1, 2); /* somebody has the log open */
+    assert_true(err == APC_ESTORE || err == APC_ETIMEDOUT);
+    sqlite3_close(db);
+    assert_int_equal(append_one(store, 1, 2), 1);
+    char file[300];
+    snprintf(file, sizeof file, "%s-wal", path);
+    assert_int_equal(access(file, F_OK), -1);
+}
+
+static void test_a_file_for_reading_only_is_read(void **state)
+{
+    struct apc_store *store = open_store(SECOND);
+    assert_int_equal(append_one(*state, 1, 1), 1);
+    assert_int_equal(chmod(scratch_folder(), 0755), 0);
+    assert_int_equal(chmod(path, 0444), 0);
+    const bool root = geteuid() == 0; /* who may do everything */
+    if (root) {
+        assert_int_equal(seteuid(65534), 0);
+    }
+    int64_t last[1];
+    int64_t read = newest_seq(store, 1);
+    int written = append_one(store, 1, 2), claimed = apc_store_claim(store, APC_SENSOR, 1, last);
+    struct apc_error why;
+    snprintf(why.text, sizeof why.text, "%s", apc_store_error(store));
+    int closed = chmod(path, 0) == 0 || root;
+    if (root) {
+        assert_int_equal(seteuid(0), 0);
+        closed = chmod(path, 0) == 0;
+        assert_int_equal(seteuid(65534), 0);
+    }
+    struct apc_store *other = open_store(SECOND);
+    int unreadable = apc_store_connect(other);
+    if (root) {
+        assert_int_equal(seteuid(0), 0);
+    }
+    assert_int_equal(read, 1);
+    assert_int_equal(written, APC_EPERM);
+    assert_int_equal(claimed, APC_EPERM);
+    assert_non_null(strstr(why.text, "-claims"));
+    assert_true(closed);
+    assert_said(other, unreadable, APC_EPERM, path);
+    assert_int_equal(chmod(path, 0644), 0);
+    assert_int_equal(append_one(other, 1, 2), 1); /* the cause has gone */
+    apc_store_close(other);
+    apc_store_close(store);
+}
+
+static void test_a_full_disk_keeps_the_whole_append_out_and_no_later_one(void **state)
+{
+    enum { N = 50000 };
+    struct apc_sample *s = calloc(N, sizeof *s);
+    struct rlimit unlimited, limit;
+    assert_non_null(s);
+    for (int i = 0; i < N; i++) {
+        s[i] = sample(APC_SENSOR, i % 100, 2 + i / 100, i);
+    }
+    assert_int_equal(append_one(*state, 1, 1), 1);
+    signal(SIGXFSZ, SIG_IGN);
+    assert_int_equal(getrlimit(RLIMIT_FSIZE, &unlimited), 0);
+    limit = (struct rlimit){.rlim_cur = 1 << 20, .rlim_max = unlimited.rlim_max};
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
+    int full = apc_store_append(*state, s, N);
+    struct apc_error why;
+    snprintf(why.text, sizeof why.text, "%s", apc_store_error(*state));
+    int64_t after = newest_seq(*state, 1);
+    int small = append_one(*state, 1, 2);
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &unlimited), 0);
+    assert_int_equal(full, APC_ESTORE);
+    assert_non_null(strstr(why.text, "no room left"));
+    assert_int_equal(after, 1);
+    assert_int_equal(small, 1);
+    assert_int_equal(apc_store_append(*state, s, N), N - 1);
+    free(s);
+}
+
+static int count_sample(void *ctx, const struct apc_sample *s)
+{
+    (void)s;
+    ++*(int *)ctx;
+    return 0;
+}
+
+static void test_a_damaged_file_gives_errors_and_no_nonsense(void **state)
+{
+    enum { PAGE = 4096, N = 300 };
+    struct stat st;
+    for (int i = 1; i <= N; i++) {
+        struct apc_sample s[2] = {sample(APC_SENSOR, 1, i, i), sample(APC_SENSOR, 2, i, i)};
+        assert_int_equal(apc_store_append(*state, s, 2), 2);
+    }
+    apc_store_close(*state);
+    assert_int_equal(stat(path, &st), 0);
+    int refused = 0;
+    for (off_t page = 1; page < st.st_size / PAGE; page++) { /* the first one is the header */
+        char whole[PAGE], junk[PAGE];
+        int fd = open(path, O_RDWR);
+        assert_int_equal(pread(fd, whole, PAGE, page * PAGE), PAGE);
+        memset(junk, 0x5A, PAGE);
+        assert_int_equal(pwrite(fd, junk, PAGE, page * PAGE), PAGE);
+        close(fd);
+        struct apc_store *store = open_store(SECOND);
+        int n = 0, rows = apc_store_history(store, APC_SENSOR, 1, NULL, count_sample, &n);
+        assert_true(rows == N || rows == APC_ESTORE || rows == APC_ESCHEMA);
+        refused += rows < 0;
+        apc_store_close(store);
+        fd = open(path, O_RDWR);
+        assert_int_equal(pwrite(fd, whole, PAGE, page * PAGE), PAGE);
+        close(fd);
+    }
+    assert_true(refused > 0);
+    *state = open_store(SECOND);
+    int n = 0;
+    assert_int_equal(apc_store_history(*state, APC_SENSOR, 1, NULL, count_sample, &n), N);
+}
+
+/* ---- Others have it open ----------------------------------------------------------------------- */
+
+static void test_a_lock_that_is_not_given_back_ends_in_a_timeout(void **state)
+{
+    struct apc_store *store = open_store(50 * APC_NS_PER_MS);
+    sqlite3 *db = NULL;
+    assert_int_equal(append_one(*state, 1, 1), 1);
+    assert_int_equal(sqlite3_open(path, &db), SQLITE_OK);
+    assert_int_equal(sqlite3_exec(db, "BEGIN EXCLUSIVE", NULL, NULL, NULL), SQLITE_OK);
+    assert_said(store, newest_seq(store, 1), APC_ETIMEDOUT, "locked by another process");
+    assert_said(store, append_one(store, 1, 2), APC_ETIMEDOUT, "locked by another process");
+    assert_int_equal(sqlite3_exec(db, "ROLLBACK; BEGIN; SELECT * FROM sample", NULL, NULL, NULL), SQLITE_OK);
+    assert_int_equal(newest_seq(store, 1), 1); /* beside a reader one can read, but not commit */
+    assert_said(store, append_one(store, 1, 2), APC_ETIMEDOUT, "locked by another process");
+    assert_int_equal(sqlite3_exec(db, "COMMIT", NULL, NULL, NULL), SQLITE_OK);
+    assert_int_equal(newest_seq(store, 1), 1);
+    assert_int_equal(append_one(store, 1, 2), 1);
+    sqlite3_close(db);
+    apc_store_close(store);
+}
+
+struct beside {
+    struct apc_store *store; /* of somebody who writes meanwhile */
+    int id, count, failed;
+};
+
+static int write_beside(struct beside *b)
+{
+    b->failed += append_one(b->store, b->id, ++b->count) != 1;
+    return 0;
+}
+
+static int beside_sample(void *ctx, const struct apc_sample *s)
+{
+    (void)s;
+    return write_beside(ctx);
+}
+
+static int beside_event(void *ctx, const struct apc_event *e)
+{
+    (void)e;
+    return write_beside(ctx);
+}
+
+static int beside_timing(void *ctx, const struct apc_timing_row *row)
+{
+    (void)row;
+    return write_beside(ctx);
+}
+
+static int beside_bin(void *ctx, const struct apc_history_bin *bin)
+{
+    (void)bin;
+    return write_beside(ctx);
+}
+
+static void test_nobody_is_held_up_by_somebody_who_reads_slowly(void **state)
+{
+    struct apc_store *store = *state;
+    struct beside b = {.store = open_store(SECOND), .id = 50};
+    const struct apc_event event = {.time = 1000, .severity = APC_EVENT_INFO};
+    const struct apc_timing_row row = {.time = 1000, .task = "t", .quantity = "run"};
+    for (int i = 1; i <= 200; i++) {
+        assert_int_equal(append_one(store, 1, i), 1);
+    }
+    assert_int_equal(apc_store_append_events(store, &event, 1), 1);
+    assert_int_equal(apc_store_append_timing(store, &row, 1), 1);
+    assert_int_equal(apc_store_history(store, APC_SENSOR, 1, NULL, beside_sample, &b), 200);
+    assert_int_equal(apc_store_history_bins(store, APC_SENSOR, 1, 0, SECOND, 1, beside_bin, &b), 1);
+    assert_int_equal(apc_store_events(store, NULL, beside_event, &b), 1);
+    assert_int_equal(apc_store_timing(store, NULL, beside_timing, &b), 1);
+    assert_int_equal(b.failed, 0);
+    assert_int_equal(newest_seq(store, 50), 203);
+    apc_store_close(b.store);
+}
+
+static void test_a_file_that_goes_away_and_comes_back_is_noticed(void **state)
+{
+    struct apc_store *store = *state;
+    char aside[220];
+    snprintf(aside, sizeof aside, "%s.aside", path);
+    assert_int_equal(append_one(store, 1, 1), 1);
+    assert_int_equal(rename(path, aside), 0);
+    const struct apc_sample seen = {.table = APC_SENSOR, .id = 1, .seq = 1};
+    assert_said(store, append_one(store, 1, 2), APC_ECONN, "No such file");
+    assert_said(store, apc_store_wait(store, &seen, 1, 60 * SECOND), APC_ECONN, "No such file");
+    assert_false(apc_store_connected(store));
+    assert_int_equal(rename(aside, path), 0);
+    assert_int_equal(append_one(store, 1, 2), 1);
+
+    /* another one in its place is another store */
+    assert_int_equal(rename(path, aside), 0);
+    struct apc_store *other = open_store(SECOND);
+    assert_int_equal(apc_store_init(other), 0);
+    assert_int_equal(append_one(other, 1, 70), 1);
+    assert_int_equal(newest_seq(store, 1), 70);
+    apc_store_close(other);
+}
+
+/* ---- Processes --------------------------------------------------------------------------------- */
+
+/* A process that claims table sensor, says so with a byte on @p fd, and stays until it is killed. */
+static pid_t start_claimant(int fd)
+{
+    pid_t pid = fork();
+    if (pid != 0) {
+        return pid;
+    }
+    struct apc_store *store = NULL;
+    int64_t last[1];
+    char ok =
+        apc_store_open(&store, uri, NULL, NULL) == 0 && apc_store_claim(store, APC_SENSOR, 1, last) == 0;
+    if (write(fd, &ok, 1) == 1) {
+        pause();
+    }
+    _exit(1);
+}
+
+static void test_a_claim_ends_with_its_process_and_with_nothing_less(void **state)
+{
+    struct apc_store *store = *state;
+    int fd[2], status;
+    int64_t last[1];
+    char ok = 0, name[40], file[220];
+    snprintf(file, sizeof file, "%s-claims", path);
+    assert_int_equal(append_one(store, 1, 5), 1);
+    assert_int_equal(pipe(fd), 0);
+    pid_t pid = start_claimant(fd[1]);
+    assert_true(read(fd[0], &ok, 1) == 1 && ok);
+    snprintf(name, sizeof name, "libapc (process %ld)", (long)pid);
+    assert_said(store, apc_store_claim(store, APC_SENSOR, 1, last), APC_EBUSY, name);
+    kill(pid, SIGSTOP); /* it lives */
+    assert_said(store, apc_store_claim(store, APC_SENSOR, 1, last), APC_EBUSY, name);
+    kill(pid, SIGKILL);
+    assert_int_equal(waitpid(pid, &status, 0), pid);
+    assert_int_equal(apc_store_claim(store, APC_SENSOR, 1, last), 0);
+    assert_int_equal(last[0], 5);
+
+    /* Somebody removes the file of locks: its holder makes it anew with its next operation. */
+    assert_int_equal(unlink(file), 0);
+    assert_int_equal(append_one(store, 1, 6), 1);
+    struct apc_store *other = open_store(SECOND);
+    assert_said(other, apc_store_claim(other, APC_SENSOR, 1, last), APC_EBUSY, "test (process ");
+    assert_int_equal(unlink(file), 0);
+    assert_int_equal(apc_store_claim(other, APC_SENSOR, 1, last), 0); /* or is told that it came too late, */
+    assert_said(store, append_one(store, 1, 7), APC_EBUSY, "test (process ");
+    assert_said(store, append_one(store, 1, 7), APC_EBUSY, "test (process "); /* each time, */
+    apc_store_close(other);
+    assert_int_equal(append_one(store, 1, 7), 1); /* until it is not so any more */
+    close(fd[0]);
+    close(fd[1]);
+}
+
+enum { KILLS = 25 };
+
+/* Appends ticks of two tables, and says after each which one the store has acknowledged. */
+static void append_until_killed(int fd, int64_t seq)
+{
+    struct apc_store *store = NULL;
+    int err = apc_store_open(&store, uri, NULL, NULL);
+    for (; !err; seq++) {
+        const struct apc_sample tick[3] = {sample(APC_SENSOR, 1, seq, 1), sample(APC_STATE, 1, seq, 1),
+                                           sample(APC_SENSOR, 2, seq, 1)};
+        err = apc_store_append(store, tick, 3) != 3 || write(fd, &seq, sizeof seq) != sizeof seq;
+    }
+    _exit(1);
+}
+
+static void test_a_killed_writer_leaves_what_was_acknowledged_and_no_half_of_a_tick(void **state)
+{
+    struct apc_store *store = *state;
+    int64_t acknowledged = 0;
+    for (int kills = 0; kills < KILLS; kills++) {
+        int fd[2], status;
+        const int64_t enough = acknowledged + 1 + kills % 7;
+        assert_int_equal(pipe(fd), 0);
+        pid_t pid = fork();
+        if (pid == 0) {
+            append_until_killed(fd[1], newest_seq(store, 1) + 1);
+        }
+        close(fd[1]);
+        while (acknowledged < enough && read(fd[0], &acknowledged, sizeof acknowledged) > 0) {
+        }
+        kill(pid, SIGKILL);
+        assert_int_equal(waitpid(pid, &status, 0), pid);
+        assert_true(WIFSIGNALED(status)); /* it did not end for another reason */
+        while (read(fd[0], &acknowledged, sizeof acknowledged) > 0) {
+        }
+        close(fd[0]);
+        struct apc_sample s[3] = {
+            {.table = APC_SENSOR, .id = 1}, {.table = APC_STATE, .id = 1}, {.table = APC_SENSOR, .id = 2}};
+        assert_int_equal(apc_store_read(store, s, 3), 0);
+        assert_true(s[0].seq == acknowledged || s[0].seq == acknowledged + 1); /* attempted */
+        assert_true(s[1].seq == s[0].seq && s[2].seq == s[0].seq);
+        int n = 0;
+        assert_int_equal(apc_store_history(store, APC_SENSOR, 2, NULL, count_sample, &n), s[0].seq);
+        acknowledged = s[0].seq;
+    }
+}
+
+/* ---- Ticks ------------------------------------------------------------------------------------- */
+
+static void test_steady_ticks_allocate_nothing_outside_sqlite(void **state)
+{
+    struct apc_store *store = *state;
+    struct apc_sample s[20];
+    int64_t last[10];
+    if (!COUNTING) {
+        skip();
+    }
+    assert_int_equal(apc_store_claim(store, APC_SENSOR, 10, last), 0);
+    for (int64_t seq = 1; seq <= 200; seq++) { /* over the borders of blocks */
+        if (seq == 10) {
+            allocations = 0;
+        }
+        for (int i = 0; i < 20; i++) {
+            s[i] = sample(i < 10 ? APC_SENSOR : APC_STATE, i % 10 + 1, seq, (double)seq);
+        }
+        assert_int_equal(apc_store_append(store, s, 20), 20);
+        assert_int_equal(apc_store_read(store, s, 20), 0);
+    }
+    assert_int_equal(allocations, 0);
+}
+
+#define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+#define N(name) cmocka_unit_test_setup_teardown(name, set_up_nothing, tear_down)
+
+int main(void)
+{
+#if COUNTING
+    sqlite3_config(SQLITE_CONFIG_MALLOC, &uncounted);
+#endif
+    const struct CMUnitTest tests[] = {
+        T(test_samples_in_any_order_are_found_as_a_model_finds_them),
+        T(test_a_path_that_is_none_is_refused),
+        N(test_a_file_that_is_not_there_is_not_made_by_using_it),
+        N(test_a_file_that_is_not_ours_is_refused_and_left_alone),
+        T(test_another_version_is_refused),
+        T(test_a_write_ahead_log_goes_or_is_refused),
+        T(test_a_file_for_reading_only_is_read),
+        T(test_a_full_disk_keeps_the_whole_append_out_and_no_later_one),
+        T(test_a_damaged_file_gives_errors_and_no_nonsense),
+        T(test_a_lock_that_is_not_given_back_ends_in_a_timeout),
+        T(test_nobody_is_held_up_by_somebody_who_reads_slowly),
+        T(test_a_file_that_goes_away_and_comes_back_is_noticed),
+        T(test_a_claim_ends_with_its_process_and_with_nothing_less),
+        T(test_a_killed_writer_leaves_what_was_acknowledged_and_no_half_of_a_tick),
+        T(test_steady_ticks_allocate_nothing_outside_sqlite),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,302 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Users, sessions, and how long the clumsy have to wait. Time is the test's. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "apc-ui/session.h"
+#include "check.h"
+
+#define S APC_NS_PER_S
+
+static char folder[64], path[128];
+
+static int make_folder(void **state)
+{
+    (void)state;
+    snprintf(folder, sizeof folder, "/tmp/apc-users.XXXXXX");
+    if (!mkdtemp(folder))
+        return -1;
+    snprintf(path, sizeof path, "%s/inner/users", folder);
+    return 0;
+}
+
+static int remove_folder(void **state)
+{
+    char command[160];
+    (void)state;
+    snprintf(command, sizeof command, "rm -r '%s'", folder);
+    return system(command);
+}
+
+static void write_file(const char *text, mode_t mode)
+{
+    FILE *file;
+    char inner[96];
+    snprintf(inner, sizeof inner, "%s/inner", folder);
+    mkdir(inner, 0700);
+    file = fopen(path, "w");
+    assert_non_null(file);
+    fputs(text, file);
+    fclose(file);
+    assert_int_equal(chmod(path, mode), 0);
+}
+
+/* ---- The file ----------------------------------------------------------------------------- */
+
+static void who_was_added_is_known_by_his_password_only(void **state)
+{
+    struct users users;
+    struct apc_error why;
+    struct stat st;
+    (void)state;
+    assert_int_equal(users_load(&users, path, &why), APC_ENOTFOUND);
+    assert_int_equal(users_add(path, "anna", ROLE_OBSERVER, "first password", &why), 0);
+    assert_int_equal(users_add(path, "otto", ROLE_OBSERVER, "secret: with : colons", &why), 0);
+    assert_int_equal(users_add(path, "anna", ROLE_OPERATOR, "correct horse", &why), 0); /* again: replaced */
+    assert_int_equal(stat(path, &st), 0);
+    assert_int_equal(st.st_mode & 0777, 0600);
+    assert_int_equal(users_load(&users, path, &why), 0);
+    assert_int_equal(users.n, 2);
+    const struct user *anna = users_find(&users, "anna"), *otto = users_find(&users, "otto");
+    assert_int_equal(anna->role, ROLE_OPERATOR);
+    assert_true(user_verify(anna, "correct horse"));
+    assert_false(user_verify(anna, "first password"));
+    assert_false(user_verify(anna, ""));
+    assert_true(user_verify(otto, "secret: with : colons"));
+    assert_false(user_verify(NULL, "correct horse"));
+    assert_null(users_find(&users, "ann"));
+    users_free(&users);
+    assert_int_equal(users_remove(path, "anna", &why), 0);
+    assert_int_equal(users_remove(path, "anna", &why), APC_ENOTFOUND);
+    assert_int_equal(users_load(&users, path, &why), 0);
+    assert_int_equal(users.n, 1);
+    users_free(&users);
+}
+
+static void unfit_names_and_passwords_are_refused(void **state)
+{
+    static const char *const names[] = {
+        "", "a b", "a:b", "a\nb", "../a", "a23456789012345678901234567890123", "\xc3\xa4"};
+    char longest[PASSWORD_MAX + 2];
+    struct apc_error why;
+    (void)state;
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+        assert_int_equal(users_add(path, names[i], ROLE_OBSERVER, "password", &why), APC_EINVAL);
+    memset(longest, 'x', sizeof longest);
+    longest[PASSWORD_MAX + 1] = '\0';
+    assert_int_equal(users_add(path, "anna", ROLE_OBSERVER, "1234567", &why), APC_EINVAL);
+    assert_int_equal(users_add(path, "anna", ROLE_OBSERVER, longest, &why), APC_EINVAL);
+    assert_int_equal(users_add(path, "anna", ROLE_NONE, "password", &why), APC_EINVAL);
+    assert_int_equal(access(path, F_OK), -1);
+}
+
+static void a_file_that_others_may_touch_is_refused(void **state)
+{
+    static const mode_t modes[] = {0640, 0604, 0620, 0602, 0666};
+    struct users users;
+    struct apc_error why;
+    (void)state;
+    for (size_t i = 0; i < sizeof modes / sizeof *modes; i++) {
+        write_file("", modes[i]);
+        assert_int_equal(users_load(&users, path, &why), APC_EPERM);
+        assert_int_equal(users.n, 0);
+    }
+    write_file("", 0600);
+    assert_int_equal(users_load(&users, path, &why), 0);
+    users_free(&users);
+}
+
+static void a_line_that_is_none_is_an_error_with_its_number(void **state)
+{
+    static const char *const lines[] = {"anna",
+                                        "anna:operator",
+                                        "anna:admin:$argon2id$x",
+                                        "anna:operator:plain",
+                                        "a b:operator:$argon2id$x",
+                                        ":operator:$argon2id$x",
+                                        "anna:operator:$argon2id$x\nanna:observer:$argon2id$x"};
+    struct users users;
+    struct apc_error why;
+    (void)state;
+    for (size_t i = 0; i < sizeof lines / sizeof *lines; i++) {
+        char text[200];
+        snprintf(text, sizeof text, "# comment\n\n%s\n", lines[i]);
+        write_file(text, 0600);
+        assert_int_equal(users_load(&users, path, &why), APC_EPROTO);
+        assert_non_null(strstr(why.text, i == 6 ? ":4:" : ":3:"));
+    }
+    write_file("anna:operator:$argon2id$garbage\n", 0600);
+    assert_int_equal(users_load(&users, path, &why), 0);
+    assert_false(user_verify(&users.user[0], "anything")); /* and no crash */
+    users_free(&users);
+}
+
+/* ---- Sessions ----------------------------------------------------------------------------- */
+
+static struct sessions sessions;
+static const struct user anna = {.name = "anna", .role = ROLE_OPERATOR, .hash = "$argon2id$1"};
+
+static int make_sessions(void **state)
+{
+    (void)state;
+    return sessions_init(&sessions, 100 * S, 1000 * S);
+}
+
+static int free_sessions(void **state)
+{
+    (void)state;
+    sessions_free(&sessions);
+    return 0;
+}
+
+static void a_session_is_found_by_its_token_only(void **state)
+{
+    struct session a, b, found;
+    char wrong[TOKEN_LEN];
+    (void)state;
+    assert_int_equal(session_open(&sessions, &anna, S, &a), 0);
+    assert_int_equal(session_open(&sessions, &anna, S, &b), 0);
+    assert_string_not_equal(a.token, b.token);
+    assert_string_not_equal(a.csrf, b.csrf);
+    assert_string_not_equal(a.csrf, a.token);
+    assert_int_equal(strlen(a.token), TOKEN_LEN - 1);
+    assert_true(session_find(&sessions, a.token, 2 * S, &found));
+    assert_string_equal(found.user, "anna");
+    memcpy(wrong, a.token, sizeof wrong);
+    wrong[TOKEN_LEN - 2] ^= 1;
+    assert_false(session_find(&sessions, wrong, 2 * S, &found));
+    assert_false(session_find(&sessions, "", 2 * S, &found));
+    session_close(&sessions, a.token);
+    assert_false(session_find(&sessions, a.token, 2 * S, &found));
+    assert_true(session_find(&sessions, b.token, 2 * S, &found));
+}
+
+static void it_ends_without_use_and_at_last_in_any_case(void **state)
+{
+    struct session s, found;
+    apc_ns t = 0;
+    (void)state;
+    assert_int_equal(session_open(&sessions, &anna, t, &s), 0);
+    while ((t += 99 * S) < 1000 * S) {
+        assert_true(session_find(&sessions, s.token, t, &found));
+        assert_true(session_end(&sessions, &found, t) <= 1000 * S);
+    }
+    assert_false(session_find(&sessions, s.token, 1000 * S, &found));
+    assert_int_equal(session_open(&sessions, &anna, t, &s), 0);
+    assert_true(session_find(&sessions, s.token, t + 99 * S, &found));
+    assert_false(session_find(&sessions, s.token, t + 199 * S, &found));
+    assert_false(session_find(&sessions, s.token, t + 100 * S, &found)); /* ended is ended */
+}
+
+static void the_one_unused_for_longest_makes_room(void **state)
+{
+    struct session s[SESSIONS + 1], found;
+    (void)state;
+    for (int i = 0; i < SESSIONS; i++)
+        assert_int_equal(session_open(&sessions, &anna, S + i, &s[i]), 0);
+    assert_true(session_find(&sessions, s[0].token, 2 * S, &found)); /* used: s[1] is the oldest now */
+    assert_int_equal(session_open(&sessions, &anna, 2 * S, &s[SESSIONS]), 0);
+    assert_false(session_find(&sessions, s[1].token, 2 * S, &found));
+    for (int i = 0; i <= SESSIONS; i++)
+        assert_int_equal(session_find(&sessions, s[i].token, 2 * S, &found), i != 1);
+}
+
+static void who_is_gone_or_changed_loses_his_sessions(void **state)
+{
+    struct user now[2] = {anna, {.name = "otto", .role = ROLE_OBSERVER, .hash = "$argon2id$2"}};
+    struct users users = {.user = now, .n = 2};
+    struct session a, o, found;
+    (void)state;
+    assert_int_equal(session_open(&sessions, &now[0], S, &a), 0);
+    assert_int_equal(session_open(&sessions, &now[1], S, &o), 0);
+    sessions_revoke(&sessions, &users);
+    assert_true(session_find(&sessions, a.token, S, &found));
+    assert_true(session_find(&sessions, o.token, S, &found));
+    now[0].role = ROLE_OBSERVER;
+    now[1].hash[10] = '3'; /* a new password */
+    sessions_revoke(&sessions, &users);
+    assert_false(session_find(&sessions, a.token, S, &found));
+    assert_false(session_find(&sessions, o.token, S, &found));
+    assert_int_equal(session_open(&sessions, &now[0], S, &a), 0);
+    users.n = 0;
+    sessions_revoke(&sessions, &users);
+    assert_false(session_find(&sessions, a.token, S, &found));
+}
+
+static void writes_are_limited_to_their_rate_after_a_burst(void **state)
+{
+    struct session s;
+    apc_ns t = S, again;
+    int n = 0;
+    (void)state;
+    assert_int_equal(session_open(&sessions, &anna, t, &s), 0);
+    while (session_may_write(&sessions, s.token, t, &again))
+        n++;
+    assert_int_equal(n, 2 * WRITE_RATE);
+    assert_false(session_may_write(&sessions, s.token, again - 1, &again));
+    assert_true(session_may_write(&sessions, s.token, again, &again));
+    n = 0;
+    for (t += 100 * S; t < 111 * S; t += S / 100) /* ten seconds: the burst, then the rate */
+        n += session_may_write(&sessions, s.token, t, &again);
+    assert_in_range(n, 2 * WRITE_RATE + 10 * WRITE_RATE - 1, 2 * WRITE_RATE + 10 * WRITE_RATE + 1);
+    assert_false(session_may_write(&sessions, "no such token", t, &again));
+    assert_true(session_may_write(&sessions, "", t, &again)); /* the open server's */
+}
+
+/* ---- Backoff ------------------------------------------------------------------------------ */
+
+static struct backoff backoff;
+
+static void each_failure_beyond_three_doubles_the_pause(void **state)
+{
+    const apc_ns pauses[] = {0, 0, 0, 1, 2, 4, 8, 16, 32, 60, 60, 60};
+    (void)state;
+    assert_int_equal(backoff_init(&backoff), 0);
+    for (size_t i = 0; i < sizeof pauses / sizeof *pauses; i++) {
+        backoff_failed(&backoff, "anna", 10 * S);
+        assert_int_equal(backoff_wait(&backoff, "anna", 10 * S), pauses[i] * S);
+    }
+    assert_int_equal(backoff_wait(&backoff, "anna", 69 * S), S);
+    assert_int_equal(backoff_wait(&backoff, "anna", 70 * S), 0);
+    assert_int_equal(backoff_wait(&backoff, "otto", 10 * S), 0);
+    backoff_succeeded(&backoff, "anna");
+    backoff_failed(&backoff, "anna", 80 * S);
+    assert_int_equal(backoff_wait(&backoff, "anna", 80 * S), 0);
+}
+
+static void many_names_do_not_wash_away_the_newest_failures(void **state)
+{
+    char key[32];
+    (void)state;
+    assert_int_equal(backoff_init(&backoff), 0);
+    for (int i = 0; i < 10 * BACKOFF_KEYS; i++) {
+        snprintf(key, sizeof key, "name%d", i);
+        backoff_failed(&backoff, key, i);
+    }
+    for (int i = 0; i < 4; i++)
+        backoff_failed(&backoff, key, S);
+    assert_true(backoff_wait(&backoff, key, S) > 0);
+}
+
+int main(void)
+{
+#define F(name) cmocka_unit_test_setup_teardown(name, make_folder, remove_folder)
+#define T(name) cmocka_unit_test_setup_teardown(name, make_sessions, free_sessions)
+    const struct CMUnitTest tests[] = {
+        F(who_was_added_is_known_by_his_password_only),
+        F(unfit_names_and_passwords_are_refused),
+        F(a_file_that_others_may_touch_is_refused),
+        F(a_line_that_is_none_is_an_error_with_its_number),
+        T(a_session_is_found_by_its_token_only),
+        T(it_ends_without_use_and_at_last_in_any_case),
+        T(the_one_unused_for_longest_makes_room),
+        T(who_is_gone_or_changed_loses_his_sessions),
+        T(writes_are_limited_to_their_rate_after_a_burst),
+        cmocka_unit_test(each_failure_beyond_three_doubles_the_pause),
+        cmocka_unit_test(many_names_do_not_wash_away_the_newest_failures),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

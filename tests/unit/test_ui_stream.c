@@ -1,0 +1,302 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The ring of the stream: who reads what, who is dropped, who may go on. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "apc-ui/stream.h"
+#include "check.h"
+
+struct reader {
+    struct stream_reader *reader;
+    bool resumed;
+    int rests, wakes;
+    char got[1 << 16];
+};
+
+static struct stream *stream;
+
+static void on_rest(void *ctx)
+{
+    ((struct reader *)ctx)->rests++;
+}
+
+static void on_wake(void *ctx)
+{
+    ((struct reader *)ctx)->wakes++;
+}
+
+static int set_up(void **state)
+{
+    (void)state;
+    return stream_create(&stream);
+}
+
+static int tear_down(void **state)
+{
+    (void)state;
+    stream_destroy(stream);
+    return 0;
+}
+
+static void join(struct reader *r, const char *last)
+{
+    *r = (struct reader){0};
+    assert_int_equal(stream_open(stream, last, on_rest, on_wake, r, &r->reader, &r->resumed), 0);
+}
+
+static void publish(const char *data)
+{
+    stream_publish(stream, "values", data, strlen(data), true);
+}
+
+/* All there is, in pieces of `piece` bytes. Returns what the last read said. */
+static long drain(struct reader *r, size_t piece)
+{
+    size_t n = 0;
+    long got;
+    while (n + piece < sizeof r->got && (got = stream_read(r->reader, r->got + n, piece)) > 0)
+        n += (size_t)got;
+    r->got[n] = '\0';
+    return got;
+}
+
+static void each_reader_gets_each_message_once(void **state)
+{
+    struct reader a, b;
+    char id[STREAM_ID_LEN], expected[200];
+    (void)state;
+    join(&a, NULL);
+    publish("{\"n\":1}");
+    join(&b, NULL); /* from now on */
+    publish("{\"n\":2}");
+    stream_id(stream, id);
+    assert_int_equal(drain(&a, 1000), STREAM_WAIT);
+    assert_int_equal(drain(&b, 1000), STREAM_WAIT);
+    snprintf(expected, sizeof expected, "id: %s\nevent: values\ndata: {\"n\":2}\n\n", id);
+    assert_string_equal(b.got, expected);
+    assert_non_null(strstr(a.got, "{\"n\":1}"));
+    assert_string_equal(strstr(a.got, "\n\n") + 2, expected);
+    assert_int_equal(drain(&a, 1000), STREAM_WAIT);
+    assert_string_equal(a.got, "");
+    stream_close(a.reader);
+    stream_close(b.reader);
+}
+
+static void pieces_of_any_size_make_the_same_text(void **state)
+{
+    struct reader whole, part;
+    (void)state;
+    for (size_t piece = 1; piece < 40; piece += 3) {
+        join(&whole, NULL);
+        join(&part, NULL);
+        stream_greet(part.reader, "hello", "{}", 2);
+        stream_greet(whole.reader, "hello", "{}", 2);
+        publish("{\"long\":\"enough to be cut\"}");
+        stream_publish(stream, "beat", "{}", 2, false);
+        drain(&whole, 1000);
+        drain(&part, piece);
+        assert_string_equal(part.got, whole.got);
+        assert_int_equal(strncmp(whole.got, "event: hello\ndata: {}\n\nid: ", 27), 0);
+        assert_non_null(strstr(whole.got, "\n\nevent: beat\n")); /* without an id */
+        stream_close(whole.reader);
+        stream_close(part.reader);
+    }
+}
+
+static void a_reader_is_woken_once_when_there_is_something(void **state)
+{
+    struct reader r;
+    (void)state;
+    join(&r, NULL);
+    publish("{}");
+    assert_int_equal(r.wakes, 0); /* it has not been told to rest */
+    drain(&r, 1000);
+    assert_int_equal(r.rests, 1);
+    publish("{}");
+    publish("{}");
+    assert_int_equal(r.wakes, 1);
+    drain(&r, 1000);
+    assert_int_equal(r.rests, 2);
+    stream_close(r.reader);
+}
+
+static void who_comes_back_goes_on_after_the_last_message(void **state)
+{
+    struct reader r;
+    char id[STREAM_ID_LEN], other[STREAM_ID_LEN];
+    (void)state;
+    publish("{\"n\":1}");
+    stream_id(stream, id);
+    publish("{\"n\":2}");
+    publish("{\"n\":3}");
+    join(&r, id);
+    assert_true(r.resumed);
+    drain(&r, 1000);
+    assert_null(strstr(r.got, "{\"n\":1}"));
+    assert_non_null(strstr(r.got, "{\"n\":2}"));
+    assert_non_null(strstr(r.got, "{\"n\":3}"));
+    stream_close(r.reader);
+
+    stream_id(stream, id); /* nothing missed */
+    join(&r, id);
+    assert_true(r.resumed);
+    drain(&r, 1000);
+    assert_string_equal(r.got, "");
+    stream_close(r.reader);
+
+    snprintf(other, sizeof other, "%.9s%d", id, 999); /* not yet said */
+    const char *const unknown[] = {"",    "x",  "00000000", "00000000.1",
+                                   other, "-1", ".",        "99999999999999999999999999"};
+    for (size_t i = 0; i < sizeof unknown / sizeof *unknown; i++) {
+        join(&r, unknown[i]);
+        assert_false(r.resumed);
+        stream_close(r.reader);
+    }
+}
+
+static void what_the_ring_has_lost_is_not_resumed(void **state)
+{
+    struct reader r;
+    char id[STREAM_ID_LEN];
+    (void)state;
+    publish("{}");
+    stream_id(stream, id);
+    for (int i = 0; i < STREAM_LAG - 1; i++)
+        publish("{}");
+    join(&r, id);
+    assert_true(r.resumed);
+    stream_close(r.reader);
+    for (int i = 0; i < STREAM_RING; i++)
+        publish("{}");
+    join(&r, id);
+    assert_false(r.resumed);
+    stream_close(r.reader);
+}
+
+static void the_slow_are_dropped_and_told_the_others_go_on(void **state)
+{
+    struct reader slow, quick;
+    struct stream_stats stats;
+    (void)state;
+    join(&slow, NULL);
+    join(&quick, NULL);
+    publish("{\"first\":true}");
+    assert_int_equal(stream_read(slow.reader, slow.got, 10), 10); /* in the middle of a message */
+    for (int i = 0; i < 2 * STREAM_RING; i++) {
+        publish("{}");
+        drain(&quick, 1000);
+    }
+    assert_int_equal(drain(&slow, 1000), STREAM_END);
+    const char *bye = strstr(slow.got, "event: bye\ndata: {\"reason\":\"slow\"");
+    assert_non_null(bye);
+    assert_int_equal(strncmp(bye - 2, "\n\n", 2), 0); /* what was begun was finished */
+    assert_null(strstr(bye + 1, "event:"));
+    publish("{\"still\":\"there\"}");
+    drain(&quick, 1000);
+    assert_non_null(strstr(quick.got, "still"));
+    stream_stats(stream, &stats);
+    assert_int_equal(stats.dropped, 1);
+    stream_close(slow.reader);
+    stream_close(quick.reader);
+}
+
+static void many_bytes_are_too_many_as_well(void **state)
+{
+    struct reader slow;
+    char *data = malloc(STREAM_BEHIND / 4);
+    (void)state;
+    assert_non_null(data);
+    memset(data, ' ', STREAM_BEHIND / 4);
+    join(&slow, NULL);
+    for (int i = 0; i < 12;
+         i++) /* far fewer messages than a ring; the ring itself keeps no more than STREAM_BYTES */
+        stream_publish(stream, "values", data, STREAM_BEHIND / 4, true);
+    while (stream_read(slow.reader, slow.got, 1000) > 0)
+        continue;
+    assert_int_equal(stream_read(slow.reader, slow.got, 1000), STREAM_END);
+    stream_close(slow.reader);
+    free(data);
+}
+
+static bool is_this(void *ctx, void *arg)
+{
+    return ctx == arg;
+}
+
+static void one_reader_can_be_sent_away(void **state)
+{
+    struct reader a, b;
+    (void)state;
+    join(&a, NULL);
+    join(&b, NULL);
+    drain(&a, 1000);
+    drain(&b, 1000);
+    stream_drop(stream, is_this, &a, "session", "please \"log\" in");
+    stream_drop(stream, is_this, &a, "session", "twice is once");
+    assert_int_equal(a.wakes, 1);
+    assert_int_equal(b.wakes, 0);
+    assert_int_equal(drain(&a, 7), STREAM_END);
+    assert_string_equal(
+        a.got, "event: bye\ndata: {\"reason\":\"session\",\"message\":\"please \\\"log\\\" in\"}\n\n");
+    publish("{}");
+    assert_int_equal(drain(&a, 1000), STREAM_END);
+    assert_int_equal(drain(&b, 1000), STREAM_WAIT);
+    stream_close(a.reader);
+    stream_close(b.reader);
+}
+
+static void once_ended_nobody_rests_and_nobody_comes(void **state)
+{
+    struct reader r, late = {0};
+    (void)state;
+    join(&r, NULL);
+    drain(&r, 1000);
+    stream_end(stream, "shutdown", "bye");
+    assert_int_equal(r.wakes, 1);
+    assert_int_equal(drain(&r, 1000), STREAM_END);
+    publish("{}");
+    assert_int_equal(drain(&r, 1000), STREAM_END);
+    assert_int_equal(r.rests, 1);
+    assert_int_equal(stream_open(stream, NULL, on_rest, on_wake, &late, &late.reader, &late.resumed),
+                     APC_EBUSY);
+    stream_close(r.reader);
+}
+
+static void there_are_no_more_readers_than_allowed(void **state)
+{
+    struct reader *r = calloc(STREAM_READERS + 1, sizeof *r);
+    bool resumed;
+    (void)state;
+    assert_non_null(r);
+    for (int i = 0; i < STREAM_READERS; i++)
+        join(&r[i], NULL);
+    struct reader *one_more = &r[STREAM_READERS];
+    assert_int_equal(stream_open(stream, NULL, on_rest, on_wake, one_more, &one_more->reader, &resumed),
+                     APC_EBUSY);
+    assert_null(one_more->reader);
+    stream_close(r[0].reader);
+    join(one_more, NULL);
+    for (int i = 1; i <= STREAM_READERS; i++)
+        stream_close(r[i].reader);
+    stream_close(NULL);
+    free(r);
+}
+
+int main(void)
+{
+#define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+    const struct CMUnitTest tests[] = {
+        T(each_reader_gets_each_message_once),
+        T(pieces_of_any_size_make_the_same_text),
+        T(a_reader_is_woken_once_when_there_is_something),
+        T(who_comes_back_goes_on_after_the_last_message),
+        T(what_the_ring_has_lost_is_not_resumed),
+        T(the_slow_are_dropped_and_told_the_others_go_on),
+        T(many_bytes_are_too_many_as_well),
+        T(one_reader_can_be_sent_away),
+        T(once_ended_nobody_rests_and_nobody_comes),
+        T(there_are_no_more_readers_than_allowed),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
