@@ -18,10 +18,10 @@ async function write(name, value) {
 
 const start = Date.now();
 const rest = () => seconds - (Date.now() - start) / 1000;
-await write("setpoint.1", "12");
+await write("setpoint.1", (await api("/api/state")).values["setpoint.1"][2] === 12 ? "14" : "12");
 await until("the output is there", async () => (await api("/api/state")).values["actuator.1"][0] > 0);
 while (rest() > 20) await new Promise(resolve => setTimeout(resolve, Math.min(5000, (rest() - 20) * 1000)));
-await write("tuning.1", "0.25");
+await write("tuning.1", (await api("/api/state")).values["tuning.1"][2] === 0.25 ? "0.2" : "0.25");
 for (const colorScheme of ["light", "dark"]) {
   await page.emulateMedia({colorScheme});
   for (const screen of screens) {
@@ -34,7 +34,9 @@ for (const colorScheme of ["light", "dark"]) {
     }
     // Until what is drawn late has been: sparklines take their turn within four seconds.
     await new Promise(resolve => setTimeout(resolve, 4500));
-    await page.screenshot({path: `${folder}/${screen}-${colorScheme}.png`});
+    // A page of text is large as a picture: less of it will do.
+    const height = screen === "events" ? 600 : size.height;
+    await page.screenshot({path: `${folder}/${screen}-${colorScheme}.png`, clip: {x: 0, y: 0, width: size.width, height}});
   }
 }
 await browser.close();
