@@ -4,7 +4,7 @@
 
 FROM debian:bookworm-slim AS build
 RUN apt-get update \
- && apt-get install -y --no-install-recommends gcc libc6-dev cmake ninja-build pkg-config \
+ && apt-get install -y --no-install-recommends gcc libc6-dev cmake nodejs npm ninja-build pkg-config \
         libpq-dev libsqlite3-dev libsundials-dev libconfig-dev libsystemd-dev liblapacke-dev libssl-dev \
         libmicrohttpd-dev libjansson-dev libargon2-dev zlib1g-dev \
  && rm -rf /var/lib/apt/lists/*

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# The operator's page in a browser, against a running loop: what an operator does (ui/test/operator.mjs), accessibility
+# (axe.mjs), a hundred variables (hundred.mjs).
+# shellcheck source=lib.sh
+skip() {
+  echo "skipped: $*" >&2
+  exit 77
+}
+command -v node >/dev/null || skip "there is no node (scripts/setup installs it)"
+[ -f "$APC_BUILD_DIR/share/apc/ui/index.html" ] || skip "the page was not built: see what cmake says"
+chromium=${APC_CHROMIUM:-$(command -v chromium || command -v chromium-browser || command -v google-chrome || true)}
+[ -n "$chromium" ] || skip "there is no Chromium (Debian: apt install chromium)"
+export APC_CHROMIUM=$chromium
+if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be stopped: not the one that all tests share
+  data=$(mktemp -d /tmp/apc-page.XXXXXX)
+  trap 'rm -rf "$data"' EXIT
+  APC_OWN_CLUSTER=1 "$APC_SOURCE_DIR/scripts/private-postgres" "$data/postgres" bash "$0"
+  exit
+fi
+. "$(dirname "$0")/lib.sh"
+fast_experiment
+sed -i 's/period = 15.0;/period = 1500.0;/' "$work/fast.conf" # nobody else writes setpoints
+export HOME=$work
+unset APC_USERS
+
+cat >"$work/database" <<EOF
+#!/usr/bin/env bash
+# stop or start the server of this test
+as_server() { "\$@"; }
+[ "\$(id -u)" -ne 0 ] || as_server() { (cd / && runuser -u postgres -- "\$@"); }
+pg_ctl=$(ls -d /usr/lib/postgresql/*/bin | sort -V | tail -n 1)/pg_ctl
+case \$1 in
+stop) as_server "\$pg_ctl" -D "$(sql 'SHOW data_directory')" -m immediate -w -t 60 stop ;;
+start) as_server "\$pg_ctl" -D "$(sql 'SHOW data_directory')" -w -t 60 -l "$PGHOST/server.log" \
+  -o "-c listen_addresses='' -c unix_socket_directories='$PGHOST' -c max_connections=200" start ;;
+esac
+EOF
+chmod +x "$work/database"
+export APC_UI_DATABASE=$work/database
+
+# serve NAME [OPTION...]: an apc-ui on a port of its own, in $ui_url
+serve() {
+  local name=$1
+  shift
+  background "$name" "$APC_BIN/apc-ui" --listen 127.0.0.1:0 "$@"
+  until_true 10 grep -q 'serving http' "$work/$name.log"
+  ui_url=http://127.0.0.1:$(sed -n 's/.*serving https*:\/\/[^ ]*:\([0-9]*\) .*/\1/p' "$work/$name.log")
+}
+
+background run "$apc" run "$work/fast.conf" --duration 0 --out "$work/run" --no-ui
+controlled() { [ "$(sql 'SELECT count(*) FROM apc.actuator')" -gt 5 ]; }
+until_true 20 controlled
+serve ui --config "$work/fast.conf"
+export APC_UI_URL=$ui_url APC_UI_PID=$pid
+
+# A hundred variables of another plant.
+"$apc" init --store 'postgresql:#hundred' >/dev/null
+sql "INSERT INTO hundred.tag (table_name, id, name, unit, description, low, high)
+     SELECT 'sensor', i, 'y' || i, '', 'signal ' || i, 0, 100 FROM generate_series(1, 100) i"
+background feed psql -XAtqc "DO \$\$ BEGIN
+  FOR k IN 1..100000 LOOP
+    INSERT INTO hundred.sensor SELECT i, k, clock_timestamp(), 0, 50 + 40 * sin(k / 20.0 + i) FROM generate_series(1, 100) i;
+    COMMIT;
+    PERFORM pg_sleep(0.1);
+  END LOOP;
+END \$\$"
+feed=$pid
+serve hundred --store 'postgresql:#hundred'
+export APC_UI_HUNDRED=$ui_url
+
+tests=$APC_SOURCE_DIR/ui/test
+node --test --test-reporter=spec "$tests/hundred.mjs"
+kill "$feed"
+status=0
+node --test --test-reporter=spec "$tests/axe.mjs" || status=$?
+node --test --test-reporter=spec "$tests/operator.mjs" || status=$?
+exit $status

@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Requests to the daemon, with its errors as they are.
+import type {Sample, Session, Ref} from "./types";
+
+export class ApiError extends Error {
+  constructor(
+    readonly status: number,
+    readonly code: string,
+    message: string,
+    readonly field: string | null,
+    readonly current: Record<Ref, Sample> | null,
+  ) {
+    super(message);
+  }
+}
+
+/** No answer at all, or none in time: nobody knows what became of the request. */
+export class NoAnswer extends Error {}
+
+let csrf = "";
+let onLogin: () => void = () => {};
+
+/** Who is told that the session has ended. */
+export function whenLoggedOut(then: () => void): void {
+  onLogin = then;
+}
+
+async function request<T>(path: string, init: RequestInit, timeout: number): Promise<T> {
+  const stop = new AbortController();
+  const timer = setTimeout(() => stop.abort(), timeout);
+  let response: Response;
+  let text: string;
+  try {
+    response = await fetch(path, {...init, signal: stop.signal, cache: "no-store"});
+    text = await response.text();
+  } catch {
+    throw new NoAnswer(stop.signal.aborted ? "the server did not answer in time" : "the server cannot be reached");
+  } finally {
+    clearTimeout(timer);
+  }
+  let body: unknown = null;
+  try {
+    body = JSON.parse(text);
+  } catch {
+    // not JSON: the status says enough
+  }
+  if (response.ok) return body as T;
+  const error = (body as {error?: {code?: string; message?: string; field?: string; current?: Record<Ref, Sample>}} | null)?.error;
+  if (response.status === 401 && error?.code === "login") onLogin();
+  throw new ApiError(
+    response.status,
+    error?.code ?? "http",
+    error?.message ?? `the server answered ${response.status}`,
+    error?.field ?? null,
+    error?.current ?? null,
+  );
+}
+
+type Query = Record<string, string | number | null | undefined>;
+
+export function get<T>(path: string, query: Query = {}, timeout = 15000): Promise<T> {
+  const search = new URLSearchParams();
+  for (const [name, value] of Object.entries(query)) if (value != null && value !== "") search.set(name, String(value));
+  const text = search.toString();
+  return request<T>(text ? `${path}?${text}` : path, {method: "GET"}, timeout);
+}
+
+export function post<T>(path: string, body: object, timeout: number): Promise<T> {
+  const headers = {"Content-Type": "application/json", "X-CSRF-Token": csrf};
+  return request<T>(path, {method: "POST", headers, body: JSON.stringify(body)}, timeout);
+}
+
+export async function session(): Promise<Session> {
+  const who = await get<Session>("/api/session");
+  csrf = who.csrf;
+  return who;
+}
+
+export async function login(user: string, password: string): Promise<Session> {
+  const who = await post<Session>("/api/login", {user, password}, 10000);
+  csrf = who.csrf;
+  return who;
+}

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: BSD-3-Clause
+import type {ComponentChildren, JSX} from "preact";
+import {useEffect, useRef} from "preact/hooks";
+
+interface Props {
+  label: string;
+  close?: () => void; // absent: it stays until what it asks for is done
+  children: ComponentChildren;
+}
+
+/** The browser's own dialog: keeps the focus, closes with Esc, gives the focus back. */
+export function Dialog({label, close, children}: Props): JSX.Element {
+  const dialog = useRef<HTMLDialogElement>(null);
+  useEffect(() => {
+    dialog.current?.showModal();
+  }, []);
+  return (
+    <dialog
+      ref={dialog}
+      aria-label={label}
+      onCancel={event => {
+        if (!close) event.preventDefault();
+      }}
+      onClose={() => close?.()}
+    >
+      {children}
+    </dialog>
+  );
+}

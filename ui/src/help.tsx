@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: BSD-3-Clause
+import type {JSX} from "preact";
+import {useCell} from "./cell";
+import {Dialog} from "./dialog";
+import {plant} from "./model";
+import {Shape} from "./parts/shape";
+import {setShortcuts, shortcuts} from "./theme";
+
+const keys: [string, string][] = [
+  ["Alt+1 … Alt+6", "Overview, Loop, Trend, Events, Timing, Diagnostics"],
+  ["Enter", "apply what is typed"],
+  ["Esc", "revert what is typed; close this"],
+  ["Space", "trend: pause, or back to live"],
+  ["← →", "trend: earlier, later"],
+  ["+ −", "trend: closer, farther"],
+  ["Home", "trend: back to live"],
+  ["?", "this help"],
+];
+
+export function Help({close}: {close: () => void}): JSX.Element {
+  const on = useCell(shortcuts);
+  return (
+    <Dialog label="Help" close={close}>
+      <form method="dialog" class="help">
+        <h2>Keys</h2>
+        <dl class="pairs">
+          {keys.map(([key, what]) => [<dt key={key}><kbd>{key}</kbd></dt>, <dd>{what}</dd>])}
+        </dl>
+        <label class="check">
+          <input type="checkbox" checked={on} onChange={event => setShortcuts(event.currentTarget.checked)} /> keys without Alt act
+        </label>
+        <p>In a trend: drag selects a time, Ctrl+wheel zooms, Shift+wheel moves. Both pause it.</p>
+        <h2>What you see</h2>
+        <ul>
+          <li><Shape priority={1} /> disconnected, database or link away, alarm</li>
+          <li><Shape priority={2} /> Bad measurement, refused write, missed ticks, warning</li>
+          <li><Shape priority={3} /> stale: older than three periods and 1 s; greyed, crossed, with its age; or a write nobody confirmed</li>
+          <li><Shape priority={4} /> worth a look</li>
+        </ul>
+        <p>
+          The light band of a bar is the normal band, the setpoint ± 5 % of the scale; the mark in it is the setpoint. Scales are
+          chosen once, from the limits or the last ten minutes; only a setpoint beyond the end moves them.
+        </p>
+        <h2>A write</h2>
+        <p>
+          <b>pending</b>: on its way. <b>accepted</b>: in the database. <b>applied</b>: the controller uses it. <b>failed</b>: nothing
+          happened, with the reason. <b>unknown</b>: not confirmed in time; it may have happened, look before you write again.
+        </p>
+        <p class="say">libapc {plant.value?.version}. All times are UTC.</p>
+        <button type="submit" class="primary">Close</button>
+      </form>
+    </Dialog>
+  );
+}

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Asking for history: to the pixels there are, the newest part first.
+import {get} from "./api";
+import {limit} from "./live";
+import {fromHistory, join, type Series} from "./series";
+import type {History, Variable} from "./types";
+
+const RAW = 3000; // as many samples are drawn as they are
+
+/** Gap bound of a curve, s. */
+export function boundOf(variable: Variable): number {
+  return limit(variable);
+}
+
+/** Does a value hold until the next one? Measurements do not. */
+export function holds(variable: Variable): boolean {
+  return variable.table !== "sensor";
+}
+
+// Not all at once: the daemon has other clients, and the first answers are on the screen sooner.
+const waiting: (() => void)[] = [];
+let running = 0;
+
+async function turn<T>(ask: () => Promise<T>): Promise<T> {
+  if (running >= 4) await new Promise<void>(resolve => waiting.push(resolve));
+  running++;
+  try {
+    return await ask();
+  } finally {
+    running--;
+    waiting.shift()?.();
+  }
+}
+
+const ask = (query: Record<string, string | number>): Promise<History> => turn(() => get<History>("/api/history", query));
+
+/** The curve between since and until (Unix s) for so many pixels; `part` is called with what there is so far. */
+export async function load(
+  variable: Variable,
+  since: number,
+  until: number,
+  pixels: number,
+  part: (series: Series) => void,
+): Promise<void> {
+  const bound = boundOf(variable);
+  const hold = holds(variable);
+  const expected = variable.period == null ? 0 : (until - since) / variable.period;
+  if (expected <= RAW) {
+    part(fromHistory(await ask({var: variable.ref, since, until, last: RAW + 1000}), bound, hold));
+    return;
+  }
+  const quarter = Math.max(50, Math.min(1000, Math.round(pixels / 4)));
+  const middle = until - (until - since) / 4;
+  const newest = fromHistory(await ask({var: variable.ref, since: middle, until, bins: quarter}), bound, hold);
+  part(newest);
+  const older = fromHistory(await ask({var: variable.ref, since, until: middle, bins: quarter * 3}), bound, hold);
+  part(join(older, newest, (until - since) / quarter / 2 + bound));
+}

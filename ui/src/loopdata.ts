@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Of each loop, and of each measurement beyond them: the last ten minutes and the scale of its bars and axes.
+import {Cell} from "./cell";
+import {boundOf, load} from "./history";
+import {live, onSample, refill, serverNow, variable} from "./model";
+import {extent, niceScale, type Scale} from "./scale";
+import {append, empty, type Series, trim} from "./series";
+import type {Loop, Ref} from "./types";
+
+export const RECENT = 600; // s
+const PIXELS = 150;
+
+const recents = new Map<Ref, Cell<Series>>();
+const filled = new Set<Ref>();
+const scales = new Map<string, Cell<Scale | null>>();
+
+/** The last ten minutes of a variable; kept up from the first time it is asked for. */
+export function recent(ref: Ref): Cell<Series> {
+  let cell = recents.get(ref);
+  if (!cell) {
+    recents.set(ref, (cell = new Cell(empty())));
+    fill(ref, cell);
+  }
+  return cell;
+}
+
+function fill(ref: Ref, cell: Cell<Series>): void {
+  const one = variable(ref);
+  if (!one) return;
+  const until = serverNow();
+  load(one, until - RECENT, until, PIXELS, series => {
+    for (let i = 0; i < cell.value.t.length; i++) {
+      const t = cell.value.t[i] as number;
+      if (t > until) append(series, t, cell.value.mid[i] ?? null, "Good", boundOf(one));
+    }
+    cell.value = series;
+  }).then(
+    () => {
+      filled.add(ref);
+      cell.value = {...cell.value};
+    },
+    () => {},
+  );
+}
+
+refill.subscribe(() => {
+  for (const [ref, cell] of recents) fill(ref, cell);
+});
+
+onSample((ref, [, t, value, status]) => {
+  const cell = recents.get(ref);
+  const one = variable(ref);
+  if (!cell || !one || t == null) return;
+  const s = cell.value;
+  append(s, t, value, status, boundOf(one));
+  trim(s, t - RECENT);
+  cell.value = {...s};
+});
+
+/** Where it has both limits of its own. */
+function limits(ref: Ref | null): Cell<Scale | null> | null {
+  const one = variable(ref);
+  if (!one || one.low == null || one.high == null) return null;
+  const name = `limits ${one.low} ${one.high}`;
+  let cell = scales.get(name);
+  if (!cell) scales.set(name, (cell = new Cell<Scale | null>({low: one.low, high: one.high})));
+  return cell;
+}
+
+/** Round ends around the last ten minutes, with room for what comes; from zero where that is near. Chosen once: only a
+ *  setpoint that leaves it moves it. */
+function fitted(name: string, refs: Ref[], setpoint: Ref | null): Cell<Scale | null> {
+  const known = scales.get(name);
+  if (known) return known;
+  const cell = new Cell<Scale | null>(null);
+  scales.set(name, cell);
+  const choose = (): void => {
+    if (!refs.every(ref => filled.has(ref))) return;
+    const target = setpoint ? live(setpoint).value.value : null;
+    if (cell.value && (target == null || (target > cell.value.low && target < cell.value.high))) return;
+    const [low, high] = extent(refs.flatMap(ref => [...recent(ref).value.mid, live(ref).value.value]));
+    if (!isFinite(low)) return;
+    const room = (high - low) * 0.12;
+    cell.value = niceScale(low >= 0 && low - room < high * 0.4 ? Math.min(0, low) : low - room, high + room);
+  };
+  for (const ref of refs) recent(ref).subscribe(choose);
+  if (setpoint) live(setpoint).subscribe(choose);
+  choose();
+  return cell;
+}
+
+/** Measurement and setpoint together: limits of the measurement, where it has them. */
+export function loopScale(loop: Pick<Loop, "measurement" | "setpoint">): Cell<Scale | null> {
+  const refs = [loop.measurement, loop.setpoint].filter((ref): ref is Ref => ref != null);
+  return limits(loop.measurement) ?? fitted(refs.join("/"), refs, loop.setpoint);
+}
+
+/** Of an output's bar: its limits. */
+export function outputScale(ref: Ref): Cell<Scale | null> {
+  return limits(ref) ?? trendScale(ref);
+}
+
+/** Of an output's curve: what it did, as its limits may be far away. */
+export function trendScale(ref: Ref): Cell<Scale | null> {
+  return fitted(ref, [ref], null);
+}

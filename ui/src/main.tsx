@@ -1,0 +1,7 @@
+// SPDX-License-Identifier: BSD-3-Clause
+import {render} from "preact";
+import {begin} from "./model";
+import {Shell} from "./shell";
+
+render(<Shell />, document.getElementById("app") as HTMLElement);
+void begin();

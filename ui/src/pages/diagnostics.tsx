@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: BSD-3-Clause
+import type {ComponentChildren, JSX} from "preact";
+import {useEffect, useState} from "preact/hooks";
+import {get} from "../api";
+import {useCell} from "../cell";
+import {clock, duration, missing, stamp} from "../format";
+import {limit} from "../live";
+import {connection, lag, second, variable} from "../model";
+import {Shape} from "../parts/shape";
+import type {Diagnostics, Figures} from "../types";
+
+const PERIOD = 1000; // ms between two questions
+
+export function DiagnosticsPage(): JSX.Element {
+  const [d, setD] = useState<Diagnostics | null>(null);
+  const [error, setError] = useState<string | null>(null);
+  useEffect(() => {
+    let wanted = true;
+    let timer: ReturnType<typeof setTimeout>;
+    const ask = (): void => {
+      get<Diagnostics>("/api/diagnostics", {}, 3000)
+        .then(
+          answer => {
+            if (!wanted) return;
+            setD(answer);
+            setError(null);
+          },
+          (reason: Error) => wanted && setError(reason.message),
+        )
+        .finally(() => {
+          if (wanted) timer = setTimeout(ask, PERIOD);
+        });
+    };
+    ask();
+    return () => {
+      wanted = false;
+      clearTimeout(timer);
+    };
+  }, []);
+  if (!d) return <p class="say">{error ?? "Loading …"}</p>;
+  return (
+    <section class={`diagnostics${error ? " stale-page" : ""}`}>
+      <div class="toolbar">
+        <h1>Diagnostics</h1>
+        <span class="say">as of {clock(d.t)} UTC, the server has run for {duration(d.uptime)}</span>
+        {error && <span class="complaint"><Shape priority={3} label="stale" /> last known: {error}</span>}
+      </div>
+      <div class="grid two">
+        <Panel title="Tasks" head={["task", "period", "run p99", "run max", "lateness p99", "jitter max", "missed", "reported"]} wide>
+          {d.tasks.map(task => {
+            const late = task.age > Math.max(3 * task.period, 5) + 7.5;
+            return (
+              <tr key={task.task}>
+                <th scope="row">{task.task}</th>
+                <td class="number">{duration(task.period)}</td>
+                <td class="number">{duration(task.run?.p99)}</td>
+                <td class="number">{duration(task.run?.max)}</td>
+                <td class="number">{duration(task.lateness?.p99)}</td>
+                <td class="number">{duration(task.jitter?.max)}</td>
+                <td class="number">{task.missed_total > 0 && <Shape priority={4} label="missed ticks" />} {task.missed_total}</td>
+                <td class="number">{late && <Shape priority={3} label="silent" />} {duration(task.age)} ago</td>
+              </tr>
+            );
+          })}
+        </Panel>
+        <Panel title="Links" head={["link", "state", "since (UTC)", "round trip p50", "p99", "changes", "failed"]} wide>
+          {d.links.length === 0 && <tr><td colSpan={7} class="say">no link has reported yet</td></tr>}
+          {d.links.map(link => (
+            <tr key={link.name}>
+              <th scope="row">{link.name}<small>{link.text}</small></th>
+              <td>{link.up === false && <Shape priority={1} label="down" />} {link.up == null ? "not known" : link.up ? "up" : "down"}</td>
+              <td class="number">{link.since == null ? missing : stamp(link.since)}</td>
+              <td class="number">{link.round_trip ? duration(link.round_trip.p50) : "not reported"}</td>
+              <td class="number">{duration(link.round_trip?.p99)}</td>
+              <td class="number">{link.changes}</td>
+              <td class="number">{link.failed ?? missing}</td>
+            </tr>
+          ))}
+        </Panel>
+        <Panel title="Database" head={["operation", "n", "p50", "p99", "max"]}>
+          <Operation name="read" of={d.store.read} />
+          <Operation name="write" of={d.store.write} />
+          <tr>
+            <th scope="row">connection</th>
+            <td colSpan={4}>
+              {!d.store.connected && <Shape priority={1} label="database away" />} {d.store.connected ? "ok" : `away: ${d.store.error ?? ""}`}, since {stamp(d.store.since)} UTC, connected {d.store.connects} {d.store.connects === 1 ? "time" : "times"}
+            </td>
+          </tr>
+          <tr>
+            <th scope="row">spool</th>
+            <td colSpan={4}>{d.store.spool ? `${d.store.spool.depth} waiting, oldest ${duration(d.store.spool.age)}` : "this store has none"}</td>
+          </tr>
+        </Panel>
+        <Panel title="Stream" head={["lag", "n", "p50", "p99", "max"]}>
+          <Operation name="sample to message" of={d.stream.lag} />
+          <OwnLag />
+          <tr>
+            <th scope="row">clients</th>
+            <td colSpan={4}>{d.stream.clients} now, {d.stream.messages} messages sent, {d.stream.dropped} dropped</td>
+          </tr>
+        </Panel>
+        <Panel title="Signals" head={["signal", "name", "age", "stale after", "status"]} wide>
+          {d.signals.map(signal => {
+            const one = variable(signal.ref);
+            const bad = !signal.status.startsWith("Good");
+            const bound = limit({period: signal.period});
+            return (
+              <tr key={signal.ref} class={signal.stale ? "stale" : ""}>
+                <th scope="row">{signal.ref}</th>
+                <td>{one?.name}</td>
+                <td class="number">{signal.stale && <Shape priority={3} label="stale" />} {duration(signal.age)}</td>
+                <td class="number">{isFinite(bound) ? duration(bound) : "stands"}</td>
+                <td>{bad && signal.status !== "BadNoData" && <Shape priority={2} label={signal.status} />} {signal.status === "BadNoData" ? "no sample yet" : signal.status}</td>
+              </tr>
+            );
+          })}
+        </Panel>
+      </div>
+    </section>
+  );
+}
+
+function Panel({title, head, wide, children}: {title: string; head: string[]; wide?: boolean; children: ComponentChildren}): JSX.Element {
+  return (
+    <div class={`panel scroll${wide ? " span" : ""}`} tabIndex={0} role="region" aria-label={title}>
+      <h2>{title}</h2>
+      <table class="data">
+        <thead>
+          <tr>{head.map((name, i) => <th scope="col" key={name} class={i > 0 && !["state", "name", "status"].includes(name) ? "number" : ""}>{name}</th>)}</tr>
+        </thead>
+        <tbody>{children}</tbody>
+      </table>
+    </div>
+  );
+}
+
+function Operation({name, of}: {name: string; of: Figures}): JSX.Element {
+  const none = of.count === 0;
+  return (
+    <tr>
+      <th scope="row">{name}</th>
+      <td class="number">{of.count ?? missing}</td>
+      <td class="number">{none ? missing : duration(of.p50)}</td>
+      <td class="number">{none ? missing : duration(of.p99)}</td>
+      <td class="number">{none ? missing : duration(of.max)}</td>
+    </tr>
+  );
+}
+
+/** The page's own: messages later than the quickest of them. */
+function OwnLag(): JSX.Element {
+  useCell(second);
+  const link = useCell(connection);
+  const figures = lag.figures();
+  return (
+    <tr>
+      <th scope="row">message to this page</th>
+      <td class="number">{lag.count}</td>
+      <td class="number">{duration(figures?.p50)}</td>
+      <td class="number">{duration(figures?.p99)}</td>
+      <td class="number">{link.state === "connected" ? duration(figures?.max) : link.state}</td>
+    </tr>
+  );
+}

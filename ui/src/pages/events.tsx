@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: BSD-3-Clause
+import type {JSX} from "preact";
+import {useEffect, useState} from "preact/hooks";
+import {get} from "../api";
+import {useCell} from "../cell";
+import {downloadText} from "../download";
+import {csv, iso, stamp} from "../format";
+import {merge, matches, type Filter} from "../eventlist";
+import {events, plant, refill} from "../model";
+import {Shape} from "../parts/shape";
+import type {PlantEvent} from "../types";
+
+const KINDS = ["start", "stop", "mode", "operator", "access", "link", "store", "measurement", "rejected", "watchdog", "overrun", "clock"];
+const SINCE = [
+  {name: "last hour", seconds: 3600},
+  {name: "last 24 h", seconds: 86400},
+  {name: "last 7 days", seconds: 7 * 86400},
+] as const;
+const severities = {1: "information", 2: "warning", 3: "alarm"} as const;
+
+export function EventsPage(): JSX.Element {
+  const [filter, setFilter] = useState<Filter>({severity: 1, kind: "", source: "", text: "", seconds: 86400});
+  const [most, setMost] = useState(200);
+  const [past, setPast] = useState<{events: PlantEvent[]; more: boolean}>({events: [], more: false});
+  const [error, setError] = useState<string | null>(null);
+  const streamed = useCell(events);
+  const filled = useCell(refill);
+  const p = useCell(plant);
+
+  useEffect(() => {
+    let wanted = true;
+    const timer = setTimeout(() => {
+      const {severity, kind, source, text, seconds} = filter;
+      get<{events: PlantEvent[]; more: boolean}>("/api/events", {severity, kind, source, text, since: -seconds, last: most}).then(
+        answer => {
+          if (!wanted) return;
+          setPast(answer);
+          setError(null);
+        },
+        (reason: Error) => wanted && setError(reason.message),
+      );
+    }, 150);
+    return () => {
+      wanted = false;
+      clearTimeout(timer);
+    };
+  }, [filter, most, filled]);
+
+  const list = merge(past.events, streamed.filter(one => matches(filter, one)));
+  const set = (part: Partial<Filter>): void => setFilter({...filter, ...part});
+  const exportCsv = (): void =>
+    downloadText(
+      `${p?.name ?? "apc"}-events.csv`,
+      csv([["time", "severity", "source", "kind", "text"], ...list.map(one => [iso(one.time), one.severity, one.source, one.kind, one.text])]),
+    );
+
+  return (
+    <section class="events">
+      <form class="toolbar" role="search" onSubmit={event => event.preventDefault()}>
+        <h1>Events</h1>
+        <label>
+          at least{" "}
+          <select value={filter.severity} onChange={event => set({severity: Number(event.currentTarget.value)})}>
+            {([1, 2, 3] as const).map(one => <option key={one} value={one}>{severities[one]}</option>)}
+          </select>
+        </label>
+        <label>
+          kind{" "}
+          <select value={filter.kind} onChange={event => set({kind: event.currentTarget.value})}>
+            <option value="">all</option>
+            {KINDS.map(one => <option key={one} value={one}>{one}</option>)}
+          </select>
+        </label>
+        <label>source <input type="text" size={8} value={filter.source} onInput={event => set({source: event.currentTarget.value.trim()})} /></label>
+        <label>contains <input type="text" size={10} value={filter.text} onInput={event => set({text: event.currentTarget.value})} /></label>
+        <label>
+          in the{" "}
+          <select value={filter.seconds} onChange={event => set({seconds: Number(event.currentTarget.value)})}>
+            {SINCE.map(one => <option key={one.seconds} value={one.seconds}>{one.name}</option>)}
+          </select>
+        </label>
+        <span class="spring" />
+        <span class="say" role="status">{list.length} shown</span>
+        <button type="button" onClick={exportCsv}>CSV</button>
+      </form>
+      {error && <p class="complaint">{error}</p>}
+      <div class="panel scroll" tabIndex={0} role="region" aria-label="Events, newest first">
+        <table class="data cards">
+          <thead>
+            <tr>
+              <th scope="col">Time (UTC)</th>
+              <th scope="col">Severity</th>
+              <th scope="col">Kind</th>
+              <th scope="col">Source</th>
+              <th scope="col" class="wide">What happened</th>
+            </tr>
+          </thead>
+          <tbody>
+            {list.slice().reverse().map((one, i) => (
+              <tr key={`${one.time}-${one.source}-${one.kind}-${i}`} class={`severity-${one.severity}`}>
+                <td class="digits" data-label="Time">{stamp(one.time, 3)}</td>
+                <td data-label="Severity">
+                  {one.severity === 3 && <Shape priority={1} label="alarm" />}
+                  {one.severity === 2 && <Shape priority={2} label="warning" />} {severities[one.severity]}
+                </td>
+                <td data-label="Kind">{one.kind}</td>
+                <td data-label="Source">{one.source}</td>
+                <td class="wide" data-label="What happened">{one.text}</td>
+              </tr>
+            ))}
+          </tbody>
+        </table>
+        {list.length === 0 && !error && <p class="say">nothing matches</p>}
+      </div>
+      {past.more && most < 5000 && <button type="button" onClick={() => setMost(Math.min(5000, most * 5))}>Older ones</button>}
+    </section>
+  );
+}

@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The faceplate of one loop.
+import type {JSX} from "preact";
+import {useEffect, useState} from "preact/hooks";
+import {get} from "../api";
+import {useCell} from "../cell";
+import {decimalsOf, plain, stamp} from "../format";
+import {loopScale, outputScale} from "../loopdata";
+import {events, live, plant, variable, writes} from "../model";
+import {Bar} from "../parts/bar";
+import {Entry} from "../parts/entry";
+import {ModeSwitch} from "../parts/modeswitch";
+import {Shape} from "../parts/shape";
+import {Spark} from "../parts/spark";
+import {Tuning} from "../parts/tuning";
+import {Value} from "../parts/value";
+import {go, path} from "../router";
+import type {Loop, Plant, PlantEvent} from "../types";
+
+export function LoopPage({about}: {about: string | null}): JSX.Element {
+  const p = useCell(plant);
+  if (!p) return <p>Loading the plant …</p>;
+  const loop = p.loops.find(one => String(one.id) === about) ?? p.loops[0];
+  if (!loop) return <p>This plant has no loop.</p>;
+  return <Faceplate key={`${loop.id}:${p.revision}`} loop={loop} plant={p} />;
+}
+
+function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
+  const scale = useCell(loopScale(loop));
+  const out = useCell(outputScale(loop.output));
+  const actual = useCell(live(p.mode.actual));
+  const decimals = scale ? decimalsOf(scale.high - scale.low) : 3;
+  const outDecimals = out ? decimalsOf(out.high - out.low) : 3;
+  const setpoint = variable(loop.setpoint);
+  const output = variable(loop.output);
+  const manual = p.mode.names[actual.value ?? -1] === "Man";
+  const index = p.loops.indexOf(loop);
+  const step = (by: number): void => go("loop", p.loops[(index + by + p.loops.length) % p.loops.length]?.id);
+  return (
+    <section class="loop">
+      <div class="toolbar">
+        <h1>{loop.name}</h1>
+        <span class="say">{variable(loop.measurement)?.description}</span>
+        <span class="spring" />
+        {p.loops.length > 1 && (
+          <>
+            <button type="button" onClick={() => step(-1)} aria-label="Previous loop">◀</button>
+            <select aria-label="Loop" value={loop.id} onChange={event => go("loop", event.currentTarget.value)}>
+              {p.loops.map(one => <option key={one.id} value={one.id}>{one.name}</option>)}
+            </select>
+            <button type="button" onClick={() => step(1)} aria-label="Next loop">▶</button>
+          </>
+        )}
+        <a class="button" href={path("trend", loop.id)}>Trend</a>
+      </div>
+      <div class="grid equal">
+        <div class="panel faceplate">
+          <h2>Values</h2>
+          {loop.measurement && (
+            <div class="line">
+              <span class="line-label">PV<small>{variable(loop.measurement)?.name}</small></span>
+              <Bar label="PV" value={loop.measurement} setpoint={loop.setpoint} scale={scale} ends />
+              <Value of={loop.measurement} decimals={decimals} unit />
+            </div>
+          )}
+          {loop.setpoint && (
+            <div class="line">
+              <span class="line-label">SP<small>{setpoint?.name}</small></span>
+              <Bar label="SP" value={loop.setpoint} scale={scale} ends />
+              <Value of={loop.setpoint} decimals={decimals} unit />
+            </div>
+          )}
+          <div class="line">
+            <span class="line-label">OUT<small>{output?.name}</small></span>
+            <Bar label="OUT" value={loop.output} scale={out} ends />
+            <Value of={loop.output} decimals={outDecimals} unit />
+          </div>
+          {loop.measurement && (
+            <a class="spark-link tall" href={path("trend", loop.id)}>
+              <Spark of={loop.measurement} setpoint={loop.setpoint} scale={scale} label={loop.name} />
+            </a>
+          )}
+          <LastAction loop={loop} plant={p} />
+        </div>
+        <div class="panel operate">
+          <h2>Mode{p.loops.length > 1 && <small> of all loops</small>}</h2>
+          <ModeSwitch plant={p} />
+          <h2>Setpoint</h2>
+          {loop.setpoint ? (
+            <Entry of={loop.setpoint} kind="setpoint" label={`SP ${setpoint?.name ?? ""}`} decimals={decimals} low={setpoint?.low} high={setpoint?.high} />
+          ) : (
+            <p class="say">this loop has none</p>
+          )}
+          <h2>Output</h2>
+          <Entry
+            of={loop.manual}
+            kind="output"
+            label={`OUT ${output?.name ?? ""}`}
+            decimals={outDecimals}
+            shown={loop.output}
+            low={output?.low}
+            high={output?.high}
+            blocked={manual ? null : "by hand in mode Man only"}
+          />
+        </div>
+        <div class="panel tuning-panel span">
+          <h2>Tuning</h2>
+          {loop.tuning.length > 0 ? <Tuning loop={loop} /> : <p class="say">this law has nothing to tune</p>}
+        </div>
+      </div>
+    </section>
+  );
+}
+
+/** Who did what to this loop last, and when. */
+function LastAction({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
+  const all = useCell(writes);
+  const streamed = useCell(events);
+  const [past, setPast] = useState<PlantEvent[]>([]);
+  const refs = new Set([loop.setpoint, loop.manual, p.mode.target, ...loop.tuning]);
+  const names = new Set([...refs].flatMap(ref => variable(ref)?.name ?? []));
+  useEffect(() => {
+    get<{events: PlantEvent[]}>("/api/events", {kind: "operator", last: 50}).then(
+      answer => setPast(answer.events),
+      () => {},
+    );
+  }, []);
+  const mine = all.filter(write => write.stored !== false && write.changes.some(change => refs.has(change.ref)));
+  const write = mine[mine.length - 1];
+  const event = [...past, ...streamed].filter(one => one.kind === "operator" && names.has(one.text.split(":")[0] ?? "")).pop();
+  let text = "none recorded";
+  if (write && (!event || write.time >= event.time - 1)) {
+    const changes = write.changes.map(change => {
+      const modes = change.ref === p.mode.target;
+      const say = (value: number | null): string => (modes && value != null ? (p.mode.names[value] ?? plain(value)) : value == null ? "–" : plain(value));
+      return `${change.name} ${say(change.from)} → ${say(change.to)}`;
+    });
+    text = `${stamp(write.time)} UTC, ${write.user}: ${changes.join(", ")} (${write.state})`;
+  } else if (event) text = `${stamp(event.time)} UTC, ${event.source}: ${event.text.replace("->", "→")}`;
+  return (
+    <p class="last-action">
+      <b>Last action</b> {write?.state === "failed" && <Shape priority={2} label="failed" />} {text}
+    </p>
+  );
+}

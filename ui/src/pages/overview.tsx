@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: BSD-3-Clause
+import type {JSX} from "preact";
+import {memo} from "preact/compat";
+import {useState} from "preact/hooks";
+import {useCell} from "../cell";
+import {decimalsOf} from "../format";
+import {loopScale, outputScale, recent} from "../loopdata";
+import {Latest} from "../parts/latest";
+import {live, plant, second, variable} from "../model";
+import {Bar} from "../parts/bar";
+import {Shape} from "../parts/shape";
+import {Spark, summary} from "../parts/spark";
+import {Mode, Value} from "../parts/value";
+import {path} from "../router";
+import type {Loop, Plant, Ref} from "../types";
+
+const Row = memo(function Row({loop, mode, table}: {loop: Loop; mode: Plant["mode"]; table: boolean}): JSX.Element {
+  const scale = useCell(loopScale(loop));
+  const out = useCell(outputScale(loop.output));
+  const decimals = scale ? decimalsOf(scale.high - scale.low) : 3;
+  const name = variable(loop.measurement)?.description;
+  return (
+    <tr>
+      <th scope="row">
+        <a href={path("loop", loop.id)}>{loop.name}</a>
+        <small>{name}</small>
+      </th>
+      <td data-label="Mode"><Mode of={mode.actual} names={mode.names} /></td>
+      <td class="wide" data-label="PV against SP">
+        {loop.measurement && <Bar label={`${loop.name} PV`} value={loop.measurement} setpoint={loop.setpoint} scale={scale} ends />}
+      </td>
+      <td class="number" data-label="PV">{loop.measurement && <Value of={loop.measurement} decimals={decimals} unit />}</td>
+      <td class="number" data-label="SP">{loop.setpoint && <Value of={loop.setpoint} decimals={decimals} unit />}</td>
+      <td class="number" data-label="OUT"><Value of={loop.output} decimals={out ? decimalsOf(out.high - out.low) : 3} unit /></td>
+      <td class="wide" data-label="Last 10 min">
+        {loop.measurement &&
+          (table ? <Summary of={loop.measurement} of2={loop} /> : <a class="spark-link" href={path("trend", loop.id)}><Spark of={loop.measurement} setpoint={loop.setpoint} scale={scale} label={loop.name} /></a>)}
+      </td>
+    </tr>
+  );
+});
+
+const Measurement = memo(function Measurement({of, table}: {of: Ref; table: boolean}): JSX.Element {
+  const one = variable(of);
+  const scale = useCell(loopScale({measurement: of, setpoint: null}));
+  return (
+    <tr>
+      <th scope="row">
+        <a href={path("trend", of)}>{one?.name}</a>
+        <small>{one?.description}</small>
+      </th>
+      <td class="wide" data-label="Value on its scale"><Bar label={one?.name ?? of} value={of} scale={scale} ends /></td>
+      <td class="number" data-label="Value"><Value of={of} decimals={scale ? decimalsOf(scale.high - scale.low) : 3} unit /></td>
+      <td class="wide" data-label="Last 10 min">
+        {table ? (
+          <Summary of={of} of2={{measurement: of, setpoint: null}} />
+        ) : (
+          <a class="spark-link" href={path("trend", of)}><Spark of={of} scale={scale} label={one?.name ?? of} /></a>
+        )}
+      </td>
+    </tr>
+  );
+});
+
+function Summary({of, of2}: {of: Ref; of2: Pick<Loop, "measurement" | "setpoint">}): JSX.Element {
+  useCell(second);
+  const scale = useCell(loopScale(of2));
+  return <span class="number">{summary(recent(of).value, scale)}</span>;
+}
+
+export function OverviewPage(): JSX.Element {
+  const p = useCell(plant);
+  const [table, setTable] = useState(false);
+  if (!p) return <p>Loading the plant …</p>;
+  const used = new Set(p.loops.map(loop => loop.measurement));
+  const others = p.variables.filter(one => one.table === "sensor" && !used.has(one.ref));
+  return (
+    <section class={`overview${p.loops.length + others.length <= 4 ? " few" : ""}`}>
+      <div class="toolbar">
+        <h1>{p.title}</h1>
+        <Abnormal plant={p} />
+        <span class="spring" />
+        <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>View as table</button>
+      </div>
+      <div class="panel">
+        <table class="data cards loops">
+          <caption class="hidden">Loops</caption>
+          <thead>
+            <tr>
+              <th scope="col">Loop</th>
+              <th scope="col">Mode</th>
+              <th scope="col" class="wide">PV against SP (normal band)</th>
+              <th scope="col" class="number">PV</th>
+              <th scope="col" class="number">SP</th>
+              <th scope="col" class="number">OUT</th>
+              <th scope="col" class="wide">Last 10 min</th>
+            </tr>
+          </thead>
+          <tbody>{p.loops.map(loop => <Row key={loop.id} loop={loop} mode={p.mode} table={table} />)}</tbody>
+        </table>
+      </div>
+      {others.length > 0 && (
+        <div class="panel">
+          <table class="data cards measurements">
+            <caption>Measurements beyond the loops</caption>
+            <thead>
+              <tr>
+                <th scope="col">Measurement</th>
+                <th scope="col" class="wide">On its scale</th>
+                <th scope="col" class="number">Value</th>
+                <th scope="col" class="wide">Last 10 min</th>
+              </tr>
+            </thead>
+            <tbody>{others.map(one => <Measurement key={one.ref} of={one.ref} table={table} />)}</tbody>
+          </table>
+        </div>
+      )}
+      <Latest />
+    </section>
+  );
+}
+
+/** How much is not as it should be, in one line. */
+function Abnormal({plant: p}: {plant: Plant}): JSX.Element {
+  useCell(second);
+  const all = p.variables.filter(one => one.period != null).map(one => live(one.ref).value);
+  const stale = all.filter(one => one.stale).length;
+  const bad = all.filter(one => one.seq > 0 && !one.status.startsWith("Good")).length;
+  if (stale + bad === 0) return <span class="say">all values fresh and good</span>;
+  return (
+    <span class="abnormal">
+      {bad > 0 && <span><Shape priority={2} label="bad" /> {bad} bad</span>}
+      {stale > 0 && <span><Shape priority={3} label="stale" /> {stale} stale</span>}
+    </span>
+  );
+}

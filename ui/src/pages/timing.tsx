@@ -1,0 +1,239 @@
+// SPDX-License-Identifier: BSD-3-Clause
+import type {JSX} from "preact";
+import {useEffect, useRef, useState} from "preact/hooks";
+import type uPlot from "uplot";
+import {get} from "../api";
+import {useCell} from "../cell";
+import {clock, duration} from "../format";
+import {histogram, logHeight, reach} from "../histogram";
+import {refill, serverNow, tasks} from "../model";
+import {Shape} from "../parts/shape";
+import {Table} from "../parts/table";
+import {plot} from "../plot";
+import {niceScale, type Scale} from "../scale";
+import {repaint} from "../theme";
+import type {Quantity, Timing, TimingSeries} from "../types";
+
+const SPANS = [
+  {name: "1 min", seconds: 60},
+  {name: "10 min", seconds: 600},
+  {name: "1 h", seconds: 3600},
+  {name: "24 h", seconds: 86400},
+] as const;
+const QUANTITIES: {name: Quantity; say: string}[] = [
+  {name: "jitter", say: "t(k+1) − t(k) − Ts, signed"},
+  {name: "lateness", say: "start after the planned tick"},
+  {name: "run", say: "time the task took"},
+];
+const BARS = 61;
+
+export function TimingPage(): JSX.Element {
+  const [seconds, setSeconds] = useState<number>(600);
+  const [quantity, setQuantity] = useState<Quantity>("jitter");
+  const [table, setTable] = useState(false);
+  const [timing, setTiming] = useState<Timing[]>([]);
+  const [error, setError] = useState<string | null>(null);
+  const reported = useCell(tasks);
+  const filled = useCell(refill);
+
+  useEffect(() => {
+    let wanted = true;
+    get<{timing: Timing[]}>("/api/timing", {since: -seconds, quantity}).then(
+      answer => {
+        if (!wanted) return;
+        setTiming(answer.timing);
+        setError(null);
+      },
+      (reason: Error) => wanted && setError(reason.message),
+    );
+    return () => {
+      wanted = false;
+    };
+  }, [seconds, quantity, reported, filled]);
+
+  return (
+    <section class="timing">
+      <div class="toolbar">
+        <h1>Timing</h1>
+        <div class="segments" role="group" aria-label="Quantity">
+          {QUANTITIES.map(one => (
+            <button type="button" key={one.name} aria-pressed={quantity === one.name} onClick={() => setQuantity(one.name)}>{one.name}</button>
+          ))}
+        </div>
+        <span class="say">{QUANTITIES.find(one => one.name === quantity)?.say}</span>
+        <span class="spring" />
+        <div class="segments" role="group" aria-label="Time span">
+          {SPANS.map(one => (
+            <button type="button" key={one.seconds} aria-pressed={seconds === one.seconds} onClick={() => setSeconds(one.seconds)}>{one.name}</button>
+          ))}
+        </div>
+        <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>View as table</button>
+      </div>
+      {error && <p class="complaint">{error}</p>}
+      {timing.length === 0 && !error && <p class="say">no task has reported in this time (each reports every 5 s)</p>}
+      <div class="grid tasks">
+        {timing.map(one => (
+          <div class="panel" key={`${one.task}-${one.quantity}`}>
+            <h2>
+              {one.task} <small>Ts {duration(one.period)}</small>
+            </h2>
+            <Figures of={one} />
+            {table ? (
+              <Table caption={`${one.task}: filled bins`} head={["from", "to", "count"]} rows={one.bins.map(([a, b, n]) => [duration(a), duration(b), n])} />
+            ) : (
+              <HistogramChart of={one} />
+            )}
+            <Against task={one.task} quantity={quantity} seconds={seconds} table={table} count={one.count} />
+          </div>
+        ))}
+      </div>
+    </section>
+  );
+}
+
+function Figures({of}: {of: Timing}): JSX.Element {
+  const items: [string, string][] = [
+    ["n", String(of.count)],
+    ["mean", duration(of.mean)],
+    ["sd", duration(of.sd)],
+    ["p50", duration(of.p50)],
+    ["p99", duration(of.p99)],
+    ["p99.9", duration(of.p999)],
+    ["max", duration(of.max)],
+  ];
+  return (
+    <dl class="figures">
+      {items.map(([name, value]) => (
+        <div key={name}>
+          <dt>{name}</dt>
+          <dd>{value}</dd>
+        </div>
+      ))}
+      <div>
+        <dt>missed</dt>
+        <dd>
+          {of.missed > 0 && <Shape priority={2} label="missed ticks" />} {of.missed}
+        </dd>
+      </div>
+    </dl>
+  );
+}
+
+const W = 420;
+const H = 190;
+const LEFT = 48;
+const RIGHT = 12;
+const TOP = 18;
+const BOTTOM = 30;
+
+function HistogramChart({of}: {of: Timing}): JSX.Element {
+  const {low, high} = reach(of);
+  const h = histogram(of.bins, low, high, BARS);
+  const x = (v: number): number => LEFT + ((v - low) / (high - low)) * (W - LEFT - RIGHT);
+  const y = (count: number): number => H - BOTTOM - logHeight(count, h.most) * (H - TOP - BOTTOM);
+  const decades = [];
+  for (let count = 1; count <= h.most; count *= 10) decades.push(count);
+  const ticks = [0, 0.5, 1].map(part => low + part * (high - low));
+  const bar = (W - LEFT - RIGHT) / BARS;
+  return (
+    <svg
+      class="histogram"
+      viewBox={`0 0 ${W} ${H}`}
+      role="img"
+      aria-label={`${of.task} ${of.quantity}: ${of.count} ticks, median ${duration(of.p50)}, 99 % below ${duration(of.p99)}, largest ${duration(of.max)}; beyond the chart ${h.below} below and ${h.above} above`}
+    >
+      {decades.map(count => (
+        <g key={count}>
+          <line class="grid-line" x1={LEFT} x2={W - RIGHT} y1={y(count)} y2={y(count)} />
+          <text class="tick end" x={LEFT - 6} y={y(count) + 4}>{count}</text>
+        </g>
+      ))}
+      {h.counts.map((count, i) => count > 0 && <rect key={i} class="column" x={LEFT + i * bar + 0.5} width={Math.max(1, bar - 1)} y={y(count)} height={H - BOTTOM - y(count)} />)}
+      <line class="axis-line" x1={LEFT} x2={W - RIGHT} y1={H - BOTTOM} y2={H - BOTTOM} />
+      {ticks.map((t, i) => (
+        <text key={t} class={`tick ${i === 0 ? "start" : i === 2 ? "end" : "middle"}`} x={x(t)} y={H - BOTTOM + 17}>
+          {duration(Math.abs(t) < (high - low) * 1e-9 ? 0 : t)}
+        </text>
+      ))}
+      {h.below > 0 && <text class="tick start beyond" x={LEFT} y={TOP - 5}>◀ {h.below} below</text>}
+      {h.above > 0 && <text class="tick end beyond" x={W - RIGHT} y={TOP - 5}>{h.above} above ▶</text>}
+      <text class="tick end" x={LEFT - 6} y={TOP - 5}>count</text>
+    </svg>
+  );
+}
+
+/** The same against time: p50, p99 and the largest of each interval. */
+function Against(o: {task: string; quantity: Quantity; seconds: number; table: boolean; count: number}): JSX.Element {
+  const host = useRef<HTMLDivElement>(null);
+  const chart = useRef<uPlot | null>(null);
+  const range = useRef<{x: [number, number]; y: Scale}>({x: [0, 1], y: {low: 0, high: 1}});
+  const [series, setSeries] = useState<TimingSeries["series"] | null>(null);
+  const painted = useCell(repaint);
+
+  useEffect(() => {
+    let wanted = true;
+    get<TimingSeries>("/api/timing/series", {task: o.task, quantity: o.quantity, since: -o.seconds, points: 300}).then(
+      answer => wanted && setSeries(answer.series),
+      () => {},
+    );
+    return () => {
+      wanted = false;
+    };
+  }, [o.task, o.quantity, o.seconds, o.count]);
+
+  useEffect(() => {
+    if (!host.current || o.table) return;
+    const made = plot(host.current, 150, {
+      lines: [
+        {label: "max", colour: "--label", width: 1},
+        {label: "p99", colour: "--live", width: 1.5},
+        {label: "p50", colour: "--live", width: 1, dash: [3, 3]},
+      ],
+      yLabel: "",
+      xAxis: true,
+      x: () => range.current.x,
+      y: () => range.current.y,
+      yText: duration,
+    });
+    chart.current = made;
+    const sized = new ResizeObserver(([entry]) => entry && made.setSize({width: Math.max(200, entry.contentRect.width), height: 150}));
+    sized.observe(host.current);
+    return () => {
+      sized.disconnect();
+      made.destroy();
+      chart.current = null;
+    };
+  }, [o.table]);
+
+  useEffect(() => {
+    if (!series || !chart.current) return;
+    const now = serverNow();
+    const top = Math.max(1e-6, ...series.max, ...series.p99);
+    const bottom = Math.min(0, ...series.p50);
+    range.current = {x: [now - o.seconds, now], y: niceScale(bottom, top)};
+    chart.current.setData([series.time, series.max, series.p99, series.p50]);
+  }, [series, o.table, o.seconds]);
+  useEffect(() => chart.current?.redraw(false, true), [painted]);
+
+  if (o.table)
+    return series ? (
+      <Table
+        caption={`${o.task}: ${o.quantity} against time (UTC), newest 60`}
+        head={["until", "n", "missed", "p50", "p99", "max"]}
+        rows={series.time.slice(-60).map((t, k, all) => {
+          const i = series.time.length - all.length + k;
+          return [clock(t), series.count[i] ?? 0, series.missed[i] ?? 0, duration(series.p50[i]), duration(series.p99[i]), duration(series.max[i])];
+        })}
+      />
+    ) : (
+      <p class="say">loading …</p>
+    );
+  return (
+    <>
+      <p class="legend">
+        against time: <i class="key thin" /> max <i class="key line" /> p99 <i class="key dotted" /> p50
+      </p>
+      <div ref={host} class="plots small" role="img" aria-label={`${o.task} ${o.quantity} against time: p50, p99 and max of each interval. View as table gives the numbers.`} />
+    </>
+  );
+}

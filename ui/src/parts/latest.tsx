@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The newest events, on the overview.
+import type {JSX} from "preact";
+import {useEffect, useState} from "preact/hooks";
+import {get} from "../api";
+import {useCell} from "../cell";
+import {merge} from "../eventlist";
+import {clock} from "../format";
+import {events, refill} from "../model";
+import {path} from "../router";
+import type {PlantEvent} from "../types";
+import {Shape} from "./shape";
+
+const MOST = 8;
+
+export function Latest(): JSX.Element {
+  const [past, setPast] = useState<PlantEvent[]>([]);
+  const streamed = useCell(events);
+  const filled = useCell(refill);
+  useEffect(() => {
+    get<{events: PlantEvent[]}>("/api/events", {last: MOST}).then(
+      answer => setPast(answer.events),
+      () => {},
+    );
+  }, [filled]);
+  const list = merge(past, streamed).slice(-MOST).reverse();
+  return (
+    <div class="panel latest">
+      <h2>
+        Newest events <a href={path("events")}>all</a>
+      </h2>
+      <table class="data">
+        <caption class="hidden">Newest events</caption>
+        <thead class="hidden">
+          <tr>
+            <th scope="col">Time (UTC)</th>
+            <th scope="col">Severity</th>
+            <th scope="col">Source</th>
+            <th scope="col">What happened</th>
+          </tr>
+        </thead>
+        <tbody>
+          {list.map((one, i) => (
+            <tr key={`${one.time}-${i}`} class={`severity-${one.severity}`}>
+              <td class="digits">{clock(one.time)}</td>
+              <td>{one.severity > 1 && <Shape priority={one.severity === 3 ? 1 : 2} label={one.severity === 3 ? "alarm" : "warning"} />}</td>
+              <td>{one.source}</td>
+              <td class="wide">{one.text}</td>
+            </tr>
+          ))}
+        </tbody>
+      </table>
+      {list.length === 0 && <p class="say">none yet</p>}
+    </div>
+  );
+}

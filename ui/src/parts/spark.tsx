@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The last ten minutes, small. "View as table" gives the same as numbers.
+import type {JSX} from "preact";
+import {useEffect, useRef} from "preact/hooks";
+import {useCell} from "../cell";
+import {decimalsOf, number} from "../format";
+import {recent, RECENT} from "../loopdata";
+import {live, second, serverNow} from "../model";
+import {extent, type Scale} from "../scale";
+import {indexAt, type Series} from "../series";
+import {colour, repaint} from "../theme";
+import type {Ref} from "../types";
+
+interface Props {
+  of: Ref;
+  setpoint?: Ref | null;
+  scale: Scale | null;
+  label: string;
+}
+
+function draw(canvas: HTMLCanvasElement, curves: [Series, string, boolean][], scale: Scale, stale: boolean): void {
+  const ratio = devicePixelRatio || 1;
+  const width = Math.round(canvas.clientWidth * ratio);
+  const height = Math.round(canvas.clientHeight * ratio);
+  if (width === 0) return;
+  if (canvas.width !== width || canvas.height !== height) {
+    canvas.width = width;
+    canvas.height = height;
+  }
+  const context = canvas.getContext("2d");
+  if (!context) return;
+  context.clearRect(0, 0, width, height);
+  const now = serverNow();
+  const x = (t: number): number => ((t - now + RECENT) / RECENT) * width;
+  const y = (v: number): number => height - 2 - ((v - scale.low) / (scale.high - scale.low)) * (height - 4);
+  for (const [series, name, step] of curves) {
+    context.strokeStyle = colour(name);
+    context.lineWidth = (step ? 1 : 1.5) * ratio;
+    context.beginPath();
+    let last: number | null = null;
+    series.t.forEach((t, i) => {
+      const v = series.mid[i];
+      if (v == null) last = null;
+      else if (last == null) context.moveTo(x(t), y((last = v)));
+      else {
+        if (step) context.lineTo(x(t), y(last));
+        context.lineTo(x(t), y((last = v)));
+      }
+    });
+    if (step && last != null && !stale) context.lineTo(width, y(last));
+    context.stroke();
+  }
+}
+
+let made = 0;
+
+/** A pixel is some four seconds wide: each is drawn every four, in turn with the others. */
+export function Spark({of, setpoint, scale, label}: Props): JSX.Element {
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const paint = useCell(repaint);
+  useEffect(() => {
+    const element = canvas.current;
+    if (!element || !scale) return;
+    const turn = made++ % 4;
+    const series = recent(of);
+    const target = setpoint ? recent(setpoint) : null;
+    const show = (): void => {
+      const curves: [Series, string, boolean][] = [[series.value, "--live", false]];
+      if (target) curves.unshift([target.value, "--label", true]);
+      draw(element, curves, scale, live(of).value.stale);
+      element.setAttribute("aria-label", `${label}, last 10 minutes: ${summary(series.value, scale)}`);
+    };
+    const stop = second.subscribe(() => second.value % 4 === turn && show());
+    const first = series.subscribe(() => {
+      if (series.value.t.length === 0) return;
+      first();
+      show();
+    });
+    show();
+    return () => {
+      stop();
+      first();
+    };
+  }, [of, setpoint, scale, paint]);
+  return <canvas ref={canvas} class="spark" role="img" aria-label={`${label}, last 10 minutes`} />;
+}
+
+export function summary(series: Series, scale: Scale | null): string {
+  const from = series.t[0] == null ? 0 : Math.max(0, indexAt(series, serverNow() - RECENT));
+  const [low, high] = extent(series.mid.slice(from));
+  if (!isFinite(low)) return "no data";
+  const decimals = scale ? decimalsOf(scale.high - scale.low) : 3;
+  return `${number(low, decimals)} to ${number(high, decimals)}`;
+}

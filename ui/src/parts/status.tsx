@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// What became of a write, said as it happens.
+import type {JSX} from "preact";
+import {useCell} from "../cell";
+import {clock} from "../format";
+import {isFinal} from "../lifecycle";
+import {forget, slot} from "../writing";
+import {Shape} from "./shape";
+
+const words = {
+  pending: "pending",
+  accepted: "accepted, waiting for the controller",
+  applied: "applied",
+  failed: "failed",
+  unknown: "unknown",
+} as const;
+
+interface Props {
+  of: string;
+  retry: () => void;
+}
+
+export function WriteStatus({of, retry}: Props): JSX.Element {
+  const view = useCell(slot(of));
+  return (
+    <div class="write-status" role="status" data-slot={of} data-phase={view?.phase ?? "none"}>
+      {view && (
+        <>
+          {view.phase === "failed" && <Shape priority={2} label="failed" />}
+          {view.phase === "unknown" && <Shape priority={3} label="unknown" />}
+          <span class={`phase ${view.phase}`}>
+            {view.to}: {words[view.phase]}
+            {view.phase === "applied" && ` ${clock(view.at)}`}
+            {view.reason && view.phase !== "applied" && ` – ${view.reason}`}
+          </span>
+          {view.phase === "failed" && (
+            <button type="button" onClick={retry}>
+              Retry
+            </button>
+          )}
+          {(isFinal(view.phase) || view.phase === "unknown") && view.phase !== "applied" && (
+            <button type="button" onClick={() => forget(of)}>
+              Dismiss
+            </button>
+          )}
+        </>
+      )}
+    </div>
+  );
+}

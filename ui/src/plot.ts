@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// uPlot as this page wants it: colours from the style sheet, UTC, an axis that stays where it is.
+import uPlot from "uplot";
+import type {Scale} from "./scale";
+import {colour} from "./theme";
+
+export interface Line {
+  label: string;
+  colour: string; // name of a custom property
+  width?: number;
+  dash?: number[];
+  step?: boolean;
+  hidden?: boolean; // an edge of a band
+}
+
+export interface PlotOptions {
+  lines: Line[];
+  band?: [number, number]; // columns of upper and lower edge, from 1
+  yLabel: string;
+  xAxis: boolean;
+  x: () => [number, number];
+  y: () => Scale;
+  yText?: (value: number) => string;
+  sync?: string;
+  onSelect?: (from: number, to: number) => void;
+  onCursor?: (t: number | null) => void;
+}
+
+const FONT = "13px system-ui, sans-serif";
+const step = uPlot.paths.stepped?.({align: 1});
+const linear = uPlot.paths.linear?.();
+
+function axis(options: Partial<uPlot.Axis>): uPlot.Axis {
+  return {
+    stroke: () => colour("--label"),
+    grid: {stroke: () => colour("--grid"), width: 1},
+    ticks: {stroke: () => colour("--grid"), width: 1, size: 5},
+    font: FONT,
+    labelFont: FONT,
+    ...options,
+  };
+}
+
+export function plot(host: HTMLElement, height: number, o: PlotOptions): uPlot {
+  const series: uPlot.Series[] = [{}];
+  for (const line of o.lines)
+    series.push({
+      label: line.label,
+      stroke: line.hidden ? () => "transparent" : () => colour(line.colour),
+      width: line.hidden ? 0 : (line.width ?? 1.5),
+      dash: line.dash,
+      paths: line.step ? step : linear,
+      points: {show: false},
+      spanGaps: false,
+    });
+  const options: uPlot.Options = {
+    width: Math.max(200, host.clientWidth),
+    height,
+    tzDate: t => uPlot.tzDate(new Date(t * 1000), "Etc/UTC"),
+    legend: {show: false},
+    scales: {
+      x: {time: true, range: () => o.x()},
+      y: {
+        range: () => {
+          const {low, high} = o.y();
+          return [low, high];
+        },
+      },
+    },
+    axes: [
+      axis({
+        show: true,
+        size: o.xAxis ? 40 : 8,
+        values: o.xAxis ? timeLabels : (_u, splits) => splits.map(() => ""),
+        ticks: {show: o.xAxis, stroke: () => colour("--grid"), size: 5},
+        space: 90,
+      }),
+      axis({
+        size: 72,
+        label: o.yLabel,
+        labelSize: 20,
+        values: o.yText ? (_u, splits) => splits.map(o.yText as (v: number) => string) : undefined,
+      }),
+    ],
+    series,
+    bands: o.band ? [{series: o.band, fill: () => colour("--band")}] : [],
+    cursor: {
+      sync: o.sync ? {key: o.sync, setSeries: false} : undefined,
+      drag: {x: o.onSelect != null, y: false, setScale: false},
+      points: {show: false},
+    },
+    hooks: {
+      setSelect: [
+        u => {
+          if (u.select.width > 4 && o.onSelect) o.onSelect(u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x"));
+          if (u.select.width > 0) u.setSelect({left: 0, width: 0, top: 0, height: 0}, false);
+        },
+      ],
+      setCursor: [u => o.onCursor?.(u.cursor.left == null || u.cursor.left < 0 ? null : u.posToVal(u.cursor.left, "x"))],
+    },
+  };
+  return new uPlot(options, [[], ...o.lines.map(() => [])] as unknown as uPlot.AlignedData, host);
+}
+
+/** 14:03 – and the day below where it begins. */
+function timeLabels(_u: uPlot, splits: number[]): string[] {
+  const [first, next] = splits;
+  const fine = first != null && next != null && next - first < 60;
+  let before = "";
+  return splits.map(t => {
+    const d = new Date(t * 1000).toISOString();
+    const today = d.slice(0, 10);
+    const text = d.slice(11, fine ? 19 : 16);
+    const label = today === before ? text : `${text}\n${today}`;
+    before = today;
+    return label;
+  });
+}

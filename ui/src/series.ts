@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// One curve: points with time rising, from history and stream alike. null is a gap; it stays one.
+import type {Bins, History, Sample, Samples} from "./types";
+
+export interface Series {
+  t: number[];
+  low: (number | null)[];
+  high: (number | null)[];
+  mid: (number | null)[];
+}
+
+export function empty(): Series {
+  return {t: [], low: [], high: [], mid: []};
+}
+
+function push(s: Series, t: number, low: number | null, high: number | null, mid: number | null): void {
+  s.t.push(t);
+  s.low.push(low);
+  s.high.push(high);
+  s.mid.push(mid);
+}
+
+/** One more point; a hole longer than `bound` seconds becomes a gap, and so does a sample that is not Good. */
+export function append(s: Series, t: number, value: number | null, status: string, bound: number): void {
+  const last = s.t[s.t.length - 1];
+  if (last != null && t <= last) return; // what is late by the clock is in the history
+  const good = value != null && status.startsWith("Good");
+  if (last != null && t - last > bound) push(s, last + Math.min(bound, (t - last) / 2), null, null, null);
+  push(s, t, good ? value : null, good ? value : null, good ? value : null);
+}
+
+export function fromSamples(samples: Samples, before: Sample | null, since: number, bound: number): Series {
+  const s = empty();
+  if (before && before[1] != null) append(s, Math.max(since, before[1]), before[2], before[3], Infinity);
+  // In the order of seq: what was kept during an outage comes after what was measured when it ended.
+  const order = samples.time.map((_, i) => i).sort((a, b) => (samples.time[a] as number) - (samples.time[b] as number));
+  for (const i of order) append(s, samples.time[i] as number, samples.value[i] ?? null, samples.status[i] ?? "Bad", bound);
+  return s;
+}
+
+export function fromBins(bins: Bins, width: number, bound: number, hold: boolean): Series {
+  const s = empty();
+  const middles = hold ? bins.last : bins.mean;
+  let last: number | null = null;
+  bins.from.forEach((from, i) => {
+    const t = from + width / 2;
+    if (last != null && t - last > width * 1.5 + bound) push(s, (t + last) / 2, null, null, null);
+    push(s, t, bins.min[i] ?? null, bins.max[i] ?? null, middles[i] ?? null);
+    last = t;
+  });
+  return s;
+}
+
+export function fromHistory(h: History, bound: number, hold: boolean): Series {
+  if (h.bins) return fromBins(h.bins, (h.until - h.since) / h.bins.n, bound, hold);
+  if (h.samples) return fromSamples(h.samples, h.before, h.since, bound);
+  return empty();
+}
+
+/** Two parts side by side; where they overlap the newer part counts. */
+export function join(older: Series, newer: Series, bound: number): Series {
+  const first = newer.t[0];
+  if (first == null) return older;
+  let n = older.t.length;
+  while (n > 0 && (older.t[n - 1] as number) >= first) n--;
+  const s: Series = {t: older.t.slice(0, n), low: older.low.slice(0, n), high: older.high.slice(0, n), mid: older.mid.slice(0, n)};
+  const last = s.t[n - 1];
+  if (last != null && first - last > bound) push(s, (first + last) / 2, null, null, null);
+  for (let i = 0; i < newer.t.length; i++)
+    push(s, newer.t[i] as number, newer.low[i] ?? null, newer.high[i] ?? null, newer.mid[i] ?? null);
+  return s;
+}
+
+/** What lies before `from` goes; the last point before it stays, as the line begins there. */
+export function trim(s: Series, from: number): void {
+  let n = 0;
+  while (n + 1 < s.t.length && (s.t[n + 1] as number) <= from) n++;
+  if (n === 0) return;
+  for (const column of [s.t, s.low, s.high, s.mid]) column.splice(0, n);
+}
+
+/** Index of the last point at or before t; -1: none. */
+export function indexAt(s: Series, t: number): number {
+  let a = 0;
+  let b = s.t.length;
+  while (a < b) {
+    const middle = (a + b) >> 1;
+    if ((s.t[middle] as number) <= t) a = middle + 1;
+    else b = middle;
+  }
+  return a - 1;
+}
+
+type Column = (number | null | undefined)[];
+
+/** Columns over one common time axis, as uPlot takes them: undefined where a curve has no point of its own. */
+export function align(curves: {t: number[]; columns: (number | null)[][]}[]): [number[], ...Column[]] {
+  const all = new Set<number>();
+  for (const curve of curves) for (const t of curve.t) all.add(t);
+  const t = [...all].sort((a, b) => a - b);
+  const row = new Map<number, number>();
+  t.forEach((at, i) => row.set(at, i));
+  const out: Column[] = [];
+  for (const curve of curves)
+    for (const column of curve.columns) {
+      const filled: Column = new Array<number | null | undefined>(t.length).fill(undefined);
+      curve.t.forEach((at, i) => (filled[row.get(at) as number] = column[i]));
+      out.push(filled);
+    }
+  return [t, ...out];
+}

@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// What is around every page: who, connection, database, clock; the pages; the bars that say what is wrong.
+import type {JSX} from "preact";
+import {useEffect, useRef, useState} from "preact/hooks";
+import {post} from "./api";
+import {useCell} from "./cell";
+import {clock, stamp} from "./format";
+import {Help} from "./help";
+import {isTyping} from "./keyboard";
+import {Login} from "./login";
+import {connection, heardAt, needsLogin, plant, second, session, serverNow, store} from "./model";
+import {DiagnosticsPage} from "./pages/diagnostics";
+import {EventsPage} from "./pages/events";
+import {LoopPage} from "./pages/loop";
+import {OverviewPage} from "./pages/overview";
+import {TimingPage} from "./pages/timing";
+import {TrendPage} from "./pages/trend";
+import {Shape} from "./parts/shape";
+import {go, pages, path, place} from "./router";
+import {setTheme, shortcuts, theme, type Theme} from "./theme";
+
+const titles = {overview: "Overview", loop: "Loop", trend: "Trend", events: "Events", timing: "Timing", diagnostics: "Diagnostics"};
+
+export function Shell(): JSX.Element {
+  const {page, about} = useCell(place);
+  const [help, setHelp] = useState(false);
+  const out = useCell(needsLogin);
+  const link = useCell(connection);
+  const main = useRef<HTMLElement>(null);
+
+  useEffect(() => {
+    const key = (event: KeyboardEvent): void => {
+      const index = event.altKey && !event.ctrlKey && !event.metaKey ? Number(event.code.replace("Digit", "")) - 1 : -1;
+      const next = pages[index];
+      if (next) {
+        event.preventDefault();
+        go(next);
+        main.current?.focus();
+      } else if (event.key === "?" && shortcuts.value && !isTyping(event)) {
+        event.preventDefault();
+        setHelp(true);
+      }
+    };
+    addEventListener("keydown", key);
+    return () => removeEventListener("keydown", key);
+  }, []);
+
+  return (
+    <div class={`shell ${link.state}`}>
+      <a class="skip" href="#main" onClick={event => { event.preventDefault(); main.current?.focus(); }}>Skip to the page</a>
+      <Header onHelp={() => setHelp(true)} />
+      <nav aria-label="Pages">
+        {pages.map((one, i) => (
+          <a key={one} href={path(one)} aria-current={one === page ? "page" : undefined} title={`Alt+${i + 1}`}>
+            <kbd aria-hidden="true">{i + 1}</kbd> {titles[one]}
+          </a>
+        ))}
+      </nav>
+      <Bars />
+      <main id="main" ref={main} tabIndex={-1} aria-label={titles[page]}>
+        {page === "overview" && <OverviewPage />}
+        {page === "loop" && <LoopPage about={about} />}
+        {page === "trend" && <TrendPage about={about} />}
+        {page === "events" && <EventsPage />}
+        {page === "timing" && <TimingPage />}
+        {page === "diagnostics" && <DiagnosticsPage />}
+      </main>
+      {help && <Help close={() => setHelp(false)} />}
+      {out && <Login />}
+    </div>
+  );
+}
+
+function Header({onHelp}: {onHelp: () => void}): JSX.Element {
+  const p = useCell(plant);
+  const who = useCell(session);
+  const database = useCell(store);
+  const mode = useCell(theme);
+  const logout = (): void => {
+    void post("/api/logout", {}, 5000).finally(() => location.reload());
+  };
+  return (
+    <header>
+      <b class="brand">libapc</b>
+      <span class="plant">{p?.name ?? "…"}</span>
+      <LinkState />
+      <span class="database" data-connected={database?.connected ?? ""}>
+        {database && !database.connected && <Shape priority={1} label="database away" />} DB {database ? (database.connected ? "ok" : "AWAY") : "…"}
+      </span>
+      <Clock />
+      <span class="spring" />
+      <span class="who">
+        {who ? (who.protected ? `${who.user}, ${who.role}` : "open server: no login, everybody on this host is operator") : "…"}
+      </span>
+      {who?.protected && <button type="button" onClick={logout}>Log out</button>}
+      <label class="theme">
+        <span class="hidden">Colours</span>
+        <select value={mode} onChange={event => setTheme(event.currentTarget.value as Theme)}>
+          <option value="auto">auto</option>
+          <option value="light">light</option>
+          <option value="dark">dark</option>
+        </select>
+      </label>
+      <button type="button" onClick={onHelp} aria-label="Help" title="?">?</button>
+    </header>
+  );
+}
+
+function LinkState(): JSX.Element {
+  useCell(second);
+  const link = useCell(connection);
+  const age = (performance.now() - heardAt.value) / 1000;
+  return (
+    <span class="link-state" data-state={link.state}>
+      {link.state === "connected" ? (
+        <>
+          <span aria-hidden="true">●</span> CONNECTED <span class="digits">{age.toFixed(1)} s</span>
+        </>
+      ) : link.state === "disconnected" ? (
+        <>
+          <Shape priority={1} label="disconnected" /> DISCONNECTED
+        </>
+      ) : (
+        "connecting …"
+      )}
+    </span>
+  );
+}
+
+function Clock(): JSX.Element {
+  useCell(second);
+  return <span class="clock digits">{clock(serverNow())} UTC</span>;
+}
+
+/** Full width, and read aloud: what makes the values on the screen something else than they seem. */
+function Bars(): JSX.Element {
+  useCell(second);
+  const link = useCell(connection);
+  const database = useCell(store);
+  const retry = link.retryAt == null ? 0 : Math.max(0, Math.ceil((link.retryAt - Date.now()) / 1000));
+  return (
+    <>
+      <div role="alert">
+        {link.state === "disconnected" && (
+          <p class="trouble disconnected-bar">
+            <Shape priority={1} label="disconnected" />
+            <span>Disconnected since {stamp(link.since)} UTC. Values are last known, writing is disabled.</span>
+          </p>
+        )}
+        {link.state === "connected" && database && !database.connected && (
+          <p class="trouble database-bar">
+            <Shape priority={1} label="database away" />
+            <span>
+              The database is away since {stamp(database.since)} UTC. Values are last known, writing is disabled. {database.error}
+            </span>
+          </p>
+        )}
+      </div>
+      {link.state === "disconnected" && <p class="retry">next attempt {retry > 0 ? `in ${retry} s` : "now"}</p>}
+    </>
+  );
+}

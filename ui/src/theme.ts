@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: BSD-3-Clause
+import {Cell} from "./cell";
+
+export type Theme = "auto" | "light" | "dark";
+
+function stored(name: string): string | null {
+  try {
+    return localStorage.getItem(name);
+  } catch {
+    return null;
+  }
+}
+
+export function remember(name: string, value: string): void {
+  try {
+    localStorage.setItem(name, value);
+  } catch {
+    // Private windows may refuse: then it is for this visit only.
+  }
+}
+
+const saved = stored("apc-theme");
+export const theme = new Cell<Theme>(saved === "light" || saved === "dark" ? saved : "auto");
+/** Grows when colours have changed: what draws on a canvas draws anew. */
+export const repaint = new Cell(0);
+export const shortcuts = new Cell(stored("apc-shortcuts") !== "off");
+
+function apply(): void {
+  if (theme.value === "auto") delete document.documentElement.dataset.theme;
+  else document.documentElement.dataset.theme = theme.value;
+  known.clear();
+  repaint.value++;
+}
+
+export function setTheme(next: Theme): void {
+  theme.value = next;
+  remember("apc-theme", next);
+  apply();
+}
+
+export function setShortcuts(on: boolean): void {
+  shortcuts.value = on;
+  remember("apc-shortcuts", on ? "on" : "off");
+}
+
+const known = new Map<string, string>();
+
+/** Asked for often while drawing: each question to the style sheet may cost a layout. */
+export function colour(name: string): string {
+  let value = known.get(name);
+  if (value == null) known.set(name, (value = getComputedStyle(document.documentElement).getPropertyValue(name).trim()));
+  return value;
+}
+
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", apply);
+apply();

@@ -1,0 +1,177 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// What the daemon says: docs/openapi.json, as types.
+
+export type Ref = string;
+
+/** seq, time (Unix s), value, status. */
+export type Sample = [number, number | null, number | null, string];
+
+export interface Session {
+  user: string;
+  role: "observer" | "operator";
+  protected: boolean;
+  csrf: string;
+  expires: number | null;
+}
+
+export interface Variable {
+  ref: Ref;
+  table: "sensor" | "actuator" | "setpoint" | "opmode" | "tuning" | "manual" | string;
+  id: number;
+  name: string;
+  unit: string;
+  description: string;
+  low: number | null;
+  high: number | null;
+  period: number | null;
+}
+
+export interface Loop {
+  id: number;
+  name: string;
+  measurement: Ref | null;
+  setpoint: Ref | null;
+  output: Ref;
+  manual: Ref;
+  tuning: Ref[];
+  parameters: string[];
+}
+
+export interface Plant {
+  name: string;
+  title: string;
+  version: string;
+  revision: number;
+  start: number | null;
+  variables: Variable[];
+  loops: Loop[];
+  mode: {target: Ref; actual: Ref; names: string[]; targets: string[]};
+}
+
+export interface StoreState {
+  connected: boolean;
+  since: number;
+  error: string | null;
+}
+
+export interface State {
+  t: number;
+  id: string;
+  store: StoreState;
+  values: Record<Ref, Sample>;
+  ages: Record<Ref, number | null>;
+}
+
+export interface Bins {
+  n: number;
+  from: number[];
+  count: number[];
+  bad: number[];
+  min: (number | null)[];
+  max: (number | null)[];
+  mean: (number | null)[];
+  last: (number | null)[];
+  worst: string[];
+}
+
+export interface Samples {
+  seq: number[];
+  time: number[];
+  value: number[];
+  status: string[];
+}
+
+export interface History {
+  ref: Ref;
+  t: number;
+  since: number;
+  until: number;
+  before: Sample | null;
+  bins?: Bins;
+  samples?: Samples;
+}
+
+export interface PlantEvent {
+  time: number;
+  severity: 1 | 2 | 3;
+  source: string;
+  kind: string;
+  text: string;
+}
+
+export type Quantity = "lateness" | "jitter" | "run";
+
+export interface Timing {
+  task: string;
+  quantity: Quantity;
+  period: number;
+  count: number;
+  missed: number;
+  mean: number;
+  sd: number;
+  min: number;
+  p50: number;
+  p99: number;
+  p999: number;
+  max: number;
+  bins: [number, number, number][];
+}
+
+export interface TimingSeries {
+  task: string;
+  quantity: Quantity;
+  period: number | null;
+  series: {time: number[]; count: number[]; missed: number[]; mean: number[]; p50: number[]; p99: number[]; max: number[]};
+}
+
+export interface Figures {
+  count?: number;
+  mean: number;
+  p50: number;
+  p99: number;
+  max: number;
+}
+
+export interface Task {
+  task: string;
+  period: number;
+  time: number;
+  age: number;
+  count: number;
+  missed: number;
+  missed_total: number;
+  lateness: Figures | null;
+  jitter: Figures | null;
+  run: Figures | null;
+}
+
+export interface Diagnostics {
+  t: number;
+  uptime: number;
+  tasks: Task[];
+  links: {
+    name: string;
+    up: boolean | null;
+    since: number | null;
+    text: string;
+    changes: number;
+    round_trip: Figures | null;
+    failed: number | null;
+  }[];
+  signals: {ref: Ref; age: number | null; period: number | null; stale: boolean; status: string}[];
+  store: StoreState & {connects: number; spool: {depth: number; age: number} | null; read: Figures; write: Figures};
+  stream: {clients: number; messages: number; dropped: number; lag: Figures};
+}
+
+export type WriteKind = "setpoint" | "output" | "mode" | "tuning";
+
+export interface Write {
+  key: string;
+  kind: WriteKind;
+  user: string;
+  time: number;
+  state: "accepted" | "applied" | "failed" | "unknown";
+  stored: boolean | null;
+  reason: string | null;
+  changes: {ref: Ref; name: string; from: number | null; to: number; seq: number | null}[];
+}

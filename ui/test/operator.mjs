@@ -1,0 +1,278 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// What an operator does, done through the page, against a running plant. tests/system/test_ui_page.sh starts it.
+import assert from "node:assert/strict";
+import {after, before, test} from "node:test";
+import {api, applied, database, exported, launch, near, open, phase, phases, post, shown, until, watchPhases} from "./lib.mjs";
+
+let browser;
+before(async () => (browser = await launch()));
+after(() => browser.close());
+
+async function withPage(at, options, use) {
+  const page = await open(browser, at, options);
+  try {
+    await use(page);
+    assert.deepEqual(page.complaints, []);
+  } finally {
+    await page.context().close();
+  }
+}
+
+const setpoint = page => page.locator('input[name="setpoint.1"]');
+
+test("y follows a setpoint that is changed through the page", () =>
+  withPage("loop", {}, async page => {
+    await watchPhases(page, "setpoint.1");
+    await setpoint(page).fill("12");
+    await setpoint(page).press("Enter");
+    await applied(page, "setpoint.1");
+    const seen = await phases(page);
+    assert.equal(seen[0], "none");
+    assert.ok(seen.includes("pending"), `pending was never shown: ${seen}`);
+    assert.equal(await shown(page, "setpoint.1"), 12);
+    await near(page, "sensor.1", 12, 0.1);
+    const {events} = await api("/api/events?kind=operator");
+    assert.match(events.at(-1).text, /r: .*-> 12/);
+    assert.match(await page.locator(".last-action").textContent(), /local: r .* → 12/);
+  }));
+
+test("Man, move the output, and back to Auto without a bump", () =>
+  withPage("loop", {}, async page => {
+    await near(page, "sensor.1", 12, 0.05);
+    const output = page.locator('input[name="output.1"]');
+    assert.equal(await output.isDisabled(), true, "the output can be moved in Auto");
+    await page.getByRole("button", {name: "Man", exact: true}).click();
+    await until("the actual mode is Man", async () => (await page.locator('.mode-switch [data-ref="opmode.1"]').textContent()) === "Man");
+    const held = await shown(page, "actuator.1");
+    await until("the output can be moved", () => output.isEnabled());
+    const moved = Number((held + 0.1).toFixed(3));
+    await output.fill(String(moved));
+    await output.press("Enter");
+    await applied(page, "output.1");
+    await near(page, "actuator.1", moved, 0.011);
+    await near(page, "sensor.1", 13, 0.1);
+    await page.getByRole("button", {name: "Auto", exact: true}).click();
+    await until("the actual mode is Auto", async () => (await page.locator('.mode-switch [data-ref="opmode.1"]').textContent()) === "Auto");
+    await near(page, "sensor.1", 12, 0.1);
+    const {samples} = await api("/api/history?var=actuator.1&since=-60&last=2000");
+    const last = samples.value.lastIndexOf(moved); // the last by hand
+    assert.ok(last > 0, "the moved output is not in the history");
+    const bump = Math.abs(samples.value[last + 1] - moved);
+    assert.ok(bump < 0.09, `the first automatic output jumps by ${bump}`);
+  }));
+
+test("tuning goes as one transaction, old and new are shown, and it is applied", () =>
+  withPage("loop", {}, async page => {
+    const {parameters, tuning} = (await api("/api/plant")).loops[0];
+    const field = name => page.locator(`input[name="${tuning[parameters.indexOf(name)]}"]`);
+    await field("Kp").fill("0.25");
+    await field("tau_i").fill("1,2"); // a comma will do
+    const form = page.locator("form.tuning");
+    assert.match(await form.textContent(), /0\.2 → 0\.25/);
+    await form.getByRole("button", {name: "Apply all 2 together"}).click();
+    await applied(page, "tuning.1");
+    assert.match(await page.locator('[data-slot="tuning.1"]').textContent(), /Kp 0\.2 → 0\.25, tau_i 1 → 1\.2: applied/);
+    const {values} = await api("/api/state");
+    assert.deepEqual(["Kp", "tau_i"].map(name => values[tuning[parameters.indexOf(name)]][2]), [0.25, 1.2]);
+    await field("Kp").fill("many");
+    assert.equal(await form.getByRole("button", {name: /^Apply/}).isDisabled(), true);
+    await field("Kp").press("Escape");
+    assert.equal(await field("Kp").inputValue(), "0.25");
+  }));
+
+test("an entry does not fight the readback, and a change by somebody else is not overwritten unseen", () =>
+  withPage("loop", {}, async page => {
+    await setpoint(page).fill("11");
+    const seq = (await api("/api/state")).values["setpoint.1"][0];
+    await post("/api/setpoint", {id: 1, value: 14, seq});
+    await until("the other's setpoint is shown", async () => (await shown(page, "setpoint.1")) === 14);
+    assert.equal(await setpoint(page).inputValue(), "11");
+    assert.match(await page.locator("main").textContent(), /changed meanwhile to 14/);
+    await setpoint(page).press("Enter");
+    await until("it is refused", async () => (await phase(page, "setpoint.1")) === "failed");
+    assert.equal((await api("/api/state")).values["setpoint.1"][2], 14);
+    assert.equal(await setpoint(page).inputValue(), "11");
+    await page.locator('[data-slot="setpoint.1"]').getByRole("button", {name: "Retry"}).click();
+    await applied(page, "setpoint.1");
+    assert.equal(await shown(page, "setpoint.1"), 11);
+    await setpoint(page).fill("1000");
+    assert.match(await page.locator("main").textContent(), /outside −100 to 100/);
+    await setpoint(page).press("Escape");
+    assert.equal(await setpoint(page).inputValue(), "11");
+  }));
+
+const live = async page => (await page.locator("section.trend").getAttribute("data-live")) === "true";
+const span = async page => Number(await page.locator("section.trend").getAttribute("data-span"));
+const points = async page => Number(await page.locator("section.trend").getAttribute("data-points"));
+
+test("the trend is paused, zoomed, moved, and exported", () =>
+  withPage("trend", {}, async page => {
+    await until("there is a curve", async () => (await points(page)) > 20);
+    assert.equal(await live(page), true);
+    await page.getByRole("button", {name: "Pause"}).click();
+    const back = page.locator(".new-samples");
+    await until("new samples are counted", async () => Number((await back.textContent()).match(/(\d+) new/)[1]) > 3);
+    const before = await span(page);
+    await page.getByRole("button", {name: "Zoom in"}).click();
+    assert.equal(await span(page), before / 2);
+    await back.click();
+    assert.equal(await live(page), true);
+    const box = await page.locator(".plots .u-over").first().boundingBox();
+    await page.mouse.move(box.x + box.width * 0.9, box.y + 50);
+    await page.mouse.down();
+    await page.mouse.move(box.x + box.width * 0.99, box.y + 60, {steps: 5});
+    await page.mouse.up();
+    await until("drawing a range pauses and zooms", async () => !(await live(page)) && (await span(page)) < 100);
+    await until("the range has a curve", async () => (await points(page)) > 20);
+    const csv = (await exported(page, "CSV")).toString();
+    const lines = csv.trimEnd().split("\r\n");
+    assert.equal(lines[0], "time,y,r,u");
+    assert.ok(lines.length > 20);
+    assert.match(lines[1], /^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z,[-\d.]+,[-\d.]*,[-\d.]*$/);
+    const png = await exported(page, "PNG");
+    assert.equal(png.subarray(1, 4).toString(), "PNG");
+    await page.getByRole("button", {name: "View as table"}).click();
+    assert.ok((await page.locator("table.data tbody tr").count()) > 20);
+    for (const name of ["1 h", "8 h", "24 h"]) {
+      await page.getByRole("button", {name, exact: true}).click();
+      await until(`${name} is shown`, async () => (await points(page)) > 2);
+    }
+  }));
+
+test("everything by keyboard alone", () =>
+  withPage("overview", {}, async page => {
+    const at = () => page.locator("nav [aria-current]").textContent();
+    for (const [key, name] of [["6", "Diagnostics"], ["5", "Timing"], ["4", "Events"], ["1", "Overview"], ["3", "Trend"]]) {
+      await page.keyboard.press(`Alt+${key}`);
+      await until(name, async () => (await at()).includes(name));
+    }
+    await until("the trend is live", () => live(page));
+    await page.keyboard.press("Space");
+    assert.equal(await live(page), false);
+    await page.keyboard.press("Space");
+    assert.equal(await live(page), true);
+    await page.keyboard.press("ArrowLeft");
+    assert.equal(await live(page), false);
+    const before = await span(page);
+    await page.keyboard.press("+");
+    assert.equal(await span(page), before / 2);
+    await page.keyboard.press("-");
+    assert.equal(await span(page), before);
+    await page.keyboard.press("Home");
+    assert.equal(await live(page), true);
+    await page.keyboard.press("?");
+    await page.getByRole("dialog").waitFor();
+    await page.keyboard.press("Escape");
+    await page.getByRole("dialog").waitFor({state: "detached"});
+    await page.keyboard.press("Alt+2");
+    await setpoint(page).waitFor();
+    for (let i = 0; i < 40 && !(await setpoint(page).evaluate(field => field === document.activeElement)); i++) await page.keyboard.press("Tab");
+    await page.keyboard.type("13");
+    await page.keyboard.press("Escape");
+    assert.notEqual(await setpoint(page).inputValue(), "13");
+    await until("the readback is selected", () => setpoint(page).evaluate(field => field.selectionEnd - field.selectionStart === field.value.length));
+    await page.keyboard.type("12.5");
+    await page.keyboard.press("Enter");
+    await applied(page, "setpoint.1");
+    assert.equal(await shown(page, "setpoint.1"), 12.5);
+  }));
+
+test("events are filtered on the server, come in live, and are exported", () =>
+  withPage("events", {}, async page => {
+    const rows = page.locator("table tbody tr");
+    await until("there are events", async () => (await rows.count()) > 3);
+    await page.getByLabel("kind").selectOption("operator");
+    await until("only what operators did is left", async () => {
+      const kinds = await rows.locator('td[data-label="Kind"]').allTextContents();
+      return kinds.length > 0 && kinds.every(kind => kind === "operator");
+    });
+    const count = await rows.count();
+    const seq = (await api("/api/state")).values["setpoint.1"][0];
+    await post("/api/setpoint", {id: 1, value: 12, seq});
+    await until("a new one appears by itself", async () => (await rows.count()) === count + 1);
+    const csv = (await exported(page, "CSV")).toString();
+    assert.equal(csv.trimEnd().split("\r\n").length, count + 2);
+  }));
+
+test("timing and diagnostics tell of every task", () =>
+  withPage("timing", {}, async page => {
+    await until("each task has a histogram", async () => (await page.locator("svg.histogram").count()) >= 3);
+    await page.getByRole("button", {name: "lateness"}).click();
+    await until("the histograms are of lateness", async () => /lateness/.test(await page.locator("svg.histogram").first().getAttribute("aria-label")));
+    await page.keyboard.press("Alt+6");
+    await until("the tasks are listed", async () => /controller/.test(await page.getByRole("region", {name: "Tasks"}).textContent()));
+    await until("signals have ages", async () => (await page.getByRole("region", {name: "Signals"}).locator("tbody tr").count()) > 3);
+  }));
+
+test("dark by the system's wish and by the toggle", () =>
+  withPage("overview", {colorScheme: "dark"}, async page => {
+    const background = () => page.evaluate(() => getComputedStyle(document.body).backgroundColor);
+    assert.equal(await background(), "rgb(43, 43, 43)");
+    await page.getByLabel("Colours").selectOption("light");
+    assert.equal(await background(), "rgb(220, 220, 220)");
+    await page.reload();
+    await page.locator("nav").waitFor();
+    assert.equal(await background(), "rgb(220, 220, 220)", "the choice is forgotten");
+    await page.getByLabel("Colours").selectOption("auto");
+    assert.equal(await background(), "rgb(43, 43, 43)");
+  }));
+
+test("400 pixels wide: nothing sticks out, and fingers find their targets", () =>
+  withPage("overview", {viewport: {width: 400, height: 800}, hasTouch: true}, async page => {
+    for (const key of ["overview", "loop", "trend", "events", "timing", "diagnostics"]) {
+      await page.goto(page.url().replace(/#.*/, `#${key}`));
+      await page.locator("main section").waitFor();
+      const wide = await page.evaluate(() => document.documentElement.scrollWidth);
+      assert.ok(wide <= 400, `${key} is ${wide} pixels wide`);
+      const small = await page.evaluate(() =>
+        [...document.querySelectorAll("button, select, nav a, main a.button, tbody th a, input:not([type=checkbox])")]
+          .filter(one => one.checkVisibility())
+          .map(one => [one.textContent || one.name, one.getBoundingClientRect()])
+          .filter(([, box]) => box.width < 43.9 || box.height < 43.9)
+          .map(([name, box]) => `${name} ${Math.round(box.width)}x${Math.round(box.height)}`),
+      );
+      assert.deepEqual(small, [], key);
+    }
+  }));
+
+test("a server that falls silent is noticed, and what was missed is filled in", () =>
+  withPage("loop", {}, async page => {
+    const server = Number(process.env.APC_UI_PID);
+    process.kill(server, "SIGSTOP");
+    try {
+      await page.locator(".disconnected-bar").waitFor();
+      assert.equal(await setpoint(page).isDisabled(), true);
+      assert.match(await page.locator("header").textContent(), /DISCONNECTED/);
+      await until("values are stale, with their age", async () => /\d s old/.test(await page.locator('main .value[data-ref="sensor.1"]').first().textContent()));
+    } finally {
+      process.kill(server, "SIGCONT");
+    }
+    await page.locator(".disconnected-bar").waitFor({state: "detached"});
+    await until("writing is possible again", () => setpoint(page).isEnabled());
+    await until("the value is fresh", async () => (await page.locator('main .value.stale[data-ref="sensor.1"]').count()) === 0);
+  }));
+
+test("the database is lost: the page says so, nothing can be written, and the gap is filled on return", () =>
+  withPage("loop", {}, async page => {
+    const trend = await page.context().newPage();
+    await trend.goto(page.url().replace("#loop", "#trend"));
+    await until("there is a curve", async () => (await points(trend)) > 2);
+    const from = Date.now() / 1000;
+    database("stop");
+    await page.locator(".database-bar").waitFor();
+    assert.match(await page.locator(".database").textContent(), /AWAY/);
+    assert.equal(await setpoint(page).isDisabled(), true);
+    for (const name of ["Man", "Auto"]) assert.equal(await page.getByRole("button", {name, exact: true}).isDisabled(), true);
+    await page.locator('main .value.stale[data-ref="sensor.1"]').first().waitFor();
+    const stopped = Date.now() / 1000;
+    database("start");
+    await page.locator(".database-bar").waitFor({state: "detached"});
+    await until("writing is possible again", () => setpoint(page).isEnabled());
+    await until("the value is fresh", async () => (await page.locator('main .value.stale[data-ref="sensor.1"]').count()) === 0);
+    await trend.bringToFront();
+    await until("the trend has what was measured meanwhile, and no hole", async () => {
+      const lines = (await exported(trend, "CSV")).toString().trimEnd().split("\r\n").slice(1);
+      const times = lines.map(line => Date.parse(line.slice(0, 23) + "Z") / 1000).filter(t => t > from - 2 && t < stopped + 2);
+      return times[0] < from && times.at(-1) > stopped && times.every((t, i) => i === 0 || t - times[i - 1] < 1);
+    });
+  }));
