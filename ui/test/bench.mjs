@@ -2,7 +2,7 @@
 // bench/ui-page: how long from a sample's INSERT to the frame that shows it, size of the page, first paint.
 import {launch, open, until} from "./lib.mjs";
 
-const SAMPLES = 200;
+const SAMPLES = 100;
 const browser = await launch();
 const url = process.env.APC_UI_HUNDRED;
 
