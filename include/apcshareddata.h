@@ -96,9 +96,9 @@ struct apc_spool_stats {
     uint64_t drained;         /**< samples and events that went on to the store */
     uint64_t refused;         /**< samples and events: full, or the disk would not. Never acknowledged */
     uint64_t torn;            /**< bytes of a last, unfinished record, cut off when it was opened */
-    int blocked;              /**< the error with which the store, which is there, refuses what is next; or 0 */
-    uint64_t damaged;         /**< times that the file was set aside ... */
-    char aside[256];          /**< ... and as what, the last time */
+    int blocked;      /**< the error with which the store, which is there, refuses what is next; or 0 */
+    uint64_t damaged; /**< times that the file was set aside ... */
+    char aside[256];  /**< ... and as what, the last time */
 };
 
 /** Counters since it was opened. */
@@ -112,10 +112,10 @@ APC_API void apc_store_stats(const struct apc_store *store, struct apc_store_sta
 /*
  * Store and forward: a store with a spool goes on acknowledging apc_store_append() and
  * apc_store_append_events() while it is away (APC_ECONN, APC_ETIMEDOUT) or its disk is full (APC_EFULL): they
- * are on disk in the spool when the call returns. apc_store_error() then says why the store is away. Once something waits, everything goes
- * through the spool, in order; apc_store_connect(), apc_store_append() and apc_store_append_events() each
- * drain a portion when the store is there, for about a tenth of the timeout. While it is away it is asked
- * only now and then: what made a call wait is left alone for four times as long.
+ * are on disk in the spool when the call returns. apc_store_error() then says why the store is away. Once
+ * something waits, everything goes through the spool, in order; apc_store_connect(), apc_store_append() and
+ * apc_store_append_events() each drain a portion when the store is there, for about a tenth of the timeout.
+ * While it is away it is asked only now and then: what made a call wait is left alone for four times as long.
  *
  * - apc_store_claim() finds what a former writer left; `last` counts it in. When the store is away it
  * succeeds if records wait, which say how far the writer had come, and is made up for before they drain; then
@@ -151,8 +151,8 @@ APC_API int apc_spool_look(const char *file, struct apc_spool_info *info, struct
 /*
  * Operations return 0 or a count, else: APC_ECONN, APC_ETIMEDOUT, APC_ESCHEMA (run `apc init`), APC_EBUSY
  * (the claim went to another writer), APC_EPERM, APC_EFULL (its disk is: nothing was written), APC_ESTORE
- * (refused: constraint, damage, ...), APC_EINVAL, APC_ESTATE (called from inside the store's own history function). Times are kept to the
- * microsecond.
+ * (refused: constraint, damage, ...), APC_EINVAL, APC_ESTATE (called from inside the store's own history
+ * function). Times are kept to the microsecond.
  *
  * After APC_ECONN or APC_ETIMEDOUT a write may or may not have taken place. To repeat it is harmless for
  * apc_store_append, apc_store_claim, apc_store_put_tags and apc_store_init. A repeated apc_store_put,

@@ -6,6 +6,7 @@ skip() {
   echo "skipped: $*" >&2
   exit 77
 }
+[ -z "${APC_SANITIZE:-}" ] || skip "a browser needs no sanitizers, and the daemon has them in system_ui_api"
 command -v node >/dev/null || skip "there is no node (scripts/setup installs it)"
 [ -f "$APC_BUILD_DIR/share/apc/ui/index.html" ] || skip "the page was not built: see what cmake says"
 chromium=${APC_CHROMIUM:-$(command -v chromium || command -v chromium-browser || command -v google-chrome || true)}
