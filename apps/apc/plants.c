@@ -19,20 +19,20 @@ static const struct cli_spec spec = {
 /* One table of a model. */
 struct kind {
     const char *name, *names; /* "state", "states" */
-    char letter;
     const struct apc_param *table;
     size_t n;
+    char letter;
     bool named_only; /* it has no values */
 };
 #define KINDS 5
 
 static void kinds_of(const struct apc_model *m, struct kind kinds[KINDS])
 {
-    kinds[0] = (struct kind){"parameter", "parameters", 'p', m->param, m->np, false};
-    kinds[1] = (struct kind){"state", "states", 'x', m->state, m->nx, false};
-    kinds[2] = (struct kind){"input", "inputs", 'u', m->input, m->nu, false};
-    kinds[3] = (struct kind){"disturbance", "disturbances", 'd', m->disturbance, m->nd, false};
-    kinds[4] = (struct kind){"output", "outputs", 'y', m->output, m->ny, true};
+    kinds[0] = (struct kind){"parameter", "parameters", m->param, m->np, 'p', false};
+    kinds[1] = (struct kind){"state", "states", m->state, m->nx, 'x', false};
+    kinds[2] = (struct kind){"input", "inputs", m->input, m->nu, 'u', false};
+    kinds[3] = (struct kind){"disturbance", "disturbances", m->disturbance, m->nd, 'd', false};
+    kinds[4] = (struct kind){"output", "outputs", m->output, m->ny, 'y', true};
 }
 
 static const char *text_of(const char *text)

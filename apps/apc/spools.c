@@ -65,7 +65,7 @@ int spools_drain(const char *dir, const char *uri, apc_ns timeout, struct apc_er
 {
     struct spools *spools = malloc(sizeof *spools);
     int rc = spools ? spools_look(spools, dir, why) : apc_fail(why, APC_ENOMEM, "out of memory");
-    for (size_t i = 0; rc >= 0 && i < spools->n; i++)
+    for (size_t i = 0; spools && rc >= 0 && i < spools->n; i++)
         rc = drain_one(spools->path[i], spools->info[i].writer, uri, timeout, why);
     free(spools);
     return rc;

@@ -510,15 +510,19 @@ static int reserve_batch(struct apc_spool_batch *b, enum apc_spool_kind kind, si
     size_t capacity = n > BATCH ? n : BATCH;
     if (kind == APC_SPOOL_EVENTS && n > b->n_events) {
         struct apc_event *events = realloc(b->events, capacity * sizeof *events);
-        b->events = events ? events : b->events;
-        b->n_events = events ? capacity : b->n_events;
-        return events ? 0 : APC_ENOMEM;
+        if (!events) {
+            return APC_ENOMEM;
+        }
+        b->events = events;
+        b->n_events = capacity;
     }
     if (kind != APC_SPOOL_EVENTS && n > b->n_samples) {
         struct apc_sample *samples = realloc(b->samples, capacity * sizeof *samples);
-        b->samples = samples ? samples : b->samples;
-        b->n_samples = samples ? capacity : b->n_samples;
-        return samples ? 0 : APC_ENOMEM;
+        if (!samples) {
+            return APC_ENOMEM;
+        }
+        b->samples = samples;
+        b->n_samples = capacity;
     }
     return 0;
 }
