@@ -4,7 +4,8 @@
  * that comes too late nor that of a request that arrived twice is taken for the next one's. What is under way
  * lies in flights, which are used again and again, so that a link that has seen its busiest moment allocates
  * no more. A flight is the context of its event; the link's own event is the end of an exchange's patience.
- * One that comes after the reply finds another deadline, or none, and does nothing; it is the last thing of its instant, so that a reply that just comes in time does.
+ * One that comes after the reply finds another deadline, or none, and does nothing; it is the last thing of
+ * its instant, so that a reply that just comes in time does.
  */
 #include "base/base_internal.h"
 #include "modules/modules_internal.h"
