@@ -165,9 +165,8 @@ static int shrink(struct subspace *z)
 static int motion_of(struct subspace *z, double complex *zero)
 {
     size_t w = z->k + z->m, rows = z->n + z->r, rhs = z->k ? z->k : 1;
-    /* NOLINTNEXTLINE(clang-analyzer-optin.portability.UnixAPI): a system has an input or an output */
-    double *f = calloc(rows * rhs, sizeof *f), *left = calloc(rows * z->m, sizeof *left);
-    double *into = calloc(z->n * rhs, sizeof *into);
+    double *f = calloc(rows * rhs + 1, sizeof *f), *left = calloc(rows * z->m + 1, sizeof *left);
+    double *into = calloc(z->n * rhs + 1, sizeof *into);
     int rank = 0, rc = f && left && into ? 0 : APC_ENOMEM;
 
     build_test(z);

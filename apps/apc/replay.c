@@ -60,10 +60,8 @@ static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NU
 static const struct cli_spec spec = {
     .args_doc = "RUN",
     .doc = "Give the measurements, setpoints and modes of run folder RUN to a controller, and report how its "
-           "outputs "
-           "differ from the recorded ones. Tuning is the experiment file's; what an operator tuned meanwhile "
-           "is not "
-           "in the folder.",
+           "outputs differ from the recorded ones. Tuning is the experiment file's; what an operator tuned "
+           "meanwhile is not in the folder.",
     .min_args = 1,
     .max_args = 1,
     .extra = &extra,

@@ -101,6 +101,8 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         o->overrides.model = arg;
         break;
     case ARGP_KEY_END:
+        if (o->jobs && !o->runs)
+            argp_error(state, "--jobs: only a campaign has several; give --runs N as well");
         if (o->runs && (o->report || o->compare))
             argp_error(state, "--runs: a campaign has no single run to %s", o->report ? "report" : "compare");
         break;
@@ -115,8 +117,7 @@ static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NU
 static const struct cli_spec spec = {
     .args_doc = "FILE",
     .doc = "Run the experiment FILE in virtual time, in one process: the modules, laws and plants of `apc "
-           "run`, over "
-           "a network as bad as you like. The same seed gives the same samples bit for bit.",
+           "run`, over a network as bad as you like. The same seed gives the same samples bit for bit.",
     .min_args = 1,
     .max_args = 1,
     .extra = &extra,

@@ -104,6 +104,8 @@ expect 1 '20 of 20 runs ended early' "$apc" simulate "$conf" --plant "$work/burs
 
 # ---- Bad input
 
+expect 2 '--jobs: .*--runs' "$apc" simulate "$conf" --jobs 2
+
 bad_net() {
   expect 1 "--net: .*$1" "$apc" simulate "$conf" --net "$2"
 }
