@@ -33,6 +33,7 @@ const char *apc_err_text(int err)
     }
 }
 
+#undef apc_fail
 int apc_fail(struct apc_error *why, int err, const char *fmt, ...)
 {
     if (why) {

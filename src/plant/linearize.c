@@ -230,7 +230,8 @@ static int newton(struct point *at, struct apc_error *why)
                         at->model->name);
     solve(at, at->dx);
     size = relative(at, at->dx);
-    for (double damping = 1.0; damping > 1e-8; damping /= 2.0) {
+    for (int halvings = 0; halvings < 27; halvings++) {
+        const double damping = ldexp(1.0, -halvings);
         for (size_t i = 0; i < at->nx; i++)
             at->trial[i] = at->x[i] - damping * at->dx[i];
         if (!within_ranges(at, at->trial) ||

@@ -333,8 +333,8 @@ int apc_shm_events(struct apc_store *store, const struct apc_range *range, apc_e
 /* Neighbours are merged, as many as it takes, so that no more than APC_SHM_BINS are left. */
 static void put_bins(struct apc_shm_timing *t, const struct apc_timing_row *r)
 {
-    const size_t merged = (r->n_bins + APC_SHM_BINS - 1) / APC_SHM_BINS;
-    const size_t n = merged > 0 ? (r->n_bins + merged - 1) / merged : 0;
+    const size_t merged = r->n_bins > 0 ? (r->n_bins + APC_SHM_BINS - 1) / APC_SHM_BINS : 1;
+    const size_t n = (r->n_bins + merged - 1) / merged;
     for (size_t i = 0; i < r->n_bins; i++) {
         const size_t at = i / merged;
         if (i % merged == 0) {

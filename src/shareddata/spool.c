@@ -224,7 +224,7 @@ static int put_base(struct spooling *s)
 static bool same_sample(const struct apc_sample *a, const struct apc_sample *b)
 {
     return a->id == b->id && a->seq == b->seq && a->time / APC_NS_PER_US == b->time / APC_NS_PER_US &&
-           a->status == b->status && memcmp(&a->value, &b->value, sizeof a->value) == 0;
+           a->status == b->status && a->value == b->value;
 }
 
 /* Samples or events that stand in the store leave the batch. */

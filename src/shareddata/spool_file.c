@@ -131,7 +131,9 @@ static void put_sample(unsigned char *at, const struct apc_sample *s)
     uint64_t value;
     memcpy(&value, &s->value, sizeof value);
     memset(at, 0, 8);
-    memcpy(at, name, strlen(name));
+    for (size_t i = 0; i < 8 && name[i]; i++) {
+        at[i] = (unsigned char)name[i];
+    }
     put_bits(at + 8, (uint64_t)s->id, 4);
     put_bits(at + 12, s->status, 4);
     put_bits(at + 16, (uint64_t)s->seq, 8);
@@ -394,7 +396,7 @@ int apc_spool_open(struct apc_spool_file *file, const char *path, const char *wr
         return apc_fail(why, APC_EINVAL, "the spool's path is too long");
     }
     file->memory = !*path;
-    strcpy(file->path, file->memory ? "in memory" : path);
+    snprintf(file->path, sizeof file->path, "%s", file->memory ? "in memory" : path);
     make_crc(file->crc);
     int err = reserve(file, APC_SPOOL_HEADER);
     if (err) {
@@ -435,7 +437,7 @@ int apc_spool_look(const char *path, struct apc_spool_info *info, struct apc_err
         return apc_fail(why, APC_EINVAL, "which spool?");
     }
     memset(info, 0, sizeof *info);
-    strcpy(file.path, path);
+    snprintf(file.path, sizeof file.path, "%s", path);
     make_crc(file.crc);
     file.fd = open(path, O_RDONLY | O_CLOEXEC);
     if (file.fd < 0) {

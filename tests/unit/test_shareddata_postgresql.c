@@ -875,11 +875,12 @@ static void *wait_long(void *arg)
 static void test_a_wait_ends_with_an_error_when_its_connection_does_and_the_next_one_works(void **state)
 {
     (void)state;
-    struct appender a = {.store = open_direct(LONG)};
-    char waiting[300]; /* the look was its last statement: before that, ending its connection makes it connect
-                          anew */
+    char uri[600], waiting[300]; /* the look was its last statement: before that, ending its connection makes
+                                    it connect anew */
+    snprintf(uri, sizeof uri, "%s&application_name=waiter#plant%d", cluster_uri(cluster), plant);
+    struct appender a = {.store = open_uri(uri, LONG)};
     snprintf(waiting, sizeof waiting,
-             "SELECT count(*) FROM pg_stat_activity WHERE application_name = 'test' AND state = 'idle' AND "
+             "SELECT count(*) FROM pg_stat_activity WHERE application_name = 'waiter' AND state = 'idle' AND "
              "query LIKE 'SELECT v.i%%FROM setpoint_newest%%' AND datname = '%s'",
              cluster_database(cluster));
     pthread_t thread;

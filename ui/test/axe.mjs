@@ -26,6 +26,8 @@ for (const colorScheme of ["light", "dark"])
       const page = await open(browser, "overview", {colorScheme, viewport: {width, height: 800}});
       for (const screen of screens) {
         await page.goto(page.url().replace(/#.*/, `#${screen}`));
+        await until(`${screen} is shown`, async () =>
+          (await page.locator("nav a[aria-current]").getAttribute("href")).includes(screen) && page.locator("main h1").isVisible());
         await until(`${screen} has its content`, () => page.locator("main :is(.value, .u-over, tbody tr, svg)").first().isVisible());
         assert.deepEqual(await violations(page), [], screen);
         const table = page.getByRole("button", {name: "View as table"});
