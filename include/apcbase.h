@@ -69,7 +69,11 @@ struct apc_error {
  */
 APC_API int apc_fail(struct apc_error *why, int err, const char *fmt, ...) APC_PRINTF(3, 4);
 #ifdef __clang_analyzer__ /* it sees one file at a time: this is what apc_fail() returns */
-#define apc_fail(why, err, ...) (err)
+static inline int apc_failed(int err, ...)
+{
+    return err;
+}
+#define apc_fail(why, err, ...) ((void)(why), apc_failed((err), __VA_ARGS__))
 #endif
 
 /* ---- Status codes ------------------------------------------------------------------------- */

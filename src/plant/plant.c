@@ -31,7 +31,7 @@ static int take_options(struct apc_plant_options *ours, const struct apc_plant_o
     if (rc < 0)
         return rc;
     if (!ours->integrator)
-        ours->integrator = apc_integrator_cvode.name;
+        ours->integrator = "cvode";
     if (ours->rtol == 0.0)
         ours->rtol = 1e-8;
     if (ours->atol == 0.0)

@@ -22,11 +22,6 @@
 static pthread_mutex_t names_mutex = PTHREAD_MUTEX_INITIALIZER;
 static struct memory *names;
 
-int apc_mem_no_memory(struct apc_store *store)
-{
-    return apc_fail(&store->why, APC_ENOMEM, "out of memory");
-}
-
 int apc_mem_grow(struct apc_store *store, void **array, size_t *capacity, size_t used, size_t n, size_t size)
 {
     if (*capacity - used >= n) {
@@ -245,6 +240,7 @@ static int grow_variables(struct apc_store *store, struct memory *m)
     m->index = index;
     m->capacity = capacity;
     for (size_t i = 0; i < m->n; i++) {
+        /* NOLINTNEXTLINE(clang-analyzer-core.CallAndMessage): the first n came along from before realloc() */
         *place(m, variable[i].table, variable[i].id) = (uint32_t)(i + 1);
     }
     return 0;

@@ -59,7 +59,10 @@ static inline bool apc_mem_within(const struct apc_range *range, apc_ns time)
     return (range->since == 0 || time >= range->since) && (range->until == 0 || time < range->until);
 }
 
-int apc_mem_no_memory(struct apc_store *store);
+static inline int apc_mem_no_memory(struct apc_store *store)
+{
+    return apc_fail(&store->why, APC_ENOMEM, "out of memory");
+}
 /* Room for @p n more of what @p array holds @p used of. It doubles, so n rows cost log n moves. */
 int apc_mem_grow(struct apc_store *store, void **array, size_t *capacity, size_t used, size_t n, size_t size);
 
