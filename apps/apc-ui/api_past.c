@@ -150,9 +150,9 @@ void get_history(struct ui *ui, struct request *r, struct apc_store *store)
 {
     const char *ref = request_query(r, "var");
     int64_t bins = 0, last = 0;
-    enum apc_table table;
-    apc_ns since, until;
-    int id, rc;
+    enum apc_table table = 0;
+    apc_ns since = 0, until = 0;
+    int id = 0, rc;
     if (!known_variable(ui, r, ref, &table, &id) || !query_whole(r, "bins", 1, BINS_MAX, &bins) ||
         !query_whole(r, "last", 1, SAMPLES_MAX, &last) ||
         !take_range(r, 3600 * APC_NS_PER_S, 0, &since, &until))

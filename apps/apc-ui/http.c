@@ -15,6 +15,7 @@
 #include <netdb.h>
 #include <netinet/in.h>
 #include <poll.h>
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
@@ -313,8 +314,8 @@ static enum MHD_Result answer_stream(struct exchange *x)
         return answer(x);
     }
     greet(x, resumed);
-    struct MHD_Response *response =
-        MHD_create_response_from_callback(MHD_SIZE_UNKNOWN, 32 * 1024, read_stream, x, free_nothing);
+    struct MHD_Response *response = MHD_create_response_from_callback(MHD_SIZE_UNKNOWN, (size_t)(32 * 1024),
+                                                                      read_stream, x, free_nothing);
     if (!response)
         return MHD_NO;
     add_headers(ui, response, NULL);
@@ -642,6 +643,9 @@ static int check_binding(const struct ui *ui, const struct sockaddr *address, st
     return 0;
 }
 
+/* listen_on() reads the port of either as that of the first. */
+_Static_assert(offsetof(struct sockaddr_in6, sin6_port) == offsetof(struct sockaddr_in, sin_port), "port");
+
 /* A socket that listens there. Returns it, or an error. */
 static int listen_on(struct ui *ui, struct apc_error *why)
 {
@@ -649,7 +653,7 @@ static int listen_on(struct ui *ui, struct apc_error *why)
                                    .ai_flags = AI_NUMERICHOST | AI_NUMERICSERV | AI_PASSIVE};
     const char *text = ui->options.listen, *colon = strrchr(text, ':');
     struct addrinfo *found = NULL;
-    struct sockaddr_storage bound;
+    struct sockaddr_in6 bound = {0};
     socklen_t size = sizeof bound;
     char host[64] = "";
     const int on = 1;
@@ -678,8 +682,7 @@ static int listen_on(struct ui *ui, struct apc_error *why)
             close(fd);
         return rc;
     }
-    ui->port = ntohs(bound.ss_family == AF_INET6 ? ((struct sockaddr_in6 *)(void *)&bound)->sin6_port
-                                                 : ((struct sockaddr_in *)(void *)&bound)->sin_port);
+    ui->port = ntohs(bound.sin6_port);
     return fd;
 }
 

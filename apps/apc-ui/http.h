@@ -11,7 +11,7 @@
 
 #include "ui.h"
 
-#define BODY_MAX (64 * 1024)
+#define BODY_MAX 65536 /* bytes */
 
 enum where {
     DIRECT = 1, /* in the server's thread: never waits */

@@ -14,7 +14,7 @@
 #include "http.h"
 
 #define NICE          5 /* control comes first */
-#define LIFE          (12 * 3600 * APC_NS_PER_S)
+#define LIFE          (12 * APC_NS_PER_S * 3600)
 #define DEFAULT_IDLE  3600.0
 #define DEFAULT_PLACE "127.0.0.1:8080"
 
@@ -188,7 +188,8 @@ static int load_page(struct ui *ui, struct apc_error *why)
         folder[n > 0 ? n : 0] = '\0';
         for (int up = 0; up < 2 && strrchr(folder, '/'); up++)
             *strrchr(folder, '/') = '\0';
-        strcat(folder, "/share/apc/ui");
+        size_t at = strlen(folder);
+        snprintf(folder + at, sizeof folder - at, "/share/apc/ui");
     }
     int rc = files_load(&ui->files, ui->options.page ? ui->options.page : folder, why);
     if (rc == APC_ENOTFOUND && !ui->options.page && ui->files) {

@@ -123,7 +123,7 @@ void sessions_revoke(struct sessions *s, const struct users *users)
 
 bool session_may_write(struct sessions *s, const char *token, apc_ns now, apc_ns *again)
 {
-    const apc_ns each = APC_NS_PER_S / WRITE_RATE, burst = 2 * WRITE_RATE * each;
+    const apc_ns each = APC_NS_PER_S / WRITE_RATE, burst = 2 * each * WRITE_RATE;
     pthread_mutex_lock(&s->mutex);
     struct session *session = *token ? find(s, token) : &s->local;
     bool may = session && session->writes_due + each <= now + burst;

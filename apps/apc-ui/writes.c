@@ -220,7 +220,7 @@ static void settle_used(struct writes *w, struct write *write, const struct seen
         const struct apc_sample *actual = newest(seen, APC_OPMODE, 1);
         double mode = actual && actual->seq > 0 ? actual->value : -1;
         char reason[160];
-        if (write->kind != WRITE_MODE || own->seq > c->after.seq ||
+        if (write->kind != WRITE_MODE || (own && own->seq > c->after.seq) ||
             !(mode < c->after.value || mode > c->after.value)) {
             turn(w, write, WRITE_APPLIED, 1, "");
             return;
