@@ -69,11 +69,11 @@ struct apc_error {
  */
 APC_API int apc_fail(struct apc_error *why, int err, const char *fmt, ...) APC_PRINTF(3, 4);
 #ifdef __clang_analyzer__ /* it sees one file at a time: this is what apc_fail() returns */
-static inline int apc_failed(int err, ...)
+static inline void apc_said(const char *fmt, ...)
 {
-    return err;
+    (void)fmt;
 }
-#define apc_fail(why, err, ...) ((void)(why), apc_failed((err), __VA_ARGS__))
+#define apc_fail(why, err, ...) ((void)(why), apc_said(__VA_ARGS__), (err))
 #endif
 
 /* ---- Status codes ------------------------------------------------------------------------- */
