@@ -58,6 +58,7 @@ static int find_integrator(const struct apc_integrator **integrator, const char 
 
     for (size_t i = 0; i < sizeof(all) / sizeof(all[0]); i++) {
         *integrator = all[i];
+        /* NOLINTNEXTLINE(clang-analyzer-core.NonNullParamChecker): take_options() gave it a name */
         if (strcmp(all[i]->name, name) == 0)
             return 0;
     }

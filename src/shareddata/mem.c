@@ -259,6 +259,7 @@ static int find_or_add(struct apc_store *store, enum apc_table table, int id, st
             return err;
         }
     }
+    /* NOLINTNEXTLINE(clang-analyzer-core.NullDereference): there are capacity of them, more than n */
     m->variable[m->n] = (struct variable){.table = table, .id = id};
     *found = &m->variable[m->n++];
     *place(m, table, id) = (uint32_t)m->n;
