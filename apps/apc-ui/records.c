@@ -318,6 +318,14 @@ static int look_tags(struct records *r)
     return rc < 0 ? rc : 0;
 }
 
+static bool described(struct ui *ui)
+{
+    pthread_mutex_lock(&ui->model.mutex);
+    bool any = ui->model.plant.n > 0;
+    pthread_mutex_unlock(&ui->model.mutex);
+    return any;
+}
+
 static void look_users(struct ui *ui)
 {
     struct users users;
@@ -348,7 +356,7 @@ static int look(struct records *r, unsigned looks)
         rc = look_events(r);
     if (rc >= 0)
         rc = look_timing(r);
-    if (rc >= 0 && looks % TAGS_EACH == 0)
+    if (rc >= 0 && (looks % TAGS_EACH == 0 || !described(r->ui)))
         rc = look_tags(r);
     if (rc >= 0)
         r->started = true;

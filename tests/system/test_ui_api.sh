@@ -40,6 +40,8 @@ serve() {
 
 background run "$apc" run "$work/fast.conf" --duration 0 --out "$work/run" --no-ui
 run=$pid
+loop_runs() { [ -n "$(sql 'SELECT 1 FROM apc.actuator LIMIT 1')" ]; }
+until_true 20 loop_runs
 serve open
 export APC_UI_OPEN=$ui_port
 serve secure --users "$work/users"
