@@ -18,8 +18,9 @@ async function write(name, value) {
 
 const start = Date.now();
 const rest = () => seconds - (Date.now() - start) / 1000;
-await write("setpoint.1", (await api("/api/state")).values["setpoint.1"][2] === 12 ? "14" : "12");
+// Not before the scheduler has written the run's first setpoint.
 await until("the output is there", async () => (await api("/api/state")).values["actuator.1"][0] > 0);
+await write("setpoint.1", (await api("/api/state")).values["setpoint.1"][2] === 12 ? "14" : "12");
 while (rest() > 20) await new Promise(resolve => setTimeout(resolve, Math.min(5000, (rest() - 20) * 1000)));
 await write("tuning.1", (await api("/api/state")).values["tuning.1"][2] === 0.25 ? "0.2" : "0.25");
 for (const colorScheme of ["light", "dark"]) {
