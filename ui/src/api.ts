@@ -1,14 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Requests to the daemon, with its errors as they are.
-import type {Sample, Session, Ref} from "./types";
+import type {Session} from "./types";
 
 export class ApiError extends Error {
   constructor(
     readonly status: number,
     readonly code: string,
     message: string,
-    readonly field: string | null,
-    readonly current: Record<Ref, Sample> | null,
   ) {
     super(message);
   }
@@ -45,14 +43,12 @@ async function request<T>(path: string, init: RequestInit, timeout: number): Pro
     // not JSON: the status says enough
   }
   if (response.ok) return body as T;
-  const error = (body as {error?: {code?: string; message?: string; field?: string; current?: Record<Ref, Sample>}} | null)?.error;
+  const error = (body as {error?: {code?: string; message?: string}} | null)?.error;
   if (response.status === 401 && error?.code === "login") onLogin();
   throw new ApiError(
     response.status,
     error?.code ?? "http",
     error?.message ?? `the server answered ${response.status}`,
-    error?.field ?? null,
-    error?.current ?? null,
   );
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The life of one write, as the operator sees it. Pure: what comes next, given what happened.
-import type {Ref, Sample, Write} from "./types";
+import type {Write} from "./types";
 
 export type Phase = "pending" | "accepted" | "applied" | "failed" | "unknown";
 
@@ -10,12 +10,11 @@ export interface WriteView {
   at: number; // Unix s
   to: string; // what was asked for, as text
   reason: string | null;
-  current: Record<Ref, Sample> | null; // newer samples, when somebody else was faster
 }
 
 export type Happening =
   | {what: "answer"; write: Write}
-  | {what: "refused"; reason: string; current: Record<Ref, Sample> | null}
+  | {what: "refused"; reason: string}
   | {what: "no answer"; reason: string};
 
 const order: Record<Phase, number> = {pending: 0, accepted: 1, unknown: 2, applied: 3, failed: 3};
@@ -26,10 +25,10 @@ export function next(view: WriteView, happening: Happening): WriteView {
       const {write} = happening;
       // Messages may overtake the answer: a final state stays, and accepted is no news after unknown.
       if (write.key !== view.key || order[write.state] < order[view.phase] || isFinal(view.phase)) return view;
-      return {...view, phase: write.state, reason: write.reason, current: null};
+      return {...view, phase: write.state, reason: write.reason};
     }
     case "refused":
-      return isFinal(view.phase) ? view : {...view, phase: "failed", reason: happening.reason, current: happening.current};
+      return isFinal(view.phase) ? view : {...view, phase: "failed", reason: happening.reason};
     case "no answer":
       return view.phase === "pending" ? {...view, phase: "unknown", reason: happening.reason} : view;
   }

@@ -29,7 +29,7 @@ function newKey(): string {
 export async function send(name: string, kind: WriteKind, body: object, to: string): Promise<void> {
   const cell = slot(name);
   const key = newKey();
-  cell.value = {phase: "pending", key, at: Date.now() / 1000, to, reason: null, current: null};
+  cell.value = {phase: "pending", key, at: Date.now() / 1000, to, reason: null};
   const mine = (): boolean => cell.value?.key === key;
   try {
     const write = await post<Write>(`/api/${kind}`, {...body, key}, TIMEOUT);
@@ -38,7 +38,7 @@ export async function send(name: string, kind: WriteKind, body: object, to: stri
     if (!mine()) return;
     if (error instanceof NoAnswer || (error instanceof ApiError && error.code === "unknown"))
       step(cell, {what: "no answer", reason: `${error.message}: whether it was written is not known`});
-    else if (error instanceof ApiError) step(cell, {what: "refused", reason: error.message, current: error.current});
+    else if (error instanceof ApiError) step(cell, {what: "refused", reason: error.message});
     else throw error;
     void ask(cell);
   }

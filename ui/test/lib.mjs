@@ -32,7 +32,8 @@ export async function open(browser, at, options = {}) {
   return page;
 }
 
-export async function until(what, condition) {
+/** Looks every `pause` ms. Chromium drops what is downloaded too often, so a condition that downloads looks less often. */
+export async function until(what, condition, pause = 25) {
   const deadline = Date.now() + patience;
   let last;
   for (;;) {
@@ -42,7 +43,7 @@ export async function until(what, condition) {
       last = error;
     }
     if (Date.now() > deadline) throw new Error(`did not come true: ${what} (last: ${last})`);
-    await new Promise(resolve => setTimeout(resolve, 25));
+    await new Promise(resolve => setTimeout(resolve, pause));
   }
 }
 

@@ -274,5 +274,5 @@ test("the database is lost: the page says so, nothing can be written, and the ga
       const lines = (await exported(trend, "CSV")).toString().trimEnd().split("\r\n").slice(1);
       const times = lines.map(line => Date.parse(line.slice(0, 23) + "Z") / 1000).filter(t => t > from - 2 && t < stopped + 2);
       return times[0] < from && times.at(-1) > stopped && times.every((t, i) => i === 0 || t - times[i - 1] < 1);
-    });
+    }, 500);
   }));

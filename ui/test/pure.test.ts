@@ -106,7 +106,7 @@ test("parts of history join without doubling, curves align on one axis", () => {
   assert.deepEqual(align([{t: [1, 3], columns: [[1, null]]}, {t: [2], columns: [[5]]}]), [[1, 2, 3], [1, undefined, null], [undefined, 5, undefined]]);
 });
 
-const view: WriteView = {phase: "pending", key: "k", at: 0, to: "", reason: null, current: null};
+const view: WriteView = {phase: "pending", key: "k", at: 0, to: "", reason: null};
 const write = (state: Write["state"], key = "k"): Write => ({key, kind: "setpoint", user: "", time: 0, state, stored: true, reason: null, changes: []});
 
 test("a write lives from pending to applied, failed or unknown, and no message takes it back", () => {
@@ -120,7 +120,7 @@ test("a write lives from pending to applied, failed or unknown, and no message t
   assert.equal(unknown.phase, "unknown");
   assert.equal(next(unknown, {what: "answer", write: write("applied")}).phase, "applied");
   assert.equal(next(applied, {what: "no answer", reason: "late"}), applied);
-  assert.deepEqual(next(view, {what: "refused", reason: "limits", current: null}).phase, "failed");
+  assert.deepEqual(next(view, {what: "refused", reason: "limits"}).phase, "failed");
 });
 
 test("a live window ends now; moving or zooming pauses it, and it never shows the future", () => {

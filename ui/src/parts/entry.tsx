@@ -68,7 +68,7 @@ export function Entry({of, kind, label, decimals, shown = of, low = null, high =
     if (view && view.phase !== "pending") forget(name);
     requestAnimationFrame(() => field.current?.select()); // once it shows the readback again
   };
-  const again = (): void => apply(view?.current?.[of]?.[0]);
+  const again = (): void => apply(live(of).value.seq); // over what the screen shows now
 
   return (
     <form

@@ -89,9 +89,9 @@ export function Tuning({loop}: {loop: Loop}): JSX.Element {
   });
   const ready = changes.length > 0 && changes.every(change => !change.bad) && !barred && !pending;
 
-  const apply = (current?: Record<Ref, [number, ...unknown[]]> | null): void => {
+  const apply = (again = false): void => {
     if (!ready) return;
-    const values = changes.map(({id, value, seq, ref}) => ({id, value, seq: current?.[ref]?.[0] ?? seq}));
+    const values = changes.map(({id, value, seq, ref}) => ({id, value, seq: again ? live(ref).value.seq : seq}));
     const text = changes.map(({label, ref, value}) => `${label} ${plain(live(ref).value.value)} → ${plain(value)}`).join(", ");
     void send(name, "tuning", {values}, text);
   };
@@ -148,7 +148,7 @@ export function Tuning({loop}: {loop: Loop}): JSX.Element {
         </button>
         <span class="say">{barred}</span>
       </div>
-      <WriteStatus of={name} retry={() => apply(view?.current)} />
+      <WriteStatus of={name} retry={() => apply(true)} />
     </form>
   );
 }
