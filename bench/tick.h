@@ -8,17 +8,18 @@
 #include <apcmodules.h>
 #include <apcshareddata.h>
 
-/* The law of the ways that have no controller core: the paper's PI for n loops. */
-#define KP    0.2
-#define TAU_I 10.0
-#define TS    2.0
+/* The law of the ways that have no controller core: the paper's PI for n loops, which share a tuning: Kp,
+ * tau_i. */
+#define TUNING 2
+#define TS     2.0
 
 struct bench;
 
 /* What a tick touches. */
 enum tick_rows {
-    TICK_PAPER = 1, /* reads mode, n sensors, n setpoints; writes n actuators */
-    TICK_FULL       /* what apc-controller touches: also tuning and manual outputs, and the state rows */
+    TICK_PAPER = 1, /* reads mode, tuning, n sensors, n setpoints; writes n actuators */
+    TICK_FULL /* what apc-controller touches: a tuning for each loop, also manual outputs, and the state rows
+               */
 };
 
 /* ---- tick_run.c: all ways, in turn ----------------------------------------------------------- */

@@ -61,7 +61,7 @@ void store_prepare(const char *schema, size_t n)
 struct store {
     struct apc_store *store;
     size_t n;
-    struct apc_sample *in, *out; /* mode, n sensors, n setpoints; n actuators */
+    struct apc_sample *in, *out; /* mode, tuning, n sensors, n setpoints; n actuators */
     double *integral;
 };
 
@@ -72,10 +72,11 @@ struct store *store_open(const char *schema, size_t n)
 
     s->store = open_store(schema);
     s->n = n;
-    s->in = allocate(1 + 2 * n, sizeof *s->in);
+    s->in = allocate(1 + TUNING + 2 * n, sizeof *s->in);
     s->out = allocate(n, sizeof *s->out);
     s->integral = allocate(n, sizeof *s->integral);
-    fill(fill(fill(s->in, APC_OPMODE, 0, 1), APC_SENSOR, 1, n), APC_SETPOINT, 1, n);
+    struct apc_sample *at = fill(fill(s->in, APC_OPMODE, 0, 1), APC_TUNING, 1, TUNING);
+    fill(fill(at, APC_SENSOR, 1, n), APC_SETPOINT, 1, n);
     fill(s->out, APC_ACTUATOR, 1, n);
     check(s->store, apc_store_claim(s->store, APC_ACTUATOR, n, last));
     for (size_t i = 0; i < n; i++)
@@ -87,14 +88,15 @@ struct store *store_open(const char *schema, size_t n)
 void store_once(void *ctx)
 {
     struct store *s = ctx;
-    const struct apc_sample *y = s->in + 1, *z = y + s->n;
+    const struct apc_sample *tuning = s->in + 1, *y = tuning + TUNING, *z = y + s->n;
 
-    check(s->store, apc_store_read(s->store, s->in, 1 + 2 * s->n));
+    check(s->store, apc_store_read(s->store, s->in, 1 + TUNING + 2 * s->n));
     if (s->in[0].value != (double)APC_MODE_AUTO)
         die("the stored mode is not Auto");
     const apc_ns now = apc_clock_utc(NULL);
+    const double Kp = tuning[0].value, tau_i = tuning[1].value;
     for (size_t i = 0; i < s->n; i++) {
-        s->out[i].value = KP * (z[i].value - y[i].value) + s->integral[i];
+        s->out[i].value = Kp * (z[i].value - y[i].value) + s->integral[i];
         s->out[i].time = now;
         s->out[i].seq++;
         s->out[i].sensor_seq = y[i].seq;
@@ -105,7 +107,7 @@ void store_once(void *ctx)
     if ((size_t)rows != s->n)
         die("of %zu rows only %d were new", s->n, rows);
     for (size_t i = 0; i < s->n; i++)
-        s->integral[i] += KP * TS / TAU_I * (z[i].value - y[i].value);
+        s->integral[i] += Kp * TS / tau_i * (z[i].value - y[i].value);
 }
 
 void store_close(struct store *s)

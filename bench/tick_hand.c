@@ -34,7 +34,7 @@ struct hand {
     size_t n;
     struct part read[PARTS], write[2];
     size_t n_read, n_write;
-    const struct value *mode, *y, *z;
+    const struct value *mode, *tuning, *y, *z;
     struct value *u;
     double *integral;
     char *columns[6]; /* parameters: seq, time, status, value, sensor_seq, setpoint_seq */
@@ -215,9 +215,9 @@ struct hand *hand_open(const char *schema, size_t n, enum tick_rows rows)
     h->y = add_read(h, "sensor", 1, n);
     h->z = add_read(h, "setpoint", 1, n);
     h->mode = add_read(h, "opmode", 0, 1);
+    h->tuning = add_read(h, "tuning", 1, rows == TICK_FULL ? n * apc_law_pi.n_tuning : TUNING);
     h->u = add_write(h, "actuator", n, ", sensor_seq, setpoint_seq", ", $6::int8[], $7::int8[]");
     if (rows == TICK_FULL) {
-        add_read(h, "tuning", 1, n * apc_law_pi.n_tuning);
         add_read(h, "manual", 1, n);
         add_write(h, "state", 4 * n, "", "");
     }
@@ -239,8 +239,9 @@ void hand_once(void *ctx)
     read_all(h);
     if (h->mode->value != 1)
         die("the stored mode is not Auto");
+    const double Kp = h->tuning[0].value, tau_i = h->tuning[1].value;
     for (size_t i = 0; i < h->n; i++)
-        h->u[i].value = KP * (h->z[i].value - h->y[i].value) + h->integral[i];
+        h->u[i].value = Kp * (h->z[i].value - h->y[i].value) + h->integral[i];
     for (size_t i = 0; h->n_write > 1 && i < 4 * h->n; i++) {
         const double state[4] = {h->integral[i % h->n], h->y[i % h->n].value, h->z[i % h->n].value,
                                  h->u[i % h->n].value};
@@ -248,7 +249,7 @@ void hand_once(void *ctx)
     }
     write_all(h);
     for (size_t i = 0; i < h->n; i++)
-        h->integral[i] += KP * TS / TAU_I * (h->z[i].value - h->y[i].value);
+        h->integral[i] += Kp * TS / tau_i * (h->z[i].value - h->y[i].value);
 }
 
 void hand_close(struct hand *h)

@@ -5,6 +5,9 @@
 #include "bench.h"
 #include "tick.h"
 
+#define KP    0.2 /* of the listing: its tuning is in its source */
+#define TAU_I 10.0
+
 PGconn *tick_connect(const char *schema)
 {
     PGconn *conn = PQconnectdb("application_name=bench");

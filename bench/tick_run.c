@@ -4,7 +4,7 @@
  *
  *     floor       two bare SELECT 1: what two round trips cost
  *     by hand     two round trips written for these very tables with libpq: the reference for libapc,
- *                 on the paper's rows (mode, y, z; u) and on all rows that apc-controller touches
+ *                 on the paper's rows (mode, tuning, y, z; u) and on all rows that apc-controller touches
  *     libapc      the store on the paper's rows; and apc-controller's whole tick
  *     listing     one statement a value, as in the paper's listing 5
  *
@@ -67,8 +67,8 @@ void tick_run(struct bench *b, PGconn *conn, size_t n)
 
     struct bench_row rows[WAYS] = {
         [FLOOR] = {.name = "floor: two SELECT 1", .once = floor_once, .ctx = conn},
-        [HAND] = {.name = "by hand: mode, y, z; u", .once = hand_once, .ctx = hand},
-        [STORE] = {.name = "libapc store: mode, y, z; u", .once = store_once, .ctx = store},
+        [HAND] = {.name = "by hand: mode, tuning, y, z; u", .once = hand_once, .ctx = hand},
+        [STORE] = {.name = "libapc store: the same rows", .once = store_once, .ctx = store},
         [HAND_FULL] = {.name = "by hand: all rows of a controller", .once = hand_once, .ctx = hand_full},
         [CONTROL] = {.name = "libapc: apc-controller's tick", .once = control_once, .ctx = control},
         [LISTING] = {.name = "listing: one statement a value", .once = listing_once, .ctx = listing},

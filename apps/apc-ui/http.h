@@ -72,6 +72,10 @@ int server_start(struct ui *ui, struct apc_error *why);
 void server_look(struct ui *ui);
 void server_stop(struct ui *ui);
 
+/* listen.c: a socket that listens where the options say; ui->port is set. Returns it, or an error in why: a
+ * place that others can reach is refused without users, and without TLS unless it was asked for. */
+int listen_on(struct ui *ui, struct apc_error *why);
+
 /* gate.c: may this request go on? False: the fault is set. Body not looked at. */
 bool gate_pass(struct ui *ui, struct request *r, const char *method);
 bool host_allowed(const char *host, const char *const *names);

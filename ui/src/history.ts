@@ -6,6 +6,7 @@ import {fromHistory, join, type Series} from "./series";
 import type {History, Variable} from "./types";
 
 const RAW = 3000; // as many samples are drawn as they are
+const MOST = RAW + 1000; // a period is what is expected, not what there is
 
 /** Gap bound of a curve, s. */
 export function boundOf(variable: Variable): number {
@@ -46,8 +47,11 @@ export async function load(
   const hold = holds(variable);
   const expected = variable.period == null ? 0 : (until - since) / variable.period;
   if (expected <= RAW) {
-    part(fromHistory(await ask({var: variable.ref, since, until, last: RAW + 1000}), bound, hold));
-    return;
+    const all = await ask({var: variable.ref, since, until, last: MOST});
+    if ((all.samples?.seq.length ?? 0) < MOST) {
+      part(fromHistory(all, bound, hold));
+      return;
+    }
   }
   const quarter = Math.max(50, Math.min(1000, Math.round(pixels / 4)));
   const middle = until - (until - since) / 4;
