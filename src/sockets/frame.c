@@ -142,20 +142,19 @@ static bool take_uint(struct reader *r, uint64_t max, uint64_t *value)
     return r->at > first && (*first != '0' || r->at == first + 1);
 }
 
-/* The printable bytes up to @until, and past it, as a string in @text. */
+/* The bytes up to @until, and past it, as a string in @text, for a function that knows what may be in it. */
 static bool take_field(struct reader *r, char until, char *text, size_t size)
 {
-    size_t n = 0;
-    for (; r->at < r->end && *r->at != until; r->at++, n++) {
-        if (n + 1 == size || *r->at <= ' ' || *r->at > '~')
-            return false;
-        text[n] = *r->at;
-    }
-    text[n] = '\0';
-    if (r->at == r->end)
+    size_t left = (size_t)(r->end - r->at);
+    const char *last = memchr(r->at, until, left < size ? left : size);
+
+    if (!last)
         return false;
-    r->at++;
-    return true;
+    size_t n = (size_t)(last - r->at);
+    memcpy(text, r->at, n);
+    text[n] = '\0';
+    r->at = last + 1;
+    return !memchr(text, '\0', n);
 }
 
 static bool take_time(struct reader *r, apc_ns *time)
@@ -163,15 +162,18 @@ static bool take_time(struct reader *r, apc_ns *time)
     const char *first = r->at;
     char text[TIME_TEXT + 1];
 
-    if (r->time_text && r->end - first > TIME_TEXT && !memcmp(first, r->time_text, TIME_TEXT + 1)) {
-        r->at += TIME_TEXT + 1;
-    } else {
+    if (r->end - first <= TIME_TEXT)
+        return false;
+    if (!r->time_text || memcmp(first, r->time_text, TIME_TEXT + 1) != 0) {
+        memcpy(text, first, TIME_TEXT);
+        text[TIME_TEXT] = '\0';
         /* of the spellings that apc_time_parse() knows only one has this length and these two letters */
-        if (!take_field(r, ',', text, sizeof text) || r->at - first != TIME_TEXT + 1 || first[10] != 'T' ||
-            first[TIME_TEXT - 1] != 'Z' || apc_time_parse(text, &r->time) < 0)
+        if (first[TIME_TEXT] != ',' || text[10] != 'T' || text[TIME_TEXT - 1] != 'Z' ||
+            apc_time_parse(text, &r->time) < 0)
             return false;
         r->time_text = first;
     }
+    r->at += TIME_TEXT + 1;
     *time = r->time;
     return true;
 }
