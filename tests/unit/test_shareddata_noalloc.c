@@ -136,8 +136,8 @@ static void test_steady_ticks_allocate_nothing_in_shm(void **state)
 {
     char uri[64], file[80];
     (void)state;
-    snprintf(uri, sizeof uri, "shm:test-noalloc-%d", (int)getpid());
-    snprintf(file, sizeof file, "/dev/shm/apc.%s", uri + strlen("shm:"));
+    snprintf(uri, sizeof uri, "shm:test-noalloc-%d?size=8", (int)getpid());
+    snprintf(file, sizeof file, "/dev/shm/apc.test-noalloc-%d", (int)getpid());
     assert_steady(uri, NULL);
     unlink(file);
 }
