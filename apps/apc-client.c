@@ -3,12 +3,14 @@
  * apc-client: moves the newest actuator samples to the plant and the plant's measurements into the
  * shared data, once a period.
  */
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "common/cores.h"
 #include "common/daemon.h"
+#include "common/recorder.h"
 
 struct own_options {
     const char *link;
@@ -51,6 +53,8 @@ struct shell {
     struct apc_sample *y;        /* [ny] of this tick */
     uint64_t lost;
     bool link_up, store_up;
+    struct apc_histogram *round_trip;
+    _Atomic uint64_t failed; /* exchanges */
 };
 
 /* Say a change of state once, not every tick. */
@@ -73,13 +77,17 @@ static size_t exchange(struct shell *s, const struct apc_tick *tick, const struc
                      s->frame_max);
         return 0;
     }
-    n = apc_link_exchange(s->link, s->request, (size_t)n, &reply, apc_clock_mono(NULL) + s->patience);
+    const apc_ns sent = apc_clock_mono(NULL);
+    n = apc_link_exchange(s->link, s->request, (size_t)n, &reply, sent + s->patience);
     if (n < 0) {
+        atomic_fetch_add(&s->failed, 1);
         report(s, &s->link_up, false, "link", "plant", apc_link_error(s->link));
         return 0;
     }
+    apc_histogram_record(s->round_trip, apc_clock_mono(NULL) - sent);
     n = apc_client_reply(s->core, reply, (size_t)n, s->y);
     if (n < 0) {
+        atomic_fetch_add(&s->failed, 1);
         report(s, &s->link_up, false, "link", "plant", "its reply does not answer the request");
         apc_link_reset(s->link);
         return 0;
@@ -160,7 +168,10 @@ static int open_shell(struct shell *s, const struct own_options *own)
     s->u = calloc(e->dim.nu, sizeof *s->u);
     s->read = calloc(e->dim.nu, sizeof *s->read);
     s->y = calloc(e->dim.ny, sizeof *s->y);
-    int rc = s->request && s->u && s->read && s->y && last ? 0 : APC_ENOMEM;
+    int rc =
+        s->request && s->u && s->read && s->y && last ? apc_histogram_create(&s->round_trip) : APC_ENOMEM;
+    if (rc == 0)
+        recorder_measure(s->d->recorder, TASK_EXCHANGE, s->round_trip, &s->failed);
     for (size_t i = 0; i < e->dim.nu && rc == 0; i++)
         s->read[i] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)i + 1};
     s->d->store_timeout = store_timeout(period);
@@ -183,6 +194,7 @@ static void close_shell(struct shell *s)
     apc_client_destroy(s->core);
     apc_link_destroy(s->link);
     apc_store_close(s->store);
+    apc_histogram_destroy(s->round_trip);
     free(s->request);
     free(s->u);
     free(s->read);

@@ -47,6 +47,17 @@ static void tasks_json(const struct model *m, apc_ns now, struct text *t)
     text_chop(t, ',');
 }
 
+/* What apc-client measures of its exchanges with the plant. Nobody else measures any. */
+static void exchange_json(const struct task *exchange, struct text *t)
+{
+    text_add(t, ",\"round_trip\":");
+    window_json(exchange ? &exchange->last[RUN] : NULL, t);
+    if (exchange && exchange->last[RUN].count > 0)
+        text_add(t, ",\"failed\":%" PRIu64 "},", exchange->missed_total);
+    else
+        text_add(t, ",\"failed\":null},");
+}
+
 /* A client whose link never changed has said nothing of it: what it measures tells. */
 static void silent_link_json(const struct model *m, apc_ns now, struct text *t)
 {
@@ -54,10 +65,9 @@ static void silent_link_json(const struct model *m, apc_ns now, struct text *t)
     for (size_t i = 0; i < m->plant.n; i++)
         up |= m->now[i].table == APC_SENSOR && m->now[i].seq > 0 && !model_stale(m, i, now) &&
               apc_status_severity(m->now[i].status) != APC_SEVERITY_BAD;
-    text_add(t,
-             "{\"name\":\"apc-client\",\"up\":%s,\"since\":null,\"text\":\"%s\",\"changes\":0,"
-             "\"round_trip\":null,\"failed\":null},",
+    text_add(t, "{\"name\":\"apc-client\",\"up\":%s,\"since\":null,\"text\":\"%s\",\"changes\":0",
              up ? "true" : "false", up ? "measurements arrive" : "no measurements arrive");
+    exchange_json(&m->exchange, t);
 }
 
 static void links_json(const struct model *m, apc_ns now, struct text *t)
@@ -66,14 +76,16 @@ static void links_json(const struct model *m, apc_ns now, struct text *t)
     text_add(t, "],\"links\":[");
     for (size_t i = 0; i < m->links; i++) {
         const struct link_state *link = &m->link[i];
-        client |= !strcmp(link->name, "apc-client");
+        const bool is_client = !strcmp(link->name, "apc-client");
+        client |= is_client;
         text_add(t, "{\"name\":");
         json_string_add(t, link->name);
         text_add(t, ",\"up\":%s,\"since\":", link->up ? "true" : "false");
         json_time_add(t, link->since);
         text_add(t, ",\"text\":");
         json_string_add(t, link->text);
-        text_add(t, ",\"changes\":%" PRIu64 ",\"round_trip\":null,\"failed\":null},", link->changes);
+        text_add(t, ",\"changes\":%" PRIu64, link->changes);
+        exchange_json(is_client ? &m->exchange : NULL, t);
     }
     if (!client && model_task_period(m, "client") > 0)
         silent_link_json(m, now, t);
@@ -225,6 +237,23 @@ static void link_metrics(const struct model *m, struct text *t)
     }
 }
 
+static void exchange_metrics(const struct task *exchange, struct text *t)
+{
+    const struct figures *last = &exchange->last[RUN], *total = &exchange->total[RUN];
+    if (last->count == 0)
+        return;
+    metric(t, "apc_link_round_trip_seconds", "summary",
+           "From a command sent to its reply read; quantiles of the last window.");
+    text_add(t,
+             "apc_link_round_trip_seconds{link=\"apc-client\",quantile=\"0.5\"} %.9g\n"
+             "apc_link_round_trip_seconds{link=\"apc-client\",quantile=\"0.99\"} %.9g\n"
+             "apc_link_round_trip_seconds_sum{link=\"apc-client\"} %.9g\n"
+             "apc_link_round_trip_seconds_count{link=\"apc-client\"} %" PRIu64 "\n",
+             apc_ns_to_s(last->p50), apc_ns_to_s(last->p99), total->sum, total->count);
+    metric(t, "apc_link_failed_total", "counter", "Exchanges that failed since this server began.");
+    text_add(t, "apc_link_failed_total{link=\"apc-client\"} %" PRIu64 "\n", exchange->missed_total);
+}
+
 static void signal_metrics(const struct model *m, struct text *t)
 {
     apc_ns now = apc_clock_mono(NULL);
@@ -265,6 +294,7 @@ void get_metrics(struct ui *ui, struct request *r, struct apc_store *store)
     pthread_mutex_lock(&m->mutex);
     task_metrics(m, t);
     link_metrics(m, t);
+    exchange_metrics(&m->exchange, t);
     signal_metrics(m, t);
     metric(t, "apc_db_up", "gauge", "1: the database answers.");
     text_add(t, "apc_db_up %d\n", m->connected);

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/recorder.h"
 #include "ui.h"
 
 #define LOOK       APC_NS_PER_S
@@ -164,6 +165,17 @@ void figures_json(const struct apc_summary *s, struct text *t)
     text_add(t, "}");
 }
 
+void window_json(const struct figures *f, struct text *t)
+{
+    if (f && f->count > 0)
+        figures_json(
+            &(struct apc_summary){
+                .count = f->count, .mean = f->mean, .p50 = f->p50, .p99 = f->p99, .max = f->max},
+            t);
+    else
+        text_add(t, "null");
+}
+
 void task_json(const struct task *task, apc_ns now, struct text *t)
 {
     text_add(t, "{\"task\":");
@@ -177,14 +189,8 @@ void task_json(const struct task *task, apc_ns now, struct text *t)
     text_add(t, ",\"count\":%" PRIu64 ",\"missed\":%" PRIu64 ",\"missed_total\":%" PRIu64,
              task->last[RUN].count, task->missed, task->missed_total);
     for (int q = 0; q < QUANTITIES; q++) {
-        const struct figures *f = &task->last[q];
-        const struct apc_summary s = {
-            .count = f->count, .mean = f->mean, .p50 = f->p50, .p99 = f->p99, .max = f->max};
         text_add(t, ",\"%s\":", quantity_names[q]);
-        if (f->count > 0)
-            figures_json(&s, t);
-        else
-            text_add(t, "null");
+        window_json(&task->last[q], t);
     }
     text_add(t, "}");
 }
@@ -216,7 +222,8 @@ static int take_timing(void *ctx, const struct apc_timing_row *row)
     struct model *m = &r->ui->model;
     int q = quantity_of(row->quantity);
     pthread_mutex_lock(&m->mutex);
-    struct task *task = q < QUANTITIES ? task_of(m, row->task) : NULL;
+    const bool exchange = !strcmp(row->task, TASK_EXCHANGE);
+    struct task *task = q == QUANTITIES ? NULL : exchange ? &m->exchange : task_of(m, row->task);
     if (task && row->time > task->last[q].time) {
         task->last[q] = (struct figures){.time = row->time,
                                          .count = row->count,
@@ -232,7 +239,8 @@ static int take_timing(void *ctx, const struct apc_timing_row *row)
             task->missed = row->missed;
             task->missed_total += r->started ? row->missed : 0;
         }
-        r->reported[task - m->task] = true;
+        if (!exchange)
+            r->reported[task - m->task] = true;
     }
     pthread_mutex_unlock(&m->mutex);
     return 0;

@@ -86,6 +86,7 @@ struct model {
     uint64_t connects;
     struct task task[TASKS];
     size_t tasks;
+    struct task exchange; /* apc-client's with the plant: only RUN */
     struct link_state link[LINKS];
     size_t links;
     struct apc_spool_stats spool; /* of all spools of the folder */
@@ -144,5 +145,6 @@ void audit(struct ui *ui, struct apc_store *store, const struct apc_event *event
 void event_json(const struct apc_event *event, struct text *t);
 void task_json(const struct task *task, apc_ns now, struct text *t);
 void figures_json(const struct apc_summary *summary, struct text *t);
+void window_json(const struct figures *window, struct text *t); /* NULL, or nothing in it: null */
 
 #endif

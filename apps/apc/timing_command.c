@@ -31,8 +31,10 @@ static const struct cli_spec spec = {
     .args_doc = "[TASK...]",
     .doc =
         "Show for each task how late its ticks began (lateness), by how much the time between two differed "
-        "from the period (jitter) and how long they took (run), with the ticks that were missed. --json has "
-        "the histograms too.",
+        "from the period (jitter) and how long they took (run), with the ticks that were missed. The "
+        "run of \"exchange\" is how long apc-client waited for the plant's replies; what it missed are "
+        "exchanges that "
+        "failed. --json has the histograms too.",
     .takes = CLI_STORE | CLI_FORMAT,
     .max_args = -1,
     .extra = &own,

@@ -2,12 +2,14 @@
 #include "recorder.h"
 
 #include <pthread.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #define QUEUE      128
 #define QUANTITIES 3
+#define WINDOWS    (QUANTITIES + 1) /* the last: what is measured beside the task */
 
 static const struct {
     enum apc_task_histogram which;
@@ -22,8 +24,11 @@ struct recorder {
     size_t first, count;
     unsigned long lost;
     /* What live histograms had when last looked at, and what of them is not yet in the store. */
-    struct apc_histogram *window, *mark[QUANTITIES], *pending[QUANTITIES];
-    uint64_t missed[QUANTITIES];
+    struct apc_histogram *window, *mark[WINDOWS], *pending[WINDOWS];
+    uint64_t missed[WINDOWS];
+    const char *beside; /* NULL: nothing */
+    const struct apc_histogram *run;
+    const _Atomic uint64_t *failed;
     struct apc_bin *bins;
     int64_t *low, *high, *number;
     size_t capacity;
@@ -41,7 +46,7 @@ int recorder_create(struct recorder **out, struct apc_store *store, const char *
     r->store = store;
     snprintf(r->task, sizeof r->task, "%s", task);
     int rc = apc_histogram_create(&r->window);
-    for (int i = 0; i < QUANTITIES && rc == 0; i++) {
+    for (int i = 0; i < WINDOWS && rc == 0; i++) {
         rc = apc_histogram_create(&r->mark[i]);
         if (rc == 0)
             rc = apc_histogram_create(&r->pending[i]);
@@ -57,7 +62,7 @@ void recorder_destroy(struct recorder *r)
 {
     if (!r)
         return;
-    for (int i = 0; i < QUANTITIES; i++) {
+    for (int i = 0; i < WINDOWS; i++) {
         apc_histogram_destroy(r->mark[i]);
         apc_histogram_destroy(r->pending[i]);
     }
@@ -69,6 +74,14 @@ void recorder_destroy(struct recorder *r)
     free(r->high);
     free(r->number);
     free(r);
+}
+
+void recorder_measure(struct recorder *r, const char *task, const struct apc_histogram *run,
+                      const _Atomic uint64_t *failed)
+{
+    r->beside = task;
+    r->run = run;
+    r->failed = failed;
 }
 
 void recorder_event(struct recorder *r, const struct apc_event *event)
@@ -152,25 +165,36 @@ static int fill_row(struct recorder *r, const struct apc_histogram *histogram, s
     return 0;
 }
 
+static int flush_window(struct recorder *r, int i, const char *task, const char *quantity,
+                        const struct apc_histogram *live, uint64_t missed, apc_ns period)
+{
+    struct apc_timing_row row = {
+        .time = apc_clock_utc(NULL), .period = period, .missed = missed - r->missed[i]};
+    snprintf(row.task, sizeof row.task, "%s", task);
+    snprintf(row.quantity, sizeof row.quantity, "%s", quantity);
+    apc_histogram_window(r->window, r->mark[i], live);
+    apc_histogram_merge(r->pending[i], r->window);
+    int rc = fill_row(r, r->pending[i], &row);
+    if (rc < 0 || row.count == 0)
+        return rc;
+    rc = apc_store_append_timing(r->store, &row, 1);
+    if (rc < 0)
+        return rc;
+    apc_histogram_clear(r->pending[i]);
+    r->missed[i] = missed;
+    return 0;
+}
+
 static int flush_timing(struct recorder *r, const struct apc_task *task, apc_ns period)
 {
-    for (int i = 0; i < QUANTITIES; i++) {
-        uint64_t missed = apc_task_missed(task);
-        struct apc_timing_row row = {
-            .time = apc_clock_utc(NULL), .period = period, .missed = missed - r->missed[i]};
-        snprintf(row.task, sizeof row.task, "%s", r->task);
-        snprintf(row.quantity, sizeof row.quantity, "%s", quantities[i].name);
-        apc_histogram_window(r->window, r->mark[i], apc_task_histogram(task, quantities[i].which));
-        apc_histogram_merge(r->pending[i], r->window);
-        int rc = fill_row(r, r->pending[i], &row);
-        if (rc == 0 && row.count > 0)
-            rc = apc_store_append_timing(r->store, &row, 1);
-        if (rc < 0)
-            return rc;
-        apc_histogram_clear(r->pending[i]);
-        r->missed[i] = missed;
-    }
-    return 0;
+    const uint64_t missed = apc_task_missed(task);
+    int rc = 0;
+    for (int i = 0; i < QUANTITIES && rc == 0; i++)
+        rc = flush_window(r, i, r->task, quantities[i].name, apc_task_histogram(task, quantities[i].which),
+                          missed, period);
+    if (rc == 0 && r->beside)
+        rc = flush_window(r, QUANTITIES, r->beside, "run", r->run, atomic_load(r->failed), period);
+    return rc;
 }
 
 int recorder_flush(struct recorder *r, const struct apc_task *task, apc_ns period)

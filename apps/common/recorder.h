@@ -11,12 +11,20 @@
 #include <apcshareddata.h>
 #include <apctimer.h>
 
+/* What the timing calls the exchanges of apc-client with the plant: as tasks of which only "run" is known,
+ * from the request sent to the reply read; missed: those that failed. */
+#define TASK_EXCHANGE "exchange"
+
 struct recorder;
 
 /* store may be NULL: nothing is recorded. It becomes the recorder's. */
 int recorder_create(struct recorder **recorder, struct apc_store *store, const char *task);
 void recorder_destroy(struct recorder *recorder);
 void recorder_event(struct recorder *recorder, const struct apc_event *event);
+/* From now on also record a histogram of the daemon's own as the "run" of @p task, and how often it failed as
+ * "missed". Both live until the last flush. */
+void recorder_measure(struct recorder *recorder, const char *task, const struct apc_histogram *run,
+                      const _Atomic uint64_t *failed);
 /* Write out what is queued, the timing of task (NULL: not now) since the last time, and a portion of the
  * spool. Returns 0 when the store is there and has taken it. */
 int recorder_flush(struct recorder *recorder, const struct apc_task *task, apc_ns period);

@@ -201,6 +201,8 @@ test("timing and diagnostics tell of every task", () =>
     await until("the histograms are of lateness", async () => /lateness/.test(await page.locator("svg.histogram").first().getAttribute("aria-label")));
     await page.keyboard.press("Alt+6");
     await until("the tasks are listed", async () => /controller/.test(await page.getByRole("region", {name: "Tasks"}).textContent()));
+    const links = page.getByRole("region", {name: "Links"});
+    await until("the link has a round trip", async () => /apc-client.*\d (µs|ms)/.test(await links.textContent()));
     await until("signals have ages", async () => (await page.getByRole("region", {name: "Signals"}).locator("tbody tr").count()) > 3);
   }));
 
