@@ -66,7 +66,9 @@ int listen_on(struct ui *ui, struct apc_error *why)
         if (fd < 0 || setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) < 0 ||
             bind(fd, found->ai_addr, found->ai_addrlen) < 0 || listen(fd, 128) < 0 ||
             getsockname(fd, (struct sockaddr *)&bound, &size) < 0)
-            rc = apc_fail(why, APC_ESYS, "--listen %s: %s", text, strerror(errno));
+            rc = apc_fail(why, APC_ESYS, "--listen %s: %s%s", text, strerror(errno),
+                          errno == EADDRINUSE ? "; stop the program that has this port, or choose another"
+                                              : "");
     }
     freeaddrinfo(found);
     if (rc < 0) {

@@ -112,10 +112,13 @@ int supervisor_start(struct supervisor *s, struct apc_error *why)
     return rc;
 }
 
-/* The last line that the child left in its log, or, when a signal killed it, which. */
+/* The last line that the child left in its log, of its errors if there are any (its log may come late), or,
+ * when a signal killed it, which. */
 static void last_words(const struct child *child, int status, char *text, size_t size)
 {
     char line[512];
+    const size_t n = strlen(child->name);
+    bool found = false;
     FILE *log = WIFSIGNALED(status) ? NULL : fopen(child->log, "r");
     if (WIFSIGNALED(status))
         snprintf(text, size, "%s was killed by signal %d again and again; see %.300s", child->name,
@@ -126,6 +129,10 @@ static void last_words(const struct child *child, int status, char *text, size_t
         return;
     while (fgets(line, sizeof line, log))
         if (line[0] != '\n') {
+            bool error = strncmp(line, child->name, n) == 0 && line[n] == ':';
+            if (found && !error)
+                continue;
+            found = error;
             line[strcspn(line, "\n")] = '\0';
             snprintf(text, size, "%.390s", line);
         }
