@@ -215,6 +215,21 @@ void apc_sqlite_drop(struct apc_sqlite *sq)
     sq->db = NULL;
 }
 
+/* Of a file that is to be made. SQLite would only say that there is none. */
+static int check_folder(struct apc_sqlite *sq)
+{
+    char folder[sizeof sq->path];
+    memcpy(folder, sq->path, sizeof folder);
+    char *slash = strrchr(folder, '/'); /* an absolute path has one */
+    slash[slash == folder] = '\0';
+    if (access(folder, W_OK | X_OK) == 0) {
+        return 0;
+    }
+    const int error = errno;
+    return apc_fail(&sq->base.why, error == EACCES || error == EROFS ? APC_EPERM : APC_ECONN,
+                    "%s cannot be made: its folder: %s", sq->given, strerror(error));
+}
+
 /* The file's own name, so that all who mean it agree on the names of what stands beside it. */
 static int resolve(struct apc_sqlite *sq, bool make)
 {
@@ -228,7 +243,7 @@ static int resolve(struct apc_sqlite *sq, bool make)
     int error = errno;
     if (error == ENOENT && make) {
         memcpy(sq->path, sq->given, sizeof sq->path);
-        return 0;
+        return check_folder(sq);
     }
     return apc_fail(&sq->base.why, error == EACCES ? APC_EPERM : APC_ECONN, "%s cannot be opened: %s%s",
                     sq->given, strerror(error), error == ENOENT ? "; `apc init` makes it" : "");
