@@ -57,7 +57,9 @@ int listen_on(struct ui *ui, struct apc_error *why)
         host[n - 1] = '\0';
         memmove(host, host + 1, n - 1);
     }
-    if (!host[0] || getaddrinfo(host, colon + 1, &hints, &found) != 0)
+    double port; /* getaddrinfo() takes what is beyond the last one for another */
+    if (!host[0] || apc_number_parse(colon + 1, &port) < 0 || port < 0 || port > 65535 ||
+        getaddrinfo(host, colon + 1, &hints, &found) != 0)
         return apc_fail(why, APC_EINVAL, "--listen \"%s\": must be ADDRESS:PORT, such as 127.0.0.1:8080",
                         text);
     int rc = check_binding(ui, found->ai_addr, why), fd = -1;
