@@ -319,7 +319,7 @@ static int follow(struct run *r, const sigset_t *signals)
             r->page[0] = '\0';
         }
         if (rc > 0)
-            live_say(r->live, "a daemon died and was started again: see %s/*.log", r->dir);
+            live_say(r->live, "%s and was started again: see %s/*.log", why.text, r->dir);
         if (apc_clock_mono(NULL) >= r->begin)
             live_show(r->live, false);
     }

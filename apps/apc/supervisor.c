@@ -139,6 +139,16 @@ static void last_words(const struct child *child, int status, char *text, size_t
     fclose(log);
 }
 
+/* "apc-controller was killed by signal 11 (Segmentation fault)" */
+static void how_it_ended(const struct child *child, struct apc_error *why)
+{
+    if (WIFSIGNALED(child->status))
+        apc_fail(why, APC_ESTATE, "%s was killed by signal %d (%s)", child->name, WTERMSIG(child->status),
+                 sigdescr_np(WTERMSIG(child->status)));
+    else
+        apc_fail(why, APC_ESTATE, "%s ended with code %d", child->name, WEXITSTATUS(child->status));
+}
+
 /* A child has ended: when to start it again, or why not. */
 static int bury(struct child *child, int status, struct apc_error *why)
 {
@@ -147,6 +157,7 @@ static int bury(struct child *child, int status, struct apc_error *why)
     bool waits = WIFEXITED(status) && WEXITSTATUS(status) == EXIT_CONNECTION;
 
     child->pid = 0;
+    child->status = status;
     child->failures = ran < SOON ? child->failures + 1 : 0;
     if ((WIFEXITED(status) && ran < STARTING && child->restarts == 0) ||
         (child->failures >= FAILURES && !waits)) {
@@ -173,6 +184,7 @@ int supervisor_check(struct supervisor *s, struct apc_error *why)
         if (rc == 0 && child->name && child->pid == 0 && apc_clock_mono(NULL) >= child->started) {
             child->restarts++;
             revived++;
+            how_it_ended(child, why);
             rc = spawn(s, child, why);
         }
     }

@@ -52,6 +52,7 @@ expect 4 'writing TO: .*already written by apc-' "$apc" copy "$APC_STORE" "sqlit
 n=$(events 'resuming from the stored state')
 kill -9 "$(daemon apc-controller)"
 until_true 20 event_again 'resuming from the stored state' "$n"
+until_true 5 grep -q 'apc-controller was killed by signal 9 (Killed) and was started again' "$work/run.log"
 n=$(values y | wc -l)
 kill -9 "$(daemon apc-client)"
 until_true 20 more_values y $((n + 5))
