@@ -112,13 +112,20 @@ int supervisor_start(struct supervisor *s, struct apc_error *why)
     return rc;
 }
 
-/* The last line that the child left in its log, of its errors if there are any (its log may come late), or,
- * when a signal killed it, which. */
+/* How much a line of a child's log says about its end: an error before it ran, one of its log, anything else.
+ */
+static int weight(const struct child *child, const char *line)
+{
+    const size_t n = strlen(child->name);
+    return strncmp(line, child->name, n) == 0 && line[n] == ':' ? 3 : strstr(line, "level=error") ? 2 : 1;
+}
+
+/* The last line that the child left in its log, of those that say most, or, when a signal killed it, which.
+ */
 static void last_words(const struct child *child, int status, char *text, size_t size)
 {
     char line[512];
-    const size_t n = strlen(child->name);
-    bool found = false;
+    int best = 0;
     FILE *log = WIFSIGNALED(status) ? NULL : fopen(child->log, "r");
     if (WIFSIGNALED(status))
         snprintf(text, size, "%s was killed by signal %d again and again; see %.300s", child->name,
@@ -128,13 +135,15 @@ static void last_words(const struct child *child, int status, char *text, size_t
     if (!log)
         return;
     while (fgets(line, sizeof line, log))
-        if (line[0] != '\n') {
-            bool error = strncmp(line, child->name, n) == 0 && line[n] == ':';
-            if (found && !error)
-                continue;
-            found = error;
+        if (line[0] != '\n' && weight(child, line) >= best) {
+            best = weight(child, line);
             line[strcspn(line, "\n")] = '\0';
-            snprintf(text, size, "%.390s", line);
+            const char *message = strstr(line, " msg=\"");
+            if (message && best < 3) /* the log's, without the quotes */
+                snprintf(text, size, "%s: %.*s", child->name, (int)strnlen(message + 6, 350) - 1,
+                         message + 6);
+            else
+                snprintf(text, size, "%.390s", line);
         }
     fclose(log);
 }
