@@ -22,6 +22,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#define PATH_LEN  504                  /* of a file: what SQLite takes, 512, without "-journal" */
 #define PAUSE_MIN (APC_NS_PER_MS / 10) /* between two tries for a lock; commits take about a millisecond */
 #define PAUSE_MAX (4 * APC_NS_PER_MS)
 #define OPCODES   1000 /* of SQLite's machine between two looks at the clock */
@@ -507,10 +508,14 @@ static int open_store(struct apc_store **store, const char *uri, const struct ap
         length = strlen(sq->given);
         sq->given[length++] = '/';
     }
-    if (!path[0] || length + strlen(path) >= sizeof sq->given - sizeof "-journal") {
+    if (!path[0]) {
         free(sq);
-        return apc_fail(why, APC_EINVAL, "%s: expected sqlite:FILE, the path of a file",
-                        path[0] ? "the path is too long" : uri);
+        return apc_fail(why, APC_EINVAL, "%s: expected sqlite:FILE, the path of a file", uri);
+    }
+    if (length + strlen(path) > PATH_LEN) {
+        free(sq);
+        return apc_fail(why, APC_EINVAL, "sqlite:%.40s...: the file's path is too long: at most %d bytes",
+                        path, PATH_LEN);
     }
     memcpy(sq->given + length, path, strlen(path) + 1);
     *store = &sq->base;

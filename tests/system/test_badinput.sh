@@ -102,6 +102,7 @@ expect 3 'connect' env PGHOST="$work" "$APC_BIN/apc-controller" --config "$good"
 expect 1 'carrierpigeon' "$apc" get --store carrierpigeon:coop
 expect 1 'a store that does not begin with what it is: expected .*sqlite:FILE' "$apc" get --store plant.db
 expect 3 'nowhere/plant\.db cannot be made: its folder: No such file' "$apc" init --store "sqlite:$work/nowhere/plant.db"
+expect 1 'path is too long: at most 504' "$apc" init --store "sqlite:/tmp/$(printf 'x%.0s' {1..500})"
 mkfifo "$work/left.spool"
 expect 1 'left\.spool is no regular file' "$apc" drain "$work"
 expect 1 'left\.spool is no regular file' "$apc" status --spool "$work"
