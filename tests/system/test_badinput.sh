@@ -120,6 +120,12 @@ expect 1 'newer|upgrade' "$apc" get
 expect 1 'newer|upgrade' "$apc" init
 sql 'DELETE FROM apc.migration WHERE version = 999'
 
+sql 'CREATE SCHEMA theirs CREATE TABLE migration (step int); CREATE SCHEMA ours CREATE TABLE sensor (x int)'
+expect 1 'schema "theirs" has tables that are not libapc' "$apc" get --store 'postgresql:#theirs'
+expect 1 'schema "theirs" has tables that are not libapc' "$apc" init --store 'postgresql:#theirs'
+expect 1 'schema "ours" has tables that are not libapc.*"sensor"' "$apc" init --store 'postgresql:#ours'
+[ "$(sql "SELECT count(*) FROM pg_tables WHERE schemaname IN ('theirs', 'ours')")" = 2 ] || fail "somebody else's schema was changed"
+
 # values
 expect 1 'no variable "pressure"; there are: .*y' "$apc" get pressure
 expect 4 'r = 200 lies outside its limits -100 to 100' "$apc" set r 200
