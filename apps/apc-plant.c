@@ -108,7 +108,10 @@ static int open_shell(struct shell *s, const struct own_options *own)
     if (rc == APC_EPERM)
         daemon_error(s->d, rc, "%s: --allow-plaintext", why.text);
     else if (rc < 0)
-        daemon_error(s->d, rc, "%s", why.text);
+        daemon_error(s->d, rc, "%s%s", why.text,
+                     rc == APC_ESYS
+                         ? " (in the experiment file: \"listen\" of the plant, and \"link\" of the client)"
+                         : "");
     return rc;
 }
 

@@ -135,8 +135,9 @@ APC_API int apc_plantserver_tick(struct apc_plantserver *server, struct apc_now 
  * Answer one request of connection @p connection: take the command, reply with the newest y. A command
  * is refused as a whole when its count is wrong; a value that is Bad, not finite or outside the limits
  * never reaches the plant; the notice tells of the first such command since one was accepted. A
- * connection older than the newest that sent a command may only query.
- * Returns the reply's length, or APC_EPROTO, APC_EPERM: close the connection. [tick]
+ * connection older than the newest that sent a command may only query; the notice tells of one that commands
+ * all the same, once a minute while that goes on. Returns the reply's length, or APC_EPROTO, APC_EPERM: close
+ * the connection. [tick]
  */
 APC_API int apc_plantserver_request(struct apc_plantserver *server, struct apc_now now, uint64_t connection,
                                     const char *request, size_t length, char *reply, size_t size,

@@ -57,7 +57,9 @@ int listen_on(struct ui *ui, struct apc_error *why)
         host[n - 1] = '\0';
         memmove(host, host + 1, n - 1);
     }
-    if (!host[0] || getaddrinfo(host, colon + 1, &hints, &found) != 0)
+    double port; /* getaddrinfo() takes what is beyond the last one for another */
+    if (!host[0] || apc_number_parse(colon + 1, &port) < 0 || port < 0 || port > 65535 ||
+        getaddrinfo(host, colon + 1, &hints, &found) != 0)
         return apc_fail(why, APC_EINVAL, "--listen \"%s\": must be ADDRESS:PORT, such as 127.0.0.1:8080",
                         text);
     int rc = check_binding(ui, found->ai_addr, why), fd = -1;
@@ -66,7 +68,9 @@ int listen_on(struct ui *ui, struct apc_error *why)
         if (fd < 0 || setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) < 0 ||
             bind(fd, found->ai_addr, found->ai_addrlen) < 0 || listen(fd, 128) < 0 ||
             getsockname(fd, (struct sockaddr *)&bound, &size) < 0)
-            rc = apc_fail(why, APC_ESYS, "--listen %s: %s", text, strerror(errno));
+            rc = apc_fail(why, APC_ESYS, "--listen %s: %s%s", text, strerror(errno),
+                          errno == EADDRINUSE ? "; stop the program that has this port, or choose another"
+                                              : "");
     }
     freeaddrinfo(found);
     if (rc < 0) {

@@ -123,7 +123,8 @@ void cli_parse(struct cli *cli, const struct cli_spec *spec, void *own, int argc
     argp_parse(&argp, argc, argv, negative ? ARGP_IN_ORDER : 0, NULL, &parsing);
     if (!cli->store)
         cli->store = getenv("APC_STORE");
-    if (!cli->store || !*cli->store)
+    cli->unnamed = !cli->store || !*cli->store;
+    if (cli->unnamed)
         cli->store = spec->takes & CLI_OWN_STORE ? NULL : "postgresql:";
 }
 
@@ -165,7 +166,9 @@ int cli_done(const struct cli *cli, int rc)
 int cli_store_error(const struct cli *cli, int err, const struct apc_store *store)
 {
     const char *why = apc_store_error(store);
-    return cli_error(cli, err, "%s", *why ? why : apc_err_text(err));
+    return cli_error(cli, err, "%s%s", *why ? why : apc_err_text(err),
+                     cli->unnamed && err == APC_ECONN ? " (neither --store nor APC_STORE says which store)"
+                                                      : "");
 }
 
 int cli_open(const struct cli *cli, struct apc_store **store)

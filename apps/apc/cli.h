@@ -27,6 +27,7 @@ enum cli_takes {
 struct cli {
     const char *command; /* "apc get": for messages */
     const char *store;
+    bool unnamed; /* neither --store nor APC_STORE gave one */
     enum cli_format format;
     char **args; /* positional arguments */
     int n_args;

@@ -55,7 +55,8 @@ struct copy {
     struct apc_range range;
     struct counts samples, events, timing;
     size_t tags;
-    int failed; /* why the store TO stopped a stream of FROM */
+    int failed;   /* why the store TO stopped a stream of FROM */
+    bool damaged; /* part of FROM could not be read */
 
     bool terminal;
     apc_ns shown;
@@ -105,6 +106,15 @@ static int fail_from(const struct copy *c, int err)
     return err;
 }
 
+/* Part of FROM is damaged. The rest of it is worth all the more: say it and go on. */
+static int leave_out(struct copy *c, const char *what)
+{
+    end_show(c);
+    cli_error(&c->cli, APC_ESTORE, "FROM is damaged: %s not all copied (%s)", what, apc_store_error(c->from));
+    c->damaged = true;
+    return 0;
+}
+
 static int fail_to(const struct copy *c, int err)
 {
     end_show(c);
@@ -113,11 +123,11 @@ static int fail_to(const struct copy *c, int err)
 }
 
 /* The outcome of a stream of FROM whose function ended it when TO failed. */
-static int stream_result(const struct copy *c, int rc)
+static int stream_result(struct copy *c, int rc, const char *what)
 {
     if (c->failed < 0)
         return fail_to(c, c->failed);
-    return rc < 0 ? fail_from(c, rc) : 0;
+    return rc == APC_ESTORE ? leave_out(c, what) : rc < 0 ? fail_from(c, rc) : 0;
 }
 
 /* ---- Samples -------------------------------------------------------------------------------- */
@@ -149,11 +159,13 @@ static int copy_variable(struct copy *c, const struct apc_sample *newest)
     c->first = 0;
     c->newest = newest->seq;
     c->weight = (double)newest->seq;
+    char what[64];
+    snprintf(what, sizeof what, "%s %d is", apc_table_name(newest->table), newest->id);
     int rc = apc_store_history(c->from, newest->table, newest->id, &c->range, take_sample, c);
     if (rc == 0 && newest->seq > 0) /* all of it is older: what holds now goes along all the same */
         take_sample(c, newest);
     c->done += c->weight;
-    return stream_result(c, rc);
+    return stream_result(c, rc, what);
 }
 
 static int copy_samples(struct copy *c)
@@ -179,7 +191,7 @@ static int copy_samples(struct copy *c)
     for (int i = 0; i < n && rc >= 0; i++)
         rc = copy_variable(c, &newest[i]);
     if (rc >= 0)
-        rc = stream_result(c, flush_samples(c));
+        rc = stream_result(c, flush_samples(c), "");
 out:
     free(newest);
     return rc;
@@ -210,6 +222,25 @@ static struct apc_range span(apc_ns first, apc_ns last)
     return (struct apc_range){.since = first, .until = last < INT64_MAX - 1000 ? last + 1000 : 0};
 }
 
+/* A store with little room takes fewer at once. */
+static int append_events(struct copy *c, const struct apc_event *events, size_t n)
+{
+    int rc = apc_store_append_events(c->to, events, n);
+    if (rc != APC_ESTORE || n < 2)
+        return rc;
+    rc = append_events(c, events, n / 2);
+    return rc < 0 ? rc : append_events(c, events + n / 2, n - n / 2);
+}
+
+static int append_timing(struct copy *c, const struct apc_timing_row *rows, size_t n)
+{
+    int rc = apc_store_append_timing(c->to, rows, n);
+    if (rc != APC_ESTORE || n < 2)
+        return rc;
+    rc = append_timing(c, rows, n / 2);
+    return rc < 0 ? rc : append_timing(c, rows + n / 2, n - n / 2);
+}
+
 static int flush_events(struct copy *c)
 {
     apc_ns first = INT64_MAX, last = INT64_MIN;
@@ -227,7 +258,7 @@ static int flush_events(struct copy *c)
         if (!c->found[i])
             c->event[new ++] = c->event[i];
     if (rc >= 0)
-        rc = apc_store_append_events(c->to, c->event, new);
+        rc = append_events(c, c->event, new);
     c->events.copied += new;
     c->events.there += c->n - new;
     c->n = 0;
@@ -249,9 +280,9 @@ static int copy_events(struct copy *c)
 {
     c->n = 0;
     int rc = apc_store_events(c->from, &c->range, take_event, c);
-    if (rc >= 0 && !c->failed)
+    if (!c->failed)
         flush_events(c);
-    return stream_result(c, rc);
+    return stream_result(c, rc, "events are");
 }
 
 /* ---- Timing --------------------------------------------------------------------------------- */
@@ -288,7 +319,7 @@ static int flush_timing(struct copy *c)
         if (!c->found[i])
             rows[new ++] = c->timing_row[i].row;
     if (rc >= 0)
-        rc = apc_store_append_timing(c->to, rows, new);
+        rc = append_timing(c, rows, new);
     c->timing.copied += new;
     c->timing.there += c->n - new;
     c->n = 0;
@@ -324,11 +355,11 @@ static int copy_timing(struct copy *c)
 {
     c->n = 0;
     int rc = apc_store_timing(c->from, &c->range, take_timing, c);
-    if (rc >= 0 && !c->failed)
+    if (!c->failed)
         flush_timing(c);
     for (size_t i = 0; i < ROWS; i++)
         free(c->timing_row[i].bins);
-    return stream_result(c, rc);
+    return stream_result(c, rc, "timing is");
 }
 
 /* ---- Descriptions --------------------------------------------------------------------------- */
@@ -424,6 +455,7 @@ int command_copy(int argc, char **argv)
         printf("descriptions: %zu copied\n", c->tags);
         say("events:", &c->events);
         say("timing:", &c->timing);
+        rc = c->damaged ? APC_ESTORE : rc;
     }
     rc = cli_done(&c->cli, exit_code_of(rc));
 out:

@@ -12,6 +12,7 @@
 #include "samples.h"
 
 #define PATH_LEN 600
+#define COPY     "run.conf.new"
 
 static int make_folders(const char *dir, struct apc_error *why)
 {
@@ -69,7 +70,7 @@ int folder_create(const char *dir, const char *experiment_file, struct apc_error
     FILE *from = fopen(experiment_file, "r");
     if (!from)
         return apc_fail(why, APC_ENOTFOUND, "%s: cannot be read: %s", experiment_file, strerror(errno));
-    rc = file_open(&copy, dir, "run.conf", why);
+    rc = file_open(&copy, dir, COPY, why);
     if (rc == 0) {
         while ((n = fread(block, 1, sizeof block, from)) > 0)
             fwrite(block, 1, n, copy.stream);
@@ -79,10 +80,20 @@ int folder_create(const char *dir, const char *experiment_file, struct apc_error
     return rc;
 }
 
+int folder_keep(const char *dir, struct apc_error *why)
+{
+    char copy[PATH_LEN + 8], path[PATH_LEN + 8];
+    snprintf(copy, sizeof copy, "%.580s/" COPY, dir);
+    snprintf(path, sizeof path, "%.580s/run.conf", dir);
+    return rename(copy, path) == 0
+               ? 0
+               : apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
+}
+
 void folder_discard(const char *dir)
 {
     char path[PATH_LEN];
-    snprintf(path, sizeof path, "%.580s/run.conf", dir);
+    snprintf(path, sizeof path, "%.580s/" COPY, dir);
     remove(path);
     remove(dir); /* fails, as it should, when there is more in it */
 }

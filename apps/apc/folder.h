@@ -11,8 +11,12 @@
 
 #include "common/experiment.h"
 
-/* Make the folder (and its parents) and put a copy of the experiment file there. */
+/*
+ * Make the folder (and its parents) and put a copy of the experiment file there, which folder_keep() gives
+ * its name: until then a run that was there before keeps its own.
+ */
 int folder_create(const char *dir, const char *experiment_file, struct apc_error *why);
+int folder_keep(const char *dir, struct apc_error *why);
 /* Take back what folder_create() made, when nothing has been added. */
 void folder_discard(const char *dir);
 

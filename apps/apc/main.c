@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc: the command line. */
+#include <signal.h>
 #include <string.h>
 
 #include "cli.h"
@@ -56,6 +57,7 @@ int main(int argc, char **argv)
         printf("apc (libapc) %s\n", apc_version());
         return EXIT_OK;
     }
+    signal(SIGXFSZ, SIG_IGN); /* a file that may not grow is a full disk */
     for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
         if (!strcmp(argv[1], commands[i].name))
             return commands[i].run(argc - 1, argv + 1);

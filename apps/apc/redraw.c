@@ -1,4 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
+#include <unistd.h>
+
 #include "cli.h"
 #include "report.h"
 
@@ -25,8 +27,14 @@ int command_report(int argc, char **argv)
         rc = report_write(cli.args[0], e.title, &why);
         experiment_free(&e);
     }
-    if (rc < 0)
-        return cli_error(&cli, rc, "%s", why.text);
+    if (rc < 0) {
+        snprintf(path, sizeof path, "%.580s/samples.csv", cli.args[0]);
+        return cli_error(
+            &cli, rc, "%s%s", why.text,
+            access(path, F_OK) == 0 || access(cli.args[0], F_OK) != 0
+                ? ""
+                : "; a run that was killed has its record in its store only (apc history, apc copy)");
+    }
     printf("report: %s/report.png, report.svg\n", cli.args[0]);
     return EXIT_OK;
 }

@@ -129,6 +129,15 @@ static void block(sigset_t *set)
     sigprocmask(SIG_BLOCK, set, NULL);
 }
 
+/* Those that came while it was stopping already asked for nothing more: they do not cost the report. */
+static void unblock(const sigset_t *set)
+{
+    const struct timespec at_once = {0, 0};
+    while (sigtimedwait(set, NULL, &at_once) > 0)
+        ;
+    sigprocmask(SIG_UNBLOCK, set, NULL);
+}
+
 /* ---- Steps of a run ----------------------------------------------------------------------- */
 
 /* Is anybody running this plant? Then nothing of it may be touched. */
@@ -310,7 +319,7 @@ static int follow(struct run *r, const sigset_t *signals)
             r->page[0] = '\0';
         }
         if (rc > 0)
-            live_say(r->live, "a daemon died and was started again: see %s/*.log", r->dir);
+            live_say(r->live, "%s and was started again: see %s/*.log", why.text, r->dir);
         if (apc_clock_mono(NULL) >= r->begin)
             live_show(r->live, false);
     }
@@ -377,6 +386,10 @@ static int run(struct run *r)
         discard(r);
         return rc;
     }
+    if ((rc = folder_keep(r->dir, &why)) < 0) {
+        cli_error(&r->cli, rc, "%s", why.text);
+        return rc;
+    }
     if (r->own_store[0])
         say_export(r->own_store);
     if ((rc = start_daemons(r)) < 0)
@@ -392,7 +405,7 @@ static int run(struct run *r)
     if (supervisor_stop(&r->daemons) < 0)
         cli_error(&r->cli, 0, "a daemon did not stop in time and was killed: see %s/*.log", r->dir);
     live_destroy(r->live);
-    sigprocmask(SIG_UNBLOCK, &signals, NULL); /* from here on Ctrl-C may end it */
+    unblock(&signals); /* from here on Ctrl-C may end it */
     int left = leave_report(r);
     return rc < 0 ? rc : left;
 }

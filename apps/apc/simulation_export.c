@@ -31,6 +31,8 @@ int simulation_export(const struct simulation *s, const char *dir, const char *e
                       struct apc_error *why)
 {
     int rc = folder_create(dir, experiment_file, why);
+    if (rc == 0)
+        rc = folder_keep(dir, why);
     if (rc < 0)
         return rc;
     if ((rc = fill_timing(s)) < 0)

@@ -19,19 +19,23 @@ static int is_spool(const struct dirent *entry)
 int spools_look(struct spools *spools, const char *dir, struct apc_error *why)
 {
     struct dirent **names;
+    struct apc_error this;
     int rc = 0, n = scandir(dir, &names, is_spool, alphasort);
     spools->n = 0;
     if (n < 0)
         return apc_fail(why, APC_ENOTFOUND, "%s: cannot be read: %s", dir, strerror(errno));
     for (int i = 0; i < n; i++) {
-        if (rc >= 0 && spools->n < SPOOLS_MAX) {
+        if (spools->n < SPOOLS_MAX) {
             char *path = spools->path[spools->n];
             snprintf(path, sizeof spools->path[0], "%s/%s", dir, names[i]->d_name);
-            rc = apc_spool_look(path, &spools->info[spools->n], why);
-            if (rc == APC_ENOTFOUND) /* its writer has just removed it */
-                rc = 0;
-            else if (rc == 0)
+            int err = apc_spool_look(path, &spools->info[spools->n], &this);
+            if (err == 0)
                 spools->n++;
+            else if (err != APC_ENOTFOUND && rc == 0) /* else its writer has just removed it */
+                rc = apc_fail(why, err, "%s", this.text);
+        } else if (rc == 0) {
+            rc = apc_fail(why, APC_EFULL, "%s: there are more than %d spools: move some away", dir,
+                          SPOOLS_MAX);
         }
         free(names[i]);
     }
@@ -64,9 +68,16 @@ static int drain_one(const char *path, const char *writer, const char *uri, apc_
 int spools_drain(const char *dir, const char *uri, apc_ns timeout, struct apc_error *why)
 {
     struct spools *spools = malloc(sizeof *spools);
+    struct apc_error this;
     int rc = spools ? spools_look(spools, dir, why) : apc_fail(why, APC_ENOMEM, "out of memory");
-    for (size_t i = 0; spools && rc >= 0 && i < spools->n; i++)
-        rc = drain_one(spools->path[i], spools->info[i].writer, uri, timeout, why);
+    for (size_t i = 0; spools && i < spools->n; i++) {
+        int err = drain_one(spools->path[i], spools->info[i].writer, uri, timeout, &this);
+        const bool away = err == APC_ECONN || err == APC_ETIMEDOUT;
+        if (err < 0 && (rc == 0 || away))
+            rc = apc_fail(why, err, "%s", this.text);
+        if (away) /* the others would wait for the same */
+            break;
+    }
     free(spools);
     return rc;
 }

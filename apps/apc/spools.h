@@ -13,10 +13,12 @@ struct spools {
     size_t n;
 };
 
-/* Look into every *.spool of the folder, in order of name. Returns 0 or an error. */
+/* Look into every *.spool of the folder, in order of name. Returns 0 or the first error: those that can be
+ * read are there all the same. */
 int spools_look(struct spools *spools, const char *dir, struct apc_error *why);
 
-/* Store what waits in them, and remove them. Returns 0, or why something is left. */
+/* Store what waits in them, and remove them; one that cannot be does not keep the others. Returns 0, or why
+ * something is left. */
 int spools_drain(const char *dir, const char *uri, apc_ns timeout, struct apc_error *why);
 
 #endif

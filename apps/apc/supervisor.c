@@ -112,10 +112,20 @@ int supervisor_start(struct supervisor *s, struct apc_error *why)
     return rc;
 }
 
-/* The last line that the child left in its log, or, when a signal killed it, which. */
+/* How much a line of a child's log says about its end: an error before it ran, one of its log, anything else.
+ */
+static int weight(const struct child *child, const char *line)
+{
+    const size_t n = strlen(child->name);
+    return strncmp(line, child->name, n) == 0 && line[n] == ':' ? 3 : strstr(line, "level=error") ? 2 : 1;
+}
+
+/* The last line that the child left in its log, of those that say most, or, when a signal killed it, which.
+ */
 static void last_words(const struct child *child, int status, char *text, size_t size)
 {
     char line[512];
+    int best = 0;
     FILE *log = WIFSIGNALED(status) ? NULL : fopen(child->log, "r");
     if (WIFSIGNALED(status))
         snprintf(text, size, "%s was killed by signal %d again and again; see %.300s", child->name,
@@ -125,11 +135,27 @@ static void last_words(const struct child *child, int status, char *text, size_t
     if (!log)
         return;
     while (fgets(line, sizeof line, log))
-        if (line[0] != '\n') {
+        if (line[0] != '\n' && weight(child, line) >= best) {
+            best = weight(child, line);
             line[strcspn(line, "\n")] = '\0';
-            snprintf(text, size, "%.390s", line);
+            const char *message = strstr(line, " msg=\"");
+            if (message && best < 3) /* the log's, without the quotes */
+                snprintf(text, size, "%s: %.*s", child->name, (int)strnlen(message + 6, 350) - 1,
+                         message + 6);
+            else
+                snprintf(text, size, "%.390s", line);
         }
     fclose(log);
+}
+
+/* "apc-controller was killed by signal 11 (Segmentation fault)" */
+static void how_it_ended(const struct child *child, struct apc_error *why)
+{
+    if (WIFSIGNALED(child->status))
+        apc_fail(why, APC_ESTATE, "%s was killed by signal %d (%s)", child->name, WTERMSIG(child->status),
+                 sigdescr_np(WTERMSIG(child->status)));
+    else
+        apc_fail(why, APC_ESTATE, "%s ended with code %d", child->name, WEXITSTATUS(child->status));
 }
 
 /* A child has ended: when to start it again, or why not. */
@@ -140,6 +166,7 @@ static int bury(struct child *child, int status, struct apc_error *why)
     bool waits = WIFEXITED(status) && WEXITSTATUS(status) == EXIT_CONNECTION;
 
     child->pid = 0;
+    child->status = status;
     child->failures = ran < SOON ? child->failures + 1 : 0;
     if ((WIFEXITED(status) && ran < STARTING && child->restarts == 0) ||
         (child->failures >= FAILURES && !waits)) {
@@ -166,6 +193,7 @@ int supervisor_check(struct supervisor *s, struct apc_error *why)
         if (rc == 0 && child->name && child->pid == 0 && apc_clock_mono(NULL) >= child->started) {
             child->restarts++;
             revived++;
+            how_it_ended(child, why);
             rc = spawn(s, child, why);
         }
     }

@@ -21,6 +21,7 @@ struct child {
     apc_ns started;       /* monotonic; while it is not running: when to start it again */
     unsigned failures;    /* in a row, each soon after its start */
     unsigned restarts;
+    int status; /* with which it ended the last time, as of waitpid() */
     char log[600];
 };
 
@@ -37,8 +38,9 @@ struct supervisor {
 int supervisor_start(struct supervisor *s, struct apc_error *why);
 /*
  * Look after the children; never waits. A child that died is started again, after a pause that grows while it
- * fails. Returns how many were, or APC_ESTATE when one would not run from the beginning, or will not run
- * again: its last message is in why. Of a child aside that is no error: it is given up.
+ * fails. Returns how many were (who, and how it had ended, is in why), or APC_ESTATE when one would not run
+ * from the beginning, or will not run again: its last message is in why. Of a child aside that is no error:
+ * it is given up.
  */
 int supervisor_check(struct supervisor *s, struct apc_error *why);
 /* SIGTERM, the last started first, each gets some seconds; then SIGKILL. Returns 0, or APC_ETIMEDOUT when

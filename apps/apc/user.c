@@ -22,7 +22,9 @@ static const struct argp_option option_list[] = {
 static error_t parse(int key, char *arg, struct argp_state *state)
 {
     struct options *o = state->input;
-    if (key == OPT_USERS)
+    if (key == OPT_USERS && !*arg)
+        argp_error(state, "--users \"\": must name a file");
+    else if (key == OPT_USERS)
         o->file = arg;
     else if (key == OPT_ROLE && role_parse(arg) == ROLE_NONE)
         argp_error(state, "--role \"%s\": must be observer or operator", arg);

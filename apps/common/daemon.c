@@ -103,12 +103,12 @@ static const char *or_environment(const char *flag, const char *name)
 
 int daemon_error(const struct daemon *d, int err, const char *fmt, ...)
 {
+    char text[1024];
     va_list args;
-    fprintf(stderr, "%s: ", d->program->name);
     va_start(args, fmt);
-    vfprintf(stderr, fmt, args);
+    vsnprintf(text, sizeof text, fmt, args);
     va_end(args);
-    fputc('\n', stderr);
+    fprintf(stderr, "%s: %s\n", d->program->name, text); /* at once: the log is written by another thread */
     return err;
 }
 
@@ -122,6 +122,7 @@ static void block_signals(sigset_t *set)
     sigaddset(set, SIGINT);
     pthread_sigmask(SIG_BLOCK, set, NULL);
     signal(SIGPIPE, SIG_IGN);
+    signal(SIGXFSZ, SIG_IGN); /* a file that may not grow is a full disk */
 }
 
 static int open_log(struct daemon *d)

@@ -69,7 +69,7 @@ static void read_signal(struct settings *s, const config_setting_t *group, enum 
                    table == APC_ACTUATOR ? known_output
                    : table == APC_SENSOR ? known_sensor
                                          : known);
-    settings_text(s, group, "name", REQUIRED, tag->name, sizeof tag->name);
+    settings_name(s, group, tag->name, sizeof tag->name);
     settings_text(s, group, "unit", OPTIONAL, tag->unit, sizeof tag->unit);
     settings_text(s, group, "description", OPTIONAL, tag->description, sizeof tag->description);
     settings_number(s, group, "low", OPTIONAL, -APC_VALUE_MAX, APC_VALUE_MAX, &tag->low);
@@ -97,6 +97,37 @@ static size_t read_signals(struct settings *s, const config_setting_t *root, con
     for (int i = 0; *signals && i < n && !s->failed; i++)
         read_signal(s, config_setting_get_elem(list, (unsigned)i), table, i + 1, &(*signals)[i]);
     return (size_t)n;
+}
+
+/* A name stands for one variable: among those of its table, and among those that can be set. */
+static void check_names(struct settings *s, const config_setting_t *root, const char *list,
+                        const struct signal *signals, size_t n, const struct signal *others, size_t m)
+{
+    for (size_t i = 0; i < n && !s->failed; i++) {
+        const char *name = signals[i].tag.name;
+        bool taken = false;
+        for (size_t j = 0; j < i; j++)
+            taken |= !strcmp(signals[j].tag.name, name);
+        for (size_t j = 0; j < m; j++)
+            taken |= !strcmp(others[j].tag.name, name);
+        if (taken)
+            settings_fail(s, config_setting_get_elem(config_setting_get_member(root, list), (unsigned)i),
+                          "two variables are called \"%s\": give each a name of its own", name);
+    }
+}
+
+/* tcp:HOST:PORT; more is said when it is used. */
+static void read_address(struct settings *s, const config_setting_t *group, const char *name, long least,
+                         char *value, size_t size)
+{
+    settings_text(s, group, name, OPTIONAL, value, size);
+    const char *colon = strrchr(value, ':');
+    size_t digits = colon ? strspn(colon + 1, "0123456789") : 0;
+    long port = digits > 0 && digits < 6 && !colon[1 + digits] ? strtol(colon + 1, NULL, 10) : -1;
+    if (!s->failed && (strncmp(value, "tcp:", 4) != 0 || colon < value + 5 || port < least || port > 65535))
+        settings_fail(s, config_setting_get_member(group, name),
+                      "\"%s\" is \"%s\": must be tcp:HOST:PORT, such as \"tcp:127.0.0.1:%d\"", name, value,
+                      APC_PORT);
 }
 
 /* Names of a group of parameters are those of the law or the model; absent ones keep their initial value. */
@@ -133,6 +164,15 @@ static int take_error(struct settings *s, const config_setting_t *at, int err, c
     return s->failed;
 }
 
+/* What was named on the command line is no mistake of the file. */
+static int take_choice(struct settings *s, const config_setting_t *group, const char *name, bool override,
+                       int err, const struct apc_error *why)
+{
+    if (err < 0 && override)
+        s->failed = apc_fail(s->why, err, "--%s: %s", strcmp(name, "law") ? "plant" : "law", why->text);
+    return override ? s->failed : take_error(s, config_setting_get_member(group, name), err, why);
+}
+
 static void read_model(struct settings *s, const config_setting_t *group, struct experiment *e,
                        const char *override)
 {
@@ -142,8 +182,8 @@ static void read_model(struct settings *s, const config_setting_t *group, struct
         return;
     resolve(s, e->plant.name, path, sizeof path);
     const char *name = override ? override : path;
-    if (take_error(s, config_setting_get_member(group, "model"),
-                   apc_model_find(name, &e->plant.model, &e->model_handle, &why), &why))
+    if (take_choice(s, group, "model", override != NULL,
+                    apc_model_find(name, &e->plant.model, &e->model_handle, &why), &why))
         return;
     const struct apc_model *model = e->plant.model;
     if (model->ny != e->dim.ny || model->nu != e->dim.nu) {
@@ -177,7 +217,7 @@ static void read_plant(struct settings *s, const config_setting_t *root, struct 
     settings_known(s, group, known);
     read_rhythm(s, group, "plant", 0, &e->plant.rhythm, &e->models.recordings);
     settings_text(s, group, "model", REQUIRED, e->plant.name, sizeof e->plant.name);
-    settings_text(s, group, "listen", OPTIONAL, e->plant.listen, sizeof e->plant.listen);
+    read_address(s, group, "listen", 0, e->plant.listen, sizeof e->plant.listen);
     if (resolve_model)
         read_model(s, group, e, override);
 }
@@ -190,7 +230,7 @@ static void read_client(struct settings *s, const config_setting_t *root, struct
         return;
     settings_known(s, group, known);
     read_rhythm(s, group, "client", client_phase_s, &e->client.rhythm, &e->models.recordings);
-    settings_text(s, group, "link", OPTIONAL, e->client.link, sizeof e->client.link);
+    read_address(s, group, "link", 1, e->client.link, sizeof e->client.link);
 }
 
 static void read_tuning(struct settings *s, const config_setting_t *group, struct experiment *e,
@@ -221,8 +261,8 @@ static void read_law(struct settings *s, const config_setting_t *group, struct e
     if (s->failed)
         return;
     resolve(s, e->controller.name, path, sizeof path);
-    if (take_error(s, config_setting_get_member(group, "law"),
-                   apc_law_find(override ? override : path, &e->controller.law, &e->law_handle, &why), &why))
+    if (take_choice(s, group, "law", override != NULL,
+                    apc_law_find(override ? override : path, &e->controller.law, &e->law_handle, &why), &why))
         return;
     if (e->controller.law->accepts && !e->controller.law->accepts(&e->dim))
         settings_fail(s, group, "law %s does not work with %zu measurements, %zu setpoints, %zu outputs",
@@ -290,7 +330,11 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
                                         "scheduler", "network", "clock",    NULL};
     double seed = 1;
     settings_known(s, root, known);
-    settings_text(s, root, "name", REQUIRED, e->name, sizeof e->name);
+    settings_name(s, root, e->name, sizeof e->name);
+    if (!s->failed && (strchr(e->name, '/') || e->name[0] == '.'))
+        settings_fail(s, config_setting_get_member(root, "name"),
+                      "\"name\" is \"%s\": it names a folder, so it has no / and does not begin with a dot",
+                      e->name);
     snprintf(e->title, sizeof e->title, "%s", e->name);
     settings_text(s, root, "title", OPTIONAL, e->title, sizeof e->title);
     settings_number(s, root, "duration", OPTIONAL, 0, 366 * 86400.0, &e->duration);
@@ -300,6 +344,11 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     experiment_read_sensors(s, config_setting_get_member(root, "measurements"), e);
     e->dim.nz = read_signals(s, root, "setpoints", APC_SETPOINT, &e->z);
     e->dim.nu = read_signals(s, root, "outputs", APC_ACTUATOR, &e->u);
+    if (!s->failed) {
+        check_names(s, root, "measurements", e->y, e->dim.ny, NULL, 0);
+        check_names(s, root, "setpoints", e->z, e->dim.nz, NULL, 0);
+        check_names(s, root, "outputs", e->u, e->dim.nu, e->z, e->dim.nz);
+    }
     read_client(s, root, e);
     read_controller(s, root, e, (parts & EXPERIMENT_LAW) != 0, overrides ? overrides->law : NULL);
     read_plant(s, root, e,

@@ -149,6 +149,17 @@ void settings_text(struct settings *s, const config_setting_t *in, const char *n
         snprintf(value, size, "%s", config_setting_get_string(found));
 }
 
+void settings_name(struct settings *s, const config_setting_t *in, char *value, size_t size)
+{
+    settings_text(s, in, "name", REQUIRED, value, size);
+    bool good = *value != '\0';
+    for (const char *c = value; *c; c++)
+        good = good && (unsigned char)*c >= ' ' && *c != 127;
+    if (!s->failed && !good)
+        settings_fail(s, config_setting_get_member(in, "name"),
+                      "\"name\" must have at least one character, and no line breaks or tabs");
+}
+
 void settings_numbers(struct settings *s, const config_setting_t *array, size_t n, double *values)
 {
     if (s->failed)

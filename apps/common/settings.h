@@ -35,6 +35,8 @@ void settings_period(struct settings *s, const config_setting_t *in, const char 
 void settings_flag(struct settings *s, const config_setting_t *in, const char *name, bool *value);
 void settings_text(struct settings *s, const config_setting_t *in, const char *name,
                    enum settings_presence presence, char *value, size_t size);
+/* The required text "name": not empty, one line. */
+void settings_name(struct settings *s, const config_setting_t *in, char *value, size_t size);
 /* An array or list of exactly n numbers. */
 void settings_numbers(struct settings *s, const config_setting_t *array, size_t n, double *values);
 

@@ -19,6 +19,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define RIVALS_AGAIN (60 * APC_NS_PER_S) /* between two notices of two clients */
+
 struct apc_plantserver {
     struct apc_plant *plant;
     size_t nx, nu, ny;
@@ -46,8 +48,10 @@ struct apc_plantserver {
     apc_ns frame_at;     /* mono of the last command frame */
     apc_ns changed_at;   /* mono of the last new stamp */
 
-    bool refusing; /* told of a refused command, and none was accepted since */
-    bool failing;  /* told that the plant cannot be solved */
+    bool refusing;  /* told of a refused command, and none was accepted since */
+    bool failing;   /* told that the plant cannot be solved */
+    bool rivals;    /* told that two clients send commands ... */
+    apc_ns told_at; /* ... mono, the last time */
 
     const struct apc_disturbance *disturbance; /* those still to come */
     size_t n_disturbances;
@@ -254,6 +258,19 @@ static void take_command(struct apc_plantserver *s, apc_ns mono, struct apc_noti
     s->tripped = false;
 }
 
+/* Two clients who both want to command take the plant from each other again and again, each by a new
+ * connection. */
+static void tell_of_rivals(struct apc_plantserver *s, apc_ns mono, struct apc_notice *notice)
+{
+    if (s->rivals && mono - s->told_at < RIVALS_AGAIN)
+        return;
+    s->told_at = mono;
+    s->rivals =
+        apc_note(notice, APC_NOTICE_REJECTED,
+                 "command refused: another client has begun to command since; two at once take the plant "
+                 "from each other: stop one");
+}
+
 /* ---- Tick ---------------------------------------------------------------------------------- */
 
 static void give(struct apc_plantserver *s, bool safe)
@@ -376,8 +393,10 @@ int apc_plantserver_request(struct apc_plantserver *server, struct apc_now now, 
         return APC_EPROTO;
     /* packMultiMsg() cannot know which way it goes: the paper's client sends its command as values. */
     if ((frame.kind == APC_FRAME_COMMAND || frame.kind == APC_FRAME_VALUES) && frame.n == server->nu) {
-        if (connection < server->connection)
+        if (connection < server->connection) {
+            tell_of_rivals(server, now.mono, notice);
             return APC_EPERM;
+        }
         server->connection = connection;
         take_command(server, now.mono, notice);
     } else if (frame.kind != APC_FRAME_QUERY || frame.n != 0) {

@@ -132,8 +132,15 @@ int apc_pg_refused(struct apc_pg *pg, const PGresult *result)
     case APC_ECONN:
         return apc_pg_fail(pg, err, "the database server ended the connection", text);
     default:
-        return apc_pg_fail(pg, err, "the database refused it", text);
+        break;
     }
+    if (!strcmp(sqlstate, "42703") || !strcmp(sqlstate, "42P07")) { /* no such column; the table is there */
+        char what[160];
+        snprintf(what, sizeof what,
+                 "schema \"%s\" has tables that are not libapc's (name another behind a #)", pg->schema);
+        return apc_pg_fail(pg, err, what, text);
+    }
+    return apc_pg_fail(pg, err, "the database refused it", text);
 }
 
 /* ---- Waiting ------------------------------------------------------------------------------ */

@@ -72,6 +72,13 @@ static bool load_samples(struct apc_shm *shm, struct apc_sample *samples, size_t
     return true;
 }
 
+int apc_shm_lost(struct apc_shm *shm, uint64_t g)
+{
+    return apc_shm_generation(shm) == g
+               ? apc_fail(&shm->base.why, APC_ESTORE, "shm:%s is corrupt", shm->name)
+               : apc_fail(&shm->base.why, APC_ETIMEDOUT, "shm:%s changes too fast to be read", shm->name);
+}
+
 static int read_newest(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     struct apc_shm *shm = apc_shm_of(store);
@@ -86,13 +93,13 @@ static int read_newest(struct apc_store *store, struct apc_sample *samples, size
         }
     }
     for (size_t i = 0; i < n; i++) {
+        const uint64_t g = apc_shm_generation(shm);
         bool whole = false;
         for (int tries = 0; !whole && tries < APC_SHM_TRIES; tries++) {
             whole = load_sample(shm, apc_shm_generation(shm), &samples[i], NULL);
         }
         if (!whole) {
-            return apc_fail(&store->why, APC_ETIMEDOUT, "shm:%s: %s %d changes too fast to be read",
-                            shm->name, apc_table_name(samples[i].table), samples[i].id);
+            return apc_shm_lost(shm, g);
         }
     }
     return 0;
@@ -212,11 +219,11 @@ static bool any_newer(struct apc_shm *shm, const struct apc_sample *seen, size_t
     for (size_t i = 0; i < n; i++) {
         const struct apc_shm_slot *slot = apc_shm_find(shm, apc_shm_key(seen[i].table, seen[i].id), NULL);
         uint64_t words[8];
-        int there = -1;
-        while (slot && there < 0) { /* one variable: two commits within some ns are no rule */
+        int there = slot ? -1 : 0;
+        for (int tries = 0; there < 0 && tries < APC_SHM_TRIES; tries++) { /* as in read_newest() */
             there = apc_shm_load(slot, apc_shm_generation(shm), words);
         }
-        if (slot && there > 0 && (int64_t)words[1] > seen[i].seq) {
+        if (there < 0 || (there > 0 && (int64_t)words[1] > seen[i].seq)) { /* who reads it is told why not */
             return true;
         }
     }

@@ -297,6 +297,9 @@ static inline uint64_t apc_shm_shown(uint64_t capacity)
 
 /** A slot's version of generation @p g: 1, 0: none, -1: lost, take a newer generation. */
 int apc_shm_load(const struct apc_shm_slot *slot, uint64_t g, uint64_t version[8]);
+/** What has two versions was lost APC_SHM_TRIES times in a row: APC_ETIMEDOUT, or APC_ESTORE when nothing was
+ * committed since generation @p g, which then is no reason. */
+int apc_shm_lost(struct apc_shm *shm, uint64_t g);
 /** The sample in a version's or cell's words. */
 struct apc_sample apc_shm_sample(enum apc_table table, int id, const uint64_t words[8]);
 

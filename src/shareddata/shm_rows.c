@@ -64,14 +64,27 @@ static size_t load_ring(const struct apc_shm *shm, const struct apc_shm_slot *sl
     return capacity - at;
 }
 
-/* The variable's version as of now. Returns 1, or 0 when it has none. */
-static int load_version(const struct apc_shm *shm, const struct apc_shm_slot *slot, uint64_t version[8])
+static int corrupt(struct apc_shm *shm)
 {
-    int there = -1;
-    while (there < 0) { /* two commits within some ns are no rule */
-        there = apc_shm_load(slot, apc_shm_generation(shm), version);
+    return apc_fail(&shm->base.why, APC_ESTORE, "shm:%s is corrupt", shm->name);
+}
+
+/* The variable's version as of now. Returns 1, or 0 when it has none. */
+static int load_version(struct apc_shm *shm, const struct apc_shm_slot *slot, uint64_t version[8])
+{
+    const uint64_t g = apc_shm_generation(shm);
+    for (int tries = 0; tries < APC_SHM_TRIES; tries++) { /* two commits within some ns are no rule */
+        const int there = apc_shm_load(slot, apc_shm_generation(shm), version);
+        if (there == 0) {
+            return 0;
+        }
+        if (there > 0) {
+            const uint64_t kept = version[7] >> 8;
+            return kept > apc_shm_shown(apc_shm_capacity(APC_SHM_EXTENTS)) || kept > version[0] ? corrupt(shm)
+                                                                                                : 1;
+        }
     }
-    return there;
+    return apc_shm_lost(shm, g);
 }
 
 int apc_shm_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
@@ -84,13 +97,11 @@ int apc_shm_history(struct apc_store *store, enum apc_table table, int id, const
         return err;
     }
     const struct apc_shm_slot *slot = apc_shm_find(shm, apc_shm_key(table, id), NULL);
-    if (!slot || load_version(shm, slot, version) == 0) {
-        return 0;
+    const int there = slot ? load_version(shm, slot, version) : 0;
+    if (there <= 0) {
+        return there;
     }
     const uint64_t kept = version[7] >> 8;
-    if (kept > apc_shm_shown(apc_shm_capacity(APC_SHM_EXTENTS)) || kept > version[0]) {
-        return apc_fail(&store->why, APC_ESTORE, "shm:%s is corrupt", shm->name);
-    }
     const size_t most = (size_t)kept + 1;
     struct apc_sample *row = (struct apc_sample *)malloc(most * sizeof *row);
     if (!row) {
@@ -128,7 +139,12 @@ int apc_shm_variables(struct apc_store *store, struct apc_sample *variables, siz
         return no_memory(shm, shm->variables);
     }
     for (size_t i = 0; i < shm->variables && (key = apc_word_get(&shm->slot[i].key)) != 0; i++) {
-        if (load_version(shm, &shm->slot[i], version) > 0) {
+        const int there = load_version(shm, &shm->slot[i], version);
+        if (there < 0) {
+            free(all);
+            return there;
+        }
+        if (there > 0) {
             all[n++] = (struct apc_sample){.table = (enum apc_table)(key >> 32), .id = (int)(uint32_t)key};
         }
     }
@@ -170,6 +186,7 @@ int apc_shm_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capac
     if (err) {
         return err;
     }
+    const uint64_t g = apc_shm_generation(shm);
     for (int tries = 0; tries < APC_SHM_TRIES; tries++) {
         const apc_word *marks = shm->header->tags_mark;
         const int current = apc_shm_current(marks, apc_shm_generation(shm));
@@ -186,25 +203,33 @@ int apc_shm_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capac
             return (int)n;
         }
     }
-    return apc_fail(&store->why, APC_ETIMEDOUT, "shm:%s: the tags change too fast to be read", shm->name);
+    return apc_shm_lost(shm, g);
 }
 
 /* ---- Events and timing: rings of records ------------------------------------------------------- */
 
-static struct apc_shm_ends load_ends(const struct apc_shm *shm, enum apc_shm_log_name name)
+static bool sane_ends(const struct apc_shm_log *log, const struct apc_shm_ends *ends)
+{
+    return ends->kept <= log->capacity && ends->kept <= ends->head;
+}
+
+static int load_ends(struct apc_shm *shm, enum apc_shm_log_name name, struct apc_shm_ends *ends)
 {
     const struct apc_shm_meta *meta = &shm->header->meta;
     struct apc_shm_counters c = {0};
-    for (;;) {
+    const uint64_t g = apc_shm_generation(shm);
+    for (int tries = 0; tries < APC_SHM_TRIES; tries++) {
         const int current = apc_shm_current(meta->mark, apc_shm_generation(shm));
         if (current >= 0) {
             const uint64_t mark = apc_word_get(&meta->mark[current]);
             apc_words_get(&c, meta->counters[current], APC_SHM_COUNTERS);
             if (apc_shm_unchanged(&meta->mark[current], mark)) {
-                return c.log[name];
+                *ends = c.log[name];
+                return sane_ends(&shm->log[name], ends) ? 0 : corrupt(shm);
             }
         }
     }
+    return apc_shm_lost(shm, g);
 }
 
 /* The first @p words of a record; false when it has been overwritten. */
@@ -256,10 +281,11 @@ static int select_records(struct apc_shm *shm, enum apc_shm_log_name name, const
                           struct selection *s)
 {
     const struct apc_shm_log *log = &shm->log[name];
-    const struct apc_shm_ends ends = load_ends(shm, name);
+    struct apc_shm_ends ends = {0, 0};
+    const int err = load_ends(shm, name, &ends);
     *s = (struct selection){.words = log->words - 1};
-    if (ends.kept > log->capacity || ends.kept > ends.head) {
-        return apc_fail(&shm->base.why, APC_ESTORE, "shm:%s is corrupt", shm->name);
+    if (err) {
+        return err;
     }
     s->record = (uint64_t *)calloc((size_t)ends.kept + 1, s->words * sizeof *s->record);
     s->order = (struct entry *)calloc((size_t)ends.kept + 1, sizeof *s->order);
@@ -441,14 +467,18 @@ static int drop_samples(struct apc_shm *shm, struct apc_shm_slot *slot, apc_ns b
 {
     struct apc_shm_write w;
     uint64_t version[8];
-    if (load_version(shm, slot, version) == 0 || old_samples(shm, slot, version, before) == 0) {
-        return 0;
+    int there = load_version(shm, slot, version);
+    if (there <= 0 || old_samples(shm, slot, version, before) == 0) {
+        return there < 0 ? there : 0;
     }
     int err = apc_shm_begin(shm, &w);
     if (err) {
         return err;
     }
-    load_version(shm, slot, version);
+    if ((there = load_version(shm, slot, version)) <= 0) {
+        apc_shm_unlock(shm);
+        return there;
+    }
     const uint64_t n = old_samples(shm, slot, version, before);
     const bool all = n == version[7] >> 8; /* the newest, too, if it is as old, but that stays in the slot */
     const struct apc_sample newest = apc_shm_sample(APC_SENSOR, 0, version);
@@ -468,6 +498,10 @@ static int drop_records(struct apc_shm *shm, enum apc_shm_log_name name, apc_ns 
         return err;
     }
     struct apc_shm_ends *ends = &apc_shm_count(&w)->log[name];
+    if (!sane_ends(&shm->log[name], ends)) {
+        apc_shm_unlock(shm);
+        return corrupt(shm);
+    }
     int n = 0;
     apc_ns time = 0;
     while (ends->kept > 0 &&

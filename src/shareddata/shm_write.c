@@ -56,7 +56,7 @@ static void recover(struct apc_shm *shm)
     }
     /* New slots are taken one after the other. They are freed from the last to the first, so that whoever has
      * to go on with that finds those that are left. */
-    size_t i = (size_t)c.variables;
+    size_t i = (size_t)(c.variables < shm->variables ? c.variables : shm->variables);
     while (i < shm->variables && apc_word_get(&shm->slot[i].key) != 0) {
         i++;
     }

@@ -289,7 +289,9 @@ static int read_header(struct apc_spool_file *file, uint64_t size, struct apc_er
                         (unsigned)get_bits(h + AT_VERSION, 4), VERSION);
     }
     if (crc_of(file, h + AT_WRITER, AT_TEXT_END - AT_WRITER) != get_bits(h + AT_CRC, 4)) {
-        return apc_fail(why, APC_EPROTO, "spool %s: its header is damaged", file->path);
+        return apc_fail(why, APC_EPROTO,
+                        "spool %s: its header is damaged, so nobody knows whose it is: move it away",
+                        file->path);
     }
     snprintf(file->writer, sizeof file->writer, "%.63s", (const char *)h + AT_WRITER);
     snprintf(file->store, sizeof file->store, "%.2047s", (const char *)h + AT_STORE);
@@ -439,13 +441,17 @@ int apc_spool_look(const char *path, struct apc_spool_info *info, struct apc_err
     memset(info, 0, sizeof *info);
     snprintf(file.path, sizeof file.path, "%s", path);
     make_crc(file.crc);
-    file.fd = open(path, O_RDONLY | O_CLOEXEC);
+    file.fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK); /* a FIFO would wait for a writer */
     if (file.fd < 0) {
         return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "spool %s cannot be opened: %s",
                         path, strerror(errno));
     }
     if (reserve(&file, APC_SPOOL_HEADER) || fstat(file.fd, &st) != 0) {
         err = apc_fail(why, APC_ESYS, "spool %s cannot be read", path);
+        goto out;
+    }
+    if (!S_ISREG(st.st_mode)) {
+        err = apc_fail(why, APC_EINVAL, "spool %s is no regular file", path);
         goto out;
     }
     if (st.st_size >= APC_SPOOL_HEADER) { /* else its writer has just begun it */

@@ -22,6 +22,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#define PATH_LEN  504                  /* of a file: what SQLite takes, 512, without "-journal" */
 #define PAUSE_MIN (APC_NS_PER_MS / 10) /* between two tries for a lock; commits take about a millisecond */
 #define PAUSE_MAX (4 * APC_NS_PER_MS)
 #define OPCODES   1000 /* of SQLite's machine between two looks at the clock */
@@ -215,6 +216,21 @@ void apc_sqlite_drop(struct apc_sqlite *sq)
     sq->db = NULL;
 }
 
+/* Of a file that is to be made. SQLite would only say that there is none. */
+static int check_folder(struct apc_sqlite *sq)
+{
+    char folder[sizeof sq->path];
+    memcpy(folder, sq->path, sizeof folder);
+    char *slash = strrchr(folder, '/'); /* an absolute path has one */
+    slash[slash == folder] = '\0';
+    if (access(folder, W_OK | X_OK) == 0) {
+        return 0;
+    }
+    const int error = errno;
+    return apc_fail(&sq->base.why, error == EACCES || error == EROFS ? APC_EPERM : APC_ECONN,
+                    "%s cannot be made: its folder: %s", sq->given, strerror(error));
+}
+
 /* The file's own name, so that all who mean it agree on the names of what stands beside it. */
 static int resolve(struct apc_sqlite *sq, bool make)
 {
@@ -228,7 +244,7 @@ static int resolve(struct apc_sqlite *sq, bool make)
     int error = errno;
     if (error == ENOENT && make) {
         memcpy(sq->path, sq->given, sizeof sq->path);
-        return 0;
+        return check_folder(sq);
     }
     return apc_fail(&sq->base.why, error == EACCES ? APC_EPERM : APC_ECONN, "%s cannot be opened: %s%s",
                     sq->given, strerror(error), error == ENOENT ? "; `apc init` makes it" : "");
@@ -492,10 +508,14 @@ static int open_store(struct apc_store **store, const char *uri, const struct ap
         length = strlen(sq->given);
         sq->given[length++] = '/';
     }
-    if (!path[0] || length + strlen(path) >= sizeof sq->given - sizeof "-journal") {
+    if (!path[0]) {
         free(sq);
-        return apc_fail(why, APC_EINVAL, "%s: expected sqlite:FILE, the path of a file",
-                        path[0] ? "the path is too long" : uri);
+        return apc_fail(why, APC_EINVAL, "%s: expected sqlite:FILE, the path of a file", uri);
+    }
+    if (length + strlen(path) > PATH_LEN) {
+        free(sq);
+        return apc_fail(why, APC_EINVAL, "sqlite:%.40s...: the file's path is too long: at most %d bytes",
+                        path, PATH_LEN);
     }
     memcpy(sq->given + length, path, strlen(path) + 1);
     *store = &sq->base;

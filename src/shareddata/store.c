@@ -67,10 +67,10 @@ int apc_store_open(struct apc_store **store, const char *uri, const struct apc_s
     /* The URI may hold a password: only what must be its scheme is shown. */
     size_t scheme = strcspn(uri, ":/@");
     bool shown = scheme < 32 && uri[scheme] == ':';
-    return apc_fail(
-        why, APC_EINVAL,
-        "unknown store \"%.*s\": expected postgresql:, postgresql://..., sqlite:FILE, shm:NAME or mem:NAME",
-        shown ? (int)scheme + 1 : 0, uri);
+    return apc_fail(why, APC_EINVAL,
+                    "%s%.*s%s: expected postgresql:, postgresql://..., sqlite:FILE, shm:NAME or mem:NAME",
+                    shown ? "unknown store \"" : "a store that does not begin with what it is",
+                    shown ? (int)scheme + 1 : 0, uri, shown ? "\"" : "");
 }
 
 void apc_store_close(struct apc_store *store)

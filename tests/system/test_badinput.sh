@@ -77,6 +77,16 @@ sensor_with 'faults = ( { kind = "drift"; at = 1.0; } );' '"size" is missing'
 sensor_with 'faults = ( { kind = "stuck"; at = 1.0; size = 3.0; } );' 'stuck.*has no size'
 sensor_with 'faults = ( { kind = "stuck"; } );' '"at" is missing'
 change 's/^name = /seed = -1; name = /' 'seed.*must be from'
+change 's/^name = "fast"/name = ""/' 'name.*at least one character'
+change 's/^name = "fast"/name = "..\/fast"/' 'names a folder'
+change 's/{ name = "u"/{ name = ""/' 'name.*at least one character'
+change 's/{ name = "u"/{ name = "u\\nv"/' 'name.*no line breaks'
+change 's/{ name = "u"/{ name = "r"/' 'two variables are called "r"'
+change 's/"tcp:127.0.0.1:[0-9]*"/"udp:127.0.0.1:1"/' '"link" is "udp:127.0.0.1:1": must be tcp:HOST:PORT'
+change 's/listen = "tcp:127.0.0.1:[0-9]*"/listen = "tcp:127.0.0.1:99999"/' '"listen" is .*must be tcp:HOST:PORT'
+for option in law plant; do
+  expect 1 "^apc run: --$option: .*magic" "$apc" run "$good" --$option magic --out "$work/never"
+done
 [ ! -e "$work/never" ] || fail "a refused experiment left a folder behind"
 [ "$(sql "SELECT count(*) FROM information_schema.schemata WHERE schema_name = 'apc'")" = 0 ] ||
   fail "a refused experiment left tables behind"
@@ -90,6 +100,13 @@ expect 3 'no_such_database' "$apc" get --store postgresql:///no_such_database
 expect 3 'connect' env PGHOST="$work" "$apc" get
 expect 3 'connect' env PGHOST="$work" "$APC_BIN/apc-controller" --config "$good"
 expect 1 'carrierpigeon' "$apc" get --store carrierpigeon:coop
+expect 1 'a store that does not begin with what it is: expected .*sqlite:FILE' "$apc" get --store plant.db
+expect 3 'nowhere/plant\.db cannot be made: its folder: No such file' "$apc" init --store "sqlite:$work/nowhere/plant.db"
+expect 1 'path is too long: at most 504' "$apc" init --store "sqlite:/tmp/$(printf 'x%.0s' {1..500})"
+mkfifo "$work/left.spool"
+expect 1 'left\.spool is no regular file' "$apc" drain "$work"
+expect 1 'left\.spool is no regular file' "$apc" status --spool "$work"
+rm "$work/left.spool"
 for command in "init $good" "run $good" get; do
   # shellcheck disable=SC2086
   expect 1 'mem:.* is the memory of one process.*sqlite:FILE' "$apc" $command --store mem:
@@ -102,6 +119,12 @@ sql 'INSERT INTO apc.migration (version, name) VALUES (999, $$from the future$$)
 expect 1 'newer|upgrade' "$apc" get
 expect 1 'newer|upgrade' "$apc" init
 sql 'DELETE FROM apc.migration WHERE version = 999'
+
+sql 'CREATE SCHEMA theirs CREATE TABLE migration (step int); CREATE SCHEMA ours CREATE TABLE sensor (x int)'
+expect 1 'schema "theirs" has tables that are not libapc' "$apc" get --store 'postgresql:#theirs'
+expect 1 'schema "theirs" has tables that are not libapc' "$apc" init --store 'postgresql:#theirs'
+expect 1 'schema "ours" has tables that are not libapc.*"sensor"' "$apc" init --store 'postgresql:#ours'
+[ "$(sql "SELECT count(*) FROM pg_tables WHERE schemaname IN ('theirs', 'ours')")" = 2 ] || fail "somebody else's schema was changed"
 
 # values
 expect 1 'no variable "pressure"; there are: .*y' "$apc" get pressure

@@ -85,9 +85,26 @@ grep -q 'name = "fast"' "$work/fast.conf" || fail "a file that is not ours was w
 expect 3 'writing TO: .*/no/folder' "$apc" copy postgresql: sqlite:/no/folder/x.db
 expect 1 'FROM: .*schema "empty".*apc init' "$apc" copy 'postgresql:#empty' "sqlite:$work/x.db"
 
+# of a damaged file all that can be read goes along, and it is said what cannot
+cp "$work/copy.db" "$work/damaged.db"
+page() { echo $(($(grep -abo -m1 -- "$1" "$work/damaged.db" | head -n 1 | cut -d: -f1) / 4096)); }
+printf '\377\377\377\377\377\377\377\377' | dd of="$work/damaged.db" bs=4096 seek="$(page 'no 700')" conv=notrunc status=none
+expect 1 'FROM is damaged: events are not all copied' "$apc" copy "sqlite:$work/damaged.db" "sqlite:$work/saved.db"
+for what in y r u Kp; do
+  "$apc" history $what --last 99999 --csv --store "$file" >"$work/whole.csv"
+  "$apc" history $what --last 99999 --csv --store "sqlite:$work/saved.db" | cmp -s - "$work/whole.csv" ||
+    fail "$what was lost with the events"
+done
+expect 0 '^client,run,' "$apc" timing --since 2026-01-01T00:00:00Z --csv --store "sqlite:$work/saved.db"
+expect 0 'no 0' "$apc" history --events --last 99999 --store "sqlite:$work/saved.db"
+
+# a store that takes less at once than a batch holds
+segment=/dev/shm/apc.system-copy-$$
+expect 0 'events: +1503 copied' "$apc" copy "$file" "shm:system-copy-$$?size=2"
+
 # a disk that is full ends it; what is there is whole, and the rest follows when there is room
 status=0
-(ulimit -f 300 && trap '' XFSZ && exec "$apc" copy postgresql: "sqlite:$work/small.db") >"$work/full.out" 2>&1 || status=$?
+(ulimit -f 300 && exec "$apc" copy postgresql: "sqlite:$work/small.db") >"$work/full.out" 2>&1 || status=$?
 [ $status -eq 1 ] && grep -q 'writing TO: .*no room left' "$work/full.out" ||
   fail "exit code $status for a full disk: $(cat "$work/full.out")"
 expect 0 'samples: +[0-9]+ copied' "$apc" copy postgresql: "sqlite:$work/small.db"

@@ -38,17 +38,30 @@ expect 0 '' "$apc" mode auto
 # a second run in the same place is refused, names who is there, and harms nothing
 expect 4 'sensor.*already written by apc-client \(process [0-9]+\)' "$apc" run "$work/fast.conf" --duration 1 --out "$dir"
 [ -s "$dir/store.db" ] || fail "the refused run removed the store of the other"
+sed 's/^title.*/title = "another";/' "$work/fast.conf" >"$work/another.conf"
+expect 4 'already written by' "$apc" run "$work/another.conf" --duration 1 --out "$dir"
+cmp -s "$dir/run.conf" "$work/fast.conf" || fail "the refused run took or changed the other's run.conf"
+[ ! -e "$dir/run.conf.new" ] || fail "the refused run left its experiment file behind"
+
+# a second run elsewhere, on the plant's port, is told how to choose another
+(unset APC_STORE && expect 1 "apc-plant: .*Address already in use; stop the program.*\"listen\" of the plant" \
+  "$apc" run "$work/fast.conf" --duration 1 --no-ui --out "$work/second")
 expect 4 'writing TO: .*already written by apc-' "$apc" copy "$APC_STORE" "sqlite:$dir/../$(basename "$dir")/store.db"
 
 # daemons that are killed are started again and take their tables over
 n=$(events 'resuming from the stored state')
 kill -9 "$(daemon apc-controller)"
 until_true 20 event_again 'resuming from the stored state' "$n"
+until_true 5 grep -q 'apc-controller was killed by signal 9 (Killed) and was started again' "$work/run.log"
 n=$(values y | wc -l)
 kill -9 "$(daemon apc-client)"
 until_true 20 more_values y $((n + 5))
 
+# a second signal while it is stopping does not cost the report
+kill -STOP "$run"
 kill -INT "$run"
+kill -TERM "$run"
+kill -CONT "$run"
 wait "$run" || fail "apc run ended with $? after Ctrl-C"
 for file in samples.csv timing.csv events.csv report.svg report.png; do
   [ -s "$dir/$file" ] || fail "$file is missing or empty"

@@ -120,6 +120,20 @@ expect 0 '^$' "$private" "$work/pg" true
 
 # the other scripts say what they want
 expect 0 '^scripts/demo \[--postgres\] \[--duration' "$scripts/demo" --help
+mkdir -p "$work/top/scripts" "$work/top/build/bin" # where nothing is built
+cp "$scripts/demo" "$work/top/scripts"
+ln -s "$(type -P true)" "$work/top/scripts/setup"
+ln -s "$(type -P true)" "$work/top/scripts/build"
+printf '#!/bin/sh\nshift\nPGHOST=a PGUSER=b PGDATABASE=c exec "$@"\n' >"$work/top/scripts/private-postgres"
+printf '#!/bin/sh\necho "${PGHOST:-no} cluster: apc $*"\n' >"$work/top/build/bin/apc"
+chmod +x "$work/top/scripts/private-postgres" "$work/top/build/bin/apc"
+demo() { env -u PGHOST "$work/top/scripts/demo" "$@"; }
+expect 0 '^no cluster: apc run .*/first-order.conf --duration 3$' demo --duration 3
+for options in '--postgres --duration 3' '--duration 3 --postgres'; do
+  # shellcheck disable=SC2086
+  expect 0 '^a cluster: apc run .*/first-order.conf --duration 3$' demo $options
+done
+expect 0 '^no cluster: apc run .*/first-order.conf$' demo
 mkdir "$work/bin"
 ln -s "$(command -v dirname)" "$work/bin"
 expect 1 'no cmake: run scripts/setup' env PATH="$work/bin" "$BASH" "$scripts/build"

@@ -55,6 +55,17 @@ done
 [ "$(values y | cut -d, -f1 | sort | uniq -d | wc -l)" = 0 ] || fail "a measurement stands twice"
 expect 0 'samples' "$apc" copy "$APC_STORE" "sqlite:$work/copy.db"
 
+# a segment that goes away ends the run, which says why in a line for people
+background gone "$apc" run "$work/fast.conf" --duration 0 --out "$work/gone"
+n=$(values y | wc -l)
+until_true 20 more_values y $((n + 5))
+rm "$segment"
+status=0
+wait "$pid" || status=$?
+[ $status -eq 1 ] || fail "exit code $status of a run whose segment has gone"
+grep -Eq '^apc run: apc-[a-z]+: stopping: .*run apc init$' "$work/gone.log" || fail "it said: $(cat "$work/gone.log")"
+expect 0 'tables made' "$apc" init
+
 # what is no store of ours is refused and left as it is
 printf 'somebody else' >"$segment"
 expect 1 'no store of libapc' "$apc" get

@@ -22,6 +22,8 @@ expect 4 'apc user add' "$APC_BIN/apc-ui" --listen 0.0.0.0:0
 expect 4 'tls-cert' "$APC_BIN/apc-ui" --listen 0.0.0.0:0 --users "$work/users"
 expect 2 'belong together' "$APC_BIN/apc-ui" --tls-cert "$work/users"
 expect 1 'ADDRESS:PORT' "$APC_BIN/apc-ui" --listen 8080
+expect 1 'ADDRESS:PORT' "$APC_BIN/apc-ui" --listen 127.0.0.1:65536
+expect 2 'users.*must name a file' "$apc" user list --users ''
 expect 1 'No such file' "$APC_BIN/apc-ui" --users "$work/nobody" # asked for by name: then it has to be there
 cp "$work/users" "$work/open-users" && chmod 644 "$work/open-users"
 expect 4 'chmod 600' "$APC_BIN/apc-ui" --users "$work/open-users"

@@ -363,6 +363,53 @@ static void test_rings_of_events_and_timing_keep_the_newest(void **state)
     assert_int_equal(apc_store_get_tags(store, NULL, 0), 64);
 }
 
+/* Whatever stands in a damaged segment: who reads it is told, at once, and never waits for what cannot come.
+ */
+static void test_a_damaged_segment_is_said_to_be_one(void **state)
+{
+    struct apc_store *store = *state;
+    struct apc_sample s = sample(1, 0), all[2];
+    const struct apc_event event = {.time = 1000, .severity = APC_EVENT_INFO};
+    const struct apc_retention keep = {.size = sizeof keep, .samples = 1, .events = 1};
+    int next = 1;
+    assert_int_equal(append(store, 1, 1), 1);
+    assert_int_equal(apc_store_append_events(store, &event, 1), 1);
+    struct apc_shm *shm = apc_shm_of(store);
+    apc_word *marks[] = {shm->slot[0].mark, shm->header->tags_mark, shm->header->meta.mark};
+    for (size_t i = 0; i < 3; i++) { /* both versions are of a generation that is to come */
+        const uint64_t before[2] = {apc_word_get(&marks[i][0]), apc_word_get(&marks[i][1])};
+        apc_word_put(&marks[i][0], apc_shm_generation(shm) + 7);
+        apc_word_put(&marks[i][1], apc_shm_generation(shm) + 7);
+        if (i == 0) {
+            assert_int_equal(apc_store_wait(store, &s, 1, APC_NS_PER_S), 1); /* and reading says why */
+            assert_int_equal(apc_store_read(store, &s, 1), APC_ESTORE);
+            assert_int_equal(apc_store_history(store, APC_SENSOR, 1, NULL, see, &(struct span){0}),
+                             APC_ESTORE);
+            assert_int_equal(apc_store_variables(store, all, 2), APC_ESTORE);
+            assert_int_equal(apc_store_maintain(store, &keep), APC_ESTORE);
+        } else if (i == 1) {
+            assert_int_equal(apc_store_get_tags(store, NULL, 0), APC_ESTORE);
+        } else {
+            assert_int_equal(apc_store_events(store, NULL, count_event, &next), APC_ESTORE);
+        }
+        assert_non_null(strstr(apc_store_error(store), "corrupt"));
+        apc_word_put(&marks[i][0], before[0]);
+        apc_word_put(&marks[i][1], before[1]);
+    }
+    struct apc_shm_cell *version = shm->slot[0].version;
+    apc_word *kept[] = {&version[0].ring, &version[1].ring},
+             *counters[] = {shm->header->meta.counters[0], shm->header->meta.counters[1]};
+    for (int i = 0; i < 2; i++) { /* rings that hold more than there can be */
+        apc_word_put(kept[i], UINT64_MAX);
+        apc_word_put(&counters[i][offsetof(struct apc_shm_counters, log) / 8 + 1], UINT64_MAX);
+    }
+    assert_int_equal(apc_store_history(store, APC_SENSOR, 1, NULL, see, &(struct span){0}), APC_ESTORE);
+    assert_int_equal(apc_store_maintain(store, &keep), APC_ESTORE);
+    assert_int_equal(apc_store_maintain(store, &(struct apc_retention){.size = sizeof keep, .events = 1}),
+                     APC_ESTORE);
+    assert_int_equal(apc_store_events(store, NULL, count_event, &next), APC_ESTORE);
+}
+
 /* ---- Removed and made anew ---------------------------------------------------------------------- */
 
 static void test_a_removed_segment_is_noticed_and_the_new_one_used(void **state)
@@ -528,6 +575,7 @@ int main(void)
         T(test_before_init_there_is_nothing_and_nothing_is_made),
         T(test_a_segment_is_its_users_alone),
         T(test_what_is_no_store_of_ours_is_refused_and_left_as_it_is),
+        T(test_a_damaged_segment_is_said_to_be_one),
         T(test_a_segment_of_another_version_is_refused),
         T(test_a_segment_larger_than_dev_shm_is_refused_and_leaves_nothing),
         T(test_a_full_segment_refuses_new_variables_and_keeps_the_rest),
