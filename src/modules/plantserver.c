@@ -44,6 +44,7 @@ struct apc_plantserver {
 
     bool commanded;      /* there was a command ever */
     uint64_t connection; /* the newest that sent one */
+    uint64_t command_id; /* of the frame of its last one */
     apc_ns stamp;        /* of the newest command */
     apc_ns frame_at;     /* mono of the last command frame */
     apc_ns changed_at;   /* mono of the last new stamp */
@@ -394,10 +395,13 @@ int apc_plantserver_request(struct apc_plantserver *server, struct apc_now now, 
     /* packMultiMsg() cannot know which way it goes: the paper's client sends its command as values. */
     if ((frame.kind == APC_FRAME_COMMAND || frame.kind == APC_FRAME_VALUES) && frame.n == server->nu) {
         if (connection < server->connection) {
-            tell_of_rivals(server, now.mono, notice);
+            if (frame.id >
+                server->command_id) /* else it is late, and was sent before that client reconnected */
+                tell_of_rivals(server, now.mono, notice);
             return APC_EPERM;
         }
         server->connection = connection;
+        server->command_id = frame.id;
         take_command(server, now.mono, notice);
     } else if (frame.kind != APC_FRAME_QUERY || frame.n != 0) {
         return APC_EPROTO;

@@ -18,6 +18,7 @@
 #define SAFE  (-0.3)
 
 struct rig {
+    uint64_t later; /* than 9: the frames' ids */
     struct apc_plant *plant;
     struct apc_plantserver *server;
     struct apc_notice notice;
@@ -65,7 +66,7 @@ static int send(struct rig *r, apc_ns mono, uint64_t connection, enum apc_frame_
                 double u)
 {
     const struct apc_sample sample = {.time = stamp, .value = u};
-    const struct apc_frame frame = {.kind = kind, .id = 9, .n = kind == APC_FRAME_QUERY ? 0 : 1};
+    const struct apc_frame frame = {.kind = kind, .id = 9 + r->later, .n = kind == APC_FRAME_QUERY ? 0 : 1};
     char text[256];
     int n = apc_frame_encode(text, sizeof(text), &frame, &sample);
     int rc;
@@ -397,6 +398,9 @@ static void the_newest_connection_that_commanded_wins(void **state)
     assert_true(send(r, 1, 2, APC_FRAME_QUERY, 0, 0.0) > 0); /* asking takes nothing over */
     assert_true(send(r, 2, 1, APC_FRAME_COMMAND, STAMP(2), 1.1) > 0);
     assert_true(send(r, 3, 2, APC_FRAME_COMMAND, STAMP(3), 1.2) > 0);
+    assert_int_equal(send(r, 4, 1, APC_FRAME_COMMAND, STAMP(4), 1.3), APC_EPERM);
+    assert_int_not_equal(r->notice.kind, APC_NOTICE_REJECTED); /* late, from before a reconnect */
+    r->later++;
     assert_int_equal(send(r, 4, 1, APC_FRAME_COMMAND, STAMP(4), 1.3), APC_EPERM);
     assert_int_equal(r->notice.kind, APC_NOTICE_REJECTED);
     assert_non_null(strstr(r->notice.text, "another client"));
