@@ -226,6 +226,8 @@ test("400 pixels wide: nothing sticks out, and fingers find their targets", () =
       await page.locator("main section").waitFor();
       const wide = await page.evaluate(() => document.documentElement.scrollWidth);
       assert.ok(wide <= 400, `${key} is ${wide} pixels wide`);
+      const rows = await page.evaluate(() => new Set([...document.querySelectorAll("nav a")].map(one => one.getBoundingClientRect().top)).size);
+      assert.equal(rows, 1, "the six screens are not in one row");
       const small = await page.evaluate(() =>
         [...document.querySelectorAll("button, select, nav a, main a.button, tbody th a, input:not([type=checkbox])")]
           .filter(one => one.checkVisibility())
@@ -235,6 +237,14 @@ test("400 pixels wide: nothing sticks out, and fingers find their targets", () =
       );
       assert.deepEqual(small, [], key);
     }
+  }));
+
+test("what comes between a frame and its effects is shown, also when it never changes again", () =>
+  withPage("overview", {lateEffects: true}, async page => {
+    const {values} = await api("/api/state");
+    assert.equal(await page.locator('main [data-ref="sensor.1"] .digits').first().isVisible(), true);
+    await until("the mode is shown", async () => (await page.locator('main .mode[data-ref="opmode.1"]').first().textContent()) === "Auto");
+    await near(page, "setpoint.1", values["setpoint.1"][2], 0.01);
   }));
 
 test("a server that falls silent is noticed, and what was missed is filled in", () =>
