@@ -276,6 +276,9 @@ test("the database is lost: the page says so, nothing can be written, and the ga
     assert.equal(await setpoint(page).isDisabled(), true);
     for (const name of ["Man", "Auto"]) assert.equal(await page.getByRole("button", {name, exact: true}).isDisabled(), true);
     await page.locator('main .value.stale[data-ref="sensor.1"]').first().waitFor();
+    await trend.bringToFront();
+    await trend.locator('.readout .value.stale[data-ref="sensor.1"] .age').waitFor();
+    await page.bringToFront();
     const stopped = Date.now() / 1000;
     database("start");
     await page.locator(".database-bar").waitFor({state: "detached"});
