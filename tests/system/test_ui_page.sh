@@ -51,6 +51,9 @@ serve() {
 background run "$apc" run "$work/fast.conf" --duration 0 --out "$work/run" --no-ui
 controlled() { [ "$(sql 'SELECT count(*) FROM apc.actuator')" -gt 5 ]; }
 until_true 20 controlled
+printf 'operator123\n' | "$apc" user add anna --role operator --users "$work/users"
+serve protected --config "$work/fast.conf" --users "$work/users"
+export APC_UI_PROTECTED=$ui_url
 serve ui --config "$work/fast.conf"
 export APC_UI_URL=$ui_url APC_UI_PID=$pid
 

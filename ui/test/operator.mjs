@@ -239,6 +239,30 @@ test("400 pixels wide: nothing sticks out, and fingers find their targets", () =
     }
   }));
 
+test("logging in by the form, and again in place when the session has ended", async () => {
+  const context = await browser.newContext();
+  const page = await context.newPage();
+  const logIn = async password => {
+    await page.locator('input[name="user"]').fill("anna");
+    await page.locator('input[name="password"]').fill(password);
+    await page.getByRole("button", {name: "Log in", exact: true}).click();
+  };
+  await page.goto(process.env.APC_UI_PROTECTED);
+  await logIn("operator321");
+  await page.getByText("name or password is wrong").waitFor();
+  await logIn("operator123");
+  const connected = async () => (await page.locator(".link-state").getAttribute("data-state")) === "connected";
+  await until("the page is connected", connected);
+  assert.match(await page.locator("header").textContent(), /anna, operator/);
+  await context.clearCookies();
+  await page.evaluate(() => (location.hash = "events")); // which asks the server
+  await page.getByText("Your session has ended").waitFor();
+  await logIn("operator123");
+  await page.getByText("Your session has ended").waitFor({state: "detached"});
+  await until("the page is connected again", connected);
+  await context.close();
+});
+
 test("what comes between a frame and its effects is shown, also when it never changes again", () =>
   withPage("overview", {lateEffects: true}, async page => {
     const {values} = await api("/api/state");
