@@ -288,13 +288,16 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     static const char *const known[] = {"name",      "title",   "duration", "seed",   "measurements",
                                         "setpoints", "outputs", "plant",    "client", "controller",
                                         "scheduler", "network", "clock",    NULL};
-    double seed = 1;
+    int64_t seed = 1;
     settings_known(s, root, known);
     settings_text(s, root, "name", REQUIRED, e->name, sizeof e->name);
+    if (strchr(e->name, '/') || e->name[0] == '.')
+        settings_fail(s, config_setting_get_member(root, "name"),
+                      "\"name\" names the run folder: no / in it, no dot before it");
     snprintf(e->title, sizeof e->title, "%s", e->name);
     settings_text(s, root, "title", OPTIONAL, e->title, sizeof e->title);
     settings_number(s, root, "duration", OPTIONAL, 0, 366 * 86400.0, &e->duration);
-    settings_number(s, root, "seed", OPTIONAL, 0, 9007199254740992.0, &seed); /* 2^53: exact as a double */
+    settings_whole(s, root, "seed", OPTIONAL, 0, INT64_C(1) << 53, &seed); /* exact as a double, too */
     e->seed = (uint64_t)seed;
     e->dim.ny = read_signals(s, root, "measurements", APC_SENSOR, &e->y);
     experiment_read_sensors(s, config_setting_get_member(root, "measurements"), e);

@@ -110,6 +110,23 @@ void settings_number(struct settings *s, const config_setting_t *in, const char 
         *value = number;
 }
 
+void settings_whole(struct settings *s, const config_setting_t *in, const char *name,
+                    enum settings_presence presence, int64_t low, int64_t high, int64_t *value)
+{
+    const config_setting_t *found = find(s, in, name, presence);
+    if (!found)
+        return;
+    const int type = config_setting_type(found);
+    int64_t whole = low - 1;
+    if (type == CONFIG_TYPE_INT || type == CONFIG_TYPE_INT64)
+        whole = config_setting_get_int64(found);
+    if (whole < low || whole > high)
+        settings_fail(s, found, "\"%s\" must be from %lld to %lld, a whole number", name, (long long)low,
+                      (long long)high);
+    else
+        *value = whole;
+}
+
 void settings_period(struct settings *s, const config_setting_t *in, const char *name,
                      enum settings_presence presence, apc_ns *value)
 {

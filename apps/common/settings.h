@@ -30,6 +30,9 @@ config_setting_t *settings_list(struct settings *s, const config_setting_t *in, 
 /* Leave *value alone when the member is absent and OPTIONAL. */
 void settings_number(struct settings *s, const config_setting_t *in, const char *name,
                      enum settings_presence presence, double low, double high, double *value);
+/* As it stands there: 1.5 is refused, not rounded. */
+void settings_whole(struct settings *s, const config_setting_t *in, const char *name,
+                    enum settings_presence presence, int64_t low, int64_t high, int64_t *value);
 void settings_period(struct settings *s, const config_setting_t *in, const char *name,
                      enum settings_presence presence, apc_ns *value);
 void settings_flag(struct settings *s, const config_setting_t *in, const char *name, bool *value);

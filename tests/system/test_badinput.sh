@@ -48,6 +48,10 @@ change 's/period = 0.02;/period = nan;/' 'syntax error'
 change 's/period = 0.02;/period = "fast";/' 'period.*number of seconds'
 change 's/period = 0.02;/perid = 0.02;/' 'unknown setting "perid" in plant; known are: .*period'
 change '/^plant/,/^};/d' '"plant" is missing'
+for seed in -3 1.5 9007199254740993L '"one"'; do
+  change "\$a seed = $seed;" '"seed" must be from 0 to 9007199254740992, a whole number'
+done
+change 's/^name = ".*/name = "..\/away";/' 'names the run folder'
 change 's/law = "pi"/law = "magic"/' 'magic.*pi'
 change 's/law = "pi"/law = ".\/magic.so"/' 'magic\.so'
 change 's/model = "first-order"/model = "reactor"/' 'reactor.*first-order'
