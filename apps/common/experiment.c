@@ -322,6 +322,8 @@ int experiment_load(struct experiment *e, const char *file, unsigned parts,
     memset(e, 0, sizeof *e);
     snprintf(e->plant.listen, sizeof e->plant.listen, "tcp:127.0.0.1:%d", APC_PORT);
     snprintf(e->client.link, sizeof e->client.link, "tcp:127.0.0.1:%d", APC_PORT);
+    if ((s.failed = settings_check_numbers(file, why)) < 0)
+        return s.failed;
     config_init(&config);
     if (config_read_file(&config, file) == CONFIG_TRUE)
         read_root(&s, config_root_setting(&config), e, parts, overrides);

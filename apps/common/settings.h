@@ -17,6 +17,12 @@ struct settings {
     int failed; /* 0, or the first error */
 };
 
+/*
+ * libconfig reads a whole number without an L as one of 32 bits, and cuts it off without a word. Refuses one
+ * that does not fit; one with an L, a point or an exponent, in a text or a comment is none of these.
+ */
+int settings_check_numbers(const char *file, struct apc_error *why);
+
 enum settings_presence { OPTIONAL, REQUIRED };
 
 int settings_fail(struct settings *s, const config_setting_t *at, const char *fmt, ...) APC_PRINTF(3, 4);
