@@ -51,7 +51,6 @@ static bool order_change(struct ui *ui, struct request *r, struct order *o, enum
 {
     struct model *m = &ui->model;
     struct write_change *c = &o->change[o->write.n];
-    char ref[REF_LEN];
     struct apc_tag tag = {0};
 
     if (o->write.n == WRITE_CHANGES)
@@ -63,8 +62,8 @@ static bool order_change(struct ui *ui, struct request *r, struct order *o, enum
         tag = m->plant.tag[named];
     pthread_mutex_unlock(&m->mutex);
     if (!tag.table)
-        return fault_set(&r->fault, 404, "variable", "id", "there is no variable %s",
-                         ref_format(table, id <= INT32_MAX ? (int)id : INT32_MAX, ref));
+        return fault_set(&r->fault, 404, "variable", "id", "there is no variable %s.%" PRId64,
+                         apc_table_name(table), id);
     if (!check_limits(r, &tag, value))
         return false;
     for (size_t i = 0; i < o->write.n; i++)

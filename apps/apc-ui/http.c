@@ -40,7 +40,7 @@ struct exchange {
     struct request r;
     struct connection *connection;
     struct exchange *next;
-    bool begun, queued, answered;
+    bool begun, queued, answered, nul; /* nul: %00 in its address */
     struct stream_reader *reader;
 };
 
@@ -132,7 +132,8 @@ static void add_headers(const struct ui *ui, struct MHD_Response *response, cons
     MHD_add_response_header(response, "Content-Security-Policy", csp);
     MHD_add_response_header(response, "X-Content-Type-Options", "nosniff");
     MHD_add_response_header(response, "X-Frame-Options", "DENY");
-    MHD_add_response_header(response, "Referrer-Policy", "no-referrer");
+    /* with "no-referrer" a browser sends "Origin: null" with the form of the login page */
+    MHD_add_response_header(response, "Referrer-Policy", "same-origin");
     MHD_add_response_header(response, "Cross-Origin-Opener-Policy", "same-origin");
     MHD_add_response_header(response, "Cross-Origin-Resource-Policy", "same-origin");
     if (ui->tls)
@@ -436,14 +437,15 @@ static enum MHD_Result give_to(struct pool *p, struct exchange *x)
 
 /* ---- libmicrohttpd's calls ---------------------------------------------------------------- */
 
-static const struct route *find_route(const char *method, const char *path)
+static const struct route *find_route(const struct files *files, const char *method, const char *path)
 {
     const struct route *found = NULL;
     for (size_t i = 0; i < n_routes; i++)
         if (!strcmp(path, routes[i].path) && (!found || !strcmp(method, routes[i].method)))
             found = &routes[i];
     bool reading = !strcmp(method, "GET") || !strcmp(method, "HEAD");
-    if (!found && reading && strncmp(path, "/api/", 5) != 0)
+    /* a file of the page is there for every method, and is 405 for all but these */
+    if (!found && strncmp(path, "/api/", 5) != 0 && (reading || files_find(files, path)))
         found = &routes[n_routes - 1];
     return found;
 }
@@ -452,13 +454,15 @@ static enum MHD_Result known_parameter(void *ctx, enum MHD_ValueKind kind, const
                                        const char *value)
 {
     struct request *r = ctx;
-    size_t n = strlen(name);
+    const size_t n = strlen(name);
     (void)kind;
     for (const char *at = r->route->query; at && n > 0 && (at = strstr(at, name)) != NULL; at += n)
         if ((at == r->route->query || at[-1] == ' ') && (at[n] == ' ' || at[n] == '\0')) {
             if (!value)
                 fault_set(&r->fault, 400, "parameter", name, "\"%.30s\" has no value", name);
-            return value ? MHD_YES : MHD_NO;
+            else if (value != request_query(r, name)) /* that is the first one's */
+                fault_set(&r->fault, 400, "parameter", name, "\"%.30s\" is given twice", name);
+            return r->fault.http ? MHD_NO : MHD_YES;
         }
     fault_set(&r->fault, 400, "parameter", name, "\"%.30s\" is not known here", name);
     return MHD_NO;
@@ -468,8 +472,11 @@ static enum MHD_Result known_parameter(void *ctx, enum MHD_ValueKind kind, const
 static enum MHD_Result begin(struct exchange *x, const char *method, const char *path)
 {
     x->begun = true;
-    x->r.route = find_route(method, path);
-    if (gate_pass(x->ui, &x->r, method) && x->r.route->query)
+    x->r.route = find_route(x->ui->files, method, path);
+    bool passed = gate_pass(x->ui, &x->r, method);
+    if (passed && x->nul) /* text would end there: what was asked for is not what would be answered */
+        fault_set(&x->r.fault, 400, "parameter", NULL, "the address has a zero byte in it");
+    else if (passed && x->r.route->query)
         MHD_get_connection_values(x->r.connection, MHD_GET_ARGUMENT_KIND, known_parameter, &x->r);
     return x->r.fault.http ? answer(x) : MHD_YES;
 }
@@ -545,10 +552,12 @@ static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, 
 /* The first call of a request; what it returns is *ctx of the others. */
 static void *on_uri(void *cls, const char *uri, struct MHD_Connection *connection)
 {
+    struct exchange *x = calloc(1, sizeof *x);
     (void)cls;
-    (void)uri;
     (void)connection;
-    return calloc(1, sizeof(struct exchange));
+    if (x)
+        x->nul = strstr(uri, "%00") != NULL;
+    return x;
 }
 
 static void on_completed(void *cls, struct MHD_Connection *connection, void **ctx,

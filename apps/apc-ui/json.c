@@ -195,6 +195,10 @@ bool members_known(const json_t *object, const char *const *members, struct faul
 json_t *body_parse(const char *body, size_t n, const char *const *members, struct fault *f)
 {
     json_error_t error;
+    if (n == 0) {
+        fault_set(f, 400, "json", NULL, "the request is empty: it must be a JSON object: {...}");
+        return NULL;
+    }
     json_t *root = json_loadb(body, n, JSON_REJECT_DUPLICATES, &error);
     if (!root) {
         fault_set(f, 400, "json", NULL, "the request is no JSON: line %d: %.120s", error.line, error.text);

@@ -6,6 +6,7 @@
 #include <netdb.h>
 #include <netinet/in.h>
 #include <stddef.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -36,6 +37,13 @@ static int check_binding(const struct ui *ui, const struct sockaddr *address, st
     return 0;
 }
 
+/* getaddrinfo() takes the lower 16 bits of whatever it is given. */
+static bool is_port(const char *text)
+{
+    size_t n = strlen(text);
+    return n > 0 && n <= 5 && strspn(text, "0123456789") == n && strtol(text, NULL, 10) <= 65535;
+}
+
 /* listen_on() reads the port of either as that of the first. */
 _Static_assert(offsetof(struct sockaddr_in6, sin6_port) == offsetof(struct sockaddr_in, sin_port), "port");
 
@@ -56,12 +64,12 @@ int listen_on(struct ui *ui, struct apc_error *why)
     if (n > 1 && host[0] == '[' && host[n - 1] == ']') {
         host[n - 1] = '\0';
         memmove(host, host + 1, n - 1);
+    } else if (strchr(host, ':')) { /* where does its port begin? */
+        host[0] = '\0';
     }
-    double port; /* getaddrinfo() takes what is beyond the last one for another */
-    if (!host[0] || apc_number_parse(colon + 1, &port) < 0 || port < 0 || port > 65535 ||
-        getaddrinfo(host, colon + 1, &hints, &found) != 0)
-        return apc_fail(why, APC_EINVAL, "--listen \"%s\": must be ADDRESS:PORT, such as 127.0.0.1:8080",
-                        text);
+    if (!host[0] || !is_port(colon + 1) || getaddrinfo(host, colon + 1, &hints, &found) != 0)
+        return apc_fail(why, APC_EINVAL,
+                        "--listen \"%s\": must be ADDRESS:PORT, such as 127.0.0.1:8080 or [::1]:8080", text);
     int rc = check_binding(ui, found->ai_addr, why), fd = -1;
     if (rc == 0) {
         fd = socket(found->ai_family, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);

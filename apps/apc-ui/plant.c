@@ -17,7 +17,8 @@ bool ref_parse(const char *ref, enum apc_table *table, int *id)
 {
     char name[16], *end;
     const char *dot = strchr(ref, '.');
-    if (!dot || dot - ref >= (ptrdiff_t)sizeof name || dot[1] < '0' || dot[1] > '9' || strlen(dot) > 11)
+    if (!dot || dot - ref >= (ptrdiff_t)sizeof name || dot[1] < '0' || dot[1] > '9' || strlen(dot) > 11 ||
+        (dot[1] == '0' && dot[2])) /* one variable, one ref */
         return false;
     snprintf(name, sizeof name, "%.*s", (int)(dot - ref), ref);
     long long number = strtoll(dot + 1, &end, 10);

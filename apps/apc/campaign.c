@@ -32,10 +32,16 @@ struct board {
     atomic_bool stop;
 };
 
+struct workers {
+    pid_t *pid; /* 0: has ended */
+    unsigned n;
+};
+
 /* figure[loop * METRICS + metric] lies behind each. */
 struct result {
     bool made;
     int rc;
+    uint64_t held, failures; /* ticks: output not the law's; the law gave no finite number */
     char why[200];
 };
 
@@ -70,6 +76,8 @@ static void make_run(const struct campaign *c, unsigned run)
     if (r->rc == 0) {
         r->rc = simulation_run(&s, c->e->duration);
         why = s.why;
+        r->held = s.held;
+        r->failures = apc_controller_failures(s.controller);
         int collected = samples_collect(&samples, s.store, c->e, NULL);
         r->rc = r->rc < 0 ? r->rc : collected;
         for (size_t loop = 0; loop < c->loops; loop++)
@@ -103,21 +111,49 @@ static void show_progress(const struct campaign *c, bool last)
     fflush(stderr);
 }
 
+/*
+ * The first signal lets the runs at hand come to their end. One that comes later, not as the first one's
+ * twin, ends them: a law may not return.
+ */
+static void take_signal(const struct campaign *c, const struct workers *w, apc_ns *stopped)
+{
+    const apc_ns now = apc_clock_mono(NULL);
+    if (!atomic_exchange(&c->board->stop, true)) {
+        *stopped = now;
+        if (isatty(STDERR_FILENO))
+            fputs("\nwaiting for the runs at hand; Ctrl-C again ends them\n", stderr);
+    } else if (now - *stopped > APC_NS_PER_S / 2) {
+        for (unsigned i = 0; i < w->n; i++)
+            if (w->pid[i] > 0)
+                kill(w->pid[i], SIGKILL);
+    }
+}
+
+static void forget(struct workers *w, pid_t pid)
+{
+    for (unsigned i = 0; i < w->n; i++)
+        if (w->pid[i] == pid)
+            w->pid[i] = 0;
+}
+
 /* Wait for the workers; the signals are blocked. Returns 0, or APC_ESYS when one of them died. */
-static int follow(const struct campaign *c, unsigned workers, const sigset_t *signals, struct apc_error *why)
+static int follow(const struct campaign *c, struct workers *w, const sigset_t *signals, struct apc_error *why)
 {
     const struct timespec look = {0, 100 * APC_NS_PER_MS};
+    unsigned left = w->n;
+    apc_ns stopped = 0;
     int rc = 0, status;
-    while (workers > 0) {
+    while (left > 0) {
         int signal = sigtimedwait(signals, NULL, &look);
         if (signal == SIGINT || signal == SIGTERM)
-            atomic_store(&c->board->stop, true);
+            take_signal(c, w, &stopped);
         show_progress(c, false);
-        for (pid_t pid; workers > 0 && (pid = waitpid(-1, &status, WNOHANG)) != 0;) {
+        for (pid_t pid; left > 0 && (pid = waitpid(-1, &status, WNOHANG)) != 0;) {
             if (pid < 0 && errno != EINTR)
                 return apc_fail(why, APC_ESYS, "a process was lost: %s", strerror(errno));
-            workers -= pid > 0;
-            if (pid > 0 && (!WIFEXITED(status) || WEXITSTATUS(status) != 0))
+            left -= pid > 0;
+            forget(w, pid);
+            if (pid > 0 && stopped == 0 && (!WIFEXITED(status) || WEXITSTATUS(status) != 0))
                 rc = apc_fail(why, APC_ESYS, "a process of the campaign died%s: runs are missing",
                               WIFSIGNALED(status) ? " of a signal" : "");
         }
@@ -128,20 +164,23 @@ static int follow(const struct campaign *c, unsigned workers, const sigset_t *si
 
 static int run_all(const struct campaign *c, struct apc_error *why)
 {
-    unsigned jobs = c->options->jobs ? c->options->jobs : (unsigned)sysconf(_SC_NPROCESSORS_ONLN),
-             started = 0;
+    unsigned jobs = c->options->jobs ? c->options->jobs : (unsigned)sysconf(_SC_NPROCESSORS_ONLN);
+    struct workers w = {.n = 0};
     sigset_t signals, before;
     int rc = 0;
 
     if (jobs > c->options->runs)
         jobs = c->options->runs;
+    w.pid = calloc(jobs, sizeof *w.pid);
+    if (!w.pid)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
     sigemptyset(&signals);
     sigaddset(&signals, SIGINT);
     sigaddset(&signals, SIGTERM);
     sigaddset(&signals, SIGCHLD); /* only to wake follow() up */
     sigprocmask(SIG_BLOCK, &signals, &before);
     fflush(NULL);
-    for (; started < jobs && rc == 0; started += rc == 0) {
+    while (w.n < jobs && rc == 0) {
         pid_t pid = fork();
         if (pid == 0) {
             work(c);
@@ -150,9 +189,15 @@ static int run_all(const struct campaign *c, struct apc_error *why)
         if (pid < 0) {
             rc = apc_fail(why, APC_ESYS, "no process for the campaign: %s", strerror(errno));
             atomic_store(&c->board->stop, true);
+        } else {
+            w.pid[w.n++] = pid;
         }
     }
-    int followed = follow(c, started, &signals, why);
+    struct apc_error died = {""};
+    int followed = follow(c, &w, &signals, &died);
+    if (rc == 0 && followed < 0)
+        *why = died;
+    free(w.pid);
     sigprocmask(SIG_SETMASK, &before, NULL);
     return rc < 0 ? rc : followed;
 }
@@ -231,7 +276,26 @@ static int print_summary(const struct campaign *c)
     return rc;
 }
 
-/* Tell of the runs that failed. Returns the first one's error. */
+/* What a single run tells of its controller. */
+static void print_controller(const struct campaign *c)
+{
+    unsigned held = 0, failed = 0, made = 0;
+    for (unsigned run = 0; run < c->options->runs; run++) {
+        const struct result *r = result_of(c, run);
+        made += r->made;
+        held += r->held > 0;
+        failed += r->failures > 0;
+    }
+    if (held > 0)
+        fprintf(c->options->talk, "controller: output held or at its fault value in %u of %u runs\n", held,
+                made);
+    if (failed > 0)
+        fprintf(c->options->talk, "controller: law %s gave no finite number in %u of %u runs\n",
+                c->e->controller.law->name, failed, made);
+}
+
+/* Tell of the runs that failed. Returns the first one's error; also when runs are missing that nobody
+ * stopped. */
 static int print_failures(const struct campaign *c, struct apc_error *why)
 {
     unsigned failed = 0, missing = 0;
@@ -249,7 +313,11 @@ static int print_failures(const struct campaign *c, struct apc_error *why)
     }
     if (missing > 0)
         fprintf(c->options->talk, "%u of %u runs were not made\n", missing, c->options->runs);
-    return failed ? apc_fail(why, first, "%u of %u runs ended early", failed, c->options->runs) : 0;
+    if (failed > 0)
+        return apc_fail(why, first, "%u of %u runs ended early", failed, c->options->runs);
+    return missing > 0 && !atomic_load(&c->board->stop)
+               ? apc_fail(why, APC_ESYS, "a process of the campaign ended: runs are missing")
+               : 0;
 }
 
 static int write_csv(const struct campaign *c, struct apc_error *why)
@@ -276,6 +344,14 @@ static int write_csv(const struct campaign *c, struct apc_error *why)
     return failed ? apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno)) : 0;
 }
 
+static void keep_first(int *rc, struct apc_error *why, int next, const struct apc_error *its)
+{
+    if (*rc < 0 || next >= 0)
+        return;
+    *rc = next;
+    *why = *its;
+}
+
 int campaign_run(const struct experiment *e, const struct campaign_options *options, struct apc_error *why)
 {
     struct campaign c = {.e = e, .options = options, .loops = metrics_loops(e)};
@@ -292,13 +368,16 @@ int campaign_run(const struct experiment *e, const struct campaign_options *opti
     unsigned done = atomic_load(&c.board->done);
     fprintf(options->talk, "%s: %s\n%u runs of %.10g s in %.3g s: %.3g times as fast as real time\n", e->name,
             e->title, done, e->duration, took, done * e->duration / took);
+    /* All of it, also when something failed: the runs that were made are worth something. */
+    struct apc_error next = {""};
     int shown = print_summary(&c);
-    if (rc == 0 && shown < 0)
-        rc = apc_fail(why, shown, "out of memory");
-    if (rc == 0 && options->csv)
-        rc = write_csv(&c, why);
-    if (rc == 0)
-        rc = print_failures(&c, why);
+    if (shown < 0)
+        apc_fail(&next, shown, "out of memory");
+    keep_first(&rc, why, shown, &next);
+    print_controller(&c);
+    if (options->csv)
+        keep_first(&rc, why, write_csv(&c, &next), &next);
+    keep_first(&rc, why, print_failures(&c, &next), &next);
     munmap(memory, c.size);
     return rc;
 }

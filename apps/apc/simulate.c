@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc simulate: an experiment in virtual time, once or over many seeds. */
 #include <errno.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -138,6 +139,18 @@ static int refuse(const struct simulate *r, int rc, const struct apc_error *why)
     return rc;
 }
 
+/* Before the work, not after it. */
+static int check_csv(const struct simulate *r)
+{
+    const char *path = r->options.csv;
+    FILE *file = path && strcmp(path, "-") != 0 ? fopen(path, "a") : NULL;
+    if (file)
+        fclose(file);
+    else if (path && strcmp(path, "-") != 0)
+        return cli_error(&r->cli, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno)), APC_ESYS;
+    return 0;
+}
+
 /* ---- The samples -------------------------------------------------------------------------- */
 
 static int write_file(const struct simulate *r, const char *path, const char *text, size_t size)
@@ -254,6 +267,35 @@ static int leave_report(const struct simulate *r)
     return 0;
 }
 
+static int compare(struct simulate *r)
+{
+    struct apc_error why;
+    int rc = compare_run(&r->samples, &r->e, r->options.compare, r->talk, &why);
+    return rc < 0 ? refuse(r, rc, &why) : 0;
+}
+
+static void keep_first(int *rc, int next)
+{
+    if (*rc == 0)
+        *rc = next;
+}
+
+static void on_signal(int number)
+{
+    (void)number;
+    simulation_interrupt();
+}
+
+/* The first one ends the run and keeps what there is, the second ends the process, also when a law does not
+ * return. */
+static void catch_signals(void)
+{
+    struct sigaction action = {.sa_handler = on_signal, .sa_flags = (int)SA_RESETHAND};
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+}
+
 static int simulate_once(struct simulate *r)
 {
     struct apc_error why;
@@ -261,22 +303,24 @@ static int simulate_once(struct simulate *r)
     int rc = simulation_create(&r->s, &r->e, r->options.seed, &why);
     if (rc < 0)
         return refuse(r, rc, &why);
+    catch_signals();
     int ended = simulation_run(&r->s, r->e.duration);
     print_speed(r, apc_clock_mono(NULL) - began);
+    if (r->s.interrupted)
+        fprintf(r->talk, "ended by a signal at t = %.10g s: this is what there is\n", r->s.ended);
     print_tasks(r);
     print_events(r);
     if ((rc = samples_collect(&r->samples, r->s.store, &r->e, NULL)) < 0) {
         cli_store_error(&r->cli, rc, r->s.store);
         return rc;
     }
+    /* Each of them, also when one before it failed: the run may have been long. */
     rc = put_samples(r);
-    if (rc == 0)
-        rc = metrics_print(&r->samples, &r->e, r->s.ended, r->talk);
-    if (rc == 0 && r->options.compare &&
-        (rc = compare_run(&r->samples, &r->e, r->options.compare, r->talk, &why)) < 0)
-        refuse(r, rc, &why);
-    if (rc == 0 && r->options.report)
-        rc = leave_report(r);
+    keep_first(&rc, metrics_print(&r->samples, &r->e, r->s.ended, r->talk));
+    if (r->options.compare)
+        keep_first(&rc, compare(r));
+    if (r->options.report)
+        keep_first(&rc, leave_report(r));
     if (ended < 0)
         cli_error(&r->cli, ended, "%s", r->s.why.text);
     return ended < 0 ? ended : rc;
@@ -299,6 +343,8 @@ static int simulate(struct simulate *r)
         cli_error(&r->cli, APC_EINVAL, "%s has no duration: give --duration SECONDS", r->cli.args[0]);
         return APC_EINVAL;
     }
+    if ((rc = check_csv(r)) < 0)
+        return rc;
     if (!r->options.seeded)
         r->options.seed = r->e.seed;
     if (!r->options.runs)

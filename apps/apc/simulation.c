@@ -8,6 +8,7 @@
 
 #include <malloc.h>
 #include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -133,9 +134,20 @@ static bool diverged(const struct simulation *s)
     return false;
 }
 
+static volatile sig_atomic_t interrupted;
+
+void simulation_interrupt(void)
+{
+    interrupted = 1;
+}
+
 static int plant_tick(void *ctx, const struct apc_tick *tick)
 {
     struct simulation *s = ctx;
+    if (interrupted) {
+        s->interrupted = true;
+        apc_virtual_stop(s->executive);
+    }
     s->plant_now = (struct apc_now){.mono = tick->scheduled, .utc = tick->utc};
     return 0;
 }
@@ -419,7 +431,7 @@ int simulation_run(struct simulation *s, double duration)
         return s->rc = apc_fail(&s->why, APC_EINVAL, "a duration of %g s: must be above 0", duration);
     int64_t handled = apc_virtual_run(s->executive, s->zero + length - 1);
     s->handled = handled;
-    s->ended = s->rc < 0 ? time_of(s) : duration;
+    s->ended = s->rc < 0 || s->interrupted ? time_of(s) : duration;
     return s->rc;
 }
 

@@ -45,7 +45,8 @@ struct simulation {
     uint64_t held;   /* ticks of the controller at which its output was not the law's */
     int64_t handled; /* events of the executive */
     double ended;    /* s since t = 0 */
-    int rc;          /* why it ended early, with its text in why */
+    bool interrupted;
+    int rc; /* why it ended early, with its text in why */
     struct apc_error why;
 };
 
@@ -55,9 +56,11 @@ const char *simulation_task_name(enum simulation_task task);
 int simulation_create(struct simulation *s, const struct experiment *e, uint64_t seed, struct apc_error *why);
 /*
  * Run once, for @duration in s: what happens at that very instant is not part of it. Returns 0, or
- * why it ended before (also in s->rc, s->why): what has happened until then is kept.
+ * why it ended before (also in s->rc, s->why): what has happened until then is kept. So it is when
+ * simulation_interrupt() was called meanwhile, which a signal handler may do; that is no error.
  */
 int simulation_run(struct simulation *s, double duration);
+void simulation_interrupt(void);
 void simulation_destroy(struct simulation *s);
 
 /* For a process that makes many, one after another: keep the memory of one for the next. */

@@ -15,7 +15,7 @@ enum { OPT_USERS = 0x400, OPT_ROLE };
 
 static const struct argp_option option_list[] = {
     {"users", OPT_USERS, "FILE", 0, "The file [APC_USERS]; default ~/.config/apc/users", 0},
-    {"role", OPT_ROLE, "ROLE", 0, "observer (default) or operator", 0},
+    {"role", OPT_ROLE, "ROLE", 0, "observer (default for a new name) or operator", 0},
     {0},
 };
 
@@ -41,7 +41,8 @@ static const struct cli_spec spec = {
     .args_doc = "list | add NAME | remove NAME",
     .doc = "Who may use the operator's page. `add` asks for a password on the terminal, or takes the first "
            "line of "
-           "its input; for a name that is there it sets password and role anew. The file holds argon2id "
+           "its input; for a name that is there it sets the password anew, and the role that is given. The "
+           "file holds argon2id "
            "hashes and "
            "is its owner's alone; apc-ui sees a change within a second.",
     .takes = 0,
@@ -85,7 +86,7 @@ static int add(const struct cli *cli, const struct options *o, const char *path,
         return cli_error(cli, APC_EINVAL, "no password, or one of more than %d bytes", PASSWORD_MAX);
     if (isatty(STDIN_FILENO) && (!ask("Once more: ", again, sizeof again) || strcmp(password, again) != 0))
         return cli_error(cli, APC_EINVAL, "the two are not the same");
-    int rc = users_add(path, name, o->role ? role_parse(o->role) : ROLE_OBSERVER, password, &why);
+    int rc = users_add(path, name, o->role ? role_parse(o->role) : ROLE_NONE, password, &why);
     explicit_bzero(password, sizeof password);
     explicit_bzero(again, sizeof again);
     return rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;

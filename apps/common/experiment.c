@@ -328,7 +328,7 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     static const char *const known[] = {"name",      "title",   "duration", "seed",   "measurements",
                                         "setpoints", "outputs", "plant",    "client", "controller",
                                         "scheduler", "network", "clock",    NULL};
-    double seed = 1;
+    int64_t seed = 1;
     settings_known(s, root, known);
     settings_name(s, root, e->name, sizeof e->name);
     if (!s->failed && (strchr(e->name, '/') || e->name[0] == '.'))
@@ -338,7 +338,7 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     snprintf(e->title, sizeof e->title, "%s", e->name);
     settings_text(s, root, "title", OPTIONAL, e->title, sizeof e->title);
     settings_number(s, root, "duration", OPTIONAL, 0, 366 * 86400.0, &e->duration);
-    settings_number(s, root, "seed", OPTIONAL, 0, 9007199254740992.0, &seed); /* 2^53: exact as a double */
+    settings_whole(s, root, "seed", OPTIONAL, 0, INT64_C(1) << 53, &seed); /* exact as a double, too */
     e->seed = (uint64_t)seed;
     e->dim.ny = read_signals(s, root, "measurements", APC_SENSOR, &e->y);
     experiment_read_sensors(s, config_setting_get_member(root, "measurements"), e);
@@ -368,6 +368,8 @@ int experiment_load(struct experiment *e, const char *file, unsigned parts,
     memset(e, 0, sizeof *e);
     snprintf(e->plant.listen, sizeof e->plant.listen, "tcp:127.0.0.1:%d", APC_PORT);
     snprintf(e->client.link, sizeof e->client.link, "tcp:127.0.0.1:%d", APC_PORT);
+    if ((s.failed = settings_check_numbers(file, why)) < 0)
+        return s.failed;
     config_init(&config);
     if (config_read_file(&config, file) == CONFIG_TRUE)
         read_root(&s, config_root_setting(&config), e, parts, overrides);

@@ -163,12 +163,12 @@ void experiment_read_dynamics(struct settings *s, const config_setting_t *group,
     struct apc_plant *trial = NULL;
     struct apc_plantserver *core = NULL;
     struct apc_error why;
-    double steps = 0.0;
+    int64_t steps = 0;
     o->size = sizeof *o;
     settings_text(s, group, "integrator", OPTIONAL, e->plant.integrator, sizeof e->plant.integrator);
     settings_number(s, group, "rtol", OPTIONAL, 1e-15, 0.1, &o->rtol);
     settings_number(s, group, "atol", OPTIONAL, 1e-300, 1e300, &o->atol);
-    settings_number(s, group, "steps", OPTIONAL, 1, 1e6, &steps);
+    settings_whole(s, group, "steps", OPTIONAL, 1, 1000000, &steps);
     settings_number(s, group, "dead_time", OPTIONAL, 0, DAYS_366, &o->dead_time);
     o->steps = (unsigned)steps;
     if (noise && !own && !s->failed)

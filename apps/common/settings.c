@@ -3,7 +3,9 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 int settings_fail(struct settings *s, const config_setting_t *at, const char *fmt, ...)
 {
@@ -108,6 +110,77 @@ void settings_number(struct settings *s, const config_setting_t *in, const char 
         settings_fail(s, found, "\"%s\" is %g: must be from %g to %g", name, number, low, high);
     else
         *value = number;
+}
+
+/* Past a text or a comment that begins here, its lines counted; NULL when none does. */
+static const char *skip_text(const char *c, int *line)
+{
+    const char *end;
+    if (*c == '"') {
+        for (end = c + 1; *end && *end != '"'; end += end[0] == '\\' && end[1] ? 2 : 1)
+            ;
+        end += *end != '\0';
+    } else if (*c == '#' || (c[0] == '/' && c[1] == '/')) {
+        end = c + strcspn(c, "\n");
+    } else if (c[0] == '/' && c[1] == '*') {
+        end = strstr(c + 2, "*/");
+        end = end ? end + 2 : c + strlen(c);
+    } else {
+        return NULL;
+    }
+    for (; c < end; c++)
+        *line += *c == '\n';
+    return end;
+}
+
+static int check_numbers(const char *file, const char *text, struct apc_error *why)
+{
+    static const char word[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-*.+";
+    int line = 1;
+    for (const char *c = text, *next; *c; c = next) {
+        if ((next = skip_text(c, &line)))
+            continue;
+        const size_t n = strspn(c, word), sign = *c == '-' || *c == '+';
+        const size_t digits = strspn(c + sign, "0123456789");
+        line += *c == '\n';
+        next = c + (n > 0 ? n : 1);
+        if (digits > 0 && sign + digits == n &&
+            (digits > 10 || strtoll(c, NULL, 10) != (int32_t)strtoll(c, NULL, 10)))
+            return apc_fail(why, APC_EINVAL, "%s:%d: %.*s is beyond 32 bits: write %.*s.0 or %.*sL", file,
+                            line, (int)n, c, (int)n, c, (int)n, c);
+    }
+    return 0;
+}
+
+int settings_check_numbers(const char *file, struct apc_error *why)
+{
+    char *text = NULL;
+    size_t size = 0;
+    struct stat st;
+    FILE *in = stat(file, &st) == 0 && S_ISREG(st.st_mode) ? fopen(file, "re") : NULL;
+    if (!in)
+        return 0; /* libconfig says why; a pipe can be read only once */
+    int rc = getdelim(&text, &size, '\0', in) > 0 ? check_numbers(file, text, why) : 0;
+    free(text);
+    fclose(in);
+    return rc;
+}
+
+void settings_whole(struct settings *s, const config_setting_t *in, const char *name,
+                    enum settings_presence presence, int64_t low, int64_t high, int64_t *value)
+{
+    const config_setting_t *found = find(s, in, name, presence);
+    if (!found)
+        return;
+    const int type = config_setting_type(found);
+    int64_t whole = low - 1;
+    if (type == CONFIG_TYPE_INT || type == CONFIG_TYPE_INT64)
+        whole = config_setting_get_int64(found);
+    if (whole < low || whole > high)
+        settings_fail(s, found, "\"%s\" must be from %lld to %lld, a whole number", name, (long long)low,
+                      (long long)high);
+    else
+        *value = whole;
 }
 
 void settings_period(struct settings *s, const config_setting_t *in, const char *name,

@@ -17,6 +17,12 @@ struct settings {
     int failed; /* 0, or the first error */
 };
 
+/*
+ * libconfig reads a whole number without an L as one of 32 bits, and cuts it off without a word. Refuses one
+ * that does not fit; one with an L, a point or an exponent, in a text or a comment is none of these.
+ */
+int settings_check_numbers(const char *file, struct apc_error *why);
+
 enum settings_presence { OPTIONAL, REQUIRED };
 
 int settings_fail(struct settings *s, const config_setting_t *at, const char *fmt, ...) APC_PRINTF(3, 4);
@@ -30,6 +36,9 @@ config_setting_t *settings_list(struct settings *s, const config_setting_t *in, 
 /* Leave *value alone when the member is absent and OPTIONAL. */
 void settings_number(struct settings *s, const config_setting_t *in, const char *name,
                      enum settings_presence presence, double low, double high, double *value);
+/* As it stands there: 1.5 is refused, not rounded. */
+void settings_whole(struct settings *s, const config_setting_t *in, const char *name,
+                    enum settings_presence presence, int64_t low, int64_t high, int64_t *value);
 void settings_period(struct settings *s, const config_setting_t *in, const char *name,
                      enum settings_presence presence, apc_ns *value);
 void settings_flag(struct settings *s, const config_setting_t *in, const char *name, bool *value);

@@ -186,15 +186,13 @@ static int hash_password(const char *password, char *hash, size_t size, struct a
     return rc == ARGON2_OK ? 0 : apc_fail(why, APC_ENOMEM, "argon2: %s", argon2_error_message(rc));
 }
 
-static int check_new(const char *name, enum role role, const char *password, struct apc_error *why)
+static int check_new(const char *name, const char *password, struct apc_error *why)
 {
     size_t n = strlen(password);
     if (!name_ok(name))
         return apc_fail(why, APC_EINVAL,
                         "user \"%.40s\": a name is 1 to %d letters, digits, dots, dashes or _", name,
                         USER_NAME_LEN - 1);
-    if (role == ROLE_NONE)
-        return apc_fail(why, APC_EINVAL, "the role must be observer or operator");
     if (n < PASSWORD_MIN || n > PASSWORD_MAX)
         return apc_fail(why, APC_EINVAL, "a password has %d to %d bytes", PASSWORD_MIN, PASSWORD_MAX);
     return 0;
@@ -204,7 +202,7 @@ int users_add(const char *path, const char *name, enum role role, const char *pa
 {
     struct users users;
     struct user user = {.role = role};
-    int rc = check_new(name, role, password, why);
+    int rc = check_new(name, password, why);
     if (rc < 0)
         return rc;
     rc = users_load(&users, path, why);
@@ -215,6 +213,8 @@ int users_add(const char *path, const char *name, enum role role, const char *pa
     size_t i = 0;
     while (i < users.n && strcmp(users.user[i].name, name) != 0)
         i++;
+    if (role == ROLE_NONE)
+        user.role = i < users.n ? users.user[i].role : ROLE_OBSERVER;
     if (rc == 0 && i < users.n)
         users.user[i] = user;
     else if (rc == 0 && append(&users, &user) < 0)

@@ -42,8 +42,10 @@ int users_load(struct users *users, const char *path, struct apc_error *why);
 void users_free(struct users *users);
 const struct user *users_find(const struct users *users, const char *name);
 
-/* Add, or give a new password and role to. The file is replaced as a whole. APC_EINVAL: name or password
- * unfit. */
+/*
+ * Add, or give a new password and role to; ROLE_NONE: the role he has, or observer. The file is replaced as
+ * a whole. APC_EINVAL: name or password unfit.
+ */
 int users_add(const char *path, const char *name, enum role role, const char *password,
               struct apc_error *why);
 /* APC_ENOTFOUND: no such user. */

@@ -8,6 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define DELAY_MAX 1e9 /* s: a draw beyond, such as of exponential(1e300), must not become none at all */
+
 /* A stream for each thing that is drawn. */
 enum stream { DELAY, JITTER, LOSS, DUPLICATION, REORDERING, COPY_DELAY, COPY_JITTER, STREAMS };
 
@@ -109,7 +111,7 @@ static apc_ns delay_of(struct apc_network *n, enum stream delay, enum stream jit
     apc_ns ns = 0;
 
     seconds += drawn(&n->options.jitter, &n->random[jitter]);
-    return seconds > 0.0 && apc_ns_from_s(seconds, &ns) == 0 ? ns : 0;
+    return seconds > 0.0 && apc_ns_from_s(fmin(seconds, DELAY_MAX), &ns) == 0 ? ns : 0;
 }
 
 static bool in_outage(const struct apc_network_options *o, apc_ns now)
@@ -127,8 +129,10 @@ static apc_ns transmit(struct apc_network *n, apc_ns now, size_t length)
 
     if (n->options.bandwidth <= 0.0)
         return now;
-    (void)apc_ns_from_s(8.0 * (double)length / n->options.bandwidth, &takes);
+    (void)apc_ns_from_s(fmin(8.0 * (double)length / n->options.bandwidth, DELAY_MAX), &takes);
     n->idle_at = (n->idle_at > now ? n->idle_at : now) + takes;
+    if (n->idle_at - now > (apc_ns)DELAY_MAX * APC_NS_PER_S)
+        n->idle_at = now + (apc_ns)DELAY_MAX * APC_NS_PER_S;
     return n->idle_at;
 }
 

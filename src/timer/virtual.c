@@ -134,7 +134,8 @@ static apc_ns draw(const struct apc_distribution *d, struct apc_random *random)
 {
     apc_ns ns = 0;
     double seconds = d->kind ? apc_distribution_draw(d, random) : 0.0;
-    return seconds > 0.0 && apc_ns_from_s(seconds, &ns) == 0 ? ns : 0;
+    /* some 30 years for what no time can hold: it must not become none at all */
+    return seconds > 0.0 && apc_ns_from_s(fmin(seconds, 1e9), &ns) == 0 ? ns : 0;
 }
 
 /* In the place of the task's own function. */

@@ -48,6 +48,13 @@ change 's/period = 0.02;/period = nan;/' 'syntax error'
 change 's/period = 0.02;/period = "fast";/' 'period.*number of seconds'
 change 's/period = 0.02;/perid = 0.02;/' 'unknown setting "perid" in plant; known are: .*period'
 change '/^plant/,/^};/d' '"plant" is missing'
+for seed in -3 1.5 9007199254740993L '"one"'; do
+  change "\$a seed = $seed;" '"seed" must be from 0 to 9007199254740992, a whole number'
+done
+change '$a seed = 9007199254740993;' '9007199254740993 is beyond 32 bits: write 9007199254740993.0 or 9007199254740993L'
+change 's/duration = 60.0;/duration = -3000000000;/' '-3000000000 is beyond 32 bits'
+sed -e 's/^title = .*/title = "3000000000 \\" 3000000000";/' -e '$a seed = 3000000000L; # 3000000000' "$good" >"$bad"
+expect 0 'seed 3000000000' "$apc" simulate "$bad" --duration 1
 change 's/law = "pi"/law = "magic"/' 'magic.*pi'
 change 's/law = "pi"/law = ".\/magic.so"/' 'magic\.so'
 change 's/model = "first-order"/model = "reactor"/' 'reactor.*first-order'

@@ -102,6 +102,60 @@ expect 1 'the plant diverged at t = 1\.6 s: burst at t = 1\.4 s, x1 = [0-9.]+' "
 grep -q '^1\.4.*sensor' "$work/burst.csv" || fail "what came before the divergence is lost"
 expect 1 '20 of 20 runs ended early' "$apc" simulate "$conf" --plant "$work/burst.so" --runs 20
 
+# A figure of each run, and what the controllers had, also when something fails.
+expect 0 'law nan gave no finite number in 3 of 3 runs' "$apc" simulate "$conf" --law "$work/nan.so" --runs 3
+expect 1 'sha256' "$apc" simulate "$conf" --csv /dev/full --report "$work/full"
+expect 1 '^y +[0-9]' "$apc" simulate "$conf" --csv /dev/full
+[ -s "$work/full/report.png" ] || fail "no report because the samples could not be written"
+
+# A law that ends a process or does not return takes only its runs along. It knows its run by the noise.
+sed -e 's/duration = 600.0/duration = 20.0/' -e 's/name = "y";/name = "y"; noise = 1.0;/' "$conf" >"$work/noise.conf"
+plugin "$work/moody.so" <<'C'
+#include <apccontrol.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <unistd.h>
+static const struct apc_param none[] = {{"K", "", "", 1, 0, 2}};
+static void compute(struct apc_law_call *c)
+{
+    const char *mood = getenv("MOOD"), *mark = getenv("MARK");
+    FILE *file = mark ? fopen(mark, "w") : NULL;
+    if (file)
+        fclose(file);
+    if (mood && c->y[0] > 1.5)
+        switch (*mood) {
+        case 'c': abort();
+        case 'e': exit(0);
+        case 'l': for (;;) pause();
+        }
+    c->u[0] = 0;
+}
+const struct apc_law apc_law = {.abi = APC_LAW_ABI, .name = "moody", .n_tuning = 1, .tuning = none, .compute = compute};
+C
+moody() { MOOD=$1 "$apc" simulate "$work/noise.conf" --law "$work/moody.so" --runs 30 --jobs 2 --csv "$work/moody.csv"; }
+expect 1 'died of a signal: runs are missing' moody crash
+expect 1 'of 30 runs were not made' moody exit
+[ "$(wc -l <"$work/moody.csv")" -gt 1 ] || fail "the runs that were made are lost"
+MOOD=loop MARK=$work/looping "$apc" simulate "$work/noise.conf" --law "$work/moody.so" --runs 30 --jobs 2 --csv "$work/loop.csv" >"$work/loop.txt" &
+looping=$!
+until_true 20 test -e "$work/looping" # it listens to signals
+two_signals() {
+  kill -TERM "$looping" 2>/dev/null
+  ! kill -0 "$looping" 2>/dev/null
+}
+until_true 20 two_signals
+wait "$looping" || fail "a campaign that was stopped ends with $?"
+grep -q 'of 30 runs were not made' "$work/loop.txt" || fail "no word of the runs that are missing"
+
+# A signal keeps what there is.
+MARK=$work/began "$apc" simulate "$conf" --duration 31622400 --law "$work/moody.so" --csv "$work/began.csv" >"$work/began.txt" &
+long=$!
+until_true 20 test -e "$work/began"
+kill -TERM $long
+wait $long || fail "a run that was stopped ends with $?"
+grep -q 'ended by a signal at t = [0-9]' "$work/began.txt" || fail "no word of the signal"
+grep -q 'sensor' "$work/began.csv" || fail "what came before the signal is lost"
+
 # ---- Bad input
 
 expect 2 '--jobs: .*--runs' "$apc" simulate "$conf" --jobs 2
@@ -128,7 +182,8 @@ expect 2 '--duration' "$apc" simulate "$conf" --duration 0
 expect 2 '--runs' "$apc" simulate "$conf" --runs 0
 expect 1 'no law' "$apc" simulate "$conf" --law pd
 expect 1 'no model' "$apc" simulate "$conf" --plant reactor
-expect 1 'cannot be written' "$apc" simulate "$conf" --duration 1 --csv /nowhere/samples.csv
+expect 1 'cannot be written' "$apc" simulate "$conf" --duration 31622400 --csv /nowhere/samples.csv # at once
+expect 0 '1200 of 1200 exchanges in vain' "$apc" simulate "$conf" --net 'delay=exponential(1e300)'
 expect 1 'samples.csv: No such file' "$apc" simulate "$conf" --duration 1 --compare "$work"
 edit "$work/bad.conf" -e '$a network = { loss = 2.0; };'
 expect 1 'bad.conf:[0-9]+: "loss"' "$apc" simulate "$work/bad.conf"

@@ -14,6 +14,9 @@ printf 'observer123\n' | "$apc" user add otto --users "$work/users"
 ! grep -q 'operator123\|observer123' "$work/users" || fail "a password stands in the file"
 expect 0 '^otto +observer$' "$apc" user list --users "$work/users"
 expect 1 'no password' "$apc" user add eve --users "$work/users" # no password at all
+printf 'operator456\n' | "$apc" user add anna --users "$work/users" # a new password takes no role away
+expect 0 '^anna +operator$' "$apc" user list --users "$work/users"
+printf 'operator123\n' | "$apc" user add anna --users "$work/users"
 expect 2 'observer or operator' "$apc" user add eve --role admin --users "$work/users"
 expect 1 'no user "eve"' "$apc" user remove eve --users "$work/users"
 
@@ -21,8 +24,9 @@ expect 1 'no user "eve"' "$apc" user remove eve --users "$work/users"
 expect 4 'apc user add' "$APC_BIN/apc-ui" --listen 0.0.0.0:0
 expect 4 'tls-cert' "$APC_BIN/apc-ui" --listen 0.0.0.0:0 --users "$work/users"
 expect 2 'belong together' "$APC_BIN/apc-ui" --tls-cert "$work/users"
-expect 1 'ADDRESS:PORT' "$APC_BIN/apc-ui" --listen 8080
-expect 1 'ADDRESS:PORT' "$APC_BIN/apc-ui" --listen 127.0.0.1:65536
+for address in 8080 127.0.0.1:65536 127.0.0.1:-1 127.0.0.1: ::1:8080 ''; do
+  expect 1 'ADDRESS:PORT' "$APC_BIN/apc-ui" --listen "$address"
+done
 expect 2 'users.*must name a file' "$apc" user list --users ''
 expect 1 'No such file' "$APC_BIN/apc-ui" --users "$work/nobody" # asked for by name: then it has to be there
 cp "$work/users" "$work/open-users" && chmod 644 "$work/open-users"

@@ -51,16 +51,19 @@ serve() {
 background run "$apc" run "$work/fast.conf" --duration 0 --out "$work/run" --no-ui
 controlled() { [ "$(sql 'SELECT count(*) FROM apc.actuator')" -gt 5 ]; }
 until_true 20 controlled
+printf 'operator123\n' | "$apc" user add anna --role operator --users "$work/users"
+serve protected --config "$work/fast.conf" --users "$work/users"
+export APC_UI_PROTECTED=$ui_url
 serve ui --config "$work/fast.conf"
 export APC_UI_URL=$ui_url APC_UI_PID=$pid
 
-# A hundred variables of another plant.
+# A hundred variables of another plant; the last one is UncertainSubstituteValue.
 "$apc" init --store 'postgresql:#hundred' >/dev/null
 sql "INSERT INTO hundred.tag (table_name, id, name, unit, description, low, high)
      SELECT 'sensor', i, 'y' || i, '', 'signal ' || i, 0, 100 FROM generate_series(1, 100) i"
 background feed psql -XAtqc "DO \$\$ BEGIN
   FOR k IN 1..100000 LOOP
-    INSERT INTO hundred.sensor SELECT i, k, clock_timestamp(), 0, 50 + 40 * sin(k / 20.0 + i) FROM generate_series(1, 100) i;
+    INSERT INTO hundred.sensor SELECT i, k, clock_timestamp(), CASE WHEN i = 100 THEN 1083244544 ELSE 0 END, 50 + 40 * sin(k / 20.0 + i) FROM generate_series(1, 100) i;
     COMMIT;
     PERFORM pg_sleep(0.1);
   END LOOP;

@@ -386,12 +386,20 @@ static void bad_parameters_and_paths_are_refused(void **state)
         {"/%2e%2e/%2e%2e/%2e%2e/etc/passwd", 404, "path"},
         {"/..%2f..%2f..%2fetc%2fpasswd", 404, "path"},
         {"/nothing/\\..\\..\\etc", 404, "path"},
+        {"/%00", 400, "parameter"},
+        {"/index.html%00.js", 400, "parameter"},
+        {"/api/history?var=sensor.1%00&since=-60&bins=9", 400, "parameter"},
+        {"/api/history?var=sensor.1&since=-60&bins=9&bins=9", 400, "parameter"},
+        {"/api/history?var=sensor.1&since=-60&bins=9&var=setpoint.1", 400, "parameter"},
+        {"/api/history?var=sensor.01&since=-60&bins=9", 404, "variable"},
     };
     (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
         expect_error(&local, "GET", cases[i].path, NULL, NULL, cases[i].status, cases[i].code);
     expect_error(&local, "POST", "/api/state", NULL, "{}", 405, "method");
     expect_error(&local, "GET", "/api/setpoint", NULL, NULL, 405, "method");
+    expect_error(&local, "PUT", "/", NULL, NULL, 405, "method");
+    expect_error(&local, "PUT", "/nothing", NULL, NULL, 404, "path");
 }
 
 static void a_body_that_is_too_large_is_refused(void **state)

@@ -55,6 +55,23 @@ static void a_constant_delay_and_jitter_add_up(void **state)
     apc_network_destroy(never);
 }
 
+/* A number of seconds that no time can hold is no delay of 0. */
+static void what_takes_for_ever_does_not_arrive_at_once(void **state)
+{
+    struct apc_network *late = make((struct apc_network_options){.delay = of("exponential(1e300)")});
+    struct apc_network *slow = make((struct apc_network_options){.bandwidth = 1e-300});
+    apc_ns at[2];
+    (void)state;
+    for (int i = 1; i <= 100; i++) {
+        assert_int_equal(apc_network_send(late, i * S, 10, at), 1);
+        assert_true(at[0] > 1000000 * S);
+        assert_int_equal(apc_network_send(slow, i * S, 10, at), 1);
+        assert_true(at[0] > 1000000 * S);
+    }
+    apc_network_destroy(late);
+    apc_network_destroy(slow);
+}
+
 static void random_delays_have_their_mean(void **state)
 {
     static const struct {
@@ -256,6 +273,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_perfect_network_delivers_at_once),
         cmocka_unit_test(a_constant_delay_and_jitter_add_up),
+        cmocka_unit_test(what_takes_for_ever_does_not_arrive_at_once),
         cmocka_unit_test(random_delays_have_their_mean),
         cmocka_unit_test(frames_keep_their_order_unless_they_overtake),
         cmocka_unit_test(loss_and_duplication_have_their_share),

@@ -131,6 +131,7 @@ static void variables_are_named_by_table_and_number(void **state)
                                       "sensor.-1",
                                       "sensor.1x",
                                       "sensor. 1",
+                                      "sensor.01",
                                       "sensors.1",
                                       "sensor.99999999999",
                                       "a.very.long.name.that.is.no.table.1",

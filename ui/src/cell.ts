@@ -44,11 +44,12 @@ export class Cell<T> {
 
 export function useCell<T>(cell: Cell<T>): T {
   const [, force] = useState({});
+  const shown = cell.value;
   useEffect(() => {
-    const seen = cell.value;
     const stop = cell.subscribe(() => force({}));
-    if (!Object.is(seen, cell.value)) force({});
+    // An effect runs after its frame: the value may have changed meanwhile, for the last time perhaps.
+    if (!Object.is(shown, cell.value)) force({});
     return stop;
   }, [cell]);
-  return cell.value;
+  return shown;
 }

@@ -52,6 +52,13 @@ export function duration(seconds: number | null | undefined): string {
   return `${sign}${Math.floor(s / 86400)} d`;
 }
 
+/** Of a task: exactly as it was set. */
+export function period(seconds: number | null | undefined): string {
+  if (seconds == null || !isFinite(seconds)) return missing;
+  if (seconds < 1e-3) return `${plain(seconds * 1e6)} µs`;
+  return seconds < 1 ? `${plain(seconds * 1e3)} ms` : `${plain(seconds)} s`;
+}
+
 const two = (n: number): string => String(n).padStart(2, "0");
 
 export function clock(t: number | null | undefined, subseconds = 0): string {

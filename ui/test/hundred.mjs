@@ -7,6 +7,24 @@ import {launch, open, until} from "./lib.mjs";
 const UPDATES = 50;
 const WINDOWS = 6; // other work on the computer may take a window
 
+test("a value that is not Good is marked, and nothing of it is cut off", async () => {
+  const browser = await launch();
+  for (const width of [1280, 800, 400]) {
+    const page = await open(browser, "overview", {url: process.env.APC_UI_HUNDRED, viewport: {width, height: 800}});
+    const bad = page.locator('main .value.bad[data-ref="sensor.100"]');
+    await bad.waitFor();
+    assert.match(await bad.textContent(), /UncertainSubstituteValue$/);
+    const cut = await bad.evaluate(one => {
+      const inner = [...one.children].map(part => part.getBoundingClientRect());
+      const cell = one.closest("td").getBoundingClientRect();
+      return inner.filter(box => box.left < cell.left - 1 || box.right > cell.right + 1 || box.bottom > cell.bottom + 1).length;
+    });
+    assert.equal(cut, 0, `at ${width} pixels`);
+    await page.context().close();
+  }
+  await browser.close();
+});
+
 test("a hundred variables at 10 Hz without dropped frames", async () => {
   const browser = await launch();
   const page = await open(browser, "overview", {url: process.env.APC_UI_HUNDRED});

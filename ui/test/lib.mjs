@@ -17,9 +17,17 @@ export function launch() {
   return chromium.launch({executablePath: findChromium(), args: ["--no-sandbox", "--disable-gpu"]});
 }
 
+/** Preact runs the effects of a frame in a bare time-out after it: here they come late, as on a computer that is busy. */
+function delayEffects() {
+  const later = window.setTimeout.bind(window);
+  window.setTimeout = (call, pause, ...args) => later(call, pause ?? 1000, ...args);
+}
+
 /** A page on a screen, with whatever it complains about; `at` is the part after #. */
 export async function open(browser, at, options = {}) {
-  const context = await browser.newContext({viewport: {width: 1280, height: 800}, acceptDownloads: true, ...options});
+  const {lateEffects, ...rest} = options;
+  const context = await browser.newContext({viewport: {width: 1280, height: 800}, acceptDownloads: true, ...rest});
+  if (lateEffects) await context.addInitScript(delayEffects);
   const page = await context.newPage();
   page.complaints = [];
   page.on("pageerror", error => page.complaints.push(error.message));

@@ -226,6 +226,8 @@ test("400 pixels wide: nothing sticks out, and fingers find their targets", () =
       await page.locator("main section").waitFor();
       const wide = await page.evaluate(() => document.documentElement.scrollWidth);
       assert.ok(wide <= 400, `${key} is ${wide} pixels wide`);
+      const rows = await page.evaluate(() => new Set([...document.querySelectorAll("nav a")].map(one => one.getBoundingClientRect().top)).size);
+      assert.equal(rows, 1, "the six screens are not in one row");
       const small = await page.evaluate(() =>
         [...document.querySelectorAll("button, select, nav a, main a.button, tbody th a, input:not([type=checkbox])")]
           .filter(one => one.checkVisibility())
@@ -235,6 +237,38 @@ test("400 pixels wide: nothing sticks out, and fingers find their targets", () =
       );
       assert.deepEqual(small, [], key);
     }
+  }));
+
+test("logging in by the form, and again in place when the session has ended", async () => {
+  const context = await browser.newContext();
+  const page = await context.newPage();
+  const logIn = async password => {
+    await page.locator('input[name="user"]').fill("anna");
+    await page.locator('input[name="password"]').fill(password);
+    await page.getByRole("button", {name: "Log in", exact: true}).click();
+  };
+  await page.goto(process.env.APC_UI_PROTECTED);
+  await logIn("operator321");
+  await page.getByText("name or password is wrong").waitFor();
+  await logIn("operator123");
+  const connected = async () => (await page.locator(".link-state").getAttribute("data-state")) === "connected";
+  await until("the page is connected", connected);
+  assert.match(await page.locator("header").textContent(), /anna, operator/);
+  await context.clearCookies();
+  await page.evaluate(() => (location.hash = "events")); // which asks the server
+  await page.getByText("Your session has ended").waitFor();
+  await logIn("operator123");
+  await page.getByText("Your session has ended").waitFor({state: "detached"});
+  await until("the page is connected again", connected);
+  await context.close();
+});
+
+test("what comes between a frame and its effects is shown, also when it never changes again", () =>
+  withPage("overview", {lateEffects: true}, async page => {
+    const {values} = await api("/api/state");
+    assert.equal(await page.locator('main [data-ref="sensor.1"] .digits').first().isVisible(), true);
+    await until("the mode is shown", async () => (await page.locator('main .mode[data-ref="opmode.1"]').first().textContent()) === "Auto");
+    await near(page, "setpoint.1", values["setpoint.1"][2], 0.01);
   }));
 
 test("a server that falls silent is noticed, and what was missed is filled in", () =>
@@ -266,6 +300,9 @@ test("the database is lost: the page says so, nothing can be written, and the ga
     assert.equal(await setpoint(page).isDisabled(), true);
     for (const name of ["Man", "Auto"]) assert.equal(await page.getByRole("button", {name, exact: true}).isDisabled(), true);
     await page.locator('main .value.stale[data-ref="sensor.1"]').first().waitFor();
+    await trend.bringToFront();
+    await trend.locator('.readout .value.stale[data-ref="sensor.1"] .age').waitFor();
+    await page.bringToFront();
     const stopped = Date.now() / 1000;
     database("start");
     await page.locator(".database-bar").waitFor({state: "detached"});

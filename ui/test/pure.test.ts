@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import {test} from "node:test";
 import {Backoff} from "../src/backoff";
 import {matches, merge} from "../src/eventlist";
-import {clock, csv, decimalsOf, duration, iso, number, parse, plain, short} from "../src/format";
+import {clock, csv, decimalsOf, duration, iso, number, parse, period, plain, short} from "../src/format";
 import {histogram, logHeight, reach} from "../src/histogram";
 import {Lag} from "../src/lag";
 import {next, type WriteView} from "../src/lifecycle";
@@ -36,6 +36,8 @@ test("numbers are written with a fixed number of decimals and a true minus", () 
 test("durations have the unit that fits", () => {
   const cases: [number | null, string][] = [[5e-9, "5 ns"], [-1.5e-6, "\u22121.5 µs"], [0.25, "250 ms"], [2, "2.0 s"], [600, "10 min"], [7260, "2 h 1 min"], [null, "–"]];
   for (const [seconds, text] of cases) assert.equal(duration(seconds), text);
+  const periods: [number | null, string][] = [[0.0005, "500 µs"], [0.2, "200 ms"], [2, "2 s"], [0.0125, "12.5 ms"], [200, "200 s"], [null, "–"]];
+  for (const [seconds, text] of periods) assert.equal(period(seconds), text);
 });
 
 test("times are UTC", () => {

@@ -3,7 +3,7 @@ import type {ComponentChildren, JSX} from "preact";
 import {useEffect, useState} from "preact/hooks";
 import {get} from "../api";
 import {useCell} from "../cell";
-import {clock, duration, missing, stamp} from "../format";
+import {clock, duration, missing, period, stamp} from "../format";
 import {limit} from "../live";
 import {connection, lag, second, variable} from "../model";
 import {Shape} from "../parts/shape";
@@ -52,13 +52,13 @@ export function DiagnosticsPage(): JSX.Element {
             return (
               <tr key={task.task}>
                 <th scope="row">{task.task}</th>
-                <td class="number">{duration(task.period)}</td>
-                <td class="number">{duration(task.run?.p99)}</td>
-                <td class="number">{duration(task.run?.max)}</td>
-                <td class="number">{duration(task.lateness?.p99)}</td>
-                <td class="number">{duration(task.jitter?.max)}</td>
-                <td class="number">{task.missed_total > 0 && <Shape priority={4} label="missed ticks" />} {task.missed_total}</td>
-                <td class="number">{late && <Shape priority={3} label="silent" />} {duration(task.age)} ago</td>
+                <td data-label="period" class="number">{period(task.period)}</td>
+                <td data-label="run p99" class="number">{duration(task.run?.p99)}</td>
+                <td data-label="run max" class="number">{duration(task.run?.max)}</td>
+                <td data-label="lateness p99" class="number">{duration(task.lateness?.p99)}</td>
+                <td data-label="jitter max" class="number">{duration(task.jitter?.max)}</td>
+                <td data-label="missed" class="number">{task.missed_total > 0 && <Shape priority={4} label="missed ticks" />} {task.missed_total}</td>
+                <td data-label="reported" class="number">{late && <Shape priority={3} label="silent" />} {duration(task.age)} ago</td>
               </tr>
             );
           })}
@@ -68,12 +68,12 @@ export function DiagnosticsPage(): JSX.Element {
           {d.links.map(link => (
             <tr key={link.name}>
               <th scope="row">{link.name}<small>{link.text}</small></th>
-              <td>{link.up === false && <Shape priority={1} label="down" />} {link.up == null ? "not known" : link.up ? "up" : "down"}</td>
-              <td class="number">{link.since == null ? missing : stamp(link.since)}</td>
-              <td class="number">{link.round_trip ? duration(link.round_trip.p50) : "not reported"}</td>
-              <td class="number">{duration(link.round_trip?.p99)}</td>
-              <td class="number">{link.changes}</td>
-              <td class="number">{link.failed ?? missing}</td>
+              <td data-label="state">{link.up === false && <Shape priority={1} label="down" />} {link.up == null ? "not known" : link.up ? "up" : "down"}</td>
+              <td data-label="since (UTC)" class="number">{link.since == null ? missing : stamp(link.since)}</td>
+              <td data-label="round trip p50" class="number">{link.round_trip ? duration(link.round_trip.p50) : "not reported"}</td>
+              <td data-label="p99" class="number">{duration(link.round_trip?.p99)}</td>
+              <td data-label="changes" class="number">{link.changes}</td>
+              <td data-label="failed" class="number">{link.failed ?? missing}</td>
             </tr>
           ))}
         </Panel>
@@ -107,10 +107,10 @@ export function DiagnosticsPage(): JSX.Element {
             return (
               <tr key={signal.ref} class={signal.stale ? "stale" : ""}>
                 <th scope="row">{signal.ref}</th>
-                <td>{one?.name}</td>
-                <td class="number">{signal.stale && <Shape priority={3} label="stale" />} {duration(signal.age)}</td>
-                <td class="number">{isFinite(bound) ? duration(bound) : "stands"}</td>
-                <td>{bad && signal.status !== "BadNoData" && <Shape priority={2} label={signal.status} />} {signal.status === "BadNoData" ? "no sample yet" : signal.status}</td>
+                <td data-label="name">{one?.name}</td>
+                <td data-label="age" class="number">{signal.stale && <Shape priority={3} label="stale" />} {duration(signal.age)}</td>
+                <td data-label="stale after" class="number">{isFinite(bound) ? duration(bound) : "stands"}</td>
+                <td data-label="status">{bad && signal.status !== "BadNoData" && <Shape priority={2} label={signal.status} />} {signal.status === "BadNoData" ? "no sample yet" : signal.status}</td>
               </tr>
             );
           })}
@@ -124,7 +124,7 @@ function Panel({title, head, wide, children}: {title: string; head: string[]; wi
   return (
     <div class={`panel scroll${wide ? " span" : ""}`} tabIndex={0} role="region" aria-label={title}>
       <h2>{title}</h2>
-      <table class="data">
+      <table class="data cards">
         <thead>
           <tr>{head.map((name, i) => <th scope="col" key={name} class={i > 0 && !["state", "name", "status"].includes(name) ? "number" : ""}>{name}</th>)}</tr>
         </thead>
@@ -139,10 +139,10 @@ function Operation({name, of}: {name: string; of: Figures}): JSX.Element {
   return (
     <tr>
       <th scope="row">{name}</th>
-      <td class="number">{of.count ?? missing}</td>
-      <td class="number">{none ? missing : duration(of.p50)}</td>
-      <td class="number">{none ? missing : duration(of.p99)}</td>
-      <td class="number">{none ? missing : duration(of.max)}</td>
+      <td data-label="n" class="number">{of.count ?? missing}</td>
+      <td data-label="p50" class="number">{none ? missing : duration(of.p50)}</td>
+      <td data-label="p99" class="number">{none ? missing : duration(of.p99)}</td>
+      <td data-label="max" class="number">{none ? missing : duration(of.max)}</td>
     </tr>
   );
 }
@@ -155,10 +155,10 @@ function OwnLag(): JSX.Element {
   return (
     <tr>
       <th scope="row">message to this page</th>
-      <td class="number">{lag.count}</td>
-      <td class="number">{duration(figures?.p50)}</td>
-      <td class="number">{duration(figures?.p99)}</td>
-      <td class="number">{link.state === "connected" ? duration(figures?.max) : link.state}</td>
+      <td data-label="n" class="number">{lag.count}</td>
+      <td data-label="p50" class="number">{duration(figures?.p50)}</td>
+      <td data-label="p99" class="number">{duration(figures?.p99)}</td>
+      <td data-label="max" class="number">{link.state === "connected" ? duration(figures?.max) : link.state}</td>
     </tr>
   );
 }

@@ -4,7 +4,7 @@ import {useEffect, useRef, useState} from "preact/hooks";
 import type uPlot from "uplot";
 import {get} from "../api";
 import {useCell} from "../cell";
-import {clock, duration} from "../format";
+import {clock, duration, period} from "../format";
 import {histogram, logHeight, reach} from "../histogram";
 import {refill, serverNow, tasks} from "../model";
 import {Shape} from "../parts/shape";
@@ -75,7 +75,7 @@ export function TimingPage(): JSX.Element {
         {timing.map(one => (
           <div class="panel" key={`${one.task}-${one.quantity}`}>
             <h2>
-              {one.task} <small>Ts {duration(one.period)}</small>
+              {one.task} <small>Ts {period(one.period)}</small>
             </h2>
             <Figures of={one} />
             {table ? (

@@ -8,6 +8,7 @@ import {boundOf, load} from "../history";
 import {isTyping} from "../keyboard";
 import {loopScale, trendScale} from "../loopdata";
 import {Table} from "../parts/table";
+import {Value} from "../parts/value";
 import {connection, live, onSample, plant, refill, serverNow, variable} from "../model";
 import {go} from "../router";
 import {extent, niceScale, type Scale} from "../scale";
@@ -384,11 +385,10 @@ interface ReadoutProps {
 function Readout({subject, curves, cursor, scales, off}: ReadoutProps): JSX.Element {
   const t = useCell(cursor);
   useCell(live(subject.y));
-  const at = (ref: Ref | null): number | null => {
+  const at = (ref: Ref, when: number): number | null => {
     const series = curves.series(ref);
-    if (!series || !ref) return null;
-    if (t == null) return live(ref).value.value;
-    const i = indexAt(series, t);
+    if (!series) return null;
+    const i = indexAt(series, when);
     return i < 0 ? null : (series.mid[i] ?? null);
   };
   const items: [string, Ref | null, Scale, string][] = [
@@ -404,7 +404,11 @@ function Readout({subject, curves, cursor, scales, off}: ReadoutProps): JSX.Elem
           ref && (
             <span key={ref} class="item">
               <i class={`key ${line}`} /> {name}{" "}
-              <b>{at(ref) == null ? missing : number(at(ref), decimalsOf(scale.high - scale.low))}</b>
+              {t == null ? (
+                <Value of={ref} decimals={decimalsOf(scale.high - scale.low)} />
+              ) : (
+                <b>{at(ref, t) == null ? missing : number(at(ref, t), decimalsOf(scale.high - scale.low))}</b>
+              )}
             </span>
           ),
       )}

@@ -8,7 +8,7 @@ export function Table({caption, head, rows}: {caption: string; head: string[]; r
       <table class="data">
         <caption>{caption}</caption>
         <thead>
-          <tr>{head.map(name => <th scope="col" key={name}>{name}</th>)}</tr>
+          <tr>{head.map((name, k) => <th scope="col" key={name} class={k > 0 || typeof rows[0]?.[0] === "number" ? "number" : ""}>{name}</th>)}</tr>
         </thead>
         <tbody>
           {rows.map((row, i) => (

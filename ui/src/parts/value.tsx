@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // One live number. Stale: greyed, crossed, with its age; Bad: marked, with its status.
-import type {JSX} from "preact";
+import type {ComponentChildren, JSX} from "preact";
 import {useCell} from "../cell";
 import {duration, missing, number} from "../format";
 import {isGood, type Live} from "../live";
@@ -10,6 +10,11 @@ import {Shape} from "./shape";
 
 export function isLastKnown(one: Live): boolean {
   return one.stale || connection.value.state === "disconnected";
+}
+
+/** A status is one long word: where a line may end in it. */
+function foldable(status: string): ComponentChildren {
+  return status.split(/(?=[A-Z])/).flatMap((part, i) => (i > 0 ? [<wbr />, part] : [part]));
 }
 
 export function Value({of, decimals = 3, unit = false}: {of: Ref; decimals?: number; unit?: boolean}): JSX.Element {
@@ -25,7 +30,7 @@ export function Value({of, decimals = 3, unit = false}: {of: Ref; decimals?: num
       <span class="digits">{number(one.value, decimals)}</span>
       {symbol && <span class="unit">{symbol}</span>}
       {one.stale && <span class="age">{duration(one.age)} old</span>}
-      {bad && <span class="age">{one.status}</span>}
+      {bad && <span class="age">{foldable(one.status)}</span>}
     </span>
   );
 }
