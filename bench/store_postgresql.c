@@ -19,20 +19,6 @@
 #define EACH      10
 #define BATCH     (VARIABLES * EACH)
 
-static struct apc_store *open_store(const char *schema)
-{
-    struct apc_store *store;
-    struct apc_error why;
-    char uri[64];
-    const struct apc_store_options options = {
-        .size = sizeof options, .name = "bench", .timeout = 60 * APC_NS_PER_S};
-
-    snprintf(uri, sizeof uri, "postgresql:#%s", schema);
-    if (apc_store_open(&store, uri, &options, &why) < 0)
-        die("%s", why.text);
-    return store;
-}
-
 static void execute(PGconn *conn, const char *sql)
 {
     PQclear(tick_execute(conn, sql));
@@ -45,7 +31,7 @@ static void make_schema(PGconn *conn, const char *schema)
 
     snprintf(sql, sizeof sql, "SET client_min_messages = warning; DROP SCHEMA IF EXISTS %s CASCADE", schema);
     execute(conn, sql);
-    struct apc_store *store = open_store(schema);
+    struct apc_store *store = tick_open_store(schema);
     if (apc_store_init(store) < 0)
         die("%s", apc_store_error(store));
     apc_store_close(store);
@@ -70,7 +56,7 @@ static struct ingest *ingest_open(const char *schema, bool by_hand)
     if (by_hand)
         g->conn = tick_connect(schema);
     else
-        g->store = open_store(schema);
+        g->store = tick_open_store(schema);
     return g;
 }
 
@@ -263,7 +249,7 @@ static struct newest *newest_open(const char *schema, bool by_hand)
                       " LIMIT 1) AS n",
                       0, NULL)));
     } else {
-        w->store = open_store(schema);
+        w->store = tick_open_store(schema);
     }
     return w;
 }

@@ -57,6 +57,8 @@ void hand_close(struct hand *hand);
 
 /* ---- tick_apc.c: with libapc ----------------------------------------------------------------- */
 
+/* A store on that schema, with more patience than any row needs. */
+struct apc_store *tick_open_store(const char *schema);
 /* Make the schema's tables, with one row of everything that a controller reads but sensors and setpoints. */
 void store_prepare(const char *schema, size_t n);
 

@@ -7,7 +7,7 @@
 
 #define PERIOD (3600 * APC_NS_PER_S) /* nobody writes sensors meanwhile; they must not be stale */
 
-static struct apc_store *open_store(const char *schema)
+struct apc_store *tick_open_store(const char *schema)
 {
     struct apc_store *store;
     struct apc_error why;
@@ -37,7 +37,7 @@ static struct apc_sample *fill(struct apc_sample *at, enum apc_table table, int 
 
 void store_prepare(const char *schema, size_t n)
 {
-    struct apc_store *store = open_store(schema);
+    struct apc_store *store = tick_open_store(schema);
     const size_t n_tuning = apc_law_pi.n_tuning, count = 4 + n * (n_tuning + 1);
     struct apc_sample *samples = allocate(count, sizeof *samples), *at = samples;
 
@@ -70,7 +70,7 @@ struct store *store_open(const char *schema, size_t n)
     struct store *s = allocate(1, sizeof *s);
     int64_t *last = allocate(n, sizeof *last);
 
-    s->store = open_store(schema);
+    s->store = tick_open_store(schema);
     s->n = n;
     s->in = allocate(1 + TUNING + 2 * n, sizeof *s->in);
     s->out = allocate(n, sizeof *s->out);
@@ -143,7 +143,7 @@ struct control *control_open(const char *schema, size_t n)
 
     if (apc_controller_create(&c->core, &options, &why) < 0)
         die("%s", why.text);
-    c->store = open_store(schema);
+    c->store = tick_open_store(schema);
     c->size = apc_controller_size(c->core);
     c->in = allocate(c->size.in, sizeof *c->in);
     c->out = allocate(c->size.out, sizeof *c->out);

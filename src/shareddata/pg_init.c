@@ -29,7 +29,7 @@ static int number(struct apc_pg *pg, const char *sql, int *out)
         return err;
     }
     if (PQntuples(result) == 1 && PQnfields(result) == 1) {
-        *out = atoi(PQgetvalue(result, 0, 0));
+        *out = (int)strtol(PQgetvalue(result, 0, 0), NULL, 10);
     } else {
         err = apc_fail(&pg->base.why, APC_EPROTO, "the database did not answer what was asked");
     }

@@ -235,7 +235,7 @@ static int take_append(void *ctx, int statement, PGresult *result)
 {
     struct exchange *x = (struct exchange *)ctx;
     (void)statement;
-    x->count += atoi(PQcmdTuples(result));
+    x->count += (int)strtol(PQcmdTuples(result), NULL, 10);
     return 0;
 }
 
