@@ -125,17 +125,10 @@ static void variables_are_named_by_table_and_number(void **state)
     assert_true(ref_parse("sensor.12", &table, &id));
     assert_int_equal(table, APC_SENSOR);
     assert_int_equal(id, 12);
-    static const char *const bad[] = {"",
-                                      "sensor",
-                                      "sensor.",
-                                      "sensor.-1",
-                                      "sensor.1x",
-                                      "sensor. 1",
-                                      "sensor.01",
-                                      "sensors.1",
-                                      "sensor.99999999999",
-                                      "a.very.long.name.that.is.no.table.1",
-                                      ".1"};
+    static const char *const bad[] = {
+        "",          "sensor",    "sensor.",   "sensor.-1",          "sensor.1x",
+        "sensor. 1", "sensor.01", "sensors.1", "sensor.99999999999", "a.very.long.name.that.is.no.table.1",
+        ".1"};
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
         assert_false(ref_parse(bad[i], &table, &id));
 }
