@@ -29,7 +29,7 @@ function newKey(): string {
 export async function send(name: string, kind: WriteKind, body: object, to: string): Promise<void> {
   const cell = slot(name);
   const key = newKey();
-  cell.value = {phase: "pending", key, at: Date.now() / 1000, to, reason: null};
+  cell.value = {phase: "pending", key, at: Date.now() / 1000, to, reason: null, stored: false};
   const mine = (): boolean => cell.value?.key === key;
   try {
     const write = await post<Write>(`/api/${kind}`, {...body, key}, TIMEOUT);

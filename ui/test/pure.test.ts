@@ -108,12 +108,13 @@ test("parts of history join without doubling, curves align on one axis", () => {
   assert.deepEqual(align([{t: [1, 3], columns: [[1, null]]}, {t: [2], columns: [[5]]}]), [[1, 2, 3], [1, undefined, null], [undefined, 5, undefined]]);
 });
 
-const view: WriteView = {phase: "pending", key: "k", at: 0, to: "", reason: null};
+const view: WriteView = {phase: "pending", key: "k", at: 0, to: "", reason: null, stored: false};
 const write = (state: Write["state"], key = "k"): Write => ({key, kind: "setpoint", user: "", time: 0, state, stored: true, reason: null, changes: []});
 
 test("a write lives from pending to applied, failed or unknown, and no message takes it back", () => {
   const accepted = next(view, {what: "answer", write: write("accepted")});
   assert.equal(accepted.phase, "accepted");
+  assert.deepEqual([view.stored, accepted.stored], [false, true]);
   const applied = next(accepted, {what: "answer", write: write("applied")});
   assert.equal(applied.phase, "applied");
   assert.equal(next(applied, {what: "answer", write: write("accepted")}), applied);

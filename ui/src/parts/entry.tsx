@@ -2,7 +2,7 @@
 // An entry field. It never fights the readback: once touched it is the operator's until applied or reverted. The seq that
 // goes with the write is the one that was on the screen when the editing began.
 import type {JSX} from "preact";
-import {useEffect, useId, useRef, useState} from "preact/hooks";
+import {useId, useRef, useState} from "preact/hooks";
 import {useWriteBar} from "../access";
 import {useCell} from "../cell";
 import {number, parse, plain, short} from "../format";
@@ -41,30 +41,29 @@ export function Entry({of, kind, label, decimals, shown = of, low = null, high =
   const now = useCell(live(of));
   const from = useCell(live(shown));
   const barred = useWriteBar() ?? blocked;
-  const [draft, setDraft] = useState<{text: string; seq: number; value: number | null} | null>(null);
+  const [typed, setTyped] = useState<{text: string; seq: number; value: number | null} | null>(null);
+  const sent = useRef<typeof typed>(null);
   const id = useId();
   const field = useRef<HTMLInputElement>(null);
   const name = `${kind}.${one?.id}`;
   const view = useCell(slot(name));
+  // What was sent and is stored is the readback now. What was refused stays, and what was typed since.
+  const draft = view?.stored && typed === sent.current ? null : typed;
   const complaint = draft ? check(draft.text, low, high) : null;
   const overtaken = draft != null && draft.seq !== now.seq;
 
-  // Accepted: the new value is the readback now. A change that is refused leaves what was typed.
-  useEffect(() => {
-    if (view?.phase === "accepted" || view?.phase === "applied") setDraft(null);
-  }, [view?.phase, view?.key]);
-
   const edit = (text: string): void => {
-    setDraft(before => ({text, seq: before?.seq ?? now.seq, value: before?.value ?? from.value}));
+    setTyped({text, seq: draft?.seq ?? now.seq, value: draft?.value ?? from.value});
     if (view && view.phase !== "pending") forget(name);
   };
   const apply = (seq?: number): void => {
     if (!draft || complaint || barred || view?.phase === "pending") return;
     const value = parse(draft.text) as number;
+    sent.current = draft;
     void send(name, kind, {id: one?.id, value, seq: seq ?? draft.seq}, `${one?.name ?? ""} ${number(from.value, decimals)} → ${plain(value)}`);
   };
   const revert = (): void => {
-    setDraft(null);
+    setTyped(null);
     if (view && view.phase !== "pending") forget(name);
     requestAnimationFrame(() => field.current?.select()); // once it shows the readback again
   };

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The tuning of a loop: all fields go as one transaction, old -> new is shown before and while it happens.
 import type {JSX} from "preact";
-import {useEffect, useId, useState} from "preact/hooks";
+import {useId, useRef, useState} from "preact/hooks";
 import {useWriteBar} from "../access";
 import {useCell} from "../cell";
 import {parse, plain, short} from "../format";
@@ -70,15 +70,14 @@ function Field({of, label, draft, disabled, edit}: FieldProps): JSX.Element {
 }
 
 export function Tuning({loop}: {loop: Loop}): JSX.Element {
-  const [drafts, setDrafts] = useState<Drafts>({});
+  const [typed, setTyped] = useState<Drafts>({});
+  const sent = useRef<Drafts>({});
   const barred = useWriteBar();
   const name = `tuning.${loop.id}`;
   const view = useCell(slot(name));
   const pending = view?.phase === "pending";
-
-  useEffect(() => {
-    if (view?.phase === "accepted" || view?.phase === "applied") setDrafts({});
-  }, [view?.phase, view?.key]);
+  // As in Entry.
+  const drafts = view?.stored ? Object.fromEntries(Object.entries(typed).filter(([ref, draft]) => draft !== sent.current[ref])) : typed;
 
   const changes = loop.tuning.flatMap((ref, i) => {
     const draft = drafts[ref];
@@ -91,12 +90,13 @@ export function Tuning({loop}: {loop: Loop}): JSX.Element {
 
   const apply = (again = false): void => {
     if (!ready) return;
+    sent.current = drafts;
     const values = changes.map(({id, value, seq, ref}) => ({id, value, seq: again ? live(ref).value.seq : seq}));
     const text = changes.map(({label, ref, value}) => `${label} ${plain(live(ref).value.value)} → ${plain(value)}`).join(", ");
     void send(name, "tuning", {values}, text);
   };
   const revert = (): void => {
-    setDrafts({});
+    setTyped({});
     if (view && !pending) forget(name);
   };
 
@@ -132,7 +132,7 @@ export function Tuning({loop}: {loop: Loop}): JSX.Element {
               draft={drafts[ref]}
               disabled={barred != null || pending}
               edit={(text, seq) => {
-                setDrafts({...drafts, [ref]: {text, seq}});
+                setTyped({...drafts, [ref]: {text, seq}});
                 if (view && !pending) forget(name);
               }}
             />
