@@ -9,8 +9,10 @@ export APC_CONFIG=$work/fast.conf APC_SPOOL=$work/spool
 newest() { sql "SELECT value FROM apc.$1 WHERE id = 1 ORDER BY seq DESC LIMIT 1"; }
 rows() { sql "SELECT count(*) FROM apc.$1"; }
 more_rows() { [ "$(rows "$1")" -gt "$2" ]; }
-# event TEXT COUNT: so many events like this are on record
-events() { [ "$(sql "SELECT count(*) FROM apc.event WHERE text LIKE '%$1%'")" -ge "$2" ]; }
+# count TEXT: how many events like this are on record; events TEXT N: at least N; again TEXT N: more than N
+count() { sql "SELECT count(*) FROM apc.event WHERE text LIKE '%$1%'"; }
+events() { [ "$(count "$1")" -ge "$2" ]; }
+again() { [ "$(count "$1")" -gt "$2" ]; }
 near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN {d = a - b; exit !(d < t && d > -t)}'; }
 
 start() { background "$1" "$APC_BIN/$1" "${@:2}"; }
@@ -49,8 +51,9 @@ until_true 20 events 'plant takes commands' 1
 # the loop settles; then the controller dies: the plant trips, a new controller goes on where the old one stopped
 settled() { near "$(newest sensor)" "$(newest setpoint)" 0.1; }
 until_true 30 settled
+safe=$(count 'safe value') taken=$(count 'plant takes commands')
 kill -9 "$controller"
-until_true 10 events 'safe value' 1
+until_true 10 again 'safe value' "$safe"
 before=$(newest actuator)
 start apc-controller
 controller=$pid
@@ -59,22 +62,23 @@ until_true 10 more_rows actuator "$n"
 until_true 10 events 'resuming from the stored state' 1
 near "$(sql "SELECT value FROM apc.actuator WHERE id = 1 AND seq = $n + 1")" "$before" 0.5 ||
   fail "u went from $before to $(sql "SELECT value FROM apc.actuator WHERE id = 1 AND seq = $n + 1")"
-until_true 10 events 'plant takes commands' 2
+until_true 10 again 'plant takes commands' "$taken"
 
 # the client dies
+safe=$(count 'safe value') taken=$(count 'plant takes commands')
 kill -9 "$client"
-until_true 10 events 'safe value' 2
+until_true 10 again 'safe value' "$safe"
 start apc-client
 client=$pid
-until_true 10 events 'plant takes commands' 3
+until_true 10 again 'plant takes commands' "$taken"
 
 # the client is stopped for a while: the plant trips, no tick is made up for
-n=$(rows actuator)
+n=$(rows actuator) safe=$(count 'safe value') taken=$(count 'plant takes commands')
 kill -STOP "$client"
-until_true 10 events 'safe value' 3
+until_true 10 again 'safe value' "$safe"
 until_true 10 more_rows actuator $((n + 5)) # twenty periods of the client
 kill -CONT "$client"
-until_true 10 events 'plant takes commands' 4
+until_true 10 again 'plant takes commands' "$taken"
 until_true 15 events 'ticks missed' 1
 until_true 10 events '10 ticks or more missed in a row' 1
 until_true 10 events 'ticks are on time again' 1
@@ -82,10 +86,11 @@ until_true 10 events 'ticks are on time again' 1
 # the plant dies: the client says so once, holds no old command, and finds the new one by itself
 lost() { sql "SELECT count(*) FROM apc.event WHERE text LIKE 'plant lost%refused%'"; }
 n=$(lost) # a client that was up before the plant has said it once already
+taken=$(count 'plant takes commands')
 kill -9 "$plant"
 until_true 10 events 'plant lost%' 1
 start apc-plant --store postgresql:
-until_true 10 events 'plant takes commands' 5
+until_true 10 again 'plant takes commands' "$taken"
 [ "$(lost)" -le $((n + 1)) ] || fail "the lost plant was said $(($(lost) - n)) times"
 
 # the database drops every connection: no measurement is lost or doubled
