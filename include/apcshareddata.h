@@ -97,7 +97,7 @@ struct apc_spool_stats {
     uint64_t refused;         /**< samples and events: full, or the disk would not. Never acknowledged */
     uint64_t torn;            /**< bytes of a last, unfinished record, cut off when it was opened */
     int blocked;      /**< the error with which the store, which is there, refuses what is next; or 0 */
-    uint64_t damaged; /**< times that the file was set aside ... */
+    uint64_t damaged; /**< times that the file was set aside; by apc_spool_look(): 1 if it has to be ... */
     char aside[256];  /**< ... and as what, the last time */
 };
 
@@ -144,8 +144,9 @@ struct apc_spool_info {
     char writer[64], store[256]; /**< whose, and for which store, without secrets */
     struct apc_spool_stats stats;
 };
-/** Look into a spool that another process may have in use. [setup] Returns 0, APC_ENOTFOUND, APC_ESYS,
- * APC_EINVAL: it is none. */
+/** Look into a spool that another process may have in use. Behind what is damaged, too: then stats.damaged is
+ * 1. [setup] Returns 0, APC_ENOTFOUND, APC_ESYS, APC_EPROTO: its header is damaged, APC_EINVAL: it is none.
+ */
 APC_API int apc_spool_look(const char *file, struct apc_spool_info *info, struct apc_error *why);
 
 /*

@@ -329,7 +329,10 @@ static int follow(struct run *r, const sigset_t *signals)
 static int drain_and_export(const struct run *r, apc_ns since, apc_ns until, struct apc_error *why)
 {
     int rc = spools_drain(r->dir, r->cli.store, r->cli.timeout, why);
-    return rc < 0 ? rc : folder_export(r->dir, r->store, &r->e, r->start, since, until, why);
+    if (rc < 0 && rc != APC_EPROTO) /* what is damaged is no reason not to give the rest */
+        return rc;
+    int err = folder_export(r->dir, r->store, &r->e, r->start, since, until, why);
+    return err < 0 ? err : rc;
 }
 
 /* The store may just be away: nobody wants to lose a run for that. */

@@ -61,6 +61,11 @@ static int drain_one(const char *path, const char *writer, const char *uri, apc_
         apc_fail(why, rc, "%llu samples and %llu events wait in %.200s: %.250s",
                  (unsigned long long)stats.spool.samples, (unsigned long long)stats.spool.events, path,
                  apc_store_error(store));
+    else if (stats.spool.damaged)
+        rc = apc_fail(why, APC_EPROTO,
+                      "%.200s was damaged: what could be read of it is stored (%llu samples and events), the "
+                      "rest is lost unless it is mended in %.200s, which is the file as it was",
+                      path, (unsigned long long)stats.spool.drained, stats.spool.aside);
     apc_store_close(store);
     return rc;
 }

@@ -328,8 +328,9 @@ static void json_spools(const struct status *s)
         const struct apc_spool_stats *w = &s->spools.info[i].stats;
         fputs(i == 0 ? "\n{" : ",\n{", stdout);
         print_json_text(stdout, "writer", s->spools.info[i].writer);
-        printf(",\"samples\":%llu,\"events\":%llu,\"bytes\":%llu,\"age_s\":", (unsigned long long)w->samples,
-               (unsigned long long)w->events, (unsigned long long)w->bytes);
+        printf(",\"samples\":%llu,\"events\":%llu,\"bytes\":%llu,\"damaged\":%s,\"age_s\":",
+               (unsigned long long)w->samples, (unsigned long long)w->events, (unsigned long long)w->bytes,
+               w->damaged ? "true" : "false");
         if (w->oldest)
             printf("%.3f}", apc_ns_to_s(s->now - w->oldest));
         else
@@ -380,6 +381,11 @@ int command_status(int argc, char **argv)
     status.now = apc_clock_utc(NULL);
     if (dir && *dir && spools_look(&status.spools, dir, &why) < 0)
         cli_error(&cli, 0, "%s", why.text);
+    for (size_t i = 0; i < status.spools.n; i++) {
+        if (status.spools.info[i].stats.damaged)
+            cli_error(&cli, 0, "%s is damaged: what can be read of it is counted, and apc drain stores it",
+                      status.spools.path[i]);
+    }
     int rc = cli_open(&cli, &store);
     if (rc == 0)
         rc = load(&cli, store, &status);

@@ -7,7 +7,11 @@
  *
  *   header   0 "apcspool"  8 version  12 CRC-32C of 16 to 2128  16 writer[64]  80 store[2048]
  *            4080 head  4088 CRC-32C of the head
- *   record   0 magic  4 CRC-32C of all that follows  8 kind  12 count  16 items
+ *   record   0 magic  4 CRC-32C of the items  8 kind (1 byte)  9 count (3 bytes)
+ *            12 CRC-32C of what stands before it  16 items
+ *
+ * So a head that is whole but for its record's end was cut short by a crash, and any other is damage. Records
+ * of version 1 (their own magic  4 CRC-32C of all that follows  8 kind  12 count  16 items) are still read.
  *
  * The head is where the first record lies that is still to be drained; what is before it is a hole. A record
  * is on disk before it is acknowledged; the head is on disk before the hole is made; the file is cut back to
@@ -101,6 +105,10 @@ void apc_spool_count(struct apc_spool_file *file, const struct apc_spool_record 
  * whole, or none. The name is in @p why, also on success. */
 int apc_spool_set_aside(struct apc_spool_file *file, const char *suffix, bool keep_records,
                         struct apc_error *why);
+/** The next whole record from @p at on; false when there is none. */
+bool apc_spool_find(struct apc_spool_file *file, uint64_t at, struct apc_spool_record *record);
+/** Is what lies at @p at, and is no record, the last one, cut short? */
+bool apc_spool_torn(struct apc_spool_file *file, uint64_t at);
 /** Go through the records from the head on: cut off a torn tail, set a damaged file aside. */
 int apc_spool_recover(struct apc_spool_file *file, apc_spool_fn fn, void *ctx, struct apc_error *why);
 

@@ -22,8 +22,9 @@
 
 #include "shareddata/spool.h"
 
-#define VERSION 1
-#define MAGIC   0x5a7c0e1du /* of a record */
+#define VERSION   2
+#define MAGIC     0x5a7c0e1eu /* of a record */
+#define OLD_MAGIC 0x5a7c0e1du /* of one in a file of version 1 */
 
 enum { SAMPLE = 56, EVENT = 272, BATCH = 1000 };
 enum { AT_VERSION = 8, AT_CRC = 12, AT_WRITER = 16, AT_STORE = 80, AT_TEXT_END = 2128, AT_HEAD = 4080 };
@@ -185,26 +186,42 @@ size_t apc_spool_record_size(enum apc_spool_kind kind, size_t n)
     return APC_SPOOL_RECORD + n * (kind == APC_SPOOL_EVENTS ? EVENT : SAMPLE);
 }
 
+/* What the head in the buffer says of its record. */
+static int read_head(const struct apc_spool_file *file, struct apc_spool_record *record)
+{
+    const unsigned char *h = file->buffer;
+    const uint64_t magic_number = get_bits(h, 4);
+    if (magic_number == OLD_MAGIC) {
+        record->kind = (enum apc_spool_kind)get_bits(h + 8, 4);
+        record->n = (uint32_t)get_bits(h + 12, 4);
+    } else {
+        record->kind = (enum apc_spool_kind)h[8];
+        record->n = (uint32_t)get_bits(h + 9, 3);
+    }
+    bool known =
+        magic_number == OLD_MAGIC || (magic_number == MAGIC && crc_of(file, h, 12) == get_bits(h + 12, 4));
+    if (!known || record->kind < APC_SPOOL_SAMPLES || record->kind > APC_SPOOL_BASE || record->n < 1 ||
+        record->n > APC_STORE_SAMPLES_MAX) {
+        record->n = 0;
+        return APC_EPROTO;
+    }
+    return 0;
+}
+
 int apc_spool_record_read(struct apc_spool_file *file, uint64_t at, struct apc_spool_record *record)
 {
     *record = (struct apc_spool_record){.at = at};
-    if (!read_at(file->fd, file->buffer, APC_SPOOL_RECORD, at) || get_bits(file->buffer, 4) != MAGIC) {
+    if (!read_at(file->fd, file->buffer, APC_SPOOL_RECORD, at) || read_head(file, record) != 0) {
         return APC_EPROTO;
     }
-    record->kind = (enum apc_spool_kind)get_bits(file->buffer + 8, 4);
-    uint64_t n = get_bits(file->buffer + 12, 4);
-    if (record->kind < APC_SPOOL_SAMPLES || record->kind > APC_SPOOL_BASE || n < 1 ||
-        n > APC_STORE_SAMPLES_MAX) {
-        return APC_EPROTO;
-    }
-    record->n = (uint32_t)n;
     size_t size = apc_spool_record_size(record->kind, record->n);
     int err = reserve(file, size);
     if (err) {
         return err;
     }
+    const size_t from = get_bits(file->buffer, 4) == OLD_MAGIC ? 8 : APC_SPOOL_RECORD;
     if (!read_at(file->fd, file->buffer + APC_SPOOL_RECORD, size - APC_SPOOL_RECORD, at + APC_SPOOL_RECORD) ||
-        crc_of(file, file->buffer + 8, size - 8) != get_bits(file->buffer + 4, 4)) {
+        crc_of(file, file->buffer + from, size - from) != get_bits(file->buffer + 4, 4)) {
         return APC_EPROTO;
     }
     return 0;
@@ -284,9 +301,13 @@ static int read_header(struct apc_spool_file *file, uint64_t size, struct apc_er
         return apc_fail(why, APC_EINVAL, "%s is there, and is no spool of libapc: give another name",
                         file->path);
     }
-    if (get_bits(h + AT_VERSION, 4) != VERSION) {
-        return apc_fail(why, APC_EINVAL, "spool %s is of version %u, this library knows %d", file->path,
-                        (unsigned)get_bits(h + AT_VERSION, 4), VERSION);
+    const uint64_t version = get_bits(h + AT_VERSION, 4);
+    if (version < 1 || version > VERSION) {
+        return apc_fail(
+            why, APC_EINVAL,
+            "spool %s is of version %u, this library knows up to %d: drain it with the libapc that "
+            "wrote it, or move it away",
+            file->path, (unsigned)version, VERSION);
     }
     if (crc_of(file, h + AT_WRITER, AT_TEXT_END - AT_WRITER) != get_bits(h + AT_CRC, 4)) {
         return apc_fail(why, APC_EPROTO,
@@ -363,13 +384,22 @@ static int open_locked(struct apc_spool_file *file, uint64_t *size, struct apc_e
     return 0;
 }
 
+/* Records are going to be written as they are now: an older library must not take them for damage. */
+static int raise_version(struct apc_spool_file *file, struct apc_error *why)
+{
+    unsigned char version[4];
+    put_bits(version, VERSION, sizeof version);
+    return write_at(file->fd, version, sizeof version, AT_VERSION) ? 0 : sick(file, "cannot be written", why);
+}
+
 /* A header that was never whole belongs to a writer that died while it made the file. */
 static int open_header(struct apc_spool_file *file, uint64_t size, const char *writer, const char *store,
                        struct apc_error *why)
 {
     int err = size > 0 ? read_header(file, size, why) : 0;
     if (err == 0 && size > APC_SPOOL_HEADER) {
-        return check_owner(file, writer, store, why);
+        err = check_owner(file, writer, store, why);
+        return err ? err : raise_version(file, why);
     }
     if (err && err != APC_EPROTO) {
         return err;
@@ -429,10 +459,29 @@ void apc_spool_close(struct apc_spool_file *file)
     free(file->buffer);
 }
 
+/* Count what waits, also behind what is damaged. */
+static void look_through(struct apc_spool_file *file)
+{
+    struct apc_spool_record record;
+    for (uint64_t at = file->head; at < file->end;
+         at = record.at + apc_spool_record_size(record.kind, record.n)) {
+        bool found = apc_spool_find(file, at, &record);
+        if (found ? record.at != at : !apc_spool_torn(file, at)) {
+            file->stats.damaged = 1;
+        }
+        if (!found) {
+            return;
+        }
+        if (file->stats.oldest == 0 && record.kind != APC_SPOOL_BASE) {
+            file->stats.oldest = first_time(file, &record);
+        }
+        apc_spool_count(file, &record, 1);
+    }
+}
+
 int apc_spool_look(const char *path, struct apc_spool_info *info, struct apc_error *why)
 {
     struct apc_spool_file file = {.fd = -1};
-    struct apc_spool_record record;
     struct stat st;
     int err = 0;
     if (!path || !info || strlen(path) >= sizeof file.path) {
@@ -446,28 +495,24 @@ int apc_spool_look(const char *path, struct apc_spool_info *info, struct apc_err
         return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "spool %s cannot be opened: %s",
                         path, strerror(errno));
     }
-    if (reserve(&file, APC_SPOOL_HEADER) || fstat(file.fd, &st) != 0) {
-        err = apc_fail(why, APC_ESYS, "spool %s cannot be read", path);
-        goto out;
+    if (reserve(&file, APC_SPOOL_HEADER) != 0) {
+        err = apc_fail(why, APC_ENOMEM, "out of memory");
     }
-    if (!S_ISREG(st.st_mode)) {
-        err = apc_fail(why, APC_EINVAL, "spool %s is no regular file", path);
-        goto out;
-    }
-    if (st.st_size >= APC_SPOOL_HEADER) { /* else its writer has just begun it */
-        err = read_header(&file, (uint64_t)st.st_size, why);
-    }
-    for (uint64_t at = file.head; !err && at && apc_spool_record_read(&file, at, &record) == 0;
-         at += apc_spool_record_size(record.kind, record.n)) {
-        if (file.stats.oldest == 0 && record.kind != APC_SPOOL_BASE) {
-            file.stats.oldest = first_time(&file, &record);
+    /* What its writer drains just now looks like damage, but not the next time. */
+    for (int tries = 0; !err && tries < 3 && (tries == 0 || file.stats.damaged); tries++) {
+        file.stats = (struct apc_spool_stats){0};
+        if (fstat(file.fd, &st) != 0 || !S_ISREG(st.st_mode)) {
+            err = apc_fail(why, APC_EINVAL, "spool %s is no regular file", path);
+        } else if (st.st_size >= APC_SPOOL_HEADER) { /* else its writer has just begun it */
+            err = read_header(&file, (uint64_t)st.st_size, why);
         }
-        apc_spool_count(&file, &record, 1);
+        if (!err) {
+            look_through(&file);
+        }
     }
     info->stats = file.stats;
     snprintf(info->writer, sizeof info->writer, "%s", file.writer);
     snprintf(info->store, sizeof info->store, "%.*s", (int)sizeof info->store - 1, file.store);
-out:
     free(file.buffer);
     close(file.fd);
     return err;
@@ -487,9 +532,6 @@ int apc_spool_put(struct apc_spool_file *file, enum apc_spool_kind kind, const v
     if (reserve(file, size)) {
         return apc_fail(why, APC_ENOMEM, "out of memory for a spool's record of %zu", n);
     }
-    put_bits(file->buffer, MAGIC, 4);
-    put_bits(file->buffer + 8, kind, 4);
-    put_bits(file->buffer + 12, n, 4);
     for (size_t i = 0; i < n; i++) {
         if (kind == APC_SPOOL_EVENTS) {
             put_event(file->buffer + APC_SPOOL_RECORD + i * EVENT, (const struct apc_event *)items + i);
@@ -497,7 +539,11 @@ int apc_spool_put(struct apc_spool_file *file, enum apc_spool_kind kind, const v
             put_sample(file->buffer + APC_SPOOL_RECORD + i * SAMPLE, (const struct apc_sample *)items + i);
         }
     }
-    put_bits(file->buffer + 4, crc_of(file, file->buffer + 8, size - 8), 4);
+    put_bits(file->buffer, MAGIC, 4);
+    put_bits(file->buffer + 4, crc_of(file, file->buffer + APC_SPOOL_RECORD, size - APC_SPOOL_RECORD), 4);
+    put_bits(file->buffer + 8, kind, 1);
+    put_bits(file->buffer + 9, n, 3);
+    put_bits(file->buffer + 12, crc_of(file, file->buffer, 12), 4);
     if (!write_at(file->fd, file->buffer, size, file->end) || fdatasync(file->fd) != 0) {
         int err = sick(file, "cannot be written: what comes now is lost", why);
         (void)!ftruncate(file->fd, (off_t)file->end);

@@ -14,8 +14,8 @@
 
 #include "shareddata/spool.h"
 
-/* The next whole record from @p at on; false when there is none. A record's size is a multiple of eight. */
-static bool find_record(struct apc_spool_file *file, uint64_t at, struct apc_spool_record *record)
+/* A record's size is a multiple of eight. */
+bool apc_spool_find(struct apc_spool_file *file, uint64_t at, struct apc_spool_record *record)
 {
     while (at < file->end && apc_spool_record_read(file, at, record) != 0) {
         at += 8;
@@ -23,20 +23,19 @@ static bool find_record(struct apc_spool_file *file, uint64_t at, struct apc_spo
     return at < file->end;
 }
 
-/* What lies at the end, and is no record: one that was cut short? */
-static bool is_torn(struct apc_spool_file *file, uint64_t at)
+bool apc_spool_torn(struct apc_spool_file *file, uint64_t at)
 {
     struct apc_spool_record record;
     (void)apc_spool_record_read(file, at, &record);
     return file->end - at < APC_SPOOL_RECORD ||
            (record.n > 0 && at + apc_spool_record_size(record.kind, record.n) > file->end &&
-            !find_record(file, at + 8, &record));
+            !apc_spool_find(file, at + 8, &record));
 }
 
 static int copy_records(struct apc_spool_file *file, int to, uint64_t *end)
 {
     struct apc_spool_record record;
-    for (uint64_t at = file->head; find_record(file, at, &record);) {
+    for (uint64_t at = file->head; apc_spool_find(file, at, &record);) {
         size_t size = apc_spool_record_size(record.kind, record.n);
         if (pwrite(to, file->buffer, size, (off_t)*end) != (ssize_t)size) {
             return APC_ESTORE;
@@ -121,7 +120,7 @@ int apc_spool_recover(struct apc_spool_file *file, apc_spool_fn fn, void *ctx, s
 {
     int err = 0;
     uint64_t good = go_through(file, fn, ctx, &err);
-    if (!err && good < file->end && !is_torn(file, good)) {
+    if (!err && good < file->end && !apc_spool_torn(file, good)) {
         file->stats.damaged++;
         err = apc_spool_set_aside(file, "damaged", true, why);
         if (!err) {
