@@ -169,7 +169,9 @@ enum apc_table {
     APC_SENSOR = 1, /**< y, written by the client */
     APC_ACTUATOR,   /**< u, written by the controller */
     APC_SETPOINT,   /**< z-bar, written by the scheduler and the operator */
-    APC_DIM,        /**< ids 1..3: number of measurements, setpoints, manipulated variables */
+    APC_DIM,        /**< ids 1..3: number of measurements, setpoints, manipulated variables; then two ids
+                         for each output, the first being 4 and 5: the measurement that it controls, and the
+                         setpoint that it controls it to (0: none), as the law pairs them */
     APC_OPMODE,     /**< id 0 target mode (operator), id 1 actual mode (controller) */
     APC_TUNING,     /**< parameters of the law, written by the operator */
     APC_MANUAL,     /**< the operator's outputs, used in mode Man */

@@ -68,7 +68,12 @@ struct apc_law_size {
     size_t constants, states;
 };
 
-#define APC_LAW_ABI 1u
+/** The measurement and the setpoint of an output, from 1; setpoint 0: there is none. */
+struct apc_pair {
+    size_t measurement, setpoint;
+};
+
+#define APC_LAW_ABI 2u
 
 /**
  * NULL is allowed where it says so. All functions but configure are [tick]: no allocation, no I/O, no clock.
@@ -94,6 +99,12 @@ struct apc_law {
      */
     int (*configure)(const struct apc_law_setup *setup, struct apc_law_size *size, double *constant,
                      struct apc_error *why);
+    /**
+     * Which measurement each output controls, and to which setpoint: @p pair [nu]. NULL: output i has number
+     * i of both, or the first where there are fewer. For who shows and judges loops. [setup] Returns 0, or a
+     * negative error with the reason.
+     */
+    int (*pairing)(const struct apc_law_setup *setup, struct apc_pair *pair, struct apc_error *why);
 };
 
 /**
@@ -102,6 +113,13 @@ struct apc_law {
  * [setup] Returns 0, APC_ENOTFOUND (names the laws there are), APC_EINVAL (other ABI, no compute).
  */
 APC_API int apc_law_find(const char *name, const struct apc_law **law, void **handle, struct apc_error *why);
+
+/**
+ * What belongs to each output, as the law says: @p pair [nu]. [setup] Returns 0, or APC_EINVAL with the
+ * reason: the law refuses the settings, or names what there is not.
+ */
+APC_API int apc_law_pairing(const struct apc_law *law, const struct apc_law_setup *setup,
+                            struct apc_pair *pair, struct apc_error *why);
 
 /** The setting of that name, or NULL. [setup] */
 APC_API const struct apc_setting *apc_setting_find(const struct apc_law_setup *setup, const char *name);

@@ -46,7 +46,8 @@ static size_t output_tags(const struct experiment *e, size_t i, struct apc_tag *
 static int put_tags(struct apc_store *store, const struct experiment *e)
 {
     const struct apc_dim *dim = &e->dim;
-    size_t n = 0, most = dim->ny + dim->nz + dim->nu * (2 + e->controller.law->n_tuning) + 5;
+    size_t n = 0, most = dim->ny + dim->nz + dim->nu * (4 + e->controller.law->n_tuning) + 5;
+    char name[APC_TAG_LEN];
     struct apc_tag *tag = calloc(most, sizeof *tag);
     if (!tag)
         return APC_ENOMEM;
@@ -57,6 +58,13 @@ static int put_tags(struct apc_store *store, const struct experiment *e)
     for (size_t i = 0; i < dim->nu; i++) {
         tag[n++] = e->u[i].tag;
         n += output_tags(e, i, tag + n);
+    }
+    for (size_t i = 0; i < dim->nu; i++) {
+        snprintf(name, sizeof name, "dim.u%zu.y", i + 1);
+        tag[n++] = plain_tag(APC_DIM, (int)(4 + 2 * i), name, "measurement that the output controls", 1, 1e6);
+        snprintf(name, sizeof name, "dim.u%zu.z", i + 1);
+        tag[n++] =
+            plain_tag(APC_DIM, (int)(5 + 2 * i), name, "setpoint that it controls it to; 0: none", 0, 1e6);
     }
     tag[n++] = plain_tag(APC_DIM, 1, "dim.y", "number of measurements", 1, 1e6);
     tag[n++] = plain_tag(APC_DIM, 2, "dim.z", "number of setpoints", 1, 1e6);
@@ -86,17 +94,42 @@ static int put_values(struct apc_store *store, struct apc_sample *wanted, size_t
     return rc < 0 ? rc : 0;
 }
 
+/* Of table dim: how many there are of each, and what the law says that each output controls. */
+static int put_dimensions(struct apc_store *store, const struct experiment *e, apc_ns now)
+{
+    const size_t nu = e->dim.nu, n = 3 + 2 * nu;
+    const struct apc_law_setup setup = experiment_law_setup(e);
+    struct apc_sample *wanted = calloc(n, sizeof *wanted);
+    struct apc_pair *pair = calloc(nu, sizeof *pair);
+    int rc = wanted && pair ? apc_law_pairing(e->controller.law, &setup, pair, NULL) : APC_ENOMEM;
+
+    for (size_t i = 0; rc == 0 && i < n; i++)
+        wanted[i] = (struct apc_sample){.table = APC_DIM, .id = (int)i + 1, .time = now};
+    if (rc == 0) {
+        wanted[0].value = (double)e->dim.ny;
+        wanted[1].value = (double)e->dim.nz;
+        wanted[2].value = (double)nu;
+        for (size_t i = 0; i < nu; i++) {
+            wanted[3 + 2 * i].value = (double)pair[i].measurement;
+            wanted[4 + 2 * i].value = (double)pair[i].setpoint;
+        }
+        rc = put_values(store, wanted, n, PROVISION_RESET);
+    }
+    free(pair);
+    free(wanted);
+    return rc;
+}
+
 int provision(struct apc_store *store, const struct experiment *e, enum provision how)
 {
-    const double dim[3] = {(double)e->dim.ny, (double)e->dim.nz, (double)e->dim.nu};
     size_t tunings = e->dim.nu * e->controller.law->n_tuning;
     apc_ns now = apc_clock_utc(NULL);
-    struct apc_sample *wanted = calloc(tunings + 4, sizeof *wanted);
-    if (!wanted)
-        return APC_ENOMEM;
-    for (int i = 0; i < 3; i++)
-        wanted[i] = (struct apc_sample){.table = APC_DIM, .id = i + 1, .time = now, .value = dim[i]};
-    int rc = put_values(store, wanted, 3, PROVISION_RESET);
+    struct apc_sample *wanted = calloc(tunings + 1, sizeof *wanted);
+    int rc = wanted ? put_dimensions(store, e, now) : APC_ENOMEM;
+    if (rc < 0) {
+        free(wanted);
+        return rc;
+    }
     for (size_t i = 0; i < tunings; i++)
         wanted[i] = (struct apc_sample){
             .table = APC_TUNING, .id = (int)i + 1, .time = now, .value = e->controller.tuning[i]};

@@ -20,6 +20,13 @@ int apc_setting_indices(const struct apc_law_setup *setup, const char *name, siz
 int apc_setting_amounts(const struct apc_law_setup *setup, const char *name, size_t n, double *to,
                         struct apc_error *why);
 
+/**
+ * The pairing of a law whose constants begin with vectors [nu] of numbers from 1: the one at @p measurement
+ * and the one at @p setpoint. Returns 0, or an error of its configure, or APC_ENOMEM.
+ */
+int apc_law_pairing_of(const struct apc_law *law, const struct apc_law_setup *setup, size_t measurement,
+                       size_t setpoint, struct apc_pair *pair, struct apc_error *why);
+
 /** @p u within @p low and @p high (high wins); adds to *@p limited what was cut. [tick] */
 double apc_law_cut(double u, double low, double high, unsigned *limited);
 

@@ -4,6 +4,7 @@
 #include "control/control_internal.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 int apc_law_check(const struct apc_law *law, const char *from, struct apc_error *why)
@@ -32,6 +33,48 @@ int apc_law_check_settings(const struct apc_law *law, const struct apc_law_setup
                             setup->setting[i].name);
     }
     return 0;
+}
+
+int apc_law_pairing(const struct apc_law *law, const struct apc_law_setup *setup, struct apc_pair *pair,
+                    struct apc_error *why)
+{
+    const struct apc_dim *d = &setup->dim;
+    int rc;
+
+    for (size_t i = 0; i < d->nu; i++)
+        pair[i] = (struct apc_pair){.measurement = i < d->ny ? i + 1 : 1,
+                                    .setpoint = i < d->nz ? i + 1 : d->nz > 0};
+    rc = law->pairing ? law->pairing(setup, pair, why) : 0;
+    if (rc < 0)
+        return rc;
+    for (size_t i = 0; i < d->nu; i++) {
+        if (pair[i].measurement < 1 || pair[i].measurement > d->ny || pair[i].setpoint > d->nz)
+            return apc_fail(why, APC_EINVAL,
+                            "law %s: output %zu would control measurement %zu to setpoint %zu, but there are "
+                            "%zu and %zu",
+                            law->name, i + 1, pair[i].measurement, pair[i].setpoint, d->ny, d->nz);
+    }
+    return 0;
+}
+
+int apc_law_pairing_of(const struct apc_law *law, const struct apc_law_setup *setup, size_t measurement,
+                       size_t setpoint, struct apc_pair *pair, struct apc_error *why)
+{
+    const size_t nu = setup->dim.nu;
+    struct apc_law_size size;
+    int rc = law->configure(setup, &size, NULL, why);
+    double *k;
+
+    if (rc < 0)
+        return rc;
+    k = calloc(size.constants, sizeof(*k));
+    if (!k)
+        return apc_fail(why, APC_ENOMEM, "law %s: no memory", law->name);
+    rc = law->configure(setup, &size, k, why);
+    for (size_t i = 0; i < nu && rc == 0; i++)
+        pair[i] = (struct apc_pair){(size_t)k[measurement * nu + i], (size_t)k[setpoint * nu + i]};
+    free(k);
+    return rc;
 }
 
 const struct apc_setting *apc_setting_find(const struct apc_law_setup *setup, const char *name)

@@ -299,6 +299,14 @@ static void assemble(struct design *d, const struct layout *at, double *k)
     k[1] = (double)s->ns;
 }
 
+/* The measurement of each setpoint, from 1. */
+static int controlled_measurements(const struct apc_law_setup *setup, double *to, struct apc_error *why)
+{
+    for (size_t i = 0; i < setup->dim.nz; i++)
+        to[i] = (double)i + 1.0;
+    return apc_setting_indices(setup, "measurement", setup->dim.nz, 1, setup->dim.ny, to, why);
+}
+
 static int make(struct design *d, const struct layout *at, double *k, struct apc_error *why)
 {
     const struct sizes *s = &d->s;
@@ -316,9 +324,7 @@ static int make(struct design *d, const struct layout *at, double *k, struct apc
     d->Aa = matrix(d, s->n, s->n);
     d->Ba = matrix(d, s->n, s->nu);
     d->controlled = matrix(d, s->nz, 1);
-    for (size_t i = 0; i < s->nz; i++)
-        d->controlled[i] = (double)i + 1.0;
-    rc = apc_setting_indices(d->setup, "measurement", s->nz, 1, s->ny, d->controlled, why);
+    rc = controlled_measurements(d->setup, d->controlled, why);
     if (rc == 0)
         rc = sample(d, why);
     if (rc < 0)
@@ -395,6 +401,23 @@ static int configure(const struct apc_law_setup *setup, struct apc_law_size *siz
     rc = make(&d, &at, k, &reason);
     free(d.memory);
     return rc < 0 ? apc_fail(why, rc, "law lqg: %s", reason.text) : 0;
+}
+
+static int pairing(const struct apc_law_setup *setup, struct apc_pair *pair, struct apc_error *why)
+{
+    double *controlled;
+    int rc = check(setup, why);
+
+    if (rc < 0)
+        return rc;
+    controlled = calloc(setup->dim.nz, sizeof(*controlled));
+    if (!controlled)
+        return apc_fail(why, APC_ENOMEM, "law lqg: no memory");
+    rc = controlled_measurements(setup, controlled, why);
+    for (size_t i = 0; i < setup->dim.nz && rc == 0; i++)
+        pair[i] = (struct apc_pair){(size_t)controlled[i], i + 1};
+    free(controlled);
+    return rc;
 }
 
 /* ---- The tick --------------------------------------------------------------------------------------- */
@@ -504,4 +527,5 @@ const struct apc_law apc_law_lqg = {
     .track = track,
     .settings = settings,
     .configure = configure,
+    .pairing = pairing,
 };

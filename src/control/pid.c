@@ -61,6 +61,11 @@ static int configure(const struct apc_law_setup *s, struct apc_law_size *size, d
     return rc;
 }
 
+static int pairing(const struct apc_law_setup *s, struct apc_pair *pair, struct apc_error *why)
+{
+    return apc_law_pairing_of(&apc_law_pid, s, MEASUREMENT, SETPOINT, pair, why);
+}
+
 static void reset(struct apc_law_call *c)
 {
     for (size_t i = 0; i < c->dim.nu; i++) {
@@ -109,4 +114,5 @@ const struct apc_law apc_law_pid = {
     .track = track,
     .settings = settings,
     .configure = configure,
+    .pairing = pairing,
 };

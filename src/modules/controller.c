@@ -96,9 +96,12 @@ static int configure(struct apc_controller *c, const struct apc_controller_optio
     c->n_x = size.states;
     c->n_constant = size.constants;
     c->constant = calloc(c->n_constant + 1, sizeof(*c->constant));
-    if (!c->constant)
+    c->pair = calloc(c->dim.nu, sizeof(*c->pair));
+    if (!c->constant || !c->pair)
         return apc_fail(why, APC_ENOMEM, "controller: no memory");
-    rc = law->configure ? law->configure(&setup, &size, c->constant, why) : 0;
+    rc = apc_law_pairing(law, &setup, c->pair, why);
+    if (rc == 0 && law->configure)
+        rc = law->configure(&setup, &size, c->constant, why);
     if (rc == 0 && !apc_values_ok(c->constant, c->n_constant))
         rc = apc_fail(why, APC_EINVAL, "controller: law %s made a constant that is no finite number",
                       law->name);
@@ -162,6 +165,7 @@ void apc_controller_destroy(struct apc_controller *controller)
 {
     if (!controller)
         return;
+    free(controller->pair);
     free(controller->constant);
     free(controller->limited);
     free(controller->fresh);

@@ -170,8 +170,8 @@ static size_t put_actuators(struct apc_controller *c, apc_ns utc, apc_status sta
         if (c->by_law) {
             if (status == APC_GOOD)
                 out[i].status = limit_status(c->limited[i]);
-            out[i].sensor_seq = c->y_seq[i < d->ny ? i : 0];
-            out[i].setpoint_seq = d->nz ? c->z_seq[i < d->nz ? i : 0] : 0;
+            out[i].sensor_seq = c->y_seq[c->pair[i].measurement - 1];
+            out[i].setpoint_seq = c->pair[i].setpoint ? c->z_seq[c->pair[i].setpoint - 1] : 0;
         }
     }
     return d->nu;

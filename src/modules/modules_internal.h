@@ -56,6 +56,7 @@ struct apc_controller {
     size_t n_x, n_tuning; /* of the whole law: n_tuning of each output times nu */
     double *constant;     /* [n_constant] what the law was configured with */
     size_t n_constant;
+    struct apc_pair *pair;     /* [nu] what each output controls */
     double dim_mark, law_mark; /* whole numbers by which stored rows are known; see controller_rows.c */
     double Ts;
     apc_ns horizon, hold;

@@ -412,6 +412,15 @@ test_a_terminal_gets_a_table_and_colour_unless_told_not_to() {
   ! grep -q $'\033' "$work/out" || fail "$what: colour in a file"
 }
 
+test_init_says_what_the_law_pairs_each_output_with() {
+  local store="sqlite:$work/pairs.db"
+  sed 's/law = "pid";/law = "pid"; settings = { measurement = [2, 1]; setpoint = [1, 1]; };/' \
+    "$(dirname "$experiment")/quadruple-tank.conf" >"$work/pairs.conf"
+  run 0 init --store "$store" "$work/pairs.conf"
+  run 0 get --store "$store" --csv dim.u1.y dim.u1.z dim.u2.y dim.u2.z
+  equal "$(sed 1d "$work/out" | cut -d, -f3,5 | paste -sd ' ')" "4,2 5,1 6,1 7,1" "measurement and setpoint of each output"
+}
+
 test_text_from_the_store_cannot_drive_the_terminal() {
   sql "INSERT INTO apc.event (time, severity, source, kind, text)
          VALUES (now(), 3, E'x\033[31m', 'operator', E'say \"\033[2J\", then\nmore')"

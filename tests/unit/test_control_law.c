@@ -65,7 +65,7 @@ static void a_law_that_cannot_work_is_refused_with_the_reason(void **state)
     assert_int_equal(apc_law_check(&law, "x.so", &why), 0);
     law.abi = APC_LAW_ABI + 1;
     assert_int_equal(apc_law_check(&law, "x.so", &why), APC_EINVAL);
-    assert_non_null(strstr(why.text, "version 2"));
+    assert_non_null(strstr(why.text, "version 3"));
     law = good;
     law.compute = NULL;
     assert_int_equal(apc_law_check(&law, "x.so", &why), APC_EINVAL);
@@ -85,6 +85,88 @@ static void a_law_that_cannot_work_is_refused_with_the_reason(void **state)
     assert_int_equal(apc_law_check(&law, "x.so", &why), APC_EINVAL);
 }
 
+/* ---- Pairing --------------------------------------------------------------------------------- */
+
+static void assert_pairs(const struct apc_law *law, const struct apc_law_setup *setup,
+                         const struct apc_pair *expected)
+{
+    struct apc_pair pair[2] = {{9, 9}, {9, 9}};
+    struct apc_error why = {""};
+
+    if (apc_law_pairing(law, setup, pair, &why) < 0)
+        fail_msg("%s: %s", law->name, why.text);
+    for (size_t i = 0; i < setup->dim.nu; i++) {
+        assert_int_equal(pair[i].measurement, expected[i].measurement);
+        assert_int_equal(pair[i].setpoint, expected[i].setpoint);
+    }
+}
+
+static void a_law_that_says_nothing_is_paired_in_order(void **state)
+{
+    const struct apc_law law = {.abi = APC_LAW_ABI, .name = "mine", .compute = compute};
+    const struct apc_law_setup square = {.dim = {2, 2, 2}}, wide = {.dim = {1, 1, 2}},
+                               free = {.dim = {2, 0, 2}};
+
+    (void)state;
+    assert_pairs(&law, &square, (struct apc_pair[]){{1, 1}, {2, 2}});
+    assert_pairs(&law, &wide, (struct apc_pair[]){{1, 1}, {1, 1}});
+    assert_pairs(&law, &free, (struct apc_pair[]){{1, 0}, {2, 0}});
+}
+
+static void the_built_in_laws_are_paired_by_their_settings(void **state)
+{
+    static const double swapped[] = {2, 1}, same[] = {1, 1}, outer[] = {4, 2}, inner[] = {3, 1};
+    static const double A[] = {-1, 0, 0, -2}, one[] = {1, 0, 0, 1}, zero[4];
+    const struct apc_law_plant plant = {
+        .nx = 2, .A = A, .B = one, .C = one, .D = zero, .x0 = zero, .u0 = zero, .y0 = zero};
+    const struct apc_setting pid[] = {{"measurement", 2, swapped}, {"setpoint", 2, same}};
+    const struct apc_setting cascade[] = {{"outer", 2, outer}, {"inner", 2, inner}, {"setpoint", 2, swapped}};
+    struct apc_law_setup setup = {.dim = {2, 2, 2}, .Ts = 1.0, .setting = pid};
+
+    (void)state;
+    assert_pairs(&apc_law_pi, &setup, (struct apc_pair[]){{1, 1}, {2, 2}});
+    assert_pairs(&apc_law_pid, &setup, (struct apc_pair[]){{1, 1}, {2, 2}});
+    setup.n_setting = 1; /* the setpoint's number is the measurement's */
+    assert_pairs(&apc_law_pid, &setup, (struct apc_pair[]){{2, 2}, {1, 1}});
+    setup.n_setting = 2;
+    assert_pairs(&apc_law_pid, &setup, (struct apc_pair[]){{2, 1}, {1, 1}});
+    setup.n_setting = 1;
+    setup.plant = &plant; /* lqg: which measurement each setpoint is for */
+    assert_pairs(&apc_law_lqg, &setup, (struct apc_pair[]){{2, 1}, {1, 2}});
+    setup = (struct apc_law_setup){.dim = {4, 2, 2}, .Ts = 1.0, .n_setting = 3, .setting = cascade};
+    assert_pairs(&apc_law_cascade, &setup, (struct apc_pair[]){{4, 2}, {2, 1}});
+}
+
+static int beyond(const struct apc_law_setup *setup, struct apc_pair *pair, struct apc_error *why)
+{
+    (void)why;
+    pair[setup->dim.nu - 1] =
+        (struct apc_pair){(size_t)setup->setting->value[0], (size_t)setup->setting->value[1]};
+    return 0;
+}
+
+static void a_pairing_with_what_there_is_not_is_refused(void **state)
+{
+    const struct apc_law law = {.abi = APC_LAW_ABI, .name = "mine", .compute = compute, .pairing = beyond};
+    static const double pair[][2] = {{0, 1}, {3, 1}, {1, 2}};
+    static const double three[] = {3, 1};
+    const struct apc_setting unknown = {"measurement", 2, three};
+    struct apc_setting setting = {"pair", 2, NULL};
+    struct apc_law_setup setup = {.dim = {2, 1, 2}, .n_setting = 1, .setting = &setting};
+    struct apc_pair out[2];
+    struct apc_error why = {""};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(pair) / sizeof(pair[0]); i++) {
+        setting.value = pair[i];
+        assert_int_equal(apc_law_pairing(&law, &setup, out, &why), APC_EINVAL);
+        assert_non_null(strstr(why.text, "output 2"));
+    }
+    setup = (struct apc_law_setup){.dim = {2, 2, 2}, .n_setting = 1, .setting = &unknown};
+    assert_int_equal(apc_law_pairing(&apc_law_pid, &setup, out, &why), APC_EINVAL);
+    assert_int_equal(apc_law_pairing(&apc_law_lqg, &setup, out, &why), APC_EINVAL); /* and has no model */
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -92,6 +174,9 @@ int main(void)
         cmocka_unit_test(an_unknown_name_is_answered_with_the_names_there_are),
         cmocka_unit_test(a_missing_shared_object_is_named),
         cmocka_unit_test(a_law_that_cannot_work_is_refused_with_the_reason),
+        cmocka_unit_test(a_law_that_says_nothing_is_paired_in_order),
+        cmocka_unit_test(the_built_in_laws_are_paired_by_their_settings),
+        cmocka_unit_test(a_pairing_with_what_there_is_not_is_refused),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

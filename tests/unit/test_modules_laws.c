@@ -361,6 +361,37 @@ static int give_nan(const struct apc_law_setup *setup, struct apc_law_size *size
     return 0;
 }
 
+static void an_output_names_the_rows_of_the_loop_that_the_law_pairs(void **state)
+{
+    static const double swapped[] = {2, 1};
+    const struct apc_setting setting = {"measurement", 2, swapped};
+    const struct apc_controller_options o = {.size = sizeof(o),
+                                             .law = &apc_law_pid,
+                                             .dim = {2, 2, 2},
+                                             .period = PERIOD,
+                                             .horizon = 2 * PERIOD,
+                                             .n_setting = 1,
+                                             .setting = &setting};
+    struct rig r = {.ny = 2};
+
+    (void)state;
+    assert_int_equal(apc_controller_create(&r.controller, &o, NULL), 0);
+    r.size = apc_controller_size(r.controller);
+    assert_in_range(r.size.in, 1, ROWS);
+    assert_in_range(r.size.out, 1, ROWS);
+    apc_controller_inputs(r.controller, r.in);
+    feed(&r, APC_SENSOR, 2, 0.0, 0); /* y2 has one row more than y1 */
+    for (int id = 1; id <= 4; id++)
+        feed(&r, APC_SETPOINT, 2 - id % 2, 0.0, 0); /* two each */
+    feed(&r, APC_SETPOINT, 1, 0.0, 0);
+    (void)tick(&r, 0, APC_MODE_AUTO, 0.0);
+    assert_int_equal(given(&r, APC_ACTUATOR, 1)->sensor_seq, 2);
+    assert_int_equal(given(&r, APC_ACTUATOR, 2)->sensor_seq, 1);
+    assert_int_equal(given(&r, APC_ACTUATOR, 1)->setpoint_seq, 2);
+    assert_int_equal(given(&r, APC_ACTUATOR, 2)->setpoint_seq, 4);
+    apc_controller_destroy(r.controller);
+}
+
 static void a_law_that_makes_a_constant_which_is_no_number_is_refused(void **state)
 {
     static const struct apc_law law = {.abi = APC_LAW_ABI,
@@ -391,6 +422,7 @@ int main(void)
         cmocka_unit_test(the_first_measurement_gives_no_derivative),
         cmocka_unit_test(it_begins_with_the_tuning_there_is),
         cmocka_unit_test(a_law_without_track_is_not_updated_in_man),
+        cmocka_unit_test(an_output_names_the_rows_of_the_loop_that_the_law_pairs),
         cmocka_unit_test(a_law_that_makes_a_constant_which_is_no_number_is_refused),
     };
 
