@@ -3,16 +3,22 @@
 
 #include "control/control_internal.h"
 
-enum { I, D, LAST_Y, LAST_R, LAST_U };
+enum { I, SLOPE_Y, SLOPE_R, LAST_Y, LAST_R, LAST_U };
 
-/* D_k. Where tau_d is 0 so is it. */
+/* The filtered slope of what was last then and is now. */
+static double slope(const struct pid_loop *l, double filtered, double last, double now)
+{
+    double tau = l->p[PID_TAU_D], reach = tau + l->p[PID_N] * l->h;
+
+    return (tau * filtered + l->p[PID_N] * (now - last)) / reach;
+}
+
 static double derivative(const struct pid_loop *l)
 {
     const double *p = l->p, *x = l->x;
-    double a = p[PID_TAU_D] / (p[PID_TAU_D] + p[PID_N] * l->h);
-    double slope = p[PID_C] * (l->r - x[LAST_R]) - (l->y - x[LAST_Y]);
 
-    return p[PID_TAU_D] > 0.0 ? a * x[D] + p[PID_KP] * p[PID_N] * a * slope : 0.0;
+    return p[PID_KP] * p[PID_TAU_D] *
+           (p[PID_C] * slope(l, x[SLOPE_R], x[LAST_R], l->r) - slope(l, x[SLOPE_Y], x[LAST_Y], l->y));
 }
 
 /* v without the integral. Always evaluated in this order: a law that resumes compares bits. */
@@ -34,7 +40,8 @@ void apc_pid_reset(const struct pid_loop *l)
     /* As if it had been at rest at y until now: a start at the setpoint gives u_bar, whatever b is, and what
      * is fed forward is a change from here. */
     l->x[I] = (l->p[PID_TAU_I] > 0.0 ? l->p[PID_KP] * (1.0 - l->p[PID_B]) * l->y : 0.0) - l->feed_forward;
-    l->x[D] = 0.0;
+    l->x[SLOPE_Y] = 0.0;
+    l->x[SLOPE_R] = 0.0;
     l->x[LAST_Y] = l->y;
     l->x[LAST_R] = l->r;
     l->x[LAST_U] = l->p[PID_U_BAR];
@@ -67,9 +74,10 @@ void apc_pid_update(const struct pid_loop *l, double u, double blocked)
         if (!conditional)
             x[I] -= share(l) * beyond;
     } else {
-        x[I] -= share(l) * x[I]; /* nothing holds what a bumpless change has left */
+        x[I] -= p[PID_TAU_T] > 0.0 ? share(l) * x[I] : x[I] / PID_FADE;
     }
-    x[D] = derivative(l);
+    x[SLOPE_Y] = slope(l, x[SLOPE_Y], x[LAST_Y], l->y);
+    x[SLOPE_R] = slope(l, x[SLOPE_R], x[LAST_R], l->r);
     x[LAST_Y] = l->y;
     x[LAST_R] = l->r;
     x[LAST_U] = u;

@@ -3,14 +3,18 @@
  * One PID loop, for the laws made of such loops. With r the setpoint, y the measurement and h the period:
  *
  *     P_k = Kp (b r_k - y_k)
- *     D_k = a D_{k-1} + Kp N (1 - a) (c (r_k - r_{k-1}) - (y_k - y_{k-1})),     a = tau_d / (tau_d + N h)
+ *     D_k = Kp tau_d (c r'_k - y'_k)
+ *     y'_k = a y'_{k-1} + (1 - a) (y_k - y_{k-1}) / h, r' likewise,     a = tau_d / (tau_d + N h)
  *     v_k = u_bar + P_k + I_k + D_k + feed-forward
  *     u_k = v_k within u_min..u_max, then within u_{k-1} -+ du_max h
  *     I_{k+1} = I_k + Kp h / tau_i (r_k - y_k)                       + h / tau_t (u_k - v_k)
  *
  * The derivative's filter is a backward difference, the integral a forward one, as in TrueTime's and most
- * textbooks' PID. Without tau_t the integral is conditional instead: it leaves out an increment that would
- * drive an output further out that is already cut.
+ * textbooks' PID. What is kept of it are slopes of y and r, not D, so that a change of Kp, tau_d or N finds
+ * them as they are: no part of the former D remains to die out. Without tau_t the integral is conditional
+ * instead: it leaves out an increment that would drive an output further out that is already cut. Without
+ * tau_i there is no integral, and I is what a bumpless change has left: it dies out with tau_t, or, where
+ * that is 0, in PID_FADE periods.
  */
 #ifndef APC_PID_LOOP_H
 #define APC_PID_LOOP_H
@@ -47,7 +51,8 @@ enum {
         of "du_max", "1/s", "fastest change of the output; 0: any", 0.0, 0.0, 1e9                            \
     }
 
-#define PID_STATES 5
+#define PID_STATES 6
+#define PID_FADE   20.0
 
 struct pid_loop {
     const double *p; /* [PID_TUNING] */

@@ -6,7 +6,7 @@
 #include <string.h>
 
 enum { KP, TAU_I, TAU_D, N, B, C, TAU_T, U_BAR, U_MIN, U_MAX, DU_MAX, LOOP };
-enum { OUTER, INNER = LOOP, PARAMS = 2 * LOOP, STATES = 10 };
+enum { OUTER, INNER = LOOP, PARAMS = 2 * LOOP, STATES = 12 };
 #define H 0.1
 
 static const struct apc_law *const cascade = &apc_law_cascade;

@@ -7,7 +7,7 @@
 #include <string.h>
 
 enum { KP, TAU_I, TAU_D, N, B, C, TAU_T, U_BAR, U_MIN, U_MAX, DU_MAX, KFF, PARAMS };
-enum { STATES = 5, LOOPS = 2, CONSTANTS = 3 * LOOPS };
+enum { STATES = 6, LOOPS = 2, CONSTANTS = 3 * LOOPS };
 
 /* Loops on the law, with all that a call needs. */
 struct rig {
@@ -477,9 +477,67 @@ static void without_integral_a_bumpless_change_dies_out_with_tau_t(void **state)
     assert_near(tick(&r), 8.0, 1e-14);
     assert_near(tick(&r), 8.0 * 0.9, 1e-14);
     assert_near(tick(&r), 8.0 * 0.9 * 0.9, 1e-14);
-    r.tuning[TAU_T] = 0.0;
-    tick(&r);
-    assert_near(tick(&r), 0.0, 1e-14);
+}
+
+/* With the tuning that it begins with, nothing may jump either: it goes in twenty periods. */
+static void without_integral_and_tau_t_a_bumpless_change_fades(void **state)
+{
+    struct rig r;
+
+    (void)state;
+    make(&r, 0.1);
+    r.tuning[TAU_D] = 0.5;
+    r.u[0] = 8.0;
+    pid->track(&r.c);
+    for (int k = 0; k < 400; k++)
+        assert_near(tick(&r), 8.0 * pow(0.95, k), 1e-13);
+    assert_near(tick(&r), 0.0, 1e-7);
+}
+
+/* While y rises and D acts: from the change on u moves as if it had always been tuned like that. */
+static void a_change_of_gain_or_derivative_leaves_nothing_of_the_old_one(void **state)
+{
+    static const struct {
+        int which;
+        double to;
+    } change[] = {{KP, 0.2}, {TAU_D, 9.0}, {TAU_D, 0.0}, {N, 3.0}, {C, 0.0}, {KP, -0.6}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(change) / sizeof(change[0]); i++) {
+        struct rig changed, always;
+        double apart = 0.0;
+
+        make(&changed, 0.5);
+        changed.tuning[KP] = 0.6;
+        changed.tuning[TAU_I] = 20.0;
+        changed.tuning[TAU_D] = 4.0;
+        changed.tuning[C] = 0.4;
+        always = changed;
+        always.c.y = always.y;
+        always.c.z = always.z;
+        always.c.u = always.u;
+        always.c.x = always.x;
+        always.c.tuning = always.tuning;
+        always.c.constant = always.constant;
+        always.c.limited = always.limited;
+        always.tuning[change[i].which] = change[i].to;
+        for (int k = 0; k < 400; k++) {
+            changed.y[0] = always.y[0] = 0.3 * k;
+            changed.z[0] = always.z[0] = 1.0 + 0.7 * k;
+            if (k ==
+                300) { /* as the controller does it: the output of the old tuning, tracked with the new one */
+                (void)compute(&changed);
+                changed.tuning[change[i].which] = change[i].to;
+                pid->track(&changed.c);
+            }
+            (void)tick(&changed);
+            (void)tick(&always);
+            if (k == 300)
+                apart = changed.u[0] - always.u[0];
+            if (k > 300)
+                assert_near(changed.u[0] - always.u[0], apart, 1e-9 * fabs(apart) + 1e-9);
+        }
+    }
 }
 
 static void a_measured_disturbance_is_fed_forward_as_it_changes(void **state)
@@ -571,6 +629,8 @@ int main(void)
         cmocka_unit_test(after_track_it_gives_the_tracked_output),
         cmocka_unit_test(after_a_gap_the_derivative_begins_anew),
         cmocka_unit_test(without_integral_a_bumpless_change_dies_out_with_tau_t),
+        cmocka_unit_test(without_integral_and_tau_t_a_bumpless_change_fades),
+        cmocka_unit_test(a_change_of_gain_or_derivative_leaves_nothing_of_the_old_one),
         cmocka_unit_test(a_measured_disturbance_is_fed_forward_as_it_changes),
         cmocka_unit_test(outputs_are_paired_with_measurements_at_will),
         cmocka_unit_test(a_pairing_that_does_not_exist_is_refused),

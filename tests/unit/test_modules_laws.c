@@ -204,6 +204,36 @@ static void from_man_to_auto_no_law_gives_a_bump(void **state)
     }
 }
 
+/* Nor at any tick after: a loop without an integral leaves the operator's output, or the integral that it
+ * had, little by little. */
+static void a_loop_without_integral_leaves_a_bumpless_change_slowly(void **state)
+{
+    (void)state;
+    for (int tuned = 0; tuned <= 1; tuned++) {
+        for (int derivative = 0; derivative <= 1; derivative++) {
+            struct rig r;
+            double u = 0.0;
+
+            make(&r, &apc_law_pid, 1, NULL);
+            feed(&r, APC_TUNING, 3, derivative ? 4.0 : 0.0, 0);
+            feed(&r, APC_MANUAL, 1, 1.2, 0);
+            if (!tuned)
+                feed(&r, APC_TUNING, 2, 0.0, 0);
+            for (int k = 11; k < 15; k++)
+                u = tick(&r, k, tuned ? APC_MODE_AUTO : APC_MODE_MAN, -1.0);
+            feed(&r, APC_TUNING, 2, 0.0, 15);
+            for (int k = 15; k < 22; k++) {
+                double before = u;
+
+                u = tick(&r, k, APC_MODE_AUTO, -1.0);
+                assert_near(u, before, tuned && k == 15 ? 0.4 + 1e-12 : 0.1);
+            }
+            assert_near(u, 2.0, 1.5); /* on the way to Kp e */
+            apc_controller_destroy(r.controller);
+        }
+    }
+}
+
 static void a_state_made_with_other_settings_is_not_taken_but_gives_no_bump(void **state)
 {
     const double dev = 0.01;
@@ -238,10 +268,11 @@ static void in_man_a_filter_goes_on(void **state)
         make(&r, &apc_law_pid, 1, NULL);
         feed(&r, APC_TUNING, 2, 0.0, 0); /* no integral */
         feed(&r, APC_TUNING, 3, 4.0, 0);
+        feed(&r, APC_TUNING, 7, 2.0, 0); /* what was to prevent a bump goes in one period */
         for (int k = 1; k < 20; k++)
             tick(&r, k, manual ? APC_MODE_MAN : APC_MODE_AUTO, 0.1 * k);
         tick(&r, 20, APC_MODE_AUTO, 2.0);
-        u[manual] = tick(&r, 21, APC_MODE_AUTO, 2.1); /* what was to prevent a bump has gone */
+        u[manual] = tick(&r, 21, APC_MODE_AUTO, 2.1);
         apc_controller_destroy(r.controller);
     }
     assert_near(u[1], u[0], 1e-12);
@@ -416,6 +447,7 @@ int main(void)
         cmocka_unit_test(every_law_restarted_goes_on_bit_for_bit),
         cmocka_unit_test(a_change_of_tuning_in_auto_gives_no_bump),
         cmocka_unit_test(from_man_to_auto_no_law_gives_a_bump),
+        cmocka_unit_test(a_loop_without_integral_leaves_a_bumpless_change_slowly),
         cmocka_unit_test(a_state_made_with_other_settings_is_not_taken_but_gives_no_bump),
         cmocka_unit_test(in_man_a_filter_goes_on),
         cmocka_unit_test(after_a_lost_measurement_the_derivative_begins_anew),
