@@ -6,12 +6,12 @@
  *
  * One segment, /dev/shm/apc.NAME
  * ------------------------------
- * header | index | slots | tags | events | timing | cells
+ * header | index | slots | tags | logs | cells
  *
  * A variable has a slot, found by a hash index. The slot holds its newest sample, twice: in two versions. Its
- * history is a ring of cells, which grows from 4 to 16, 64, ... 16384 while there are cells left. Events and
- * timing rows are rings as well. Three quarters of a ring are shown: what a writer may be overwriting is
- * not.
+ * history is a ring of cells, which grows from 4 to 16, 64, ... 16384 while there are cells left. Events, in
+ * three kinds, and timing rows are rings as well. Three quarters of a ring are shown: what a writer may be
+ * overwriting is not.
  *
  * Old or new
  * ----------
@@ -68,7 +68,8 @@ struct apc_shm_ends {
     uint64_t head, kept;
 };
 
-enum apc_shm_log_name { APC_SHM_EVENTS, APC_SHM_TIMING, APC_SHM_LOGS };
+/** What people did ("operator") and who came ("access") has rings of its own: no chatter pushes it out. */
+enum apc_shm_log_name { APC_SHM_EVENTS, APC_SHM_ACTIONS, APC_SHM_ACCESS, APC_SHM_TIMING, APC_SHM_LOGS };
 
 /** Counters of the whole: two versions. */
 struct apc_shm_counters {
@@ -120,7 +121,8 @@ struct apc_shm_timing {
 
 /* ---- A handle -------------------------------------------------------------------------------- */
 
-/** A ring of records: each a mark, 1 + its ordinal, and then its words. */
+/** A ring of records: each a mark, 1 + its ordinal, its place among the records of all rings, and then its
+ * words, of which the first is its time. */
 struct apc_shm_log {
     apc_word *record;
     size_t words; /* of a record with its mark */
@@ -263,7 +265,7 @@ static inline struct apc_shm_slot *apc_shm_find(const struct apc_shm *shm, uint6
 int64_t apc_shm_newest_seq(const struct apc_shm_write *w, enum apc_table table, int id);
 /** Write one sample. Returns 1, 0 when its seq was taken, APC_ESTORE when there is no room. */
 int apc_shm_write_sample(struct apc_shm_write *w, const struct apc_sample *s, uint32_t *hint);
-/** Write one record of @p words words after its mark. */
+/** Write one record of @p words words. */
 void apc_shm_write_record(struct apc_shm_write *w, enum apc_shm_log_name name, const void *record,
                           size_t words);
 

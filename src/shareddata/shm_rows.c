@@ -213,7 +213,8 @@ static bool sane_ends(const struct apc_shm_log *log, const struct apc_shm_ends *
     return ends->kept <= log->capacity && ends->kept <= ends->head;
 }
 
-static int load_ends(struct apc_shm *shm, enum apc_shm_log_name name, struct apc_shm_ends *ends)
+/* Of all rings, as of one moment. */
+static int load_ends(struct apc_shm *shm, struct apc_shm_ends ends[APC_SHM_LOGS])
 {
     const struct apc_shm_meta *meta = &shm->header->meta;
     struct apc_shm_counters c = {0};
@@ -224,8 +225,8 @@ static int load_ends(struct apc_shm *shm, enum apc_shm_log_name name, struct apc
             const uint64_t mark = apc_word_get(&meta->mark[current]);
             apc_words_get(&c, meta->counters[current], APC_SHM_COUNTERS);
             if (apc_shm_unchanged(&meta->mark[current], mark)) {
-                *ends = c.log[name];
-                return sane_ends(&shm->log[name], ends) ? 0 : corrupt(shm);
+                memcpy(ends, c.log, sizeof c.log);
+                return 0;
             }
         }
     }
@@ -243,27 +244,27 @@ static bool load_record(const struct apc_shm_log *log, uint64_t ordinal, void *o
     return apc_shm_unchanged(at, ordinal + 1);
 }
 
-/* Copies of the records to give, in order: records[order[i].at] for i in first..n-1. Each begins with its
- * time. */
+/* Copies of the records to give, in order: those of order[i].at for i in first..n-1. */
 struct selection {
-    uint64_t *record;
+    uint64_t *record; /* each its arrival and then its words, of which the first is its time */
     struct entry {
         apc_ns time;
-        size_t at; /* the higher, the older */
+        uint64_t arrival;
+        size_t at;
     } * order;
     size_t words, first, n;
 };
 
-static int by_time(const void *a, const void *b)
-{
-    const struct entry *x = (const struct entry *)a, *y = (const struct entry *)b;
-    return x->time != y->time ? (x->time > y->time) - (x->time < y->time) : (x->at < y->at) - (x->at > y->at);
-}
-
 static int by_arrival(const void *a, const void *b)
 {
     const struct entry *x = (const struct entry *)a, *y = (const struct entry *)b;
-    return (x->at < y->at) - (x->at > y->at);
+    return (x->arrival > y->arrival) - (x->arrival < y->arrival);
+}
+
+static int by_time(const void *a, const void *b)
+{
+    const struct entry *x = (const struct entry *)a, *y = (const struct entry *)b;
+    return x->time != y->time ? (x->time > y->time) - (x->time < y->time) : by_arrival(a, b);
 }
 
 static void free_selection(struct selection *s)
@@ -274,33 +275,39 @@ static void free_selection(struct selection *s)
 
 static const void *selected(const struct selection *s, size_t i)
 {
-    return s->record + s->order[i].at * s->words;
+    return s->record + s->order[i].at * s->words + 1;
 }
 
-static int select_records(struct apc_shm *shm, enum apc_shm_log_name name, const struct apc_range *range,
-                          struct selection *s)
+/* Of the rings @p name to @p last, whose records are alike. */
+static int select_records(struct apc_shm *shm, enum apc_shm_log_name name, enum apc_shm_log_name last,
+                          const struct apc_range *range, struct selection *s)
 {
-    const struct apc_shm_log *log = &shm->log[name];
-    struct apc_shm_ends ends = {0, 0};
-    const int err = load_ends(shm, name, &ends);
-    *s = (struct selection){.words = log->words - 1};
+    struct apc_shm_ends ends[APC_SHM_LOGS];
+    int err = load_ends(shm, ends);
+    size_t most = 1, at = 0;
+    *s = (struct selection){.words = shm->log[name].words - 1};
+    for (enum apc_shm_log_name log = name; !err && log <= last; log++) {
+        err = sane_ends(&shm->log[log], &ends[log]) ? 0 : corrupt(shm);
+        most += (size_t)ends[log].kept;
+    }
     if (err) {
         return err;
     }
-    s->record = (uint64_t *)calloc((size_t)ends.kept + 1, s->words * sizeof *s->record);
-    s->order = (struct entry *)calloc((size_t)ends.kept + 1, sizeof *s->order);
+    s->record = (uint64_t *)calloc(most, s->words * sizeof *s->record);
+    s->order = (struct entry *)calloc(most, sizeof *s->order);
     if (!s->record || !s->order) {
         free_selection(s);
-        return no_memory(shm, ends.kept);
+        return no_memory(shm, most);
     }
-    size_t at = 0;
-    for (uint64_t o = ends.head; o > ends.head - ends.kept; o--, at++) {
-        uint64_t *record = s->record + at * s->words;
-        if (!load_record(log, o - 1, record, s->words)) {
-            break;
-        }
-        if (within(range, (apc_ns)record[0])) {
-            s->order[s->n++] = (struct entry){.time = (apc_ns)record[0], .at = at};
+    for (enum apc_shm_log_name log = name; log <= last; log++) {
+        for (uint64_t o = ends[log].head; o > ends[log].head - ends[log].kept; o--, at++) {
+            uint64_t *record = s->record + at * s->words;
+            if (!load_record(&shm->log[log], o - 1, record, s->words)) {
+                break;
+            }
+            if (within(range, (apc_ns)record[1])) {
+                s->order[s->n++] = (struct entry){.time = (apc_ns)record[1], .arrival = record[0], .at = at};
+            }
         }
     }
     qsort(s->order, s->n, sizeof *s->order, name == APC_SHM_TIMING ? by_time : by_arrival);
@@ -308,28 +315,45 @@ static int select_records(struct apc_shm *shm, enum apc_shm_log_name name, const
     return 0;
 }
 
-/* Make room for, and begin, an append of @p n records. */
-static int begin_records(struct apc_shm *shm, enum apc_shm_log_name name, size_t n, struct apc_shm_write *w)
+/* Would @p n more records fit? */
+static int check_room(struct apc_shm *shm, enum apc_shm_log_name name, size_t n, const char *what)
 {
-    int err = apc_shm_ready(shm);
-    const size_t most = err ? 0 : (size_t)apc_shm_shown(shm->log[name].capacity);
-    if (!err && n > most) {
-        err = apc_fail(&shm->base.why, APC_ESTORE, "shm:%s holds %zu %s at most, not %zu: make a larger one",
-                       shm->name, most, name == APC_SHM_EVENTS ? "events" : "timing rows", n);
-    }
-    return err ? err : apc_shm_begin(shm, w);
+    const size_t most = (size_t)apc_shm_shown(shm->log[name].capacity);
+    return n <= most ? 0
+                     : apc_fail(&shm->base.why, APC_ESTORE,
+                                "shm:%s holds %zu %s at most, not %zu: make a larger one", shm->name, most,
+                                what, n);
+}
+
+static enum apc_shm_log_name ring_of(const struct apc_event *event)
+{
+    return strncmp(event->kind, "operator", sizeof event->kind) == 0 ? APC_SHM_ACTIONS
+           : strncmp(event->kind, "access", sizeof event->kind) == 0 ? APC_SHM_ACCESS
+                                                                     : APC_SHM_EVENTS;
 }
 
 int apc_shm_append_events(struct apc_store *store, const struct apc_event *events, size_t n)
 {
+    static const char *const what[] = {"events", "events of operators", "events of access"};
+    struct apc_shm *shm = apc_shm_of(store);
     struct apc_shm_write w;
-    int err = begin_records(apc_shm_of(store), APC_SHM_EVENTS, n, &w);
+    size_t count[APC_SHM_TIMING] = {0};
+    int err = apc_shm_ready(shm);
+    for (size_t i = 0; i < n; i++) {
+        count[ring_of(&events[i])]++;
+    }
+    for (enum apc_shm_log_name ring = APC_SHM_EVENTS; !err && ring < APC_SHM_TIMING; ring++) {
+        err = check_room(shm, ring, count[ring], what[ring]);
+    }
+    if (!err) {
+        err = apc_shm_begin(shm, &w);
+    }
     if (err) {
         return err;
     }
     for (size_t i = 0; i < n; i++) {
         const struct apc_event row = apc_event_row(&events[i]);
-        apc_shm_write_record(&w, APC_SHM_EVENTS, &row, sizeof row / 8);
+        apc_shm_write_record(&w, ring_of(&row), &row, sizeof row / 8);
     }
     apc_shm_commit(&w);
     return (int)n;
@@ -341,7 +365,7 @@ int apc_shm_events(struct apc_store *store, const struct apc_range *range, apc_e
     struct selection s;
     int err = apc_shm_ready(shm), count = 0;
     if (!err) {
-        err = select_records(shm, APC_SHM_EVENTS, range, &s);
+        err = select_records(shm, APC_SHM_EVENTS, APC_SHM_ACCESS, range, &s);
     }
     if (err) {
         return err;
@@ -375,10 +399,17 @@ static void put_bins(struct apc_shm_timing *t, const struct apc_timing_row *r)
 
 int apc_shm_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
 {
+    struct apc_shm *shm = apc_shm_of(store);
     struct apc_shm_write w;
     int err = apc_timing_check(store, rows, n);
     if (!err) {
-        err = begin_records(apc_shm_of(store), APC_SHM_TIMING, n, &w);
+        err = apc_shm_ready(shm);
+    }
+    if (!err) {
+        err = check_room(shm, APC_SHM_TIMING, n, "timing rows");
+    }
+    if (!err) {
+        err = apc_shm_begin(shm, &w);
     }
     if (err) {
         return err;
@@ -430,7 +461,7 @@ int apc_shm_timing(struct apc_store *store, const struct apc_range *range, apc_t
     struct selection s;
     int err = apc_shm_ready(shm), count = 0;
     if (!err) {
-        err = select_records(shm, APC_SHM_TIMING, range, &s);
+        err = select_records(shm, APC_SHM_TIMING, APC_SHM_TIMING, range, &s);
     }
     if (err) {
         return err;
@@ -503,9 +534,9 @@ static int drop_records(struct apc_shm *shm, enum apc_shm_log_name name, apc_ns 
         return corrupt(shm);
     }
     int n = 0;
-    apc_ns time = 0;
-    while (ends->kept > 0 &&
-           (!load_record(&shm->log[name], ends->head - ends->kept, &time, 1) || time < before)) {
+    uint64_t record[2]; /* its arrival, its time */
+    while (ends->kept > 0 && (!load_record(&shm->log[name], ends->head - ends->kept, record, 2) ||
+                              (apc_ns)record[1] < before)) {
         ends->kept--;
         n++;
     }
@@ -520,7 +551,8 @@ static int drop_records(struct apc_shm *shm, enum apc_shm_log_name name, apc_ns 
 int apc_shm_maintain(struct apc_store *store, const struct apc_retention *keep)
 {
     struct apc_shm *shm = apc_shm_of(store);
-    const apc_ns now = apc_clock_utc(NULL), age[APC_SHM_LOGS] = {keep->events, keep->timing};
+    const apc_ns now = apc_clock_utc(NULL);
+    const apc_ns age[APC_SHM_LOGS] = {keep->events, keep->events, keep->events, keep->timing};
     int err = apc_shm_ready(shm), dropped = 0;
     for (size_t i = 0; err >= 0 && keep->samples > 0 && i < shm->variables; i++) {
         if (apc_word_get(&shm->slot[i].key) != 0) {

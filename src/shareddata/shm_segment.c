@@ -22,13 +22,13 @@
 #include "shareddata/shm.h"
 
 #define DIRECTORY      "/dev/shm" /* where shm_open() keeps them as well */
-#define LAYOUT         1
+#define LAYOUT         2
 #define CHECK_INTERVAL (100 * APC_NS_PER_MS)
 
 static const char magic[16] = "libapc shm\r\n\x1a\n";
 
-#define EVENT_WORDS  (sizeof(struct apc_event) / 8 + 1)
-#define TIMING_WORDS (sizeof(struct apc_shm_timing) / 8 + 1)
+#define EVENT_WORDS  (sizeof(struct apc_event) / 8 + 2)
+#define TIMING_WORDS (sizeof(struct apc_shm_timing) / 8 + 2)
 
 _Static_assert(sizeof(struct apc_event) % 8 == 0 && sizeof(struct apc_tag) % 8 == 0, "copied by words");
 _Static_assert(sizeof(struct apc_shm_slot) == 192 && sizeof(struct apc_shm_cell) == 64, "cache lines");
@@ -55,22 +55,24 @@ static void lay_out(struct apc_shm *shm, uint64_t mib, char *base)
         shm->index_size *= 2;
     }
     shm->log[APC_SHM_EVENTS] = (struct apc_shm_log){.words = EVENT_WORDS, .capacity = (size_t)mib * 64};
+    shm->log[APC_SHM_ACTIONS] = (struct apc_shm_log){.words = EVENT_WORDS, .capacity = (size_t)mib * 32};
+    shm->log[APC_SHM_ACCESS] = (struct apc_shm_log){.words = EVENT_WORDS, .capacity = (size_t)mib * 8};
     shm->log[APC_SHM_TIMING] = (struct apc_shm_log){.words = TIMING_WORDS, .capacity = (size_t)mib * 16};
     take(&at, sizeof(struct apc_shm_header));
     const size_t index = take(&at, shm->index_size * sizeof *shm->index);
     const size_t slot = take(&at, shm->variables * sizeof *shm->slot);
     const size_t tag[2] = {take(&at, shm->tags * sizeof(struct apc_tag)),
                            take(&at, shm->tags * sizeof(struct apc_tag))};
-    const size_t events = take(&at, shm->log[APC_SHM_EVENTS].capacity * EVENT_WORDS * 8);
-    const size_t timing = take(&at, shm->log[APC_SHM_TIMING].capacity * TIMING_WORDS * 8);
+    for (size_t i = 0; i < APC_SHM_LOGS; i++) {
+        const size_t records = take(&at, shm->log[i].capacity * shm->log[i].words * 8);
+        shm->log[i].record = base ? (apc_word *)(void *)(base + records) : NULL;
+    }
     shm->cells = (shm->size - at) / sizeof *shm->cell;
     if (base) {
         shm->index = (_Atomic uint32_t *)(void *)(base + index);
         shm->slot = (struct apc_shm_slot *)(void *)(base + slot);
         shm->tag[0] = (apc_word *)(void *)(base + tag[0]);
         shm->tag[1] = (apc_word *)(void *)(base + tag[1]);
-        shm->log[APC_SHM_EVENTS].record = (apc_word *)(void *)(base + events);
-        shm->log[APC_SHM_TIMING].record = (apc_word *)(void *)(base + timing);
         shm->cell = (struct apc_shm_cell *)(void *)(base + at);
     }
 }
@@ -292,7 +294,8 @@ int apc_shm_ready(struct apc_shm *shm)
         if (now - shm->checked < CHECK_INTERVAL) {
             return 0;
         }
-        if (stat(shm->path, &st) == 0 && st.st_ino == shm->inode && st.st_dev == shm->device) {
+        if (stat(shm->path, &st) == 0 && st.st_ino == shm->inode && st.st_dev == shm->device &&
+            (uint64_t)st.st_size == shm->size) { /* cut short, the rest would be SIGBUS */
             shm->checked = now;
             return 0;
         }

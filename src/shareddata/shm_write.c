@@ -362,11 +362,17 @@ void apc_shm_write_record(struct apc_shm_write *w, enum apc_shm_log_name name, c
                           size_t words)
 {
     const struct apc_shm_log *log = &w->shm->log[name];
-    struct apc_shm_ends *ends = &apc_shm_count(w)->log[name];
+    struct apc_shm_counters *counters = apc_shm_count(w);
+    struct apc_shm_ends *ends = &counters->log[name];
     apc_word *at = log->record + (size_t)(ends->head % log->capacity) * log->words;
+    uint64_t arrival = 0;
+    for (size_t i = 0; i < APC_SHM_LOGS; i++) {
+        arrival += counters->log[i].head;
+    }
     apc_word_put(&at[0], 0);
     atomic_thread_fence(memory_order_release);
-    apc_words_put(&at[1], record, words);
+    apc_word_put(&at[1], arrival);
+    apc_words_put(&at[2], record, words);
     atomic_store_explicit(&at[0], ++ends->head, memory_order_release);
     const uint64_t shown = apc_shm_shown(log->capacity);
     ends->kept = ends->kept < shown ? ends->kept + 1 : shown;

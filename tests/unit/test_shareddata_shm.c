@@ -363,6 +363,64 @@ static void test_rings_of_events_and_timing_keep_the_newest(void **state)
     assert_int_equal(apc_store_get_tags(store, NULL, 0), 64);
 }
 
+struct kinds {
+    int n[3]; /* operator, access, other */
+    apc_ns last;
+};
+
+/* Each was given as its time how many came before it. */
+static int count_kinds(void *ctx, const struct apc_event *e)
+{
+    struct kinds *k = ctx;
+    k->n[strcmp(e->kind, "operator") == 0 ? 0 : strcmp(e->kind, "access") == 0 ? 1 : 2]++;
+    assert_true(e->time > k->last);
+    k->last = e->time;
+    return 0;
+}
+
+static void test_no_chatter_pushes_out_what_people_did(void **state)
+{
+    struct apc_store *store = *state;
+    enum { SHOWN = 48, ACTIONS = 24, LOGINS = 6 };
+    struct apc_event all[ACTIONS + 1] = {0};
+    struct kinds kinds = {.last = -1};
+    apc_ns arrived = 0;
+    struct apc_event action = {.severity = APC_EVENT_INFO, .kind = "operator"};
+    struct apc_event login = {.severity = APC_EVENT_WARNING, .kind = "access"};
+    struct apc_event chatter = {.severity = APC_EVENT_INFO, .kind = "link"};
+    for (int i = 0; i < 100 * ACTIONS; i++) {
+        if (i < ACTIONS) {
+            action.time = ++arrived * 1000;
+            assert_int_equal(apc_store_append_events(store, &action, 1), 1);
+        }
+        if (i < LOGINS) {
+            login.time = ++arrived * 1000;
+            assert_int_equal(apc_store_append_events(store, &login, 1), 1);
+        }
+        chatter.time = ++arrived * 1000;
+        assert_int_equal(apc_store_append_events(store, &chatter, 1), 1);
+    }
+    assert_int_equal(apc_store_events(store, NULL, count_kinds, &kinds), ACTIONS + LOGINS + SHOWN);
+    assert_int_equal(kinds.n[0], ACTIONS);
+    assert_int_equal(kinds.n[1], LOGINS);
+    assert_int_equal(kinds.n[2], SHOWN);
+    kinds = (struct kinds){.last = -1};
+    assert_int_equal(apc_store_events(store, &(struct apc_range){.last = SHOWN + 1}, count_kinds, &kinds),
+                     SHOWN + 1);
+    assert_int_equal(kinds.n[0], 1); /* the newest of all, whatever their kind */
+
+    for (int i = 0; i <= ACTIONS; i++) {
+        all[i] = i <= LOGINS ? login : action;
+    }
+    assert_int_equal(apc_store_append_events(store, all, ACTIONS + 1), APC_ESTORE); /* 7 logins */
+    assert_non_null(strstr(apc_store_error(store), "holds 6 events of access at most, not 7"));
+    all[0] = chatter;
+    assert_int_equal(apc_store_append_events(store, all, ACTIONS + 1), ACTIONS + 1);
+    const struct apc_retention keep = {.size = sizeof keep, .events = 1};
+    assert_int_equal(apc_store_maintain(store, &keep), ACTIONS + LOGINS + SHOWN);
+    assert_int_equal(apc_store_events(store, NULL, count_kinds, &kinds), 0);
+}
+
 /* Whatever stands in a damaged segment: who reads it is told, at once, and never waits for what cannot come.
  */
 static void test_a_damaged_segment_is_said_to_be_one(void **state)
@@ -440,6 +498,21 @@ static void test_a_removed_segment_is_noticed_and_the_new_one_used(void **state)
     assert_int_equal(err, APC_EBUSY); /* another writer took what was ours */
     apc_store_close(other);
     assert_int_equal(newest(store, 1), 0);
+}
+
+/* Whoever may write the file may cut it short; to touch what is gone would be the end of the process. */
+static void test_a_segment_cut_short_is_refused_and_not_touched(void **state)
+{
+    struct apc_store *store = *state;
+    struct apc_sample s = sample(1, 0);
+    assert_int_equal(append(store, 1, 7), 1);
+    assert_int_equal(truncate(path, 4096), 0);
+    apc_shm_of(store)->checked = 0; /* it looked long ago */
+    assert_int_equal(apc_store_read(store, &s, 1), APC_ESTORE);
+    assert_non_null(strstr(apc_store_error(store), "has not the size"));
+    assert_int_equal(append(store, 1, 8), APC_ESTORE);
+    assert_int_equal(apc_store_wait(store, &s, 1, 0), APC_ESTORE);
+    assert_false(apc_store_connected(store));
 }
 
 static void test_who_waits_notices_a_removed_segment(void **state)
@@ -582,6 +655,8 @@ int main(void)
         T(test_a_history_ends_where_it_was_overwritten),
         T(test_late_samples_never_push_the_newest_out),
         T(test_rings_of_events_and_timing_keep_the_newest),
+        T(test_no_chatter_pushes_out_what_people_did),
+        T(test_a_segment_cut_short_is_refused_and_not_touched),
         T(test_a_removed_segment_is_noticed_and_the_new_one_used),
         T(test_who_waits_notices_a_removed_segment),
         T(test_processes_that_init_at_once_share_one_segment),
