@@ -250,6 +250,20 @@ static int resolve(struct apc_sqlite *sq, bool make)
                     sq->given, strerror(error), error == ENOENT ? "; `apc init` makes it" : "");
 }
 
+/* For its user alone, whatever the umask; SQLite makes what stands beside it alike. A file that is there is
+ * not even opened: to close a descriptor of it would take away the locks of this process. */
+static int make_file(struct apc_sqlite *sq)
+{
+    int fd = open(sq->path, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
+    if (fd < 0 && errno != EEXIST) {
+        return fail_system(sq, SQLITE_CANTOPEN, errno);
+    }
+    if (fd >= 0) {
+        close(fd);
+    }
+    return 0;
+}
+
 /* A log that somebody switched on goes, if nobody else has the file open; otherwise we do. */
 static int set_journal(struct apc_sqlite *sq)
 {
@@ -313,12 +327,13 @@ int apc_sqlite_open(struct apc_sqlite *sq, bool make)
     struct stat st;
     sq->deadline = apc_clock_mono(NULL) + sq->base.config.timeout;
     int err = resolve(sq, make);
+    if (!err && make) {
+        err = make_file(sq);
+    }
     if (err) {
         return err;
     }
-    int rc =
-        sqlite3_open_v2(sq->path, &sq->db,
-                        SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOMUTEX | (make ? SQLITE_OPEN_CREATE : 0), NULL);
+    int rc = sqlite3_open_v2(sq->path, &sq->db, SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOMUTEX, NULL);
     err = rc == SQLITE_OK ? 0 : apc_sqlite_fail(sq, rc);
     if (!err && (stat(sq->path, &st) != 0 || !realpath(sq->given, sq->path))) {
         err = apc_fail(&sq->base.why, APC_ECONN, "%s has just vanished", sq->given);

@@ -382,8 +382,11 @@ static void test_a_file_for_reading_only_is_read(void **state)
 {
     struct apc_store *store = open_store(SECOND);
     assert_int_equal(append_one(*state, 1, 1), 1);
+    char journal[300];
+    snprintf(journal, sizeof journal, "%s-journal", path);
     assert_int_equal(chmod(scratch_folder(), 0755), 0);
     assert_int_equal(chmod(path, 0444), 0);
+    assert_int_equal(chmod(journal, 0444), 0);
     const bool root = geteuid() == 0; /* who may do everything */
     if (root) {
         assert_int_equal(seteuid(65534), 0);
@@ -482,6 +485,56 @@ static void test_a_damaged_file_gives_errors_and_no_nonsense(void **state)
     *state = open_store(SECOND);
     int n = 0;
     assert_int_equal(apc_store_history(*state, APC_SENSOR, 1, NULL, count_sample, &n), N);
+}
+
+/* What the file refuses to give up is said, and all of it stays. */
+static void test_an_error_in_the_middle_of_housekeeping_is_said(void **state)
+{
+    enum { N = 200 };
+    int n = 0;
+    const struct apc_retention keep = {.size = sizeof keep, .samples = SECOND};
+    const struct apc_retention records = {.size = sizeof records, .events = SECOND};
+    const struct apc_event event = {.severity = APC_EVENT_INFO};
+    for (int i = 1; i <= N; i++) {
+        assert_int_equal(append_one(*state, 1, i), 1);
+    }
+    assert_int_equal(apc_store_append_events(*state, &event, 1), 1);
+    raw(path, "CREATE TRIGGER no BEFORE DELETE ON sample WHEN old.seq = 100 BEGIN SELECT RAISE(ABORT, 'no, "
+              "100'); END;"
+              "CREATE TRIGGER nor BEFORE DELETE ON event BEGIN SELECT RAISE(ABORT, 'nor this'); END");
+    assert_said(*state, apc_store_maintain(*state, &keep), APC_ESTORE, "no, 100");
+    assert_said(*state, apc_store_maintain(*state, &records), APC_ESTORE, "nor this");
+    assert_int_equal(apc_store_history(*state, APC_SENSOR, 1, NULL, count_sample, &n), N);
+    raw(path, "DROP TRIGGER no; DROP TRIGGER nor");
+    assert_int_equal(apc_store_maintain(*state, &keep), N - 1);
+    assert_int_equal(apc_store_maintain(*state, &records), 1);
+}
+
+/* Whatever the umask: a record is its user's own until he says otherwise, and what stands beside it follows.
+ */
+static void test_a_file_is_made_for_its_user_alone(void **state)
+{
+    char beside[700];
+    struct stat st;
+    int64_t last;
+    const mode_t umask_before = umask(0);
+    int rc = apc_store_init(*state);
+    umask(umask_before);
+    assert_int_equal(rc, 0);
+    assert_int_equal(append_one(*state, 1, 1), 1);
+    assert_int_equal(apc_store_claim(*state, APC_SENSOR, 1, &last), 0);
+    static const char *const files[] = {"", "-journal", "-claims"};
+    for (size_t i = 0; i < 3; i++) {
+        snprintf(beside, sizeof beside, "%s%s", path, files[i]);
+        assert_int_equal(stat(beside, &st), 0);
+        assert_int_equal(st.st_mode & 0777, 0600);
+    }
+    apc_store_close(*state);
+    assert_int_equal(chmod(path, 0640), 0);
+    *state = open_store(20 * SECOND);
+    assert_int_equal(apc_store_init(*state), apc_store_version()); /* and he has said otherwise */
+    assert_int_equal(stat(path, &st), 0);
+    assert_int_equal(st.st_mode & 0777, 0640);
 }
 
 /* ---- Others have it open ----------------------------------------------------------------------- */
@@ -699,6 +752,8 @@ int main(void)
         T(test_a_file_for_reading_only_is_read),
         T(test_a_full_disk_keeps_the_whole_append_out_and_no_later_one),
         T(test_a_damaged_file_gives_errors_and_no_nonsense),
+        T(test_an_error_in_the_middle_of_housekeeping_is_said),
+        cmocka_unit_test_setup_teardown(test_a_file_is_made_for_its_user_alone, set_up_nothing, tear_down),
         T(test_a_lock_that_is_not_given_back_ends_in_a_timeout),
         T(test_nobody_is_held_up_by_somebody_who_reads_slowly),
         T(test_a_file_that_goes_away_and_comes_back_is_noticed),
