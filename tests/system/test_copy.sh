@@ -100,7 +100,7 @@ expect 0 'no 0' "$apc" history --events --last 99999 --store "sqlite:$work/saved
 
 # a store that takes less at once than a batch holds
 segment=/dev/shm/apc.system-copy-$$
-expect 0 'events: +1503 copied' "$apc" copy "$file" "shm:system-copy-$$?size=2"
+expect 0 'events: +1503 copied' "$apc" copy "$file" "shm:system-copy-$$?size=3"
 
 # a disk that is full ends it; what is there is whole, and the rest follows when there is room
 status=0
