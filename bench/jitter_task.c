@@ -82,7 +82,7 @@ static void run_task(const struct kind *kind, const char *period, const char *du
         die("%s", why.text);
     if (apc_task_start(task, &why) < 0)
         die("%s", why.text);
-    apc_task_wait(task, m.row.duration + 10 * APC_NS_PER_S);
+    apc_task_wait(task, m.row.duration + 10 * APC_NS_PER_S, NULL);
     jitter_row_to(&m.row);
     apc_task_stop(task);
     m.row.missed = apc_task_missed(task);
@@ -158,7 +158,7 @@ static apc_ns tick_cost(void)
     if (apc_executive_create(&executive, "posix", NULL, &why) < 0 ||
         apc_task_create(executive, &options, catch_up, a, &task, &why) < 0 || apc_task_start(task, &why) < 0)
         die("%s", why.text);
-    apc_task_wait(task, 10 * APC_NS_PER_S);
+    apc_task_wait(task, 10 * APC_NS_PER_S, NULL);
     apc_task_destroy(task);
     apc_executive_destroy(executive);
     qsort(a->between + 1, ARREARS, sizeof *a->between, by_size);

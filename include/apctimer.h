@@ -119,7 +119,7 @@ struct apc_tick {
 };
 
 /**
- * Return 0 to go on; anything else ends the task, and apc_task_wait() returns it. Runs with all signals
+ * Return 0 to go on; anything else ends the task, and apc_task_wait() gives it. Runs with all signals
  * blocked but those of faults, on a stack of 512 KiB, never twice at a time.
  */
 typedef int (*apc_task_fn)(void *ctx, const struct apc_tick *tick);
@@ -211,11 +211,12 @@ APC_API int apc_task_start(struct apc_task *task, struct apc_error *why);
  */
 APC_API int apc_task_stop(struct apc_task *task);
 /**
- * Wait until the task has ended by itself or been stopped, at most @p timeout. Returns its result (0 when it
- * was stopped); APC_ETIMEDOUT when it did not end in time; APC_ESTATE before the start and from the task's
- * own callback. [setup]
+ * Wait until the task has ended by itself or been stopped, at most @p timeout. Returns 0 when it has, and in
+ * @p result, if that is not NULL, what its callback returned, APC_EOVERRUN (APC_OVERRUN_STOP), or 0: it was
+ * stopped. Else @p result is left alone: APC_ETIMEDOUT when it did not end in time, APC_ESTATE before the
+ * start and from the task's own callback, APC_EINVAL. [setup]
  */
-APC_API int apc_task_wait(struct apc_task *task, apc_ns timeout);
+APC_API int apc_task_wait(struct apc_task *task, apc_ns timeout, int *result);
 /** Stops first if need be. NULL is legal. Does nothing when called from the task's own callback. [setup] */
 APC_API void apc_task_destroy(struct apc_task *task);
 

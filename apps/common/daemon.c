@@ -361,7 +361,7 @@ static int housekeep(struct daemon *d, struct apc_task *task, struct rhythm rhyt
     struct clock_watch clock;
     struct overrun_watch overruns = {0};
     uint64_t missed = 0;
-    int recorded = 0, rc = APC_ETIMEDOUT;
+    int recorded = 0, rc = APC_ETIMEDOUT, result = 0;
     sigset_t signals;
 
     clock_watch_init(&clock, NULL);
@@ -386,9 +386,9 @@ static int housekeep(struct daemon *d, struct apc_task *task, struct rhythm rhyt
                       &recorded);
         watch_spool(d, &d->records, recorder_store(d->recorder), "events");
         sd_notify(0, "WATCHDOG=1");
-        rc = apc_task_wait(task, 0);
+        rc = apc_task_wait(task, 0, &result);
     }
-    return rc;
+    return rc < 0 ? rc : result;
 }
 
 static void report_spin(const struct daemon *d, const struct apc_task *task)

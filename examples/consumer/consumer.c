@@ -17,6 +17,7 @@ int main(int argc, char **argv)
     struct apc_executive *executive = NULL;
     struct apc_task *task = NULL;
     struct apc_error why;
+    int result = 0;
 
     int rc = apc_executive_create(&executive, argc > 1 ? argv[1] : "deadline", NULL, &why);
     if (rc == 0)
@@ -26,7 +27,7 @@ int main(int argc, char **argv)
     if (rc < 0)
         fprintf(stderr, "%s\n", why.text);
     else
-        rc = apc_task_wait(task, 10 * APC_NS_PER_S) == 1 ? 0 : 1;
+        rc = apc_task_wait(task, 10 * APC_NS_PER_S, &result) == 0 && result == 1 ? 0 : 1;
     apc_task_destroy(task);
     apc_executive_destroy(executive);
     return rc != 0;

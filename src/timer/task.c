@@ -321,7 +321,7 @@ static struct timespec deadline_after(apc_ns timeout)
     return (struct timespec){.tv_sec = at / APC_NS_PER_S, .tv_nsec = at % APC_NS_PER_S};
 }
 
-int apc_task_wait(struct apc_task *task, apc_ns timeout)
+int apc_task_wait(struct apc_task *task, apc_ns timeout, int *result)
 {
     if (!task)
         return APC_EINVAL;
@@ -329,16 +329,18 @@ int apc_task_wait(struct apc_task *task, apc_ns timeout)
         return APC_ESTATE;
 
     const struct timespec deadline = deadline_after(timeout);
-    int rc = 0, result = APC_ETIMEDOUT;
+    int rc = 0, err = 0;
     pthread_mutex_lock(&task->lock);
     while (rc == 0 && task->state != APC_TASK_IDLE && task->state != APC_TASK_STOPPED && !task->ended)
         rc = pthread_cond_clockwait(&task->changed, &task->lock, CLOCK_MONOTONIC, &deadline);
     if (task->state == APC_TASK_IDLE)
-        result = APC_ESTATE;
-    else if (task->state == APC_TASK_STOPPED || task->ended)
-        result = task->result;
+        err = APC_ESTATE;
+    else if (task->state != APC_TASK_STOPPED && !task->ended)
+        err = APC_ETIMEDOUT;
+    else if (result)
+        *result = task->result;
     pthread_mutex_unlock(&task->lock);
-    return result;
+    return err;
 }
 
 void apc_task_destroy(struct apc_task *task)

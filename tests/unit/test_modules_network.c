@@ -119,7 +119,7 @@ static double run(double delay_s, double *growth)
         assert_true(apc_virtual_run(l.e, apc_clock_mono(l.clock) + APC_NS_PER_S) > 0);
         before = second == 4 ? l.apart : before;
     }
-    assert_int_equal(apc_task_wait(sensor, 0), APC_ETIMEDOUT); /* it goes on: no exchange was refused */
+    assert_int_equal(apc_task_wait(sensor, 0, NULL), APC_ETIMEDOUT); /* it goes on: no exchange was refused */
     *growth = l.apart / before;
     apc_task_destroy(sensor);
     apc_task_destroy(eye);

@@ -82,7 +82,8 @@ static void ticking_child(const char *executive, int fd)
 {
     struct apc_task *task = make_task(executive, report_tick, &fd, NULL);
     MUST(apc_task_start(task, NULL) == 0);
-    MUST(apc_task_wait(task, PATIENCE) == 1); /* the reader is gone */
+    int result = 0;
+    MUST(apc_task_wait(task, PATIENCE, &result) == 0 && result == 1); /* the reader is gone */
     apc_task_destroy(task);
 }
 
@@ -198,7 +199,7 @@ static void child_that_may_have_no_thread(const char *executive, int fd)
     MUST(apc_task_start(task, &why) == APC_ESYS);
     MUST(strstr(why.text, "no thread") && strstr(why.text, "apc-task"));
     MUST(apc_task_overruns(task, NULL) == 0);
-    MUST(apc_task_wait(task, 0) == APC_ESTATE);
+    MUST(apc_task_wait(task, 0, NULL) == APC_ESTATE);
 
     allow_threads(true); /* nothing was started: it may be tried again */
     MUST(apc_task_start(task, &why) == 0);
