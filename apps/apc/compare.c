@@ -3,9 +3,11 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "metrics.h"
 #include "print.h"
+#include "provision.h"
 #include "simulation.h"
 
 static const double none = (double)NAN;
@@ -97,6 +99,27 @@ static int compare_variable(const struct samples *simulated, const struct sample
     return rc;
 }
 
+/* Has the run the same signals? Another name is only said: a copy of an experiment is called otherwise. */
+static int check_experiment(const struct experiment *e, const char *dir, FILE *out, struct apc_error *why)
+{
+    struct experiment other;
+    char differs[PROVISION_TEXT];
+    size_t n;
+    int rc = experiment_load(&other, dir, EXPERIMENT_LAW, NULL, why);
+    if (rc < 0)
+        return rc;
+    struct apc_tag *tag = provision_tags(&other, &n);
+    if (!tag)
+        rc = apc_fail(why, APC_ENOMEM, "out of memory");
+    else if (provision_compare(e, tag, n, differs) < 0)
+        rc = apc_fail(why, APC_EINVAL, "%s: %s", dir, differs);
+    else if (strcmp(e->name, other.name) != 0)
+        fprintf(out, "%s is a run of %s, this is %s\n", dir, other.name, e->name);
+    free(tag);
+    experiment_free(&other);
+    return rc;
+}
+
 int compare_run(const struct samples *simulated, const struct experiment *e, const char *dir, FILE *out,
                 struct apc_error *why)
 {
@@ -106,8 +129,10 @@ int compare_run(const struct samples *simulated, const struct experiment *e, con
                                                   {"at s", PRINT_POINT}};
     struct samples recorded;
     struct print_table table;
-    int rc = samples_read(&recorded, dir, why);
+    int rc = samples_read(&recorded, dir, "samples.csv", why);
 
+    if (rc == 0)
+        rc = check_experiment(e, dir, out, why);
     print_table_open(&table, columns, sizeof columns / sizeof *columns);
     for (size_t i = 0; rc == 0 && i < e->dim.ny; i++)
         rc = compare_variable(simulated, &recorded, &e->y[i].tag, &table);

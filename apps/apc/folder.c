@@ -1,18 +1,21 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "folder.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
+#include "common/record.h"
 #include "common/timing.h"
+#include "provision.h"
 #include "samples.h"
 
 #define PATH_LEN 600
-#define COPY     "run.conf.new"
 
 static int make_folders(const char *dir, struct apc_error *why)
 {
@@ -27,7 +30,7 @@ static int make_folders(const char *dir, struct apc_error *why)
         mkdir(path, 0777); /* one that is there is fine; any other trouble shows at the last one */
         *c = '/';
     }
-    if (mkdir(path, 0777) != 0 && errno != EEXIST)
+    if (mkdir(path, 0700) != 0 && errno != EEXIST)
         return apc_fail(why, APC_ESYS, "%s: cannot be made: %s", dir, strerror(errno));
     return 0;
 }
@@ -59,72 +62,277 @@ static int file_close(struct file *f, int rc, struct apc_error *why)
     return rc < 0 ? rc : 0;
 }
 
-int folder_create(const char *dir, const char *experiment_file, struct apc_error *why)
+/* ---- What the run consists of -------------------------------------------------------------- */
+
+static const char *const kept[] = {"run.conf", "law.so", "plant.so"};
+static const char *const exported[] = {"samples.csv",        "seqs.csv",   "operation.csv",
+                                       "signals.csv",        "events.csv", "timing.csv",
+                                       "timing-summary.csv", "report.svg", "report.png"};
+#define COUNT(array) (sizeof(array) / sizeof *(array))
+#define NEW          ".new"
+
+static void path_of(const char *dir, const char *name, const char *suffix, char path[PATH_LEN])
 {
-    char block[4096];
+    snprintf(path, PATH_LEN, "%.500s/%s%s", dir, name, suffix);
+}
+
+static bool is_empty(const char *dir)
+{
+    DIR *folder = opendir(dir);
+    const struct dirent *entry = NULL;
+    while (folder && (entry = readdir(folder)) &&
+           (!strcmp(entry->d_name, ".") || !strcmp(entry->d_name, "..")))
+        ;
+    if (folder)
+        closedir(folder);
+    return folder && !entry;
+}
+
+/* A built-in law or model has no file. */
+static bool is_file(const struct plugin *plugin)
+{
+    return strchr(plugin->name, '/') != NULL;
+}
+
+static int copy_file(const char *dir, const char *name, const char *from, struct apc_error *why)
+{
+    char block[4096], part[64];
     struct file copy;
     size_t n;
-    int rc = make_folders(dir, why);
-    if (rc < 0)
-        return rc;
-    FILE *from = fopen(experiment_file, "r");
-    if (!from)
-        return apc_fail(why, APC_ENOTFOUND, "%s: cannot be read: %s", experiment_file, strerror(errno));
-    rc = file_open(&copy, dir, COPY, why);
+    FILE *in = fopen(from, "re");
+    if (!in)
+        return apc_fail(why, APC_ENOTFOUND, "%s: cannot be read: %s", from, strerror(errno));
+    snprintf(part, sizeof part, "%.50s" NEW, name);
+    int rc = file_open(&copy, dir, part, why);
     if (rc == 0) {
-        while ((n = fread(block, 1, sizeof block, from)) > 0)
+        while ((n = fread(block, 1, sizeof block, in)) > 0)
             fwrite(block, 1, n, copy.stream);
-        rc = file_close(&copy, 0, why);
+        rc = ferror(in) ? apc_fail(why, APC_ESYS, "%s: cannot be read: %s", from, strerror(errno)) : 0;
+        rc = file_close(&copy, rc, why);
     }
-    fclose(from);
+    fclose(in);
     return rc;
 }
 
-int folder_keep(const char *dir, struct apc_error *why)
+int folder_create(const char *dir, const struct experiment *e, bool force, struct apc_error *why)
 {
-    char copy[PATH_LEN + 8], path[PATH_LEN + 8];
-    snprintf(copy, sizeof copy, "%.580s/" COPY, dir);
-    snprintf(path, sizeof path, "%.580s/run.conf", dir);
-    return rename(copy, path) == 0
-               ? 0
-               : apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
+    int rc = make_folders(dir, why);
+    if (rc < 0)
+        return rc;
+    if (!force && !is_empty(dir))
+        return apc_fail(
+            why, APC_EPERM,
+            "%s is not empty: give a folder of its own to this run, or --force to write over what "
+            "is there",
+            dir);
+    rc = copy_file(dir, "run.conf", e->file, why);
+    if (rc == 0 && is_file(&e->controller.plugin))
+        rc = copy_file(dir, "law.so", e->controller.plugin.name, why);
+    if (rc == 0 && is_file(&e->plant.plugin))
+        rc = copy_file(dir, "plant.so", e->plant.plugin.name, why);
+    if (rc < 0)
+        folder_discard(dir);
+    return rc;
 }
 
 void folder_discard(const char *dir)
 {
     char path[PATH_LEN];
-    snprintf(path, sizeof path, "%.580s/" COPY, dir);
-    remove(path);
+    for (size_t i = 0; i < COUNT(kept); i++) {
+        path_of(dir, kept[i], NEW, path);
+        remove(path);
+    }
     remove(dir); /* fails, as it should, when there is more in it */
+}
+
+/* ---- The record ----------------------------------------------------------------------------- */
+
+static void put_text(FILE *out, const char *name, const char *text)
+{
+    fprintf(out, "%s = \"", name);
+    for (; *text; text++) {
+        if (*text == '"' || *text == '\\')
+            fputc('\\', out);
+        fputc((unsigned char)*text < ' ' ? ' ' : *text, out);
+    }
+    fputs("\"; ", out);
+}
+
+static void put_number(FILE *out, const char *name, double value)
+{
+    char text[40];
+    apc_number_format(value, text, sizeof text);
+    fprintf(out, "%s = %s%s;\n", name, text, strpbrk(text, ".e") ? "" : ".0");
+}
+
+static int put_plugin(FILE *out, const char *dir, const char *group, const char *file,
+                      const struct plugin *plugin, const char *name, struct apc_error *why)
+{
+    char path[PATH_LEN], hash[RECORD_HASH_LEN];
+    fprintf(out, "%s = { ", group);
+    put_text(out, "name", name);
+    fprintf(out, "chosen = %s; ", plugin->chosen ? "true" : "false");
+    if (is_file(plugin)) {
+        path_of(dir, file, "", path);
+        int rc = record_hash(path, hash, why);
+        if (rc < 0)
+            return rc;
+        put_text(out, "file", file);
+        put_text(out, "from", plugin->name);
+        put_text(out, "sha256", hash);
+    }
+    fputs("};\n", out);
+    return 0;
+}
+
+static void put_facts(FILE *out, const struct experiment *e, const struct folder_facts *facts)
+{
+    char start[APC_TIME_LEN];
+    fputs("# What was in force in this run, beside what run.conf says.\n", out);
+    put_text(out, "by", facts->by);
+    put_text(out, "\nversion", apc_version());
+    if (facts->host) {
+        put_text(out, "\nhost", facts->host);
+        put_text(out, "\nstart", apc_time_format(facts->start, start));
+        put_text(out, "\ntimer", facts->timer);
+        put_text(out, "\nstore", facts->store);
+    }
+    fputc('\n', out);
+    put_number(out, "duration", e->duration);
+    fprintf(out, "seed = %" PRId64 "L;\n", (int64_t)e->seed);
+    if (e->net[0]) {
+        put_text(out, "net", e->net);
+        fputc('\n', out);
+    }
+}
+
+static int write_record(const char *dir, const struct experiment *e, const struct folder_facts *facts,
+                        struct apc_error *why)
+{
+    char path[PATH_LEN], hash[RECORD_HASH_LEN];
+    struct file f;
+    path_of(dir, "run.conf", "", path);
+    int rc = record_hash(path, hash, why);
+    if (rc < 0 || (rc = file_open(&f, dir, RECORD_FILE, why)) < 0)
+        return rc;
+    put_facts(f.stream, e, facts);
+    fputs("experiment = { ", f.stream);
+    put_text(f.stream, "name", e->name);
+    put_text(f.stream, "sha256", hash);
+    fputs("};\n", f.stream);
+    rc = put_plugin(f.stream, dir, "law", "law.so", &e->controller.plugin, e->controller.law->name, why);
+    if (rc == 0)
+        rc = put_plugin(f.stream, dir, "plant", "plant.so", &e->plant.plugin, e->plant.model->name, why);
+    return file_close(&f, rc, why);
+}
+
+/* When it ended: the last line. */
+static int write_end(const char *dir, double ended, struct apc_error *why)
+{
+    static const char name[] = "ended";
+    char path[PATH_LEN], *line = NULL;
+    size_t size = 0;
+    struct file f;
+    path_of(dir, RECORD_FILE, "", path);
+    FILE *in = fopen(path, "re");
+    if (!in)
+        return apc_fail(why, APC_ESYS, "%s: cannot be read: %s", path, strerror(errno));
+    int rc = file_open(&f, dir, RECORD_FILE, why);
+    if (rc == 0) {
+        while (getline(&line, &size, in) >= 0)
+            if (strncmp(line, name, sizeof name - 1) != 0)
+                fputs(line, f.stream);
+        put_number(f.stream, name, ended);
+        rc = file_close(&f, 0, why);
+    }
+    free(line);
+    fclose(in);
+    return rc;
+}
+
+int folder_keep(const char *dir, const struct experiment *e, const struct folder_facts *facts,
+                struct apc_error *why)
+{
+    char from[PATH_LEN], to[PATH_LEN];
+    for (size_t i = 0; i < COUNT(exported); i++) {
+        path_of(dir, exported[i], "", to);
+        remove(to);
+    }
+    for (size_t i = 0; i < COUNT(kept); i++) {
+        path_of(dir, kept[i], NEW, from);
+        path_of(dir, kept[i], "", to);
+        if (access(from, F_OK) != 0)
+            remove(to);
+        else if (rename(from, to) != 0)
+            return apc_fail(why, APC_ESYS, "%s: cannot be written: %s", to, strerror(errno));
+    }
+    return write_record(dir, e, facts, why);
+}
+
+int folder_spare(const char *path, bool force, struct apc_error *why)
+{
+    struct stat at;
+    if (force || stat(path, &at) != 0 || !S_ISREG(at.st_mode) || at.st_size == 0)
+        return 0;
+    return apc_fail(why, APC_EPERM, "%s: is there already; --force writes over it", path);
 }
 
 /* ---- Samples ------------------------------------------------------------------------------ */
 
+static int put_samples(const char *dir, const char *name, const struct samples *samples, apc_ns start,
+                       struct apc_error *why)
+{
+    struct file f;
+    int rc = file_open(&f, dir, name, why);
+    if (rc < 0)
+        return rc;
+    samples_write(samples, start, f.stream);
+    return file_close(&f, 0, why);
+}
+
+static int collected(int rc, const struct apc_store *store, const char *what, struct apc_error *why)
+{
+    if (rc < 0)
+        apc_fail(why, rc, "%s: %s", what, rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(store));
+    return rc;
+}
+
+/* What the rows of samples.csv are called in the store, line by line: that a replay needs. */
+static int export_seqs(const char *dir, const struct samples *samples, struct apc_error *why)
+{
+    struct file f;
+    int rc = file_open(&f, dir, "seqs.csv", why);
+    if (rc < 0)
+        return rc;
+    samples_write_seqs(samples, f.stream);
+    return file_close(&f, 0, why);
+}
+
 static int export_samples(const char *dir, struct apc_store *store, const struct experiment *e,
-                          const struct apc_range *range, apc_ns start, struct apc_error *why)
+                          const struct apc_range *range, apc_ns start, apc_ns *last, struct apc_error *why)
 {
     struct samples samples = {0};
-    struct file f;
-    int rc = samples_collect(&samples, store, e, range);
-    if (rc < 0) {
-        apc_fail(why, rc, "samples: %s", rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(store));
-        goto out;
-    }
-    if ((rc = file_open(&f, dir, "samples.csv", why)) < 0)
-        goto out;
-    samples_write(&samples, start, f.stream);
-    rc = file_close(&f, 0, why);
-out:
+    int rc = collected(samples_collect(&samples, store, e, range), store, "samples", why);
+    if (rc == 0)
+        rc = export_seqs(dir, &samples, why);
+    if (rc == 0)
+        rc = put_samples(dir, "samples.csv", &samples, start, why);
+    *last = samples.n > 0 ? samples.at[samples.n - 1].time : start;
     samples_free(&samples);
     return rc;
 }
 
-/* ---- Events ------------------------------------------------------------------------------- */
-
-struct event_file {
-    struct file f;
-    apc_ns start;
-};
+/* Modes, tuning, outputs in Man: what was in force at the start, and each change. */
+static int export_operation(const char *dir, struct apc_store *store, const struct experiment *e,
+                            apc_ns start, const struct apc_range *range, struct apc_error *why)
+{
+    struct samples samples = {0};
+    int rc = collected(samples_collect_operation(&samples, store, e, range), store, "operation", why);
+    if (rc == 0)
+        rc = put_samples(dir, "operation.csv", &samples, start, why);
+    samples_free(&samples);
+    return rc;
+}
 
 static void quoted(FILE *out, const char *text)
 {
@@ -137,30 +345,105 @@ static void quoted(FILE *out, const char *text)
     fputc('"', out);
 }
 
-static int write_event(void *ctx, const struct apc_event *event)
+static void put_limit(FILE *out, double limit)
+{
+    char text[40] = "";
+    if (limit > -APC_VALUE_MAX && limit < APC_VALUE_MAX)
+        apc_number_format(limit, text, sizeof text);
+    fprintf(out, ",%s", text);
+}
+
+/* Which table and id is what. */
+static int export_signals(const char *dir, const struct experiment *e, struct apc_error *why)
+{
+    struct file f;
+    size_t n;
+    struct apc_tag *tag = provision_tags(e, &n);
+    int rc = tag ? file_open(&f, dir, "signals.csv", why) : apc_fail(why, APC_ENOMEM, "out of memory");
+    if (rc < 0)
+        goto out;
+    fputs("table,id,name,unit,description,low,high\n", f.stream);
+    for (size_t i = 0; i < n; i++) {
+        fprintf(f.stream, "%s,%d,", apc_table_name(tag[i].table), tag[i].id);
+        quoted(f.stream, tag[i].name);
+        fputc(',', f.stream);
+        quoted(f.stream, tag[i].unit);
+        fputc(',', f.stream);
+        quoted(f.stream, tag[i].description);
+        put_limit(f.stream, tag[i].low);
+        put_limit(f.stream, tag[i].high);
+        fputc('\n', f.stream);
+    }
+    rc = file_close(&f, 0, why);
+out:
+    free(tag);
+    return rc;
+}
+
+/* ---- Events ------------------------------------------------------------------------------- */
+
+struct events {
+    struct apc_event *at;
+    size_t n, room;
+};
+
+static int keep_event(void *ctx, const struct apc_event *event)
+{
+    struct events *e = ctx;
+    if (e->n == e->room) {
+        size_t room = 2 * e->room + 64;
+        struct apc_event *at = reallocarray(e->at, room, sizeof *at);
+        if (!at)
+            return 1;
+        e->at = at;
+        e->room = room;
+    }
+    e->at[e->n++] = *event;
+    return 0;
+}
+
+static void write_event(FILE *out, const struct apc_event *event, apc_ns start)
 {
     static const char *const severity[] = {
         [APC_EVENT_INFO] = "info", [APC_EVENT_WARNING] = "warning", [APC_EVENT_ALARM] = "alarm"};
-    struct event_file *e = ctx;
-    fprintf(e->f.stream, "%.6f,%s,%s,%s,", apc_ns_to_s(event->time - e->start), severity[event->severity],
-            event->source, event->kind);
-    quoted(e->f.stream, event->text);
-    fputc('\n', e->f.stream);
-    return 0;
+    fprintf(out, "%.6f,%s,%s,%s,", apc_ns_to_s(event->time - start), severity[event->severity], event->source,
+            event->kind);
+    quoted(out, event->text);
+    fputc('\n', out);
+}
+
+/* By time; at one time in the order in which they came. An insertion at the end is what there is nearly
+ * always. */
+static void sort_events(struct events *e)
+{
+    for (size_t i = 1; i < e->n; i++) {
+        const struct apc_event event = e->at[i];
+        size_t k = i;
+        for (; k > 0 && e->at[k - 1].time > event.time; k--)
+            ;
+        memmove(&e->at[k + 1], &e->at[k], (i - k) * sizeof event);
+        e->at[k] = event;
+    }
 }
 
 static int export_events(const char *dir, struct apc_store *store, const struct apc_range *range,
                          apc_ns start, struct apc_error *why)
 {
-    struct event_file e = {.start = start};
-    int rc = file_open(&e.f, dir, "events.csv", why);
-    if (rc < 0)
-        return rc;
-    fputs("time,severity,source,kind,text\n", e.f.stream);
-    rc = apc_store_events(store, range, write_event, &e);
-    if (rc < 0)
-        apc_fail(why, rc, "events: %s", apc_store_error(store));
-    return file_close(&e.f, rc, why);
+    struct events events = {0};
+    struct file f;
+    int rc = apc_store_events(store, range, keep_event, &events);
+    rc = collected(rc > 0 && (size_t)rc > events.n ? APC_ENOMEM : rc < 0 ? rc : 0, store, "events", why);
+    if (rc == 0)
+        rc = file_open(&f, dir, "events.csv", why);
+    if (rc == 0) {
+        sort_events(&events);
+        fputs("time,severity,source,kind,text\n", f.stream);
+        for (size_t i = 0; i < events.n; i++)
+            write_event(f.stream, &events.at[i], start);
+        rc = file_close(&f, 0, why);
+    }
+    free(events.at);
+    return rc;
 }
 
 /* ---- Timing ------------------------------------------------------------------------------- */
@@ -200,12 +483,19 @@ static int export_timing(const char *dir, struct apc_store *store, apc_ns since,
 }
 
 int folder_export(const char *dir, struct apc_store *store, const struct experiment *e, apc_ns start,
-                  apc_ns since, apc_ns until, struct apc_error *why)
+                  double ended, apc_ns since, apc_ns until, struct apc_error *why)
 {
     const struct apc_range samples = {.since = since, .until = until};
     const struct apc_range records = {.since = since}; /* the last window is closed when the daemons stop */
-    int rc = export_samples(dir, store, e, &samples, start, why);
+    apc_ns last;
+    int rc = export_operation(dir, store, e, start, &samples, why);
+    if (rc == 0)
+        rc = export_signals(dir, e, why);
     if (rc == 0)
         rc = export_events(dir, store, &records, start, why);
-    return rc == 0 ? export_timing(dir, store, since, why) : rc;
+    if (rc == 0)
+        rc = export_timing(dir, store, since, why);
+    if (rc == 0) /* last: where they are, the rest is */
+        rc = export_samples(dir, store, e, &samples, start, &last, why);
+    return rc == 0 ? write_end(dir, ended > 0 ? ended : apc_ns_to_s(last - start), why) : rc;
 }

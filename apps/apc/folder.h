@@ -1,7 +1,9 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * A run folder: run.conf (the experiment file as it was), samples.csv, events.csv, timing.csv and
- * timing-summary.csv, one log a daemon, report.svg and report.png.
+ * A run folder, the whole record of a run: run.conf (the experiment file as it was), record.conf (what was
+ * in force beside it: common/record.h), law.so and plant.so when they were no built-in ones; samples.csv,
+ * seqs.csv, operation.csv, signals.csv, events.csv, timing.csv and timing-summary.csv; one log a daemon,
+ * report.svg and report.png. docs/run-folder.md describes them.
  */
 #ifndef APC_FOLDER_H
 #define APC_FOLDER_H
@@ -11,20 +13,34 @@
 
 #include "common/experiment.h"
 
+/* What the record says beside the experiment. */
+struct folder_facts {
+    const char *by;                   /* the command */
+    const char *timer, *store, *host; /* NULL: in virtual time */
+    apc_ns start;                     /* t = 0: UTC */
+};
+
 /*
- * Make the folder (and its parents) and put a copy of the experiment file there, which folder_keep() gives
- * its name: until then a run that was there before keeps its own.
+ * Make the folder (and its parents) for @p e and what its record consists of, under names which folder_keep()
+ * makes the real ones: until then a run that was there before keeps its own. A folder that is not empty is
+ * refused, unless @p force.
  */
-int folder_create(const char *dir, const char *experiment_file, struct apc_error *why);
-int folder_keep(const char *dir, struct apc_error *why);
+int folder_create(const char *dir, const struct experiment *e, bool force, struct apc_error *why);
+/* From here on the folder is this run's: what else was there of another one goes. */
+int folder_keep(const char *dir, const struct experiment *e, const struct folder_facts *facts,
+                struct apc_error *why);
 /* Take back what folder_create() made, when nothing has been added. */
 void folder_discard(const char *dir);
 
 /*
- * Write what the store recorded since and until (UTC) as CSV, with times relative to start. Each file appears
- * whole or not at all.
+ * Write what the store recorded since and until (UTC; 0: all) as CSV, with times relative to @p start, and
+ * into the record when the run @p ended, in s; 0: with its last sample. Each file appears whole or not at
+ * all.
  */
 int folder_export(const char *dir, struct apc_store *store, const struct experiment *e, apc_ns start,
-                  apc_ns since, apc_ns until, struct apc_error *why);
+                  double ended, apc_ns since, apc_ns until, struct apc_error *why);
+
+/* Refuse to write over a file, but for an empty one and what is no regular file. */
+int folder_spare(const char *path, bool force, struct apc_error *why);
 
 #endif

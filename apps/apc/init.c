@@ -2,15 +2,31 @@
 #include "cli.h"
 #include "provision.h"
 
+static const struct argp_option option_list[] = {
+    {"force", 'f', NULL, 0, "Describe FILE also in a store that belongs to another experiment", 0}, {0}};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    bool *force = state->input;
+    (void)arg;
+    if (key != 'f')
+        return ARGP_ERR_UNKNOWN;
+    *force = true;
+    return 0;
+}
+
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
 static const struct cli_spec spec = {
     .args_doc = "[FILE]",
     .doc =
         "Make the tables of the shared data, or bring those of an older version up to date. With an "
         "experiment "
         "FILE, also describe its variables and write its dimensions, and its tuning and mode where there are "
-        "none yet. Running it again is harmless.",
+        "none yet. Running it again is harmless; a store that belongs to another experiment is refused.",
     .takes = CLI_STORE,
     .max_args = 1,
+    .extra = &extra,
 };
 
 static int init_store(const struct cli *cli, struct apc_store *store)
@@ -27,15 +43,28 @@ static int init_store(const struct cli *cli, struct apc_store *store)
     return EXIT_OK;
 }
 
+static int describe(const struct cli *cli, struct apc_store *store, const struct experiment *e, bool force)
+{
+    char why[PROVISION_TEXT];
+    int rc = force ? 0 : provision_check(store, e, why);
+    if (rc == APC_EPERM)
+        return cli_error(cli, rc, "the store is not described: %s; --force makes it this experiment's", why);
+    if (rc < 0 || (rc = provision(store, e, PROVISION_KEEP)) < 0)
+        return cli_store_error(cli, rc, store);
+    printf("experiment %s described\n", e->name);
+    return EXIT_OK;
+}
+
 int command_init(int argc, char **argv)
 {
     struct apc_store *store = NULL;
     struct experiment e = {0};
     struct apc_error why;
     struct cli cli;
+    bool force = false;
     int rc;
 
-    cli_parse(&cli, &spec, NULL, argc, argv);
+    cli_parse(&cli, &spec, &force, argc, argv);
     if (cli.n_args > 0 && (rc = experiment_load(&e, cli.args[0], EXPERIMENT_LAW, NULL, &why)) < 0)
         return cli_error(&cli, rc, "%s", why.text);
     rc = cli_open(&cli, &store);
@@ -44,13 +73,8 @@ int command_init(int argc, char **argv)
         goto out;
     }
     rc = init_store(&cli, store);
-    if (rc == EXIT_OK && cli.n_args > 0) {
-        int err = provision(store, &e, PROVISION_KEEP);
-        if (err < 0)
-            rc = cli_store_error(&cli, err, store);
-        else
-            printf("experiment %s described\n", e.name);
-    }
+    if (rc == EXIT_OK && cli.n_args > 0)
+        rc = describe(&cli, store, &e, force);
 out:
     apc_store_close(store);
     experiment_free(&e);

@@ -43,14 +43,14 @@ static size_t output_tags(const struct experiment *e, size_t i, struct apc_tag *
     return n;
 }
 
-static int put_tags(struct apc_store *store, const struct experiment *e)
+struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
 {
     const struct apc_dim *dim = &e->dim;
-    size_t n = 0, most = dim->ny + dim->nz + dim->nu * (4 + e->controller.law->n_tuning) + 5;
+    size_t n = 0, most = dim->ny + dim->nz + dim->nu * (4 + e->controller.law->n_tuning) + 6;
     char name[APC_TAG_LEN];
     struct apc_tag *tag = calloc(most, sizeof *tag);
     if (!tag)
-        return APC_ENOMEM;
+        return NULL;
     for (size_t i = 0; i < dim->ny; i++)
         tag[n++] = e->y[i].tag;
     for (size_t i = 0; i < dim->nz; i++)
@@ -71,10 +71,90 @@ static int put_tags(struct apc_store *store, const struct experiment *e)
     tag[n++] = plain_tag(APC_DIM, 3, "dim.u", "number of manipulated variables", 1, 1e6);
     tag[n++] = plain_tag(APC_OPMODE, 0, "mode", "target mode: 0 Man, 1 Auto", 0, 1);
     tag[n++] = plain_tag(APC_OPMODE, 1, "mode.actual", "actual mode: 0 Man, 1 Auto, 2 out of service", 0, 2);
-    int rc = apc_store_put_tags(store, tag, n);
+    tag[n++] = plain_tag(APC_STATE, 0, "experiment", e->name, 0, 0);
+    *count = n;
+    return tag;
+}
+
+static int put_tags(struct apc_store *store, const struct experiment *e)
+{
+    size_t n;
+    struct apc_tag *tag = provision_tags(e, &n);
+    int rc = tag ? apc_store_put_tags(store, tag, n) : APC_ENOMEM;
     free(tag);
     return rc;
 }
+
+/* ---- Whose store it is -------------------------------------------------------------------- */
+
+static const struct apc_tag *signal_of(const struct experiment *e, enum apc_table table, size_t i)
+{
+    if (table == APC_SENSOR)
+        return i < e->dim.ny ? &e->y[i].tag : NULL;
+    if (table == APC_SETPOINT)
+        return i < e->dim.nz ? &e->z[i].tag : NULL;
+    return i < e->dim.nu ? &e->u[i].tag : NULL;
+}
+
+static bool is_signal(const struct apc_tag *tag)
+{
+    return tag->table == APC_SENSOR || tag->table == APC_SETPOINT || tag->table == APC_ACTUATOR;
+}
+
+int provision_compare(const struct experiment *e, const struct apc_tag *tag, size_t n,
+                      char why[PROVISION_TEXT])
+{
+    size_t signals = 0;
+    for (size_t i = 0; i < n; i++) {
+        if (!is_signal(&tag[i]))
+            continue;
+        signals++;
+        const struct apc_tag *own = signal_of(e, tag[i].table, (size_t)tag[i].id - 1);
+        if (own && !strcmp(own->name, tag[i].name) && !strcmp(own->unit, tag[i].unit))
+            continue;
+        snprintf(why, PROVISION_TEXT,
+                 "it belongs to another experiment: its %s.%d is \"%s\" [%s], that of %s is \"%s\" [%s]",
+                 apc_table_name(tag[i].table), tag[i].id, tag[i].name, tag[i].unit, e->name,
+                 own ? own->name : "none", own ? own->unit : "");
+        return APC_EPERM;
+    }
+    if (signals == 0 || signals == e->dim.ny + e->dim.nz + e->dim.nu)
+        return 0;
+    snprintf(why, PROVISION_TEXT, "it belongs to another experiment: it has %zu signals, %s has %zu", signals,
+             e->name, e->dim.ny + e->dim.nz + e->dim.nu);
+    return APC_EPERM;
+}
+
+/* The one that was described last says its name. */
+static int compare_names(const struct experiment *e, const struct apc_tag *tag, size_t n,
+                         char why[PROVISION_TEXT])
+{
+    for (size_t i = 0; i < n; i++)
+        if (tag[i].table == APC_STATE && tag[i].id == 0 && strcmp(tag[i].description, e->name) != 0) {
+            snprintf(why, PROVISION_TEXT, "it belongs to experiment %s, this is %s", tag[i].description,
+                     e->name);
+            return APC_EPERM;
+        }
+    return 0;
+}
+
+int provision_check(struct apc_store *store, const struct experiment *e, char why[PROVISION_TEXT])
+{
+    int n = apc_store_get_tags(store, NULL, 0);
+    struct apc_tag *tag = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *tag);
+    if (!tag)
+        return n < 0 ? n : APC_ENOMEM;
+    int rc = apc_store_get_tags(store, tag, (size_t)n);
+    if (rc >= 0) {
+        size_t there = (size_t)(rc < n ? rc : n);
+        if ((rc = compare_names(e, tag, there, why)) == 0)
+            rc = provision_compare(e, tag, there, why);
+    }
+    free(tag);
+    return rc;
+}
+
+/* ---- Writing ------------------------------------------------------------------------------ */
 
 /* Write those of n samples that are not there yet (KEEP) or have another value (RESET). */
 static int put_values(struct apc_store *store, struct apc_sample *wanted, size_t n, enum provision how)

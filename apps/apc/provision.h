@@ -12,6 +12,20 @@ enum provision {
     PROVISION_RESET /* tuning and mode become the file's: an experiment that is being run */
 };
 
+#define PROVISION_TEXT 400
+
+/*
+ * Is what the store describes this experiment: the same name, the same signals with the same units? Returns
+ * 0, also when it describes nothing yet, APC_EPERM with the difference in @p why, or the store's error.
+ */
+int provision_check(struct apc_store *store, const struct experiment *e, char why[PROVISION_TEXT]);
+
+/* Are the signals of a description this experiment's: names, units, how many? 0, or APC_EPERM and why. */
+int provision_compare(const struct experiment *e, const struct apc_tag *tag, size_t n,
+                      char why[PROVISION_TEXT]);
+/* What the experiment's variables are called and may be: *n of them, to be freed; NULL without memory. */
+struct apc_tag *provision_tags(const struct experiment *e, size_t *n);
+
 /* The experiment must have been loaded with its law. Returns 0 or the store's error. */
 int provision(struct apc_store *store, const struct experiment *e, enum provision how);
 

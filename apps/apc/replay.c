@@ -3,9 +3,13 @@
  * apc replay: what a controller would have done in a recorded run.
  *
  * The controller's core ticks where the recorded one did, at the times of its outputs, and is given what that
- * one had: the newest setpoints; the measurements that the client had brought by then, which it does at its
- * own instants; the mode. Its outputs go nowhere: the measurements stay those that the recorded outputs have
- * led to.
+ * one had: the measurements and setpoints that its outputs name, the modes and the tuning of then. Its
+ * outputs go nowhere: the measurements stay those that the recorded outputs have led to.
+ *
+ * An output names the measurement and the setpoint of its own loop only, and none when the law did not make
+ * it. What is not named is taken by the clock: the newest setpoint; the measurement that was made with a
+ * named one or, without any, that the client had brought by then, which it does at its own instants. A race
+ * decided otherwise in the run is not seen then, so it is said that the replay is not exact.
  */
 #include <errno.h>
 #include <math.h>
@@ -14,6 +18,7 @@
 
 #include "cli.h"
 #include "common/cores.h"
+#include "folder.h"
 #include "print.h"
 #include "samples.h"
 
@@ -21,17 +26,19 @@
 
 struct replay_options {
     const char *csv;
+    bool force;
     double tolerance; /* < 0: none */
     struct experiment_overrides overrides;
 };
 
-enum { OPT_LAW = 0x600, OPT_CSV, OPT_TOLERANCE };
+enum { OPT_LAW = 0x600, OPT_CSV, OPT_TOLERANCE, OPT_FORCE };
 
 static const struct argp_option option_list[] = {
     {"law", OPT_LAW, "NAME", 0,
      "Control law instead of the run's: built in, or ./file.so; its own tuning applies", 0},
     {"tolerance", OPT_TOLERANCE, "U", 0, "End with code 1 when an output differs by more", 0},
     {"csv", OPT_CSV, "FILE", 0, "Write time,id,recorded,replayed there; - is stdout", 0},
+    {"force", OPT_FORCE, NULL, 0, "Write over what is in that file", 0},
     {0},
 };
 
@@ -49,6 +56,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case OPT_CSV:
         o->csv = arg;
         break;
+    case OPT_FORCE:
+        o->force = true;
+        break;
     default:
         return ARGP_ERR_UNKNOWN;
     }
@@ -60,8 +70,8 @@ static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NU
 static const struct cli_spec spec = {
     .args_doc = "RUN",
     .doc = "Give the measurements, setpoints and modes of run folder RUN to a controller, and report how its "
-           "outputs differ from the recorded ones. Tuning is the experiment file's; what an operator tuned "
-           "meanwhile is not in the folder.",
+           "outputs differ from the recorded ones. Without --law it is the law that ran, with the tuning and "
+           "the modes that it had. Says whether the controller was given just what the recorded one had.",
     .min_args = 1,
     .max_args = 1,
     .extra = &extra,
@@ -77,19 +87,17 @@ struct replay {
     struct cli cli;
     struct replay_options options;
     struct experiment e;
-    struct samples samples;
-    struct {
-        apc_ns at;
-        enum apc_mode mode;
-    } * modes; /* of the run's events, rising */
-    size_t n_modes;
+    struct samples samples, operation;
+    size_t *by_seq;        /* [samples.n] indices of the samples by table, id, seq */
+    bool seqs, operated;   /* there are seqs.csv, operation.csv */
+    struct apc_pair *pair; /* [nu] */
 
     struct apc_controller *core;
     struct apc_controller_size size;
     struct apc_sample *in, *out;
-    size_t *next; /* [ny + nz] of each measurement and setpoint: the first sample not yet given */
+    size_t *next;                  /* [size.in] of each input: the first sample not yet given */
     struct difference *difference; /* [nu] */
-    uint64_t ticks;
+    uint64_t ticks, guessed;       /* of these: with an input that no output names */
     FILE *csv, *talk;
 };
 
@@ -99,57 +107,66 @@ static int fail(const struct replay *r, int err, const struct apc_error *why)
     return err;
 }
 
-/* ---- What was recorded -------------------------------------------------------------------- */
+/* ---- What the outputs name ------------------------------------------------------------------ */
 
-/* The actual mode as the controller's events tell it. */
-static int read_modes(struct replay *r, const char *dir, struct apc_error *why)
+static int compare_names(const struct apc_sample *a, const struct apc_sample *b)
 {
-    char path[600], *line = NULL;
-    size_t size = 0, room = 0;
-    double t;
-    int rc = 0;
+    if (a->table != b->table)
+        return a->table < b->table ? -1 : 1;
+    if (a->id != b->id)
+        return a->id < b->id ? -1 : 1;
+    return a->seq < b->seq ? -1 : a->seq > b->seq;
+}
 
-    snprintf(path, sizeof path, "%.580s/events.csv", dir);
-    FILE *stream = fopen(path, "re");
-    if (!stream)
-        return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s", path, strerror(errno));
-    while (rc == 0 && getline(&line, &size, stream) >= 0) {
-        char *text = strstr(line, ",mode,\"mode "), *comma = strchr(line, ',');
-        if (!text || !comma)
-            continue;
-        *comma = '\0';
-        if (r->n_modes == room) {
-            void *grown = reallocarray(r->modes, room = 2 * room + 8, sizeof *r->modes);
-            if (!grown) {
-                rc = apc_fail(why, APC_ENOMEM, "out of memory");
-                break;
-            }
-            r->modes = grown;
-        }
-        if (apc_number_parse(line, &t) < 0 || apc_ns_from_s(t, &r->modes[r->n_modes].at) < 0)
-            continue; /* the header, or no event of ours */
-        text += strlen(",mode,\"mode ");
-        r->modes[r->n_modes++].mode = !strncmp(text, "Man", 3)    ? APC_MODE_MAN
-                                      : !strncmp(text, "Auto", 4) ? APC_MODE_AUTO
-                                                                  : APC_MODE_OOS;
+static int by_name(const void *left, const void *right, void *samples)
+{
+    const struct apc_sample *at = samples;
+    return compare_names(&at[*(const size_t *)left], &at[*(const size_t *)right]);
+}
+
+static int index_samples(struct replay *r)
+{
+    r->by_seq = calloc(r->samples.n + 1, sizeof *r->by_seq);
+    if (!r->by_seq)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < r->samples.n; i++)
+        r->by_seq[i] = i;
+    qsort_r(r->by_seq, r->samples.n, sizeof *r->by_seq, by_name, r->samples.at);
+    return 0;
+}
+
+static const struct apc_sample *find(const struct replay *r, enum apc_table table, int id, int64_t seq)
+{
+    const struct apc_sample wanted = {.table = table, .id = id, .seq = seq};
+    size_t low = 0, high = r->samples.n;
+    while (low < high) {
+        size_t middle = low + (high - low) / 2;
+        const struct apc_sample *s = &r->samples.at[r->by_seq[middle]];
+        int order = compare_names(s, &wanted);
+        if (order == 0)
+            return s;
+        if (order < 0)
+            low = middle + 1;
+        else
+            high = middle;
     }
-    free(line);
-    fclose(stream);
-    return rc;
+    return NULL;
 }
 
-/*
- * What the operator wanted at the tick of @p t whose output has @p status: the mode of the newest event,
- * which is recorded shortly after the tick. An output that is not Good in mode Man was the fault value, in
- * mode Auto.
- */
-static enum apc_mode mode_at(const struct replay *r, apc_ns t, apc_status status)
+/* The sample of a measurement or setpoint that one of the tick's outputs names; NULL: none does. */
+static const struct apc_sample *named(const struct replay *r, const struct apc_sample *tick,
+                                      enum apc_table table, size_t number)
 {
-    enum apc_mode mode = r->e.controller.mode;
-    for (size_t i = 0; i < r->n_modes && r->modes[i].at <= t + r->e.controller.rhythm.period / 2; i++)
-        mode = r->modes[i].mode;
-    return mode == APC_MODE_MAN && apc_status_severity(status) != APC_SEVERITY_GOOD ? APC_MODE_AUTO : mode;
+    for (size_t i = 0; r->seqs && i < r->e.dim.nu; i++) {
+        bool sensor = table == APC_SENSOR;
+        int64_t seq = sensor ? tick[i].sensor_seq : tick[i].setpoint_seq;
+        if (seq > 0 && number == (sensor ? r->pair[i].measurement : r->pair[i].setpoint))
+            return find(r, table, (int)number, seq);
+    }
+    return NULL;
 }
+
+/* ---- The controller's inputs -------------------------------------------------------------- */
 
 /* When the client brought a measurement of that source time. */
 static apc_ns arrival(const struct replay *r, apc_ns source)
@@ -158,21 +175,47 @@ static apc_ns arrival(const struct replay *r, apc_ns source)
     return apc_grid_time(client->phase, client->period, apc_grid_next(client->phase, client->period, source));
 }
 
-/* ---- The controller's inputs -------------------------------------------------------------- */
+static void give(struct apc_sample *in, const struct apc_sample *s)
+{
+    *in = *s;
+    in->time += ZERO;
+}
 
-/* The newest sample of in[k] that was there at @p t. */
-static void give(struct replay *r, size_t k, apc_ns t)
+/* The newest sample of in[k] in @p from that was there at @p t, or that was made until @p made. */
+static void give_newest(struct replay *r, const struct samples *from, size_t k, apc_ns t, apc_ns made)
 {
     struct apc_sample *in = &r->in[k];
-    for (size_t *i = &r->next[k]; *i < r->samples.n; ++*i) {
-        const struct apc_sample *s = &r->samples.at[*i];
+    for (size_t *i = &r->next[k]; *i < from->n; ++*i) {
+        const struct apc_sample *s = &from->at[*i];
         if (s->table != in->table || s->id != in->id)
             continue;
-        if ((s->table == APC_SENSOR ? arrival(r, s->time) : s->time) > t)
+        if (made >= 0 ? s->time > made : (s->table == APC_SENSOR ? arrival(r, s->time) : s->time) > t)
             return;
-        *in = *s;
-        in->time += ZERO;
+        give(in, s);
     }
+}
+
+/* Returns whether each was named. */
+static bool give_loop(struct replay *r, const struct apc_sample *tick)
+{
+    const size_t ny = r->e.dim.ny, nz = r->e.dim.nz;
+    apc_ns made = -1;
+    bool all = true;
+    for (size_t k = 0; k < ny; k++) {
+        const struct apc_sample *s = named(r, tick, APC_SENSOR, k + 1);
+        if (s)
+            made = s->time > made ? s->time : made;
+    }
+    for (size_t k = 0; k < ny + nz; k++) {
+        enum apc_table table = k < ny ? APC_SENSOR : APC_SETPOINT;
+        const struct apc_sample *s = named(r, tick, table, k < ny ? k + 1 : k - ny + 1);
+        if (s)
+            give(&r->in[k], s);
+        else
+            give_newest(r, &r->samples, k, tick->time, table == APC_SENSOR ? made : -1);
+        all = all && s;
+    }
+    return all;
 }
 
 /* What does not come from the samples: written before the run, or by an operator. */
@@ -184,19 +227,35 @@ static void give_value(struct apc_sample *in, int64_t seq, double value)
     in->value = value;
 }
 
+/*
+ * What the operator wanted at the tick of @p t whose output has @p status, from the actual mode, which has
+ * the time of its tick. An output that is not Good in mode Man was the fault value, in mode Auto.
+ */
+static enum apc_mode mode_at(const struct replay *r, apc_ns t, apc_status status)
+{
+    enum apc_mode mode = r->e.controller.mode;
+    for (size_t i = 0; i < r->operation.n && r->operation.at[i].time <= t; i++)
+        if (r->operation.at[i].table == APC_OPMODE && r->operation.at[i].id == 1)
+            mode = (enum apc_mode)r->operation.at[i].value;
+    return mode == APC_MODE_MAN && apc_status_severity(status) != APC_SEVERITY_GOOD ? APC_MODE_AUTO : mode;
+}
+
 /* @p tick points at the recorded outputs of one tick, [nu]. */
 static void give_all(struct replay *r, const struct apc_sample *tick)
 {
-    const size_t ny = r->e.dim.ny, nz = r->e.dim.nz, nu = r->e.dim.nu;
+    const size_t loop = r->e.dim.ny + r->e.dim.nz, nu = r->e.dim.nu;
     const size_t n_tuning = nu * r->e.controller.law->n_tuning;
-    struct apc_sample *in = r->in + ny + nz;
+    struct apc_sample *in = r->in + loop;
     enum apc_mode mode = mode_at(r, tick->time, tick->status);
 
-    for (size_t k = 0; k < ny + nz; k++)
-        give(r, k, tick->time);
+    r->guessed += !give_loop(r, tick);
     give_value(in++, 1, mode);
-    for (size_t i = 0; i < n_tuning; i++)
-        give_value(in++, 1, r->e.controller.tuning[i]);
+    for (size_t i = 0; i < n_tuning; i++, in++) {
+        if (in->seq == 0)
+            give_value(in, 1, r->e.controller.tuning[i]);
+        if (!r->options.overrides.law)
+            give_newest(r, &r->operation, loop + 1 + i, tick->time, -1);
+    }
     for (size_t i = 0; i < nu; i++)
         give_value(in++, mode == APC_MODE_MAN ? tick[i].seq + 1 : 1, tick[i].value);
 }
@@ -254,34 +313,63 @@ static void replay_all(struct replay *r)
 
 /* ---- The command -------------------------------------------------------------------------- */
 
-static int make_room(struct replay *r)
+static int make_room(struct replay *r, struct apc_error *why)
 {
+    const struct apc_law_setup setup = experiment_law_setup(&r->e);
+    const size_t nu = r->e.dim.nu;
     r->size = apc_controller_size(r->core);
     r->in = calloc(r->size.in, sizeof *r->in);
     r->out = calloc(r->size.out, sizeof *r->out);
-    r->next = calloc(r->e.dim.ny + r->e.dim.nz, sizeof *r->next);
-    r->difference = calloc(r->e.dim.nu, sizeof *r->difference);
-    if (!r->in || !r->out || !r->next || !r->difference)
-        return APC_ENOMEM;
+    r->next = calloc(r->size.in, sizeof *r->next);
+    r->difference = calloc(nu, sizeof *r->difference);
+    r->pair = calloc(nu, sizeof *r->pair);
+    if (!r->in || !r->out || !r->next || !r->difference || !r->pair || index_samples(r) < 0)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
     apc_controller_inputs(r->core, r->in);
-    return 0;
+    return apc_law_pairing(r->e.controller.law, &setup, r->pair, why);
+}
+
+/* A file that older runs have not. */
+static int optional(int rc, bool *there)
+{
+    *there = rc == 0;
+    return rc == APC_ENOTFOUND ? 0 : rc;
 }
 
 static int load(struct replay *r, struct apc_error *why)
 {
     const char *dir = r->cli.args[0];
-    char path[600];
-    snprintf(path, sizeof path, "%.580s/run.conf", dir);
-    int rc = experiment_load(&r->e, path, EXPERIMENT_LAW, &r->options.overrides, why);
+    int rc = experiment_load(&r->e, dir, EXPERIMENT_LAW, &r->options.overrides, why);
     if (rc == 0)
-        rc = samples_read(&r->samples, dir, why);
+        rc = samples_read(&r->samples, dir, "samples.csv", why);
     if (rc == 0)
-        rc = read_modes(r, dir, why);
+        rc = optional(samples_read_seqs(&r->samples, dir, why), &r->seqs);
+    if (rc == 0)
+        rc = optional(samples_read(&r->operation, dir, "operation.csv", why), &r->operated);
     if (rc == 0)
         rc = cores_controller(&r->e, &r->core, why);
-    if (rc == 0 && make_room(r) < 0)
-        rc = apc_fail(why, APC_ENOMEM, "out of memory");
-    return rc;
+    return rc == 0 ? make_room(r, why) : rc;
+}
+
+/* Was it given just what the recorded controller had? If not: why. */
+static void print_exactness(const struct replay *r)
+{
+    if (!r->seqs)
+        fputs("not exact: there is no seqs.csv, which says from what each output was made; measurements are "
+              "taken "
+              "by the client's instants\n",
+              r->talk);
+    else if (r->guessed > 0)
+        fprintf(
+            r->talk,
+            "not exact: at %llu of %llu ticks the outputs do not name all measurements and setpoints that "
+            "they were made from; those are taken by the clock\n",
+            (unsigned long long)r->guessed, (unsigned long long)r->ticks);
+    if (!r->operated)
+        fputs("not exact: there is no operation.csv; mode and tuning are the experiment file's throughout\n",
+              r->talk);
+    if (r->seqs && r->guessed == 0 && r->operated)
+        fputs("exact: each output is made from the measurements and setpoints that it names\n", r->talk);
 }
 
 static int print_differences(const struct replay *r)
@@ -314,6 +402,8 @@ static int replay(struct replay *r)
     int rc = load(r, &why);
     if (rc < 0)
         return fail(r, rc, &why);
+    if (csv && (rc = folder_spare(csv, r->options.force, &why)) < 0)
+        return fail(r, rc, &why);
     if (csv && !(r->csv = !strcmp(csv, "-") ? stdout : fopen(csv, "w"))) {
         cli_error(&r->cli, APC_ESYS, "%s: cannot be written: %s", csv, strerror(errno));
         return APC_ESYS;
@@ -333,6 +423,7 @@ static int replay(struct replay *r)
         cli_error(&r->cli, rc, "out of memory");
         return rc;
     }
+    print_exactness(r);
     for (size_t i = 0; i < r->e.dim.nu && r->options.tolerance >= 0; i++)
         if (!(r->difference[i].worst <= r->options.tolerance)) {
             cli_error(&r->cli, APC_ESTATE, "%s differs by %g, more than %g", r->e.u[i].tag.name,
@@ -350,8 +441,10 @@ int command_replay(int argc, char **argv)
     int rc = replay(&r);
     apc_controller_destroy(r.core);
     samples_free(&r.samples);
+    samples_free(&r.operation);
     experiment_free(&r.e);
-    free(r.modes);
+    free(r.by_seq);
+    free(r.pair);
     free(r.in);
     free(r.out);
     free(r.next);

@@ -7,9 +7,11 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "cli.h"
+#include "common/storeuri.h"
 #include "folder.h"
 #include "live.h"
 #include "provision.h"
@@ -25,15 +27,16 @@
 struct run_options {
     double duration; /* s; < 0: the file's */
     const char *out, *timer;
-    bool spin, hold_latency, no_ui;
+    bool spin, hold_latency, no_ui, force;
     struct experiment_overrides overrides;
 };
 
-enum { OPT_LAW = 0x400, OPT_PLANT, OPT_SPIN, OPT_HOLD_LATENCY, OPT_NO_UI };
+enum { OPT_LAW = 0x400, OPT_PLANT, OPT_SPIN, OPT_HOLD_LATENCY, OPT_NO_UI, OPT_FORCE };
 
 static const struct argp_option option_list[] = {
     {"duration", 'd', "SECONDS", 0, "How long to run instead of the file's duration; 0: until Ctrl-C", 0},
     {"out", 'o', "DIR", 0, "Run folder; default runs/NAME-TIME", 0},
+    {"force", OPT_FORCE, NULL, 0, "Write over what is in the run folder", 0},
     {"timer", 't', "NAME", 0, "Executive of all daemons: deadline (default) or posix", 0},
     {"spin", OPT_SPIN, NULL, 0, "The daemons spin for the last microseconds before a tick (deadline only)",
      0},
@@ -75,6 +78,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case OPT_PLANT:
         o->overrides.model = arg;
         break;
+    case OPT_FORCE:
+        o->force = true;
+        break;
     case OPT_NO_UI:
         o->no_ui = true;
         break;
@@ -93,11 +99,14 @@ static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NU
 static const struct cli_spec spec = {
     .args_doc = "FILE",
     .doc =
-        "Run the experiment FILE in real time: start its plant, client, controller and scheduler as "
+        "Run the experiment FILE, or that of a run folder again, in real time: start its plant, client, "
+        "controller and scheduler as "
         "processes, serve the operator's page, show one live line, stop them all at the end or on Ctrl-C, "
         "and leave a run folder with report.png, report.svg and samples.csv. Tuning and mode are set to the "
         "file's; tables are made if there are none. Without --store and APC_STORE the shared data are a file "
-        "in the run folder, store.db.",
+        "in the run folder, store.db. A run folder that is not empty, and a store that another experiment "
+        "has "
+        "filled, are refused.",
     .takes = CLI_STORE | CLI_OWN_STORE,
     .min_args = 1,
     .max_args = 1,
@@ -113,7 +122,7 @@ struct run {
     struct live *live;
     char page[64];               /* ADDRESS:PORT of the operator's page; "": none */
     apc_ns start, begin, finish; /* t = 0: UTC then, monotonic; monotonic end, 0: none */
-    char dir[512];
+    char dir[512], config[544], store_name[400], host[256];
     char own_store[PATH_MAX + 32]; /* URI of a store in dir; "": it was given one */
     bool made_store;               /* it was not there before */
 };
@@ -156,6 +165,21 @@ static int claim_all(const struct run *r, struct apc_store *guard)
     return rc;
 }
 
+/* Nobody is running the plant in this store: it may be described anew when it is this experiment's. */
+static int describe(struct run *r)
+{
+    char why[PROVISION_TEXT], name[400];
+    int rc = provision_check(r->store, &r->e, why);
+    store_name(r->cli.store, name, sizeof name);
+    if (rc == APC_EPERM)
+        cli_error(&r->cli, rc, "the store %s cannot be taken: %s; give another --store%s", name, why,
+                  r->own_store[0] ? " or --out"
+                                  : ", or make it this experiment's with `apc init --force FILE`");
+    else if (rc < 0 || (rc = provision(r->store, &r->e, PROVISION_RESET)) < 0)
+        cli_store_error(&r->cli, rc, r->store);
+    return rc;
+}
+
 static int prepare_store(struct run *r)
 {
     struct apc_store *guard = NULL;
@@ -170,28 +194,35 @@ static int prepare_store(struct run *r)
     rc = cli_open(&r->cli, &guard);
     if (rc >= 0)
         rc = claim_all(r, guard);
-    if (rc >= 0 && (rc = provision(r->store, &r->e, PROVISION_RESET)) < 0)
-        cli_store_error(&r->cli, rc, r->store);
+    if (rc >= 0)
+        rc = describe(r);
     apc_store_close(guard);
     return rc;
+}
+
+/* runs/NAME-TIME, with a number when two begin in one second. */
+static void choose_folder(struct run *r)
+{
+    char stamp[APC_TIME_LEN];
+    apc_time_format(apc_clock_utc(NULL), stamp);
+    int n = snprintf(r->dir, sizeof r->dir, "runs/%s-%.4s%.2s%.2s-%.2s%.2s%.2s", r->e.name, stamp, stamp + 5,
+                     stamp + 8, stamp + 11, stamp + 14, stamp + 17);
+    for (int i = 2; access(r->dir, F_OK) == 0 && i < 1000; i++)
+        snprintf(r->dir + n, sizeof r->dir - (size_t)n, "-%d", i);
 }
 
 static int prepare_folder(struct run *r)
 {
     struct apc_error why;
-    char stamp[APC_TIME_LEN];
     if (r->options.out && strlen(r->options.out) >= sizeof r->dir) {
         cli_error(&r->cli, APC_EINVAL, "--out: the path is too long");
         return APC_EINVAL;
     }
-    if (r->options.out) {
+    if (r->options.out)
         snprintf(r->dir, sizeof r->dir, "%s", r->options.out);
-    } else {
-        apc_time_format(apc_clock_utc(NULL), stamp);
-        snprintf(r->dir, sizeof r->dir, "runs/%s-%.4s%.2s%.2s-%.2s%.2s%.2s", r->e.name, stamp, stamp + 5,
-                 stamp + 8, stamp + 11, stamp + 14, stamp + 17);
-    }
-    int rc = folder_create(r->dir, r->cli.args[0], &why);
+    else
+        choose_folder(r);
+    int rc = folder_create(r->dir, &r->e, r->options.force, &why);
     if (rc < 0)
         cli_error(&r->cli, rc, "%s", why.text);
     return rc;
@@ -259,11 +290,38 @@ static void add_page(struct run *r, struct child *child)
     *child = (struct child){.name = "apc-ui", .extra = {"--listen", r->page}, .aside = true};
 }
 
+static struct folder_facts facts_of(struct run *r)
+{
+    store_name(r->cli.store, r->store_name, sizeof r->store_name);
+    gethostname(r->host, sizeof r->host - 1);
+    return (struct folder_facts){.by = "apc run",
+                                 .timer = r->options.timer ? r->options.timer : "deadline",
+                                 .store = r->store_name,
+                                 .host = r->host,
+                                 .start = r->start};
+}
+
+/* t = 0 is chosen, and from now on the folder is this run's. The daemons load run.conf there, and with it the
+ * record and the plug-ins: what they run is what is kept. */
+static int keep_folder(struct run *r)
+{
+    struct apc_error why;
+    r->start = (apc_clock_utc(NULL) + LEAD + APC_NS_PER_S - 1) / APC_NS_PER_S * APC_NS_PER_S;
+    r->begin = r->start - apc_clock_offset(NULL, NULL);
+    r->finish = r->e.duration > 0 ? r->begin + (apc_ns)(r->e.duration * 1e9) : 0;
+    snprintf(r->config, sizeof r->config, "%s/run.conf", r->dir);
+    const struct folder_facts facts = facts_of(r);
+    int rc = folder_keep(r->dir, &r->e, &facts, &why);
+    if (rc < 0)
+        cli_error(&r->cli, rc, "%s", why.text);
+    return rc;
+}
+
 static int start_daemons(struct run *r)
 {
     struct supervisor *s = &r->daemons;
     struct apc_error why;
-    *s = (struct supervisor){.config = r->cli.args[0],
+    *s = (struct supervisor){.config = r->config,
                              .timer = r->options.timer,
                              .dir = r->dir,
                              .spin = r->options.spin,
@@ -272,20 +330,9 @@ static int start_daemons(struct run *r)
     s->child[1].name = "apc-client";
     s->child[2].name = "apc-controller";
     s->child[3].name = "apc-scheduler";
-    if (r->options.overrides.model) {
-        s->child[0].extra[0] = "--plant";
-        s->child[0].extra[1] = r->options.overrides.model;
-    }
-    if (r->options.overrides.law) {
-        s->child[2].extra[0] = "--law";
-        s->child[2].extra[1] = r->options.overrides.law;
-    }
     add_page(r, &s->child[4]);
     setenv("APC_STORE", r->cli.store, 1); /* not in argv, where everybody could read a password */
     setenv("APC_SPOOL", r->dir, 1);
-    r->start = (apc_clock_utc(NULL) + LEAD + APC_NS_PER_S - 1) / APC_NS_PER_S * APC_NS_PER_S;
-    r->begin = r->start - apc_clock_offset(NULL, NULL);
-    r->finish = r->e.duration > 0 ? r->begin + (apc_ns)(r->e.duration * 1e9) : 0;
     s->start = r->begin;
     int rc = supervisor_start(s, &why);
     if (rc < 0)
@@ -326,25 +373,27 @@ static int follow(struct run *r, const sigset_t *signals)
 }
 
 /* What the daemons could not store before they were stopped belongs to the record. */
-static int drain_and_export(const struct run *r, apc_ns since, apc_ns until, struct apc_error *why)
+static int drain_and_export(const struct run *r, apc_ns ran, apc_ns since, apc_ns until,
+                            struct apc_error *why)
 {
     int rc = spools_drain(r->dir, r->cli.store, r->cli.timeout, why);
     if (rc < 0 && rc != APC_EPROTO) /* what is damaged is no reason not to give the rest */
         return rc;
-    int err = folder_export(r->dir, r->store, &r->e, r->start, since, until, why);
+    int err = folder_export(r->dir, r->store, &r->e, r->start, apc_ns_to_s(ran), since, until, why);
     return err < 0 ? err : rc;
 }
 
 /* The store may just be away: nobody wants to lose a run for that. */
-static int export_patiently(const struct run *r, apc_ns since, apc_ns until, struct apc_error *why)
+static int export_patiently(const struct run *r, apc_ns ran, apc_ns since, apc_ns until,
+                            struct apc_error *why)
 {
     const struct timespec pause = {1, 0};
-    int rc = drain_and_export(r, since, until, why);
+    int rc = drain_and_export(r, ran, since, until, why);
     for (int tries = 0; (rc == APC_ECONN || rc == APC_ETIMEDOUT) && tries < EXPORT_TRIES; tries++) {
         if (tries == 0)
             cli_error(&r->cli, rc, "%s; trying again", why->text);
         nanosleep(&pause, NULL);
-        rc = drain_and_export(r, since, until, why);
+        rc = drain_and_export(r, ran, since, until, why);
     }
     return rc;
 }
@@ -357,8 +406,8 @@ static int leave_report(struct run *r)
     apc_ns step = apc_clock_offset(NULL, NULL) - (r->start - r->begin);
     if (step > -APC_NS_PER_S && step < APC_NS_PER_S)
         step = 0;
-    int rc =
-        export_patiently(r, r->start + (step < 0 ? step : 0), r->start + ran + (step > 0 ? step : 0), &why);
+    int rc = export_patiently(r, ran, r->start + (step < 0 ? step : 0),
+                              r->start + ran + (step > 0 ? step : 0), &why);
     if (rc == 0)
         rc = report_write(r->dir, r->e.title, &why);
     if (rc < 0) {
@@ -389,12 +438,12 @@ static int run(struct run *r)
         discard(r);
         return rc;
     }
-    if ((rc = folder_keep(r->dir, &why)) < 0) {
-        cli_error(&r->cli, rc, "%s", why.text);
+    if ((rc = keep_folder(r)) < 0)
         return rc;
-    }
     if (r->own_store[0])
         say_export(r->own_store);
+    else
+        fprintf(stderr, "store:   %s\n", r->store_name);
     if ((rc = start_daemons(r)) < 0)
         return rc;
     printf("%s: %s%s\n", r->e.name, r->e.title, r->finish ? "" : " (Ctrl-C ends it)");
@@ -416,6 +465,7 @@ static int run(struct run *r)
 int command_run(int argc, char **argv)
 {
     struct run r = {.options = {.duration = -1}};
+    umask(077); /* the record of a plant is its owner's */
     cli_parse(&r.cli, &spec, &r.options, argc, argv);
     int rc = run(&r);
     apc_store_close(r.store);

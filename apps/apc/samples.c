@@ -2,11 +2,13 @@
 #include "samples.h"
 
 #include <errno.h>
+#include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #define HEADER "time,table,id,status,value"
+#define SEQS   "seq,sensor_seq,setpoint_seq"
 
 int samples_add(struct samples *s, const struct apc_sample *sample)
 {
@@ -30,7 +32,8 @@ void samples_free(struct samples *s)
 
 static int by_time(const void *left, const void *right)
 {
-    static const int rank[APC_TABLE_END] = {[APC_SETPOINT] = 1, [APC_SENSOR] = 2, [APC_ACTUATOR] = 3};
+    static const int rank[APC_TABLE_END] = {[APC_SETPOINT] = 1, [APC_SENSOR] = 2, [APC_ACTUATOR] = 3,
+                                            [APC_OPMODE] = 4,   [APC_TUNING] = 5, [APC_MANUAL] = 6};
     const struct apc_sample *a = left, *b = right;
     if (a->time != b->time)
         return a->time < b->time ? -1 : 1;
@@ -46,25 +49,61 @@ static int collect(void *ctx, const struct apc_sample *sample)
     return samples_add(ctx, sample);
 }
 
+/* n variables of a table, from id @first on. */
+struct part {
+    enum apc_table table;
+    int first;
+    size_t n;
+};
+
+static int collect_part(struct samples *samples, struct apc_store *store, const struct part *part,
+                        const struct apc_range *range)
+{
+    for (size_t i = 0; i < part->n; i++) {
+        size_t before = samples->n;
+        int rc = apc_store_history(store, part->table, part->first + (int)i, range, collect, samples);
+        if (rc < 0)
+            return rc;
+        if (samples->n - before < (size_t)rc)
+            return APC_ENOMEM;
+    }
+    return 0;
+}
+
+static void sort(struct samples *samples)
+{
+    if (samples->n > 0)
+        qsort(samples->at, samples->n, sizeof *samples->at, by_time);
+}
+
 int samples_collect(struct samples *samples, struct apc_store *store, const struct experiment *e,
                     const struct apc_range *range)
 {
-    const struct {
-        enum apc_table table;
-        size_t n;
-    } of[] = {{APC_SETPOINT, e->dim.nz}, {APC_SENSOR, e->dim.ny}, {APC_ACTUATOR, e->dim.nu}};
-    for (size_t t = 0; t < sizeof of / sizeof *of; t++)
-        for (size_t i = 0; i < of[t].n; i++) {
-            size_t before = samples->n;
-            int rc = apc_store_history(store, of[t].table, (int)i + 1, range, collect, samples);
-            if (rc < 0)
-                return rc;
-            if (samples->n - before < (size_t)rc)
-                return APC_ENOMEM;
-        }
-    if (samples->n > 0)
-        qsort(samples->at, samples->n, sizeof *samples->at, by_time);
-    return 0;
+    const struct part of[] = {
+        {APC_SETPOINT, 1, e->dim.nz}, {APC_SENSOR, 1, e->dim.ny}, {APC_ACTUATOR, 1, e->dim.nu}};
+    int rc = 0;
+    for (size_t t = 0; t < sizeof of / sizeof *of && rc == 0; t++)
+        rc = collect_part(samples, store, &of[t], range);
+    sort(samples);
+    return rc;
+}
+
+int samples_collect_operation(struct samples *samples, struct apc_store *store, const struct experiment *e,
+                              const struct apc_range *range)
+{
+    const struct part of[] = {{APC_OPMODE, 0, 2},
+                              {APC_TUNING, 1, e->dim.nu * e->controller.law->n_tuning},
+                              {APC_MANUAL, 1, e->dim.nu}};
+    const struct apc_range before = {.until = range->since, .last = 1};
+    int rc = 0;
+    for (size_t t = 0; t < sizeof of / sizeof *of && rc == 0; t++) {
+        if (range->since > 0)
+            rc = collect_part(samples, store, &of[t], &before);
+        if (rc == 0)
+            rc = collect_part(samples, store, &of[t], range);
+    }
+    sort(samples);
+    return rc;
 }
 
 void samples_write(const struct samples *s, apc_ns start, FILE *out)
@@ -77,6 +116,14 @@ void samples_write(const struct samples *s, apc_ns start, FILE *out)
         fprintf(out, "%.6f,%s,%d,%s,%s\n", apc_ns_to_s(at->time - start), apc_table_name(at->table), at->id,
                 apc_status_format(at->status, status), value);
     }
+}
+
+void samples_write_seqs(const struct samples *s, FILE *out)
+{
+    fputs(SEQS "\n", out);
+    for (size_t i = 0; i < s->n; i++)
+        fprintf(out, "%" PRId64 ",%" PRId64 ",%" PRId64 "\n", s->at[i].seq, s->at[i].sensor_seq,
+                s->at[i].setpoint_seq);
 }
 
 /* ---- Reading ------------------------------------------------------------------------------ */
@@ -114,14 +161,14 @@ static int count_seqs(struct samples *s)
     return 0;
 }
 
-int samples_read(struct samples *s, const char *dir, struct apc_error *why)
+int samples_read(struct samples *s, const char *dir, const char *name, struct apc_error *why)
 {
     char path[600], *line = NULL;
     size_t size = 0, number = 1;
     int rc = 0;
 
     *s = (struct samples){0};
-    snprintf(path, sizeof path, "%.580s/samples.csv", dir);
+    snprintf(path, sizeof path, "%.540s/%.50s", dir, name);
     FILE *stream = fopen(path, "re");
     if (!stream)
         return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s", path, strerror(errno));
@@ -140,4 +187,30 @@ int samples_read(struct samples *s, const char *dir, struct apc_error *why)
     if (rc == 0 && count_seqs(s) < 0)
         rc = apc_fail(why, APC_ENOMEM, "out of memory");
     return rc;
+}
+
+static bool parse_seqs(const char *line, struct apc_sample *sample)
+{
+    int end = 0;
+    return sscanf(line, "%" SCNd64 ",%" SCNd64 ",%" SCNd64 "%n", &sample->seq, &sample->sensor_seq,
+                  &sample->setpoint_seq, &end) == 3 &&
+           line[end] == '\n' && sample->seq > 0;
+}
+
+int samples_read_seqs(struct samples *s, const char *dir, struct apc_error *why)
+{
+    char path[600], line[80];
+    size_t n = 0;
+    snprintf(path, sizeof path, "%.580s/seqs.csv", dir);
+    FILE *stream = fopen(path, "re");
+    if (!stream)
+        return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s", path, strerror(errno));
+    bool ok = fgets(line, sizeof line, stream) && !strcmp(line, SEQS "\n");
+    while (ok && n < s->n)
+        ok = fgets(line, sizeof line, stream) && parse_seqs(line, &s->at[n++]);
+    ok = ok && !fgets(line, sizeof line, stream);
+    fclose(stream);
+    return ok ? 0
+              : apc_fail(why, APC_EPROTO, "%s:%zu: expected " SEQS ", a line for each of samples.csv", path,
+                         n + 1);
 }

@@ -4,6 +4,7 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <openssl/evp.h>
@@ -11,6 +12,7 @@
 #include "campaign.h"
 #include "cli.h"
 #include "compare.h"
+#include "folder.h"
 #include "metrics.h"
 #include "report.h"
 #include "simulation.h"
@@ -20,13 +22,13 @@
 struct simulate_options {
     double duration; /* s; 0: the file's */
     uint64_t seed;
-    bool seeded;         /* --seed was given */
+    bool seeded, force;  /* seeded: --seed was given */
     unsigned runs, jobs; /* runs 0: one, and no campaign */
     const char *csv, *report, *net, *compare;
     struct experiment_overrides overrides;
 };
 
-enum { OPT_CSV = 0x500, OPT_LAW, OPT_PLANT, OPT_NET, OPT_COMPARE };
+enum { OPT_CSV = 0x500, OPT_LAW, OPT_PLANT, OPT_NET, OPT_COMPARE, OPT_FORCE };
 
 static const struct argp_option option_list[] = {
     {"seed", 's', "N", 0, "Of everything random, 0 to 2^64 - 1, instead of the file's", 0},
@@ -34,6 +36,7 @@ static const struct argp_option option_list[] = {
     {"csv", OPT_CSV, "FILE", 0, "Write the samples (of --runs: the figures of each run) there; - is stdout",
      0},
     {"report", 'o', "DIR", 0, "Leave a run folder there, with its figure", 0},
+    {"force", OPT_FORCE, NULL, 0, "Write over what is in that folder or file", 0},
     {"net", OPT_NET, "SPEC", 0,
      "The network, over what the file says: delay=normal(0.004,0.001),jitter=...,loss=0.01,duplication=...,"
      "reordering=...,bandwidth=1e6,outage=10-12; times in seconds, bandwidth in bit/s",
@@ -89,6 +92,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case 'o':
         o->report = arg;
         break;
+    case OPT_FORCE:
+        o->force = true;
+        break;
     case OPT_NET:
         o->net = arg;
         break;
@@ -117,7 +123,8 @@ static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NU
 
 static const struct cli_spec spec = {
     .args_doc = "FILE",
-    .doc = "Run the experiment FILE in virtual time, in one process: the modules, laws and plants of `apc "
+    .doc = "Run the experiment FILE, or that of a run folder with what was in force there, in virtual time, "
+           "in one process: the modules, laws and plants of `apc "
            "run`, over a network as bad as you like. The same seed gives the same samples bit for bit.",
     .min_args = 1,
     .max_args = 1,
@@ -139,16 +146,23 @@ static int refuse(const struct simulate *r, int rc, const struct apc_error *why)
     return rc;
 }
 
-/* Before the work, not after it. */
-static int check_csv(const struct simulate *r)
+/* Before the work, not after it: may what is asked for be written? */
+static int check_outputs(const struct simulate *r)
 {
     const char *path = r->options.csv;
-    FILE *file = path && strcmp(path, "-") != 0 ? fopen(path, "a") : NULL;
+    struct apc_error why;
+    bool to_file = path && strcmp(path, "-") != 0;
+    int rc = to_file ? folder_spare(path, r->options.force, &why) : 0;
+    FILE *file = to_file && rc == 0 ? fopen(path, "a") : NULL;
     if (file)
         fclose(file);
-    else if (path && strcmp(path, "-") != 0)
-        return cli_error(&r->cli, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno)), APC_ESYS;
-    return 0;
+    else if (to_file && rc == 0)
+        rc = apc_fail(&why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
+    if (rc == 0 && r->options.report) {
+        umask(077); /* the record of a plant is its owner's */
+        rc = folder_create(r->options.report, &r->e, r->options.force, &why);
+    }
+    return rc < 0 ? refuse(r, rc, &why) : 0;
 }
 
 /* ---- The samples -------------------------------------------------------------------------- */
@@ -258,13 +272,36 @@ static void print_events(const struct simulate *r)
 static int leave_report(const struct simulate *r)
 {
     struct apc_error why;
-    int rc = simulation_export(&r->s, r->options.report, r->cli.args[0], &why);
+    int rc = simulation_export(&r->s, r->options.report, &why);
     if (rc == 0)
         rc = report_write(r->options.report, r->e.title, &why);
     if (rc < 0)
         return refuse(r, rc, &why);
     fprintf(r->talk, "report:  %s/report.png, report.svg\n", r->options.report);
     return 0;
+}
+
+/* What was operated in the run whose folder is simulated is no part of the experiment. */
+static void tell_operation(const struct simulate *r)
+{
+    struct samples operation;
+    struct apc_error why;
+    unsigned long long n = 0;
+    char dir[sizeof r->e.file];
+    snprintf(dir, sizeof dir, "%.*s", (int)(strlen(r->e.file) - strlen("run.conf")), r->e.file);
+    if (r->e.start && samples_read(&operation, dir, "operation.csv", &why) == 0) {
+        for (size_t i = 0; i < operation.n; i++) {
+            const struct apc_sample *s = &operation.at[i];
+            n += s->time > 0 && !(s->table == APC_OPMODE && s->id == 1);
+        }
+        samples_free(&operation);
+    }
+    if (n > 0)
+        fprintf(
+            r->talk,
+            "in that run an operator changed modes, tuning or outputs %llu times: a simulation does not, apc "
+            "replay does\n",
+            n);
 }
 
 static int compare(struct simulate *r)
@@ -308,6 +345,7 @@ static int simulate_once(struct simulate *r)
     print_speed(r, apc_clock_mono(NULL) - began);
     if (r->s.interrupted)
         fprintf(r->talk, "ended by a signal at t = %.10g s: this is what there is\n", r->s.ended);
+    tell_operation(r);
     print_tasks(r);
     print_events(r);
     if ((rc = samples_collect(&r->samples, r->s.store, &r->e, NULL)) < 0) {
@@ -337,16 +375,23 @@ static int simulate(struct simulate *r)
         cli_error(&r->cli, rc, "--net: %s", why.text);
         return rc;
     }
+    if (r->options.net) {
+        size_t n = strlen(r->e.net);
+        if (n + strlen(r->options.net) + 2 > sizeof r->e.net)
+            return cli_error(&r->cli, APC_EINVAL, "--net: is too long"), APC_EINVAL;
+        snprintf(r->e.net + n, sizeof r->e.net - n, "%s%s", n ? "," : "", r->options.net);
+    }
     if (r->options.duration > 0)
         r->e.duration = r->options.duration;
     if (!(r->e.duration > 0)) {
         cli_error(&r->cli, APC_EINVAL, "%s has no duration: give --duration SECONDS", r->cli.args[0]);
         return APC_EINVAL;
     }
-    if ((rc = check_csv(r)) < 0)
+    if (r->options.seeded)
+        r->e.seed = r->options.seed;
+    r->options.seed = r->e.seed;
+    if ((rc = check_outputs(r)) < 0)
         return rc;
-    if (!r->options.seeded)
-        r->options.seed = r->e.seed;
     if (!r->options.runs)
         return simulate_once(r);
     if (r->options.runs - 1 > UINT64_MAX - r->options.seed) {

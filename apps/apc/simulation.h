@@ -66,8 +66,7 @@ void simulation_destroy(struct simulation *s);
 /* For a process that makes many, one after another: keep the memory of one for the next. */
 void simulation_keep_memory(void);
 
-/* The run folder of what was simulated, as `apc run` leaves one. */
-int simulation_export(const struct simulation *s, const char *dir, const char *experiment_file,
-                      struct apc_error *why);
+/* The run folder of what was simulated, as `apc run` leaves one; folder_create() has made it. */
+int simulation_export(const struct simulation *s, const char *dir, struct apc_error *why);
 
 #endif

@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/storeuri.h"
 #include "common/timing.h"
 #include "print.h"
 #include "spools.h"
@@ -52,74 +53,6 @@ struct status {
     struct spools spools;
     apc_ns now;
 };
-
-/* ---- Which store -------------------------------------------------------------------------- */
-
-static void add(char *out, size_t size, const char *text, size_t n)
-{
-    size_t used = strlen(out);
-    snprintf(out + used, size - used, "%.*s", (int)n, text);
-}
-
-static bool is_public(const char *parameter, size_t n)
-{
-    static const char *const names[] = {"host", "hostaddr", "port", "dbname", "user", "service", "sslmode"};
-    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
-        if (n == strlen(names[i]) && !strncmp(parameter, names[i], n))
-            return true;
-    return false;
-}
-
-/* ?NAME=VALUE&...: only values that are known to be no secret are shown. Returns what comes after it. */
-static const char *mask_query(const char *query, char *out, size_t size)
-{
-    while (*query == '?' || *query == '&') {
-        size_t name = 1 + strcspn(query + 1, "=&#"), length = 1 + strcspn(query + 1, "&#");
-        bool open = name == length || is_public(query + 1, name - 1);
-        add(out, size, query, open ? length : name);
-        if (!open)
-            add(out, size, "=***", 4);
-        query += length;
-    }
-    return query;
-}
-
-/* The URI without its passwords. What is between the first ':' and the last '@' is taken for one: rather
- * too much than too little. */
-static void mask(const char *uri, char *out, size_t size)
-{
-    const char *scheme = strstr(uri, "://"), *rest = scheme ? scheme + 3 : uri;
-    const char *at = strrchr(rest, '@'), *colon = strchr(rest, ':');
-    *out = '\0';
-    if (at && colon && colon < at) {
-        add(out, size, uri, (size_t)(colon - uri) + 1);
-        add(out, size, "***", 3);
-        uri = at;
-    }
-    size_t head = strcspn(uri, "?");
-    add(out, size, uri, head);
-    uri = mask_query(uri + head, out, size);
-    add(out, size, uri, strlen(uri));
-}
-
-/* "postgresql:" says nothing of where: the environment does. */
-static void add_environment(const char *uri, char *out, size_t size)
-{
-    static const char *const names[] = {"PGSERVICE", "PGHOST", "PGPORT", "PGDATABASE", "PGUSER"};
-    bool any = false;
-    if (strncmp(uri, "postgresql:", 11) != 0 || (uri[11] && uri[11] != '#'))
-        return;
-    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
-        const char *value = getenv(names[i]);
-        if (!value || !*value)
-            continue;
-        size_t used = strlen(out);
-        snprintf(out + used, size - used, "%s%s=%s", any ? " " : " (", names[i], value);
-        any = true;
-    }
-    if (any)
-        add(out, size, ")", 1);
-}
 
 /* ---- Reading ------------------------------------------------------------------------------ */
 
@@ -376,8 +309,7 @@ int command_status(int argc, char **argv)
     cli_parse(&cli, &spec, &dir, argc, argv);
     if (cli.format == CLI_CSV)
         return cli_usage(&cli, "a status is no table: there is --json");
-    mask(cli.store, status.store, sizeof status.store);
-    add_environment(cli.store, status.store, sizeof status.store);
+    store_name(cli.store, status.store, sizeof status.store);
     status.now = apc_clock_utc(NULL);
     if (dir && *dir && spools_look(&status.spools, dir, &why) < 0)
         cli_error(&cli, 0, "%s", why.text);

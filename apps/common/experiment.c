@@ -4,11 +4,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include <apcsockets.h>
 
 #include "experiment_law.h"
 #include "experiment_plant.h"
+#include "record.h"
 
 #define SIGNALS_MAX 4096
 #define PHASE_MAX_S 3600.0
@@ -164,9 +166,25 @@ static int take_error(struct settings *s, const config_setting_t *at, int err, c
     return s->failed;
 }
 
+/*
+ * Which plug-in: what the command line names, else what the run's record does, else the file, where a path
+ * means: from where the file is. What was chosen instead of the file's brings its own tuning or parameters.
+ */
+static void choose(const struct settings *s, const char *name, const char *override,
+                   const struct record_plugin *recorded, struct plugin *plugin)
+{
+    if (override)
+        snprintf(plugin->name, sizeof plugin->name, "%s", override);
+    else if (recorded->name[0])
+        snprintf(plugin->name, sizeof plugin->name, "%s", recorded->name);
+    else
+        resolve(s, name, plugin->name, sizeof plugin->name);
+    plugin->chosen = override || recorded->chosen;
+}
+
 /* What was named on the command line is no mistake of the file. */
-static int take_choice(struct settings *s, const config_setting_t *group, const char *name, bool override,
-                       int err, const struct apc_error *why)
+static int take_choice(struct settings *s, const config_setting_t *group, const char *name,
+                       const char *override, int err, const struct apc_error *why)
 {
     if (err < 0 && override)
         s->failed = apc_fail(s->why, err, "--%s: %s", strcmp(name, "law") ? "plant" : "law", why->text);
@@ -174,16 +192,15 @@ static int take_choice(struct settings *s, const config_setting_t *group, const 
 }
 
 static void read_model(struct settings *s, const config_setting_t *group, struct experiment *e,
-                       const char *override)
+                       const char *override, const struct record *record)
 {
     struct apc_error why;
-    char path[512];
     if (s->failed)
         return;
-    resolve(s, e->plant.name, path, sizeof path);
-    const char *name = override ? override : path;
-    if (take_choice(s, group, "model", override != NULL,
-                    apc_model_find(name, &e->plant.model, &e->model_handle, &why), &why))
+    choose(s, e->plant.name, override, &record->model, &e->plant.plugin);
+    const bool chosen = e->plant.plugin.chosen;
+    if (take_choice(s, group, "model", override,
+                    apc_model_find(e->plant.plugin.name, &e->plant.model, &e->model_handle, &why), &why))
         return;
     const struct apc_model *model = e->plant.model;
     if (model->ny != e->dim.ny || model->nu != e->dim.nu) {
@@ -196,17 +213,17 @@ static void read_model(struct settings *s, const config_setting_t *group, struct
     e->plant.p = array(s, model->np, sizeof *e->plant.p);
     for (size_t i = 0; i < model->np && e->plant.p; i++)
         e->plant.p[i] = model->param[i].initial;
-    if (!override)
+    if (!chosen)
         read_params(s, settings_group(s, group, "parameters", OPTIONAL), model->param, model->np, model->name,
                     e->plant.p);
     const config_setting_t *x0 = config_setting_get_member(group, "x0");
-    if (x0 && !override && (e->plant.x0 = array(s, model->nx, sizeof *e->plant.x0)))
+    if (x0 && !chosen && (e->plant.x0 = array(s, model->nx, sizeof *e->plant.x0)))
         settings_numbers(s, x0, model->nx, e->plant.x0);
-    experiment_read_dynamics(s, group, e, override != NULL);
+    experiment_read_dynamics(s, group, e, chosen);
 }
 
 static void read_plant(struct settings *s, const config_setting_t *root, struct experiment *e,
-                       bool resolve_model, const char *override)
+                       bool resolve_model, const char *override, const struct record *record)
 {
     static const char *const known[] = {"model",        "parameters", "x0",    "listen",    "integrator",
                                         "rtol",         "atol",       "steps", "dead_time", "noise",
@@ -219,7 +236,7 @@ static void read_plant(struct settings *s, const config_setting_t *root, struct 
     settings_text(s, group, "model", REQUIRED, e->plant.name, sizeof e->plant.name);
     read_address(s, group, "listen", 0, e->plant.listen, sizeof e->plant.listen);
     if (resolve_model)
-        read_model(s, group, e, override);
+        read_model(s, group, e, override, record);
 }
 
 static void read_client(struct settings *s, const config_setting_t *root, struct experiment *e)
@@ -254,25 +271,24 @@ static void read_tuning(struct settings *s, const config_setting_t *group, struc
 }
 
 static void read_law(struct settings *s, const config_setting_t *group, struct experiment *e,
-                     const char *override)
+                     const char *override, const struct record *record)
 {
     struct apc_error why;
-    char path[512];
     if (s->failed)
         return;
-    resolve(s, e->controller.name, path, sizeof path);
-    if (take_choice(s, group, "law", override != NULL,
-                    apc_law_find(override ? override : path, &e->controller.law, &e->law_handle, &why), &why))
+    choose(s, e->controller.name, override, &record->law, &e->controller.plugin);
+    if (take_choice(s, group, "law", override,
+                    apc_law_find(e->controller.plugin.name, &e->controller.law, &e->law_handle, &why), &why))
         return;
     if (e->controller.law->accepts && !e->controller.law->accepts(&e->dim))
         settings_fail(s, group, "law %s does not work with %zu measurements, %zu setpoints, %zu outputs",
                       e->controller.law->name, e->dim.ny, e->dim.nz, e->dim.nu);
     else
-        read_tuning(s, group, e, override != NULL);
+        read_tuning(s, group, e, e->controller.plugin.chosen);
 }
 
 static void read_controller(struct settings *s, const config_setting_t *root, struct experiment *e,
-                            bool resolve_law, const char *override)
+                            bool resolve_law, const char *override, const struct record *record)
 {
     static const char *const known[] = {"law",      "tuning",          "mode", "hold",
                                         "settings", "operating_point", RHYTHM, NULL};
@@ -293,7 +309,7 @@ static void read_controller(struct settings *s, const config_setting_t *root, st
     if (!s->failed)
         apc_ns_from_s(hold_s, &e->controller.hold);
     if (resolve_law)
-        read_law(s, group, e, override);
+        read_law(s, group, e, override, record);
 }
 
 static void read_scheduler(struct settings *s, const config_setting_t *root, struct experiment *e)
@@ -323,7 +339,7 @@ static void read_scheduler(struct settings *s, const config_setting_t *root, str
 }
 
 static void read_root(struct settings *s, const config_setting_t *root, struct experiment *e, unsigned parts,
-                      const struct experiment_overrides *overrides)
+                      const struct experiment_overrides *overrides, const struct record *record)
 {
     static const char *const known[] = {"name",      "title",   "duration", "seed",   "measurements",
                                         "setpoints", "outputs", "plant",    "client", "controller",
@@ -350,29 +366,47 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
         check_names(s, root, "outputs", e->u, e->dim.nu, e->z, e->dim.nz);
     }
     read_client(s, root, e);
-    read_controller(s, root, e, (parts & EXPERIMENT_LAW) != 0, overrides ? overrides->law : NULL);
+    read_controller(s, root, e, (parts & EXPERIMENT_LAW) != 0, overrides ? overrides->law : NULL, record);
     read_plant(s, root, e,
                (parts & EXPERIMENT_MODEL) || ((parts & EXPERIMENT_LAW) && experiment_wants_model(root)),
-               overrides ? overrides->model : NULL);
+               overrides ? overrides->model : NULL, record);
     read_scheduler(s, root, e);
-    experiment_read_law(s, root, e, overrides);
+    experiment_read_law(s, root, e);
     models_read(s, root, &e->models);
 }
 
-int experiment_load(struct experiment *e, const char *file, unsigned parts,
+/* What was in force beside the file: see record.h. */
+static int take_record(struct experiment *e, const struct record *record, struct apc_error *why)
+{
+    if (!record->there)
+        return 0;
+    e->duration = record->duration;
+    e->seed = record->seed;
+    e->start = record->start;
+    snprintf(e->net, sizeof e->net, "%s", record->net);
+    return models_network(&e->models, e->net, why);
+}
+
+int experiment_load(struct experiment *e, const char *name, unsigned parts,
                     const struct experiment_overrides *overrides, struct apc_error *why)
 {
+    const char *file = e->file;
     struct settings s = {.file = file, .why = why};
+    struct record record;
+    struct stat at;
     config_t config;
 
     memset(e, 0, sizeof *e);
+    snprintf(e->file, sizeof e->file,
+             stat(name, &at) == 0 && S_ISDIR(at.st_mode) ? "%.500s/run.conf" : "%.510s", name);
     snprintf(e->plant.listen, sizeof e->plant.listen, "tcp:127.0.0.1:%d", APC_PORT);
     snprintf(e->client.link, sizeof e->client.link, "tcp:127.0.0.1:%d", APC_PORT);
-    if ((s.failed = settings_check_numbers(file, why)) < 0)
+    if ((s.failed = settings_check_numbers(file, why)) < 0 ||
+        (s.failed = record_read(&record, file, why)) < 0)
         return s.failed;
     config_init(&config);
     if (config_read_file(&config, file) == CONFIG_TRUE)
-        read_root(&s, config_root_setting(&config), e, parts, overrides);
+        read_root(&s, config_root_setting(&config), e, parts, overrides, &record);
     else if (config_error_type(&config) == CONFIG_ERR_FILE_IO)
         s.failed =
             apc_fail(why, APC_ENOTFOUND, "%s: cannot be read: no such experiment file, or no right to", file);
@@ -380,6 +414,8 @@ int experiment_load(struct experiment *e, const char *file, unsigned parts,
         s.failed = apc_fail(why, APC_EINVAL, "%s:%d: %s", file, config_error_line(&config),
                             config_error_text(&config));
     config_destroy(&config);
+    if (!s.failed)
+        s.failed = take_record(e, &record, why);
     if (s.failed)
         experiment_free(e);
     return s.failed;

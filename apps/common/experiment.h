@@ -24,7 +24,14 @@ struct rhythm {
     struct task_model model; /* in virtual time */
 };
 
+/* A law or a model, as apc_law_find() and apc_model_find() take it. */
+struct plugin {
+    char name[512];
+    bool chosen; /* instead of the file's: its own tuning or parameters hold */
+};
+
 struct experiment {
+    char file[512]; /* it was loaded from */
     char name[APC_TAG_LEN];
     char title[128];
     double duration; /* s; 0: until it is stopped */
@@ -36,7 +43,8 @@ struct experiment {
 
     struct {
         struct rhythm rhythm;
-        char name[256]; /* of the model */
+        char name[256]; /* of the model, in the file */
+        struct plugin plugin;
         const struct apc_model *model;
         double *p, *x0; /* [model->np]; [model->nx] or NULL */
         char listen[128];
@@ -52,7 +60,8 @@ struct experiment {
     } client;
     struct {
         struct rhythm rhythm;
-        char name[256]; /* of the law */
+        char name[256]; /* of the law, in the file */
+        struct plugin plugin;
         const struct apc_law *law;
         double *tuning;              /* [dim.nu * law->n_tuning] */
         struct apc_setting *setting; /* [n_setting] */
@@ -71,6 +80,8 @@ struct experiment {
     } scheduler;
 
     struct models models; /* of virtual time */
+    char net[512];        /* of a run's record: --net, already in models; "": none */
+    apc_ns start;         /* of a run's record: t = 0, UTC; 0: none */
 
     void *model_handle, *law_handle;
 };
@@ -83,7 +94,10 @@ struct experiment_overrides {
     const char *law, *model;
 };
 
-/* Returns 0, or a negative error with "FILE:LINE: ..." in why; the experiment is then empty. */
+/*
+ * An experiment file or, with what is recorded there (record.h), a run folder. Returns 0, or a negative error
+ * with "FILE:LINE: ..." in why; the experiment is then empty.
+ */
 int experiment_load(struct experiment *e, const char *file, unsigned parts,
                     const struct experiment_overrides *overrides, struct apc_error *why);
 void experiment_free(struct experiment *e);

@@ -153,15 +153,14 @@ struct apc_law_setup experiment_law_setup(const struct experiment *e)
                                   .plant = e->controller.linear ? &e->controller.plant : NULL};
 }
 
-void experiment_read_law(struct settings *s, const config_setting_t *root, struct experiment *e,
-                         const struct experiment_overrides *overrides)
+void experiment_read_law(struct settings *s, const config_setting_t *root, struct experiment *e)
 {
     const config_setting_t *group = s->failed ? NULL : config_setting_get_member(root, "controller");
     if (!group || !e->controller.law)
         return;
-    if (!overrides || !overrides->law)
+    if (!e->controller.plugin.chosen)
         read_settings(s, group, e);
-    if (e->plant.model && !(overrides && overrides->model))
+    if (e->plant.model && !e->plant.plugin.chosen)
         read_operating_point(s, group, e);
     if (!s->failed && e->controller.law->configure)
         try_to_configure(s, group, e);

@@ -11,5 +11,7 @@
 /* apc_store_open(), but for the memory of this very process, which no other program would see. */
 int store_open(struct apc_store **store, const char *uri, const struct apc_store_options *options,
                struct apc_error *why);
+/* Which store a URI means, without passwords, and for "postgresql:" with what the environment says. */
+void store_name(const char *uri, char *name, size_t size);
 
 #endif

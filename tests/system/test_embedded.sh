@@ -36,10 +36,10 @@ expect 0 '' "$apc" set u 1.2
 expect 0 '' "$apc" mode auto
 
 # a second run in the same place is refused, names who is there, and harms nothing
-expect 4 'sensor.*already written by apc-client \(process [0-9]+\)' "$apc" run "$work/fast.conf" --duration 1 --out "$dir"
+expect 4 'sensor.*already written by apc-client \(process [0-9]+\)' "$apc" run "$work/fast.conf" --duration 1 --force --out "$dir"
 [ -s "$dir/store.db" ] || fail "the refused run removed the store of the other"
 sed 's/^title.*/title = "another";/' "$work/fast.conf" >"$work/another.conf"
-expect 4 'already written by' "$apc" run "$work/another.conf" --duration 1 --out "$dir"
+expect 4 'already written by' "$apc" run "$work/another.conf" --duration 1 --force --out "$dir"
 cmp -s "$dir/run.conf" "$work/fast.conf" || fail "the refused run took or changed the other's run.conf"
 [ ! -e "$dir/run.conf.new" ] || fail "the refused run left its experiment file behind"
 
@@ -70,10 +70,10 @@ done
 # no measurement is doubled
 [ "$(values y | cut -d, -f1 | sort | uniq -d | wc -l)" = 0 ] || fail "a measurement stands twice"
 
-# the same folder again goes on where it was; a run that cannot begin leaves nothing behind
+# the same folder again, when it is insisted on, goes on where it was; a run that cannot begin leaves nothing behind
 n=$(values y | wc -l)
-(unset APC_STORE && expect 0 'report\.png' "$apc" run "$work/fast.conf" --duration 1 --out "$dir")
+(unset APC_STORE && expect 0 'report\.png' "$apc" run "$work/fast.conf" --duration 1 --force --out "$dir")
 more_values y "$n" || fail "the second run went elsewhere"
 mkdir -p "$work/way/store.db-journal" # a folder where the journal must be
-(unset APC_STORE && expect 3 'store\.db' "$apc" run "$work/fast.conf" --duration 1 --out "$work/way")
+(unset APC_STORE && expect 3 'store\.db' "$apc" run "$work/fast.conf" --duration 1 --force --out "$work/way")
 [ ! -e "$work/way/store.db" ] || fail "a run that could not begin left its store behind"

@@ -132,7 +132,7 @@ static void compute(struct apc_law_call *c)
 }
 const struct apc_law apc_law = {.abi = APC_LAW_ABI, .name = "moody", .n_tuning = 1, .tuning = none, .compute = compute};
 C
-moody() { MOOD=$1 "$apc" simulate "$work/noise.conf" --law "$work/moody.so" --runs 30 --jobs 2 --csv "$work/moody.csv"; }
+moody() { MOOD=$1 "$apc" simulate "$work/noise.conf" --law "$work/moody.so" --runs 30 --jobs 2 --force --csv "$work/moody.csv"; }
 expect 1 'died of a signal: runs are missing' moody crash
 expect 1 'of 30 runs were not made' moody exit
 [ "$(wc -l <"$work/moody.csv")" -gt 1 ] || fail "the runs that were made are lost"

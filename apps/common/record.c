@@ -1,0 +1,121 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "record.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <openssl/evp.h>
+
+#include "settings.h"
+
+int record_hash(const char *path, char hash[RECORD_HASH_LEN], struct apc_error *why)
+{
+    unsigned char block[8192], digest[EVP_MAX_MD_SIZE];
+    unsigned length = 0;
+    FILE *in = fopen(path, "re");
+    EVP_MD_CTX *sha = in ? EVP_MD_CTX_new() : NULL;
+    bool ok = sha && EVP_DigestInit_ex(sha, EVP_sha256(), NULL) == 1;
+    size_t n;
+
+    errno = in ? ENOMEM : errno;
+    while (ok && (n = fread(block, 1, sizeof block, in)) > 0)
+        ok = EVP_DigestUpdate(sha, block, n) == 1;
+    ok = ok && !ferror(in) && EVP_DigestFinal_ex(sha, digest, &length) == 1;
+    if (!ok)
+        apc_fail(why, APC_ESYS, "%s: cannot be read: %s", path, strerror(errno));
+    for (unsigned i = 0; ok && i < length; i++)
+        snprintf(hash + (size_t)2 * i, 3, "%02x", digest[i]);
+    EVP_MD_CTX_free(sha);
+    if (in)
+        fclose(in);
+    return ok ? 0 : APC_ESYS;
+}
+
+/* Is the file still the one that ran? */
+static void check_hash(struct settings *s, const config_setting_t *in, const char *path)
+{
+    char wanted[RECORD_HASH_LEN] = "", hash[RECORD_HASH_LEN];
+    struct apc_error why;
+    settings_text(s, in, "sha256", REQUIRED, wanted, sizeof wanted);
+    if (s->failed)
+        return;
+    if (record_hash(path, hash, &why) < 0)
+        settings_fail(s, in, "%s", why.text);
+    else if (strcmp(hash, wanted) != 0)
+        settings_fail(
+            s, in,
+            "%s is not the file that ran: its SHA-256 is no longer the recorded one; to work on it, "
+            "copy it out of the run folder",
+            path);
+}
+
+static void read_plugin(struct settings *s, const config_setting_t *root, const char *dir, const char *name,
+                        struct record_plugin *plugin)
+{
+    static const char *const known[] = {"name", "chosen", "file", "from", "sha256", NULL};
+    const config_setting_t *group = settings_group(s, root, name, REQUIRED);
+    char file[64] = "";
+    if (!group)
+        return;
+    settings_known(s, group, known);
+    settings_flag(s, group, "chosen", &plugin->chosen);
+    settings_text(s, group, "name", REQUIRED, plugin->name, sizeof plugin->name);
+    settings_text(s, group, "file", OPTIONAL, file, sizeof file);
+    if (s->failed || !*file)
+        return;
+    if (strchr(file, '/'))
+        settings_fail(s, group, "\"file\" is \"%s\": must lie in the run folder", file);
+    snprintf(plugin->name, sizeof plugin->name, "%.440s%s", dir, file);
+    check_hash(s, group, plugin->name);
+}
+
+static void read_record(struct settings *s, const config_setting_t *root, const char *dir, const char *file,
+                        struct record *r)
+{
+    int64_t seed = 0;
+    double ended = 0;
+    char start[APC_TIME_LEN] = "";
+    settings_text(s, root, "start", OPTIONAL, start, sizeof start);
+    if (!s->failed && *start && apc_time_parse(start, &r->start) < 0)
+        settings_fail(s, config_setting_get_member(root, "start"), "\"start\" is \"%s\": must be a time",
+                      start);
+    settings_number(s, root, "duration", REQUIRED, 0, 366 * 86400.0, &r->duration);
+    settings_number(s, root, "ended", OPTIONAL, 0, 1e9, &ended);
+    settings_whole(s, root, "seed", REQUIRED, INT64_MIN + 1, INT64_MAX, &seed);
+    settings_text(s, root, "net", OPTIONAL, r->net, sizeof r->net);
+    const config_setting_t *experiment = settings_group(s, root, "experiment", REQUIRED);
+    if (experiment)
+        check_hash(s, experiment, file);
+    read_plugin(s, root, dir, "law", &r->law);
+    read_plugin(s, root, dir, "plant", &r->model);
+    r->seed = (uint64_t)seed; /* one above 2^63 stands there as the negative number of the same bits */
+    r->duration = ended > 0 ? ended : r->duration;
+}
+
+int record_read(struct record *r, const char *file, struct apc_error *why)
+{
+    char path[600], dir[600] = "./";
+    const char *slash = strrchr(file, '/');
+    struct settings s = {.file = path, .why = why};
+    config_t config;
+
+    *r = (struct record){0};
+    if (strcmp(slash ? slash + 1 : file, "run.conf") != 0)
+        return 0;
+    if (slash)
+        snprintf(dir, sizeof dir, "%.*s", (int)(slash + 1 - file), file);
+    snprintf(path, sizeof path, "%.580s" RECORD_FILE, dir);
+    if (access(path, F_OK) != 0)
+        return 0;
+    config_init(&config);
+    if (config_read_file(&config, path) == CONFIG_TRUE)
+        read_record(&s, config_root_setting(&config), dir, file, r);
+    else
+        s.failed = apc_fail(why, APC_EINVAL, "%s:%d: the record of the run is damaged", path,
+                            config_error_line(&config));
+    config_destroy(&config);
+    r->there = s.failed == 0;
+    return s.failed;
+}

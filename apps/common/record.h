@@ -1,0 +1,38 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * record.conf in a run folder: what was in force beside what run.conf, the experiment file as it was, says.
+ * Whoever loads DIR/run.conf, or DIR, gets what ran, with the plug-ins that lie there.
+ */
+#ifndef APC_RECORD_H
+#define APC_RECORD_H
+
+#include <apcbase.h>
+
+#define RECORD_FILE     "record.conf"
+#define RECORD_HASH_LEN 65 /* SHA-256 in hexadecimal digits */
+
+/* A law or a model of the run. */
+struct record_plugin {
+    char name[512]; /* built in, or the path of the copy in the run folder; "": there is no record */
+    bool chosen;    /* by --law or --plant: its own tuning or parameters held, not the file's */
+};
+
+struct record {
+    bool there;
+    apc_ns start;    /* t = 0: UTC; 0: in virtual time */
+    double duration; /* s that it ran or, where it never came to its end, was to run; 0: not known */
+    uint64_t seed;
+    char net[512]; /* --net, "" without */
+    struct record_plugin law, model;
+};
+
+/*
+ * What is recorded beside the experiment file @p file, which is a run's only when it is called run.conf.
+ * Returns 0, also when there is nothing, or a negative error: damaged, or a file is not the one that ran.
+ */
+int record_read(struct record *record, const char *file, struct apc_error *why);
+
+/* SHA-256 of a file. Returns 0, or a negative error with the reason in why. */
+int record_hash(const char *path, char hash[RECORD_HASH_LEN], struct apc_error *why);
+
+#endif

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# A run folder is a complete record: what ran can be replayed and simulated from it, plug-ins included, and nothing of it is
+# overwritten, taken over by another experiment, or read by others.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+fast_experiment
+unset APC_STORE
+mylaw=$APC_BUILD_DIR/examples/mylaw.so
+myplant=$APC_BUILD_DIR/examples/myplant.so
+hash_of() { sed -n 's/^sha256:  //p'; }
+
+# ---- A simulation
+
+# The law is the file's own, from where the file is; the plant, the seed, the network and the duration are chosen.
+mkdir "$work/here" "$work/there"
+cp "$mylaw" "$work/here/own.so"
+sed -e 's|law = "pi"|law = "./own.so"|' -e 's/tuning = .*/tuning = ( { Kp = 0.15; } );/' "$work/fast.conf" >"$work/here/own.conf"
+cp "$myplant" "$work/here/plant.so"
+ran=$("$apc" simulate "$work/here/own.conf" --plant "$work/here/plant.so" --seed 18446744073709551615 --duration 30 \
+  --net 'delay=exponential(0.005),loss=0.1' --report "$work/here/run" | hash_of)
+[ -n "$ran" ] || fail "the simulation did not say its hash"
+mv "$work/here/run" "$work/there/run" && rm -r "$work/here"
+again=$("$apc" simulate "$work/there/run" | hash_of)
+[ "$again" = "$ran" ] || fail "simulated from its folder, elsewhere and without its plug-ins, a run is another"
+[ "$("$apc" simulate "$work/there/run/run.conf" | hash_of)" = "$ran" ] || fail "run.conf in its folder is not the run"
+[ "$("$apc" simulate "$work/there/run" --seed 2 | hash_of)" != "$ran" ] || fail "an option does not go over the record"
+expect 0 '^u +(1[0-9]+) +\1 +0 ' "$apc" replay "$work/there/run" --tolerance 0
+expect 0 '^exact: ' "$apc" replay "$work/there/run"
+[ "$("$apc" simulate "$work/there/run" --report "$work/there/copy" | hash_of)" = "$ran" ] || fail "a run of a run is another"
+rm -r "$work/there/run"
+[ "$("$apc" simulate "$work/there/copy" | hash_of)" = "$ran" ] || fail "a record that came from a record is not whole"
+
+# a record that was tampered with is none
+cp "$mylaw" "$work/there/copy/plant.so"
+expect 1 'record\.conf:[0-9]+: .*plant\.so is not the file that ran' "$apc" simulate "$work/there/copy"
+cp "$myplant" "$work/there/copy/plant.so"
+sed -i 's/Kp = 0.15/Kp = 0.16/' "$work/there/copy/run.conf"
+expect 1 'run\.conf is not the file that ran' "$apc" replay "$work/there/copy"
+sed -i 's/Kp = 0.16/Kp = 0.15/' "$work/there/copy/run.conf"
+expect 0 'sha256' "$apc" simulate "$work/there/copy"
+sed -i 's/^seed.*/seed = /' "$work/there/copy/record.conf"
+expect 1 'record\.conf:[0-9]+: the record of the run is damaged' "$apc" report "$work/there/copy"
+
+# a law that uses what no output names is not called exact, nor is a folder that does not say it
+"$apc" simulate "$APC_SOURCE_DIR/experiments/double-tank.conf" --duration 60 --report "$work/two" >/dev/null
+expect 0 'not exact: at 120 of 120 ticks' "$apc" replay "$work/two"
+rm "$work/two/seqs.csv" "$work/two/operation.csv"
+expect 0 'not exact: there is no seqs\.csv' "$apc" replay "$work/two"
+expect 0 'not exact: there is no operation\.csv' "$apc" replay "$work/two"
+
+# ---- A run
+
+"$apc" run "$work/fast.conf" --law "$mylaw" --duration 0 --no-ui --out "$work/live" >"$work/live.log" 2>&1 &
+run=$!
+children+=("$run")
+store=sqlite:$work/live/store.db
+rows() { "$apc" history "$1" --last 100000 --csv --store "$store" 2>/dev/null | tail -n +2 | wc -l; }
+more_rows() { [ "$(rows "$1")" -gt "$2" ]; }
+until_true 20 more_rows u 3
+"$apc" tune Kp=0.3 --store "$store"
+until_true 20 more_rows u $(($(rows u) + 5))
+"$apc" mode man --store "$store"
+in_man() { "$apc" mode --store "$store" | grep -Eq '^actual +Man'; }
+until_true 20 in_man
+"$apc" set u 1.5 --store "$store"
+at_set() { "$apc" get u --csv --store "$store" | grep -q ',1.5$'; }
+until_true 20 at_set
+
+# nobody else reads it, nobody else's experiment takes its place or its store
+[ "$(find "$work/live" -not -perm -go-rwx -o -perm /077 | wc -l)" = 0 ] || fail "others may read: $(find "$work/live" -perm /077)"
+before=$(md5sum <"$work/live/record.conf")
+expect 4 'live is not empty: .*--force' "$apc" run "$work/fast.conf" --duration 1 --out "$work/live"
+sed -e 's/^name = .*/name = "other";/' "$work/fast.conf" >"$work/other.conf"
+kill -INT "$run"
+wait "$run" || fail "apc run ended with $? after Ctrl-C"
+names() { "$apc" get --store "$store" | awk '{print $1}'; }
+described=$(names)
+for other in "$work/other.conf" "$APC_SOURCE_DIR/experiments/servo.conf"; do
+  (export APC_STORE=$store && expect 4 'it belongs to .*experiment' "$apc" run "$other" --duration 1 --out "$work/taken")
+  expect 4 'it belongs to .*experiment' "$apc" run "$other" --duration 1 --force --out "$work/live"
+  expect 4 'it belongs to .*experiment.*--force' "$apc" init "$other" --store "$store"
+done
+[ ! -e "$work/taken" ] || fail "a refused run left its folder behind"
+[ "$(names)" = "$described" ] || fail "a refused run described the store anew"
+[ "$before" != "$(md5sum <"$work/live/record.conf")" ] || fail "the record does not say when the run ended"
+
+# what was tuned and set meanwhile is in the record, and every output comes out again
+grep -q ',tuning,1,Good,0.29999999999999999$' "$work/live/operation.csv" || fail "the record has no tuning"
+grep -q ',manual,1,Good,1.5$' "$work/live/operation.csv" || fail "the record has no manual output"
+grep -q '^actuator,1,"u","","manipulated variable",-10,10$' "$work/live/signals.csv" || fail "signals.csv does not say what u is"
+expect 0 "^u +([0-9]+) +\\1 +0 " "$apc" replay "$work/live"
+expect 1 'u differs' "$apc" replay "$work/live" --law pi --tolerance 0
+expect 0 'operator changed modes, tuning or outputs 3 times' "$apc" simulate "$work/live"
+start=$(sed -n 's/^start = "\(.*\)".*/\1/p' "$work/live/record.conf")
+[ "$(date -d "$start" +%s)" -gt 0 ] || fail "the record does not say when the run began"
+
+# ---- A run that was killed has its record in its store
+
+"$apc" run "$work/fast.conf" --duration 0 --no-ui --out "$work/killed" >"$work/killed.log" 2>&1 &
+run=$!
+children+=("$run")
+store=sqlite:$work/killed/store.db
+until_true 20 more_rows u 3
+daemons() { pgrep -P "$run" || true; }
+mapfile -t those < <(daemons)
+kill -9 "$run"
+wait "$run" 2>/dev/null || true
+gone() { for one in "${those[@]}"; do ! kill -0 "$one" 2>/dev/null || return 1; done; }
+until_true 20 gone
+n=$(rows u)
+mv "$work/killed" "$work/moved"
+expect 0 'samples: .*moved/samples\.csv, from the store' "$apc" report "$work/moved"
+[ "$(grep -c ',actuator,1,' "$work/moved/samples.csv")" = "$n" ] || fail "the report of a killed run lost outputs"
+expect 0 "^u +$n +$n +0 " "$apc" replay "$work/moved"
+expect 0 'sha256' "$apc" simulate "$work/moved"
+expect 1 'it belongs to another experiment: its sensor\.1 is "y"' "$apc" simulate "$APC_SOURCE_DIR/experiments/servo.conf" --compare "$work/moved"
+expect 0 'moved is a run of fast, this is other' "$apc" simulate "$work/other.conf" --compare "$work/moved"
+
+# the same from another store; what came late stands where it happened
+"$apc" copy "sqlite:$work/moved/store.db" postgresql: >/dev/null
+start=$(sed -n 's/^start = "\(.*\)".*/\1/p' "$work/moved/record.conf")
+sql "INSERT INTO apc.event (time, severity, source, kind, text) VALUES ('$start'::timestamptz + interval '1 ms', 1, 'late', 'start', '')"
+rm "$work/moved/samples.csv" "$work/moved"/store.db*
+expect 0 'samples\.csv, from the store' "$apc" report "$work/moved" --store postgresql:
+[ "$(grep -c ',actuator,1,' "$work/moved/samples.csv")" = "$n" ] || fail "the report from another store lost outputs"
+grep -q '^0.001000,info,late,start,""$' "$work/moved/events.csv" || fail "the late event is not there"
+awk -F, 'NR > 2 && $1 + 0 < last {exit 1} {last = $1 + 0}' "$work/moved/events.csv" || fail "events.csv is not in the order of time"
+rm "$work/moved/samples.csv"
+expect 1 'name the store of this run with --store' "$apc" report "$work/moved"
+
+# ---- Single files
+
+echo mine >"$work/mine.csv"
+for command in "simulate $work/fast.conf --duration 1" "simulate $work/fast.conf --duration 1 --runs 2" "replay $work/live"; do
+  # shellcheck disable=SC2086
+  expect 4 'mine\.csv: is there already; --force' "$apc" $command --csv "$work/mine.csv"
+  [ "$(cat "$work/mine.csv")" = mine ] || fail "$command wrote over a file"
+done
+expect 0 '' "$apc" replay "$work/live" --force --csv "$work/mine.csv"
+[ "$(head -n 1 "$work/mine.csv")" = "time,id,recorded,replayed" ] || fail "--force does not write over a file"
