@@ -147,36 +147,88 @@ static bool verify(struct ui *ui, const struct credentials *c, struct user *foun
     return ok;
 }
 
+/*
+ * By what failures are counted. Who guesses for one name at one address is slowed down soon; who guesses from
+ * many addresses, or for many names, later. None of that touches a browser with which this user has logged in
+ * before, and which counts for itself: so nobody locks another out by guessing for his name.
+ */
+struct counts {
+    struct {
+        char key[BACKOFF_KEY];
+        unsigned allowed;
+    } of[3];
+    size_t n;
+};
+
+static void count_by(struct counts *c, unsigned allowed, const char *kind, const char *first,
+                     const char *second)
+{
+    c->of[c->n].allowed = allowed;
+    snprintf(c->of[c->n++].key, BACKOFF_KEY, "%s %.32s %.64s", kind, first, second);
+}
+
+static void choose_counts(const struct request *r, const char *name, const char *device, struct counts *c)
+{
+    c->n = 0;
+    if (device) {
+        count_by(c, 3, "device", name, device);
+        return;
+    }
+    count_by(c, 3, "pair", name, r->from->address);
+    count_by(c, 30, "name", name, "");
+    count_by(c, 100, "address", "", r->from->address);
+}
+
+/* The device that the browser shows, if it is one of this user; NULL: none. */
+static const char *known_device(struct ui *ui, const struct request *r, const char *name)
+{
+    char cookie[COOKIE_NAME];
+    cookie_name(ui, "device", cookie);
+    const char *device = MHD_lookup_connection_value(r->connection, MHD_COOKIE_KIND, cookie);
+    pthread_mutex_lock(&ui->users_mutex);
+    const struct user *user = users_find(&ui->users, name);
+    bool known = device && user && user_device_ok(user, device);
+    pthread_mutex_unlock(&ui->users_mutex);
+    return known ? device : NULL;
+}
+
+static void set_cookie(const struct ui *ui, char cookie[COOKIE_LEN], const char *what, const char *value,
+                       const char *more)
+{
+    char name[COOKIE_NAME];
+    cookie_name(ui, what, name);
+    snprintf(cookie, COOKIE_LEN, "%s=%s; Path=/; HttpOnly; SameSite=Strict%s%s", name, value,
+             ui->tls ? "; Secure" : "", more);
+}
+
 static bool log_in(struct ui *ui, struct request *r, struct apc_store *store, const struct credentials *c)
 {
     apc_ns now = apc_clock_mono(NULL);
-    apc_ns by_name = backoff_wait(&ui->backoff, c->user, now),
-           by_address = backoff_wait(&ui->backoff, r->address, now);
+    struct counts counts;
     struct user user;
-    r->retry_after = by_name > by_address ? by_name : by_address;
+    char device[DEVICE_LEN];
+    choose_counts(r, c->user, known_device(ui, r, c->user), &counts);
+    for (size_t i = 0; i < counts.n; i++) {
+        apc_ns wait = backoff_wait(&ui->backoff, counts.of[i].key, now);
+        r->retry_after = wait > r->retry_after ? wait : r->retry_after;
+    }
     if (r->retry_after > 0)
         return fault_set(&r->fault, 429, "backoff", NULL, "too many failed logins: wait %.0f s",
                          apc_ns_to_s(r->retry_after) + 0.5);
     if (!verify(ui, c, &user)) {
-        backoff_failed(&ui->backoff, c->user, now);
-        backoff_failed(&ui->backoff, r->address, now);
-        tell(ui, store, APC_EVENT_WARNING, c->user, "login failed", r->address);
+        for (size_t i = 0; i < counts.n; i++)
+            backoff_failed(&ui->backoff, counts.of[i].key, counts.of[i].allowed, now);
+        tell(ui, store, APC_EVENT_WARNING, c->user, "login failed", r->from->address);
         return fault_set(&r->fault, 401, "credentials", NULL, "name or password is wrong");
     }
-    backoff_succeeded(&ui->backoff, c->user);
-    backoff_succeeded(&ui->backoff, r->address);
-    if (session_open(&ui->sessions, &user, now, &r->session) < 0)
+    for (size_t i = 0; i < counts.n; i++)
+        backoff_succeeded(&ui->backoff, counts.of[i].key);
+    if (session_open(&ui->sessions, &user, now, &r->session) < 0 || user_device_make(&user, device) < 0)
         return fault_set(&r->fault, 503, "busy", NULL, "no session can be made");
-    tell(ui, store, APC_EVENT_INFO, c->user, "logged in", r->address);
+    set_cookie(ui, r->cookie, "session", r->session.token, "");
+    set_cookie(ui, r->device, "device", device, "; Max-Age=31536000");
+    tell(ui, store, APC_EVENT_INFO, c->user, "logged in", r->from->address);
     return true;
-}
-
-static void set_cookie(const struct ui *ui, struct request *r, const char *token, const char *more)
-{
-    char name[32];
-    cookie_name(ui, name);
-    snprintf(r->cookie, sizeof r->cookie, "%s=%s; Path=/; HttpOnly; SameSite=Strict%s%s", name, token,
-             ui->tls ? "; Secure" : "", more);
 }
 
 void post_login(struct ui *ui, struct request *r, struct apc_store *store)
@@ -185,14 +237,12 @@ void post_login(struct ui *ui, struct request *r, struct apc_store *store)
     const char *type = request_header(r, "Content-Type");
     bool form = type && !strncasecmp(type, "application/x-www-form-urlencoded", 33);
     bool ok = form ? read_form(r, &c) : read_json(r, &c);
-    if (ok && ui->open)
-        r->session = ui->sessions.local;
-    else if (ok)
+    if (ok && ui->open && !r->session.user[0])
+        ok = fault_set(&r->fault, 401, "login", NULL, NOT_YOURS);
+    else if (ok && !ui->open)
         ok = log_in(ui, r, store, &c);
     explicit_bzero(&c, sizeof c);
     explicit_bzero(r->body ? r->body : (char[1]){0}, r->n);
-    if (ok && !ui->open)
-        set_cookie(ui, r, r->session.token, "");
     if (!form && ok) {
         session_json(ui, &r->session, &r->reply);
     } else if (ok) {
@@ -213,8 +263,8 @@ void post_logout(struct ui *ui, struct request *r, struct apc_store *store)
     json_decref(body);
     session_close(&ui->sessions, r->session.token);
     if (!ui->open) {
-        set_cookie(ui, r, "", "; Max-Age=0");
-        tell(ui, store, APC_EVENT_INFO, r->session.user, "logged out", r->address);
+        set_cookie(ui, r->cookie, "session", "", "; Max-Age=0");
+        tell(ui, store, APC_EVENT_INFO, r->session.user, "logged out", r->from->address);
     }
     text_add(&r->reply, "{}");
 }

@@ -228,15 +228,16 @@ static int swap(struct ui *ui, struct order *o, struct apc_store *store)
     return rc;
 }
 
-static void record(struct ui *ui, const struct order *o, struct apc_store *store, const char *outcome)
+static void record(struct ui *ui, const struct request *r, const struct order *o, struct apc_store *store,
+                   const char *outcome)
 {
     char before[TEXT_LEN], after[TEXT_LEN];
     for (size_t i = 0; i < o->write.n; i++) {
         const struct write_change *c = &o->change[i];
         struct apc_event event = {.time = o->write.time, .severity = APC_EVENT_INFO, .kind = "operator"};
         snprintf(event.source, sizeof event.source, "%s", o->write.user);
-        snprintf(event.text, sizeof event.text, "%s: %s -> %s%s", c->name, value_text(&c->before, before),
-                 value_text(&c->after, after), outcome);
+        snprintf(event.text, sizeof event.text, "%s: %s -> %s%s (from %s)", c->name,
+                 value_text(&c->before, before), value_text(&c->after, after), outcome, r->from->address);
         audit(ui, store, &event);
     }
 }
@@ -280,14 +281,14 @@ static void carry_out(struct ui *ui, struct request *r, struct order *o, struct 
     else if (rc < 0)
         fault_set(&r->fault, 503, "store", NULL, "the database refused it: %.150s", apc_store_error(store));
     if (r->fault.http == 504)
-        record(ui, o, NULL, " (outcome unknown)");
+        record(ui, r, o, NULL, ", outcome unknown");
     if (r->fault.http)
         end(ui, r, o, r->fault.http == 504 ? WRITE_UNKNOWN : WRITE_FAILED, r->fault.http == 504 ? -1 : 0,
             r->fault.message);
     if (rc < 0)
         return;
     end(ui, r, o, WRITE_ACCEPTED, 1, "");
-    record(ui, o, store, "");
+    record(ui, r, o, store, "");
 }
 
 static void write_order(struct ui *ui, struct request *r, struct apc_store *store, enum write_kind kind)

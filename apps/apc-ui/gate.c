@@ -45,45 +45,91 @@ bool host_allowed(const char *text, const char *const *names)
     return false;
 }
 
-bool origin_matches(const char *origin, const char *host)
+bool origin_matches(const char *origin, const char *host, bool tls)
 {
     const char *scheme = strstr(origin, "://");
-    return scheme && host && !strcasecmp(scheme + 3, host);
+    bool known = !strncasecmp(origin, "https://", 8) || (!tls && !strncasecmp(origin, "http://", 7));
+    return known && host && !strcasecmp(scheme + 3, host);
 }
 
-void cookie_name(const struct ui *ui, char name[32])
+/* Cookies do not tell ports apart. With the prefix no other host, and nothing without TLS, can set it. */
+void cookie_name(const struct ui *ui, const char *what, char name[COOKIE_NAME])
 {
-    snprintf(name, 32, "apc-session-%d", ui->port); /* cookies do not tell ports apart */
+    snprintf(name, COOKIE_NAME, "%sapc-%s-%d", ui->tls ? "__Host-" : "", what, ui->port);
 }
 
-static bool same_origin(const struct request *r)
+static bool same_origin(const struct ui *ui, const struct request *r)
 {
     const char *origin = request_header(r, "Origin"), *site = request_header(r, "Sec-Fetch-Site");
-    if (origin && !origin_matches(origin, request_header(r, "Host")))
+    if (origin && !origin_matches(origin, request_header(r, "Host"), ui->tls))
         return false;
     return !site || !strcmp(site, "same-origin") || !strcmp(site, "none");
 }
 
+/* A machine's token, as `Bearer NAME~SECRET` or as Basic's name and password. */
+static bool find_machine(struct ui *ui, struct request *r, const char *authorization)
+{
+    char bearer[USER_NAME_LEN + SECRET_LEN] = "", *password = NULL, *basic = NULL;
+    const char *name = bearer, *secret = NULL;
+    struct user token = {0};
+    if (!strncasecmp(authorization, "Bearer ", 7)) {
+        snprintf(bearer, sizeof bearer, "%s", authorization + 7 + strspn(authorization + 7, " "));
+        char *tilde = strchr(bearer, '~');
+        if (tilde) {
+            *tilde = '\0';
+            secret = tilde + 1;
+        }
+    } else {
+        name = basic = MHD_basic_auth_get_username_password(r->connection, &password);
+        secret = password;
+    }
+    pthread_mutex_lock(&ui->users_mutex);
+    const struct user *found = name && secret ? users_find(&ui->tokens, name) : NULL;
+    if (found)
+        token = *found;
+    pthread_mutex_unlock(&ui->users_mutex);
+    bool ok = token.role != ROLE_NONE && user_verify(&token, secret) &&
+              session_machine(&ui->sessions, &token, apc_clock_mono(NULL), &r->session) == 0;
+    MHD_free(basic);
+    MHD_free(password);
+    return ok ||
+           fault_set(&r->fault, 401, "token", NULL, "there is no such token: `apc user token` makes one");
+}
+
+/* Without users the page is the user's who runs the server. */
+static bool is_own(struct request *r)
+{
+    if (r->from->peer == 0)
+        r->from->peer = peer_is_own(r->from->fd) ? 1 : -1;
+    return r->from->peer > 0 || fault_set(&r->fault, 401, "login", NULL, NOT_YOURS);
+}
+
 static bool find_session(struct ui *ui, struct request *r)
 {
-    char name[32];
+    const char *authorization = request_header(r, "Authorization");
+    char name[COOKIE_NAME];
+    if (authorization)
+        return find_machine(ui, r, authorization);
     if (ui->open) {
+        if (!is_own(r))
+            return false;
         r->session = ui->sessions.local;
         return true;
     }
-    cookie_name(ui, name);
+    cookie_name(ui, "session", name);
     const char *token = MHD_lookup_connection_value(r->connection, MHD_COOKIE_KIND, name);
-    return token && session_find(&ui->sessions, token, apc_clock_mono(NULL), &r->session);
+    return (token && session_find(&ui->sessions, token, apc_clock_mono(NULL), &r->session)) ||
+           fault_set(&r->fault, 401, "login", NULL, "please log in: there is no session, or it has ended");
 }
 
-static bool check_post(struct ui *ui, struct request *r)
+static bool check_post(struct request *r)
 {
     const char *csrf = request_header(r, "X-CSRF-Token"), *type = request_header(r, "Content-Type");
     const char *length = request_header(r, "Content-Length");
     bool form =
         r->route->role == ROLE_NONE && type && !strncasecmp(type, "application/x-www-form-urlencoded", 33);
-    (void)ui;
-    if (r->route->role != ROLE_NONE && !(csrf && token_equal(csrf, r->session.csrf)))
+    /* no browser sends a machine's token by itself */
+    if (r->route->role != ROLE_NONE && !r->session.machine && !(csrf && text_same(csrf, r->session.csrf)))
         return fault_set(&r->fault, 403, "csrf", NULL,
                          "the request lacks this session's token: reload the page and try again");
     if (!form && !(type && !strncasecmp(type, "application/json", 16) && strchr("; ", type[16]) != NULL))
@@ -100,13 +146,14 @@ bool gate_pass(struct ui *ui, struct request *r, const char *method)
     if (!host_allowed(request_header(r, "Host"), ui->options.names))
         return fault_set(&r->fault, 403, "host", NULL,
                          "this server is not known by that name: use its address, or start it with --name");
-    if (post && !same_origin(r))
+    if (post && !same_origin(ui, r))
         return fault_set(&r->fault, 403, "origin", NULL,
                          "the request comes from another page and is refused");
-    bool known = find_session(ui, r);
-    if (!known && !(route && route->role == ROLE_NONE))
-        return fault_set(&r->fault, 401, "login", NULL,
-                         "please log in: there is no session, or it has ended");
+    if (!find_session(ui, r)) {
+        if (!route || route->role != ROLE_NONE)
+            return false;
+        r->fault = (struct fault){0}; /* anyone may ask */
+    }
     if (!route)
         return fault_set(&r->fault, 404, "path", NULL, "there is nothing here");
     if (strcmp(method, route->method) != 0 && !(!strcmp(method, "HEAD") && !strcmp(route->method, "GET")))
@@ -114,5 +161,5 @@ bool gate_pass(struct ui *ui, struct request *r, const char *method)
     if (route->role == ROLE_OPERATOR && r->session.role != ROLE_OPERATOR)
         return fault_set(&r->fault, 403, "role", NULL, "%s is an observer: this takes an operator",
                          r->session.user);
-    return !post || check_post(ui, r);
+    return !post || check_post(r);
 }

@@ -4,8 +4,8 @@
  * to a pool of threads, one of which wakes it with its answer. A stream sleeps while there is nothing for it.
  * Long looks into the past have a pool of their own, so that no write waits behind them.
  *
- * A connection that has not sent a whole request DEADLINE after it was opened, or after its last answer, is
- * shut down, however it dribbles: libmicrohttpd's own time-out only knows silence.
+ * Who may keep a connection, and for how long without a request, is said in rooms.h: libmicrohttpd's own
+ * limits know neither who is logged in nor who dribbles.
  */
 #include "http.h"
 
@@ -15,30 +15,20 @@
 #include <poll.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
 #define WRITERS     2
 #define READERS     3
-#define QUEUE       64                  /* requests waiting for a pool */
-#define PATIENCE    (10 * APC_NS_PER_S) /* for history */
-#define CONNECTIONS 600
-#define PER_ADDRESS 400
-#define SILENCE     30 /* s */
-#define DEADLINE    (20 * APC_NS_PER_S)
-
-struct connection {
-    struct connection *next, **at;
-    int fd;
-    apc_ns since;
-    bool busy;
-    char address[64];
-};
+#define QUEUE       64                         /* requests waiting for a pool */
+#define PATIENCE    (10 * APC_NS_PER_S)        /* for history */
+#define CONNECTIONS (STRANGERS + MEMBERS + 64) /* the last: on their way out */
+#define SILENCE     30                         /* s */
 
 struct exchange {
     struct ui *ui;
     struct request r;
-    struct connection *connection;
     struct exchange *next;
     bool begun, queued, answered, nul; /* nul: %00 in its address */
     struct stream_reader *reader;
@@ -60,8 +50,7 @@ struct server {
     struct ui *ui;
     struct MHD_Daemon *daemon;
     char *cert, *key;
-    pthread_mutex_t mutex; /* of the connections */
-    struct connection *connections;
+    struct rooms rooms;
 
     struct pool writers, readers;
 };
@@ -140,20 +129,11 @@ static void add_headers(const struct ui *ui, struct MHD_Response *response, cons
         MHD_add_response_header(response, "Strict-Transport-Security", "max-age=31536000");
 }
 
-/* The request is whole: from here until its answer is out no deadline is the client's to keep. */
-static void set_busy(struct exchange *x)
-{
-    struct server *s = x->ui->server;
-    pthread_mutex_lock(&s->mutex);
-    x->connection->busy = true;
-    pthread_mutex_unlock(&s->mutex);
-}
-
 static enum MHD_Result queue(struct exchange *x, int status, struct MHD_Response *response)
 {
     if (!response)
         return MHD_NO;
-    set_busy(x);
+    rooms_busy(&x->ui->server->rooms, x->r.from);
     x->answered = true;
     x->ui->requests[status / 100 < 6 ? status / 100 : 0]++;
     enum MHD_Result ok = MHD_queue_response(x->r.connection, (unsigned)status, response);
@@ -180,7 +160,7 @@ static void fault_json(struct request *r)
     text_add(&r->reply, "}");
 }
 
-/* A person without a session, who asked for a page: not JSON but the form. */
+/* A person without a session, who asked for a page: not JSON but the form, where he could log in. */
 static bool wants_form(const struct request *r)
 {
     const char *accept = request_header(r, "Accept");
@@ -188,12 +168,26 @@ static bool wants_form(const struct request *r)
            strstr(accept, "text/html");
 }
 
+/* Whoever tried to write, and was refused, leaves a row. Logins leave their own. */
+static void record_refusal(struct exchange *x)
+{
+    const struct request *r = &x->r;
+    if (r->fault.http && strcmp(r->fault.code, "unknown") != 0 && r->route && r->route->role != ROLE_NONE &&
+        !strcmp(r->route->method, "POST"))
+        audit_refusal(x->ui, r->session.user, r->from->address, r->route->path, r->fault.message);
+}
+
 static enum MHD_Result answer(struct exchange *x)
 {
     struct request *r = &x->r;
     char seconds[24];
+    record_refusal(x);
 
-    if (wants_form(r))
+    if (wants_form(r) && x->ui->open) {
+        r->type = "text/plain; charset=utf-8";
+        r->status = 401;
+        text_add(&r->reply, "%s\n", r->fault.message);
+    } else if (wants_form(r))
         login_page(r, "");
     else if (r->fault.http)
         fault_json(r);
@@ -211,8 +205,14 @@ static enum MHD_Result answer(struct exchange *x)
     MHD_add_response_header(response, "Content-Type", r->type ? r->type : "application/json");
     if (r->cookie[0])
         MHD_add_response_header(response, "Set-Cookie", r->cookie);
+    if (r->device[0])
+        MHD_add_response_header(response, "Set-Cookie", r->device);
+    if (r->fault.http == 401)
+        MHD_add_response_header(response, "WWW-Authenticate", "Bearer realm=\"apc-ui\"");
     if (r->location)
         MHD_add_response_header(response, "Location", r->location);
+    if (r->close)
+        MHD_add_response_header(response, "Connection", "close");
     if (r->status == 405)
         MHD_add_response_header(response, "Allow", r->route->method);
     if (r->retry_after > 0) {
@@ -303,10 +303,14 @@ static enum MHD_Result answer_stream(struct exchange *x)
     struct ui *ui = x->ui;
     const char *last = request_header(&x->r, "Last-Event-ID");
     bool resumed;
-    int rc = stream_open(ui->stream, last ? last : request_query(&x->r, "last"), rest_stream, wake_stream, x,
-                         &x->reader, &resumed);
+    const struct session *session = &x->r.session;
+    const struct stream_watcher watcher = {.session = session->token,
+                                           .privileged = session->role == ROLE_OPERATOR};
+    int rc = stream_open(ui->stream, &watcher, last ? last : request_query(&x->r, "last"), rest_stream,
+                         wake_stream, x, &x->reader, &resumed);
     if (rc < 0) {
-        fault_set(&x->r.fault, 503, "busy", NULL, "too many pages are watching: try again later");
+        fault_set(&x->r.fault, 503, "busy", NULL, "too many pages are watching%s: try again later",
+                  rc == APC_EFULL ? " in this session" : "");
         x->r.retry_after = 10 * APC_NS_PER_S;
         return answer(x);
     }
@@ -327,8 +331,8 @@ static bool session_over(void *ctx, void *arg)
     const struct exchange *x = ctx;
     struct session session;
     (void)arg;
-    return !x->ui->open &&
-           !session_find(&x->ui->sessions, x->r.session.token, apc_clock_mono(NULL), &session);
+    const char *token = x->r.session.token;
+    return token[0] ? !session_find(&x->ui->sessions, token, apc_clock_mono(NULL), &session) : !x->ui->open;
 }
 
 /* ---- Pools -------------------------------------------------------------------------------- */
@@ -415,7 +419,7 @@ static void pool_free(struct pool *p)
 
 static enum MHD_Result give_to(struct pool *p, struct exchange *x)
 {
-    set_busy(x);
+    rooms_busy(&x->ui->server->rooms, x->r.from);
     pthread_mutex_lock(&p->mutex);
     bool room = p->queued < QUEUE && !p->ending;
     if (room) {
@@ -468,17 +472,53 @@ static enum MHD_Result known_parameter(void *ctx, enum MHD_ValueKind kind, const
     return MHD_NO;
 }
 
+struct heads {
+    unsigned host, length, coding;
+};
+
+static enum MHD_Result count_head(void *ctx, enum MHD_ValueKind kind, const char *name, const char *value)
+{
+    struct heads *heads = ctx;
+    (void)kind;
+    (void)value;
+    heads->host += !strcasecmp(name, "Host");
+    heads->length += !strcasecmp(name, "Content-Length");
+    heads->coding += !strcasecmp(name, "Transfer-Encoding");
+    return MHD_YES;
+}
+
+/* One host, and one way to tell where the body ends: else two servers in a row may see two requests in one.
+ */
+static bool framed(struct request *r)
+{
+    struct heads heads = {0};
+    MHD_get_connection_values(r->connection, MHD_HEADER_KIND, count_head, &heads);
+    if (heads.host <= 1 && heads.length + heads.coding <= 1)
+        return true;
+    r->close = true;
+    return fault_set(&r->fault, 400, "framing", NULL,
+                     heads.host > 1 ? "the request has more than one Host"
+                                    : "the request says twice where its body ends");
+}
+
 /* Headers are there: refuse now, or go on to the body. */
 static enum MHD_Result begin(struct exchange *x, const char *method, const char *path)
 {
+    struct request *r = &x->r;
     x->begun = true;
-    x->r.route = find_route(x->ui->files, method, path);
-    bool passed = gate_pass(x->ui, &x->r, method);
-    if (passed && x->nul) /* text would end there: what was asked for is not what would be answered */
-        fault_set(&x->r.fault, 400, "parameter", NULL, "the address has a zero byte in it");
-    else if (passed && x->r.route->query)
-        MHD_get_connection_values(x->r.connection, MHD_GET_ARGUMENT_KIND, known_parameter, &x->r);
-    return x->r.fault.http ? answer(x) : MHD_YES;
+    rooms_asked(&x->ui->server->rooms, x->r.from);
+    r->route = find_route(x->ui->files, method, path);
+    if (!framed(r) || !gate_pass(x->ui, r, method)) {
+        fault_set(&r->fault, 403, "role", NULL, "the request is refused"); /* unless it says why */
+        return answer(x);
+    }
+    if (r->route->role != ROLE_NONE)
+        rooms_member(&x->ui->server->rooms, x->r.from, r->session.token);
+    if (x->nul) /* text would end there: what was asked for is not what would be answered */
+        fault_set(&r->fault, 400, "parameter", NULL, "the address has a zero byte in it");
+    else if (r->route->query)
+        MHD_get_connection_values(r->connection, MHD_GET_ARGUMENT_KIND, known_parameter, r);
+    return r->fault.http ? answer(x) : MHD_YES;
 }
 
 static enum MHD_Result take_body(struct exchange *x, const char *data, size_t *n)
@@ -536,10 +576,9 @@ static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, 
         const union MHD_ConnectionInfo *info =
             MHD_get_connection_info(connection, MHD_CONNECTION_INFO_SOCKET_CONTEXT);
         x->ui = ui;
-        x->connection = info->socket_context;
-        if (!x->connection)
+        x->r.from = info->socket_context;
+        if (!x->r.from)
             return MHD_NO;
-        memcpy(x->r.address, x->connection->address, sizeof x->r.address);
         return begin(x, method, path);
     }
     if (x->answered)
@@ -570,12 +609,8 @@ static void on_completed(void *cls, struct MHD_Connection *connection, void **ct
     if (!x)
         return;
     stream_close(x->reader);
-    if (x->connection) {
-        pthread_mutex_lock(&ui->server->mutex);
-        x->connection->since = apc_clock_mono(NULL);
-        x->connection->busy = false;
-        pthread_mutex_unlock(&ui->server->mutex);
-    }
+    if (x->r.from)
+        rooms_answered(&ui->server->rooms, x->r.from, apc_clock_mono(NULL));
     free(x->r.body);
     text_free(&x->r.reply);
     text_free(&x->r.extra);
@@ -591,33 +626,19 @@ static void on_connection(void *cls, struct MHD_Connection *connection, void **c
     if (code == MHD_CONNECTION_NOTIFY_CLOSED && !c)
         return;
     if (code == MHD_CONNECTION_NOTIFY_CLOSED) { /* its socket is still open, so its number is still its own */
-        pthread_mutex_lock(&s->mutex);
-        *c->at = c->next;
-        if (c->next)
-            c->next->at = c->at;
-        pthread_mutex_unlock(&s->mutex);
-        free(c);
+        rooms_leave(&s->rooms, c);
         return;
     }
     const union MHD_ConnectionInfo *fd =
         MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD);
     const union MHD_ConnectionInfo *client =
         MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CLIENT_ADDRESS);
-    *ctx = c = calloc(1, sizeof *c);
-    if (!c) /* it cannot be refused here: its first request is */
-        return;
-    c->fd = fd->connect_fd;
-    c->since = apc_clock_mono(NULL);
+    char address[64] = "";
     socklen_t size =
         client->client_addr->sa_family == AF_INET6 ? sizeof(struct sockaddr_in6) : sizeof(struct sockaddr_in);
-    getnameinfo(client->client_addr, size, c->address, sizeof c->address, NULL, 0, NI_NUMERICHOST);
-    pthread_mutex_lock(&s->mutex);
-    c->at = &s->connections;
-    c->next = s->connections;
-    if (c->next)
-        c->next->at = &c->next;
-    s->connections = c;
-    pthread_mutex_unlock(&s->mutex);
+    getnameinfo(client->client_addr, size, address, sizeof address, NULL, 0, NI_NUMERICHOST);
+    /* if it is NULL it cannot be refused here: its first request is */
+    *ctx = rooms_enter(&s->rooms, fd->connect_fd, address, apc_clock_mono(NULL));
 }
 
 /* ---- Start and stop ----------------------------------------------------------------------- */
@@ -645,29 +666,33 @@ APC_PRINTF(2, 0) static void log_library(void *arg, const char *fmt, va_list arg
     apc_log_write(arg, APC_LOG_DEBUG, "libmicrohttpd: %s", text);
 }
 
+/* Forward secrecy and authenticated ciphers only, also in TLS 1.2. */
+#define TLS_PRIORITIES                                                                                       \
+    "NORMAL:-VERS-ALL:+VERS-TLS1.3:+VERS-TLS1.2:-KX-ALL:+ECDHE-ECDSA:+ECDHE-RSA:-CIPHER-ALL:+AES-256-GCM:"   \
+    "+CHACHA20-POLY1305:+AES-128-GCM:-MAC-ALL:+AEAD"
+
 static int start_daemon(struct server *s, int fd, struct apc_error *why)
 {
     const struct ui *ui = s->ui;
-    struct MHD_OptionItem tls[] = {
-        {MHD_OPTION_HTTPS_MEM_CERT, 0, s->cert},
-        {MHD_OPTION_HTTPS_MEM_KEY, 0, s->key},
-        {MHD_OPTION_HTTPS_PRIORITIES, 0, (void *)(uintptr_t) "NORMAL:-VERS-ALL:+VERS-TLS1.3:+VERS-TLS1.2"},
-        {MHD_OPTION_END, 0, NULL}};
+    struct MHD_OptionItem tls[] = {{MHD_OPTION_HTTPS_MEM_CERT, 0, s->cert},
+                                   {MHD_OPTION_HTTPS_MEM_KEY, 0, s->key},
+                                   {MHD_OPTION_HTTPS_PRIORITIES, 0, (void *)(uintptr_t)TLS_PRIORITIES},
+                                   {MHD_OPTION_END, 0, NULL}};
     unsigned flags = MHD_USE_EPOLL_INTERNAL_THREAD | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ERROR_LOG;
     if (ui->tls)
         flags |= MHD_USE_TLS;
     else
         tls[0].option = MHD_OPTION_END;
-    s->daemon = MHD_start_daemon(flags, 0, NULL, NULL, on_request, s->ui,                   //
-                                 MHD_OPTION_EXTERNAL_LOGGER, log_library, (void *)ui->log,  //
-                                 MHD_OPTION_LISTEN_SOCKET, fd,                              //
-                                 MHD_OPTION_URI_LOG_CALLBACK, on_uri, s->ui,                //
-                                 MHD_OPTION_NOTIFY_COMPLETED, on_completed, s->ui,          //
-                                 MHD_OPTION_NOTIFY_CONNECTION, on_connection, s->ui,        //
-                                 MHD_OPTION_CONNECTION_LIMIT, (unsigned)CONNECTIONS,        //
-                                 MHD_OPTION_PER_IP_CONNECTION_LIMIT, (unsigned)PER_ADDRESS, //
-                                 MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)SILENCE,          //
-                                 MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)(48 * 1024),   //
+    s->daemon = MHD_start_daemon(flags, 0, NULL, NULL, on_request, s->ui,                  //
+                                 MHD_OPTION_EXTERNAL_LOGGER, log_library, (void *)ui->log, //
+                                 MHD_OPTION_LISTEN_SOCKET, fd,                             //
+                                 MHD_OPTION_URI_LOG_CALLBACK, on_uri, s->ui,               //
+                                 MHD_OPTION_NOTIFY_COMPLETED, on_completed, s->ui,         //
+                                 MHD_OPTION_NOTIFY_CONNECTION, on_connection, s->ui,       //
+                                 MHD_OPTION_CONNECTION_LIMIT, (unsigned)CONNECTIONS,       //
+                                 MHD_OPTION_STRICT_FOR_CLIENT, 1,                          //
+                                 MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)SILENCE,         //
+                                 MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)(48 * 1024),  //
                                  MHD_OPTION_ARRAY, tls, MHD_OPTION_END);
     if (s->daemon)
         return 0;
@@ -683,7 +708,7 @@ int server_start(struct ui *ui, struct apc_error *why)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     s->ui = ui;
     ui->tls = ui->options.tls_cert != NULL;
-    if (pthread_mutex_init(&s->mutex, NULL))
+    if (rooms_init(&s->rooms) < 0)
         return apc_fail(why, APC_ESYS, "no mutex");
     int rc = 0;
     if (ui->tls && ((rc = read_pem(ui->options.tls_cert, &s->cert, why)) < 0 ||
@@ -701,14 +726,8 @@ int server_start(struct ui *ui, struct apc_error *why)
 
 void server_look(struct ui *ui)
 {
-    struct server *s = ui->server;
-    apc_ns now = apc_clock_mono(NULL);
     stream_drop(ui->stream, session_over, NULL, "session", "the session has ended: please log in");
-    pthread_mutex_lock(&s->mutex);
-    for (const struct connection *c = s->connections; c; c = c->next)
-        if (!c->busy && now - c->since > DEADLINE)
-            shutdown(c->fd, SHUT_RDWR);
-    pthread_mutex_unlock(&s->mutex);
+    rooms_look(&ui->server->rooms, apc_clock_mono(NULL));
 }
 
 void server_stop(struct ui *ui)
@@ -730,7 +749,7 @@ void server_stop(struct ui *ui)
         MHD_stop_daemon(s->daemon); /* no connection sleeps now: it would not have that */
     pool_free(&s->writers);
     pool_free(&s->readers);
-    pthread_mutex_destroy(&s->mutex);
+    rooms_free(&s->rooms);
     free(s->cert);
     free(s->key);
     free(s);

@@ -9,9 +9,17 @@
 
 #include <microhttpd.h>
 
+#include "rooms.h"
 #include "ui.h"
 
-#define BODY_MAX 65536 /* bytes */
+#define BODY_MAX    65536 /* bytes */
+#define COOKIE_NAME 40
+#define COOKIE_LEN  256
+/* On a server without users, to everybody but the one who started it. */
+#define NOT_YOURS                                                                                            \
+    "this page is for the user who started it, on this host; for others make users with `apc user add`, or " \
+    "a token with "                                                                                          \
+    "`apc user token`"
 
 enum where {
     DIRECT = 1, /* in the server's thread: never waits */
@@ -37,7 +45,7 @@ extern const size_t n_routes;
 struct request {
     const struct route *route;
     struct MHD_Connection *connection;
-    char address[64]; /* of the client */
+    struct connection *from;
     struct session session;
     char *body;
     size_t n;
@@ -48,11 +56,12 @@ struct request {
     struct fault fault;
     struct text extra; /* members beside "error", beginning with a comma */
     struct text reply;
-    const char *type; /* default application/json */
-    char cookie[256]; /* Set-Cookie, or "" */
+    const char *type;                            /* default application/json */
+    char cookie[COOKIE_LEN], device[COOKIE_LEN]; /* Set-Cookie, or "" */
     const char *location;
     char nonce[TOKEN_LEN]; /* of the style in an HTML answer, or "" */
     apc_ns retry_after;
+    bool close; /* the connection, after the answer */
 };
 
 /* A parameter, or NULL. */
@@ -79,8 +88,9 @@ int listen_on(struct ui *ui, struct apc_error *why);
 /* gate.c: may this request go on? False: the fault is set. Body not looked at. */
 bool gate_pass(struct ui *ui, struct request *r, const char *method);
 bool host_allowed(const char *host, const char *const *names);
-bool origin_matches(const char *origin, const char *host);
-void cookie_name(const struct ui *ui, char name[32]);
+/* Is it this server's? TLS may also end in front of it: then it does not know of it. */
+bool origin_matches(const char *origin, const char *host, bool tls);
+void cookie_name(const struct ui *ui, const char *what, char name[COOKIE_NAME]);
 
 /* files.c: the page. */
 int files_load(struct files **files, const char *folder, struct apc_error *why);

@@ -46,8 +46,7 @@ static const struct argp_option option_list[] = {
     {"listen", 'l', "ADDRESS:PORT", 0, "Where to serve; default " DEFAULT_PLACE "; port 0: any", 0},
     {"users", OPT_USERS, "FILE", 0,
      "Who may log in, made by `apc user add` [APC_USERS]; default ~/.config/apc/users. Without this file, "
-     "and on "
-     "loopback only, everybody is operator",
+     "and on loopback only, it is for the user who starts it, who is operator",
      0},
     {"name", OPT_NAME, "HOST", 0,
      "A name of this server, other than localhost and its addresses; may be repeated", 0},
@@ -170,10 +169,14 @@ static int load_experiment(struct ui *ui, const char *file, struct apc_error *wh
 
 static int load_users(struct ui *ui, struct apc_error *why)
 {
+    char path[4096];
     if (!users_path(ui->options.users, ui->users_path)) {
         ui->open = true;
         return 0;
     }
+    int tokens = users_load(&ui->tokens, tokens_path(ui->users_path, path), why);
+    if (tokens < 0 && tokens != APC_ENOTFOUND)
+        return tokens;
     int rc = users_load(&ui->users, ui->users_path, why);
     bool asked = ui->options.users || getenv("APC_USERS");
     ui->open = rc == APC_ENOTFOUND && !asked;
@@ -222,7 +225,7 @@ static int make_parts(struct ui *ui, struct apc_error *why)
         rc = sessions_init(&ui->sessions, (apc_ns)(idle * 1e9), LIFE);
     if (rc == 0)
         rc = backoff_init(&ui->backoff);
-    if (rc == 0 && (pthread_mutex_init(&ui->users_mutex, NULL) || pthread_mutex_init(&ui->audit_mutex, NULL)))
+    if (rc == 0 && (pthread_mutex_init(&ui->users_mutex, NULL) || audit_init(&ui->audit) < 0))
         rc = APC_ESYS;
     struct meter *meters[] = {&ui->reads, &ui->stores, &ui->lag};
     for (size_t i = 0; i < 3 && rc == 0; i++)
@@ -239,6 +242,8 @@ static void free_parts(struct ui *ui)
     writes_destroy(ui->writes);
     sessions_free(&ui->sessions);
     users_free(&ui->users);
+    users_free(&ui->tokens);
+    audit_free(&ui->audit);
     files_free(ui->files);
     model_free(&ui->model);
 }
@@ -272,8 +277,7 @@ static void say_where(const struct ui *ui)
     const char *listen = ui->options.listen;
     apc_log_write(ui->log, APC_LOG_INFO, "serving %s://%.*s:%d (%zu files of the page, %s)",
                   ui->tls ? "https" : "http", (int)(strrchr(listen, ':') - listen), listen, ui->port,
-                  files_count(ui->files),
-                  ui->open ? "no login: everybody on this host is operator" : "with login");
+                  files_count(ui->files), ui->open ? "no login: who started it is operator" : "with login");
 }
 
 static void serve(struct ui *ui, sigset_t *signals)

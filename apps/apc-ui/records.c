@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * What the store has no wake-up for: each second the newest events and timing rows, now and then the
- * descriptions and the file of users; and the audit rows that could not be written when they were due.
+ * descriptions and the files of users and tokens; and the audit rows that could not be written when they were
+ * due.
  */
 #include <glob.h>
 #include <inttypes.h>
@@ -12,8 +13,10 @@
 #include "ui.h"
 
 #define LOOK       APC_NS_PER_S
-#define RECENT     50                  /* events of one look */
-#define FIRST      1000                /* events of the first, for the links */
+#define RECENT     64 /* events that are asked for first; more where the newest known is not among them ... */
+#define MOST       65536               /* ... up to these */
+#define FIRST      1000                /* of the first look, for the links */
+#define TOGETHER   500                 /* in one message */
 #define BACK       (15 * APC_NS_PER_S) /* timing rows may come this late */
 #define FIRST_BACK (60 * APC_NS_PER_S)
 #define TAGS_EACH  10 /* looks */
@@ -23,46 +26,14 @@ const char *const quantity_names[QUANTITIES] = {"lateness", "jitter", "run"};
 struct records {
     struct ui *ui;
     struct apc_store *store;
-    struct apc_event *event; /* [FIRST]: of this look, oldest first */
+    struct apc_event *event; /* [room]: of this look, oldest first */
     size_t n, room;
     struct apc_event last; /* newest event known */
     bool know_last;
     bool reported[TASKS]; /* tasks with news in this look */
     bool started;
+    bool damaged[2]; /* the files of users and tokens, and it was said */
 };
-
-/* ---- Audit -------------------------------------------------------------------------------- */
-
-void audit(struct ui *ui, struct apc_store *store, const struct apc_event *event)
-{
-    const size_t room = sizeof ui->audit / sizeof *ui->audit;
-    if (store && apc_store_append_events(store, event, 1) >= 0)
-        return;
-    pthread_mutex_lock(&ui->audit_mutex);
-    if (ui->audits < room)
-        ui->audit[ui->audits++] = *event;
-    else
-        apc_log_write(ui->log, APC_LOG_ERROR, "not recorded: %s: %s", event->source, event->text);
-    pthread_mutex_unlock(&ui->audit_mutex);
-}
-
-static int flush_audit(struct records *r)
-{
-    struct ui *ui = r->ui;
-    struct apc_event waiting[sizeof ui->audit / sizeof *ui->audit];
-    pthread_mutex_lock(&ui->audit_mutex);
-    size_t n = ui->audits;
-    memcpy(waiting, ui->audit, n * sizeof *waiting);
-    pthread_mutex_unlock(&ui->audit_mutex);
-    int rc = n > 0 ? apc_store_append_events(r->store, waiting, n) : 0;
-    if (rc < 0)
-        return rc;
-    pthread_mutex_lock(&ui->audit_mutex); /* others may have come behind these */
-    ui->audits -= n;
-    memmove(ui->audit, ui->audit + n, ui->audits * sizeof *ui->audit);
-    pthread_mutex_unlock(&ui->audit_mutex);
-    return 0;
-}
 
 /* ---- Events ------------------------------------------------------------------------------- */
 
@@ -113,11 +84,11 @@ static void take_link(struct model *m, const struct apc_event *event)
     pthread_mutex_unlock(&m->mutex);
 }
 
-static void tell_events(struct records *r, size_t from)
+static void tell_events(struct records *r, size_t from, size_t to)
 {
     struct text t = {0};
     text_add(&t, "{\"events\":[");
-    for (size_t i = from; i < r->n; i++) {
+    for (size_t i = from; i < to; i++) {
         event_json(&r->event[i], &t);
         text_put(&t, ",", 1);
     }
@@ -128,23 +99,47 @@ static void tell_events(struct records *r, size_t from)
     text_free(&t);
 }
 
-/* Events have no number: the new ones are those behind the newest that is known. */
-static int look_events(struct records *r)
+/* The newest `last` events. Returns 0 or an error. */
+static int read_events(struct records *r, size_t last)
 {
-    const struct apc_range range = {.last = r->started ? RECENT : FIRST};
+    const struct apc_range range = {.last = last};
+    if (last > r->room) {
+        struct apc_event *more = realloc(r->event, last * sizeof *more);
+        if (!more)
+            return APC_ENOMEM;
+        r->event = more;
+        r->room = last;
+    }
     r->n = 0;
-    r->room = range.last;
     int rc = apc_store_events(r->store, &range, take_event, r);
-    if (rc < 0)
-        return rc;
+    return rc < 0 ? rc : 0;
+}
+
+/* Events have no number: the new ones are those behind the newest that is known. */
+static size_t first_new(const struct records *r)
+{
     size_t from = r->n;
     while (from > 0 && !(r->know_last && same_event(&r->event[from - 1], &r->last)))
         from--;
+    return from;
+}
+
+static int look_events(struct records *r)
+{
+    size_t last = r->started ? RECENT : FIRST;
+    int rc = read_events(r, last);
+    while (rc == 0 && r->know_last && r->n == last && last < MOST && first_new(r) == 0)
+        rc = read_events(r, last *= 8);
+    if (rc < 0)
+        return rc;
+    size_t from = first_new(r);
     for (size_t i = from; i < r->n; i++)
         if (!strcmp(r->event[i].kind, "link"))
             take_link(&r->ui->model, &r->event[i]);
-    if (r->started && from < r->n)
-        tell_events(r, from);
+    for (size_t i = from, to; r->started && i < r->n; i = to) {
+        to = i + TOGETHER < r->n ? i + TOGETHER : r->n;
+        tell_events(r, i, to);
+    }
     if (r->n > 0) {
         r->last = r->event[r->n - 1];
         r->know_last = true;
@@ -334,32 +329,57 @@ static bool described(struct ui *ui)
     return any;
 }
 
-static void look_users(struct ui *ui)
+static void tell_access(struct ui *ui, enum apc_event_severity severity, const char *what, const char *text)
 {
-    struct users users;
+    struct apc_event event = {
+        .time = apc_clock_utc(NULL), .severity = severity, .kind = "access", .source = "apc-ui"};
+    snprintf(event.text, sizeof event.text, "%.150s %s", what, text);
+    apc_log_write(ui->log, APC_LOG_WARN, "%s", event.text);
+    audit(ui, NULL, &event);
+}
+
+/* What a file said is in force while it cannot be read; once it is gone, it names nobody. */
+static bool reload(struct ui *ui, struct users *users, const char *path, bool *damaged)
+{
+    struct users now;
     struct apc_error why;
-    if (ui->open)
-        return;
-    int rc = users_load(&users, ui->users_path, &why);
-    pthread_mutex_lock(&ui->users_mutex);
-    bool changed = rc == 0 && memcmp(&users.changed, &ui->users.changed, sizeof users.changed) != 0;
-    if (changed) {
-        struct users old = ui->users;
-        ui->users = users;
-        users = old;
-        sessions_revoke(&ui->sessions, &ui->users);
+    int rc = users_load(&now, path, &why);
+    bool bad = rc < 0 && rc != APC_ENOTFOUND;
+    if (bad && !*damaged)
+        tell_access(ui, APC_EVENT_ALARM, why.text, "(what it said before stays in force)");
+    *damaged = bad;
+    if (bad || memcmp(&now.changed, &users->changed, sizeof now.changed) == 0) {
+        users_free(&now);
+        return false;
     }
+    pthread_mutex_lock(&ui->users_mutex);
+    struct users old = *users;
+    *users = now;
     pthread_mutex_unlock(&ui->users_mutex);
-    if (changed)
-        apc_log_write(ui->log, APC_LOG_INFO, "the file of users has changed");
-    users_free(&users);
+    users_free(&old);
+    tell_access(ui, APC_EVENT_WARNING, path, rc < 0 ? "is gone: nobody in it may log in" : "has changed");
+    return true;
+}
+
+static void look_users(struct records *r)
+{
+    struct ui *ui = r->ui;
+    char path[4096];
+    if (!ui->users_path[0])
+        return;
+    bool users = reload(ui, &ui->users, ui->users_path, &r->damaged[0]);
+    bool tokens = reload(ui, &ui->tokens, tokens_path(ui->users_path, path), &r->damaged[1]);
+    if (ui->users.n > 0)
+        ui->open = false;
+    if (users || tokens)
+        sessions_revoke(&ui->sessions, &ui->users, &ui->tokens); /* nobody else writes them */
 }
 
 /* ------------------------------------------------------------------------------------------- */
 
 static int look(struct records *r, unsigned looks)
 {
-    int rc = flush_audit(r);
+    int rc = audit_flush(r->ui, r->store);
     if (rc >= 0)
         rc = look_events(r);
     if (rc >= 0)
@@ -373,13 +393,11 @@ static int look(struct records *r, unsigned looks)
 
 void *records_thread(void *arg)
 {
-    struct records r = {.ui = arg, .event = calloc(FIRST, sizeof *r.event)};
+    struct records r = {.ui = arg};
     struct apc_error why;
     bool said = false;
-    if (!r.event || ui_open_store(r.ui, "apc-ui records", 0, &r.store, &why) < 0) {
-        free(r.event);
+    if (ui_open_store(r.ui, "apc-ui records", 0, &r.store, &why) < 0)
         return NULL;
-    }
     for (unsigned looks = 1; !r.ui->stopping; looks++) {
         int rc = look(&r, looks);
         if (rc < 0 && rc != APC_ECONN && rc != APC_ETIMEDOUT && !said)
@@ -387,11 +405,11 @@ void *records_thread(void *arg)
                           apc_store_error(r.store));
         said = rc < 0;
         look_spools(r.ui);
-        look_users(r.ui);
+        look_users(&r);
         for (apc_ns left = LOOK; left > 0 && !r.ui->stopping; left -= LOOK / 4)
             ui_pause(r.ui, LOOK / 4);
     }
-    flush_audit(&r);
+    audit_flush(r.ui, r.store);
     apc_store_close(r.store);
     free(r.event);
     return NULL;

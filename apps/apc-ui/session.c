@@ -3,27 +3,10 @@
 
 #include <stdio.h>
 #include <string.h>
-#include <sys/random.h>
 
 int token_make(char token[TOKEN_LEN])
 {
-    unsigned char bytes[(TOKEN_LEN - 1) / 2];
-    if (getrandom(bytes, sizeof bytes, 0) != (ssize_t)sizeof bytes)
-        return APC_ESYS;
-    for (size_t i = 0; i < sizeof bytes; i++)
-        snprintf(token + 2 * i, 3, "%02x", bytes[i]);
-    return 0;
-}
-
-bool token_equal(const char *a, const char *b)
-{
-    unsigned char differ = 0;
-    size_t n = strlen(a);
-    if (n != strlen(b))
-        return false;
-    for (size_t i = 0; i < n; i++)
-        differ |= (unsigned char)(a[i] ^ b[i]);
-    return differ == 0;
+    return random_text(token, (TOKEN_LEN - 1) / 2);
 }
 
 /* ---- Sessions ----------------------------------------------------------------------------- */
@@ -56,22 +39,60 @@ static bool alive(const struct sessions *s, const struct session *session, apc_n
     return session->token[0] && now - session->used < s->idle && now - session->opened < s->life;
 }
 
-int session_open(struct sessions *s, const struct user *user, apc_ns now, struct session *opened)
+/* Where a new one goes: a free place, or the one that was unused for longest; of the user's own when he has
+ * his share. */
+static struct session *place_for(struct sessions *s, const char *user, apc_ns now)
 {
-    struct session made = {.role = user->role, .opened = now, .used = now};
+    struct session *oldest = s->at, *own = s->at;
+    size_t n = 0;
+    for (struct session *i = s->at; i < s->at + SESSIONS; i++) {
+        if (!alive(s, i, now) || (alive(s, oldest, now) && i->used < oldest->used))
+            oldest = i;
+        if (!alive(s, i, now) || strcmp(i->user, user) != 0)
+            continue;
+        if (n++ == 0 || i->used < own->used)
+            own = i;
+    }
+    return n >= SESSIONS_USER ? own : oldest;
+}
+
+static int open_one(struct sessions *s, const struct user *user, bool machine, apc_ns now,
+                    struct session *opened)
+{
+    struct session made = {.role = user->role, .machine = machine, .opened = now, .used = now};
     if (token_make(made.token) < 0 || token_make(made.csrf) < 0)
         return APC_ESYS;
     memcpy(made.user, user->name, sizeof made.user);
     memcpy(made.hash, user->hash, sizeof made.hash);
-    pthread_mutex_lock(&s->mutex);
-    struct session *place = &s->at[0];
-    for (size_t i = 0; i < SESSIONS && alive(s, place, now); i++)
-        if (!alive(s, &s->at[i], now) || s->at[i].used < place->used)
-            place = &s->at[i];
-    *place = made;
-    pthread_mutex_unlock(&s->mutex);
+    *place_for(s, user->name, now) = made;
     *opened = made;
     return 0;
+}
+
+int session_open(struct sessions *s, const struct user *user, apc_ns now, struct session *opened)
+{
+    pthread_mutex_lock(&s->mutex);
+    int rc = open_one(s, user, false, now, opened);
+    pthread_mutex_unlock(&s->mutex);
+    return rc;
+}
+
+int session_machine(struct sessions *s, const struct user *token, apc_ns now, struct session *found)
+{
+    int rc = 0;
+    struct session *session = s->at, *end = s->at + SESSIONS;
+    pthread_mutex_lock(&s->mutex);
+    while (session < end && !(session->machine && alive(s, session, now) &&
+                              !strcmp(session->user, token->name) && !strcmp(session->hash, token->hash)))
+        session++;
+    if (session < end) {
+        session->used = now;
+        *found = *session;
+    } else {
+        rc = open_one(s, token, true, now, found);
+    }
+    pthread_mutex_unlock(&s->mutex);
+    return rc;
 }
 
 /* Under the mutex. All are compared, so that the time does not tell which. */
@@ -79,7 +100,7 @@ static struct session *find(struct sessions *s, const char *token)
 {
     struct session *found = NULL;
     for (size_t i = 0; i < SESSIONS; i++)
-        if (s->at[i].token[0] && token_equal(s->at[i].token, token))
+        if (s->at[i].token[0] && text_same(s->at[i].token, token))
             found = &s->at[i];
     return found;
 }
@@ -109,27 +130,35 @@ void session_close(struct sessions *s, const char *token)
     pthread_mutex_unlock(&s->mutex);
 }
 
-void sessions_revoke(struct sessions *s, const struct users *users)
+void sessions_revoke(struct sessions *s, const struct users *users, const struct users *tokens)
 {
     pthread_mutex_lock(&s->mutex);
     for (size_t i = 0; i < SESSIONS; i++) {
         struct session *session = &s->at[i];
-        const struct user *user = session->token[0] ? users_find(users, session->user) : NULL;
+        const struct user *user =
+            session->token[0] ? users_find(session->machine ? tokens : users, session->user) : NULL;
         if (!user || user->role != session->role || strcmp(user->hash, session->hash) != 0)
             *session = (struct session){0};
     }
     pthread_mutex_unlock(&s->mutex);
 }
 
+bool rate_take(apc_ns *due, apc_ns each, unsigned burst, apc_ns now)
+{
+    if (*due + each > now + each * burst)
+        return false;
+    *due = (*due > now ? *due : now) + each;
+    return true;
+}
+
 bool session_may_write(struct sessions *s, const char *token, apc_ns now, apc_ns *again)
 {
-    const apc_ns each = APC_NS_PER_S / WRITE_RATE, burst = 2 * each * WRITE_RATE;
+    const apc_ns each = APC_NS_PER_S / WRITE_RATE;
+    const unsigned burst = 2 * WRITE_RATE;
     pthread_mutex_lock(&s->mutex);
     struct session *session = *token ? find(s, token) : &s->local;
-    bool may = session && session->writes_due + each <= now + burst;
-    if (may)
-        session->writes_due = (session->writes_due > now ? session->writes_due : now) + each;
-    *again = session ? session->writes_due + each - burst : now;
+    bool may = session && rate_take(&session->writes_due, each, burst, now);
+    *again = session ? session->writes_due + each - each * burst : now;
     pthread_mutex_unlock(&s->mutex);
     return may;
 }
@@ -159,7 +188,7 @@ apc_ns backoff_wait(struct backoff *b, const char *key, apc_ns now)
     return wait;
 }
 
-void backoff_failed(struct backoff *b, const char *key, apc_ns now)
+void backoff_failed(struct backoff *b, const char *key, unsigned allowed, apc_ns now)
 {
     pthread_mutex_lock(&b->mutex);
     struct backoff_entry *entry = entry_of(b, key);
@@ -171,7 +200,7 @@ void backoff_failed(struct backoff *b, const char *key, apc_ns now)
         *entry = (struct backoff_entry){0};
         snprintf(entry->key, sizeof entry->key, "%s", key);
     }
-    unsigned paused = ++entry->failures > BACKOFF_FREE ? entry->failures - BACKOFF_FREE : 0;
+    unsigned paused = ++entry->failures > allowed ? entry->failures - allowed : 0;
     apc_ns pause = paused == 0 ? 0 : paused > 6 ? BACKOFF_MAX : APC_NS_PER_S << (paused - 1);
     entry->last = now;
     entry->until = now + (pause < BACKOFF_MAX ? pause : BACKOFF_MAX);

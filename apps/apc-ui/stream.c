@@ -22,6 +22,7 @@ struct message {
 struct stream_reader {
     struct stream *stream;
     struct stream_reader *next_reader;
+    char *session;
     uint64_t next;           /* message to read next */
     struct text own;         /* read before all others */
     struct message *current; /* being read */
@@ -181,20 +182,39 @@ static bool place_after(const struct stream *s, const char *last, uint64_t *next
     return *next == s->next || s->bytes - start_of(s->ring[*next % STREAM_RING]) <= STREAM_BEHIND;
 }
 
-int stream_open(struct stream *stream, const char *last, stream_call rest, stream_call wake_fn, void *ctx,
-                struct stream_reader **reader, bool *resumed)
+/* Is there a place for one more? Returns 0, APC_EBUSY or APC_EFULL. */
+static int find_place(const struct stream *s, const struct stream_watcher *watcher)
+{
+    size_t own = 0;
+    for (const struct stream_reader *r = s->readers; r && watcher->session[0]; r = r->next_reader)
+        own += !strcmp(r->session, watcher->session);
+    if (own >= STREAM_SHARE)
+        return APC_EFULL;
+    return s->ended || s->stats.readers >= STREAM_READERS - (watcher->privileged ? 0 : STREAM_RESERVE)
+               ? APC_EBUSY
+               : 0;
+}
+
+int stream_open(struct stream *stream, const struct stream_watcher *watcher, const char *last,
+                stream_call rest, stream_call wake_fn, void *ctx, struct stream_reader **reader,
+                bool *resumed)
 {
     struct stream_reader *r = calloc(1, sizeof *r);
     *reader = NULL;
-    if (!r)
+    char *session = strdup(watcher->session);
+    if (!r || !session) {
+        free(session);
+        free(r);
         return APC_ENOMEM;
+    }
+    r->session = session;
     r->stream = stream;
     r->rest = rest;
     r->wake = wake_fn;
     r->ctx = ctx;
     pthread_mutex_lock(&stream->mutex);
-    bool room = !stream->ended && stream->stats.readers < STREAM_READERS;
-    if (room) {
+    int rc = find_place(stream, watcher);
+    if (rc == 0) {
         r->next = stream->next;
         *resumed = place_after(stream, last, &r->next);
         r->next_reader = stream->readers;
@@ -202,12 +222,13 @@ int stream_open(struct stream *stream, const char *last, stream_call rest, strea
         stream->stats.readers++;
     }
     pthread_mutex_unlock(&stream->mutex);
-    if (!room) {
-        free(r);
-        return APC_EBUSY;
+    if (rc == 0) {
+        *reader = r;
+        return 0;
     }
-    *reader = r;
-    return 0;
+    free(session);
+    free(r);
+    return rc;
 }
 
 void stream_greet(struct stream_reader *r, const char *event, const char *data, size_t n)
@@ -232,6 +253,7 @@ void stream_close(struct stream_reader *r)
     let_go(r->current);
     pthread_mutex_unlock(&s->mutex);
     text_free(&r->own);
+    free(r->session);
     free(r);
 }
 

@@ -14,6 +14,8 @@
 #define STREAM_LAG     512        /* messages behind which a reader is dropped */
 #define STREAM_BEHIND  (4 << 20)  /* and bytes */
 #define STREAM_READERS 256
+#define STREAM_RESERVE 32 /* of them, for operators */
+#define STREAM_SHARE   8  /* of one session */
 #define STREAM_ID_LEN  48
 
 struct stream;
@@ -32,13 +34,19 @@ void stream_publish(struct stream *stream, const char *event, const char *data, 
 /* The id of the last message with one. */
 void stream_id(struct stream *stream, char id[STREAM_ID_LEN]);
 
+/* Who reads. Without a session ("") there is no share. */
+struct stream_watcher {
+    const char *session;
+    bool privileged; /* may take what is reserved */
+};
+
 /*
  * A reader that goes on after message `last` ("", NULL: from now on). *resumed: whether it could. Returns 0,
- * APC_EBUSY when there are too many, APC_ENOMEM. The reader's first messages, its own, can then be given with
- * stream_greet(); nothing is read before.
+ * APC_EBUSY when there are too many, APC_EFULL when the session has its share, APC_ENOMEM. The reader's first
+ * messages, its own, can then be given with stream_greet(); nothing is read before.
  */
-int stream_open(struct stream *stream, const char *last, stream_call rest, stream_call wake, void *ctx,
-                struct stream_reader **reader, bool *resumed);
+int stream_open(struct stream *stream, const struct stream_watcher *watcher, const char *last,
+                stream_call rest, stream_call wake, void *ctx, struct stream_reader **reader, bool *resumed);
 void stream_greet(struct stream_reader *reader, const char *event, const char *data, size_t n);
 void stream_close(struct stream_reader *reader);
 

@@ -92,6 +92,30 @@ struct model {
     struct apc_spool_stats spool; /* of all spools of the folder */
 };
 
+/* ---- audit.c ---- */
+#define REFUSED 32
+
+struct audit {
+    pthread_mutex_t mutex;
+    struct apc_event event[256]; /* that wait for the store */
+    size_t waiting;
+    struct refusals { /* of one user, or of all strangers */
+        struct apc_event last;
+        apc_ns due;
+        uint64_t more; /* that have no row yet */
+    } refused[REFUSED];
+};
+
+struct ui;
+int audit_init(struct audit *audit);
+void audit_free(struct audit *audit);
+/* Write an event, now or as soon as the store takes it. */
+void audit(struct ui *ui, struct apc_store *store, const struct apc_event *event);
+/* Something was tried and refused. A flood of them leaves a row now and then, with their number. */
+void audit_refusal(struct ui *ui, const char *user, const char *address, const char *what, const char *why);
+/* What waits. Returns 0 or the store's error. */
+int audit_flush(struct ui *ui, struct apc_store *store);
+
 struct ui {
     struct ui_options options;
     struct apc_log *log;
@@ -103,8 +127,8 @@ struct ui {
     struct meter reads, stores, lag; /* reading, writing; source time to message */
     pthread_mutex_t users_mutex;
     char users_path[4096];
-    struct users users;
-    bool open; /* no users: everybody is operator */
+    struct users users, tokens;
+    _Atomic bool open; /* no users: who runs the server is operator, on this host */
     bool tls;
     int port;
     apc_ns began;
@@ -113,9 +137,7 @@ struct ui {
     _Atomic bool stopping;
     _Atomic uint64_t requests[6]; /* answered, by the hundreds of their status */
 
-    pthread_mutex_t audit_mutex; /* rows that could not be written yet */
-    struct apc_event audit[256];
-    size_t audits;
+    struct audit audit;
 };
 
 /* ---- model.c ---- */
@@ -140,8 +162,6 @@ int ui_open_store(struct ui *ui, const char *name, apc_ns timeout, struct apc_st
 void ui_pause(struct ui *ui, apc_ns pause);
 
 /* ---- records.c ---- */
-/* Write an event, now or as soon as the store takes it. */
-void audit(struct ui *ui, struct apc_store *store, const struct apc_event *event);
 void event_json(const struct apc_event *event, struct text *t);
 void task_json(const struct task *task, apc_ns now, struct text *t);
 void figures_json(const struct apc_summary *summary, struct text *t);

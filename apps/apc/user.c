@@ -38,13 +38,16 @@ static error_t parse(int key, char *arg, struct argp_state *state)
 static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
-    .args_doc = "list | add NAME | remove NAME",
-    .doc = "Who may use the operator's page. `add` asks for a password on the terminal, or takes the first "
-           "line of "
-           "its input; for a name that is there it sets the password anew, and the role that is given. The "
-           "file holds argon2id "
-           "hashes and "
-           "is its owner's alone; apc-ui sees a change within a second.",
+    .args_doc = "list | add NAME | remove NAME | token NAME | revoke NAME",
+    .doc =
+        "Who may use the operator's page. `add` asks for a password on the terminal, or takes the first "
+        "line of "
+        "its input; for a name that is there it sets the password anew, and the role that is given. The "
+        "file holds argon2id "
+        "hashes and is its owner's alone; apc-ui sees a change within a second. `token` prints a new token "
+        "for a "
+        "machine, of the role that is given, and keeps its hash in FILE.tokens: with `Authorization: Bearer "
+        "TOKEN`, or Basic with its two halves, it needs no login; `revoke` ends it.",
     .takes = 0,
     .min_args = 1,
     .max_args = 2,
@@ -92,17 +95,38 @@ static int add(const struct cli *cli, const struct options *o, const char *path,
     return rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
 }
 
-static int list(const struct cli *cli, const char *path)
+static int list(const struct cli *cli, const char *path, const char *kind)
 {
     struct users users;
     struct apc_error why;
     int rc = users_load(&users, path, &why);
     if (rc < 0)
-        return cli_error(cli, rc, "%s", why.text);
+        return rc == APC_ENOTFOUND && *kind ? EXIT_OK : cli_error(cli, rc, "%s", why.text);
     for (size_t i = 0; i < users.n; i++)
-        printf("%-31s  %s\n", users.user[i].name, role_name(users.user[i].role));
+        printf("%-31s  %s%s\n", users.user[i].name, role_name(users.user[i].role), kind);
     users_free(&users);
     return EXIT_OK;
+}
+
+static int new_token(const struct cli *cli, const struct options *o, const char *path, const char *name)
+{
+    char secret[SECRET_LEN];
+    struct apc_error why;
+    int rc = tokens_add(path, name, o->role ? role_parse(o->role) : ROLE_NONE, secret, &why);
+    if (rc < 0)
+        return cli_error(cli, rc, "%s", why.text);
+    printf("%s~%s\n", name, secret);
+    explicit_bzero(secret, sizeof secret);
+    return EXIT_OK;
+}
+
+/* A name is of a user or of a token: what it does is recorded by its name. */
+static bool taken(const char *path, const char *name)
+{
+    struct users others;
+    bool found = users_load(&others, path, NULL) == 0 && users_find(&others, name);
+    users_free(&others);
+    return found;
 }
 
 int command_user(int argc, char **argv)
@@ -110,19 +134,29 @@ int command_user(int argc, char **argv)
     struct options o = {0};
     struct apc_error why;
     struct cli cli;
-    char path[4096];
+    char path[4096], tokens[4096];
 
     cli_parse(&cli, &spec, &o, argc, argv);
     const char *what = cli.args[0], *name = cli.n_args > 1 ? cli.args[1] : NULL;
-    bool listing = !strcmp(what, "list");
-    if ((!listing && strcmp(what, "add") != 0 && strcmp(what, "remove") != 0) || listing == (name != NULL))
-        return cli_usage(&cli, "must be list, add NAME or remove NAME");
+    const bool listing = !strcmp(what, "list"), adding = !strcmp(what, "add"),
+               making = !strcmp(what, "token"), revoking = !strcmp(what, "revoke");
+    if ((!listing && !adding && !making && !revoking && strcmp(what, "remove") != 0) ||
+        listing == (name != NULL))
+        return cli_usage(&cli, "must be list, add NAME, remove NAME, token NAME or revoke NAME");
     if (!users_path(o.file, path))
         return cli_error(&cli, APC_EINVAL, "there is no home folder: give --users FILE");
-    if (listing)
-        return cli_done(&cli, list(&cli, path));
-    if (!strcmp(what, "add"))
+    tokens_path(path, tokens);
+    if (listing) {
+        int status = list(&cli, path, "");
+        return cli_done(&cli, status == EXIT_OK ? list(&cli, tokens, "  token") : status);
+    }
+    if ((adding && taken(tokens, name)) || (making && taken(path, name)))
+        return cli_error(&cli, APC_EINVAL, "\"%s\" is %s already: take another name", name,
+                         adding ? "a token" : "a user");
+    if (adding)
         return add(&cli, &o, path, name);
-    int rc = users_remove(path, name, &why);
+    if (making)
+        return cli_done(&cli, new_token(&cli, &o, tokens, name));
+    int rc = users_remove(revoking ? tokens : path, name, &why);
     return rc < 0 ? cli_error(&cli, rc, "%s", why.text) : EXIT_OK;
 }

@@ -18,6 +18,9 @@
 #define HASH_LANES  1
 #define HASH_LEN    32
 #define SALT_LEN    16
+/* For what is random already. */
+#define TOKEN_PASSES 1
+#define TOKEN_KIB    8
 
 static const char *const roles[] = {[ROLE_OBSERVER] = "observer", [ROLE_OPERATOR] = "operator"};
 
@@ -44,6 +47,33 @@ const char *users_path(const char *option, char path[4096])
     else
         return NULL;
     return path;
+}
+
+const char *tokens_path(const char *users, char path[4096])
+{
+    snprintf(path, 4096, "%.4080s.tokens", users);
+    return path;
+}
+
+int random_text(char *text, size_t n)
+{
+    unsigned char bytes[64];
+    if (n > sizeof bytes || getrandom(bytes, n, 0) != (ssize_t)n)
+        return APC_ESYS;
+    for (size_t i = 0; i < n; i++)
+        snprintf(text + 2 * i, 3, "%02x", bytes[i]);
+    return 0;
+}
+
+bool text_same(const char *a, const char *b)
+{
+    unsigned char differ = 0;
+    size_t n = strlen(a);
+    if (n != strlen(b))
+        return false;
+    for (size_t i = 0; i < n; i++)
+        differ |= (unsigned char)(a[i] ^ b[i]);
+    return differ == 0;
 }
 
 /* ---- Reading ------------------------------------------------------------------------------ */
@@ -176,13 +206,14 @@ static int store(const struct users *users, const char *path, struct apc_error *
     return rc;
 }
 
-static int hash_password(const char *password, char *hash, size_t size, struct apc_error *why)
+static int hash_password(const char *password, bool token, char *hash, size_t size, struct apc_error *why)
 {
     unsigned char salt[SALT_LEN];
     if (getrandom(salt, sizeof salt, 0) != (ssize_t)sizeof salt)
         return apc_fail(why, APC_ESYS, "no random numbers: %s", strerror(errno));
-    int rc = argon2id_hash_encoded(HASH_PASSES, HASH_KIB, HASH_LANES, password, strlen(password), salt,
-                                   sizeof salt, HASH_LEN, hash, size);
+    int rc =
+        argon2id_hash_encoded(token ? TOKEN_PASSES : HASH_PASSES, token ? TOKEN_KIB : HASH_KIB, HASH_LANES,
+                              password, strlen(password), salt, sizeof salt, HASH_LEN, hash, size);
     return rc == ARGON2_OK ? 0 : apc_fail(why, APC_ENOMEM, "argon2: %s", argon2_error_message(rc));
 }
 
@@ -198,7 +229,8 @@ static int check_new(const char *name, const char *password, struct apc_error *w
     return 0;
 }
 
-int users_add(const char *path, const char *name, enum role role, const char *password, struct apc_error *why)
+static int add(const char *path, const char *name, enum role role, const char *password, bool token,
+               struct apc_error *why)
 {
     struct users users;
     struct user user = {.role = role};
@@ -209,7 +241,7 @@ int users_add(const char *path, const char *name, enum role role, const char *pa
     if (rc < 0 && rc != APC_ENOTFOUND)
         return rc;
     snprintf(user.name, sizeof user.name, "%s", name);
-    rc = hash_password(password, user.hash, sizeof user.hash, why);
+    rc = hash_password(password, token, user.hash, sizeof user.hash, why);
     size_t i = 0;
     while (i < users.n && strcmp(users.user[i].name, name) != 0)
         i++;
@@ -225,6 +257,19 @@ int users_add(const char *path, const char *name, enum role role, const char *pa
     return rc;
 }
 
+int users_add(const char *path, const char *name, enum role role, const char *password, struct apc_error *why)
+{
+    return add(path, name, role, password, false, why);
+}
+
+int tokens_add(const char *path, const char *name, enum role role, char secret[SECRET_LEN],
+               struct apc_error *why)
+{
+    if (random_text(secret, (SECRET_LEN - 1) / 2) < 0)
+        return apc_fail(why, APC_ESYS, "no random numbers: %s", strerror(errno));
+    return add(path, name, role, secret, true, why);
+}
+
 int users_remove(const char *path, const char *name, struct apc_error *why)
 {
     struct users users;
@@ -235,7 +280,7 @@ int users_remove(const char *path, const char *name, struct apc_error *why)
     while (i < users.n && strcmp(users.user[i].name, name) != 0)
         i++;
     if (i == users.n) {
-        rc = apc_fail(why, APC_ENOTFOUND, "%s: has no user \"%.40s\"", path, name);
+        rc = apc_fail(why, APC_ENOTFOUND, "%s: has no \"%.40s\"", path, name);
     } else {
         users.user[i] = users.user[--users.n];
         rc = store(&users, path, why);
@@ -256,4 +301,32 @@ bool user_verify(const struct user *user, const char *password)
     argon2id_hash_raw(HASH_PASSES, HASH_KIB, HASH_LANES, password, strlen(password), salt, sizeof salt, hash,
                       sizeof hash);
     return false;
+}
+
+/* ---- Devices ------------------------------------------------------------------------------ */
+
+#define NONCE_TEXT 32
+
+/* The nonce's tag under the user's hash, which nobody but the server knows. */
+static int device_tag(const struct user *user, const char *nonce, char *tag)
+{
+    unsigned char bytes[HASH_LEN];
+    int rc = argon2id_hash_raw(TOKEN_PASSES, TOKEN_KIB, HASH_LANES, user->hash, strlen(user->hash), nonce,
+                               NONCE_TEXT, bytes, sizeof bytes);
+    for (size_t i = 0; i < sizeof bytes; i++)
+        snprintf(tag + 2 * i, 3, "%02x", bytes[i]);
+    return rc == ARGON2_OK ? 0 : APC_ENOMEM;
+}
+
+int user_device_make(const struct user *user, char device[DEVICE_LEN])
+{
+    int rc = random_text(device, NONCE_TEXT / 2);
+    return rc < 0 ? rc : device_tag(user, device, device + NONCE_TEXT);
+}
+
+bool user_device_ok(const struct user *user, const char *device)
+{
+    char tag[2 * HASH_LEN + 1];
+    return strlen(device) == DEVICE_LEN - 1 && device_tag(user, device, tag) == 0 &&
+           text_same(tag, device + NONCE_TEXT);
 }

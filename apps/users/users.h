@@ -14,6 +14,8 @@
 #define USER_NAME_LEN 32 /* with the terminator: it goes into an event's source */
 #define PASSWORD_MIN  8
 #define PASSWORD_MAX  128
+#define SECRET_LEN    65 /* 32 random bytes in hexadecimal */
+#define DEVICE_LEN    97 /* of the text by which a browser shows that this user logged in with it */
 
 enum role { ROLE_NONE = 0, ROLE_OBSERVER, ROLE_OPERATOR };
 const char *role_name(enum role role); /* "observer", "operator" */
@@ -48,7 +50,15 @@ const struct user *users_find(const struct users *users, const char *name);
  */
 int users_add(const char *path, const char *name, enum role role, const char *password,
               struct apc_error *why);
-/* APC_ENOTFOUND: no such user. */
+/*
+ * Machines have tokens, NAME~SECRET, in a file of the same form beside the users: path, and ".tokens". What
+ * is kept of a secret is a hash that costs next to nothing to check: nobody guesses 32 random bytes.
+ */
+const char *tokens_path(const char *users, char path[4096]);
+/* A new secret for this name. As users_add(). */
+int tokens_add(const char *path, const char *name, enum role role, char secret[SECRET_LEN],
+               struct apc_error *why);
+/* APC_ENOTFOUND: no such user, or token. */
 int users_remove(const char *path, const char *name, struct apc_error *why);
 
 /*
@@ -56,5 +66,15 @@ int users_remove(const char *path, const char *name, struct apc_error *why);
  * exist, so that the time tells nothing.
  */
 bool user_verify(const struct user *user, const char *password);
+
+/* What nobody can make who does not know the hash; it ends with the password. Returns 0, APC_ESYS,
+ * APC_ENOMEM. */
+int user_device_make(const struct user *user, char device[DEVICE_LEN]);
+bool user_device_ok(const struct user *user, const char *device);
+
+/* n random bytes as 2 n hexadecimal digits. Returns 0 or APC_ESYS. */
+int random_text(char *text, size_t n);
+/* In a time that does not depend on where they differ. */
+bool text_same(const char *a, const char *b);
 
 #endif

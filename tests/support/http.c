@@ -18,6 +18,22 @@
 
 #include <cmocka.h>
 
+static const char *source;
+
+void http_from(const char *address)
+{
+    source = address;
+}
+
+static void bind_source(int fd)
+{
+    struct sockaddr_in own = {.sin_family = AF_INET};
+    if (!source)
+        return;
+    assert_int_equal(inet_pton(AF_INET, source, &own.sin_addr), 1);
+    assert_int_equal(bind(fd, (const struct sockaddr *)&own, sizeof own), 0);
+}
+
 int http_connect(int port)
 {
     const struct timeval patience = {20, 0};
@@ -26,6 +42,7 @@ int http_connect(int port)
     int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
     assert_true(fd >= 0);
     assert_int_equal(setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience), 0);
+    bind_source(fd);
     if (connect(fd, (const struct sockaddr *)&address, sizeof address) < 0)
         fail_msg("nobody listens on port %d", port);
     return fd;

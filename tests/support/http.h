@@ -20,6 +20,8 @@ struct http_reply {
  */
 void http_request(struct http_reply *reply, int port, const char *method, const char *path,
                   const char *header, const char *body);
+/* From here on connect from this address of the loopback network; NULL: from whichever. */
+void http_from(const char *address);
 /* Send these bytes, read until the server closes. */
 void http_raw(struct http_reply *reply, int port, const char *bytes, size_t n);
 void http_free(struct http_reply *reply);

@@ -18,7 +18,18 @@ printf 'operator456\n' | "$apc" user add anna --users "$work/users" # a new pass
 expect 0 '^anna +operator$' "$apc" user list --users "$work/users"
 printf 'operator123\n' | "$apc" user add anna --users "$work/users"
 expect 2 'observer or operator' "$apc" user add eve --role admin --users "$work/users"
-expect 1 'no user "eve"' "$apc" user remove eve --users "$work/users"
+expect 1 'no "eve"' "$apc" user remove eve --users "$work/users"
+
+# tokens of machines: shown once, kept as a hash, under a name of their own
+APC_UI_OBSERVER_TOKEN=$("$apc" user token grafana --users "$work/users")
+APC_UI_OPERATOR_TOKEN=$("$apc" user token script --role operator --users "$work/users")
+export APC_UI_OBSERVER_TOKEN APC_UI_OPERATOR_TOKEN
+[ "$(stat -c %a "$work/users.tokens")" = 600 ] || fail "the file of tokens is not 0600"
+! grep -q "${APC_UI_OBSERVER_TOKEN#*~}" "$work/users.tokens" || fail "a secret stands in the file"
+expect 0 '^grafana +observer  token$' "$apc" user list --users "$work/users"
+expect 1 'is a user already' "$apc" user token anna --users "$work/users"
+printf 'operator123\n' | expect 1 'is a token already' "$apc" user add grafana --users "$work/users"
+expect 1 'no "nobody"' "$apc" user revoke nobody --users "$work/users"
 
 # who may bind where
 expect 4 'apc user add' "$APC_BIN/apc-ui" --listen 0.0.0.0:0
@@ -63,10 +74,43 @@ until_true 20 grep -q 'store connected' "$work/secure.log"
 # every write that was accepted has one row in the audit, and the store holds nothing else
 [ "$(sql "SELECT count(*) FROM apc.event WHERE kind = 'operator' AND source = 'anna'")" -ge 7 ] ||
   fail "writes of anna are not recorded"
-[ "$(sql "SELECT count(*) FROM apc.event WHERE kind = 'operator' AND source NOT IN ('anna', 'local')")" = 0 ] ||
+[ "$(sql "SELECT count(*) FROM apc.event WHERE kind = 'operator' AND source NOT IN ('anna', 'local', 'script')")" = 0 ] ||
   fail "somebody else has written"
+[ "$(sql "SELECT count(*) FROM apc.event WHERE kind = 'operator' AND text NOT LIKE '%(from 127.0.0.1)'")" = 0 ] ||
+  fail "a write is recorded without its address"
 [ "$(sql "SELECT count(*) FROM apc.event WHERE kind = 'access' AND text LIKE 'login failed%' AND source = 'anna'")" -ge 3 ] ||
   fail "failed logins are not recorded"
+
+# without users the page is for who started it, not for everybody on this host
+if [ "$(id -u)" = 0 ] && command -v setpriv >/dev/null; then
+  # shellcheck disable=SC2016
+  as_nobody() {
+    setpriv --reuid 65534 --regid 65534 --clear-groups bash -c 'exec 3<>"/dev/tcp/127.0.0.1/$0" &&
+      printf "%s HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n%sContent-Length: 2\r\nConnection: close\r\n\r\n{}" "$1" "$2" >&3 &&
+      cat <&3' "$APC_UI_OPEN" "$@"
+  }
+  for request in 'GET /' 'GET /api/session' 'GET /api/state' 'GET /events' 'GET /metrics' 'POST /api/setpoint' 'POST /api/login'; do
+    reply=$(as_nobody "$request" '') || true
+    grep -q '^HTTP/1.1 40[01]' <<<"$reply" || fail "another user's $request on the page without users: $reply"
+    ! grep -q csrf\" <<<"$reply" || fail "another user was told the token"
+  done
+fi
+
+# a token that is revoked opens nothing; a damaged file of users is said, and what it said stays in force
+"$apc" user revoke script --users "$work/users"
+revoked() {
+  ! printf 'GET /metrics HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer %s\r\nConnection: close\r\n\r\n' "$APC_UI_OPERATOR_TOKEN" |
+    "$APC_BUILD_DIR/tests/ui_probe" --raw "$APC_UI_SECURE" | grep -q '^HTTP/1.1 200'
+}
+until_true 10 revoked
+cp "$work/users" "$work/kept" && chmod 600 "$work/kept"
+echo nonsense >>"$work/users"
+said() { [ -n "$(sql "SELECT 1 FROM apc.event WHERE kind = 'access' AND text LIKE '%$1%' LIMIT 1")" ]; }
+until_true 10 said 'NAME:observer or operator:HASH'
+"$APC_BUILD_DIR/tests/ui_probe" --watch "$APC_UI_SECURE" anna operator123 >"$work/kept.log" 2>&1 &
+children+=($!)
+until_true 10 grep -q 'hello' "$work/kept.log"
+mv "$work/kept" "$work/users"
 
 # a user who is taken away loses the session he has
 "$APC_BUILD_DIR/tests/ui_probe" --watch "$APC_UI_SECURE" otto observer123 >"$work/watch.log" 2>&1 &
@@ -77,6 +121,32 @@ until_true 10 grep -q 'hello' "$work/watch.log"
 wait "$watch" || fail "the session of a removed user went on"
 grep -q 'bye.*session' "$work/watch.log" || fail "the stream of a removed user was not told why it ends"
 
+# the file of users goes: so does everybody
+"$APC_BUILD_DIR/tests/ui_probe" --watch "$APC_UI_LOGIN" anna operator123 >"$work/gone.log" 2>&1 &
+children+=($!)
+watch=$!
+until_true 10 grep -q 'hello' "$work/gone.log"
+mv "$work/users" "$work/away"
+wait "$watch" || fail "a session went on without the file of users"
+grep -q 'bye.*session' "$work/gone.log" || fail "a stream was not told that the users are gone"
+until_true 10 said 'users is gone'
+mv "$work/away" "$work/users"
+
+# an open server that gets users is open no longer
+background late "$APC_BIN/apc-ui" --config "$work/fast.conf" --listen 127.0.0.1:0
+late=$pid
+until_true 10 grep -q 'serving http' "$work/late.log"
+late_port=$(sed -n 's/.*serving http:\/\/[^ ]*:\([0-9]*\) .*/\1/p' "$work/late.log")
+mkdir -p "$work/.config/apc" && cp "$work/users" "$work/.config/apc/users" && chmod 600 "$work/.config/apc/users"
+closed() {
+  printf 'GET /api/state HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n' | "$APC_BUILD_DIR/tests/ui_probe" --raw "$late_port" |
+    grep -q '^HTTP/1.1 401'
+}
+until_true 10 closed
+kill -TERM "$late"
+wait "$late" || fail "apc-ui ended with $?"
+rm -r "$work/.config"
+
 # TLS: cookies are Secure, an unprotected request gets nothing
 if command -v openssl >/dev/null; then
   openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -keyout "$work/key.pem" -out "$work/cert.pem" \
@@ -86,7 +156,15 @@ if command -v openssl >/dev/null; then
   reply=$(printf 'POST /api/login HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: %d\r\nConnection: close\r\n\r\n%s' \
     ${#body} "$body" | openssl s_client -quiet -connect "127.0.0.1:$ui_port" -CAfile "$work/cert.pem" 2>/dev/null) || true
   grep -q '^HTTP/1.1 200' <<<"$reply" || fail "no login over TLS: $reply"
-  grep -q '^Set-Cookie: .*; Secure' <<<"$reply" || fail "the cookie is not Secure: $reply"
+  grep -q '^Set-Cookie: __Host-apc-session-.*; Secure' <<<"$reply" || fail "the cookie is not Secure: $reply"
+  offers() { openssl s_client -connect "127.0.0.1:$ui_port" "$@" </dev/null >"$work/tls.log" 2>&1 && ! grep -q 'Cipher is (NONE)' "$work/tls.log"; }
+  offers -tls1_3 || fail "no TLS 1.3"
+  offers -tls1_2 || fail "no TLS 1.2"
+  # the client's own security level is lowered, so that it is the server that refuses
+  for weak in ECDHE-ECDSA-AES128-SHA ECDHE-ECDSA-AES256-SHA384 AES128-SHA AES128-GCM-SHA256 AES256-SHA256; do
+    ! offers -tls1_2 -cipher "$weak:@SECLEVEL=0" || fail "TLS 1.2 takes $weak"
+  done
+  ! offers -tls1_1 -cipher 'ALL:@SECLEVEL=0' || fail "it takes TLS 1.1"
   expect 1 'PEM' "$APC_BIN/apc-ui" --listen 127.0.0.1:0 --users "$work/users" --tls-cert "$work/users" --tls-key "$work/users"
 fi
 

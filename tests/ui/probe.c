@@ -52,6 +52,8 @@ static void same_parameters(const struct route *route, const json_t *described)
     json_array_foreach(json_object_get(described, "parameters"), i, parameter)
     {
         size_t n = strlen(query);
+        if (json_object_get(parameter, "$ref")) /* a header: see below */
+            continue;
         snprintf(query + n, sizeof query - n, "%s%s", n ? " " : "", text_of(parameter, "name"));
     }
     assert_string_equal(query, route->query);
@@ -74,6 +76,27 @@ static void openapi_names_every_route_and_no_other(void **state)
     json_object_foreach(json_object_get(openapi, "paths"), path, methods) described +=
         json_object_size(methods);
     assert_int_equal(described, n_routes);
+}
+
+static void openapi_says_how_a_request_shows_who_it_is_from(void **state)
+{
+    const json_t *components = json_object_get(openapi, "components");
+    const json_t *schemes = json_object_get(components, "securitySchemes");
+    char name[64];
+    (void)state;
+    snprintf(name, sizeof name, "%.*s", (int)strcspn(anna.cookie, "="), anna.cookie);
+    assert_int_equal(strncmp(name, "apc-session-", 12), 0);
+    assert_string_equal(text_of(json_object_get(schemes, "session"), "name"), "apc-session-8080");
+    assert_string_equal(text_of(json_object_get(schemes, "token"), "scheme"), "bearer");
+    assert_string_equal(text_of(json_object_get(schemes, "basic"), "scheme"), "basic");
+    assert_string_equal(text_of(json_object_get(json_object_get(components, "parameters"), "Csrf"), "name"),
+                        "X-CSRF-Token");
+    for (size_t i = 0; i < n_routes; i++) {
+        const json_t *first = json_array_get(json_object_get(operation(&routes[i]), "parameters"), 0);
+        const char *ref = text_of(first, "$ref");
+        bool needed = !strcmp(routes[i].method, "POST") && routes[i].role != ROLE_NONE;
+        assert_int_equal(ref && !strcmp(ref, "#/components/parameters/Csrf"), needed);
+    }
 }
 
 static const json_t *schema_of(const struct route *route, int status)
@@ -244,8 +267,17 @@ static void failed_logins_have_to_wait(void **state)
     char seconds[32];
     int status = 0;
     (void)state;
-    /* at its own server: the pause is for the whole address */
+    /* at its own server: the pause is for this name at this address */
     int port = environment_port("APC_UI_LOGIN");
+    struct http_reply login;
+    char device[300], header[400];
+    http_request(&login, port, "POST", "/api/login", JSON,
+                 "{\"user\":\"anna\",\"password\":\"operator123\"}");
+    assert_int_equal(login.status, 200);
+    const char *cookie = strstr(login.header, "apc-device-");
+    assert_non_null(cookie);
+    snprintf(device, sizeof device, "%.*s", (int)strcspn(cookie, ";"), cookie);
+    http_free(&login);
     for (int i = 0; i < 5 && status != 429; i++) {
         http_request(&reply, port, "POST", "/api/login", JSON, "{\"user\":\"anna\",\"password\":\"wrong\"}");
         status = reply.status;
@@ -259,6 +291,23 @@ static void failed_logins_have_to_wait(void **state)
     http_request(&reply, port, "POST", "/api/login", JSON,
                  "{\"user\":\"anna\",\"password\":\"operator123\"}");
     assert_int_equal(reply.status, 429);
+    http_free(&reply);
+    /* but not in a browser in which anna has logged in before, nor for another name, nor from another address
+     */
+    snprintf(header, sizeof header, JSON "Cookie: %s\r\n", device);
+    http_request(&reply, port, "POST", "/api/login", header,
+                 "{\"user\":\"anna\",\"password\":\"operator123\"}");
+    assert_int_equal(reply.status, 200);
+    http_free(&reply);
+    http_request(&reply, port, "POST", "/api/login", header,
+                 "{\"user\":\"otto\",\"password\":\"observer123\"}");
+    assert_int_equal(reply.status, 200);
+    http_free(&reply);
+    http_from("127.0.0.2");
+    http_request(&reply, port, "POST", "/api/login", JSON,
+                 "{\"user\":\"anna\",\"password\":\"operator123\"}");
+    http_from(NULL);
+    assert_int_equal(reply.status, 200);
     http_free(&reply);
 }
 
@@ -540,7 +589,7 @@ static void each_write_is_recorded_with_its_operator(void **state)
     snprintf(text, sizeof text, "{\"id\":1,\"value\":%.17g,\"seq\":%" JSON_INTEGER_FORMAT "}", after,
              (json_int_t)seq_of(&anna, "setpoint.1"));
     assert_int_equal(client_post(&anna, "/api/setpoint", text, NULL), 200);
-    snprintf(text, sizeof text, "r: %g -> %g", before, after);
+    snprintf(text, sizeof text, "r: %g -> %.17g (from 127.0.0.1)", before, after);
     assert_int_equal(client_get(&otto, "/api/events?kind=operator&source=anna&last=1", &json), 200);
     const json_t *event = json_array_get(json_object_get(json, "events"), 0);
     assert_string_equal(text_of(event, "text"), text);
@@ -553,6 +602,160 @@ static void each_write_is_recorded_with_its_operator(void **state)
         json_decref(json);
     }
     http_stream_close(stream);
+}
+
+/* Wait for a row of this user about a refusal, with this in its text. */
+static void await_refusal(const struct client *reader, const char *source, const char *part)
+{
+    char path[200];
+    bool found = false;
+    struct http_stream *stream = client_stream(reader, NULL);
+    snprintf(path, sizeof path, "/api/events?kind=rejected&source=%s&last=50", source);
+    while (!found) {
+        json_t *json;
+        const json_t *event;
+        size_t i;
+        json_decref(next_event(stream, "beat", NULL));
+        assert_int_equal(client_get(reader, path, &json), 200);
+        json_array_foreach(json_object_get(json, "events"), i, event) found |=
+            strstr(text_of(event, "text"), part) != NULL;
+        json_decref(json);
+    }
+    http_stream_close(stream);
+}
+
+static void what_was_refused_is_recorded_as_well(void **state)
+{
+    struct client forger = local;
+    (void)state;
+    expect_error(&otto, "POST", "/api/mode", NULL, "{\"mode\":\"Man\",\"seq\":1}", 403, "role");
+    await_refusal(&otto, "otto", "/api/mode from 127.0.0.1: otto is an observer");
+    expect_error(&local, "POST", "/api/setpoint", NULL, "{\"id\":1,\"value\":1e6,\"seq\":1}", 422, "limits");
+    await_refusal(&otto, "local", "r = 1e+06 lies above its limit 100");
+    forger.csrf[0] = '\0';
+    expect_error(&forger, "POST", "/api/setpoint", NULL, "{}", 403, "csrf");
+    await_refusal(&otto, "local", "lacks this session's token");
+}
+
+/* The raw bytes of one request after another; the number of answers, and the status of the first. */
+static int answers(const char *bytes, int *status)
+{
+    struct http_reply reply;
+    int count = 0;
+    http_raw(&reply, local.port, bytes, strlen(bytes));
+    *status = reply.status;
+    for (const char *at = reply.body; at && (at = strstr(at, "HTTP/1.1 ")) != NULL; at++)
+        count++;
+    count += reply.status != 0;
+    http_free(&reply);
+    return count;
+}
+
+static void a_request_that_says_twice_where_it_ends_is_the_last_of_its_connection(void **state)
+{
+#define AFTER "GET /livez HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+    static const char *const twice[] = {
+        "POST /api/login HTTP/1.1\r\nHost: localhost\r\n" JSON
+        "Content-Length: 4\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n" AFTER,
+        "POST /api/login HTTP/1.1\r\nHost: localhost\r\n" JSON
+        "Transfer-Encoding: chunked\r\nContent-Length: 4\r\n\r\n0\r\n\r\n" AFTER,
+        "POST /api/login HTTP/1.1\r\nHost: localhost\r\n" JSON
+        "Content-Length: 2\r\nContent-Length: 2\r\n\r\n{}" AFTER,
+        "POST /api/login HTTP/1.1\r\nHost: localhost\r\n" JSON
+        "Content-Length: 2\r\ncontent-length: 0\r\n\r\n{}" AFTER,
+        "GET /livez HTTP/1.1\r\nHost: localhost\r\nContent-Length: 0\r\nContent-Length: 80\r\n\r\n" AFTER,
+        "GET /livez HTTP/1.1\r\nHost: localhost\r\nHost: localhost\r\n\r\n" AFTER,
+        "GET /livez HTTP/1.1\r\nHost: localhost\r\nHOST: evil.example\r\n\r\n" AFTER,
+    };
+    int status;
+    (void)state;
+    assert_int_equal(answers("GET /livez HTTP/1.1\r\nHost: localhost\r\n\r\n" AFTER, &status), 2);
+    assert_int_equal(status, 200);
+    for (size_t i = 0; i < sizeof twice / sizeof *twice; i++) {
+        int n = answers(twice[i], &status);
+        if (n != 1 || status != 400)
+            fail_msg("%s: %d answers, the first %d", twice[i], n, status);
+    }
+}
+
+/* ---- Machines ----------------------------------------------------------------------------- */
+
+static void a_token_opens_what_its_role_may_without_a_login(void **state)
+{
+    const char *observer = getenv("APC_UI_OBSERVER_TOKEN"), *writer = getenv("APC_UI_OPERATOR_TOKEN");
+    char header[300], body[200];
+    struct http_reply reply;
+    (void)state;
+    assert_non_null(observer);
+    assert_non_null(writer);
+    snprintf(header, sizeof header, "Authorization: Bearer %s\r\n", observer);
+    http_request(&reply, stranger.port, "GET", "/metrics", header, NULL);
+    assert_int_equal(reply.status, 200);
+    assert_string_equal(http_header(&reply, "Set-Cookie", body, sizeof body), "");
+    http_free(&reply);
+    snprintf(header, sizeof header, JSON "Authorization: Bearer %s\r\n", observer);
+    expect_error(&stranger, "POST", "/api/mode", header, "{\"mode\":\"Man\",\"seq\":1}", 403, "role");
+    snprintf(header, sizeof header, JSON "Authorization: Bearer %s\r\n", writer);
+    snprintf(body, sizeof body, "{\"id\":1,\"value\":15,\"seq\":%" JSON_INTEGER_FORMAT "}",
+             (json_int_t)seq_of(&anna, "setpoint.1"));
+    http_request(&reply, stranger.port, "POST", "/api/setpoint", header, body); /* no cookie, so no CSRF */
+    assert_int_equal(reply.status, 200);
+    http_free(&reply);
+}
+
+static void what_is_no_token_opens_nothing(void **state)
+{
+    char token[200], header[300];
+    (void)state;
+    snprintf(token, sizeof token, "%s", getenv("APC_UI_OBSERVER_TOKEN"));
+    token[strlen(token) - 1] ^= 1;
+    const char *const wrong[] = {"Bearer ",         "Bearer grafana",
+                                 "Bearer grafana~", "Bearer ~",
+                                 "Basic !!!",       "Basic YW5uYTpvcGVyYXRvcjEyMw==" /* anna's password */,
+                                 "Digest x",        ""};
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+        snprintf(header, sizeof header, "Authorization: %s\r\n", wrong[i]);
+        expect_error(&stranger, "GET", "/metrics", header, NULL, 401, "token");
+        expect_error(&local, "GET", "/metrics", header, NULL, 401, "token"); /* nor does it add to anything */
+    }
+    snprintf(header, sizeof header, "Authorization: Bearer %s\r\n", token);
+    expect_error(&stranger, "GET", "/metrics", header, NULL, 401, "token");
+}
+
+static void a_token_works_with_basic_too(void **state)
+{
+    static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    char pair[200], header[400] = "Authorization: Basic ";
+    struct http_reply reply;
+    (void)state;
+    memset(pair, 0, sizeof pair);
+    snprintf(pair, sizeof pair - 3, "%s", getenv("APC_UI_OBSERVER_TOKEN"));
+    *strchr(pair, '~') = ':';
+    size_t n = strlen(pair), at = strlen(header);
+    for (size_t i = 0; i < n; i += 3) {
+        unsigned long bits = (unsigned long)(unsigned char)pair[i] << 16 |
+                             (unsigned long)(unsigned char)pair[i + 1] << 8 | (unsigned char)pair[i + 2];
+        for (unsigned k = 0; k < 4; k++)
+            header[at++] = i + k > n ? '=' : digits[bits >> (18 - 6 * k) & 63];
+    }
+    snprintf(header + at, sizeof header - at, "\r\n");
+    http_request(&reply, stranger.port, "GET", "/metrics", header, NULL);
+    assert_int_equal(reply.status, 200);
+    http_free(&reply);
+}
+
+static void a_session_has_its_share_of_streams(void **state)
+{
+    struct client c = client_make(anna.port, "otto", "observer123"), other;
+    struct http_stream *streams[8];
+    (void)state;
+    for (size_t i = 0; i < 8; i++)
+        streams[i] = client_stream(&c, NULL);
+    expect_error(&c, "GET", "/events", NULL, NULL, 503, "busy");
+    other = client_make(anna.port, "anna", "operator123");
+    http_stream_close(client_stream(&other, NULL));
+    for (size_t i = 0; i < 8; i++)
+        http_stream_close(streams[i]);
 }
 
 static void a_key_that_was_used_writes_nothing_again(void **state)
@@ -707,14 +910,29 @@ static int watch(const char *port, const char *user, const char *password)
     return 0;
 }
 
+/* Send what stands on the input, show what comes back. */
+static int raw(const char *port)
+{
+    char bytes[4096];
+    size_t n = fread(bytes, 1, sizeof bytes, stdin);
+    struct http_reply reply;
+    http_raw(&reply, atoi(port), bytes, n);
+    printf("%s\r\n%s", reply.header ? reply.header : "", reply.body ? reply.body : "");
+    http_free(&reply);
+    return 0;
+}
+
 int main(int argc, char **argv)
 {
+    if (argc == 3 && !strcmp(argv[1], "--raw"))
+        return raw(argv[2]);
     if (argc == 3 && !strcmp(argv[1], "--ready"))
         return ready(argv[2]);
     if (argc == 5 && !strcmp(argv[1], "--watch"))
         return watch(argv[2], argv[3], argv[4]);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(openapi_names_every_route_and_no_other),
+        cmocka_unit_test(openapi_says_how_a_request_shows_who_it_is_from),
         cmocka_unit_test(answers_are_what_openapi_says),
         cmocka_unit_test(a_stranger_gets_401_on_every_route),
         cmocka_unit_test(only_these_need_no_login),
@@ -730,6 +948,12 @@ int main(int argc, char **argv)
         cmocka_unit_test(what_is_no_http_is_turned_away),
         cmocka_unit_test(what_an_operator_writes_is_accepted_then_applied),
         cmocka_unit_test(each_write_is_recorded_with_its_operator),
+        cmocka_unit_test(what_was_refused_is_recorded_as_well),
+        cmocka_unit_test(a_request_that_says_twice_where_it_ends_is_the_last_of_its_connection),
+        cmocka_unit_test(a_token_opens_what_its_role_may_without_a_login),
+        cmocka_unit_test(what_is_no_token_opens_nothing),
+        cmocka_unit_test(a_token_works_with_basic_too),
+        cmocka_unit_test(a_session_has_its_share_of_streams),
         cmocka_unit_test(a_key_that_was_used_writes_nothing_again),
         cmocka_unit_test(a_stream_begins_with_everything_and_goes_on_with_changes),
         cmocka_unit_test(a_stream_goes_on_where_it_was_left),

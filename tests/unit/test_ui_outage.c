@@ -193,7 +193,7 @@ static void a_commit_without_an_answer_is_unknown_and_settles_by_itself(void **s
     /* the audit has it, with what was known */
     assert_true(cluster_await(
         cluster, "SELECT text FROM apc.event WHERE kind = 'operator' AND text LIKE 'r: 5 -> 20%'",
-        "r: 5 -> 20 (outcome unknown)"));
+        "r: 5 -> 20, outcome unknown (from 127.0.0.1)"));
 }
 
 int main(void)

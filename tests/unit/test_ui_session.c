@@ -133,6 +133,54 @@ static void a_line_that_is_none_is_an_error_with_its_number(void **state)
     users_free(&users);
 }
 
+static void a_token_is_known_by_its_secret_only(void **state)
+{
+    struct users tokens;
+    struct apc_error why;
+    char secret[SECRET_LEN], other[SECRET_LEN], file[4096];
+    (void)state;
+    assert_string_equal(tokens_path("/a/users", file), "/a/users.tokens");
+    assert_int_equal(tokens_add(path, "a b", ROLE_OBSERVER, secret, &why), APC_EINVAL);
+    assert_int_equal(tokens_add(path, "grafana", ROLE_OBSERVER, secret, &why), 0);
+    assert_int_equal(strlen(secret), SECRET_LEN - 1);
+    assert_int_equal(users_load(&tokens, path, &why), 0);
+    const struct user *token = users_find(&tokens, "grafana");
+    assert_true(user_verify(token, secret));
+    assert_null(strstr(token->hash, secret));
+    users_free(&tokens);
+    assert_int_equal(tokens_add(path, "grafana", ROLE_OPERATOR, other, &why), 0); /* a new one for the old */
+    assert_string_not_equal(secret, other);
+    assert_int_equal(users_load(&tokens, path, &why), 0);
+    assert_int_equal(tokens.n, 1);
+    assert_false(user_verify(&tokens.user[0], secret));
+    assert_true(user_verify(&tokens.user[0], other));
+    users_free(&tokens);
+}
+
+static void a_device_is_of_one_user_and_one_password(void **state)
+{
+    struct user one = {.name = "anna", .hash = "$argon2id$1"},
+                other = {.name = "anna", .hash = "$argon2id$2"};
+    char device[DEVICE_LEN], second[DEVICE_LEN];
+    (void)state;
+    assert_int_equal(user_device_make(&one, device), 0);
+    assert_int_equal(user_device_make(&one, second), 0);
+    assert_string_not_equal(device, second);
+    assert_int_equal(strlen(device), DEVICE_LEN - 1);
+    assert_true(user_device_ok(&one, device));
+    assert_true(user_device_ok(&one, second));
+    assert_false(user_device_ok(&other, device));
+    for (size_t i = 0; i < DEVICE_LEN - 1; i += 16) { /* no part of it can be another */
+        char forged[DEVICE_LEN];
+        memcpy(forged, device, sizeof forged);
+        forged[i] = forged[i] == '0' ? '1' : '0';
+        assert_false(user_device_ok(&one, forged));
+    }
+    device[DEVICE_LEN - 2] = '\0';
+    assert_false(user_device_ok(&one, device));
+    assert_false(user_device_ok(&one, ""));
+}
+
 /* ---- Sessions ----------------------------------------------------------------------------- */
 
 static struct sessions sessions;
@@ -193,9 +241,12 @@ static void it_ends_without_use_and_at_last_in_any_case(void **state)
 static void the_one_unused_for_longest_makes_room(void **state)
 {
     struct session s[SESSIONS + 1], found;
+    struct user user = anna;
     (void)state;
-    for (int i = 0; i < SESSIONS; i++)
-        assert_int_equal(session_open(&sessions, &anna, S + i, &s[i]), 0);
+    for (int i = 0; i < SESSIONS; i++) {
+        snprintf(user.name, sizeof user.name, "user%d", i);
+        assert_int_equal(session_open(&sessions, &user, S + i, &s[i]), 0);
+    }
     assert_true(session_find(&sessions, s[0].token, 2 * S, &found)); /* used: s[1] is the oldest now */
     assert_int_equal(session_open(&sessions, &anna, 2 * S, &s[SESSIONS]), 0);
     assert_false(session_find(&sessions, s[1].token, 2 * S, &found));
@@ -206,23 +257,62 @@ static void the_one_unused_for_longest_makes_room(void **state)
 static void who_is_gone_or_changed_loses_his_sessions(void **state)
 {
     struct user now[2] = {anna, {.name = "otto", .role = ROLE_OBSERVER, .hash = "$argon2id$2"}};
-    struct users users = {.user = now, .n = 2};
+    struct users users = {.user = now, .n = 2}, none = {0};
     struct session a, o, found;
     (void)state;
     assert_int_equal(session_open(&sessions, &now[0], S, &a), 0);
     assert_int_equal(session_open(&sessions, &now[1], S, &o), 0);
-    sessions_revoke(&sessions, &users);
+    sessions_revoke(&sessions, &users, &none);
     assert_true(session_find(&sessions, a.token, S, &found));
     assert_true(session_find(&sessions, o.token, S, &found));
     now[0].role = ROLE_OBSERVER;
     now[1].hash[10] = '3'; /* a new password */
-    sessions_revoke(&sessions, &users);
+    sessions_revoke(&sessions, &users, &none);
     assert_false(session_find(&sessions, a.token, S, &found));
     assert_false(session_find(&sessions, o.token, S, &found));
     assert_int_equal(session_open(&sessions, &now[0], S, &a), 0);
-    users.n = 0;
-    sessions_revoke(&sessions, &users);
+    sessions_revoke(&sessions, &none, &users); /* a token of that name is not that user */
     assert_false(session_find(&sessions, a.token, S, &found));
+}
+
+static void who_logs_in_again_and_again_loses_his_own_sessions_only(void **state)
+{
+    const struct user otto = {.name = "otto", .role = ROLE_OBSERVER, .hash = "$argon2id$2"};
+    struct session a, first, last, found;
+    (void)state;
+    assert_int_equal(session_open(&sessions, &anna, S, &a), 0); /* and is the oldest of all */
+    assert_int_equal(session_open(&sessions, &otto, 2 * S, &first), 0);
+    for (int i = 0; i < 2 * SESSIONS; i++)
+        assert_int_equal(session_open(&sessions, &otto, 3 * S + i, &last), 0);
+    assert_true(session_find(&sessions, a.token, 4 * S, &found));
+    assert_false(session_find(&sessions, first.token, 4 * S, &found));
+    assert_true(session_find(&sessions, last.token, 4 * S, &found));
+}
+
+static void a_machine_has_one_session_as_long_as_its_token_stands(void **state)
+{
+    struct user token = {.name = "grafana", .role = ROLE_OBSERVER, .hash = "$argon2id$4"};
+    struct users tokens = {.user = &token, .n = 1}, none = {0};
+    struct session first, again;
+    (void)state;
+    assert_int_equal(session_machine(&sessions, &token, S, &first), 0);
+    assert_true(first.machine);
+    assert_int_equal(first.role, ROLE_OBSERVER);
+    assert_int_equal(session_machine(&sessions, &token, 2 * S, &again), 0);
+    assert_string_equal(first.token, again.token);
+    sessions_revoke(&sessions, &none, &tokens);
+    assert_true(session_find(&sessions, first.token, 2 * S, &again));
+    sessions_revoke(&sessions, &tokens, &none); /* a user of that name is not that token */
+    assert_false(session_find(&sessions, first.token, 2 * S, &again));
+    assert_int_equal(session_machine(&sessions, &token, 3 * S, &first), 0);
+    token.hash[10] = '5'; /* a new one under this name */
+    assert_int_equal(session_machine(&sessions, &token, 3 * S, &again), 0);
+    assert_string_not_equal(first.token, again.token);
+    struct session person;
+    assert_int_equal(session_open(&sessions, &token, 3 * S, &person), 0);
+    assert_false(person.machine);
+    assert_int_equal(session_machine(&sessions, &token, 3 * S, &first), 0);
+    assert_string_equal(first.token, again.token); /* not the person's */
 }
 
 static void writes_are_limited_to_their_rate_after_a_burst(void **state)
@@ -249,20 +339,22 @@ static void writes_are_limited_to_their_rate_after_a_burst(void **state)
 
 static struct backoff backoff;
 
-static void each_failure_beyond_three_doubles_the_pause(void **state)
+static void each_failure_beyond_those_allowed_doubles_the_pause(void **state)
 {
     const apc_ns pauses[] = {0, 0, 0, 1, 2, 4, 8, 16, 32, 60, 60, 60};
     (void)state;
     assert_int_equal(backoff_init(&backoff), 0);
     for (size_t i = 0; i < sizeof pauses / sizeof *pauses; i++) {
-        backoff_failed(&backoff, "anna", 10 * S);
+        backoff_failed(&backoff, "anna", 3, 10 * S);
         assert_int_equal(backoff_wait(&backoff, "anna", 10 * S), pauses[i] * S);
+        backoff_failed(&backoff, "slow", 20, 10 * S);
+        assert_int_equal(backoff_wait(&backoff, "slow", 10 * S), 0);
     }
     assert_int_equal(backoff_wait(&backoff, "anna", 69 * S), S);
     assert_int_equal(backoff_wait(&backoff, "anna", 70 * S), 0);
     assert_int_equal(backoff_wait(&backoff, "otto", 10 * S), 0);
     backoff_succeeded(&backoff, "anna");
-    backoff_failed(&backoff, "anna", 80 * S);
+    backoff_failed(&backoff, "anna", 3, 80 * S);
     assert_int_equal(backoff_wait(&backoff, "anna", 80 * S), 0);
 }
 
@@ -273,10 +365,10 @@ static void many_names_do_not_wash_away_the_newest_failures(void **state)
     assert_int_equal(backoff_init(&backoff), 0);
     for (int i = 0; i < 10 * BACKOFF_KEYS; i++) {
         snprintf(key, sizeof key, "name%d", i);
-        backoff_failed(&backoff, key, i);
+        backoff_failed(&backoff, key, 3, i);
     }
     for (int i = 0; i < 4; i++)
-        backoff_failed(&backoff, key, S);
+        backoff_failed(&backoff, key, 3, S);
     assert_true(backoff_wait(&backoff, key, S) > 0);
 }
 
@@ -289,12 +381,16 @@ int main(void)
         F(unfit_names_and_passwords_are_refused),
         F(a_file_that_others_may_touch_is_refused),
         F(a_line_that_is_none_is_an_error_with_its_number),
+        F(a_token_is_known_by_its_secret_only),
+        cmocka_unit_test(a_device_is_of_one_user_and_one_password),
         T(a_session_is_found_by_its_token_only),
         T(it_ends_without_use_and_at_last_in_any_case),
         T(the_one_unused_for_longest_makes_room),
         T(who_is_gone_or_changed_loses_his_sessions),
+        T(who_logs_in_again_and_again_loses_his_own_sessions_only),
+        T(a_machine_has_one_session_as_long_as_its_token_stands),
         T(writes_are_limited_to_their_rate_after_a_burst),
-        cmocka_unit_test(each_failure_beyond_three_doubles_the_pause),
+        cmocka_unit_test(each_failure_beyond_those_allowed_doubles_the_pause),
         cmocka_unit_test(many_names_do_not_wash_away_the_newest_failures),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -39,10 +39,25 @@ static int tear_down(void **state)
     return 0;
 }
 
+static const struct stream_watcher watcher_operator = {.session = "", .privileged = true},
+                                   observer = {.session = ""};
+
 static void join(struct reader *r, const char *last)
 {
     *r = (struct reader){0};
-    assert_int_equal(stream_open(stream, last, on_rest, on_wake, r, &r->reader, &r->resumed), 0);
+    assert_int_equal(
+        stream_open(stream, &watcher_operator, last, on_rest, on_wake, r, &r->reader, &r->resumed), 0);
+}
+
+/* Returns the error. */
+static int refused(const struct stream_watcher *watcher)
+{
+    struct stream_reader *reader = NULL;
+    bool resumed;
+    int rc = stream_open(stream, watcher, NULL, on_rest, on_wake, NULL, &reader, &resumed);
+    assert_true(rc < 0);
+    assert_null(reader);
+    return rc;
 }
 
 static void publish(const char *data)
@@ -248,7 +263,7 @@ static void one_reader_can_be_sent_away(void **state)
 
 static void once_ended_nobody_rests_and_nobody_comes(void **state)
 {
-    struct reader r, late = {0};
+    struct reader r;
     (void)state;
     join(&r, NULL);
     drain(&r, 1000);
@@ -258,29 +273,61 @@ static void once_ended_nobody_rests_and_nobody_comes(void **state)
     publish("{}");
     assert_int_equal(drain(&r, 1000), STREAM_END);
     assert_int_equal(r.rests, 1);
-    assert_int_equal(stream_open(stream, NULL, on_rest, on_wake, &late, &late.reader, &late.resumed),
-                     APC_EBUSY);
+    assert_int_equal(refused(&watcher_operator), APC_EBUSY);
     stream_close(r.reader);
 }
 
 static void there_are_no_more_readers_than_allowed(void **state)
 {
     struct reader *r = calloc(STREAM_READERS + 1, sizeof *r);
-    bool resumed;
     (void)state;
     assert_non_null(r);
     for (int i = 0; i < STREAM_READERS; i++)
         join(&r[i], NULL);
-    struct reader *one_more = &r[STREAM_READERS];
-    assert_int_equal(stream_open(stream, NULL, on_rest, on_wake, one_more, &one_more->reader, &resumed),
-                     APC_EBUSY);
-    assert_null(one_more->reader);
+    assert_int_equal(refused(&watcher_operator), APC_EBUSY);
     stream_close(r[0].reader);
-    join(one_more, NULL);
+    join(&r[STREAM_READERS], NULL);
     for (int i = 1; i <= STREAM_READERS; i++)
         stream_close(r[i].reader);
     stream_close(NULL);
     free(r);
+}
+
+static void observers_leave_room_for_operators(void **state)
+{
+    struct stream_reader *reader[STREAM_READERS];
+    bool resumed;
+    int n = 0;
+    (void)state;
+    while (n < STREAM_READERS - STREAM_RESERVE)
+        assert_int_equal(stream_open(stream, &observer, NULL, on_rest, on_wake, NULL, &reader[n++], &resumed),
+                         0);
+    assert_int_equal(refused(&observer), APC_EBUSY);
+    while (n < STREAM_READERS)
+        assert_int_equal(
+            stream_open(stream, &watcher_operator, NULL, on_rest, on_wake, NULL, &reader[n++], &resumed), 0);
+    assert_int_equal(refused(&watcher_operator), APC_EBUSY);
+    while (n > 0)
+        stream_close(reader[--n]);
+}
+
+static void a_session_has_its_share_and_no_more(void **state)
+{
+    const struct stream_watcher one = {.session = "1"}, other = {.session = "2"},
+                                own = {.session = "1", .privileged = true};
+    struct stream_reader *reader[STREAM_SHARE], *others;
+    bool resumed;
+    (void)state;
+    for (int i = 0; i < STREAM_SHARE; i++)
+        assert_int_equal(stream_open(stream, &one, NULL, on_rest, on_wake, NULL, &reader[i], &resumed), 0);
+    assert_int_equal(refused(&one), APC_EFULL);
+    assert_int_equal(refused(&own), APC_EFULL);
+    assert_int_equal(stream_open(stream, &other, NULL, on_rest, on_wake, NULL, &others, &resumed), 0);
+    stream_close(reader[0]);
+    assert_int_equal(stream_open(stream, &one, NULL, on_rest, on_wake, NULL, &reader[0], &resumed), 0);
+    for (int i = 0; i < STREAM_SHARE; i++)
+        stream_close(reader[i]);
+    stream_close(others);
 }
 
 int main(void)
@@ -297,6 +344,8 @@ int main(void)
         T(one_reader_can_be_sent_away),
         T(once_ended_nobody_rests_and_nobody_comes),
         T(there_are_no_more_readers_than_allowed),
+        T(observers_leave_room_for_operators),
+        T(a_session_has_its_share_and_no_more),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

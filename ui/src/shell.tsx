@@ -90,7 +90,7 @@ function Header({onHelp}: {onHelp: () => void}): JSX.Element {
       <Clock />
       <span class="spring" />
       <span class="who">
-        {who ? (who.protected ? `${who.user}, ${who.role}` : "open server: no login, everybody on this host is operator") : "…"}
+        {who ? (who.protected ? `${who.user}, ${who.role}` : "no login: this page is for the user who started it") : "…"}
       </span>
       {who?.protected && <button type="button" onClick={logout}>Log out</button>}
       <label class="theme">
