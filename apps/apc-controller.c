@@ -72,7 +72,7 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
     if (rc >= 0 && n > 0)
         rc = append(s, n);
     if (rc >= 0)
-        apc_controller_update(s->core); /* what was not written did not act: the law's state stays */
+        apc_controller_update(s->core); /* else the next read tells whether it was written */
     daemon_notice(s->d, &notice);
     report_store(s, rc);
     return daemon_fatal(s->d, s->store, rc);

@@ -190,6 +190,7 @@ struct apc_controller_options {
     size_t n_setting;
     const struct apc_setting *setting; /**< of the law; [n_setting]; not used after creation */
     const struct apc_law_plant *plant; /**< linear model for a law that wants one, or NULL; as setting */
+    const double *z_low, *z_high;      /**< [nz] limits of the setpoints; NULL: none; copied */
 };
 struct apc_controller;
 
@@ -199,7 +200,7 @@ APC_API void apc_controller_destroy(struct apc_controller *controller);
 
 /** Counts of samples. */
 struct apc_controller_size {
-    size_t in;     /**< read at each tick: y, z-bar, mode, tuning, manual */
+    size_t in;     /**< read at each tick: y, z-bar, mode, tuning, manual, what it wrote last */
     size_t out;    /**< written at each tick, at most: u, what a restart needs, a change of the actual mode */
     size_t resume; /**< read once, by a restart */
 };
@@ -219,7 +220,9 @@ APC_API void apc_controller_resume_inputs(const struct apc_controller *controlle
  * seqs of the actuators, to count on from. The next tick then goes on without a bump, with the law's own
  * state when the same law with the same constants stored it, from the last output when another law of the
  * same dimensions did. What was stored with other dimensions, or before @p since, UTC, and so by another run,
- * is not taken. [setup] Returns 1 when it resumed, 0 when it starts anew.
+ * is not taken; nor is an operator's output that is older than what was resumed from or, where nothing was,
+ * than @p since (0: not known; then none that is there already). [setup] Returns 1 when it resumed, 0 when it
+ * starts anew.
  */
 APC_API int apc_controller_resume(struct apc_controller *controller, const int64_t *last,
                                   const struct apc_sample *in, apc_ns since);
@@ -231,7 +234,11 @@ APC_API int apc_controller_resume(struct apc_controller *controller, const int64
 APC_API int apc_controller_compute(struct apc_controller *controller, struct apc_now now,
                                    const struct apc_sample *in, struct apc_sample *out,
                                    struct apc_notice *notice);
-/** Update the law's state, after u was written. [tick] */
+/**
+ * Update the law's state, after u was written. Where the write failed leave it out: whether the rows are
+ * there all the same, because only the answer was lost, the next apc_controller_compute() sees in @p in, and
+ * makes up for it. [tick]
+ */
 APC_API void apc_controller_update(struct apc_controller *controller);
 /** How often the law gave something that is no finite number, and the output was held. [tick] */
 APC_API uint64_t apc_controller_failures(const struct apc_controller *controller);

@@ -200,6 +200,27 @@ static int put_dimensions(struct apc_store *store, const struct experiment *e, a
     return rc;
 }
 
+/* What operators set in a former run is no output of this one, whatever the clock said then: nothing is
+ * deleted, but the newest rows are no good any more. */
+static int forget_manual(struct apc_store *store, size_t nu, apc_ns now)
+{
+    struct apc_sample *rows = calloc(nu, sizeof *rows);
+    size_t n = 0;
+    if (!rows)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < nu; i++)
+        rows[i] = (struct apc_sample){.table = APC_MANUAL, .id = (int)i + 1};
+    int rc = apc_store_read(store, rows, nu);
+    for (size_t i = 0; i < nu && rc >= 0; i++)
+        if (rows[i].seq > 0 && apc_status_severity(rows[i].status) != APC_SEVERITY_BAD)
+            rows[n++] = (struct apc_sample){
+                .table = APC_MANUAL, .id = rows[i].id, .time = now, .status = APC_BAD_NO_DATA};
+    if (rc >= 0 && n > 0)
+        rc = apc_store_put(store, rows, n);
+    free(rows);
+    return rc < 0 ? rc : 0;
+}
+
 int provision(struct apc_store *store, const struct experiment *e, enum provision how)
 {
     size_t tunings = e->dim.nu * e->controller.law->n_tuning;
@@ -217,6 +238,8 @@ int provision(struct apc_store *store, const struct experiment *e, enum provisio
         (struct apc_sample){.table = APC_OPMODE, .id = 0, .time = now, .value = e->controller.mode};
     if (rc >= 0)
         rc = put_values(store, wanted, tunings + 1, how);
+    if (rc >= 0 && how == PROVISION_RESET)
+        rc = forget_manual(store, e->dim.nu, now);
     free(wanted);
     return rc < 0 ? rc : put_tags(store, e);
 }

@@ -9,7 +9,8 @@
 
 enum provision {
     PROVISION_KEEP, /* tuning and mode that are there stay: a plant that is being set up again */
-    PROVISION_RESET /* tuning and mode become the file's: an experiment that is being run */
+    PROVISION_RESET /* tuning and mode become the file's, manual outputs nobody's: an experiment that is being
+                       run */
 };
 
 #define PROVISION_TEXT 400

@@ -8,10 +8,15 @@ int cores_controller(const struct experiment *e, struct apc_controller **control
     const apc_ns client = e->client.rhythm.period, plant = e->plant.rhythm.period;
     const struct apc_law_setup setup = experiment_law_setup(e);
     const size_t nu = e->dim.nu;
-    double *limits = calloc(4 * nu, sizeof *limits);
+    const size_t nz = e->dim.nz;
+    double *limits = calloc(4 * nu + 2 * nz, sizeof *limits);
     if (!limits)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     experiment_outputs(e, limits, limits + nu, limits + 2 * nu, limits + 3 * nu);
+    for (size_t i = 0; i < nz; i++) {
+        limits[4 * nu + i] = e->z[i].tag.low;
+        limits[4 * nu + nz + i] = e->z[i].tag.high;
+    }
     const struct apc_controller_options options = {
         .size = sizeof options,
         .law = e->controller.law,
@@ -22,6 +27,8 @@ int cores_controller(const struct experiment *e, struct apc_controller **control
         .fault = limits + 3 * nu,
         .low = limits,
         .high = limits + nu,
+        .z_low = limits + 4 * nu,
+        .z_high = limits + 4 * nu + nz,
         .n_setting = setup.n_setting,
         .setting = setup.setting,
         .plant = setup.plant,

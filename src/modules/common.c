@@ -42,20 +42,27 @@ bool apc_note(struct apc_notice *notice, enum apc_notice_kind kind, const char *
     return true;
 }
 
-int apc_limits_copy(double *low, double *high, double *fallback, const double *from_low,
-                    const double *from_high, const double *from_fallback, size_t n, const char *what,
+int apc_limits_copy(double *low, double *high, const double *from_low, const double *from_high, size_t n,
                     struct apc_error *why)
 {
     for (size_t i = 0; i < n; i++) {
         low[i] = from_low ? from_low[i] : -HUGE_VAL;
         high[i] = from_high ? from_high[i] : HUGE_VAL;
-        fallback[i] = from_fallback ? from_fallback[i] : 0.0;
         if (!(low[i] <= high[i]))
             return apc_fail(why, APC_EINVAL, "limits %zu: low %g must not be above high %g", i + 1, low[i],
                             high[i]);
-        if (!apc_value_ok(fallback[i]) || fallback[i] < low[i] || fallback[i] > high[i])
+    }
+    return 0;
+}
+
+int apc_fallback_copy(double *to, const double *from, const double *low, const double *high, size_t n,
+                      const char *what, struct apc_error *why)
+{
+    for (size_t i = 0; i < n; i++) {
+        to[i] = from ? from[i] : 0.0;
+        if (!apc_value_ok(to[i]) || to[i] < low[i] || to[i] > high[i])
             return apc_fail(why, APC_EINVAL, "%s value %zu is %g; it must lie within the limits, %g to %g",
-                            what, i + 1, fallback[i], low[i], high[i]);
+                            what, i + 1, to[i], low[i], high[i]);
     }
     return 0;
 }

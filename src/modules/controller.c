@@ -49,10 +49,10 @@ static double *carve(double **at, size_t n)
 static int allocate(struct apc_controller *c)
 {
     size_t ny = c->dim.ny, nz = c->dim.nz, nu = c->dim.nu;
-    double *at = calloc(ny + nz + c->n_x + 5 * nu + 2 * c->n_tuning, sizeof(*at));
+    double *at = calloc(ny + 3 * nz + c->n_x + 5 * nu + 2 * c->n_tuning, sizeof(*at));
 
     c->memory = at;
-    c->marks = calloc(ny + nz + 2 * nu + c->n_tuning, sizeof(*c->marks));
+    c->marks = calloc(ny + 2 * nz + 2 * nu + c->n_tuning, sizeof(*c->marks));
     c->fresh = calloc(ny, sizeof(*c->fresh));
     c->limited = calloc(nu, sizeof(*c->limited));
     if (!c->memory || !c->marks || !c->fresh || !c->limited)
@@ -65,13 +65,16 @@ static int allocate(struct apc_controller *c)
     c->low = carve(&at, nu);
     c->high = carve(&at, nu);
     c->fault = carve(&at, nu);
+    c->z_low = carve(&at, nz);
+    c->z_high = carve(&at, nz);
     c->tuning = carve(&at, c->n_tuning);
     c->offered = carve(&at, c->n_tuning);
     c->y_seq = c->marks;
     c->z_seq = c->y_seq + ny;
     c->u_seq = c->z_seq + nz;
     c->manual_seq = c->u_seq + nu;
-    c->tuning_seq = c->manual_seq + nu;
+    c->setpoint_seq = c->manual_seq + nu;
+    c->tuning_seq = c->setpoint_seq + nz;
     return 0;
 }
 
@@ -133,7 +136,10 @@ static int fill(struct apc_controller *c, const struct apc_controller_options *o
     for (size_t i = 0; i < c->n_tuning; i++)
         c->tuning[i] = law->tuning[i % law->n_tuning].initial;
     memcpy(c->offered, c->tuning, c->n_tuning * sizeof(*c->offered));
-    return apc_limits_copy(c->low, c->high, c->fault, o->low, o->high, o->fault, c->dim.nu, "fault", why);
+    rc = apc_limits_copy(c->z_low, c->z_high, o->z_low, o->z_high, c->dim.nz, why);
+    if (rc == 0)
+        rc = apc_limits_copy(c->low, c->high, o->low, o->high, c->dim.nu, why);
+    return rc < 0 ? rc : apc_fallback_copy(c->fault, o->fault, c->low, c->high, c->dim.nu, "fault", why);
 }
 
 int apc_controller_create(struct apc_controller **controller, const struct apc_controller_options *options,

@@ -64,7 +64,7 @@ struct apc_controller_size apc_controller_size(const struct apc_controller *c)
 {
     size_t state = outer_state(c) + c->n_x;
 
-    return (struct apc_controller_size){.in = c->dim.ny + c->dim.nz + 1 + c->n_tuning + c->dim.nu,
+    return (struct apc_controller_size){.in = c->dim.ny + c->dim.nz + 1 + c->n_tuning + c->dim.nu + 1,
                                         .out = c->dim.nu + state + 1,
                                         .resume = state + 1};
 }
@@ -82,7 +82,8 @@ void apc_controller_inputs(const struct apc_controller *c, struct apc_sample *in
     in = name_vector(in, APC_SETPOINT, c->dim.nz);
     *in++ = (struct apc_sample){.table = APC_OPMODE, .id = 0, .status = APC_BAD_NO_DATA};
     in = name_vector(in, APC_TUNING, c->n_tuning);
-    (void)name_vector(in, APC_MANUAL, c->dim.nu);
+    in = name_vector(in, APC_MANUAL, c->dim.nu);
+    *in = (struct apc_sample){.table = APC_STATE, .id = 0, .status = APC_BAD_NO_DATA};
 }
 
 /* ---- Taking over from a former run ---------------------------------------------------------- */
@@ -121,6 +122,7 @@ int apc_controller_resume(struct apc_controller *c, const int64_t *last, const s
 
     for (size_t i = 0; last && i < c->dim.nu; i++)
         c->u_seq[i] = last[i];
+    c->manual_since = since > 0 ? since : INT64_MAX;
     if (!in)
         return 0;
     for (size_t i = 0; i < n; i++) {
@@ -135,7 +137,7 @@ int apc_controller_resume(struct apc_controller *c, const int64_t *last, const s
     at = take_vector(c->z, c->dim.nz, at);
     at = take_vector(c->u, c->dim.nu, at);
     apc_controller_limit(c, c->u);
-    c->resumed_at = in[0].time;
+    c->resumed_at = c->manual_since = in[0].time;
     c->have_u = true;
     c->have_y = true;
     c->resumed = in[0].value - dim * LAW_MARKS == c->law_mark && whole(in, n, since);
@@ -178,15 +180,16 @@ static size_t put_actuators(struct apc_controller *c, apc_ns utc, apc_status sta
 }
 
 /*
- * How many rows of the operator's were taken: the sum of the seqs of setpoints, target mode, tunings and
- * outputs. Seqs only rise, so whoever reads it knows whether a row of his is among them.
+ * How many rows of the operator's were looked at: the sum of the seqs of setpoints, target mode, tunings and
+ * outputs. Seqs only rise, so whoever reads it knows whether a row of his is among them. One that was refused
+ * counts as well, or the sum would never again reach that of what is stored; an event tells of it.
  */
 static double taken(const struct apc_controller *c)
 {
     int64_t sum = c->target_seq;
 
     for (size_t i = 0; i < c->dim.nz; i++)
-        sum += c->z_seq[i];
+        sum += c->setpoint_seq[i];
     for (size_t i = 0; i < c->n_tuning; i++)
         sum += c->tuning_seq[i];
     for (size_t i = 0; i < c->dim.nu; i++)

@@ -105,9 +105,10 @@ static void update(struct apc_controller *c)
 static void settle(struct apc_controller *c, struct apc_now now)
 {
     bool follows = compute(c);
+    apc_ns age = now.utc - c->resumed_at;
 
     c->resumed = false;
-    c->on_track = now.utc - c->resumed_at <= c->loss;
+    c->on_track = age >= 0 && age <= c->loss; /* below 0 the clock was set back: nobody knows */
     c->gap = !c->on_track;
     if (!c->on_track)
         return;
@@ -124,7 +125,7 @@ static void settle(struct apc_controller *c, struct apc_now now)
 
 /* Where each vector lies in the samples of apc_controller_inputs(). */
 struct input {
-    const struct apc_sample *y, *z, *mode, *tuning, *manual;
+    const struct apc_sample *y, *z, *mode, *tuning, *manual, *state;
 };
 
 static struct input locate(const struct apc_controller *c, const struct apc_sample *in)
@@ -135,6 +136,7 @@ static struct input locate(const struct apc_controller *c, const struct apc_samp
     at.mode = at.z + c->dim.nz;
     at.tuning = at.mode + 1;
     at.manual = at.tuning + c->n_tuning;
+    at.state = at.manual + c->dim.nu;
     return at;
 }
 
@@ -143,13 +145,40 @@ static bool usable(const struct apc_sample *s)
     return s->seq > 0 && apc_status_severity(s->status) != APC_SEVERITY_BAD && apc_value_ok(s->value);
 }
 
-static enum apc_mode target_mode(const struct apc_sample *s)
+static bool within(double value, double low, double high)
 {
-    if (usable(s) && s->value == (double)APC_MODE_AUTO)
-        return APC_MODE_AUTO;
-    if (usable(s) && s->value == (double)APC_MODE_MAN)
-        return APC_MODE_MAN;
-    return APC_MODE_OOS;
+    return value >= low && value <= high;
+}
+
+/* A value that may not be taken: the last good one stays. Told once, when its row comes. */
+static void refuse(struct apc_notice *notice, const struct apc_sample *s, int64_t seen, const char *what,
+                   size_t i, double low, double high)
+{
+    if (s->seq != seen)
+        apc_note(notice, APC_NOTICE_REJECTED, "%s %zu refused: %g is not within %g to %g", what, i + 1,
+                 s->value, low, high);
+}
+
+static void take_target(struct apc_controller *c, const struct apc_sample *s, struct apc_notice *notice)
+{
+    if (s->seq == 0 || apc_status_severity(s->status) == APC_SEVERITY_BAD)
+        c->target = APC_MODE_OOS;
+    else if (s->value == (double)APC_MODE_MAN || s->value == (double)APC_MODE_AUTO ||
+             s->value == (double)APC_MODE_OOS)
+        c->target = (enum apc_mode)(int)s->value;
+    else if (s->seq != c->target_seq)
+        apc_note(notice, APC_NOTICE_REJECTED, "target mode refused: %g is none", s->value);
+    c->target_seq = s->seq;
+}
+
+static void refuse_tuning(const struct apc_controller *c, size_t i, const struct apc_sample *s,
+                          struct apc_notice *notice)
+{
+    const struct apc_param *param = &c->law->tuning[i % c->law->n_tuning];
+    char what[64];
+
+    snprintf(what, sizeof(what), "%s of output", param->name);
+    refuse(notice, s, c->tuning_seq[i], what, i / c->law->n_tuning, param->low, param->high);
 }
 
 /* Returns true when what the operator wants differs from what is in force. */
@@ -163,9 +192,8 @@ static bool take_tuning(struct apc_controller *c, const struct apc_sample *tunin
 
         if (usable(s) && apc_param_accepts(param, s->value))
             c->offered[i] = s->value;
-        else if (s->seq != c->tuning_seq[i])
-            apc_note(notice, APC_NOTICE_REJECTED, "tuning %zu (%s) refused: %g is not within %g to %g", i + 1,
-                     param->name, s->value, param->low, param->high);
+        else
+            refuse_tuning(c, i, s, notice);
         c->tuning_seq[i] = s->seq;
         if (c->offered[i] < c->tuning[i] || c->offered[i] > c->tuning[i])
             differs = true;
@@ -178,8 +206,15 @@ static void adopt_tuning(struct apc_controller *c)
     memcpy(c->tuning, c->offered, c->n_tuning * sizeof(*c->tuning));
 }
 
-/* Look at every one, so that freshness knows them all; y and z change only when all of them are usable. */
-static bool take_measurement(struct apc_controller *c, struct apc_now now, const struct input *in)
+static bool setpoint_accepted(const struct apc_controller *c, size_t i, const struct apc_sample *s)
+{
+    return usable(s) && within(s->value, c->z_low[i], c->z_high[i]);
+}
+
+/* Look at every one, so that freshness knows them all; y and z change only when all of them are usable, or
+ * have been and are only refused now. */
+static bool take_measurement(struct apc_controller *c, struct apc_now now, const struct input *in,
+                             struct apc_notice *notice)
 {
     c->trouble[0] = '\0';
     for (size_t i = 0; i < c->dim.ny; i++) {
@@ -192,9 +227,18 @@ static bool take_measurement(struct apc_controller *c, struct apc_now now, const
             snprintf(c->trouble, sizeof(c->trouble), "measurement %zu is Bad", i + 1);
     }
     for (size_t i = 0; i < c->dim.nz; i++) {
-        if (!usable(&in->z[i]))
+        const struct apc_sample *s = &in->z[i];
+        bool bad = apc_status_severity(s->status) == APC_SEVERITY_BAD;
+
+        if (s->seq && !bad && !setpoint_accepted(c, i, s)) {
+            refuse(notice, s, c->setpoint_seq[i], "setpoint", i, c->z_low[i], c->z_high[i]);
+            c->setpoint_seq[i] = s->seq;
+        }
+        if (bad || !s->seq || (!c->have_y && !setpoint_accepted(c, i, s)))
             snprintf(c->trouble, sizeof(c->trouble), "setpoint %zu is %s", i + 1,
-                     in->z[i].seq ? "Bad" : "missing");
+                     !s->seq ? "missing"
+                     : bad   ? "Bad"
+                             : "refused");
     }
     if (c->trouble[0])
         return false;
@@ -203,8 +247,10 @@ static bool take_measurement(struct apc_controller *c, struct apc_now now, const
         c->y_seq[i] = in->y[i].seq;
     }
     for (size_t i = 0; i < c->dim.nz; i++) {
+        if (!setpoint_accepted(c, i, &in->z[i]))
+            continue;
         c->z[i] = in->z[i].value;
-        c->z_seq[i] = in->z[i].seq;
+        c->z_seq[i] = c->setpoint_seq[i] = in->z[i].seq;
     }
     c->have_y = true;
     if (!c->begun)
@@ -279,14 +325,14 @@ static apc_status automatic(struct apc_controller *c, struct apc_now now, struct
 
 /*
  * An output that the operator set counts once it is new: one that was already there in Auto, or before the
- * last output of a former run, is from another day, and taking it up at the change to Man would be a bump.
+ * last output that was taken over, or before this run, is from another day, and taking it up at the change to
+ * Man would be a bump.
  */
-static bool fresh_manual(struct apc_controller *c, size_t i, const struct apc_sample *wanted)
+static bool fresh_manual(struct apc_controller *c, size_t i, apc_ns utc, const struct apc_sample *wanted)
 {
-    bool first = c->manual_seq[i] < 0;
-    bool fresh = first ? wanted->time > c->resumed_at : wanted->seq != c->manual_seq[i];
-
-    return fresh && usable(wanted);
+    if (c->manual_seq[i] < 0)
+        return wanted->time > c->manual_since && wanted->time <= utc + c->loss;
+    return wanted->seq != c->manual_seq[i];
 }
 
 static void look_at_manual(struct apc_controller *c, const struct apc_sample *wanted)
@@ -295,15 +341,28 @@ static void look_at_manual(struct apc_controller *c, const struct apc_sample *wa
         c->manual_seq[i] = wanted[i].seq;
 }
 
-static apc_status manual(struct apc_controller *c, const struct apc_sample *wanted, bool measured)
+static void take_manual(struct apc_controller *c, apc_ns utc, const struct apc_sample *wanted,
+                        struct apc_notice *notice)
 {
     for (size_t i = 0; i < c->dim.nu; i++) {
-        if (wanted && fresh_manual(c, i, &wanted[i]))
-            c->u[i] = wanted[i].value;
-        else if (!c->have_u)
-            c->u[i] = c->fault[i];
+        const struct apc_sample *s = &wanted[i];
+
+        if (s->seq == 0 || apc_status_severity(s->status) == APC_SEVERITY_BAD || !fresh_manual(c, i, utc, s))
+            continue;
+        if (usable(s) && within(s->value, c->low[i], c->high[i]))
+            c->u[i] = s->value;
+        else
+            refuse(notice, s, c->manual_seq[i], "manual output", i, c->low[i], c->high[i]);
     }
-    apc_controller_limit(c, c->u);
+}
+
+static apc_status manual(struct apc_controller *c, struct apc_now now, const struct apc_sample *wanted,
+                         bool measured, struct apc_notice *notice)
+{
+    if (!c->have_u)
+        memcpy(c->u, c->fault, c->dim.nu * sizeof(*c->u));
+    if (wanted)
+        take_manual(c, now.utc, wanted, notice);
     c->have_u = true;
     c->by_law = false;
     c->on_track = false;
@@ -338,8 +397,9 @@ static bool take_inputs(struct apc_controller *c, struct apc_now now, const stru
         return false;
     }
     at = locate(c, in);
-    c->target = target_mode(at.mode);
-    c->target_seq = at.mode->seq;
+    if (c->update_due && at.state->seq == c->state_seq)
+        update(c); /* the last output was written after all: only the answer was lost */
+    take_target(c, at.mode, notice);
     retuned = take_tuning(c, at.tuning, notice);
     if (c->resumed) {
         adopt_tuning(c);
@@ -348,7 +408,7 @@ static bool take_inputs(struct apc_controller *c, struct apc_now now, const stru
     }
     if (!c->begun)
         adopt_tuning(c); /* for reset, and because there is nothing yet to be bumpless to */
-    measured = take_measurement(c, now, &at);
+    measured = take_measurement(c, now, &at, notice);
     if (retuned && measured && c->target == APC_MODE_AUTO)
         retune(c);
     else
@@ -367,12 +427,12 @@ int apc_controller_compute(struct apc_controller *c, struct apc_now now, const s
 
     if (notice)
         notice->kind = APC_NOTICE_NONE;
-    c->update_due = false;
     measured = take_inputs(c, now, in, notice);
+    c->update_due = false;
     if (c->target == APC_MODE_AUTO)
         status = measured ? automatic(c, now, notice) : hold(c, now, notice);
     else if (c->target == APC_MODE_MAN)
-        status = manual(c, wanted, measured);
+        status = manual(c, now, wanted, measured, notice);
     else
         out_of_service(c);
     look_at_manual(c, wanted);

@@ -26,13 +26,14 @@ static inline bool apc_period_ok(apc_ns period)
     return period > 0 && period <= INT64_C(366) * 86400 * APC_NS_PER_S;
 }
 
-/**
- * Copy limits and a fallback value (NULL: none, none, zeros) of @p n values. APC_EINVAL when a limit is
- * not a number, they cross, or the fallback lies outside them; @p what names the fallback.
- */
-int apc_limits_copy(double *low, double *high, double *fallback, const double *from_low,
-                    const double *from_high, const double *from_fallback, size_t n, const char *what,
+/** Copy limits (NULL: none) of @p n values. APC_EINVAL when one is not a number, or they cross. */
+int apc_limits_copy(double *low, double *high, const double *from_low, const double *from_high, size_t n,
                     struct apc_error *why);
+/** Copy values (NULL: zeros) to fall back on. APC_EINVAL when one lies outside its limits; @p what names
+ * them.
+ */
+int apc_fallback_copy(double *to, const double *from, const double *low, const double *high, size_t n,
+                      const char *what, struct apc_error *why);
 
 /** A sensor and what it remembers. */
 struct apc_reading {
@@ -69,11 +70,13 @@ struct apc_controller {
     double *trial;              /* what the law asks for now */
     double *tuning, *offered;   /* in force; wanted by the operator */
     double *low, *high, *fault; /* [nu] */
+    double *z_low, *z_high;     /* [nz] */
     unsigned *limited;          /* [nu] enum apc_limited of trial */
 
     int64_t *marks;         /* all the seqs below */
     int64_t *y_seq, *z_seq; /* of y and z */
     int64_t *u_seq;         /* of the actuator rows written */
+    int64_t *setpoint_seq;  /* of the setpoints that were taken or refused */
     int64_t *manual_seq;    /* of the operator's outputs looked at */
     int64_t *tuning_seq;    /* of the tuning rows looked at */
     int64_t state_seq, mode_seq;
@@ -92,9 +95,10 @@ struct apc_controller {
     bool update_due;
     bool holding, faulted;
     apc_ns hold_since;
-    uint64_t failures; /* how often the law gave no finite number */
-    apc_ns resumed_at; /* source time of the former run's last output; 0: none */
-    char trouble[64];  /* why there is no usable measurement */
+    uint64_t failures;   /* how often the law gave no finite number */
+    apc_ns resumed_at;   /* source time of the last output that was taken over */
+    apc_ns manual_since; /* an operator's output that is found there at first counts if it is younger */
+    char trouble[64];    /* why there is no usable measurement */
 };
 
 /** Work out the marks of law and dimensions. */

@@ -162,7 +162,9 @@ int apc_plantserver_create(struct apc_plantserver **server, const struct apc_pla
     if (rc < 0)
         (void)apc_fail(why, rc, "plant server: no memory");
     else
-        rc = apc_limits_copy(new->low, new->high, new->safe, o.low, o.high, o.safe, new->nu, "safe", why);
+        rc = apc_limits_copy(new->low, new->high, o.low, o.high, new->nu, why);
+    if (rc == 0)
+        rc = apc_fallback_copy(new->safe, o.safe, new->low, new->high, new->nu, "safe", why);
     if (rc < 0) {
         apc_plantserver_destroy(new);
         return rc;

@@ -15,7 +15,7 @@ static void a_users_law_is_loaded_and_controls(void **state)
     void *handle;
     struct apc_controller_options o = {.size = sizeof(o), .dim = {1, 1, 1}, .period = S, .horizon = 3 * S};
     struct apc_controller *c;
-    struct apc_sample in[5], out[7];
+    struct apc_sample in[6], out[7];
     struct apc_error why = {""};
 
     (void)state;
@@ -24,7 +24,7 @@ static void a_users_law_is_loaded_and_controls(void **state)
     assert_string_equal(law->name, "mylaw");
     o.law = law;
     assert_int_equal(apc_controller_create(&c, &o, &why), 0);
-    assert_int_equal(apc_controller_size(c).in, 5);
+    assert_int_equal(apc_controller_size(c).in, 6);
     assert_int_equal(apc_controller_size(c).out, 7);
     apc_controller_inputs(c, in);
     for (int i = 0; i < 4; i++) {

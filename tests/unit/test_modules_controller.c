@@ -15,7 +15,7 @@
 #define MAX_OUT 32
 #define STORED  7 /* what the PI goes on from: signature, y, z, u, rows taken, x; the actual mode */
 
-enum { Y, Z, MODE, KP, TAU_I, U_BAR, U_MIN, U_MAX, MANUAL, INPUTS };
+enum { Y, Z, MODE, KP, TAU_I, U_BAR, U_MIN, U_MAX, MANUAL, WRITTEN, INPUTS };
 
 /* A controller, what the store would hold for it, and what it gave at the last tick. */
 struct rig {
@@ -80,7 +80,7 @@ static const struct apc_sample *measured_tick(struct rig *r, double y)
 
 static void make_sized(struct rig *r, const struct apc_law *law, struct apc_dim dim)
 {
-    static const double fault = FAULT, low = -1.0, high = 2.0;
+    static const double fault = FAULT, low = -1.0, high = 2.0, z_low[] = {-1e4, -1e4}, z_high[] = {1e4, 1e4};
     const struct apc_controller_options o = {.size = sizeof(o),
                                              .law = law,
                                              .dim = dim,
@@ -89,7 +89,9 @@ static void make_sized(struct rig *r, const struct apc_law *law, struct apc_dim 
                                              .hold = HOLD,
                                              .fault = &fault,
                                              .low = &low,
-                                             .high = &high};
+                                             .high = &high,
+                                             .z_low = z_low,
+                                             .z_high = z_high};
     struct apc_error why = {""};
 
     *r = (struct rig){0};
@@ -128,7 +130,7 @@ static double sum_of_seqs(const struct rig *r)
 {
     int64_t sum = 0;
 
-    for (int i = Z; i < INPUTS; i++)
+    for (int i = Z; i <= MANUAL; i++)
         sum += r->in[i].seq;
     return (double)sum;
 }
@@ -169,6 +171,8 @@ static void it_names_what_it_reads(void **state)
     assert_int_equal(r->in[U_MAX].id, 5);
     assert_int_equal(r->in[MANUAL].table, APC_MANUAL);
     assert_int_equal(r->in[MANUAL].id, 1);
+    assert_int_equal(r->in[WRITTEN].table, APC_STATE);
+    assert_int_equal(r->in[WRITTEN].id, 0);
 }
 
 static void an_output_names_what_it_was_computed_from(void **state)
@@ -224,7 +228,7 @@ static void a_limit_of_the_law_is_told_as_well(void **state)
 
 /* ---- Modes ----------------------------------------------------------------------------------- */
 
-static void in_man_the_operators_output_goes_out_within_the_limits(void **state)
+static void in_man_the_operators_output_goes_out(void **state)
 {
     struct rig *r = *state;
 
@@ -233,11 +237,93 @@ static void in_man_the_operators_output_goes_out_within_the_limits(void **state)
     set(r, MANUAL, 1.25);
     assert_near(measured_tick(r, 0.0)->value, 1.25, 0.0);
     assert_int_equal(find(r, APC_ACTUATOR, 1)->sensor_seq, 0);
-    set(r, MANUAL, 99.0);
-    assert_near(measured_tick(r, 0.0)->value, 2.0, 0.0);
-    assert_near(blind_tick(r, NULL)->value, 2.0, 0.0);
+    assert_near(blind_tick(r, NULL)->value, 1.25, 0.0);
     assert_int_equal(find(r, APC_ACTUATOR, 1)->status, APC_GOOD);
     assert_mode(r, APC_MODE_MAN);
+}
+
+/* ---- What must not be taken -------------------------------------------------------------------- */
+
+/* Whoever wrote it: an event tells of it once, the last good value stays, and the row counts as looked at. */
+static void assert_refused(struct rig *r, int which, double value, const char *what)
+{
+    set(r, which, value);
+    measured_tick(r, 0.0);
+    assert_int_equal(r->notice.kind, APC_NOTICE_REJECTED);
+    if (!strstr(r->notice.text, what))
+        fail_msg("\"%s\" does not say \"%s\"", r->notice.text, what);
+    if (find(r, APC_STATE, TAKEN)->seq)
+        assert_near(find(r, APC_STATE, TAKEN)->value, sum_of_seqs(r), 0.0);
+    measured_tick(r, 0.0);
+    assert_int_equal(r->notice.kind, APC_NOTICE_NONE);
+}
+
+static void a_setpoint_outside_its_limits_is_refused_and_the_last_good_one_kept(void **state)
+{
+    static const double wrong[] = {1e6, -1e4 - 1.0, (double)NAN, (double)INFINITY};
+    struct rig *r = *state;
+
+    set(r, TAU_I, 1e9);
+    set(r, Z, 5.0);
+    assert_near(measured_tick(r, 0.0)->value, 1.0, 1e-6);
+    for (size_t i = 0; i < sizeof(wrong) / sizeof(wrong[0]); i++) {
+        assert_refused(r, Z, wrong[i], "setpoint 1 refused");
+        assert_near(find(r, APC_ACTUATOR, 1)->value, 1.0, 1e-6);
+        assert_int_equal(find(r, APC_ACTUATOR, 1)->status, APC_GOOD);
+        assert_int_equal(find(r, APC_ACTUATOR, 1)->setpoint_seq, 2);
+        assert_mode(r, APC_MODE_AUTO);
+    }
+    set(r, Z, 10.0);
+    assert_near(measured_tick(r, 0.0)->value, 2.0, 1e-6);
+    assert_int_equal(find(r, APC_ACTUATOR, 1)->setpoint_seq, r->in[Z].seq);
+}
+
+static void where_there_was_no_good_setpoint_yet_a_wrong_one_starts_nothing(void **state)
+{
+    struct rig *r = *state;
+
+    set(r, Z, 1e6);
+    measured_tick(r, 0.0);
+    assert_int_equal(r->n, 1); /* the mode, no output */
+    assert_int_equal(r->notice.kind, APC_NOTICE_REJECTED);
+    for (int k = 0; k < 4; k++)
+        measured_tick(r, 0.0);
+    assert_near(find(r, APC_ACTUATOR, 1)->value, FAULT, 0.0);
+    set(r, Z, 5.0);
+    measured_tick(r, 0.0);
+    assert_int_equal(find(r, APC_ACTUATOR, 1)->status, APC_GOOD);
+}
+
+static void an_operators_output_outside_its_limits_is_refused_and_the_last_good_one_kept(void **state)
+{
+    static const double wrong[] = {99.0, -1.1, (double)NAN, (double)INFINITY};
+    struct rig *r = *state;
+
+    set(r, MODE, APC_MODE_MAN);
+    assert_refused(r, MANUAL, 99.0, "manual output 1 refused: 99 is not within -1 to 2");
+    assert_near(find(r, APC_ACTUATOR, 1)->value, FAULT, 0.0);
+    set(r, MANUAL, 1.25);
+    measured_tick(r, 0.0);
+    for (size_t i = 0; i < sizeof(wrong) / sizeof(wrong[0]); i++) {
+        assert_refused(r, MANUAL, wrong[i], "manual output 1 refused");
+        assert_near(find(r, APC_ACTUATOR, 1)->value, 1.25, 0.0);
+    }
+}
+
+static void a_target_mode_that_is_none_is_refused_and_the_last_one_kept(void **state)
+{
+    static const double wrong[] = {-1.0, 0.5, 3.0, 1e9, (double)NAN};
+    struct rig *r = *state;
+
+    measured_tick(r, 0.0);
+    for (size_t i = 0; i < sizeof(wrong) / sizeof(wrong[0]); i++) {
+        assert_refused(r, MODE, wrong[i], "target mode refused");
+        assert_mode(r, APC_MODE_AUTO);
+        assert_int_equal(find(r, APC_ACTUATOR, 1)->status, APC_GOOD);
+    }
+    set(r, MODE, APC_MODE_OOS);
+    measured_tick(r, 0.0);
+    assert_mode(r, APC_MODE_OOS);
 }
 
 static void from_auto_to_man_an_old_output_of_the_operator_is_not_taken_up(void **state)
@@ -559,6 +645,128 @@ static void a_controller_restarted_after_the_plant_went_safe_begins_from_the_las
     apc_controller_destroy(next.controller);
 }
 
+/* How long it was away nobody knows then: what the plant does meanwhile must not be taken for one period. */
+static void restarted_with_the_clock_set_back_it_begins_from_the_last_output(void **state)
+{
+    struct rig *r = *state;
+    struct rig next;
+    double u;
+
+    for (int k = 0; k < 10; k++)
+        measured_tick(r, disturbed(k));
+    u = find(r, APC_ACTUATOR, 1)->value;
+    make(&next, &apc_law_pi);
+    assert_int_equal(take_over(&next, r), 1);
+    memcpy(next.in, r->in, sizeof(next.in));
+    next.utc_step = -2 * PERIOD;
+    assert_near(measured_tick(&next, -1.0)->value, u, 1e-14);
+    apc_controller_destroy(next.controller);
+}
+
+/* The operator's output of another run; or of this one, set before the controller was there. */
+static void only_an_operators_output_of_this_run_is_taken_up_at_the_start(void **state)
+{
+    static const struct {
+        apc_ns since, set;
+        bool taken;
+    } of[] = {
+        {T0 + S, T0, false},                /* a former run's */
+        {0, T0, false},                     /* nobody knows when this run began */
+        {T0 + S, T0 + 3600 * S, false},     /* of a clock that was set back since */
+        {T0 + S, T0 + S + S / 2, true},     /* of this run */
+        {T0 + S, T0 + PERIOD + S / 2, true} /* the operator's clock is a little ahead */
+    };
+    struct rig *r = *state;
+    struct apc_sample rows[STORED];
+    const int64_t last[] = {10};
+
+    measured_tick(r, 0.5);
+    for (size_t i = 0; i < sizeof(of) / sizeof(of[0]); i++) {
+        struct rig next;
+
+        make(&next, &apc_law_pi);
+        read_stored(&next, r, rows);
+        rows[0].seq = 0; /* no whole state */
+        assert_int_equal(apc_controller_resume(next.controller, last, rows, of[i].since), 0);
+        memcpy(next.in, r->in, sizeof(next.in));
+        set(&next, MODE, APC_MODE_MAN);
+        set(&next, MANUAL, 1.5);
+        next.in[MANUAL].time = of[i].set;
+        assert_near(measured_tick(&next, 0.5)->value, of[i].taken ? 1.5 : FAULT, 0.0);
+        assert_near(measured_tick(&next, 0.5)->value, of[i].taken ? 1.5 : FAULT, 0.0);
+        set(&next, MANUAL, 1.5); /* now he means it */
+        assert_near(measured_tick(&next, 0.5)->value, 1.5, 0.0);
+        apc_controller_destroy(next.controller);
+    }
+}
+
+static void after_a_restart_in_man_an_older_output_of_the_operator_stays_old(void **state)
+{
+    struct rig *r = *state;
+    struct rig next;
+    double u;
+
+    set(r, MANUAL, -0.9); /* long ago, in Auto */
+    measured_tick(r, 0.2);
+    u = measured_tick(r, 0.3)->value;
+    make(&next, &apc_law_pi);
+    assert_int_equal(take_over(&next, r), 1);
+    memcpy(next.in, r->in, sizeof(next.in));
+    set(&next, MODE, APC_MODE_MAN);
+    assert_near(measured_tick(&next, 0.3)->value, u, 0.0);
+    apc_controller_destroy(next.controller);
+}
+
+/* ---- An answer that was lost ------------------------------------------------------------------- */
+
+/* A tick whose append failed; whether it was written all the same, the next read tells. */
+static void unanswered_tick(struct rig *r, double y, bool written)
+{
+    set(r, Y, y);
+    r->mono += PERIOD;
+    r->n = apc_controller_compute(r->controller, (struct apc_now){r->mono, T0 + r->mono}, r->in, r->out,
+                                  &r->notice);
+    if (written)
+        r->in[WRITTEN] = *find(r, APC_STATE, 0);
+}
+
+static void an_output_acts_when_it_was_written_whether_or_not_the_answer_came(void **state)
+{
+    for (int mode = APC_MODE_MAN; mode <= APC_MODE_AUTO; mode++) {
+        struct rig *told = *state;
+        struct rig lost, refused;
+
+        tear_down(state);
+        set_up(state);
+        make(&lost, &apc_law_pi);
+        make(&refused, &apc_law_pi);
+        set(told, MODE, mode);
+        memcpy(lost.in, told->in, sizeof(lost.in));
+        memcpy(refused.in, told->in, sizeof(refused.in));
+        for (int k = 0; k < 3; k++) {
+            measured_tick(told, 0.5);
+            measured_tick(&lost, 0.5);
+            measured_tick(&refused, 0.5);
+            lost.in[WRITTEN] = *find(&lost, APC_STATE, 0);
+            refused.in[WRITTEN] = *find(&refused, APC_STATE, 0);
+        }
+        measured_tick(told, 0.2);
+        unanswered_tick(&lost, 0.2, true);
+        unanswered_tick(&refused, 0.2, false);
+        set(told, MODE, APC_MODE_AUTO);
+        set(&lost, MODE, APC_MODE_AUTO);
+        set(&refused, MODE, APC_MODE_AUTO);
+        assert_near(measured_tick(&lost, 0.4)->value, measured_tick(told, 0.4)->value, 0.0);
+        if (mode == APC_MODE_AUTO) /* one increment less */
+            assert_near(measured_tick(&refused, 0.4)->value,
+                        find(told, APC_ACTUATOR, 1)->value - 0.2 * 2.0 / 10.0 * 0.8, 1e-14);
+        for (int k = 0; k < 3; k++)
+            assert_near(measured_tick(&lost, 0.1)->value, measured_tick(told, 0.1)->value, 0.0);
+        apc_controller_destroy(lost.controller);
+        apc_controller_destroy(refused.controller);
+    }
+}
+
 static void tuning_changed_while_it_was_down_gives_no_bump(void **state)
 {
     struct rig *r = *state;
@@ -779,7 +987,7 @@ static void a_law_that_gives_no_finite_number_is_held_and_begins_anew(void **sta
 {
     struct rig r;
     const struct apc_sample *u;
-    struct apc_sample in[4];
+    struct apc_sample in[5];
     char count[16];
 
     (void)state;
@@ -855,7 +1063,15 @@ int main(void)
         T(an_output_names_what_it_was_computed_from),
         T(the_output_never_leaves_its_limits),
         T(a_limit_of_the_law_is_told_as_well),
-        T(in_man_the_operators_output_goes_out_within_the_limits),
+        T(in_man_the_operators_output_goes_out),
+        T(a_setpoint_outside_its_limits_is_refused_and_the_last_good_one_kept),
+        T(where_there_was_no_good_setpoint_yet_a_wrong_one_starts_nothing),
+        T(an_operators_output_outside_its_limits_is_refused_and_the_last_good_one_kept),
+        T(a_target_mode_that_is_none_is_refused_and_the_last_one_kept),
+        T(restarted_with_the_clock_set_back_it_begins_from_the_last_output),
+        T(only_an_operators_output_of_this_run_is_taken_up_at_the_start),
+        T(after_a_restart_in_man_an_older_output_of_the_operator_stays_old),
+        T(an_output_acts_when_it_was_written_whether_or_not_the_answer_came),
         T(from_auto_to_man_an_old_output_of_the_operator_is_not_taken_up),
         T(an_output_set_right_after_the_change_to_man_is_taken_at_once),
         T(a_mode_that_could_not_be_written_is_written_again),

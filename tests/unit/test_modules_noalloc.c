@@ -55,7 +55,7 @@ struct loop {
     struct apc_plantserver *server;
     struct apc_client *client;
     struct apc_controller *controller;
-    struct apc_sample in[9], out[7], u;
+    struct apc_sample in[10], out[7], u;
     char request[256], reply[256];
     int failures;
 };
