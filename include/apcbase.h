@@ -5,6 +5,11 @@
  *
  * Tags on functions: [setup] may allocate and block; [any] any thread, any time;
  * [tick] safe inside a periodic task: no allocation, no unbounded wait, no synchronous output.
+ *
+ * A struct of options begins with its size: a program goes on with a library whose struct has become longer.
+ * What the library fills (struct apc_store_stats, apc_spool_info, apc_timing, apc_server_stats, apc_event,
+ * apc_tag, ...) has no size yet, and may become longer with each minor version. So before 1.0 a program runs
+ * with the minor version that it was built for: the soname is libapc.so.MAJOR.MINOR.
  */
 #ifndef APCBASE_H
 #define APCBASE_H
@@ -141,7 +146,7 @@ APC_API apc_ns apc_clock_offset(const struct apc_clock *utc, const struct apc_cl
 
 /** Seconds to nanoseconds, rounded to nearest. APC_EINVAL for NaN, Inf or beyond +-292 years. [any] */
 APC_API int apc_ns_from_s(double seconds, apc_ns *ns);
-APC_API double apc_ns_to_s(apc_ns ns);
+APC_API double apc_ns_to_s(apc_ns ns); /**< [tick] */
 
 /** A period for a task: 10 us to 366 days, else APC_EINVAL with the reason in @p why (may be NULL). [any] */
 APC_API int apc_period_from_s(double seconds, apc_ns *period, struct apc_error *why);
@@ -299,7 +304,7 @@ APC_API int apc_plugin_open(const char *path, const char *symbol, void **handle,
                             struct apc_error *why);
 APC_API void apc_plugin_close(void *handle); /**< NULL is legal. [setup] */
 
-/** The library's version, "MAJOR.MINOR.PATCH". */
+/** The library's version, "MAJOR.MINOR.PATCH". Static storage. [any] */
 APC_API const char *apc_version(void);
 
 #ifdef __cplusplus

@@ -119,9 +119,10 @@ struct apc_plantserver_options {
 };
 struct apc_plantserver;
 
+/** [setup] Returns 0, APC_EINVAL (an option that makes no sense), APC_ENOMEM. */
 APC_API int apc_plantserver_create(struct apc_plantserver **server,
                                    const struct apc_plantserver_options *options, struct apc_error *why);
-APC_API void apc_plantserver_destroy(struct apc_plantserver *server);
+APC_API void apc_plantserver_destroy(struct apc_plantserver *server); /**< NULL is legal. [setup] */
 /**
  * Advance the plant to @p now, the scheduled time of the tick: over the interval since the previous
  * tick with the input that was sampled then (with the safe value from the watchdog's instant on, if it
@@ -158,9 +159,10 @@ struct apc_client_options {
 };
 struct apc_client;
 
+/** [setup] Returns 0, APC_EINVAL (an option that makes no sense), APC_ENOMEM. */
 APC_API int apc_client_create(struct apc_client **client, const struct apc_client_options *options,
                               struct apc_error *why);
-APC_API void apc_client_destroy(struct apc_client *client);
+APC_API void apc_client_destroy(struct apc_client *client); /**< NULL is legal. [setup] */
 /**
  * The frame to send: a command with the newest actuator samples [nu] when all are there and fresh, else
  * a query. @p u is NULL when the store could not be read. Returns the length or APC_ERANGE. [tick]
@@ -194,9 +196,11 @@ struct apc_controller_options {
 };
 struct apc_controller;
 
+/** [setup] Returns 0, APC_EINVAL (an option or a setting of the law that makes no sense), APC_ENOMEM, or with
+ * what the law's configure() failed. */
 APC_API int apc_controller_create(struct apc_controller **controller,
                                   const struct apc_controller_options *options, struct apc_error *why);
-APC_API void apc_controller_destroy(struct apc_controller *controller);
+APC_API void apc_controller_destroy(struct apc_controller *controller); /**< NULL is legal. [setup] */
 
 /** Counts of samples. */
 struct apc_controller_size {
@@ -204,6 +208,7 @@ struct apc_controller_size {
     size_t out;    /**< written at each tick, at most: u, what a restart needs, a change of the actual mode */
     size_t resume; /**< read once, by a restart */
 };
+/** They stay as they are from its creation on. [any] */
 APC_API struct apc_controller_size apc_controller_size(const struct apc_controller *controller);
 /** Fill @p in with table and id of everything it reads: hand it to apc_store_read() at each tick. [setup] */
 APC_API void apc_controller_inputs(const struct apc_controller *controller, struct apc_sample *in);
@@ -275,10 +280,11 @@ typedef void (*apc_reply_fn)(void *ctx, const char *reply, int length);
 /**
  * Send a request; @p fn is called once, within @p timeout. Returns 0, or APC_EBUSY (an exchange is under
  * way), APC_EINVAL (longer than frame_max, timeout not above 0), APC_ENOMEM: then fn is not called.
+ * [setup]
  */
 APC_API int apc_inproc_exchange(struct apc_inproc *link, const char *request, size_t length, apc_ns timeout,
                                 apc_reply_fn fn, void *ctx);
-/** Close the connection, e.g. because the reply made no sense. */
+/** Close the connection, e.g. because the reply made no sense. [setup] */
 APC_API void apc_inproc_reset(struct apc_inproc *link);
 
 /** Counts, of requests and replies together and of exchanges that timed out. */
@@ -286,6 +292,7 @@ struct apc_inproc_stats {
     struct apc_network_stats frames;
     uint64_t exchanges, timeouts;
 };
+/** Since it was made. [tick] */
 APC_API void apc_inproc_stats(const struct apc_inproc *link, struct apc_inproc_stats *stats);
 
 #ifdef __cplusplus

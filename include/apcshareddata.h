@@ -29,17 +29,21 @@ extern "C" {
  * three times), APC_ERANGE (an Int function found a value that is no int), APC_ESTORE (refused by the
  * server: PQerrorMessage says why), APC_ENOMEM.
  */
+/** Append a row with the seq that follows the newest one's. [setup] */
 APC_API int insertIntoTableFloat(PGconn *conn, const char *table, int id, const char *ts, const char *status,
                                  double value);
+/** The same for a whole number. [setup] */
 APC_API int insertIntoTableInt(PGconn *conn, const char *table, int id, const char *ts, const char *status,
                                int value);
-/** @p ts needs 27 bytes, @p status APC_STATUS_NAME_LEN; each may be NULL. */
+/** The newest row. @p ts needs 27 bytes, @p status APC_STATUS_NAME_LEN; each may be NULL. [setup] */
 APC_API int readRecentValFloat(PGconn *conn, const char *table, int id, char *ts, char *status,
                                double *value);
+/** The same for a whole number: APC_ERANGE if it is none. [setup] */
 APC_API int readRecentValInt(PGconn *conn, const char *table, int id, char *ts, char *status, int *value);
-/** Ids 1..n in one round trip. @p ts and @p status may be NULL. */
+/** The newest rows of ids 1..n in one round trip. @p ts and @p status may be NULL. [setup] */
 APC_API int readMultiRecentValsFloat(PGconn *conn, const char *table, int n, char (*ts)[1024],
                                      char (*status)[1024], double *values);
+/** The same for whole numbers. [setup] */
 APC_API int readMultiRecentValsInt(PGconn *conn, const char *table, int n, char (*ts)[1024],
                                    char (*status)[1024], int *values);
 /** Now, UTC, as `2026-01-31 12:00:00.123456`: 26 characters and the terminator. [tick] */
@@ -84,8 +88,9 @@ struct apc_store;
 APC_API int apc_store_open(struct apc_store **store, const char *uri, const struct apc_store_options *options,
                            struct apc_error *why);
 APC_API void apc_store_close(struct apc_store *store); /**< NULL is legal. [setup] */
-/** One line about the last failure; lives until the next call. */
+/** One line about the last failure; lives until the next call. [tick] */
 APC_API const char *apc_store_error(const struct apc_store *store);
+/** As of its last operation. [tick] */
 APC_API bool apc_store_connected(const struct apc_store *store);
 
 /** What waits in a spool, and what became of it since it was opened. */
@@ -107,6 +112,7 @@ struct apc_store_stats {
     uint64_t round_trips;         /**< times it waited for the server */
     struct apc_spool_stats spool; /**< zeros: it has none */
 };
+/** Zeros for NULL. [tick] */
 APC_API void apc_store_stats(const struct apc_store *store, struct apc_store_stats *stats);
 
 /*
@@ -280,7 +286,7 @@ struct apc_event {
     char kind[32];
     char text[192];
 };
-/** All or none of them. Returns @p n. */
+/** All or none of them. Returns @p n. [setup] */
 APC_API int apc_store_append_events(struct apc_store *store, const struct apc_event *events, size_t n);
 typedef int (*apc_event_fn)(void *ctx, const struct apc_event *event);
 /** Events in rising order. Returns the number given. [setup] */
@@ -300,7 +306,7 @@ struct apc_timing_row {
     const int64_t *bin_low, *bin_high, *bin_count; /**< filled buckets, n_bins of each */
     size_t n_bins;
 };
-/** All or none of them. Returns @p n. */
+/** All or none of them. Returns @p n. [setup] */
 APC_API int apc_store_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n);
 typedef int (*apc_timing_fn)(void *ctx, const struct apc_timing_row *row);
 /** Rows in rising time; the bins live until fn returns. Returns the number given. [setup] */
@@ -328,7 +334,7 @@ struct apc_retention {
  * Returns the number of rows or pieces dropped, or an error.
  */
 APC_API int apc_store_maintain(struct apc_store *store, const struct apc_retention *keep);
-/** The schema version that this library makes and needs. */
+/** The schema version that this library makes and needs. [any] */
 APC_API int apc_store_version(void);
 
 #ifdef __cplusplus

@@ -58,7 +58,7 @@ APC_API int client_connect(int fd, const char *ip, int port);
 /** A TCP socket bound to 127.0.0.1:43051, or APC_ESYS (errno says why; EADDRINUSE: port taken). [setup] */
 APC_API int server_init(void);
 APC_API int server_listen(int fd, int queue); /**< 0, APC_EINVAL or APC_ESYS. [setup] */
-APC_API int server_accept(int fd);            /**< waits; a connection, or APC_ESYS */
+APC_API int server_accept(int fd);            /**< waits; a connection, or APC_ESYS. [setup] */
 
 /* ---- Frames ------------------------------------------------------------------------------- */
 
@@ -123,7 +123,8 @@ APC_API int apc_link_exchange(struct apc_link *link, const char *request, size_t
                               apc_ns deadline);
 /** Close the connection, e.g. because the reply made no sense. The next exchange connects anew. [tick] */
 APC_API void apc_link_reset(struct apc_link *link);
-APC_API const char *apc_link_error(const struct apc_link *link); /**< text of the last failure, "" if none */
+APC_API const char *
+apc_link_error(const struct apc_link *link); /**< text of the last failure, "" if none. [tick] */
 
 /**
  * Answer one request. Runs on the server's thread, one call at a time. Write the reply into @p reply
@@ -165,6 +166,7 @@ APC_API int apc_server_create(struct apc_server **server, const char *uri,
                               struct apc_error *why);
 /** Close every connection and end the thread; fn is not called after this returns. NULL is legal. [setup] */
 APC_API void apc_server_destroy(struct apc_server *server);
+/** Where it listens; APC_EINVAL for NULL. [any] */
 APC_API int apc_server_port(const struct apc_server *server);
 APC_API void apc_server_stats(const struct apc_server *server, struct apc_server_stats *stats); /**< [any] */
 
@@ -214,6 +216,7 @@ APC_API void apc_network_destroy(struct apc_network *network); /**< NULL is lega
 /** Whether a frame of @p length bytes sent at @p now arrives, and when: into @p at. Returns how often: 0, 1
  * or 2 times. @p now never goes back. [tick] */
 APC_API int apc_network_send(struct apc_network *network, apc_ns now, size_t length, apc_ns at[2]);
+/** Since it was made. [tick] */
 APC_API void apc_network_stats(const struct apc_network *network, struct apc_network_stats *stats);
 
 #ifdef __cplusplus

@@ -58,8 +58,8 @@ APC_API uint64_t apc_grid_next(apc_ns start, apc_ns period, apc_ns now);
  */
 struct apc_histogram;
 
-APC_API int apc_histogram_create(struct apc_histogram **histogram); /**< [setup] 0 or APC_ENOMEM */
-APC_API void apc_histogram_destroy(struct apc_histogram *histogram);
+APC_API int apc_histogram_create(struct apc_histogram **histogram);  /**< [setup] 0 or APC_ENOMEM */
+APC_API void apc_histogram_destroy(struct apc_histogram *histogram); /**< NULL is legal. [setup] */
 APC_API void apc_histogram_record(struct apc_histogram *histogram, apc_ns value); /**< one thread. [tick] */
 APC_API void apc_histogram_clear(struct apc_histogram *histogram); /**< while nobody else writes it. [any] */
 /** Add all of @p from, which may be running, to @p to, which nobody else writes meanwhile. [any] */
@@ -82,6 +82,7 @@ struct apc_summary {
     double mean, sd;
     apc_ns min, p50, p99, p999, max;
 };
+/** Also while it is being written. [any] */
 APC_API void apc_histogram_summary(const struct apc_histogram *histogram, struct apc_summary *summary);
 
 /** One filled bucket: @p low <= value <= @p high. */
@@ -267,20 +268,21 @@ APC_API bool apc_executive_is_virtual(const struct apc_executive *executive); /*
  * number, or APC_EINVAL, also for a time that is past. Not from inside an event. [setup]
  */
 APC_API int64_t apc_virtual_run(struct apc_executive *executive, apc_ns until);
-/** End apc_virtual_run() after the present event; the time stays. The next apc_virtual_run() goes on. */
+/** End apc_virtual_run() after the present event; the time stays. The next apc_virtual_run() goes on. [tick]
+ */
 APC_API int apc_virtual_stop(struct apc_executive *executive);
 
 typedef void (*apc_virtual_fn)(void *ctx);
 /**
  * Call @p fn at the monotonic time @p at, once. Returns 0, APC_EINVAL (a time that is past), APC_ENOMEM.
- * Each task needs no more memory than it got when it was made; these do.
+ * Each task needs no more memory than it got when it was made; these do. [setup]
  */
 APC_API int apc_virtual_at(struct apc_executive *executive, apc_ns at, int rank, apc_virtual_fn fn,
                            void *ctx);
 
 /**
  * Step the wall clock by @p step, and let it gain from now on @p drift seconds a second on the monotonic one
- * (1e-6: 1 ppm; -1 < drift < 1).
+ * (1e-6: 1 ppm; -1 < drift < 1). [tick]
  */
 APC_API int apc_virtual_set_clock(struct apc_executive *executive, apc_ns step, double drift);
 

@@ -42,6 +42,10 @@ for header in "$prefix"/include/apc*.h; do
     fail "$name is no C++"
 done
 
+# Until 1.0 what the library fills may become longer with each minor version: no program runs with another one.
+version=$(pkg-config --modversion apc)
+readelf -d "$libdir/libapc.so" | grep -q "SONAME.*\[libapc.so.${version%.*}\]" || fail "the soname is not that of $version"
+
 # Only what the headers promise is exported.
 nm -D --defined-only "$libdir/libapc.so" | awk '$2 ~ /[TDBR]/ {sub(/@.*/, "", $3); print $3}' | sort >"$work/exported"
 grep -vE '^(apc_|APC_0$)' "$work/exported" | sort >"$work/paper"

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# Each function that a header promises says what it does, and from where it may be called: a comment of its own before it
+# or behind it, with one of the tags [setup], [any], [tick].
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+
+# undocumented HEADER...: the functions that do not.
+undocumented() {
+  awk '
+    function judge() {
+      if (declaration ~ /\(/ && declaration !~ /^APC_API extern/) {
+        name = declaration
+        sub(/\(.*/, "", name)
+        sub(/.*[ *]/, "", name)
+        text = before " " behind
+        if (text !~ /\/\*\*/) print FILENAME ": " name ": no comment"
+        else if (text !~ /\[(setup|any|tick)/) print FILENAME ": " name ": no tag"
+        functions++
+      }
+      before = behind = declaration = ""
+    }
+    state == "behind" && !/^ *\/\*\*</ { judge(); state = "" }
+    state == "" && /^\/\*\*/ { before = ""; state = "before" }
+    state == "" && /^APC_API/ { declaration = ""; state = "declaration" }
+    state == "" { before = ""; next }
+    state == "before" { before = before $0; if (/\*\//) state = ""; next }
+    state == "declaration" {
+      at = index($0, ";")
+      declaration = declaration (at ? substr($0, 1, at) : $0)
+      if (!at) next
+      behind = substr($0, at + 1)
+      state = behind ~ /\/\*/ && behind !~ /\*\// ? "comment" : "behind"
+      next
+    }
+    { behind = behind $0; state = /\*\// ? "behind" : "comment" }
+    END { if (functions < 100) print "only " functions + 0 " functions found" }
+  ' "$@"
+}
+
+missing=$(undocumented "$APC_SOURCE_DIR"/include/*.h)
+[ -z "$missing" ] || fail "$missing"
+
+# What finds nothing in the headers finds it where it is.
+{
+  cat "$APC_SOURCE_DIR"/include/*.h
+  printf '/** Without a tag. */\nAPC_API int bad_tag(int a);\n\n/* None of its own. [any] */\nAPC_API void bad_comment(\n    int (*fn)(void));\n'
+  printf '/** Good. [any] */\nAPC_API int good(void);\nAPC_API int bad_neighbour(void);\nAPC_API int good_too(void); /**< so\n  [tick] */\n'
+} >"$work/bad.h"
+[ "$(undocumented "$work/bad.h" | sed 's/.*: \(bad.*\|good.*\): /\1 /')" = 'bad_tag no tag
+bad_comment no comment
+bad_neighbour no comment' ] || fail "found: $(undocumented "$work/bad.h")"
