@@ -121,7 +121,8 @@ APC_API void apc_store_stats(const struct apc_store *store, struct apc_store_sta
  * are on disk in the spool when the call returns. apc_store_error() then says why the store is away. Once
  * something waits, everything goes through the spool, in order; apc_store_connect(), apc_store_append() and
  * apc_store_append_events() each drain a portion when the store is there, for about a tenth of the timeout.
- * While it is away it is asked only now and then: what made a call wait is left alone for four times as long.
+ * While it is away it is asked only now and then: what made a call wait is left alone for as long, the second
+ * time for twice as long, then for four times as long.
  *
  * - apc_store_claim() finds what a former writer left; `last` counts it in. When the store is away it
  * succeeds if records wait, which say how far the writer had come, and is made up for before they drain; then

@@ -29,6 +29,7 @@ struct spooling {
     struct apc_spool_batch batch;
     uint64_t unsure;    /* see above; a place in the file */
     apc_ns quiet_until; /* monotonic; the store is left alone so long */
+    unsigned away;      /* times in a row that it was */
     struct apc_error reason;
     struct writing writing[APC_TABLE_END];
     int64_t *scratch; /* of a pending claim */
@@ -62,6 +63,14 @@ static int resting(struct spooling *s)
     return APC_ECONN;
 }
 
+apc_ns apc_spool_pause(apc_ns waited, unsigned away, const struct apc_store_config *config)
+{
+    const apc_ns pause = waited * (away < 2 ? 1 : away < 3 ? 2 : 4);
+    return pause < config->backoff_min   ? config->backoff_min
+           : pause > config->backoff_max ? config->backoff_max
+                                         : pause;
+}
+
 /* What it answered to a call that began then. */
 static int answered(struct spooling *s, int rc, apc_ns began)
 {
@@ -69,15 +78,13 @@ static int answered(struct spooling *s, int rc, apc_ns began)
     s->base.stats = s->inner->stats;
     if (rc >= 0) {
         s->quiet_until = 0;
+        s->away = 0;
         return rc;
     }
     s->base.why = s->inner->why;
     if (is_away(rc)) {
-        apc_ns pause = 4 * (now - began), most = s->base.config.backoff_max;
         s->reason = s->inner->why;
-        s->quiet_until = now + (pause < s->base.config.backoff_min ? s->base.config.backoff_min
-                                : pause > most                     ? most
-                                                                   : pause);
+        s->quiet_until = now + apc_spool_pause(now - began, ++s->away, &s->base.config);
     }
     return rc;
 }

@@ -119,6 +119,10 @@ void apc_spool_identity(const char *uri, char *text, size_t size);
 
 /* ---- spool.c ------------------------------------------------------------------------------- */
 
+/** How long to leave a store alone that was away @p away times in a row and made the last call wait so long:
+ * as long as that, then twice, then four times. A short stall is not made longer, and one that lasts holds
+ * the caller up for a fifth of its time. */
+apc_ns apc_spool_pause(apc_ns waited, unsigned away, const struct apc_store_config *config);
 /** A store that spools what @p inner cannot take. @p inner becomes its own, also on failure. */
 int apc_spool_wrap(struct apc_store **store, struct apc_store *inner, const char *uri, const char *path,
                    uint64_t capacity, struct apc_error *why);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Store and forward: what a spool keeps, gives on, refuses and recovers. */
 #include <fcntl.h>
+#include <limits.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -515,6 +516,18 @@ static void test_a_store_that_hangs_is_left_alone_for_a_while(void **state)
     apc_store_close(store);
 }
 
+static void test_a_short_stall_is_not_made_a_long_one(void **state)
+{
+    (void)state;
+    const struct apc_store_config config = {.backoff_min = 100, .backoff_max = 5000};
+    assert_int_equal(apc_spool_pause(1000, 1, &config), 1000);
+    assert_int_equal(apc_spool_pause(1000, 2, &config), 2000);
+    assert_int_equal(apc_spool_pause(1000, 3, &config), 4000);
+    assert_int_equal(apc_spool_pause(1000, UINT_MAX, &config), 4000);
+    assert_int_equal(apc_spool_pause(99, 1, &config), 100); /* a refusal comes at once */
+    assert_int_equal(apc_spool_pause(1251, 3, &config), 5000);
+}
+
 static void limit_files(rlim_t size)
 {
     struct rlimit limit;
@@ -1023,6 +1036,7 @@ int main(void)
         ONLINE(test_events_whose_answer_was_lost_are_stored_once),
         ONLINE(test_a_large_spool_drains_in_portions),
         ONLINE(test_a_store_that_hangs_is_left_alone_for_a_while),
+        OFFLINE(test_a_short_stall_is_not_made_a_long_one),
         ONLINE(test_a_claim_counts_the_spool_in_and_needs_it_while_the_store_is_away),
         ONLINE(test_a_seq_that_was_sent_is_never_given_out_again),
         ONLINE(test_a_claim_on_trust_is_made_up_for_before_anything_drains),
