@@ -105,6 +105,12 @@ struct apc_law {
      * negative error with the reason.
      */
     int (*pairing)(const struct apc_law_setup *setup, struct apc_pair *pair, struct apc_error *why);
+    /**
+     * Do the parameters @p tuning [nu * n_tuning], each within its own limits, go together? NULL: always.
+     * What does not is not taken; the set before stays. [tick] Returns 0, or a negative error with the
+     * reason.
+     */
+    int (*check)(const struct apc_dim *dim, const double *tuning, struct apc_error *why);
 };
 
 /**
@@ -120,6 +126,13 @@ APC_API int apc_law_find(const char *name, const struct apc_law **law, void **ha
  */
 APC_API int apc_law_pairing(const struct apc_law *law, const struct apc_law_setup *setup,
                             struct apc_pair *pair, struct apc_error *why);
+
+/**
+ * May this law have @p tuning [nu * n_tuning]: each parameter within its limits, and all of them together as
+ * the law says? [tick] Returns 0, or APC_ERANGE or the law's own error with the reason.
+ */
+APC_API int apc_law_check_tuning(const struct apc_law *law, const struct apc_dim *dim, const double *tuning,
+                                 struct apc_error *why);
 
 /** The setting of that name, or NULL. [setup] */
 APC_API const struct apc_setting *apc_setting_find(const struct apc_law_setup *setup, const char *name);

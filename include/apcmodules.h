@@ -193,6 +193,10 @@ struct apc_controller_options {
     const struct apc_setting *setting; /**< of the law; [n_setting]; not used after creation */
     const struct apc_law_plant *plant; /**< linear model for a law that wants one, or NULL; as setting */
     const double *z_low, *z_high;      /**< [nz] limits of the setpoints; NULL: none; copied */
+    /** [law->n_tuning] the law's parameters, their limits narrowed; NULL: the law's own; borrowed */
+    const struct apc_param *param;
+    /** [nu * law->n_tuning] in force until the store has good ones; NULL: the initial ones; copied */
+    const double *tuning;
 };
 struct apc_controller;
 

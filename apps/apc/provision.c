@@ -34,7 +34,7 @@ static size_t output_tags(const struct experiment *e, size_t i, struct apc_tag *
                        e->u[i].tag.high);
     memcpy(tag[n++].unit, e->u[i].tag.unit, APC_TAG_LEN);
     for (size_t j = 0; j < law->n_tuning; j++, n++) {
-        const struct apc_param *p = &law->tuning[j];
+        const struct apc_param *p = &e->controller.param[j];
         output_name(e, i, p->name, name, sizeof name);
         tag[n] = plain_tag(APC_TUNING, (int)(i * law->n_tuning + j) + 1, name,
                            p->description ? p->description : "", p->low, p->high);

@@ -29,6 +29,8 @@ int cores_controller(const struct experiment *e, struct apc_controller **control
         .high = limits + nu,
         .z_low = limits + 4 * nu,
         .z_high = limits + 4 * nu + nz,
+        .param = e->controller.param,
+        .tuning = e->controller.tuning,
         .n_setting = setup.n_setting,
         .setting = setup.setting,
         .plant = setup.plant,

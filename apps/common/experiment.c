@@ -290,8 +290,8 @@ static void read_law(struct settings *s, const config_setting_t *group, struct e
 static void read_controller(struct settings *s, const config_setting_t *root, struct experiment *e,
                             bool resolve_law, const char *override, const struct record *record)
 {
-    static const char *const known[] = {"law",      "tuning",          "mode", "hold",
-                                        "settings", "operating_point", RHYTHM, NULL};
+    static const char *const known[] = {"law",    "tuning", "mode", "hold", "settings", "operating_point",
+                                        "limits", RHYTHM,   NULL};
     const config_setting_t *group = settings_group(s, root, "controller", REQUIRED);
     char mode[16] = "Auto";
     double hold_s;

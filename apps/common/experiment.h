@@ -64,6 +64,7 @@ struct experiment {
         struct plugin plugin;
         const struct apc_law *law;
         double *tuning;              /* [dim.nu * law->n_tuning] */
+        struct apc_param *param;     /* [law->n_tuning] the law's, with the limits of this experiment */
         struct apc_setting *setting; /* [n_setting] */
         size_t n_setting;
         double *values; /* memory of the settings */

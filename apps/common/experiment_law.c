@@ -124,6 +124,59 @@ static void read_operating_point(struct settings *s, const config_setting_t *gro
         linearise(s, at, e);
 }
 
+/* ---- Tuning -------------------------------------------------------------------------------- */
+
+/* The law's parameters, with the limits that group `limits` narrows. */
+static void read_limits(struct settings *s, const config_setting_t *group, struct experiment *e)
+{
+    const struct apc_law *law = e->controller.law;
+    const config_setting_t *list =
+        e->controller.plugin.chosen ? NULL : settings_group(s, group, "limits", OPTIONAL);
+
+    e->controller.param = calloc(law->n_tuning + 1, sizeof *e->controller.param);
+    if (!e->controller.param) {
+        s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
+        return;
+    }
+    for (size_t j = 0; j < law->n_tuning; j++)
+        e->controller.param[j] = law->tuning[j];
+    for (int i = 0; list && i < config_setting_length(list) && !s->failed; i++) {
+        const config_setting_t *member = config_setting_get_elem(list, (unsigned)i);
+        double limit[2];
+        size_t j = 0;
+        while (j < law->n_tuning && strcmp(law->tuning[j].name, config_setting_name(member)) != 0)
+            j++;
+        if (j == law->n_tuning) {
+            settings_fail(s, member, "%s has no parameter \"%s\"", law->name, config_setting_name(member));
+            return;
+        }
+        struct apc_param *param = &e->controller.param[j];
+        settings_numbers(s, member, 2, limit);
+        if (!s->failed && !(limit[0] >= param->low && limit[0] <= limit[1] && limit[1] <= param->high))
+            settings_fail(s, member, "limits of %s must rise and lie within the law's own, %g to %g",
+                          param->name, param->low, param->high);
+        param->low = limit[0];
+        param->high = limit[1];
+    }
+}
+
+static void check_tuning(struct settings *s, const config_setting_t *group, const struct experiment *e)
+{
+    const struct apc_law *law = e->controller.law;
+    const config_setting_t *at = config_setting_get_member(group, "tuning");
+    struct apc_error why;
+
+    for (size_t i = 0; i < e->dim.nu * law->n_tuning && !s->failed; i++) {
+        const struct apc_param *param = &e->controller.param[i % law->n_tuning];
+        double value = e->controller.tuning[i];
+        if (value < param->low || value > param->high)
+            settings_fail(s, at ? at : group, "%s of output %zu is %g, outside its \"limits\", %g to %g",
+                          param->name, i / law->n_tuning + 1, value, param->low, param->high);
+    }
+    if (!s->failed && apc_law_check_tuning(law, &e->dim, e->controller.tuning, &why) < 0)
+        settings_fail(s, at ? at : group, "%s", why.text);
+}
+
 /* ---- Trial --------------------------------------------------------------------------------- */
 
 static void try_to_configure(struct settings *s, const config_setting_t *group, const struct experiment *e)
@@ -162,12 +215,17 @@ void experiment_read_law(struct settings *s, const config_setting_t *root, struc
         read_settings(s, group, e);
     if (e->plant.model && !e->plant.plugin.chosen)
         read_operating_point(s, group, e);
+    if (!s->failed)
+        read_limits(s, group, e);
+    if (!s->failed)
+        check_tuning(s, group, e);
     if (!s->failed && e->controller.law->configure)
         try_to_configure(s, group, e);
 }
 
 void experiment_free_law(struct experiment *e)
 {
+    free(e->controller.param);
     free(e->controller.setting);
     free(e->controller.values);
     free(e->controller.linear);

@@ -9,9 +9,10 @@
 
 /* Does the law want the plant's linear model, and so the model itself? */
 bool experiment_wants_model(const config_setting_t *root);
-/* Read group `settings` and `operating_point` of the controller, linearise, and let the law configure itself,
- * so that what it does not like is said with file and line. After law and model. Where another law or model
- * than the file's runs, the file's settings, or its operating point, do not apply. */
+/* Read groups `settings`, `operating_point` and `limits` of the controller, linearise, and let the law
+ * configure itself and check its tuning, so that what it does not like is said with file and line. After law
+ * and model. Where another law or model than the file's runs, the file's settings, or its operating point, do
+ * not apply. */
 void experiment_read_law(struct settings *s, const config_setting_t *root, struct experiment *e);
 void experiment_free_law(struct experiment *e);
 

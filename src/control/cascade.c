@@ -131,6 +131,15 @@ static void track(struct apc_law_call *c)
     }
 }
 
+static int check_tuning(const struct apc_dim *dim, const double *p, struct apc_error *why)
+{
+    int rc = apc_law_check_order(&apc_law_cascade, dim, p, PID_U_MIN, PID_U_MAX, why);
+
+    if (rc < 0)
+        return rc;
+    return apc_law_check_order(&apc_law_cascade, dim, p, PID_TUNING + PID_U_MIN, PID_TUNING + PID_U_MAX, why);
+}
+
 const struct apc_law apc_law_cascade = {
     .abi = APC_LAW_ABI,
     .name = "cascade",
@@ -144,4 +153,5 @@ const struct apc_law apc_law_cascade = {
     .settings = settings,
     .configure = configure,
     .pairing = pairing,
+    .check = check_tuning,
 };

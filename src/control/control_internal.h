@@ -20,6 +20,11 @@ int apc_setting_indices(const struct apc_law_setup *setup, const char *name, siz
 int apc_setting_amounts(const struct apc_law_setup *setup, const char *name, size_t n, double *to,
                         struct apc_error *why);
 
+/** For a law's check: parameter @p lower must not be above parameter @p upper of any output. [tick] Returns 0
+ * or APC_ERANGE. */
+int apc_law_check_order(const struct apc_law *law, const struct apc_dim *dim, const double *tuning,
+                        size_t lower, size_t upper, struct apc_error *why);
+
 /**
  * The pairing of a law whose constants begin with vectors [nu] of numbers from 1: the one at @p measurement
  * and the one at @p setpoint. Returns 0, or an error of its configure, or APC_ENOMEM.

@@ -57,6 +57,32 @@ int apc_law_pairing(const struct apc_law *law, const struct apc_law_setup *setup
     return 0;
 }
 
+int apc_law_check_tuning(const struct apc_law *law, const struct apc_dim *dim, const double *tuning,
+                         struct apc_error *why)
+{
+    for (size_t i = 0; i < dim->nu * law->n_tuning; i++) {
+        const struct apc_param *param = &law->tuning[i % law->n_tuning];
+
+        if (!apc_param_accepts(param, tuning[i]))
+            return apc_fail(why, APC_ERANGE, "%s of output %zu: %g is not within %g to %g", param->name,
+                            i / law->n_tuning + 1, tuning[i], param->low, param->high);
+    }
+    return law->check ? law->check(dim, tuning, why) : 0;
+}
+
+int apc_law_check_order(const struct apc_law *law, const struct apc_dim *dim, const double *tuning,
+                        size_t lower, size_t upper, struct apc_error *why)
+{
+    for (size_t i = 0; i < dim->nu; i++) {
+        const double *p = tuning + i * law->n_tuning;
+
+        if (p[lower] > p[upper])
+            return apc_fail(why, APC_ERANGE, "output %zu: %s = %g is above %s = %g", i + 1,
+                            law->tuning[lower].name, p[lower], law->tuning[upper].name, p[upper]);
+    }
+    return 0;
+}
+
 int apc_law_pairing_of(const struct apc_law *law, const struct apc_law_setup *setup, size_t measurement,
                        size_t setpoint, struct apc_pair *pair, struct apc_error *why)
 {

@@ -515,6 +515,11 @@ static void track(struct apc_law_call *c)
         v.bias[i] = c->u[i] - unbiased(c, &v, i);
 }
 
+static int check_tuning(const struct apc_dim *dim, const double *p, struct apc_error *why)
+{
+    return apc_law_check_order(&apc_law_lqg, dim, p, U_MIN, U_MAX, why);
+}
+
 const struct apc_law apc_law_lqg = {
     .abi = APC_LAW_ABI,
     .name = "lqg",
@@ -528,4 +533,5 @@ const struct apc_law apc_law_lqg = {
     .settings = settings,
     .configure = configure,
     .pairing = pairing,
+    .check = check_tuning,
 };

@@ -6,7 +6,7 @@
  *
  * with what a real actuator needs: u is kept within [u_min, u_max], and I stands still while the output
  * is cut and the increment would drive it further out (conditional integration), so the output
- * leaves its limit at once when the error changes sign. Where u_min > u_max was tuned, u_max wins.
+ * leaves its limit at once when the error changes sign.
  *
  * Loop i controls y_i to zbar_i with u_i; its state is I_i.
  */
@@ -70,6 +70,11 @@ static void track(struct apc_law_call *c)
         c->x[i] = c->u[i] - proportional(c, i);
 }
 
+static int check_tuning(const struct apc_dim *dim, const double *p, struct apc_error *why)
+{
+    return apc_law_check_order(&apc_law_pi, dim, p, U_MIN, U_MAX, why);
+}
+
 const struct apc_law apc_law_pi = {
     .abi = APC_LAW_ABI,
     .name = "pi",
@@ -81,4 +86,5 @@ const struct apc_law apc_law_pi = {
     .compute = compute,
     .update = update,
     .track = track,
+    .check = check_tuning,
 };

@@ -102,6 +102,11 @@ static void track(struct apc_law_call *c)
     }
 }
 
+static int check_tuning(const struct apc_dim *dim, const double *p, struct apc_error *why)
+{
+    return apc_law_check_order(&apc_law_pid, dim, p, PID_U_MIN, PID_U_MAX, why);
+}
+
 const struct apc_law apc_law_pid = {
     .abi = APC_LAW_ABI,
     .name = "pid",
@@ -115,4 +120,5 @@ const struct apc_law apc_law_pid = {
     .settings = settings,
     .configure = configure,
     .pairing = pairing,
+    .check = check_tuning,
 };

@@ -111,6 +111,30 @@ static int configure(struct apc_controller *c, const struct apc_controller_optio
     return rc;
 }
 
+/* The tuning that the controller begins with. */
+static int take_tuning(struct apc_controller *c, const struct apc_controller_options *o,
+                       struct apc_error *why)
+{
+    const struct apc_law *law = o->law;
+
+    c->param = o->param ? o->param : law->tuning;
+    for (size_t i = 0; i < c->n_tuning; i++) {
+        const struct apc_param *narrow = &c->param[i % law->n_tuning], *own = &law->tuning[i % law->n_tuning];
+
+        if (!(narrow->low >= own->low && narrow->low <= narrow->high && narrow->high <= own->high))
+            return apc_fail(why, APC_EINVAL, "controller: limits of %s: %g to %g do not lie within %g to %g",
+                            own->name, narrow->low, narrow->high, own->low, own->high);
+        c->tuning[i] = o->tuning ? o->tuning[i] : narrow->initial;
+        if (!apc_param_accepts(narrow, c->tuning[i]))
+            return apc_fail(why, APC_EINVAL,
+                            "controller: %s of output %zu begins with %g, not within %g to %g", own->name,
+                            i / law->n_tuning + 1, c->tuning[i], narrow->low, narrow->high);
+    }
+    memcpy(c->offered, c->tuning, c->n_tuning * sizeof(*c->offered));
+    c->offer_ok = true;
+    return apc_law_check_tuning(law, &c->dim, c->tuning, why);
+}
+
 static int fill(struct apc_controller *c, const struct apc_controller_options *o, struct apc_error *why)
 {
     const struct apc_law *law = o->law;
@@ -133,10 +157,9 @@ static int fill(struct apc_controller *c, const struct apc_controller_options *o
         return apc_fail(why, APC_ENOMEM, "controller: no memory");
     for (size_t i = 0; i < c->dim.nu; i++)
         c->manual_seq[i] = -1; /* not looked at yet */
-    for (size_t i = 0; i < c->n_tuning; i++)
-        c->tuning[i] = law->tuning[i % law->n_tuning].initial;
-    memcpy(c->offered, c->tuning, c->n_tuning * sizeof(*c->offered));
-    rc = apc_limits_copy(c->z_low, c->z_high, o->z_low, o->z_high, c->dim.nz, why);
+    rc = take_tuning(c, o, why);
+    if (rc == 0)
+        rc = apc_limits_copy(c->z_low, c->z_high, o->z_low, o->z_high, c->dim.nz, why);
     if (rc == 0)
         rc = apc_limits_copy(c->low, c->high, o->low, o->high, c->dim.nu, why);
     return rc < 0 ? rc : apc_fallback_copy(c->fault, o->fault, c->low, c->high, c->dim.nu, "fault", why);

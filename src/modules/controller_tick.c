@@ -174,36 +174,44 @@ static void take_target(struct apc_controller *c, const struct apc_sample *s, st
 static void refuse_tuning(const struct apc_controller *c, size_t i, const struct apc_sample *s,
                           struct apc_notice *notice)
 {
-    const struct apc_param *param = &c->law->tuning[i % c->law->n_tuning];
+    const struct apc_param *param = &c->param[i % c->law->n_tuning];
     char what[64];
 
     snprintf(what, sizeof(what), "%s of output", param->name);
     refuse(notice, s, c->tuning_seq[i], what, i / c->law->n_tuning, param->low, param->high);
 }
 
-/* Returns true when what the operator wants differs from what is in force. */
+/* Returns true when what the operator wants differs from what is in force, and the law may have it. */
 static bool take_tuning(struct apc_controller *c, const struct apc_sample *tuning, struct apc_notice *notice)
 {
-    bool differs = false;
+    bool moved = false, differs = false;
+    struct apc_error why = {""};
 
     for (size_t i = 0; i < c->n_tuning; i++) {
-        const struct apc_param *param = &c->law->tuning[i % c->law->n_tuning];
         const struct apc_sample *s = &tuning[i];
 
-        if (usable(s) && apc_param_accepts(param, s->value))
+        if (usable(s) && apc_param_accepts(&c->param[i % c->law->n_tuning], s->value))
             c->offered[i] = s->value;
         else
             refuse_tuning(c, i, s, notice);
+        if (s->seq != c->tuning_seq[i])
+            moved = true;
         c->tuning_seq[i] = s->seq;
         if (c->offered[i] < c->tuning[i] || c->offered[i] > c->tuning[i])
             differs = true;
     }
-    return differs;
+    if (moved) {
+        c->offer_ok = apc_law_check_tuning(c->law, &c->dim, c->offered, &why) == 0;
+        if (!c->offer_ok)
+            apc_note(notice, APC_NOTICE_REJECTED, "tuning refused: %.120s", why.text);
+    }
+    return differs && c->offer_ok;
 }
 
 static void adopt_tuning(struct apc_controller *c)
 {
-    memcpy(c->tuning, c->offered, c->n_tuning * sizeof(*c->tuning));
+    if (c->offer_ok)
+        memcpy(c->tuning, c->offered, c->n_tuning * sizeof(*c->tuning));
 }
 
 static bool setpoint_accepted(const struct apc_controller *c, size_t i, const struct apc_sample *s)

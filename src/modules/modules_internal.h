@@ -63,15 +63,17 @@ struct apc_controller {
     apc_ns horizon, hold;
     apc_ns loss; /* an output older than this the plant no longer follows */
 
-    double *memory;             /* all the doubles below */
-    double *y, *z;              /* last usable measurement and setpoint */
-    double *x;                  /* the law's state */
-    double *u;                  /* what went out last */
-    double *trial;              /* what the law asks for now */
-    double *tuning, *offered;   /* in force; wanted by the operator */
-    double *low, *high, *fault; /* [nu] */
-    double *z_low, *z_high;     /* [nz] */
-    unsigned *limited;          /* [nu] enum apc_limited of trial */
+    double *memory;                /* all the doubles below */
+    double *y, *z;                 /* last usable measurement and setpoint */
+    double *x;                     /* the law's state */
+    double *u;                     /* what went out last */
+    double *trial;                 /* what the law asks for now */
+    double *tuning, *offered;      /* in force; wanted by the operator */
+    const struct apc_param *param; /* [law->n_tuning] */
+    bool offer_ok;                 /* the law may have what is offered, all of it together */
+    double *low, *high, *fault;    /* [nu] */
+    double *z_low, *z_high;        /* [nz] */
+    unsigned *limited;             /* [nu] enum apc_limited of trial */
 
     int64_t *marks;         /* all the seqs below */
     int64_t *y_seq, *z_seq; /* of y and z */

@@ -40,6 +40,12 @@ expect 2 'posix cannot spin' "$apc" run "$good" --timer posix --spin
 
 # the experiment file
 expect 1 'nowhere\.conf' "$apc" run "$work/nowhere.conf"
+change 's/Kp = 0.2;/Kp = 0.2; u_min = 5.0; u_max = -5.0;/' 'output 1: u_min = 5 is above u_max = -5'
+change 's/law = "pi";/law = "pi"; limits = { Kp = [0.0, 0.1]; };/' 'Kp of output 1 is 0.2, outside its "limits", 0 to 0.1'
+change 's/law = "pi";/law = "pi"; limits = { Kq = [0.0, 0.1]; };/' 'pi has no parameter "Kq"'
+change 's/law = "pi";/law = "pi"; limits = { Kp = [1.0, 0.1]; };/' 'limits of Kp must rise'
+change 's/law = "pi";/law = "pi"; limits = { Kp = [0.0, 1e7]; };/' 'limits of Kp must rise and lie within the law.s own, -1e.06 to 1e.06'
+change 's/law = "pi";/law = "pi"; limits = { Kp = 1.0; };/' 'expected 2 numbers in brackets'
 change 's/period = 0.02;/period = 0;/' 'period.*must be from'
 change 's/period = 0.02;/period = -1.0;/' 'period.*must be from'
 change 's/period = 0.02;/period = 1e300;/' 'period.*must be from'

@@ -421,6 +421,14 @@ test_init_says_what_the_law_pairs_each_output_with() {
   equal "$(sed 1d "$work/out" | cut -d, -f3,5 | paste -sd ' ')" "4,2 5,1 6,1 7,1" "measurement and setpoint of each output"
 }
 
+test_limits_of_tuning_are_the_files() {
+  local store="sqlite:$work/limits.db"
+  sed 's/law = "pi";/law = "pi"; limits = { Kp = [0.0, 0.5]; };/' "$experiment" >"$work/limits.conf"
+  run 0 init --store "$store" "$work/limits.conf"
+  run 4 tune --store "$store" Kp=0.6
+  err_has "Kp = 0.6 lies outside its limits 0 to 0.5"
+}
+
 test_text_from_the_store_cannot_drive_the_terminal() {
   sql "INSERT INTO apc.event (time, severity, source, kind, text)
          VALUES (now(), 3, E'x\033[31m', 'operator', E'say \"\033[2J\", then\nmore')"

@@ -85,6 +85,70 @@ static void a_law_that_cannot_work_is_refused_with_the_reason(void **state)
     assert_int_equal(apc_law_check(&law, "x.so", &why), APC_EINVAL);
 }
 
+/* ---- A whole set of tuning ----------------------------------------------------------------------- */
+
+static size_t parameter(const struct apc_law *law, const char *name)
+{
+    size_t i = 0;
+
+    while (i < law->n_tuning && strcmp(law->tuning[i].name, name) != 0)
+        i++;
+    assert_in_range(i, 0, law->n_tuning - 1);
+    return i;
+}
+
+static void the_built_in_laws_refuse_crossed_limits_of_any_output(void **state)
+{
+    static const struct {
+        const struct apc_law *law;
+        const char *low, *high;
+    } of[] = {{&apc_law_pi, "u_min", "u_max"},
+              {&apc_law_pid, "u_min", "u_max"},
+              {&apc_law_cascade, "outer_u_min", "outer_u_max"},
+              {&apc_law_cascade, "inner_u_min", "inner_u_max"},
+              {&apc_law_lqg, "u_min", "u_max"}};
+    const struct apc_dim dim = {4, 2, 2};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(of) / sizeof(of[0]); i++) {
+        const struct apc_law *law = of[i].law;
+        const size_t n = law->n_tuning, low = parameter(law, of[i].low), high = parameter(law, of[i].high);
+
+        for (size_t output = 0; output < 2; output++) {
+            double tuning[64];
+            struct apc_error why = {""};
+
+            assert_in_range(2 * n, 1, 64);
+            for (size_t k = 0; k < 2 * n; k++)
+                tuning[k] = law->tuning[k % n].initial;
+            assert_int_equal(apc_law_check_tuning(law, &dim, tuning, &why), 0);
+            tuning[output * n + low] = tuning[output * n + high] = 5.0; /* it may be held fast */
+            assert_int_equal(apc_law_check_tuning(law, &dim, tuning, &why), 0);
+            tuning[output * n + high] = 4.9;
+            assert_int_equal(apc_law_check_tuning(law, &dim, tuning, &why), APC_ERANGE);
+            assert_non_null(strstr(why.text, output ? "output 2" : "output 1"));
+            assert_non_null(strstr(why.text, of[i].low));
+            assert_non_null(strstr(why.text, of[i].high));
+        }
+    }
+}
+
+static void a_parameter_outside_its_limits_is_refused_by_name(void **state)
+{
+    const struct apc_dim dim = {2, 2, 2};
+    double tuning[10];
+    struct apc_error why = {""};
+
+    (void)state;
+    for (size_t k = 0; k < 10; k++)
+        tuning[k] = apc_law_pi.tuning[k % 5].initial;
+    tuning[6] = -1.0;
+    assert_int_equal(apc_law_check_tuning(&apc_law_pi, &dim, tuning, &why), APC_ERANGE);
+    assert_non_null(strstr(why.text, "tau_i of output 2"));
+    tuning[6] = (double)NAN;
+    assert_int_equal(apc_law_check_tuning(&apc_law_pi, &dim, tuning, &why), APC_ERANGE);
+}
+
 /* ---- Pairing --------------------------------------------------------------------------------- */
 
 static void assert_pairs(const struct apc_law *law, const struct apc_law_setup *setup,
@@ -174,6 +238,8 @@ int main(void)
         cmocka_unit_test(an_unknown_name_is_answered_with_the_names_there_are),
         cmocka_unit_test(a_missing_shared_object_is_named),
         cmocka_unit_test(a_law_that_cannot_work_is_refused_with_the_reason),
+        cmocka_unit_test(the_built_in_laws_refuse_crossed_limits_of_any_output),
+        cmocka_unit_test(a_parameter_outside_its_limits_is_refused_by_name),
         cmocka_unit_test(a_law_that_says_nothing_is_paired_in_order),
         cmocka_unit_test(the_built_in_laws_are_paired_by_their_settings),
         cmocka_unit_test(a_pairing_with_what_there_is_not_is_refused),

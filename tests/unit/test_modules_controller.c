@@ -310,6 +310,73 @@ static void an_operators_output_outside_its_limits_is_refused_and_the_last_good_
     }
 }
 
+/* Both are in range; together they would put the output at -5. */
+static void contradictory_tuning_is_refused_and_the_set_before_stays(void **state)
+{
+    struct rig *r = *state;
+
+    set(r, KP, 0.3);
+    set(r, TAU_I, 1e9);
+    measured_tick(r, 0.0);
+    set(r, U_MIN, 0.5);
+    assert_refused(r, U_MAX, -0.5, "output 1: u_min = 0.5 is above u_max = -0.5");
+    assert_near(measured_tick(r, -1.0)->value, 0.3 * 2.0, 1e-6);
+    set(r, KP, 0.4); /* not taken either: the set as a whole is refused */
+    measured_tick(r, -1.0);
+    assert_int_equal(r->notice.kind, APC_NOTICE_REJECTED);
+    assert_near(measured_tick(r, -2.0)->value, 0.3 * 3.0, 1e-6);
+    set(r, U_MAX, 0.95); /* now they fit: all of it */
+    measured_tick(r, -2.0);
+    assert_int_equal(r->notice.kind, APC_NOTICE_NONE);
+    assert_near(measured_tick(r, -3.0)->value, 0.95, 0.0);
+    assert_int_equal(find(r, APC_ACTUATOR, 1)->status, APC_GOOD_LIMITED_HIGH);
+}
+
+/* A controller that finds contradictory or wrong rows at its start has the experiment's tuning, not the
+ * law's. */
+static void with_no_good_tuning_in_the_store_it_has_the_experiments(void **state)
+{
+    const double tuning[] = {0.25, 1e9, 0.0, -1e9, 1e9};
+    struct apc_param param[5];
+    struct apc_controller_options o = {.size = sizeof(o),
+                                       .law = &apc_law_pi,
+                                       .dim = {1, 1, 1},
+                                       .period = PERIOD,
+                                       .horizon = HORIZON,
+                                       .param = param,
+                                       .tuning = tuning};
+    struct rig r = {0};
+    struct apc_error why = {""};
+
+    (void)state;
+    memcpy(param, apc_law_pi.tuning, sizeof(param));
+    param[0].high = 0.5;
+    assert_int_equal(apc_controller_create(&r.controller, &o, NULL), 0);
+    apc_controller_inputs(r.controller, r.in);
+    set(&r, Z, 1.0);
+    set(&r, MODE, APC_MODE_AUTO);
+    set(&r, U_MIN, 5.0);
+    set(&r, U_MAX, -5.0);
+    assert_near(measured_tick(&r, 0.0)->value, 0.25, 1e-9);
+    set(&r, U_MAX, 1e9);
+    set(&r, U_MIN, -1e9);
+    assert_refused(&r, KP, 0.6, "Kp of output 1 refused: 0.6 is not within -1e+06 to 0.5");
+    assert_near(measured_tick(&r, -1.0)->value, 0.5, 1e-6);
+    set(&r, KP, 0.5);
+    measured_tick(&r, -1.0);
+    assert_near(measured_tick(&r, -2.0)->value, 0.5 + 0.5, 1e-6);
+    apc_controller_destroy(r.controller);
+    for (int what = 0; what < 3; what++) {
+        const double wrong[][5] = {{0.6, 1, 0, 0, 1}, {0.1, 1, 0, 1, 0}, {0.1, 1, 0, 0, 1}};
+
+        o.tuning = wrong[what];
+        if (what == 2)
+            param[2].high = 1e10; /* wider than the law's */
+        assert_int_equal(apc_controller_create(&r.controller, &o, &why), what == 1 ? APC_ERANGE : APC_EINVAL);
+        assert_non_null(strstr(why.text, what == 0 ? "Kp" : what == 1 ? "u_min" : "u_bar"));
+    }
+}
+
 static void a_target_mode_that_is_none_is_refused_and_the_last_one_kept(void **state)
 {
     static const double wrong[] = {-1.0, 0.5, 3.0, 1e9, (double)NAN};
@@ -1067,6 +1134,8 @@ int main(void)
         T(a_setpoint_outside_its_limits_is_refused_and_the_last_good_one_kept),
         T(where_there_was_no_good_setpoint_yet_a_wrong_one_starts_nothing),
         T(an_operators_output_outside_its_limits_is_refused_and_the_last_good_one_kept),
+        T(contradictory_tuning_is_refused_and_the_set_before_stays),
+        T(with_no_good_tuning_in_the_store_it_has_the_experiments),
         T(a_target_mode_that_is_none_is_refused_and_the_last_one_kept),
         T(restarted_with_the_clock_set_back_it_begins_from_the_last_output),
         T(only_an_operators_output_of_this_run_is_taken_up_at_the_start),
