@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // May the operator write now, and if not, why.
-import {useCell} from "./cell";
-import {connection, session, store} from "./model";
+import {useCell} from "./usecell";
+import {connection, session, store} from "./core/model";
 
 export function useWriteBar(): string | null {
   const who = useCell(session);

@@ -21,7 +21,10 @@ export function Dialog({label, close, children}: Props): JSX.Element {
       onCancel={event => {
         if (!close) event.preventDefault();
       }}
-      onClose={() => close?.()}
+      onClose={() => {
+        if (close) close();
+        else dialog.current?.showModal(); // browsers close it at a repeated Esc
+      }}
     >
       {children}
     </dialog>

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 import type {JSX} from "preact";
-import {useCell} from "./cell";
+import {useCell} from "./usecell";
 import {Dialog} from "./dialog";
-import {plant} from "./model";
+import {plant} from "./core/model";
 import {Shape} from "./parts/shape";
 import {setShortcuts, shortcuts} from "./theme";
 

@@ -2,9 +2,9 @@
 // In place, when the session has ended: what is on the screen stays.
 import type {JSX} from "preact";
 import {useState} from "preact/hooks";
-import {login} from "./api";
+import {login} from "./core/api";
 import {Dialog} from "./dialog";
-import {begin} from "./model";
+import {begin} from "./core/model";
 
 export function Login(): JSX.Element {
   const [error, setError] = useState<string | null>(null);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 import {render} from "preact";
-import {begin} from "./model";
+import {begin} from "./core/model";
 import {Shell} from "./shell";
 
 render(<Shell />, document.getElementById("app") as HTMLElement);

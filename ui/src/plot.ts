@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // uPlot as this page wants it: colours from the style sheet, UTC, an axis that stays where it is.
 import uPlot from "uplot";
-import type {Scale} from "./scale";
+import type {Scale} from "./core/scale";
 import {colour} from "./theme";
 
 export interface Line {
@@ -105,12 +105,13 @@ export function plot(host: HTMLElement, height: number, o: PlotOptions): uPlot {
 /** 14:03 – and the day below where it begins. */
 function timeLabels(_u: uPlot, splits: number[]): string[] {
   const [first, next] = splits;
-  const fine = first != null && next != null && next - first < 60;
+  const apart = first != null && next != null ? next - first : 60;
+  const end = apart >= 60 ? 16 : apart >= 1 ? 19 : apart >= 0.1 ? 21 : apart >= 0.01 ? 22 : 23;
   let before = "";
   return splits.map(t => {
     const d = new Date(t * 1000).toISOString();
     const today = d.slice(0, 10);
-    const text = d.slice(11, fine ? 19 : 16);
+    const text = d.slice(11, end);
     const label = today === before ? text : `${text}\n${today}`;
     before = today;
     return label;

@@ -2,13 +2,14 @@
 // What is around every page: who, connection, database, clock; the pages; the bars that say what is wrong.
 import type {JSX} from "preact";
 import {useEffect, useRef, useState} from "preact/hooks";
-import {post} from "./api";
-import {useCell} from "./cell";
-import {clock, stamp} from "./format";
+import {post} from "./core/api";
+import {useCell} from "./usecell";
+import {clock, duration, stamp} from "./core/format";
 import {Help} from "./help";
 import {isTyping} from "./keyboard";
 import {Login} from "./login";
-import {connection, heardAt, needsLogin, plant, second, session, serverNow, store} from "./model";
+import {env} from "./core/env";
+import {connection, control, heardAt, needsLogin, plant, second, session, serverNow, store, watchdog} from "./core/model";
 import {DiagnosticsPage} from "./pages/diagnostics";
 import {EventsPage} from "./pages/events";
 import {LoopPage} from "./pages/loop";
@@ -27,7 +28,11 @@ export function Shell(): JSX.Element {
   const out = useCell(needsLogin);
   const link = useCell(connection);
   const main = useRef<HTMLElement>(null);
+  const p = useCell(plant);
 
+  useEffect(() => {
+    if (p) document.title = `${p.name} – libapc`;
+  }, [p]);
   useEffect(() => {
     const key = (event: KeyboardEvent): void => {
       const index = event.altKey && !event.ctrlKey && !event.metaKey ? Number(event.code.replace("Digit", "")) - 1 : -1;
@@ -75,9 +80,10 @@ function Header({onHelp}: {onHelp: () => void}): JSX.Element {
   const p = useCell(plant);
   const who = useCell(session);
   const database = useCell(store);
+  const connected = useCell(connection).state === "connected";
   const mode = useCell(theme);
   const logout = (): void => {
-    void post("/api/logout", {}, 5000).finally(() => location.reload());
+    void post("/api/logout", {}, 5).finally(() => location.reload());
   };
   return (
     <header>
@@ -85,7 +91,7 @@ function Header({onHelp}: {onHelp: () => void}): JSX.Element {
       <span class="plant">{p?.name ?? "…"}</span>
       <LinkState />
       <span class="database" data-connected={database?.connected ?? ""}>
-        {database && !database.connected && <Shape priority={1} label="database away" />} DB {database ? (database.connected ? "ok" : "AWAY") : "…"}
+        {database && !database.connected && <Shape priority={1} label="database away" />} DB {!database ? "…" : !database.connected ? "AWAY" : connected ? "ok" : "not known"}
       </span>
       <Clock />
       <span class="spring" />
@@ -109,7 +115,7 @@ function Header({onHelp}: {onHelp: () => void}): JSX.Element {
 function LinkState(): JSX.Element {
   useCell(second);
   const link = useCell(connection);
-  const age = (performance.now() - heardAt.value) / 1000;
+  const age = env.mono() - heardAt.value;
   return (
     <span class="link-state" data-state={link.state}>
       {link.state === "connected" ? (
@@ -137,7 +143,9 @@ function Bars(): JSX.Element {
   useCell(second);
   const link = useCell(connection);
   const database = useCell(store);
-  const retry = link.retryAt == null ? 0 : Math.max(0, Math.ceil((link.retryAt - Date.now()) / 1000));
+  const {silent} = useCell(control);
+  const trip = useCell(watchdog);
+  const retry = link.retryAt == null ? 0 : Math.max(0, Math.ceil(link.retryAt - env.mono()));
   return (
     <>
       <div role="alert">
@@ -145,6 +153,12 @@ function Bars(): JSX.Element {
           <p class="trouble disconnected-bar">
             <Shape priority={1} label="disconnected" />
             <span>Disconnected since {stamp(link.since)} UTC. Values are last known, writing is disabled.</span>
+          </p>
+        )}
+        {trip && trip.severity > 1 && (
+          <p class="trouble safe-bar">
+            <Shape priority={1} label="plant at its safe value" />
+            <span>Since {stamp(trip.time)} UTC {trip.source} says: {trip.text}.</span>
           </p>
         )}
         {link.state === "connected" && database && !database.connected && (
@@ -156,6 +170,12 @@ function Bars(): JSX.Element {
           </p>
         )}
       </div>
+      {link.state === "connected" && database?.connected && silent != null && (
+        <p class="trouble silent-bar" role="status">
+          <Shape priority={2} label="the controller is silent" />
+          <span>The controller has written nothing for {duration(silent)}: modes and outputs are last known.</span>
+        </p>
+      )}
       {link.state === "disconnected" && <p class="retry">next attempt {retry > 0 ? `in ${retry} s` : "now"}</p>}
     </>
   );

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-import {Cell} from "./cell";
+import {Cell} from "./core/cell";
 
 export type Theme = "auto" | "light" | "dark";
 

@@ -2,8 +2,8 @@
 // Two plots over one time axis: the measurement with its setpoint above, the output below.
 import uPlot from "uplot";
 import {plot} from "./plot";
-import type {Scale} from "./scale";
-import {align, type Series} from "./series";
+import type {Scale} from "./core/scale";
+import {align, type Series} from "./core/series";
 import {colour} from "./theme";
 
 export interface TrendData {

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 import type {ComponentChildren, JSX} from "preact";
 import {useEffect, useState} from "preact/hooks";
-import {get} from "../api";
-import {useCell} from "../cell";
-import {clock, duration, missing, period, stamp} from "../format";
-import {limit} from "../live";
-import {connection, lag, second, variable} from "../model";
+import {get} from "../core/api";
+import {useCell} from "../usecell";
+import {clock, duration, missing, period, stamp} from "../core/format";
+import {limit, words, worth} from "../core/quality";
+import {clock as server, connection, second, variable} from "../core/model";
 import {Shape} from "../parts/shape";
-import type {Diagnostics, Figures} from "../types";
+import type {Diagnostics, Figures} from "../core/types";
 
 const PERIOD = 1000; // ms between two questions
 
@@ -18,7 +18,7 @@ export function DiagnosticsPage(): JSX.Element {
     let wanted = true;
     let timer: ReturnType<typeof setTimeout>;
     const ask = (): void => {
-      get<Diagnostics>("/api/diagnostics", {}, 3000)
+      get<Diagnostics>("/api/diagnostics", {}, 3)
         .then(
           answer => {
             if (!wanted) return;
@@ -102,7 +102,7 @@ export function DiagnosticsPage(): JSX.Element {
         <Panel title="Signals" head={["signal", "name", "age", "stale after", "status"]} wide>
           {d.signals.map(signal => {
             const one = variable(signal.ref);
-            const bad = !signal.status.startsWith("Good");
+            const what = worth(signal.status);
             const bound = limit({period: signal.period});
             return (
               <tr key={signal.ref} class={signal.stale ? "stale" : ""}>
@@ -110,7 +110,7 @@ export function DiagnosticsPage(): JSX.Element {
                 <td data-label="name">{one?.name}</td>
                 <td data-label="age" class="number">{signal.stale && <Shape priority={3} label="stale" />} {duration(signal.age)}</td>
                 <td data-label="stale after" class="number">{isFinite(bound) ? duration(bound) : "stands"}</td>
-                <td data-label="status">{bad && signal.status !== "BadNoData" && <Shape priority={2} label={signal.status} />} {signal.status === "BadNoData" ? "no sample yet" : signal.status}</td>
+                <td data-label="status">{what !== "good" && signal.status !== "BadNoData" && <Shape priority={what === "bad" ? 2 : 3} label={what} />} {what === "good" ? signal.status : words(signal.status)}</td>
               </tr>
             );
           })}
@@ -151,11 +151,11 @@ function Operation({name, of}: {name: string; of: Figures}): JSX.Element {
 function OwnLag(): JSX.Element {
   useCell(second);
   const link = useCell(connection);
-  const figures = lag.figures();
+  const figures = server.figures();
   return (
     <tr>
       <th scope="row">message to this page</th>
-      <td data-label="n" class="number">{lag.count}</td>
+      <td data-label="n" class="number">{server.count}</td>
       <td data-label="p50" class="number">{duration(figures?.p50)}</td>
       <td data-label="p99" class="number">{duration(figures?.p99)}</td>
       <td data-label="max" class="number">{link.state === "connected" ? duration(figures?.max) : link.state}</td>

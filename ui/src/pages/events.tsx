@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 import type {JSX} from "preact";
 import {useEffect, useState} from "preact/hooks";
-import {get} from "../api";
-import {useCell} from "../cell";
+import {get} from "../core/api";
+import {useCell} from "../usecell";
 import {downloadText} from "../download";
-import {csv, iso, stamp} from "../format";
-import {merge, matches, type Filter} from "../eventlist";
-import {events, plant, refill} from "../model";
+import {csv, iso, stamp} from "../core/format";
+import {hole, merge, matches, type Filter} from "../core/eventlist";
+import {events, plant, refill, serverNow} from "../core/model";
 import {Shape} from "../parts/shape";
-import type {PlantEvent} from "../types";
+import type {PlantEvent} from "../core/types";
 
 const KINDS = ["start", "stop", "mode", "operator", "access", "link", "store", "measurement", "rejected", "watchdog", "overrun", "clock"];
 const SINCE = [
@@ -16,13 +16,15 @@ const SINCE = [
   {name: "last 24 h", seconds: 86400},
   {name: "last 7 days", seconds: 7 * 86400},
 ] as const;
+const MISSING = "events are missing here: more came at once than this page keeps";
 const severities = {1: "information", 2: "warning", 3: "alarm"} as const;
 
 export function EventsPage(): JSX.Element {
   const [filter, setFilter] = useState<Filter>({severity: 1, kind: "", source: "", text: "", seconds: 86400});
   const [most, setMost] = useState(200);
-  const [past, setPast] = useState<{events: PlantEvent[]; more: boolean}>({events: [], more: false});
+  const [past, setPast] = useState<{events: PlantEvent[]; more: boolean; dropped: number}>({events: [], more: false, dropped: 0});
   const [error, setError] = useState<string | null>(null);
+  const [again, setAgain] = useState(0);
   const streamed = useCell(events);
   const filled = useCell(refill);
   const p = useCell(plant);
@@ -31,10 +33,11 @@ export function EventsPage(): JSX.Element {
     let wanted = true;
     const timer = setTimeout(() => {
       const {severity, kind, source, text, seconds} = filter;
+      const dropped = events.value.dropped;
       get<{events: PlantEvent[]; more: boolean}>("/api/events", {severity, kind, source, text, since: -seconds, last: most}).then(
         answer => {
           if (!wanted) return;
-          setPast(answer);
+          setPast({...answer, dropped});
           setError(null);
         },
         (reason: Error) => wanted && setError(reason.message),
@@ -44,14 +47,19 @@ export function EventsPage(): JSX.Element {
       wanted = false;
       clearTimeout(timer);
     };
-  }, [filter, most, filled]);
+  }, [filter, most, filled, again]);
 
-  const list = merge(past.events, streamed.filter(one => matches(filter, one)));
+  const now = serverNow();
+  const list = merge(past.events.filter(one => one.time >= now - filter.seconds), streamed.list.filter(one => matches(filter, one, now)));
+  const gap = hole(list, past.events, streamed.dropped - past.dropped);
   const set = (part: Partial<Filter>): void => setFilter({...filter, ...part});
   const exportCsv = (): void =>
     downloadText(
       `${p?.name ?? "apc"}-events.csv`,
-      csv([["time", "severity", "source", "kind", "text"], ...list.map(one => [iso(one.time), one.severity, one.source, one.kind, one.text])]),
+      csv([
+        ["time", "severity", "source", "kind", "text"],
+        ...list.flatMap((one, i) => [...(i === gap ? [["", null, "", "", MISSING]] : []), [iso(one.time), one.severity, one.source, one.kind, one.text]]),
+      ]),
     );
 
   return (
@@ -96,7 +104,14 @@ export function EventsPage(): JSX.Element {
             </tr>
           </thead>
           <tbody>
-            {list.slice().reverse().map((one, i) => (
+            {list.flatMap((one, i) => [
+              i === gap && (
+                <tr key="gap" class="gap">
+                  <td colSpan={5}>
+                    <Shape priority={3} label="missing" /> {MISSING} <button type="button" onClick={() => setAgain(again + 1)}>Ask for them</button>
+                  </td>
+                </tr>
+              ),
               <tr key={`${one.time}-${one.source}-${one.kind}-${i}`} class={`severity-${one.severity}`}>
                 <td class="digits" data-label="Time">{stamp(one.time, 3)}</td>
                 <td data-label="Severity">
@@ -106,8 +121,8 @@ export function EventsPage(): JSX.Element {
                 <td data-label="Kind">{one.kind}</td>
                 <td data-label="Source">{one.source}</td>
                 <td class="wide" data-label="What happened">{one.text}</td>
-              </tr>
-            ))}
+              </tr>,
+            ]).reverse()}
           </tbody>
         </table>
         {list.length === 0 && !error && <p class="say">nothing matches</p>}

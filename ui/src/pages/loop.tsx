@@ -2,11 +2,11 @@
 // The faceplate of one loop.
 import type {JSX} from "preact";
 import {useEffect, useState} from "preact/hooks";
-import {get} from "../api";
-import {useCell} from "../cell";
-import {decimalsOf, plain, stamp} from "../format";
-import {loopScale, outputScale} from "../loopdata";
-import {events, live, plant, variable, writes} from "../model";
+import {get} from "../core/api";
+import {useCell} from "../usecell";
+import {exact, stamp} from "../core/format";
+import {loopScale, outputScale} from "../core/loopdata";
+import {control, events, plant, variable, writes} from "../core/model";
 import {Bar} from "../parts/bar";
 import {Entry} from "../parts/entry";
 import {ModeSwitch} from "../parts/modeswitch";
@@ -15,25 +15,22 @@ import {Spark} from "../parts/spark";
 import {Tuning} from "../parts/tuning";
 import {Value} from "../parts/value";
 import {go, path} from "../router";
-import type {Loop, Plant, PlantEvent} from "../types";
+import type {Loop, Plant, PlantEvent} from "../core/types";
 
 export function LoopPage({about}: {about: string | null}): JSX.Element {
   const p = useCell(plant);
   if (!p) return <p>Loading the plant …</p>;
   const loop = p.loops.find(one => String(one.id) === about) ?? p.loops[0];
   if (!loop) return <p>This plant has no loop.</p>;
-  return <Faceplate key={`${loop.id}:${p.revision}`} loop={loop} plant={p} />;
+  return <Faceplate key={`${loop.id}:${p.generation}`} loop={loop} plant={p} />;
 }
 
 function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
   const scale = useCell(loopScale(loop));
   const out = useCell(outputScale(loop.output));
-  const actual = useCell(live(p.mode.actual));
-  const decimals = scale ? decimalsOf(scale.high - scale.low) : 3;
-  const outDecimals = out ? decimalsOf(out.high - out.low) : 3;
+  const {handsOff} = useCell(control);
   const setpoint = variable(loop.setpoint);
   const output = variable(loop.output);
-  const manual = p.mode.names[actual.value ?? -1] === "Man";
   const index = p.loops.indexOf(loop);
   const step = (by: number): void => go("loop", p.loops[(index + by + p.loops.length) % p.loops.length]?.id);
   return (
@@ -60,20 +57,20 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
             <div class="line">
               <span class="line-label">PV<small>{variable(loop.measurement)?.name}</small></span>
               <Bar label="PV" value={loop.measurement} setpoint={loop.setpoint} scale={scale} ends />
-              <Value of={loop.measurement} decimals={decimals} unit />
+              <Value of={loop.measurement} unit />
             </div>
           )}
           {loop.setpoint && (
             <div class="line">
               <span class="line-label">SP<small>{setpoint?.name}</small></span>
               <Bar label="SP" value={loop.setpoint} scale={scale} ends />
-              <Value of={loop.setpoint} decimals={decimals} unit />
+              <Value of={loop.setpoint} unit />
             </div>
           )}
           <div class="line">
             <span class="line-label">OUT<small>{output?.name}</small></span>
             <Bar label="OUT" value={loop.output} scale={out} ends />
-            <Value of={loop.output} decimals={outDecimals} unit />
+            <Value of={loop.output} unit />
           </div>
           {loop.measurement && (
             <a class="spark-link tall" href={path("trend", loop.id)}>
@@ -87,7 +84,7 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
           <ModeSwitch plant={p} />
           <h2>Setpoint</h2>
           {loop.setpoint ? (
-            <Entry of={loop.setpoint} kind="setpoint" label={`SP ${setpoint?.name ?? ""}`} decimals={decimals} low={setpoint?.low} high={setpoint?.high} />
+            <Entry of={loop.setpoint} kind="setpoint" label={`SP ${setpoint?.name ?? ""}`} low={setpoint?.low} high={setpoint?.high} />
           ) : (
             <p class="say">this loop has none</p>
           )}
@@ -96,11 +93,10 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
             of={loop.manual}
             kind="output"
             label={`OUT ${output?.name ?? ""}`}
-            decimals={outDecimals}
             shown={loop.output}
             low={output?.low}
             high={output?.high}
-            blocked={manual ? null : "by hand in mode Man only"}
+            blocked={handsOff}
           />
         </div>
         <div class="panel tuning-panel span">
@@ -112,6 +108,8 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
   );
 }
 
+const ASKED = 50; // actions of operators
+
 /** Who did what to this loop last, and when. */
 function LastAction({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
   const all = useCell(writes);
@@ -120,19 +118,19 @@ function LastAction({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
   const refs = new Set([loop.setpoint, loop.manual, p.mode.target, ...loop.tuning]);
   const names = new Set([...refs].flatMap(ref => variable(ref)?.name ?? []));
   useEffect(() => {
-    get<{events: PlantEvent[]}>("/api/events", {kind: "operator", last: 50}).then(
+    get<{events: PlantEvent[]}>("/api/events", {kind: "operator", last: ASKED}).then(
       answer => setPast(answer.events),
       () => {},
     );
   }, []);
   const mine = all.filter(write => write.stored !== false && write.changes.some(change => refs.has(change.ref)));
   const write = mine[mine.length - 1];
-  const event = [...past, ...streamed].filter(one => one.kind === "operator" && names.has(one.text.split(":")[0] ?? "")).pop();
-  let text = "none recorded";
+  const event = [...past, ...streamed.list].filter(one => one.kind === "operator" && names.has(one.text.split(":")[0] ?? "")).pop();
+  let text = `none among the newest ${ASKED} of the plant`;
   if (write && (!event || write.time >= event.time - 1)) {
     const changes = write.changes.map(change => {
       const modes = change.ref === p.mode.target;
-      const say = (value: number | null): string => (modes && value != null ? (p.mode.names[value] ?? plain(value)) : value == null ? "–" : plain(value));
+      const say = (value: number | null): string => (modes && value != null ? (p.mode.names[value] ?? exact(value)) : exact(value));
       return `${change.name} ${say(change.from)} → ${say(change.to)}`;
     });
     text = `${stamp(write.time)} UTC, ${write.user}: ${changes.join(", ")} (${write.state})`;

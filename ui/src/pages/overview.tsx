@@ -2,22 +2,20 @@
 import type {JSX} from "preact";
 import {memo} from "preact/compat";
 import {useState} from "preact/hooks";
-import {useCell} from "../cell";
-import {decimalsOf} from "../format";
-import {loopScale, outputScale, recent} from "../loopdata";
+import {useCell} from "../usecell";
+import {loopScale} from "../core/loopdata";
 import {Latest} from "../parts/latest";
-import {live, plant, second, variable} from "../model";
+import {limitsOf, live, plant, second, store, variable} from "../core/model";
+import {abnormal} from "../core/quality";
 import {Bar} from "../parts/bar";
 import {Shape} from "../parts/shape";
 import {Spark, summary} from "../parts/spark";
-import {Mode, Value} from "../parts/value";
+import {ActualMode, Value} from "../parts/value";
 import {path} from "../router";
-import type {Loop, Plant, Ref} from "../types";
+import type {Loop, Plant, Ref} from "../core/types";
 
-const Row = memo(function Row({loop, mode, table}: {loop: Loop; mode: Plant["mode"]; table: boolean}): JSX.Element {
+const Row = memo(function Row({loop, plant: p, table}: {loop: Loop; plant: Plant; table: boolean}): JSX.Element {
   const scale = useCell(loopScale(loop));
-  const out = useCell(outputScale(loop.output));
-  const decimals = scale ? decimalsOf(scale.high - scale.low) : 3;
   const name = variable(loop.measurement)?.description;
   return (
     <tr>
@@ -25,16 +23,16 @@ const Row = memo(function Row({loop, mode, table}: {loop: Loop; mode: Plant["mod
         <a href={path("loop", loop.id)}>{loop.name}</a>
         <small>{name}</small>
       </th>
-      <td data-label="Mode"><Mode of={mode.actual} names={mode.names} /></td>
+      <td data-label="Mode"><ActualMode plant={p} /></td>
       <td class="wide" data-label="PV against SP">
         {loop.measurement && <Bar label={`${loop.name} PV`} value={loop.measurement} setpoint={loop.setpoint} scale={scale} ends />}
       </td>
-      <td class="number" data-label="PV">{loop.measurement && <Value of={loop.measurement} decimals={decimals} unit />}</td>
-      <td class="number" data-label="SP">{loop.setpoint && <Value of={loop.setpoint} decimals={decimals} unit />}</td>
-      <td class="number" data-label="OUT"><Value of={loop.output} decimals={out ? decimalsOf(out.high - out.low) : 3} unit /></td>
+      <td class="number" data-label="PV">{loop.measurement && <Value of={loop.measurement} unit />}</td>
+      <td class="number" data-label="SP">{loop.setpoint && <Value of={loop.setpoint} unit />}</td>
+      <td class="number" data-label="OUT"><Value of={loop.output} unit /></td>
       <td class="wide" data-label="Last 10 min">
         {loop.measurement &&
-          (table ? <Summary of={loop.measurement} of2={loop} /> : <a class="spark-link" href={path("trend", loop.id)}><Spark of={loop.measurement} setpoint={loop.setpoint} scale={scale} label={loop.name} /></a>)}
+          (table ? <Summary of={loop.measurement} /> : <a class="spark-link" href={path("trend", loop.id)}><Spark of={loop.measurement} setpoint={loop.setpoint} scale={scale} label={loop.name} /></a>)}
       </td>
     </tr>
   );
@@ -50,10 +48,10 @@ const Measurement = memo(function Measurement({of, table}: {of: Ref; table: bool
         <small>{one?.description}</small>
       </th>
       <td class="wide" data-label="Value on its scale"><Bar label={one?.name ?? of} value={of} scale={scale} ends /></td>
-      <td class="number" data-label="Value"><Value of={of} decimals={scale ? decimalsOf(scale.high - scale.low) : 3} unit /></td>
+      <td class="number" data-label="Value"><Value of={of} unit /></td>
       <td class="wide" data-label="Last 10 min">
         {table ? (
-          <Summary of={of} of2={{measurement: of, setpoint: null}} />
+          <Summary of={of} />
         ) : (
           <a class="spark-link" href={path("trend", of)}><Spark of={of} scale={scale} label={one?.name ?? of} /></a>
         )}
@@ -62,10 +60,9 @@ const Measurement = memo(function Measurement({of, table}: {of: Ref; table: bool
   );
 });
 
-function Summary({of, of2}: {of: Ref; of2: Pick<Loop, "measurement" | "setpoint">}): JSX.Element {
+function Summary({of}: {of: Ref}): JSX.Element {
   useCell(second);
-  const scale = useCell(loopScale(of2));
-  return <span class="number">{summary(recent(of).value, scale)}</span>;
+  return <span class="number">{summary(of)}</span>;
 }
 
 export function OverviewPage(): JSX.Element {
@@ -89,14 +86,14 @@ export function OverviewPage(): JSX.Element {
             <tr>
               <th scope="col">Loop</th>
               <th scope="col">Mode</th>
-              <th scope="col" class="wide">PV against SP (normal band)</th>
+              <th scope="col" class="wide">PV against SP</th>
               <th scope="col" class="number">PV</th>
               <th scope="col" class="number">SP</th>
               <th scope="col" class="number">OUT</th>
               <th scope="col" class="wide">Last 10 min</th>
             </tr>
           </thead>
-          <tbody>{p.loops.map(loop => <Row key={loop.id} loop={loop} mode={p.mode} table={table} />)}</tbody>
+          <tbody>{p.loops.map(loop => <Row key={`${loop.id}:${p.generation}`} loop={loop} plant={p} table={table} />)}</tbody>
         </table>
       </div>
       {others.length > 0 && (
@@ -111,7 +108,7 @@ export function OverviewPage(): JSX.Element {
                 <th scope="col" class="wide">Last 10 min</th>
               </tr>
             </thead>
-            <tbody>{others.map(one => <Measurement key={one.ref} of={one.ref} table={table} />)}</tbody>
+            <tbody>{others.map(one => <Measurement key={`${one.ref}:${p.generation}`} of={one.ref} table={table} />)}</tbody>
           </table>
         </div>
       )}
@@ -123,14 +120,16 @@ export function OverviewPage(): JSX.Element {
 /** How much is not as it should be, in one line. */
 function Abnormal({plant: p}: {plant: Plant}): JSX.Element {
   useCell(second);
-  const all = p.variables.filter(one => one.period != null).map(one => live(one.ref).value);
-  const stale = all.filter(one => one.stale).length;
-  const bad = all.filter(one => one.seq > 0 && !one.status.startsWith("Good")).length;
-  if (stale + bad === 0) return <span class="say">all values fresh and good</span>;
-  return (
-    <span class="abnormal">
-      {bad > 0 && <span><Shape priority={2} label="bad" /> {bad} bad</span>}
-      {stale > 0 && <span><Shape priority={3} label="stale" /> {stale} stale</span>}
-    </span>
-  );
+  const database = useCell(store);
+  if (!database) return <span class="say">waiting for the values …</span>;
+  const counts = abnormal(p.variables.map(one => ({period: one.period, limits: limitsOf(one.ref), live: live(one.ref).value})));
+  const said: [number, 2 | 3, string][] = [
+    [counts.bad, 2, "bad"],
+    [counts.outside, 2, "outside limits"],
+    [counts.uncertain, 3, "uncertain"],
+    [counts.stale, 3, "stale"],
+    [counts.never, 3, "without a sample"],
+  ];
+  if (said.every(([n]) => n === 0)) return <span class="say">all values fresh and good</span>;
+  return <span class="abnormal">{said.map(([n, priority, what]) => n > 0 && <span key={what}><Shape priority={priority} label={what} /> {n} {what}</span>)}</span>;
 }

@@ -2,17 +2,18 @@
 import type {JSX} from "preact";
 import {useEffect, useRef, useState} from "preact/hooks";
 import type uPlot from "uplot";
-import {get} from "../api";
-import {useCell} from "../cell";
-import {clock, duration, period} from "../format";
-import {histogram, logHeight, reach} from "../histogram";
-import {refill, serverNow, tasks} from "../model";
+import {get} from "../core/api";
+import {useCell} from "../usecell";
+import {clock, duration, period} from "../core/format";
+import {env} from "../core/env";
+import {histogram, logHeight, reach} from "../core/histogram";
+import {refill, serverNow, tasks} from "../core/model";
 import {Shape} from "../parts/shape";
 import {Table} from "../parts/table";
 import {plot} from "../plot";
-import {niceScale, type Scale} from "../scale";
+import {niceScale, type Scale} from "../core/scale";
 import {repaint} from "../theme";
-import type {Quantity, Timing, TimingSeries} from "../types";
+import type {Quantity, Timing, TimingSeries} from "../core/types";
 
 const SPANS = [
   {name: "1 min", seconds: 60},
@@ -33,7 +34,7 @@ export function TimingPage(): JSX.Element {
   const [table, setTable] = useState(false);
   const [timing, setTiming] = useState<Timing[]>([]);
   const [error, setError] = useState<string | null>(null);
-  const reported = useCell(tasks);
+  const reported = useAtMost(useCell(tasks), seconds / 60);
   const filled = useCell(refill);
 
   useEffect(() => {
@@ -89,6 +90,13 @@ export function TimingPage(): JSX.Element {
       </div>
     </section>
   );
+}
+
+/** A value that changes often, at most once in so many seconds. */
+function useAtMost<T>(value: T, seconds: number): T {
+  const shown = useRef({value, at: env.mono()});
+  if (env.mono() - shown.current.at >= seconds) shown.current = {value, at: env.mono()};
+  return shown.current.value;
 }
 
 function Figures({of}: {of: Timing}): JSX.Element {

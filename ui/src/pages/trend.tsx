@@ -1,48 +1,23 @@
 // SPDX-License-Identifier: BSD-3-Clause
 import type {JSX} from "preact";
 import {useEffect, useMemo, useRef, useState} from "preact/hooks";
-import {Cell, useCell} from "../cell";
+import {Cell} from "../core/cell";
+import {useCell} from "../usecell";
 import {download, downloadText} from "../download";
-import {clock, csv, day, decimalsOf, duration, iso, missing, number, stamp} from "../format";
-import {boundOf, load} from "../history";
-import {isTyping} from "../keyboard";
-import {loopScale, trendScale} from "../loopdata";
+import {clock, csv, day, duration, iso, missing, stamp} from "../core/format";
+import {isMeant, isTyping} from "../keyboard";
+import {loopScale, trendScale} from "../core/loopdata";
 import {Table} from "../parts/table";
-import {Value} from "../parts/value";
-import {connection, live, onSample, plant, refill, serverNow, variable} from "../model";
+import {told, Value} from "../parts/value";
+import {live, onSample, plant, refill, serverNow, variable} from "../core/model";
 import {go} from "../router";
-import {extent, niceScale, type Scale} from "../scale";
-import {append, empty, indexAt, type Series, trim} from "../series";
+import {extent, type Scale} from "../core/scale";
+import {empty, valueAt} from "../core/series";
+import {Curves, describe, off, padded, type Subject, subjects} from "../core/trend";
 import {repaint, shortcuts} from "../theme";
 import {TrendChart} from "../trendchart";
-import {bounds, goLive, pan, pause, select, SPANS, type Window, zoom} from "../trendstate";
-import type {Plant, Ref, Variable} from "../types";
-
-export interface Subject {
-  name: string;
-  about: string;
-  y: Ref;
-  r: Ref | null;
-  u: Ref | null;
-}
-
-/** Loops first, then the measurements beyond them. */
-export function subjects(p: Plant): Subject[] {
-  const loops = p.loops.flatMap(loop =>
-    loop.measurement ? [{name: loop.name, about: String(loop.id), y: loop.measurement, r: loop.setpoint, u: loop.output}] : [],
-  );
-  const used = new Set(loops.map(loop => loop.y));
-  const others = p.variables
-    .filter(one => one.table === "sensor" && !used.has(one.ref))
-    .map(one => ({name: one.name, about: one.ref, y: one.ref, r: null, u: null}));
-  return [...loops, ...others];
-}
-
-const MOST_POINTS = 8000;
-
-function describe(one: Variable | null): string {
-  return one ? `${one.name}${one.unit ? ` [${one.unit}]` : ""}` : "";
-}
+import {bounds, goLive, pan, pause, refuse, select, SPANS, type Window, zoom} from "../core/view";
+import type {Ref} from "../core/types";
 
 export function TrendPage({about}: {about: string | null}): JSX.Element {
   const p = useCell(plant);
@@ -50,88 +25,7 @@ export function TrendPage({about}: {about: string | null}): JSX.Element {
   const all = subjects(p);
   const subject = all.find(one => one.about === about) ?? all[0];
   if (!subject) return <p>There is no measurement to show.</p>;
-  return <Trend key={`${subject.about}:${p.revision}`} subject={subject} all={all} />;
-}
-
-/** The curves of a window, and what keeps them up. */
-class Curves {
-  readonly of: {variable: Variable; series: Series}[];
-  newer = 0;
-  loading = 0;
-  error: string | null = null;
-  private asked = 0;
-
-  constructor(refs: (Ref | null)[]) {
-    this.of = refs.flatMap(ref => {
-      const one = variable(ref);
-      return one ? [{variable: one, series: empty()}] : [];
-    });
-  }
-
-  series(ref: Ref | null): Series | null {
-    return this.of.find(one => one.variable.ref === ref)?.series ?? null;
-  }
-
-  async fill(from: number, to: number, pixels: number, changed: () => void): Promise<void> {
-    const mine = ++this.asked;
-    this.loading++;
-    try {
-      await Promise.all(
-        this.of.map(curve =>
-          load(curve.variable, from, to, pixels, series => {
-            if (mine !== this.asked) return;
-            const old = curve.series;
-            const bound = boundOf(curve.variable);
-            for (let i = 0; i < old.t.length; i++)
-              if ((old.t[i] as number) >= to) append(series, old.t[i] as number, old.mid[i] ?? null, "Good", bound);
-            curve.series = series;
-            changed();
-          }),
-        ),
-      );
-      this.error = null;
-    } catch (error) {
-      if (mine === this.asked) this.error = (error as Error).message;
-    } finally {
-      this.loading--;
-      changed();
-    }
-  }
-
-  take(ref: Ref, t: number, value: number | null, status: string): boolean {
-    const curve = this.of.find(one => one.variable.ref === ref);
-    if (!curve) return false;
-    append(curve.series, t, value, status, boundOf(curve.variable));
-    return true;
-  }
-
-  get points(): number {
-    return this.of.reduce((most, one) => Math.max(most, one.series.t.length), 0);
-  }
-}
-
-function padded(low: number, high: number): Scale {
-  const room = (high - low) * 0.05;
-  return niceScale(low - room, high + room);
-}
-
-/** A setpoint or an output holds until now, as long as somebody says so. */
-function held(series: Series | null, ref: Ref | null, now: number): Series | null {
-  if (!series || !ref) return series;
-  const last = series.t.length - 1;
-  const one = live(ref).value;
-  if (last < 0 || series.mid[last] == null || one.stale || connection.value.state !== "connected" || (series.t[last] as number) >= now)
-    return series;
-  const value = series.mid[last] as number;
-  const more = (column: (number | null)[]): (number | null)[] => [...column, value];
-  return {t: [...series.t, now], low: more(series.low), high: more(series.high), mid: more(series.mid)};
-}
-
-function visible(series: Series | null, from: number, to: number): (number | null)[] {
-  if (!series) return [];
-  const a = Math.max(0, indexAt(series, from));
-  const b = indexAt(series, to) + 1;
-  return [...series.low.slice(a, b), ...series.high.slice(a, b)];
+  return <Trend key={`${subject.about}:${p.generation}`} subject={subject} all={all} />;
 }
 
 function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element {
@@ -143,7 +37,7 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
   const [, setDrawn] = useState(0);
   const filled = useCell(refill);
   const painted = useCell(repaint);
-  const curves = useMemo(() => new Curves([subject.y, subject.r, subject.u]), [subject.about]);
+  const curves = useMemo(() => new Curves(subject), [subject.about]);
   const chart = useRef<TrendChart | null>(null);
   const cursor = useMemo(() => new Cell<number | null>(null), []);
   const yDefault = useCell(loopScale({measurement: subject.y, setpoint: subject.r}));
@@ -151,26 +45,24 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
   const scales = own ?? {y: yDefault ?? {low: 0, high: 1}, u: uDefault ?? {low: 0, high: 1}};
   const state = useRef({win, scales});
   state.current = {win, scales};
-  const off = useRef({above: false, u: false});
+  const beyond = useRef({above: false, u: false});
 
   const draw = (): void => {
     const {win: w, scales: s} = state.current;
-    const now = serverNow();
-    const [from, to] = bounds(w, now);
-    const y = curves.series(subject.y) ?? empty();
-    const r = held(curves.series(subject.r), subject.r, now);
-    const u = held(curves.series(subject.u), subject.u, now);
-    chart.current?.show({from, to, y, r, u, yScale: s.y, uScale: s.u});
-    const outside = (values: (number | null)[], scale: Scale): boolean => {
-      const [low, high] = extent(values);
-      return isFinite(low) && (low < scale.low || high > scale.high);
-    };
-    const next = {
-      above: outside([...visible(y, from, to), ...visible(r, from, to)], s.y),
-      u: outside(visible(u, from, to), s.u),
-    };
-    if (next.above !== off.current.above || next.u !== off.current.u) {
-      off.current = next;
+    const [from, to] = bounds(w, serverNow());
+    chart.current?.show({
+      from,
+      to,
+      y: curves.drawn(subject.y),
+      r: subject.r ? curves.drawn(subject.r) : null,
+      u: subject.u ? curves.drawn(subject.u) : null,
+      yScale: s.y,
+      uScale: s.u,
+    });
+    const seen = curves.seen(from, to);
+    const next = {above: off(seen.y, s.y), u: off(seen.u, s.u)};
+    if (next.above !== beyond.current.above || next.u !== beyond.current.u) {
+      beyond.current = next;
       setDrawn(n => n + 1);
     }
   };
@@ -209,7 +101,7 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
     const timer = setTimeout(
       () => {
         const [from, to] = bounds(win, serverNow());
-        void curves.fill(from, to, chart.current?.pixels ?? 800, () => {
+        curves.fill(from, to, chart.current?.pixels ?? 800, win.live, () => {
           draw();
           setDrawn(n => n + 1);
         });
@@ -218,6 +110,7 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
     );
     return () => clearTimeout(timer);
   }, [asked, filled, subject.about]);
+  useEffect(() => () => curves.stop(), [curves]);
 
   // What the stream brings; drawn once a frame, and as the time axis moves by a pixel.
   useEffect(() => {
@@ -231,14 +124,17 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
     };
     let count = 0;
     const stop = onSample((ref, [, t, value, status]) => {
-      if (t == null || !curves.take(ref, t, value, status)) return;
-      if (!state.current.win.live) setFresh(++count);
-      if (curves.points > MOST_POINTS) {
-        const [from] = bounds(state.current.win, serverNow());
-        for (const one of curves.of) trim(one.series, from);
-        if (curves.points > MOST_POINTS && state.current.win.live && curves.loading === 0)
-          void curves.fill(from, serverNow(), chart.current?.pixels ?? 800, soon);
+      if (t == null) return;
+      const {live: following, span} = state.current.win;
+      if (!following) {
+        // What comes is in the history, and asked for when it is wanted.
+        if (ref === subject.y) setFresh(++count);
+        return;
       }
+      const now = serverNow();
+      const full = curves.take(ref, t, value, status, now - span);
+      if (full == null) return;
+      if (full) curves.fill(now - span, now, chart.current?.pixels ?? 800, true, soon);
       soon();
     });
     if (win.live) setFresh(0);
@@ -269,8 +165,7 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
         Home: back,
       };
       const move = moves[event.key];
-      // Space presses the button that has the focus; elsewhere it pauses.
-      if (!move || (event.key === " " && event.target instanceof HTMLButtonElement)) return;
+      if (!move || isMeant(event)) return;
       event.preventDefault();
       move();
     };
@@ -280,32 +175,15 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
 
   const fit = (): void => {
     const [from, to] = bounds(win, serverNow());
-    const y = extent([...visible(curves.series(subject.y), from, to), ...visible(curves.series(subject.r), from, to)]);
-    const u = extent(visible(curves.series(subject.u), from, to));
-    setOwn({y: padded(...y), u: padded(...u)});
+    const seen = curves.seen(from, to);
+    setOwn({y: padded(...extent(seen.y)), u: padded(...extent(seen.u))});
   };
 
-  const rows = (most: number): (string | number | null)[][] => {
-    const [from, to] = bounds(win, serverNow());
-    const y = curves.series(subject.y) ?? empty();
-    const r = curves.series(subject.r);
-    const u = curves.series(subject.u);
-    const at = (series: Series | null, t: number): number | null => {
-      const i = series ? indexAt(series, t) : -1;
-      return series && i >= 0 ? (series.mid[i] ?? null) : null;
-    };
-    const out: (string | number | null)[][] = [];
-    for (let i = y.t.length - 1; i >= 0 && out.length < most; i--) {
-      const t = y.t[i] as number;
-      if (t >= from && t <= to && y.mid[i] != null) out.push([t, y.mid[i] ?? null, at(r, t), at(u, t)]);
-    }
-    return out.reverse();
-  };
-  const head = ["time", ...curves.of.map(one => describe(one.variable))];
-  const columns = [0, 1, ...(subject.r ? [2] : []), ...(subject.u ? [3] : [])];
+  const rows = (most: number): [number, ...(number | null)[]][] => curves.rows(...bounds(win, serverNow()), most);
+  const head = ["time", ...curves.head(win.span, chart.current?.pixels ?? 800)];
+  const refs = curves.variables.map(one => one.ref);
   const name = `${plant.value?.name ?? "trend"}-${subject.name}`;
-  const exportCsv = (): void =>
-    downloadText(`${name}.csv`, csv([head, ...rows(Infinity).map(row => columns.map(i => (i === 0 ? iso(row[0] as number) : (row[i] ?? null))))]));
+  const exportCsv = (): void => downloadText(`${name}.csv`, csv([head, ...rows(Infinity).map(([t, ...others]) => [iso(t), ...others])]));
   const exportPng = async (): Promise<void> => {
     const [from, to] = bounds(win, serverNow());
     const blob = await chart.current?.picture(`${subject.name}   ${stamp(from)} – ${clock(to)} UTC`);
@@ -313,7 +191,7 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
   };
 
   return (
-    <section class="trend" data-live={win.live} data-span={win.span} data-points={curves.series(subject.y)?.t.length ?? 0}>
+    <section class="trend" data-live={win.live} data-span={win.span} data-points={curves.series(subject.y).t.length}>
       <div class="toolbar">
         <h1>Trend</h1>
         <label>
@@ -324,9 +202,11 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
             ))}
           </select>
         </label>
-        <button type="button" class={`live-button${win.live ? "" : " primary"}`} onClick={toggle}>
-          {win.live ? "Pause" : "Back to live"}
-        </button>
+        {win.live ? (
+          <button type="button" class="live-button" onClick={toggle}>Pause</button>
+        ) : (
+          <button type="button" class="live-button primary" onClick={back}>Back to live <span class="fresh">{fresh} new</span></button>
+        )}
         <div class="segments" role="group" aria-label="Time span">
           {SPANS.map(one => (
             <button type="button" key={one.span} aria-pressed={win.span === one.span} onClick={() => setWin(w => ({...w, span: one.span}))}>
@@ -348,12 +228,7 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
         <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>View as table</button>
       </div>
       <FromTo win={win} apply={setWin} />
-      {!win.live && (
-        <button type="button" class="new-samples" onClick={back}>
-          Paused – {fresh} new, back to live
-        </button>
-      )}
-      <Readout subject={subject} curves={curves} cursor={cursor} scales={scales} off={off.current} />
+      <Readout subject={subject} curves={curves} cursor={cursor} beyond={beyond.current} />
       {curves.error && <p class="complaint">history: {curves.error}</p>}
       <div
         ref={host}
@@ -366,7 +241,7 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
         <Table
           caption={`${subject.name}, the newest ${Math.min(200, rows(200).length)} points of the window (UTC)`}
           head={head}
-          rows={rows(200).map(row => columns.map(i => (i === 0 ? stamp(row[0] as number, 1) : number(row[i] as number | null, 4))))}
+          rows={rows(200).map(([t, ...others]) => [stamp(t, 1), ...others.map((value, i) => told(refs[i] as Ref, value))])}
         />
       )}
     </section>
@@ -377,43 +252,28 @@ interface ReadoutProps {
   subject: Subject;
   curves: Curves;
   cursor: Cell<number | null>;
-  scales: {y: Scale; u: Scale};
-  off: {above: boolean; u: boolean};
+  beyond: {above: boolean; u: boolean};
 }
 
 /** The numbers under the cursor, else the newest. */
-function Readout({subject, curves, cursor, scales, off}: ReadoutProps): JSX.Element {
+function Readout({subject, curves, cursor, beyond}: ReadoutProps): JSX.Element {
   const t = useCell(cursor);
   useCell(live(subject.y));
-  const at = (ref: Ref, when: number): number | null => {
-    const series = curves.series(ref);
-    if (!series) return null;
-    const i = indexAt(series, when);
-    return i < 0 ? null : (series.mid[i] ?? null);
-  };
-  const items: [string, Ref | null, Scale, string][] = [
-    [variable(subject.y)?.name ?? "", subject.y, scales.y, "line"],
-    [variable(subject.r)?.name ?? "", subject.r, scales.y, "dashed"],
-    [variable(subject.u)?.name ?? "", subject.u, scales.u, "line"],
-  ];
+  const items: [Ref | null, string][] = [[subject.y, "line"], [subject.r, "dashed"], [subject.u, "line"]];
   return (
     <div class="readout">
       <span class="at">{t == null ? "newest" : `${day(t)} ${clock(t, 1)} UTC`}</span>
-      {items.map(
-        ([name, ref, scale, line]) =>
-          ref && (
-            <span key={ref} class="item">
-              <i class={`key ${line}`} /> {name}{" "}
-              {t == null ? (
-                <Value of={ref} decimals={decimalsOf(scale.high - scale.low)} />
-              ) : (
-                <b>{at(ref, t) == null ? missing : number(at(ref, t), decimalsOf(scale.high - scale.low))}</b>
-              )}
-            </span>
-          ),
-      )}
-      {(off.above || off.u) && <span class="complaint">▲ part of the curve is off the axis: “Fit y” shows it</span>}
-      {curves.loading > 0 && <span class="say">loading …</span>}
+      {items.map(([ref, line]) => {
+        if (!ref) return null;
+        const then = t == null ? null : valueAt(curves.series(ref), t);
+        return (
+          <span key={ref} class="item">
+            <i class={`key ${line}`} /> {variable(ref)?.name} {t == null ? <Value of={ref} /> : <b>{then == null ? missing : told(ref, then)}</b>}
+          </span>
+        );
+      })}
+      {(beyond.above || beyond.u) && <span class="complaint">▲ part of the curve is off the axis: “Fit y” shows it</span>}
+      {curves.loading && <span class="say">loading …</span>}
     </div>
   );
 }
@@ -425,7 +285,7 @@ function FromTo({win, apply}: {win: Window; apply: (w: Window) => void}): JSX.El
   const [texts, setTexts] = useState({from: text(from), to: text(to)});
   const a = Date.parse(`${texts.from}Z`) / 1000;
   const b = Date.parse(`${texts.to}Z`) / 1000;
-  const good = isFinite(a) && isFinite(b) && b > a;
+  const refused = refuse(a, b, serverNow());
   return (
     <details
       class="from-to"
@@ -440,13 +300,14 @@ function FromTo({win, apply}: {win: Window; apply: (w: Window) => void}): JSX.El
           class="toolbar"
           onSubmit={event => {
             event.preventDefault();
-            if (good) apply(select(a, b));
+            if (!refused) apply(select(a, b));
           }}
         >
           <label>from <input type="datetime-local" step="1" value={texts.from} onInput={event => setTexts({...texts, from: event.currentTarget.value})} /></label>
           <label>to <input type="datetime-local" step="1" value={texts.to} onInput={event => setTexts({...texts, to: event.currentTarget.value})} /></label>
           <span class="unit">UTC</span>
-          <button type="submit" class="primary" disabled={!good}>Show</button>
+          <button type="submit" class="primary" disabled={refused != null}>Show</button>
+          {refused && <span class="complaint">{refused}</span>}
         </form>
       )}
     </details>

@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// An analogue bar: the value as a bar, the normal band around the setpoint, the setpoint as a mark.
+// An analogue bar: the value as a bar, the setpoint as a mark, the limits where they lie on the scale.
 import type {JSX} from "preact";
-import {useCell} from "../cell";
-import {decimalsOf, number} from "../format";
-import {live, variable} from "../model";
-import {place, type Scale} from "../scale";
-import type {Ref} from "../types";
-
-/** Half of the normal band, as a part of the scale. */
-export const BAND = 0.05;
+import {useCell} from "../usecell";
+import {exact} from "../core/format";
+import {limitsOf, live, variable} from "../core/model";
+import {beyond} from "../core/quality";
+import {place, type Scale} from "../core/scale";
+import type {Ref} from "../core/types";
+import {told} from "./value";
 
 const percent = (x: number): string => `${(x * 100).toFixed(2)}%`;
 
@@ -24,24 +23,22 @@ export function Bar({label, value, setpoint, scale, ends}: Props): JSX.Element {
   const one = useCell(live(value));
   const target = useCell(live(setpoint ?? "")).value;
   if (!scale) return <div class="bar empty" />;
-  const decimals = decimalsOf(scale.high - scale.low);
   const unit = variable(value)?.unit ?? "";
   const at = one.value == null ? null : place(scale, one.value);
   const sp = target == null ? null : place(scale, target);
-  const outside = target != null && one.value != null && Math.abs(one.value - target) > BAND * (scale.high - scale.low);
+  const {low, high} = limitsOf(value);
+  const where = beyond(one.value, low, high);
   const text =
-    `${label} ${number(one.value, decimals)} ${unit}` +
-    (target == null ? "" : `, setpoint ${number(target, decimals)}, ${outside ? "outside" : "within"} the normal band`) +
-    `, scale ${number(scale.low, decimals)} to ${number(scale.high, decimals)}` +
+    `${label} ${told(value, one.value)} ${unit}` +
+    (target == null ? "" : `, setpoint ${exact(target)}`) +
+    (where ? `, ${where} its limit ${exact(where === "below" ? low : high)}` : "") +
+    `, scale ${exact(scale.low)} to ${exact(scale.high)}` +
     (one.stale ? ", stale" : "");
   // From zero where the scale has it, else from its end.
   const zero = place(scale, 0).at;
-  const left = sp ? Math.max(0, sp.at - BAND) : 0;
-  const right = sp ? Math.min(1, sp.at + BAND) : 0;
   return (
     <div class="bar-with-ends">
-      <div class={`bar${one.stale ? " stale" : ""}${outside ? " outside" : ""}`} role="img" aria-label={text}>
-        {sp && <i class="band" style={{left: percent(left), width: percent(right - left)}} />}
+      <div class={`bar${one.stale ? " stale" : ""}${where ? " outside" : ""}`} role="img" aria-label={text}>
         {at && <i class="fill" style={{transform: `translateX(${percent(Math.min(at.at, zero))}) scaleX(${Math.abs(at.at - zero).toFixed(4)})`}} />}
         {sp && !sp.off && <i class="setpoint" style={{left: percent(sp.at)}} />}
         {zero > 0 && zero < 1 && <i class="zero" style={{left: percent(zero)}} />}
@@ -49,8 +46,8 @@ export function Bar({label, value, setpoint, scale, ends}: Props): JSX.Element {
       </div>
       {ends && (
         <div class="ends" aria-hidden="true">
-          <span>{number(scale.low, Math.min(decimals, 2))}</span>
-          <span>{number(scale.high, Math.min(decimals, 2))}</span>
+          <span>{exact(scale.low)}</span>
+          <span>{exact(scale.high)}</span>
         </div>
       )}
     </div>

@@ -4,39 +4,25 @@
 import type {JSX} from "preact";
 import {useId, useRef, useState} from "preact/hooks";
 import {useWriteBar} from "../access";
-import {useCell} from "../cell";
-import {number, parse, plain, short} from "../format";
-import {live, variable} from "../model";
-import type {Ref} from "../types";
-import {forget, send, slot} from "../writing";
+import {useCell} from "../usecell";
+import {complaint as complain, exact, limitsText, read} from "../core/format";
+import {live, variable} from "../core/model";
+import type {Ref} from "../core/types";
+import {forget, send, slot} from "../core/writing";
 import {WriteStatus} from "./status";
+import {told} from "./value";
 
 interface Props {
   of: Ref; // what is written
   kind: "setpoint" | "output";
   label: string;
-  decimals: number;
   shown?: Ref; // what the field starts from, where that is another variable
   low?: number | null;
   high?: number | null;
   blocked?: string | null; // why not, beyond what bars every write
 }
 
-export function limitsText(low: number | null, high: number | null): string {
-  if (low == null && high == null) return "no limits";
-  if (low == null) return `at most ${short(high)}`;
-  if (high == null) return `at least ${short(low)}`;
-  return `${short(low)} to ${short(high)}`;
-}
-
-export function check(text: string, low: number | null, high: number | null): string | null {
-  const value = parse(text);
-  if (value == null) return "not a number";
-  if ((low != null && value < low) || (high != null && value > high)) return `outside ${limitsText(low, high)}`;
-  return null;
-}
-
-export function Entry({of, kind, label, decimals, shown = of, low = null, high = null, blocked = null}: Props): JSX.Element {
+export function Entry({of, kind, label, shown = of, low = null, high = null, blocked = null}: Props): JSX.Element {
   const one = variable(of);
   const now = useCell(live(of));
   const from = useCell(live(shown));
@@ -49,32 +35,35 @@ export function Entry({of, kind, label, decimals, shown = of, low = null, high =
   const view = useCell(slot(name));
   // What was sent and is stored is the readback now. What was refused stays, and what was typed since.
   const draft = view?.stored && typed === sent.current ? null : typed;
-  const complaint = draft ? check(draft.text, low, high) : null;
+  const complaint = draft ? complain(draft.text, low, high) : null;
+  const value = draft ? read(draft.text).value : null;
   const overtaken = draft != null && draft.seq !== now.seq;
 
   const edit = (text: string): void => {
     setTyped({text, seq: draft?.seq ?? now.seq, value: draft?.value ?? from.value});
     if (view && view.phase !== "pending") forget(name);
   };
-  const apply = (seq?: number): void => {
-    if (!draft || complaint || barred || view?.phase === "pending") return;
-    const value = parse(draft.text) as number;
+  const ready = value != null && !complaint && !barred && view?.phase !== "pending";
+  const unit = one?.unit ? ` ${one.unit}` : "";
+  /** What goes out is what stands on the screen: over `seq`. */
+  const apply = (seq: number): void => {
+    if (!ready) return;
     sent.current = draft;
-    void send(name, kind, {id: one?.id, value, seq: seq ?? draft.seq}, `${one?.name ?? ""} ${number(from.value, decimals)} → ${plain(value)}`);
+    void send(name, kind, {id: one?.id, value, seq}, `${one?.name ?? ""} ${told(shown, from.value)} → ${exact(value)}${unit}`);
   };
   const revert = (): void => {
     setTyped(null);
     if (view && view.phase !== "pending") forget(name);
     requestAnimationFrame(() => field.current?.select()); // once it shows the readback again
   };
-  const again = (): void => apply(live(of).value.seq); // over what the screen shows now
+  const over = (): void => apply(now.seq);
 
   return (
     <form
       class={`entry${draft ? " editing" : ""}${view?.phase === "pending" ? " pending" : ""}`}
       onSubmit={event => {
         event.preventDefault();
-        apply();
+        if (draft && !overtaken) apply(draft.seq);
       }}
     >
       <label for={id}>{label}</label>
@@ -90,7 +79,7 @@ export function Entry({of, kind, label, decimals, shown = of, low = null, high =
           readOnly={view?.phase === "pending"}
           aria-invalid={complaint != null}
           aria-describedby={`${id}-say`}
-          value={draft ? draft.text : plain(from.value == null ? null : Number(from.value.toPrecision(6)))}
+          value={draft ? draft.text : from.value == null ? "" : told(shown, from.value)}
           onFocus={event => event.currentTarget.select()}
           onInput={event => edit(event.currentTarget.value)}
           onKeyDown={event => {
@@ -101,7 +90,7 @@ export function Entry({of, kind, label, decimals, shown = of, low = null, high =
           }}
         />
         <span class="unit">{one?.unit}</span>
-        <button type="submit" class="primary" disabled={barred != null || !draft || complaint != null || view?.phase === "pending"}>
+        <button type="submit" class="primary" disabled={!ready || overtaken}>
           Apply
         </button>
         <button type="button" disabled={!draft || view?.phase === "pending"} onClick={revert}>
@@ -114,16 +103,19 @@ export function Entry({of, kind, label, decimals, shown = of, low = null, high =
         ) : complaint ? (
           <span class="complaint">{complaint}</span>
         ) : overtaken && view?.phase !== "pending" ? (
-          <span class="complaint">changed meanwhile to {number(now.value, decimals)}: Esc takes that, Apply asks the server</span>
+          <>
+            <span class="complaint">changed meanwhile to {exact(now.value)}{unit}: Esc takes that</span>{" "}
+            <button type="button" onClick={over}>Write {exact(value)} over it</button>
+          </>
         ) : draft && view?.phase !== "pending" ? (
           <span>
-            {number(draft.value, decimals)} → {draft.text}: Enter applies, Esc reverts
+            {told(shown, draft.value)} → {exact(value)}{unit}: Enter applies, Esc reverts
           </span>
         ) : (
           <span>{limitsText(low, high)}</span>
         )}
       </div>
-      <WriteStatus of={name} retry={again} />
+      <WriteStatus of={name} retry={over} />
     </form>
   );
 }

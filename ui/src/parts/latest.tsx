@@ -2,13 +2,13 @@
 // The newest events, on the overview.
 import type {JSX} from "preact";
 import {useEffect, useState} from "preact/hooks";
-import {get} from "../api";
-import {useCell} from "../cell";
-import {merge} from "../eventlist";
-import {clock} from "../format";
-import {events, refill} from "../model";
+import {get} from "../core/api";
+import {useCell} from "../usecell";
+import {merge} from "../core/eventlist";
+import {clock} from "../core/format";
+import {events, refill} from "../core/model";
 import {path} from "../router";
-import type {PlantEvent} from "../types";
+import type {PlantEvent} from "../core/types";
 import {Shape} from "./shape";
 
 const MOST = 8;
@@ -23,7 +23,7 @@ export function Latest(): JSX.Element {
       () => {},
     );
   }, [filled]);
-  const list = merge(past, streamed).slice(-MOST).reverse();
+  const list = merge(past, streamed.list).slice(-MOST).reverse();
   return (
     <div class="panel latest">
       <h2>

@@ -2,19 +2,18 @@
 // The mode: what is asked for and what the controller does. One for the whole plant.
 import type {JSX} from "preact";
 import {useWriteBar} from "../access";
-import {useCell} from "../cell";
-import {live} from "../model";
-import type {Plant} from "../types";
-import {send, slot} from "../writing";
+import {useCell} from "../usecell";
+import {control, live} from "../core/model";
+import type {Plant} from "../core/types";
+import {send, slot} from "../core/writing";
 import {WriteStatus} from "./status";
-import {Mode} from "./value";
+import {ActualMode, Mode} from "./value";
 
 export function ModeSwitch({plant}: {plant: Plant}): JSX.Element {
   const {mode} = plant;
-  const target = useCell(live(mode.target));
+  const {target: now, why} = useCell(control);
   const barred = useWriteBar();
   const view = useCell(slot("mode"));
-  const now = target.value == null ? null : (mode.names[target.value] ?? null);
   const ask = (name: string): void => {
     if (barred || view?.phase === "pending") return;
     void send("mode", "mode", {mode: name, seq: live(mode.target).value.seq}, `mode ${now ?? "?"} → ${name}`);
@@ -38,10 +37,11 @@ export function ModeSwitch({plant}: {plant: Plant}): JSX.Element {
       </div>
       <dl class="pairs">
         <dt>target</dt>
-        <dd><Mode of={mode.target} names={mode.names} /></dd>
+        <dd><Mode of={mode.target} name={now} /></dd>
         <dt>actual</dt>
-        <dd><Mode of={mode.actual} names={mode.names} /></dd>
+        <dd><ActualMode plant={plant} /></dd>
       </dl>
+      <div class="say">{why}</div>
       {barred && <div class="say">{barred}</div>}
       <WriteStatus of="mode" retry={() => ask(wanted)} />
     </div>

@@ -2,14 +2,14 @@
 // The last ten minutes, small. "View as table" gives the same as numbers.
 import type {JSX} from "preact";
 import {useEffect, useRef} from "preact/hooks";
-import {useCell} from "../cell";
-import {decimalsOf, number} from "../format";
-import {recent, RECENT} from "../loopdata";
-import {live, second, serverNow} from "../model";
-import {extent, type Scale} from "../scale";
-import {indexAt, type Series} from "../series";
+import {useCell} from "../usecell";
+import {recent, RECENT} from "../core/loopdata";
+import {clock, live, second, serverNow} from "../core/model";
+import {extent, type Scale} from "../core/scale";
+import {held, indexAt, type Series} from "../core/series";
 import {colour, repaint} from "../theme";
-import type {Ref} from "../types";
+import type {Ref} from "../core/types";
+import {told} from "./value";
 
 interface Props {
   of: Ref;
@@ -18,7 +18,7 @@ interface Props {
   label: string;
 }
 
-function draw(canvas: HTMLCanvasElement, curves: [Series, string, boolean][], scale: Scale, stale: boolean): void {
+function draw(canvas: HTMLCanvasElement, curves: [Series, string, boolean][], scale: Scale): void {
   const ratio = devicePixelRatio || 1;
   const width = Math.round(canvas.clientWidth * ratio);
   const height = Math.round(canvas.clientHeight * ratio);
@@ -47,7 +47,6 @@ function draw(canvas: HTMLCanvasElement, curves: [Series, string, boolean][], sc
         context.lineTo(x(t), y((last = v)));
       }
     });
-    if (step && last != null && !stale) context.lineTo(width, y(last));
     context.stroke();
   }
 }
@@ -66,9 +65,9 @@ export function Spark({of, setpoint, scale, label}: Props): JSX.Element {
     const target = setpoint ? recent(setpoint) : null;
     const show = (): void => {
       const curves: [Series, string, boolean][] = [[series.value, "--live", false]];
-      if (target) curves.unshift([target.value, "--label", true]);
-      draw(element, curves, scale, live(of).value.stale);
-      element.setAttribute("aria-label", `${label}, last 10 minutes: ${summary(series.value, scale)}`);
+      if (target) curves.unshift([live(of).value.stale ? target.value : held(target.value, clock.newest ?? 0), "--label", true]);
+      draw(element, curves, scale);
+      element.setAttribute("aria-label", `${label}, last 10 minutes: ${summary(of)}`);
     };
     const stop = second.subscribe(() => second.value % 4 === turn && show());
     const first = series.subscribe(() => {
@@ -85,10 +84,9 @@ export function Spark({of, setpoint, scale, label}: Props): JSX.Element {
   return <canvas ref={canvas} class="spark" role="img" aria-label={`${label}, last 10 minutes`} />;
 }
 
-export function summary(series: Series, scale: Scale | null): string {
+export function summary(of: Ref): string {
+  const series = recent(of).value;
   const from = series.t[0] == null ? 0 : Math.max(0, indexAt(series, serverNow() - RECENT));
   const [low, high] = extent(series.mid.slice(from));
-  if (!isFinite(low)) return "no data";
-  const decimals = scale ? decimalsOf(scale.high - scale.low) : 3;
-  return `${number(low, decimals)} to ${number(high, decimals)}`;
+  return isFinite(low) ? `${told(of, low)} to ${told(of, high)}` : "no data";
 }

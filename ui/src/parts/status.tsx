@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // What became of a write, said as it happens.
 import type {JSX} from "preact";
-import {useCell} from "../cell";
-import {clock} from "../format";
-import {isFinal} from "../lifecycle";
-import {forget, slot} from "../writing";
+import {useCell} from "../usecell";
+import {clock} from "../core/format";
+import {isFinal} from "../core/lifecycle";
+import {forget, slot} from "../core/writing";
 import {Shape} from "./shape";
 
 const words = {

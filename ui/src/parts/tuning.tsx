@@ -3,12 +3,11 @@
 import type {JSX} from "preact";
 import {useId, useRef, useState} from "preact/hooks";
 import {useWriteBar} from "../access";
-import {useCell} from "../cell";
-import {parse, plain, short} from "../format";
-import {live, variable} from "../model";
-import type {Loop, Ref} from "../types";
-import {forget, send, slot} from "../writing";
-import {check, limitsText} from "./entry";
+import {useCell} from "../usecell";
+import {complaint as complain, exact, limitsText, read} from "../core/format";
+import {live, variable} from "../core/model";
+import type {Loop, Ref} from "../core/types";
+import {forget, send, slot} from "../core/writing";
 import {WriteStatus} from "./status";
 
 type Drafts = Record<Ref, {text: string; seq: number}>;
@@ -27,15 +26,16 @@ function Field({of, label, draft, disabled, edit}: FieldProps): JSX.Element {
   const id = useId();
   const low = one?.low ?? null;
   const high = one?.high ?? null;
-  const complaint = draft ? check(draft.text, low, high) : null;
-  const changed = draft && !complaint && parse(draft.text) !== now.value;
+  const complaint = draft ? complain(draft.text, low, high) : null;
+  const value = draft ? read(draft.text).value : null;
+  const changed = !complaint && value !== now.value;
   return (
     <tr class={draft ? "editing" : ""}>
       <th scope="row">
         <label for={id}>{label}</label>
         <small>{one?.description}</small>
       </th>
-      <td class="number" data-ref={of}>{short(now.value)}</td>
+      <td class="number" data-ref={of}>{exact(now.value)}</td>
       <td>
         <input
           id={id}
@@ -46,7 +46,7 @@ function Field({of, label, draft, disabled, edit}: FieldProps): JSX.Element {
           disabled={disabled}
           aria-invalid={complaint != null}
           aria-describedby={`${id}-say`}
-          value={draft ? draft.text : plain(now.value)}
+          value={draft ? draft.text : now.value == null ? "" : exact(now.value)}
           onFocus={event => event.currentTarget.select()}
           onInput={event => edit(event.currentTarget.value, draft?.seq ?? now.seq)}
         />
@@ -56,10 +56,10 @@ function Field({of, label, draft, disabled, edit}: FieldProps): JSX.Element {
         {complaint ? (
           <span class="complaint">{complaint}</span>
         ) : draft && draft.seq !== now.seq ? (
-          <span class="complaint">changed meanwhile to {plain(now.value)}</span>
-        ) : changed ? (
+          <span class="complaint">changed meanwhile to {exact(now.value)}</span>
+        ) : draft && changed ? (
           <b>
-            {plain(now.value)} → {plain(parse(draft.text))}
+            {exact(now.value)} → {exact(value)}
           </b>
         ) : (
           limitsText(low, high)
@@ -81,18 +81,19 @@ export function Tuning({loop}: {loop: Loop}): JSX.Element {
 
   const changes = loop.tuning.flatMap((ref, i) => {
     const draft = drafts[ref];
-    const value = draft ? parse(draft.text) : null;
+    const value = draft ? read(draft.text).value : null;
     const one = variable(ref);
     if (!draft || !one || (value != null && value === live(ref).value.value && draft.seq === live(ref).value.seq)) return [];
-    return [{ref, id: one.id, label: loop.parameters[i] ?? one.name, value, seq: draft.seq, bad: check(draft.text, one.low, one.high)}];
+    return [{ref, id: one.id, label: loop.parameters[i] ?? one.name, value, seq: draft.seq, bad: complain(draft.text, one.low, one.high)}];
   });
   const ready = changes.length > 0 && changes.every(change => !change.bad) && !barred && !pending;
+  const overtaken = changes.some(change => change.seq !== live(change.ref).value.seq);
 
-  const apply = (again = false): void => {
-    if (!ready) return;
+  const apply = (over: boolean): void => {
+    if (!ready || (overtaken && !over)) return;
     sent.current = drafts;
-    const values = changes.map(({id, value, seq, ref}) => ({id, value, seq: again ? live(ref).value.seq : seq}));
-    const text = changes.map(({label, ref, value}) => `${label} ${plain(live(ref).value.value)} → ${plain(value)}`).join(", ");
+    const values = changes.map(({id, value, seq, ref}) => ({id, value, seq: over ? live(ref).value.seq : seq}));
+    const text = changes.map(({label, ref, value}) => `${label} ${exact(live(ref).value.value)} → ${exact(value)}`).join(", ");
     void send(name, "tuning", {values}, text);
   };
   const revert = (): void => {
@@ -105,7 +106,7 @@ export function Tuning({loop}: {loop: Loop}): JSX.Element {
       class={`tuning${pending ? " pending" : ""}`}
       onSubmit={event => {
         event.preventDefault();
-        apply();
+        apply(false);
       }}
       onKeyDown={event => {
         if (event.key === "Escape") {
@@ -140,12 +141,13 @@ export function Tuning({loop}: {loop: Loop}): JSX.Element {
         </tbody>
       </table>
       <div class="entry-line">
-        <button type="submit" class="primary" disabled={!ready}>
+        <button type="submit" class="primary" disabled={!ready || overtaken}>
           Apply {changes.length > 1 ? `all ${changes.length} together` : ""}
         </button>
         <button type="button" disabled={Object.keys(drafts).length === 0 || pending} onClick={revert}>
           Revert
         </button>
+        {overtaken && <button type="button" disabled={!ready} onClick={() => apply(true)}>Write over what was changed</button>}
         <span class="say">{barred}</span>
       </div>
       <WriteStatus of={name} retry={() => apply(true)} />

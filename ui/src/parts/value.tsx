@@ -1,42 +1,55 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// One live number. Stale: greyed, crossed, with its age; Bad: marked, with its status.
-import type {ComponentChildren, JSX} from "preact";
-import {useCell} from "../cell";
-import {duration, missing, number} from "../format";
-import {isGood, type Live} from "../live";
-import {connection, live, variable} from "../model";
-import type {Ref} from "../types";
+// One live number. Stale: greyed, crossed, with its age; not Good or outside its limits: marked, and why.
+import type {JSX} from "preact";
+import {useCell} from "../usecell";
+import {decimalsOf, duration, exact, missing, number} from "../core/format";
+import {control, limitsOf, live, variable} from "../core/model";
+import {beyond, words, worth} from "../core/quality";
+import type {Plant, Ref} from "../core/types";
 import {Shape} from "./shape";
 
-export function isLastKnown(one: Live): boolean {
-  return one.stale || connection.value.state === "disconnected";
+/** What somebody has written is told exactly, a measurement in the decimals of its limits. */
+export function told(of: Ref, value: number | null): string {
+  return variable(of)?.period == null ? exact(value) : number(value, decimalsOf(limitsOf(of)));
 }
 
-/** A status is one long word: where a line may end in it. */
-function foldable(status: string): ComponentChildren {
-  return status.split(/(?=[A-Z])/).flatMap((part, i) => (i > 0 ? [<wbr />, part] : [part]));
-}
-
-export function Value({of, decimals = 3, unit = false}: {of: Ref; decimals?: number; unit?: boolean}): JSX.Element {
-  const one = useCell(live(of));
-  const symbol = unit ? variable(of)?.unit : "";
-  if (one.seq === 0 || one.value == null)
-    return <span class="value none" data-ref={of} title="no sample yet">{missing}</span>;
-  const bad = !isGood(one);
+export function Value({of, unit = false}: {of: Ref; unit?: boolean}): JSX.Element {
+  const now = useCell(live(of));
+  const one = variable(of);
+  if (now.seq === 0 || now.value == null)
+    return (
+      <span class="value none" data-ref={of} title="no sample yet">
+        {one?.period != null && <Shape priority={3} label="no sample yet" />}
+        {missing}
+      </span>
+    );
+  const what = worth(now.status);
+  const {low, high} = limitsOf(of);
+  const where = beyond(now.value, low, high);
   return (
-    <span class={`value${one.stale ? " stale" : ""}${bad ? " bad" : ""}`} data-ref={of} data-seq={one.seq}>
-      {bad && <Shape priority={2} label={one.status} />}
-      {one.stale && !bad && <Shape priority={3} label="stale" />}
-      <span class="digits">{number(one.value, decimals)}</span>
-      {symbol && <span class="unit">{symbol}</span>}
-      {one.stale && <span class="age">{duration(one.age)} old</span>}
-      {bad && <span class="age">{foldable(one.status)}</span>}
+    <span class={`value${now.stale ? " stale" : ""}${what === "good" ? "" : ` ${what}`}${where ? " outside" : ""}`} data-ref={of} data-seq={now.seq}>
+      {what === "bad" && <Shape priority={2} label={words(now.status)} />}
+      {where && what !== "bad" && <Shape priority={2} label={`${where} its limits`} />}
+      {(now.stale || what === "uncertain") && what !== "bad" && !where && <Shape priority={3} label={now.stale ? "stale" : words(now.status)} />}
+      <span class="digits">{told(of, now.value)}</span>
+      {unit && one?.unit && <span class="unit">{one.unit}</span>}
+      {now.stale && <span class="age">{duration(now.age)} old</span>}
+      {what !== "good" && <span class="age">{words(now.status)}</span>}
+      {where && <span class="age">{where} {exact(where === "below" ? low : high)}</span>}
     </span>
   );
 }
 
-export function Mode({of, names}: {of: Ref; names: string[]}): JSX.Element {
-  const one = useCell(live(of));
-  const name = one.value == null ? missing : (names[one.value] ?? `mode ${one.value}`);
-  return <span class={`mode mode-${name.toLowerCase()}`} data-ref={of}>{name}</span>;
+export function Mode({name, of, lastKnown = false}: {name: string | null; of: Ref; lastKnown?: boolean}): JSX.Element {
+  return <span class={`mode mode-${name?.toLowerCase() ?? "none"}${lastKnown ? " last-known" : ""}`} data-ref={of}>{name ?? missing}</span>;
+}
+
+/** What the controller does; greyed where that is only what it did. */
+export function ActualMode({plant}: {plant: Plant}): JSX.Element {
+  const {actual, silent, why} = useCell(control);
+  return (
+    <span title={why ?? undefined}>
+      {why && actual !== "OOS" && <Shape priority={silent == null ? 3 : 2} label={why} />} <Mode of={plant.mode.actual} name={actual} lastKnown={silent != null} />
+    </span>
+  );
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Requests to the daemon, with its errors as they are.
+import {env} from "./env";
 import type {Session} from "./types";
 
 export class ApiError extends Error {
@@ -25,16 +26,16 @@ export function whenLoggedOut(then: () => void): void {
 
 async function request<T>(path: string, init: RequestInit, timeout: number): Promise<T> {
   const stop = new AbortController();
-  const timer = setTimeout(() => stop.abort(), timeout);
+  const called = env.later(() => stop.abort(), timeout);
   let response: Response;
   let text: string;
   try {
-    response = await fetch(path, {...init, signal: stop.signal, cache: "no-store"});
+    response = await env.fetch(path, {...init, signal: stop.signal, cache: "no-store"});
     text = await response.text();
   } catch {
     throw new NoAnswer(stop.signal.aborted ? "the server did not answer in time" : "the server cannot be reached");
   } finally {
-    clearTimeout(timer);
+    called();
   }
   let body: unknown = null;
   try {
@@ -54,7 +55,7 @@ async function request<T>(path: string, init: RequestInit, timeout: number): Pro
 
 type Query = Record<string, string | number | null | undefined>;
 
-export function get<T>(path: string, query: Query = {}, timeout = 15000): Promise<T> {
+export function get<T>(path: string, query: Query = {}, timeout = 15): Promise<T> {
   const search = new URLSearchParams();
   for (const [name, value] of Object.entries(query)) if (value != null && value !== "") search.set(name, String(value));
   const text = search.toString();
@@ -73,7 +74,7 @@ export async function session(): Promise<Session> {
 }
 
 export async function login(user: string, password: string): Promise<Session> {
-  const who = await post<Session>("/api/login", {user, password}, 10000);
+  const who = await post<Session>("/api/login", {user, password}, 10);
   csrf = who.csrf;
   return who;
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Asking for history: to the pixels there are, the newest part first.
 import {get} from "./api";
-import {limit} from "./live";
+import {limit} from "./quality";
 import {fromHistory, join, type Series} from "./series";
 import type {History, Variable} from "./types";
 
@@ -35,6 +35,16 @@ async function turn<T>(ask: () => Promise<T>): Promise<T> {
 
 const ask = (query: Record<string, string | number>): Promise<History> => turn(() => get<History>("/api/history", query));
 
+/** Width of a bin of what load() asks for, s; 0: the samples themselves, most likely. */
+export function binWidth(variable: Variable, span: number, pixels: number): number {
+  const expected = variable.period == null ? 0 : span / variable.period;
+  return expected <= RAW ? 0 : span / 4 / quarter(pixels);
+}
+
+function quarter(pixels: number): number {
+  return Math.max(50, Math.min(1000, Math.round(pixels / 4)));
+}
+
 /** The curve between since and until (Unix s) for so many pixels; `part` is called with what there is so far. */
 export async function load(
   variable: Variable,
@@ -45,18 +55,17 @@ export async function load(
 ): Promise<void> {
   const bound = boundOf(variable);
   const hold = holds(variable);
-  const expected = variable.period == null ? 0 : (until - since) / variable.period;
-  if (expected <= RAW) {
+  if (binWidth(variable, until - since, pixels) === 0) {
     const all = await ask({var: variable.ref, since, until, last: MOST});
     if ((all.samples?.seq.length ?? 0) < MOST) {
       part(fromHistory(all, bound, hold));
       return;
     }
   }
-  const quarter = Math.max(50, Math.min(1000, Math.round(pixels / 4)));
+  const bins = quarter(pixels);
   const middle = until - (until - since) / 4;
-  const newest = fromHistory(await ask({var: variable.ref, since: middle, until, bins: quarter}), bound, hold);
+  const newest = fromHistory(await ask({var: variable.ref, since: middle, until, bins}), bound, hold);
   part(newest);
-  const older = fromHistory(await ask({var: variable.ref, since, until: middle, bins: quarter * 3}), bound, hold);
-  part(join(older, newest, (until - since) / quarter / 2 + bound));
+  const older = fromHistory(await ask({var: variable.ref, since, until: middle, bins: bins * 3}), bound, hold);
+  part(join(older, newest, (until - since) / bins / 2 + bound));
 }

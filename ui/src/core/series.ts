@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // One curve: points with time rising, from history and stream alike. null is a gap; it stays one.
+import {usable} from "./quality";
 import type {Bins, History, Sample, Samples} from "./types";
 
 export interface Series {
@@ -20,26 +21,33 @@ function push(s: Series, t: number, low: number | null, high: number | null, mid
   s.mid.push(mid);
 }
 
-/** One more point; a hole longer than `bound` seconds becomes a gap, and so does a sample that is not Good. */
-export function append(s: Series, t: number, value: number | null, status: string, bound: number): void {
+/** One more point, null for none; a hole longer than `bound` seconds becomes a gap. */
+export function append(s: Series, t: number, value: number | null, bound: number): void {
   const last = s.t[s.t.length - 1];
   if (last != null && t <= last) return; // what is late by the clock is in the history
-  const good = value != null && status.startsWith("Good");
   if (last != null && t - last > bound) push(s, last + Math.min(bound, (t - last) / 2), null, null, null);
-  push(s, t, good ? value : null, good ? value : null, good ? value : null);
+  push(s, t, value, value, value);
+}
+
+/** What is drawn of a sample. What the controller held or put in for want of something better went to the plant:
+ *  only what is Bad is a gap. */
+export function drawn(value: number | null, status: string): number | null {
+  return usable(value, status) ? value : null;
 }
 
 export function fromSamples(samples: Samples, before: Sample | null, since: number, bound: number): Series {
   const s = empty();
-  if (before && before[1] != null) append(s, Math.max(since, before[1]), before[2], before[3], Infinity);
+  if (before && before[1] != null) append(s, Math.max(since, before[1]), drawn(before[2], before[3]), Infinity);
   // In the order of seq: what was kept during an outage comes after what was measured when it ended.
   const order = samples.time.map((_, i) => i).sort((a, b) => (samples.time[a] as number) - (samples.time[b] as number));
-  for (const i of order) append(s, samples.time[i] as number, samples.value[i] ?? null, samples.status[i] ?? "Bad", bound);
+  for (const i of order) append(s, samples.time[i] as number, drawn(samples.value[i] ?? null, samples.status[i] ?? "Bad"), bound);
   return s;
 }
 
-export function fromBins(bins: Bins, width: number, bound: number, hold: boolean): Series {
+/** `before`: what stood already when the range began. */
+export function fromBins(bins: Bins, width: number, bound: number, hold: boolean, before: Sample | null = null, since = 0): Series {
   const s = empty();
+  if (before && before[1] != null) append(s, Math.max(since, before[1]), drawn(before[2], before[3]), Infinity);
   const middles = hold ? bins.last : bins.mean;
   let last: number | null = null;
   bins.from.forEach((from, i) => {
@@ -52,9 +60,28 @@ export function fromBins(bins: Bins, width: number, bound: number, hold: boolean
 }
 
 export function fromHistory(h: History, bound: number, hold: boolean): Series {
-  if (h.bins) return fromBins(h.bins, (h.until - h.since) / h.bins.n, bound, hold);
+  if (h.bins) return fromBins(h.bins, (h.until - h.since) / h.bins.n, bound, hold, h.before, h.since);
   if (h.samples) return fromSamples(h.samples, h.before, h.since, bound);
   return empty();
+}
+
+function slice(s: Series, from: number, to?: number): Series {
+  return {t: s.t.slice(from, to), low: s.low.slice(from, to), high: s.high.slice(from, to), mid: s.mid.slice(from, to)};
+}
+
+/** What lies at or after `from` and not beyond `to`. */
+export function between(s: Series, from: number, to: number): Series {
+  return slice(s, s.t.filter(one => one < from).length, s.t.filter(one => one <= to).length);
+}
+
+/** With its last value until `now`, as long as somebody says so. */
+export function held(s: Series, now: number): Series {
+  const last = s.t.length - 1;
+  const value = s.mid[last];
+  if (value == null || (s.t[last] as number) >= now) return s;
+  const longer = slice(s, 0);
+  push(longer, now, value, value, value);
+  return longer;
 }
 
 /** Two parts side by side; where they overlap the newer part counts. */
@@ -63,7 +90,7 @@ export function join(older: Series, newer: Series, bound: number): Series {
   if (first == null) return older;
   let n = older.t.length;
   while (n > 0 && (older.t[n - 1] as number) >= first) n--;
-  const s: Series = {t: older.t.slice(0, n), low: older.low.slice(0, n), high: older.high.slice(0, n), mid: older.mid.slice(0, n)};
+  const s = slice(older, 0, n);
   const last = s.t[n - 1];
   if (last != null && first - last > bound) push(s, (first + last) / 2, null, null, null);
   for (let i = 0; i < newer.t.length; i++)
@@ -77,6 +104,18 @@ export function trim(s: Series, from: number): void {
   while (n + 1 < s.t.length && (s.t[n + 1] as number) <= from) n++;
   if (n === 0) return;
   for (const column of [s.t, s.low, s.high, s.mid]) column.splice(0, n);
+}
+
+/** Of what is seen between two times, edges of bands as well. */
+export function visible(s: Series, from: number, to: number): (number | null)[] {
+  const a = Math.max(0, indexAt(s, from));
+  const b = indexAt(s, to) + 1;
+  return [...s.low.slice(a, b), ...s.high.slice(a, b)];
+}
+
+/** What stood at t; null: a gap, or nothing yet. */
+export function valueAt(s: Series, t: number): number | null {
+  return s.mid[indexAt(s, t)] ?? null;
 }
 
 /** Index of the last point at or before t; -1: none. */

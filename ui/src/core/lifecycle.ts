@@ -7,7 +7,7 @@ export type Phase = "pending" | "accepted" | "applied" | "failed" | "unknown";
 export interface WriteView {
   phase: Phase;
   key: string;
-  at: number; // Unix s
+  at: number; // Unix s, of the server's clock
   to: string; // what was asked for, as text
   reason: string | null;
   stored: boolean; // it is in the database: what was typed is the readback now
@@ -26,7 +26,7 @@ export function next(view: WriteView, happening: Happening): WriteView {
       const {write} = happening;
       // Messages may overtake the answer: a final state stays, and accepted is no news after unknown.
       if (write.key !== view.key || order[write.state] < order[view.phase] || isFinal(view.phase)) return view;
-      return {...view, phase: write.state, reason: write.reason, stored: write.stored === true};
+      return {...view, phase: write.state, at: write.time, reason: write.reason, stored: write.stored === true};
     }
     case "refused":
       return isFinal(view.phase) ? view : {...view, phase: "failed", reason: happening.reason};

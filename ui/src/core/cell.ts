@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // A value that parts of the page look at. Whatever changes within a frame is shown at the next one, once: the work
 // does not grow with the rate of the stream.
-import {useEffect, useState} from "preact/hooks";
+import {env} from "./env";
 
 type Listener = () => void;
 
@@ -32,7 +32,7 @@ export class Cell<T> {
     dirty.add(this as Cell<unknown>);
     if (!scheduled) {
       scheduled = true;
-      requestAnimationFrame(flush);
+      env.frame(flush);
     }
   }
 
@@ -40,16 +40,4 @@ export class Cell<T> {
     this.listeners.add(listener);
     return () => void this.listeners.delete(listener);
   }
-}
-
-export function useCell<T>(cell: Cell<T>): T {
-  const [, force] = useState({});
-  const shown = cell.value;
-  useEffect(() => {
-    const stop = cell.subscribe(() => force({}));
-    // An effect runs after its frame: the value may have changed meanwhile, for the last time perhaps.
-    if (!Object.is(shown, cell.value)) force({});
-    return stop;
-  }, [cell]);
-  return shown;
 }

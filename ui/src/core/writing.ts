@@ -2,11 +2,12 @@
 // Writes on their way: one for each place of the page that writes (its slot).
 import {ApiError, get, NoAnswer, post} from "./api";
 import {Cell} from "./cell";
+import {env} from "./env";
 import {type Happening, next, type WriteView} from "./lifecycle";
-import {connection, writes} from "./model";
+import {connection, serverNow, writes} from "./model";
 import type {Write, WriteKind} from "./types";
 
-const TIMEOUT = 1000; // ms until the answer counts as lost
+const TIMEOUT = 1; // s until the answer counts as lost
 
 const slots = new Map<string, Cell<WriteView | null>>();
 
@@ -21,15 +22,14 @@ function step(cell: Cell<WriteView | null>, happening: Happening): void {
 }
 
 function newKey(): string {
-  const bytes = crypto.getRandomValues(new Uint8Array(12));
-  return Array.from(bytes, byte => byte.toString(16).padStart(2, "0")).join("");
+  return Array.from({length: 12}, () => Math.floor(env.random() * 256).toString(16).padStart(2, "0")).join("");
 }
 
 /** Send a write; `to` is what is shown for it. */
 export async function send(name: string, kind: WriteKind, body: object, to: string): Promise<void> {
   const cell = slot(name);
   const key = newKey();
-  cell.value = {phase: "pending", key, at: Date.now() / 1000, to, reason: null, stored: false};
+  cell.value = {phase: "pending", key, at: serverNow(), to, reason: null, stored: false};
   const mine = (): boolean => cell.value?.key === key;
   try {
     const write = await post<Write>(`/api/${kind}`, {...body, key}, TIMEOUT);

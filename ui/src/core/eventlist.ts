@@ -10,8 +10,9 @@ export interface Filter {
 }
 
 /** As the server filters, for what comes by the stream. */
-export function matches(f: Filter, e: PlantEvent): boolean {
+export function matches(f: Filter, e: PlantEvent, now: number): boolean {
   return (
+    e.time >= now - f.seconds &&
     e.severity >= f.severity &&
     (f.kind === "" || e.kind === f.kind) &&
     (f.source === "" || e.source === f.source) &&
@@ -24,4 +25,12 @@ export function merge(past: PlantEvent[], streamed: PlantEvent[]): PlantEvent[] 
   const name = (e: PlantEvent): string => [e.time, e.severity, e.source, e.kind, e.text].join("\n");
   const known = new Set(past.map(name));
   return [...past, ...streamed.filter(one => !known.has(name(one)))].sort((a, b) => a.time - b.time);
+}
+
+/** Where something may be missing between what was asked for and the newest that were streamed, as more came than are
+ *  kept: the index in `merged` that it lies before; -1: nowhere. */
+export function hole(merged: PlantEvent[], past: PlantEvent[], droppedSince: number): number {
+  const last = past[past.length - 1];
+  if (droppedSince === 0) return -1;
+  return last ? merged.findIndex(one => one.time > last.time) : 0;
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The window of a trend. Live: its right end is now. Whatever moves it otherwise pauses it. Pure.
+// The window of a trend. Live: its right end is now. Whatever else moves it pauses it. Pure.
+import {stamp} from "./format";
 
 export interface Window {
   live: boolean;
@@ -15,6 +16,8 @@ export const SPANS = [
 ] as const;
 const LEAST = 1;
 const MOST = 31 * 86400;
+
+const inside = (span: number): number => Math.min(MOST, Math.max(LEAST, span));
 
 export function bounds(w: Window, now: number): [number, number] {
   const to = w.live ? now : w.to;
@@ -35,16 +38,21 @@ export function pan(w: Window, part: number, now: number): Window {
   return {...w, live: false, to: Math.min(now, to + part * w.span)};
 }
 
-/** Factor below 1: closer. A live trend stays live as long as only its span changes. */
-export function zoom(w: Window, factor: number, now: number, around?: number): Window {
-  const span = Math.min(MOST, Math.max(LEAST, w.span * factor));
-  const [from, to] = bounds(w, now);
-  const center = around ?? (from + to) / 2;
-  const part = (to - center) / (to - from);
-  return {live: false, span, to: Math.min(now, center + part * span)};
+/** Factor below 1: closer, around the middle. A live trend stays live: its right end stays. */
+export function zoom(w: Window, factor: number, now: number): Window {
+  const span = inside(w.span * factor);
+  return w.live ? {...w, span} : {...w, span, to: Math.min(now, w.to + (span - w.span) / 2)};
 }
 
 export function select(from: number, to: number): Window {
-  const span = Math.min(MOST, Math.max(LEAST, to - from));
+  const span = inside(to - from);
   return {live: false, span, to: from + span};
+}
+
+/** Why a window cannot be shown as it was asked for; null: it can. */
+export function refuse(from: number, to: number, now: number): string | null {
+  if (!isFinite(from) || !isFinite(to)) return "no time";
+  if (to <= from) return "the end is not after the beginning";
+  if (to > now) return `the end is in the future: now is ${stamp(now)}`;
+  return to - from > MOST ? `more than ${MOST / 86400} days at once` : null;
 }

@@ -1,60 +1,60 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Of each loop, and of each measurement beyond them: the last ten minutes and the scale of its bars and axes.
 import {Cell} from "./cell";
-import {boundOf, load} from "./history";
-import {live, onSample, refill, serverNow, variable} from "./model";
+import {Curve} from "./curve";
+import {live, onNewPlant, onSample, refill, serverNow, variable} from "./model";
 import {extent, niceScale, type Scale} from "./scale";
-import {append, empty, type Series, trim} from "./series";
+import {empty, type Series} from "./series";
 import type {Loop, Ref} from "./types";
 
 export const RECENT = 600; // s
 const PIXELS = 150;
 
-const recents = new Map<Ref, Cell<Series>>();
-const filled = new Set<Ref>();
+interface Recent {
+  curve: Curve | null; // null: the plant has no such variable
+  shown: Cell<Series>;
+}
+
+const recents = new Map<Ref, Recent>();
 const scales = new Map<string, Cell<Scale | null>>();
+
+function of(ref: Ref): Recent {
+  let one = recents.get(ref);
+  if (!one) {
+    const what = variable(ref);
+    one = {curve: what && new Curve(what), shown: new Cell(empty())};
+    recents.set(ref, one);
+    fill(one);
+  }
+  return one;
+}
 
 /** The last ten minutes of a variable; kept up from the first time it is asked for. */
 export function recent(ref: Ref): Cell<Series> {
-  let cell = recents.get(ref);
-  if (!cell) {
-    recents.set(ref, (cell = new Cell(empty())));
-    fill(ref, cell);
-  }
-  return cell;
+  return of(ref).shown;
 }
 
-function fill(ref: Ref, cell: Cell<Series>): void {
-  const one = variable(ref);
-  if (!one) return;
+function fill({curve, shown}: Recent): void {
   const until = serverNow();
-  load(one, until - RECENT, until, PIXELS, series => {
-    for (let i = 0; i < cell.value.t.length; i++) {
-      const t = cell.value.t[i] as number;
-      if (t > until) append(series, t, cell.value.mid[i] ?? null, "Good", boundOf(one));
-    }
-    cell.value = series;
-  }).then(
-    () => {
-      filled.add(ref);
-      cell.value = {...cell.value};
-    },
-    () => {},
-  );
+  curve?.fill(until - RECENT, until, PIXELS, true, () => (shown.value = {...curve.series}));
 }
 
 refill.subscribe(() => {
-  for (const [ref, cell] of recents) fill(ref, cell);
+  for (const one of recents.values()) fill(one);
 });
 
 onSample((ref, [, t, value, status]) => {
-  const cell = recents.get(ref);
-  const one = variable(ref);
-  if (!cell || !one || t == null) return;
-  const s = cell.value;
-  append(s, t, value, status, boundOf(one));
-  trim(s, t - RECENT);
-  cell.value = {...s};
+  const one = recents.get(ref);
+  if (!one?.curve || t == null) return;
+  one.curve.take(t, value, status, t - RECENT);
+  one.shown.value = {...one.curve.series};
+});
+
+// Curves and scales of another plant say nothing of this one.
+onNewPlant(() => {
+  for (const {curve} of recents.values()) curve?.stop();
+  recents.clear();
+  scales.clear();
 });
 
 /** Where it has both limits of its own. */
@@ -75,7 +75,7 @@ function fitted(name: string, refs: Ref[], setpoint: Ref | null): Cell<Scale | n
   const cell = new Cell<Scale | null>(null);
   scales.set(name, cell);
   const choose = (): void => {
-    if (!refs.every(ref => filled.has(ref))) return;
+    if (!refs.every(ref => of(ref).curve?.whole)) return;
     const target = setpoint ? live(setpoint).value.value : null;
     if (cell.value && (target == null || (target > cell.value.low && target < cell.value.high))) return;
     const [low, high] = extent(refs.flatMap(ref => [...recent(ref).value.mid, live(ref).value.value]));

@@ -2,61 +2,67 @@
 // The stream of the daemon: one EventSource at a time, resumed where it broke off, with growing pauses between attempts.
 // Silence counts as a disconnection: a connection that hangs looks alive to the browser.
 import {Backoff} from "./backoff";
+import {env, every, type Source} from "./env";
 
-export const SILENCE = 3000; // ms; a beat comes every second
+export const SILENCE = 3; // s; a beat comes every second
 
 export interface Handlers {
   message(type: string, data: unknown): void;
   up(resumed: boolean): void;
-  down(retryAt: number): void;
-  silent(): void;
+  down(retryAt: number): void; // of env.mono()
 }
 
 const TYPES = ["hello", "state", "values", "write", "event", "tasks", "store", "plant", "beat", "bye"];
 
 export class Stream {
-  private source: EventSource | null = null;
+  private source: Source | null = null;
   private last = "";
   private heard = 0;
-  private isUp = false;
-  private retry: ReturnType<typeof setTimeout> | undefined;
-  private readonly backoff = new Backoff(500, 10000);
+  private retry: () => void = () => {};
+  private readonly backoff = new Backoff(0.5, 10);
 
   constructor(private readonly handlers: Handlers) {
-    setInterval(() => this.look(), 500);
+    every(() => this.look(), 0.5);
   }
 
   start(): void {
     this.stop();
-    this.heard = performance.now();
-    const source = new EventSource(this.last ? `/events?last=${encodeURIComponent(this.last)}` : "/events");
+    this.heard = env.mono();
+    const source = env.events(this.last ? `/events?last=${encodeURIComponent(this.last)}` : "/events");
     this.source = source;
     for (const type of TYPES)
-      source.addEventListener(type, event => {
-        if (source === this.source) this.receive(type, event as MessageEvent<string>);
+      source.on(type, (data, id) => {
+        if (source === this.source) this.receive(type, data, id);
       });
-    source.onerror = () => {
+    source.failed(() => {
       if (source === this.source) this.lost();
-    };
+    });
   }
 
   stop(): void {
-    clearTimeout(this.retry);
+    this.retry();
     this.source?.close();
     this.source = null;
   }
 
-  private receive(type: string, event: MessageEvent<string>): void {
-    this.heard = performance.now();
-    if (event.lastEventId) this.last = event.lastEventId;
+  /** At once and from the beginning: nobody knows for how long nothing was heard. */
+  again(): void {
+    if (!this.source) return;
+    this.last = "";
+    this.handlers.down(env.mono());
+    this.start();
+  }
+
+  private receive(type: string, text: string, id: string): void {
+    this.heard = env.mono();
+    if (id) this.last = id;
     let data: unknown;
     try {
-      data = JSON.parse(event.data);
+      data = JSON.parse(text);
     } catch {
       return;
     }
     if (type === "hello") {
-      this.isUp = true;
       this.backoff.reset();
       this.handlers.up((data as {resumed: boolean}).resumed);
     }
@@ -65,16 +71,13 @@ export class Stream {
   }
 
   private look(): void {
-    if (!this.source || performance.now() - this.heard < SILENCE) return;
-    if (this.isUp) this.handlers.silent();
-    this.lost();
+    if (this.source && env.mono() - this.heard >= SILENCE) this.lost();
   }
 
   private lost(): void {
     this.stop();
-    this.isUp = false;
     const pause = this.backoff.next();
-    this.retry = setTimeout(() => this.start(), pause);
-    this.handlers.down(Date.now() + pause);
+    this.retry = env.later(() => this.start(), pause);
+    this.handlers.down(env.mono() + pause);
   }
 }

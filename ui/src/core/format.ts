@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Numbers and times as the page writes them. Everything is UTC.
+
+export const missing = "–";
+
+const minus = (text: string): string => text.replace("-", "\u2212");
+
+interface Ranged {
+  low: number | null;
+  high: number | null;
+}
+
+const WIDEST = 1e6; // limits farther apart than that are none
+
+/** How many decimals resolve a ten-thousandth of a range: that of the first one that has both ends; undefined: none has.
+ *  Never of the data: a number that is written in one way now and in another tomorrow is read wrongly. */
+export function decimalsOf(...of: (Ranged | null)[]): number | undefined {
+  for (const one of of) {
+    const span = one?.low == null || one.high == null ? 0 : one.high - one.low;
+    if (span > 0 && span <= WIDEST) return Math.min(6, Math.max(0, 4 - Math.floor(Math.log10(span))));
+  }
+  return undefined;
+}
+
+/** A measurement: with a fixed number of decimals. Without a known range three, and what these would hide. */
+export function number(value: number | null | undefined, decimals?: number): string {
+  if (value == null || !isFinite(value)) return missing;
+  const size = Math.abs(value);
+  if (size >= 1e9 || (decimals == null && size !== 0 && size < 1e-6)) return power(value, 2);
+  const text = decimals == null && size < 5e-4 && size !== 0 ? value.toPrecision(2) : value.toFixed(decimals ?? 3);
+  return Number(text) === 0 ? text.replace("-", "") : minus(text);
+}
+
+function power(value: number, digits?: number): string {
+  return value.toExponential(digits).replace("e+", "e").replace(/-/g, "\u2212");
+}
+
+/** What somebody has written or writes: all of its digits, one way to write each number. */
+export function exact(value: number | null | undefined): string {
+  if (value == null || !isFinite(value)) return missing;
+  const plain = String(value);
+  const short = power(value);
+  return plain.includes("e") || (plain.length > 7 && short.length < plain.length) ? short : minus(plain);
+}
+
+export type Reading = {value: number; why: null} | {value: null; why: string};
+
+/** A number as people type it: point or comma, true minus. What may mean two numbers is none. */
+export function read(text: string): Reading {
+  const clean = text.trim().replace("\u2212", "-").replace(/(e)\u2212/i, "$1-");
+  if (!/^[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?$/i.test(clean)) return {value: null, why: "not a number"};
+  if (/^[-+]?[1-9]\d{0,2},\d{3}(e|$)/i.test(clean))
+    return {value: null, why: `${text.trim()} may be ${clean.replace(",", ".")} or ${clean.replace(",", "")}: write the one that is meant`};
+  const value = Number(clean.replace(",", "."));
+  return isFinite(value) ? {value, why: null} : {value: null, why: "too large"};
+}
+
+/** Of limits, "none" where there is none. */
+export function limitsText(low: number | null, high: number | null): string {
+  if (low == null && high == null) return "no limits";
+  if (low == null) return `at most ${exact(high)}`;
+  if (high == null) return `at least ${exact(low)}`;
+  return `${exact(low)} to ${exact(high)}`;
+}
+
+/** Why a text cannot be written; null: it can. */
+export function complaint(text: string, low: number | null, high: number | null): string | null {
+  const {value, why} = read(text);
+  if (why != null) return why;
+  return (low != null && value < low) || (high != null && value > high) ? `outside ${limitsText(low, high)}` : null;
+}
+
+export function duration(seconds: number | null | undefined): string {
+  if (seconds == null || !isFinite(seconds)) return missing;
+  const sign = seconds < 0 ? "\u2212" : "";
+  const s = Math.abs(seconds);
+  if (s === 0) return "0 s";
+  if (s < 1e-6) return `${sign}${(s * 1e9).toFixed(0)} ns`;
+  if (s < 1e-3) return `${sign}${(s * 1e6).toFixed(s < 1e-5 ? 1 : 0)} µs`;
+  if (s < 1) return `${sign}${(s * 1e3).toFixed(s < 1e-2 ? 2 : s < 1e-1 ? 1 : 0)} ms`;
+  if (s < 120) return `${sign}${s.toFixed(s < 10 ? 1 : 0)} s`;
+  if (s < 7200) return `${sign}${Math.floor(s / 60)} min`;
+  if (s < 2 * 86400) return `${sign}${Math.floor(s / 3600)} h ${Math.floor((s % 3600) / 60)} min`;
+  return `${sign}${Math.floor(s / 86400)} d`;
+}
+
+/** Without what binary fractions leave behind. */
+const rounded = (x: number): string => String(Number(x.toPrecision(12)));
+
+/** Of a task: exactly as it was set. */
+export function period(seconds: number | null | undefined): string {
+  if (seconds == null || !isFinite(seconds)) return missing;
+  if (seconds < 1e-3) return `${rounded(seconds * 1e6)} µs`;
+  return seconds < 1 ? `${rounded(seconds * 1e3)} ms` : `${rounded(seconds)} s`;
+}
+
+const two = (n: number): string => String(n).padStart(2, "0");
+
+export function clock(t: number | null | undefined, subseconds = 0): string {
+  if (t == null) return missing;
+  const scale = 10 ** subseconds;
+  const d = new Date((Math.floor(t * scale) / scale) * 1000);
+  const fraction = subseconds ? (Math.floor(t * scale) / scale).toFixed(subseconds).replace(/^-?\d+/, "") : "";
+  return `${two(d.getUTCHours())}:${two(d.getUTCMinutes())}:${two(d.getUTCSeconds())}${fraction}`;
+}
+
+export function day(t: number): string {
+  const d = new Date(t * 1000);
+  return `${d.getUTCFullYear()}-${two(d.getUTCMonth() + 1)}-${two(d.getUTCDate())}`;
+}
+
+export function stamp(t: number, subseconds = 0): string {
+  return `${day(t)} ${clock(t, subseconds)}`;
+}
+
+/** For CSV: unambiguous, microseconds. */
+export function iso(t: number): string {
+  return `${day(t)}T${clock(t, 6)}Z`;
+}
+
+export function csv(rows: (string | number | null)[][]): string {
+  const cell = (value: string | number | null): string => {
+    let text = value == null ? "" : String(value);
+    // A spreadsheet would take it for a formula.
+    if (typeof value === "string" && /^[=+\-@\t\r]/.test(text)) text = `'${text}`;
+    return /[",\r\n]/.test(text) ? `"${text.replace(/"/g, '""')}"` : text;
+  };
+  return rows.map(row => row.map(cell).join(",") + "\r\n").join("");
+}

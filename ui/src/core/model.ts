@@ -1,0 +1,275 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Everything the page knows, and the one place where messages of the stream change it.
+import {get, session as askSession, whenLoggedOut} from "./api";
+import {Cell} from "./cell";
+import {Clock, Parting} from "./clock";
+import {env, every} from "./env";
+import {type Control, controlOf, newestWatchdog, noControl} from "./modes";
+import {aged, heard, limit, type Limits, type Live, nothing} from "./quality";
+import {Stream} from "./stream";
+import type {Plant, PlantEvent, Ref, Sample, Session, State, StoreState, Task, Variable, Write} from "./types";
+
+export interface Connection {
+  state: "connecting" | "connected" | "disconnected";
+  since: number; // Unix s, of the server's clock
+  retryAt: number | null; // of env.mono()
+}
+
+/** What came by the stream; of much only the newest. */
+export interface Streamed {
+  list: PlantEvent[];
+  dropped: number; // how many older ones have left the list
+}
+
+const KEEP_EVENTS = 500;
+
+export const session = new Cell<Session | null>(null);
+export const needsLogin = new Cell(false);
+/** Another object whenever anything of it is new; `generation` tells one from the next. */
+export const plant = new Cell<(Plant & {generation: number}) | null>(null);
+export const connection = new Cell<Connection>({state: "connecting", since: 0, retryAt: null});
+export const store = new Cell<StoreState | null>(null);
+export const writes = new Cell<Write[]>([]);
+export const events = new Cell<Streamed>({list: [], dropped: 0});
+/** What the plant's watchdog said last: an alarm stands until it says otherwise. */
+export const watchdog = new Cell<PlantEvent | null>(null);
+export const control = new Cell<Control>(noControl);
+export const tasks = new Cell<Task[]>([]);
+/** Another one each second, whatever the server says. */
+export const second = new Cell(0);
+/** Grows whenever history may be missing something that the stream did not bring. */
+export const refill = new Cell(0);
+export const clock = new Clock();
+/** env.mono() of the last message. */
+export const heardAt = {value: env.mono()};
+
+const values = new Map<Ref, Cell<Live>>();
+const variables = new Map<Ref, Variable>();
+
+export function live(ref: Ref): Cell<Live> {
+  let cell = values.get(ref);
+  if (!cell) values.set(ref, (cell = new Cell(nothing)));
+  return cell;
+}
+
+export function variable(ref: Ref | null): Variable | null {
+  return ref ? (variables.get(ref) ?? null) : null;
+}
+
+/** Between which a value is as it should be: its own limits, else a measurement's are those of its setpoint. */
+export function limitsOf(ref: Ref): Limits {
+  const own = variable(ref);
+  const bounded = own && (own.low != null || own.high != null);
+  const setpoint = plant.value?.loops.find(loop => loop.measurement === ref)?.setpoint ?? null;
+  return (bounded ? own : variable(setpoint)) ?? {low: null, high: null};
+}
+
+/** The daemon's clock now, Unix s; as long as it has said nothing, this computer's. */
+export function serverNow(): number {
+  return clock.now(env.mono()) ?? env.wall();
+}
+
+type SampleListener = (ref: Ref, sample: Sample) => void;
+const sampleListeners = new Set<SampleListener>();
+
+/** Every sample, not only the newest of a frame: for the trends. */
+export function onSample(listener: SampleListener): () => void {
+  sampleListeners.add(listener);
+  return () => void sampleListeners.delete(listener);
+}
+
+const plantListeners = new Set<() => void>();
+
+/** At once, before anybody is shown the new one. */
+export function onNewPlant(listener: () => void): void {
+  plantListeners.add(listener);
+}
+
+let refilling = (): void => {};
+
+/** Samples that were kept while the database was away are stored after it is back: ask once they have settled. */
+function refillSoon(): void {
+  refilling();
+  refilling = env.later(() => refill.value++, 1);
+}
+
+/** `ages`: what the server knows of them; else all are as old as their message. */
+function take(samples: Record<Ref, Sample>, ages: Record<Ref, number | null> | null, late: number): void {
+  const at = env.mono();
+  for (const [ref, sample] of Object.entries(samples)) {
+    const cell = live(ref);
+    const before = cell.value;
+    cell.value = heard(before, sample, at, late + (ages?.[ref] ?? 0), ages != null);
+    const one = variables.get(ref);
+    const step = before.time != null && sample[1] != null ? sample[1] - before.time : 0;
+    if (one && (step < 0 || step > limit(one))) refillSoon();
+    if (sample[0] !== before.seq) for (const listener of sampleListeners) listener(ref, sample);
+  }
+}
+
+function takeWrite(write: Write): void {
+  writes.value = [...writes.value.filter(known => known.key !== write.key), write].slice(-256);
+}
+
+function takeEvents(news: PlantEvent[]): void {
+  watchdog.value = newestWatchdog(watchdog.value, news);
+  const all = [...events.value.list, ...news];
+  const over = Math.max(0, all.length - KEEP_EVENTS);
+  events.value = {list: all.slice(over), dropped: events.value.dropped + over};
+}
+
+function lookAtControl(): void {
+  const p = plant.value;
+  if (!p) return;
+  const next = controlOf(p.mode, live(p.mode.target).value, live(p.mode.actual).value, p.loops.map(loop => live(loop.output).value));
+  if (JSON.stringify(next) !== JSON.stringify(control.value)) control.value = next;
+}
+
+/** Feeds the clock; returns how old the message is, s. */
+function sight(type: string, data: {t?: number; resumed?: boolean}): number {
+  const at = env.mono();
+  heardAt.value = at;
+  if (data.t == null) return 0;
+  if (type === "hello") clock.begin(data.t, at, data.resumed === true);
+  else if (type !== "beat") return clock.message(data.t, at);
+  else if (clock.beat(data.t, at)) refillSoon();
+  return 0;
+}
+
+function receive(type: string, data: unknown): void {
+  const late = sight(type, data as {t?: number});
+  switch (type) {
+    case "state": {
+      const state = data as State;
+      store.value = state.store;
+      for (const [ref, cell] of values) if (!(ref in state.values)) cell.value = nothing;
+      take(state.values, state.ages, late);
+      refill.value++;
+      break;
+    }
+    case "values":
+      take((data as {values: Record<Ref, Sample>}).values, null, late);
+      break;
+    case "write":
+      takeWrite(data as Write);
+      break;
+    case "event":
+      takeEvents((data as {events: PlantEvent[]}).events);
+      break;
+    case "tasks": {
+      const reported = (data as {tasks: Task[]}).tasks;
+      const names = new Set(reported.map(task => task.task));
+      tasks.value = [...tasks.value.filter(task => !names.has(task.task)), ...reported];
+      break;
+    }
+    case "store": {
+      const next = data as StoreState;
+      if (next.connected && store.value && !store.value.connected) refill.value++;
+      store.value = next;
+      break;
+    }
+    case "plant":
+      void loadPlant();
+      break;
+    case "bye":
+      if ((data as {reason: string}).reason === "session") needsLogin.value = true;
+      break;
+  }
+  lookAtControl();
+}
+
+let asked = 0;
+
+/** What the plant is, as long as it is the same one. */
+const identity = ({name, start, variables: all, loops}: Plant): string =>
+  JSON.stringify([name, start, all.map(one => [one.ref, one.name, one.unit, one.low, one.high]), loops]);
+
+export async function loadPlant(): Promise<void> {
+  const mine = ++asked;
+  try {
+    const next = await get<Plant>("/api/plant");
+    if (mine !== asked) return;
+    const before = plant.value;
+    const other = before != null && identity(before) !== identity(next);
+    variables.clear();
+    for (const one of next.variables) variables.set(one.ref, one);
+    if (other) {
+      watchdog.value = null;
+      for (const listener of plantListeners) listener();
+    }
+    plant.value = {...next, generation: (before?.generation ?? 0) + (other ? 1 : 0)};
+  } catch {
+    env.later(() => void (mine === asked && loadPlant()), 2);
+  }
+}
+
+async function loadWrites(): Promise<void> {
+  try {
+    const past = await get<{writes: Write[]}>("/api/writes");
+    const newer = writes.value.filter(write => !past.writes.some(one => one.key === write.key));
+    writes.value = [...past.writes, ...newer];
+  } catch {
+    // The stream brings what comes; the list is for the last action only.
+  }
+}
+
+async function loadWatchdog(): Promise<void> {
+  try {
+    const past = await get<{events: PlantEvent[]}>("/api/events", {kind: "watchdog", last: 1});
+    watchdog.value = newestWatchdog(watchdog.value, past.events);
+  } catch {
+    if (connection.value.state === "connected") env.later(() => void loadWatchdog(), 5);
+  }
+}
+
+const stream = new Stream({
+  message: receive,
+  up(resumed) {
+    // Another daemon perhaps, of another plant.
+    if (!resumed && connection.value.state === "disconnected") void loadPlant();
+    connection.value = {state: "connected", since: serverNow(), retryAt: null};
+    refill.value++;
+    void loadWrites();
+    void loadWatchdog();
+  },
+  down(retryAt) {
+    const before = connection.value;
+    const since = before.state === "disconnected" ? before.since : serverNow();
+    connection.value = {state: "disconnected", since, retryAt};
+    // An EventSource does not say why: a session that has ended does.
+    void askSession().catch(() => {});
+  },
+});
+
+const parting = new Parting();
+
+function tick(): void {
+  const at = env.mono();
+  // It slept, perhaps, and nobody knows for how long: what the page shows was heard before.
+  if (parting.look(env.wall(), at)) stream.again();
+  for (const [ref, cell] of values) {
+    const one = variables.get(ref);
+    if (one) cell.value = aged(cell.value, limit(one), at);
+  }
+  lookAtControl();
+  second.value = Math.floor(at);
+}
+
+/** Ask who we are and begin to listen; again after a login. */
+export async function begin(): Promise<void> {
+  whenLoggedOut(() => {
+    needsLogin.value = true;
+    stream.stop();
+  });
+  try {
+    session.value = await askSession();
+    needsLogin.value = false;
+  } catch {
+    if (!needsLogin.value) env.later(() => void begin(), 2);
+    return;
+  }
+  await loadPlant();
+  stream.start();
+}
+
+every(tick, 0.25);

@@ -1,0 +1,417 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The pure parts: npm test.
+import assert from "node:assert/strict";
+import {test} from "node:test";
+import {Backoff} from "../src/core/backoff";
+import {Clock, Parting} from "../src/core/clock";
+import {hole, matches, merge} from "../src/core/eventlist";
+import {clock, complaint, csv, decimalsOf, duration, exact, iso, limitsText, number, period, read, stamp} from "../src/core/format";
+import {histogram, logHeight, reach} from "../src/core/histogram";
+import {next, type WriteView} from "../src/core/lifecycle";
+import {controlOf, newestWatchdog} from "../src/core/modes";
+import {pages, path, placeOf} from "../src/core/place";
+import {abnormal, aged, beyond, heard, limit, type Live, nothing, usable, words, worth} from "../src/core/quality";
+import {extent, niceScale, place} from "../src/core/scale";
+import {align, append, between, drawn, empty, fromBins, fromHistory, fromSamples, held, indexAt, join, trim, valueAt, visible} from "../src/core/series";
+import {bounds, goLive, pan, pause, refuse, select, zoom, type Window} from "../src/core/view";
+import type {PlantEvent, Write} from "../src/core/types";
+
+const DAY = 86400;
+
+test("numbers are read as people type them, and nothing else is a number", () => {
+  const cases: [string, number][] = [[" 1,5 ", 1.5], ["\u22122e-3", -0.002], ["1e\u22126", 1e-6], ["+.5", 0.5], [",5", 0.5], ["5.", 5], ["1.500", 1.5], ["0,500", 0.5], ["1,5000", 1.5], ["1234,500", 1234.5], ["1E3", 1000], ["-0", -0]];
+  for (const [text, value] of cases) assert.deepEqual(read(text), {value, why: null}, text);
+  for (const text of ["", "1.2.3", "0x10", "NaN", "Infinity", "1 2", ".", "1e", "e5", "1,2,3", "1,000.5"]) assert.deepEqual(read(text), {value: null, why: "not a number"}, text);
+  assert.deepEqual(read("1e999"), {value: null, why: "too large"});
+});
+
+test("a number that may mean two is refused, with both", () => {
+  assert.deepEqual(read(" 1,500 "), {value: null, why: "1,500 may be 1.500 or 1500: write the one that is meant"});
+  for (const text of ["12,345", "-999,999", "\u22121,500", "1,500e3"]) assert.equal(read(text).value, null, text);
+});
+
+test("a text that cannot be written says why", () => {
+  assert.equal(complaint("11", -100, 10), "outside \u2212100 to 10");
+  assert.equal(complaint("-101", -100, null), "outside at least \u2212100");
+  for (const text of ["10", "-100"]) assert.equal(complaint(text, -100, 10), null, text);
+  assert.equal(complaint("many", null, null), "not a number");
+  assert.equal(complaint("1e300", null, null), null);
+  assert.deepEqual([limitsText(null, null), limitsText(null, 3), limitsText(0, 1e9)], ["no limits", "at most 3", "0 to 1e9"]);
+});
+
+test("a measurement is written with a fixed number of decimals and a true minus", () => {
+  assert.equal(number(9.98, 2), "9.98");
+  assert.equal(number(-0.5, 1), "\u22120.5");
+  for (const zero of [-0, -1e-9, 1e-9]) assert.equal(number(zero, 2), "0.00");
+  assert.equal(number(null), "–");
+  assert.equal(number(undefined), "–");
+  assert.equal(number(NaN), "–");
+  assert.equal(number(-Infinity), "–");
+  assert.equal(number(-2.5e9, 2), "\u22122.50e9");
+  assert.equal(number(999999999, 0), "999999999");
+  // Near zero the way to write it stays within known limits, and without limits no digit is hidden.
+  assert.deepEqual([0.0149, 0.0049].map(x => number(x, 2)), ["0.01", "0.00"]);
+  assert.deepEqual([0.0005, 0.00049, -0.00001, 1e-7].map(x => number(x)), ["0.001", "0.00049", "\u22120.000010", "1.00e\u22127"]);
+});
+
+test("decimals come from the first limits that there are, never from the data", () => {
+  const range = (low: number | null, high: number | null) => ({low, high});
+  const cases: [number | undefined, ...({low: number | null; high: number | null} | null)[]][] = [
+    [2, range(-100, 100)], [3, range(-10, 10)], [4, range(0, 1)], [0, range(0, 1e6)], [6, range(0, 1e-9)],
+    [2, null, range(null, 5), range(0, 100)], [undefined, range(-1e9, 1e9)], [undefined, range(1, 1)], [undefined], [2, range(0, 100), range(0, 1)],
+  ];
+  for (const [decimals, ...of] of cases) assert.equal(decimalsOf(...of), decimals, JSON.stringify(of));
+});
+
+test("what somebody wrote is told with all of its digits, and each number in one way", () => {
+  const cases: [number, string][] = [[0.5, "0.5"], [0.1 + 0.2, "0.30000000000000004"], [-1e9, "\u22121e9"], [1e-6, "1e\u22126"], [-1e-7, "\u22121e\u22127"], [1234567, "1234567"], [12345678.9, "12345678.9"], [1e5, "100000"], [1e7, "1e7"], [0, "0"], [1e22, "1e22"]];
+  for (const [value, text] of cases) {
+    assert.equal(exact(value), text);
+    assert.equal(read(text).value, value, text);
+  }
+  for (const none of [null, undefined, NaN]) assert.equal(exact(none), "–");
+});
+
+test("durations have the unit that fits", () => {
+  const cases: [number | null, string][] = [[5e-9, "5 ns"], [-1.5e-6, "\u22121.5 µs"], [0.25, "250 ms"], [2, "2.0 s"], [600, "10 min"], [7260, "2 h 1 min"], [null, "–"]];
+  for (const [seconds, text] of cases) assert.equal(duration(seconds), text);
+  const periods: [number | null, string][] = [[0.0005, "500 µs"], [0.2, "200 ms"], [2, "2 s"], [0.0125, "12.5 ms"], [200, "200 s"], [null, "–"]];
+  for (const [seconds, text] of periods) assert.equal(period(seconds), text);
+});
+
+test("times are UTC", () => {
+  assert.equal(clock(1763730125.25, 2), "13:02:05.25");
+  assert.equal(iso(0.5), "1970-01-01T00:00:00.500000Z");
+});
+
+test("CSV quotes what needs it and disarms formulas", () => {
+  assert.equal(csv([["a,b", 'say "x"', -1, null, "=1+1"]]), '"a,b","say ""x""",-1,,\'=1+1\r\n');
+});
+
+test("a scale has round ends that hold what there is", () => {
+  assert.deepEqual(niceScale(0.3, 20.5), {low: 0, high: 25});
+  assert.deepEqual(niceScale(-1, 3), {low: -1, high: 3});
+  const flat = niceScale(10, 10);
+  assert.ok(flat.low < 10 && flat.high > 10);
+  assert.deepEqual(niceScale(...extent([])), {low: 0, high: 1});
+  assert.deepEqual(place({low: 0, high: 10}, 12), {at: 1, off: 1});
+  assert.deepEqual(extent([3, null, -1, NaN, undefined]), [-1, 3]);
+});
+
+test("a sample is stale when older than three periods and a second; only a moved seq makes it fresh", () => {
+  assert.equal(limit({period: 0.5}), 1.5);
+  assert.equal(limit({period: 0.1}), 1);
+  assert.equal(limit({period: null}), Infinity);
+  const first = heard(nothing, [1, 100, 5, "Good"], 1, 0, false);
+  assert.deepEqual(first, {seq: 1, time: 100, value: 5, status: "Good", heard: 1, stale: false, age: null});
+  assert.equal(heard(first, [1, 100, 5, "Good"], 2, 0, false), first);
+  assert.equal(aged(first, 1, 2), first);
+  const old = aged(first, 1, 4.5);
+  assert.deepEqual([old.stale, old.age], [true, 3]);
+  assert.equal(aged(old, 1, 4.6), old);
+  assert.equal(aged(old, 1, 5.6).age, 4);
+  assert.equal(heard(old, [2, 101, 6, "Good"], 4.7, 0, false).stale, false);
+  assert.equal(heard(nothing, [1, 100, 5, "Good"], 5, 2, true).heard, 3);
+  assert.equal(heard(first, [1, 100, 5, "Good"], 9, 2, true).heard, 7, "what the server knows of an age counts");
+  assert.equal(aged(nothing, 1, 1e9), nothing);
+});
+
+test("a status is good, uncertain or bad by its two highest bits, and has words", () => {
+  const cases: [string, string, string][] = [
+    ["Good", "good", "good"], ["GoodLimitedLow", "good", "at its low limit"], ["UncertainSubstituteValue", "uncertain", "substitute value"],
+    ["BadSensorFailure", "bad", "sensor failure"], ["0x00340000", "good", "good (0x00340000)"], ["0x40340000", "uncertain", "uncertain (0x40340000)"], ["0x80340000", "bad", "bad (0x80340000)"], ["0xC0340000", "bad", "bad (0xC0340000)"],
+  ];
+  for (const [status, what, said] of cases) assert.deepEqual([worth(status), words(status)], [what, said], status);
+  assert.deepEqual([usable(1, "UncertainSubstituteValue"), usable(1, "Bad"), usable(null, "Good"), usable(0, "Good")], [true, false, false, true]);
+});
+
+test("limits are inclusive, and one may be missing", () => {
+  assert.deepEqual([0, 1, -0.1, 1.1].map(x => beyond(x, 0, 1)), [null, null, "below", "above"]);
+  assert.deepEqual([beyond(-9, null, 1), beyond(9, 0, null), beyond(null, 0, 1)], [null, null, null]);
+});
+
+test("never heard, bad, uncertain, outside and stale are each counted; what people write is not", () => {
+  const limits = {low: 0, high: 10};
+  const of = (part: Partial<Live>, period: number | null = 1) => ({period, limits, live: {...nothing, seq: 1, value: 5, status: "Good", ...part}});
+  assert.deepEqual(abnormal([of({}), of({seq: 0}, null)]), {never: 0, bad: 0, uncertain: 0, outside: 0, stale: 0});
+  assert.deepEqual(
+    abnormal([of({seq: 0, value: null}), of({status: "Bad"}), of({status: "Bad", stale: true}), of({status: "UncertainSubstituteValue"}), of({value: 11}), of({value: -1, stale: true})]),
+    {never: 1, bad: 2, uncertain: 1, outside: 2, stale: 2},
+  );
+});
+
+test("gaps stay gaps: a hole, a Bad sample, an empty bin", () => {
+  const s = empty();
+  append(s, 1, 10, 2);
+  append(s, 2, 11, 2);
+  append(s, 9, 12, 2);
+  append(s, 10, drawn(13, "BadNoCommunication"), 2);
+  append(s, 9.5, 14, 2); // late by the clock
+  append(s, 10, 15, 2);
+  assert.deepEqual(s.mid, [10, 11, null, 12, null]);
+  assert.deepEqual(s.t, [1, 2, 4, 9, 10]);
+  assert.deepEqual([s.low, s.high], [s.mid, s.mid]);
+  const bins = {n: 10, from: [0, 10, 50], count: [1, 1, 1], bad: [0, 0, 0], min: [1, 2, 3], max: [2, 3, 4], mean: [1.5, 2.5, 3.5], last: [2, 3, 4], worst: ["Good", "Good", "Good"]};
+  const mean = fromBins(bins, 10, 1, false);
+  assert.deepEqual([mean.t, mean.low, mean.mid, mean.high], [[5, 15, 35, 55], [1, 2, null, 3], [1.5, 2.5, null, 3.5], [2, 3, null, 4]]);
+  assert.deepEqual(fromBins(bins, 10, 1, true).mid, [2, 3, null, 4]);
+  assert.deepEqual(fromBins(bins, 10, 100, true).mid, [2, 3, 4]);
+});
+
+test("what was held or put in for a measurement is drawn: only Bad is a gap", () => {
+  const status = ["Good", "UncertainLastUsableValue", "UncertainSubstituteValue", "BadNoData"];
+  const s = fromSamples({seq: [1, 2, 3, 4], time: [1, 2, 3, 4], value: [5, 5, 0, 7], status}, null, 0, 5);
+  assert.deepEqual(s.mid, [5, 5, 0, null]);
+});
+
+test("a binned setpoint stands from before the window on, too", () => {
+  const bins = {n: 4, from: [30], count: [1], bad: [0], min: [20], max: [20], mean: [20], last: [20], worst: ["Good"]};
+  const h = {ref: "setpoint.1", t: 50, since: 10, until: 50, before: [1, 3, 10, "Good"] as [number, number, number, string], bins};
+  assert.deepEqual(fromHistory(h, Infinity, true).t, [10, 35]);
+  assert.deepEqual(fromHistory(h, Infinity, true).mid, [10, 20]);
+  assert.deepEqual(fromHistory({...h, before: null}, Infinity, true).mid, [20]);
+  assert.deepEqual(fromHistory({...h, bins: undefined}, 1, true), empty());
+});
+
+test("a line holds until what the server has said, unless it ends in a gap", () => {
+  const s = empty();
+  append(s, 1, 10, 5);
+  const longer = held(s, 4);
+  assert.deepEqual([longer.t, longer.low, longer.high, longer.mid], [[1, 4], [10, 10], [10, 10], [10, 10]]);
+  assert.deepEqual(s.t, [1]);
+  assert.equal(held(s, 1), s);
+  assert.equal(held(s, 0.5), s);
+  append(s, 2, null, 5);
+  assert.equal(held(s, 4), s);
+  assert.equal(held(empty(), 4).t.length, 0);
+});
+
+test("what is seen of a curve begins with what stood at its left edge", () => {
+  const s = empty();
+  for (const t of [1, 2, 3, 4]) append(s, t, t * 10, 5);
+  assert.deepEqual(visible(s, 2.5, 3.5), [20, 30, 20, 30]);
+  assert.deepEqual(visible(s, 0, 1), [10, 10]);
+  assert.deepEqual([valueAt(s, 0.5), valueAt(s, 2), valueAt(s, 99)], [null, 20, 40]);
+  assert.deepEqual(between(s, 2, 3).t, [2, 3]);
+  assert.deepEqual(between(s, 1.5, 9).mid, [20, 30, 40]);
+});
+
+test("a setpoint stands from before the window on", () => {
+  const s = fromSamples({seq: [2], time: [50], value: [20], status: ["Good"]}, [1, 3, 10, "Good"], 40, Infinity);
+  assert.deepEqual([s.t, s.mid], [[40, 50], [10, 20]]);
+});
+
+test("what was stored late is put where it was measured", () => {
+  const s = fromSamples({seq: [1, 2, 3, 4], time: [1, 4, 2, 3], value: [1, 4, 2, 3], status: ["Good", "Good", "Good", "Good"]}, null, 0, 5);
+  assert.deepEqual(s.mid, [1, 2, 3, 4]);
+});
+
+test("parts of history join without doubling, curves align on one axis", () => {
+  const older = fromSamples({seq: [1, 2], time: [1, 2], value: [1, 2], status: ["Good", "Good"]}, null, 0, 5);
+  const newer = fromSamples({seq: [2, 3], time: [2, 3], value: [2, 3], status: ["Good", "Good"]}, null, 0, 5);
+  const both = join(older, newer, 5);
+  assert.deepEqual(both.mid, [1, 2, 3]);
+  trim(both, 2.5);
+  assert.deepEqual(both.t, [2, 3]);
+  assert.equal(indexAt(both, 2.9), 0);
+  assert.equal(indexAt(both, 1), -1);
+  assert.deepEqual(align([{t: [1, 3], columns: [[1, null]]}, {t: [2], columns: [[5]]}]), [[1, 2, 3], [1, undefined, null], [undefined, 5, undefined]]);
+});
+
+const view: WriteView = {phase: "pending", key: "k", at: 0, to: "", reason: null, stored: false};
+const write = (state: Write["state"], key = "k"): Write => ({key, kind: "setpoint", user: "", time: 0, state, stored: true, reason: null, changes: []});
+
+test("a write lives from pending to applied, failed or unknown, and no message takes it back", () => {
+  const accepted = next(view, {what: "answer", write: write("accepted")});
+  assert.equal(accepted.phase, "accepted");
+  assert.deepEqual([view.stored, accepted.stored], [false, true]);
+  const applied = next(accepted, {what: "answer", write: write("applied")});
+  assert.equal(applied.phase, "applied");
+  assert.equal(next(applied, {what: "answer", write: write("accepted")}), applied);
+  assert.equal(next(view, {what: "answer", write: write("applied", "another")}), view);
+  const unknown = next(view, {what: "no answer", reason: "late"});
+  assert.equal(unknown.phase, "unknown");
+  assert.equal(next(unknown, {what: "answer", write: write("applied")}).phase, "applied");
+  assert.equal(next(applied, {what: "no answer", reason: "late"}), applied);
+  assert.deepEqual(next(view, {what: "refused", reason: "limits"}).phase, "failed");
+});
+
+test("a live window ends now; moving it pauses it, and it never shows the future", () => {
+  const w: Window = {live: true, span: 600, to: 0};
+  assert.deepEqual(bounds(w, 1000), [400, 1000]);
+  assert.deepEqual(bounds({...w, live: false, to: 700}, 1000), [100, 700]);
+  assert.deepEqual(pause(w, 1000), {live: false, span: 600, to: 1000});
+  const paused = pause(w, 1000);
+  assert.equal(pause(paused, 2000), paused);
+  assert.deepEqual(pan(w, -0.5, 1000), {live: false, span: 600, to: 700});
+  assert.equal(pan(pan(w, -0.5, 1000), 0.25, 1000).to, 850);
+  assert.equal(pan(pan(w, -0.5, 1000), 2, 1000).to, 1000);
+  assert.deepEqual(zoom(w, 0.5, 1000), {live: true, span: 300, to: 0}, "a live trend stays live");
+  assert.deepEqual(zoom(paused, 0.5, 1000), {live: false, span: 300, to: 850});
+  assert.deepEqual(zoom({live: false, span: 300, to: 850}, 2, 2000), {live: false, span: 600, to: 1000});
+  assert.equal(zoom(paused, 2, 1000).to, 1000);
+  assert.deepEqual([zoom(w, 1e9, 0).span, zoom(w, 1e-9, 0).span], [31 * DAY, 1]);
+  assert.deepEqual(select(10, 20), {live: false, span: 10, to: 20});
+  assert.deepEqual(select(10, 10.1), {live: false, span: 1, to: 11});
+  assert.deepEqual(goLive(select(10, 20)), {live: true, span: 10, to: 20});
+});
+
+test("a window that cannot be shown as asked for is refused, with the reason", () => {
+  const now = 200 * DAY;
+  assert.equal(refuse(now - 31 * DAY, now, now), null);
+  assert.equal(refuse(0, 31 * DAY + 1, now), "more than 31 days at once");
+  assert.equal(refuse(now - 10, now + 1, now), `the end is in the future: now is ${stamp(now)}`);
+  for (const [from, to] of [[20, 10], [10, 10]] as const) assert.equal(refuse(from, to, now), "the end is not after the beginning");
+  for (const [from, to] of [[NaN, 10], [10, NaN]] as const) assert.equal(refuse(from, to, now), "no time");
+});
+
+test("any link gives a place", () => {
+  assert.deepEqual(placeOf("#loop/2"), {page: "loop", about: "2"});
+  assert.deepEqual(placeOf("#/trend/sensor.1"), {page: "trend", about: "sensor.1"});
+  assert.deepEqual(placeOf("#loop/%E0%A4%A"), {page: "loop", about: null});
+  for (const hash of ["", "#", "#nonsense/3"]) assert.deepEqual(placeOf(hash), {page: "overview", about: null});
+  for (const page of pages) assert.deepEqual(placeOf(path(page, "a/b %")), {page, about: "a/b %"});
+  assert.deepEqual(placeOf(path("events")), {page: "events", about: null});
+});
+
+const mode = {target: "opmode.0", actual: "opmode.1", names: ["Man", "Auto", "OOS"], targets: ["Man", "Auto"]};
+const of = (value: number | null, part: Partial<Live> = {}): Live => ({...nothing, seq: 1, value, status: "Good", ...part});
+
+test("why the actual mode is what it is is said, and when it is only last known", () => {
+  const why = (target: number | null, actual: number | null, ...outputs: Partial<Live>[]) => {
+    const c = controlOf(mode, of(target), of(actual), outputs.map(one => of(1, one)));
+    return [c.target, c.actual, c.silent, c.why];
+  };
+  assert.deepEqual(why(1, 1, {}), ["Auto", "Auto", null, null]);
+  assert.deepEqual(why(1, 1), ["Auto", "Auto", null, null]);
+  assert.deepEqual(why(1, 0, {}, {status: "UncertainSubstituteValue"}), ["Auto", "Man", null, "outputs at their fault values: a measurement cannot be used"]);
+  assert.deepEqual(why(1, 1, {status: "UncertainLastUsableValue"})[3], "outputs held: a measurement cannot be used");
+  assert.deepEqual(why(0, 0, {status: "UncertainSubstituteValue"})[3], null);
+  assert.deepEqual(why(0, 1, {})[3], "Man is asked for and not taken yet");
+  assert.deepEqual(why(null, 1, {})[3], "no mode is asked for and not taken yet");
+  assert.deepEqual(why(1, null, {})[3], null);
+  assert.deepEqual(why(1, 2, {stale: true, age: 9}), ["Auto", "OOS", null, "out of service: the controller writes nothing"]);
+  assert.deepEqual(why(1, 1, {stale: true, age: 9}, {}), ["Auto", "Auto", null, null], "one of them is written");
+  assert.deepEqual(why(1, 1, {stale: true, age: 12}, {stale: true, age: 11}), ["Auto", "Auto", 11, "last known: the controller has written nothing for 11 s"]);
+  assert.deepEqual(why(7, 1, {})[0], "mode 7");
+});
+
+test("an output is moved by hand when Man is asked for and taken", () => {
+  const hands = (target: number | null, actual: number | null) => controlOf(mode, of(target), of(actual), []).handsOff;
+  assert.equal(hands(0, 0), null);
+  assert.equal(hands(1, 0), "Auto is asked for: change to Man first");
+  assert.equal(hands(null, 0), "no mode is asked for: change to Man first");
+  for (const [target, actual] of [[0, 1], [1, 1], [0, 2]] as const) assert.equal(hands(target, actual), "by hand in mode Man only");
+});
+
+test("the plant's watchdog is believed until it says otherwise", () => {
+  const e = (time: number, severity: 1 | 2 | 3, kind = "watchdog"): PlantEvent => ({time, severity, source: "plant", kind, text: ""});
+  assert.equal(newestWatchdog(null, [e(1, 3, "link")]), null);
+  assert.equal(newestWatchdog(null, [e(1, 3), e(2, 1, "mode")])?.severity, 3);
+  assert.equal(newestWatchdog(e(1, 3), [e(2, 1)])?.severity, 1);
+  assert.equal(newestWatchdog(e(3, 1), [e(2, 3)])?.severity, 1, "an older one is no news");
+  assert.equal(newestWatchdog(e(3, 3), [e(3, 1)])?.severity, 1);
+});
+
+test("what lies beyond a histogram is counted at its ends; one tick is visible beside a million", () => {
+  const h = histogram([[-9, -8, 2], [0.1, 0.2, 5], [8, 9, 1]], -1, 1, 10);
+  assert.deepEqual([h.below, h.above, h.most, h.counts.reduce((a, b) => a + b)], [2, 1, 5, 5]);
+  assert.ok(logHeight(1, 1e6) > 0.03);
+  assert.equal(logHeight(0, 10), 0);
+  assert.deepEqual(reach({quantity: "jitter", min: -1e-4, p50: 0, p999: 3e-4, max: 1}), {low: -5e-4, high: 5e-4});
+});
+
+test("pauses double up to their limit", () => {
+  const b = new Backoff(500, 4000, () => 0);
+  assert.deepEqual([1, 2, 3, 4, 5].map(() => b.next()), [500, 1000, 2000, 4000, 4000]);
+  b.reset();
+  assert.equal(b.next(), 500);
+});
+
+const near = (a: number | null, b: number, by = 1e-9): void => assert.ok(a != null && Math.abs(a - b) <= by, `${a} is not ${b}`);
+
+test("the server's clock is known by its beats, and lag is what is above the smallest difference", () => {
+  const c = new Clock();
+  assert.deepEqual([c.now(5), c.newest, c.figures()], [null, null, null]);
+  c.begin(1000, 5.1, false);
+  c.beat(1001, 6);
+  near(c.now(7), 1002);
+  near(c.message(1001.5, 6.6), 0.1);
+  near(c.message(1002, 7), 0);
+  assert.equal(c.count, 2);
+  near(c.figures()?.max ?? 0, 0.1);
+  near(c.figures()?.last ?? 1, 0);
+  assert.equal(c.newest, 1002);
+});
+
+test("the server's clock stops soon after the server has stopped to speak", () => {
+  const c = new Clock();
+  c.begin(1000, 0, false);
+  near(c.now(1.5), 1001.5);
+  near(c.now(50), 1002);
+});
+
+for (const step of [3600, -3600, 2.5, -2.5])
+  test(`a server's clock that is set by ${step} s is followed within a beat`, () => {
+    const c = new Clock();
+    c.begin(10000, 0, false);
+    for (let i = 1; i <= 5; i++) assert.equal(c.beat(10000 + i, i), false);
+    assert.equal(c.beat(10006 + step, 6), true);
+    near(c.now(6.5), 10006.5 + step);
+    assert.equal(c.newest, 10006 + step);
+    assert.equal(c.beat(10007 + step, 7), false);
+    near(c.message(10007.5 + step, 7.5), 0);
+  });
+
+test("a beat that came late by chance is corrected by the next", () => {
+  const c = new Clock();
+  c.begin(1000, 0, false);
+  c.beat(1001, 3.5);
+  c.beat(1004, 4);
+  near(c.now(4.5), 1004.5);
+  for (let i = 5; i < 70; i++) c.beat(1000 + i + 0.5, i + 0.75); // a way that has become longer
+  near(c.now(69.75), 1069.5, 0.01);
+});
+
+test("what is told again after a resumed stream is as old as it is, and says nothing of the clocks", () => {
+  const c = new Clock();
+  c.begin(1060, 5, true);
+  near(c.message(1004, 5), 56);
+  near(c.message(1059.5, 5.1), 0.6, 1e-6);
+  near(c.now(5.1), 1060.1);
+  assert.deepEqual([c.count, c.newest], [0, 1060]);
+  near(c.message(1060.1, 5.1), 0);
+  near(c.message(1049, 5.2), 0); // none is told again after that: a clock was set back
+  assert.equal(c.newest, 1060.1);
+  near(c.message(1058.2, 5.2), 2, 1e-6);
+});
+
+test("a computer that slept or a clock that was set is noticed, a clock that drifts is not", () => {
+  const p = new Parting();
+  assert.equal(p.look(1000, 5), false);
+  assert.equal(p.look(1000.5, 5.25), false);
+  assert.equal(p.look(4600.5, 5.5), true);
+  assert.equal(p.look(4600.75, 5.75), false);
+  assert.equal(p.look(4597, 6), true);
+});
+
+test("streamed events join those that were asked for, none twice", () => {
+  const e = (time: number, text = "x"): PlantEvent => ({time, severity: 1, source: "s", kind: "operator", text});
+  assert.deepEqual(merge([e(1), e(2)], [e(2), e(3), e(0)]).map(one => one.time), [0, 1, 2, 3]);
+  const f = {severity: 1, kind: "", source: "", text: "", seconds: 10};
+  assert.equal(matches(f, e(1), 5), true);
+  assert.equal(matches({...f, severity: 2}, e(1), 5), false);
+  assert.equal(matches({...f, kind: "operator", source: "s", text: "OLD"}, e(1, "r: old"), 5), true);
+  for (const other of [{kind: "link"}, {source: "t"}, {text: "new"}]) assert.equal(matches({...f, ...other}, e(1, "r: old"), 5), false);
+  assert.deepEqual([11, 11.1].map(now => matches(f, e(1), now)), [true, false], "older than what is looked at");
+});
+
+test("where more events came than are kept, the hole is known", () => {
+  const e = (time: number): PlantEvent => ({time, severity: 1, source: "s", kind: "operator", text: ""});
+  const past = [e(1), e(2)];
+  const all = merge(past, [e(8), e(9)]);
+  assert.equal(hole(all, past, 0), -1);
+  assert.equal(hole(all, past, 5), 2);
+  assert.equal(hole([e(8)], [], 5), 0);
+  assert.equal(hole(past, past, 5), -1);
+});

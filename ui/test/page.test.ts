@@ -1,0 +1,590 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The page without a browser: what it knows after what the server has said, and as time passes.
+import assert from "node:assert/strict";
+import {beforeEach, test} from "node:test";
+import {FakeEnv} from "./env";
+import {plant as tanks, Server, START} from "./plant";
+
+const env = new FakeEnv();
+const server = new Server(env);
+// After env: core/ takes its clock when it is loaded.
+const model = await import("../src/core/model");
+const {recent, loopScale, outputScale} = await import("../src/core/loopdata");
+const {Curves, subjects, describe, off, padded} = await import("../src/core/trend");
+const {send, slot, forget} = await import("../src/core/writing");
+const {Curve} = await import("../src/core/curve");
+const {load, binWidth} = await import("../src/core/history");
+const {ApiError, get, login, NoAnswer} = await import("../src/core/api");
+
+const y = model.live("sensor.1");
+const near = (a: number | null | undefined, b: number, by = 1e-3): void => assert.ok(a != null && Math.abs(a - b) <= by, `${a} is not ${b}`);
+
+let begun = false;
+
+/** Until the page tries again. */
+async function opened(): Promise<void> {
+  for (let i = 0; env.source.closed; i++) {
+    assert.ok(i < 200, "it does not try again");
+    await env.pass(0.25);
+  }
+}
+
+beforeEach(async () => {
+  env.asked.length = 0;
+  server.plant = tanks;
+  if (!begun) await model.begin();
+  begun = true;
+  await env.settle();
+  env.source.break();
+  await opened();
+  server.hello();
+  env.source.send("state", server.state());
+  await env.settle();
+  await env.pass(1.5); // what is asked again after a clock was set
+});
+
+test("who we are and what there is is asked for, then the stream is opened", () => {
+  assert.equal(model.session.value?.user, "anna");
+  assert.equal(model.plant.value?.title, "Two tanks");
+  assert.equal(model.connection.value.state, "connected");
+  assert.equal(y.value.value, 9.984);
+  assert.equal(model.variable("sensor.1")?.name, "y1");
+  assert.equal(model.variable(null), null);
+});
+
+test("a value is stale when nothing of it has come for three periods, and says how old it is", async () => {
+  await server.run(2);
+  assert.equal(y.value.stale, false);
+  await server.run(3, ["sensor.1"]);
+  assert.equal(y.value.stale, false);
+  await server.run(2, ["sensor.1"]);
+  assert.deepEqual([y.value.stale, y.value.age], [true, 5]);
+  assert.equal(model.live("sensor.2").value.stale, false);
+  server.sample("sensor.1", 7);
+  assert.deepEqual([y.value.stale, y.value.value], [false, 7]);
+});
+
+for (const step of [7200, -7200, 3, -3])
+  test(`the browser's clock is set by ${step} s and back: the page asks anew and stays with the server's time`, async () => {
+    await server.run(3);
+    for (const by of [step, -step]) {
+      const before = env.sources.length;
+      env.step(by);
+      await env.pass(0.5);
+      assert.equal(env.sources.length, before + 1, "what is on the screen may be older than it seems");
+      assert.equal(env.source.path, "/events", "the stream does not begin anew");
+      assert.equal(model.connection.value.state, "disconnected");
+      server.hello();
+      env.source.send("state", server.state());
+      await server.run(2);
+      near(model.serverNow(), server.now);
+      assert.equal(y.value.stale, false);
+      assert.equal(model.connection.value.state, "connected");
+    }
+  });
+
+test("the computer sleeps for an hour: what it shows is last known until the server has spoken", async () => {
+  await server.run(2);
+  server.step(3600);
+  env.sleep(3600);
+  await env.pass(0.3);
+  assert.equal(model.connection.value.state, "disconnected");
+  server.hello();
+  env.source.send("state", server.state({}, {"sensor.1": 3600}));
+  await env.pass(0.3);
+  near(model.serverNow(), server.now);
+  assert.deepEqual([y.value.stale, y.value.age], [true, 3600]);
+});
+
+for (const step of [7200, -7200])
+  test(`the server's clock is set by ${step} s and back: no curve goes beyond what it has said`, async () => {
+    recent("actuator.1");
+    await server.run(20);
+    for (const by of [step, -step]) {
+      server.step(by);
+      await server.run(6);
+      near(model.serverNow(), server.now);
+      const {t} = recent("actuator.1").value;
+      assert.ok(t.length > 0 && t.every(one => one <= server.now), `a curve ends ${(t.at(-1) ?? 0) - server.now} s in the future`);
+      assert.ok(t.at(-1)! > server.now - 3, "the curve has stopped");
+      assert.equal(model.live("actuator.1").value.stale, false);
+    }
+  });
+
+test("nothing for three seconds is a lost connection; 2.9 are none", async () => {
+  server.beat();
+  await env.pass(2.9);
+  assert.equal(model.connection.value.state, "connected");
+  await env.pass(0.6);
+  assert.equal(model.connection.value.state, "disconnected");
+  near(model.connection.value.since, server.now, 1.6);
+  assert.ok(model.connection.value.since <= server.now);
+  await env.pass(1.1);
+  assert.equal(env.source.closed, false);
+  await env.pass(30);
+  assert.ok(model.serverNow() <= model.clock.newest! + 2, "the clock goes on without the server");
+  assert.deepEqual([y.value.stale, y.value.age! > 30], [true, true]);
+});
+
+test("pauses between attempts grow, and the first attempt that succeeds ends them", async () => {
+  const gaps = [];
+  for (let i = 0; i < 4; i++) {
+    const at = env.mono();
+    const before = env.sources.length;
+    env.source.break();
+    assert.equal(env.source.closed, true);
+    for (let k = 0; k < 99 && env.sources.length === before; k++) await env.pass(0.25);
+    gaps.push(env.mono() - at);
+  }
+  assert.deepEqual(gaps, [0.5, 1, 2, 4]);
+  server.hello();
+  const at = env.mono();
+  const before = env.sources.length;
+  env.source.break();
+  near(model.connection.value.retryAt, at + 0.5);
+  for (let k = 0; k < 99 && env.sources.length === before; k++) await env.pass(0.25);
+  assert.equal(env.mono() - at, 0.5);
+});
+
+test("a stream that is resumed goes on where it broke off; what is told again is as old as it is", async () => {
+  server.sample("sensor.1", 6);
+  const id = `a.${y.value.seq}`;
+  env.source.break();
+  await env.pass(50);
+  await opened();
+  const old = env.source;
+  assert.equal(old.path, `/events?last=${id}`);
+  server.hello(true);
+  server.sample("sensor.1", 7, "Good", server.now - 46);
+  await env.pass(0.25);
+  assert.deepEqual([y.value.value, y.value.stale, y.value.age], [7, true, 46]);
+  await server.run(4, ["sensor.1"]);
+  assert.equal(y.value.age, 50);
+  near(model.serverNow(), server.now);
+  env.sources[env.sources.length - 2]!.send("values", {t: server.now, values: {"sensor.1": [9999, server.now, 1, "Good"]}});
+  assert.equal(y.value.value, 7, "a stream that was given up is listened to");
+});
+
+test("a signal that the server does not know any more is nothing", async () => {
+  assert.equal(y.value.seq, 10);
+  const state = server.state();
+  delete state.values["sensor.1"];
+  env.source.send("state", state);
+  assert.equal(y.value.seq, 0);
+});
+
+test("what cannot be read is left out, what is said of the database is believed", async () => {
+  env.source.send("values", "{");
+  assert.equal(y.value.value, 9.984);
+  const before = model.refill.value;
+  env.source.send("store", {connected: false, since: 5, error: "gone"});
+  assert.equal(model.store.value?.error, "gone");
+  assert.equal(model.refill.value, before);
+  env.source.send("store", {connected: true, since: 6, error: null});
+  assert.equal(model.refill.value, before + 1, "what was measured meanwhile is not asked for");
+});
+
+test("tasks replace what they reported before", () => {
+  const task = (name: string, count: number) => ({task: name, count}) as never;
+  env.source.send("tasks", {tasks: [task("a", 1), task("b", 1)]});
+  env.source.send("tasks", {tasks: [task("a", 2)]});
+  assert.deepEqual(model.tasks.value.map(one => [one.task, one.count]), [["b", 1], ["a", 2]]);
+});
+
+test("events are kept, the newest five hundred, and those that leave are counted", () => {
+  const e = (i: number) => ({time: START + i, severity: 1 as const, source: "s", kind: "operator", text: String(i)});
+  const had = model.events.value.list.length + model.events.value.dropped;
+  env.source.send("event", {events: Array.from({length: 600}, (_, i) => e(i))});
+  assert.deepEqual([model.events.value.list.length, model.events.value.list.at(-1)?.text], [500, "599"]);
+  assert.equal(model.events.value.dropped, had + 100);
+});
+
+test("the plant at its safe value stands until its watchdog says otherwise", async () => {
+  const e = (time: number, severity: number) => ({time, severity, source: "plant", kind: "watchdog", text: "plant at its safe value"});
+  env.source.send("event", {events: [e(server.now, 3)]});
+  assert.equal(model.watchdog.value?.severity, 3);
+  env.source.send("event", {events: Array.from({length: 600}, () => ({...e(server.now, 1), kind: "operator"}))});
+  assert.equal(model.watchdog.value?.severity, 3, "it scrolls away");
+  env.source.send("event", {events: [e(server.now + 1, 1)]});
+  assert.equal(model.watchdog.value?.severity, 1);
+  const route = env.routes.get("/api/events")!;
+  env.routes.set("/api/events", one => one.answer({error: {code: "busy", message: "busy"}}, 503));
+  env.source.break();
+  await opened();
+  server.hello();
+  await env.settle();
+  env.routes.set("/api/events", one => one.answer({events: one.query.kind === "watchdog" && one.query.last === "1" ? [e(server.now + 9, 3)] : [], more: false}));
+  server.beat();
+  await server.run(6);
+  assert.equal(model.watchdog.value?.severity, 3, "it is not asked for again after it was refused");
+  env.source.send("event", {events: [e(server.now + 100, 1)]});
+  env.routes.set("/api/events", route);
+});
+
+test("the mode is last known when all outputs are stale", async () => {
+  await server.run(2);
+  assert.deepEqual([model.control.value.actual, model.control.value.silent], ["Auto", null]);
+  await server.run(8, ["actuator.1", "actuator.2"]);
+  assert.equal(model.control.value.silent, 7);
+  assert.match(model.control.value.why ?? "", /^last known/);
+  server.sample("actuator.2", 1);
+  assert.equal(model.control.value.silent, null);
+  server.sample("opmode.1", 0);
+  assert.equal(model.control.value.handsOff, "Auto is asked for: change to Man first");
+});
+
+test("limits are those of the measurement, else of its setpoint", () => {
+  const of = (ref: string) => [model.limitsOf(ref).low, model.limitsOf(ref).high];
+  assert.deepEqual(["sensor.1", "sensor.2", "sensor.3", "actuator.1", "nothing"].map(of), [[-100, 100], [0, 10], [null, null], [-10, 10], [null, null]]);
+});
+
+test("another plant at the same address: nothing of the old one stays", async () => {
+  const before = recent("sensor.1");
+  await server.run(3);
+  assert.ok(before.value.t.length > 0);
+  const {generation} = model.plant.value!;
+  env.source.send("plant", {revision: 2});
+  await env.settle();
+  assert.equal(model.plant.value?.generation, generation, "the same plant is another one");
+  assert.equal(recent("sensor.1"), before);
+  server.plant = {...tanks, name: "motor", variables: tanks.variables.map(one => (one.ref === "sensor.1" ? {...one, name: "speed", unit: "rpm"} : one))};
+  env.source.break();
+  await opened();
+  server.hello();
+  await env.settle();
+  assert.deepEqual([model.plant.value?.name, model.plant.value?.generation, model.variable("sensor.1")?.name], ["motor", generation + 1, "speed"]);
+  assert.notEqual(recent("sensor.1"), before);
+  assert.equal(recent("sensor.1").value.t.length, 0);
+});
+
+test("a plant that is not answered is asked for again", async () => {
+  env.routes.set("/api/plant", one => one.answer("", 503));
+  server.plant = {...tanks, name: "later"};
+  env.source.send("plant", {revision: 2});
+  await env.settle();
+  env.routes.set("/api/plant", one => one.answer(server.plant));
+  assert.notEqual(model.plant.value?.name, "later");
+  await env.pass(2);
+  assert.equal(model.plant.value?.name, "later");
+});
+
+test("a session that has ended is noticed, and the stream is left alone until the login", async () => {
+  const session = env.routes.get("/api/session")!;
+  env.routes.set("/api/session", one => one.answer({error: {code: "login", message: "log in"}}, 401));
+  env.source.send("bye", {reason: "session", message: ""});
+  assert.equal(model.needsLogin.value, true);
+  await env.settle();
+  const before = env.sources.length;
+  await env.pass(20);
+  assert.equal(env.sources.length, before, "it is tried again without a session");
+  env.routes.set("/api/session", session);
+  await model.begin();
+  assert.equal(model.needsLogin.value, false);
+  assert.equal(env.sources.length, before + 1);
+});
+
+// ---- Curves ----
+
+const one = (): InstanceType<typeof Curve> => new Curve(tanks.variables[0]!);
+
+test("history that is refused once is asked for again, and no word of it stays", async () => {
+  const route = env.routes.get("/api/history")!;
+  env.routes.delete("/api/history");
+  env.asked.length = 0;
+  const curve = one();
+  let told = 0;
+  curve.fill(server.now - 600, server.now, 150, true, () => told++);
+  await env.settle();
+  env.take("/api/history").answer({error: {code: "busy", message: "too many"}}, 503);
+  await env.settle();
+  assert.deepEqual([curve.error, curve.whole, told], ["too many", true, 1]);
+  await env.pass(0.9);
+  assert.equal(env.asked.length, 0);
+  await env.pass(0.2);
+  const again = env.take("/api/history");
+  assert.equal(curve.whole, false);
+  again.answer(server.history(again.query, [[START, 1]]));
+  await env.settle();
+  assert.deepEqual([curve.error, curve.whole, curve.series.mid], [null, true, [1]]);
+  curve.fill(0, 1, 150, false, () => {});
+  await env.settle();
+  env.take("/api/history").fail();
+  await env.settle();
+  assert.equal(curve.error, "the server cannot be reached");
+  curve.stop();
+  await env.pass(60);
+  assert.equal(env.asked.length, 0, "nobody looks at it any more");
+  curve.fill(0, 1, 150, false, () => {});
+  await env.settle();
+  env.take("/api/history").answer({error: {code: "parameter", message: "no"}}, 400);
+  await env.pass(60);
+  assert.deepEqual([curve.error, env.asked.length], ["no", 0], "what is wrong stays wrong");
+  env.routes.set("/api/history", route);
+});
+
+test("answers out of order: the newest question counts", async () => {
+  const route = env.routes.get("/api/history")!;
+  env.routes.delete("/api/history");
+  env.asked.length = 0;
+  const curve = one();
+  curve.fill(0, 600, 150, false, () => {});
+  curve.fill(600, 1200, 150, false, () => {});
+  await env.settle();
+  const [first, second] = [env.take("/api/history"), env.take("/api/history")];
+  assert.deepEqual([first.query.since, second.query.since], ["0", "600"]);
+  second.answer(server.history(second.query, [[700, 2]]));
+  await env.settle();
+  first.answer(server.history(first.query, [[100, 1]]));
+  await env.settle();
+  assert.deepEqual([curve.series.t, curve.whole], [[700], true]);
+  env.routes.set("/api/history", route);
+});
+
+test("what the stream has brought since the question stays, in a window that follows", async () => {
+  const route = env.routes.get("/api/history")!;
+  env.routes.delete("/api/history");
+  env.asked.length = 0;
+  const curve = one();
+  const now = server.now;
+  for (const following of [true, false]) {
+    curve.fill(now - 600, now, 150, following, () => {});
+    await env.settle();
+    curve.take(now + 0.5, 7, "Good", -Infinity);
+    curve.take(now + 1, 8, "BadNoData", -Infinity);
+    const asked = env.take("/api/history");
+    asked.answer(server.history(asked.query, [[now - 1, 1], [now - 0.5, 2]]));
+    await env.settle();
+    assert.deepEqual(curve.series.mid, following ? [1, 2, 7, null] : [1, 2]);
+  }
+  env.routes.set("/api/history", route);
+});
+
+test("a long window is asked for in bins, the newest part first, and put together", async () => {
+  const route = env.routes.get("/api/history")!;
+  const queries: Record<string, string>[] = [];
+  env.routes.set("/api/history", one => {
+    queries.push(one.query);
+    const {since, until, bins} = one.query;
+    const middle = (Number(since) + Number(until)) / 2;
+    one.answer({...server.none(one.query), samples: undefined, bins: {n: Number(bins), from: [middle], count: [1], bad: [0], min: [1], max: [3], mean: [2], last: [2], worst: ["Good"]}});
+  });
+  const parts: number[] = [];
+  await load(tanks.variables[0]!, 0, 8000, 800, series => parts.push(series.t.filter((_, i) => series.mid[i] != null).length));
+  assert.deepEqual(queries.map(one => [one.var, one.since, one.until, one.bins, one.last]), [["sensor.1", "6000", "8000", "200", undefined], ["sensor.1", "0", "6000", "600", undefined]]);
+  assert.deepEqual(parts, [1, 2]);
+  assert.equal(binWidth(tanks.variables[0]!, 8000, 800), 10);
+  assert.equal(binWidth(tanks.variables[0]!, 3000, 800), 0);
+  assert.equal(binWidth(tanks.variables[3]!, 1e9, 800), 0);
+  assert.deepEqual([binWidth(tanks.variables[0]!, 40000, 10), binWidth(tanks.variables[0]!, 40000, 1e6)], [200, 10]);
+  env.routes.set("/api/history", route);
+});
+
+test("at most four histories are asked for at a time", async () => {
+  const route = env.routes.get("/api/history")!;
+  env.routes.delete("/api/history");
+  env.asked.length = 0;
+  const all = Promise.allSettled(Array.from({length: 6}, () => load(tanks.variables[0]!, 0, 600, 150, () => {})));
+  await env.settle();
+  assert.equal(env.asked.length, 4);
+  env.take("/api/history").fail();
+  await env.settle();
+  assert.equal(env.asked.length, 4);
+  while (env.asked.length > 0) {
+    const asked = env.take("/api/history");
+    asked.answer(server.none(asked.query));
+    await env.settle();
+  }
+  assert.deepEqual((await all).map(one => one.status), ["rejected", ...Array(5).fill("fulfilled")]);
+  env.routes.set("/api/history", route);
+});
+
+test("more samples than their period lets expect are asked for in bins", async () => {
+  const route = env.routes.get("/api/history")!;
+  const queries: Record<string, string>[] = [];
+  env.routes.set("/api/history", one => {
+    queries.push(one.query);
+    one.answer(one.query.last ? server.history(one.query, Array.from({length: 4000}, (_, i) => [i, 1])) : {...server.none(one.query), samples: undefined});
+  });
+  await load(tanks.variables[0]!, 0, 600, 150, () => {});
+  assert.deepEqual(queries.map(one => [one.last, one.bins]), [["4000", undefined], [undefined, "50"], [undefined, "150"]]);
+  env.routes.set("/api/history", route);
+});
+
+test("a trend of a loop, and of what is beyond the loops", async () => {
+  assert.deepEqual(subjects(tanks).map(one => [one.name, one.about, one.y, one.r, one.u]), [
+    ["y1", "1", "sensor.1", "setpoint.1", "actuator.1"],
+    ["y2", "2", "sensor.2", "setpoint.2", "actuator.2"],
+    ["T", "sensor.3", "sensor.3", null, null],
+  ]);
+  assert.deepEqual(subjects({...tanks, loops: tanks.loops.map(loop => ({...loop, measurement: null}))}).map(one => one.name), ["y1", "y2", "T"]);
+  assert.deepEqual([describe(tanks.variables[0]!), describe(tanks.variables[9]!), describe(null)], ["y1 [m]", "u1.Kp", ""]);
+  assert.deepEqual([off([1, null, 5], {low: 1, high: 5}), off([0.9], {low: 1, high: 5}), off([5.1], {low: 1, high: 5}), off([null], {low: 1, high: 5})], [false, true, true, false]);
+  const scale = padded(0, 10);
+  assert.ok(scale.low < 0 && scale.high > 10);
+});
+
+test("rows and heads of a trend are what is exported", async () => {
+  const route = env.routes.get("/api/history")!;
+  const now = Math.floor(server.now);
+  env.routes.set("/api/history", one => {
+    const {var: ref} = one.query;
+    const points: Record<string, [number, number, string?][]> = {
+      "sensor.1": [[now - 20, 1], [now - 10, 2], [now - 9, 3, "Bad"], [now - 8, 4]],
+      "setpoint.1": [[now - 15, 50]],
+      "actuator.1": [[now - 10, 5, "UncertainSubstituteValue"], [now - 9, 6], [now - 8, 7]],
+    };
+    one.answer(server.history(one.query, points[ref ?? ""] ?? []));
+  });
+  const curves = new Curves(subjects(tanks)[0]!);
+  assert.equal(curves.loading, true);
+  curves.fill(now - 30, now, 800, true, () => {});
+  await env.settle();
+  assert.deepEqual([curves.loading, curves.error], [false, null]);
+  assert.deepEqual(curves.rows(now - 30, now, 10), [[now - 20, 1, null, null], [now - 10, 2, 50, 5], [now - 8, 4, 50, 7]]);
+  assert.deepEqual(curves.rows(now - 30, now, 1), [[now - 8, 4, 50, 7]]);
+  assert.deepEqual(curves.rows(now - 10, now - 10, 9), [[now - 10, 2, 50, 5]]);
+  assert.deepEqual(curves.head(30, 800), ["y1 [m]", "r1 [m]", "u1 [V]"]);
+  assert.deepEqual(curves.head(86400, 800), ["y1 [m], mean of 108 s", "r1 [m]", "u1 [V], last of 108 s"]);
+  assert.deepEqual(curves.variables.map(variable => variable.ref), ["sensor.1", "setpoint.1", "actuator.1"]);
+  // A measurement is not held; what was put out is, up to what the server has said, as long as it speaks.
+  server.sample("actuator.1", 7);
+  assert.equal(curves.drawn("sensor.1").t.at(-1), now - 8);
+  assert.equal(curves.drawn("actuator.1").t.at(-1), model.clock.newest);
+  assert.equal(curves.drawn("setpoint.1").t.at(-1), model.clock.newest);
+  assert.deepEqual(curves.drawn(null).t, []);
+  const seen = curves.seen(now - 9.5, now);
+  assert.deepEqual([seen.y.includes(2), seen.y.includes(50), seen.y.includes(5)], [true, true, false]);
+  assert.deepEqual([seen.u.includes(5), seen.u.includes(2)], [true, false]);
+  assert.equal(curves.take("sensor.2", now, 1, "Good", now - 600), null);
+  assert.equal(curves.take("sensor.1", now, 1, "Good", now - 600), false);
+  assert.equal(curves.series("sensor.1").t.at(-1), now);
+  await server.run(8, ["actuator.1"]);
+  assert.equal(curves.drawn("actuator.1").t.at(-1), now - 8, "what is stale is held");
+  env.source.break();
+  assert.equal(curves.drawn("setpoint.1").t.at(-1), now - 15, "what nobody says any more is held");
+  curves.stop();
+  env.routes.set("/api/history", route);
+});
+
+test("a live curve with too many points is cut at its left edge, then asked for anew", () => {
+  const curves = new Curves(subjects(tanks)[2]!);
+  for (let i = 0; i < 8000; i++) assert.equal(curves.take("sensor.3", i / 10, 1, "Good", 0), false);
+  assert.equal(curves.take("sensor.3", 800, 1, "Good", 100), false);
+  assert.ok(curves.series("sensor.3").t.length < 7100);
+  for (let i = 8001; i < 16000; i++) curves.take("sensor.3", i / 10, 1, "Good", 100);
+  assert.equal(curves.loading, true);
+  assert.equal(curves.take("sensor.3", 1600, 1, "Good", 100), false, "it is on its way already");
+});
+
+test("a scale is the limits, else what was seen, and stays", async () => {
+  server.plant = {...tanks, name: "scales"};
+  env.source.send("plant", {revision: 3});
+  await env.settle();
+  const route = env.routes.get("/api/history")!;
+  env.routes.set("/api/history", one => one.answer(server.history(one.query, [[server.now - 5, 8], [server.now - 4, 12]])));
+  assert.deepEqual(loopScale({measurement: "sensor.2", setpoint: "setpoint.2"}).value, {low: 0, high: 10});
+  assert.deepEqual(outputScale("actuator.1").value, {low: -10, high: 10});
+  const scale = loopScale({measurement: "sensor.1", setpoint: "setpoint.1"});
+  assert.equal(scale.value, null);
+  await env.settle();
+  const first = scale.value!;
+  assert.ok(first.low <= 0 && first.high >= 12, JSON.stringify(first));
+  server.sample("sensor.1", 500);
+  await env.settle();
+  assert.equal(scale.value, first, "it follows the data");
+  server.sample("setpoint.1", 90);
+  await env.settle();
+  assert.ok((scale.value as {high: number} | null)!.high > 90, "a setpoint is off its scale");
+  assert.equal(loopScale({measurement: "sensor.1", setpoint: "setpoint.1"}), scale);
+  env.routes.set("/api/history", route);
+});
+
+test("the last ten minutes are kept, no more", async () => {
+  const shown = recent("sensor.2");
+  await server.run(3);
+  const first = shown.value.t[0]!;
+  server.sample("sensor.2", 1, "Good", first + 602.5);
+  assert.ok(shown.value.t[0]! > first);
+});
+
+test("samples that came late are asked for when they have settled", async () => {
+  await server.run(2);
+  const before = model.refill.value;
+  server.sample("sensor.1", 1, "Good", server.now - 100);
+  await env.pass(0.9);
+  server.sample("sensor.1", 1);
+  await env.pass(0.9);
+  assert.equal(model.refill.value, before);
+  await env.pass(0.2);
+  assert.equal(model.refill.value, before + 1);
+});
+
+// ---- Writes ----
+
+const write = (key: string, state: string, rest: object = {}) => ({key, kind: "setpoint", user: "anna", time: 77, state, stored: true, reason: null, changes: [], ...rest});
+
+test("a write is sent once, with its key, and its life is shown", async () => {
+  void send("setpoint.1", "setpoint", {id: 1, value: 2, seq: 3}, "r1 1 → 2");
+  const cell = slot("setpoint.1");
+  assert.equal(cell.value?.phase, "pending");
+  near(cell.value?.at, server.now);
+  const asked = env.take("/api/setpoint");
+  const key = String(asked.body?.key);
+  assert.deepEqual({...asked.body, key: ""}, {id: 1, value: 2, seq: 3, key: ""});
+  assert.match(key, /^[0-9a-f]{24}$/);
+  assert.equal(asked.headers["X-CSRF-Token"], "token");
+  asked.answer(write(key, "accepted"));
+  await env.settle();
+  assert.deepEqual([cell.value?.phase, cell.value?.stored], ["accepted", true]);
+  env.source.send("write", write(key, "applied"));
+  await env.settle();
+  assert.deepEqual([cell.value?.phase, cell.value?.at], ["applied", 77], "the time is the server's");
+  assert.equal(model.writes.value.filter(one => one.key === key).length, 1);
+  forget("setpoint.1");
+  assert.equal(cell.value, null);
+});
+
+test("a write that is refused says why; one without an answer is asked after, never sent again", async () => {
+  void send("s", "setpoint", {}, "");
+  env.take("/api/setpoint").answer({error: {code: "stale", message: "changed meanwhile"}}, 409);
+  await env.settle();
+  assert.deepEqual([slot("s").value?.phase, slot("s").value?.reason], ["failed", "changed meanwhile"]);
+  void send("s", "setpoint", {}, "");
+  const lost = env.take("/api/setpoint");
+  const key = String(lost.body?.key);
+  let found: unknown[] = [];
+  const keys: (string | undefined)[] = [];
+  env.routes.set("/api/writes", one => {
+    keys.push(one.query.key);
+    one.answer({writes: found});
+  });
+  await env.pass(1.1);
+  assert.deepEqual([slot("s").value?.phase, keys], ["unknown", [key]]);
+  assert.match(slot("s").value?.reason ?? "", /did not answer in time: whether it was written is not known/);
+  assert.equal(env.asked.filter(one => one.path === "/api/setpoint").length, 0);
+  found = [write(key, "applied")];
+  env.source.break();
+  await opened();
+  server.hello();
+  await env.settle();
+  assert.equal(slot("s").value?.phase, "applied");
+  env.routes.set("/api/writes", one => one.answer({writes: []}));
+});
+
+test("what the server did not understand has its words, what is no JSON its number", async () => {
+  env.routes.set("/api/x", one => one.answer({error: {code: "c", message: "m"}}, 422));
+  await assert.rejects(get("/api/x"), (error: InstanceType<typeof ApiError>) => error instanceof ApiError && error.code === "c" && error.message === "m" && error.status === 422);
+  env.routes.set("/api/x", one => one.answer("<html>", 502));
+  await assert.rejects(get("/api/x"), /the server answered 502/);
+  env.routes.set("/api/x", one => one.fail());
+  await assert.rejects(get("/api/x"), (error: Error) => error instanceof NoAnswer && /cannot be reached/.test(error.message));
+  env.routes.delete("/api/x");
+  const slow = assert.rejects(get("/api/x", {a: 1, b: null, c: "", d: undefined, e: "x y"}, 3), /did not answer in time/);
+  assert.deepEqual(env.take("/api/x").query, {a: "1", e: "x y"});
+  await env.pass(3);
+  await slow;
+  env.routes.set("/api/login", one => one.answer({user: one.body?.user, csrf: "other"}));
+  assert.equal((await login("eve", "secret")).user, "eve");
+  void send("t", "mode", {}, "");
+  assert.equal(env.take("/api/mode").headers["X-CSRF-Token"], "other");
+});

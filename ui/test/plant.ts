@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// A plant of two loops as apc-ui tells of it, and a server that answers for it.
+import type {Plant, Sample, State, Variable} from "../src/core/types";
+import {FakeEnv} from "./env";
+
+export const START = 2e9; // the server's clock when everything begins
+
+const variable = (ref: string, name: string, rest: Partial<Variable> = {}): Variable => {
+  const [table, id] = ref.split(".") as [string, string];
+  return {ref, table, id: Number(id), name, unit: "", description: "", low: null, high: null, period: null, ...rest};
+};
+
+export const plant: Plant = {
+  name: "tanks",
+  title: "Two tanks",
+  version: "1",
+  revision: 1,
+  start: null,
+  variables: [
+    variable("sensor.1", "y1", {unit: "m", period: 1, description: "level"}),
+    variable("sensor.2", "y2", {unit: "m", period: 1, low: 0, high: 10}),
+    variable("sensor.3", "T", {unit: "K", period: 1}),
+    variable("setpoint.1", "r1", {unit: "m", low: -100, high: 100}),
+    variable("setpoint.2", "r2", {unit: "m", low: 0, high: 10}),
+    variable("actuator.1", "u1", {unit: "V", period: 2, low: -10, high: 10}),
+    variable("actuator.2", "u2", {unit: "V", period: 2, low: -10, high: 10}),
+    variable("manual.1", "u1.manual"),
+    variable("manual.2", "u2.manual"),
+    variable("tuning.1", "u1.Kp", {low: 0, high: 1e9}),
+    variable("tuning.2", "u2.Kp"),
+    variable("opmode.0", "mode"),
+    variable("opmode.1", "actual"),
+  ],
+  loops: [
+    {id: 1, name: "y1", measurement: "sensor.1", setpoint: "setpoint.1", output: "actuator.1", manual: "manual.1", tuning: ["tuning.1"], parameters: ["Kp"]},
+    {id: 2, name: "y2", measurement: "sensor.2", setpoint: "setpoint.2", output: "actuator.2", manual: "manual.2", tuning: ["tuning.2"], parameters: ["Kp"]},
+  ],
+  mode: {target: "opmode.0", actual: "opmode.1", names: ["Man", "Auto", "OOS"], targets: ["Man", "Auto"]},
+};
+
+const values = (t: number): Record<string, Sample> => ({
+  "sensor.1": [10, t, 9.984, "Good"],
+  "sensor.2": [10, t, 5, "Good"],
+  "sensor.3": [10, t, 300, "Good"],
+  "setpoint.1": [2, t - 100, 0.125, "Good"],
+  "setpoint.2": [2, t - 100, 5, "Good"],
+  "actuator.1": [5, t, 1.5, "Good"],
+  "actuator.2": [5, t, 2, "Good"],
+  "manual.1": [0, null, null, "BadNoData"],
+  "manual.2": [0, null, null, "BadNoData"],
+  "tuning.1": [1, t - 200, 0.2, "Good"],
+  "tuning.2": [1, t - 200, 1e9, "Good"],
+  "opmode.0": [1, t - 200, 1, "Good"],
+  "opmode.1": [1, t - 200, 1, "Good"],
+});
+
+export class Server {
+  plant = plant;
+  /** What the server's clock is ahead of the browser's monotonic one. */
+  private ahead: number;
+  private seq = 100;
+
+  constructor(readonly env: FakeEnv) {
+    this.ahead = START - env.mono();
+    const {routes} = env;
+    routes.set("/api/session", one => one.answer({user: "anna", role: "operator", protected: true, csrf: "token", expires: null}));
+    routes.set("/api/plant", one => one.answer(this.plant));
+    routes.set("/api/writes", one => one.answer({writes: []}));
+    routes.set("/api/events", one => one.answer({t: this.now, events: [], more: false}));
+    routes.set("/api/history", one => one.answer(this.none(one.query)));
+  }
+
+  get now(): number {
+    return this.env.mono() + this.ahead;
+  }
+
+  none(query: Record<string, string>): object {
+    const {var: ref, since, until} = query;
+    return {ref, t: this.now, since: Number(since), until: Number(until), before: null, samples: {seq: [], time: [], value: [], status: []}};
+  }
+
+  history(query: Record<string, string>, points: [number, number, string?][], before: Sample | null = null): object {
+    return {
+      ...this.none(query),
+      before,
+      samples: {seq: points.map((_, i) => i + 1), time: points.map(one => one[0]), value: points.map(one => one[1]), status: points.map(one => one[2] ?? "Good")},
+    };
+  }
+
+  state(part: Record<string, Sample> = {}, ages: Record<string, number | null> = {}): State {
+    const all = {...values(this.now), ...part};
+    return {
+      t: this.now,
+      id: "a.1",
+      store: {connected: true, since: START - 500, error: null},
+      values: all,
+      ages: Object.fromEntries(Object.keys(all).map(ref => [ref, ages[ref] ?? (all[ref]?.[0] ? 0 : null)])),
+    };
+  }
+
+  hello(resumed = false): void {
+    this.env.source.send("hello", {t: this.now, resumed, beat: 1});
+  }
+
+  beat(): void {
+    this.env.source.send("beat", {t: this.now, connected: true});
+  }
+
+  sample(ref: string, value: number, status = "Good", t = this.now): void {
+    this.env.source.send("values", {t, values: {[ref]: [++this.seq, t, value, status]}}, `a.${this.seq}`);
+  }
+
+  /** All that is written by itself comes, each second a beat. */
+  async run(seconds: number, silent: string[] = []): Promise<void> {
+    for (let i = 0; i < seconds; i++) {
+      await this.env.pass(1);
+      this.beat();
+      for (const one of this.plant.variables) if (one.period != null && !silent.includes(one.ref)) this.sample(one.ref, 5);
+      await this.env.settle();
+    }
+  }
+
+  /** The server's clock is set. */
+  step(seconds: number): void {
+    this.ahead += seconds;
+  }
+}
