@@ -8,11 +8,15 @@
 
 #include "common/storeuri.h"
 
-enum { OPT_JSON = 0x300, OPT_CSV };
+enum { OPT_JSON = 0x300, OPT_CSV, OPT_NO_WAIT };
 
 static const struct argp_option store_options[] = {{"store", 's', "URI", 0, STORE_HELP, 0}, {0}};
 static const struct argp_option format_options[] = {
     {"json", OPT_JSON, NULL, 0, "JSON on stdout", 0}, {"csv", OPT_CSV, NULL, 0, "CSV on stdout", 0}, {0}};
+static const struct argp_option write_options[] = {
+    {"no-wait", OPT_NO_WAIT, NULL, 0,
+     "Write, also where no controller runs, and do not wait for what becomes of it", 0},
+    {0}};
 
 /* What getopt would take for options of one digit. */
 #define DIGIT(key)                                                                                           \
@@ -42,8 +46,19 @@ static error_t parse_format(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
+static error_t parse_write(int key, char *arg, struct argp_state *state)
+{
+    struct cli *cli = state->input;
+    (void)arg;
+    if (key != OPT_NO_WAIT)
+        return ARGP_ERR_UNKNOWN;
+    cli->no_wait = true;
+    return 0;
+}
+
 static const struct argp store_argp = {store_options, parse_store, NULL, NULL, NULL, NULL, NULL};
 static const struct argp format_argp = {format_options, parse_format, NULL, NULL, NULL, NULL, NULL};
+static const struct argp write_argp = {write_options, parse_write, NULL, NULL, NULL, NULL, NULL};
 
 struct parsing {
     struct cli *cli;
@@ -59,6 +74,8 @@ static void give_inputs(const struct parsing *p, struct argp_state *state)
     if (p->spec->takes & CLI_STORE)
         state->child_inputs[child++] = p->cli;
     if (p->spec->takes & CLI_FORMAT)
+        state->child_inputs[child++] = p->cli;
+    if (p->spec->takes & CLI_WRITES)
         state->child_inputs[child] = p->cli;
 }
 
@@ -103,7 +120,7 @@ void cli_parse(struct cli *cli, const struct cli_spec *spec, void *own, int argc
 {
     static char name[64];
     struct parsing parsing = {cli, spec};
-    struct argp_child children[4] = {{0}};
+    struct argp_child children[5] = {{0}};
     int child = 0;
 
     *cli = (struct cli){.own = own, .takes = spec->takes, .timeout = 10 * APC_NS_PER_S};
@@ -116,6 +133,8 @@ void cli_parse(struct cli *cli, const struct cli_spec *spec, void *own, int argc
         children[child++] = (struct argp_child){&store_argp, 0, NULL, 0};
     if (spec->takes & CLI_FORMAT)
         children[child++] = (struct argp_child){&format_argp, 0, NULL, 0};
+    if (spec->takes & CLI_WRITES)
+        children[child++] = (struct argp_child){&write_argp, 0, NULL, 0};
     bool negative = spec->takes & CLI_NEGATIVE;
     const struct argp argp = {
         negative ? negative_options : NULL, parse_args, spec->args_doc, spec->doc, children, NULL, NULL};

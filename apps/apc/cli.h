@@ -20,13 +20,15 @@ enum cli_format { CLI_TEXT = 0, CLI_JSON, CLI_CSV };
 enum cli_takes {
     CLI_STORE = 1,
     CLI_FORMAT = 2,
-    CLI_NEGATIVE = 4, /* arguments may be negative numbers: -5 is then none of the options */
-    CLI_OWN_STORE = 8 /* `store` stays NULL without --store and APC_STORE */
+    CLI_NEGATIVE = 4,  /* arguments may be negative numbers: -5 is then none of the options */
+    CLI_OWN_STORE = 8, /* `store` stays NULL without --store and APC_STORE */
+    CLI_WRITES = 16    /* --no-wait */
 };
 
 struct cli {
     const char *command; /* "apc get": for messages */
     const char *store;
+    bool no_wait; /* for what becomes of a write */
     bool unnamed; /* neither --store nor APC_STORE gave one */
     enum cli_format format;
     char **args; /* positional arguments */

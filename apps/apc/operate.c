@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <unistd.h>
 
+#include "outcome.h"
 #include "print.h"
 
 int operate_check(const struct cli *cli, const struct change *c)
@@ -64,7 +65,7 @@ static char *in_words(const struct apc_sample *s, bool there, char text[PRINT_LE
     return text;
 }
 
-static void describe(const struct change *c, char *text, size_t size)
+void operate_describe(const struct change *c, char *text, size_t size)
 {
     char before[PRINT_LEN], after[PRINT_LEN];
     snprintf(text, size, "%s: %.40s -> %.40s", c->name, in_words(&c->before, c->before.seq > 0, before),
@@ -97,29 +98,45 @@ static int record(struct apc_store *store, const struct change *changes, size_t 
         struct apc_event *event = &events[i];
         *event = (struct apc_event){.time = now, .severity = APC_EVENT_INFO, .kind = "operator"};
         operator_name(event->source, sizeof event->source);
-        describe(&changes[i], event->text, sizeof event->text);
+        operate_describe(&changes[i], event->text, sizeof event->text);
     }
     int rc = apc_store_append_events(store, events, n);
     free(events);
     return rc;
 }
 
-int operate(const struct cli *cli, struct apc_store *store, struct change *changes, size_t n)
+static int write_and_record(const struct cli *cli, struct apc_store *store, struct change *changes, size_t n)
 {
     apc_ns now = apc_clock_utc(NULL);
-    char text[192];
     int rc = write_changes(store, changes, n, now);
 
+    if (rc == APC_ECONN || rc == APC_ETIMEDOUT)
+        return cli_error(cli, rc, "the store did not answer, so whether it was written is not known: %s",
+                         apc_store_error(store));
     if (rc < 0)
         return cli_store_error(cli, rc, store);
-    for (size_t i = 0; i < n; i++) {
-        describe(&changes[i], text, sizeof text);
-        print_clean(stdout, text);
-        putchar('\n');
-    }
     rc = record(store, changes, n, now);
     if (rc < 0)
         return cli_error(cli, rc, "the change was made, but not recorded as an event: %s",
                          apc_store_error(store));
     return EXIT_OK;
+}
+
+int operate(const struct cli *cli, struct apc_store *store, struct change *changes, size_t n)
+{
+    struct outcome outcome = {0};
+    char text[192];
+    int rc = cli->no_wait ? EXIT_OK : outcome_prepare(&outcome, cli, store);
+
+    if (rc == EXIT_OK)
+        rc = write_and_record(cli, store, changes, n);
+    if (rc == EXIT_OK && !cli->no_wait)
+        rc = outcome_await(&outcome, cli, store, changes, n);
+    for (size_t i = 0; i < n && rc == EXIT_OK && cli->no_wait; i++) {
+        operate_describe(&changes[i], text, sizeof text);
+        print_clean(stdout, text);
+        putchar('\n');
+    }
+    outcome_free(&outcome);
+    return rc;
 }

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * What an operator changes. All changes of one command are checked first and then written in one
- * transaction; each is shown as "r: 10 -> 12" and leaves an event with the operator's name.
+ * transaction; each leaves an event with the operator's name, and is shown as "r: 10 -> 12 (applied)" when
+ * the controller has it (outcome.h).
  */
 #ifndef APC_OPERATE_H
 #define APC_OPERATE_H
@@ -13,13 +14,16 @@ struct change {
     const struct apc_tag *tag; /* limits */
     struct apc_sample before;  /* what is in force: operate_read() */
     struct apc_sample after;   /* table, id and value are to be filled in */
+    bool newest;               /* it was, when its outcome was first looked for */
 };
 
 /* Is the new value within the limits? Returns EXIT_OK or EXIT_REJECTED, said. */
 int operate_check(const struct cli *cli, const struct change *change);
 /* Fill in the newest sample of what every `before` names by table and id. Returns 0 or the store's error. */
 int operate_read(struct apc_store *store, struct change *changes, size_t n);
-/* Write, show, record. Returns the exit code. */
+/* "r: 10 -> 12" */
+void operate_describe(const struct change *change, char *text, size_t size);
+/* Write, record, wait for the outcome unless cli->no_wait, show. Returns the exit code. */
 int operate(const struct cli *cli, struct apc_store *store, struct change *changes, size_t n);
 
 #endif

@@ -11,9 +11,11 @@
 
 static const struct cli_spec mode_spec = {
     .args_doc = "[man|auto]",
-    .doc = "Show the target mode and the actual one, or change the target. Auto: the law controls. Man: the "
-           "outputs are the operator's; they stay where they are until `apc set` changes them.",
-    .takes = CLI_STORE | CLI_FORMAT,
+    .doc =
+        "Show the target mode and the actual one, or change the target. Auto: the law controls. Man: the "
+        "outputs are the operator's; they stay where they are until `apc set` changes them. Waits until the "
+        "controller is in it.",
+    .takes = CLI_STORE | CLI_FORMAT | CLI_WRITES,
     .max_args = 1,
 };
 
@@ -48,16 +50,19 @@ static void show_mode(const struct cli *cli, const struct apc_sample mode[2])
     }
 }
 
-static int change_mode(const struct cli *cli, struct apc_store *store, const struct apc_sample *before,
+static int change_mode(const struct cli *cli, struct apc_store *store, const struct apc_sample now[2],
                        enum apc_mode mode)
 {
     struct change change = {
-        .name = "mode", .before = *before, .after = {.table = APC_OPMODE, .id = 0, .value = (double)mode}};
-    if (before->seq > 0 && before->value == (double)mode) {
-        printf("mode: %s already\n", apc_mode_name((int)mode));
-        return EXIT_OK;
-    }
-    return operate(cli, store, &change, 1);
+        .name = "mode", .before = now[0], .after = {.table = APC_OPMODE, .id = 0, .value = (double)mode}};
+    if (now[0].seq == 0 || now[0].value != (double)mode)
+        return operate(cli, store, &change, 1);
+    if (now[1].seq > 0 && now[1].value != (double)mode && !cli->no_wait)
+        return cli_error(cli, APC_EPERM,
+                         "the target is %s already, but the controller is in %s: see apc status",
+                         apc_mode_name((int)mode), mode_text(&now[1]));
+    printf("mode: %s already\n", apc_mode_name((int)mode));
+    return EXIT_OK;
 }
 
 int command_mode(int argc, char **argv)
@@ -79,7 +84,7 @@ int command_mode(int argc, char **argv)
     if (rc < 0)
         rc = cli_store_error(&cli, rc, store);
     else if (wanted)
-        rc = change_mode(&cli, store, &mode[0], strcasecmp(wanted, "man") ? APC_MODE_AUTO : APC_MODE_MAN);
+        rc = change_mode(&cli, store, mode, strcasecmp(wanted, "man") ? APC_MODE_AUTO : APC_MODE_MAN);
     else
         show_mode(&cli, mode);
     apc_store_close(store);
@@ -90,8 +95,9 @@ int command_mode(int argc, char **argv)
 
 static const struct cli_spec tune_spec = {
     .args_doc = "[NAME=VALUE...]",
-    .doc = "Show the tuning of the control law, or change it; several parameters in one transaction.",
-    .takes = CLI_STORE | CLI_FORMAT,
+    .doc = "Show the tuning of the control law, or change it; several parameters in one transaction. "
+           "Waits until the controller has it.",
+    .takes = CLI_STORE | CLI_FORMAT | CLI_WRITES,
     .max_args = -1,
 };
 

@@ -86,8 +86,10 @@ static const struct cli_spec set_spec = {
     .args_doc = "VARIABLE VALUE [VARIABLE VALUE...]",
     .doc =
         "Write setpoints or, in mode Man, outputs; several pairs in one transaction. A VARIABLE is a name or "
-        "TABLE.ID, such as setpoint.1.",
-    .takes = CLI_STORE | CLI_NEGATIVE,
+        "TABLE.ID, such as setpoint.1. Waits until the controller has it, and says what became of it: "
+        "applied, "
+        "superseded or refused; where no controller ticks, nothing is written.",
+    .takes = CLI_STORE | CLI_NEGATIVE | CLI_WRITES,
     .min_args = 2,
     .max_args = -1,
 };

@@ -212,13 +212,13 @@ test_get_says_so_when_there_is_no_sample() {
 }
 
 test_set_writes_setpoints() {
-  run 0 set r 10
+  run 0 set r 10 --no-wait
   out_is "r: none -> 10"
-  run 0 set setpoint.1 12
+  run 0 set setpoint.1 12 --no-wait
   out_is "r: 10 -> 12"
-  run 0 set r -0.1234567890123
+  run 0 set r -0.1234567890123 --no-wait
   out_is "r: 12 -> -0.1234567890123"
-  run 0 set r -.5e1
+  run 0 set r -.5e1 --no-wait
   out_is "r: -0.1234567890123 -> -5"
   equal "$(newest setpoint 1)" -5 "the setpoint in the store"
   run 0 history --events --last 1
@@ -247,28 +247,28 @@ test_set_refuses_what_must_not_be() {
 
 test_several_pairs_are_all_or_nothing() {
   refused 4 "u = 11 lies outside its limits -10 to 10" set r 3 u 11
-  run 0 mode man
-  run 0 set r 3 u -2
+  run 0 mode man --no-wait
+  run 0 set r 3 u -2 --no-wait
   out_is $'r: -5 -> 3\nu: none -> -2'
   equal "$(sql "SELECT count(DISTINCT xmin::text) FROM (SELECT xmin FROM apc.setpoint WHERE value = 3
                    UNION ALL SELECT xmin FROM apc.manual WHERE value = -2) AS t")" 1 "one transaction"
   equal "$(newest manual 1)" -2 "the operator's output"
-  run 0 mode auto
+  run 0 mode auto --no-wait
 }
 
 test_mode_is_shown_and_changed() {
   run 0 mode
   out_has '^target  Auto  for '
   out_has '^actual  none$'
-  run 0 mode mAn
+  run 0 mode mAn --no-wait
   out_is "mode: Auto -> Man"
   equal "$(newest opmode 0)" 0 "the target mode"
-  run 0 mode man
+  run 0 mode man --no-wait
   out_is "mode: Man already"
   run 0 mode --json
   out_is_json
   out_is '{"target":"Man","actual":null}'
-  run 0 mode AUTO
+  run 0 mode AUTO --no-wait
   out_is "mode: Man -> Auto"
   run 0 history --events --last 1
   out_has 'operator +mode: Man -> Auto$'
@@ -277,10 +277,10 @@ test_mode_is_shown_and_changed() {
 test_tune_is_shown_and_changed() {
   run 0 tune
   out_has '^Kp +0\.2 .*proportional gain$'
-  run 0 tune Kp=0.3 tau_i=12.5
+  run 0 tune Kp=0.3 tau_i=12.5 --no-wait
   out_is $'Kp: 0.2 -> 0.3\ntau_i: 10 -> 12.5'
   equal "$(newest tuning 1)" 0.3 "Kp in the store"
-  run 0 tune tuning.1=-0.25
+  run 0 tune tuning.1=-0.25 --no-wait
   out_is "Kp: 0.3 -> -0.25"
   refused 4 "tau_i = -1 lies outside its limits" tune Kp=1 tau_i=-1
   refused 2 '"x" is not a finite number' tune Kp=x
@@ -390,7 +390,7 @@ test_watch_follows_and_ends_on_interrupt() {
   what="apc watch r"
   : >"$work/out"
   read -r -t 20 line <&"$lines" || fail "$what: no first line"
-  run 0 set r 7
+  run 0 set r 7 --no-wait
   read -r -t 20 line <&"$lines" || fail "$what: does not show a new sample"
   [[ $line == *" 7  Good" ]] || fail "$what: shows \"$line\""
   kill -INT "$pid"

@@ -55,7 +55,7 @@ for what in samples events timing tags; do
 done
 
 # what came meanwhile goes along the next time; a copy of a part, whatever is there, joins it in the right order
-"$apc" set r 3
+"$apc" set r 3 --no-wait
 expect 0 'samples: +1 copied' "$apc" copy postgresql: "$file"
 expect 0 'samples: +[0-9]+ copied$' "$apc" copy "$file" "sqlite:$work/part.db" --since 2026-01-31T12:04:00Z
 [ "$("$apc" history y --store "sqlite:$work/part.db" --last 99999 --csv | wc -l)" -lt 1100 ] || fail "--since took it all"

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# What apc set, mode and tune say is what became of the write: applied only when the controller used it.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+fast_experiment
+
+background run "$apc" run "$work/fast.conf" --duration 0 --no-ui --out "$work/run"
+run=$pid
+good() { [ "$(sql 'SELECT count(*) FROM apc.actuator WHERE status = 0')" -gt 3 ]; }
+until_true 30 good
+
+# ---- Applied, one after the other
+
+expect 0 '^r: 10 -> 12 \(applied\)$' "$apc" set r 12
+[ "$(sql 'SELECT z.value FROM apc.actuator a JOIN apc.setpoint z ON z.id = 1 AND z.seq = a.setpoint_seq
+          WHERE a.id = 1 ORDER BY a.seq DESC LIMIT 1')" = 12 ] || fail "the setpoint was not used when it was said to be"
+expect 0 '^mode: Auto -> Man \(applied\)$' "$apc" mode man
+[ "$(sql 'SELECT value FROM apc.opmode WHERE id = 1 ORDER BY seq DESC LIMIT 1')" = 0 ] || fail "the actual mode is not Man"
+expect 0 '^u: [-.0-9e]+ -> 1.5 \(applied\)$' "$apc" set u 1.5
+expect 0 '^mode: Man -> Auto \(applied\)$' "$apc" mode auto
+[ "$(sql 'SELECT count(*) > 0 FROM apc.actuator WHERE value = 1.5')" = t ] || fail "1.5 never went out"
+expect 0 '^Kp: 0.2 -> 0.15 \(applied\)$' "$apc" tune Kp=0.15
+expect 0 'mode: Auto already' "$apc" mode auto
+said=$("$apc" set r 11 setpoint.1 13 2>&1) && fail "twice the same: $said"
+
+# ---- Several at once: each has a true outcome, and one that was passed over is not called applied
+
+for round in 1 2 3; do
+  writers=()
+  for k in 1 2 3 4 5 6; do
+    "$apc" set r "$round.$k" >"$work/outcome.$k" 2>&1 &
+    writers+=($!)
+  done
+  for k in 1 2 3 4 5 6; do
+    code=0
+    wait "${writers[k - 1]}" || code=$?
+    used=$(sql "SELECT count(*) > 0 FROM apc.actuator a JOIN apc.setpoint z ON z.id = 1 AND z.seq = a.setpoint_seq
+                WHERE a.id = 1 AND z.value = $round.$k")
+    case "$code $(cat "$work/outcome.$k")" in
+    "0 "*"-> $round.$k (applied)") [ "$used" = t ] || fail "$round.$k was said to be applied and never was" ;;
+    "4 "*"-> $round.$k: superseded: it is "*) ;;
+    *) fail "the outcome of $round.$k: $code $(cat "$work/outcome.$k")" ;;
+    esac
+  done
+done
+grep -q applied "$work"/outcome.* || fail "none of the writes was applied"
+
+# ---- What the controller does not do is no success
+
+expect 0 '' "$apc" set r 10
+kill -STOP "$(pgrep -P "$run" -x apc-client)"
+in_fault() { [ "$(sql 'SELECT value FROM apc.opmode WHERE id = 1 ORDER BY seq DESC LIMIT 1')" = 0 ]; }
+if (until_true 5 in_fault) 2>/dev/null; then # unless somebody was quicker to start the client again
+  code=0
+  said=$("$apc" mode auto 2>&1) || code=$?
+  case "$code $said" in
+  "4 "*"the target is Auto already, but the controller is in Man"*) ;;
+  "0 mode: Auto already") ! in_fault || fail "the mode is not Auto" ;;
+  *) fail "mode auto in a fault: $code $said" ;;
+  esac
+fi
+pkill_client() { pgrep -P "$run" -x apc-client | while read -r one; do kill -CONT "$one"; done; }
+pkill_client
+
+# ---- A finished run is a record
+
+kill -INT "$run"
+wait "$run" || true
+rows() { sql 'SELECT (SELECT count(*) FROM apc.setpoint), (SELECT count(*) FROM apc.opmode), (SELECT count(*) FROM apc.tuning),
+  (SELECT count(*) FROM apc.manual), (SELECT count(*) FROM apc.event)'; }
+before=$(rows)
+for command in "set r 7" "mode man" "tune Kp=0.3"; do
+  # shellcheck disable=SC2086
+  expect 4 "nobody applies it: the controller's last tick was .* ago\. Nothing was written" "$apc" $command
+done
+[ "$(rows)" = "$before" ] || fail "what nobody applies was written into the record"
+expect 0 '^r: [-.0-9]+ -> 7$' "$apc" set r 7 --no-wait
+[ "$(rows)" != "$before" ] || fail "--no-wait does not write"
+
+# a store that no controller has ever ticked in
+"$apc" init "$work/fast.conf" --store "sqlite:$work/new.db" >/dev/null
+expect 4 'nobody applies it: no controller has ticked in this store' "$apc" set r 7 --store "sqlite:$work/new.db"
+expect 0 'none -> 7' "$apc" set r 7 --no-wait --store "sqlite:$work/new.db"
+
+# ---- Written, and then nobody is there: a controller that stands still meanwhile
+
+"$apc" init "$work/fast.conf" >/dev/null
+background plant "$APC_BIN/apc-plant" --config "$work/fast.conf"
+background client "$APC_BIN/apc-client" --config "$work/fast.conf"
+background controller "$APC_BIN/apc-controller" --config "$work/fast.conf"
+controller=$pid
+until_true 20 "$apc" set r 8
+kill -STOP "$controller"
+code=0
+said=$("$apc" set r 9 2>&1) || code=$?
+kill -CONT "$controller"
+case "$code $said" in
+"5 "*"written, but nobody applies it: the controller's last tick was "*) ;;
+"4 "*"nobody applies it: "*) ;; # it was slow enough to see that before
+*) fail "a controller that stands still: $code $said" ;;
+esac
