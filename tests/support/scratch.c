@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <unistd.h>
 
-static char folder[] = "/tmp/apc-test.XXXXXX";
+static char folder[200];
 static pid_t owner;
 
 static int remove_one(const char *path, const struct stat *st, int type, struct FTW *ftw)
@@ -27,6 +27,8 @@ static void remove_folder(void)
 const char *scratch_folder(void)
 {
     if (!owner) {
+        const char *where = getenv("TMPDIR");
+        snprintf(folder, sizeof folder, "%.180s/apc-test.XXXXXX", where && *where ? where : "/tmp");
         if (!mkdtemp(folder) || atexit(remove_folder) != 0) {
             perror(folder);
             exit(1);
