@@ -6,10 +6,28 @@
 #include <stdlib.h>
 #include <string.h>
 
-static void bind_text(sqlite3_stmt *statement, int parameter, const char *text)
+/* Clean copies of texts into the parameters from @p first on. */
+struct text {
+    const char *text;
+    size_t size;
+};
+
+static int bind_texts(struct apc_sqlite *sq, sqlite3_stmt *statement, int first, const struct text *texts,
+                      size_t n)
 {
-    sqlite3_bind_text(statement, parameter, text, -1, SQLITE_TRANSIENT);
+    char clean[sizeof((struct apc_event *)0)->text];
+    int rc = SQLITE_OK;
+    for (size_t i = 0; rc == SQLITE_OK && i < n; i++) {
+        rc = sqlite3_bind_text(statement, first + (int)i, apc_text_clean(clean, texts[i].text, texts[i].size),
+                               -1, SQLITE_TRANSIENT);
+    }
+    return rc == SQLITE_OK ? 0 : apc_sqlite_fail(sq, rc);
 }
+
+#define TEXT(member)                                                                                         \
+    {                                                                                                        \
+        member, sizeof member                                                                                \
+    }
 
 static void take_text(sqlite3_stmt *statement, int column, char *out, size_t size)
 {
@@ -140,14 +158,10 @@ static int run_stream(struct stream *s, const struct apc_range *range)
 static int bind_event(struct apc_sqlite *sq, sqlite3_stmt *statement, const void *rows, size_t i)
 {
     const struct apc_event *e = (const struct apc_event *)rows + i;
-    char text[sizeof e->text];
-    (void)sq;
     sqlite3_bind_int64(statement, 1, apc_sqlite_time(e->time));
     sqlite3_bind_int64(statement, 2, e->severity);
-    bind_text(statement, 3, apc_text_clean(text, e->source, sizeof e->source));
-    bind_text(statement, 4, apc_text_clean(text, e->kind, sizeof e->kind));
-    bind_text(statement, 5, apc_text_clean(text, e->text, sizeof e->text));
-    return 0;
+    return bind_texts(sq, statement, 3, (const struct text[]){TEXT(e->source), TEXT(e->kind), TEXT(e->text)},
+                      3);
 }
 
 int apc_sqlite_append_events(struct apc_store *store, const struct apc_event *events, size_t n)
@@ -199,10 +213,11 @@ static int bind_timing(struct apc_sqlite *sq, sqlite3_stmt *statement, const voi
 {
     const struct apc_timing_row *r = (const struct apc_timing_row *)rows + i;
     const int64_t *const bins[3] = {r->bin_low, r->bin_high, r->bin_count};
-    char text[sizeof r->task];
     sqlite3_bind_int64(statement, 1, apc_sqlite_time(r->time));
-    bind_text(statement, 2, apc_text_clean(text, r->task, sizeof r->task));
-    bind_text(statement, 3, apc_text_clean(text, r->quantity, sizeof r->quantity));
+    int err = bind_texts(sq, statement, 2, (const struct text[]){TEXT(r->task), TEXT(r->quantity)}, 2);
+    if (err) {
+        return err;
+    }
     sqlite3_bind_int64(statement, 4, r->period);
     sqlite3_bind_int64(statement, 5, (int64_t)r->missed);
     sqlite3_bind_int64(statement, 6, (int64_t)r->count);
@@ -218,8 +233,8 @@ static int bind_timing(struct apc_sqlite *sq, sqlite3_stmt *statement, const voi
     for (size_t b = 0; b < 3 * r->n_bins; b++) {
         blob[b] = htole64((uint64_t)bins[b / r->n_bins][b % r->n_bins]);
     }
-    sqlite3_bind_blob64(statement, 12, blob, 3 * r->n_bins * sizeof *blob, free);
-    return 0;
+    int rc = sqlite3_bind_blob64(statement, 12, blob, 3 * r->n_bins * sizeof *blob, free);
+    return rc == SQLITE_OK ? 0 : apc_sqlite_fail(sq, rc);
 }
 
 int apc_sqlite_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
@@ -298,16 +313,12 @@ int apc_sqlite_timing(struct apc_store *store, const struct apc_range *range, ap
 static int bind_tag(struct apc_sqlite *sq, sqlite3_stmt *statement, const void *rows, size_t i)
 {
     const struct apc_tag *t = (const struct apc_tag *)rows + i;
-    char text[sizeof t->description];
-    (void)sq;
     sqlite3_bind_int64(statement, 1, t->table);
     sqlite3_bind_int64(statement, 2, t->id);
-    bind_text(statement, 3, apc_text_clean(text, t->name, sizeof t->name));
-    bind_text(statement, 4, apc_text_clean(text, t->unit, sizeof t->unit));
-    bind_text(statement, 5, apc_text_clean(text, t->description, sizeof t->description));
     sqlite3_bind_double(statement, 6, t->low);
     sqlite3_bind_double(statement, 7, t->high);
-    return 0;
+    return bind_texts(sq, statement, 3,
+                      (const struct text[]){TEXT(t->name), TEXT(t->unit), TEXT(t->description)}, 3);
 }
 
 int apc_sqlite_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n)

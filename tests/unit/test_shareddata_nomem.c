@@ -1,0 +1,450 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * No memory, at every place where some is asked for: an operation that says so has done nothing, and works
+ * when it is asked again. Each store goes through the same steps again and again, and each time one
+ * allocation later fails, once; those of libapc one after the other, of SQLite's many some. Sanitizers bring
+ * their own allocator, so the tests are then skipped.
+ */
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "apcshareddata.h"
+#include "check.h"
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define FAILING 0
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) || __has_feature(memory_sanitizer)
+#define FAILING 0
+#endif
+#endif
+#ifndef FAILING
+#define FAILING 1
+#endif
+
+static bool counting; /* only inside a step */
+static bool foreign;  /* what other objects ask for, too */
+static int until_failure;
+static bool failed;
+
+#if FAILING
+extern const char __executable_start, _end; /* where this program lies, libapc in it */
+
+static bool fails(const void *caller)
+{
+    const char *from = (const char *)caller;
+    const bool own = from >= &__executable_start && from < &_end;
+    if (!counting || own == foreign || until_failure == 0 || --until_failure > 0) {
+        return false;
+    }
+    failed = true;
+    return true;
+}
+
+#define SEEN __attribute__((visibility("default"))) /* by SQLite */
+
+/* glibc's own, for programs that replace malloc. */
+extern void *__libc_malloc(size_t size);
+extern void *__libc_calloc(size_t n, size_t size);
+extern void *__libc_realloc(void *p, size_t size);
+
+SEEN void *malloc(size_t size)
+{
+    return fails(__builtin_return_address(0)) ? NULL : __libc_malloc(size);
+}
+
+SEEN void *calloc(size_t n, size_t size)
+{
+    return fails(__builtin_return_address(0)) ? NULL : __libc_calloc(n, size);
+}
+
+SEEN void *realloc(void *p, size_t size)
+{
+    return fails(__builtin_return_address(0)) ? NULL : __libc_realloc(p, size);
+}
+#endif
+
+static char uri[200], file[150], spool[150];
+static struct apc_store *store;
+static const char *spooled;
+
+/* ---- Steps: each returns what it should, or an error ------------------------------------------------ */
+
+enum { VARIABLES = 150, ROWS = 300 };
+
+static struct apc_sample sample(int id, int64_t seq)
+{
+    return (struct apc_sample){
+        .table = APC_SENSOR, .id = id, .seq = seq, .time = seq * APC_NS_PER_S, .value = (double)seq};
+}
+
+static int open_it(void)
+{
+    const struct apc_store_options options = {.size = sizeof options,
+                                              .name = "nomem",
+                                              .timeout = 20 * APC_NS_PER_S,
+                                              .backoff_min = 1,
+                                              .backoff_max = 1,
+                                              .spool = spooled};
+    return apc_store_open(&store, uri, &options, NULL);
+}
+
+static int init(void)
+{
+    return apc_store_init(store);
+}
+
+static int put_tags(void)
+{
+    const struct apc_tag tags[] = {{.table = APC_SENSOR, .id = 2, .name = "b"},
+                                   {.table = APC_SENSOR, .id = 1, .name = "a"}};
+    return apc_store_put_tags(store, tags, 2);
+}
+
+static int get_tags(void)
+{
+    struct apc_tag tags[2];
+    int rc = apc_store_get_tags(store, tags, 2);
+    return rc == 2 && strcmp(tags[0].name, "a") != 0 ? -100 : rc;
+}
+
+static int append_one_of_many(void)
+{
+    struct apc_sample s[VARIABLES];
+    for (int i = 0; i < VARIABLES; i++) {
+        s[i] = sample(i, 1);
+    }
+    return apc_store_append(store, s, VARIABLES);
+}
+
+static int append_many_of_one(void)
+{
+    static struct apc_sample s[ROWS];
+    for (int i = 0; i < ROWS; i++) {
+        s[i] = sample(1, i + 2);
+    }
+    return apc_store_append(store, s, ROWS);
+}
+
+static int append_late(void)
+{
+    static struct apc_sample s[2];
+    s[0] = sample(VARIABLES, 7);
+    s[1] = sample(VARIABLES, 3);
+    return apc_store_append(store, s, 2);
+}
+
+static int put(void)
+{
+    struct apc_sample s = {.table = APC_TUNING, .id = 3, .value = 1};
+    int rc = apc_store_put(store, &s, 1);
+    return rc == 0 && s.seq != 1 ? -100 : rc;
+}
+
+static int swap(void)
+{
+    struct apc_sample s = {.table = APC_TUNING, .id = 3, .value = 2, .seq = 1};
+    int rc = apc_store_swap(store, &s, 1);
+    return rc == 0 && s.seq != 2 ? -100 : rc;
+}
+
+static int claim(void)
+{
+    int64_t last[2];
+    int rc = apc_store_claim(store, APC_SENSOR, 2, last);
+    return rc == 0 && (last[0] != ROWS + 1 || last[1] != 1) ? -100 : rc;
+}
+
+static int claim_after(void)
+{
+    int64_t last[2];
+    int rc = apc_store_claim(store, APC_SENSOR, 2, last);
+    return rc == 0 && last[0] != ROWS + 1 ? -100 : rc;
+}
+
+static int read_newest(void)
+{
+    struct apc_sample s = {.table = APC_SENSOR, .id = 1};
+    int rc = apc_store_read(store, &s, 1);
+    return rc == 0 && s.seq != ROWS + 1 ? -100 : rc;
+}
+
+static int look(void)
+{
+    const struct apc_sample seen = {.table = APC_SENSOR, .id = 1, .seq = ROWS};
+    return apc_store_wait(store, &seen, 1, 0);
+}
+
+static int append_events(void)
+{
+    static struct apc_event events[20];
+    for (int i = 0; i < 20; i++) {
+        events[i] = (struct apc_event){.time = i, .severity = APC_EVENT_INFO, .kind = "operator"};
+    }
+    return apc_store_append_events(store, events, 20);
+}
+
+static int append_timing(void)
+{
+    static const int64_t bins[3] = {1, 2, 3};
+    static struct apc_timing_row rows[8];
+    for (int i = 0; i < 8; i++) {
+        rows[i] = (struct apc_timing_row){.time = -i * APC_NS_PER_US,
+                                          .task = "t",
+                                          .quantity = "run",
+                                          .bin_low = bins,
+                                          .bin_high = bins,
+                                          .bin_count = bins,
+                                          .n_bins = i % 2 ? 3 : 0};
+    }
+    return apc_store_append_timing(store, rows, 8);
+}
+
+/* What was given before it failed is no matter. */
+static int any_sample(void *ctx, const struct apc_sample *s)
+{
+    (void)ctx;
+    (void)s;
+    return 0;
+}
+
+static int any_bin(void *ctx, const struct apc_history_bin *bin)
+{
+    (void)ctx;
+    (void)bin;
+    return 0;
+}
+
+static int any_event(void *ctx, const struct apc_event *e)
+{
+    (void)ctx;
+    (void)e;
+    return 0;
+}
+
+static int any_timing(void *ctx, const struct apc_timing_row *row)
+{
+    (void)ctx;
+    return row->n_bins == 3 && row->bin_count[2] != 3;
+}
+
+static int history(void)
+{
+    return apc_store_history(store, APC_SENSOR, 1, NULL, any_sample, NULL);
+}
+
+static int bins(void)
+{
+    return apc_store_history_bins(store, APC_SENSOR, 1, 0, (ROWS + 2) * APC_NS_PER_S, 2, any_bin, NULL);
+}
+
+static int variables(void)
+{
+    struct apc_sample s[2];
+    return apc_store_variables(store, s, 2);
+}
+
+static int events(void)
+{
+    return apc_store_events(store, NULL, any_event, NULL);
+}
+
+static int timing(void)
+{
+    return apc_store_timing(store, NULL, any_timing, NULL);
+}
+
+static int maintain(void)
+{
+    const struct apc_retention keep = {.size = sizeof keep, .samples = 1, .events = 1, .timing = 1};
+    return apc_store_maintain(store, &keep);
+}
+
+static int close_it(void)
+{
+    apc_store_close(store);
+    store = NULL;
+    return 0;
+}
+
+static int drain(void)
+{
+    struct apc_store_stats stats;
+    int rc = apc_store_connect(store);
+    apc_store_stats(store, &stats);
+    return rc < 0 ? rc : (int)(stats.spool.samples + stats.spool.events);
+}
+
+/* A store of its own makes the tables behind the spool's back. */
+static int init_behind(void)
+{
+    struct apc_store *other = NULL;
+    int rc = apc_store_open(&other, uri, NULL, NULL);
+    rc = rc < 0 ? rc : apc_store_init(other);
+    apc_store_close(other);
+    return rc;
+}
+
+struct step {
+    int (*run)(void);
+    int result;
+};
+
+static const struct step whole[] = {
+    {open_it, 0},
+    {init, 0},
+    {put_tags, 2},
+    {put_tags, 2},
+    {append_one_of_many, VARIABLES},
+    {append_many_of_one, ROWS},
+    {append_late, 2},
+    {put, 0},
+    {swap, 0},
+    {claim, 0},
+    {read_newest, 0},
+    {look, 1},
+    {append_events, 20},
+    {append_timing, 8},
+    {get_tags, 2},
+    {history, ROWS + 1},
+    {bins, 2},
+    {variables, VARIABLES + 2},
+    {events, 20},
+    {timing, 8},
+    {maintain, ROWS + 2 + 20 + 8},
+    {history, 1},
+    {close_it, 0},
+};
+
+/* Away, with a spool; then another process finds what waits, and the store is there. */
+static const struct step bridged[] = {
+    {open_it, 0},
+    {append_one_of_many, VARIABLES},
+    {append_many_of_one, ROWS},
+    {append_events, 20},
+    {read_newest, 0},
+    {close_it, 0},
+    {open_it, 0},
+    {init_behind, 0},
+    {drain, 0},
+    {claim_after, 0},
+    {history, ROWS + 1},
+    {events, 20},
+    {close_it, 0},
+};
+
+/* ---- All steps, with the failure of one allocation --------------------------------------------------- */
+
+static int attempt(const struct step *step)
+{
+    counting = true;
+    int rc = step->run();
+    counting = false;
+    return rc;
+}
+
+/* Returns whether there was an allocation of that number. */
+static bool go_through(const struct step *steps, size_t n, int number)
+{
+    until_failure = number;
+    failed = false;
+    unlink(file);
+    for (size_t i = 0; i < n; i++) {
+        bool before = failed;
+        int rc = attempt(&steps[i]);
+        if (rc < 0 && failed && !before && rc != -100) {
+            if (rc != APC_ENOMEM) {
+                fail_msg("%s: allocation %d, step %zu: %s: %s", uri, number, i, apc_err_name(rc),
+                         apc_store_error(store));
+            }
+            rc = attempt(&steps[i]);
+        }
+        if (steps[i].run == maintain && !before && failed && rc >= 0) {
+            rc = steps[i].result; /* it goes on in portions */
+        }
+        if (rc != steps[i].result) {
+            fail_msg("%s: allocation %d, step %zu: %d instead of %d: %s", uri, number, i, rc, steps[i].result,
+                     apc_store_error(store));
+        }
+    }
+    until_failure = 0;
+    return failed;
+}
+
+static void go_through_all(const struct step *steps, size_t n, int apart)
+{
+    if (!FAILING) {
+        skip();
+    }
+    int number = 1;
+    foreign = apart > 1;
+    unlink(spool);
+    while (go_through(steps, n, number)) {
+        number += apart;
+    }
+    assert_true(number > apart); /* some did */
+}
+
+#define ALL(steps, apart) go_through_all(steps, sizeof steps / sizeof steps[0], apart)
+
+static void test_memory(void **state)
+{
+    (void)state;
+    snprintf(uri, sizeof uri, "mem:");
+    ALL(whole, 1);
+}
+
+static void test_shared_memory(void **state)
+{
+    (void)state;
+    snprintf(uri, sizeof uri, "shm:nomem-%d?size=2", (int)getpid());
+    snprintf(file, sizeof file, "/dev/shm/apc.nomem-%d", (int)getpid());
+    ALL(whole, 1);
+    unlink(file);
+}
+
+static void test_sqlite(void **state)
+{
+    (void)state;
+    snprintf(file, sizeof file, "/dev/shm/apc-nomem-%d.db", (int)getpid());
+    snprintf(uri, sizeof uri, "sqlite:%s", file);
+    ALL(whole, 1);
+    ALL(whole, 397); /* of SQLite's many */
+    unlink(file);
+}
+
+static void test_spool(void **state)
+{
+    (void)state;
+    snprintf(file, sizeof file, "/dev/shm/apc-nomem-%d.db", (int)getpid());
+    snprintf(spool, sizeof spool, "/dev/shm/apc-nomem-%d.spool", (int)getpid());
+    snprintf(uri, sizeof uri, "sqlite:%s", file);
+    spooled = spool;
+    ALL(bridged, 1);
+    spooled = NULL;
+    unlink(file);
+    unlink(spool);
+}
+
+static int remove_files(void **state)
+{
+    char command[400];
+    (void)state;
+    snprintf(command, sizeof command, "rm -f /dev/shm/apc-nomem-%d.* /dev/shm/apc.nomem-%d", (int)getpid(),
+             (int)getpid());
+    return system(command);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_memory),
+        cmocka_unit_test(test_shared_memory),
+        cmocka_unit_test(test_sqlite),
+        cmocka_unit_test(test_spool),
+    };
+    return cmocka_run_group_tests(tests, NULL, remove_files);
+}
