@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# Turns FILES (NNNN-name.sql, in order) into a C table of {version, name, text}. Called with -P.
+# Turns FILES (NNNN-name.sql and NNNN-repair-name.sql, in order) into a C table of {number, repair, name, text}.
+# Called with -P.
 set(out "/* SPDX-License-Identifier: BSD-3-Clause */\n/* Made from sql/ by cmake/embed.cmake. */\n")
 string(APPEND out "#include \"shareddata/migrations.h\"\n\n")
 set(table "")
@@ -13,7 +14,11 @@ foreach(file IN LISTS FILES)
          "${bytes}")
   math(EXPR count "${count} + 1")
   string(APPEND out "static const char text_${count}[] = {\n${bytes}0};\n")
-  string(APPEND table "    {${count}, \"${name}\", text_${count}},\n")
+  set(repair false)
+  if(name MATCHES "^[0-9]+-repair-")
+    set(repair true)
+  endif()
+  string(APPEND table "    {${count}, ${repair}, \"${name}\", text_${count}},\n")
 endforeach()
 string(APPEND out "\nconst struct apc_migration apc_migrations[] = {\n${table}};\n")
 string(APPEND out "const int apc_migration_count = ${count};\n")

@@ -317,8 +317,9 @@ APC_API int apc_store_timing(struct apc_store *store, const struct apc_range *ra
 /* ---- Set-up ------------------------------------------------------------------------------- */
 
 /**
- * Make the schema, or bring an older one up to date; harmless when it is current. Returns the version
- * it had (0: none), or APC_ESCHEMA when it is newer than this library. [setup]
+ * Make the schema, or bring an older one up to date, repairs included; harmless when it is current. Returns
+ * the version it had (0: none; a newer one that this library works with is left alone), or APC_ESCHEMA when
+ * it is newer than that. [setup]
  */
 APC_API int apc_store_init(struct apc_store *store);
 
@@ -335,8 +336,11 @@ struct apc_retention {
  * Returns the number of rows or pieces dropped, or an error.
  */
 APC_API int apc_store_maintain(struct apc_store *store, const struct apc_retention *keep);
-/** The schema version that this library makes and needs. [any] */
+/** The version of the tables that this library makes and knows. It works with a newer one as well if that
+ * says so. [any] */
 APC_API int apc_store_version(void);
+/** The version of the tables that the store is connected to; 0: not connected. [any] */
+APC_API int apc_store_tables_version(const struct apc_store *store);
 
 #ifdef __cplusplus
 }

@@ -26,9 +26,13 @@ GRANT INSERT (time, severity, source, kind, text) ON event -- not role: nobody w
     TO apc_plant, apc_client, apc_controller, apc_scheduler, apc_operator;
 GRANT SELECT ON event -- a spool that drains looks up which are there already
     TO apc_plant, apc_client, apc_controller, apc_scheduler;
-GRANT INSERT ON timing TO apc_plant, apc_client, apc_controller, apc_scheduler;
+REVOKE INSERT ON timing FROM apc_plant, apc_client, apc_controller, apc_scheduler;
+GRANT INSERT (time, task, quantity, period, missed, count, mean, sd, p50, p99, max, bin_low, bin_high, bin_count)
+    ON timing TO apc_plant, apc_client, apc_controller, apc_scheduler; -- not id: nobody takes the numbers to come
 GRANT EXECUTE ON FUNCTION claim(text, integer) TO apc_client, apc_controller, apc_scheduler;
-GRANT EXECUTE ON FUNCTION absent(text, integer[], bigint[]) TO apc_client, apc_controller, apc_scheduler, apc_operator;
+-- Not the operator, who never appends: with it a transaction left open would lock the controller's row of opmode.
+GRANT EXECUTE ON FUNCTION absent(text, integer[], bigint[]) TO apc_client, apc_controller, apc_scheduler;
+REVOKE EXECUTE ON FUNCTION absent(text, integer[], bigint[]) FROM apc_operator;
 
 GRANT INSERT ON sensor TO apc_client;
 GRANT SELECT ON actuator, actuator_newest TO apc_client;

@@ -34,8 +34,11 @@ static int init_store(const struct cli *cli, struct apc_store *store)
     int had = apc_store_init(store);
     if (had < 0)
         return cli_store_error(cli, had, store);
-    if (had == apc_store_version())
-        printf("tables are up to date (version %d)\n", had);
+    if (had > apc_store_version())
+        printf("tables are of version %d, newer than this program's (%d), which works with them\n", had,
+               apc_store_version());
+    else if (had == apc_store_version())
+        printf("tables are up to date (version %d, with all repairs)\n", had);
     else if (had == 0)
         printf("tables made (version %d)\n", apc_store_version());
     else

@@ -45,6 +45,7 @@ static const struct cli_spec spec = {
 struct status {
     char store[400]; /* its URI without passwords */
     struct cli_tags tags;
+    int version; /* of the store's tables */
     struct apc_sample mode[2], *samples;
     size_t n;
     struct timing timing;
@@ -82,6 +83,7 @@ static int load(const struct cli *cli, struct apc_store *store, struct status *s
         rc = timing_load(&s->timing, store, &(struct apc_range){.since = s->now - WINDOW}, "lateness");
     if (rc >= 0)
         rc = apc_store_events(store, &last, take_event, s);
+    s->version = apc_store_tables_version(store);
     if (rc < 0)
         cli_store_error(cli, rc, store);
     return rc < 0 ? rc : 0;
@@ -208,7 +210,7 @@ static int show(const struct status *s)
 
     fputs("store  ", stdout);
     print_clean(stdout, s->store);
-    printf("\n       connected, schema version %d\n", apc_store_version());
+    printf("\n       connected, schema version %d\n", s->version);
     printf("mode   target %s, actual %s\n", target ? target : "none", actual ? actual : "none");
     int rc = show_values(s, colour);
     if (rc == 0)
@@ -242,14 +244,14 @@ static void json_timing(const struct status *s)
     }
 }
 
-static void json_store(const char *uri, const char *why)
+static void json_store(const char *uri, int version, const char *why)
 {
     fputs("\"store\":{", stdout);
     print_json_text(stdout, "uri", uri);
     if (why)
         fputs(",\"connected\":false,\"version\":null,", stdout);
     else
-        printf(",\"connected\":true,\"version\":%d,", apc_store_version());
+        printf(",\"connected\":true,\"version\":%d,", version);
     print_json_text(stdout, "error", why);
     putchar('}');
 }
@@ -276,7 +278,7 @@ static void json_spools(const struct status *s)
 static void show_json(const struct status *s, const char *why)
 {
     putchar('{');
-    json_store(s->store, why);
+    json_store(s->store, s->version, why);
     json_spools(s);
     if (why) {
         puts("}");

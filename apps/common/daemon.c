@@ -243,7 +243,14 @@ int daemon_store(struct daemon *d, struct apc_store **store, enum apc_table tabl
            apc_clock_mono(NULL) < give_up)
         if (sigtimedwait(&signals, NULL, &pause) > 0)
             return 1;
-    return rc < 0 ? daemon_error(d, rc, "%s", apc_store_error(*store)) : 0;
+    if (rc < 0)
+        return daemon_error(d, rc, "%s", apc_store_error(*store));
+    if (apc_store_tables_version(*store) > apc_store_version())
+        apc_log_write(
+            d->log, APC_LOG_INFO,
+            "the store's tables are of version %d, newer than this program's (%d), which works with them",
+            apc_store_tables_version(*store), apc_store_version());
+    return 0;
 }
 
 /* ---- Events ------------------------------------------------------------------------------- */

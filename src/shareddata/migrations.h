@@ -3,8 +3,11 @@
 #ifndef APC_MIGRATIONS_H
 #define APC_MIGRATIONS_H
 
+#include <stdbool.h>
+
 struct apc_migration {
-    int version; /* 1, 2, ... */
+    int number;  /* 1, 2, ...: the version that it makes ... */
+    bool repair; /* ... unless it mends the version before it, and leaves the number as it is */
     const char *name;
     const char *sql; /* the schema is the first of the search_path */
 };

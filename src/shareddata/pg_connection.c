@@ -490,7 +490,10 @@ static const char session_sql[] =
     "false),"
     " pg_backend_pid()::int8, (SELECT backend_start FROM pg_stat_activity WHERE pid = pg_backend_pid()),"
     " (SELECT has_schema_privilege(oid, 'USAGE')::text FROM pg_namespace WHERE nspname = $1)";
-static const char version_sql[] = "SELECT coalesce(max(version), 0)::int4 FROM migration";
+/* Before its first repair a schema did not say from which version on programs can work with it. */
+static const char version_sql[] =
+    "SELECT version::int8, coalesce((to_jsonb(m) ->> 'compatible_from')::int8, version)"
+    " FROM migration m ORDER BY version DESC LIMIT 1";
 
 enum { SETUP_VERSION, SETUP_PREPARE, SETUP_CLAIM = SETUP_PREPARE + 2 * (APC_TABLE_END - APC_SENSOR) };
 
@@ -517,23 +520,30 @@ static int take_session(void *ctx, int statement, PGresult *result)
     return 0;
 }
 
+int apc_pg_check_version(struct apc_pg *pg, int version, int compatible_from)
+{
+    if (compatible_from <= apc_store_version()) {
+        return 0;
+    }
+    return apc_fail(&pg->base.why, APC_ESCHEMA,
+                    "schema %s is version %d, for programs of version %d or newer; this library is of %d: "
+                    "upgrade libapc",
+                    pg->schema, version, compatible_from, apc_store_version());
+}
+
 static int take_version(struct apc_pg *pg, const PGresult *result)
 {
-    if (PQntuples(result) != 1 || PQgetlength(result, 0, 0) != 4) {
+    if (PQnfields(result) != 2) {
         return apc_fail(&pg->base.why, APC_EPROTO, "the database did not answer what was asked");
     }
-    int version = apc_pg_get_int4(PQgetvalue(result, 0, 0)), known = apc_store_version();
-    if (version > known) {
+    bool any = PQntuples(result) > 0;
+    pg->version = any ? (int)apc_pg_cell(result, 0, 0) : 0;
+    if (pg->version < apc_store_version()) {
         return apc_fail(&pg->base.why, APC_ESCHEMA,
-                        "schema %s is version %d, this library knows %d: upgrade libapc", pg->schema, version,
-                        known);
+                        "schema %s is version %d, this library needs %d: run apc init", pg->schema,
+                        pg->version, apc_store_version());
     }
-    if (version < known) {
-        return apc_fail(&pg->base.why, APC_ESCHEMA,
-                        "schema %s is version %d, this library needs %d: run apc init", pg->schema, version,
-                        known);
-    }
-    return 0;
+    return apc_pg_check_version(pg, pg->version, (int)apc_pg_cell(result, 0, 1));
 }
 
 static int take_setup(void *ctx, int statement, PGresult *result)

@@ -472,6 +472,11 @@ static bool connected(const struct apc_store *store)
     return pg->conn && PQstatus(pg->conn) == CONNECTION_OK;
 }
 
+static int version(const struct apc_store *store)
+{
+    return ((const struct apc_pg *)store)->version;
+}
+
 static int connect_store(struct apc_store *store)
 {
     return apc_pg_begin(apc_pg_of(store));
@@ -480,10 +485,10 @@ static int connect_store(struct apc_store *store)
 #define OPS(word)                                                                                            \
     {                                                                                                        \
         .scheme = word, .open = open_store, .close = close_store, .connected = connected,                    \
-        .connect = connect_store, .read = apc_pg_read, .append = append, .claim = claim, .put = put,         \
-        .swap = swap, .wait = apc_pg_wait, .variables = apc_pg_variables, .history = apc_pg_history,         \
-        .history_bins = apc_pg_history_bins, .put_tags = apc_pg_put_tags, .get_tags = apc_pg_get_tags,       \
-        .append_events = apc_pg_append_events, .events = apc_pg_events,                                      \
+        .connect = connect_store, .version = version, .read = apc_pg_read, .append = append, .claim = claim, \
+        .put = put, .swap = swap, .wait = apc_pg_wait, .variables = apc_pg_variables,                        \
+        .history = apc_pg_history, .history_bins = apc_pg_history_bins, .put_tags = apc_pg_put_tags,         \
+        .get_tags = apc_pg_get_tags, .append_events = apc_pg_append_events, .events = apc_pg_events,         \
         .append_timing = apc_pg_append_timing, .timing = apc_pg_timing, .init = apc_pg_init,                 \
         .maintain = apc_pg_maintain,                                                                         \
     }

@@ -81,6 +81,7 @@ struct apc_pg {
     PGconn *conn;          /* NULL: not connected. In pipeline mode whenever an operation begins */
     apc_ns deadline;       /* of the running operation, monotonic */
     apc_ns next_try;       /* no connect before it, monotonic */
+    int version;           /* of the schema that it connected to */
     unsigned failures;     /* connects that failed in a row */
     uint64_t random;       /* of the jitter */
     int failed;            /* why the last connect failed */
@@ -131,6 +132,12 @@ void apc_pg_drop(struct apc_pg *pg);
 int apc_pg_refused(struct apc_pg *pg, const PGresult *result);
 /** The text of libpq or of the server on one line, without the password. */
 int apc_pg_fail(struct apc_pg *pg, int err, const char *what, const char *text);
+
+/**
+ * Can this library work with a schema of that version, made for programs from compatible_from on? 0, or
+ * APC_ESCHEMA with what to do when it is too new.
+ */
+int apc_pg_check_version(struct apc_pg *pg, int version, int compatible_from);
 
 /** Connect without looking at the schema and without pipeline mode: for pg_init.c. */
 int apc_pg_connect_bare(struct apc_pg *pg);

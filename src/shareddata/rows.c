@@ -27,7 +27,7 @@ int apc_rows_check(struct apc_store *store, const struct apc_sample *samples, si
 
 int apc_rows_seq_failure(struct apc_store *store, const struct apc_sample *s)
 {
-    return apc_fail(&store->why, APC_ESTORE, "%s %d: the next seq breaks seq_in_range: expected below 2^62",
+    return apc_fail(&store->why, APC_ESTORE, "%s %d: the next seq breaks seq_in_range: expected below 2^53",
                     apc_table_name(s->table), s->id);
 }
 

@@ -40,6 +40,7 @@ struct apc_store_ops {
     void (*close)(struct apc_store *store);
     bool (*connected)(const struct apc_store *store);
     void (*stats)(const struct apc_store *store, struct apc_store_stats *stats); /* NULL: store->stats */
+    int (*version)(const struct apc_store *store); /* when connected; NULL: always apc_store_version() */
     int (*connect)(struct apc_store *store);
     int (*read)(struct apc_store *store, struct apc_sample *samples, size_t n);
     int (*append)(struct apc_store *store, const struct apc_sample *samples, size_t n);
@@ -91,7 +92,7 @@ static inline bool apc_table_known(enum apc_table table)
 
 /* ---- rows.c: for stores without a server, what PostgreSQL's constraints say ------------------ */
 
-#define APC_SEQ_MAX ((INT64_C(1) << 62) - 1) /* there is always room to count on */
+#define APC_SEQ_MAX ((INT64_C(1) << 53) - 1) /* a double holds them all exactly */
 
 /** Stored times are whole microseconds, rounded down. */
 static inline apc_ns apc_time_stored(apc_ns time)

@@ -586,6 +586,11 @@ static int timing(struct apc_store *store, const struct apc_range *range, apc_ti
     PASS(store, apc_store_timing(inner, range, fn, ctx));
 }
 
+static int version(const struct apc_store *store)
+{
+    return apc_store_tables_version(((const struct spooling *)store)->inner);
+}
+
 static int init(struct apc_store *store)
 {
     PASS(store, apc_store_init(inner));
@@ -645,6 +650,7 @@ static const struct apc_store_ops spooling_store = {
     .events = events,
     .append_timing = append_timing,
     .timing = timing,
+    .version = version,
     .init = init,
     .maintain = maintain,
 };

@@ -19,8 +19,6 @@
 #include <math.h>
 #include <string.h>
 
-#define SEQ_MAX ((INT64_C(1) << 62) - 1) /* leaves room to count on */
-
 /* ---- Rows of the tables --------------------------------------------------------------------- */
 
 static void take_block(sqlite3_stmt *statement, struct apc_sqlite_block *b)
@@ -111,7 +109,7 @@ static int next_pos(struct apc_sqlite *sq)
 static int check(struct apc_sqlite *sq, const struct apc_sample *s)
 {
     const bool whole = (s->table != APC_DIM && s->table != APC_OPMODE) || s->value == trunc(s->value);
-    if (whole && s->seq <= SEQ_MAX) {
+    if (whole && s->seq <= APC_SEQ_MAX) {
         return 0;
     }
     return apc_fail(&sq->base.why, APC_ESTORE, "%s %d, seq %" PRId64 ", value %g: refused by %s",

@@ -101,7 +101,18 @@ void apc_store_stats(const struct apc_store *store, struct apc_store_stats *stat
 
 int apc_store_version(void)
 {
-    return apc_migration_count;
+    int version = 0;
+    for (int i = 0; i < apc_migration_count; i++) {
+        version = apc_migrations[i].repair ? version : apc_migrations[i].number;
+    }
+    return version;
+}
+
+int apc_store_tables_version(const struct apc_store *store)
+{
+    return !store || !store->ops->connected(store) ? 0
+           : store->ops->version                   ? store->ops->version(store)
+                                                   : apc_store_version();
 }
 
 /* ---- Checks ------------------------------------------------------------------------------- */

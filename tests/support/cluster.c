@@ -381,6 +381,18 @@ const char *cluster_query(struct cluster *c, const char *sql)
     return c->answer;
 }
 
+void cluster_query_file(struct cluster *c, const char *path)
+{
+    FILE *file = fopen(path, "r");
+    char *text = calloc(1, 1 << 16);
+    if (!file || !text || fread(text, 1, (1 << 16) - 1, file) == 0 || !feof(file)) {
+        die("cannot read %s", path);
+    }
+    fclose(file);
+    cluster_query(c, text);
+    free(text);
+}
+
 bool cluster_await(struct cluster *c, const char *sql, const char *expected)
 {
     for (int i = 0; i < LOOKS; i++) {

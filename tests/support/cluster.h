@@ -32,6 +32,8 @@ PGconn *cluster_connect(const struct cluster *c);
 /** Run SQL as superuser. Returns the first value of the last result ("" if none), valid until the next call.
  */
 const char *cluster_query(struct cluster *c, const char *sql);
+/** Run a file of SQL as superuser. */
+void cluster_query_file(struct cluster *c, const char *path);
 /** Ask again and again until the answer is @p expected; false when it never was (bounded: about 20 s). */
 bool cluster_await(struct cluster *c, const char *sql, const char *expected);
 

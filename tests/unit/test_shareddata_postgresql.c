@@ -932,14 +932,150 @@ static void test_a_newer_schema_is_left_alone(void **state)
     snprintf(sql, sizeof sql, "INSERT INTO plant%d.migration VALUES (%d, 'from the future')", plant,
              apc_store_version() + 8);
     cluster_query(cluster, sql);
-    snprintf(expected, sizeof expected, "schema plant%d is version %d, this library knows %d: upgrade libapc",
-             plant, apc_store_version() + 8, apc_store_version());
+    snprintf(
+        expected, sizeof expected,
+        "schema plant%d is version %d, for programs of version %d or newer; this library is of %d: upgrade "
+        "libapc",
+        plant, apc_store_version() + 8, apc_store_version() + 8, apc_store_version());
     struct apc_store *store = open_direct(LONG);
     assert_int_equal(apc_store_connect(store), APC_ESCHEMA);
     assert_string_equal(apc_store_error(store), expected);
+    assert_int_equal(apc_store_tables_version(store), 0);
     assert_int_equal(apc_store_init(store), APC_ESCHEMA);
     assert_string_equal(apc_store_error(store), expected);
     apc_store_close(store);
+}
+
+static void test_a_newer_schema_that_says_it_is_compatible_is_worked_with(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG);
+    assert_int_equal(apc_store_tables_version(store), 0);
+    ok(store, apc_store_connect(store));
+    assert_int_equal(apc_store_tables_version(store), apc_store_version());
+    apc_store_close(store);
+    const int newer = apc_store_version() + 8;
+    char sql[200];
+    snprintf(sql, sizeof sql, "INSERT INTO plant%d.migration VALUES (%d, 'from the future', now(), %d)",
+             plant, newer, apc_store_version());
+    cluster_query(cluster, sql);
+    store = open_direct(LONG);
+    struct apc_sample s = sample(APC_SENSOR, 1, 1, 1);
+    assert_int_equal(apc_store_append(store, &s, 1), 1);
+    assert_int_equal(apc_store_tables_version(store), newer);
+    assert_int_equal(apc_store_init(store), newer);
+    assert_int_equal(newest(store, APC_SENSOR, 1).seq, 1);
+    apc_store_close(store);
+    snprintf(sql, sizeof sql, "UPDATE plant%d.migration SET compatible_from = %d WHERE version = %d", plant,
+             apc_store_version() + 1, newer);
+    cluster_query(cluster, sql);
+    store = open_direct(LONG);
+    assert_int_equal(apc_store_connect(store), APC_ESCHEMA);
+    assert_says(store, "upgrade libapc");
+    assert_int_equal(apc_store_init(store), APC_ESCHEMA);
+    assert_says(store, "upgrade libapc");
+    apc_store_close(store);
+}
+
+/* A plant as it was before its tables were repaired. */
+static void make_unrepaired(void)
+{
+    char sql[200];
+    snprintf(sql, sizeof sql,
+             "DROP SCHEMA plant%d CASCADE; CREATE SCHEMA plant%d; SET search_path TO plant%d, pg_temp", plant,
+             plant, plant);
+    cluster_query(cluster, sql);
+    cluster_query_file(cluster, APC_SQL_DIR "/0001-tables.sql");
+    cluster_query(cluster,
+                  "INSERT INTO migration (version, name) VALUES (1, '0001-tables'); RESET search_path");
+}
+
+static void test_a_repair_reaches_a_plant_whose_programs_go_on(void **state)
+{
+    (void)state;
+    make_unrepaired();
+    char uri[600], sql[300];
+    snprintf(uri, sizeof uri, "%s&application_name=goes_on#plant%d", cluster_uri(cluster), plant);
+    struct apc_store *daemon_store = open_uri(uri, LONG), *admin = open_direct(LONG);
+    struct apc_sample s[3] = {sample(APC_SENSOR, 1, 1, 1), sample(APC_SENSOR, 1, 2, 2),
+                              sample(APC_SENSOR, 1, 3, 3)};
+    int64_t last[1];
+    ok(daemon_store, apc_store_claim(daemon_store, APC_SENSOR, 1, last));
+    assert_int_equal(apc_store_append(daemon_store, s, 1), 1);
+    assert_int_equal(apc_store_append(daemon_store, s, 1), 0); /* its session knows the old functions */
+
+    assert_int_equal(apc_store_init(admin), 1);
+    snprintf(sql, sizeof sql,
+             "SELECT (SELECT max(version) FROM plant%d.migration) || ' ' || string_agg(name, ',') FROM "
+             "plant%d.repair",
+             plant, plant);
+    assert_string_equal(cluster_query(cluster, sql), "1 0002-repair-rights");
+    assert_int_equal(apc_store_init(admin), 1);
+    assert_string_equal(cluster_query(cluster, sql), "1 0002-repair-rights");
+    snprintf(sql, sizeof sql, "SELECT count(*) FROM plant%d.event WHERE text LIKE '%%0002-repair-rights%%'",
+             plant);
+    assert_string_equal(cluster_query(cluster, sql), "1");
+
+    assert_int_equal(apc_store_append(daemon_store, s, 2), 1);
+    terminate(cluster, "goes_on");
+    assert_int_equal(append_again(daemon_store, s, 3), 1);
+    ok(daemon_store, apc_store_claim(daemon_store, APC_SENSOR, 1, last));
+    assert_int_equal(last[0], 3);
+    assert_int_equal(newest(admin, APC_SENSOR, 1).seq, 3);
+    apc_store_close(admin);
+    apc_store_close(daemon_store);
+}
+
+static void test_a_plant_that_is_not_repaired_yet_is_worked_with(void **state)
+{
+    (void)state;
+    make_unrepaired();
+    struct apc_store *store = open_direct(LONG);
+    struct apc_sample s = sample(APC_SENSOR, 1, 1, 1);
+    assert_int_equal(apc_store_append(store, &s, 1), 1);
+    assert_int_equal(apc_store_tables_version(store), 1);
+    apc_store_close(store);
+}
+
+/* Whoever owns a schema could otherwise leave something there that the superuser then runs. */
+static void test_init_by_a_superuser_makes_the_owners_tables_with_the_owners_rights(void **state)
+{
+    (void)state;
+    char role[64], sql[900];
+    snprintf(role, sizeof role, "o%d_%s", plant, cluster_database(cluster));
+    snprintf(sql, sizeof sql,
+             "CREATE ROLE %s; DROP SCHEMA plant%d CASCADE; CREATE SCHEMA plant%d AUTHORIZATION %s", role,
+             plant, plant, role);
+    cluster_query(cluster, sql);
+    struct apc_store *store = open_direct(LONG);
+    assert_int_equal(apc_store_init(store), 0);
+    snprintf(sql, sizeof sql,
+             "SELECT string_agg(DISTINCT relowner::regrole::text, ',') FROM pg_class WHERE relnamespace = "
+             "'plant%d'::regnamespace",
+             plant);
+    assert_string_equal(cluster_query(cluster, sql), role);
+    snprintf(sql, sizeof sql,
+             "SELECT string_agg(DISTINCT proowner::regrole::text, ',') FROM pg_proc WHERE pronamespace = "
+             "'plant%d'::regnamespace",
+             plant);
+    assert_string_equal(cluster_query(cluster, sql), role);
+
+    /* The owner sets a trap: what init reads calls a function. */
+    snprintf(
+        sql, sizeof sql,
+        "CREATE TABLE loot%d (who name); SET ROLE %s; SET search_path TO plant%d; DROP SCHEMA IF EXISTS x; "
+        "CREATE FUNCTION trap() RETURNS int LANGUAGE plpgsql AS $$ BEGIN INSERT INTO public.loot%d VALUES "
+        "(current_user); RETURN 1; EXCEPTION WHEN insufficient_privilege THEN RETURN 1; END $$; "
+        "DROP TABLE migration; CREATE VIEW migration AS SELECT trap() AS version, 1 AS compatible_from; "
+        "RESET ROLE; RESET search_path",
+        plant, role, plant, plant);
+    cluster_query(cluster, sql);
+    ok(store, apc_store_init(store));
+    snprintf(sql, sizeof sql, "SELECT count(*) FROM loot%d", plant);
+    assert_string_equal(cluster_query(cluster, sql), "0");
+    apc_store_close(store);
+    snprintf(sql, sizeof sql, "DROP SCHEMA plant%d CASCADE; DROP ROLE %s", plant, role);
+    cluster_query(cluster, sql);
 }
 
 static void test_a_schema_that_vanishes_is_noticed(void **state)
@@ -1187,6 +1323,10 @@ int main(void)
         T(test_a_wait_ends_with_an_error_when_its_connection_does_and_the_next_one_works),
         T(test_a_missing_schema_says_what_to_run),
         T(test_a_newer_schema_is_left_alone),
+        T(test_a_newer_schema_that_says_it_is_compatible_is_worked_with),
+        T(test_a_repair_reaches_a_plant_whose_programs_go_on),
+        T(test_a_plant_that_is_not_repaired_yet_is_worked_with),
+        T(test_init_by_a_superuser_makes_the_owners_tables_with_the_owners_rights),
         T(test_a_schema_that_vanishes_is_noticed),
         T(test_many_inits_at_once_make_one_schema),
         T(test_every_table_and_column_says_what_it_is),
