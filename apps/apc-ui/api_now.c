@@ -58,14 +58,30 @@ static void exchange_json(const struct task *exchange, struct text *t)
         text_add(t, ",\"failed\":null},");
 }
 
+#define CLIENT "apc-client"
+
 /* A client whose link never changed has said nothing of it: what it measures tells. */
-static void silent_link_json(const struct model *m, apc_ns now, struct text *t)
+static bool measures(const struct model *m, apc_ns now)
 {
     bool up = false;
     for (size_t i = 0; i < m->plant.n; i++)
         up |= m->now[i].table == APC_SENSOR && m->now[i].seq > 0 && !model_stale(m, i, now) &&
               apc_status_severity(m->now[i].status) != APC_SEVERITY_BAD;
-    text_add(t, "{\"name\":\"apc-client\",\"up\":%s,\"since\":null,\"text\":\"%s\",\"changes\":0",
+    return up;
+}
+
+static bool has_client(const struct model *m)
+{
+    for (size_t i = 0; i < m->plant.n; i++)
+        if (m->plant.tag[i].table == APC_SENSOR)
+            return true;
+    return false;
+}
+
+static void silent_link_json(const struct model *m, apc_ns now, struct text *t)
+{
+    const bool up = measures(m, now);
+    text_add(t, "{\"name\":\"" CLIENT "\",\"up\":%s,\"since\":null,\"text\":\"%s\",\"changes\":0",
              up ? "true" : "false", up ? "measurements arrive" : "no measurements arrive");
     exchange_json(&m->exchange, t);
 }
@@ -76,7 +92,7 @@ static void links_json(const struct model *m, apc_ns now, struct text *t)
     text_add(t, "],\"links\":[");
     for (size_t i = 0; i < m->links; i++) {
         const struct link_state *link = &m->link[i];
-        const bool is_client = !strcmp(link->name, "apc-client");
+        const bool is_client = !strcmp(link->name, CLIENT);
         client |= is_client;
         text_add(t, "{\"name\":");
         json_string_add(t, link->name);
@@ -87,7 +103,7 @@ static void links_json(const struct model *m, apc_ns now, struct text *t)
         text_add(t, ",\"changes\":%" PRIu64, link->changes);
         exchange_json(is_client ? &m->exchange : NULL, t);
     }
-    if (!client && model_task_period(m, "client") > 0)
+    if (!client && has_client(m))
         silent_link_json(m, now, t);
     text_chop(t, ',');
 }
@@ -221,20 +237,28 @@ static void task_metrics(const struct model *m, struct text *t)
     }
 }
 
-static void link_metrics(const struct model *m, struct text *t)
+static void link_metric(struct text *t, const char *name, const char *link, uint64_t value)
 {
+    text_add(t, "%s{link=", name);
+    label(t, link);
+    text_add(t, "} %" PRIu64 "\n", value);
+}
+
+static void link_metrics(const struct model *m, apc_ns now, struct text *t)
+{
+    bool client = false;
     metric(t, "apc_link_up", "gauge", "1: connected.");
     for (size_t i = 0; i < m->links; i++) {
-        text_add(t, "apc_link_up{link=");
-        label(t, m->link[i].name);
-        text_add(t, "} %d\n", m->link[i].up);
+        link_metric(t, "apc_link_up", m->link[i].name, m->link[i].up);
+        client |= !strcmp(m->link[i].name, CLIENT);
     }
+    if (!client && has_client(m))
+        link_metric(t, "apc_link_up", CLIENT, measures(m, now));
     metric(t, "apc_link_reconnects_total", "counter", "Times that the link went or came back.");
-    for (size_t i = 0; i < m->links; i++) {
-        text_add(t, "apc_link_reconnects_total{link=");
-        label(t, m->link[i].name);
-        text_add(t, "} %" PRIu64 "\n", m->link[i].changes);
-    }
+    for (size_t i = 0; i < m->links; i++)
+        link_metric(t, "apc_link_reconnects_total", m->link[i].name, m->link[i].changes);
+    if (!client && has_client(m))
+        link_metric(t, "apc_link_reconnects_total", CLIENT, 0);
 }
 
 static void exchange_metrics(const struct task *exchange, struct text *t)
@@ -254,16 +278,48 @@ static void exchange_metrics(const struct task *exchange, struct text *t)
     text_add(t, "apc_link_failed_total{link=\"apc-client\"} %" PRIu64 "\n", exchange->missed_total);
 }
 
-static void signal_metrics(const struct model *m, struct text *t)
+static void signal_metric(const struct model *m, size_t i, struct text *t, const char *name, double value)
 {
-    apc_ns now = apc_clock_mono(NULL);
+    text_add(t, "%s{table=\"%s\",name=", name, apc_table_name(m->now[i].table));
+    label(t, m->plant.tag[i].name);
+    text_add(t, ",unit=");
+    label(t, m->plant.tag[i].unit);
+    text_add(t, "} %.17g\n", value);
+}
+
+static void signal_metrics(const struct model *m, apc_ns now, struct text *t)
+{
+    metric(t, "apc_signal_value", "gauge",
+           "The newest value of each variable; modes as numbers: 0 Man, 1 Auto, 2 OOS.");
+    for (size_t i = 0; i < m->plant.n; i++)
+        if (m->now[i].seq > 0)
+            signal_metric(m, i, t, "apc_signal_value", m->now[i].value);
+    metric(t, "apc_signal_good", "gauge", "1: the newest value is there, Good and not stale.");
+    for (size_t i = 0; i < m->plant.n; i++)
+        signal_metric(m, i, t, "apc_signal_good",
+                      m->now[i].seq > 0 && !model_stale(m, i, now) &&
+                          apc_status_severity(m->now[i].status) == APC_SEVERITY_GOOD);
     metric(t, "apc_signal_age_seconds", "gauge", "Since the newest sample came.");
-    for (size_t i = 0; i < m->plant.n; i++) {
-        if (m->now[i].seq == 0)
-            continue;
-        text_add(t, "apc_signal_age_seconds{table=\"%s\",name=", apc_table_name(m->now[i].table));
-        label(t, m->plant.tag[i].name);
-        text_add(t, "} %.9g\n", apc_ns_to_s(model_age(m, i, now)));
+    for (size_t i = 0; i < m->plant.n; i++)
+        if (m->now[i].seq > 0)
+            signal_metric(m, i, t, "apc_signal_age_seconds", apc_ns_to_s(model_age(m, i, now)));
+}
+
+/* What is not known has no sample. */
+static void standing_metrics(const struct model *m, apc_ns now, struct text *t)
+{
+    int controlled = model_controlled(m, now);
+    metric(t, "apc_control_running", "gauge", "1: the controller ticks.");
+    if (controlled >= 0)
+        text_add(t, "apc_control_running %d\n", controlled);
+    metric(t, "apc_plant_safe", "gauge", "1: the plant is at its safe value.");
+    if (m->standing.safe >= 0)
+        text_add(t, "apc_plant_safe %d\n", m->standing.safe);
+    metric(t, "apc_task_age_seconds", "gauge", "Since a task reported ticks.");
+    for (size_t i = 0; i < m->tasks; i++) {
+        text_add(t, "apc_task_age_seconds{task=");
+        label(t, m->task[i].name);
+        text_add(t, "} %.9g\n", apc_ns_to_s(now - m->task[i].heard));
     }
 }
 
@@ -292,10 +348,12 @@ void get_metrics(struct ui *ui, struct request *r, struct apc_store *store)
     r->type = "text/plain; version=0.0.4; charset=utf-8";
     stream_stats(ui->stream, &stream);
     pthread_mutex_lock(&m->mutex);
+    const apc_ns now = apc_clock_mono(NULL);
     task_metrics(m, t);
-    link_metrics(m, t);
+    link_metrics(m, now, t);
     exchange_metrics(&m->exchange, t);
-    signal_metrics(m, t);
+    signal_metrics(m, now, t);
+    standing_metrics(m, now, t);
     metric(t, "apc_db_up", "gauge", "1: the database answers.");
     text_add(t, "apc_db_up %d\n", m->connected);
     metric(t, "apc_spool_depth", "gauge", "Samples and events that wait for the database.");
@@ -316,21 +374,47 @@ void get_metrics(struct ui *ui, struct request *r, struct apc_store *store)
 
 /* ---- Health ------------------------------------------------------------------------------- */
 
+#define STUCK (30 * APC_NS_PER_S) /* a store's time-out is 2 s */
+
+const char *stuck_thread(const struct ui *ui)
+{
+    static const char *const names[] = {"reads values", "reads events"};
+    for (size_t i = 0; i < 2; i++)
+        if (apc_clock_mono(NULL) - ui->round[i] > STUCK)
+            return names[i];
+    return NULL;
+}
+
 void get_livez(struct ui *ui, struct request *r, struct apc_store *store)
 {
-    (void)ui;
+    const char *stuck = stuck_thread(ui);
     (void)store;
     r->type = "text/plain; charset=utf-8";
-    text_add(&r->reply, "ok\n");
+    r->status = stuck ? 503 : 200;
+    if (stuck)
+        text_add(&r->reply, "the thread that %s has stopped\n", stuck);
+    else
+        text_add(&r->reply, "ok\n");
 }
 
 void get_readyz(struct ui *ui, struct request *r, struct apc_store *store)
 {
+    struct model *m = &ui->model;
+    size_t wrong = 0;
     (void)store;
-    pthread_mutex_lock(&ui->model.mutex);
-    bool ready = ui->model.connected;
-    pthread_mutex_unlock(&ui->model.mutex);
+    pthread_mutex_lock(&m->mutex);
+    if (m->connected)
+        wrong = model_silent(m, apc_clock_mono(NULL), &r->reply);
+    bool ready = m->connected && wrong == 0;
+    pthread_mutex_unlock(&m->mutex);
+    if (wrong > 0 && !r->session.user[0]) { /* names are not for strangers */
+        text_free(&r->reply);
+        text_add(&r->reply, "%zu signals or tasks do not tick\n", wrong);
+    }
     r->type = "text/plain; charset=utf-8";
     r->status = ready ? 200 : 503;
-    text_add(&r->reply, ready ? "ok\n" : "the database is away\n");
+    if (ready)
+        text_add(&r->reply, "ok\n");
+    else if (wrong == 0)
+        text_add(&r->reply, "the database is away\n");
 }

@@ -11,8 +11,13 @@
 #define BINS_MAX    4000
 #define SAMPLES_MAX 20000
 #define EVENTS_MAX  5000
-#define POINTS_MAX  2000
-#define DAY         (86400 * APC_NS_PER_S)
+#define EVENTS_LOOK                                                                                          \
+    1024 /* of which a filter takes some; eight times as many where these are not enough, and so on */
+#define NAMES      32
+#define NAMES_FEW  512 /* with no more than FEW_BINS */
+#define FEW_BINS   150
+#define POINTS_MAX 2000
+#define DAY        (86400 * APC_NS_PER_S)
 
 /* ---- Ranges ------------------------------------------------------------------------------- */
 
@@ -116,15 +121,22 @@ static int take_before(void *ctx, const struct apc_sample *s)
     return 1;
 }
 
-static bool known_variable(struct ui *ui, struct request *r, const char *ref, enum apc_table *table, int *id)
+/* A variable by its ref, or by its name where only one has it. Returns how many there are. */
+static size_t find_variable(struct ui *ui, const char *name, enum apc_table *table, int *id)
 {
-    if (!ref)
-        return fault_set(&r->fault, 400, "parameter", "var", "\"var\" is missing: TABLE.ID");
-    bool known = ref_parse(ref, table, id);
+    const struct plant *p = &ui->model.plant;
+    size_t found = 0;
     pthread_mutex_lock(&ui->model.mutex);
-    known = known && plant_find(&ui->model.plant, *table, *id) >= 0;
+    if (ref_parse(name, table, id))
+        found = plant_find(p, *table, *id) >= 0;
+    for (size_t i = 0; i < p->n && !ref_parse(name, &(enum apc_table){0}, &(int){0}); i++)
+        if (!strcmp(p->tag[i].name, name)) {
+            *table = p->tag[i].table;
+            *id = p->tag[i].id;
+            found++;
+        }
     pthread_mutex_unlock(&ui->model.mutex);
-    return known || fault_set(&r->fault, 404, "variable", "var", "there is no variable %.60s", ref);
+    return found;
 }
 
 static bool stands(enum apc_table table)
@@ -146,38 +158,122 @@ static int before_json(struct apc_store *store, enum apc_table table, int id, ap
     return rc < 0 ? rc : 0;
 }
 
-void get_history(struct ui *ui, struct request *r, struct apc_store *store)
+struct window {
+    apc_ns since, until;
+    int64_t bins, last; /* one of them is 0 */
+};
+
+/* `"before":...,"bins":{...}` or samples. Returns 0 or the store's error. */
+static int history_json(struct apc_store *store, enum apc_table table, int id, const struct window *w,
+                        struct text *t)
 {
-    const char *ref = request_query(r, "var");
-    int64_t bins = 0, last = 0;
-    enum apc_table table = 0;
-    apc_ns since = 0, until = 0;
-    int id = 0, rc;
-    if (!known_variable(ui, r, ref, &table, &id) || !query_whole(r, "bins", 1, BINS_MAX, &bins) ||
-        !query_whole(r, "last", 1, SAMPLES_MAX, &last) ||
-        !take_range(r, 3600 * APC_NS_PER_S, 0, &since, &until))
-        return;
-    if ((bins > 0) == (last > 0)) {
-        fault_set(&r->fault, 400, "parameter", "bins", "give one of \"bins\" and \"last\"");
-        return;
-    }
-    struct text *t = &r->reply;
-    struct columns c = {.name = bins > 0 ? bin_columns : sample_columns};
-    text_add(t, "{\"ref\":\"%s\",", ref);
-    range_json(t, since, until);
-    rc = before_json(store, table, id, since, t);
-    if (rc == 0 && bins > 0)
-        rc = apc_store_history_bins(store, table, id, since, until, (size_t)bins, take_bin, &c);
+    struct columns c = {.name = w->bins > 0 ? bin_columns : sample_columns};
+    const struct apc_range range = {.since = w->since, .until = w->until, .last = (size_t)w->last};
+    int rc = before_json(store, table, id, w->since, t);
+    if (rc == 0 && w->bins > 0)
+        rc = apc_store_history_bins(store, table, id, w->since, w->until, (size_t)w->bins, take_bin, &c);
     else if (rc == 0)
-        rc = apc_store_history(store, table, id,
-                               &(struct apc_range){.since = since, .until = until, .last = (size_t)last},
-                               take_sample, &c);
-    if (bins > 0)
-        text_add(t, ",\"bins\":{\"n\":%" PRId64 ",", bins);
+        rc = apc_store_history(store, table, id, &range, take_sample, &c);
+    if (w->bins > 0)
+        text_add(t, ",\"bins\":{\"n\":%" PRId64 ",", w->bins);
     else
         text_add(t, ",\"samples\":{");
     columns_json(&c, t);
-    text_add(t, "}}");
+    text_add(t, "}");
+    return rc < 0 ? rc : 0;
+}
+
+/* One of several: what is wrong with it is its own matter. */
+static int named_json(struct ui *ui, struct apc_store *store, const char *name, const struct window *w,
+                      struct text *t)
+{
+    char ref[REF_LEN];
+    enum apc_table table = 0;
+    int id = 0, rc = 0;
+    size_t found = find_variable(ui, name, &table, &id);
+    text_add(t, "{\"name\":");
+    json_string_add(t, name);
+    if (found == 1) {
+        text_add(t, ",\"ref\":\"%s\"", ref_format(table, id, ref));
+        rc = history_json(store, table, id, w, t);
+    } else {
+        text_add(t, ",\"error\":{\"code\":\"variable\",\"message\":\"%s\"}",
+                 found ? "several variables have this name: give TABLE.ID" : "there is no such variable");
+    }
+    text_add(t, "},");
+    return rc;
+}
+
+static size_t count_names(const char *names)
+{
+    size_t n = 1;
+    for (; *names; names++)
+        n += *names == ',';
+    return n;
+}
+
+static int several_json(struct ui *ui, struct apc_store *store, const char *names, const struct window *w,
+                        struct text *t)
+{
+    int rc = 0;
+    for (const char *at = names, *end; at && rc == 0; at = *end ? end + 1 : NULL) {
+        char name[APC_TAG_LEN + 1];
+        end = strchrnul(at, ',');
+        snprintf(name, sizeof name, "%.*s", (int)(end - at), at);
+        rc = named_json(ui, store, name, w, t);
+    }
+    text_chop(t, ',');
+    return rc;
+}
+
+static bool query_window(struct request *r, const char *names, struct window *w)
+{
+    if (!query_whole(r, "bins", 1, BINS_MAX, &w->bins) || !query_whole(r, "last", 1, SAMPLES_MAX, &w->last) ||
+        !take_range(r, 3600 * APC_NS_PER_S, 0, &w->since, &w->until))
+        return false;
+    if ((w->bins > 0) == (w->last > 0))
+        return fault_set(&r->fault, 400, "parameter", "bins", "give one of \"bins\" and \"last\"");
+    size_t most = w->bins > 0 && w->bins <= FEW_BINS ? NAMES_FEW : NAMES;
+    if (names && count_names(names) > most)
+        return fault_set(&r->fault, 400, "parameter", "names",
+                         "at most %d names at once, %d with up to %d bins", NAMES, NAMES_FEW, FEW_BINS);
+    return true;
+}
+
+void get_history(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    const char *ref = request_query(r, "var"), *names = request_query(r, "names");
+    struct window w = {0};
+    enum apc_table table = 0;
+    int id = 0, rc;
+    if (!ref == !names) {
+        fault_set(&r->fault, 400, "parameter", "var",
+                  "give \"var\", TABLE.ID or a name, or \"names\", several of them");
+        return;
+    }
+    size_t found = ref ? find_variable(ui, ref, &table, &id) : 1;
+    if (found != 1) {
+        fault_set(&r->fault, 404, "variable", "var",
+                  found ? "several variables are called %.60s: give TABLE.ID" : "there is no variable %.60s",
+                  ref);
+        return;
+    }
+    if (!query_window(r, names, &w))
+        return;
+    struct text *t = &r->reply;
+    char own[REF_LEN];
+    text_add(t, "{");
+    if (ref)
+        text_add(t, "\"ref\":\"%s\",", ref_format(table, id, own));
+    range_json(t, w.since, w.until);
+    if (ref) {
+        rc = history_json(store, table, id, &w, t);
+    } else {
+        text_add(t, ",\"series\":[");
+        rc = several_json(ui, store, names, &w, t);
+        text_add(t, "]");
+    }
+    text_add(t, "}");
     if (rc < 0)
         fault_store(r, rc, store);
 }
@@ -207,6 +303,21 @@ static int take_event(void *ctx, const struct apc_event *event)
     return 0;
 }
 
+/* The newest that match, without reading all there are. Returns 0 or the store's error. */
+static int filter_events(struct event_filter *f, struct apc_store *store, struct apc_range range)
+{
+    const size_t wanted = (size_t)f->last + 1; /* one more tells whether there are more */
+    bool all = f->severity == 1 && !f->kind && !f->source && !f->text;
+    for (range.last = all || wanted > EVENTS_LOOK ? wanted : EVENTS_LOOK;; range.last *= 8) {
+        f->matched = 0;
+        int rc = apc_store_events(store, &range, take_event, f);
+        if (rc < 0)
+            return rc;
+        if ((size_t)rc < range.last || f->matched >= wanted)
+            return 0;
+    }
+}
+
 void get_events(struct ui *ui, struct request *r, struct apc_store *store)
 {
     struct event_filter f = {.severity = 1,
@@ -226,7 +337,7 @@ void get_events(struct ui *ui, struct request *r, struct apc_store *store)
     }
     /* An event of this very moment is not to be missed for want of a microsecond. */
     const struct apc_range range = {.since = since, .until = request_query(r, "until") ? until : 0};
-    int rc = apc_store_events(store, &range, take_event, &f);
+    int rc = filter_events(&f, store, range);
     if (rc < 0)
         fault_store(r, rc, store);
     uint64_t n = (uint64_t)f.last;

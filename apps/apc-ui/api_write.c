@@ -196,8 +196,11 @@ static void stale_fault(struct request *r, const struct order *o)
 static bool check_now(struct request *r, const struct order *o, const struct apc_sample *mode)
 {
     if (o->write.kind == WRITE_OUTPUT && !(mode->seq > 0 && mode->value == (double)APC_MODE_MAN))
-        return fault_set(&r->fault, 409, "mode", NULL, "%s is controlled: change to Man first",
-                         o->change[0].name);
+        return fault_set(
+            &r->fault, 409, "mode", NULL,
+            "%s is not the operator's: the target mode is not Man, whatever the actual one is; change to "
+            "Man first",
+            o->change[0].name);
     for (size_t i = 0; i < o->write.n; i++)
         if (o->change[i].before.seq != o->change[i].after.seq) {
             stale_fault(r, o);

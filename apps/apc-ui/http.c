@@ -57,16 +57,6 @@ struct server {
 
 /* ---- Requests ----------------------------------------------------------------------------- */
 
-const char *request_query(const struct request *r, const char *name)
-{
-    return MHD_lookup_connection_value(r->connection, MHD_GET_ARGUMENT_KIND, name);
-}
-
-const char *request_header(const struct request *r, const char *name)
-{
-    return MHD_lookup_connection_value(r->connection, MHD_HEADER_KIND, name);
-}
-
 bool query_whole(struct request *r, const char *name, int64_t low, int64_t high, int64_t *value)
 {
     const char *text = request_query(r, name);

@@ -124,6 +124,8 @@ void post_tuning(struct ui *ui, struct request *r, struct apc_store *store);
 void get_metrics(struct ui *ui, struct request *r, struct apc_store *store);
 void get_livez(struct ui *ui, struct request *r, struct apc_store *store);
 void get_readyz(struct ui *ui, struct request *r, struct apc_store *store);
+/* Which thread has not begun a round for far too long, or NULL. */
+const char *stuck_thread(const struct ui *ui);
 /* The login form as the answer to a browser without a session. */
 void login_page(struct request *r, const char *message);
 

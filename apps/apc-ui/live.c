@@ -37,20 +37,6 @@ int ui_open_store(struct ui *ui, const char *name, apc_ns timeout, struct apc_st
     return apc_store_open(store, ui->options.store, &options, why);
 }
 
-/* Load the descriptions, once after each connect; later changes are the records thread's to find. */
-static int describe(struct live *l)
-{
-    int n = apc_store_get_tags(l->store, NULL, 0);
-    struct apc_tag *tags = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *tags);
-    if (n >= 0 && !tags)
-        return APC_ENOMEM;
-    int rc = n < 0 ? n : apc_store_get_tags(l->store, tags, (size_t)n);
-    if (rc >= 0)
-        model_describe(&l->ui->model, tags, (size_t)(rc < n ? rc : n));
-    free(tags);
-    return rc < 0 ? rc : 0;
-}
-
 /* Follow the model when it was described anew. */
 static int follow_model(struct live *l)
 {
@@ -164,7 +150,7 @@ static int step(struct live *l)
     if (!apc_store_connected(l->store)) {
         rc = apc_store_connect(l->store);
         if (rc >= 0)
-            rc = describe(l);
+            rc = model_load(&l->ui->model, l->store); /* later changes are the records thread's to find */
         l->revision = rc >= 0 && l->n == 0 ? 0 : l->revision;
     }
     if (rc >= 0)
@@ -188,7 +174,7 @@ void *live_thread(void *arg)
         return NULL;
     }
     while (!l.ui->stopping) {
-        apc_ns began = apc_clock_mono(NULL);
+        apc_ns began = l.ui->round[0] = apc_clock_mono(NULL);
         int rc = step(&l);
         model_store(l.ui, rc >= 0, rc < 0 ? apc_store_error(l.store) : "");
         apc_ns rest = (rc < 0 ? RETRY : PACE) - (apc_clock_mono(NULL) - began);

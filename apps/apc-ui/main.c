@@ -215,7 +215,7 @@ static void told(void *ctx, const struct write *write)
 static int make_parts(struct ui *ui, struct apc_error *why)
 {
     double idle = ui->options.session > 0 ? ui->options.session : DEFAULT_IDLE;
-    ui->began = apc_clock_mono(NULL);
+    ui->began = ui->round[0] = ui->round[1] = apc_clock_mono(NULL);
     int rc = model_init(&ui->model);
     if (rc == 0)
         rc = stream_create(&ui->stream);
@@ -265,8 +265,10 @@ static void beat(struct ui *ui)
     text_add(&t, "{\"t\":");
     json_time_add(&t, apc_clock_utc(NULL));
     pthread_mutex_lock(&ui->model.mutex);
-    text_add(&t, ",\"connected\":%s}", ui->model.connected ? "true" : "false");
+    text_add(&t, ",\"connected\":%s,\"control\":", ui->model.connected ? "true" : "false");
+    control_json(&ui->model, apc_clock_mono(NULL), &t);
     pthread_mutex_unlock(&ui->model.mutex);
+    text_put(&t, "}", 1);
     if (!t.failed)
         stream_publish(ui->stream, "beat", t.at, t.n, false);
     text_free(&t);
@@ -286,7 +288,8 @@ static void serve(struct ui *ui, sigset_t *signals)
     while (sigtimedwait(signals, NULL, &second) < 0) {
         beat(ui);
         server_look(ui);
-        sd_notify(0, "WATCHDOG=1");
+        if (!stuck_thread(ui))
+            sd_notify(0, "WATCHDOG=1");
     }
 }
 

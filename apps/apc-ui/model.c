@@ -61,6 +61,7 @@ void meter_summary(struct meter *m, struct apc_summary *summary)
 int model_init(struct model *m)
 {
     m->since = apc_clock_utc(NULL);
+    m->standing.safe = -1;
     snprintf(m->error, sizeof m->error, "not connected yet");
     return pthread_mutex_init(&m->mutex, NULL) ? APC_ESYS : 0;
 }
@@ -73,13 +74,13 @@ void model_free(struct model *m)
     pthread_mutex_destroy(&m->mutex);
 }
 
-bool model_describe(struct model *m, const struct apc_tag *tags, size_t n)
+bool model_describe(struct model *m, const struct apc_tag *tags, size_t n, const struct apc_pair *pair)
 {
     struct apc_sample *now = calloc(n + 1, sizeof *now);
     apc_ns *moved = calloc(n + 1, sizeof *moved);
     bool changed = false;
     pthread_mutex_lock(&m->mutex);
-    if (now && moved && plant_describe(&m->plant, tags, n)) {
+    if (now && moved && plant_describe(&m->plant, tags, n, pair)) {
         const struct plant *p = &m->plant;
         for (size_t i = 0; i < p->n; i++)
             now[i] = (struct apc_sample){.table = p->tag[i].table, .id = p->tag[i].id};
@@ -98,6 +99,42 @@ bool model_describe(struct model *m, const struct apc_tag *tags, size_t n)
     return changed;
 }
 
+/* Table dim, from id 4: measurement and setpoint of each output. */
+static int read_pairs(struct apc_store *store, struct apc_pair *pair, size_t nu)
+{
+    struct apc_sample *dim = calloc(2 * nu + 1, sizeof *dim);
+    if (!dim)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < 2 * nu; i++)
+        dim[i] = (struct apc_sample){.table = APC_DIM, .id = (int)i + 4};
+    int rc = nu > 0 ? apc_store_read(store, dim, 2 * nu) : 0;
+    for (size_t i = 0; i < nu && rc >= 0; i++) {
+        const struct apc_sample *y = &dim[2 * i], *z = &dim[2 * i + 1];
+        if (y->seq > 0 && z->seq > 0 && y->value >= 0 && y->value < 1e6 && z->value >= 0 && z->value < 1e6)
+            pair[i] = (struct apc_pair){.measurement = (size_t)y->value, .setpoint = (size_t)z->value};
+    }
+    free(dim);
+    return rc;
+}
+
+int model_load(struct model *m, struct apc_store *store)
+{
+    int n = apc_store_get_tags(store, NULL, 0);
+    struct apc_tag *tags = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *tags);
+    if (n >= 0 && !tags)
+        return APC_ENOMEM;
+    int rc = n < 0 ? n : apc_store_get_tags(store, tags, (size_t)n);
+    size_t kept = (size_t)(rc < n ? rc : n), nu = rc < 0 ? 0 : tags_count(tags, kept, APC_ACTUATOR);
+    struct apc_pair *pair = calloc(nu + 1, sizeof *pair);
+    if (rc >= 0)
+        rc = pair ? read_pairs(store, pair, nu) : APC_ENOMEM;
+    if (rc >= 0)
+        model_describe(m, tags, kept, pair);
+    free(pair);
+    free(tags);
+    return rc < 0 ? rc : 0;
+}
+
 apc_ns model_age(const struct model *m, size_t i, apc_ns now)
 {
     return m->now[i].seq > 0 ? now - m->moved[i] : -1;
@@ -106,15 +143,116 @@ apc_ns model_age(const struct model *m, size_t i, apc_ns now)
 bool model_stale(const struct model *m, size_t i, apc_ns now)
 {
     apc_ns period = plant_period(&m->plant, m->now[i].table), age = model_age(m, i, now);
-    return period > 0 && age > (3 * period > APC_NS_PER_S ? 3 * period : APC_NS_PER_S);
+    return period > 0 && (age < 0 || age > (3 * period > APC_NS_PER_S ? 3 * period : APC_NS_PER_S));
+}
+
+/* ---- What stands -------------------------------------------------------------------------- */
+
+#define REPORT (5 * APC_NS_PER_S) /* between two windows of a task */
+
+void model_take_event(struct model *m, const struct apc_event *event)
+{
+    const bool plant = !strcmp(event->source, "apc-plant"), good = event->severity == APC_EVENT_INFO;
+    struct standing *s = &m->standing;
+    pthread_mutex_lock(&m->mutex);
+    if (plant && (!strcmp(event->kind, "watchdog") || !strcmp(event->kind, "start"))) {
+        s->safe = !good || event->kind[0] == 's'; /* it starts there */
+        s->safe_since = event->time;
+    }
+    if (!strcmp(event->source, "apc-controller") &&
+        (!strcmp(event->kind, "measurement") || !strcmp(event->kind, "start")))
+        snprintf(s->trouble, sizeof s->trouble, "%s", good ? "" : event->text);
+    pthread_mutex_unlock(&m->mutex);
+}
+
+bool task_silent(const struct task *task, apc_ns now)
+{
+    return now - task->heard > 2 * REPORT + 3 * task->period;
+}
+
+static const struct task *find_task(const struct model *m, const char *name)
+{
+    for (size_t i = 0; i < m->tasks; i++)
+        if (!strcmp(m->task[i].name, name))
+            return &m->task[i];
+    return NULL;
+}
+
+/* The newest mode of this id, by name; NULL: there is none. */
+static const char *mode_of(const struct model *m, int id)
+{
+    int at = plant_find(&m->plant, APC_OPMODE, id);
+    return at < 0 || m->now[at].seq == 0 || m->now[at].value < 0 ? NULL
+                                                                 : apc_mode_name((int)m->now[at].value);
+}
+
+/* In OOS it writes no outputs: then its own reports tell. */
+int model_controlled(const struct model *m, apc_ns now)
+{
+    const struct task *task = find_task(m, "controller");
+    const char *actual = mode_of(m, 1);
+    const int u = plant_find(&m->plant, APC_ACTUATOR, 1);
+    if (actual && !strcmp(actual, "OOS"))
+        return task ? !task_silent(task, now) : -1;
+    return u < 0 || plant_period(&m->plant, APC_ACTUATOR) == 0 ? -1 : !model_stale(m, (size_t)u, now);
+}
+
+size_t model_silent(const struct model *m, apc_ns now, struct text *t)
+{
+    const char *actual = mode_of(m, 1);
+    size_t n = 0;
+    for (size_t i = 0; i < m->plant.n; i++) {
+        if (!model_stale(m, i, now) || (m->now[i].table == APC_ACTUATOR && actual && !strcmp(actual, "OOS")))
+            continue;
+        apc_ns age = model_age(m, i, now);
+        if (age < 0)
+            text_add(t, "%s: no sample yet\n", m->plant.tag[i].name);
+        else
+            text_add(t, "%s: no sample for %.1f s\n", m->plant.tag[i].name, apc_ns_to_s(age));
+        n++;
+    }
+    for (size_t i = 0; i < m->tasks; i++)
+        if (task_silent(&m->task[i], now)) {
+            text_add(t, "%s: no tick reported for %.1f s\n", m->task[i].name,
+                     apc_ns_to_s(now - m->task[i].heard));
+            n++;
+        }
+    return n;
+}
+
+/* Why the actual mode is not the target's; NULL: it is, or nobody has said. */
+static const char *reason(const struct model *m, int controlled, const char *target, const char *actual)
+{
+    if (controlled == 0)
+        return "the controller is not running";
+    if (!target || !actual || !strcmp(target, actual) || !m->standing.trouble[0])
+        return NULL;
+    return m->standing.trouble;
+}
+
+void control_json(const struct model *m, apc_ns now, struct text *t)
+{
+    const char *target = mode_of(m, 0), *actual = mode_of(m, 1);
+    const struct standing *s = &m->standing;
+    int controlled = model_controlled(m, now);
+    text_add(t, "{\"running\":%s,\"target\":", controlled < 0 ? "null" : controlled ? "true" : "false");
+    json_string_add(t, target);
+    text_add(t, ",\"actual\":");
+    json_string_add(t, controlled == 0 ? NULL : actual);
+    text_add(t, ",\"reason\":");
+    json_string_add(t, reason(m, controlled, target, actual));
+    text_add(t, ",\"safe\":%s,\"safe_since\":", s->safe < 0 ? "null" : s->safe ? "true" : "false");
+    if (s->safe > 0)
+        json_time_add(t, s->safe_since);
+    else
+        text_add(t, "null");
+    text_add(t, "}");
 }
 
 apc_ns model_task_period(const struct model *m, const char *name)
 {
-    for (size_t i = 0; i < m->tasks; i++)
-        if (!strcmp(m->task[i].name, name))
-            return m->task[i].period;
-    return 0;
+    const struct task *task = find_task(m, name);
+    return task ? task->period : 0;
 }
 
 void store_state_json(const struct model *m, struct text *t)
@@ -155,7 +293,9 @@ void model_state_json(struct ui *ui, struct text *t)
         text_put(t, ",", 1);
     }
     text_chop(t, ',');
-    text_add(t, "}}");
+    text_add(t, "},\"control\":");
+    control_json(m, now, t);
+    text_add(t, "}");
     pthread_mutex_unlock(&m->mutex);
 }
 

@@ -41,37 +41,58 @@ static bool same_tag(const struct apc_tag *a, const struct apc_tag *b)
            !(a->high < b->high || a->high > b->high);
 }
 
-static size_t count(const struct plant *p, enum apc_table table)
+size_t tags_count(const struct apc_tag *tags, size_t n, enum apc_table table)
 {
-    size_t n = 0;
-    for (size_t i = 0; i < p->n; i++)
-        n += p->tag[i].table == table;
-    return n;
+    size_t found = 0;
+    for (size_t i = 0; i < n; i++)
+        found += tags[i].table == table;
+    return found;
 }
 
-bool plant_describe(struct plant *p, const struct apc_tag *tags, size_t n)
+/* What is not said, or names what there is not, is as usual: number i, or the first where there are fewer. */
+static struct apc_pair pair_of(const struct plant *p, const struct apc_pair *said, size_t i)
 {
-    struct apc_tag *tag = calloc(n + 1, sizeof *tag);
-    size_t kept = 0;
-    if (!tag)
-        return false;
-    for (size_t i = 0; i < n; i++)
+    struct apc_pair pair = said ? said[i] : (struct apc_pair){0};
+    if (pair.measurement < 1 || pair.measurement > p->ny || pair.setpoint > p->nz)
+        pair = (struct apc_pair){.measurement = i < p->ny ? i + 1 : p->ny > 0,
+                                 .setpoint = i < p->nz ? i + 1 : p->nz > 0};
+    return pair;
+}
+
+static bool differs(const struct plant *p, const struct plant *next)
+{
+    bool found = next->n != p->n || p->revision == 0;
+    for (size_t i = 0; i < next->n && !found; i++)
+        found = !same_tag(&next->tag[i], &p->tag[i]);
+    for (size_t i = 0; i < next->nu && !found; i++)
+        found = next->pair[i].measurement != p->pair[i].measurement ||
+                next->pair[i].setpoint != p->pair[i].setpoint;
+    return found;
+}
+
+bool plant_describe(struct plant *p, const struct apc_tag *tags, size_t n, const struct apc_pair *pair)
+{
+    struct plant next = *p;
+    next.nu = tags_count(tags, n, APC_ACTUATOR);
+    next.tag = calloc(n + 1, sizeof *next.tag);
+    next.pair = calloc(next.nu + 1, sizeof *next.pair);
+    next.n = 0;
+    for (size_t i = 0; i < n && next.tag; i++)
         if (shown(tags[i].table))
-            tag[kept++] = tags[i];
-    bool differs = kept != p->n || p->revision == 0;
-    for (size_t i = 0; i < kept && !differs; i++)
-        differs = !same_tag(&tag[i], &p->tag[i]);
-    if (!differs) {
-        free(tag);
+            next.tag[next.n++] = tags[i];
+    next.ny = tags_count(tags, n, APC_SENSOR);
+    next.nz = tags_count(tags, n, APC_SETPOINT);
+    next.tunings = tags_count(tags, n, APC_TUNING);
+    for (size_t i = 0; i < next.nu && next.pair; i++)
+        next.pair[i] = pair_of(&next, pair, i);
+    if (!next.tag || !next.pair || !differs(p, &next)) {
+        free(next.tag);
+        free(next.pair);
         return false;
     }
     free(p->tag);
-    p->tag = tag;
-    p->n = kept;
-    p->ny = count(p, APC_SENSOR);
-    p->nz = count(p, APC_SETPOINT);
-    p->nu = count(p, APC_ACTUATOR);
-    p->tunings = count(p, APC_TUNING);
+    free(p->pair);
+    *p = next;
     p->revision++;
     return true;
 }
@@ -88,8 +109,10 @@ bool plant_rhythms(struct plant *p, const struct rhythms *rhythms)
 void plant_free(struct plant *p)
 {
     free(p->tag);
+    free(p->pair);
     p->tag = NULL;
-    p->n = 0;
+    p->pair = NULL;
+    p->n = p->nu = 0;
 }
 
 /* ---- Questions ---------------------------------------------------------------------------- */
@@ -140,12 +163,11 @@ static void variable_json(const struct plant *p, const struct apc_tag *tag, stru
     text_add(t, "},");
 }
 
-/* The ref of the one that belongs to loop i: the first where there are fewer, null where there are none. */
-static void partner_json(struct text *t, const char *member, enum apc_table table, size_t i, size_t n)
+static void partner_json(struct text *t, const char *member, enum apc_table table, size_t id)
 {
     char ref[REF_LEN];
-    if (n > 0)
-        text_add(t, ",\"%s\":\"%s\"", member, ref_format(table, i <= n ? (int)i : 1, ref));
+    if (id > 0)
+        text_add(t, ",\"%s\":\"%s\"", member, ref_format(table, (int)id, ref));
     else
         text_add(t, ",\"%s\":null", member);
 }
@@ -178,19 +200,30 @@ static void tunings_json(const struct plant *p, size_t loop, struct text *t)
     text_add(t, "]");
 }
 
+/* A loop is called as what it controls; a second one of the same measurement, as its output. */
+static const char *loop_name(const struct plant *p, size_t i)
+{
+    int y = plant_find(p, APC_SENSOR, (int)p->pair[i].measurement),
+        u = plant_find(p, APC_ACTUATOR, (int)i + 1);
+    for (size_t k = 0; k < i; k++)
+        if (p->pair[k].measurement == p->pair[i].measurement)
+            y = -1;
+    return p->tag[y < 0 ? u : y].name;
+}
+
 static void loop_json(const struct plant *p, size_t i, struct text *t)
 {
-    int y = plant_find(p, APC_SENSOR, i <= p->ny ? (int)i : 1), u = plant_find(p, APC_ACTUATOR, (int)i);
+    const int id = (int)i + 1;
     char ref[REF_LEN];
-    if (u < 0)
+    if (plant_find(p, APC_ACTUATOR, id) < 0)
         return;
-    text_add(t, "{\"id\":%zu,\"name\":", i);
-    json_string_add(t, y < 0 || i > p->ny ? p->tag[u].name : p->tag[y].name);
-    partner_json(t, "measurement", APC_SENSOR, i, p->ny);
-    partner_json(t, "setpoint", APC_SETPOINT, i, p->nz);
-    text_add(t, ",\"output\":\"%s\"", ref_format(APC_ACTUATOR, (int)i, ref));
-    text_add(t, ",\"manual\":\"%s\"", ref_format(APC_MANUAL, (int)i, ref));
-    tunings_json(p, i, t);
+    text_add(t, "{\"id\":%d,\"name\":", id);
+    json_string_add(t, loop_name(p, i));
+    partner_json(t, "measurement", APC_SENSOR, p->pair[i].measurement);
+    partner_json(t, "setpoint", APC_SETPOINT, p->pair[i].setpoint);
+    text_add(t, ",\"output\":\"%s\"", ref_format(APC_ACTUATOR, id, ref));
+    text_add(t, ",\"manual\":\"%s\"", ref_format(APC_MANUAL, id, ref));
+    tunings_json(p, i + 1, t);
     text_add(t, "},");
 }
 
@@ -210,7 +243,7 @@ void plant_json(const struct plant *p, struct text *t)
         variable_json(p, &p->tag[i], t);
     text_chop(t, ',');
     text_add(t, "],\"loops\":[");
-    for (size_t i = 1; i <= p->nu; i++)
+    for (size_t i = 0; i < p->nu; i++)
         loop_json(p, i, t);
     text_chop(t, ',');
     text_add(

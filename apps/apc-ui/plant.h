@@ -3,6 +3,7 @@
 #ifndef APC_UI_PLANT_H
 #define APC_UI_PLANT_H
 
+#include <apccontrol.h>
 #include <apcshareddata.h>
 
 #include "json.h"
@@ -22,14 +23,17 @@ struct plant {
     struct apc_tag *tag; /* of the variables that people see, by table, then id */
     size_t n;
     size_t ny, nz, nu, tunings; /* how many of each; ids are 1.. */
+    struct apc_pair *pair;      /* [nu]: what each output controls, as the law says */
 };
 
-/* Take over new descriptions. Returns true when they differ from the old ones: then the revision has risen.
- */
-bool plant_describe(struct plant *p, const struct apc_tag *tags, size_t n);
+/* Take over new descriptions, and what table dim says of each output. NULL: what is usual. Returns true when
+ * they differ from the old ones: then the revision has risen. */
+bool plant_describe(struct plant *p, const struct apc_tag *tags, size_t n, const struct apc_pair *pair);
 bool plant_rhythms(struct plant *p, const struct rhythms *rhythms);
 void plant_free(struct plant *p);
 
+/* How many of a table there are. */
+size_t tags_count(const struct apc_tag *tags, size_t n, enum apc_table table);
 /* Index into tag, or -1. */
 int plant_find(const struct plant *p, enum apc_table table, int id);
 /* "sensor.1" and so on; false: not understood. Whether there is such a variable is another question. */

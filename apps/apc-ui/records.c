@@ -15,7 +15,7 @@
 #define LOOK       APC_NS_PER_S
 #define RECENT     64 /* events that are asked for first; more where the newest known is not among them ... */
 #define MOST       65536               /* ... up to these */
-#define FIRST      1000                /* of the first look, for the links */
+#define FIRST      8192                /* of the first look, for what stands */
 #define TOGETHER   500                 /* in one message */
 #define BACK       (15 * APC_NS_PER_S) /* timing rows may come this late */
 #define FIRST_BACK (60 * APC_NS_PER_S)
@@ -133,9 +133,11 @@ static int look_events(struct records *r)
     if (rc < 0)
         return rc;
     size_t from = first_new(r);
-    for (size_t i = from; i < r->n; i++)
+    for (size_t i = from; i < r->n; i++) {
         if (!strcmp(r->event[i].kind, "link"))
             take_link(&r->ui->model, &r->event[i]);
+        model_take_event(&r->ui->model, &r->event[i]);
+    }
     for (size_t i = from, to; r->started && i < r->n; i = to) {
         to = i + TOGETHER < r->n ? i + TOGETHER : r->n;
         tell_events(r, i, to);
@@ -310,17 +312,6 @@ static void look_spools(struct ui *ui)
 
 /* ---- Descriptions and users --------------------------------------------------------------- */
 
-static int look_tags(struct records *r)
-{
-    int n = apc_store_get_tags(r->store, NULL, 0);
-    struct apc_tag *tags = n > 0 ? calloc((size_t)n, sizeof *tags) : NULL;
-    int rc = tags ? apc_store_get_tags(r->store, tags, (size_t)n) : n;
-    if (tags && rc >= 0)
-        model_describe(&r->ui->model, tags, (size_t)(rc < n ? rc : n));
-    free(tags);
-    return rc < 0 ? rc : 0;
-}
-
 static bool described(struct ui *ui)
 {
     pthread_mutex_lock(&ui->model.mutex);
@@ -385,7 +376,7 @@ static int look(struct records *r, unsigned looks)
     if (rc >= 0)
         rc = look_timing(r);
     if (rc >= 0 && (looks % TAGS_EACH == 0 || !described(r->ui)))
-        rc = look_tags(r);
+        rc = model_load(&r->ui->model, r->store);
     if (rc >= 0)
         r->started = true;
     return rc;
@@ -399,6 +390,7 @@ void *records_thread(void *arg)
     if (ui_open_store(r.ui, "apc-ui records", 0, &r.store, &why) < 0)
         return NULL;
     for (unsigned looks = 1; !r.ui->stopping; looks++) {
+        r.ui->round[1] = apc_clock_mono(NULL);
         int rc = look(&r, looks);
         if (rc < 0 && rc != APC_ECONN && rc != APC_ETIMEDOUT && !said)
             apc_log_write(r.ui->log, APC_LOG_WARN, "events and timing cannot be read: %s",

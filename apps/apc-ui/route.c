@@ -8,7 +8,8 @@ const struct route routes[] = {
     {"POST", "/api/logout", ROLE_OBSERVER, DIRECT, post_logout, "", "end the session"},
     {"GET", "/api/plant", ROLE_OBSERVER, DIRECT, get_plant, "", "variables, loops, limits"},
     {"GET", "/api/state", ROLE_OBSERVER, DIRECT, get_state, "", "all newest values"},
-    {"GET", "/api/history", ROLE_OBSERVER, PAST, get_history, "var since until bins last", "past values"},
+    {"GET", "/api/history", ROLE_OBSERVER, PAST, get_history, "var names since until bins last",
+     "past values"},
     {"GET", "/api/events", ROLE_OBSERVER, PAST, get_events, "since until severity kind source text last",
      "what happened"},
     {"GET", "/api/timing", ROLE_OBSERVER, PAST, get_timing, "since until task quantity", "histograms"},
@@ -22,8 +23,8 @@ const struct route routes[] = {
     {"POST", "/api/tuning", ROLE_OPERATOR, WRITER, post_tuning, "", "change tunings"},
     {"GET", "/events", ROLE_OBSERVER, STREAM, NULL, "last", "Server-Sent Events"},
     {"GET", "/metrics", ROLE_OBSERVER, DIRECT, get_metrics, "", "figures for Prometheus"},
-    {"GET", "/livez", ROLE_NONE, DIRECT, get_livez, "", "the process answers"},
-    {"GET", "/readyz", ROLE_NONE, DIRECT, get_readyz, "", "the database answers too"},
+    {"GET", "/livez", ROLE_NONE, DIRECT, get_livez, "", "the process works"},
+    {"GET", "/readyz", ROLE_NONE, DIRECT, get_readyz, "", "the database answers, and all ticks"},
     {"GET", "/{file}", ROLE_OBSERVER, PAGE, NULL, NULL, "the page"}, /* any path that is none of these */
 };
 const size_t n_routes = sizeof routes / sizeof *routes;

@@ -75,6 +75,13 @@ struct link_state {
     uint64_t changes;
 };
 
+/* What stands, whatever scrolls away: told by events, judged by ticks. */
+struct standing {
+    int safe;          /* the plant at its safe value: 1, 0; -1: nobody has said */
+    apc_ns safe_since; /* UTC */
+    char trouble[192]; /* what the controller complained of last and has not taken back, or "" */
+};
+
 struct model {
     pthread_mutex_t mutex;
     struct plant plant;
@@ -90,6 +97,7 @@ struct model {
     struct link_state link[LINKS];
     size_t links;
     struct apc_spool_stats spool; /* of all spools of the folder */
+    struct standing standing;
 };
 
 /* ---- audit.c ---- */
@@ -134,6 +142,7 @@ struct ui {
     apc_ns began;
     struct files *files;
     struct server *server;
+    _Atomic apc_ns round[2]; /* when the live and the records thread began their last one, monotonic */
     _Atomic bool stopping;
     _Atomic uint64_t requests[6]; /* answered, by the hundreds of their status */
 
@@ -143,11 +152,25 @@ struct ui {
 /* ---- model.c ---- */
 int model_init(struct model *m);
 void model_free(struct model *m);
-/* New descriptions: what was read is unknown again. Returns true when they changed. */
-bool model_describe(struct model *m, const struct apc_tag *tags, size_t n);
+/* New descriptions, and which loops they make: what was read is unknown again. Returns true when they
+ * changed. */
+bool model_describe(struct model *m, const struct apc_tag *tags, size_t n, const struct apc_pair *pair);
+/* Read them from the store. Returns 0 or its error. */
+int model_load(struct model *m, struct apc_store *store);
+/* Of an event: what of it stands. */
+void model_take_event(struct model *m, const struct apc_event *event);
 void model_state_json(struct ui *ui, struct text *t);
 apc_ns model_age(const struct model *m, size_t i, apc_ns now); /* locked; < 0: no sample yet */
-bool model_stale(const struct model *m, size_t i, apc_ns now); /* locked */
+/* It should come again and again, and did not in time, or never did. Locked. */
+bool model_stale(const struct model *m, size_t i, apc_ns now);
+/* The ticks of a task that has reported are due: a window is written every 5 s if there was one in it.
+ * Locked. */
+bool task_silent(const struct task *task, apc_ns now);
+/* Does the controller control, as its ticks tell? 1, 0; -1: not known. Locked. */
+int model_controlled(const struct model *m, apc_ns now);
+/* What does not tick, a line each, for people. Returns how many. Locked. */
+size_t model_silent(const struct model *m, apc_ns now, struct text *t);
+void control_json(const struct model *m, apc_ns now, struct text *t); /* locked */
 /* The period that the task last told; 0: it has told nothing. Locked. */
 apc_ns model_task_period(const struct model *m, const char *name);
 void model_store(struct ui *ui, bool connected, const char *error);

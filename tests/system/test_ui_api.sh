@@ -183,6 +183,19 @@ grep -q 'bye.*shutdown' "$work/last.log" || fail "the stream was not told why it
 kill -INT "$run"
 wait "$run" || fail "apc run ended with $?"
 [ ! -e "$work/run/apc-ui.log" ] || fail "--no-ui did not keep the page away"
+
+# what does not tick is neither ready nor in the mode that it confirmed last
+serve after
+ask() { printf 'GET %s HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n' "$1" | "$APC_BUILD_DIR/tests/ui_probe" --raw "$ui_port"; }
+said_late() { ask /readyz | grep -q '^u: no sample for'; }
+until_true 20 said_late
+ask /readyz | grep -q '^HTTP/1.1 503' || fail "ready without a controller"
+ask /api/state | grep -q '"control":{"running":false,"target":"[A-Za-z]*","actual":null,"reason":"the controller is not running"' ||
+  fail "the mode of a controller that has ended is shown: $(ask /api/state)"
+ask /livez | grep -q '^HTTP/1.1 200' || fail "not alive"
+kill -TERM "$pid"
+wait "$pid" || fail "apc-ui ended with $?"
+
 background again "$apc" run "$work/fast.conf" --duration 0 --out "$work/again"
 until_true 20 grep -q 'page: *http://127.0.0.1:' "$work/again.log"
 page=$(sed -n 's/^page: *http:\/\/127.0.0.1:\([0-9]*\).*/\1/p' "$work/again.log")

@@ -184,9 +184,9 @@ static void two_outputs_make_two_loops(void **state)
     struct plant p = {0};
     struct text t = {0};
     (void)state;
-    assert_true(plant_describe(&p, tags, n));
+    assert_true(plant_describe(&p, tags, n, NULL));
     assert_int_equal(p.revision, 1);
-    assert_false(plant_describe(&p, tags, n)); /* nothing new */
+    assert_false(plant_describe(&p, tags, n, NULL)); /* nothing new */
     assert_int_equal(p.n, 8);
     assert_int_equal(plant_confirmation(&p), 1 + 3 + 1 + 2);
     plant_json(&p, &t);
@@ -208,9 +208,9 @@ static void two_outputs_make_two_loops(void **state)
     struct apc_tag changed[sizeof tags / sizeof *tags];
     memcpy(changed, tags, sizeof tags);
     changed[1].high = 2;
-    assert_true(plant_describe(&p, changed, n));
+    assert_true(plant_describe(&p, changed, n, NULL));
     assert_int_equal(p.revision, 2);
-    assert_true(plant_describe(&p, tags, 0)); /* nothing is described any more */
+    assert_true(plant_describe(&p, tags, 0, NULL)); /* nothing is described any more */
     plant_json(&p, &t);
     json = json_loadb(t.at, t.n, 0, NULL);
     assert_int_equal(json_array_size(json_object_get(json, "loops")), 0);

@@ -1,0 +1,907 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What the API answers, asked without a connection, on a store in memory: the plant as it stands, what was,
+ * and what becomes of writes. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "apc-ui/http.h"
+#include "check.h"
+
+#define S       APC_NS_PER_S
+#define TUNINGS WRITE_CHANGES
+
+static struct ui *ui;
+static struct apc_store *store;
+static struct request request;
+static struct connection from = {.address = "10.0.0.7"};
+static const char *query[10]; /* name, value, ... */
+static struct apc_tag tags[20 + TUNINGS];
+static size_t n_tags;
+
+/* In place of those that ask a connection. */
+const char *request_query(const struct request *r, const char *name)
+{
+    (void)r;
+    for (size_t i = 0; i + 1 < sizeof query / sizeof *query && query[i]; i += 2)
+        if (!strcmp(query[i], name))
+            return query[i + 1];
+    return NULL;
+}
+
+const char *request_header(const struct request *r, const char *name)
+{
+    (void)r;
+    (void)name;
+    return NULL;
+}
+
+static void ask_nothing(void)
+{
+    free(request.body);
+    text_free(&request.reply);
+    text_free(&request.extra);
+    memset(query, 0, sizeof query);
+    request = (struct request){.from = &from, .session = ui->sessions.local};
+}
+
+/* The answer as JSON, to be given back; NULL when it is none. */
+static json_t *ask(void (*handle)(struct ui *, struct request *, struct apc_store *))
+{
+    request.fault = (struct fault){0};
+    text_free(&request.reply);
+    request.status = 0;
+    handle(ui, &request, store);
+    return json_loadb(request.reply.at ? request.reply.at : "", request.reply.n, 0, NULL);
+}
+
+static const char *ask_text(void (*handle)(struct ui *, struct request *, struct apc_store *))
+{
+    static char text[1 << 16];
+    json_decref(ask(handle));
+    snprintf(text, sizeof text, "%.*s", (int)request.reply.n, request.reply.at ? request.reply.at : "");
+    return text;
+}
+
+static void tag(enum apc_table table, int id, const char *name, double low, double high)
+{
+    struct apc_tag *t = &tags[n_tags++];
+    *t = (struct apc_tag){.table = table, .id = id, .unit = "m", .low = low, .high = high};
+    snprintf(t->name, sizeof t->name, "%s", name);
+}
+
+static void no_telling(void *ctx, const struct write *write)
+{
+    (void)ctx;
+    (void)write;
+}
+
+/* Two of each, and as many tunings as one write may change. */
+static int set_up(void **state)
+{
+    (void)state;
+    ui = calloc(1, sizeof *ui);
+    n_tags = 0;
+    tag(APC_SENSOR, 1, "y1", -APC_VALUE_MAX, APC_VALUE_MAX);
+    tag(APC_SENSOR, 2, "y2", 0, 1);
+    tag(APC_ACTUATOR, 1, "u1", 0, 10);
+    tag(APC_ACTUATOR, 2, "u2", 0, 10);
+    tag(APC_SETPOINT, 1, "r1", -100, 100);
+    tag(APC_SETPOINT, 2, "r2", -100, 100);
+    tag(APC_OPMODE, 0, "mode", 0, 2);
+    tag(APC_OPMODE, 1, "actual", 0, 2);
+    tag(APC_MANUAL, 1, "u1.manual", 0, 10);
+    tag(APC_MANUAL, 2, "u2.manual", 0, 10);
+    for (int i = 1; i <= TUNINGS; i++) {
+        char name[16];
+        snprintf(name, sizeof name, "k%d", i);
+        tag(APC_TUNING, i, name, -1000, 1000);
+    }
+    ui->options.store = "mem:handlers";
+    if (apc_log_create(&ui->log, STDERR_FILENO, "test", APC_LOG_ERROR) < 0 || model_init(&ui->model) < 0 ||
+        stream_create(&ui->stream) < 0 || writes_create(&ui->writes, no_telling, NULL) < 0 ||
+        sessions_init(&ui->sessions, 100 * S, 1000 * S) < 0 || audit_init(&ui->audit) < 0 ||
+        pthread_mutex_init(&ui->users_mutex, NULL) || meter_init(&ui->reads) < 0 ||
+        meter_init(&ui->stores) < 0 || meter_init(&ui->lag) < 0 ||
+        apc_store_open(&store, "mem:handlers", NULL, NULL) < 0 || apc_store_init(store) < 0 ||
+        apc_store_put_tags(store, tags, n_tags) < 0 || model_load(&ui->model, store) < 0)
+        return -1;
+    ui->open = true;
+    ui->began = ui->round[0] = ui->round[1] = apc_clock_mono(NULL);
+    ui->model.connected = true;
+    ask_nothing();
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    (void)state;
+    ask_nothing();
+    apc_store_close(store);
+    meter_free(&ui->reads);
+    meter_free(&ui->stores);
+    meter_free(&ui->lag);
+    audit_free(&ui->audit);
+    sessions_free(&ui->sessions);
+    writes_destroy(ui->writes);
+    stream_destroy(ui->stream);
+    model_free(&ui->model);
+    apc_log_destroy(ui->log);
+    free(ui);
+    return 0;
+}
+
+/* ---- The model ---------------------------------------------------------------------------- */
+
+static struct apc_sample *now_of(enum apc_table table, int id)
+{
+    int at = plant_find(&ui->model.plant, table, id);
+    assert_true(at >= 0);
+    return &ui->model.now[at];
+}
+
+/* As the live thread does it: this value came so long ago. */
+static void came(enum apc_table table, int id, double value, apc_ns age)
+{
+    struct apc_sample *s = now_of(table, id);
+    *s = (struct apc_sample){.table = table, .id = id, .seq = s->seq + 1, .time = S, .value = value};
+    ui->model.moved[s - ui->model.now] = apc_clock_mono(NULL) - age;
+}
+
+static void period(apc_ns controller, apc_ns client)
+{
+    const struct rhythms rhythms = {.controller = controller, .client = client, .plant = client};
+    plant_rhythms(&ui->model.plant, &rhythms);
+}
+
+static void all_came(apc_ns age)
+{
+    for (int id = 1; id <= 2; id++) {
+        came(APC_SENSOR, id, 0.5, age);
+        came(APC_ACTUATOR, id, 1.25, age);
+    }
+    came(APC_OPMODE, 0, APC_MODE_AUTO, age);
+    came(APC_OPMODE, 1, APC_MODE_AUTO, age);
+}
+
+static void an_event(const char *source, const char *kind, enum apc_event_severity severity, const char *text)
+{
+    struct apc_event e = {.time = 1763730000 * S, .severity = severity};
+    snprintf(e.source, sizeof e.source, "%s", source);
+    snprintf(e.kind, sizeof e.kind, "%s", kind);
+    snprintf(e.text, sizeof e.text, "%s", text);
+    model_take_event(&ui->model, &e);
+}
+
+/* A member of `control`, as JSON text. */
+static const char *control(const char *member)
+{
+    static char text[300];
+    json_t *state = ask(get_state);
+    assert_non_null(state);
+    char *dump = json_dumps(json_object_get(json_object_get(state, "control"), member), JSON_ENCODE_ANY);
+    snprintf(text, sizeof text, "%s", dump ? dump : "(missing)");
+    free(dump);
+    json_decref(state);
+    return text;
+}
+
+static bool stale(const char *ref)
+{
+    json_t *all = ask(get_diagnostics);
+    const json_t *signal;
+    size_t i;
+    int found = -1;
+    assert_non_null(all);
+    json_array_foreach(json_object_get(all, "signals"), i,
+                       signal) if (!strcmp(json_string_value(json_object_get(signal, "ref")), ref)) found =
+        json_is_true(json_object_get(signal, "stale"));
+    json_decref(all);
+    assert_true(found >= 0);
+    return found;
+}
+
+static void what_never_came_but_should_is_stale(void **state)
+{
+    (void)state;
+    assert_false(stale("sensor.1")); /* how often it should come is not known */
+    period(S, S);
+    assert_true(stale("sensor.1"));
+    assert_true(stale("actuator.2"));
+    assert_false(stale("setpoint.1"));
+    came(APC_SENSOR, 1, 1, 0);
+    assert_false(stale("sensor.1"));
+    came(APC_SENSOR, 1, 1, 3 * S + S / 2);
+    assert_true(stale("sensor.1"));
+    came(APC_SENSOR, 1, 1, 2 * S + S / 2);
+    assert_false(stale("sensor.1"));
+}
+
+static void a_mode_that_nobody_confirms_any_more_is_not_shown(void **state)
+{
+    (void)state;
+    all_came(0);
+    assert_string_equal(control("running"), "null"); /* nobody has said how often it ticks */
+    period(S, S);
+    assert_string_equal(control("running"), "true");
+    assert_string_equal(control("target"), "\"Auto\"");
+    assert_string_equal(control("actual"), "\"Auto\"");
+    assert_string_equal(control("reason"), "null");
+    all_came(10 * S);
+    assert_string_equal(control("running"), "false");
+    assert_string_equal(control("target"), "\"Auto\"");
+    assert_string_equal(control("actual"), "null");
+    assert_string_equal(control("reason"), "\"the controller is not running\"");
+}
+
+static void out_of_service_writes_nothing_and_runs_all_the_same(void **state)
+{
+    struct task *task = &ui->model.task[0];
+    (void)state;
+    period(S, S);
+    all_came(100 * S);
+    came(APC_SENSOR, 1, 0.5, 0);
+    came(APC_SENSOR, 2, 0.5, 0);
+    came(APC_OPMODE, 1, APC_MODE_OOS, 100 * S);
+    assert_string_equal(control("running"), "null");
+    snprintf(task->name, sizeof task->name, "controller");
+    task->period = S;
+    task->heard = apc_clock_mono(NULL) - 5 * S;
+    ui->model.tasks = 1;
+    assert_string_equal(control("running"), "true");
+    assert_string_equal(control("actual"), "\"OOS\"");
+    assert_string_equal(ask_text(get_readyz), "ok\n");
+    task->heard -= 10 * S;
+    assert_string_equal(control("running"), "false");
+    assert_non_null(strstr(ask_text(get_readyz), "controller: no tick reported for 15."));
+}
+
+static void why_the_mode_is_not_the_target_is_said_while_it_lasts(void **state)
+{
+    (void)state;
+    period(S, S);
+    all_came(0);
+    came(APC_OPMODE, 1, APC_MODE_MAN, 0);
+    assert_string_equal(control("actual"), "\"Man\"");
+    assert_string_equal(control("reason"), "null");
+    an_event("apc-controller", "measurement", APC_EVENT_WARNING, "output held: measurement 1 is stale");
+    an_event("apc-client", "measurement", APC_EVENT_WARNING, "something else");
+    an_event("apc-controller", "mode", APC_EVENT_INFO, "mode Man");
+    assert_string_equal(control("reason"), "\"output held: measurement 1 is stale\"");
+    came(APC_OPMODE, 1, APC_MODE_AUTO, 0);
+    assert_string_equal(control("reason"), "null"); /* it is what was asked for */
+    came(APC_OPMODE, 1, APC_MODE_MAN, 0);
+    an_event("apc-controller", "measurement", APC_EVENT_INFO, "inputs good again after 3 s");
+    assert_string_equal(control("reason"), "null");
+    an_event("apc-controller", "measurement", APC_EVENT_ALARM, "fault");
+    an_event("apc-controller", "start", APC_EVENT_INFO, "running every 1 s");
+    assert_string_equal(control("reason"), "null");
+}
+
+static void the_plant_at_its_safe_value_stands_until_it_takes_commands(void **state)
+{
+    (void)state;
+    assert_string_equal(control("safe"), "null");
+    assert_null(strstr(ask_text(get_metrics), "\napc_plant_safe "));
+    an_event("apc-plant", "start", APC_EVENT_INFO, "running every 1 s");
+    assert_string_equal(control("safe"), "true"); /* it starts there */
+    an_event("apc-plant", "watchdog", APC_EVENT_INFO, "plant takes commands");
+    assert_string_equal(control("safe"), "false");
+    assert_string_equal(control("safe_since"), "null");
+    an_event("apc-controller", "watchdog", APC_EVENT_ALARM, "somebody else's");
+    an_event("apc-plant", "rejected", APC_EVENT_WARNING, "a command");
+    assert_string_equal(control("safe"), "false");
+    an_event("apc-plant", "watchdog", APC_EVENT_ALARM, "no new command for 3 s: plant at its safe value");
+    assert_string_equal(control("safe"), "true");
+    assert_string_equal(control("safe_since"), "1763730000.0");
+    assert_non_null(strstr(ask_text(get_metrics), "\napc_plant_safe 1\n"));
+}
+
+static void ready_is_what_ticks(void **state)
+{
+    (void)state;
+    period(S, S);
+    all_came(0);
+    assert_string_equal(ask_text(get_readyz), "ok\n");
+    assert_int_equal(request.status, 200);
+    came(APC_ACTUATOR, 2, 1, 12 * S);
+    assert_non_null(strstr(ask_text(get_readyz), "u2: no sample for 12."));
+    assert_int_equal(request.status, 503);
+    request.session = (struct session){0}; /* names are not for strangers */
+    assert_string_equal(ask_text(get_readyz), "1 signals or tasks do not tick\n");
+    request.session = ui->sessions.local;
+    all_came(0);
+    now_of(APC_SENSOR, 2)->seq = 0;
+    assert_string_equal(ask_text(get_readyz), "y2: no sample yet\n");
+    ui->model.connected = false;
+    assert_string_equal(ask_text(get_readyz), "the database is away\n");
+    assert_int_equal(request.status, 503);
+}
+
+static void a_thread_that_goes_round_no_more_is_not_alive(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < 2; i++) {
+        assert_string_equal(ask_text(get_livez), "ok\n");
+        assert_int_equal(request.status, 200);
+        ui->round[i] = apc_clock_mono(NULL) - 31 * S;
+        assert_non_null(
+            strstr(ask_text(get_livez), i ? "reads events has stopped" : "reads values has stopped"));
+        assert_int_equal(request.status, 503);
+        ui->round[i] = apc_clock_mono(NULL) - 20 * S;
+    }
+}
+
+static void a_link_is_there_before_it_ever_changed(void **state)
+{
+    (void)state;
+    period(S, S);
+    assert_non_null(strstr(ask_text(get_metrics), "apc_link_up{link=\"apc-client\"} 0\n"));
+    all_came(0);
+    assert_non_null(strstr(ask_text(get_metrics), "apc_link_up{link=\"apc-client\"} 1\n"));
+    assert_non_null(strstr(ask_text(get_metrics), "apc_link_reconnects_total{link=\"apc-client\"} 0\n"));
+    json_t *all = ask(get_diagnostics);
+    const json_t *link = json_array_get(json_object_get(all, "links"), 0);
+    assert_true(json_is_true(json_object_get(link, "up")));
+    assert_true(json_is_null(json_object_get(link, "since")));
+    json_decref(all);
+    snprintf(ui->model.link[0].name, sizeof ui->model.link[0].name, "apc-client");
+    ui->model.link[0].changes = 3;
+    ui->model.links = 1;
+    const char *metrics = ask_text(get_metrics);
+    assert_non_null(strstr(metrics, "apc_link_up{link=\"apc-client\"} 0\n"));
+    assert_non_null(strstr(metrics, "apc_link_reconnects_total{link=\"apc-client\"} 3\n"));
+    assert_null(strstr(strstr(metrics, "apc_link_up{") + 1, "apc_link_up{")); /* once */
+}
+
+static void process_values_are_in_the_metrics(void **state)
+{
+    (void)state;
+    period(S, S);
+    assert_null(strstr(ask_text(get_metrics), "apc_signal_value{"));
+    assert_non_null(
+        strstr(ask_text(get_metrics), "apc_signal_good{table=\"sensor\",name=\"y1\",unit=\"m\"} 0\n"));
+    all_came(0);
+    came(APC_SENSOR, 1, 9.875, 0);
+    const char *metrics = ask_text(get_metrics);
+    assert_non_null(strstr(metrics, "apc_signal_value{table=\"sensor\",name=\"y1\",unit=\"m\"} 9.875\n"));
+    assert_non_null(strstr(metrics, "apc_signal_good{table=\"sensor\",name=\"y1\",unit=\"m\"} 1\n"));
+    assert_non_null(strstr(metrics, "apc_signal_value{table=\"opmode\",name=\"actual\",unit=\"m\"} 1\n"));
+    assert_non_null(strstr(metrics, "\napc_control_running 1\n"));
+    now_of(APC_SENSOR, 1)->status = APC_UNCERTAIN_LAST_USABLE;
+    assert_non_null(
+        strstr(ask_text(get_metrics), "apc_signal_good{table=\"sensor\",name=\"y1\",unit=\"m\"} 0\n"));
+    came(APC_SENSOR, 1, 9.875, 10 * S);
+    assert_non_null(
+        strstr(ask_text(get_metrics), "apc_signal_good{table=\"sensor\",name=\"y1\",unit=\"m\"} 0\n"));
+    all_came(10 * S);
+    assert_non_null(strstr(ask_text(get_metrics), "\napc_control_running 0\n"));
+}
+
+/* ---- Loops -------------------------------------------------------------------------------- */
+
+static void put_dim(int id, double value)
+{
+    static int64_t seq;
+    struct apc_sample s = {.table = APC_DIM, .id = id, .seq = ++seq, .time = S, .value = value};
+    assert_int_equal(apc_store_append(store, &s, 1), 1);
+}
+
+static const char *loop(size_t i, const char *member)
+{
+    static char text[100];
+    json_t *plant = ask(get_plant);
+    assert_non_null(plant);
+    const char *value =
+        json_string_value(json_object_get(json_array_get(json_object_get(plant, "loops"), i), member));
+    snprintf(text, sizeof text, "%s", value ? value : "null");
+    json_decref(plant);
+    return text;
+}
+
+static void a_loop_is_what_the_law_pairs(void **state)
+{
+    (void)state;
+    assert_string_equal(loop(0, "measurement"), "sensor.1"); /* nobody has said */
+    put_dim(4, 2);
+    put_dim(5, 1);
+    put_dim(6, 1);
+    put_dim(7, 0);
+    unsigned revision = ui->model.plant.revision;
+    assert_int_equal(model_load(&ui->model, store), 0);
+    assert_int_equal(ui->model.plant.revision, revision + 1);
+    assert_string_equal(loop(0, "measurement"), "sensor.2");
+    assert_string_equal(loop(0, "setpoint"), "setpoint.1");
+    assert_string_equal(loop(0, "output"), "actuator.1");
+    assert_string_equal(loop(0, "name"), "y2");
+    assert_string_equal(loop(1, "measurement"), "sensor.1");
+    assert_string_equal(loop(1, "setpoint"), "null");
+    assert_string_equal(loop(1, "name"), "y1");
+    assert_int_equal(model_load(&ui->model, store), 0);
+    assert_int_equal(ui->model.plant.revision, revision + 1); /* nothing new */
+    put_dim(6, 2);                                            /* both of one */
+    assert_int_equal(model_load(&ui->model, store), 0);
+    assert_string_equal(loop(1, "measurement"), "sensor.2");
+    assert_string_equal(loop(1, "name"), "u2");
+    put_dim(6, 3); /* there is none */
+    assert_int_equal(model_load(&ui->model, store), 0);
+    assert_string_equal(loop(1, "measurement"), "sensor.2");
+    assert_string_equal(loop(1, "setpoint"), "setpoint.2");
+}
+
+/* ---- What was ----------------------------------------------------------------------------- */
+
+static void put_samples(enum apc_table table, int id, int n)
+{
+    struct apc_sample s[200];
+    assert_true(n <= 200);
+    for (int i = 0; i < n; i++)
+        s[i] =
+            (struct apc_sample){.table = table, .id = id, .seq = i + 1, .time = (1000 + i) * S, .value = i};
+    assert_int_equal(apc_store_append(store, s, (size_t)n), n);
+}
+
+static void ask_history(const char *what, const char *value, const char *how, const char *n)
+{
+    const char *const q[] = {what, value, how, n, "since", "1000", "until", "1010"};
+    memcpy(query, q, sizeof q);
+}
+
+static void history_is_given_by_name_for_several_at_once(void **state)
+{
+    (void)state;
+    put_samples(APC_SENSOR, 1, 10);
+    put_samples(APC_ACTUATOR, 2, 5);
+    ask_history("var", "y1", "last", "100");
+    json_t *one = ask(get_history);
+    assert_string_equal(json_string_value(json_object_get(one, "ref")), "sensor.1");
+    assert_int_equal(json_array_size(json_object_get(json_object_get(one, "samples"), "value")), 10);
+    json_decref(one);
+    ask_history("names", "y1,nonsense,actuator.2", "last", "3");
+    json_t *all = ask(get_history);
+    assert_int_equal(request.fault.http, 0);
+    const json_t *series = json_object_get(all, "series"), *y = json_array_get(series, 0),
+                 *none = json_array_get(series, 1), *u = json_array_get(series, 2);
+    assert_int_equal(json_array_size(series), 3);
+    assert_string_equal(json_string_value(json_object_get(y, "ref")), "sensor.1");
+    assert_int_equal(json_array_size(json_object_get(json_object_get(y, "samples"), "value")), 3);
+    assert_string_equal(json_string_value(json_object_get(none, "name")), "nonsense");
+    assert_string_equal(json_string_value(json_object_get(json_object_get(none, "error"), "code")),
+                        "variable");
+    assert_null(json_object_get(none, "samples"));
+    assert_string_equal(json_string_value(json_object_get(u, "ref")), "actuator.2");
+    assert_near(json_number_value(json_array_get(json_object_get(json_object_get(u, "samples"), "value"), 2)),
+                4, 0);
+    json_decref(all);
+    ask_history("names", "y1,u2", "bins", "5");
+    all = ask(get_history);
+    y = json_object_get(json_array_get(json_object_get(all, "series"), 0), "bins");
+    assert_int_equal(json_integer_value(json_object_get(y, "n")), 5);
+    assert_int_equal(json_array_size(json_object_get(y, "mean")), 5);
+    assert_near(json_number_value(json_array_get(json_object_get(y, "mean"), 4)), 8.5, 1e-12);
+    json_decref(all);
+}
+
+static void a_name_that_two_have_is_nobodys(void **state)
+{
+    (void)state;
+    snprintf(ui->model.plant.tag[0].name, APC_TAG_LEN, "u1");
+    ask_history("var", "u1", "last", "3");
+    json_decref(ask(get_history));
+    assert_int_equal(request.fault.http, 404);
+    assert_non_null(strstr(request.fault.message, "several"));
+    ask_history("names", "u1", "last", "3");
+    json_t *all = ask(get_history);
+    const json_t *error = json_object_get(json_array_get(json_object_get(all, "series"), 0), "error");
+    assert_non_null(strstr(json_string_value(json_object_get(error, "message")), "several"));
+    json_decref(all);
+}
+
+static void history_is_asked_for_in_one_way(void **state)
+{
+    char many[4000] = "y1";
+    (void)state;
+    const char *const bad[][8] = {{"since", "1", "last", "3"},
+                                  {"var", "y1", "names", "y1", "last", "3"},
+                                  {"var", "y1"},
+                                  {"var", "y1", "last", "3", "bins", "3"},
+                                  {"names", many, "last", "3"},
+                                  {"names", many, "bins", "151"},
+                                  {"var", "y1", "last", "0"},
+                                  {"var", "y1", "last", "20001"},
+                                  {"var", "y1", "bins", "4001"},
+                                  {"var", "y1", "last", "3", "until", "5", "since", "5"}};
+    for (int i = 1; i < 33; i++)
+        strcat(many, ",y1");
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        memset(query, 0, sizeof query);
+        memcpy(query, bad[i], sizeof bad[i]);
+        json_decref(ask(get_history));
+        if (request.fault.http != 400)
+            fail_msg("case %zu: %d %s", i, request.fault.http, request.fault.message);
+    }
+    ask_history("names", many, "bins", "150"); /* few bins of many are as good as many of few */
+    json_decref(ask(get_history));
+    assert_int_equal(request.fault.http, 0);
+    for (int i = 33; i < 512; i++)
+        strcat(many, ",y1");
+    json_decref(ask(get_history));
+    assert_int_equal(request.fault.http, 0);
+    strcat(many, ",y1");
+    json_decref(ask(get_history));
+    assert_int_equal(request.fault.http, 400);
+    many[3 * 32 - 1] = '\0'; /* 32 of them */
+    ask_history("names", many, "last", "1");
+    json_decref(ask(get_history));
+    assert_int_equal(request.fault.http, 0);
+}
+
+static void put_events(int n, const char *kind)
+{
+    static apc_ns time = 2000 * S; /* no two are the same */
+    struct apc_event *e = calloc((size_t)n, sizeof *e);
+    assert_non_null(e);
+    for (int i = 0; i < n; i++) {
+        e[i] = (struct apc_event){.time = time += S, .severity = APC_EVENT_INFO, .source = "x"};
+        snprintf(e[i].kind, sizeof e[i].kind, "%s", kind);
+        snprintf(e[i].text, sizeof e[i].text, "%d", i);
+    }
+    assert_int_equal(apc_store_append_events(store, e, (size_t)n), n);
+    free(e);
+}
+
+/* Their number, the first one's text, and whether there are more. */
+static size_t events(const char *const *q, size_t n, char first[32], bool *more)
+{
+    memset(query, 0, sizeof query);
+    memcpy(query, q, n * sizeof *q);
+    query[n] = "since";
+    query[n + 1] = "0";
+    json_t *json = ask(get_events);
+    assert_non_null(json);
+    const json_t *list = json_object_get(json, "events");
+    const char *text = json_string_value(json_object_get(json_array_get(list, 0), "text"));
+    size_t found = json_array_size(list);
+    snprintf(first, 32, "%s", text ? text : "");
+    *more = json_is_true(json_object_get(json, "more"));
+    json_decref(json);
+    return found;
+}
+
+static void the_newest_events_are_found_however_many_lie_on_top(void **state)
+{
+    char first[32];
+    bool more;
+    (void)state;
+    put_events(10, "rare");
+    put_events(20000, "common");
+    static const char *const newest[] = {"last", "8"}, *const rare[] = {"last", "8", "kind", "rare"},
+                             *const all_rare[] = {"last", "10", "kind", "rare"},
+                             *const none[] = {"kind", "none"}, *const text[] = {"last", "3", "text", "19999"},
+                             *const source[] = {"last", "2", "source", "y"};
+    assert_int_equal(events(newest, 2, first, &more), 8);
+    assert_string_equal(first, "19992");
+    assert_true(more);
+    assert_int_equal(events(rare, 4, first, &more), 8);
+    assert_string_equal(first, "2");
+    assert_true(more);
+    assert_int_equal(events(all_rare, 4, first, &more), 10);
+    assert_string_equal(first, "0");
+    assert_false(more);
+    assert_int_equal(events(none, 2, first, &more), 0);
+    assert_false(more);
+    assert_int_equal(events(text, 4, first, &more), 1);
+    assert_int_equal(events(source, 4, first, &more), 0);
+}
+
+static void exactly_as_many_events_as_asked_for_are_all(void **state)
+{
+    static const char *const five[] = {"last", "5"}, *const four[] = {"last", "4"},
+                             *const grave[] = {"severity", "2"};
+    char first[32];
+    bool more;
+    (void)state;
+    put_events(5, "x");
+    assert_int_equal(events(five, 2, first, &more), 5);
+    assert_false(more);
+    assert_int_equal(events(four, 2, first, &more), 4);
+    assert_string_equal(first, "1");
+    assert_true(more);
+    assert_int_equal(events(grave, 2, first, &more), 0);
+}
+
+/* ---- Writes ------------------------------------------------------------------------------- */
+
+static void put(enum apc_table table, int id, double value)
+{
+    struct apc_sample s = {.table = table, .id = id, .time = S, .value = value};
+    assert_int_equal(apc_store_put(store, &s, 1), 0);
+}
+
+static json_t *post(void (*handle)(struct ui *, struct request *, struct apc_store *), const char *body)
+{
+    free(request.body);
+    request.body = strdup(body);
+    request.n = strlen(body);
+    text_free(&request.extra);
+    return ask(handle);
+}
+
+static int refused(void (*handle)(struct ui *, struct request *, struct apc_store *), const char *body)
+{
+    json_decref(post(handle, body));
+    return request.fault.http;
+}
+
+static double in_force(enum apc_table table, int id, int64_t *seq)
+{
+    struct apc_sample s = {.table = table, .id = id};
+    assert_int_equal(apc_store_read(store, &s, 1), 0);
+    *seq = s.seq;
+    return s.value;
+}
+
+static struct apc_event newest;
+
+static int take_newest(void *ctx, const struct apc_event *event)
+{
+    (void)ctx;
+    newest = *event;
+    return 0;
+}
+
+static const char *newest_text(void)
+{
+    newest = (struct apc_event){0};
+    assert_true(apc_store_events(store, &(struct apc_range){.last = 1}, take_newest, NULL) >= 0);
+    return newest.text;
+}
+
+static void the_record_shows_every_digit(void **state)
+{
+    static const struct {
+        const char *body, *text;
+    } cases[] = {
+        {"{\"id\":1,\"value\":12.3456789,\"seq\":1}", "r1: 5 -> 12.3456789 (from 10.0.0.7)"},
+        {"{\"id\":1,\"value\":0.1,\"seq\":2}", "r1: 12.3456789 -> 0.1 (from 10.0.0.7)"},
+        {"{\"id\":1,\"value\":0.30000000000000004,\"seq\":3}",
+         "r1: 0.1 -> 0.30000000000000004 (from 10.0.0.7)"},
+        {"{\"id\":1,\"value\":99.99999,\"seq\":4}", "r1: 0.30000000000000004 -> 99.99999 (from 10.0.0.7)"}};
+    (void)state;
+    put(APC_SETPOINT, 1, 5);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        json_decref(post(post_setpoint, cases[i].body));
+        assert_int_equal(request.fault.http, 0);
+        assert_string_equal(newest_text(), cases[i].text);
+        assert_string_equal(newest.kind, "operator");
+        assert_string_equal(newest.source, "local");
+    }
+}
+
+static void what_had_no_value_and_what_is_a_mode_are_recorded_in_words(void **state)
+{
+    (void)state;
+    json_decref(post(post_setpoint, "{\"id\":2,\"value\":-3,\"seq\":0}"));
+    assert_string_equal(newest_text(), "r2: none -> -3 (from 10.0.0.7)");
+    put(APC_OPMODE, 0, APC_MODE_AUTO);
+    json_decref(post(post_mode, "{\"mode\":\"Man\",\"seq\":1}"));
+    assert_string_equal(newest_text(), "mode: Auto -> Man (from 10.0.0.7)");
+}
+
+static void limits_are_inclusive_and_their_refusal_names_them(void **state)
+{
+    int64_t seq;
+    (void)state;
+    put(APC_OPMODE, 0, APC_MODE_MAN);
+    assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":100,\"seq\":0}"), 0);
+    assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":-100,\"seq\":1}"), 0);
+    assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":100.001,\"seq\":2}"), 422);
+    assert_string_equal(request.fault.message, "r1 = 100.001 lies above its limit 100");
+    assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":-100.001,\"seq\":2}"), 422);
+    assert_string_equal(request.fault.message, "r1 = -100.001 lies below its limit -100");
+    assert_near(in_force(APC_SETPOINT, 1, &seq), -100, 0);
+    assert_int_equal(seq, 2);
+    /* an output has the limits of its actuator */
+    ui->model.plant.tag[plant_find(&ui->model.plant, APC_MANUAL, 1)].high = 1e6;
+    assert_int_equal(refused(post_output, "{\"id\":1,\"value\":10.5,\"seq\":0}"), 422);
+    assert_int_equal(refused(post_output, "{\"id\":1,\"value\":10,\"seq\":0}"), 0);
+    /* and where there is none, what no store takes */
+    ui->model.plant.tag[plant_find(&ui->model.plant, APC_SETPOINT, 2)].high = APC_VALUE_MAX;
+    assert_int_equal(refused(post_setpoint, "{\"id\":2,\"value\":1e300,\"seq\":0}"), 422);
+}
+
+static void an_output_is_the_operators_in_man_only(void **state)
+{
+    int64_t seq;
+    (void)state;
+    assert_int_equal(refused(post_output, "{\"id\":1,\"value\":1,\"seq\":0}"), 409); /* there is no mode */
+    put(APC_OPMODE, 0, APC_MODE_AUTO);
+    put(APC_OPMODE, 1, APC_MODE_MAN); /* a fault has made it so */
+    assert_int_equal(refused(post_output, "{\"id\":1,\"value\":1,\"seq\":0}"), 409);
+    assert_string_equal(request.fault.code, "mode");
+    assert_non_null(strstr(request.fault.message, "target"));
+    in_force(APC_MANUAL, 1, &seq);
+    assert_int_equal(seq, 0);
+}
+
+static const char *tuning_body(int n, int64_t seq, double value)
+{
+    static char body[8192];
+    int at = snprintf(body, sizeof body, "{\"values\":[");
+    for (int i = 1; i <= n; i++)
+        at += snprintf(body + at, sizeof body - (size_t)at, "%s{\"id\":%d,\"value\":%g,\"seq\":%d}",
+                       i > 1 ? "," : "", (i - 1) % TUNINGS + 1, value + i, (int)seq);
+    snprintf(body + at, sizeof body - (size_t)at, "]}");
+    return body;
+}
+
+static void as_many_tunings_as_there_are_go_at_once(void **state)
+{
+    int64_t seq;
+    (void)state;
+    assert_int_equal(refused(post_tuning, tuning_body(TUNINGS, 0, 0.5)), 0);
+    for (int i = 1; i <= TUNINGS; i++)
+        assert_near(in_force(APC_TUNING, i, &seq), 0.5 + i, 0);
+    assert_int_equal(refused(post_tuning, tuning_body(TUNINGS, 1, 7)), 0);
+    assert_int_equal(refused(post_tuning, tuning_body(TUNINGS, 1, 9)), 409); /* all of them or none */
+    assert_string_equal(request.fault.code, "stale");
+    assert_int_equal(refused(post_tuning, tuning_body(TUNINGS + 1, 2, 0)), 400);
+    assert_int_equal(
+        refused(post_tuning,
+                "{\"values\":[{\"id\":3,\"value\":1,\"seq\":2},{\"id\":3,\"value\":1,\"seq\":2}]}"),
+        400);
+    assert_non_null(strstr(request.fault.message, "k3 is given twice"));
+    assert_near(in_force(APC_TUNING, TUNINGS, &seq), 7 + TUNINGS, 0);
+    assert_int_equal(seq, 2);
+}
+
+static void a_stale_write_is_told_what_is_newer(void **state)
+{
+    (void)state;
+    put(APC_TUNING, 1, 1.5);
+    put(APC_TUNING, 2, 2.5);
+    put(APC_TUNING, 2, 3.5);
+    assert_int_equal(
+        refused(post_tuning,
+                "{\"values\":[{\"id\":1,\"value\":1,\"seq\":1},{\"id\":2,\"value\":1,\"seq\":1}]}"),
+        409);
+    assert_string_equal(request.fault.message, "k2 was changed meanwhile: it is 3.5 now");
+    char extra[300];
+    snprintf(extra, sizeof extra, "%.*s", (int)request.extra.n, request.extra.at);
+    assert_non_null(
+        strstr(extra, "\"tuning.1\":[1,1.000000,1.5,\"Good\"],\"tuning.2\":[2,1.000000,3.5,\"Good\"]}"));
+}
+
+static void what_became_of_a_write_is_known_by_its_key(void **state)
+{
+    (void)state;
+    json_t *first = post(post_setpoint, "{\"id\":1,\"value\":3,\"seq\":0,\"key\":\"one-two-three\"}");
+    assert_string_equal(json_string_value(json_object_get(first, "state")), "accepted");
+    assert_true(json_is_true(json_object_get(first, "stored")));
+    const json_t *change = json_array_get(json_object_get(first, "changes"), 0);
+    assert_true(json_is_null(json_object_get(change, "from")));
+    assert_int_equal(json_integer_value(json_object_get(change, "seq")), 1);
+    json_decref(first);
+    json_t *again = post(post_setpoint, "{\"id\":1,\"value\":4,\"seq\":1,\"key\":\"one-two-three\"}");
+    change = json_array_get(json_object_get(again, "changes"), 0);
+    assert_near(json_number_value(json_object_get(change, "to")), 3, 0);
+    json_decref(again);
+    int64_t seq;
+    in_force(APC_SETPOINT, 1, &seq);
+    assert_int_equal(seq, 1);
+    query[0] = "key";
+    query[1] = "one-two-three";
+    json_t *found = ask(get_writes);
+    assert_int_equal(json_array_size(json_object_get(found, "writes")), 1);
+    json_decref(found);
+    query[1] = "no-such-key";
+    json_decref(ask(get_writes));
+    assert_int_equal(request.fault.http, 404);
+    assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":3,\"seq\":1,\"key\":\"short\"}"), 400);
+}
+
+static void too_many_writes_at_once_have_to_wait(void **state)
+{
+    char body[100];
+    int n = 0;
+    (void)state;
+    do
+        snprintf(body, sizeof body, "{\"id\":1,\"value\":%d,\"seq\":%d}", n, n);
+    while (refused(post_setpoint, body) == 0 && ++n < 1000);
+    assert_int_equal(request.fault.http, 429);
+    assert_true(n >= 2 * WRITE_RATE && n < 100);
+    assert_true(request.retry_after > 0 && request.retry_after <= S / WRITE_RATE);
+}
+
+/* ---- The threads -------------------------------------------------------------------------- */
+
+static void nothing(void *ctx)
+{
+    (void)ctx;
+}
+
+/* Read the stream until this was in it; what was read is added to all. */
+static void read_until(struct stream_reader *reader, struct text *all, const char *what)
+{
+    char part[4096];
+    for (long n;;) {
+        while ((n = stream_read(reader, part, sizeof part)) > 0)
+            text_put(all, part, (size_t)n);
+        if (all->n > 0 && memmem(all->at, all->n, what, strlen(what)))
+            return;
+        usleep(10000);
+    }
+}
+
+static void every_event_of_a_flood_reaches_the_stream_in_order(void **state)
+{
+    const struct stream_watcher watcher = {.session = ""};
+    struct stream_reader *reader;
+    struct text all = {0};
+    bool resumed;
+    pthread_t thread;
+    char text[32];
+    (void)state;
+    put_events(1, "before");
+    assert_int_equal(stream_open(ui->stream, &watcher, NULL, nothing, nothing, NULL, &reader, &resumed), 0);
+    assert_int_equal(pthread_create(&thread, NULL, records_thread, ui), 0);
+    while (1) { /* its first look is over: what comes now is new */
+        struct text probe = {0};
+        put_events(1, "probe");
+        usleep(50000);
+        char part[4096];
+        long n = stream_read(reader, part, sizeof part);
+        if (n > 0)
+            text_put(&probe, part, (size_t)n);
+        bool seen = probe.n > 0 && memmem(probe.at, probe.n, "\"probe\"", 7);
+        text_free(&probe);
+        if (seen)
+            break;
+    }
+    put_events(3000, "flood");
+    read_until(reader, &all, "\"kind\":\"flood\",\"text\":\"2999\"");
+    const char *at = all.at;
+    for (int i = 0; i < 3000; i++) {
+        snprintf(text, sizeof text, "\"flood\",\"text\":\"%d\"", i);
+        at = memmem(at, all.n - (size_t)(at - all.at), text, strlen(text));
+        if (!at)
+            fail_msg("event %d of 3000 did not reach the stream", i);
+    }
+    ui->stopping = true;
+    assert_int_equal(pthread_join(thread, NULL), 0);
+    stream_close(reader);
+    text_free(&all);
+}
+
+int main(void)
+{
+#define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+    const struct CMUnitTest tests[] = {
+        T(what_never_came_but_should_is_stale),
+        T(a_mode_that_nobody_confirms_any_more_is_not_shown),
+        T(out_of_service_writes_nothing_and_runs_all_the_same),
+        T(why_the_mode_is_not_the_target_is_said_while_it_lasts),
+        T(the_plant_at_its_safe_value_stands_until_it_takes_commands),
+        T(ready_is_what_ticks),
+        T(a_thread_that_goes_round_no_more_is_not_alive),
+        T(a_link_is_there_before_it_ever_changed),
+        T(process_values_are_in_the_metrics),
+        T(a_loop_is_what_the_law_pairs),
+        T(history_is_given_by_name_for_several_at_once),
+        T(a_name_that_two_have_is_nobodys),
+        T(history_is_asked_for_in_one_way),
+        T(the_newest_events_are_found_however_many_lie_on_top),
+        T(exactly_as_many_events_as_asked_for_are_all),
+        T(the_record_shows_every_digit),
+        T(what_had_no_value_and_what_is_a_mode_are_recorded_in_words),
+        T(limits_are_inclusive_and_their_refusal_names_them),
+        T(an_output_is_the_operators_in_man_only),
+        T(as_many_tunings_as_there_are_go_at_once),
+        T(a_stale_write_is_told_what_is_newer),
+        T(what_became_of_a_write_is_known_by_its_key),
+        T(too_many_writes_at_once_have_to_wait),
+        T(every_event_of_a_flood_reaches_the_stream_in_order),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
