@@ -2,7 +2,7 @@
 /**
  * @file apccontrol.h
  * Control laws behind one interface (section "Control computations" of the paper). A law is a constant
- * struct of plain C functions; one of your own is a shared object that exports it as `apc_law`:
+ * struct of plain C functions; one of your own, in C or C++, is a shared object that exports it as `apc_law`:
  *
  *     static void compute(struct apc_law_call *c) { c->u[0] = c->tuning[0] * (c->z[0] - c->y[0]); }
  *     static const struct apc_param gain[] = {{"Kp", "1", "gain", 1.0, -100.0, 100.0}};
@@ -112,6 +112,9 @@ struct apc_law {
      */
     int (*check)(const struct apc_dim *dim, const double *tuning, struct apc_error *why);
 };
+
+/** The law of a shared object, which defines it. Declared so that it is exported from C++ as well. */
+APC_API extern const struct apc_law apc_law;
 
 /**
  * The built-in law of that name ("pi"), or, when @p name contains a '/', the `apc_law` of that shared

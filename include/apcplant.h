@@ -35,6 +35,9 @@ struct apc_model {
     void (*g)(double t, const double *x, const double *u, const double *p, double *y);
 };
 
+/** The model of a shared object, which defines it. Declared so that it is exported from C++ as well. */
+APC_API extern const struct apc_model apc_model;
+
 /** As apc_law_find(): a built-in model ("first-order"), or the `apc_model` of a shared object. [setup] */
 APC_API int apc_model_find(const char *name, const struct apc_model **model, void **handle,
                            struct apc_error *why);

@@ -71,6 +71,9 @@ grep -Eq 'IAE +20 ' "$work/jobs1.txt" || fail "no summary"
 
 # ---- The user's own law and plant, as apc run takes them
 
+# the law that README shows is the example
+diff <(sed -n '/^#include <apccontrol\.h>/,/^```/p' "$APC_SOURCE_DIR/README.md" | sed '$d') \
+  <(sed '1,2d' "$APC_SOURCE_DIR/examples/law/mylaw.c") >"$work/differs" || fail "README shows another law: $(cat "$work/differs")"
 expect 0 'sha256' "$apc" simulate "$conf" --law "$APC_BUILD_DIR/examples/mylaw.so" --plant "$APC_BUILD_DIR/examples/myplant.so"
 
 # ---- What fails: a law without a number, a plant that goes away

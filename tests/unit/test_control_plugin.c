@@ -1,73 +1,236 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The examples' own law and own plant, as shared objects, as a user would build and name them. */
+/* The examples' own laws and own plant, as shared objects, as a user would build and name them. */
 #include "check.h"
 
 #include "apcmodules.h"
 
+#include <stdio.h>
 #include <string.h>
 
 #define S  APC_NS_PER_S
 #define T0 (INT64_C(1700000000) * S)
 
-static void a_users_law_is_loaded_and_controls(void **state)
+/* As they are in C and, where there is a compiler for it, as C++. */
+static const char *const flavours[] = {"",
+#ifdef APC_CPP_EXAMPLES
+                                       "_cpp"
+#endif
+};
+#define FLAVOURS (sizeof(flavours) / sizeof(flavours[0]))
+
+static const char *path_of(const char *name, size_t flavour)
 {
+    static char path[512];
+
+    (void)snprintf(path, sizeof(path), "%s/%s%s.so", APC_EXAMPLES_DIR, name, flavours[flavour]);
+    return path;
+}
+
+/* A law on the plant of the paper with some dead time, both every two seconds. */
+struct rig {
     const struct apc_law *law;
     void *handle;
-    struct apc_controller_options o = {.size = sizeof(o), .dim = {1, 1, 1}, .period = S, .horizon = 3 * S};
+    struct apc_controller *controller;
+    struct apc_sample in[8], out[24];
+    struct apc_plant *plant;
+    int64_t k;
+};
+
+static const double model[] = {10.0, 10.0, 8.0};
+static const struct apc_setting smith_setting = {"model", 3, model};
+
+static void make(struct rig *r, const char *name, size_t flavour, double dead_time)
+{
+    const struct apc_plant_options late = {.size = sizeof(late), .dead_time = dead_time};
+    const double high = 4.0, low = -4.0;
+    struct apc_controller_options o = {.size = sizeof(o),
+                                       .dim = {1, 1, 1},
+                                       .period = 2 * S,
+                                       .horizon = 7 * S,
+                                       .low = &low,
+                                       .high = &high,
+                                       .n_setting = strcmp(name, "smith") == 0,
+                                       .setting = &smith_setting};
+    struct apc_error why = {""};
+
+    memset(r, 0, sizeof(*r));
+    if (apc_law_find(path_of(name, flavour), &r->law, &r->handle, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_string_equal(r->law->name, name);
+    o.law = r->law;
+    if (apc_controller_create(&r->controller, &o, &why) < 0 ||
+        apc_plant_create(&r->plant, &apc_model_first_order, NULL, NULL, &late, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(apc_controller_size(r->controller).in, 7);
+    assert_in_range(apc_controller_size(r->controller).out, 1, 24);
+    apc_controller_inputs(r->controller, r->in);
+    for (int i = 0; i < 6; i++) {
+        r->in[i].seq = 1;
+        r->in[i].time = T0;
+        r->in[i].status = APC_GOOD;
+    }
+    r->in[2].value = APC_MODE_AUTO;
+    r->in[3].value = r->law->tuning[0].initial;
+    r->in[4].value = r->law->tuning[1].initial;
+    r->in[5].seq = 0;
+}
+
+static void unmake(struct rig *r)
+{
+    apc_controller_destroy(r->controller);
+    apc_plant_destroy(r->plant);
+    apc_plugin_close(r->handle);
+}
+
+/* Returns y; u is in out. */
+static double tick(struct rig *r, double z)
+{
+    double y = 0.0, u = r->out[0].value;
+
+    if (r->k > 0)
+        assert_int_equal(apc_plant_advance(r->plant, 2.0, &u), 0);
+    apc_plant_output(r->plant, &u, &y);
+    r->k++;
+    r->in[0].value = y;
+    r->in[1].value = z;
+    for (int i = 0; i < 2; i++)
+        r->in[i].seq++;
+    assert_true(apc_controller_compute(r->controller, (struct apc_now){2 * r->k * S, T0 + 2 * r->k * S},
+                                       r->in, r->out, NULL) > 0);
+    assert_int_equal(r->out[0].table, APC_ACTUATOR);
+    apc_controller_update(r->controller);
+    return y;
+}
+
+static void a_users_law_controls_well(void **state)
+{
+    (void)state;
+    for (size_t flavour = 0; flavour < FLAVOURS; flavour++) {
+        struct rig r;
+        double most = 0.0, y = 0.0;
+
+        make(&r, "mylaw", flavour, 0.0);
+        for (int k = 0; k < 75; k++)
+            most = fmax(most, y = tick(&r, 10.0));
+        assert_near(y, 10.0, 1e-4);
+        assert_true(most < 10.5);
+        unmake(&r);
+    }
+}
+
+/* With dead time of four periods: the predictor settles where the same PI without it swings. */
+static void a_users_law_with_settings_and_state_predicts(void **state)
+{
+    double most[2] = {0.0, 0.0}, y = 0.0;
+    struct rig r;
+
+    (void)state;
+    make(&r, "mylaw", 0, 8.0);
+    for (int k = 0; k < 150; k++)
+        most[0] = fmax(most[0], tick(&r, 10.0));
+    unmake(&r);
+    assert_true(most[0] > 12.0);
+    for (size_t flavour = 0; flavour < FLAVOURS; flavour++) {
+        most[1] = 0.0;
+        make(&r, "smith", flavour, 8.0);
+        for (int k = 0; k < 150; k++)
+            most[1] = fmax(most[1], y = tick(&r, 10.0));
+        assert_near(y, 10.0, 1e-6);
+        assert_true(most[1] < 10.5);
+        unmake(&r);
+    }
+}
+
+static void users_laws_go_from_man_to_auto_and_out_of_a_limit_without_a_bump(void **state)
+{
+    static const char *const names[] = {"mylaw", "smith"};
+
+    (void)state;
+    for (size_t i = 0; i < 2 * FLAVOURS; i++) {
+        struct rig r;
+        double u, before;
+        int late = 0;
+
+        make(&r, names[i / FLAVOURS], i % FLAVOURS, 0.0);
+        r.in[2].value = APC_MODE_MAN;
+        r.in[5] = (struct apc_sample){.table = APC_MANUAL, .id = 1, .seq = 1, .time = T0, .value = 1.5};
+        for (int k = 0; k < 10; k++)
+            tick(&r, 10.0);
+        assert_near(r.out[0].value, 1.5, 0.0);
+        r.in[2].value = APC_MODE_AUTO;
+        tick(&r, 10.0);
+        assert_near(r.out[0].value, 1.5, 1e-12);
+        for (int k = 0; k < 50; k++)
+            tick(&r, 1000.0); /* far beyond what the output can do */
+        assert_near(r.out[0].value, 4.0, 0.0);
+        u = r.out[0].value;
+        while (late++ < 20 && r.out[0].value >= 4.0)
+            tick(&r, 30.0);
+        assert_in_range(late, 1, 2); /* nothing has wound up */
+        before = r.out[0].value;
+        assert_true(before < u);
+        unmake(&r);
+    }
+}
+
+static void the_predictor_refuses_what_it_cannot_work_with(void **state)
+{
+    static const double wrong[][3] = {{1, 0, 1}, {1, 1, -1}, {1, 1, 1e6}};
+    struct apc_setting setting = {"model", 3, NULL};
+    const struct apc_law *law;
+    void *handle;
+    struct apc_controller_options o = {
+        .size = sizeof(o), .dim = {1, 1, 1}, .period = 2 * S, .horizon = 7 * S, .setting = &setting};
     struct apc_controller *c;
-    struct apc_sample in[6], out[7];
     struct apc_error why = {""};
 
     (void)state;
-    if (apc_law_find(APC_EXAMPLES_DIR "/mylaw.so", &law, &handle, &why) < 0)
-        fail_msg("%s", why.text);
-    assert_string_equal(law->name, "mylaw");
+    assert_int_equal(apc_law_find(path_of("smith", 0), &law, &handle, &why), 0);
     o.law = law;
-    assert_int_equal(apc_controller_create(&c, &o, &why), 0);
-    assert_int_equal(apc_controller_size(c).in, 6);
-    assert_int_equal(apc_controller_size(c).out, 7);
-    apc_controller_inputs(c, in);
-    for (int i = 0; i < 4; i++) {
-        in[i].seq = 1;
-        in[i].time = T0;
-        in[i].status = APC_GOOD;
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "model = [gain, tau, dead time]"));
+    o.n_setting = 1;
+    for (size_t i = 0; i < 3; i++) {
+        setting.value = wrong[i];
+        assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
     }
-    in[0].value = 2.0; /* y */
-    in[1].value = 5.0; /* z */
-    in[2].value = APC_MODE_AUTO;
-    in[3].value = 7.0; /* Kp */
-    assert_true(apc_controller_compute(c, (struct apc_now){.utc = T0}, in, out, NULL) > 0);
-    assert_int_equal(out[0].table, APC_ACTUATOR);
-    assert_near(out[0].value, 21.0, 1e-12);
-    apc_controller_destroy(c);
+    setting.value = wrong[0];
+    setting.n = 2;
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
+    setting = smith_setting;
+    o.dim.ny = 2;
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
     apc_plugin_close(handle);
 }
 
 static void a_users_plant_is_loaded_and_runs_to_its_equilibrium(void **state)
 {
     const double inflow = 0.05, level = inflow * inflow / (2.0 * 9.81 * 0.019 * 0.019);
-    const struct apc_model *model;
+    const struct apc_model *own;
     void *handle;
     struct apc_plant *plant;
     struct apc_error why = {""};
-    double y = 0.0;
 
     (void)state;
-    if (apc_model_find(APC_EXAMPLES_DIR "/myplant.so", &model, &handle, &why) < 0)
-        fail_msg("%s", why.text);
-    assert_int_equal(apc_plant_create(&plant, model, NULL, NULL, NULL, &why), 0);
-    for (int k = 0; k < 1000; k++)
-        assert_int_equal(apc_plant_advance(plant, 1.0, &inflow), 0);
-    apc_plant_output(plant, &inflow, &y);
-    assert_near(y, level, 1e-6);
-    apc_plant_destroy(plant);
-    apc_plugin_close(handle);
+    for (size_t flavour = 0; flavour < FLAVOURS; flavour++) {
+        double y = 0.0;
+
+        if (apc_model_find(path_of("myplant", flavour), &own, &handle, &why) < 0)
+            fail_msg("%s", why.text);
+        assert_int_equal(apc_plant_create(&plant, own, NULL, NULL, NULL, &why), 0);
+        for (int k = 0; k < 1000; k++)
+            assert_int_equal(apc_plant_advance(plant, 1.0, &inflow), 0);
+        apc_plant_output(plant, &inflow, &y);
+        assert_near(y, level, 1e-6);
+        apc_plant_destroy(plant);
+        apc_plugin_close(handle);
+    }
 }
 
 static void a_shared_object_of_another_kind_is_refused_by_name(void **state)
 {
     const struct apc_law *law;
-    const struct apc_model *model;
+    const struct apc_model *own;
     void *handle;
     struct apc_error why = {""};
 
@@ -76,15 +239,18 @@ static void a_shared_object_of_another_kind_is_refused_by_name(void **state)
     assert_null(law);
     assert_null(handle);
     assert_non_null(strstr(why.text, "apc_law"));
-    assert_int_equal(apc_model_find(APC_EXAMPLES_DIR "/mylaw.so", &model, &handle, &why), APC_ENOTFOUND);
-    assert_null(model);
+    assert_int_equal(apc_model_find(APC_EXAMPLES_DIR "/mylaw.so", &own, &handle, &why), APC_ENOTFOUND);
+    assert_null(own);
     assert_non_null(strstr(why.text, "apc_model"));
 }
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_users_law_is_loaded_and_controls),
+        cmocka_unit_test(a_users_law_controls_well),
+        cmocka_unit_test(a_users_law_with_settings_and_state_predicts),
+        cmocka_unit_test(users_laws_go_from_man_to_auto_and_out_of_a_limit_without_a_bump),
+        cmocka_unit_test(the_predictor_refuses_what_it_cannot_work_with),
         cmocka_unit_test(a_users_plant_is_loaded_and_runs_to_its_equilibrium),
         cmocka_unit_test(a_shared_object_of_another_kind_is_refused_by_name),
     };
