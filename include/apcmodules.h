@@ -227,11 +227,11 @@ APC_API void apc_controller_resume_inputs(const struct apc_controller *controlle
 /**
  * Resume from @p in [resume], as filled by the store (NULL: nothing is stored); @p last [nu] are the newest
  * seqs of the actuators, to count on from. The next tick then goes on without a bump, with the law's own
- * state when the same law with the same constants stored it, from the last output when another law of the
- * same dimensions did. What was stored with other dimensions, or before @p since, UTC, and so by another run,
- * is not taken; nor is an operator's output that is older than what was resumed from or, where nothing was,
- * than @p since (0: not known; then none that is there already). [setup] Returns 1 when it resumed, 0 when it
- * starts anew.
+ * state when the same law with the same constants stored it (the same build of a plug-in, the same version of
+ * a built-in law), from the last output when another law of the same dimensions did. What was stored with
+ * other dimensions, or before @p since, UTC, and so by another run, is not taken; nor is an operator's output
+ * that is older than what was resumed from or, where nothing was, than @p since (0: not known; then none that
+ * is there already). [setup] Returns 1 when it resumed, 0 when it starts anew.
  */
 APC_API int apc_controller_resume(struct apc_controller *controller, const int64_t *last,
                                   const struct apc_sample *in, apc_ns since);

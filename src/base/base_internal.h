@@ -50,4 +50,11 @@ struct apc_plugin_kind {
 int apc_plugin_find(const struct apc_plugin_kind *kind, const char *name, const void **plugin, void **handle,
                     struct apc_error *why);
 
+/**
+ * A mark of the code of the shared object that @p address lies in, a function of a plug-in: another one when
+ * it was compiled anew from something else. 0: it lies in this library, or in the program that this is linked
+ * into. [setup]
+ */
+uint32_t apc_plugin_mark(uintptr_t address);
+
 #endif

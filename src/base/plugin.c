@@ -2,6 +2,7 @@
 #include "base/base_internal.h"
 
 #include <dlfcn.h>
+#include <link.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -27,6 +28,62 @@ void apc_plugin_close(void *handle)
 {
     if (handle)
         dlclose(handle);
+}
+
+/* ---- Which one it is ----------------------------------------------------------------------- */
+
+struct search {
+    uintptr_t of, ours;
+    uint32_t mark;
+};
+
+static bool holds(const struct dl_phdr_info *object, uintptr_t address)
+{
+    for (size_t i = 0; i < object->dlpi_phnum; i++) {
+        const ElfW(Phdr) *part = &object->dlpi_phdr[i];
+        uintptr_t begin = object->dlpi_addr + part->p_vaddr;
+
+        if (part->p_type == PT_LOAD && address >= begin && address - begin < part->p_memsz)
+            return true;
+    }
+    return false;
+}
+
+/* Code and constants as they were loaded: what is written to, and what the loader relocates, is left out. */
+/* Between constants an address sanitizer forbids to read. */
+__attribute__((no_sanitize("address"))) static uint32_t sum(const struct dl_phdr_info *object)
+{
+    uint32_t hash = 2166136261u;
+
+    for (size_t i = 0; i < object->dlpi_phnum; i++) {
+        const ElfW(Phdr) *part = &object->dlpi_phdr[i];
+        const unsigned char *byte = (const unsigned char *)(object->dlpi_addr + part->p_vaddr);
+
+        if (part->p_type != PT_LOAD || !(part->p_flags & PF_R) || (part->p_flags & PF_W))
+            continue;
+        for (size_t k = 0; k < part->p_filesz; k++)
+            hash = (hash ^ byte[k]) * 16777619u;
+    }
+    return hash;
+}
+
+static int look(struct dl_phdr_info *object, size_t size, void *ctx)
+{
+    struct search *s = ctx;
+
+    (void)size;
+    if (!holds(object, s->of))
+        return 0;
+    s->mark = holds(object, s->ours) ? 0 : sum(object);
+    return 1;
+}
+
+uint32_t apc_plugin_mark(uintptr_t address)
+{
+    struct search s = {.of = address, .ours = (uintptr_t)apc_plugin_mark};
+
+    (void)dl_iterate_phdr(look, &s);
+    return s.mark;
 }
 
 /* ---- By name or by path -------------------------------------------------------------------- */

@@ -41,6 +41,8 @@ void apc_controller_mark(struct apc_controller *c)
     uint32_t dim = fnv1a_number(fnv1a_number(fnv1a_number(basis, c->dim.ny), c->dim.nz), c->dim.nu);
     uint32_t law = fnv1a_number(fnv1a(basis, c->law->name, strlen(c->law->name)), c->n_x);
 
+    law = fnv1a(law, apc_version(), strlen(apc_version())); /* the state of a built-in law may have changed */
+    law = fnv1a_number(law, apc_plugin_mark((uintptr_t)c->law->compute));
     for (size_t i = 0; i < c->n_constant; i++) {
         uint64_t bits;
 

@@ -173,6 +173,31 @@ static void users_laws_go_from_man_to_auto_and_out_of_a_limit_without_a_bump(voi
     }
 }
 
+#ifdef APC_CPP_EXAMPLES
+/* Of the same name and size, but what its state means only its own code knows. */
+static void a_plugin_built_otherwise_is_another_law_to_a_stored_state(void **state)
+{
+    static const char *const names[] = {"mylaw", "smith"};
+    double mark[3] = {0.0};
+
+    (void)state;
+    for (size_t i = 0; i < 2; i++) {
+        for (size_t n = 0; n < 3; n++) {
+            struct rig r;
+
+            make(&r, names[i], n / 2, 0.0); /* twice the one, once the other */
+            tick(&r, 1.0);
+            assert_int_equal(r.out[1].table, APC_STATE);
+            assert_int_equal(r.out[1].id, 0);
+            mark[n] = r.out[1].value;
+            unmake(&r);
+        }
+        assert_near(mark[1], mark[0], 0.0);
+        assert_true(mark[2] < mark[0] || mark[2] > mark[0]);
+    }
+}
+#endif
+
 static void the_predictor_refuses_what_it_cannot_work_with(void **state)
 {
     static const double wrong[][3] = {{1, 0, 1}, {1, 1, -1}, {1, 1, 1e6}};
@@ -250,6 +275,9 @@ int main(void)
         cmocka_unit_test(a_users_law_controls_well),
         cmocka_unit_test(a_users_law_with_settings_and_state_predicts),
         cmocka_unit_test(users_laws_go_from_man_to_auto_and_out_of_a_limit_without_a_bump),
+#ifdef APC_CPP_EXAMPLES
+        cmocka_unit_test(a_plugin_built_otherwise_is_another_law_to_a_stored_state),
+#endif
         cmocka_unit_test(the_predictor_refuses_what_it_cannot_work_with),
         cmocka_unit_test(a_users_plant_is_loaded_and_runs_to_its_equilibrium),
         cmocka_unit_test(a_shared_object_of_another_kind_is_refused_by_name),
