@@ -216,6 +216,17 @@ APC_API void apc_network_destroy(struct apc_network *network); /**< NULL is lega
 /** Whether a frame of @p length bytes sent at @p now arrives, and when: into @p at. Returns how often: 0, 1
  * or 2 times. @p now never goes back. [tick] */
 APC_API int apc_network_send(struct apc_network *network, apc_ns now, size_t length, apc_ns at[2]);
+
+/** What becomes of one frame, drawn before it is sent. */
+struct apc_network_fate {
+    apc_ns delay, copy_delay; /**< of the frame; of its copy */
+    bool lost, twice, overtakes;
+};
+/** The two halves of apc_network_send(), for a frame that may never be sent, such as the reply to a request
+ * that may be lost: the fate of the n-th is the n-th drawn, whatever became of the others. [tick] */
+APC_API struct apc_network_fate apc_network_draw(struct apc_network *network);
+APC_API int apc_network_carry(struct apc_network *network, const struct apc_network_fate *fate, apc_ns now,
+                              size_t length, apc_ns at[2]);
 /** Since it was made. [tick] */
 APC_API void apc_network_stats(const struct apc_network *network, struct apc_network_stats *stats);
 

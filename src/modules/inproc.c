@@ -3,9 +3,11 @@
  * The link inproc:. A reply belongs to the exchange whose request it answers, and to no other: neither one
  * that comes too late nor that of a request that arrived twice is taken for the next one's. What is under way
  * lies in flights, which are used again and again, so that a link that has seen its busiest moment allocates
- * no more. A flight is the context of its event; the link's own event is the end of an exchange's patience.
- * One that comes after the reply finds another deadline, or none, and does nothing; it is the last thing of
- * its instant, so that a reply that just comes in time does.
+ * no more. What the network does to both frames of an exchange, and to the reply to a copy of its request, is
+ * drawn when it begins, each from streams of its own: so the n-th exchange meets the same fate whether or not
+ * the others were lost, doubled or late. A flight is the context of its event; the link's own event is the
+ * end of an exchange's patience. One that comes after the reply finds another deadline, or none, and does
+ * nothing; it is the last thing of its instant, so that a reply that just comes in time does.
  */
 #include "base/base_internal.h"
 #include "modules/modules_internal.h"
@@ -20,6 +22,7 @@ struct flight {
     struct apc_inproc *link;
     struct flight *next, *all;     /* free ones; all there are */
     uint64_t connection, exchange; /* to which it belongs */
+    struct apc_network_fate reply; /* of a request: what becomes of its reply */
     int length;                    /* of a reply: negative when the connection is closed instead */
     size_t capacity;
     char *bytes;
@@ -29,6 +32,7 @@ struct apc_inproc {
     struct apc_inproc_options options;
     const struct apc_clock *clock;
     struct apc_network *to, *from;
+    struct apc_network *again; /* draws the fate of replies to copies; they go by `from` as well */
     struct flight *free, *all;
     uint64_t connection;
     char *reply;
@@ -76,13 +80,15 @@ static void land(struct flight *f)
     f->link->free = f;
 }
 
-/* Each copy that arrives is a flight of its own. */
-static int send(struct apc_inproc *link, struct apc_network *network, int rank, apc_virtual_fn arrival,
-                struct flight of, const char *bytes, int length)
+/* Each copy that arrives is a flight of its own. @reply: what becomes of the replies to a request and to its
+ * copy. */
+static int send(struct apc_inproc *link, struct apc_network *network, const struct apc_network_fate *fate,
+                int rank, apc_virtual_fn arrival, struct flight of, const struct apc_network_fate reply[2],
+                const char *bytes, int length)
 {
     const size_t size = length > 0 ? (size_t)length : 0;
     apc_ns at[2];
-    int n = apc_network_send(network, apc_clock_mono(link->clock), size, at);
+    int n = apc_network_carry(network, fate, apc_clock_mono(link->clock), size, at);
 
     for (int i = 0; i < n; i++) {
         struct flight *f = take_flight(link, size);
@@ -91,6 +97,8 @@ static int send(struct apc_inproc *link, struct apc_network *network, int rank, 
             return APC_ENOMEM;
         f->connection = of.connection;
         f->exchange = of.exchange;
+        if (reply)
+            f->reply = reply[i];
         f->length = length;
         if (size)
             memcpy(f->bytes, bytes, size);
@@ -131,7 +139,7 @@ static void on_request(void *ctx)
         o->serve(o->serve_ctx, f->connection, f->bytes, (size_t)f->length, link->reply, o->frame_max);
 
     /* without memory the reply is as good as lost */
-    (void)send(link, link->from, o->reply_rank, on_reply, *f, link->reply, length);
+    (void)send(link, link->from, &f->reply, o->reply_rank, on_reply, *f, NULL, link->reply, length);
     land(f);
 }
 
@@ -195,6 +203,9 @@ int apc_inproc_create(struct apc_inproc **link, const struct apc_inproc_options 
     o.network.name = "network.from";
     if (rc == 0)
         rc = apc_network_create(&new->from, &o.network, why);
+    o.network.name = "network.again";
+    if (rc == 0)
+        rc = apc_network_create(&new->again, &o.network, why);
     if (rc < 0) {
         apc_inproc_destroy(new);
         return rc;
@@ -214,6 +225,7 @@ void apc_inproc_destroy(struct apc_inproc *link)
     }
     apc_network_destroy(link->to);
     apc_network_destroy(link->from);
+    apc_network_destroy(link->again);
     free(link->reply);
     free(link);
 }
@@ -236,7 +248,10 @@ int apc_inproc_exchange(struct apc_inproc *link, const char *request, size_t len
     link->ctx = ctx;
     link->stats.exchanges++;
     const struct flight of = {.connection = link->connection, .exchange = link->stats.exchanges};
-    int rc = send(link, link->to, o->request_rank, on_request, of, request, (int)length);
+    const struct apc_network_fate fate = apc_network_draw(link->to),
+                                  reply[2] = {apc_network_draw(link->from),
+                                              fate.twice ? apc_network_draw(link->again) : fate};
+    int rc = send(link, link->to, &fate, o->request_rank, on_request, of, reply, request, (int)length);
     if (rc < 0)
         link->waiting = false;
     return rc;

@@ -145,25 +145,40 @@ static apc_ns arrive(struct apc_network *n, apc_ns at)
     return at;
 }
 
-int apc_network_send(struct apc_network *network, apc_ns now, size_t length, apc_ns at[2])
+struct apc_network_fate apc_network_draw(struct apc_network *network)
 {
     const struct apc_network_options *o = &network->options;
-    const apc_ns gone = transmit(network, now, length), delay = delay_of(network, DELAY, JITTER);
-    bool lost = happens(network, LOSS, o->loss);
-    bool twice = happens(network, DUPLICATION, o->duplication);
-    bool overtakes = happens(network, REORDERING, o->reordering);
-    const apc_ns copy = twice ? delay_of(network, COPY_DELAY, COPY_JITTER) : 0;
+    struct apc_network_fate fate = {.delay = delay_of(network, DELAY, JITTER)};
+
+    fate.lost = happens(network, LOSS, o->loss);
+    fate.twice = happens(network, DUPLICATION, o->duplication);
+    fate.overtakes = happens(network, REORDERING, o->reordering);
+    fate.copy_delay = fate.twice ? delay_of(network, COPY_DELAY, COPY_JITTER) : 0;
+    return fate;
+}
+
+int apc_network_carry(struct apc_network *network, const struct apc_network_fate *fate, apc_ns now,
+                      size_t length, apc_ns at[2])
+{
+    const apc_ns gone = transmit(network, now, length);
 
     network->stats.sent++;
-    if (lost || in_outage(o, now)) {
+    if (fate->lost || in_outage(&network->options, now)) {
         network->stats.lost++;
         return 0;
     }
-    network->stats.duplicated += twice;
-    network->stats.reordered += overtakes;
-    at[0] = overtakes ? gone : arrive(network, gone + delay);
-    at[1] = twice ? arrive(network, gone + copy) : 0;
-    return twice ? 2 : 1;
+    network->stats.duplicated += fate->twice;
+    network->stats.reordered += fate->overtakes;
+    at[0] = fate->overtakes ? gone : arrive(network, gone + fate->delay);
+    at[1] = fate->twice ? arrive(network, gone + fate->copy_delay) : 0;
+    return fate->twice ? 2 : 1;
+}
+
+int apc_network_send(struct apc_network *network, apc_ns now, size_t length, apc_ns at[2])
+{
+    const struct apc_network_fate fate = apc_network_draw(network);
+
+    return apc_network_carry(network, &fate, now, length, at);
 }
 
 void apc_network_stats(const struct apc_network *network, struct apc_network_stats *stats)
