@@ -428,6 +428,8 @@ static int run(struct run *r)
         cli_error(&r->cli, rc, "%s", why.text);
         return rc;
     }
+    if (experiment_check_steps(&r->e, &why) < 0)
+        cli_error(&r->cli, 0, "warning: %s", why.text);
     if (r->options.duration >= 0)
         r->e.duration = r->options.duration;
     block(&signals);

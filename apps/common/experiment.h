@@ -111,6 +111,10 @@ struct apc_law_setup experiment_law_setup(const struct experiment *e);
 int experiment_plant(const struct experiment *e, struct apc_plant **plant, struct apc_plantserver **server,
                      struct apc_error *why);
 
+/* Whether steps of rk4 are short enough for the plant, linear around where it starts. Returns 0, or
+ * APC_ERANGE with a text in why: what should decay grows without bound then. */
+int experiment_check_steps(const struct experiment *e, struct apc_error *why);
+
 /* One member of the manipulated variables as an array for the cores: out[dim.nu]. */
 void experiment_outputs(const struct experiment *e, double *low, double *high, double *safe, double *fault);
 

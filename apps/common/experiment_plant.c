@@ -1,11 +1,13 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "experiment_plant.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define DAYS_366 (366 * 86400.0)
+#define DAYS_366  (366 * 86400.0)
+#define RK4_STEPS 10 /* in each interval, as apc_plant_options has it */
 
 static void *zeros(struct settings *s, size_t n, size_t size)
 {
@@ -219,5 +221,64 @@ int experiment_plant(const struct experiment *e, struct apc_plant **plant, struc
         *plant = NULL;
     }
     free(limits);
+    return rc;
+}
+
+/* ---- Steps that are too long ---------------------------------------------------------------- */
+
+#define RK4_LIMIT 2.8 /* of |pole| times step: beyond it what should decay grows */
+#define SQUARINGS 40
+
+/*
+ * The largest magnitude of an eigenvalue of @a [n * n], which is destroyed, by Gelfand's formula:
+ * |A^m|^(1/m), with m = 2^SQUARINGS. Each power is scaled to norm 1; @b [n * n] is scratch.
+ */
+static double spectral_radius(double *a, double *b, size_t n)
+{
+    double log_radius = 0, share = 1;
+    for (int k = 0; k <= SQUARINGS; k++) {
+        double norm = 0;
+        for (size_t i = 0; i < n * n; i++)
+            norm = hypot(norm, a[i]);
+        if (!(norm > 0))
+            return 0;
+        log_radius += share * log(norm);
+        share /= 2;
+        for (size_t i = 0; i < n * n; i++)
+            a[i] /= norm;
+        for (size_t i = 0; i < n; i++)
+            for (size_t j = 0; j < n; j++) {
+                b[i * n + j] = 0;
+                for (size_t l = 0; l < n; l++)
+                    b[i * n + j] += a[i * n + l] * a[l * n + j];
+            }
+        memcpy(a, b, n * n * sizeof *a);
+    }
+    return exp(log_radius);
+}
+
+int experiment_check_steps(const struct experiment *e, struct apc_error *why)
+{
+    const struct apc_model *m = e->plant.model;
+    const size_t nx = m->nx, inputs = m->nu + m->nd;
+    const double steps = e->plant.options.steps ? e->plant.options.steps : RK4_STEPS,
+                 period = apc_ns_to_s(e->plant.rhythm.period);
+    int rc = 0;
+
+    if (strcmp(e->plant.integrator, "rk4") != 0)
+        return 0;
+    double *a = calloc(2 * nx * nx + (nx + m->ny) * inputs + m->ny * nx, sizeof *a);
+    if (!a)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    double *scratch = a + nx * nx, *b = scratch + nx * nx, *c = b + nx * inputs, *d = c + m->ny * nx;
+    if (apc_model_linearize(m, e->plant.p, e->plant.x0, NULL, a, b, c, d, NULL) == 0) {
+        double pole = spectral_radius(a, scratch, nx);
+        if (pole * period / steps > RK4_LIMIT)
+            rc = apc_fail(why, APC_ERANGE,
+                          "steps of %g s of rk4 are too long for a pole of %.3g/s: what should decay grows; "
+                          "plant.steps = %.0f would do, or another integrator",
+                          period / steps, pole, ceil(pole * period - 1e-6));
+    }
+    free(a);
     return rc;
 }
