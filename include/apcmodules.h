@@ -145,6 +145,9 @@ APC_API int apc_plantserver_request(struct apc_plantserver *server, struct apc_n
                                     struct apc_notice *notice);
 /** What the plant is being given now: [nu]; true when it is the safe value. [tick] */
 APC_API bool apc_plantserver_input(const struct apc_plantserver *server, double *u);
+/** What the plant itself put out at the last tick at which it could be solved, before sensors made of it what
+ * they show: [ny], the server's own. [tick] */
+APC_API const double *apc_plantserver_output(const struct apc_plantserver *server);
 
 /* ---- Client ------------------------------------------------------------------------------- */
 

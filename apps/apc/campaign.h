@@ -10,9 +10,11 @@
 struct campaign_options {
     uint64_t seed; /* of the first run; the next has the next */
     unsigned runs;
-    unsigned jobs;   /* processes; 0: one a CPU. The results do not depend on it */
-    const char *csv; /* a file for the figures of each run, "-" for stdout, or NULL */
-    FILE *talk;      /* where the summary goes */
+    unsigned jobs;       /* processes; 0: one a CPU. The results do not depend on it */
+    const char *csv;     /* a file for the figures of each run, "-" for stdout, or NULL */
+    const char *against; /* such a file of another campaign, to compare with run by run; or NULL */
+    bool json;           /* on stdout, in place of the tables */
+    FILE *talk;          /* where the summary goes */
 };
 
 /*

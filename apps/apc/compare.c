@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "metrics.h"
 #include "print.h"
 #include "provision.h"
 #include "simulation.h"
@@ -63,10 +62,25 @@ static double span(const struct trace *trace)
     return high > low ? high - low : none;
 }
 
+/* The largest step of setpoint @id, the first one from where measurement @id begins. */
+static double step_of(const struct samples *s, int id)
+{
+    double step = none, before = none;
+    for (size_t i = 0; i < s->n && isnan(before); i++)
+        if (s->at[i].table == APC_SENSOR && s->at[i].id == id)
+            before = s->at[i].value;
+    for (size_t i = 0; i < s->n; i++)
+        if (s->at[i].table == APC_SETPOINT && s->at[i].id == id) {
+            step = fmax(step, fabs(s->at[i].value - before)); /* which is the other one when step is NAN */
+            before = s->at[i].value;
+        }
+    return step > 0 ? step : none;
+}
+
 static void print_variable(const struct samples *simulated, const struct trace *sim, const struct trace *rec,
                            const struct apc_tag *tag, struct print_table *table)
 {
-    double scale = tag->table == APC_SENSOR ? metrics_step(simulated, tag->id) : span(sim);
+    double scale = tag->table == APC_SENSOR ? step_of(simulated, tag->id) : span(sim);
     double worst = 0, at = 0, sum = 0;
     for (size_t i = 0; i < rec->n; i++) {
         double apart = fabs(rec->value[i] - next_to(sim, rec->t[i]));

@@ -65,9 +65,9 @@ static int file_close(struct file *f, int rc, struct apc_error *why)
 /* ---- What the run consists of -------------------------------------------------------------- */
 
 static const char *const kept[] = {"run.conf", "law.so", "plant.so"};
-static const char *const exported[] = {"samples.csv",        "seqs.csv",   "operation.csv",
-                                       "signals.csv",        "events.csv", "timing.csv",
-                                       "timing-summary.csv", "report.svg", "report.png"};
+static const char *const exported[] = {"samples.csv", "plant.csv",  "seqs.csv",   "operation.csv",
+                                       "signals.csv", "events.csv", "timing.csv", "timing-summary.csv",
+                                       "report.svg",  "report.png"};
 #define COUNT(array) (sizeof(array) / sizeof *(array))
 #define NEW          ".new"
 

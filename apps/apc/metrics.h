@@ -1,38 +1,77 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* How well a loop was controlled: figures of measurement i against setpoint i, and of output i. */
+/* How well a loop was controlled: figures of each event of a run, and of all of it. */
 #ifndef APC_METRICS_H
 #define APC_METRICS_H
 
-#include "common/experiment.h"
-#include "samples.h"
+#include "course.h"
 
-/*
- * Between two samples a value stays as it was. A step is a change of the setpoint, the first one among them;
- * one smaller than a tenth of the largest counts as none. What no step shows (no setpoint changed, never
- * settled) is NAN.
- */
+/* NAN: there is no such figure. HUGE_VAL: it never came to an end, or the plant diverged. */
 enum metric {
-    METRIC_IAE,       /* integral of |r - y| */
-    METRIC_ISE,       /* of (r - y)^2 */
-    METRIC_ITAE,      /* of t |r - y|, t since the last step */
-    METRIC_OVERSHOOT, /* beyond the new setpoint, in % of the step: the largest of all steps */
-    METRIC_SETTLING,  /* s until y stays within 5 % of the step: the longest of all steps */
-    METRIC_EFFORT,    /* sum of |u_k+1 - u_k| */
+    METRIC_IAE,       /* integral of |r - z| */
+    METRIC_ISE,       /* of (r - z)^2 */
+    METRIC_ITAE,      /* of t |r - z|, t since the event */
+    METRIC_OVERSHOOT, /* of a step: beyond the new setpoint, in % of the step */
+    METRIC_SETTLING,  /* of a step: s until z stays within 5 % of it */
+    METRIC_PEAK,      /* of what is no step of this loop: the largest |r - z| */
+    METRIC_RETURN,    /* of the same: s until z stays near r again */
+    METRIC_EFFORT,    /* sum of all changes of what the plant was given */
+    METRIC_WITHOUT,   /* % of the time without control */
     METRICS
 };
 
-const char *metric_name(enum metric metric);
+const char *metric_name(enum metric metric); /* for people: "settling s" */
+const char *metric_key(enum metric metric);  /* for programs: "settling_s" */
 
-/* The loops that there are figures of: as many as have a measurement, a setpoint and an output. */
-size_t metrics_loops(const struct experiment *e);
-/* Of loop @p loop, from 0. The samples of each variable must be in order of time, until @p end in s. */
-void metrics_of(const struct samples *s, size_t loop, apc_ns start, double end, double figure[METRICS]);
+/* One of the loops: numbers of its measurement, setpoint and output, from 0. */
+struct loop {
+    size_t y, z, u;
+};
 
-/* The largest step of setpoint @p id, the first one from where measurement @p id begins; NAN: there is none.
- */
-double metrics_step(const struct samples *s, int id);
+/* What begins at an instant: the run, a new setpoint, or a new value of a disturbance. */
+struct event {
+    enum { EVENT_START = 1, EVENT_SETPOINT, EVENT_DISTURBANCE } kind;
+    size_t which;
+    double t, from, to; /* from and to of the start: nothing */
+};
 
-/* A table of them for people. Returns 0 or APC_ENOMEM. */
-int metrics_print(const struct samples *s, const struct experiment *e, double end, FILE *out);
+/* The part of a run from one event to the next, as one loop saw it; several events may coincide. */
+struct part {
+    double from, to;
+    size_t first, n; /* of the events that begin it */
+    bool step;       /* the loop's own setpoint moved */
+    double figure[METRICS];
+};
+
+/* The figures of one loop. */
+struct metrics {
+    struct part *part;      /* [n_parts], one after another */
+    double figure[METRICS]; /* of the whole run: sums and shares over its parts, or the worst of them */
+};
+
+/* The figures of a run. */
+struct figures {
+    struct loop *loop;
+    struct metrics *of; /* [n_loops] */
+    size_t n_loops;
+    struct event *event; /* by time */
+    size_t n_events, n_parts;
+};
+
+/* As the law pairs measurements, setpoints and outputs; room for e->dim.nu of them. Returns how many. */
+size_t metrics_loops(const struct experiment *e, struct loop *loop);
+
+/* Returns 0 or APC_ENOMEM; figures_free() in either case. */
+int figures_make(struct figures *f, const struct course *c, const struct experiment *e);
+void figures_free(struct figures *f);
+
+/* "r 10 -> 20", "load 0 -> -0.15", "start"; several with "; " between them. */
+void figures_name_part(const struct figures *f, const struct part *part, const struct experiment *e,
+                       char *text, size_t size);
+
+/* A table of them for people, of whole runs and of their parts; at most @most rows (0: all). */
+int figures_print(const struct figures *f, const struct course *c, const struct experiment *e, size_t most,
+                  FILE *out);
+/* The members "of" and "loops" of a JSON object. */
+void figures_json(const struct figures *f, const struct course *c, const struct experiment *e, FILE *out);
 
 #endif

@@ -291,10 +291,11 @@ void print_json_text(FILE *out, const char *key, const char *text)
     fputc('"', out);
 }
 
-static void put_json_number(FILE *out, const char *key, double value)
+void print_json_number(FILE *out, const char *key, double value)
 {
-    char text[PRINT_LEN];
-    apc_number_format(value, text, sizeof text);
+    char text[PRINT_LEN] = "null";
+    if (isfinite(value))
+        apc_number_format(value, text, sizeof text);
     fprintf(out, "\"%s\":%s", key, text);
 }
 
@@ -303,7 +304,7 @@ void print_json_limit(FILE *out, const char *key, double limit)
     if (fabs(limit) >= APC_VALUE_MAX)
         fprintf(out, "\"%s\":null", key);
     else
-        put_json_number(out, key, limit);
+        print_json_number(out, key, limit);
 }
 
 void print_sample_members(FILE *out, const struct apc_sample *s, const struct cli_tags *tags, apc_ns now)
@@ -320,7 +321,7 @@ void print_sample_members(FILE *out, const struct apc_sample *s, const struct cl
     print_json_text(out, "time", s->seq ? apc_time_format(s->time, time) : NULL);
     fprintf(out, ",\"status\":\"%s\",", apc_status_format(s->status, status));
     if (s->seq)
-        put_json_number(out, "value", s->value);
+        print_json_number(out, "value", s->value);
     else
         fputs("\"value\":null", out);
     if (tags) {

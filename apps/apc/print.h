@@ -42,7 +42,7 @@ struct print_cell {
     enum print_ink ink;
 };
 
-#define PRINT_COLUMNS 10
+#define PRINT_COLUMNS 12
 
 /* How wide a column is: of its longest parts before and after the point. */
 struct print_layout {
@@ -95,6 +95,7 @@ void print_event_csv(FILE *out, const struct apc_event *event);
 void print_event_json(FILE *out, const struct apc_event *event);
 /* "key":"text" or "key":null; "key":number or, for a limit that is none, "key":null. */
 void print_json_text(FILE *out, const char *key, const char *text);
+void print_json_number(FILE *out, const char *key, double value); /* null: it is not finite */
 void print_json_limit(FILE *out, const char *key, double limit);
 
 #endif

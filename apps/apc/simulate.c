@@ -14,21 +14,24 @@
 #include "compare.h"
 #include "folder.h"
 #include "metrics.h"
+#include "print.h"
 #include "report.h"
 #include "simulation.h"
 
 #define EVENTS 10 /* of a run that are told of */
+#define ROWS   60 /* of figures */
 
 struct simulate_options {
     double duration; /* s; 0: the file's */
     uint64_t seed;
     bool seeded, force;  /* seeded: --seed was given */
     unsigned runs, jobs; /* runs 0: one, and no campaign */
-    const char *csv, *report, *net, *compare;
+    const char *csv, *report, *net, *compare, *against;
+    bool json;
     struct experiment_overrides overrides;
 };
 
-enum { OPT_CSV = 0x500, OPT_LAW, OPT_PLANT, OPT_NET, OPT_COMPARE, OPT_FORCE };
+enum { OPT_CSV = 0x500, OPT_LAW, OPT_PLANT, OPT_NET, OPT_COMPARE, OPT_FORCE, OPT_AGAINST, OPT_JSON };
 
 static const struct argp_option option_list[] = {
     {"seed", 's', "N", 0, "Of everything random, 0 to 2^64 - 1, instead of the file's", 0},
@@ -43,6 +46,9 @@ static const struct argp_option option_list[] = {
      0},
     {"compare", OPT_COMPARE, "RUN", 0, "Lay the samples of run folder RUN over those of the simulation", 0},
     {"runs", 'n', "N", 0, "A campaign over N seeds from --seed on, with a summary", 0},
+    {"against", OPT_AGAINST, "FILE", 0,
+     "Compare a campaign with another one, run by run of the same seed: FILE is that one's --csv", 0},
+    {"json", OPT_JSON, NULL, 0, "The figures as JSON on stdout, and what else is said on stderr", 0},
     {"jobs", 'j', "N", 0, "Processes of a campaign; default: one a CPU", 0},
     {"law", OPT_LAW, "NAME", 0,
      "Control law instead of the file's: built in, or ./file.so; its own tuning applies", 0},
@@ -101,6 +107,12 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case OPT_COMPARE:
         o->compare = arg;
         break;
+    case OPT_AGAINST:
+        o->against = arg;
+        break;
+    case OPT_JSON:
+        o->json = true;
+        break;
     case OPT_LAW:
         o->overrides.law = arg;
         break;
@@ -110,6 +122,10 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case ARGP_KEY_END:
         if (o->jobs && !o->runs)
             argp_error(state, "--jobs: only a campaign has several; give --runs N as well");
+        if (o->against && !o->runs)
+            argp_error(state, "--against: compares a campaign with another one; give --runs N as well");
+        if (o->json && o->csv && !strcmp(o->csv, "-"))
+            argp_error(state, "--json and --csv -: both want stdout");
         if (o->runs && (o->report || o->compare))
             argp_error(state, "--runs: a campaign has no single run to %s", o->report ? "report" : "compare");
         break;
@@ -137,7 +153,8 @@ struct simulate {
     struct experiment e;
     struct simulation s;
     struct samples samples;
-    FILE *talk; /* where the summary goes: stdout, unless the samples go there */
+    char hash[65]; /* of the samples, in hex digits */
+    FILE *talk;    /* where the summary goes: stdout, unless the samples go there */
 };
 
 static int refuse(const struct simulate *r, int rc, const struct apc_error *why)
@@ -178,16 +195,15 @@ static int write_file(const struct simulate *r, const char *path, const char *te
     return failed ? APC_ESYS : 0;
 }
 
-static void print_hash(FILE *out, const char *text, size_t size)
+static void make_hash(struct simulate *r, const char *text, size_t size)
 {
     unsigned char hash[EVP_MAX_MD_SIZE];
     unsigned length = 0;
     if (EVP_Digest(text, size, hash, &length, EVP_sha256(), NULL) != 1)
         return;
-    fputs("sha256:  ", out);
-    for (unsigned i = 0; i < length; i++)
-        fprintf(out, "%02x", hash[i]);
-    fputc('\n', out);
+    for (unsigned i = 0; i < length && 2 * i + 2 < sizeof r->hash; i++)
+        snprintf(r->hash + 2 * i, 3, "%02x", hash[i]);
+    fprintf(r->talk, "sha256:  %s\n", r->hash);
 }
 
 /* Also of a run that ended early. */
@@ -206,7 +222,7 @@ static int put_samples(struct simulate *r)
     }
     if (r->options.csv)
         rc = write_file(r, r->options.csv, text, size);
-    print_hash(r->talk, text, size);
+    make_hash(r, text, size);
     free(text);
     return rc;
 }
@@ -269,6 +285,33 @@ static void print_events(const struct simulate *r)
         fprintf(r->talk, "... and %zu more\n", l.n - EVENTS);
 }
 
+static void print_json(const struct simulate *r, const struct figures *figures)
+{
+    struct apc_inproc_stats link;
+    struct apc_timing timing;
+    putchar('{');
+    print_json_text(stdout, "experiment", r->e.name);
+    putchar(',');
+    print_json_text(stdout, "title", r->e.title);
+    printf(",\"seed\":%llu,\"sha256\":\"%s\",\"missed_ticks\":{", (unsigned long long)r->options.seed,
+           r->hash);
+    for (int i = 0; i < SIM_TASKS; i++) {
+        apc_task_timing(r->s.task[i], &timing);
+        printf("%s\"%s\":%llu", i ? "," : "", simulation_task_name((enum simulation_task)i),
+               (unsigned long long)timing.missed);
+    }
+    apc_inproc_stats(r->s.link, &link);
+    printf("},\"network\":{\"frames\":%llu,\"lost\":%llu,\"duplicated\":%llu,\"reordered\":%llu,"
+           "\"exchanges\":%llu,"
+           "\"in_vain\":%llu},\"held_ticks\":%llu,\"law_failures\":%llu,",
+           (unsigned long long)link.frames.sent, (unsigned long long)link.frames.lost,
+           (unsigned long long)link.frames.duplicated, (unsigned long long)link.frames.reordered,
+           (unsigned long long)link.exchanges, (unsigned long long)link.timeouts,
+           (unsigned long long)r->s.held, (unsigned long long)apc_controller_failures(r->s.controller));
+    figures_json(figures, &r->s.course, &r->e, stdout);
+    puts("}");
+}
+
 static int leave_report(const struct simulate *r)
 {
     struct apc_error why;
@@ -302,6 +345,20 @@ static void tell_operation(const struct simulate *r)
             "in that run an operator changed modes, tuning or outputs %llu times: a simulation does not, apc "
             "replay does\n",
             n);
+}
+
+static int put_figures(const struct simulate *r)
+{
+    struct figures figures;
+    int rc = figures_make(&figures, &r->s.course, &r->e);
+    if (rc == 0 && r->options.json)
+        print_json(r, &figures);
+    else if (rc == 0)
+        rc = figures_print(&figures, &r->s.course, &r->e, ROWS, r->talk);
+    figures_free(&figures);
+    if (rc < 0)
+        cli_error(&r->cli, rc, "out of memory");
+    return rc;
 }
 
 static int compare(struct simulate *r)
@@ -354,7 +411,7 @@ static int simulate_once(struct simulate *r)
     }
     /* Each of them, also when one before it failed: the run may have been long. */
     rc = put_samples(r);
-    keep_first(&rc, metrics_print(&r->samples, &r->e, r->s.ended, r->talk));
+    keep_first(&rc, put_figures(r));
     if (r->options.compare)
         keep_first(&rc, compare(r));
     if (r->options.report)
@@ -392,6 +449,8 @@ static int simulate(struct simulate *r)
     r->options.seed = r->e.seed;
     if ((rc = check_outputs(r)) < 0)
         return rc;
+    if (experiment_check_steps(&r->e, &why) < 0)
+        cli_error(&r->cli, 0, "warning: %s", why.text);
     if (!r->options.runs)
         return simulate_once(r);
     if (r->options.runs - 1 > UINT64_MAX - r->options.seed) {
@@ -403,6 +462,8 @@ static int simulate(struct simulate *r)
                                               .runs = r->options.runs,
                                               .jobs = r->options.jobs,
                                               .csv = r->options.csv,
+                                              .against = r->options.against,
+                                              .json = r->options.json,
                                               .talk = r->talk};
     rc = campaign_run(&r->e, &campaign, &why);
     return rc < 0 ? refuse(r, rc, &why) : rc;
@@ -412,7 +473,7 @@ int command_simulate(int argc, char **argv)
 {
     struct simulate r = {.options = {.seed = 0}};
     cli_parse(&r.cli, &spec, &r.options, argc, argv);
-    r.talk = r.options.csv && !strcmp(r.options.csv, "-") ? stderr : stdout;
+    r.talk = r.options.json || (r.options.csv && !strcmp(r.options.csv, "-")) ? stderr : stdout;
     int rc = simulate(&r);
     simulation_destroy(&r.s);
     samples_free(&r.samples);

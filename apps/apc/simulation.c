@@ -16,6 +16,8 @@
 #include "common/cores.h"
 #include "common/notice.h"
 
+#define DIVERGED 1e100 /* no state of a plant is as large as that */
+
 /* The order of coinciding events. Requests come to the plant after its own tick, replies before the
  * controller's. */
 enum rank { RANK_CLOCK, RANK_SCHEDULER, RANK_PLANT, RANK_LINK, RANK_CLIENT = RANK_LINK, RANK_CONTROLLER };
@@ -108,6 +110,8 @@ static void scheduler_finish(void *ctx)
     for (size_t i = 0; i < s->e->dim.nz; i++)
         s->step[i].time = utc;
     stop_at_store(s, apc_store_put(s->store, s->step, s->e->dim.nz));
+    for (size_t i = 0; i < s->e->dim.nz; i++)
+        course_change(&s->course, &s->course.setpoint[i], time_of(s), s->step[i].value);
 }
 
 /* ---- Plant -------------------------------------------------------------------------------- */
@@ -129,7 +133,7 @@ static bool diverged(const struct simulation *s)
 {
     const double *x = apc_plant_state(s->plant);
     for (size_t i = 0; i < s->e->plant.model->nx; i++)
-        if (!(fabs(x[i]) < APC_VALUE_MAX))
+        if (!(fabs(x[i]) < DIVERGED))
             return true;
     return false;
 }
@@ -152,6 +156,22 @@ static int plant_tick(void *ctx, const struct apc_tick *tick)
     return 0;
 }
 
+static void record_plant(struct simulation *s)
+{
+    struct course *c = &s->course;
+    const double t = apc_ns_to_s(s->plant_now.mono - s->zero);
+    double *input = s->now;
+    const double *output = apc_plantserver_output(s->server);
+    bool safe = apc_plantserver_input(s->server, input);
+    for (size_t i = 0; i < c->dim.ny; i++)
+        course_add(c, &c->output[i], t, output[i]);
+    for (size_t i = 0; i < c->dim.nu; i++)
+        course_change(c, &c->input[i], t, input[i]);
+    course_change(c, &c->without, t, safe || s->holding);
+    if (c->failed)
+        stop(s, APC_ENOMEM, "at t = %g s: out of memory", t);
+}
+
 static void plant_finish(void *ctx)
 {
     struct simulation *s = ctx;
@@ -160,12 +180,14 @@ static void plant_finish(void *ctx)
     int rc = apc_plantserver_tick(s->server, s->plant_now, &notice);
 
     tell_notice(s, "apc-plant", &notice);
+    s->course.diverged = rc < 0 || diverged(s);
     if (rc < 0) {
         stop(s, APC_ESOLVER, "the plant diverged at t = %g s: %s", time_of(s), apc_plant_error(s->plant));
-    } else if (diverged(s)) {
+    } else if (s->course.diverged) {
         describe_state(s, state, sizeof state);
-        stop(s, APC_ESOLVER, "the plant diverged at t = %g s, %s: beyond %g", time_of(s), state,
-             APC_VALUE_MAX);
+        stop(s, APC_ESOLVER, "the plant diverged at t = %g s, %s: beyond %g", time_of(s), state, DIVERGED);
+    } else {
+        record_plant(s);
     }
 }
 
@@ -203,6 +225,10 @@ static void on_reply(void *ctx, const char *reply, int length)
     struct simulation *s = ctx;
     int n = reply ? apc_client_reply(s->client, reply, (size_t)length, s->y) : 0;
 
+    if (n >= 0 && reply)
+        apc_histogram_record(s->round_trip, apc_clock_mono(s->clock) - s->sent_at);
+    else
+        s->in_vain++;
     if (!reply) {
         report_link(s, true, apc_err_text(length));
     } else if (n < 0) {
@@ -217,8 +243,12 @@ static void on_reply(void *ctx, const char *reply, int length)
 static void client_finish(void *ctx)
 {
     struct simulation *s = ctx;
+    apc_ns now = apc_clock_mono(s->clock);
     int rc = apc_inproc_exchange(s->link, s->request, (size_t)s->request_length, cores_patience(s->e),
                                  on_reply, s);
+    if (rc == 0)
+        s->sent_at = now;
+    s->in_vain += rc == APC_EBUSY;
     if (rc == APC_EBUSY) /* its execution time has eaten the patience of the one before */
         report_link(s, true, "the exchange before has not ended");
     else
@@ -226,6 +256,17 @@ static void client_finish(void *ctx)
 }
 
 /* ---- Controller --------------------------------------------------------------------------- */
+
+/* An output that is not the law's. */
+static bool is_held(const struct apc_sample *u)
+{
+    return apc_status_severity(u->status) != APC_SEVERITY_GOOD;
+}
+
+static bool puts_out(const struct simulation *s)
+{
+    return s->n_out > 0 && s->out[0].table == APC_ACTUATOR;
+}
 
 static int controller_tick(void *ctx, const struct apc_tick *tick)
 {
@@ -235,8 +276,7 @@ static int controller_tick(void *ctx, const struct apc_tick *tick)
     stop_at_store(s, apc_store_read(s->store, s->in, s->size.in));
     s->n_out = apc_controller_compute(s->controller, now_of(s), s->in, s->out, &notice);
     tell_notice(s, "apc-controller", &notice);
-    s->held += s->n_out > 0 && s->out[0].table == APC_ACTUATOR &&
-               apc_status_severity(s->out[0].status) != APC_SEVERITY_GOOD;
+    s->held += puts_out(s) && is_held(&s->out[0]);
     return 0;
 }
 
@@ -244,6 +284,8 @@ static void controller_finish(void *ctx)
 {
     struct simulation *s = ctx;
     stop_at_store(s, apc_store_append(s->store, s->out, (size_t)s->n_out));
+    if (puts_out(s))
+        s->holding = is_held(&s->out[0]);
     apc_controller_update(s->controller);
 }
 
@@ -359,7 +401,9 @@ static int make_room(struct simulation *s)
     s->size = apc_controller_size(s->controller);
     s->memory = calloc(dim->nu + dim->ny + dim->nz + s->size.in + s->size.out, sizeof *s->memory);
     s->request = malloc(cores_frame_max(s->e));
-    if (!s->memory || !s->request)
+    s->now = calloc(dim->nu, sizeof *s->now);
+    if (!s->memory || !s->request || !s->now || course_create(&s->course, dim) < 0 ||
+        apc_histogram_create(&s->round_trip) < 0)
         return APC_ENOMEM;
     s->u = s->memory;
     s->y = s->u + dim->nu;
@@ -431,7 +475,7 @@ int simulation_run(struct simulation *s, double duration)
         return s->rc = apc_fail(&s->why, APC_EINVAL, "a duration of %g s: must be above 0", duration);
     int64_t handled = apc_virtual_run(s->executive, s->zero + length - 1);
     s->handled = handled;
-    s->ended = s->rc < 0 || s->interrupted ? time_of(s) : duration;
+    s->ended = s->course.end = s->rc < 0 || s->interrupted ? time_of(s) : duration;
     return s->rc;
 }
 
@@ -446,6 +490,9 @@ void simulation_destroy(struct simulation *s)
     apc_plantserver_destroy(s->server);
     apc_plant_destroy(s->plant);
     apc_store_close(s->store);
+    course_free(&s->course);
+    apc_histogram_destroy(s->round_trip);
+    free(s->now);
     free(s->memory);
     free(s->request);
     free(s->clock_steps);

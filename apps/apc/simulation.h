@@ -10,7 +10,7 @@
 #include <apcshareddata.h>
 #include <apctimer.h>
 
-#include "common/experiment.h"
+#include "course.h"
 
 #define SIMULATION_STORE "mem:apc-simulate"
 #define SIMULATION_BEGIN (INT64_C(946684800) * APC_NS_PER_S) /* UTC of t = 0: 2000-01-01 */
@@ -41,6 +41,13 @@ struct simulation {
     struct apc_now plant_now;
     struct clock_step *clock_steps;
     bool link_down;
+
+    struct course course; /* of the plant, by the monotonic clock: a step of the wall clock is none of time */
+    double *now;          /* [nu] what the plant is given */
+    bool holding;         /* the controller's output is not the law's */
+    struct apc_histogram *round_trip; /* of the exchanges that had a reply */
+    _Atomic uint64_t in_vain;         /* those that had none */
+    apc_ns sent_at;
 
     uint64_t held;   /* ticks of the controller at which its output was not the law's */
     int64_t handled; /* events of the executive */

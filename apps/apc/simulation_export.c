@@ -20,6 +20,8 @@ static int fill_timing(const struct simulation *s)
         rc = apc_store_open(&store, SIMULATION_STORE, NULL, NULL);
         if (rc >= 0)
             rc = recorder_create(&recorder, store, simulation_task_name((enum simulation_task)i));
+        if (rc >= 0 && i == SIM_CLIENT)
+            recorder_measure(recorder, TASK_EXCHANGE, s->round_trip, &s->in_vain);
         if (rc >= 0)
             rc = recorder_flush(recorder, s->task[i], period[i]);
         recorder_destroy(recorder);
@@ -35,5 +37,6 @@ int simulation_export(const struct simulation *s, const char *dir, struct apc_er
         return rc;
     if ((rc = fill_timing(s)) < 0)
         return apc_fail(why, rc, "%s: timing: %s", dir, apc_err_text(rc));
-    return folder_export(dir, s->store, s->e, SIMULATION_BEGIN, s->ended, 0, 0, why);
+    rc = folder_export(dir, s->store, s->e, SIMULATION_BEGIN, s->ended, 0, 0, why);
+    return rc < 0 ? rc : course_write(&s->course, dir, why);
 }

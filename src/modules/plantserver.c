@@ -30,7 +30,7 @@ struct apc_plantserver {
     double *safe, *low, *high;  /* [nu] */
     double *command;            /* [nu] newest accepted */
     double *input;              /* [nu] what the plant is being given */
-    double *y, *measured;       /* [ny] published; scratch */
+    double *y, *output;         /* [ny] published; what the plant itself puts out */
     double *noise;              /* [nx] of the process */
     struct apc_random *chance;  /* [nx] where that comes from */
     struct apc_reading *sensor; /* [ny] */
@@ -114,8 +114,8 @@ static int allocate(struct apc_plantserver *s)
     s->command = at + 3 * nu;
     s->input = at + 4 * nu;
     s->y = at + 5 * nu;
-    s->measured = s->y + ny;
-    s->noise = s->measured + ny;
+    s->output = s->y + ny;
+    s->noise = s->output + ny;
     return 0;
 }
 
@@ -327,10 +327,10 @@ static void publish(struct apc_plantserver *s, struct apc_now now, bool solved)
 {
     s->y_time = now.utc;
     if (solved)
-        apc_plant_output(s->plant, s->input, s->measured);
+        apc_plant_output(s->plant, s->input, s->output);
     for (size_t i = 0; i < s->ny; i++) {
         if (solved)
-            s->y[i] = apc_reading_take(&s->sensor[i], now.mono - s->began_at, s->measured[i], &s->status[i]);
+            s->y[i] = apc_reading_take(&s->sensor[i], now.mono - s->began_at, s->output[i], &s->status[i]);
         else
             s->status[i] = APC_BAD_DEVICE_FAILURE; /* y keeps the last value that there was */
     }
@@ -409,6 +409,11 @@ int apc_plantserver_request(struct apc_plantserver *server, struct apc_now now, 
         return APC_EPROTO;
     }
     return reply_values(server, now, frame.id, reply, size);
+}
+
+const double *apc_plantserver_output(const struct apc_plantserver *server)
+{
+    return server->output;
 }
 
 bool apc_plantserver_input(const struct apc_plantserver *server, double *u)

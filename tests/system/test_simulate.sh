@@ -44,10 +44,20 @@ expect 0 '100\.[0-9]* s  apc-client: plant lost' "$apc" simulate "$work/models.c
 # ---- Folders: a report, a comparison, timing as recorded, a replay
 
 "$apc" simulate "$work/models.conf" --duration 60 --report "$work/run" >/dev/null
-for file in run.conf samples.csv events.csv timing.csv timing-summary.csv report.png report.svg; do
+for file in run.conf samples.csv plant.csv events.csv timing.csv timing-summary.csv report.png report.svg; do
   [ -s "$work/run/$file" ] || fail "no $file in the folder"
 done
 expect 0 'y +[0-9]+ +[0-9]+ +0 +0 +0\.0000' "$apc" simulate "$work/models.conf" --duration 60 --compare "$work/run"
+grep -q '^exchange,run,' "$work/run/timing-summary.csv" || fail "how long exchanges took is not in the timing"
+"$apc" simulate "$work/models.conf" --duration 60 --json >"$work/simulated.json" 2>"$work/simulated.txt"
+"$apc" report "$work/run" --json >"$work/reported.json"
+loops() { sed 's/.*"loops"/"loops"/' "$1"; }
+cmp <(loops "$work/simulated.json") <(loops "$work/reported.json") || fail "the folder's figures are not the simulation's"
+grep -q '"of":"plant"' "$work/reported.json" || fail "of what the figures are is not said"
+grep -q "sha256\":\"$(sed -n 's/^sha256:  //p' "$work/simulated.txt")\"" "$work/simulated.json" || fail "no SHA-256 in the JSON"
+rm "$work/run/plant.csv"
+expect 0 'of what was measured' "$apc" report "$work/run"
+
 edit "$work/recorded.conf" -e "s|controller = {|controller = { execution = \"recorded($work/run)\"; jitter = \"recorded($work/run)\";|"
 expect 0 'sha256' "$apc" simulate "$work/recorded.conf"
 printf 'low,high,count\n0.01,0.02,3\n0.3,0.3,1\n' >"$work/delays.csv"
@@ -57,6 +67,37 @@ expect 1 'delays.csv:2: expected low,high,count' "$apc" simulate "$conf" --net "
 "$apc" simulate "$conf" --report "$work/clean" >/dev/null
 expect 0 'u +300 +300 +0 +0 +0\.0000' "$apc" replay "$work/clean" --tolerance 0
 expect 1 'u differs by' "$apc" replay "$work/clean" --law "$APC_BUILD_DIR/examples/mylaw.so" --tolerance 0.01
+
+# ---- What the figures are of
+
+# Of a plant that nobody reaches the error is that of standing still, not none; the longer without control, the worse.
+iae() { "$apc" simulate "$conf" --duration 150 --json "$@" 2>/dev/null | sed 's/.*"loops":\[{[^{]*"iae":\([^,]*\).*/\1/'; }
+awk -v a="$(iae --net loss=1)" 'BEGIN { exit !(a > 1500 - 1e-9 && a < 1500 + 1e-9) }' || fail "IAE of a plant that stands still is $(iae --net loss=1), not 1500"
+worse=0
+for net in loss=0 outage=30-60 outage=60-145 outage=30-145; do
+  figure=$(iae --net $net)
+  awk -v a="$worse" -v b="$figure" 'BEGIN { exit !(b > a) }' || fail "--net $net gives IAE $figure, no worse than $worse"
+  worse=$figure
+done
+edit "$work/noisy.conf" -e 's/name = "y";/name = "y"; noise = 5.0;/' -e 's/Kp = 0.2/Kp = 0.0/' -e 's/sequence = .*/sequence = ( [0.0] );/'
+expect 0 '^y +all +0 +0 +0 +- +- +0 +0 +' "$apc" simulate "$work/noisy.conf" # what a sensor invents is no error of the plant
+"$apc" simulate "$APC_SOURCE_DIR/experiments/quadruple-tank.conf" >"$work/tanks.txt"
+grep -Eq 'r1 6.1315 -> 7.1315 +200 .* 5\.2[0-9]* +34\.' "$work/tanks.txt" || fail "no figures of r1's step alone"
+grep -Eq 'd3 0 -> 1.5 +600 +8\.5[0-9]* .* - +- +0\.09[0-9]* +82\.' "$work/tanks.txt" || fail "no figures of the disturbance"
+
+# Duplication changes nothing of what is lost.
+lost() { "$apc" simulate "$conf" --net "$1" --csv - 2>/dev/null | grep sensor | cut -d, -f1 | sort; }
+lost loss=0.3 >"$work/lost.txt"
+lost loss=0.3,duplication=1e-9 | cmp - "$work/lost.txt" || fail "a probability of 1e-9 changes what is lost"
+lost loss=0.3,duplication=0.5 | comm -23 "$work/lost.txt" - | grep . && fail "with duplication something is lost that was not"
+
+# Steps of rk4 that are too long, and a plant that is lost long before numbers end
+edit "$work/rk4.conf" -e 's/period = 0.2; .*/period = 60.0; integrator = "rk4"; steps = 1;/'
+expect 1 'warning: steps of 60 s of rk4 are too long for a pole of 0.1/s.*plant.steps = 6' "$apc" simulate "$work/rk4.conf" --duration 10000
+expect 1 'diverged at t = .*beyond 1e\+100' "$apc" simulate "$work/rk4.conf" --duration 10000
+expect 1 '^y +all +inf +inf +inf +inf +never' "$apc" simulate "$work/rk4.conf" --duration 10000
+edit "$work/rk4.conf" -e 's/period = 0.2; .*/period = 27.0; integrator = "rk4"; steps = 1;/'
+"$apc" simulate "$work/rk4.conf" 2>&1 | grep warning && fail "a warning of steps that are short enough"
 
 # ---- Campaigns
 
@@ -68,6 +109,35 @@ for jobs in 1 2 5; do
 done
 [ "$(wc -l <"$work/jobs1.csv")" -eq 21 ] || fail "a campaign of 20 runs has not 20 lines"
 grep -Eq 'IAE +20 ' "$work/jobs1.txt" || fail "no summary"
+expect 0 'y: [0-9]+ of 20 runs did not settle: they count as infinite' "$apc" simulate "$conf" --duration 60 --net loss=0.5 --runs 20
+expect 0 'settling s +20 +inf .* inf +inf +inf ' "$apc" simulate "$conf" --duration 60 --net loss=0.5 --runs 20
+expect 0 'all 3 runs are the same' "$apc" simulate "$conf" --duration 60 --runs 3
+"$apc" simulate "$conf" --duration 60 --net loss=0.5 --runs 2 | grep 'are the same' && fail "two runs that differ are said to be the same"
+
+# Two campaigns over the same seeds, run by run.
+"$apc" simulate "$conf" --duration 60 --runs 20 --csv "$work/plain.csv" >/dev/null
+expect 0 'IAE +20 +0 +0 +0 +none to be seen' "$apc" simulate "$conf" --duration 60 --runs 20 --against "$work/plain.csv"
+expect 0 'IAE +20 +[0-9.]+ +[0-9.]+ +[0-9.]+ +more' "$apc" simulate "$conf" --duration 60 --runs 20 --against "$work/plain.csv" --net loss=0.3
+expect 0 'IAE +5 ' "$apc" simulate "$conf" --duration 60 --runs 20 --seed 16 --against "$work/plain.csv" # seeds that both have
+"$apc" simulate "$conf" --duration 60 --runs 4 --net loss=0.3 --against "$work/plain.csv" --json >"$work/pairs.json" 2>/dev/null
+grep -q '"differences":\[{"loop":"y","iae":{"runs":4,' "$work/pairs.json" || fail "no differences in the JSON"
+expect 1 'samples.csv:1: expected the file of another campaign' "$apc" simulate "$conf" --runs 2 --against "$work/clean/samples.csv"
+expect 1 'nowhere: cannot be read' "$apc" simulate "$conf" --runs 2 --against "$work/nowhere"
+expect 2 '--against: .*--runs' "$apc" simulate "$conf" --against "$work/plain.csv"
+expect 2 '--json and --csv -' "$apc" simulate "$conf" --json --csv -
+
+# A law that keeps something in a static variable finds it as it was at each run, in any process.
+plugin "$work/static.so" <<'C'
+#include <apccontrol.h>
+static const struct apc_param none[] = {{"K", "", "", 1, 0, 2}};
+static void compute(struct apc_law_call *c) { static double u; c->u[0] = u = u < 9 ? u + 0.01 : u; }
+const struct apc_law apc_law = {.abi = APC_LAW_ABI, .name = "static", .n_tuning = 1, .tuning = none, .compute = compute};
+C
+for jobs in 1 3; do
+  "$apc" simulate "$conf" --duration 60 --law "$work/static.so" --runs 6 --jobs $jobs --csv "$work/static$jobs.csv" >"$work/static.txt"
+  grep -q 'all 6 runs are the same' "$work/static.txt" || fail "a run finds what the one before left in the law"
+done
+cmp "$work/static1.csv" "$work/static3.csv" || fail "the figures depend on the processes"
 
 # ---- The user's own law and plant, as apc run takes them
 
@@ -108,7 +178,7 @@ expect 1 '20 of 20 runs ended early' "$apc" simulate "$conf" --plant "$work/burs
 # A figure of each run, and what the controllers had, also when something fails.
 expect 0 'law nan gave no finite number in 3 of 3 runs' "$apc" simulate "$conf" --law "$work/nan.so" --runs 3
 expect 1 'sha256' "$apc" simulate "$conf" --csv /dev/full --report "$work/full"
-expect 1 '^y +[0-9]' "$apc" simulate "$conf" --csv /dev/full
+expect 1 '^y +all +[0-9]' "$apc" simulate "$conf" --csv /dev/full
 [ -s "$work/full/report.png" ] || fail "no report because the samples could not be written"
 
 # A law that ends a process or does not return takes only its runs along. It knows its run by the noise.
@@ -136,8 +206,9 @@ static void compute(struct apc_law_call *c)
 const struct apc_law apc_law = {.abi = APC_LAW_ABI, .name = "moody", .n_tuning = 1, .tuning = none, .compute = compute};
 C
 moody() { MOOD=$1 "$apc" simulate "$work/noise.conf" --law "$work/moody.so" --runs 30 --jobs 2 --force --csv "$work/moody.csv"; }
-expect 1 'died of a signal: runs are missing' moody crash
-expect 1 'of 30 runs were not made' moody exit
+expect 1 'seed [0-9]+: its process was ended by signal 6' moody crash
+[ "$(wc -l <"$work/moody.csv")" -gt 1 ] || fail "the runs that were made are lost"
+expect 1 'seed [0-9]+: law or plant ended its process \(exit code 0\)' moody exit
 [ "$(wc -l <"$work/moody.csv")" -gt 1 ] || fail "the runs that were made are lost"
 MOOD=loop MARK=$work/looping "$apc" simulate "$work/noise.conf" --law "$work/moody.so" --runs 30 --jobs 2 --csv "$work/loop.csv" >"$work/loop.txt" &
 looping=$!

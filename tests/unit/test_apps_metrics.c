@@ -1,100 +1,462 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The figures of a loop, on samples whose figures are known by hand. */
+/* The figures of a loop, on courses whose figures are known by hand; statistics over runs. */
 #include "check.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 #include "apc/metrics.h"
+#include "apc/statistic.h"
+#include "scratch.h"
 
-static struct samples samples;
+static struct signal signals[3][2];
+static struct experiment e;
+static struct course course;
+static struct figures figures;
 
-static void add(enum apc_table table, double t, double value)
+static int begin(void **state)
 {
-    struct apc_sample s = {.table = table, .id = 1, .value = value};
-    assert_int_equal(apc_ns_from_s(t, &s.time), 0);
-    assert_int_equal(samples_add(&samples, &s), 0);
+    const struct apc_dim dim = {.ny = 1, .nz = 1, .nu = 1};
+    (void)state;
+    e = (struct experiment){.dim = dim, .y = signals[0], .z = signals[1], .u = signals[2]};
+    e.plant.rhythm.period = e.client.rhythm.period = e.controller.rhythm.period = APC_NS_PER_S;
+    for (int i = 0; i < 2; i++)
+        signals[1][i].tag = (struct apc_tag){.low = -APC_VALUE_MAX, .high = APC_VALUE_MAX};
+    figures = (struct figures){0};
+    return course_create(&course, &dim);
 }
 
-static int empty(void **state)
+static int end(void **state)
 {
     (void)state;
-    samples_free(&samples);
+    figures_free(&figures);
+    course_free(&course);
     return 0;
 }
 
-/* r goes from 0 to 10 at 1 s and to 6 at 10 s; y follows in steps. */
-static void figures_are_those_by_hand(void **state)
+static void setpoint(double t, double value)
 {
-    double f[METRICS];
-    (void)state;
-    add(APC_SETPOINT, 0, 0);
-    add(APC_SENSOR, 0, 0);
-    add(APC_ACTUATOR, 0, 1);
-    add(APC_SETPOINT, 1, 10);
-    add(APC_SENSOR, 2, 4);
-    add(APC_ACTUATOR, 2, 3);
-    add(APC_SENSOR, 3, 12);
-    add(APC_SENSOR, 4, 10.4);
-    add(APC_ACTUATOR, 4, 2.5);
-    add(APC_SETPOINT, 10, 6);
-    add(APC_SENSOR, 11, 5.5);
-    add(APC_SENSOR, 12, 5.9);
-    metrics_of(&samples, 0, 0, 20, f);
-    /* |e|: 0 in 0..1, 10 in 1..2, 6 in 2..3, 2 in 3..4, .4 in 4..10, 4.4 in 10..11, .5 in 11..12, .1
-     * in 12..20 */
-    assert_near(f[METRIC_IAE], 10 + 6 + 2 + 2.4 + 4.4 + 0.5 + 0.8, 1e-9);
-    assert_near(f[METRIC_ISE], 100 + 36 + 4 + 6 * 0.16 + 19.36 + 0.25 + 8 * 0.01, 1e-9);
-    assert_near(f[METRIC_ITAE], 10 * 0.5 + 6 * 1.5 + 2 * 2.5 + 0.4 * 36 + 4.4 * 0.5 + 0.5 * 1.5 + 0.1 * 48,
-                1e-9);
-    assert_near(f[METRIC_OVERSHOOT], 20, 1e-9); /* 12 of 10; then 0.5 of 4 is 12.5 */
-    assert_near(f[METRIC_SETTLING], 2,
-                1e-9); /* last outside 9.5..10.5 at 3 s; then outside 5.8..6.2 at 11 s */
-    assert_near(f[METRIC_EFFORT], 2 + 0.5, 1e-9);
-    assert_near(metrics_step(&samples, 1), 10, 0);
+    course_change(&course, &course.setpoint[0], t, value);
 }
 
-static void a_loop_that_does_not_settle_has_no_settling_time(void **state)
+static void output(double t, double value)
 {
-    double f[METRICS];
+    course_add(&course, &course.output[0], t, value);
+}
+
+static void make(double until)
+{
+    course.end = until;
+    figures_free(&figures);
+    assert_int_equal(figures_make(&figures, &course, &e), 0);
+}
+
+static double of(size_t part, enum metric metric)
+{
+    assert_true(part < figures.n_parts);
+    return figures.of[0].part[part].figure[metric];
+}
+
+static double whole(enum metric metric)
+{
+    return figures.of[0].figure[metric];
+}
+
+/* r goes from 0 to 10 at 1 s and to 6 at 10 s; z follows in straight lines. */
+static void figures_are_those_by_hand(void **state)
+{
     (void)state;
-    add(APC_SENSOR, 0, 0);
-    add(APC_SETPOINT, 0, 1);
-    add(APC_SENSOR, 1, 0.9);
-    metrics_of(&samples, 0, 0, 5, f);
-    assert_true(isnan(f[METRIC_SETTLING]));
-    assert_near(f[METRIC_OVERSHOOT], 0, 0);
+    setpoint(0, 0);
+    setpoint(1, 10);
+    setpoint(10, 6);
+    output(0, 0);
+    output(1, 0);
+    output(3, 12); /* crosses 10 at 2.666 */
+    output(4, 10);
+    output(9, 10.5);
+    output(10, 10);
+    output(12, 6);
+    course_change(&course, &course.input[0], 0, 1);
+    course_change(&course, &course.input[0], 1, 3);
+    course_change(&course, &course.input[0], 4, 2.5);
+    course_change(&course, &course.input[0], 11, 4);
+    course_change(&course, &course.without, 0, 1);
+    course_change(&course, &course.without, 0.5, 0);
+    course_change(&course, &course.without, 15, 1);
+    make(20);
+    assert_int_equal(figures.n_parts, 3);
+
+    /* the start is no step: the setpoint was where the output is */
+    assert_false(figures.of[0].part[0].step);
+    assert_near(of(0, METRIC_IAE), 0, 0);
+    assert_true(isnan(of(0, METRIC_OVERSHOOT)) && isnan(of(0, METRIC_SETTLING)));
+    assert_near(of(0, METRIC_PEAK), 0, 0);
+    assert_near(of(0, METRIC_RETURN), 0, 0);
+    assert_near(of(0, METRIC_EFFORT), 2, 0); /* at 1 s: what is done then answers what was before */
+    assert_near(of(0, METRIC_WITHOUT), 50, 1e-12);
+
+    /* |r - z|: a triangle of 10 over 5/3 s, one of 2 over 1/3 s, one of 2 over 1 s, one of 0.5 over 5 s and 1
+     * s */
+    assert_near(of(1, METRIC_IAE), 25.0 / 3 + 1.0 / 3 + 1 + 1.25 + 0.25, 1e-9);
+    assert_near(of(1, METRIC_ISE), 500.0 / 9 + 4.0 / 9 + 4.0 / 3 + 1.25 / 3 + 0.25 / 3, 1e-9);
+    /* area times the time of its centre of mass, counted from 1 s */
+    assert_near(of(1, METRIC_ITAE),
+                25.0 / 3 * (5.0 / 9) + 1.0 / 3 * (5.0 / 3 + 2.0 / 9) + 1 * (2 + 1.0 / 3) +
+                    1.25 * (3 + 10.0 / 3) + 0.25 * (8 + 1.0 / 3),
+                1e-9);
+    assert_near(of(1, METRIC_OVERSHOOT), 20, 1e-9);
+    assert_near(of(1, METRIC_SETTLING), 3, 1e-9); /* from the tick at 4 s on: 10.5 is still within 5 % */
+    assert_true(isnan(of(1, METRIC_PEAK)) && isnan(of(1, METRIC_RETURN)));
+    assert_near(of(1, METRIC_EFFORT), 0.5, 0);
+    assert_near(of(1, METRIC_WITHOUT), 0, 0);
+
+    /* 4 to 0 over 2 s; after its last tick the output stays */
+    assert_near(of(2, METRIC_IAE), 4, 1e-9);
+    assert_near(of(2, METRIC_ITAE), 4 * 2.0 / 3, 1e-9);
+    assert_near(of(2, METRIC_OVERSHOOT), 0, 0);
+    assert_near(of(2, METRIC_SETTLING), 2, 1e-9);
+    assert_near(of(2, METRIC_EFFORT), 1.5, 0);
+    assert_near(of(2, METRIC_WITHOUT), 50, 1e-9);
+
+    assert_near(whole(METRIC_IAE), of(1, METRIC_IAE) + 4, 1e-9);
+    assert_near(whole(METRIC_ISE), of(0, METRIC_ISE) + of(1, METRIC_ISE) + of(2, METRIC_ISE), 1e-9);
+    assert_near(whole(METRIC_OVERSHOOT), 20, 1e-9);
+    assert_near(whole(METRIC_SETTLING), 3, 1e-9);
+    assert_near(whole(METRIC_PEAK), 0, 0);
+    assert_near(whole(METRIC_EFFORT), 4, 0);
+    assert_near(whole(METRIC_WITHOUT), 100 * 5.5 / 20, 1e-9);
+}
+
+static void settling_ends_with_the_first_tick_from_which_on_it_is_near(void **state)
+{
+    (void)state;
+    setpoint(0, 10);
+    output(0, 0);
+    output(1, 9.4);
+    output(2, 9.51);
+    output(3, 9.49);
+    output(4, 9.52);
+    output(5, 10);
+    make(6);
+    assert_near(of(0, METRIC_SETTLING), 4, 0);
+    output(6, 9.4);
+    make(6); /* the tick at the end belongs to it */
+    assert_true(isinf(of(0, METRIC_SETTLING)) && isinf(whole(METRIC_SETTLING)));
+    make(5.5);
+    assert_near(of(0, METRIC_SETTLING), 4, 0);
+}
+
+static void a_loop_that_does_not_settle_is_infinitely_slow(void **state)
+{
+    (void)state;
+    setpoint(0, 1);
+    setpoint(5, 2);
+    output(0, 0);
+    output(1, 0.9);
+    output(6, 2);
+    make(10);
+    assert_true(isinf(of(0, METRIC_SETTLING)));
+    assert_near(of(1, METRIC_SETTLING), 1, 0);
+    assert_true(isinf(whole(METRIC_SETTLING)));
+    assert_near(of(0, METRIC_OVERSHOOT), 0, 0);
 }
 
 static void an_offset_at_the_start_is_no_step_beside_larger_ones(void **state)
 {
-    double f[METRICS];
     (void)state;
-    add(APC_SETPOINT, 0, 10);
-    add(APC_SENSOR, 0, 9.9);
-    add(APC_SENSOR, 1, 11);
-    add(APC_SETPOINT, 2, 20);
-    add(APC_SENSOR, 3, 20.2);
-    metrics_of(&samples, 0, 0, 5, f);
-    assert_near(f[METRIC_OVERSHOOT], 2, 1e-9);
+    setpoint(0, 10);
+    setpoint(2, 20);
+    output(0, 9.2);
+    output(1, 11);
+    output(3, 20.2);
+    make(5);
+    assert_false(figures.of[0].part[0].step);
+    assert_near(of(0, METRIC_PEAK), 1, 1e-9);
+    assert_true(isnan(of(0, METRIC_OVERSHOOT)));
+    assert_near(whole(METRIC_OVERSHOOT), 2, 1e-9);
+    setpoint(4, 20.5); /* neither is a small change later on, but it begins a part of its own */
+    make(5);
+    assert_int_equal(figures.n_parts, 3);
+    assert_false(figures.of[0].part[2].step);
+    assert_near(of(2, METRIC_PEAK), 0.3, 1e-9);
+    assert_near(of(2, METRIC_RETURN), 0, 0); /* 5 % of 10 are near */
 }
 
-static void without_samples_there_are_no_figures(void **state)
+/* A setpoint that never moves, an output that is 1e-6 away and noisy: no step, so no overshoot of 9050 %. */
+static void where_the_setpoint_does_not_move_there_is_no_overshoot(void **state)
 {
-    double f[METRICS];
     (void)state;
-    metrics_of(&samples, 0, 0, 5, f);
-    assert_near(f[METRIC_IAE], 0, 0);
-    assert_true(isnan(f[METRIC_OVERSHOOT]) && isnan(f[METRIC_SETTLING]));
-    assert_true(isnan(metrics_step(&samples, 1)));
+    setpoint(0, 6.1315);
+    output(0, 6.131501);
+    output(1, 6.135);
+    output(2, 6.12);
+    make(5);
+    assert_false(figures.of[0].part[0].step);
+    assert_true(isnan(whole(METRIC_OVERSHOOT)) && isnan(whole(METRIC_SETTLING)));
+    assert_near(whole(METRIC_PEAK), 0.0115, 1e-12);
+    assert_true(isnan(whole(METRIC_RETURN))); /* nothing says what is near */
+    signals[1][0].tag.low = 0;
+    signals[1][0].tag.high = 1; /* 1 % of its range */
+    make(5);
+    assert_true(isinf(whole(METRIC_RETURN)));
+    signals[1][0].tag.high = 2;
+    make(5);
+    assert_near(whole(METRIC_RETURN), 0, 0);
+    setpoint(3, 7.1315); /* 5 % of a step, once there is one */
+    output(3, 6.0);
+    output(3.5, 7.13);
+    make(5);
+    assert_true(isinf(of(0, METRIC_RETURN)));
+    assert_near(of(1, METRIC_SETTLING), 0.5, 1e-12);
 }
+
+static void a_disturbance_has_figures_of_its_own(void **state)
+{
+    static const struct apc_param names[] = {{.name = "load", .initial = 1}};
+    static const struct apc_model model = {.name = "m", .nd = 1, .disturbance = names};
+    struct apc_disturbance changes[] = {{0, 10 * APC_NS_PER_S, 3},
+                                        {0, 20 * APC_NS_PER_S, 3},
+                                        {0, 30 * APC_NS_PER_S, 1},
+                                        {0, 99 * APC_NS_PER_S, 7}};
+    (void)state;
+    e.plant.model = &model;
+    e.plant.disturbance = changes;
+    e.plant.n_disturbances = 4;
+    e.plant.rhythm.phase = APC_NS_PER_S / 2; /* times of disturbances are since the plant's first tick */
+    setpoint(0, 10);
+    output(0.5, 0);
+    output(1, 10);
+    output(10.5, 10);
+    output(11, 8);
+    output(12.5, 10.4);
+    output(40, 10);
+    make(50);
+    assert_int_equal(figures.n_parts, 3); /* the second change is none, the last one comes after the end */
+    assert_near(figures.of[0].part[1].from, 10.5, 0);
+    assert_near(figures.of[0].part[1].to, 30.5, 0);
+    assert_near(of(1, METRIC_PEAK), 2, 0);
+    assert_near(of(1, METRIC_RETURN), 2, 0);
+    assert_true(isnan(of(1, METRIC_OVERSHOOT)) && isnan(of(1, METRIC_SETTLING)));
+    assert_near(whole(METRIC_PEAK), 2, 0);
+    assert_near(whole(METRIC_RETURN), 2, 0);
+    assert_near(figures.event[1].from, 1, 0);
+    assert_near(figures.event[2].from, 3, 0);
+}
+
+static void another_loop_s_step_is_none_of_this_one(void **state)
+{
+    const struct apc_dim dim = {.ny = 2, .nz = 2, .nu = 2};
+    (void)state;
+    course_free(&course);
+    e.dim = dim;
+    assert_int_equal(course_create(&course, &dim), 0);
+    for (size_t i = 0; i < 2; i++) {
+        course_change(&course, &course.setpoint[i], 0, 5);
+        course_add(&course, &course.output[i], 0, 5);
+    }
+    course_change(&course, &course.setpoint[1], 2, 6);
+    course_add(&course, &course.output[0], 2, 5);
+    course_add(&course, &course.output[0], 3, 5.25);
+    course_add(&course, &course.output[1], 3, 6);
+    course_change(&course, &course.input[0], 0, 1);
+    make(4);
+    assert_int_equal(figures.n_loops, 2);
+    assert_false(figures.of[0].part[1].step);
+    assert_true(figures.of[1].part[1].step);
+    assert_near(figures.of[0].part[1].figure[METRIC_PEAK], 0.25, 0);
+    assert_near(figures.of[1].part[1].figure[METRIC_SETTLING], 1, 0);
+    assert_near(figures.of[0].figure[METRIC_EFFORT], 0, 0);
+}
+
+static void what_is_not_known_has_no_figures_and_what_diverged_infinite_ones(void **state)
+{
+    (void)state;
+    make(5);
+    for (int i = 0; i < METRICS; i++)
+        assert_true(isnan(whole((enum metric)i)));
+    setpoint(0, 1);
+    output(0, 0);
+    output(1, 1);
+    make(5);
+    assert_near(whole(METRIC_IAE), 0.5, 1e-12);
+    course.gap = 3.9; /* of a run in real time: nothing for so long means that nobody knows */
+    make(5);
+    assert_true(isnan(whole(METRIC_IAE)) && isnan(whole(METRIC_SETTLING)) && isnan(whole(METRIC_OVERSHOOT)));
+    course.gap = 4;
+    make(5);
+    assert_near(whole(METRIC_IAE), 0.5, 1e-12);
+    setpoint(4, 2);
+    output(4.5, 2);
+    output(9, 2);
+    course.gap = 3.6;
+    make(9);
+    assert_true(isnan(whole(METRIC_IAE)) && isnan(of(1, METRIC_IAE)) && !isnan(of(0, METRIC_IAE)));
+    course.gap = 3.4; /* also the hole that ends in the next part */
+    make(9);
+    assert_true(isnan(of(0, METRIC_IAE)));
+    course.gap = HUGE_VAL;
+    course.diverged = true;
+    make(9);
+    assert_true(isinf(of(1, METRIC_IAE)) && isinf(of(1, METRIC_ISE)) && isinf(of(1, METRIC_ITAE)));
+    assert_true(isinf(of(1, METRIC_SETTLING)) && isinf(of(1, METRIC_OVERSHOOT)) && isnan(of(1, METRIC_PEAK)));
+    assert_true(of(0, METRIC_IAE) < 10);
+    assert_true(isinf(whole(METRIC_IAE)) && isinf(whole(METRIC_SETTLING)));
+}
+
+/* ---- From samples ------------------------------------------------------------------------- */
+
+static struct samples samples;
+
+static void sample(enum apc_table table, double t, double value, apc_status status)
+{
+    struct apc_sample s = {.table = table, .id = 1, .value = value, .status = status};
+    assert_int_equal(apc_ns_from_s(t, &s.time), 0);
+    s.time += 7 * APC_NS_PER_S;
+    assert_int_equal(samples_add(&samples, &s), 0);
+}
+
+/* Periods of 1 s: what stays away for 3.1 s is lost. */
+static void samples_tell_when_there_was_no_control(void **state)
+{
+    static const double expected[][2] = {{0, 1}, {1, 0}, {4, 1}, {5, 0}, {8.1, 1}, {12, 0}, {15.1, 1}};
+    (void)state;
+    course_free(&course);
+    sample(APC_SETPOINT, 0, 5, APC_GOOD);
+    sample(APC_SENSOR, 0, 1, APC_GOOD);
+    sample(APC_ACTUATOR, 1, 1, APC_GOOD);
+    sample(APC_SENSOR, 3, 2, APC_GOOD);
+    sample(APC_ACTUATOR, 4, 1, APC_UNCERTAIN_LAST_USABLE);
+    sample(APC_SENSOR, 5, 3, APC_GOOD);
+    sample(APC_ACTUATOR, 5, 2, APC_GOOD);
+    sample(APC_SENSOR, 6, 9, APC_BAD);
+    sample(APC_ACTUATOR, 6, 2, APC_GOOD);
+    sample(APC_ACTUATOR, 9.5, 2, APC_GOOD); /* no measurement since 5 s */
+    sample(APC_SENSOR, 12, 4, APC_GOOD);
+    sample(APC_ACTUATOR, 12, 2, APC_GOOD);
+    sample(APC_SENSOR, 13, 4, APC_GOOD);
+    sample(APC_SENSOR, 16.5, 4, APC_GOOD);
+    assert_int_equal(course_of_samples(&course, &samples, &e, 7 * APC_NS_PER_S), 0);
+    assert_true(course.measured);
+    assert_near(course.gap, 3.1, 1e-12);
+    assert_near(course.end, 16.5, 1e-12);
+    assert_int_equal(course.output[0].n, 6); /* not the Bad one */
+    assert_int_equal(course.input[0].n, 2);
+    assert_int_equal(course.without.n, 7);
+    for (size_t i = 0; i < 7; i++) {
+        assert_near(course.without.at[i].t, expected[i][0], 1e-9);
+        assert_near(course.without.at[i].value, expected[i][1], 0);
+    }
+    samples_free(&samples);
+}
+
+static void a_course_is_read_as_it_was_written(void **state)
+{
+    struct apc_error why;
+    struct course again;
+    (void)state;
+    assert_int_equal(course_read(&again, scratch_folder(), &e.dim, &why), APC_ENOTFOUND);
+    course_free(&again);
+    setpoint(0, 1.0 / 3);
+    output(0, 0.1);
+    output(0.001, 1e-300);
+    course_change(&course, &course.input[0], 0, -7);
+    course_change(&course, &course.without, 0, 1);
+    course.end = 12.5;
+    course.diverged = true;
+    assert_int_equal(course_write(&course, scratch_folder(), &why), 0);
+    assert_int_equal(course_read(&again, scratch_folder(), &e.dim, &why), 0);
+    assert_int_equal(again.output[0].n, 2);
+    assert_near(again.output[0].at[1].value, 1e-300, 0);
+    assert_near(again.output[0].at[1].t, 0.001, 0);
+    assert_near(again.setpoint[0].at[0].value, 1.0 / 3, 0);
+    assert_near(again.input[0].at[0].value, -7, 0);
+    assert_near(again.without.at[0].value, 1, 0);
+    assert_near(again.end, 12.5, 0);
+    assert_true(again.diverged && !again.measured && isinf(again.gap));
+    course_free(&again);
+}
+
+/* ---- Statistics --------------------------------------------------------------------------- */
+
+static void statistics_are_those_by_hand(void **state)
+{
+    double few[] = {4, 1, 3, 2};
+    const uint64_t seed[] = {11, 12, 13, 14};
+    (void)state;
+    struct statistic s = statistic_of(few, seed, 4);
+    assert_int_equal(s.n, 4);
+    assert_int_equal(s.infinite, 0);
+    assert_near(s.mean, 2.5, 1e-12);
+    assert_near(s.sd, sqrt(5.0 / 3), 1e-12);
+    assert_near(s.half, 3.1824 * sqrt(5.0 / 3) / 2, 1e-4); /* Student's, with 3 degrees of freedom */
+    assert_near(s.median, 2, 0);
+    assert_near(s.p95, 4, 0);
+    assert_near(s.worst, 4, 0);
+    assert_int_equal(s.worst_seed, 11);
+}
+
+/* Quantiles of Student's distribution from tables of it. */
+static void intervals_are_student_s(void **state)
+{
+    static const struct {
+        size_t n;
+        double t;
+    } of[] = {{2, 12.7062},  {3, 4.30265},  {9, 2.306},    {10, 2.26216},
+              {11, 2.22814}, {21, 2.08596}, {31, 2.04227}, {200, 1.97196}};
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        double value[200];
+        uint64_t seed[200] = {0};
+        for (size_t k = 0; k < of[i].n; k++)
+            value[k] = (double)(k * k % 7);
+        struct statistic s = statistic_of(value, seed, of[i].n);
+        assert_near(s.half / s.sd * sqrt((double)of[i].n), of[i].t, 4e-4);
+    }
+}
+
+static void what_is_infinite_counts_as_infinite(void **state)
+{
+    double value[100];
+    uint64_t seed[100];
+    (void)state;
+    for (size_t i = 0; i < 100; i++) {
+        value[i] = i % 17 == 5 ? HUGE_VAL : (double)i; /* six of them */
+        seed[i] = i;
+    }
+    struct statistic s = statistic_of(value, seed, 100);
+    assert_int_equal(s.infinite, 6);
+    assert_true(isinf(s.mean) && isnan(s.sd) && isnan(s.half));
+    assert_true(s.median < 100);
+    assert_true(isinf(s.p95) && isinf(s.p99) && isinf(s.worst));
+    assert_int_equal(s.worst_seed, 5); /* the first of them */
+    s = statistic_of(value, seed, 0);
+    assert_int_equal(s.n, 0);
+    assert_true(isnan(s.mean) && isnan(s.half) && isnan(s.median) && isnan(s.worst));
+    value[0] = 3;
+    s = statistic_of(value, seed, 1);
+    assert_near(s.mean, 3, 0);
+    assert_true(isnan(s.sd) && isnan(s.half));
+    assert_near(s.p99, 3, 0);
+}
+
+#define T(name) cmocka_unit_test_setup_teardown(name, begin, end)
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_teardown(figures_are_those_by_hand, empty),
-        cmocka_unit_test_teardown(a_loop_that_does_not_settle_has_no_settling_time, empty),
-        cmocka_unit_test_teardown(an_offset_at_the_start_is_no_step_beside_larger_ones, empty),
-        cmocka_unit_test_teardown(without_samples_there_are_no_figures, empty),
+        T(figures_are_those_by_hand),
+        T(settling_ends_with_the_first_tick_from_which_on_it_is_near),
+        T(a_loop_that_does_not_settle_is_infinitely_slow),
+        T(an_offset_at_the_start_is_no_step_beside_larger_ones),
+        T(where_the_setpoint_does_not_move_there_is_no_overshoot),
+        T(a_disturbance_has_figures_of_its_own),
+        T(another_loop_s_step_is_none_of_this_one),
+        T(what_is_not_known_has_no_figures_and_what_diverged_infinite_ones),
+        T(samples_tell_when_there_was_no_control),
+        T(a_course_is_read_as_it_was_written),
+        cmocka_unit_test(statistics_are_those_by_hand),
+        cmocka_unit_test(intervals_are_student_s),
+        cmocka_unit_test(what_is_infinite_counts_as_infinite),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,0 +1,379 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "campaign_summary.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "print.h"
+#include "statistic.h"
+
+#define FAILURES 5 /* that are told of */
+
+static const double none = (double)NAN;
+
+struct result *campaign_result(const struct campaign *c, unsigned run)
+{
+    return (struct result *)(void *)((char *)c->board + c->first + run * c->stride);
+}
+
+double *campaign_figures(const struct campaign *c, unsigned run)
+{
+    return (double *)(void *)((char *)campaign_result(c, run) + sizeof(struct result));
+}
+
+/* A run whose plant diverged has figures, infinite ones; any other failure has none. */
+static bool counts(const struct result *r)
+{
+    return r->made && (r->rc == 0 || r->diverged);
+}
+
+/* ---- Over all runs ------------------------------------------------------------------------ */
+
+/* Values, and whose they are: room for all runs. */
+struct column {
+    double *value;
+    uint64_t *seed;
+    size_t n;
+};
+
+/* The runs that have this figure; with @former the differences to the other campaign's of the same seed. */
+static void gather(const struct campaign *c, size_t loop, enum metric metric, const double *former,
+                   struct column *column)
+{
+    const size_t at = loop * METRICS + (size_t)metric;
+    column->n = 0;
+    for (unsigned run = 0; run < c->options->runs; run++) {
+        if (!counts(campaign_result(c, run)))
+            continue;
+        double value = campaign_figures(c, run)[at];
+        if (former) {
+            double before = former[run * c->loops * METRICS + at];
+            value = isinf(value) && isinf(before) ? 0 : value - before;
+        }
+        if (isnan(value))
+            continue;
+        column->value[column->n] = value;
+        column->seed[column->n++] = c->options->seed + run;
+    }
+}
+
+static const char *loop_name(const struct campaign *c, size_t loop)
+{
+    return c->e->y[c->loop[loop].y].tag.name;
+}
+
+static void put_number(struct print_table *table, int digits, double value)
+{
+    if (isnan(value))
+        print_cell(table, PRINT_PLAIN, "-");
+    else
+        print_cell(table, PRINT_PLAIN, "%.*g", digits, value);
+}
+
+static void put_row(struct print_table *table, const struct statistic *s)
+{
+    put_number(table, 5, s->mean);
+    put_number(table, 3, s->half);
+    put_number(table, 3, s->sd);
+    put_number(table, 5, s->median);
+    put_number(table, 5, s->p95);
+    put_number(table, 5, s->p99);
+    put_number(table, 5, s->worst);
+    if (s->n > 0)
+        print_cell(table, PRINT_PLAIN, "%llu", (unsigned long long)s->worst_seed);
+    else
+        print_cell(table, PRINT_PLAIN, "-");
+}
+
+static void put_difference(struct print_table *table, const struct statistic *s)
+{
+    put_number(table, 5, s->mean);
+    put_number(table, 5, s->mean - s->half);
+    put_number(table, 5, s->mean + s->half);
+    print_cell(table, PRINT_PLAIN, "%s",
+               isnan(s->half)          ? ""
+               : s->mean - s->half > 0 ? "more"
+               : s->mean + s->half < 0 ? "less"
+                                       : "none to be seen");
+}
+
+static int print_table(const struct campaign *c, const struct print_column *columns, size_t n,
+                       const double *former, struct column *column)
+{
+    struct print_table table;
+    print_table_open(&table, columns, n);
+    for (size_t loop = 0; loop < c->loops; loop++)
+        for (int metric = 0; metric < METRICS; metric++) {
+            gather(c, loop, (enum metric)metric, former, column);
+            const struct statistic s = statistic_of(column->value, column->seed, column->n);
+            print_cell(&table, PRINT_PLAIN, "%s", loop_name(c, loop));
+            print_cell(&table, PRINT_PLAIN, "%s", metric_name((enum metric)metric));
+            print_cell(&table, PRINT_PLAIN, "%zu", s.n);
+            if (former)
+                put_difference(&table, &s);
+            else
+                put_row(&table, &s);
+        }
+    int rc = print_table_show(&table, c->options->talk, false, 0, "\n");
+    print_table_close(&table);
+    return rc;
+}
+
+static void put_json(const struct campaign *c, const char *name, const double *former, struct column *column)
+{
+    printf(",\"%s\":[", name);
+    for (size_t loop = 0; loop < c->loops; loop++) {
+        printf("%s{", loop ? "," : "");
+        print_json_text(stdout, "loop", loop_name(c, loop));
+        for (int metric = 0; metric < METRICS; metric++) {
+            gather(c, loop, (enum metric)metric, former, column);
+            const struct statistic s = statistic_of(column->value, column->seed, column->n);
+            const struct {
+                const char *key;
+                double value;
+            } of[] = {{"mean", s.mean}, {"low95", s.mean - s.half}, {"high95", s.mean + s.half},
+                      {"sd", s.sd},     {"median", s.median},       {"p95", s.p95},
+                      {"p99", s.p99},   {"worst", s.worst}};
+            printf(",\"%s\":{\"runs\":%zu,\"infinite\":%zu", metric_key((enum metric)metric), s.n,
+                   s.infinite);
+            for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+                putchar(',');
+                print_json_number(stdout, of[i].key, of[i].value);
+            }
+            if (s.n > 0)
+                printf(",\"worst_seed\":%llu", (unsigned long long)s.worst_seed);
+            putchar('}');
+        }
+        putchar('}');
+    }
+    putchar(']');
+}
+
+static unsigned runs_made(const struct campaign *c)
+{
+    unsigned made = 0;
+    for (unsigned run = 0; run < c->options->runs; run++)
+        made += campaign_result(c, run)->made;
+    return made;
+}
+
+static void print_json(const struct campaign *c, struct column *column)
+{
+    putchar('{');
+    print_json_text(stdout, "experiment", c->e->name);
+    printf(",\"runs\":%u,\"seed\":%llu,", runs_made(c), (unsigned long long)c->options->seed);
+    print_json_number(stdout, "duration_s", c->e->duration);
+    put_json(c, "loops", NULL, column);
+    if (c->former)
+        put_json(c, "differences", c->former, column);
+    puts("}");
+}
+
+/* ---- What else is to be said -------------------------------------------------------------- */
+
+static void print_endless(const struct campaign *c)
+{
+    static const struct {
+        enum metric metric;
+        const char *what;
+    } of[] = {
+        {METRIC_IAE, "diverged"}, {METRIC_SETTLING, "did not settle"}, {METRIC_RETURN, "did not return"}};
+    for (size_t loop = 0; loop < c->loops; loop++)
+        for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+            unsigned n = 0, all = 0;
+            for (unsigned run = 0; run < c->options->runs; run++) {
+                double value = campaign_figures(c, run)[loop * METRICS + (size_t)of[i].metric];
+                bool has = counts(campaign_result(c, run)) && !isnan(value);
+                all += has;
+                n += has && isinf(value);
+            }
+            if (n > 0)
+                fprintf(c->options->talk, "%s: %u of %u runs %s: they count as infinite\n",
+                        loop_name(c, loop), n, all, of[i].what);
+        }
+}
+
+/* What a single run tells of its controller. */
+static void print_controller(const struct campaign *c)
+{
+    unsigned held = 0, failed = 0;
+    for (unsigned run = 0; run < c->options->runs; run++) {
+        held += campaign_result(c, run)->held > 0;
+        failed += campaign_result(c, run)->failures > 0;
+    }
+    if (held > 0)
+        fprintf(c->options->talk, "controller: output held or at its fault value in %u of %u runs\n", held,
+                runs_made(c));
+    if (failed > 0)
+        fprintf(c->options->talk, "controller: law %s gave no finite number in %u of %u runs\n",
+                c->e->controller.law->name, failed, runs_made(c));
+}
+
+/* A campaign of one run many times over is a mistake, or should be known not to be one. */
+static void print_equal(const struct campaign *c)
+{
+    const size_t size = c->loops * METRICS * sizeof(double);
+    unsigned run = 1;
+    while (run < c->options->runs && counts(campaign_result(c, run)) &&
+           memcmp(campaign_figures(c, run), campaign_figures(c, 0), size) == 0)
+        run++;
+    if (run > 1 && run == c->options->runs)
+        fprintf(
+            c->options->talk,
+            "all %u runs are the same: nothing in this experiment is random (noise, network, execution or "
+            "jitter would be)\n",
+            run);
+}
+
+int summary_print(const struct campaign *c, struct apc_error *why)
+{
+    static const struct print_column all[] = {
+        {"loop", PRINT_LEFT},     {"", PRINT_LEFT},       {"runs", PRINT_RIGHT},    {"mean", PRINT_POINT},
+        {"+- 95 %", PRINT_POINT}, {"sd", PRINT_POINT},    {"median", PRINT_POINT},  {"95 %", PRINT_POINT},
+        {"99 %", PRINT_POINT},    {"worst", PRINT_POINT}, {"its seed", PRINT_RIGHT}};
+    static const struct print_column paired[] = {{"loop", PRINT_LEFT},
+                                                 {"", PRINT_LEFT},
+                                                 {"pairs", PRINT_RIGHT},
+                                                 {"mean difference", PRINT_POINT},
+                                                 {"95 % from", PRINT_POINT},
+                                                 {"to", PRINT_POINT},
+                                                 {"", PRINT_LEFT}};
+    const size_t runs = c->options->runs;
+    struct column column = {calloc(runs, sizeof(double)), calloc(runs, sizeof(uint64_t)), 0};
+    int rc = column.value && column.seed ? 0 : APC_ENOMEM;
+    if (rc == 0 && c->options->json) {
+        print_json(c, &column);
+    } else if (rc == 0) {
+        rc = print_table(c, all, sizeof all / sizeof *all, NULL, &column);
+        if (rc == 0 && c->former) {
+            fprintf(c->options->talk, "beside %s, run by run of the same seed:\n", c->options->against);
+            rc = print_table(c, paired, sizeof paired / sizeof *paired, c->former, &column);
+        }
+        print_endless(c);
+        print_controller(c);
+        print_equal(c);
+    }
+    free(column.value);
+    free(column.seed);
+    return rc < 0 ? apc_fail(why, rc, "out of memory") : 0;
+}
+
+int summary_failures(const struct campaign *c, struct apc_error *why)
+{
+    unsigned failed = 0, missing = 0;
+    int first = 0;
+    for (unsigned run = 0; run < c->options->runs; run++) {
+        const struct result *r = campaign_result(c, run);
+        missing += !r->made;
+        if (!r->made || r->rc == 0)
+            continue;
+        if (failed++ < FAILURES)
+            fprintf(c->options->talk, "seed %llu: %s\n", (unsigned long long)(c->options->seed + run),
+                    r->why);
+        if (first == 0)
+            first = r->rc;
+    }
+    if (missing > 0)
+        fprintf(c->options->talk, "%u of %u runs were not made\n", missing, c->options->runs);
+    if (failed > 0)
+        return apc_fail(why, first, "%u of %u runs ended early", failed, c->options->runs);
+    return missing > 0 && !atomic_load(&c->board->stop)
+               ? apc_fail(why, APC_ESYS, "a process of the campaign ended: runs are missing")
+               : 0;
+}
+
+/* ---- The file of the runs ----------------------------------------------------------------- */
+
+static void put_header(FILE *out)
+{
+    fputs("seed,loop", out);
+    for (int i = 0; i < METRICS; i++)
+        fprintf(out, ",%s", metric_key((enum metric)i));
+    fputc('\n', out);
+}
+
+int summary_csv(const struct campaign *c, struct apc_error *why)
+{
+    const char *path = c->options->csv;
+    FILE *out = !strcmp(path, "-") ? stdout : fopen(path, "w");
+    if (!out)
+        return apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
+    put_header(out);
+    for (unsigned run = 0; run < c->options->runs; run++)
+        for (size_t loop = 0; loop < c->loops && counts(campaign_result(c, run)); loop++) {
+            fprintf(out, "%llu,%zu", (unsigned long long)(c->options->seed + run), loop + 1);
+            for (int i = 0; i < METRICS; i++) {
+                char value[40] = "";
+                double figure = campaign_figures(c, run)[loop * METRICS + (size_t)i];
+                if (isfinite(figure))
+                    apc_number_format(figure, value, sizeof value);
+                fprintf(out, ",%s", isinf(figure) ? "inf" : value);
+            }
+            fputc('\n', out);
+        }
+    bool failed = ferror(out) != 0;
+    failed |= out == stdout ? fflush(out) != 0 : fclose(out) != 0;
+    return failed ? apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno)) : 0;
+}
+
+/* A line of it into c->former, if it is of one of our seeds. */
+static bool take_line(struct campaign *c, char *line)
+{
+    char *field[2 + METRICS], *rest = line, *end;
+    double loop;
+    line[strcspn(line, "\r\n")] = '\0';
+    for (int i = 0; i < 2 + METRICS; i++)
+        if (!(field[i] = strsep(&rest, ",")))
+            return false;
+    uint64_t seed = strtoull(field[0], &end, 10);
+    if (rest || *end || end == field[0] || apc_number_parse(field[1], &loop) < 0 || loop < 1 ||
+        loop > (double)c->loops || loop != floor(loop))
+        return false;
+    if (seed < c->options->seed || seed - c->options->seed >= c->options->runs)
+        return true;
+    double *figure = c->former + ((seed - c->options->seed) * c->loops + (size_t)loop - 1) * METRICS;
+    for (int i = 0; i < METRICS; i++) {
+        figure[i] = !strcmp(field[2 + i], "inf") ? HUGE_VAL : none;
+        if (isnan(figure[i]) && field[2 + i][0] && apc_number_parse(field[2 + i], &figure[i]) < 0)
+            return false;
+    }
+    return true;
+}
+
+int summary_read(struct campaign *c, struct apc_error *why)
+{
+    const char *path = c->options->against;
+    const size_t n = c->options->runs * c->loops * METRICS;
+    char *line = NULL, *header = NULL;
+    size_t size = 0, number = 1, length = 0;
+    FILE *in = fopen(path, "re"), *expected = open_memstream(&header, &length);
+    int rc = 0;
+
+    c->former = calloc(n + 1, sizeof *c->former);
+    for (size_t i = 0; c->former && i < n; i++)
+        c->former[i] = none;
+    if (expected) {
+        put_header(expected);
+        fclose(expected);
+    }
+    if (!in)
+        rc = apc_fail(why, APC_ENOTFOUND, "%s: cannot be read: %s", path, strerror(errno));
+    else if (!c->former || !header)
+        rc = apc_fail(why, APC_ENOMEM, "out of memory");
+    else if (getline(&line, &size, in) < 0 || strcmp(line, header) != 0)
+        rc = apc_fail(why, APC_EPROTO, "%s:1: expected the file of another campaign (--runs N --csv FILE)",
+                      path);
+    while (rc == 0 && getline(&line, &size, in) >= 0) {
+        number++;
+        if (!take_line(c, line))
+            rc = apc_fail(why, APC_EPROTO, "%s:%zu: expected a line of a campaign with %zu loops", path,
+                          number, c->loops);
+    }
+    if (in)
+        fclose(in);
+    free(line);
+    free(header);
+    return rc;
+}

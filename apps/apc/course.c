@@ -1,0 +1,223 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "course.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define FILE_NAME "plant.csv"
+#define HEADER    "time,what,id,value"
+
+int course_create(struct course *c, const struct apc_dim *dim)
+{
+    *c = (struct course){.dim = *dim, .gap = HUGE_VAL};
+    c->output = calloc(dim->ny + dim->nz + dim->nu, sizeof *c->output);
+    c->setpoint = c->output + dim->ny;
+    c->input = c->setpoint + dim->nz;
+    c->failed = !c->output;
+    return c->output ? 0 : APC_ENOMEM;
+}
+
+void course_free(struct course *c)
+{
+    for (size_t i = 0; c->output && i < c->dim.ny + c->dim.nz + c->dim.nu; i++)
+        free(c->output[i].at);
+    free(c->output);
+    free(c->without.at);
+    *c = (struct course){.end = 0};
+}
+
+void course_add(struct course *c, struct curve *curve, double t, double value)
+{
+    if (curve->n == curve->room) {
+        size_t room = curve->room ? 2 * curve->room : 256;
+        struct curve_point *at = reallocarray(curve->at, room, sizeof *at);
+        if (!at) {
+            c->failed = true;
+            return;
+        }
+        curve->at = at;
+        curve->room = room;
+    }
+    curve->at[curve->n++] = (struct curve_point){t, value};
+}
+
+void course_change(struct course *c, struct curve *curve, double t, double value)
+{
+    if (curve->n == 0 || curve->at[curve->n - 1].value != value)
+        course_add(c, curve, t, value);
+}
+
+/* ---- From samples ------------------------------------------------------------------------- */
+
+/* How long each kind of sample may stay away: as the plant's watchdog has it. */
+static double patience(apc_ns period)
+{
+    return 3 * apc_ns_to_s(period) + 0.1;
+}
+
+/* A sign of life: of the measurements, of the outputs. */
+struct life {
+    double until; /* it may stay away */
+    bool bad;     /* it never came, or was not good */
+};
+
+/* Before what happens at @t is looked at: was there control all the time until then? */
+static void watch(struct course *c, const struct life life[2], double t)
+{
+    double lost = fmin(life[0].until, life[1].until);
+    if (lost < t)
+        course_change(c, &c->without, lost, 1);
+}
+
+int course_of_samples(struct course *c, const struct samples *samples, const struct experiment *e,
+                      apc_ns start)
+{
+    const apc_ns plant = e->plant.rhythm.period, client = e->client.rhythm.period;
+    const double limit[2] = {patience(client > plant ? client : plant),
+                             patience(e->controller.rhythm.period)};
+    struct life life[2] = {{0, true}, {0, true}};
+    if (course_create(c, &e->dim) < 0)
+        return APC_ENOMEM;
+    c->measured = true;
+    c->gap = limit[0];
+    course_change(c, &c->without, 0, 1);
+    for (size_t i = 0; i < samples->n; i++) {
+        const struct apc_sample *s = &samples->at[i];
+        const enum apc_severity severity = apc_status_severity(s->status);
+        const size_t k = (size_t)s->id - 1;
+        double t = apc_ns_to_s(s->time - start);
+        if (c->end > t) /* the wall clock may have stepped back */
+            t = c->end;
+        c->end = t;
+        if (s->table == APC_SETPOINT && k < c->dim.nz) {
+            course_change(c, &c->setpoint[k], t, s->value);
+            continue;
+        }
+        watch(c, life, t);
+        if (s->table == APC_SENSOR && k < c->dim.ny && severity != APC_SEVERITY_BAD) {
+            course_add(c, &c->output[k], t, s->value);
+            life[0] = (struct life){t + limit[0], false};
+        } else if (s->table == APC_ACTUATOR && k < c->dim.nu) {
+            course_change(c, &c->input[k], t, s->value);
+            life[1] = (struct life){t + limit[1], severity != APC_SEVERITY_GOOD};
+            course_change(c, &c->without, t, life[0].bad || life[0].until < t || life[1].bad);
+        }
+    }
+    watch(c, life, c->end);
+    return c->failed ? APC_ENOMEM : 0;
+}
+
+/* ---- The file ----------------------------------------------------------------------------- */
+
+static void write_curves(FILE *out, const char *what, const struct curve *curve, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        for (size_t k = 0; k < curve[i].n; k++) {
+            char value[40];
+            apc_number_format(curve[i].at[k].value, value, sizeof value);
+            fprintf(out, "%.9f,%s,%zu,%s\n", curve[i].at[k].t, what, i + 1, value);
+        }
+}
+
+int course_write(const struct course *c, const char *dir, struct apc_error *why)
+{
+    char path[600];
+    snprintf(path, sizeof path, "%.580s/" FILE_NAME, dir);
+    FILE *out = fopen(path, "w");
+    if (!out)
+        return apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
+    fputs(HEADER "\n", out);
+    write_curves(out, "output", c->output, c->dim.ny);
+    write_curves(out, "setpoint", c->setpoint, c->dim.nz);
+    write_curves(out, "input", c->input, c->dim.nu);
+    write_curves(out, "without", &c->without, 1);
+    fprintf(out, "%.9f,%s,1,%d\n", c->end, "end", c->diverged);
+    bool failed = ferror(out) != 0;
+    failed |= fclose(out) != 0;
+    return failed ? apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno)) : 0;
+}
+
+/* The curve that a line is about; NULL: there is none such. */
+static struct curve *find(struct course *c, const char *what, double id)
+{
+    const struct {
+        const char *name;
+        struct curve *curve;
+        size_t n;
+    } of[] = {{"output", c->output, c->dim.ny},
+              {"setpoint", c->setpoint, c->dim.nz},
+              {"input", c->input, c->dim.nu},
+              {"without", &c->without, 1}};
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++)
+        if (!strcmp(what, of[i].name) && id >= 1 && id <= (double)of[i].n && id == floor(id))
+            return &of[i].curve[(size_t)id - 1];
+    return NULL;
+}
+
+static bool take_line(struct course *c, char *line)
+{
+    char *field[4], *rest = line;
+    double t, id, value;
+    line[strcspn(line, "\r\n")] = '\0';
+    for (int i = 0; i < 4; i++)
+        if (!(field[i] = strsep(&rest, ",")))
+            return false;
+    if (rest || apc_number_parse(field[0], &t) < 0 || apc_number_parse(field[2], &id) < 0 ||
+        apc_number_parse(field[3], &value) < 0)
+        return false;
+    if (!strcmp(field[1], "end")) {
+        c->end = t;
+        c->diverged = value != 0;
+        return true;
+    }
+    struct curve *curve = find(c, field[1], id);
+    if (!curve || (curve->n > 0 && t < curve->at[curve->n - 1].t))
+        return false;
+    course_add(c, curve, t, value);
+    return true;
+}
+
+int course_read(struct course *c, const char *dir, const struct apc_dim *dim, struct apc_error *why)
+{
+    char path[600], *line = NULL;
+    size_t size = 0, number = 1;
+    int rc = course_create(c, dim);
+    if (rc < 0)
+        return apc_fail(why, rc, "out of memory");
+    c->end = -1;
+    snprintf(path, sizeof path, "%.580s/" FILE_NAME, dir);
+    FILE *in = fopen(path, "re");
+    if (!in)
+        return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s", path, strerror(errno));
+    if (getline(&line, &size, in) < 0 || strcmp(line, HEADER "\n") != 0)
+        rc = apc_fail(why, APC_EPROTO, "%s:1: expected the columns " HEADER, path);
+    while (rc == 0 && getline(&line, &size, in) >= 0) {
+        number++;
+        if (!take_line(c, line))
+            rc = apc_fail(why, APC_EPROTO, "%s:%zu: expected " HEADER " of this experiment, by time", path,
+                          number);
+    }
+    if (rc == 0 && c->end < 0)
+        rc = apc_fail(why, APC_EPROTO, "%s: is not whole: its last line must tell the end", path);
+    if (rc == 0 && c->failed)
+        rc = apc_fail(why, APC_ENOMEM, "out of memory");
+    free(line);
+    fclose(in);
+    return rc;
+}
+
+int course_load(struct course *c, const char *dir, const struct experiment *e, struct apc_error *why)
+{
+    struct samples samples;
+    int rc = course_read(c, dir, &e->dim, why);
+    if (rc != APC_ENOTFOUND)
+        return rc;
+    course_free(c);
+    rc = samples_read(&samples, dir, "samples.csv", why);
+    if (rc == 0 && course_of_samples(c, &samples, e, 0) < 0)
+        rc = apc_fail(why, APC_ENOMEM, "out of memory");
+    samples_free(&samples);
+    return rc;
+}
