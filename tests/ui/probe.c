@@ -4,6 +4,10 @@
  * without users, APC_UI_SECURE of one with anna (operator) and otto (observer). Every refused request leaves
  * what it was about as it was.
  */
+#include <errno.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
 #include "apc-ui/http.h"
 #include "api.h"
 #include "schema.h"
@@ -887,6 +891,38 @@ static void whoever_dribbles_is_thrown_out(void **state)
     http_stream_close(stream);
 }
 
+static bool still_open(int fd)
+{
+    char byte;
+    return recv(fd, &byte, 1, MSG_DONTWAIT) < 0 && errno == EAGAIN;
+}
+
+/* Connections that send a header for ever, from two addresses, more than there is room for. They are closed
+ * in the end; what counts is that a newcomer is answered before. */
+static void many_slow_strangers_keep_nobody_out(void **state)
+{
+    enum { SLOW = 700 };
+    int *fds = calloc(SLOW, sizeof *fds);
+    bool answered_beside_them = false;
+    (void)state;
+    assert_non_null(fds);
+    for (int tries = 0; tries < 20 && !answered_beside_them; tries++) {
+        for (int i = 0; i < SLOW; i++) {
+            http_from(i % 2 ? "127.0.0.2" : "127.0.0.3");
+            fds[i] = http_connect(anna.port);
+            (void)http_send(fds[i], "GET /livez HTTP/1.1\r\nX-Slow: ", 29);
+        }
+        http_from(NULL);
+        assert_int_equal(client_get(&stranger, "/livez", NULL), 200);
+        assert_int_equal(client_get(&anna, "/api/state", NULL), 200);
+        answered_beside_them = still_open(fds[SLOW - 1]) && still_open(fds[SLOW - 2]);
+        for (int i = 0; i < SLOW; i++)
+            close(fds[i]);
+    }
+    assert_true(answered_beside_them);
+    free(fds);
+}
+
 /* ---- For the shell ------------------------------------------------------------------------ */
 
 /* Is the loop running there? */
@@ -961,6 +997,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(a_stream_begins_with_everything_and_goes_on_with_changes),
         cmocka_unit_test(a_stream_goes_on_where_it_was_left),
         cmocka_unit_test(whoever_dribbles_is_thrown_out),
+        cmocka_unit_test(many_slow_strangers_keep_nobody_out),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }

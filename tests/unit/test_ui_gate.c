@@ -1,0 +1,316 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The gate, asked without a connection: each reason to refuse by itself. And where the server may listen. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "apc-ui/http.h"
+#include "check.h"
+
+static struct ui *ui;
+static struct request request;
+static struct connection from;
+static const char *headers[20]; /* name, value, ... */
+static char folder[64], secret[SECRET_LEN], operator_secret[SECRET_LEN];
+
+/* In place of those that ask a connection. */
+const char *request_query(const struct request *r, const char *name)
+{
+    (void)r;
+    (void)name;
+    return NULL;
+}
+
+const char *request_header(const struct request *r, const char *name)
+{
+    (void)r;
+    for (size_t i = 0; i + 1 < sizeof headers / sizeof *headers && headers[i]; i += 2)
+        if (!strcasecmp(headers[i], name))
+            return headers[i + 1];
+    return NULL;
+}
+
+static int set_up(void **state)
+{
+    char path[128];
+    struct apc_error why;
+    (void)state;
+    snprintf(folder, sizeof folder, "/tmp/apc-gate.XXXXXX");
+    ui = calloc(1, sizeof *ui);
+    if (!ui || !mkdtemp(folder) ||
+        sessions_init(&ui->sessions, APC_NS_PER_S * 100, APC_NS_PER_S * 1000) < 0 ||
+        pthread_mutex_init(&ui->users_mutex, NULL))
+        return -1;
+    snprintf(path, sizeof path, "%s/users.tokens", folder);
+    if (tokens_add(path, "reader", ROLE_OBSERVER, secret, &why) < 0 ||
+        tokens_add(path, "writer", ROLE_OPERATOR, operator_secret, &why) < 0 ||
+        users_load(&ui->tokens, path, &why) < 0)
+        return -1;
+    ui->port = 8080;
+    ui->open = true;
+    ui->options.names[0] = "plant.example";
+    from = (struct connection){.peer = 1, .fd = -1};
+    memset(headers, 0, sizeof headers);
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    char command[100];
+    (void)state;
+    users_free(&ui->tokens);
+    sessions_free(&ui->sessions);
+    free(ui);
+    snprintf(command, sizeof command, "rm -r '%s'", folder);
+    return system(command);
+}
+
+static const struct route *route(const char *method, const char *path)
+{
+    for (size_t i = 0; i < n_routes; i++)
+        if (!strcmp(routes[i].method, method) && !strcmp(routes[i].path, path))
+            return &routes[i];
+    fail_msg("there is no route %s %s", method, path);
+    return NULL;
+}
+
+/* The status of the refusal; 0: it passed. What the gate returns and what it says agree. */
+static int gate(const struct route *of, const char *method)
+{
+    request = (struct request){.route = of, .from = &from};
+    bool passed = gate_pass(ui, &request, method);
+    assert_int_equal(passed, request.fault.http == 0);
+    assert_true(passed || request.fault.message[0]);
+    return request.fault.http;
+}
+
+static int refused(const char *method, const char *path)
+{
+    return gate(route(method, path), method);
+}
+
+static void say(const char *name, const char *value)
+{
+    for (size_t i = 0; i + 1 < sizeof headers / sizeof *headers; i += 2)
+        if (!headers[i] || !strcasecmp(headers[i], name)) {
+            headers[i] = name;
+            headers[i + 1] = value;
+            return;
+        }
+}
+
+/* A good write of the one who started the server. */
+static void say_all(void)
+{
+    memset(headers, 0, sizeof headers);
+    say("Host", "localhost:8080");
+    say("Content-Type", "application/json");
+    say("X-CSRF-Token", ui->sessions.local.csrf);
+    say("Origin", "http://localhost:8080");
+    say("Sec-Fetch-Site", "same-origin");
+    say("Content-Length", "10");
+}
+
+static void a_request_with_all_it_takes_passes(void **state)
+{
+    (void)state;
+    say_all();
+    assert_int_equal(refused("POST", "/api/setpoint"), 0);
+    assert_string_equal(request.session.user, "local");
+    assert_int_equal(request.session.role, ROLE_OPERATOR);
+    assert_int_equal(refused("GET", "/api/state"), 0);
+    assert_int_equal(gate(route("GET", "/api/state"), "HEAD"), 0);
+    say("Sec-Fetch-Site", "none");
+    assert_int_equal(refused("POST", "/api/setpoint"), 0);
+    say("Host", "plant.example");
+    say("Origin", "https://plant.example");
+    assert_int_equal(refused("POST", "/api/setpoint"), 0);
+    say("Content-Type", "application/json; charset=utf-8");
+    say("Content-Length", "65536");
+    assert_int_equal(refused("POST", "/api/setpoint"), 0);
+}
+
+static void each_thing_amiss_is_a_refusal_by_itself(void **state)
+{
+    static const struct {
+        const char *name, *value;
+        int status;
+        const char *code;
+    } cases[] = {{"Host", "evil.example", 403, "host"},
+                 {"Host", NULL, 403, "host"},
+                 {"Origin", "http://evil.example", 403, "origin"},
+                 {"Origin", "http://localhost:8081", 403, "origin"},
+                 {"Sec-Fetch-Site", "same-site", 403, "origin"},
+                 {"X-CSRF-Token", NULL, 403, "csrf"},
+                 {"X-CSRF-Token", "", 403, "csrf"},
+                 {"X-CSRF-Token", "00", 403, "csrf"},
+                 {"Content-Type", NULL, 415, "type"},
+                 {"Content-Type", "application/jsonx", 415, "type"},
+                 {"Content-Type", "application/x-www-form-urlencoded", 415, "type"},
+                 {"Content-Length", "65537", 413, "size"},
+                 {"Content-Length", "1000000000", 413, "size"},
+                 {"Authorization", "Bearer nobody~00", 401, "token"}};
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        say_all();
+        say(cases[i].name, cases[i].value);
+        int status = refused("POST", "/api/setpoint");
+        if (status != cases[i].status || strcmp(request.fault.code, cases[i].code) != 0)
+            fail_msg("%s: %s gives %d %s", cases[i].name, cases[i].value ? cases[i].value : "(none)", status,
+                     request.fault.code);
+    }
+    say_all();
+    say("Origin", "http://evil.example"); /* reading is not writing: the answer is not for that page to see */
+    assert_int_equal(refused("GET", "/api/state"), 0);
+    assert_int_equal(gate(NULL, "GET"), 404);
+    assert_int_equal(gate(route("POST", "/api/setpoint"), "GET"), 405);
+    assert_int_equal(gate(route("POST", "/api/setpoint"), "HEAD"), 405);
+    assert_int_equal(gate(route("GET", "/api/state"), "DELETE"), 405);
+    ui->tls = true;
+    assert_int_equal(refused("POST", "/api/setpoint"), 403);
+    say("Origin", "http://localhost:8080"); /* without TLS, on a server with it */
+    assert_int_equal(refused("POST", "/api/setpoint"), 403);
+    say("Origin", "https://localhost:8080");
+    assert_int_equal(refused("POST", "/api/setpoint"), 0);
+}
+
+static void another_users_process_is_a_stranger_here(void **state)
+{
+    (void)state;
+    say_all();
+    from.peer = -1;
+    for (size_t i = 0; i < n_routes; i++) {
+        int status = gate(&routes[i], routes[i].method);
+        assert_int_equal(status, routes[i].role == ROLE_NONE ? 0 : 401);
+        assert_string_equal(request.session.user, "");
+    }
+    assert_int_equal(gate(NULL, "GET"), 401); /* nor is he told what there is */
+    from.peer = 0;                            /* not looked at yet, and there is no such connection */
+    assert_int_equal(refused("GET", "/api/state"), 401);
+    assert_int_equal(from.peer, -1);
+}
+
+static void a_protected_server_asks_for_a_session(void **state)
+{
+    (void)state;
+    say_all();
+    ui->open = false;
+    assert_int_equal(refused("GET", "/api/state"), 401);
+    assert_string_equal(request.fault.code, "login");
+    assert_int_equal(refused("GET", "/livez"), 0);
+    assert_int_equal(refused("POST", "/api/login"), 0);
+    say("Content-Type", "application/x-www-form-urlencoded");
+    assert_int_equal(refused("POST", "/api/login"), 0); /* the login page's form */
+    say("Content-Type", "text/plain");
+    assert_int_equal(refused("POST", "/api/login"), 415);
+}
+
+static void a_token_is_as_good_as_its_role(void **state)
+{
+    char bearer[200];
+    (void)state;
+    for (int open = 0; open < 2; open++) {
+        ui->open = open;
+        say_all();
+        say("X-CSRF-Token", NULL);
+        snprintf(bearer, sizeof bearer, "Bearer reader~%s", secret);
+        say("Authorization", bearer);
+        assert_int_equal(refused("GET", "/metrics"), 0);
+        assert_string_equal(request.session.user, "reader");
+        assert_int_equal(refused("POST", "/api/setpoint"), 403);
+        assert_string_equal(request.fault.code, "role");
+        snprintf(bearer, sizeof bearer, "bearer   writer~%s", operator_secret);
+        assert_int_equal(refused("POST", "/api/setpoint"), 0); /* no browser sends it by itself: no CSRF */
+        assert_true(request.session.machine);
+        snprintf(bearer, sizeof bearer, "Bearer writer~%s", secret);
+        assert_int_equal(refused("GET", "/metrics"), 401);
+        snprintf(bearer, sizeof bearer, "Bearer writer%s", operator_secret);
+        assert_int_equal(refused("GET", "/metrics"), 401);
+        assert_int_equal(refused("GET", "/livez"), 0); /* anyone may */
+    }
+}
+
+static void cookies_are_named_by_port_and_bound_to_the_host_under_tls(void **state)
+{
+    char name[COOKIE_NAME];
+    (void)state;
+    cookie_name(ui, "session", name);
+    assert_string_equal(name, "apc-session-8080");
+    ui->tls = true;
+    cookie_name(ui, "device", name);
+    assert_string_equal(name, "__Host-apc-device-8080");
+}
+
+/* ---- Listening ---------------------------------------------------------------------------- */
+
+/* The error; 0: it listens. */
+static int listening(const char *where, struct apc_error *why)
+{
+    ui->options.listen = where;
+    ui->port = 0;
+    int fd = listen_on(ui, why);
+    if (fd < 0)
+        return fd;
+    close(fd);
+    assert_true(ui->port > 0);
+    return 0;
+}
+
+static void it_listens_where_it_may(void **state)
+{
+    static const char *const bad[] = {
+        "8080",        "127.0.0.1:65536", "127.0.0.1:-1", "127.0.0.1:", "::1:8080",         "",
+        "localhost:0", "127.0.0.1:8 ",    "[]:0",         "[::1:0",     "127.0.0.1:000000", ":0"};
+    struct apc_error why;
+    (void)state;
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
+        if (listening(bad[i], &why) != APC_EINVAL)
+            fail_msg("it listens on \"%s\"", bad[i]);
+    assert_int_equal(listening("127.0.0.1:0", &why), 0);
+    assert_int_equal(listening("127.1.2.3:00000", &why), 0);
+    assert_int_equal(listening("0.0.0.0:0", &why), APC_EPERM);
+    assert_non_null(strstr(why.text, "apc user add"));
+    ui->open = false;
+    assert_int_equal(listening("0.0.0.0:0", &why), APC_EPERM);
+    assert_non_null(strstr(why.text, "--tls-cert"));
+    ui->options.allow_plaintext = true;
+    assert_int_equal(listening("0.0.0.0:0", &why), 0);
+    ui->options.allow_plaintext = false;
+    ui->tls = true;
+    assert_int_equal(listening("0.0.0.0:0", &why), 0);
+    ui->open = true; /* TLS is no login */
+    assert_int_equal(listening("0.0.0.0:0", &why), APC_EPERM);
+}
+
+static void a_port_that_is_taken_is_said(void **state)
+{
+    char where[32];
+    struct apc_error why;
+    (void)state;
+    ui->options.listen = "127.0.0.1:0";
+    int fd = listen_on(ui, &why);
+    assert_true(fd >= 0);
+    snprintf(where, sizeof where, "127.0.0.1:%d", ui->port);
+    assert_int_equal(listening(where, &why), APC_ESYS);
+    assert_non_null(strstr(why.text, "stop the program that has this port"));
+    close(fd);
+}
+
+int main(void)
+{
+#define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+    const struct CMUnitTest tests[] = {
+        T(a_request_with_all_it_takes_passes),
+        T(each_thing_amiss_is_a_refusal_by_itself),
+        T(another_users_process_is_a_stranger_here),
+        T(a_protected_server_asks_for_a_session),
+        T(a_token_is_as_good_as_its_role),
+        T(cookies_are_named_by_port_and_bound_to_the_host_under_tls),
+        T(it_listens_where_it_may),
+        T(a_port_that_is_taken_is_said),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
