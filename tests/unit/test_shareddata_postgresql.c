@@ -420,6 +420,94 @@ static void test_a_commit_refused_at_its_very_end_is_not_acknowledged(void **sta
     apc_store_close(store);
 }
 
+/* Of tuning: the server says no as value tells it to. */
+static void make_refusing(void)
+{
+    char sql[700];
+    snprintf(
+        sql, sizeof sql,
+        "CREATE TABLE plant%d.code (n int, sqlstate text); CREATE FUNCTION plant%d.refuse() RETURNS trigger "
+        "LANGUAGE plpgsql AS $$ DECLARE c text; BEGIN SELECT sqlstate INTO c FROM code WHERE n = NEW.value; "
+        "IF FOUND THEN RAISE 'it says no' USING ERRCODE = c, DETAIL = E'for\n a reason'; END IF; RETURN NEW; "
+        "END $$; CREATE TRIGGER t BEFORE INSERT ON plant%d.tuning FOR EACH ROW EXECUTE FUNCTION "
+        "plant%d.refuse()",
+        plant, plant, plant, plant);
+    cluster_query(cluster, sql);
+}
+
+static void test_each_refusal_of_the_server_is_told_apart(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *sqlstate;
+        int err;
+        bool stays; /* connected */
+        const char *says;
+    } refusals[] = {
+        {"42501", APC_EPERM, true, "the database does not permit it: it says no: for a reason"},
+        {"42P01", APC_ESCHEMA, false, "schema is not libapc's (run apc init): it says no: for a reason"},
+        {"42883", APC_ESCHEMA, false, "schema is not libapc's (run apc init): it says no: for a reason"},
+        {"3F000", APC_ESCHEMA, false, "schema is not libapc's (run apc init): it says no: for a reason"},
+        {"25006", APC_ECONN, false, "the database server ended the connection: it says no: for a reason"},
+        {"57P03", APC_ECONN, false, "the database server ended the connection: it says no: for a reason"},
+        {"53100", APC_EFULL, true, "the database refused it: it says no: for a reason"},
+        {"53200", APC_ECONN, false, "the database server ended the connection: it says no: for a reason"},
+        {"53300", APC_ECONN, false, "the database server ended the connection: it says no: for a reason"},
+        {"08006", APC_ECONN, false, "the database server ended the connection: it says no: for a reason"},
+        {"42703", APC_ESTORE, true, "has tables that are not libapc's (name another behind a #): it says no"},
+        {"42P07", APC_ESTORE, true, "has tables that are not libapc's (name another behind a #): it says no"},
+        {"22012", APC_ESTORE, true, "the database refused it: it says no: for a reason"},
+        {"23514", APC_ESTORE, true, "the database refused it: it says no: for a reason"},
+    };
+    make_refusing();
+    struct apc_store *store = open_direct(LONG);
+    for (int i = 0; i < (int)(sizeof refusals / sizeof refusals[0]); i++) {
+        char sql[100];
+        snprintf(sql, sizeof sql, "INSERT INTO plant%d.code VALUES (%d, '%s')", plant, i,
+                 refusals[i].sqlstate);
+        cluster_query(cluster, sql);
+        connect_again(store);
+        struct apc_sample s = sample(APC_TUNING, 1, 1, i);
+        assert_int_equal(apc_store_append(store, &s, 1), refusals[i].err);
+        assert_says(store, refusals[i].says);
+        assert_int_equal(apc_store_connected(store), refusals[i].stays);
+        connect_again(store);
+        assert_int_equal(apc_store_put(store, &s, 1), refusals[i].err);
+        assert_says(store, refusals[i].says);
+        connect_again(store);
+        assert_int_equal(newest(store, APC_TUNING, 1).seq, 0);
+    }
+    apc_store_close(store);
+}
+
+static void test_a_race_that_is_always_lost_is_given_up_after_ten_tries(void **state)
+{
+    (void)state;
+    static const char *const lost[] = {"40P01", "40001", "23505"};
+    make_refusing();
+    struct apc_store *store = open_direct(LONG);
+    ok(store, apc_store_connect(store));
+    for (int i = 0; i < 3; i++) {
+        char sql[100];
+        snprintf(sql, sizeof sql, "INSERT INTO plant%d.code VALUES (%d, '%s')", plant, i, lost[i]);
+        cluster_query(cluster, sql);
+        struct apc_sample s = sample(APC_TUNING, 1, 1, i);
+        struct apc_store_stats before, after;
+        apc_store_stats(store, &before);
+        assert_int_equal(apc_store_put(store, &s, 1), APC_ECONFLICT);
+        apc_store_stats(store, &after);
+        assert_int_equal(after.round_trips - before.round_trips, 10);
+        assert_says(store, "it says no");
+        assert_int_equal(apc_store_append(store, &s, 1), APC_ESTORE); /* nobody's value won */
+        apc_store_stats(store, &before);
+        assert_int_equal(before.round_trips - after.round_trips, 1 + 10);
+        assert_says(store, "it says no");
+        assert_true(apc_store_connected(store));
+        assert_int_equal(newest(store, APC_TUNING, 1).seq, 0);
+    }
+    apc_store_close(store);
+}
+
 struct appender {
     struct apc_store *store;
     int64_t seq;
@@ -890,7 +978,7 @@ static void test_a_wait_ends_with_an_error_when_its_connection_does_and_the_next
     pthread_join(thread, NULL);
     assert_true(idle);
     assert_int_equal(a.result, APC_ECONN);
-    assert_true(apc_store_error(a.store)[0] != '\0');
+    assert_says(a.store, "connection to the database lost");
     struct apc_sample s = sample(APC_SETPOINT, 1, 1, 1), seen = {.table = APC_SETPOINT, .id = 1};
     assert_int_equal(append_again(a.store, &s, 1), 1);
     int result = APC_ECONN;
@@ -899,6 +987,47 @@ static void test_a_wait_ends_with_an_error_when_its_connection_does_and_the_next
     }
     assert_int_equal(result, 1);
     apc_store_close(a.store);
+}
+
+/* The wait has a connection of its own: what befalls that is what the store says. */
+static void test_a_wait_that_cannot_connect_says_why_and_where(void **state)
+{
+    (void)state;
+    const struct apc_sample seen = {.table = APC_SETPOINT, .id = 1};
+    struct apc_store *store = open_uri("postgresql://apc@/nowhere?host=/nonexistent", LONG);
+    assert_int_equal(apc_store_wait(store, &seen, 1, 0), APC_ECONN);
+    assert_says(store, "/nonexistent");
+    apc_store_close(store);
+    store = open_direct(LONG);
+    ok(store, apc_store_connect(store)); /* its own connection is well */
+    char sql[100];
+    snprintf(sql, sizeof sql, "DROP TABLE plant%d.setpoint_newest", plant);
+    cluster_query(cluster, sql);
+    assert_int_equal(apc_store_wait(store, &seen, 1, 60 * APC_NS_PER_S), APC_ESCHEMA);
+    assert_says(store, "setpoint_newest");
+    assert_true(apc_store_connected(store));
+    apc_store_close(store);
+}
+
+static void test_a_wait_sees_changes_of_all_its_tables_and_of_no_other(void **state)
+{
+    (void)state;
+    struct apc_store *writer = open_direct(LONG), *store = open_direct(LONG);
+    struct apc_sample seen[3] = {
+        {.table = APC_SETPOINT, .id = 1}, {.table = APC_OPMODE, .id = 0}, {.table = APC_TUNING, .id = 2}};
+    assert_int_equal(apc_store_wait(store, seen, 3, 0), 0);
+    struct apc_sample other = {.table = APC_MANUAL, .id = 1};
+    ok(writer, apc_store_put(writer, &other, 1));
+    assert_int_equal(apc_store_wait(store, seen, 3, 0), 0);
+    for (int i = 2; i >= 0; i--) {
+        struct apc_sample s = {.table = seen[i].table, .id = seen[i].id};
+        ok(writer, apc_store_put(writer, &s, 1));
+        assert_int_equal(apc_store_wait(store, seen, 3, INT64_MAX), 1);
+        seen[i].seq = s.seq;
+        assert_int_equal(apc_store_wait(store, seen, 3, 0), 0);
+    }
+    apc_store_close(store);
+    apc_store_close(writer);
 }
 
 /* ---- Schema ------------------------------------------------------------------------------------- */
@@ -922,6 +1051,15 @@ static void test_a_missing_schema_says_what_to_run(void **state)
     store = open_uri(uri, LONG);
     assert_int_equal(apc_store_connect(store), APC_ESCHEMA); /* there, but not ours */
     assert_says(store, "apc init");
+    apc_store_close(store);
+    char sql[100];
+    snprintf(sql, sizeof sql, "DELETE FROM plant%d.migration", plant);
+    cluster_query(cluster, sql);
+    store = open_direct(LONG);
+    assert_int_equal(apc_store_connect(store), APC_ESCHEMA); /* half made */
+    snprintf(expected, sizeof expected, "schema plant%d is version 0, this library needs %d: run apc init",
+             plant, apc_store_version());
+    assert_string_equal(apc_store_error(store), expected);
     apc_store_close(store);
 }
 
@@ -1308,6 +1446,8 @@ int main(void)
         T(test_only_a_host_that_can_be_written_to_is_used),
         T(test_a_server_that_became_read_only_is_left),
         T(test_a_commit_refused_at_its_very_end_is_not_acknowledged),
+        T(test_each_refusal_of_the_server_is_told_apart),
+        T(test_a_race_that_is_always_lost_is_given_up_after_ten_tries),
         T(test_a_commit_that_no_standby_has_is_not_acknowledged),
         T(test_after_kill_9_of_the_server_nothing_acknowledged_is_lost),
         T(test_of_two_servers_the_primary_is_used_and_after_a_failover_the_other_one),
@@ -1321,6 +1461,8 @@ int main(void)
         T(test_a_key_is_taken_once_in_all_partitions_whoever_is_faster),
         T(test_sql_by_hand_cannot_take_a_key_twice_nor_leave_the_newest_behind),
         T(test_a_wait_ends_with_an_error_when_its_connection_does_and_the_next_one_works),
+        T(test_a_wait_that_cannot_connect_says_why_and_where),
+        T(test_a_wait_sees_changes_of_all_its_tables_and_of_no_other),
         T(test_a_missing_schema_says_what_to_run),
         T(test_a_newer_schema_is_left_alone),
         T(test_a_newer_schema_that_says_it_is_compatible_is_worked_with),
