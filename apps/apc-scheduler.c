@@ -99,6 +99,7 @@ static int open_shell(struct shell *s)
     s->step = calloc(e->dim.nz, sizeof *s->step);
     int64_t *last = calloc(e->dim.nz, sizeof *last);
     int rc = s->step && last ? 0 : APC_ENOMEM;
+    s->d->store_timeout = daemon_timeout(e->scheduler.rhythm.period);
     if (rc == 0)
         rc = daemon_store(s->d, &s->store, APC_SETPOINT, e->dim.nz, last);
     if (rc == 0)

@@ -224,8 +224,8 @@ APC_API void apc_task_destroy(struct apc_task *task);
 /** Numbers since the start, from any thread while the task runs. [any] */
 APC_API void apc_task_timing(const struct apc_task *task, struct apc_timing *timing);
 /**
- * Ticks that did not run although their time came. Counted as soon as the task knows of it: when the next
- * tick begins, when a callback that took too long ends, or when the task is stopped. [any]
+ * Ticks that did not run although their time came, with those that a callback which has not returned is
+ * missing now (but for APC_OVERRUN_BURST, which may still run them; stopping the task counts them). [any]
  */
 APC_API uint64_t apc_task_missed(const struct apc_task *task);
 
@@ -234,8 +234,8 @@ APC_API uint64_t apc_task_missed(const struct apc_task *task);
 /**
  * Ticks missed in a row: since the last call around which none was, with those that a callback which has not
  * returned is missing now (with APC_OVERRUN_BURST: by how many the task is behind). 0 when it has ended.
- * @p alarms, if not NULL, is how often that reached APC_OVERRUN_ALARM: counted when a callback returns, also
- * if it was too brief to be seen here. [any]
+ * @p alarms, if not NULL, is how often that reached APC_OVERRUN_ALARM: counted when a callback begins late or
+ * returns, also if it was too brief to be seen here. [any]
  */
 APC_API uint64_t apc_task_overruns(const struct apc_task *task, uint64_t *alarms);
 

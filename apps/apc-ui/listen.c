@@ -3,6 +3,7 @@
 #include "http.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <netdb.h>
 #include <netinet/in.h>
 #include <stddef.h>
@@ -10,6 +11,8 @@
 #include <string.h>
 #include <sys/socket.h>
 #include <unistd.h>
+
+#include <systemd/sd-daemon.h>
 
 static bool is_loopback(const struct sockaddr *address)
 {
@@ -71,7 +74,13 @@ int listen_on(struct ui *ui, struct apc_error *why)
         return apc_fail(why, APC_EINVAL,
                         "--listen \"%s\": must be ADDRESS:PORT, such as 127.0.0.1:8080 or [::1]:8080", text);
     int rc = check_binding(ui, found->ai_addr, why), fd = -1;
-    if (rc == 0) {
+    if (rc == 0 && sd_listen_fds(1) == 1) {
+        fd = SD_LISTEN_FDS_START; /* from systemd, or `apc run` */
+        if (fcntl(fd, F_SETFL, O_NONBLOCK) < 0 || getsockname(fd, (struct sockaddr *)&bound, &size) < 0)
+            rc = apc_fail(why, APC_ESYS, "--listen %s: the socket handed over: %s", text, strerror(errno));
+        else
+            rc = check_binding(ui, (const struct sockaddr *)&bound, why);
+    } else if (rc == 0) {
         fd = socket(found->ai_family, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
         if (fd < 0 || setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) < 0 ||
             bind(fd, found->ai_addr, found->ai_addrlen) < 0 || listen(fd, 128) < 0 ||

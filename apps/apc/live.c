@@ -1,18 +1,40 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "live.h"
 
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/ioctl.h>
+#include <sys/wait.h>
 #include <unistd.h>
+
+#include "common/storeuri.h"
+#include "control.h"
 
 #define BAR          24                 /* at most */
 #define PLAIN_EVERY  (5 * APC_NS_PER_S) /* between two lines when stdout is no terminal */
 #define TIMING_EVERY (5 * APC_NS_PER_S) /* the daemons' windows */
 #define WIDTH        240
+#define LOOK         250                /* ms between two looks at the store */
+#define PATIENCE     5000               /* ms for the line to end: it may be waiting for the store */
+#define TEXT         256                /* of a message */
+#define RECENT       (5 * APC_NS_PER_S) /* the daemons begin so long before t = 0 */
 
 struct live {
+    pid_t pid;
+    int pipe; /* messages, a severity's digit and a line each; '0': show it once more */
+};
+
+struct sight {
+    int64_t seq;
+    apc_ns at; /* monotonic: when it was first seen */
+};
+
+/* What the process that shows it has. */
+struct view {
     struct apc_store *store;
     const struct experiment *e;
     apc_ns start, printed, asked;
@@ -20,7 +42,10 @@ struct live {
     bool terminal;
     apc_ns worst;               /* lateness so far */
     struct apc_sample *samples; /* z, y, u of each loop, then the actual mode */
+    struct sight *sights;       /* of each */
     size_t n;
+    struct control control;
+    apc_ns heard; /* time of the newest event */
 };
 
 static size_t loops(const struct experiment *e)
@@ -30,42 +55,31 @@ static size_t loops(const struct experiment *e)
     return n < 3 ? n : 3; /* more do not fit on a line */
 }
 
-int live_create(struct live **out, struct apc_store *store, const struct experiment *e, apc_ns start,
-                double duration)
+static int begin(struct view *l, const char *store, const struct experiment *e, apc_ns start, double duration)
 {
-    struct live *l = calloc(1, sizeof *l);
-    *out = NULL;
-    if (!l)
-        return APC_ENOMEM;
-    *l = (struct live){.store = store, .e = e, .start = start, .duration = duration};
+    const struct apc_store_options options = {.size = sizeof options, .name = "apc run", .spool = ""};
+    struct apc_error why;
+
+    *l = (struct view){.e = e, .start = start, .duration = duration, .heard = start - RECENT};
     l->terminal = isatty(STDOUT_FILENO);
     l->n = 3 * loops(e) + 1;
     l->samples = calloc(l->n, sizeof *l->samples);
-    if (!l->samples) {
-        free(l);
+    l->sights = calloc(l->n, sizeof *l->sights);
+    if (!l->samples || !l->sights)
         return APC_ENOMEM;
-    }
     for (size_t i = 0; i < loops(e); i++) {
         l->samples[3 * i] = (struct apc_sample){.table = APC_SETPOINT, .id = (int)i + 1};
         l->samples[3 * i + 1] = (struct apc_sample){.table = APC_SENSOR, .id = (int)i + 1};
         l->samples[3 * i + 2] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)i + 1};
     }
     l->samples[l->n - 1] = (struct apc_sample){.table = APC_OPMODE, .id = 1};
-    *out = l;
-    return 0;
-}
-
-void live_destroy(struct live *l)
-{
-    if (!l)
-        return;
-    free(l->samples);
-    free(l);
+    control_begin(&l->control, start);
+    return store_open(&l->store, store, &options, &why);
 }
 
 static int take_worst(void *ctx, const struct apc_timing_row *row)
 {
-    struct live *l = ctx;
+    struct view *l = ctx;
     if (!strcmp(row->quantity, "lateness") && row->max > l->worst)
         l->worst = row->max;
     return 0;
@@ -97,30 +111,75 @@ static void add(struct line *line, const char *fmt, ...)
         line->used = WIDTH - 1;
 }
 
-/* A value that belongs to an earlier run, or to none, shows as a dash. */
-static void add_value(const struct live *l, struct line *line, const char *name, const struct apc_sample *s)
+static int take_event(void *ctx, const struct apc_event *event)
 {
-    double size = s->value < 0 ? -s->value : s->value;
-    if (s->seq == 0 || s->time < l->start - APC_NS_PER_S)
-        add(line, "  %.12s %7s", name, "-");
-    else
-        add(line, size < 1e4 ? "  %.12s %7.3f" : "  %.12s %7.2e", name, s->value);
+    struct view *l = ctx;
+    control_take(&l->control, event);
+    l->heard = event->time > l->heard ? event->time : l->heard;
+    return 0;
 }
 
-static void add_values(const struct live *l, struct line *line)
+static int look(struct view *l, apc_ns now, apc_ns mono)
+{
+    int rc = apc_store_read(l->store, l->samples, l->n);
+    for (size_t i = 0; i < l->n && rc >= 0; i++)
+        if (l->samples[i].seq != l->sights[i].seq)
+            l->sights[i] = (struct sight){l->samples[i].seq, mono};
+    if (rc >= 0)
+        rc = apc_store_events(l->store, &(struct apc_range){.since = l->heard}, take_event, l);
+    if (rc >= 0 && mono - l->asked > TIMING_EVERY) {
+        const struct apc_range range = {.since = l->asked ? now - 2 * TIMING_EVERY : l->start};
+        apc_store_timing(l->store, &range, take_worst, l);
+        l->asked = mono;
+    }
+    return rc;
+}
+
+/* How long nothing new has come, when that is longer than it may be: else 0. */
+static apc_ns overdue(const struct view *l, size_t i, apc_ns period)
+{
+    apc_ns age = l->sights[i].seq > 0 ? apc_clock_mono(NULL) - l->sights[i].at : 0;
+    return age > 3 * period && age > APC_NS_PER_S ? age : 0;
+}
+
+/* A value that belongs to an earlier run, or to none, shows as a dash. @period: in which the next one has to
+ * come; 0: it may stay for ever. */
+static void add_value(const struct view *l, struct line *line, const char *name, size_t i, apc_ns period)
+{
+    const struct apc_sample *s = &l->samples[i];
+    const enum apc_severity severity = apc_status_severity(s->status);
+    const apc_ns age = period > 0 ? overdue(l, i, period) : 0;
+    double size = s->value < 0 ? -s->value : s->value;
+
+    if (s->seq == 0 || s->time < l->start - APC_NS_PER_S)
+        add(line, "  %.12s %7s", name, "-");
+    else if (severity == APC_SEVERITY_BAD)
+        add(line, "  %.12s %7s", name, "bad");
+    else
+        add(line, size < 1e4 ? "  %.12s %7.3f%s" : "  %.12s %7.2e%s", name, s->value,
+            severity == APC_SEVERITY_GOOD ? "" : "?");
+    if (age > 0)
+        add(line, " (%.0f s old)", apc_ns_to_s(age));
+}
+
+static void add_values(const struct view *l, struct line *line)
 {
     const struct experiment *e = l->e;
     for (size_t i = 0; i < loops(e); i++) {
-        add_value(l, line, e->z[i].tag.name, &l->samples[3 * i]);
-        add_value(l, line, e->y[i].tag.name, &l->samples[3 * i + 1]);
-        add_value(l, line, e->u[i].tag.name, &l->samples[3 * i + 2]);
+        add_value(l, line, e->z[i].tag.name, 3 * i, 0);
+        add_value(l, line, e->y[i].tag.name, 3 * i + 1, e->client.rhythm.period);
+        add_value(l, line, e->u[i].tag.name, 3 * i + 2, e->controller.rhythm.period);
     }
     const struct apc_sample *mode = &l->samples[l->n - 1];
     const char *name = mode->seq > 0 && mode->time >= l->start ? apc_mode_name((int)mode->value) : NULL;
+    if (overdue(l, 2, e->controller.rhythm.period))
+        name = "no controller";
     add(line, "  %-4s", name ? name : "-");
+    if (!l->control.commanded)
+        add(line, "  plant at its safe value");
 }
 
-static void add_bar(const struct live *l, struct line *line, double t)
+static void add_bar(const struct view *l, struct line *line, double t)
 {
     static const char full[] = "########################", empty[] = "........................";
     if (l->duration <= 0)
@@ -135,20 +194,16 @@ static void add_bar(const struct live *l, struct line *line, double t)
     add(line, "  [%.*s%.*s] %3.0f %%", filled, full, bar - filled, empty, 100 * done);
 }
 
-void live_show(struct live *l, bool last)
+static void show(struct view *l, bool last)
 {
     struct line line = {.used = 0};
     apc_ns now = apc_clock_utc(NULL), mono = apc_clock_mono(NULL);
     double t = apc_ns_to_s(now - l->start);
-    if (!l->terminal && !last && mono - l->printed < PLAIN_EVERY)
+    int rc = look(l, now, mono);
+
+    if (t < 0 || (!l->terminal && !last && mono - l->printed < PLAIN_EVERY))
         return;
-    int rc = apc_store_read(l->store, l->samples, l->n);
-    if (rc >= 0 && mono - l->asked > TIMING_EVERY) {
-        const struct apc_range range = {.since = l->asked ? now - 2 * TIMING_EVERY : l->start};
-        apc_store_timing(l->store, &range, take_worst, l);
-        l->asked = mono;
-    }
-    add(&line, "%7.1f s", t < 0 ? 0 : t);
+    add(&line, "%7.1f s", t);
     if (rc < 0)
         add(&line, "  no data: %.100s", apc_store_error(l->store));
     else
@@ -164,21 +219,107 @@ void live_show(struct live *l, bool last)
     l->printed = mono;
 }
 
-void live_say(struct live *l, const char *fmt, ...)
+static void say(struct view *l, int severity, const char *text)
 {
-    va_list args;
+    struct apc_event event = {.time = apc_clock_utc(NULL),
+                              .severity = (enum apc_event_severity)severity,
+                              .source = "apc-run",
+                              .kind = "stop"};
     if (l->terminal)
         printf("\r%-*s\r", (int)columns() - 1, "");
+    puts(text);
+    fflush(stdout);
+    snprintf(event.text, sizeof event.text, "%.*s", (int)sizeof event.text - 1, text);
+    apc_store_append_events(l->store, &event, 1);
+}
+
+/* Until the other end of the pipe is closed, also by the death of who holds it. */
+static void follow(struct view *l, FILE *messages)
+{
+    struct pollfd p = {.fd = fileno(messages), .events = POLLIN};
+    char text[TEXT];
+
+    for (;;) {
+        if (poll(&p, 1, LOOK) <= 0) {
+            show(l, false);
+            continue;
+        }
+        if (!fgets(text, sizeof text, messages))
+            return;
+        text[strcspn(text, "\n")] = '\0';
+        if (text[0] == '0')
+            show(l, true);
+        else
+            say(l, text[0] - '0', text + 1);
+    }
+}
+
+int live_start(struct live **out, const char *store, const struct experiment *e, apc_ns start,
+               double duration)
+{
+    struct live *l = calloc(1, sizeof *l);
+    struct view view;
+    int ends[2];
+
+    *out = NULL;
+    if (!l || pipe2(ends, O_CLOEXEC) < 0) {
+        free(l);
+        return APC_ENOMEM;
+    }
+    fflush(stdout);
+    l->pid = fork();
+    if (l->pid == 0) {
+        close(ends[1]);
+        FILE *messages = fdopen(ends[0], "r");
+        if (!messages)
+            _exit(1);
+        setvbuf(messages, NULL, _IONBF, 0); /* what is read is what poll() looks at */
+        int rc = begin(&view, store, e, start, duration);
+        if (rc >= 0)
+            follow(&view, messages);
+        apc_store_close(rc >= 0 ? view.store : NULL);
+        if (rc >= 0 && view.terminal && view.printed)
+            putchar('\n');
+        fflush(stdout);
+        _exit(rc < 0);
+    }
+    close(ends[0]);
+    l->pipe = ends[1];
+    fcntl(l->pipe, F_SETFL, O_NONBLOCK);
+    if (l->pid < 0) {
+        close(l->pipe);
+        free(l);
+        return APC_ESYS;
+    }
+    *out = l;
+    return 0;
+}
+
+void live_say(struct live *l, enum apc_event_severity severity, const char *fmt, ...)
+{
+    char text[TEXT] = {(char)('0' + (int)severity)};
+    va_list args;
     va_start(args, fmt);
-    vprintf(fmt, args);
+    vsnprintf(text + 1, sizeof text - 2, fmt, args);
     va_end(args);
-    putchar('\n');
+    size_t n = strlen(text);
+    text[n] = '\n';
+    if (write(l->pipe, text, n + 1) < 0) /* it hangs, or has died: then at least it is said */
+        printf("%.*s\n", (int)n - 1, text + 1);
     fflush(stdout);
 }
 
-void live_end(struct live *l)
+void live_end(struct live *l, bool whole)
 {
-    if (l->terminal && l->printed)
-        putchar('\n');
-    fflush(stdout);
+    if (!l)
+        return;
+    if (whole && write(l->pipe, "0\n", 2) < 0)
+        whole = false;
+    close(l->pipe);
+    for (int waited = 0; waitpid(l->pid, NULL, WNOHANG) == 0; waited += 10) {
+        if (waited == PATIENCE)
+            kill(l->pid, SIGKILL);
+        poll(NULL, 0, 10);
+    }
+    free(l);
 }

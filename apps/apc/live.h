@@ -1,5 +1,11 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The live line of a run: time, setpoint, y, u, mode, worst lateness, and a bar when the run has an end. */
+/*
+ * The live line of a run: time, setpoint, y, u, mode, worst lateness, and a bar when the run has an end. A
+ * value that is old, uncertain or bad says so, and so does the line when the plant stands at its safe value.
+ *
+ * It is shown by a process of its own: a store that hangs, or shared memory that somebody cuts short, must
+ * not stop whoever looks after the daemons.
+ */
 #ifndef APC_LIVE_H
 #define APC_LIVE_H
 
@@ -9,15 +15,12 @@
 
 struct live;
 
-int live_create(struct live **live, struct apc_store *store, const struct experiment *e, apc_ns start,
-                double duration);
-void live_destroy(struct live *live);
-/* Read and print; unless it is the last time, only now and then where stdout is no terminal. A store that is
- * away is said on the line; it is no error. */
-void live_show(struct live *live, bool last);
-/* A message of its own above the line. */
-void live_say(struct live *live, const char *fmt, ...) APC_PRINTF(2, 3);
-/* End the line. */
-void live_end(struct live *live);
+/* Begin. Returns 0, APC_ENOMEM or APC_ESYS. */
+int live_start(struct live **live, const char *store, const struct experiment *e, apc_ns start,
+               double duration);
+/* A message of its own above the line, and an event of the records. */
+void live_say(struct live *live, enum apc_event_severity severity, const char *fmt, ...) APC_PRINTF(3, 4);
+/* End the line; @p whole: after showing it once more. NULL is legal. */
+void live_end(struct live *live, bool whole);
 
 #endif

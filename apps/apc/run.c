@@ -8,10 +8,12 @@
 #include <string.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include "cli.h"
 #include "common/storeuri.h"
+#include "control.h"
 #include "folder.h"
 #include "live.h"
 #include "provision.h"
@@ -19,10 +21,10 @@
 #include "spools.h"
 #include "supervisor.h"
 
-#define EXPORT_TRIES 60                    /* a second each */
-#define LEAD         (2 * APC_NS_PER_S)    /* from here to t = 0: the daemons start meanwhile */
-#define LOOK         (250 * APC_NS_PER_MS) /* between two looks at the children and the store */
+#define EXPORT_TRIES 60                 /* a second each */
+#define LEAD         (2 * APC_NS_PER_S) /* from here to t = 0: the daemons start meanwhile */
 #define PAGE_PORT    8080
+#define PAGE_PERIOD  (5 * APC_NS_PER_S) /* it has no task: it says once a second that it lives */
 
 struct run_options {
     double duration; /* s; < 0: the file's */
@@ -121,7 +123,10 @@ struct run {
     struct supervisor daemons;
     struct live *live;
     char page[64];               /* ADDRESS:PORT of the operator's page; "": none */
+    int listener;                /* its socket */
+    struct apc_error failure;    /* why the run is none; "": nothing known */
     apc_ns start, begin, finish; /* t = 0: UTC then, monotonic; monotonic end, 0: none */
+    apc_ns stopped;              /* monotonic: when it was ended */
     char dir[512], config[544], store_name[400], host[256];
     char own_store[PATH_MAX + 32]; /* URI of a store in dir; "": it was given one */
     bool made_store;               /* it was not there before */
@@ -197,6 +202,8 @@ static int prepare_store(struct run *r)
     if (rc >= 0)
         rc = describe(r);
     apc_store_close(guard);
+    apc_store_close(r->store); /* while it runs, other processes use it */
+    r->store = NULL;
     return rc;
 }
 
@@ -264,30 +271,45 @@ static void discard(const struct run *r)
     folder_discard(r->dir);
 }
 
-/* Is it free? 0: any; returns the port, or 0 when it is not. */
-static int free_port(int port)
+/* A socket that listens on a port of this host; 0: any. Sets *port. Negative: it is taken. */
+static int listen_on(int *port)
 {
     struct sockaddr_in address = {
-        .sin_family = AF_INET, .sin_port = htons((uint16_t)port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+        .sin_family = AF_INET, .sin_port = htons((uint16_t)*port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
     socklen_t size = sizeof address;
     const int on = 1;
     int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    bool free = fd >= 0 && setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) == 0 &&
-                bind(fd, (struct sockaddr *)&address, size) == 0 && listen(fd, 1) == 0 &&
-                getsockname(fd, (struct sockaddr *)&address, &size) == 0;
-    if (fd >= 0)
-        close(fd);
-    return free ? ntohs(address.sin_port) : 0;
+    if (fd < 0 || setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) < 0 ||
+        bind(fd, (struct sockaddr *)&address, size) < 0 || listen(fd, 128) < 0 ||
+        getsockname(fd, (struct sockaddr *)&address, &size) < 0) {
+        if (fd >= 0)
+            close(fd);
+        return -1;
+    }
+    *port = ntohs(address.sin_port);
+    return fd;
 }
 
-/* The page stands aside: whatever becomes of it, the loop goes on. */
+/* The page stands aside: whatever becomes of it, the loop goes on. Its socket is made here, so that the
+ * address that is printed can be nobody else's. */
 static void add_page(struct run *r, struct child *child)
 {
-    int port = free_port(PAGE_PORT);
-    if (r->options.no_ui || (port == 0 && (port = free_port(0)) == 0))
+    int port = PAGE_PORT;
+    if (r->options.no_ui)
+        return;
+    r->listener = listen_on(&port);
+    if (r->listener < 0) {
+        port = 0;
+        r->listener = listen_on(&port);
+    }
+    if (r->listener < 0)
         return;
     snprintf(r->page, sizeof r->page, "127.0.0.1:%d", port);
-    *child = (struct child){.name = "apc-ui", .extra = {"--listen", r->page}, .aside = true};
+    *child = (struct child){.name = "apc-ui",
+                            .extra = {"--listen", r->page},
+                            .aside = true,
+                            .listener = r->listener,
+                            .period = PAGE_PERIOD};
 }
 
 static struct folder_facts facts_of(struct run *r)
@@ -326,10 +348,10 @@ static int start_daemons(struct run *r)
                              .dir = r->dir,
                              .spin = r->options.spin,
                              .hold_latency = r->options.hold_latency};
-    s->child[0].name = "apc-plant";
-    s->child[1].name = "apc-client";
-    s->child[2].name = "apc-controller";
-    s->child[3].name = "apc-scheduler";
+    s->child[0] = (struct child){.name = "apc-plant", .period = r->e.plant.rhythm.period};
+    s->child[1] = (struct child){.name = "apc-client", .period = r->e.client.rhythm.period};
+    s->child[2] = (struct child){.name = "apc-controller", .period = r->e.controller.rhythm.period};
+    s->child[3] = (struct child){.name = "apc-scheduler", .period = r->e.scheduler.rhythm.period};
     add_page(r, &s->child[4]);
     setenv("APC_STORE", r->cli.store, 1); /* not in argv, where everybody could read a password */
     setenv("APC_SPOOL", r->dir, 1);
@@ -340,82 +362,177 @@ static int start_daemons(struct run *r)
     return rc;
 }
 
-/* Until the end, a signal, or a daemon that will not run. */
-static int follow(struct run *r, const sigset_t *signals)
+/* Until the end, a signal, or a daemon that will not run. True: to the end. */
+static bool follow(struct run *r, const sigset_t *signals)
 {
-    const struct timespec look = {0, LOOK};
+    const struct timespec look = {0, SUPERVISOR_LOOK};
     struct apc_error why;
     for (;;) {
         int signal = sigtimedwait(signals, NULL, &look);
         if (signal > 0) {
-            live_say(r->live, "stopping (%s)", signal == SIGINT ? "Ctrl-C" : "signal");
-            return 0;
+            live_say(r->live, APC_EVENT_INFO, "stopping (%s)", signal == SIGINT ? "Ctrl-C" : "signal");
+            return false;
         }
-        if (r->finish && apc_clock_mono(NULL) >= r->finish) {
-            live_show(r->live, true);
-            return 0;
-        }
+        if (r->finish && apc_clock_mono(NULL) >= r->finish)
+            return true;
         int rc = supervisor_check(&r->daemons, &why);
         if (rc < 0) {
-            live_end(r->live);
-            cli_error(&r->cli, rc, "%s", why.text);
-            return rc;
+            r->failure = why;
+            return false;
         }
         if (r->page[0] && !r->daemons.child[4].name) {
-            live_say(r->live, "the operator's page could not be served: see %s/apc-ui.log", r->dir);
+            live_say(r->live, APC_EVENT_WARNING, "the operator's page could not be served: see %s/apc-ui.log",
+                     r->dir);
             r->page[0] = '\0';
         }
         if (rc > 0)
-            live_say(r->live, "%s and was started again: see %s/*.log", why.text, r->dir);
-        if (apc_clock_mono(NULL) >= r->begin)
-            live_show(r->live, false);
+            live_say(r->live, APC_EVENT_ALARM, "%.120s and was started again: see %.60s/*.log", why.text,
+                     r->dir);
     }
 }
 
+typedef int stage(const struct run *r, apc_ns since, apc_ns until, struct apc_error *why);
+
 /* What the daemons could not store before they were stopped belongs to the record. */
-static int drain_and_export(const struct run *r, apc_ns ran, apc_ns since, apc_ns until,
-                            struct apc_error *why)
+static int drain(const struct run *r, apc_ns since, apc_ns until, struct apc_error *why)
 {
-    int rc = spools_drain(r->dir, r->cli.store, r->cli.timeout, why);
-    if (rc < 0 && rc != APC_EPROTO) /* what is damaged is no reason not to give the rest */
-        return rc;
-    int err = folder_export(r->dir, r->store, &r->e, r->start, apc_ns_to_s(ran), since, until, why);
-    return err < 0 ? err : rc;
+    (void)since;
+    (void)until;
+    return spools_drain(r->dir, r->cli.store, r->cli.timeout, why);
+}
+
+static apc_ns ran(const struct run *r)
+{
+    return (r->finish && r->finish < r->stopped ? r->finish : r->stopped) - r->begin;
+}
+
+static int export(const struct run *r, apc_ns since, apc_ns until, struct apc_error *why)
+{
+    return folder_export(r->dir, r->store, &r->e, r->start, apc_ns_to_s(ran(r)), since, until, why);
 }
 
 /* The store may just be away: nobody wants to lose a run for that. */
-static int export_patiently(const struct run *r, apc_ns ran, apc_ns since, apc_ns until,
-                            struct apc_error *why)
+static int patiently(const struct run *r, stage *what, apc_ns since, apc_ns until, struct apc_error *why)
 {
     const struct timespec pause = {1, 0};
-    int rc = drain_and_export(r, ran, since, until, why);
+    int rc = what(r, since, until, why);
     for (int tries = 0; (rc == APC_ECONN || rc == APC_ETIMEDOUT) && tries < EXPORT_TRIES; tries++) {
         if (tries == 0)
             cli_error(&r->cli, rc, "%s; trying again", why->text);
         nanosleep(&pause, NULL);
-        rc = drain_and_export(r, ran, since, until, why);
+        rc = what(r, since, until, why);
     }
     return rc;
 }
 
+static int take_event(void *ctx, const struct apc_event *event)
+{
+    control_take(ctx, event);
+    return 0;
+}
+
+/* Why the run is not what it was to be, if it is not: in r->failure. */
+static int judge(struct run *r, apc_ns since, apc_ns until, struct control *control)
+{
+    const double hold = apc_ns_to_s(r->e.controller.hold);
+    int rc = apc_store_events(r->store, &(struct apc_range){.since = since - LEAD, .until = until},
+                              take_event, control);
+    if (rc < 0 || r->failure.text[0])
+        return rc;
+    control_end(control, until);
+    if (!control->ever)
+        apc_fail(&r->failure, APC_ESTATE, "the loop was never closed: the plant got no command, see %s/*.log",
+                 r->dir);
+    else if (control->longest > r->e.controller.hold)
+        apc_fail(
+            &r->failure, APC_ESTATE,
+            "the loop was open: from %.1f s on the plant stood at its safe value for %.1f s (hold: %g s)",
+            apc_ns_to_s(control->start - r->start), apc_ns_to_s(control->longest), hold);
+    for (int i = 0; i < DAEMONS && !r->failure.text[0]; i++)
+        if (r->daemons.child[i].faults > 0 && !r->daemons.child[i].aside)
+            apc_fail(&r->failure, APC_ESTATE, "%s failed %u times and was started again: see %s/%s.log",
+                     r->daemons.child[i].name, r->daemons.child[i].faults, r->dir, r->daemons.child[i].name);
+    return rc;
+}
+
+/* The last word on the run, into its records too. */
+static void record_failure(const struct run *r, apc_ns until)
+{
+    struct apc_event event = {
+        .time = until - APC_NS_PER_US, .severity = APC_EVENT_ALARM, .source = "apc-run", .kind = "stop"};
+    if (!r->failure.text[0])
+        return;
+    snprintf(event.text, sizeof event.text, "the run failed: %.170s", r->failure.text);
+    apc_store_append_events(r->store, &event, 1);
+}
+
+static int write_report(const struct run *r, struct apc_error *why)
+{
+    char title[sizeof r->e.title + sizeof r->failure.text + 32];
+    snprintf(title, sizeof title, "%s%s%s", r->e.title, r->failure.text[0] ? " - failed: " : "",
+             r->failure.text);
+    return report_write(r->dir, title, why);
+}
+
 static int leave_report(struct run *r)
 {
-    struct apc_error why;
-    apc_ns now = apc_clock_mono(NULL), ran = (r->finish && r->finish < now ? r->finish : now) - r->begin;
+    struct apc_error why = {""};
+    struct control control;
     /* By how much the wall clock stepped meanwhile: samples before it and after it both belong to the run. */
     apc_ns step = apc_clock_offset(NULL, NULL) - (r->start - r->begin);
     if (step > -APC_NS_PER_S && step < APC_NS_PER_S)
         step = 0;
-    int rc = export_patiently(r, ran, r->start + (step < 0 ? step : 0),
-                              r->start + ran + (step > 0 ? step : 0), &why);
-    if (rc == 0)
-        rc = report_write(r->dir, r->e.title, &why);
+    apc_ns since = r->start + (step < 0 ? step : 0), until = r->start + ran(r) + (step > 0 ? step : 0);
+    int rc = cli_open(&r->cli, &r->store);
+    if (rc < 0)
+        return rc;
+    control_begin(&control, r->start);
+    int drained = patiently(r, drain, since, until, &why);
+    rc = drained == APC_EPROTO ? 0 : drained; /* what is damaged is no reason not to give the rest */
+    if (rc >= 0 && (rc = judge(r, since, until, &control)) < 0)
+        apc_fail(&why, rc, "%s", apc_store_error(r->store));
+    if (rc >= 0)
+        record_failure(r, until);
+    if (rc >= 0)
+        rc = patiently(r, export, since, until, &why);
+    if (rc >= 0)
+        rc = write_report(r, &why);
+    if (rc >= 0 && drained < 0) {
+        rc = drained;
+        apc_fail(&why, rc, "what waited in a spool is damaged: see %s", r->dir);
+    }
     if (rc < 0) {
-        cli_error(&r->cli, rc, "%s", why.text);
+        cli_error(&r->cli, rc, "%s%s%s", r->failure.text, r->failure.text[0] ? "; no report: " : "",
+                  why.text);
         return rc;
     }
-    printf("report:  %s/report.png, report.svg\nsamples: %s/samples.csv\n", r->dir, r->dir);
-    return 0;
+    if (!r->failure.text[0] || control.ever)
+        printf("report:  %s/report.png, report.svg\nsamples: %s/samples.csv\n", r->dir, r->dir);
+    fflush(stdout);
+    return r->failure.text[0] ? cli_error(&r->cli, APC_ESTATE, "%s", r->failure.text), APC_ESTATE : 0;
+}
+
+/* In a process of its own: what it reads may be shared memory that somebody cuts short. */
+static int report_apart(struct run *r)
+{
+    int status;
+    fflush(stdout);
+    pid_t pid = fork();
+    if (pid == 0) {
+        int rc = leave_report(r);
+        apc_store_close(r->store);
+        fflush(stdout);
+        _exit(-rc);
+    }
+    if (pid < 0)
+        return leave_report(r);
+    while (waitpid(pid, &status, 0) < 0 && errno == EINTR)
+        ;
+    if (WIFEXITED(status))
+        return -WEXITSTATUS(status);
+    cli_error(&r->cli, APC_ESTATE, "%s%sthe record could not be written (%s): the shared data are damaged",
+              r->failure.text, r->failure.text[0] ? "; " : "", sigdescr_np(WTERMSIG(status)));
+    return APC_ESTATE;
 }
 
 static int run(struct run *r)
@@ -451,17 +568,16 @@ static int run(struct run *r)
     printf("%s: %s%s\n", r->e.name, r->e.title, r->finish ? "" : " (Ctrl-C ends it)");
     if (r->page[0])
         printf("page:    http://%s/\n", r->page);
-    rc = live_create(&r->live, r->store, &r->e, r->start, r->e.duration);
-    if (rc == 0) {
-        rc = follow(r, &signals);
-        live_end(r->live);
-    }
-    if (supervisor_stop(&r->daemons) < 0)
-        cli_error(&r->cli, 0, "a daemon did not stop in time and was killed: see %s/*.log", r->dir);
-    live_destroy(r->live);
+    rc = live_start(&r->live, r->cli.store, &r->e, r->start, r->e.duration);
+    if (rc < 0)
+        apc_fail(&r->failure, rc, "the live line could not be started: %s", apc_err_text(rc));
+    bool whole = rc == 0 && follow(r, &signals);
+    r->stopped = apc_clock_mono(NULL);
+    live_end(r->live, whole);
+    if (supervisor_stop(&r->daemons, &why) < 0 && !r->failure.text[0])
+        r->failure = why;
     unblock(&signals); /* from here on Ctrl-C may end it */
-    int left = leave_report(r);
-    return rc < 0 ? rc : left;
+    return report_apart(r);
 }
 
 int command_run(int argc, char **argv)

@@ -9,8 +9,12 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/prctl.h>
+#include <sys/socket.h>
+#include <sys/un.h>
 #include <sys/wait.h>
 #include <unistd.h>
+
+#include <systemd/sd-daemon.h>
 
 #include "common/exitcode.h"
 
@@ -18,7 +22,11 @@
 #define STARTING (20 * APC_NS_PER_S) /* an error in the first so many seconds will not go away by itself */
 #define FAILURES 5                   /* in a row, other than for want of a database: give up */
 #define PAUSE    (APC_NS_PER_S / 2)  /* before the second try in a row; doubles to 16 times this */
-#define PATIENCE 5000                /* ms for a child to stop */
+#define PATIENCE 3000                /* ms for a child to stop: it ends itself within 2 s if it can run */
+#define READY                                                                                                \
+    (30 * APC_NS_PER_S) /* to begin with its ticks: it may wait 12 s for a dead predecessor's claim */
+#define MARGIN   (APC_NS_PER_S / 2) /* between two signs of life, and two looks for them */
+#define MESSAGES 256                /* read at one look: a flood must not keep us */
 
 static int find_folder(struct supervisor *s, struct apc_error *why)
 {
@@ -30,8 +38,19 @@ static int find_folder(struct supervisor *s, struct apc_error *why)
     return 0;
 }
 
-/* In the child: only async-signal-safe calls up to execv. */
-_Noreturn static void become(const char *path, char *const *argv, int log, pid_t parent)
+/* In the child, before execv: as systemd does it. No other thread was there to be forked in the middle of
+ * anything. */
+static void hand_over(int listener)
+{
+    char pid[24];
+    snprintf(pid, sizeof pid, "%ld", (long)getpid());
+    if (dup2(listener, SD_LISTEN_FDS_START) < 0 || setenv("LISTEN_PID", pid, 1) < 0 ||
+        setenv("LISTEN_FDS", "1", 1) < 0)
+        _exit(127);
+    fcntl(SD_LISTEN_FDS_START, F_SETFD, 0);
+}
+
+_Noreturn static void become(const char *path, char *const *argv, int log, int listener, pid_t parent)
 {
     sigset_t none;
     sigemptyset(&none);
@@ -42,6 +61,8 @@ _Noreturn static void become(const char *path, char *const *argv, int log, pid_t
         _exit(127);
     dup2(log, STDERR_FILENO);
     dup2(log, STDOUT_FILENO);
+    if (listener > 0)
+        hand_over(listener);
     execv(path, argv);
     static const char text[] = "cannot be executed\n";
     if (write(STDERR_FILENO, text, sizeof text - 1) < 0)
@@ -59,7 +80,8 @@ static char *start_time(const struct supervisor *s, char text[APC_TIME_LEN])
 static int spawn(const struct supervisor *s, struct child *child, struct apc_error *why)
 {
     char path[600], start[APC_TIME_LEN];
-    const char *argv[16];
+    char after[24];
+    const char *argv[20];
     int n = 0;
 
     snprintf(path, sizeof path, "%s/%s", s->folder, child->name);
@@ -77,6 +99,11 @@ static int spawn(const struct supervisor *s, struct child *child, struct apc_err
         argv[n++] = "--spin";
     if (s->hold_latency && !child->aside)
         argv[n++] = "--hold-latency";
+    if (child->last_tick >= 0) {
+        snprintf(after, sizeof after, "%lld", (long long)child->last_tick);
+        argv[n++] = "--after";
+        argv[n++] = after;
+    }
     for (int i = 0; i < 3 && child->extra[i]; i++)
         argv[n++] = child->extra[i];
     argv[n] = NULL;
@@ -91,24 +118,125 @@ static int spawn(const struct supervisor *s, struct child *child, struct apc_err
             const char **from;
             char **to;
         } args = {argv};
-        become(path, args.to, log, parent);
+        become(path, args.to, log, child->listener, parent);
     }
     close(log);
     if (pid < 0)
         return apc_fail(why, APC_ESYS, "%s: cannot be started: %s", child->name, strerror(errno));
     child->pid = pid;
     child->started = apc_clock_mono(NULL);
+    child->ticked = child->started + READY;
+    child->hung = false;
     return 0;
 }
 
+/* ---- That they tick ------------------------------------------------------------------------ */
+
+/* Where only this user can write: whoever else could speak here could keep a hung daemon alive. */
+static int open_notify(struct supervisor *s, struct apc_error *why)
+{
+    struct sockaddr_un at = {.sun_family = AF_UNIX};
+    const int on = 1;
+
+    snprintf(s->meeting, sizeof s->meeting, "/tmp/apc-run.XXXXXX");
+    if (!mkdtemp(s->meeting)) {
+        s->meeting[0] = '\0';
+        return apc_fail(why, APC_ESYS, "/tmp: no folder for the daemons' signs of life: %s", strerror(errno));
+    }
+    snprintf(at.sun_path, sizeof at.sun_path, "%s/notify", s->meeting);
+    s->notify = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+    if (s->notify < 0 || bind(s->notify, (struct sockaddr *)&at, sizeof at) < 0 ||
+        setsockopt(s->notify, SOL_SOCKET, SO_PASSCRED, &on, sizeof on) < 0)
+        return apc_fail(why, APC_ESYS, "%s: no socket for the daemons' signs of life: %s", at.sun_path,
+                        strerror(errno));
+    setenv("NOTIFY_SOCKET", at.sun_path, 1);
+    return 0;
+}
+
+static void close_notify(struct supervisor *s)
+{
+    char path[sizeof s->meeting + 8];
+    if (!s->meeting[0])
+        return;
+    if (s->notify >= 0)
+        close(s->notify);
+    unsetenv("NOTIFY_SOCKET");
+    snprintf(path, sizeof path, "%s/notify", s->meeting);
+    unlink(path);
+    rmdir(s->meeting);
+    s->meeting[0] = '\0';
+}
+
+/* One message and the process that sent it. False: there is none. */
+static bool receive(int fd, char *text, size_t size, pid_t *from)
+{
+    union {
+        char bytes[CMSG_SPACE(sizeof(struct ucred))];
+        struct cmsghdr align;
+    } control;
+    struct iovec io = {text, size - 1};
+    struct msghdr m = {.msg_iov = &io,
+                       .msg_iovlen = 1,
+                       .msg_control = control.bytes,
+                       .msg_controllen = sizeof control.bytes};
+    ssize_t n = recvmsg(fd, &m, MSG_DONTWAIT | MSG_CMSG_CLOEXEC);
+    struct ucred who = {0};
+
+    if (n < 0)
+        return false;
+    text[n] = '\0';
+    for (struct cmsghdr *c = CMSG_FIRSTHDR(&m); c; c = CMSG_NXTHDR(&m, c))
+        if (c->cmsg_level == SOL_SOCKET && c->cmsg_type == SCM_CREDENTIALS)
+            memcpy(&who, CMSG_DATA(c), sizeof who);
+    *from = who.pid;
+    return true;
+}
+
+static void hear(struct supervisor *s)
+{
+    char text[256];
+    pid_t from;
+    for (int i = 0; i < MESSAGES && receive(s->notify, text, sizeof text, &from); i++)
+        for (int k = 0; k < DAEMONS; k++) {
+            struct child *child = &s->child[k];
+            const char *last = strstr(text, "APC_LAST_TICK=");
+            if (from != child->pid || child->pid == 0)
+                continue;
+            if (strstr(text, "READY=1") || strstr(text, "WATCHDOG=1"))
+                child->ticked = apc_clock_mono(NULL);
+            if (last)
+                child->last_tick = strtoll(last + strlen("APC_LAST_TICK="), NULL, 10);
+        }
+}
+
+/* What a daemon said while this process could not look counts as said now: only its own silence is held
+ * against it. */
+static void kill_silent(struct child *child)
+{
+    apc_ns patience = 3 * child->period > APC_NS_PER_S ? 3 * child->period : APC_NS_PER_S;
+    apc_ns silent = apc_clock_mono(NULL) - child->ticked;
+    if (child->pid == 0 || child->period == 0 || child->hung || silent <= patience + MARGIN)
+        return;
+    child->hung = true;
+    child->faults++;
+    kill(child->pid, SIGKILL);
+}
+
+/* ---- Start, end, and start again ----------------------------------------------------------- */
+
 int supervisor_start(struct supervisor *s, struct apc_error *why)
 {
+    s->notify = -1;
     int rc = find_folder(s, why);
-    for (int i = 0; i < DAEMONS && rc == 0; i++)
+    if (rc == 0)
+        rc = open_notify(s, why);
+    for (int i = 0; i < DAEMONS && rc == 0; i++) {
+        s->child[i].last_tick = -1;
         if (s->child[i].name)
             rc = spawn(s, &s->child[i], why);
+    }
     if (rc < 0)
-        supervisor_stop(s);
+        supervisor_stop(s, NULL);
     return rc;
 }
 
@@ -151,7 +279,9 @@ static void last_words(const struct child *child, int status, char *text, size_t
 /* "apc-controller was killed by signal 11 (Segmentation fault)" */
 static void how_it_ended(const struct child *child, struct apc_error *why)
 {
-    if (WIFSIGNALED(child->status))
+    if (child->hung)
+        apc_fail(why, APC_ESTATE, "%s no longer ticked, was killed", child->name);
+    else if (WIFSIGNALED(child->status))
         apc_fail(why, APC_ESTATE, "%s was killed by signal %d (%s)", child->name, WTERMSIG(child->status),
                  sigdescr_np(WTERMSIG(child->status)));
     else
@@ -167,6 +297,8 @@ static int bury(struct child *child, int status, struct apc_error *why)
 
     child->pid = 0;
     child->status = status;
+    if (WIFSIGNALED(status) && WTERMSIG(status) != SIGKILL && WTERMSIG(status) != SIGTERM)
+        child->faults++;
     child->failures = ran < SOON ? child->failures + 1 : 0;
     if ((WIFEXITED(status) && ran < STARTING && child->restarts == 0) ||
         (child->failures >= FAILURES && !waits)) {
@@ -182,8 +314,10 @@ static int bury(struct child *child, int status, struct apc_error *why)
 int supervisor_check(struct supervisor *s, struct apc_error *why)
 {
     int status, revived = 0, rc = 0;
+    hear(s);
     for (int i = 0; i < DAEMONS && rc == 0; i++) {
         struct child *child = &s->child[i];
+        kill_silent(child);
         if (child->pid > 0 && waitpid(child->pid, &status, WNOHANG) == child->pid)
             rc = bury(child, status, why);
         if (rc < 0 && child->aside) {
@@ -200,19 +334,21 @@ int supervisor_check(struct supervisor *s, struct apc_error *why)
     return rc < 0 ? rc : revived;
 }
 
-/* Wait for a child's end in slices, so that no SIGCHLD handler is needed. */
-static bool ended(struct child *child, int patience_ms)
+/* Wait for a child's end in slices, so that no SIGCHLD handler is needed; nobody is to wait for a full
+ * socket. */
+static bool ended(struct supervisor *s, struct child *child)
 {
-    for (int waited = 0; waitpid(child->pid, NULL, WNOHANG) == 0; waited += 10) {
-        if (waited >= patience_ms)
+    for (int waited = 0; waitpid(child->pid, &child->status, WNOHANG) == 0; waited += 10) {
+        if (waited >= PATIENCE)
             return false;
+        hear(s);
         poll(NULL, 0, 10);
     }
     child->pid = 0;
     return true;
 }
 
-int supervisor_stop(struct supervisor *s)
+int supervisor_stop(struct supervisor *s, struct apc_error *why)
 {
     int rc = 0;
     for (int i = DAEMONS - 1; i >= 0; i--) {
@@ -221,11 +357,18 @@ int supervisor_stop(struct supervisor *s)
             continue;
         kill(child->pid, SIGTERM);
         kill(child->pid, SIGCONT);
-        if (!ended(child, PATIENCE)) {
+        bool killed = !ended(s, child);
+        if (killed) {
             kill(child->pid, SIGKILL);
-            ended(child, PATIENCE);
-            rc = APC_ETIMEDOUT;
+            ended(s, child);
+        }
+        if (killed)
+            rc = apc_fail(why, APC_ESTATE, "%s did not end when it was told to, and was killed", child->name);
+        else if (child->status != 0 && !child->aside) {
+            how_it_ended(child, why);
+            rc = APC_ESTATE;
         }
     }
+    close_notify(s);
     return rc;
 }

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * The daemons of a run as child processes: started together, started again when one dies, stopped in
- * order. Their messages go into one log file each.
+ * The daemons of a run as child processes: started together, started again when one dies or no longer ticks,
+ * stopped in order. That they tick they say over a socket, as to systemd: READY=1, WATCHDOG=1. Their messages
+ * go into one log file each.
  */
 #ifndef APC_SUPERVISOR_H
 #define APC_SUPERVISOR_H
@@ -11,17 +12,24 @@
 
 #include <apcbase.h>
 
-#define DAEMONS 5
+#define DAEMONS         5
+#define SUPERVISOR_LOOK (250 * APC_NS_PER_MS)
 
 struct child {
     const char *name;     /* "apc-plant" */
     const char *extra[3]; /* options of its own, up to a NULL */
     bool aside;           /* no part of the loop: no task, and the run goes on without it */
+    apc_ns period;        /* of its task; 0: it has none, or is not judged by it */
+    int listener;         /* a socket to be handed over as systemd does; 0: none */
     pid_t pid;            /* 0: not running */
     apc_ns started;       /* monotonic; while it is not running: when to start it again */
+    apc_ns ticked;        /* monotonic; when it last said so */
+    int64_t last_tick;    /* its index; -1: none */
+    bool hung;            /* was killed because it did not tick */
     unsigned failures;    /* in a row, each soon after its start */
     unsigned restarts;
-    int status; /* with which it ended the last time, as of waitpid() */
+    unsigned faults; /* how often it hung, or a signal such as SIGSEGV ended it */
+    int status;      /* with which it ended the last time, as of waitpid() */
     char log[600];
 };
 
@@ -29,7 +37,9 @@ struct supervisor {
     char folder[512]; /* of the programs */
     const char *config, *timer, *dir;
     bool spin, hold_latency;
-    apc_ns start; /* monotonic: t = 0 */
+    apc_ns start;     /* monotonic: t = 0 */
+    int notify;       /* the socket */
+    char meeting[32]; /* folder that it lies in */
     struct child
         child[DAEMONS]; /* in the order in which they are started; stopped in reverse; name NULL: none */
 };
@@ -37,14 +47,15 @@ struct supervisor {
 /* Find the programs beside this one, start all. On failure those started have been stopped. */
 int supervisor_start(struct supervisor *s, struct apc_error *why);
 /*
- * Look after the children; never waits. A child that died is started again, after a pause that grows while it
- * fails. Returns how many were (who, and how it had ended, is in why), or APC_ESTATE when one would not run
- * from the beginning, or will not run again: its last message is in why. Of a child aside that is no error:
- * it is given up.
+ * Look after the children; never waits. To be called at least every SUPERVISOR_LOOK. One that has not ticked
+ * for max(3 periods, 1 s) is killed within a second more. A child that died is started again, after a pause
+ * that grows while it fails. Returns how many were (who, and how it had ended, is in why), or APC_ESTATE when
+ * one would not run from the beginning, or will not run again: its last message is in why. Of a child aside
+ * that is no error: it is given up.
  */
 int supervisor_check(struct supervisor *s, struct apc_error *why);
-/* SIGTERM, the last started first, each gets some seconds; then SIGKILL. Returns 0, or APC_ETIMEDOUT when
- * that was needed. */
-int supervisor_stop(struct supervisor *s);
+/* SIGTERM, the last started first, each gets some seconds; then SIGKILL. Returns 0, or APC_ESTATE when one of
+ * the loop needed that or ended with an error: which, in why. */
+int supervisor_stop(struct supervisor *s, struct apc_error *why);
 
 #endif

@@ -8,15 +8,15 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <systemd/sd-daemon.h>
-
 #include "exitcode.h"
 #include "notice.h"
 #include "recorder.h"
 #include "storeuri.h"
+#include "warden.h"
 #include "watch.h"
 
 #define HOUSEKEEPING    APC_NS_PER_S /* between two looks of the main thread */
+#define RETURN          APC_NS_PER_S /* for a tick to return when all is to end */
 #define WINDOW          5            /* looks between two timing rows */
 #define SPOOL_IN_MEMORY ((uint64_t)16 << 20)
 #define TAKEOVER                                                                                             \
@@ -25,7 +25,7 @@
 
 /* ---- Options ------------------------------------------------------------------------------ */
 
-enum { OPT_START = 0x100, OPT_LOG_LEVEL, OPT_SPIN, OPT_HOLD_LATENCY, OPT_SPOOL };
+enum { OPT_START = 0x100, OPT_LOG_LEVEL, OPT_SPIN, OPT_HOLD_LATENCY, OPT_SPOOL, OPT_AFTER };
 
 static const struct argp_option common_options[] = {
     {"config", 'c', "FILE", 0, "Experiment file [APC_CONFIG]", 0},
@@ -36,6 +36,8 @@ static const struct argp_option common_options[] = {
     {"spin", OPT_SPIN, NULL, 0, "Spin for the last microseconds before a tick (deadline only)", 0},
     {"hold-latency", OPT_HOLD_LATENCY, NULL, 0, "Hold /dev/cpu_dma_latency at 0: idle CPUs stay awake", 0},
     {"start", OPT_START, "TIME", 0, "Time of t = 0, RFC 3339; default: the wall clock's grid", 0},
+    {"after", OPT_AFTER, "INDEX", 0,
+     "The last tick that a predecessor ran: those since then are counted as missed", 0},
     {"log-level", OPT_LOG_LEVEL, "LEVEL", 0, "error, warn, info (default) or debug [APC_LOG_LEVEL]", 0},
     {0},
 };
@@ -64,6 +66,9 @@ static error_t parse_common(int key, char *arg, struct argp_state *state)
         break;
     case OPT_START:
         o->start = arg;
+        break;
+    case OPT_AFTER:
+        o->after = arg;
         break;
     case OPT_LOG_LEVEL:
         o->log_level = arg;
@@ -114,17 +119,6 @@ int daemon_error(const struct daemon *d, int err, const char *fmt, ...)
 
 /* ---- Opening and closing ------------------------------------------------------------------ */
 
-/* Before any thread is made, so that all of them leave these signals to the main thread. */
-static void block_signals(sigset_t *set)
-{
-    sigemptyset(set);
-    sigaddset(set, SIGTERM);
-    sigaddset(set, SIGINT);
-    pthread_sigmask(SIG_BLOCK, set, NULL);
-    signal(SIGPIPE, SIG_IGN);
-    signal(SIGXFSZ, SIG_IGN); /* a file that may not grow is a full disk */
-}
-
 static int open_log(struct daemon *d)
 {
     const char *name = or_environment(d->options.log_level, "APC_LOG_LEVEL");
@@ -152,6 +146,13 @@ static int load(struct daemon *d)
         daemon_error(d, 0, "--start \"%s\": must be a time such as 2026-01-31T12:00:00Z", d->options.start);
         exit(EXIT_USAGE);
     }
+    double after = -1;
+    if (d->options.after &&
+        (apc_number_parse(d->options.after, &after) < 0 || !(after >= 0 && after < 0x1p53))) {
+        daemon_error(d, 0, "--after \"%s\": must be the index of a tick, 0 or more", d->options.after);
+        exit(EXIT_USAGE);
+    }
+    d->last = (int64_t)after;
     return 0;
 }
 
@@ -194,14 +195,16 @@ static int open_store(struct daemon *d, struct apc_store **store, apc_ns timeout
 int daemon_open(struct daemon *d, const struct program *program, void *own, int argc, char **argv)
 {
     struct apc_store *records = NULL;
-    sigset_t signals;
     int rc;
 
     memset(d, 0, sizeof *d);
     d->program = program;
     d->options.own = own;
     parse_options(d, argc, argv);
-    block_signals(&signals);
+    signal(SIGPIPE, SIG_IGN);
+    signal(SIGXFSZ, SIG_IGN); /* a file that may not grow is a full disk */
+    if ((rc = warden_create(&d->warden)) < 0)
+        return daemon_error(d, rc, "%s", apc_err_text(rc));
     if ((rc = open_log(d)) < 0 || (rc = load(d)) < 0 || (rc = open_executive(d)) < 0)
         return rc;
     d->has_store = !program->store_optional || or_environment(d->options.store, "APC_STORE");
@@ -217,6 +220,7 @@ int daemon_close(struct daemon *d, int rc)
     apc_executive_destroy(d->executive);
     apc_log_destroy(d->log);
     experiment_free(&d->experiment);
+    warden_destroy(d->warden);
     return exit_code_of(rc);
 }
 
@@ -228,20 +232,23 @@ static bool may_change(int rc, bool *slow)
     return rc == APC_EBUSY || rc == APC_ETIMEDOUT || (rc == APC_ECONN && *slow);
 }
 
+apc_ns daemon_timeout(apc_ns period)
+{
+    const apc_ns least = APC_NS_PER_S / 2, most = 2 * APC_NS_PER_S;
+    return period < least ? least : period > most ? most : period;
+}
+
 int daemon_store(struct daemon *d, struct apc_store **store, enum apc_table table, size_t n, int64_t *last)
 {
-    const struct timespec pause = {0, 100 * APC_NS_PER_MS};
     apc_ns give_up = apc_clock_mono(NULL) + TAKEOVER;
     bool slow = false;
-    sigset_t signals;
     int rc = open_store(d, store, d->store_timeout, d->program->spools ? "" : NULL);
 
     if (rc < 0)
         return rc;
-    block_signals(&signals);
     while ((rc = apc_store_claim(*store, table, n, last)) < 0 && may_change(rc, &slow) &&
            apc_clock_mono(NULL) < give_up)
-        if (sigtimedwait(&signals, NULL, &pause) > 0)
+        if (warden_wait(d->warden, 100 * APC_NS_PER_MS) > 0)
             return 1;
     if (rc < 0)
         return daemon_error(d, rc, "%s", apc_store_error(*store));
@@ -364,17 +371,14 @@ static void watch_records(struct daemon *d, int rc, int *last)
 /* The main thread's part of a run: until a signal comes or the task ends by itself. */
 static int housekeep(struct daemon *d, struct apc_task *task, struct rhythm rhythm)
 {
-    const struct timespec look = {HOUSEKEEPING / APC_NS_PER_S, HOUSEKEEPING % APC_NS_PER_S};
     struct clock_watch clock;
     struct overrun_watch overruns = {0};
     uint64_t missed = 0;
     int recorded = 0, rc = APC_ETIMEDOUT, result = 0;
-    sigset_t signals;
 
     clock_watch_init(&clock, NULL);
-    block_signals(&signals);
     for (unsigned looks = 1; rc == APC_ETIMEDOUT; looks++) {
-        int signal = sigtimedwait(&signals, NULL, &look);
+        int signal = warden_wait(d->warden, HOUSEKEEPING);
         if (signal > 0) {
             daemon_event(d, APC_EVENT_INFO, "stop", "stopping on %s",
                          signal == SIGINT ? "SIGINT" : "SIGTERM");
@@ -392,10 +396,48 @@ static int housekeep(struct daemon *d, struct apc_task *task, struct rhythm rhyt
         watch_records(d, recorder_flush(d->recorder, looks % WINDOW == 0 ? task : NULL, rhythm.period),
                       &recorded);
         watch_spool(d, &d->records, recorder_store(d->recorder), "events");
-        sd_notify(0, "WATCHDOG=1");
         rc = apc_task_wait(task, 0, &result);
+        if (rhythm.overrun == APC_OVERRUN_STOP && apc_task_missed(task) > 0)
+            rc = APC_EOVERRUN; /* also when the tick that takes too long has not returned */
     }
-    return rc < 0 ? rc : result;
+    if (rc == 0)
+        rc = result;
+    if (rc == APC_EOVERRUN)
+        daemon_event(d, APC_EVENT_ALARM, "overrun", "stopping: a tick was missed, and overrun is \"stop\"");
+    return rc;
+}
+
+static int run_tick(void *ctx, const struct apc_tick *tick)
+{
+    struct daemon *d = ctx;
+
+    if (!d->began && d->last >= 0 && tick->index > (uint64_t)d->last + 1)
+        recorder_absent(d->recorder, tick->index - (uint64_t)d->last - 1);
+    d->began = true;
+    atomic_store(&d->inside, true);
+    int rc = d->tick(d->tick_ctx, tick);
+    atomic_store(&d->inside, false);
+    warden_ticked(d->warden, tick->index);
+    return rc;
+}
+
+/* A tick that does not return can be neither stopped nor waited for: the process ends around it. */
+static void leave_hung_tick(struct daemon *d, const struct apc_task *task, apc_ns period, int code)
+{
+    const struct timespec pause = {0, 10 * APC_NS_PER_MS};
+    const apc_ns give_up = apc_clock_mono(NULL) + RETURN;
+
+    while (atomic_load(&d->inside))
+        if (apc_clock_mono(NULL) < give_up) {
+            nanosleep(&pause, NULL);
+        } else {
+            daemon_event(d, APC_EVENT_ALARM, "overrun",
+                         "the tick does not return (%llu missed so far): ended without it",
+                         (unsigned long long)apc_task_missed(task));
+            recorder_flush(d->recorder, task, period);
+            apc_log_destroy(d->log);
+            _exit(code ? code : EXIT_ERROR);
+        }
 }
 
 static void report_spin(const struct daemon *d, const struct apc_task *task)
@@ -419,7 +461,9 @@ int daemon_run(struct daemon *d, struct rhythm rhythm, apc_task_fn tick, void *c
     struct apc_task *task = NULL;
     struct apc_error why;
 
-    int rc = apc_task_create(d->executive, &options, tick, ctx, &task, &why);
+    d->tick = tick;
+    d->tick_ctx = ctx;
+    int rc = apc_task_create(d->executive, &options, run_tick, d, &task, &why);
     if (rc == 0)
         rc = apc_task_start(task, &why);
     if (rc < 0) {
@@ -427,9 +471,12 @@ int daemon_run(struct daemon *d, struct rhythm rhythm, apc_task_fn tick, void *c
         goto out;
     }
     daemon_event(d, APC_EVENT_INFO, "start", "running every %g s", apc_ns_to_s(rhythm.period));
-    sd_notify(0, "READY=1");
+    warden_tell(d->warden, "READY=1");
+    warden_watch(d->warden, task);
     rc = housekeep(d, task, rhythm);
-    sd_notify(0, "STOPPING=1");
+    warden_tell(d->warden, "STOPPING=1");
+    warden_ending(d->warden, exit_code_of(rc));
+    leave_hung_tick(d, task, rhythm.period, exit_code_of(rc));
     apc_task_stop(task);
     report_spin(d, task);
     recorder_flush(d->recorder, task, rhythm.period);

@@ -2,12 +2,14 @@
 /*
  * What the four daemons have in common: options, experiment, log, signals, one periodic task, and the
  * records of it. The main thread waits for a signal; meanwhile, over a store connection of its own, it
- * records events and the timing of the task, so that nothing of that stands in the task's way.
+ * records events and the timing of the task, so that nothing of that stands in the task's way. A third thread
+ * (warden.h) looks after the two.
  */
 #ifndef APC_DAEMON_H
 #define APC_DAEMON_H
 
 #include <argp.h>
+#include <stdatomic.h>
 
 #include <apcmodules.h>
 #include <apcshareddata.h>
@@ -27,13 +29,14 @@ struct program {
 };
 
 struct daemon_options {
-    const char *config, *store, *spool, *timer, *log_level, *start;
+    const char *config, *store, *spool, *timer, *log_level, *start, *after;
     bool spin, hold_latency;
     struct experiment_overrides overrides;
     void *own;
 };
 
 struct recorder;
+struct warden;
 
 /* What was last said of a spool. */
 struct spool_watch {
@@ -50,17 +53,28 @@ struct daemon {
     struct apc_log *log;
     struct apc_executive *executive;
     struct recorder *recorder;
+    struct warden *warden;
     apc_ns start; /* UTC of t = 0, as given by --start; 0: not given */
     bool has_store;
-    apc_ns store_timeout;    /* of the task's store; 0: the library's default */
+    apc_ns store_timeout;    /* of the task's store; see daemon_timeout() */
     void (*look)(void *ctx); /* called about every second by the main thread, with look_ctx; may be NULL */
     void *look_ctx;
     struct spool_watch records, task; /* the main thread's; the task's */
+
+    apc_task_fn tick;
+    void *tick_ctx;
+    _Atomic bool inside; /* the tick */
+    bool began;          /* there was a tick */
+    int64_t last;        /* that a predecessor ran; -1: none is known */
 };
 
 /* Read the command line, the environment and the experiment. Returns 0, or an error already reported;
  * --help and --version exit. daemon_close() in either case. */
 int daemon_open(struct daemon *d, const struct program *program, void *own, int argc, char **argv);
+
+/* How long one operation of a store may keep a task of this period: two of them leave it well within the time
+ * after which it counts as hung, and connecting takes some tens of milliseconds. */
+apc_ns daemon_timeout(apc_ns period);
 
 /* Open the task's store and become the one writer of a table. Waits some seconds for a dead predecessor's
  * claim to go. Returns 0, 1 when a signal came meanwhile, or an error already reported. */
@@ -74,7 +88,8 @@ void daemon_spool(struct daemon *d, const struct apc_store *store);
 int daemon_fatal(struct daemon *d, const struct apc_store *store, int rc);
 
 /* Run tick on the experiment's grid until a signal comes or the task fails. The index in the tick counts
- * from the run's t = 0, or, without --start, from 1970 (so that every machine has the same grid). */
+ * from the run's t = 0, or, without --start, from 1970 (so that every machine has the same grid). A tick that
+ * does not return does not keep the process: it then ends here. */
 int daemon_run(struct daemon *d, struct rhythm rhythm, apc_task_fn tick, void *ctx);
 
 /* Queue an event for the records and log it. Never waits. [tick] */

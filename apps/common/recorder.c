@@ -22,11 +22,12 @@ struct recorder {
     pthread_mutex_t mutex; /* of the queue */
     struct apc_event queue[QUEUE];
     size_t first, count;
-    unsigned long lost;
+    unsigned long lost, told; /* pushed out of the queue; of those, said so in the records */
     /* What live histograms had when last looked at, and what of them is not yet in the store. */
     struct apc_histogram *window, *mark[WINDOWS], *pending[WINDOWS];
     uint64_t missed[WINDOWS];
-    const char *beside; /* NULL: nothing */
+    _Atomic uint64_t absent; /* ticks missed before the task began */
+    const char *beside;      /* NULL: nothing */
     const struct apc_histogram *run;
     const _Atomic uint64_t *failed;
     struct apc_bin *bins;
@@ -84,6 +85,11 @@ void recorder_measure(struct recorder *r, const char *task, const struct apc_his
     r->failed = failed;
 }
 
+void recorder_absent(struct recorder *r, uint64_t missed)
+{
+    atomic_store(&r->absent, missed);
+}
+
 void recorder_event(struct recorder *r, const struct apc_event *event)
 {
     if (!r || !r->store)
@@ -98,21 +104,34 @@ void recorder_event(struct recorder *r, const struct apc_event *event)
     pthread_mutex_unlock(&r->mutex);
 }
 
+/* The event that stands for those which were pushed out, before the first that was not. */
+static struct apc_event loss(const struct apc_event *next, unsigned long lost)
+{
+    struct apc_event event = {.time = next->time, .severity = APC_EVENT_WARNING, .kind = "store"};
+    memcpy(event.source, next->source, sizeof event.source);
+    snprintf(event.text, sizeof event.text,
+             "%lu events were lost: more came while the store took none than are kept (%d)", lost, QUEUE);
+    return event;
+}
+
 /* The queue is only shortened after the store has acknowledged; new events may come in meanwhile. */
 static int flush_events(struct recorder *r)
 {
-    struct apc_event batch[QUEUE];
+    struct apc_event batch[1 + QUEUE];
     pthread_mutex_lock(&r->mutex);
     size_t n = r->count;
     unsigned long lost = r->lost;
     for (size_t i = 0; i < n; i++)
-        batch[i] = r->queue[(r->first + i) % QUEUE];
+        batch[1 + i] = r->queue[(r->first + i) % QUEUE];
     pthread_mutex_unlock(&r->mutex);
     if (n == 0)
         return 0;
-    int rc = apc_store_append_events(r->store, batch, n);
+    batch[0] = loss(&batch[1], lost - r->told);
+    bool tell = lost > r->told;
+    int rc = apc_store_append_events(r->store, tell ? batch : batch + 1, n + tell);
     if (rc < 0)
         return rc;
+    r->told = lost;
     pthread_mutex_lock(&r->mutex);
     size_t pushed_out = r->lost - lost; /* of the batch, by events that came in meanwhile */
     size_t left = pushed_out < n ? n - pushed_out : 0;
@@ -168,6 +187,7 @@ static int fill_row(struct recorder *r, const struct apc_histogram *histogram, s
 static int flush_window(struct recorder *r, int i, const char *task, const char *quantity,
                         const struct apc_histogram *live, uint64_t missed, apc_ns period)
 {
+    missed = missed > r->missed[i] ? missed : r->missed[i];
     struct apc_timing_row row = {
         .time = apc_clock_utc(NULL), .period = period, .missed = missed - r->missed[i]};
     snprintf(row.task, sizeof row.task, "%s", task);
@@ -175,7 +195,7 @@ static int flush_window(struct recorder *r, int i, const char *task, const char 
     apc_histogram_window(r->window, r->mark[i], live);
     apc_histogram_merge(r->pending[i], r->window);
     int rc = fill_row(r, r->pending[i], &row);
-    if (rc < 0 || row.count == 0)
+    if (rc < 0 || (row.count == 0 && row.missed == 0))
         return rc;
     rc = apc_store_append_timing(r->store, &row, 1);
     if (rc < 0)
@@ -187,7 +207,7 @@ static int flush_window(struct recorder *r, int i, const char *task, const char 
 
 static int flush_timing(struct recorder *r, const struct apc_task *task, apc_ns period)
 {
-    const uint64_t missed = apc_task_missed(task);
+    const uint64_t missed = atomic_load(&r->absent) + apc_task_missed(task);
     int rc = 0;
     for (int i = 0; i < QUANTITIES && rc == 0; i++)
         rc = flush_window(r, i, r->task, quantities[i].name, apc_task_histogram(task, quantities[i].which),

@@ -2,8 +2,8 @@
 /*
  * Events and the timing of one task, into the store. Events are queued by any thread and never wait;
  * recorder_flush(), called by the main thread, writes them. While the store is away events go into its
- * spool, or, without one, stay queued (the oldest go when the queue is full, and are counted); timing goes
- * into a longer window.
+ * spool, or, without one, stay queued (when the queue is full the oldest go, and an event says how many);
+ * timing goes into a longer window.
  */
 #ifndef APC_RECORDER_H
 #define APC_RECORDER_H
@@ -25,6 +25,8 @@ void recorder_event(struct recorder *recorder, const struct apc_event *event);
  * "missed". Both live until the last flush. */
 void recorder_measure(struct recorder *recorder, const char *task, const struct apc_histogram *run,
                       const _Atomic uint64_t *failed);
+/* So many ticks were missed before the task began: nobody ran it then. [tick] */
+void recorder_absent(struct recorder *recorder, uint64_t missed);
 /* Write out what is queued, the timing of task (NULL: not now) since the last time, and a portion of the
  * spool. Returns 0 when the store is there and has taken it. */
 int recorder_flush(struct recorder *recorder, const struct apc_task *task, apc_ns period);

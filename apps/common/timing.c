@@ -31,7 +31,7 @@ static struct timing_series *series_of(struct timing *timing, const struct apc_t
         return NULL;
     timing->series = series;
     struct timing_series *s = &series[timing->n++];
-    *s = (struct timing_series){.max = INT64_MIN};
+    *s = (struct timing_series){0};
     memcpy(s->task, row->task, sizeof s->task);
     memcpy(s->quantity, row->quantity, sizeof s->quantity);
     return s;
@@ -87,7 +87,7 @@ static void pool(struct timing_series *s, const struct apc_timing_row *row)
 static int take_row(void *ctx, const struct apc_timing_row *row)
 {
     struct timing *timing = ctx;
-    if ((timing->quantity && strcmp(row->quantity, timing->quantity) != 0) || row->count == 0)
+    if (timing->quantity && strcmp(row->quantity, timing->quantity) != 0)
         return 0;
     struct timing_series *s = series_of(timing, row);
     if (!s || reserve(s, row->n_bins) < 0)
@@ -96,10 +96,12 @@ static int take_row(void *ctx, const struct apc_timing_row *row)
         if (row->bin_count[i] > 0)
             s->bins[s->n_bins++] =
                 (struct apc_bin){row->bin_low[i], row->bin_high[i], (uint64_t)row->bin_count[i]};
-    pool(s, row);
     s->period = row->period;
     s->missed += row->missed;
-    s->max = row->max > s->max ? row->max : s->max;
+    if (row->count == 0) /* it did not tick */
+        return 0;
+    s->max = s->count == 0 || row->max > s->max ? row->max : s->max;
+    pool(s, row);
     return 0;
 }
 

@@ -8,7 +8,8 @@
 #include <apcshareddata.h>
 #include <apctimer.h> /* struct apc_bin */
 
-/* One quantity of one task. Nanoseconds; percentiles by nearest rank, to the width of a bucket. */
+/* One quantity of one task. Nanoseconds; percentiles by nearest rank, to the width of a bucket. Zeros where
+ * it did not tick: count 0. */
 struct timing_series {
     char task[32], quantity[16]; /* as in struct apc_timing_row */
     apc_ns period;

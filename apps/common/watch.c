@@ -28,3 +28,31 @@ enum overrun_change overrun_watch_look(struct overrun_watch *w, uint64_t in_a_ro
         return OVERRUN_SAME;
     return w->on ? OVERRUN_BEGAN : OVERRUN_ENDED;
 }
+
+bool tick_watch_look(struct tick_watch *w, uint64_t ticks, uint64_t overruns)
+{
+    if (ticks != w->ticks || !w->begun)
+        *w = (struct tick_watch){.begun = true, .ticks = ticks, .overruns = overruns};
+    return overruns <= w->overruns;
+}
+
+enum change state_watch_look(struct state_watch *w, bool up, apc_ns now)
+{
+    bool changed = up != w->up;
+    enum change change = CHANGE_NONE;
+
+    w->up = up;
+    if (now - w->since >= STATE_WINDOW) {
+        w->count = w->held;
+        change = w->held > 0 ? CHANGE_MANY : CHANGE_NONE;
+        w->told = w->held > 0 ? STATE_CHANGES : 0;
+        w->held = 0;
+        w->since = now;
+    }
+    if (changed && w->told < STATE_CHANGES) {
+        w->told++;
+        return CHANGE_ONE;
+    }
+    w->held += changed;
+    return change;
+}

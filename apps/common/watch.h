@@ -25,4 +25,27 @@ enum overrun_change { OVERRUN_SAME = 0, OVERRUN_BEGAN, OVERRUN_ENDED };
  * next look. */
 enum overrun_change overrun_watch_look(struct overrun_watch *w, uint64_t in_a_row, uint64_t alarms);
 
+/* Does a task tick? Zeroed at the beginning. */
+struct tick_watch {
+    bool begun;
+    uint64_t ticks, overruns; /* when the last tick was first seen */
+};
+/* Given how many ticks have returned, and what apc_task_overruns() says: false while one is being missed and
+ * none has returned since. */
+bool tick_watch_look(struct tick_watch *w, uint64_t ticks, uint64_t overruns);
+
+/* A connection that comes and goes. `up` is what it was at first, the rest zeros. */
+#define STATE_WINDOW  (60 * APC_NS_PER_S)
+#define STATE_CHANGES 4 /* told one by one in a window; further ones together at its end */
+struct state_watch {
+    bool up;
+    apc_ns since; /* of the window */
+    unsigned told, held;
+    unsigned count; /* of CHANGE_MANY */
+};
+enum change { CHANGE_NONE = 0, CHANGE_ONE, CHANGE_MANY };
+/* CHANGE_ONE: it is now what it was not. CHANGE_MANY: it changed `count` more times than were told in the
+ * last window. */
+enum change state_watch_look(struct state_watch *w, bool up, apc_ns now);
+
 #endif

@@ -6,11 +6,16 @@
  * thread of its own formats and writes lines. The mutex inherits priority, so that a SCHED_FIFO task
  * cannot be held up behind the log's thread by something in between. A full ring drops the new message
  * and counts it; the count comes out as a line of its own when there is room again.
+ *
+ * The thread writes only when poll() says that it will not have to wait, so that a reader who has stopped
+ * reading cannot keep it: closing the log gives up when it takes nothing for GRACE_MS.
  */
 #include "apcbase.h"
 
 #include <errno.h>
+#include <poll.h>
 #include <pthread.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,6 +24,8 @@
 #define SLOTS    256
 #define MESSAGE  400
 #define NAME_LEN 32
+#define GRACE_MS 500
+#define LOOK_MS  50 /* between two looks whether the log is being closed */
 
 struct message {
     apc_ns utc;
@@ -34,6 +41,7 @@ struct apc_log {
     pthread_mutex_t mutex;
     pthread_cond_t filled;
     bool closing;
+    bool stuck; /* the writer's: it is closing, and the reader takes nothing */
     size_t first, count;
     unsigned long dropped;
     struct message ring[SLOTS];
@@ -50,11 +58,27 @@ enum apc_log_level apc_log_level_parse(const char *name)
     return (enum apc_log_level)0;
 }
 
-static void write_all(int fd, const char *text, size_t length)
+static bool closing(struct apc_log *log)
 {
-    while (length > 0) {
-        ssize_t n = write(fd, text, length);
-        if (n < 0 && errno == EINTR)
+    pthread_mutex_lock(&log->mutex);
+    bool is = log->closing;
+    pthread_mutex_unlock(&log->mutex);
+    return is;
+}
+
+static bool wait_for_room(struct apc_log *log)
+{
+    struct pollfd p = {.fd = log->fd, .events = POLLOUT};
+    for (int looks = 0; !log->stuck && poll(&p, 1, LOOK_MS) <= 0;)
+        log->stuck = closing(log) && ++looks > GRACE_MS / LOOK_MS;
+    return !log->stuck;
+}
+
+static void write_all(struct apc_log *log, const char *text, size_t length)
+{
+    while (length > 0 && wait_for_room(log)) {
+        ssize_t n = write(log->fd, text, length);
+        if (n < 0 && (errno == EINTR || errno == EAGAIN))
             continue;
         if (n <= 0)
             return; /* nowhere left to complain to */
@@ -64,7 +88,7 @@ static void write_all(int fd, const char *text, size_t length)
 }
 
 /* time=... level=... name=... msg="...": quotes and backslashes escaped, control characters as spaces. */
-static void write_line(const struct apc_log *log, const struct message *m)
+static void write_line(struct apc_log *log, const struct message *m)
 {
     char time[APC_TIME_LEN], line[2 * MESSAGE + 160];
     int n = snprintf(line, sizeof line, "time=%s level=%s name=%s msg=\"", apc_time_format(m->utc, time),
@@ -77,7 +101,7 @@ static void write_line(const struct apc_log *log, const struct message *m)
     }
     line[at++] = '"';
     line[at++] = '\n';
-    write_all(log->fd, line, at);
+    write_all(log, line, at);
 }
 
 static void *writer(void *arg)
@@ -109,6 +133,17 @@ static void *writer(void *arg)
     return NULL;
 }
 
+/* Handlers of signals belong on the application's own threads. */
+static int start_writer(struct apc_log *log)
+{
+    sigset_t all, before;
+    sigfillset(&all);
+    pthread_sigmask(SIG_SETMASK, &all, &before);
+    int err = pthread_create(&log->thread, NULL, writer, log);
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
+    return err;
+}
+
 int apc_log_create(struct apc_log **out, int fd, const char *name, enum apc_log_level level)
 {
     if (!out)
@@ -126,7 +161,7 @@ int apc_log_create(struct apc_log **out, int fd, const char *name, enum apc_log_
         goto out_free;
     if (pthread_cond_init(&log->filled, NULL))
         goto out_mutex;
-    if (pthread_create(&log->thread, NULL, writer, log))
+    if (start_writer(log))
         goto out_cond;
     *out = log;
     return 0;

@@ -58,13 +58,23 @@ bool apc_task_is_due(const struct apc_task *task)
     return apc_clock_mono(task->executive->mono) >= apc_task_due(task);
 }
 
-/* Count the ticks from due up to @index as missed. Returns how many. */
+/*
+ * Count the ticks from due up to @index as missed. Returns how many. `next` moves first: a reader, who takes
+ * them the other way round, may for an instant miss some but counts none twice.
+ */
 static uint64_t skip_to(struct apc_task *task, uint64_t index)
 {
     uint64_t missed = index - task->due;
-    if (missed > 0)
-        atomic_fetch_add_explicit(&task->missed, missed, memory_order_relaxed);
+    uint64_t before = atomic_load_explicit(&task->in_a_row, memory_order_relaxed);
+
     task->due = index;
+    publish_next(task);
+    if (missed > 0) {
+        atomic_fetch_add_explicit(&task->missed, missed, memory_order_release);
+        atomic_store_explicit(&task->in_a_row, before + missed, memory_order_relaxed);
+    }
+    if (before < APC_OVERRUN_ALARM && before + missed >= APC_OVERRUN_ALARM)
+        atomic_fetch_add_explicit(&task->alarms, 1, memory_order_relaxed);
     return missed;
 }
 
@@ -108,19 +118,6 @@ static int call(struct apc_task *task, apc_ns now, apc_ns *finished)
     return result;
 }
 
-/* After a call around which so many ticks were missed. */
-static void note_overrun(struct apc_task *task, uint64_t missed)
-{
-    uint64_t before = atomic_load_explicit(&task->in_a_row, memory_order_relaxed);
-    uint64_t in_a_row = missed > 0 ? before + missed : 0;
-
-    if (before < APC_OVERRUN_ALARM && in_a_row >= APC_OVERRUN_ALARM)
-        atomic_fetch_add_explicit(&task->alarms, 1, memory_order_relaxed);
-    if (in_a_row != before)
-        atomic_store_explicit(&task->in_a_row, in_a_row, memory_order_relaxed);
-    publish_next(task);
-}
-
 bool apc_task_tick(struct apc_task *task)
 {
     const apc_ns period = task->options.period;
@@ -134,15 +131,15 @@ bool apc_task_tick(struct apc_task *task)
         return end(task, APC_EOVERRUN);
 
     int result = call(task, now, &finished);
-    if (result != 0)
-        return end(task, result);
-
     if (overrun != APC_OVERRUN_BURST)
         missed += skip_to(task, apc_grid_resume(task->epoch, period, task->due - 1, finished));
-    if (missed > 0 && overrun == APC_OVERRUN_STOP)
-        return end(task, APC_EOVERRUN);
-    note_overrun(task, missed);
-    return true;
+    else
+        publish_next(task);
+    if (missed == 0 && atomic_load_explicit(&task->in_a_row, memory_order_relaxed) > 0)
+        atomic_store_explicit(&task->in_a_row, 0, memory_order_relaxed);
+    if (result == 0 && missed > 0 && overrun == APC_OVERRUN_STOP)
+        result = APC_EOVERRUN;
+    return result == 0 || end(task, result);
 }
 
 /* ---- Making one ---- */
@@ -368,20 +365,25 @@ void apc_task_timing(const struct apc_task *task, struct apc_timing *timing)
         lasted > 0 ? (double)atomic_load_explicit(&task->spun, memory_order_relaxed) / (double)lasted : 0.0;
 }
 
+/* Ticks whose instants have passed since that of the one that is due, or runs. */
+static uint64_t behind(const struct apc_task *task)
+{
+    apc_ns now = apc_clock_mono(task->executive->mono);
+    apc_ns next = atomic_load_explicit(&task->next, memory_order_relaxed);
+    return now > next ? (uint64_t)(now - next - 1) / (uint64_t)task->options.period : 0;
+}
+
 uint64_t apc_task_missed(const struct apc_task *task)
 {
-    return atomic_load_explicit(&task->missed, memory_order_relaxed);
+    uint64_t missed = atomic_load_explicit(&task->missed, memory_order_acquire);
+    return missed + (task->options.overrun == APC_OVERRUN_BURST ? 0 : behind(task));
 }
 
 uint64_t apc_task_overruns(const struct apc_task *task, uint64_t *alarms)
 {
-    apc_ns now = apc_clock_mono(task->executive->mono);
-    apc_ns next = atomic_load_explicit(&task->next, memory_order_relaxed);
-
     if (alarms)
         *alarms = atomic_load_explicit(&task->alarms, memory_order_relaxed);
-    return atomic_load_explicit(&task->in_a_row, memory_order_relaxed) +
-           (now > next ? (uint64_t)(now - next) / (uint64_t)task->options.period : 0);
+    return atomic_load_explicit(&task->in_a_row, memory_order_relaxed) + behind(task);
 }
 
 const struct apc_histogram *apc_task_histogram(const struct apc_task *task, enum apc_task_histogram which)

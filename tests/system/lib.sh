@@ -77,7 +77,7 @@ port=$(free_port)
 fast_experiment() {
   sed -e 's/name = "first-order"/name = "fast"/' -e 's/tau = 10.0/tau = 1.0/' -e 's/tau_i = 10.0/tau_i = 1.0/' \
     -e 's/period = 0.2;/period = 0.02;/' -e 's/period = 0.5;/period = 0.05; phase = 0.004;/' \
-    -e 's/period = 2.0;/period = 0.2; phase = 0.012;/' -e 's/period = 150.0;/period = 15.0;/' \
+    -e 's/period = 2.0;/period = 0.2; phase = 0.012; hold = 60.0;/' -e 's/period = 150.0;/period = 15.0;/' \
     -e 's/duration = 600.0/duration = 60.0/' -e "s/43051/$port/" \
     "$APC_SOURCE_DIR/experiments/first-order.conf" >"$work/fast.conf"
 }

@@ -2,6 +2,7 @@
 /* What a daemon says of its records while the store is away. */
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <unistd.h>
 
 #include "check.h"
@@ -76,42 +77,162 @@ static int keep(void *ctx, const struct apc_timing_row *row)
     return 0;
 }
 
-static void test_what_is_measured_beside_the_task_is_stored_and_failures_wait_for_it(void **state)
-{
-    (void)state;
-    const struct apc_task_options options = {.size = sizeof options, .name = "task", .period = APC_NS_PER_S};
+/* A store, a task in virtual time that ticks when told, and their recorder. */
+struct bench {
+    struct apc_store *reader;
     struct apc_executive *executive;
-    struct apc_histogram *run;
-    struct apc_store *store, *reader;
     struct apc_task *task;
     struct recorder *r;
+};
+
+static void set_up(struct bench *b)
+{
+    const struct apc_task_options options = {.size = sizeof options, .name = "task", .period = APC_NS_PER_S};
+    struct apc_store *store;
     struct apc_error why;
-    struct apc_timing_row row = {0};
-    _Atomic uint64_t failed = 3;
     assert_int_equal(apc_store_open(&store, "mem:recorder", NULL, &why), 0);
-    assert_int_equal(apc_store_open(&reader, "mem:recorder", NULL, &why), 0);
+    assert_int_equal(apc_store_open(&b->reader, "mem:recorder", NULL, &why), 0);
     assert_int_equal(apc_store_init(store), 0);
-    assert_int_equal(apc_executive_create(&executive, "virtual", NULL, &why), 0);
-    assert_int_equal(apc_task_create(executive, &options, never, NULL, &task, &why), 0);
+    assert_int_equal(apc_executive_create(&b->executive, "virtual", NULL, &why), 0);
+    assert_int_equal(apc_task_create(b->executive, &options, never, NULL, &b->task, &why), 0);
+    assert_int_equal(recorder_create(&b->r, store, "task"), 0);
+}
+
+static void tear_down(struct bench *b)
+{
+    recorder_destroy(b->r);
+    apc_store_close(b->reader);
+    apc_task_destroy(b->task);
+    apc_executive_destroy(b->executive);
+}
+
+struct sums {
+    uint64_t count[3], missed[3]; /* of lateness, jitter, run */
+    int rows;
+};
+
+static int add(void *ctx, const struct apc_timing_row *row)
+{
+    struct sums *s = ctx;
+    int i = !strcmp(row->quantity, "lateness") ? 0 : !strcmp(row->quantity, "jitter") ? 1 : 2;
+    assert_string_equal(row->task, "task");
+    assert_int_equal(row->period, APC_NS_PER_S);
+    s->count[i] += row->count;
+    s->missed[i] += row->missed;
+    s->rows++;
+    return 0;
+}
+
+static struct sums stored(const struct bench *b)
+{
+    struct sums s = {0};
+    assert_true(apc_store_timing(b->reader, &(struct apc_range){0}, add, &s) >= 0);
+    return s;
+}
+
+static void test_ticks_that_nobody_ran_are_recorded_as_missed_also_where_none_ran(void **state)
+{
+    struct bench b;
+    (void)state;
+    set_up(&b);
+    assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), 0);
+    assert_int_equal(stored(&b).rows, 0); /* nothing happened */
+    recorder_absent(b.r, 7);
+    assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), 0);
+    assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), 0); /* once */
+    struct sums s = stored(&b);
+    assert_int_equal(s.rows, 3);
+    for (int i = 0; i < 3; i++) {
+        assert_int_equal(s.count[i], 0);
+        assert_int_equal(s.missed[i], 7);
+    }
+    tear_down(&b);
+}
+
+static void test_every_tick_is_recorded_once(void **state)
+{
+    struct bench b;
+    (void)state;
+    set_up(&b);
+    assert_int_equal(apc_task_start(b.task, NULL), 0);
+    for (int i = 1; i <= 4; i++) {
+        assert_true(apc_virtual_run(b.executive, i * 10 * APC_NS_PER_S) > 0);
+        assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), 0);
+    }
+    struct sums s = stored(&b);
+    assert_int_equal(s.rows, 12);
+    assert_int_equal(s.count[0], 40); /* from 1 s to 40 s */
+    assert_int_equal(s.count[1], 39); /* between them */
+    assert_int_equal(s.count[2], 40);
+    assert_int_equal(s.missed[0], 0);
+    tear_down(&b);
+}
+
+struct events {
+    int n;
+    struct apc_event first, last;
+};
+
+static int note(void *ctx, const struct apc_event *e)
+{
+    struct events *all = ctx;
+    if (all->n++ == 0)
+        all->first = *e;
+    all->last = *e;
+    return 0;
+}
+
+static void test_events_that_were_pushed_out_of_the_queue_are_counted_in_the_records(void **state)
+{
+    struct bench b;
+    struct events all = {0};
+    struct apc_event e = {.time = 1, .severity = APC_EVENT_INFO, .source = "apc-test", .kind = "link"};
+    (void)state;
+    set_up(&b);
+    for (int i = 1; i <= 131; i++) {
+        e.time = i;
+        snprintf(e.text, sizeof e.text, "number %d", i);
+        recorder_event(b.r, &e);
+    }
+    assert_int_equal(recorder_flush(b.r, NULL, 0), 0);
+    assert_int_equal(apc_store_events(b.reader, &(struct apc_range){0}, note, &all), 129);
+    assert_int_equal(strncmp(all.first.text, "3 events were lost", 18), 0);
+    assert_string_equal(all.first.source, "apc-test");
+    assert_int_equal(all.first.severity, APC_EVENT_WARNING);
+    assert_string_equal(all.last.text, "number 131");
+    recorder_event(b.r, &e); /* no more are lost: no more is said */
+    assert_int_equal(recorder_flush(b.r, NULL, 0), 0);
+    assert_int_equal(recorder_flush(b.r, NULL, 0), 0);
+    assert_int_equal(apc_store_events(b.reader, &(struct apc_range){0}, note, &all), 130);
+    tear_down(&b);
+}
+
+static void test_what_is_measured_beside_the_task_is_stored_and_so_are_its_failures(void **state)
+{
+    struct bench b;
+    struct apc_histogram *run;
+    struct apc_timing_row row = {0};
+    _Atomic uint64_t failed = 0;
+    (void)state;
+    set_up(&b);
     assert_int_equal(apc_histogram_create(&run), 0);
-    assert_int_equal(recorder_create(&r, store, "task"), 0);
-    recorder_measure(r, TASK_EXCHANGE, run, &failed);
-    assert_int_equal(recorder_flush(r, task, APC_NS_PER_S), 0);
-    assert_int_equal(apc_store_timing(reader, &(struct apc_range){0}, keep, &row), 0);
+    recorder_measure(b.r, TASK_EXCHANGE, run, &failed);
+    assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), 0);
+    assert_int_equal(apc_store_timing(b.reader, &(struct apc_range){0}, keep, &row), 0);
     apc_histogram_record(run, 100);
-    assert_int_equal(recorder_flush(r, task, APC_NS_PER_S), 0);
-    assert_int_equal(recorder_flush(r, task, APC_NS_PER_S), 0); /* nothing new */
-    assert_int_equal(apc_store_timing(reader, &(struct apc_range){0}, keep, &row), 1);
+    failed = 3;
+    assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), 0);
+    assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), 0); /* nothing new */
+    assert_int_equal(apc_store_timing(b.reader, &(struct apc_range){0}, keep, &row), 1);
     assert_string_equal(row.task, "exchange");
     assert_string_equal(row.quantity, "run");
     assert_int_equal(row.count, 1);
     assert_int_equal(row.missed, 3);
     assert_int_equal(row.p50, 100);
-    recorder_destroy(r);
-    apc_store_close(reader);
+    recorder_destroy(b.r);
+    b.r = NULL;
     apc_histogram_destroy(run);
-    apc_task_destroy(task);
-    apc_executive_destroy(executive);
+    tear_down(&b);
 }
 
 int main(void)
@@ -119,7 +240,10 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_a_flush_with_nothing_to_write_is_no_sign_of_a_store_that_is_away),
         cmocka_unit_test(test_events_go_into_the_spool_and_the_store_still_counts_as_away),
-        cmocka_unit_test(test_what_is_measured_beside_the_task_is_stored_and_failures_wait_for_it),
+        cmocka_unit_test(test_ticks_that_nobody_ran_are_recorded_as_missed_also_where_none_ran),
+        cmocka_unit_test(test_every_tick_is_recorded_once),
+        cmocka_unit_test(test_events_that_were_pushed_out_of_the_queue_are_counted_in_the_records),
+        cmocka_unit_test(test_what_is_measured_beside_the_task_is_stored_and_so_are_its_failures),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

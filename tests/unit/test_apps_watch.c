@@ -112,6 +112,61 @@ static void a_callback_that_hangs_is_one_alarm(void **state)
     assert_int_equal(overrun_watch_look(&w, 0, 1), OVERRUN_SAME);
 }
 
+static void a_task_ticks_unless_ticks_are_missed_and_none_returns(void **state)
+{
+    struct tick_watch w = {0};
+    (void)state;
+    assert_true(tick_watch_look(&w, 0, 0)); /* its first tick is still to come */
+    assert_true(tick_watch_look(&w, 0, 0));
+    assert_true(tick_watch_look(&w, 1, 0));
+    assert_true(tick_watch_look(&w, 2, 7));  /* an overrun, but it came back */
+    assert_true(tick_watch_look(&w, 2, 7));  /* and waits for its next instant */
+    assert_false(tick_watch_look(&w, 2, 8)); /* it hangs */
+    assert_false(tick_watch_look(&w, 2, 9));
+    assert_false(tick_watch_look(&w, 2, 8));
+    assert_true(tick_watch_look(&w, 3, 9)); /* back */
+    assert_true(tick_watch_look(&w, 4, 0));
+    assert_false(tick_watch_look(&w, 4, 1));
+}
+
+static void a_task_that_hangs_in_its_first_tick_does_not_tick(void **state)
+{
+    struct tick_watch w = {0};
+    (void)state;
+    assert_true(tick_watch_look(&w, 0, 0));
+    assert_false(tick_watch_look(&w, 0, 1));
+}
+
+static void changes_of_a_state_are_told_one_by_one_then_together_once_a_minute(void **state)
+{
+    struct state_watch w = {.up = true, .since = HOUR};
+    apc_ns now = HOUR;
+    int ones = 0, many = 0;
+    unsigned counted = 0;
+    (void)state;
+    assert_int_equal(state_watch_look(&w, true, now), CHANGE_NONE);
+    for (int i = 0; i < 3000; i++) { /* ten changes a second for five minutes */
+        now += APC_NS_PER_S / 10;
+        enum change change = state_watch_look(&w, i % 2, now);
+        ones += change == CHANGE_ONE;
+        many += change == CHANGE_MANY;
+        counted += change == CHANGE_MANY ? w.count : 0;
+    }
+    assert_int_equal(ones, STATE_CHANGES);
+    assert_int_equal(many, 5);
+    for (int i = 0; i < 130; i++) { /* it has become quiet */
+        now += APC_NS_PER_S;
+        assert_int_not_equal(state_watch_look(&w, true, now), CHANGE_ONE);
+        if (w.told == 0)
+            break;
+    }
+    assert_int_equal(w.told, 0);
+    assert_int_equal(state_watch_look(&w, false, now), CHANGE_ONE);
+    assert_int_equal(state_watch_look(&w, false, now), CHANGE_NONE);
+    assert_int_equal(state_watch_look(&w, true, now), CHANGE_ONE);
+    assert_true(counted >= 2990); /* the rest came after the last minute was over */
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -120,6 +175,9 @@ int main(void)
         cmocka_unit_test(ten_in_a_row_are_an_alarm_until_there_are_fewer),
         cmocka_unit_test(an_alarm_between_two_looks_is_not_lost),
         cmocka_unit_test(a_callback_that_hangs_is_one_alarm),
+        cmocka_unit_test(a_task_ticks_unless_ticks_are_missed_and_none_returns),
+        cmocka_unit_test(a_task_that_hangs_in_its_first_tick_does_not_tick),
+        cmocka_unit_test(changes_of_a_state_are_told_one_by_one_then_together_once_a_minute),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

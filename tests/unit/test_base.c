@@ -4,6 +4,8 @@
 #include "comma_locale.h"
 
 #include <locale.h>
+#include <pthread.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -325,6 +327,47 @@ static void a_full_log_drops_and_says_how_many(void **state)
     assert_true(WIFEXITED(status) && WEXITSTATUS(status) == 0);
 }
 
+static void a_reader_that_has_stopped_reading_does_not_keep_a_log_from_ending(void **state)
+{
+    struct apc_log *log;
+    int fds[2];
+    (void)state;
+    assert_int_equal(pipe(fds), 0);
+    assert_int_equal(apc_log_create(&log, fds[1], "apc-test", APC_LOG_INFO), 0);
+    for (int i = 0; i < 1000; i++)
+        apc_log_write(log, APC_LOG_INFO, "%0300d", i);
+    apc_log_destroy(log); /* returns */
+    close(fds[1]);
+    close(fds[0]);
+}
+
+static void on_alarm(int signal)
+{
+    (void)signal;
+}
+
+static void the_thread_of_a_log_takes_no_signals_of_the_application(void **state)
+{
+    const struct sigaction handler = {.sa_handler = on_alarm};
+    struct apc_log *log;
+    sigset_t set, pending;
+    int fds[2];
+    (void)state;
+    assert_int_equal(pipe(fds), 0);
+    assert_int_equal(sigaction(SIGUSR1, &handler, NULL), 0);
+    assert_int_equal(apc_log_create(&log, fds[1], "apc-test", APC_LOG_INFO), 0);
+    sigemptyset(&set);
+    sigaddset(&set, SIGUSR1);
+    assert_int_equal(pthread_sigmask(SIG_BLOCK, &set, NULL), 0);
+    assert_int_equal(kill(getpid(), SIGUSR1), 0);
+    sigpending(&pending);
+    assert_int_equal(sigismember(&pending, SIGUSR1), 1); /* nobody has taken it */
+    assert_int_equal(pthread_sigmask(SIG_UNBLOCK, &set, NULL), 0);
+    apc_log_destroy(log);
+    close(fds[1]);
+    close(fds[0]);
+}
+
 static void a_plugin_that_is_not_there_is_named(void **state)
 {
     struct apc_error why;
@@ -386,6 +429,8 @@ int main(void)
         cmocka_unit_test(options_of_another_version_are_understood_or_refused),
         cmocka_unit_test(the_log_writes_whole_escaped_lines),
         cmocka_unit_test(a_full_log_drops_and_says_how_many),
+        cmocka_unit_test(a_reader_that_has_stopped_reading_does_not_keep_a_log_from_ending),
+        cmocka_unit_test(the_thread_of_a_log_takes_no_signals_of_the_application),
         cmocka_unit_test(a_plugin_that_is_not_there_is_named),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,0 +1,31 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The one thread of a daemon that nothing else can hold up, whatever hangs: a callback, a store, a log's
+ * reader. It takes the signals, tells the watchdog (systemd's, or that of `apc run`) that the task ticks, and
+ * ends the process when it does not end by itself.
+ */
+#ifndef APC_WARDEN_H
+#define APC_WARDEN_H
+
+#include <apctimer.h>
+
+#define WARDEN_PATIENCE (1800 * APC_NS_PER_MS) /* for the process to end, once it was told to */
+
+struct warden;
+
+/* Take over SIGTERM and SIGINT: before any other thread is made, so that all of them leave these to it.
+ * Returns 0, APC_ENOMEM or APC_ESYS. */
+int warden_create(struct warden **warden);
+/* Wait for a signal. Returns it, also when it came before; 0 after @p timeout. One thread. */
+int warden_wait(struct warden *warden, apc_ns timeout);
+/* From now on tell the watchdog that @p task ticks, as long as it does. It lives until warden_ending(). */
+void warden_watch(struct warden *warden, const struct apc_task *task);
+/* A tick has returned. [tick] */
+void warden_ticked(struct warden *warden, uint64_t index);
+/* A word to who started this process, in the form of sd_notify(); never waits. */
+void warden_tell(const struct warden *warden, const char *text);
+/* The process is about to end; should it not, it does so with @p code after WARDEN_PATIENCE. */
+void warden_ending(struct warden *warden, int code);
+void warden_destroy(struct warden *warden); /* NULL is legal */
+
+#endif
