@@ -54,9 +54,9 @@ static struct refusals *refusals_of(struct audit *a, const char *user)
 void audit_refusal(struct ui *ui, const char *user, const char *address, const char *what, const char *why)
 {
     struct audit *a = &ui->audit;
-    struct apc_event event = {.time = apc_clock_utc(NULL), .severity = APC_EVENT_WARNING, .kind = "rejected"};
+    struct apc_event event = {.time = apc_clock_utc(NULL), .severity = APC_EVENT_WARNING, .kind = "access"};
     snprintf(event.source, sizeof event.source, "%.31s", *user ? user : "(stranger)");
-    snprintf(event.text, sizeof event.text, "%.30s from %.45s: %.100s", what, address, why);
+    snprintf(event.text, sizeof event.text, "refused: %.30s from %.45s: %.90s", what, address, why);
     pthread_mutex_lock(&a->mutex);
     struct refusals *r = refusals_of(a, event.source);
     r->last = event;

@@ -47,6 +47,23 @@ static bool is_port(const char *text)
     return n > 0 && n <= 5 && strspn(text, "0123456789") == n && strtol(text, NULL, 10) <= 65535;
 }
 
+/* Does the kernel say whose connections are? Where it does not, nobody gets in. */
+static void check_peers(const struct ui *ui, int listener, const struct sockaddr_in6 *bound, socklen_t size)
+{
+    int far = socket(bound->sin6_family, SOCK_STREAM | SOCK_CLOEXEC, 0), near = -1;
+    if (far >= 0 && connect(far, (const struct sockaddr *)bound, size) == 0)
+        near = accept(listener, NULL, NULL);
+    if (near >= 0 && !peer_is_own(near))
+        apc_log_write(
+            ui->log, APC_LOG_WARN,
+            "this system does not tell whose connections are (sock_diag), so nobody can use the page "
+            "without a login: make users with `apc user add`");
+    if (near >= 0)
+        close(near);
+    if (far >= 0)
+        close(far);
+}
+
 /* listen_on() reads the port of either as that of the first. */
 _Static_assert(offsetof(struct sockaddr_in6, sin6_port) == offsetof(struct sockaddr_in, sin_port), "port");
 
@@ -96,5 +113,7 @@ int listen_on(struct ui *ui, struct apc_error *why)
         return rc;
     }
     ui->port = ntohs(bound.sin6_port);
+    if (ui->open)
+        check_peers(ui, fd, &bound, size);
     return fd;
 }

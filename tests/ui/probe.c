@@ -617,7 +617,7 @@ static void await_refusal(const struct client *reader, const char *source, const
     char path[200];
     bool found = false;
     struct http_stream *stream = client_stream(reader, NULL);
-    snprintf(path, sizeof path, "/api/events?kind=rejected&source=%s&last=50", source);
+    snprintf(path, sizeof path, "/api/events?kind=access&source=%s&last=50", source);
     while (!found) {
         json_t *json;
         const json_t *event;

@@ -96,11 +96,11 @@ static void a_refusal_says_who_whence_what_and_why(void **state)
     audit_refusal(ui, "", "10.0.0.8", "/api/mode", "please log in");
     assert_int_equal(audit_flush(ui, store), 0);
     assert_int_equal(count("otto"), 1);
-    assert_string_equal(events[0].text, "/api/setpoint from 10.0.0.7: otto is an observer");
-    assert_string_equal(events[0].kind, "rejected");
+    assert_string_equal(events[0].text, "refused: /api/setpoint from 10.0.0.7: otto is an observer");
+    assert_string_equal(events[0].kind, "access");
     assert_int_equal(events[0].severity, APC_EVENT_WARNING);
     assert_string_equal(events[1].source, "(stranger)");
-    assert_string_equal(events[1].text, "/api/mode from 10.0.0.8: please log in");
+    assert_string_equal(events[1].text, "refused: /api/mode from 10.0.0.8: please log in");
 }
 
 static void a_flood_of_refusals_leaves_a_few_rows_and_its_number(void **state)
@@ -116,7 +116,7 @@ static void a_flood_of_refusals_leaves_a_few_rows_and_its_number(void **state)
         ui->audit.refused[i].due = 0;
     assert_int_equal(audit_flush(ui, store), 0);
     assert_int_equal(count("otto"), 6);
-    assert_string_equal(events[n - 1].text, "/api/setpoint from 10.0.0.7: no (994 more)");
+    assert_string_equal(events[n - 1].text, "refused: /api/setpoint from 10.0.0.7: no (994 more)");
     assert_int_equal(audit_flush(ui, store), 0);
     assert_int_equal(count("otto"), 6);
 }
