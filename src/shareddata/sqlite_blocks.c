@@ -128,8 +128,9 @@ static int insert(struct apc_sqlite *sq, const struct apc_sample *s, int64_t pre
     sqlite3_bind_int64(statement, 5, apc_sqlite_time(s->time));
     sqlite3_bind_int64(statement, 6, s->status);
     sqlite3_bind_double(statement, 7, s->value);
-    bind_reference(statement, 8, s->sensor_seq);
-    bind_reference(statement, 9, s->setpoint_seq);
+    const bool actuator = s->table == APC_ACTUATOR;
+    bind_reference(statement, 8, actuator ? s->sensor_seq : 0);
+    bind_reference(statement, 9, actuator ? s->setpoint_seq : 0);
     return apc_sqlite_step(sq, statement);
 }
 

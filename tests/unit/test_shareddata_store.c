@@ -166,6 +166,12 @@ static void test_every_member_of_a_sample_comes_back(void **state)
     assert_memory_equal(&out.value, &in.value, sizeof in.value);
     assert_true(out.seq == in.seq && out.time == in.time && out.status == in.status);
     assert_true(out.sensor_seq == 41 && out.setpoint_seq == 0);
+    struct apc_sample other = in; /* only an output is computed from something */
+    other.table = APC_STATE;
+    other.setpoint_seq = 42;
+    assert_int_equal(apc_store_append(*state, &other, 1), 1);
+    out = newest(*state, APC_STATE, 3);
+    assert_true(out.seq == in.seq && out.sensor_seq == 0 && out.setpoint_seq == 0);
 }
 
 static void test_values_of_every_size_come_back_bit_for_bit(void **state)
@@ -1072,6 +1078,89 @@ static void test_timing_rows_come_back_with_their_buckets(void **state)
     assert_string_equal(newest_one.rows[0].task, "controller");
 }
 
+/* Row i of time i * 7 % N, but the last, which is of the same time as the one before it; i % 4 buckets. */
+enum { TIMINGS = 150 };
+
+static int timing_number(apc_ns time)
+{
+    for (int i = 0; i < TIMINGS - 1; i++) {
+        if (i * 7 % TIMINGS == time / 1000) {
+            return i;
+        }
+    }
+    return -1;
+}
+
+struct walk {
+    apc_ns last;
+    int given, most, twins;
+};
+
+static int check_timing(void *ctx, const struct apc_timing_row *row)
+{
+    struct walk *w = ctx;
+    const bool twin = w->given > 0 && row->time == w->last;
+    const int i = twin ? TIMINGS - 1 : timing_number(row->time);
+    assert_true(w->given == 0 || row->time >= w->last);
+    w->last = row->time;
+    w->twins += twin;
+    assert_int_equal(row->count, i); /* of two of one time the one that came first is first */
+    assert_int_equal(row->n_bins, i % 4);
+    for (int b = 0; b < i % 4; b++) {
+        assert_true(row->bin_low[b] == 10 * b + i && row->bin_high[b] == 10 * b + i + 9 &&
+                    row->bin_count[b] == b + 1);
+    }
+    return ++w->given == w->most;
+}
+
+static void test_timing_rows_come_in_order_of_time_within_their_bounds(void **state)
+{
+    static int64_t low[TIMINGS][4], high[TIMINGS][4];
+    static const int64_t count[4] = {1, 2, 3, 4};
+    static struct apc_timing_row rows[TIMINGS];
+    for (int i = 0; i < TIMINGS; i++) {
+        for (int b = 0; b < 4; b++) {
+            low[i][b] = 10 * b + i;
+            high[i][b] = low[i][b] + 9;
+        }
+        const int k = i < TIMINGS - 1 ? i : i - 1;
+        rows[i] = (struct apc_timing_row){.time = k * 7 % TIMINGS * 1000,
+                                          .task = "t",
+                                          .quantity = "run",
+                                          .count = (uint64_t)i,
+                                          .bin_low = low[i],
+                                          .bin_high = high[i],
+                                          .bin_count = count,
+                                          .n_bins = (size_t)(i % 4)};
+    }
+    assert_int_equal(apc_store_append_timing(*state, rows, 40), 40);
+    assert_int_equal(apc_store_append_timing(*state, rows + 40, TIMINGS - 40), TIMINGS - 40);
+    struct walk w = {0};
+    assert_int_equal(apc_store_timing(*state, NULL, check_timing, &w), TIMINGS);
+    assert_int_equal(w.twins, 1);
+    const struct {
+        struct apc_range range;
+        int given;
+        apc_ns last;
+    } cases[] = {
+        {{.since = 5000, .until = 9000}, 4, 8000},
+        {{.until = 9000, .last = 2}, 2, 8000},
+        {{.since = 140000, .last = 99}, 9, 149000},
+        {{.since = 150000}, 0, 0},
+        {{.last = 1}, 1, 149000},
+        {{.last = TIMINGS + 1}, TIMINGS, 149000},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        w = (struct walk){0};
+        assert_int_equal(apc_store_timing(*state, &cases[i].range, check_timing, &w), cases[i].given);
+        assert_int_equal(w.given, cases[i].given);
+        assert_int_equal(w.last, cases[i].last);
+    }
+    w = (struct walk){.most = 3};
+    assert_int_equal(apc_store_timing(*state, NULL, check_timing, &w), 3);
+    assert_int_equal(w.given, 3);
+}
+
 /* ---- Housekeeping ------------------------------------------------------------------------------ */
 
 #define HOUR (3600 * APC_NS_PER_S)
@@ -1080,6 +1169,12 @@ static int count_event(void *ctx, const struct apc_event *e)
 {
     (void)e;
     ++*(int *)ctx;
+    return 0;
+}
+
+static int keep_one_event(void *ctx, const struct apc_event *e)
+{
+    *(struct apc_event *)ctx = *e;
     return 0;
 }
 
@@ -1167,9 +1262,14 @@ static void test_maintenance_drops_what_is_old_and_keeps_the_newest_of_each_vari
     assert_int_equal(apc_store_events(store, NULL, count_event, &n), 2); /* not asked for */
     keep = (struct apc_retention){.size = sizeof keep, .events = 24 * HOUR, .timing = 24 * HOUR};
     assert_dropped(apc_store_maintain(store, &keep), 2);
-    assert_int_equal(apc_store_events(store, NULL, count_event, &n), 1);
+    struct apc_event left;
+    assert_int_equal(apc_store_events(store, NULL, keep_one_event, &left), 1);
+    assert_string_equal(left.kind, "stop");
     assert_int_equal(apc_store_timing(store, NULL, count_timing, &n), 1);
-    assert_int_equal(apc_store_maintain(store, &keep), 0); /* there is nothing left to do */
+    assert_int_equal(apc_store_maintain(store, &keep), 0);          /* there is nothing left to do */
+    assert_int_equal(apc_store_append_events(store, events, 1), 1); /* old, but it has just come */
+    assert_int_equal(apc_store_events(store, &(struct apc_range){.last = 1}, keep_one_event, &left), 1);
+    assert_string_equal(left.kind, "start");
 
     int64_t last[2];
     ok(store, apc_store_claim(store, APC_SENSOR, 2, last)); /* writers count on */
@@ -1229,6 +1329,63 @@ static void test_counters_and_connected_tell_the_truth(void **state)
     apc_store_close(store);
     apc_store_close(NULL);
     (void)state;
+}
+
+static int stop_sample(void *ctx, const struct apc_sample *s)
+{
+    (void)ctx;
+    (void)s;
+    return 1;
+}
+
+static int stop_bin(void *ctx, const struct apc_history_bin *bin)
+{
+    (void)ctx;
+    (void)bin;
+    return 1;
+}
+
+#define counts(store, call)                                                                                  \
+    do {                                                                                                     \
+        struct apc_store_stats counted, now;                                                                 \
+        apc_store_stats(store, &counted);                                                                    \
+        ok(store, call);                                                                                     \
+        apc_store_stats(store, &now);                                                                        \
+        if (now.round_trips <= counted.round_trips || now.connects != counted.connects) {                    \
+            fail_msg("%s: %d round trips, %d connects more", #call,                                          \
+                     (int)(now.round_trips - counted.round_trips), (int)(now.connects - counted.connects));  \
+        }                                                                                                    \
+    } while (0)
+
+static void test_each_operation_is_counted(void **state)
+{
+    struct apc_store *store = *state;
+    struct apc_sample s = sample(APC_TUNING, 1, 1, 1);
+    const struct apc_event event = {.severity = APC_EVENT_INFO};
+    const struct apc_timing_row row = {.quantity = "run"};
+    const struct apc_tag tag = {.table = APC_SENSOR, .id = 1, .name = "y"};
+    const struct apc_retention keep = {.size = sizeof keep, .samples = HOUR, .events = HOUR, .timing = HOUR};
+    struct apc_tag tags[1];
+    int64_t last[1];
+    int n = 0;
+    newest(store, APC_TUNING, 1); /* connected */
+    counts(store, apc_store_append(store, &s, 1));
+    counts(store, apc_store_put(store, &s, 1));
+    counts(store, apc_store_swap(store, &s, 1));
+    if (strncmp(uri, "postgres", 8) != 0) { /* where a notification says it */
+        counts(store, apc_store_wait(store, &s, 1, 0));
+    }
+    counts(store, apc_store_claim(store, APC_SENSOR, 1, last));
+    counts(store, apc_store_variables(store, &s, 1));
+    counts(store, apc_store_history(store, APC_TUNING, 1, NULL, stop_sample, NULL));
+    counts(store, apc_store_history_bins(store, APC_TUNING, 1, 0, HOUR, 2, stop_bin, NULL));
+    counts(store, apc_store_put_tags(store, &tag, 1));
+    counts(store, apc_store_get_tags(store, tags, 1));
+    counts(store, apc_store_append_events(store, &event, 1));
+    counts(store, apc_store_events(store, NULL, count_event, &n));
+    counts(store, apc_store_append_timing(store, &row, 1));
+    counts(store, apc_store_timing(store, NULL, count_timing, &n));
+    counts(store, apc_store_maintain(store, &keep));
 }
 
 static void test_a_comma_locale_changes_no_value(void **state)
@@ -1313,11 +1470,13 @@ int main(void)
         T(test_tags_are_replaced_as_a_whole_and_may_change_names),
         T(test_events_come_back_in_order),
         T(test_timing_rows_come_back_with_their_buckets),
+        T(test_timing_rows_come_in_order_of_time_within_their_bounds),
         T(test_maintenance_drops_what_is_old_and_keeps_the_newest_of_each_variable),
         T(test_maintenance_goes_through_a_long_history),
         T(test_samples_of_any_time_are_kept_before_and_after_maintenance),
         T(test_init_again_changes_nothing),
         T(test_counters_and_connected_tell_the_truth),
+        T(test_each_operation_is_counted),
         T(test_a_comma_locale_changes_no_value),
         T(test_options_of_a_newer_library_are_refused),
     };
