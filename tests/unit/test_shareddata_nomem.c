@@ -29,6 +29,7 @@ static bool counting; /* only inside a step */
 static bool foreign;  /* what other objects ask for, too */
 static int until_failure;
 static bool failed;
+static long alive; /* allocations */
 
 #if FAILING
 extern const char __executable_start, _end; /* where this program lies, libapc in it */
@@ -50,20 +51,33 @@ static bool fails(const void *caller)
 extern void *__libc_malloc(size_t size);
 extern void *__libc_calloc(size_t n, size_t size);
 extern void *__libc_realloc(void *p, size_t size);
+extern void __libc_free(void *p);
 
 SEEN void *malloc(size_t size)
 {
-    return fails(__builtin_return_address(0)) ? NULL : __libc_malloc(size);
+    void *p = fails(__builtin_return_address(0)) ? NULL : __libc_malloc(size);
+    alive += p != NULL;
+    return p;
 }
 
 SEEN void *calloc(size_t n, size_t size)
 {
-    return fails(__builtin_return_address(0)) ? NULL : __libc_calloc(n, size);
+    void *p = fails(__builtin_return_address(0)) ? NULL : __libc_calloc(n, size);
+    alive += p != NULL;
+    return p;
 }
 
 SEEN void *realloc(void *p, size_t size)
 {
-    return fails(__builtin_return_address(0)) ? NULL : __libc_realloc(p, size);
+    void *grown = fails(__builtin_return_address(0)) ? NULL : __libc_realloc(p, size);
+    alive += !p && grown;
+    return grown;
+}
+
+SEEN void free(void *p)
+{
+    alive -= p != NULL;
+    __libc_free(p);
 }
 #endif
 
@@ -380,10 +394,16 @@ static void go_through_all(const struct step *steps, size_t n, int apart)
         skip();
     }
     int number = 1;
+    long before = 0;
     foreign = apart > 1;
     unlink(spool);
+    go_through(steps, n, 0); /* what is kept for good is there */
+    before = alive;
     while (go_through(steps, n, number)) {
         number += apart;
+        if (alive != before) {
+            fail_msg("%s: allocation %d: %ld are left", uri, number - apart, alive - before);
+        }
     }
     assert_true(number > apart); /* some did */
 }

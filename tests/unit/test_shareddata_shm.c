@@ -513,6 +513,11 @@ static void test_a_segment_cut_short_is_refused_and_not_touched(void **state)
     assert_int_equal(append(store, 1, 8), APC_ESTORE);
     assert_int_equal(apc_store_wait(store, &s, 1, 0), APC_ESTORE);
     assert_false(apc_store_connected(store));
+    const int fd = dup(2); /* what was the segment's may be another's now */
+    apc_store_close(store);
+    *state = NULL;
+    assert_int_equal(fcntl(fd, F_GETFD) & ~FD_CLOEXEC, 0);
+    close(fd);
 }
 
 static void test_who_waits_notices_a_removed_segment(void **state)

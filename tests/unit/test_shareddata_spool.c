@@ -963,6 +963,33 @@ static void test_a_spool_of_the_former_version_is_taken_over_whole(void **state)
                    "version 3, this library knows up to 2: drain it with the libapc");
 }
 
+/* It was whole when it was opened. What lies before the damage is drained as if nothing were. */
+static void test_damage_while_it_is_open_is_found_when_it_drains(void **state)
+{
+    (void)state;
+    char uri[400];
+    snprintf(uri, sizeof uri, "sqlite:%s/store.db", folder);
+    struct apc_store *store = open_spooled(uri), *behind = NULL;
+    for (int64_t seq = 1; seq <= 5; seq++) {
+        append(store, 1, seq);
+    }
+    flip(APC_SPOOL_HEADER + 2 * 72 + 30);
+    struct apc_store_options o = options();
+    o.spool = NULL;
+    behind = open_with(uri, &o);
+    assert_int_equal(apc_store_init(behind), 0);
+    drain(store);
+    assert_int_equal(stats_of(store).damaged, 1);
+    assert_int_equal(stats_of(store).drained, 4);
+    assert_true(size_of(stats_of(store).aside) >= APC_SPOOL_HEADER + 5 * 72);
+    struct apc_sample newest = {.table = APC_SENSOR, .id = 1};
+    ok(behind, apc_store_read(behind, &newest, 1));
+    assert_int_equal(newest.seq, 5);
+    append(store, 1, 6);
+    apc_store_close(behind);
+    apc_store_close(store);
+}
+
 /* Bytes changed, cut off, added anywhere: it is taken over or refused, and nothing is made up. */
 static void test_no_garbage_does_harm(void **state)
 {
@@ -1052,6 +1079,7 @@ int main(void)
         OFFLINE(test_a_torn_tail_is_cut_off),
         OFFLINE(test_a_damaged_record_is_set_aside_and_the_others_go_on),
         OFFLINE(test_a_spool_of_the_former_version_is_taken_over_whole),
+        OFFLINE(test_damage_while_it_is_open_is_found_when_it_drains),
         OFFLINE(test_no_garbage_does_harm),
         OFFLINE(test_a_damaged_header_sets_the_file_aside),
     };

@@ -19,6 +19,7 @@
 #include "apcshareddata.h"
 #include "check.h"
 #include "scratch.h"
+#include "shareddata/sqlite.h"
 
 /* ---- Stores and samples ------------------------------------------------------------------------ */
 
@@ -57,8 +58,17 @@ static int set_up(void **state)
     return apc_store_init(*state) != 0;
 }
 
+/* Whatever was done: no statement is left behind, and none holds the file. */
 static int tear_down(void **state)
 {
+    sqlite3 *db = apc_sqlite_of(*state)->db;
+    sqlite3_stmt *statement = NULL;
+    int n = 0;
+    while (db && (statement = sqlite3_next_stmt(db, statement)) != NULL) {
+        assert_false(sqlite3_stmt_busy(statement));
+        n++;
+    }
+    assert_true(n <= APC_SQLITE_STATEMENTS);
     apc_store_close(*state);
     return 0;
 }
@@ -530,11 +540,20 @@ static void test_a_file_is_made_for_its_user_alone(void **state)
         assert_int_equal(st.st_mode & 0777, 0600);
     }
     apc_store_close(*state);
-    assert_int_equal(chmod(path, 0640), 0);
+    assert_int_equal(chmod(path, 0660), 0);
+    snprintf(beside, sizeof beside, "%s-claims", path);
+    assert_int_equal(unlink(beside), 0);
     *state = open_store(20 * SECOND);
-    assert_int_equal(apc_store_init(*state), apc_store_version()); /* and he has said otherwise */
+    const mode_t umask_again = umask(077);
+    rc = apc_store_init(*state); /* and he has said otherwise */
+    int claimed = apc_store_claim(*state, APC_SENSOR, 1, &last);
+    umask(umask_again);
+    assert_int_equal(rc, apc_store_version());
+    assert_int_equal(claimed, 0);
     assert_int_equal(stat(path, &st), 0);
-    assert_int_equal(st.st_mode & 0777, 0640);
+    assert_int_equal(st.st_mode & 0777, 0660);
+    assert_int_equal(stat(beside, &st), 0);
+    assert_int_equal(st.st_mode & 0777, 0660);
 }
 
 /* ---- Others have it open ----------------------------------------------------------------------- */
