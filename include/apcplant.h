@@ -111,8 +111,9 @@ APC_API int apc_plant_advance(struct apc_plant *plant, double dt, const double *
 APC_API int apc_plant_disturb(struct apc_plant *plant, size_t k, double value);
 /** Add to state @p k, from 0, and keep it within its range. Returns 0 or APC_EINVAL, as above. [tick] */
 APC_API int apc_plant_kick(struct apc_plant *plant, size_t k, double by);
-/** y [ny] of the present state; @p u [nu] as it is, without dead time. [tick] */
-APC_API void apc_plant_output(const struct apc_plant *plant, const double *u, double *y);
+/** y [ny] of the present state; @p u [nu] as it is, without dead time. Uses memory of the plant's: by one
+ * thread at a time, as all else. [tick] */
+APC_API void apc_plant_output(struct apc_plant *plant, const double *u, double *y);
 APC_API const double *apc_plant_state(const struct apc_plant *plant); /**< [nx], the plant's own. [tick] */
 APC_API double apc_plant_time(const struct apc_plant *plant);         /**< s since it was made. [tick] */
 APC_API const char *apc_plant_error(const struct apc_plant *plant);   /**< last failure, "" if none. [tick] */

@@ -246,7 +246,7 @@ int apc_plant_kick(struct apc_plant *plant, size_t k, double by)
     return 0;
 }
 
-void apc_plant_output(const struct apc_plant *plant, const double *u, double *y)
+void apc_plant_output(struct apc_plant *plant, const double *u, double *y)
 {
     const struct apc_model *m = plant->model;
 

@@ -92,6 +92,25 @@ static void the_schedule_keeps_its_last_step_or_begins_again(void **state)
     assert_int_equal(apc_scheduler_step(&o, 0, at(0), z), 0);
 }
 
+/* Of a caller compiled with a longer struct of options than this library knows, or one that forgot the size.
+ */
+static void options_of_another_version_schedule_nothing(void **state)
+{
+    const double sequence[] = {1.0};
+    struct {
+        struct apc_scheduler_options o;
+        double newer;
+    } longer = {.o = {.size = sizeof(longer), .nz = 1, .steps = 1, .sequence = sequence}};
+    struct apc_sample z;
+
+    (void)state;
+    assert_int_equal(apc_scheduler_step(&longer.o, 0, at(0), &z), 1); /* which asks for nothing new */
+    longer.newer = 1.0;
+    assert_int_equal(apc_scheduler_step(&longer.o, 0, at(0), &z), 0);
+    longer.o.size = 0;
+    assert_int_equal(apc_scheduler_step(&longer.o, 0, at(0), &z), 0);
+}
+
 /* ---- Client --------------------------------------------------------------------------------- */
 
 struct fixture {
@@ -307,6 +326,7 @@ int main(void)
         cmocka_unit_test(the_first_look_believes_the_stamp_within_the_horizon),
         cmocka_unit_test(an_age_seen_at_the_first_look_counts_on),
         cmocka_unit_test(the_schedule_keeps_its_last_step_or_begins_again),
+        cmocka_unit_test(options_of_another_version_schedule_nothing),
         cmocka_unit_test_setup_teardown(a_whole_fresh_vector_is_sent_as_it_is, set_up, tear_down),
         cmocka_unit_test_setup_teardown(what_is_missing_bad_or_not_finite_is_not_sent, set_up, tear_down),
         cmocka_unit_test_setup_teardown(a_command_that_is_no_longer_renewed_is_not_sent, set_up, tear_down),
