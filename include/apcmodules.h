@@ -66,8 +66,9 @@ struct apc_scheduler_options {
     const double *sequence; /**< [steps * nz], step after step; borrowed */
     bool repeat;            /**< begin again after the last step, or keep it */
 };
-/** The setpoints of step @p index of the grid into table setpoint, ids 1..nz; seq is not set. Returns nz.
- * Pure. [tick] */
+/** The setpoints of step @p index of the grid into table setpoint, ids 1..nz; seq is not set. Returns nz;
+ * 0: the options have no steps, no size, or ask for what this version of the library does not know. Pure.
+ * [tick] */
 APC_API size_t apc_scheduler_step(const struct apc_scheduler_options *options, uint64_t index,
                                   struct apc_now now, struct apc_sample *out);
 
@@ -116,6 +117,8 @@ struct apc_plantserver_options {
     const struct apc_disturbance *disturbance; /**< [n_disturbances] by rising time; borrowed */
     size_t n_disturbances;
     const struct apc_sensor *sensor; /**< [ny]; NULL: ideal ones; borrowed */
+    const double *initial; /**< [nu] input at the first tick, of a plant that is running already: until a
+                              command comes or the watchdog trips; NULL: the safe value; copied */
 };
 struct apc_plantserver;
 

@@ -58,8 +58,8 @@ static void read_signal(struct settings *s, const config_setting_t *group, enum 
     static const char *const known[] = {"name", "unit", "description", "low", "high", NULL};
     static const char *const known_sensor[] = {"name",  "unit",    "description", "low", "high",
                                                "noise", "quantum", "faults",      NULL};
-    static const char *const known_output[] = {"name", "unit", "description", "low",
-                                               "high", "safe", "fault",       NULL};
+    static const char *const known_output[] = {"name", "unit",  "description", "low", "high",
+                                               "safe", "fault", "initial",     NULL};
     struct apc_tag *tag = &signal->tag;
 
     *tag = (struct apc_tag){.table = table, .id = id, .low = -APC_VALUE_MAX, .high = APC_VALUE_MAX};
@@ -82,6 +82,8 @@ static void read_signal(struct settings *s, const config_setting_t *group, enum 
     settings_number(s, group, "safe", OPTIONAL, tag->low, tag->high, &signal->safe);
     signal->fault = signal->safe;
     settings_number(s, group, "fault", OPTIONAL, tag->low, tag->high, &signal->fault);
+    signal->initial = signal->safe;
+    settings_number(s, group, "initial", OPTIONAL, tag->low, tag->high, &signal->initial);
 }
 
 static size_t read_signals(struct settings *s, const config_setting_t *root, const char *name,

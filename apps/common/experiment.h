@@ -15,7 +15,7 @@
 /* One measurement, setpoint or manipulated variable. */
 struct signal {
     struct apc_tag tag;
-    double safe, fault; /* manipulated variables only */
+    double safe, fault, initial; /* manipulated variables only */
 };
 
 struct rhythm {

@@ -189,7 +189,8 @@ int experiment_plant(const struct experiment *e, struct apc_plant **plant, struc
                      struct apc_error *why)
 {
     struct apc_plant_options how = e->plant.options;
-    double *limits = calloc(4 * e->dim.nu, sizeof *limits);
+    double *limits = calloc(5 * e->dim.nu, sizeof *limits), *initial;
+    bool runs = false; /* before the first command */
     int rc;
 
     *plant = NULL;
@@ -197,6 +198,11 @@ int experiment_plant(const struct experiment *e, struct apc_plant **plant, struc
     if (!limits)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     experiment_outputs(e, limits, limits + e->dim.nu, limits + 2 * e->dim.nu, limits + 3 * e->dim.nu);
+    initial = limits + 4 * e->dim.nu;
+    for (size_t i = 0; i < e->dim.nu; i++) {
+        initial[i] = e->u[i].initial;
+        runs |= initial[i] < e->u[i].safe || initial[i] > e->u[i].safe;
+    }
     struct apc_plantserver_options options = {
         .size = sizeof options,
         .model = e->plant.model,
@@ -210,6 +216,7 @@ int experiment_plant(const struct experiment *e, struct apc_plant **plant, struc
         .disturbance = e->plant.disturbance,
         .n_disturbances = e->plant.n_disturbances,
         .sensor = e->sensor,
+        .initial = runs ? initial : NULL,
     };
     how.integrator = e->plant.integrator[0] ? e->plant.integrator : NULL;
     rc = apc_plant_create(plant, e->plant.model, e->plant.p, e->plant.x0, &how, why);

@@ -42,6 +42,7 @@ struct apc_plantserver {
     bool split;      /* the watchdog tripped since the last tick ... */
     apc_ns split_at; /* ... at this instant, the first of them */
 
+    bool warm;           /* command begins as the input of a plant that is running */
     bool commanded;      /* there was a command ever */
     uint64_t connection; /* the newest that sent one */
     uint64_t command_id; /* of the frame of its last one */
@@ -136,6 +137,12 @@ static void set_up_noise(struct apc_plantserver *s, const struct apc_plantserver
     }
 }
 
+static void give(struct apc_plantserver *s, bool safe)
+{
+    memcpy(s->input, safe ? s->safe : s->command, s->nu * sizeof(*s->input));
+    s->input_safe = safe;
+}
+
 int apc_plantserver_create(struct apc_plantserver **server, const struct apc_plantserver_options *options,
                            struct apc_error *why)
 {
@@ -165,6 +172,8 @@ int apc_plantserver_create(struct apc_plantserver **server, const struct apc_pla
         rc = apc_limits_copy(new->low, new->high, o.low, o.high, new->nu, why);
     if (rc == 0)
         rc = apc_fallback_copy(new->safe, o.safe, new->low, new->high, new->nu, "safe", why);
+    if (rc == 0 && o.initial)
+        rc = apc_fallback_copy(new->command, o.initial, new->low, new->high, new->nu, "initial", why);
     if (rc < 0) {
         apc_plantserver_destroy(new);
         return rc;
@@ -172,9 +181,9 @@ int apc_plantserver_create(struct apc_plantserver **server, const struct apc_pla
     set_up_noise(new, &o);
     new->disturbance = o.disturbance;
     new->n_disturbances = o.n_disturbances;
-    memcpy(new->input, new->safe, new->nu * sizeof(*new->input));
-    new->tripped = true;
-    new->input_safe = true;
+    new->warm = o.initial != NULL;
+    new->tripped = true; /* until it ticks */
+    give(new, !new->warm);
     *server = new;
     return 0;
 }
@@ -276,10 +285,14 @@ static void tell_of_rivals(struct apc_plantserver *s, apc_ns mono, struct apc_no
 
 /* ---- Tick ---------------------------------------------------------------------------------- */
 
-static void give(struct apc_plantserver *s, bool safe)
+/* The watchdog waits for the first command as for any other. */
+static void begin(struct apc_plantserver *s, apc_ns mono)
 {
-    memcpy(s->input, safe ? s->safe : s->command, s->nu * sizeof(*s->input));
-    s->input_safe = safe;
+    s->began_at = mono;
+    if (!s->warm || s->commanded)
+        return;
+    s->frame_at = s->changed_at = mono;
+    s->tripped = false;
 }
 
 /* With one input from one instant to another, piece by piece between the changes of the disturbances. */
@@ -355,7 +368,7 @@ int apc_plantserver_tick(struct apc_plantserver *server, struct apc_now now, str
     if (server->ticked)
         rc = advance(server, now.mono);
     else
-        server->began_at = now.mono;
+        begin(server, now.mono);
     if (!server->ticked || now.mono > server->ticked_at)
         server->ticked_at = now.mono;
     server->ticked = true;

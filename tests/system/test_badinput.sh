@@ -40,6 +40,7 @@ expect 2 'posix cannot spin' "$apc" run "$good" --timer posix --spin
 
 # the experiment file
 expect 1 'nowhere\.conf' "$apc" run "$work/nowhere.conf"
+change 's/safe = 0.0;/safe = 0.0; initial = 11.0;/' 'initial.*-10 to 10'
 change 's/Kp = 0.2;/Kp = 0.2; u_min = 5.0; u_max = -5.0;/' 'output 1: u_min = 5 is above u_max = -5'
 change 's/law = "pi";/law = "pi"; limits = { Kp = [0.0, 0.1]; };/' 'Kp of output 1 is 0.2, outside its "limits", 0 to 0.1'
 change 's/law = "pi";/law = "pi"; limits = { Kq = [0.0, 0.1]; };/' 'pi has no parameter "Kq"'

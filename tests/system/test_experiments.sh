@@ -47,6 +47,12 @@ awk -F, '$2 == "sensor" && $1 >= 200 && $1 < 400 {
   END { overshoot = 100 * (peak - 7.1315); exit !(overshoot > 3.6 && overshoot < 5.9 && last < 53) }' "$work/quadruple-tank.csv" ||
   fail "quadruple tank: its overshoot or its settling time is not the published one"
 
+# where an experiment begins at a steady state, nothing moves before the controller acts
+awk -F, '$2 == "sensor" && $1 <= 0.5 { r = $3 == 1 ? 6.1315 : 6.3915; if ($5 < r - 1e-3 || $5 > r + 1e-3) exit 1; n++ }
+  END { if (n < 4) exit 1 }' "$work/quadruple-tank.csv" || fail "the quadruple tank does not begin at rest"
+awk -F, '$2 == "sensor" && $1 <= 0.5 { h = $3 == 1 ? 0.17918 : 0.12707; if ($5 < h - 1e-4 || $5 > h + 1e-4) exit 1; n++ }
+  END { if (n < 4) exit 1 }' "$work/double-tank.csv" || fail "the double tank does not begin at rest"
+
 # the reactors rest where they were computed to
 at_rest() { # experiment, sensor, from, to, expected, tolerance
   awk -F, -v id="$2" -v from="$3" -v to="$4" -v e="$5" -v t="$6" '

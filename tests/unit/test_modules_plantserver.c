@@ -33,7 +33,7 @@ static struct apc_now at(const struct rig *r, apc_ns mono)
     return (struct apc_now){.mono = mono, .utc = T0 + mono + r->utc_step};
 }
 
-static int set_up(void **state)
+static int set_up_with(void **state, const double *initial)
 {
     static struct rig r;
     static const double safe = SAFE, low = -1.0, high = 2.0;
@@ -43,7 +43,8 @@ static int set_up(void **state)
                                         .low = &low,
                                         .high = &high,
                                         .link_period = LINK,
-                                        .command_period = COMMAND};
+                                        .command_period = COMMAND,
+                                        .initial = initial};
 
     r = (struct rig){0};
     *state = &r;
@@ -51,6 +52,20 @@ static int set_up(void **state)
         return -1;
     o.plant = r.plant;
     return apc_plantserver_create(&r.server, &o, NULL);
+}
+
+static int set_up(void **state)
+{
+    return set_up_with(state, NULL);
+}
+
+#define RUNNING 0.7
+
+static int set_up_running(void **state)
+{
+    static const double initial = RUNNING;
+
+    return set_up_with(state, &initial);
 }
 
 static int tear_down(void **state)
@@ -132,6 +147,46 @@ static void it_starts_at_the_safe_value_and_says_that_it_has_no_data(void **stat
     tick(r, TICK);
     assert_near(state_of(r), exact(0.0, SAFE, 0.2), CLOSE);
     assert_input(r, SAFE, true);
+}
+
+/* A plant that is running already when the experiment begins. */
+static void until_the_first_command_it_has_its_initial_input(void **state)
+{
+    struct rig *r = *state;
+
+    assert_input(r, RUNNING, false);
+    tick(r, 20 * S); /* whenever it begins */
+    assert_int_equal(r->notice.kind, APC_NOTICE_NONE);
+    assert_input(r, RUNNING, false);
+    tick(r, 20 * S + TICK);
+    assert_near(state_of(r), exact(0.0, RUNNING, 0.2), CLOSE);
+    command(r, 20 * S + TICK, STAMP(1), 1.5);
+    tick(r, 20 * S + 2 * TICK);
+    assert_near(state_of(r), exact(0.0, RUNNING, 0.4), CLOSE);
+    assert_input(r, 1.5, false);
+}
+
+static void without_any_command_it_goes_from_its_initial_input_to_the_safe_value(void **state)
+{
+    const apc_ns limit = 3 * LINK + 100 * MS;
+    struct rig *r = *state;
+
+    tick(r, 20 * S);
+    tick(r, 20 * S + limit);
+    assert_input(r, RUNNING, false);
+    tick(r, 20 * S + limit + TICK);
+    assert_int_equal(r->notice.kind, APC_NOTICE_TRIP);
+    assert_input(r, SAFE, true);
+    assert_near(state_of(r), exact(exact(0.0, RUNNING, 1.6), SAFE, 0.2), CLOSE);
+}
+
+static void a_command_before_the_first_tick_is_better_than_the_initial_input(void **state)
+{
+    struct rig *r = *state;
+
+    command(r, 0, STAMP(1), 1.5);
+    tick(r, 0);
+    assert_input(r, 1.5, false);
 }
 
 static void a_tick_advances_with_the_input_sampled_at_the_tick_before(void **state)
@@ -503,6 +558,12 @@ int main(void)
 #define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
     const struct CMUnitTest tests[] = {
         T(it_starts_at_the_safe_value_and_says_that_it_has_no_data),
+        cmocka_unit_test_setup_teardown(until_the_first_command_it_has_its_initial_input, set_up_running,
+                                        tear_down),
+        cmocka_unit_test_setup_teardown(without_any_command_it_goes_from_its_initial_input_to_the_safe_value,
+                                        set_up_running, tear_down),
+        cmocka_unit_test_setup_teardown(a_command_before_the_first_tick_is_better_than_the_initial_input,
+                                        set_up_running, tear_down),
         T(a_tick_advances_with_the_input_sampled_at_the_tick_before),
         T(a_reply_carries_y_of_the_last_tick_under_its_time),
         T(missed_ticks_are_simulated_through),
