@@ -1,0 +1,878 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * apc_qp: a dual active set. The multipliers always stay where the dual problem allows them (its feasible set
+ * knows neither f nor limits, which is why any former solution is a place to begin). W's own optimum is gone
+ * to until a multiplier reaches an end of its interval and its row leaves or turns soft; once there, the row
+ * that is violated most, measured in w, comes in. The dual objective rises with each step, so no working set
+ * comes twice; where steps have no length, the lowest row is taken instead, which cannot go round for ever
+ * either.
+ *
+ * A row that depends on W cannot come in as long as W is what it is: moving along the dependency changes no
+ * x, costs nothing and gains its violation, until a row of W leaves, or nothing ever does, and then the rows
+ * contradict.
+ */
+#include "base/base_internal.h"
+#include "predict/qp_internal.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+
+#define REFINE                                                                                               \
+    1e-13 /* dual residual, of a variable's own scale, from which on one more step is asked for              \
+           */
+#define VOUCH       1e-9 /* and up to which an answer is called optimal */
+#define REFINEMENTS 3
+#define LARGEST     16384 /* rows: indices fit, and the packed triangles an address space */
+
+/* ---- Creation --------------------------------------------------------------------------------- */
+
+static int weights_check(size_t n, const double *weight)
+{
+    for (size_t i = 0; weight && i < n; i++)
+        if (!(weight[i] >= 0.0) || weight[i] > APC_VALUE_MAX)
+            return APC_EINVAL;
+    return 0;
+}
+
+/** Cut a piece of @p n elements of @p width bytes off the block; with block NULL it only counts. */
+static void *cut(unsigned char *block, size_t *used, size_t n, size_t width)
+{
+    void *piece = block ? block + *used : NULL;
+
+    *used += (n * width + 31) / 32 * 32;
+    return piece;
+}
+
+static size_t lay_out(struct apc_qp *qp, unsigned char *block)
+{
+    size_t n = qp->n, m = qp->m, rows = qp->rows, used = 0, packed = qp_packed(rows + 1);
+    struct {
+        double **to;
+        size_t n;
+    } doubles[] = {{&qp->H, n * n},
+                   {&qp->A, m * n},
+                   {&qp->J, n * n},
+                   {&qp->M, m * n},
+                   {&qp->root, n},
+                   {&qp->size, rows},
+                   {&qp->linear, rows},
+                   {&qp->square, rows},
+                   {&qp->fixed, rows},
+                   {&qp->multiplier, rows},
+                   {&qp->value, rows},
+                   {&qp->lambda, rows + 1},
+                   {&qp->target, rows + 1},
+                   {&qp->least, rows + 1},
+                   {&qp->most_of, rows + 1},
+                   {&qp->give, rows + 1},
+                   {&qp->rhs, rows + 1},
+                   {&qp->z, rows + 1},
+                   {&qp->inverse, rows + 1},
+                   {&qp->G, packed},
+                   {&qp->L, packed},
+                   {&qp->spare, packed},
+                   {&qp->beta, rows + 1},
+                   {&qp->carry, rows + 1},
+                   {&qp->q, n},
+                   {&qp->w, n},
+                   {&qp->x, n},
+                   {&qp->g, n},
+                   {&qp->e, n}};
+
+    used = (sizeof(*qp) + 31) / 32 * 32;
+    for (size_t i = 0; i < sizeof(doubles) / sizeof(doubles[0]); i++)
+        *doubles[i].to = cut(block, &used, doubles[i].n, sizeof(double));
+    qp->pending = cut(block, &used, rows + 1, sizeof(*qp->pending));
+    qp->column = cut(block, &used, m * n, sizeof(*qp->column));
+    qp->filled = cut(block, &used, m, sizeof(*qp->filled));
+    qp->work = cut(block, &used, rows + 1, sizeof(*qp->work));
+    qp->state = cut(block, &used, rows, 1);
+    qp->side = cut(block, &used, rows, 1);
+    return used;
+}
+
+int apc_qp_create(struct apc_qp **qp, size_t n, size_t m, const struct apc_qp_options *options,
+                  struct apc_error *why)
+{
+    struct apc_qp_options o = {.size = sizeof o};
+    struct apc_qp plan = {.n = n, .m = m, .rows = n + m};
+    unsigned char *block;
+    size_t size;
+    int err = apc_options_copy(&o, sizeof o, options, "options of the QP", why);
+
+    if (!qp)
+        return apc_fail(why, APC_EINVAL, "no place for the QP");
+    *qp = NULL;
+    if (err)
+        return err;
+    if (n < 1 || n > LARGEST || m > LARGEST - n)
+        return apc_fail(why, APC_EINVAL,
+                        "a QP has 1 to %d variables and rows together; %zu and %zu were asked for", LARGEST,
+                        n, m);
+    if (!(o.tolerance >= 0.0) || o.tolerance > APC_VALUE_MAX || weights_check(n + m, o.linear) ||
+        weights_check(n + m, o.square))
+        return apc_fail(why, APC_EINVAL, "a QP's tolerance and weights are numbers that are not negative");
+    size = lay_out(&plan, NULL);
+    block = calloc(1, size);
+    if (!block)
+        return apc_fail(why, APC_ENOMEM, "no memory for a QP of %zu variables and %zu rows: %zu bytes", n, m,
+                        size);
+    plan.most = o.iterations ? o.iterations : (unsigned)(10 * (n + m));
+    plan.tolerance = o.tolerance > 0.0 ? o.tolerance : 1e-9;
+    plan.enough = o.enough;
+    plan.ctx = o.ctx;
+    (void)lay_out(&plan, block);
+    memcpy(block, &plan, sizeof plan);
+    *qp = (struct apc_qp *)(void *)block;
+    return apc_qp_soft(*qp, o.linear, o.square);
+}
+
+void apc_qp_destroy(struct apc_qp *qp)
+{
+    free(qp);
+}
+
+/* ---- The problem ------------------------------------------------------------------------------ */
+
+static bool all_finite(size_t n, const double *v)
+{
+    for (size_t i = 0; i < n; i++)
+        if (!isfinite(v[i]))
+            return false;
+    return true;
+}
+
+/** J = R^-1, an upper triangle, from H = R'R. Returns 0 or the pivot that fails, from 1 on. */
+QP_LANES static size_t invert(struct apc_qp *qp)
+{
+    size_t n = qp->n;
+    double *L = qp->spare, *J = qp->J; /* L = R', packed, while this lasts */
+
+    for (size_t i = 0; i < n; i++) {
+        double *row = L + qp_packed(i), left;
+
+        for (size_t j = 0; j < i; j++)
+            row[j] = (qp->H[i * n + j] - qp_dot(j, L + qp_packed(j), row)) / L[qp_packed(j) + j];
+        left = qp->H[i * n + i] - qp_dot(i, row, row);
+        if (!(left > (double)n * DBL_EPSILON * qp->H[i * n + i]))
+            return i + 1;
+        row[i] = sqrt(left);
+    }
+    /* Row i of R^-1 from the rows below it: (R^-1)_i = (e_i - sum over j > i of R_ij (R^-1)_j) / R_ii. */
+    for (size_t i = n; i-- > 0;) {
+        double *row = J + i * n;
+
+        memset(row, 0, n * sizeof(*row));
+        row[i] = 1.0;
+        for (size_t j = i + 1; j < n; j++)
+            qp_add(n - j, -L[qp_packed(j) + i], J + j * n + j, row + j);
+        for (size_t j = i; j < n; j++)
+            row[j] /= L[qp_packed(i) + i];
+    }
+    return 0;
+}
+
+/** M = AJ, and where A's rows are not zero. */
+QP_LANES static void transform(struct apc_qp *qp)
+{
+    size_t n = qp->n;
+
+    memset(qp->M, 0, qp->m * n * sizeof(*qp->M));
+    for (size_t r = 0; r < qp->m; r++) {
+        unsigned *column = qp->column + r * n, filled = 0;
+
+        for (size_t c = 0; c < n; c++) {
+            double a = qp->A[r * n + c];
+
+            if (a == 0.0)
+                continue;
+            column[filled++] = (unsigned)c;
+            qp_add(n - c, a, qp->J + c * n + c, qp->M + r * n + c);
+        }
+        qp->filled[r] = filled;
+    }
+    for (size_t i = 0; i < qp->rows; i++) {
+        size_t from;
+        const double *row = qp_row(qp, i, &from);
+
+        qp->size[i] = sqrt(qp_dot(n - from, row + from, row + from));
+    }
+}
+
+int apc_qp_set(struct apc_qp *qp, const double *H, const double *A, struct apc_error *why)
+{
+    size_t n, pivot;
+
+    if (!qp || !H || (qp->m > 0 && !A))
+        return apc_fail(why, APC_EINVAL, "a QP needs its H, and A where it has rows");
+    n = qp->n;
+    qp->ready = false;
+    for (size_t i = 0; i < n; i++)
+        for (size_t j = 0; j <= i; j++)
+            qp->H[i * n + j] = qp->H[j * n + i] = H[i * n + j];
+    if (qp->m > 0)
+        memcpy(qp->A, A, qp->m * n * sizeof(*A));
+    if (!all_finite(n * n, qp->H) || !all_finite(qp->m * n, qp->A))
+        return apc_fail(why, APC_EINVAL, "the QP's H or A has an element that is no finite number");
+    pivot = invert(qp);
+    if (pivot)
+        return apc_fail(
+            why, APC_EINVAL,
+            "H of the QP is not positive definite: pivot %zu of %zu is not above zero; every variable needs "
+            "a weight",
+            pivot, n);
+    transform(qp);
+    if (!all_finite(n * n, qp->J) || !all_finite(qp->m * n, qp->M))
+        return apc_fail(why, APC_EINVAL, "H of the QP is too badly scaled: its factor has no finite inverse");
+    for (size_t i = 0; i < n; i++)
+        qp->root[i] = sqrt(qp->H[i * n + i]);
+    qp->ready = true;
+    qp->k = qp->rows + 1; /* what is known of W is of another H */
+    return 0;
+}
+
+int apc_qp_soft(struct apc_qp *qp, const double *linear, const double *square)
+{
+    if (!qp || weights_check(qp->rows, linear) || weights_check(qp->rows, square))
+        return APC_EINVAL;
+    for (size_t i = 0; i < qp->rows; i++) {
+        qp->linear[i] = linear ? linear[i] : 0.0;
+        qp->square[i] = square ? square[i] : 0.0;
+    }
+    qp->k = qp->rows + 1;
+    return 0;
+}
+
+void apc_qp_start(struct apc_qp *qp, const signed char *rows)
+{
+    if (!qp)
+        return;
+    for (size_t i = 0; i < qp->rows; i++) {
+        signed char side = rows ? rows[i] : 0;
+
+        qp->state[i] = (signed char)((side > 0) - (side < 0));
+        qp->multiplier[i] = 0.0;
+    }
+    qp->k = qp->rows + 1;
+}
+
+const signed char *apc_qp_rows(const struct apc_qp *qp)
+{
+    return qp ? qp->side : NULL;
+}
+
+const double *apc_qp_multipliers(const struct apc_qp *qp)
+{
+    return qp ? qp->multiplier : NULL;
+}
+
+/* ---- Rows ------------------------------------------------------------------------------------- */
+
+static bool soft(const struct apc_qp *qp, size_t i)
+{
+    return qp->linear[i] > 0.0 || qp->square[i] > 0.0;
+}
+
+void qp_interval(const struct apc_qp *qp, size_t i, double *low, double *high)
+{
+    bool equation = qp->low[i] == qp->high[i], violated = qp->state[i] == 2 || qp->state[i] == -2;
+    double most = !soft(qp, i) || violated ? HUGE_VAL : qp->linear[i], least = violated ? qp->linear[i] : 0.0;
+
+    *low = qp->state[i] > 0 ? least : -most;
+    *high = qp->state[i] > 0 ? most : -least;
+    if (equation && !violated)
+        *low = -most, *high = most;
+    if (equation && violated && least == 0.0)
+        *low = -HUGE_VAL, *high = HUGE_VAL;
+}
+
+static double allowance(const struct apc_qp *qp, double limit)
+{
+    return qp->tolerance + 8.0 * DBL_EPSILON * fabs(limit);
+}
+
+/** Row @p i becomes one of F at multiplier @p lambda, or (0) no longer is. */
+static void fix(struct apc_qp *qp, size_t i, double lambda)
+{
+    qp_row_add(qp, i, lambda - qp->fixed[i], qp->q);
+    qp->fixed[i] = lambda;
+    qp->shifted = true;
+    qp_work_sides(qp, 0);
+}
+
+static void line_up(struct apc_qp *qp, size_t i, double lambda, double direction)
+{
+    qp->pending[qp->waiting++] = (struct apc_qp_pending){(unsigned)i, lambda, direction};
+}
+
+/**
+ * The multiplier of row @p i, which is not in W, has come to an end of its interval, @p lambda. Returns
+ * true when it goes on from there in another state: @p direction is where it wants to.
+ */
+static bool turn(struct apc_qp *qp, size_t i, double lambda, double *direction)
+{
+    int sign = lambda > 0.0 ? 1 : -1;
+
+    qp->changes++;
+    if (lambda == 0.0) {
+        qp->state[i] = 0;
+        return false;
+    }
+    if (qp->state[i] == 2 || qp->state[i] == -2) {
+        qp->state[i] = (signed char)sign;
+        *direction = -sign;
+        return true;
+    }
+    qp->state[i] = (signed char)(2 * sign);
+    *direction = sign;
+    if (qp->square[i] > 0.0)
+        return true;
+    fix(qp, i, lambda);
+    return false;
+}
+
+/** The row at @p at leaves W, its multiplier being at an end of its interval. */
+static void leave(struct apc_qp *qp, size_t at)
+{
+    size_t i = qp->work[at];
+    double lambda = qp->lambda[at], direction;
+
+    qp_work_remove(qp, at);
+    if (turn(qp, i, lambda, &direction))
+        line_up(qp, i, lambda, direction);
+}
+
+/** How far W may go along @p move; *@p at is the row that says so, its lambda's end *@p end. */
+static double reach(const struct apc_qp *qp, const double *move, double most, bool careful, size_t *at,
+                    double *end)
+{
+    double best = most, steepest = 0.0;
+
+    *at = qp->k;
+    for (size_t j = 0; j < qp->k; j++) {
+        double bound = move[j] > 0.0 ? qp->most_of[j] : qp->least[j], step;
+
+        if (move[j] == 0.0 || (move[j] > 0.0 ? qp->lambda[j] + most * move[j] <= bound
+                                             : qp->lambda[j] + most * move[j] >= bound))
+            continue;
+        step = (bound - qp->lambda[j]) / move[j];
+        if (step < 0.0)
+            step = 0.0;
+        if (step > best || (step == best && *at < qp->k &&
+                            (careful ? qp->work[*at] < qp->work[j] : steepest >= fabs(move[j]))))
+            continue;
+        if (step == best && *at == qp->k)
+            continue; /* the whole way: nobody is in it */
+        best = step;
+        steepest = fabs(move[j]);
+        *at = j;
+        *end = bound;
+    }
+    return best;
+}
+
+/** Which rows contradict: the one that waits, and those of W that hold it. */
+static void accuse(struct apc_qp *qp, const struct apc_qp_pending *last, const double *move)
+{
+    double most = 1.0;
+
+    memset(qp->side, 0, qp->rows);
+    for (size_t j = 0; j < qp->k; j++)
+        most = fabs(move[j]) > most ? fabs(move[j]) : most;
+    for (size_t j = 0; j < qp->k; j++)
+        if (fabs(move[j]) > 1e-9 * most)
+            qp->side[qp->work[j]] = move[j] > 0.0 ? 1 : -1;
+    qp->side[last->row] = last->direction > 0.0 ? 1 : -1;
+}
+
+/** One step of the row that waits last, which depends on W. Returns false when nothing ends it: infeasible.
+ */
+static bool along(struct apc_qp *qp)
+{
+    struct apc_qp_pending *last = &qp->pending[qp->waiting - 1];
+    double low, high, own, end = 0.0, length, *move = qp->carry;
+    size_t at;
+
+    qp_work_against(qp, move);
+    for (size_t j = 0; j < qp->k; j++)
+        move[j] *= -last->direction;
+    qp_interval(qp, last->row, &low, &high);
+    own = last->direction > 0.0 ? high - last->lambda : last->lambda - low;
+    length = reach(qp, move, own, false, &at, &end);
+    if (!isfinite(length)) {
+        accuse(qp, last, move);
+        return false;
+    }
+    for (size_t j = 0; j < qp->k; j++)
+        qp->lambda[j] += length * move[j];
+    last->lambda += last->direction * length;
+    if (at < qp->k) {
+        qp->lambda[at] = end;
+        leave(qp, at);
+        return true;
+    }
+    last->lambda = last->direction > 0.0 ? high : low;
+    if (!turn(qp, last->row, last->lambda, &last->direction))
+        qp->waiting--;
+    return true;
+}
+
+/* ---- A point ---------------------------------------------------------------------------------- */
+
+QP_LANES static void rows_of(struct apc_qp *qp)
+{
+    size_t n = qp->n;
+
+    memcpy(qp->value, qp->x, n * sizeof(*qp->x));
+    for (size_t r = 0; r < qp->m; r++) {
+        const double *row = qp->A + r * n;
+        const unsigned *column = qp->column + r * n;
+        double sum = 0.0;
+
+        if (qp->filled[r] > n / 4) {
+            sum = qp_dot(n, row, qp->x);
+        } else {
+            for (unsigned c = 0; c < qp->filled[r]; c++)
+                sum += row[column[c]] * qp->x[column[c]];
+        }
+        qp->value[n + r] = sum;
+    }
+}
+
+/** x = J w and its rows, from the multipliers as they stand. */
+QP_LANES static void point(struct apc_qp *qp)
+{
+    size_t n = qp->n;
+
+    for (size_t i = 0; i < n; i++)
+        qp->w[i] = -qp->q[i];
+    qp_work_pull(qp, qp->lambda, qp->w);
+    for (size_t p = 0; p < qp->waiting; p++)
+        qp_row_add(qp, qp->pending[p].row, -qp->pending[p].lambda, qp->w);
+    for (size_t i = 0; i < n; i++)
+        qp->x[i] = qp_dot(n - i, qp->J + i * n + i, qp->w + i);
+    rows_of(qp);
+}
+
+/** How far row i is beyond a limit; 0 within its allowance. *@p sign says which limit. */
+static double beyond(const struct apc_qp *qp, size_t i, double *sign)
+{
+    double above = qp->value[i] - qp->high[i], below = qp->low[i] - qp->value[i];
+    double much = above >= below ? above : below;
+
+    *sign = above >= below ? 1.0 : -1.0;
+    return much > 0.0 && much > allowance(qp, above >= below ? qp->high[i] : qp->low[i]) ? much : 0.0;
+}
+
+/** How far a row of F is within the limit that it is fixed beyond; 0 within its allowance. */
+static double within(const struct apc_qp *qp, size_t i, double *sign)
+{
+    double limit = qp->state[i] > 0 ? qp->high[i] : qp->low[i], much;
+
+    *sign = qp->state[i] > 0 ? 1.0 : -1.0;
+    much = *sign * (limit - qp->value[i]);
+    return much > allowance(qp, limit) ? much : 0.0;
+}
+
+/** The row that is to come in: rows when there is none. */
+static size_t worst(const struct apc_qp *qp, bool careful, double *sign)
+{
+    size_t found = qp->rows;
+    double most = 0.0;
+
+    for (size_t i = 0; i < qp->rows; i++) {
+        double which, much;
+
+        if (qp->value[i] <= qp->high[i] && qp->value[i] >= qp->low[i] && qp->fixed[i] == 0.0)
+            continue; /* nearly all, so it comes first */
+        much = qp->fixed[i] == 0.0 ? beyond(qp, i, &which) : within(qp, i, &which);
+        if (much == 0.0 || (qp->state[i] && qp->fixed[i] == 0.0) || (qp->size[i] == 0.0 && soft(qp, i)))
+            continue; /* as it should be, or of W, or of zeros and free to be violated */
+        much = qp->size[i] > 0.0 ? much / qp->size[i] : HUGE_VAL; /* a row of zeros can only contradict */
+        if (much > most) {
+            most = much;
+            found = i;
+            *sign = which;
+            if (careful)
+                break;
+        }
+    }
+    return found;
+}
+
+static void come_in(struct apc_qp *qp, size_t i, double sign)
+{
+    if (qp->fixed[i] != 0.0) {
+        double lambda = qp->fixed[i];
+
+        fix(qp, i, 0.0);
+        qp->state[i] = (signed char)sign;
+        line_up(qp, i, lambda, -sign);
+    } else {
+        qp->state[i] = (signed char)(qp->linear[i] == 0.0 && qp->square[i] > 0.0 ? 2.0 * sign : sign);
+        line_up(qp, i, 0.0, sign);
+    }
+    qp->changes++;
+}
+
+/* ---- A solve ---------------------------------------------------------------------------------- */
+
+/** q from f and F alone, F in the order of its rows. */
+QP_LANES static void base(struct apc_qp *qp)
+{
+    size_t n = qp->n;
+
+    memset(qp->q, 0, n * sizeof(*qp->q));
+    for (size_t i = 0; i < n; i++)
+        qp_add(n - i, qp->f[i], qp->J + i * n + i, qp->q + i);
+    for (size_t i = 0; i < qp->rows; i++)
+        if (qp->fixed[i] != 0.0)
+            qp_row_add(qp, i, qp->fixed[i], qp->q);
+    qp->shifted = false;
+}
+
+/** Row i, if it still has the limit on its side, begins at the multiplier that it had. */
+static void take_up(struct apc_qp *qp, size_t i)
+{
+    double lambda = qp->multiplier[i], low, high;
+    int sign = qp->state[i] > 0 ? 1 : -1;
+
+    qp->state[i] = 0;
+    qp->fixed[i] = 0.0;
+    if (!isfinite(sign > 0 ? qp->high[i] : qp->low[i]) || qp->size[i] == 0.0)
+        return;
+    if (soft(qp, i) && sign * lambda >= qp->linear[i] && qp->square[i] == 0.0) {
+        qp->state[i] = (signed char)(2 * sign);
+        qp->fixed[i] = sign * qp->linear[i];
+        qp_row_add(qp, i, qp->fixed[i], qp->q);
+        return;
+    }
+    qp->state[i] = (signed char)(soft(qp, i) && sign * lambda >= qp->linear[i] ? 2 * sign : sign);
+    qp_interval(qp, i, &low, &high);
+    if (!qp_work_append(qp, i, lambda < low ? low : lambda > high ? high : lambda))
+        qp->state[i] = 0;
+}
+
+/** The working set of the former solve, as far as it still may be one. */
+static void begin(struct apc_qp *qp)
+{
+    bool anew = qp->k > qp->rows;
+
+    qp->waiting = 0;
+    qp->changes = 0;
+    if (anew) {
+        qp->k = 0;
+        memset(qp->fixed, 0, qp->rows * sizeof(*qp->fixed));
+    }
+    for (size_t i = 0; i < qp->rows; i++)
+        if (qp->fixed[i] != 0.0 && !isfinite(qp->fixed[i] > 0.0 ? qp->high[i] : qp->low[i])) {
+            qp->fixed[i] = 0.0;
+            qp->state[i] = 0;
+        }
+    base(qp);
+    for (size_t j = qp->k; j-- > 0;) {
+        size_t i = qp->work[j];
+        double low, high;
+
+        qp_interval(qp, i, &low, &high);
+        if (isfinite(qp->state[i] > 0 ? qp->high[i] : qp->low[i]) && qp->lambda[j] >= low &&
+            qp->lambda[j] <= high)
+            continue;
+        qp_work_remove(qp, j);
+        qp->state[i] = 0;
+    }
+    qp_work_sides(qp, 0);
+    for (size_t i = 0; anew && i < qp->rows; i++)
+        if (qp->state[i])
+            take_up(qp, i);
+    if (anew && qp->k > 0)
+        qp_work_sides(qp, 0); /* F may have come after */
+}
+
+/** To the end of the way: 0 when no row is violated. */
+static enum apc_qp_status search(struct apc_qp *qp)
+{
+    unsigned still = 0; /* steps without length */
+
+    for (;;) {
+        bool careful = still > qp->rows;
+        double sign = 0.0, end = 0.0, length, *move = qp->carry;
+        size_t at, i;
+
+        while (qp->waiting > 0) {
+            const struct apc_qp_pending *last = &qp->pending[qp->waiting - 1];
+
+            if (qp->size[last->row] > 0.0 && qp_work_append(qp, last->row, last->lambda))
+                qp->waiting--;
+            else if (qp->changes >= qp->most)
+                return APC_QP_LIMIT;
+            else if (!along(qp))
+                return APC_QP_INFEASIBLE;
+        }
+        if (qp->changes > 0 && (qp->changes >= qp->most || (qp->enough && qp->enough(qp->ctx))))
+            return APC_QP_LIMIT;
+        qp_work_target(qp);
+        for (size_t j = 0; j < qp->k; j++)
+            move[j] = qp->target[j] - qp->lambda[j];
+        length = reach(qp, move, 1.0, careful, &at, &end);
+        if (at < qp->k) {
+            for (size_t j = 0; j < qp->k; j++)
+                qp->lambda[j] += length * move[j];
+            qp->lambda[at] = end;
+            still = length > 0.0 ? 0 : still + 1;
+            leave(qp, at);
+            continue;
+        }
+        memcpy(qp->lambda, qp->target, qp->k * sizeof(*qp->lambda));
+        point(qp);
+        i = worst(qp, careful, &sign);
+        if (i < qp->rows) {
+            come_in(qp, i, sign);
+            continue;
+        }
+        if (qp->settled && !qp->shifted)
+            return APC_QP_OPTIMAL;
+        qp_work_settle(qp);
+        if (qp->shifted) {
+            base(qp);
+            qp_work_sides(qp, 0);
+        }
+    }
+}
+
+/** Hx + f + (I, A')multipliers into g, Hx into e. */
+QP_LANES static void gradient(struct apc_qp *qp)
+{
+    size_t n = qp->n;
+
+    for (size_t i = 0; i < n; i++) {
+        qp->e[i] = qp_dot(n, qp->H + i * n, qp->x);
+        qp->g[i] = qp->e[i] + qp->f[i] + qp->multiplier[i];
+    }
+    for (size_t r = 0; r < qp->m; r++) {
+        double lambda = qp->multiplier[n + r];
+
+        if (lambda == 0.0)
+            continue;
+        if (qp->filled[r] > n / 4)
+            qp_add(n, lambda, qp->A + r * n, qp->g);
+        else
+            for (unsigned c = 0; c < qp->filled[r]; c++)
+                qp->g[qp->column[r * n + c]] += lambda * qp->A[r * n + qp->column[r * n + c]];
+    }
+}
+
+static void publish(struct apc_qp *qp)
+{
+    memcpy(qp->multiplier, qp->fixed, qp->rows * sizeof(*qp->fixed));
+    for (size_t j = 0; j < qp->k; j++)
+        qp->multiplier[qp->work[j]] = qp->lambda[j];
+    for (size_t p = 0; p < qp->waiting; p++)
+        qp->multiplier[qp->pending[p].row] = qp->pending[p].lambda;
+    for (size_t i = qp->n; i < qp->rows; i++) {
+        double sign, much;
+
+        if (qp->size[i] > 0.0 || !soft(qp, i))
+            continue;
+        much = beyond(qp, i, &sign);
+        qp->multiplier[i] = much > 0.0 ? sign * (qp->linear[i] + qp->square[i] * much) : 0.0;
+    }
+}
+
+/** Where row @p at of W ought to be minus where it is. */
+static double astray(const struct apc_qp *qp, size_t at)
+{
+    size_t i = qp->work[at];
+    double sign = qp->state[i] > 0 ? 1.0 : -1.0;
+    double excess = (qp->lambda[at] - sign * qp->linear[i]) * qp->give[at];
+
+    return (sign > 0.0 ? qp->high[i] : qp->low[i]) + excess - qp->value[i];
+}
+
+/** The dual residual, each variable's in the scale of its own terms. Needs gradient(). */
+QP_LANES static double misfit(const struct apc_qp *qp)
+{
+    double most = 0.0, scale = sqrt(qp_dot(qp->n, qp->w, qp->w)) + sqrt(qp_dot(qp->n, qp->q, qp->q));
+
+    for (size_t i = 0; i < qp->n; i++) {
+        double own = fabs(qp->g[i]) / (qp->root[i] * scale + DBL_MIN);
+
+        most = own > most ? own : most;
+    }
+    return most;
+}
+
+static bool holds(const struct apc_qp *qp, double share)
+{
+    for (size_t j = 0; j < qp->k; j++) {
+        size_t i = qp->work[j];
+
+        if (fabs(astray(qp, j)) > share * allowance(qp, qp->state[i] > 0 ? qp->high[i] : qp->low[i]))
+            return false;
+    }
+    return true;
+}
+
+/** One step of refinement on the final working set. */
+QP_LANES static void refine(struct apc_qp *qp)
+{
+    size_t n = qp->n;
+    double *y = qp->target;
+
+    memset(qp->e, 0, n * sizeof(*qp->e));
+    for (size_t i = 0; i < n; i++)
+        qp_add(n - i, -qp->g[i], qp->J + i * n + i, qp->e + i);
+    for (size_t j = 0; j < qp->k; j++)
+        y[j] = qp_row_dot(qp, qp->work[j], qp->e) - astray(qp, j);
+    qp_work_solve(qp, qp->k, y);
+    for (size_t j = 0; j < qp->k; j++)
+        qp->lambda[j] += y[j];
+    qp_work_pull(qp, y, qp->e);
+    for (size_t i = 0; i < n; i++)
+        qp->x[i] += qp_dot(n - i, qp->J + i * n + i, qp->e + i);
+    rows_of(qp);
+    publish(qp);
+    gradient(qp);
+}
+
+/** Look at what search() found. False when a row has to come in or leave after all, which it now does. */
+static bool confirm(struct apc_qp *qp)
+{
+    double sign, most = 0.0;
+    size_t i;
+    int round;
+
+    publish(qp);
+    gradient(qp);
+    for (round = 0; round < REFINEMENTS && !(misfit(qp) <= REFINE && holds(qp, 0.1)); round++)
+        refine(qp);
+    if (round == 0)
+        return true;
+    for (size_t j = 0; j < qp->k; j++)
+        most = fabs(qp->lambda[j]) > most ? fabs(qp->lambda[j]) : most;
+    for (size_t j = 0; j < qp->k; j++) {
+        double low = qp->least[j], high = qp->most_of[j], lambda = qp->lambda[j];
+
+        qp->lambda[j] = lambda < low ? low : lambda > high ? high : lambda;
+        qp->multiplier[qp->work[j]] = qp->lambda[j];
+        if (fabs(qp->lambda[j] - lambda) > VOUCH * most) {
+            leave(qp, j);
+            return false;
+        }
+    }
+    i = worst(qp, false, &sign);
+    if (i < qp->rows) {
+        come_in(qp, i, sign);
+        return false;
+    }
+    gradient(qp);
+    return true;
+}
+
+/** Figures of the point as it stands. Needs gradient(). */
+static void measure(const struct apc_qp *qp, struct apc_qp_result *r)
+{
+    r->objective = 0.5 * qp_dot(qp->n, qp->x, qp->e) + qp_dot(qp->n, qp->x, qp->f);
+    for (size_t i = 0; i < qp->n; i++)
+        r->dual = fabs(qp->g[i]) > r->dual ? fabs(qp->g[i]) : r->dual;
+    for (size_t i = 0; i < qp->rows; i++) {
+        double lambda = qp->multiplier[i], above = qp->value[i] - qp->high[i],
+               below = qp->low[i] - qp->value[i];
+        double excess = above > below ? above : below, off = 0.0;
+
+        if (lambda != 0.0)
+            off = lambda * (lambda > 0.0 ? above : below);
+        if (soft(qp, i) && excess > 0.0) {
+            r->soft += qp->linear[i] * excess + 0.5 * qp->square[i] * excess * excess;
+            off = (fabs(lambda) - qp->linear[i] - qp->square[i] * excess) * excess;
+        } else if (excess > r->primal) {
+            r->primal = excess;
+        }
+        r->gap = fabs(off) > r->gap ? fabs(off) : r->gap;
+        r->active += qp->state[i] != 0;
+    }
+}
+
+static void say(struct apc_qp_result *to, const struct apc_qp_result *ours)
+{
+    size_t size = to ? to->size : 0;
+
+    if (size <= sizeof size)
+        return;
+    memcpy(to, ours, size < sizeof(*ours) ? size : sizeof(*ours));
+    to->size = size;
+}
+
+static int refuse(struct apc_qp *qp, double *x, struct apc_qp_result *result, enum apc_qp_status status,
+                  int err)
+{
+    memset(x, 0, qp->n * sizeof(*x));
+    say(result, &(struct apc_qp_result){.status = status});
+    return err;
+}
+
+/** f and limits are numbers, no low above its high. */
+static int look(struct apc_qp *qp, const double *f, const double *low, const double *high)
+{
+    int err = all_finite(qp->n, f) ? 0 : APC_EINVAL;
+
+    for (size_t i = 0; i < qp->rows; i++)
+        if (isnan(low[i]) || isnan(high[i]) || low[i] == HUGE_VAL || high[i] == -HUGE_VAL)
+            err = APC_EINVAL;
+    for (size_t i = 0; !err && i < qp->rows; i++)
+        if (low[i] > high[i]) {
+            memset(qp->side, 0, qp->rows);
+            qp->side[i] = 1;
+            return APC_ERANGE;
+        }
+    return err;
+}
+
+int apc_qp_solve(struct apc_qp *qp, const double *f, const double *low, const double *high, double *x,
+                 struct apc_qp_result *result)
+{
+    struct apc_qp_result ours = {.size = sizeof ours};
+    int err;
+
+    if (!qp || !x)
+        return APC_EINVAL;
+    err = qp->ready && f && low && high ? look(qp, f, low, high) : APC_EINVAL;
+    if (err)
+        return refuse(qp, x, result, err == APC_ERANGE ? APC_QP_INFEASIBLE : APC_QP_NUMBERS, err);
+    qp->f = f;
+    qp->low = low;
+    qp->high = high;
+    begin(qp);
+    do
+        ours.status = search(qp);
+    while (ours.status == APC_QP_OPTIMAL && !confirm(qp));
+    if (ours.status != APC_QP_OPTIMAL) {
+        point(qp);
+        publish(qp);
+        gradient(qp);
+    }
+    if (ours.status != APC_QP_INFEASIBLE)
+        for (size_t i = 0; i < qp->rows; i++) { /* of an equation the multiplier says which side it is */
+            double at = low[i] == high[i] && qp->multiplier[i] != 0.0 ? qp->multiplier[i] : qp->state[i];
+
+            qp->side[i] = qp->state[i] ? (at > 0.0 ? 1 : -1) : 0;
+        }
+    ours.iterations = qp->changes;
+    measure(qp, &ours);
+    if (!all_finite(qp->n, qp->x) || !isfinite(ours.dual)) {
+        apc_qp_start(qp, NULL);
+        return refuse(qp, x, result, APC_QP_NUMBERS, APC_ESOLVER);
+    }
+    memcpy(x, qp->x, qp->n * sizeof(*x));
+    if (ours.status == APC_QP_OPTIMAL && !(misfit(qp) <= VOUCH && holds(qp, 1.0)))
+        ours.status = APC_QP_NUMBERS;
+    for (size_t p = 0; p < qp->waiting;
+         p++) /* a solve that ended on the way begins without them the next time */
+        qp->state[qp->pending[p].row] = 0;
+    say(result, &ours);
+    return ours.status == APC_QP_OPTIMAL      ? 0
+           : ours.status == APC_QP_LIMIT      ? APC_ETIMEDOUT
+           : ours.status == APC_QP_INFEASIBLE ? APC_ERANGE
+                                              : APC_ESOLVER;
+}

@@ -1,0 +1,191 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The inside of apc_qp. With H = R'R, J = R^-1 and w = Rx, every row i of (x, Ax) is M_i w: rows of J for x's
+ * bounds, of AJ for the others. The multipliers of the working set W solve
+ *
+ *     (M_W M_W' + 1/s) lambda = -b - M_W q + sign linear / s,    q = J'f + M_F' lambda_F,    w = -q - M_W'
+ * lambda
+ *
+ * where 1/s and linear are there for soft rows that are violated, s being their quadratic weight, and F are
+ * the violated soft rows without one: their multiplier is +-linear. lambda is > 0 at high, < 0 at low.
+ */
+#ifndef APC_QP_INTERNAL_H
+#define APC_QP_INTERNAL_H
+
+#include "apcqp.h"
+
+#include <string.h>
+
+struct apc_qp {
+    size_t n, m, rows;
+    unsigned most;
+    double tolerance;
+    bool (*enough)(void *ctx);
+    void *ctx;
+
+    bool ready;                /* there is an H */
+    double *H, *A, *J, *M;     /* H and J n x n, A and M m x n */
+    double *root;              /* [n] of H's diagonal: the scale of a variable */
+    double *size;              /* [rows] |M_i| */
+    double *linear, *square;   /* [rows] */
+    unsigned *column, *filled; /* [m * n], [m] where A's rows are not 0; filled n: all */
+    signed char *state, *side; /* [rows] 0 free, +-1 held, +-2 violated soft row; and what the caller sees */
+    double *multiplier, *fixed, *value; /* [rows] the caller's; of F; (x, Ax) */
+
+    /* The working set, in the order in which it came, or, when settled, of the rows. */
+    size_t k;
+    bool settled;
+    size_t solved;                  /* so much of z is right */
+    unsigned *work;                 /* [rows] */
+    double *lambda, *target;        /* [rows] where we are, and where W's own optimum is */
+    double *least, *most_of, *give; /* [rows] where lambda may be; 1/s of a row that is violated, else 0 */
+    double *rhs, *z, *inverse;      /* [rows] right-hand sides, L^-1 of them, 1/d */
+    double *G, *L, *spare; /* packed lower triangles: M_W M_W', and its unit factor without the diagonal */
+    double *beta, *carry;  /* [rows] scratch of a removal, of a step */
+    struct apc_qp_pending {
+        unsigned row;
+        double lambda, direction;
+    } * pending; /* [rows + 1] rows on their way into W */
+    size_t waiting;
+
+    /* Of the solve under way. */
+    const double *f, *low, *high;
+    double *q, *w, *x, *g, *e; /* [n] g and e are scratch */
+    bool shifted;              /* F changed: q holds sums that the way here made */
+    unsigned changes;
+};
+
+/* ---- Sums, always in the same order whatever compiles them ----------------------------------- */
+
+/*
+ * Four lanes at a time, where the machine has them two at a time elsewhere: the same sums in the same order,
+ * so the same bits. A function whose loops matter is compiled for both, and the loader takes one. Not where a
+ * sanitizer is, which is not ready yet when the loader asks; nor by clang, whose names for the two gcc's
+ * linker does not find.
+ */
+#if defined(__x86_64__) && defined(__GLIBC__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__) &&    \
+    !defined(__SANITIZE_THREAD__)
+#define QP_LANES __attribute__((target_clones("avx2", "default")))
+#else
+#define QP_LANES
+#endif
+
+typedef double apc_lanes __attribute__((vector_size(32), aligned(8), may_alias));
+
+static inline double qp_dot(size_t n, const double *a, const double *b)
+{
+    apc_lanes s = {0.0, 0.0, 0.0, 0.0}, t = {0.0, 0.0, 0.0, 0.0};
+    double rest = 0.0;
+    size_t i = 0;
+
+    for (; i + 8 <= n; i += 8) {
+        s += *(const apc_lanes *)(a + i) * *(const apc_lanes *)(b + i);
+        t += *(const apc_lanes *)(a + i + 4) * *(const apc_lanes *)(b + i + 4);
+    }
+    for (; i < n; i++)
+        rest += a[i] * b[i];
+    s += t;
+    return ((s[0] + s[2]) + (s[1] + s[3])) + rest;
+}
+
+/** y += scale x */
+static inline void qp_add(size_t n, double scale, const double *x, double *y)
+{
+    size_t i = 0;
+
+    for (; i + 4 <= n; i += 4)
+        *(apc_lanes *)(y + i) += *(const apc_lanes *)(x + i) * scale;
+    for (; i < n; i++)
+        y[i] += scale * x[i];
+}
+
+/** x = scale x, element by element; returns x' of before times x of after. */
+static inline double qp_scale(size_t n, const double *scale, double *x)
+{
+    apc_lanes sum = {0.0, 0.0, 0.0, 0.0};
+    double rest = 0.0;
+    size_t i = 0;
+
+    for (; i + 4 <= n; i += 4) {
+        apc_lanes before = *(apc_lanes *)(x + i), after = before * *(const apc_lanes *)(scale + i);
+
+        sum += before * after;
+        *(apc_lanes *)(x + i) = after;
+    }
+    for (; i < n; i++) {
+        double after = x[i] * scale[i];
+
+        rest += x[i] * after;
+        x[i] = after;
+    }
+    return ((sum[0] + sum[2]) + (sum[1] + sum[3])) + rest;
+}
+
+/** y -= the sum of lambda[q] (row[q] from @p first on), four rows. */
+static inline void qp_add_four(size_t n, const double *lambda, const double *const row[4], size_t first,
+                               double *y)
+{
+    const double *a = row[0] + first, *b = row[1] + first, *c = row[2] + first, *d = row[3] + first;
+    size_t i = 0;
+
+    for (; i + 4 <= n; i += 4)
+        *(apc_lanes *)(y + i) -=
+            (*(const apc_lanes *)(a + i) * lambda[0] + *(const apc_lanes *)(b + i) * lambda[1]) +
+            (*(const apc_lanes *)(c + i) * lambda[2] + *(const apc_lanes *)(d + i) * lambda[3]);
+    for (; i < n; i++)
+        y[i] -= (a[i] * lambda[0] + b[i] * lambda[1]) + (c[i] * lambda[2] + d[i] * lambda[3]);
+}
+
+/** Row i of M; the columns before @p from are 0. */
+static inline const double *qp_row(const struct apc_qp *qp, size_t i, size_t *from)
+{
+    *from = i < qp->n ? i : 0;
+    return i < qp->n ? qp->J + i * qp->n : qp->M + (i - qp->n) * qp->n;
+}
+
+/** M_i v */
+static inline double qp_row_dot(const struct apc_qp *qp, size_t i, const double *v)
+{
+    size_t from;
+    const double *row = qp_row(qp, i, &from);
+
+    return qp_dot(qp->n - from, row + from, v + from);
+}
+
+/** v += scale M_i' */
+static inline void qp_row_add(const struct apc_qp *qp, size_t i, double scale, double *v)
+{
+    size_t from;
+    const double *row = qp_row(qp, i, &from);
+
+    qp_add(qp->n - from, scale, row + from, v + from);
+}
+
+/** Room of a packed lower triangle of @p k rows, its diagonal included: where row k begins. */
+static inline size_t qp_packed(size_t k)
+{
+    return k * (k + 1) / 2;
+}
+
+/* ---- qp_work.c: the working set and its factor ------------------------------------------------ */
+
+/** Where the multiplier of row i may be, in the state that it is in. */
+void qp_interval(const struct apc_qp *qp, size_t i, double *low, double *high);
+/** Append row i with multiplier @p lambda. False when it depends on W: the row of L is made, W is as it was.
+ */
+bool qp_work_append(struct apc_qp *qp, size_t i, double lambda);
+void qp_work_remove(struct apc_qp *qp, size_t at);
+/** Right-hand sides of rows from @p at on, which is also how far z holds. */
+void qp_work_sides(struct apc_qp *qp, size_t at);
+/** target = W's own optimum. */
+void qp_work_target(struct apc_qp *qp);
+/** lambda of M_W M_W' lambda = L's row k d: how W moves against a row that depends on it. */
+void qp_work_against(const struct apc_qp *qp, double *move);
+/** v -= M_W' lambda */
+void qp_work_pull(const struct apc_qp *qp, const double *lambda, double *v);
+/** Put W in the order of its rows and factorise it anew: from then on nothing tells how it came about. */
+void qp_work_settle(struct apc_qp *qp);
+/** Solve (M_W M_W' + 1/s) y = y for the first @p k rows of W. */
+void qp_work_solve(const struct apc_qp *qp, size_t k, double *y);
+
+#endif
