@@ -6,7 +6,10 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "common/nearest.h"
 #include "common/storeuri.h"
+
+#define NAMES 12 /* that are listed where one is not known */
 
 enum { OPT_JSON = 0x300, OPT_CSV, OPT_NO_WAIT };
 
@@ -308,26 +311,72 @@ static bool parse_address(const char *text, enum apc_table *table, int *id)
     return *table && dot[1] >= '0' && dot[1] <= '9' && !*end && number <= 1000000;
 }
 
+/* "y" may be a measurement and what is set for it; no other two things are called the same without saying
+ * which. */
+static int find_name(const struct cli *cli, const struct cli_tags *tags, const char *text,
+                     const struct apc_tag **found)
+{
+    *found = NULL;
+    for (size_t i = 0; i < tags->n; i++) {
+        const struct apc_tag *tag = &tags->tag[i], *first = *found;
+        if (strcmp(tag->name, text) != 0)
+            continue;
+        if (first &&
+            (first->table != APC_SENSOR || (tag->table != APC_SETPOINT && tag->table != APC_ACTUATOR))) {
+            cli_error(cli, APC_EINVAL, "\"%s\" names two things: say %s.%d or %s.%d", text,
+                      apc_table_name(first->table), first->id, apc_table_name(tag->table), tag->id);
+            return APC_EINVAL;
+        }
+        if (!first)
+            *found = tag;
+    }
+    return 0;
+}
+
+/* What there is, or when that is more than a line, what is most like it. */
+int cli_unknown(const struct cli *cli, const struct cli_tags *tags, const char *text, enum apc_table table)
+{
+    char names[300] = "", more[64] = "";
+    struct nearest nearest = {.wanted = text};
+    size_t n = 0;
+    for (size_t i = 0; i < tags->n; i++) {
+        const struct apc_tag *tag = &tags->tag[i];
+        if (!tag->name[0] || tag->table == APC_STATE || (table && tag->table != table))
+            continue;
+        size_t used = strlen(names);
+        n++;
+        nearest_look(&nearest, tag->name);
+        if (n <= NAMES)
+            snprintf(names + used, sizeof names - used, "%s%s", used ? ", " : "", tag->name);
+    }
+    if (n > NAMES)
+        snprintf(more, sizeof more, " and %zu more", n - NAMES);
+    const char *what = table == APC_TUNING ? "parameter of the control law" : "variable";
+    if (nearest.name)
+        cli_error(cli, APC_ENOTFOUND, "no %s \"%s\": did you mean \"%s\"? There are: %s%s", what, text,
+                  nearest.name, names, more);
+    else
+        cli_error(cli, APC_ENOTFOUND, "no %s \"%s\"; there are: %s%s, or TABLE.ID such as %s.1", what, text,
+                  *names ? names : "none described yet (apc init FILE)", more, table ? "tuning" : "sensor");
+    return APC_ENOTFOUND;
+}
+
 int cli_find(const struct cli *cli, const struct cli_tags *tags, const char *text, enum apc_table *table,
              int *id)
 {
-    char names[300] = "";
-    for (size_t i = 0; i < tags->n; i++) {
-        if (!strcmp(tags->tag[i].name, text)) {
-            *table = tags->tag[i].table;
-            *id = tags->tag[i].id;
-            return 0;
-        }
-        size_t used = strlen(names);
-        if (tags->tag[i].name[0])
-            snprintf(names + used, sizeof names - used, "%s%s", used ? ", " : "", tags->tag[i].name);
+    const struct apc_tag *tag;
+    int rc = find_name(cli, tags, text, &tag);
+    if (rc < 0)
+        return rc;
+    if (tag) {
+        *table = tag->table;
+        *id = tag->id;
+        return 0;
     }
     /* By its address only what is described, but for the law's state, and where nothing is described yet. */
     if (parse_address(text, table, id) && (tags->n == 0 || *table == APC_STATE || cli_tag(tags, *table, *id)))
         return 0;
-    cli_error(cli, APC_ENOTFOUND, "no variable \"%s\"; there are: %s, or TABLE.ID such as sensor.1", text,
-              *names ? names : "none described yet (apc init FILE)");
-    return APC_ENOTFOUND;
+    return cli_unknown(cli, tags, text, (enum apc_table)0);
 }
 
 static int no_room(const struct cli *cli)

@@ -89,6 +89,8 @@ const struct apc_tag *cli_tag(const struct cli_tags *tags, enum apc_table table,
  */
 int cli_find(const struct cli *cli, const struct cli_tags *tags, const char *text, enum apc_table *table,
              int *id);
+/* Says that there is no such variable (of @p table, or 0), and which there are. Returns APC_ENOTFOUND. */
+int cli_unknown(const struct cli *cli, const struct cli_tags *tags, const char *text, enum apc_table table);
 /*
  * All variables that are described of these tables (the list ends with 0), in this order, as
  * apc_store_read() takes them. Returns how many, or an error already said. *samples goes to free() either

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc history: rows of one variable, or events, given out as they come from the store. */
+#include <stdlib.h>
 #include <string.h>
 
 #include "print.h"
@@ -51,10 +52,10 @@ static error_t parse(int key, char *arg, struct argp_state *state)
 static const struct argp own = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
-    .args_doc = "[VARIABLE]",
-    .doc = "Show past values of VARIABLE, oldest first, or events. Times are UTC.",
+    .args_doc = "[VARIABLE...]",
+    .doc = "Show past values of each VARIABLE, oldest first, one after the other, or events. Times are UTC.",
     .takes = CLI_STORE | CLI_FORMAT,
-    .max_args = 1,
+    .max_args = -1,
     .extra = &own,
 };
 
@@ -130,28 +131,40 @@ static int put_event(void *ctx, const struct apc_event *e)
     return ferror(stdout);
 }
 
-static int show_variable(const struct cli *cli, struct apc_store *store, const struct apc_range *range,
-                         struct rows *rows)
+static int show_variable(const struct cli *cli, struct apc_store *store, const struct apc_sample *variable,
+                         const char *name, const struct apc_range *range, struct rows *rows)
 {
-    struct cli_tags tags;
-    enum apc_table table;
-    int id;
-    int rc = cli_tags_load(cli, store, &tags);
-    if (rc < 0)
-        return exit_code_of(rc);
-    rc = cli_find(cli, &tags, cli->args[0], &table, &id);
-    cli_tags_free(&tags);
-    if (rc < 0)
-        return exit_code_of(rc);
-    begin(rows, PRINT_SAMPLE_HEADER, "TIME                                VALUE  STATUS");
-    rc = apc_store_history(store, table, id, range, put_sample, rows);
-    end(rows);
+    if (cli->format == CLI_TEXT && cli->n_args > 1)
+        printf("%s%s\n", rows->n > 0 ? "\n" : "", name);
+    if (cli->format == CLI_TEXT)
+        begin(rows, "", "TIME                                VALUE  STATUS");
+    int rc = apc_store_history(store, variable->table, variable->id, range, put_sample, rows);
     if (rc < 0)
         return cli_store_error(cli, rc, store);
     if (rc == 0)
-        cli_error(cli, 0, "%s has no sample%s", cli->args[0],
-                  range->since || range->until ? " in that time" : "");
+        cli_error(cli, 0, "%s has no sample%s", name, range->since || range->until ? " in that time" : "");
     return EXIT_OK;
+}
+
+static int show_variables(const struct cli *cli, struct apc_store *store, const struct apc_range *range,
+                          struct rows *rows)
+{
+    struct cli_tags tags;
+    struct apc_sample *variables = NULL;
+    int rc = cli_tags_load(cli, store, &tags);
+    if (rc < 0)
+        return exit_code_of(rc);
+    int n = cli_variables(cli, &tags, NULL, &variables);
+    rc = exit_code_of(n);
+    if (cli->format == CLI_CSV && rc == EXIT_OK)
+        puts(PRINT_SAMPLE_HEADER);
+    for (int i = 0; i < n && rc == EXIT_OK; i++)
+        rc = show_variable(cli, store, &variables[i], cli->args[i], range, rows);
+    if (n > 0)
+        end(rows);
+    free(variables);
+    cli_tags_free(&tags);
+    return rc;
 }
 
 static int show_events(const struct cli *cli, struct apc_store *store, const struct apc_range *range,
@@ -185,7 +198,7 @@ int command_history(int argc, char **argv)
     if (rc == EXIT_OK && options.events)
         rc = show_events(&cli, store, &range, &rows);
     else if (rc == EXIT_OK)
-        rc = show_variable(&cli, store, &range, &rows);
+        rc = show_variables(&cli, store, &range, &rows);
     apc_store_close(store);
     return cli_done(&cli, rc);
 }

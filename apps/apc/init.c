@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "cli.h"
 #include "provision.h"
+#include "warn.h"
 
 static const struct argp_option option_list[] = {
     {"force", 'f', NULL, 0, "Describe FILE also in a store that belongs to another experiment", 0}, {0}};
@@ -70,6 +71,8 @@ int command_init(int argc, char **argv)
     cli_parse(&cli, &spec, &force, argc, argv);
     if (cli.n_args > 0 && (rc = experiment_load(&e, cli.args[0], EXPERIMENT_LAW, NULL, &why)) < 0)
         return cli_error(&cli, rc, "%s", why.text);
+    if (cli.n_args > 0)
+        warn(&cli, &e);
     rc = cli_open(&cli, &store);
     if (rc < 0) {
         rc = exit_code_of(rc);

@@ -20,6 +20,7 @@
 #include "report.h"
 #include "spools.h"
 #include "supervisor.h"
+#include "warn.h"
 
 #define EXPORT_TRIES 60                 /* a second each */
 #define LEAD         (2 * APC_NS_PER_S) /* from here to t = 0: the daemons start meanwhile */
@@ -545,8 +546,7 @@ static int run(struct run *r)
         cli_error(&r->cli, rc, "%s", why.text);
         return rc;
     }
-    if (experiment_check_steps(&r->e, &why) < 0)
-        cli_error(&r->cli, 0, "warning: %s", why.text);
+    warn(&r->cli, &r->e);
     if (r->options.duration >= 0)
         r->e.duration = r->options.duration;
     block(&signals);

@@ -17,6 +17,7 @@
 #include "print.h"
 #include "report.h"
 #include "simulation.h"
+#include "warn.h"
 
 #define EVENTS 10 /* of a run that are told of */
 #define ROWS   60 /* of figures */
@@ -428,6 +429,7 @@ static int simulate(struct simulate *r)
                              &why);
     if (rc < 0)
         return refuse(r, rc, &why);
+    warn(&r->cli, &r->e);
     if (r->options.net && (rc = models_network(&r->e.models, r->options.net, &why)) < 0) {
         cli_error(&r->cli, rc, "--net: %s", why.text);
         return rc;
@@ -449,8 +451,6 @@ static int simulate(struct simulate *r)
     r->options.seed = r->e.seed;
     if ((rc = check_outputs(r)) < 0)
         return rc;
-    if (experiment_check_steps(&r->e, &why) < 0)
-        cli_error(&r->cli, 0, "warning: %s", why.text);
     if (!r->options.runs)
         return simulate_once(r);
     if (r->options.runs - 1 > UINT64_MAX - r->options.seed) {

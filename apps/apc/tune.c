@@ -199,15 +199,14 @@ static int find_tuning(const struct cli *cli, const struct cli_tags *tags, const
     for (size_t i = 0; i < tags->n && !c->tag; i++)
         if (tags->tag[i].table == APC_TUNING && !strcmp(tags->tag[i].name, name))
             c->tag = &tags->tag[i];
-    if (!c->tag) {
-        int rc = cli_find(cli, tags, name, &c->after.table, &c->after.id);
-        if (rc < 0)
-            return exit_code_of(rc);
-        c->tag = cli_tag(tags, APC_TUNING, c->after.table == APC_TUNING ? c->after.id : -1);
+    for (size_t i = 0; i < tags->n && !c->tag; i++) {
+        char address[32];
+        snprintf(address, sizeof address, "tuning.%d", tags->tag[i].id);
+        if (tags->tag[i].table == APC_TUNING && !strcmp(address, name))
+            c->tag = &tags->tag[i];
     }
     if (!c->tag)
-        return cli_error(cli, APC_ENOTFOUND, "%s is no parameter of the control law; `apc tune` lists them",
-                         name);
+        return exit_code_of(cli_unknown(cli, tags, name, APC_TUNING));
     snprintf(c->name, sizeof c->name, "%s", c->tag->name);
     c->after.table = APC_TUNING;
     c->after.id = c->tag->id;

@@ -10,6 +10,7 @@
 
 #include "experiment_law.h"
 #include "experiment_plant.h"
+#include "nearest.h"
 #include "record.h"
 
 #define SIGNALS_MAX 4096
@@ -46,6 +47,10 @@ static void read_rhythm(struct settings *s, const config_setting_t *group, const
 {
     settings_period(s, group, "period", REQUIRED, &rhythm->period);
     settings_number(s, group, "phase", OPTIONAL, 0, PHASE_MAX_S, &phase_s);
+    const config_setting_t *phase = config_setting_get_member(group, "phase");
+    if (!s->failed && phase && phase_s >= apc_ns_to_s(rhythm->period))
+        settings_fail(s, phase, "\"phase\" is %g: must be below the period, which is %g", phase_s,
+                      apc_ns_to_s(rhythm->period));
     if (!s->failed)
         apc_ns_from_s(phase_s, &rhythm->phase);
     read_overrun(s, group, &rhythm->overrun);
@@ -128,7 +133,8 @@ static void read_address(struct settings *s, const config_setting_t *group, cons
     const char *colon = strrchr(value, ':');
     size_t digits = colon ? strspn(colon + 1, "0123456789") : 0;
     long port = digits > 0 && digits < 6 && !colon[1 + digits] ? strtol(colon + 1, NULL, 10) : -1;
-    if (!s->failed && (strncmp(value, "tcp:", 4) != 0 || colon < value + 5 || port < least || port > 65535))
+    if (!s->failed && (strncmp(value, "tcp:", 4) != 0 || value[4] == '/' || colon < value + 5 ||
+                       port < least || port > 65535))
         settings_fail(s, config_setting_get_member(group, name),
                       "\"%s\" is \"%s\": must be tcp:HOST:PORT, such as \"tcp:127.0.0.1:%d\"", name, value,
                       APC_PORT);
@@ -141,11 +147,16 @@ static void read_params(struct settings *s, const config_setting_t *group, const
     for (int i = 0; group && i < config_setting_length(group) && !s->failed; i++) {
         const config_setting_t *member = config_setting_get_elem(group, (unsigned)i);
         const char *name = config_setting_name(member);
+        struct nearest nearest = {.wanted = name};
         size_t j = 0;
-        while (j < n && strcmp(params[j].name, name) != 0)
-            j++;
+        for (; j < n && strcmp(params[j].name, name) != 0; j++)
+            nearest_look(&nearest, params[j].name);
         if (j == n)
-            settings_fail(s, member, "%s has no parameter \"%s\"", owner, name);
+            settings_fail(s, member, "%s has no parameter \"%s\"%s%s%s", owner, name,
+                          nearest.name ? ": did you mean \""
+                          : n          ? ""
+                                       : "; it has none at all",
+                          nearest.name ? nearest.name : "", nearest.name ? "\"?" : "");
         else
             settings_number(s, group, name, REQUIRED, params[j].low, params[j].high, &values[j]);
     }
@@ -340,6 +351,18 @@ static void read_scheduler(struct settings *s, const config_setting_t *root, str
     }
 }
 
+/* Between two commands the plant would go to its safe value, every time. */
+static void check_rhythms(struct settings *s, const config_setting_t *root, const struct experiment *e)
+{
+    const apc_ns client = e->client.rhythm.period, controller = e->controller.rhythm.period;
+    if (!s->failed && client > 3 * controller + 100 * APC_NS_PER_MS)
+        settings_fail(
+            s, config_setting_get_member(config_setting_get_member(root, "client"), "period"),
+            "\"period\" of client is %g s, of controller %g s: at most 3 of the controller's + 0.1 s, or "
+            "the plant would go to its safe value between any two commands",
+            apc_ns_to_s(client), apc_ns_to_s(controller));
+}
+
 static void read_root(struct settings *s, const config_setting_t *root, struct experiment *e, unsigned parts,
                       const struct experiment_overrides *overrides, const struct record *record)
 {
@@ -373,6 +396,7 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
                (parts & EXPERIMENT_MODEL) || ((parts & EXPERIMENT_LAW) && experiment_wants_model(root)),
                overrides ? overrides->model : NULL, record);
     read_scheduler(s, root, e);
+    check_rhythms(s, root, e);
     experiment_read_law(s, root, e);
     models_read(s, root, &e->models);
 }
@@ -403,18 +427,11 @@ int experiment_load(struct experiment *e, const char *name, unsigned parts,
              stat(name, &at) == 0 && S_ISDIR(at.st_mode) ? "%.500s/run.conf" : "%.510s", name);
     snprintf(e->plant.listen, sizeof e->plant.listen, "tcp:127.0.0.1:%d", APC_PORT);
     snprintf(e->client.link, sizeof e->client.link, "tcp:127.0.0.1:%d", APC_PORT);
-    if ((s.failed = settings_check_numbers(file, why)) < 0 ||
-        (s.failed = record_read(&record, file, why)) < 0)
+    if ((s.failed = record_read(&record, file, why)) < 0)
         return s.failed;
-    config_init(&config);
-    if (config_read_file(&config, file) == CONFIG_TRUE)
+    s.failed = settings_load(&config, file, why);
+    if (!s.failed)
         read_root(&s, config_root_setting(&config), e, parts, overrides, &record);
-    else if (config_error_type(&config) == CONFIG_ERR_FILE_IO)
-        s.failed =
-            apc_fail(why, APC_ENOTFOUND, "%s: cannot be read: no such experiment file, or no right to", file);
-    else
-        s.failed = apc_fail(why, APC_EINVAL, "%s:%d: %s", file, config_error_line(&config),
-                            config_error_text(&config));
     config_destroy(&config);
     if (!s.failed)
         s.failed = take_record(e, &record, why);

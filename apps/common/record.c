@@ -109,12 +109,9 @@ int record_read(struct record *r, const char *file, struct apc_error *why)
     snprintf(path, sizeof path, "%.580s" RECORD_FILE, dir);
     if (access(path, F_OK) != 0)
         return 0;
-    config_init(&config);
-    if (config_read_file(&config, path) == CONFIG_TRUE)
+    s.failed = settings_load(&config, path, why);
+    if (!s.failed)
         read_record(&s, config_root_setting(&config), dir, file, r);
-    else
-        s.failed = apc_fail(why, APC_EINVAL, "%s:%d: the record of the run is damaged", path,
-                            config_error_line(&config));
     config_destroy(&config);
     r->there = s.failed == 0;
     return s.failed;

@@ -1,11 +1,16 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "settings.h"
 
+#include <errno.h>
 #include <math.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
+
+#include "nearest.h"
+
+#define FILE_MAX ((size_t)16 << 20)
 
 int settings_fail(struct settings *s, const config_setting_t *at, const char *fmt, ...)
 {
@@ -35,16 +40,19 @@ void settings_known(struct settings *s, const config_setting_t *group, const cha
     for (int i = 0; i < config_setting_length(group); i++) {
         const config_setting_t *member = config_setting_get_elem(group, (unsigned)i);
         const char *const *known = names;
-        while (*known && strcmp(*known, config_setting_name(member)) != 0)
+        struct nearest nearest = {.wanted = config_setting_name(member)};
+        while (*known && strcmp(*known, nearest.wanted) != 0)
             known++;
         if (*known)
             continue;
         for (known = names; *known; known++) {
             size_t length = strlen(list);
             snprintf(list + length, sizeof list - length, "%s%s", length ? ", " : "", *known);
+            nearest_look(&nearest, *known);
         }
-        settings_fail(s, member, "unknown setting \"%s\" in %s; known are: %s", config_setting_name(member),
-                      name_of(group), list);
+        settings_fail(s, member, "unknown setting \"%s\" in %s; %s%s%s%s%s", nearest.wanted, name_of(group),
+                      *list ? "known are: " : "there are none", list, nearest.name ? "; did you mean \"" : "",
+                      nearest.name ? nearest.name : "", nearest.name ? "\"?" : "");
         return;
     }
 }
@@ -112,57 +120,125 @@ void settings_number(struct settings *s, const config_setting_t *in, const char 
         *value = number;
 }
 
-/* Past a text or a comment that begins here, its lines counted; NULL when none does. */
-static const char *skip_text(const char *c, int *line)
+/* ---- The file --------------------------------------------------------------------------- */
+
+/* The text in double quotes that begins at @p c: its end. */
+static const char *end_of_text(const char *c)
 {
-    const char *end;
-    if (*c == '"') {
-        for (end = c + 1; *end && *end != '"'; end += end[0] == '\\' && end[1] ? 2 : 1)
-            ;
-        end += *end != '\0';
-    } else if (*c == '#' || (c[0] == '/' && c[1] == '/')) {
-        end = c + strcspn(c, "\n");
-    } else if (c[0] == '/' && c[1] == '*') {
-        end = strstr(c + 2, "*/");
-        end = end ? end + 2 : c + strlen(c);
-    } else {
-        return NULL;
-    }
-    for (; c < end; c++)
-        *line += *c == '\n';
-    return end;
+    for (c++; *c && *c != '"'; c += c[0] == '\\' && c[1] ? 2 : 1)
+        ;
+    return c + (*c != '\0');
 }
 
-static int check_numbers(const char *file, const char *text, struct apc_error *why)
+/* The comment that begins at @p c: its end; NULL when none does. */
+static const char *end_of_comment(const char *c)
+{
+    if (*c == '#' || (c[0] == '/' && c[1] == '/'))
+        return c + strcspn(c, "\n");
+    if (c[0] != '/' || c[1] != '*')
+        return NULL;
+    const char *end = strstr(c + 2, "*/");
+    return end ? end + 2 : c + strlen(c);
+}
+
+static int check_word(const char *file, int line, const char *word, size_t n, struct apc_error *why)
+{
+    const size_t sign = *word == '-' || *word == '+', digits = strspn(word + sign, "0123456789");
+    if (digits == 0 || sign + digits != n ||
+        (digits <= 10 && strtoll(word, NULL, 10) == (int32_t)strtoll(word, NULL, 10)))
+        return 0;
+    return apc_fail(why, APC_EINVAL, "%s:%d: %.*s is beyond 32 bits: write %.*s.0 or %.*sL", file, line,
+                    (int)n, word, (int)n, word, (int)n, word);
+}
+
+/*
+ * Take the comments out, but for their lines: libconfig needs minutes for one of some megabytes. A word is
+ * looked at as it goes by.
+ */
+static int strip(const char *file, char *text, struct apc_error *why)
 {
     static const char word[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-*.+";
-    int line = 1;
-    for (const char *c = text, *next; *c; c = next) {
-        if ((next = skip_text(c, &line)))
-            continue;
-        const size_t n = strspn(c, word), sign = *c == '-' || *c == '+';
-        const size_t digits = strspn(c + sign, "0123456789");
-        line += *c == '\n';
-        next = c + (n > 0 ? n : 1);
-        if (digits > 0 && sign + digits == n &&
-            (digits > 10 || strtoll(c, NULL, 10) != (int32_t)strtoll(c, NULL, 10)))
-            return apc_fail(why, APC_EINVAL, "%s:%d: %.*s is beyond 32 bits: write %.*s.0 or %.*sL", file,
-                            line, (int)n, c, (int)n, c, (int)n, c);
+    char *to = text;
+    int line = 1, rc = 0;
+    for (const char *c = text, *end; *c && rc == 0; c = end) {
+        const bool comment = (end = end_of_comment(c)) != NULL;
+        if (*c == '@')
+            return apc_fail(why, APC_EINVAL,
+                            "%s:%d: @include is not taken: an experiment is one file, which is "
+                            "kept with its runs",
+                            file, line);
+        const size_t n = strspn(c, word);
+        if (!comment && n > 0)
+            rc = check_word(file, line, c, n, why);
+        if (!comment)
+            end = *c == '"' ? end_of_text(c) : c + (n > 0 ? n : 1);
+        if (comment)
+            *to++ = ' ';
+        for (; c < end; c++) {
+            line += *c == '\n';
+            if (!comment || *c == '\n')
+                *to++ = *c;
+        }
     }
-    return 0;
+    *to = '\0';
+    return rc;
 }
 
-int settings_check_numbers(const char *file, struct apc_error *why)
+/* What stands in a line. */
+static void quote_line(const char *text, int number, char *line, size_t size)
 {
-    char *text = NULL;
-    size_t size = 0;
-    struct stat st;
-    FILE *in = stat(file, &st) == 0 && S_ISREG(st.st_mode) ? fopen(file, "re") : NULL;
-    if (!in)
-        return 0; /* libconfig says why; a pipe can be read only once */
-    int rc = getdelim(&text, &size, '\0', in) > 0 ? check_numbers(file, text, why) : 0;
+    while (--number > 0 && (text = strchr(text, '\n')))
+        text++;
+    if (text)
+        text += strspn(text, " \t\r");
+    snprintf(line, size, "%.*s", text ? (int)strcspn(text, "\r\n") : 0, text ? text : "");
+}
+
+static int parse(config_t *config, const char *file, char *text, struct apc_error *why)
+{
+    char line[60];
+    int rc = strip(file, text, why);
+    if (rc < 0 || config_read_string(config, text) == CONFIG_TRUE)
+        return rc;
+    const int number = config_error_line(config);
+    quote_line(text, number, line, sizeof line);
+    if (!*line)
+        return apc_fail(why, APC_EINVAL,
+                        "%s:%d: %s: the file ends within a group, list or text that was begun", file, number,
+                        config_error_text(config));
+    return apc_fail(
+        why, APC_EINVAL,
+        "%s:%d: %s at \"%s\"; expected NAME = VALUE; (a ; or a bracket that is missing before it shows "
+        "here, too)",
+        file, number, config_error_text(config), line);
+}
+
+int settings_load(config_t *config, const char *file, struct apc_error *why)
+{
+    static const char mark[] = "\xef\xbb\xbf"; /* of an editor that says UTF-8 so */
+    int rc = 0;
+    config_init(config);
+    FILE *in = fopen(file, "re");
+    char *text = in ? malloc(FILE_MAX + 2) : NULL;
+    if (!in || !text) {
+        rc = in ? apc_fail(why, APC_ENOMEM, "%s: out of memory", file)
+                : apc_fail(why, APC_ENOTFOUND, "%s: cannot be read: %s", file, strerror(errno));
+        goto out;
+    }
+    size_t n = fread(text, 1, FILE_MAX + 1, in);
+    text[n] = '\0';
+    if (ferror(in))
+        rc = apc_fail(why, APC_ESYS, "%s: cannot be read: %s", file, strerror(errno));
+    else if (n > FILE_MAX)
+        rc = apc_fail(why, APC_EINVAL, "%s: is larger than 16 MiB: that is no experiment file", file);
+    else if (strlen(text) != n)
+        rc = apc_fail(why, APC_EINVAL, "%s: is no text: it has a byte 0", file);
+    else
+        rc = parse(config, file, text + (strncmp(text, mark, 3) == 0 ? 3 : 0), why);
+out:
     free(text);
-    fclose(in);
+    if (in)
+        fclose(in);
     return rc;
 }
 
@@ -222,6 +298,17 @@ void settings_text(struct settings *s, const config_setting_t *in, const char *n
         snprintf(value, size, "%s", config_setting_get_string(found));
 }
 
+/* TABLE.ID: what a variable is called without its name. */
+static bool is_address(const char *name)
+{
+    const char *dot = strrchr(name, '.');
+    char table[32];
+    if (!dot || !dot[1] || dot[1 + strspn(dot + 1, "0123456789")] || dot - name >= (ptrdiff_t)sizeof table)
+        return false;
+    snprintf(table, sizeof table, "%.*s", (int)(dot - name), name);
+    return apc_table_parse(table) != 0;
+}
+
 void settings_name(struct settings *s, const config_setting_t *in, char *value, size_t size)
 {
     settings_text(s, in, "name", REQUIRED, value, size);
@@ -231,6 +318,12 @@ void settings_name(struct settings *s, const config_setting_t *in, char *value, 
     if (!s->failed && !good)
         settings_fail(s, config_setting_get_member(in, "name"),
                       "\"name\" must have at least one character, and no line breaks or tabs");
+    else if (!s->failed && (*value == '-' || strchr(value, '=') || is_address(value)))
+        settings_fail(
+            s, config_setting_get_member(in, "name"),
+            "\"name\" is \"%s\", which a command line takes for something else: it must not begin with -, "
+            "have a =, or be a TABLE.ID such as sensor.1",
+            value);
 }
 
 void settings_numbers(struct settings *s, const config_setting_t *array, size_t n, double *values)

@@ -18,10 +18,13 @@ struct settings {
 };
 
 /*
- * libconfig reads a whole number without an L as one of 32 bits, and cuts it off without a word. Refuses one
- * that does not fit; one with an L, a point or an exponent, in a text or a comment is none of these.
+ * Read a file into @p config, which config_destroy() ends in either case. It may begin with a byte order
+ * mark. Refused with file, line and reason: what is not there, is no text, is larger than 16 MiB, or is no
+ * libconfig;
+ * @include, since the file is kept as the record of a run and must be whole; a whole number without an L that
+ * needs more than 32 bits, which libconfig cuts off without a word. Returns 0 or a negative error.
  */
-int settings_check_numbers(const char *file, struct apc_error *why);
+int settings_load(config_t *config, const char *file, struct apc_error *why);
 
 enum settings_presence { OPTIONAL, REQUIRED };
 

@@ -63,9 +63,43 @@ change 's/duration = 60.0;/duration = -3000000000;/' '-3000000000 is beyond 32 b
 sed -e 's/^title = .*/title = "3000000000 \\" 3000000000";/' -e '$a seed = 3000000000L; # 3000000000' "$good" >"$bad"
 expect 0 'seed 3000000000' "$apc" simulate "$bad" --duration 1
 change 's/law = "pi"/law = "magic"/' 'magic.*pi'
+simulated() { expect 0 "$1" "$apc" simulate "$bad" --duration 1; }
+# what an editor or a generator leaves is no mistake
+{ printf '\357\273\277' && cat "$good"; } >"$bad"
+simulated sha256
+{ printf '# ' && head -c 9000000 /dev/zero | tr '\0' x && echo && cat "$good"; } >"$bad"
+simulated sha256
+{ head -c 17000000 /dev/zero | tr '\0' ' ' && cat "$good"; } >"$bad"
+expect 1 'bad\.conf: is larger than 16 MiB' run
+{ cat "$good" && printf '\0'; } >"$bad"
+expect 1 'bad\.conf: is no text' run
+# what is hardly meant is said
+sed 's/link = "tcp:127.0.0.1:[0-9]*"/link = "tcp:127.0.0.1:1"/' "$good" >"$bad"
+simulated 'warning: link of client is "tcp:127.0.0.1:1", listen of plant "tcp:127.0.0.1:'"$port"'"'
+sed 's/period = 0.05; phase/period = 0.4; phase/' "$good" >"$bad"
+simulated "warning: the client's period is 0.4 s, the controller's 0.2 s"
+for shared in 'y mode sensor.1 opmode.0' 'u Kp actuator.1 tuning.1' 'y tau_i sensor.1 tuning.2' 'r dim.y dim.1 setpoint.1'; do
+  read -r what name first second <<<"$shared"
+  sed "s/{ name = \"$what\"/{ name = \"$name\"/" "$good" >"$bad"
+  simulated "warning: \"$name\" names two things: call them ($first and $second|$second and $first)"
+  "$apc" init "$bad" --force --store "sqlite:$work/shared.db" >/dev/null 2>&1
+  expect 1 "\"$name\" names two things: say ($first or $second|$second or $first)" "$apc" get "$name" --store "sqlite:$work/shared.db"
+  expect 0 "^$name " "$apc" get "$first" --store "sqlite:$work/shared.db"
+done
+! "$apc" simulate "$good" --duration 1 2>&1 | grep warning || fail "a good file is warned of"
 change 's/law = "pi"/law = ".\/magic.so"/' 'magic\.so'
 change 's/model = "first-order"/model = "reactor"/' 'reactor.*first-order'
-change 's/Kp = 0.2/Kq = 0.2/' 'no parameter "Kq"'
+change 's/Kp = 0.2/Kq = 0.2/' 'no parameter "Kq": did you mean "Kp"\?'
+change 's/law = "pi";/law = "pi"; settings = { measurement = [1]; };/' 'unknown setting "measurement" in settings; there are none$'
+change 's/period = 0.05; phase/period = 500.0; phase/' '"period" of client is 500 s, of controller 0.2 s'
+change 's/phase = 0.012/phase = 0.2/' '"phase" is 0.2: must be below the period, which is 0.2'
+change 's|link = "tcp:|link = "tcp://|' '"link" is "tcp://127.0.0.1:[0-9]*": must be tcp:HOST:PORT'
+change 's/tau = 1.0; }/tau = 1.0; /' 'syntax error at "parameters = '
+change '/^scheduler/,$s/};//' 'the file ends within a group'
+change '1i @include "other.conf"' '@include is not taken'
+for name in -y a=b sensor.1 tuning.3; do
+  change "s/name = \"y\"/name = \"$name\"/" '"name" is .*which a command line takes for something else'
+done
 change 's/tau_i = 1.0/tau_i = -1.0/' 'tau_i.*must be from'
 change 's/tau = 1.0;/tau = 0.0;/' 'tau.*must be from'
 change 's/\[10.0\]/[1000.0]/' 'setpoint r = 1000 lies outside its limits'
@@ -148,7 +182,7 @@ expect 2 'inf' "$apc" set r inf
 expect 2 '1,5' "$apc" set r 1,5
 expect 4 'Auto' "$apc" set u 1
 expect 4 'limits' "$apc" tune tau_i=-1
-expect 1 'no variable' "$apc" tune Kq=1
+expect 1 'no parameter of the control law "Kq": did you mean "Kp"' "$apc" tune Kq=1
 [ "$(sql 'SELECT count(*) FROM apc.setpoint')" = 0 ] || fail "a refused setpoint was written"
 
 # the network

@@ -285,8 +285,10 @@ test_tune_is_shown_and_changed() {
   refused 4 "tau_i = -1 lies outside its limits" tune Kp=1 tau_i=-1
   refused 2 '"x" is not a finite number' tune Kp=x
   refused 2 "Kp is given twice" tune Kp=1 Kp=2
-  refused 1 "no parameter of the control law" tune r=1
-  refused 1 'no variable "Ki"' tune Ki=1
+  refused 1 'no parameter of the control law "r"' tune r=1
+  refused 1 'no parameter of the control law "tau"' tune tau=1
+  refused 1 'no parameter of the control law "Kq": did you mean "Kp"? There are: Kp, ' tune Kq=1
+  refused 1 'no parameter of the control law "sensor.1"' tune sensor.1=1
   run 0 tune --json
   out_is_json
   run 0 tune --csv
@@ -308,6 +310,16 @@ test_history_gives_rows_in_their_order() {
   equal "$(grep -c '"table":"sensor"' "$work/out")" 41 "rows of long ago"
   run 0 history y --since 2000-01-01T00:00:00Z --until 2001-01-01T00:00:00Z --json
   out_is "[]"
+  run 0 history y u Kp --last 2 --csv
+  equal "$(cut -d, -f2,3 "$work/out" | tr '\n' ' ')" "table,id sensor,1 sensor,1 tuning,1 tuning,1 " "CSV of several variables"
+  run 0 history y Kp --last 2 --json
+  out_is_json
+  equal "$(grep -c '"table":' "$work/out")" 4 "rows of two variables"
+  run 0 history y u Kp --last 1
+  equal "$(grep -cE '^(y|u|Kp)$' "$work/out")" 3 "a heading a variable"
+  err_has "u has no sample"
+  run 1 history y nonsense --csv
+  out_empty
   run 0 history --events --json
   out_is_json
   run 0 history --events --csv
@@ -439,6 +451,11 @@ test_text_from_the_store_cannot_drive_the_terminal() {
   ! grep -q $'\033' "$work/out" || fail "$what: escape sequences pass"
   run 0 history --events --last 1 --json
   out_is_json
+}
+
+test_a_target_that_is_not_reached_is_no_success() {
+  sql "INSERT INTO apc.opmode SELECT 1, 1, now(), 0, 0"
+  refused 4 "the target is Auto already, but the controller is in Man" mode auto
 }
 
 test_output_that_cannot_be_written_is_an_error() {

@@ -39,7 +39,7 @@ expect 1 'run\.conf is not the file that ran' "$apc" replay "$work/there/copy"
 sed -i 's/Kp = 0.16/Kp = 0.15/' "$work/there/copy/run.conf"
 expect 0 'sha256' "$apc" simulate "$work/there/copy"
 sed -i 's/^seed.*/seed = /' "$work/there/copy/record.conf"
-expect 1 'record\.conf:[0-9]+: the record of the run is damaged' "$apc" report "$work/there/copy"
+expect 1 'record\.conf:[0-9]+: syntax error' "$apc" report "$work/there/copy"
 
 # a law that uses what no output names is not called exact, nor is a folder that does not say it
 "$apc" simulate "$APC_SOURCE_DIR/experiments/double-tank.conf" --duration 60 --report "$work/two" >/dev/null

@@ -1,0 +1,58 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "warn.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "provision.h"
+
+/* Another host may forward to the plant; the ports of one host are one and the same. */
+static void warn_link(const struct cli *cli, const struct experiment *e)
+{
+    const char *listen = strrchr(e->plant.listen, ':'), *link = strrchr(e->client.link, ':');
+    if (strcmp(listen, link) != 0 && strcmp(listen, ":0") != 0)
+        cli_error(
+            cli, 0,
+            "warning: link of client is \"%s\", listen of plant \"%s\": the client will not find the plant",
+            e->client.link, e->plant.listen);
+}
+
+static void warn_rhythm(const struct cli *cli, const struct experiment *e)
+{
+    const apc_ns client = e->client.rhythm.period, controller = e->controller.rhythm.period;
+    if (client > controller)
+        cli_error(cli, 0,
+                  "warning: the client's period is %g s, the controller's %g s: it controls by measurements "
+                  "that it has "
+                  "seen before",
+                  apc_ns_to_s(client), apc_ns_to_s(controller));
+}
+
+/* One name for a measurement and what may be set is allowed: a command says which it means. */
+static bool may_share(const struct apc_tag *a, const struct apc_tag *b)
+{
+    return a->table == APC_SENSOR && (b->table == APC_SETPOINT || b->table == APC_ACTUATOR);
+}
+
+static void warn_names(const struct cli *cli, const struct experiment *e)
+{
+    size_t n = 0;
+    struct apc_tag *tag = provision_tags(e, &n);
+    for (size_t i = 0; tag && i < n; i++)
+        for (size_t j = 0; j < n; j++)
+            if ((tag[i].table < tag[j].table || (tag[i].table == tag[j].table && i < j)) &&
+                !strcmp(tag[i].name, tag[j].name) && !may_share(&tag[i], &tag[j]))
+                cli_error(cli, 0, "warning: \"%s\" names two things: call them %s.%d and %s.%d", tag[i].name,
+                          apc_table_name(tag[i].table), tag[i].id, apc_table_name(tag[j].table), tag[j].id);
+    free(tag);
+}
+
+void warn(const struct cli *cli, const struct experiment *e)
+{
+    struct apc_error why;
+    if (e->plant.model && experiment_check_steps(e, &why) < 0)
+        cli_error(cli, 0, "warning: %s", why.text);
+    warn_link(cli, e);
+    warn_rhythm(cli, e);
+    warn_names(cli, e);
+}
