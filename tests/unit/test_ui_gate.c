@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* The gate, asked without a connection: each reason to refuse by itself. And where the server may listen. */
+#include <netinet/in.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -271,6 +272,13 @@ static void it_listens_where_it_may(void **state)
             fail_msg("it listens on \"%s\"", bad[i]);
     assert_int_equal(listening("127.0.0.1:0", &why), 0);
     assert_int_equal(listening("127.1.2.3:00000", &why), 0);
+    int six = socket(AF_INET6, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    const struct sockaddr_in6 loopback = {.sin6_family = AF_INET6, .sin6_addr = IN6ADDR_LOOPBACK_INIT};
+    if (six >= 0 &&
+        bind(six, (const struct sockaddr *)&loopback, sizeof loopback) == 0) /* this host has it */
+        assert_int_equal(listening("[::1]:0", &why), 0);
+    close(six);
+    assert_int_equal(listening("[::]:0", &why), APC_EPERM);
     assert_int_equal(listening("0.0.0.0:0", &why), APC_EPERM);
     assert_non_null(strstr(why.text, "apc user add"));
     ui->open = false;

@@ -379,6 +379,159 @@ static void process_values_are_in_the_metrics(void **state)
     assert_non_null(strstr(ask_text(get_metrics), "\napc_control_running 0\n"));
 }
 
+static struct task *a_task(size_t i, const char *name)
+{
+    struct task *task = &ui->model.task[i];
+    snprintf(task->name, sizeof task->name, "%s", name);
+    task->period = 2 * S;
+    task->heard = apc_clock_mono(NULL) - 4 * S;
+    task->missed = 3;
+    task->missed_total = 7;
+    for (int q = 0; q < QUANTITIES; q++) {
+        task->last[q] = (struct figures){.time = 1763730000 * S,
+                                         .count = 5,
+                                         .mean = 1e6 * (q + 1),
+                                         .p50 = 1000000,
+                                         .p99 = 2000000,
+                                         .max = 4000000};
+        task->total[q] = (struct figures){.count = 50, .sum = 0.5};
+    }
+    ui->model.tasks = i + 1;
+    return task;
+}
+
+static void has(const char *text, const char *part)
+{
+    if (!strstr(text, part))
+        fail_msg("\"%s\" is not in: %s", part, text);
+}
+
+static size_t times_in(const char *text, const char *part)
+{
+    size_t n = 0;
+    for (const char *at = text; (at = strstr(at, part)) != NULL; at++)
+        n++;
+    return n;
+}
+
+static void what_tasks_report_is_in_the_metrics(void **state)
+{
+    (void)state;
+    a_task(0, "controller");
+    a_task(1, "odd\"name\\\n")->last[JITTER].count = 0; /* its window was empty */
+    const char *metrics = ask_text(get_metrics);
+    has(metrics, "# TYPE apc_task_jitter_seconds summary\n");
+    has(metrics, "apc_task_jitter_seconds{task=\"controller\",quantile=\"0.5\"} 0.001\n"
+                 "apc_task_jitter_seconds{task=\"controller\",quantile=\"0.99\"} 0.002\n"
+                 "apc_task_jitter_seconds{task=\"controller\",quantile=\"1\"} 0.004\n"
+                 "apc_task_jitter_seconds_sum{task=\"controller\"} 0.5\n"
+                 "apc_task_jitter_seconds_count{task=\"controller\"} 50\n"
+                 "apc_task_jitter_seconds_sum{task=\"odd\\\"name\\\\?\"} 0.5\n");
+    assert_int_equal(times_in(metrics, "apc_task_exec_seconds{"), 6);
+    has(metrics, "apc_task_overruns_total{task=\"controller\"} 7\n");
+    has(metrics, "apc_task_age_seconds{task=\"controller\"} 4");
+    assert_int_equal(times_in(metrics, "apc_link_round_trip_seconds"), 0); /* nobody measures one */
+    ui->model.exchange.last[RUN] = (struct figures){.count = 2, .p50 = 3000000, .p99 = 5000000};
+    ui->model.exchange.total[RUN] = (struct figures){.count = 9, .sum = 0.25};
+    ui->model.exchange.missed_total = 4;
+    metrics = ask_text(get_metrics);
+    has(metrics, "apc_link_round_trip_seconds{link=\"apc-client\",quantile=\"0.5\"} 0.003\n"
+                 "apc_link_round_trip_seconds{link=\"apc-client\",quantile=\"0.99\"} 0.005\n"
+                 "apc_link_round_trip_seconds_sum{link=\"apc-client\"} 0.25\n"
+                 "apc_link_round_trip_seconds_count{link=\"apc-client\"} 9\n");
+    has(metrics, "apc_link_failed_total{link=\"apc-client\"} 4\n");
+}
+
+static void what_the_server_does_itself_is_in_the_metrics(void **state)
+{
+    (void)state;
+    has(ask_text(get_metrics), "apc_db_up 1\n");
+    assert_int_equal(times_in(ask_text(get_metrics), "apc_db_write_seconds{"), 0);
+    for (int i = 1; i <= 100; i++)
+        meter_record(&ui->stores, i * APC_NS_PER_MS);
+    ui->requests[2] = 12;
+    ui->requests[5] = 1;
+    ui->model.connected = false;
+    ui->model.spool.samples = 30;
+    ui->model.spool.events = 4;
+    const char *metrics = ask_text(get_metrics);
+    has(metrics, "apc_db_up 0\n");
+    has(metrics, "apc_spool_depth 34\n");
+    has(metrics, "apc_db_write_seconds_count 100\n");
+    has(metrics, "apc_db_write_seconds_sum 5.05\n");
+    const char *median = strstr(metrics, "apc_db_write_seconds{quantile=\"0.5\"} ");
+    assert_non_null(median);
+    assert_near(atof(strchr(median, ' ')), 0.05, 0.001); /* to the width of a bucket */
+    has(metrics, "apc_ui_requests_total{status=\"2xx\"} 12\n");
+    has(metrics, "apc_ui_requests_total{status=\"5xx\"} 1\n");
+    assert_int_equal(times_in(metrics, "apc_ui_requests_total{"), 5);
+    has(metrics, "apc_ui_clients 0\n");
+}
+
+static void diagnostics_say_how_each_part_is(void **state)
+{
+    (void)state;
+    a_task(0, "controller")->last[LATENESS].count = 0;
+    period(S, S);
+    all_came(S / 2);
+    json_t *all = ask(get_diagnostics);
+    const json_t *task = json_array_get(json_object_get(all, "tasks"), 0);
+    assert_string_equal(json_string_value(json_object_get(task, "task")), "controller");
+    assert_near(json_number_value(json_object_get(task, "period")), 2, 0);
+    assert_near(json_number_value(json_object_get(task, "time")), 1763730000, 0);
+    assert_near(json_number_value(json_object_get(task, "age")), 4, 1);
+    assert_int_equal(json_integer_value(json_object_get(task, "missed")), 3);
+    assert_int_equal(json_integer_value(json_object_get(task, "missed_total")), 7);
+    assert_true(json_is_null(json_object_get(task, "lateness")));
+    const json_t *run = json_object_get(task, "run");
+    assert_int_equal(json_integer_value(json_object_get(run, "count")), 5);
+    assert_near(json_number_value(json_object_get(run, "mean")), 0.003, 1e-12);
+    assert_near(json_number_value(json_object_get(run, "p99")), 0.002, 1e-12);
+    const json_t *signal = json_array_get(json_object_get(all, "signals"), 0);
+    assert_near(json_number_value(json_object_get(signal, "age")), 0.5, 0.4);
+    assert_near(json_number_value(json_object_get(signal, "period")), 1, 0);
+    assert_string_equal(json_string_value(json_object_get(signal, "status")), "Good");
+    const json_t *kept = json_object_get(all, "store");
+    assert_true(json_is_true(json_object_get(kept, "connected")));
+    assert_true(json_is_null(json_object_get(kept, "error")));
+    assert_true(json_is_null(json_object_get(kept, "spool"))); /* it was told no folder */
+    json_decref(all);
+    ui->options.spool = "/nowhere";
+    ui->model.spool.samples = 30;
+    ui->model.spool.events = 4;
+    ui->model.spool.oldest = apc_clock_utc(NULL) - 50 * S;
+    model_store(ui, false, "gone");
+    all = ask(get_diagnostics);
+    kept = json_object_get(all, "store");
+    assert_false(json_is_true(json_object_get(kept, "connected")));
+    assert_string_equal(json_string_value(json_object_get(kept, "error")), "gone");
+    assert_int_equal(json_integer_value(json_object_get(json_object_get(kept, "spool"), "depth")), 34);
+    assert_near(json_number_value(json_object_get(json_object_get(kept, "spool"), "age")), 50, 5);
+    json_decref(all);
+    model_store(ui, true, "");
+    all = ask(get_diagnostics);
+    assert_int_equal(json_integer_value(json_object_get(json_object_get(all, "store"), "connects")), 1);
+    json_decref(all);
+}
+
+static void a_meter_forgets_what_is_old_and_keeps_its_sum(void **state)
+{
+    struct apc_summary summary;
+    (void)state;
+    meter_record(&ui->reads, 5 * APC_NS_PER_MS);
+    ui->reads.since -= 61 * S;
+    meter_record(&ui->reads, APC_NS_PER_MS);
+    meter_summary(&ui->reads, &summary);
+    assert_int_equal(summary.count, 2); /* the last turn is still known */
+    ui->reads.since -= 61 * S;
+    meter_record(&ui->reads, APC_NS_PER_MS);
+    meter_summary(&ui->reads, &summary);
+    assert_int_equal(summary.count, 2);
+    assert_true(summary.max < 2 * APC_NS_PER_MS);
+    assert_int_equal(ui->reads.count, 3);
+    assert_near(ui->reads.sum, 0.007, 1e-12);
+}
+
 /* ---- Loops -------------------------------------------------------------------------------- */
 
 static void put_dim(int id, double value)
@@ -611,6 +764,161 @@ static void exactly_as_many_events_as_asked_for_are_all(void **state)
     assert_int_equal(events(grave, 2, first, &more), 0);
 }
 
+/* One window of a task: n ticks around this. */
+static void put_window(const char *task, const char *quantity, apc_ns time, uint64_t n, apc_ns value,
+                       uint64_t missed)
+{
+    const int64_t low = value - 100, high = value + 100, count = (int64_t)n;
+    struct apc_timing_row row = {.time = time,
+                                 .period = 2 * S,
+                                 .missed = missed,
+                                 .count = n,
+                                 .mean = (double)value,
+                                 .p50 = value,
+                                 .p99 = value + 50,
+                                 .max = value + 90,
+                                 .bin_low = &low,
+                                 .bin_high = &high,
+                                 .bin_count = &count,
+                                 .n_bins = 1};
+    snprintf(row.task, sizeof row.task, "%s", task);
+    snprintf(row.quantity, sizeof row.quantity, "%s", quantity);
+    assert_int_equal(apc_store_append_timing(store, &row, 1), 1);
+}
+
+static void timing_is_put_together_by_task_and_against_time(void **state)
+{
+    (void)state;
+    put_window("controller", "run", 1005 * S, 2, 1000000, 1);
+    put_window("controller", "run", 1010 * S, 6, 2000000, 2);
+    put_window("controller", "jitter", 1010 * S, 4, -3000, 0);
+    put_window("client", "run", 1010 * S, 3, 5000, 0);
+    static const char *const one[] = {"since", "1000",       "until",    "1020",
+                                      "task",  "controller", "quantity", "run"};
+    memcpy(query, one, sizeof one);
+    json_t *json = ask(get_timing);
+    const json_t *list = json_object_get(json, "timing"), *run = json_array_get(list, 0);
+    assert_int_equal(json_array_size(list), 1);
+    assert_int_equal(json_integer_value(json_object_get(run, "count")), 8);
+    assert_int_equal(json_integer_value(json_object_get(run, "missed")), 3);
+    assert_near(json_number_value(json_object_get(run, "mean")), 0.00175, 1e-9);
+    assert_int_equal(json_array_size(json_object_get(run, "bins")), 2);
+    const json_t *bin = json_array_get(json_object_get(run, "bins"), 1);
+    assert_near(json_number_value(json_array_get(bin, 0)), 0.0019999, 1e-12);
+    assert_near(json_number_value(json_array_get(bin, 1)), 0.0020001, 1e-12);
+    assert_int_equal(json_integer_value(json_array_get(bin, 2)), 6);
+    json_decref(json);
+    query[4] = NULL;
+    json = ask(get_timing);
+    assert_int_equal(json_array_size(json_object_get(json, "timing")), 3);
+    json_decref(json);
+
+    static const char *const series[] = {"since",      "1000",     "until", "1020",   "task",
+                                         "controller", "quantity", "run",   "points", "4"};
+    memcpy(query, series, sizeof series);
+    json = ask(get_timing_series);
+    const json_t *columns = json_object_get(json, "series");
+    assert_near(json_number_value(json_object_get(json, "period")), 2, 0);
+    assert_int_equal(json_array_size(json_object_get(columns, "time")), 2); /* empty intervals are left out */
+    assert_near(json_number_value(json_array_get(json_object_get(columns, "time"), 0)), 1005, 1e-6);
+    assert_int_equal(json_integer_value(json_array_get(json_object_get(columns, "count"), 1)), 6);
+    assert_near(json_number_value(json_array_get(json_object_get(columns, "mean"), 0)), 0.001, 1e-12);
+    json_decref(json);
+    query[9] = "1"; /* both windows in one: the worst of them */
+    json = ask(get_timing_series);
+    columns = json_object_get(json, "series");
+    assert_int_equal(json_array_size(json_object_get(columns, "time")), 1);
+    assert_int_equal(json_integer_value(json_array_get(json_object_get(columns, "count"), 0)), 8);
+    assert_int_equal(json_integer_value(json_array_get(json_object_get(columns, "missed"), 0)), 3);
+    assert_near(json_number_value(json_array_get(json_object_get(columns, "mean"), 0)), 0.00175, 1e-12);
+    assert_near(json_number_value(json_array_get(json_object_get(columns, "p50"), 0)), 0.002, 1e-12);
+    assert_near(json_number_value(json_array_get(json_object_get(columns, "max"), 0)), 0.00200009, 1e-12);
+    json_decref(json);
+}
+
+static void timing_is_asked_for_in_one_way(void **state)
+{
+    static const char *const bad[][10] = {{"quantity", "nonsense"},
+                                          {"since", "0", "until", "86401"},
+                                          {"since", "5", "until", "5"}},
+                             *const bad_series[][10] = {
+                                 {"task", "controller"},
+                                 {"quantity", "run"},
+                                 {"task", "controller", "quantity", "x"},
+                                 {"task", "controller", "quantity", "run", "points", "0"},
+                                 {"task", "controller", "quantity", "run", "points", "2001"}};
+    (void)state;
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        memcpy(query, bad[i], sizeof bad[i]);
+        json_decref(ask(get_timing));
+        assert_int_equal(request.fault.http, 400);
+    }
+    for (size_t i = 0; i < sizeof bad_series / sizeof *bad_series; i++) {
+        memcpy(query, bad_series[i], sizeof bad_series[i]);
+        json_decref(ask(get_timing_series));
+        assert_int_equal(request.fault.http, 400);
+    }
+    static const char *const day[10] = {"since", "0", "until", "86400"};
+    memcpy(query, day, sizeof day);
+    json_decref(ask(get_timing));
+    assert_int_equal(request.fault.http, 0);
+}
+
+static void what_stood_before_the_window_is_told(void **state)
+{
+    (void)state;
+    put_samples(APC_SETPOINT, 1, 5); /* from 1000 s on */
+    put_samples(APC_SENSOR, 1, 5);
+    ask_history("var", "setpoint.1", "last", "10");
+    query[5] = "1002";
+    json_t *json = ask(get_history);
+    assert_near(json_number_value(json_array_get(json_object_get(json, "before"), 2)), 1, 0);
+    assert_int_equal(json_array_size(json_object_get(json_object_get(json, "samples"), "seq")), 3);
+    json_decref(json);
+    query[5] = "1000";
+    json = ask(get_history);
+    assert_true(json_is_null(json_object_get(json, "before")));
+    json_decref(json);
+    query[1] = "sensor.1";
+    query[5] = "1002";
+    json = ask(get_history);
+    assert_true(json_is_null(json_object_get(json, "before"))); /* it does not stand */
+    json_decref(json);
+}
+
+static void a_bad_sample_is_counted_and_not_averaged(void **state)
+{
+    struct apc_sample s[] = {{.table = APC_SENSOR, .id = 1, .seq = 1, .time = 1000 * S, .value = 4},
+                             {.table = APC_SENSOR, .id = 1, .seq = 2, .time = 1001 * S, .value = 8},
+                             {.table = APC_SENSOR,
+                              .id = 1,
+                              .seq = 3,
+                              .time = 1002 * S,
+                              .value = 99,
+                              .status = APC_BAD_NO_COMMUNICATION},
+                             {.table = APC_SENSOR,
+                              .id = 1,
+                              .seq = 4,
+                              .time = 1006 * S,
+                              .value = 99,
+                              .status = APC_BAD_NO_COMMUNICATION}};
+    (void)state;
+    assert_int_equal(apc_store_append(store, s, 4), 4);
+    ask_history("var", "sensor.1", "bins", "2");
+    json_t *json = ask(get_history);
+    const json_t *bins = json_object_get(json, "bins");
+    static const struct {
+        const char *name;
+        double first;
+    } of[] = {{"count", 2}, {"bad", 1}, {"min", 4}, {"max", 8}, {"mean", 6}, {"last", 8}, {"from", 1000}};
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++)
+        assert_near(json_number_value(json_array_get(json_object_get(bins, of[i].name), 0)), of[i].first, 0);
+    assert_true(json_is_null(json_array_get(json_object_get(bins, "mean"), 1))); /* nothing but Bad */
+    assert_string_equal(json_string_value(json_array_get(json_object_get(bins, "worst"), 0)),
+                        "BadNoCommunication");
+    json_decref(json);
+}
+
 /* ---- Writes ------------------------------------------------------------------------------- */
 
 static void put(enum apc_table table, int id, double value)
@@ -834,6 +1142,77 @@ static void read_until(struct stream_reader *reader, struct text *all, const cha
     }
 }
 
+/* Wait until what is asked has this in it. */
+static void until_says(void (*handle)(struct ui *, struct request *, struct apc_store *), const char *part)
+{
+    while (!strstr(ask_text(handle), part))
+        usleep(10000);
+}
+
+static void what_daemons_report_is_known_within_a_look(void **state)
+{
+    pthread_t thread;
+    const apc_ns now = apc_clock_utc(NULL);
+    struct apc_event link = {
+        .time = now, .severity = APC_EVENT_WARNING, .source = "apc-client", .kind = "link", .text = "away"};
+    (void)state;
+    assert_int_equal(pthread_create(&thread, NULL, records_thread, ui), 0);
+    put_window("controller", "run", now - 2 * S, 3, 1000000, 5);
+    until_says(get_diagnostics, "\"task\":\"controller\",\"period\":2");
+    put_window("controller", "run", now - S, 4, 2000000, 6);
+    put_window("exchange", "run", now, 4, 7000000, 2);
+    until_says(get_diagnostics, "\"missed\":6");
+    json_t *all = ask(get_diagnostics);
+    assert_int_equal(json_array_size(json_object_get(all, "tasks")),
+                     1); /* what a client measures is no task */
+    json_decref(all);
+    until_says(get_metrics, "apc_link_round_trip_seconds_count{link=\"apc-client\"} 4\n");
+    has(ask_text(get_metrics), "apc_task_exec_seconds_count{task=\"controller\"} 7\n");
+    assert_int_equal(apc_store_append_events(store, &link, 1), 1);
+    until_says(get_diagnostics, "\"text\":\"away\",\"changes\":1");
+    has(ask_text(get_metrics), "apc_link_up{link=\"apc-client\"} 0\n");
+    link.time++;
+    link.severity = APC_EVENT_INFO;
+    assert_int_equal(apc_store_append_events(store, &link, 1), 1);
+    until_says(get_diagnostics, "\"text\":\"away\",\"changes\":2");
+    has(ask_text(get_metrics), "apc_link_up{link=\"apc-client\"} 1\n");
+    /* the periods that tasks report count more than what a file said */
+    assert_int_equal(ui->model.plant.rhythms.controller, 2 * S);
+    /* and what is described anew is found */
+    tags[0].high = 7;
+    assert_true(apc_store_put_tags(store, tags, n_tags) >= 0);
+    until_says(get_plant, "\"high\":7");
+    ui->stopping = true;
+    assert_int_equal(pthread_join(thread, NULL), 0);
+}
+
+static void newest_values_reach_the_stream_and_settle_writes(void **state)
+{
+    const struct stream_watcher watcher = {.session = ""};
+    struct stream_reader *reader;
+    struct text all = {0};
+    bool resumed;
+    pthread_t thread;
+    (void)state;
+    assert_int_equal(stream_open(ui->stream, &watcher, NULL, nothing, nothing, NULL, &reader, &resumed), 0);
+    assert_int_equal(pthread_create(&thread, NULL, live_thread, ui), 0);
+    put(APC_SETPOINT, 1, 41);
+    read_until(reader, &all, "\"setpoint.1\":[1,1.000000,41,\"Good\"]");
+    until_says(get_state, "\"setpoint.1\":[1,1.000000,41,\"Good\"]");
+    json_decref(post(post_setpoint, "{\"id\":1,\"value\":42,\"seq\":1,\"key\":\"settled-one\"}"));
+    assert_int_equal(request.fault.http, 0);
+    until_says(get_state, ",42,\"Good\"]");
+    /* the controller says that it has taken as many rows as there are: 2 of r1 */
+    struct apc_sample taken = {
+        .table = APC_STATE, .id = plant_confirmation(&ui->model.plant), .seq = 1, .time = S, .value = 2};
+    assert_int_equal(apc_store_append(store, &taken, 1), 1);
+    until_says(get_writes, "\"state\":\"applied\"");
+    ui->stopping = true;
+    assert_int_equal(pthread_join(thread, NULL), 0);
+    stream_close(reader);
+    text_free(&all);
+}
+
 static void every_event_of_a_flood_reaches_the_stream_in_order(void **state)
 {
     const struct stream_watcher watcher = {.session = ""};
@@ -887,6 +1266,16 @@ int main(void)
         T(a_thread_that_goes_round_no_more_is_not_alive),
         T(a_link_is_there_before_it_ever_changed),
         T(process_values_are_in_the_metrics),
+        T(what_tasks_report_is_in_the_metrics),
+        T(what_the_server_does_itself_is_in_the_metrics),
+        T(diagnostics_say_how_each_part_is),
+        T(a_meter_forgets_what_is_old_and_keeps_its_sum),
+        T(timing_is_put_together_by_task_and_against_time),
+        T(timing_is_asked_for_in_one_way),
+        T(what_stood_before_the_window_is_told),
+        T(a_bad_sample_is_counted_and_not_averaged),
+        T(what_daemons_report_is_known_within_a_look),
+        T(newest_values_reach_the_stream_and_settle_writes),
         T(a_loop_is_what_the_law_pairs),
         T(history_is_given_by_name_for_several_at_once),
         T(a_name_that_two_have_is_nobodys),

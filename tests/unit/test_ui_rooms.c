@@ -179,6 +179,23 @@ static void strangers_have_to_ask_soon(void **state)
     assert_false(is_open(waiting));
 }
 
+static void who_leaves_is_forgotten_wherever_he_stood(void **state)
+{
+    static const int orders[][3] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
+    (void)state;
+    for (size_t i = 0; i < sizeof orders / sizeof *orders; i++) {
+        struct connection *c[3];
+        for (int k = 0; k < 3; k++)
+            c[k] = rooms_enter(&rooms, -1, "10.0.0.1", S);
+        rooms_leave(&rooms, c[orders[i][0]]);
+        rooms_leave(&rooms, c[orders[i][1]]);
+        assert_ptr_equal(rooms.newest, c[orders[i][2]]);
+        assert_null(rooms.newest->next);
+        rooms_leave(&rooms, c[orders[i][2]]);
+        assert_null(rooms.newest);
+    }
+}
+
 /* ---- Whose process is it ------------------------------------------------------------------ */
 
 /* A connection to a listener of our own, made by a process of this user; the accepted end. */
@@ -241,6 +258,7 @@ int main(void)
         T(a_session_has_a_share_of_the_room),
         T(there_are_no_more_members_than_places),
         T(strangers_have_to_ask_soon),
+        T(who_leaves_is_forgotten_wherever_he_stood),
         cmocka_unit_test(a_process_of_this_user_is_known_and_another_is_not),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
