@@ -210,7 +210,12 @@ static void test_a_segment_larger_than_dev_shm_is_refused_and_leaves_nothing(voi
     snprintf(large, sizeof large, "%.*s?size=%llu", (int)strcspn(uri, "?"), uri, mib);
     struct apc_store *store = open_uri(large);
     assert_int_equal(apc_store_init(store), APC_ESTORE);
-    assert_non_null(strstr(apc_store_error(store), "free"));
+    unsigned long long needed = 0, left = 0;
+    const char *needs = strstr(apc_store_error(store), "it needs ");
+    assert_non_null(needs);
+    assert_int_equal(sscanf(needs, "it needs %llu MiB of /dev/shm, which has %llu free", &needed, &left), 2);
+    assert_int_equal(needed, mib);
+    assert_true(left < mib);
     assert_int_equal(access(path, F_OK), -1);
     apc_store_close(store);
 }
@@ -231,6 +236,7 @@ static void test_a_full_segment_refuses_new_variables_and_keeps_the_rest(void **
     assert_non_null(strstr(apc_store_error(store), "full"));
     assert_int_equal(newest(store, 5), 1); /* none of it */
     assert_int_equal(newest(store, 9000), 0);
+    assert_int_equal(newest(store, MOST - 2), 1); /* all of what was there */
     assert_int_equal(apc_store_append(store, two, 2), 2);
     assert_int_equal(newest(store, 9000), 1);
     assert_int_equal(append(store, 9001, 1), APC_ESTORE);

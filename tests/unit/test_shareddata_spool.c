@@ -802,6 +802,47 @@ static void test_another_writers_or_stores_spool_is_refused(void **state)
     apc_store_close(store);
 }
 
+/* Where a store is, and nothing of who asks, or how. */
+static void test_the_identity_of_a_store_has_no_secrets(void **state)
+{
+    static const char *const names[] = {"PGSERVICE", "PGHOST", "PGPORT", "PGDATABASE"};
+    static const char *const cases[][2] = {
+        {"sqlite:/a/b.db", "sqlite:/a/b.db"},
+        {"shm:plant?size=3", "shm:plant"},
+        {"postgresql:", "postgresql: PGHOST=here"},
+        {"postgresql:#b", "postgresql:#b PGHOST=here"},
+        {"postgresql://u:p@h1,h2:5/db?host=/tmp&password=x&port=7#b",
+         "postgresql://h1,h2:5/db host=/tmp port=7#b PGHOST=here"},
+        {"postgres://a:b@c@d/e?sslmode=disable&dbname=f", "postgres://d/e dbname=f PGHOST=here"},
+        {"postgresql://h/db?connect_timeout=3#host=x", "postgresql://h/db#host=x PGHOST=here"},
+    };
+    char before[4][200], text[200];
+    (void)state;
+    for (size_t i = 0; i < 4; i++) {
+        const char *value = getenv(names[i]);
+        snprintf(before[i], sizeof before[i], "%s", value ? value : "");
+        unsetenv(names[i]);
+    }
+    setenv("PGHOST", "here", 1);
+    bool same = true;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        apc_spool_identity(cases[i][0], text, sizeof text);
+        if (strcmp(text, cases[i][1]) != 0) {
+            print_message("%s: \"%s\"\n", cases[i][0], text);
+            same = false;
+        }
+    }
+    apc_spool_identity("sqlite:/a/long/path", text, 8);
+    same = same && strcmp(text, "sqlite:") == 0;
+    unsetenv("PGHOST");
+    for (size_t i = 0; i < 4; i++) {
+        if (before[i][0]) {
+            setenv(names[i], before[i], 1);
+        }
+    }
+    assert_true(same);
+}
+
 static void write_file(const char *text, size_t n)
 {
     int fd = open(spool, O_WRONLY | O_CREAT | O_TRUNC, 0600);
@@ -1074,6 +1115,7 @@ int main(void)
         OFFLINE(test_what_the_disk_does_not_take_is_not_acknowledged),
         OFFLINE(test_a_store_whose_disk_is_full_is_bridged),
         OFFLINE(test_another_writers_or_stores_spool_is_refused),
+        OFFLINE(test_the_identity_of_a_store_has_no_secrets),
         OFFLINE(test_a_file_that_is_no_spool_is_refused_and_left_alone),
         OFFLINE(test_a_file_that_was_just_begun_is_taken_over),
         OFFLINE(test_a_torn_tail_is_cut_off),

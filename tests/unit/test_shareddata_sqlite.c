@@ -6,6 +6,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
+#include <pthread.h>
 #include <signal.h>
 #include <sqlite3.h>
 #include <stdio.h>
@@ -14,6 +15,7 @@
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "apcshareddata.h"
@@ -556,6 +558,27 @@ static void test_a_file_is_made_for_its_user_alone(void **state)
     assert_int_equal(st.st_mode & 0777, 0660);
 }
 
+static void *give_back_later(void *db)
+{
+    nanosleep(&(struct timespec){.tv_nsec = 100 * 1000 * 1000}, NULL);
+    return sqlite3_exec((sqlite3 *)db, "COMMIT", NULL, NULL, NULL) == SQLITE_OK ? db : NULL;
+}
+
+static void test_making_the_tables_waits_for_a_lock_as_all_else_does(void **state)
+{
+    sqlite3 *db = NULL;
+    pthread_t thread;
+    void *given_back = NULL;
+    assert_int_equal(sqlite3_open(path, &db), SQLITE_OK);
+    assert_int_equal(sqlite3_exec(db, "BEGIN EXCLUSIVE", NULL, NULL, NULL), SQLITE_OK);
+    assert_int_equal(pthread_create(&thread, NULL, give_back_later, db), 0);
+    int rc = apc_store_init(*state);
+    assert_int_equal(pthread_join(thread, &given_back), 0);
+    assert_ptr_equal(given_back, db);
+    assert_int_equal(rc, apc_store_version());
+    sqlite3_close(db);
+}
+
 /* ---- Others have it open ----------------------------------------------------------------------- */
 
 static void test_a_lock_that_is_not_given_back_ends_in_a_timeout(void **state)
@@ -772,6 +795,7 @@ int main(void)
         T(test_a_full_disk_keeps_the_whole_append_out_and_no_later_one),
         T(test_a_damaged_file_gives_errors_and_no_nonsense),
         T(test_an_error_in_the_middle_of_housekeeping_is_said),
+        T(test_making_the_tables_waits_for_a_lock_as_all_else_does),
         cmocka_unit_test_setup_teardown(test_a_file_is_made_for_its_user_alone, set_up_nothing, tear_down),
         T(test_a_lock_that_is_not_given_back_ends_in_a_timeout),
         T(test_nobody_is_held_up_by_somebody_who_reads_slowly),

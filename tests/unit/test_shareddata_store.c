@@ -289,6 +289,9 @@ static void test_a_foreign_row_at_the_next_seq_makes_the_count_short_and_keeps_n
     assert_int_equal(apc_store_append(*state, next, 4), 0); /* exact for each call, not in sum */
     struct apc_sample twice[2] = {sample(APC_SENSOR, 4, 1, 1), sample(APC_SENSOR, 4, 1, 2)};
     assert_int_equal(apc_store_append(*state, twice, 2), 1);
+    twice[0].seq = 2; /* one that is there, behind one that is not */
+    assert_int_equal(apc_store_append(*state, twice, 2), 1);
+    assert_int_equal(newest(*state, APC_SENSOR, 4).seq, 2);
 }
 
 static void test_a_seq_that_leaves_no_room_to_count_on_is_refused(void **state)
@@ -389,17 +392,17 @@ static void test_a_claim_gives_the_newest_seq_of_each_id(void **state)
 
 static void test_a_second_writer_is_refused_by_name_until_the_first_has_gone(void **state)
 {
-    struct apc_store *second = open_store();
+    struct apc_store *second = open_store(), *third = open_store();
     int64_t last[1];
     ok(*state, apc_store_claim(*state, APC_ACTUATOR, 1, last));
     assert_int_equal(apc_store_claim(second, APC_ACTUATOR, 1, last), APC_EBUSY);
     assert_non_null(strstr(apc_store_error(second), "actuator"));
     assert_non_null(strstr(apc_store_error(second), "already written by test"));
     ok(second, apc_store_claim(second, APC_SENSOR, 1, last)); /* another table is free */
+    assert_int_equal(apc_store_claim(third, APC_SENSOR, 1, last), APC_EBUSY);
     apc_store_close(second);
-    second = open_store();
-    ok(second, apc_store_claim(second, APC_SENSOR, 1, last)); /* freed by the close */
-    apc_store_close(second);
+    ok(third, apc_store_claim(third, APC_SENSOR, 1, last)); /* freed by the close */
+    apc_store_close(third);
 }
 
 static void test_put_takes_the_next_seq(void **state)
@@ -1357,6 +1360,26 @@ static int stop_bin(void *ctx, const struct apc_history_bin *bin)
         }                                                                                                    \
     } while (0)
 
+static void test_an_empty_store_is_empty_and_no_error(void **state)
+{
+    struct apc_store *store = *state;
+    const struct apc_retention keep = {.size = sizeof keep, .samples = 1, .events = 1, .timing = 1};
+    struct apc_sample s[1];
+    struct apc_tag tags[1];
+    int64_t last[1] = {7};
+    int n = 0;
+    assert_int_equal(apc_store_variables(store, s, 1), 0);
+    assert_int_equal(apc_store_history(store, APC_SENSOR, 1, NULL, stop_sample, NULL), 0);
+    assert_int_equal(apc_store_history_bins(store, APC_SENSOR, 1, 0, HOUR, 2, stop_bin, NULL), 0);
+    assert_int_equal(apc_store_get_tags(store, tags, 1), 0);
+    assert_int_equal(apc_store_events(store, NULL, count_event, &n), 0);
+    assert_int_equal(apc_store_timing(store, NULL, count_timing, &n), 0);
+    assert_int_equal(apc_store_maintain(store, &keep), 0);
+    assert_int_equal(apc_store_put_tags(store, NULL, 0), 0);
+    ok(store, apc_store_claim(store, APC_SENSOR, 1, last));
+    assert_int_equal(last[0], 0);
+}
+
 static void test_each_operation_is_counted(void **state)
 {
     struct apc_store *store = *state;
@@ -1476,6 +1499,7 @@ int main(void)
         T(test_samples_of_any_time_are_kept_before_and_after_maintenance),
         T(test_init_again_changes_nothing),
         T(test_counters_and_connected_tell_the_truth),
+        T(test_an_empty_store_is_empty_and_no_error),
         T(test_each_operation_is_counted),
         T(test_a_comma_locale_changes_no_value),
         T(test_options_of_a_newer_library_are_refused),
