@@ -74,16 +74,19 @@ static int make_schema(struct apc_pg *pg)
 
 /*
  * From here on as the owner of the tables, or of the schema that is to have them: what is made is then the
- * owner's whoever makes it, and a superuser lends his rights to nothing that the owner has put there.
+ * owner's, whoever makes it. The role is looked for with nothing but the server's own names in the
+ * search_path. (A superuser is not safe from an owner by that: what the owner keeps in the schema could take
+ * the role off again.)
  */
 static int enter_schema(struct apc_pg *pg)
 {
     char sql[SQL_MAX];
     snprintf(sql, sizeof sql,
-             "SET LOCAL search_path TO \"%s\", pg_temp; "
+             "SET LOCAL search_path TO pg_catalog, pg_temp; "
              "SELECT set_config('role', pg_get_userbyid(owner), true) FROM (SELECT coalesce((SELECT relowner "
              "FROM pg_class WHERE relnamespace = n.oid AND relname = 'migration'), nspowner) AS owner "
-             "FROM pg_namespace n WHERE nspname = '%s') AS o WHERE pg_has_role(owner, 'MEMBER')",
+             "FROM pg_namespace n WHERE nspname = '%s') AS o WHERE pg_has_role(owner, 'MEMBER'); "
+             "SET LOCAL search_path TO \"%s\", pg_temp",
              pg->schema, pg->schema);
     return command(pg, sql, NULL);
 }
