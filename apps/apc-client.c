@@ -2,7 +2,15 @@
 /*
  * apc-client: moves the newest actuator samples to the plant and the plant's measurements into the
  * shared data, once a period.
+ *
+ * The task talks to the plant and never to the store: that is a thread of its own, which the task asks for
+ * the newest u and waits for no longer than a part of the period. So a store that stalls, however long, does
+ * not keep a frame from the plant: meanwhile the last known u goes on being sent, and the core stops it when
+ * it is too old. What the plant answers is queued for that thread. Between the two there is one mutex, of
+ * which nobody does anything that could wait.
  */
+#include <pthread.h>
+#include <semaphore.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -11,6 +19,10 @@
 #include "common/cores.h"
 #include "common/daemon.h"
 #include "common/recorder.h"
+#include "common/watch.h"
+
+#define QUEUED         (10 * APC_NS_PER_S) /* of measurements, for a store that takes its time */
+#define STORE_PRIORITY 79                  /* the task's is 80 */
 
 struct own_options {
     const char *link;
@@ -42,28 +54,50 @@ static const struct program program = {
 
 struct shell {
     struct daemon *d;
-    struct apc_store *store;
     struct apc_link *link;
     struct apc_client *core;
     apc_ns patience; /* for one exchange */
+    apc_ns budget;   /* for the store's answer */
     size_t frame_max;
     char *request;
-    struct apc_sample *u, *read; /* newest known; scratch */
-    bool know_u;                 /* u was read once */
-    struct apc_sample *y;        /* [ny] of this tick */
-    uint64_t lost;
-    bool link_up, store_up;
+    struct apc_sample *u; /* newest known, the task's */
+    bool know_u;
+    struct apc_sample *y; /* [ny] of this tick */
+    struct state_watch link_state;
     struct apc_histogram *round_trip;
     _Atomic uint64_t failed; /* exchanges */
+
+    pthread_mutex_t mutex; /* of all up to the next gap */
+    pthread_cond_t answer;
+    uint64_t asked, answered;  /* for u */
+    struct apc_sample *newest; /* u */
+    bool have_u;
+    struct apc_sample *queue; /* ring: y that the store has not been given yet */
+    size_t room, first, count;
+    uint64_t dropped; /* y for which there was no room */
+    int result;       /* of the store, that ends the daemon; or 0 */
+    bool closing;
+
+    sem_t work;
+    pthread_t thread; /* the store's; it alone has what follows */
+    bool running;
+    struct apc_store *store;
+    struct apc_sample *read, *batch;
+    uint64_t lost;
+    struct state_watch store_state;
 };
 
-/* Say a change of state once, not every tick. */
-static void report(struct shell *s, bool *state, bool up, const char *kind, const char *what, const char *why)
+static void report(struct shell *s, struct state_watch *state, bool up, const char *kind, const char *what,
+                   const char *why)
 {
-    if (*state != up)
+    enum change change = state_watch_look(state, up, apc_clock_mono(NULL));
+    if (change == CHANGE_ONE)
         daemon_event(s->d, up ? APC_EVENT_INFO : APC_EVENT_WARNING, kind, "%s %s%s%s", what,
                      up ? "connected" : "lost, trying again", *why ? ": " : "", why);
-    *state = up;
+    else if (change == CHANGE_MANY)
+        daemon_event(s->d, APC_EVENT_WARNING, kind,
+                     "%s came and went %u more times in the last minute; now %s", what, state->count,
+                     up ? "connected" : "lost");
 }
 
 /* Returns how many measurements came. */
@@ -81,36 +115,27 @@ static size_t exchange(struct shell *s, const struct apc_tick *tick, const struc
     n = apc_link_exchange(s->link, s->request, (size_t)n, &reply, sent + s->patience);
     if (n < 0) {
         atomic_fetch_add(&s->failed, 1);
-        report(s, &s->link_up, false, "link", "plant", apc_link_error(s->link));
+        report(s, &s->link_state, false, "link", "plant", apc_link_error(s->link));
         return 0;
     }
     apc_histogram_record(s->round_trip, apc_clock_mono(NULL) - sent);
     n = apc_client_reply(s->core, reply, (size_t)n, s->y);
     if (n < 0) {
         atomic_fetch_add(&s->failed, 1);
-        report(s, &s->link_up, false, "link", "plant", "its reply does not answer the request");
+        report(s, &s->link_state, false, "link", "plant", "its reply does not answer the request");
         apc_link_reset(s->link);
         return 0;
     }
-    report(s, &s->link_up, true, "link", "plant", "");
+    report(s, &s->link_state, true, "link", "plant", "");
     return (size_t)n;
 }
 
-static int read_u(struct shell *s)
-{
-    size_t nu = s->d->experiment.dim.nu;
-    int rc = apc_store_read(s->store, s->read, nu);
-    if (rc >= 0) {
-        memcpy(s->u, s->read, nu * sizeof *s->u);
-        s->know_u = true;
-    }
-    return rc;
-}
+/* ---- The store's thread -------------------------------------------------------------------- */
 
 /* The store, or else the spool, takes them, or they are lost: a measurement belongs to its instant. */
 static int append(struct shell *s, size_t n)
 {
-    int rc = apc_store_append(s->store, s->y, n);
+    int rc = apc_store_append(s->store, s->batch, n);
     if (rc == APC_EBUSY || rc == APC_ECONFLICT || rc == APC_ESCHEMA) /* the end, which says why */
         return rc;
     if (rc < 0) {
@@ -127,62 +152,192 @@ static int append(struct shell *s, size_t n)
     return (size_t)rc == n ? 0 : APC_ECONFLICT; /* none was sent before: those there are somebody else's */
 }
 
-/*
- * The exchange never waits for a store that is away: connecting comes after it, since looking up the store's
- * name may take its time. Meanwhile the last known u goes on being sent; the core stops it when it is too
- * old.
- */
+static int read_u(struct shell *s)
+{
+    const size_t nu = s->d->experiment.dim.nu;
+    pthread_mutex_lock(&s->mutex);
+    const uint64_t asked = s->asked;
+    bool ask = asked != s->answered;
+    pthread_mutex_unlock(&s->mutex);
+    if (!ask)
+        return 0;
+    bool connected = apc_store_connected(s->store);
+    int rc = connected ? apc_store_read(s->store, s->read, nu) : apc_store_connect(s->store);
+    pthread_mutex_lock(&s->mutex);
+    if (rc >= 0 && connected) {
+        memcpy(s->newest, s->read, nu * sizeof *s->newest);
+        s->have_u = true;
+    }
+    s->answered = asked;
+    pthread_cond_signal(&s->answer);
+    pthread_mutex_unlock(&s->mutex);
+    return rc;
+}
+
+static int write_y(struct shell *s)
+{
+    pthread_mutex_lock(&s->mutex);
+    const size_t n = s->count;
+    for (size_t i = 0; i < n; i++)
+        s->batch[i] = s->queue[(s->first + i) % s->room];
+    s->first = (s->first + n) % s->room;
+    s->count = 0;
+    s->lost += s->dropped;
+    s->dropped = 0;
+    pthread_mutex_unlock(&s->mutex);
+    return n > 0 ? append(s, n) : 0;
+}
+
+static bool more(struct shell *s)
+{
+    pthread_mutex_lock(&s->mutex);
+    bool is = !s->closing || s->count > 0;
+    pthread_mutex_unlock(&s->mutex);
+    return is;
+}
+
+static void *serve_store(void *arg)
+{
+    struct shell *s = arg;
+    const struct sched_param param = {.sched_priority = STORE_PRIORITY};
+
+    pthread_setname_np(pthread_self(), "store");
+    pthread_setschedparam(pthread_self(), SCHED_FIFO, &param); /* where the task may, it waits for no less */
+    while (more(s)) {
+        while (sem_wait(&s->work) < 0)
+            ;
+        int rc = read_u(s), wrote = write_y(s);
+        bool up = rc >= 0 && wrote >= 0 && apc_store_connected(s->store);
+        report(s, &s->store_state, up, "store", "store", up ? "" : apc_store_error(s->store));
+        daemon_spool(s->d, s->store);
+        rc = daemon_fatal(s->d, s->store, wrote < 0 ? wrote : rc);
+        pthread_mutex_lock(&s->mutex);
+        s->result = rc;
+        pthread_mutex_unlock(&s->mutex);
+        if (rc != 0)
+            break;
+    }
+    return NULL;
+}
+
+/* ---- The task ------------------------------------------------------------------------------ */
+
+/* Ask for the newest u, and wait for it unless the one before is still being waited for: the store stalls
+ * then. */
+static int ask_u(struct shell *s)
+{
+    const apc_ns until = apc_clock_mono(NULL) + s->budget;
+    const struct timespec t = {until / APC_NS_PER_S, until % APC_NS_PER_S};
+    int late = 0;
+
+    pthread_mutex_lock(&s->mutex);
+    bool stalls = s->asked != s->answered;
+    s->asked++;
+    sem_post(&s->work);
+    while (!stalls && s->asked != s->answered && s->result == 0 && late == 0)
+        late = pthread_cond_clockwait(&s->answer, &s->mutex, CLOCK_MONOTONIC, &t);
+    if (s->have_u)
+        memcpy(s->u, s->newest, s->d->experiment.dim.nu * sizeof *s->u);
+    s->know_u = s->have_u;
+    int result = s->result;
+    pthread_mutex_unlock(&s->mutex);
+    return result;
+}
+
+static void queue_y(struct shell *s, size_t n)
+{
+    pthread_mutex_lock(&s->mutex);
+    if (n > s->room - s->count)
+        s->dropped += n;
+    else
+        for (size_t i = 0; i < n; i++)
+            s->queue[(s->first + s->count++) % s->room] = s->y[i];
+    sem_post(&s->work);
+    pthread_mutex_unlock(&s->mutex);
+}
+
 static int on_tick(void *ctx, const struct apc_tick *tick)
 {
     struct shell *s = ctx;
-    bool connected = apc_store_connected(s->store);
-    int rc = connected ? read_u(s) : 0;
+    int rc = ask_u(s);
     size_t n = exchange(s, tick, s->know_u ? s->u : NULL);
-    if (!connected)
-        rc = apc_store_connect(s->store);
-    int wrote = n > 0 ? append(s, n) : 0;
-    bool up = rc >= 0 && wrote >= 0 && apc_store_connected(s->store);
-    report(s, &s->store_up, up, "store", "store", up ? "" : apc_store_error(s->store));
-    daemon_spool(s->d, s->store);
-    return daemon_fatal(s->d, s->store, wrote < 0 ? wrote : rc);
+    if (n > 0)
+        queue_y(s, n);
+    return rc;
 }
 
-/* A store that hangs must not keep the link from its frames: one wait of this and an exchange stay well
- * within the plant's three periods. Connecting takes some tens of milliseconds, so no less than that. */
-static apc_ns store_timeout(apc_ns period)
+/* ---- Set-up -------------------------------------------------------------------------------- */
+
+static int start_store(struct shell *s, int64_t *last)
 {
-    const apc_ns least = 250 * APC_NS_PER_MS, most = 2 * APC_NS_PER_S;
-    return period < least ? least : period > most ? most : period;
+    int rc = daemon_store(s->d, &s->store, APC_SENSOR, s->d->experiment.dim.ny, last);
+    if (rc != 0)
+        return rc;
+    if (pthread_create(&s->thread, NULL, serve_store, s))
+        return daemon_error(s->d, APC_ESYS, "the store's thread could not be started");
+    s->running = true;
+    return 0;
+}
+
+static void stop_store(struct shell *s)
+{
+    if (s->running) {
+        pthread_mutex_lock(&s->mutex);
+        s->closing = true;
+        pthread_mutex_unlock(&s->mutex);
+        sem_post(&s->work);
+        pthread_join(s->thread, NULL);
+    }
+    apc_store_close(s->store);
+}
+
+static int allocate(struct shell *s)
+{
+    const struct experiment *e = &s->d->experiment;
+    const size_t ticks = (size_t)(QUEUED / e->client.rhythm.period) + 2;
+
+    s->room = ticks * e->dim.ny;
+    s->request = calloc(1, s->frame_max);
+    s->u = calloc(e->dim.nu, sizeof *s->u);
+    s->newest = calloc(e->dim.nu, sizeof *s->newest);
+    s->read = calloc(e->dim.nu, sizeof *s->read);
+    s->y = calloc(e->dim.ny, sizeof *s->y);
+    s->queue = calloc(s->room, sizeof *s->queue);
+    s->batch = calloc(s->room, sizeof *s->batch);
+    if (!s->request || !s->u || !s->newest || !s->read || !s->y || !s->queue || !s->batch)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < e->dim.nu; i++)
+        s->read[i] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)i + 1};
+    return apc_histogram_create(&s->round_trip);
+}
+
+static int open_link(struct shell *s, const struct own_options *own)
+{
+    const struct apc_link_options options = {.size = sizeof options, .frame_max = s->frame_max};
+    struct apc_error why;
+    int rc = apc_link_create(&s->link, own->link ? own->link : s->d->experiment.client.link, &options, &why);
+    return rc < 0 ? daemon_error(s->d, rc, "%s", why.text) : 0;
 }
 
 static int open_shell(struct shell *s, const struct own_options *own)
 {
     const struct experiment *e = &s->d->experiment;
-    const apc_ns period = e->client.rhythm.period;
     struct apc_error why;
     int64_t *last = calloc(e->dim.ny, sizeof *last);
 
     s->patience = cores_patience(e);
+    s->budget = s->patience / 2;
     s->frame_max = cores_frame_max(e);
-    s->request = calloc(1, s->frame_max);
-    s->u = calloc(e->dim.nu, sizeof *s->u);
-    s->read = calloc(e->dim.nu, sizeof *s->read);
-    s->y = calloc(e->dim.ny, sizeof *s->y);
-    int rc =
-        s->request && s->u && s->read && s->y && last ? apc_histogram_create(&s->round_trip) : APC_ENOMEM;
-    if (rc == 0)
-        recorder_measure(s->d->recorder, TASK_EXCHANGE, s->round_trip, &s->failed);
-    for (size_t i = 0; i < e->dim.nu && rc == 0; i++)
-        s->read[i] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)i + 1};
-    s->d->store_timeout = store_timeout(period);
-    if (rc == 0)
-        rc = daemon_store(s->d, &s->store, APC_SENSOR, e->dim.ny, last);
+    s->d->store_pause = e->controller.rhythm.period;
+    int rc = last ? allocate(s) : APC_ENOMEM;
+    if (rc < 0)
+        daemon_error(s->d, rc, "%s", apc_err_text(rc));
     if (rc == 0) {
-        const struct apc_link_options options = {.size = sizeof options, .frame_max = s->frame_max};
-        rc = apc_link_create(&s->link, own->link ? own->link : e->client.link, &options, &why);
-        if (rc < 0)
-            daemon_error(s->d, rc, "%s", why.text);
+        recorder_measure(s->d->recorder, TASK_EXCHANGE, s->round_trip, &s->failed);
+        rc = open_link(s, own);
     }
+    if (rc == 0)
+        rc = start_store(s, last);
     if (rc == 0 && (rc = cores_client(e, last, s->d->start, &s->core, &why)) < 0)
         daemon_error(s->d, rc, "%s", why.text);
     free(last);
@@ -191,22 +346,32 @@ static int open_shell(struct shell *s, const struct own_options *own)
 
 static void close_shell(struct shell *s)
 {
+    stop_store(s);
     apc_client_destroy(s->core);
     apc_link_destroy(s->link);
-    apc_store_close(s->store);
     apc_histogram_destroy(s->round_trip);
     free(s->request);
     free(s->u);
+    free(s->newest);
     free(s->read);
     free(s->y);
+    free(s->queue);
+    free(s->batch);
+    sem_destroy(&s->work);
+    pthread_cond_destroy(&s->answer);
+    pthread_mutex_destroy(&s->mutex);
 }
 
 int main(int argc, char **argv)
 {
     struct daemon d;
     struct own_options own = {0};
-    struct shell s = {.d = &d, .store_up = true, .link_up = true};
-    int rc = daemon_open(&d, &program, &own, argc, argv);
+    struct shell s = {.d = &d, .store_state = {.up = true}, .link_state = {.up = true}};
+    int rc = apc_mutex_init(&s.mutex);
+    pthread_cond_init(&s.answer, NULL);
+    sem_init(&s.work, 0, 0);
+    if (rc == 0)
+        rc = daemon_open(&d, &program, &own, argc, argv);
     if (rc == 0)
         rc = open_shell(&s, &own);
     if (rc == 0)

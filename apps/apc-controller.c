@@ -111,6 +111,7 @@ static int open_shell(struct shell *s)
     }
     apc_controller_inputs(s->core, s->in);
     s->d->store_timeout = daemon_timeout(s->d->experiment.controller.rhythm.period);
+    s->d->store_pause = s->d->experiment.controller.rhythm.period;
     rc = daemon_store(s->d, &s->store, APC_ACTUATOR, nu, last);
     if (rc == 0)
         rc = resume(s, last);

@@ -170,9 +170,11 @@ static int open_executive(struct daemon *d)
 }
 
 /* @spool: what is added to the program's name for the spool's; NULL: none. */
-static int open_store(struct daemon *d, struct apc_store **store, apc_ns timeout, const char *spool)
+static int open_store(struct daemon *d, struct apc_store **store, apc_ns timeout, apc_ns pause,
+                      const char *spool)
 {
-    struct apc_store_options options = {.size = sizeof options, .name = d->program->name, .timeout = timeout};
+    struct apc_store_options options = {
+        .size = sizeof options, .name = d->program->name, .timeout = timeout, .backoff_max = pause};
     struct apc_error why;
     char path[512];
     const char *dir = spool ? or_environment(d->options.spool, "APC_SPOOL") : NULL;
@@ -208,7 +210,7 @@ int daemon_open(struct daemon *d, const struct program *program, void *own, int 
     if ((rc = open_log(d)) < 0 || (rc = load(d)) < 0 || (rc = open_executive(d)) < 0)
         return rc;
     d->has_store = !program->store_optional || or_environment(d->options.store, "APC_STORE");
-    if (d->has_store && (rc = open_store(d, &records, 0, "-events")) < 0)
+    if (d->has_store && (rc = open_store(d, &records, 0, 0, "-events")) < 0)
         return rc;
     rc = recorder_create(&d->recorder, records, program->task);
     return rc < 0 ? daemon_error(d, rc, "%s", apc_err_text(rc)) : 0;
@@ -242,7 +244,11 @@ int daemon_store(struct daemon *d, struct apc_store **store, enum apc_table tabl
 {
     apc_ns give_up = apc_clock_mono(NULL) + TAKEOVER;
     bool slow = false;
-    int rc = open_store(d, store, d->store_timeout, d->program->spools ? "" : NULL);
+    if (d->store_pause) /* not often, nor longer than the loop can stand */
+        d->store_pause = d->store_pause < 100 * APC_NS_PER_MS ? 100 * APC_NS_PER_MS
+                         : d->store_pause > 5 * APC_NS_PER_S  ? 5 * APC_NS_PER_S
+                                                              : d->store_pause;
+    int rc = open_store(d, store, d->store_timeout, d->store_pause, d->program->spools ? "" : NULL);
 
     if (rc < 0)
         return rc;

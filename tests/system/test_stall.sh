@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# A store that stalls keeps no frame from the plant: what the plant misses then is new commands, never frames.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+fast_experiment
+export APC_CONFIG=$work/fast.conf APC_SPOOL=$work/spool
+"$apc" init "$work/fast.conf" >/dev/null
+
+count() { grep -c "$1" "$work/$2" || true; }
+more() { [ "$(count "$1" "$2")" -gt "$3" ]; }
+rows() { sql "SELECT count(*) FROM apc.$1"; }
+more_rows() { [ "$(rows "$1")" -gt "$2" ]; }
+
+background apc-plant "$APC_BIN/apc-plant" # without the database: it tells in its log
+for program in apc-client apc-controller apc-scheduler; do
+  background $program "$APC_BIN/$program"
+done
+until_true 30 more 'plant takes commands' apc-plant.log 0
+until_true 30 more_rows sensor 20
+
+# The database's process for the client stands still while the controller makes twenty commands, which takes much
+# longer than the plant waits for a frame, or for a new command. True: the plant missed the latter, never the former.
+stalled_in_peace() {
+  local n frames commands taken pids
+  frames=$(count 'no command frame' apc-plant.log) commands=$(count 'no new command' apc-plant.log)
+  taken=$(count 'plant takes commands' apc-plant.log)
+  pids=$(sql "SELECT pid FROM pg_stat_activity WHERE application_name = 'apc-client' AND datname = current_database()")
+  n=$(rows actuator)
+  # shellcheck disable=SC2086
+  kill -STOP $pids
+  until_true 60 more_rows actuator $((n + 20))
+  # shellcheck disable=SC2086
+  kill -CONT $pids
+  n=$(count 'no command frame' apc-plant.log)
+  until_true 30 more 'plant takes commands' apc-plant.log "$taken"
+  [ "$n" = "$frames" ] && [ "$(count 'no new command' apc-plant.log)" -gt "$commands" ]
+}
+attempts=0
+until stalled_in_peace; do # a machine that stalls as well may keep a frame
+  attempts=$((attempts + 1))
+  [ $attempts -lt 5 ] || fail "the client sent the plant no frames while its store stalled: $(tail -n 3 "$work/apc-plant.log")"
+done
+n=$(rows sensor)
+until_true 30 more_rows sensor $((n + 20))
+[ "$(sql 'SELECT max(seq) - count(*) FROM apc.sensor WHERE id = 1')" = 0 ] || fail "the sensor's seq has gaps"
+[ "$(sql 'SELECT count(*) - count(DISTINCT time) FROM apc.sensor WHERE id = 1')" = 0 ] || fail "a measurement stands twice"
