@@ -76,6 +76,20 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
     return 0;
 }
 
+/* Who they are only the server knows. */
+static void tell_of_rivals(struct shell *s, uint64_t refused)
+{
+    char one[APC_PEER_LEN], other[APC_PEER_LEN];
+    pthread_mutex_lock(&s->mutex);
+    const uint64_t commander = apc_plantserver_commander(s->core);
+    pthread_mutex_unlock(&s->mutex);
+    daemon_event(
+        s->d, APC_EVENT_ALARM, "rejected",
+        "two clients command the plant and take it from each other: %.60s (now) and %.60s (now refused); "
+        "stop one",
+        apc_server_peer(s->server, commander, one), apc_server_peer(s->server, refused, other));
+}
+
 static int on_request(void *ctx, uint64_t connection, const char *request, size_t length, char *reply,
                       size_t size)
 {
@@ -86,7 +100,10 @@ static int on_request(void *ctx, uint64_t connection, const char *request, size_
     pthread_mutex_lock(&s->mutex);
     int rc = apc_plantserver_request(s->core, now, connection, request, length, reply, size, &notice);
     pthread_mutex_unlock(&s->mutex);
-    daemon_notice(s->d, &notice);
+    if (notice.kind == APC_NOTICE_RIVALS)
+        tell_of_rivals(s, connection);
+    else
+        daemon_notice(s->d, &notice);
     return rc;
 }
 

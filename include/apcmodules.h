@@ -37,7 +37,8 @@ struct apc_notice {
         APC_NOTICE_RECOVERED, /**< measurement good again, after any of these three */
         APC_NOTICE_TRIP,      /**< the plant's watchdog went to the safe value */
         APC_NOTICE_RESUMED,   /**< the plant takes commands again */
-        APC_NOTICE_REJECTED   /**< a value that must not reach the plant was kept out */
+        APC_NOTICE_REJECTED,  /**< a value that must not reach the plant was kept out */
+        APC_NOTICE_RIVALS     /**< two clients command the plant and take it from each other */
     } kind;
     char text[160];
 };
@@ -146,6 +147,8 @@ APC_API int apc_plantserver_tick(struct apc_plantserver *server, struct apc_now 
 APC_API int apc_plantserver_request(struct apc_plantserver *server, struct apc_now now, uint64_t connection,
                                     const char *request, size_t length, char *reply, size_t size,
                                     struct apc_notice *notice);
+/** The newest connection that sent a command; 0: none yet. [any] */
+APC_API uint64_t apc_plantserver_commander(const struct apc_plantserver *server);
 /** What the plant is being given now: [nu]; true when it is the safe value. [tick] */
 APC_API bool apc_plantserver_input(const struct apc_plantserver *server, double *u);
 /** What the plant itself put out at the last tick at which it could be solved, before sensors made of it what

@@ -166,6 +166,10 @@ APC_API int apc_server_create(struct apc_server **server, const char *uri,
                               struct apc_error *why);
 /** Close every connection and end the thread; fn is not called after this returns. NULL is legal. [setup] */
 APC_API void apc_server_destroy(struct apc_server *server);
+#define APC_PEER_LEN 80
+/** The address of a connection's other end, "127.0.0.1:40000"; "closed" when it is. Only from within fn, for
+ * whatever connection. Returns @p text. [tick] */
+APC_API char *apc_server_peer(const struct apc_server *server, uint64_t connection, char text[APC_PEER_LEN]);
 /** Where it listens; APC_EINVAL for NULL. [any] */
 APC_API int apc_server_port(const struct apc_server *server);
 APC_API void apc_server_stats(const struct apc_server *server, struct apc_server_stats *stats); /**< [any] */

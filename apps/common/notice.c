@@ -17,6 +17,7 @@ void notice_event(const struct apc_notice *notice, struct apc_event *event)
         [APC_NOTICE_TRIP] = {APC_EVENT_ALARM, "watchdog"},
         [APC_NOTICE_RESUMED] = {APC_EVENT_INFO, "watchdog"},
         [APC_NOTICE_REJECTED] = {APC_EVENT_WARNING, "rejected"},
+        [APC_NOTICE_RIVALS] = {APC_EVENT_ALARM, "rejected"},
     };
     event->severity = of[notice->kind].severity;
     snprintf(event->kind, sizeof event->kind, "%s", of[notice->kind].kind);

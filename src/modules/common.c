@@ -12,6 +12,7 @@ static int gravity(enum apc_notice_kind kind)
     case APC_NOTICE_TRIP:
     case APC_NOTICE_FAULT:
     case APC_NOTICE_FAILED:
+    case APC_NOTICE_RIVALS:
         return 4;
     case APC_NOTICE_REJECTED:
     case APC_NOTICE_HOLD:

@@ -278,7 +278,7 @@ static void tell_of_rivals(struct apc_plantserver *s, apc_ns mono, struct apc_no
         return;
     s->told_at = mono;
     s->rivals =
-        apc_note(notice, APC_NOTICE_REJECTED,
+        apc_note(notice, APC_NOTICE_RIVALS,
                  "command refused: another client has begun to command since; two at once take the plant "
                  "from each other: stop one");
 }
@@ -427,6 +427,11 @@ int apc_plantserver_request(struct apc_plantserver *server, struct apc_now now, 
 const double *apc_plantserver_output(const struct apc_plantserver *server)
 {
     return server->output;
+}
+
+uint64_t apc_plantserver_commander(const struct apc_plantserver *server)
+{
+    return server->connection;
 }
 
 bool apc_plantserver_input(const struct apc_plantserver *server, double *u)

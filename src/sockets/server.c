@@ -31,6 +31,7 @@
 #include <pthread.h>
 #include <signal.h>
 #include <stdatomic.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
@@ -499,6 +500,17 @@ void apc_server_destroy(struct apc_server *s)
     (void)eventfd_write(s->wake, 1);
     pthread_join(s->thread, NULL);
     release(s);
+}
+
+char *apc_server_peer(const struct apc_server *server, uint64_t connection, char text[APC_PEER_LEN])
+{
+    for (unsigned i = 0; i < server->options.connections; i++) {
+        const struct connection *c = &server->connections[i];
+        if (c->fd >= 0 && c->id == connection)
+            return apc_endpoint_format(&c->peer, text);
+    }
+    snprintf(text, APC_PEER_LEN, "closed");
+    return text;
 }
 
 int apc_server_port(const struct apc_server *s)

@@ -28,7 +28,7 @@ struct apc_hostport {
     bool numeric; /* the host is an address: no resolver is ever asked */
 };
 
-#define APC_ENDPOINT_TEXT 80
+#define APC_ENDPOINT_TEXT APC_PEER_LEN
 /** "127.0.0.1:43051", "[::1]:43051". Returns @p text. [tick] */
 char *apc_endpoint_format(const struct apc_endpoint *endpoint, char text[APC_ENDPOINT_TEXT]);
 int apc_endpoint_port(const struct apc_endpoint *endpoint);

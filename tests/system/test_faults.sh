@@ -112,6 +112,23 @@ n=$(rows actuator)
 until_true 10 more_rows actuator "$n"
 near "$(sql "SELECT value FROM apc.actuator WHERE id = 1 AND seq = $n + 1")" "$before" 0.2 || fail "a bump at the change to Auto"
 
+# a second client that commands is named, with its address; the rightful one does not fill the log
+exec 4<>"/dev/tcp/127.0.0.1/$port"
+printf 'apc1 command 1 1;%s,Good,1;\n' "$(date -u +%FT%T.000000Z)" >&4
+until_true 10 events 'two clients command the plant%: 127.0.0.1:% (now) and 127.0.0.1:% (now refused)' 1
+exec 4>&-
+before=$(wc -l <"$work/apc-client.log")
+n=$(rows sensor)
+for _ in {1..40}; do # each takes the plant from the client, which takes it back by a new connection
+  exec 4<>"/dev/tcp/127.0.0.1/$port"
+  printf 'apc1 command 1 1;%s,Good,1;\n' "$(date -u +%FT%T.000000Z)" >&4
+  read -rt 1 -u 4 _ || true
+  n=$((n + 1))
+  until_true 10 more_rows sensor "$n"
+  exec 4>&-
+done
+[ $(($(wc -l <"$work/apc-client.log") - before)) -le 12 ] || fail "the client logged $(($(wc -l <"$work/apc-client.log") - before)) lines about 40 losses of its link"
+
 # SIGTERM ends a daemon with 0
 kill -TERM "$client"
 wait "$client" || fail "apc-client ended with $? on SIGTERM"

@@ -454,19 +454,20 @@ static void the_newest_connection_that_commanded_wins(void **state)
     assert_true(send(r, 2, 1, APC_FRAME_COMMAND, STAMP(2), 1.1) > 0);
     assert_true(send(r, 3, 2, APC_FRAME_COMMAND, STAMP(3), 1.2) > 0);
     assert_int_equal(send(r, 4, 1, APC_FRAME_COMMAND, STAMP(4), 1.3), APC_EPERM);
-    assert_int_not_equal(r->notice.kind, APC_NOTICE_REJECTED); /* late, from before a reconnect */
+    assert_int_not_equal(r->notice.kind, APC_NOTICE_RIVALS); /* late, from before a reconnect */
     r->later++;
     assert_int_equal(send(r, 4, 1, APC_FRAME_COMMAND, STAMP(4), 1.3), APC_EPERM);
-    assert_int_equal(r->notice.kind, APC_NOTICE_REJECTED);
+    assert_int_equal(r->notice.kind, APC_NOTICE_RIVALS);
     assert_non_null(strstr(r->notice.text, "another client"));
+    assert_int_equal(apc_plantserver_commander(r->server), 2);
     assert_true(send(r, 5, 1, APC_FRAME_QUERY, 0, 0.0) > 0);
     tick(r, 6);
     assert_input(r, 1.2, false);
     const apc_ns minute = 60 * APC_NS_PER_S;
     assert_int_equal(send(r, 3 + minute, 1, APC_FRAME_COMMAND, STAMP(5), 1.3), APC_EPERM);
-    assert_int_not_equal(r->notice.kind, APC_NOTICE_REJECTED); /* told of already */
+    assert_int_not_equal(r->notice.kind, APC_NOTICE_RIVALS); /* told of already */
     assert_int_equal(send(r, 4 + minute, 1, APC_FRAME_COMMAND, STAMP(6), 1.3), APC_EPERM);
-    assert_int_equal(r->notice.kind, APC_NOTICE_REJECTED);
+    assert_int_equal(r->notice.kind, APC_NOTICE_RIVALS);
 }
 
 static int broken_f(double t, const double *x, const double *u, const double *p, double *dx)
