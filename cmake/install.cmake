@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# cmake --install: headers, both libraries, programs, the experiments, apc.pc, apc-static.pc and the CMake package.
+# cmake --install: headers, both libraries, programs, the experiments, apc.pc, apc-static.pc and the CMake package,
+# documents and examples.
 include(CMakePackageConfigHelpers)
 set(APC_CMAKE_DIR ${CMAKE_INSTALL_LIBDIR}/cmake/apc)
 
@@ -12,7 +13,21 @@ if(APC_PAGE)
   install(DIRECTORY ${APC_PAGE}/ DESTINATION ${CMAKE_INSTALL_DATADIR}/apc/ui)
 endif()
 install(DIRECTORY sql DESTINATION ${CMAKE_INSTALL_DATADIR}/apc)
-install(FILES LICENSE README.md TYPE DOC)
+install(FILES LICENSE TYPE DOC)
+
+# Documents: with links among themselves and to the examples; what is in the sources only is named without a link.
+file(GLOB documents CONFIGURE_DEPENDS RELATIVE ${PROJECT_SOURCE_DIR} docs/*.md)
+foreach(document README.md ${documents})
+  set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${document})
+  file(READ ${document} text)
+  string(REGEX REPLACE "\\[([^]]+)\\]\\((\\.\\./)?(src|apps|ui|bench|scripts|tests|include|sql|experiments|cmake|sources|LICENSE|README)[^)]*\\)"
+                       "\\1" text "${text}")
+  file(WRITE ${PROJECT_BINARY_DIR}/install/${document} "${text}")
+endforeach()
+install(FILES ${PROJECT_BINARY_DIR}/install/README.md TYPE DOC)
+install(DIRECTORY ${PROJECT_BINARY_DIR}/install/docs TYPE DOC FILES_MATCHING PATTERN "*.md")
+install(DIRECTORY docs TYPE DOC PATTERN "*.md" EXCLUDE)
+install(DIRECTORY examples TYPE DOC)
 
 # The static library is a package component of its own: it needs SUNDIALS where the shared one does not.
 install(EXPORT apcTargets NAMESPACE apc:: DESTINATION ${APC_CMAKE_DIR})

@@ -73,3 +73,19 @@ while read -r name; do
   grep -qw "$name" "$prefix"/include/*.h || fail "$name is exported and in no header"
 done < <(grep -v APC_0 "$work/exported")
 expect 0 'libapc\) 0' "$prefix/bin/apc" --version
+
+# No document points at what is not there, and the examples build from where they were installed.
+doc=$(dirname "$(find "$prefix" -name README.md -path '*/doc/*' -not -path '*/examples/*')")
+while IFS=: read -r file link; do
+  case $link in http*) continue ;; esac
+  [ -e "$(dirname "$file")/${link%%#*}" ] || fail "$file points at $link, which is not installed"
+done < <(grep -oHE '\]\([^)# ]+' "$doc/README.md" "$doc"/docs/*.md | sed 's/\](//')
+[ "$(grep -c '](docs/' "$doc/README.md")" -gt 10 ] || fail "the installed README has lost its links"
+unlinked() { sed -zE 's/\[([^]]*)\]\([^)]*\)/\1/g'; }
+for text in README.md docs/experiment-file.md; do
+  diff <(unlinked <"$APC_SOURCE_DIR/$text") <(unlinked <"$doc/$text") >"$work/differs" ||
+    fail "$text was changed beyond its links: $(head -5 "$work/differs")"
+done
+# shellcheck disable=SC2046
+cc -shared -fPIC $(pkg-config --cflags apc) -o "$work/mylaw.so" "$doc/examples/law/mylaw.c"
+expect 0 'sha256' "$prefix/bin/apc" simulate "$prefix/share/apc/first-order.conf" --law "$work/mylaw.so" --duration 10
