@@ -39,18 +39,21 @@ static const struct apc_param output[] = {
     {"h2", "cm", "level of tank 2", 0.0, 0.0, 0.0},
 };
 
+/* Out of a tank with so much in it. */
+static double flow(const double *p, double mass)
+{
+    return apc_outflow(p[OUTLET], p[GRAVITY], mass / (p[RHO] * p[A]));
+}
+
 static int f(double t, const double *x, const double *u, const double *p, double *dx)
 {
     const double f1 = fmax(u[0], 0.0), f2 = fmax(u[1], 0.0);
-    double q[4];
 
     (void)t;
-    for (int i = 0; i < 4; i++)
-        q[i] = apc_outflow(p[OUTLET], p[GRAVITY], x[i] / (p[RHO] * p[A]));
-    dx[0] = p[RHO] * (p[G1] * f1 + q[2] - q[0]);
-    dx[1] = p[RHO] * (p[G2] * f2 + q[3] - q[1]);
-    dx[2] = p[RHO] * ((1.0 - p[G2]) * f2 + fmax(u[2], 0.0) - q[2]);
-    dx[3] = p[RHO] * ((1.0 - p[G1]) * f1 + fmax(u[3], 0.0) - q[3]);
+    dx[0] = p[RHO] * (p[G1] * f1 + flow(p, x[2]) - flow(p, x[0]));
+    dx[1] = p[RHO] * (p[G2] * f2 + flow(p, x[3]) - flow(p, x[1]));
+    dx[2] = p[RHO] * ((1.0 - p[G2]) * f2 + fmax(u[2], 0.0) - flow(p, x[2]));
+    dx[3] = p[RHO] * ((1.0 - p[G1]) * f1 + fmax(u[3], 0.0) - flow(p, x[3]));
     return 0;
 }
 

@@ -187,7 +187,14 @@ static void pairs_are_made_at_will(void **state)
     assert_near(r.u[1], 0.0 - 20.0 - 300.0, 1e-9);
     assert_int_equal(configure(&r, dim, &bad, 1, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "inner"));
-    assert_int_equal(configure(&r, (struct apc_dim){1, 1, 1}, NULL, 0, &why), APC_EINVAL);
+    for (size_t i = 0; i < 3; i++) {
+        const struct apc_dim few[] = {{1, 1, 1}, {2, 1, 3}, {2, 0, 1}};
+        const struct apc_law_setup setup = {.dim = few[i], .Ts = 1.0};
+        struct apc_law_size size;
+
+        assert_int_equal(cascade->configure(&setup, &size, NULL, &why), APC_EINVAL);
+        assert_non_null(strstr(why.text, "an outer and an inner measurement and a setpoint for each output"));
+    }
     assert_int_equal(configure(&r, (struct apc_dim){3, 2, 2}, NULL, 0, &why), APC_EINVAL);
 }
 

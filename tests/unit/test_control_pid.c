@@ -465,6 +465,28 @@ static void after_a_gap_the_derivative_begins_anew(void **state)
         assert_near(tick(&r), 1.0, 1e-6);
 }
 
+/* Nor do the slopes of y and r that there were before it. */
+static void after_a_gap_nothing_is_left_of_the_slopes_before(void **state)
+{
+    struct rig r;
+
+    (void)state;
+    make(&r, 0.1);
+    r.tuning[TAU_I] = 1e9;
+    r.tuning[TAU_D] = 5.0;
+    r.tuning[C] = 0.5;
+    for (int k = 0; k < 5; k++) {
+        r.y[0] += 1.0;
+        r.z[0] += k % 2 ? 3.0 : 0.5;
+        tick(&r);
+    }
+    r.u[0] = 1.0;
+    r.c.gap = true;
+    pid->track(&r.c);
+    for (int k = 0; k < 10; k++)
+        assert_near(tick(&r), 1.0, 1e-6);
+}
+
 static void without_integral_a_bumpless_change_dies_out_with_tau_t(void **state)
 {
     struct rig r;
@@ -628,6 +650,7 @@ int main(void)
         cmocka_unit_test(a_limit_tuned_below_the_output_is_approached_at_the_rate_limit),
         cmocka_unit_test(after_track_it_gives_the_tracked_output),
         cmocka_unit_test(after_a_gap_the_derivative_begins_anew),
+        cmocka_unit_test(after_a_gap_nothing_is_left_of_the_slopes_before),
         cmocka_unit_test(without_integral_a_bumpless_change_dies_out_with_tau_t),
         cmocka_unit_test(without_integral_and_tau_t_a_bumpless_change_fades),
         cmocka_unit_test(a_change_of_gain_or_derivative_leaves_nothing_of_the_old_one),

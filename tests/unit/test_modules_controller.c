@@ -57,6 +57,8 @@ static const struct apc_sample *blind_tick(struct rig *r, const struct apc_sampl
     r->n = apc_controller_compute(r->controller, now, in, r->out, &r->notice);
     assert_in_range(r->n, 0, (int)apc_controller_size(r->controller).out);
     apc_controller_update(r->controller);
+    if (find(r, APC_STATE, 0)->seq)
+        r->in[WRITTEN] = *find(r, APC_STATE, 0);
     if (find(r, APC_OPMODE, 1)->seq)
         r->mode = *find(r, APC_OPMODE, 1);
     return find(r, APC_ACTUATOR, 1);
@@ -273,9 +275,11 @@ static void a_setpoint_outside_its_limits_is_refused_and_the_last_good_one_kept(
         assert_int_equal(find(r, APC_ACTUATOR, 1)->setpoint_seq, 2);
         assert_mode(r, APC_MODE_AUTO);
     }
-    set(r, Z, 10.0);
-    assert_near(measured_tick(r, 0.0)->value, 2.0, 1e-6);
-    assert_int_equal(find(r, APC_ACTUATOR, 1)->setpoint_seq, r->in[Z].seq);
+    for (double limit = -1e4; limit <= 1e4; limit += 2e4) { /* the limits themselves are within */
+        set(r, Z, limit);
+        assert_near(measured_tick(r, limit - 5.0)->value, 1.0, 1e-4);
+        assert_int_equal(find(r, APC_ACTUATOR, 1)->setpoint_seq, r->in[Z].seq);
+    }
 }
 
 static void where_there_was_no_good_setpoint_yet_a_wrong_one_starts_nothing(void **state)
@@ -366,12 +370,19 @@ static void with_no_good_tuning_in_the_store_it_has_the_experiments(void **state
     measured_tick(&r, -1.0);
     assert_near(measured_tick(&r, -2.0)->value, 0.5 + 0.5, 1e-6);
     apc_controller_destroy(r.controller);
-    for (int what = 0; what < 3; what++) {
-        const double wrong[][5] = {{0.6, 1, 0, 0, 1}, {0.1, 1, 0, 1, 0}, {0.1, 1, 0, 0, 1}};
+    for (int what = 0; what < 5; what++) {
+        static const double wrong[][5] = {
+            {0.6, 1, 0, 0, 1}, {0.1, 1, 0, 1, 0}, {0.1, 1, 0, 0, 1}, {0.1, 1, 0, 0, 1}, {0.1, 1, 0, 0, 1}};
 
         o.tuning = wrong[what];
+        if (what >= 2)
+            param[2] = apc_law_pi.tuning[2];
         if (what == 2)
             param[2].high = 1e10; /* wider than the law's */
+        if (what == 3)
+            param[2].low = -1e10;
+        if (what == 4)
+            param[2].low = param[2].high + 1.0;
         assert_int_equal(apc_controller_create(&r.controller, &o, &why), what == 1 ? APC_ERANGE : APC_EINVAL);
         assert_non_null(strstr(why.text, what == 0 ? "Kp" : what == 1 ? "u_min" : "u_bar"));
     }
@@ -773,7 +784,8 @@ static void after_a_restart_in_man_an_older_output_of_the_operator_stays_old(voi
     struct rig next;
     double u;
 
-    set(r, MANUAL, -0.9); /* long ago, in Auto */
+    measured_tick(r, 0.1);
+    set(r, MANUAL, -0.9); /* in this run, but in Auto */
     measured_tick(r, 0.2);
     u = measured_tick(r, 0.3)->value;
     make(&next, &apc_law_pi);
@@ -814,8 +826,6 @@ static void an_output_acts_when_it_was_written_whether_or_not_the_answer_came(vo
             measured_tick(told, 0.5);
             measured_tick(&lost, 0.5);
             measured_tick(&refused, 0.5);
-            lost.in[WRITTEN] = *find(&lost, APC_STATE, 0);
-            refused.in[WRITTEN] = *find(&refused, APC_STATE, 0);
         }
         measured_tick(told, 0.2);
         unanswered_tick(&lost, 0.2, true);

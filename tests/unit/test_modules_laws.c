@@ -423,6 +423,34 @@ static void an_output_names_the_rows_of_the_loop_that_the_law_pairs(void **state
     apc_controller_destroy(r.controller);
 }
 
+static void follow(struct apc_law_call *c)
+{
+    c->u[0] = c->y[0];
+}
+
+static void without_a_setpoint_an_output_names_none(void **state)
+{
+    static const struct apc_law law = {.abi = APC_LAW_ABI, .name = "follow", .compute = follow};
+    const struct apc_controller_options o = {
+        .size = sizeof(o), .law = &law, .dim = {1, 0, 1}, .period = PERIOD, .horizon = 2 * PERIOD};
+    const struct apc_now now = {.mono = PERIOD, .utc = T0 + PERIOD};
+    struct rig r = {.ny = 1};
+
+    (void)state;
+    assert_int_equal(apc_controller_create(&r.controller, &o, NULL), 0);
+    r.size = apc_controller_size(r.controller);
+    assert_in_range(r.size.in, 1, ROWS);
+    assert_in_range(r.size.out, 1, ROWS);
+    apc_controller_inputs(r.controller, r.in);
+    feed(&r, APC_SENSOR, 1, 3.0, 1);
+    feed(&r, APC_OPMODE, 0, APC_MODE_AUTO, 1);
+    r.n = apc_controller_compute(r.controller, now, r.in, r.out, NULL);
+    assert_near(given(&r, APC_ACTUATOR, 1)->value, 3.0, 0.0);
+    assert_int_equal(given(&r, APC_ACTUATOR, 1)->sensor_seq, 1);
+    assert_int_equal(given(&r, APC_ACTUATOR, 1)->setpoint_seq, 0);
+    apc_controller_destroy(r.controller);
+}
+
 static void a_law_that_makes_a_constant_which_is_no_number_is_refused(void **state)
 {
     static const struct apc_law law = {.abi = APC_LAW_ABI,
@@ -455,6 +483,7 @@ int main(void)
         cmocka_unit_test(it_begins_with_the_tuning_there_is),
         cmocka_unit_test(a_law_without_track_is_not_updated_in_man),
         cmocka_unit_test(an_output_names_the_rows_of_the_loop_that_the_law_pairs),
+        cmocka_unit_test(without_a_setpoint_an_output_names_none),
         cmocka_unit_test(a_law_that_makes_a_constant_which_is_no_number_is_refused),
     };
 

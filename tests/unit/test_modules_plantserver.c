@@ -180,6 +180,15 @@ static void without_any_command_it_goes_from_its_initial_input_to_the_safe_value
     assert_near(state_of(r), exact(exact(0.0, RUNNING, 1.6), SAFE, 0.2), CLOSE);
 }
 
+static void a_command_long_before_the_first_tick_has_expired_by_then(void **state)
+{
+    struct rig *r = *state;
+
+    command(r, 0, STAMP(1), 1.5);
+    tick(r, 20 * S);
+    assert_input(r, SAFE, true);
+}
+
 static void a_command_before_the_first_tick_is_better_than_the_initial_input(void **state)
 {
     struct rig *r = *state;
@@ -562,6 +571,8 @@ int main(void)
         cmocka_unit_test_setup_teardown(until_the_first_command_it_has_its_initial_input, set_up_running,
                                         tear_down),
         cmocka_unit_test_setup_teardown(without_any_command_it_goes_from_its_initial_input_to_the_safe_value,
+                                        set_up_running, tear_down),
+        cmocka_unit_test_setup_teardown(a_command_long_before_the_first_tick_has_expired_by_then,
                                         set_up_running, tear_down),
         cmocka_unit_test_setup_teardown(a_command_before_the_first_tick_is_better_than_the_initial_input,
                                         set_up_running, tear_down),
