@@ -21,8 +21,8 @@ int settings_fail(struct settings *s, const config_setting_t *at, const char *fm
     va_start(args, fmt);
     vsnprintf(text, sizeof text, fmt, args);
     va_end(args);
-    s->failed =
-        apc_fail(s->why, APC_EINVAL, "%s:%u: %s", s->file, at ? config_setting_source_line(at) : 1, text);
+    unsigned line = at ? config_setting_source_line(at) : 0; /* the root has none */
+    s->failed = apc_fail(s->why, APC_EINVAL, "%s:%u: %s", s->file, line ? line : 1, text);
     return s->failed;
 }
 
