@@ -7,5 +7,7 @@
 /* Put a locale with a decimal comma in force: an installed one, or one that localedef makes for the moment.
  * False, after saying so, when there is none to be had; then skip(). Back with setlocale(LC_ALL, "C"). */
 bool comma_locale(void);
+/* The same with a decimal point of two bytes, as Pashto has it. */
+bool wide_locale(void);
 
 #endif

@@ -9,8 +9,17 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
+
+static int short_writes; /* so many bytes at once and no more, where it is not 0 */
+
+ssize_t write(int fd, const void *data, size_t length)
+{
+    return syscall(SYS_write, fd, data,
+                   short_writes > 0 && length > (size_t)short_writes ? (size_t)short_writes : length);
+}
 
 static uint64_t next_random(uint64_t *state)
 {
@@ -27,8 +36,29 @@ static void every_error_has_a_name_and_a_text(void **state)
     assert_string_equal(apc_err_name(name), #name);                                                          \
     assert_string_equal(apc_err_text(name), text);
     APC_ERR_MAP(CHECK)
-    assert_string_equal(apc_err_name(3), "APC_OK");
+    for (int count = 0; count < 4; count++) {
+        assert_string_equal(apc_err_name(count), "APC_OK");
+        assert_string_equal(apc_err_text(count), "no error");
+    }
     assert_string_equal(apc_err_name(-1000), "APC_E?");
+    assert_string_equal(apc_err_text(-1000), "unknown error");
+}
+
+static void modes_and_levels_have_their_names_and_nothing_else_has(void **state)
+{
+    static const char *const levels[] = {"error", "warn", "info", "debug"};
+
+    (void)state;
+    assert_string_equal(apc_mode_name(APC_MODE_MAN), "Man");
+    assert_string_equal(apc_mode_name(APC_MODE_AUTO), "Auto");
+    assert_string_equal(apc_mode_name(APC_MODE_OOS), "OOS");
+    assert_null(apc_mode_name(APC_MODE_MAN - 1));
+    assert_null(apc_mode_name(APC_MODE_OOS + 1));
+    for (int level = 0; level < 4; level++)
+        assert_int_equal(apc_log_level_parse(levels[level]), APC_LOG_ERROR + level);
+    assert_int_equal(apc_log_level_parse("Info"), 0);
+    assert_int_equal(apc_log_level_parse(""), 0);
+    assert_int_equal(apc_log_level_parse(NULL), 0);
 }
 
 static void status_severity_is_the_top_two_bits(void **state)
@@ -49,6 +79,8 @@ static void status_text_goes_both_ways(void **state)
                                 APC_UNCERTAIN_SUBSTITUTE,
                                 APC_BAD_OUT_OF_SERVICE,
                                 0x12345678u,
+                                0x10203049u,
+                                0xABCDEF00u,
                                 0xFFFFFFFFu};
     char text[APC_STATUS_NAME_LEN];
     apc_status back;
@@ -123,7 +155,9 @@ static void a_zone_is_taken_off_and_no_zone_is_utc(void **state)
     assert_int_equal(t, utc);
     assert_int_equal(apc_time_parse("2026-01-31T13:30:00+01:30", &t), 0);
     assert_int_equal(t, utc);
-    assert_int_equal(apc_time_parse("2026-01-31T07:00:00-05:00", &t), 0);
+    assert_int_equal(apc_time_parse("2026-01-31T06:30:00-05:30", &t), 0);
+    assert_int_equal(t, utc);
+    assert_int_equal(apc_time_parse("2026-02-01T11:59:00+23:59", &t), 0);
     assert_int_equal(t, utc);
 }
 
@@ -136,6 +170,22 @@ static void anything_else_is_no_stamp(void **state)
                                  "2026-01-31T12:00Z",
                                  "2026-02-29T00:00:00Z",
                                  "2026-13-01T00:00:00Z",
+                                 "2026-00-01T00:00:00Z",
+                                 "2026-01-00T00:00:00Z",
+                                 "2026-01-32T00:00:00Z",
+                                 "2026-04-31T00:00:00Z",
+                                 "2100-02-29T00:00:00Z",
+                                 "2026/01-31T12:00:00Z",
+                                 "2026-01/31T12:00:00Z",
+                                 "2026-01-31_12:00:00Z",
+                                 "2026-01-31T12-00:00Z",
+                                 "2026-01-31T12:00-00Z",
+                                 "2026-01-31T12:00:00+01-00",
+                                 "2026-01-31T12:00:00+01:60",
+                                 "2026-01-31T12:00:00*01:00",
+                                 "2026-01-31T12:60:00Z",
+                                 "1677-12-31T23:59:59Z",
+                                 "2262-01-01T00:00:00Z",
                                  "2026-01-31T24:00:00Z",
                                  "2026-01-31T12:00:00.Z",
                                  "2026-01-31T12:00:00.1234567890Z",
@@ -151,6 +201,9 @@ static void anything_else_is_no_stamp(void **state)
         assert_int_equal(apc_time_parse(texts[i], &t), APC_EINVAL);
     assert_int_equal(t, 42);
     assert_int_equal(apc_time_parse("2024-02-29T00:00:00Z", &t), 0);
+    assert_int_equal(apc_time_parse("2000-02-29T23:59:59.123456789Z", &t), 0);
+    assert_int_equal(apc_time_parse("1678-01-01T00:00:00Z", &t), 0);
+    assert_int_equal(apc_time_parse("2261-12-31T23:59:59Z", &t), 0);
 }
 
 static void a_period_is_from_10_us_to_a_year(void **state)
@@ -243,6 +296,12 @@ static void what_is_not_a_finite_decimal_is_no_number(void **state)
     assert_near(value, 42, 0);
     assert_int_equal(apc_number_parse("-.5e+2", &value), 0);
     assert_near(value, -50, 0);
+    assert_int_equal(apc_number_parse("+1.5", &value), 0);
+    assert_near(value, 1.5, 0);
+    assert_int_equal(apc_number_parse("-1.5", &value), 0);
+    assert_near(value, -1.5, 0);
+    assert_int_equal(apc_number_parse("+7.E-1", &value), 0);
+    assert_near(value, 0.7, 0);
 }
 
 static void numbers_do_not_follow_the_locale(void **state)
@@ -266,6 +325,22 @@ static void numbers_do_not_follow_the_locale(void **state)
     assert_string_equal(text, "3.75");
     assert_int_equal(long_length, strlen(long_text));
     assert_non_null(strchr(long_text, '.'));
+}
+
+static void a_decimal_point_of_two_bytes_is_none_of_ours(void **state)
+{
+    char text[40];
+    double value;
+    (void)state;
+    if (!wide_locale())
+        skip();
+    assert_int_equal(strlen(localeconv()->decimal_point), 2);
+    int length = apc_number_format(-3.75e-300, text, sizeof text), parsed = apc_number_parse(text, &value);
+    setlocale(LC_ALL, "C");
+    assert_int_equal(length, strlen(text));
+    assert_non_null(strchr(text, '.'));
+    assert_int_equal(parsed, 0);
+    assert_near(value, -3.75e-300, 0);
 }
 
 static void table_names_go_both_ways(void **state)
@@ -297,6 +372,30 @@ static void the_log_writes_whole_escaped_lines(void **state)
     assert_true(n > 0);
     assert_non_null(strstr(text, " level=info name=apc-test msg=\"table \\\"sensor\\\" of \\\\\"\n"));
     assert_null(strstr(text, "not at this level"));
+}
+
+static void a_line_is_whole_also_when_it_is_taken_in_pieces(void **state)
+{
+    struct apc_log *log;
+    char text[2048] = "";
+    size_t length = 0;
+    ssize_t n;
+    int fds[2];
+    (void)state;
+    assert_int_equal(pipe(fds), 0);
+    assert_int_equal(apc_log_create(&log, fds[1], "apc-test", APC_LOG_INFO), 0);
+    short_writes = 7;
+    apc_log_write(log, APC_LOG_WARN, "%s", "the quick brown fox jumps over the lazy dog");
+    apc_log_destroy(log);
+    short_writes = 0;
+    close(fds[1]);
+    while (length < sizeof text - 1 && (n = read(fds[0], text + length, sizeof text - 1 - length)) > 0)
+        length += (size_t)n;
+    close(fds[0]);
+    assert_memory_equal(text, "time=", 5);
+    assert_non_null(
+        strstr(text, " level=warn name=apc-test msg=\"the quick brown fox jumps over the lazy dog\"\n"));
+    assert_ptr_equal(strchr(text, '\n'), text + length - 1); /* one line, and nothing of dropped ones */
 }
 
 static void a_full_log_drops_and_says_how_many(void **state)
@@ -412,6 +511,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_error_has_a_name_and_a_text),
+        cmocka_unit_test(modes_and_levels_have_their_names_and_nothing_else_has),
         cmocka_unit_test(status_severity_is_the_top_two_bits),
         cmocka_unit_test(status_text_goes_both_ways),
         cmocka_unit_test(the_papers_ok_is_good),
@@ -425,9 +525,11 @@ int main(void)
         cmocka_unit_test(numbers_are_what_libc_makes_of_them),
         cmocka_unit_test(what_is_not_a_finite_decimal_is_no_number),
         cmocka_unit_test(numbers_do_not_follow_the_locale),
+        cmocka_unit_test(a_decimal_point_of_two_bytes_is_none_of_ours),
         cmocka_unit_test(table_names_go_both_ways),
         cmocka_unit_test(options_of_another_version_are_understood_or_refused),
         cmocka_unit_test(the_log_writes_whole_escaped_lines),
+        cmocka_unit_test(a_line_is_whole_also_when_it_is_taken_in_pieces),
         cmocka_unit_test(a_full_log_drops_and_says_how_many),
         cmocka_unit_test(a_reader_that_has_stopped_reading_does_not_keep_a_log_from_ending),
         cmocka_unit_test(the_thread_of_a_log_takes_no_signals_of_the_application),

@@ -42,13 +42,14 @@ static void an_unknown_name_is_answered_with_the_names_there_are(void **state)
 
 static void a_missing_shared_object_is_named(void **state)
 {
-    const struct apc_law *law;
-    void *handle;
+    const struct apc_law *law = &apc_law_pi;
+    void *handle = &law;
     struct apc_error why = {""};
 
     (void)state;
     assert_int_equal(apc_law_find("./no-such-law.so", &law, &handle, &why), APC_ENOTFOUND);
     assert_null(law);
+    assert_null(handle);
     assert_non_null(strstr(why.text, "no-such-law.so"));
 }
 
