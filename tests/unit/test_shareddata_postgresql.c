@@ -185,6 +185,12 @@ static void test_after_a_failed_connect_it_answers_at_once_until_the_pause_is_ov
     rmdir(directory);
 }
 
+static double next_try(const struct apc_store *store)
+{
+    const char *says = strstr(apc_store_error(store), "next try in ");
+    return says ? strtod(says + strlen("next try in "), NULL) : 0;
+}
+
 static void test_the_pauses_of_many_clients_are_not_the_same(void **state)
 {
     (void)state;
@@ -200,14 +206,60 @@ static void test_the_pauses_of_many_clients_are_not_the_same(void **state)
             apc_store_open(&store, "postgresql://apc@/nowhere?host=/nonexistent", &options, NULL), 0);
         assert_int_equal(apc_store_connect(store), APC_ECONN);
         assert_int_equal(apc_store_connect(store), APC_ECONN);
-        const char *says = strstr(apc_store_error(store), "next try in ");
-        pauses[i] = says ? strtod(says + strlen("next try in "), NULL) : 0;
+        pauses[i] = next_try(store);
         lowest = fmin(lowest, pauses[i]);
         highest = fmax(highest, pauses[i]);
         apc_store_close(store);
     }
     assert_true(lowest > 1700 && highest <= 3600.1); /* half is certain; less what has passed since */
     assert_true(highest - lowest > 1);
+}
+
+static void test_the_pauses_grow_up_to_the_longest(void **state)
+{
+    (void)state;
+    struct apc_store *store = NULL;
+    struct apc_store_options options = {
+        .size = sizeof options, .timeout = LONG, .backoff_min = 1, .backoff_max = APC_NS_PER_S};
+    assert_int_equal(apc_store_open(&store, "postgresql://apc@/nowhere?host=/nonexistent", &options, NULL),
+                     0);
+    for (int tried = 0; tried < 5;) { /* with the longest pause; the first ones are over at once */
+        int err = apc_store_connect(store);
+        assert_int_equal(err, APC_ECONN);
+        assert_says(store, "/nonexistent");
+        bool long_one = next_try(store) > 0.6;
+        assert_true(next_try(store) <= 1.0);
+        while (next_try(store) > 0) { /* until it has tried again */
+            apc_store_connect(store);
+        }
+        tried += long_one;
+    }
+    apc_store_close(store);
+}
+
+static void test_a_server_that_did_not_answer_is_not_there_until_the_pause_is_over(void **state)
+{
+    (void)state;
+    char directory[256], uri[800];
+    struct proxy *proxy = new_proxy(directory);
+    snprintf(uri, sizeof uri, "postgresql://apc@/%s?host=%s#plant%d", cluster_database(cluster), directory,
+             plant);
+    struct apc_store *store = NULL;
+    struct apc_store_options options = {.size = sizeof options,
+                                        .timeout = SHORT,
+                                        .backoff_min = 3600 * APC_NS_PER_S,
+                                        .backoff_max = 7200 * APC_NS_PER_S};
+    assert_int_equal(apc_store_open(&store, uri, &options, NULL), 0);
+    proxy_set(proxy, PROXY_STALL);
+    assert_int_equal(apc_store_connect(store), APC_ETIMEDOUT);
+    assert_says(store, "no answer from the database at ");
+    assert_says(store, " within 300 ms");
+    assert_int_equal(apc_store_connect(store), APC_ECONN);
+    assert_says(store, " within 300 ms; next try in ");
+    assert_true(next_try(store) > 1700 && next_try(store) <= 3600.1);
+    apc_store_close(store);
+    proxy_stop(proxy);
+    rmdir(directory);
 }
 
 static void test_an_unreachable_server_is_named(void **state)
@@ -793,6 +845,8 @@ int main(void)
         T(test_an_answer_cut_anywhere_is_an_error_and_never_half_a_result),
         T(test_after_a_failed_connect_it_answers_at_once_until_the_pause_is_over),
         T(test_the_pauses_of_many_clients_are_not_the_same),
+        T(test_the_pauses_grow_up_to_the_longest),
+        T(test_a_server_that_did_not_answer_is_not_there_until_the_pause_is_over),
         T(test_an_unreachable_server_is_named),
         T(test_of_several_hosts_the_next_is_tried_when_one_swallows_packets),
         T(test_hosts_of_a_service_file_take_turns_as_well),
