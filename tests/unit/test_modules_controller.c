@@ -336,6 +336,30 @@ static void contradictory_tuning_is_refused_and_the_set_before_stays(void **stat
     assert_int_equal(find(r, APC_ACTUATOR, 1)->status, APC_GOOD_LIMITED_HIGH);
 }
 
+/* An offer that is refused is no change of tuning: the law's state is not touched, in saturation neither. */
+static void refused_tuning_touches_nothing(void **state)
+{
+    struct rig *r = *state;
+    struct rig other;
+    const struct apc_sample *a, *b;
+
+    make(&other, &apc_law_pi);
+    memcpy(other.in, r->in, sizeof(other.in));
+    for (int k = 0; k < 20; k++) {
+        double y = k < 10 ? -20.0 : 0.5;
+
+        if (k == 5) {
+            set(r, U_MIN, 5.0);
+            set(r, U_MAX, -5.0);
+        }
+        a = measured_tick(r, y);
+        b = measured_tick(&other, y);
+        assert_near(a->value, b->value, 0.0);
+        assert_int_equal(r->notice.kind == APC_NOTICE_REJECTED, k == 5);
+    }
+    apc_controller_destroy(other.controller);
+}
+
 /* A controller that finds contradictory or wrong rows at its start has the experiment's tuning, not the
  * law's. */
 static void with_no_good_tuning_in_the_store_it_has_the_experiments(void **state)
@@ -1145,6 +1169,7 @@ int main(void)
         T(where_there_was_no_good_setpoint_yet_a_wrong_one_starts_nothing),
         T(an_operators_output_outside_its_limits_is_refused_and_the_last_good_one_kept),
         T(contradictory_tuning_is_refused_and_the_set_before_stays),
+        T(refused_tuning_touches_nothing),
         T(with_no_good_tuning_in_the_store_it_has_the_experiments),
         T(a_target_mode_that_is_none_is_refused_and_the_last_one_kept),
         T(restarted_with_the_clock_set_back_it_begins_from_the_last_output),

@@ -382,6 +382,22 @@ static void a_law_without_track_is_not_updated_in_man(void **state)
     apc_controller_destroy(r.controller);
 }
 
+/* Its own rows of the tick before are there when it reads, as a rule: they are no reason to update again. */
+static void an_output_that_was_confirmed_is_updated_once(void **state)
+{
+    static const struct apc_law counting = {
+        .abi = APC_LAW_ABI, .name = "counting", .n_state = one_state, .compute = show_count, .update = count};
+    struct rig r;
+
+    (void)state;
+    make(&r, &counting, 1, NULL);
+    for (int k = 1; k < 10; k++) {
+        assert_near(tick(&r, k, APC_MODE_AUTO, 0.0), k - 1.0, 0.0);
+        r.in[r.size.in - 1] = *given(&r, APC_STATE, 0);
+    }
+    apc_controller_destroy(r.controller);
+}
+
 static int give_nan(const struct apc_law_setup *setup, struct apc_law_size *size, double *constant,
                     struct apc_error *why)
 {
@@ -483,6 +499,7 @@ int main(void)
         cmocka_unit_test(it_begins_with_the_tuning_there_is),
         cmocka_unit_test(a_law_without_track_is_not_updated_in_man),
         cmocka_unit_test(an_output_names_the_rows_of_the_loop_that_the_law_pairs),
+        cmocka_unit_test(an_output_that_was_confirmed_is_updated_once),
         cmocka_unit_test(without_a_setpoint_an_output_names_none),
         cmocka_unit_test(a_law_that_makes_a_constant_which_is_no_number_is_refused),
     };
