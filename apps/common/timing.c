@@ -62,8 +62,9 @@ static void compact(struct timing_series *s)
  * history. */
 static int reserve(struct timing_series *s, size_t n)
 {
-    if (s->n_bins + n > s->capacity)
-        compact(s);
+    if (s->n_bins + n <= s->capacity)
+        return 0;
+    compact(s);
     if (2 * (s->n_bins + n) <= s->capacity)
         return 0;
     struct apc_bin *bins = realloc(s->bins, 4 * (s->n_bins + n) * sizeof *bins);
