@@ -107,7 +107,10 @@ static const struct cli_spec spec = {
         "processes, serve the operator's page, show one live line, stop them all at the end or on Ctrl-C, "
         "and leave a run folder with report.png, report.svg and samples.csv. Tuning and mode are set to the "
         "file's; tables are made if there are none. Without --store and APC_STORE the shared data are a file "
-        "in the run folder, store.db. A run folder that is not empty, and a store that another experiment "
+        "in the run folder, store.db. A run in which the plant got no command, or stood at its safe value "
+        "for "
+        "longer than the controller's hold, or a daemon hung or crashed, ends with 1 and says so. A run "
+        "folder that is not empty, and a store that another experiment "
         "has "
         "filled, are refused.",
     .takes = CLI_STORE | CLI_OWN_STORE,

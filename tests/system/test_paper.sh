@@ -10,6 +10,7 @@ if [ -z "${APC_OWN_NETWORK:-}" ] && unshare -n ip link set lo up 2>/dev/null; th
   APC_OWN_NETWORK=1 unshare -n bash -c 'ip link set lo up && exec bash "$0"' "$0"
   exit
 fi
+{ exec 8>>/tmp/apc-test-43051.lock; } 2>/dev/null && flock -w 120 8 || { echo "another test has port 43051: skipped"; exit 77; }
 (exec 3<>/dev/tcp/127.0.0.1/43051) 2>/dev/null && { echo "port 43051 is in use: skipped"; exit 77; }
 sql "DO \$\$ BEGIN CREATE ROLE apc_user LOGIN PASSWORD 'apc_password'; EXCEPTION WHEN duplicate_object THEN NULL; END \$\$"
 PGDATABASE=postgres dropdb --if-exists --force apc_db
