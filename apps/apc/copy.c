@@ -365,6 +365,25 @@ static int copy_timing(struct copy *c)
 /* ---- Descriptions --------------------------------------------------------------------------- */
 
 /* FROM's, and TO's own of variables that FROM does not describe. */
+/* Two experiments in one store would be one series of each variable. */
+static int check_experiment(const struct copy *c, const struct cli_tags *from, const struct cli_tags *to)
+{
+    for (size_t i = 0; i < from->n; i++) {
+        const struct apc_tag *a = &from->tag[i], *b = cli_tag(to, a->table, a->id);
+        bool experiment = a->table == APC_STATE, signal = a->table <= APC_SETPOINT;
+        if (!b || (experiment && !strcmp(a->description, b->description)) ||
+            (signal && !strcmp(a->name, b->name) && !strcmp(a->unit, b->unit)) || (!experiment && !signal))
+            continue;
+        cli_error(&c->cli, APC_EPERM,
+                  "writing TO: it belongs to another experiment: its %s.%d is \"%s\" [%s], that of FROM "
+                  "\"%s\" [%s]",
+                  apc_table_name(b->table), b->id, experiment ? b->description : b->name, b->unit,
+                  experiment ? a->description : a->name, a->unit);
+        return APC_EPERM;
+    }
+    return 0;
+}
+
 static int copy_tags(struct copy *c)
 {
     struct cli_tags from = {0}, to = {0};
@@ -372,6 +391,8 @@ static int copy_tags(struct copy *c)
     int rc = cli_tags_load(&c->cli, c->from, &from);
     if (rc == 0)
         rc = cli_tags_load(&c->cli, c->to, &to);
+    if (rc == 0)
+        rc = check_experiment(c, &from, &to);
     if (rc < 0 || from.n == 0)
         goto out;
     all = calloc(from.n + to.n, sizeof *all);

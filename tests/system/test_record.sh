@@ -80,6 +80,9 @@ for other in "$work/other.conf" "$APC_SOURCE_DIR/experiments/servo.conf"; do
   expect 4 'it belongs to .*experiment' "$apc" run "$other" --duration 1 --force --out "$work/live"
   expect 4 'it belongs to .*experiment.*--force' "$apc" init "$other" --store "$store"
 done
+"$apc" init "$APC_SOURCE_DIR/experiments/servo.conf" --store "sqlite:$work/servo.db" >/dev/null
+expect 4 'TO: it belongs to another experiment: its sensor.1 is "angle"' "$apc" copy "$store" "sqlite:$work/servo.db"
+expect 0 '^angle ' "$apc" get --store "sqlite:$work/servo.db"
 [ ! -e "$work/taken" ] || fail "a refused run left its folder behind"
 [ "$(names)" = "$described" ] || fail "a refused run described the store anew"
 [ "$before" != "$(md5sum <"$work/live/record.conf")" ] || fail "the record does not say when the run ended"

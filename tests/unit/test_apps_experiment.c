@@ -167,6 +167,39 @@ static void what_is_not_needed_is_not_resolved(void **state)
     experiment_free(&e);
 }
 
+static void a_law_with_an_operating_point_needs_the_model(void **state)
+{
+    static const char point[] =
+        "controller = { law = \"lqg\"; period = 2.0; operating_point = { u = [3.0, -3.0]; "
+        "x = [1.0, 1.0, 1.0, 1.0]; }; };";
+    struct experiment e;
+    struct apc_error why;
+    (void)state;
+    (void)load(&e, 7, point, &why);
+    experiment_free(&e);
+    assert_int_equal(experiment_load(&e, path, 0, NULL, &why), 0);
+    assert_null(e.plant.model);
+    experiment_free(&e);
+}
+
+static void a_file_has_at_most_16_mib(void **state)
+{
+    static const char line[] = "                                                               \n";
+    struct experiment e;
+    struct apc_error why;
+    (void)state;
+    for (int one_more = 0; one_more < 2; one_more++) {
+        FILE *out = fopen(path, "w");
+        assert_non_null(out);
+        for (int i = 0; i < 16 << 14; i++)
+            assert_true(fputs(line, out) >= 0);
+        fputs(one_more ? "\n" : "", out);
+        fclose(out);
+        assert_true(experiment_load(&e, path, 0, NULL, &why) < 0);
+        assert_int_equal(strstr(why.text, "is larger than 16 MiB") != NULL, one_more);
+    }
+}
+
 static void an_edge_is_still_within(void **state)
 {
     static const struct {
@@ -235,6 +268,7 @@ static void a_mistake_is_refused_with_its_line_and_reason(void **state)
         {2, "measurements = ( { name = \"-1\"; } );", "which a command line takes for something else"},
         {2, "measurements = ( { name = \"a=b\"; } );", "which a command line takes for something else"},
         {2, "measurements = ( { name = \"y\"; safe = 1.0; } );", "unknown setting \"safe\" in the file"},
+        {2, "measurements = ( { name = \"a\\tb\"; } );", "no line breaks or tabs"},
         {3, "setpoints = ( { name = \"r\"; noise = 1.0; } );", "3: unknown setting \"noise\""},
         {3, "setpoints = ( { name = \"r\"; low = 2.0; high = 1.0; } );", "\"high\" is 1: must be from 2"},
         {3, "setpoints = ( { name = \"u1\"; }, { name = \"r2\"; } );", "4: two variables are called \"u1\""},
@@ -287,6 +321,13 @@ static void a_mistake_is_refused_with_its_line_and_reason(void **state)
          "pi has no parameter \"Kq\": did you mean \"Kp\"?"},
         {7, "controller = { law = \"pi\"; period = 2.0; settings = { a = 1.0; }; };",
          "unknown setting \"a\" in settings; there are none"},
+        {5, "plant = { model = \"quadruple-tank\"; period = 0.5; hold = 1.0; };",
+         "unknown setting \"hold\" in plant"},
+        {6, "client = { period = 1.0; hold = 1.0; };", "unknown setting \"hold\" in client"},
+        {7, "controller = { law = \"pi\"; period = 2.0; holt = 1.0; };",
+         "unknown setting \"holt\" in controller"},
+        {8, "scheduler = { period = 10.0; sequence = ( [1.0, 1.0] ); hold = 1.0; };",
+         "unknown setting \"hold\" in scheduler"},
         {8, "scheduler = { period = 10.0; sequence = ( ); };", "\"sequence\" must have at least one step"},
         {8, "scheduler = { period = 10.0; sequence = ( [1.0] ); };", "expected 2 numbers in brackets"},
         {8, "scheduler = { period = 10.0; sequence = ( (1.0, true) ); };",
@@ -332,7 +373,7 @@ static void the_nearest_name_is_one_that_is_alike(void **state)
         const char *wanted, *nearest;
     } of[] = {{"Kq", "Kp"},      {"taui", "tau_i"}, {"tau_d", "tau_d"},
               {"ubar", "u_bar"}, {"gain", NULL},    {"", NULL}};
-    static const char *const names[] = {"Kp", "tau_i", "tau_d", "u_bar"};
+    static const char *const names[] = {"Kp", "Ki", "tau_i", "tau_d", "u_bar"}; /* Kq: the first of two */
     (void)state;
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
         struct nearest nearest = {.wanted = of[i].wanted};
@@ -369,6 +410,8 @@ int main(void)
         cmocka_unit_test(each_output_has_its_own_tuning_and_the_laws_where_none_is_given),
         cmocka_unit_test(what_the_command_line_chooses_brings_its_own_tuning_and_parameters),
         cmocka_unit_test(what_is_not_needed_is_not_resolved),
+        cmocka_unit_test(a_law_with_an_operating_point_needs_the_model),
+        cmocka_unit_test(a_file_has_at_most_16_mib),
         cmocka_unit_test(an_edge_is_still_within),
         cmocka_unit_test(a_mistake_is_refused_with_its_line_and_reason),
         cmocka_unit_test(a_file_that_is_not_there_or_no_text_is_refused),
