@@ -6,6 +6,8 @@
 #include "metrics.h"
 #include "print.h"
 
+#define NAMED 3 /* events that begin a part */
+
 static const char *name_of(const struct event *event, const struct experiment *e)
 {
     return event->kind == EVENT_SETPOINT ? e->z[event->which].tag.name
@@ -20,6 +22,10 @@ void figures_name_part(const struct figures *f, const struct part *part, const s
     for (size_t i = part->first; i < part->first + part->n && used < size; i++) {
         const struct event *event = &f->event[i];
         const char *and = used > 0 ? "; " : "";
+        if (i == part->first + NAMED && part->n > NAMED + 1) {
+            snprintf(text + used, size - used, "; and %zu more", part->n - NAMED);
+            return;
+        }
         if (event->kind == EVENT_START)
             used += (size_t)snprintf(text + used, size - used, "start");
         else if (isnan(event->from))

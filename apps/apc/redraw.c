@@ -121,7 +121,7 @@ int command_report(int argc, char **argv)
     if (rc == 0 && access(path, F_OK) != 0)
         rc = recover(&cli, &e, json ? stderr : stdout, &why);
     if (rc == 0 && !json)
-        rc = report_write(cli.args[0], e.title, &why);
+        rc = report_write(cli.args[0], &e, e.title, &why);
     if (rc == 0)
         rc = put_figures(cli.args[0], &e, json, &why);
     experiment_free(&e);

@@ -17,16 +17,18 @@
 #include "report_figure.h"
 
 /* Numbers with a point and text in UTF-8, whatever the program's locale is. */
-static int write_script(FILE *script, struct report_data *data, const char *title)
+static int write_script(FILE *script, struct report_data *data, const struct experiment *e, const char *title)
 {
     locale_t neutral = newlocale(LC_ALL_MASK, "C.UTF-8", (locale_t)0), before;
 
     if (!neutral)
         return APC_ESYS;
     before = uselocale(neutral);
-    report_figure(script, data, title);
+    int rc = report_figure(script, data, e, title);
     uselocale(before);
     freelocale(neutral);
+    if (rc < 0)
+        return rc;
     if (fflush(script) != 0 || ferror(script) || lseek(fileno(script), 0, SEEK_SET) != 0)
         return APC_ESYS;
     return 0;
@@ -100,7 +102,7 @@ static int run_gnuplot(const char *dir, FILE *script, FILE *complaints, struct a
                     complaint);
 }
 
-int report_write(const char *dir, const char *title, struct apc_error *why)
+int report_write(const char *dir, const struct experiment *e, const char *title, struct apc_error *why)
 {
     struct report_data data;
     FILE *script = NULL, *complaints = NULL;
@@ -114,7 +116,7 @@ int report_write(const char *dir, const char *title, struct apc_error *why)
         rc = apc_fail(why, APC_ESYS, "%s: no temporary file for gnuplot: %s", dir, strerror(errno));
         goto out;
     }
-    rc = write_script(script, &data, title);
+    rc = write_script(script, &data, e, title);
     if (rc < 0)
         apc_fail(why, rc, "%s: the script for gnuplot could not be written: %s", dir, strerror(errno));
     else

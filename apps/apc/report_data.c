@@ -8,6 +8,7 @@
 #include <string.h>
 
 #define MAX_COLUMNS 12
+#define ID_MAX      8192 /* a module has no more variables of one kind */
 
 /* A file of the run folder: its name, its columns, and what takes one row of it. */
 struct csv {
@@ -77,6 +78,18 @@ static int reserve(void **items, size_t n, size_t *capacity, size_t size)
 
 /* ---- Rows --------------------------------------------------------------------------------- */
 
+static bool widen(struct report_group *group, size_t n)
+{
+    struct report_series *series = reallocarray(group->series, n, sizeof *series);
+
+    if (!series)
+        return false;
+    memset(series + group->n, 0, (n - group->n) * sizeof *series);
+    group->series = series;
+    group->n = n;
+    return true;
+}
+
 static int sample_row(struct report_data *data, size_t line, char *const *field)
 {
     struct report_point point = {.line = line};
@@ -101,18 +114,17 @@ static int sample_row(struct report_data *data, size_t line, char *const *field)
     default:
         return 2;
     }
-    if (!parse_whole(field[2], 1, INT32_MAX, &id))
+    if (!parse_whole(field[2], 1, ID_MAX, &id))
         return 3;
     if (apc_status_parse(field[3], &status) != 0)
         return 4;
     point.severity = apc_status_severity(status);
+    point.limited = strstr(field[3], "Limited") != NULL;
     if (apc_number_parse(field[4], &point.value) != 0 || fabs(point.value) > APC_VALUE_MAX)
         return 5;
     data->end = fmax(data->end, point.t);
-    if (id > group->n)
-        group->n = (int)id;
-    if (id > REPORT_SHOWN)
-        return 0;
+    if (id > (double)group->n && !widen(group, (size_t)id))
+        return APC_ENOMEM;
     series = &group->series[(size_t)id - 1];
     items = series->points;
     if (reserve(&items, series->n, &series->capacity, sizeof point) != 0)
@@ -265,11 +277,49 @@ static int by_time(const void *a, const void *b)
 
 static void sort_group(struct report_group *group)
 {
-    for (size_t i = 0; i < REPORT_SHOWN; i++) {
+    for (size_t i = 0; i < group->n; i++) {
         struct report_series *series = &group->series[i];
         if (series->n > 1)
             qsort(series->points, series->n, sizeof *series->points, by_time);
     }
+}
+
+/* Warnings and alarms of events.csv: time,severity,source,kind,"text". A folder without it has none. */
+static int read_events(struct report_data *data, const char *dir, struct apc_error *why)
+{
+    char *path, *line = NULL;
+    size_t size = 0;
+    int rc = 0;
+
+    if (asprintf(&path, "%s/events.csv", dir) < 0)
+        return apc_fail(why, APC_ENOMEM, "events.csv: out of memory");
+    FILE *stream = fopen(path, "re");
+    for (size_t number = 1; stream && rc == 0 && getline(&line, &size, stream) >= 0; number++) {
+        char *rest = line, *time = strsep(&rest, ","), *severity = strsep(&rest, ","),
+             *source = strsep(&rest, ","), *kind = strsep(&rest, ",");
+        struct report_event event = {0};
+        void *items = data->event;
+        if (number == 1)
+            continue;
+        if (!source || !kind || apc_number_parse(time, &event.t) < 0) {
+            rc = apc_fail(why, APC_EPROTO, "%s:%zu: expected time,severity,source,kind,text", path, number);
+            break;
+        }
+        event.alarm = !strcmp(severity, "alarm");
+        if (event.t < 0 || (!event.alarm && strcmp(severity, "warning") != 0))
+            continue;
+        snprintf(event.kind, sizeof event.kind, "%s", kind);
+        if (reserve(&items, data->n_events, &data->events_room, sizeof event) != 0)
+            rc = apc_fail(why, APC_ENOMEM, "%s: out of memory", path);
+        data->event = items;
+        if (rc == 0)
+            data->event[data->n_events++] = event;
+    }
+    if (stream)
+        fclose(stream);
+    free(line);
+    free(path);
+    return rc;
 }
 
 int report_read(struct report_data *data, const char *dir, struct apc_error *why)
@@ -283,13 +333,14 @@ int report_read(struct report_data *data, const char *dir, struct apc_error *why
     sort_group(&data->y);
     sort_group(&data->z);
     sort_group(&data->u);
-    return 0;
+    return read_events(data, dir, why);
 }
 
 static void free_group(struct report_group *group)
 {
-    for (size_t i = 0; i < REPORT_SHOWN; i++)
+    for (size_t i = 0; i < group->n; i++)
         free(group->series[i].points);
+    free(group->series);
 }
 
 void report_free(struct report_data *data)
@@ -297,6 +348,7 @@ void report_free(struct report_data *data)
     free_group(&data->y);
     free_group(&data->z);
     free_group(&data->u);
+    free(data->event);
     for (size_t i = 0; i < REPORT_TASKS; i++)
         free(data->jitter[i].bins);
 }

@@ -3,16 +3,15 @@
 #ifndef APC_REPORT_DATA_H
 #define APC_REPORT_DATA_H
 
-#include <apctimer.h> /* struct apc_bin */
+#include <stdbool.h>
 
-#define REPORT_SHOWN                                                                                         \
-    8 /* variables of one kind that are drawn: more colours than that cannot be told apart                   \
-       */
+#include <apctimer.h> /* struct apc_bin */
 
 struct report_point {
     double t, value; /* t in s since the start of the run */
     enum apc_severity severity;
-    size_t line; /* of the file: keeps the order of points of the same time */
+    bool limited; /* a limit held it back */
+    size_t line;  /* of the file: keeps the order of points of the same time */
 };
 
 /* The samples of one variable in order of time. */
@@ -23,8 +22,15 @@ struct report_series {
 
 /* The variables of one kind: id i is series[i - 1]. */
 struct report_group {
-    struct report_series series[REPORT_SHOWN];
-    int n; /* highest id in the file, drawn or not */
+    struct report_series *series;
+    size_t n; /* highest id in the file */
+};
+
+/* What was out of the ordinary. */
+struct report_event {
+    double t;
+    bool alarm; /* or a warning */
+    char kind[32];
 };
 
 enum report_task { REPORT_PLANT, REPORT_CONTROLLER, REPORT_CLIENT, REPORT_TASKS };
@@ -40,6 +46,8 @@ struct report_jitter {
 struct report_data {
     struct report_group y, z, u;
     struct report_jitter jitter[REPORT_TASKS];
+    struct report_event *event; /* [n_events] by time; none where there is no events.csv */
+    size_t n_events, events_room;
     double end; /* time of the last sample of all */
 };
 

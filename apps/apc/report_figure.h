@@ -5,10 +5,11 @@
 
 #include <stdio.h>
 
+#include "common/experiment.h"
 #include "report_data.h"
 
 /* Write a script that makes report.svg and report.png in gnuplot's working directory. The calling
- * thread's locale must be "C.UTF-8". Sorts the bins of the data. title may be NULL. */
-void report_figure(FILE *script, struct report_data *data, const char *title);
+ * thread's locale must be "C.UTF-8". Sorts the bins of the data. Returns 0 or APC_ENOMEM. */
+int report_figure(FILE *script, struct report_data *data, const struct experiment *e, const char *title);
 
 #endif

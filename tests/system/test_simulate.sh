@@ -269,3 +269,45 @@ edit "$work/bad.conf" -e 's/client = {/client = { overrun = "later";/'
 expect 1 'bad.conf:[0-9]+: "overrun" must be' "$apc" simulate "$work/bad.conf"
 edit "$work/bad.conf" -e '$a clock = ( { at = 1.0; drift = 2.0; } );'
 expect 1 'bad.conf:[0-9]+: "drift"' "$apc" simulate "$work/bad.conf"
+
+# ---- The figure: a panel a unit, names, units, disturbances, what happened; all of many variables
+
+"$apc" simulate "$APC_SOURCE_DIR/experiments/van-de-vusse.conf" --net outage=2000-2200 --report "$work/reactor" >/dev/null
+in_figure() { # folder, texts ...
+  local figure=$1/report.svg text
+  shift
+  for text; do
+    grep -qF ">$text<" "$figure" || grep -qF "$text" "$figure" || fail "no \"$text\" in $figure"
+  done
+}
+in_figure "$work/reactor" 'cB (mol/L)' 'T (°C)' 'F (1/h)' 'Q (kJ/h)' 'Tin = 100' link 'held back by a limit' limit 'time  (min)' 'not Good'
+in_figure "$work/clean" 'measurement' 'time  (s)'
+grep -q 'Control module' "$work/clean/report.svg" && fail "histograms of what is exact"
+in_figure "$work/run" 'Control module' # there is jitter
+{
+  echo 'name = "many"; title = "Many loops"; duration = 20.0;'
+  numbers=$(seq 1 60)
+  list() { for i in $numbers; do printf '%s%s' "$([ "$i" = 1 ] || echo ', ')" "$(printf "$1" "$i")"; done; }
+  echo "measurements = ( $(list '{ name = "y%d"; }') ); setpoints = ( $(list '{ name = "r%d"; }') );"
+  echo "outputs = ( $(list '{ name = "u%d"; }') ); plant = { model = \"./many.so\"; period = 1.0; }; client = { period = 1.0; };"
+  echo "controller = { law = \"pi\"; period = 2.0; }; scheduler = { period = 10.0; sequence = ( [$(list '%d.0')] ); };"
+} >"$work/many.conf"
+plugin "$work/many.so" <<'C'
+#include <apcplant.h>
+static int f(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    (void)t, (void)p;
+    for (int i = 0; i < 60; i++)
+        dx[i] = u[i] - x[i];
+    return 0;
+}
+static void g(double t, const double *x, const double *u, const double *p, double *y)
+{
+    (void)t, (void)u, (void)p;
+    for (int i = 0; i < 60; i++)
+        y[i] = x[i];
+}
+const struct apc_model apc_model = {.abi = APC_MODEL_ABI, .name = "many", .nx = 60, .nu = 60, .ny = 60, .f = f, .g = g};
+C
+"$apc" simulate "$work/many.conf" --report "$work/many" >/dev/null
+in_figure "$work/many" y1 y9 y60 u1 u60
