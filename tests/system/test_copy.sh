@@ -25,7 +25,7 @@ expect 0 'described' "$apc" init "$work/fast.conf"
 sql "INSERT INTO apc.sensor SELECT 1, n, '2026-01-31T12:00:00Z'::timestamptz + n * interval '10 ms',
        CASE n % 7 WHEN 0 THEN 2147483648 ELSE 0 END, sin(n) / 3 FROM generate_series(1, 25000) n WHERE n % 1000 > 2"
 sql "INSERT INTO apc.sensor VALUES (77, 5, '1969-12-31T23:59:59.999999Z', 0, '-0'), (77, 4, '2026-02-01', 0, 5e-324),
-       (77, 4611686018427387903, '2026-01-01', 0, 9.999999999999999e299), (1000000, 1, '2026-01-01', 0, 1)"
+       (77, 9007199254740991, '2026-01-01', 0, 9.999999999999999e299), (1000000, 1, '2026-01-01', 0, 1)"
 sql "INSERT INTO apc.actuator (id, seq, time, status, value, sensor_seq, setpoint_seq)
      SELECT 1, n, '2026-01-31T12:00:00Z', 0, n, nullif(n - 1, 0), NULL FROM generate_series(1, 300) n"
 sql "INSERT INTO apc.state VALUES (3, 1, '2026-01-31', 0, 3)"
