@@ -229,6 +229,7 @@ struct apc_network_fate {
 /** The two halves of apc_network_send(), for a frame that may never be sent, such as the reply to a request
  * that may be lost: the fate of the n-th is the n-th drawn, whatever became of the others. [tick] */
 APC_API struct apc_network_fate apc_network_draw(struct apc_network *network);
+/** The other half: as apc_network_send(), with the fate that was drawn. [tick] */
 APC_API int apc_network_carry(struct apc_network *network, const struct apc_network_fate *fate, apc_ns now,
                               size_t length, apc_ns at[2]);
 /** Since it was made. [tick] */
