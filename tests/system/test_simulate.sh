@@ -126,6 +126,14 @@ expect 1 'nowhere: cannot be read' "$apc" simulate "$conf" --runs 2 --against "$
 expect 2 '--against: .*--runs' "$apc" simulate "$conf" --against "$work/plain.csv"
 expect 2 '--json and --csv -' "$apc" simulate "$conf" --json --csv -
 
+# Each kind of a worse world makes the IAE larger, by more than chance.
+edit "$work/dropout.conf" -e 's/name = "y";/name = "y"; faults = ( { kind = "dropout"; at = 40.0; duration = 20.0; } );/'
+worse() { expect 0 'IAE +20 +[0-9.e+]+ +[0-9.e+]+ +[0-9.e+]+ +more' "$apc" simulate "$@" --duration 60 --runs 20 --against "$work/plain.csv"; }
+worse "$work/dropout.conf"
+for net in outage=40-50 loss=0.6 'delay=exponential(0.1)'; do
+  worse "$conf" --net "$net"
+done
+
 # A law that keeps something in a static variable finds it as it was at each run, in any process.
 plugin "$work/static.so" <<'C'
 #include <apccontrol.h>
