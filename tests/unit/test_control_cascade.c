@@ -162,7 +162,7 @@ static void after_track_it_gives_the_tracked_output_and_the_inner_loop_is_at_res
 
 static void pairs_are_made_at_will(void **state)
 {
-    const double outer[] = {4.0, 2.0}, inner[] = {1.0, 3.0}, setpoint[] = {2.0, 1.0}, beyond[] = {5.0, 1.0};
+    const double outer[] = {4.0, 3.0}, inner[] = {1.0, 2.0}, setpoint[] = {2.0, 1.0}, beyond[] = {5.0, 1.0};
     const struct apc_setting good[] = {{"outer", 2, outer}, {"inner", 2, inner}, {"setpoint", 2, setpoint}};
     const struct apc_setting bad = {"inner", 2, beyond};
     const struct apc_dim dim = {4, 2, 2};
@@ -184,7 +184,9 @@ static void pairs_are_made_at_will(void **state)
     assert_int_equal(configure(&r, dim, good, 3, NULL), 0);
     cascade->compute(&r.c);
     assert_near(r.u[0], 50000.0 - 4000.0 - 1.0, 1e-9);
-    assert_near(r.u[1], 0.0 - 20.0 - 300.0, 1e-9);
+    assert_near(r.u[1], 0.0 - 300.0 - 20.0, 1e-9);
+    const struct apc_setting shared = {"inner", 2, setpoint}; /* each measurement is in both pairs */
+    assert_int_equal(configure(&r, (struct apc_dim){2, 2, 2}, &shared, 1, NULL), 0);
     assert_int_equal(configure(&r, dim, &bad, 1, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "inner"));
     for (size_t i = 0; i < 3; i++) {
