@@ -170,14 +170,16 @@ static void test_every_tick_is_recorded_once(void **state)
 
 struct events {
     int n;
-    struct apc_event first, last;
+    struct apc_event first, second, last;
 };
 
 static int note(void *ctx, const struct apc_event *e)
 {
     struct events *all = ctx;
-    if (all->n++ == 0)
+    if (all->n == 0)
         all->first = *e;
+    if (all->n++ == 1)
+        all->second = *e;
     all->last = *e;
     return 0;
 }
@@ -198,6 +200,7 @@ static void test_events_that_were_pushed_out_of_the_queue_are_counted_in_the_rec
     assert_int_equal(apc_store_events(b.reader, &(struct apc_range){0}, note, &all), 129);
     assert_int_equal(strncmp(all.first.text, "3 events were lost", 18), 0);
     assert_string_equal(all.first.source, "apc-test");
+    assert_string_equal(all.second.text, "number 4"); /* the oldest went */
     assert_int_equal(all.first.severity, APC_EVENT_WARNING);
     assert_string_equal(all.last.text, "number 131");
     recorder_event(b.r, &e); /* no more are lost: no more is said */
@@ -220,19 +223,38 @@ static void test_what_is_measured_beside_the_task_is_stored_and_so_are_its_failu
     assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), 0);
     assert_int_equal(apc_store_timing(b.reader, &(struct apc_range){0}, keep, &row), 0);
     apc_histogram_record(run, 100);
+    apc_histogram_record(run, 100);
+    apc_histogram_record(run, 250);
     failed = 3;
     assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), 0);
     assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), 0); /* nothing new */
     assert_int_equal(apc_store_timing(b.reader, &(struct apc_range){0}, keep, &row), 1);
     assert_string_equal(row.task, "exchange");
     assert_string_equal(row.quantity, "run");
-    assert_int_equal(row.count, 1);
+    assert_int_equal(row.count, 3);
     assert_int_equal(row.missed, 3);
+    assert_near(row.mean, 150, 1e-9);
+    assert_near(row.sd, 86.6025403784, 1e-6);
     assert_int_equal(row.p50, 100);
+    assert_int_equal(row.p99, 250);
+    assert_int_equal(row.max, 250);
     recorder_destroy(b.r);
     b.r = NULL;
     apc_histogram_destroy(run);
     tear_down(&b);
+}
+
+static void test_without_a_store_nothing_is_recorded_and_nothing_fails(void **state)
+{
+    struct recorder *r;
+    (void)state;
+    assert_int_equal(recorder_create(&r, NULL, "task"), 0);
+    recorder_event(r, &event);
+    assert_int_equal(recorder_flush(r, NULL, 0), 0);
+    assert_null(recorder_store(r));
+    recorder_destroy(r);
+    recorder_event(NULL, &event);
+    recorder_destroy(NULL);
 }
 
 int main(void)
@@ -241,6 +263,7 @@ int main(void)
         cmocka_unit_test(test_a_flush_with_nothing_to_write_is_no_sign_of_a_store_that_is_away),
         cmocka_unit_test(test_events_go_into_the_spool_and_the_store_still_counts_as_away),
         cmocka_unit_test(test_ticks_that_nobody_ran_are_recorded_as_missed_also_where_none_ran),
+        cmocka_unit_test(test_without_a_store_nothing_is_recorded_and_nothing_fails),
         cmocka_unit_test(test_every_tick_is_recorded_once),
         cmocka_unit_test(test_events_that_were_pushed_out_of_the_queue_are_counted_in_the_records),
         cmocka_unit_test(test_what_is_measured_beside_the_task_is_stored_and_so_are_its_failures),

@@ -167,6 +167,20 @@ static void changes_of_a_state_are_told_one_by_one_then_together_once_a_minute(v
     assert_true(counted >= 2990); /* the rest came after the last minute was over */
 }
 
+static void a_window_with_one_change_held_back_ends_with_its_row_and_a_quiet_one_without(void **state)
+{
+    struct state_watch w = {.up = true};
+    (void)state;
+    for (int i = 0; i < STATE_CHANGES; i++)
+        assert_int_equal(state_watch_look(&w, i % 2, 1), CHANGE_ONE);
+    assert_int_equal(state_watch_look(&w, false, 2), CHANGE_NONE); /* held back */
+    assert_int_equal(state_watch_look(&w, false, STATE_WINDOW - 1), CHANGE_NONE);
+    assert_int_equal(state_watch_look(&w, false, STATE_WINDOW), CHANGE_MANY);
+    assert_int_equal(w.count, 1);
+    assert_int_equal(state_watch_look(&w, false, 2 * STATE_WINDOW), CHANGE_NONE);
+    assert_int_equal(state_watch_look(&w, true, 2 * STATE_WINDOW), CHANGE_ONE);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -177,6 +191,7 @@ int main(void)
         cmocka_unit_test(a_callback_that_hangs_is_one_alarm),
         cmocka_unit_test(a_task_ticks_unless_ticks_are_missed_and_none_returns),
         cmocka_unit_test(a_task_that_hangs_in_its_first_tick_does_not_tick),
+        cmocka_unit_test(a_window_with_one_change_held_back_ends_with_its_row_and_a_quiet_one_without),
         cmocka_unit_test(changes_of_a_state_are_told_one_by_one_then_together_once_a_minute),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
