@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The operator's page in a browser, against a running loop: what an operator does (ui/test/operator.mjs), accessibility
-# (axe.mjs), a hundred variables (hundred.mjs).
+# (axe.mjs), a hundred variables (hundred.mjs); clocks that are set and a sensor that fails (faults.mjs) against a server
+# of the test's own.
 # shellcheck source=lib.sh
 skip() {
   echo "skipped: $*" >&2
@@ -77,6 +78,7 @@ tests=$APC_SOURCE_DIR/ui/test
 node --test --test-reporter=spec "$tests/hundred.mjs"
 kill "$feed"
 status=0
+APC_UI_PAGE=$APC_BUILD_DIR/share/apc/ui node --test --test-reporter=spec "$tests/faults.mjs" || status=$?
 node --test --test-reporter=spec "$tests/axe.mjs" || status=$?
 node --test --test-reporter=spec "$tests/operator.mjs" || status=$?
 exit $status

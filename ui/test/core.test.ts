@@ -49,6 +49,7 @@ test("a measurement is written with a fixed number of decimals and a true minus"
   assert.equal(number(-Infinity), "–");
   assert.equal(number(-2.5e9, 2), "\u22122.50e9");
   assert.equal(number(999999999, 0), "999999999");
+  assert.deepEqual([37697, 999.5, 1234567.8].map(x => number(x, 4)), ["37697.00", "999.5000", "1234568"]);
   // Near zero the way to write it stays within known limits, and without limits no digit is hidden.
   assert.deepEqual([0.0149, 0.0049].map(x => number(x, 2)), ["0.01", "0.00"]);
   assert.deepEqual([0.0005, 0.00049, -0.00001, 1e-7].map(x => number(x)), ["0.001", "0.00049", "\u22120.000010", "1.00e\u22127"]);

@@ -25,9 +25,10 @@ function delayEffects() {
 
 /** A page on a screen, with whatever it complains about; `at` is the part after #. */
 export async function open(browser, at, options = {}) {
-  const {lateEffects, ...rest} = options;
+  const {lateEffects, initScript, ...rest} = options;
   const context = await browser.newContext({viewport: {width: 1280, height: 800}, acceptDownloads: true, ...rest});
   if (lateEffects) await context.addInitScript(delayEffects);
+  if (initScript) await context.addInitScript(initScript);
   const page = await context.newPage();
   page.complaints = [];
   page.on("pageerror", error => page.complaints.push(error.message));

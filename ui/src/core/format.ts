@@ -22,12 +22,15 @@ export function decimalsOf(...of: (Ranged | null)[]): number | undefined {
   return undefined;
 }
 
-/** A measurement: with a fixed number of decimals. Without a known range three, and what these would hide. */
+const DIGITS = 7; // that fit wherever a value stands
+
+/** A measurement: with a fixed number of decimals, but for one far beyond its range, whose digits would not fit. Without
+ *  a known range three, and what these would hide. */
 export function number(value: number | null | undefined, decimals?: number): string {
   if (value == null || !isFinite(value)) return missing;
   const size = Math.abs(value);
   if (size >= 1e9 || (decimals == null && size !== 0 && size < 1e-6)) return power(value, 2);
-  const text = decimals == null && size < 5e-4 && size !== 0 ? value.toPrecision(2) : value.toFixed(decimals ?? 3);
+  const text = decimals == null && size < 5e-4 && size !== 0 ? value.toPrecision(2) : value.toFixed(Math.max(0, Math.min(decimals ?? 3, DIGITS - Math.trunc(size).toString().length)));
   return Number(text) === 0 ? text.replace("-", "") : minus(text);
 }
 

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// A server for the page whose clock can be set and whose sensor can fail: what an apc-ui cannot be made to do at will.
+import {readFileSync} from "node:fs";
+import {createServer} from "node:http";
+import path from "node:path";
+
+const types = {".html": "text/html; charset=utf-8", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"};
+const variable = (ref, name, rest) => {
+  const [table, id] = ref.split(".");
+  return {ref, table, id: Number(id), name, unit: "", description: "", low: null, high: null, period: null, ...rest};
+};
+const plant = {
+  name: "tank", title: "A tank", version: "1", revision: 1, start: null,
+  variables: [
+    variable("sensor.1", "y", {unit: "m", period: 1}),
+    variable("setpoint.1", "r", {unit: "m", low: -2, high: 2}),
+    variable("actuator.1", "u", {unit: "V", period: 1, low: -10, high: 10}),
+    variable("manual.1", "u"), variable("tuning.1", "Kp"), variable("opmode.0", "mode"), variable("opmode.1", "mode"),
+  ],
+  loops: [{id: 1, name: "y", measurement: "sensor.1", setpoint: "setpoint.1", output: "actuator.1", manual: "manual.1", tuning: ["tuning.1"], parameters: ["Kp"]}],
+  mode: {target: "opmode.0", actual: "opmode.1", names: ["Man", "Auto", "OOS"], targets: ["Man", "Auto"]},
+};
+
+export const HELD = 20; // s that an output is held after the sensor failed, before it goes to its fault value
+
+export class Fake {
+  ahead = 0; // s, of the server's clock beside the true one
+  failed = Infinity; // server time at which the sensor failed
+  refuse = 0; // so many questions for history get 503
+  loggedIn = true;
+  events = [];
+  value = t => 1 + 0.3 * Math.sin(t / 20);
+  connections = 0;
+  #seq = 0;
+  #streams = new Set();
+  #server = createServer((request, response) => this.#answer(request, response));
+  #timer;
+
+  get now() {
+    return Date.now() / 1000 + this.ahead;
+  }
+
+  async start() {
+    await new Promise(resolve => this.#server.listen(0, "127.0.0.1", resolve));
+    this.#timer = setInterval(() => this.#tell(), 500);
+    this.url = `http://127.0.0.1:${this.#server.address().port}`;
+    return this;
+  }
+
+  stop() {
+    clearInterval(this.#timer);
+    this.#server.closeAllConnections();
+    return new Promise(resolve => this.#server.close(resolve));
+  }
+
+  /** Value and status of a variable at a time. */
+  at(ref, t) {
+    const bad = t >= this.failed;
+    switch (ref) {
+      case "sensor.1":
+        return bad ? [0, "BadSensorFailure"] : [this.value(t), "Good"];
+      case "actuator.1":
+        return !bad ? [4 + Math.sin(t / 15), "Good"] : t < this.failed + HELD ? [4 + Math.sin(this.failed / 15), "UncertainLastUsableValue"] : [-2, "UncertainSubstituteValue"];
+      case "setpoint.1":
+        return [0.5, "Good"];
+      case "opmode.1":
+        return [t >= this.failed + HELD ? 0 : 1, "Good"];
+      case "opmode.0":
+        return [1, "Good"];
+      default:
+        return null;
+    }
+  }
+
+  #sample(ref, t) {
+    const what = this.at(ref, t);
+    return what ? [this.#seq, t, ...what] : [0, null, null, "BadNoData"];
+  }
+
+  #state() {
+    const values = Object.fromEntries(plant.variables.map(({ref}) => [ref, this.#sample(ref, this.now)]));
+    return {t: this.now, id: `f.${this.#seq}`, store: {connected: true, since: this.now - 99, error: null}, values, ages: Object.fromEntries(Object.keys(values).map(ref => [ref, 0]))};
+  }
+
+  #tell() {
+    this.#seq++;
+    const values = Object.fromEntries(["sensor.1", "actuator.1", "opmode.1"].map(ref => [ref, this.#sample(ref, this.now)]));
+    for (const stream of this.#streams) {
+      stream.write(`id: f.${this.#seq}\nevent: values\ndata: ${JSON.stringify({t: this.now, values})}\n\n`);
+      stream.write(`event: beat\ndata: ${JSON.stringify({t: this.now, connected: true})}\n\n`);
+    }
+  }
+
+  say(type, data) {
+    for (const stream of this.#streams) stream.write(`event: ${type}\ndata: ${JSON.stringify(data)}\n\n`);
+  }
+
+  #history(query) {
+    const ref = query.get("var");
+    const [since, until] = [Number(query.get("since")), Math.min(Number(query.get("until")), this.now)];
+    const time = ref === "setpoint.1" ? [] : Array.from({length: Math.max(0, Math.ceil(until - since))}, (_, i) => since + i);
+    const found = time.map(t => this.at(ref, t));
+    const samples = {seq: time.map((_, i) => i + 1), time, value: found.map(one => one[0]), status: found.map(one => one[1])};
+    return {ref, t: this.now, since, until: Number(query.get("until")), before: ref === "setpoint.1" ? [1, since - 50, 0.5, "Good"] : null, samples};
+  }
+
+  #answer(request, response) {
+    const url = new URL(request.url, "http://x");
+    const json = (body, status = 200) => {
+      response.writeHead(status, {"Content-Type": "application/json"});
+      response.end(JSON.stringify(body));
+    };
+    switch (url.pathname) {
+      case "/api/session":
+        return this.loggedIn ? json({user: "anna", role: "operator", protected: true, csrf: "x", expires: null}) : json({error: {code: "login", message: "log in"}}, 401);
+      case "/api/plant":
+        return json(plant);
+      case "/api/writes":
+        return json({writes: []});
+      case "/api/events":
+        return json({t: this.now, events: this.events.filter(one => !url.searchParams.get("kind") || one.kind === url.searchParams.get("kind")), more: false});
+      case "/api/history":
+        return this.refuse-- > 0 ? json({error: {code: "busy", message: "too many wait"}}, 503) : json(this.#history(url.searchParams));
+      case "/events":
+        this.connections++;
+        response.writeHead(200, {"Content-Type": "text/event-stream", "Cache-Control": "no-store"});
+        this.#streams.add(response);
+        request.on("close", () => this.#streams.delete(response));
+        response.write(`event: hello\ndata: ${JSON.stringify({t: this.now, resumed: false, beat: 1})}\n\n`);
+        response.write(`event: state\ndata: ${JSON.stringify(this.#state())}\n\n`);
+        return;
+      default: {
+        const name = url.pathname === "/" ? "index.html" : path.basename(url.pathname);
+        response.writeHead(200, {"Content-Type": types[path.extname(name)] ?? "text/plain", "Content-Security-Policy": "default-src 'self'"});
+        response.end(readFileSync(path.join(process.env.APC_UI_PAGE, name)));
+      }
+    }
+  }
+}

@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// What the screen shows while clocks are set and a sensor fails; some of it looked at pixel by pixel.
+import assert from "node:assert/strict";
+import {after, before, beforeEach, test} from "node:test";
+import {Fake, HELD} from "./fake.mjs";
+import {launch, open, until} from "./lib.mjs";
+
+const PATIENCE = {timeout: 120000};
+let browser;
+let fake;
+before(async () => {
+  browser = await launch();
+  fake = await new Fake().start();
+});
+after(async () => {
+  await browser.close();
+  await fake.stop();
+});
+beforeEach(() => Object.assign(fake, {ahead: 0, failed: Infinity, refuse: 0, loggedIn: true, events: []}));
+
+/** Date.now() of the page can be set: setClock(by), s. */
+function setableClock() {
+  const now = Date.now.bind(Date);
+  let by = 0;
+  Date.now = () => now() + by * 1000;
+  window.setClock = seconds => (by = seconds);
+}
+
+async function withPage(at, use, options = {}) {
+  const page = await open(browser, at, {url: fake.url, initScript: setableClock, ...options});
+  try {
+    await use(page);
+    assert.deepEqual(page.complaints, []);
+  } finally {
+    await page.context().close();
+  }
+}
+
+/** Of each pixel column of a plot: the rows that have the colour of live values, from the top of the plot. */
+function rows(page, which) {
+  return page.evaluate(index => {
+    const plot = document.querySelectorAll(".plots .uplot")[index];
+    const canvas = plot.querySelector("canvas");
+    const [outer, inner] = [canvas.getBoundingClientRect(), plot.querySelector(".u-over").getBoundingClientRect()];
+    const ratio = canvas.width / outer.width;
+    const [left, top, width, height] = [inner.left - outer.left, inner.top - outer.top, inner.width, inner.height].map(x => Math.round(x * ratio));
+    const {data} = canvas.getContext("2d").getImageData(left, top, width, height);
+    const probe = document.createElement("canvas").getContext("2d");
+    probe.fillStyle = getComputedStyle(document.documentElement).getPropertyValue("--live");
+    probe.fillRect(0, 0, 1, 1);
+    const live = probe.getImageData(0, 0, 1, 1).data;
+    return Array.from({length: width}, (_, x) => {
+      const found = [];
+      for (let y = 0; y < height; y++) {
+        const at = 4 * (y * width + x);
+        if (data[at + 3] > 128 && [0, 1, 2].every(k => Math.abs(data[at + k] - live[k]) < 24)) found.push(y);
+      }
+      return found;
+    });
+  }, which);
+}
+
+const columnsAt = (all, from, to) => all.slice(Math.round(from * all.length), Math.round(to * all.length));
+const points = async page => Number(await page.locator("section.trend").getAttribute("data-points"));
+const clockOf = async page => {
+  const [h, m, s] = (await page.locator("header .clock").textContent()).match(/\d+/g).map(Number);
+  return h * 3600 + m * 60 + s;
+};
+/** Apart on the face of a clock, s. */
+const apart = (a, b) => Math.abs(((a - b) % 86400 + 1.5 * 86400) % 86400 - 43200);
+
+/** The header has the server's time, and the measurement is drawn up to its end and not beyond. */
+async function shownAsItIs(page, when) {
+  await until(`${when}: the header has the server's time`, async () => apart(await clockOf(page), fake.now) < 3);
+  await until(`${when}: the curve reaches now`, async () => columnsAt(await rows(page, 0), 0.97, 0.99).every(column => column.length > 0));
+  await until(`${when}: the curve is whole`, async () => columnsAt(await rows(page, 0), 0.02, 0.97).every(column => column.length > 0));
+  assert.equal(await page.locator("main .value.stale").count(), 0, when);
+}
+
+for (const [name, set] of [
+  ["the browser's clock", (page, by) => page.evaluate(seconds => window.setClock(seconds), by)],
+  ["the server's clock", (_page, by) => (fake.ahead = by)],
+])
+  test(`${name} is set forward and back, and back and forward, while a trend is open`, PATIENCE, () =>
+    withPage("trend", async page => {
+      await until("there is a curve", async () => (await points(page)) > 500);
+      await shownAsItIs(page, "at first");
+      for (const by of [7200, 0, -7200, 0]) {
+        const had = fake.connections;
+        await set(page, by);
+        if (name === "the browser's clock") {
+          await until("the page has asked anew", () => fake.connections > had);
+          await until("it is connected", async () => (await page.locator(".link-state").getAttribute("data-state")) === "connected");
+        } else await until("the clock has followed", async () => apart(await clockOf(page), fake.now) < 3);
+        await shownAsItIs(page, `set to ${by} s`);
+      }
+    }));
+
+test("a sensor fails: its curve ends, that of the output goes on, held and then at its fault value", PATIENCE, () => {
+  fake.failed = fake.now - 300;
+  return withPage("trend", async page => {
+    await until("there is a curve", async () => (await points(page)) > 200);
+    await until("it is drawn", async () => (await rows(page, 1)).some(column => column.length > 0));
+    const failed = 0.5; // of the window of 600 s
+    const fault = failed + HELD / 600;
+    const [y, u] = [await rows(page, 0), await rows(page, 1)];
+    assert.ok(columnsAt(y, 0.05, failed - 0.02).every(column => column.length > 0), "the measurement has holes before the fault");
+    assert.ok(columnsAt(y, failed + 0.03, 1).every(column => column.length === 0), "a Bad measurement is drawn");
+    assert.deepEqual(u.map((column, x) => (column.length > 0 ? -1 : x)).filter(x => x > 2 && x < u.length - 4), [], "columns without the output");
+    const level = columns => [...new Set(columns.map(column => Math.round(column.reduce((a, b) => a + b, 0) / column.length)))];
+    const held = level(columnsAt(u, failed + 0.008, fault - 0.008));
+    const put = level(columnsAt(u, fault + 0.008, 0.99));
+    assert.ok(held.length <= 2 && put.length === 1, `held at rows ${held}, then at rows ${put}`);
+    assert.ok(put[0] > held[0] + 20, "the fault value is not where it belongs");
+  });
+});
+
+test("a sensor fails: the mode says why it is Man, and the output is not offered to be moved", PATIENCE, () => {
+  fake.failed = fake.now - 300;
+  fake.events = [{time: fake.now - 290, severity: 3, source: "plant", kind: "watchdog", text: "no command for 0.3 s: plant at its safe value"}];
+  return withPage("loop", async page => {
+    await page.getByText("outputs at their fault values").first().waitFor();
+    assert.equal(await page.locator('input[name="output.1"]').isDisabled(), true);
+    await page.getByText("Auto is asked for: change to Man first").waitFor();
+    assert.match(await page.locator('main .value.bad[data-ref="sensor.1"]').first().textContent(), /sensor failure/);
+    assert.match(await page.locator(".safe-bar").textContent(), /plant says: no command for 0.3 s: plant at its safe value/);
+    fake.say("event", {events: [{time: fake.now, severity: 1, source: "plant", kind: "watchdog", text: "plant takes commands"}]});
+    await page.locator(".safe-bar").waitFor({state: "detached"});
+  });
+});
+
+test("a value far outside the limits of its setpoint does not look as usual", PATIENCE, async () => {
+  const {value} = fake;
+  fake.value = () => 37697;
+  try {
+    await withPage("overview", async page => {
+      const cart = page.locator('main .value.outside[data-ref="sensor.1"]');
+      await cart.waitFor();
+      assert.match(await cart.textContent(), /37697\.00m.*above 2/);
+      assert.match(await page.locator(".abnormal").textContent(), /1 outside limits/);
+      const edge = selector => page.locator(selector).first().evaluate(one => getComputedStyle(one).boxShadow);
+      assert.notEqual(await edge(".bar.outside"), "none", "the class has no style");
+    });
+  } finally {
+    fake.value = value;
+  }
+});
+
+test("a setpoint is told with all of its digits", PATIENCE, () =>
+  withPage("loop", async page => {
+    assert.equal(await page.locator('main .value[data-ref="setpoint.1"] .digits').first().textContent(), "0.5");
+    const field = page.locator('input[name="setpoint.1"]');
+    await field.fill("1,500");
+    assert.match(await page.locator("form.entry").first().textContent(), /1,500 may be 1.500 or 1500/);
+    assert.equal(await page.getByRole("button", {name: "Apply"}).first().isDisabled(), true);
+    await field.fill("1,5");
+    assert.match(await page.locator("form.entry").first().textContent(), /0\.5 → 1\.5 m: Enter applies/);
+  }));
+
+test("history that is refused once is there a little later", PATIENCE, () => {
+  fake.refuse = 3;
+  return withPage("overview", async page => {
+    await until("the sparkline has its numbers", async () => /last 10 minutes: \d/.test(await page.locator("canvas.spark").first().getAttribute("aria-label")));
+    assert.equal(await page.locator(".bar.empty").count(), 0);
+  });
+});
+
+test("all rows begin at one line, however wide the screen", PATIENCE, () =>
+  withPage(
+    "overview",
+    async page => {
+      const lefts = await page.evaluate(() => ["header .brand", "nav a", "main h1"].map(one => Math.round(document.querySelector(one).getBoundingClientRect().left)));
+      assert.deepEqual(lefts, [lefts[0], lefts[0], lefts[0]]);
+    },
+    {viewport: {width: 1920, height: 1000}},
+  ));
+
+test("pausing moves nothing, Space on a button presses it, and the future is refused", PATIENCE, () =>
+  withPage("trend", async page => {
+    await until("there is a curve", async () => (await points(page)) > 500);
+    const top = async () => (await page.locator(".plots").boundingBox()).y;
+    const before = await top();
+    await page.getByRole("button", {name: "Pause"}).click();
+    await page.getByRole("button", {name: "Back to live"}).waitFor();
+    assert.equal(await top(), before);
+    await page.keyboard.press("Home");
+    const details = page.locator("details.from-to");
+    await details.locator("summary").focus();
+    await page.keyboard.press("Space");
+    await until("From - to is open", () => details.evaluate(one => one.open));
+    assert.equal(await page.locator("section.trend").getAttribute("data-live"), "true", "the trend is paused");
+    await page.getByLabel("to", {exact: true}).fill("2999-01-01T00:00:01");
+    await page.getByText("the end is in the future").waitFor();
+    assert.equal(await page.getByRole("button", {name: "Show"}).isDisabled(), true);
+    await page.getByLabel("to", {exact: true}).fill("2020-06-01T00:00:01");
+    await page.getByLabel("from", {exact: true}).fill("2020-01-01T00:00:01");
+    await page.getByText("more than 31 days at once").waitFor();
+  }));
+
+test("the login stays until somebody logs in, however often Esc is pressed", PATIENCE, () =>
+  withPage("overview", async page => {
+    fake.loggedIn = false;
+    fake.say("bye", {reason: "session", message: "ended"});
+    await page.getByText("Your session has ended").waitFor();
+    for (let i = 0; i < 5; i++) {
+      await page.keyboard.press("Escape");
+      await page.evaluate(() => new Promise(requestAnimationFrame));
+    }
+    assert.equal(await page.getByText("Your session has ended").isVisible(), true);
+    page.complaints.length = 0; // the browser tells of each 401
+  }));
+
+test("a link that is no text leads to a page", PATIENCE, () =>
+  withPage("loop/%E0%A4%A", async page => assert.equal(await page.locator("main h1").isVisible(), true)));
