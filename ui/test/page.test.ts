@@ -199,38 +199,19 @@ test("events are kept, the newest five hundred, and those that leave are counted
   assert.equal(model.events.value.dropped, had + 100);
 });
 
-test("the plant at its safe value stands until its watchdog says otherwise", async () => {
-  const e = (time: number, severity: number) => ({time, severity, source: "plant", kind: "watchdog", text: "plant at its safe value"});
-  env.source.send("event", {events: [e(server.now, 3)]});
-  assert.equal(model.watchdog.value?.severity, 3);
-  env.source.send("event", {events: Array.from({length: 600}, () => ({...e(server.now, 1), kind: "operator"}))});
-  assert.equal(model.watchdog.value?.severity, 3, "it scrolls away");
-  env.source.send("event", {events: [e(server.now + 1, 1)]});
-  assert.equal(model.watchdog.value?.severity, 1);
-  const route = env.routes.get("/api/events")!;
-  env.routes.set("/api/events", one => one.answer({error: {code: "busy", message: "busy"}}, 503));
-  env.source.break();
-  await opened();
-  server.hello();
-  await env.settle();
-  env.routes.set("/api/events", one => one.answer({events: one.query.kind === "watchdog" && one.query.last === "1" ? [e(server.now + 9, 3)] : [], more: false}));
+test("what stands is what the server said last, each second", async () => {
+  assert.deepEqual([model.modes.value.actual, model.modes.value.lastKnown], ["Auto", false]);
+  const before = model.control.value;
   server.beat();
-  await server.run(6);
-  assert.equal(model.watchdog.value?.severity, 3, "it is not asked for again after it was refused");
-  env.source.send("event", {events: [e(server.now + 100, 1)]});
-  env.routes.set("/api/events", route);
-});
-
-test("the mode is last known when all outputs are stale", async () => {
-  await server.run(2);
-  assert.deepEqual([model.control.value.actual, model.control.value.silent], ["Auto", null]);
-  await server.run(8, ["actuator.1", "actuator.2"]);
-  assert.equal(model.control.value.silent, 7);
-  assert.match(model.control.value.why ?? "", /^last known/);
-  server.sample("actuator.2", 1);
-  assert.equal(model.control.value.silent, null);
+  assert.equal(model.control.value, before, "what is the same is told as new");
+  server.control = {...server.control, running: false, reason: "the controller is not running", safe: true, safe_since: 5};
+  server.beat();
+  assert.deepEqual([model.control.value?.safe, model.modes.value.lastKnown, model.modes.value.why], [true, true, "the controller is not running"]);
+  server.control = {...server.control, running: true, reason: null, safe: false};
+  env.source.send("state", server.state());
+  assert.deepEqual([model.control.value?.safe, model.modes.value.lastKnown], [false, false]);
   server.sample("opmode.1", 0);
-  assert.equal(model.control.value.handsOff, "Auto is asked for: change to Man first");
+  assert.equal(model.modes.value.handsOff, "Auto is asked for: change to Man first");
 });
 
 test("limits are those of the measurement, else of its setpoint", () => {

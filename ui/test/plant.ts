@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // A plant of two loops as apc-ui tells of it, and a server that answers for it.
-import type {Plant, Sample, State, Variable} from "../src/core/types";
+import type {Control, Plant, Sample, State, Variable} from "../src/core/types";
 import {FakeEnv} from "./env";
 
 export const START = 2e9; // the server's clock when everything begins
@@ -59,6 +59,7 @@ export class Server {
   /** What the server's clock is ahead of the browser's monotonic one. */
   private ahead: number;
   private seq = 100;
+  control: Control = {running: true, target: "Auto", actual: "Auto", reason: null, safe: false, safe_since: null};
 
   constructor(readonly env: FakeEnv) {
     this.ahead = START - env.mono();
@@ -95,6 +96,7 @@ export class Server {
       store: {connected: true, since: START - 500, error: null},
       values: all,
       ages: Object.fromEntries(Object.keys(all).map(ref => [ref, ages[ref] ?? (all[ref]?.[0] ? 0 : null)])),
+      control: this.control,
     };
   }
 
@@ -103,7 +105,7 @@ export class Server {
   }
 
   beat(): void {
-    this.env.source.send("beat", {t: this.now, connected: true});
+    this.env.source.send("beat", {t: this.now, connected: true, control: this.control});
   }
 
   sample(ref: string, value: number, status = "Good", t = this.now): void {

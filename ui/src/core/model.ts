@@ -4,10 +4,10 @@ import {get, session as askSession, whenLoggedOut} from "./api";
 import {Cell} from "./cell";
 import {Clock, Parting} from "./clock";
 import {env, every} from "./env";
-import {type Control, controlOf, newestWatchdog, noControl} from "./modes";
+import {type Modes, modesOf, noModes} from "./modes";
 import {aged, heard, limit, type Limits, type Live, nothing} from "./quality";
 import {Stream} from "./stream";
-import type {Plant, PlantEvent, Ref, Sample, Session, State, StoreState, Task, Variable, Write} from "./types";
+import type {Control, Plant, PlantEvent, Ref, Sample, Session, State, StoreState, Task, Variable, Write} from "./types";
 
 export interface Connection {
   state: "connecting" | "connected" | "disconnected";
@@ -31,9 +31,9 @@ export const connection = new Cell<Connection>({state: "connecting", since: 0, r
 export const store = new Cell<StoreState | null>(null);
 export const writes = new Cell<Write[]>([]);
 export const events = new Cell<Streamed>({list: [], dropped: 0});
-/** What the plant's watchdog said last: an alarm stands until it says otherwise. */
-export const watchdog = new Cell<PlantEvent | null>(null);
-export const control = new Cell<Control>(noControl);
+/** What stands, as the server said it last. */
+export const control = new Cell<Control | null>(null);
+export const modes = new Cell<Modes>(noModes);
 export const tasks = new Cell<Task[]>([]);
 /** Another one each second, whatever the server says. */
 export const second = new Cell(0);
@@ -112,17 +112,18 @@ function takeWrite(write: Write): void {
 }
 
 function takeEvents(news: PlantEvent[]): void {
-  watchdog.value = newestWatchdog(watchdog.value, news);
   const all = [...events.value.list, ...news];
   const over = Math.max(0, all.length - KEEP_EVENTS);
   events.value = {list: all.slice(over), dropped: events.value.dropped + over};
 }
 
-function lookAtControl(): void {
-  const p = plant.value;
-  if (!p) return;
-  const next = controlOf(p.mode, live(p.mode.target).value, live(p.mode.actual).value, p.loops.map(loop => live(loop.output).value));
-  if (JSON.stringify(next) !== JSON.stringify(control.value)) control.value = next;
+function replace<T>(cell: Cell<T>, next: T): void {
+  if (JSON.stringify(next) !== JSON.stringify(cell.value)) cell.value = next;
+}
+
+function lookAtModes(): void {
+  const mode = plant.value?.mode;
+  if (mode) replace(modes, modesOf(mode, live(mode.target).value, live(mode.actual).value, control.value));
 }
 
 /** Feeds the clock; returns how old the message is, s. */
@@ -175,7 +176,9 @@ function receive(type: string, data: unknown): void {
       if ((data as {reason: string}).reason === "session") needsLogin.value = true;
       break;
   }
-  lookAtControl();
+  const {control: said} = data as {control?: Control};
+  if (said) replace(control, said);
+  lookAtModes();
 }
 
 let asked = 0;
@@ -193,10 +196,7 @@ export async function loadPlant(): Promise<void> {
     const other = before != null && identity(before) !== identity(next);
     variables.clear();
     for (const one of next.variables) variables.set(one.ref, one);
-    if (other) {
-      watchdog.value = null;
-      for (const listener of plantListeners) listener();
-    }
+    if (other) for (const listener of plantListeners) listener();
     plant.value = {...next, generation: (before?.generation ?? 0) + (other ? 1 : 0)};
   } catch {
     env.later(() => void (mine === asked && loadPlant()), 2);
@@ -213,15 +213,6 @@ async function loadWrites(): Promise<void> {
   }
 }
 
-async function loadWatchdog(): Promise<void> {
-  try {
-    const past = await get<{events: PlantEvent[]}>("/api/events", {kind: "watchdog", last: 1});
-    watchdog.value = newestWatchdog(watchdog.value, past.events);
-  } catch {
-    if (connection.value.state === "connected") env.later(() => void loadWatchdog(), 5);
-  }
-}
-
 const stream = new Stream({
   message: receive,
   up(resumed) {
@@ -230,7 +221,6 @@ const stream = new Stream({
     connection.value = {state: "connected", since: serverNow(), retryAt: null};
     refill.value++;
     void loadWrites();
-    void loadWatchdog();
   },
   down(retryAt) {
     const before = connection.value;
@@ -251,7 +241,6 @@ function tick(): void {
     const one = variables.get(ref);
     if (one) cell.value = aged(cell.value, limit(one), at);
   }
-  lookAtControl();
   second.value = Math.floor(at);
 }
 

@@ -54,12 +54,22 @@ export interface StoreState {
   error: string | null;
 }
 
+export interface Control {
+  running: boolean | null;
+  target: string | null;
+  actual: string | null;
+  reason: string | null;
+  safe: boolean | null;
+  safe_since: number | null;
+}
+
 export interface State {
   t: number;
   id: string;
   store: StoreState;
   values: Record<Ref, Sample>;
   ages: Record<Ref, number | null>;
+  control: Control;
 }
 
 export interface Bins {

@@ -6,7 +6,7 @@ import {get} from "../core/api";
 import {useCell} from "../usecell";
 import {exact, stamp} from "../core/format";
 import {loopScale, outputScale} from "../core/loopdata";
-import {control, events, plant, variable, writes} from "../core/model";
+import {events, modes, plant, variable, writes} from "../core/model";
 import {Bar} from "../parts/bar";
 import {Entry} from "../parts/entry";
 import {ModeSwitch} from "../parts/modeswitch";
@@ -28,7 +28,7 @@ export function LoopPage({about}: {about: string | null}): JSX.Element {
 function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
   const scale = useCell(loopScale(loop));
   const out = useCell(outputScale(loop.output));
-  const {handsOff} = useCell(control);
+  const {handsOff} = useCell(modes);
   const setpoint = variable(loop.setpoint);
   const output = variable(loop.output);
   const index = p.loops.indexOf(loop);

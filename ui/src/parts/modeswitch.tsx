@@ -3,7 +3,7 @@
 import type {JSX} from "preact";
 import {useWriteBar} from "../access";
 import {useCell} from "../usecell";
-import {control, live} from "../core/model";
+import {live, modes} from "../core/model";
 import type {Plant} from "../core/types";
 import {send, slot} from "../core/writing";
 import {WriteStatus} from "./status";
@@ -11,7 +11,7 @@ import {ActualMode, Mode} from "./value";
 
 export function ModeSwitch({plant}: {plant: Plant}): JSX.Element {
   const {mode} = plant;
-  const {target: now, why} = useCell(control);
+  const {target: now, why} = useCell(modes);
   const barred = useWriteBar();
   const view = useCell(slot("mode"));
   const ask = (name: string): void => {

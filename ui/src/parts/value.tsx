@@ -3,7 +3,7 @@
 import type {JSX} from "preact";
 import {useCell} from "../usecell";
 import {decimalsOf, duration, exact, missing, number} from "../core/format";
-import {control, limitsOf, live, variable} from "../core/model";
+import {limitsOf, live, modes, variable} from "../core/model";
 import {beyond, words, worth} from "../core/quality";
 import type {Plant, Ref} from "../core/types";
 import {Shape} from "./shape";
@@ -46,10 +46,10 @@ export function Mode({name, of, lastKnown = false}: {name: string | null; of: Re
 
 /** What the controller does; greyed where that is only what it did. */
 export function ActualMode({plant}: {plant: Plant}): JSX.Element {
-  const {actual, silent, why} = useCell(control);
+  const {actual, lastKnown, why} = useCell(modes);
   return (
     <span title={why ?? undefined}>
-      {why && actual !== "OOS" && <Shape priority={silent == null ? 3 : 2} label={why} />} <Mode of={plant.mode.actual} name={actual} lastKnown={silent != null} />
+      {why && <Shape priority={lastKnown ? 2 : 3} label={why} />} <Mode of={plant.mode.actual} name={actual} lastKnown={lastKnown} />
     </span>
   );
 }
