@@ -76,6 +76,7 @@ export function Tuning({loop}: {loop: Loop}): JSX.Element {
   const name = `tuning.${loop.id}`;
   const view = useCell(slot(name));
   const pending = view?.phase === "pending";
+  for (const ref of loop.tuning) useCell(live(ref)); // one loop, one number of them
   // As in Entry.
   const drafts = view?.stored ? Object.fromEntries(Object.entries(typed).filter(([ref, draft]) => draft !== sent.current[ref])) : typed;
 

@@ -1,0 +1,588 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// What stands on the screen and what its keys and buttons do, in a DOM without a browser: no layout, no pixels.
+import assert from "node:assert/strict";
+import {beforeEach, test} from "node:test";
+import {options, render} from "preact";
+import type {Sample} from "../src/core/types";
+import {FakeEnv} from "./env";
+import {plant as tanks, Server, START} from "./plant";
+
+if (Number(process.versions.node.split(".")[0]) < 20) {
+  console.log("skipped: happy-dom takes Node 20, this is", process.version);
+  process.exit(0);
+}
+const {Window} = await import("happy-dom");
+const window = new Window({url: "http://server/", settings: {disableCSSFileLoading: true}});
+// A canvas takes everything and shows nothing.
+const context: unknown = new Proxy(() => {}, {get: (_, name) => (name === "measureText" ? () => ({width: 9}) : name === "canvas" ? document.createElement("canvas") : context), set: () => true, apply: () => context});
+window.HTMLCanvasElement.prototype.getContext = (() => context) as never;
+for (const name of Object.getOwnPropertyNames(window))
+  if (!(name in globalThis) || ["Event", "CustomEvent", "FormData"].includes(name)) Object.defineProperty(globalThis, name, {value: (window as never)[name], configurable: true, writable: true});
+Object.assign(globalThis, {window, document: window.document, location: window.location, localStorage: window.localStorage, devicePixelRatio: 1, Path2D: class { rect() {} moveTo() {} lineTo() {} arc() {} closePath() {} addPath() {} }});
+window.HTMLDialogElement.prototype.showModal ??= function (this: {open: boolean}) { this.open = true; };
+options.debounceRendering = call => void setImmediate(call);
+options.requestAnimationFrame = call => void setImmediate(call);
+
+const env = new FakeEnv();
+const server = new Server(env);
+const model = await import("../src/core/model");
+const {forget} = await import("../src/core/writing");
+const {Shell} = await import("../src/shell");
+const {place, go, path} = await import("../src/router");
+const {placeOf} = await import("../src/core/place");
+const {setShortcuts, setTheme, theme} = await import("../src/theme");
+
+document.body.innerHTML = '<div id="app"></div>';
+const app = document.getElementById("app") as HTMLElement;
+let begun = false;
+
+beforeEach(async () => {
+  server.control = {running: true, target: "Auto", actual: "Auto", reason: null, safe: false, safe_since: null};
+  for (const name of ["setpoint.1", "output.1", "mode", "tuning.1"]) forget(name);
+  env.asked.length = 0;
+  if (!begun) {
+    await model.begin();
+    render(<Shell />, app);
+  }
+  begun = true;
+  env.source.break();
+  for (let i = 0; env.source.closed && i < 99; i++) await env.pass(0.25);
+  server.hello();
+  env.source.send("state", server.state());
+  await show("overview");
+});
+
+async function settle(): Promise<void> {
+  for (let i = 0; i < 4; i++) {
+    await env.settle();
+    await new Promise(resolve => setImmediate(resolve));
+  }
+}
+
+async function show(at: string): Promise<void> {
+  place.value = placeOf(`#${at}`);
+  await settle();
+}
+
+async function state(part: Record<string, Sample>, ages: Record<string, number> = {}): Promise<void> {
+  env.source.send("state", server.state(part, ages));
+  await env.pass(0.3);
+  await settle();
+}
+
+/** What is read on it: texts, names of pictures, spaces as one. */
+function said(selector: string): string {
+  const of = (node: Element | ChildNode): string => {
+    if (node.nodeType === 3) return node.textContent ?? "";
+    const element = node as Element;
+    if (element.getAttribute?.("aria-hidden") === "true") return "";
+    const label = element.getAttribute?.("role") === "img" ? element.getAttribute("aria-label") : null;
+    return label != null ? ` [${label}] ` : [...element.childNodes].map(of).join(["BUTTON", "TD", "TH", "DT", "DD", "P", "A", "OPTION"].includes(element.tagName) ? "" : " ");
+  };
+  return [...document.querySelectorAll(selector)].map(one => of(one).replace(/\s+/g, " ").replace(/ ([:.,])/g, "$1").trim()).join(" | ");
+}
+
+const one = <T extends Element = HTMLElement>(selector: string): T => {
+  const found = document.querySelector(selector);
+  assert.ok(found, `there is no ${selector}`);
+  return found as unknown as T;
+};
+const button = (text: string, within = "#app"): HTMLButtonElement => {
+  const found = [...document.querySelectorAll(`${within} button`)].find(each => (each.textContent ?? "").trim() === text || each.getAttribute("aria-label") === text);
+  assert.ok(found, `there is no button ${text}: ${[...document.querySelectorAll(`${within} button`)].map(each => each.textContent).join(" | ")}`);
+  return found as unknown as HTMLButtonElement;
+};
+async function click(element: HTMLElement): Promise<void> {
+  element.click();
+  await settle();
+}
+async function type(selector: string, text: string): Promise<void> {
+  const field = one<HTMLInputElement>(selector);
+  field.value = text;
+  field.dispatchEvent(new window.Event("input", {bubbles: true}) as never);
+  await settle();
+}
+async function choose(selector: string, value: string): Promise<void> {
+  const field = one<HTMLSelectElement>(selector);
+  field.value = value;
+  field.dispatchEvent(new window.Event("change", {bubbles: true}) as never);
+  await settle();
+}
+async function press(key: string, at: Element | Document = document.body, more: object = {}): Promise<boolean> {
+  const event = new window.KeyboardEvent("keydown", {key, bubbles: true, cancelable: true, ...more});
+  at.dispatchEvent(event as never);
+  await settle();
+  return event.defaultPrevented;
+}
+async function submit(selector: string): Promise<void> {
+  one(selector).dispatchEvent(new window.Event("submit", {bubbles: true, cancelable: true}) as never);
+  await settle();
+}
+
+test("the overview tells each loop, each measurement beyond them, and that all is well", () => {
+  assert.equal(said(".toolbar"), "Two tanks all values fresh and good View as table");
+  assert.equal(
+    said(".loops tbody tr:first-child"),
+    "y1level Auto [y1 PV 9.98 m, setpoint 0.125, scale 0 to 15] 9.98 m 0.125 m 1.500 V [y1, last 10 minutes: 9.98 to 9.98]",
+  );
+  assert.match(said(".measurements tbody tr"), /^T \[T 300\.000 K, scale 100 to 500\] 300\.000 K /);
+  assert.equal(said(".loops thead"), "Loop Mode PV against SP PV SP OUT Last 10 min");
+  assert.equal(one<HTMLAnchorElement>(".loops tbody th a").getAttribute("href"), "#loop/1");
+  assert.equal(one<HTMLAnchorElement>(".measurements tbody th a").getAttribute("href"), "#trend/sensor.3");
+});
+
+test("the overview as a table", async () => {
+  await click(button("View as table"));
+  assert.equal(button("View as table").getAttribute("aria-pressed"), "true");
+  assert.equal(document.querySelectorAll("canvas.spark").length, 0);
+  assert.match(said(".loops tbody tr:first-child td:last-child"), /no data|to/);
+  await click(button("View as table"));
+  assert.equal(document.querySelectorAll("canvas.spark").length, 3);
+});
+
+test("what is not as it should be is counted and marked where it stands", async () => {
+  const t = server.now;
+  await state({
+    "sensor.1": [11, t, 9, "BadSensorFailure"],
+    "sensor.2": [11, t, 11, "Good"],
+    "sensor.3": [0, null, null, "BadNoData"],
+    "actuator.1": [11, t, 0, "UncertainSubstituteValue"],
+    "actuator.2": [11, t, 2, "Good"],
+  }, {"actuator.2": 60});
+  assert.equal(said(".abnormal"), "[priority 2: bad] 1 bad [priority 2: outside limits] 1 outside limits [priority 3: uncertain] 1 uncertain [priority 3: stale] 1 stale [priority 3: without a sample] 1 without a sample");
+  const value = (ref: string): string => said(`main .value[data-ref="${ref}"]`);
+  assert.equal(value("sensor.1"), "[priority 2: sensor failure] 9.00 m sensor failure");
+  assert.equal(value("sensor.2"), "[priority 2: above its limits] 11.000 m above 10");
+  assert.equal(value("sensor.3"), "[priority 3: no sample yet] –");
+  assert.equal(value("actuator.1"), "[priority 3: substitute value] 0.000 V substitute value");
+  assert.equal(value("actuator.2"), "[priority 3: stale] 2.000 V 60 s old");
+  const classes = (ref: string): string => one(`main .value[data-ref="${ref}"]`).className;
+  assert.deepEqual(["sensor.1", "sensor.2", "sensor.3", "actuator.1", "actuator.2"].map(classes), ["value bad", "value outside", "value none", "value uncertain", "value stale"]);
+  await state({"sensor.2": [12, t, -1, "Good"]});
+  assert.equal(value("sensor.2"), "[priority 2: below its limits] \u22121.000 m below 0");
+  const bar = one('.bar.outside');
+  assert.equal(bar.getAttribute("aria-label"), "y2 PV \u22121.000 m, setpoint 5, below its limit 0, scale 0 to 10");
+  assert.equal(said(".bar.outside b"), "◀");
+});
+
+test("a bar begins at zero and marks its setpoint", async () => {
+  await state({"sensor.2": [13, server.now, 2.5, "Good"]});
+  const bar = document.querySelectorAll(".loops .bar")[1] as unknown as HTMLElement;
+  assert.equal(bar.className, "bar");
+  assert.match(bar.querySelector(".fill")?.getAttribute("style") ?? "", /translateX\(0\.00%\) scaleX\(0\.2500\)/);
+  assert.match(bar.querySelector(".setpoint")?.getAttribute("style") ?? "", /left: 50\.00%/);
+  await show("loop/1");
+  const out = [...document.querySelectorAll(".bar")].pop() as unknown as HTMLElement;
+  assert.match(out.querySelector(".zero")?.getAttribute("style") ?? "", /left: 50\.00%/);
+  assert.match(out.querySelector(".fill")?.getAttribute("style") ?? "", /translateX\(50\.00%\) scaleX\(0\.0750\)/);
+  assert.equal(out.getAttribute("aria-label"), "OUT 1.500 V, scale \u221210 to 10");
+});
+
+test("the header says who, what, whether there is a connection, and the server's time", async () => {
+  assert.match(said("header"), /^libapc tanks CONNECTED 0\.\d s DB ok \d\d:\d\d:\d\d UTC anna, operator Log out Colours auto light dark \?$/);
+  assert.equal(document.title, "tanks – libapc");
+  env.source.send("store", {connected: false, since: START, error: "it was stopped"});
+  await settle();
+  assert.match(said("header"), /\[priority 1: database away\] DB AWAY/);
+  assert.match(said(".database-bar"), /^\[priority 1: database away\] The database is away since 2033-05-18 03:33:20 UTC\. Values are last known, writing is disabled\. it was stopped$/);
+  env.source.break();
+  await settle();
+  assert.match(said("header"), /\[priority 1: disconnected\] DISCONNECTED/);
+  assert.match(said(".disconnected-bar"), /Disconnected since 20\d\d-\d\d-\d\d \d\d:\d\d:\d\d UTC\. Values are last known, writing is disabled\./);
+  assert.equal(said(".retry"), "next attempt in 1 s");
+  assert.match(one(".shell").className, /disconnected/);
+  assert.equal(document.querySelectorAll(".database-bar").length, 0);
+});
+
+test("the database is not known to be well while nobody is connected", async () => {
+  env.source.break();
+  await settle();
+  assert.match(said(".database"), /DB not known/);
+});
+
+test("what stands is told on every page", async () => {
+  server.control = {running: false, target: "Auto", actual: null, reason: "the controller is not running", safe: true, safe_since: START};
+  server.beat();
+  await settle();
+  assert.equal(said(".safe-bar"), "[priority 1: plant at its safe value] The plant is at its safe value since 2033-05-18 03:33:20 UTC: nothing drives it.");
+  assert.equal(said(".silent-bar"), "[priority 2: the controller is not running] The controller is not running: modes and outputs are last known.");
+  assert.equal(said(".loops tbody tr:first-child td:nth-child(2)"), "[priority 2: the controller is not running] Auto");
+  await show("loop/1");
+  assert.equal(said(".mode-switch .pairs"), "target Auto actual [priority 2: the controller is not running] Auto");
+  assert.equal(document.querySelectorAll(".mode.last-known").length, 1);
+  server.control = {...server.control, safe_since: null};
+  server.beat();
+  await settle();
+  assert.match(said(".safe-bar"), /at its safe value: nothing drives it/);
+});
+
+test("pages by Alt and a digit, help by ?, if wanted", async () => {
+  for (const [i, page] of ["overview", "loop", "trend", "events", "timing", "diagnostics"].entries()) {
+    assert.equal(await press(String(i + 1), document.body, {altKey: true, code: `Digit${i + 1}`}), true);
+    await show(location.hash.slice(1));
+    assert.equal(one("main").getAttribute("aria-label")?.toLowerCase(), page);
+    assert.equal(one("nav [aria-current]").getAttribute("href"), `#${page}`);
+  }
+  assert.equal(await press("7", document.body, {altKey: true, code: "Digit7"}), false);
+  assert.equal(await press("1", document.body, {altKey: true, ctrlKey: true, code: "Digit1"}), false);
+  await press("?");
+  assert.match(said("dialog"), /Keys Alt\+1 … Alt\+6 Overview, Loop, Trend, Events, Timing, Diagnostics Enter apply what is typed/);
+  one("dialog").dispatchEvent(new window.Event("close") as never);
+  await settle();
+  assert.equal(document.querySelectorAll("dialog").length, 0);
+  setShortcuts(false);
+  await press("?");
+  assert.equal(document.querySelectorAll("dialog").length, 0);
+  setShortcuts(true);
+  await show("loop/1");
+  await press("?", one('input[name="setpoint.1"]'));
+  assert.equal(document.querySelectorAll("dialog").length, 0, "a ? that is typed");
+  await click(button("Help"));
+  assert.equal(document.querySelectorAll("dialog").length, 1);
+  one("dialog").dispatchEvent(new window.Event("close") as never);
+  await settle();
+});
+
+test("colours are chosen and remembered", async () => {
+  await choose("header select", "dark");
+  assert.equal(document.documentElement.dataset.theme, "dark");
+  assert.equal(localStorage.getItem("apc-theme"), "dark");
+  setTheme("auto");
+  assert.equal(document.documentElement.dataset.theme, undefined);
+  assert.equal(theme.value, "auto");
+});
+
+test("the faceplate tells the loop", async () => {
+  await show("loop/2");
+  assert.equal(said("h1"), "y2");
+  assert.match(said(".faceplate"), /^Values PV y2 .* 5\.000 m SP r2 .* 5 m OUT u2 .* 2\.000 V /);
+  assert.match(said(".last-action"), /none among the newest 50 of the plant/);
+  assert.equal(said(".operate h2"), "Mode of all loops | Setpoint | Output");
+  await click(button("Next loop"));
+  await show(location.hash.slice(1));
+  assert.equal(said("h1"), "y1");
+  await click(button("Previous loop"));
+  await show(location.hash.slice(1));
+  assert.equal(said("h1"), "y2");
+  await choose('select[aria-label="Loop"]', "1");
+  await show(location.hash.slice(1));
+  assert.equal(said("h1"), "y1");
+  await show("loop/99");
+  assert.equal(said("h1"), "y1");
+});
+
+const entry = 'form.entry:has(input[name="setpoint.1"])';
+const field = 'input[name="setpoint.1"]';
+
+test("an entry: what is typed, what will be sent, and what is refused", async () => {
+  await show("loop/1");
+  assert.equal(one<HTMLInputElement>(field).value, "0.125");
+  assert.equal(button("Apply", entry).disabled, true);
+  assert.equal(button("Revert", entry).disabled, true);
+  assert.match(said(entry), /\u2212100 to 100/);
+  await type(field, "1,500");
+  assert.match(said(entry), /1,500 may be 1\.500 or 1500: write the one that is meant/);
+  assert.equal(one(field).getAttribute("aria-invalid"), "true");
+  assert.equal(button("Apply", entry).disabled, true);
+  await submit(entry);
+  assert.equal(env.asked.length, 0, "what is refused is sent");
+  await type(field, "101");
+  assert.match(said(entry), /outside \u2212100 to 100/);
+  await type(field, "1,5");
+  assert.match(said(entry), /0\.125 → 1\.5 m: Enter applies, Esc reverts/);
+  assert.match(one(entry).className, /editing/);
+  await submit(entry);
+  const asked = env.take("/api/setpoint");
+  assert.deepEqual([asked.body?.id, asked.body?.value, asked.body?.seq], [1, 1.5, 2]);
+  assert.match(said('[data-slot="setpoint.1"]'), /^r1 0\.125 → 1\.5 m: pending$/);
+  assert.equal(one<HTMLInputElement>(field).readOnly, true);
+  await submit(entry);
+  assert.equal(env.asked.length, 0, "it is sent twice");
+  asked.answer({key: asked.body?.key, kind: "setpoint", user: "anna", time: START, state: "applied", stored: true, reason: null, changes: [{ref: "setpoint.1", name: "r1", from: 0.125, to: 1.5, seq: 3}]});
+  server.sample("setpoint.1", 1.5);
+  await settle();
+  assert.equal(said('[data-slot="setpoint.1"]'), "r1 0.125 → 1.5 m: applied 03:33:20");
+  assert.equal(one<HTMLInputElement>(field).value, "1.5");
+  assert.equal(button("Revert", entry).disabled, true);
+});
+
+test("Esc takes back what was typed", async () => {
+  await show("loop/1");
+  await type(field, "7");
+  await press("Escape", one(field));
+  assert.equal(one<HTMLInputElement>(field).value, "0.125");
+  await type(field, "8");
+  await click(button("Revert", entry));
+  assert.equal(one<HTMLInputElement>(field).value, "0.125");
+});
+
+test("what somebody else has changed is written over only by the button that says so", async () => {
+  await show("loop/1");
+  await type(field, "7");
+  server.sample("setpoint.1", 9);
+  await settle();
+  assert.equal(one<HTMLInputElement>(field).value, "7");
+  assert.match(said(entry), /changed meanwhile to 9 m: Esc takes that Write 7 over it/);
+  assert.equal(button("Apply", entry).disabled, true);
+  await submit(entry);
+  assert.equal(env.asked.length, 0);
+  await click(button("Write 7 over it", entry));
+  const asked = env.take("/api/setpoint");
+  assert.equal(asked.body?.seq, model.live("setpoint.1").value.seq);
+  asked.answer({error: {code: "stale", message: "changed again"}}, 409);
+  await settle();
+  assert.equal(said('[data-slot="setpoint.1"]'), "[priority 2: failed] r1 9 → 7 m: failed – changed again Retry Dismiss");
+  assert.equal(one<HTMLInputElement>(field).value, "7");
+  await click(button("Retry"));
+  assert.equal(env.take("/api/setpoint").body?.value, 7);
+  await env.pass(1.1);
+  await settle();
+  assert.match(said('[data-slot="setpoint.1"]'), /^\[priority 3: unknown\] r1 9 → 7 m: unknown – the server did not answer in time/);
+  await click(button("Dismiss"));
+  assert.equal(said('[data-slot="setpoint.1"]'), "");
+});
+
+test("the output is offered in Man only, and a reason is given", async () => {
+  await show("loop/1");
+  const output = 'form.entry:has(input[name="output.1"])';
+  assert.equal(one<HTMLInputElement>('input[name="output.1"]').disabled, true);
+  assert.match(said(output), /by hand in mode Man only/);
+  server.sample("opmode.1", 0);
+  await settle();
+  assert.match(said(output), /Auto is asked for: change to Man first/);
+  server.sample("opmode.0", 0);
+  await settle();
+  assert.equal(one<HTMLInputElement>('input[name="output.1"]').disabled, false);
+  assert.equal(one<HTMLInputElement>('input[name="output.1"]').value, "1.500");
+  await type('input[name="output.1"]', "2");
+  assert.match(said(output), /1\.500 → 2/);
+  await submit(output);
+  assert.deepEqual([env.take("/api/output").body?.value], [2]);
+});
+
+test("the mode is asked for by its button", async () => {
+  await show("loop/1");
+  assert.equal(button("Auto").getAttribute("aria-pressed"), "true");
+  await click(button("Auto"));
+  assert.equal(env.asked.length, 0, "what is there already is asked for");
+  await click(button("Man"));
+  const asked = env.take("/api/mode");
+  assert.deepEqual([asked.body?.mode, asked.body?.seq], ["Man", 1]);
+  assert.match(button("Man").className, /pending/);
+  assert.match(said('[data-slot="mode"]'), /mode Auto → Man: pending/);
+  await click(button("Man"));
+  assert.equal(env.asked.length, 0);
+  asked.answer({error: {code: "limits", message: "no"}}, 422);
+  await settle();
+  await click(button("Retry"));
+  assert.equal(env.take("/api/mode").body?.mode, "Man");
+});
+
+test("tuning goes together, old and new are shown", async () => {
+  await show("loop/2");
+  const tuning = 'input[name="tuning.2"]';
+  assert.match(said(".tuning tbody"), /Kp 1e9/);
+  assert.equal(one<HTMLInputElement>(tuning).value, "1e9");
+  assert.equal(button("Apply", ".tuning").disabled, true);
+  await type(tuning, "2,5");
+  assert.match(said(".tuning tbody"), /1e9 → 2\.5/);
+  await type(tuning, "x");
+  assert.match(said(".tuning tbody"), /not a number/);
+  assert.equal(button("Apply", ".tuning").disabled, true);
+  await type(tuning, "2.5");
+  server.sample("tuning.2", 3);
+  await settle();
+  assert.match(said(".tuning"), /changed meanwhile to 3/);
+  assert.equal(button("Apply", ".tuning").disabled, true);
+  await submit("form.tuning");
+  assert.equal(env.asked.length, 0);
+  await click(button("Write over what was changed"));
+  const asked = env.take("/api/tuning");
+  assert.deepEqual(asked.body?.values, [{id: 2, value: 2.5, seq: model.live("tuning.2").value.seq}]);
+  assert.match(said('[data-slot="tuning.2"]'), /Kp 3 → 2\.5: pending/);
+  asked.answer({error: {code: "x", message: "y"}}, 500);
+  await settle();
+  await press("Escape", one(tuning));
+  assert.equal(one<HTMLInputElement>(tuning).value, "3");
+});
+
+test("an observer and somebody without a database may look, and are told why", async () => {
+  await show("loop/1");
+  const who = model.session.value!;
+  model.session.value = {...who, role: "observer"};
+  await settle();
+  assert.match(said(entry), /anna may only look: this takes an operator/);
+  assert.equal(button("Man").disabled, true);
+  model.session.value = who;
+  env.source.send("store", {connected: false, since: 1, error: "x"});
+  await settle();
+  assert.match(said(entry), /the database is away/);
+  env.source.break();
+  await settle();
+  assert.match(said(entry), /not connected to the server/);
+});
+
+const event = (time: number, severity: 1 | 2 | 3, text: string, kind = "operator") => ({time, severity, source: "anna", kind, text});
+
+test("events: newest first, with a mark; those that come are filtered as the server does", async () => {
+  const route = env.routes.get("/api/events")!;
+  const queries: Record<string, string>[] = [];
+  env.routes.set("/api/events", asked => {
+    queries.push(asked.query);
+    asked.answer({t: server.now, events: [event(server.now - 7200, 1, "old"), event(server.now - 20, 2, "warned"), event(server.now - 10, 3, "alarmed", "link")], more: true});
+  });
+  await show("events");
+  await new Promise(resolve => setTimeout(resolve, 200));
+  await settle();
+  assert.deepEqual(queries.at(-1), {severity: "1", since: "-86400", last: "200"});
+  const rows = (): string[] => [...document.querySelectorAll("main tbody tr")].map(row => [...row.querySelectorAll("td")].slice(1).map(cell => cell.textContent?.trim()).join(","));
+  assert.deepEqual(rows(), ["1 alarm,link,anna,alarmed", "2 warning,operator,anna,warned", "information,operator,anna,old"]);
+  env.source.send("event", {events: [event(server.now, 1, "new")]});
+  await settle();
+  assert.equal(rows()[0], "information,operator,anna,new");
+  await choose("main select", "2");
+  await new Promise(resolve => setTimeout(resolve, 200));
+  await settle();
+  assert.equal(queries.at(-1)?.severity, "2");
+  assert.equal(rows().includes("information,operator,anna,new"), false);
+  await choose("main select", "1");
+  await choose("main label:last-of-type select", "3600");
+  await new Promise(resolve => setTimeout(resolve, 200));
+  await settle();
+  assert.deepEqual(rows().map(row => row.split(",").at(-1)), ["new", "alarmed", "warned"], "older than an hour");
+  env.source.send("event", {events: Array.from({length: 700}, (_, i) => event(server.now + i / 1000, 1, `burst ${i}`))});
+  await settle();
+  assert.match(said("tr.gap"), /\[priority 3: missing\] events are missing here: more came at once than this page keeps Ask for them/);
+  assert.equal([...document.querySelectorAll("main tbody tr")].findIndex(row => row.className === "gap"), 500);
+  await click(button("Ask for them"));
+  await new Promise(resolve => setTimeout(resolve, 200));
+  await settle();
+  assert.equal(document.querySelectorAll("tr.gap").length, 0);
+  await click(button("Older ones"));
+  await new Promise(resolve => setTimeout(resolve, 200));
+  assert.equal(queries.at(-1)?.last, "1000");
+  env.routes.set("/api/events", route);
+});
+
+test("diagnostics: tasks, links, database, stream, signals", async () => {
+  const figures = {count: 3, mean: 0.001, p50: 0.001, p99: 0.002, max: 0.003};
+  env.routes.set("/api/diagnostics", asked =>
+    asked.answer({
+      t: START, uptime: 600,
+      tasks: [{task: "controller", period: 2, time: START, age: 1, count: 5, missed: 0, missed_total: 4, lateness: figures, jitter: figures, run: null}, {task: "dead", period: 1, time: START, age: 60, count: 5, missed: 0, missed_total: 0, lateness: null, jitter: null, run: null}],
+      links: [{name: "plant", up: true, since: START, text: "connected", changes: 1, round_trip: figures, failed: 0}, {name: "gone", up: false, since: null, text: "", changes: 2, round_trip: null, failed: null}],
+      signals: [{ref: "sensor.1", age: 0.5, period: 1, stale: false, status: "Good"}, {ref: "actuator.1", age: 9, period: 2, stale: true, status: "UncertainSubstituteValue"}, {ref: "manual.1", age: null, period: null, stale: false, status: "BadNoData"}],
+      store: {connected: true, since: START, error: null, connects: 1, spool: {depth: 7, age: 3}, read: figures, write: {...figures, count: 0}},
+      stream: {clients: 2, messages: 10, dropped: 1, lag: figures},
+    }),
+  );
+  await show("diagnostics");
+  const region = (name: string): string => said(`[role="region"][aria-label="${name}"] tbody tr`);
+  assert.equal(region("Tasks"), "controller 2 s – – 2.00 ms 3.00 ms [priority 4: missed ticks] 4 1.0 s ago | dead 1 s – – – – 0 [priority 3: silent] 60 s ago");
+  assert.equal(region("Links"), "plantconnected up 2033-05-18 03:33:20 1.00 ms 2.00 ms 1 0 | gone [priority 1: down] down – not reported – 2 –");
+  assert.equal(region("Database"), "read 3 1.00 ms 2.00 ms 3.00 ms | write 0 – – – | connection ok, since 2033-05-18 03:33:20 UTC, connected 1 time | spool 7 waiting, oldest 3.0 s");
+  assert.match(region("Stream"), /^sample to message 3 1\.00 ms 2\.00 ms 3\.00 ms \| message to this page \d+ .* \| clients 2 now, 10 messages sent, 1 dropped$/);
+  assert.equal(region("Signals"), "sensor.1 y1 500 ms 3.0 s Good | actuator.1 u1 [priority 3: stale] 9.0 s 6.0 s [priority 3: uncertain] substitute value | manual.1 u1.manual – stands no sample yet");
+  assert.match(said(".toolbar"), /as of 03:33:20 UTC, the server has run for 10 min/);
+});
+
+test("timing: a histogram and its figures for each task", async () => {
+  const queries: Record<string, string>[] = [];
+  env.routes.set("/api/timing", asked => {
+    queries.push(asked.query);
+    asked.answer({timing: [{task: "controller", quantity: "jitter", period: 2, count: 30, missed: 1, mean: 1e-7, sd: 2e-5, min: -4e-5, p50: 1e-7, p99: 5e-5, p999: 5e-5, max: 1e-3, bins: [[-4.1e-5, -4e-5, 1], [0, 1e-6, 28], [9e-4, 1e-3, 1]]}]});
+  });
+  env.routes.set("/api/timing/series", asked => asked.answer({task: "controller", quantity: "jitter", period: 2, series: {time: [START], count: [3], missed: [0], mean: [0], p50: [1e-6], p99: [2e-6], max: [3e-6]}}));
+  await show("timing");
+  assert.deepEqual(queries, [{since: "-600", quantity: "jitter"}]);
+  assert.equal(said(".panel h2"), "controller Ts 2 s");
+  assert.equal(said(".figures"), "n 30 mean 100 ns sd 20 µs p50 100 ns p99 50 µs p99.9 50 µs max 1.00 ms missed [priority 2: missed ticks] 1");
+  assert.equal(one("svg.histogram").getAttribute("aria-label"), "controller jitter: 30 ticks, median 100 ns, 99 % below 50 µs, largest 1.00 ms; beyond the chart 0 below and 1 above");
+  assert.match(one("svg.histogram").textContent ?? "", /1 above ▶/);
+  await click(button("lateness"));
+  await click(button("24 h"));
+  assert.deepEqual(queries.at(-1), {since: "-86400", quantity: "lateness"});
+  const asked = queries.length;
+  env.source.send("tasks", {tasks: [{task: "x"}]});
+  await settle();
+  assert.equal(queries.length, asked, "a day is asked for anew at each report");
+  await click(button("View as table"));
+  assert.match(said("table"), /filled bins from to count .* newest 60 until n missed p50 p99 max 03:33:20 3 0 1\.0 µs 2\.0 µs 3\.0 µs/);
+});
+
+test("a trend: live, paused, moved, and what it says of itself", async () => {
+  await show("trend/1");
+  const trend = (): string[] => ["data-live", "data-span"].map(name => one("section.trend").getAttribute(name) ?? "");
+  assert.deepEqual(trend(), ["true", "600"]);
+  assert.equal(said(".readout"), "newest y1 9.98 r1 0.125 u1 1.500");
+  await press(" ");
+  assert.deepEqual(trend(), ["false", "600"]);
+  server.sample("sensor.1", 5);
+  server.sample("sensor.2", 5);
+  await settle();
+  assert.equal(said(".live-button"), "Back to live 1 new");
+  await press(" ");
+  assert.deepEqual(trend(), ["true", "600"]);
+  await press("+");
+  assert.deepEqual(trend(), ["true", "300"], "a live trend stays live");
+  await press("-");
+  await press("-");
+  assert.deepEqual(trend(), ["true", "1200"]);
+  await press("ArrowLeft");
+  assert.deepEqual(trend(), ["false", "1200"]);
+  await press("Home");
+  assert.deepEqual(trend(), ["true", "600"]);
+  await press("ArrowRight");
+  assert.equal(trend()[0], "false");
+  await press("Home");
+  await press(" ", button("CSV"));
+  await press(" ", one("summary"));
+  await press("ArrowLeft", document.body, {ctrlKey: true});
+  setShortcuts(false);
+  await press("ArrowLeft");
+  setShortcuts(true);
+  assert.deepEqual(trend(), ["true", "600"], "a key that is meant for something else");
+  await click(button("8 h"));
+  assert.deepEqual(trend(), ["true", "28800"]);
+  await click(button("Earlier"));
+  await click(button("Zoom in"));
+  assert.deepEqual(trend(), ["false", "14400"]);
+  await choose(".toolbar select", "sensor.3");
+  await show(location.hash.slice(1));
+  assert.equal(said(".readout"), "newest T 300.000");
+  await click(button("View as table"));
+  assert.match(said("table.data"), /T, the newest \d+ points of the window \(UTC\) time T \[K\]/);
+});
+
+test("the login is shown when the session has ended", async () => {
+  const session = env.routes.get("/api/session")!;
+  env.routes.set("/api/session", asked => asked.answer({error: {code: "login", message: "log in"}}, 401));
+  env.source.send("bye", {reason: "session", message: ""});
+  await settle();
+  assert.equal(said("dialog h2"), "Your session has ended");
+  const again = one<HTMLDialogElement>("dialog");
+  let shown = 0;
+  again.showModal = () => shown++;
+  again.dispatchEvent(new window.Event("close") as never);
+  await settle();
+  assert.equal(shown, 1, "it goes away");
+  const cancel = new window.Event("cancel", {cancelable: true});
+  again.dispatchEvent(cancel as never);
+  assert.equal(cancel.defaultPrevented, true);
+  await submit("form.login");
+  env.take("/api/login").answer({error: {code: "login", message: "name or password is wrong"}}, 401);
+  await settle();
+  assert.match(said("dialog"), /name or password is wrong/);
+  env.routes.set("/api/session", session);
+  await submit("form.login");
+  env.take("/api/login").answer({user: "anna", role: "operator", protected: true, csrf: "t", expires: null});
+  await settle();
+  assert.equal(document.querySelectorAll("dialog").length, 0);
+});
+
+test("addresses of pages", () => {
+  go("loop", 2);
+  assert.equal(location.hash, "#loop/2");
+  assert.equal(path("trend", "sensor.3"), "#trend/sensor.3");
+  assert.equal(tanks.loops.length, 2);
+});
