@@ -99,7 +99,7 @@ static int spawn(const struct supervisor *s, struct child *child, struct apc_err
         argv[n++] = "--spin";
     if (s->hold_latency && !child->aside)
         argv[n++] = "--hold-latency";
-    if (child->last_tick >= 0) {
+    if (child->restarts > 0 && !child->aside) {
         snprintf(after, sizeof after, "%lld", (long long)child->last_tick);
         argv[n++] = "--after";
         argv[n++] = after;

@@ -37,7 +37,7 @@ static const struct argp_option common_options[] = {
     {"hold-latency", OPT_HOLD_LATENCY, NULL, 0, "Hold /dev/cpu_dma_latency at 0: idle CPUs stay awake", 0},
     {"start", OPT_START, "TIME", 0, "Time of t = 0, RFC 3339; default: the wall clock's grid", 0},
     {"after", OPT_AFTER, "INDEX", 0,
-     "The last tick that a predecessor ran: those since then are counted as missed", 0},
+     "The last tick that a predecessor ran, -1: none: those since then are counted as missed", 0},
     {"log-level", OPT_LOG_LEVEL, "LEVEL", 0, "error, warn, info (default) or debug [APC_LOG_LEVEL]", 0},
     {0},
 };
@@ -148,8 +148,8 @@ static int load(struct daemon *d)
     }
     double after = -1;
     if (d->options.after &&
-        (apc_number_parse(d->options.after, &after) < 0 || !(after >= 0 && after < 0x1p53))) {
-        daemon_error(d, 0, "--after \"%s\": must be the index of a tick, 0 or more", d->options.after);
+        (apc_number_parse(d->options.after, &after) < 0 || !(after >= -1 && after < 0x1p53))) {
+        daemon_error(d, 0, "--after \"%s\": must be the index of a tick, or -1", d->options.after);
         exit(EXIT_USAGE);
     }
     d->last = (int64_t)after;
@@ -417,8 +417,9 @@ static int run_tick(void *ctx, const struct apc_tick *tick)
 {
     struct daemon *d = ctx;
 
-    if (!d->began && d->last >= 0 && tick->index > (uint64_t)d->last + 1)
-        recorder_absent(d->recorder, tick->index - (uint64_t)d->last - 1);
+    const uint64_t first = (uint64_t)(d->last + 1); /* that the predecessor left */
+    if (!d->began && d->options.after && tick->index > first)
+        recorder_absent(d->recorder, tick->index - first);
     d->began = true;
     atomic_store(&d->inside, true);
     int rc = d->tick(d->tick_ctx, tick);

@@ -89,6 +89,17 @@ grep -q 'the tick does not return' "$work/alone.log" || fail "it does not say wh
 "$apc" timing --csv | awk -F, '$1 == "controller" && $2 == "lateness" {n = $4 == 0 && $5 >= 10} END {exit !n}' ||
   fail "ticks that did not run were not counted: $("$apc" timing --csv)"
 
+# a successor of one that ran no tick at all counts them from the start of the run on
+export APC_STORE=sqlite:$work/after.db
+"$apc" init "$work/fast.conf" >/dev/null
+background after "$APC_BIN/apc-controller" --config "$work/fast.conf" --start "$(date -u -d '-10 seconds' +%FT%TZ)" --after -1
+until_true 30 said 'running every' after.log
+counted() { "$apc" timing --csv | awk -F, '$1 == "controller" && $2 == "lateness" {n = $4 >= 1 && $5 >= 45} END {exit !n}'; }
+until_true 30 counted
+kill -TERM "$pid"
+ends_with "$pid" 0
+export APC_STORE=sqlite:$work/alone.db
+
 # overrun "stop" does not wait for the tick to return
 sed -e 's/period = 0.2;/period = 0.2; overrun = "stop";/' "$work/fast.conf" >"$work/stop.conf"
 order hang
