@@ -1,0 +1,167 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What a daemon's watchdog hears, over a socket as systemd's: that the task ticks, as long as it does. */
+#include <poll.h>
+#include <setjmp.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stdatomic.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#include "common/warden.h"
+
+#define PATIENCE 20000 /* ms */
+
+static char dir[] = "/tmp/apc-warden.XXXXXX";
+
+/* The supervisor's end. */
+static int supervise(void)
+{
+    struct sockaddr_un at = {.sun_family = AF_UNIX};
+    int fd = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    assert_true(fd >= 0);
+    snprintf(at.sun_path, sizeof at.sun_path, "%s/notify", dir);
+    assert_int_equal(bind(fd, (struct sockaddr *)&at, sizeof at), 0);
+    assert_int_equal(setenv("NOTIFY_SOCKET", at.sun_path, 1), 0);
+    return fd;
+}
+
+static void unsupervise(int fd)
+{
+    char path[64];
+    snprintf(path, sizeof path, "%s/notify", dir);
+    close(fd);
+    unlink(path);
+    unsetenv("NOTIFY_SOCKET");
+}
+
+/* The next word; "" when there is none for @p ms. */
+static const char *word(int fd, int ms)
+{
+    static char text[100];
+    struct pollfd in = {.fd = fd, .events = POLLIN};
+    ssize_t n = poll(&in, 1, ms) == 1 ? recv(fd, text, sizeof text - 1, 0) : 0;
+    text[n > 0 ? n : 0] = '\0';
+    return text;
+}
+
+/* The watchdog is fed until with a tick beyond @p tick: its index. */
+static unsigned long long fed(int fd, unsigned long long tick)
+{
+    unsigned long long index = 0;
+    for (int i = 0; i < 1000 && index <= tick; i++) {
+        const char *text = word(fd, PATIENCE);
+        assert_int_equal(strncmp(text, "WATCHDOG=1", 10), 0);
+        (void)sscanf(text, "WATCHDOG=1\nAPC_LAST_TICK=%llu",
+                     &index); /* none before the first tick returned */
+    }
+    assert_true(index > tick);
+    return index;
+}
+
+struct ticker {
+    struct warden *warden;
+    atomic_bool hangs;
+};
+
+static int tick(void *ctx, const struct apc_tick *t)
+{
+    struct ticker *k = ctx;
+    while (atomic_load(&k->hangs))
+        poll(NULL, 0, 1);
+    warden_ticked(k->warden, t->index);
+    return 0;
+}
+
+static void the_watchdog_hears_of_it_as_long_as_the_task_ticks(void **state)
+{
+    (void)state;
+    int fd = supervise();
+    struct ticker k = {0};
+    struct apc_executive *executive;
+    struct apc_task *task;
+    assert_int_equal(warden_create(&k.warden), 0);
+    warden_tell(k.warden, "READY=1");
+    assert_string_equal(word(fd, PATIENCE), "READY=1"); /* and nothing before it: nothing ticks yet */
+    assert_int_equal(apc_executive_create(&executive, "deadline", NULL, NULL), 0);
+    const struct apc_task_options options = {
+        .size = sizeof options, .name = "test", .period = 10 * APC_NS_PER_MS};
+    assert_int_equal(apc_task_create(executive, &options, tick, &k, &task, NULL), 0);
+    assert_int_equal(apc_task_start(task, NULL), 0);
+    warden_watch(k.warden, task);
+    const unsigned long long first = fed(fd, 0);
+    assert_true(fed(fd, first) > first);
+
+    atomic_store(&k.hangs, true); /* the last words are on their way; then there are none */
+    int words = 0;
+    while (*word(fd, 2000) && words < 100)
+        words++;
+    assert_true(words < 100);
+    atomic_store(&k.hangs, false);
+    (void)fed(fd, first);
+
+    warden_watch(k.warden, NULL);
+    apc_task_stop(task);
+    apc_task_destroy(task);
+    apc_executive_destroy(executive);
+    warden_destroy(k.warden);
+    unsupervise(fd);
+}
+
+static void a_process_that_is_told_to_end_and_does_not_is_ended(void **state)
+{
+    (void)state;
+    int ready[2], status;
+    char byte;
+    assert_int_equal(pipe(ready), 0);
+    pid_t pid = fork();
+    assert_true(pid >= 0);
+    if (pid == 0) {
+        struct warden *w;
+        if (warden_create(&w) < 0 || write(ready[1], "", 1) != 1)
+            _exit(99);
+        for (;;)
+            pause();
+    }
+    assert_int_equal(read(ready[0], &byte, 1), 1);
+    assert_int_equal(kill(pid, SIGTERM), 0);
+    assert_int_equal(waitpid(pid, &status, 0), pid);
+    assert_true(WIFEXITED(status));
+    assert_int_equal(WEXITSTATUS(status), 1);
+    close(ready[0]);
+    close(ready[1]);
+}
+
+static void a_signal_is_told_to_who_waits_also_when_it_came_before(void **state)
+{
+    (void)state;
+    struct warden *w;
+    assert_int_equal(warden_create(&w), 0);
+    assert_int_equal(warden_wait(w, 1), 0);
+    assert_int_equal(kill(getpid(), SIGINT), 0);
+    assert_int_equal(warden_wait(w, PATIENCE * APC_NS_PER_MS), SIGINT);
+    warden_destroy(w);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_watchdog_hears_of_it_as_long_as_the_task_ticks),
+        cmocka_unit_test(a_process_that_is_told_to_end_and_does_not_is_ended),
+        cmocka_unit_test(a_signal_is_told_to_who_waits_also_when_it_came_before),
+    };
+    if (!mkdtemp(dir))
+        return 1;
+    int failed = cmocka_run_group_tests(tests, NULL, NULL);
+    rmdir(dir);
+    return failed;
+}
