@@ -49,3 +49,19 @@ missing=$(undocumented "$APC_SOURCE_DIR"/include/*.h)
 [ "$(undocumented "$work/bad.h" | sed 's/.*: \(bad.*\|good.*\): /\1 /')" = 'bad_tag no tag
 bad_comment no comment
 bad_neighbour no comment' ] || fail "found: $(undocumented "$work/bad.h")"
+
+# Rooms beside each other know base and themselves, modules all of them, and none the programs.
+# includes ROOM HEADER DIR: what lies in another room
+strangers() {
+  local room=$1 header=$2 dir=$3
+  grep -rhoE '^#include [<"](apc[a-z]+|[a-z]+/[a-z_]+)\.h' "$dir" | sed -E 's/.*[<"]//' |
+    grep -E "^(apc|base/|timer/|shareddata/|sockets/|control/|predict/|plant/|modules/|common/|apc/|apc-ui/|users/)" |
+    grep -vE "^(apcbase\.h|base/.*|$header\.h|$room/.*)\$" || true
+}
+rooms='timer apctimer|shareddata apcshareddata|sockets apcsockets|control apccontrol|predict apcqp|plant apcplant|base apcbase'
+while read -r room header; do
+  found=$(strangers "$room" "$header" "$APC_SOURCE_DIR/src/$room" && strangers "$room" "$header" "$APC_SOURCE_DIR/include/$header.h")
+  [ -z "$found" ] || fail "$room includes $found"
+done < <(tr '|' '\n' <<<"$rooms")
+! grep -rE '^#include [<"](common|apc|apc-ui|users)/' "$APC_SOURCE_DIR/src" || fail "the library includes a program's header"
+[ -n "$(strangers plant apcplant "$APC_SOURCE_DIR/src/modules")" ] || fail "modules include no other room: this test sees nothing"

@@ -94,6 +94,10 @@ grep -q '^actuator,1,"u","","manipulated variable",-10,10$' "$work/live/signals.
 expect 0 "^u +([0-9]+) +\\1 +0 " "$apc" replay "$work/live"
 expect 1 'u differs' "$apc" replay "$work/live" --law pi --tolerance 0
 expect 0 'operator changed modes, tuning or outputs 3 times' "$apc" simulate "$work/live"
+[ "$(wc -l <"$work/live/seqs.csv")" = "$(wc -l <"$work/live/samples.csv")" ] || fail "seqs.csv has another number of lines"
+paste -d, "$work/live/samples.csv" "$work/live/seqs.csv" | # each output and the measurement that it names, side by side
+  awk -F, '$2 == "sensor" {at[$6] = $1} $2 == "actuator" && $7 && !($7 in at && at[$7] <= $1) {exit 1} $2 == "actuator" {n++} END {exit !n}' ||
+  fail "seqs.csv does not belong to samples.csv line by line"
 start=$(sed -n 's/^start = "\(.*\)".*/\1/p' "$work/live/record.conf")
 [ "$(date -d "$start" +%s)" -gt 0 ] || fail "the record does not say when the run began"
 

@@ -137,3 +137,50 @@ expect 0 '^no cluster: apc run .*/first-order.conf$' demo
 mkdir "$work/bin"
 ln -s "$(command -v dirname)" "$work/bin"
 expect 1 'no cmake: run scripts/setup' env PATH="$work/bin" "$BASH" "$scripts/build"
+
+# compose-init makes what is missing, and nothing else anew
+cp "$scripts/compose-init" "$work/top/scripts"
+secrets=$work/top/secrets
+expect 0 'secrets/page made' "$work/top/scripts/compose-init"
+[ "$(stat -c %a "$secrets")" = 700 ] || fail "others may enter $secrets"
+for name in postgres page; do
+  grep -Eqx '[0-9a-f]{64}' "$secrets/$name" || fail "secrets/$name is no password of 256 bits: $(cat "$secrets/$name")"
+done
+for name in owner plant client controller scheduler operator; do
+  grep -Eqx 'password=[0-9a-f]{64}' "$secrets/$name" || fail "secrets/$name has no password of 256 bits: $(cat "$secrets/$name")"
+  grep -qx "user=$name" "$secrets/$name" || fail "secrets/$name is somebody else's"
+done
+[ "$(cat "$secrets"/* | grep -oE '[0-9a-f]{64}' | sort -u | wc -l)" = 8 ] || fail "a password is used twice"
+(cd "$secrets" && sha256sum -- *) >"$work/made"
+rm "$secrets/plant"
+expect 0 'secrets/plant made' "$work/top/scripts/compose-init"
+[ "$(cd "$secrets" && sha256sum -c --quiet "$work/made" 2>/dev/null | cut -d: -f1)" = plant ] ||
+  fail "not just secrets/plant was made anew: $(cd "$secrets" && sha256sum -c "$work/made" 2>&1)"
+
+# what docs/compose.md says of all services
+lax() { # FILE: what is not as it says
+  awk '
+    /^[a-z]/ { part = $1 }
+    /^x-hardened:/, /^$/ { hardened = hardened $0 }
+    /^x-program:/ { getline; if ($0 !~ /<<: \*hardened/) print "x-program is not hardened" }
+    part == "services:" && /^  [a-z]+:$/ { name = $1; getline; services++
+      if ($0 !~ /<<: \*(hardened|program)$/) print name " is not hardened" }
+    /privileged|cap_add|network_mode|pid: *"?host|docker\.sock/ { print "line " NR ": " $0 }
+    /ports:/ { published++; if ($0 !~ /\["127\.0\.0\.1:[0-9]+:[0-9]+"\]$/) print "line " NR ": " $0 }
+    part == "networks:" && /^  (data|field): \{internal: true\}$/ { internal++ }
+    END {
+      if (hardened !~ /read_only: true/ || hardened !~ /cap_drop: \[ALL\]/ || hardened !~ /no-new-privileges:true/) print "x-hardened"
+      if (services < 9) print services + 0 " services"
+      if (published != 1) print published + 0 " published ports"
+      if (internal != 2) print "networks"
+    }' "$1"
+}
+compose=$APC_SOURCE_DIR/docker-compose.yml
+[ -z "$(lax "$compose")" ] || fail "docker-compose.yml: $(lax "$compose")"
+for change in 's/read_only: true/read_only: false/' 's/\["127.0.0.1:8080/["8080/' 's/data: {internal: true}/data: {}/' \
+  '/^  scheduler:/,/program/s/program/other/' 's/cap_drop: .*/privileged: true/'; do
+  sed "$change" "$compose" >"$work/compose.yml"
+  [ -n "$(lax "$work/compose.yml")" ] || fail "after $change nothing is found"
+done
+awk '/^FROM/ {user = ""} /^USER/ {user = $2} END {exit !(user != "" && user != "root" && user != 0)}' "$APC_SOURCE_DIR/Dockerfile" ||
+  fail "the programs' image runs as root"

@@ -12,6 +12,7 @@ printf 'operator123\n' | "$apc" user add anna --role operator --users "$work/use
 printf 'observer123\n' | "$apc" user add otto --users "$work/users"
 [ "$(stat -c %a "$work/users")" = 600 ] || fail "the file of users is not 0600"
 ! grep -q 'operator123\|observer123' "$work/users" || fail "a password stands in the file"
+[ "$(grep -cE ':\$argon2id\$v=19\$m=19456,' "$work/users")" = 2 ] || fail "a hash is no argon2id of 19 MiB: $(cat "$work/users")"
 expect 0 '^otto +observer$' "$apc" user list --users "$work/users"
 expect 1 'no password' "$apc" user add eve --users "$work/users" # no password at all
 printf 'operator456\n' | "$apc" user add anna --users "$work/users" # a new password takes no role away
@@ -147,6 +148,26 @@ kill -TERM "$late"
 wait "$late" || fail "apc-ui ended with $?"
 rm -r "$work/.config"
 
+# the page's files: revalidated by their tag, zipped, kept for a year where the name has a hash
+mkdir "$work/page"
+printf '<p>' >"$work/page/index.html"
+printf 'a%.0s' {1..2000} >"$work/page/app-1A2B3C4D.js"
+serve page --page "$work/page"
+fetch() { # PATH HEADERS
+  printf 'GET %s HTTP/1.1\r\nHost: localhost\r\n%bConnection: close\r\n\r\n' "$1" "${2:-}" |
+    "$APC_BUILD_DIR/tests/ui_probe" --raw "$ui_port" | tr -d '\0\r'
+}
+fetch / >"$work/index.txt"
+grep -aqx '<p>' "$work/index.txt" || fail "the page is not served: $(cat "$work/index.txt")"
+grep -aqi '^Cache-Control: private, no-cache$' "$work/index.txt" || fail "the page is not revalidated"
+tag=$(sed -n 's/^ETag: *//Ip' "$work/index.txt")
+fetch / "If-None-Match: $tag\r\n" | grep -aq '^HTTP/1.1 304' || fail "the page is sent again though it is the same"
+fetch / 'If-None-Match: "another"\r\n' | grep -aq '^HTTP/1.1 200' || fail "a page that has changed is not sent"
+fetch /app-1A2B3C4D.js 'Accept-Encoding: gzip\r\n' >"$work/script.txt"
+grep -aqi '^Content-Encoding: gzip$' "$work/script.txt" || fail "a script is not zipped"
+grep -aqi '^Cache-Control: private, max-age=31536000, immutable$' "$work/script.txt" || fail "a script with a hash in its name is not kept"
+fetch /app-1A2B3C4D.js | grep -aqx 'a\{2000\}' || fail "a script is zipped for who does not take that"
+
 # TLS: cookies are Secure, an unprotected request gets nothing
 if command -v openssl >/dev/null; then
   openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -keyout "$work/key.pem" -out "$work/cert.pem" \
@@ -196,10 +217,17 @@ ask /livez | grep -q '^HTTP/1.1 200' || fail "not alive"
 kill -TERM "$pid"
 wait "$pid" || fail "apc-ui ended with $?"
 
+# where port 8080 is taken, `apc run` serves the page on another
+background first "$APC_BIN/apc-ui" --config "$work/fast.conf" --listen 127.0.0.1:8080
+first=$pid
+begun() { grep -q 'serving http' "$work/first.log" || ! kill -0 "$first"; } # or somebody else has the port
+until_true 20 begun
 background again "$apc" run "$work/fast.conf" --duration 0 --out "$work/again"
 until_true 20 grep -q 'page: *http://127.0.0.1:' "$work/again.log"
 page=$(sed -n 's/^page: *http:\/\/127.0.0.1:\([0-9]*\).*/\1/p' "$work/again.log")
 until_true 20 "$APC_BUILD_DIR/tests/ui_probe" --ready "$page"
+[ "$page" != 8080 ] || ! grep -q 'serving http' "$work/first.log" || fail "port 8080 is taken, and the page is said to be there"
+kill -TERM "$first" 2>/dev/null || true
 kill -INT "$pid"
 wait "$pid" || fail "apc run ended with $?"
 grep -q 'msg="stopping"' "$work/again/apc-ui.log" || fail "apc-ui was not stopped cleanly"

@@ -88,6 +88,57 @@ static void everything_is_loaded_as_it_stands_there(void **state)
     experiment_free(&e);
 }
 
+/* The columns "default" of docs/experiment-file.md, by a file of what is required. */
+static void what_is_not_given_has_its_default(void **state)
+{
+    static const char least[] = "name = \"least\";\n"
+                                "measurements = ( { name = \"y\"; } );\n"
+                                "setpoints = ( { name = \"r\"; } );\n"
+                                "outputs = ( { name = \"u\"; } );\n"
+                                "plant = { model = \"first-order\"; period = 0.5; };\n"
+                                "client = { period = 1.0; };\n"
+                                "controller = { law = \"pi\"; period = 2.0; };\n"
+                                "scheduler = { period = 10.0; sequence = ( [1.0] ); };\n";
+    struct experiment e;
+    struct apc_error why;
+    double low, high, safe, fault;
+    FILE *out = fopen(path, "w");
+    (void)state;
+    assert_non_null(out);
+    assert_true(fputs(least, out) >= 0);
+    assert_int_equal(fclose(out), 0);
+    if (experiment_load(&e, path, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_string_equal(e.title, "least");
+    assert_same(e.duration, 0);
+    assert_int_equal(e.seed, 1);
+    experiment_outputs(&e, &low, &high, &safe, &fault);
+    assert_same(low, -APC_VALUE_MAX);
+    assert_same(high, APC_VALUE_MAX);
+    assert_same(safe, 0);
+    assert_same(fault, 0);
+    assert_string_equal(e.y[0].tag.unit, "");
+    assert_string_equal(e.y[0].tag.description, "");
+    assert_same(e.sensor[0].noise, 0);
+    assert_same(e.sensor[0].quantum, 0);
+    assert_string_equal(e.plant.listen, "tcp:127.0.0.1:43051");
+    assert_string_equal(e.client.link, "tcp:127.0.0.1:43051");
+    assert_same(e.plant.options.dead_time, 0);
+    assert_int_equal(e.plant.n_disturbances, 0);
+    assert_null(e.plant.noise);
+    for (size_t i = 0; i < e.plant.model->np; i++)
+        assert_same(e.plant.p[i], e.plant.model->param[i].initial);
+    assert_int_equal(e.plant.rhythm.phase, 0);
+    assert_int_equal(e.client.rhythm.phase, 10 * APC_NS_PER_MS);
+    assert_int_equal(e.controller.rhythm.phase, 30 * APC_NS_PER_MS);
+    assert_int_equal(e.scheduler.rhythm.phase, 0);
+    assert_int_equal(e.plant.rhythm.overrun, APC_OVERRUN_SKIP);
+    assert_int_equal(e.controller.mode, APC_MODE_AUTO);
+    assert_int_equal(e.controller.hold, 6 * APC_NS_PER_S);
+    assert_true(e.scheduler.repeat);
+    experiment_free(&e);
+}
+
 static void an_output_is_safe_at_0_or_at_the_limit_next_to_it(void **state)
 {
     struct experiment e;
@@ -406,6 +457,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(everything_is_loaded_as_it_stands_there),
+        cmocka_unit_test(what_is_not_given_has_its_default),
         cmocka_unit_test(an_output_is_safe_at_0_or_at_the_limit_next_to_it),
         cmocka_unit_test(each_output_has_its_own_tuning_and_the_laws_where_none_is_given),
         cmocka_unit_test(what_the_command_line_chooses_brings_its_own_tuning_and_parameters),
