@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# What the documents say of themselves: the tests that docs/promises.md names exist, links lead somewhere, what is shown
+# is what is printed, and what is to be done by hand can be done.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+cd "$APC_SOURCE_DIR"
+
+# named FILE: what the tables of FILE name, a line each: the test's file, "function" or "text", its name.
+named() {
+  awk '
+    /^\|/ && !/^\|-/ && split($0, cell, / \| /) == 2 && cell[2] != "test |" {
+      rest = cell[2]
+      file = "?"
+      while (match(rest, /`[a-z0-9_]+`|"([^"\\]|\\.)+"|[a-z_.]+\.(c|sh|mjs|ts|tsx):/)) {
+        token = substr(rest, RSTART, RLENGTH)
+        rest = substr(rest, RSTART + RLENGTH)
+        name = substr(token, 2, length(token) - 2)
+        if (token ~ /:$/) file = substr(token, 1, length(token) - 1)
+        else print file "\t" (token ~ /^`/ ? "function" : "text") "\t" name
+        rows[NR]
+      }
+      if (!(NR in rows)) print "?\ttext\t" cell[1]
+    }' "$1"
+}
+
+# untested FILE: which of these are not there.
+untested() {
+  local file kind name path was=
+  while IFS=$'\t' read -r file kind name; do
+    [ "$file" = "$was" ] || path=$(find tests ui/test -name "$file" -not -path '*/node_modules/*')
+    was=$file
+    if [ ! -f "$path" ]; then # none, or several
+      echo "no test $file"
+    elif [ "$kind" = function ]; then
+      grep -Eq "^((static )?void )?$name\((void|\) \{)" "$path" || echo "$file has no $name"
+    else
+      grep -qF -- "${name//\\\"/\"}" "$path" || echo "$file does not say $name"
+    fi
+  done < <(named "$1")
+}
+
+missing=$(untested docs/promises.md)
+[ -z "$missing" ] || fail "docs/promises.md: $missing"
+[ "$(named docs/promises.md | wc -l)" -gt 300 ] || fail "docs/promises.md names $(named docs/promises.md | wc -l) tests only"
+
+# it finds what is not there
+cat >"$work/bad.md" <<'END'
+| promise | test |
+|---|---|
+| kept | test_base.c: `every_error_has_a_name_and_a_text`; test_run.sh: `folder_is_whole`, "Ctrl-C ends an endless run" |
+| gone | test_base.c: `every_error_has_a_name`, "no such line"; test_run.sh: `folder_is` |
+| moved | test_nowhere.c: `a_test`; lib.mjs: "export" |
+| none | by hand |
+END
+[ "$(untested "$work/bad.md")" = 'test_base.c has no every_error_has_a_name
+test_base.c does not say no such line
+test_run.sh has no folder_is
+no test test_nowhere.c
+no test ?' ] || fail "found: $(untested "$work/bad.md")"
+
+# ---- Links
+
+anchors() {
+  sed -nE 's/^#+ +//p' "$1" | sed -E 's/\[([^]]*)\]\([^)]*\)/\1/g' | tr '[:upper:]' '[:lower:]' | sed -E 's/[^a-z0-9 _-]//g; s/ /-/g'
+}
+# dead FILE...: links to what is not there.
+dead() {
+  local file link target
+  while IFS=: read -r file link; do
+    case $link in http:* | https:*) continue ;; esac
+    target=${link%%#*}
+    target=${target:+$(dirname "$file")/$target}
+    target=${target:-$file}
+    if [ ! -e "$target" ]; then
+      echo "$file: $link"
+    elif [[ $link == *#* ]]; then
+      anchors "$target" | grep -qxF -- "${link#*#}" || echo "$file: $link"
+    fi
+  done < <(grep -oHE '\]\([^) ]+' "$@" | sed 's/\](//')
+}
+documents=(README.md docs/*.md sql/README.md bench/README.md tests/mutation/README.md)
+[ -z "$(dead "${documents[@]}")" ] || fail "dead links: $(dead "${documents[@]}")"
+printf '# A heading, of `code`\n[a](#a-heading-of-code) [b](bad.md) [c](http://x) [d](gone.md)\n[e](bad.md#gone)\n' >"$work/bad.md"
+[ "$(dead "$work/bad.md")" = "$work/bad.md: gone.md
+$work/bad.md: bad.md#gone" ] || fail "found: $(dead "$work/bad.md")"
+
+# ---- what is shown is what is printed
+
+figures() { sed -n '/^loop  from/,/^[^ly ]/p' "$1" | grep '^[ly ]'; }
+"$apc" simulate experiments/first-order.conf >"$work/pi.txt"
+"$apc" simulate experiments/first-order.conf --law "$APC_BUILD_DIR/examples/mylaw.so" >"$work/mylaw.txt"
+diff <(figures docs/simulate.md) <(figures "$work/pi.txt") || fail "docs/simulate.md shows other figures"
+diff <(figures README.md) <(figures "$work/mylaw.txt") || fail "README shows other figures"
+[ "$(figures README.md | wc -l)" = 6 ] || fail "README shows no figures"
+
+# ---- what is not given is the default that docs/experiment-file.md states: where the library chooses, too
+
+samples() { # SETTINGS of the plant
+  sed "s/model = \"first-order\";/& $1/" experiments/first-order.conf >"$work/given.conf"
+  "$apc" simulate "$work/given.conf" --duration 60 --csv - 2>/dev/null | sha256sum
+}
+for default in 'rtol = 1e-8;' 'atol = 1e-10;' 'dead_time = 0.0;' 'integrator = "cvode";'; do
+  [ "$(samples "$default")" = "$(samples '')" ] || fail "$default is not the default"
+done
+[ "$(samples 'integrator = "rk4"; steps = 10;')" = "$(samples 'integrator = "rk4";')" ] || fail "steps = 10; is not the default"
+for other in 'rtol = 1e-6;' 'atol = 1e-4;' 'dead_time = 1.0;' 'integrator = "adams";' 'integrator = "rk4";'; do
+  [ "$(samples "$other")" != "$(samples '')" ] || fail "$other changes nothing"
+done
+[ "$(samples 'integrator = "rk4"; steps = 1;')" != "$(samples 'integrator = "rk4";')" ] || fail "steps changes nothing"
+
+# ---- what is to be done by hand can be done
+
+"$apc" init experiments/first-order.conf >/dev/null
+sed -n '/^## By hand/,/^## Growth/s/^    //p' sql/README.md >"$work/by-hand.sql"
+[ "$(grep -c '^SELECT' "$work/by-hand.sql")" = 3 ] || fail "sql/README.md shows other statements"
+psql -XAtq -v ON_ERROR_STOP=1 -f "$work/by-hand.sql" >/dev/null || fail "a statement of sql/README.md does not work"
+call=$(sed -n 's/^ *-c "\(CALL maintain.*\)"$/\1/p' sql/README.md)
+sql "INSERT INTO apc.state VALUES (9, 1, '2001-01-01', 0, 1), (9, 2, now(), 0, 2)"
+psql -XAtq -v ON_ERROR_STOP=1 -c 'SET search_path TO apc' -c "$call" >/dev/null || fail "maintenance by hand does not work"
+[ "$(sql 'SELECT count(*) FROM apc.state WHERE id = 9')" = 1 ] || fail "maintenance by hand drops nothing"
