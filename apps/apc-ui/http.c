@@ -450,7 +450,8 @@ static enum MHD_Result known_parameter(void *ctx, enum MHD_ValueKind kind, const
     struct request *r = ctx;
     const size_t n = strlen(name);
     (void)kind;
-    for (const char *at = r->route->query; at && n > 0 && (at = strstr(at, name)) != NULL; at += n)
+    const char *at = strchr(name, ' ') ? NULL : r->route->query; /* two names are not one */
+    for (; at && n > 0 && (at = strstr(at, name)) != NULL; at += n)
         if ((at == r->route->query || at[-1] == ' ') && (at[n] == ' ' || at[n] == '\0')) {
             if (!value)
                 fault_set(&r->fault, 400, "parameter", name, "\"%.30s\" has no value", name);
