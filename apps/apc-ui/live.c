@@ -174,7 +174,8 @@ void *live_thread(void *arg)
         return NULL;
     }
     while (!l.ui->stopping) {
-        apc_ns began = l.ui->round[0] = apc_clock_mono(NULL);
+        apc_ns began = apc_clock_mono(NULL);
+        l.ui->round[0] = began;
         int rc = step(&l);
         model_store(l.ui, rc >= 0, rc < 0 ? apc_store_error(l.store) : "");
         apc_ns rest = (rc < 0 ? RETRY : PACE) - (apc_clock_mono(NULL) - began);

@@ -215,7 +215,8 @@ static void told(void *ctx, const struct write *write)
 static int make_parts(struct ui *ui, struct apc_error *why)
 {
     double idle = ui->options.session > 0 ? ui->options.session : DEFAULT_IDLE;
-    ui->began = ui->round[0] = ui->round[1] = apc_clock_mono(NULL);
+    ui->began = apc_clock_mono(NULL);
+    ui->round[0] = ui->round[1] = ui->began;
     int rc = model_init(&ui->model);
     if (rc == 0)
         rc = stream_create(&ui->stream);

@@ -108,7 +108,8 @@ static int set_up(void **state)
         apc_store_put_tags(store, tags, n_tags) < 0 || model_load(&ui->model, store) < 0)
         return -1;
     ui->open = true;
-    ui->began = ui->round[0] = ui->round[1] = apc_clock_mono(NULL);
+    ui->began = apc_clock_mono(NULL);
+    ui->round[0] = ui->round[1] = ui->began;
     ui->model.connected = true;
     ask_nothing();
     return 0;
