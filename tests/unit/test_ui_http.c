@@ -52,7 +52,8 @@ static int make_parts(void)
         apc_store_open(&store, ui->options.store, NULL, NULL) < 0 || apc_store_init(store) < 0 ||
         apc_store_put_tags(store, tags, 2) < 0 || model_load(&ui->model, store) < 0)
         return -1;
-    ui->began = ui->round[0] = ui->round[1] = apc_clock_mono(NULL);
+    ui->began = apc_clock_mono(NULL);
+    ui->round[0] = ui->round[1] = ui->began;
     ui->model.connected = true;
     return 0;
 }
@@ -438,11 +439,11 @@ static void two_hosts_or_two_ends_are_the_last_of_their_connection(void **state)
 {
 #define AFTER "GET /livez HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
     static const char *const twice[] = {
-        "POST /api/login HTTP/1.1\r\nHost: localhost\r\n" JSON
-        "Content-Length: 4\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n" AFTER,
-        "POST /api/login HTTP/1.1\r\nHost: localhost\r\n" JSON
-        "Content-Length: 2\r\nContent-Length: 2\r\n\r\n{}" AFTER,
-        "GET /livez HTTP/1.1\r\nHost: localhost\r\nHost: localhost\r\n\r\n" AFTER};
+        ("POST /api/login HTTP/1.1\r\nHost: localhost\r\n" JSON
+         "Content-Length: 4\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n" AFTER),
+        ("POST /api/login HTTP/1.1\r\nHost: localhost\r\n" JSON
+         "Content-Length: 2\r\nContent-Length: 2\r\n\r\n{}" AFTER),
+        ("GET /livez HTTP/1.1\r\nHost: localhost\r\nHost: localhost\r\n\r\n" AFTER)};
     int status;
     (void)state;
     assert_int_equal(answers("GET /livez HTTP/1.1\r\nHost: localhost\r\n\r\n" AFTER, &status), 2);
