@@ -1,0 +1,422 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Samples of a run and its course: from a store, into files and out of them, and what is refused there. */
+#include "check.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "apc/course.h"
+#include "scratch.h"
+
+static struct apc_error why;
+static struct samples samples;
+
+static const char *in_folder(const char *name)
+{
+    static char path[300];
+    snprintf(path, sizeof path, "%s/%s", scratch_folder(), name);
+    return path;
+}
+
+static void put(const char *name, const char *text)
+{
+    FILE *out = fopen(in_folder(name), "w");
+    assert_non_null(out);
+    fputs(text, out);
+    assert_int_equal(fclose(out), 0);
+}
+
+static void assert_says(const char *reason)
+{
+    if (!strstr(why.text, reason))
+        fail_msg("said \"%s\", not \"%s\"", why.text, reason);
+}
+
+static int nothing_yet(void **state)
+{
+    (void)state;
+    samples = (struct samples){0};
+    return 0;
+}
+
+static int done(void **state)
+{
+    (void)state;
+    samples_free(&samples);
+    return 0;
+}
+
+/* ---- From a store ------------------------------------------------------------------------- */
+
+#define SECOND(t) ((t)*APC_NS_PER_S)
+
+static struct apc_store *filled_store(void)
+{
+    /* table, id, seq, time */
+    static const struct apc_sample rows[] = {
+        {APC_ACTUATOR, 1, 1, SECOND(5), 1, APC_GOOD, 0, 0},
+        {APC_SENSOR, 2, 1, SECOND(5), 2, APC_GOOD, 0, 0},
+        {APC_SENSOR, 1, 1, SECOND(5), 3, APC_GOOD, 0, 0},
+        {APC_SENSOR, 1, 2, SECOND(5), 4, APC_GOOD, 0, 0},
+        {APC_SETPOINT, 1, 1, SECOND(5), 5, APC_GOOD, 0, 0},
+        {APC_SENSOR, 1, 3, SECOND(4), 6, APC_GOOD, 0, 0}, /* the clock was set back */
+        {APC_SENSOR, 1, 4, SECOND(9), 7, APC_GOOD, 0, 0},
+        {APC_SENSOR, 3, 1, SECOND(5), 8, APC_GOOD, 0, 0}, /* of another experiment's size */
+        {APC_ACTUATOR, 2, 1, SECOND(5), 8, APC_GOOD, 0, 0},
+        {APC_OPMODE, 0, 1, SECOND(1), 1, APC_GOOD, 0, 0},
+        {APC_OPMODE, 0, 2, SECOND(2), 2, APC_GOOD, 0, 0},
+        {APC_OPMODE, 0, 3, SECOND(5), 3, APC_GOOD, 0, 0},
+        {APC_OPMODE, 1, 1, SECOND(5), 4, APC_GOOD, 0, 0},
+        {APC_TUNING, 2, 1, SECOND(2), 5, APC_GOOD, 0, 0},
+        {APC_TUNING, 3, 1, SECOND(2), 6, APC_GOOD, 0, 0}, /* no parameter of this law */
+        {APC_MANUAL, 1, 1, SECOND(5), 7, APC_GOOD, 0, 0},
+        {APC_MANUAL, 1, 2, SECOND(9), 8, APC_GOOD, 0, 0},
+    };
+    const struct apc_store_options options = {.size = sizeof options, .name = "test"};
+    struct apc_store *store = NULL;
+    if (apc_store_open(&store, "mem:samples", &options, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(apc_store_init(store), 0);
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
+        assert_int_equal(apc_store_append(store, &rows[i], 1), 1);
+    return store;
+}
+
+/* Their values tell which they are. */
+static void assert_values(const double *values, size_t n)
+{
+    assert_int_equal(samples.n, n);
+    for (size_t i = 0; i < n; i++)
+        assert_near(samples.at[i].value, values[i], 0);
+}
+
+static void samples_come_by_time_and_in_the_order_of_the_loop(void **state)
+{
+    static const double loop[] = {6, 5, 3, 4, 2, 1}, operation[] = {2, 5, 3, 4, 7}, early[] = {1, 2, 5};
+    static const struct apc_law law = {.name = "ours", .n_tuning = 2};
+    const struct experiment e = {.dim = {.ny = 2, .nz = 1, .nu = 1}, .controller = {.law = &law}};
+    struct apc_store *store = filled_store();
+    const struct apc_range range = {.since = SECOND(3), .until = SECOND(9)};
+    (void)state;
+    assert_int_equal(samples_collect(&samples, store, &e, &range), 0);
+    assert_values(loop, 6);
+    samples_free(&samples);
+    /* of what was set the newest before it counts as well */
+    assert_int_equal(samples_collect_operation(&samples, store, &e, &range), 0);
+    assert_values(operation, 5);
+    samples_free(&samples);
+    const struct apc_range from_the_begin = {.since = 0, .until = SECOND(3)};
+    assert_int_equal(samples_collect_operation(&samples, store, &e, &from_the_begin), 0);
+    assert_values(early, 3);
+    samples_free(&samples);
+    const struct apc_range late = {.since = SECOND(10), .until = SECOND(11)};
+    assert_int_equal(samples_collect(&samples, store, &e, &late), 0);
+    assert_int_equal(samples.n, 0);
+    apc_store_close(store);
+}
+
+static void a_store_that_is_lost_is_an_error(void **state)
+{
+    static const struct apc_law law = {.name = "ours", .n_tuning = 2};
+    const struct experiment e = {.dim = {.ny = 2, .nz = 1, .nu = 1}, .controller = {.law = &law}};
+    const struct apc_store_options options = {.size = sizeof options, .name = "test"};
+    const struct apc_range range = {.since = 1};
+    struct apc_store *store = NULL;
+    (void)state;
+    assert_int_equal(apc_store_open(&store, "mem:without-a-schema", &options, &why), 0);
+    assert_int_equal(samples_collect(&samples, store, &e, &range), APC_ESCHEMA);
+    assert_int_equal(samples_collect_operation(&samples, store, &e, &range), APC_ESCHEMA);
+    apc_store_close(store);
+}
+
+/* ---- Files of samples --------------------------------------------------------------------- */
+
+static void write_all(void)
+{
+    FILE *out = fopen(in_folder("samples.csv"), "w");
+    assert_non_null(out);
+    samples_write(&samples, SECOND(7), out);
+    assert_int_equal(fclose(out), 0);
+    out = fopen(in_folder("seqs.csv"), "w");
+    assert_non_null(out);
+    samples_write_seqs(&samples, out);
+    assert_int_equal(fclose(out), 0);
+}
+
+static void samples_are_read_as_they_were_written(void **state)
+{
+    (void)state;
+    for (int i = 0; i < 5000; i++) {
+        const struct apc_sample sample = {.table = i % 3 ? APC_SENSOR : APC_OPMODE,
+                                          .id = i % 3,
+                                          .seq = 100 + i,
+                                          .time = SECOND(7) + i * INT64_C(1000),
+                                          .value = 1.0 / (i + 1),
+                                          .status = i % 7 ? APC_GOOD : APC_UNCERTAIN_LAST_USABLE,
+                                          .sensor_seq = 2 * i,
+                                          .setpoint_seq = 3 * i};
+        assert_int_equal(samples_add(&samples, &sample), 0);
+    }
+    write_all();
+    const struct samples written = samples;
+    if (samples_read(&samples, scratch_folder(), "samples.csv", &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(samples.n, written.n);
+    for (size_t i = 0; i < samples.n; i++) {
+        const struct apc_sample *is = &samples.at[i], *was = &written.at[i];
+        assert_int_equal(is->table, was->table);
+        assert_int_equal(is->id, was->id);
+        assert_int_equal(is->time, was->time - SECOND(7));
+        assert_int_equal(is->status, was->status);
+        assert_near(is->value, was->value, 0);
+        assert_int_equal(is->seq, i / 3 + 1); /* counted for each variable */
+    }
+    assert_int_equal(samples_read_seqs(&samples, scratch_folder(), &why), 0);
+    for (size_t i = 0; i < samples.n; i++) {
+        assert_int_equal(samples.at[i].seq, written.at[i].seq);
+        assert_int_equal(samples.at[i].sensor_seq, written.at[i].sensor_seq);
+        assert_int_equal(samples.at[i].setpoint_seq, written.at[i].setpoint_seq);
+    }
+    free(written.at);
+}
+
+static void variables_are_counted_each_for_itself(void **state)
+{
+    static const int64_t seq[] = {1, 1, 1, 2, 2, 1, 3};
+    (void)state;
+    put("samples.csv", "time,table,id,status,value\n0,sensor,1,Good,1\n0,sensor,2,Good,1\n"
+                       "0,actuator,1,Good,1\n1,sensor,1,Good,1\n1,actuator,1,Good,1\n"
+                       "1,opmode,0,Good,1\n2,actuator,1,Good,1\n");
+    assert_int_equal(samples_read(&samples, scratch_folder(), "samples.csv", &why), 0);
+    for (size_t i = 0; i < 7; i++)
+        assert_int_equal(samples.at[i].seq, seq[i]);
+}
+
+#define HEADER "time,table,id,status,value\n"
+
+static void a_line_that_is_no_sample_is_refused_with_its_number(void **state)
+{
+    static const struct {
+        const char *text, *reason;
+    } of[] = {
+        {"", "x.csv:1: expected the columns time,table,id,status,value"},
+        {"time,table\n", "x.csv:1: expected the columns"},
+        {HEADER "0,sensor,1,Good,1\n0,sensor,1,Good\n", "x.csv:3: expected time,table,id,status,value"},
+        {HEADER "0,sensor,1,Good,1,1\n", "x.csv:2: expected"},
+        {HEADER "x,sensor,1,Good,1\n", "x.csv:2: expected"},
+        {HEADER "1e300,sensor,1,Good,1\n", "x.csv:2: expected"},
+        {HEADER "0,censor,1,Good,1\n", "x.csv:2: expected"},
+        {HEADER "0,sensor,one,Good,1\n", "x.csv:2: expected"},
+        {HEADER "0,sensor,-1,Good,1\n", "x.csv:2: expected"},
+        {HEADER "0,sensor,1.5,Good,1\n", "x.csv:2: expected"},
+        {HEADER "0,sensor,1000001,Good,1\n", "x.csv:2: expected"},
+        {HEADER "0,sensor,1,Excellent,1\n", "x.csv:2: expected"},
+        {HEADER "0,sensor,1,Good,nan\n", "x.csv:2: expected"},
+        {HEADER "0,sensor,1,Good,\n", "x.csv:2: expected"},
+        {HEADER "\n", "x.csv:2: expected"},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        put("x.csv", of[i].text);
+        if (samples_read(&samples, scratch_folder(), "x.csv", &why) != APC_EPROTO)
+            fail_msg("taken: %s", of[i].text);
+        assert_says(of[i].reason);
+        samples_free(&samples);
+    }
+    put("x.csv", HEADER "0,sensor,0,Good,1\r\n0,sensor,1000000,Good,1\n-1,sensor,1,Good,-1e300"); /* edges */
+    assert_int_equal(samples_read(&samples, scratch_folder(), "x.csv", &why), 0);
+    assert_int_equal(samples.n, 3);
+    samples_free(&samples);
+    put("x.csv", HEADER);
+    assert_int_equal(samples_read(&samples, scratch_folder(), "x.csv", &why), 0);
+    assert_int_equal(samples.n, 0);
+    assert_int_equal(samples_read(&samples, scratch_folder(), "none.csv", &why), APC_ENOTFOUND);
+    assert_says("none.csv: No such file");
+    put("file", "");
+    assert_int_equal(samples_read(&samples, in_folder("file"), "none.csv", &why), APC_ESYS);
+    assert_says("none.csv: Not a directory");
+}
+
+static void seqs_that_do_not_go_with_the_samples_are_refused(void **state)
+{
+    static const struct {
+        const char *text, *reason;
+    } of[] = {
+        {"", "seqs.csv:1: expected seq,sensor_seq,setpoint_seq, a line for each of samples.csv"},
+        {"seq\n1,0,0\n2,0,0\n", "seqs.csv:1: expected"},
+        {"seq,sensor_seq,setpoint_seq\n1,0,0\n", "expected seq,sensor_seq,setpoint_seq"},
+        {"seq,sensor_seq,setpoint_seq\n1,0,0\n2,0,0\n3,0,0\n", "seqs.csv:3: expected"},
+        {"seq,sensor_seq,setpoint_seq\n1,0,0\n2,0\n", "seqs.csv:3: expected"},
+        {"seq,sensor_seq,setpoint_seq\n1,0,0\n2,0,0,0\n", "seqs.csv:3: expected"},
+        {"seq,sensor_seq,setpoint_seq\n0,0,0\n2,0,0\n", "seqs.csv:2: expected"},
+        {"seq,sensor_seq,setpoint_seq\n1,0,0\n-2,0,0\n", "seqs.csv:3: expected"},
+        {"seq,sensor_seq,setpoint_seq\nx,0,0\n2,0,0\n", "seqs.csv:2: expected"},
+        {"seq,sensor_seq,setpoint_seq\n1,0,0\n2,0,0", "seqs.csv:3: expected"},
+    };
+    (void)state;
+    put("samples.csv", HEADER "0,sensor,1,Good,1\n0,sensor,1,Good,1\n");
+    assert_int_equal(samples_read(&samples, scratch_folder(), "samples.csv", &why), 0);
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        put("seqs.csv", of[i].text);
+        if (samples_read_seqs(&samples, scratch_folder(), &why) != APC_EPROTO)
+            fail_msg("taken: %s", of[i].text);
+        assert_says(of[i].reason);
+    }
+    remove(in_folder("seqs.csv"));
+    assert_int_equal(samples_read_seqs(&samples, scratch_folder(), &why), APC_ENOTFOUND);
+    assert_says("seqs.csv: No such file");
+    put("file", "");
+    assert_int_equal(samples_read_seqs(&samples, in_folder("file"), &why), APC_ESYS);
+}
+
+/* ---- The course --------------------------------------------------------------------------- */
+
+static const struct apc_dim dim = {.ny = 2, .nz = 1, .nu = 1};
+
+#define COURSE "time,what,id,value\n"
+
+static void a_line_that_is_of_no_course_is_refused_with_its_number(void **state)
+{
+    static const struct {
+        const char *text, *reason;
+    } of[] = {
+        {"", "plant.csv:1: expected the columns time,what,id,value"},
+        {"time,what\n", "plant.csv:1: expected the columns"},
+        {COURSE "0,output,1,1\n0,output,3,1\n",
+         "plant.csv:3: expected time,what,id,value of this experiment"},
+        {COURSE "0,output,0,1\n", "plant.csv:2: expected"},
+        {COURSE "0,output,1.5,1\n", "plant.csv:2: expected"},
+        {COURSE "0,setpoint,2,1\n", "plant.csv:2: expected"},
+        {COURSE "0,input,2,1\n", "plant.csv:2: expected"},
+        {COURSE "0,without,2,1\n", "plant.csv:2: expected"},
+        {COURSE "0,outlet,1,1\n", "plant.csv:2: expected"},
+        {COURSE "x,output,1,1\n", "plant.csv:2: expected"},
+        {COURSE "0,output,x,1\n", "plant.csv:2: expected"},
+        {COURSE "0,output,1,x\n", "plant.csv:2: expected"},
+        {COURSE "0,output,1\n", "plant.csv:2: expected"},
+        {COURSE "0,output,1,1,1\n", "plant.csv:2: expected"},
+        {COURSE "1,output,1,1\n0,output,1,1\n", "plant.csv:3: expected"},
+        {COURSE "0,output,1,1\n", "plant.csv: is not whole"},
+        {COURSE "-1,end,1,0\n", "plant.csv: is not whole"},
+    };
+    struct course course;
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        put("plant.csv", of[i].text);
+        if (course_read(&course, scratch_folder(), &dim, &why) != APC_EPROTO)
+            fail_msg("taken: %s", of[i].text);
+        assert_says(of[i].reason);
+        course_free(&course);
+    }
+    put("plant.csv", COURSE "0,output,2,1\r\n0,output,2,2\n0,output,1,3\n0,without,1,1\n0,end,1,0");
+    assert_int_equal(course_read(&course, scratch_folder(), &dim, &why), 0);
+    assert_int_equal(course.output[1].n, 2);
+    assert_int_equal(course.output[0].n, 1);
+    assert_near(course.output[1].at[1].value, 2, 0);
+    assert_near(course.end, 0, 0);
+    assert_false(course.diverged);
+    course_free(&course);
+    put("file", "");
+    assert_int_equal(course_read(&course, in_folder("file"), &dim, &why), APC_ESYS);
+    course_free(&course);
+}
+
+static void a_course_of_any_length_is_written_line_by_line(void **state)
+{
+    char line[100];
+    struct course course;
+    (void)state;
+    assert_int_equal(course_create(&course, &dim), 0);
+    assert_true(isinf(course.gap));
+    for (int i = 0; i < 1000; i++) {
+        course_add(&course, &course.output[1], i, 2);
+        course_change(&course, &course.input[0], i, i / 500);
+    }
+    course_change(&course, &course.setpoint[0], 0, 0);
+    course.end = 1000;
+    assert_int_equal(course.output[1].n, 1000);
+    assert_int_equal(course.input[0].n, 2);
+    assert_near(course.input[0].at[1].t, 500, 0);
+    assert_int_equal(course_write(&course, scratch_folder(), &why), 0);
+    course_free(&course);
+    assert_null(course.output);
+    FILE *in = fopen(in_folder("plant.csv"), "r");
+    assert_non_null(in);
+    assert_string_equal(fgets(line, sizeof line, in), COURSE);
+    assert_string_equal(fgets(line, sizeof line, in), "0.000000000,output,2,2\n");
+    int lines = 2;
+    while (fgets(line, sizeof line, in))
+        lines++;
+    fclose(in);
+    assert_int_equal(lines, 1 + 1000 + 2 + 1 + 1);
+    assert_string_equal(line, "1000.000000000,end,1,0\n");
+    assert_int_equal(course_create(&course, &dim), 0);
+    assert_int_equal(course_write(&course, "/nowhere", &why), APC_ESYS);
+    assert_says("/nowhere/plant.csv: cannot be written: No such file");
+    course_free(&course);
+}
+
+static void a_folder_without_a_course_has_that_of_its_samples(void **state)
+{
+    struct experiment e = {.dim = dim};
+    struct course course;
+    (void)state;
+    e.plant.rhythm.period = e.controller.rhythm.period = APC_NS_PER_S;
+    e.client.rhythm.period = SECOND(2);
+    remove(in_folder("plant.csv"));
+    /* ids beyond the experiment's, and setpoints and sensors that are not Good */
+    put("samples.csv",
+        HEADER "0,setpoint,1,Good,5\n0,sensor,2,Good,1\n0,sensor,3,Good,9\n0,setpoint,2,Good,9\n"
+               "0,actuator,2,Good,9\n0,sensor,0,Good,9\n1,actuator,1,Good,3\n"
+               "2,sensor,2,UncertainLastUsableValue,2\n2,setpoint,1,Good,5\n3,sensor,2,Bad,4\n"
+               "2.5,actuator,1,Bad,4\n");
+    if (course_load(&course, scratch_folder(), &e, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_true(course.measured);
+    assert_near(course.gap, 6.1, 1e-12); /* of the slower one */
+    assert_near(course.end, 3, 0);       /* a clock that was set back takes nothing away */
+    assert_int_equal(course.output[0].n, 0);
+    assert_int_equal(course.output[1].n, 2);
+    assert_near(course.output[1].at[1].value, 2, 0);
+    assert_int_equal(course.setpoint[0].n, 1);
+    assert_int_equal(course.input[0].n, 2);
+    assert_near(course.input[0].at[1].t, 3, 0);
+    assert_int_equal(course.without.n, 3);
+    assert_near(course.without.at[1].t, 1, 0);
+    assert_near(course.without.at[2].t, 3, 0);
+    assert_near(course.without.at[2].value, 1, 0);
+    course_free(&course);
+    put("plant.csv", COURSE "4,end,1,1\n"); /* what the plant itself says goes before */
+    assert_int_equal(course_load(&course, scratch_folder(), &e, &why), 0);
+    assert_false(course.measured);
+    assert_true(course.diverged);
+    assert_near(course.end, 4, 0);
+    course_free(&course);
+    put("plant.csv", "");
+    assert_int_equal(course_load(&course, scratch_folder(), &e, &why), APC_EPROTO);
+    course_free(&course);
+    remove(in_folder("plant.csv"));
+    remove(in_folder("samples.csv"));
+    assert_int_equal(course_load(&course, scratch_folder(), &e, &why), APC_ENOTFOUND);
+    assert_says("samples.csv: No such file");
+    course_free(&course);
+}
+
+#define T(name) cmocka_unit_test_setup_teardown(name, nothing_yet, done)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        T(samples_come_by_time_and_in_the_order_of_the_loop),
+        T(a_store_that_is_lost_is_an_error),
+        T(samples_are_read_as_they_were_written),
+        T(variables_are_counted_each_for_itself),
+        T(a_line_that_is_no_sample_is_refused_with_its_number),
+        T(seqs_that_do_not_go_with_the_samples_are_refused),
+        T(a_line_that_is_of_no_course_is_refused_with_its_number),
+        T(a_course_of_any_length_is_written_line_by_line),
+        T(a_folder_without_a_course_has_that_of_its_samples),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
