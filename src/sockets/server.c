@@ -313,9 +313,7 @@ static void wait_for(struct apc_server *s, nfds_t n, apc_ns until)
 
     if (left > 0)
         t = (struct timespec){left / APC_NS_PER_S, left % APC_NS_PER_S};
-    if (ppoll(s->polls, n, until == INT64_MAX ? NULL : &t, NULL) < 0)
-        for (nfds_t i = 0; i < n; i++)
-            s->polls[i].revents = 0;
+    (void)ppoll(s->polls, n, until == INT64_MAX ? NULL : &t, NULL); /* if it fails, nothing happened */
 }
 
 static void *run(void *arg)

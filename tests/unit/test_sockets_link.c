@@ -1,18 +1,17 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* The asking side of a link, against peers that misbehave to order. */
-#include "check.h"
+#define UNDER_TEST connected
 #include "sockets/sockets_internal.h"
+#include "sockets_faults.h"
 
-#include <errno.h>
-#include <fcntl.h>
-#include <netinet/in.h>
+#include <dlfcn.h>
+#include <netdb.h>
 #include <pthread.h>
 #include <semaphore.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/socket.h>
-#include <unistd.h>
 
 #define PATIENCE (20 * APC_NS_PER_S) /* a hang is a failure, not a hung test */
 #define SHORT    (50 * APC_NS_PER_MS)
@@ -351,6 +350,423 @@ static int echo(void *ctx, uint64_t connection, const char *request, size_t leng
     return (int)length;
 }
 
+/* As ask(), until a peer that pauses, or is not there yet, answers. */
+static int ask_until(struct apc_link *link, const char *request, int refusal)
+{
+    apc_ns until = soon(PATIENCE);
+    int err;
+    do
+        err = ask(link, request, PATIENCE);
+    while (err == refusal && apc_clock_mono(NULL) < until);
+    return err;
+}
+
+static int serve_echo(struct apc_server **server, const char *uri)
+{
+    assert_int_equal(apc_server_create(server, uri, NULL, echo, NULL, NULL), 0);
+    return apc_server_port(*server);
+}
+
+static void calls_that_a_signal_interrupts_are_repeated(void **state)
+{
+    struct apc_server *server;
+    struct apc_link *link = link_to(serve_echo(&server, "tcp:127.0.0.1:0"), NULL);
+    (void)state;
+
+    order(CONNECT, EINTR, 0, 1);
+    order(PPOLL, EINTR, 0, 3);
+    order(SEND, EINTR, 0, 2);
+    order(RECV, EINTR, 0, 2);
+    assert_int_equal(ask(link, "one\n", PATIENCE), 0);
+    for (int number = EINTR; number; number = number == EINTR ? EAGAIN : 0) {
+        order(PPOLL, EINTR, 0, 2);
+        order(SEND, number, 0, 2);
+        order(RECV, number, 0, 3); /* the first looks whether the peer is still there */
+        assert_int_equal(ask(link, "two\n", PATIENCE), 0);
+        for (int i = 0; i < CALLS; i++)
+            assert_int_equal(atomic_load(&kernel[i].times), 0);
+    }
+    assert_int_equal(apc_link_connects(link), 1);
+    apc_link_destroy(link);
+    apc_server_destroy(server);
+}
+
+static void bytes_may_go_one_by_one(void **state)
+{
+    struct apc_server *server;
+    struct apc_link *link = link_to(serve_echo(&server, "tcp:127.0.0.1:0"), NULL);
+    (void)state;
+
+    atomic_store(&kernel[SEND].most, 1);
+    atomic_store(&kernel[RECV].most, 1);
+    assert_int_equal(ask(link, "one byte at a time\n", PATIENCE), 0);
+    assert_int_equal(ask(link, "\n", PATIENCE), 0);
+    assert_int_equal(apc_link_connects(link), 1);
+    apc_link_destroy(link);
+    apc_server_destroy(server);
+}
+
+static void what_fails_is_said_and_leaves_nothing_open(void **state)
+{
+    static const struct {
+        enum call call;
+        int number, after, err;
+        enum call besides; /* fails once with EAGAIN; CALLS: none does */
+        const char *doing, *why;
+    } faults[] = {
+        {SOCKET, EMFILE, 0, APC_ECONN, CALLS, "cannot make a socket", ": Too many open files"},
+        {CONNECT, ENETUNREACH, 0, APC_ECONN, CALLS, "connecting to 127.0.0.1:", ": Network is unreachable"},
+        {PPOLL, ENOMEM, 0, APC_ECONN, CALLS, "connecting to 127.0.0.1:", ": Cannot allocate memory"},
+        {PPOLL, 0, 0, APC_ETIMEDOUT, CALLS, "connecting to 127.0.0.1:", ": no answer in time"},
+        {SEND, ENETDOWN, 0, APC_ECONN, CALLS, "sending", ": Network is down"},
+        {PPOLL, ENOMEM, 1, APC_ECONN, SEND, "sending", ": Cannot allocate memory"},
+        {PPOLL, 0, 1, APC_ETIMEDOUT, SEND, "sending", ": the peer took nothing in time"},
+        {PPOLL, ENOMEM, 1, APC_ECONN, CALLS, "waiting for the reply", ": Cannot allocate memory"},
+        {PPOLL, 0, 1, APC_ETIMEDOUT, CALLS, "no whole reply in time", ""},
+        {RECV, EHOSTUNREACH, 0, APC_ECONN, CALLS, "receiving", ": No route to host"},
+    };
+    const struct apc_link_options options = {.size = sizeof options, .backoff_min = 1, .backoff_max = 1};
+    (void)state;
+
+    for (size_t i = 0; i < sizeof faults / sizeof *faults; i++) {
+        struct peer p = {.script = "are"};
+        struct apc_link *link;
+        int before, err;
+
+        p.listener = bind_somewhere(&p.port, 8);
+        if (faults[i].call == RECV)
+            assert_int_equal(pthread_create(&p.thread, NULL, play, &p), 0);
+        link = link_to(p.port, &options);
+        before = open_descriptors();
+        order(CONNECT, EINPROGRESS, 0, 1); /* so that it is waited for */
+        order(faults[i].call, faults[i].number, faults[i].after, 1);
+        if (faults[i].besides != CALLS)
+            order(faults[i].besides, EAGAIN, 0, 1);
+        err = ask(link, "one\n", PATIENCE);
+        if (err != faults[i].err)
+            fail_msg("case %zu: %d, \"%s\"", i, err, apc_link_error(link));
+        if (!strstr(apc_link_error(link), faults[i].doing) || !strstr(apc_link_error(link), faults[i].why))
+            fail_msg("\"%s\": expected \"%s\" and \"%s\"", apc_link_error(link), faults[i].doing,
+                     faults[i].why);
+        assert_false(apc_link_connected(link));
+        if (faults[i].call == RECV) {
+            pthread_join(p.thread, NULL);
+            close(p.connections[0]);
+        }
+        assert_int_equal(open_descriptors(), before);
+        apc_link_destroy(link);
+        close(p.listener);
+    }
+}
+
+static void a_link_has_one_descriptor_while_it_is_connected(void **state)
+{
+    struct apc_server *server;
+    int port = serve_echo(&server, "tcp:127.0.0.1:0"), before = open_descriptors();
+    struct apc_link *link = link_to(port, NULL);
+    struct linger linger;
+    socklen_t size = sizeof linger;
+    (void)state;
+
+    assert_int_equal(open_descriptors(), before);
+    assert_int_equal(ask(link, "one\n", PATIENCE), 0);
+    assert_tuned(atomic_load(&connected));
+    assert_int_equal(getsockopt(atomic_load(&connected), SOL_SOCKET, SO_LINGER, &linger, &size), 0);
+    assert_int_equal(linger.l_onoff, 1);
+    assert_int_equal(linger.l_linger, 0);
+    assert_int_equal(open_descriptors(), before + 2); /* and the server's */
+    apc_server_destroy(server);
+    apc_link_reset(link);
+    assert_int_equal(open_descriptors(), before - 2); /* nor the server's listener and its wake descriptor */
+    apc_link_destroy(link);
+    serve_echo(&server, "tcp:127.0.0.1:0");
+    link = link_to(apc_server_port(server), NULL);
+    assert_int_equal(ask(link, "one\n", PATIENCE), 0);
+    apc_link_destroy(link);
+    apc_server_destroy(server);
+    assert_int_equal(open_descriptors(), before - 2);
+}
+
+/* ---- Pauses, on a clock that stands ------------------------------------------------------------ */
+
+static void pauses_double_up_to_their_longest_and_have_the_jitter_of_the_seed(void **state)
+{
+    /* the generator's published outputs for this seed */
+    static const uint64_t splitmix64[] = {6457827717110365317u, 3203168211198807973u, 9817491932198370423u,
+                                          4593380528125082431u, 16408922859458223821u};
+    static const apc_ns longest[] = {1000, 2000, 4000, 5000}; /* s */
+    const struct apc_link_options options = {.size = sizeof options,
+                                             .seed = 1234567,
+                                             .backoff_min = 1000 * APC_NS_PER_S,
+                                             .backoff_max = 5000 * APC_NS_PER_S};
+    int port, listener = bind_somewhere(&port, 0);
+    struct apc_link *link = link_to(port, &options);
+    (void)state;
+
+    atomic_store(&standing, 42 * APC_NS_PER_S);
+    assert_int_equal(ask(link, "one\n", PATIENCE), APC_ECONN);
+    for (size_t i = 0; i < 5; i++) {
+        double share = 0.5 + (double)(splitmix64[i] >> 11) * 0x1p-53 / 2;
+        apc_ns whole = i < 4 ? longest[i] : 1000; /* the last one: after a success */
+        apc_ns pause = (apc_ns)((double)(whole * APC_NS_PER_S) * share);
+        int before = atomic_load(&kernel[CONNECT].calls);
+
+        atomic_fetch_add(&standing, pause - 1);
+        assert_int_equal(ask(link, "one\n", PATIENCE), APC_ECONN);
+        assert_int_equal(atomic_load(&kernel[CONNECT].calls), before);
+        atomic_fetch_add(&standing, 1);
+        if (i == 3) {
+            assert_int_equal(listen(listener, 8), 0);
+            order(CONNECT, EINPROGRESS, 0, 1);
+            order(PPOLL, 0, 1, 1); /* connected; and nobody answers */
+            assert_int_equal(ask(link, "one\n", PATIENCE), APC_ETIMEDOUT);
+            assert_int_equal(apc_link_connects(link), 1);
+            order(CONNECT, ECONNREFUSED, 0, 1);
+        }
+        assert_int_equal(ask(link, "one\n", PATIENCE), i == 4 ? APC_ETIMEDOUT : APC_ECONN);
+        assert_int_equal(atomic_load(&kernel[CONNECT].calls), before + (i == 3 ? 2 : 1));
+        if (i == 3) {
+            order(CONNECT, EINPROGRESS, 0, 1);
+            order(PPOLL, 0, 1, 1);
+        }
+    }
+    apc_link_destroy(link);
+    close(listener);
+}
+
+/* A hundred clients of a plant that restarts do not come back in step. */
+static void links_without_a_seed_pause_for_different_times(void **state)
+{
+    const struct apc_link_options options = {.size = sizeof options, .backoff_min = 1000 * APC_NS_PER_S};
+    int port, listener = bind_somewhere(&port, 0), first = -1;
+    bool differ = false;
+    (void)state;
+
+    for (int i = 0; i < 8; i++) {
+        struct apc_link *link;
+        int before, percent = 50;
+
+        atomic_store(&standing, 42 * APC_NS_PER_S + i);
+        link = link_to(port, &options);
+        assert_int_equal(ask(link, "one\n", PATIENCE), APC_ECONN);
+        before = atomic_load(&kernel[CONNECT].calls);
+        atomic_fetch_add(&standing, 500 * APC_NS_PER_S - 1);
+        assert_int_equal(ask(link, "one\n", PATIENCE), APC_ECONN);
+        assert_int_equal(atomic_load(&kernel[CONNECT].calls), before);
+        for (; atomic_load(&kernel[CONNECT].calls) == before && percent < 100; percent++) {
+            atomic_fetch_add(&standing, 10 * APC_NS_PER_S);
+            assert_int_equal(ask(link, "one\n", PATIENCE), APC_ECONN);
+        }
+        assert_int_equal(atomic_load(&kernel[CONNECT].calls), before + 1); /* the pause is over by then */
+        if (first < 0)
+            first = percent;
+        differ = differ || percent != first;
+        apc_link_destroy(link);
+    }
+    assert_true(differ);
+    close(listener);
+}
+
+static void the_longest_pause_is_five_seconds_or_the_shortest(void **state)
+{
+    const apc_ns mins[] = {4 * APC_NS_PER_S, 6 * APC_NS_PER_S};
+    int port, listener = bind_somewhere(&port, 0);
+    (void)state;
+
+    for (size_t i = 0; i < 2; i++) {
+        const struct apc_link_options options = {.size = sizeof options, .backoff_min = mins[i]};
+        const apc_ns longest = i == 0 ? 5 * APC_NS_PER_S : mins[i];
+        struct apc_link *link = link_to(port, &options);
+        int before = atomic_load(&kernel[CONNECT].calls);
+
+        atomic_store(&standing, 42 * APC_NS_PER_S);
+        for (int tries = 1; tries < 6; tries++) {
+            assert_int_equal(ask(link, "one\n", PATIENCE), APC_ECONN);
+            assert_int_equal(atomic_load(&kernel[CONNECT].calls), before + tries);
+            atomic_fetch_add(&standing, longest);
+        }
+        apc_link_destroy(link);
+    }
+    close(listener);
+}
+
+/* ---- Names, which a resolver of ours resolves --------------------------------------------------- */
+
+static const char *_Atomic addresses[8]; /* of plant.test, up to the first NULL */
+static atomic_int queries;
+static atomic_bool unmasked; /* a query came from a thread that takes signals */
+static sem_t *_Atomic gate;  /* what a query waits for, if not NULL */
+
+static void resolve_to(const char *first, const char *second)
+{
+    atomic_store(&addresses[2], NULL);
+    atomic_store(&addresses[1], second);
+    atomic_store(&addresses[0], first);
+    atomic_store(&queries, 0);
+    atomic_store(&n_asked, 0);
+}
+
+int own_names(const char *host, const char *service, const struct addrinfo *hints,
+              struct addrinfo **list) __asm__("getaddrinfo");
+int own_names(const char *host, const char *service, const struct addrinfo *hints, struct addrinfo **list)
+{
+    int (*libc)(const char *, const char *, const struct addrinfo *, struct addrinfo **) = NULL;
+    struct addrinfo **end = list;
+    const char *address;
+    sigset_t mask;
+    void *found = dlsym(RTLD_NEXT, "getaddrinfo");
+
+    memcpy(&libc, &found, sizeof libc);
+    if (strcmp(host, "plant.test") != 0)
+        return libc(host, service, hints, list);
+    pthread_sigmask(SIG_SETMASK, NULL, &mask);
+    if (!sigismember(&mask, SIGTERM))
+        atomic_store(&unmasked, true);
+    if (atomic_load(&gate))
+        sem_wait(atomic_load(&gate));
+    atomic_fetch_add(&queries, 1);
+    *list = NULL;
+    for (int i = 0; (address = atomic_load(&addresses[i])); i++) {
+        if (libc(address, service, hints, end) != 0)
+            return EAI_FAIL;
+        end = &(*end)->ai_next;
+    }
+    return 0;
+}
+
+static struct apc_link *link_to_name(int port)
+{
+    const struct apc_link_options options = {.size = sizeof options, .backoff_min = 1, .backoff_max = 1};
+    struct apc_link *link;
+    char uri[64];
+    snprintf(uri, sizeof uri, "tcp:plant.test:%d", port);
+    assert_int_equal(apc_link_create(&link, uri, &options, NULL), 0);
+    return link;
+}
+
+static void assert_asked(const char *expected)
+{
+    char text[128] = "";
+    for (int i = 0; i < atomic_load(&n_asked); i++)
+        snprintf(text + strlen(text), sizeof text - strlen(text), "%d ", atomic_load(&asked[i]));
+    assert_string_equal(text, expected);
+}
+
+static void every_address_of_a_name_is_tried_in_turn(void **state)
+{
+    struct apc_server *server;
+    struct apc_link *link;
+    int port = serve_echo(&server, "tcp:127.0.0.3:0");
+    (void)state;
+
+    resolve_to("127.0.0.2", "127.0.0.3");
+    link = link_to_name(port);
+    assert_int_equal(ask(link, "one\n", PATIENCE), 0);
+    assert_int_equal(apc_link_connects(link), 1);
+    assert_asked("2 3 ");
+    apc_link_reset(link);
+    assert_int_equal(ask(link, "two\n", PATIENCE), 0);
+    assert_asked("2 3 3 "); /* what was good is tried first */
+    assert_int_equal(atomic_load(&queries), 1);
+    assert_false(atomic_load(&unmasked));
+    apc_link_destroy(link);
+    apc_server_destroy(server);
+}
+
+static void an_address_that_does_not_answer_is_not_the_first_next_time(void **state)
+{
+    struct apc_server *server;
+    struct apc_link *link;
+    int port = serve_echo(&server, "tcp:127.0.0.3:0");
+    (void)state;
+
+    resolve_to("127.0.0.2", "127.0.0.3");
+    link = link_to_name(port);
+    order(CONNECT, EINPROGRESS, 0, 1);
+    order(PPOLL, 0, 0, 1);
+    assert_int_equal(ask(link, "one\n", PATIENCE), APC_ETIMEDOUT);
+    assert_asked("2 "); /* it took all the time that there was */
+    assert_int_equal(ask_until(link, "two\n", APC_ECONN), 0);
+    assert_asked("2 3 ");
+    apc_link_destroy(link);
+    apc_server_destroy(server);
+}
+
+static void ipv4_comes_first_and_no_more_than_four_are_kept(void **state)
+{
+    int port, listener = bind_somewhere(&port, 0);
+    struct apc_link *link;
+    (void)state;
+
+    resolve_to("::1", "127.0.0.2");
+    for (int i = 6; i > 1; i--) {
+        static const char *const more[] = {"127.0.0.3", "127.0.0.4", "127.0.0.5", "127.0.0.6", "127.0.0.7"};
+        atomic_store(&addresses[i], more[i - 2]);
+    }
+    link = link_to_name(port);
+    assert_int_equal(ask(link, "one\n", PATIENCE), APC_ECONN);
+    assert_asked("2 3 4 5 ");
+    apc_link_destroy(link);
+    for (int i = 2; i <= 6; i++)
+        atomic_store(&addresses[i], NULL);
+    close(listener);
+}
+
+static void a_host_that_moved_is_found_again(void **state)
+{
+    struct apc_server *server;
+    struct apc_link *link;
+    int port = serve_echo(&server, "tcp:127.0.0.3:0");
+    (void)state;
+
+    resolve_to("127.0.0.2", NULL);
+    link = link_to_name(port);
+    assert_int_equal(ask(link, "one\n", PATIENCE), APC_ECONN);
+    atomic_store(&addresses[0], "127.0.0.3");
+    assert_int_equal(ask_until(link, "two\n", APC_ECONN), 0);
+    apc_link_destroy(link);
+    apc_server_destroy(server);
+}
+
+static void a_name_that_had_no_address_gets_one(void **state)
+{
+    struct apc_server *server;
+    struct apc_link *link;
+    int port = serve_echo(&server, "tcp:127.0.0.3:0");
+    (void)state;
+
+    resolve_to(NULL, NULL);
+    link = link_to_name(port);
+    assert_int_equal(ask(link, "one\n", PATIENCE), APC_ECONN);
+    assert_non_null(strstr(apc_link_error(link), "host name \"plant.test\" has no address"));
+    atomic_store(&addresses[0], "127.0.0.3");
+    assert_int_equal(ask_until(link, "two\n", APC_ECONN), 0);
+    apc_link_destroy(link);
+    apc_server_destroy(server);
+}
+
+static void a_name_that_takes_its_time_holds_nobody_up(void **state)
+{
+    struct apc_server *server;
+    struct apc_link *link;
+    sem_t opens;
+    int port = serve_echo(&server, "tcp:127.0.0.3:0");
+    (void)state;
+
+    sem_init(&opens, 0, 0);
+    atomic_store(&gate, &opens);
+    resolve_to("127.0.0.3", NULL);
+    link = link_to_name(port);
+    assert_int_equal(ask(link, "one\n", SHORT), APC_ETIMEDOUT);
+    assert_non_null(strstr(apc_link_error(link), "host name \"plant.test\" is not resolved yet"));
+    atomic_store(&gate, NULL);
+    sem_post(&opens);
+    assert_int_equal(ask_until(link, "two\n", APC_ECONN), 0);
+    apc_link_destroy(link);
+    apc_server_destroy(server);
+    sem_destroy(&opens);
+}
+
 static void a_restarted_server_is_found_again(void **state)
 {
     const struct apc_link_options options = {
@@ -358,24 +774,17 @@ static void a_restarted_server_is_found_again(void **state)
     struct apc_server *server;
     struct apc_link *link;
     char uri[64];
-    apc_ns until;
-    int port, err;
+    int port = serve_echo(&server, "tcp:127.0.0.1:0");
     (void)state;
 
-    assert_int_equal(apc_server_create(&server, "tcp:127.0.0.1:0", NULL, echo, NULL, NULL), 0);
-    port = apc_server_port(server);
     link = link_to(port, &options);
     assert_int_equal(ask(link, "one\n", PATIENCE), 0);
     apc_server_destroy(server);
     for (int i = 0; i < 10; i++)
         assert_int_equal(ask(link, "two\n", PATIENCE), APC_ECONN);
     snprintf(uri, sizeof uri, "tcp:127.0.0.1:%d", port);
-    assert_int_equal(apc_server_create(&server, uri, NULL, echo, NULL, NULL), 0);
-    until = soon(PATIENCE);
-    do
-        err = ask(link, "three\n", PATIENCE);
-    while (err == APC_ECONN && apc_clock_mono(NULL) < until);
-    assert_int_equal(err, 0);
+    serve_echo(&server, uri);
+    assert_int_equal(ask_until(link, "three\n", APC_ECONN), 0);
     assert_int_equal(apc_link_connects(link), 2);
     apc_link_destroy(link);
     apc_server_destroy(server);
@@ -415,7 +824,7 @@ static void an_ipv6_address_is_written_in_brackets(void **state)
 {
     struct apc_server *server;
     struct apc_link *link;
-    char uri[64];
+    char uri[64], why[128];
     (void)state;
 
     if (apc_server_create(&server, "tcp:[::1]:0", NULL, echo, NULL, NULL) < 0) {
@@ -427,6 +836,12 @@ static void an_ipv6_address_is_written_in_brackets(void **state)
     assert_int_equal(ask(link, "one\n", PATIENCE), 0);
     apc_link_destroy(link);
     apc_server_destroy(server);
+
+    assert_int_equal(apc_link_create(&link, uri, NULL, NULL), 0);
+    assert_int_equal(ask(link, "one\n", PATIENCE), APC_ECONN); /* and so it is shown */
+    snprintf(why, sizeof why, "connecting to %s: Connection refused", uri + 4);
+    assert_non_null(strstr(apc_link_error(link), why));
+    apc_link_destroy(link);
 }
 
 static void a_malformed_address_is_named(void **state)
@@ -496,9 +911,11 @@ static void options_are_checked(void **state)
     assert_int_equal(apc_link_create(&link, "tcp:127.0.0.1:1", &options.known, &why), APC_EINVAL);
 }
 
-static void no_link_is_legal_to_destroy_and_useless_to_ask(void **state)
+static void no_link_is_legal_to_destroy_and_nothing_can_be_asked_without(void **state)
 {
+    struct apc_link *link;
     const char *reply;
+    int before = atomic_load(&kernel[CONNECT].calls);
     (void)state;
     apc_link_destroy(NULL);
     apc_link_reset(NULL);
@@ -506,6 +923,12 @@ static void no_link_is_legal_to_destroy_and_useless_to_ask(void **state)
     assert_int_equal(apc_link_connects(NULL), 0);
     assert_string_equal(apc_link_error(NULL), "");
     assert_int_equal(apc_link_exchange(NULL, "x\n", 2, &reply, 0), APC_EINVAL);
+    assert_int_equal(apc_link_create(&link, "tcp:127.0.0.1:1", NULL, NULL), 0);
+    assert_int_equal(apc_link_exchange(link, NULL, 2, &reply, 0), APC_EINVAL);
+    assert_int_equal(apc_link_exchange(link, "x\n", 0, &reply, 0), APC_EINVAL);
+    assert_int_equal(apc_link_exchange(link, "x\n", 2, NULL, 0), APC_EINVAL);
+    assert_int_equal(atomic_load(&kernel[CONNECT].calls), before);
+    apc_link_destroy(link);
 }
 
 int main(void)
@@ -521,13 +944,26 @@ int main(void)
         cmocka_unit_test(reset_closes_and_the_next_exchange_connects),
         cmocka_unit_test(a_peer_that_never_reads_cannot_hold_the_sender),
         cmocka_unit_test(a_pause_follows_a_failed_connect),
+        cmocka_unit_test_teardown(calls_that_a_signal_interrupts_are_repeated, mend),
+        cmocka_unit_test_teardown(bytes_may_go_one_by_one, mend),
+        cmocka_unit_test_teardown(what_fails_is_said_and_leaves_nothing_open, mend),
+        cmocka_unit_test_teardown(a_link_has_one_descriptor_while_it_is_connected, mend),
+        cmocka_unit_test_teardown(pauses_double_up_to_their_longest_and_have_the_jitter_of_the_seed, mend),
+        cmocka_unit_test_teardown(links_without_a_seed_pause_for_different_times, mend),
+        cmocka_unit_test_teardown(the_longest_pause_is_five_seconds_or_the_shortest, mend),
+        cmocka_unit_test_teardown(every_address_of_a_name_is_tried_in_turn, mend),
+        cmocka_unit_test_teardown(an_address_that_does_not_answer_is_not_the_first_next_time, mend),
+        cmocka_unit_test_teardown(ipv4_comes_first_and_no_more_than_four_are_kept, mend),
+        cmocka_unit_test_teardown(a_host_that_moved_is_found_again, mend),
+        cmocka_unit_test_teardown(a_name_that_had_no_address_gets_one, mend),
+        cmocka_unit_test_teardown(a_name_that_takes_its_time_holds_nobody_up, mend),
         cmocka_unit_test(a_restarted_server_is_found_again),
         cmocka_unit_test(a_host_may_be_a_name),
         cmocka_unit_test(a_name_without_an_address_is_an_error_of_the_exchange),
         cmocka_unit_test(an_ipv6_address_is_written_in_brackets),
         cmocka_unit_test(a_malformed_address_is_named),
         cmocka_unit_test(options_are_checked),
-        cmocka_unit_test(no_link_is_legal_to_destroy_and_useless_to_ask),
+        cmocka_unit_test(no_link_is_legal_to_destroy_and_nothing_can_be_asked_without),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,22 +1,17 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* The answering side of a link, against clients that misbehave. */
+#define UNDER_TEST accepted
 #include "apcsockets.h"
-#include "check.h"
+#include "sockets_faults.h"
 
-#include <errno.h>
-#include <netinet/in.h>
-#include <poll.h>
+#include <pthread.h>
 #include <semaphore.h>
-#include <stdatomic.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
-#include <sys/socket.h>
-#include <sys/syscall.h>
 #include <sys/wait.h>
-#include <time.h>
-#include <unistd.h>
 
 #define PATIENCE_MS 20000 /* a hang is a failure, not a hung test */
 #define PATIENCE    (PATIENCE_MS * APC_NS_PER_MS)
@@ -95,6 +90,9 @@ struct plant {
     sem_t entered, leave; /* for the request "wait\n" */
     atomic_int calls;
     _Atomic uint64_t last_connection;
+    char peer[APC_PEER_LEN],
+        nobody[APC_PEER_LEN]; /* of "who\n": who asks; who a connection is that there is not */
+    atomic_bool unmasked;     /* the thread of the server takes signals */
 };
 
 /* Echo; but "bad..." is refused, "many\n" is answered with as much as fits, "wait\n" waits. */
@@ -102,11 +100,23 @@ static int answer(void *ctx, uint64_t connection, const char *request, size_t le
                   size_t size)
 {
     struct plant *p = ctx;
+    sigset_t mask;
 
     atomic_fetch_add(&p->calls, 1);
     atomic_store(&p->last_connection, connection);
+    pthread_sigmask(SIG_SETMASK, NULL, &mask);
+    if (!sigismember(&mask, SIGTERM) || !sigismember(&mask, SIGALRM))
+        atomic_store(&p->unmasked, true);
     if (length >= 3 && !memcmp(request, "bad", 3))
         return APC_EPROTO;
+    if (length == 4 && !memcmp(request, "who\n", 4)) {
+        apc_server_peer(p->server, connection, p->peer);
+        apc_server_peer(p->server, connection + 1, p->nobody);
+    }
+    if (length == 5 && !memcmp(request, "over\n", 5))
+        return (int)size + 1; /* more than there is room for */
+    if (length == 5 && !memcmp(request, "none\n", 5))
+        return 0;
     if (length == 5 && !memcmp(request, "many\n", 5)) {
         memset(reply, 'm', size);
         return (int)size;
@@ -596,15 +606,273 @@ static void rejections_are_logged_once_in_a_while(void **state)
     close(fds[1]);
 }
 
-/* Stands before libc's, to count how often the server tries. */
-int counting_accept(int fd, struct sockaddr *address, socklen_t *length, int flags) __asm__("accept4");
-
-static atomic_int accepts;
-
-int counting_accept(int fd, struct sockaddr *address, socklen_t *length, int flags)
+static void the_answer_knows_who_asks_and_is_not_interrupted(void **state)
 {
-    atomic_fetch_add(&accepts, 1);
-    return (int)syscall(SYS_accept4, fd, address, length, flags);
+    struct plant p;
+    int fd = dial(start(&p, NULL));
+    struct sockaddr_in in;
+    socklen_t length = sizeof in;
+    sigset_t mask;
+    char expected[64];
+    (void)state;
+
+    ask(fd, "who\n");
+    assert_int_equal(getsockname(fd, (struct sockaddr *)&in, &length), 0);
+    snprintf(expected, sizeof expected, "127.0.0.1:%d", ntohs(in.sin_port));
+    assert_string_equal(p.peer, expected);
+    assert_string_equal(p.nobody, "closed");
+    assert_false(atomic_load(&p.unmasked)); /* signals are for the program's own threads */
+    pthread_sigmask(SIG_SETMASK, NULL, &mask);
+    assert_false(sigismember(&mask, SIGTERM)); /* of which this is one, as before */
+    assert_tuned(atomic_load(&accepted));
+    close(fd);
+    stop(&p);
+}
+
+static void a_reply_that_is_none_or_has_no_room_closes_the_connection(void **state)
+{
+    static const char *const requests[] = {"none\n", "over\n"};
+    struct plant p;
+    int port = start(&p, NULL);
+    (void)state;
+
+    for (unsigned i = 0; i < 2; i++) {
+        int fd = dial(port);
+        ask(fd, "hello\n");
+        say(fd, requests[i]);
+        expect_closed(fd);
+        assert_int_equal(stats_of(&p).rejected, i + 1);
+    }
+    stop(&p);
+}
+
+static void no_descriptor_is_left_open(void **state)
+{
+    const int before = open_descriptors();
+    struct apc_server_options options = {.size = sizeof options};
+    struct plant p;
+    struct apc_server *second;
+    char uri[64];
+    int port, fd;
+    (void)state;
+
+    assert_int_equal(apc_server_create(&second, "tcp:0.0.0.0:0", &options, answer, NULL, NULL), APC_EPERM);
+    assert_int_equal(open_descriptors(), before);
+    port = start(&p, NULL);
+    fd = dial(port);
+    ask(fd, "hello\n");
+    assert_int_equal(open_descriptors(), before + 4); /* wake, listener, and the two ends */
+    snprintf(uri, sizeof uri, "tcp:127.0.0.1:%d", port);
+    for (int i = 0; i < 3; i++)
+        assert_int_equal(apc_server_create(&second, uri, NULL, answer, NULL, NULL), APC_ESYS);
+    assert_int_equal(open_descriptors(), before + 4);
+    stop(&p);
+    assert_int_equal(open_descriptors(), before + 1);
+    close(fd);
+}
+
+static void a_socket_that_fails_is_closed_and_one_that_has_to_wait_is_not(void **state)
+{
+    static const struct {
+        enum call call;
+        int number;
+        bool closed;
+    } faults[] = {{RECV, ECONNRESET, true}, {RECV, EAGAIN, false}, {RECV, EINTR, false},
+                  {SEND, EPIPE, true},      {SEND, EAGAIN, false}, {SEND, EINTR, false}};
+    struct plant p;
+    int port = start(&p, NULL);
+    (void)state;
+
+    for (size_t i = 0; i < sizeof faults / sizeof *faults; i++) {
+        int fd = dial(port);
+        ask(fd, "hello\n"); /* so that it is the socket under test */
+        order(faults[i].call, faults[i].number, 0, 1);
+        say(fd, "again\n");
+        if (faults[i].closed) {
+            expect_closed(fd);
+        } else {
+            expect(fd, "again\n");
+            close(fd);
+        }
+    }
+    assert_int_equal(stats_of(&p).rejected, 0); /* it was nothing that a peer did */
+    stop(&p);
+}
+
+static void replies_may_go_byte_by_byte(void **state)
+{
+    struct plant p;
+    int fd = dial(start(&p, NULL));
+    (void)state;
+
+    ask(fd, "hello\n");
+    atomic_store(&kernel[SEND].most, 1);
+    atomic_store(&kernel[RECV].most, 2);
+    say(fd, "one\ntwo\n\nfour\nfi");
+    expect(fd, "one\ntwo\n\nfour\n");
+    say(fd, "ve\n");
+    expect(fd, "five\n");
+    assert_int_equal(atomic_load(&p.calls), 6);
+    close(fd);
+    stop(&p);
+}
+
+/* ---- On a clock that stands ---------------------------------------------------------------------- */
+
+static void stand(apc_ns at)
+{
+    atomic_store(&standing, at);
+}
+
+static void half_a_frame_has_exactly_the_time_there_is(void **state)
+{
+    const struct apc_server_options options = {.size = sizeof options, .frame_timeout = 50 * APC_NS_PER_MS};
+    struct plant p;
+    int port, half, other;
+    (void)state;
+
+    stand(APC_NS_PER_S);
+    port = start(&p, &options);
+    half = dial(port);
+    other = dial(port);
+    ask(half, "hello\n");
+    stand(2 * APC_NS_PER_S); /* from here on: idleness before does not count */
+    say(half, "apc1 comm");
+    ask(other, "hello\n");
+    stand(2 * APC_NS_PER_S + options.frame_timeout - 1);
+    for (int i = 0; i < 10; i++)
+        ask(other, "hello\n");
+    assert_int_equal(stats_of(&p).rejected, 0);
+    stand(2 * APC_NS_PER_S + options.frame_timeout);
+    expect_closed(half);
+    ask(other, "hello\n");
+    assert_int_equal(stats_of(&p).rejected, 1);
+    close(other);
+    stop(&p);
+}
+
+static void a_server_that_cannot_accept_pauses_for_a_tenth_of_a_second(void **state)
+{
+    static const int lacking[] = {EMFILE, ENFILE, ENOBUFS, ENOMEM}, passing[] = {ECONNABORTED, EINTR, EAGAIN};
+    const apc_ns begun = 5 * APC_NS_PER_S;
+    struct plant p;
+    int port, first;
+    (void)state;
+
+    stand(begun);
+    port = start(&p, NULL);
+    for (size_t i = 0; i < sizeof lacking / sizeof *lacking; i++) {
+        int second, tried;
+
+        stand(begun);
+        first = dial(port);
+        ask(first, "hello\n");
+        tried = atomic_load(&kernel[ACCEPT].calls);
+        order(ACCEPT, lacking[i], 0, 1);
+        second = dial(port);
+        say(second, "second\n");
+        while (atomic_load(&kernel[ACCEPT].times) > 0)
+            ask(first, "hello\n");
+        stand(begun + 100 * APC_NS_PER_MS - 1);
+        for (int k = 0; k < 20; k++)
+            ask(first, "hello\n");
+        assert_int_equal(atomic_load(&kernel[ACCEPT].calls), tried + 1);
+        if (i % 2 == 0)
+            stand(begun + 100 * APC_NS_PER_MS);
+        else
+            close(first); /* there is a descriptor again: at once */
+        expect(second, "second\n");
+        if (i % 2 == 0)
+            close(first);
+        close(second);
+        for (int k = 0; stats_of(&p).open > 0 && k < PATIENCE_MS; k++)
+            poll(NULL, 0, 1);
+    }
+    for (size_t i = 0; i < sizeof passing / sizeof *passing; i++) {
+        order(ACCEPT, passing[i], 0, 1); /* what concerns one client only is no reason to wait */
+        first = dial(port);
+        ask(first, "hello\n");
+        close(first);
+    }
+    stop(&p);
+}
+
+static void a_line_in_ten_seconds_says_how_many_were_closed(void **state)
+{
+    static const struct {
+        apc_ns at;
+        const char *more; /* NULL: nothing is said */
+    } closings[] = {{1, "(0 more "},           {2, NULL},
+                    {10 * APC_NS_PER_S, NULL}, {10 * APC_NS_PER_S + 1, "(2 more "},
+                    {20 * APC_NS_PER_S, NULL}, {20 * APC_NS_PER_S + 1, "(1 more "}};
+    struct apc_server_options options = {.size = sizeof options};
+    struct plant p;
+    char text[4096], *line = text;
+    int fds[2], port;
+    ssize_t n;
+    (void)state;
+
+    assert_int_equal(pipe(fds), 0);
+    assert_int_equal(apc_log_create(&options.log, fds[1], "test", APC_LOG_DEBUG), 0);
+    stand(1);
+    port = start(&p, &options);
+    for (size_t i = 0; i < sizeof closings / sizeof *closings; i++) {
+        int fd;
+        stand(closings[i].at);
+        fd = dial(port);
+        say(fd, "bad\n");
+        expect_closed(fd);
+    }
+    stop(&p);
+    apc_log_destroy(options.log);
+    n = read(fds[0], text, sizeof text - 1);
+    assert_true(n > 0);
+    text[n] = '\0';
+    for (size_t i = 0; i < sizeof closings / sizeof *closings; i++)
+        if (closings[i].more) {
+            char *end = strchr(line, '\n');
+            assert_non_null(end);
+            *end = '\0';
+            assert_non_null(strstr(line, closings[i].more));
+            assert_non_null(strstr(line, "not a request that can be answered"));
+            line = end + 1;
+        }
+    assert_string_equal(line, "");
+    close(fds[0]);
+    close(fds[1]);
+}
+
+static void the_longest_idle_goes_and_never_who_is_in_the_middle_of_something(void **state)
+{
+    const struct apc_server_options options = {
+        .size = sizeof options, .connections = 3, .frame_timeout = PATIENCE};
+    struct plant p;
+    int port, half, idle, younger, next;
+    (void)state;
+
+    stand(APC_NS_PER_S);
+    port = start(&p, &options);
+    half = dial(port);
+    ask(half, "hello\n");
+    say(half, "hel"); /* the oldest, but not idle */
+    stand(2 * APC_NS_PER_S);
+    younger = dial(port); /* in the table before the older one */
+    ask(younger, "hello\n");
+    idle = dial(port);
+    ask(idle, "hello\n");
+    stand(3 * APC_NS_PER_S);
+    ask(younger, "hello\n");
+    next = dial(port);
+    ask(next, "hello\n");
+    expect_closed(idle);
+    ask(younger, "hello\n");
+    say(half, "lo\n");
+    expect(half, "hello\n");
+    assert_int_equal(stats_of(&p).evicted, 1);
+    close(half);
+    close(younger);
+    close(next);
+    stop(&p);
 }
 
 /* In a child, so that the limit is its own. Returns 0, or at which step it failed. */
@@ -627,7 +895,7 @@ static int starve(void)
     if (count == 64)
         return 3;
 
-    tried = atomic_load(&accepts);
+    tried = atomic_load(&kernel[ACCEPT].calls);
     in.sin_port = htons((uint16_t)port);
     in.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     if (connect(second, (struct sockaddr *)&in, sizeof in) < 0) /* into the queue, where it stays */
@@ -635,7 +903,7 @@ static int starve(void)
     say(second, "second\n");
     for (int i = 0; i < 1000; i++) /* who is in is served; a server that spins tries at least as often */
         ask(first, "hello\n");
-    tried = atomic_load(&accepts) - tried;
+    tried = atomic_load(&kernel[ACCEPT].calls) - tried;
     if (tried < 1 || tried > 500 || stats_of(&p).accepted != 1)
         return 5;
     while (count > 0)
@@ -684,6 +952,15 @@ int main(void)
         cmocka_unit_test(a_taken_port_is_named),
         cmocka_unit_test(arguments_are_checked),
         cmocka_unit_test(rejections_are_logged_once_in_a_while),
+        cmocka_unit_test_teardown(the_answer_knows_who_asks_and_is_not_interrupted, mend),
+        cmocka_unit_test_teardown(a_reply_that_is_none_or_has_no_room_closes_the_connection, mend),
+        cmocka_unit_test_teardown(no_descriptor_is_left_open, mend),
+        cmocka_unit_test_teardown(a_socket_that_fails_is_closed_and_one_that_has_to_wait_is_not, mend),
+        cmocka_unit_test_teardown(replies_may_go_byte_by_byte, mend),
+        cmocka_unit_test_teardown(half_a_frame_has_exactly_the_time_there_is, mend),
+        cmocka_unit_test_teardown(a_server_that_cannot_accept_pauses_for_a_tenth_of_a_second, mend),
+        cmocka_unit_test_teardown(a_line_in_ten_seconds_says_how_many_were_closed, mend),
+        cmocka_unit_test_teardown(the_longest_idle_goes_and_never_who_is_in_the_middle_of_something, mend),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
