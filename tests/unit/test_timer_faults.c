@@ -7,6 +7,7 @@
 #include "check.h"
 #include "timer_test.h"
 
+#include <dlfcn.h>
 #include <fcntl.h>
 #include <pthread.h>
 #include <sched.h>
@@ -166,6 +167,72 @@ static void no_room_for_a_timer_is_an_error_that_says_so(void **state)
 {
     int fd;
     pid_t pid = run_child(child_without_pending_signals, *state, &fd);
+    child_found_all_well(pid);
+    close(fd);
+}
+
+/* Stands before libc's. */
+int arming(timer_t timer, int flags, const struct itimerspec *to,
+           struct itimerspec *old) __asm__("timer_settime");
+
+static bool refuses_to_arm;
+
+int arming(timer_t timer, int flags, const struct itimerspec *to, struct itimerspec *old)
+{
+    int (*libc)(timer_t, int, const struct itimerspec *, struct itimerspec *) = NULL;
+    void *found = dlsym(RTLD_NEXT, "timer_settime");
+    memcpy(&libc, &found, sizeof libc);
+    if (!refuses_to_arm)
+        return libc(timer, flags, to, old);
+    errno = EINVAL;
+    return -1;
+}
+
+/* Timers of this process, as the kernel lists them; -1: it does not. */
+static int timers(void)
+{
+    char line[256];
+    int n = 0;
+    FILE *list = fopen("/proc/self/timers", "r");
+    if (!list)
+        return -1;
+    while (fgets(line, sizeof line, list))
+        n += !strncmp(line, "ID:", 3);
+    fclose(list);
+    return n;
+}
+
+static void child_whose_timers_come_and_go(const char *executive, int fd)
+{
+    struct apc_error why = {""};
+    sem_t called;
+    (void)fd;
+
+    sem_init(&called, 0, 0);
+    if (timers() < 0)
+        _exit(NOT_HERE);
+    struct apc_task *task = make_task(executive, count_call, &called, NULL);
+    for (int i = 0; i < 3; i++) {
+        refuses_to_arm = true;
+        MUST(apc_task_start(task, &why) == APC_ESYS);
+        MUST(strstr(why.text, "apc-task") && strstr(why.text, "not armed"));
+        MUST(timers() == 0);
+        refuses_to_arm = false; /* nothing was started: it may be tried again */
+        MUST(apc_task_start(task, &why) == 0);
+        MUST(posted(&called) && posted(&called));
+        MUST(timers() == 1);
+        MUST(apc_task_stop(task) == 0);
+        MUST(timers() == 0);
+        apc_task_destroy(task);
+        task = make_task(executive, count_call, &called, NULL);
+    }
+    apc_task_destroy(task);
+}
+
+static void no_timer_is_left_behind(void **state)
+{
+    int fd;
+    pid_t pid = run_child(child_whose_timers_come_and_go, *state, &fd);
     child_found_all_well(pid);
     close(fd);
 }
@@ -497,6 +564,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         EACH(after_a_stop_one_call_stands_for_the_gap),
         POSIX(no_room_for_a_timer_is_an_error_that_says_so),
+        POSIX(no_timer_is_left_behind),
         POSIX(a_tick_whose_thread_could_not_be_created_is_counted),
         EACH(more_tasks_than_threads_are_allowed_is_an_error_that_says_so),
         EACH(a_refused_priority_is_one_log_line_and_no_failure),

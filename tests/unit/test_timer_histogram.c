@@ -158,6 +158,26 @@ static void a_small_spread_about_a_large_mean_is_not_lost(void **state)
     apc_histogram_destroy(h);
 }
 
+static void small_values_have_their_spread(void **state)
+{
+    static const struct {
+        apc_ns value[3];
+        int n;
+        double variance;
+    } cases[] = {
+        {{7}, 1, 0}, {{7, 7, 7}, 3, 0}, {{0, 1}, 2, 0.5}, {{-1, 0}, 2, 0.5}, {{1, 2, 2}, 3, 1.0 / 3}};
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct apc_histogram *h = make();
+        struct apc_summary s;
+        for (int k = 0; k < cases[i].n; k++)
+            apc_histogram_record(h, cases[i].value[k]);
+        apc_histogram_summary(h, &s);
+        assert_near(s.sd * s.sd, cases[i].variance, 1e-12);
+        apc_histogram_destroy(h);
+    }
+}
+
 static void merging_is_recording_both(void **state)
 {
     uint64_t random = seed();
@@ -270,6 +290,7 @@ int main(void)
         cmocka_unit_test(values_beyond_the_limit_count_as_the_limit),
         cmocka_unit_test(a_summary_agrees_with_the_sorted_values),
         cmocka_unit_test(a_small_spread_about_a_large_mean_is_not_lost),
+        cmocka_unit_test(small_values_have_their_spread),
         cmocka_unit_test(merging_is_recording_both),
         cmocka_unit_test(a_window_holds_what_was_recorded_since_the_last),
         cmocka_unit_test(a_reader_never_sees_a_torn_summary),

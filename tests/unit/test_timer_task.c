@@ -23,7 +23,7 @@ struct record {
     int result;
     struct apc_task *task; /* to be stopped and waited for from inside */
     int stopped, waited;
-    int policy, cpu; /* the highest */
+    int policy, priority, cpu; /* the highest */
     bool sigint_blocked;
     atomic_int inside, overlaps;
     sem_t ticked, entered, release;
@@ -45,6 +45,9 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
         apc_task_destroy(r->task);
     }
     r->policy = sched_getscheduler(0);
+    struct sched_param param;
+    if (sched_getparam(0, &param) == 0)
+        r->priority = param.sched_priority;
     if (sched_getcpu() > r->cpu)
         r->cpu = sched_getcpu();
     r->sigint_blocked = pthread_sigmask(SIG_BLOCK, NULL, &mask) == 0 && sigismember(&mask, SIGINT) == 1;
@@ -152,8 +155,15 @@ static void a_task_never_overlaps_itself_and_counts_what_it_missed(void **state)
     start(b);
     assert_true(posted(&b->r.entered));
     apc_ns held = r->tick[1].scheduled;
-    assert_true(passed(held + 30 * MS));        /* five instants went by in the callback */
-    assert_true(apc_task_missed(b->task) >= 5); /* known although it has not returned */
+    assert_true(passed(held + 30 * MS)); /* five instants went by in the callback, */
+    apc_ns before = apc_clock_mono(NULL);
+    uint64_t missed = apc_task_missed(b->task) - r->tick[1].missed - r->tick[0].missed;
+    uint64_t in_a_row = apc_task_overruns(b->task, NULL) - r->tick[1].missed - r->tick[0].missed;
+    apc_ns after = apc_clock_mono(NULL);
+    assert_true(missed >=
+                (uint64_t)((before - held - 1) / (5 * MS))); /* known although it has not returned */
+    assert_true(missed <= (uint64_t)((after - held - 1) / (5 * MS)));
+    assert_true(in_a_row >= missed && in_a_row <= (uint64_t)((after - held - 1) / (5 * MS)));
     apc_ns released = apc_clock_mono(NULL);
     sem_post(&b->r.release);
     ticks(b, 4);
@@ -448,6 +458,26 @@ static void a_callback_runs_where_and_as_it_was_asked_to(void **state)
     tear_down(b);
 }
 
+/* Every priority that there is, where this process may have one. */
+static void a_callback_has_the_priority_it_was_asked_for(void **state)
+{
+    static const int priorities[] = {1, 2, 98, 99};
+    const struct sched_param lowest = {.sched_priority = 1}, none = {0};
+
+    if (sched_setscheduler(0, SCHED_FIFO, &lowest) < 0 || sched_setscheduler(0, SCHED_OTHER, &none) < 0)
+        skip();
+    for (size_t i = 0; i < sizeof priorities / sizeof *priorities; i++) {
+        struct bench *b =
+            set_up(*state, (struct apc_task_options){.period = MS, .priority = priorities[i]}, NULL);
+        start(b);
+        ticks(b, 2);
+        assert_int_equal(apc_task_stop(b->task), 0);
+        assert_int_equal(b->r.policy, SCHED_FIFO);
+        assert_int_equal(b->r.priority, priorities[i]);
+        tear_down(b);
+    }
+}
+
 static void seventy_tasks_share_an_executive(void **state)
 {
     enum { TASKS = 70 };
@@ -606,6 +636,7 @@ static void bad_task_options_are_refused_with_a_reason(void **state)
 {
     const apc_ns year = INT64_C(366) * 86400 * APC_NS_PER_S;
     const size_t size = sizeof(struct apc_task_options);
+    const int cpus = (int)sysconf(_SC_NPROCESSORS_CONF);
     const struct apc_task_options bad[] = {
         {.size = size},
         {.size = size, .period = -1},
@@ -622,6 +653,7 @@ static void bad_task_options_are_refused_with_a_reason(void **state)
         {.size = size, .period = MS, .priority = 100},
         {.size = size, .period = MS, .priority = -2},
         {.size = size, .period = MS, .cpu = -1},
+        {.size = size, .period = MS, .cpu = cpus + 1},
         {.size = size, .period = MS, .cpu = 1000000},
         {.size = size, .period = MS, .overrun = (enum apc_overrun)4},
         {.size = size, .period = MS, .name = "sixteen bytes is"},
@@ -629,6 +661,8 @@ static void bad_task_options_are_refused_with_a_reason(void **state)
     const struct apc_task_options good[] = {
         {.size = size, .period = 10 * APC_NS_PER_US, .name = "fifteen bytes -"},
         {.size = size, .period = year, .priority = 99},
+        {.size = size, .period = MS, .priority = 1, .cpu = cpus},
+        {.size = size, .period = MS, .priority = -1, .cpu = 1},
     };
     struct apc_executive *executive;
     struct apc_task *task;
@@ -678,6 +712,7 @@ int main(void)
         EACH(an_executive_with_tasks_is_not_destroyed),
         EACH(a_step_of_the_wall_clock_shows_in_utc_and_nowhere_else),
         EACH(a_callback_runs_where_and_as_it_was_asked_to),
+        EACH(a_callback_has_the_priority_it_was_asked_for),
         EACH(seventy_tasks_share_an_executive),
         cmocka_unit_test(a_spinning_task_keeps_its_grid_and_its_bounds),
         EACH(a_task_that_does_not_spin_says_so),
