@@ -139,6 +139,71 @@ static void neither_integral_winds_up_while_the_output_is_cut(void **state)
     assert_true(peak < 0.3);
 }
 
+/* The same with the smallest errors: both integrals stand still at the limit, and go back from it. */
+static void at_the_limit_neither_integral_takes_the_smallest_step_outwards(void **state)
+{
+    (void)state;
+    for (double gain = -2.0; gain <= 2.0; gain += 2.0) {
+        for (double error = 1e-6; error < 10.0; error *= 10.0) {
+            const double to =
+                gain < 0.0 ? -1.0 : 1.0; /* the outer loop pushes to where the inner one opens */
+            struct rig r;
+
+            make(&r);
+            r.tuning[INNER + KP] = gain;
+            r.tuning[INNER + U_BAR] = 1.0;
+            r.tuning[INNER + U_MAX] = 1.0 - error;
+            r.z[0] = to * error;
+            cascade->reset(&r.c);
+            for (int away = 0; away <= 1; away++) {
+                const double before[] = {r.x[0], r.x[STATES / 2]};
+                bool outwards;
+
+                r.z[0] = (away ? -1e-3 : 1.0) * to * error;
+                cascade->compute(&r.c);
+                assert_near(r.u[0], 1.0 - error, 0.0);
+                cascade->update(&r.c);
+                outwards = !away && gain != 0.0; /* an inner loop without gain is in nobody's way */
+                assert_int_equal(r.x[0] == before[0], outwards);
+                if (!away)
+                    assert_near(r.x[STATES / 2], before[1], 0.0);
+            }
+        }
+    }
+}
+
+/* Every pair: the outer output where the inner measurement is, and so the inner one at u_bar. */
+static void at_rest_every_pair_begins_with_its_u_bar(void **state)
+{
+    const struct apc_dim dim = {4, 2, 2};
+    struct rig r;
+
+    (void)state;
+    make(&r);
+    r.c.dim = dim;
+    assert_int_equal(configure(&r, dim, NULL, 0, NULL), 0);
+    for (int i = 0; i < 2; i++) {
+        double *p = r.tuning + i * PARAMS;
+
+        r.y[i] = r.z[i] = 10.0 + i;  /* outer */
+        r.y[2 + i] = 100.0 + 10 * i; /* inner */
+        p[OUTER + KP] = 3.0;
+        p[OUTER + TAU_I] = p[INNER + TAU_I] = 5.0;
+        p[OUTER + B] = p[INNER + B] = 0.5;
+        p[OUTER + TAU_D] = p[INNER + TAU_D] = 2.0;
+        p[OUTER + C] = p[INNER + C] = 1.0;
+        p[OUTER + U_BAR] = r.y[2 + i];
+        p[INNER + U_BAR] = 1000.0 + i;
+    }
+    cascade->reset(&r.c);
+    for (int k = 0; k < 3; k++) {
+        cascade->compute(&r.c);
+        assert_near(r.u[0], 1000.0, 1e-9);
+        assert_near(r.u[1], 1001.0, 1e-9);
+        cascade->update(&r.c);
+    }
+}
+
 static void after_track_it_gives_the_tracked_output_and_the_inner_loop_is_at_rest(void **state)
 {
     (void)state;
@@ -207,6 +272,8 @@ int main(void)
         cmocka_unit_test(the_inner_setpoint_is_the_outer_output_within_its_limits),
         cmocka_unit_test(the_inner_loop_takes_disturbances_before_they_reach_the_outer_one),
         cmocka_unit_test(neither_integral_winds_up_while_the_output_is_cut),
+        cmocka_unit_test(at_the_limit_neither_integral_takes_the_smallest_step_outwards),
+        cmocka_unit_test(at_rest_every_pair_begins_with_its_u_bar),
         cmocka_unit_test(after_track_it_gives_the_tracked_output_and_the_inner_loop_is_at_rest),
         cmocka_unit_test(pairs_are_made_at_will),
     };

@@ -3,6 +3,7 @@
 
 #include "control/control_internal.h"
 
+#include <stdio.h>
 #include <string.h>
 
 static void compute(struct apc_law_call *c)
@@ -134,6 +135,71 @@ static void the_built_in_laws_refuse_crossed_limits_of_any_output(void **state)
     }
 }
 
+/* What a loop does that nobody tuned, and what it may be tuned to, must not change with a new version. */
+static void a_parameter_of_which_nothing_is_said_has_its_initial_value_and_limits(void **state)
+{
+    static const struct apc_law *const laws[] = {&apc_law_pi, &apc_law_pid, &apc_law_cascade, &apc_law_lqg};
+    static const char *const tables[] = {
+        "Kp 0.2 (-1000000 to 1000000)\n"
+        "tau_i 10 (1e-06 to 1e+09)\n"
+        "u_bar 0 (-1e+09 to 1e+09)\n"
+        "u_min -1e+09 (-1e+09 to 1e+09)\n"
+        "u_max 1e+09 (-1e+09 to 1e+09)\n",
+        "Kp 1 (-1000000 to 1000000)\n"
+        "tau_i 10 (0 to 1e+09)\n"
+        "tau_d 0 (0 to 1e+09)\n"
+        "N 10 (1 to 1000000)\n"
+        "b 1 (0 to 10)\n"
+        "c 0 (0 to 10)\n"
+        "tau_t 0 (0 to 1e+09)\n"
+        "u_bar 0 (-1e+09 to 1e+09)\n"
+        "u_min -1e+09 (-1e+09 to 1e+09)\n"
+        "u_max 1e+09 (-1e+09 to 1e+09)\n"
+        "du_max 0 (0 to 1e+09)\n"
+        "Kff 0 (-1000000 to 1000000)\n",
+        "outer_Kp 1 (-1000000 to 1000000)\n"
+        "outer_tau_i 10 (0 to 1e+09)\n"
+        "outer_tau_d 0 (0 to 1e+09)\n"
+        "outer_N 10 (1 to 1000000)\n"
+        "outer_b 1 (0 to 10)\n"
+        "outer_c 0 (0 to 10)\n"
+        "outer_tau_t 0 (0 to 1e+09)\n"
+        "outer_u_bar 0 (-1e+09 to 1e+09)\n"
+        "outer_u_min -1e+09 (-1e+09 to 1e+09)\n"
+        "outer_u_max 1e+09 (-1e+09 to 1e+09)\n"
+        "outer_du_max 0 (0 to 1e+09)\n"
+        "inner_Kp 1 (-1000000 to 1000000)\n"
+        "inner_tau_i 10 (0 to 1e+09)\n"
+        "inner_tau_d 0 (0 to 1e+09)\n"
+        "inner_N 10 (1 to 1000000)\n"
+        "inner_b 1 (0 to 10)\n"
+        "inner_c 0 (0 to 10)\n"
+        "inner_tau_t 0 (0 to 1e+09)\n"
+        "inner_u_bar 0 (-1e+09 to 1e+09)\n"
+        "inner_u_min -1e+09 (-1e+09 to 1e+09)\n"
+        "inner_u_max 1e+09 (-1e+09 to 1e+09)\n"
+        "inner_du_max 0 (0 to 1e+09)\n",
+        "u_min -1e+09 (-1e+09 to 1e+09)\n"
+        "u_max 1e+09 (-1e+09 to 1e+09)\n"
+        "tau_b 10 (0 to 1e+09)\n",
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(laws) / sizeof(laws[0]); i++) {
+        char text[1500] = "";
+        size_t used = 0;
+
+        for (size_t k = 0; k < laws[i]->n_tuning && used < sizeof(text); k++) {
+            const struct apc_param *p = &laws[i]->tuning[k];
+
+            used += (size_t)snprintf(text + used, sizeof(text) - used, "%s %.9g (%.9g to %.9g)\n", p->name,
+                                     p->initial, p->low, p->high);
+        }
+        assert_in_range(used, 1, sizeof(text) - 1);
+        assert_string_equal(text, tables[i]);
+    }
+}
+
 static void a_parameter_outside_its_limits_is_refused_by_name(void **state)
 {
     const struct apc_dim dim = {2, 2, 2};
@@ -240,6 +306,7 @@ int main(void)
         cmocka_unit_test(a_missing_shared_object_is_named),
         cmocka_unit_test(a_law_that_cannot_work_is_refused_with_the_reason),
         cmocka_unit_test(the_built_in_laws_refuse_crossed_limits_of_any_output),
+        cmocka_unit_test(a_parameter_of_which_nothing_is_said_has_its_initial_value_and_limits),
         cmocka_unit_test(a_parameter_outside_its_limits_is_refused_by_name),
         cmocka_unit_test(a_law_that_says_nothing_is_paired_in_order),
         cmocka_unit_test(the_built_in_laws_are_paired_by_their_settings),

@@ -2,6 +2,7 @@
 #include "check.h"
 
 #include "apccontrol.h"
+#include "base/matrix.h"
 
 #include <string.h>
 
@@ -298,6 +299,260 @@ static void a_known_delay_is_allowed_for(void **state)
     }
 }
 
+/* ---- The equations once more -------------------------------------------------------------------- */
+
+/*
+ * Four states, two inputs, three measurements, of which the third and the first are controlled; everything
+ * has a weight and a noise of its own. The law beside its textbook form, which knows no shortcut: correct the
+ * estimate, find the steady state, feed back, predict.
+ */
+enum { NX = 4, NU = 2, NY = 3, NZ = 2, NS_MAX = NX + NU, NA_MAX = NS_MAX + NU };
+
+static const double four_A[NX * NX] = {-1.0, 0.4, 0.0, 0.1,  0.2, -0.5, 0.3, 0.0,
+                                       0.0,  0.7, 0.2, -0.6, 0.5, 0.0,  0.4, -2.0};
+static const double four_B[NX * NU] = {1.0, 0.0, 0.2, 0.9, -0.3, 0.5, 0.0, 1.5};
+static const double four_C[NY * NX] = {1.0, 0.2, 0.0, 0.1, 0.0, 0.8, 0.3, 0.0, 0.4, 0.0, 1.2, -0.5};
+static const double four_zero[NY * NU], four_u0[NU] = {5.0, -7.0}, four_y0[NY] = {10.0, 20.0, 30.0};
+static const struct apc_law_plant four = {.nx = NX,
+                                          .A = four_A,
+                                          .B = four_B,
+                                          .C = four_C,
+                                          .D = four_zero,
+                                          .x0 = four_zero,
+                                          .u0 = four_u0,
+                                          .y0 = four_y0};
+static const double controlled[NZ] = {3, 1}, y_dev[NY] = {0.5, 2.0, 0.25}, x_dev[NX] = {3.0, 0.7, 1.1, 0.0},
+                    u_dev[NU] = {4.0, 1.5}, y_noise[NY] = {0.1, 0.4, 0.2}, x_noise[NX] = {0.0, 0.3, 0.6, 0.9},
+                    u_noise[NU] = {0.8, 1.3}, a_while[1] = {0.03};
+static const struct apc_setting all[] = {
+    {"measurement", NZ, controlled},
+    {"y_dev", NY, y_dev},
+    {"x_dev", NX, x_dev},
+    {"u_dev", NU, u_dev},
+    {"y_noise", NY, y_noise},
+    {"x_noise", NX, x_noise},
+    {"u_noise", NU, u_noise},
+    {"delay", 1, a_while},
+};
+
+struct textbook {
+    size_t ns, na;
+    double A[NS_MAX * NS_MAX], B[NS_MAX * NU], E[NS_MAX * NU], C[NY * NS_MAX]; /* states, former outputs */
+    double K[NU * NS_MAX], L[NA_MAX * NY];
+    double e[NA_MAX]; /* predicted: states, former outputs, disturbances */
+};
+
+static double inverse_square(double deviation)
+{
+    return deviation > 0.0 ? 1.0 / (deviation * deviation) : 0.0;
+}
+
+static void make_textbook(struct textbook *t, double delay)
+{
+    double whole_A[NX * NX], whole_B[NX * NU], A[NX * NX], B[NX * NU];
+    double Q[NA_MAX * NA_MAX] = {0}, R[NY * NY] = {0}, P[NA_MAX * NA_MAX], Aa[NA_MAX * NA_MAX] = {0};
+    double Ca[NY * NA_MAX] = {0}, At[NA_MAX * NA_MAX], Ct[NA_MAX * NY], CP[NY * NA_MAX], S[NY * NY];
+    double dual[NY * NA_MAX];
+    const size_t ns = delay > 0.0 ? NS_MAX : NX, na = ns + NU;
+
+    *t = (struct textbook){.ns = ns, .na = na};
+    assert_int_equal(apc_linear_sample(NX, NU, four_A, four_B, H, whole_A, whole_B, NULL), 0);
+    assert_int_equal(apc_linear_sample(NX, NU, four_A, four_B, H - delay, A, B, NULL), 0);
+    for (size_t i = 0; i < NX; i++) {
+        for (size_t j = 0; j < NX; j++)
+            t->A[i * ns + j] = whole_A[i * NX + j];
+        for (size_t j = 0; j < NU; j++) {
+            t->B[i * NU + j] = B[i * NU + j];
+            t->E[i * NU + j] = whole_B[i * NU + j];
+            if (ns > NX) /* the former output acts for the delay, this one for the rest */
+                t->A[i * ns + NX + j] = whole_B[i * NU + j] - B[i * NU + j];
+        }
+    }
+    for (size_t j = 0; ns > NX && j < NU; j++)
+        t->B[(NX + j) * NU + j] = 1.0;
+    for (size_t i = 0; i < NY; i++) {
+        for (size_t j = 0; j < NX; j++)
+            Ca[i * na + j] = t->C[i * ns + j] = four_C[i * NX + j];
+    }
+    for (size_t i = 0; i < NX; i++) {
+        for (size_t j = 0; j < NX; j++) {
+            for (size_t k = 0; k < NY; k++)
+                Q[i * ns + j] += four_C[k * NX + i] * inverse_square(y_dev[k]) * four_C[k * NX + j];
+        }
+        Q[i * ns + i] += inverse_square(x_dev[i]);
+    }
+    for (size_t i = 0; i < NU; i++)
+        R[i * NU + i] = inverse_square(u_dev[i]);
+    assert_int_equal(apc_riccati_solve(ns, NU, t->A, t->B, Q, R, P, t->K, NULL), 0);
+
+    memset(Q, 0, sizeof(Q));
+    memset(R, 0, sizeof(R));
+    for (size_t i = 0; i < na; i++) {
+        for (size_t j = 0; j < na; j++)
+            Aa[i * na + j] = i < ns && j < ns ? t->A[i * ns + j]
+                             : i < ns         ? t->E[i * NU + j - ns]
+                                              : (double)(i == j);
+        Q[i * na + i] = H * (i < NX ? pow(x_noise[i], 2) : i < ns ? 0.0 : pow(u_noise[i - ns], 2));
+    }
+    for (size_t i = 0; i < NY; i++)
+        R[i * NY + i] = pow(y_noise[i], 2);
+    apc_matrix_transpose(na, na, Aa, At);
+    apc_matrix_transpose(NY, na, Ca, Ct);
+    assert_int_equal(apc_riccati_solve(na, NY, At, Ct, Q, R, P, dual, NULL), 0);
+    apc_matrix_multiply(NY, na, na, Ca, P, CP);
+    apc_matrix_multiply(NY, na, NY, CP, Ct, S);
+    for (size_t i = 0; i < NY; i++)
+        S[i * NY + i] += R[i * NY + i];
+    assert_int_equal(apc_matrix_solve(NY, na, S, CP), 0);
+    apc_matrix_transpose(NY, na, CP, t->L);
+}
+
+/* u for y and z; and the estimate of the next tick, when u has gone out. */
+static void textbook_tick(struct textbook *t, const double *y, const double *z, double *u)
+{
+    const size_t ns = t->ns, n = ns + NU;
+    double c[NA_MAX], M[NA_MAX * NA_MAX] = {0}, rest[NA_MAX] = {0};
+
+    for (size_t i = 0; i < t->na; i++) {
+        c[i] = t->e[i];
+        for (size_t k = 0; k < NY; k++) {
+            double innovation = y[k] - four_y0[k];
+
+            for (size_t j = 0; j < ns; j++)
+                innovation -= t->C[k * ns + j] * t->e[j];
+            c[i] += t->L[i * NY + k] * innovation;
+        }
+    }
+    for (size_t i = 0; i < ns; i++) { /* (A - 1) x* + B u* = -E d */
+        for (size_t j = 0; j < ns; j++)
+            M[i * n + j] = t->A[i * ns + j] - (double)(i == j);
+        for (size_t j = 0; j < NU; j++) {
+            M[i * n + ns + j] = t->B[i * NU + j];
+            rest[i] -= t->E[i * NU + j] * c[ns + j];
+        }
+    }
+    for (size_t i = 0; i < NZ; i++) {
+        const size_t k = (size_t)controlled[i] - 1;
+
+        for (size_t j = 0; j < ns; j++)
+            M[(ns + i) * n + j] = t->C[k * ns + j];
+        rest[ns + i] = z[i] - four_y0[k];
+    }
+    assert_int_equal(apc_matrix_solve(n, 1, M, rest), 0);
+    for (size_t i = 0; i < NU; i++) {
+        u[i] = four_u0[i] + rest[ns + i];
+        for (size_t j = 0; j < ns; j++)
+            u[i] -= t->K[i * ns + j] * (c[j] - rest[j]);
+    }
+    for (size_t i = 0; i < ns; i++) {
+        t->e[i] = 0.0;
+        for (size_t j = 0; j < ns; j++)
+            t->e[i] += t->A[i * ns + j] * c[j];
+        for (size_t j = 0; j < NU; j++)
+            t->e[i] += t->E[i * NU + j] * c[ns + j] + t->B[i * NU + j] * (u[j] - four_u0[j]);
+    }
+    for (size_t i = ns; i < t->na; i++)
+        t->e[i] = c[i];
+}
+
+static void it_is_the_textbooks_regulator_and_filter(void **state)
+{
+    (void)state;
+    for (size_t settings = 7; settings <= 8; settings++) { /* without and with the delay */
+        const struct apc_law_setup setup = {
+            .dim = {NY, NZ, NU}, .Ts = H, .n_setting = settings, .setting = all, .plant = &four};
+        struct textbook t;
+        double constant[CONSTANT], x[NA_MAX + NU] = {0}, y[NY], z[NZ], u[NU], expected[NU];
+        const double tuning[PARAMS * NU] = {-1e9, 1e9, 10.0, -1e9, 1e9, 10.0};
+        unsigned limited[NU] = {0};
+        struct apc_law_call c = {.dim = setup.dim,
+                                 .Ts = H,
+                                 .y = y,
+                                 .z = z,
+                                 .u = u,
+                                 .x = x,
+                                 .tuning = tuning,
+                                 .constant = constant,
+                                 .limited = limited};
+        struct apc_law_size size;
+        struct apc_error why = {""};
+
+        make_textbook(&t, settings == 8 ? a_while[0] : 0.0);
+        assert_int_equal(lqg->configure(&setup, &size, NULL, &why), 0);
+        assert_int_equal(size.states, t.na + NU);
+        assert_in_range(size.constants, 1, CONSTANT);
+        if (lqg->configure(&setup, &size, constant, &why) < 0)
+            fail_msg("%s", why.text);
+        for (size_t i = 0; i < NY; i++)
+            y[i] = four_y0[i] + 1.0 + (double)i;
+        lqg->reset(&c);
+        for (size_t i = 0; i < NY; i++) { /* it begins with states that explain the measurements */
+            double shown = four_y0[i];
+
+            for (size_t j = 0; j < NX; j++)
+                shown += four_C[i * NX + j] * x[j];
+            assert_near(shown, y[i], 1e-7);
+        }
+        for (size_t i = NX; i < t.na; i++)
+            assert_near(x[i], 0.0, 0.0);
+        memcpy(t.e, x, t.na * sizeof(*x));
+        for (int k = 0; k < 50; k++) {
+            for (size_t i = 0; i < NY; i++)
+                y[i] = four_y0[i] + sin(0.3 * k + (double)i);
+            for (size_t i = 0; i < NZ; i++)
+                z[i] = four_y0[(size_t)controlled[i] - 1] + cos(0.2 * k - (double)i);
+            lqg->compute(&c);
+            textbook_tick(&t, y, z, expected);
+            for (size_t i = 0; i < NU; i++)
+                assert_near(u[i], expected[i], 1e-9 * fmax(1.0, fabs(expected[i])));
+            lqg->update(&c);
+            for (size_t i = 0; i < t.na; i++)
+                assert_near(x[i], t.e[i], 1e-9 * fmax(1.0, fabs(t.e[i])));
+        }
+    }
+}
+
+/* In the share h / tau_b a period, each output with its own; with tau_b below a period at once. */
+static void each_outputs_bias_dies_out_with_its_own_tau_b(void **state)
+{
+    const double tau_b[][NU] = {{2.0, 0.5}, {0.05, H}, {0.0, 10.0}};
+
+    (void)state;
+    for (size_t n = 0; n < 3; n++) {
+        const struct apc_law_setup setup = {
+            .dim = {NY, NZ, NU}, .Ts = H, .n_setting = 8, .setting = all, .plant = &four};
+        double constant[CONSTANT], x[NA_MAX + NU] = {0}, u[NU] = {1.0, 2.0}, before[NU];
+        const double z[NZ] = {30.0, 10.0};
+        const double tuning[PARAMS * NU] = {-1e9, 1e9, tau_b[n][0], -1e9, 1e9, tau_b[n][1]};
+        unsigned limited[NU] = {0};
+        struct apc_law_call c = {.dim = setup.dim,
+                                 .Ts = H,
+                                 .y = four_y0,
+                                 .z = z,
+                                 .u = u,
+                                 .x = x,
+                                 .tuning = tuning,
+                                 .constant = constant,
+                                 .limited = limited,
+                                 .gap = true};
+        struct apc_law_size size;
+
+        assert_int_equal(lqg->configure(&setup, &size, constant, NULL), 0);
+        lqg->track(&c);
+        for (size_t i = 0; i < NU; i++) {
+            before[i] = x[NA_MAX + i];
+            assert_true(fabs(before[i]) > 0.1);
+            assert_near(x[NX + i], u[i] - four_u0[i], 0.0); /* the former outputs */
+        }
+        for (int k = 1; k <= 3; k++) {
+            lqg->update(&c);
+            for (size_t i = 0; i < NU; i++)
+                assert_near(x[NA_MAX + i], before[i] * pow(1.0 - fmin(H / fmax(tau_b[n][i], 1e-9), 1.0), k),
+                            1e-12);
+        }
+    }
+}
+
 static void what_it_cannot_be_made_from_is_refused_with_the_reason(void **state)
 {
     const double nothing = 0.0, late = H, one = 1.0, second = 2.0;
@@ -344,6 +599,8 @@ int main(void)
         cmocka_unit_test(after_track_it_gives_the_tracked_output_which_dies_out_with_tau_b),
         cmocka_unit_test(in_man_the_estimates_follow_the_plant),
         cmocka_unit_test(a_known_delay_is_allowed_for),
+        cmocka_unit_test(it_is_the_textbooks_regulator_and_filter),
+        cmocka_unit_test(each_outputs_bias_dies_out_with_its_own_tau_b),
         cmocka_unit_test(what_it_cannot_be_made_from_is_refused_with_the_reason),
     };
 

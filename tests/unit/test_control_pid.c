@@ -323,6 +323,7 @@ static void a_first_measurement_far_from_zero_gives_no_derivative(void **state)
     (void)state;
     make(&r, 0.1);
     r.tuning[TAU_D] = 5.0;
+    r.tuning[C] = 0.5; /* nor does a first setpoint */
     r.y[0] = r.z[0] = 100.0;
     pid->reset(&r.c);
     assert_near(tick(&r), 0.0, 1e-13);
@@ -334,17 +335,35 @@ static void at_its_setpoint_it_begins_with_u_bar_whatever_the_weight(void **stat
     struct rig r;
 
     (void)state;
+    for (double tau_i = 0.03; tau_i < 100.0; tau_i *= 10.0) {
+        make(&r, 0.1);
+        r.tuning[KP] = 7.0;
+        r.tuning[TAU_I] = tau_i;
+        r.tuning[B] = 0.4;
+        r.tuning[U_BAR] = 2.5;
+        r.y[0] = r.z[0] = 100.0;
+        pid->reset(&r.c);
+        for (int k = 0; k < 10; k++)
+            assert_near(tick(&r), 2.5, 1e-12);
+        r.z[0] = 101.0;
+        assert_near(tick(&r), 2.5 + 7.0 * 0.4, 1e-12);
+    }
+}
+
+/* Nothing would take away then what the integral began with. */
+static void without_integral_it_begins_with_its_proportional_part(void **state)
+{
+    struct rig r;
+
+    (void)state;
     make(&r, 0.1);
     r.tuning[KP] = 7.0;
-    r.tuning[TAU_I] = 3.0;
     r.tuning[B] = 0.4;
-    r.tuning[U_BAR] = 2.5;
-    r.y[0] = r.z[0] = 100.0;
+    r.y[0] = 10.0;
+    r.z[0] = 20.0;
     pid->reset(&r.c);
     for (int k = 0; k < 10; k++)
-        assert_near(tick(&r), 2.5, 1e-12);
-    r.z[0] = 101.0;
-    assert_near(tick(&r), 2.5 + 7.0 * 0.4, 1e-12);
+        assert_near(tick(&r), 7.0 * (0.4 * 20.0 - 10.0), 1e-12);
 }
 
 static void make_windup(struct rig *r, double tau_t)
@@ -374,6 +393,32 @@ static void conditional_integration_stands_still_in_saturation(void **state)
     r.z[0] = 0.1;
     assert_near(compute(&r), 0.2, 1e-15);
     assert_int_equal(r.limited[0], 0);
+}
+
+/* The integral goes back from a limit and stays away from beyond it, by however little. */
+static void conditional_integration_knows_the_smallest_errors(void **state)
+{
+    (void)state;
+    for (double error = 1e-6; error < 1e3; error *= 10.0) {
+        for (double side = -1.0; side <= 1.0; side += 2.0) {
+            const double increment = 2.0 * 0.1 / 1.0 * error;
+            struct rig r;
+
+            make_windup(&r, 0.0);
+            r.x[0] = side; /* just at the limit without an error */
+            r.z[0] = side * error;
+            assert_near(tick(&r), side, 0.0);
+            assert_near(r.x[0], side, 0.0);
+            r.z[0] = -side * error;
+            tick(&r);
+            if (2.0 * error < 2.0) /* where that does not lead to the other limit */
+                assert_near(r.x[0], side * (1.0 - increment), 1e-15);
+            r.x[0] = 0.0;
+            r.z[0] = side * fmin(error, 0.4); /* within the limits */
+            tick(&r);
+            assert_near(r.x[0], 2.0 * 0.1 * r.z[0], 1e-15);
+        }
+    }
 }
 
 /* Where increment and back-calculation balance: Kp h / tau_i e = h / tau_t (v - u). */
@@ -407,6 +452,27 @@ static void the_output_changes_no_faster_than_its_rate_limit(void **state)
     }
     r.z[0] = -1.0;
     assert_near(tick(&r), 3.8, 1e-12);
+    assert_int_equal(r.limited[0], APC_LIMITED_LOW);
+}
+
+/* Also after a limit of another's: what counts is what went out. */
+static void the_rate_limit_begins_at_what_went_out(void **state)
+{
+    struct rig r;
+
+    (void)state;
+    make(&r, 0.1);
+    r.tuning[DU_MAX] = 2.0;
+    r.z[0] = 9.0;
+    compute(&r);
+    r.u[0] = 5.0;
+    pid->update(&r.c);
+    assert_near(tick(&r), 5.2, 1e-12);
+    assert_int_equal(r.limited[0], APC_LIMITED_HIGH);
+    r.u[0] = -3.0;
+    pid->track(&r.c);
+    r.z[0] = -9.0;
+    assert_near(tick(&r), -3.2, 1e-12);
     assert_int_equal(r.limited[0], APC_LIMITED_LOW);
 }
 
@@ -499,6 +565,14 @@ static void without_integral_a_bumpless_change_dies_out_with_tau_t(void **state)
     assert_near(tick(&r), 8.0, 1e-14);
     assert_near(tick(&r), 8.0 * 0.9, 1e-14);
     assert_near(tick(&r), 8.0 * 0.9 * 0.9, 1e-14);
+    r.tuning[TAU_T] = 0.01; /* quicker than a period: gone with the next one */
+    tick(&r);
+    assert_near(tick(&r), 0.0, 1e-14);
+    r.u[0] = 8.0;
+    pid->track(&r.c);
+    r.tuning[TAU_T] = 0.5;
+    assert_near(tick(&r), 8.0, 1e-14);
+    assert_near(tick(&r), 8.0 * 0.8, 1e-14);
 }
 
 /* With the tuning that it begins with, nothing may jump either: it goes in twenty periods. */
@@ -581,6 +655,42 @@ static void a_measured_disturbance_is_fed_forward_as_it_changes(void **state)
     assert_near(tick(&r), -2.0, 1e-9);
 }
 
+static void each_output_has_its_own_loop_tuning_and_disturbance(void **state)
+{
+    const double use[] = {3.0, 1.0};
+    const struct apc_setting setting = {"feed_forward", 2, use};
+    struct rig r;
+
+    (void)state;
+    make(&r, 1.0);
+    r.c.dim = (struct apc_dim){3, 2, 2};
+    assert_int_equal(configure(&r, r.c.dim, &setting, 1, NULL), 0);
+    for (int i = 0; i < LOOPS; i++) {
+        double *p = r.tuning + i * PARAMS;
+
+        p[KP] = i ? 3.0 : 2.0;
+        p[TAU_I] = i ? 8.0 : 4.0;
+        p[B] = 0.5;
+        p[KFF] = i ? -7.0 : 5.0;
+        p[U_BAR] = i ? 200.0 : 100.0;
+    }
+    r.y[0] = r.z[0] = 1.0;
+    r.y[1] = r.z[1] = 2.0;
+    r.y[2] = 4.0;
+    pid->reset(&r.c);
+    compute(&r);
+    assert_near(r.u[0], 100.0, 1e-12);
+    assert_near(r.u[1], 200.0, 1e-12);
+    r.y[2] = 5.0; /* the disturbance of the first; y[0] is that of the second */
+    r.z[1] = 4.0;
+    tick(&r);
+    assert_near(r.u[0], 105.0, 1e-12);
+    assert_near(r.u[1], 203.0, 1e-12);
+    tick(&r);
+    assert_near(r.u[0], 105.0, 1e-12);
+    assert_near(r.u[1], 203.0 + 3.0 / 8.0 * 2.0, 1e-12);
+}
+
 /* ---- Pairing ------------------------------------------------------------------------------------ */
 
 static void outputs_are_paired_with_measurements_at_will(void **state)
@@ -644,9 +754,12 @@ int main(void)
         cmocka_unit_test(the_derivative_of_the_measurement_is_filtered),
         cmocka_unit_test(a_first_measurement_far_from_zero_gives_no_derivative),
         cmocka_unit_test(at_its_setpoint_it_begins_with_u_bar_whatever_the_weight),
+        cmocka_unit_test(without_integral_it_begins_with_its_proportional_part),
         cmocka_unit_test(conditional_integration_stands_still_in_saturation),
+        cmocka_unit_test(conditional_integration_knows_the_smallest_errors),
         cmocka_unit_test(back_calculation_settles_at_a_distance_from_the_limit),
         cmocka_unit_test(the_output_changes_no_faster_than_its_rate_limit),
+        cmocka_unit_test(the_rate_limit_begins_at_what_went_out),
         cmocka_unit_test(a_limit_tuned_below_the_output_is_approached_at_the_rate_limit),
         cmocka_unit_test(after_track_it_gives_the_tracked_output),
         cmocka_unit_test(after_a_gap_the_derivative_begins_anew),
@@ -655,6 +768,7 @@ int main(void)
         cmocka_unit_test(without_integral_and_tau_t_a_bumpless_change_fades),
         cmocka_unit_test(a_change_of_gain_or_derivative_leaves_nothing_of_the_old_one),
         cmocka_unit_test(a_measured_disturbance_is_fed_forward_as_it_changes),
+        cmocka_unit_test(each_output_has_its_own_loop_tuning_and_disturbance),
         cmocka_unit_test(outputs_are_paired_with_measurements_at_will),
         cmocka_unit_test(a_pairing_that_does_not_exist_is_refused),
     };

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * Nothing tagged [tick] allocates, and what is made survives any failure of an allocation: every
- * allocation of the process, libraries included, goes through the functions below. Sanitizers bring
- * their own allocator, so the test is then skipped.
+ * Nothing tagged [tick] allocates, what is made survives any failure of an allocation, and what is destroyed
+ * gives back all that it had, also when it was never finished: every allocation of the process, libraries
+ * included, goes through the functions below. Sanitizers bring their own allocator, so the test is then
+ * skipped.
  */
 #include "check.h"
 
@@ -10,6 +11,7 @@
 #include "apcsockets.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 #define COUNTING 0
@@ -23,6 +25,7 @@
 #endif
 
 static volatile int allocations;
+static volatile int held;         /* not given back yet */
 static volatile int fail_at = -1; /* the allocation with this number fails */
 static volatile int failed;       /* whether one did */
 
@@ -31,6 +34,7 @@ static volatile int failed;       /* whether one did */
 extern void *__libc_malloc(size_t size);
 extern void *__libc_calloc(size_t n, size_t size);
 extern void *__libc_realloc(void *p, size_t size);
+extern void __libc_free(void *p);
 
 static int fails(void)
 {
@@ -40,19 +44,31 @@ static int fails(void)
     return now;
 }
 
+static void *given(void *p)
+{
+    held += p != NULL;
+    return p;
+}
+
 void *malloc(size_t size)
 {
-    return fails() ? NULL : __libc_malloc(size);
+    return fails() ? NULL : given(__libc_malloc(size));
 }
 
 void *calloc(size_t n, size_t size)
 {
-    return fails() ? NULL : __libc_calloc(n, size);
+    return fails() ? NULL : given(__libc_calloc(n, size));
 }
 
 void *realloc(void *p, size_t size)
 {
-    return fails() ? NULL : __libc_realloc(p, size);
+    return fails() ? NULL : p ? __libc_realloc(p, size) : given(__libc_malloc(size));
+}
+
+void free(void *p)
+{
+    held -= p != NULL;
+    __libc_free(p);
 }
 #endif
 
@@ -138,14 +154,16 @@ static void one_second(struct loop *l, int k)
 
 static void the_counter_counts(void **state)
 {
-    int before = allocations;
+    int before = allocations, before_held = held;
     void *volatile p;
 
     (void)state;
     if (!COUNTING)
         skip();
     p = malloc(1);
+    assert_int_equal(held, before_held + 1);
     free(p);
+    assert_int_equal(held, before_held);
     assert_true(allocations > before);
 }
 
@@ -177,10 +195,13 @@ static void whichever_allocation_fails_creation_says_so(void **state)
     if (!COUNTING)
         skip();
     do {
+        int before = held;
+
         failed = 0;
         rc = make(&l, ++n);
         destroy(&l);
         assert_int_equal(rc, failed ? APC_ENOMEM : 0); /* none is passed over */
+        assert_int_equal(held, before);
     } while (rc < 0);
     assert_in_range(n, 8, 100);
 }
@@ -206,14 +227,16 @@ static void whichever_allocation_fails_a_configured_law_says_so(void **state)
         struct apc_controller *controller;
         struct apc_sample in[64], out[64];
         struct apc_notice notice;
-        int rc, before, n = -1;
+        int rc, before, at_first, n = -1;
 
         do {
+            at_first = held;
             failed = 0;
             fail_at = allocations + ++n;
             rc = apc_controller_create(&controller, &o, NULL);
             fail_at = -1;
             assert_int_equal(rc, failed ? APC_ENOMEM : 0); /* none is passed over */
+            assert_int_equal(held > at_first, rc == 0);
         } while (rc < 0);
         assert_in_range(n, 5, 100);
         assert_in_range(apc_controller_size(controller).in, 1, 64);
@@ -230,6 +253,7 @@ static void whichever_allocation_fails_a_configured_law_says_so(void **state)
         }
         assert_int_equal(allocations - before, 0);
         apc_controller_destroy(controller);
+        assert_int_equal(held, at_first);
     }
 }
 
@@ -275,7 +299,7 @@ static void no_integrator_allocates_in_a_tick(void **state)
     for (size_t i = 0; i < 4; i++) {
         struct loop l;
         double u[2] = {0.0, 0.0};
-        int before, failures = 0;
+        int before, at_first = held, failures = 0;
 
         assert_int_equal(make_plant(&l, integrators[i], -1), 0);
         before = allocations;
@@ -289,6 +313,7 @@ static void no_integrator_allocates_in_a_tick(void **state)
         assert_int_equal(allocations - before, 0);
         assert_int_equal(failures, 0);
         destroy(&l);
+        assert_int_equal(held, at_first);
     }
 }
 
@@ -304,13 +329,137 @@ static void whichever_allocation_fails_a_plant_says_so(void **state)
         int rc, n = -1;
 
         do {
+            int before = held;
+
             failed = 0;
             rc = make_plant(&l, integrators[i], ++n);
             destroy(&l);
             assert_int_equal(rc, failed ? APC_ENOMEM : 0); /* none is passed over */
+            assert_int_equal(held, before);
         } while (rc < 0);
         assert_in_range(n, 8, 100);
     }
+}
+
+/* What is refused, and questions about a model, leave nothing behind either. */
+static void what_is_refused_or_asked_leaves_nothing_behind(void **state)
+{
+    static const double wild = 1e300, no_delay = -1.0, A = 1.0, nought = 0.0;
+    static const struct apc_law_plant unreached = {
+        .nx = 1, .A = &A, .B = &nought, .C = &A, .D = &nought, .x0 = &nought, .u0 = &nought, .y0 = &nought};
+    static const struct apc_setting setting = {"delay", 1, &no_delay};
+    static const char *const integrators[] = {"cvode", "adams", "rk4", "exact", "none"};
+    const struct apc_model *tanks = NULL;
+    struct apc_controller_options c = {.size = sizeof(c),
+                                       .law = &apc_law_lqg,
+                                       .dim = {1, 1, 1},
+                                       .period = S,
+                                       .horizon = 3 * S,
+                                       .plant = &unreached};
+    struct apc_plantserver_options o = {
+        .size = sizeof(o), .link_period = S, .command_period = S, .safe = &wild, .high = &A};
+    struct apc_controller *controller;
+    struct apc_plant *plant;
+    struct apc_plantserver *server;
+    double x[4] = {10, 10, 10, 10}, a[16], b[16], P, K;
+    void *handle;
+    int before;
+
+    (void)state;
+    if (!COUNTING)
+        skip();
+    assert_int_equal(apc_model_find("quadruple-tank", &tanks, &handle, NULL), 0);
+    before = held;
+    assert_true(apc_controller_create(&controller, &c, NULL) < 0);
+    c.n_setting = 1;
+    c.setting = &setting;
+    assert_true(apc_controller_create(&controller, &c, NULL) < 0);
+    c = (struct apc_controller_options){.size = sizeof(c),
+                                        .law = &apc_law_pid,
+                                        .dim = {1, 1, 1},
+                                        .period = S,
+                                        .horizon = S,
+                                        .fault = &wild,
+                                        .high = &A};
+    assert_true(apc_controller_create(&controller, &c, NULL) < 0);
+    for (size_t i = 0; i < 5; i++) {
+        const struct apc_plant_options options = {.size = sizeof(options), .integrator = integrators[i]};
+
+        if (apc_plant_create(&plant, tanks, NULL, NULL, &options, NULL) < 0) {
+            assert_true(i >= 3);
+            continue;
+        }
+        o.plant = plant;
+        o.model = tanks;
+        assert_true(apc_plantserver_create(&server, &o, NULL) < 0);
+        apc_plant_destroy(plant);
+    }
+    assert_int_equal(apc_model_equilibrium(tanks, NULL, NULL, x, NULL), 0);
+    assert_int_equal(apc_model_linearize(tanks, NULL, x, NULL, a, b, NULL, NULL, NULL), 0);
+    assert_true(apc_model_linearize(tanks, &wild, x, NULL, a, b, NULL, NULL, NULL) < 0);
+    assert_true(apc_model_linearize(tanks, NULL, &wild, NULL, a, b, NULL, NULL, NULL) < 0);
+    assert_int_equal(apc_linear_sample(1, 1, &A, &A, 1.0, a, b, NULL), 0);
+    assert_int_equal(apc_riccati_solve(1, 1, &A, &A, &A, &A, &P, &K, NULL), 0);
+    assert_true(apc_riccati_solve(1, 1, &A, &nought, &A, &A, &P, &K, NULL) < 0);
+    assert_int_equal(held, before);
+}
+
+static int echo(void *ctx, uint64_t connection, const char *request, size_t length, char *reply, size_t size)
+{
+    (void)ctx, (void)connection;
+    memcpy(reply, request, length);
+    return length <= size ? (int)length : APC_ERANGE;
+}
+
+static void on_echo(void *ctx, const char *reply, int length)
+{
+    (void)reply;
+    *(int *)ctx = length;
+}
+
+/* The link inproc:, destroyed with frames under way; without memory an exchange fails or times out. */
+static void whichever_allocation_fails_a_link_says_so_and_gives_all_back(void **state)
+{
+    int created = 0, exchanged = 0, n = -1;
+
+    (void)state;
+    if (!COUNTING)
+        skip();
+    while (!exchanged) {
+        struct apc_executive *e;
+        struct apc_inproc *link = NULL;
+        struct apc_inproc_options o = {
+            .size = sizeof(o),
+            .network = {.duplication = 1.0, .delay = {.kind = APC_CONSTANT, .a = 0.25}},
+            .frame_max = 100,
+            .serve = echo};
+        int before = held, rc, answer = 0;
+
+        assert_int_equal(apc_executive_create(&e, "virtual", NULL, NULL), 0);
+        o.executive = e;
+        failed = 0;
+        fail_at = allocations + ++n;
+        rc = apc_inproc_create(&link, &o, NULL);
+        created = rc == 0;
+        assert_int_equal(rc, failed ? APC_ENOMEM : 0);
+        assert_int_equal(link != NULL, created);
+        if (created) {
+            rc = apc_inproc_exchange(link, "a", 1, S, on_echo, &answer);
+            assert_int_equal(rc, failed ? APC_ENOMEM : 0);
+            if (rc == 0) {
+                apc_virtual_run(e, apc_clock_mono(apc_executive_clock(e)) + 2 * S);
+                assert_true(failed ? answer == APC_ETIMEDOUT || answer == 1 : answer == 1);
+                exchanged = !failed;
+                fail_at = -1;
+                assert_int_equal(apc_inproc_exchange(link, "ab", 2, S, on_echo, &answer), 0);
+            }
+        }
+        fail_at = -1;
+        apc_inproc_destroy(link);
+        assert_int_equal(apc_executive_destroy(e), 0);
+        assert_int_equal(held, before);
+    }
+    assert_in_range(n, 8, 100);
 }
 
 int main(void)
@@ -322,6 +471,8 @@ int main(void)
         cmocka_unit_test(whichever_allocation_fails_a_configured_law_says_so),
         cmocka_unit_test(no_integrator_allocates_in_a_tick),
         cmocka_unit_test(whichever_allocation_fails_a_plant_says_so),
+        cmocka_unit_test(what_is_refused_or_asked_leaves_nothing_behind),
+        cmocka_unit_test(whichever_allocation_fails_a_link_says_so_and_gives_all_back),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);
