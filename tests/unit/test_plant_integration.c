@@ -20,9 +20,12 @@ static struct apc_plant *make(const struct apc_model *model, const double *p, co
 /* ---- Models that try it --------------------------------------------------------------------- */
 
 /* Robertson's chemical kinetics, the classic stiff problem; u adds to nothing. */
+static long evaluations;
+
 static int robertson_f(double t, const double *x, const double *u, const double *p, double *dx)
 {
     (void)t, (void)u, (void)p;
+    evaluations++;
     dx[0] = -0.04 * x[0] + 1e4 * x[1] * x[2];
     dx[2] = 3e7 * x[1] * x[1];
     dx[1] = -dx[0] - dx[2];
@@ -126,6 +129,45 @@ static void a_stiff_reactor_is_solved(void **state)
     assert_near(x[0], 7.1583e-1, 1e-5); /* at 40 */
     assert_near(x[1], 9.1855e-6, 1e-8);
     assert_near(x[2], 2.8416e-1, 1e-5);
+    apc_plant_destroy(plant);
+}
+
+/* What a tick costs rests on the Jacobian: that it is right, and kept for as long as it will do. */
+static void a_stiff_reactor_is_solved_with_few_evaluations(void **state)
+{
+    struct apc_plant *plant = make(&robertson, NULL, NULL);
+    const double u = 0.0;
+
+    (void)state;
+    evaluations = 0;
+    for (int k = 0; k < 100; k++)
+        assert_int_equal(apc_plant_advance(plant, 0.4, &u), 0);
+    print_message("%ld evaluations\n", evaluations);
+    assert_in_range(evaluations, 1000, 3500);
+    apc_plant_destroy(plant);
+}
+
+/* x' = -1000 sqrt(x - 1), undefined below 1: a trial step that goes there is tried again, shorter. */
+static int walled_f(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    (void)t, (void)u, (void)p;
+    dx[0] = -x[0];
+    dx[1] = -1e3 * sqrt(x[1] - 1.0);
+    return 0;
+}
+
+static void next_to_where_a_model_is_not_defined_steps_get_shorter(void **state)
+{
+    static const struct apc_model walled = {
+        .abi = APC_MODEL_ABI, .name = "walled", .nx = 2, .nu = 1, .ny = 1, .f = walled_f, .g = first_g};
+    const double x0[] = {1.0, 1.5}, u = 0.0;
+    struct apc_plant *plant = make(&walled, NULL, x0);
+
+    (void)state;
+    for (int k = 0; k < 10; k++)
+        assert_int_equal(apc_plant_advance(plant, 1e-4, &u), 0);
+    assert_near(apc_plant_state(plant)[0], exp(-1e-3), 1e-6);
+    assert_near(apc_plant_state(plant)[1], 1.0 + pow(sqrt(0.5) - 0.5, 2), 1e-6);
     apc_plant_destroy(plant);
 }
 
@@ -238,6 +280,43 @@ static void what_cannot_be_integrated_is_refused_at_creation(void **state)
                      APC_EINVAL);
     half.g = NULL;
     assert_int_equal(apc_plant_create(&plant, &half, NULL, NULL, NULL, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "f and g"));
+    half = bounded;
+    half.f = NULL;
+    assert_int_equal(apc_plant_create(&plant, &half, NULL, NULL, NULL, &why), APC_EINVAL);
+    for (int what = 0; what < 3; what++) { /* without a state, an input, an output */
+        half = bounded;
+        *(what == 0 ? &half.nx : what == 1 ? &half.nu : &half.ny) = 0;
+        assert_int_equal(apc_plant_create(&plant, &half, NULL, NULL, NULL, &why), APC_EINVAL);
+        assert_non_null(strstr(why.text, "each must be at least 1"));
+    }
+    for (int what = 0; what < 2; what++) {
+        half = bounded;
+        half.name = what ? "" : NULL;
+        assert_int_equal(apc_plant_create(&plant, &half, NULL, NULL, NULL, &why), APC_EINVAL);
+        assert_non_null(strstr(why.text, "no name"));
+    }
+    half = bounded;
+    half.abi++;
+    assert_int_equal(apc_plant_create(&plant, &half, NULL, NULL, NULL, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "compile it anew"));
+    for (int what = 0; what < 5; what++) { /* a table with a variable that has no name, each of them */
+        static const struct apc_param nameless[] = {{"x", "", "", 0.0, 0.0, 1.0},
+                                                    {NULL, "", "", 0.0, 0.0, 1.0}};
+
+        half = bounded;
+        half.np = half.nx = half.nu = half.nd = half.ny = 2;
+        *(what == 0   ? &half.param
+          : what == 1 ? &half.state
+          : what == 2 ? &half.input
+          : what == 3 ? &half.disturbance
+                      : &half.output) = nameless;
+        if (what > 0)
+            half.np = 0;
+        assert_int_equal(apc_plant_create(&plant, &half, NULL, NULL, NULL, &why), APC_EINVAL);
+        assert_null(plant);
+    }
+    assert_int_equal(apc_plant_create(NULL, &bounded, NULL, NULL, NULL, &why), APC_EINVAL);
     assert_int_equal(apc_plant_create(&plant, NULL, NULL, NULL, NULL, &why), APC_EINVAL);
     apc_plant_destroy(NULL);
 }
@@ -262,6 +341,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_first_order_plant_follows_its_exact_solution_over_3000_steps),
         cmocka_unit_test(a_stiff_reactor_is_solved),
+        cmocka_unit_test(a_stiff_reactor_is_solved_with_few_evaluations),
+        cmocka_unit_test(next_to_where_a_model_is_not_defined_steps_get_shorter),
         cmocka_unit_test(the_model_sees_the_plants_own_time),
         cmocka_unit_test(a_failure_leaves_the_state_as_it_was_and_says_why),
         cmocka_unit_test(after_a_failure_it_goes_on),

@@ -240,6 +240,82 @@ static void a_kick_moves_a_state_within_its_range(void **state)
     apc_plant_destroy(plant);
 }
 
+/* Two inputs of which now one, now the other changes: the plant without dead time, three intervals later. */
+static void each_input_comes_as_late_as_the_other(void **state)
+{
+    const struct apc_plant_options late = {.size = sizeof(late), .integrator = "exact", .dead_time = 0.3};
+    const struct apc_plant_options prompt = {.size = sizeof(prompt), .integrator = "exact"};
+    struct apc_plant *a = make("temperature-lab", &late), *b = make("temperature-lab", &prompt);
+
+    (void)state;
+    for (int k = 0; k < 20000; k++) { /* in all more changes than can be under way at a time */
+        const double now[] = {k % 3 ? 40.0 : 10.0 * (k % 7), 5.0 * (k % 11)};
+        const int then = k - 3;
+        const double before[] = {then % 3 ? 40.0 : 10.0 * (then % 7), 5.0 * (then % 11)}, none[] = {0.0, 0.0};
+
+        assert_int_equal(apc_plant_advance(a, 0.1, now), 0);
+        assert_int_equal(apc_plant_advance(b, 0.1, k < 3 ? none : before), 0);
+        for (size_t i = 0; i < 4; i++)
+            assert_near(apc_plant_state(a)[i], apc_plant_state(b)[i], 1e-8);
+    }
+    apc_plant_destroy(a);
+    apc_plant_destroy(b);
+}
+
+/* x' = u, not defined above 1; y is x and the input that acts. */
+static int ceiling_f(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    (void)t, (void)p;
+    dx[0] = u[0];
+    return x[0] > 1.0;
+}
+
+static void through_g(double t, const double *x, const double *u, const double *p, double *y)
+{
+    (void)t, (void)p;
+    y[0] = x[0];
+    y[1] = u[0];
+}
+
+static const struct apc_model ceiling = {
+    .abi = APC_MODEL_ABI, .name = "ceiling", .nx = 1, .nu = 1, .ny = 2, .f = ceiling_f, .g = through_g};
+
+static void after_a_failure_the_input_is_still_under_way(void **state)
+{
+    const struct apc_plant_options o = {.size = sizeof(o), .integrator = "rk4", .dead_time = 0.5};
+    const double up = 10.0;
+    struct apc_plant *plant = NULL;
+    double y[2];
+
+    (void)state;
+    assert_int_equal(apc_plant_create(&plant, &ceiling, NULL, NULL, &o, NULL), 0);
+    assert_int_equal(apc_plant_advance(plant, 0.4, &up), 0);
+    assert_int_equal(apc_plant_advance(plant, 0.4, &up), APC_ESOLVER);
+    assert_near(apc_plant_time(plant), 0.4, 0.0);
+    apc_plant_output(plant, &up, y);
+    assert_near(y[1], 0.0, 0.0); /* it does not act yet */
+    assert_int_equal(apc_plant_advance(plant, 0.15, &up), 0);
+    assert_near(apc_plant_state(plant)[0], 0.5, 1e-9);
+    apc_plant_output(plant, &up, y);
+    assert_near(y[1], 10.0, 0.0);
+    apc_plant_destroy(plant);
+}
+
+static void without_dead_time_an_output_sees_the_input_at_once(void **state)
+{
+    const double one = 1.0, u = 0.25;
+    struct apc_plant *plant = NULL;
+    double y[2];
+
+    (void)state;
+    assert_int_equal(apc_plant_create(&plant, &ceiling, NULL, NULL, NULL, NULL), 0);
+    assert_int_equal(apc_plant_advance(plant, 0.5, &one), 0);
+    apc_plant_output(plant, &u, y);
+    assert_near(y[0], 0.5, 1e-9);
+    assert_near(y[1], 0.25, 0.0);
+    apc_plant_destroy(plant);
+}
+
 static void bad_options_are_refused_with_the_reason(void **state)
 {
     static const struct {
@@ -249,8 +325,14 @@ static void bad_options_are_refused_with_the_reason(void **state)
         {{.size = sizeof(struct apc_plant_options), .integrator = "euler"}, "cvode, adams, rk4, exact"},
         {{.size = sizeof(struct apc_plant_options), .dead_time = -1.0}, "dead time"},
         {{.size = sizeof(struct apc_plant_options), .dead_time = (double)INFINITY}, "dead time"},
-        {{.size = sizeof(struct apc_plant_options), .steps = 2000000}, "steps"},
+        {{.size = sizeof(struct apc_plant_options), .steps = 1000001}, "steps"},
+        {{.size = sizeof(struct apc_plant_options), .rtol = 1.0}, "rtol is 1"},
+        {{.size = sizeof(struct apc_plant_options), .rtol = (double)NAN}, "rtol"},
+        {{.size = sizeof(struct apc_plant_options), .atol = -1e-9}, "atol is -1e-09"},
+        {{.size = sizeof(struct apc_plant_options), .atol = (double)INFINITY}, "atol"},
     };
+    const struct apc_plant_options most = {
+        .size = sizeof(most), .steps = 1000000, .rtol = 0.5, .atol = 2.0, .dead_time = 1e9};
     const double negative[] = {-0.1, 0.0};
     const struct apc_model *tank = NULL;
     struct apc_plant *plant;
@@ -264,6 +346,8 @@ static void bad_options_are_refused_with_the_reason(void **state)
         assert_null(plant);
         assert_non_null(strstr(why.text, cases[i].says));
     }
+    assert_int_equal(apc_plant_create(&plant, &apc_model_first_order, NULL, NULL, &most, &why), 0);
+    apc_plant_destroy(plant);
     assert_int_equal(apc_model_find("double-tank", &tank, &handle, NULL), 0);
     assert_int_equal(apc_plant_create(&plant, tank, NULL, negative, NULL, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "h1 is -0.1"));
@@ -317,6 +401,9 @@ int main(void)
         cmocka_unit_test(a_step_acts_after_the_dead_time_and_not_before),
         cmocka_unit_test(dead_time_shifts_the_response_and_changes_nothing_else),
         cmocka_unit_test(more_changes_than_can_be_under_way_are_an_error_that_changes_nothing),
+        cmocka_unit_test(each_input_comes_as_late_as_the_other),
+        cmocka_unit_test(after_a_failure_the_input_is_still_under_way),
+        cmocka_unit_test(without_dead_time_an_output_sees_the_input_at_once),
         cmocka_unit_test(a_disturbance_acts_from_then_on),
         cmocka_unit_test(a_kick_moves_a_state_within_its_range),
         cmocka_unit_test(bad_options_are_refused_with_the_reason),

@@ -136,6 +136,110 @@ static void copy_g(double t, const double *x, const double *u, const double *p, 
     y[0] = x[0];
 }
 
+/* A root of the thousandth order: each step is a thousandth of the way. */
+static int flat_f(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    (void)t, (void)u, (void)p;
+    dx[0] = pow(x[0], 1001.0);
+    return 0;
+}
+
+static void a_steady_state_that_is_approached_for_ever_is_given_up(void **state)
+{
+    const struct apc_model m = {
+        .abi = APC_MODEL_ABI, .name = "flat", .nx = 1, .nu = 1, .ny = 1, .f = flat_f, .g = copy_g};
+    double x = 1.5;
+    struct apc_error why = {""};
+
+    (void)state;
+    assert_int_equal(apc_model_equilibrium(&m, NULL, NULL, &x, &why), APC_ESOLVER);
+    assert_non_null(strstr(why.text, "flat: no steady state found in 200 steps"));
+    assert_near(x, 1.5, 0.0);
+}
+
+/* x* = (2, 3) from (1, 1): rows must be exchanged, and the second step needs what the first one left. */
+static int crossed_f(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    (void)t, (void)p;
+    dx[0] = 1e-9 * x[0] + x[1] - 3.0 - 2e-9;
+    dx[1] = x[0] - u[0];
+    dx[2] = x[2] * x[2] * x[2] - x[0] * x[1] * 36.0;
+    return 0;
+}
+
+static void equations_in_any_order_are_solved(void **state)
+{
+    const struct apc_model m = {
+        .abi = APC_MODEL_ABI, .name = "crossed", .nx = 3, .nu = 1, .ny = 1, .f = crossed_f, .g = copy_g};
+    double x[3] = {1.0, 1.0, 1.0}, u = 2.0;
+
+    (void)state;
+    assert_int_equal(apc_model_equilibrium(&m, NULL, &u, x, NULL), 0);
+    assert_near(x[0], 2.0, 1e-12);
+    assert_near(x[1], 3.0, 1e-12);
+    assert_near(x[2], 6.0, 1e-11);
+}
+
+/* A feedthrough that is bent, and a gain that depends on the point: derivatives where they are asked for. */
+static int bent_f(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    (void)t, (void)p;
+    dx[0] = sin(x[1]) * u[0];
+    dx[1] = x[0] * x[0] * x[0] - u[1];
+    return 0;
+}
+
+static void bent_g(double t, const double *x, const double *u, const double *p, double *y)
+{
+    (void)t, (void)p;
+    y[0] = exp(x[0]) * u[1];
+    y[1] = x[1] / u[0];
+    y[2] = x[0] * x[1];
+}
+
+static void every_derivative_is_taken_at_the_point(void **state)
+{
+    const struct apc_model m = {
+        .abi = APC_MODEL_ABI, .name = "bent", .nx = 2, .nu = 1, .nd = 1, .ny = 3, .f = bent_f, .g = bent_g};
+    const double x[] = {0.7, -1.2}, u[] = {2.5, 0.3};
+    const double a[] = {0.0, cos(-1.2) * 2.5, 3.0 * 0.49, 0.0}, b[] = {sin(-1.2), 0.0, 0.0, -1.0};
+    const double c[] = {exp(0.7) * 0.3, 0.0, 0.0, 1.0 / 2.5, -1.2, 0.7};
+    const double d[] = {0.0, exp(0.7), 1.2 / (2.5 * 2.5), 0.0, 0.0, 0.0};
+    double A[4], B[4], C[6], D[6], only[6];
+
+    (void)state;
+    assert_int_equal(apc_model_linearize(&m, NULL, x, u, A, B, C, D, NULL), 0);
+    for (size_t i = 0; i < 4; i++) {
+        assert_near(A[i], a[i], 1e-10);
+        assert_near(B[i], b[i], 1e-10);
+    }
+    for (size_t i = 0; i < 6; i++) {
+        assert_near(C[i], c[i], 1e-10);
+        assert_near(D[i], d[i], 1e-10);
+    }
+    assert_int_equal(apc_model_linearize(&m, NULL, x, u, NULL, NULL, NULL, only, NULL), 0);
+    assert_memory_equal(only, D, sizeof(D)); /* any of the four alone */
+}
+
+static void infinite_g(double t, const double *x, const double *u, const double *p, double *y)
+{
+    (void)t, (void)u, (void)p;
+    y[0] = y[1] = x[0];
+    y[2] = 1.0 / (x[1] - x[1]);
+}
+
+static void an_output_that_is_no_number_is_named(void **state)
+{
+    const struct apc_model m = {
+        .abi = APC_MODEL_ABI, .name = "odd", .nx = 2, .nu = 2, .ny = 3, .f = bent_f, .g = infinite_g};
+    double C[6];
+    struct apc_error why = {""};
+
+    (void)state;
+    assert_int_equal(apc_model_linearize(&m, NULL, NULL, NULL, NULL, NULL, C, NULL, &why), APC_ESOLVER);
+    assert_non_null(strstr(why.text, "odd: output 3 is not a finite number"));
+}
+
 static void what_has_no_steady_state_or_no_derivative_is_said_so(void **state)
 {
     struct apc_model m = {
@@ -165,6 +269,10 @@ int main(void)
         cmocka_unit_test(a_linear_model_is_found_whatever_the_scale),
         cmocka_unit_test(an_integrating_plant_rests_only_where_its_inputs_balance),
         cmocka_unit_test(a_steady_state_is_found_from_afar),
+        cmocka_unit_test(a_steady_state_that_is_approached_for_ever_is_given_up),
+        cmocka_unit_test(equations_in_any_order_are_solved),
+        cmocka_unit_test(every_derivative_is_taken_at_the_point),
+        cmocka_unit_test(an_output_that_is_no_number_is_named),
         cmocka_unit_test(what_has_no_steady_state_or_no_derivative_is_said_so),
     };
 
