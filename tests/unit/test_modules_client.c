@@ -312,7 +312,17 @@ static void a_client_without_dimensions_is_refused(void **state)
     (void)state;
     o.nu = 0;
     assert_int_equal(apc_client_create(&client, &o, NULL), APC_EINVAL);
-    o.nu = 1;
+    o.nu = 8193;
+    assert_int_equal(apc_client_create(&client, &o, NULL), APC_EINVAL);
+    o.nu = 8192;
+    o.ny = 0;
+    assert_int_equal(apc_client_create(&client, &o, NULL), APC_EINVAL);
+    o.ny = 8193;
+    assert_int_equal(apc_client_create(&client, &o, NULL), APC_EINVAL);
+    o.ny = 8192;
+    assert_int_equal(apc_client_create(&client, &o, NULL), 0);
+    apc_client_destroy(client);
+    assert_int_equal(apc_client_create(NULL, &o, NULL), APC_EINVAL);
     o.command_period = 0;
     assert_int_equal(apc_client_create(&client, &o, NULL), APC_EINVAL);
     assert_null(client);

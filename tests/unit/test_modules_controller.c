@@ -748,6 +748,41 @@ static void a_controller_restarted_after_the_plant_went_safe_begins_from_the_las
 }
 
 /* How long it was away nobody knows then: what the plant does meanwhile must not be taken for one period. */
+static void begins_from_the_last_output(void **state, apc_ns away, bool lost)
+{
+    struct rig *r = *state;
+    struct rig next;
+    const struct apc_sample *b;
+    double u;
+
+    tear_down(state);
+    set_up(state);
+    for (int k = 0; k < 10; k++)
+        measured_tick(r, disturbed(k));
+    u = find(r, APC_ACTUATOR, 1)->value;
+    make(&next, &apc_law_pi);
+    assert_int_equal(take_over(&next, r), 1);
+    memcpy(next.in, r->in, sizeof(next.in));
+    next.mono = r->mono + away - PERIOD;
+    b = measured_tick(&next, -1.0);
+    if (lost)
+        assert_near(b->value, u, 1e-14);
+    else /* as a controller that was never away */
+        assert_near(b->value, measured_tick(r, -1.0)->value, 0.0);
+    apc_controller_destroy(next.controller);
+}
+
+/* The plant follows its last output for three periods and 100 ms, not a nanosecond longer. */
+static void an_output_is_followed_until_it_is_lost(void **state)
+{
+    const apc_ns limit = 3 * PERIOD + 100 * APC_NS_PER_MS;
+
+    begins_from_the_last_output(state, 0, false);
+    begins_from_the_last_output(state, limit, false);
+    begins_from_the_last_output(state, limit + 1, true);
+    begins_from_the_last_output(state, -1, true);
+}
+
 static void restarted_with_the_clock_set_back_it_begins_from_the_last_output(void **state)
 {
     struct rig *r = *state;
@@ -772,10 +807,14 @@ static void only_an_operators_output_of_this_run_is_taken_up_at_the_start(void *
         apc_ns since, set;
         bool taken;
     } of[] = {
-        {T0 + S, T0, false},                /* a former run's */
-        {0, T0, false},                     /* nobody knows when this run began */
-        {T0 + S, T0 + 3600 * S, false},     /* of a clock that was set back since */
-        {T0 + S, T0 + S + S / 2, true},     /* of this run */
+        {T0 + S, T0, false},            /* a former run's */
+        {0, T0, false},                 /* nobody knows when this run began */
+        {T0 + S, T0 + 3600 * S, false}, /* of a clock that was set back since */
+        {T0 + S, T0 + S, false},        /* at the very begin: who knows */
+        {T0 + S, T0 + S + 1, true},     /* of this run */
+        {T0 + S, T0 + S + S / 2, true},
+        {T0 + S, T0 + PERIOD + 3 * PERIOD + 100 * APC_NS_PER_MS, true}, /* as far ahead as may be */
+        {T0 + S, T0 + PERIOD + 3 * PERIOD + 100 * APC_NS_PER_MS + 1, false},
         {T0 + S, T0 + PERIOD + S / 2, true} /* the operator's clock is a little ahead */
     };
     struct rig *r = *state;
@@ -870,19 +909,25 @@ static void an_output_acts_when_it_was_written_whether_or_not_the_answer_came(vo
 
 static void tuning_changed_while_it_was_down_gives_no_bump(void **state)
 {
+    static const double gains[] = {1.0, 0.05, -1.0}; /* for which it would jump up, down, and far down */
     struct rig *r = *state;
-    struct rig next;
-    double u;
 
-    for (int k = 0; k < 10; k++)
-        measured_tick(r, 0.5);
-    u = find(r, APC_ACTUATOR, 1)->value;
-    make(&next, &apc_law_pi);
-    assert_int_equal(take_over(&next, r), 1);
-    memcpy(next.in, r->in, sizeof(next.in));
-    set(&next, KP, 1.0);
-    assert_near(measured_tick(&next, 0.5)->value, u + 1.0 * 2.0 / 10.0 * 0.5, 1e-14);
-    apc_controller_destroy(next.controller);
+    for (size_t i = 0; i < sizeof(gains) / sizeof(gains[0]); i++) {
+        struct rig next;
+        double u;
+
+        tear_down(state);
+        set_up(state);
+        for (int k = 0; k < 10; k++)
+            measured_tick(r, 0.5);
+        u = find(r, APC_ACTUATOR, 1)->value;
+        make(&next, &apc_law_pi);
+        assert_int_equal(take_over(&next, r), 1);
+        memcpy(next.in, r->in, sizeof(next.in));
+        set(&next, KP, gains[i]);
+        assert_near(measured_tick(&next, 0.5)->value, u + gains[i] * 2.0 / 10.0 * 0.5, 1e-14);
+        apc_controller_destroy(next.controller);
+    }
 }
 
 static void a_state_that_is_not_whole_or_another_runs_is_not_taken_but_seq_counts_on(void **state)
@@ -1103,6 +1148,8 @@ static void a_law_that_gives_no_finite_number_is_held_and_begins_anew(void **sta
         u = measured_tick(&r, 0.0);
         assert_near(u->value, 0.5, 0.0);
         assert_int_equal(u->status, APC_UNCERTAIN_LAST_USABLE);
+        assert_int_equal(u->sensor_seq, 0); /* computed from nothing that is there now */
+        assert_int_equal(u->setpoint_seq, 0);
         assert_int_equal(r.notice.kind, APC_NOTICE_REJECTED);
         assert_int_equal(apc_controller_failures(r.controller), (int)z - 5);
         snprintf(count, sizeof(count), "(%d)", (int)z - 5);
@@ -1152,7 +1199,69 @@ static void a_controller_that_could_not_work_is_refused(void **state)
     o.horizon = -1;
     assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
     assert_null(c);
+    o = good;
+    o.hold = -1;
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
+    assert_int_equal(apc_controller_create(NULL, &good, &why), APC_EINVAL);
     apc_controller_destroy(NULL);
+}
+
+static void free_compute(struct apc_law_call *c)
+{
+    (void)c;
+}
+
+static size_t a_million(const struct apc_dim *dim)
+{
+    return 1000000 + (dim->nz == 1);
+}
+
+/* What a frame and a year hold; a setpoint is not needed. */
+static void dimensions_and_periods_have_bounds_and_reach_them(void **state)
+{
+    static const struct apc_dim bad[] = {{0, 1, 1}, {8193, 1, 1}, {1, 8193, 1}, {1, 1, 0}, {1, 1, 8193}};
+    static const struct apc_dim fine[] = {{8192, 0, 1}, {1, 8192, 1}, {1, 1, 8192}, {1, 0, 1}};
+    const apc_ns year = INT64_C(366) * 86400 * S;
+    struct apc_law law = {.abi = APC_LAW_ABI, .name = "free", .compute = free_compute};
+    const struct apc_controller_options good = {
+        .size = sizeof(good), .law = &law, .dim = {1, 0, 1}, .period = PERIOD, .horizon = HORIZON};
+    struct apc_controller_options o = good;
+    struct apc_controller *c = NULL;
+    struct apc_error why = {""};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
+        o.dim = bad[i];
+        assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
+        assert_non_null(strstr(why.text, "none may exceed 8192, ny and nu not be 0"));
+    }
+    for (size_t i = 0; i < sizeof(fine) / sizeof(fine[0]); i++) {
+        o.dim = fine[i];
+        assert_int_equal(apc_controller_create(&c, &o, &why), 0);
+        apc_controller_destroy(c);
+    }
+    o.dim = good.dim;
+    for (int what = 0; what < 3; what++) {
+        apc_ns *of = what == 0 ? &o.period : what == 1 ? &o.horizon : &o.hold;
+
+        o = good;
+        *of = year + 1;
+        assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
+        assert_non_null(strstr(why.text, "366 days"));
+        *of = year;
+        assert_int_equal(apc_controller_create(&c, &o, &why), 0);
+        apc_controller_destroy(c);
+        *of = 1;
+        assert_int_equal(apc_controller_create(&c, &o, &why), 0);
+        apc_controller_destroy(c);
+    }
+    o = good;
+    law.n_state = a_million;
+    assert_int_equal(apc_controller_create(&c, &o, &why), 0);
+    apc_controller_destroy(c);
+    o.dim.nz = 1;
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "wants 1000001 states"));
 }
 
 int main(void)
@@ -1172,6 +1281,7 @@ int main(void)
         T(refused_tuning_touches_nothing),
         T(with_no_good_tuning_in_the_store_it_has_the_experiments),
         T(a_target_mode_that_is_none_is_refused_and_the_last_one_kept),
+        T(an_output_is_followed_until_it_is_lost),
         T(restarted_with_the_clock_set_back_it_begins_from_the_last_output),
         T(only_an_operators_output_of_this_run_is_taken_up_at_the_start),
         T(after_a_restart_in_man_an_older_output_of_the_operator_stays_old),
@@ -1201,6 +1311,7 @@ int main(void)
         T(a_restart_while_the_measurement_is_lost_holds_the_old_output),
         cmocka_unit_test(a_law_that_gives_no_finite_number_is_held_and_begins_anew),
         cmocka_unit_test(a_controller_that_could_not_work_is_refused),
+        cmocka_unit_test(dimensions_and_periods_have_bounds_and_reach_them),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -167,6 +167,20 @@ static void a_closed_connection_is_said_and_the_next_is_another(void **state)
     tear_down(b);
 }
 
+/* A frame takes its time on the line; that a connection is closed takes none. */
+static void only_what_is_said_takes_time_on_the_line(void **state)
+{
+    struct bench *b = set_up((struct apc_network_options){.bandwidth = 8.0}); /* a byte a second */
+    (void)state;
+    ask(b, "abc", 30 * S);
+    run(b, 20);
+    b->refuse = APC_EPERM;
+    ask(b, "abc", 30 * S);
+    run(b, 40);
+    assert_string_equal(b->trace, "?abc/1@3 !reabc@8 ?abc/1@23 APC_ECONN@23 ");
+    tear_down(b);
+}
+
 static void again(void *ctx, const char *reply, int length)
 {
     struct bench *b = ctx;
@@ -213,6 +227,20 @@ static void what_makes_no_sense_is_refused(void **state)
     o.serve = NULL;
     assert_int_equal(apc_inproc_create(&link, &o, &why), APC_EINVAL);
     assert_null(link);
+    o.serve = serve;
+    o.network.loss = 0;
+    o.frame_max = APC_FRAME_MAX + 1;
+    assert_int_equal(apc_inproc_create(&link, &o, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "frame_max"));
+    o.frame_max = APC_FRAME_MAX;
+    assert_int_equal(apc_inproc_create(&link, &o, &why), 0);
+    apc_inproc_destroy(link);
+    apc_inproc_destroy(NULL);
+    o.executive = NULL;
+    assert_int_equal(apc_inproc_create(&link, &o, &why), APC_EINVAL);
+    assert_int_equal(apc_inproc_create(NULL, &o, &why), APC_EINVAL);
+    text[100] = '\0'; /* as long as may be; as late as may be */
+    assert_int_equal(ask(b, text, INT64_MAX - b->zero), 0);
     apc_executive_destroy(real);
     tear_down(b);
 }
@@ -226,6 +254,7 @@ int main(void)
         cmocka_unit_test(what_is_lost_times_out),
         cmocka_unit_test(a_request_that_arrives_twice_has_one_reply),
         cmocka_unit_test(a_closed_connection_is_said_and_the_next_is_another),
+        cmocka_unit_test(only_what_is_said_takes_time_on_the_line),
         cmocka_unit_test(the_next_may_begin_where_one_ends),
         cmocka_unit_test(what_makes_no_sense_is_refused),
     };

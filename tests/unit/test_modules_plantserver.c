@@ -479,6 +479,164 @@ static void the_newest_connection_that_commanded_wins(void **state)
     assert_int_equal(r->notice.kind, APC_NOTICE_RIVALS);
 }
 
+/* ---- Several inputs --------------------------------------------------------------------------- */
+
+/* Two heaters with limits of their own: a rig whose commands have two values. */
+static struct rig make_two(void)
+{
+    static const double safe[] = {5.0, 6.0}, low[] = {1.0, 2.0}, high[] = {50.0, 60.0};
+    struct rig r = {0};
+    void *handle;
+    struct apc_plantserver_options o = {.size = sizeof(o),
+                                        .safe = safe,
+                                        .low = low,
+                                        .high = high,
+                                        .link_period = LINK,
+                                        .command_period = COMMAND};
+
+    assert_int_equal(apc_model_find("temperature-lab", &o.model, &handle, NULL), 0);
+    assert_int_equal(apc_plant_create(&r.plant, o.model, NULL, NULL, NULL, NULL), 0);
+    o.plant = r.plant;
+    assert_int_equal(apc_plantserver_create(&r.server, &o, NULL), 0);
+    return r;
+}
+
+static void command_two(struct rig *r, apc_ns mono, const apc_ns *stamp, const double *u, apc_status status)
+{
+    const struct apc_sample sample[2] = {{.time = stamp[0], .value = u[0]},
+                                         {.time = stamp[1], .value = u[1], .status = status}};
+    const struct apc_frame frame = {.kind = APC_FRAME_COMMAND, .id = 1, .n = 2};
+    char text[256];
+    int n = apc_frame_encode(text, sizeof(text), &frame, sample);
+
+    assert_true(n > 0);
+    assert_true(apc_plantserver_request(r->server, at(r, mono), 1, text, (size_t)n, r->reply,
+                                        sizeof(r->reply), &r->notice) > 0);
+}
+
+static void assert_inputs(struct rig *r, double first, double second)
+{
+    double u[2];
+
+    (void)apc_plantserver_input(r->server, u);
+    assert_near(u[0], first, 0.0);
+    assert_near(u[1], second, 0.0);
+}
+
+static void a_command_counts_as_a_whole_and_each_value_has_its_own_limits(void **state)
+{
+    const apc_ns stamp[] = {STAMP(1), STAMP(1)};
+    const struct {
+        double u[2];
+        apc_status status;
+        const char *says;
+    } wrong[] = {{{0.9, 30.0}, APC_GOOD, "value 1 is 0.9 and Good; it must be within 1 to 50"},
+                 {{50.1, 30.0}, APC_GOOD, "value 1 is 50.1"},
+                 {{20.0, 1.9}, APC_GOOD, "value 2 is 1.9"},
+                 {{20.0, 60.1}, APC_GOOD, "value 2 is 60.1 and Good; it must be within 2 to 60"},
+                 {{20.0, 30.0}, APC_BAD, "value 2 is 30 and Bad"}};
+    struct rig r;
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(wrong) / sizeof(wrong[0]); i++) {
+        r = make_two();
+        command_two(&r, 0, stamp, wrong[i].u, wrong[i].status);
+        assert_int_equal(r.notice.kind, APC_NOTICE_REJECTED);
+        if (!strstr(r.notice.text, wrong[i].says))
+            fail_msg("\"%s\" does not say \"%s\"", r.notice.text, wrong[i].says);
+        tick(&r, 0);
+        assert_inputs(&r, 5.0, 6.0);
+        apc_plantserver_destroy(r.server);
+        apc_plant_destroy(r.plant);
+    }
+    r = make_two();
+    command_two(&r, 0, stamp, (const double[]){1.0, 60.0}, APC_GOOD); /* the limits themselves are within */
+    assert_int_equal(r.notice.kind, APC_NOTICE_NONE);
+    tick(&r, 0);
+    assert_inputs(&r, 1.0, 60.0);
+    apc_plantserver_destroy(r.server);
+    apc_plant_destroy(r.plant);
+}
+
+/* A command is as new as the newest of its values, whichever that is. */
+static void a_command_with_one_new_value_is_new(void **state)
+{
+    const double u[] = {20.0, 30.0};
+    struct rig r = make_two();
+
+    (void)state;
+    command_two(&r, 0, (const apc_ns[]){STAMP(1), STAMP(1)}, u, APC_GOOD);
+    tick(&r, 0);
+    for (int k = 1; k < 100; k++) {
+        const apc_ns now = k * TICK;
+
+        command_two(&r, now,
+                    (const apc_ns[]){k % 20 < 10 ? STAMP(k) : STAMP(1), k % 20 < 10 ? STAMP(1) : STAMP(k)}, u,
+                    APC_GOOD);
+        tick(&r, now);
+        assert_inputs(&r, 20.0, 30.0);
+    }
+    for (int k = 100; k < 140; k++) { /* and with none it is old */
+        command_two(&r, k * TICK, (const apc_ns[]){STAMP(3), STAMP(99)}, u, APC_GOOD);
+        tick(&r, k * TICK);
+    }
+    assert_inputs(&r, 5.0, 6.0);
+    apc_plantserver_destroy(r.server);
+    apc_plant_destroy(r.plant);
+}
+
+/* A minute after it was told of, whatever the clock shows: not sooner, and then again. */
+static void two_rivals_are_told_of_once_a_minute(void **state)
+{
+    struct rig *r = *state;
+    const apc_ns begin = 1000 * S;
+    int told = 0;
+
+    assert_true(send(r, begin, 2, APC_FRAME_COMMAND, STAMP(1), 1.0) > 0);
+    r->later++;
+    for (int k = 0; k <= 180; k++) {
+        assert_int_equal(send(r, begin + k * S, 1, APC_FRAME_COMMAND, STAMP(2 + k), 1.3), APC_EPERM);
+        if (r->notice.kind == APC_NOTICE_RIVALS) {
+            assert_int_equal(k % 60, 0);
+            told++;
+        }
+    }
+    assert_int_equal(told, 4);
+}
+
+static void no_vector_is_longer_than_a_frame_holds(void **state)
+{
+    struct rig *r = *state;
+    struct apc_model model = apc_model_first_order;
+    struct apc_plantserver_options o = {.size = sizeof(o),
+                                        .plant = r->plant,
+                                        .model = &model,
+                                        .link_period = LINK,
+                                        .command_period = COMMAND};
+    struct apc_plantserver *server;
+    struct apc_error why = {""};
+
+    for (int what = 0; what < 4; what++) {
+        model = apc_model_first_order;
+        *(what % 2 ? &model.nu : &model.ny) = what < 2 ? 0 : 8193;
+        assert_int_equal(apc_plantserver_create(&server, &o, &why), APC_EINVAL);
+        assert_non_null(strstr(why.text, "each must be 1 to 8192"));
+    }
+    model.nu = model.ny = 8192;
+    assert_int_equal(apc_plantserver_create(&server, &o, &why), 0);
+    apc_plantserver_destroy(server);
+    assert_int_equal(apc_plantserver_create(NULL, &o, &why), APC_EINVAL);
+    model = apc_model_first_order;
+    for (int what = 0; what < 4; what++) { /* a period of a year and a day more is none */
+        o.link_period = what == 0   ? INT64_C(366) * 86400 * S + 1
+                        : what == 1 ? INT64_C(366) * 86400 * S
+                                    : LINK;
+        o.command_period = what == 2 ? INT64_C(366) * 86400 * S + 1 : what == 3 ? -1 : COMMAND;
+        assert_int_equal(apc_plantserver_create(&server, &o, &why), what == 1 ? 0 : APC_EINVAL);
+        apc_plantserver_destroy(server);
+    }
+}
+
 static int broken_f(double t, const double *x, const double *u, const double *p, double *dx)
 {
     (void)t, (void)x, (void)p;
@@ -553,6 +711,12 @@ static void a_server_that_could_not_protect_its_plant_is_refused(void **state)
     o.low = &five;
     o.high = &one;
     assert_int_equal(apc_plantserver_create(&server, &o, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "limits 1: low 5 must not be above high 1"));
+    o = good;
+    o.initial = &five;
+    o.high = &one;
+    assert_int_equal(apc_plantserver_create(&server, &o, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "initial value 1 is 5"));
     o = good;
     o.link_period = 0;
     assert_int_equal(apc_plantserver_create(&server, &o, &why), APC_EINVAL);
@@ -592,6 +756,10 @@ int main(void)
         T(the_papers_client_sends_its_command_as_values),
         T(frames_that_are_no_request_close_the_connection),
         T(the_newest_connection_that_commanded_wins),
+        cmocka_unit_test(a_command_counts_as_a_whole_and_each_value_has_its_own_limits),
+        cmocka_unit_test(a_command_with_one_new_value_is_new),
+        T(two_rivals_are_told_of_once_a_minute),
+        T(no_vector_is_longer_than_a_frame_holds),
         T(a_plant_that_cannot_be_solved_is_bad_and_told_of_once_until_it_can),
         T(a_server_that_could_not_protect_its_plant_is_refused),
     };

@@ -100,6 +100,36 @@ static void process_noise_moves_the_state_as_a_random_walk(void **state)
     drop(&r);
 }
 
+/* Each state with its own: what has none follows from the others as if there were none. */
+static void each_state_has_its_own_process_noise(void **state)
+{
+    (void)state;
+    for (size_t noisy = 0; noisy < 4; noisy++) {
+        double noise[4] = {0.0, 0.0, 0.0, 0.0}, square = 0.0, before;
+        const double lag = exp(-0.1 / (noisy < 2 ? 1.0 / (1.0 / 20.0 + 1.0 / 100.0) : 140.0));
+        const double expected = (1.0 + (double)noisy) * sqrt(0.1);
+        struct rig r;
+
+        noise[noisy] = 1.0 + (double)noisy;
+        r = make("temperature-lab", (struct apc_plantserver_options){.noise = noise, .seed = 3});
+        tick(&r, 0);
+        before = apc_plant_state(r.plant)[noisy];
+        for (int k = 1; k < N; k++) {
+            double x, moved;
+
+            tick(&r, k);
+            x = apc_plant_state(r.plant)[noisy];
+            moved = x - 21.0 - lag * (before - 21.0);
+            square += moved * moved;
+            before = x;
+            for (size_t i = 2; i < 4 && noisy >= 2; i++) /* a sensor's own noise goes nowhere else */
+                assert_int_equal(fabs(apc_plant_state(r.plant)[i] - 21.0) < 1e-9, i != noisy);
+        }
+        assert_near(sqrt(square / (N - 1)), expected, 5.0 * expected / sqrt(2.0 * N));
+        drop(&r);
+    }
+}
+
 static void a_level_under_noise_stays_at_or_above_zero(void **state)
 {
     const double noise[] = {0.5, 0.5};
@@ -297,6 +327,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(measurement_noise_has_its_standard_deviation_and_leaves_the_plant_alone),
         cmocka_unit_test(process_noise_moves_the_state_as_a_random_walk),
+        cmocka_unit_test(each_state_has_its_own_process_noise),
         cmocka_unit_test(a_level_under_noise_stays_at_or_above_zero),
         cmocka_unit_test(the_same_seed_gives_the_same_numbers_and_another_others),
         cmocka_unit_test(one_sensor_changes_nothing_of_another),
