@@ -99,6 +99,14 @@ expect 1 '^y +all +inf +inf +inf +inf +never' "$apc" simulate "$work/rk4.conf" -
 edit "$work/rk4.conf" -e 's/period = 0.2; .*/period = 27.0; integrator = "rk4"; steps = 1;/'
 "$apc" simulate "$work/rk4.conf" 2>&1 | grep warning && fail "a warning of steps that are short enough"
 
+# An exchange is given up after half of the client's period, and after 1 s where that is longer.
+edit "$work/seldom.conf" -e "s/period = 0.5;/period = 4.0;/"
+for late in "$conf 0.12 0.13" "$work/seldom.conf 0.49 0.51"; do
+  read -r file in_time too_late <<<"$late"
+  ! "$apc" simulate "$file" --duration 60 --net "delay=$in_time" 2>&1 | grep -q 'in vain' || fail "$in_time s each way are too long for $file"
+  expect 0 '([0-9]+) of \1 exchanges in vain' "$apc" simulate "$file" --duration 60 --net "delay=$too_late"
+done
+
 # ---- Campaigns
 
 for jobs in 1 2 5; do

@@ -129,6 +129,7 @@ static void a_process_that_is_told_to_end_and_does_not_is_ended(void **state)
         struct warden *w;
         if (warden_create(&w) < 0 || write(ready[1], "", 1) != 1)
             _exit(99);
+        alarm(60); /* should nobody end it: another way than the one that is looked for */
         for (;;)
             pause();
     }

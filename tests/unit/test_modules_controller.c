@@ -224,6 +224,9 @@ static void a_limit_of_the_law_is_told_as_well(void **state)
     set(r, Z, 1000.0);
     assert_near(measured_tick(r, 0.0)->value, 0.1, 0.0);
     assert_int_equal(find(r, APC_ACTUATOR, 1)->status, APC_GOOD_LIMITED_HIGH);
+    set(r, U_MAX, -5.0); /* below what the output may be: it cannot move at all */
+    assert_near(measured_tick(r, 0.0)->value, -1.0, 0.0);
+    assert_int_equal(find(r, APC_ACTUATOR, 1)->status, APC_GOOD_LIMITED_CONSTANT);
     set(r, MODE, APC_MODE_MAN); /* the operator's output is not the law's */
     assert_int_equal(measured_tick(r, 0.0)->status, APC_GOOD);
 }
