@@ -5,6 +5,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
+
+#include <zlib.h>
 
 #include "apc-ui/http.h"
 #include "check.h"
@@ -102,6 +105,170 @@ static void a_body_is_read_member_by_member(void **state)
     memset(deep, '[', sizeof deep - 1);
     struct fault fault = {0};
     assert_null(body_parse(deep, sizeof deep - 1, members, &fault));
+}
+
+/* Every length of UTF-8 at both ends of what is well-formed, and just beyond. */
+static void what_is_utf8_stays_and_every_other_byte_is_replaced(void **state)
+{
+    static const char *const good[] = {
+        "\xc2\x80",         "\xdf\xbf",         "\xe0\xa0\x80",     "\xe0\xbf\xbf",
+        "\xe1\x80\x80",     "\xec\xbf\xbf",     "\xed\x80\x80",     "\xed\x9f\xbf",
+        "\xee\x80\x80",     "\xef\xbf\xbf",     "\xf0\x90\x80\x80", "\xf0\xbf\xbf\xbf",
+        "\xf1\x80\x80\x80", "\xf3\xbf\xbf\xbf", "\xf4\x80\x80\x80", "\xf4\x8f\xbf\xbf"};
+    static const char *const bad[] = {"\x80",
+                                      "\xbf",
+                                      "\xc0\x80",
+                                      "\xc1\xbf",
+                                      "\xc2",
+                                      "\xdf",
+                                      "\xe0\x9f\xbf",
+                                      "\xed\xa0\x80",
+                                      "\xe1\x80",
+                                      "\xef\xbf",
+                                      "\xf0\x8f\xbf\xbf",
+                                      "\xf4\x90\x80\x80",
+                                      "\xf1\x80\x80",
+                                      "\xf5\x80\x80\x80",
+                                      "\xff",
+                                      "\xfe\x80"};
+    char text[16], expected[40];
+    struct text t = {0};
+    (void)state;
+    for (size_t i = 0; i < sizeof good / sizeof *good; i++) {
+        snprintf(text, sizeof text, "a%sz", good[i]);
+        snprintf(expected, sizeof expected, "\"%s\"", text);
+        json_string_add(&t, text);
+        assert_string_equal(shown(&t), expected);
+    }
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        size_t n = (size_t)snprintf(expected, sizeof expected, "\"a");
+        for (size_t k = 0; k < strlen(bad[i]); k++)
+            n += (size_t)snprintf(expected + n, sizeof expected - n, "\xef\xbf\xbd");
+        snprintf(expected + n, sizeof expected - n, "z\"");
+        snprintf(text, sizeof text, "a%sz", bad[i]);
+        json_string_add(&t, text);
+        assert_string_equal(shown(&t), expected);
+    }
+    json_string_add(&t, "\xe2z\xe2\x82z\xf0\x9f\x98z"); /* what is cut short costs nothing behind it */
+    assert_string_equal(shown(&t),
+                        "\"\xef\xbf\xbdz\xef\xbf\xbd\xef\xbf\xbdz\xef\xbf\xbd\xef\xbf\xbd\xef\xbf\xbdz\"");
+    json_string_add(&t, "\x1f ~\x7f");
+    assert_string_equal(shown(&t), "\"\\u001f ~\\u007f\"");
+    json_string_add(&t, NULL);
+    json_string_add(&t, "");
+    assert_string_equal(shown(&t), "null\"\"");
+}
+
+static void a_text_grows_with_what_is_put_into_it(void **state)
+{
+    struct text t = {0};
+    char expected[8000] = "";
+    size_t n = 0;
+    (void)state;
+    text_chop(&t, ',');
+    text_put(&t, "never", 0);
+    assert_int_equal(t.n, 0);
+    for (int i = 0; i < 700; i++) {
+        text_add(&t, "%d,", i);
+        text_put(&t, "ab", 2);
+        n += (size_t)snprintf(expected + n, sizeof expected - n, "%d,ab", i);
+        assert_true(t.n == n && t.n <= t.room);
+    }
+    assert_memory_equal(t.at, expected, n);
+    text_chop(&t, 'x');
+    assert_int_equal(t.n, n);
+    text_chop(&t, 'b');
+    assert_int_equal(t.n, n - 1);
+    text_free(&t);
+    assert_true(!t.at && t.n == 0 && t.room == 0);
+    text_add(&t, "%s", "once more");
+    assert_string_equal(shown(&t), "once more");
+}
+
+static void samples_limits_and_times_are_shown(void **state)
+{
+    struct apc_sample s = {
+        .seq = 3, .time = 2 * APC_NS_PER_S, .value = 0.5, .status = APC_UNCERTAIN_LAST_USABLE};
+    struct text t = {0};
+    (void)state;
+    json_sample_add(&t, &s);
+    s.status = APC_GOOD;
+    s.value = -0.0;
+    json_sample_add(&t, &s);
+    s.seq = 0;
+    json_sample_add(&t, &s);
+    assert_string_equal(shown(&t), "[3,2.000000,0.5,\"UncertainLastUsableValue\"][3,2.000000,0,\"Good\"]"
+                                   "[0,null,null,\"BadNoData\"]");
+    json_limit_add(&t, APC_VALUE_MAX);
+    text_put(&t, " ", 1);
+    json_limit_add(&t, -2.5);
+    text_put(&t, " ", 1);
+    json_limit_add(&t, 0.99 * APC_VALUE_MAX);
+    assert_int_equal(strncmp(shown(&t), "null -2.5 9", 11), 0);
+    json_seconds_add(&t, 1500 * APC_NS_PER_MS);
+    text_put(&t, " ", 1);
+    json_time_add(&t, -3 * APC_NS_PER_S / 2);
+    text_put(&t, " ", 1);
+    json_time_add(&t, 1999999);
+    assert_string_equal(shown(&t), "1.5 -1.500000 0.001999");
+}
+
+static const char *wrong(const char *text, const char *const *members)
+{
+    static struct fault f;
+    f = (struct fault){0};
+    assert_null(body_parse(text, strlen(text), members, &f));
+    assert_int_equal(f.http, 400);
+    assert_string_equal(f.code, "json");
+    return f.message;
+}
+
+static void what_is_wrong_with_a_body_is_said(void **state)
+{
+    static const char *const members[] = {"n", "w", "t", "b", NULL};
+    struct fault f = {0};
+    double number = 0;
+    int64_t whole = 0;
+    const char *text = NULL;
+    (void)state;
+    assert_non_null(strstr(wrong("", members), "is empty"));
+    assert_non_null(strstr(wrong("{\n\n1}", members), "line 3"));
+    assert_non_null(strstr(wrong("[1]", members), "must be a JSON object"));
+    assert_string_equal(wrong("{\"n\":1,\"x\":2}", members), "\"x\" is not known here");
+    static const char *const body_text = "{\"n\":2,\"w\":5,\"t\":\"x\",\"b\":true}";
+    json_t *body = body_parse(body_text, strlen(body_text), members, &f);
+    assert_non_null(body);
+    assert_true(member_number(body, "n", &number, &f) && member_whole(body, "w", 5, &whole, &f) &&
+                member_text(body, "t", &text, &f));
+    assert_true(number == 2 && whole == 5 && !strcmp(text, "x"));
+    assert_int_equal(f.http, 0);
+    static const struct {
+        int http;
+        const char *part;
+    } expected[] = {{422, "must be a finite number"},
+                    {422, "must be a finite number"},
+                    {400, "is missing"},
+                    {400, "is missing"},
+                    {400, "is missing"},
+                    {400, "must be a whole number from 6 on"},
+                    {400, "must be a whole number"},
+                    {400, "must be text in double quotes"}};
+    for (size_t i = 0; i < sizeof expected / sizeof *expected; i++) {
+        f = (struct fault){0};
+        assert_false(i == 0   ? member_number(body, "t", &number, &f)
+                     : i == 1 ? member_number(body, "b", &number, &f)
+                     : i == 2 ? member_number(body, "none", &number, &f)
+                     : i == 3 ? member_whole(body, "none", 0, &whole, &f)
+                     : i == 4 ? member_text(body, "none", &text, &f)
+                     : i == 5 ? member_whole(body, "w", 6, &whole, &f)
+                     : i == 6 ? member_whole(body, "b", 0, &whole, &f)
+                              : member_text(body, "n", &text, &f));
+        assert_int_equal(f.http, expected[i].http);
+        assert_non_null(strstr(f.message, expected[i].part));
+        assert_true(f.field[0]);
+    }
+    assert_true(number == 2 && whole == 5);
+    json_decref(body);
 }
 
 static void times_are_absolute_or_before_now(void **state)
@@ -275,17 +442,163 @@ static void only_what_lies_in_the_folder_is_served(void **state)
     assert_int_equal(system(command), 0);
 }
 
+static const char *folder_of(char name[32])
+{
+    snprintf(name, 32, "/tmp/apc-files.XXXXXX");
+    assert_non_null(mkdtemp(name));
+    return name;
+}
+
+static void remove_folder(const char *folder)
+{
+    char command[80];
+    snprintf(command, sizeof command, "rm -r '%s'", folder);
+    assert_int_equal(system(command), 0);
+}
+
+static void a_file_is_of_the_type_its_ending_says(void **state)
+{
+    static const char *const types[][2] = {{"a.html", "text/html; charset=utf-8"},
+                                           {"a.min.js", "text/javascript; charset=utf-8"},
+                                           {"a.css", "text/css; charset=utf-8"},
+                                           {"a.json", "application/json"},
+                                           {"a.svg", "image/svg+xml"},
+                                           {"a.png", "image/png"},
+                                           {"a.ico", "image/x-icon"},
+                                           {"a.woff2", "font/woff2"},
+                                           {"a.txt", "text/plain; charset=utf-8"},
+                                           {"a.webmanifest", "application/manifest+json"},
+                                           {"a.map", "application/json"},
+                                           {"a.htm", "application/octet-stream"},
+                                           {"plain", "application/octet-stream"}},
+                             *const hashed[][2] = {
+                                 {"app-1A2b3C4z.js", "y"}, {"app.00zzAA99.js", "y"},
+                                 {"app-1A2b3C4.js", ""},   {"12345678.js", ""},
+                                 {"app_12345678.js", ""},  {"app-1234_678.js", ""},
+                                 {"app-12345678", ""},     {"app-long-123456789ab.css", "y"}};
+    char folder[32], path[64];
+    struct files *files;
+    struct apc_error why;
+    (void)state;
+    folder_of(folder);
+    for (size_t i = 0; i < sizeof types / sizeof *types; i++)
+        write_file(folder, types[i][0], "x");
+    for (size_t i = 0; i < sizeof hashed / sizeof *hashed; i++)
+        write_file(folder, hashed[i][0], "y");
+    assert_int_equal(files_load(&files, folder, &why), 0);
+    for (size_t i = 0; i < sizeof types / sizeof *types; i++) {
+        snprintf(path, sizeof path, "/%s", types[i][0]);
+        assert_string_equal(files_find(files, path)->type, types[i][1]);
+        assert_true(files_find(files, path)->n == 1 && files_find(files, path)->data[0] == 'x');
+        assert_string_equal(files_find(files, path)->etag, files_find(files, "/a.html")->etag);
+    }
+    for (size_t i = 0; i < sizeof hashed / sizeof *hashed; i++) {
+        snprintf(path, sizeof path, "/%s", hashed[i][0]);
+        if (files_find(files, path)->immutable != (hashed[i][1][0] == 'y'))
+            fail_msg("%s", path);
+    }
+    const char *etag = files_find(files, "/plain")->etag;
+    assert_true(etag[0] == '"' && etag[strlen(etag) - 1] == '"');
+    assert_string_not_equal(etag, files_find(files, "/app-12345678")->etag);
+    files_free(files);
+    remove_folder(folder);
+}
+
+static void a_file_is_zipped_where_that_is_smaller(void **state)
+{
+    char folder[32], text[300], noise[300], plain[300];
+    struct files *files;
+    struct apc_error why;
+    unsigned random = 1;
+    (void)state;
+    folder_of(folder);
+    memset(text, 'a', sizeof text);
+    text[256] = '\0';
+    write_file(folder, "256", text);
+    text[255] = '\0';
+    write_file(folder, "255", text);
+    for (size_t i = 0; i < sizeof noise; i++)
+        noise[i] = (char)(1 + (random = random * 1103515245 + 12345) / 65536 % 255);
+    noise[sizeof noise - 1] = '\0';
+    write_file(folder, "noise", noise);
+    assert_int_equal(files_load(&files, folder, &why), 0);
+    const struct file *zipped = files_find(files, "/256");
+    assert_null(files_find(files, "/255")->zipped);
+    assert_null(files_find(files, "/noise")->zipped);
+    assert_true(zipped->zipped && zipped->n_zipped < 256 && zipped->n == 256);
+    z_stream z = {.next_in = (Bytef *)(uintptr_t)zipped->zipped,
+                  .avail_in = (uInt)zipped->n_zipped,
+                  .next_out = (Bytef *)plain,
+                  .avail_out = sizeof plain};
+    assert_int_equal(inflateInit2(&z, 15 + 16), Z_OK);
+    assert_int_equal(inflate(&z, Z_FINISH), Z_STREAM_END);
+    assert_int_equal(z.total_out, 256);
+    inflateEnd(&z);
+    assert_memory_equal(plain, zipped->data, 256);
+    files_free(files);
+    remove_folder(folder);
+}
+
+static void a_page_has_bounds(void **state)
+{
+    char folder[32], path[200], name[16];
+    struct files *files;
+    struct apc_error why;
+    (void)state;
+    folder_of(folder);
+    size_t n = (size_t)snprintf(path, sizeof path, "%s", folder);
+    for (int depth = 1; depth <= 5; depth++) {
+        n += (size_t)snprintf(path + n, sizeof path - n, "/d");
+        assert_int_equal(mkdir(path, 0700), 0);
+        write_file(path, "f", "x");
+    }
+    snprintf(path, sizeof path, "%s/dangling", folder);
+    assert_int_equal(symlink("/no/such/file", path), 0);
+    for (int i = 0; i < 252; i++) {
+        snprintf(name, sizeof name, "%d", i);
+        write_file(folder, name, "");
+    }
+    assert_int_equal(files_load(&files, folder, &why), 0);
+    assert_int_equal(files_count(files), 256);
+    assert_non_null(files_find(files, "/d/d/d/d/f"));
+    assert_null(files_find(files, "/d/d/d/d/d/f"));
+    files_free(files);
+    write_file(folder, "252", "");
+    assert_int_equal(files_load(&files, folder, &why), APC_ERANGE);
+    files_free(files);
+    remove_folder(folder);
+    folder_of(folder);
+    write_file(folder, "large", "x");
+    snprintf(path, sizeof path, "%s/large", folder);
+    assert_int_equal(truncate(path, 8 << 20), 0);
+    assert_int_equal(files_load(&files, folder, &why), 0);
+    assert_int_equal(files_find(files, "/large")->n, 8 << 20);
+    files_free(files);
+    assert_int_equal(truncate(path, (8 << 20) + 1), 0);
+    assert_int_equal(files_load(&files, folder, &why), APC_ERANGE);
+    assert_non_null(strstr(why.text, "larger than 8 MiB"));
+    files_free(files);
+    remove_folder(folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(strings_are_json_whatever_bytes_they_hold),
         cmocka_unit_test(numbers_read_back_the_same),
         cmocka_unit_test(a_body_is_read_member_by_member),
+        cmocka_unit_test(what_is_utf8_stays_and_every_other_byte_is_replaced),
+        cmocka_unit_test(a_text_grows_with_what_is_put_into_it),
+        cmocka_unit_test(samples_limits_and_times_are_shown),
+        cmocka_unit_test(what_is_wrong_with_a_body_is_said),
         cmocka_unit_test(times_are_absolute_or_before_now),
         cmocka_unit_test(variables_are_named_by_table_and_number),
         cmocka_unit_test(only_addresses_and_known_names_are_hosts),
         cmocka_unit_test(two_outputs_make_two_loops),
         cmocka_unit_test(only_what_lies_in_the_folder_is_served),
+        cmocka_unit_test(a_file_is_of_the_type_its_ending_says),
+        cmocka_unit_test(a_file_is_zipped_where_that_is_smaller),
+        cmocka_unit_test(a_page_has_bounds),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

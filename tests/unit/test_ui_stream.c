@@ -330,6 +330,160 @@ static void a_session_has_its_share_and_no_more(void **state)
     stream_close(others);
 }
 
+/* Data of this many bytes; as a message without an id it takes 22 more. */
+static void publish_bytes(size_t n, bool with_id)
+{
+    char *data = malloc(n);
+    assert_non_null(data);
+    memset(data, ' ', n);
+    stream_publish(stream, "values", data, n, with_id);
+    free(data);
+}
+
+static void all_of_a_lag_is_kept_and_one_more_is_not(void **state)
+{
+    struct reader edge, beyond;
+    struct stream_stats stats;
+    (void)state;
+    join(&beyond, NULL);
+    publish("{}");
+    join(&edge, NULL);
+    for (int i = 0; i < STREAM_LAG; i++) {
+        stream_stats(stream, &stats);
+        assert_int_equal(stats.dropped, 0);
+        publish("{}");
+    }
+    stream_stats(stream, &stats);
+    assert_int_equal(stats.dropped, 1);
+    assert_int_equal(drain(&edge, 1000), STREAM_WAIT);
+    assert_int_equal(drain(&beyond, 1000), STREAM_END);
+    stream_close(edge.reader);
+    stream_close(beyond.reader);
+}
+
+static void bytes_behind_are_counted_to_the_last(void **state)
+{
+    for (size_t more = 0; more < 2; more++) {
+        struct reader r;
+        struct stream_stats before, after;
+        (void)state;
+        join(&r, NULL);
+        stream_stats(stream, &before);
+        publish_bytes(1000, false);
+        publish_bytes(STREAM_BEHIND - 1022 - 22 + more, false);
+        stream_stats(stream, &after);
+        assert_int_equal(after.dropped - before.dropped, more);
+        stream_close(r.reader);
+    }
+}
+
+static void what_is_too_many_bytes_behind_is_not_resumed(void **state)
+{
+    for (size_t more = 0; more < 2; more++) {
+        struct reader r;
+        char id[STREAM_ID_LEN];
+        (void)state;
+        publish("{}");
+        stream_id(stream, id);
+        publish_bytes(1000, false);
+        publish_bytes(STREAM_BEHIND - 1022 - 22 + more, false);
+        join(&r, id);
+        assert_int_equal(r.resumed, more == 0);
+        stream_close(r.reader);
+    }
+}
+
+static void what_was_missed_is_resumed_up_to_a_lag(void **state)
+{
+    struct reader r;
+    char id[STREAM_ID_LEN], text[40];
+    (void)state;
+    for (int i = 0; i < STREAM_RING + 7; i++) /* the ring has gone round */
+        publish("{}");
+    stream_id(stream, id);
+    for (int i = 1; i < STREAM_LAG; i++) {
+        snprintf(text, sizeof text, "{\"n\":%d}", i);
+        publish(text);
+        if (i == 1 || i == STREAM_LAG - 1) {
+            join(&r, id);
+            assert_true(r.resumed);
+            drain(&r, 100);
+            assert_non_null(strstr(r.got, "data: {\"n\":1}\n\n"));
+            stream_close(r.reader);
+        }
+    }
+    publish("{}");
+    join(&r, id);
+    assert_false(r.resumed);
+    publish("{\"after\":1}"); /* then he goes on from now */
+    drain(&r, 100);
+    assert_non_null(strstr(r.got, "after"));
+    assert_null(strstr(strstr(r.got, "data:") + 1, "data:"));
+    stream_close(r.reader);
+}
+
+static void an_id_is_of_the_last_message_that_has_one(void **state)
+{
+    struct reader r;
+    char none[STREAM_ID_LEN], first[STREAM_ID_LEN], id[STREAM_ID_LEN], line[80];
+    (void)state;
+    stream_id(stream, none);
+    assert_string_equal(none + 8, ".0");
+    join(&r, none); /* nothing was ever said: nothing can be missed, and nothing be resumed */
+    assert_false(r.resumed);
+    publish("{}");
+    stream_id(stream, first);
+    stream_publish(stream, "beat", "{}", 2, false);
+    stream_id(stream, id);
+    assert_string_equal(id, first);
+    stream_publish(stream, "plant", "{}", 2, true);
+    stream_id(stream, id);
+    assert_string_not_equal(id, first);
+    drain(&r, 1000);
+    snprintf(line, sizeof line, "id: %s\nevent: plant\n", id);
+    assert_non_null(strstr(r.got, line));
+    stream_close(r.reader);
+}
+
+static void who_is_sent_away_reads_first_what_was_his(void **state)
+{
+    struct reader r;
+    (void)state;
+    join(&r, NULL);
+    stream_greet(r.reader, "hello", "{\"a\":1}", 7);
+    publish("{}");
+    assert_int_equal(stream_read(r.reader, r.got, 5), 5); /* of his greeting */
+    stream_drop(stream, is_this, &r, "session", "over");
+    stream_greet(r.reader, "state", "{}", 2); /* too late */
+    assert_int_equal(drain(&r, 9), STREAM_END);
+    assert_string_equal(r.got, ": hello\ndata: {\"a\":1}\n\nevent: bye\ndata: "
+                               "{\"reason\":\"session\",\"message\":\"over\"}\n\n");
+    stream_close(r.reader);
+}
+
+static void the_stream_is_counted(void **state)
+{
+    struct reader a, b;
+    struct stream_stats stats;
+    (void)state;
+    join(&a, NULL);
+    join(&b, NULL);
+    publish("{}");
+    stream_publish(stream, "beat", "{}", 2, false);
+    stream_stats(stream, &stats);
+    assert_int_equal(stats.readers, 2);
+    assert_int_equal(stats.messages, 2);
+    assert_int_equal(stats.dropped, 0);
+    stream_close(b.reader); /* in any order */
+    stream_end(stream, "shutdown", "bye");
+    stream_stats(stream, &stats);
+    assert_int_equal(stats.readers, 1);
+    assert_int_equal(stats.dropped, 1);
+    stream_close(a.reader);
+    stream_stats(stream, &stats);
+    assert_int_equal(stats.readers, 0);
+}
+
 int main(void)
 {
 #define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
@@ -346,6 +500,13 @@ int main(void)
         T(there_are_no_more_readers_than_allowed),
         T(observers_leave_room_for_operators),
         T(a_session_has_its_share_and_no_more),
+        T(all_of_a_lag_is_kept_and_one_more_is_not),
+        T(bytes_behind_are_counted_to_the_last),
+        T(what_is_too_many_bytes_behind_is_not_resumed),
+        T(what_was_missed_is_resumed_up_to_a_lag),
+        T(an_id_is_of_the_last_message_that_has_one),
+        T(who_is_sent_away_reads_first_what_was_his),
+        T(the_stream_is_counted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
