@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "apc-ui/http.h"
@@ -1254,6 +1255,278 @@ static void every_event_of_a_flood_reaches_the_stream_in_order(void **state)
     text_free(&all);
 }
 
+static pthread_t start(void *(*thread)(void *))
+{
+    pthread_t started;
+    assert_int_equal(pthread_create(&started, NULL, thread, ui), 0);
+    return started;
+}
+
+static void stop(pthread_t thread)
+{
+    ui->stopping = true;
+    assert_int_equal(pthread_join(thread, NULL), 0);
+}
+
+/* Wait until the records thread has looked at everything once more. */
+static void another_look(void)
+{
+    for (int i = 0; i < 2; i++) {
+        const apc_ns round = ui->round[1];
+        while (ui->round[1] == round)
+            usleep(10000);
+    }
+}
+
+struct sought {
+    const char *part;
+    enum apc_event_severity severity;
+    int n;
+};
+
+static int take_sought(void *ctx, const struct apc_event *event)
+{
+    struct sought *s = ctx;
+    s->n += !strcmp(event->kind, "access") && event->severity == s->severity && strstr(event->text, s->part);
+    return 0;
+}
+
+static int accesses(enum apc_event_severity severity, const char *part)
+{
+    struct sought s = {.part = part, .severity = severity};
+    assert_true(apc_store_events(store, &(struct apc_range){.last = 1000}, take_sought, &s) >= 0);
+    return s.n;
+}
+
+/* In the look after the one that found it. */
+static void until_recorded(enum apc_event_severity severity, const char *part, int n)
+{
+    while (accesses(severity, part) < n)
+        usleep(10000);
+    assert_int_equal(accesses(severity, part), n);
+}
+
+static void files_of_users_are_followed(void **state)
+{
+    char folder[] = "/tmp/apc-handlers.XXXXXX", tokens[4096], secret[SECRET_LEN], command[80];
+    struct apc_error why;
+    struct session anna, otto, machine, found;
+    (void)state;
+    assert_non_null(mkdtemp(folder));
+    snprintf(ui->users_path, sizeof ui->users_path, "%s/users", folder);
+    tokens_path(ui->users_path, tokens);
+    pthread_t thread = start(records_thread);
+    another_look();
+    assert_true(ui->open); /* there is no file, and never was one */
+    assert_int_equal(accesses(APC_EVENT_WARNING, ""), 0);
+    assert_int_equal(users_add(ui->users_path, "anna", ROLE_OPERATOR, "operator123", &why), 0);
+    until_recorded(APC_EVENT_WARNING, "users has changed", 1);
+    assert_false(ui->open);
+    assert_int_equal(session_open(&ui->sessions, &ui->users.user[0], apc_clock_mono(NULL), &anna), 0);
+    assert_int_equal(users_add(ui->users_path, "otto", ROLE_OBSERVER, "observer123", &why), 0);
+    assert_int_equal(tokens_add(tokens, "grafana", ROLE_OBSERVER, secret, &why), 0);
+    until_recorded(APC_EVENT_WARNING, "users has changed", 2);
+    until_recorded(APC_EVENT_WARNING, "users.tokens has changed", 1);
+    assert_true(
+        session_find(&ui->sessions, anna.token, apc_clock_mono(NULL), &found)); /* she is who she was */
+    assert_int_equal(session_open(&ui->sessions, users_find(&ui->users, "otto"), apc_clock_mono(NULL), &otto),
+                     0);
+    assert_int_equal(session_machine(&ui->sessions, &ui->tokens.user[0], apc_clock_mono(NULL), &machine), 0);
+
+    assert_int_equal(chmod(ui->users_path, 0644), 0); /* what it said stays in force, and that is said once */
+    until_recorded(APC_EVENT_ALARM, "what it said before stays in force", 1);
+    another_look();
+    assert_int_equal(accesses(APC_EVENT_ALARM, ""), 1);
+    assert_int_equal(ui->users.n, 2);
+    assert_int_equal(chmod(ui->users_path, 0600), 0);
+    another_look();
+    assert_int_equal(chmod(ui->users_path, 0644), 0);
+    until_recorded(APC_EVENT_ALARM, "what it said before stays in force", 2); /* and when it happens again */
+    assert_int_equal(chmod(ui->users_path, 0600), 0);
+
+    assert_int_equal(users_remove(ui->users_path, "otto", &why), 0);
+    until_recorded(APC_EVENT_WARNING, "users has changed", 3);
+    assert_false(session_find(&ui->sessions, otto.token, apc_clock_mono(NULL), &found));
+    assert_true(session_find(&ui->sessions, anna.token, apc_clock_mono(NULL), &found));
+    assert_int_equal(unlink(tokens), 0);
+    until_recorded(APC_EVENT_WARNING, "users.tokens is gone: nobody in it may log in", 1);
+    assert_false(session_find(&ui->sessions, machine.token, apc_clock_mono(NULL), &found));
+    assert_true(session_find(&ui->sessions, anna.token, apc_clock_mono(NULL), &found));
+    assert_int_equal(unlink(ui->users_path), 0);
+    until_recorded(APC_EVENT_WARNING, "users is gone: nobody in it may log in", 1);
+    assert_false(session_find(&ui->sessions, anna.token, apc_clock_mono(NULL), &found));
+    assert_false(ui->open); /* without users it is nobody's, until it is started again */
+    stop(thread);
+    users_free(&ui->users);
+    users_free(&ui->tokens);
+    snprintf(command, sizeof command, "rm -r '%s'", folder);
+    assert_int_equal(system(command), 0);
+}
+
+/* A spool with n samples, the first of this time, and an event. */
+static void leave(const char *folder, const char *name, int n, apc_ns time)
+{
+    char path[128];
+    const struct apc_event event = {
+        .time = time + 7 * S, .severity = APC_EVENT_INFO, .source = "x", .kind = "x"};
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    const struct apc_store_options options = {
+        .size = sizeof options, .name = name, .spool = path, .backoff_min = 1, .backoff_max = 1};
+    struct apc_store *away;
+    assert_int_equal(apc_store_open(&away, "sqlite:/no/such/folder/store.db", &options, NULL), 0);
+    for (int i = 0; i < n; i++) {
+        const struct apc_sample s = {.table = APC_SENSOR, .id = 1, .seq = i + 1, .time = time + i * S};
+        assert_int_equal(apc_store_append(away, &s, 1), 1);
+    }
+    assert_int_equal(apc_store_append_events(away, &event, 1), 1);
+    apc_store_close(away);
+}
+
+static void what_waits_in_all_spools_is_counted(void **state)
+{
+    char folder[] = "/tmp/apc-handlers.XXXXXX", command[80];
+    const apc_ns now = apc_clock_utc(NULL);
+    (void)state;
+    assert_non_null(mkdtemp(folder));
+    ui->options.spool = folder;
+    pthread_t thread = start(records_thread);
+    another_look();
+    has(ask_text(get_diagnostics), "\"spool\":{\"depth\":0,\"age\":0}");
+    leave(folder, "client.spool", 3, now - 500 * S);
+    leave(folder, "controller.spool", 2, now - 900 * S);
+    leave(folder, "plant.spool", 1, now - 100 * S);
+    leave(folder, "set-aside", 1, now - 5000 * S); /* is no spool of a daemon */
+    until_says(get_diagnostics, "\"spool\":{\"depth\":9,\"age\":9");
+    assert_int_equal(ui->model.spool.samples, 6);
+    assert_int_equal(ui->model.spool.events, 3);
+    stop(thread);
+    snprintf(command, sizeof command, "rm -r '%s'", folder);
+    assert_int_equal(system(command), 0);
+}
+
+static void what_was_there_before_the_server_stands_and_is_no_news(void **state)
+{
+    const struct stream_watcher watcher = {.session = ""};
+    const apc_ns now = apc_clock_utc(NULL);
+    const struct apc_event old[] = {{.time = now - 90 * S,
+                                     .severity = APC_EVENT_INFO,
+                                     .source = "apc-client",
+                                     .kind = "link",
+                                     .text = "there"},
+                                    {.time = now - 80 * S,
+                                     .severity = APC_EVENT_ALARM,
+                                     .source = "apc-plant",
+                                     .kind = "watchdog",
+                                     .text = "old"},
+                                    {.time = now - 70 * S,
+                                     .severity = APC_EVENT_INFO,
+                                     .source = "apc-other",
+                                     .kind = "link",
+                                     .text = "too"}};
+    struct stream_reader *reader;
+    struct text all = {0};
+    bool resumed;
+    (void)state;
+    assert_int_equal(apc_store_append_events(store, old, 3), 3);
+    put_window("controller", "run", now - 30 * S, 3, 1000000, 5);
+    assert_int_equal(stream_open(ui->stream, &watcher, NULL, nothing, nothing, NULL, &reader, &resumed), 0);
+    pthread_t thread = start(records_thread);
+    another_look();
+    assert_string_equal(control("safe"), "true");
+    json_t *json = ask(get_diagnostics);
+    const json_t *task = json_array_get(json_object_get(json, "tasks"), 0),
+                 *links = json_object_get(json, "links"), *other = json_array_get(links, 1);
+    assert_near(json_number_value(json_object_get(task, "age")), 30, 20); /* it was heard when it spoke */
+    assert_int_equal(json_integer_value(json_object_get(task, "missed")), 5);
+    assert_int_equal(json_integer_value(json_object_get(task, "missed_total")),
+                     0); /* since this server began */
+    assert_int_equal(json_array_size(links), 2);
+    assert_true(json_is_true(json_object_get(other, "up")));
+    assert_string_equal(json_string_value(json_object_get(other, "text")), "too");
+    assert_near(json_number_value(json_object_get(other, "since")), (double)(now - 70 * S) / 1e9, 1);
+    json_decref(json);
+    put_window("plant", "lateness", now - S, 2, 4000, 1);
+    put_window("plant", "run", now - S, 2, 4000, 1);
+    put_events(1, "news");
+    read_until(reader, &all, "\"news\"");
+    read_until(reader, &all, "\"task\":\"plant\"");
+    text_put(&all, "", 1);
+    assert_null(strstr(all.at, "watchdog"));
+    has(all.at, "event: event\n");
+    const char *tasks = strstr(all.at, "data: {\"tasks\":[{\"task\":\"plant\""); /* only who has reported */
+    assert_non_null(tasks);
+    assert_int_equal(times_in(all.at, "\"task\":\"controller\""), 1); /* at the first look */
+    until_says(get_diagnostics, "\"task\":\"plant\"");
+    json = ask(get_diagnostics);
+    task = json_array_get(json_object_get(json, "tasks"), 1);
+    assert_int_equal(json_integer_value(json_object_get(task, "missed_total")), 1); /* once for a window */
+    assert_int_equal(json_integer_value(json_object_get(json_object_get(task, "lateness"), "count")), 2);
+    json_decref(json);
+    stop(thread);
+    stream_close(reader);
+    text_free(&all);
+}
+
+static double age_of(const char *ref)
+{
+    json_t *json = ask(get_state);
+    const json_t *age = json_object_get(json_object_get(json, "ages"), ref);
+    double value = json_is_null(age) ? -1 : json_number_value(age);
+    json_decref(json);
+    return value;
+}
+
+static void the_age_of_what_was_there_already_is_that_of_its_stamp(void **state)
+{
+    const apc_ns now = apc_clock_utc(NULL);
+    struct apc_sample y = {.table = APC_SENSOR, .id = 1, .seq = 1, .time = now - 1000 * S, .value = 1},
+                      ahead = {.table = APC_SENSOR, .id = 2, .seq = 1, .time = now + 5000 * S, .value = 1};
+    const struct stream_watcher watcher = {.session = ""};
+    struct stream_reader *reader;
+    struct text all = {0};
+    bool resumed;
+    char expected[60];
+    (void)state;
+    assert_int_equal(stream_open(ui->stream, &watcher, NULL, nothing, nothing, NULL, &reader, &resumed), 0);
+    assert_int_equal(apc_store_append(store, &y, 1), 1);
+    assert_int_equal(apc_store_append(store, &ahead, 1), 1);
+    pthread_t thread = start(live_thread);
+    until_says(get_state, "\"sensor.1\":[1,");
+    until_says(get_state, "\"sensor.2\":[1,");
+    assert_near(age_of("sensor.1"), 1000, 500);
+    assert_near(age_of("sensor.2"), 0, 500); /* a clock that is ahead is not believed */
+    assert_near(age_of("actuator.1"), -1, 0);
+    y.seq = 2; /* as old as before by its stamp, but it came now */
+    assert_int_equal(apc_store_append(store, &y, 1), 1);
+    until_says(get_state, "\"sensor.1\":[2,");
+    assert_near(age_of("sensor.1"), 0, 500);
+    read_until(reader, &all, "\"sensor.1\":[2,");
+    text_put(&all, "", 1);
+    snprintf(expected, sizeof expected, "event: plant\ndata: {\"revision\":%u}\n", ui->model.plant.revision);
+    has(all.at, expected); /* what it is all about comes first */
+    assert_true(strstr(all.at, expected) < strstr(all.at, "event: values"));
+    json_t *json = ask(get_diagnostics);
+    const json_t *lag = json_object_get(json_object_get(json, "stream"), "lag"),
+                 *reads = json_object_get(json_object_get(json, "store"), "read");
+    assert_true(json_integer_value(json_object_get(lag, "count")) > 0);
+    assert_near(json_number_value(json_object_get(lag, "max")), 1000,
+                500); /* from its stamp to its message */
+    assert_true(json_integer_value(json_object_get(reads, "count")) >= 2);
+    json_decref(json);
+    assert_true(ui->model.connected);
+
+    tags[1].high = 7; /* described anew */
+    assert_true(apc_store_put_tags(store, tags, n_tags) >= 0);
+    assert_int_equal(model_load(&ui->model, store), 0);
+    snprintf(expected, sizeof expected, "event: plant\ndata: {\"revision\":%u}\n", ui->model.plant.revision);
+    read_until(reader, &all, expected);
+    until_says(get_state, "\"sensor.1\":[2,");
+    until_says(get_state, "\"actuator.1\":[0,null,null,\"BadNoData\"]");
+    stop(thread);
+    stream_close(reader);
+    text_free(&all);
+}
+
 int main(void)
 {
 #define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
@@ -1292,6 +1565,10 @@ int main(void)
         T(what_became_of_a_write_is_known_by_its_key),
         T(too_many_writes_at_once_have_to_wait),
         T(every_event_of_a_flood_reaches_the_stream_in_order),
+        T(files_of_users_are_followed),
+        T(what_waits_in_all_spools_is_counted),
+        T(what_was_there_before_the_server_stands_and_is_no_news),
+        T(the_age_of_what_was_there_already_is_that_of_its_stamp),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -19,7 +19,7 @@
 static struct ui *ui;
 static struct apc_store *store;
 static struct client anna, nobody;
-static char folder[64], script[3000];
+static char folder[64], script[3000], users_file[64] = "/tmp/apc-http-users.XXXXXX";
 
 static void no_telling(void *ctx, const struct write *write)
 {
@@ -58,16 +58,39 @@ static int make_parts(void)
     return 0;
 }
 
-static int make_users(void)
+/* Passwords are slow to hash: once for all tests. */
+static int make_users(void **state)
 {
-    char path[128];
     struct apc_error why;
-    snprintf(path, sizeof path, "%s.users", folder);
-    return users_add(path, "anna", ROLE_OPERATOR, "operator123", &why) < 0 ||
-                   users_add(path, "otto", ROLE_OBSERVER, "observer123", &why) < 0 ||
-                   users_load(&ui->users, path, &why) < 0 || unlink(path) < 0
-               ? -1
-               : 0;
+    (void)state;
+    return mkdtemp(users_file) && strcat(users_file, "/users") &&
+                   users_add(users_file, "anna", ROLE_OPERATOR, "operator123", &why) == 0 &&
+                   users_add(users_file, "otto", ROLE_OBSERVER, "observer123", &why) == 0
+               ? 0
+               : -1;
+}
+
+static int remove_users(void **state)
+{
+    (void)state;
+    if (unlink(users_file) < 0)
+        return -1;
+    *strrchr(users_file, '/') = '\0';
+    return rmdir(users_file);
+}
+
+/* Somebody who has logged in. */
+static struct client member(const char *name)
+{
+    struct client c = {.port = ui->port};
+    struct session session;
+    char cookie[COOKIE_NAME];
+    assert_int_equal(
+        session_open(&ui->sessions, users_find(&ui->users, name), apc_clock_mono(NULL), &session), 0);
+    cookie_name(ui, "session", cookie);
+    snprintf(c.cookie, sizeof c.cookie, "%s=%s", cookie, session.token);
+    snprintf(c.csrf, sizeof c.csrf, "%s", session.csrf);
+    return c;
 }
 
 static int set_up(void **state)
@@ -77,7 +100,7 @@ static int set_up(void **state)
     signal(SIGPIPE, SIG_IGN);
     ui = calloc(1, sizeof *ui);
     snprintf(folder, sizeof folder, "/tmp/apc-http.XXXXXX");
-    if (!ui || !mkdtemp(folder) || make_parts() < 0 || make_users() < 0)
+    if (!ui || !mkdtemp(folder) || make_parts() < 0 || users_load(&ui->users, users_file, &why) < 0)
         return -1;
     memset(script, 'a', sizeof script - 1);
     write_file("index.html", "<p>the page");
@@ -85,7 +108,7 @@ static int set_up(void **state)
     if (files_load(&ui->files, folder, &why) < 0 || server_start(ui, &why) < 0)
         return -1;
     nobody = (struct client){.port = ui->port};
-    anna = client_make(ui->port, "anna", "operator123");
+    anna = member("anna");
     return 0;
 }
 
@@ -278,6 +301,7 @@ static void who_logs_in_gets_a_session_and_a_device_and_may_leave(void **state)
     has(reply.header, "Set-Cookie: apc-session-");
     has(reply.header, "Set-Cookie: apc-device-");
     http_free(&reply);
+    anna = client_make(ui->port, "anna", "operator123");
     ask(&reply, &anna, "GET", "/api/session", NULL, NULL);
     has(reply.body, "\"user\":\"anna\"");
     assert_string_equal(head(&reply, "Set-Cookie"), "");
@@ -493,7 +517,7 @@ static void refused_writes_are_recorded_and_refused_questions_are_not(void **sta
 {
     const int before = refusals();
     (void)state;
-    struct client otto = client_make(ui->port, "otto", "observer123");
+    struct client otto = member("otto");
     expect_error(&otto, "POST", "/api/setpoint", NULL, "{\"id\":1,\"value\":5,\"seq\":0}", 403, "role");
     assert_int_equal(refusals(), before + 1);
     expect_error(&otto, "GET", "/api/events?x=1", NULL, NULL, 400, "parameter");
@@ -570,7 +594,7 @@ static void a_stream_greets_goes_on_and_is_resumed(void **state)
 
 static void a_session_that_ends_takes_its_streams_along(void **state)
 {
-    struct client otto = client_make(ui->port, "otto", "observer123");
+    struct client otto = member("otto");
     (void)state;
     struct http_stream *his = client_stream(&otto, NULL), *hers = client_stream(&anna, NULL);
     json_decref(next_event(his, "state", NULL));
@@ -692,5 +716,5 @@ int main(void)
         T(a_server_that_stops_says_so),
         T(what_is_wrong_with_a_certificate_is_said),
     };
-    return cmocka_run_group_tests(tests, NULL, NULL);
+    return cmocka_run_group_tests(tests, make_users, remove_users);
 }
