@@ -1,11 +1,15 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* The gate, asked without a connection: each reason to refuse by itself. And where the server may listen. */
+#include <arpa/inet.h>
+#include <errno.h>
+#include <fcntl.h>
 #include <netinet/in.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include "apc-ui/http.h"
@@ -307,6 +311,77 @@ static void a_port_that_is_taken_is_said(void **state)
     close(fd);
 }
 
+static void what_it_listens_on_is_its_own_and_never_waits(void **state)
+{
+    struct apc_error why;
+    int on = 0;
+    socklen_t size = sizeof on;
+    (void)state;
+    ui->options.listen = "127.0.0.1:0";
+    int fd = listen_on(ui, &why);
+    assert_true(fd >= 0);
+    assert_true(fcntl(fd, F_GETFL) & O_NONBLOCK);
+    assert_true(fcntl(fd, F_GETFD) & FD_CLOEXEC);
+    assert_int_equal(getsockopt(fd, SOL_SOCKET, SO_ACCEPTCONN, &on, &size), 0);
+    assert_int_equal(on, 1);
+    assert_int_equal(getsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, &size), 0);
+    assert_int_equal(on, 1); /* started again at once */
+    struct sockaddr_in bound;
+    size = sizeof bound;
+    assert_int_equal(getsockname(fd, (struct sockaddr *)&bound, &size), 0);
+    assert_int_equal(ntohs(bound.sin_port), ui->port);
+    assert_int_equal(ntohl(bound.sin_addr.s_addr), INADDR_LOOPBACK);
+    errno = 0; /* who asked whether connections can be told apart has taken his own away */
+    assert_int_equal(accept(fd, NULL, NULL), -1);
+    assert_int_equal(errno, EAGAIN);
+    close(fd);
+    assert_int_equal(listening("127.0.0.1:65536", &why), APC_EINVAL);
+    assert_int_equal(listening("0123456789012345678901234567890123456789012345678901234567890123:80", &why),
+                     APC_EINVAL);
+    assert_non_null(strstr(why.text, "ADDRESS:PORT"));
+}
+
+/* In a process of its own: a socket bound there, handed over as systemd does. Returns what became of it. */
+static int handed_over(const char *address, bool is_open)
+{
+    int status = -1;
+    pid_t child = fork();
+    if (child == 0) {
+        struct sockaddr_in in = {.sin_family = AF_INET};
+        struct apc_error why;
+        char own[16];
+        int fd = socket(AF_INET, SOCK_STREAM, 0);
+        inet_pton(AF_INET, address, &in.sin_addr);
+        if (bind(fd, (const struct sockaddr *)&in, sizeof in) < 0 || listen(fd, 5) < 0 || dup2(fd, 3) < 0)
+            _exit(100);
+        snprintf(own, sizeof own, "%d", (int)getpid());
+        setenv("LISTEN_PID", own, 1);
+        setenv("LISTEN_FDS", "1", 1);
+        socklen_t size = sizeof in;
+        getsockname(3, (struct sockaddr *)&in, &size);
+        ui->open = is_open;
+        ui->options.listen = "127.0.0.1:1"; /* which is not looked at, but for what it would say */
+        int rc = listen_on(ui, &why);
+        _exit(rc == 3 && ui->port == ntohs(in.sin_port) && (fcntl(3, F_GETFL) & O_NONBLOCK) ? 0
+              : rc == APC_EPERM && fcntl(3, F_GETFD) < 0                                    ? 1
+                                                                                            : 2);
+    }
+    assert_true(child > 0);
+    assert_int_equal(waitpid(child, &status, 0), child);
+    assert_true(WIFEXITED(status));
+    return WEXITSTATUS(status);
+}
+
+static void a_socket_that_is_handed_over_has_to_be_where_it_may(void **state)
+{
+    (void)state;
+    assert_int_equal(handed_over("127.0.0.1", true), 0);
+    assert_int_equal(handed_over("0.0.0.0", true), 1);
+    assert_int_equal(handed_over("0.0.0.0", false), 1); /* passwords in the clear */
+    ui->options.allow_plaintext = true;
+    assert_int_equal(handed_over("0.0.0.0", false), 0);
+}
+
 int main(void)
 {
 #define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
@@ -319,6 +394,8 @@ int main(void)
         T(cookies_are_named_by_port_and_bound_to_the_host_under_tls),
         T(it_listens_where_it_may),
         T(a_port_that_is_taken_is_said),
+        T(what_it_listens_on_is_its_own_and_never_waits),
+        T(a_socket_that_is_handed_over_has_to_be_where_it_may),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -317,6 +317,41 @@ static void who_logs_in_gets_a_session_and_a_device_and_may_leave(void **state)
     expect_error(&anna, "GET", "/api/state", NULL, NULL, 401, "login");
 }
 
+static void a_form_is_read_as_browsers_send_it(void **state)
+{
+    static const struct {
+        const char *body;
+        int status;
+    } cases[] = {{"password=operator123&user=anna", 303},
+                 {"xuser=otto&user=anna&passwordx=1&password=operator123", 303},
+                 {"user=%61nn%61&password=%6Fperator123", 303},
+                 {"user=anna&password=operator123&", 303},
+                 {"user=anna&password=operator+123", 401},
+                 {"user=anna&password=operator12%3", 401},
+                 {"user=anna&password=operator123%", 401},
+                 {"user=anna&password=operator%zz123", 401},
+                 {"user=anna&password=", 401},
+                 {"user=anna", 400},
+                 {"password=operator123", 400},
+                 {"user", 400},
+                 {"user=a%C3%A4&password=operator123", 401}};
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct http_reply reply;
+        backoff_succeeded(&ui->backoff, "pair anna 127.0.0.1");
+        http_request(&reply, ui->port, "POST", "/api/login",
+                     "Content-Type: application/x-www-form-urlencoded\r\n", cases[i].body);
+        if (reply.status != cases[i].status)
+            fail_msg("%s: %d", cases[i].body, reply.status);
+        if (reply.status != 303) { /* the form again, with what was wrong */
+            has(reply.body, "<p role=\"alert\">");
+            has(reply.body, "<label for=\"password\">");
+            assert_string_equal(head(&reply, "Set-Cookie"), "");
+        }
+        http_free(&reply);
+    }
+}
+
 static void who_guesses_is_told_how_long_to_wait(void **state)
 {
     struct http_reply reply;
@@ -700,6 +735,7 @@ int main(void)
         T(every_answer_carries_what_protects_it),
         T(a_person_who_asks_for_the_page_gets_the_form_and_a_program_does_not),
         T(who_logs_in_gets_a_session_and_a_device_and_may_leave),
+        T(a_form_is_read_as_browsers_send_it),
         T(who_guesses_is_told_how_long_to_wait),
         T(a_wrong_method_is_told_the_right_one),
         T(a_parameter_is_known_and_given_once_with_a_value),

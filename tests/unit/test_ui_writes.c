@@ -258,11 +258,138 @@ static void the_oldest_are_forgotten(void **state)
     text_free(&t);
 }
 
+/* All of it, as the page reads it. */
+static const char *shown(const char *key)
+{
+    static char text[2000];
+    struct text t = {0};
+    writes_json(writes, key, &t);
+    snprintf(text, sizeof text, "%.*s", (int)t.n, t.at ? t.at : "");
+    text_free(&t);
+    return text;
+}
+
+static void what_is_known_of_a_write_is_shown(void **state)
+{
+    struct write_change c[2] = {change_of(KP, 0.3), change_of(MANUAL, 7)};
+    struct write write = {
+        .key = "key-0001", .kind = WRITE_TUNING, .user = "anna", .time = 5 * S, .n = 2, .change = c};
+    struct text t = {0};
+    (void)state;
+    assert_int_equal(writes_begin(writes, &write, &t), 0);
+    assert_string_equal(
+        shown(NULL),
+        "{\"key\":\"key-0001\",\"kind\":\"tuning\",\"user\":\"anna\",\"time\":5.000000,\"state\":"
+        "\"unknown\",\"stored\":null,\"reason\":null,\"changes\":[{\"ref\":\"tuning.1\",\"name\":\"x\","
+        "\"from\":0.2,\"to\":0.3,\"seq\":null},{\"ref\":\"manual.1\",\"name\":\"x\",\"from\":null,"
+        "\"to\":7,\"seq\":null}]}");
+    writes_end(writes, "key-0001", WRITE_ACCEPTED, 1, "", c, 0, &t);
+    assert_non_null(strstr(shown(NULL), "\"state\":\"accepted\",\"stored\":true,\"reason\":null"));
+    assert_non_null(strstr(shown(NULL), "\"to\":0.3,\"seq\":2}"));
+    assert_non_null(strstr(shown(NULL), "\"to\":7,\"seq\":1}"));
+    begin("key-0002", WRITE_MODE, c, 1);
+    writes_end(writes, "key-0002", WRITE_FAILED, 0, "no \"reason\"", c, 0, &t);
+    assert_non_null(strstr(shown("key-0002"), "\"kind\":\"mode\""));
+    assert_non_null(strstr(shown("key-0002"), "\"stored\":false,\"reason\":\"no \\\"reason\\\"\""));
+    assert_non_null(strstr(shown("key-0002"), "\"to\":0.3,\"seq\":null}"));
+    assert_non_null(strstr(shown(NULL), "]},{\"key\":\"key-0002\"")); /* the oldest first */
+    const size_t before = t.n;
+    writes_end(writes, "key-none", WRITE_FAILED, 0, "", c, 0, &t);
+    assert_int_equal(t.n, before);
+    text_free(&t);
+}
+
+/* The controller counts the rows of all that it takes, and no other's. */
+static void every_row_that_it_takes_counts(void **state)
+{
+    static const struct {
+        int which;
+        double more;
+    } cases[] = {{Z, 1}, {TARGET, 1}, {KP, 1}, {TAU_I, 1}, {MANUAL, 1}, {ACTUAL, 0}};
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char key[20];
+        told[0] = '\0';
+        snprintf(key, sizeof key, "key-%05zu", i);
+        struct write_change c = change_of(Z, 12);
+        begin(key, WRITE_SETPOINT, &c, 1);
+        end(key, WRITE_ACCEPTED, 1, &c);
+        land(Z, &c);
+        newest[cases[i].which].seq++;
+        taken += 1;
+        settle(S);
+        assert_string_equal(told, cases[i].more > 0 ? "accepted" : "accepted applied");
+        taken += cases[i].more;
+        settle(S);
+        assert_string_equal(told, "accepted applied");
+    }
+}
+
+static void a_mode_fails_where_there_is_none_and_not_where_another_was_asked_for_since(void **state)
+{
+    struct write_change c = change_of(TARGET, APC_MODE_MAN);
+    (void)state;
+    newest[ACTUAL].seq = 0;
+    begin("key-0001", WRITE_MODE, &c, 1);
+    end("key-0001", WRITE_ACCEPTED, 1, &c);
+    land(TARGET, &c);
+    taken++;
+    settle(S);
+    assert_string_equal(told, "accepted failed");
+    assert_non_null(strstr(shown("key-0001"), "\"stored\":true,\"reason\":\"the controller is in no mode\""));
+    newest[ACTUAL].seq = 10;
+    told[0] = '\0';
+    c = change_of(TARGET, APC_MODE_MAN);
+    begin("key-0002", WRITE_MODE, &c, 1);
+    end("key-0002", WRITE_ACCEPTED, 1, &c);
+    land(TARGET, &c);
+    newest[TARGET].seq++; /* somebody else has asked for Auto meanwhile, which it is */
+    taken += 2;
+    settle(S);
+    assert_string_equal(told, "accepted applied");
+}
+
+static void a_lost_answer_waits_for_its_own_row(void **state)
+{
+    struct write_change c = change_of(Z, 12), other = change_of(Z, 13);
+    (void)state;
+    begin("key-0001", WRITE_SETPOINT, &c, 1);
+    end("key-0001", WRITE_UNKNOWN, -1, &c);
+    other.after.seq = c.after.seq;
+    other.after.time = c.after.time; /* in the same microsecond, another value */
+    land(Z, &other);
+    settle(S);
+    assert_string_equal(told, "unknown failed");
+    assert_non_null(
+        strstr(shown("key-0001"), "\"stored\":false,\"reason\":\"it was not written: somebody else"));
+    told[0] = '\0';
+    c = change_of(Z, 11); /* and one below */
+    begin("key-0002", WRITE_SETPOINT, &c, 1);
+    end("key-0002", WRITE_UNKNOWN, -1, &c);
+    other = c;
+    other.after.value = 10;
+    land(Z, &other);
+    settle(S);
+    assert_string_equal(told, "unknown failed");
+    told[0] = '\0';
+    c = change_of(Z, 12);
+    begin("key-0003", WRITE_SETPOINT, &c, 1);
+    end("key-0003", WRITE_UNKNOWN, -1, &c);
+    land(Z, &c);
+    newest[Z].seq++; /* a row later than ours: what ours was cannot be seen any more */
+    settle(S);
+    assert_string_equal(told, "unknown");
+}
+
 static void keys_are_plain(void **state)
 {
     (void)state;
     assert_true(key_ok("abcDEF-_0123"));
     assert_false(key_ok("short"));
+    assert_false(key_ok("1234567"));
+    assert_true(key_ok("12345678"));
+    assert_true(key_ok("0123456789012345678901234567890123456789012345678901234567890123"));
+    assert_false(key_ok("01234567890123456789012345678901234567890123456789012345678901234"));
     assert_false(key_ok("has space"));
     assert_false(key_ok("quote\"quote"));
     assert_false(key_ok("0123456789012345678901234567890123456789012345678901234567890123x"));
@@ -284,6 +411,10 @@ int main(void)
         T(a_key_names_one_write),
         T(the_oldest_are_forgotten),
         T(keys_are_plain),
+        T(what_is_known_of_a_write_is_shown),
+        T(every_row_that_it_takes_counts),
+        T(a_mode_fails_where_there_is_none_and_not_where_another_was_asked_for_since),
+        T(a_lost_answer_waits_for_its_own_row),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
