@@ -263,6 +263,11 @@ static void pairs_are_made_at_will(void **state)
         assert_non_null(strstr(why.text, "an outer and an inner measurement and a setpoint for each output"));
     }
     assert_int_equal(configure(&r, (struct apc_dim){3, 2, 2}, NULL, 0, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "\"inner\" of output 2 would be 4, but there are 3"));
+    assert_int_equal(configure(&r, (struct apc_dim){2, 2, 2}, NULL, 0, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "\"inner\" of output 1 would be 3, but there are 2"));
+    assert_int_equal(configure(&r, (struct apc_dim){4, 1, 2}, NULL, 0, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "\"setpoint\" of output 2 would be 2, but there are 1"));
 }
 
 int main(void)

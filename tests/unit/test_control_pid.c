@@ -739,6 +739,15 @@ static void a_pairing_that_does_not_exist_is_refused(void **state)
     }
     assert_int_equal(configure(&r, (struct apc_dim){1, 1, 2}, NULL, 0, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "output 2"));
+    for (int output = 0; output < 2;
+         output++) { /* there is such a measurement, but no setpoint of its number */
+        const double second[] = {output ? 1.0 : 2.0, output ? 2.0 : 1.0};
+        const struct apc_setting setting = {"measurement", 2, second};
+
+        assert_int_equal(configure(&r, (struct apc_dim){2, 1, 2}, &setting, 1, &why), APC_EINVAL);
+        assert_non_null(strstr(why.text, output ? "output 2 would control measurement 2 to setpoint 2"
+                                                : "output 1 would control measurement 2 to setpoint 2"));
+    }
 }
 
 int main(void)

@@ -173,14 +173,54 @@ static void next_to_where_a_model_is_not_defined_steps_get_shorter(void **state)
 
 static void the_model_sees_the_plants_own_time(void **state)
 {
-    struct apc_plant *plant = make(&clocked, NULL, NULL);
+    static const char *const integrators[] = {"cvode", "adams", "rk4"};
     const double u = 0.0;
 
     (void)state;
-    for (int k = 1; k <= 50; k++) {
-        assert_int_equal(apc_plant_advance(plant, 0.37, &u), 0);
-        assert_near(apc_plant_state(plant)[0], sin(0.37 * k), 1e-6);
+    for (size_t n = 0; n < 3; n++) {
+        const struct apc_plant_options o = {.size = sizeof(o), .integrator = integrators[n]};
+        struct apc_plant *plant = NULL;
+
+        assert_int_equal(apc_plant_create(&plant, &clocked, NULL, NULL, &o, NULL), 0);
+        for (int k = 1; k <= 50; k++) {
+            assert_int_equal(apc_plant_advance(plant, 0.37, &u), 0);
+            assert_near(apc_plant_state(plant)[0], sin(0.37 * k), 1e-6);
+        }
+        apc_plant_destroy(plant);
     }
+}
+
+/* Each state by its number where it has no name; of very many as many as there is room for. */
+static int hopeless_f(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    (void)t, (void)x, (void)u, (void)p, (void)dx;
+    return 1;
+}
+
+static void a_failure_names_every_state_that_there_is_room_for(void **state)
+{
+    struct apc_model m = {
+        .abi = APC_MODEL_ABI, .name = "many", .nx = 3, .nu = 2, .ny = 1, .f = hopeless_f, .g = first_g};
+    const double x0[1000] = {1.5, -2.5, 3.5}, u[] = {0.0, (double)NAN};
+    const struct apc_plant_options o = {.size = sizeof(o), .integrator = "rk4"};
+    struct apc_plant *plant = NULL;
+
+    (void)state;
+    assert_int_equal(apc_plant_create(&plant, &m, NULL, x0, &o, NULL), 0);
+    assert_int_equal(apc_plant_advance(plant, 1.0, x0), APC_ESOLVER);
+    assert_non_null(strstr(apc_plant_error(plant), "many at t = 0 s, x1 = 1.5, x2 = -2.5, x3 = 3.5: "));
+    assert_int_equal(apc_plant_advance(plant, 1.0, u), APC_ESOLVER);
+    assert_non_null(strstr(apc_plant_error(plant), "input 2 is not a finite number"));
+    assert_int_equal(apc_plant_kick(plant, 3, 1.0), APC_EINVAL);
+    assert_non_null(strstr(apc_plant_error(plant), "state 4 of 3 cannot be moved by 1"));
+    assert_int_equal(apc_plant_disturb(plant, 0, 1.0), APC_EINVAL);
+    assert_non_null(strstr(apc_plant_error(plant), "disturbance 1 of 0 cannot be 1"));
+    apc_plant_destroy(plant);
+    m.nx = 1000;
+    assert_int_equal(apc_plant_create(&plant, &m, NULL, x0, &o, NULL), 0);
+    assert_int_equal(apc_plant_advance(plant, 1.0, x0), APC_ESOLVER);
+    assert_non_null(strstr(apc_plant_error(plant), "x3 = 3.5, x4 = 0, "));
+    assert_null(strstr(apc_plant_error(plant), "x999"));
     apc_plant_destroy(plant);
 }
 
@@ -344,6 +384,7 @@ int main(void)
         cmocka_unit_test(a_stiff_reactor_is_solved_with_few_evaluations),
         cmocka_unit_test(next_to_where_a_model_is_not_defined_steps_get_shorter),
         cmocka_unit_test(the_model_sees_the_plants_own_time),
+        cmocka_unit_test(a_failure_names_every_state_that_there_is_room_for),
         cmocka_unit_test(a_failure_leaves_the_state_as_it_was_and_says_why),
         cmocka_unit_test(after_a_failure_it_goes_on),
         cmocka_unit_test(a_solver_in_trouble_prints_nothing),

@@ -240,6 +240,31 @@ static void an_output_that_is_no_number_is_named(void **state)
     assert_non_null(strstr(why.text, "odd: output 3 is not a finite number"));
 }
 
+static int half_f(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    (void)t, (void)u, (void)p;
+    dx[0] = -x[0];
+    dx[1] = (double)INFINITY;
+    return x[0] > 1.0;
+}
+
+static void a_derivative_that_is_no_number_is_named(void **state)
+{
+    const struct apc_model m = {
+        .abi = APC_MODEL_ABI, .name = "half", .nx = 2, .nu = 1, .ny = 1, .f = half_f, .g = copy_g};
+    const double beyond[] = {2.0, 0.0}, u[] = {(double)NAN};
+    double A[4];
+    struct apc_error why = {""};
+
+    (void)state;
+    assert_int_equal(apc_model_linearize(&m, NULL, NULL, NULL, A, NULL, NULL, NULL, &why), APC_ESOLVER);
+    assert_non_null(strstr(why.text, "half: the derivative of state 2 is not a finite number"));
+    assert_int_equal(apc_model_linearize(&m, NULL, beyond, NULL, A, NULL, NULL, NULL, &why), APC_ESOLVER);
+    assert_non_null(strstr(why.text, "half: the model is not defined there"));
+    assert_int_equal(apc_model_linearize(&m, NULL, u, NULL, A, NULL, NULL, NULL, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "half: state 1 is not a finite number"));
+}
+
 static void what_has_no_steady_state_or_no_derivative_is_said_so(void **state)
 {
     struct apc_model m = {
@@ -273,6 +298,7 @@ int main(void)
         cmocka_unit_test(equations_in_any_order_are_solved),
         cmocka_unit_test(every_derivative_is_taken_at_the_point),
         cmocka_unit_test(an_output_that_is_no_number_is_named),
+        cmocka_unit_test(a_derivative_that_is_no_number_is_named),
         cmocka_unit_test(what_has_no_steady_state_or_no_derivative_is_said_so),
     };
 
