@@ -1100,6 +1100,79 @@ static void the_signature_is_a_whole_number_that_a_double_holds_exactly(void **s
     assert_near(find(r, APC_STATE, 0)->value, signature, 0.0);
 }
 
+/* FNV-1a; a number as eight bytes, the lowest first. */
+static uint32_t marked(uint32_t mark, const void *data, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        mark ^= ((const unsigned char *)data)[i];
+        mark *= 16777619u;
+    }
+    return mark;
+}
+
+static uint32_t marked_number(uint32_t mark, uint64_t number)
+{
+    for (int i = 0; i < 8; i++) {
+        const unsigned char byte = (unsigned char)(number >> (8 * i) & 0xff);
+
+        mark = marked(mark, &byte, 1);
+    }
+    return mark;
+}
+
+/*
+ * What is stored is known again by another build of the same version, and by no other: the mark is of the
+ * dimensions, 21 bits, then the law's name, its number of states, the version, that it is built in, and what
+ * it was configured with.
+ */
+static void the_signature_is_of_dimensions_law_version_and_configuration(void **state)
+{
+    static const struct {
+        const struct apc_law *law;
+        struct apc_dim dim;
+        size_t states, constants;
+    } of[] = {
+        {&apc_law_pi, {1, 1, 1}, 1, 0}, {&apc_law_pid, {2, 1, 1}, 6, 3}, {&apc_law_pid, {1, 2, 1}, 6, 3}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(of) / sizeof(of[0]); i++) {
+        const double constants[] = {1.0, 1.0, 0.0}; /* measurement, setpoint, no disturbance */
+        uint32_t dim = marked_number(2166136261u, of[i].dim.ny), law = 2166136261u;
+        struct apc_sample in[20], out[40];
+        struct rig r;
+        int n;
+
+        dim = marked_number(marked_number(dim, of[i].dim.nz), of[i].dim.nu);
+        law = marked(law, of[i].law->name, strlen(of[i].law->name));
+        law = marked_number(law, of[i].states);
+        law = marked(law, apc_version(), strlen(apc_version()));
+        law = marked_number(law, 0);
+        for (size_t k = 0; k < of[i].constants; k++) {
+            uint64_t bits;
+
+            memcpy(&bits, &constants[k], sizeof(bits));
+            law = marked_number(law, bits);
+        }
+        make_sized(&r, of[i].law, of[i].dim);
+        assert_in_range(apc_controller_size(r.controller).in, 1, 20);
+        assert_in_range(apc_controller_size(r.controller).out, 1, 40);
+        apc_controller_inputs(r.controller, in);
+        for (size_t k = 0; k < of[i].dim.ny + of[i].dim.nz + 1; k++) {
+            in[k].seq = 1;
+            in[k].time = T0 + S;
+            in[k].status = APC_GOOD;
+            in[k].value = 1.0; /* the mode: Auto */
+        }
+        n = apc_controller_compute(r.controller, (struct apc_now){.mono = S, .utc = T0 + S}, in, out,
+                                   &r.notice);
+        assert_in_range(n, 3, 40);
+        assert_int_equal(out[1].table, APC_STATE);
+        assert_int_equal(out[1].id, 0);
+        assert_near(out[1].value, (double)(dim >> 11) * 4294967296.0 + law, 0.0);
+        apc_controller_destroy(r.controller);
+    }
+}
+
 static void a_restart_while_the_measurement_is_lost_holds_the_old_output(void **state)
 {
     struct rig *r = *state;
@@ -1311,6 +1384,7 @@ int main(void)
         T(with_other_dimensions_it_starts_anew),
         T(a_state_left_by_a_law_before_the_last_one_is_not_taken),
         T(the_signature_is_a_whole_number_that_a_double_holds_exactly),
+        cmocka_unit_test(the_signature_is_of_dimensions_law_version_and_configuration),
         T(a_restart_while_the_measurement_is_lost_holds_the_old_output),
         cmocka_unit_test(a_law_that_gives_no_finite_number_is_held_and_begins_anew),
         cmocka_unit_test(a_controller_that_could_not_work_is_refused),
