@@ -141,47 +141,47 @@ static void a_parameter_of_which_nothing_is_said_has_its_initial_value_and_limit
     static const struct apc_law *const laws[] = {&apc_law_pi, &apc_law_pid, &apc_law_cascade, &apc_law_lqg};
     static const char *const tables[] = {
         "Kp 0.2 (-1000000 to 1000000)\n"
-        "tau_i 10 (1e-06 to 1e+09)\n"
-        "u_bar 0 (-1e+09 to 1e+09)\n"
-        "u_min -1e+09 (-1e+09 to 1e+09)\n"
-        "u_max 1e+09 (-1e+09 to 1e+09)\n",
+        "tau_i 10 (1e-06 to 1000000000)\n"
+        "u_bar 0 (-1000000000 to 1000000000)\n"
+        "u_min -1000000000 (-1000000000 to 1000000000)\n"
+        "u_max 1000000000 (-1000000000 to 1000000000)\n",
         "Kp 1 (-1000000 to 1000000)\n"
-        "tau_i 10 (0 to 1e+09)\n"
-        "tau_d 0 (0 to 1e+09)\n"
+        "tau_i 10 (0 to 1000000000)\n"
+        "tau_d 0 (0 to 1000000000)\n"
         "N 10 (1 to 1000000)\n"
         "b 1 (0 to 10)\n"
         "c 0 (0 to 10)\n"
-        "tau_t 0 (0 to 1e+09)\n"
-        "u_bar 0 (-1e+09 to 1e+09)\n"
-        "u_min -1e+09 (-1e+09 to 1e+09)\n"
-        "u_max 1e+09 (-1e+09 to 1e+09)\n"
-        "du_max 0 (0 to 1e+09)\n"
+        "tau_t 0 (0 to 1000000000)\n"
+        "u_bar 0 (-1000000000 to 1000000000)\n"
+        "u_min -1000000000 (-1000000000 to 1000000000)\n"
+        "u_max 1000000000 (-1000000000 to 1000000000)\n"
+        "du_max 0 (0 to 1000000000)\n"
         "Kff 0 (-1000000 to 1000000)\n",
         "outer_Kp 1 (-1000000 to 1000000)\n"
-        "outer_tau_i 10 (0 to 1e+09)\n"
-        "outer_tau_d 0 (0 to 1e+09)\n"
+        "outer_tau_i 10 (0 to 1000000000)\n"
+        "outer_tau_d 0 (0 to 1000000000)\n"
         "outer_N 10 (1 to 1000000)\n"
         "outer_b 1 (0 to 10)\n"
         "outer_c 0 (0 to 10)\n"
-        "outer_tau_t 0 (0 to 1e+09)\n"
-        "outer_u_bar 0 (-1e+09 to 1e+09)\n"
-        "outer_u_min -1e+09 (-1e+09 to 1e+09)\n"
-        "outer_u_max 1e+09 (-1e+09 to 1e+09)\n"
-        "outer_du_max 0 (0 to 1e+09)\n"
+        "outer_tau_t 0 (0 to 1000000000)\n"
+        "outer_u_bar 0 (-1000000000 to 1000000000)\n"
+        "outer_u_min -1000000000 (-1000000000 to 1000000000)\n"
+        "outer_u_max 1000000000 (-1000000000 to 1000000000)\n"
+        "outer_du_max 0 (0 to 1000000000)\n"
         "inner_Kp 1 (-1000000 to 1000000)\n"
-        "inner_tau_i 10 (0 to 1e+09)\n"
-        "inner_tau_d 0 (0 to 1e+09)\n"
+        "inner_tau_i 10 (0 to 1000000000)\n"
+        "inner_tau_d 0 (0 to 1000000000)\n"
         "inner_N 10 (1 to 1000000)\n"
         "inner_b 1 (0 to 10)\n"
         "inner_c 0 (0 to 10)\n"
-        "inner_tau_t 0 (0 to 1e+09)\n"
-        "inner_u_bar 0 (-1e+09 to 1e+09)\n"
-        "inner_u_min -1e+09 (-1e+09 to 1e+09)\n"
-        "inner_u_max 1e+09 (-1e+09 to 1e+09)\n"
-        "inner_du_max 0 (0 to 1e+09)\n",
-        "u_min -1e+09 (-1e+09 to 1e+09)\n"
-        "u_max 1e+09 (-1e+09 to 1e+09)\n"
-        "tau_b 10 (0 to 1e+09)\n",
+        "inner_tau_t 0 (0 to 1000000000)\n"
+        "inner_u_bar 0 (-1000000000 to 1000000000)\n"
+        "inner_u_min -1000000000 (-1000000000 to 1000000000)\n"
+        "inner_u_max 1000000000 (-1000000000 to 1000000000)\n"
+        "inner_du_max 0 (0 to 1000000000)\n",
+        "u_min -1000000000 (-1000000000 to 1000000000)\n"
+        "u_max 1000000000 (-1000000000 to 1000000000)\n"
+        "tau_b 10 (0 to 1000000000)\n",
     };
 
     (void)state;
@@ -192,7 +192,7 @@ static void a_parameter_of_which_nothing_is_said_has_its_initial_value_and_limit
         for (size_t k = 0; k < laws[i]->n_tuning && used < sizeof(text); k++) {
             const struct apc_param *p = &laws[i]->tuning[k];
 
-            used += (size_t)snprintf(text + used, sizeof(text) - used, "%s %.9g (%.9g to %.9g)\n", p->name,
+            used += (size_t)snprintf(text + used, sizeof(text) - used, "%s %.15g (%.15g to %.15g)\n", p->name,
                                      p->initial, p->low, p->high);
         }
         assert_in_range(used, 1, sizeof(text) - 1);

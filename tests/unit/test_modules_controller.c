@@ -644,6 +644,9 @@ static void without_any_measurement_yet_nothing_goes_out_until_the_fault_value(v
     assert_near(tick(r)->value, FAULT, 0.0);
     assert_int_equal(r->notice.kind, APC_NOTICE_FAULT);
     assert_int_equal(find(r, APC_STATE, 1)->seq, 0); /* nothing that a restart could go on from */
+    assert_int_equal(r->n, 2);                       /* the output and the mode */
+    tick(r);
+    assert_int_equal(r->n, 1);
 }
 
 static void a_clock_step_of_an_hour_changes_nothing(void **state)

@@ -228,7 +228,7 @@ static void reactions_are_not_defined_at_absolute_zero_and_below(void **state)
 /* Experiments rest on them: what one does that leaves a value out must not change with a new version. */
 static const char *const tables[N_MODELS] = {
     "K 10 (-1000000 to 1000000)\n"
-    "tau 10 (1e-06 to 1e+09)\n"
+    "tau 10 (1e-06 to 1000000000)\n"
     "x 0 (-1e+300 to 1e+300)\n"
     "u 0 (-10 to 10)\n",
     "K 1000 (-1000000 to 1000000)\n"
@@ -311,27 +311,27 @@ static const char *const tables[N_MODELS] = {
     "rho 1 (1e-06 to 1000)\n"
     "g1 0.6 (0 to 1)\n"
     "g2 0.7 (0 to 1)\n"
-    "m1 17612.0124 (0 to 1e+09)\n"
-    "m2 29640.6695 (0 to 1e+09)\n"
-    "m3 4644.2195 (0 to 1e+09)\n"
-    "m4 9378.4931 (0 to 1e+09)\n"
+    "m1 17612.0124 (0 to 1000000000)\n"
+    "m2 29640.6695 (0 to 1000000000)\n"
+    "m3 4644.2195 (0 to 1000000000)\n"
+    "m4 9378.4931 (0 to 1000000000)\n"
     "F1 300 (0 to 500)\n"
     "F2 300 (0 to 500)\n"
     "F3 100 (0 to 500)\n"
     "F4 150 (0 to 500)\n",
-    "k0 1.287e+12 (0 to 1e+20)\n"
+    "k0 1287000000000 (0 to 1e+20)\n"
     "E1 9758.3 (0 to 1000000)\n"
-    "k03 9.043e+09 (0 to 1e+20)\n"
+    "k03 9043000000 (0 to 1e+20)\n"
     "E3 8560 (0 to 1000000)\n"
     "dH1 4.2 (-10000 to 10000)\n"
     "dH2 -11 (-10000 to 10000)\n"
     "dH3 -41.85 (-10000 to 10000)\n"
     "rho 0.9342 (1e-06 to 1000)\n"
     "Cp 3.01 (1e-06 to 1000)\n"
-    "Kw 4032 (0 to 1e+09)\n"
+    "Kw 4032 (0 to 1000000000)\n"
     "AR 0.215 (0 to 1000000)\n"
-    "VR 10.01 (1e-06 to 1e+09)\n"
-    "mK 5 (1e-06 to 1e+09)\n"
+    "VR 10.01 (1e-06 to 1000000000)\n"
+    "mK 5 (1e-06 to 1000000000)\n"
     "CpK 2 (1e-06 to 1000)\n"
     "cA 2.14 (0 to 1000)\n"
     "cB 1.0903 (0 to 1000)\n"
@@ -344,7 +344,7 @@ static const char *const tables[N_MODELS] = {
     "ln_k0 24.6 (-100 to 100)\n"
     "E 8500 (0 to 1000000)\n"
     "beta 133.779 (-1000000 to 1000000)\n"
-    "V 0.105 (1e-09 to 1e+09)\n"
+    "V 0.105 (1e-09 to 1000000000)\n"
     "cA 0.8 (0 to 1000)\n"
     "cB 1.2 (0 to 1000)\n"
     "T 0.5 (-273.15 to 10000)\n"
@@ -368,7 +368,7 @@ static size_t describe(char *to, size_t size, const struct apc_param *table, siz
     size_t used = 0;
 
     for (size_t i = 0; i < n && used < size; i++)
-        used += (size_t)snprintf(to + used, size - used, "%s %.9g (%.9g to %.9g)\n", table[i].name,
+        used += (size_t)snprintf(to + used, size - used, "%s %.15g (%.15g to %.15g)\n", table[i].name,
                                  table[i].initial, table[i].low, table[i].high);
     return used;
 }
@@ -386,6 +386,11 @@ static void a_variable_of_which_nothing_is_said_has_its_initial_value_and_range(
         used += describe(text + used, sizeof(text) - used, m->disturbance, m->nd);
         assert_in_range(used, 1, sizeof(text) - 1);
         assert_string_equal(text, tables[k]);
+        for (size_t i = 0; i < m->ny; i++) { /* an output has neither */
+            const struct apc_param *y = &m->output[i];
+
+            assert_true(y->name[0] && y->initial == 0.0 && y->low == 0.0 && y->high == 0.0);
+        }
     }
 }
 
