@@ -729,7 +729,7 @@ void server_stop(struct ui *ui)
     pool_stop(&s->writers);
     pool_stop(&s->readers);
     stream_end(ui->stream, "shutdown", "the server is being stopped");
-    for (int i = 0; i < 20 && s->daemon; i++) { /* let the streams read it */
+    for (int i = 0; i < 50 && s->daemon; i++) { /* let the streams read it */
         struct stream_stats stats;
         stream_stats(ui->stream, &stats);
         if (stats.readers == 0)

@@ -684,14 +684,19 @@ static void an_open_servers_streams_end_when_users_are_made(void **state)
 
 static void a_server_that_stops_says_so(void **state)
 {
+    struct http_stream *streams[STREAM_SHARE];
     (void)state;
-    struct http_stream *stream = client_stream(&anna, NULL);
-    json_decref(next_event(stream, "state", NULL));
+    for (int i = 0; i < STREAM_SHARE; i++) {
+        streams[i] = client_stream(&anna, NULL);
+        json_decref(next_event(streams[i], "state", NULL));
+    }
     server_stop(ui);
-    json_t *bye = next_event(stream, "bye", NULL);
-    assert_string_equal(text_of(bye, "reason"), "shutdown");
-    json_decref(bye);
-    http_stream_close(stream);
+    for (int i = 0; i < STREAM_SHARE; i++) {
+        json_t *bye = next_event(streams[i], "bye", NULL);
+        assert_string_equal(text_of(bye, "reason"), "shutdown");
+        json_decref(bye);
+        http_stream_close(streams[i]);
+    }
     assert_null(ui->server);
     server_stop(ui); /* twice is once */
 }

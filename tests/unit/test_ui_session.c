@@ -157,6 +157,86 @@ static void a_token_is_known_by_its_secret_only(void **state)
     users_free(&tokens);
 }
 
+static void the_longest_and_the_shortest_that_may_be_are_taken(void **state)
+{
+    char name[USER_NAME_LEN], password[PASSWORD_MAX + 1];
+    struct users users;
+    struct apc_error why;
+    (void)state;
+    memset(name, 'n', sizeof name - 1);
+    name[sizeof name - 1] = '\0';
+    memset(password, 'p', sizeof password - 1);
+    password[sizeof password - 1] = '\0';
+    assert_int_equal(users_add(path, name, ROLE_NONE, password, &why), 0);
+    password[PASSWORD_MIN] = '\0';
+    assert_int_equal(users_add(path, "a", ROLE_OPERATOR, password, &why), 0);
+    assert_int_equal(users_add(path, "a", ROLE_NONE, "another one", &why), 0); /* takes no role away */
+    assert_int_equal(users_load(&users, path, &why), 0);
+    assert_int_equal(users.n, 2);
+    assert_int_equal(users_find(&users, name)->role, ROLE_OBSERVER);
+    assert_int_equal(users_find(&users, "a")->role, ROLE_OPERATOR);
+    assert_true(user_verify(users_find(&users, "a"), "another one"));
+    password[PASSWORD_MIN] = 'p';
+    assert_true(user_verify(users_find(&users, name), password));
+    users_free(&users);
+    assert_true(!users.user && users.n == 0);
+}
+
+static void what_is_no_file_is_said_and_stays(void **state)
+{
+    struct users users;
+    struct apc_error why;
+    (void)state;
+    assert_int_equal(users_load(&users, folder, &why), APC_EPROTO);
+    assert_non_null(strstr(why.text, "is no file"));
+    assert_int_equal(users_add(folder, "anna", ROLE_OBSERVER, "password", &why), APC_EPROTO);
+    write_file("nonsense\n", 0600);
+    assert_int_equal(users_add(path, "anna", ROLE_OBSERVER, "password", &why), APC_EPROTO);
+    assert_int_equal(users_remove(path, "anna", &why), APC_EPROTO);
+    char under[160];
+    snprintf(under, sizeof under, "%s/below/users", path); /* a file is no folder */
+    assert_int_equal(users_add(under, "anna", ROLE_OBSERVER, "password", &why), APC_ESYS);
+}
+
+static void the_file_is_the_one_given_or_at_home(void **state)
+{
+    char file[4096];
+    (void)state;
+    setenv("APC_USERS", "/b/users", 1);
+    setenv("HOME", "/home/anna", 1);
+    assert_string_equal(users_path("/a/users", file), "/a/users");
+    assert_string_equal(users_path(NULL, file), "/b/users");
+    setenv("APC_USERS", "", 1);
+    assert_string_equal(users_path(NULL, file), "/home/anna/.config/apc/users");
+    unsetenv("APC_USERS");
+    assert_string_equal(users_path(NULL, file), "/home/anna/.config/apc/users");
+    setenv("HOME", "", 1);
+    assert_null(users_path(NULL, file));
+    unsetenv("HOME");
+    assert_null(users_path(NULL, file));
+    assert_string_equal(role_name(ROLE_OPERATOR), "operator");
+    assert_string_equal(role_name(ROLE_OBSERVER), "observer");
+    assert_string_equal(role_name(ROLE_NONE), "");
+    assert_int_equal(role_parse("observer"), ROLE_OBSERVER);
+    assert_int_equal(role_parse("operator"), ROLE_OPERATOR);
+    assert_int_equal(role_parse(""), ROLE_NONE);
+}
+
+static void secrets_are_compared_whole_and_random(void **state)
+{
+    char text[129], other[129];
+    (void)state;
+    assert_true(text_same("", "") && text_same("abc", "abc"));
+    assert_false(text_same("abc", "abd") || text_same("xbc", "abc") || text_same("abc", "ab") ||
+                 text_same("", "a"));
+    assert_int_equal(random_text(text, 64), 0);
+    assert_int_equal(random_text(other, 64), 0);
+    assert_int_equal(strspn(text, "0123456789abcdef"), 128);
+    assert_int_equal(strlen(text), 128);
+    assert_string_not_equal(text, other);
+    assert_int_equal(random_text(text, 65), APC_ESYS);
+}
+
 static void a_device_is_of_one_user_and_one_password(void **state)
 {
     struct user one = {.name = "anna", .hash = "$argon2id$1"},
@@ -383,6 +463,10 @@ int main(void)
         F(a_line_that_is_none_is_an_error_with_its_number),
         F(a_token_is_known_by_its_secret_only),
         cmocka_unit_test(a_device_is_of_one_user_and_one_password),
+        F(the_longest_and_the_shortest_that_may_be_are_taken),
+        F(what_is_no_file_is_said_and_stays),
+        cmocka_unit_test(the_file_is_the_one_given_or_at_home),
+        cmocka_unit_test(secrets_are_compared_whole_and_random),
         T(a_session_is_found_by_its_token_only),
         T(it_ends_without_use_and_at_last_in_any_case),
         T(the_one_unused_for_longest_makes_room),
