@@ -37,14 +37,15 @@ static bool may_share(const struct apc_tag *a, const struct apc_tag *b)
 static void warn_names(const struct cli *cli, const struct experiment *e)
 {
     size_t n = 0;
-    struct apc_tag *tag = provision_tags(e, &n);
-    for (size_t i = 0; tag && i < n; i++)
-        for (size_t j = 0; j < n; j++)
-            if ((tag[i].table < tag[j].table || (tag[i].table == tag[j].table && i < j)) &&
-                !strcmp(tag[i].name, tag[j].name) && !may_share(&tag[i], &tag[j]))
-                cli_error(cli, 0, "warning: \"%s\" names two things: call them %s.%d and %s.%d", tag[i].name,
-                          apc_table_name(tag[i].table), tag[i].id, apc_table_name(tag[j].table), tag[j].id);
-    free(tag);
+    struct apc_tag *tags = provision_tags(e, &n);
+    for (size_t k = 0; tags && k < n * n; k++) {
+        const struct apc_tag *a = &tags[k / n], *b = &tags[k % n];
+        bool before = a->table < b->table || (a->table == b->table && a < b); /* each pair once */
+        if (before && !strcmp(a->name, b->name) && !may_share(a, b))
+            cli_error(cli, 0, "warning: \"%s\" names two things: call them %s.%d and %s.%d", a->name,
+                      apc_table_name(a->table), a->id, apc_table_name(b->table), b->id);
+    }
+    free(tags);
 }
 
 void warn(const struct cli *cli, const struct experiment *e)
