@@ -13,6 +13,7 @@
 
 #include "common/experiment.h"
 #include "common/nearest.h"
+#include "common/record.h"
 
 static char dir[] = "/tmp/apc-experiment.XXXXXX";
 static char path[64];
@@ -437,6 +438,442 @@ static void the_nearest_name_is_one_that_is_alike(void **state)
     }
 }
 
+/* ---- Of a plant and its sensors ----------------------------------------------------------- */
+
+static void all_of_a_plant_and_its_sensors_is_loaded(void **state)
+{
+    struct experiment e;
+    struct apc_error why;
+    (void)state;
+    if (load(
+            &e, 5,
+            "plant = { model = \"quadruple-tank\"; period = 0.5; parameters = { A1 = 30.0; };\n"
+            "x0 = [1.0, 2.0, 3.0, 4.0]; integrator = \"rk4\"; rtol = 1e-7; atol = 1e-9; steps = 4; dead_time "
+            "= 0.25;\n"
+            "noise = { h2 = 0.5; h4 = 0.25; }; phase = 0.125; overrun = \"stop\";\n"
+            "disturbances = ( { name = \"d3\"; at = 20.0; value = 0.5; }, { name = \"d4\"; at = 10.0; value "
+            "= 0.25; },\n"
+            "  { name = \"d3\"; at = 20.0; value = 0.0; }, { name = \"d3\"; at = 5.0; value = 1.0; } ); };",
+            &why) < 0)
+        fail_msg("%s", why.text);
+    for (size_t i = 0; i < e.plant.model->np; i++)
+        assert_same(e.plant.p[i],
+                    strcmp(e.plant.model->param[i].name, "A1") ? e.plant.model->param[i].initial : 30);
+    for (int i = 0; i < 4; i++)
+        assert_same(e.plant.x0[i], i + 1);
+    assert_string_equal(e.plant.integrator, "rk4");
+    assert_same(e.plant.options.rtol, 1e-7);
+    assert_same(e.plant.options.atol, 1e-9);
+    assert_int_equal(e.plant.options.steps, 4);
+    assert_same(e.plant.options.dead_time, 0.25);
+    assert_int_equal(e.plant.options.size, sizeof e.plant.options);
+    assert_same(e.plant.noise[0], 0);
+    assert_same(e.plant.noise[1], 0.5);
+    assert_same(e.plant.noise[2], 0);
+    assert_same(e.plant.noise[3], 0.25);
+    assert_int_equal(e.plant.rhythm.phase, 125 * APC_NS_PER_MS);
+    assert_int_equal(e.plant.rhythm.overrun, APC_OVERRUN_STOP);
+    /* by time; at one time as they stand there */
+    static const struct {
+        const char *name;
+        double at, value;
+    } wanted[] = {{"d3", 5, 1}, {"d4", 10, 0.25}, {"d3", 20, 0.5}, {"d3", 20, 0}};
+    assert_int_equal(e.plant.n_disturbances, 4);
+    for (size_t i = 0; i < 4; i++) {
+        const struct apc_disturbance *is = &e.plant.disturbance[i];
+        assert_string_equal(e.plant.model->disturbance[is->k].name, wanted[i].name);
+        assert_same(apc_ns_to_s(is->at), wanted[i].at);
+        assert_same(is->value, wanted[i].value);
+    }
+    experiment_free(&e);
+    if (load(&e, 2,
+             "measurements = ( { name = \"y1\"; noise = 0.5; faults = ( { kind = \"stuck\"; at = 1.0; },\n"
+             "{ kind = \"drift\"; at = 2.0; duration = 3.0; size = -0.5; } ); }, { name = \"y2\"; quantum = "
+             "0.25;\n"
+             "faults = ( { kind = \"dropout\"; at = 0.0; }, { kind = \"spike\"; at = 4.0; size = 7.0; } ); } "
+             ");",
+             &why) < 0)
+        fail_msg("%s", why.text);
+    assert_same(e.sensor[0].noise, 0.5);
+    assert_same(e.sensor[0].quantum, 0);
+    assert_same(e.sensor[1].quantum, 0.25);
+    assert_int_equal(e.sensor[0].n_faults, 2);
+    assert_int_equal(e.sensor[1].n_faults, 2);
+    assert_int_equal(e.sensor[0].fault[0].kind, APC_FAULT_STUCK);
+    assert_int_equal(e.sensor[0].fault[0].at, APC_NS_PER_S);
+    assert_int_equal(e.sensor[0].fault[0].duration, 0);
+    assert_int_equal(e.sensor[0].fault[1].kind, APC_FAULT_DRIFT);
+    assert_int_equal(e.sensor[0].fault[1].duration, 3 * APC_NS_PER_S);
+    assert_same(e.sensor[0].fault[1].size, -0.5);
+    assert_int_equal(e.sensor[1].fault[0].kind, APC_FAULT_DROPOUT);
+    assert_int_equal(e.sensor[1].fault[1].kind, APC_FAULT_SPIKE);
+    assert_same(e.sensor[1].fault[1].size, 7);
+    experiment_free(&e);
+    if (load(&e, 4,
+             "outputs = ( { name = \"u1\"; low = 1.0; high = 9.0; safe = 3.0; initial = 4.0; }, { name = "
+             "\"u2\"; low = -9.0; high = -1.0; initial = -2.0; description = \"it\"; } );",
+             &why) < 0)
+        fail_msg("%s", why.text);
+    assert_same(e.u[0].fault, 3); /* the safe one */
+    assert_same(e.u[0].initial, 4);
+    assert_same(e.u[1].initial, -2);
+    assert_same(e.u[1].safe, -1);
+    assert_string_equal(e.u[1].tag.description, "it");
+    experiment_free(&e);
+}
+
+/* ---- Steps of rk4 ------------------------------------------------------------------------- */
+
+static void steps_of_rk4_that_are_too_long_are_told_of(void **state)
+{
+    static const struct {
+        const char *how;
+        const char *reason; /* NULL: short enough */
+    } of[] = {
+        {"period = 27.5; integrator = \"rk4\"; steps = 1;", NULL}, /* 2.75 of pole times step */
+        {"period = 28.5; integrator = \"rk4\"; steps = 1;",
+         "steps of 28.5 s of rk4 are too long for a pole of 0.1/s: what should decay grows; plant.steps = 3 "
+         "would do"},
+        {"period = 55.0; integrator = \"rk4\"; steps = 2;", NULL},
+        {"period = 100.0; integrator = \"rk4\"; steps = 2;", "steps of 50 s of rk4 are too long"},
+        {"period = 275.0; integrator = \"rk4\";", NULL}, /* ten steps where the file says none */
+        {"period = 285.0; integrator = \"rk4\";", "plant.steps = 29 would do"},
+        {"period = 285.0;", NULL},
+    };
+    char text[900];
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        struct experiment e;
+        struct apc_error why;
+        FILE *out = fopen(path, "w");
+        assert_non_null(out);
+        snprintf(text, sizeof text,
+                 "name = \"one\"; measurements = ( { name = \"y\"; } ); setpoints = ( { name = \"r\"; } );\n"
+                 "outputs = ( { name = \"u\"; } ); plant = { model = \"first-order\"; %s };\n"
+                 "client = { period = 5.0; }; controller = { law = \"pi\"; period = 5.0; };\n"
+                 "scheduler = { period = 5.0; sequence = ( [0.0] ); };\n",
+                 of[i].how);
+        fputs(text, out);
+        fclose(out);
+        if (experiment_load(&e, path, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0)
+            fail_msg("%s", why.text);
+        int rc = experiment_check_steps(&e, &why);
+        if (rc != (of[i].reason ? APC_ERANGE : 0))
+            fail_msg("%s: %d", of[i].how, rc);
+        if (of[i].reason && !strstr(why.text, of[i].reason))
+            fail_msg("%s: said \"%s\"", of[i].how, why.text);
+        experiment_free(&e);
+    }
+}
+
+/* ---- Of a law ----------------------------------------------------------------------------- */
+
+#define LQG                                                                                                  \
+    "controller = { law = \"lqg\"; period = 2.0; operating_point = { u = [3.0, -3.0]; "                      \
+    "x = [1.0, 1.0, 1.0, 1.0]; }; "
+
+static void limits_narrow_what_a_law_allows(void **state)
+{
+    struct experiment e;
+    struct apc_error why;
+    (void)state;
+    if (load(&e, 7,
+             "controller = { law = \"pi\"; period = 2.0; tuning = ( { Kp = 1.0; }, { Kp = 3.0; } ); limits = "
+             "{ Kp = [1.0, 3.0]; }; };",
+             &why) < 0)
+        fail_msg("%s", why.text);
+    for (size_t j = 0; j < e.controller.law->n_tuning; j++) {
+        const struct apc_param *is = &e.controller.param[j], *was = &e.controller.law->tuning[j];
+        const bool narrowed = !strcmp(was->name, "Kp");
+        assert_string_equal(is->name, was->name);
+        assert_same(is->low, narrowed ? 1 : was->low);
+        assert_same(is->high, narrowed ? 3 : was->high);
+    }
+    experiment_free(&e);
+    /* what the command line chooses is not bound by them, and another law may have other parameters */
+    const struct experiment_overrides overrides = {.law = "pid"};
+    assert_true(load(&e, 7,
+                     "controller = { law = \"pi\"; period = 2.0; tuning = ( { Kp = 1.0; }, { Kp = 4.0; } ); "
+                     "limits = { Kp = [1.0, 3.0]; }; };",
+                     &why) < 0);
+    assert_non_null(strstr(why.text, "Kp of output 2 is 4, outside its \"limits\", 1 to 3"));
+    assert_int_equal(experiment_load(&e, path, EXPERIMENT_LAW, &overrides, &why), 0);
+    assert_same(e.controller.param[0].low, e.controller.law->tuning[0].low);
+    experiment_free(&e);
+}
+
+static void mistakes_of_plant_and_law_are_refused_with_line_and_reason(void **state)
+{
+    static const struct {
+        size_t line;
+        const char *instead, *reason;
+    } mistake[] = {
+        {7, "controller = { law = \"pi\"; period = 2.0; limits = { Kq = [1.0, 3.0]; }; };",
+         "7: pi has no parameter \"Kq\""},
+        {7, "controller = { law = \"pi\"; period = 2.0;\nlimits = { Kp = [3.0, 1.0]; }; };",
+         "8: limits of Kp must rise and lie within the law's own"},
+        {7, "controller = { law = \"pi\"; period = 2.0; limits = { Kp = [1.0]; }; };",
+         "expected 2 numbers in brackets"},
+        {7, "controller = { law = \"pi\"; period = 2.0; limits = { Kp = [-1e299, 1.0]; }; };",
+         "limits of Kp must rise and lie within"},
+        {7, "controller = { law = \"pi\"; period = 2.0; limits = { Kp = [1.0, 1e299]; }; };",
+         "limits of Kp must rise and lie within"},
+        {7, "controller = { law = \"pi\"; period = 2.0; limits = { Kp = [50.0, 60.0]; }; };",
+         "7: Kp of output 1 is 0.2, outside its \"limits\", 50 to 60"},
+        {7, "controller = { law = \"pi\"; period = 2.0;\ntuning = ( { u_min = 5.0; u_max = 1.0; }, { } ); };",
+         "8: "},
+        {7, LQG "settings = { q = [1.0]; }; };", "unknown setting \"q\" in settings; known are: "},
+        {7, "controller = { law = \"lqg\"; period = 2.0; operating_point = { u = [3.0]; }; };",
+         "expected 2 numbers in brackets"},
+        {7, "controller = { law = \"lqg\"; period = 2.0; operating_point = { x = [3.0]; }; };",
+         "expected 4 numbers in brackets"},
+        {7, "controller = { law = \"lqg\"; period = 2.0; operating_point = { z = [3.0]; }; };",
+         "unknown setting \"z\" in operating_point; known are: x, u"},
+        {7, "controller = { law = \"lqg\"; period = 2.0; operating_point = 3; };",
+         "\"operating_point\" must be a group"},
+        {7, "controller = { law = \"lqg\"; period = 2.0; };", "7: "},
+        {2, "measurements = ( { name = \"a\"; faults = ( 3 ); }, { name = \"b\"; } );",
+         "2: expected a group: { kind = \"stuck\""},
+        {2, "measurements = ( { name = \"a\"; faults = ( { at = 1.0; } ); }, { name = \"b\"; } );",
+         "\"kind\" is missing"},
+        {2, "measurements = ( { name = \"a\"; faults = ( { kind = \"stuck\"; } ); }, { name = \"b\"; } );",
+         "\"at\" is missing"},
+        {2,
+         "measurements = ( { name = \"a\"; faults = ( { kind = \"broken\"; at = 1.0; } ); }, { name = \"b\"; "
+         "} );",
+         "\"kind\" must be \"stuck\", \"drift\", \"dropout\" or \"spike\""},
+        {2,
+         "measurements = ( { name = \"a\"; faults = ( { kind = \"\"; at = 1.0; } ); }, { name = \"b\"; } );",
+         "\"kind\" must be \"stuck\""},
+        {2,
+         "measurements = ( { name = \"a\"; faults = ( { kind = \"stuck\"; at = -1.0; } ); }, { name = \"b\"; "
+         "} );",
+         "\"at\" is -1"},
+        {2,
+         "measurements = ( { name = \"a\"; faults = ( { kind = \"stuck\"; at = 31622401.0; } ); }, { name = "
+         "\"b\"; } );",
+         "\"at\" is 3.16224e+07"},
+        {2,
+         "measurements = ( { name = \"a\"; faults = ( { kind = \"stuck\"; at = 1.0; size = 1.0; } ); }, { "
+         "name = \"b\"; } );",
+         "a fault of kind \"stuck\" has no size"},
+        {2,
+         "measurements = ( { name = \"a\"; faults = ( { kind = \"dropout\"; at = 1.0; size = 1.0; } ); }, { "
+         "name = \"b\"; } );",
+         "a fault of kind \"dropout\" has no size"},
+        {2,
+         "measurements = ( { name = \"a\"; faults = ( { kind = \"drift\"; at = 1.0; } ); }, { name = \"b\"; "
+         "} "
+         ");",
+         "\"size\" is missing"},
+        {2,
+         "measurements = ( { name = \"a\"; faults = ( { kind = \"spike\"; at = 1.0; } ); }, { name = \"b\"; "
+         "} "
+         ");",
+         "\"size\" is missing"},
+        {2,
+         "measurements = ( { name = \"a\"; faults = ( { kind = \"spike\"; at = 1.0; size = 6e299; } ); }, { "
+         "name = \"b\"; } );",
+         "\"size\" is 6e+299: must be from -5e+299 to 5e+299"},
+        {2,
+         "measurements = ( { name = \"a\"; faults = ( { kind = \"stuck\"; at = 1.0; for = 1.0; } ); }, { "
+         "name "
+         "= \"b\"; } );",
+         "unknown setting \"for\""},
+        {2, "measurements = ( { name = \"a\"; noise = -1.0; }, { name = \"b\"; } );", "\"noise\" is -1"},
+        {2, "measurements = ( { name = \"a\"; }, { name = \"b\"; quantum = -1.0; } );", "\"quantum\" is -1"},
+        {2, "measurements = ( { name = \"a\"; }, { name = \"b\"; faults = 3; } );",
+         "\"faults\" must be a list"},
+        {5, "plant = { model = \"quadruple-tank\"; period = 0.5; noise = { h1 = -1.0; }; };",
+         "\"h1\" is -1: must be from 0"},
+        {5, "plant = { model = \"quadruple-tank\"; period = 0.5; noise = { h9 = 1.0; }; };",
+         "quadruple-tank has no state \"h9\"; there are: h1, h2, h3, h4"},
+        {5, "plant = { model = \"quadruple-tank\"; period = 0.5; disturbances = ( 3 ); };",
+         "expected a group: { name = \"...\"; at = 100.0; value = 1.0; }"},
+        {5,
+         "plant = { model = \"quadruple-tank\"; period = 0.5; disturbances = ( { at = 1.0; value = 1.0; } ); "
+         "};",
+         "\"name\" is missing"},
+        {5,
+         "plant = { model = \"quadruple-tank\"; period = 0.5; disturbances = ( { name = \"d3\"; value = 1.0; "
+         "} ); };",
+         "\"at\" is missing"},
+        {5,
+         "plant = { model = \"quadruple-tank\"; period = 0.5; disturbances = ( { name = \"d3\"; at = 1.0; } "
+         "); };",
+         "\"value\" is missing"},
+        {5,
+         "plant = { model = \"quadruple-tank\"; period = 0.5; disturbances = ( { name = \"d3\"; at = 1.0; "
+         "value = -1e9; } ); };",
+         "\"value\" is -1e+09"},
+        {5,
+         "plant = { model = \"quadruple-tank\"; period = 0.5; disturbances = ( { name = \"d3\"; at = 1.0; "
+         "value = 1.0; size = 1.0; } ); };",
+         "unknown setting \"size\""},
+        {5, "plant = { model = \"quadruple-tank\"; period = 0.5; integrator = \"euler\"; };", "5: "},
+        {5, "plant = { model = \"quadruple-tank\"; period = 0.5; rtol = 0.2; };", "\"rtol\" is 0.2"},
+        {5, "plant = { model = \"quadruple-tank\"; period = 0.5; rtol = 1e-16; };", "\"rtol\" is 1e-16"},
+        {5, "plant = { model = \"quadruple-tank\"; period = 0.5; atol = 0.0; };", "\"atol\" is 0"},
+        {5, "plant = { model = \"quadruple-tank\"; period = 0.5; steps = 0; };",
+         "\"steps\" must be from 1 to 1000000"},
+        {5, "plant = { model = \"quadruple-tank\"; period = 0.5; steps = 1000001; };", "\"steps\" must be"},
+        {5, "plant = { model = \"quadruple-tank\"; period = 0.5; dead_time = -1.0; };",
+         "\"dead_time\" is -1"},
+        {5, "plant = { model = \"servo-2\"; period = 0.5; };", "5: "},
+        {5, "plant = { model = \"./nothing.so\"; period = 0.5; };", "nothing.so"},
+        {7, "controller = { law = \"magic\"; period = 2.0; };", "7: "},
+        {1, "name = \"e\"; seed = 9007199254740993L;", "\"seed\" must be"},
+        {1, "name = \"e\"; duration = 31622401.0;", "\"duration\" is 3.16224e+07"},
+        {7, "controller = { law = \"pi\"; period = 2.0; hold = 86401.0; };", "\"hold\" is 86401"},
+        {4, "outputs = ( { name = \"u\"; low = 0.0; high = 1.0; initial = 2.0; }, { name = \"v\"; } );",
+         "\"initial\" is 2: must be from 0 to 1"},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof mistake / sizeof *mistake; i++) {
+        struct experiment e;
+        struct apc_error why;
+        if (load(&e, mistake[i].line, mistake[i].instead, &why) >= 0)
+            fail_msg("taken: %s", mistake[i].instead);
+        if (!strstr(why.text, mistake[i].reason) || strncmp(why.text, path, strlen(path)) != 0)
+            fail_msg("%s: said \"%s\", not \"%s\"", mistake[i].instead, why.text, mistake[i].reason);
+    }
+}
+
+/* ---- The record of a run ------------------------------------------------------------------ */
+
+static void in_run(char *to, size_t size, const char *name)
+{
+    snprintf(to, size, "%s/%s", dir, name);
+}
+
+static void write_record(const char *text)
+{
+    char record[96];
+    in_run(record, sizeof record, "record.conf");
+    FILE *out = fopen(record, "w");
+    assert_non_null(out);
+    fputs(text, out);
+    fclose(out);
+}
+
+static void a_run_folder_is_loaded_as_it_ran(void **state)
+{
+    char conf[96], record[96], hash[RECORD_HASH_LEN], text[1500];
+    struct experiment e;
+    struct apc_error why;
+    (void)state;
+    in_run(conf, sizeof conf, "run.conf");
+    in_run(record, sizeof record, "record.conf");
+    assert_int_equal(load(&e, 0, NULL, &why), 0);
+    experiment_free(&e);
+    assert_int_equal(rename(path, conf), 0);
+    if (experiment_load(&e, dir, EXPERIMENT_LAW, NULL, &why) < 0) /* nothing is recorded: as the file says */
+        fail_msg("%s", why.text);
+    assert_string_equal(e.file, conf);
+    assert_same(e.duration, 60);
+    assert_int_equal(e.start, 0);
+    experiment_free(&e);
+    assert_int_equal(record_hash(conf, hash, &why), 0);
+    assert_int_equal(strspn(hash, "0123456789abcdef"), 64);
+    assert_int_equal(strlen(hash), 64);
+    static const char form[] = "%s duration = 20.0; seed = %s; net = \"loss=0.25\"; experiment = { sha256 = "
+                               "\"%s\"; };\n"
+                               "law = { name = \"pid\"; chosen = true; };\n"
+                               "plant = { name = \"quadruple-tank\"; };\n";
+    snprintf(text, sizeof text, form, "start = \"2026-01-01T00:00:00Z\"; ended = 12.5;", "-1L", hash);
+    write_record(text);
+    if (experiment_load(&e, dir, EXPERIMENT_LAW | EXPERIMENT_MODEL, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_same(e.duration, 12.5);
+    assert_true(e.seed == UINT64_MAX);
+    assert_int_equal(e.start, INT64_C(1767225600) * APC_NS_PER_S);
+    assert_string_equal(e.net, "loss=0.25");
+    assert_same(e.models.network.options.loss, 0.25);
+    assert_string_equal(e.controller.law->name, "pid");
+    assert_true(e.controller.plugin.chosen);
+    assert_false(e.plant.plugin.chosen);
+    experiment_free(&e);
+    /* the command line goes before it */
+    const struct experiment_overrides overrides = {.law = "pi"};
+    snprintf(text, sizeof text, form, "", "5", hash);
+    write_record(text);
+    assert_int_equal(experiment_load(&e, conf, EXPERIMENT_LAW, &overrides, &why), 0);
+    assert_string_equal(e.controller.law->name, "pi");
+    assert_same(e.duration, 20); /* it never came to its end */
+    assert_int_equal(e.start, 0);
+    assert_int_equal(e.seed, 5);
+    experiment_free(&e);
+
+    static const struct {
+        const char *text, *reason;
+    } of[] = {
+        {"seed = 1; experiment = { sha256 = \"$\"; };", "\"duration\" is missing"},
+        {"duration = 1.0; experiment = { sha256 = \"$\"; };", "\"seed\" is missing"},
+        {"duration = 1.0; seed = 1;", "\"experiment\" is missing"},
+        {"duration = 1.0; seed = 1; experiment = { sha256 = \"0$\"; };", "is too long: at most 64 bytes"},
+        {"duration = 1.0; seed = 1; experiment = { sha256 = \"abc\"; };",
+         "run.conf is not the file that ran: its SHA-256 is no longer the recorded one"},
+        {"duration = 1.0; seed = 1; experiment = { };", "\"sha256\" is missing"},
+        {"duration = -1.0; seed = 1; experiment = { sha256 = \"$\"; };", "\"duration\" is -1"},
+        {"duration = 31622401.0; seed = 1; experiment = { sha256 = \"$\"; };", "\"duration\" is 3.16"},
+        {"duration = 1.0; ended = -1.0; seed = 1; experiment = { sha256 = \"$\"; };", "\"ended\" is -1"},
+        {"start = \"soon\"; duration = 1.0; seed = 1; experiment = { sha256 = \"$\"; };",
+         "\"start\" is \"soon\": must be a time"},
+        {"duration = 1.0; seed = 1; experiment = { sha256 = \"$\"; };", "\"law\" is missing"},
+        {"duration = 1.0; seed = 1; experiment = { sha256 = \"$\"; }; law = { name = \"pi\"; };",
+         "\"plant\" is missing"},
+        {"duration = 1.0; seed = 1; experiment = { sha256 = \"$\"; }; law = { chosen = true; };",
+         "\"name\" is missing"},
+        {"duration = 1.0; seed = 1; experiment = { sha256 = \"$\"; }; law = { name = \"pi\"; lie = 1; };",
+         "unknown setting \"lie\""},
+        {"duration = 1.0; seed = 1; experiment = { sha256 = \"$\"; }; law = { name = \"pi\"; file = "
+         "\"../a.so\"; sha256 = \"0\"; };",
+         "\"file\" is \"../a.so\": must lie in the run folder"},
+        {"duration = 1.0; seed = 1; experiment = { sha256 = \"$\"; }; law = { name = \"pi\"; file = "
+         "\"a.so\"; sha256 = \"0\"; };",
+         "/a.so: cannot be read: No such file"},
+        {"duration = 1.0; seed = 1; experiment = { sha256 = \"$\"; }; law = { name = \"pi\"; file = "
+         "\"run.conf\"; };",
+         "\"sha256\" is missing"},
+        {"duration = ", "record.conf:1: syntax error"},
+    };
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        const char *mark = strchr(of[i].text, '$');
+        const int before = mark ? (int)(mark - of[i].text) : (int)strlen(of[i].text);
+        snprintf(text, sizeof text, "%.*s%s%s", before, of[i].text, mark ? hash : "", mark ? mark + 1 : "");
+        write_record(text);
+        if (experiment_load(&e, dir, 0, NULL, &why) >= 0)
+            fail_msg("taken: %s", of[i].text);
+        if (!strstr(why.text, of[i].reason) || !strstr(why.text, "record.conf:"))
+            fail_msg("%s: said \"%s\", not \"%s\"", of[i].text, why.text, of[i].reason);
+        assert_null(e.y);
+    }
+    remove(record);
+    remove(conf);
+}
+
+static void a_hash_is_that_of_all_bytes(void **state)
+{
+    char hash[RECORD_HASH_LEN];
+    struct apc_error why;
+    (void)state;
+    FILE *out = fopen(path, "w");
+    assert_non_null(out);
+    fputs("abc", out);
+    fclose(out);
+    assert_int_equal(record_hash(path, hash, &why), 0);
+    assert_string_equal(hash, "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+    out = fopen(path, "w");
+    assert_non_null(out);
+    for (int i = 0; i < 1000000; i++) /* more than one block: NIST's long test */
+        fputc('a', out);
+    fclose(out);
+    assert_int_equal(record_hash(path, hash, &why), 0);
+    assert_string_equal(hash, "cdc76e5c9914fb9281a1c7e284d73e67f1809a48a497200e046d39ccc7112cd0");
+    assert_int_equal(record_hash("/nowhere/at.all", hash, &why), APC_ESYS);
+    assert_non_null(strstr(why.text, "/nowhere/at.all: cannot be read: No such file"));
+}
+
 static int make_folder(void **state)
 {
     (void)state;
@@ -468,6 +905,12 @@ int main(void)
         cmocka_unit_test(a_mistake_is_refused_with_its_line_and_reason),
         cmocka_unit_test(a_file_that_is_not_there_or_no_text_is_refused),
         cmocka_unit_test(the_nearest_name_is_one_that_is_alike),
+        cmocka_unit_test(all_of_a_plant_and_its_sensors_is_loaded),
+        cmocka_unit_test(steps_of_rk4_that_are_too_long_are_told_of),
+        cmocka_unit_test(limits_narrow_what_a_law_allows),
+        cmocka_unit_test(mistakes_of_plant_and_law_are_refused_with_line_and_reason),
+        cmocka_unit_test(a_run_folder_is_loaded_as_it_ran),
+        cmocka_unit_test(a_hash_is_that_of_all_bytes),
     };
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }
