@@ -308,6 +308,8 @@ static void a_mistake_is_refused_with_its_line_and_reason(void **state)
          "unknown setting \"titel\" in the file; known are: name, title, "},
         {1, "name = \"e\"; titel = \"e\";", "did you mean \"title\"?"},
         {1, "name = \"e\"; title = 1;", "\"title\" must be text in double quotes"},
+        {1, "name = \"e\"; n*me = 1;", "unknown setting \"n*me\" in the file"},
+        {1, "name = \"e\"; / 3;", "1: syntax error"},
         {1, "name = \"e\"; clock = ();\n\n  network = {", "the file ends within a group"},
         {1, "name = = 3;", "1: syntax error at \"name = = 3;\""},
         {1, "/* \n\n */ name = = 3;", "3: syntax error"},
@@ -360,6 +362,7 @@ static void a_mistake_is_refused_with_its_line_and_reason(void **state)
         {6, "client = { period = 1.0; link = \"tcp:h:0\"; };",
          "\"link\" is \"tcp:h:0\": must be tcp:HOST:PORT"},
         {6, "client = { period = 1.0; link = \"tcp://h:1\"; };", "must be tcp:HOST:PORT"},
+        {6, "client = { period = 6.1001; };", "at most 3 of the controller's + 0.1 s"},
         {6, "client = { period = 6.2; };", "6: \"period\" of client is 6.2 s, of controller 2 s: at most 3"},
         {7, "controller = { law = \"pi\"; period = 2.0; mode = \"auto\"; };",
          "\"mode\" must be \"Auto\" or \"Man\""},
@@ -519,6 +522,30 @@ static void all_of_a_plant_and_its_sensors_is_loaded(void **state)
     assert_same(e.u[1].initial, -2);
     assert_same(e.u[1].safe, -1);
     assert_string_equal(e.u[1].tag.description, "it");
+    experiment_free(&e);
+}
+
+static void a_plant_and_its_server_are_made_both_or_none(void **state)
+{
+    struct experiment e;
+    struct apc_error why;
+    struct apc_plant *plant;
+    struct apc_plantserver *server;
+    (void)state;
+    assert_int_equal(load(&e, 5,
+                          "plant = { model = \"quadruple-tank\"; period = 0.5; disturbances = ( { name = "
+                          "\"d3\"; at = 1.0; value = 0.1; } ); };",
+                          &why),
+                     0);
+    assert_int_equal(experiment_plant(&e, &plant, &server, &why), 0);
+    assert_non_null(plant);
+    assert_non_null(server);
+    apc_plantserver_destroy(server);
+    apc_plant_destroy(plant);
+    e.plant.disturbance[0].k = 99;
+    assert_true(experiment_plant(&e, &plant, &server, &why) < 0);
+    assert_null(plant);
+    assert_null(server);
     experiment_free(&e);
 }
 
@@ -906,6 +933,7 @@ int main(void)
         cmocka_unit_test(a_file_that_is_not_there_or_no_text_is_refused),
         cmocka_unit_test(the_nearest_name_is_one_that_is_alike),
         cmocka_unit_test(all_of_a_plant_and_its_sensors_is_loaded),
+        cmocka_unit_test(a_plant_and_its_server_are_made_both_or_none),
         cmocka_unit_test(steps_of_rk4_that_are_too_long_are_told_of),
         cmocka_unit_test(limits_narrow_what_a_law_allows),
         cmocka_unit_test(mistakes_of_plant_and_law_are_refused_with_line_and_reason),

@@ -127,6 +127,23 @@ static void figures_are_those_by_hand(void **state)
     assert_near(whole(METRIC_WITHOUT), 100 * 5.5 / 20, 1e-9);
 }
 
+static void a_run_of_less_than_a_second_has_all_its_figures(void **state)
+{
+    (void)state;
+    setpoint(0, 1);
+    output(0, 0);
+    output(0.25, 1);
+    course_change(&course, &course.input[0], 0, 1);
+    course_change(&course, &course.input[0], 0.125, 3);
+    course_change(&course, &course.without, 0, 1);
+    course_change(&course, &course.without, 0.125, 0);
+    make(0.5);
+    assert_near(whole(METRIC_IAE), 0.125, 1e-12);
+    assert_near(whole(METRIC_SETTLING), 0.25, 0);
+    assert_near(whole(METRIC_EFFORT), 2, 0);
+    assert_near(whole(METRIC_WITHOUT), 25, 1e-12);
+}
+
 static void settling_ends_with_the_first_tick_from_which_on_it_is_near(void **state)
 {
     (void)state;
@@ -445,6 +462,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         T(figures_are_those_by_hand),
+        T(a_run_of_less_than_a_second_has_all_its_figures),
         T(settling_ends_with_the_first_tick_from_which_on_it_is_near),
         T(a_loop_that_does_not_settle_is_infinitely_slow),
         T(an_offset_at_the_start_is_no_step_beside_larger_ones),

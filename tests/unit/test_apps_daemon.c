@@ -1,0 +1,672 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The shell that all daemons share, as a program of its own: what it does with its options, what it says when
+ * ticks are missed, fail or do not return, and that it ends. Each daemon is a child of this program.
+ */
+#include "check.h"
+
+#include <fcntl.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "common/daemon.h"
+#include "common/exitcode.h"
+#include "common/notice.h"
+#include "common/warden.h"
+#include "scratch.h"
+
+/* What a daemon does, and what it left. */
+struct life {
+    apc_task_fn tick;
+    int (*before)(struct daemon *d);     /* it runs; NULL: nothing. Nonzero: it is closed with that */
+    const char *const *options;          /* ended by NULL */
+    const char *overrun;                 /* of its task; NULL: skip */
+    bool without_config, store_optional; /* no --config; see struct program */
+    const char *spools;
+};
+
+static struct {
+    _Atomic int ticks;
+    _Atomic uint64_t first, last; /* their indices */
+    _Atomic int held;             /* its claim, by this program */
+} * shared;
+
+static char store[300], config[300];
+static char said[20000], told[20000];
+static int code;
+
+static int stop_after_three(void *ctx, const struct apc_tick *tick)
+{
+    (void)ctx;
+    if (shared->ticks == 0)
+        shared->first = tick->index;
+    shared->last = tick->index;
+    if (++shared->ticks == 3)
+        kill(getpid(), SIGTERM);
+    return 0;
+}
+
+static void write_config(const char *overrun)
+{
+    snprintf(config, sizeof config, "%s/one.conf", scratch_folder());
+    FILE *out = fopen(config, "w");
+    assert_non_null(out);
+    fprintf(out,
+            "name = \"one\"; measurements = ( { name = \"y\"; } ); setpoints = ( { name = \"r\"; } );\n"
+            "outputs = ( { name = \"u\"; } ); plant = { model = \"first-order\"; period = 0.1; overrun = "
+            "\"%s\"; };\n"
+            "client = { period = 0.1; }; controller = { law = \"pi\"; period = 0.1; };\n"
+            "scheduler = { period = 5.0; sequence = ( [0.0] ); };\n",
+            overrun ? overrun : "skip");
+    fclose(out);
+}
+
+static void be_a_daemon(const struct life *life)
+{
+    const struct program program = {.name = "apc-test",
+                                    .doc = "A daemon.",
+                                    .task = "test",
+                                    .store_optional = life->store_optional,
+                                    .spools = life->spools};
+    const char *argv[20] = {"apc-test"};
+    int argc = 1;
+    struct daemon d;
+    if (!life->without_config) {
+        argv[argc++] = "--config";
+        argv[argc++] = config;
+    }
+    for (const char *const *option = life->options; option && *option; option++)
+        argv[argc++] = *option;
+    int rc = daemon_open(&d, &program, NULL, argc, (char **)(uintptr_t)argv);
+    if (rc == 0 && life->before)
+        rc = life->before(&d);
+    if (rc == 0)
+        rc = daemon_run(&d, d.experiment.plant.rhythm, life->tick, &d);
+    _exit(daemon_close(&d, rc));
+}
+
+/* Begin one; *end gets what it says. */
+static pid_t start(const struct life *life, int *end)
+{
+    int ends[2];
+    shared->ticks = 0;
+    shared->held = 0;
+    write_config(life->overrun);
+    assert_int_equal(pipe(ends), 0);
+    fflush(NULL);
+    pid_t pid = fork();
+    assert_true(pid >= 0);
+    if (pid == 0) {
+        close(ends[0]);
+        dup2(ends[1], STDERR_FILENO);
+        dup2(ends[1], STDOUT_FILENO);
+        be_a_daemon(life);
+    }
+    close(ends[1]);
+    *end = ends[0];
+    return pid;
+}
+
+static void finish(pid_t pid, int end)
+{
+    size_t n = 0;
+    int status;
+    for (ssize_t got; n < sizeof said - 1 && (got = read(end, said + n, sizeof said - 1 - n)) > 0;)
+        n += (size_t)got;
+    said[n] = '\0';
+    close(end);
+    assert_int_equal(waitpid(pid, &status, 0), pid);
+    code = WIFEXITED(status) ? WEXITSTATUS(status) : 1000 + WTERMSIG(status);
+}
+
+static void live(const struct life *life)
+{
+    int end;
+    pid_t pid = start(life, &end);
+    finish(pid, end);
+}
+
+static void assert_says(const char *part)
+{
+    if (!strstr(said, part))
+        fail_msg("no \"%s\" in \"%s\"", part, said);
+}
+
+static void assert_ended(int with)
+{
+    if (code != with)
+        fail_msg("it ended with %d, not %d: %s", code, with, said);
+}
+
+static void fresh_store(void)
+{
+    static int number;
+    struct apc_store *s;
+    snprintf(store, sizeof store, "sqlite:%s/%d.db", scratch_folder(), ++number);
+    assert_int_equal(apc_store_open(&s, store, NULL, NULL), 0);
+    assert_int_equal(apc_store_init(s), 0);
+    apc_store_close(s);
+}
+
+/* ---- What is in its store ----------------------------------------------------------------- */
+
+static char events[20000];
+
+static int take_event(void *ctx, const struct apc_event *e)
+{
+    size_t n = strlen(events);
+    (void)ctx;
+    assert_string_equal(e->source, "apc-test");
+    snprintf(events + n, sizeof events - n, "%d %s %s\n", (int)e->severity, e->kind, e->text);
+    return 0;
+}
+
+static uint64_t count, missed;
+static int rows;
+
+static int take_timing(void *ctx, const struct apc_timing_row *row)
+{
+    (void)ctx;
+    assert_string_equal(row->task, "test");
+    assert_int_equal(row->period, APC_NS_PER_S / 10);
+    rows++;
+    if (!strcmp(row->quantity, "run")) {
+        count += row->count;
+        missed += row->missed;
+    }
+    return 0;
+}
+
+static void read_store(void)
+{
+    const struct apc_range all = {0};
+    struct apc_store *s;
+    events[0] = '\0';
+    count = missed = 0;
+    rows = 0;
+    assert_int_equal(apc_store_open(&s, store, NULL, NULL), 0);
+    assert_true(apc_store_events(s, &all, take_event, NULL) >= 0);
+    assert_true(apc_store_timing(s, &all, take_timing, NULL) >= 0);
+    apc_store_close(s);
+}
+
+static void assert_recorded(const char *event)
+{
+    if (!strstr(events, event))
+        fail_msg("no \"%s\" in \"%s\"", event, events);
+}
+
+/* ---- Options ------------------------------------------------------------------------------ */
+
+static void bad_options_are_refused_and_say_what_is_expected(void **state)
+{
+    static const struct {
+        const char *options[5];
+        int code;
+        const char *reason;
+    } of[] = {
+        {{"too", "much"}, EXIT_USAGE, "unexpected argument \"too\""},
+        {{"--nonsense"}, EXIT_USAGE, "unrecognized option '--nonsense'"},
+        {{"--log-level", "loud"}, EXIT_USAGE, "--log-level \"loud\": must be error, warn, info or debug"},
+        {{"--start", "soon"}, EXIT_USAGE, "--start \"soon\": must be a time such as 2026-01-31T12:00:00Z"},
+        {{"--after", "then"}, EXIT_USAGE, "--after \"then\": must be the index of a tick, or -1"},
+        {{"--after", "-2"}, EXIT_USAGE, "--after \"-2\": must be the index"},
+        {{"--after", "9007199254740992"}, EXIT_USAGE, "must be the index of a tick"},
+        {{"--timer", "virtual"}, EXIT_ERROR, "--timer: a daemon runs in real time: expected 'deadline' or "},
+        {{"--timer", "sundial"}, EXIT_ERROR, "--timer: "},
+        {{"--store", "nonsense"}, EXIT_ERROR, "--store: "},
+        {{"--config", "/nowhere/at.all"}, EXIT_ERROR, "/nowhere/at.all: cannot be read"},
+        {{"--version"}, EXIT_OK, "apc-test (libapc) "},
+    };
+    (void)state;
+    fresh_store();
+    setenv("APC_STORE", store, 1);
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        const struct life life = {.tick = stop_after_three, .options = of[i].options};
+        live(&life);
+        assert_ended(of[i].code);
+        assert_says(of[i].reason);
+        assert_int_equal(shared->ticks, 0);
+    }
+    const struct life life = {.tick = stop_after_three, .without_config = true};
+    live(&life);
+    assert_ended(EXIT_USAGE);
+    assert_says("no experiment file: give --config FILE or set APC_CONFIG");
+    setenv("APC_LOG_LEVEL", "loud", 1);
+    live(&life);
+    assert_says("--log-level \"loud\"");
+    unsetenv("APC_LOG_LEVEL");
+    unsetenv("APC_STORE");
+}
+
+static void the_environment_stands_for_what_is_not_said(void **state)
+{
+    static const char *const quiet[] = {"--log-level", "error", NULL};
+    const struct life from_environment = {.tick = stop_after_three, .without_config = true},
+                      plain = {.tick = stop_after_three, .options = quiet};
+    (void)state;
+    fresh_store();
+    setenv("APC_STORE", store, 1);
+    write_config(NULL);
+    setenv("APC_CONFIG", config, 1);
+    live(&from_environment);
+    assert_ended(EXIT_OK);
+    assert_says("running every 0.1 s");
+    read_store();
+    assert_recorded("1 start running every 0.1 s\n");
+    setenv("APC_CONFIG", "/nowhere", 1); /* what is said goes before */
+    setenv("APC_LOG_LEVEL", "debug", 1);
+    live(&plain);
+    assert_ended(EXIT_OK);
+    if (strstr(said, "running"))
+        fail_msg("not quiet: %s", said);
+    unsetenv("APC_CONFIG");
+    unsetenv("APC_LOG_LEVEL");
+    unsetenv("APC_STORE");
+}
+
+/* ---- A life ------------------------------------------------------------------------------- */
+
+static int hear(const char *path)
+{
+    int s = socket(AF_UNIX, SOCK_DGRAM, 0);
+    struct sockaddr_un at = {.sun_family = AF_UNIX};
+    snprintf(at.sun_path, sizeof at.sun_path, "%.100s", path);
+    unlink(path);
+    assert_int_equal(bind(s, (struct sockaddr *)&at, sizeof at), 0);
+    setenv("NOTIFY_SOCKET", path, 1);
+    return s;
+}
+
+static void heard(int s)
+{
+    size_t n = 0;
+    for (ssize_t got; n < sizeof told - 200 && (got = recv(s, told + n, 200, MSG_DONTWAIT)) > 0;) {
+        n += (size_t)got;
+        told[n++] = '\n';
+    }
+    told[n] = '\0';
+    close(s);
+    unsetenv("NOTIFY_SOCKET");
+}
+
+static int tick_nine_times(void *ctx, const struct apc_tick *tick)
+{
+    (void)ctx;
+    shared->last = tick->index;
+    if (++shared->ticks == 9)
+        kill(getpid(), SIGINT);
+    return 0;
+}
+
+static void a_life_is_told_recorded_and_ends_with_the_signal(void **state)
+{
+    char path[100];
+    const char *const options[] = {"--store", store, NULL};
+    const struct life life = {.tick = tick_nine_times, .options = options};
+    (void)state;
+    fresh_store();
+    snprintf(path, sizeof path, "%.80s/notify", scratch_folder());
+    int s = hear(path);
+    live(&life);
+    heard(s);
+    assert_ended(EXIT_OK);
+    assert_says("stopping on SIGINT");
+    read_store();
+    assert_recorded("1 start running every 0.1 s\n");
+    assert_recorded("1 stop stopping on SIGINT\n");
+    assert_true(count >= 9);
+    assert_true(rows >= 3);
+    assert_int_equal(strncmp(told, "READY=1\n", 8), 0);
+    assert_non_null(strstr(told, "WATCHDOG=1\n"));
+    assert_non_null(strstr(told, "APC_LAST_TICK="));
+    assert_string_equal(told + strlen(told) - strlen("STOPPING=1\n"), "STOPPING=1\n");
+    const struct life again = {.tick = stop_after_three, .options = options};
+    live(&again);
+    assert_says("stopping on SIGTERM");
+}
+
+static void ticks_since_a_predecessor_s_last_one_are_missed(void **state)
+{
+    static const char *const befores[] = {"-1", "4", NULL};
+    (void)state;
+    for (int i = 0; i < 3; i++) {
+        const char *const options[] = {
+            "--store",  store, "--start", "2026-01-01T00:00:00Z", befores[i] ? "--after" : NULL,
+            befores[i], NULL};
+        const struct life life = {.tick = stop_after_three, .options = options};
+        fresh_store();
+        live(&life);
+        assert_ended(EXIT_OK);
+        read_store();
+        /* of the task's own only those which a loaded machine let pass */
+        uint64_t own = shared->last - shared->first - 2, absent = i == 0   ? shared->first
+                                                                  : i == 1 ? shared->first - 5
+                                                                           : 0;
+        assert_true(shared->first > 1000000);
+        assert_true(missed >= absent + own && missed < absent + own + 1000);
+    }
+}
+
+static int fail_at_once(void *ctx, const struct apc_tick *tick)
+{
+    (void)tick;
+    struct daemon *d = ctx;
+    assert_int_equal(daemon_fatal(d, NULL, APC_ECONN), 0);
+    return daemon_fatal(d, NULL, APC_ECONFLICT);
+}
+
+static void a_tick_that_fails_ends_it_with_its_code(void **state)
+{
+    const char *const options[] = {"--store", store, NULL};
+    const struct life life = {.tick = fail_at_once, .options = options};
+    (void)state;
+    fresh_store();
+    live(&life);
+    assert_ended(EXIT_REJECTED);
+    read_store();
+    assert_recorded("3 store stopping: somebody else writes the same variables\n");
+}
+
+static int miss_one(void *ctx, const struct apc_tick *tick)
+{
+    (void)ctx;
+    (void)tick;
+    usleep(250000);
+    return 0;
+}
+
+static void with_overrun_stop_a_missed_tick_ends_it(void **state)
+{
+    const char *const options[] = {"--store", store, NULL};
+    const struct life life = {.tick = miss_one, .options = options, .overrun = "stop"};
+    (void)state;
+    fresh_store();
+    live(&life);
+    assert_ended(EXIT_TIMEOUT);
+    read_store();
+    assert_recorded("3 overrun stopping: a tick was missed, and overrun is \"stop\"\n");
+}
+
+/* Hangs for more than ten periods, then is on time for longer than the looks take. */
+static int hang_once(void *ctx, const struct apc_tick *tick)
+{
+    (void)ctx;
+    if (shared->ticks++ == 0) {
+        shared->first = tick->index;
+        usleep(1500000);
+    }
+    if (tick->index > shared->first + 75)
+        kill(getpid(), SIGTERM);
+    return 0;
+}
+
+static void many_missed_ticks_are_an_alarm_that_ends(void **state)
+{
+    const char *const options[] = {"--store", store, NULL};
+    const struct life life = {.tick = hang_once, .options = options};
+    (void)state;
+    fresh_store();
+    live(&life);
+    assert_ended(EXIT_OK);
+    read_store();
+    assert_recorded("3 overrun 10 ticks or more missed in a row\n");
+    assert_recorded("1 overrun ticks are on time again\n");
+    assert_recorded(" ticks missed in the last 5 s\n");
+    assert_true(missed >= 14);
+    assert_true(rows >= 6); /* after five looks, and at the end */
+}
+
+static int never_return(void *ctx, const struct apc_tick *tick)
+{
+    (void)ctx;
+    (void)tick;
+    kill(getpid(), SIGTERM);
+    for (;;)
+        pause();
+    return 0;
+}
+
+static void a_tick_that_does_not_return_is_left_behind(void **state)
+{
+    const char *const options[] = {"--store", store, NULL};
+    const struct life life = {.tick = never_return, .options = options};
+    (void)state;
+    fresh_store();
+    live(&life);
+    assert_ended(EXIT_ERROR);
+    assert_says("the tick does not return (");
+    read_store();
+    assert_recorded("3 overrun the tick does not return (");
+    assert_recorded("1 stop stopping on SIGTERM\n");
+}
+
+static void hang(void *ctx)
+{
+    (void)ctx;
+    kill(getpid(), SIGTERM);
+    for (;;)
+        pause();
+}
+
+static int look_and_hang(struct daemon *d)
+{
+    d->look = hang;
+    return 0;
+}
+
+static int just_tick(void *ctx, const struct apc_tick *tick)
+{
+    (void)ctx;
+    (void)tick;
+    return 0;
+}
+
+static void a_main_thread_that_hangs_is_given_up(void **state)
+{
+    const char *const options[] = {"--store", store, NULL};
+    const struct life life = {.tick = just_tick, .before = look_and_hang, .options = options};
+    (void)state;
+    fresh_store();
+    live(&life);
+    assert_ended(EXIT_ERROR);
+    assert_says("something would not end within 2 s of being told to: given up\n");
+}
+
+/* ---- Its store ---------------------------------------------------------------------------- */
+
+static int claim(struct daemon *d)
+{
+    static struct apc_store *s;
+    int64_t last = -1;
+    d->store_timeout = daemon_timeout(d->experiment.plant.rhythm.period);
+    d->store_pause = 1;
+    int rc = daemon_store(d, &s, APC_SENSOR, 1, &last);
+    if (rc != 0)
+        apc_store_close(s);
+    if (rc == 0 && (last != 5 || d->store_pause != APC_NS_PER_S / 10))
+        return APC_ESTATE;
+    d->store_pause = APC_NS_PER_S * 60; /* for the next one, that is not opened */
+    return rc;
+}
+
+static int claim_what_is_held(struct daemon *d)
+{
+    while (!shared->held)
+        usleep(10000);
+    return claim(d);
+}
+
+static int claim_with_a_signal(struct daemon *d)
+{
+    kill(getpid(), SIGTERM);
+    return claim_what_is_held(d);
+}
+
+/* Only after the fork: a child must not inherit the claim. */
+static struct apc_store *hold(void)
+{
+    struct apc_store *holder;
+    int64_t last;
+    assert_int_equal(apc_store_open(&holder, store, NULL, NULL), 0);
+    assert_int_equal(apc_store_claim(holder, APC_SENSOR, 1, &last), 0);
+    shared->held = 1;
+    return holder;
+}
+
+static void a_claim_is_waited_for_until_it_is_free_or_a_signal_comes(void **state)
+{
+    const char *const options[] = {"--store", store, NULL};
+    const struct life life = {.tick = stop_after_three, .before = claim_what_is_held, .options = options},
+                      signalled = {
+                          .tick = stop_after_three, .before = claim_with_a_signal, .options = options};
+    const struct apc_sample five = {.table = APC_SENSOR, .id = 1, .seq = 5, .time = 1};
+    int end;
+    (void)state;
+    fresh_store();
+    pid_t pid = start(&signalled, &end);
+    struct apc_store *holder = hold();
+    assert_int_equal(apc_store_append(holder, &five, 1), 1);
+    finish(pid, end);
+    apc_store_close(holder);
+    assert_ended(EXIT_OK);
+    assert_int_equal(shared->ticks, 0);
+    pid = start(&life, &end);
+    apc_store_close(hold());
+    finish(pid, end);
+    assert_ended(EXIT_OK);
+    assert_int_equal(shared->ticks, 3);
+}
+
+static void without_a_schema_it_says_so_and_ends(void **state)
+{
+    const char *const options[] = {"--store", store, NULL};
+    const struct life life = {.tick = stop_after_three, .before = claim, .options = options};
+    (void)state;
+    snprintf(store, sizeof store, "sqlite:%s/empty.db", scratch_folder());
+    live(&life);
+    assert_ended(EXIT_CONNECTION);
+    assert_says("apc init");
+    assert_int_equal(shared->ticks, 0);
+}
+
+static void a_store_that_may_be_missing_is_none(void **state)
+{
+    const struct life life = {.tick = tick_nine_times, .store_optional = true};
+    (void)state;
+    live(&life);
+    assert_ended(EXIT_OK);
+    assert_says("stopping on SIGINT");
+}
+
+static int tick_for_two_looks(void *ctx, const struct apc_tick *tick)
+{
+    (void)ctx;
+    if (shared->ticks++ == 0)
+        shared->first = tick->index;
+    if (tick->index > shared->first + 25)
+        kill(getpid(), SIGTERM);
+    return 0;
+}
+
+static void what_a_store_that_is_away_does_not_take_is_told_and_kept(void **state)
+{
+    char dir[300], file[400], long_dir[600];
+    static const char away[] = "postgresql://apc@/none?host=/nowhere/at/all";
+    const char *const options[] = {"--store", away, "--spool", dir, NULL};
+    const char *const in_memory[] = {"--store", away, NULL};
+    const char *const too_long[] = {"--store", away, "--spool", long_dir, NULL};
+    const struct life life = {.tick = tick_for_two_looks, .options = options},
+                      kept_in_memory = {.tick = tick_for_two_looks, .options = in_memory},
+                      refused = {.tick = stop_after_three, .options = too_long};
+    (void)state;
+    snprintf(dir, sizeof dir, "%s/spool", scratch_folder());
+    snprintf(file, sizeof file, "%s/apc-test-events.spool", dir);
+    live(&life);
+    assert_ended(EXIT_OK);
+    assert_says("events go to the spool: ");
+    assert_says("records are kept back: ");
+    assert_int_equal(access(file, F_OK), 0);
+    live(&kept_in_memory);
+    assert_ended(EXIT_OK);
+    assert_says("events go to the spool: ");
+    memset(long_dir, 'a', sizeof long_dir - 1);
+    long_dir[sizeof long_dir - 1] = '\0';
+    live(&refused);
+    assert_ended(EXIT_ERROR);
+    assert_says("--spool: the path is too long");
+}
+
+static void an_operation_takes_a_period_within_bounds(void **state)
+{
+    (void)state;
+    assert_int_equal(daemon_timeout(1), APC_NS_PER_S / 2);
+    assert_int_equal(daemon_timeout(APC_NS_PER_S / 2), APC_NS_PER_S / 2);
+    assert_int_equal(daemon_timeout(APC_NS_PER_S), APC_NS_PER_S);
+    assert_int_equal(daemon_timeout(2 * APC_NS_PER_S), 2 * APC_NS_PER_S);
+    assert_int_equal(daemon_timeout(60 * APC_NS_PER_S), 2 * APC_NS_PER_S);
+}
+
+/* ---- Notices ------------------------------------------------------------------------------ */
+
+static void each_notice_is_an_event_of_its_kind_and_severity(void **state)
+{
+    static const struct {
+        enum apc_notice_kind notice;
+        enum apc_event_severity severity;
+        const char *kind;
+    } of[] = {{APC_NOTICE_MODE, APC_EVENT_INFO, "mode"},
+              {APC_NOTICE_HOLD, APC_EVENT_WARNING, "measurement"},
+              {APC_NOTICE_FAULT, APC_EVENT_ALARM, "measurement"},
+              {APC_NOTICE_FAILED, APC_EVENT_ALARM, "measurement"},
+              {APC_NOTICE_RECOVERED, APC_EVENT_INFO, "measurement"},
+              {APC_NOTICE_TRIP, APC_EVENT_ALARM, "watchdog"},
+              {APC_NOTICE_RESUMED, APC_EVENT_INFO, "watchdog"},
+              {APC_NOTICE_REJECTED, APC_EVENT_WARNING, "rejected"},
+              {APC_NOTICE_RIVALS, APC_EVENT_ALARM, "rejected"}};
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        const struct apc_notice notice = {.kind = of[i].notice, .text = "it happened"};
+        struct apc_event event = {0};
+        notice_event(&notice, &event);
+        assert_int_equal(event.severity, of[i].severity);
+        assert_string_equal(event.kind, of[i].kind);
+        assert_string_equal(event.text, "it happened");
+    }
+}
+
+static int make_shared(void **state)
+{
+    (void)state;
+    shared = mmap(NULL, sizeof *shared, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    return shared == MAP_FAILED;
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(bad_options_are_refused_and_say_what_is_expected),
+        cmocka_unit_test(the_environment_stands_for_what_is_not_said),
+        cmocka_unit_test(a_life_is_told_recorded_and_ends_with_the_signal),
+        cmocka_unit_test(ticks_since_a_predecessor_s_last_one_are_missed),
+        cmocka_unit_test(a_tick_that_fails_ends_it_with_its_code),
+        cmocka_unit_test(with_overrun_stop_a_missed_tick_ends_it),
+        cmocka_unit_test(many_missed_ticks_are_an_alarm_that_ends),
+        cmocka_unit_test(a_tick_that_does_not_return_is_left_behind),
+        cmocka_unit_test(a_main_thread_that_hangs_is_given_up),
+        cmocka_unit_test(a_claim_is_waited_for_until_it_is_free_or_a_signal_comes),
+        cmocka_unit_test(without_a_schema_it_says_so_and_ends),
+        cmocka_unit_test(a_store_that_may_be_missing_is_none),
+        cmocka_unit_test(what_a_store_that_is_away_does_not_take_is_told_and_kept),
+        cmocka_unit_test(an_operation_takes_a_period_within_bounds),
+        cmocka_unit_test(each_notice_is_an_event_of_its_kind_and_severity),
+    };
+    return cmocka_run_group_tests(tests, make_shared, NULL);
+}
