@@ -19,13 +19,15 @@ struct question {
 static void put_address(const struct sockaddr_storage *address, __be16 *port, __be32 to[4])
 {
     if (address->ss_family == AF_INET6) {
-        const struct sockaddr_in6 *in6 = (const void *)address;
-        *port = in6->sin6_port;
-        memcpy(to, &in6->sin6_addr, 16);
+        struct sockaddr_in6 in6;
+        memcpy(&in6, address, sizeof in6);
+        *port = in6.sin6_port;
+        memcpy(to, &in6.sin6_addr, 16);
     } else {
-        const struct sockaddr_in *in = (const void *)address;
-        *port = in->sin_port;
-        memcpy(to, &in->sin_addr, 4);
+        struct sockaddr_in in;
+        memcpy(&in, address, sizeof in);
+        *port = in.sin_port;
+        memcpy(to, &in.sin_addr, 4);
     }
 }
 
@@ -48,7 +50,7 @@ static bool ask(int diag, const struct question *question, uid_t *uid)
 
 bool peer_is_own(int fd)
 {
-    struct sockaddr_storage own = {0}, other = {0};
+    struct sockaddr_storage own, other;
     socklen_t size = sizeof own, other_size = sizeof other;
     const struct timeval patience = {1, 0};
     uid_t uid;
