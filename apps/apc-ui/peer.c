@@ -50,7 +50,7 @@ static bool ask(int diag, const struct question *question, uid_t *uid)
 
 bool peer_is_own(int fd)
 {
-    struct sockaddr_storage own, other;
+    struct sockaddr_storage own = {0}, other = {0};
     socklen_t size = sizeof own, other_size = sizeof other;
     const struct timeval patience = {1, 0};
     uid_t uid;
