@@ -687,7 +687,7 @@ static int start_daemon(struct server *s, int fd, struct apc_error *why)
                                  MHD_OPTION_ARRAY, tls, MHD_OPTION_END);
     if (s->daemon)
         return 0;
-    close(fd);
+    /* it has closed fd, whose number may be another's by now */
     return apc_fail(why, APC_ESYS, "the server cannot be started%s",
                     ui->tls ? ": certificate and key must be PEM and belong together" : "");
 }

@@ -38,6 +38,14 @@ const char *request_header(const struct request *r, const char *name)
     return NULL;
 }
 
+/* In place of asking the kernel, which may or may not say whose a connection is. */
+static bool peers_known = true;
+
+bool peer_is_own(int fd)
+{
+    return fd >= 0 && peers_known;
+}
+
 static int set_up(void **state)
 {
     char path[128];
@@ -341,6 +349,32 @@ static void what_it_listens_on_is_its_own_and_never_waits(void **state)
     assert_non_null(strstr(why.text, "ADDRESS:PORT"));
 }
 
+static void where_connections_cannot_be_told_apart_is_said_at_once(void **state)
+{
+    struct apc_error why;
+    char said[600];
+    int log[2];
+    (void)state;
+    assert_int_equal(pipe(log), 0);
+    for (int unknown = 0; unknown < 2; unknown++)
+        for (int is_open = 0; is_open < 2; is_open++) {
+            peers_known = !unknown;
+            ui->open = is_open;
+            assert_int_equal(apc_log_create(&ui->log, log[1], "test", APC_LOG_WARN), 0);
+            assert_int_equal(listening("127.0.0.1:0", &why), 0);
+            apc_log_destroy(ui->log); /* all is written */
+            ui->log = NULL;
+            assert_int_equal(write(log[1], "\n", 1), 1);
+            ssize_t n = read(log[0], said, sizeof said - 1);
+            assert_true(n > 0);
+            said[n] = '\0';
+            assert_int_equal(strstr(said, "does not tell whose connections are") != NULL, unknown && is_open);
+        }
+    peers_known = true;
+    close(log[0]);
+    close(log[1]);
+}
+
 /* In a process of its own: a socket bound there, handed over as systemd does. Returns what became of it. */
 static int handed_over(const char *address, bool is_open)
 {
@@ -395,6 +429,7 @@ int main(void)
         T(it_listens_where_it_may),
         T(a_port_that_is_taken_is_said),
         T(what_it_listens_on_is_its_own_and_never_waits),
+        T(where_connections_cannot_be_told_apart_is_said_at_once),
         T(a_socket_that_is_handed_over_has_to_be_where_it_may),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* What goes over the wire: the server itself, on a port of its own and a store in memory, asked as a browser
  * asks. */
+#include <dirent.h>
 #include <signal.h>
 #include <strings.h>
 #include <sys/stat.h>
@@ -716,6 +717,17 @@ static const char *not_started(const char *cert, const char *key)
     return why.text;
 }
 
+static size_t descriptors(void)
+{
+    size_t n = 0;
+    DIR *dir = opendir("/proc/self/fd");
+    assert_non_null(dir);
+    while (readdir(dir))
+        n++;
+    closedir(dir);
+    return n;
+}
+
 static void what_is_wrong_with_a_certificate_is_said(void **state)
 {
     char empty[100], garbage[100];
@@ -728,6 +740,9 @@ static void what_is_wrong_with_a_certificate_is_said(void **state)
     has(not_started(garbage, "/no/such/key"), "/no/such/key: cannot be read: No such file");
     has(not_started(empty, garbage), "it is empty");
     has(not_started(garbage, garbage), "certificate and key must be PEM and belong together");
+    const size_t n = descriptors(); /* nothing is left of it */
+    has(not_started(garbage, garbage), "certificate and key must be PEM and belong together");
+    assert_int_equal(descriptors(), n);
 }
 
 int main(void)
