@@ -844,6 +844,35 @@ static void an_ipv6_address_is_written_in_brackets(void **state)
     apc_link_destroy(link);
 }
 
+/* Also where the machine has no IPv6. */
+static void an_address_is_shown_as_it_is_written(void **state)
+{
+    static const struct {
+        const char *uri, *text;
+        bool loopback;
+    } cases[] = {{"tcp:127.0.0.1:1", "127.0.0.1:1", true},
+                 {"tcp:127.255.0.9:65535", "127.255.0.9:65535", true},
+                 {"tcp:126.0.0.1:80", "126.0.0.1:80", false},
+                 {"tcp:128.0.0.1:80", "128.0.0.1:80", false},
+                 {"tcp:[::1]:502", "[::1]:502", true},
+                 {"tcp:[0:0::2]:502", "[::2]:502", false},
+                 {"tcp:[fe80::A:1]:4840", "[fe80::a:1]:4840", false}};
+    (void)state;
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char text[APC_ENDPOINT_TEXT];
+        struct apc_hostport host;
+        struct apc_endpoints to;
+        assert_int_equal(apc_hostport_parse(&host, cases[i].uri, NULL), 0);
+        assert_true(host.numeric);
+        assert_int_equal(apc_hostport_resolve(&host, &to, NULL), 0);
+        assert_int_equal(to.count, 1);
+        assert_string_equal(apc_endpoint_format(&to.at[0], text), cases[i].text);
+        assert_int_equal(apc_endpoint_port(&to.at[0]), host.port);
+        assert_int_equal(apc_endpoint_is_loopback(&to.at[0]), cases[i].loopback);
+    }
+}
+
 static void a_malformed_address_is_named(void **state)
 {
     static const struct {
@@ -961,6 +990,7 @@ int main(void)
         cmocka_unit_test(a_host_may_be_a_name),
         cmocka_unit_test(a_name_without_an_address_is_an_error_of_the_exchange),
         cmocka_unit_test(an_ipv6_address_is_written_in_brackets),
+        cmocka_unit_test(an_address_is_shown_as_it_is_written),
         cmocka_unit_test(a_malformed_address_is_named),
         cmocka_unit_test(options_are_checked),
         cmocka_unit_test(no_link_is_legal_to_destroy_and_nothing_can_be_asked_without),

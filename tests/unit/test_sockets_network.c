@@ -17,7 +17,7 @@ static struct apc_network *make(struct apc_network_options options)
     struct apc_network *n = NULL;
     struct apc_error why = {""};
     options.size = sizeof options;
-    if (apc_network_create(&n, &options, &why) < 0)
+    if (apc_network_create(&n, &options, &why) != 0)
         fail_msg("%s", why.text);
     return n;
 }
@@ -172,6 +172,23 @@ static void an_outage_loses_what_is_sent_in_it(void **state)
     apc_network_destroy(n);
 }
 
+/* As seen from a wall clock, a monotonic clock, and before their zero. */
+static void a_line_is_as_slow_at_every_time(void **state)
+{
+    static const apc_ns begins[] = {0, INT64_C(1700000000) * APC_NS_PER_S, INT64_MAX / 2, -INT64_MAX / 2};
+    (void)state;
+
+    for (size_t i = 0; i < sizeof begins / sizeof *begins; i++) {
+        struct apc_network *n = make((struct apc_network_options){.bandwidth = 8});
+        apc_ns at[2];
+        for (int k = 1; k <= 3; k++) {
+            assert_int_equal(apc_network_send(n, begins[i], 1, at), 1);
+            assert_int_equal(at[0] - begins[i], k * APC_NS_PER_S);
+        }
+        apc_network_destroy(n);
+    }
+}
+
 static void bandwidth_makes_frames_wait_for_each_other(void **state)
 {
     struct apc_network *n = make((struct apc_network_options){.bandwidth = 8000, .delay = of("0.5")});
@@ -280,6 +297,7 @@ int main(void)
         cmocka_unit_test(certain_loss_and_none_are_exact),
         cmocka_unit_test(an_outage_loses_what_is_sent_in_it),
         cmocka_unit_test(bandwidth_makes_frames_wait_for_each_other),
+        cmocka_unit_test(a_line_is_as_slow_at_every_time),
         cmocka_unit_test(changing_one_model_changes_no_other),
         cmocka_unit_test(directions_of_one_seed_differ),
         cmocka_unit_test(what_no_network_can_do_is_refused),
