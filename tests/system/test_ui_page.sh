@@ -75,9 +75,9 @@ serve hundred --store 'postgresql:#hundred'
 export APC_UI_HUNDRED=$ui_url
 
 tests=$APC_SOURCE_DIR/ui/test
-node --test --test-reporter=spec "$tests/hundred.mjs"
-kill "$feed"
 status=0
+node --test --test-reporter=spec "$tests/hundred.mjs" || status=$?
+kill "$feed"
 APC_UI_PAGE=$APC_BUILD_DIR/share/apc/ui node --test --test-reporter=spec "$tests/faults.mjs" || status=$?
 node --test --test-reporter=spec "$tests/axe.mjs" || status=$?
 node --test --test-reporter=spec "$tests/operator.mjs" || status=$?
