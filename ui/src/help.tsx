@@ -38,8 +38,8 @@ export function Help({close}: {close: () => void}): JSX.Element {
           <li><Shape priority={4} /> worth a look</li>
         </ul>
         <p>
-          The light band of a bar is the normal band, the setpoint ± 5 % of the scale; the mark in it is the setpoint. Scales are
-          chosen once, from the limits or the last ten minutes; only a setpoint beyond the end moves them.
+          The mark in a bar is the setpoint. Scales are chosen once, from the limits or the last ten minutes; only a setpoint
+          beyond the end moves them.
         </p>
         <h2>A write</h2>
         <p>

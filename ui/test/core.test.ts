@@ -76,12 +76,22 @@ test("what somebody wrote is told with all of its digits, and each number in one
 test("durations have the unit that fits", () => {
   const cases: [number | null, string][] = [[5e-9, "5 ns"], [-1.5e-6, "\u22121.5 µs"], [0.25, "250 ms"], [2, "2.0 s"], [600, "10 min"], [7260, "2 h 1 min"], [null, "–"]];
   for (const [seconds, text] of cases) assert.equal(duration(seconds), text);
+  const edges: [number, string][] = [
+    [0, "0 s"], [9.99e-7, "999 ns"], [1e-6, "1.0 µs"], [9.94e-6, "9.9 µs"], [1e-5, "10 µs"], [9.99e-4, "999 µs"], [1e-3, "1.00 ms"], [9.994e-3, "9.99 ms"], [1e-2, "10.0 ms"],
+    [0.0994, "99.4 ms"], [0.1, "100 ms"], [0.999, "999 ms"], [1, "1.0 s"], [9.94, "9.9 s"], [10, "10 s"], [119.4, "119 s"], [120, "2 min"], [7199, "119 min"], [7200, "2 h 0 min"],
+    [172799, "47 h 59 min"], [172800, "2 d"], [-259200, "\u22123 d"], [-90000, "\u221225 h 0 min"], [-3, "\u22123.0 s"], [-600, "\u221210 min"], [-0.25, "\u2212250 ms"], [-5e-9, "\u22125 ns"],
+  ];
+  for (const [seconds, text] of edges) assert.equal(duration(seconds), text);
+  for (const none of [undefined, NaN, Infinity]) assert.deepEqual([duration(none), period(none)], ["–", "–"]);
+  assert.deepEqual([period(1e-3), period(1), period(0.1 + 0.2)], ["1 ms", "1 s", "300 ms"]);
   const periods: [number | null, string][] = [[0.0005, "500 µs"], [0.2, "200 ms"], [2, "2 s"], [0.0125, "12.5 ms"], [200, "200 s"], [null, "–"]];
   for (const [seconds, text] of periods) assert.equal(period(seconds), text);
 });
 
 test("times are UTC", () => {
   assert.equal(clock(1763730125.25, 2), "13:02:05.25");
+  assert.deepEqual([clock(1763730125.999), clock(59.999, 1), clock(null), clock(0)], ["13:02:05", "00:00:59.9", "–", "00:00:00"], "never later than it is");
+  assert.deepEqual([stamp(951782400), stamp(1762300800.5, 1)], ["2000-02-29 00:00:00", "2025-11-05 00:00:00.5"]);
   assert.equal(iso(0.5), "1970-01-01T00:00:00.500000Z");
 });
 
@@ -95,7 +105,17 @@ test("a scale has round ends that hold what there is", () => {
   const flat = niceScale(10, 10);
   assert.ok(flat.low < 10 && flat.high > 10);
   assert.deepEqual(niceScale(...extent([])), {low: 0, high: 1});
+  const ends: [number, number, number, number][] = [[0, 1, 0, 1], [0, 4.9, 0, 5], [0, 5.1, 0, 6], [0, 11, 0, 15], [0, 26, 0, 30], [-0.03, 0.02, -0.03, 0.02], [120, 180, 120, 180], [7, 93, 0, 100]];
+  for (const [low, high, from, to] of ends) assert.deepEqual(niceScale(low, high), {low: from, high: to}, `${low} ${high}`);
+  assert.deepEqual(niceScale(10, 10), {low: 4, high: 16});
+  assert.deepEqual(niceScale(1000, 1000.5), {low: 500, high: 2000}, "of no height, nearly");
+  assert.deepEqual(niceScale(1000, 1001.1), {low: 1000, high: 1001.5});
+  assert.deepEqual(niceScale(0, 0), {low: -6e-10, high: 6e-10});
+  assert.deepEqual(niceScale(0, 25), {low: 0, high: 25});
+  assert.deepEqual(niceScale(-Infinity, 1), {low: 0, high: 1});
   assert.deepEqual(place({low: 0, high: 10}, 12), {at: 1, off: 1});
+  assert.deepEqual(place({low: 2, high: 10}, 1), {at: 0, off: -1});
+  for (const [value, at] of [[2, 0], [6, 0.5], [10, 1]] as const) assert.deepEqual(place({low: 2, high: 10}, value), {at, off: 0});
   assert.deepEqual(extent([3, null, -1, NaN, undefined]), [-1, 3]);
 });
 
@@ -157,6 +177,13 @@ test("gaps stay gaps: a hole, a Bad sample, an empty bin", () => {
   assert.deepEqual([mean.t, mean.low, mean.mid, mean.high], [[5, 15, 35, 55], [1, 2, null, 3], [1.5, 2.5, null, 3.5], [2, 3, null, 4]]);
   assert.deepEqual(fromBins(bins, 10, 1, true).mid, [2, 3, null, 4]);
   assert.deepEqual(fromBins(bins, 10, 100, true).mid, [2, 3, 4]);
+  assert.deepEqual(fromBins(bins, 10, 25, true).mid, [2, 3, 4], "as far apart as is allowed");
+  assert.equal(fromBins(bins, 10, 24.9, true).mid[2], null);
+  assert.deepEqual(fromBins(bins, 10, 1, false, [1, 0, 9, "Good"]).t[0], 0, "what stood at the beginning of time");
+  const wide = empty();
+  append(wide, 100, 1, 10);
+  append(wide, 112, 2, 10);
+  assert.deepEqual(wide.t, [100, 106, 112], "a gap begins before what ends it");
 });
 
 test("what was held or put in for a measurement is drawn: only Bad is a gap", () => {
@@ -312,11 +339,30 @@ test("what lies beyond a histogram is counted at its ends; one tick is visible b
   assert.deepEqual(reach({quantity: "jitter", min: -1e-4, p50: 0, p999: 3e-4, max: 1}), {low: -5e-4, high: 5e-4});
 });
 
+test("a histogram reaches beyond what 999 of 1000 need, to a round end; from zero where there is no sign", () => {
+  const of = (quantity: "jitter" | "run", p999: number, rest: object = {}) => reach({quantity, min: 0, p50: 0, p999, max: 1, ...rest});
+  const ends: [number, number][] = [[0.9e-3, 1e-3], [1e-3, 2e-3], [1.9e-3, 2e-3], [2e-3, 5e-3], [4.7e-3, 5e-3], [4.9e-3, 1e-2], [0, 2e-7]];
+  for (const [p999, high] of ends) assert.deepEqual(of("run", p999), {low: 0, high}, String(p999));
+  assert.deepEqual(of("jitter", 0), {low: -1e-6, high: 1e-6}, "nothing jittered");
+  assert.deepEqual(of("jitter", 1e-4, {p50: -3e-4}), {low: -5e-4, high: 5e-4});
+  assert.deepEqual(of("jitter", 1e-5, {min: -1e-3}), {low: -2e-4, high: 2e-4}, "one that is far off does not flatten the others");
+  assert.deepEqual(of("jitter", 1e-4, {min: -4e-4}), {low: -5e-4, high: 5e-4});
+});
+
+test("a bar holds what lies from its lower end up to its upper", () => {
+  const h = histogram([[0, 0, 1], [1, 1, 2], [0.4, 0.6, 4], [1.999, 2, 8], [2, 2, 16]], 0, 2, 2);
+  assert.deepEqual(h, {low: 0, high: 2, counts: [5, 10], below: 0, above: 16, most: 10});
+  assert.equal(histogram([], 0, 1, 3).most, 1);
+  assert.deepEqual([logHeight(100, 100), logHeight(1, 1)], [1, 0.5]);
+  near(logHeight(5, 50), 0.5);
+});
+
 test("pauses double up to their limit", () => {
   const b = new Backoff(500, 4000, () => 0);
   assert.deepEqual([1, 2, 3, 4, 5].map(() => b.next()), [500, 1000, 2000, 4000, 4000]);
   b.reset();
   assert.equal(b.next(), 500);
+  assert.equal(new Backoff(500, 4000, () => 0.5).next(), 375, "shortened at random, by up to half");
 });
 
 const near = (a: number | null, b: number, by = 1e-9): void => assert.ok(a != null && Math.abs(a - b) <= by, `${a} is not ${b}`);

@@ -13,9 +13,17 @@ if (Number(process.versions.node.split(".")[0]) < 20) {
 }
 const {Window} = await import("happy-dom");
 const window = new Window({url: "http://server/", settings: {disableCSSFileLoading: true}});
-// A canvas takes everything and shows nothing.
-const context: unknown = new Proxy(() => {}, {get: (_, name) => (name === "measureText" ? () => ({width: 9}) : name === "canvas" ? document.createElement("canvas") : context), set: () => true, apply: () => context});
-window.HTMLCanvasElement.prototype.getContext = (() => context) as never;
+// A canvas takes everything and shows nothing; what is drawn on a sparkline and what is written are noted.
+const marks: string[] = [];
+const words: string[] = [];
+const pencil: unknown = new Proxy({}, {
+  get: (_, name) => (...to: number[]) => void marks.push([name, ...to.map(x => x.toFixed(1))].join(" ")),
+  set: (_, name, value) => marks.push(`${String(name)} ${value}`) > 0,
+});
+const context: unknown = new Proxy(() => {}, {get: (_, name) => (name === "measureText" ? () => ({width: 9}) : name === "fillText" ? (text: string) => void words.push(text) : name === "canvas" ? document.createElement("canvas") : context), set: () => true, apply: () => context});
+window.HTMLCanvasElement.prototype.getContext = function (this: {className: string}) { return this.className === "spark" ? pencil : context; } as never;
+Object.defineProperty(window.HTMLDivElement.prototype, "clientWidth", {get: () => 900});
+Object.defineProperties(window.HTMLCanvasElement.prototype, {clientWidth: {get: () => 120}, clientHeight: {get: () => 40}});
 for (const name of Object.getOwnPropertyNames(window))
   if (!(name in globalThis) || ["Event", "CustomEvent", "FormData"].includes(name)) Object.defineProperty(globalThis, name, {value: (window as never)[name], configurable: true, writable: true});
 Object.assign(globalThis, {window, document: window.document, location: window.location, localStorage: window.localStorage, devicePixelRatio: 1, Path2D: class { rect() {} moveTo() {} lineTo() {} arc() {} closePath() {} addPath() {} }});
@@ -585,4 +593,224 @@ test("addresses of pages", () => {
   assert.equal(location.hash, "#loop/2");
   assert.equal(path("trend", "sensor.3"), "#trend/sensor.3");
   assert.equal(tanks.loops.length, 2);
+});
+
+/** What is saved as a file while something is done: its name and its text. */
+async function saved(act: () => Promise<void>): Promise<[string, string]> {
+  const {createObjectURL} = URL;
+  const {click: follow} = window.HTMLAnchorElement.prototype;
+  let file: Blob | null = null;
+  let name = "";
+  URL.createObjectURL = what => ((file = what as Blob), "blob:x");
+  window.HTMLAnchorElement.prototype.click = function () { name = this.download; };
+  await act();
+  URL.createObjectURL = createObjectURL;
+  window.HTMLAnchorElement.prototype.click = follow;
+  assert.ok(file, "nothing was saved");
+  return [name, await (file as Blob).text()];
+}
+
+test("a sparkline: ten minutes by its scale, the setpoint in steps, a gap where there is one", async () => {
+  const route = env.routes.get("/api/history")!;
+  const now = server.now;
+  env.routes.set("/api/history", asked => asked.answer(asked.query.var === "setpoint.2"
+    ? server.history(asked.query, [[now - 300, 10]], [1, now - 9000, 0, "Good"])
+    : server.history(asked.query, [[now - 100, 0], [now - 98, 5], [now - 97, 5, "Bad"], [now - 95, 10]])));
+  model.refill.value++;
+  await settle();
+  Object.assign(globalThis, {devicePixelRatio: 2});
+  marks.length = 0;
+  await show("loop/2");
+  Object.assign(globalThis, {devicePixelRatio: 1});
+  env.routes.set("/api/history", route);
+  const strokes = marks.join(";").split("beginPath;").slice(1, 3).map(one => one.replace(/;stroke;.*/, ""));
+  assert.equal(marks[0], "clearRect 0.0 0.0 240.0 80.0");
+  assert.deepEqual(marks.filter(one => one.startsWith("lineWidth")), ["lineWidth 2", "lineWidth 3"]);
+  // 76 pixels high for 0 to 10, 0.4 pixels for a second.
+  assert.match(strokes[0]!, /^moveTo 0\.0 78\.0;lineTo 120\.0 78\.0;lineTo 120\.0 2\.0;/);
+  assert.match(strokes[1]!, /^moveTo 200\.0 78\.0;lineTo 200\.8 40\.0;moveTo 202\.0 2\.0/);
+  assert.match(one(".faceplate canvas").getAttribute("aria-label") ?? "", /^y2, last 10 minutes: 0\.000 to 10\.000$/);
+});
+
+test("a sparkline is drawn anew every four seconds", async () => {
+  await show("loop/2");
+  const drawn: number[] = [];
+  for (let i = 0; i < 8; i++) {
+    marks.length = 0;
+    await env.pass(1);
+    server.beat();
+    await settle();
+    drawn.push(marks.filter(each => each.startsWith("clearRect")).length);
+  }
+  assert.equal(drawn.reduce((a, b) => a + b), 2);
+  assert.deepEqual(drawn.slice(0, 4), drawn.slice(4));
+});
+
+test("who acted on the loop last, by the stream, by what was asked for, by the writes", async () => {
+  const route = env.routes.get("/api/events")!;
+  const writes = model.writes.value;
+  const action = (): string => said(".last-action");
+  env.routes.set("/api/events", asked => asked.answer({t: server.now, more: false, events: [
+    event(START + 10, 1, "r1: 1 -> 2"), event(START + 11, 1, "r2: 5 -> 6"), event(START + 12, 1, "r1: 7 -> 8", "mode"),
+  ]}));
+  await show("loop/1");
+  assert.equal(action(), "Last action 2033-05-18 03:33:30 UTC, anna: r1: 1 → 2");
+  env.source.send("event", {events: [event(START + 20, 1, "u1.Kp: 1 -> 2")]});
+  await settle();
+  assert.equal(action(), "Last action 2033-05-18 03:33:40 UTC, anna: u1.Kp: 1 → 2");
+  const write = (key: string, at: number, rest: object = {}) => ({key, kind: "mode", user: "eve", time: START + at, state: "applied", stored: true, reason: null, changes: [{ref: "opmode.0", name: "mode", from: 1, to: 0, seq: 2}], ...rest});
+  env.source.send("write", write("a", 18));
+  await settle();
+  assert.match(action(), /anna: u1\.Kp/, "what is older");
+  env.source.send("write", write("b", 19));
+  await settle();
+  assert.equal(action(), "Last action 2033-05-18 03:33:39 UTC, eve: mode Auto → Man (applied)", "the event of a write comes a moment later");
+  env.source.send("write", write("c", 30, {state: "failed", changes: [{ref: "setpoint.1", name: "r1", from: null, to: 0.5, seq: null}]}));
+  await settle();
+  assert.equal(action(), "Last action [priority 2: failed] 2033-05-18 03:33:50 UTC, eve: r1 – → 0.5 (failed)");
+  env.source.send("write", write("d", 40, {changes: [{ref: "setpoint.2", name: "r2", from: 1, to: 2, seq: null}]}));
+  env.source.send("write", write("e", 41, {stored: false}));
+  await settle();
+  assert.match(action(), /r1 – → 0\.5/, "another loop's, and one that was not stored");
+  model.writes.value = writes;
+  env.routes.set("/api/events", route);
+});
+
+test("the newest eight events are on the overview, the last one first", async () => {
+  const route = env.routes.get("/api/events")!;
+  const queries: Record<string, string>[] = [];
+  const far = server.now + 1e6; // beyond what other tests have said
+  env.routes.set("/api/events", asked => {
+    queries.push(asked.query);
+    asked.answer({t: server.now, more: false, events: Array.from({length: 8}, (_, i) => event(far + i, (1 + (i % 3)) as 1 | 2 | 3, `n${i}`))});
+  });
+  await show("loop/1");
+  await show("overview");
+  assert.deepEqual(queries.at(-1), {last: "8"});
+  env.source.send("event", {events: [event(far + 9, 3, "n9")]});
+  await settle();
+  const rows = [...document.querySelectorAll(".latest tbody tr")];
+  assert.deepEqual(rows.map(row => row.querySelector("td:last-child")?.textContent), ["n9", "n7", "n6", "n5", "n4", "n3", "n2", "n1"]);
+  assert.equal(said(".latest tbody td:nth-child(2)"), "[priority 1: alarm] | [priority 2: warning] |  | [priority 1: alarm] | [priority 2: warning] |  | [priority 1: alarm] | [priority 2: warning]");
+  env.routes.set("/api/events", route);
+  model.events.value = {list: [], dropped: model.events.value.dropped};
+});
+
+test("events are filtered by kind, source and text, and saved as they are shown", async () => {
+  const route = env.routes.get("/api/events")!;
+  const queries: Record<string, string>[] = [];
+  model.events.value = {list: [], dropped: 0};
+  let answer = [event(START, 1, "=a"), event(START + 1, 2, "b, c")];
+  env.routes.set("/api/events", asked => {
+    queries.push(asked.query);
+    asked.answer({t: server.now, events: answer, more: false});
+  });
+  await show("events");
+  const asked = async (n: number): Promise<void> => {
+    for (let i = 0; queries.length < n && i < 200; i++) await new Promise(resolve => setTimeout(resolve, 10));
+    await settle();
+  };
+  await asked(1);
+  assert.equal(said(".events [role=status]"), "2 shown");
+  assert.deepEqual(await saved(() => click(button("CSV"))), ["tanks-events.csv",
+    "time,severity,source,kind,text\r\n2033-05-18T03:33:20.000000Z,1,anna,operator,'=a\r\n2033-05-18T03:33:21.000000Z,2,anna,operator,\"b, c\"\r\n"]);
+  assert.equal([...document.querySelectorAll("main button")].some(each => each.textContent === "Older ones"), false, "there are no older ones");
+  answer = [];
+  await choose("main label:nth-of-type(2) select", "link");
+  await type("main label:nth-of-type(3) input", " anna ");
+  await type("main label:nth-of-type(4) input", "x");
+  await choose("main label:nth-of-type(1) select", "3");
+  await choose("main label:nth-of-type(5) select", "604800");
+  await asked(2);
+  assert.deepEqual(queries.at(-1), {severity: "3", kind: "link", source: "anna", text: "x", since: "-604800", last: "200"});
+  assert.match(said(".events .scroll"), /nothing matches$/);
+  env.routes.set("/api/events", asked => (queries.push(asked.query), asked.answer({error: {code: "parameter", message: "no such kind"}}, 400)));
+  await choose("main label:nth-of-type(2) select", "");
+  await asked(3);
+  assert.equal(said(".events .complaint"), "no such kind");
+  env.routes.set("/api/events", route);
+});
+
+test("a histogram stands on its axis, its bars where their ticks are", async () => {
+  env.routes.set("/api/timing", asked => asked.answer({timing: [{task: "t", quantity: "run", period: 1, count: 111, missed: 0, mean: 0, sd: 0, min: 0, p50: 1e-3, p99: 1e-3, p999: 1.5e-3, max: 1.9e-3, bins: [[0, 1e-6, 1], [1e-3, 1.0001e-3, 100], [1.999e-3, 2e-3, 10]]}]}));
+  env.routes.set("/api/timing/series", asked => asked.answer({error: {code: "x", message: "x"}}, 500));
+  await show("timing");
+  const of = (selector: string, ...names: string[]): (string | null)[][] => [...document.querySelectorAll(`svg.histogram ${selector}`)].map(each => names.map(name => { const text = each.getAttribute(name); return text && String(Math.round(Number(text) * 10) / 10); }));
+  assert.deepEqual(of(".column", "x", "width"), [["48.5", "4.9"], ["225.5", "4.9"], ["402.6", "4.9"]]);
+  const bars = of(".column", "y", "height").map(([y, height]) => [Number(y), Number(height)]);
+  for (const [y, height] of bars) assert.ok(Math.abs(y! + height! - 160) < 0.11, "it stands on the axis");
+  assert.deepEqual(bars.map(([, height]) => height), [18.6, 142, 80.3]);
+  assert.deepEqual(of(".axis-line", "x1", "x2", "y1", "y2"), [["48", "408", "160", "160"]]);
+  assert.deepEqual(of(".grid-line", "x1", "x2", "y1", "y2").map(([x1, x2, y1, y2]) => [x1, x2, y1 === y2]), Array(3).fill(["48", "408", true]));
+  assert.equal(said("svg.histogram .tick"), "1 | 10 | 100 | 0 s | 1.00 ms | 2.00 ms | count");
+  assert.deepEqual(of(".tick", "x"), [["42"], ["42"], ["42"], ["48"], ["228"], ["408"], ["42"]]);
+  assert.deepEqual([...document.querySelectorAll("svg.histogram .tick")].slice(3, 6).map(each => each.getAttribute("class")), ["tick start", "tick middle", "tick end"]);
+  assert.deepEqual(of(".tick", "y").slice(3), [["177"], ["177"], ["177"], ["13"]]);
+});
+
+test("a trend from one time to another, fitted, turned by the wheel, and saved", async () => {
+  const route = env.routes.get("/api/history")!;
+  const now = Math.floor(server.now);
+  env.routes.set("/api/history", asked => asked.answer(server.history(asked.query, asked.query.var === "sensor.1" ? [[START + 1, 1.5], [START + 2, 300]] : [])));
+  await show("overview");
+  await show("trend/1");
+  const trend = (): string[] => ["data-live", "data-span"].map(name => one("section.trend").getAttribute(name) ?? "");
+  const details = one<HTMLDetailsElement>("details.from-to");
+  details.open = true;
+  details.dispatchEvent(new window.Event("toggle") as never);
+  await settle();
+  const stamps = (): string[] => [...document.querySelectorAll<HTMLInputElement>(".from-to input")].map(each => each.value);
+  const seconds = stamps().map(text => Date.parse(`${text}Z`) / 1000);
+  assert.ok(Math.abs(seconds[1]! - now) <= 1 && Math.abs(seconds[1]! - seconds[0]! - 600) <= 1, stamps().join());
+  await type(".from-to label:nth-of-type(1) input", "2033-05-18T03:33:20");
+  await type(".from-to label:nth-of-type(2) input", "2033-05-18T03:33:10");
+  assert.match(said(".from-to form"), /the end is not after the beginning/);
+  assert.equal(button("Show").disabled, true);
+  await submit(".from-to form");
+  assert.equal(trend()[0], "true", "what is refused is shown");
+  await type(".from-to label:nth-of-type(2) input", "2033-05-18T03:33:25");
+  await submit(".from-to form");
+  assert.deepEqual(trend(), ["false", "5"]);
+  for (let i = 0; one("section.trend").getAttribute("data-points") !== "2" && i < 200; i++) {
+    await new Promise(resolve => setTimeout(resolve, 10));
+    await settle();
+  }
+  assert.match(said(".readout"), /part of the curve is off the axis/);
+  await click(button("Fit y"));
+  assert.doesNotMatch(said(".readout"), /part of the curve is off the axis/);
+  await click(button("Reset y"));
+  assert.match(said(".readout"), /part of the curve is off the axis/);
+  assert.deepEqual(await saved(() => click(button("CSV"))), ["tanks-y1.csv",
+    "time,y1 [m],r1 [m],u1 [V]\r\n2033-05-18T03:33:21.000000Z,1.5,,\r\n2033-05-18T03:33:22.000000Z,300,,\r\n"]);
+  await click(button("View as table"));
+  assert.equal(said("table.data tbody tr"), "2033-05-18 03:33:21.0 1.50 – – | 2033-05-18 03:33:22.0 300.00 – –");
+  assert.match(said("table.data"), /the newest 2 points/);
+  await click(button("View as table"));
+  const wheel = async (more: object): Promise<boolean> => {
+    const turned = Object.assign(new window.WheelEvent("wheel", {cancelable: true}), {ctrlKey: false, shiftKey: false, deltaX: 0, deltaY: 0}, more);
+    one(".plots").dispatchEvent(turned as never);
+    await settle();
+    return turned.defaultPrevented;
+  };
+  assert.equal(await wheel({deltaY: 1}), false, "the page scrolls");
+  assert.deepEqual(trend(), ["false", "5"]);
+  assert.equal(await wheel({ctrlKey: true, deltaY: 1}), true);
+  assert.deepEqual(trend(), ["false", "6.25"]);
+  await wheel({ctrlKey: true, deltaY: -1});
+  assert.deepEqual(trend(), ["false", "5"]);
+  await press("Home");
+  await wheel({shiftKey: true, deltaY: -1});
+  assert.deepEqual(trend(), ["false", "600"]);
+  env.routes.set("/api/history", route);
+});
+
+test("the axis of a trend tells the time, and the day once", async () => {
+  words.length = 0;
+  await show("loop/1");
+  await show("trend/1");
+  const times = words.filter(text => /^\d\d:\d\d/.test(text));
+  assert.ok(times.length > 0 && times.every(text => /^\d\d:\d\d$/.test(text)), words.join());
+  const days = words.filter(text => /^\d{4}-/.test(text));
+  assert.ok(days.length > 0 && days.length < times.length, words.join());
+  assert.ok(words.includes("y1 [m], r1 [m]") && words.includes("u1 [V]"), words.join());
 });
