@@ -423,6 +423,18 @@ test("what is told again after a resumed stream is as old as it is, and says not
   near(c.message(1058.2, 5.2), 2, 1e-6);
 });
 
+test("lag is told of the newest 256 messages", () => {
+  const c = new Clock();
+  c.begin(0, 0, false);
+  c.message(1, 6);
+  for (let i = 0; i < 255; i++) c.message(10, 10);
+  assert.deepEqual(c.figures(), {last: 0, p50: 0, p99: 0, max: 5});
+  c.message(10, 10);
+  assert.equal(c.figures()?.max, 0);
+  c.message(10, 13);
+  assert.deepEqual(c.figures(), {last: 3, p50: 0, p99: 0, max: 3});
+});
+
 test("a computer that slept or a clock that was set is noticed, a clock that drifts is not", () => {
   const p = new Parting();
   assert.equal(p.look(1000, 5), false);

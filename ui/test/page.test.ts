@@ -321,6 +321,51 @@ test("answers out of order: the newest question counts", async () => {
   env.routes.set("/api/history", route);
 });
 
+test("a question that was overtaken ends nothing, whether it is answered or fails", async () => {
+  const route = env.routes.get("/api/history")!;
+  env.routes.delete("/api/history");
+  for (const end of ["answer", "fail"] as const) {
+    env.asked.length = 0;
+    const curve = one();
+    curve.fill(0, 600, 150, false, () => {});
+    curve.fill(600, 1200, 150, false, () => {});
+    await env.settle();
+    const first = env.take("/api/history");
+    if (end === "answer") first.answer(server.none(first.query));
+    else first.fail();
+    await env.settle();
+    assert.deepEqual([curve.error, curve.whole], [null, false], end);
+    const second = env.take("/api/history");
+    second.answer(server.none(second.query));
+    await env.settle();
+    assert.equal(curve.whole, true);
+  }
+  env.routes.set("/api/history", route);
+});
+
+test("what was missed while nobody was connected is asked for", async () => {
+  const before = model.refill.value;
+  env.routes.set("/api/writes", one => one.answer({writes: [write("missed", "applied")]}));
+  env.source.break();
+  await opened();
+  assert.equal(model.refill.value, before);
+  server.hello();
+  assert.equal(model.refill.value, before + 1);
+  await env.settle();
+  assert.ok(model.writes.value.some(one => one.key === "missed"));
+  env.routes.set("/api/writes", one => one.answer({writes: []}));
+});
+
+test("samples that follow each other are no reason to ask anew", async () => {
+  server.sample("sensor.1", 1);
+  await env.pass(1.5);
+  const before = model.refill.value;
+  const now = server.now;
+  for (const t of [now, now + 0.5, now + 0.6, now + 3.6]) server.sample("sensor.1", 1, "Good", t);
+  await env.pass(1.5);
+  assert.equal(model.refill.value, before);
+});
+
 test("what the stream has brought since the question stays, in a window that follows", async () => {
   const route = env.routes.get("/api/history")!;
   env.routes.delete("/api/history");

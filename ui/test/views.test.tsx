@@ -814,3 +814,38 @@ test("the axis of a trend tells the time, and the day once", async () => {
   assert.ok(days.length > 0 && days.length < times.length, words.join());
   assert.ok(words.includes("y1 [m], r1 [m]") && words.includes("u1 [V]"), words.join());
 });
+
+test("what is beyond a scale is pointed at, on its side", async () => {
+  await state({"sensor.2": [20, server.now, 11, "Good"]});
+  assert.equal(said(".bar.outside b"), "▶");
+  assert.equal(one(".bar.outside b").className, "off high");
+});
+
+test("each priority has a shape of its own", async () => {
+  await click(button("Help"));
+  const shapes = [...document.querySelectorAll("dialog svg.shape")];
+  assert.deepEqual(shapes.map(each => each.getAttribute("aria-label")), ["priority 1: alarm", "priority 2: warning", "priority 3: stale or uncertain", "priority 4: note"]);
+  assert.equal(new Set(shapes.map(each => each.querySelector("path")?.getAttribute("d")).filter(Boolean)).size, 4);
+  one("dialog").dispatchEvent(new window.Event("close") as never);
+  await settle();
+});
+
+test("a parameter that is typed as it is, is no change", async () => {
+  await show("loop/2");
+  await type('input[name="tuning.2"]', "2e9");
+  assert.equal(button("Apply", ".tuning").disabled, false);
+  await type('input[name="tuning.2"]', "1000000000");
+  assert.equal(button("Apply", ".tuning").disabled, true);
+  await press("Escape", one('input[name="tuning.2"]'));
+});
+
+test("timing that cannot be had says why, until it can", async () => {
+  env.routes.set("/api/timing", asked => asked.answer({error: {code: "x", message: "too much"}}, 503));
+  await show("timing");
+  assert.equal(said(".timing .complaint"), "too much");
+  assert.doesNotMatch(said(".timing"), /no task has reported/);
+  env.routes.set("/api/timing", asked => asked.answer({timing: []}));
+  await click(button("1 h"));
+  assert.equal(said(".timing .complaint"), "");
+  assert.match(said(".timing"), /no task has reported in this time/);
+});
