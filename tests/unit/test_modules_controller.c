@@ -609,6 +609,50 @@ static void a_lost_measurement_holds_then_faults_then_recovers_without_a_bump(vo
     }
 }
 
+/* An operator reads which of them it is, and what is wrong with it. */
+static void what_the_output_is_held_for_is_said(void **state)
+{
+    static const struct {
+        int which;
+        const char *text;
+    } lost[] = {{0, "measurement 1 is Bad"},     {1, "measurement 2 is Bad"},
+                {0, "measurement 1 is missing"}, {1, "measurement 2 is missing"},
+                {0, "measurement 1 is stale"},   {1, "measurement 2 is stale"},
+                {2, "setpoint 1 is Bad"},        {3, "setpoint 2 is Bad"},
+                {2, "setpoint 1 is missing"},    {3, "setpoint 2 is missing"}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(lost) / sizeof(lost[0]); i++) {
+        struct apc_sample in[32], out[MAX_OUT];
+        const struct apc_now now = {.mono = S, .utc = T0 + S};
+        struct apc_now later = now;
+        struct rig r;
+
+        make_sized(&r, &apc_law_pid, (struct apc_dim){2, 2, 1});
+        assert_in_range(apc_controller_size(r.controller).in, 5, 32);
+        assert_in_range(apc_controller_size(r.controller).out, 1, MAX_OUT);
+        apc_controller_inputs(r.controller, in);
+        for (int k = 0; k < 5; k++) /* y, z, Auto */
+            in[k] = (struct apc_sample){
+                .table = in[k].table, .id = in[k].id, .seq = 1, .time = now.utc, .value = 1.0};
+        assert_true(apc_controller_compute(r.controller, now, in, out, &r.notice) > 0);
+        assert_int_equal(out[0].status, APC_GOOD);
+        apc_controller_update(r.controller);
+        if (strstr(lost[i].text, "Bad"))
+            in[lost[i].which].status = APC_BAD;
+        else if (strstr(lost[i].text, "missing"))
+            in[lost[i].which].seq = 0;
+        else
+            later.mono += HORIZON + 1;
+        in[!lost[i].which].seq += lost[i].which < 2; /* the other measurement is new */
+        assert_true(apc_controller_compute(r.controller, later, in, out, &r.notice) > 0);
+        assert_int_equal(r.notice.kind, APC_NOTICE_HOLD);
+        if (!strstr(r.notice.text, lost[i].text))
+            fail_msg("\"%s\" does not say \"%s\"", r.notice.text, lost[i].text);
+        apc_controller_destroy(r.controller);
+    }
+}
+
 static void a_measurement_that_is_no_longer_renewed_is_stale(void **state)
 {
     struct rig *r = *state;
@@ -1373,6 +1417,7 @@ int main(void)
         T(tuning_out_of_range_is_refused_once_and_the_last_good_one_kept),
         T(out_of_service_writes_no_output),
         T(a_lost_measurement_holds_then_faults_then_recovers_without_a_bump),
+        cmocka_unit_test(what_the_output_is_held_for_is_said),
         T(a_measurement_that_is_no_longer_renewed_is_stale),
         T(the_integral_stands_still_while_the_output_is_held),
         T(without_any_measurement_yet_nothing_goes_out_until_the_fault_value),

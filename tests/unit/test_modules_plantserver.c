@@ -724,6 +724,10 @@ static void a_server_that_could_not_protect_its_plant_is_refused(void **state)
     o.plant = NULL;
     assert_int_equal(apc_plantserver_create(&server, &o, &why), APC_EINVAL);
     assert_null(server);
+    o = good; /* the limits themselves are within, and may be one */
+    o.safe = o.low = o.high = &one;
+    assert_int_equal(apc_plantserver_create(&server, &o, &why), 0);
+    apc_plantserver_destroy(server);
     apc_plantserver_destroy(NULL);
 }
 
