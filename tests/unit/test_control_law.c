@@ -209,11 +209,35 @@ static void a_parameter_outside_its_limits_is_refused_by_name(void **state)
     (void)state;
     for (size_t k = 0; k < 10; k++)
         tuning[k] = apc_law_pi.tuning[k % 5].initial;
+    for (size_t k = 0; k < 10; k++) { /* whichever it is */
+        const double own = tuning[k];
+
+        tuning[k] = 2e9;
+        assert_int_equal(apc_law_check_tuning(&apc_law_pi, &dim, tuning, &why), APC_ERANGE);
+        assert_non_null(strstr(why.text, apc_law_pi.tuning[k % 5].name));
+        assert_non_null(strstr(why.text, k < 5 ? "output 1" : "output 2"));
+        tuning[k] = own;
+    }
     tuning[6] = -1.0;
     assert_int_equal(apc_law_check_tuning(&apc_law_pi, &dim, tuning, &why), APC_ERANGE);
     assert_non_null(strstr(why.text, "tau_i of output 2"));
     tuning[6] = (double)NAN;
     assert_int_equal(apc_law_check_tuning(&apc_law_pi, &dim, tuning, &why), APC_ERANGE);
+}
+
+static void a_setting_that_a_law_does_not_know_is_refused_by_name(void **state)
+{
+    static const double one = 1.0;
+    const struct apc_setting setting[] = {{"measurement", 1, &one}, {"measurements", 1, &one}};
+    struct apc_law_setup setup = {.dim = {1, 1, 1}, .n_setting = 1, .setting = setting};
+    struct apc_error why = {""};
+
+    (void)state;
+    assert_int_equal(apc_law_check_settings(&apc_law_pid, &setup, &why), 0);
+    assert_int_equal(apc_law_check_settings(&apc_law_pi, &setup, &why), APC_EINVAL); /* it has none at all */
+    setup.n_setting = 2;
+    assert_int_equal(apc_law_check_settings(&apc_law_pid, &setup, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "law pid has no setting \"measurements\""));
 }
 
 /* ---- Pairing --------------------------------------------------------------------------------- */
@@ -308,6 +332,7 @@ int main(void)
         cmocka_unit_test(the_built_in_laws_refuse_crossed_limits_of_any_output),
         cmocka_unit_test(a_parameter_of_which_nothing_is_said_has_its_initial_value_and_limits),
         cmocka_unit_test(a_parameter_outside_its_limits_is_refused_by_name),
+        cmocka_unit_test(a_setting_that_a_law_does_not_know_is_refused_by_name),
         cmocka_unit_test(a_law_that_says_nothing_is_paired_in_order),
         cmocka_unit_test(the_built_in_laws_are_paired_by_their_settings),
         cmocka_unit_test(a_pairing_with_what_there_is_not_is_refused),
