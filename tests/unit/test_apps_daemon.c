@@ -278,9 +278,13 @@ static int hear(const char *path)
 {
     int s = socket(AF_UNIX, SOCK_DGRAM, 0);
     struct sockaddr_un at = {.sun_family = AF_UNIX};
+    const size_t length = offsetof(struct sockaddr_un, sun_path) + strlen(path);
     snprintf(at.sun_path, sizeof at.sun_path, "%.100s", path);
-    unlink(path);
-    assert_int_equal(bind(s, (struct sockaddr *)&at, sizeof at), 0);
+    if (*path == '@') /* of no file */
+        at.sun_path[0] = '\0';
+    else
+        unlink(path);
+    assert_int_equal(bind(s, (struct sockaddr *)&at, (socklen_t)length), 0);
     setenv("NOTIFY_SOCKET", path, 1);
     return s;
 }
@@ -319,6 +323,9 @@ static void a_life_is_told_recorded_and_ends_with_the_signal(void **state)
     heard(s);
     assert_ended(EXIT_OK);
     assert_says("stopping on SIGINT");
+    for (const char *line = said; *line; line = strchr(line, '\n') + 1)
+        if (strncmp(line, "time=", 5) != 0) /* its log, and no word of an error */
+            fail_msg("it says \"%s\"", line);
     read_store();
     assert_recorded("1 start running every 0.1 s\n");
     assert_recorded("1 stop stopping on SIGINT\n");
@@ -331,6 +338,34 @@ static void a_life_is_told_recorded_and_ends_with_the_signal(void **state)
     const struct life again = {.tick = stop_after_three, .options = options};
     live(&again);
     assert_says("stopping on SIGTERM");
+}
+
+static void who_started_it_may_listen_without_a_file_or_not_at_all(void **state)
+{
+    char path[100];
+    const char *const options[] = {"--store", store, NULL};
+    const struct life life = {.tick = stop_after_three, .options = options};
+    (void)state;
+    fresh_store();
+    snprintf(path, sizeof path, "@apc-test-%d", (int)getpid());
+    int s = hear(path);
+    live(&life);
+    heard(s);
+    assert_ended(EXIT_OK);
+    assert_int_equal(strncmp(told, "READY=1\n", 8), 0);
+    /* one that takes no more words holds nothing up */
+    snprintf(path, sizeof path, "%.80s/full", scratch_folder());
+    s = hear(path);
+    struct sockaddr_un at = {.sun_family = AF_UNIX};
+    snprintf(at.sun_path, sizeof at.sun_path, "%s", path);
+    int sender = socket(AF_UNIX, SOCK_DGRAM, 0);
+    while (sendto(sender, "x", 1, MSG_DONTWAIT, (struct sockaddr *)&at, sizeof at) == 1)
+        ;
+    live(&life);
+    heard(s);
+    close(sender);
+    assert_ended(EXIT_OK);
+    assert_null(strstr(told, "READY"));
 }
 
 static void ticks_since_a_predecessor_s_last_one_are_missed(void **state)
@@ -467,6 +502,28 @@ static int just_tick(void *ctx, const struct apc_tick *tick)
     (void)ctx;
     (void)tick;
     return 0;
+}
+
+static int hang_for_ever(void *ctx, const struct apc_tick *tick)
+{
+    (void)ctx;
+    (void)tick;
+    for (;;)
+        pause();
+    return 0;
+}
+
+static void with_overrun_stop_a_tick_that_does_not_return_ends_it_too(void **state)
+{
+    const char *const options[] = {"--store", store, NULL};
+    const struct life life = {.tick = hang_for_ever, .options = options, .overrun = "stop"};
+    (void)state;
+    fresh_store();
+    live(&life);
+    assert_ended(EXIT_TIMEOUT);
+    read_store();
+    assert_recorded("3 overrun stopping: a tick was missed, and overrun is \"stop\"\n");
+    assert_recorded("3 overrun the tick does not return (");
 }
 
 static void a_main_thread_that_hangs_is_given_up(void **state)
@@ -655,11 +712,13 @@ int main(void)
         cmocka_unit_test(bad_options_are_refused_and_say_what_is_expected),
         cmocka_unit_test(the_environment_stands_for_what_is_not_said),
         cmocka_unit_test(a_life_is_told_recorded_and_ends_with_the_signal),
+        cmocka_unit_test(who_started_it_may_listen_without_a_file_or_not_at_all),
         cmocka_unit_test(ticks_since_a_predecessor_s_last_one_are_missed),
         cmocka_unit_test(a_tick_that_fails_ends_it_with_its_code),
         cmocka_unit_test(with_overrun_stop_a_missed_tick_ends_it),
         cmocka_unit_test(many_missed_ticks_are_an_alarm_that_ends),
         cmocka_unit_test(a_tick_that_does_not_return_is_left_behind),
+        cmocka_unit_test(with_overrun_stop_a_tick_that_does_not_return_ends_it_too),
         cmocka_unit_test(a_main_thread_that_hangs_is_given_up),
         cmocka_unit_test(a_claim_is_waited_for_until_it_is_free_or_a_signal_comes),
         cmocka_unit_test(without_a_schema_it_says_so_and_ends),

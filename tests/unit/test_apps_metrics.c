@@ -366,6 +366,21 @@ static void samples_tell_when_there_was_no_control(void **state)
     samples_free(&samples);
 }
 
+static void silence_lasts_until_the_end(void **state)
+{
+    (void)state;
+    course_free(&course);
+    sample(APC_SENSOR, 0, 1, APC_GOOD);
+    sample(APC_ACTUATOR, 0, 1, APC_GOOD);
+    sample(APC_SETPOINT, 9, 5, APC_GOOD);
+    assert_int_equal(course_of_samples(&course, &samples, &e, 7 * APC_NS_PER_S), 0);
+    assert_near(course.end, 9, 0);
+    assert_int_equal(course.without.n, 3);
+    assert_near(course.without.at[2].t, 3.1, 1e-12);
+    assert_near(course.without.at[2].value, 1, 0);
+    samples_free(&samples);
+}
+
 static void a_course_is_read_as_it_was_written(void **state)
 {
     struct apc_error why;
@@ -471,6 +486,7 @@ int main(void)
         T(another_loop_s_step_is_none_of_this_one),
         T(what_is_not_known_has_no_figures_and_what_diverged_infinite_ones),
         T(samples_tell_when_there_was_no_control),
+        T(silence_lasts_until_the_end),
         T(a_course_is_read_as_it_was_written),
         cmocka_unit_test(statistics_are_those_by_hand),
         cmocka_unit_test(intervals_are_student_s),
