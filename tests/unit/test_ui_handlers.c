@@ -921,6 +921,28 @@ static void a_bad_sample_is_counted_and_not_averaged(void **state)
     json_decref(json);
 }
 
+static void what_cannot_be_read_is_no_empty_answer(void **state)
+{
+    static const char *const series[10] = {"task", "controller", "quantity", "run"};
+    void (*const ask_past[])(struct ui *, struct request *,
+                             struct apc_store *) = {get_events, get_timing, get_timing_series, get_history};
+    struct apc_store *there = store;
+    (void)state;
+    assert_int_equal(apc_store_open(&store, "sqlite:/no/such/folder/store.db", NULL, NULL), 0);
+    for (size_t i = 0; i < sizeof ask_past / sizeof *ask_past; i++) {
+        memset(query, 0, sizeof query);
+        if (ask_past[i] == get_timing_series)
+            memcpy(query, series, sizeof series);
+        if (ask_past[i] == get_history)
+            ask_history("var", "sensor.1", "last", "3");
+        json_decref(ask(ask_past[i]));
+        assert_int_equal(request.fault.http, 503);
+        assert_string_equal(request.fault.code, "store");
+    }
+    apc_store_close(store);
+    store = there;
+}
+
 /* ---- Writes ------------------------------------------------------------------------------- */
 
 static void put(enum apc_table table, int id, double value)
@@ -1548,6 +1570,7 @@ int main(void)
         T(timing_is_asked_for_in_one_way),
         T(what_stood_before_the_window_is_told),
         T(a_bad_sample_is_counted_and_not_averaged),
+        T(what_cannot_be_read_is_no_empty_answer),
         T(what_daemons_report_is_known_within_a_look),
         T(newest_values_reach_the_stream_and_settle_writes),
         T(a_loop_is_what_the_law_pairs),
