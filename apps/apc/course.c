@@ -25,7 +25,7 @@ void course_free(struct course *c)
         free(c->output[i].at);
     free(c->output);
     free(c->without.at);
-    *c = (struct course){.end = 0};
+    memset(c, 0, sizeof *c);
 }
 
 void course_add(struct course *c, struct curve *curve, double t, double value)

@@ -42,15 +42,15 @@ static const struct cli_spec spec = {
 };
 
 /* What the daemons could not store belongs to it as well, as at the end of a run. */
-static int recover_from(const struct cli *cli, struct apc_store *store, const struct experiment *e,
-                        struct apc_error *why)
+static int recover_from(const struct cli *cli, struct apc_store *store, const char *uri,
+                        const struct experiment *e, struct apc_error *why)
 {
     const char *dir = cli->args[0];
     char differs[PROVISION_TEXT];
     int rc = provision_check(store, e, differs);
     if (rc < 0)
         return apc_fail(why, rc, "%s", rc == APC_EPERM ? differs : apc_store_error(store));
-    rc = spools_drain(dir, cli->store, cli->timeout, why);
+    rc = spools_drain(dir, uri, cli->timeout, why);
     if (rc < 0 && rc != APC_EPROTO)
         return rc;
     apc_ns until = e->duration > 0 ? e->start + (apc_ns)(e->duration * 1e9) : 0;
@@ -59,24 +59,25 @@ static int recover_from(const struct cli *cli, struct apc_store *store, const st
 }
 
 /* The record of a run that came to no end is in its store. */
-static int recover(struct cli *cli, const struct experiment *e, FILE *talk, struct apc_error *why)
+static int recover(const struct cli *cli, const struct experiment *e, FILE *talk, struct apc_error *why)
 {
     const struct apc_store_options options = {.size = sizeof options, .name = "apc", .timeout = cli->timeout};
-    char path[600], uri[620];
+    char path[600], own[620];
+    const char *uri = cli->store;
     struct apc_store *store;
 
     snprintf(path, sizeof path, "%.580s/store.db", cli->args[0]);
-    snprintf(uri, sizeof uri, "sqlite:%s", path);
+    snprintf(own, sizeof own, "sqlite:%s", path);
     if (access(path, F_OK) == 0)
-        cli->store = uri;
-    if (!e->start || !cli->store)
+        uri = own;
+    if (!e->start || !uri)
         return apc_fail(
             why, APC_ENOTFOUND, "%.300s/samples.csv: there is none, %s", cli->args[0],
             e->start ? "nor a store.db: name the store of this run with --store"
                      : "and no record.conf says when the run began: apc history shows what is in its store");
-    int rc = store_open(&store, cli->store, &options, why);
+    int rc = store_open(&store, uri, &options, why);
     if (rc == 0)
-        rc = recover_from(cli, store, e, why);
+        rc = recover_from(cli, store, uri, e, why);
     if (rc == 0)
         fprintf(talk, "samples: %s/samples.csv, from the store\n", cli->args[0]);
     apc_store_close(store);

@@ -240,7 +240,8 @@ int report_panels_create(struct report_panels **panels, const struct report_data
         return APC_ENOMEM;
     }
     /* few curves in a panel, unless that makes too many panels */
-    (void)(arrange(p, 4, 16) || arrange(p, CURVES_NAMED, 24) || arrange(p, 2 * CURVES_NAMED, PANELS_MAX));
+    (void)(arrange(p, 4, 16) || arrange(p, CURVES_NAMED, 24) ||
+           arrange(p, (size_t)2 * CURVES_NAMED, PANELS_MAX));
     for (size_t i = 0; i < p->n; i++)
         settle(p, &p->panel[i]);
     settle_time(p);
@@ -383,8 +384,7 @@ static void put_label(FILE *script, const struct report_panels *p, const struct 
                                 panel->n > 1 ? first[panel->n - 1].signal->tag.name : "");
     pretty(first->signal->tag.unit, unit, sizeof unit);
     if (panel->power != 0 && used < sizeof text)
-        used += (size_t)snprintf(text + used, sizeof text - used, " (10^%d%s%s)", panel->power,
-                                 *unit ? " " : "", unit);
+        snprintf(text + used, sizeof text - used, " (10^%d%s%s)", panel->power, *unit ? " " : "", unit);
     else if (*unit && used < sizeof text)
         snprintf(text + used, sizeof text - used, " (%s)", unit);
     fputs("set label 6 ", script);

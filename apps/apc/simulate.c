@@ -202,7 +202,7 @@ static void make_hash(struct simulate *r, const char *text, size_t size)
     unsigned length = 0;
     if (EVP_Digest(text, size, hash, &length, EVP_sha256(), NULL) != 1)
         return;
-    for (unsigned i = 0; i < length && 2 * i + 2 < sizeof r->hash; i++)
+    for (size_t i = 0; i < length && 2 * i + 2 < sizeof r->hash; i++)
         snprintf(r->hash + 2 * i, 3, "%02x", hash[i]);
     fprintf(r->talk, "sha256:  %s\n", r->hash);
 }

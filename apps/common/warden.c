@@ -124,7 +124,8 @@ void warden_destroy(struct warden *w)
     if (!w)
         return;
     sem_post(&w->closed);
-    pthread_kill(w->thread, SIGTERM); /* from its look for signals */
+    /* NOLINTNEXTLINE(bugprone-bad-signal-to-kill-thread,cert-pos44-c): it waits for it, blocked */
+    pthread_kill(w->thread, SIGTERM);
     pthread_join(w->thread, NULL);
     pthread_mutex_destroy(&w->mutex);
     sem_destroy(&w->came);
@@ -156,5 +157,6 @@ void warden_ending(struct warden *w, int code)
 {
     warden_watch(w, NULL);
     atomic_store(&w->code, code);
+    /* NOLINTNEXTLINE(bugprone-bad-signal-to-kill-thread,cert-pos44-c): the same */
     pthread_kill(w->thread, SIGTERM);
 }
