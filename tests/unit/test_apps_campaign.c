@@ -150,8 +150,8 @@ static void a_row_has_the_statistics_of_the_runs_that_have_the_figure(void **sta
     for (unsigned run = 4; run < RUNS; run++)
         *figure(run, 0, METRIC_IAE) = 99;
     for (unsigned run = 0; run < RUNS; run++) {
-        *figure(run, 0, METRIC_PEAK) = run == 2 ? 5 : NAN;
-        *figure(run, 1, METRIC_PEAK) = NAN;
+        *figure(run, 0, METRIC_PEAK) = run == 2 ? 5 : (double)NAN;
+        *figure(run, 1, METRIC_PEAK) = (double)NAN;
     }
     *figure(3, 1, METRIC_IAE) = 7;
     const char *text = table();
@@ -175,7 +175,7 @@ static void what_diverged_counts_as_infinite_and_is_told(void **state)
     *figure(1, 0, METRIC_IAE) = HUGE_VAL;
     for (unsigned run = 2; run < 5; run++)
         *figure(run, 1, METRIC_SETTLING) = HUGE_VAL;
-    *figure(5, 1, METRIC_SETTLING) = NAN;
+    *figure(5, 1, METRIC_SETTLING) = (double)NAN;
     *figure(0, 1, METRIC_RETURN) = HUGE_VAL;
     campaign_result(&campaign, 4)->rc = APC_ESOLVER; /* nobody knows its figures */
     const char *text = table();
@@ -229,7 +229,7 @@ static void a_program_gets_all_of_it(void **state)
         *figure(run, 0, METRIC_IAE) = iae[run];
     *figure(3, 1, METRIC_SETTLING) = HUGE_VAL;
     for (unsigned run = 0; run < 4; run++)
-        *figure(run, 0, METRIC_PEAK) = NAN;
+        *figure(run, 0, METRIC_PEAK) = (double)NAN;
     const char *text = printed(summary_print);
     assert_int_equal(
         strncmp(text,
@@ -266,7 +266,7 @@ static void a_file_of_runs_is_read_as_it_was_written(void **state)
     (void)state;
     *figure(0, 0, METRIC_IAE) = 1.0 / 3;
     *figure(0, 0, METRIC_SETTLING) = HUGE_VAL;
-    *figure(0, 0, METRIC_PEAK) = NAN;
+    *figure(0, 0, METRIC_PEAK) = (double)NAN;
     *figure(RUNS - 1, 1, METRICS - 1) = -8;
     campaign_result(&campaign, 2)->rc = APC_ESOLVER;
     snprintf(path, sizeof path, "%s", in_folder("runs.csv"));
@@ -314,7 +314,7 @@ static void two_campaigns_are_compared_seed_by_seed(void **state)
         *figure(run, 0, METRIC_IAE) = run;
         *figure(run, 0, METRIC_SETTLING) = run < 2 ? HUGE_VAL : 1;
     }
-    *figure(5, 0, METRIC_PEAK) = NAN;
+    *figure(5, 0, METRIC_PEAK) = (double)NAN;
     snprintf(path, sizeof path, "%s", in_folder("former.csv"));
     options.csv = path;
     assert_int_equal(summary_csv(&campaign, &why), 0);
