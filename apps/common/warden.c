@@ -27,8 +27,8 @@ struct warden {
     struct tick_watch watch;
     _Atomic uint64_t ticks, last; /* calls that returned; the index of the last one */
     sem_t came, closed;           /* a signal; the process is about to return from main */
-    int signal, notify;
-    atomic_int code;
+    int notify;
+    atomic_int signal, code;
 };
 
 static void ours(sigset_t *signals)
@@ -84,10 +84,12 @@ static void *run(void *arg)
     const struct timespec look = {0, LOOK};
     struct warden *w = arg;
     sigset_t signals;
+    int signal;
 
     ours(&signals);
-    while ((w->signal = sigtimedwait(&signals, NULL, &look)) < 0)
+    while ((signal = sigtimedwait(&signals, NULL, &look)) < 0)
         feed(w);
+    atomic_store(&w->signal, signal);
     sem_post(&w->came);
     if (before(&w->closed, WARDEN_PATIENCE))
         return NULL;
@@ -110,6 +112,7 @@ int warden_create(struct warden **out)
     pthread_sigmask(SIG_BLOCK, &signals, NULL);
     sem_init(&w->came, 0, 0);
     sem_init(&w->closed, 0, 0);
+    atomic_init(&w->signal, 0);
     atomic_init(&w->code, EXIT_ERROR);
     if (apc_mutex_init(&w->mutex) < 0 || pthread_create(&w->thread, NULL, run, w)) {
         free(w);
@@ -137,7 +140,7 @@ void warden_destroy(struct warden *w)
 
 int warden_wait(struct warden *w, apc_ns timeout)
 {
-    return before(&w->came, timeout) ? w->signal : 0;
+    return before(&w->came, timeout) ? atomic_load(&w->signal) : 0;
 }
 
 void warden_watch(struct warden *w, const struct apc_task *task)

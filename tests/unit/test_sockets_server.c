@@ -87,7 +87,7 @@ static void hang_up_hard(int fd)
 
 struct plant {
     struct apc_server *server;
-    sem_t entered, leave; /* for the request "wait\n" */
+    sem_t entered, leave; /* for the requests "wait\n" and "who\n" */
     atomic_int calls;
     _Atomic uint64_t last_connection;
     char peer[APC_PEER_LEN],
@@ -110,8 +110,10 @@ static int answer(void *ctx, uint64_t connection, const char *request, size_t le
     if (length >= 3 && !memcmp(request, "bad", 3))
         return APC_EPROTO;
     if (length == 4 && !memcmp(request, "who\n", 4)) {
+        sem_wait(&p->leave);
         apc_server_peer(p->server, connection, p->peer);
         apc_server_peer(p->server, connection + 1, p->nobody);
+        sem_post(&p->entered);
     }
     if (length == 5 && !memcmp(request, "over\n", 5))
         return (int)size + 1; /* more than there is room for */
@@ -616,7 +618,9 @@ static void the_answer_knows_who_asks_and_is_not_interrupted(void **state)
     char expected[64];
     (void)state;
 
+    sem_post(&p.leave); /* what start() wrote is for the server's thread to read */
     ask(fd, "who\n");
+    sem_wait(&p.entered); /* and the other way round */
     assert_int_equal(getsockname(fd, (struct sockaddr *)&in, &length), 0);
     snprintf(expected, sizeof expected, "127.0.0.1:%d", ntohs(in.sin_port));
     assert_string_equal(p.peer, expected);
