@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 import type {JSX} from "preact";
-import {useEffect, useMemo, useRef, useState} from "preact/hooks";
+import {useEffect, useLayoutEffect, useMemo, useRef, useState} from "preact/hooks";
 import {Cell} from "../core/cell";
 import {useCell} from "../usecell";
 import {download, downloadText} from "../download";
@@ -152,7 +152,7 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
   const back = (): void => setWin(w => goLive({...w, span: SPANS.some(one => one.span === w.span) ? w.span : 600}));
   const toggle = (): void => setWin(w => (w.live ? pause(w, serverNow()) : goLive(w)));
 
-  useEffect(() => {
+  useLayoutEffect(() => {
     const key = (event: KeyboardEvent): void => {
       if (!shortcuts.value || isTyping(event) || event.altKey || event.ctrlKey || event.metaKey) return;
       const moves: Record<string, () => void> = {
