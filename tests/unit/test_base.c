@@ -199,6 +199,8 @@ static void anything_else_is_no_stamp(void **state)
     (void)state;
     for (size_t i = 0; i < sizeof texts / sizeof *texts; i++)
         assert_int_equal(apc_time_parse(texts[i], &t), APC_EINVAL);
+    assert_int_equal(apc_time_parse(NULL, &t), APC_EINVAL);
+    assert_int_equal(apc_time_parse("2026-01-31T12:00:00Z", NULL), APC_EINVAL);
     assert_int_equal(t, 42);
     assert_int_equal(apc_time_parse("2024-02-29T00:00:00Z", &t), 0);
     assert_int_equal(apc_time_parse("2000-02-29T23:59:59.123456789Z", &t), 0);
@@ -216,6 +218,7 @@ static void a_period_is_from_10_us_to_a_year(void **state)
         assert_int_equal(apc_period_from_s(bad[i], &period, &why), APC_EINVAL);
         assert_non_null(strstr(why.text, "must be from"));
     }
+    assert_int_equal(apc_period_from_s(0.2, NULL, &why), APC_EINVAL);
     assert_int_equal(period, 42);
     assert_int_equal(apc_period_from_s(0.2, &period, &why), 0);
     assert_int_equal(period, 200 * APC_NS_PER_MS);

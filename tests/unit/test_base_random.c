@@ -89,6 +89,7 @@ static void draws_have_the_moments_of_their_distribution(void **state)
         {"exponential(0.25)", 0.25, 0.25, 2, 0},
         {"gamma(4, 0.5)", 2, 1, 1, 0},
         {"gamma(0.5, 2)", 1, 1.41421, 2.82843, 0},
+        {"gamma(1.5, 2)", 3, 2.44949, 1.63299, 0},
     };
     (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
@@ -120,6 +121,20 @@ static void recorded_draws_follow_their_histogram(void **state)
     assert_near((double)in[0] / N, 0.25, 0.005);
     assert_near((double)in[1] / N, 0.50, 0.005);
     assert_true(apc_distribution_low(&d) == 0);
+}
+
+/* Recorded runs are made again from their seed, on any machine and by any later version. */
+static void a_seed_and_a_name_stand_for_the_same_numbers_for_ever(void **state)
+{
+    static const uint64_t noise[] = {UINT64_C(0xfae2e739bfd36c0e), UINT64_C(0xda9537a4b199e2f9),
+                                     UINT64_C(0xab500197020ac0c6)};
+    struct apc_random random;
+    (void)state;
+    apc_random_init(&random, 1, "plant.noise.1");
+    for (size_t i = 0; i < sizeof noise / sizeof *noise; i++)
+        assert_true(apc_random_next(&random) == noise[i]);
+    apc_random_init(&random, 2, NULL);
+    assert_true(apc_random_next(&random) == UINT64_C(0xf03dff56ee8d0b36));
 }
 
 static void what_is_no_distribution_is_refused(void **state)
@@ -161,6 +176,7 @@ int main(void)
         cmocka_unit_test(other_names_and_seeds_give_uncorrelated_numbers),
         cmocka_unit_test(draws_have_the_moments_of_their_distribution),
         cmocka_unit_test(recorded_draws_follow_their_histogram),
+        cmocka_unit_test(a_seed_and_a_name_stand_for_the_same_numbers_for_ever),
         cmocka_unit_test(what_is_no_distribution_is_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
