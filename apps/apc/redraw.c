@@ -53,7 +53,8 @@ static int recover_from(const struct cli *cli, struct apc_store *store, const ch
     rc = spools_drain(dir, uri, cli->timeout, why);
     if (rc < 0 && rc != APC_EPROTO)
         return rc;
-    apc_ns until = e->duration > 0 ? e->start + (apc_ns)(e->duration * 1e9) : 0;
+    /* The duration on record may be that of the last measurement: what it led to came a moment later. */
+    apc_ns until = e->duration > 0 ? e->start + (apc_ns)(e->duration * 1e9) + APC_NS_PER_S : 0;
     int err = folder_export(dir, store, e, e->start, 0, e->start, until, why);
     return err < 0 ? err : rc;
 }
