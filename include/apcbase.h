@@ -169,7 +169,7 @@ APC_API int apc_number_parse(const char *text, double *value);
 
 /* ---- Samples ------------------------------------------------------------------------------ */
 
-/** The tables of the shared data. Numbers are the library's own and are not stored. */
+/** The tables of the shared data. The numbers stand in files, so they stay what they are. */
 enum apc_table {
     APC_SENSOR = 1, /**< y, written by the client */
     APC_ACTUATOR,   /**< u, written by the controller */
@@ -181,18 +181,41 @@ enum apc_table {
     APC_TUNING,     /**< parameters of the law, written by the operator */
     APC_MANUAL,     /**< the operator's outputs, used in mode Man */
     APC_STATE,      /**< what a restarted controller resumes from */
+    APC_ACTUAL,     /**< what became of a variable that somebody wants: the value in force */
+    APC_ESTIMATE,   /**< what a law publishes, and what a controller in shadow would put out */
+    APC_ALARM,      /**< an alarm's state */
+    APC_TICK,       /**< vectors: what a controller's tick was made from and the next one goes on from */
+    APC_PLAN,       /**< vectors: what a setpoint will be: pairs of seconds from now and value */
+    APC_PREDICTION, /**< vectors: what a law publishes over a horizon */
     APC_TABLE_END
 };
+/** Are its rows vectors (struct apc_vector), not samples? [tick] */
+APC_API bool apc_table_vectors(enum apc_table table);
 /** "sensor" and so on; NULL for a number that is no table. Static. [any] */
 APC_API const char *apc_table_name(enum apc_table table);
 /** The table of that name, or 0. [any] */
 APC_API enum apc_table apc_table_parse(const char *name);
 
-enum apc_mode { APC_MODE_MAN = 0, APC_MODE_AUTO = 1, APC_MODE_OOS = 2 };
-/** "Man", "Auto", "OOS" (Foundation Fieldbus words); NULL for another number. [any] */
+/** The last two are only ever actual ones, which nobody can ask for. */
+enum apc_mode {
+    APC_MODE_MAN = 0,
+    APC_MODE_AUTO = 1,
+    APC_MODE_OOS = 2,
+    APC_MODE_CAS = 3,  /**< the setpoint is another controller's */
+    APC_MODE_IMAN = 4, /**< initialising: what takes the output is not ready for it */
+    APC_MODE_LO = 5    /**< at its fault value */
+};
+/** "Man", "Auto", "OOS", "Cas", "IMan", "LO" (Foundation Fieldbus words); NULL for another number. [any] */
 APC_API const char *apc_mode_name(int mode);
 
-/** Largest magnitude a value may have in the shared data; keeps NaN and Inf out. */
+/** Seqs are 1 .. APC_SEQ_MAX: a double holds them all exactly. */
+#define APC_SEQ_MAX ((INT64_C(1) << 53) - 1)
+/** In place of the newest seq that a writer knows: whatever it is. */
+#define APC_SEQ_ANY (-1)
+/** Most elements of a vector. */
+#define APC_ELEMENTS_MAX 65536
+
+/** Largest magnitude of a value, or of an element of a vector, in the shared data; keeps NaN and Inf out. */
 #define APC_VALUE_MAX 1e300
 
 /**
@@ -209,6 +232,35 @@ struct apc_sample {
     apc_status status;
     int64_t sensor_seq;   /**< actuator rows: seq of the measurement it was computed from, else 0 */
     int64_t setpoint_seq; /**< actuator rows: seq of the setpoint it was computed from, else 0 */
+    int64_t origin;       /**< seq of the row that it comes from, as its table says; 0: none */
+    uint32_t author;      /**< who wrote it, where people do: the number of a name; 0: nobody said */
+};
+
+/** A value by itself, between rooms that know no tables. */
+struct apc_value {
+    double value;
+    apc_status status;
+    apc_ns time; /**< source time, UTC */
+};
+
+/** A row of a table of vectors. seq and time as in a sample. */
+struct apc_vector {
+    enum apc_table table;
+    int id;
+    int64_t seq;
+    apc_ns time;
+    apc_status status;
+    uint32_t n, room; /**< elements of @p value that are filled, that there are */
+    double *value;    /**< the caller's */
+};
+
+/** Rows that are read or written together. The arrays are the caller's. */
+struct apc_rows {
+    size_t size; /**< of this struct */
+    struct apc_sample *sample;
+    size_t n_samples;
+    struct apc_vector *vector;
+    size_t n_vectors;
 };
 
 /** A named number: a tuning parameter of a law, a parameter of a plant model. */

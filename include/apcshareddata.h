@@ -65,6 +65,9 @@ struct apc_store_options {
 
 struct apc_store;
 
+/** Bytes that hold the name of who wrote a row, with its terminator. */
+#define APC_AUTHOR_LEN 64
+
 /**
  * A store by URI (which one: docs/stores.md):
  * - `sqlite:FILE`, a file.
@@ -213,6 +216,29 @@ APC_API int apc_store_put(struct apc_store *store, struct apc_sample *samples, s
 APC_API int apc_store_swap(struct apc_store *store, struct apc_sample *samples, size_t n);
 
 /**
+ * The newest rows of variables over any tables, samples and vectors, of one moment and in one round trip. In:
+ * table and id, of a vector also room and value. Out: the rest, as of apc_store_read(). @p n of a vector is
+ * its length, of which no more than room elements are given: n > room says how much room it takes. A vector
+ * without a row gets seq 0, n 0, status BadNoData. Returns 0. [tick]
+ */
+APC_API int apc_store_read_rows(struct apc_store *store, struct apc_rows *rows);
+
+/**
+ * Append rows over any tables in one transaction and one round trip (two when a row is there already); on
+ * return they are durable.
+ *
+ * Rows of a table with one writer carry their seq and are stored as by apc_store_append(). A row of setpoint,
+ * opmode, tuning or manual carries in seq the newest that the caller knows (0: there is none), or
+ * APC_SEQ_ANY: whatever it is. On return its seq is that of the row, or 0: somebody else was faster, and this
+ * row alone was left out. The same variable twice: the first goes before the second.
+ *
+ * Returns how many rows this very call stored. After APC_ECONN or APC_ETIMEDOUT, seq are as they were, and a
+ * repeat leaves out what is there already: of one of the four tables the caller then looks at what is newest.
+ * [tick]
+ */
+APC_API int apc_store_append_rows(struct apc_store *store, const struct apc_rows *rows);
+
+/**
  * Wait until one of @p n variables has a sample newer than its @p seen[i].seq, no longer than @p timeout
  * (0: only look; longer by the store's own timeout at most when it cannot be reached). Of @p seen only table,
  * id and seq are looked at. Returns 1 when there is one (a read then gives it), at once when it is there
@@ -238,6 +264,12 @@ struct apc_range {
 /** History of one variable, streamed in bounded memory. Returns the number of rows given. [setup] */
 APC_API int apc_store_history(struct apc_store *store, enum apc_table table, int id,
                               const struct apc_range *range, apc_sample_fn fn, void *ctx);
+
+/** Called for each row in rising seq; return nonzero to end early. The values live until it returns. */
+typedef int (*apc_vector_fn)(void *ctx, const struct apc_vector *vector);
+/** History of one variable of a table of vectors. Returns the number of rows given. [setup] */
+APC_API int apc_store_vectors(struct apc_store *store, enum apc_table table, int id,
+                              const struct apc_range *range, apc_vector_fn fn, void *ctx);
 
 /** What an interval of a variable's history holds: the samples of source time from <= t < until. */
 struct apc_history_bin {

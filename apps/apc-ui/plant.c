@@ -31,7 +31,7 @@ bool ref_parse(const char *ref, enum apc_table *table, int *id)
 
 static bool shown(enum apc_table table)
 {
-    return table != APC_STATE && table != APC_DIM;
+    return table < APC_STATE && table != APC_DIM;
 }
 
 static bool same_tag(const struct apc_tag *a, const struct apc_tag *b)

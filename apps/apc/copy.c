@@ -434,7 +434,7 @@ static int open_both(struct copy *c)
     if ((rc = cli_open(&cli, &c->to)) < 0)
         return rc;
     rc = apc_store_init(c->to);
-    for (enum apc_table table = APC_SENSOR; rc >= 0 && table < APC_TABLE_END; table++)
+    for (enum apc_table table = APC_SENSOR; rc >= 0 && table <= APC_STATE; table++)
         rc = apc_store_claim(c->to, table, 0, last);
     return rc < 0 ? fail_to(c, rc) : 0;
 }

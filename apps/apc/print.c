@@ -10,7 +10,7 @@
 char *print_value(const struct apc_sample *sample, char text[PRINT_LEN])
 {
     const char *mode = NULL;
-    if (sample->table == APC_OPMODE && sample->value >= 0 && sample->value <= APC_MODE_OOS)
+    if (sample->table == APC_OPMODE && sample->value >= 0 && sample->value <= APC_MODE_LO)
         mode = apc_mode_name((int)sample->value);
     if (sample->seq == 0)
         snprintf(text, PRINT_LEN, "-");

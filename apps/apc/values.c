@@ -126,9 +126,8 @@ static int admit(const struct cli *cli, const struct cli_tags *tags, struct chan
     case APC_DIM:
         why = "dimensions are written by \"apc init\" only";
         break;
-    case APC_STATE:
     default:
-        why = "the controller's state is written by the controller only";
+        why = "it is written by programs only";
     }
     if (why)
         return cli_error(cli, APC_EPERM, "%s: %s", c->name, why);

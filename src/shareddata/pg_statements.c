@@ -76,7 +76,7 @@
         .paper_read = READ("apc." table, ""), .paper_put = PUT("apc." table) " ON CONFLICT DO NOTHING",      \
     }
 
-const struct apc_pg_text apc_pg_texts[APC_TABLE_END] = {
+const struct apc_pg_text apc_pg_texts[APC_PG_TABLE_END] = {
     [APC_SENSOR] = TEXTS("sensor", "", ""),
     [APC_ACTUATOR] = TEXTS("actuator", ", sensor_seq, setpoint_seq", ", $6::int8[], $7::int8[]"),
     [APC_SETPOINT] = TEXTS("setpoint", "", ""),

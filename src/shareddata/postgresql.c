@@ -12,7 +12,7 @@
 /* ---- Groups: the samples of one table ------------------------------------------------------- */
 
 struct groups {
-    size_t begin[APC_TABLE_END + 1]; /* of each table's part of pg->order */
+    size_t begin[APC_PG_TABLE_END + 1]; /* of each table's part of pg->order */
 };
 
 /* A counting sort: pg->order lists the samples table by table, within a table as given. */
@@ -30,8 +30,8 @@ static int group(struct apc_pg *pg, const struct apc_sample *samples, size_t n, 
     for (size_t i = 0; i < n; i++) {
         g->begin[samples[i].table + 1]++;
     }
-    size_t next[APC_TABLE_END];
-    for (int t = 0; t < APC_TABLE_END; t++) {
+    size_t next[APC_PG_TABLE_END];
+    for (int t = 0; t < APC_PG_TABLE_END; t++) {
         next[t] = g->begin[t];
         g->begin[t + 1] += g->begin[t];
     }
@@ -50,7 +50,7 @@ static size_t group_size(const struct groups *g, enum apc_table table)
 static enum apc_table group_table(const struct groups *g, int statement)
 {
     enum apc_table table = APC_SENSOR;
-    while (table < APC_TABLE_END && (group_size(g, table) == 0 || statement-- > 0)) {
+    while (table < APC_PG_TABLE_END && (group_size(g, table) == 0 || statement-- > 0)) {
         table++;
     }
     return table;
@@ -161,7 +161,7 @@ static int send_groups(struct apc_pg *pg, enum operation op, const struct apc_sa
     if (!err) {
         err = apc_pg_begin(pg);
     }
-    for (enum apc_table table = APC_SENSOR; !err && table < APC_TABLE_END; table++) {
+    for (enum apc_table table = APC_SENSOR; !err && table < APC_PG_TABLE_END; table++) {
         if (group_size(g, table) > 0) {
             err = send_group(pg, op, table, g, samples);
             if (err) {
@@ -191,7 +191,7 @@ static int take_read(void *ctx, int statement, PGresult *result)
     const struct exchange *x = (const struct exchange *)ctx;
     enum apc_table table = group_table(&x->groups, statement);
     int columns = table == APC_ACTUATOR ? 7 : 5;
-    if (table >= APC_TABLE_END || PQnfields(result) != columns) {
+    if (table >= APC_PG_TABLE_END || PQnfields(result) != columns) {
         return unexpected(x->pg);
     }
     for (int row = 0; row < PQntuples(result); row++) {
@@ -281,7 +281,7 @@ static int take_put(void *ctx, int statement, PGresult *result)
 {
     struct exchange *x = (struct exchange *)ctx;
     enum apc_table table = group_table(&x->groups, statement);
-    if (table >= APC_TABLE_END || PQnfields(result) != 2 ||
+    if (table >= APC_PG_TABLE_END || PQnfields(result) != 2 ||
         (size_t)PQntuples(result) != group_size(&x->groups, table)) {
         return unexpected(x->pg);
     }
@@ -484,13 +484,13 @@ static int connect_store(struct apc_store *store)
 
 #define OPS(word)                                                                                            \
     {                                                                                                        \
-        .scheme = word, .open = open_store, .close = close_store, .connected = connected,                    \
-        .connect = connect_store, .version = version, .read = apc_pg_read, .append = append, .claim = claim, \
-        .put = put, .swap = swap, .wait = apc_pg_wait, .variables = apc_pg_variables,                        \
-        .history = apc_pg_history, .history_bins = apc_pg_history_bins, .put_tags = apc_pg_put_tags,         \
-        .get_tags = apc_pg_get_tags, .append_events = apc_pg_append_events, .events = apc_pg_events,         \
-        .append_timing = apc_pg_append_timing, .timing = apc_pg_timing, .init = apc_pg_init,                 \
-        .maintain = apc_pg_maintain,                                                                         \
+        .scheme = word, .table_end = APC_PG_TABLE_END, .open = open_store, .close = close_store,             \
+        .connected = connected, .connect = connect_store, .version = version, .read = apc_pg_read,           \
+        .append = append, .claim = claim, .put = put, .swap = swap, .wait = apc_pg_wait,                     \
+        .variables = apc_pg_variables, .history = apc_pg_history, .history_bins = apc_pg_history_bins,       \
+        .put_tags = apc_pg_put_tags, .get_tags = apc_pg_get_tags, .append_events = apc_pg_append_events,     \
+        .events = apc_pg_events, .append_timing = apc_pg_append_timing, .timing = apc_pg_timing,             \
+        .init = apc_pg_init, .maintain = apc_pg_maintain,                                                    \
     }
 
 const struct apc_store_ops apc_postgresql_store = OPS("postgresql:");

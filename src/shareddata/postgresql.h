@@ -60,7 +60,10 @@ struct apc_pg_text {
     const char *bins;                   /* likewise */
     const char *paper_read, *paper_put; /* the same on schema apc, for any PGconn */
 };
-extern const struct apc_pg_text apc_pg_texts[APC_TABLE_END];
+/** The tables that a schema has are those below it. */
+#define APC_PG_TABLE_END APC_ACTUAL
+
+extern const struct apc_pg_text apc_pg_texts[APC_PG_TABLE_END];
 
 /* ---- pg_connection.c ------------------------------------------------------------------------ */
 
@@ -86,7 +89,7 @@ struct apc_pg {
     uint64_t random;       /* of the jitter */
     int failed;            /* why the last connect failed */
     struct apc_error failure;
-    bool claimed[APC_TABLE_END];
+    bool claimed[APC_PG_TABLE_END];
     struct apc_pg_session session, former[APC_PG_FORMER_MAX];
     size_t n_former;
     bool unreplicated;              /* a commit's warning: not on the standby */

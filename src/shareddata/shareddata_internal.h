@@ -34,7 +34,8 @@ struct apc_store {
 
 /** Contracts as in apcshareddata.h. Failures leave their text in store->why. */
 struct apc_store_ops {
-    const char *scheme; /* with the colon */
+    const char *scheme;       /* with the colon */
+    enum apc_table table_end; /* it has the tables below this one; 0: all */
     int (*open)(struct apc_store **store, const char *uri, const struct apc_store_config *config,
                 struct apc_error *why);
     void (*close)(struct apc_store *store);
@@ -59,6 +60,17 @@ struct apc_store_ops {
     int (*events)(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx);
     int (*append_timing)(struct apc_store *store, const struct apc_timing_row *rows, size_t n);
     int (*timing)(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx);
+    /* NULL in a store that cannot do it yet. */
+    int (*read_rows)(struct apc_store *store, struct apc_rows *rows);
+    int (*append_rows)(struct apc_store *store, const struct apc_rows *rows);
+    int (*vectors)(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
+                   apc_vector_fn fn, void *ctx);
+    int (*claim_set)(struct apc_store *store, struct apc_sample *variables, size_t n);
+    int (*release)(struct apc_store *store, const struct apc_sample *variables, size_t n);
+    int (*author)(struct apc_store *store, const char *name);
+    int (*author_name)(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN]);
+    int (*describe)(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue);
+    int (*catalogue)(struct apc_store *store, char *text, size_t size, int64_t *revision);
     int (*init)(struct apc_store *store);
     int (*maintain)(struct apc_store *store, const struct apc_retention *keep);
 };
@@ -90,9 +102,13 @@ static inline bool apc_table_known(enum apc_table table)
     return table >= APC_SENSOR && table < APC_TABLE_END;
 }
 
-/* ---- rows.c: for stores without a server, what PostgreSQL's constraints say ------------------ */
+/** Do people write it, and programs on their behalf, so that it has no one writer? */
+static inline bool apc_table_shared(enum apc_table table)
+{
+    return table == APC_SETPOINT || table == APC_OPMODE || table == APC_TUNING || table == APC_MANUAL;
+}
 
-#define APC_SEQ_MAX ((INT64_C(1) << 53) - 1) /* a double holds them all exactly */
+/* ---- rows.c: for stores without a server, what PostgreSQL's constraints say ------------------ */
 
 /** Stored times are whole microseconds, rounded down. */
 static inline apc_ns apc_time_stored(apc_ns time)

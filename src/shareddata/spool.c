@@ -631,6 +631,7 @@ static void close_store(struct apc_store *store)
 
 static const struct apc_store_ops spooling_store = {
     .scheme = "",
+    .table_end = APC_ACTUAL,
     .close = close_store,
     .connected = connected,
     .stats = stats,

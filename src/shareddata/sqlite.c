@@ -549,6 +549,7 @@ static int connect_store(struct apc_store *store)
 
 const struct apc_store_ops apc_sqlite_store = {
     .scheme = "sqlite:",
+    .table_end = APC_ACTUAL,
     .open = open_store,
     .close = close_store,
     .connected = connected,

@@ -143,6 +143,10 @@ static int check_variable(struct apc_store *store, enum apc_table table, int id)
     if (!apc_table_known(table)) {
         return apc_fail(&store->why, APC_EINVAL, "%d is no table", (int)table);
     }
+    if (store->ops->table_end && table >= store->ops->table_end) {
+        return apc_fail(&store->why, APC_ESCHEMA, "a store of kind %s has no table %s yet",
+                        store->ops->scheme, apc_table_name(table));
+    }
     if (id < 0) {
         return apc_fail(&store->why, APC_EINVAL, "%s %d: an id must not be negative", apc_table_name(table),
                         id);
@@ -150,9 +154,20 @@ static int check_variable(struct apc_store *store, enum apc_table table, int id)
     return 0;
 }
 
+/* Of a table whose rows are samples, or else vectors. */
+static int check_kind(struct apc_store *store, enum apc_table table, int id, bool vectors)
+{
+    int err = check_variable(store, table, id);
+    if (!err && apc_table_vectors(table) != vectors) {
+        err = apc_fail(&store->why, APC_EINVAL, "%s %d: the rows of this table are %s", apc_table_name(table),
+                       id, vectors ? "samples" : "vectors");
+    }
+    return err;
+}
+
 static int check_value(struct apc_store *store, const struct apc_sample *s)
 {
-    int err = check_variable(store, s->table, s->id);
+    int err = check_kind(store, s->table, s->id, false);
     if (err) {
         return err;
     }
@@ -169,7 +184,7 @@ static int check_sample(struct apc_store *store, const struct apc_sample *s)
     if (err) {
         return err;
     }
-    if (s->seq <= 0 || s->sensor_seq < 0 || s->setpoint_seq < 0) {
+    if (s->seq <= 0 || s->sensor_seq < 0 || s->setpoint_seq < 0 || s->origin < 0) {
         return apc_fail(&store->why, APC_EINVAL, "%s %d: seq counts from 1", apc_table_name(s->table), s->id);
     }
     return 0;
@@ -198,7 +213,7 @@ int apc_store_read(struct apc_store *store, struct apc_sample *samples, size_t n
 {
     int err = enter(store, samples, n);
     for (size_t i = 0; !err && i < n; i++) {
-        err = check_variable(store, samples[i].table, samples[i].id);
+        err = check_kind(store, samples[i].table, samples[i].id, false);
     }
     return err || n == 0 ? err : store->ops->read(store, samples, n);
 }
@@ -259,6 +274,115 @@ int apc_store_swap(struct apc_store *store, struct apc_sample *samples, size_t n
     return err || n == 0 ? err : store->ops->swap(store, samples, n);
 }
 
+/* ---- Rows: samples and vectors together ----------------------------------------------------- */
+
+static int no_such_operation(struct apc_store *store)
+{
+    return apc_fail(&store->why, APC_ESTORE, "a store of kind %s cannot do this yet", store->ops->scheme);
+}
+
+static int enter_rows(struct apc_store *store, const struct apc_rows *rows)
+{
+    int err = enter(store, rows, rows ? rows->n_samples : 1);
+    if (!err && rows->size != sizeof *rows) {
+        err = apc_fail(&store->why, APC_EINVAL, "struct apc_rows must say its size, %zu bytes", sizeof *rows);
+    }
+    if (!err) {
+        err = enter(store, rows->sample, rows->n_samples);
+    }
+    return err ? err : enter(store, rows->vector, rows->n_vectors);
+}
+
+int apc_store_read_rows(struct apc_store *store, struct apc_rows *rows)
+{
+    int err = enter_rows(store, rows);
+    for (size_t i = 0; !err && i < rows->n_samples; i++) {
+        err = check_kind(store, rows->sample[i].table, rows->sample[i].id, false);
+    }
+    for (size_t i = 0; !err && i < rows->n_vectors; i++) {
+        const struct apc_vector *v = &rows->vector[i];
+        err = check_kind(store, v->table, v->id, true);
+        if (!err && v->room > 0 && !v->value) {
+            err = apc_fail(&store->why, APC_EINVAL, "%s %d: its values are NULL", apc_table_name(v->table),
+                           v->id);
+        }
+    }
+    if (err || rows->n_samples + rows->n_vectors == 0) {
+        return err;
+    }
+    return store->ops->read_rows ? store->ops->read_rows(store, rows) : no_such_operation(store);
+}
+
+static int check_vector(struct apc_store *store, const struct apc_vector *v)
+{
+    const char *name = apc_table_name(v->table);
+    int err = check_kind(store, v->table, v->id, true);
+    if (err) {
+        return err;
+    }
+    if (v->seq <= 0) {
+        return apc_fail(&store->why, APC_EINVAL, "%s %d: seq counts from 1", name, v->id);
+    }
+    if (v->n > APC_ELEMENTS_MAX || (v->n > 0 && !v->value)) {
+        return apc_fail(&store->why, APC_EINVAL, "%s %d: its %u values are missing or more than %d", name,
+                        v->id, v->n, APC_ELEMENTS_MAX);
+    }
+    for (uint32_t i = 0; i < v->n; i++) {
+        if (!(fabs(v->value[i]) < APC_VALUE_MAX)) {
+            return apc_fail(&store->why, APC_EINVAL,
+                            "%s %d: element %u, %g, is not finite or not below 1e300", name, v->id, i,
+                            v->value[i]);
+        }
+    }
+    return 0;
+}
+
+/* Where a row has one writer its seq is that of the row; else it is the newest that the writer knows. */
+static int check_row(struct apc_store *store, const struct apc_sample *s)
+{
+    if (!apc_table_shared(s->table)) {
+        return check_sample(store, s);
+    }
+    int err = check_value(store, s);
+    if (!err && (s->seq < APC_SEQ_ANY || s->origin < 0)) {
+        err = apc_fail(&store->why, APC_EINVAL, "%s %d: seq counts from 1", apc_table_name(s->table), s->id);
+    }
+    return err;
+}
+
+int apc_store_append_rows(struct apc_store *store, const struct apc_rows *rows)
+{
+    int err = enter_rows(store, rows);
+    for (size_t i = 0; !err && i < rows->n_samples; i++) {
+        err = check_row(store, &rows->sample[i]);
+    }
+    for (size_t i = 0; !err && i < rows->n_vectors; i++) {
+        err = check_vector(store, &rows->vector[i]);
+    }
+    if (err || rows->n_samples + rows->n_vectors == 0) {
+        return err;
+    }
+    return store->ops->append_rows ? store->ops->append_rows(store, rows) : no_such_operation(store);
+}
+
+int apc_store_vectors(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
+                      apc_vector_fn fn, void *ctx)
+{
+    int err = enter(store, NULL, 0);
+    if (!err) {
+        err = check_kind(store, table, id, true);
+    }
+    if (!err) {
+        err = check_range(store, range, fn != NULL);
+    }
+    if (err) {
+        return err;
+    }
+    return store->ops->vectors
+               ? store->ops->vectors(store, table, id, range ? range : &(struct apc_range){0}, fn, ctx)
+               : no_such_operation(store);
+}
+
 int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout)
 {
     int err = enter(store, seen, n);
@@ -282,7 +406,7 @@ int apc_store_history(struct apc_store *store, enum apc_table table, int id, con
 {
     int err = enter(store, NULL, 0);
     if (!err) {
-        err = check_variable(store, table, id);
+        err = check_kind(store, table, id, false);
     }
     if (!err) {
         err = check_range(store, range, fn != NULL);
@@ -295,7 +419,7 @@ int apc_store_history_bins(struct apc_store *store, enum apc_table table, int id
 {
     int err = enter(store, NULL, 0);
     if (!err) {
-        err = check_variable(store, table, id);
+        err = check_kind(store, table, id, false);
     }
     if (!err && !fn) {
         err = apc_fail(&store->why, APC_EINVAL, "no function to give the bins to");

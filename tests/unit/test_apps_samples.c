@@ -50,28 +50,24 @@ static int done(void **state)
 /* ---- From a store ------------------------------------------------------------------------- */
 
 #define SECOND(t) ((t)*APC_NS_PER_S)
+#define ROW(in, number, count, s, is)                                                                        \
+    {                                                                                                        \
+        .table = (in), .id = (number), .seq = (count), .time = SECOND(s), .value = (is)                      \
+    }
 
 static struct apc_store *filled_store(void)
 {
-    /* table, id, seq, time */
+    /* table, id, seq, s, value */
     static const struct apc_sample rows[] = {
-        {APC_ACTUATOR, 1, 1, SECOND(5), 1, APC_GOOD, 0, 0},
-        {APC_SENSOR, 2, 1, SECOND(5), 2, APC_GOOD, 0, 0},
-        {APC_SENSOR, 1, 1, SECOND(5), 3, APC_GOOD, 0, 0},
-        {APC_SENSOR, 1, 2, SECOND(5), 4, APC_GOOD, 0, 0},
-        {APC_SETPOINT, 1, 1, SECOND(5), 5, APC_GOOD, 0, 0},
-        {APC_SENSOR, 1, 3, SECOND(4), 6, APC_GOOD, 0, 0}, /* the clock was set back */
-        {APC_SENSOR, 1, 4, SECOND(9), 7, APC_GOOD, 0, 0},
-        {APC_SENSOR, 3, 1, SECOND(5), 8, APC_GOOD, 0, 0}, /* of another experiment's size */
-        {APC_ACTUATOR, 2, 1, SECOND(5), 8, APC_GOOD, 0, 0},
-        {APC_OPMODE, 0, 1, SECOND(1), 1, APC_GOOD, 0, 0},
-        {APC_OPMODE, 0, 2, SECOND(2), 2, APC_GOOD, 0, 0},
-        {APC_OPMODE, 0, 3, SECOND(5), 3, APC_GOOD, 0, 0},
-        {APC_OPMODE, 1, 1, SECOND(5), 4, APC_GOOD, 0, 0},
-        {APC_TUNING, 2, 1, SECOND(2), 5, APC_GOOD, 0, 0},
-        {APC_TUNING, 3, 1, SECOND(2), 6, APC_GOOD, 0, 0}, /* no parameter of this law */
-        {APC_MANUAL, 1, 1, SECOND(5), 7, APC_GOOD, 0, 0},
-        {APC_MANUAL, 1, 2, SECOND(9), 8, APC_GOOD, 0, 0},
+        ROW(APC_ACTUATOR, 1, 1, 5, 1), ROW(APC_SENSOR, 2, 1, 5, 2),
+        ROW(APC_SENSOR, 1, 1, 5, 3),   ROW(APC_SENSOR, 1, 2, 5, 4),
+        ROW(APC_SETPOINT, 1, 1, 5, 5), ROW(APC_SENSOR, 1, 3, 4, 6), /* the clock was set back */
+        ROW(APC_SENSOR, 1, 4, 9, 7),   ROW(APC_SENSOR, 3, 1, 5, 8), /* of another experiment's size */
+        ROW(APC_ACTUATOR, 2, 1, 5, 8), ROW(APC_OPMODE, 0, 1, 1, 1),
+        ROW(APC_OPMODE, 0, 2, 2, 2),   ROW(APC_OPMODE, 0, 3, 5, 3),
+        ROW(APC_OPMODE, 1, 1, 5, 4),   ROW(APC_TUNING, 2, 1, 2, 5),
+        ROW(APC_TUNING, 3, 1, 2, 6), /* no parameter of this law */
+        ROW(APC_MANUAL, 1, 1, 5, 7),   ROW(APC_MANUAL, 1, 2, 9, 8),
     };
     const struct apc_store_options options = {.size = sizeof options, .name = "test"};
     struct apc_store *store = NULL;

@@ -53,7 +53,10 @@ static void modes_and_levels_have_their_names_and_nothing_else_has(void **state)
     assert_string_equal(apc_mode_name(APC_MODE_AUTO), "Auto");
     assert_string_equal(apc_mode_name(APC_MODE_OOS), "OOS");
     assert_null(apc_mode_name(APC_MODE_MAN - 1));
-    assert_null(apc_mode_name(APC_MODE_OOS + 1));
+    assert_string_equal(apc_mode_name(APC_MODE_CAS), "Cas");
+    assert_string_equal(apc_mode_name(APC_MODE_IMAN), "IMan");
+    assert_string_equal(apc_mode_name(APC_MODE_LO), "LO");
+    assert_null(apc_mode_name(APC_MODE_LO + 1));
     for (int level = 0; level < 4; level++)
         assert_int_equal(apc_log_level_parse(levels[level]), APC_LOG_ERROR + level);
     assert_int_equal(apc_log_level_parse("Info"), 0);
@@ -355,6 +358,9 @@ static void table_names_go_both_ways(void **state)
     assert_int_equal(apc_table_parse(NULL), 0);
     assert_null(apc_table_name((enum apc_table)0));
     assert_null(apc_table_name(APC_TABLE_END));
+    for (int table = 1; table < APC_TABLE_END; table++)
+        assert_int_equal(apc_table_vectors((enum apc_table)table),
+                         table == APC_TICK || table == APC_PLAN || table == APC_PREDICTION);
 }
 
 static void the_log_writes_whole_escaped_lines(void **state)

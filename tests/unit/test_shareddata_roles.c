@@ -103,7 +103,7 @@ static void test_each_role_may_do_what_it_needs_and_no_more(void **state)
     int64_t seq[APC_TABLE_END][2] = {{0}}; /* people's values count up by one */
     for (size_t r = 0; r < sizeof rights / sizeof rights[0]; r++) {
         struct apc_store *store = open_as(rights[r].role);
-        for (int table = APC_SENSOR; table < APC_TABLE_END; table++) {
+        for (int table = APC_SENSOR; table <= APC_STATE; table++) {
             bool target = table == APC_OPMODE && strcmp(rights[r].role, "operator") == 0;
             int64_t *next = &seq[table][target ? 0 : 1];
             struct apc_sample s = {

@@ -230,7 +230,7 @@ static void test_samples_of_mixed_tables_in_any_order_are_kept_apart(void **stat
     enum { N = 300 };
     struct apc_sample in[N], out[N];
     for (int i = 0; i < N; i++) {
-        enum apc_table table = (enum apc_table)(1 + (i * 7) % (APC_TABLE_END - 1));
+        enum apc_table table = (enum apc_table)(1 + (i * 7) % APC_STATE);
         in[i] = sample(table, N - i, 5, i);
         out[i] = (struct apc_sample){.table = table, .id = N - i};
     }
