@@ -185,6 +185,77 @@ APC_API int apc_client_request(struct apc_client *client, struct apc_now now, co
 APC_API int apc_client_reply(struct apc_client *client, const char *text, size_t length,
                              struct apc_sample *y);
 
+/* ---- The state of a loop ------------------------------------------------------------------ */
+
+/**
+ * A loop is one output with what belongs to it. It is in one of these states, and docs/modes.md says which
+ * when. The numbers stand in tick rows.
+ */
+enum apc_loop_state {
+    APC_LOOP_OOS = 1, /**< out of service: nothing goes out */
+    APC_LOOP_MAN,     /**< the operator's output */
+    APC_LOOP_AUTO,    /**< the law's, by the loop's own setpoint */
+    APC_LOOP_CAS,     /**< the law's, by the setpoint of a controller above */
+    APC_LOOP_INIT,    /**< the loop below does not take the output: initialises to its setpoint */
+    APC_LOOP_HOLD,    /**< no input or no answer of the law: the last output */
+    APC_LOOP_BACKUP,  /**< for too long: the backup law's */
+    APC_LOOP_FAULT,   /**< for too long: the fault value */
+    APC_LOOP_SHADOW,  /**< another controller acts; this one goes along */
+    APC_LOOP_END
+};
+
+/** What is the case at a tick. */
+struct apc_loop_facts {
+    enum apc_mode target; /**< the wanted mode: Man, Auto or Cas; any other is OOS */
+    bool acting;          /**< this controller acts on the output, and has claimed it */
+    bool setpoint;        /**< the output is the setpoint of another loop, below; else it is an actuator */
+    bool taken;           /**< what it goes to takes it; an actuator always does */
+    bool invited;         /**< not taken, but the loop below asks to be initialised */
+    bool input;           /**< measurements are usable and fresh, and there is a setpoint of any age */
+    bool law;             /**< the law's answer is usable: good, suboptimal or late */
+    bool expired;         /**< held, or without good answers, for too long */
+    bool backup;          /**< there is a backup law, and its inputs are usable */
+    bool remote;          /**< the setpoint is a controller's above, which is alive and was initialised */
+};
+
+/** What goes out, within limits and rates but for the fault value. */
+enum apc_loop_output {
+    APC_PUT_NONE = 0, /**< nothing is written; what acts is the row that is in force */
+    APC_PUT_LAW,
+    APC_PUT_OPERATOR, /**< the operator's, else the last one */
+    APC_PUT_LAST,     /**< where none ever went out: none */
+    APC_PUT_FAULT,    /**< the fault value */
+    APC_PUT_BACKUP,   /**< the backup law's */
+    APC_PUT_BELOW     /**< the setpoint that is in force in the loop below */
+};
+
+/** What a law is asked to do; together, in this order. */
+enum apc_loop_ask {
+    APC_ASK_TRACK_FIRST = 1, /**< before it computes: track what went out last */
+    APC_ASK_COMPUTE = 2,     /**< also where its answer does not go out, but is published */
+    APC_ASK_TRACK = 4,       /**< what really goes out */
+    APC_ASK_UPDATE = 8,
+    APC_ASK_PREDICT = 16 /**< it rests, but for a law that estimates: it updates without the measurement */
+};
+
+/** What a loop does at a tick. */
+struct apc_loop_move {
+    enum apc_loop_state state;
+    enum apc_mode actual;
+    enum apc_loop_output output;
+    unsigned law, backup; /**< enum apc_loop_ask, of the law and of the backup law; 0: it rests */
+    apc_status status;    /**< of the output's row, where one is written; the law's with its limit bits */
+    const char *reason;   /**< why the loop is not as wanted; NULL: it is. Static */
+};
+
+/**
+ * The move of a loop that was in @p state (0 or any other number: in none yet). Total, pure, and settled in
+ * one step: with the same facts the new state stays. The answer of a law that was not asked yet is assumed to
+ * be usable; when it turns out not to be, ask again from the same @p state with law false, and do what that
+ * move says, but for computing once more. [tick]
+ */
+APC_API struct apc_loop_move apc_loop_next(enum apc_loop_state state, const struct apc_loop_facts *facts);
+
 /* ---- Controller --------------------------------------------------------------------------- */
 
 struct apc_controller_options {

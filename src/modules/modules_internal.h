@@ -50,6 +50,68 @@ void apc_reading_init(struct apc_reading *reading, const struct apc_sensor *sens
 /** What it shows at @p t since the first tick, of @p value; *@p status tells how good that is. [tick] */
 double apc_reading_take(struct apc_reading *reading, apc_ns t, double value, apc_status *status);
 
+/**
+ * What a loop remembers from tick to tick, besides the seqs that were taken; all of it stands in the tick
+ * row. Zeroed: a loop that has not begun.
+ */
+struct apc_loop {
+    enum apc_loop_state state;
+    bool holding;  /* without input, since: */
+    apc_ns held;   /* mono */
+    unsigned poor; /* answers in a row that were not good; from shed_after on, also good ones since */
+    bool linked;   /* its setpoint is the upper controller's: in Cas, and in Hold out of it */
+    int64_t asked; /* seq of the `actual` row of its setpoint that first asked to be initialised; 0: it does
+                      not ask */
+};
+/** Has the loop been without input for @p hold, or shed its law after @p shed_after (above 0) answers? Told
+ * at the beginning of a tick. [tick] */
+bool apc_loop_expired(const struct apc_loop *loop, bool input, apc_ns now, apc_ns hold, unsigned shed_after);
+/** Count an answer of the law, wherever it is asked; @p good: good or suboptimal. [tick] */
+void apc_loop_answered(struct apc_loop *loop, bool good, unsigned shed_after);
+/**
+ * Close a tick that @p facts brought into @p state. @p next is the seq that the next `actual` row of the
+ * loop's setpoint will have; where afterwards `asked` is that seq, the row must be written in this tick,
+ * whatever it says. [tick]
+ */
+void apc_loop_settle(struct apc_loop *loop, const struct apc_loop_facts *facts, enum apc_loop_state state,
+                     apc_ns now, int64_t next);
+
+/** What an upper loop sees of the one whose setpoint it writes, all in one snapshot. */
+struct apc_loop_below {
+    bool cascade;      /* its target is Cas */
+    bool fresh;        /* its controller's newest tick row */
+    apc_status status; /* of the `actual` row of the setpoint; none: Bad */
+    double value;      /* the same row's: the setpoint that the loop below has */
+    double newest;     /* row of the setpoint */
+};
+bool apc_loop_taken(const struct apc_loop_below *below);   /**< [tick] */
+bool apc_loop_invited(const struct apc_loop_below *below); /**< It wants value, by swap. [tick] */
+
+/** What a loop sees of its setpoint, all in one snapshot. */
+struct apc_loop_above {
+    enum apc_mode target; /* its own */
+    bool theirs;          /* the newest row of the setpoint is the acting upper controller's */
+    bool fresh;           /* that row is younger than 3 of its periods + 100 ms */
+    bool able;            /* the upper loop's actual mode is not LO or OOS */
+    int64_t origin;       /* of the newest row: seq of the `actual` row that it was made from */
+    double value;         /* of the newest row */
+    double working;       /* the setpoint in force since the loop's last tick */
+};
+bool apc_loop_remote(const struct apc_loop *loop, const struct apc_loop_above *above); /**< [tick] */
+/** What becomes of the newest row of the setpoint. */
+enum apc_loop_setpoint {
+    APC_SP_TAKE = 1, /* it is in force, where limits allow it */
+    APC_SP_KEEP,     /* the same value, from a controller that is not listened to yet */
+    APC_SP_PUT_BACK  /* it comes too late: write the one in force, by swap */
+};
+enum apc_loop_setpoint apc_loop_take(const struct apc_loop *loop,
+                                     const struct apc_loop_above *above); /**< [tick] */
+/** Status of the `actual` row of a loop's setpoint, after settling. @p limited: enum apc_limited, how the
+ * loop's measurement cannot follow. [tick] */
+apc_status apc_loop_status(const struct apc_loop *loop, enum apc_mode target, unsigned limited);
+/** enum apc_limited of a status's limit bits. [tick] */
+unsigned apc_loop_limited(apc_status status);
+
 /* Made by controller.c, run by controller_tick.c, its rows read and written by controller_rows.c. */
 struct apc_controller {
     const struct apc_law *law;
