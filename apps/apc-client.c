@@ -16,10 +16,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/cores.h"
 #include "common/daemon.h"
 #include "common/recorder.h"
 #include "common/watch.h"
+#include "run/run_internal.h"
 
 #define QUEUED         (10 * APC_NS_PER_S) /* of measurements, for a store that takes its time */
 #define STORE_PRIORITY 79                  /* the task's is 80 */

@@ -6,8 +6,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "common/cores.h"
 #include "common/daemon.h"
+#include "run/run_internal.h"
 
 static const struct argp_option option_list[] = {
     {"law", 'l', "NAME", 0,

@@ -6,8 +6,8 @@
 #include <pthread.h>
 #include <stdio.h>
 
-#include "common/cores.h"
 #include "common/daemon.h"
+#include "run/run_internal.h"
 
 struct own_options {
     const char *listen;
@@ -117,7 +117,7 @@ static int open_shell(struct shell *s, const struct own_options *own)
         .log = s->d->log,
     };
     struct apc_error why;
-    int rc = experiment_plant(e, &s->plant, &s->core, &why);
+    int rc = cores_plant(e, &s->plant, &s->core, &why);
     if (rc < 0)
         return daemon_error(s->d, rc, "%s", why.text);
     rc = apc_server_create(&s->server, own->listen ? own->listen : e->plant.listen, &options, on_request, s,

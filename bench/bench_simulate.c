@@ -7,6 +7,7 @@
  */
 #include "bench.h"
 
+#include <malloc.h>
 #include <spawn.h>
 #include <stdlib.h>
 #include <sys/wait.h>
@@ -17,7 +18,7 @@
 #include <sunlinsol/sunlinsol_dense.h>
 #include <sunmatrix/sunmatrix_dense.h>
 
-#include "apc/simulation.h"
+#include "run/simulation.h"
 
 #define EXPERIMENT APC_SOURCE_DIR "/experiments/first-order.conf"
 #define STEPS      3000
@@ -235,7 +236,8 @@ int main(int argc, char **argv)
     struct bench b = {.name = "simulate", .reference = {"first"}, .calls = 20, .budget = 200 * APC_NS_PER_MS};
     bench_begin(&b, argc, argv, "Time simulations in virtual time.");
     bench_describe(&b, NULL);
-    simulation_keep_memory(); /* as a campaign does */
+    mallopt(M_TRIM_THRESHOLD, 256 << 20); /* as a campaign does */
+    mallopt(M_MMAP_THRESHOLD, 32 << 20);
     bench_experiment(&b);
     bench_events(&b);
     bench_campaign(&b);

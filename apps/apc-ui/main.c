@@ -10,8 +10,8 @@
 #include <systemd/sd-daemon.h>
 
 #include "common/exitcode.h"
-#include "common/experiment.h"
 #include "http.h"
+#include "run/run_internal.h"
 
 #define NICE          5 /* control comes first */
 #define LIFE          (12 * APC_NS_PER_S * 3600)

@@ -7,6 +7,7 @@
 #include "campaign_summary.h"
 
 #include <errno.h>
+#include <malloc.h>
 #include <math.h>
 #include <signal.h>
 #include <stdatomic.h>
@@ -18,7 +19,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "simulation.h"
+#include "run/simulation.h"
 
 #define BAR  24
 #define LINE 64 /* bytes of a cache line: no two processes write the same one */
@@ -88,10 +89,17 @@ static void make_run_apart(const struct campaign *c, unsigned run)
     atomic_fetch_add(&c->board->done, 1);
 }
 
+/* Of one run for the next: or else the kernel clears some 200 pages for each. */
+static void keep_memory(void)
+{
+    mallopt(M_TRIM_THRESHOLD, 256 << 20);
+    mallopt(M_MMAP_THRESHOLD, 32 << 20);
+}
+
 static void work(const struct campaign *c)
 {
     unsigned run;
-    simulation_keep_memory();
+    keep_memory();
     while (!atomic_load(&c->board->stop) && (run = atomic_fetch_add(&c->board->next, 1)) < c->options->runs)
         if (c->e->law_handle || c->e->model_handle)
             make_run_apart(c, run);

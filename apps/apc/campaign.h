@@ -5,7 +5,7 @@
 
 #include <stdio.h>
 
-#include "common/experiment.h"
+#include "run/run_internal.h"
 
 struct campaign_options {
     uint64_t seed; /* of the first run; the next has the next */

@@ -6,7 +6,7 @@
 #include <stdatomic.h>
 
 #include "campaign.h"
-#include "metrics.h"
+#include "run/figures.h"
 
 /* Shared by all processes; the results lie behind it. */
 struct board {

@@ -6,8 +6,8 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "common/nearest.h"
 #include "common/storeuri.h"
+#include "run/nearest.h"
 
 #define NAMES 12 /* that are listed where one is not known */
 

@@ -6,8 +6,8 @@
 #include <string.h>
 
 #include "print.h"
-#include "provision.h"
-#include "simulation.h"
+#include "run/run_internal.h"
+#include "run/simulation.h"
 
 static const double none = (double)NAN;
 

@@ -5,8 +5,8 @@
 
 #include <stdio.h>
 
-#include "common/experiment.h"
-#include "samples.h"
+#include "run/run_internal.h"
+#include "run/samples.h"
 
 /*
  * For each variable of run folder @p dir: how far its samples lie from the simulated ones that are next to

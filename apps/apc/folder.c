@@ -10,10 +10,10 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "common/record.h"
 #include "common/timing.h"
-#include "provision.h"
-#include "samples.h"
+#include "run/record.h"
+#include "run/run_internal.h"
+#include "run/samples.h"
 
 #define PATH_LEN 600
 

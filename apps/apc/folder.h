@@ -11,7 +11,7 @@
 #include <apcshareddata.h>
 #include <apctimer.h>
 
-#include "common/experiment.h"
+#include "run/run_internal.h"
 
 /* What the record says beside the experiment. */
 struct folder_facts {

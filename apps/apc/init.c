@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "cli.h"
-#include "provision.h"
+#include "run/run_internal.h"
 #include "warn.h"
 
 static const struct argp_option option_list[] = {

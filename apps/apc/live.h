@@ -11,7 +11,7 @@
 
 #include <apcshareddata.h>
 
-#include "common/experiment.h"
+#include "run/run_internal.h"
 
 struct live;
 

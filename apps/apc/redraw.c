@@ -6,10 +6,10 @@
 #include "cli.h"
 #include "common/storeuri.h"
 #include "folder.h"
-#include "metrics.h"
 #include "print.h"
-#include "provision.h"
+#include "print_figures.h"
 #include "report.h"
+#include "run/run_internal.h"
 #include "spools.h"
 
 #define ROWS 60 /* of figures */

@@ -3,7 +3,7 @@
 #ifndef APC_REPORT_H
 #define APC_REPORT_H
 
-#include "common/experiment.h"
+#include "run/run_internal.h"
 
 /**
  * Draw report.svg and report.png in the run folder @p dir from its CSV files: on top a histogram of the time

@@ -5,8 +5,8 @@
 
 #include <stdio.h>
 
-#include "common/experiment.h"
-#include "report_data.h"
+#include "run/report_data.h"
+#include "run/run_internal.h"
 
 /* Write a script that makes report.svg and report.png in gnuplot's working directory. The calling
  * thread's locale must be "C.UTF-8". Sorts the bins of the data. Returns 0 or APC_ENOMEM. */

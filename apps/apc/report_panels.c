@@ -7,8 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "metrics.h"
 #include "report_script.h"
+#include "run/figures.h"
 
 #define STRIP_HEIGHT 20.0 /* of what happened */
 #define KEY_HEIGHT   24.0 /* above each panel */

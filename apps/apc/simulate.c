@@ -13,10 +13,10 @@
 #include "cli.h"
 #include "compare.h"
 #include "folder.h"
-#include "metrics.h"
 #include "print.h"
+#include "print_figures.h"
 #include "report.h"
-#include "simulation.h"
+#include "simulation_export.h"
 #include "warn.h"
 
 #define EVENTS 10 /* of a run that are told of */
@@ -375,10 +375,12 @@ static void keep_first(int *rc, int next)
         *rc = next;
 }
 
+static struct simulation *running;
+
 static void on_signal(int number)
 {
     (void)number;
-    simulation_interrupt();
+    simulation_interrupt(running);
 }
 
 /* The first one ends the run and keeps what there is, the second ends the process, also when a law does not
@@ -398,6 +400,7 @@ static int simulate_once(struct simulate *r)
     int rc = simulation_create(&r->s, &r->e, r->options.seed, &why);
     if (rc < 0)
         return refuse(r, rc, &why);
+    running = &r->s;
     catch_signals();
     int ended = simulation_run(&r->s, r->e.duration);
     print_speed(r, apc_clock_mono(NULL) - began);

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* The run folder of a simulation is made by what makes that of a run, from the simulation's own store. */
+#include "simulation_export.h"
+
 #include "common/recorder.h"
 #include "folder.h"
-#include "simulation.h"
 
 static int fill_timing(const struct simulation *s)
 {

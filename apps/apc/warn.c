@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "provision.h"
+#include "run/run_internal.h"
 
 /* Another host may forward to the plant; the ports of one host are one and the same. */
 static void warn_link(const struct cli *cli, const struct experiment *e)

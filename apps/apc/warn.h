@@ -4,7 +4,7 @@
 #define APC_WARN_H
 
 #include "cli.h"
-#include "common/experiment.h"
+#include "run/run_internal.h"
 
 void warn(const struct cli *cli, const struct experiment *e);
 

@@ -9,8 +9,8 @@
 #include <unistd.h>
 
 #include "exitcode.h"
-#include "notice.h"
 #include "recorder.h"
+#include "run/run_internal.h"
 #include "storeuri.h"
 #include "warden.h"
 #include "watch.h"

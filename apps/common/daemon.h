@@ -16,7 +16,7 @@
 #include <apcsockets.h>
 #include <apctimer.h>
 
-#include "experiment.h"
+#include "run/run_internal.h"
 
 struct program {
     const char *name;         /* "apc-controller" */

@@ -50,12 +50,13 @@ missing=$(undocumented "$APC_SOURCE_DIR"/include/*.h)
 bad_comment no comment
 bad_neighbour no comment' ] || fail "found: $(undocumented "$work/bad.h")"
 
-# Rooms beside each other know base and themselves, modules all of them, and none the programs.
+# Rooms beside each other know base and themselves, modules all of them, the run those by their public headers, and none
+# the programs.
 # includes ROOM HEADER DIR: what lies in another room
 strangers() {
   local room=$1 header=$2 dir=$3
   grep -rhoE '^#include [<"](apc[a-z]+|[a-z]+/[a-z_]+)\.h' "$dir" | sed -E 's/.*[<"]//' |
-    grep -E "^(apc|base/|timer/|shareddata/|sockets/|control/|predict/|plant/|modules/|common/|apc/|apc-ui/|users/)" |
+    grep -E "^(apc|base/|timer/|shareddata/|sockets/|control/|predict/|plant/|modules/|run/|common/|apc/|apc-ui/|users/)" |
     grep -vE "^(apcbase\.h|base/.*|$header\.h|$room/.*)\$" || true
 }
 rooms='timer apctimer|shareddata apcshareddata|sockets apcsockets|control apccontrol|predict apcqp|plant apcplant|base apcbase'
@@ -64,4 +65,7 @@ while read -r room header; do
   [ -z "$found" ] || fail "$room includes $found"
 done < <(tr '|' '\n' <<<"$rooms")
 ! grep -rE '^#include [<"](common|apc|apc-ui|users)/' "$APC_SOURCE_DIR/src" || fail "the library includes a program's header"
+! grep -rE '^#include "(run/|run_internal|simulation|experiment)' "$APC_SOURCE_DIR"/src/[!r]* || fail "a room below includes src/run"
+! grep -rE '^#include "(base|timer|shareddata|sockets|control|predict|plant|modules)/' "$APC_SOURCE_DIR"/apps "$APC_SOURCE_DIR/src/run" ||
+  fail "the run and the programs use the public headers of the rooms"
 [ -n "$(strangers plant apcplant "$APC_SOURCE_DIR/src/modules")" ] || fail "modules include no other room: this test sees nothing"

@@ -11,7 +11,7 @@
 #include <unistd.h>
 
 #include "apc/campaign_summary.h"
-#include "apc/simulation.h"
+#include "run/simulation.h"
 #include "scratch.h"
 
 #define RUNS  6

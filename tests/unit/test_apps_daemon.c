@@ -18,8 +18,8 @@
 
 #include "common/daemon.h"
 #include "common/exitcode.h"
-#include "common/notice.h"
 #include "common/warden.h"
+#include "run/run_internal.h"
 #include "scratch.h"
 
 /* What a daemon does, and what it left. */

@@ -6,9 +6,7 @@
 #ifndef APC_SIMULATION_H
 #define APC_SIMULATION_H
 
-#include <apcmodules.h>
-#include <apcshareddata.h>
-#include <apctimer.h>
+#include <signal.h>
 
 #include "course.h"
 
@@ -49,11 +47,12 @@ struct simulation {
     _Atomic uint64_t in_vain;         /* those that had none */
     apc_ns sent_at;
 
-    uint64_t held;   /* ticks of the controller at which its output was not the law's */
-    int64_t handled; /* events of the executive */
-    double ended;    /* s since t = 0 */
-    bool interrupted;
-    int rc; /* why it ended early, with its text in why */
+    uint64_t held;                   /* ticks of the controller at which its output was not the law's */
+    int64_t handled;                 /* events of the executive */
+    double ended;                    /* s since t = 0 */
+    volatile sig_atomic_t interrupt; /* it is asked to end */
+    bool interrupted;                /* and did */
+    int rc;                          /* why it ended early, with its text in why */
     struct apc_error why;
 };
 
@@ -67,13 +66,7 @@ int simulation_create(struct simulation *s, const struct experiment *e, uint64_t
  * simulation_interrupt() was called meanwhile, which a signal handler may do; that is no error.
  */
 int simulation_run(struct simulation *s, double duration);
-void simulation_interrupt(void);
+void simulation_interrupt(struct simulation *s);
 void simulation_destroy(struct simulation *s);
-
-/* For a process that makes many, one after another: keep the memory of one for the next. */
-void simulation_keep_memory(void);
-
-/* The run folder of what was simulated, as `apc run` leaves one; folder_create() has made it. */
-int simulation_export(const struct simulation *s, const char *dir, struct apc_error *why);
 
 #endif

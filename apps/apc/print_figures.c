@@ -1,41 +1,9 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The figures of a run, for people and for programs. */
+#include "print_figures.h"
+
 #include <math.h>
-#include <string.h>
 
-#include "metrics.h"
 #include "print.h"
-
-#define NAMED 3 /* events that begin a part */
-
-static const char *name_of(const struct event *event, const struct experiment *e)
-{
-    return event->kind == EVENT_SETPOINT ? e->z[event->which].tag.name
-                                         : e->plant.model->disturbance[event->which].name;
-}
-
-void figures_name_part(const struct figures *f, const struct part *part, const struct experiment *e,
-                       char *text, size_t size)
-{
-    size_t used = 0;
-    text[0] = '\0';
-    for (size_t i = part->first; i < part->first + part->n && used < size; i++) {
-        const struct event *event = &f->event[i];
-        const char *and = used > 0 ? "; " : "";
-        if (i == part->first + NAMED && part->n > NAMED + 1) {
-            snprintf(text + used, size - used, "; and %zu more", part->n - NAMED);
-            return;
-        }
-        if (event->kind == EVENT_START)
-            used += (size_t)snprintf(text + used, size - used, "start");
-        else if (isnan(event->from))
-            used +=
-                (size_t)snprintf(text + used, size - used, "%s%s %.6g", and, name_of(event, e), event->to);
-        else
-            used += (size_t)snprintf(text + used, size - used, "%s%s %.6g -> %.6g", and, name_of(event, e),
-                                     event->from, event->to);
-    }
-}
 
 static void print_row(struct print_table *table, const double *figure)
 {
@@ -106,7 +74,7 @@ static void put_events(FILE *out, const struct figures *f, const struct part *pa
         fprintf(out, "%s{\"kind\":\"%s\"", i > part->first ? "," : "", kinds[event->kind]);
         if (event->kind != EVENT_START) {
             fputc(',', out);
-            print_json_text(out, "variable", name_of(event, e));
+            print_json_text(out, "variable", figures_variable(event, e));
             fputc(',', out);
             print_json_number(out, "from", event->from);
             fputc(',', out);

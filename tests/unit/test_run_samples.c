@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "apc/course.h"
+#include "run/course.h"
 #include "scratch.h"
 
 static struct apc_error why;

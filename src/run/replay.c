@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * apc replay: what a controller would have done in a recorded run.
- *
  * The controller's core ticks where the recorded one did, at the times of its outputs, and is given what that
  * one had: the measurements and setpoints that its outputs name, the modes and the tuning of then. Its
  * outputs go nowhere: the measurements stay those that the recorded outputs have led to.
@@ -11,101 +9,13 @@
  * named one or, without any, that the client had brought by then, which it does at its own instants. A race
  * decided otherwise in the run is not seen then, so it is said that the replay is not exact.
  */
-#include <errno.h>
+#include "replay.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "cli.h"
-#include "common/cores.h"
-#include "folder.h"
-#include "print.h"
-#include "samples.h"
-
 #define ZERO APC_NS_PER_S /* t = 0 on both clocks of the replayed controller; not 0, which is "never" */
-
-struct replay_options {
-    const char *csv;
-    bool force;
-    double tolerance; /* < 0: none */
-    struct experiment_overrides overrides;
-};
-
-enum { OPT_LAW = 0x600, OPT_CSV, OPT_TOLERANCE, OPT_FORCE };
-
-static const struct argp_option option_list[] = {
-    {"law", OPT_LAW, "NAME", 0,
-     "Control law instead of the run's: built in, or ./file.so; its own tuning applies", 0},
-    {"tolerance", OPT_TOLERANCE, "U", 0, "End with code 1 when an output differs by more", 0},
-    {"csv", OPT_CSV, "FILE", 0, "Write time,id,recorded,replayed there; - is stdout", 0},
-    {"force", OPT_FORCE, NULL, 0, "Write over what is in that file", 0},
-    {0},
-};
-
-static error_t parse(int key, char *arg, struct argp_state *state)
-{
-    struct replay_options *o = state->input;
-    switch (key) {
-    case OPT_LAW:
-        o->overrides.law = arg;
-        break;
-    case OPT_TOLERANCE:
-        if (apc_number_parse(arg, &o->tolerance) < 0 || o->tolerance < 0)
-            argp_error(state, "--tolerance \"%s\": must be a number, 0 or above", arg);
-        break;
-    case OPT_CSV:
-        o->csv = arg;
-        break;
-    case OPT_FORCE:
-        o->force = true;
-        break;
-    default:
-        return ARGP_ERR_UNKNOWN;
-    }
-    return 0;
-}
-
-static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
-
-static const struct cli_spec spec = {
-    .args_doc = "RUN",
-    .doc = "Give the measurements, setpoints and modes of run folder RUN to a controller, and report how its "
-           "outputs differ from the recorded ones. Without --law it is the law that ran, with the tuning and "
-           "the modes that it had. Says whether the controller was given just what the recorded one had.",
-    .min_args = 1,
-    .max_args = 1,
-    .extra = &extra,
-};
-
-/* How the outputs of one variable differ. */
-struct difference {
-    uint64_t same;
-    double sum, worst, at, low, high; /* of the recorded ones: low, high */
-};
-
-struct replay {
-    struct cli cli;
-    struct replay_options options;
-    struct experiment e;
-    struct samples samples, operation;
-    size_t *by_seq;        /* [samples.n] indices of the samples by table, id, seq */
-    bool seqs, operated;   /* there are seqs.csv, operation.csv */
-    struct apc_pair *pair; /* [nu] */
-
-    struct apc_controller *core;
-    struct apc_controller_size size;
-    struct apc_sample *in, *out;
-    size_t *next;                  /* [size.in] of each input: the first sample not yet given */
-    struct difference *difference; /* [nu] */
-    uint64_t ticks, guessed;       /* of these: with an input that no output names */
-    FILE *csv, *talk;
-};
-
-static int fail(const struct replay *r, int err, const struct apc_error *why)
-{
-    cli_error(&r->cli, err, "%s", why->text);
-    return err;
-}
 
 /* ---- What the outputs name ------------------------------------------------------------------ */
 
@@ -253,7 +163,7 @@ static void give_all(struct replay *r, const struct apc_sample *tick)
     for (size_t i = 0; i < n_tuning; i++, in++) {
         if (in->seq == 0)
             give_value(in, 1, r->e.controller.tuning[i]);
-        if (!r->options.overrides.law)
+        if (!r->other_law)
             give_newest(r, &r->operation, loop + 1 + i, tick->time, -1);
     }
     for (size_t i = 0; i < nu; i++)
@@ -264,7 +174,7 @@ static void give_all(struct replay *r, const struct apc_sample *tick)
 
 static void compare(struct replay *r, const struct apc_sample *recorded, double replayed)
 {
-    struct difference *d = &r->difference[recorded->id - 1];
+    struct replay_difference *d = &r->difference[recorded->id - 1];
     double apart = fabs(replayed - recorded->value), t = apc_ns_to_s(recorded->time);
     d->same += apart == 0;
     d->sum += apart;
@@ -274,12 +184,8 @@ static void compare(struct replay *r, const struct apc_sample *recorded, double 
         d->worst = apart;
         d->at = t;
     }
-    if (r->csv) {
-        char a[40], b[40];
-        apc_number_format(recorded->value, a, sizeof a);
-        apc_number_format(replayed, b, sizeof b);
-        fprintf(r->csv, "%.6f,%d,%s,%s\n", t, recorded->id, a, b);
-    }
+    if (r->watch.output)
+        r->watch.output(r->watch.ctx, t, recorded->id, recorded->value, replayed);
 }
 
 static void replay_tick(struct replay *r, const struct apc_sample *tick)
@@ -288,8 +194,8 @@ static void replay_tick(struct replay *r, const struct apc_sample *tick)
     struct apc_notice notice;
     give_all(r, tick);
     int n = apc_controller_compute(r->core, now, r->in, r->out, &notice);
-    if (notice.kind != APC_NOTICE_NONE && notice.kind != APC_NOTICE_MODE)
-        fprintf(r->talk, "%10.3f s  %s\n", apc_ns_to_s(tick->time), notice.text);
+    if (notice.kind != APC_NOTICE_NONE && notice.kind != APC_NOTICE_MODE && r->watch.notice)
+        r->watch.notice(r->watch.ctx, apc_ns_to_s(tick->time), notice.text);
     for (int i = 0; i < n; i++)
         if (r->out[i].table == APC_ACTUATOR)
             compare(r, &tick[r->out[i].id - 1], r->out[i].value);
@@ -298,9 +204,10 @@ static void replay_tick(struct replay *r, const struct apc_sample *tick)
 }
 
 /* The outputs of one tick have one time and stand together, in the order of their ids. */
-static void replay_all(struct replay *r)
+void replay_run(struct replay *r, const struct replay_watch *watch)
 {
     const size_t nu = r->e.dim.nu;
+    r->watch = *watch;
     for (size_t i = 0; i + nu <= r->samples.n; i++) {
         const struct apc_sample *s = &r->samples.at[i];
         size_t n = 0;
@@ -311,11 +218,11 @@ static void replay_all(struct replay *r)
     }
 }
 
-/* ---- The command -------------------------------------------------------------------------- */
+/* ---- Making one ------------------------------------------------------------------------------ */
 
 static int make_room(struct replay *r, struct apc_error *why)
 {
-    const struct apc_law_setup setup = experiment_law_setup(&r->e);
+    const struct apc_law_setup setup = cores_law_setup(&r->e);
     const size_t nu = r->e.dim.nu;
     r->size = apc_controller_size(r->core);
     r->in = calloc(r->size.in, sizeof *r->in);
@@ -336,10 +243,11 @@ static int optional(int rc, bool *there)
     return rc == APC_ENOTFOUND ? 0 : rc;
 }
 
-static int load(struct replay *r, struct apc_error *why)
+int replay_load(struct replay *r, const char *dir, const struct experiment_overrides *overrides,
+                struct apc_error *why)
 {
-    const char *dir = r->cli.args[0];
-    int rc = experiment_load(&r->e, dir, EXPERIMENT_LAW, &r->options.overrides, why);
+    *r = (struct replay){.other_law = overrides && overrides->law};
+    int rc = experiment_load(&r->e, dir, EXPERIMENT_LAW, overrides, why);
     if (rc == 0)
         rc = samples_read(&r->samples, dir, "samples.csv", why);
     if (rc == 0)
@@ -351,103 +259,16 @@ static int load(struct replay *r, struct apc_error *why)
     return rc == 0 ? make_room(r, why) : rc;
 }
 
-/* Was it given just what the recorded controller had? If not: why. */
-static void print_exactness(const struct replay *r)
+void replay_free(struct replay *r)
 {
-    if (!r->seqs)
-        fputs("not exact: there is no seqs.csv, which says from what each output was made; measurements are "
-              "taken "
-              "by the client's instants\n",
-              r->talk);
-    else if (r->guessed > 0)
-        fprintf(
-            r->talk,
-            "not exact: at %llu of %llu ticks the outputs do not name all measurements and setpoints that "
-            "they were made from; those are taken by the clock\n",
-            (unsigned long long)r->guessed, (unsigned long long)r->ticks);
-    if (!r->operated)
-        fputs("not exact: there is no operation.csv; mode and tuning are the experiment file's throughout\n",
-              r->talk);
-    if (r->seqs && r->guessed == 0 && r->operated)
-        fputs("exact: each output is made from the measurements and setpoints that it names\n", r->talk);
-}
-
-static int print_differences(const struct replay *r)
-{
-    static const struct print_column columns[] = {{"", PRINT_LEFT},          {"ticks", PRINT_RIGHT},
-                                                  {"the same", PRINT_RIGHT}, {"mean apart", PRINT_POINT},
-                                                  {"at most", PRINT_POINT},  {"% of span", PRINT_POINT},
-                                                  {"at s", PRINT_POINT}};
-    struct print_table table;
-    print_table_open(&table, columns, sizeof columns / sizeof *columns);
-    for (size_t i = 0; i < r->e.dim.nu; i++) {
-        const struct difference *d = &r->difference[i];
-        print_cell(&table, PRINT_PLAIN, "%s", r->e.u[i].tag.name);
-        print_cell(&table, PRINT_PLAIN, "%llu", (unsigned long long)r->ticks);
-        print_cell(&table, PRINT_PLAIN, "%llu", (unsigned long long)d->same);
-        print_cell(&table, PRINT_PLAIN, "%.3g", d->sum / (double)r->ticks);
-        print_cell(&table, PRINT_PLAIN, "%.3g", d->worst);
-        print_cell(&table, PRINT_PLAIN, d->high > d->low ? "%.4f" : "-", 100 * d->worst / (d->high - d->low));
-        print_cell(&table, PRINT_PLAIN, "%.3f", d->at);
-    }
-    int rc = print_table_show(&table, r->talk, false, 0, "\n");
-    print_table_close(&table);
-    return rc;
-}
-
-static int replay(struct replay *r)
-{
-    struct apc_error why;
-    const char *csv = r->options.csv;
-    int rc = load(r, &why);
-    if (rc < 0)
-        return fail(r, rc, &why);
-    if (csv && (rc = folder_spare(csv, r->options.force, &why)) < 0)
-        return fail(r, rc, &why);
-    if (csv && !(r->csv = !strcmp(csv, "-") ? stdout : fopen(csv, "w"))) {
-        cli_error(&r->cli, APC_ESYS, "%s: cannot be written: %s", csv, strerror(errno));
-        return APC_ESYS;
-    }
-    if (r->csv)
-        fputs("time,id,recorded,replayed\n", r->csv);
-    replay_all(r);
-    if (r->csv && r->csv != stdout && fclose(r->csv) != 0) {
-        cli_error(&r->cli, APC_ESYS, "%s: cannot be written: %s", csv, strerror(errno));
-        return APC_ESYS;
-    }
-    if (r->ticks == 0) {
-        cli_error(&r->cli, APC_ENOTFOUND, "%s/samples.csv holds no outputs", r->cli.args[0]);
-        return APC_ENOTFOUND;
-    }
-    if ((rc = print_differences(r)) < 0) {
-        cli_error(&r->cli, rc, "out of memory");
-        return rc;
-    }
-    print_exactness(r);
-    for (size_t i = 0; i < r->e.dim.nu && r->options.tolerance >= 0; i++)
-        if (!(r->difference[i].worst <= r->options.tolerance)) {
-            cli_error(&r->cli, APC_ESTATE, "%s differs by %g, more than %g", r->e.u[i].tag.name,
-                      r->difference[i].worst, r->options.tolerance);
-            return APC_ESTATE;
-        }
-    return 0;
-}
-
-int command_replay(int argc, char **argv)
-{
-    struct replay r = {.options = {.tolerance = -1}};
-    cli_parse(&r.cli, &spec, &r.options, argc, argv);
-    r.talk = r.options.csv && !strcmp(r.options.csv, "-") ? stderr : stdout;
-    int rc = replay(&r);
-    apc_controller_destroy(r.core);
-    samples_free(&r.samples);
-    samples_free(&r.operation);
-    experiment_free(&r.e);
-    free(r.by_seq);
-    free(r.pair);
-    free(r.in);
-    free(r.out);
-    free(r.next);
-    free(r.difference);
-    return cli_done(&r.cli, exit_code_of(rc));
+    apc_controller_destroy(r->core);
+    samples_free(&r->samples);
+    samples_free(&r->operation);
+    experiment_free(&r->e);
+    free(r->by_seq);
+    free(r->pair);
+    free(r->in);
+    free(r->out);
+    free(r->next);
+    free(r->difference);
 }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* How well a loop was controlled: figures of each event of a run, and of all of it. */
-#ifndef APC_METRICS_H
-#define APC_METRICS_H
+#ifndef APC_FIGURES_H
+#define APC_FIGURES_H
 
 #include "course.h"
 
@@ -64,14 +64,10 @@ size_t metrics_loops(const struct experiment *e, struct loop *loop);
 int figures_make(struct figures *f, const struct course *c, const struct experiment *e);
 void figures_free(struct figures *f);
 
+/* Of the setpoint or disturbance whose event it is: the name. */
+const char *figures_variable(const struct event *event, const struct experiment *e);
 /* "r 10 -> 20", "load 0 -> -0.15", "start"; several with "; " between them. */
 void figures_name_part(const struct figures *f, const struct part *part, const struct experiment *e,
                        char *text, size_t size);
-
-/* A table of them for people, of whole runs and of their parts; at most @most rows (0: all). */
-int figures_print(const struct figures *f, const struct course *c, const struct experiment *e, size_t most,
-                  FILE *out);
-/* The members "of" and "loops" of a JSON object. */
-void figures_json(const struct figures *f, const struct course *c, const struct experiment *e, FILE *out);
 
 #endif

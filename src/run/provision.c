@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "provision.h"
+#include "run_internal.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -178,7 +178,7 @@ static int put_values(struct apc_store *store, struct apc_sample *wanted, size_t
 static int put_dimensions(struct apc_store *store, const struct experiment *e, apc_ns now)
 {
     const size_t nu = e->dim.nu, n = 3 + 2 * nu;
-    const struct apc_law_setup setup = experiment_law_setup(e);
+    const struct apc_law_setup setup = cores_law_setup(e);
     struct apc_sample *wanted = calloc(n, sizeof *wanted);
     struct apc_pair *pair = calloc(nu, sizeof *pair);
     int rc = wanted && pair ? apc_law_pairing(e->controller.law, &setup, pair, NULL) : APC_ENOMEM;

@@ -6,15 +6,10 @@
  */
 #include "simulation.h"
 
-#include <malloc.h>
 #include <math.h>
-#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-#include "common/cores.h"
-#include "common/notice.h"
 
 #define DIVERGED 1e100 /* no state of a plant is as large as that */
 
@@ -138,17 +133,15 @@ static bool diverged(const struct simulation *s)
     return false;
 }
 
-static volatile sig_atomic_t interrupted;
-
-void simulation_interrupt(void)
+void simulation_interrupt(struct simulation *s)
 {
-    interrupted = 1;
+    s->interrupt = 1;
 }
 
 static int plant_tick(void *ctx, const struct apc_tick *tick)
 {
     struct simulation *s = ctx;
-    if (interrupted) {
+    if (s->interrupt) {
         s->interrupted = true;
         apc_virtual_stop(s->executive);
     }
@@ -458,7 +451,7 @@ int simulation_create(struct simulation *s, const struct experiment *e, uint64_t
                                                   .repeat = e->scheduler.repeat};
     struct experiment seeded = *e;
     seeded.seed = seed;
-    if ((rc = experiment_plant(&seeded, &s->plant, &s->server, why)) < 0 ||
+    if ((rc = cores_plant(&seeded, &s->plant, &s->server, why)) < 0 ||
         (rc = cores_controller(e, &s->controller, why)) < 0 ||
         (rc = cores_client(e, NULL, SIMULATION_BEGIN, &s->client, why)) < 0 ||
         (rc = make_link(s, seed, why)) < 0 || (rc = make_store(s, why)) < 0)
@@ -496,10 +489,4 @@ void simulation_destroy(struct simulation *s)
     free(s->memory);
     free(s->request);
     free(s->clock_steps);
-}
-
-void simulation_keep_memory(void)
-{
-    mallopt(M_TRIM_THRESHOLD, 256 << 20); /* or else the kernel clears some 200 pages for each */
-    mallopt(M_MMAP_THRESHOLD, 32 << 20);
 }

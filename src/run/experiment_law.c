@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "experiment_law.h"
+#include "experiment_parts.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -181,7 +181,7 @@ static void check_tuning(struct settings *s, const config_setting_t *group, cons
 
 static void try_to_configure(struct settings *s, const config_setting_t *group, const struct experiment *e)
 {
-    const struct apc_law_setup setup = experiment_law_setup(e);
+    const struct apc_law_setup setup = cores_law_setup(e);
     struct apc_law_size size = {0};
     struct apc_error why;
     int rc = e->controller.law->configure(&setup, &size, NULL, &why);
@@ -195,15 +195,6 @@ static void try_to_configure(struct settings *s, const config_setting_t *group, 
     }
     if (rc < 0)
         settings_fail(s, group, "%s", why.text);
-}
-
-struct apc_law_setup experiment_law_setup(const struct experiment *e)
-{
-    return (struct apc_law_setup){.dim = e->dim,
-                                  .Ts = apc_ns_to_s(e->controller.rhythm.period),
-                                  .n_setting = e->controller.n_setting,
-                                  .setting = e->controller.setting,
-                                  .plant = e->controller.linear ? &e->controller.plant : NULL};
 }
 
 void experiment_read_law(struct settings *s, const config_setting_t *root, struct experiment *e)

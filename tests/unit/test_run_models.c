@@ -7,7 +7,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
-#include "common/models.h"
+#include "run/experiment_parts.h"
 #include "scratch.h"
 
 static struct apc_error why;

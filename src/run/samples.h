@@ -7,7 +7,7 @@
 
 #include <apcshareddata.h>
 
-#include "common/experiment.h"
+#include "run_internal.h"
 
 struct samples {
     struct apc_sample *at;

@@ -1,15 +1,11 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "experiment.h"
+#include "experiment_parts.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 
-#include <apcsockets.h>
-
-#include "experiment_law.h"
-#include "experiment_plant.h"
 #include "nearest.h"
 #include "record.h"
 
@@ -458,14 +454,4 @@ void experiment_free(struct experiment *e)
     apc_plugin_close(e->model_handle);
     apc_plugin_close(e->law_handle);
     memset(e, 0, sizeof *e);
-}
-
-void experiment_outputs(const struct experiment *e, double *low, double *high, double *safe, double *fault)
-{
-    for (size_t i = 0; i < e->dim.nu; i++) {
-        low[i] = e->u[i].tag.low;
-        high[i] = e->u[i].tag.high;
-        safe[i] = e->u[i].safe;
-        fault[i] = e->u[i].fault;
-    }
 }

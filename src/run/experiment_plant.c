@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "experiment_plant.h"
+#include "experiment_parts.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -179,56 +179,10 @@ void experiment_read_dynamics(struct settings *s, const config_setting_t *group,
         read_disturbances(s, disturbances, e);
     if (s->failed)
         return;
-    if (experiment_plant(e, &trial, &core, &why) < 0) /* what only the library knows, said with the line */
+    if (cores_plant(e, &trial, &core, &why) < 0) /* what only the library knows, said with the line */
         settings_fail(s, group, "%s", why.text);
     apc_plantserver_destroy(core);
     apc_plant_destroy(trial);
-}
-
-int experiment_plant(const struct experiment *e, struct apc_plant **plant, struct apc_plantserver **server,
-                     struct apc_error *why)
-{
-    struct apc_plant_options how = e->plant.options;
-    double *limits = calloc(5 * e->dim.nu, sizeof *limits), *initial;
-    bool runs = false; /* before the first command */
-    int rc;
-
-    *plant = NULL;
-    *server = NULL;
-    if (!limits)
-        return apc_fail(why, APC_ENOMEM, "out of memory");
-    experiment_outputs(e, limits, limits + e->dim.nu, limits + 2 * e->dim.nu, limits + 3 * e->dim.nu);
-    initial = limits + 4 * e->dim.nu;
-    for (size_t i = 0; i < e->dim.nu; i++) {
-        initial[i] = e->u[i].initial;
-        runs |= initial[i] < e->u[i].safe || initial[i] > e->u[i].safe;
-    }
-    struct apc_plantserver_options options = {
-        .size = sizeof options,
-        .model = e->plant.model,
-        .low = limits,
-        .high = limits + e->dim.nu,
-        .safe = limits + 2 * e->dim.nu,
-        .link_period = e->client.rhythm.period,
-        .command_period = e->controller.rhythm.period,
-        .seed = e->seed,
-        .noise = e->plant.noise,
-        .disturbance = e->plant.disturbance,
-        .n_disturbances = e->plant.n_disturbances,
-        .sensor = e->sensor,
-        .initial = runs ? initial : NULL,
-    };
-    how.integrator = e->plant.integrator[0] ? e->plant.integrator : NULL;
-    rc = apc_plant_create(plant, e->plant.model, e->plant.p, e->plant.x0, &how, why);
-    options.plant = *plant;
-    if (rc == 0)
-        rc = apc_plantserver_create(server, &options, why);
-    if (rc < 0) {
-        apc_plant_destroy(*plant);
-        *plant = NULL;
-    }
-    free(limits);
-    return rc;
 }
 
 /* ---- Steps that are too long ---------------------------------------------------------------- */

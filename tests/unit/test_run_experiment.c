@@ -11,9 +11,9 @@
 
 #include <cmocka.h>
 
-#include "common/experiment.h"
-#include "common/nearest.h"
-#include "common/record.h"
+#include "run/nearest.h"
+#include "run/record.h"
+#include "run/run_internal.h"
 
 static char dir[] = "/tmp/apc-experiment.XXXXXX";
 static char path[64];
@@ -113,7 +113,7 @@ static void what_is_not_given_has_its_default(void **state)
     assert_string_equal(e.title, "least");
     assert_same(e.duration, 0);
     assert_int_equal(e.seed, 1);
-    experiment_outputs(&e, &low, &high, &safe, &fault);
+    cores_outputs(&e, &low, &high, &safe, &fault);
     assert_same(low, -APC_VALUE_MAX);
     assert_same(high, APC_VALUE_MAX);
     assert_same(safe, 0);
@@ -147,7 +147,7 @@ static void an_output_is_safe_at_0_or_at_the_limit_next_to_it(void **state)
     double low[2], high[2], safe[2], fault[2];
     (void)state;
     assert_int_equal(load(&e, 0, NULL, &why), 0);
-    experiment_outputs(&e, low, high, safe, fault);
+    cores_outputs(&e, low, high, safe, fault);
     assert_same(low[0], 1);
     assert_same(high[0], 9);
     assert_same(safe[0], 1);
@@ -537,13 +537,13 @@ static void a_plant_and_its_server_are_made_both_or_none(void **state)
                           "\"d3\"; at = 1.0; value = 0.1; } ); };",
                           &why),
                      0);
-    assert_int_equal(experiment_plant(&e, &plant, &server, &why), 0);
+    assert_int_equal(cores_plant(&e, &plant, &server, &why), 0);
     assert_non_null(plant);
     assert_non_null(server);
     apc_plantserver_destroy(server);
     apc_plant_destroy(plant);
     e.plant.disturbance[0].k = 99;
-    assert_true(experiment_plant(&e, &plant, &server, &why) < 0);
+    assert_true(cores_plant(&e, &plant, &server, &why) < 0);
     assert_null(plant);
     assert_null(server);
     experiment_free(&e);

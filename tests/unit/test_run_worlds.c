@@ -10,8 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "apc/metrics.h"
-#include "apc/simulation.h"
+#include "run/figures.h"
+#include "run/simulation.h"
 #include "scratch.h"
 
 #define WORLDS 1000

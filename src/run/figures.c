@@ -4,9 +4,10 @@
  * integrals are those of these lines, exactly. The setpoint changes only where a part begins, so that within
  * a part the error is made of straight pieces as well.
  */
-#include "metrics.h"
+#include "figures.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -14,6 +15,8 @@
     0.05 /* of the step, within which the output has settled; of the largest one, near the setpoint */
 #define LEAST 0.1  /* of the largest step: a smaller change is none */
 #define NEAR  0.01 /* both, where there is no step to compare with: of the setpoint's range */
+
+#define NAMED 3 /* events that begin a part */
 
 static const double none = (double)NAN;
 
@@ -43,7 +46,7 @@ const char *metric_key(enum metric metric)
 
 size_t metrics_loops(const struct experiment *e, struct loop *loop)
 {
-    const struct apc_law_setup setup = experiment_law_setup(e);
+    const struct apc_law_setup setup = cores_law_setup(e);
     struct apc_pair *pair = calloc(e->dim.nu + 1, sizeof *pair);
     bool paired = pair && e->controller.law && apc_law_pairing(e->controller.law, &setup, pair, NULL) == 0;
     size_t n = 0;
@@ -393,4 +396,35 @@ void figures_free(struct figures *f)
     free(f->loop);
     free(f->event);
     *f = (struct figures){0};
+}
+
+/* ---- In words ----------------------------------------------------------------------------- */
+
+const char *figures_variable(const struct event *event, const struct experiment *e)
+{
+    return event->kind == EVENT_SETPOINT ? e->z[event->which].tag.name
+                                         : e->plant.model->disturbance[event->which].name;
+}
+
+void figures_name_part(const struct figures *f, const struct part *part, const struct experiment *e,
+                       char *text, size_t size)
+{
+    size_t used = 0;
+    text[0] = '\0';
+    for (size_t i = part->first; i < part->first + part->n && used < size; i++) {
+        const struct event *event = &f->event[i];
+        const char *and = used > 0 ? "; " : "";
+        if (i == part->first + NAMED && part->n > NAMED + 1) {
+            snprintf(text + used, size - used, "; and %zu more", part->n - NAMED);
+            return;
+        }
+        if (event->kind == EVENT_START)
+            used += (size_t)snprintf(text + used, size - used, "start");
+        else if (isnan(event->from))
+            used += (size_t)snprintf(text + used, size - used, "%s%s %.6g", and, figures_variable(event, e),
+                                     event->to);
+        else
+            used += (size_t)snprintf(text + used, size - used, "%s%s %.6g -> %.6g", and,
+                                     figures_variable(event, e), event->from, event->to);
+    }
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "models.h"
+#include "experiment_parts.h"
 
 #include <errno.h>
 #include <math.h>

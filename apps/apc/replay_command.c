@@ -1,0 +1,186 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc replay: what a controller would have done in a recorded run. */
+#include "run/replay.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli.h"
+#include "folder.h"
+#include "print.h"
+
+struct replay_options {
+    const char *csv;
+    bool force;
+    double tolerance; /* < 0: none */
+    struct experiment_overrides overrides;
+};
+
+enum { OPT_LAW = 0x600, OPT_CSV, OPT_TOLERANCE, OPT_FORCE };
+
+static const struct argp_option option_list[] = {
+    {"law", OPT_LAW, "NAME", 0,
+     "Control law instead of the run's: built in, or ./file.so; its own tuning applies", 0},
+    {"tolerance", OPT_TOLERANCE, "U", 0, "End with code 1 when an output differs by more", 0},
+    {"csv", OPT_CSV, "FILE", 0, "Write time,id,recorded,replayed there; - is stdout", 0},
+    {"force", OPT_FORCE, NULL, 0, "Write over what is in that file", 0},
+    {0},
+};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct replay_options *o = state->input;
+    switch (key) {
+    case OPT_LAW:
+        o->overrides.law = arg;
+        break;
+    case OPT_TOLERANCE:
+        if (apc_number_parse(arg, &o->tolerance) < 0 || o->tolerance < 0)
+            argp_error(state, "--tolerance \"%s\": must be a number, 0 or above", arg);
+        break;
+    case OPT_CSV:
+        o->csv = arg;
+        break;
+    case OPT_FORCE:
+        o->force = true;
+        break;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct cli_spec spec = {
+    .args_doc = "RUN",
+    .doc = "Give the measurements, setpoints and modes of run folder RUN to a controller, and report how its "
+           "outputs differ from the recorded ones. Without --law it is the law that ran, with the tuning and "
+           "the modes that it had. Says whether the controller was given just what the recorded one had.",
+    .min_args = 1,
+    .max_args = 1,
+    .extra = &extra,
+};
+
+struct replay_command {
+    struct cli cli;
+    struct replay_options options;
+    struct replay replay;
+    FILE *csv, *talk;
+};
+
+static int fail(const struct replay_command *c, int err, const struct apc_error *why)
+{
+    cli_error(&c->cli, err, "%s", why->text);
+    return err;
+}
+
+static void put_output(void *ctx, double t, int id, double recorded, double replayed)
+{
+    const struct replay_command *c = ctx;
+    char a[40], b[40];
+    if (!c->csv)
+        return;
+    apc_number_format(recorded, a, sizeof a);
+    apc_number_format(replayed, b, sizeof b);
+    fprintf(c->csv, "%.6f,%d,%s,%s\n", t, id, a, b);
+}
+
+static void put_notice(void *ctx, double t, const char *text)
+{
+    const struct replay_command *c = ctx;
+    fprintf(c->talk, "%10.3f s  %s\n", t, text);
+}
+
+/* Was it given just what the recorded controller had? If not: why. */
+static void print_exactness(const struct replay_command *c)
+{
+    if (!c->replay.seqs)
+        fputs("not exact: there is no seqs.csv, which says from what each output was made; measurements are "
+              "taken "
+              "by the client's instants\n",
+              c->talk);
+    else if (c->replay.guessed > 0)
+        fprintf(
+            c->talk,
+            "not exact: at %llu of %llu ticks the outputs do not name all measurements and setpoints that "
+            "they were made from; those are taken by the clock\n",
+            (unsigned long long)c->replay.guessed, (unsigned long long)c->replay.ticks);
+    if (!c->replay.operated)
+        fputs("not exact: there is no operation.csv; mode and tuning are the experiment file's throughout\n",
+              c->talk);
+    if (c->replay.seqs && c->replay.guessed == 0 && c->replay.operated)
+        fputs("exact: each output is made from the measurements and setpoints that it names\n", c->talk);
+}
+
+static int print_differences(const struct replay_command *c)
+{
+    static const struct print_column columns[] = {{"", PRINT_LEFT},          {"ticks", PRINT_RIGHT},
+                                                  {"the same", PRINT_RIGHT}, {"mean apart", PRINT_POINT},
+                                                  {"at most", PRINT_POINT},  {"% of span", PRINT_POINT},
+                                                  {"at s", PRINT_POINT}};
+    struct print_table table;
+    print_table_open(&table, columns, sizeof columns / sizeof *columns);
+    for (size_t i = 0; i < c->replay.e.dim.nu; i++) {
+        const struct replay_difference *d = &c->replay.difference[i];
+        print_cell(&table, PRINT_PLAIN, "%s", c->replay.e.u[i].tag.name);
+        print_cell(&table, PRINT_PLAIN, "%llu", (unsigned long long)c->replay.ticks);
+        print_cell(&table, PRINT_PLAIN, "%llu", (unsigned long long)d->same);
+        print_cell(&table, PRINT_PLAIN, "%.3g", d->sum / (double)c->replay.ticks);
+        print_cell(&table, PRINT_PLAIN, "%.3g", d->worst);
+        print_cell(&table, PRINT_PLAIN, d->high > d->low ? "%.4f" : "-", 100 * d->worst / (d->high - d->low));
+        print_cell(&table, PRINT_PLAIN, "%.3f", d->at);
+    }
+    int rc = print_table_show(&table, c->talk, false, 0, "\n");
+    print_table_close(&table);
+    return rc;
+}
+
+static int replay(struct replay_command *c)
+{
+    struct apc_error why;
+    const char *csv = c->options.csv;
+    int rc = replay_load(&c->replay, c->cli.args[0], &c->options.overrides, &why);
+    if (rc < 0)
+        return fail(c, rc, &why);
+    if (csv && (rc = folder_spare(csv, c->options.force, &why)) < 0)
+        return fail(c, rc, &why);
+    if (csv && !(c->csv = !strcmp(csv, "-") ? stdout : fopen(csv, "w"))) {
+        cli_error(&c->cli, APC_ESYS, "%s: cannot be written: %s", csv, strerror(errno));
+        return APC_ESYS;
+    }
+    if (c->csv)
+        fputs("time,id,recorded,replayed\n", c->csv);
+    replay_run(&c->replay, &(struct replay_watch){.output = put_output, .notice = put_notice, .ctx = c});
+    if (c->csv && c->csv != stdout && fclose(c->csv) != 0) {
+        cli_error(&c->cli, APC_ESYS, "%s: cannot be written: %s", csv, strerror(errno));
+        return APC_ESYS;
+    }
+    if (c->replay.ticks == 0) {
+        cli_error(&c->cli, APC_ENOTFOUND, "%s/samples.csv holds no outputs", c->cli.args[0]);
+        return APC_ENOTFOUND;
+    }
+    if ((rc = print_differences(c)) < 0) {
+        cli_error(&c->cli, rc, "out of memory");
+        return rc;
+    }
+    print_exactness(c);
+    for (size_t i = 0; i < c->replay.e.dim.nu && c->options.tolerance >= 0; i++)
+        if (!(c->replay.difference[i].worst <= c->options.tolerance)) {
+            cli_error(&c->cli, APC_ESTATE, "%s differs by %g, more than %g", c->replay.e.u[i].tag.name,
+                      c->replay.difference[i].worst, c->options.tolerance);
+            return APC_ESTATE;
+        }
+    return 0;
+}
+
+int command_replay(int argc, char **argv)
+{
+    struct replay_command c = {.options = {.tolerance = -1}};
+    cli_parse(&c.cli, &spec, &c.options, argc, argv);
+    c.talk = c.options.csv && !strcmp(c.options.csv, "-") ? stderr : stdout;
+    int rc = replay(&c);
+    replay_free(&c.replay);
+    return cli_done(&c.cli, exit_code_of(rc));
+}

@@ -1,0 +1,32 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What experiment.c reads an experiment file by, a part in a file each. */
+#ifndef APC_EXPERIMENT_PARTS_H
+#define APC_EXPERIMENT_PARTS_H
+
+#include "run_internal.h"
+#include "settings.h"
+
+/* "network" and "clock" of the file's root. */
+void models_read(struct settings *s, const config_setting_t *root, struct models *m);
+/* "execution" and "jitter" in the group of task @name. */
+void models_read_task(struct settings *s, const config_setting_t *group, const char *name,
+                      struct task_model *task, struct recordings *recordings);
+void models_free(struct models *m);
+
+/* How the model is solved and what disturbs it; e->plant has its model, parameters and x0. @own: the model is
+ * not the file's, so what the file says of states and disturbances by name is left out. */
+void experiment_read_dynamics(struct settings *s, const config_setting_t *group, struct experiment *e,
+                              bool own);
+/* noise, quantum and faults of the measurements. */
+void experiment_read_sensors(struct settings *s, const config_setting_t *list, struct experiment *e);
+
+/* Does the law want the plant's linear model, and so the model itself? */
+bool experiment_wants_model(const config_setting_t *root);
+/* Read groups `settings`, `operating_point` and `limits` of the controller, linearise, and let the law
+ * configure itself and check its tuning, so that what it does not like is said with file and line. After law
+ * and model. Where another law or model than the file's runs, the file's settings, or its operating point, do
+ * not apply. */
+void experiment_read_law(struct settings *s, const config_setting_t *root, struct experiment *e);
+void experiment_free_law(struct experiment *e);
+
+#endif

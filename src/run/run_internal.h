@@ -1,0 +1,199 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * An experiment as the library and its own programs know it: one plant, its client, controller and scheduler,
+ * read from a file in libconfig's syntax, of which every program takes its part (docs/experiment-file.md).
+ * Programs of others use apcrun.h.
+ */
+#ifndef APC_RUN_INTERNAL_H
+#define APC_RUN_INTERNAL_H
+
+#include <apcmodules.h>
+#include <apcplant.h>
+#include <apcshareddata.h>
+#include <apcsockets.h>
+#include <apctimer.h>
+
+/* ---- The world around the modules, in virtual time ------------------------------------------ */
+
+struct network_model {
+    struct apc_network_options options; /* outages in time since the start of the run */
+    struct apc_outage *outages;         /* those of the options */
+};
+
+/* How one task keeps time. */
+struct task_model {
+    struct apc_distribution execution, jitter; /* kind 0: none */
+};
+
+/* From @at since the start on: a step of the wall clock, and how much it gains a second. */
+struct clock_change {
+    apc_ns at, step;
+    double drift;
+};
+
+/* Histograms that were read for distributions; they live as long as these. */
+struct recordings {
+    struct recording {
+        struct apc_share *shares;
+    } * at;
+    size_t n;
+};
+
+struct models {
+    struct network_model network;
+    struct clock_change *clock;
+    size_t n_clock;
+    struct recordings recordings;
+};
+
+/* delay=normal(0.004,0.001),loss=0.01,outage=10-12,... in place of, or in addition to, what the file says. */
+int models_network(struct models *m, const char *spec, struct apc_error *why);
+
+/* ---- The experiment ------------------------------------------------------------------------- */
+
+/* One measurement, setpoint or manipulated variable. */
+struct signal {
+    struct apc_tag tag;
+    double safe, fault, initial; /* manipulated variables only */
+};
+
+struct rhythm {
+    apc_ns period, phase;
+    enum apc_overrun overrun;
+    struct task_model model; /* in virtual time */
+};
+
+/* A law or a model, as apc_law_find() and apc_model_find() take it. */
+struct plugin {
+    char name[512];
+    bool chosen; /* instead of the file's: its own tuning or parameters hold */
+};
+
+struct experiment {
+    char file[512]; /* it was loaded from */
+    char name[APC_TAG_LEN];
+    char title[128];
+    double duration; /* s; 0: until it is stopped */
+    uint64_t seed;   /* of all that is random */
+    struct apc_dim dim;
+    struct signal *y, *z, *u;        /* [dim.ny], [dim.nz], [dim.nu] */
+    struct apc_sensor *sensor;       /* [dim.ny] */
+    struct apc_sensor_fault *faults; /* of all sensors */
+
+    struct {
+        struct rhythm rhythm;
+        char name[256]; /* of the model, in the file */
+        struct plugin plugin;
+        const struct apc_model *model;
+        double *p, *x0; /* [model->np]; [model->nx] or NULL */
+        char listen[128];
+        char integrator[16];
+        struct apc_plant_options options; /* but for the integrator, which is above */
+        double *noise;                    /* [model->nx] or NULL */
+        struct apc_disturbance *disturbance;
+        size_t n_disturbances;
+    } plant;
+    struct {
+        struct rhythm rhythm;
+        char link[128];
+    } client;
+    struct {
+        struct rhythm rhythm;
+        char name[256]; /* of the law, in the file */
+        struct plugin plugin;
+        const struct apc_law *law;
+        double *tuning;              /* [dim.nu * law->n_tuning] */
+        struct apc_param *param;     /* [law->n_tuning] the law's, with the limits of this experiment */
+        struct apc_setting *setting; /* [n_setting] */
+        size_t n_setting;
+        double *values; /* memory of the settings */
+        double *linear; /* memory of plant; NULL: no operating point is given */
+        struct apc_law_plant plant;
+        enum apc_mode mode;
+        apc_ns hold;
+    } controller;
+    struct {
+        struct rhythm rhythm;
+        double *sequence; /* [steps * dim.nz] */
+        size_t steps;
+        bool repeat;
+    } scheduler;
+
+    struct models models; /* of virtual time */
+    char net[512];        /* of a run's record: --net, already in models; "": none */
+    apc_ns start;         /* of a run's record: t = 0, UTC; 0: none */
+
+    void *model_handle, *law_handle;
+};
+
+/* Which plug-ins to resolve: a client needs neither the law nor the model. */
+enum experiment_parts { EXPERIMENT_MODEL = 1, EXPERIMENT_LAW = 2 };
+
+/* From the command line, instead of what the file says; NULL: the file's. */
+struct experiment_overrides {
+    const char *law, *model;
+};
+
+/*
+ * An experiment file or, with what is recorded there (record.h), a run folder. Returns 0, or a negative error
+ * with "FILE:LINE: ..." in why; the experiment is then empty.
+ */
+int experiment_load(struct experiment *e, const char *file, unsigned parts,
+                    const struct experiment_overrides *overrides, struct apc_error *why);
+void experiment_free(struct experiment *e);
+
+/* Whether steps of rk4 are short enough for the plant, linear around where it starts. Returns 0, or
+ * APC_ERANGE with a text in why: what should decay grows without bound then. */
+int experiment_check_steps(const struct experiment *e, struct apc_error *why);
+
+/* ---- Its cores, for daemons and simulation alike -------------------------------------------- */
+
+/* What the law is configured from. */
+struct apc_law_setup cores_law_setup(const struct experiment *e);
+
+/* One member of the manipulated variables as an array for the cores: out[dim.nu]. */
+void cores_outputs(const struct experiment *e, double *low, double *high, double *safe, double *fault);
+
+/* The plant and the core that serves it, as the file describes them; both or, with an error in why, none. The
+ * experiment must outlive them. */
+int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc_plantserver **server,
+                struct apc_error *why);
+/* These return 0 or a negative error with its text in why. */
+int cores_controller(const struct experiment *e, struct apc_controller **controller, struct apc_error *why);
+int cores_client(const struct experiment *e, const int64_t *last, apc_ns since, struct apc_client **client,
+                 struct apc_error *why);
+
+/* How long the client waits for a reply. */
+apc_ns cores_patience(const struct experiment *e);
+/* No frame between them is longer. */
+size_t cores_frame_max(const struct experiment *e);
+
+/* Severity, kind and text of what a core noticed; its kind must not be APC_NOTICE_NONE. */
+void notice_event(const struct apc_notice *notice, struct apc_event *event);
+
+/* ---- Its description in the store ----------------------------------------------------------- */
+
+enum provision {
+    PROVISION_KEEP, /* tuning and mode that are there stay: a plant that is being set up again */
+    PROVISION_RESET /* tuning and mode become the file's, manual outputs nobody's: an experiment that is being
+                       run */
+};
+
+#define PROVISION_TEXT 400
+
+/*
+ * Is what the store describes this experiment: the same name, the same signals with the same units? Returns
+ * 0, also when it describes nothing yet, APC_EPERM with the difference in @p why, or the store's error.
+ */
+int provision_check(struct apc_store *store, const struct experiment *e, char why[PROVISION_TEXT]);
+
+/* Are the signals of a description this experiment's: names, units, how many? 0, or APC_EPERM and why. */
+int provision_compare(const struct experiment *e, const struct apc_tag *tag, size_t n,
+                      char why[PROVISION_TEXT]);
+/* What the experiment's variables are called and may be: *n of them, to be freed; NULL without memory. */
+struct apc_tag *provision_tags(const struct experiment *e, size_t *n);
+
+/* The experiment must have been loaded with its law. Returns 0 or the store's error. */
+int provision(struct apc_store *store, const struct experiment *e, enum provision how);
+
+#endif
