@@ -147,28 +147,6 @@ APC_API extern const struct apc_law
     apc_law_cascade;                             /**< an outer PID whose output is an inner one's setpoint */
 APC_API extern const struct apc_law apc_law_lqg; /**< state feedback, observer and disturbance estimate */
 
-/* ---- Design of linear laws ---------------------------------------------------------------- */
-
-/* Matrices are stored row after row. All return 0, APC_EINVAL, APC_ENOMEM or APC_ESOLVER.
- */
-
-/**
- * Sample dx/dt = A x + B u with period @p Ts, u held between the samples: x[k+1] = Ad x[k] + Bd u[k].
- * A, Ad [nx * nx], B, Bd [nx * nu]. [setup]
- */
-APC_API int apc_linear_sample(size_t nx, size_t nu, const double *A, const double *B, double Ts, double *Ad,
-                              double *Bd, struct apc_error *why);
-/**
- * The stabilising solution P [nx * nx] of the discrete Riccati equation
- *     P = A'PA - A'PB (R + B'PB)^-1 B'PA + Q
- * and its gain K = (R + B'PB)^-1 B'PA [nu * nx]: u = -K x minimises the sum of x'Qx + u'Ru. With A', C' for
- * A, B and the covariances of process and measurement noise for Q, R it is the Kalman filter's. R must be
- * positive definite. APC_ESOLVER: there is no stabilising solution; @p why says what is to be looked at.
- * [setup]
- */
-APC_API int apc_riccati_solve(size_t nx, size_t nu, const double *A, const double *B, const double *Q,
-                              const double *R, double *P, double *K, struct apc_error *why);
-
 #ifdef __cplusplus
 }
 #endif

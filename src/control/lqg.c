@@ -18,6 +18,7 @@
  *
  * compute has no room for the corrected estimate and needs none: it is linear in (x, d)_k|k-1, y and z.
  */
+#include "apclinear.h"
 #include "base/matrix.h"
 #include "control/control_internal.h"
 

@@ -2,6 +2,7 @@
 #include "check.h"
 
 #include "apccontrol.h"
+#include "apclinear.h"
 #include "base/matrix.h"
 
 #include <string.h>

@@ -2,6 +2,7 @@
 #include "check.h"
 
 #include "apccontrol.h"
+#include "apclinear.h"
 #include "apcplant.h"
 
 #include <string.h>

@@ -7,6 +7,7 @@
  */
 #include "check.h"
 
+#include "apclinear.h"
 #include "apcmodules.h"
 #include "apcsockets.h"
 

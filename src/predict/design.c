@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "apccontrol.h"
+#include "apclinear.h"
 #include "base/matrix.h"
 
 /* exp([A B; 0 0] Ts) = [Ad Bd; 0 I] */

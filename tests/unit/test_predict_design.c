@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "check.h"
 
-#include "apccontrol.h"
+#include "apclinear.h"
 
 #include <string.h>
 

@@ -1,0 +1,556 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * Kalman filters. What is remembered is x [nx] and, but for the steady one, the lower triangle of the
+ * covariance P, row after row.
+ *
+ * The extended one predicts over substeps h: x by two Runge-Kutta steps of h/2; P with the Jacobian J in the
+ * middle of the substep and M = exp(J h/2) to the fourth order,
+ *     P <- M M P M'M' + h/6 (Q + 4 M Q M' + M M Q M'M'),
+ * which is a sum of squares: P cannot lose its sign, however large h.
+ */
+#include "apcestimate.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/base_internal.h"
+#include "base/matrix.h"
+#include "plant/plant_internal.h"
+
+struct apc_estimator {
+    enum apc_estimator_kind kind;
+    size_t nx, n_inputs, ny;
+    const double *A, *B, *C, *D, *x0, *u0, *y0; /* of the linear model; its own copy */
+    double *q, *r, *p0;
+    double *gain;      /* [nx * ny] steady; of the extended one the measurement's Jacobian C [ny * nx] */
+    double *deviation; /* [nx] steady */
+    const struct apc_model *model;
+    double *p, h;
+    unsigned steps;
+    double *P, *T, *J, *M;                         /* [nx * nx] */
+    double *x, *next, *slope, *column, *y, *moved; /* [nx], y and moved [ny] */
+    double *memory;
+};
+
+static size_t triangle(size_t n)
+{
+    return n * (n + 1) / 2;
+}
+
+/* ---- Making ------------------------------------------------------------------------------------- */
+
+static int check_model(const struct apc_estimator_options *o, struct apc_error *why)
+{
+    apc_ns period;
+
+    if (o->linear)
+        return 0;
+    if (apc_model_check(o->model, "estimator", why) < 0)
+        return APC_EINVAL;
+    return apc_period_from_s(o->Ts, &period, why);
+}
+
+static int check_variances(const double *value, size_t n, double least, const char *what,
+                           struct apc_error *why)
+{
+    for (size_t i = 0; i < n; i++) {
+        if (!value || !apc_value_ok(value[i]) || value[i] < least)
+            return apc_fail(why, APC_EINVAL, "estimator: %s must be %zu variances, each %s", what, n,
+                            least > 0.0 ? "above 0" : "0 or above");
+    }
+    return 0;
+}
+
+static double *carve(double **at, size_t n)
+{
+    double *p = *at;
+
+    *at += n;
+    return p;
+}
+
+static const double *keep(double **at, const double *from, size_t n)
+{
+    return memcpy(carve(at, n), from, n * sizeof(*from));
+}
+
+static int allocate(struct apc_estimator *e, const struct apc_estimator_options *o)
+{
+    const size_t nx = e->nx, ny = e->ny, n = e->n_inputs, np = o->model ? o->model->np : 0;
+    double *at = calloc(5 * nx * nx + nx * n + 2 * nx * ny + ny * n + 8 * nx + n + 4 * ny + np, sizeof(*at));
+
+    e->memory = at;
+    if (!at)
+        return APC_ENOMEM;
+    e->q = carve(&at, nx);
+    e->r = carve(&at, ny);
+    e->p0 = carve(&at, nx);
+    e->gain = carve(&at, nx * ny);
+    e->deviation = carve(&at, nx);
+    e->p = carve(&at, np);
+    e->P = carve(&at, nx * nx);
+    e->T = carve(&at, nx * nx);
+    e->J = carve(&at, nx * nx);
+    e->M = carve(&at, nx * nx);
+    e->x = carve(&at, nx);
+    e->next = carve(&at, nx);
+    e->slope = carve(&at, nx);
+    e->column = carve(&at, nx);
+    e->y = carve(&at, ny);
+    e->moved = carve(&at, ny);
+    if (o->linear) {
+        e->A = keep(&at, o->linear->A, nx * nx);
+        e->B = keep(&at, o->linear->B, nx * n);
+        e->C = keep(&at, o->linear->C, ny * nx);
+        e->D = keep(&at, o->linear->D, ny * n);
+        e->x0 = keep(&at, o->linear->x0, nx);
+        e->u0 = keep(&at, o->linear->u0, n);
+        e->y0 = keep(&at, o->linear->y0, ny);
+    }
+    return 0;
+}
+
+/* The filter's gain K = P C'(C P C' + R)^-1 with P the covariance before a correction: the Riccati equation
+ * of the transposed model gives P, and A K. */
+static int steady(struct apc_estimator *e, struct apc_error *why)
+{
+    const size_t nx = e->nx, ny = e->ny;
+    double *memory = calloc(3 * nx * nx + 3 * nx * ny + 2 * ny * ny + 1, sizeof(*memory)), *at = memory;
+    double *At, *Ct, *Q, *R, *CP, *S, *AK;
+    int rc;
+
+    if (!memory)
+        return apc_fail(why, APC_ENOMEM, "estimator: no memory");
+    At = carve(&at, nx * nx);
+    Q = carve(&at, nx * nx);
+    Ct = carve(&at, nx * ny);
+    CP = carve(&at, nx * ny);
+    AK = carve(&at, nx * ny);
+    R = carve(&at, ny * ny);
+    S = carve(&at, ny * ny);
+    apc_matrix_transpose(nx, nx, e->A, At);
+    apc_matrix_transpose(ny, nx, e->C, Ct);
+    for (size_t i = 0; i < nx; i++)
+        Q[i * nx + i] = e->q[i];
+    for (size_t i = 0; i < ny; i++)
+        R[i * ny + i] = e->r[i];
+    rc = apc_riccati_solve(nx, ny, At, Ct, Q, R, e->P, AK, why);
+    if (rc == 0) {
+        apc_matrix_multiply(ny, nx, nx, e->C, e->P, CP);
+        apc_matrix_multiply(ny, nx, ny, CP, Ct, S);
+        for (size_t i = 0; i < ny; i++)
+            S[i * ny + i] += e->r[i];
+        memcpy(AK, CP, nx * ny * sizeof(*AK));
+        if (apc_matrix_solve(ny, nx, S, AK)) /* K' */
+            rc = apc_fail(why, APC_ESOLVER, "estimator: the measurements' covariance is singular");
+    }
+    for (size_t i = 0; i < nx && rc == 0; i++) {
+        double variance = e->P[i * nx + i];
+
+        for (size_t k = 0; k < ny; k++) {
+            e->gain[i * ny + k] = AK[k * nx + i];
+            variance -= AK[k * nx + i] * CP[k * nx + i];
+        }
+        e->deviation[i] = sqrt(fmax(variance, 0.0));
+    }
+    free(memory);
+    return rc;
+}
+
+static int fill(struct apc_estimator *e, const struct apc_estimator_options *o, struct apc_error *why)
+{
+    const struct apc_model *model = o->model;
+    int rc;
+
+    e->kind = o->kind;
+    e->nx = o->linear ? o->linear->nx : model->nx;
+    e->ny = o->linear ? o->linear->ny : model->ny;
+    e->n_inputs = o->linear ? o->linear->nu + o->linear->nd : model->nu + model->nd;
+    rc = check_variances(o->q, e->nx, 0.0, "q", why);
+    if (rc == 0)
+        rc = check_variances(o->r, e->ny, DBL_MIN, "r", why);
+    if (rc == 0 && o->p0)
+        rc = check_variances(o->p0, e->nx, 0.0, "p0", why);
+    if (rc < 0)
+        return rc;
+    if (allocate(e, o) < 0)
+        return apc_fail(why, APC_ENOMEM, "estimator: no memory");
+    memcpy(e->q, o->q, e->nx * sizeof(*e->q));
+    memcpy(e->r, o->r, e->ny * sizeof(*e->r));
+    for (size_t i = 0; i < e->nx; i++)
+        e->p0[i] = o->p0 ? o->p0[i] : e->q[i] > 0.0 ? e->q[i] : 1.0;
+    if (e->kind == APC_KALMAN_STEADY)
+        return steady(e, why);
+    if (e->kind == APC_KALMAN)
+        return 0;
+    e->model = model;
+    e->steps = o->steps ? o->steps : 10;
+    e->h = o->Ts / e->steps;
+    return apc_model_take(model, e->p, o->p, model->param, model->np, "parameter", why);
+}
+
+int apc_estimator_create(struct apc_estimator **estimator, const struct apc_estimator_options *options,
+                         struct apc_error *why)
+{
+    struct apc_estimator_options o = {0};
+    struct apc_estimator *new;
+    int rc;
+
+    if (!estimator)
+        return apc_fail(why, APC_EINVAL, "apc_estimator_create: estimator must not be NULL");
+    *estimator = NULL;
+    rc = apc_options_copy(&o, sizeof(o), options, "apc_estimator_options", why);
+    if (rc < 0)
+        return rc;
+    if (o.kind < APC_KALMAN_STEADY || o.kind > APC_KALMAN_EXTENDED)
+        return apc_fail(why, APC_EINVAL, "estimator: kind %d is none", (int)o.kind);
+    if (o.kind == APC_KALMAN_EXTENDED)
+        o.linear = NULL;
+    else
+        o.model = NULL;
+    if (!o.linear && !o.model)
+        return apc_fail(why, APC_EINVAL, "estimator: a %s is required",
+                        o.kind == APC_KALMAN_EXTENDED ? "model" : "linear model");
+    rc = check_model(&o, why);
+    if (rc < 0)
+        return rc;
+    new = calloc(1, sizeof(*new));
+    if (!new)
+        return apc_fail(why, APC_ENOMEM, "estimator: no memory");
+    rc = fill(new, &o, why);
+    if (rc < 0)
+        apc_estimator_destroy(new);
+    else
+        *estimator = new;
+    return rc;
+}
+
+void apc_estimator_destroy(struct apc_estimator *estimator)
+{
+    if (!estimator)
+        return;
+    free(estimator->memory);
+    free(estimator);
+}
+
+size_t apc_estimator_size(const struct apc_estimator *e)
+{
+    return e->nx + (e->kind == APC_KALMAN_STEADY ? 0 : triangle(e->nx));
+}
+
+void apc_estimator_reset(const struct apc_estimator *e, double *s, const double *x)
+{
+    memset(s, 0, apc_estimator_size(e) * sizeof(*s));
+    for (size_t i = 0; i < e->nx; i++) {
+        s[i] = x ? x[i] : !e->model ? e->x0[i] : (e->model->state ? e->model->state[i].initial : 0.0);
+        if (e->kind != APC_KALMAN_STEADY)
+            s[e->nx + triangle(i) + i] = e->p0[i];
+    }
+}
+
+/* ---- Covariance ---------------------------------------------------------------------------------- */
+
+static void unpack(struct apc_estimator *e, const double *s)
+{
+    const double *at = s + e->nx;
+
+    for (size_t i = 0; i < e->nx; i++) {
+        for (size_t j = 0; j <= i; j++)
+            e->P[i * e->nx + j] = e->P[j * e->nx + i] = *at++;
+    }
+}
+
+static void pack(const struct apc_estimator *e, double *s)
+{
+    double *at = s + e->nx;
+
+    for (size_t i = 0; i < e->nx; i++) {
+        for (size_t j = 0; j <= i; j++)
+            *at++ = (e->P[i * e->nx + j] + e->P[j * e->nx + i]) / 2.0;
+    }
+}
+
+/* to [nx * nx] += factor F diag(q) F' */
+static void add_noise(const struct apc_estimator *e, const double *F, double factor, double *to)
+{
+    for (size_t i = 0; i < e->nx; i++) {
+        for (size_t j = 0; j <= i; j++) {
+            double sum = 0.0;
+
+            for (size_t k = 0; k < e->nx; k++)
+                sum += F[i * e->nx + k] * e->q[k] * F[j * e->nx + k];
+            to[i * e->nx + j] += factor * sum;
+            if (j < i)
+                to[j * e->nx + i] = to[i * e->nx + j];
+        }
+    }
+}
+
+/* P = F P F', by way of T */
+static void propagate(struct apc_estimator *e, const double *F)
+{
+    const size_t n = e->nx;
+
+    apc_matrix_multiply(n, n, n, F, e->P, e->T);
+    for (size_t i = 0; i < n; i++) {
+        for (size_t j = 0; j <= i; j++) {
+            double sum = 0.0;
+
+            for (size_t k = 0; k < n; k++)
+                sum += e->T[i * n + k] * F[j * n + k];
+            e->P[i * n + j] = e->P[j * n + i] = sum;
+        }
+    }
+}
+
+/*
+ * One measurement of row c and variance r, innovation v: with k = P c / (c P c' + r),
+ *     P <- (I - k c) P (I - k c)' + k r k' = P - k (Pc)' - (Pc) k' + k (c P c' + r) k'.
+ */
+static void take(struct apc_estimator *e, const double *c, double r, double v, double *x)
+{
+    const size_t n = e->nx;
+    double *Pc = e->column, *k = e->slope, total = r;
+
+    for (size_t i = 0; i < n; i++) {
+        Pc[i] = 0.0;
+        for (size_t j = 0; j < n; j++)
+            Pc[i] += e->P[i * n + j] * c[j];
+    }
+    for (size_t i = 0; i < n; i++)
+        total += c[i] * Pc[i];
+    for (size_t i = 0; i < n; i++) {
+        k[i] = Pc[i] / total;
+        x[i] += k[i] * v;
+    }
+    for (size_t i = 0; i < n; i++) {
+        for (size_t j = 0; j < n; j++)
+            e->M[i * n + j] = (i == j ? 1.0 : 0.0) - k[i] * c[j];
+    }
+    propagate(e, e->M);
+    for (size_t i = 0; i < n; i++) {
+        for (size_t j = 0; j < n; j++)
+            e->P[i * n + j] += k[i] * r * k[j];
+    }
+}
+
+/* ---- Measurements -------------------------------------------------------------------------------- */
+
+void apc_estimator_output(struct apc_estimator *e, const double *s, const double *u, double *y)
+{
+    if (e->model) {
+        e->model->g(0.0, s, u, e->p, y);
+        return;
+    }
+    for (size_t i = 0; i < e->ny; i++) {
+        double sum = 0.0;
+
+        for (size_t j = 0; j < e->nx; j++)
+            sum += e->C[i * e->nx + j] * (s[j] - e->x0[j]);
+        for (size_t j = 0; j < e->n_inputs; j++)
+            sum += e->D[i * e->n_inputs + j] * (u[j] - e->u0[j]);
+        y[i] = e->y0[i] + sum;
+    }
+}
+
+/* A step for central differences at @p x. */
+static double small_step(double x)
+{
+    return 6e-6 * fmax(fabs(x), 1e-3); /* about the cube root of the rounding error */
+}
+
+/* The measurement's Jacobian at x into gain [ny * nx]. */
+static void measurement_jacobian(struct apc_estimator *e, const double *x, const double *u)
+{
+    memcpy(e->next, x, e->nx * sizeof(*x));
+    for (size_t j = 0; j < e->nx; j++) {
+        double step = small_step(x[j]), up = x[j] + step, down = x[j] - step;
+
+        e->next[j] = up;
+        e->model->g(0.0, e->next, u, e->p, e->moved);
+        for (size_t i = 0; i < e->ny; i++)
+            e->gain[i * e->nx + j] = e->moved[i];
+        e->next[j] = down;
+        e->model->g(0.0, e->next, u, e->p, e->moved);
+        for (size_t i = 0; i < e->ny; i++)
+            e->gain[i * e->nx + j] = (e->gain[i * e->nx + j] - e->moved[i]) / (up - down);
+        e->next[j] = x[j];
+    }
+}
+
+static int correct_steady(const struct apc_estimator *e, double *s, const double *y, const bool *usable)
+{
+    int n = 0;
+
+    for (size_t k = 0; k < e->ny; k++) {
+        if ((usable && !usable[k]) || !apc_value_ok(y[k]))
+            continue;
+        n++;
+        for (size_t i = 0; i < e->nx; i++)
+            s[i] += e->gain[i * e->ny + k] * (y[k] - e->y[k]);
+    }
+    return n;
+}
+
+/* What follows from the measurements before is known to those after: c (x - x before) is taken off. */
+static int correct_one_by_one(struct apc_estimator *e, double *s, const double *y, const bool *usable,
+                              const double *u)
+{
+    const double *C = e->C;
+    int n = 0;
+
+    if (e->model) {
+        measurement_jacobian(e, s, u);
+        C = e->gain;
+        if (!apc_values_ok(C, e->nx * e->ny))
+            return 0;
+    }
+    unpack(e, s);
+    memcpy(e->x, s, e->nx * sizeof(*s));
+    for (size_t k = 0; k < e->ny; k++) {
+        const double *c = C + k * e->nx;
+        double v = y[k] - e->y[k];
+
+        if ((usable && !usable[k]) || !apc_value_ok(y[k]) || !apc_value_ok(e->y[k]))
+            continue;
+        for (size_t j = 0; j < e->nx; j++)
+            v -= c[j] * (e->x[j] - s[j]);
+        take(e, c, e->r[k], v, e->x);
+        n++;
+    }
+    memcpy(s, e->x, e->nx * sizeof(*s));
+    pack(e, s);
+    return n;
+}
+
+int apc_estimator_correct(struct apc_estimator *e, double *s, const double *y, const bool *usable,
+                          const double *u)
+{
+    apc_estimator_output(e, s, u, e->y);
+    return e->kind == APC_KALMAN_STEADY ? correct_steady(e, s, y, usable)
+                                        : correct_one_by_one(e, s, y, usable, u);
+}
+
+double apc_estimator_deviation(const struct apc_estimator *e, const double *s, size_t i)
+{
+    return e->kind == APC_KALMAN_STEADY ? e->deviation[i] : sqrt(s[e->nx + triangle(i) + i]);
+}
+
+/* ---- Prediction ---------------------------------------------------------------------------------- */
+
+static void predict_linear(struct apc_estimator *e, double *s, const double *u)
+{
+    for (size_t i = 0; i < e->nx; i++) {
+        double sum = 0.0;
+
+        for (size_t j = 0; j < e->nx; j++)
+            sum += e->A[i * e->nx + j] * (s[j] - e->x0[j]);
+        for (size_t j = 0; j < e->n_inputs; j++)
+            sum += e->B[i * e->n_inputs + j] * (u[j] - e->u0[j]);
+        e->next[i] = e->x0[i] + sum;
+    }
+    memcpy(s, e->next, e->nx * sizeof(*s));
+    if (e->kind == APC_KALMAN_STEADY)
+        return;
+    unpack(e, s);
+    propagate(e, e->A);
+    for (size_t i = 0; i < e->nx; i++)
+        e->P[i * e->nx + i] += e->q[i];
+    pack(e, s);
+}
+
+/* x on by h, the classical Runge-Kutta formula. */
+static int step(struct apc_estimator *e, double *x, const double *u, double h)
+{
+    static const double reach[] = {0.0, 0.5, 0.5, 1.0}, weight[] = {1.0, 2.0, 2.0, 1.0};
+    double *sum = e->column;
+
+    memset(sum, 0, e->nx * sizeof(*sum));
+    for (int k = 0; k < 4; k++) {
+        for (size_t i = 0; i < e->nx; i++)
+            e->next[i] = x[i] + (k ? reach[k] * h * e->slope[i] : 0.0);
+        if (e->model->f(0.0, e->next, u, e->p, e->slope) != 0)
+            return APC_ESOLVER;
+        for (size_t i = 0; i < e->nx; i++)
+            sum[i] += weight[k] * e->slope[i];
+    }
+    for (size_t i = 0; i < e->nx; i++)
+        x[i] += h / 6.0 * sum[i];
+    return apc_values_ok(x, e->nx) ? 0 : APC_ESOLVER;
+}
+
+static int jacobian(struct apc_estimator *e, const double *x, const double *u)
+{
+    memcpy(e->next, x, e->nx * sizeof(*x));
+    for (size_t j = 0; j < e->nx; j++) {
+        double by = small_step(x[j]), up = x[j] + by, down = x[j] - by;
+
+        e->next[j] = up;
+        if (e->model->f(0.0, e->next, u, e->p, e->slope) != 0)
+            return APC_ESOLVER;
+        e->next[j] = down;
+        if (e->model->f(0.0, e->next, u, e->p, e->column) != 0)
+            return APC_ESOLVER;
+        for (size_t i = 0; i < e->nx; i++)
+            e->J[i * e->nx + j] = (e->slope[i] - e->column[i]) / (up - down);
+        e->next[j] = x[j];
+    }
+    return apc_values_ok(e->J, e->nx * e->nx) ? 0 : APC_ESOLVER;
+}
+
+/* M = I + Z (I + Z/2 (I + Z/3 (I + Z/4))) with Z = J h */
+static void short_exponential(struct apc_estimator *e, double h)
+{
+    const size_t n = e->nx;
+
+    for (size_t i = 0; i < n * n; i++)
+        e->M[i] = i % (n + 1) == 0 ? 1.0 : 0.0;
+    for (int k = 4; k > 0; k--) {
+        apc_matrix_multiply(n, n, n, e->J, e->M, e->T);
+        for (size_t i = 0; i < n * n; i++)
+            e->M[i] = (i % (n + 1) == 0 ? 1.0 : 0.0) + h / k * e->T[i];
+    }
+}
+
+static int substep(struct apc_estimator *e, const double *u)
+{
+    const size_t n = e->nx;
+    int rc = step(e, e->x, u, e->h / 2.0);
+
+    if (rc == 0)
+        rc = jacobian(e, e->x, u);
+    if (rc == 0)
+        rc = step(e, e->x, u, e->h / 2.0);
+    if (rc < 0)
+        return rc;
+    short_exponential(e, e->h / 2.0);
+    propagate(e, e->M);
+    propagate(e, e->M);
+    apc_matrix_multiply(n, n, n, e->M, e->M, e->T);
+    add_noise(e, e->M, 4.0 * e->h / 6.0, e->P);
+    add_noise(e, e->T, e->h / 6.0, e->P);
+    for (size_t i = 0; i < n; i++)
+        e->P[i * n + i] += e->h / 6.0 * e->q[i];
+    return apc_values_ok(e->P, n * n) ? 0 : APC_ESOLVER;
+}
+
+int apc_estimator_predict(struct apc_estimator *e, double *s, const double *u)
+{
+    if (!e->model) {
+        predict_linear(e, s, u);
+        return 0;
+    }
+    unpack(e, s);
+    memcpy(e->x, s, e->nx * sizeof(*s));
+    for (unsigned k = 0; k < e->steps; k++) {
+        int rc = substep(e, u);
+
+        if (rc < 0)
+            return rc;
+    }
+    memcpy(s, e->x, e->nx * sizeof(*s));
+    pack(e, s);
+    return 0;
+}
