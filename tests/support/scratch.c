@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <unistd.h>
 
+#include "check.h"
+
 static char folder[200];
 static pid_t owner;
 
@@ -36,4 +38,21 @@ const char *scratch_folder(void)
         owner = getpid();
     }
     return folder;
+}
+
+const char *scratch_path(const char *name)
+{
+    static char path[4][300];
+    static unsigned turn;
+    char *at = path[turn++ % 4];
+    snprintf(at, sizeof path[0], "%s/%.99s", scratch_folder(), name);
+    return at;
+}
+
+void scratch_write(const char *name, const char *text)
+{
+    FILE *out = fopen(scratch_path(name), "w");
+    assert_non_null(out);
+    fputs(text, out);
+    assert_int_equal(fclose(out), 0);
 }

@@ -5,5 +5,9 @@
 
 /** Its path, the same at each call. */
 const char *scratch_folder(void);
+/** That of a file in it, until the function has been called four times more. */
+const char *scratch_path(const char *name);
+/** Make such a file, with this text. */
+void scratch_write(const char *name, const char *text);
 
 #endif

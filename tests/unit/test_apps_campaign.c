@@ -27,13 +27,6 @@ static struct apc_error why;
 static char *said;
 static size_t said_length;
 
-static const char *in_folder(const char *name)
-{
-    static char path[300];
-    snprintf(path, sizeof path, "%s/%s", scratch_folder(), name);
-    return path;
-}
-
 static double *figure(unsigned run, size_t of, enum metric metric)
 {
     return &campaign_figures(&campaign, run)[of * METRICS + (size_t)metric];
@@ -98,12 +91,6 @@ static const char *row(const char *text, const char *start)
     return NULL;
 }
 
-static void assert_has(const char *text, const char *part)
-{
-    if (!strstr(text, part))
-        fail_msg("no \"%s\" in \"%s\"", part, text);
-}
-
 static void assert_lacks(const char *text, const char *part)
 {
     if (strstr(text, part))
@@ -115,7 +102,7 @@ static const char *printed(int (*print)(const struct campaign *c, struct apc_err
 {
     static char text[20000];
     fflush(stdout);
-    int before = dup(STDOUT_FILENO), file = open(in_folder("stdout"), O_RDWR | O_CREAT | O_TRUNC, 0600);
+    int before = dup(STDOUT_FILENO), file = open(scratch_path("stdout"), O_RDWR | O_CREAT | O_TRUNC, 0600);
     assert_true(before >= 0 && file >= 0);
     dup2(file, STDOUT_FILENO);
     int rc = print(&campaign, &why);
@@ -254,7 +241,7 @@ static void a_program_gets_all_of_it(void **state)
 static void read_again(const char *name)
 {
     static char path[300];
-    snprintf(path, sizeof path, "%s", in_folder(name));
+    snprintf(path, sizeof path, "%s", scratch_path(name));
     options.against = path;
     if (summary_read(&campaign, &why) < 0)
         fail_msg("%s", why.text);
@@ -269,7 +256,7 @@ static void a_file_of_runs_is_read_as_it_was_written(void **state)
     *figure(0, 0, METRIC_PEAK) = (double)NAN;
     *figure(RUNS - 1, 1, METRICS - 1) = -8;
     campaign_result(&campaign, 2)->rc = APC_ESOLVER;
-    snprintf(path, sizeof path, "%s", in_folder("runs.csv"));
+    snprintf(path, sizeof path, "%s", scratch_path("runs.csv"));
     options.csv = path;
     assert_int_equal(summary_csv(&campaign, &why), 0);
     FILE *in = fopen(path, "r");
@@ -315,7 +302,7 @@ static void two_campaigns_are_compared_seed_by_seed(void **state)
         *figure(run, 0, METRIC_SETTLING) = run < 2 ? HUGE_VAL : 1;
     }
     *figure(5, 0, METRIC_PEAK) = (double)NAN;
-    snprintf(path, sizeof path, "%s", in_folder("former.csv"));
+    snprintf(path, sizeof path, "%s", scratch_path("former.csv"));
     options.csv = path;
     assert_int_equal(summary_csv(&campaign, &why), 0);
     /* the campaign after it begins two seeds later: of its runs the first four were in the one before */
@@ -366,7 +353,7 @@ static void a_file_that_is_none_of_a_campaign_is_refused_with_its_line(void **st
                                        "16,1,1,1,1,1,1,1,1,1,1", "15,2,inf,inf,,,,,,,inf\r"};
     char path[300];
     (void)state;
-    snprintf(path, sizeof path, "%s", in_folder("bad.csv"));
+    snprintf(path, sizeof path, "%s", scratch_path("bad.csv"));
     options.against = path;
     const size_t bad = sizeof lines / sizeof *lines, all = bad + sizeof good / sizeof *good;
     for (size_t i = 0; i < all; i++) {
@@ -436,19 +423,14 @@ static void runs_that_are_missing_are_an_error_unless_someone_stopped_them(void 
 
 static void load(struct experiment *of)
 {
-    char path[300];
-    snprintf(path, sizeof path, "%s", in_folder("world.conf"));
-    FILE *out = fopen(path, "w");
-    assert_non_null(out);
-    fputs("name = \"world\"; title = \"A world\"; duration = 12.0;\n"
-          "measurements = ( { name = \"y\"; noise = 0.5; } ); setpoints = ( { name = \"r\"; } );\n"
-          "outputs = ( { name = \"u\"; low = -10.0; high = 10.0; } );\n"
-          "plant = { model = \"first-order\"; period = 0.2; noise = { x = 0.1; }; };\n"
-          "client = { period = 0.2; }; controller = { law = \"pi\"; period = 0.5; };\n"
-          "scheduler = { period = 6.0; sequence = ( [0.0], [3.0] ); };\n",
-          out);
-    fclose(out);
-    if (experiment_load(of, path, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0)
+    scratch_write("world.conf",
+                  "name = \"world\"; title = \"A world\"; duration = 12.0;\n"
+                  "measurements = ( { name = \"y\"; noise = 0.5; } ); setpoints = ( { name = \"r\"; } );\n"
+                  "outputs = ( { name = \"u\"; low = -10.0; high = 10.0; } );\n"
+                  "plant = { model = \"first-order\"; period = 0.2; noise = { x = 0.1; }; };\n"
+                  "client = { period = 0.2; }; controller = { law = \"pi\"; period = 0.5; };\n"
+                  "scheduler = { period = 6.0; sequence = ( [0.0], [3.0] ); };\n");
+    if (experiment_load(of, scratch_path("world.conf"), EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0)
         fail_msg("%s", why.text);
 }
 
@@ -478,7 +460,7 @@ static void be(struct experiment *of, void (*how)(unsigned call), bool plugin)
 static int run(struct experiment *of, unsigned runs, unsigned jobs)
 {
     static char path[300];
-    snprintf(path, sizeof path, "%s", in_folder("ran.csv"));
+    snprintf(path, sizeof path, "%s", scratch_path("ran.csv"));
     options =
         (struct campaign_options){.seed = 7, .runs = runs, .jobs = jobs, .csv = path, .talk = options.talk};
     why.text[0] = '\0';

@@ -12,37 +12,14 @@
 
 static struct apc_error why;
 
-static const char *in_folder(const char *name)
-{
-    static char path[2][300];
-    static int turn;
-    char *at = path[turn++ % 2];
-    snprintf(at, sizeof path[0], "%s/%s", scratch_folder(), name);
-    return at;
-}
-
-static void put(const char *name, const char *text)
-{
-    FILE *out = fopen(in_folder(name), "w");
-    assert_non_null(out);
-    fputs(text, out);
-    assert_int_equal(fclose(out), 0);
-}
-
-static void assert_says(const char *reason)
-{
-    if (!strstr(why.text, reason))
-        fail_msg("said \"%s\", not \"%s\"", why.text, reason);
-}
-
 /* The file's models, and those of a task "client". Returns 0 or the failure. */
 static int take(const char *text, struct models *m, struct task_model *client)
 {
     config_t config;
-    struct settings s = {.file = in_folder("world.conf"), .why = &why};
+    struct settings s = {.file = scratch_path("world.conf"), .why = &why};
     *m = (struct models){0};
     *client = (struct task_model){0};
-    put("world.conf", text);
+    scratch_write("world.conf", text);
     assert_int_equal(settings_load(&config, s.file, &why), 0);
     const config_setting_t *root = config_root_setting(&config);
     models_read(&s, root, m);
@@ -145,7 +122,7 @@ static void what_the_file_must_not_say_is_refused(void **state)
         struct task_model client;
         if (take(of[i].text, &m, &client) >= 0)
             fail_msg("taken: %s", of[i].text);
-        assert_says(of[i].reason);
+        assert_has(why.text, of[i].reason);
         models_free(&m);
     }
 }
@@ -158,7 +135,7 @@ static void a_histogram_is_taken_as_shares_of_all(void **state)
     struct task_model client;
     char text[6000] = "low,high,count\n";
     (void)state;
-    put("delays.csv", "low,high,count\r\n0.5,1,1\r\n2,2,3\r\n");
+    scratch_write("delays.csv", "low,high,count\r\n0.5,1,1\r\n2,2,3\r\n");
     /* a path counts from where the file lies */
     assert_int_equal(take("network = { delay = \"recorded(delays.csv)\"; };", &m, &client), 0);
     const struct apc_distribution *d = &m.network.options.delay;
@@ -173,9 +150,9 @@ static void a_histogram_is_taken_as_shares_of_all(void **state)
     /* of any length; on a command line a path is one, absolute or not */
     for (int i = 0; i < 150; i++)
         sprintf(text + strlen(text), "%d,%d,2\n", i, i + 1);
-    put("long.csv", text);
+    scratch_write("long.csv", text);
     char spec[400];
-    snprintf(spec, sizeof spec, "jitter=recorded(%s),loss=0.5", in_folder("long.csv"));
+    snprintf(spec, sizeof spec, "jitter=recorded(%s),loss=0.5", scratch_path("long.csv"));
     m = (struct models){0};
     assert_int_equal(models_network(&m, spec, &why), 0);
     d = &m.network.options.jitter;
@@ -194,12 +171,12 @@ static void of_a_run_folder_it_is_the_task_s_own(void **state)
     struct models m;
     struct task_model client;
     (void)state;
-    mkdir(in_folder("run"), 0700);
-    put("run/timing.csv", "task,quantity,period_ns,low_ns,high_ns,count\n"
-                          "plant,run,1000000000,1,2,50\n"
-                          "client,run,1000000000,1000000,3000000,4\n"
-                          "client,lateness,1000000000,-5000000,500000000,4\n"
-                          "client,run,1000000000,4000000,4000000,4\n");
+    mkdir(scratch_path("run"), 0700);
+    scratch_write("run/timing.csv", "task,quantity,period_ns,low_ns,high_ns,count\n"
+                                    "plant,run,1000000000,1,2,50\n"
+                                    "client,run,1000000000,1000000,3000000,4\n"
+                                    "client,lateness,1000000000,-5000000,500000000,4\n"
+                                    "client,run,1000000000,4000000,4000000,4\n");
     assert_int_equal(
         take("client = { execution = \"recorded(run)\"; jitter = \"recorded(run)\"; };", &m, &client), 0);
     assert_int_equal(client.execution.n_shares, 2);
@@ -212,7 +189,7 @@ static void of_a_run_folder_it_is_the_task_s_own(void **state)
     assert_near(client.jitter.shares[0].high, 0.5, 1e-15);
     models_free(&m);
     assert_true(take("network = { delay = \"recorded(run)\"; };", &m, &client) < 0);
-    assert_says("run/timing.csv: has nothing of the delay of task network");
+    assert_has(why.text, "run/timing.csv: has nothing of the delay of task network");
     models_free(&m);
 }
 
@@ -236,22 +213,22 @@ static void a_file_that_is_no_histogram_is_refused_with_its_line(void **state)
     char spec[400];
     struct models m = {0};
     (void)state;
-    snprintf(spec, sizeof spec, "delay=recorded(%s)", in_folder("h.csv"));
+    snprintf(spec, sizeof spec, "delay=recorded(%s)", scratch_path("h.csv"));
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
-        put("h.csv", of[i].text);
+        scratch_write("h.csv", of[i].text);
         m = (struct models){0};
         if (models_network(&m, spec, &why) >= 0)
             fail_msg("taken: %s", of[i].text);
-        assert_says(of[i].reason);
+        assert_has(why.text, of[i].reason);
         models_free(&m);
     }
     m = (struct models){0};
     assert_int_equal(models_network(&m, "delay=recorded(/nowhere)", &why), APC_ENOTFOUND);
-    assert_says("/nowhere: No such file");
+    assert_has(why.text, "/nowhere: No such file");
     models_free(&m);
     m = (struct models){0};
     assert_true(models_network(&m, "delay=recorded(/nowhere", &why) < 0);
-    assert_says("no distribution");
+    assert_has(why.text, "no distribution");
     models_free(&m);
 }
 
@@ -317,7 +294,7 @@ static void what_the_command_line_must_not_say_is_refused(void **state)
         struct models m = {0};
         if (models_network(&m, of[i].spec, &why) >= 0)
             fail_msg("taken: %s", of[i].spec);
-        assert_says(of[i].reason);
+        assert_has(why.text, of[i].reason);
         models_free(&m);
     }
     for (int length = 511; length <= 512; length++) { /* bytes of a part */
@@ -325,7 +302,7 @@ static void what_the_command_line_must_not_say_is_refused(void **state)
         snprintf(spec, sizeof spec, "delay=recorded(/%0*d)", length - 17, 5);
         assert_int_equal(strlen(spec), length);
         assert_true(models_network(&m, spec, &why) < 0);
-        assert_says(length == 511 ? "0005: File name" : "expected NAME=VALUE");
+        assert_has(why.text, length == 511 ? "0005: File name" : "expected NAME=VALUE");
         models_free(&m);
     }
 }

@@ -12,27 +12,6 @@
 static struct apc_error why;
 static struct samples samples;
 
-static const char *in_folder(const char *name)
-{
-    static char path[300];
-    snprintf(path, sizeof path, "%s/%s", scratch_folder(), name);
-    return path;
-}
-
-static void put(const char *name, const char *text)
-{
-    FILE *out = fopen(in_folder(name), "w");
-    assert_non_null(out);
-    fputs(text, out);
-    assert_int_equal(fclose(out), 0);
-}
-
-static void assert_says(const char *reason)
-{
-    if (!strstr(why.text, reason))
-        fail_msg("said \"%s\", not \"%s\"", why.text, reason);
-}
-
 static int nothing_yet(void **state)
 {
     (void)state;
@@ -130,11 +109,11 @@ static void a_store_that_is_lost_is_an_error(void **state)
 
 static void write_all(void)
 {
-    FILE *out = fopen(in_folder("samples.csv"), "w");
+    FILE *out = fopen(scratch_path("samples.csv"), "w");
     assert_non_null(out);
     samples_write(&samples, SECOND(7), out);
     assert_int_equal(fclose(out), 0);
-    out = fopen(in_folder("seqs.csv"), "w");
+    out = fopen(scratch_path("seqs.csv"), "w");
     assert_non_null(out);
     samples_write_seqs(&samples, out);
     assert_int_equal(fclose(out), 0);
@@ -181,9 +160,9 @@ static void variables_are_counted_each_for_itself(void **state)
 {
     static const int64_t seq[] = {1, 1, 1, 2, 2, 1, 3};
     (void)state;
-    put("samples.csv", "time,table,id,status,value\n0,sensor,1,Good,1\n0,sensor,2,Good,1\n"
-                       "0,actuator,1,Good,1\n1,sensor,1,Good,1\n1,actuator,1,Good,1\n"
-                       "1,opmode,0,Good,1\n2,actuator,1,Good,1\n");
+    scratch_write("samples.csv", "time,table,id,status,value\n0,sensor,1,Good,1\n0,sensor,2,Good,1\n"
+                                 "0,actuator,1,Good,1\n1,sensor,1,Good,1\n1,actuator,1,Good,1\n"
+                                 "1,opmode,0,Good,1\n2,actuator,1,Good,1\n");
     assert_int_equal(samples_read(&samples, scratch_folder(), "samples.csv", &why), 0);
     for (size_t i = 0; i < 7; i++)
         assert_int_equal(samples.at[i].seq, seq[i]);
@@ -214,24 +193,25 @@ static void a_line_that_is_no_sample_is_refused_with_its_number(void **state)
     };
     (void)state;
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
-        put("x.csv", of[i].text);
+        scratch_write("x.csv", of[i].text);
         if (samples_read(&samples, scratch_folder(), "x.csv", &why) != APC_EPROTO)
             fail_msg("taken: %s", of[i].text);
-        assert_says(of[i].reason);
+        assert_has(why.text, of[i].reason);
         samples_free(&samples);
     }
-    put("x.csv", HEADER "0,sensor,0,Good,1\r\n0,sensor,1000000,Good,1\n-1,sensor,1,Good,-1e300"); /* edges */
+    scratch_write("x.csv",
+                  HEADER "0,sensor,0,Good,1\r\n0,sensor,1000000,Good,1\n-1,sensor,1,Good,-1e300"); /* edges */
     assert_int_equal(samples_read(&samples, scratch_folder(), "x.csv", &why), 0);
     assert_int_equal(samples.n, 3);
     samples_free(&samples);
-    put("x.csv", HEADER);
+    scratch_write("x.csv", HEADER);
     assert_int_equal(samples_read(&samples, scratch_folder(), "x.csv", &why), 0);
     assert_int_equal(samples.n, 0);
     assert_int_equal(samples_read(&samples, scratch_folder(), "none.csv", &why), APC_ENOTFOUND);
-    assert_says("none.csv: No such file");
-    put("file", "");
-    assert_int_equal(samples_read(&samples, in_folder("file"), "none.csv", &why), APC_ESYS);
-    assert_says("none.csv: Not a directory");
+    assert_has(why.text, "none.csv: No such file");
+    scratch_write("file", "");
+    assert_int_equal(samples_read(&samples, scratch_path("file"), "none.csv", &why), APC_ESYS);
+    assert_has(why.text, "none.csv: Not a directory");
 }
 
 static void seqs_that_do_not_go_with_the_samples_are_refused(void **state)
@@ -251,19 +231,19 @@ static void seqs_that_do_not_go_with_the_samples_are_refused(void **state)
         {"seq,sensor_seq,setpoint_seq\n1,0,0\n2,0,0", "seqs.csv:3: expected"},
     };
     (void)state;
-    put("samples.csv", HEADER "0,sensor,1,Good,1\n0,sensor,1,Good,1\n");
+    scratch_write("samples.csv", HEADER "0,sensor,1,Good,1\n0,sensor,1,Good,1\n");
     assert_int_equal(samples_read(&samples, scratch_folder(), "samples.csv", &why), 0);
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
-        put("seqs.csv", of[i].text);
+        scratch_write("seqs.csv", of[i].text);
         if (samples_read_seqs(&samples, scratch_folder(), &why) != APC_EPROTO)
             fail_msg("taken: %s", of[i].text);
-        assert_says(of[i].reason);
+        assert_has(why.text, of[i].reason);
     }
-    remove(in_folder("seqs.csv"));
+    remove(scratch_path("seqs.csv"));
     assert_int_equal(samples_read_seqs(&samples, scratch_folder(), &why), APC_ENOTFOUND);
-    assert_says("seqs.csv: No such file");
-    put("file", "");
-    assert_int_equal(samples_read_seqs(&samples, in_folder("file"), &why), APC_ESYS);
+    assert_has(why.text, "seqs.csv: No such file");
+    scratch_write("file", "");
+    assert_int_equal(samples_read_seqs(&samples, scratch_path("file"), &why), APC_ESYS);
 }
 
 /* ---- The course --------------------------------------------------------------------------- */
@@ -299,13 +279,13 @@ static void a_line_that_is_of_no_course_is_refused_with_its_number(void **state)
     struct course course;
     (void)state;
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
-        put("plant.csv", of[i].text);
+        scratch_write("plant.csv", of[i].text);
         if (course_read(&course, scratch_folder(), &dim, &why) != APC_EPROTO)
             fail_msg("taken: %s", of[i].text);
-        assert_says(of[i].reason);
+        assert_has(why.text, of[i].reason);
         course_free(&course);
     }
-    put("plant.csv", COURSE "0,output,2,1\r\n0,output,2,2\n0,output,1,3\n0,without,1,1\n0,end,1,0");
+    scratch_write("plant.csv", COURSE "0,output,2,1\r\n0,output,2,2\n0,output,1,3\n0,without,1,1\n0,end,1,0");
     assert_int_equal(course_read(&course, scratch_folder(), &dim, &why), 0);
     assert_int_equal(course.output[1].n, 2);
     assert_int_equal(course.output[0].n, 1);
@@ -313,8 +293,8 @@ static void a_line_that_is_of_no_course_is_refused_with_its_number(void **state)
     assert_near(course.end, 0, 0);
     assert_false(course.diverged);
     course_free(&course);
-    put("file", "");
-    assert_int_equal(course_read(&course, in_folder("file"), &dim, &why), APC_ESYS);
+    scratch_write("file", "");
+    assert_int_equal(course_read(&course, scratch_path("file"), &dim, &why), APC_ESYS);
     course_free(&course);
 }
 
@@ -337,7 +317,7 @@ static void a_course_of_any_length_is_written_line_by_line(void **state)
     assert_int_equal(course_write(&course, scratch_folder(), &why), 0);
     course_free(&course);
     assert_null(course.output);
-    FILE *in = fopen(in_folder("plant.csv"), "r");
+    FILE *in = fopen(scratch_path("plant.csv"), "r");
     assert_non_null(in);
     assert_string_equal(fgets(line, sizeof line, in), COURSE);
     assert_string_equal(fgets(line, sizeof line, in), "0.000000000,output,2,2\n");
@@ -349,7 +329,7 @@ static void a_course_of_any_length_is_written_line_by_line(void **state)
     assert_string_equal(line, "1000.000000000,end,1,0\n");
     assert_int_equal(course_create(&course, &dim), 0);
     assert_int_equal(course_write(&course, "/nowhere", &why), APC_ESYS);
-    assert_says("/nowhere/plant.csv: cannot be written: No such file");
+    assert_has(why.text, "/nowhere/plant.csv: cannot be written: No such file");
     course_free(&course);
 }
 
@@ -360,13 +340,13 @@ static void a_folder_without_a_course_has_that_of_its_samples(void **state)
     (void)state;
     e.plant.rhythm.period = e.controller.rhythm.period = APC_NS_PER_S;
     e.client.rhythm.period = SECOND(2);
-    remove(in_folder("plant.csv"));
+    remove(scratch_path("plant.csv"));
     /* ids beyond the experiment's, and setpoints and sensors that are not Good */
-    put("samples.csv",
-        HEADER "0,setpoint,1,Good,5\n0,sensor,2,Good,1\n0,sensor,3,Good,9\n0,setpoint,2,Good,9\n"
-               "0,actuator,2,Good,9\n0,sensor,0,Good,9\n1,actuator,1,Good,3\n"
-               "2,sensor,2,UncertainLastUsableValue,2\n2,setpoint,1,Good,5\n3,sensor,2,Bad,4\n"
-               "2.5,actuator,1,Bad,4\n");
+    scratch_write("samples.csv",
+                  HEADER "0,setpoint,1,Good,5\n0,sensor,2,Good,1\n0,sensor,3,Good,9\n0,setpoint,2,Good,9\n"
+                         "0,actuator,2,Good,9\n0,sensor,0,Good,9\n1,actuator,1,Good,3\n"
+                         "2,sensor,2,UncertainLastUsableValue,2\n2,setpoint,1,Good,5\n3,sensor,2,Bad,4\n"
+                         "2.5,actuator,1,Bad,4\n");
     if (course_load(&course, scratch_folder(), &e, &why) < 0)
         fail_msg("%s", why.text);
     assert_true(course.measured);
@@ -383,19 +363,19 @@ static void a_folder_without_a_course_has_that_of_its_samples(void **state)
     assert_near(course.without.at[2].t, 3, 0);
     assert_near(course.without.at[2].value, 1, 0);
     course_free(&course);
-    put("plant.csv", COURSE "4,end,1,1\n"); /* what the plant itself says goes before */
+    scratch_write("plant.csv", COURSE "4,end,1,1\n"); /* what the plant itself says goes before */
     assert_int_equal(course_load(&course, scratch_folder(), &e, &why), 0);
     assert_false(course.measured);
     assert_true(course.diverged);
     assert_near(course.end, 4, 0);
     course_free(&course);
-    put("plant.csv", "");
+    scratch_write("plant.csv", "");
     assert_int_equal(course_load(&course, scratch_folder(), &e, &why), APC_EPROTO);
     course_free(&course);
-    remove(in_folder("plant.csv"));
-    remove(in_folder("samples.csv"));
+    remove(scratch_path("plant.csv"));
+    remove(scratch_path("samples.csv"));
     assert_int_equal(course_load(&course, scratch_folder(), &e, &why), APC_ENOTFOUND);
-    assert_says("samples.csv: No such file");
+    assert_has(why.text, "samples.csv: No such file");
     course_free(&course);
 }
 
