@@ -43,6 +43,8 @@ static void destroy_memory(struct memory *m)
 {
     for (size_t i = 0; i < m->n; i++) {
         free(m->variable[i].row);
+        free(m->variable[i].vector);
+        free(m->variable[i].value);
     }
     free(m->variable);
     free(m->index);
@@ -217,7 +219,7 @@ static uint32_t *place(const struct memory *m, enum apc_table table, int id)
     }
 }
 
-static struct variable *find(const struct memory *m, enum apc_table table, int id)
+struct variable *apc_mem_find(const struct memory *m, enum apc_table table, int id)
 {
     uint32_t number = m->n > 0 ? *place(m, table, id) : 0;
     return number ? &m->variable[number - 1] : NULL;
@@ -246,10 +248,10 @@ static int grow_variables(struct apc_store *store, struct memory *m)
     return 0;
 }
 
-static int find_or_add(struct apc_store *store, enum apc_table table, int id, struct variable **found)
+int apc_mem_find_or_add(struct apc_store *store, enum apc_table table, int id, struct variable **found)
 {
     struct memory *m = apc_mem_of(store)->memory;
-    *found = find(m, table, id);
+    *found = apc_mem_find(m, table, id);
     if (*found) {
         return 0;
     }
@@ -266,13 +268,12 @@ static int find_or_add(struct apc_store *store, enum apc_table table, int id, st
     return 0;
 }
 
-/* The first row whose seq is not below @p seq. */
-static size_t lower_bound(const struct variable *v, int64_t seq)
+size_t apc_mem_lower_bound(const struct variable *v, int64_t seq)
 {
     size_t low = 0, high = v->n;
     while (low < high) {
         size_t middle = low + (high - low) / 2;
-        if (v->row[middle].seq < seq) {
+        if (apc_mem_seq(v, middle) < seq) {
             low = middle + 1;
         } else {
             high = middle;
@@ -281,9 +282,9 @@ static size_t lower_bound(const struct variable *v, int64_t seq)
     return low;
 }
 
-static void copy_newest(const struct memory *m, struct apc_sample *s)
+void apc_mem_newest(const struct memory *m, struct apc_sample *s)
 {
-    const struct variable *v = find(m, s->table, s->id);
+    const struct variable *v = apc_mem_find(m, s->table, s->id);
     if (v && v->n > 0) {
         *s = v->row[v->n - 1];
     } else {
@@ -291,10 +292,10 @@ static void copy_newest(const struct memory *m, struct apc_sample *s)
     }
 }
 
-static int64_t newest_seq(const struct memory *m, enum apc_table table, int id)
+int64_t apc_mem_newest_seq(const struct memory *m, enum apc_table table, int id)
 {
-    const struct variable *v = find(m, table, id);
-    return v && v->n > 0 ? v->row[v->n - 1].seq : 0;
+    const struct variable *v = apc_mem_find(m, table, id);
+    return v && v->n > 0 ? apc_mem_seq(v, v->n - 1) : 0;
 }
 
 /* ---- Read and write -------------------------------------------------------------------------- */
@@ -306,21 +307,20 @@ static int read_newest(struct apc_store *store, struct apc_sample *samples, size
         return err;
     }
     for (size_t i = 0; i < n; i++) {
-        copy_newest(apc_mem_of(store)->memory, &samples[i]);
+        apc_mem_newest(apc_mem_of(store)->memory, &samples[i]);
     }
     apc_mem_end(store);
     return 0;
 }
 
-/* Room for all of them. */
-static int reserve(struct apc_store *store, const struct apc_sample *samples, size_t n)
+int apc_mem_reserve(struct apc_store *store, const struct apc_sample *samples, size_t n)
 {
     struct memory *m = apc_mem_of(store)->memory;
     struct variable *v = NULL;
     size_t counted = 0;
     int err = 0;
     for (; !err && counted < n; counted += !err) {
-        err = find_or_add(store, samples[counted].table, samples[counted].id, &v);
+        err = apc_mem_find_or_add(store, samples[counted].table, samples[counted].id, &v);
         if (!err) {
             v->want++;
         }
@@ -347,13 +347,14 @@ static void set_row(struct apc_sample *row, const struct apc_sample *s)
     row->status = s->status;
     row->sensor_seq = actuator ? s->sensor_seq : 0;
     row->setpoint_seq = actuator ? s->setpoint_seq : 0;
+    row->origin = s->origin;
+    row->author = s->author;
 }
 
-/* There is room. Returns whether the seq was free. */
-static bool insert(struct memory *m, const struct apc_sample *s)
+bool apc_mem_insert(struct memory *m, const struct apc_sample *s)
 {
     struct variable *v = &m->variable[*place(m, s->table, s->id) - 1];
-    size_t at = v->n == 0 || v->row[v->n - 1].seq < s->seq ? v->n : lower_bound(v, s->seq);
+    size_t at = v->n == 0 || v->row[v->n - 1].seq < s->seq ? v->n : apc_mem_lower_bound(v, s->seq);
     if (at < v->n && v->row[at].seq == s->seq) {
         return false;
     }
@@ -370,11 +371,9 @@ static int insert_all(struct memory *m, const struct apc_sample *samples, size_t
 {
     int count = 0;
     for (size_t i = 0; i < n; i++) {
-        count += insert(m, &samples[i]);
+        count += apc_mem_insert(m, &samples[i]);
     }
-    if (m->waiters > 0) {
-        pthread_cond_broadcast(&m->changed);
-    }
+    apc_mem_wake(m);
     return count;
 }
 
@@ -387,7 +386,7 @@ static int append(struct apc_store *store, const struct apc_sample *samples, siz
     if (err) {
         return err;
     }
-    err = reserve(store, samples, n);
+    err = apc_mem_reserve(store, samples, n);
     int count = err ? 0 : insert_all(apc_mem_of(store)->memory, samples, n);
     apc_mem_end(store);
     return err ? err : count;
@@ -397,15 +396,15 @@ static int append(struct apc_store *store, const struct apc_sample *samples, siz
 static int write_next(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     struct memory *m = apc_mem_of(store)->memory;
-    int err = reserve(store, samples, n);
+    int err = apc_mem_reserve(store, samples, n);
     for (size_t i = 0; !err && i < n; i++) {
-        if (newest_seq(m, samples[i].table, samples[i].id) >= APC_SEQ_MAX) {
+        if (apc_mem_newest_seq(m, samples[i].table, samples[i].id) >= APC_SEQ_MAX) {
             err = apc_rows_seq_failure(store, &samples[i]);
         }
     }
     if (!err) {
         for (size_t i = 0; i < n; i++) {
-            samples[i].seq = newest_seq(m, samples[i].table, samples[i].id) + 1;
+            samples[i].seq = apc_mem_newest_seq(m, samples[i].table, samples[i].id) + 1;
         }
         insert_all(m, samples, n);
     }
@@ -424,13 +423,13 @@ static int put_or_swap(struct apc_store *store, struct apc_sample *samples, size
     }
     bool newest = true;
     for (size_t i = 0; compare && i < n; i++) {
-        newest = newest && samples[i].seq == newest_seq(m, samples[i].table, samples[i].id);
+        newest = newest && samples[i].seq == apc_mem_newest_seq(m, samples[i].table, samples[i].id);
     }
     if (newest) {
         err = write_next(store, samples, n);
     } else {
         for (size_t i = 0; i < n; i++) {
-            copy_newest(m, &samples[i]);
+            apc_mem_newest(m, &samples[i]);
         }
         err = apc_fail(&store->why, APC_ECONFLICT, "someone else has changed it meanwhile");
     }
@@ -461,7 +460,7 @@ static int claim(struct apc_store *store, enum apc_table table, size_t n, int64_
     } else {
         m->writer[table] = store;
         for (size_t i = 0; i < n; i++) {
-            last[i] = newest_seq(m, table, (int)i + 1);
+            last[i] = apc_mem_newest_seq(m, table, (int)i + 1);
         }
     }
     apc_mem_end(store);
@@ -471,7 +470,7 @@ static int claim(struct apc_store *store, enum apc_table table, size_t n, int64_
 static bool any_newer(const struct memory *m, const struct apc_sample *seen, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
-        if (newest_seq(m, seen[i].table, seen[i].id) > seen[i].seq) {
+        if (apc_mem_newest_seq(m, seen[i].table, seen[i].id) > seen[i].seq) {
             return true;
         }
     }
@@ -500,14 +499,13 @@ static int wait_newer(struct apc_store *store, const struct apc_sample *seen, si
 
 /* ---- History --------------------------------------------------------------------------------- */
 
-/* From which seq on, so that the rows within the range are the newest range->last. */
-static int64_t first_seq(const struct variable *v, const struct apc_range *range)
+int64_t apc_mem_first_seq(const struct variable *v, const struct apc_range *range)
 {
     size_t left = range->last;
     for (size_t i = v->n; left > 0 && i > 0; i--) {
-        left -= apc_mem_within(range, v->row[i - 1].time);
+        left -= apc_mem_within(range, apc_mem_time(v, i - 1));
         if (left == 0) {
-            return v->row[i - 1].seq;
+            return apc_mem_seq(v, i - 1);
         }
     }
     return 0;
@@ -520,7 +518,7 @@ static size_t copy_rows(const struct variable *v, const struct apc_range *range,
                         struct apc_sample *out)
 {
     size_t n = 0;
-    for (size_t i = lower_bound(v, *next); i < v->n && v->row[i].seq <= last && n < BATCH; i++) {
+    for (size_t i = apc_mem_lower_bound(v, *next); i < v->n && v->row[i].seq <= last && n < BATCH; i++) {
         if (apc_mem_within(range, v->row[i].time)) {
             out[n++] = v->row[i];
         }
@@ -542,10 +540,10 @@ static int history(struct apc_store *store, enum apc_table table, int id, const 
         if (err) {
             return err;
         }
-        const struct variable *v = find(m, table, id);
+        const struct variable *v = apc_mem_find(m, table, id);
         if (v && next < 0) {
-            next = first_seq(v, range);
-            last = newest_seq(m, table, id);
+            next = apc_mem_first_seq(v, range);
+            last = apc_mem_newest_seq(m, table, id);
         }
         n = v ? copy_rows(v, range, &next, last, row) : 0;
         apc_mem_end(store);
@@ -572,7 +570,7 @@ static int variables(struct apc_store *store, struct apc_sample *out, size_t cap
     struct apc_sample *all = (struct apc_sample *)malloc((m->n + 1) * sizeof *all);
     for (size_t i = 0; all && i < m->n; i++) {
         if (m->variable[i].n > 0) {
-            all[n++] = m->variable[i].row[0];
+            all[n++] = (struct apc_sample){.table = m->variable[i].table, .id = m->variable[i].id};
         }
     }
     apc_mem_end(store);
@@ -604,7 +602,9 @@ static int maintain(struct apc_store *store, const struct apc_retention *keep)
         return err;
     }
     for (size_t i = 0; keep->samples > 0 && i < m->n; i++) {
-        dropped += drop_samples(&m->variable[i], now - keep->samples);
+        struct variable *v = &m->variable[i];
+        dropped +=
+            v->vector ? apc_mem_drop_vectors(v, now - keep->samples) : drop_samples(v, now - keep->samples);
     }
     if (keep->events > 0 && m->n_events > 0) {
         dropped += apc_mem_drop_events(m, now - keep->events);
@@ -627,6 +627,9 @@ const struct apc_store_ops apc_mem_store = {
     .claim = claim,
     .put = put,
     .swap = swap,
+    .read_rows = apc_mem_read_rows,
+    .append_rows = apc_mem_append_rows,
+    .vectors = apc_mem_vectors,
     .wait = wait_newer,
     .variables = variables,
     .history = history,

@@ -7,12 +7,24 @@
 
 #include "shareddata/shareddata_internal.h"
 
+struct mem_vector {
+    int64_t seq;
+    apc_ns time;
+    apc_status status;
+    uint32_t n;
+    size_t at; /* of its elements among the variable's */
+};
+
+/* It has rows of one kind. */
 struct variable {
     enum apc_table table;
     int id;
-    struct apc_sample *row; /* in rising seq */
+    struct apc_sample *row;    /* in rising seq */
+    struct mem_vector *vector; /* likewise */
     size_t n, capacity;
-    size_t want; /* rows of the running append, at most */
+    double *value; /* elements of vectors, in order of arrival */
+    size_t n_values, values_capacity;
+    size_t want, want_values; /* of the running append, at most */
 };
 
 struct timing {
@@ -71,6 +83,48 @@ int apc_mem_begin(struct apc_store *store);
 /* The same where there need be no tables yet, or still are some. */
 void apc_mem_begin_bare(struct apc_store *store);
 void apc_mem_end(struct apc_store *store);
+
+/* ---- mem.c, with the mutex held ------------------------------------------------------------------ */
+
+static inline int64_t apc_mem_seq(const struct variable *v, size_t i)
+{
+    return v->vector ? v->vector[i].seq : v->row[i].seq;
+}
+
+static inline apc_ns apc_mem_time(const struct variable *v, size_t i)
+{
+    return v->vector ? v->vector[i].time : v->row[i].time;
+}
+
+static inline void apc_mem_wake(struct memory *m)
+{
+    if (m->waiters > 0) {
+        pthread_cond_broadcast(&m->changed);
+    }
+}
+
+struct variable *apc_mem_find(const struct memory *m, enum apc_table table, int id);
+int apc_mem_find_or_add(struct apc_store *store, enum apc_table table, int id, struct variable **found);
+/* The first row whose seq is not below @p seq. */
+size_t apc_mem_lower_bound(const struct variable *v, int64_t seq);
+/* The newest sample of @p s's variable. */
+void apc_mem_newest(const struct memory *m, struct apc_sample *s);
+int64_t apc_mem_newest_seq(const struct memory *m, enum apc_table table, int id);
+/* From which seq on, so that the rows within the range are the newest range->last. */
+int64_t apc_mem_first_seq(const struct variable *v, const struct apc_range *range);
+/* Room for all of them. */
+int apc_mem_reserve(struct apc_store *store, const struct apc_sample *samples, size_t n);
+/* There is room. Returns whether the seq was free. */
+bool apc_mem_insert(struct memory *m, const struct apc_sample *s);
+
+/* ---- mem_vectors.c ---------------------------------------------------------------------------- */
+
+int apc_mem_read_rows(struct apc_store *store, struct apc_rows *rows);
+int apc_mem_append_rows(struct apc_store *store, const struct apc_rows *rows);
+int apc_mem_vectors(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
+                    apc_vector_fn fn, void *ctx);
+/* Of what is older, but the newest stays; with the mutex held. Returns how many went. */
+int apc_mem_drop_vectors(struct variable *v, apc_ns before);
 
 /* ---- mem_records.c ---------------------------------------------------------------------------- */
 

@@ -17,9 +17,21 @@ int apc_rows_check(struct apc_store *store, const struct apc_sample *samples, si
         if (s->seq > APC_SEQ_MAX) {
             return apc_rows_seq_failure(store, s);
         }
-        if ((s->table == APC_DIM || s->table == APC_OPMODE) && trunc(s->value) != s->value) {
+        if ((s->table == APC_DIM || s->table == APC_OPMODE || s->table == APC_ALARM) &&
+            trunc(s->value) != s->value) {
             return apc_fail(&store->why, APC_ESTORE, "%s %d: %g breaks value_whole: expected a whole number",
                             apc_table_name(s->table), s->id, s->value);
+        }
+    }
+    return 0;
+}
+
+int apc_vectors_check(struct apc_store *store, const struct apc_vector *vectors, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        if (vectors[i].seq > APC_SEQ_MAX) {
+            return apc_rows_seq_failure(store,
+                                        &(struct apc_sample){.table = vectors[i].table, .id = vectors[i].id});
         }
     }
     return 0;

@@ -30,6 +30,8 @@ struct apc_store {
     struct apc_error why;
     struct apc_store_stats stats;
     bool streaming; /* a caller's function is running: it may not call the store */
+    int64_t *seq;   /* of the samples of the running append of rows, as they came */
+    size_t n_seq;
 };
 
 /** Contracts as in apcshareddata.h. Failures leave their text in store->why. */
@@ -119,6 +121,7 @@ static inline apc_ns apc_time_stored(apc_ns time)
 
 /** May they be stored? Returns 0 or APC_ESTORE. */
 int apc_rows_check(struct apc_store *store, const struct apc_sample *samples, size_t n);
+int apc_vectors_check(struct apc_store *store, const struct apc_vector *vectors, size_t n);
 /** Say that a sample's seq would be above APC_SEQ_MAX. Returns APC_ESTORE. */
 int apc_rows_seq_failure(struct apc_store *store, const struct apc_sample *sample);
 /** The operation variables, from @p all that there are, in any order; frees them. Returns @p n. */

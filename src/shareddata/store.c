@@ -2,6 +2,7 @@
 /* The public face of a store: arguments are checked here, once for all kinds of store. */
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/base_internal.h"
@@ -76,6 +77,7 @@ int apc_store_open(struct apc_store **store, const char *uri, const struct apc_s
 void apc_store_close(struct apc_store *store)
 {
     if (store) {
+        free(store->seq);
         store->ops->close(store);
     }
 }
@@ -350,6 +352,23 @@ static int check_row(struct apc_store *store, const struct apc_sample *s)
     return err;
 }
 
+/* An append that fails leaves the caller's seqs as they were. */
+static int keep_seqs(struct apc_store *store, const struct apc_rows *rows)
+{
+    if (rows->n_samples > store->n_seq) {
+        int64_t *seq = (int64_t *)realloc(store->seq, rows->n_samples * sizeof *seq);
+        if (!seq) {
+            return apc_fail(&store->why, APC_ENOMEM, "out of memory for %zu rows", rows->n_samples);
+        }
+        store->seq = seq;
+        store->n_seq = rows->n_samples;
+    }
+    for (size_t i = 0; i < rows->n_samples; i++) {
+        store->seq[i] = rows->sample[i].seq;
+    }
+    return 0;
+}
+
 int apc_store_append_rows(struct apc_store *store, const struct apc_rows *rows)
 {
     int err = enter_rows(store, rows);
@@ -362,7 +381,15 @@ int apc_store_append_rows(struct apc_store *store, const struct apc_rows *rows)
     if (err || rows->n_samples + rows->n_vectors == 0) {
         return err;
     }
-    return store->ops->append_rows ? store->ops->append_rows(store, rows) : no_such_operation(store);
+    if (!store->ops->append_rows) {
+        return no_such_operation(store);
+    }
+    err = keep_seqs(store, rows);
+    int count = err ? err : store->ops->append_rows(store, rows);
+    for (size_t i = 0; !err && count < 0 && i < rows->n_samples; i++) {
+        rows->sample[i].seq = store->seq[i];
+    }
+    return count;
 }
 
 int apc_store_vectors(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,

@@ -1,0 +1,40 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Every kind of store, for tests that each of them has to pass. */
+#ifndef APC_TEST_STORES_H
+#define APC_TEST_STORES_H
+
+#include "apcshareddata.h"
+#include "check.h"
+
+/** That the tests are running for. */
+struct store_kind {
+    const char *name;
+    void (*uri)(char *text, size_t size, int number); /* of a store that does not exist yet */
+    void (*remove)(int number);                       /* after its test; NULL: nothing is left of it */
+    bool spooled;                                     /* and a spool before it, which stays empty */
+    bool rows;                                        /* it has vectors already */
+};
+extern const struct store_kind store_kinds[];
+extern const size_t store_kinds_n;
+extern const struct store_kind *store_kind;
+
+/** Of the store of the running test, which stores_open() opens once more. */
+extern char store_uri[512];
+struct apc_store *stores_open(void);
+/** A setup and a teardown: *@p state is a new, empty store. */
+int stores_set_up(void **state);
+int stores_tear_down(void **state);
+
+#define ok(store, call)                                                                                      \
+    do {                                                                                                     \
+        int ok_result = (call);                                                                              \
+        if (ok_result < 0) {                                                                                 \
+            fail_msg("%s: %s: %s", #call, apc_err_name(ok_result), apc_store_error(store));                  \
+        }                                                                                                    \
+    } while (0)
+
+/** At 1000 seq microseconds. */
+struct apc_sample sample(enum apc_table table, int id, int64_t seq, double value);
+struct apc_sample newest(struct apc_store *store, enum apc_table table, int id);
+
+#endif
