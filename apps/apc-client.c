@@ -16,6 +16,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <apcexchange.h>
+
 #include "common/daemon.h"
 #include "common/recorder.h"
 #include "common/watch.h"
@@ -54,15 +56,14 @@ static const struct program program = {
 
 struct shell {
     struct daemon *d;
-    struct apc_link *link;
+    struct apc_exchange *plant;
     struct apc_client *core;
-    apc_ns patience; /* for one exchange */
-    apc_ns budget;   /* for the store's answer */
-    size_t frame_max;
-    char *request;
+    apc_ns patience;      /* for one exchange */
+    apc_ns budget;        /* for the store's answer */
     struct apc_sample *u; /* newest known, the task's */
     bool know_u;
-    struct apc_sample *y; /* [ny] of this tick */
+    struct apc_value *command, *measured; /* [nu], [ny] of this tick */
+    struct apc_sample *y;                 /* [ny] */
     struct state_watch link_state;
     struct apc_histogram *round_trip;
     _Atomic uint64_t failed; /* exchanges */
@@ -104,30 +105,19 @@ static void report(struct shell *s, struct state_watch *state, bool up, const ch
 static size_t exchange(struct shell *s, const struct apc_tick *tick, const struct apc_sample *u)
 {
     const struct apc_now now = {.mono = tick->started, .utc = tick->utc};
-    const char *reply;
-    int n = apc_client_request(s->core, now, u, s->request, s->frame_max);
-    if (n < 0) {
-        daemon_event(s->d, APC_EVENT_ALARM, "link", "the command does not fit into a frame of %zu bytes",
-                     s->frame_max);
-        return 0;
-    }
-    const apc_ns sent = apc_clock_mono(NULL);
-    n = apc_link_exchange(s->link, s->request, (size_t)n, &reply, sent + s->patience);
-    if (n < 0) {
+    apc_client_command(s->core, now, u, s->command);
+    const apc_ns begun = apc_clock_mono(NULL);
+    int rc = apc_exchange_begin(s->plant, s->command, begun + s->patience);
+    if (rc == 0)
+        rc = apc_exchange_finish(s->plant, s->measured);
+    if (rc < 0) {
         atomic_fetch_add(&s->failed, 1);
-        report(s, &s->link_state, false, "link", "plant", apc_link_error(s->link));
+        report(s, &s->link_state, false, "link", "plant", apc_exchange_error(s->plant));
         return 0;
     }
-    apc_histogram_record(s->round_trip, apc_clock_mono(NULL) - sent);
-    n = apc_client_reply(s->core, reply, (size_t)n, s->y);
-    if (n < 0) {
-        atomic_fetch_add(&s->failed, 1);
-        report(s, &s->link_state, false, "link", "plant", "its reply does not answer the request");
-        apc_link_reset(s->link);
-        return 0;
-    }
+    apc_histogram_record(s->round_trip, apc_clock_mono(NULL) - begun);
     report(s, &s->link_state, true, "link", "plant", "");
-    return (size_t)n;
+    return apc_client_measurements(s->core, s->measured, s->y);
 }
 
 /* ---- The store's thread -------------------------------------------------------------------- */
@@ -297,25 +287,27 @@ static int allocate(struct shell *s)
     const size_t ticks = (size_t)(QUEUED / e->client.rhythm.period) + 2;
 
     s->room = ticks * e->dim.ny;
-    s->request = calloc(1, s->frame_max);
     s->u = calloc(e->dim.nu, sizeof *s->u);
     s->newest = calloc(e->dim.nu, sizeof *s->newest);
     s->read = calloc(e->dim.nu, sizeof *s->read);
+    s->command = calloc(e->dim.nu, sizeof *s->command);
+    s->measured = calloc(e->dim.ny, sizeof *s->measured);
     s->y = calloc(e->dim.ny, sizeof *s->y);
     s->queue = calloc(s->room, sizeof *s->queue);
     s->batch = calloc(s->room, sizeof *s->batch);
-    if (!s->request || !s->u || !s->newest || !s->read || !s->y || !s->queue || !s->batch)
+    if (!s->u || !s->newest || !s->read || !s->command || !s->measured || !s->y || !s->queue || !s->batch)
         return APC_ENOMEM;
     for (size_t i = 0; i < e->dim.nu; i++)
         s->read[i] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)i + 1};
     return apc_histogram_create(&s->round_trip);
 }
 
-static int open_link(struct shell *s, const struct own_options *own)
+static int open_plant(struct shell *s, const struct own_options *own)
 {
-    const struct apc_link_options options = {.size = sizeof options, .frame_max = s->frame_max};
+    const struct experiment *e = &s->d->experiment;
+    const struct apc_exchange_options options = {.size = sizeof options, .nu = e->dim.nu, .ny = e->dim.ny};
     struct apc_error why;
-    int rc = apc_link_create(&s->link, own->link ? own->link : s->d->experiment.client.link, &options, &why);
+    int rc = apc_exchange_open(&s->plant, own->link ? own->link : e->client.link, &options, &why);
     return rc < 0 ? daemon_error(s->d, rc, "%s", why.text) : 0;
 }
 
@@ -327,14 +319,13 @@ static int open_shell(struct shell *s, const struct own_options *own)
 
     s->patience = cores_patience(e);
     s->budget = s->patience / 2;
-    s->frame_max = cores_frame_max(e);
     s->d->store_pause = e->controller.rhythm.period;
     int rc = last ? allocate(s) : APC_ENOMEM;
     if (rc < 0)
         daemon_error(s->d, rc, "%s", apc_err_text(rc));
     if (rc == 0) {
         recorder_measure(s->d->recorder, TASK_EXCHANGE, s->round_trip, &s->failed);
-        rc = open_link(s, own);
+        rc = open_plant(s, own);
     }
     if (rc == 0)
         rc = start_store(s, last);
@@ -348,12 +339,13 @@ static void close_shell(struct shell *s)
 {
     stop_store(s);
     apc_client_destroy(s->core);
-    apc_link_destroy(s->link);
+    apc_exchange_close(s->plant);
     apc_histogram_destroy(s->round_trip);
-    free(s->request);
     free(s->u);
     free(s->newest);
     free(s->read);
+    free(s->command);
+    free(s->measured);
     free(s->y);
     free(s->queue);
     free(s->batch);

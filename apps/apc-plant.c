@@ -112,7 +112,7 @@ static int open_shell(struct shell *s, const struct own_options *own)
     const struct experiment *e = &s->d->experiment;
     struct apc_server_options options = {
         .size = sizeof options,
-        .frame_max = cores_frame_max(e),
+        .frame_max = APC_FRAME_ROOM(e->dim.nu > e->dim.ny ? e->dim.nu : e->dim.ny),
         .allow_plaintext = own->allow_plaintext,
         .log = s->d->log,
     };

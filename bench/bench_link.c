@@ -18,8 +18,8 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <apcexchange.h>
 #include <apcmodules.h>
-#include <apcsockets.h>
 
 #include "bench.h"
 
@@ -163,6 +163,7 @@ struct exchange {
     struct apc_plant *plant;
     struct apc_plantserver *plantserver;
     struct apc_client *client;
+    struct apc_exchange *x;
     struct apc_sample u[N];
 };
 
@@ -192,18 +193,25 @@ static int answer_core(void *ctx, uint64_t connection, const char *request, size
     return n;
 }
 
-static void exchange_open(struct exchange *e, const struct frames *frames, apc_server_fn fn)
+static void serve_plant(struct exchange *e, apc_server_fn fn, char uri[64])
 {
-    const struct apc_server_options server_options = {.size = sizeof server_options, .frame_max = FRAME_MAX};
-    const struct apc_link_options link_options = {.size = sizeof link_options, .frame_max = FRAME_MAX};
+    const struct apc_server_options options = {.size = sizeof options, .frame_max = FRAME_MAX};
+    struct apc_error why;
+
+    if (apc_server_create(&e->server, "tcp:127.0.0.1:0", &options, fn, e, &why) < 0)
+        die("%s", why.text);
+    snprintf(uri, 64, "tcp:127.0.0.1:%d", apc_server_port(e->server));
+}
+
+static void link_open(struct exchange *e, const struct frames *frames)
+{
+    const struct apc_link_options options = {.size = sizeof options, .frame_max = FRAME_MAX};
     struct apc_error why;
     char uri[64];
 
     e->frames = frames;
-    if (apc_server_create(&e->server, "tcp:127.0.0.1:0", &server_options, fn, e, &why) < 0)
-        die("%s", why.text);
-    snprintf(uri, sizeof uri, "tcp:127.0.0.1:%d", apc_server_port(e->server));
-    if (apc_link_create(&e->link, uri, &link_options, &why) < 0)
+    serve_plant(e, answer_frame, uri);
+    if (apc_link_create(&e->link, uri, &options, &why) < 0)
         die("%s", why.text);
 }
 
@@ -211,6 +219,8 @@ static void cores_open(struct exchange *e)
 {
     struct apc_notice notice;
     struct apc_error why;
+    char uri[64];
+    const struct apc_exchange_options options = {.size = sizeof options, .nu = N, .ny = N};
     const struct apc_client_options client = {
         .size = sizeof client, .ny = N, .nu = N, .command_period = PERIOD};
 
@@ -228,14 +238,9 @@ static void cores_open(struct exchange *e)
         die("%s", why.text);
     if (apc_plantserver_tick(e->plantserver, now(), &notice) < 0)
         die("the plant could not be computed");
-}
-
-static int ask(struct exchange *e, const char *request, size_t length, const char **reply)
-{
-    int n = apc_link_exchange(e->link, request, length, reply, apc_clock_mono(NULL) + APC_NS_PER_S);
-    if (n < 0)
-        die("%s", apc_link_error(e->link));
-    return n;
+    serve_plant(e, answer_core, uri);
+    if (apc_exchange_open(&e->x, uri, &options, &why) < 0)
+        die("%s", why.text);
 }
 
 static void link_once(void *ctx)
@@ -243,29 +248,31 @@ static void link_once(void *ctx)
     struct exchange *e = ctx;
     const char *reply;
 
-    if ((size_t)ask(e, e->frames->request, e->frames->request_length, &reply) != e->frames->reply_length)
+    int n = apc_link_exchange(e->link, e->frames->request, e->frames->request_length, &reply,
+                              apc_clock_mono(NULL) + APC_NS_PER_S);
+    if (n < 0)
+        die("%s", apc_link_error(e->link));
+    if ((size_t)n != e->frames->reply_length)
         die("the reply is not what was sent");
 }
 
 static void exchange_once(void *ctx)
 {
     struct exchange *e = ctx;
-    char request[FRAME_MAX];
-    const char *reply;
+    struct apc_value command[N], answer[N];
     struct apc_sample y[N];
-    int n = apc_client_request(e->client, now(), e->u, request, sizeof request);
 
-    if (n < 0)
-        die("no request: %s", apc_err_text(n));
-    n = ask(e, request, (size_t)n, &reply);
-    n = apc_client_reply(e->client, reply, (size_t)n, y);
-    if (n < 0)
-        die("the reply does not answer the request");
+    apc_client_command(e->client, now(), e->u, command);
+    if (apc_exchange_begin(e->x, command, apc_clock_mono(NULL) + APC_NS_PER_S) < 0 ||
+        apc_exchange_finish(e->x, answer) < 0)
+        die("%s", apc_exchange_error(e->x));
+    apc_client_measurements(e->client, answer, y);
 }
 
 static void exchange_close(struct exchange *e)
 {
     apc_link_destroy(e->link);
+    apc_exchange_close(e->x);
     apc_server_destroy(e->server);
     apc_client_destroy(e->client);
     apc_plantserver_destroy(e->plantserver);
@@ -299,9 +306,8 @@ int main(int argc, char **argv)
     frames.reply_length = encode(frames.reply, APC_FRAME_VALUES);
     run_on(1);
     raw_open(&raw, &frames);
-    exchange_open(&link, &frames, answer_frame);
+    link_open(&link, &frames);
     cores_open(&exchange);
-    exchange_open(&exchange, &frames, answer_core);
     run_on(0);
 
     struct bench_row rows[] = {

@@ -173,17 +173,18 @@ APC_API int apc_client_create(struct apc_client **client, const struct apc_clien
                               struct apc_error *why);
 APC_API void apc_client_destroy(struct apc_client *client); /**< NULL is legal. [setup] */
 /**
- * The frame to send: a command with the newest actuator samples [nu] when all are there and fresh, else
- * a query. @p u is NULL when the store could not be read. Returns the length or APC_ERANGE. [tick]
+ * What to give the plant: the newest actuator samples @p u [nu] into @p out [nu], Bad where one is not to be
+ * written: it is not there, is Bad itself, is not finite, or is no longer fresh. @p u is NULL when the store
+ * could not be read: then all are. [tick]
  */
-APC_API int apc_client_request(struct apc_client *client, struct apc_now now, const struct apc_sample *u,
-                               char *text, size_t size);
+APC_API void apc_client_command(struct apc_client *client, struct apc_now now, const struct apc_sample *u,
+                                struct apc_value *out);
 /**
- * The sensor samples of a reply, for the store: those whose source time is new, with the next seq.
- * Returns how many went into @p y [ny], or APC_EPROTO: not the reply to the last request. [tick]
+ * Of what the plant answered, @p y [ny], the sensor samples for the store: those whose source time is new,
+ * with the next seq. Returns how many went into @p out [ny]. [tick]
  */
-APC_API int apc_client_reply(struct apc_client *client, const char *text, size_t length,
-                             struct apc_sample *y);
+APC_API size_t apc_client_measurements(struct apc_client *client, const struct apc_value *y,
+                                       struct apc_sample *out);
 
 /* ---- The state of a loop ------------------------------------------------------------------ */
 
@@ -331,53 +332,6 @@ APC_API int apc_controller_compute(struct apc_controller *controller, struct apc
 APC_API void apc_controller_update(struct apc_controller *controller);
 /** How often the law gave something that is no finite number, and the output was held. [tick] */
 APC_API uint64_t apc_controller_failures(const struct apc_controller *controller);
-
-/* ---- The link inproc: --------------------------------------------------------------------- */
-
-/**
- * A link in virtual time: what is sent arrives when a modelled network says, as events of a virtual
- * executive. Nobody waits in virtual time, so an exchange begins with a call and ends with another. As over
- * tcp: there is one exchange at a time, and one that fails closes the connection, so that a late reply is
- * never taken for the next one's; a request that is under way still arrives. Connecting takes no time.
- */
-struct apc_inproc_options {
-    size_t size;
-    struct apc_executive *executive; /**< required; borrowed */
-    int request_rank, reply_rank;    /**< of arrivals, among coinciding events */
-    /** Both ways are alike, each with streams of its own: "network.to" and "network.from". */
-    struct apc_network_options network;
-    size_t frame_max;    /**< largest request and reply; default 64 KiB */
-    apc_server_fn serve; /**< required: the answering side */
-    void *serve_ctx;
-};
-struct apc_inproc;
-
-/** [setup] Returns 0, APC_EINVAL, APC_ENOMEM. */
-APC_API int apc_inproc_create(struct apc_inproc **link, const struct apc_inproc_options *options,
-                              struct apc_error *why);
-/** Before its executive, which must not run any more. NULL is legal. [setup] */
-APC_API void apc_inproc_destroy(struct apc_inproc *link);
-
-/** The end of an exchange: a reply of @p length bytes, which lives until the function returns, or NULL and
- * APC_ETIMEDOUT or APC_ECONN (the other side closed the connection). */
-typedef void (*apc_reply_fn)(void *ctx, const char *reply, int length);
-/**
- * Send a request; @p fn is called once, within @p timeout. Returns 0, or APC_EBUSY (an exchange is under
- * way), APC_EINVAL (longer than frame_max, timeout not above 0), APC_ENOMEM: then fn is not called.
- * [setup]
- */
-APC_API int apc_inproc_exchange(struct apc_inproc *link, const char *request, size_t length, apc_ns timeout,
-                                apc_reply_fn fn, void *ctx);
-/** Close the connection, e.g. because the reply made no sense. [setup] */
-APC_API void apc_inproc_reset(struct apc_inproc *link);
-
-/** Counts, of requests and replies together and of exchanges that timed out. */
-struct apc_inproc_stats {
-    struct apc_network_stats frames;
-    uint64_t exchanges, timeouts;
-};
-/** Since it was made. [tick] */
-APC_API void apc_inproc_stats(const struct apc_inproc *link, struct apc_inproc_stats *stats);
 
 #ifdef __cplusplus
 }

@@ -64,6 +64,8 @@ APC_API int server_accept(int fd);            /**< waits; a connection, or APC_E
 
 #define APC_FRAME_MAX   (1u << 20) /**< bytes of a frame, newline included */
 #define APC_FRAME_COUNT 8192       /**< values a frame may hold */
+/** Bytes that suffice for a frame of @p n values. */
+#define APC_FRAME_ROOM(n) (256 + 96 * (size_t)(n))
 
 enum apc_frame_kind { APC_FRAME_COMMAND = 1, APC_FRAME_QUERY, APC_FRAME_VALUES };
 
@@ -121,6 +123,14 @@ APC_API void apc_link_destroy(struct apc_link *link); /**< NULL is legal. [setup
  */
 APC_API int apc_link_exchange(struct apc_link *link, const char *request, size_t length, const char **reply,
                               apc_ns deadline);
+/**
+ * The two halves of apc_link_exchange(), each with its errors: the request goes out; the reply comes in. A
+ * request that follows one without a reply closes the connection and makes another. APC_EINVAL: nothing was
+ * asked. [tick]
+ */
+APC_API int apc_link_send(struct apc_link *link, const char *request, size_t length, apc_ns deadline);
+/** The other half. [tick] */
+APC_API int apc_link_receive(struct apc_link *link, const char **reply, apc_ns deadline);
 /** Close the connection, e.g. because the reply made no sense. The next exchange connects anew. [tick] */
 APC_API void apc_link_reset(struct apc_link *link);
 APC_API const char *

@@ -248,7 +248,7 @@ static void print_tasks(const struct simulate *r)
             fprintf(r->talk, "%s: %llu of %llu ticks missed\n", simulation_task_name((enum simulation_task)i),
                     (unsigned long long)timing.missed, (unsigned long long)(timing.missed + timing.ticks));
     }
-    apc_inproc_stats(r->s.link, &link);
+    apc_inproc_stats(r->s.exchange, &link);
     if (link.frames.lost + link.frames.duplicated + link.frames.reordered + link.timeouts > 0)
         fprintf(r->talk,
                 "network: %llu frames, %llu lost, %llu duplicated, %llu reordered; %llu of %llu exchanges in "
@@ -301,7 +301,7 @@ static void print_json(const struct simulate *r, const struct figures *figures)
         printf("%s\"%s\":%llu", i ? "," : "", simulation_task_name((enum simulation_task)i),
                (unsigned long long)timing.missed);
     }
-    apc_inproc_stats(r->s.link, &link);
+    apc_inproc_stats(r->s.exchange, &link);
     printf("},\"network\":{\"frames\":%llu,\"lost\":%llu,\"duplicated\":%llu,\"reordered\":%llu,"
            "\"exchanges\":%llu,"
            "\"in_vain\":%llu},\"held_ticks\":%llu,\"law_failures\":%llu,",

@@ -4,7 +4,6 @@
  * one tick is replaced by what is newest at the next, and what is no longer fresh is not sent at all,
  * so that an old command can never reach the plant through it.
  */
-#include "apcsockets.h"
 #include "base/base_internal.h"
 #include "modules/modules_internal.h"
 
@@ -19,10 +18,8 @@ struct sensor {
 struct apc_client {
     size_t ny, nu;
     apc_ns horizon, since;
-    uint64_t id;                 /* of the last request */
     struct apc_freshness *fresh; /* [nu] */
     struct sensor *sensor;       /* [ny] */
-    struct apc_sample *received; /* [ny] */
 };
 
 static int take_options(struct apc_client_options *o, const struct apc_client_options *options,
@@ -58,8 +55,7 @@ int apc_client_create(struct apc_client **client, const struct apc_client_option
         goto no_memory;
     new->fresh = calloc(o.nu, sizeof(*new->fresh));
     new->sensor = calloc(o.ny, sizeof(*new->sensor));
-    new->received = calloc(o.ny, sizeof(*new->received));
-    if (!new->fresh || !new->sensor || !new->received)
+    if (!new->fresh || !new->sensor)
         goto no_memory;
     new->ny = o.ny;
     new->nu = o.nu;
@@ -79,66 +75,50 @@ void apc_client_destroy(struct apc_client *client)
 {
     if (!client)
         return;
-    free(client->received);
     free(client->sensor);
     free(client->fresh);
     free(client);
 }
 
 /*
- * Looks at every one, also after the first that will not do: freshness is judged by what was seen before.
- * The stamp counts at the first look only, so there a former run's is made as old as can be; from then on
- * the seq tells what is new, and a clock that steps back before `since` stops no command.
+ * The stamp counts at the first look only, so there a former run's is made as old as can be; from then on the
+ * seq tells what is new, and a clock that steps back before `since` stops no command.
  */
-static bool may_send(struct apc_client *client, struct apc_now now, const struct apc_sample *u)
+static apc_status may_send(struct apc_client *client, struct apc_now now, size_t i,
+                           const struct apc_sample *u)
 {
-    bool all = true;
+    apc_ns time = u->time < client->since ? INT64_MIN : u->time;
 
-    for (size_t i = 0; i < client->nu; i++) {
-        apc_ns time = u[i].time < client->since ? INT64_MIN : u[i].time;
-        bool fresh = apc_freshness_look(&client->fresh[i], u[i].seq, time, now, client->horizon);
-
-        if (!fresh || apc_status_severity(u[i].status) == APC_SEVERITY_BAD || !apc_value_ok(u[i].value))
-            all = false;
-    }
-    return all;
+    if (!apc_freshness_look(&client->fresh[i], u->seq, time, now, client->horizon))
+        return APC_BAD_NO_DATA;
+    return apc_value_ok(u->value) ? u->status : APC_BAD_OUT_OF_RANGE;
 }
 
-int apc_client_request(struct apc_client *client, struct apc_now now, const struct apc_sample *u, char *text,
-                       size_t size)
+void apc_client_command(struct apc_client *client, struct apc_now now, const struct apc_sample *u,
+                        struct apc_value *out)
 {
-    struct apc_frame frame = {.kind = APC_FRAME_QUERY, .id = ++client->id};
-
-    if (u && may_send(client, now, u)) {
-        frame.kind = APC_FRAME_COMMAND;
-        frame.n = client->nu;
-    }
-    return apc_frame_encode(text, size, &frame, u);
+    for (size_t i = 0; i < client->nu; i++)
+        out[i] = u ? (struct apc_value){u[i].value, may_send(client, now, i, &u[i]), u[i].time}
+                   : (struct apc_value){.status = APC_BAD_NO_DATA};
 }
 
-int apc_client_reply(struct apc_client *client, const char *text, size_t length, struct apc_sample *y)
+size_t apc_client_measurements(struct apc_client *client, const struct apc_value *y, struct apc_sample *out)
 {
-    struct apc_frame frame;
-    int n = 0;
+    size_t n = 0;
 
-    if (apc_frame_decode(text, length, &frame, client->received, client->ny) < 0)
-        return APC_EPROTO;
-    if (frame.kind != APC_FRAME_VALUES || frame.n != client->ny || (frame.id && frame.id != client->id))
-        return APC_EPROTO;
     for (size_t i = 0; i < client->ny; i++) {
         struct sensor *s = &client->sensor[i];
-        const struct apc_sample *r = &client->received[i];
 
-        if (s->seen && r->time == s->time)
+        if (s->seen && y[i].time == s->time)
             continue;
         s->seen = true;
-        s->time = r->time;
-        y[n++] = (struct apc_sample){.table = APC_SENSOR,
-                                     .id = (int)i + 1,
-                                     .seq = ++s->seq,
-                                     .time = r->time, /* at which the plant acquired it */
-                                     .value = r->value,
-                                     .status = r->status};
+        s->time = y[i].time;
+        out[n++] = (struct apc_sample){.table = APC_SENSOR,
+                                       .id = (int)i + 1,
+                                       .seq = ++s->seq,
+                                       .time = y[i].time, /* at which the plant acquired it */
+                                       .value = y[i].value,
+                                       .status = y[i].status};
     }
     return n;
 }

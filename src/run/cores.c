@@ -122,8 +122,3 @@ apc_ns cores_patience(const struct experiment *e)
     apc_ns half = e->client.rhythm.period / 2;
     return half < APC_NS_PER_S ? half : APC_NS_PER_S;
 }
-
-size_t cores_frame_max(const struct experiment *e)
-{
-    return 256 + 96 * (e->dim.ny + e->dim.nu);
-}

@@ -165,8 +165,6 @@ int cores_client(const struct experiment *e, const int64_t *last, apc_ns since, 
 
 /* How long the client waits for a reply. */
 apc_ns cores_patience(const struct experiment *e);
-/* No frame between them is longer. */
-size_t cores_frame_max(const struct experiment *e);
 
 /* Severity, kind and text of what a core noticed; its kind must not be APC_NOTICE_NONE. */
 void notice_event(const struct apc_notice *notice, struct apc_event *event);

@@ -200,8 +200,7 @@ static int client_tick(void *ctx, const struct apc_tick *tick)
     struct simulation *s = ctx;
     const struct apc_now now = {.mono = tick->started, .utc = tick->utc};
     stop_at_store(s, apc_store_read(s->store, s->u, s->e->dim.nu));
-    s->request_length = apc_client_request(s->client, now, s->u, s->request, cores_frame_max(s->e));
-    stop_at_failure(s, s->request_length);
+    apc_client_command(s->client, now, s->u, s->command);
     return 0;
 }
 
@@ -213,37 +212,30 @@ static void report_link(struct simulation *s, bool down, const char *why)
     s->link_down = down;
 }
 
-static void on_reply(void *ctx, const char *reply, int length)
+static void on_exchanged(void *ctx)
 {
     struct simulation *s = ctx;
-    int n = reply ? apc_client_reply(s->client, reply, (size_t)length, s->y) : 0;
+    int rc = apc_exchange_finish(s->exchange, s->answer);
 
-    if (n >= 0 && reply)
-        apc_histogram_record(s->round_trip, apc_clock_mono(s->clock) - s->sent_at);
-    else
-        s->in_vain++;
-    if (!reply) {
-        report_link(s, true, apc_err_text(length));
-    } else if (n < 0) {
-        report_link(s, true, "its reply does not answer the request");
-        apc_inproc_reset(s->link);
-    } else {
-        report_link(s, false, "");
-        stop_at_store(s, apc_store_append(s->store, s->y, (size_t)n));
-    }
+    report_link(s, rc < 0, apc_exchange_error(s->exchange));
+    s->in_vain += rc < 0;
+    if (rc < 0)
+        return;
+    apc_histogram_record(s->round_trip, apc_clock_mono(s->clock) - s->sent_at);
+    size_t n = apc_client_measurements(s->client, s->answer, s->y);
+    stop_at_store(s, apc_store_append(s->store, s->y, n));
 }
 
 static void client_finish(void *ctx)
 {
     struct simulation *s = ctx;
     apc_ns now = apc_clock_mono(s->clock);
-    int rc = apc_inproc_exchange(s->link, s->request, (size_t)s->request_length, cores_patience(s->e),
-                                 on_reply, s);
+    int rc = apc_exchange_begin(s->exchange, s->command, now + cores_patience(s->e));
     if (rc == 0)
         s->sent_at = now;
     s->in_vain += rc == APC_EBUSY;
     if (rc == APC_EBUSY) /* its execution time has eaten the patience of the one before */
-        report_link(s, true, "the exchange before has not ended");
+        report_link(s, true, apc_exchange_error(s->exchange));
     else
         stop_at_failure(s, rc);
 }
@@ -363,17 +355,20 @@ static int make_tasks(struct simulation *s, uint64_t seed, struct apc_error *why
     return rc;
 }
 
-static int make_link(struct simulation *s, uint64_t seed, struct apc_error *why)
+static int make_exchange(struct simulation *s, uint64_t seed, struct apc_error *why)
 {
     const struct network_model *network = &s->e->models.network;
-    struct apc_inproc_options options = {.size = sizeof options,
-                                         .executive = s->executive,
-                                         .request_rank = RANK_LINK,
-                                         .reply_rank = RANK_LINK,
-                                         .network = network->options,
-                                         .frame_max = cores_frame_max(s->e),
-                                         .serve = serve,
-                                         .serve_ctx = s};
+    struct apc_inproc_options inproc = {.size = sizeof inproc,
+                                        .executive = s->executive,
+                                        .request_rank = RANK_LINK,
+                                        .reply_rank = RANK_LINK,
+                                        .network = network->options,
+                                        .serve = serve,
+                                        .serve_ctx = s,
+                                        .done = on_exchanged,
+                                        .done_ctx = s};
+    const struct apc_exchange_options options = {
+        .size = sizeof options, .nu = s->e->dim.nu, .ny = s->e->dim.ny, .inproc = &inproc};
     size_t n = network->options.n_outages;
     struct apc_outage *outages = calloc(n + 1, sizeof *outages);
     if (!outages)
@@ -381,9 +376,9 @@ static int make_link(struct simulation *s, uint64_t seed, struct apc_error *why)
     for (size_t i = 0; i < n; i++)
         outages[i] =
             (struct apc_outage){s->zero + network->outages[i].from, s->zero + network->outages[i].until};
-    options.network.outages = outages;
-    options.network.seed = seed;
-    int rc = apc_inproc_create(&s->link, &options, why);
+    inproc.network.outages = outages;
+    inproc.network.seed = seed;
+    int rc = apc_exchange_open(&s->exchange, "inproc:", &options, why);
     free(outages);
     return rc;
 }
@@ -393,9 +388,10 @@ static int make_room(struct simulation *s)
     const struct apc_dim *dim = &s->e->dim;
     s->size = apc_controller_size(s->controller);
     s->memory = calloc(dim->nu + dim->ny + dim->nz + s->size.in + s->size.out, sizeof *s->memory);
-    s->request = malloc(cores_frame_max(s->e));
+    s->command = calloc(dim->nu, sizeof *s->command);
+    s->answer = calloc(dim->ny, sizeof *s->answer);
     s->now = calloc(dim->nu, sizeof *s->now);
-    if (!s->memory || !s->request || !s->now || course_create(&s->course, dim) < 0 ||
+    if (!s->memory || !s->command || !s->answer || !s->now || course_create(&s->course, dim) < 0 ||
         apc_histogram_create(&s->round_trip) < 0)
         return APC_ENOMEM;
     s->u = s->memory;
@@ -454,7 +450,7 @@ int simulation_create(struct simulation *s, const struct experiment *e, uint64_t
     if ((rc = cores_plant(&seeded, &s->plant, &s->server, why)) < 0 ||
         (rc = cores_controller(e, &s->controller, why)) < 0 ||
         (rc = cores_client(e, NULL, SIMULATION_BEGIN, &s->client, why)) < 0 ||
-        (rc = make_link(s, seed, why)) < 0 || (rc = make_store(s, why)) < 0)
+        (rc = make_exchange(s, seed, why)) < 0 || (rc = make_store(s, why)) < 0)
         return rc;
     if (make_room(s) < 0 || schedule_clock(s) < 0)
         return apc_fail(why, APC_ENOMEM, "out of memory");
@@ -476,7 +472,7 @@ void simulation_destroy(struct simulation *s)
 {
     for (int i = 0; i < SIM_TASKS; i++)
         apc_task_destroy(s->task[i]);
-    apc_inproc_destroy(s->link);
+    apc_exchange_close(s->exchange);
     apc_executive_destroy(s->executive);
     apc_client_destroy(s->client);
     apc_controller_destroy(s->controller);
@@ -487,6 +483,7 @@ void simulation_destroy(struct simulation *s)
     apc_histogram_destroy(s->round_trip);
     free(s->now);
     free(s->memory);
-    free(s->request);
+    free(s->command);
+    free(s->answer);
     free(s->clock_steps);
 }

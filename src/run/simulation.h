@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * An experiment in virtual time: the cores of the four modules on the executive "virtual" and the link
- * inproc:, in one process.
+ * An experiment in virtual time: the cores of the four modules on the executive "virtual" and the
+ * exchange inproc:, in one process.
  */
 #ifndef APC_SIMULATION_H
 #define APC_SIMULATION_H
 
+#include <apcexchange.h>
 #include <signal.h>
 
 #include "course.h"
@@ -21,7 +22,7 @@ struct simulation {
     struct apc_executive *executive;
     const struct apc_clock *clock;
     struct apc_task *task[SIM_TASKS];
-    struct apc_inproc *link;
+    struct apc_exchange *exchange;
     apc_ns zero; /* monotonic, of t = 0 */
 
     struct apc_plant *plant;
@@ -34,8 +35,8 @@ struct simulation {
 
     /* what the shells keep between two of their events */
     struct apc_sample *u, *y, *step, *in, *out, *memory;
-    char *request;
-    int request_length, n_out;
+    struct apc_value *command, *answer; /* of the exchange that is under way */
+    int n_out;
     struct apc_now plant_now;
     struct clock_step *clock_steps;
     bool link_down;

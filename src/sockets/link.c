@@ -2,7 +2,7 @@
 /*
  * The asking side of a link: one request, one reply, one deadline.
  *
- * Between two calls the link is in one of three states: connected with nothing under way; not connected
+ * Between two exchanges the link is in one of three states: connected with nothing under way; not connected
  * and free to connect; not connected and pausing until `retry_at`. Every failure after the connect
  * leads to the second, a failed connect to the third. So there is never a connection on which an old
  * reply could still come: that is what keeps a late answer from being taken for the next one's.
@@ -28,7 +28,7 @@ struct apc_link {
     void *self; /* the transport's own */
     char *uri, *reply;
     struct apc_link_options options; /* no zeros left */
-    bool connected;
+    bool connected, asked;           /* what was sent last has no reply yet */
     uint64_t connects;
     apc_ns pause;    /* of the next failed connect, before jitter */
     apc_ns retry_at; /* monotonic; no connect before it */
@@ -167,32 +167,60 @@ static int receive_reply(struct apc_link *l, apc_ns deadline, struct apc_error *
     return apc_fail(why, APC_EPROTO, "the reply is longer than %zu bytes", l->options.frame_max);
 }
 
-int apc_link_exchange(struct apc_link *l, const char *request, size_t length, const char **reply,
-                      apc_ns deadline)
+int apc_link_send(struct apc_link *l, const char *request, size_t length, apc_ns deadline)
 {
     struct apc_error why;
     int result;
 
-    if (!l || !request || length == 0 || !reply)
+    if (!l || !request || length == 0)
         return APC_EINVAL;
-    *reply = NULL;
-    if (l->connected && !l->transport->quiet(l->self))
-        apc_link_reset(l); /* the peer went away, or spoke unasked */
+    if (l->connected && (l->asked || !l->transport->quiet(l->self)))
+        apc_link_reset(l); /* a reply may still come, or the peer went away, or spoke unasked */
     if (!l->connected) {
         result = connect_link(l, deadline);
         if (result < 0)
             return result;
     }
     result = l->transport->send(l->self, request, length, deadline, &why);
-    if (result == 0)
-        result = receive_reply(l, deadline, &why);
     if (result < 0) {
         apc_link_reset(l);
         return apc_fail(&l->error, result, "link \"%s\": %s", l->uri, why.text);
     }
+    l->asked = true;
+    return 0;
+}
+
+int apc_link_receive(struct apc_link *l, const char **reply, apc_ns deadline)
+{
+    struct apc_error why;
+    int result;
+
+    if (!l || !reply)
+        return APC_EINVAL;
+    *reply = NULL;
+    if (!l->asked)
+        return apc_fail(&l->error, APC_EINVAL, "link \"%s\": nothing was asked", l->uri);
+    result = receive_reply(l, deadline, &why);
+    if (result < 0) {
+        apc_link_reset(l);
+        return apc_fail(&l->error, result, "link \"%s\": %s", l->uri, why.text);
+    }
+    l->asked = false;
     l->error.text[0] = '\0';
     *reply = l->reply;
     return result;
+}
+
+int apc_link_exchange(struct apc_link *l, const char *request, size_t length, const char **reply,
+                      apc_ns deadline)
+{
+    int result;
+
+    if (!reply)
+        return APC_EINVAL;
+    *reply = NULL;
+    result = apc_link_send(l, request, length, deadline);
+    return result < 0 ? result : apc_link_receive(l, reply, deadline);
 }
 
 void apc_link_reset(struct apc_link *l)
@@ -200,7 +228,7 @@ void apc_link_reset(struct apc_link *l)
     if (!l || !l->connected)
         return;
     l->transport->close(l->self);
-    l->connected = false;
+    l->connected = l->asked = false;
 }
 
 bool apc_link_connected(const struct apc_link *l)

@@ -3,7 +3,6 @@
 #include "check.h"
 
 #include "apcmodules.h"
-#include "apcsockets.h"
 
 #define S      APC_NS_PER_S
 #define T0     (INT64_C(1700000000) * S)
@@ -113,195 +112,153 @@ static void options_of_another_version_schedule_nothing(void **state)
 
 /* ---- Client --------------------------------------------------------------------------------- */
 
-struct fixture {
+static struct apc_client *make(apc_ns since)
+{
+    static const int64_t last[] = {41, 7};
+    const struct apc_client_options o = {
+        .size = sizeof(o), .ny = 2, .nu = 2, .command_period = PERIOD, .last = last, .since = since};
     struct apc_client *client;
-    char text[1024];
-    struct apc_frame frame;
-    struct apc_sample values[2];
-};
+
+    assert_int_equal(apc_client_create(&client, &o, NULL), 0);
+    return client;
+}
 
 static int set_up(void **state)
 {
-    static const int64_t last[] = {41, 7};
-    static struct fixture f;
-    const struct apc_client_options o = {
-        .size = sizeof(o), .ny = 2, .nu = 2, .command_period = PERIOD, .last = last};
-
-    *state = &f;
-    return apc_client_create(&f.client, &o, NULL);
+    *state = make(0);
+    return 0;
 }
 
 static int tear_down(void **state)
 {
-    apc_client_destroy(((struct fixture *)*state)->client);
+    apc_client_destroy(*state);
     return 0;
 }
 
-static enum apc_frame_kind ask(struct fixture *f, apc_ns mono, const struct apc_sample *u)
+/* Which of two may be written: 1, 2 or both, 3. */
+static int written_at(struct apc_client *client, struct apc_now now, const struct apc_sample *u)
 {
-    int n = apc_client_request(f->client, at(mono), u, f->text, sizeof(f->text));
+    struct apc_value out[2];
+    int which = 0;
 
-    assert_true(n > 0);
-    assert_int_equal(apc_frame_decode(f->text, (size_t)n, &f->frame, f->values, 2), 0);
-    return f->frame.kind;
+    apc_client_command(client, now, u, out);
+    for (int i = 0; i < 2; i++)
+        if (apc_status_severity(out[i].status) != APC_SEVERITY_BAD)
+            which |= 1 << i;
+    return which;
 }
 
-static int answer(struct fixture *f, enum apc_frame_kind kind, uint64_t id, size_t n,
-                  const struct apc_sample *samples, struct apc_sample *y)
+static int written(struct apc_client *client, apc_ns mono, const struct apc_sample *u)
 {
-    struct apc_frame frame = {.kind = kind, .id = id, .n = n};
-    int length = apc_frame_encode(f->text, sizeof(f->text), &frame, samples);
-
-    assert_true(length > 0);
-    return apc_client_reply(f->client, f->text, (size_t)length, y);
+    return written_at(client, at(mono), u);
 }
 
-static void a_whole_fresh_vector_is_sent_as_it_is(void **state)
+static void a_whole_fresh_vector_is_given_as_it_is(void **state)
 {
-    struct fixture *f = *state;
-    struct apc_sample u[] = {actuator(1, 1, T0, 1.5), actuator(2, 1, T0, -2.5)};
+    struct apc_sample u[] = {actuator(1, 1, T0, 1.5), actuator(2, 1, T0 + 1, -2.5)};
+    struct apc_value out[2];
 
     u[1].status = APC_UNCERTAIN_SUBSTITUTE;
-    assert_int_equal(ask(f, 0, u), APC_FRAME_COMMAND);
-    assert_int_equal(f->frame.n, 2);
-    assert_near(f->values[0].value, 1.5, 0.0);
-    assert_near(f->values[1].value, -2.5, 0.0);
-    assert_int_equal(f->values[1].status, APC_UNCERTAIN_SUBSTITUTE);
-    assert_int_equal(f->values[1].time, T0);
+    apc_client_command(*state, at(0), u, out);
+    assert_near(out[0].value, 1.5, 0.0);
+    assert_near(out[1].value, -2.5, 0.0);
+    assert_int_equal(out[0].status, APC_GOOD);
+    assert_int_equal(out[1].status, APC_UNCERTAIN_SUBSTITUTE);
+    assert_int_equal(out[0].time, T0);
+    assert_int_equal(out[1].time, T0 + 1);
 }
 
-static void what_is_missing_bad_or_not_finite_is_not_sent(void **state)
+static void what_is_missing_bad_or_not_finite_is_not_written(void **state)
 {
-    struct fixture *f = *state;
+    const struct {
+        int64_t seq;
+        apc_status status;
+        double value;
+        apc_status says;
+    } cases[] = {{0, APC_GOOD, 1.0, APC_BAD_NO_DATA},
+                 {1, APC_BAD_OUT_OF_SERVICE, 1.0, APC_BAD_OUT_OF_SERVICE},
+                 {1, APC_GOOD, (double)NAN, APC_BAD_OUT_OF_RANGE},
+                 {1, APC_GOOD, (double)INFINITY, APC_BAD_OUT_OF_RANGE}};
 
-    assert_int_equal(ask(f, 0, NULL), APC_FRAME_QUERY);
-    for (int what = 0; what < 4; what++) {
-        struct apc_sample u[] = {actuator(1, 1, T0, 1.0), actuator(2, 1, T0, 2.0)};
+    assert_int_equal(written(*state, 0, NULL), 0);
+    for (size_t k = 0; k < 2; k++)
+        for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
+            struct apc_sample u[] = {actuator(1, 1, T0, 1.0), actuator(2, 1, T0, 2.0)};
+            struct apc_value out[2];
 
-        if (what == 0)
-            u[1].seq = 0;
-        else if (what == 1)
-            u[0].status = APC_BAD_OUT_OF_SERVICE;
-        else if (what == 2)
-            u[1].value = (double)NAN;
-        else
-            u[0].value = (double)INFINITY;
-        assert_int_equal(ask(f, 0, u), APC_FRAME_QUERY);
-        assert_int_equal(f->frame.n, 0);
-    }
+            u[k].seq = cases[i].seq;
+            u[k].status = cases[i].status;
+            u[k].value = cases[i].value;
+            apc_client_command(*state, at(0), u, out);
+            assert_int_equal(out[k].status, cases[i].says);
+            assert_int_equal(out[1 - k].status, APC_GOOD); /* the other is not touched by it */
+        }
 }
 
-static void a_command_that_is_no_longer_renewed_is_not_sent(void **state)
+static void a_command_that_is_no_longer_renewed_is_not_written(void **state)
 {
-    struct fixture *f = *state;
     struct apc_sample u[] = {actuator(1, 1, T0, 1.0), actuator(2, 1, T0, 2.0)};
 
-    assert_int_equal(ask(f, 0, u), APC_FRAME_COMMAND);
-    assert_int_equal(ask(f, LIMIT, u), APC_FRAME_COMMAND);
-    assert_int_equal(ask(f, LIMIT + 1, u), APC_FRAME_QUERY);
+    assert_int_equal(written(*state, 0, u), 3);
+    assert_int_equal(written(*state, LIMIT, u), 3);
+    assert_int_equal(written(*state, LIMIT + 1, u), 0);
     u[0].seq = 2; /* half of it */
-    assert_int_equal(ask(f, LIMIT + 2, u), APC_FRAME_QUERY);
+    assert_int_equal(written(*state, LIMIT + 2, u), 1);
     u[1].seq = 2;
-    assert_int_equal(ask(f, LIMIT + 3, u), APC_FRAME_COMMAND);
+    assert_int_equal(written(*state, LIMIT + 3, u), 3);
 }
 
-static void a_client_that_starts_late_does_not_send_an_old_command(void **state)
+static void a_client_that_starts_late_does_not_write_an_old_command(void **state)
 {
-    struct fixture *f = *state;
     const struct apc_sample u[] = {actuator(1, 5, T0 - LIMIT - 1, 1.0), actuator(2, 5, T0 - LIMIT - 1, 2.0)};
 
-    assert_int_equal(ask(f, 0, u), APC_FRAME_QUERY);
-    assert_int_equal(ask(f, 1, u), APC_FRAME_QUERY);
+    assert_int_equal(written(*state, 0, u), 0);
+    assert_int_equal(written(*state, 1, u), 0);
 }
 
-static void a_former_runs_command_is_not_sent_and_this_runs_are_whatever_the_clock_does(void **state)
+static void a_former_runs_command_is_not_written_and_this_runs_are_whatever_the_clock_does(void **state)
 {
-    const struct apc_client_options o = {
-        .size = sizeof(o), .ny = 2, .nu = 2, .command_period = PERIOD, .since = T0};
-    struct fixture f;
+    struct apc_client *client = make(T0);
     struct apc_sample u[] = {actuator(1, 5, T0 - 1, 1.0), actuator(2, 5, T0, 2.0)};
 
     (void)state;
-    assert_int_equal(apc_client_create(&f.client, &o, NULL), 0);
-    assert_int_equal(ask(&f, 1, u), APC_FRAME_QUERY); /* written 2 ns ago, but by another run */
-    assert_int_equal(ask(&f, 2, u), APC_FRAME_QUERY);
+    assert_int_equal(written(client, 1, u), 2); /* the first was written 2 ns ago, but by another run */
+    assert_int_equal(written(client, 2, u), 2);
     u[0] = actuator(1, 6, T0 + 3, 1.5);
-    assert_int_equal(ask(&f, 3, u), APC_FRAME_COMMAND);
+    assert_int_equal(written(client, 3, u), 3);
     u[0] = actuator(1, 7, T0 - 3600 * S, 1.5); /* the clock stepped back by an hour */
-    assert_int_equal(ask(&f, 4, u), APC_FRAME_COMMAND);
-    apc_client_destroy(f.client);
+    assert_int_equal(written(client, 4, u), 3);
+    apc_client_destroy(client);
 }
 
 static void a_clock_step_neither_stops_nor_revives_a_command(void **state)
 {
-    struct fixture *f = *state;
-    struct apc_sample u[] = {actuator(1, 1, T0, 1.0), actuator(2, 1, T0, 2.0)};
-    struct apc_now now = at(0);
-    int n;
+    const struct apc_sample u[] = {actuator(1, 1, T0, 1.0), actuator(2, 1, T0, 2.0)};
 
-    assert_int_equal(ask(f, 0, u), APC_FRAME_COMMAND);
-    now.utc += 3600 * S;
-    now.mono = 1;
-    n = apc_client_request(f->client, now, u, f->text, sizeof(f->text));
-    assert_int_equal(apc_frame_decode(f->text, (size_t)n, &f->frame, f->values, 2), 0);
-    assert_int_equal(f->frame.kind, APC_FRAME_COMMAND);
-    now.utc = T0;
-    now.mono = LIMIT + 2;
-    n = apc_client_request(f->client, now, u, f->text, sizeof(f->text));
-    assert_int_equal(apc_frame_decode(f->text, (size_t)n, &f->frame, f->values, 2), 0);
-    assert_int_equal(f->frame.kind, APC_FRAME_QUERY);
+    assert_int_equal(written(*state, 0, u), 3);
+    assert_int_equal(written_at(*state, (struct apc_now){.mono = 1, .utc = T0 + 3600 * S}, u), 3);
+    assert_int_equal(written_at(*state, (struct apc_now){.mono = LIMIT + 2, .utc = T0}, u), 0);
 }
 
 static void each_new_measurement_is_stored_once(void **state)
 {
-    struct fixture *f = *state;
-    struct apc_sample sent[] = {{.time = T0, .value = 1.0},
-                                {.time = T0, .value = 2.0, .status = APC_BAD_SENSOR_FAILURE}};
-    struct apc_sample y[2];
+    struct apc_value y[] = {{.time = T0, .value = 1.0},
+                            {.time = T0, .value = 2.0, .status = APC_BAD_SENSOR_FAILURE}};
+    struct apc_sample out[2];
 
-    ask(f, 0, NULL);
-    assert_int_equal(answer(f, APC_FRAME_VALUES, f->frame.id, 2, sent, y), 2);
-    assert_int_equal(y[0].table, APC_SENSOR);
-    assert_int_equal(y[0].seq, 42);
-    assert_int_equal(y[1].seq, 8);
-    assert_int_equal(y[1].id, 2);
-    assert_int_equal(y[1].time, T0);
-    assert_int_equal(y[1].status, APC_BAD_SENSOR_FAILURE);
-    assert_near(y[1].value, 2.0, 0.0);
-    ask(f, 1, NULL);
-    assert_int_equal(answer(f, APC_FRAME_VALUES, f->frame.id, 2, sent, y), 0);
-    sent[1].time = T0 - 3600 * S; /* the plant's clock stepped back: still new */
-    ask(f, 2, NULL);
-    assert_int_equal(answer(f, APC_FRAME_VALUES, f->frame.id, 2, sent, y), 1);
-    assert_int_equal(y[0].id, 2);
-    assert_int_equal(y[0].seq, 9);
-}
-
-static void a_reply_to_anything_but_the_last_request_is_refused(void **state)
-{
-    struct fixture *f = *state;
-    const struct apc_sample sent[] = {{.time = T0, .value = 1.0}, {.time = T0, .value = 2.0}, {.time = T0}};
-    struct apc_sample y[2];
-    uint64_t old;
-
-    ask(f, 0, NULL);
-    old = f->frame.id;
-    ask(f, 1, NULL);
-    assert_int_not_equal(old, f->frame.id);
-    assert_int_equal(answer(f, APC_FRAME_VALUES, old, 2, sent, y), APC_EPROTO);
-    assert_int_equal(answer(f, APC_FRAME_VALUES, f->frame.id, 1, sent, y), APC_EPROTO);
-    assert_int_equal(answer(f, APC_FRAME_VALUES, f->frame.id, 3, sent, y), APC_EPROTO);
-    assert_int_equal(answer(f, APC_FRAME_COMMAND, f->frame.id, 2, sent, y), APC_EPROTO);
-    assert_int_equal(apc_client_reply(f->client, "7\n", 2, y), APC_EPROTO);
-    assert_int_equal(answer(f, APC_FRAME_VALUES, 0, 2, sent, y), 2); /* a peer that does not number */
-    assert_int_equal(y[0].seq, 42);
-}
-
-static void a_request_that_does_not_fit_is_an_error(void **state)
-{
-    struct fixture *f = *state;
-
-    assert_int_equal(apc_client_request(f->client, at(0), NULL, f->text, 3), APC_ERANGE);
+    assert_int_equal(apc_client_measurements(*state, y, out), 2);
+    assert_int_equal(out[0].table, APC_SENSOR);
+    assert_int_equal(out[0].seq, 42);
+    assert_int_equal(out[1].seq, 8);
+    assert_int_equal(out[1].id, 2);
+    assert_int_equal(out[1].time, T0);
+    assert_int_equal(out[1].status, APC_BAD_SENSOR_FAILURE);
+    assert_near(out[1].value, 2.0, 0.0);
+    assert_int_equal(apc_client_measurements(*state, y, out), 0);
+    y[1].time = T0 - 3600 * S; /* the plant's clock stepped back: still new */
+    assert_int_equal(apc_client_measurements(*state, y, out), 1);
+    assert_int_equal(out[0].id, 2);
+    assert_int_equal(out[0].seq, 9);
 }
 
 static void a_client_without_dimensions_is_refused(void **state)
@@ -337,17 +294,15 @@ int main(void)
         cmocka_unit_test(an_age_seen_at_the_first_look_counts_on),
         cmocka_unit_test(the_schedule_keeps_its_last_step_or_begins_again),
         cmocka_unit_test(options_of_another_version_schedule_nothing),
-        cmocka_unit_test_setup_teardown(a_whole_fresh_vector_is_sent_as_it_is, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(what_is_missing_bad_or_not_finite_is_not_sent, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(a_command_that_is_no_longer_renewed_is_not_sent, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(a_client_that_starts_late_does_not_send_an_old_command, set_up,
+        cmocka_unit_test_setup_teardown(a_whole_fresh_vector_is_given_as_it_is, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(what_is_missing_bad_or_not_finite_is_not_written, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(a_command_that_is_no_longer_renewed_is_not_written, set_up,
                                         tear_down),
-        cmocka_unit_test(a_former_runs_command_is_not_sent_and_this_runs_are_whatever_the_clock_does),
+        cmocka_unit_test_setup_teardown(a_client_that_starts_late_does_not_write_an_old_command, set_up,
+                                        tear_down),
+        cmocka_unit_test(a_former_runs_command_is_not_written_and_this_runs_are_whatever_the_clock_does),
         cmocka_unit_test_setup_teardown(a_clock_step_neither_stops_nor_revives_a_command, set_up, tear_down),
         cmocka_unit_test_setup_teardown(each_new_measurement_is_stored_once, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(a_reply_to_anything_but_the_last_request_is_refused, set_up,
-                                        tear_down),
-        cmocka_unit_test_setup_teardown(a_request_that_does_not_fit_is_an_error, set_up, tear_down),
         cmocka_unit_test(a_client_without_dimensions_is_refused),
     };
 

@@ -7,10 +7,11 @@
  */
 #include "check.h"
 
+#include "apcexchange.h"
 #include "apclinear.h"
 #include "apcmodules.h"
-#include "apcsockets.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -127,6 +128,8 @@ static void one_second(struct loop *l, int k)
     const double set = 1.0;
     const struct apc_scheduler_options o = {.size = sizeof(o), .nz = 1, .steps = 1, .sequence = &set};
     struct apc_notice notice;
+    struct apc_frame frame = {.id = 1};
+    struct apc_value value;
     struct apc_sample y;
     int n;
 
@@ -138,14 +141,17 @@ static void one_second(struct loop *l, int k)
     l->in[3].value = k % 2 ? 0.2 : (double)NAN;
     l->in[3].seq++;
     l->failures += apc_plantserver_tick(l->server, now, &notice) < 0;
-    n = apc_client_request(l->client, now, k % 50 < 40 ? &l->u : NULL, l->request, sizeof(l->request));
+    apc_client_command(l->client, now, k % 50 < 40 ? &l->u : NULL, &value);
+    frame.kind = apc_status_severity(value.status) == APC_SEVERITY_BAD ? APC_FRAME_QUERY : APC_FRAME_COMMAND;
+    frame.n = frame.kind == APC_FRAME_COMMAND;
+    n = apc_frame_encode(l->request, sizeof(l->request), &frame, &l->u);
     l->failures += n < 0;
     n = apc_plantserver_request(l->server, now, 1, l->request, (size_t)n, l->reply, sizeof(l->reply),
                                 &notice);
     l->failures += n < 0;
-    n = apc_client_reply(l->client, l->reply, (size_t)n, &y);
-    l->failures += n < 0;
-    if (n == 1 && k % 30 < 20)
+    l->failures += apc_frame_decode(l->reply, (size_t)n, &frame, &y, 1) < 0;
+    value = (struct apc_value){y.value, y.status, y.time};
+    if (apc_client_measurements(l->client, &value, &y) == 1 && k % 30 < 20)
         l->in[0] = y;
     n = apc_controller_compute(l->controller, now, k % 70 ? l->in : NULL, l->out, &notice);
     if (n > 0 && l->out[0].table == APC_ACTUATOR)
@@ -405,62 +411,110 @@ static void what_is_refused_or_asked_leaves_nothing_behind(void **state)
     assert_int_equal(held, before);
 }
 
-static int echo(void *ctx, uint64_t connection, const char *request, size_t length, char *reply, size_t size)
+static int answer(void *ctx, uint64_t connection, const char *request, size_t length, char *reply,
+                  size_t size)
 {
+    struct apc_frame frame;
+    struct apc_sample value = {.value = 1.0};
+
     (void)ctx, (void)connection;
-    memcpy(reply, request, length);
-    return length <= size ? (int)length : APC_ERANGE;
+    if (apc_frame_decode(request, length, &frame, &value, 1) < 0)
+        return APC_EPROTO;
+    frame.kind = APC_FRAME_VALUES;
+    frame.n = 1;
+    return apc_frame_encode(reply, size, &frame, &value);
 }
 
-static void on_echo(void *ctx, const char *reply, int length)
+/* Of an exchange over inproc:, which is given up when the executive has nothing more to do. */
+static int exchange(struct apc_exchange *x, struct apc_executive *e, const struct apc_value *u,
+                    struct apc_value *y)
 {
-    (void)reply;
-    *(int *)ctx = length;
+    apc_ns deadline = apc_clock_mono(apc_executive_clock(e)) + S;
+    int rc = apc_exchange_begin(x, u, deadline);
+
+    if (rc < 0)
+        return rc;
+    apc_virtual_run(e, deadline);
+    return apc_exchange_finish(x, y);
 }
 
-/* The link inproc:, destroyed with frames under way; without memory an exchange fails or times out. */
-static void whichever_allocation_fails_a_link_says_so_and_gives_all_back(void **state)
+/* Closed with frames under way; without memory an exchange fails or times out. */
+static void whichever_allocation_fails_an_exchange_says_so_and_gives_all_back(void **state)
 {
-    int created = 0, exchanged = 0, n = -1;
+    const struct apc_value u = {.value = 1.0};
+    int done = 0, n = -1;
 
     (void)state;
     if (!COUNTING)
         skip();
-    while (!exchanged) {
+    while (!done) {
         struct apc_executive *e;
-        struct apc_inproc *link = NULL;
-        struct apc_inproc_options o = {
-            .size = sizeof(o),
+        struct apc_exchange *x = NULL;
+        struct apc_inproc_options inproc = {
+            .size = sizeof(inproc),
             .network = {.duplication = 1.0, .delay = {.kind = APC_CONSTANT, .a = 0.25}},
-            .frame_max = 100,
-            .serve = echo};
-        int before = held, rc, answer = 0;
+            .serve = answer};
+        const struct apc_exchange_options o = {.size = sizeof(o), .nu = 1, .ny = 1, .inproc = &inproc};
+        struct apc_value y;
+        int before = held, rc;
 
         assert_int_equal(apc_executive_create(&e, "virtual", NULL, NULL), 0);
-        o.executive = e;
+        inproc.executive = e;
         failed = 0;
         fail_at = allocations + ++n;
-        rc = apc_inproc_create(&link, &o, NULL);
-        created = rc == 0;
+        rc = apc_exchange_open(&x, "inproc:", &o, NULL);
         assert_int_equal(rc, failed ? APC_ENOMEM : 0);
-        assert_int_equal(link != NULL, created);
-        if (created) {
-            rc = apc_inproc_exchange(link, "a", 1, S, on_echo, &answer);
-            assert_int_equal(rc, failed ? APC_ENOMEM : 0);
-            if (rc == 0) {
-                apc_virtual_run(e, apc_clock_mono(apc_executive_clock(e)) + 2 * S);
-                assert_true(failed ? answer == APC_ETIMEDOUT || answer == 1 : answer == 1);
-                exchanged = !failed;
-                fail_at = -1;
-                assert_int_equal(apc_inproc_exchange(link, "ab", 2, S, on_echo, &answer), 0);
-            }
+        assert_int_equal(x != NULL, rc == 0);
+        if (rc == 0) {
+            rc = exchange(x, e, &u, &y);
+            assert_true(failed ? rc == APC_ENOMEM || rc == APC_ETIMEDOUT || rc == 0 : rc == 0);
+            done = !failed;
+            fail_at = -1;
+            assert_int_equal(apc_exchange_begin(x, &u, INT64_MAX), 0);
         }
         fail_at = -1;
-        apc_inproc_destroy(link);
+        apc_exchange_close(x);
         assert_int_equal(apc_executive_destroy(e), 0);
         assert_int_equal(held, before);
     }
     assert_in_range(n, 8, 100);
+}
+
+static void exchanges_do_not_allocate(void **state)
+{
+    struct apc_executive *e;
+    struct apc_server *server;
+    struct apc_exchange *inproc, *tcp;
+    struct apc_inproc_options virtual = {.size = sizeof(virtual), .serve = answer};
+    struct apc_exchange_options o = {.size = sizeof(o), .nu = 1, .ny = 1, .inproc = &virtual};
+    struct apc_value u = {.value = 1.0}, y;
+    char uri[64];
+    int failures = 0, before = 0;
+
+    (void)state;
+    if (!COUNTING)
+        skip();
+    assert_int_equal(apc_executive_create(&e, "virtual", NULL, NULL), 0);
+    virtual.executive = e;
+    assert_int_equal(apc_exchange_open(&inproc, "inproc:", &o, NULL), 0);
+    assert_int_equal(apc_server_create(&server, "tcp:127.0.0.1:0", NULL, answer, NULL, NULL), 0);
+    snprintf(uri, sizeof(uri), "tcp:127.0.0.1:%d", apc_server_port(server));
+    o.inproc = NULL;
+    assert_int_equal(apc_exchange_open(&tcp, uri, &o, NULL), 0);
+    for (int k = 0; k < 100; k++) {
+        u.status = k % 3 ? APC_GOOD : APC_BAD;
+        failures += exchange(inproc, e, &u, &y) < 0;
+        failures += apc_exchange_begin(tcp, &u, apc_clock_mono(NULL) + 20 * S) < 0;
+        failures += apc_exchange_finish(tcp, &y) < 0;
+        if (k == 3) /* its busiest moment is over */
+            before = allocations;
+    }
+    assert_int_equal(allocations - before, 0);
+    assert_int_equal(failures, 0);
+    apc_exchange_close(tcp);
+    apc_server_destroy(server);
+    apc_exchange_close(inproc);
+    apc_executive_destroy(e);
 }
 
 int main(void)
@@ -473,7 +527,8 @@ int main(void)
         cmocka_unit_test(no_integrator_allocates_in_a_tick),
         cmocka_unit_test(whichever_allocation_fails_a_plant_says_so),
         cmocka_unit_test(what_is_refused_or_asked_leaves_nothing_behind),
-        cmocka_unit_test(whichever_allocation_fails_a_link_says_so_and_gives_all_back),
+        cmocka_unit_test(whichever_allocation_fails_an_exchange_says_so_and_gives_all_back),
+        cmocka_unit_test(exchanges_do_not_allocate),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,49 +1,68 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The link inproc: on virtual time: replies in time, late, twice, lost; connections. */
+/* The scheme inproc: on virtual time: replies in time, late, twice, lost; connections. */
 #include "check.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <apcmodules.h>
+#include <apcexchange.h>
 
 #define MS APC_NS_PER_MS
 #define S  APC_NS_PER_S
 
 struct bench {
     struct apc_executive *e;
-    struct apc_inproc *link;
+    struct apc_exchange *x;
     apc_ns zero;
     char trace[1000];
-    int refuse;     /* serve() answers with it, when negative */
-    int next, last; /* requests that are sent by themselves */
+    int refuse;              /* serve() answers with it, when negative */
+    size_t request, reply;   /* lengths of the last frames */
+    int next, last;          /* exchanges that begin by themselves */
+    void (*done)(void *ctx); /* what else there is to do at the end of one */
 };
 
-static void note(struct bench *b, const char *what, const char *text, int length)
+static apc_ns now(const struct bench *b)
+{
+    return apc_clock_mono(apc_executive_clock(b->e));
+}
+
+static void note(struct bench *b, const char *what)
 {
     size_t used = strlen(b->trace);
-    snprintf(b->trace + used, sizeof b->trace - used, "%s%.*s@%g ", what, length, text,
-             apc_ns_to_s(apc_clock_mono(apc_executive_clock(b->e)) - b->zero));
+    snprintf(b->trace + used, sizeof b->trace - used, "%s@%g ", what, apc_ns_to_s(now(b) - b->zero));
 }
 
 static int serve(void *ctx, uint64_t connection, const char *request, size_t length, char *reply, size_t size)
 {
     struct bench *b = ctx;
+    struct apc_frame frame;
+    struct apc_sample value;
     char text[40];
-    snprintf(text, sizeof text, "%.*s/%d", (int)length, request, (int)connection);
-    note(b, "?", text, (int)strlen(text));
+    assert_int_equal(apc_frame_decode(request, length, &frame, &value, 1), 0);
+    snprintf(text, sizeof text, "?%g/%d", value.value, (int)connection);
+    note(b, text);
     if (b->refuse < 0)
         return b->refuse;
-    return snprintf(reply, size, "re%.*s", (int)length, request);
+    frame.kind = APC_FRAME_VALUES;
+    value.value *= 10;
+    b->request = length;
+    b->reply = (size_t)apc_frame_encode(reply, size, &frame, &value);
+    return (int)b->reply;
 }
 
-static void on_reply(void *ctx, const char *reply, int length)
+static void on_done(void *ctx)
 {
-    if (length < 0)
-        note(ctx, apc_err_name(length), "", 0);
-    else
-        note(ctx, "!", reply, length);
+    struct bench *b = ctx;
+    struct apc_value y;
+    char text[40];
+    int rc = apc_exchange_finish(b->x, &y);
+    if (rc < 0)
+        note(b, apc_err_name(rc));
+    else if (snprintf(text, sizeof text, "!%g", y.value) > 0)
+        note(b, text);
+    if (b->done)
+        b->done(b);
 }
 
 static struct bench *set_up(struct apc_network_options network)
@@ -52,28 +71,30 @@ static struct bench *set_up(struct apc_network_options network)
     struct apc_error why = {""};
     assert_non_null(b);
     assert_int_equal(apc_executive_create(&b->e, "virtual", NULL, NULL), 0);
-    b->zero = apc_clock_mono(apc_executive_clock(b->e));
-    const struct apc_inproc_options options = {.size = sizeof options,
-                                               .executive = b->e,
-                                               .network = network,
-                                               .frame_max = 100,
-                                               .serve = serve,
-                                               .serve_ctx = b};
-    if (apc_inproc_create(&b->link, &options, &why) < 0)
+    b->zero = now(b);
+    const struct apc_inproc_options inproc = {.size = sizeof inproc,
+                                              .executive = b->e,
+                                              .network = network,
+                                              .serve = serve,
+                                              .serve_ctx = b,
+                                              .done = on_done,
+                                              .done_ctx = b};
+    const struct apc_exchange_options options = {.size = sizeof options, .nu = 1, .ny = 1, .inproc = &inproc};
+    if (apc_exchange_open(&b->x, "inproc:", &options, &why) < 0)
         fail_msg("%s", why.text);
     return b;
 }
 
 static void tear_down(struct bench *b)
 {
-    apc_inproc_destroy(b->link);
+    apc_exchange_close(b->x);
     assert_int_equal(apc_executive_destroy(b->e), 0);
     free(b);
 }
 
-static int ask(struct bench *b, const char *text, apc_ns timeout)
+static int ask(struct bench *b, double u, apc_ns patience)
 {
-    return apc_inproc_exchange(b->link, text, strlen(text), timeout, on_reply, b);
+    return apc_exchange_begin(b->x, &(struct apc_value){.value = u}, now(b) + patience);
 }
 
 static void run(struct bench *b, double until)
@@ -92,12 +113,12 @@ static void a_reply_comes_after_both_delays(void **state)
 {
     struct bench *b = set_up((struct apc_network_options){.delay = constant(0.25)});
     (void)state;
-    assert_int_equal(ask(b, "a", S), 0);
-    assert_int_equal(ask(b, "b", S), APC_EBUSY);
+    assert_int_equal(ask(b, 1, S), 0);
+    assert_int_equal(ask(b, 2, S), APC_EBUSY);
     run(b, 1);
-    assert_int_equal(ask(b, "c", S), 0);
+    assert_int_equal(ask(b, 3, S), 0);
     run(b, 9);
-    assert_string_equal(b->trace, "?a/1@0.25 !rea@0.5 ?c/1@1.25 !rec@1.5 ");
+    assert_string_equal(b->trace, "?1/1@0.25 !10@0.5 ?3/1@1.25 !30@1.5 ");
     tear_down(b);
 }
 
@@ -105,9 +126,9 @@ static void without_delay_it_comes_at_the_same_instant(void **state)
 {
     struct bench *b = set_up((struct apc_network_options){0});
     (void)state;
-    assert_int_equal(ask(b, "a", 1), 0);
+    assert_int_equal(ask(b, 1, 1), 0);
     run(b, 0);
-    assert_string_equal(b->trace, "?a/1@0 !rea@0 ");
+    assert_string_equal(b->trace, "?1/1@0 !10@0 ");
     tear_down(b);
 }
 
@@ -116,12 +137,12 @@ static void a_late_reply_is_none(void **state)
     struct bench *b = set_up((struct apc_network_options){.delay = constant(0.75)});
     struct apc_inproc_stats stats;
     (void)state;
-    ask(b, "a", S);
+    ask(b, 1, S);
     run(b, 1);
-    assert_int_equal(ask(b, "b", 2 * S), 0); /* a's reply comes while b's is waited for */
+    assert_int_equal(ask(b, 2, 2 * S), 0); /* the reply to 1 comes while that to 2 is waited for */
     run(b, 9);
-    assert_string_equal(b->trace, "?a/1@0.75 APC_ETIMEDOUT@1 ?b/2@1.75 !reb@2.5 ");
-    apc_inproc_stats(b->link, &stats);
+    assert_string_equal(b->trace, "?1/1@0.75 APC_ETIMEDOUT@1 ?2/2@1.75 !20@2.5 ");
+    apc_inproc_stats(b->x, &stats);
     assert_int_equal(stats.exchanges, 2);
     assert_int_equal(stats.timeouts, 1);
     assert_int_equal(stats.frames.sent, 4);
@@ -132,7 +153,7 @@ static void what_is_lost_times_out(void **state)
 {
     struct bench *b = set_up((struct apc_network_options){.loss = 1});
     (void)state;
-    ask(b, "a", S);
+    ask(b, 1, S);
     run(b, 9);
     assert_string_equal(b->trace, "APC_ETIMEDOUT@1 ");
     tear_down(b);
@@ -142,11 +163,11 @@ static void a_request_that_arrives_twice_has_one_reply(void **state)
 {
     struct bench *b = set_up((struct apc_network_options){.duplication = 1, .delay = constant(0.5)});
     (void)state;
-    ask(b, "a", 2 * S);
+    ask(b, 1, 2 * S);
     run(b, 1);
-    ask(b, "b", 2 * S);
+    ask(b, 2, 2 * S);
     run(b, 9);
-    assert_string_equal(b->trace, "?a/1@0.5 ?a/1@0.5 !rea@1 ?b/1@1.5 ?b/1@1.5 !reb@2 ");
+    assert_string_equal(b->trace, "?1/1@0.5 ?1/1@0.5 !10@1 ?2/1@1.5 ?2/1@1.5 !20@2 ");
     tear_down(b);
 }
 
@@ -155,15 +176,12 @@ static void a_closed_connection_is_said_and_the_next_is_another(void **state)
     struct bench *b = set_up((struct apc_network_options){.delay = constant(0.25)});
     (void)state;
     b->refuse = APC_EPERM;
-    ask(b, "a", S);
+    ask(b, 1, S);
     run(b, 1);
     b->refuse = 0;
-    ask(b, "b", S);
-    run(b, 1.5);
-    apc_inproc_reset(b->link);
-    ask(b, "c", S);
+    ask(b, 2, S);
     run(b, 9);
-    assert_string_equal(b->trace, "?a/1@0.25 APC_ECONN@0.5 ?b/2@1.25 !reb@1.5 ?c/3@1.75 !rec@2 ");
+    assert_string_equal(b->trace, "?1/1@0.25 APC_ECONN@0.5 ?2/2@1.25 !20@1.5 ");
     tear_down(b);
 }
 
@@ -171,34 +189,36 @@ static void a_closed_connection_is_said_and_the_next_is_another(void **state)
 static void only_what_is_said_takes_time_on_the_line(void **state)
 {
     struct bench *b = set_up((struct apc_network_options){.bandwidth = 8.0}); /* a byte a second */
+    char expected[100];
     (void)state;
-    ask(b, "abc", 30 * S);
-    run(b, 20);
+    ask(b, 1, 300 * S);
+    run(b, 300);
     b->refuse = APC_EPERM;
-    ask(b, "abc", 30 * S);
-    run(b, 40);
-    assert_string_equal(b->trace, "?abc/1@3 !reabc@8 ?abc/1@23 APC_ECONN@23 ");
+    ask(b, 1, 300 * S);
+    run(b, 600);
+    snprintf(expected, sizeof expected, "?1/1@%zu !10@%zu ?1/1@%zu APC_ECONN@%zu ", b->request,
+             b->request + b->reply, 300 + b->request, 300 + b->request);
+    assert_string_equal(b->trace, expected);
     tear_down(b);
 }
 
-static void again(void *ctx, const char *reply, int length)
+static void again(void *ctx)
 {
     struct bench *b = ctx;
-    char text[8];
-    on_reply(ctx, reply, length);
-    snprintf(text, sizeof text, "%d", b->next);
-    if (b->next++ < b->last)
-        assert_int_equal(apc_inproc_exchange(b->link, text, strlen(text), S, again, b), 0);
+    if (b->next < b->last)
+        assert_int_equal(ask(b, b->next++, S), 0);
 }
 
 static void the_next_may_begin_where_one_ends(void **state)
 {
     struct bench *b = set_up((struct apc_network_options){.delay = constant(0.5)});
     (void)state;
-    b->last = 3;
-    again(b, "", 0);
+    b->last = 4;
+    b->next = 1;
+    b->done = again;
+    again(b);
     run(b, 9);
-    assert_string_equal(b->trace, "!@0 ?0/1@0.5 !re0@1 ?1/1@1.5 !re1@2 ?2/1@2.5 !re2@3 ");
+    assert_string_equal(b->trace, "?1/1@0.5 !10@1 ?2/1@1.5 !20@2 ?3/1@2.5 !30@3 ");
     tear_down(b);
 }
 
@@ -206,41 +226,27 @@ static void what_makes_no_sense_is_refused(void **state)
 {
     struct bench *b = set_up((struct apc_network_options){0});
     struct apc_inproc_options o = {.size = sizeof o, .executive = b->e, .serve = serve};
+    const struct apc_exchange_options options = {.size = sizeof options, .nu = 1, .ny = 1, .inproc = &o};
     struct apc_executive *real;
-    struct apc_inproc *link;
+    struct apc_exchange *x;
     struct apc_error why = {""};
-    char text[102] = "";
     (void)state;
-    memset(text, 'x', 101);
-    assert_int_equal(ask(b, text, S), APC_EINVAL);
-    assert_int_equal(ask(b, "a", 0), APC_EINVAL);
-    assert_int_equal(ask(b, "a", INT64_MAX), APC_EINVAL);
-    assert_int_equal(apc_inproc_exchange(b->link, "a", 1, S, NULL, NULL), APC_EINVAL);
+    assert_int_equal(ask(b, 1, 0), APC_ETIMEDOUT);
     assert_int_equal(apc_executive_create(&real, "deadline", NULL, NULL), 0);
     o.executive = real;
-    assert_int_equal(apc_inproc_create(&link, &o, &why), APC_EINVAL);
+    assert_int_equal(apc_exchange_open(&x, "inproc:", &options, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "virtual"));
     o.executive = b->e;
     o.network.loss = 2;
-    assert_int_equal(apc_inproc_create(&link, &o, &why), APC_EINVAL);
+    assert_int_equal(apc_exchange_open(&x, "inproc:", &options, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "loss"));
     o.serve = NULL;
-    assert_int_equal(apc_inproc_create(&link, &o, &why), APC_EINVAL);
-    assert_null(link);
+    assert_int_equal(apc_exchange_open(&x, "inproc:", &options, &why), APC_EINVAL);
+    assert_null(x);
     o.serve = serve;
-    o.network.loss = 0;
-    o.frame_max = APC_FRAME_MAX + 1;
-    assert_int_equal(apc_inproc_create(&link, &o, &why), APC_EINVAL);
-    assert_non_null(strstr(why.text, "frame_max"));
-    o.frame_max = APC_FRAME_MAX;
-    assert_int_equal(apc_inproc_create(&link, &o, &why), 0);
-    apc_inproc_destroy(link);
-    apc_inproc_destroy(NULL);
     o.executive = NULL;
-    assert_int_equal(apc_inproc_create(&link, &o, &why), APC_EINVAL);
-    assert_int_equal(apc_inproc_create(NULL, &o, &why), APC_EINVAL);
-    text[100] = '\0'; /* as long as may be; as late as may be */
-    assert_int_equal(ask(b, text, INT64_MAX - b->zero), 0);
+    assert_int_equal(apc_exchange_open(&x, "inproc:", &options, &why), APC_EINVAL);
+    assert_int_equal(apc_exchange_begin(b->x, NULL, INT64_MAX), 0); /* as late as may be */
     apc_executive_destroy(real);
     tear_down(b);
 }

@@ -1,15 +1,14 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * A loop that is closed over the modelled network, against theory: TrueTime's servo, 1000 / (s (s + 1)),
- * under PD control (K 1, Td 0.04, N 100) every 10 ms. The sensor sends y over the link inproc: to the
+ * under PD control (K 1, Td 0.04, N 100) every 10 ms. The sensor sends y over inproc: to the
  * controller, whose reply is the new u: from measuring to acting it takes both ways' delay, and nothing else.
  * Overshoot 3.9, 8.9 and 22.8 % at 0, 4 and 8 ms; unstable above about 13.8 ms.
  */
 #include "check.h"
 
-#include <string.h>
-
-#include <apcmodules.h>
+#include <apcexchange.h>
+#include <apcplant.h>
 
 #define H    (10 * APC_NS_PER_MS)
 #define FINE (APC_NS_PER_MS / 10) /* between two looks at y */
@@ -18,8 +17,7 @@ struct loop {
     struct apc_executive *e;
     const struct apc_clock *clock;
     struct apc_plant *plant;
-    struct apc_inproc
-        *link[2]; /* in turn: a delay may exceed the period, and a link has one exchange at a time */
+    struct apc_exchange *x[2]; /* in turn: a delay may exceed the period, and there is one at a time */
     apc_ns advanced;
     double u, y_old, derivative;
     double apart; /* the largest of y - 1 since it was last looked at */
@@ -46,37 +44,50 @@ static int look(void *ctx, const struct apc_tick *tick)
     return 0;
 }
 
-/* The controller: PD with a filtered derivative of the measurement, by backward differences. */
+/* The controller: PD with a filtered derivative of the measurement, by backward differences. It has the place
+ * of the plant here: the measurement comes, and the new input is the answer. */
 static int serve(void *ctx, uint64_t connection, const char *request, size_t length, char *reply, size_t size)
 {
     const double K = 1.0, Td = 0.04, N = 100.0, h = 0.01, a = Td / (N * h + Td),
                  b = N * K * Td / (N * h + Td);
     struct loop *l = ctx;
-    double y, u;
+    struct apc_frame frame;
+    struct apc_sample value;
     (void)connection;
-    assert_int_equal(length, sizeof y);
-    assert_true(size >= sizeof u);
-    memcpy(&y, request, sizeof y);
+    assert_int_equal(apc_frame_decode(request, length, &frame, &value, 1), 0);
+    const double y = value.value;
     l->derivative = a * l->derivative + b * (l->y_old - y);
     l->y_old = y;
-    u = K * (1.0 - y) + l->derivative;
-    memcpy(reply, &u, sizeof u);
-    return sizeof u;
+    value.value = K * (1.0 - y) + l->derivative;
+    frame.kind = APC_FRAME_VALUES;
+    return apc_frame_encode(reply, size, &frame, &value);
 }
 
-static void act(void *ctx, const char *reply, int length)
+static void act(struct loop *l, struct apc_exchange *x)
+{
+    struct apc_value u;
+    assert_int_equal(apc_exchange_finish(x, &u), 0);
+    measure(l);
+    l->u = u.value;
+}
+
+static void act_on_even(void *ctx)
 {
     struct loop *l = ctx;
-    assert_int_equal(length, sizeof(double));
-    measure(l);
-    memcpy(&l->u, reply, sizeof l->u);
+    act(l, l->x[0]);
+}
+
+static void act_on_odd(void *ctx)
+{
+    struct loop *l = ctx;
+    act(l, l->x[1]);
 }
 
 static int sample(void *ctx, const struct apc_tick *tick)
 {
     struct loop *l = ctx;
-    double y = measure(l);
-    return apc_inproc_exchange(l->link[tick->index % 2], (const char *)&y, sizeof y, 10 * H, act, l);
+    const struct apc_value y = {.value = measure(l)};
+    return apc_exchange_begin(l->x[tick->index % 2], &y, apc_clock_mono(l->clock) + 10 * H);
 }
 
 static struct apc_task *start(struct loop *l, const char *name, apc_ns period, apc_task_fn fn)
@@ -105,14 +116,18 @@ static double run(double delay_s, double *growth)
     assert_int_equal(apc_model_find("servo", &servo, &handle, NULL), 0);
     if (apc_plant_create(&l.plant, servo, NULL, NULL, &exact, &why) < 0)
         fail_msg("%s", why.text);
-    const struct apc_inproc_options options = {.size = sizeof options,
-                                               .executive = l.e,
-                                               .network = {.delay = {.kind = APC_CONSTANT, .a = delay_s / 2}},
-                                               .serve = serve,
-                                               .serve_ctx = &l};
-    if (apc_inproc_create(&l.link[0], &options, &why) < 0 ||
-        apc_inproc_create(&l.link[1], &options, &why) < 0)
-        fail_msg("%s", why.text);
+    struct apc_inproc_options inproc = {.size = sizeof inproc,
+                                        .executive = l.e,
+                                        .network = {.delay = {.kind = APC_CONSTANT, .a = delay_s / 2}},
+                                        .serve = serve,
+                                        .serve_ctx = &l,
+                                        .done_ctx = &l};
+    const struct apc_exchange_options options = {.size = sizeof options, .nu = 1, .ny = 1, .inproc = &inproc};
+    for (int i = 0; i < 2; i++) {
+        inproc.done = i ? act_on_odd : act_on_even;
+        if (apc_exchange_open(&l.x[i], "inproc:", &options, &why) < 0)
+            fail_msg("%s", why.text);
+    }
     struct apc_task *sensor = start(&l, "sensor", H, sample), *eye = start(&l, "eye", FINE, look);
     for (int second = 0; second < 10; second++) {
         l.apart = 0;
@@ -123,8 +138,8 @@ static double run(double delay_s, double *growth)
     *growth = l.apart / before;
     apc_task_destroy(sensor);
     apc_task_destroy(eye);
-    apc_inproc_destroy(l.link[0]);
-    apc_inproc_destroy(l.link[1]);
+    apc_exchange_close(l.x[0]);
+    apc_exchange_close(l.x[1]);
     apc_plant_destroy(l.plant);
     apc_executive_destroy(l.e);
     return l.peak;

@@ -1,0 +1,93 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/**
+ * @file apcexchange.h
+ * A plant, as its client sees it: whatever takes a vector u and gives a vector y, each value with a status
+ * and a source time. A scheme says how: frames over a link (`tcp:`), or over a modelled network in virtual
+ * time
+ * (`inproc:`).
+ *
+ *     begin(u) ... finish(y)
+ *
+ * Two calls, because nobody waits in virtual time. Between them one exchange is under way; what comes too
+ * late for it is never taken for the next one's, and what could not be written is never written later. One
+ * thread at a time.
+ */
+#ifndef APCEXCHANGE_H
+#define APCEXCHANGE_H
+
+#include "apcbase.h"
+#include "apcsockets.h"
+#include "apctimer.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define APC_EXCHANGE_VALUES 8192 /**< that u, and y, may have */
+
+/** Of `inproc:`: what else there is in virtual time. */
+struct apc_inproc_options {
+    size_t size;
+    struct apc_executive *executive; /**< required: "virtual"; borrowed, and destroyed later */
+    int request_rank, reply_rank;    /**< of arrivals, among coinciding events */
+    /** Both ways are alike, each with streams of its own: "network.to" and "network.from". */
+    struct apc_network_options network;
+    apc_server_fn serve; /**< required: the plant */
+    void *serve_ctx;
+    /** The exchange has ended: call apc_exchange_finish(), here or later. NULL: nobody is told. */
+    void (*done)(void *ctx);
+    void *done_ctx;
+};
+
+struct apc_exchange_options {
+    size_t size;
+    size_t nu, ny;                           /**< required: 1 to APC_EXCHANGE_VALUES */
+    const struct apc_inproc_options *inproc; /**< of inproc:, which requires it */
+};
+
+struct apc_exchange;
+
+/**
+ * Open what @p uri names: `tcp:HOST:PORT`, as apc_link_create() has it, or `inproc:`. Connects to nothing
+ * yet: the first exchange does. [setup] Returns 0, APC_EINVAL (unknown scheme, malformed address, an option
+ * that makes no sense), APC_ENOMEM, APC_ESYS.
+ */
+APC_API int apc_exchange_open(struct apc_exchange **exchange, const char *uri,
+                              const struct apc_exchange_options *options, struct apc_error *why);
+APC_API void apc_exchange_close(struct apc_exchange *exchange); /**< NULL is legal. [setup] */
+
+/**
+ * Give the plant @p u [nu] and ask for y, within @p deadline (monotonic). A value that is Bad or not finite
+ * is not written; a plant behind frames takes whole vectors, so there one such value keeps all from being
+ * written. NULL: ask only. Returns 0: the exchange is under way; or a negative error, and it is not:
+ * APC_EBUSY (the one before is), APC_ECONN (no connection, or pausing before the next try), APC_ETIMEDOUT,
+ * APC_EINVAL (a time beyond what the plant's language can say), APC_ENOMEM (inproc: only). [tick]
+ */
+APC_API int apc_exchange_begin(struct apc_exchange *exchange, const struct apc_value *u, apc_ns deadline);
+/**
+ * Its end: y [ny] with the plant's own status and source time. Waits until the deadline, in virtual time not
+ * at all. Returns 0; or a negative error, then each of y is BadNoCommunication: APC_ETIMEDOUT, APC_ECONN (the
+ * plant closed the connection), APC_EPROTO (what came is no answer to what was asked). APC_EBUSY: in virtual
+ * time it has not ended yet; APC_EINVAL: none was begun. [tick]
+ */
+APC_API int apc_exchange_finish(struct apc_exchange *exchange, struct apc_value *y);
+/**
+ * The client leaves: give a plant that does not watch its client its safe values, within @p deadline. Nothing
+ * to do for a plant behind frames, which goes there by itself. Returns 0 or a negative error. [setup]
+ */
+APC_API int apc_exchange_safe(struct apc_exchange *exchange, apc_ns deadline);
+/** Text of the last failure; "" when the last exchange had none. Lives until the next call. [tick] */
+APC_API const char *apc_exchange_error(const struct apc_exchange *exchange);
+
+/** Counts of `inproc:`: of requests and replies together, and of exchanges that timed out. */
+struct apc_inproc_stats {
+    struct apc_network_stats frames;
+    uint64_t exchanges, timeouts;
+};
+/** Since it was opened. Zeros for another scheme. [tick] */
+APC_API void apc_inproc_stats(const struct apc_exchange *exchange, struct apc_inproc_stats *stats);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

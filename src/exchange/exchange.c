@@ -1,0 +1,94 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What all schemes have in common: which there are, one exchange at a time, and what a failed one gives. */
+#include "base/base_internal.h"
+#include "exchange/exchange_internal.h"
+
+#include <string.h>
+
+static const struct apc_exchange_ops *const schemes[] = {&apc_exchange_tcp, &apc_exchange_inproc, NULL};
+
+static const struct apc_exchange_ops *find_scheme(const char *uri)
+{
+    for (size_t i = 0; schemes[i]; i++)
+        if (!strncmp(uri, schemes[i]->scheme, strlen(schemes[i]->scheme)))
+            return schemes[i];
+    return NULL;
+}
+
+int apc_exchange_open(struct apc_exchange **exchange, const char *uri,
+                      const struct apc_exchange_options *options, struct apc_error *why)
+{
+    struct apc_exchange_options o = {0};
+    const struct apc_exchange_ops *ops;
+    int rc;
+
+    if (!exchange)
+        return apc_fail(why, APC_EINVAL, "apc_exchange_open: exchange must not be NULL");
+    *exchange = NULL;
+    rc = apc_options_copy(&o, sizeof(o), options, "apc_exchange_options", why);
+    if (rc < 0)
+        return rc;
+    ops = uri ? find_scheme(uri) : NULL;
+    if (!ops)
+        return apc_fail(why, APC_EINVAL, "plant \"%s\": unknown scheme; expected tcp:HOST:PORT",
+                        uri ? uri : "");
+    if (!o.nu || o.nu > APC_EXCHANGE_VALUES || !o.ny || o.ny > APC_EXCHANGE_VALUES)
+        return apc_fail(why, APC_EINVAL, "plant \"%s\": nu is %zu, ny is %zu; each must be 1 to %d", uri,
+                        o.nu, o.ny, APC_EXCHANGE_VALUES);
+    rc = ops->open(exchange, uri, &o, why);
+    if (rc < 0)
+        return rc;
+    (*exchange)->ops = ops;
+    (*exchange)->nu = o.nu;
+    (*exchange)->ny = o.ny;
+    return 0;
+}
+
+void apc_exchange_close(struct apc_exchange *x)
+{
+    if (x)
+        x->ops->close(x);
+}
+
+bool apc_exchange_writes(const struct apc_value *u)
+{
+    return apc_status_severity(u->status) != APC_SEVERITY_BAD && apc_value_ok(u->value);
+}
+
+int apc_exchange_begin(struct apc_exchange *x, const struct apc_value *u, apc_ns deadline)
+{
+    int rc;
+
+    if (x->begun)
+        return apc_fail(&x->error, APC_EBUSY, "the exchange before has not ended");
+    rc = x->ops->begin(x, u, deadline);
+    x->begun = rc == 0;
+    return rc;
+}
+
+int apc_exchange_finish(struct apc_exchange *x, struct apc_value *y)
+{
+    int rc;
+
+    if (!x->begun)
+        return apc_fail(&x->error, APC_EINVAL, "no exchange was begun");
+    rc = x->ops->finish(x, y);
+    if (rc == APC_EBUSY)
+        return rc;
+    x->begun = false;
+    if (rc == 0)
+        x->error.text[0] = '\0';
+    for (size_t i = 0; rc < 0 && i < x->ny; i++)
+        y[i] = (struct apc_value){.status = APC_BAD_NO_COMMUNICATION};
+    return rc;
+}
+
+int apc_exchange_safe(struct apc_exchange *x, apc_ns deadline)
+{
+    return x->ops->safe ? x->ops->safe(x, deadline) : 0;
+}
+
+const char *apc_exchange_error(const struct apc_exchange *x)
+{
+    return x->error.text;
+}

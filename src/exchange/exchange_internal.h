@@ -1,0 +1,55 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What the files of src/exchange share. Never installed. */
+#ifndef APC_EXCHANGE_INTERNAL_H
+#define APC_EXCHANGE_INTERNAL_H
+
+#include "apcexchange.h"
+
+/**
+ * A scheme. A new one is a file with such a table, named in exchange.c's list. Its struct begins with struct
+ * apc_exchange, which exchange.c fills after open. begin is only called when none is under way, finish only
+ * after a begin that returned 0; text of what fails goes into `error`.
+ */
+struct apc_exchange_ops {
+    const char *scheme; /* with its colon */
+    int (*open)(struct apc_exchange **x, const char *uri, const struct apc_exchange_options *options,
+                struct apc_error *why);
+    void (*close)(struct apc_exchange *x); /* also of one that open could not finish */
+    int (*begin)(struct apc_exchange *x, const struct apc_value *u, apc_ns deadline);
+    int (*finish)(struct apc_exchange *x, struct apc_value *y);
+    int (*safe)(struct apc_exchange *x, apc_ns deadline); /* NULL: the plant watches its client */
+};
+
+struct apc_exchange {
+    const struct apc_exchange_ops *ops;
+    size_t nu, ny;
+    bool begun;
+    struct apc_error error;
+};
+
+extern const struct apc_exchange_ops apc_exchange_tcp, apc_exchange_inproc;
+
+/** May it be given to a plant? [tick] */
+bool apc_exchange_writes(const struct apc_value *u);
+
+/* ---- frames.c: vectors as frames ------------------------------------------------------------ */
+
+struct apc_frames {
+    size_t nu, ny;
+    uint64_t id;                /* of the last request */
+    size_t room;                /* of text, and of any frame between the two */
+    char *text;                 /* of the last request */
+    struct apc_sample *samples; /* [max(nu, ny)] of the frame at hand */
+};
+
+/** [setup] 0 or APC_ENOMEM; apc_frames_free() in either case. */
+int apc_frames_init(struct apc_frames *frames, size_t nu, size_t ny);
+void apc_frames_free(struct apc_frames *frames);
+/** Write a command, or a query when anything of @p u (NULL) is not to be written, into `text`. Returns its
+ * length, or APC_EINVAL with its text in @p why. [tick] */
+int apc_frames_ask(struct apc_frames *frames, const struct apc_value *u, struct apc_error *why);
+/** Read the reply to the last request. Returns 0, or APC_EPROTO with its text in @p why. [tick] */
+int apc_frames_answer(struct apc_frames *frames, const char *text, size_t length, struct apc_value *y,
+                      struct apc_error *why);
+
+#endif

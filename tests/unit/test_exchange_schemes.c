@@ -1,0 +1,483 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * What every scheme of a plant must do, each test once a scheme. The plant is on the other side of the wire
+ * and does what it is told, good or bad.
+ */
+#include "check.h"
+
+#include "apcexchange.h"
+
+#include <pthread.h>
+#include <semaphore.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define PATIENCE (20 * APC_NS_PER_S)  /* a hang is a failure, not a hung test */
+#define SHORT    (30 * APC_NS_PER_MS) /* for a reply that does not come before */
+#define T0       (INT64_C(1700000000) * APC_NS_PER_S)
+
+enum behaviour { PROPER, GARBAGE, FEW, MANY, ANOTHERS, NOT_VALUES, CLOSES, LATE };
+
+struct plant {
+    const struct scheme *scheme;
+    struct apc_exchange *x;
+    size_t nu, ny;
+
+    pthread_mutex_t mutex; /* of what follows: it may have a thread of its own */
+    enum behaviour behaviour;
+    struct apc_value *u, *y;
+    struct apc_sample *samples;
+    unsigned asked, commanded; /* how often */
+
+    struct apc_server *server; /* tcp: */
+    sem_t released;
+    struct apc_executive *executive; /* inproc: */
+};
+
+struct scheme {
+    const char *name;
+    void (*open)(struct plant *p);
+    int (*exchange)(struct plant *p, const struct apc_value *u, apc_ns patience, struct apc_value *y);
+    void (*close)(struct plant *p);
+};
+
+static void open_exchange(struct plant *p, const char *uri, const struct apc_inproc_options *inproc)
+{
+    const struct apc_exchange_options options = {
+        .size = sizeof(options), .nu = p->nu, .ny = p->ny, .inproc = inproc};
+    struct apc_error why;
+
+    if (apc_exchange_open(&p->x, uri, &options, &why) < 0)
+        fail_msg("%s", why.text);
+}
+
+/* ---- A plant behind frames ------------------------------------------------------------------ */
+
+static int reply(const struct plant *p, enum behaviour behaviour, uint64_t id, char *text, size_t size)
+{
+    struct apc_frame frame = {.kind = APC_FRAME_VALUES, .id = id, .n = p->ny};
+
+    if (behaviour == CLOSES)
+        return APC_EPROTO;
+    if (behaviour == GARBAGE)
+        return snprintf(text, size, "7\n");
+    if (behaviour == NOT_VALUES)
+        frame.kind = APC_FRAME_COMMAND;
+    frame.n += (behaviour == MANY) - (size_t)(behaviour == FEW);
+    frame.id += behaviour == ANOTHERS;
+    for (size_t i = 0; i < frame.n; i++) {
+        const struct apc_value *y = &p->y[i < p->ny ? i : 0];
+
+        p->samples[i] = (struct apc_sample){.value = y->value, .status = y->status, .time = y->time};
+    }
+    return apc_frame_encode(text, size, &frame, p->samples);
+}
+
+static int serve(void *ctx, uint64_t connection, const char *request, size_t length, char *text, size_t size)
+{
+    struct plant *p = ctx;
+    struct apc_frame frame;
+    int n;
+
+    (void)connection;
+    pthread_mutex_lock(&p->mutex);
+    n = apc_frame_decode(request, length, &frame, p->samples, p->nu);
+    const enum behaviour behaviour = n < 0 ? CLOSES : p->behaviour;
+    p->asked++;
+    p->commanded += frame.kind == APC_FRAME_COMMAND;
+    for (size_t i = 0; i < frame.n; i++)
+        p->u[i] = (struct apc_value){p->samples[i].value, p->samples[i].status, p->samples[i].time};
+    n = reply(p, behaviour, frame.id, text, size);
+    pthread_mutex_unlock(&p->mutex);
+    while (behaviour == LATE && p->server && sem_wait(&p->released) < 0)
+        ;
+    return n;
+}
+
+static void tcp_open(struct plant *p)
+{
+    const struct apc_server_options options = {.size = sizeof(options),
+                                               .frame_max = APC_FRAME_ROOM(p->nu > p->ny ? p->nu : p->ny)};
+    char uri[64];
+
+    assert_int_equal(apc_server_create(&p->server, "tcp:127.0.0.1:0", &options, serve, p, NULL), 0);
+    snprintf(uri, sizeof(uri), "tcp:127.0.0.1:%d", apc_server_port(p->server));
+    open_exchange(p, uri, NULL);
+}
+
+static int tcp_exchange(struct plant *p, const struct apc_value *u, apc_ns patience, struct apc_value *y)
+{
+    int rc = apc_exchange_begin(p->x, u, apc_clock_mono(NULL) + patience);
+
+    return rc < 0 ? rc : apc_exchange_finish(p->x, y);
+}
+
+static void tcp_close(struct plant *p)
+{
+    apc_server_destroy(p->server);
+}
+
+static void inproc_open(struct plant *p)
+{
+    struct apc_inproc_options options = {.size = sizeof(options),
+                                         .network.delay = {.kind = APC_CONSTANT, .a = 0.02},
+                                         .serve = serve,
+                                         .serve_ctx = p}; /* there and back: longer than SHORT */
+
+    assert_int_equal(apc_executive_create(&p->executive, "virtual", NULL, NULL), 0);
+    options.executive = p->executive;
+    open_exchange(p, "inproc:", &options);
+}
+
+static int inproc_exchange(struct plant *p, const struct apc_value *u, apc_ns patience, struct apc_value *y)
+{
+    const apc_ns deadline = apc_clock_mono(apc_executive_clock(p->executive)) + patience;
+    int rc = apc_exchange_begin(p->x, u, deadline);
+
+    if (rc < 0)
+        return rc;
+    assert_int_equal(apc_exchange_finish(p->x, y), APC_EBUSY);
+    assert_true(apc_virtual_run(p->executive, deadline) > 0);
+    return apc_exchange_finish(p->x, y);
+}
+
+static void inproc_close(struct plant *p)
+{
+    apc_executive_destroy(p->executive);
+}
+
+static struct scheme schemes[] = {{"tcp:", tcp_open, tcp_exchange, tcp_close},
+                                  {"inproc:", inproc_open, inproc_exchange, inproc_close}};
+
+/* ---- What both sides do --------------------------------------------------------------------- */
+
+static struct plant *make(const struct scheme *scheme, size_t nu, size_t ny)
+{
+    struct plant *p = calloc(1, sizeof(*p));
+
+    assert_non_null(p);
+    p->scheme = scheme;
+    p->nu = nu;
+    p->ny = ny;
+    p->u = calloc(nu, sizeof(*p->u));
+    p->y = calloc(ny, sizeof(*p->y));
+    p->samples = calloc((nu > ny ? nu : ny) + 1, sizeof(*p->samples));
+    for (size_t i = 0; i < ny; i++)
+        p->y[i] = (struct apc_value){.value = 1.0 / (double)(i + 3), .time = T0};
+    pthread_mutex_init(&p->mutex, NULL);
+    sem_init(&p->released, 0, 0);
+    scheme->open(p);
+    return p;
+}
+
+static void unmake(struct plant *p)
+{
+    apc_exchange_close(p->x);
+    p->scheme->close(p);
+    sem_destroy(&p->released);
+    pthread_mutex_destroy(&p->mutex);
+    free(p->u);
+    free(p->y);
+    free(p->samples);
+    free(p);
+}
+
+/* What the plant has been given. */
+static struct apc_value given(struct plant *p, size_t i)
+{
+    pthread_mutex_lock(&p->mutex);
+    const struct apc_value value = p->u[i];
+    pthread_mutex_unlock(&p->mutex);
+    return value;
+}
+
+static unsigned commanded(struct plant *p)
+{
+    pthread_mutex_lock(&p->mutex);
+    const unsigned n = p->commanded;
+    pthread_mutex_unlock(&p->mutex);
+    return n;
+}
+
+static void behave(struct plant *p, enum behaviour behaviour)
+{
+    pthread_mutex_lock(&p->mutex);
+    p->behaviour = behaviour;
+    pthread_mutex_unlock(&p->mutex);
+}
+
+static void show(struct plant *p, double value)
+{
+    pthread_mutex_lock(&p->mutex);
+    p->y[0].value = value;
+    pthread_mutex_unlock(&p->mutex);
+}
+
+/* A failed exchange: nothing of y is to be believed, and it is said why. */
+static void assert_nothing_came(struct plant *p, int rc, int expected, const struct apc_value *y)
+{
+    assert_int_equal(rc, expected);
+    for (size_t i = 0; i < p->ny; i++)
+        assert_int_equal(y[i].status, APC_BAD_NO_COMMUNICATION);
+    assert_true(strlen(apc_exchange_error(p->x)) > 0);
+}
+
+static int set_up(void **state)
+{
+    *state = make(*state, 2, 3);
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    unmake(*state);
+    return 0;
+}
+
+/* ---- What must hold ------------------------------------------------------------------------- */
+
+static void what_is_given_arrives_and_what_is_there_is_answered(void **state)
+{
+    struct plant *p = *state;
+    const struct apc_value u[] = {{1.5, APC_GOOD, T0 + 1000}, {-2.5, APC_UNCERTAIN_SUBSTITUTE, T0 + 2000}};
+    struct apc_value y[3];
+
+    p->y[0] = (struct apc_value){1.0 / 3.0, APC_GOOD, T0 + 3000};
+    p->y[1] = (struct apc_value){-1e-300, APC_UNCERTAIN_LAST_USABLE, T0 - 3600 * APC_NS_PER_S};
+    p->y[2] = (struct apc_value){7.0, APC_BAD_SENSOR_FAILURE, T0};
+    assert_int_equal(p->scheme->exchange(p, u, PATIENCE, y), 0);
+    assert_string_equal(apc_exchange_error(p->x), "");
+    for (size_t i = 0; i < 2; i++) {
+        assert_near(given(p, i).value, u[i].value, 0.0);
+        assert_int_equal(given(p, i).status, u[i].status);
+        assert_int_equal(given(p, i).time, u[i].time);
+    }
+    for (size_t i = 0; i < 3; i++) {
+        assert_near(y[i].value, p->y[i].value, 0.0);
+        assert_int_equal(y[i].status, p->y[i].status);
+        assert_int_equal(y[i].time, p->y[i].time);
+    }
+}
+
+static void who_only_asks_writes_nothing(void **state)
+{
+    struct plant *p = *state;
+    struct apc_value y[3];
+
+    assert_int_equal(p->scheme->exchange(p, NULL, PATIENCE, y), 0);
+    assert_near(y[2].value, 0.2, 0.0);
+    assert_int_equal(commanded(p), 0);
+}
+
+static void what_is_bad_or_not_finite_is_not_written(void **state)
+{
+    struct plant *p = *state;
+    const struct apc_value bad[] = {{1.0, APC_BAD_NO_DATA, T0},
+                                    {1.0, APC_BAD_OUT_OF_SERVICE, T0},
+                                    {(double)NAN, APC_GOOD, T0},
+                                    {(double)INFINITY, APC_GOOD, T0},
+                                    {-1e301, APC_GOOD, T0}};
+    struct apc_value y[3];
+
+    for (size_t i = 0; i < 2 * sizeof(bad) / sizeof(bad[0]); i++) {
+        struct apc_value u[] = {{2.0, APC_GOOD, T0}, {3.0, APC_GOOD, T0}};
+
+        u[i % 2] = bad[i / 2];
+        assert_int_equal(p->scheme->exchange(p, u, PATIENCE, y), 0); /* y comes all the same */
+        assert_near(y[0].value, 1.0 / 3.0, 0.0);
+        assert_int_equal(commanded(p), 0); /* behind frames a vector goes whole or not at all */
+    }
+}
+
+static void a_reply_that_is_late_is_none_and_never_the_next_ones(void **state)
+{
+    struct plant *p = *state;
+    const struct apc_value u[] = {{1.0, APC_GOOD, T0}, {1.0, APC_GOOD, T0}};
+    struct apc_value y[3];
+
+    assert_int_equal(p->scheme->exchange(p, u, PATIENCE, y), 0);
+    behave(p, LATE);
+    show(p, 5.0);
+    assert_nothing_came(p, p->scheme->exchange(p, u, SHORT, y), APC_ETIMEDOUT, y);
+    behave(p, PROPER);
+    show(p, 6.0);
+    sem_post(&p->released); /* now it comes */
+    assert_int_equal(p->scheme->exchange(p, NULL, PATIENCE, y), 0);
+    assert_near(y[0].value, 6.0, 0.0);
+    assert_string_equal(apc_exchange_error(p->x), "");
+}
+
+static void what_does_not_answer_is_refused_and_the_next_exchange_is_another(void **state)
+{
+    static const struct {
+        enum behaviour behaviour;
+        int rc;
+    } cases[] = {{GARBAGE, APC_EPROTO},  {FEW, APC_EPROTO},        {MANY, APC_EPROTO},
+                 {ANOTHERS, APC_EPROTO}, {NOT_VALUES, APC_EPROTO}, {CLOSES, APC_ECONN}};
+    struct plant *p = *state;
+    struct apc_value y[3];
+
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
+        behave(p, cases[i].behaviour);
+        memset(y, 0, sizeof(y));
+        assert_nothing_came(p, p->scheme->exchange(p, NULL, PATIENCE, y), cases[i].rc, y);
+        behave(p, PROPER);
+        assert_int_equal(p->scheme->exchange(p, NULL, PATIENCE, y), 0);
+        assert_near(y[1].value, 0.25, 0.0);
+    }
+}
+
+static void what_went_wrong_is_not_written_again(void **state)
+{
+    struct plant *p = *state;
+    const struct apc_value u[] = {{1.0, APC_GOOD, T0}, {1.0, APC_GOOD, T0}};
+    struct apc_value y[3];
+
+    behave(p, CLOSES);
+    assert_nothing_came(p, p->scheme->exchange(p, u, PATIENCE, y), APC_ECONN, y);
+    assert_int_equal(commanded(p), 1);
+    behave(p, PROPER);
+    for (int i = 0; i < 3; i++)
+        assert_int_equal(p->scheme->exchange(p, NULL, PATIENCE, y), 0);
+    assert_int_equal(commanded(p), 1);
+}
+
+static void there_is_one_exchange_at_a_time(void **state)
+{
+    struct plant *p = *state;
+    struct apc_value y[3];
+    const apc_ns far = apc_clock_mono(p->executive ? apc_executive_clock(p->executive) : NULL) + PATIENCE;
+
+    assert_int_equal(apc_exchange_finish(p->x, y), APC_EINVAL);
+    assert_int_equal(apc_exchange_begin(p->x, NULL, far), 0);
+    assert_int_equal(apc_exchange_begin(p->x, NULL, far), APC_EBUSY);
+    if (p->executive)
+        assert_true(apc_virtual_run(p->executive, far) > 0);
+    assert_int_equal(apc_exchange_finish(p->x, y), 0);
+    assert_int_equal(apc_exchange_finish(p->x, y), APC_EINVAL);
+    assert_int_equal(p->scheme->exchange(p, NULL, PATIENCE, y), 0);
+    assert_int_equal(p->asked, 2);
+}
+
+static void as_many_values_go_as_may_be(void **state)
+{
+    static struct apc_value u[APC_EXCHANGE_VALUES], y[APC_EXCHANGE_VALUES];
+    struct plant *p = make(*state, APC_EXCHANGE_VALUES, APC_EXCHANGE_VALUES);
+
+    for (size_t i = 0; i < APC_EXCHANGE_VALUES; i++) { /* the longest that there are */
+        u[i] = (struct apc_value){-1.2345678901234567e-300 - 1e-308 * (double)i, 0x40DEADBE,
+                                  T0 + 1000 * (apc_ns)i};
+        p->y[i] = u[i];
+    }
+    for (int k = 0; k < 2; k++) {
+        assert_int_equal(p->scheme->exchange(p, u, PATIENCE, y), 0);
+        for (size_t i = 0; i < APC_EXCHANGE_VALUES; i++) {
+            const struct apc_value at_plant = given(p, i);
+
+            assert_true(at_plant.value == u[i].value && y[i].value == u[i].value); /* bit for bit */
+            assert_int_equal(at_plant.time, u[i].time);
+            assert_int_equal(y[i].time, u[i].time);
+            assert_int_equal(y[i].status, u[i].status);
+        }
+    }
+    unmake(p);
+}
+
+static void a_plant_that_watches_its_client_is_left_to_itself(void **state)
+{
+    struct plant *p = *state;
+
+    assert_int_equal(apc_exchange_safe(p->x, INT64_MAX), 0);
+    assert_int_equal(p->asked, 0);
+}
+
+/* ---- Of none in particular ------------------------------------------------------------------ */
+
+static void what_makes_no_sense_is_refused(void **state)
+{
+    static const struct {
+        const char *uri;
+        size_t nu, ny;
+        const char *why;
+    } cases[] = {{"tcp:127.0.0.1:80", 0, 1, "nu is 0, ny is 1"},
+                 {"tcp:127.0.0.1:80", 1, 8193, "nu is 1, ny is 8193"},
+                 {"tcp:127.0.0.1:80", 8193, 1, "must be 1 to 8192"},
+                 {"tcp:127.0.0.1:80", 1, 0, "ny is 0"},
+                 {"tcp:127.0.0.1:0", 1, 1, "port must be 1..65535"},
+                 {"tcp:127.0.0.1", 1, 1, "tcp:"},
+                 {"udp:127.0.0.1:80", 1, 1, "plant \"udp:127.0.0.1:80\": unknown scheme"},
+                 {"", 1, 1, "unknown scheme"},
+                 {NULL, 1, 1, "unknown scheme"},
+                 {"inproc:", 1, 1, "required"}};
+    struct apc_exchange_options o = {.size = sizeof(o)};
+    struct apc_exchange *x;
+    struct apc_error why;
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
+        o.nu = cases[i].nu;
+        o.ny = cases[i].ny;
+        assert_int_equal(apc_exchange_open(&x, cases[i].uri, &o, &why), APC_EINVAL);
+        assert_null(x);
+        if (!strstr(why.text, cases[i].why))
+            fail_msg("\"%s\" says nothing of \"%s\"", why.text, cases[i].why);
+    }
+    assert_int_equal(apc_exchange_open(&x, "tcp:127.0.0.1:80", NULL, &why), APC_EINVAL);
+    assert_int_equal(apc_exchange_open(NULL, "tcp:127.0.0.1:80", &o, &why), APC_EINVAL);
+    o.ny = 1;
+    assert_int_equal(apc_exchange_open(&x, "tcp:127.0.0.1:80", &o, &why), 0);
+    struct apc_inproc_stats stats = {.exchanges = 1};
+    apc_inproc_stats(x, &stats);
+    assert_int_equal(stats.exchanges, 0);
+    apc_exchange_close(x);
+    apc_exchange_close(NULL);
+}
+
+/* A time that no frame can say. */
+static void what_frames_cannot_say_is_not_written(void **state)
+{
+    struct plant *p = *state;
+    const struct apc_value u[] = {{1.0, APC_GOOD, INT64_MIN}, {1.0, APC_GOOD, T0}};
+    struct apc_value y[3];
+
+    assert_int_equal(p->scheme->exchange(p, u, PATIENCE, y), APC_EINVAL);
+    assert_non_null(strstr(apc_exchange_error(p->x), "1678"));
+    assert_int_equal(p->scheme->exchange(p, NULL, PATIENCE, y), 0);
+    assert_int_equal(p->asked, 1);
+}
+
+#define EACH(test, up, down)                                                                                 \
+    {                                                                                                        \
+#test, test, up, down                                                                                \
+    }
+
+int main(void)
+{
+    static const struct {
+        const char *name;
+        CMUnitTestFunction test;
+        CMFixtureFunction up, down;
+    } each[] = {
+        EACH(what_is_given_arrives_and_what_is_there_is_answered, set_up, tear_down),
+        EACH(who_only_asks_writes_nothing, set_up, tear_down),
+        EACH(what_is_bad_or_not_finite_is_not_written, set_up, tear_down),
+        EACH(a_reply_that_is_late_is_none_and_never_the_next_ones, set_up, tear_down),
+        EACH(what_does_not_answer_is_refused_and_the_next_exchange_is_another, set_up, tear_down),
+        EACH(what_went_wrong_is_not_written_again, set_up, tear_down),
+        EACH(there_is_one_exchange_at_a_time, set_up, tear_down),
+        EACH(as_many_values_go_as_may_be, NULL, NULL),
+        EACH(a_plant_that_watches_its_client_is_left_to_itself, set_up, tear_down),
+        EACH(what_frames_cannot_say_is_not_written, set_up, tear_down),
+    };
+    enum { EACHES = sizeof(each) / sizeof(each[0]), SCHEMES = sizeof(schemes) / sizeof(schemes[0]) };
+    static char names[SCHEMES * EACHES][100];
+    struct CMUnitTest tests[SCHEMES * EACHES + 1] = {cmocka_unit_test(what_makes_no_sense_is_refused)};
+
+    for (size_t i = 0; i < SCHEMES * EACHES; i++) {
+        snprintf(names[i], sizeof(names[i]), "%s %s", schemes[i / EACHES].name, each[i % EACHES].name);
+        tests[i + 1] = (struct CMUnitTest){names[i], each[i % EACHES].test, each[i % EACHES].up,
+                                           each[i % EACHES].down, &schemes[i / EACHES]};
+    }
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
