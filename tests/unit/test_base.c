@@ -3,8 +3,10 @@
 #include "check.h"
 #include "comma_locale.h"
 
+#include <dlfcn.h>
 #include <locale.h>
 #include <pthread.h>
+#include <sched.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -449,6 +451,40 @@ static void a_reader_that_has_stopped_reading_does_not_keep_a_log_from_ending(vo
     close(fds[0]);
 }
 
+static void a_reader_that_has_gone_does_not_keep_a_log_from_ending(void **state)
+{
+    struct apc_log *log;
+    int fds[2];
+    (void)state;
+    signal(SIGPIPE, SIG_IGN);
+    assert_int_equal(pipe(fds), 0);
+    close(fds[0]);
+    assert_int_equal(apc_log_create(&log, fds[1], "apc-test", APC_LOG_INFO), 0);
+    apc_log_write(log, APC_LOG_INFO, "to nobody");
+    apc_log_destroy(log); /* returns */
+    close(fds[1]);
+    signal(SIGPIPE, SIG_DFL);
+}
+
+static void a_log_that_has_nothing_to_write_ends(void **state)
+{
+    char text[200];
+    int fds[2];
+    (void)state;
+    assert_int_equal(pipe(fds), 0);
+    for (int i = 0; i < 50; i++) { /* each time its thread has come a bit further */
+        struct apc_log *log;
+        assert_int_equal(apc_log_create(&log, fds[1], "apc-test", APC_LOG_INFO), 0);
+        apc_log_write(log, APC_LOG_INFO, "one");
+        assert_true(read(fds[0], text, sizeof text) > 0);
+        for (int k = 0; k < i; k++)
+            sched_yield();
+        apc_log_destroy(log); /* returns */
+    }
+    close(fds[1]);
+    close(fds[0]);
+}
+
 static void on_alarm(int signal)
 {
     (void)signal;
@@ -489,6 +525,67 @@ static void a_plugin_that_is_not_there_is_named(void **state)
     assert_non_null(strstr(why.text, "apc_law"));
     assert_null(handle);
     apc_plugin_close(NULL);
+}
+
+static int refuse(const void *plugin, const char *where, struct apc_error *why)
+{
+    assert_non_null(plugin);
+    return apc_fail(why, APC_EINVAL, "%s: refused", where);
+}
+
+static void a_plugin_that_is_refused_is_none(void **state)
+{
+    const struct apc_plugin_kind kind = {.what = "law", .symbol = "apc_law", .check = refuse};
+    const char *const path = APC_EXAMPLES_DIR "/mylaw.so";
+    struct apc_error why;
+    const void *plugin = &kind;
+    void *handle = &why;
+    (void)state;
+    assert_int_equal(apc_plugin_find(&kind, path, &plugin, &handle, &why), APC_EINVAL);
+    assert_has(why.text, "mylaw.so: refused");
+    assert_null(plugin);
+    assert_null(handle);
+    assert_null(dlopen(path, RTLD_LAZY | RTLD_NOLOAD)); /* nothing of it stays */
+}
+
+static void finding_a_plugin_takes_a_name_and_a_place_for_its_handle(void **state)
+{
+    const struct apc_plugin_kind kind = {.what = "law", .symbol = "apc_law", .check = refuse};
+    struct apc_error why;
+    const void *plugin = &kind;
+    void *handle = &why;
+    (void)state;
+    assert_int_equal(apc_plugin_find(&kind, NULL, &plugin, &handle, &why), APC_EINVAL);
+    assert_null(plugin);
+    assert_null(handle);
+    plugin = &kind;
+    assert_int_equal(apc_plugin_find(&kind, "pi", &plugin, NULL, &why), APC_EINVAL);
+    assert_null(plugin);
+    assert_has(why.text, "to find a law takes a name and a place for its handle");
+}
+
+static void values_are_those_that_can_be_stored(void **state)
+{
+    const double good[] = {0.0, -1.0, 9e299, -9e299}, bad[] = {1.0, 2.0, (double)NAN},
+                 first[] = {HUGE_VAL, 1.0}, large[] = {1.0, -APC_VALUE_MAX};
+    (void)state;
+    assert_true(apc_values_ok(good, 4));
+    assert_true(apc_values_ok(bad, 2));
+    assert_false(apc_values_ok(bad, 3));
+    assert_false(apc_values_ok(first, 2));
+    assert_false(apc_values_ok(large, 2));
+    assert_true(apc_values_ok(NULL, 0));
+}
+
+static void a_mutex_is_made_where_there_is_a_place_for_it(void **state)
+{
+    pthread_mutex_t mutex;
+    (void)state;
+    assert_int_equal(apc_mutex_init(&mutex), 0);
+    assert_int_equal(pthread_mutex_trylock(&mutex), 0);
+    pthread_mutex_unlock(&mutex);
+    pthread_mutex_destroy(&mutex);
+    assert_int_equal(apc_mutex_init(NULL), APC_EINVAL);
 }
 
 static void options_of_another_version_are_understood_or_refused(void **state)
@@ -541,8 +638,14 @@ int main(void)
         cmocka_unit_test(a_line_is_whole_also_when_it_is_taken_in_pieces),
         cmocka_unit_test(a_full_log_drops_and_says_how_many),
         cmocka_unit_test(a_reader_that_has_stopped_reading_does_not_keep_a_log_from_ending),
+        cmocka_unit_test(a_reader_that_has_gone_does_not_keep_a_log_from_ending),
+        cmocka_unit_test(a_log_that_has_nothing_to_write_ends),
         cmocka_unit_test(the_thread_of_a_log_takes_no_signals_of_the_application),
         cmocka_unit_test(a_plugin_that_is_not_there_is_named),
+        cmocka_unit_test(a_plugin_that_is_refused_is_none),
+        cmocka_unit_test(finding_a_plugin_takes_a_name_and_a_place_for_its_handle),
+        cmocka_unit_test(values_are_those_that_can_be_stored),
+        cmocka_unit_test(a_mutex_is_made_where_there_is_a_place_for_it),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -135,6 +135,12 @@ static void a_seed_and_a_name_stand_for_the_same_numbers_for_ever(void **state)
         assert_true(apc_random_next(&random) == noise[i]);
     apc_random_init(&random, 2, NULL);
     assert_true(apc_random_next(&random) == UINT64_C(0xf03dff56ee8d0b36));
+    /* which of its tries are thrown away, and so where the stream is after them */
+    const struct apc_distribution gamma = {.kind = APC_GAMMA, .a = 0.5, .b = 2.0};
+    apc_random_init(&random, 1, "gamma");
+    for (int i = 0; i < N; i++)
+        apc_distribution_draw(&gamma, &random);
+    assert_true(apc_random_next(&random) == UINT64_C(0x836e23877bdb14a7));
 }
 
 static void what_is_no_distribution_is_refused(void **state)
@@ -166,6 +172,9 @@ static void what_is_no_distribution_is_refused(void **state)
         assert_int_equal(apc_distribution_parse(bad[i], &d, &why), APC_EINVAL);
         assert_non_null(strstr(why.text, "expected"));
     }
+    struct apc_distribution d;
+    assert_int_equal(apc_distribution_parse(NULL, &d, NULL), APC_EINVAL);
+    assert_int_equal(apc_distribution_parse("1", NULL, NULL), APC_EINVAL);
 }
 
 int main(void)
