@@ -498,6 +498,25 @@ static void assert_ran_as_alone(const struct experiment *of, unsigned runs)
     free(again.former);
 }
 
+static void on_no_terminal_it_does_not_show_how_far_it_is(void **state)
+{
+    struct experiment of;
+    (void)state;
+    fflush(stderr);
+    int before = dup(STDERR_FILENO), file = open(scratch_path("stderr"), O_RDWR | O_CREAT | O_TRUNC, 0600);
+    assert_true(before >= 0 && file >= 0);
+    load(&of);
+    dup2(file, STDERR_FILENO);
+    int rc = run(&of, 3, 2);
+    fflush(stderr);
+    dup2(before, STDERR_FILENO);
+    assert_int_equal(rc, 0);
+    assert_int_equal(lseek(file, 0, SEEK_END), 0);
+    close(before);
+    close(file);
+    done_with(&of);
+}
+
 static void each_run_is_that_of_its_seed_whoever_makes_it(void **state)
 {
     (void)state;
@@ -647,6 +666,7 @@ static void a_terminal_shows_how_far_it_is(void **state)
         assert_int_equal(strspn(at, "#"), 3 * done);
         at += 3 * done;
         assert_int_equal(strspn(at, "."), 24 - 3 * done);
+        assert_int_equal(strtod(strchr(at, ']') + 1, NULL), (int)rint(12.5 * done)); /* as printf rounds */
     }
     assert_true(shown > 0);
     done_with(&of);
@@ -667,6 +687,7 @@ int main(void)
         T(a_file_that_is_none_of_a_campaign_is_refused_with_its_line),
         T(a_few_of_the_runs_that_failed_are_told_of),
         T(runs_that_are_missing_are_an_error_unless_someone_stopped_them),
+        T(on_no_terminal_it_does_not_show_how_far_it_is),
         T(each_run_is_that_of_its_seed_whoever_makes_it),
         T(code_of_the_user_s_finds_its_statics_as_they_were),
         T(a_run_that_ends_its_process_says_how),

@@ -285,6 +285,45 @@ static void another_loop_s_step_is_none_of_this_one(void **state)
     assert_near(figures.of[0].figure[METRIC_EFFORT], 0, 0);
 }
 
+/* Whatever the order in which the file and the setpoints tell of them. */
+static void events_come_by_time_and_at_one_time_the_setpoints_before_the_disturbances(void **state)
+{
+    static const struct event expected[] = {
+        {EVENT_START, 0, 1, 0, 0},       {EVENT_DISTURBANCE, 1, 1, 0, 9}, {EVENT_SETPOINT, 1, 2, 5, 6},
+        {EVENT_DISTURBANCE, 0, 3, 0, 7}, {EVENT_SETPOINT, 0, 4, 5, 8},    {EVENT_SETPOINT, 1, 4, 6, 5},
+        {EVENT_DISTURBANCE, 0, 4, 7, 1}, {EVENT_DISTURBANCE, 1, 4, 9, 2}, {EVENT_SETPOINT, 0, 6, 8, 5}};
+    static const struct apc_param names[] = {{.name = "load"}, {.name = "feed"}};
+    static const struct apc_model model = {.name = "m", .nd = 2, .disturbance = names};
+    struct apc_disturbance changes[] = {
+        {1, 0, 9}, {1, 4 * APC_NS_PER_S, 2}, {0, 3 * APC_NS_PER_S, 7}, {0, 4 * APC_NS_PER_S, 1}};
+    const struct apc_dim dim = {.ny = 2, .nz = 2, .nu = 2};
+    (void)state;
+    course_free(&course);
+    e.dim = dim;
+    e.plant.model = &model;
+    e.plant.disturbance = changes;
+    e.plant.n_disturbances = 4;
+    assert_int_equal(course_create(&course, &dim), 0);
+    for (size_t i = 0; i < 2; i++) {
+        course_change(&course, &course.setpoint[i], 0, 5);
+        course_add(&course, &course.output[i], 1, 5);
+    }
+    course_change(&course, &course.setpoint[0], 4, 8);
+    course_change(&course, &course.setpoint[0], 6, 5);
+    course_change(&course, &course.setpoint[1], 2, 6);
+    course_change(&course, &course.setpoint[1], 4, 5);
+    make(8);
+    assert_int_equal(figures.n_events, sizeof expected / sizeof *expected);
+    for (size_t i = 0; i < figures.n_events; i++) {
+        const struct event *is = &figures.event[i], *want = &expected[i];
+        assert_int_equal(is->kind, want->kind);
+        assert_int_equal(is->which, want->which);
+        assert_near(is->t, want->t, 0);
+        assert_true(i == 0 || (fabs(is->from - want->from) <= 0 && fabs(is->to - want->to) <= 0));
+    }
+    assert_int_equal(figures.n_parts, 5);
+}
+
 static void what_is_not_known_has_no_figures_and_what_diverged_infinite_ones(void **state)
 {
     (void)state;
@@ -360,6 +399,38 @@ static void samples_tell_when_there_was_no_control(void **state)
     assert_int_equal(course.input[0].n, 2);
     assert_int_equal(course.without.n, 7);
     for (size_t i = 0; i < 7; i++) {
+        assert_near(course.without.at[i].t, expected[i][0], 1e-9);
+        assert_near(course.without.at[i].value, expected[i][1], 0);
+    }
+    samples_free(&samples);
+}
+
+/* 6.1 s and 3.1 s; to the very end of that there is control. */
+static void measurements_and_outputs_may_stay_away_for_three_of_their_own_periods(void **state)
+{
+    static const double expected[][2] = {{0, 1}, {1, 0}, {6.6, 1}, {7, 0}, {16.1, 1}};
+    (void)state;
+    course_free(&course);
+    e.client.rhythm.period = 2 * APC_NS_PER_S;
+    sample(APC_ACTUATOR, 0, 1, APC_GOOD); /* of a measurement that nobody knows */
+    sample(APC_SENSOR, 0.5, 1, APC_GOOD);
+    sample(APC_ACTUATOR, 1, 1, APC_GOOD);
+    sample(APC_ACTUATOR, 4.1, 1, APC_GOOD);
+    sample(APC_ACTUATOR, 6.6, 1, APC_GOOD);
+    sample(APC_ACTUATOR, 6.7, 1, APC_GOOD);
+    sample(APC_SENSOR, 7, 1, APC_GOOD);
+    sample(APC_ACTUATOR, 7, 1, APC_GOOD);
+    for (int t = 10; t <= 13; t++) {
+        sample(APC_SENSOR, t, 1, APC_GOOD);
+        sample(APC_ACTUATOR, t, 1, APC_GOOD);
+    }
+    sample(APC_SETPOINT, 17, 5, APC_GOOD);
+    sample(APC_ACTUATOR, 18, 1, APC_BAD);
+    samples.n--; /* it is there and not one of them */
+    assert_int_equal(course_of_samples(&course, &samples, &e, 7 * APC_NS_PER_S), 0);
+    assert_near(course.end, 17, 0);
+    assert_int_equal(course.without.n, 5);
+    for (size_t i = 0; i < 5; i++) {
         assert_near(course.without.at[i].t, expected[i][0], 1e-9);
         assert_near(course.without.at[i].value, expected[i][1], 0);
     }
@@ -484,9 +555,11 @@ int main(void)
         T(where_the_setpoint_does_not_move_there_is_no_overshoot),
         T(a_disturbance_has_figures_of_its_own),
         T(another_loop_s_step_is_none_of_this_one),
+        T(events_come_by_time_and_at_one_time_the_setpoints_before_the_disturbances),
         T(what_is_not_known_has_no_figures_and_what_diverged_infinite_ones),
         T(samples_tell_when_there_was_no_control),
         T(silence_lasts_until_the_end),
+        T(measurements_and_outputs_may_stay_away_for_three_of_their_own_periods),
         T(a_course_is_read_as_it_was_written),
         cmocka_unit_test(statistics_are_those_by_hand),
         cmocka_unit_test(intervals_are_student_s),

@@ -156,6 +156,8 @@ static void samples_are_read_as_they_were_written(void **state)
     free(written.at);
 }
 
+#define HEADER "time,table,id,status,value\n"
+
 static void variables_are_counted_each_for_itself(void **state)
 {
     static const int64_t seq[] = {1, 1, 1, 2, 2, 1, 3};
@@ -166,9 +168,19 @@ static void variables_are_counted_each_for_itself(void **state)
     assert_int_equal(samples_read(&samples, scratch_folder(), "samples.csv", &why), 0);
     for (size_t i = 0; i < 7; i++)
         assert_int_equal(samples.at[i].seq, seq[i]);
+    samples_free(&samples);
+    /* of any table and id: the largest id of all stands in the first line */
+    scratch_write("samples.csv", HEADER "0,sensor,2,Good,1\n0,sensor,0,Good,1\n0,actuator,0,Good,1\n"
+                                        "0,setpoint,0,Good,1\n0,opmode,0,Good,1\n0,tuning,0,Good,1\n"
+                                        "0,manual,0,Good,1\n");
+    assert_int_equal(samples_read(&samples, scratch_folder(), "samples.csv", &why), 0);
+    for (size_t i = 0; i < 7; i++)
+        assert_int_equal(samples.at[i].seq, 1);
+    samples_free(&samples);
+    scratch_write("samples.csv", HEADER "0,sensor,0,Good,1\n0,actuator,0,Good,1\n");
+    assert_int_equal(samples_read(&samples, scratch_folder(), "samples.csv", &why), 0);
+    assert_int_equal(samples.at[1].seq, 1);
 }
-
-#define HEADER "time,table,id,status,value\n"
 
 static void a_line_that_is_no_sample_is_refused_with_its_number(void **state)
 {
