@@ -133,10 +133,11 @@ static int flush_events(struct recorder *r)
         return rc;
     r->told = lost;
     pthread_mutex_lock(&r->mutex);
-    size_t pushed_out = r->lost - lost; /* of the batch, by events that came in meanwhile */
-    size_t left = pushed_out < n ? n - pushed_out : 0;
-    r->first = (r->first + left) % QUEUE;
-    r->count -= left;
+    size_t pushed_out = r->lost - lost;               /* by events that came in meanwhile */
+    size_t written = pushed_out < n ? pushed_out : n; /* these are not lost */
+    r->lost -= written;
+    r->first = (r->first + n - written) % QUEUE;
+    r->count -= n - written;
     pthread_mutex_unlock(&r->mutex);
     return 0;
 }

@@ -7,6 +7,7 @@
 
 #include "check.h"
 #include "common/recorder.h"
+#include "shareddata/shareddata_internal.h"
 
 static char folder[64], spool[100];
 
@@ -210,6 +211,71 @@ static void test_events_that_were_pushed_out_of_the_queue_are_counted_in_the_rec
     tear_down(&b);
 }
 
+/* A store that takes its time: meanwhile more events come in. */
+static struct {
+    const struct apc_store_ops *real;
+    struct recorder *r;
+    int meanwhile; /* so many */
+} slow;
+
+static void number(struct recorder *r, int from, int n)
+{
+    struct apc_event e = {.severity = APC_EVENT_INFO, .source = "apc-test", .kind = "link"};
+    for (int i = from; i < from + n; i++) {
+        e.time = i;
+        snprintf(e.text, sizeof e.text, "number %d", i);
+        recorder_event(r, &e);
+    }
+}
+
+static int append_slowly(struct apc_store *store, const struct apc_event *events, size_t n)
+{
+    const int more = slow.meanwhile;
+    slow.meanwhile = 0;
+    number(slow.r, 1000, more);
+    return slow.real->append_events(store, events, n);
+}
+
+static int count_up(void *ctx, const struct apc_event *e)
+{
+    int *next = ctx;
+    char text[40];
+    snprintf(text, sizeof text, "number %d", *next);
+    if (!strcmp(e->text, text))
+        ++*next;
+    return 0;
+}
+
+static void test_events_that_come_while_others_are_written_are_written_next_and_once(void **state)
+{
+    static const int meanwhile[] = {1, 3, 100, 125, 126, 128, 130};
+    (void)state;
+    for (size_t i = 0; i < sizeof meanwhile / sizeof *meanwhile; i++) {
+        const int more = meanwhile[i], lost = more > 128 ? more - 128 : 0;
+        struct apc_store_ops ops;
+        struct bench b;
+        int next = 1000 + lost;
+        set_up(&b);
+        struct apc_store *store = (struct apc_store *)(uintptr_t)recorder_store(b.r);
+        ops = *store->ops;
+        slow.real = store->ops;
+        slow.r = b.r;
+        ops.append_events = append_slowly;
+        store->ops = &ops;
+        number(b.r, 1, 3);
+        slow.meanwhile = more;
+        assert_int_equal(recorder_flush(b.r, NULL, 0), 0);
+        assert_int_equal(apc_store_events(b.reader, &(struct apc_range){0}, count_up, &next), 3);
+        assert_int_equal(recorder_flush(b.r, NULL, 0), 0);
+        assert_int_equal(recorder_flush(b.r, NULL, 0), 0);
+        assert_int_equal(apc_store_events(b.reader, &(struct apc_range){0}, count_up, &next),
+                         3 + more - lost + (lost > 0));
+        assert_int_equal(next, 1000 + more);
+        store->ops = slow.real;
+        tear_down(&b);
+    }
+}
+
 static void test_what_is_measured_beside_the_task_is_stored_and_so_are_its_failures(void **state)
 {
     struct bench b;
@@ -266,6 +332,7 @@ int main(void)
         cmocka_unit_test(test_without_a_store_nothing_is_recorded_and_nothing_fails),
         cmocka_unit_test(test_every_tick_is_recorded_once),
         cmocka_unit_test(test_events_that_were_pushed_out_of_the_queue_are_counted_in_the_records),
+        cmocka_unit_test(test_events_that_come_while_others_are_written_are_written_next_and_once),
         cmocka_unit_test(test_what_is_measured_beside_the_task_is_stored_and_so_are_its_failures),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
