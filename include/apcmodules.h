@@ -52,11 +52,19 @@ struct apc_notice {
 struct apc_freshness {
     int64_t mark;   /**< seq, or stamp, last seen */
     apc_ns changed; /**< mono when it changed */
+    apc_ns looked;  /**< mono of the last look, where it is dated */
     bool seen;
 };
 /** Look at a sample's @p mark (0: there is no sample) and its source time; true when fresh. [tick] */
 APC_API bool apc_freshness_look(struct apc_freshness *f, int64_t mark, apc_ns source_time, struct apc_now now,
                                 apc_ns horizon);
+/**
+ * The same of what is stamped when it is written, as a row of another controller is: between two looks it
+ * changed when its stamp says, where that lies between them. So one who looks seldom does not take what was
+ * written soon after the last look, and not again, for new. [tick]
+ */
+APC_API bool apc_freshness_dated(struct apc_freshness *f, int64_t mark, apc_ns written, struct apc_now now,
+                                 apc_ns horizon);
 
 /* ---- Scheduler ---------------------------------------------------------------------------- */
 

@@ -26,3 +26,24 @@ bool apc_freshness_look(struct apc_freshness *f, int64_t mark, apc_ns source_tim
     f->seen = true;
     return now.mono - f->changed <= horizon;
 }
+
+/* How long before this look it changed: as its stamp says, as far as that lies after the look before. */
+static apc_ns since(apc_ns source_time, struct apc_now now, apc_ns looked)
+{
+    if (source_time >= now.utc)
+        return 0;
+    return source_time <= now.utc - (now.mono - looked) ? now.mono - looked : now.utc - source_time;
+}
+
+bool apc_freshness_dated(struct apc_freshness *f, int64_t mark, apc_ns written, struct apc_now now,
+                         apc_ns horizon)
+{
+    bool moved = f->seen && mark != f->mark;
+
+    if (!apc_freshness_look(f, mark, written, now, horizon))
+        return false;
+    if (moved)
+        f->changed = now.mono - since(written, now, f->looked);
+    f->looked = now.mono;
+    return now.mono - f->changed <= horizon;
+}

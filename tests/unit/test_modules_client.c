@@ -63,6 +63,35 @@ static void an_age_seen_at_the_first_look_counts_on(void **state)
     assert_false(apc_freshness_look(&f, 1, T0 - 6, at(5), 10));
 }
 
+/* One who looks each 100 at what is written each 5 sees by its stamp that it is gone, at the next look. */
+static void what_is_stamped_when_written_is_as_old_as_its_stamp_says(void **state)
+{
+    struct apc_freshness f = {0};
+
+    (void)state;
+    assert_true(apc_freshness_dated(&f, 1, T0, at(0), 10));
+    assert_true(apc_freshness_dated(&f, 20, T0 + 95, at(100), 10));
+    assert_false(apc_freshness_dated(&f, 23, T0 + 115, at(200), 10));
+    assert_true(apc_freshness_dated(&f, 40, T0 + 290, at(300), 10));
+    assert_false(apc_freshness_dated(&f, 40, T0 + 290, at(301), 10));
+    assert_false(apc_freshness_dated(&f, 0, T0 + 301, at(301), 10));
+}
+
+/* A stamp of before the last look, or of the future, is a stepped clock's: the looks bound the age. */
+static void a_stamp_that_lies_outside_the_looks_is_not_believed(void **state)
+{
+    struct apc_freshness f = {0};
+
+    (void)state;
+    assert_true(apc_freshness_dated(&f, 1, T0, at(0), 10));
+    assert_true(apc_freshness_dated(&f, 2, INT64_MIN, at(4), 10)); /* of 0 at the earliest */
+    assert_true(apc_freshness_dated(&f, 2, INT64_MIN, at(10), 10));
+    assert_false(apc_freshness_dated(&f, 2, INT64_MIN, at(11), 10));
+    assert_true(apc_freshness_dated(&f, 3, INT64_MAX, at(12), 10));
+    assert_true(apc_freshness_dated(&f, 3, INT64_MAX, at(22), 10));
+    assert_false(apc_freshness_dated(&f, 3, INT64_MAX, at(23), 10));
+}
+
 /* ---- Scheduler ------------------------------------------------------------------------------ */
 
 static void the_schedule_keeps_its_last_step_or_begins_again(void **state)
@@ -292,6 +321,8 @@ int main(void)
         cmocka_unit_test(a_variable_is_fresh_until_its_mark_stood_still_for_the_horizon),
         cmocka_unit_test(the_first_look_believes_the_stamp_within_the_horizon),
         cmocka_unit_test(an_age_seen_at_the_first_look_counts_on),
+        cmocka_unit_test(what_is_stamped_when_written_is_as_old_as_its_stamp_says),
+        cmocka_unit_test(a_stamp_that_lies_outside_the_looks_is_not_believed),
         cmocka_unit_test(the_schedule_keeps_its_last_step_or_begins_again),
         cmocka_unit_test(options_of_another_version_schedule_nothing),
         cmocka_unit_test_setup_teardown(a_whole_fresh_vector_is_given_as_it_is, set_up, tear_down),
