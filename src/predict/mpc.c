@@ -26,9 +26,11 @@ struct apc_mpc {
     size_t N, blocks, nu, ny, nd, nc, n, m; /* n moves, m rows */
     size_t n_rates;                         /* rows of rates, before those of limits and of zones */
     size_t *first;                          /* [blocks] sample that a block begins with */
-    size_t *rate_of;                        /* [n_rates] the move that a row of rates ends with */
-    size_t *row_of_limit, *row_of_zone;     /* [ny] first of N rows; SIZE_MAX: none */
-    unsigned *rank;                         /* [ny] */
+    struct apc_mpc_change {
+        size_t move, j;
+    } * rate_of;                        /* [n_rates] the move that a row ends with, its input */
+    size_t *row_of_limit, *row_of_zone; /* [ny] first of N rows; SIZE_MAX: none */
+    unsigned *rank;                     /* [ny] */
     unsigned ranks;
     bool terminal;
 
@@ -115,8 +117,8 @@ static void respond(struct apc_mpc *p)
 static void make_rows(struct apc_mpc *p)
 {
     for (size_t k = 0; k < p->n_rates; k++) {
-        p->A[k * p->n + p->rate_of[k]] = 1.0;
-        p->A[k * p->n + p->rate_of[k] - p->nu] = -1.0;
+        p->A[k * p->n + p->rate_of[k].move] = 1.0;
+        p->A[k * p->n + p->rate_of[k].move - p->nu] = -1.0;
     }
     for (size_t c = 0; c < p->ny; c++) {
         for (size_t i = 0; i < p->N; i++) {
@@ -132,18 +134,20 @@ static void make_rows(struct apc_mpc *p)
 
 static int count_rows(struct apc_mpc *p, const struct apc_mpc_options *o)
 {
-    p->first = calloc(p->blocks + p->n + 2 * p->ny, sizeof(*p->first));
+    p->first = calloc(p->blocks + 2 * p->ny, sizeof(*p->first));
+    p->rate_of = calloc(p->n, sizeof(*p->rate_of));
     p->rank = calloc(p->ny, sizeof(*p->rank));
-    if (!p->first || !p->rank)
+    if (!p->first || !p->rank || !p->rate_of)
         return APC_ENOMEM;
-    p->rate_of = p->first + p->blocks;
-    p->row_of_limit = p->rate_of + p->n;
+    p->row_of_limit = p->first + p->blocks;
     p->row_of_zone = p->row_of_limit + p->ny;
     for (size_t b = 0; b + 1 < p->blocks; b++)
         p->first[b + 1] = p->first[b] + o->block[b];
-    for (size_t k = p->nu; k < p->n; k++) {
-        if (o->rate && o->rate[k % p->nu])
-            p->rate_of[p->n_rates++] = k;
+    for (size_t b = 1; b < p->blocks; b++) {
+        for (size_t j = 0; j < p->nu; j++) {
+            if (o->rate && o->rate[j])
+                p->rate_of[p->n_rates++] = (struct apc_mpc_change){.move = b * p->nu + j, .j = j};
+        }
     }
     p->m = p->n_rates;
     p->ranks = 1;
@@ -273,6 +277,7 @@ void apc_mpc_destroy(struct apc_mpc *mpc)
     apc_qp_destroy(mpc->easy_qp);
     apc_qp_destroy(mpc->qp);
     free(mpc->memory);
+    free(mpc->rate_of);
     free(mpc->rank);
     free(mpc->first);
     free(mpc);
@@ -344,9 +349,9 @@ static size_t summed(const struct apc_mpc *p)
 }
 
 /* The weight of a move's distance from its target; the last one's is in the terminal weight as well. */
-static double wished(const struct apc_mpc *p, size_t k)
+static double wished(const struct apc_mpc *p, size_t block, size_t j)
 {
-    return p->terminal && k + p->nu >= p->n ? 0.0 : p->r[k % p->nu];
+    return p->terminal && block + 1 == p->blocks ? 0.0 : p->r[j];
 }
 
 static int weigh(struct apc_mpc *p, struct apc_error *why)
@@ -363,10 +368,14 @@ static int weigh(struct apc_mpc *p, struct apc_error *why)
                 p->H[a * n + b] += q * row[a] * row[b];
         }
     }
-    for (size_t k = 0; k < n; k++) {
-        p->H[k * n + k] += p->s[k % nu] * (k + nu < n ? 2.0 : 1.0) + wished(p, k);
-        if (k >= nu)
-            p->H[k * n + k - nu] -= p->s[k % nu];
+    for (size_t block = 0; block < p->blocks; block++) {
+        for (size_t j = 0; j < nu; j++) {
+            const size_t k = block * nu + j;
+
+            p->H[k * n + k] += p->s[j] * (block + 1 < p->blocks ? 2.0 : 1.0) + wished(p, block, j);
+            if (block > 0)
+                p->H[k * n + k - nu] -= p->s[j];
+        }
     }
     if (p->terminal)
         rc = weigh_terminal(p, why);
@@ -445,10 +454,13 @@ static bool aim(struct apc_mpc *p, const struct apc_mpc_call *call, size_t i)
     return inside;
 }
 
-static bool same_as_before(const struct apc_mpc *p, const struct apc_mpc_call *call, size_t i)
+static bool same(const double *row, size_t i, size_t n)
 {
-    return i > 1 && !memcmp(call->w + i * p->ny, call->w + (i - 1) * p->ny, p->ny * sizeof(*call->w)) &&
-           (!p->nd || !memcmp(call->d + i * p->nd, call->d + (i - 1) * p->nd, p->nd * sizeof(*call->d)));
+    for (size_t k = 0; k < n; k++) {
+        if (row[i * n + k] != row[(i - 1) * n + k])
+            return false;
+    }
+    return true;
 }
 
 static int find_targets(struct apc_mpc *p, const struct apc_mpc_call *call, struct apc_mpc_result *result)
@@ -476,7 +488,7 @@ static int find_targets(struct apc_mpc *p, const struct apc_mpc_call *call, stru
         bool inside, reachable;
         int rc;
 
-        if (same_as_before(p, call, i)) {
+        if (i > 1 && same(call->w, i, p->ny) && (!call->d || same(call->d, i, p->nd))) {
             memcpy(y, y - ny, ny * sizeof(*y));
             memcpy(u, u - nu, nu * sizeof(*u));
             continue;
@@ -503,13 +515,15 @@ static void gradient(struct apc_mpc *p, const struct apc_mpc_call *call)
         for (size_t k = 0; e != 0.0 && k < n; k++)
             p->f[k] += e * row[k];
     }
-    for (size_t k = 0; k < n; k++) {
-        const size_t j = k % nu, sample = p->first[k / nu];
+    for (size_t block = 0; block < p->blocks; block++) {
+        const size_t sample = p->first[block];
         const double *u = p->target_u + (sample > 0 ? sample - 1 : 0) * nu;
 
-        p->f[k] -= wished(p, k) * (u[j] - m->u0[j]);
-        if (k < nu)
-            p->f[k] -= p->s[j] * (call->u_last[j] - m->u0[j]);
+        for (size_t j = 0; j < nu; j++) {
+            p->f[block * nu + j] -= wished(p, block, j) * (u[j] - m->u0[j]);
+            if (block == 0)
+                p->f[j] -= p->s[j] * (call->u_last[j] - m->u0[j]);
+        }
     }
     if (!p->terminal)
         return;
@@ -526,20 +540,22 @@ static void gradient(struct apc_mpc *p, const struct apc_mpc_call *call)
 /* Limits of the moves. A u that stands outside comes back as fast as its rate allows. */
 static void bound_moves(struct apc_mpc *p, const struct apc_mpc_call *call)
 {
-    for (size_t k = 0; k < p->n; k++) {
-        const size_t j = k % p->nu, b = k / p->nu;
-        const double u0 = p->model->u0[j], last = call->u_last[j], reach = call->step[j] * (double)(b + 1);
-        double low = fmin(call->low[j], last + reach), high = fmax(call->high[j], last - reach);
+    for (size_t b = 0; b < p->blocks; b++) {
+        for (size_t j = 0; j < p->nu; j++) {
+            const double u0 = p->model->u0[j], last = call->u_last[j],
+                         reach = call->step[j] * (double)(b + 1);
+            double low = fmin(call->low[j], last + reach), high = fmax(call->high[j], last - reach);
 
-        if (b == 0) {
-            low = fmax(low, last - reach);
-            high = fmin(high, last + reach);
+            if (b == 0) {
+                low = fmax(low, last - reach);
+                high = fmin(high, last + reach);
+            }
+            p->low[b * p->nu + j] = (call->given[j] ? last : low) - u0;
+            p->high[b * p->nu + j] = (call->given[j] ? last : high) - u0;
         }
-        p->low[k] = (call->given[j] ? last : low) - u0;
-        p->high[k] = (call->given[j] ? last : high) - u0;
     }
     for (size_t k = 0; k < p->n_rates; k++) {
-        const double step = call->step[p->rate_of[k] % p->nu];
+        const double step = call->step[p->rate_of[k].j];
 
         p->low[p->n + k] = -step;
         p->high[p->n + k] = step;
@@ -609,8 +625,13 @@ static int give_up(struct apc_mpc *p, const struct apc_mpc_call *call, struct ap
     int rc = 0;
 
     bound_zones(p, call, true);
-    for (size_t k = 0; k < p->n; k++)
-        p->f[k] = -p->H_easy[k * p->n + k] * (call->u_last[k % p->nu] - p->model->u0[k % p->nu]);
+    for (size_t b = 0; b < p->blocks; b++) {
+        for (size_t j = 0; j < p->nu; j++) {
+            const size_t k = b * p->nu + j;
+
+            p->f[k] = -p->H_easy[k * p->n + k] * (call->u_last[j] - p->model->u0[j]);
+        }
+    }
     for (size_t c = 0; c < p->ny; c++)
         bound_output(p, call, c, true);
     for (unsigned rank = 1; rank <= p->ranks && rc == 0; rank++) {
