@@ -291,18 +291,27 @@ static void events_come_by_time_and_at_one_time_the_setpoints_before_the_disturb
     static const struct event expected[] = {
         {EVENT_START, 0, 1, 0, 0},       {EVENT_DISTURBANCE, 1, 1, 0, 9}, {EVENT_SETPOINT, 1, 2, 5, 6},
         {EVENT_DISTURBANCE, 0, 3, 0, 7}, {EVENT_SETPOINT, 0, 4, 5, 8},    {EVENT_SETPOINT, 1, 4, 6, 5},
-        {EVENT_DISTURBANCE, 0, 4, 7, 1}, {EVENT_DISTURBANCE, 1, 4, 9, 2}, {EVENT_SETPOINT, 0, 6, 8, 5}};
+        {EVENT_DISTURBANCE, 0, 4, 7, 1}, {EVENT_DISTURBANCE, 0, 4, 1, 3}, {EVENT_DISTURBANCE, 1, 4, 9, 2},
+        {EVENT_SETPOINT, 0, 6, 8, 5},    {EVENT_SETPOINT, 1, 6, 5, 7},    {EVENT_DISTURBANCE, 0, 6, 3, 2},
+        {EVENT_DISTURBANCE, 1, 6, 2, 1}};
     static const struct apc_param names[] = {{.name = "load"}, {.name = "feed"}};
     static const struct apc_model model = {.name = "m", .nd = 2, .disturbance = names};
     struct apc_disturbance changes[] = {
-        {1, 0, 9}, {1, 4 * APC_NS_PER_S, 2}, {0, 3 * APC_NS_PER_S, 7}, {0, 4 * APC_NS_PER_S, 1}};
+        {1, 0, 9},
+        {1, 4 * APC_NS_PER_S, 2},
+        {0, 3 * APC_NS_PER_S, 7},
+        {0, 4 * APC_NS_PER_S, 1},
+        {0, 4 * APC_NS_PER_S, 3},
+        {1, 6 * APC_NS_PER_S, 1},
+        {0, 6 * APC_NS_PER_S, 2},
+    };
     const struct apc_dim dim = {.ny = 2, .nz = 2, .nu = 2};
     (void)state;
     course_free(&course);
     e.dim = dim;
     e.plant.model = &model;
     e.plant.disturbance = changes;
-    e.plant.n_disturbances = 4;
+    e.plant.n_disturbances = sizeof changes / sizeof *changes;
     assert_int_equal(course_create(&course, &dim), 0);
     for (size_t i = 0; i < 2; i++) {
         course_change(&course, &course.setpoint[i], 0, 5);
@@ -312,6 +321,7 @@ static void events_come_by_time_and_at_one_time_the_setpoints_before_the_disturb
     course_change(&course, &course.setpoint[0], 6, 5);
     course_change(&course, &course.setpoint[1], 2, 6);
     course_change(&course, &course.setpoint[1], 4, 5);
+    course_change(&course, &course.setpoint[1], 6, 7);
     make(8);
     assert_int_equal(figures.n_events, sizeof expected / sizeof *expected);
     for (size_t i = 0; i < figures.n_events; i++) {
@@ -321,7 +331,23 @@ static void events_come_by_time_and_at_one_time_the_setpoints_before_the_disturb
         assert_near(is->t, want->t, 0);
         assert_true(i == 0 || (fabs(is->from - want->from) <= 0 && fabs(is->to - want->to) <= 0));
     }
-    assert_int_equal(figures.n_parts, 5);
+    /* and are named so */
+    static const char *const names_of[] = {"start; feed 0 -> 9", "T 5 -> 6", "load 0 -> 7",
+                                           "h 5 -> 8; T 6 -> 5; load 7 -> 1; and 2 more",
+                                           "h 8 -> 5; T 5 -> 7; load 3 -> 2; feed 2 -> 1"};
+    char text[100], cut[12];
+    snprintf(signals[1][0].tag.name, sizeof signals[1][0].tag.name, "h");
+    snprintf(signals[1][1].tag.name, sizeof signals[1][1].tag.name, "T");
+    assert_int_equal(figures.n_parts, sizeof names_of / sizeof *names_of);
+    for (size_t i = 0; i < figures.n_parts; i++) {
+        figures_name_part(&figures, &figures.of[0].part[i], &e, text, sizeof text);
+        assert_string_equal(text, names_of[i]);
+        figures_name_part(&figures, &figures.of[0].part[i], &e, cut, sizeof cut);
+        assert_int_equal(strncmp(cut, names_of[i], sizeof cut - 1), 0);
+    }
+    figures.event[2].from = (double)NAN; /* nothing was set before */
+    figures_name_part(&figures, &figures.of[0].part[1], &e, text, sizeof text);
+    assert_string_equal(text, "T 6");
 }
 
 static void what_is_not_known_has_no_figures_and_what_diverged_infinite_ones(void **state)
