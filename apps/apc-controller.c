@@ -138,7 +138,7 @@ int main(int argc, char **argv)
         rc = daemon_run(&d, d.experiment.controller.rhythm, on_tick, &s);
     if (s.core && apc_controller_failures(s.core) > 0)
         daemon_event(&d, APC_EVENT_WARNING, "rejected",
-                     "law %s gave no finite number at %llu ticks of this run",
+                     "law %s gave no usable output at %llu ticks of this run",
                      d.experiment.controller.law->name, (unsigned long long)apc_controller_failures(s.core));
     close_shell(&s);
     return daemon_close(&d, rc);

@@ -2,12 +2,15 @@
 /**
  * @file apccontrol.h
  * Control laws behind one interface (section "Control computations" of the paper). A law is a constant
- * struct of plain C functions; one of your own, in C or C++, is a shared object that exports it as `apc_law`:
+ * struct of plain C functions; one of your own, in C or C++, is a shared object that exports it:
  *
- *     static void compute(struct apc_law_call *c) { c->u[0] = c->tuning[0] * (c->z[0] - c->y[0]); }
+ *     static int compute(struct apc_law_call *c) { c->u[0] = c->tuning[0] * (c->z[0] - c->y[0]); return 0; }
  *     static const struct apc_param gain[] = {{"Kp", "1", "gain", 1.0, -100.0, 100.0}};
- *     const struct apc_law apc_law = {.abi = APC_LAW_ABI, .name = "p", .n_tuning = 1, .tuning = gain,
- *                                     .compute = compute};
+ *     APC_LAW_EXPORT(.name = "p", .n_tuning = 1, .tuning = gain, .compute = compute);
+ *
+ * A law runs as instances. One that is not `whole` has an instance for each output, which sees that output,
+ * and the measurements, setpoints and disturbances that belong to it, as if there were no others: nothing in
+ * it loops over outputs. One that is `whole` has one instance, which sees all.
  */
 #ifndef APCCONTROL_H
 #define APCCONTROL_H
@@ -18,103 +21,200 @@
 extern "C" {
 #endif
 
-/** How many: measurements y, setpoints z-bar, manipulated variables u. */
+/** How many: measurements y, setpoints z-bar, manipulated variables u, measured disturbances d. */
 struct apc_dim {
-    size_t ny, nz, nu;
+    size_t ny, nz, nu, nd;
 };
 
 /** Which way an output is held back by a limit or a rate limit; both bits: it cannot move. As OPC UA's limit
  * bits. */
 enum apc_limited { APC_LIMITED_LOW = 1, APC_LIMITED_HIGH = 2 };
 
-/** What one call of a law works on. The arrays belong to the caller. */
-struct apc_law_call {
-    struct apc_dim dim;
-    double Ts;              /**< period of the controller in s */
-    const double *y;        /**< [ny] measurements */
-    const double *z;        /**< [nz] setpoints */
-    const double *tuning;   /**< [nu * n_tuning], the parameters of output 0, of output 1, ... */
-    double *x;              /**< [n_state(dim), or as configured] the law's state */
-    double *u;              /**< [nu] compute: to be filled; update, track: what went out */
-    const double *constant; /**< [as configured] what configure made; NULL without it */
-    unsigned *limited;      /**< [nu] compute: zeros, to be filled with enum apc_limited where it applies */
-    bool gap;               /**< track: y was away, or this is the first call: x knows no recent y */
+/** What compute says of its u. The first three are usable. */
+enum apc_law_result {
+    APC_LAW_GOOD = 0,
+    APC_LAW_SUBOPTIMAL, /**< the best that was found in time */
+    APC_LAW_LATE,       /**< nothing was found in time: what was planned before for this tick */
+    APC_LAW_INFEASIBLE, /**< not usable: the output is held, then at its fault value */
+    APC_LAW_FAILED      /**< not usable, and x begins anew (reset) */
 };
 
-/** A named array of numbers, from group `settings` of the experiment file. */
+/** Who decides on an output. */
+enum apc_law_output {
+    APC_OUT_OFF = 0, /**< nobody: nothing goes out */
+    APC_OUT_GIVEN,   /**< not the law (mode Man, held, not taken): u_last is a known input */
+    APC_OUT_LAW
+};
+
+/** Room of apc_law_call.why. */
+#define APC_LAW_WHY 96
+
+/**
+ * What one call of a law works on. The arrays belong to the caller and are all there, where not said
+ * otherwise; counts are those of the instance. Row k of a horizon is k Ts ahead, row 0 is now.
+ */
+struct apc_law_call {
+    size_t size; /**< of the struct, which may grow: a law looks no further */
+    struct apc_dim dim;
+    double Ts;            /**< period of the controller in s */
+    const double *y;      /**< [ny] measurements: the last usable ones; y_status says which are not of now */
+    const double *z;      /**< [n_ahead * nz] setpoints, row after row */
+    const double *tuning; /**< the law's parameters, then those of each output, then of each measurement */
+    double *x;            /**< [states] all that a restart goes on from */
+    double *u;            /**< [nu] compute: to be filled; update, track: what went out */
+    /** [nu] enum apc_limited. In: which way the output's consumer, a lower loop, cannot follow any more, so
+     * that nothing may wind up that way. Out of compute: which way a limit of the law holds u back, besides.
+     */
+    unsigned *limited;
+    void *self;                 /**< what create made; NULL without it */
+    bool gap;                   /**< track: y was away, or this is the first call: x knows no recent y */
+    uint64_t tick;              /**< index of the tick on the controller's grid */
+    double t;                   /**< s of the schedule since the start, the same in a replay */
+    const apc_status *y_status; /**< [ny] Bad: stale or broken, y is then an old value */
+    const double *y_age;        /**< [ny] s since its source time */
+    const bool *y_new;        /**< [ny] new since the last tick: a sample of a laboratory is filtered once */
+    const double *d;          /**< [n_ahead * nd] measured now, then the same again */
+    size_t n_ahead;           /**< rows of z and d: as create asked for, 1 at least */
+    const double *low, *high; /**< [nu] limits of the outputs; -+HUGE_VAL: none */
+    const double *rate;       /**< [nu] greatest change of an output in 1 s; HUGE_VAL: any */
+    const double *y_low, *y_high;   /**< [ny] soft limits of the measurements; -+HUGE_VAL: none */
+    const double *u_last;           /**< [nu] what really went out last; NaN: nothing did */
+    const enum apc_law_output *out; /**< [nu] track has to do with those that are not APC_OUT_LAW */
+    double *published; /**< out of compute: what create said that it publishes, one after another; NULL:
+                          nothing */
+    char *why;         /**< [APC_LAW_WHY] compute: what to say with a result other than good */
+    double budget;     /**< s that compute may take */
+    apc_ns deadline;   /**< its end in monotonic time; 0: virtual time, see apc_law_left() */
+};
+
+/** The time in s that is left to compute, below 0 when it is late; in virtual time, where computing takes
+ * none, the whole budget. [tick] */
+APC_API double apc_law_left(const struct apc_law_call *c);
+
+/** A setting from group `settings` of the experiment file: a text, or numbers row after row. */
 struct apc_setting {
     const char *name;
-    size_t n;
-    const double *value; /**< [n] */
+    const char *text; /**< NULL: numbers */
+    size_t rows, columns;
+    const double *value; /**< [rows * columns]; a number is 1 x 1, an array 1 x n */
 };
 
 /** dx/dt = A (x - x0) + B (u - u0), y = y0 + C (x - x0) + D (u - u0). Matrices row after row. */
 struct apc_law_plant {
     size_t nx;
-    const double *A, *B, *C, *D;
-    const double *x0, *u0, *y0; /**< the operating point */
+    const double *A, *B, *C, *D; /**< columns of B and D: of each u, then of each d */
+    const double *x0, *u0, *y0;  /**< the operating point; u0 [nu + nd] */
 };
 
-/** What a law may be configured from, once, before it runs. */
+/** What is known of a signal. */
+struct apc_signal_view {
+    const char *name, *unit;
+    double low, high; /**< it does not leave them */
+    double rate;      /**< an output: greatest change in 1 s */
+    double soft_low, soft_high;
+    bool critical; /**< a measurement without which a `whole` law cannot go on */
+};
+
+/** What a law or one of its instances is made from. */
 struct apc_law_setup {
+    size_t size; /**< of the struct, which may grow */
     struct apc_dim dim;
     double Ts;
+    size_t output; /**< for which, from 0, this instance is; 0 for one that is whole */
+    const struct apc_signal_view *y, *z, *u, *d; /**< [ny], [nz], [nu], [nd]; NULL where nothing is known */
     size_t n_setting;
-    const struct apc_setting *setting;
-    const struct apc_law_plant *plant; /**< the plant's linear model; NULL where none is known */
+    const struct apc_setting *setting; /**< all of them, for every instance */
+    const struct apc_law_plant
+        *plant; /**< the plant's linear model, of this instance; NULL where none is known */
 };
 
-struct apc_law_size {
-    size_t constants, states;
+/** What a law publishes, as a variable like others. */
+struct apc_published {
+    const char *name, *unit, *description;
+    size_t length; /**< of a vector over a horizon; 0: a number */
+    double step;   /**< s between two of the vector */
 };
 
-/** The measurement and the setpoint of an output, from 1; setpoint 0: there is none. */
-struct apc_pair {
-    size_t measurement, setpoint;
+#define APC_LAW_PORTS 16
+
+/** What belongs to an output: numbers from 0 of measurements, setpoints, disturbances. The first of each is
+ * what the loop is shown and judged by. */
+struct apc_law_ports {
+    size_t ny, nz, nd;
+    int y[APC_LAW_PORTS], z[APC_LAW_PORTS], d[APC_LAW_PORTS];
 };
 
-#define APC_LAW_ABI 2u
+/** What an instance needs and gives. */
+struct apc_law_needs {
+    size_t size;
+    size_t states;  /**< numbers of x */
+    size_t n_ahead; /**< rows of z and d; 0 is 1 */
+    size_t n_published;
+    const struct apc_published *published; /**< [n_published]; lives as long as the instance */
+};
+
+/** Of what a tuning parameter is. */
+enum apc_law_scope { APC_OF_OUTPUT = 0, APC_OF_LAW, APC_OF_MEASUREMENT };
+
+/** The number of this layout. A law that was compiled for another one is refused. */
+#define APC_LAW_ABI 3u
 
 /**
- * NULL is allowed where it says so. All functions but configure are [tick]: no allocation, no I/O, no clock.
- * The order of a tick is: track, where the last output was not the law's; compute; u goes out; update. In
- * mode Man, for a law that has track: track with the operator's u; it goes out; update.
+ * NULL is allowed where it says so; no function has static variables. reset, compute, update, track and check
+ * are [tick]: no allocation, no I/O, no clock but apc_law_left(). The order of a tick is: track, where the
+ * last output was not the law's; compute; u goes out; update. In mode Man, for a law that has track: track
+ * with the operator's u; it goes out; update.
  */
 struct apc_law {
-    unsigned abi; /**< APC_LAW_ABI */
+    unsigned abi;     /**< APC_LAW_ABI; APC_LAW_EXPORT sets it */
+    unsigned version; /**< of the meaning of x: a stored x of another version is not taken */
     const char *name, *description;
-    size_t n_tuning;                              /**< parameters of each output */
+    bool whole; /**< one instance for all outputs; false: one for each, so a Bad y stops that loop and no
+                   other */
+    size_t n_tuning;
     const struct apc_param *tuning;               /**< [n_tuning] */
-    size_t (*n_state)(const struct apc_dim *dim); /**< NULL: none */
-    bool (*accepts)(const struct apc_dim *dim);   /**< NULL: any dimensions */
-    void (*reset)(struct apc_law_call *c); /**< fill x before the first tick, from its y and z; NULL: zeros */
-    void (*compute)(struct apc_law_call *c); /**< u from y, z, x; x stays as it is */
-    void (*update)(struct apc_law_call *c);  /**< x for the next tick; u is what went out; NULL: none */
-    void (*track)(struct apc_law_call *c);   /**< set x so that compute would give u; NULL: cannot */
-    const char *const *settings;             /**< names it knows, closed by NULL; NULL: none */
+    const enum apc_law_scope *scope;              /**< [n_tuning] of what each is; NULL: all of the output */
+    size_t (*n_state)(const struct apc_dim *dim); /**< of an instance, without create; NULL: none */
+    bool (*accepts)(const struct apc_dim *dim);   /**< the controller's dimensions; NULL: any */
+    void (*reset)(
+        struct apc_law_call *c); /**< fill x, zeros, before the first tick, from y and z; NULL: zeros */
+    /** u from y, z, x; x stays as it is. Returns enum apc_law_result. */
+    int (*compute)(struct apc_law_call *c);
+    void (*update)(struct apc_law_call *c); /**< x for the next tick; NULL: none */
     /**
-     * For a law with settings or constants; NULL: none. Called twice: first with @p constant NULL, to say how
-     * many constants and states there will be (this replaces n_state), then to fill them. [setup] Returns 0,
-     * or a negative error with the reason.
+     * Set x so that compute goes on from u: with an integral it gives u, without one the difference dies out
+     * or is a move within the rate. NULL: cannot.
      */
-    int (*configure)(const struct apc_law_setup *setup, struct apc_law_size *size, double *constant,
-                     struct apc_error *why);
+    void (*track)(struct apc_law_call *c);
+    const char *const *settings; /**< names it knows, closed by NULL; NULL: none */
     /**
-     * Which measurement each output controls, and to which setpoint: @p pair [nu]. NULL: output i has number
-     * i of both, or the first where there are fewer. For who shows and judges loops. [setup] Returns 0, or a
-     * negative error with the reason.
-     */
-    int (*pairing)(const struct apc_law_setup *setup, struct apc_pair *pair, struct apc_error *why);
-    /**
-     * Do the parameters @p tuning [nu * n_tuning], each within its own limits, go together? NULL: always.
-     * What does not is not taken; the set before stays. [tick] Returns 0, or a negative error with the
+     * What belongs to output @p output of the controller that @p setup is. @p ports holds the default: number
+     * @p output of each, or the first measurement and setpoint where there are fewer. NULL: the default. An
+     * instance for each output is given them in this order. [setup] Returns 0, or a negative error with the
      * reason.
      */
-    int (*check)(const struct apc_dim *dim, const double *tuning, struct apc_error *why);
+    int (*ports)(const struct apc_law_setup *setup, size_t output, struct apc_law_ports *ports,
+                 struct apc_error *why);
+    /**
+     * Make an instance: workspace, solvers, what follows from settings and model. @p needs holds n_state and
+     * nothing else. Nothing in @p setup may be used after it. What a restart needs is x alone. NULL: none.
+     * [setup] Returns 0, or a negative error with the reason.
+     */
+    int (*create)(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
+                  struct apc_error *why);
+    void (*destroy)(void *self); /**< not called with NULL; called also when create failed with self set */
+    /**
+     * Do the parameters of an instance, each within its own limits, go together? NULL: always. Of @p setup
+     * only size, dim, Ts and output are there. What does not is not taken; the set before stays. Returns 0,
+     * or a negative error with the reason.
+     */
+    int (*check)(const struct apc_law_setup *setup, const double *tuning, struct apc_error *why);
 };
 
-/** The law of a shared object, which defines it. Declared so that it is exported from C++ as well. */
+/** The law of a shared object. Declared so that it is exported from C++ as well. */
 APC_API extern const struct apc_law apc_law;
+/** Defines it: APC_LAW_EXPORT(.name = "mine", .compute = compute); in the order of struct apc_law for C++. */
+#define APC_LAW_EXPORT(...) const struct apc_law apc_law = {.abi = APC_LAW_ABI, __VA_ARGS__}
 
 /**
  * The built-in law of that name ("pi"), or, when @p name contains a '/', the `apc_law` of that shared
@@ -123,26 +223,44 @@ APC_API extern const struct apc_law apc_law;
  */
 APC_API int apc_law_find(const char *name, const struct apc_law **law, void **handle, struct apc_error *why);
 
+/** The measurement and the setpoint of an output, from 1; setpoint 0: there is none. */
+struct apc_pair {
+    size_t measurement, setpoint;
+};
 /**
- * What belongs to each output, as the law says: @p pair [nu]. [setup] Returns 0, or APC_EINVAL with the
- * reason: the law refuses the settings, or names what there is not.
+ * What each output is shown and judged by, as the law's ports say: @p pair [nu]. [setup] Returns 0, or
+ * APC_EINVAL with the reason: the law refuses the settings, or names what there is not.
  */
 APC_API int apc_law_pairing(const struct apc_law *law, const struct apc_law_setup *setup,
                             struct apc_pair *pair, struct apc_error *why);
 
-/**
- * May this law have @p tuning [nu * n_tuning]: each parameter within its limits, and all of them together as
- * the law says? [tick] Returns 0, or APC_ERANGE or the law's own error with the reason.
+/** One of the tuning parameters that a law has with such dimensions. */
+struct apc_law_parameter {
+    size_t number; /**< in law->tuning */
+    enum apc_law_scope scope;
+    size_t of; /**< which output or measurement, from 0 */
+};
+/** How many there are: the law's own, those of each output, those of each measurement, in this order. [tick]
  */
-APC_API int apc_law_check_tuning(const struct apc_law *law, const struct apc_dim *dim, const double *tuning,
-                                 struct apc_error *why);
+APC_API size_t apc_law_parameters(const struct apc_law *law, const struct apc_dim *dim);
+/** Number @p i of them, from 0, below apc_law_parameters(). [tick] */
+APC_API struct apc_law_parameter apc_law_parameter_at(const struct apc_law *law, const struct apc_dim *dim,
+                                                      size_t i);
+
+/**
+ * Would this law run so? Makes its instances and destroys them again; @p tuning [apc_law_parameters()], NULL:
+ * the initial ones. [setup] Returns 0, or a negative error with the reason: dimensions, settings, model, a
+ * parameter outside its limits, parameters that contradict each other.
+ */
+APC_API int apc_law_try(const struct apc_law *law, const struct apc_law_setup *setup, const double *tuning,
+                        struct apc_error *why);
 
 /** The setting of that name, or NULL. [setup] */
 APC_API const struct apc_setting *apc_setting_find(const struct apc_law_setup *setup, const char *name);
 
 /* docs/laws.md has their equations and when to use which. */
-APC_API extern const struct apc_law apc_law_pi;  /**< the paper's PI controller, one loop for each output */
-APC_API extern const struct apc_law apc_law_pid; /**< PID in standard form, one loop for each output */
+APC_API extern const struct apc_law apc_law_pi;  /**< the paper's PI controller */
+APC_API extern const struct apc_law apc_law_pid; /**< PID in standard form */
 APC_API extern const struct apc_law
     apc_law_cascade;                             /**< an outer PID whose output is an inner one's setpoint */
 APC_API extern const struct apc_law apc_law_lqg; /**< state feedback, observer and disturbance estimate */

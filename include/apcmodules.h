@@ -338,7 +338,7 @@ APC_API int apc_controller_compute(struct apc_controller *controller, struct apc
  * makes up for it. [tick]
  */
 APC_API void apc_controller_update(struct apc_controller *controller);
-/** How often the law gave something that is no finite number, and the output was held. [tick] */
+/** How often the law gave no usable output, and the last one was held. [tick] */
 APC_API uint64_t apc_controller_failures(const struct apc_controller *controller);
 
 #ifdef __cplusplus

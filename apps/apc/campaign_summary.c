@@ -207,7 +207,7 @@ static void print_controller(const struct campaign *c)
         fprintf(c->options->talk, "controller: output held or at its fault value in %u of %u runs\n", held,
                 runs_made(c));
     if (failed > 0)
-        fprintf(c->options->talk, "controller: law %s gave no finite number in %u of %u runs\n",
+        fprintf(c->options->talk, "controller: law %s gave no usable output in %u of %u runs\n",
                 c->e->controller.law->name, failed, runs_made(c));
 }
 

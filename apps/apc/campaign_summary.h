@@ -18,7 +18,7 @@ struct board {
 struct result {
     bool made, diverged;
     int rc;
-    uint64_t held, failures; /* ticks: output not the law's; the law gave no finite number */
+    uint64_t held, failures; /* ticks: output not the law's; the law gave no usable output */
     char why[200];
 };
 

@@ -260,7 +260,7 @@ static void print_tasks(const struct simulate *r)
         fprintf(r->talk, "controller: output held or at its fault value at %llu ticks\n",
                 (unsigned long long)r->s.held);
     if (apc_controller_failures(r->s.controller) > 0)
-        fprintf(r->talk, "controller: law %s gave no finite number at %llu ticks\n",
+        fprintf(r->talk, "controller: law %s gave no usable output at %llu ticks\n",
                 r->e.controller.law->name, (unsigned long long)apc_controller_failures(r->s.controller));
 }
 
@@ -338,9 +338,6 @@ static void tell_operation(const struct simulate *r)
             const struct apc_sample *s = &operation.at[i];
             n += s->time > 0 && !(s->table == APC_OPMODE && s->id == 1);
         }
-        for (size_t i = 0; i < r->e.n_actions && n > 0; i++) /* but what the file asks for it does */
-            n -=
-                r->e.action[i].to.table != APC_SETPOINT && r->e.action[i].at <= (apc_ns)(r->e.duration * 1e9);
         samples_free(&operation);
     }
     if (n > 0)

@@ -15,9 +15,10 @@ static size_t n_state(const struct apc_dim *dim)
 }
 
 /* At each tick: measurement y, setpoint z and state x in, output u out. */
-static void compute(struct apc_law_call *c)
+static int compute(struct apc_law_call *c)
 {
     c->u[0] = c->tuning[KP] * (c->z[0] - c->y[0]) + c->x[0];
+    return APC_LAW_GOOD;
 }
 
 /* The state from which compute gives u: no bump when an operator hands the output over. */
@@ -33,14 +34,5 @@ static void update(struct apc_law_call *c)
     c->x[0] += c->tuning[KP] * c->Ts / c->tuning[TAU_I] * (c->z[0] - c->y[0]);
 }
 
-const struct apc_law apc_law = {
-    .abi = APC_LAW_ABI,
-    .name = "mylaw",
-    .description = "PI control",
-    .n_tuning = 2,
-    .tuning = tuning,
-    .n_state = n_state,
-    .compute = compute,
-    .update = update,
-    .track = track,
-};
+APC_LAW_EXPORT(.name = "mylaw", .description = "PI control", .n_tuning = 2, .tuning = tuning,
+               .n_state = n_state, .compute = compute, .update = update, .track = track);

@@ -6,61 +6,78 @@
  *     e_k = z_k - (y_k + m_k - m_{k-n}),  u_k = Kp e_k + I_k,  m_{k+1} = a m_k + gain (1 - a) u_k
  *
  * n being the dead time in periods. settings = { model = [10.0, 10.0, 8.0]; } are gain, tau and dead time in
- * s.
+ * s; with more than one output a row of them for each.
  */
 #include <apccontrol.h>
 #include <math.h>
+#include <stdlib.h>
 
 static const struct apc_param tuning[] = {{"Kp", "", "proportional gain", 0.2, -1e6, 1e6},
                                           {"tau_i", "s", "integral time", 10.0, 1e-3, 1e9}};
 static const char *const settings[] = {"model", NULL};
 
 enum { KP, TAU_I };
-enum { POLE, GAIN, PERIODS, CONSTANTS };
 enum { INTEGRAL, NOW, PAST }; /* the model's output now, and those of the last n ticks, the oldest first */
 
 #define PERIODS_MAX 10000.0
 
-static int configure(const struct apc_law_setup *setup, struct apc_law_size *size, double *constant,
-                     struct apc_error *why)
+struct smith {
+    double pole, gain;
+    size_t periods;
+};
+
+static int create(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
+                  struct apc_error *why)
 {
     const struct apc_setting *model = apc_setting_find(setup, "model");
-    double n;
+    const double *own;
+    struct smith *s;
 
-    if (setup->dim.ny != 1 || setup->dim.nz != 1 || setup->dim.nu != 1)
-        return apc_fail(why, APC_EINVAL, "law smith: one measurement, one setpoint, one output");
-    if (!model || model->n != 3 || !(model->value[1] > 0.0) || !(model->value[2] >= 0.0))
-        return apc_fail(why, APC_EINVAL, "law smith: needs settings = { model = [gain, tau, dead time]; }");
-    n = round(model->value[2] / setup->Ts);
-    if (n > PERIODS_MAX)
-        return apc_fail(why, APC_EINVAL, "law smith: a dead time of %g periods; %g at most", n, PERIODS_MAX);
-    size->constants = CONSTANTS;
-    size->states = PAST + (size_t)n;
-    if (constant) {
-        constant[POLE] = exp(-setup->Ts / model->value[1]);
-        constant[GAIN] = model->value[0] * (1.0 - constant[POLE]);
-        constant[PERIODS] = n;
-    }
+    if (setup->dim.ny != 1 || setup->dim.nz != 1)
+        return apc_fail(why, APC_EINVAL, "law smith: needs a measurement and a setpoint for each output");
+    if (!model || model->text || model->columns != 3 || model->rows <= setup->output)
+        return apc_fail(
+            why, APC_EINVAL,
+            "law smith: needs settings = { model = [gain, tau, dead time]; }, a row for each output");
+    own = model->value + 3 * setup->output;
+    if (!(own[1] > 0.0) || !(own[2] >= 0.0) || own[2] / setup->Ts > PERIODS_MAX)
+        return apc_fail(why, APC_EINVAL,
+                        "law smith: tau is %g s and the dead time %g s; above 0, and from 0 to %g periods",
+                        own[1], own[2], PERIODS_MAX);
+    s = (struct smith *)malloc(sizeof(*s));
+    if (!s)
+        return apc_fail(why, APC_ENOMEM, "law smith: no memory");
+    s->pole = exp(-setup->Ts / own[1]);
+    s->gain = own[0] * (1.0 - s->pole);
+    s->periods = (size_t)round(own[2] / setup->Ts);
+    needs->states = PAST + s->periods;
+    *self = s;
     return 0;
+}
+
+static const struct smith *instance(const struct apc_law_call *c)
+{
+    return (const struct smith *)c->self;
 }
 
 /* As if the plant had long been at rest where it is. */
 static void reset(struct apc_law_call *c)
 {
-    for (size_t i = NOW; i < PAST + (size_t)c->constant[PERIODS]; i++)
+    for (size_t i = NOW; i < PAST + instance(c)->periods; i++)
         c->x[i] = c->y[0];
 }
 
 static double error(const struct apc_law_call *c)
 {
-    double then = c->constant[PERIODS] > 0.0 ? c->x[PAST] : c->x[NOW];
+    double then = instance(c)->periods > 0 ? c->x[PAST] : c->x[NOW];
 
     return c->z[0] - (c->y[0] + c->x[NOW] - then);
 }
 
-static void compute(struct apc_law_call *c)
+static int compute(struct apc_law_call *c)
 {
     c->u[0] = c->tuning[KP] * error(c) + c->x[INTEGRAL];
+    return APC_LAW_GOOD;
 }
 
 static void track(struct apc_law_call *c)
@@ -72,7 +89,8 @@ static void track(struct apc_law_call *c)
 
 static void update(struct apc_law_call *c)
 {
-    size_t last = NOW + (size_t)c->constant[PERIODS];
+    const struct smith *s = instance(c);
+    size_t last = NOW + s->periods;
     double e = error(c);
 
     c->x[INTEGRAL] = c->u[0] - c->tuning[KP] * e + c->tuning[KP] * c->Ts / c->tuning[TAU_I] * e;
@@ -80,19 +98,9 @@ static void update(struct apc_law_call *c)
         c->x[i] = c->x[i + 1];
     if (last > NOW)
         c->x[last] = c->x[NOW];
-    c->x[NOW] = c->constant[POLE] * c->x[NOW] + c->constant[GAIN] * c->u[0];
+    c->x[NOW] = s->pole * c->x[NOW] + s->gain * c->u[0];
 }
 
-const struct apc_law apc_law = {
-    .abi = APC_LAW_ABI,
-    .name = "smith",
-    .description = "PI control with a Smith predictor",
-    .n_tuning = 2,
-    .tuning = tuning,
-    .reset = reset,
-    .compute = compute,
-    .update = update,
-    .track = track,
-    .settings = settings,
-    .configure = configure,
-};
+APC_LAW_EXPORT(.name = "smith", .description = "PI control with a Smith predictor", .n_tuning = 2,
+               .tuning = tuning, .reset = reset, .compute = compute, .update = update, .track = track,
+               .settings = settings, .create = create, .destroy = free);

@@ -25,6 +25,15 @@ bool apc_param_accepts(const struct apc_param *param, double value);
 /** Check a table of parameters that came with law or model @p owner. Returns 0 or APC_EINVAL. */
 int apc_params_check(const struct apc_param *param, size_t n, const char *owner, struct apc_error *why);
 
+/* ---- Marks --------------------------------------------------------------------------------- */
+
+#define APC_HASH_BEGIN 2166136261u
+
+/** Go on from @p hash, APC_HASH_BEGIN at first, with bytes, a number, values by their bits. [tick] */
+uint32_t apc_hash(uint32_t hash, const void *data, size_t n);
+uint32_t apc_hash_number(uint32_t hash, uint64_t number);
+uint32_t apc_hash_values(uint32_t hash, const double *value, size_t n);
+
 /* ---- Plug-ins ------------------------------------------------------------------------------ */
 
 struct apc_built_in {

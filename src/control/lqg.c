@@ -16,48 +16,57 @@
  * where x*, u* is the steady state with the controlled measurements at z for the estimated d, and K the gain
  * of the linear-quadratic regulator. The bias is what a bumpless change needs; it dies out with tau_b.
  *
- * compute has no room for the corrected estimate and needs none: it is linear in (x, d)_k|k-1, y and z.
+ * compute leaves the state as it is: u is linear in (x, d)_k|k-1, y and z. A measurement that is Bad is taken
+ * to be what the estimate says of it, so it corrects nothing.
+ *
+ * Setting `preview` says how far ahead, in s, setpoints to come are looked at. They move x*, which is to the
+ * regulator a disturbance known beforehand: with P of the Riccati equation it adds to u
+ *
+ *     sum over i of M ((A - B K)')^i P (x*_{k+i+1} - x*_{k+i}),    M = (R + B'PB)^-1 B'
  */
 #include "apclinear.h"
 #include "base/matrix.h"
 #include "control/control_internal.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { U_MIN, U_MAX, TAU_B, N_TUNING };
+enum { U_MIN, U_MAX, TAU_B, DU_MAX, N_TUNING };
 
 static const struct apc_param tuning[N_TUNING] = {
     [U_MIN] = {"u_min", "", "least output", -1e9, -1e9, 1e9},
     [U_MAX] = {"u_max", "", "greatest output", 1e9, -1e9, 1e9},
     [TAU_B] = {"tau_b", "s", "time in which a bumpless change dies out", 10.0, 0.0, 1e9},
+    [DU_MAX] = {"du_max", "1/s", "fastest change of the output; 0: any", 0.0, 0.0, 1e9},
 };
 
-static const char *const settings[] = {"measurement", "y_dev",   "x_dev", "u_dev", "y_noise",
-                                       "x_noise",     "u_noise", "delay", NULL};
+static const char *const settings[] = {"measurement", "y_dev",   "x_dev", "u_dev",   "y_noise",
+                                       "x_noise",     "u_noise", "delay", "preview", NULL};
 
-#define ESTIMATES_MAX 64 /* so that update needs no memory */
+#define PREVIEW_MAX 10000.0 /* periods */
 
 /* ---- The constants ------------------------------------------------------------------------------- */
 
 /* Estimates: ns of the states (nx, and nu former outputs where there is a delay), and nu of the disturbances.
- */
+ * Setpoints of `ahead` ticks to come. */
 struct sizes {
-    size_t nx, ns, n, nu, ny, nz;
+    size_t nx, ns, n, nu, ny, nz, ahead;
 };
 
 /*
- * Where each matrix begins in the constants; at 0 and 1 are nx and ns.
- *     u = u0 - F e - G (y - y0) + H (z - z0) + bias,   then   e = Next e + Gain (y - y0) + Drive (u - u0)
- * After a gap the first nx of e are Start (y - y0).
+ * Where each matrix begins in the constants.
+ *     u = u0 - F e - G (y - y0) + H (z - z0) + bias + sum of Preview_i (z_{i+1} - z_i),
+ *     then   e = Next e + Gain (y - y0) + Drive (u - u0)
+ * Of a measurement that is Bad, y - y0 = C e. After a gap the first nx of e are Start (y - y0).
  */
 struct layout {
-    size_t F, G, H, Next, Gain, Drive, Start, u0, y0, z0, end;
+    size_t F, G, H, Next, Gain, Drive, Start, C, Preview, u0, y0, z0, end;
 };
 
 static struct layout lay_out(const struct sizes *s)
 {
-    struct layout at = {.F = 2};
+    struct layout at = {.F = 0};
 
     at.G = at.F + s->nu * s->n;
     at.H = at.G + s->nu * s->ny;
@@ -65,17 +74,23 @@ static struct layout lay_out(const struct sizes *s)
     at.Gain = at.Next + s->n * s->n;
     at.Drive = at.Gain + s->n * s->ny;
     at.Start = at.Drive + s->n * s->nu;
-    at.u0 = at.Start + s->nx * s->ny;
+    at.C = at.Start + s->nx * s->ny;
+    at.Preview = at.C + s->ny * s->n;
+    at.u0 = at.Preview + s->ahead * s->nu * s->nz;
     at.y0 = at.u0 + s->nu;
     at.z0 = at.y0 + s->ny;
     at.end = at.z0 + s->nz;
     return at;
 }
 
-static struct sizes sizes_of(const struct apc_dim *d, size_t nx, size_t ns)
-{
-    return (struct sizes){.nx = nx, .ns = ns, .n = ns + d->nu, .nu = d->nu, .ny = d->ny, .nz = d->nz};
-}
+/* An instance. */
+struct lqg {
+    struct sizes s;
+    struct layout at;
+    double *before; /* [n] room for the estimates of the tick before */
+    double *dy;     /* [ny] y - y0 of this call */
+    double k[];     /* the constants */
+};
 
 /* ---- The design ---------------------------------------------------------------------------------- */
 
@@ -86,11 +101,11 @@ struct design {
     double *memory, *free; /* all the matrices, and where the next one goes */
     double *A, *B, *E, *C; /* [ns ns], [ns nu], [ns nu], [ny ns] */
     double *Ca;            /* [ny n] C, of all estimates */
-    double *K;             /* [nu ns] */
+    double *K, *P, *R;     /* [nu ns], [ns ns], [nu nu] of the regulator */
     double *Nx, *Nu;       /* [ns nu], [nu nu] x* and u* for each setpoint */
     double *L;             /* [n ny] */
     double *Aa, *Ba;       /* [n n], [n nu] A and B, of all estimates */
-    double *controlled;    /* [nz] the measurement of each setpoint, from 1 */
+    size_t *controlled;    /* [nz] the measurement of each setpoint, from 1 */
 };
 
 /* A matrix of zeros, until the design is freed. */
@@ -160,7 +175,7 @@ static int regulator(struct design *d, struct apc_error *why)
 {
     const struct sizes *s = &d->s;
     double *y = matrix(d, s->ny, 1), *x = matrix(d, s->nx, 1), *u = matrix(d, s->nu, 1);
-    double *Q = matrix(d, s->ns, s->ns), *R = matrix(d, s->nu, s->nu), *P = matrix(d, s->ns, s->ns);
+    double *Q = matrix(d, s->ns, s->ns);
     int rc = squares(d, "y_dev", s->ny, 1.0, true, y, why);
 
     if (rc == 0)
@@ -179,8 +194,8 @@ static int regulator(struct design *d, struct apc_error *why)
         Q[i * s->ns + i] += x[i];
     }
     for (size_t i = 0; i < s->nu; i++)
-        R[i * s->nu + i] = u[i];
-    return apc_riccati_solve(s->ns, s->nu, d->A, d->B, Q, R, P, d->K, why);
+        d->R[i * s->nu + i] = u[i];
+    return apc_riccati_solve(s->ns, s->nu, d->A, d->B, Q, d->R, d->P, d->K, why);
 }
 
 /* The steady state for each setpoint: x* = A x* + B u*, C x* = z. */
@@ -195,7 +210,7 @@ static int target(struct design *d, struct apc_error *why)
     for (size_t i = 0; i < s->ns; i++)
         M[i * n + i] -= 1.0;
     for (size_t i = 0; i < s->nz; i++) {
-        apc_matrix_put(M, n, s->ns + i, 0, 1, s->ns, d->C + ((size_t)d->controlled[i] - 1) * s->ns);
+        apc_matrix_put(M, n, s->ns + i, 0, 1, s->ns, d->C + (d->controlled[i] - 1) * s->ns);
         N[(s->ns + i) * s->nz + i] = 1.0;
     }
     if (apc_matrix_solve(n, s->nz, M, N))
@@ -267,6 +282,38 @@ static int start(struct design *d, double *Start, struct apc_error *why)
     return 0;
 }
 
+/* What setpoints to come add: Preview_i = M ((A - B K)')^i P Nx. */
+static int preview(struct design *d, double *gain, struct apc_error *why)
+{
+    const struct sizes *s = &d->s;
+    const size_t ns = s->ns, nu = s->nu;
+    double *Bt = matrix(d, nu, ns), *M = matrix(d, nu, ns), *S = matrix(d, nu, nu),
+           *closed = matrix(d, ns, ns);
+    double *closed_t = matrix(d, ns, ns), *X = matrix(d, ns, s->nz), *next = matrix(d, ns, s->nz);
+
+    if (s->ahead == 0)
+        return 0;
+    apc_matrix_transpose(ns, nu, d->B, Bt);
+    apc_matrix_multiply(nu, ns, ns, Bt, d->P, closed); /* B'P, for a moment */
+    apc_matrix_multiply(nu, ns, nu, closed, d->B, S);
+    for (size_t i = 0; i < nu * nu; i++)
+        S[i] += d->R[i];
+    memcpy(M, Bt, nu * ns * sizeof(*M));
+    if (apc_matrix_solve(nu, ns, S, M))
+        return apc_fail(why, APC_ESOLVER, "the gains of the preview cannot be computed");
+    apc_matrix_multiply(ns, nu, ns, d->B, d->K, closed);
+    for (size_t i = 0; i < ns * ns; i++)
+        closed[i] = d->A[i] - closed[i];
+    apc_matrix_transpose(ns, ns, closed, closed_t);
+    apc_matrix_multiply(ns, ns, s->nz, d->P, d->Nx, X);
+    for (size_t k = 0; k < s->ahead; k++) {
+        apc_matrix_multiply(nu, ns, s->nz, M, X, gain + k * nu * s->nz);
+        apc_matrix_multiply(ns, ns, s->nz, closed_t, X, next);
+        memcpy(X, next, ns * s->nz * sizeof(*X));
+    }
+    return 0;
+}
+
 /* Gains of the estimates before y corrects them: (1 - L C) goes into F and Next. */
 static void assemble(struct design *d, const struct layout *at, double *k)
 {
@@ -291,21 +338,20 @@ static void assemble(struct design *d, const struct layout *at, double *k)
         k[at->H + i] = KN[i] + d->Nu[i];
     apc_matrix_multiply(s->n, s->n, s->n, d->Aa, I_LC, k + at->Next);
     apc_matrix_multiply(s->n, s->n, s->ny, d->Aa, d->L, k + at->Gain);
+    memcpy(k + at->C, d->Ca, s->ny * s->n * sizeof(*k));
     memcpy(k + at->Drive, d->Ba, s->n * s->nu * sizeof(*k));
     memcpy(k + at->u0, plant->u0, s->nu * sizeof(*k));
     memcpy(k + at->y0, plant->y0, s->ny * sizeof(*k));
     for (size_t i = 0; i < s->nz; i++)
-        k[at->z0 + i] = plant->y0[(size_t)d->controlled[i] - 1];
-    k[0] = (double)s->nx;
-    k[1] = (double)s->ns;
+        k[at->z0 + i] = plant->y0[d->controlled[i] - 1];
 }
 
-/* The measurement of each setpoint, from 1. */
-static int controlled_measurements(const struct apc_law_setup *setup, double *to, struct apc_error *why)
+/* The measurement of setpoint i, from 1. */
+static int controlled_measurement(const struct apc_law_setup *setup, size_t i, size_t *to,
+                                  struct apc_error *why)
 {
-    for (size_t i = 0; i < setup->dim.nz; i++)
-        to[i] = (double)i + 1.0;
-    return apc_setting_indices(setup, "measurement", setup->dim.nz, 1, setup->dim.ny, to, why);
+    *to = i + 1;
+    return apc_setting_index(setup, "measurement", setup->dim.nz, i, 1, setup->dim.ny, to, why);
 }
 
 static int make(struct design *d, const struct layout *at, double *k, struct apc_error *why)
@@ -324,10 +370,14 @@ static int make(struct design *d, const struct layout *at, double *k, struct apc
     d->L = matrix(d, s->n, s->ny);
     d->Aa = matrix(d, s->n, s->n);
     d->Ba = matrix(d, s->n, s->nu);
-    d->controlled = matrix(d, s->nz, 1);
-    rc = controlled_measurements(d->setup, d->controlled, why);
-    if (rc == 0)
-        rc = sample(d, why);
+    d->P = matrix(d, s->ns, s->ns);
+    d->R = matrix(d, s->nu, s->nu);
+    for (size_t i = 0; i < s->nz; i++) {
+        rc = controlled_measurement(d->setup, i, &d->controlled[i], why);
+        if (rc < 0)
+            return rc;
+    }
+    rc = sample(d, why);
     if (rc < 0)
         return rc;
     apc_matrix_put(d->Aa, s->n, 0, 0, s->ns, s->ns, d->A);
@@ -343,6 +393,8 @@ static int make(struct design *d, const struct layout *at, double *k, struct apc
         rc = observer(d, why);
     if (rc == 0)
         rc = start(d, k + at->Start, why);
+    if (rc == 0)
+        rc = preview(d, k + at->Preview, why);
     if (rc == 0)
         assemble(d, at, k);
     return rc;
@@ -370,161 +422,229 @@ static int check(const struct apc_law_setup *setup, struct apc_error *why)
     return 0;
 }
 
-static int configure(const struct apc_law_setup *setup, struct apc_law_size *size, double *k,
-                     struct apc_error *why)
+/* Delay and preview from the settings; then the sizes. */
+static int measure(struct design *d, struct apc_error *why)
+{
+    const struct apc_law_setup *setup = d->setup;
+    const struct apc_dim *dim = &setup->dim;
+    double ahead = 0.0;
+    int rc = apc_setting_amounts(setup, "delay", 1, &d->delay, why);
+
+    if (rc == 0)
+        rc = apc_setting_amounts(setup, "preview", 1, &ahead, why);
+    if (rc < 0)
+        return rc;
+    ahead = round(ahead / setup->Ts);
+    if (d->delay >= setup->Ts)
+        return apc_fail(why, APC_EINVAL, "law lqg: \"delay\" is %g s; it must be below the period, %g s",
+                        d->delay, setup->Ts);
+    if (ahead > PREVIEW_MAX)
+        return apc_fail(why, APC_EINVAL, "law lqg: \"preview\" is %g periods; %g at most", ahead,
+                        PREVIEW_MAX);
+    d->s = (struct sizes){.nx = setup->plant->nx,
+                          .ns = setup->plant->nx + (d->delay > 0.0 ? dim->nu : 0),
+                          .nu = dim->nu,
+                          .ny = dim->ny,
+                          .nz = dim->nz,
+                          .ahead = (size_t)ahead};
+    d->s.n = d->s.ns + dim->nu;
+    return 0;
+}
+
+static struct lqg *allocate(struct design *d)
+{
+    const struct sizes *s = &d->s;
+    const struct layout at = lay_out(s);
+    const size_t span = s->n + s->ny + s->nz;
+    struct lqg *q = calloc(1, sizeof(*q) + (at.end + s->n + s->ny) * sizeof(q->k[0]));
+
+    d->memory = d->free = calloc(48 * span * span, sizeof(*d->memory)); /* more than the matrices are */
+    d->controlled = calloc(s->nz, sizeof(*d->controlled));
+    if (!q || !d->memory || !d->controlled) {
+        free(q);
+        return NULL;
+    }
+    q->s = *s;
+    q->at = at;
+    q->before = q->k + at.end;
+    q->dy = q->before + s->n;
+    return q;
+}
+
+static int create(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
+                  struct apc_error *why)
 {
     struct design d = {.setup = setup};
     struct apc_error reason = {""};
-    size_t nx, span;
-    struct layout at;
+    struct lqg *q;
     int rc = check(setup, why);
 
     if (rc == 0)
-        rc = apc_setting_amounts(setup, "delay", 1, &d.delay, why);
+        rc = measure(&d, why);
     if (rc < 0)
         return rc;
-    if (d.delay >= setup->Ts)
-        return apc_fail(why, APC_EINVAL, "law lqg: \"delay\" is %g s; it must be below the period, %g s",
-                        d.delay, setup->Ts);
-    nx = setup->plant->nx;
-    d.s = sizes_of(&setup->dim, nx, d.delay > 0.0 ? nx + setup->dim.nu : nx);
-    if (d.s.n > ESTIMATES_MAX)
-        return apc_fail(why, APC_EINVAL, "law lqg: would have %zu estimates; it is made for %d at most",
-                        d.s.n, ESTIMATES_MAX);
-    at = lay_out(&d.s);
-    *size = (struct apc_law_size){.constants = at.end, .states = d.s.n + d.s.nu};
-    if (!k)
-        return 0;
-    span = d.s.n + d.s.ny + d.s.nz;
-    d.memory = d.free = calloc(40 * span * span, sizeof(*d.memory)); /* more than the matrices are */
-    if (!d.memory)
-        return apc_fail(why, APC_ENOMEM, "law lqg: no memory");
-    rc = make(&d, &at, k, &reason);
+    q = allocate(&d);
+    rc = q ? make(&d, &q->at, q->k, &reason) : apc_fail(&reason, APC_ENOMEM, "no memory");
     free(d.memory);
+    free(d.controlled);
+    *self = q;
+    needs->states = d.s.n + 2 * d.s.nu;
+    needs->n_ahead = 1 + d.s.ahead;
     return rc < 0 ? apc_fail(why, rc, "law lqg: %s", reason.text) : 0;
 }
 
-static int pairing(const struct apc_law_setup *setup, struct apc_pair *pair, struct apc_error *why)
+static int ports(const struct apc_law_setup *setup, size_t output, struct apc_law_ports *p,
+                 struct apc_error *why)
 {
-    double *controlled;
+    size_t y;
     int rc = check(setup, why);
 
-    if (rc < 0)
-        return rc;
-    controlled = calloc(setup->dim.nz, sizeof(*controlled));
-    if (!controlled)
-        return apc_fail(why, APC_ENOMEM, "law lqg: no memory");
-    rc = controlled_measurements(setup, controlled, why);
-    for (size_t i = 0; i < setup->dim.nz && rc == 0; i++)
-        pair[i] = (struct apc_pair){(size_t)controlled[i], i + 1};
-    free(controlled);
+    if (rc == 0)
+        rc = controlled_measurement(setup, output, &y, why);
+    if (rc == 0)
+        *p = (struct apc_law_ports){.ny = 1, .nz = 1, .y = {(int)y - 1}, .z = {(int)output}};
     return rc;
 }
 
 /* ---- The tick --------------------------------------------------------------------------------------- */
 
-struct view {
-    struct sizes s;
-    struct layout at;
-    const double *k;
-    double *e, *bias;
-};
-
-static struct view view(const struct apc_law_call *c)
-{
-    struct view v = {.k = c->constant};
-
-    v.s = sizes_of(&c->dim, (size_t)c->constant[0], (size_t)c->constant[1]);
-    v.at = lay_out(&v.s);
-    v.e = c->x;
-    v.bias = c->x + v.s.n;
-    return v;
-}
-
-static double row_times(const double *M, size_t row, size_t n, const double *a, const double *zero)
+static double row_times(const double *M, size_t row, size_t n, const double *a)
 {
     double sum = 0.0;
 
     for (size_t j = 0; j < n; j++)
-        sum += M[row * n + j] * (zero ? a[j] - zero[j] : a[j]);
+        sum += M[row * n + j] * a[j];
+    return sum;
+}
+
+/* y - y0; of what is Bad, what the estimates say of it. */
+static void look(const struct apc_law_call *c, const struct lqg *q)
+{
+    for (size_t i = 0; i < q->s.ny; i++)
+        q->dy[i] = apc_status_severity(c->y_status[i]) == APC_SEVERITY_BAD
+                       ? row_times(q->k + q->at.C, i, q->s.n, c->x)
+                       : c->y[i] - q->k[q->at.y0 + i];
+}
+
+/* H (z - z0), and what the preview adds. */
+static double from_setpoints(const struct apc_law_call *c, const struct lqg *q, size_t i)
+{
+    const size_t nz = q->s.nz;
+    const double *H = q->k + q->at.H + i * nz, *z = c->z;
+    double sum = 0.0;
+
+    for (size_t j = 0; j < nz; j++)
+        sum += H[j] * (z[j] - q->k[q->at.z0 + j]);
+    for (size_t k = 0; k < q->s.ahead; k++, z += nz) {
+        const double *gain = q->k + q->at.Preview + (k * q->s.nu + i) * nz;
+
+        for (size_t j = 0; j < nz; j++)
+            sum += gain[j] * (z[nz + j] - z[j]);
+    }
     return sum;
 }
 
 /* Output i without its bias. Always evaluated in this order: a law that resumes compares bits. */
-static double unbiased(const struct apc_law_call *c, const struct view *v, size_t i)
+static double unbiased(const struct apc_law_call *c, const struct lqg *q, size_t i)
 {
-    const double *k = v->k;
+    const double *k = q->k;
 
-    return k[v->at.u0 + i] - row_times(k + v->at.F, i, v->s.n, v->e, NULL) -
-           row_times(k + v->at.G, i, v->s.ny, c->y, k + v->at.y0) +
-           row_times(k + v->at.H, i, v->s.nz, c->z, k + v->at.z0);
+    return k[q->at.u0 + i] - row_times(k + q->at.F, i, q->s.n, c->x) -
+           row_times(k + q->at.G, i, q->s.ny, q->dy) + from_setpoints(c, q, i);
+}
+
+static double *bias(const struct apc_law_call *c, const struct lqg *q)
+{
+    return c->x + q->s.n;
+}
+
+/* What went out last, for its rate: a restart must find it where the estimates are. */
+static double *last(const struct apc_law_call *c, const struct lqg *q)
+{
+    return c->x + q->s.n + q->s.nu;
 }
 
 /* Begin the states from y alone; what is known of the disturbances stays. */
-static void restart(const struct apc_law_call *c, const struct view *v)
+static void restart(const struct apc_law_call *c, const struct lqg *q)
 {
-    for (size_t i = 0; i < v->s.nx; i++)
-        v->e[i] = row_times(v->k + v->at.Start, i, v->s.ny, c->y, v->k + v->at.y0);
+    for (size_t i = 0; i < q->s.ny; i++)
+        q->dy[i] = c->y[i] - q->k[q->at.y0 + i];
+    for (size_t i = 0; i < q->s.nx; i++)
+        c->x[i] = row_times(q->k + q->at.Start, i, q->s.ny, q->dy);
 }
 
 static void reset(struct apc_law_call *c)
 {
-    const struct view v = view(c);
+    const struct lqg *q = c->self;
 
-    restart(c, &v);
+    restart(c, q);
+    memcpy(last(c, q), q->k + q->at.u0, q->s.nu * sizeof(*c->x));
 }
 
-static void compute(struct apc_law_call *c)
+static int compute(struct apc_law_call *c)
 {
-    const struct view v = view(c);
+    const struct lqg *q = c->self;
 
-    for (size_t i = 0; i < v.s.nu; i++) {
-        const double *p = c->tuning + i * N_TUNING;
+    look(c, q);
+    for (size_t i = 0; i < q->s.nu; i++) {
+        const double *p = c->tuning + i * N_TUNING, step = p[DU_MAX] * c->Ts;
+        double u = apc_law_cut(unbiased(c, q, i) + bias(c, q)[i], p[U_MIN], p[U_MAX], &c->limited[i]);
 
-        c->u[i] = apc_law_cut(unbiased(c, &v, i) + v.bias[i], p[U_MIN], p[U_MAX], &c->limited[i]);
+        c->u[i] = step > 0.0 ? apc_law_cut(u, last(c, q)[i] - step, last(c, q)[i] + step, &c->limited[i]) : u;
     }
+    return APC_LAW_GOOD;
 }
 
 static void update(struct apc_law_call *c)
 {
-    const struct view v = view(c);
-    const double *k = v.k;
-    double e[ESTIMATES_MAX];
+    const struct lqg *q = c->self;
+    const double *k = q->k;
 
-    memcpy(e, v.e, v.s.n * sizeof(*e));
-    for (size_t i = 0; i < v.s.n; i++)
-        v.e[i] = row_times(k + v.at.Next, i, v.s.n, e, NULL) +
-                 row_times(k + v.at.Gain, i, v.s.ny, c->y, k + v.at.y0) +
-                 row_times(k + v.at.Drive, i, v.s.nu, c->u, k + v.at.u0);
-    for (size_t i = 0; i < v.s.nu; i++) {
-        double tau = c->tuning[i * N_TUNING + TAU_B];
+    look(c, q);
+    memcpy(q->before, c->x, q->s.n * sizeof(*q->before));
+    for (size_t i = 0; i < q->s.n; i++) {
+        double driven = 0.0;
 
-        v.bias[i] -= c->Ts < tau ? c->Ts / tau * v.bias[i] : v.bias[i];
+        for (size_t j = 0; j < q->s.nu; j++)
+            driven += k[q->at.Drive + i * q->s.nu + j] * (c->u[j] - k[q->at.u0 + j]);
+        c->x[i] = row_times(k + q->at.Next, i, q->s.n, q->before) +
+                  row_times(k + q->at.Gain, i, q->s.ny, q->dy) + driven;
+    }
+    for (size_t i = 0; i < q->s.nu; i++) {
+        double *b = &bias(c, q)[i], tau = c->tuning[i * N_TUNING + TAU_B];
+
+        *b -= c->Ts < tau ? c->Ts / tau * *b : *b;
+        last(c, q)[i] = c->u[i];
     }
 }
 
 static void track(struct apc_law_call *c)
 {
-    const struct view v = view(c);
+    const struct lqg *q = c->self;
 
     if (c->gap) {
-        restart(c, &v);
-        for (size_t i = v.s.nx; i < v.s.ns; i++)
-            v.e[i] = c->u[i - v.s.nx] - v.k[v.at.u0 + i - v.s.nx];
+        restart(c, q);
+        for (size_t i = q->s.nx; i < q->s.ns; i++)
+            c->x[i] = c->u[i - q->s.nx] - q->k[q->at.u0 + i - q->s.nx];
     }
-    for (size_t i = 0; i < v.s.nu; i++)
-        v.bias[i] = c->u[i] - unbiased(c, &v, i);
+    look(c, q);
+    for (size_t i = 0; i < q->s.nu; i++) {
+        if (c->out[i] != APC_OUT_LAW)
+            bias(c, q)[i] = c->u[i] - unbiased(c, q, i);
+        last(c, q)[i] = c->u[i];
+    }
 }
 
-static int check_tuning(const struct apc_dim *dim, const double *p, struct apc_error *why)
+static int check_tuning(const struct apc_law_setup *setup, const double *p, struct apc_error *why)
 {
-    return apc_law_check_order(&apc_law_lqg, dim, p, U_MIN, U_MAX, why);
+    return apc_law_check_order(&apc_law_lqg, setup, p, U_MIN, U_MAX, why);
 }
 
 const struct apc_law apc_law_lqg = {
     .abi = APC_LAW_ABI,
     .name = "lqg",
     .description = "state feedback with an observer that estimates disturbances, for all outputs together",
+    .whole = true,
     .n_tuning = N_TUNING,
     .tuning = tuning,
     .reset = reset,
@@ -532,7 +652,8 @@ const struct apc_law apc_law_lqg = {
     .update = update,
     .track = track,
     .settings = settings,
-    .configure = configure,
-    .pairing = pairing,
+    .ports = ports,
+    .create = create,
+    .destroy = free,
     .check = check_tuning,
 };

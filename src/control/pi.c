@@ -1,14 +1,12 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * The PI controller of the paper (section "Real-time simulation experiments"), one for each output:
+ * The PI controller of the paper (section "Real-time simulation experiments"):
  *
  *     e_k = zbar_k - y_k,  P_k = Kp e_k,  u_k = ubar + P_k + I_k,  I_{k+1} = I_k + (Kp Ts / tau_i) e_k
  *
  * with what a real actuator needs: u is kept within [u_min, u_max], and I stands still while the output
  * is cut and the increment would drive it further out (conditional integration), so the output
  * leaves its limit at once when the error changes sign.
- *
- * Loop i controls y_i to zbar_i with u_i; its state is I_i.
  */
 #include "control/control_internal.h"
 
@@ -24,16 +22,15 @@ static const struct apc_param tuning[N_TUNING] = {
 
 /* ubar + P, the output without its integral. Always evaluated in this order: a law that resumes compares
  * bits. */
-static double proportional(const struct apc_law_call *c, size_t i)
+static double proportional(const struct apc_law_call *c)
 {
-    const double *p = c->tuning + i * N_TUNING;
-
-    return p[U_BAR] + p[KP] * (c->z[i] - c->y[i]);
+    return c->tuning[U_BAR] + c->tuning[KP] * (c->z[0] - c->y[0]);
 }
 
 static size_t n_state(const struct apc_dim *dim)
 {
-    return dim->nu;
+    (void)dim;
+    return 1;
 }
 
 static bool accepts(const struct apc_dim *dim)
@@ -41,44 +38,37 @@ static bool accepts(const struct apc_dim *dim)
     return dim->nz == dim->nu && dim->ny >= dim->nu;
 }
 
-static void compute(struct apc_law_call *c)
+static int compute(struct apc_law_call *c)
 {
-    for (size_t i = 0; i < c->dim.nu; i++) {
-        const double *p = c->tuning + i * N_TUNING;
-
-        c->u[i] = apc_law_cut(proportional(c, i) + c->x[i], p[U_MIN], p[U_MAX], &c->limited[i]);
-    }
+    c->u[0] = apc_law_cut(proportional(c) + c->x[0], c->tuning[U_MIN], c->tuning[U_MAX], &c->limited[0]);
+    return APC_LAW_GOOD;
 }
 
 /* Compared with what went out, not with u_min and u_max, so that a limit set elsewhere counts as well. */
 static void update(struct apc_law_call *c)
 {
-    for (size_t i = 0; i < c->dim.nu; i++) {
-        const double *p = c->tuning + i * N_TUNING;
-        double increment = p[KP] * c->Ts / p[TAU_I] * (c->z[i] - c->y[i]);
-        double wanted = proportional(c, i) + c->x[i];
-        bool further_out = (wanted > c->u[i] && increment > 0.0) || (wanted < c->u[i] && increment < 0.0);
+    double increment = c->tuning[KP] * c->Ts / c->tuning[TAU_I] * (c->z[0] - c->y[0]);
+    double wanted = proportional(c) + c->x[0];
+    bool further_out = (wanted > c->u[0] && increment > 0.0) || (wanted < c->u[0] && increment < 0.0);
 
-        if (!further_out)
-            c->x[i] += increment;
-    }
+    if (!further_out && !apc_law_blocks(c->limited[0], increment))
+        c->x[0] += increment;
 }
 
 static void track(struct apc_law_call *c)
 {
-    for (size_t i = 0; i < c->dim.nu; i++)
-        c->x[i] = c->u[i] - proportional(c, i);
+    c->x[0] = c->u[0] - proportional(c);
 }
 
-static int check_tuning(const struct apc_dim *dim, const double *p, struct apc_error *why)
+static int check_tuning(const struct apc_law_setup *setup, const double *p, struct apc_error *why)
 {
-    return apc_law_check_order(&apc_law_pi, dim, p, U_MIN, U_MAX, why);
+    return apc_law_check_order(&apc_law_pi, setup, p, U_MIN, U_MAX, why);
 }
 
 const struct apc_law apc_law_pi = {
     .abi = APC_LAW_ABI,
     .name = "pi",
-    .description = "PI controller of the paper, one loop for each output",
+    .description = "PI controller of the paper",
     .n_tuning = N_TUNING,
     .tuning = tuning,
     .n_state = n_state,

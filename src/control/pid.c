@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * PID in standard form, one loop for each output; the equations are in pid_loop.h. Setting `measurement` says
- * which y each output controls and `setpoint` to which z (as written, from 1; by default 1, 2, ... and the
- * measurement's number), so that a plant with several inputs can be paired as its interaction asks for.
- * Setting `feed_forward` names the measured disturbance that Kff times its value is added for (0: none).
+ * PID in standard form; the equations are in pid_loop.h. Setting `measurement` says which y each output
+ * controls and `setpoint` to which z (as written, from 1; by default 1, 2, ... and the measurement's number),
+ * so that a plant with several inputs can be paired as its interaction asks for. Setting `feed_forward` names
+ * the measurement that Kff times its value is added for, or, numbered on after them, the disturbance (0:
+ * none).
  */
 #include "control/control_internal.h"
 #include "control/pid_loop.h"
@@ -15,110 +16,99 @@ static const struct apc_param tuning[N_TUNING] = {
     [KFF] = {"Kff", "", "feed-forward gain, from the measured disturbance", 0.0, -1e6, 1e6},
 };
 
-enum { MEASUREMENT, SETPOINT, FEED_FORWARD, PARTS };
 static const char *const settings[] = {"measurement", "setpoint", "feed_forward", NULL};
 
-/* The constants: PARTS vectors [nu] of numbers from 1. */
-static struct pid_loop loop(const struct apc_law_call *c, size_t i)
-{
-    const double *k = c->constant + i, *p = c->tuning + i * N_TUNING;
-    size_t nu = c->dim.nu, disturbance = (size_t)k[FEED_FORWARD * nu];
-
-    return (struct pid_loop){.p = p,
-                             .x = c->x + i * PID_STATES,
-                             .h = c->Ts,
-                             .y = c->y[(size_t)k[MEASUREMENT * nu] - 1],
-                             .r = c->z[(size_t)k[SETPOINT * nu] - 1],
-                             .feed_forward = disturbance ? p[KFF] * c->y[disturbance - 1] : 0.0};
-}
-
-static int configure(const struct apc_law_setup *s, struct apc_law_size *size, double *k,
-                     struct apc_error *why)
+static int ports(const struct apc_law_setup *s, size_t output, struct apc_law_ports *p, struct apc_error *why)
 {
     const struct apc_dim *d = &s->dim;
-    int rc;
+    size_t y = output + 1, z, from = 0;
+    int rc = apc_setting_index(s, "measurement", d->nu, output, 1, d->ny, &y, why);
 
-    *size = (struct apc_law_size){.constants = PARTS * d->nu, .states = PID_STATES * d->nu};
-    if (!k)
-        return 0;
-    for (size_t i = 0; i < d->nu; i++)
-        k[i] = (double)i + 1.0;
-    rc = apc_setting_indices(s, settings[MEASUREMENT], d->nu, 1, d->ny, k, why);
-    for (size_t i = 0; i < d->nu; i++)
-        k[SETPOINT * d->nu + i] = k[i];
+    z = y;
     if (rc == 0)
-        rc = apc_setting_indices(s, settings[SETPOINT], d->nu, 1, d->nz, k + SETPOINT * d->nu, why);
+        rc = apc_setting_index(s, "setpoint", d->nu, output, 1, d->nz, &z, why);
     if (rc == 0)
-        rc = apc_setting_indices(s, settings[FEED_FORWARD], d->nu, 0, d->ny, k + FEED_FORWARD * d->nu, why);
-    for (size_t i = 0; i < d->nu && rc == 0; i++) {
-        if (k[i] > (double)d->ny || k[SETPOINT * d->nu + i] > (double)d->nz)
-            rc = apc_fail(
-                why, APC_EINVAL,
-                "law pid: output %zu would control measurement %g to setpoint %g, but there are %zu and "
-                "%zu; settings \"measurement\" and \"setpoint\" pair them",
-                i + 1, k[i], k[SETPOINT * d->nu + i], d->ny, d->nz);
-    }
-    return rc;
+        rc = apc_setting_index(s, "feed_forward", d->nu, output, 0, d->ny + d->nd, &from, why);
+    if (rc < 0)
+        return rc;
+    if (y > d->ny || z > d->nz)
+        return apc_fail(
+            why, APC_EINVAL,
+            "law pid: output %zu would control measurement %zu to setpoint %zu, but there are %zu and "
+            "%zu; settings \"measurement\" and \"setpoint\" pair them",
+            output + 1, y, z, d->ny, d->nz);
+    *p = (struct apc_law_ports){.ny = 1, .nz = 1, .y = {(int)y - 1}, .z = {(int)z - 1}};
+    if (from > d->ny)
+        p->d[p->nd++] = (int)(from - d->ny) - 1;
+    else if (from > 0)
+        p->y[p->ny++] = (int)from - 1;
+    return 0;
 }
 
-static int pairing(const struct apc_law_setup *s, struct apc_pair *pair, struct apc_error *why)
+static struct pid_loop loop(const struct apc_law_call *c)
 {
-    return apc_law_pairing_of(&apc_law_pid, s, MEASUREMENT, SETPOINT, pair, why);
+    const double *from = c->dim.nd > 0 ? c->d : c->dim.ny > 1 ? c->y + 1 : NULL;
+
+    return (struct pid_loop){.p = c->tuning,
+                             .x = c->x,
+                             .h = c->Ts,
+                             .y = c->y[0],
+                             .r = c->z[0],
+                             .feed_forward = from ? c->tuning[KFF] * *from : 0.0};
+}
+
+static size_t n_state(const struct apc_dim *dim)
+{
+    (void)dim;
+    return PID_STATES;
 }
 
 static void reset(struct apc_law_call *c)
 {
-    for (size_t i = 0; i < c->dim.nu; i++) {
-        const struct pid_loop l = loop(c, i);
+    const struct pid_loop l = loop(c);
 
-        apc_pid_reset(&l);
-    }
+    apc_pid_reset(&l);
 }
 
-static void compute(struct apc_law_call *c)
+static int compute(struct apc_law_call *c)
 {
-    for (size_t i = 0; i < c->dim.nu; i++) {
-        const struct pid_loop l = loop(c, i);
+    const struct pid_loop l = loop(c);
 
-        c->u[i] = apc_pid_limit(&l, apc_pid_wanted(&l), &c->limited[i]);
-    }
+    c->u[0] = apc_pid_limit(&l, apc_pid_wanted(&l), &c->limited[0]);
+    return APC_LAW_GOOD;
 }
 
 static void update(struct apc_law_call *c)
 {
-    for (size_t i = 0; i < c->dim.nu; i++) {
-        const struct pid_loop l = loop(c, i);
+    const struct pid_loop l = loop(c);
 
-        apc_pid_update(&l, c->u[i], 0.0);
-    }
+    apc_pid_update(&l, c->u[0], c->limited[0]);
 }
 
 static void track(struct apc_law_call *c)
 {
-    for (size_t i = 0; i < c->dim.nu; i++) {
-        const struct pid_loop l = loop(c, i);
+    const struct pid_loop l = loop(c);
 
-        apc_pid_track(&l, c->u[i], c->gap);
-    }
+    apc_pid_track(&l, c->u[0], c->gap);
 }
 
-static int check_tuning(const struct apc_dim *dim, const double *p, struct apc_error *why)
+static int check_tuning(const struct apc_law_setup *setup, const double *p, struct apc_error *why)
 {
-    return apc_law_check_order(&apc_law_pid, dim, p, PID_U_MIN, PID_U_MAX, why);
+    return apc_law_check_order(&apc_law_pid, setup, p, PID_U_MIN, PID_U_MAX, why);
 }
 
 const struct apc_law apc_law_pid = {
     .abi = APC_LAW_ABI,
     .name = "pid",
-    .description = "PID in standard form, one loop for each output, paired at will",
+    .description = "PID in standard form, paired at will",
     .n_tuning = N_TUNING,
     .tuning = tuning,
+    .n_state = n_state,
     .reset = reset,
     .compute = compute,
     .update = update,
     .track = track,
     .settings = settings,
-    .configure = configure,
-    .pairing = pairing,
+    .ports = ports,
     .check = check_tuning,
 };

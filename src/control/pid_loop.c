@@ -60,7 +60,7 @@ double apc_pid_limit(const struct pid_loop *l, double wanted, unsigned *limited)
     return step > 0.0 ? apc_law_cut(u, l->x[LAST_U] - step, l->x[LAST_U] + step, limited) : u;
 }
 
-void apc_pid_update(const struct pid_loop *l, double u, double blocked)
+void apc_pid_update(const struct pid_loop *l, double u, unsigned held)
 {
     const double *p = l->p;
     double *x = l->x, beyond = apc_pid_wanted(l) - u;
@@ -69,7 +69,7 @@ void apc_pid_update(const struct pid_loop *l, double u, double blocked)
         double increment = p[PID_KP] * l->h / p[PID_TAU_I] * (l->r - l->y);
         bool conditional = !(p[PID_TAU_T] > 0.0);
 
-        if (!(increment * blocked > 0.0) && !(conditional && increment * beyond > 0.0))
+        if (!apc_law_blocks(held, increment) && !(conditional && increment * beyond > 0.0))
             x[I] += increment;
         if (!conditional)
             x[I] -= share(l) * beyond;

@@ -66,9 +66,9 @@ void apc_pid_reset(const struct pid_loop *l);
 double apc_pid_wanted(const struct pid_loop *l);
 /* What the limits leave of it; notes in *limited what they cut. */
 double apc_pid_limit(const struct pid_loop *l, double wanted, unsigned *limited);
-/* The state for the next tick, u being what went out. An increment of the integral with the sign of blocked
- * is left out. */
-void apc_pid_update(const struct pid_loop *l, double u, double blocked);
+/* The state for the next tick, u being what went out. An increment of the integral that way in which its
+ * consumer cannot follow (enum apc_limited) is left out. */
+void apc_pid_update(const struct pid_loop *l, double u, unsigned held);
 /* A state from which the loop wants u. */
 void apc_pid_track(const struct pid_loop *l, double u, bool gap);
 

@@ -19,39 +19,12 @@
 #define LAW_MARKS 0x1p32
 #define DIM_BITS  21
 
-static uint32_t fnv1a(uint32_t hash, const void *data, size_t n)
-{
-    for (size_t i = 0; i < n; i++)
-        hash = (hash ^ ((const unsigned char *)data)[i]) * 16777619u;
-    return hash;
-}
-
-static uint32_t fnv1a_number(uint32_t hash, uint64_t number)
-{
-    unsigned char byte[8]; /* lowest first, on every machine */
-
-    for (size_t i = 0; i < sizeof(byte); i++)
-        byte[i] = (unsigned char)(number >> 8 * i);
-    return fnv1a(hash, byte, sizeof(byte));
-}
-
 void apc_controller_mark(struct apc_controller *c)
 {
-    const uint32_t basis = 2166136261u;
-    uint32_t dim = fnv1a_number(fnv1a_number(fnv1a_number(basis, c->dim.ny), c->dim.nz), c->dim.nu);
-    uint32_t law = fnv1a_number(fnv1a(basis, c->law->name, strlen(c->law->name)), c->n_x);
+    uint32_t dim = apc_hash_number(apc_hash_number(APC_HASH_BEGIN, c->dim.ny), c->dim.nz);
 
-    law = fnv1a(law, apc_version(), strlen(apc_version())); /* the state of a built-in law may have changed */
-    law = fnv1a_number(law, apc_plugin_mark((uintptr_t)c->law->compute));
-    for (size_t i = 0; i < c->n_constant; i++) {
-        uint64_t bits;
-
-        memcpy(&bits, &c->constant[i], sizeof(bits));
-        law = fnv1a_number(law, bits);
-    }
-
-    c->dim_mark = (double)(dim >> (32 - DIM_BITS));
-    c->law_mark = (double)law;
+    c->dim_mark = (double)(apc_hash_number(dim, c->dim.nu) >> (32 - DIM_BITS));
+    c->law_mark = (double)apc_instances_mark(c->instances);
 }
 
 /* ---- What it reads ----------------------------------------------------------------------------- */
@@ -174,8 +147,10 @@ static size_t put_actuators(struct apc_controller *c, apc_ns utc, apc_status sta
         if (c->by_law) {
             if (status == APC_GOOD)
                 out[i].status = limit_status(c->limited[i]);
-            out[i].sensor_seq = c->y_seq[c->pair[i].measurement - 1];
-            out[i].setpoint_seq = c->pair[i].setpoint ? c->z_seq[c->pair[i].setpoint - 1] : 0;
+            const struct apc_law_ports *ports = apc_instances_ports(c->instances, i);
+
+            out[i].sensor_seq = ports->ny ? c->y_seq[ports->y[0]] : 0;
+            out[i].setpoint_seq = ports->nz ? c->z_seq[ports->z[0]] : 0;
         }
     }
     return d->nu;

@@ -21,18 +21,17 @@
 
 /* ---- The law -------------------------------------------------------------------------------- */
 
-static struct apc_law_call call(struct apc_controller *c, double *u)
+static struct apc_law_call call(struct apc_controller *c, double *u, unsigned *limited,
+                                enum apc_law_output who)
 {
-    return (struct apc_law_call){.dim = c->dim,
-                                 .Ts = c->Ts,
-                                 .y = c->y,
-                                 .z = c->z,
-                                 .tuning = c->tuning,
-                                 .x = c->x,
-                                 .u = u,
-                                 .constant = c->constant,
-                                 .limited = c->limited,
-                                 .gap = c->gap};
+    struct apc_law_call law = c->call;
+
+    for (size_t i = 0; i < c->dim.nu; i++)
+        c->who[i] = who;
+    law.u = u;
+    law.limited = limited;
+    law.gap = c->gap;
+    return law;
 }
 
 void apc_controller_limit(const struct apc_controller *c, double *u)
@@ -48,26 +47,31 @@ void apc_controller_limit(const struct apc_controller *c, double *u)
 /* The law's state to what it is before the first tick. */
 static void reset(struct apc_controller *c)
 {
-    struct apc_law_call law = call(c, c->u);
+    struct apc_law_call law = call(c, c->u, c->held, APC_OUT_GIVEN);
 
-    memset(c->x, 0, c->n_x * sizeof(*c->x));
-    if (c->law->reset)
-        c->law->reset(&law);
+    for (size_t k = 0; k < c->n_instances; k++)
+        apc_instances_reset(c->instances, k, &law);
     c->begun = true;
     c->gap = true;
     c->on_track = false;
 }
 
-/* Ask the law for u, into trial, within the limits. False when it gave something that is no number. */
-static bool compute(struct apc_controller *c)
+/* Ask the law for u, into trial, within the limits. Returns enum apc_law_result, the worst of all instances.
+ */
+static int compute(struct apc_controller *c)
 {
-    struct apc_law_call law = call(c, c->trial);
+    struct apc_law_call law = call(c, c->trial, c->limited, APC_OUT_LAW);
+    int result = APC_LAW_GOOD;
 
     memcpy(c->trial, c->u, c->dim.nu * sizeof(*c->trial)); /* a law that leaves one out keeps it */
     memset(c->limited, 0, c->dim.nu * sizeof(*c->limited));
-    c->law->compute(&law);
-    if (!apc_values_ok(c->trial, c->dim.nu) || !apc_values_ok(c->x, c->n_x))
-        return false;
+    for (size_t k = 0; k < c->n_instances && result <= APC_LAW_LATE; k++) {
+        int one = apc_instances_compute(c->instances, k, &law);
+
+        result = one > result ? one : result;
+    }
+    if (result > APC_LAW_LATE)
+        return result;
     for (size_t i = 0; i < c->dim.nu; i++) {
         if (c->trial[i] < c->low[i])
             c->limited[i] |= APC_LIMITED_LOW;
@@ -75,24 +79,24 @@ static bool compute(struct apc_controller *c)
             c->limited[i] |= APC_LIMITED_HIGH;
     }
     apc_controller_limit(c, c->trial);
-    return true;
+    return result;
 }
 
 static void track(struct apc_controller *c, double *u)
 {
-    struct apc_law_call law = call(c, u);
+    struct apc_law_call law = call(c, u, c->held, APC_OUT_GIVEN);
 
-    if (c->law->track)
-        c->law->track(&law);
+    for (size_t k = 0; k < c->n_instances; k++)
+        apc_instances_track(c->instances, k, &law);
     c->gap = false;
 }
 
 static void update(struct apc_controller *c)
 {
-    struct apc_law_call law = call(c, c->u);
+    struct apc_law_call law = call(c, c->u, c->held, APC_OUT_LAW);
 
-    if (c->law->update)
-        c->law->update(&law);
+    for (size_t k = 0; k < c->n_instances; k++)
+        apc_instances_update(c->instances, k, &law);
 }
 
 /*
@@ -104,7 +108,7 @@ static void update(struct apc_controller *c)
  */
 static void settle(struct apc_controller *c, struct apc_now now)
 {
-    bool follows = compute(c);
+    bool follows = compute(c) <= APC_LAW_LATE;
     apc_ns age = now.utc - c->resumed_at;
 
     c->resumed = false;
@@ -174,11 +178,12 @@ static void take_target(struct apc_controller *c, const struct apc_sample *s, st
 static void refuse_tuning(const struct apc_controller *c, size_t i, const struct apc_sample *s,
                           struct apc_notice *notice)
 {
-    const struct apc_param *param = &c->param[i % c->law->n_tuning];
+    const struct apc_law_parameter at = apc_instances_parameter(c->instances, i);
+    const struct apc_param *param = &c->param[at.number];
     char what[64];
 
     snprintf(what, sizeof(what), "%s of output", param->name);
-    refuse(notice, s, c->tuning_seq[i], what, i / c->law->n_tuning, param->low, param->high);
+    refuse(notice, s, c->tuning_seq[i], what, at.of, param->low, param->high);
 }
 
 /* Returns true when what the operator wants differs from what is in force, and the law may have it. */
@@ -190,7 +195,8 @@ static bool take_tuning(struct apc_controller *c, const struct apc_sample *tunin
     for (size_t i = 0; i < c->n_tuning; i++) {
         const struct apc_sample *s = &tuning[i];
 
-        if (usable(s) && apc_param_accepts(&c->param[i % c->law->n_tuning], s->value))
+        if (usable(s) &&
+            apc_param_accepts(&c->param[apc_instances_parameter(c->instances, i).number], s->value))
             c->offered[i] = s->value;
         else
             refuse_tuning(c, i, s, notice);
@@ -201,7 +207,7 @@ static bool take_tuning(struct apc_controller *c, const struct apc_sample *tunin
             differs = true;
     }
     if (moved) {
-        c->offer_ok = apc_law_check_tuning(c->law, &c->dim, c->offered, &why) == 0;
+        c->offer_ok = apc_instances_check(c->instances, c->offered, &why) == 0;
         if (!c->offer_ok)
             apc_note(notice, APC_NOTICE_REJECTED, "tuning refused: %.120s", why.text);
     }
@@ -251,13 +257,17 @@ static bool take_measurement(struct apc_controller *c, struct apc_now now, const
     if (c->trouble[0])
         return false;
     for (size_t i = 0; i < c->dim.ny; i++) {
+        c->y_new[i] = in->y[i].seq != c->y_seq[i];
+        c->y_status[i] = in->y[i].status;
+        c->y_age[i] = apc_ns_to_s(now.utc - in->y[i].time);
         c->y[i] = in->y[i].value;
         c->y_seq[i] = in->y[i].seq;
     }
     for (size_t i = 0; i < c->dim.nz; i++) {
         if (!setpoint_accepted(c, i, &in->z[i]))
             continue;
-        c->z[i] = in->z[i].value;
+        for (size_t k = 0; k < c->n_ahead; k++)
+            c->z[k * c->dim.nz + i] = in->z[i].value;
         c->z_seq[i] = c->setpoint_seq[i] = in->z[i].seq;
     }
     c->have_y = true;
@@ -296,27 +306,39 @@ static apc_status hold(struct apc_controller *c, struct apc_now now, struct apc_
 /* The law's output with the tuning in force, then a state from which the new tuning gives the same. */
 static void retune(struct apc_controller *c)
 {
-    bool bumpless = c->on_track && c->law->track && compute(c);
+    bool bumpless = c->on_track && c->law->track && compute(c) <= APC_LAW_LATE;
 
     adopt_tuning(c);
     if (bumpless)
         track(c, c->trial);
 }
 
+/* An answer of the law that cannot go out. */
+static apc_status refuse_answer(struct apc_controller *c, int result, struct apc_now now,
+                                struct apc_notice *notice)
+{
+    c->failures++;
+    if (!c->why[0])
+        snprintf(c->why, sizeof(c->why), "%s",
+                 result == APC_LAW_FAILED ? "failed" : "found nothing feasible");
+    snprintf(c->trouble, sizeof(c->trouble), "law %.20s %s (%" PRIu64 ")", c->law->name, c->why, c->failures);
+    if (!c->holding)
+        apc_note(notice, APC_NOTICE_REJECTED, "output held: %s", c->trouble);
+    if (result == APC_LAW_FAILED)
+        reset(c);
+    c->by_law = false;
+    return hold(c, now, notice);
+}
+
 static apc_status automatic(struct apc_controller *c, struct apc_now now, struct apc_notice *notice)
 {
+    int result;
+
     if (!c->on_track && c->have_u)
         track(c, c->u);
-    if (!compute(c)) {
-        c->failures++;
-        snprintf(c->trouble, sizeof(c->trouble), "law %.20s gave no finite number (%" PRIu64 ")",
-                 c->law->name, c->failures);
-        if (!c->holding)
-            apc_note(notice, APC_NOTICE_REJECTED, "output held: %s", c->trouble);
-        reset(c);
-        c->by_law = false;
-        return hold(c, now, notice);
-    }
+    result = compute(c);
+    if (result > APC_LAW_LATE)
+        return refuse_answer(c, result, now, notice);
     if (c->holding)
         apc_note(notice, APC_NOTICE_RECOVERED, "inputs good again after %.3f s",
                  apc_ns_to_s(now.mono - c->hold_since));
@@ -435,7 +457,10 @@ int apc_controller_compute(struct apc_controller *c, struct apc_now now, const s
 
     if (notice)
         notice->kind = APC_NOTICE_NONE;
+    for (size_t i = 0; i < c->dim.nu && c->have_u; i++)
+        c->u_last[i] = c->u[i];
     measured = take_inputs(c, now, in, notice);
+    c->call.t = c->Ts * (double)c->call.tick++;
     c->update_due = false;
     if (c->target == APC_MODE_AUTO)
         status = measured ? automatic(c, now, notice) : hold(c, now, notice);

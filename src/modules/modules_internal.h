@@ -4,6 +4,8 @@
 
 #include "apcmodules.h"
 
+#include "control/control_internal.h"
+
 /** Vectors of a module are at most this long; a frame holds no more. */
 #define APC_VECTOR_MAX 8192
 
@@ -116,26 +118,32 @@ unsigned apc_loop_limited(apc_status status);
 struct apc_controller {
     const struct apc_law *law;
     struct apc_dim dim;
-    size_t n_x, n_tuning; /* of the whole law: n_tuning of each output times nu */
-    double *constant;     /* [n_constant] what the law was configured with */
-    size_t n_constant;
-    struct apc_pair *pair;     /* [nu] what each output controls */
+    struct apc_instances *instances;
+    size_t n_instances, n_x, n_tuning, n_ahead; /* of all instances together */
+    struct apc_law_call call;                   /* the arrays are those below */
     double dim_mark, law_mark; /* whole numbers by which stored rows are known; see controller_rows.c */
     double Ts;
     apc_ns horizon, hold;
     apc_ns loss; /* an output older than this the plant no longer follows */
 
-    double *memory;                /* all the doubles below */
-    double *y, *z;                 /* last usable measurement and setpoint */
+    double *memory; /* all the doubles below */
+    double *y, *z;  /* last usable measurement and setpoint; z [n_ahead * nz], each row the same */
+    double *y_age;  /* [ny] */
+    double *u_last; /* what went out before u */
+    double *published;
     double *x;                     /* the law's state */
     double *u;                     /* what went out last */
     double *trial;                 /* what the law asks for now */
     double *tuning, *offered;      /* in force; wanted by the operator */
     const struct apc_param *param; /* [law->n_tuning] */
+    double *y_low, *y_high, *rate; /* none */
     bool offer_ok;                 /* the law may have what is offered, all of it together */
     double *low, *high, *fault;    /* [nu] */
     double *z_low, *z_high;        /* [nz] */
-    unsigned *limited;             /* [nu] enum apc_limited of trial */
+    unsigned *limited, *held;      /* [nu] enum apc_limited of trial; of who takes u: never */
+    enum apc_law_output *who;      /* [nu] */
+    apc_status *y_status;          /* [ny] */
+    bool *y_new;                   /* [ny] */
 
     int64_t *marks;         /* all the seqs below */
     int64_t *y_seq, *z_seq; /* of y and z */
@@ -159,10 +167,11 @@ struct apc_controller {
     bool update_due;
     bool holding, faulted;
     apc_ns hold_since;
-    uint64_t failures;   /* how often the law gave no finite number */
+    uint64_t failures;   /* how often the law gave no usable output */
     apc_ns resumed_at;   /* source time of the last output that was taken over */
     apc_ns manual_since; /* an operator's output that is found there at first counts if it is younger */
-    char trouble[64];    /* why there is no usable measurement */
+    char why[APC_LAW_WHY];
+    char trouble[160]; /* why there is no usable measurement, or no output of the law */
 };
 
 /** Work out the marks of law and dimensions. */

@@ -20,18 +20,42 @@ static double *numbers(struct settings *s, size_t n)
 
 /* ---- Settings ----------------------------------------------------------------------------- */
 
-/* A number, or an array of them, to *value; the name is the law's own copy. */
+static bool is_matrix(const config_setting_t *member)
+{
+    const config_setting_t *first =
+        config_setting_is_list(member) ? config_setting_get_elem(member, 0) : NULL;
+    return first && config_setting_is_aggregate(first);
+}
+
+/* How many numbers: one, an array of them, or rows of the same length. */
+static void shape_setting(const config_setting_t *member, struct apc_setting *to)
+{
+    const size_t n = config_setting_is_aggregate(member) ? (size_t)config_setting_length(member) : 1;
+
+    to->rows = is_matrix(member) ? n : 1;
+    to->columns = is_matrix(member) ? (size_t)config_setting_length(config_setting_get_elem(member, 0)) : n;
+}
+
+/* A text is copied; the name is the law's own copy. */
 static void read_setting(struct settings *s, const config_setting_t *group, const config_setting_t *member,
                          const char *const *known, struct apc_setting *to, double *value)
 {
-    const char *name = config_setting_name(member);
+    const char *name = config_setting_name(member), *text = config_setting_get_string(member);
 
     for (; *known; known++)
         if (strcmp(*known, name) == 0)
             to->name = *known;
     to->value = value;
-    if (config_setting_is_aggregate(member))
-        settings_numbers(s, member, to->n, value);
+    if (text && !(to->text = strdup(text)))
+        s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
+    else if (text)
+        to->value = NULL;
+    else if (is_matrix(member))
+        for (size_t i = 0; i < to->rows; i++)
+            settings_numbers(s, config_setting_get_elem(member, (unsigned)i), to->columns,
+                             value + i * to->columns);
+    else if (config_setting_is_aggregate(member))
+        settings_numbers(s, member, to->columns, value);
     else
         settings_number(s, group, name, REQUIRED, -APC_VALUE_MAX, APC_VALUE_MAX, value);
 }
@@ -48,22 +72,20 @@ static void read_settings(struct settings *s, const config_setting_t *group, str
     settings_known(s, list, known);
     if (s->failed)
         return;
-    e->controller.setting = calloc(n + 1, sizeof *e->controller.setting);
-    if (!e->controller.setting) {
+    struct apc_setting *setting = e->controller.setting = calloc(n + 1, sizeof *e->controller.setting);
+    if (!setting) {
         s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
         return;
     }
     e->controller.n_setting = n;
     for (size_t i = 0; i < n; i++) {
-        const config_setting_t *member = config_setting_get_elem(list, (unsigned)i);
-        bool many = config_setting_is_aggregate(member);
-        total += e->controller.setting[i].n = many ? (size_t)config_setting_length(member) : 1;
+        shape_setting(config_setting_get_elem(list, (unsigned)i), &setting[i]);
+        total += setting[i].rows * setting[i].columns;
     }
     double *value = e->controller.values = numbers(s, total);
     for (size_t i = 0; i < n && !s->failed; i++) {
-        read_setting(s, list, config_setting_get_elem(list, (unsigned)i), known, &e->controller.setting[i],
-                     value);
-        value += e->controller.setting[i].n;
+        read_setting(s, list, config_setting_get_elem(list, (unsigned)i), known, &setting[i], value);
+        value += setting[i].rows * setting[i].columns;
     }
 }
 
@@ -160,41 +182,32 @@ static void read_limits(struct settings *s, const config_setting_t *group, struc
     }
 }
 
-static void check_tuning(struct settings *s, const config_setting_t *group, const struct experiment *e)
+static void check_tuning(struct settings *s, const config_setting_t *at, const struct experiment *e)
 {
     const struct apc_law *law = e->controller.law;
-    const config_setting_t *at = config_setting_get_member(group, "tuning");
-    struct apc_error why;
+    const size_t n = apc_law_parameters(law, &e->dim);
 
-    for (size_t i = 0; i < e->dim.nu * law->n_tuning && !s->failed; i++) {
-        const struct apc_param *param = &e->controller.param[i % law->n_tuning];
+    for (size_t i = 0; i < n && !s->failed; i++) {
+        const struct apc_law_parameter p = apc_law_parameter_at(law, &e->dim, i);
+        const struct apc_param *param = &e->controller.param[p.number];
         double value = e->controller.tuning[i];
         if (value < param->low || value > param->high)
-            settings_fail(s, at ? at : group, "%s of output %zu is %g, outside its \"limits\", %g to %g",
-                          param->name, i / law->n_tuning + 1, value, param->low, param->high);
+            settings_fail(s, at, "%s of output %zu is %g, outside its \"limits\", %g to %g", param->name,
+                          p.of + 1, value, param->low, param->high);
     }
-    if (!s->failed && apc_law_check_tuning(law, &e->dim, e->controller.tuning, &why) < 0)
-        settings_fail(s, at ? at : group, "%s", why.text);
 }
 
 /* ---- Trial --------------------------------------------------------------------------------- */
 
-static void try_to_configure(struct settings *s, const config_setting_t *group, const struct experiment *e)
+static void try_law(struct settings *s, const config_setting_t *group, const config_setting_t *tuning,
+                    const struct experiment *e)
 {
     const struct apc_law_setup setup = cores_law_setup(e);
-    struct apc_law_size size = {0};
     struct apc_error why;
-    int rc = e->controller.law->configure(&setup, &size, NULL, &why);
+    int rc = apc_law_try(e->controller.law, &setup, e->controller.tuning, &why);
 
-    if (rc == 0) {
-        double *constant = numbers(s, size.constants);
-        if (!constant)
-            return;
-        rc = e->controller.law->configure(&setup, &size, constant, &why);
-        free(constant);
-    }
     if (rc < 0)
-        settings_fail(s, group, "%s", why.text);
+        settings_fail(s, rc == APC_ERANGE ? tuning : group, "%s", why.text);
 }
 
 void experiment_read_law(struct settings *s, const config_setting_t *root, struct experiment *e)
@@ -208,15 +221,18 @@ void experiment_read_law(struct settings *s, const config_setting_t *root, struc
         read_operating_point(s, group, e);
     if (!s->failed)
         read_limits(s, group, e);
+    const config_setting_t *at = config_setting_get_member(group, "tuning");
     if (!s->failed)
-        check_tuning(s, group, e);
-    if (!s->failed && e->controller.law->configure)
-        try_to_configure(s, group, e);
+        check_tuning(s, at ? at : group, e);
+    if (!s->failed)
+        try_law(s, group, at ? at : group, e);
 }
 
 void experiment_free_law(struct experiment *e)
 {
     free(e->controller.param);
+    for (size_t i = 0; i < e->controller.n_setting; i++)
+        free((char *)(uintptr_t)e->controller.setting[i].text);
     free(e->controller.setting);
     free(e->controller.values);
     free(e->controller.linear);

@@ -23,9 +23,35 @@ static struct apc_tag plain_tag(enum apc_table table, int id, const char *name, 
     return tag;
 }
 
-static size_t output_tags(const struct experiment *e, size_t i, struct apc_tag *tag)
+/* The parameters of that scope, of which the law, an output or a measurement has them. */
+static size_t tuning_tags(const struct experiment *e, enum apc_law_scope scope, size_t of,
+                          struct apc_tag *tag)
 {
     const struct apc_law *law = e->controller.law;
+    const size_t all = apc_law_parameters(law, &e->dim);
+    size_t n = 0;
+    char name[APC_TAG_LEN];
+
+    for (size_t k = 0; k < all; k++) {
+        const struct apc_law_parameter at = apc_law_parameter_at(law, &e->dim, k);
+        const struct apc_param *p = &e->controller.param[at.number];
+        if (at.scope != scope || at.of != of)
+            continue;
+        if (scope == APC_OF_OUTPUT)
+            output_name(e, of, p->name, name, sizeof name);
+        else if (scope == APC_OF_LAW)
+            snprintf(name, sizeof name, "%.63s", p->name);
+        else
+            snprintf(name, sizeof name, "%.31s.%.31s", e->y[of].tag.name, p->name);
+        tag[n] =
+            plain_tag(APC_TUNING, (int)k + 1, name, p->description ? p->description : "", p->low, p->high);
+        snprintf(tag[n++].unit, sizeof tag->unit, "%s", p->unit ? p->unit : "");
+    }
+    return n;
+}
+
+static size_t output_tags(const struct experiment *e, size_t i, struct apc_tag *tag)
+{
     size_t n = 0;
     char name[APC_TAG_LEN];
 
@@ -33,26 +59,22 @@ static size_t output_tags(const struct experiment *e, size_t i, struct apc_tag *
     tag[n] = plain_tag(APC_MANUAL, (int)i + 1, name, "operator's output in mode Man", e->u[i].tag.low,
                        e->u[i].tag.high);
     memcpy(tag[n++].unit, e->u[i].tag.unit, APC_TAG_LEN);
-    for (size_t j = 0; j < law->n_tuning; j++, n++) {
-        const struct apc_param *p = &e->controller.param[j];
-        output_name(e, i, p->name, name, sizeof name);
-        tag[n] = plain_tag(APC_TUNING, (int)(i * law->n_tuning + j) + 1, name,
-                           p->description ? p->description : "", p->low, p->high);
-        snprintf(tag[n].unit, sizeof tag[n].unit, "%s", p->unit ? p->unit : "");
-    }
-    return n;
+    return n + tuning_tags(e, APC_OF_OUTPUT, i, tag + n);
 }
 
 struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
 {
     const struct apc_dim *dim = &e->dim;
-    size_t n = 0, most = dim->ny + dim->nz + dim->nu * (4 + e->controller.law->n_tuning) + 6;
+    size_t n = 0, most = dim->ny + dim->nz + 4 * dim->nu + apc_law_parameters(e->controller.law, dim) + 6;
     char name[APC_TAG_LEN];
     struct apc_tag *tag = calloc(most, sizeof *tag);
     if (!tag)
         return NULL;
-    for (size_t i = 0; i < dim->ny; i++)
+    for (size_t i = 0; i < dim->ny; i++) {
         tag[n++] = e->y[i].tag;
+        n += tuning_tags(e, APC_OF_MEASUREMENT, i, tag + n);
+    }
+    n += tuning_tags(e, APC_OF_LAW, 0, tag + n);
     for (size_t i = 0; i < dim->nz; i++)
         tag[n++] = e->z[i].tag;
     for (size_t i = 0; i < dim->nu; i++) {
@@ -223,7 +245,7 @@ static int forget_manual(struct apc_store *store, size_t nu, apc_ns now)
 
 int provision(struct apc_store *store, const struct experiment *e, enum provision how)
 {
-    size_t tunings = e->dim.nu * e->controller.law->n_tuning;
+    size_t tunings = apc_law_parameters(e->controller.law, &e->dim);
     apc_ns now = apc_clock_utc(NULL);
     struct apc_sample *wanted = calloc(tunings + 1, sizeof *wanted);
     int rc = wanted ? put_dimensions(store, e, now) : APC_ENOMEM;

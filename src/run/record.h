@@ -20,11 +20,9 @@ struct record_plugin {
 struct record {
     bool there;
     apc_ns start;    /* t = 0: UTC; 0: in virtual time */
-    double duration; /* s that it ran or, where it never came to its end, was to run; 0: not known; NAN: what
-                        the file says holds */
+    double duration; /* s that it ran or, where it never came to its end, was to run; 0: not known */
     uint64_t seed;
-    bool file_seed; /* instead of it the file's holds */
-    char net[512];  /* --net, "" without */
+    char net[512]; /* --net, "" without */
     struct record_plugin law, model;
 };
 

@@ -154,7 +154,7 @@ static enum apc_mode mode_at(const struct replay *r, apc_ns t, apc_status status
 static void give_all(struct replay *r, const struct apc_sample *tick)
 {
     const size_t loop = r->e.dim.ny + r->e.dim.nz, nu = r->e.dim.nu;
-    const size_t n_tuning = nu * r->e.controller.law->n_tuning;
+    const size_t n_tuning = apc_law_parameters(r->e.controller.law, &r->e.dim);
     struct apc_sample *in = r->in + loop;
     enum apc_mode mode = mode_at(r, tick->time, tick->status);
 

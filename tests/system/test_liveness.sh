@@ -15,7 +15,7 @@ cat >"$work/law.c" <<'EOF'
 #include <string.h>
 #include <unistd.h>
 static const struct apc_param tuning[] = {{"Kp", "", "gain", 0.1, 0.0, 1.0}};
-static void compute(struct apc_law_call *c)
+static int compute(struct apc_law_call *c)
 {
     char order[16] = "";
     FILE *file = fopen(getenv("ORDER"), "r");
@@ -30,9 +30,9 @@ static void compute(struct apc_law_call *c)
         abort();
     }
     c->u[0] = c->tuning[0] * (c->z[0] - c->y[0]);
+    return 0;
 }
-const struct apc_law apc_law = {
-    .abi = APC_LAW_ABI, .name = "ordered", .description = "as told", .n_tuning = 1, .tuning = tuning, .compute = compute};
+APC_LAW_EXPORT(.name = "ordered", .description = "as told", .n_tuning = 1, .tuning = tuning, .compute = compute);
 EOF
 "${CC:-cc}" -shared -fPIC -I"$APC_SOURCE_DIR/include" -o "$work/law.so" "$work/law.c"
 export ORDER=$work/order

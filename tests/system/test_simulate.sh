@@ -146,8 +146,8 @@ done
 plugin "$work/static.so" <<'C'
 #include <apccontrol.h>
 static const struct apc_param none[] = {{"K", "", "", 1, 0, 2}};
-static void compute(struct apc_law_call *c) { static double u; c->u[0] = u = u < 9 ? u + 0.01 : u; }
-const struct apc_law apc_law = {.abi = APC_LAW_ABI, .name = "static", .n_tuning = 1, .tuning = none, .compute = compute};
+static int compute(struct apc_law_call *c) { static double u; c->u[0] = u = u < 9 ? u + 0.01 : u; return 0; }
+APC_LAW_EXPORT(.name = "static", .n_tuning = 1, .tuning = none, .compute = compute);
 C
 for jobs in 1 3; do
   "$apc" simulate "$conf" --duration 60 --law "$work/static.so" --runs 6 --jobs $jobs --csv "$work/static$jobs.csv" >"$work/static.txt"
@@ -168,8 +168,8 @@ plugin "$work/nan.so" <<'C'
 #include <apccontrol.h>
 #include <math.h>
 static const struct apc_param none[] = {{"K", "", "", 1, 0, 2}};
-static void compute(struct apc_law_call *c) { c->u[0] = c->y[0] > 5 ? NAN : 1.0; }
-const struct apc_law apc_law = {.abi = APC_LAW_ABI, .name = "nan", .n_tuning = 1, .tuning = none, .compute = compute};
+static int compute(struct apc_law_call *c) { c->u[0] = c->y[0] > 5 ? NAN : 1.0; return 0; }
+APC_LAW_EXPORT(.name = "nan", .n_tuning = 1, .tuning = none, .compute = compute);
 C
 expect 0 'output held: law nan gave no finite number' "$apc" simulate "$conf" --law "$work/nan.so" --csv "$work/nan.csv"
 expect 0 'controller: output held or at its fault value at [1-9][0-9]* ticks' "$apc" simulate "$conf" --law "$work/nan.so"
@@ -192,7 +192,7 @@ grep -q '^1\.4.*sensor' "$work/burst.csv" || fail "what came before the divergen
 expect 1 '20 of 20 runs ended early' "$apc" simulate "$conf" --plant "$work/burst.so" --runs 20
 
 # A figure of each run, and what the controllers had, also when something fails.
-expect 0 'law nan gave no finite number in 3 of 3 runs' "$apc" simulate "$conf" --law "$work/nan.so" --runs 3
+expect 0 'law nan gave no usable output in 3 of 3 runs' "$apc" simulate "$conf" --law "$work/nan.so" --runs 3
 expect 1 'sha256' "$apc" simulate "$conf" --csv /dev/full --report "$work/full"
 expect 1 '^y +all +[0-9]' "$apc" simulate "$conf" --csv /dev/full
 [ -s "$work/full/report.png" ] || fail "no report because the samples could not be written"
@@ -205,7 +205,7 @@ plugin "$work/moody.so" <<'C'
 #include <stdlib.h>
 #include <unistd.h>
 static const struct apc_param none[] = {{"K", "", "", 1, 0, 2}};
-static void compute(struct apc_law_call *c)
+static int compute(struct apc_law_call *c)
 {
     const char *mood = getenv("MOOD"), *mark = getenv("MARK");
     FILE *file = mark ? fopen(mark, "w") : NULL;
@@ -218,8 +218,9 @@ static void compute(struct apc_law_call *c)
         case 'l': for (;;) pause();
         }
     c->u[0] = 0;
+    return 0;
 }
-const struct apc_law apc_law = {.abi = APC_LAW_ABI, .name = "moody", .n_tuning = 1, .tuning = none, .compute = compute};
+APC_LAW_EXPORT(.name = "moody", .n_tuning = 1, .tuning = none, .compute = compute);
 C
 moody() { MOOD=$1 "$apc" simulate "$work/noise.conf" --law "$work/moody.so" --runs 30 --jobs 2 --force --csv "$work/moody.csv"; }
 expect 1 'seed [0-9]+: its process was ended by signal 6' moody crash

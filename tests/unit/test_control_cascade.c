@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "check.h"
-
-#include "apccontrol.h"
+#include "laws.h"
 
 #include <string.h>
 
@@ -13,8 +11,9 @@ static const struct apc_law *const cascade = &apc_law_cascade;
 
 /* y[1]' = (-y[1] + u + load) / 0.5, y[0]' = (-y[0] + y[1]) / 5, by the law's period. */
 struct rig {
-    double y[4], z[2], u[2], x[2 * STATES], tuning[2 * PARAMS], constant[6], load;
+    double y[4], z[2], u[2], x[2 * STATES], tuning[2 * PARAMS], load;
     unsigned limited[2];
+    struct apc_instances *law;
     struct apc_law_call c;
 };
 
@@ -22,14 +21,11 @@ static int configure(struct rig *r, struct apc_dim dim, const struct apc_setting
                      struct apc_error *why)
 {
     const struct apc_law_setup setup = {.dim = dim, .Ts = H, .n_setting = n, .setting = setting};
-    struct apc_law_size size = {0, 0};
-    int rc = cascade->configure(&setup, &size, NULL, why);
+    int rc = laws_make(&r->law, cascade, &setup, why);
 
-    if (rc < 0)
-        return rc;
-    assert_int_equal(size.constants, 3 * dim.nu);
-    assert_int_equal(size.states, STATES * dim.nu);
-    return cascade->configure(&setup, &size, r->constant, why);
+    if (rc == 0)
+        assert_int_equal(apc_instances_size(r->law).states, STATES * dim.nu);
+    return rc;
 }
 
 static void make(struct rig *r)
@@ -42,7 +38,6 @@ static void make(struct rig *r)
                                  .u = r->u,
                                  .x = r->x,
                                  .tuning = r->tuning,
-                                 .constant = r->constant,
                                  .limited = r->limited};
     for (size_t i = 0; i < 2 * PARAMS; i++)
         r->tuning[i] = cascade->tuning[i % PARAMS].initial;
@@ -51,7 +46,7 @@ static void make(struct rig *r)
     r->tuning[INNER + KP] = 2.0;
     r->tuning[INNER + TAU_I] = 0.5;
     assert_int_equal(configure(r, r->c.dim, NULL, 0, NULL), 0);
-    cascade->reset(&r->c);
+    laws_reset(r->law, &r->c);
 }
 
 static double tick(struct rig *r)
@@ -59,9 +54,9 @@ static double tick(struct rig *r)
     double a = exp(-H / 0.5), b = exp(-H / 5.0), u;
 
     memset(r->limited, 0, sizeof(r->limited));
-    cascade->compute(&r->c);
+    laws_compute(r->law, &r->c);
     u = r->u[0];
-    cascade->update(&r->c);
+    laws_update(r->law, &r->c);
     r->y[0] = b * r->y[0] + (1.0 - b) * r->y[1];
     r->y[1] = a * r->y[1] + (1.0 - a) * (u + r->load);
     return u;
@@ -91,10 +86,10 @@ static void the_inner_setpoint_is_the_outer_output_within_its_limits(void **stat
     make(&r);
     r.z[0] = 4.0;
     r.y[1] = 0.5;
-    cascade->compute(&r.c);
+    laws_compute(r.law, &r.c);
     assert_near(r.u[0], 2.0 * (3.0 * 4.0 - 0.5), 1e-12);
     r.tuning[OUTER + U_MAX] = 5.0;
-    cascade->compute(&r.c);
+    laws_compute(r.law, &r.c);
     assert_near(r.u[0], 2.0 * (5.0 - 0.5), 1e-12);
 }
 
@@ -154,15 +149,15 @@ static void at_the_limit_neither_integral_takes_the_smallest_step_outwards(void 
             r.tuning[INNER + U_BAR] = 1.0;
             r.tuning[INNER + U_MAX] = 1.0 - error;
             r.z[0] = to * error;
-            cascade->reset(&r.c);
+            laws_reset(r.law, &r.c);
             for (int away = 0; away <= 1; away++) {
                 const double before[] = {r.x[0], r.x[STATES / 2]};
                 bool outwards;
 
                 r.z[0] = (away ? -1e-3 : 1.0) * to * error;
-                cascade->compute(&r.c);
+                laws_compute(r.law, &r.c);
                 assert_near(r.u[0], 1.0 - error, 0.0);
-                cascade->update(&r.c);
+                laws_update(r.law, &r.c);
                 outwards = !away && gain != 0.0; /* an inner loop without gain is in nobody's way */
                 assert_int_equal(r.x[0] == before[0], outwards);
                 if (!away)
@@ -175,7 +170,7 @@ static void at_the_limit_neither_integral_takes_the_smallest_step_outwards(void 
 /* Every pair: the outer output where the inner measurement is, and so the inner one at u_bar. */
 static void at_rest_every_pair_begins_with_its_u_bar(void **state)
 {
-    const struct apc_dim dim = {4, 2, 2};
+    const struct apc_dim dim = {4, 2, 2, 0};
     struct rig r;
 
     (void)state;
@@ -195,12 +190,12 @@ static void at_rest_every_pair_begins_with_its_u_bar(void **state)
         p[OUTER + U_BAR] = r.y[2 + i];
         p[INNER + U_BAR] = 1000.0 + i;
     }
-    cascade->reset(&r.c);
+    laws_reset(r.law, &r.c);
     for (int k = 0; k < 3; k++) {
-        cascade->compute(&r.c);
+        laws_compute(r.law, &r.c);
         assert_near(r.u[0], 1000.0, 1e-9);
         assert_near(r.u[1], 1001.0, 1e-9);
-        cascade->update(&r.c);
+        laws_update(r.law, &r.c);
     }
 }
 
@@ -217,9 +212,9 @@ static void after_track_it_gives_the_tracked_output_and_the_inner_loop_is_at_res
         r.y[1] = 7.0;
         r.u[0] = -3.0;
         r.c.gap = gap != 0;
-        cascade->track(&r.c);
+        laws_track(r.law, &r.c);
         r.u[0] = 0.0;
-        cascade->compute(&r.c);
+        laws_compute(r.law, &r.c);
         assert_near(r.u[0], -3.0, 1e-12);
         assert_near(3.0 * (2.0 - 1.0) + r.x[0], 7.0, 1e-12); /* the inner setpoint is the inner measurement */
     }
@@ -228,9 +223,10 @@ static void after_track_it_gives_the_tracked_output_and_the_inner_loop_is_at_res
 static void pairs_are_made_at_will(void **state)
 {
     const double outer[] = {4.0, 3.0}, inner[] = {1.0, 2.0}, setpoint[] = {2.0, 1.0}, beyond[] = {5.0, 1.0};
-    const struct apc_setting good[] = {{"outer", 2, outer}, {"inner", 2, inner}, {"setpoint", 2, setpoint}};
-    const struct apc_setting bad = {"inner", 2, beyond};
-    const struct apc_dim dim = {4, 2, 2};
+    const struct apc_setting good[] = {
+        {"outer", NULL, 1, 2, outer}, {"inner", NULL, 1, 2, inner}, {"setpoint", NULL, 1, 2, setpoint}};
+    const struct apc_setting bad = {"inner", NULL, 1, 2, beyond};
+    const struct apc_dim dim = {4, 2, 2, 0};
     struct apc_error why;
     struct rig r;
 
@@ -247,40 +243,40 @@ static void pairs_are_made_at_will(void **state)
     r.y[3] = 4000.0;
     r.z[1] = 50000.0;
     assert_int_equal(configure(&r, dim, good, 3, NULL), 0);
-    cascade->compute(&r.c);
+    laws_compute(r.law, &r.c);
     assert_near(r.u[0], 50000.0 - 4000.0 - 1.0, 1e-9);
     assert_near(r.u[1], 0.0 - 300.0 - 20.0, 1e-9);
-    const struct apc_setting shared = {"inner", 2, setpoint}; /* each measurement is in both pairs */
-    assert_int_equal(configure(&r, (struct apc_dim){2, 2, 2}, &shared, 1, NULL), 0);
+    const struct apc_setting shared = {"inner", NULL, 1, 2, setpoint}; /* each measurement is in both pairs */
+    assert_int_equal(configure(&r, (struct apc_dim){2, 2, 2, 0}, &shared, 1, NULL), 0);
     assert_int_equal(configure(&r, dim, &bad, 1, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "inner"));
     for (size_t i = 0; i < 3; i++) {
-        const struct apc_dim few[] = {{1, 1, 1}, {2, 1, 3}, {2, 0, 1}};
+        const struct apc_dim few[] = {{1, 1, 1, 0}, {2, 1, 3, 0}, {2, 0, 1, 0}};
         const struct apc_law_setup setup = {.dim = few[i], .Ts = 1.0};
-        struct apc_law_size size;
-
-        assert_int_equal(cascade->configure(&setup, &size, NULL, &why), APC_EINVAL);
+        assert_int_equal(laws_make(&r.law, cascade, &setup, &why), APC_EINVAL);
         assert_non_null(strstr(why.text, "an outer and an inner measurement and a setpoint for each output"));
     }
-    assert_int_equal(configure(&r, (struct apc_dim){3, 2, 2}, NULL, 0, &why), APC_EINVAL);
+    assert_int_equal(configure(&r, (struct apc_dim){3, 2, 2, 0}, NULL, 0, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "\"inner\" of output 2 would be 4, but there are 3"));
-    assert_int_equal(configure(&r, (struct apc_dim){2, 2, 2}, NULL, 0, &why), APC_EINVAL);
+    assert_int_equal(configure(&r, (struct apc_dim){2, 2, 2, 0}, NULL, 0, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "\"inner\" of output 1 would be 3, but there are 2"));
-    assert_int_equal(configure(&r, (struct apc_dim){4, 1, 2}, NULL, 0, &why), APC_EINVAL);
+    assert_int_equal(configure(&r, (struct apc_dim){4, 1, 2, 0}, NULL, 0, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "\"setpoint\" of output 2 would be 2, but there are 1"));
 }
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_outer_loop_reaches_its_setpoint_through_the_inner_one),
-        cmocka_unit_test(the_inner_setpoint_is_the_outer_output_within_its_limits),
-        cmocka_unit_test(the_inner_loop_takes_disturbances_before_they_reach_the_outer_one),
-        cmocka_unit_test(neither_integral_winds_up_while_the_output_is_cut),
-        cmocka_unit_test(at_the_limit_neither_integral_takes_the_smallest_step_outwards),
-        cmocka_unit_test(at_rest_every_pair_begins_with_its_u_bar),
-        cmocka_unit_test(after_track_it_gives_the_tracked_output_and_the_inner_loop_is_at_rest),
-        cmocka_unit_test(pairs_are_made_at_will),
+        cmocka_unit_test_teardown(the_outer_loop_reaches_its_setpoint_through_the_inner_one, laws_end),
+        cmocka_unit_test_teardown(the_inner_setpoint_is_the_outer_output_within_its_limits, laws_end),
+        cmocka_unit_test_teardown(the_inner_loop_takes_disturbances_before_they_reach_the_outer_one,
+                                  laws_end),
+        cmocka_unit_test_teardown(neither_integral_winds_up_while_the_output_is_cut, laws_end),
+        cmocka_unit_test_teardown(at_the_limit_neither_integral_takes_the_smallest_step_outwards, laws_end),
+        cmocka_unit_test_teardown(at_rest_every_pair_begins_with_its_u_bar, laws_end),
+        cmocka_unit_test_teardown(after_track_it_gives_the_tracked_output_and_the_inner_loop_is_at_rest,
+                                  laws_end),
+        cmocka_unit_test_teardown(pairs_are_made_at_will, laws_end),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

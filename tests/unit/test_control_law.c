@@ -1,14 +1,13 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "check.h"
-
-#include "control/control_internal.h"
+#include "laws.h"
 
 #include <stdio.h>
 #include <string.h>
 
-static void compute(struct apc_law_call *c)
+static int compute(struct apc_law_call *c)
 {
     c->u[0] = 0.0;
+    return APC_LAW_GOOD;
 }
 
 static void the_built_in_laws_are_found_by_name(void **state)
@@ -58,6 +57,8 @@ static void a_law_that_cannot_work_is_refused_with_the_reason(void **state)
 {
     const struct apc_param upside_down = {"Kp", "", "", 1.0, 5.0, -5.0};
     const struct apc_param not_a_number = {"Kp", "", "", (double)NAN, -5.0, 5.0};
+    const struct apc_param fine = {"Kp", "", "", 1.0, -5.0, 5.0};
+    const enum apc_law_scope nothing = (enum apc_law_scope)3;
     const struct apc_param nameless = {NULL, "", "", 1.0, -5.0, 5.0};
     const struct apc_law good = {.abi = APC_LAW_ABI, .name = "mine", .compute = compute};
     struct apc_law law = good;
@@ -65,9 +66,13 @@ static void a_law_that_cannot_work_is_refused_with_the_reason(void **state)
 
     (void)state;
     assert_int_equal(apc_law_check(&law, "x.so", &why), 0);
-    law.abi = APC_LAW_ABI + 1;
-    assert_int_equal(apc_law_check(&law, "x.so", &why), APC_EINVAL);
-    assert_non_null(strstr(why.text, "version 3"));
+    for (unsigned abi = 0; abi < APC_LAW_ABI + 2; abi++) {
+        law.abi = abi;
+        if (abi == APC_LAW_ABI)
+            continue;
+        assert_int_equal(apc_law_check(&law, "x.so", &why), APC_EINVAL);
+        assert_non_null(strstr(why.text, "compile it anew"));
+    }
     law = good;
     law.compute = NULL;
     assert_int_equal(apc_law_check(&law, "x.so", &why), APC_EINVAL);
@@ -85,6 +90,11 @@ static void a_law_that_cannot_work_is_refused_with_the_reason(void **state)
     assert_int_equal(apc_law_check(&law, "x.so", &why), APC_EINVAL);
     law.tuning = &nameless;
     assert_int_equal(apc_law_check(&law, "x.so", &why), APC_EINVAL);
+    law.tuning = &fine;
+    assert_int_equal(apc_law_check(&law, "x.so", &why), 0);
+    law.scope = &nothing;
+    assert_int_equal(apc_law_check(&law, "x.so", &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "scope 3"));
 }
 
 /* ---- A whole set of tuning ----------------------------------------------------------------------- */
@@ -109,7 +119,10 @@ static void the_built_in_laws_refuse_crossed_limits_of_any_output(void **state)
               {&apc_law_cascade, "outer_u_min", "outer_u_max"},
               {&apc_law_cascade, "inner_u_min", "inner_u_max"},
               {&apc_law_lqg, "u_min", "u_max"}};
-    const struct apc_dim dim = {4, 2, 2};
+    static const double A[] = {-1, 0, 0, -2}, one[] = {1, 0, 0, 1, 1, 0, 0, 1}, zero[8];
+    static const struct apc_law_plant plant = {
+        .nx = 2, .A = A, .B = one, .C = one, .D = zero, .x0 = zero, .u0 = zero, .y0 = zero};
+    const struct apc_law_setup setup = {.dim = {4, 2, 2}, .Ts = 1.0, .plant = &plant};
 
     (void)state;
     for (size_t i = 0; i < sizeof(of) / sizeof(of[0]); i++) {
@@ -123,11 +136,11 @@ static void the_built_in_laws_refuse_crossed_limits_of_any_output(void **state)
             assert_in_range(2 * n, 1, 64);
             for (size_t k = 0; k < 2 * n; k++)
                 tuning[k] = law->tuning[k % n].initial;
-            assert_int_equal(apc_law_check_tuning(law, &dim, tuning, &why), 0);
+            assert_int_equal(apc_law_try(law, &setup, tuning, &why), 0);
             tuning[output * n + low] = tuning[output * n + high] = 5.0; /* it may be held fast */
-            assert_int_equal(apc_law_check_tuning(law, &dim, tuning, &why), 0);
+            assert_int_equal(apc_law_try(law, &setup, tuning, &why), 0);
             tuning[output * n + high] = 4.9;
-            assert_int_equal(apc_law_check_tuning(law, &dim, tuning, &why), APC_ERANGE);
+            assert_int_equal(apc_law_try(law, &setup, tuning, &why), APC_ERANGE);
             assert_non_null(strstr(why.text, output ? "output 2" : "output 1"));
             assert_non_null(strstr(why.text, of[i].low));
             assert_non_null(strstr(why.text, of[i].high));
@@ -181,7 +194,8 @@ static void a_parameter_of_which_nothing_is_said_has_its_initial_value_and_limit
         "inner_du_max 0 (0 to 1000000000)\n",
         "u_min -1000000000 (-1000000000 to 1000000000)\n"
         "u_max 1000000000 (-1000000000 to 1000000000)\n"
-        "tau_b 10 (0 to 1000000000)\n",
+        "tau_b 10 (0 to 1000000000)\n"
+        "du_max 0 (0 to 1000000000)\n",
     };
 
     (void)state;
@@ -202,7 +216,7 @@ static void a_parameter_of_which_nothing_is_said_has_its_initial_value_and_limit
 
 static void a_parameter_outside_its_limits_is_refused_by_name(void **state)
 {
-    const struct apc_dim dim = {2, 2, 2};
+    const struct apc_law_setup setup = {.dim = {2, 2, 2}, .Ts = 1.0};
     double tuning[10];
     struct apc_error why = {""};
 
@@ -213,30 +227,31 @@ static void a_parameter_outside_its_limits_is_refused_by_name(void **state)
         const double own = tuning[k];
 
         tuning[k] = 2e9;
-        assert_int_equal(apc_law_check_tuning(&apc_law_pi, &dim, tuning, &why), APC_ERANGE);
+        assert_int_equal(apc_law_try(&apc_law_pi, &setup, tuning, &why), APC_ERANGE);
         assert_non_null(strstr(why.text, apc_law_pi.tuning[k % 5].name));
         assert_non_null(strstr(why.text, k < 5 ? "output 1" : "output 2"));
         tuning[k] = own;
     }
     tuning[6] = -1.0;
-    assert_int_equal(apc_law_check_tuning(&apc_law_pi, &dim, tuning, &why), APC_ERANGE);
+    assert_int_equal(apc_law_try(&apc_law_pi, &setup, tuning, &why), APC_ERANGE);
     assert_non_null(strstr(why.text, "tau_i of output 2"));
     tuning[6] = (double)NAN;
-    assert_int_equal(apc_law_check_tuning(&apc_law_pi, &dim, tuning, &why), APC_ERANGE);
+    assert_int_equal(apc_law_try(&apc_law_pi, &setup, tuning, &why), APC_ERANGE);
 }
 
 static void a_setting_that_a_law_does_not_know_is_refused_by_name(void **state)
 {
     static const double one = 1.0;
-    const struct apc_setting setting[] = {{"measurement", 1, &one}, {"measurements", 1, &one}};
-    struct apc_law_setup setup = {.dim = {1, 1, 1}, .n_setting = 1, .setting = setting};
+    const struct apc_setting setting[] = {{"measurement", NULL, 1, 1, &one},
+                                          {"measurements", NULL, 1, 1, &one}};
+    struct apc_law_setup setup = {.dim = {1, 1, 1}, .Ts = 1.0, .n_setting = 1, .setting = setting};
     struct apc_error why = {""};
 
     (void)state;
-    assert_int_equal(apc_law_check_settings(&apc_law_pid, &setup, &why), 0);
-    assert_int_equal(apc_law_check_settings(&apc_law_pi, &setup, &why), APC_EINVAL); /* it has none at all */
+    assert_int_equal(apc_law_try(&apc_law_pid, &setup, NULL, &why), 0);
+    assert_int_equal(apc_law_try(&apc_law_pi, &setup, NULL, &why), APC_EINVAL); /* it has none at all */
     setup.n_setting = 2;
-    assert_int_equal(apc_law_check_settings(&apc_law_pid, &setup, &why), APC_EINVAL);
+    assert_int_equal(apc_law_try(&apc_law_pid, &setup, NULL, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "law pid has no setting \"measurements\""));
 }
 
@@ -274,8 +289,9 @@ static void the_built_in_laws_are_paired_by_their_settings(void **state)
     static const double A[] = {-1, 0, 0, -2}, one[] = {1, 0, 0, 1}, zero[4];
     const struct apc_law_plant plant = {
         .nx = 2, .A = A, .B = one, .C = one, .D = zero, .x0 = zero, .u0 = zero, .y0 = zero};
-    const struct apc_setting pid[] = {{"measurement", 2, swapped}, {"setpoint", 2, same}};
-    const struct apc_setting cascade[] = {{"outer", 2, outer}, {"inner", 2, inner}, {"setpoint", 2, swapped}};
+    const struct apc_setting pid[] = {{"measurement", NULL, 1, 2, swapped}, {"setpoint", NULL, 1, 2, same}};
+    const struct apc_setting cascade[] = {
+        {"outer", NULL, 1, 2, outer}, {"inner", NULL, 1, 2, inner}, {"setpoint", NULL, 1, 2, swapped}};
     struct apc_law_setup setup = {.dim = {2, 2, 2}, .Ts = 1.0, .setting = pid};
 
     (void)state;
@@ -292,34 +308,61 @@ static void the_built_in_laws_are_paired_by_their_settings(void **state)
     assert_pairs(&apc_law_cascade, &setup, (struct apc_pair[]){{4, 2}, {2, 1}});
 }
 
-static int beyond(const struct apc_law_setup *setup, struct apc_pair *pair, struct apc_error *why)
+static int beyond(const struct apc_law_setup *setup, size_t output, struct apc_law_ports *p,
+                  struct apc_error *why)
 {
+    const double *at = setup->setting->value;
+
     (void)why;
-    pair[setup->dim.nu - 1] =
-        (struct apc_pair){(size_t)setup->setting->value[0], (size_t)setup->setting->value[1]};
+    if (output + 1 < setup->dim.nu)
+        return 0;
+    p->ny = (size_t)at[2];
+    p->nz = p->nd = 1;
+    p->y[0] = (int)at[0];
+    p->z[0] = (int)at[1];
     return 0;
 }
 
-static void a_pairing_with_what_there_is_not_is_refused(void **state)
+static void ports_to_what_there_is_not_are_refused(void **state)
 {
-    const struct apc_law law = {.abi = APC_LAW_ABI, .name = "mine", .compute = compute, .pairing = beyond};
-    static const double pair[][2] = {{0, 1}, {3, 1}, {1, 2}};
-    static const double three[] = {3, 1};
-    const struct apc_setting unknown = {"measurement", 2, three};
-    struct apc_setting setting = {"pair", 2, NULL};
-    struct apc_law_setup setup = {.dim = {2, 1, 2}, .n_setting = 1, .setting = &setting};
-    struct apc_pair out[2];
+    static const char *const known[] = {"ports", NULL};
+    const struct apc_law law = {
+        .abi = APC_LAW_ABI, .name = "mine", .compute = compute, .settings = known, .ports = beyond};
+    static const struct {
+        double at[3];
+        const char *what;
+    } of[] = {{{-1, 0, 1}, "measurement 0, but there are 2"}, {{2, 0, 1}, "measurement 3, but there are 2"},
+              {{0, 1, 1}, "setpoint 2, but there are 1"},     {{0, -1, 1}, "setpoint 0, but there are 1"},
+              {{0, 0, 17}, "17 measurements; 16 at most"},    {{0, 0, 1}, "disturbance 2, but there are 0"}};
+    struct apc_setting setting = {"ports", NULL, 1, 3, NULL};
+    struct apc_law_setup setup = {.dim = {2, 1, 2}, .Ts = 1.0, .n_setting = 1, .setting = &setting};
+    struct apc_pair pair[2];
     struct apc_error why = {""};
 
     (void)state;
-    for (size_t i = 0; i < sizeof(pair) / sizeof(pair[0]); i++) {
-        setting.value = pair[i];
-        assert_int_equal(apc_law_pairing(&law, &setup, out, &why), APC_EINVAL);
+    for (size_t i = 0; i < sizeof(of) / sizeof(of[0]); i++) {
+        setting.value = of[i].at;
+        assert_int_equal(apc_law_pairing(&law, &setup, pair, &why), APC_EINVAL);
         assert_non_null(strstr(why.text, "output 2"));
+        if (!strstr(why.text, of[i].what))
+            fail_msg("%s", why.text);
+        assert_int_equal(apc_law_try(&law, &setup, NULL, &why), APC_EINVAL);
     }
-    setup = (struct apc_law_setup){.dim = {2, 2, 2}, .n_setting = 1, .setting = &unknown};
-    assert_int_equal(apc_law_pairing(&apc_law_pid, &setup, out, &why), APC_EINVAL);
-    assert_int_equal(apc_law_pairing(&apc_law_lqg, &setup, out, &why), APC_EINVAL); /* and has no model */
+    setup.dim.nd = 2;
+    assert_int_equal(apc_law_try(&law, &setup, NULL, &why), 0);
+}
+
+static void a_law_that_refuses_its_settings_has_no_pairs(void **state)
+{
+    static const double three[] = {3, 1};
+    const struct apc_setting unknown = {"measurement", NULL, 1, 2, three};
+    const struct apc_law_setup setup = {.dim = {2, 2, 2}, .n_setting = 1, .setting = &unknown};
+    struct apc_pair pair[2];
+    struct apc_error why = {""};
+
+    (void)state;
+    assert_int_equal(apc_law_pairing(&apc_law_pid, &setup, pair, &why), APC_EINVAL);
+    assert_int_equal(apc_law_pairing(&apc_law_lqg, &setup, pair, &why), APC_EINVAL); /* and has no model */
 }
 
 int main(void)
@@ -335,7 +378,8 @@ int main(void)
         cmocka_unit_test(a_setting_that_a_law_does_not_know_is_refused_by_name),
         cmocka_unit_test(a_law_that_says_nothing_is_paired_in_order),
         cmocka_unit_test(the_built_in_laws_are_paired_by_their_settings),
-        cmocka_unit_test(a_pairing_with_what_there_is_not_is_refused),
+        cmocka_unit_test(ports_to_what_there_is_not_are_refused),
+        cmocka_unit_test(a_law_that_refuses_its_settings_has_no_pairs),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,18 +1,16 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "check.h"
+#include "laws.h"
 
-#include "apccontrol.h"
 #include "apclinear.h"
 #include "base/matrix.h"
 
 #include <string.h>
 
-#define MAX_N    8
-#define MAX_IO   2
-#define H        0.1
-#define CONSTANT 512
+#define MAX_N  8
+#define MAX_IO 2
+#define H      0.1
 
-enum { U_MIN, U_MAX, TAU_B, PARAMS };
+enum { U_MIN, U_MAX, TAU_B, DU_MAX, PARAMS };
 
 static const struct apc_law *const lqg = &apc_law_lqg;
 
@@ -22,8 +20,9 @@ struct rig {
     double Ad[MAX_N * MAX_N], Bd[MAX_N * MAX_IO]; /* sampled */
     double xp[MAX_N];                             /* the plant's state, from the operating point */
     double load[MAX_IO];                          /* adds to u, unknown to the law */
-    double y[MAX_IO], z[MAX_IO], u[MAX_IO], x[2 * MAX_N], tuning[PARAMS * MAX_IO], constant[CONSTANT];
+    double y[MAX_IO], z[MAX_IO], u[MAX_IO], x[2 * MAX_N], tuning[PARAMS * MAX_IO];
     unsigned limited[MAX_IO];
+    struct apc_instances *law;
     struct apc_law_call c;
 };
 
@@ -38,14 +37,11 @@ static int configure(struct rig *r, const struct apc_law_plant *plant, struct ap
 {
     const struct apc_law_setup setup = {
         .dim = dim, .Ts = H, .n_setting = n, .setting = setting, .plant = plant};
-    struct apc_law_size size = {0, 0};
-    int rc = lqg->configure(&setup, &size, NULL, why);
+    int rc = laws_make(&r->law, lqg, &setup, why);
 
-    if (rc < 0)
-        return rc;
-    assert_in_range(size.constants, 1, CONSTANT);
-    assert_in_range(size.states, 1, 2 * MAX_N);
-    return lqg->configure(&setup, &size, r->constant, why);
+    if (rc == 0)
+        assert_in_range(apc_instances_size(r->law).states, 1, 2 * MAX_N);
+    return rc;
 }
 
 static void measure(struct rig *r)
@@ -72,7 +68,6 @@ static void make(struct rig *r, const struct apc_law_plant *plant, size_t nu,
                                  .u = r->u,
                                  .x = r->x,
                                  .tuning = r->tuning,
-                                 .constant = r->constant,
                                  .limited = r->limited};
     if (configure(r, plant, r->c.dim, setting, n, &why) < 0)
         fail_msg("%s", why.text);
@@ -80,7 +75,7 @@ static void make(struct rig *r, const struct apc_law_plant *plant, size_t nu,
         r->tuning[i] = lqg->tuning[i % PARAMS].initial;
     memcpy(r->z, plant->y0, nu * sizeof(*r->z));
     measure(r);
-    lqg->reset(&r->c);
+    laws_reset(r->law, &r->c);
 }
 
 static void advance(struct rig *r)
@@ -104,9 +99,9 @@ static double tick(struct rig *r)
     double u;
 
     memset(r->limited, 0, sizeof(r->limited));
-    lqg->compute(&r->c);
+    laws_compute(r->law, &r->c);
     u = r->u[0];
-    lqg->update(&r->c);
+    laws_update(r->law, &r->c);
     advance(r);
     return u;
 }
@@ -181,7 +176,7 @@ static void weights_decide_how_hard_it_acts(void **state)
 
     (void)state;
     for (int i = 0; i < 2; i++) {
-        const struct apc_setting setting = {"u_dev", 1, &dev[1 - i]};
+        const struct apc_setting setting = {"u_dev", NULL, 1, 1, &dev[1 - i]};
         struct rig r;
 
         make(&r, &mass, 1, &setting, 1);
@@ -229,9 +224,9 @@ static void after_track_it_gives_the_tracked_output_which_dies_out_with_tau_b(vo
         r.z[0] = 9.0;
         r.u[0] = 7.5;
         r.c.gap = gap != 0;
-        lqg->track(&r.c);
+        laws_track(r.law, &r.c);
         r.u[0] = 0.0;
-        lqg->compute(&r.c);
+        laws_compute(r.law, &r.c);
         assert_near(r.u[0], 7.5, 1e-12);
         r.xp[0] = 2.0;
         for (int k = 0; k < 1000; k++)
@@ -250,8 +245,8 @@ static void in_man_the_estimates_follow_the_plant(void **state)
     r.load[0] = 1.25;
     for (int k = 0; k < 300; k++) {
         r.u[0] = mass_u0 - 1.25 - 0.05 * sin(0.1 * k);
-        lqg->track(&r.c);
-        lqg->update(&r.c);
+        laws_track(r.law, &r.c);
+        laws_update(r.law, &r.c);
         advance(&r);
     }
     assert_near(r.x[2], 1.25, 1e-3);
@@ -264,7 +259,8 @@ static void a_known_delay_is_allowed_for(void **state)
     const struct apc_law_plant plant = {
         .nx = 1, .A = &A, .B = &B, .C = &C, .D = zeros, .x0 = zeros, .u0 = zeros, .y0 = zeros};
     const double quick = 1e-3, sure = 1e-3;
-    const struct apc_setting setting[] = {{"y_dev", 1, &quick}, {"y_noise", 1, &sure}, {"delay", 1, &delay}};
+    const struct apc_setting setting[] = {
+        {"y_dev", NULL, 1, 1, &quick}, {"y_noise", NULL, 1, 1, &sure}, {"delay", NULL, 1, 1, &delay}};
     double early_A, early_B, late_A, late_B;
 
     (void)state;
@@ -279,8 +275,8 @@ static void a_known_delay_is_allowed_for(void **state)
         r.z[0] = 0.05;
         for (int k = 0; k < 400 && fabs(x) < 1e6; k++) {
             r.y[0] = x;
-            lqg->compute(&r.c);
-            lqg->update(&r.c);
+            laws_compute(r.law, &r.c);
+            laws_update(r.law, &r.c);
             x = late_A * (early_A * x + early_B * last) + late_B * (r.u[0] + load);
             last = r.u[0] + load;
         }
@@ -293,7 +289,7 @@ static void a_known_delay_is_allowed_for(void **state)
         assert_near(r.x[2], load, 1e-9);        /* and of the load */
         r.u[0] = 0.7;
         r.c.gap = true;
-        lqg->track(&r.c);
+        laws_track(r.law, &r.c);
         assert_near(r.x[0], x, 1e-6); /* of the state, from y alone */
         assert_near(r.x[1], 0.7, 0.0);
         assert_near(r.x[2], load, 1e-9);
@@ -326,14 +322,14 @@ static const double controlled[NZ] = {3, 1}, y_dev[NY] = {0.5, 2.0, 0.25}, x_dev
                     u_dev[NU] = {4.0, 1.5}, y_noise[NY] = {0.1, 0.4, 0.2}, x_noise[NX] = {0.0, 0.3, 0.6, 0.9},
                     u_noise[NU] = {0.8, 1.3}, a_while[1] = {0.03};
 static const struct apc_setting all[] = {
-    {"measurement", NZ, controlled},
-    {"y_dev", NY, y_dev},
-    {"x_dev", NX, x_dev},
-    {"u_dev", NU, u_dev},
-    {"y_noise", NY, y_noise},
-    {"x_noise", NX, x_noise},
-    {"u_noise", NU, u_noise},
-    {"delay", 1, a_while},
+    {"measurement", NULL, 1, NZ, controlled},
+    {"y_dev", NULL, 1, NY, y_dev},
+    {"x_dev", NULL, 1, NX, x_dev},
+    {"u_dev", NULL, 1, NU, u_dev},
+    {"y_noise", NULL, 1, NY, y_noise},
+    {"x_noise", NULL, 1, NX, x_noise},
+    {"u_noise", NULL, 1, NU, u_noise},
+    {"delay", NULL, 1, 1, a_while},
 };
 
 struct textbook {
@@ -463,30 +459,21 @@ static void it_is_the_textbooks_regulator_and_filter(void **state)
         const struct apc_law_setup setup = {
             .dim = {NY, NZ, NU}, .Ts = H, .n_setting = settings, .setting = all, .plant = &four};
         struct textbook t;
-        double constant[CONSTANT], x[NA_MAX + NU] = {0}, y[NY], z[NZ], u[NU], expected[NU];
-        const double tuning[PARAMS * NU] = {-1e9, 1e9, 10.0, -1e9, 1e9, 10.0};
+        double x[NA_MAX + 2 * NU] = {0}, y[NY], z[NZ], u[NU], expected[NU];
+        const double tuning[PARAMS * NU] = {-1e9, 1e9, 10.0, 0.0, -1e9, 1e9, 10.0, 0.0};
         unsigned limited[NU] = {0};
-        struct apc_law_call c = {.dim = setup.dim,
-                                 .Ts = H,
-                                 .y = y,
-                                 .z = z,
-                                 .u = u,
-                                 .x = x,
-                                 .tuning = tuning,
-                                 .constant = constant,
-                                 .limited = limited};
-        struct apc_law_size size;
+        struct apc_law_call c = {
+            .dim = setup.dim, .Ts = H, .y = y, .z = z, .u = u, .x = x, .tuning = tuning, .limited = limited};
+        struct apc_instances *law;
         struct apc_error why = {""};
 
         make_textbook(&t, settings == 8 ? a_while[0] : 0.0);
-        assert_int_equal(lqg->configure(&setup, &size, NULL, &why), 0);
-        assert_int_equal(size.states, t.na + NU);
-        assert_in_range(size.constants, 1, CONSTANT);
-        if (lqg->configure(&setup, &size, constant, &why) < 0)
+        if (laws_make(&law, lqg, &setup, &why) < 0)
             fail_msg("%s", why.text);
+        assert_int_equal(apc_instances_size(law).states, t.na + 2 * NU);
         for (size_t i = 0; i < NY; i++)
             y[i] = four_y0[i] + 1.0 + (double)i;
-        lqg->reset(&c);
+        laws_reset(law, &c);
         for (size_t i = 0; i < NY; i++) { /* it begins with states that explain the measurements */
             double shown = four_y0[i];
 
@@ -494,7 +481,7 @@ static void it_is_the_textbooks_regulator_and_filter(void **state)
                 shown += four_C[i * NX + j] * x[j];
             assert_near(shown, y[i], 1e-7);
         }
-        for (size_t i = NX; i < t.na; i++)
+        for (size_t i = NX; i < t.na + NU; i++)
             assert_near(x[i], 0.0, 0.0);
         memcpy(t.e, x, t.na * sizeof(*x));
         for (int k = 0; k < 50; k++) {
@@ -502,11 +489,11 @@ static void it_is_the_textbooks_regulator_and_filter(void **state)
                 y[i] = four_y0[i] + sin(0.3 * k + (double)i);
             for (size_t i = 0; i < NZ; i++)
                 z[i] = four_y0[(size_t)controlled[i] - 1] + cos(0.2 * k - (double)i);
-            lqg->compute(&c);
+            laws_compute(law, &c);
             textbook_tick(&t, y, z, expected);
             for (size_t i = 0; i < NU; i++)
                 assert_near(u[i], expected[i], 1e-9 * fmax(1.0, fabs(expected[i])));
-            lqg->update(&c);
+            laws_update(law, &c);
             for (size_t i = 0; i < t.na; i++)
                 assert_near(x[i], t.e[i], 1e-9 * fmax(1.0, fabs(t.e[i])));
         }
@@ -522,9 +509,9 @@ static void each_outputs_bias_dies_out_with_its_own_tau_b(void **state)
     for (size_t n = 0; n < 3; n++) {
         const struct apc_law_setup setup = {
             .dim = {NY, NZ, NU}, .Ts = H, .n_setting = 8, .setting = all, .plant = &four};
-        double constant[CONSTANT], x[NA_MAX + NU] = {0}, u[NU] = {1.0, 2.0}, before[NU];
+        double x[NA_MAX + 2 * NU] = {0}, u[NU] = {1.0, 2.0}, before[NU];
         const double z[NZ] = {30.0, 10.0};
-        const double tuning[PARAMS * NU] = {-1e9, 1e9, tau_b[n][0], -1e9, 1e9, tau_b[n][1]};
+        const double tuning[PARAMS * NU] = {-1e9, 1e9, tau_b[n][0], 0.0, -1e9, 1e9, tau_b[n][1], 0.0};
         unsigned limited[NU] = {0};
         struct apc_law_call c = {.dim = setup.dim,
                                  .Ts = H,
@@ -533,20 +520,19 @@ static void each_outputs_bias_dies_out_with_its_own_tau_b(void **state)
                                  .u = u,
                                  .x = x,
                                  .tuning = tuning,
-                                 .constant = constant,
                                  .limited = limited,
                                  .gap = true};
-        struct apc_law_size size;
+        struct apc_instances *law;
 
-        assert_int_equal(lqg->configure(&setup, &size, constant, NULL), 0);
-        lqg->track(&c);
+        assert_int_equal(laws_make(&law, lqg, &setup, NULL), 0);
+        laws_track(law, &c);
         for (size_t i = 0; i < NU; i++) {
             before[i] = x[NA_MAX + i];
             assert_true(fabs(before[i]) > 0.1);
             assert_near(x[NX + i], u[i] - four_u0[i], 0.0); /* the former outputs */
         }
         for (int k = 1; k <= 3; k++) {
-            lqg->update(&c);
+            laws_update(law, &c);
             for (size_t i = 0; i < NU; i++)
                 assert_near(x[NA_MAX + i], before[i] * pow(1.0 - fmin(H / fmax(tau_b[n][i], 1e-9), 1.0), k),
                             1e-12);
@@ -554,13 +540,196 @@ static void each_outputs_bias_dies_out_with_its_own_tau_b(void **state)
     }
 }
 
+/* ---- Rates, preview, gaps -------------------------------------------------------------------------------
+ */
+
+static void the_output_moves_no_faster_than_du_max(void **state)
+{
+    struct rig r;
+    double before = mass_u0;
+
+    (void)state;
+    make(&r, &mass, 1, NULL, 0);
+    r.tuning[DU_MAX] = 2.0; /* in 1 s: 0.2 a period */
+    r.z[0] = 15.0;
+    laws_compute(r.law, &r.c);
+    assert_near(r.u[0], mass_u0 + 0.2, 1e-12); /* from the operating point on */
+    assert_int_equal(r.limited[0], APC_LIMITED_HIGH);
+    for (int k = 0; k < 3000; k++) {
+        double u = tick(&r);
+
+        assert_true(fabs(u - before) <= 0.2 + 1e-12);
+        before = u;
+    }
+    assert_near(r.y[0], 15.0, 1e-6); /* and nothing has wound up */
+    r.u[0] = -4.0;
+    laws_track(r.law, &r.c);
+    r.tuning[TAU_B] = 0.0;
+    laws_compute(r.law, &r.c);
+    assert_near(r.u[0], -4.0, 1e-12);
+}
+
+/* From rest, along a setpoint that steps at tick 40: the sum of what the weights weigh. */
+static double cost_of(const struct apc_setting *setting, size_t n, size_t ahead, double push)
+{
+    double z[128], cost = 0.0;
+    struct rig r;
+
+    make(&r, &mass, 1, setting, n);
+    assert_int_equal(apc_instances_size(r.law).n_ahead, ahead + 1);
+    r.c.n_ahead = ahead + 1;
+    r.c.z = z;
+    for (int k = 0; k < 400; k++) {
+        for (size_t i = 0; i <= ahead; i++)
+            z[i] = k + (int)i < 40 ? mass_y0 : mass_y0 + 1.0;
+        laws_compute(r.law, &r.c);
+        if (k < 60)
+            r.u[0] += push * cos(0.7 * k);
+        cost += (r.y[0] - z[0]) * (r.y[0] - z[0]) + (r.u[0] - mass_u0) * (r.u[0] - mass_u0);
+        laws_update(r.law, &r.c);
+        advance(&r);
+    }
+    return cost;
+}
+
+static void a_setpoint_that_is_known_beforehand_costs_less(void **state)
+{
+    const double ahead[] = {0.0, 0.5, 1.0, 4.0};
+    double before = 1e9;
+
+    (void)state;
+    for (size_t i = 0; i < 4; i++) {
+        const struct apc_setting setting = {"preview", NULL, 1, 1, &ahead[i]};
+        const double cost = cost_of(&setting, i > 0, (size_t)lround(ahead[i] / H), 0.0);
+
+        assert_true(cost < 0.95 * before);
+        before = cost;
+    }
+}
+
+/* Whatever else is done with the same knowledge costs more. */
+static void the_preview_is_the_best_there_is(void **state)
+{
+    const double ahead = 10.0;
+    const struct apc_setting setting = {"preview", NULL, 1, 1, &ahead};
+    const double best = cost_of(&setting, 1, 100, 0.0);
+
+    (void)state;
+    assert_true(cost_of(&setting, 1, 100, 0.02) > best);
+    assert_true(cost_of(&setting, 1, 100, -0.02) > best);
+    assert_near(cost_of(&setting, 1, 100, 1e-5), best, 1e-7); /* the slope there is nothing */
+}
+
+static void setpoints_that_stay_are_no_preview(void **state)
+{
+    const double ahead = 3.0;
+    const struct apc_setting setting = {"preview", NULL, 1, 1, &ahead};
+    struct rig plain, looking;
+    double z[31];
+
+    (void)state;
+    make(&plain, &mass, 1, NULL, 0);
+    make(&looking, &mass, 1, &setting, 1);
+    looking.c.z = z;
+    looking.c.n_ahead = 31;
+    plain.load[0] = looking.load[0] = 0.7;
+    for (int k = 0; k < 100; k++) {
+        plain.z[0] = 10.0 + k / 20;
+        for (int i = 0; i < 31; i++)
+            z[i] = plain.z[0];
+        assert_near(tick(&looking), tick(&plain), 0.0);
+    }
+}
+
+/* The state is seen by both measurements: one of them may go. */
+static void a_bad_measurement_among_good_ones_corrects_nothing(void **state)
+{
+    const double A = -0.4, B = 1.0, C[2] = {1.0, 1.0}, two = 2.0;
+    const struct apc_law_plant plant = {
+        .nx = 1, .A = &A, .B = &B, .C = C, .D = zeros, .x0 = zeros, .u0 = zeros, .y0 = zeros};
+    const struct apc_setting setting = {"measurement", NULL, 1, 1, &two};
+    const apc_status status[2] = {APC_BAD_NO_DATA, APC_GOOD};
+    struct rig r;
+
+    (void)state;
+    memset(&r, 0, sizeof(r));
+    r.plant = plant;
+    assert_int_equal(apc_linear_sample(1, 1, &A, &B, H, r.Ad, r.Bd, NULL), 0);
+    r.c = (struct apc_law_call){.dim = {2, 1, 1, 0},
+                                .Ts = H,
+                                .y = r.y,
+                                .z = r.z,
+                                .u = r.u,
+                                .x = r.x,
+                                .tuning = r.tuning,
+                                .limited = r.limited,
+                                .y_status = status};
+    assert_int_equal(configure(&r, &plant, r.c.dim, &setting, 1, NULL), 0);
+    for (size_t i = 0; i < PARAMS; i++)
+        r.tuning[i] = lqg->tuning[i].initial;
+    laws_reset(r.law, &r.c);
+    r.z[0] = 1.0;
+    r.load[0] = 0.3;
+    for (int k = 0; k < 800; k++) {
+        r.y[0] = -1e6; /* whatever it shows */
+        (void)tick(&r);
+    }
+    assert_near(r.y[1], 1.0, 1e-9);
+    assert_near(r.x[1], 0.3, 1e-9);
+}
+
+/* A chain of lags, each following the one before. */
+static void there_may_be_more_than_64_states(void **state)
+{
+    enum { LAGS = 80 };
+    static double A[LAGS * LAGS], B[LAGS], C[LAGS], x[LAGS + 3], xp[LAGS], next[LAGS], Ad[LAGS * LAGS],
+        Bd[LAGS];
+    const struct apc_law_plant plant = {
+        .nx = LAGS, .A = A, .B = B, .C = C, .D = zeros, .x0 = xp, .u0 = zeros, .y0 = zeros};
+    const struct apc_law_setup setup = {.dim = {1, 1, 1, 0}, .Ts = 0.5, .plant = &plant};
+    const double tuning[PARAMS] = {-1e9, 1e9, 10.0, 0.0}, z = 1.0;
+    double y = 0.0, u = 0.0;
+    unsigned limited = 0;
+    const struct apc_law_call c = {
+        .dim = setup.dim, .y = &y, .z = &z, .u = &u, .x = x, .tuning = tuning, .limited = &limited};
+    struct apc_instances *law;
+    struct apc_error why = {""};
+
+    (void)state;
+    for (int i = 0; i < LAGS; i++) {
+        A[i * LAGS + i] = -20.0;
+        if (i > 0)
+            A[i * LAGS + i - 1] = 20.0;
+    }
+    B[0] = 20.0;
+    C[LAGS - 1] = 1.0;
+    if (laws_make(&law, lqg, &setup, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(apc_instances_size(law).states, LAGS + 3);
+    assert_int_equal(apc_linear_sample(LAGS, 1, A, B, 0.5, Ad, Bd, NULL), 0);
+    laws_reset(law, &c);
+    for (int k = 0; k < 400; k++) {
+        laws_compute(law, &c);
+        laws_update(law, &c);
+        for (int i = 0; i < LAGS; i++) {
+            next[i] = Bd[i] * (u + 0.25);
+            for (int j = 0; j < LAGS; j++)
+                next[i] += Ad[i * LAGS + j] * xp[j];
+        }
+        memcpy(xp, next, sizeof(xp));
+        y = xp[LAGS - 1];
+    }
+    assert_near(y, 1.0, 1e-6);
+    assert_near(x[LAGS], 0.25, 1e-6);
+}
+
 static void what_it_cannot_be_made_from_is_refused_with_the_reason(void **state)
 {
     const double nothing = 0.0, late = H, one = 1.0, second = 2.0;
-    const struct apc_setting noise = {"u_noise", 1, &nothing}, delay = {"delay", 1, &late},
-                             dev = {"u_dev", 1, &nothing}, wrong = {"x_dev", 1, &one},
-                             elsewhere = {"measurement", 1, &second};
-    const struct apc_dim siso = {1, 1, 1};
+    const struct apc_setting noise = {"u_noise", NULL, 1, 1, &nothing}, delay = {"delay", NULL, 1, 1, &late},
+                             dev = {"u_dev", NULL, 1, 1, &nothing}, wrong = {"x_dev", NULL, 1, 1, &one},
+                             elsewhere = {"measurement", NULL, 1, 1, &second};
+    const struct apc_dim siso = {1, 1, 1, 0};
     struct apc_law_plant plant = mass;
     struct apc_error why;
     struct rig r;
@@ -568,7 +737,7 @@ static void what_it_cannot_be_made_from_is_refused_with_the_reason(void **state)
     (void)state;
     assert_int_equal(configure(&r, NULL, siso, NULL, 0, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "linear model"));
-    assert_int_equal(configure(&r, &mass, (struct apc_dim){1, 2, 1}, NULL, 0, &why), APC_EINVAL);
+    assert_int_equal(configure(&r, &mass, (struct apc_dim){1, 2, 1, 0}, NULL, 0, &why), APC_EINVAL);
     assert_int_equal(configure(&r, &mass, siso, &noise, 1, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "u_noise"));
     assert_int_equal(configure(&r, &mass, siso, &dev, 1, &why), APC_EINVAL);
@@ -591,18 +760,25 @@ static void what_it_cannot_be_made_from_is_refused_with_the_reason(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(at_its_operating_point_it_rests),
-        cmocka_unit_test(it_reaches_setpoints_without_offset_in_spite_of_a_load),
-        cmocka_unit_test(two_outputs_are_controlled_together_without_offset),
-        cmocka_unit_test(an_error_of_the_model_leaves_no_offset),
-        cmocka_unit_test(weights_decide_how_hard_it_acts),
-        cmocka_unit_test(nothing_winds_up_while_the_output_is_at_its_limit),
-        cmocka_unit_test(after_track_it_gives_the_tracked_output_which_dies_out_with_tau_b),
-        cmocka_unit_test(in_man_the_estimates_follow_the_plant),
-        cmocka_unit_test(a_known_delay_is_allowed_for),
-        cmocka_unit_test(it_is_the_textbooks_regulator_and_filter),
-        cmocka_unit_test(each_outputs_bias_dies_out_with_its_own_tau_b),
-        cmocka_unit_test(what_it_cannot_be_made_from_is_refused_with_the_reason),
+        cmocka_unit_test_teardown(at_its_operating_point_it_rests, laws_end),
+        cmocka_unit_test_teardown(it_reaches_setpoints_without_offset_in_spite_of_a_load, laws_end),
+        cmocka_unit_test_teardown(two_outputs_are_controlled_together_without_offset, laws_end),
+        cmocka_unit_test_teardown(an_error_of_the_model_leaves_no_offset, laws_end),
+        cmocka_unit_test_teardown(weights_decide_how_hard_it_acts, laws_end),
+        cmocka_unit_test_teardown(nothing_winds_up_while_the_output_is_at_its_limit, laws_end),
+        cmocka_unit_test_teardown(after_track_it_gives_the_tracked_output_which_dies_out_with_tau_b,
+                                  laws_end),
+        cmocka_unit_test_teardown(in_man_the_estimates_follow_the_plant, laws_end),
+        cmocka_unit_test_teardown(a_known_delay_is_allowed_for, laws_end),
+        cmocka_unit_test_teardown(it_is_the_textbooks_regulator_and_filter, laws_end),
+        cmocka_unit_test_teardown(each_outputs_bias_dies_out_with_its_own_tau_b, laws_end),
+        cmocka_unit_test_teardown(the_output_moves_no_faster_than_du_max, laws_end),
+        cmocka_unit_test_teardown(a_setpoint_that_is_known_beforehand_costs_less, laws_end),
+        cmocka_unit_test_teardown(the_preview_is_the_best_there_is, laws_end),
+        cmocka_unit_test_teardown(setpoints_that_stay_are_no_preview, laws_end),
+        cmocka_unit_test_teardown(a_bad_measurement_among_good_ones_corrects_nothing, laws_end),
+        cmocka_unit_test_teardown(there_may_be_more_than_64_states, laws_end),
+        cmocka_unit_test_teardown(what_it_cannot_be_made_from_is_refused_with_the_reason, laws_end),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "check.h"
-
-#include "apccontrol.h"
+#include "laws.h"
 
 #define KP    0.2
 #define TAU_I 10.0
@@ -12,8 +10,11 @@ static double tuning[] = {KP, TAU_I, 0.0, -1e9, 1e9};
 struct loop {
     double y, z, x, u;
     unsigned limited;
+    struct apc_instances *law;
     struct apc_law_call c;
 };
+
+static const struct apc_law_setup one_loop = {.dim = {1, 1, 1}, .Ts = 2.0};
 
 static struct apc_law_call *begin(struct loop *l, const double *parameters)
 {
@@ -26,6 +27,7 @@ static struct apc_law_call *begin(struct loop *l, const double *parameters)
                                  .x = &l->x,
                                  .u = &l->u,
                                  .limited = &l->limited};
+    assert_int_equal(laws_make(&l->law, &apc_law_pi, &one_loop, NULL), 0);
     return &l->c;
 }
 
@@ -43,8 +45,8 @@ static void the_papers_loop_follows_the_published_step_response(void **state)
         if (k < 6)
             assert_near(l.y, expected[k], 5e-6);
         max = fmax(max, l.y);
-        apc_law_pi.compute(c);
-        apc_law_pi.update(c);
+        laws_compute(l.law, c);
+        laws_update(l.law, c);
         l.y = a * l.y + (1.0 - a) * 10.0 * l.u;
     }
     assert_near(max, 1.00859, 5e-6);
@@ -59,10 +61,10 @@ static void the_integral_moves_only_in_update(void **state)
     (void)state;
     l.z = 3.0;
     l.x = 0.25;
-    apc_law_pi.compute(c);
+    laws_compute(l.law, c);
     assert_near(l.u, KP * 3.0 + 0.25, 1e-15);
     assert_true(l.x == 0.25);
-    apc_law_pi.update(c);
+    laws_update(l.law, c);
     assert_near(l.x, 0.25 + KP * 2.0 / TAU_I * 3.0, 1e-15);
 }
 
@@ -77,13 +79,13 @@ static void after_long_saturation_it_leaves_the_limit_at_once(void **state)
 
         l.z = sign * 100.0;
         for (int k = 0; k < 10000; k++) {
-            apc_law_pi.compute(c);
+            laws_compute(l.law, c);
             assert_near(l.u, sign * 0.5, 0.0);
             assert_int_equal(l.limited, sign > 0.0 ? APC_LIMITED_HIGH : APC_LIMITED_LOW);
-            apc_law_pi.update(c);
+            laws_update(l.law, c);
         }
         l.z = sign * -0.1;
-        apc_law_pi.compute(c);
+        laws_compute(l.law, c);
         assert_true(fabs(l.u) < 0.5);
     }
 }
@@ -96,16 +98,16 @@ static void a_limit_set_elsewhere_stops_the_integral_as_well(void **state)
     (void)state;
     l.z = 10.0;
     for (int k = 0; k < 1000; k++) {
-        apc_law_pi.compute(c);
+        laws_compute(l.law, c);
         assert_true(l.u >= 2.0);
         l.u = 1.0; /* what went out */
-        apc_law_pi.update(c);
+        laws_update(l.law, c);
     }
     assert_true(l.x == 0.0);
     l.z = -10.0; /* the increment now leads back: it counts */
     l.u = 1.0;
     l.x = 5.0;
-    apc_law_pi.update(c);
+    laws_update(l.law, c);
     assert_true(l.x < 5.0);
 }
 
@@ -119,9 +121,9 @@ static void after_track_compute_gives_the_tracked_output(void **state)
     l.z = -2.1;
     l.x = 99.0;
     l.u = 1.234;
-    apc_law_pi.track(c);
+    laws_track(l.law, c);
     l.u = 0.0;
-    apc_law_pi.compute(c);
+    laws_compute(l.law, c);
     assert_near(l.u, 1.234, 1e-14);
 }
 
@@ -136,11 +138,15 @@ static void each_output_has_its_own_loop_and_tuning(void **state)
     struct apc_law_call c = {
         .dim = {3, 2, 2}, .Ts = 1.0, .y = y, .z = z, .tuning = both, .x = x, .u = u, .limited = limited};
 
+    const struct apc_law_setup setup = {.dim = c.dim, .Ts = 1.0};
+    struct apc_instances *law;
+
     (void)state;
-    apc_law_pi.compute(&c);
+    assert_int_equal(laws_make(&law, &apc_law_pi, &setup, NULL), 0);
+    laws_compute(law, &c);
     assert_near(u[0], 1.0, 1e-12);
     assert_near(u[1], 10.8, 1e-12);
-    apc_law_pi.update(&c);
+    laws_update(law, &c);
     assert_near(x[0], 0.5, 1e-12);
     assert_near(x[1], 0.575, 1e-12);
 }
@@ -148,24 +154,24 @@ static void each_output_has_its_own_loop_and_tuning(void **state)
 static void it_wants_one_setpoint_and_one_measurement_for_each_output(void **state)
 {
     (void)state;
-    assert_true(apc_law_pi.accepts(&(struct apc_dim){1, 1, 1}));
-    assert_true(apc_law_pi.accepts(&(struct apc_dim){3, 2, 2}));
-    assert_false(apc_law_pi.accepts(&(struct apc_dim){1, 2, 2}));
-    assert_false(apc_law_pi.accepts(&(struct apc_dim){2, 1, 2}));
-    assert_false(apc_law_pi.accepts(&(struct apc_dim){2, 2, 1}));
-    assert_int_equal(apc_law_pi.n_state(&(struct apc_dim){3, 2, 2}), 2);
+    assert_true(apc_law_pi.accepts(&(struct apc_dim){1, 1, 1, 0}));
+    assert_true(apc_law_pi.accepts(&(struct apc_dim){3, 2, 2, 0}));
+    assert_false(apc_law_pi.accepts(&(struct apc_dim){1, 2, 2, 0}));
+    assert_false(apc_law_pi.accepts(&(struct apc_dim){2, 1, 2, 0}));
+    assert_false(apc_law_pi.accepts(&(struct apc_dim){2, 2, 1, 0}));
+    assert_int_equal(apc_law_pi.n_state(&(struct apc_dim){1, 1, 1, 0}), 1);
 }
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_papers_loop_follows_the_published_step_response),
-        cmocka_unit_test(the_integral_moves_only_in_update),
-        cmocka_unit_test(after_long_saturation_it_leaves_the_limit_at_once),
-        cmocka_unit_test(a_limit_set_elsewhere_stops_the_integral_as_well),
-        cmocka_unit_test(after_track_compute_gives_the_tracked_output),
-        cmocka_unit_test(each_output_has_its_own_loop_and_tuning),
-        cmocka_unit_test(it_wants_one_setpoint_and_one_measurement_for_each_output),
+        cmocka_unit_test_teardown(the_papers_loop_follows_the_published_step_response, laws_end),
+        cmocka_unit_test_teardown(the_integral_moves_only_in_update, laws_end),
+        cmocka_unit_test_teardown(after_long_saturation_it_leaves_the_limit_at_once, laws_end),
+        cmocka_unit_test_teardown(a_limit_set_elsewhere_stops_the_integral_as_well, laws_end),
+        cmocka_unit_test_teardown(after_track_compute_gives_the_tracked_output, laws_end),
+        cmocka_unit_test_teardown(each_output_has_its_own_loop_and_tuning, laws_end),
+        cmocka_unit_test_teardown(it_wants_one_setpoint_and_one_measurement_for_each_output, laws_end),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -37,7 +37,7 @@ struct rig {
 };
 
 static const double model[] = {10.0, 10.0, 8.0};
-static const struct apc_setting smith_setting = {"model", 3, model};
+static const struct apc_setting smith_setting = {"model", NULL, 1, 3, model};
 
 static void make(struct rig *r, const char *name, size_t flavour, double dead_time)
 {
@@ -201,7 +201,7 @@ static void a_plugin_built_otherwise_is_another_law_to_a_stored_state(void **sta
 static void the_predictor_refuses_what_it_cannot_work_with(void **state)
 {
     static const double wrong[][3] = {{1, 0, 1}, {1, 1, -1}, {1, 1, 1e6}};
-    struct apc_setting setting = {"model", 3, NULL};
+    struct apc_setting setting = {"model", NULL, 1, 3, NULL};
     const struct apc_law *law;
     void *handle;
     struct apc_controller_options o = {
@@ -220,12 +220,35 @@ static void the_predictor_refuses_what_it_cannot_work_with(void **state)
         assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
     }
     setting.value = wrong[0];
-    setting.n = 2;
+    setting.columns = 2;
     assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
     setting = smith_setting;
-    o.dim.ny = 2;
+    o.dim.nz = 0;
     assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "a setpoint for each output"));
+    o.dim = (struct apc_dim){2, 2, 2, 0}; /* and one row of settings */
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "a row for each output"));
     apc_plugin_close(handle);
+}
+
+static void a_plugin_of_a_former_layout_is_refused_with_what_to_do(void **state)
+{
+    static const char *const former[] = {"old_law_1", "old_law_2"};
+    const struct apc_law *law;
+    void *handle;
+
+    (void)state;
+    for (size_t i = 0; i < 2; i++) {
+        struct apc_error why = {""};
+
+        assert_int_equal(apc_law_find(path_of(former[i], 0), &law, &handle, &why), APC_EINVAL);
+        assert_null(law);
+        assert_null(handle);
+        assert_non_null(strstr(why.text, former[i]));
+        assert_non_null(strstr(why.text, i ? "compiled for version 2" : "compiled for version 1"));
+        assert_non_null(strstr(why.text, "compile it anew"));
+    }
 }
 
 static void a_users_plant_is_loaded_and_runs_to_its_equilibrium(void **state)
@@ -279,6 +302,7 @@ int main(void)
         cmocka_unit_test(a_plugin_built_otherwise_is_another_law_to_a_stored_state),
 #endif
         cmocka_unit_test(the_predictor_refuses_what_it_cannot_work_with),
+        cmocka_unit_test(a_plugin_of_a_former_layout_is_refused_with_what_to_do),
         cmocka_unit_test(a_users_plant_is_loaded_and_runs_to_its_equilibrium),
         cmocka_unit_test(a_shared_object_of_another_kind_is_refused_by_name),
     };

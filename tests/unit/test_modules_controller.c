@@ -103,7 +103,7 @@ static void make_sized(struct rig *r, const struct apc_law *law, struct apc_dim 
 
 static void make(struct rig *r, const struct apc_law *law)
 {
-    make_sized(r, law, (struct apc_dim){1, 1, 1});
+    make_sized(r, law, (struct apc_dim){1, 1, 1, 0});
 }
 
 static int set_up(void **state)
@@ -628,7 +628,7 @@ static void what_the_output_is_held_for_is_said(void **state)
         struct apc_now later = now;
         struct rig r;
 
-        make_sized(&r, &apc_law_pid, (struct apc_dim){2, 2, 1});
+        make_sized(&r, &apc_law_pid, (struct apc_dim){2, 2, 1, 0});
         assert_in_range(apc_controller_size(r.controller).in, 5, 32);
         assert_in_range(apc_controller_size(r.controller).out, 1, MAX_OUT);
         apc_controller_inputs(r.controller, in);
@@ -1024,9 +1024,10 @@ static size_t two_states(const struct apc_dim *dim)
     return 2;
 }
 
-static void high_compute(struct apc_law_call *c)
+static int high_compute(struct apc_law_call *c)
 {
     c->u[0] = 8.0 + c->x[0];
+    return APC_LAW_GOOD;
 }
 
 static void high_track(struct apc_law_call *c)
@@ -1106,7 +1107,7 @@ static void with_other_dimensions_it_starts_anew(void **state)
     struct apc_sample rows[STORED];
 
     measured_tick(r, 0.5);
-    make_sized(&next, &stateless, (struct apc_dim){2, 1, 1});
+    make_sized(&next, &stateless, (struct apc_dim){2, 1, 1, 0});
     assert_int_equal(apc_controller_size(next.controller).resume, STORED);
     read_stored(&next, r, rows);
     assert_int_equal(apc_controller_resume(next.controller, last, rows, T0), 0);
@@ -1167,56 +1168,72 @@ static uint32_t marked_number(uint32_t mark, uint64_t number)
     return mark;
 }
 
-/*
- * What is stored is known again by another build of the same version, and by no other: the mark is of the
- * dimensions, 21 bits, then the law's name, its number of states, the version, that it is built in, and what
- * it was configured with.
- */
-static void the_signature_is_of_dimensions_law_version_and_configuration(void **state)
+static uint32_t marked_value(uint32_t hash, double value)
 {
+    uint64_t bits;
+
+    memcpy(&bits, &value, sizeof(bits));
+    return marked_number(hash, bits);
+}
+
+/*
+ * What is stored is known again by another build of the same law, and by no other: the mark is of the
+ * dimensions, 21 bits, then the law's name, that it is built in, its version, that it is whole, the
+ * dimensions, its number of states and of the model's, its period, and its settings.
+ */
+static void the_signature_is_of_dimensions_law_version_and_settings(void **state)
+{
+    static const double two = 2.0;
+    static const struct apc_setting setting = {"feed_forward", NULL, 1, 1, &two};
     static const struct {
         const struct apc_law *law;
         struct apc_dim dim;
-        size_t states, constants;
-    } of[] = {
-        {&apc_law_pi, {1, 1, 1}, 1, 0}, {&apc_law_pid, {2, 1, 1}, 6, 3}, {&apc_law_pid, {1, 2, 1}, 6, 3}};
+        size_t states, settings;
+    } of[] = {{&apc_law_pi, {1, 1, 1, 0}, 1, 0},
+              {&apc_law_pid, {2, 1, 1, 0}, 6, 0},
+              {&apc_law_pid, {2, 1, 1, 0}, 6, 1},
+              {&apc_law_pid, {1, 2, 1, 0}, 6, 0}};
 
     (void)state;
     for (size_t i = 0; i < sizeof(of) / sizeof(of[0]); i++) {
-        const double constants[] = {1.0, 1.0, 0.0}; /* measurement, setpoint, no disturbance */
+        const struct apc_controller_options o = {.size = sizeof(o),
+                                                 .law = of[i].law,
+                                                 .dim = of[i].dim,
+                                                 .period = PERIOD,
+                                                 .horizon = HORIZON,
+                                                 .n_setting = of[i].settings,
+                                                 .setting = &setting};
+        const size_t number[] = {of[i].law->version, 0, of[i].dim.ny, of[i].dim.nz, 1, 0, of[i].states, 0};
         uint32_t dim = marked_number(2166136261u, of[i].dim.ny), law = 2166136261u;
         struct apc_sample in[20], out[40];
-        struct rig r;
+        struct apc_controller *c;
         int n;
 
         dim = marked_number(marked_number(dim, of[i].dim.nz), of[i].dim.nu);
-        law = marked(law, of[i].law->name, strlen(of[i].law->name));
-        law = marked_number(law, of[i].states);
-        law = marked(law, apc_version(), strlen(apc_version()));
-        law = marked_number(law, 0);
-        for (size_t k = 0; k < of[i].constants; k++) {
-            uint64_t bits;
-
-            memcpy(&bits, &constants[k], sizeof(bits));
-            law = marked_number(law, bits);
+        law = marked_number(marked(law, of[i].law->name, strlen(of[i].law->name)), 0);
+        for (size_t k = 0; k < sizeof(number) / sizeof(number[0]); k++)
+            law = marked_number(law, number[k]);
+        law = marked_value(law, (double)PERIOD / (double)S);
+        if (of[i].settings) {
+            law = marked(law, setting.name, strlen(setting.name) + 1);
+            law = marked_value(marked_number(marked_number(law, 1), 1), two);
         }
-        make_sized(&r, of[i].law, of[i].dim);
-        assert_in_range(apc_controller_size(r.controller).in, 1, 20);
-        assert_in_range(apc_controller_size(r.controller).out, 1, 40);
-        apc_controller_inputs(r.controller, in);
+        assert_int_equal(apc_controller_create(&c, &o, NULL), 0);
+        assert_in_range(apc_controller_size(c).in, 1, 20);
+        assert_in_range(apc_controller_size(c).out, 1, 40);
+        apc_controller_inputs(c, in);
         for (size_t k = 0; k < of[i].dim.ny + of[i].dim.nz + 1; k++) {
             in[k].seq = 1;
             in[k].time = T0 + S;
             in[k].status = APC_GOOD;
             in[k].value = 1.0; /* the mode: Auto */
         }
-        n = apc_controller_compute(r.controller, (struct apc_now){.mono = S, .utc = T0 + S}, in, out,
-                                   &r.notice);
+        n = apc_controller_compute(c, (struct apc_now){.mono = S, .utc = T0 + S}, in, out, NULL);
         assert_in_range(n, 3, 40);
         assert_int_equal(out[1].table, APC_STATE);
         assert_int_equal(out[1].id, 0);
         assert_near(out[1].value, (double)(dim >> 11) * 4294967296.0 + law, 0.0);
-        apc_controller_destroy(r.controller);
+        apc_controller_destroy(c);
     }
 }
 
@@ -1238,7 +1255,7 @@ static void a_restart_while_the_measurement_is_lost_holds_the_old_output(void **
 /* ---- A law that fails ------------------------------------------------------------------------ */
 
 /* u = 0.5 + x; z = 6, 7: NaN, infinity; 8, 9: x spoilt for good, and u with it or not. */
-static void fragile_compute(struct apc_law_call *c)
+static int fragile_compute(struct apc_law_call *c)
 {
     if (c->z[0] >= 8.0)
         c->x[0] = (double)NAN;
@@ -1247,6 +1264,7 @@ static void fragile_compute(struct apc_law_call *c)
         c->u[0] = (double)NAN;
     if (c->z[0] == 7.0)
         c->u[0] = (double)INFINITY;
+    return APC_LAW_GOOD;
 }
 
 static const struct apc_law fragile = {
@@ -1307,7 +1325,7 @@ static void a_controller_that_could_not_work_is_refused(void **state)
     assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
     o = good;
     o.n_setting = 1; /* the PI has none */
-    o.setting = &(const struct apc_setting){"measurement", 1, &high};
+    o.setting = &(const struct apc_setting){"measurement", NULL, 1, 1, &high};
     assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "\"measurement\""));
     o.law = &apc_law_pid; /* has it, but there is no measurement -1 */
@@ -1329,9 +1347,10 @@ static void a_controller_that_could_not_work_is_refused(void **state)
     apc_controller_destroy(NULL);
 }
 
-static void free_compute(struct apc_law_call *c)
+static int free_compute(struct apc_law_call *c)
 {
     (void)c;
+    return APC_LAW_GOOD;
 }
 
 static size_t a_million(const struct apc_dim *dim)
@@ -1342,8 +1361,9 @@ static size_t a_million(const struct apc_dim *dim)
 /* What a frame and a year hold; a setpoint is not needed. */
 static void dimensions_and_periods_have_bounds_and_reach_them(void **state)
 {
-    static const struct apc_dim bad[] = {{0, 1, 1}, {8193, 1, 1}, {1, 8193, 1}, {1, 1, 0}, {1, 1, 8193}};
-    static const struct apc_dim fine[] = {{8192, 0, 1}, {1, 8192, 1}, {1, 1, 8192}, {1, 0, 1}};
+    static const struct apc_dim bad[] = {
+        {0, 1, 1, 0}, {8193, 1, 1, 0}, {1, 8193, 1, 0}, {1, 1, 0, 0}, {1, 1, 8193, 0}};
+    static const struct apc_dim fine[] = {{8192, 0, 1, 0}, {1, 8192, 1, 0}, {1, 1, 8192, 0}, {1, 0, 1, 0}};
     const apc_ns year = INT64_C(366) * 86400 * S;
     struct apc_law law = {.abi = APC_LAW_ABI, .name = "free", .compute = free_compute};
     const struct apc_controller_options good = {
@@ -1432,7 +1452,7 @@ int main(void)
         T(with_other_dimensions_it_starts_anew),
         T(a_state_left_by_a_law_before_the_last_one_is_not_taken),
         T(the_signature_is_a_whole_number_that_a_double_holds_exactly),
-        cmocka_unit_test(the_signature_is_of_dimensions_law_version_and_configuration),
+        cmocka_unit_test(the_signature_is_of_dimensions_law_version_and_settings),
         T(a_restart_while_the_measurement_is_lost_holds_the_old_output),
         cmocka_unit_test(a_law_that_gives_no_finite_number_is_held_and_begins_anew),
         cmocka_unit_test(a_controller_that_could_not_work_is_refused),

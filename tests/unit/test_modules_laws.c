@@ -237,7 +237,7 @@ static void a_loop_without_integral_leaves_a_bumpless_change_slowly(void **state
 static void a_state_made_with_other_settings_is_not_taken_but_gives_no_bump(void **state)
 {
     const double dev = 0.01;
-    const struct apc_setting setting = {"u_dev", 1, &dev};
+    const struct apc_setting setting = {"u_dev", NULL, 1, 1, &dev};
     struct rig r, next;
     double last = 0.0, mark, other;
 
@@ -357,9 +357,10 @@ static size_t one_state(const struct apc_dim *dim)
     return 1;
 }
 
-static void show_count(struct apc_law_call *c)
+static int show_count(struct apc_law_call *c)
 {
     c->u[0] = c->x[0];
+    return APC_LAW_GOOD;
 }
 
 static void count(struct apc_law_call *c)
@@ -398,20 +399,10 @@ static void an_output_that_was_confirmed_is_updated_once(void **state)
     apc_controller_destroy(r.controller);
 }
 
-static int give_nan(const struct apc_law_setup *setup, struct apc_law_size *size, double *constant,
-                    struct apc_error *why)
-{
-    (void)setup, (void)why;
-    size->constants = 3;
-    if (constant)
-        constant[2] = (double)NAN;
-    return 0;
-}
-
 static void an_output_names_the_rows_of_the_loop_that_the_law_pairs(void **state)
 {
     static const double swapped[] = {2, 1};
-    const struct apc_setting setting = {"measurement", 2, swapped};
+    const struct apc_setting setting = {"measurement", NULL, 1, 2, swapped};
     const struct apc_controller_options o = {.size = sizeof(o),
                                              .law = &apc_law_pid,
                                              .dim = {2, 2, 2},
@@ -439,9 +430,10 @@ static void an_output_names_the_rows_of_the_loop_that_the_law_pairs(void **state
     apc_controller_destroy(r.controller);
 }
 
-static void follow(struct apc_law_call *c)
+static int follow(struct apc_law_call *c)
 {
     c->u[0] = c->y[0];
+    return APC_LAW_GOOD;
 }
 
 static void without_a_setpoint_an_output_names_none(void **state)
@@ -467,22 +459,38 @@ static void without_a_setpoint_an_output_names_none(void **state)
     apc_controller_destroy(r.controller);
 }
 
-static void a_law_that_makes_a_constant_which_is_no_number_is_refused(void **state)
+/* u = x; z = 1: nothing feasible, z = 2: late, but usable. */
+static int answer(struct apc_law_call *c)
 {
-    static const struct apc_law law = {.abi = APC_LAW_ABI,
-                                       .name = "mine",
-                                       .compute = show_count,
-                                       .n_state = one_state,
-                                       .configure = give_nan};
-    const struct apc_controller_options o = {
-        .size = sizeof(o), .law = &law, .dim = {1, 1, 1}, .period = PERIOD, .horizon = PERIOD};
-    struct apc_controller *c;
-    struct apc_error why;
+    c->u[0] = c->x[0];
+    if (c->z[0] == 1.0)
+        strcpy(c->why, "rows 2 and 5 contradict");
+    return c->z[0] == 1.0 ? APC_LAW_INFEASIBLE : c->z[0] == 2.0 ? APC_LAW_LATE : APC_LAW_SUBOPTIMAL;
+}
+
+static void an_infeasible_answer_is_held_and_the_state_kept(void **state)
+{
+    static const struct apc_law law = {
+        .abi = APC_LAW_ABI, .name = "answer", .n_state = one_state, .compute = answer, .update = count};
+    const double asked[] = {0.0, 2.0, 1.0, 0.0}, given_u[] = {0.0, 1.0, 1.0, 2.0};
+    struct apc_notice notice;
+    struct rig r;
 
     (void)state;
-    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
-    assert_non_null(strstr(why.text, "mine"));
-    assert_null(c);
+    make(&r, &law, 1, NULL);
+    for (int k = 0; k < 4; k++) {
+        feed(&r, APC_SENSOR, 1, 0.0, k);
+        feed(&r, APC_SETPOINT, 1, asked[k], k);
+        feed(&r, APC_OPMODE, 0, APC_MODE_AUTO, k);
+        r.n = apc_controller_compute(r.controller, (struct apc_now){k * PERIOD, T0 + k * PERIOD}, r.in, r.out,
+                                     &notice);
+        apc_controller_update(r.controller);
+        assert_near(given(&r, APC_ACTUATOR, 1)->value, given_u[k], 0.0);
+        assert_int_equal(given(&r, APC_ACTUATOR, 1)->status, k == 2 ? APC_UNCERTAIN_LAST_USABLE : APC_GOOD);
+        if (k == 2)
+            assert_string_equal(notice.text, "output held: law answer rows 2 and 5 contradict (1)");
+    }
+    apc_controller_destroy(r.controller);
 }
 
 int main(void)
@@ -499,9 +507,9 @@ int main(void)
         cmocka_unit_test(it_begins_with_the_tuning_there_is),
         cmocka_unit_test(a_law_without_track_is_not_updated_in_man),
         cmocka_unit_test(an_output_names_the_rows_of_the_loop_that_the_law_pairs),
+        cmocka_unit_test(an_infeasible_answer_is_held_and_the_state_kept),
         cmocka_unit_test(an_output_that_was_confirmed_is_updated_once),
         cmocka_unit_test(without_a_setpoint_an_output_names_none),
-        cmocka_unit_test(a_law_that_makes_a_constant_which_is_no_number_is_refused),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

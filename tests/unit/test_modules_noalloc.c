@@ -354,7 +354,7 @@ static void what_is_refused_or_asked_leaves_nothing_behind(void **state)
     static const double wild = 1e300, no_delay = -1.0, A = 1.0, nought = 0.0;
     static const struct apc_law_plant unreached = {
         .nx = 1, .A = &A, .B = &nought, .C = &A, .D = &nought, .x0 = &nought, .u0 = &nought, .y0 = &nought};
-    static const struct apc_setting setting = {"delay", 1, &no_delay};
+    static const struct apc_setting setting = {"delay", NULL, 1, 1, &no_delay};
     static const char *const integrators[] = {"cvode", "adams", "rk4", "exact", "none"};
     const struct apc_model *tanks = NULL;
     struct apc_controller_options c = {.size = sizeof(c),

@@ -1,0 +1,627 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * What runs a law for a controller. An instance for each output is handed copies of its own y, z, d and
+ * tuning in the order of its ports; of what there is one of for each output (u, limits) it gets the
+ * controller's array from its own element on. After creation nothing is allocated.
+ */
+#include "base/base_internal.h"
+#include "control/control_internal.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define LAW_SIZE_MAX 1000000 /* a law that wants more than this has counted wrong */
+
+struct instance {
+    void *self;
+    struct apc_dim dim;
+    struct apc_law_needs needs;
+    size_t x, published, n; /* where they begin; how many numbers it publishes */
+    size_t *tuning;         /* [n_tuning] which of the controller's parameters are its own */
+    size_t n_tuning;
+};
+
+/* What an instance for an output is handed; there is one, as one is asked at a time. */
+struct window {
+    double y[APC_LAW_PORTS], y_age[APC_LAW_PORTS], y_low[APC_LAW_PORTS], y_high[APC_LAW_PORTS];
+    apc_status y_status[APC_LAW_PORTS];
+    bool y_new[APC_LAW_PORTS];
+    double *z, *d;  /* [n_ahead * ports] */
+    double *tuning; /* of the instance that has most */
+};
+
+struct apc_instances {
+    const struct apc_law *law;
+    struct apc_dim dim;
+    double Ts;
+    struct apc_instances_size size;
+    struct instance *instance;           /* [size.instances] */
+    struct apc_law_ports *ports;         /* [nu] */
+    struct apc_law_parameter *parameter; /* [size.tuning] */
+    struct window window;
+    uint32_t mark;
+};
+
+/* ---- Ports ------------------------------------------------------------------------------------------------
+ */
+
+static int check_ports(const struct apc_law *law, size_t output, const char *what, const int *number,
+                       size_t n, size_t there, struct apc_error *why)
+{
+    if (n > APC_LAW_PORTS)
+        return apc_fail(why, APC_EINVAL, "law %s: output %zu would use %zu %ss; %d at most", law->name,
+                        output + 1, n, what, APC_LAW_PORTS);
+    for (size_t i = 0; i < n; i++) {
+        if (number[i] < 0 || (size_t)number[i] >= there)
+            return apc_fail(why, APC_EINVAL, "law %s: output %zu would use %s %d, but there are %zu",
+                            law->name, output + 1, what, number[i] + 1, there);
+    }
+    return 0;
+}
+
+static int find_ports(const struct apc_law *law, const struct apc_law_setup *setup, size_t output,
+                      struct apc_law_ports *p, struct apc_error *why)
+{
+    const struct apc_dim *d = &setup->dim;
+    int rc;
+
+    *p = (struct apc_law_ports){.ny = d->ny > 0, .nz = d->nz > 0, .nd = output < d->nd};
+    p->y[0] = output < d->ny ? (int)output : 0;
+    p->z[0] = output < d->nz ? (int)output : 0;
+    p->d[0] = (int)output;
+    rc = law->ports ? law->ports(setup, output, p, why) : 0;
+    if (rc == 0)
+        rc = check_ports(law, output, "measurement", p->y, p->ny, d->ny, why);
+    if (rc == 0)
+        rc = check_ports(law, output, "setpoint", p->z, p->nz, d->nz, why);
+    return rc < 0 ? rc : check_ports(law, output, "disturbance", p->d, p->nd, d->nd, why);
+}
+
+int apc_law_pairing(const struct apc_law *law, const struct apc_law_setup *setup, struct apc_pair *pair,
+                    struct apc_error *why)
+{
+    for (size_t i = 0; i < setup->dim.nu; i++) {
+        struct apc_law_ports p;
+        int rc = find_ports(law, setup, i, &p, why);
+
+        if (rc < 0)
+            return rc;
+        pair[i] = (struct apc_pair){.measurement = p.ny ? (size_t)p.y[0] + 1 : 0,
+                                    .setpoint = p.nz ? (size_t)p.z[0] + 1 : 0};
+    }
+    return 0;
+}
+
+/* ---- Tuning
+ * ------------------------------------------------------------------------------------------------ */
+
+static enum apc_law_scope scope_of(const struct apc_law *law, size_t number)
+{
+    return law->scope ? law->scope[number] : APC_OF_OUTPUT;
+}
+
+static size_t count_scope(const struct apc_law *law, enum apc_law_scope scope)
+{
+    size_t n = 0;
+
+    for (size_t j = 0; j < law->n_tuning; j++)
+        n += scope_of(law, j) == scope;
+    return n;
+}
+
+size_t apc_law_parameters(const struct apc_law *law, const struct apc_dim *dim)
+{
+    return count_scope(law, APC_OF_LAW) + dim->nu * count_scope(law, APC_OF_OUTPUT) +
+           dim->ny * count_scope(law, APC_OF_MEASUREMENT);
+}
+
+/* Parameter number i among those of that scope. */
+static struct apc_law_parameter parameter(const struct apc_law *law, enum apc_law_scope scope, size_t each,
+                                          size_t i)
+{
+    struct apc_law_parameter p = {.scope = scope, .of = i / each};
+    size_t left = i % each;
+
+    while (scope_of(law, p.number) != scope || left-- > 0)
+        p.number++;
+    return p;
+}
+
+struct apc_law_parameter apc_law_parameter_at(const struct apc_law *law, const struct apc_dim *dim, size_t i)
+{
+    const size_t own = count_scope(law, APC_OF_LAW), each = count_scope(law, APC_OF_OUTPUT);
+
+    if (i < own)
+        return parameter(law, APC_OF_LAW, own, i);
+    if (i < own + dim->nu * each)
+        return parameter(law, APC_OF_OUTPUT, each, i - own);
+    return parameter(law, APC_OF_MEASUREMENT, count_scope(law, APC_OF_MEASUREMENT), i - own - dim->nu * each);
+}
+
+/* Which parameters instance k, for an output, has: the law's, its output's, those of its measurements. */
+static int choose_tuning(struct apc_instances *s, size_t k)
+{
+    const struct apc_law *law = s->law;
+    const size_t own = count_scope(law, APC_OF_LAW), each = count_scope(law, APC_OF_OUTPUT),
+                 measured = count_scope(law, APC_OF_MEASUREMENT);
+    struct instance *of = &s->instance[k];
+    size_t n = 0;
+
+    of->n_tuning = apc_law_parameters(law, &of->dim);
+    of->tuning = calloc(of->n_tuning + 1, sizeof(*of->tuning));
+    if (!of->tuning)
+        return APC_ENOMEM;
+    for (size_t j = 0; j < own; j++)
+        of->tuning[n++] = j;
+    for (size_t j = 0; j < each; j++)
+        of->tuning[n++] = own + k * each + j;
+    for (size_t i = 0; i < of->dim.ny; i++) {
+        for (size_t j = 0; j < measured; j++)
+            of->tuning[n++] = own + s->dim.nu * each + (size_t)s->ports[k].y[i] * measured + j;
+    }
+    return 0;
+}
+
+/* ---- Creation --------------------------------------------------------------------------------------------
+ */
+
+/* The controller's setup as an instance for an output sees it. */
+struct view {
+    struct apc_law_setup setup;
+    struct apc_signal_view y[APC_LAW_PORTS], z[APC_LAW_PORTS], d[APC_LAW_PORTS];
+    struct apc_law_plant plant;
+    double *memory; /* of plant */
+};
+
+static const struct apc_signal_view *view_signals(const struct apc_signal_view *from, const int *number,
+                                                  size_t n, struct apc_signal_view *to)
+{
+    for (size_t i = 0; from && i < n; i++)
+        to[i] = from[number[i]];
+    return from ? to : NULL;
+}
+
+/* Its rows of C and D, its columns of B and D. */
+static int view_plant(struct view *v, const struct apc_law_plant *whole, const struct apc_dim *dim,
+                      size_t output, const struct apc_law_ports *p)
+{
+    const size_t nx = whole->nx, width = dim->nu + dim->nd, own = 1 + p->nd;
+    double *B = calloc(nx * own + p->ny * (nx + own + 1) + own, sizeof(*B)), *C = B + nx * own,
+           *D = C + p->ny * nx, *u0 = D + p->ny * own, *y0 = u0 + own;
+
+    if (!B)
+        return APC_ENOMEM;
+    for (size_t j = 0; j < own; j++) {
+        const size_t column = j == 0 ? output : dim->nu + (size_t)p->d[j - 1];
+
+        for (size_t i = 0; i < nx; i++)
+            B[i * own + j] = whole->B[i * width + column];
+        for (size_t i = 0; i < p->ny; i++)
+            D[i * own + j] = whole->D[(size_t)p->y[i] * width + column];
+        u0[j] = whole->u0[column];
+    }
+    for (size_t i = 0; i < p->ny; i++) {
+        memcpy(C + i * nx, whole->C + (size_t)p->y[i] * nx, nx * sizeof(*C));
+        y0[i] = whole->y0[p->y[i]];
+    }
+    v->memory = B;
+    v->plant = (struct apc_law_plant){
+        .nx = nx, .A = whole->A, .B = B, .C = C, .D = D, .x0 = whole->x0, .u0 = u0, .y0 = y0};
+    return 0;
+}
+
+static int view_setup(struct view *v, const struct apc_law_setup *whole, size_t output,
+                      const struct apc_law_ports *p)
+{
+    v->memory = NULL;
+    v->setup = *whole;
+    v->setup.dim = (struct apc_dim){p->ny, p->nz, 1, p->nd};
+    v->setup.output = output;
+    v->setup.y = view_signals(whole->y, p->y, p->ny, v->y);
+    v->setup.z = view_signals(whole->z, p->z, p->nz, v->z);
+    v->setup.d = view_signals(whole->d, p->d, p->nd, v->d);
+    v->setup.u = whole->u ? whole->u + output : NULL;
+    v->setup.plant = whole->plant ? &v->plant : NULL;
+    return whole->plant ? view_plant(v, whole->plant, &whole->dim, output, p) : 0;
+}
+
+/* Make instance k from its own setup, and lay out what it has. */
+static int make_instance(struct apc_instances *s, size_t k, const struct apc_law_setup *own,
+                         struct apc_error *why)
+{
+    const struct apc_law *law = s->law;
+    struct instance *of = &s->instance[k];
+    struct apc_law_needs *needs = &of->needs;
+    int rc;
+
+    of->dim = own->dim;
+    *needs =
+        (struct apc_law_needs){.size = sizeof(*needs), .states = law->n_state ? law->n_state(&own->dim) : 0};
+    rc = law->create ? law->create(own, needs, &of->self, why) : 0;
+    if (rc < 0)
+        return rc;
+    of->x = s->size.states;
+    of->published = s->size.published;
+    for (size_t i = 0; i < needs->n_published && of->n <= LAW_SIZE_MAX; i++)
+        of->n += needs->published[i].length > LAW_SIZE_MAX ? LAW_SIZE_MAX + 1
+                 : needs->published[i].length              ? needs->published[i].length
+                                                           : 1;
+    if (!needs->n_ahead)
+        needs->n_ahead = 1;
+    s->size.states += needs->states;
+    s->size.published += of->n;
+    if (needs->n_ahead > s->size.n_ahead)
+        s->size.n_ahead = needs->n_ahead;
+    if (needs->states > LAW_SIZE_MAX || s->size.states > LAW_SIZE_MAX || s->size.published > LAW_SIZE_MAX ||
+        needs->n_ahead > LAW_SIZE_MAX)
+        return apc_fail(
+            why, APC_EINVAL,
+            "law %s wants %zu states, %zu ticks ahead, and to publish %zu numbers; %d of each at most",
+            law->name, s->size.states, needs->n_ahead, s->size.published, LAW_SIZE_MAX);
+    return 0;
+}
+
+static int make_instances(struct apc_instances *s, const struct apc_law_setup *setup, struct apc_error *why)
+{
+    int rc = 0;
+
+    for (size_t i = 0; i < s->dim.nu && rc == 0; i++)
+        rc = find_ports(s->law, setup, i, &s->ports[i], why);
+    if (rc == 0 && s->law->whole)
+        rc = make_instance(s, 0, setup, why);
+    for (size_t k = 0; !s->law->whole && k < s->dim.nu && rc == 0; k++) {
+        struct view v;
+
+        if (view_setup(&v, setup, k, &s->ports[k]) < 0)
+            return apc_fail(why, APC_ENOMEM, "law %s: no memory", s->law->name);
+        rc = make_instance(s, k, &v.setup, why);
+        free(v.memory);
+        if (rc == 0 && choose_tuning(s, k) < 0)
+            rc = apc_fail(why, APC_ENOMEM, "law %s: no memory", s->law->name);
+    }
+    return rc;
+}
+
+static int make_window(struct apc_instances *s)
+{
+    struct window *w = &s->window;
+    size_t most = 1;
+
+    if (s->law->whole)
+        return 0;
+    for (size_t k = 0; k < s->size.instances; k++)
+        most = s->instance[k].n_tuning > most ? s->instance[k].n_tuning : most;
+    w->z = calloc(s->size.n_ahead * APC_LAW_PORTS, sizeof(*w->z));
+    w->d = calloc(s->size.n_ahead * APC_LAW_PORTS, sizeof(*w->d));
+    w->tuning = calloc(most, sizeof(*w->tuning));
+    return w->z && w->d && w->tuning ? 0 : APC_ENOMEM;
+}
+
+static uint32_t mark_of(const struct apc_instances *s, const struct apc_law_setup *setup)
+{
+    const struct apc_law *law = s->law;
+    const struct apc_law_plant *plant = setup->plant;
+    const size_t ny = s->dim.ny, width = s->dim.nu + s->dim.nd, nx = plant ? plant->nx : 0;
+    const size_t number[] = {law->version, law->whole,     ny, s->dim.nz, s->dim.nu,
+                             s->dim.nd,    s->size.states, nx};
+    uint32_t hash = apc_hash(APC_HASH_BEGIN, law->name, strlen(law->name));
+
+    hash = apc_hash_number(hash, apc_plugin_mark((uintptr_t)law->compute));
+    for (size_t i = 0; i < sizeof(number) / sizeof(number[0]); i++)
+        hash = apc_hash_number(hash, number[i]);
+    hash = apc_hash_values(hash, &setup->Ts, 1);
+    for (size_t i = 0; i < setup->n_setting; i++) {
+        const struct apc_setting *a = &setup->setting[i];
+
+        hash = apc_hash(hash, a->name, strlen(a->name) + 1);
+        if (a->text) {
+            hash = apc_hash(hash, a->text, strlen(a->text) + 1);
+        } else {
+            hash = apc_hash_number(apc_hash_number(hash, a->rows), a->columns);
+            hash = apc_hash_values(hash, a->value, a->rows * a->columns);
+        }
+    }
+    if (!plant)
+        return hash;
+    hash = apc_hash_values(apc_hash_values(hash, plant->A, nx * nx), plant->B, nx * width);
+    hash = apc_hash_values(apc_hash_values(hash, plant->C, ny * nx), plant->D, ny * width);
+    hash = apc_hash_values(apc_hash_values(hash, plant->x0, nx), plant->u0, width);
+    return apc_hash_values(hash, plant->y0, ny);
+}
+
+static int check_settings(const struct apc_law *law, const struct apc_law_setup *setup, struct apc_error *why)
+{
+    for (size_t i = 0; i < setup->n_setting; i++) {
+        const char *const *known = law->settings;
+
+        while (known && *known && strcmp(*known, setup->setting[i].name) != 0)
+            known++;
+        if (!known || !*known)
+            return apc_fail(why, APC_EINVAL, "law %s has no setting \"%s\"", law->name,
+                            setup->setting[i].name);
+    }
+    return 0;
+}
+
+static int fill(struct apc_instances *s, const struct apc_law_setup *setup, struct apc_error *why)
+{
+    int rc;
+
+    if (s->law->n_tuning > LAW_SIZE_MAX || apc_law_parameters(s->law, &s->dim) > LAW_SIZE_MAX)
+        return apc_fail(why, APC_EINVAL, "law %s wants more than %d tuning parameters", s->law->name,
+                        LAW_SIZE_MAX);
+    s->size = (struct apc_instances_size){.instances = s->law->whole ? 1 : s->dim.nu,
+                                          .tuning = apc_law_parameters(s->law, &s->dim),
+                                          .n_ahead = 1};
+    s->instance = calloc(s->size.instances, sizeof(*s->instance));
+    s->ports = calloc(s->dim.nu, sizeof(*s->ports));
+    s->parameter = calloc(s->size.tuning + 1, sizeof(*s->parameter));
+    if (!s->instance || !s->ports || !s->parameter)
+        return apc_fail(why, APC_ENOMEM, "law %s: no memory", s->law->name);
+    for (size_t i = 0; i < s->size.tuning; i++)
+        s->parameter[i] = apc_law_parameter_at(s->law, &s->dim, i);
+    rc = make_instances(s, setup, why);
+    if (rc == 0 && make_window(s) < 0)
+        rc = apc_fail(why, APC_ENOMEM, "law %s: no memory", s->law->name);
+    s->mark = mark_of(s, setup);
+    return rc;
+}
+
+int apc_instances_create(struct apc_instances **instances, const struct apc_law *law,
+                         const struct apc_law_setup *setup, struct apc_error *why)
+{
+    const struct apc_dim *d = &setup->dim;
+    struct apc_law_setup own = *setup;
+    struct apc_instances *s;
+    int rc = apc_law_check(law, "controller", why);
+
+    *instances = NULL;
+    if (rc < 0)
+        return rc;
+    if (!d->nu || (law->accepts && !law->accepts(d)))
+        return apc_fail(why, APC_EINVAL,
+                        "law %s does not work with %zu measurements, %zu setpoints, %zu outputs", law->name,
+                        d->ny, d->nz, d->nu);
+    rc = check_settings(law, setup, why);
+    if (rc < 0)
+        return rc;
+    s = calloc(1, sizeof(*s));
+    if (!s)
+        return apc_fail(why, APC_ENOMEM, "law %s: no memory", law->name);
+    own.size = sizeof(own);
+    own.output = 0;
+    s->law = law;
+    s->dim = *d;
+    s->Ts = setup->Ts;
+    rc = fill(s, &own, why);
+    if (rc < 0) {
+        apc_instances_destroy(s);
+        return rc;
+    }
+    *instances = s;
+    return 0;
+}
+
+void apc_instances_destroy(struct apc_instances *s)
+{
+    if (!s)
+        return;
+    for (size_t k = 0; s->instance && k < s->size.instances; k++) {
+        if (s->instance[k].self && s->law->destroy)
+            s->law->destroy(s->instance[k].self);
+        free(s->instance[k].tuning);
+    }
+    free(s->window.z);
+    free(s->window.d);
+    free(s->window.tuning);
+    free(s->instance);
+    free(s->parameter);
+    free(s->ports);
+    free(s);
+}
+
+int apc_law_try(const struct apc_law *law, const struct apc_law_setup *setup, const double *tuning,
+                struct apc_error *why)
+{
+    struct apc_instances *s;
+    int rc = apc_instances_create(&s, law, setup, why);
+
+    if (rc == 0 && tuning)
+        rc = apc_instances_check(s, tuning, why);
+    apc_instances_destroy(s);
+    return rc;
+}
+
+/* ---- What there is ----------------------------------------------------------------------------------------
+ */
+
+struct apc_instances_size apc_instances_size(const struct apc_instances *s)
+{
+    return s->size;
+}
+
+struct apc_instance_part apc_instances_part(const struct apc_instances *s, size_t k)
+{
+    const struct instance *of = &s->instance[k];
+
+    return (struct apc_instance_part){.u = k,
+                                      .nu = of->dim.nu,
+                                      .x = of->x,
+                                      .states = of->needs.states,
+                                      .published = of->published,
+                                      .n = of->n,
+                                      .n_published = of->needs.n_published,
+                                      .what = of->needs.published};
+}
+
+const struct apc_law_ports *apc_instances_ports(const struct apc_instances *s, size_t output)
+{
+    return &s->ports[output];
+}
+
+struct apc_law_parameter apc_instances_parameter(const struct apc_instances *s, size_t i)
+{
+    return s->parameter[i];
+}
+
+uint32_t apc_instances_mark(const struct apc_instances *s)
+{
+    return s->mark;
+}
+
+/* ---- Calls -----------------------------------------------------------------------------------------------
+ */
+
+static const double *gather(double *to, const double *from, const int *number, size_t n)
+{
+    for (size_t i = 0; from && i < n; i++)
+        to[i] = from[number[i]];
+    return from ? to : NULL;
+}
+
+static const double *gather_rows(double *to, const double *from, size_t rows, size_t width, const int *number,
+                                 size_t n)
+{
+    for (size_t k = 0; from && k < rows; k++)
+        (void)gather(to + k * n, from + k * width, number, n);
+    return from ? to : NULL;
+}
+
+/* The controller's tuning as instance k has it. */
+static const double *own_tuning(struct apc_instances *s, size_t k, const double *tuning)
+{
+    const struct instance *of = &s->instance[k];
+
+    if (s->law->whole)
+        return tuning;
+    for (size_t i = 0; i < of->n_tuning; i++)
+        s->window.tuning[i] = tuning[of->tuning[i]];
+    return s->window.tuning;
+}
+
+static void look_through(struct apc_instances *s, size_t k, struct apc_law_call *c)
+{
+    const struct apc_law_ports *p = &s->ports[k];
+    struct window *w = &s->window;
+
+    for (size_t i = 0; i < p->ny; i++) {
+        w->y_status[i] = c->y_status ? c->y_status[p->y[i]] : APC_GOOD;
+        w->y_new[i] = c->y_new ? c->y_new[p->y[i]] : true;
+    }
+    c->y_status = c->y_status ? w->y_status : NULL;
+    c->y_new = c->y_new ? w->y_new : NULL;
+    c->y = gather(w->y, c->y, p->y, p->ny);
+    c->y_age = gather(w->y_age, c->y_age, p->y, p->ny);
+    c->y_low = gather(w->y_low, c->y_low, p->y, p->ny);
+    c->y_high = gather(w->y_high, c->y_high, p->y, p->ny);
+    c->z = gather_rows(w->z, c->z, c->n_ahead, s->dim.nz, p->z, p->nz);
+    c->d = gather_rows(w->d, c->d, c->n_ahead, s->dim.nd, p->d, p->nd);
+    c->tuning = own_tuning(s, k, c->tuning);
+    c->u += k;
+    c->limited += k;
+    c->low = c->low ? c->low + k : NULL;
+    c->high = c->high ? c->high + k : NULL;
+    c->rate = c->rate ? c->rate + k : NULL;
+    c->u_last = c->u_last ? c->u_last + k : NULL;
+    c->out = c->out ? c->out + k : NULL;
+}
+
+/* The controller's call as instance k sees it. */
+static struct apc_law_call call_of(struct apc_instances *s, size_t k, const struct apc_law_call *whole)
+{
+    const struct instance *of = &s->instance[k];
+    struct apc_law_call c = *whole;
+
+    c.size = sizeof(c);
+    c.dim = of->dim;
+    c.Ts = s->Ts;
+    c.self = of->self;
+    c.n_ahead = of->needs.n_ahead;
+    c.x += of->x;
+    if (c.published)
+        c.published = of->n ? c.published + of->published : NULL;
+    if (!s->law->whole)
+        look_through(s, k, &c);
+    return c;
+}
+
+static bool in_order(const struct apc_instances *s, size_t k, const struct apc_law_call *c)
+{
+    return apc_values_ok(c->u, s->instance[k].dim.nu) && apc_values_ok(c->x, s->instance[k].needs.states);
+}
+
+void apc_instances_reset(struct apc_instances *s, size_t k, const struct apc_law_call *call)
+{
+    struct apc_law_call c = call_of(s, k, call);
+
+    memset(c.x, 0, s->instance[k].needs.states * sizeof(*c.x));
+    if (s->law->reset)
+        s->law->reset(&c);
+}
+
+int apc_instances_compute(struct apc_instances *s, size_t k, const struct apc_law_call *call)
+{
+    char nobody[APC_LAW_WHY], *said = call->why ? call->why : nobody;
+    struct apc_law_call c = call_of(s, k, call);
+    int result;
+
+    c.why = said;
+    said[0] = '\0';
+    result = s->law->compute(&c);
+    said[APC_LAW_WHY - 1] = '\0';
+    if (result < APC_LAW_GOOD || result > APC_LAW_FAILED)
+        (void)snprintf(said, APC_LAW_WHY, "gave %d, which is no result", result);
+    else if (result == APC_LAW_FAILED || in_order(s, k, &c))
+        return result;
+    else
+        (void)snprintf(said, APC_LAW_WHY, "gave no finite number");
+    return APC_LAW_FAILED;
+}
+
+void apc_instances_update(struct apc_instances *s, size_t k, const struct apc_law_call *call)
+{
+    struct apc_law_call c = call_of(s, k, call);
+
+    if (s->law->update)
+        s->law->update(&c);
+}
+
+void apc_instances_track(struct apc_instances *s, size_t k, const struct apc_law_call *call)
+{
+    struct apc_law_call c = call_of(s, k, call);
+
+    if (s->law->track)
+        s->law->track(&c);
+}
+
+static int check_parameter(const struct apc_instances *s, size_t i, double value, struct apc_error *why)
+{
+    const struct apc_law_parameter p = s->parameter[i];
+    const struct apc_param *param = &s->law->tuning[p.number];
+
+    if (apc_param_accepts(param, value))
+        return 0;
+    if (p.scope == APC_OF_LAW)
+        return apc_fail(why, APC_ERANGE, "%s: %g is not within %g to %g", param->name, value, param->low,
+                        param->high);
+    return apc_fail(why, APC_ERANGE, "%s of %s %zu: %g is not within %g to %g", param->name,
+                    p.scope == APC_OF_OUTPUT ? "output" : "measurement", p.of + 1, value, param->low,
+                    param->high);
+}
+
+int apc_instances_check(struct apc_instances *s, const double *tuning, struct apc_error *why)
+{
+    int rc = 0;
+
+    for (size_t i = 0; i < s->size.tuning && rc == 0; i++)
+        rc = check_parameter(s, i, tuning[i], why);
+    for (size_t k = 0; s->law->check && k < s->size.instances && rc == 0; k++) {
+        const struct apc_law_setup setup = {
+            .size = sizeof(setup), .dim = s->instance[k].dim, .Ts = s->Ts, .output = s->law->whole ? 0 : k};
+
+        rc = s->law->check(&setup, own_tuning(s, k, tuning), why);
+    }
+    return rc;
+}
