@@ -64,7 +64,7 @@ struct shell {
     bool know_u;
     struct apc_value *command, *measured; /* [nu], [ny] of this tick */
     struct apc_sample *y;                 /* [ny] */
-    struct state_watch link_state;
+    struct state_watch link_state, command_state;
     struct apc_histogram *round_trip;
     _Atomic uint64_t failed; /* exchanges */
 
@@ -101,15 +101,28 @@ static void report(struct shell *s, struct state_watch *state, bool up, const ch
                      up ? "connected" : "lost");
 }
 
+/* Whether an external plant is commanded nobody else can say; one of ours says it itself. */
+static void report_command(struct shell *s, bool given)
+{
+    enum change change = state_watch_look(&s->command_state, given, apc_clock_mono(NULL));
+    if (change != CHANGE_NONE && s->d->experiment.plant.external)
+        daemon_event(s->d, given ? APC_EVENT_INFO : APC_EVENT_WARNING, "command", "%s",
+                     given
+                         ? "the plant is given its commands"
+                         : "the plant is given no command: not every output is fresh and good, or it is not "
+                           "reached");
+}
+
 /* Returns how many measurements came. */
 static size_t exchange(struct shell *s, const struct apc_tick *tick, const struct apc_sample *u)
 {
     const struct apc_now now = {.mono = tick->started, .utc = tick->utc};
-    apc_client_command(s->core, now, u, s->command);
+    const bool all = apc_client_command(s->core, now, u, s->command) == s->d->experiment.dim.nu;
     const apc_ns begun = apc_clock_mono(NULL);
     int rc = apc_exchange_begin(s->plant, s->command, begun + s->patience);
     if (rc == 0)
         rc = apc_exchange_finish(s->plant, s->measured);
+    report_command(s, all && rc == 0);
     if (rc < 0) {
         atomic_fetch_add(&s->failed, 1);
         report(s, &s->link_state, false, "link", "plant", apc_exchange_error(s->plant));

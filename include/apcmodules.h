@@ -183,10 +183,10 @@ APC_API void apc_client_destroy(struct apc_client *client); /**< NULL is legal. 
 /**
  * What to give the plant: the newest actuator samples @p u [nu] into @p out [nu], Bad where one is not to be
  * written: it is not there, is Bad itself, is not finite, or is no longer fresh. @p u is NULL when the store
- * could not be read: then all are. [tick]
+ * could not be read: then all are. Returns how many are to be written. [tick]
  */
-APC_API void apc_client_command(struct apc_client *client, struct apc_now now, const struct apc_sample *u,
-                                struct apc_value *out);
+APC_API size_t apc_client_command(struct apc_client *client, struct apc_now now, const struct apc_sample *u,
+                                  struct apc_value *out);
 /**
  * Of what the plant answered, @p y [ny], the sensor samples for the store: those whose source time is new,
  * with the next seq. Returns how many went into @p out [ny]. [tick]

@@ -3,17 +3,18 @@
 
 #include <string.h>
 
-void control_begin(struct control *c, apc_ns begin)
+void control_begin(struct control *c, bool external, apc_ns begin)
 {
-    *c = (struct control){.since = begin};
+    *c = (struct control){.witness = external ? "apc-client" : "apc-plant", .since = begin};
 }
 
 void control_take(struct control *c, const struct apc_event *e)
 {
-    bool watchdog = !strcmp(e->kind, "watchdog"), start = !strcmp(e->kind, "start");
-    if (strcmp(e->source, "apc-plant") != 0 || (!watchdog && !start))
+    bool turn = !strcmp(e->kind, "watchdog") || !strcmp(e->kind, "command"),
+         start = !strcmp(e->kind, "start");
+    if (strcmp(e->source, c->witness) != 0 || (!turn && !start))
         return;
-    bool commanded = watchdog && e->severity == APC_EVENT_INFO;
+    bool commanded = turn && e->severity == APC_EVENT_INFO;
     if (commanded == c->commanded)
         return;
     if (commanded)

@@ -222,7 +222,8 @@ static int write_record(const char *dir, const struct experiment *e, const struc
     fputs("};\n", f.stream);
     rc = put_plugin(f.stream, dir, "law", "law.so", &e->controller.plugin, e->controller.law->name, why);
     if (rc == 0)
-        rc = put_plugin(f.stream, dir, "plant", "plant.so", &e->plant.plugin, e->plant.model->name, why);
+        rc = put_plugin(f.stream, dir, "plant", "plant.so", &e->plant.plugin,
+                        e->plant.model ? e->plant.model->name : "", why);
     return file_close(&f, rc, why);
 }
 

@@ -73,7 +73,7 @@ static int begin(struct view *l, const char *store, const struct experiment *e, 
         l->samples[3 * i + 2] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)i + 1};
     }
     l->samples[l->n - 1] = (struct apc_sample){.table = APC_OPMODE, .id = 1};
-    control_begin(&l->control, start);
+    control_begin(&l->control, l->e->plant.external, start);
     return store_open(&l->store, store, &options, &why);
 }
 
@@ -176,7 +176,7 @@ static void add_values(const struct view *l, struct line *line)
         name = "no controller";
     add(line, "  %-4s", name ? name : "-");
     if (!l->control.commanded)
-        add(line, "  plant at its safe value");
+        add(line, l->e->plant.external ? "  no command" : "  plant at its safe value");
 }
 
 static void add_bar(const struct view *l, struct line *line, double t)

@@ -352,7 +352,8 @@ static int start_daemons(struct run *r)
                              .dir = r->dir,
                              .spin = r->options.spin,
                              .hold_latency = r->options.hold_latency};
-    s->child[0] = (struct child){.name = "apc-plant", .period = r->e.plant.rhythm.period};
+    if (!r->e.plant.external)
+        s->child[0] = (struct child){.name = "apc-plant", .period = r->e.plant.rhythm.period};
     s->child[1] = (struct child){.name = "apc-client", .period = r->e.client.rhythm.period};
     s->child[2] = (struct child){.name = "apc-controller", .period = r->e.controller.rhythm.period};
     s->child[3] = (struct child){.name = "apc-scheduler", .period = r->e.scheduler.rhythm.period};
@@ -450,10 +451,11 @@ static int judge(struct run *r, apc_ns since, apc_ns until, struct control *cont
         apc_fail(&r->failure, APC_ESTATE, "the loop was never closed: the plant got no command, see %s/*.log",
                  r->dir);
     else if (control->longest > r->e.controller.hold)
-        apc_fail(
-            &r->failure, APC_ESTATE,
-            "the loop was open: from %.1f s on the plant stood at its safe value for %.1f s (hold: %g s)",
-            apc_ns_to_s(control->start - r->start), apc_ns_to_s(control->longest), hold);
+        apc_fail(&r->failure, APC_ESTATE,
+                 "the loop was open: from %.1f s on the plant %s for %.1f s (hold: %g s)",
+                 apc_ns_to_s(control->start - r->start),
+                 r->e.plant.external ? "was given no command" : "stood at its safe value",
+                 apc_ns_to_s(control->longest), hold);
     for (int i = 0; i < DAEMONS && !r->failure.text[0]; i++)
         if (r->daemons.child[i].faults > 0 && !r->daemons.child[i].aside)
             apc_fail(&r->failure, APC_ESTATE, "%s failed %u times and was started again: see %s/%s.log",
@@ -492,7 +494,7 @@ static int leave_report(struct run *r)
     int rc = cli_open(&r->cli, &r->store);
     if (rc < 0)
         return rc;
-    control_begin(&control, r->start);
+    control_begin(&control, r->e.plant.external, r->start);
     int drained = patiently(r, drain, since, until, &why);
     rc = drained == APC_EPROTO ? 0 : drained; /* what is damaged is no reason not to give the rest */
     if (rc >= 0 && (rc = judge(r, since, until, &control)) < 0)

@@ -10,7 +10,7 @@
 static void warn_link(const struct cli *cli, const struct experiment *e)
 {
     const char *listen = strrchr(e->plant.listen, ':'), *link = strrchr(e->client.link, ':');
-    if (strcmp(listen, link) != 0 && strcmp(listen, ":0") != 0)
+    if (!e->plant.external && strcmp(listen, link) != 0 && strcmp(listen, ":0") != 0)
         cli_error(
             cli, 0,
             "warning: link of client is \"%s\", listen of plant \"%s\": the client will not find the plant",

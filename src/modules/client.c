@@ -94,12 +94,17 @@ static apc_status may_send(struct apc_client *client, struct apc_now now, size_t
     return apc_value_ok(u->value) ? u->status : APC_BAD_OUT_OF_RANGE;
 }
 
-void apc_client_command(struct apc_client *client, struct apc_now now, const struct apc_sample *u,
-                        struct apc_value *out)
+size_t apc_client_command(struct apc_client *client, struct apc_now now, const struct apc_sample *u,
+                          struct apc_value *out)
 {
-    for (size_t i = 0; i < client->nu; i++)
+    size_t n = 0;
+
+    for (size_t i = 0; i < client->nu; i++) {
         out[i] = u ? (struct apc_value){u[i].value, may_send(client, now, i, &u[i]), u[i].time}
                    : (struct apc_value){.status = APC_BAD_NO_DATA};
+        n += apc_status_severity(out[i].status) != APC_SEVERITY_BAD;
+    }
+    return n;
 }
 
 size_t apc_client_measurements(struct apc_client *client, const struct apc_value *y, struct apc_sample *out)

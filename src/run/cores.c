@@ -32,6 +32,13 @@ int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc
 
     *plant = NULL;
     *server = NULL;
+    if (!e->plant.model) {
+        free(limits);
+        return apc_fail(why, APC_EINVAL,
+                        "%s: the plant is external, and the file names no \"model\" of it: "
+                        "there is nothing to simulate",
+                        e->file);
+    }
     if (!limits)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     cores_outputs(e, limits, limits + e->dim.nu, limits + 2 * e->dim.nu, limits + 3 * e->dim.nu);

@@ -236,16 +236,26 @@ static void read_plant(struct settings *s, const config_setting_t *root, struct 
 {
     static const char *const known[] = {"model",        "parameters", "x0",    "listen",    "integrator",
                                         "rtol",         "atol",       "steps", "dead_time", "noise",
-                                        "disturbances", RHYTHM,       NULL};
+                                        "disturbances", "external",   RHYTHM,  NULL};
     const config_setting_t *group = settings_group(s, root, "plant", REQUIRED);
     if (!group)
         return;
     settings_known(s, group, known);
-    read_rhythm(s, group, "plant", 0, &e->plant.rhythm, &e->models.recordings);
-    settings_text(s, group, "model", REQUIRED, e->plant.name, sizeof e->plant.name);
+    settings_flag(s, group, "external", &e->plant.external);
+    const bool external = e->plant.external;
+    if (external && !config_setting_get_member(group, "period"))
+        e->plant.rhythm.period = e->client.rhythm.period;
+    else
+        read_rhythm(s, group, "plant", 0, &e->plant.rhythm, &e->models.recordings);
+    settings_text(s, group, "model", external ? OPTIONAL : REQUIRED, e->plant.name, sizeof e->plant.name);
     read_address(s, group, "listen", 0, e->plant.listen, sizeof e->plant.listen);
-    if (resolve_model)
+    if (external && config_setting_get_member(group, "listen"))
+        settings_fail(s, config_setting_get_member(group, "listen"),
+                      "\"listen\" of an external plant: where it is, is said by \"link\" of the client");
+    if (resolve_model && (e->plant.name[0] || override))
         read_model(s, group, e, override, record);
+    else if (experiment_wants_model(root) && !e->plant.name[0])
+        settings_fail(s, group, "\"operating_point\" of the controller wants a \"model\" of the plant");
 }
 
 static void read_client(struct settings *s, const config_setting_t *root, struct experiment *e)

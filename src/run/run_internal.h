@@ -81,8 +81,9 @@ struct experiment {
     struct apc_sensor_fault *faults; /* of all sensors */
 
     struct {
-        struct rhythm rhythm;
-        char name[256]; /* of the model, in the file */
+        struct rhythm rhythm; /* of an external one: how often its measurements are new */
+        bool external;        /* not ours to start; then there may be no model */
+        char name[256];       /* of the model, in the file */
         struct plugin plugin;
         const struct apc_model *model;
         double *p, *x0; /* [model->np]; [model->nx] or NULL */

@@ -51,6 +51,21 @@ expect 0 '\] 100 %$' "$apc" run "$work/fast.conf" --duration 4 --out "$work/agai
 folder_is_whole "$work/again"
 awk -F, '$2 == "actuator" && $4 == "Good" {exit !($5 > 0)}' "$work/again/samples.csv"
 
+# a plant that is there already: nobody starts another, nobody needs a model of it, and what its client says counts
+store=sqlite:$work/elsewhere.db
+expect 0 '' "$apc" init "$work/fast.conf" --store "$store"
+background plant "$APC_BIN/apc-plant" --config "$work/fast.conf" --store "$store"
+sed '/^plant = {$/,/^};/c plant = { external = true; };' "$work/fast.conf" >"$work/external.conf"
+expect 1 'the plant is external' "$apc" simulate "$work/external.conf"
+expect 0 '\] 100 %$' "$apc" run "$work/external.conf" --duration 4 --out "$work/external"
+[ ! -e "$work/external/apc-plant.log" ] || fail "a plant was started beside the external one"
+grep -Eq 'apc-client,"?command"?,"?the plant is given its commands' "$work/external/events.csv" || fail "nobody says that the plant was commanded"
+awk -F, '$2 == "sensor" && $4 == "Good" && $5 > 1 {found = 1} END {exit !found}' "$work/external/samples.csv" || fail "y did not rise"
+expect 0 'report' "$apc" report "$work/external"
+kill "$pid"
+wait "$pid" || true
+expect 1 'the loop was never closed' "$apc" run "$work/external.conf" --duration 2 --out "$work/nobody"
+
 # a law and a plant of one's own
 expect 0 'report\.png' "$apc" run "$work/fast.conf" --duration 4 --out "$work/own" --spin --hold-latency \
   --law "$APC_BUILD_DIR/examples/mylaw.so" --plant "$APC_BUILD_DIR/examples/myplant.so"

@@ -24,7 +24,7 @@ static void a_plant_that_was_never_commanded_stood_at_its_safe_value_all_the_tim
 {
     struct control c;
     (void)state;
-    control_begin(&c, 100);
+    control_begin(&c, false, 100);
     take(&c, 90, "start", APC_EVENT_INFO);
     control_end(&c, 400);
     assert_false(c.ever);
@@ -37,7 +37,7 @@ static void the_longest_time_without_control_is_found_with_its_beginning(void **
 {
     struct control c;
     (void)state;
-    control_begin(&c, 100);
+    control_begin(&c, false, 100);
     take(&c, 110, "watchdog", APC_EVENT_INFO); /* 10 */
     assert_true(c.commanded && c.ever);
     take(&c, 200, "watchdog", APC_EVENT_ALARM);
@@ -60,7 +60,7 @@ static void a_plant_that_was_started_again_stands_at_its_safe_value(void **state
 {
     struct control c;
     (void)state;
-    control_begin(&c, 100);
+    control_begin(&c, false, 100);
     take(&c, 110, "watchdog", APC_EVENT_INFO);
     take(&c, 200, "start", APC_EVENT_INFO);
     assert_false(c.commanded);
@@ -73,7 +73,7 @@ static void what_others_say_is_no_matter(void **state)
 {
     struct control c;
     (void)state;
-    control_begin(&c, 100);
+    control_begin(&c, false, 100);
     const struct apc_event foreign = event(150, "apc-client", "watchdog", APC_EVENT_INFO);
     control_take(&c, &foreign);
     assert_false(c.ever);
@@ -84,6 +84,26 @@ static void what_others_say_is_no_matter(void **state)
     assert_true(c.commanded);
 }
 
+/* Of an external plant its client says when it is given commands. */
+static void an_external_plant_is_what_its_client_says(void **state)
+{
+    struct control c;
+    struct apc_event e = event(150, "apc-client", "command", APC_EVENT_INFO);
+    (void)state;
+    control_begin(&c, true, 100);
+    take(&c, 120, "watchdog", APC_EVENT_INFO); /* of somebody else's plant */
+    assert_false(c.ever);
+    control_take(&c, &e);
+    assert_true(c.commanded && c.ever);
+    e = event(170, "apc-client", "command", APC_EVENT_WARNING);
+    control_take(&c, &e);
+    e = event(190, "apc-client", "start", APC_EVENT_INFO);
+    control_take(&c, &e);
+    control_end(&c, 300);
+    assert_int_equal(c.longest, 130);
+    assert_int_equal(c.start, 170);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -91,6 +111,7 @@ int main(void)
         cmocka_unit_test(the_longest_time_without_control_is_found_with_its_beginning),
         cmocka_unit_test(a_plant_that_was_started_again_stands_at_its_safe_value),
         cmocka_unit_test(what_others_say_is_no_matter),
+        cmocka_unit_test(an_external_plant_is_what_its_client_says),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -169,11 +169,12 @@ static int written_at(struct apc_client *client, struct apc_now now, const struc
 {
     struct apc_value out[2];
     int which = 0;
+    size_t n = apc_client_command(client, now, u, out);
 
-    apc_client_command(client, now, u, out);
     for (int i = 0; i < 2; i++)
         if (apc_status_severity(out[i].status) != APC_SEVERITY_BAD)
             which |= 1 << i;
+    assert_int_equal(n, (which & 1) + (which >> 1));
     return which;
 }
 

@@ -284,6 +284,35 @@ static void an_edge_is_still_within(void **state)
     }
 }
 
+/* One that is not ours to start: without a model, and with one for what needs it. */
+static void an_external_plant_is_named_by_its_client_alone(void **state)
+{
+    struct experiment e;
+    struct apc_error why;
+    struct apc_plant *plant;
+    struct apc_plantserver *server;
+    (void)state;
+    if (load(&e, 5, "plant = { external = true; };", &why) < 0)
+        fail_msg("%s", why.text);
+    assert_true(e.plant.external);
+    assert_null(e.plant.model);
+    assert_int_equal(e.plant.rhythm.period, e.client.rhythm.period);
+    assert_int_equal(e.plant.rhythm.phase, 0);
+    assert_int_equal(cores_plant(&e, &plant, &server, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "the plant is external"));
+    experiment_free(&e);
+    if (load(&e, 5, "plant = { external = true; period = 3.0; model = \"quadruple-tank\"; };", &why) < 0)
+        fail_msg("%s", why.text);
+    assert_true(e.plant.external);
+    assert_non_null(e.plant.model);
+    assert_int_equal(e.plant.rhythm.period, 3 * APC_NS_PER_S);
+    experiment_free(&e);
+    if (load(&e, 0, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_false(e.plant.external);
+    experiment_free(&e);
+}
+
 static void a_mistake_is_refused_with_its_line_and_reason(void **state)
 {
     static const struct {
@@ -329,6 +358,10 @@ static void a_mistake_is_refused_with_its_line_and_reason(void **state)
         {4, "outputs = ( { name = \"u\"; low = 0.0; high = 1.0; safe = 1.5; } );",
          "\"safe\" is 1.5: must be from 0 to 1"},
         {4, "outputs = ( { name = \"u\"; low = 0.0; high = 1.0; fault = -0.5; } );", "\"fault\" is -0.5"},
+        {5, "plant = { external = 1; };", "5: \"external\" must be true or false"},
+        {5, "plant = { external = false; period = 1.0; };", "5: \"model\" is missing in plant"},
+        {5, "plant = { external = true; listen = \"tcp:127.0.0.1:1\"; };",
+         "5: \"listen\" of an external plant: where it is, is said by \"link\" of the client"},
         {5, "", "\"plant\" is missing in the file"},
         {5, "plant = 3;", "5: \"plant\" must be a group"},
         {5, "plant = { model = \"servo\"; period = 0.5; };",
@@ -970,6 +1003,7 @@ int main(void)
         cmocka_unit_test(a_law_with_an_operating_point_needs_the_model),
         cmocka_unit_test(a_file_has_at_most_16_mib),
         cmocka_unit_test(an_edge_is_still_within),
+        cmocka_unit_test(an_external_plant_is_named_by_its_client_alone),
         cmocka_unit_test(a_mistake_is_refused_with_its_line_and_reason),
         cmocka_unit_test(a_file_that_is_not_there_or_no_text_is_refused),
         cmocka_unit_test(the_nearest_name_is_one_that_is_alike),
