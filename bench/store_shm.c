@@ -27,10 +27,11 @@
 
 #include "store.h"
 
-#define N     10
-#define BATCH 1000
-#define WORDS 6                   /* of a sample */
-#define PAUSE (2 * APC_NS_PER_US) /* before a ball comes back, so that who waits for it is asleep */
+#define N      10
+#define VECTOR 40
+#define BATCH  1000
+#define WORDS  6                   /* of a sample */
+#define PAUSE  (2 * APC_NS_PER_US) /* before a ball comes back, so that who waits for it is asleep */
 
 /* ---- By hand --------------------------------------------------------------------------------- */
 
@@ -114,6 +115,8 @@ struct side {
     struct hand *hand;
     struct apc_store *store;
     struct apc_sample sample[N], seen;
+    double value[VECTOR];
+    int64_t tick;
     uint32_t ball;
 };
 
@@ -133,6 +136,17 @@ static void store_write(struct side *s)
     for (size_t i = 0; i < N; i++)
         s->sample[i].seq++;
     check(s, apc_store_append(s->store, s->sample, N), N);
+}
+
+/* A tick: the samples and a vector of what they were made from. */
+static void store_write_rows(struct side *s)
+{
+    for (size_t i = 0; i < N; i++)
+        s->sample[i].seq++;
+    struct apc_vector v = {.table = APC_TICK, .id = 1, .seq = ++s->tick, .n = VECTOR, .value = s->value};
+    const struct apc_rows rows = {
+        .size = sizeof rows, .sample = s->sample, .n_samples = N, .vector = &v, .n_vectors = 1};
+    check(s, apc_store_append_rows(s->store, &rows), N + 1);
 }
 
 static void both_read(struct side *s)
@@ -191,6 +205,12 @@ static void store_writes(void *ctx)
 {
     for (int i = 0; i < BATCH; i++)
         store_write(ctx);
+}
+
+static void store_ticks(void *ctx)
+{
+    for (int i = 0; i < BATCH; i++)
+        store_write_rows(ctx);
 }
 
 static void futex_rally(void *ctx)
@@ -334,8 +354,11 @@ void bench_shm(struct bench *b)
         {.name = "seqlock", .once = seqlock_writes, .ctx = &s},
         {.name = "shm: apc_store_append()", .once = store_writes, .ctx = &s, .to = {&writes[0]}},
         {.name = "mem: apc_store_append()", .once = store_writes, .ctx = &mem, .to = {&writes[0]}},
+        {.name = "shm: and a vector of 40", .once = store_ticks, .ctx = &s, .to = {&writes[0], &writes[1]}},
     };
-    measure(b, "1000 appends of 10", writes, 3, hand, &(struct other){.work = both_read}, uri);
+    b->reference[1] = "without";
+    measure(b, "1000 appends of 10", writes, 4, hand, &(struct other){.work = both_read}, uri);
+    b->reference[1] = NULL;
     apc_store_close(mem.store);
 
     b->reference[0] = "futex";

@@ -98,20 +98,6 @@ static bool insert(struct memory *m, const struct apc_vector *in)
     return true;
 }
 
-/* The caller's seq of a row that people write becomes that of the row, or 0. */
-static bool insert_sample(struct memory *m, struct apc_sample *s)
-{
-    if (apc_table_shared(s->table)) {
-        const int64_t newest = apc_mem_newest_seq(m, s->table, s->id);
-        const bool fits = (s->seq == APC_SEQ_ANY || s->seq == newest) && newest < APC_SEQ_MAX;
-        s->seq = fits ? newest + 1 : 0;
-        if (!fits) {
-            return false;
-        }
-    }
-    return apc_mem_insert(m, s);
-}
-
 int apc_mem_append_rows(struct apc_store *store, const struct apc_rows *rows)
 {
     struct memory *m = apc_mem_of(store)->memory;
@@ -130,7 +116,8 @@ int apc_mem_append_rows(struct apc_store *store, const struct apc_rows *rows)
         err = reserve(store, rows->vector, rows->n_vectors);
     }
     for (size_t i = 0; !err && i < rows->n_samples; i++) {
-        count += insert_sample(m, &rows->sample[i]);
+        struct apc_sample *s = &rows->sample[i];
+        count += apc_rows_next(s, apc_mem_newest_seq(m, s->table, s->id)) && apc_mem_insert(m, s);
     }
     for (size_t i = 0; !err && i < rows->n_vectors; i++) {
         count += insert(m, &rows->vector[i]);

@@ -122,6 +122,18 @@ static inline apc_ns apc_time_stored(apc_ns time)
 /** May they be stored? Returns 0 or APC_ESTORE. */
 int apc_rows_check(struct apc_store *store, const struct apc_sample *samples, size_t n);
 int apc_vectors_check(struct apc_store *store, const struct apc_vector *vectors, size_t n);
+/** A row of append_rows whose table people write follows @p newest: it gets its seq, or 0. Is it to be
+ * stored?
+ */
+static inline bool apc_rows_next(struct apc_sample *s, int64_t newest)
+{
+    if (!apc_table_shared(s->table)) {
+        return true;
+    }
+    const bool fits = (s->seq == APC_SEQ_ANY || s->seq == newest) && newest < APC_SEQ_MAX;
+    s->seq = fits ? newest + 1 : 0;
+    return fits;
+}
 /** Say that a sample's seq would be above APC_SEQ_MAX. Returns APC_ESTORE. */
 int apc_rows_seq_failure(struct apc_store *store, const struct apc_sample *sample);
 /** The operation variables, from @p all that there are, in any order; frees them. Returns @p n. */

@@ -9,6 +9,14 @@
 
 /* ---- Read ---------------------------------------------------------------------------------- */
 
+static void set_origin(struct apc_sample *s, uint64_t first, uint64_t second)
+{
+    const bool pair = second != APC_SHM_ORIGIN;
+    s->origin = pair ? 0 : (int64_t)first;
+    s->sensor_seq = pair ? (int64_t)first : 0;
+    s->setpoint_seq = pair ? (int64_t)second : 0;
+}
+
 struct apc_sample apc_shm_sample(enum apc_table table, int id, const uint64_t words[8])
 {
     struct apc_sample s = {.table = table,
@@ -16,9 +24,9 @@ struct apc_sample apc_shm_sample(enum apc_table table, int id, const uint64_t wo
                            .seq = (int64_t)words[1],
                            .time = (apc_ns)words[2],
                            .status = (apc_status)words[6],
-                           .sensor_seq = (int64_t)words[4],
-                           .setpoint_seq = (int64_t)words[5]};
+                           .author = (uint32_t)(words[6] >> 32)};
     memcpy(&s.value, &words[3], sizeof s.value);
+    set_origin(&s, words[4], words[5]);
     return s;
 }
 
@@ -48,23 +56,28 @@ static inline bool load_sample(struct apc_shm *shm, uint64_t g, struct apc_sampl
     s->seq = (int64_t)apc_word_get(&v->seq);
     s->time = (apc_ns)apc_word_get(&v->time);
     memcpy(&s->value, &value, sizeof value);
-    s->status = (apc_status)apc_word_get(&v->status);
-    s->sensor_seq = (int64_t)apc_word_get(&v->sensor_seq);
-    s->setpoint_seq = (int64_t)apc_word_get(&v->setpoint_seq);
+    const uint64_t status = apc_word_get(&v->status);
+    s->status = (apc_status)status;
+    s->author = (uint32_t)(status >> 32);
+    set_origin(s, apc_word_get(&v->sensor_seq), apc_word_get(&v->setpoint_seq));
     return mark <= g && mark > 0 && apc_shm_unchanged(&slot->mark[current], mark);
 }
 
-static uint32_t *hint_of(uint32_t *hints, size_t i)
+/* The @p i-th of rows, samples first, of generation @p g. */
+static inline bool load_row(struct apc_shm *shm, uint64_t g, struct apc_rows *rows, size_t i)
 {
-    return i < APC_SHM_HINTS ? &hints[i] : NULL;
+    uint32_t *hint = apc_shm_hint(shm->read_hint, i);
+    return i < rows->n_samples ? load_sample(shm, g, &rows->sample[i], hint)
+                               : apc_shm_load_vector(shm, g, &rows->vector[i - rows->n_samples], hint);
 }
 
 /* All of one generation, those first that were lost the last time. */
-static bool load_samples(struct apc_shm *shm, struct apc_sample *samples, size_t n, size_t *first)
+static bool load_rows(struct apc_shm *shm, struct apc_rows *rows, size_t *first)
 {
     const uint64_t g = apc_shm_generation(shm);
+    const size_t n = rows->n_samples + rows->n_vectors;
     for (size_t k = 0, i = *first; k < n; k++, i = i + 1 < n ? i + 1 : 0) {
-        if (!load_sample(shm, g, &samples[i], hint_of(shm->read_hint, i))) {
+        if (!load_row(shm, g, rows, i)) {
             *first = i;
             return false;
         }
@@ -79,7 +92,7 @@ int apc_shm_lost(struct apc_shm *shm, uint64_t g)
                : apc_fail(&shm->base.why, APC_ETIMEDOUT, "shm:%s changes too fast to be read", shm->name);
 }
 
-static int read_newest(struct apc_store *store, struct apc_sample *samples, size_t n)
+static int read_rows(struct apc_store *store, struct apc_rows *rows)
 {
     struct apc_shm *shm = apc_shm_of(store);
     int err = apc_shm_ready(shm);
@@ -88,21 +101,27 @@ static int read_newest(struct apc_store *store, struct apc_sample *samples, size
     }
     size_t first = 0;
     for (int tries = 0; tries < APC_SHM_TRIES; tries++) {
-        if (load_samples(shm, samples, n, &first)) {
+        if (load_rows(shm, rows, &first)) {
             return 0;
         }
     }
-    for (size_t i = 0; i < n; i++) {
+    for (size_t i = 0; i < rows->n_samples + rows->n_vectors; i++) {
         const uint64_t g = apc_shm_generation(shm);
         bool whole = false;
         for (int tries = 0; !whole && tries < APC_SHM_TRIES; tries++) {
-            whole = load_sample(shm, apc_shm_generation(shm), &samples[i], NULL);
+            whole = load_row(shm, apc_shm_generation(shm), rows, i);
         }
         if (!whole) {
             return apc_shm_lost(shm, g);
         }
     }
     return 0;
+}
+
+static int read_newest(struct apc_store *store, struct apc_sample *samples, size_t n)
+{
+    struct apc_rows rows = {.sample = samples, .n_samples = n};
+    return read_rows(store, &rows);
 }
 
 /* ---- Write --------------------------------------------------------------------------------- */
@@ -112,17 +131,10 @@ static int write_all(struct apc_shm_write *w, const struct apc_sample *samples, 
 {
     int count = 0, err = 0;
     for (size_t i = 0; err >= 0 && i < n; i++) {
-        err = apc_shm_write_sample(w, &samples[i], hint_of(w->shm->write_hint, i));
+        err = apc_shm_write_sample(w, &samples[i], apc_shm_hint(w->shm->write_hint, i));
         count += err > 0;
     }
-    if (err < 0) {
-        apc_shm_abort(w);
-    } else if (count > 0) {
-        apc_shm_commit(w);
-    } else {
-        apc_shm_unlock(w->shm);
-    }
-    return err < 0 ? err : count;
+    return apc_shm_finish(w, err, count);
 }
 
 static int begin(struct apc_store *store, const struct apc_sample *samples, size_t n, struct apc_shm_write *w)
@@ -278,6 +290,9 @@ const struct apc_store_ops apc_shm_store = {
     .claim = claim,
     .put = put,
     .swap = swap,
+    .read_rows = read_rows,
+    .append_rows = apc_shm_append_rows,
+    .vectors = apc_shm_vectors,
     .wait = wait_newer,
     .variables = apc_shm_variables,
     .history = apc_shm_history,

@@ -2,7 +2,7 @@
 /*
  * The store in shared memory, shared by its files: shm_segment.c (what the segment is: made, checked,
  * mapped), shm_write.c (the writers' lock, transactions, recovery), shm.c (samples), shm_rows.c (history,
- * tags, events, timing, housekeeping).
+ * tags, events, timing, housekeeping), shm_vectors.c (vectors).
  *
  * One segment, /dev/shm/apc.NAME
  * ------------------------------
@@ -58,7 +58,6 @@ typedef _Atomic uint64_t apc_word;
 struct apc_shm_constants {
     char magic[16];
     uint32_t layout, header_size; /* of this library's structs */
-    int64_t version;              /* apc_store_version() */
     uint64_t mib;                 /* everything's size follows from it */
     uint64_t checksum;            /* of what stands before it */
 };
@@ -94,12 +93,14 @@ struct apc_shm_header {
     char claimant[APC_TABLE_END][64]; /* guarded by the writers' lock */
 };
 
-/** A sample, and of a slot's version its ring. Eight words: a cache line. */
+/** A sample, and of a slot's version its ring. Eight words: a cache line. An actuator's row of version 1
+ * names two rows that it comes from, every other one at most: then the second word is APC_SHM_ORIGIN. */
+#define APC_SHM_ORIGIN UINT64_MAX
 struct apc_shm_cell {
     apc_word mark; /* of a cell: 1 + its ordinal, or 0 while it is written. Of a version: the ring's head */
     apc_word seq, time, value, sensor_seq, setpoint_seq;
-    apc_word status;
-    apc_word ring; /* of a version: extents in the low byte, above it how many cells are kept */
+    apc_word status; /* and above it the author */
+    apc_word ring;   /* of a version: extents in the low byte, above it how many cells are kept */
 };
 
 struct apc_shm_slot {
@@ -150,6 +151,12 @@ struct apc_shm {
     struct apc_shm_cell *cell;
     uint32_t read_hint[APC_SHM_HINTS], write_hint[APC_SHM_HINTS]; /* slots of the last time's samples */
 };
+
+/** The hint of the @p i-th thing of a call; NULL: it has none. */
+static inline uint32_t *apc_shm_hint(uint32_t *hints, size_t i)
+{
+    return i < APC_SHM_HINTS ? &hints[i] : NULL;
+}
 
 static inline struct apc_shm *apc_shm_of(struct apc_store *store)
 {
@@ -246,6 +253,8 @@ void apc_shm_unlock(struct apc_shm *shm);
 int apc_shm_begin(struct apc_shm *shm, struct apc_shm_write *w);
 /** The counters, to be changed. */
 struct apc_shm_counters *apc_shm_count(struct apc_shm_write *w);
+/** End a transaction that has written @p count things, or failed with @p err. Returns @p err or @p count. */
+int apc_shm_finish(struct apc_shm_write *w, int err, int count);
 /** Make it visible, unlock, wake those who wait. */
 void apc_shm_commit(struct apc_shm_write *w);
 /** Leave everything as it was, unlock. */
@@ -261,6 +270,8 @@ static inline struct apc_shm_slot *apc_shm_find(const struct apc_shm *shm, uint6
     return hint && apc_word_get(&shm->slot[*hint].key) == key ? &shm->slot[*hint]
                                                               : apc_shm_look_up(shm, key, hint);
 }
+/** The same, in a transaction that makes it where there is none; NULL when there is no room. */
+struct apc_shm_slot *apc_shm_find_or_add(struct apc_shm_write *w, uint64_t key, uint32_t *hint);
 /** The newest seq of a variable, as the transaction sees it. */
 int64_t apc_shm_newest_seq(const struct apc_shm_write *w, enum apc_table table, int id);
 /** Write one sample. Returns 1, 0 when its seq was taken, APC_ESTORE when there is no room. */
@@ -275,6 +286,12 @@ static inline uint64_t apc_shm_capacity(uint64_t extents)
     return extents > 0 ? UINT64_C(1) << 2 * extents : 0;
 }
 
+/** In which extent a position of a ring lies. */
+static inline int apc_shm_extent(uint64_t position)
+{
+    return (63 - __builtin_clzll(position | 1)) / 2;
+}
+
 /** A ring's cell by its ordinal, NULL when the slot makes no sense. @p extents as in the version. */
 static inline struct apc_shm_cell *apc_shm_cell(const struct apc_shm *shm, const struct apc_shm_slot *slot,
                                                 uint64_t extents, uint64_t ordinal)
@@ -283,7 +300,7 @@ static inline struct apc_shm_cell *apc_shm_cell(const struct apc_shm *shm, const
     if (extents < 1 || extents > APC_SHM_EXTENTS) {
         return NULL;
     }
-    const int extent = (63 - __builtin_clzll(position | 1)) / 2;
+    const int extent = apc_shm_extent(position);
     const uint64_t at = atomic_load_explicit(&slot->extent[extent], memory_order_relaxed) + position -
                         (extent > 0 ? apc_shm_capacity((uint64_t)extent) : 0);
     return at < shm->cells ? &shm->cell[at] : NULL;
@@ -299,9 +316,16 @@ static inline uint64_t apc_shm_shown(uint64_t capacity)
 
 /** A slot's version of generation @p g: 1, 0: none, -1: lost, take a newer generation. */
 int apc_shm_load(const struct apc_shm_slot *slot, uint64_t g, uint64_t version[8]);
+/** The variable's version as of now: 1, 0: it has none, or an error. */
+int apc_shm_load_newest(struct apc_shm *shm, const struct apc_shm_slot *slot, uint64_t version[8]);
 /** What has two versions was lost APC_SHM_TRIES times in a row: APC_ETIMEDOUT, or APC_ESTORE when nothing was
  * committed since generation @p g, which then is no reason. */
 int apc_shm_lost(struct apc_shm *shm, uint64_t g);
+static inline bool apc_shm_within(const struct apc_range *range, apc_ns time)
+{
+    return (range->since == 0 || time >= range->since) && (range->until == 0 || time < range->until);
+}
+
 /** The sample in a version's or cell's words. */
 struct apc_sample apc_shm_sample(enum apc_table table, int id, const uint64_t words[8]);
 
@@ -315,5 +339,15 @@ int apc_shm_events(struct apc_store *store, const struct apc_range *range, apc_e
 int apc_shm_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n);
 int apc_shm_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx);
 int apc_shm_maintain(struct apc_store *store, const struct apc_retention *keep);
+
+/* ---- shm_vectors.c ----------------------------------------------------------------------------- */
+
+/** The newest of generation @p g. Returns false when it is lost. */
+bool apc_shm_load_vector(struct apc_shm *shm, uint64_t g, struct apc_vector *v, uint32_t *hint);
+int apc_shm_append_rows(struct apc_store *store, const struct apc_rows *rows);
+int apc_shm_vectors(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
+                    apc_vector_fn fn, void *ctx);
+/** Of one variable what is older, but the newest stays. Returns how many went. */
+int apc_shm_drop_vectors(struct apc_shm *shm, struct apc_shm_slot *slot, apc_ns before);
 
 #endif

@@ -9,11 +9,6 @@
 
 #include "shareddata/shm.h"
 
-static bool within(const struct apc_range *range, apc_ns time)
-{
-    return (range->since == 0 || time >= range->since) && (range->until == 0 || time < range->until);
-}
-
 static int no_memory(struct apc_shm *shm, uint64_t rows)
 {
     return apc_fail(&shm->base.why, APC_ENOMEM, "out of memory for %llu rows", (unsigned long long)rows);
@@ -69,22 +64,26 @@ static int corrupt(struct apc_shm *shm)
     return apc_fail(&shm->base.why, APC_ESTORE, "shm:%s is corrupt", shm->name);
 }
 
-/* The variable's version as of now. Returns 1, or 0 when it has none. */
-static int load_version(struct apc_shm *shm, const struct apc_shm_slot *slot, uint64_t version[8])
+int apc_shm_load_newest(struct apc_shm *shm, const struct apc_shm_slot *slot, uint64_t version[8])
 {
     const uint64_t g = apc_shm_generation(shm);
     for (int tries = 0; tries < APC_SHM_TRIES; tries++) { /* two commits within some ns are no rule */
         const int there = apc_shm_load(slot, apc_shm_generation(shm), version);
-        if (there == 0) {
-            return 0;
-        }
-        if (there > 0) {
-            const uint64_t kept = version[7] >> 8;
-            return kept > apc_shm_shown(apc_shm_capacity(APC_SHM_EXTENTS)) || kept > version[0] ? corrupt(shm)
-                                                                                                : 1;
+        if (there >= 0) {
+            return there;
         }
     }
     return apc_shm_lost(shm, g);
+}
+
+/* Of a variable of samples. */
+static int load_version(struct apc_shm *shm, const struct apc_shm_slot *slot, uint64_t version[8])
+{
+    const int there = apc_shm_load_newest(shm, slot, version);
+    const uint64_t kept = there > 0 ? version[7] >> 8 : 0;
+    return kept > apc_shm_shown(apc_shm_capacity(APC_SHM_EXTENTS)) || (there > 0 && kept > version[0])
+               ? corrupt(shm)
+               : there;
 }
 
 int apc_shm_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
@@ -109,7 +108,7 @@ int apc_shm_history(struct apc_store *store, enum apc_table table, int id, const
     }
     size_t first = most - load_ring(shm, slot, version, table, id, row, most), n = 0;
     for (; first < most; first++) {
-        if (within(range, row[first].time)) {
+        if (apc_shm_within(range, row[first].time)) {
             row[n++] = row[first];
         }
     }
@@ -139,7 +138,7 @@ int apc_shm_variables(struct apc_store *store, struct apc_sample *variables, siz
         return no_memory(shm, shm->variables);
     }
     for (size_t i = 0; i < shm->variables && (key = apc_word_get(&shm->slot[i].key)) != 0; i++) {
-        const int there = load_version(shm, &shm->slot[i], version);
+        const int there = apc_shm_load_newest(shm, &shm->slot[i], version);
         if (there < 0) {
             free(all);
             return there;
@@ -305,7 +304,7 @@ static int select_records(struct apc_shm *shm, enum apc_shm_log_name name, enum 
             if (!load_record(&shm->log[log], o - 1, record, s->words)) {
                 break;
             }
-            if (within(range, (apc_ns)record[1])) {
+            if (apc_shm_within(range, (apc_ns)record[1])) {
                 s->order[s->n++] = (struct entry){.time = (apc_ns)record[1], .arrival = record[0], .at = at};
             }
         }
@@ -555,8 +554,12 @@ int apc_shm_maintain(struct apc_store *store, const struct apc_retention *keep)
     const apc_ns age[APC_SHM_LOGS] = {keep->events, keep->events, keep->events, keep->timing};
     int err = apc_shm_ready(shm), dropped = 0;
     for (size_t i = 0; err >= 0 && keep->samples > 0 && i < shm->variables; i++) {
-        if (apc_word_get(&shm->slot[i].key) != 0) {
-            err = drop_samples(shm, &shm->slot[i], now - keep->samples);
+        struct apc_shm_slot *slot = &shm->slot[i];
+        const uint64_t key = apc_word_get(&slot->key);
+        if (key != 0) {
+            err = apc_table_vectors((enum apc_table)(key >> 32))
+                      ? apc_shm_drop_vectors(shm, slot, now - keep->samples)
+                      : drop_samples(shm, slot, now - keep->samples);
             dropped += err > 0 ? err : 0;
         }
     }

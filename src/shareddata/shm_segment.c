@@ -189,13 +189,12 @@ static int check(struct apc_shm *shm, const struct stat *st)
     if (c.checksum != checksum(&c)) {
         return refuse(shm, "is corrupt: its header's checksum is wrong");
     }
-    if (c.layout != LAYOUT || c.header_size != sizeof(struct apc_shm_header) ||
-        c.version != apc_store_version()) {
-        return apc_fail(&shm->base.why, APC_ESCHEMA,
-                        "shm:%s: %s is of another version of libapc (layout %u, schema %lld, not %d and %d): "
-                        "stop what uses it and remove it",
-                        shm->name, shm->path, (unsigned)c.layout, (long long)c.version, LAYOUT,
-                        apc_store_version());
+    if (c.layout != LAYOUT || c.header_size != sizeof(struct apc_shm_header)) {
+        return apc_fail(
+            &shm->base.why, APC_ESCHEMA,
+            "shm:%s: %s is of another version of libapc (layout %u, not %d): stop what uses it, keep "
+            "it with that version's `apc copy` if it is worth it, and remove it",
+            shm->name, shm->path, (unsigned)c.layout, LAYOUT);
     }
     if (c.mib < 1 || c.mib > APC_SHM_MIB_MAX || (uint64_t)st->st_size != c.mib << 20) {
         return refuse(shm, "is corrupt: it has not the size that its header says");
@@ -335,8 +334,7 @@ static int fill(struct apc_shm *shm)
     atomic_store(&h->tick, 1);
     apc_word_put(&h->meta.mark[0], 1);
     apc_word_put(&h->tags_mark[0], 1);
-    h->constants = (struct apc_shm_constants){
-        .layout = LAYOUT, .header_size = sizeof *h, .version = apc_store_version(), .mib = shm->mib};
+    h->constants = (struct apc_shm_constants){.layout = LAYOUT, .header_size = sizeof *h, .mib = shm->mib};
     memcpy(h->constants.magic, magic, sizeof magic);
     h->constants.checksum = checksum(&h->constants);
     return 0;

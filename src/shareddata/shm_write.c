@@ -172,6 +172,18 @@ void apc_shm_abort(struct apc_shm_write *w)
     apc_shm_unlock(w->shm);
 }
 
+int apc_shm_finish(struct apc_shm_write *w, int err, int count)
+{
+    if (err < 0) {
+        apc_shm_abort(w);
+    } else if (count > 0) {
+        apc_shm_commit(w);
+    } else {
+        apc_shm_unlock(w->shm);
+    }
+    return err < 0 ? err : count;
+}
+
 /* ---- Slots ----------------------------------------------------------------------------------- */
 
 /* Where in the index it is, or the free place where it belongs; NULL when there is neither. */
@@ -218,6 +230,12 @@ static struct apc_shm_slot *add(struct apc_shm_write *w, uint64_t key)
     apc_word_put(&slot->key, key);
     atomic_store_explicit(at, (uint32_t)(number + 1), memory_order_release);
     return slot;
+}
+
+struct apc_shm_slot *apc_shm_find_or_add(struct apc_shm_write *w, uint64_t key, uint32_t *hint)
+{
+    struct apc_shm_slot *slot = apc_shm_find(w->shm, key, hint);
+    return slot ? slot : add(w, key);
 }
 
 int64_t apc_shm_newest_seq(const struct apc_shm_write *w, enum apc_table table, int id)
@@ -286,15 +304,15 @@ static bool holds(const struct apc_shm *shm, const struct apc_shm_slot *slot, co
 /* Field by field: to copy a struct that was just filled in costs more than all the rest. */
 static void put_words(struct apc_shm_cell *c, const struct apc_sample *s)
 {
-    const bool actuator = s->table == APC_ACTUATOR;
+    const bool pair = s->table == APC_ACTUATOR && s->origin == 0;
     uint64_t value;
     memcpy(&value, &s->value, sizeof value);
     apc_word_put(&c->seq, (uint64_t)s->seq);
     apc_word_put(&c->time, (uint64_t)apc_time_stored(s->time));
     apc_word_put(&c->value, value);
-    apc_word_put(&c->sensor_seq, actuator ? (uint64_t)s->sensor_seq : 0);
-    apc_word_put(&c->setpoint_seq, actuator ? (uint64_t)s->setpoint_seq : 0);
-    apc_word_put(&c->status, s->status);
+    apc_word_put(&c->sensor_seq, (uint64_t)(pair ? s->sensor_seq : s->origin));
+    apc_word_put(&c->setpoint_seq, pair ? (uint64_t)s->setpoint_seq : APC_SHM_ORIGIN);
+    apc_word_put(&c->status, (uint64_t)s->author << 32 | s->status);
 }
 
 /* Into the ring behind its head. */
@@ -323,14 +341,10 @@ static int put_cell(struct apc_shm_write *w, struct apc_shm_slot *slot, struct v
 
 int apc_shm_write_sample(struct apc_shm_write *w, const struct apc_sample *s, uint32_t *hint)
 {
-    const uint64_t key = apc_shm_key(s->table, s->id);
-    struct apc_shm_slot *slot = apc_shm_find(w->shm, key, hint);
+    struct apc_shm_slot *slot = apc_shm_find_or_add(w, apc_shm_key(s->table, s->id), hint);
     struct version v = {0};
     if (!slot) {
-        slot = add(w, key);
-        if (!slot) {
-            return APC_ESTORE;
-        }
+        return APC_ESTORE;
     }
     int from = apc_shm_current(slot->mark, w->generation);
     if (from >= 0) {

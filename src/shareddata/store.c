@@ -156,15 +156,42 @@ static int check_variable(struct apc_store *store, enum apc_table table, int id)
     return 0;
 }
 
-/* Of a table whose rows are samples, or else vectors. */
-static int check_kind(struct apc_store *store, enum apc_table table, int id, bool vectors)
+static int wrong_kind(struct apc_store *store, enum apc_table table, int id, bool vectors)
 {
     int err = check_variable(store, table, id);
-    if (!err && apc_table_vectors(table) != vectors) {
-        err = apc_fail(&store->why, APC_EINVAL, "%s %d: the rows of this table are %s", apc_table_name(table),
-                       id, vectors ? "samples" : "vectors");
+    return err ? err
+               : apc_fail(&store->why, APC_EINVAL, "%s %d: the rows of this table are %s",
+                          apc_table_name(table), id, vectors ? "samples" : "vectors");
+}
+
+/* The tables whose rows are samples, or else vectors, each a bit. */
+static uint32_t tables_of(const struct apc_store *store, bool vectors)
+{
+    const uint32_t of_vectors = 1u << APC_TICK | 1u << APC_PLAN | 1u << APC_PREDICTION;
+    const enum apc_table end = store->ops->table_end ? store->ops->table_end : APC_TABLE_END;
+    return (vectors ? of_vectors : ~of_vectors) & ((1u << end) - 2);
+}
+
+/* It is asked for every row, so it is made to be quick. */
+static inline bool is_of(uint32_t tables, enum apc_table table, int id)
+{
+    return (unsigned)table < 32 && (tables >> table & 1) && id >= 0;
+}
+
+static int check_kind(struct apc_store *store, enum apc_table table, int id, bool vectors)
+{
+    return is_of(tables_of(store, vectors), table, id) ? 0 : wrong_kind(store, table, id, vectors);
+}
+
+static int check_names(struct apc_store *store, const struct apc_sample *samples, size_t n)
+{
+    const uint32_t tables = tables_of(store, false);
+    for (size_t i = 0; i < n; i++) {
+        if (!is_of(tables, samples[i].table, samples[i].id)) {
+            return wrong_kind(store, samples[i].table, samples[i].id, false);
+        }
     }
-    return err;
+    return 0;
 }
 
 static int check_value(struct apc_store *store, const struct apc_sample *s)
@@ -180,14 +207,23 @@ static int check_value(struct apc_store *store, const struct apc_sample *s)
     return 0;
 }
 
-static int check_sample(struct apc_store *store, const struct apc_sample *s)
+static int wrong_sample(struct apc_store *store, const struct apc_sample *s)
 {
     int err = check_value(store, s);
-    if (err) {
-        return err;
-    }
-    if (s->seq <= 0 || s->sensor_seq < 0 || s->setpoint_seq < 0 || s->origin < 0) {
-        return apc_fail(&store->why, APC_EINVAL, "%s %d: seq counts from 1", apc_table_name(s->table), s->id);
+    return err ? err
+               : apc_fail(&store->why, APC_EINVAL, "%s %d: seq counts from 1", apc_table_name(s->table),
+                          s->id);
+}
+
+static int check_samples(struct apc_store *store, const struct apc_sample *samples, size_t n)
+{
+    const uint32_t tables = tables_of(store, false);
+    for (size_t i = 0; i < n; i++) {
+        const struct apc_sample *s = &samples[i];
+        if (!is_of(tables, s->table, s->id) || !(fabs(s->value) < APC_VALUE_MAX) || s->seq <= 0 ||
+            (s->sensor_seq | s->setpoint_seq | s->origin) < 0) {
+            return wrong_sample(store, s);
+        }
     }
     return 0;
 }
@@ -214,8 +250,8 @@ int apc_store_connect(struct apc_store *store)
 int apc_store_read(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     int err = enter(store, samples, n);
-    for (size_t i = 0; !err && i < n; i++) {
-        err = check_kind(store, samples[i].table, samples[i].id, false);
+    if (!err) {
+        err = check_names(store, samples, n);
     }
     return err || n == 0 ? err : store->ops->read(store, samples, n);
 }
@@ -223,8 +259,8 @@ int apc_store_read(struct apc_store *store, struct apc_sample *samples, size_t n
 int apc_store_append(struct apc_store *store, const struct apc_sample *samples, size_t n)
 {
     int err = enter(store, samples, n);
-    for (size_t i = 0; !err && i < n; i++) {
-        err = check_sample(store, &samples[i]);
+    if (!err) {
+        err = check_samples(store, samples, n);
     }
     return err || n == 0 ? err : store->ops->append(store, samples, n);
 }
@@ -298,8 +334,8 @@ static int enter_rows(struct apc_store *store, const struct apc_rows *rows)
 int apc_store_read_rows(struct apc_store *store, struct apc_rows *rows)
 {
     int err = enter_rows(store, rows);
-    for (size_t i = 0; !err && i < rows->n_samples; i++) {
-        err = check_kind(store, rows->sample[i].table, rows->sample[i].id, false);
+    if (!err) {
+        err = check_names(store, rows->sample, rows->n_samples);
     }
     for (size_t i = 0; !err && i < rows->n_vectors; i++) {
         const struct apc_vector *v = &rows->vector[i];
@@ -343,7 +379,7 @@ static int check_vector(struct apc_store *store, const struct apc_vector *v)
 static int check_row(struct apc_store *store, const struct apc_sample *s)
 {
     if (!apc_table_shared(s->table)) {
-        return check_sample(store, s);
+        return check_samples(store, s, 1);
     }
     int err = check_value(store, s);
     if (!err && (s->seq < APC_SEQ_ANY || s->origin < 0)) {

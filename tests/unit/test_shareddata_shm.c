@@ -131,8 +131,8 @@ static void test_what_is_no_store_of_ours_is_refused_and_left_as_it_is(void **st
         {-1, 0, APC_ESTORE, "no store"},
         {-1, 10, APC_ESTORE, "no store"},
         {0, -1, APC_ESTORE, "no store"},
+        {offsetof(struct apc_shm_constants, layout), -1, APC_ESTORE, "checksum"},
         {offsetof(struct apc_shm_constants, mib), -1, APC_ESTORE, "checksum"},
-        {offsetof(struct apc_shm_constants, version), -1, APC_ESTORE, "checksum"},
         {offsetof(struct apc_shm_constants, checksum), -1, APC_ESTORE, "checksum"},
         {-1, 4096, APC_ESTORE, "size"},
         {-1, (1 << 20) - 1, APC_ESTORE, "size"},
@@ -183,7 +183,7 @@ static void test_a_segment_of_another_version_is_refused(void **state)
     struct apc_shm_constants c;
     int fd = open(path, O_RDWR);
     assert_int_equal(pread(fd, &c, sizeof c, 0), sizeof c);
-    c.version++;
+    c.layout++;
     c.checksum = UINT64_C(0xcbf29ce484222325);
     for (size_t i = 0; i < offsetof(struct apc_shm_constants, checksum); i++) {
         c.checksum = (c.checksum ^ ((unsigned char *)&c)[i]) * UINT64_C(0x100000001b3);

@@ -68,6 +68,26 @@ static struct apc_sample sample(enum apc_table table, int id, int64_t seq)
         .table = table, .id = id, .seq = seq, .time = 1000 * seq, .value = (double)seq};
 }
 
+enum { WIDE = 300 }; /* so wide that its ring cannot grow: four rows, which are written over again soon */
+
+/* Each of its elements is its seq. */
+static struct apc_vector vector(int id, int64_t seq, uint32_t n)
+{
+    static double value[WIDE];
+    for (uint32_t i = 0; i < n; i++) {
+        value[i] = (double)seq;
+    }
+    return (struct apc_vector){
+        .table = APC_TICK, .id = id, .seq = seq, .time = 1000 * seq, .n = n, .room = WIDE, .value = value};
+}
+
+static int append_rows(struct apc_store *store, struct apc_sample *samples, size_t n, struct apc_vector v)
+{
+    const struct apc_rows rows = {
+        .size = sizeof rows, .sample = samples, .n_samples = n, .vector = &v, .n_vectors = 1};
+    return apc_store_append_rows(store, &rows);
+}
+
 /* ---- All that a store holds, in one number ------------------------------------------------------- */
 
 enum { IDS = 8 };
@@ -85,6 +105,15 @@ static int mix_sample(void *ctx, const struct apc_sample *s)
     mix(ctx, &s->time, sizeof s->time);
     mix(ctx, &s->value, sizeof s->value);
     mix(ctx, &s->status, sizeof s->status);
+    return 0;
+}
+
+static int mix_vector(void *ctx, const struct apc_vector *v)
+{
+    mix(ctx, &v->seq, sizeof v->seq);
+    mix(ctx, &v->time, sizeof v->time);
+    mix(ctx, &v->status, sizeof v->status);
+    mix(ctx, v->value, v->n * sizeof *v->value);
     return 0;
 }
 
@@ -117,6 +146,15 @@ static uint64_t contents(void)
             mix(&sum, "|", 1);
         }
     }
+    for (int id = 0; id < IDS; id++) {
+        static double value[WIDE];
+        struct apc_vector v = {.table = APC_TICK, .id = id, .room = WIDE, .value = value};
+        struct apc_rows rows = {.size = sizeof rows, .vector = &v, .n_vectors = 1};
+        err |= apc_store_read_rows(store, &rows);
+        mix_vector(&sum, &v);
+        err |= apc_store_vectors(store, APC_TICK, id, NULL, mix_vector, &sum) < 0;
+        mix(&sum, "|", 1);
+    }
     static struct apc_tag tags[64];
     int n = apc_store_get_tags(store, tags, 64);
     assert_true(n >= 0 && n <= 64);
@@ -148,6 +186,15 @@ static int prepare(struct apc_store *store)
             return -1;
         }
     }
+    for (int64_t seq = 1; seq <= 3; seq++) { /* the ring of the first is about to grow */
+        if (append_rows(store, NULL, 0, vector(0, seq, 10)) != 1 ||
+            append_rows(store, NULL, 0, vector(1, seq, 3)) != 1) {
+            return -1;
+        }
+    }
+    if (append_rows(store, NULL, 0, vector(0, 4, 10)) != 1) { /* and has grown */
+        return -1;
+    }
     const struct apc_tag tag = {.table = APC_SENSOR, .id = 1, .name = "old"};
     const struct apc_event event = {.severity = APC_EVENT_INFO, .text = "old"};
     return apc_store_put_tags(store, &tag, 1) == 1 && apc_store_append_events(store, &event, 1) == 1 ? 0 : -1;
@@ -156,12 +203,12 @@ static int prepare(struct apc_store *store)
 /* The ring of sensor 0 cannot grow any more and has gone round. */
 static int prepare_full(struct apc_store *store)
 {
-    enum { MANY = 4500 };
-    static struct apc_sample s[MANY];
-    for (int i = 0; i < MANY; i++) {
+    enum { FULL = 4500 };
+    static struct apc_sample s[FULL];
+    for (int i = 0; i < FULL; i++) {
         s[i] = sample(APC_SENSOR, 0, i + 1);
     }
-    return apc_store_append(store, s, MANY) == MANY ? 0 : -1;
+    return apc_store_append(store, s, FULL) == FULL ? 0 : -1;
 }
 
 static int append_full(struct apc_store *store)
@@ -203,6 +250,51 @@ static int swap(struct apc_store *store)
     return err == APC_ECONFLICT && s[0].seq == 4 ? 0 : err; /* a repeat */
 }
 
+/* A tick: an output, a setpoint by swap, what it was made from. */
+static int append_tick(struct apc_store *store)
+{
+    struct apc_sample s[2] = {sample(APC_SENSOR, 0, 6), sample(APC_SETPOINT, 1, 3)};
+    return append_rows(store, s, 2, vector(0, 5, 10));
+}
+
+/* A vector that moves its ring. */
+static int append_wider(struct apc_store *store)
+{
+    return append_rows(store, NULL, 0, vector(1, 4, 20));
+}
+
+/* The first one of a variable. */
+static int append_new_vector(struct apc_store *store)
+{
+    struct apc_sample s = sample(APC_SENSOR, 7, 1);
+    return append_rows(store, &s, 1, vector(7, 1, 5));
+}
+
+static int append_late_vector(struct apc_store *store)
+{
+    double eight[2] = {8, 8}, six[2] = {6, 6};
+    struct apc_vector v[2] = {vector(0, 8, 2), vector(0, 6, 2)};
+    v[0].value = eight;
+    v[1].value = six;
+    const struct apc_rows rows = {.size = sizeof rows, .vector = v, .n_vectors = 2};
+    return apc_store_append_rows(store, &rows);
+}
+
+static int prepare_narrow(struct apc_store *store)
+{
+    for (int64_t seq = 1; seq <= 9; seq++) { /* it has gone round */
+        if (append_rows(store, NULL, 0, vector(0, seq, WIDE)) != 1) {
+            return -1;
+        }
+    }
+    return 0;
+}
+
+static int append_wide(struct apc_store *store)
+{
+    return append_rows(store, NULL, 0, vector(0, 10, WIDE));
+}
+
 static int put_tags(struct apc_store *store)
 {
     const struct apc_tag tags[2] = {{.table = APC_SENSOR, .id = 1, .name = "new"},
@@ -234,9 +326,9 @@ static int maintain(struct apc_store *store)
 /* ---- Killed after every instruction --------------------------------------------------------------- */
 
 /* To be killed after k instructions takes k single steps: so many in all, spread evenly over an operation.
- * EVERY is more than the plain append takes. APC_KILLS=2000 is the long run: so many random kills, and more
- * steps. */
-enum { EVERY = 2000000, KILLS = SANITIZED ? 100 : 400, N = 6 };
+ * MANY is for a tick, which is killed after every fourth one. APC_KILLS=2000 is the long run: so many random
+ * kills, and more steps. */
+enum { MANY = 1000000, KILLS = SANITIZED ? 100 : 400, N = 6 };
 
 static int random_kills(void)
 {
@@ -344,12 +436,17 @@ static void kill_everywhere(operation_fn before, operation_fn operation, bool re
         kill_everywhere(before, operation, repeatable, budget);                                              \
     }
 
-KILLED(prepare, append_known, true, EVERY)
+KILLED(prepare, append_known, true, some())
 KILLED(prepare_full, append_full, true, some())
 KILLED(prepare, append_new, true, some())
 KILLED(prepare, append_late, true, some())
 KILLED(prepare, put, false, some())
 KILLED(prepare, swap, true, some())
+KILLED(prepare, append_tick, false, MANY)
+KILLED(prepare, append_wider, true, some())
+KILLED(prepare, append_new_vector, true, some())
+KILLED(prepare, append_late_vector, true, some())
+KILLED(prepare_narrow, append_wide, true, some())
 KILLED(prepare, put_tags, true, some())
 KILLED(prepare, append_events, false, some())
 KILLED(prepare, append_timing, false, some())
@@ -375,6 +472,11 @@ static void test_maintain_killed_anywhere_keeps_the_newest_and_can_be_repeated(v
         struct apc_sample s[2] = {sample(APC_SENSOR, 0, 0), sample(APC_SETPOINT, 1, 0)};
         assert_int_equal(apc_store_read(store, s, 2), 0);
         assert_true(s[0].seq == 5 && s[1].seq == 3);
+        double value[WIDE];
+        struct apc_vector v = {.table = APC_TICK, .id = 0, .room = WIDE, .value = value};
+        struct apc_rows rows = {.size = sizeof rows, .vector = &v, .n_vectors = 1};
+        assert_int_equal(apc_store_read_rows(store, &rows), 0);
+        assert_true(v.seq == 4 && v.n == 10);
         assert_true(maintain(store) >= 0);
         assert_true(contents() == new_contents);
         apc_store_close(store);
@@ -410,16 +512,38 @@ static int read_together(struct apc_store *store)
     return err;
 }
 
-/* Wherever a reader is stopped, whatever is written then: what it has read in the end is one append's. */
-static void test_a_reader_stopped_anywhere_reads_one_append(void **state)
+static int append_tick_together(struct apc_store *store, int64_t seq)
 {
-    (void)state;
+    struct apc_sample s = sample(APC_SENSOR, 0, seq);
+    return append_rows(store, &s, 1, vector(0, seq, WIDE)) + TOGETHER - 2;
+}
+
+static int read_tick_together(struct apc_store *store)
+{
+    double value[WIDE];
+    struct apc_sample s = sample(APC_SENSOR, 0, 0);
+    struct apc_vector v = {.table = APC_TICK, .id = 0, .room = WIDE, .value = value};
+    struct apc_rows rows = {.size = sizeof rows, .sample = &s, .n_samples = 1, .vector = &v, .n_vectors = 1};
+    int err = apc_store_read_rows(store, &rows);
+    if (!err && (v.seq != s.seq || v.n != WIDE || v.time != s.time)) {
+        err = APC_EPROTO;
+    }
+    for (uint32_t i = 0; !err && i < WIDE; i++) {
+        err = value[i] < (double)s.seq || value[i] > (double)s.seq ? APC_EPROTO : 0;
+    }
+    return err;
+}
+
+/* Wherever a reader is stopped, whatever is written then: what it has read in the end is one append's. */
+static void stop_everywhere(int (*append)(struct apc_store *, int64_t), int (*read)(struct apc_store *),
+                            long stride)
+{
     struct apc_store *store = new_store();
     int64_t seq = 0;
-    assert_int_equal(append_together(store, ++seq), TOGETHER);
-    assert_int_equal(read_together(store), 0);
+    assert_int_equal(append(store, ++seq), TOGETHER);
+    assert_int_equal(read(store), 0);
     bool ended = false;
-    for (long steps = 1; !ended && !SANITIZED; steps++) {
+    for (long steps = 1; !ended && !SANITIZED; steps += stride) {
         int status = 0;
         pid_t child = fork();
         if (child == 0) {
@@ -427,7 +551,7 @@ static void test_a_reader_stopped_anywhere_reads_one_append(void **state)
                 _exit(77);
             }
             raise(SIGSTOP);
-            _exit(read_together(store) != 0);
+            _exit(read(store) != 0);
         }
         assert_int_equal(waitpid(child, &status, 0), child);
         for (long made = 0; made < steps && WIFSTOPPED(status); made++) {
@@ -435,8 +559,8 @@ static void test_a_reader_stopped_anywhere_reads_one_append(void **state)
             assert_int_equal(waitpid(child, &status, 0), child);
         }
         ended = WIFEXITED(status);
-        for (int64_t more = 1 + steps % 3; more > 0; more--) {
-            assert_int_equal(append_together(store, ++seq), TOGETHER);
+        for (int64_t more = 1 + steps % 5; more > 0; more--) {
+            assert_int_equal(append(store, ++seq), TOGETHER);
         }
         if (!ended) {
             assert_int_equal(ptrace(PTRACE_CONT, child, NULL, NULL), 0);
@@ -452,6 +576,18 @@ static void test_a_reader_stopped_anywhere_reads_one_append(void **state)
     if (!ended) {
         skip();
     }
+}
+
+static void test_a_reader_stopped_anywhere_reads_one_append(void **state)
+{
+    (void)state;
+    stop_everywhere(append_together, read_together, 1);
+}
+
+static void test_a_reader_of_rows_stopped_anywhere_reads_one_append(void **state)
+{
+    (void)state;
+    stop_everywhere(append_tick_together, read_tick_together, 3);
 }
 
 /* ---- Killed at random ------------------------------------------------------------------------------ */
@@ -473,7 +609,7 @@ static void write_on(struct record *r, int64_t seq)
             s[i] = sample(APC_SENSOR, i, seq);
         }
         r->attempted = seq;
-        if (apc_store_append(store, s, N) != N) {
+        if (append_rows(store, s, N, vector(0, seq, (uint32_t)(1 + seq % 12))) != N + 1) {
             _exit(2);
         }
         r->acknowledged = seq;
@@ -485,7 +621,7 @@ static void write_on(struct record *r, int64_t seq)
 }
 
 struct run {
-    int64_t previous;
+    int64_t previous; /* its seq, or an event's time */
     int count;
     bool gap;
 };
@@ -496,6 +632,19 @@ static int follow(void *ctx, const struct apc_sample *s)
     run->gap = run->gap || (run->count > 0 && s->seq != run->previous + 1) || s->time != 1000 * s->seq ||
                s->value < (double)s->seq || s->value > (double)s->seq;
     run->previous = s->seq;
+    run->count++;
+    return 0;
+}
+
+static int follow_vector(void *ctx, const struct apc_vector *v)
+{
+    struct run *run = ctx;
+    run->gap = run->gap || v->n != (uint32_t)(1 + v->seq % 12);
+    for (uint32_t i = 0; i < v->n; i++) {
+        run->gap = run->gap || v->value[i] < (double)v->seq || v->value[i] > (double)v->seq;
+    }
+    run->gap = run->gap || (run->count > 0 && v->seq != run->previous + 1) || v->time != 1000 * v->seq;
+    run->previous = v->seq;
     run->count++;
     return 0;
 }
@@ -522,6 +671,10 @@ static int64_t check_all(struct apc_store *store)
         assert_false(run.gap);
         assert_int_equal(run.previous, s[0].seq);
     }
+    struct run vectors = {0};
+    assert_true(apc_store_vectors(store, APC_TICK, 0, NULL, follow_vector, &vectors) >= 0);
+    assert_false(vectors.gap);
+    assert_int_equal(vectors.previous, s[0].seq);
     struct run events = {0};
     assert_true(apc_store_events(store, NULL, follow_event, &events) >= 0);
     assert_false(events.gap);
@@ -575,11 +728,17 @@ int main(void)
         T_KILLED(append_late),
         T_KILLED(put),
         T_KILLED(swap),
+        T_KILLED(append_tick),
+        T_KILLED(append_wider),
+        T_KILLED(append_new_vector),
+        T_KILLED(append_late_vector),
+        T_KILLED(append_wide),
         T_KILLED(put_tags),
         T_KILLED(append_events),
         T_KILLED(append_timing),
         T(test_maintain_killed_anywhere_keeps_the_newest_and_can_be_repeated),
         T(test_a_reader_stopped_anywhere_reads_one_append),
+        T(test_a_reader_of_rows_stopped_anywhere_reads_one_append),
         T(test_random_kills_lose_double_and_tear_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
