@@ -32,7 +32,8 @@ static const char *const texts[APC_SQLITE_STATEMENTS] = {
     [APC_SQLITE_WRITE] = "BEGIN IMMEDIATE",
     [APC_SQLITE_COMMIT] = "COMMIT",
     [APC_SQLITE_ROLLBACK] = "ROLLBACK",
-    [APC_SQLITE_NEWEST] = "SELECT s.seq, s.time, s.status, s.value, s.sensor_seq, s.setpoint_seq"
+    [APC_SQLITE_NEWEST] = "SELECT s.seq, s.time, s.status, s.value, s.sensor_seq, s.setpoint_seq, s.origin,"
+                          " s.author"
                           " FROM variable v JOIN sample s ON s.pos = v.pos WHERE v.variable = ?1",
     [APC_SQLITE_VARIABLE] = "SELECT seq, pos, count, first, last FROM variable WHERE variable = ?1",
     [APC_SQLITE_GROW] = "UPDATE variable SET pos = grow(seq, pos, count, first, last), seq = ?2,"
@@ -48,9 +49,9 @@ static const char *const texts[APC_SQLITE_STATEMENTS] = {
                                 " AND seq < ?2 AND last >= ?3 AND first < ?4 ORDER BY seq DESC LIMIT 1",
     [APC_SQLITE_PUT_BLOCK] = "REPLACE INTO block VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
     [APC_SQLITE_DROP_BLOCK] = "DELETE FROM block WHERE variable = ?1 AND seq = ?2",
-    [APC_SQLITE_SAMPLE] = "SELECT variable, seq, previous, time, status, value, sensor_seq, setpoint_seq"
-                          " FROM sample WHERE pos = ?1",
-    [APC_SQLITE_INSERT] = "INSERT INTO sample VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
+    [APC_SQLITE_SAMPLE] = "SELECT variable, previous, seq, time, status, value, sensor_seq, setpoint_seq,"
+                          " origin, author FROM sample WHERE pos = ?1",
+    [APC_SQLITE_INSERT] = "INSERT INTO sample VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11)",
     [APC_SQLITE_LINK] = "UPDATE sample SET previous = ?2 WHERE pos = ?1",
     [APC_SQLITE_DROP_SAMPLE] = "DELETE FROM sample WHERE pos = ?1",
 };
@@ -502,6 +503,7 @@ static void close_store(struct apc_store *store)
     if (sq->claims >= 0) {
         close(sq->claims);
     }
+    free(sq->element);
     free(sq);
 }
 
@@ -549,7 +551,6 @@ static int connect_store(struct apc_store *store)
 
 const struct apc_store_ops apc_sqlite_store = {
     .scheme = "sqlite:",
-    .table_end = APC_ACTUAL,
     .open = open_store,
     .close = close_store,
     .connected = connected,
@@ -559,6 +560,9 @@ const struct apc_store_ops apc_sqlite_store = {
     .claim = apc_sqlite_claim,
     .put = put,
     .swap = swap,
+    .read_rows = apc_sqlite_read_rows,
+    .append_rows = apc_sqlite_append_rows,
+    .vectors = apc_sqlite_vectors,
     .wait = apc_sqlite_wait,
     .variables = apc_sqlite_variables,
     .history = apc_sqlite_history,

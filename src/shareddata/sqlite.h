@@ -2,6 +2,7 @@
 /*
  * The SQLite store, shared by its files: sqlite.c (connecting, transactions, errors, the ticks' operations),
  * sqlite_blocks.c (where samples are and how they are found), sqlite_history.c (history, bins, housekeeping),
+ * sqlite_vectors.c (vectors),
  * sqlite_records.c (tags, events, timing), sqlite_claim.c (one writer a table, waiting for a change) and
  * sqlite_schema.c (the tables).
  */
@@ -78,7 +79,9 @@ struct apc_sqlite {
     struct apc_sqlite_loaded loaded;
     int claims; /* the lock file; -1: not open */
     bool claimed[APC_TABLE_END];
-    int watch; /* inotify on the open file; -1: none */
+    int watch;         /* inotify on the open file; -1: none */
+    uint64_t *element; /* of the vector at hand, each with its little end first */
+    size_t n_elements, room;
 };
 
 static inline struct apc_sqlite *apc_sqlite_of(struct apc_store *store)
@@ -153,12 +156,27 @@ int apc_sqlite_load(struct apc_sqlite *sq, int64_t variable, const struct apc_sq
  * many. */
 int apc_sqlite_trim(struct apc_sqlite *sq, int64_t before);
 
+/* ---- sqlite_vectors.c ------------------------------------------------------------------------ */
+
+int apc_sqlite_read_rows(struct apc_store *store, struct apc_rows *rows);
+int apc_sqlite_append_rows(struct apc_store *store, const struct apc_rows *rows);
+int apc_sqlite_vectors(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
+                       apc_vector_fn fn, void *ctx);
+
 /* ---- sqlite_claim.c ------------------------------------------------------------------------- */
 
 int apc_sqlite_claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last);
 /** After the file was opened, or whenever claims are held: are they still? Else take them again. */
 int apc_sqlite_renew_claims(struct apc_sqlite *sq);
 int apc_sqlite_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout);
+
+/* ---- sqlite_history.c ------------------------------------------------------------------------ */
+
+/** Gives a row at hand to the caller: 1, 0 when the caller ends it, or an error. It may use the file. */
+typedef int (*apc_sqlite_give_fn)(struct apc_sqlite *sq, const struct apc_sqlite_row *row, void *ctx);
+/** All rows of a variable within the range, in rising seq. Returns how many were given, or an error. */
+int apc_sqlite_walk(struct apc_sqlite *sq, enum apc_table table, int id, const struct apc_range *range,
+                    apc_sqlite_give_fn give, void *ctx);
 
 /* ---- sqlite_history.c, sqlite_records.c: operations ----------------------------------------- */
 

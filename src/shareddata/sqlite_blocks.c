@@ -108,7 +108,8 @@ static int next_pos(struct apc_sqlite *sq)
 /* What sql/ says by constraints of the same names. Here they would cost a row a fifth of its time. */
 static int check(struct apc_sqlite *sq, const struct apc_sample *s)
 {
-    const bool whole = (s->table != APC_DIM && s->table != APC_OPMODE) || s->value == trunc(s->value);
+    const bool whole = (s->table != APC_DIM && s->table != APC_OPMODE && s->table != APC_ALARM) ||
+                       s->value == trunc(s->value);
     if (whole && s->seq <= APC_SEQ_MAX) {
         return 0;
     }
@@ -117,7 +118,7 @@ static int check(struct apc_sqlite *sq, const struct apc_sample *s)
                     whole ? "seq_in_range" : "value_whole");
 }
 
-/* A row at sq->pos. */
+/* A row at sq->pos; of a vector its elements are at hand. */
 static int insert(struct apc_sqlite *sq, const struct apc_sample *s, int64_t previous)
 {
     sqlite3_stmt *statement = apc_sqlite_use(sq, APC_SQLITE_INSERT);
@@ -127,10 +128,18 @@ static int insert(struct apc_sqlite *sq, const struct apc_sample *s, int64_t pre
     sqlite3_bind_int64(statement, 4, previous);
     sqlite3_bind_int64(statement, 5, apc_sqlite_time(s->time));
     sqlite3_bind_int64(statement, 6, s->status);
-    sqlite3_bind_double(statement, 7, s->value);
+    if (!apc_table_vectors(s->table)) {
+        sqlite3_bind_double(statement, 7, s->value);
+    } else if (sq->n_elements > 0) {
+        sqlite3_bind_blob64(statement, 7, sq->element, sq->n_elements * sizeof *sq->element, SQLITE_STATIC);
+    } else {
+        sqlite3_bind_zeroblob(statement, 7, 0);
+    }
     const bool actuator = s->table == APC_ACTUATOR;
     bind_reference(statement, 8, actuator ? s->sensor_seq : 0);
     bind_reference(statement, 9, actuator ? s->setpoint_seq : 0);
+    bind_reference(statement, 10, s->origin);
+    bind_reference(statement, 11, s->author);
     return apc_sqlite_step(sq, statement);
 }
 
@@ -158,15 +167,17 @@ int apc_sqlite_make_function(struct apc_sqlite *sq)
 
 /* ---- Reading -------------------------------------------------------------------------------- */
 
-/* Columns from seq on; the actuator's references of other tables are not kept. */
+/* Columns from seq on, without a vector's elements. */
 static void take_sample(sqlite3_stmt *statement, int column, struct apc_sample *s)
 {
     s->seq = sqlite3_column_int64(statement, column);
     s->time = apc_sqlite_ns(sqlite3_column_int64(statement, column + 1));
     s->status = (apc_status)sqlite3_column_int64(statement, column + 2);
-    s->value = sqlite3_column_double(statement, column + 3);
+    s->value = apc_table_vectors(s->table) ? 0 : sqlite3_column_double(statement, column + 3);
     s->sensor_seq = sqlite3_column_int64(statement, column + 4); /* NULL is 0 */
     s->setpoint_seq = sqlite3_column_int64(statement, column + 5);
+    s->origin = sqlite3_column_int64(statement, column + 6);
+    s->author = (uint32_t)sqlite3_column_int64(statement, column + 7);
 }
 
 int apc_sqlite_newest(struct apc_sqlite *sq, struct apc_sample *s)
@@ -195,15 +206,10 @@ static int load_row(struct apc_sqlite *sq, int64_t variable, int64_t pos, struct
     bool ours = found > 0 && sqlite3_column_int64(statement, 0) == variable;
     if (ours) {
         row->pos = pos;
-        row->sample = (struct apc_sample){.table = (enum apc_table)(variable & 15),
-                                          .id = (int)(variable >> 4),
-                                          .seq = sqlite3_column_int64(statement, 1)};
-        *previous = sqlite3_column_int64(statement, 2);
-        row->sample.time = apc_sqlite_ns(sqlite3_column_int64(statement, 3));
-        row->sample.status = (apc_status)sqlite3_column_int64(statement, 4);
-        row->sample.value = sqlite3_column_double(statement, 5);
-        row->sample.sensor_seq = sqlite3_column_int64(statement, 6);
-        row->sample.setpoint_seq = sqlite3_column_int64(statement, 7);
+        row->sample =
+            (struct apc_sample){.table = (enum apc_table)(variable & 15), .id = (int)(variable >> 4)};
+        take_sample(statement, 2, &row->sample);
+        *previous = sqlite3_column_int64(statement, 1);
     }
     sqlite3_reset(statement);
     return ours ? 0 : apc_sqlite_damaged(sq);

@@ -85,25 +85,23 @@ static int begin_at_last(struct walk *w, size_t last)
     return apc_sqlite_end(w->sq, err ? err : found < 0 ? found : 0);
 }
 
-static int give_rows(struct walk *w, apc_sample_fn fn, void *ctx, int *count)
+static int give_rows(struct walk *w, apc_sqlite_give_fn give, void *ctx, int *count)
 {
     const struct apc_sqlite_loaded *l = &w->sq->loaded;
-    bool ended = false;
-    w->sq->base.streaming = true;
-    for (size_t i = 0; i < l->n && !ended; i++) {
+    int more = 1;
+    for (size_t i = 0; i < l->n && more > 0; i++) {
         if (within(w, &l->rows[i].sample)) {
-            ended = fn(ctx, &l->rows[i].sample) != 0;
+            more = give(w->sq, &l->rows[i], ctx);
             *count += *count < INT_MAX;
         }
     }
-    w->sq->base.streaming = false;
-    return !ended && advance(w);
+    return more > 0 ? advance(w) : more;
 }
 
-int apc_sqlite_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
-                       apc_sample_fn fn, void *ctx)
+int apc_sqlite_walk(struct apc_sqlite *sq, enum apc_table table, int id, const struct apc_range *range,
+                    apc_sqlite_give_fn give, void *ctx)
 {
-    struct walk w = {.sq = apc_sqlite_of(store),
+    struct walk w = {.sq = sq,
                      .variable = apc_sqlite_variable(table, id),
                      .since = apc_sqlite_bound(range->since, INT64_MIN),
                      .until = apc_sqlite_bound(range->until, INT64_MAX),
@@ -112,11 +110,33 @@ int apc_sqlite_history(struct apc_store *store, enum apc_table table, int id, co
     if (!err && range->last > 0) {
         err = begin_at_last(&w, range->last);
     }
-    while (!err && more && (more = next_rows(&w)) > 0) {
-        more = give_rows(&w, fn, ctx, &count);
-        err = more ? apc_sqlite_enter(w.sq) : 0; /* a new deadline: the caller's own time is not the file's */
+    while (!err && more > 0 && (more = next_rows(&w)) > 0) {
+        more = give_rows(&w, give, ctx, &count);
+        err = more > 0 ? apc_sqlite_enter(w.sq)
+                       : 0; /* a new deadline: the caller's own time is not the file's */
     }
     return err ? err : more < 0 ? more : count;
+}
+
+struct samples {
+    apc_sample_fn fn;
+    void *ctx;
+};
+
+static int give_sample(struct apc_sqlite *sq, const struct apc_sqlite_row *row, void *ctx)
+{
+    const struct samples *s = (const struct samples *)ctx;
+    sq->base.streaming = true;
+    const int ended = s->fn(s->ctx, &row->sample);
+    sq->base.streaming = false;
+    return ended == 0;
+}
+
+int apc_sqlite_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
+                       apc_sample_fn fn, void *ctx)
+{
+    return apc_sqlite_walk(apc_sqlite_of(store), table, id, range, give_sample,
+                           &(struct samples){.fn = fn, .ctx = ctx});
 }
 
 int apc_sqlite_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity)

@@ -8,10 +8,11 @@
 #include "shareddata/migrations.h"
 #include "shareddata/sqlite.h"
 
-#define VIEW(name, number, more)                                                                             \
+#define VECTOR "length(value) / 8 AS n, value"
+#define VIEW(name, number, columns)                                                                          \
     "CREATE VIEW " name " AS SELECT variable >> 4 AS id, seq,"                                               \
     " strftime('%Y-%m-%dT%H:%M:%S', time / 1000000 - (time % 1000000 < 0), 'unixepoch') ||"                  \
-    " printf('.%06dZ', (time % 1000000 + 1000000) % 1000000) AS time, status, value" more                    \
+    " printf('.%06dZ', (time % 1000000 + 1000000) % 1000000) AS time, status, " columns                      \
     " FROM sample WHERE variable & 15 = " number ";"
 
 static const char version_1[] =
@@ -39,13 +40,39 @@ static const char version_1[] =
     " p50 INTEGER NOT NULL, p99 INTEGER NOT NULL, max INTEGER NOT NULL,"
     " bins BLOB NOT NULL);"                      /* low, high, count of all, each 8 bytes, little end first */
     "CREATE INDEX timing_time ON timing (time);" /* */
-    VIEW("sensor", "1", "") VIEW("actuator", "2", ", sensor_seq, setpoint_seq") VIEW("setpoint", "3", "")
-        VIEW("dim", "4", "") VIEW("opmode", "5", "") VIEW("tuning", "6", "") VIEW("manual", "7", "")
-            VIEW("state", "8", "");
+    VIEW("sensor", "1", "value") VIEW("actuator", "2", "value, sensor_seq, setpoint_seq")
+        VIEW("setpoint", "3", "value") VIEW("dim", "4", "value") VIEW("opmode", "5", "value")
+            VIEW("tuning", "6", "value") VIEW("manual", "7", "value") VIEW("state", "8", "value");
 
-/* What brings a file from the version before. The number is that of all stores: one without a text needs
- * none. */
-static const char *const versions[] = {version_1};
+/* A vector is a row of table sample whose value is a blob: its elements, each 8 bytes, little end first. */
+static const char version_3[] =
+    "ALTER TABLE sample ADD COLUMN origin INTEGER;"
+    "ALTER TABLE sample ADD COLUMN author INTEGER;"
+    "CREATE TABLE author (number INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE);"
+    "CREATE TABLE catalogue (id INTEGER PRIMARY KEY CHECK (id = 1), revision INTEGER NOT NULL,"
+    " text TEXT NOT NULL);"
+    "INSERT INTO catalogue VALUES (1, 0, '');"
+    "ALTER TABLE tag ADD COLUMN number INTEGER NOT NULL DEFAULT 0;"
+    "ALTER TABLE tag ADD COLUMN controller TEXT NOT NULL DEFAULT '';"
+    "ALTER TABLE tag ADD COLUMN area TEXT NOT NULL DEFAULT '';"
+    "ALTER TABLE tag ADD COLUMN length INTEGER NOT NULL DEFAULT 0;"
+    "ALTER TABLE tag ADD COLUMN step REAL NOT NULL DEFAULT 0;"
+    "ALTER TABLE tag ADD COLUMN period REAL NOT NULL DEFAULT 0;"
+    "ALTER TABLE tag ADD COLUMN display_low REAL NOT NULL DEFAULT 0;"
+    "ALTER TABLE tag ADD COLUMN display_high REAL NOT NULL DEFAULT 0;"
+    "UPDATE tag SET number = (SELECT count(*) FROM tag t"
+    " WHERE (t.table_number, t.id) <= (tag.table_number, tag.id));"
+    "DROP VIEW actuator; DROP VIEW setpoint; DROP VIEW opmode; DROP VIEW tuning; DROP VIEW manual;" /* */
+    VIEW("actuator", "2", "value, origin, sensor_seq, setpoint_seq")
+        VIEW("setpoint", "3", "value, origin, author") VIEW("opmode", "5", "value, author")
+            VIEW("tuning", "6", "value, author") VIEW("manual", "7", "value, author")
+                VIEW("actual", "9", "value, origin") VIEW("estimate", "10", "value")
+                    VIEW("alarm", "11", "value") VIEW("tick", "12", VECTOR) VIEW("plan", "13", VECTOR)
+                        VIEW("prediction", "14", VECTOR);
+
+/* What brings a file from the version before; NULL: nothing changed. The numbers are those of sql/. */
+static const char *const versions[] = {version_1, NULL, version_3};
+#define VERSION ((int)(sizeof versions / sizeof versions[0]))
 
 static int number(struct apc_sqlite *sq, const char *sql, int64_t *out)
 {
@@ -74,10 +101,10 @@ static int version_of(struct apc_sqlite *sq, int64_t *version)
         return apc_fail(&sq->base.why, APC_ESCHEMA,
                         "%s is another program's database: name a file that does not exist yet", sq->given);
     }
-    if (!err && application == APC_SQLITE_APPLICATION && *version > apc_store_version()) {
+    if (!err && application == APC_SQLITE_APPLICATION && *version > VERSION) {
         return apc_fail(&sq->base.why, APC_ESCHEMA,
                         "%s has tables of version %d, this library knows %d: upgrade libapc", sq->given,
-                        (int)*version, apc_store_version());
+                        (int)*version, VERSION);
     }
     if (application == 0) {
         *version = 0;
@@ -89,10 +116,10 @@ int apc_sqlite_check(struct apc_sqlite *sq)
 {
     int64_t version = 0;
     int err = version_of(sq, &version);
-    if (!err && version != apc_store_version()) {
+    if (!err && version != VERSION) {
         return apc_fail(&sq->base.why, APC_ESCHEMA, "%s has %s version %d: run `apc init`", sq->given,
                         version == 0 ? "no tables; needed are those of" : "tables of an older version than",
-                        apc_store_version());
+                        VERSION);
     }
     return err;
 }
@@ -101,12 +128,12 @@ static int migrate(struct apc_sqlite *sq, int64_t *had)
 {
     char pragmas[100];
     int err = version_of(sq, had);
-    for (size_t v = (size_t)*had; !err && v < sizeof versions / sizeof versions[0]; v++) {
-        err = apc_sqlite_run(sq, versions[v]);
+    for (size_t v = (size_t)*had; !err && v < (size_t)VERSION; v++) {
+        err = versions[v] ? apc_sqlite_run(sq, versions[v]) : 0;
     }
-    if (!err && *had != apc_store_version()) {
+    if (!err && *had != VERSION) {
         sqlite3_snprintf(sizeof pragmas, pragmas, "PRAGMA application_id = %d; PRAGMA user_version = %d",
-                         APC_SQLITE_APPLICATION, apc_store_version());
+                         APC_SQLITE_APPLICATION, VERSION);
         err = apc_sqlite_run(sq, pragmas);
     }
     return err;
@@ -125,5 +152,5 @@ int apc_sqlite_init(struct apc_store *store)
         err = apc_sqlite_end(sq, migrate(sq, &had));
     }
     apc_sqlite_drop(sq);
-    return err ? err : (int)had;
+    return err ? err : had == VERSION ? apc_store_version() : (int)had;
 }

@@ -43,7 +43,7 @@ static void shm_remove(int number)
 }
 
 const struct store_kind store_kinds[] = {{"postgresql:", postgresql_uri, NULL, false, false},
-                                         {"sqlite:", sqlite_uri, NULL, false, false},
+                                         {"sqlite:", sqlite_uri, NULL, false, true},
                                          {"mem:", mem_uri, NULL, false, true},
                                          {"shm:", shm_uri, shm_remove, false, true},
                                          {"sqlite: with a spool", sqlite_uri, NULL, true, false}};

@@ -355,20 +355,104 @@ static void test_a_file_that_is_not_ours_is_refused_and_left_alone(void **state)
     assert_int_equal(append_one(store, 1, 1), 1);
 }
 
+static int64_t raw_number(const char *file, const char *sql)
+{
+    sqlite3 *db = NULL;
+    sqlite3_stmt *statement = NULL;
+    assert_int_equal(sqlite3_open(file, &db), SQLITE_OK);
+    assert_int_equal(sqlite3_prepare_v2(db, sql, -1, &statement, NULL), SQLITE_OK);
+    assert_int_equal(sqlite3_step(statement), SQLITE_ROW);
+    int64_t n = sqlite3_column_int64(statement, 0);
+    sqlite3_finalize(statement);
+    sqlite3_close(db);
+    return n;
+}
+
 static void test_another_version_is_refused(void **state)
 {
     struct apc_store *store = open_store(SECOND);
     assert_int_equal(append_one(*state, 1, 1), 1);
+    const int64_t version = raw_number(path, "PRAGMA user_version");
     raw(path, "PRAGMA user_version = 999");
     assert_said(store, newest_seq(store, 1), APC_ESCHEMA, "upgrade libapc");
     assert_said(store, apc_store_init(store), APC_ESCHEMA, "upgrade libapc");
     raw(path, "PRAGMA user_version = 0");
     assert_said(store, newest_seq(store, 1), APC_ESCHEMA, "apc init");
     char sql[60];
-    snprintf(sql, sizeof sql, "PRAGMA user_version = %d", apc_store_version());
+    snprintf(sql, sizeof sql, "PRAGMA user_version = %d", (int)version);
     raw(path, sql);
     assert_int_equal(newest_seq(store, 1), 1);
     apc_store_close(store);
+}
+
+/* As the library of version 1 left it: 70 samples of sensor 1, of which 64 are a block, one of actuator 1 and
+ * of setpoint 1. */
+static const char file_of_version_1[] =
+    "CREATE TABLE sample (pos INTEGER PRIMARY KEY, variable INTEGER NOT NULL, seq INTEGER NOT NULL,"
+    " previous INTEGER NOT NULL, time INTEGER NOT NULL, status INTEGER NOT NULL, value NOT NULL,"
+    " sensor_seq INTEGER, setpoint_seq INTEGER);"
+    "CREATE TABLE variable (variable INTEGER PRIMARY KEY, seq INTEGER NOT NULL, pos INTEGER NOT NULL,"
+    " count INTEGER NOT NULL, first INTEGER NOT NULL, last INTEGER NOT NULL);"
+    "CREATE TABLE block (variable INTEGER NOT NULL, seq INTEGER NOT NULL, pos INTEGER NOT NULL,"
+    " count INTEGER NOT NULL, first INTEGER NOT NULL, last INTEGER NOT NULL, PRIMARY KEY (variable, seq))"
+    " WITHOUT ROWID;"
+    "CREATE TABLE tag (table_number INTEGER NOT NULL, id INTEGER NOT NULL, name TEXT NOT NULL,"
+    " unit TEXT NOT NULL, description TEXT NOT NULL, low REAL NOT NULL, high REAL NOT NULL,"
+    " PRIMARY KEY (table_number, id), UNIQUE (table_number, name)) WITHOUT ROWID;"
+    "CREATE TABLE event (id INTEGER PRIMARY KEY AUTOINCREMENT, time INTEGER NOT NULL, severity INTEGER NOT "
+    "NULL, source TEXT NOT NULL, kind TEXT NOT NULL, text TEXT NOT NULL);"
+    "CREATE TABLE timing (id INTEGER PRIMARY KEY AUTOINCREMENT, time INTEGER NOT NULL, task TEXT NOT NULL,"
+    " quantity TEXT NOT NULL, period INTEGER NOT NULL, missed INTEGER NOT NULL, count INTEGER NOT NULL,"
+    " mean REAL NOT NULL, sd REAL NOT NULL, p50 INTEGER NOT NULL, p99 INTEGER NOT NULL, max INTEGER NOT NULL,"
+    " bins BLOB NOT NULL);"
+    "CREATE VIEW actuator AS SELECT * FROM sample WHERE variable & 15 = 2;"
+    "CREATE VIEW setpoint AS SELECT * FROM sample WHERE variable & 15 = 3;"
+    "CREATE VIEW opmode AS SELECT * FROM sample WHERE variable & 15 = 5;"
+    "CREATE VIEW tuning AS SELECT * FROM sample WHERE variable & 15 = 6;"
+    "CREATE VIEW manual AS SELECT * FROM sample WHERE variable & 15 = 7;"
+    "WITH RECURSIVE n (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 70)"
+    " INSERT INTO sample SELECT i, 17, i, i - 1, i, 0, i * 0.5, NULL, NULL FROM n;"
+    "INSERT INTO sample VALUES (71, 18, 1, 0, 1000, 0, 0.25, 70, 1), (72, 19, 1, 0, 2000, 0, 5.0, NULL, "
+    "NULL);"
+    "INSERT INTO block VALUES (17, 64, 64, 64, 1, 64);"
+    "INSERT INTO variable VALUES (17, 70, 70, 6, 65, 70), (18, 1, 71, 1, 1000, 1000),"
+    " (19, 1, 72, 1, 2000, 2000);"
+    "INSERT INTO tag VALUES (1, 1, 'y', 'K', '', 0.0, 10.0), (3, 1, 'r', 'K', '', 0.0, 10.0);"
+    "INSERT INTO event VALUES (1, 5, 1, 'x', 'start', 't');"
+    "PRAGMA application_id = 1634755377; PRAGMA user_version = 1";
+
+static int sum_up(void *ctx, const struct apc_sample *s)
+{
+    *(double *)ctx += s->value;
+    return 0;
+}
+
+static void test_a_file_of_version_1_comes_along_with_its_history(void **state)
+{
+    struct apc_store *store = *state;
+    raw(path, file_of_version_1);
+    assert_said(store, newest_seq(store, 1), APC_ESCHEMA, "apc init");
+    assert_int_equal(apc_store_init(store), 1);
+    double sum = 0, value[2] = {1, 2};
+    assert_int_equal(apc_store_history(store, APC_SENSOR, 1, NULL, sum_up, &sum), 70);
+    assert_true(sum >= 70 * 71 / 4 && sum <= 70 * 71 / 4 + 1);
+    struct apc_sample u = {.table = APC_ACTUATOR, .id = 1};
+    assert_int_equal(apc_store_read(store, &u, 1), 0);
+    assert_true(u.seq == 1 && u.sensor_seq == 70 && u.setpoint_seq == 1 && u.origin == 0 && u.author == 0);
+    assert_int_equal(append_one(store, 1, 71), 1); /* and it goes on */
+    struct apc_sample late = sample(APC_SENSOR, 1, 30, 0);
+    assert_int_equal(apc_store_append(store, &late, 1), 0); /* in the old block */
+    struct apc_vector v = {.table = APC_TICK, .id = 1, .seq = 1, .n = 2, .value = value};
+    struct apc_sample r = {.table = APC_SETPOINT, .id = 1, .seq = 1, .value = 6, .author = 3};
+    const struct apc_rows rows = {
+        .size = sizeof rows, .sample = &r, .n_samples = 1, .vector = &v, .n_vectors = 1};
+    assert_int_equal(apc_store_append_rows(store, &rows), 2);
+    assert_int_equal(r.seq, 2);
+    assert_int_equal(raw_number(path, "SELECT author FROM setpoint WHERE id = 1 AND seq = 2"), 3);
+    assert_int_equal(raw_number(path, "SELECT n FROM tick WHERE id = 1"), 2);
+    assert_int_equal(raw_number(path, "SELECT number FROM tag WHERE name = 'r'"), 2);
+    assert_int_equal(apc_store_init(store), apc_store_version());
+    assert_int_equal(raw_number(path, "SELECT count(*) FROM sample"), 75);
 }
 
 static void test_a_write_ahead_log_goes_or_is_refused(void **state)
@@ -790,6 +874,7 @@ int main(void)
         N(test_a_file_that_is_not_there_is_not_made_by_using_it),
         N(test_a_file_that_is_not_ours_is_refused_and_left_alone),
         T(test_another_version_is_refused),
+        N(test_a_file_of_version_1_comes_along_with_its_history),
         T(test_a_write_ahead_log_goes_or_is_refused),
         T(test_a_file_for_reading_only_is_read),
         T(test_a_full_disk_keeps_the_whole_append_out_and_no_later_one),
