@@ -45,7 +45,11 @@ struct view {
     struct sight *sights;       /* of each */
     size_t n;
     struct control control;
-    apc_ns heard; /* time of the newest event */
+    apc_ns heard;         /* time of the newest event */
+    apc_ns begin;         /* monotonic, of t = 0 */
+    size_t done;          /* of the experiment's actions */
+    struct apc_tag *tags; /* [n_tags] of its variables */
+    size_t n_tags;
 };
 
 static size_t loops(const struct experiment *e)
@@ -55,17 +59,19 @@ static size_t loops(const struct experiment *e)
     return n < 3 ? n : 3; /* more do not fit on a line */
 }
 
-static int begin(struct view *l, const char *store, const struct experiment *e, apc_ns start, double duration)
+static int begin(struct view *l, const char *store, const struct experiment *e, apc_ns start, apc_ns zero,
+                 double duration)
 {
     const struct apc_store_options options = {.size = sizeof options, .name = "apc run", .spool = ""};
     struct apc_error why;
 
-    *l = (struct view){.e = e, .start = start, .duration = duration, .heard = start - RECENT};
+    *l = (struct view){.e = e, .start = start, .duration = duration, .heard = start - RECENT, .begin = zero};
     l->terminal = isatty(STDOUT_FILENO);
     l->n = 3 * loops(e) + 1;
     l->samples = calloc(l->n, sizeof *l->samples);
     l->sights = calloc(l->n, sizeof *l->sights);
-    if (!l->samples || !l->sights)
+    l->tags = provision_tags(e, &l->n_tags);
+    if (!l->samples || !l->sights || !l->tags)
         return APC_ENOMEM;
     for (size_t i = 0; i < loops(e); i++) {
         l->samples[3 * i] = (struct apc_sample){.table = APC_SETPOINT, .id = (int)i + 1};
@@ -233,6 +239,35 @@ static void say(struct view *l, int severity, const char *text)
     apc_store_append_events(l->store, &event, 1);
 }
 
+/* ms until the next action is due, or the next look; one that is overdue has just been tried. */
+static int idle(const struct view *l)
+{
+    const apc_ns look = LOOK * APC_NS_PER_MS;
+    apc_ns left = look;
+    if (l->done < l->e->n_actions)
+        left = l->begin + l->e->action[l->done].at - apc_clock_mono(NULL);
+    return left <= 0 || left > look ? LOOK : (int)((left + APC_NS_PER_MS - 1) / APC_NS_PER_MS);
+}
+
+/* The experiment's actions that are due. While the store is away they wait: an operator would. */
+static void operate(struct view *l)
+{
+    for (; l->done < l->e->n_actions; l->done++) {
+        const struct action *action = &l->e->action[l->done];
+        char text[TEXT];
+        if (l->begin + action->at > apc_clock_mono(NULL))
+            return;
+        int rc = action_do(l->store, l->tags, l->n_tags, &action->to, apc_clock_utc(NULL), "apc-run");
+        if (rc == APC_ECONN || rc == APC_ETIMEDOUT)
+            return;
+        if (rc == 0)
+            continue;
+        snprintf(text, sizeof text, "the action of %g s was not possible: %.150s", apc_ns_to_s(action->at),
+                 apc_store_error(l->store));
+        say(l, APC_EVENT_WARNING, text);
+    }
+}
+
 /* Until the other end of the pipe is closed, also by the death of who holds it. */
 static void follow(struct view *l, FILE *messages)
 {
@@ -240,7 +275,8 @@ static void follow(struct view *l, FILE *messages)
     char text[TEXT];
 
     for (;;) {
-        if (poll(&p, 1, LOOK) <= 0) {
+        operate(l);
+        if (poll(&p, 1, idle(l)) <= 0) {
             show(l, false);
             continue;
         }
@@ -254,7 +290,7 @@ static void follow(struct view *l, FILE *messages)
     }
 }
 
-int live_start(struct live **out, const char *store, const struct experiment *e, apc_ns start,
+int live_start(struct live **out, const char *store, const struct experiment *e, apc_ns start, apc_ns zero,
                double duration)
 {
     struct live *l = calloc(1, sizeof *l);
@@ -274,7 +310,7 @@ int live_start(struct live **out, const char *store, const struct experiment *e,
         if (!messages)
             _exit(1);
         setvbuf(messages, NULL, _IONBF, 0); /* what is read is what poll() looks at */
-        int rc = begin(&view, store, e, start, duration);
+        int rc = begin(&view, store, e, start, zero, duration);
         if (rc >= 0)
             follow(&view, messages);
         apc_store_close(rc >= 0 ? view.store : NULL);

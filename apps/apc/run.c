@@ -575,7 +575,7 @@ static int run(struct run *r)
     printf("%s: %s%s\n", r->e.name, r->e.title, r->finish ? "" : " (Ctrl-C ends it)");
     if (r->page[0])
         printf("page:    http://%s/\n", r->page);
-    rc = live_start(&r->live, r->cli.store, &r->e, r->start, r->e.duration);
+    rc = live_start(&r->live, r->cli.store, &r->e, r->start, r->begin, r->e.duration);
     if (rc < 0)
         apc_fail(&r->failure, rc, "the live line could not be started: %s", apc_err_text(rc));
     bool whole = rc == 0 && follow(r, &signals);

@@ -18,7 +18,7 @@ static int fill_timing(const struct simulation *s)
     for (int i = 0; i < SIM_TASKS && rc >= 0; i++) {
         struct apc_store *store = NULL;
         struct recorder *recorder = NULL;
-        rc = apc_store_open(&store, SIMULATION_STORE, NULL, NULL);
+        rc = apc_store_open(&store, s->uri, NULL, NULL);
         if (rc >= 0)
             rc = recorder_create(&recorder, store, simulation_task_name((enum simulation_task)i));
         if (rc >= 0 && i == SIM_CLIENT)

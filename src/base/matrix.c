@@ -19,6 +19,15 @@ void apc_matrix_multiply(size_t rows, size_t inner, size_t columns, const double
     }
 }
 
+double apc_matrix_dot(const double *a, const double *b, size_t n)
+{
+    double sum = 0.0;
+
+    for (size_t i = 0; i < n; i++)
+        sum += a[i] * b[i];
+    return sum;
+}
+
 void apc_matrix_transpose(size_t rows, size_t columns, const double *A, double *T)
 {
     for (size_t i = 0; i < rows; i++) {

@@ -8,6 +8,8 @@
 /* C [rows * columns] = A [rows * inner] B [inner * columns] */
 void apc_matrix_multiply(size_t rows, size_t inner, size_t columns, const double *A, const double *B,
                          double *C);
+/* The sum of a[i] b[i]. */
+double apc_matrix_dot(const double *a, const double *b, size_t n);
 /* T [columns * rows] = A' */
 void apc_matrix_transpose(size_t rows, size_t columns, const double *A, double *T);
 /* Copy block [rows * columns] to where its first element is at row r, column c of M, which has width columns.

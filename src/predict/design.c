@@ -11,6 +11,7 @@
 
 #include "apclinear.h"
 #include "base/matrix.h"
+#include "predict/predict_internal.h"
 
 /* exp([A B; 0 0] Ts) = [Ad Bd; 0 I] */
 int apc_linear_sample(size_t nx, size_t nu, const double *A, const double *B, double Ts, double *Ad,
@@ -180,30 +181,43 @@ static bool solve(struct riccati *r, const double *A, const double *B, const dou
     return true;
 }
 
-int apc_riccati_solve(size_t nx, size_t nu, const double *A, const double *B, const double *Q,
-                      const double *R, double *P, double *K, struct apc_error *why)
+size_t apc_riccati_room(size_t nx, size_t nu)
 {
-    size_t all = nx * nx;
-    double *memory = calloc(7 * all + nu * nu + 2 * nu * nx + 1, sizeof(*memory)), *at = memory;
+    return 7 * nx * nx + nu * nu + 2 * nu * nx + 1;
+}
+
+int apc_riccati_in(double *memory, size_t nx, size_t nu, const double *A, const double *B, const double *Q,
+                   const double *R, double *P, double *K, struct apc_error *why)
+{
     struct riccati r = {.n = nx, .m = nu};
     double **const square[] = {&r.A, &r.G, &r.H, &r.W, &r.X, &r.Y, &r.T};
-    int rc = 0;
+    double *at = memory;
 
-    if (!memory)
-        return apc_fail(why, APC_ENOMEM, "apc_riccati_solve: no memory");
-    for (size_t i = 0; i < sizeof(square) / sizeof(square[0]); i++, at += all)
+    for (size_t i = 0; i < sizeof(square) / sizeof(square[0]); i++, at += nx * nx)
         *square[i] = at;
     r.small = at;
     r.Bt = r.small + nu * nu;
     r.BtP = r.Bt + nu * nx;
     if (begin(&r, A, B, Q, R))
-        rc = apc_fail(why, APC_EINVAL, "apc_riccati_solve: R must be positive definite");
-    else if (!solve(&r, A, B, Q, R, P, K))
-        rc = apc_fail(
+        return apc_fail(why, APC_EINVAL, "apc_riccati_solve: R must be positive definite");
+    if (!solve(&r, A, B, Q, R, P, K))
+        return apc_fail(
             why, APC_ESOLVER,
             "the Riccati equation has no stabilising solution: a mode that does not die out by itself "
             "is not reached by the input (for an observer: by the noise), or not seen in what has a "
             "weight (for an observer: in the measurements)");
+    return 0;
+}
+
+int apc_riccati_solve(size_t nx, size_t nu, const double *A, const double *B, const double *Q,
+                      const double *R, double *P, double *K, struct apc_error *why)
+{
+    double *memory = calloc(apc_riccati_room(nx, nu), sizeof(*memory));
+    int rc;
+
+    if (!memory)
+        return apc_fail(why, APC_ENOMEM, "apc_riccati_solve: no memory");
+    rc = apc_riccati_in(memory, nx, nu, A, B, Q, R, P, K, why);
     free(memory);
     return rc;
 }

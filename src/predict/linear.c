@@ -89,11 +89,12 @@ static double share(const struct term *term, size_t d, double Ts)
 static int integrate(size_t n, const double *A, const struct term *term, double t, double *gamma,
                      struct apc_error *why)
 {
-    double *memory = calloc(n * n + 2 * n + 1, sizeof(*memory)), *b = memory + n * n;
+    double *memory = calloc(n * n + 2 * n + 1, sizeof(*memory)), *b;
     int rc;
 
     if (!memory)
         return apc_fail(why, APC_ENOMEM, "linear model: no memory");
+    b = memory + n * n;
     for (size_t i = 0; i < n; i++)
         b[i] = term->b[i * term->stride_b];
     rc = apc_linear_sample(n, 1, A, b, t, memory, gamma, why);
@@ -257,9 +258,20 @@ int apc_linear_from_continuous(struct apc_linear **model, const struct apc_linea
 
 /* ---- Transfer functions -------------------------------------------------------------------------- */
 
-static size_t order(const struct apc_transfer *g)
+/* Lags of a pair. Integrators are an output's: two of them on one output would be two states of which only
+ * the sum is ever seen. */
+static size_t lags(const struct apc_transfer *g)
 {
-    return g->gain == 0.0 ? 0 : (size_t)((g->tau[0] > 0.0) + (g->tau[1] > 0.0) + g->integrating);
+    return g->gain == 0.0 ? 0 : (size_t)((g->tau[0] > 0.0) + (g->tau[1] > 0.0));
+}
+
+static bool integrates(const struct apc_transfer *g, size_t inputs)
+{
+    for (size_t j = 0; j < inputs; j++) {
+        if (g[j].gain != 0.0 && g[j].integrating)
+            return true;
+    }
+    return false;
 }
 
 static int check_transfer(const struct apc_transfer *g, size_t i, size_t j, double Ts, struct apc_error *why)
@@ -280,40 +292,43 @@ static int check_transfer(const struct apc_transfer *g, size_t i, size_t j, doub
     return check_dead_time(g->dead_time, Ts, j, why);
 }
 
+/* Where the states of a pair go, and what it leads to. */
+struct pair {
+    size_t nx, at;     /* states of all, of this one the first */
+    size_t integrator; /* of its output */
+    double *A, *b, *c; /* [nx * nx], [nx], [nx] */
+    double *direct;    /* of its output */
+};
+
 /*
- * A chain of first-order lags, x1' = (u - x1)/tau1, x2' = (x1 - x2)/tau2, and an integrator behind them. The
- * lead acts in the first: zero s + 1 over tau1 s + 1 is zero/tau1 u + (1 - zero/tau1) x1.
+ * A chain of first-order lags, x1' = (u - x1)/tau1, x2' = (x1 - x2)/tau2, and maybe an integrator behind
+ * them. The lead acts in the first: zero s + 1 over tau1 s + 1 is zero/tau1 u + (1 - zero/tau1) x1.
  */
-static void realise(const struct apc_transfer *g, size_t nx, size_t at, double *A, double *b, double *c,
-                    double *direct)
+static void realise(const struct apc_transfer *g, const struct pair *to)
 {
     double from_u = g->gain, from_x = 0.0; /* what goes into the next stage: of u, and of the state before */
-    size_t before = at;
+    size_t before = to->at;
 
-    for (int k = 0; k < 3; k++) {
-        bool integrator = k == 2;
-        double rate;
+    for (size_t k = 0; k < lags(g); k++) {
+        const double rate = 1.0 / g->tau[k];
+        const size_t state = to->at + k;
 
-        if (integrator ? !g->integrating : g->tau[k] == 0.0)
-            continue;
-        rate = integrator ? 1.0 : 1.0 / g->tau[k];
-        b[at] = rate * from_u;
-        if (from_x != 0.0)
-            A[at * nx + before] = rate * from_x;
-        if (!integrator)
-            A[at * nx + at] = -rate;
-        if (k == 0 && g->zero != 0.0) {
-            from_u = g->gain * g->zero * rate;
-            from_x = 1.0 - g->zero * rate;
-        } else {
-            from_u = 0.0;
-            from_x = 1.0;
-        }
-        before = at++;
+        to->b[state] = rate * from_u;
+        to->A[state * to->nx + before] = rate * from_x;
+        to->A[state * to->nx + state] = -rate;
+        from_u = k == 0 ? g->gain * g->zero * rate : 0.0;
+        from_x = k == 0 ? 1.0 - g->zero * rate : 1.0;
+        before = state;
     }
-    if (from_x != 0.0)
-        c[before] = from_x;
-    *direct = from_u;
+    if (g->integrating) {
+        to->b[to->integrator] = from_u;
+        if (lags(g))
+            to->A[to->integrator * to->nx + before] = from_x;
+    } else {
+        *to->direct = from_u;
+        if (lags(g))
+            to->c[before] = from_x;
+    }
 }
 
 int apc_linear_from_transfer(struct apc_linear **model, size_t ny, size_t nu, size_t nd,
@@ -322,6 +337,7 @@ int apc_linear_from_transfer(struct apc_linear **model, size_t ny, size_t nu, si
 {
     struct apc_linear_continuous o = {.nu = nu, .nd = nd, .ny = ny, .u0 = u0, .y0 = y0};
     const size_t inputs = nu + nd;
+    size_t integrator = 0;
     struct term *term = NULL;
     double *memory = NULL, *A, *C, *b, *d;
     int rc = check_period(model, Ts, "apc_linear_from_transfer", why);
@@ -337,7 +353,7 @@ int apc_linear_from_transfer(struct apc_linear **model, size_t ny, size_t nu, si
         return apc_fail(why, APC_EINVAL, "apc_linear_from_transfer: the operating point is no finite number");
     for (size_t k = 0; k < ny * inputs && rc == 0; k++) {
         rc = check_transfer(&g[k], k / inputs, k % inputs, Ts, why);
-        o.nx += order(&g[k]);
+        o.nx += lags(&g[k]) + (k % inputs == 0 && integrates(&g[k], inputs));
     }
     if (rc == 0 && (o.nx + ny) * (o.nx + ny * inputs) > ELEMENTS_MAX)
         rc = apc_fail(why, APC_EINVAL, "apc_linear_from_transfer: %zu states are too many", o.nx);
@@ -353,15 +369,25 @@ int apc_linear_from_transfer(struct apc_linear **model, size_t ny, size_t nu, si
     C = A + o.nx * o.nx;
     b = C + ny * o.nx;
     d = b + ny * inputs * o.nx;
-    for (size_t k = 0, at = 0; k < ny * inputs; at += order(&g[k]), k++) {
+    for (size_t k = 0, at = 0; k < ny * inputs; k++) {
+        const size_t i = k / inputs;
+        struct pair to = {.nx = o.nx, .A = A, .b = b + k * o.nx, .c = C + i * o.nx, .direct = d + k * ny + i};
+
         term[k] = (struct term){.j = k % inputs,
                                 .dead_time = g[k].dead_time,
-                                .b = b + k * o.nx,
+                                .b = to.b,
                                 .stride_b = 1,
                                 .d = d + k * ny,
                                 .stride_d = 1};
+        if (k % inputs == 0 && integrates(&g[k], inputs)) {
+            C[i * o.nx + at] = 1.0;
+            integrator = at++;
+        }
+        to.integrator = integrator;
+        to.at = at;
         if (g[k].gain != 0.0)
-            realise(&g[k], o.nx, at, A, b + k * o.nx, C + k / inputs * o.nx, d + k * ny + k / inputs);
+            realise(&g[k], &to);
+        at += lags(&g[k]);
     }
     o.A = A;
     o.C = C;

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "experiment_parts.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -317,17 +318,26 @@ static void read_law(struct settings *s, const config_setting_t *group, struct e
         read_tuning(s, group, e, e->controller.plugin.chosen);
 }
 
+static const char *const controller_settings[] = {
+    "law", "tuning", "mode", "hold", "settings", "operating_point", "limits", RHYTHM, NULL};
+
+bool experiment_knows_of_controller(const char *name)
+{
+    const char *const *known = controller_settings;
+    while (*known && strcmp(*known, name) != 0)
+        known++;
+    return *known;
+}
+
 static void read_controller(struct settings *s, const config_setting_t *root, struct experiment *e,
                             bool resolve_law, const char *override, const struct record *record)
 {
-    static const char *const known[] = {"law",    "tuning", "mode", "hold", "settings", "operating_point",
-                                        "limits", RHYTHM,   NULL};
     const config_setting_t *group = settings_group(s, root, "controller", REQUIRED);
     char mode[16] = "Auto";
     double hold_s;
     if (!group)
         return;
-    settings_known(s, group, known);
+    settings_known(s, group, controller_settings);
     read_rhythm(s, group, "controller", controller_phase_s, &e->controller.rhythm, &e->models.recordings);
     settings_text(s, group, "law", REQUIRED, e->controller.name, sizeof e->controller.name);
     settings_text(s, group, "mode", OPTIONAL, mode, sizeof mode);
@@ -383,9 +393,9 @@ static void check_rhythms(struct settings *s, const config_setting_t *root, cons
 static void read_root(struct settings *s, const config_setting_t *root, struct experiment *e, unsigned parts,
                       const struct experiment_overrides *overrides, const struct record *record)
 {
-    static const char *const known[] = {"name",      "title",   "duration", "seed",   "measurements",
-                                        "setpoints", "outputs", "plant",    "client", "controller",
-                                        "scheduler", "network", "clock",    NULL};
+    static const char *const known[] = {"name",      "title",   "duration", "seed",    "measurements",
+                                        "setpoints", "outputs", "plant",    "client",  "controller",
+                                        "scheduler", "network", "clock",    "actions", NULL};
     int64_t seed = 1;
     settings_known(s, root, known);
     settings_name(s, root, e->name, sizeof e->name);
@@ -416,6 +426,7 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     check_rhythms(s, root, e);
     experiment_read_law(s, root, e);
     models_read(s, root, &e->models);
+    experiment_read_actions(s, root, e);
 }
 
 /* What was in force beside the file: see record.h. */
@@ -423,38 +434,61 @@ static int take_record(struct experiment *e, const struct record *record, struct
 {
     if (!record->there)
         return 0;
-    e->duration = record->duration;
-    e->seed = record->seed;
+    if (!isnan(record->duration))
+        e->duration = record->duration;
+    if (!record->file_seed)
+        e->seed = record->seed;
     e->start = record->start;
     snprintf(e->net, sizeof e->net, "%s", record->net);
     return models_network(&e->models, e->net, why);
 }
 
-int experiment_load(struct experiment *e, const char *name, unsigned parts,
-                    const struct experiment_overrides *overrides, struct apc_error *why)
+void experiment_path(const char *name, char path[EXPERIMENT_PATH])
 {
-    const char *file = e->file;
-    struct settings s = {.file = file, .why = why};
-    struct record record;
     struct stat at;
+    snprintf(path, EXPERIMENT_PATH,
+             stat(name, &at) == 0 && S_ISDIR(at.st_mode) ? "%.500s/run.conf" : "%.510s", name);
+}
+
+int experiment_parse(struct experiment *e, const struct experiment_source *from, unsigned parts,
+                     const struct experiment_overrides *overrides, struct apc_error *why)
+{
+    static const struct record none = {.there = false};
+    const struct record *record = from->record ? from->record : &none;
+    struct settings s = {.file = e->file, .change = from->change, .why = why};
     config_t config;
 
     memset(e, 0, sizeof *e);
-    snprintf(e->file, sizeof e->file,
-             stat(name, &at) == 0 && S_ISDIR(at.st_mode) ? "%.500s/run.conf" : "%.510s", name);
+    snprintf(e->file, sizeof e->file, "%s", from->file);
     snprintf(e->plant.listen, sizeof e->plant.listen, "tcp:127.0.0.1:%d", APC_PORT);
     snprintf(e->client.link, sizeof e->client.link, "tcp:127.0.0.1:%d", APC_PORT);
-    if ((s.failed = record_read(&record, file, why)) < 0)
-        return s.failed;
-    s.failed = settings_load(&config, file, why);
+    s.failed = settings_parse(&config, e->file, from->text, why);
     if (!s.failed)
-        read_root(&s, config_root_setting(&config), e, parts, overrides, &record);
+        read_root(&s, config_root_setting(&config), e, parts, overrides, record);
     config_destroy(&config);
     if (!s.failed)
-        s.failed = take_record(e, &record, why);
+        s.failed = take_record(e, record, why);
     if (s.failed)
         experiment_free(e);
     return s.failed;
+}
+
+int experiment_load(struct experiment *e, const char *name, unsigned parts,
+                    const struct experiment_overrides *overrides, struct apc_error *why)
+{
+    char file[EXPERIMENT_PATH], *text = NULL;
+    struct record record;
+
+    memset(e, 0, sizeof *e);
+    experiment_path(name, file);
+    int rc = record_read(&record, file, why);
+    if (rc == 0)
+        rc = settings_read(file, &text, why);
+    if (rc == 0)
+        rc = experiment_parse(e, &(struct experiment_source){.file = file, .text = text, .record = &record},
+                              parts, overrides, why);
+    free(text);
+    return rc;
 }
 
 void experiment_free(struct experiment *e)
@@ -471,6 +505,7 @@ void experiment_free(struct experiment *e)
     free(e->controller.tuning);
     experiment_free_law(e);
     free(e->scheduler.sequence);
+    free(e->action);
     models_free(&e->models);
     apc_plugin_close(e->model_handle);
     apc_plugin_close(e->law_handle);

@@ -29,4 +29,19 @@ bool experiment_wants_model(const config_setting_t *root);
 void experiment_read_law(struct settings *s, const config_setting_t *root, struct experiment *e);
 void experiment_free_law(struct experiment *e);
 
+/* Is it a setting of a controller, and no parameter of its law? */
+bool experiment_knows_of_controller(const char *name);
+
+/*
+ * The text of an experiment file with the setting at @path changed or added: *changed, to be freed. @path
+ * goes through groups by their members, through lists by `name` or [INDEX], and from a controller to the
+ * tuning of its outputs ("controller.Kp", "controllers.base.u1.Kp"). Returns 0, APC_ENOTFOUND or APC_ENOMEM;
+ * whether it is an experiment still is not looked at.
+ */
+int experiment_change(const char *text, const char *path, const char *value, char **changed,
+                      struct apc_error *why);
+
+/* What an operator is to do, of the file's root; after all else. */
+void experiment_read_actions(struct settings *s, const config_setting_t *root, struct experiment *e);
+
 #endif

@@ -20,9 +20,11 @@ struct record_plugin {
 struct record {
     bool there;
     apc_ns start;    /* t = 0: UTC; 0: in virtual time */
-    double duration; /* s that it ran or, where it never came to its end, was to run; 0: not known */
+    double duration; /* s that it ran or, where it never came to its end, was to run; 0: not known; NAN: what
+                        the file says holds */
     uint64_t seed;
-    char net[512]; /* --net, "" without */
+    bool file_seed; /* instead of it the file's holds */
+    char net[512];  /* --net, "" without */
     struct record_plugin law, model;
 };
 

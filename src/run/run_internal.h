@@ -69,8 +69,16 @@ struct plugin {
     bool chosen; /* instead of the file's: its own tuning or parameters hold */
 };
 
+/* What an operator is to do at a time of the run. */
+struct action {
+    apc_ns at;            /* since t = 0 */
+    struct apc_sample to; /* the variable of the operator's, and its value */
+};
+
+#define EXPERIMENT_PATH 512
+
 struct experiment {
-    char file[512]; /* it was loaded from */
+    char file[EXPERIMENT_PATH]; /* it was loaded from */
     char name[APC_TAG_LEN];
     char title[128];
     double duration; /* s; 0: until it is stopped */
@@ -120,6 +128,9 @@ struct experiment {
         bool repeat;
     } scheduler;
 
+    struct action *action; /* [n_actions] by time */
+    size_t n_actions;
+
     struct models models; /* of virtual time */
     char net[512];        /* of a run's record: --net, already in models; "": none */
     apc_ns start;         /* of a run's record: t = 0, UTC; 0: none */
@@ -142,6 +153,19 @@ struct experiment_overrides {
 int experiment_load(struct experiment *e, const char *file, unsigned parts,
                     const struct experiment_overrides *overrides, struct apc_error *why);
 void experiment_free(struct experiment *e);
+
+/* The file of an experiment: of a run folder its run.conf. */
+void experiment_path(const char *name, char path[EXPERIMENT_PATH]);
+
+struct record;
+struct experiment_source {
+    const char *file, *text;     /* file: named in messages, and where relative paths begin */
+    const char *change;          /* what was changed in it, for messages; NULL: nothing */
+    const struct record *record; /* of a run */
+};
+/* The same from its text. */
+int experiment_parse(struct experiment *e, const struct experiment_source *from, unsigned parts,
+                     const struct experiment_overrides *overrides, struct apc_error *why);
 
 /* Whether steps of rk4 are short enough for the plant, linear around where it starts. Returns 0, or
  * APC_ERANGE with a text in why: what should decay grows without bound then. */
@@ -169,6 +193,20 @@ apc_ns cores_patience(const struct experiment *e);
 
 /* Severity, kind and text of what a core noticed; its kind must not be APC_NOTICE_NONE. */
 void notice_event(const struct apc_notice *notice, struct apc_event *event);
+
+/* ---- What an operator does ------------------------------------------------------------------ */
+
+/* What @p name stands for among the experiment's variables @p tags [n], to be read, or to be written by an
+ * operator: then an output is its manual value. Returns 0, or APC_ENOTFOUND with a text in why. */
+int action_find(const struct apc_tag *tags, size_t n, const char *name, bool write, struct apc_tag *found,
+                struct apc_error *why);
+/* May it be set to that? 0, or APC_ERANGE with a text. */
+int action_check(const struct apc_tag *tag, double value, struct apc_error *why);
+/* Whose mode @p name is: the controller's, or that of its only loop. Returns 0 or a negative error. */
+int action_find_mode(const struct experiment *e, const char *name, enum apc_mode mode, struct apc_error *why);
+/* Put it, and an event of @p source that tells of it. Returns 0 or the store's error. */
+int action_do(struct apc_store *store, const struct apc_tag *tags, size_t n, const struct apc_sample *to,
+              apc_ns now, const char *source);
 
 /* ---- Its description in the store ----------------------------------------------------------- */
 

@@ -22,8 +22,9 @@ int settings_fail(struct settings *s, const config_setting_t *at, const char *fm
     vsnprintf(text, sizeof text, fmt, args);
     va_end(args);
     unsigned line = at ? config_setting_source_line(at) : 0; /* the root has none */
-    s->failed = apc_fail(s->why, APC_EINVAL, "%s:%u: %s", s->file, line ? line : 1, text);
-    return s->failed;
+    if (s->change)
+        return s->failed = apc_fail(s->why, APC_EINVAL, "%s: %s", s->change, text);
+    return s->failed = apc_fail(s->why, APC_EINVAL, "%s:%u: %s", s->file, line ? line : 1, text);
 }
 
 static const char *name_of(const config_setting_t *setting)
@@ -213,32 +214,51 @@ static int parse(config_t *config, const char *file, char *text, struct apc_erro
         file, number, config_error_text(config), line);
 }
 
-int settings_load(config_t *config, const char *file, struct apc_error *why)
+int settings_parse(config_t *config, const char *file, const char *text, struct apc_error *why)
 {
     static const char mark[] = "\xef\xbb\xbf"; /* of an editor that says UTF-8 so */
-    int rc = 0;
     config_init(config);
+    char *copy = strdup(text + (strncmp(text, mark, 3) == 0 ? 3 : 0));
+    int rc = copy ? parse(config, file, copy, why) : apc_fail(why, APC_ENOMEM, "%s: out of memory", file);
+    free(copy);
+    return rc;
+}
+
+int settings_read(const char *file, char **text, struct apc_error *why)
+{
+    int rc = 0;
     FILE *in = fopen(file, "re");
-    char *text = in ? malloc(FILE_MAX + 2) : NULL;
-    if (!in || !text) {
-        rc = in ? apc_fail(why, APC_ENOMEM, "%s: out of memory", file)
-                : apc_fail(why, APC_ENOTFOUND, "%s: cannot be read: %s", file, strerror(errno));
-        goto out;
-    }
-    size_t n = fread(text, 1, FILE_MAX + 1, in);
-    text[n] = '\0';
-    if (ferror(in))
+    *text = in ? malloc(FILE_MAX + 2) : NULL;
+    if (!in)
+        return apc_fail(why, APC_ENOTFOUND, "%s: cannot be read: %s", file, strerror(errno));
+    const size_t n = *text ? fread(*text, 1, FILE_MAX + 1, in) : 0;
+    if (!*text)
+        rc = apc_fail(why, APC_ENOMEM, "%s: out of memory", file);
+    else if (ferror(in))
         rc = apc_fail(why, APC_ESYS, "%s: cannot be read: %s", file, strerror(errno));
     else if (n > FILE_MAX)
         rc = apc_fail(why, APC_EINVAL, "%s: is larger than 16 MiB: that is no experiment file", file);
-    else if (strlen(text) != n)
+    else if (memchr(*text, 0, n))
         rc = apc_fail(why, APC_EINVAL, "%s: is no text: it has a byte 0", file);
     else
-        rc = parse(config, file, text + (strncmp(text, mark, 3) == 0 ? 3 : 0), why);
-out:
+        (*text)[n] = '\0';
+    fclose(in);
+    if (rc == 0)
+        return 0;
+    free(*text);
+    *text = NULL;
+    return rc;
+}
+
+int settings_load(config_t *config, const char *file, struct apc_error *why)
+{
+    char *text;
+    int rc = settings_read(file, &text, why);
+    if (rc == 0)
+        rc = settings_parse(config, file, text, why);
+    else
+        config_init(config);
     free(text);
-    if (in)
-        fclose(in);
     return rc;
 }
 
@@ -338,4 +358,19 @@ void settings_numbers(struct settings *s, const config_setting_t *array, size_t 
     for (size_t i = 0; i < n; i++)
         if (!number_of(config_setting_get_elem(array, (unsigned)i), &values[i]))
             settings_fail(s, array, "element %zu must be a finite number", i + 1);
+}
+
+void settings_format(double value, char text[SETTINGS_NUMBER])
+{
+    char local[SETTINGS_NUMBER], *to = text;
+    int digits = 15;
+    do
+        snprintf(local, sizeof local, "%.*g", digits, value);
+    while (++digits <= 17 && strtod(local, NULL) != value);
+    for (const char *c = local; *c; c++) {
+        const bool plain = strchr("0123456789+-einfa", *c); /* all but the decimal point of the locale */
+        if (plain || (to > text && to[-1] != '.'))
+            *to++ = plain ? *c : '.';
+    }
+    *to = '\0';
 }

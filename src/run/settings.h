@@ -13,6 +13,8 @@
 
 struct settings {
     const char *file;
+    const char
+        *change; /* "plant.period = 0", said instead of file and line where that is to blame; or NULL */
     struct apc_error *why;
     int failed; /* 0, or the first error */
 };
@@ -25,6 +27,9 @@ struct settings {
  * needs more than 32 bits, which libconfig cuts off without a word. Returns 0 or a negative error.
  */
 int settings_load(config_t *config, const char *file, struct apc_error *why);
+/* The two halves of it: the text, to be freed, or NULL; and what the text of a file says. */
+int settings_read(const char *file, char **text, struct apc_error *why);
+int settings_parse(config_t *config, const char *file, const char *text, struct apc_error *why);
 
 enum settings_presence { OPTIONAL, REQUIRED };
 
@@ -51,5 +56,9 @@ void settings_text(struct settings *s, const config_setting_t *in, const char *n
 void settings_name(struct settings *s, const config_setting_t *in, char *value, size_t size);
 /* An array or list of exactly n numbers. */
 void settings_numbers(struct settings *s, const config_setting_t *array, size_t n, double *values);
+
+#define SETTINGS_NUMBER 48
+/* The shortest text that is read as the same number, in any locale. */
+void settings_format(double value, char text[SETTINGS_NUMBER]);
 
 #endif

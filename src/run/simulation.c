@@ -15,11 +15,24 @@
 
 /* The order of coinciding events. Requests come to the plant after its own tick, replies before the
  * controller's. */
-enum rank { RANK_CLOCK, RANK_SCHEDULER, RANK_PLANT, RANK_LINK, RANK_CLIENT = RANK_LINK, RANK_CONTROLLER };
+enum rank {
+    RANK_CLOCK,
+    RANK_OPERATOR,
+    RANK_SCHEDULER,
+    RANK_PLANT,
+    RANK_LINK,
+    RANK_CLIENT = RANK_LINK,
+    RANK_CONTROLLER
+};
 
 struct clock_step {
     struct simulation *s;
     const struct clock_change *change;
+};
+
+struct action_step {
+    struct simulation *s;
+    const struct action *action;
 };
 
 static struct apc_now now_of(const struct simulation *s)
@@ -301,6 +314,59 @@ static int schedule_clock(struct simulation *s)
     return 0;
 }
 
+/* ---- The operator -------------------------------------------------------------------------- */
+
+static void operate(struct simulation *s, const struct apc_sample *to, const char *who)
+{
+    stop_at_store(s, action_do(s->store, s->tags, s->n_tags, to, apc_clock_utc(s->clock), who));
+    if (to->table == APC_SETPOINT)
+        course_change(&s->course, &s->course.setpoint[to->id - 1], time_of(s), to->value);
+}
+
+static void on_call(void *ctx)
+{
+    struct simulation *s = ctx;
+    operate(s, s->call, "operator");
+    apc_virtual_stop(s->executive);
+}
+
+/* An event of its own, at the very instant that the run has come to: what else happens then comes after it.
+ */
+int simulation_operate(struct simulation *s, const struct apc_sample *to)
+{
+    apc_ns t;
+    if (s->rc < 0 || s->interrupted)
+        return s->rc;
+    apc_ns_from_s(s->ended, &t);
+    s->call = to;
+    if (apc_virtual_at(s->executive, s->zero + t, RANK_OPERATOR, on_call, s) < 0)
+        return s->rc = apc_fail(&s->why, APC_ENOMEM, "out of memory");
+    s->handled += apc_virtual_run(s->executive, s->zero + t);
+    return s->rc;
+}
+
+static void on_action(void *ctx)
+{
+    const struct action_step *step = ctx;
+    operate(step->s, &step->action->to, "apc-simulate");
+}
+
+static int schedule_actions(struct simulation *s)
+{
+    const struct experiment *e = s->e;
+    s->tags = provision_tags(e, &s->n_tags);
+    s->action_steps = calloc(e->n_actions + 1, sizeof *s->action_steps);
+    if (!s->tags || !s->action_steps)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < e->n_actions; i++) {
+        s->action_steps[i] = (struct action_step){s, &e->action[i]};
+        if (apc_virtual_at(s->executive, s->zero + e->action[i].at, RANK_OPERATOR, on_action,
+                           &s->action_steps[i]) < 0)
+            return APC_ENOMEM;
+    }
+    return 0;
+}
+
 /* ---- Making one --------------------------------------------------------------------------- */
 
 static const struct {
@@ -411,7 +477,7 @@ static int make_store(struct simulation *s, struct apc_error *why)
     const struct experiment *e = s->e;
     const size_t n = apc_law_parameters(e->controller.law, &e->dim);
     struct apc_sample *first = calloc(n + 1, sizeof *first);
-    int rc = first ? apc_store_open(&s->store, SIMULATION_STORE, NULL, why) : APC_ENOMEM;
+    int rc = first ? apc_store_open(&s->store, s->uri, NULL, why) : APC_ENOMEM;
 
     if (rc < 0) {
         free(first);
@@ -436,6 +502,7 @@ int simulation_create(struct simulation *s, const struct experiment *e, uint64_t
     int rc;
 
     *s = (struct simulation){.e = e};
+    snprintf(s->uri, sizeof s->uri, "mem:apc-simulate-%p", (void *)s);
     if ((rc = apc_executive_create(&s->executive, "virtual", &options, why)) < 0)
         return rc;
     s->clock = apc_executive_clock(s->executive);
@@ -452,19 +519,22 @@ int simulation_create(struct simulation *s, const struct experiment *e, uint64_t
         (rc = cores_client(e, NULL, SIMULATION_BEGIN, &s->client, why)) < 0 ||
         (rc = make_exchange(s, seed, why)) < 0 || (rc = make_store(s, why)) < 0)
         return rc;
-    if (make_room(s) < 0 || schedule_clock(s) < 0)
+    if (make_room(s) < 0 || schedule_clock(s) < 0 || schedule_actions(s) < 0)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     return make_tasks(s, seed, why);
 }
 
-int simulation_run(struct simulation *s, double duration)
+int simulation_run(struct simulation *s, double until)
 {
     apc_ns length;
-    if (apc_ns_from_s(duration, &length) < 0 || length <= 0)
-        return s->rc = apc_fail(&s->why, APC_EINVAL, "a duration of %g s: must be above 0", duration);
-    int64_t handled = apc_virtual_run(s->executive, s->zero + length - 1);
-    s->handled = handled;
-    s->ended = s->course.end = s->rc < 0 || s->interrupted ? time_of(s) : duration;
+    if (s->rc < 0 || s->interrupted)
+        return s->rc;
+    if (apc_ns_from_s(until, &length) < 0 || length <= 0)
+        return s->rc = apc_fail(&s->why, APC_EINVAL, "a duration of %g s: must be above 0", until);
+    if (until <= s->ended)
+        return 0;
+    s->handled += apc_virtual_run(s->executive, s->zero + length - 1);
+    s->ended = s->course.end = s->rc < 0 || s->interrupted ? time_of(s) : until;
     return s->rc;
 }
 
@@ -486,4 +556,6 @@ void simulation_destroy(struct simulation *s)
     free(s->command);
     free(s->answer);
     free(s->clock_steps);
+    free(s->action_steps);
+    free(s->tags);
 }

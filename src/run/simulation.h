@@ -11,7 +11,6 @@
 
 #include "course.h"
 
-#define SIMULATION_STORE "mem:apc-simulate"
 #define SIMULATION_BEGIN (INT64_C(946684800) * APC_NS_PER_S) /* UTC of t = 0: 2000-01-01 */
 
 enum simulation_task { SIM_SCHEDULER, SIM_PLANT, SIM_CLIENT, SIM_CONTROLLER, SIM_TASKS };
@@ -31,7 +30,8 @@ struct simulation {
     struct apc_controller *controller;
     struct apc_scheduler_options scheduler;
     struct apc_controller_size size; /* of in and out */
-    struct apc_store *store;         /* mem: */
+    struct apc_store *store;         /* mem:, a name of its own */
+    char uri[40];
 
     /* what the shells keep between two of their events */
     struct apc_sample *u, *y, *step, *in, *out, *memory;
@@ -39,6 +39,10 @@ struct simulation {
     int n_out;
     struct apc_now plant_now;
     struct clock_step *clock_steps;
+    struct action_step *action_steps;
+    const struct apc_sample *call; /* what simulation_operate() does */
+    struct apc_tag *tags;          /* [n_tags] of the experiment's variables */
+    size_t n_tags;
     bool link_down;
 
     struct course course; /* of the plant, by the monotonic clock: a step of the wall clock is none of time */
@@ -62,12 +66,14 @@ const char *simulation_task_name(enum simulation_task task);
 /* Returns 0 or a negative error; simulation_destroy() in either case. */
 int simulation_create(struct simulation *s, const struct experiment *e, uint64_t seed, struct apc_error *why);
 /*
- * Run once, for @duration in s: what happens at that very instant is not part of it. Returns 0, or
- * why it ended before (also in s->rc, s->why): what has happened until then is kept. So it is when
+ * Go on until @until, in s: what happens at that very instant is not part of it. Returns 0, or why it ended
+ * before, for good (also in s->rc, s->why): what has happened until then is kept. So it is when
  * simulation_interrupt() was called meanwhile, which a signal handler may do; that is no error.
  */
-int simulation_run(struct simulation *s, double duration);
+int simulation_run(struct simulation *s, double until);
 void simulation_interrupt(struct simulation *s);
+/* What an operator does, now. Returns 0 or why it ended. */
+int simulation_operate(struct simulation *s, const struct apc_sample *to);
 void simulation_destroy(struct simulation *s);
 
 #endif

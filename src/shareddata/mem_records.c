@@ -147,12 +147,9 @@ static size_t timing_bound(const struct memory *m, apc_ns time, uint64_t number)
 int apc_mem_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
 {
     struct memory *m = apc_mem_of(store)->memory;
-    int err = apc_timing_check(store, rows, n);
-    struct apc_timing_row *copy = err ? NULL : (struct apc_timing_row *)calloc(n, sizeof *copy);
+    struct apc_timing_row *copy = calloc(n, sizeof *copy);
+    int err = copy ? 0 : apc_mem_no_memory(store);
     size_t copied = 0;
-    if (!err && !copy) {
-        err = apc_mem_no_memory(store);
-    }
     for (; !err && copied < n; copied += !err) {
         copy[copied] = apc_timing_stored(&rows[copied]);
         err = copy_bins(store, &copy[copied]);

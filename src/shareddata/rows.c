@@ -71,22 +71,6 @@ struct apc_event apc_event_row(const struct apc_event *e)
     return row;
 }
 
-int apc_timing_check(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
-{
-    for (size_t i = 0; i < n; i++) {
-        char quantity[sizeof rows[i].quantity];
-        apc_text_clean(quantity, rows[i].quantity, sizeof quantity);
-        if (strcmp(quantity, "lateness") != 0 && strcmp(quantity, "jitter") != 0 &&
-            strcmp(quantity, "run") != 0) {
-            return apc_fail(&store->why, APC_ESTORE, "\"%s\" is no quantity of a timing row", quantity);
-        }
-        if (rows[i].period < 0) {
-            return apc_fail(&store->why, APC_ESTORE, "a timing row's period is negative");
-        }
-    }
-    return 0;
-}
-
 struct apc_timing_row apc_timing_stored(const struct apc_timing_row *r)
 {
     struct apc_timing_row row = *r;

@@ -140,7 +140,6 @@ int apc_rows_seq_failure(struct apc_store *store, const struct apc_sample *sampl
 int apc_variables_give(struct apc_sample *all, size_t n, struct apc_sample *variables, size_t capacity);
 
 struct apc_event apc_event_row(const struct apc_event *event);
-int apc_timing_check(struct apc_store *store, const struct apc_timing_row *rows, size_t n);
 struct apc_timing_row apc_timing_stored(const struct apc_timing_row *row);
 
 /** Check tags and give a copy, to be freed, in the order of table and id. Returns 0, APC_ESTORE, APC_ENOMEM.

@@ -400,10 +400,7 @@ int apc_shm_append_timing(struct apc_store *store, const struct apc_timing_row *
 {
     struct apc_shm *shm = apc_shm_of(store);
     struct apc_shm_write w;
-    int err = apc_timing_check(store, rows, n);
-    if (!err) {
-        err = apc_shm_ready(shm);
-    }
+    int err = apc_shm_ready(shm);
     if (!err) {
         err = check_room(shm, APC_SHM_TIMING, n, "timing rows");
     }

@@ -536,17 +536,29 @@ int apc_store_events(struct apc_store *store, const struct apc_range *range, apc
     return err ? err : store->ops->events(store, range ? range : &(struct apc_range){0}, fn, ctx);
 }
 
+static int check_timing(struct apc_store *store, const struct apc_timing_row *r)
+{
+    char quantity[sizeof r->quantity];
+    if (r->n_bins > APC_STORE_SAMPLES_MAX ||
+        (r->n_bins > 0 && !(r->bin_low && r->bin_high && r->bin_count))) {
+        return apc_fail(&store->why, APC_EINVAL, "a timing row's buckets are missing or too many");
+    }
+    if (!isfinite(r->mean) || !isfinite(r->sd) || r->missed > INT64_MAX || r->count > INT64_MAX) {
+        return apc_fail(&store->why, APC_EINVAL, "a timing row's figures are not finite or too large");
+    }
+    apc_text_clean(quantity, r->quantity, sizeof quantity);
+    if (strcmp(quantity, "lateness") != 0 && strcmp(quantity, "jitter") != 0 &&
+        strcmp(quantity, "run") != 0) {
+        return apc_fail(&store->why, APC_ESTORE, "\"%s\" is no quantity of a timing row", quantity);
+    }
+    return r->period < 0 ? apc_fail(&store->why, APC_ESTORE, "a timing row's period is negative") : 0;
+}
+
 int apc_store_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
 {
     int err = enter(store, rows, n);
     for (size_t i = 0; !err && i < n; i++) {
-        const struct apc_timing_row *r = &rows[i];
-        if (r->n_bins > APC_STORE_SAMPLES_MAX ||
-            (r->n_bins > 0 && !(r->bin_low && r->bin_high && r->bin_count))) {
-            err = apc_fail(&store->why, APC_EINVAL, "a timing row's buckets are missing or too many");
-        } else if (!isfinite(r->mean) || !isfinite(r->sd) || r->missed > INT64_MAX || r->count > INT64_MAX) {
-            err = apc_fail(&store->why, APC_EINVAL, "a timing row's figures are not finite or too large");
-        }
+        err = check_timing(store, &rows[i]);
     }
     return err || n == 0 ? err : store->ops->append_timing(store, rows, n);
 }

@@ -159,6 +159,32 @@ static void an_integrator_behind_a_lag_with_a_lead(void **state)
     apc_linear_destroy(model);
 }
 
+/* Two states of which only the sum is seen would leave an estimator nothing to hold on to. */
+static void integrators_of_one_output_are_one_state(void **state)
+{
+    const struct apc_transfer g[] = {{.gain = 0.2, .integrating = true, .dead_time = 0.4},
+                                     {.gain = -0.1, .tau = {1.0, 0.0}, .integrating = true}};
+    double y[SAMPLES][2];
+    struct apc_linear *model;
+    struct apc_error why;
+    (void)state;
+
+    assert_int_equal(apc_linear_from_transfer(&model, 1, 2, 0, g, NULL, NULL, 0.2, &why), 0);
+    assert_int_equal(model->nx_plant, 2);
+    follow(model, y);
+    for (size_t k = 0; k < SAMPLES; k++) {
+        double expected = 0.0;
+
+        for (size_t j = 0; j < 2; j++) {
+            for (size_t m = 0; m <= k; m++)
+                expected +=
+                    (input(m, j) - (m ? input(m - 1, j) : 0.0)) * step_response(&g[j], (double)(k - m) * 0.2);
+        }
+        assert_near(y[k][0], expected, 1e-9);
+    }
+    apc_linear_destroy(model);
+}
+
 /* ---- Unknown disturbances ------------------------------------------------------------------------ */
 
 static struct apc_linear *two_tanks(bool integrating)
@@ -273,6 +299,7 @@ int main(void)
         cmocka_unit_test(a_sampled_model_follows_the_plant_for_any_dead_time),
         cmocka_unit_test(transfer_functions_give_their_step_responses),
         cmocka_unit_test(an_integrator_behind_a_lag_with_a_lead),
+        cmocka_unit_test(integrators_of_one_output_are_one_state),
         cmocka_unit_test(a_disturbance_at_an_input_acts_as_the_input_does),
         cmocka_unit_test(disturbances_that_nobody_could_tell_apart_are_refused),
         cmocka_unit_test(what_makes_no_sense_is_refused_with_a_sentence),

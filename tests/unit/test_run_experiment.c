@@ -313,6 +313,37 @@ static void an_external_plant_is_named_by_its_client_alone(void **state)
     experiment_free(&e);
 }
 
+static void actions_are_taken_by_time(void **state)
+{
+    static const struct {
+        double at;
+        enum apc_table table;
+        int id;
+        double value;
+    } expected[] = {{0, APC_OPMODE, 0, APC_MODE_MAN},
+                    {2, APC_MANUAL, 2, -3},
+                    {5, APC_SETPOINT, 1, 2},
+                    {5, APC_TUNING, 6, 0.5}, /* Kp of u2: pi has five parameters */
+                    {5, APC_SETPOINT, 1, 1}};
+    struct experiment e;
+    struct apc_error why;
+    (void)state;
+    if (load(&e, LINES,
+             "actions = ( { at = 5.0; set = \"r1\"; value = 2.0; }, { at = 2; set = \"u2\"; value = -3; },"
+             " { at = 5.0; set = \"u2.Kp\"; value = 0.5; }, { at = 5.0; set = \"setpoint.1\"; value = 1; },"
+             " { at = 0.0; mode = \"controller\"; value = \"Man\"; } );",
+             &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(e.n_actions, sizeof expected / sizeof *expected);
+    for (size_t i = 0; i < e.n_actions; i++) {
+        assert_int_equal(e.action[i].at, (apc_ns)(expected[i].at * 1e9));
+        assert_int_equal(e.action[i].to.table, expected[i].table);
+        assert_int_equal(e.action[i].to.id, expected[i].id);
+        assert_same(e.action[i].to.value, expected[i].value);
+    }
+    experiment_free(&e);
+}
+
 static void a_mistake_is_refused_with_its_line_and_reason(void **state)
 {
     static const struct {
@@ -392,6 +423,25 @@ static void a_mistake_is_refused_with_its_line_and_reason(void **state)
          "plant = { model = \"quadruple-tank\"; period = 0.5; disturbances = ( { name = \"d9\"; at = 1.0; "
          "value = 1.0; } ); };",
          "has no disturbance \"d9\""},
+        {9, "actions = ( { at = 1.0; } );", "9: \"set\" or \"mode\" is missing in an action"},
+        {9, "actions = ( 1.0 );", "9: expected a group: { at = "},
+        {9, "actions = ( { set = \"r1\"; value = 1.0; } );", "\"at\" is missing"},
+        {9, "actions = ( { at = -1.0; set = \"r1\"; value = 1.0; } );", "\"at\" is -1: must be from 0"},
+        {9, "actions = ( { at = 1.0; set = \"r1\"; } );", "\"value\" is missing"},
+        {9, "actions = ( { at = 1.0; set = \"r1\"; value = 3.5; } );",
+         "r1 = 3.5 lies outside its limits -1 to 3"},
+        {9, "actions = ( { at = 1.0; set = \"y1\"; value = 1.0; } );", "there is no \"y1\" to be set"},
+        {9, "actions = ( { at = 1.0; set = \"u1.Kb\"; value = 1.0; } );", "did you mean \"u1.Kp\"?"},
+        {9, "actions = ( { at = 1.0; set = \"r1\"; value = 1.0; size = 2.0; } );",
+         "there is no action \"size\""},
+        {9, "actions = ( { at = 1.0; set = \"r1\"; mode = \"u1\"; value = 1.0; } );", "one action at a time"},
+        {9, "actions = ( { at = 1.0; promote = \"x\"; } );", "an action \"promote\" is not possible yet"},
+        {9, "actions = ( { at = 1.0; mode = \"controller\"; value = \"Manual\"; } );",
+         "must be \"Man\" or \"Auto\""},
+        {9, "actions = ( { at = 1.0; mode = \"controller\"; value = \"LO\"; } );",
+         "mode LO cannot be asked for"},
+        {9, "actions = ( { at = 1.0; mode = \"u1\"; value = \"Man\"; } );", "u1 has no mode of its own yet"},
+        {9, "actions = ( { at = 1.0; mode = \"u3\"; value = \"Man\"; } );", "no loop or controller \"u3\""},
         {6, "client = { period = 1.0; link = \"tcp:h:0\"; };",
          "\"link\" is \"tcp:h:0\": must be tcp:HOST:PORT"},
         {6, "client = { period = 1.0; link = \"tcp://h:1\"; };", "must be tcp:HOST:PORT"},
@@ -1004,6 +1054,7 @@ int main(void)
         cmocka_unit_test(a_file_has_at_most_16_mib),
         cmocka_unit_test(an_edge_is_still_within),
         cmocka_unit_test(an_external_plant_is_named_by_its_client_alone),
+        cmocka_unit_test(actions_are_taken_by_time),
         cmocka_unit_test(a_mistake_is_refused_with_its_line_and_reason),
         cmocka_unit_test(a_file_that_is_not_there_or_no_text_is_refused),
         cmocka_unit_test(the_nearest_name_is_one_that_is_alike),

@@ -111,6 +111,30 @@ static void test_arguments_that_make_no_sense_are_refused(void **state)
     assert_int_equal(apc_store_put(store, twice, 2), APC_EINVAL);
 }
 
+static void test_a_put_of_many_values_names_each_variable_once(void **state)
+{
+    enum { MOST = 4096 };
+    static struct apc_sample s[MOST + 1];
+    for (int i = 0; i <= MOST; i++) {
+        s[i] = sample(APC_TUNING, i, 0, i);
+    }
+    assert_int_equal(apc_store_put(*state, s, MOST + 1), APC_EINVAL);
+    const struct {
+        int one, other;
+    } twins[] = {{0, 1}, {0, 99}, {1, 2}, {57, 58}, {98, 99}};
+    for (size_t i = 0; i < sizeof twins / sizeof twins[0]; i++) {
+        s[twins[i].other].id = twins[i].one;
+        assert_int_equal(apc_store_put(*state, s, 100), APC_EINVAL);
+        assert_int_equal(apc_store_swap(*state, s, 100), APC_EINVAL);
+        s[twins[i].other].table = APC_MANUAL; /* another one of that number */
+        s[twins[i].other].id = 200;
+        ok(*state, apc_store_put(*state, s, 100));
+        s[twins[i].other] = sample(APC_TUNING, twins[i].other, 0, 0);
+    }
+    ok(*state, apc_store_put(*state, s, MOST));
+    assert_near(newest(*state, APC_TUNING, MOST - 1).value, MOST - 1, 0);
+}
+
 static void test_samples_of_mixed_tables_in_any_order_are_kept_apart(void **state)
 {
     enum { N = 300 };
@@ -917,6 +941,46 @@ static void test_events_come_back_in_order(void **state)
     assert_int_equal(apc_store_append_events(*state, &bad, 1), APC_EINVAL);
 }
 
+/* Every length of UTF-8 at both ends of what is well-formed, and just beyond. */
+static void test_a_text_keeps_its_characters_and_no_other_byte(void **state)
+{
+    static const struct {
+        const char *in, *out;
+    } texts[] = {{"\x7f", "\x7f"},
+                 {"\xc2\x80", "\xc2\x80"},
+                 {"\xdf\xbf", "\xdf\xbf"},
+                 {"\xe0\xa0\x80", "\xe0\xa0\x80"},
+                 {"\xed\x9f\xbf", "\xed\x9f\xbf"},
+                 {"\xef\xbf\xbd", "\xef\xbf\xbd"},
+                 {"\xf0\x90\x80\x80", "\xf0\x90\x80\x80"},
+                 {"\xf4\x8f\xbf\xbd", "\xf4\x8f\xbf\xbd"},
+                 {"\x80", "?"},
+                 {"\xbf", "?"},
+                 {"\xc0\x80", "??"},
+                 {"\xc1\xbf", "??"},
+                 {"\xc2", "?"},
+                 {"\xc2z", "?z"},
+                 {"\xe0\x9f\xbf", "???"},
+                 {"\xed\xa0\x80", "???"},
+                 {"\xe1\x80z", "??z"},
+                 {"\xf0\x8f\xbf\xbf", "????"},
+                 {"\xf4\x90\x80\x80", "????"},
+                 {"\xf1\x80\x80", "???"},
+                 {"\xf5\x80\x80\x80", "????"},
+                 {"\xff\xfe", "??"}};
+    enum { N = sizeof texts / sizeof texts[0] };
+    struct apc_event in[N], out[N], *next = out;
+    for (int i = 0; i < N; i++) {
+        in[i] = (struct apc_event){.time = 1000, .severity = APC_EVENT_INFO, .source = "s", .kind = "k"};
+        snprintf(in[i].text, sizeof in[i].text, "%s", texts[i].in);
+    }
+    assert_int_equal(apc_store_append_events(*state, in, N), N);
+    assert_int_equal(apc_store_events(*state, NULL, keep_event, &next), N);
+    for (int i = 0; i < N; i++) {
+        assert_string_equal(out[i].text, texts[i].out);
+    }
+}
+
 struct timings {
     struct apc_timing_row rows[4];
     int64_t bins[4][3];
@@ -970,6 +1034,43 @@ static void test_timing_rows_come_back_with_their_buckets(void **state)
     struct timings newest_one = {0};
     assert_int_equal(apc_store_timing(*state, &(struct apc_range){.last = 1}, keep_timing, &newest_one), 1);
     assert_string_equal(newest_one.rows[0].task, "controller");
+}
+
+static void test_a_timing_row_is_of_a_task_s_quantity_or_refused_with_all_the_others(void **state)
+{
+    const int64_t edge[1] = {1};
+    const struct apc_timing_row
+        good = {.time = 1000, .task = "t", .quantity = "lateness", .period = 1},
+        bad[] = {
+            {.task = "t", .quantity = "speed"},
+            {.task = "t", .quantity = "latenes"},
+            {.task = "t", .quantity = ""},
+            {.task = "t", .quantity = "run", .period = -1},
+            {.task = "t", .quantity = "run", .mean = (double)NAN},
+            {.task = "t", .quantity = "run", .sd = HUGE_VAL},
+            {.task = "t", .quantity = "run", .missed = UINT64_MAX},
+            {.task = "t", .quantity = "run", .count = UINT64_MAX},
+            {.task = "t", .quantity = "run", .n_bins = 1},
+            {.task = "t", .quantity = "run", .n_bins = 1, .bin_high = edge, .bin_count = edge},
+            {.task = "t", .quantity = "run", .n_bins = 1, .bin_low = edge, .bin_count = edge},
+            {.task = "t", .quantity = "run", .n_bins = 1, .bin_low = edge, .bin_high = edge},
+        };
+    struct timings t = {0};
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        for (int at = 0; at < 3; at++) {
+            struct apc_timing_row rows[3] = {good, good, good};
+            rows[at] = bad[i];
+            assert_true(apc_store_append_timing(*state, rows, 3) < 0);
+            assert_true(apc_store_append_timing(*state, rows + at, 1) < 0);
+        }
+    }
+    assert_int_equal(apc_store_timing(*state, NULL, keep_timing, &t), 0);
+    assert_int_equal(apc_store_append_timing(*state, &good, 1), 1);
+    assert_int_equal(apc_store_append_timing(*state, NULL, 0), 0);
+    assert_int_equal(apc_store_append_timing(*state, NULL, 1), APC_EINVAL);
+    assert_int_equal(apc_store_timing(*state, NULL, keep_timing, &t), 1);
+    assert_string_equal(t.rows[0].quantity, "lateness");
+    assert_int_equal(t.rows[0].period, 1);
 }
 
 /* Row i of time i * 7 % N, but the last, which is of the same time as the one before it; i % 4 buckets. */
@@ -1348,6 +1449,7 @@ int main(void)
         T(test_values_of_every_size_come_back_bit_for_bit),
         T(test_what_is_no_value_is_refused_and_nothing_is_written),
         T(test_arguments_that_make_no_sense_are_refused),
+        T(test_a_put_of_many_values_names_each_variable_once),
         T(test_samples_of_mixed_tables_in_any_order_are_kept_apart),
         T(test_the_same_variable_may_be_read_twice_at_once),
         T(test_an_append_repeated_changes_nothing_and_counts_nothing),
@@ -1383,7 +1485,9 @@ int main(void)
         T(test_tags_come_back_in_order),
         T(test_tags_are_replaced_as_a_whole_and_may_change_names),
         T(test_events_come_back_in_order),
+        T(test_a_text_keeps_its_characters_and_no_other_byte),
         T(test_timing_rows_come_back_with_their_buckets),
+        T(test_a_timing_row_is_of_a_task_s_quantity_or_refused_with_all_the_others),
         T(test_timing_rows_come_in_order_of_time_within_their_bounds),
         T(test_maintenance_drops_what_is_old_and_keeps_the_newest_of_each_variable),
         T(test_maintenance_goes_through_a_long_history),

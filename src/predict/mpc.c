@@ -1,0 +1,720 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * Condensed: the moves v = u - u0 of the blocks are the only unknowns, y of sample i is what would come with
+ * v = 0 plus G_i v, G made of step responses once. So bounds on u need no rows, and the program has the size
+ * of the moves, not of the horizon.
+ */
+#include "predict/mpc.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/base_internal.h"
+#include "base/matrix.h"
+#include "predict/predict_internal.h"
+#include "predict/target.h"
+
+/* While limits are given up, what a move costs beside their violation. Solving again, from where that led,
+ * takes away what this has pulled. */
+#define EASY 1e-4
+enum { AGAIN = 3 };
+
+struct apc_mpc {
+    const struct apc_linear *model;
+    size_t N, blocks, nu, ny, nd, nc, n, m; /* n moves, m rows */
+    size_t n_rates;                         /* rows of rates, before those of limits and of zones */
+    size_t *first;                          /* [blocks] sample that a block begins with */
+    struct apc_mpc_change {
+        size_t move, j;
+    } * rate_of;                        /* [n_rates] the move that a row ends with, its input */
+    size_t *row_of_limit, *row_of_zone; /* [ny] first of N rows; SIZE_MAX: none */
+    unsigned *rank;                     /* [ny] */
+    unsigned ranks;
+    bool terminal;
+
+    double *memory;
+    double *G;              /* [N * ny * n] */
+    double *Gx;             /* [nc * n] of the state at N */
+    double *A, *H, *H_easy; /* [m * n], [n * n] */
+    double *q, *s, *r, *zone;
+    double *P, *PG; /* [(nc + nu)^2], [(nc + nu) * n] of the terminal weight */
+    double *riccati;
+    double *square, *easy, *none;                    /* [n + m] weights of soft rows; none: zeros */
+    double *low, *high;                              /* [n + m] */
+    double *f, *v;                                   /* [n] */
+    double *free_y, *target_y, *target_u, *target_x; /* [N * ny], [N * nu], [nc] */
+    double *x, *next, *input;                        /* [nx], [nx], [nu + nd] */
+    double *aim_low, *aim_high;                      /* [ny] */
+    double *difference;                              /* [nc + nu] */
+    struct apc_qp *qp, *easy_qp;
+    struct apc_target *target;
+};
+
+static double *carve(double **at, size_t n)
+{
+    double *p = *at;
+
+    *at += n;
+    return p;
+}
+
+/* ---- Making -------------------------------------------------------------------------------------- */
+
+static int check(const struct apc_mpc_options *o, struct apc_error *why)
+{
+    size_t samples = 0;
+
+    if (!o->model || !o->horizon || !o->blocks || !o->block)
+        return apc_fail(why, APC_EINVAL, "predictive control: a model, a horizon and blocks are required");
+    if (!o->model->nu || !o->model->ny)
+        return apc_fail(why, APC_EINVAL, "predictive control: the model has %zu inputs and %zu outputs",
+                        o->model->nu, o->model->ny);
+    for (size_t b = 0; b < o->blocks; b++) {
+        if (o->block[b] == 0 || samples >= o->horizon)
+            return apc_fail(why, APC_EINVAL,
+                            "predictive control: block %zu of %zu begins at sample %zu of %zu; blocks have a "
+                            "sample at least, and begin before the horizon ends",
+                            b + 1, o->blocks, samples, o->horizon);
+        samples += o->block[b];
+    }
+    return 0;
+}
+
+/* Step responses into G: a block's is that of its beginning less that of the one after it. */
+static void respond(struct apc_mpc *p)
+{
+    const struct apc_linear *m = p->model;
+    double *S = p->free_y; /* [N * ny], not needed yet */
+
+    for (size_t j = 0; j < p->nu; j++) {
+        memcpy(p->input, m->u0, (p->nu + p->nd) * sizeof(*p->input));
+        p->input[j] += 1.0;
+        for (size_t b = 0; b < p->blocks; b++) {
+            const size_t begin = p->first[b], end = b + 1 < p->blocks ? p->first[b + 1] : p->N + 1;
+            const size_t column = b * p->nu + j;
+
+            memcpy(p->x, m->x0, m->nx * sizeof(*p->x));
+            for (size_t i = 0; i <= p->N; i++) {
+                p->input[j] = m->u0[j] + (i >= begin && i < end ? 1.0 : 0.0);
+                if (i > 0) {
+                    apc_linear_output(m, p->x, p->input, S);
+                    for (size_t c = 0; c < p->ny; c++)
+                        p->G[((i - 1) * p->ny + c) * p->n + column] = S[c] - m->y0[c];
+                }
+                if (i == p->N)
+                    break;
+                apc_linear_next(m, p->x, p->input, p->next);
+                memcpy(p->x, p->next, m->nx * sizeof(*p->x));
+            }
+            for (size_t k = 0; k < p->nc; k++)
+                p->Gx[k * p->n + column] = p->x[k] - m->x0[k];
+        }
+    }
+}
+
+static void make_rows(struct apc_mpc *p)
+{
+    for (size_t k = 0; k < p->n_rates; k++) {
+        p->A[k * p->n + p->rate_of[k].move] = 1.0;
+        p->A[k * p->n + p->rate_of[k].move - p->nu] = -1.0;
+    }
+    for (size_t c = 0; c < p->ny; c++) {
+        for (size_t i = 0; i < p->N; i++) {
+            const double *row = p->G + (i * p->ny + c) * p->n;
+
+            if (p->row_of_limit[c] != SIZE_MAX)
+                memcpy(p->A + (p->row_of_limit[c] + i) * p->n, row, p->n * sizeof(*row));
+            if (p->row_of_zone[c] != SIZE_MAX)
+                memcpy(p->A + (p->row_of_zone[c] + i) * p->n, row, p->n * sizeof(*row));
+        }
+    }
+}
+
+static int count_rows(struct apc_mpc *p, const struct apc_mpc_options *o)
+{
+    p->first = calloc(p->blocks + 2 * p->ny, sizeof(*p->first));
+    p->rate_of = calloc(p->n, sizeof(*p->rate_of));
+    p->rank = calloc(p->ny, sizeof(*p->rank));
+    if (!p->first || !p->rank || !p->rate_of)
+        return APC_ENOMEM;
+    p->row_of_limit = p->first + p->blocks;
+    p->row_of_zone = p->row_of_limit + p->ny;
+    for (size_t b = 0; b + 1 < p->blocks; b++)
+        p->first[b + 1] = p->first[b] + o->block[b];
+    for (size_t b = 1; b < p->blocks; b++) {
+        for (size_t j = 0; j < p->nu; j++) {
+            if (o->rate && o->rate[j])
+                p->rate_of[p->n_rates++] = (struct apc_mpc_change){.move = b * p->nu + j, .j = j};
+        }
+    }
+    p->m = p->n_rates;
+    p->ranks = 1;
+    for (size_t c = 0; c < p->ny; c++) {
+        p->rank[c] = o->rank ? o->rank[c] : 1;
+        p->ranks = p->rank[c] > p->ranks ? p->rank[c] : p->ranks;
+        p->row_of_limit[c] = p->row_of_zone[c] = SIZE_MAX;
+        if (o->limits && o->limits[c]) {
+            p->row_of_limit[c] = p->m;
+            p->m += p->N;
+        }
+    }
+    for (size_t c = 0; c < p->ny; c++) {
+        if (!o->zone || !o->zone[c])
+            continue;
+        p->row_of_zone[c] = p->m;
+        p->m += p->N;
+    }
+    return 0;
+}
+
+static int allocate(struct apc_mpc *p)
+{
+    const size_t n = p->n, m = p->m, ny = p->ny, nu = p->nu, N = p->N, nx = p->model->nx, na = p->nc + nu;
+    const size_t of_terminal =
+        p->terminal ? 3 * na * na + 2 * na * nu + nu * nu + apc_riccati_room(na, nu) : 0;
+    double *at =
+        calloc(N * ny * n + p->nc * n + m * n + 2 * n * n + 2 * ny + 2 * nu + na * na + na * n + of_terminal +
+                   5 * (n + m) + 2 * n + 2 * N * ny + N * nu + p->nc + 2 * nx + nu + p->nd + 2 * ny + na,
+               sizeof(*at));
+
+    p->memory = at;
+    if (!at)
+        return APC_ENOMEM;
+    p->G = carve(&at, N * ny * n);
+    p->Gx = carve(&at, p->nc * n);
+    p->A = carve(&at, m * n);
+    p->H = carve(&at, n * n);
+    p->H_easy = carve(&at, n * n);
+    p->q = carve(&at, ny);
+    p->zone = carve(&at, ny);
+    p->s = carve(&at, nu);
+    p->r = carve(&at, nu);
+    p->P = carve(&at, na * na);
+    p->PG = carve(&at, na * n);
+    p->riccati = carve(&at, of_terminal);
+    p->square = carve(&at, n + m);
+    p->none = carve(&at, n + m);
+    p->easy = carve(&at, n + m);
+    p->low = carve(&at, n + m);
+    p->high = carve(&at, n + m);
+    p->f = carve(&at, n);
+    p->v = carve(&at, n);
+    p->free_y = carve(&at, N * ny);
+    p->target_y = carve(&at, N * ny);
+    p->target_u = carve(&at, N * nu);
+    p->target_x = carve(&at, p->nc);
+    p->x = carve(&at, nx);
+    p->next = carve(&at, nx);
+    p->input = carve(&at, nu + p->nd);
+    p->aim_low = carve(&at, ny);
+    p->aim_high = carve(&at, ny);
+    p->difference = carve(&at, na);
+    return 0;
+}
+
+/* While limits are being given up, a move costs little: of its effect on y. */
+static int make_easy(struct apc_mpc *p, struct apc_error *why)
+{
+    for (size_t k = 0; k < p->n; k++) {
+        double effect = 0.0;
+
+        for (size_t i = 0; i < p->N * p->ny; i++)
+            effect += p->G[i * p->n + k] * p->G[i * p->n + k];
+        p->H_easy[k * p->n + k] = EASY * (effect > 0.0 ? effect : 1.0);
+    }
+    return apc_qp_set(p->easy_qp, p->H_easy, p->A, why);
+}
+
+int apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, struct apc_error *why)
+{
+    const struct apc_linear *m = options->model;
+    const struct apc_qp_options qp = {.size = sizeof(qp), .enough = options->enough, .ctx = options->ctx};
+    struct apc_mpc *p;
+    int rc = check(options, why);
+
+    *mpc = NULL;
+    if (rc < 0)
+        return rc;
+    p = calloc(1, sizeof(*p));
+    if (!p)
+        return apc_fail(why, APC_ENOMEM, "predictive control: no memory");
+    p->model = m;
+    p->N = options->horizon;
+    p->blocks = options->blocks;
+    p->nu = m->nu;
+    p->ny = m->ny;
+    p->nd = m->nd;
+    p->nc = m->nx_plant + m->nx_held;
+    p->n = p->nu * p->blocks;
+    p->terminal = options->terminal;
+    if (count_rows(p, options) < 0 || allocate(p) < 0)
+        rc = apc_fail(why, APC_ENOMEM, "predictive control: no memory");
+    if (rc == 0)
+        rc = apc_target_create(&p->target, m, why);
+    if (rc == 0)
+        rc = apc_qp_create(&p->qp, p->n, p->m, &qp, why);
+    if (rc == 0)
+        rc = apc_qp_create(&p->easy_qp, p->n, p->m, &qp, why);
+    if (rc == 0) {
+        respond(p);
+        make_rows(p);
+        rc = make_easy(p, why);
+    }
+    if (rc < 0)
+        apc_mpc_destroy(p);
+    else
+        *mpc = p;
+    return rc;
+}
+
+void apc_mpc_destroy(struct apc_mpc *mpc)
+{
+    if (!mpc)
+        return;
+    apc_target_destroy(mpc->target);
+    apc_qp_destroy(mpc->easy_qp);
+    apc_qp_destroy(mpc->qp);
+    free(mpc->memory);
+    free(mpc->rate_of);
+    free(mpc->rank);
+    free(mpc->first);
+    free(mpc);
+}
+
+/* ---- Weights ------------------------------------------------------------------------------------- */
+
+/* The weight of y in the cost itself; a zone's is that of its rows. */
+static double tracked(const struct apc_mpc *p, size_t c)
+{
+    return p->zone[c] > 0.0 ? 0.0 : p->q[c];
+}
+
+/*
+ * What comes after N costs (x_N - x_t, u_N-1 - u_t)' P (...): the regulator of the model whose state has the
+ * last u as well and whose input is the move.
+ */
+static int weigh_terminal(struct apc_mpc *p, struct apc_error *why)
+{
+    const struct apc_linear *m = p->model;
+    const size_t nc = p->nc, nu = p->nu, na = nc + nu, inputs = nu + p->nd;
+    double *at = p->riccati, *A = carve(&at, na * na), *Q = carve(&at, na * na), *B = carve(&at, na * nu),
+           *K = carve(&at, na * nu), *R = carve(&at, nu * nu);
+
+    memset(p->riccati, 0, (size_t)(at - p->riccati) * sizeof(*at));
+    for (size_t i = 0; i < nc; i++) {
+        memcpy(A + i * na, m->A + i * m->nx, nc * sizeof(*A));
+        for (size_t j = 0; j < nu; j++)
+            A[i * na + nc + j] = B[i * nu + j] = m->B[i * inputs + j];
+    }
+    for (size_t j = 0; j < nu; j++) {
+        A[(nc + j) * na + nc + j] = B[(nc + j) * nu + j] = 1.0;
+        Q[(nc + j) * na + nc + j] = p->r[j];
+        R[j * nu + j] = p->s[j];
+    }
+    for (size_t c = 0; c < p->ny; c++) {
+        for (size_t i = 0; i < nc; i++) {
+            for (size_t j = 0; j < nc; j++)
+                Q[i * na + j] += tracked(p, c) * m->C[c * m->nx + i] * m->C[c * m->nx + j];
+        }
+    }
+    if (apc_riccati_in(at, na, nu, A, B, Q, R, p->P, K, why) < 0)
+        return APC_EINVAL;
+    for (size_t i = 0; i < na; i++) {
+        for (size_t k = 0; k < p->n; k++) {
+            double sum = k >= p->n - nu ? p->P[i * na + nc + k - (p->n - nu)] : 0.0;
+
+            for (size_t l = 0; l < nc; l++)
+                sum += p->P[i * na + l] * p->Gx[l * p->n + k];
+            p->PG[i * p->n + k] = sum;
+        }
+    }
+    for (size_t a = 0; a < p->n; a++) {
+        for (size_t k = 0; k < p->n; k++) {
+            double sum = a >= p->n - nu ? p->PG[(nc + a - (p->n - nu)) * p->n + k] : 0.0;
+
+            for (size_t l = 0; l < nc; l++)
+                sum += p->Gx[l * p->n + a] * p->PG[l * p->n + k];
+            p->H[a * p->n + k] += sum;
+        }
+    }
+    return 0;
+}
+
+/* Samples whose y is in the sum: the last one is in the terminal weight, if there is one. */
+static size_t summed(const struct apc_mpc *p)
+{
+    return p->terminal ? p->N - 1 : p->N;
+}
+
+/* The weight of a move's distance from its target; the last one's is in the terminal weight as well. */
+static double wished(const struct apc_mpc *p, size_t block, size_t j)
+{
+    return p->terminal && block + 1 == p->blocks ? 0.0 : p->r[j];
+}
+
+static int weigh(struct apc_mpc *p, struct apc_error *why)
+{
+    const size_t n = p->n, nu = p->nu;
+    int rc = 0;
+
+    memset(p->H, 0, n * n * sizeof(*p->H));
+    for (size_t i = 0; i < summed(p) * p->ny; i++) {
+        const double *row = p->G + i * n, q = tracked(p, i % p->ny);
+
+        for (size_t a = 0; q > 0.0 && a < n; a++) {
+            for (size_t b = 0; b <= a; b++)
+                p->H[a * n + b] += q * row[a] * row[b];
+        }
+    }
+    for (size_t block = 0; block < p->blocks; block++) {
+        for (size_t j = 0; j < nu; j++) {
+            const size_t k = block * nu + j;
+
+            p->H[k * n + k] += p->s[j] * (block + 1 < p->blocks ? 2.0 : 1.0) + wished(p, block, j);
+            if (block > 0)
+                p->H[k * n + k - nu] -= p->s[j];
+        }
+    }
+    if (p->terminal)
+        rc = weigh_terminal(p, why);
+    if (rc == 0)
+        rc = apc_qp_set(p->qp, p->H, p->A, NULL);
+    return rc == 0
+               ? 0
+               : apc_fail(why, APC_EINVAL,
+                          "predictive control: the weights leave a combination of moves free: give each u "
+                          "a weight of moves, or each combination of them a y that it moves");
+}
+
+static void copy_weights(struct apc_mpc *p, const struct apc_mpc_weights *w)
+{
+    memcpy(p->q, w->q, p->ny * sizeof(*p->q));
+    memcpy(p->zone, w->zone, p->ny * sizeof(*p->zone));
+    memcpy(p->s, w->s, p->nu * sizeof(*p->s));
+    memcpy(p->r, w->r, p->nu * sizeof(*p->r));
+}
+
+int apc_mpc_tune(struct apc_mpc *p, const struct apc_mpc_weights *weights, struct apc_error *why)
+{
+    int rc;
+
+    copy_weights(p, weights);
+    rc = weigh(p, why);
+    if (rc == 0)
+        rc = apc_target_tune(p->target, p->r, why);
+    if (rc < 0)
+        return rc;
+    for (size_t c = 0; c < p->ny; c++) {
+        for (size_t i = 0; i < p->N && p->row_of_zone[c] != SIZE_MAX; i++)
+            p->square[p->n + p->row_of_zone[c] + i] = p->zone[c] > 0.0 ? p->q[c] : 0.0;
+    }
+    return apc_qp_soft(p->qp, p->none, p->square);
+}
+
+/* ---- Solving ------------------------------------------------------------------------------------- */
+
+/* What comes with v = 0. */
+static void coast(struct apc_mpc *p, const struct apc_mpc_call *call)
+{
+    const struct apc_linear *m = p->model;
+
+    memcpy(p->x, call->x, m->nx * sizeof(*p->x));
+    memcpy(p->input, m->u0, p->nu * sizeof(*p->input));
+    for (size_t i = 0; i <= p->N; i++) {
+        for (size_t k = 0; k < p->nd; k++)
+            p->input[p->nu + k] = call->d[i * p->nd + k];
+        if (i > 0)
+            apc_linear_output(m, p->x, p->input, p->free_y + (i - 1) * p->ny);
+        if (i == p->N)
+            return;
+        apc_linear_next(m, p->x, p->input, p->next);
+        memcpy(p->x, p->next, m->nx * sizeof(*p->x));
+    }
+}
+
+/* Where y of sample i is to be: at its setpoint or in its zone, within its limits. Returns false where the
+ * setpoint itself lies outside. */
+static bool aim(struct apc_mpc *p, const struct apc_mpc_call *call, size_t i)
+{
+    bool inside = true;
+
+    for (size_t c = 0; c < p->ny; c++) {
+        const bool limited = p->row_of_limit[c] != SIZE_MAX;
+        const double low = limited ? call->y_low[c] : -HUGE_VAL, high = limited ? call->y_high[c] : HUGE_VAL;
+        const double w = call->w[i * p->ny + c];
+
+        p->aim_low[c] = p->q[c] > 0.0 ? w - p->zone[c] : low;
+        p->aim_high[c] = p->q[c] > 0.0 ? w + p->zone[c] : high;
+        inside = inside && p->aim_low[c] <= high && p->aim_high[c] >= low;
+        p->aim_low[c] = fmin(fmax(p->aim_low[c], low), high);
+        p->aim_high[c] = fmin(fmax(p->aim_high[c], low), high);
+    }
+    return inside;
+}
+
+static bool same(const double *row, size_t i, size_t n)
+{
+    for (size_t k = 0; k < n; k++) {
+        if (row[i * n + k] != row[(i - 1) * n + k])
+            return false;
+    }
+    return true;
+}
+
+static int find_targets(struct apc_mpc *p, const struct apc_mpc_call *call, struct apc_mpc_result *result)
+{
+    const size_t ny = p->ny, nu = p->nu;
+
+    result->reachable = true;
+    for (size_t k = 0; k < nu; k++) {
+        p->low[k] = call->given[k] ? call->u_last[k] : call->low[k];
+        p->high[k] = call->given[k] ? call->u_last[k] : call->high[k];
+    }
+    for (size_t i = 1; i <= p->N; i++) {
+        double *y = p->target_y + (i - 1) * ny, *u = p->target_u + (i - 1) * nu;
+        struct apc_target_call of = {.unknown = call->x + p->nc,
+                                     .d = call->d ? call->d + i * p->nd : NULL,
+                                     .wish = call->u_wish,
+                                     .cost = call->u_cost,
+                                     .low = p->low,
+                                     .high = p->high,
+                                     .y_low = p->aim_low,
+                                     .y_high = p->aim_high,
+                                     .q = p->q,
+                                     .rank = p->rank,
+                                     .ranks = p->ranks};
+        bool inside, reachable;
+        int rc;
+
+        if (i > 1 && same(call->w, i, p->ny) && (!call->d || same(call->d, i, p->nd))) {
+            memcpy(y, y - ny, ny * sizeof(*y));
+            memcpy(u, u - nu, nu * sizeof(*u));
+            continue;
+        }
+        inside = aim(p, call, i);
+        rc = apc_target_find(p->target, &of, p->target_x, u, y, &reachable);
+        result->solves++;
+        if (rc < 0)
+            return rc;
+        result->reachable = result->reachable && inside && reachable;
+    }
+    return 0;
+}
+
+static void gradient(struct apc_mpc *p, const struct apc_mpc_call *call)
+{
+    const struct apc_linear *m = p->model;
+    const size_t n = p->n, nu = p->nu, nc = p->nc, na = nc + nu;
+
+    memset(p->f, 0, n * sizeof(*p->f));
+    for (size_t i = 0; i < summed(p) * p->ny; i++) {
+        const double e = tracked(p, i % p->ny) * (p->free_y[i] - p->target_y[i]), *row = p->G + i * n;
+
+        for (size_t k = 0; e != 0.0 && k < n; k++)
+            p->f[k] += e * row[k];
+    }
+    for (size_t block = 0; block < p->blocks; block++) {
+        const size_t sample = p->first[block];
+        const double *u = p->target_u + (sample > 0 ? sample - 1 : 0) * nu;
+
+        for (size_t j = 0; j < nu; j++) {
+            p->f[block * nu + j] -= wished(p, block, j) * (u[j] - m->u0[j]);
+            if (block == 0)
+                p->f[j] -= p->s[j] * (call->u_last[j] - m->u0[j]);
+        }
+    }
+    if (!p->terminal)
+        return;
+    for (size_t i = 0; i < nc; i++)
+        p->difference[i] = p->x[i] - p->target_x[i];
+    for (size_t j = 0; j < nu; j++)
+        p->difference[nc + j] = m->u0[j] - p->target_u[(p->N - 1) * nu + j];
+    for (size_t i = 0; i < na; i++) {
+        for (size_t k = 0; k < n; k++)
+            p->f[k] += p->PG[i * n + k] * p->difference[i];
+    }
+}
+
+/* Limits of the moves. A u that stands outside comes back as fast as its rate allows. */
+static void bound_moves(struct apc_mpc *p, const struct apc_mpc_call *call)
+{
+    for (size_t b = 0; b < p->blocks; b++) {
+        for (size_t j = 0; j < p->nu; j++) {
+            const double u0 = p->model->u0[j], last = call->u_last[j],
+                         reach = call->step[j] * (double)(b + 1);
+            double low = fmin(call->low[j], last + reach), high = fmax(call->high[j], last - reach);
+
+            if (b == 0) {
+                low = fmax(low, last - reach);
+                high = fmin(high, last + reach);
+            }
+            p->low[b * p->nu + j] = (call->given[j] ? last : low) - u0;
+            p->high[b * p->nu + j] = (call->given[j] ? last : high) - u0;
+        }
+    }
+    for (size_t k = 0; k < p->n_rates; k++) {
+        const double step = call->step[p->rate_of[k].j];
+
+        p->low[p->n + k] = -step;
+        p->high[p->n + k] = step;
+    }
+}
+
+/* Zones; while limits are given up they wait. */
+static void bound_zones(struct apc_mpc *p, const struct apc_mpc_call *call, bool wait)
+{
+    for (size_t c = 0; c < p->ny; c++) {
+        const bool active = !wait && p->zone[c] > 0.0 && p->q[c] > 0.0;
+        double *low = p->low + p->n + p->row_of_zone[c], *high = p->high + p->n + p->row_of_zone[c];
+
+        for (size_t i = 0; i < p->N && p->row_of_zone[c] != SIZE_MAX; i++) {
+            const double w = call->w[(i + 1) * p->ny + c] - p->free_y[i * p->ny + c];
+
+            low[i] = active ? w - p->zone[c] : -HUGE_VAL;
+            high[i] = active ? w + p->zone[c] : HUGE_VAL;
+        }
+    }
+}
+
+static void bound_output(struct apc_mpc *p, const struct apc_mpc_call *call, size_t c, bool wait)
+{
+    double *low = p->low + p->n + p->row_of_limit[c], *high = p->high + p->n + p->row_of_limit[c];
+
+    for (size_t i = 0; i < p->N && p->row_of_limit[c] != SIZE_MAX; i++) {
+        const double y = p->free_y[i * p->ny + c];
+
+        low[i] = wait ? -HUGE_VAL : call->y_low[c] - y;
+        high[i] = wait ? HUGE_VAL : call->y_high[c] - y;
+    }
+}
+
+static int solve(struct apc_mpc *p, struct apc_qp *qp, struct apc_mpc_result *result)
+{
+    struct apc_qp_result r = {.size = sizeof(r)};
+    int rc = apc_qp_solve(qp, p->f, p->low, p->high, p->v, &r);
+
+    result->solves++;
+    result->iterations += r.iterations;
+    result->objective = r.objective + r.soft;
+    return rc;
+}
+
+/* Widen the limits of one y by what the plan breaks them, and a little, so that it can be done again. Returns
+ * true when it does break them. */
+static bool widen(struct apc_mpc *p, size_t c)
+{
+    double *low = p->low + p->n + p->row_of_limit[c], *high = p->high + p->n + p->row_of_limit[c];
+    bool broken = false;
+
+    for (size_t i = 0; i < p->N; i++) {
+        const double y = apc_matrix_dot(p->G + (i * p->ny + c) * p->n, p->v, p->n);
+        const double room = 1e-8 * (1.0 + fabs(y));
+
+        broken = broken || y < low[i] - 100.0 * room || y > high[i] + 100.0 * room;
+        low[i] = fmin(low[i], y - room);
+        high[i] = fmax(high[i], y + room);
+    }
+    return broken;
+}
+
+/* Rank by rank, from the first: what it breaks of its limits, at least, is allowed to it from then on. */
+static int give_up(struct apc_mpc *p, const struct apc_mpc_call *call, struct apc_mpc_result *result)
+{
+    int rc = 0;
+
+    bound_zones(p, call, true);
+    for (size_t b = 0; b < p->blocks; b++) {
+        for (size_t j = 0; j < p->nu; j++) {
+            const size_t k = b * p->nu + j;
+
+            p->f[k] = -p->H_easy[k * p->n + k] * (call->u_last[j] - p->model->u0[j]);
+        }
+    }
+    for (size_t c = 0; c < p->ny; c++)
+        bound_output(p, call, c, true);
+    for (unsigned rank = 1; rank <= p->ranks && rc == 0; rank++) {
+        memset(p->easy, 0, (p->n + p->m) * sizeof(*p->easy));
+        for (size_t c = 0; c < p->ny; c++) {
+            if (p->rank[c] != rank)
+                continue;
+            bound_output(p, call, c, false);
+            for (size_t i = 0; i < p->N && p->row_of_limit[c] != SIZE_MAX; i++)
+                p->easy[p->n + p->row_of_limit[c] + i] = 1.0;
+        }
+        (void)apc_qp_soft(p->easy_qp, p->none, p->easy);
+        for (int again = 0; again < AGAIN && rc == 0; again++) {
+            rc = solve(p, p->easy_qp, result);
+            for (size_t k = 0; k < p->n; k++)
+                p->f[k] = -p->H_easy[k * p->n + k] * p->v[k];
+        }
+        for (size_t c = 0; c < p->ny && rc == 0; c++) {
+            if (p->rank[c] == rank && p->row_of_limit[c] != SIZE_MAX && widen(p, c) && !result->given_up)
+                result->given_up = rank;
+        }
+    }
+    return rc;
+}
+
+void apc_mpc_solve(struct apc_mpc *p, const struct apc_mpc_call *call, double *plan,
+                   struct apc_mpc_result *result)
+{
+    *result = (struct apc_mpc_result){0};
+    coast(p, call);
+    result->rc = find_targets(p, call, result);
+    if (result->rc < 0)
+        return;
+    gradient(p, call);
+    bound_moves(p, call);
+    bound_zones(p, call, false);
+    for (size_t c = 0; c < p->ny; c++)
+        bound_output(p, call, c, false);
+    result->rc = solve(p, p->qp, result);
+    if (result->rc == APC_ERANGE && give_up(p, call, result) == 0) {
+        gradient(p, call);
+        bound_zones(p, call, false);
+        result->rc = solve(p, p->qp, result);
+    }
+    for (size_t k = 0; k < p->n && result->rc == 0; k++)
+        plan[k] = p->model->u0[k % p->nu] + fmin(fmax(p->v[k], p->low[k]), p->high[k]);
+}
+
+void apc_mpc_predict(const struct apc_mpc *p, const double *plan, double *y)
+{
+    for (size_t i = 0; i < p->N * p->ny; i++) {
+        y[i] = p->free_y[i];
+        for (size_t k = 0; k < p->n; k++)
+            y[i] += p->G[i * p->n + k] * (plan[k] - p->model->u0[k % p->nu]);
+    }
+}
+
+void apc_mpc_target(const struct apc_mpc *p, size_t i, double *y, double *u)
+{
+    memcpy(y, p->target_y + (i - 1) * p->ny, p->ny * sizeof(*y));
+    memcpy(u, p->target_u + (i - 1) * p->nu, p->nu * sizeof(*u));
+}
+
+const double *apc_mpc_move(const struct apc_mpc *p, const double *plan, size_t i)
+{
+    size_t b = p->blocks - 1;
+
+    while (p->first[b] > i)
+        b--;
+    return plan + b * p->nu;
+}
+
+size_t apc_mpc_rows(const struct apc_mpc *p)
+{
+    return p->n + p->m;
+}
+
+const signed char *apc_mpc_active(const struct apc_mpc *p)
+{
+    return apc_qp_rows(p->qp);
+}
+
+void apc_mpc_start(struct apc_mpc *p, const signed char *rows)
+{
+    apc_qp_start(p->qp, rows);
+}

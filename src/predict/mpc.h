@@ -1,0 +1,88 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The problem of linear predictive control, for a law around it: from an estimated state to the moves to
+ * come.
+ *
+ * Over the predicted samples i = 1..N, with u constant within each block b of moves,
+ *     sum of q (y_i - target_i)^2 / 2  +  sum of s (u_b - u_b-1)^2 / 2  +  sum of r (u_b - u_target)^2 / 2
+ * and, where there is a terminal weight, what all of this would cost after N without limits. Limits and rates
+ * of u are hard; those of y are hard as long as there is a way, else they are given up in order of rank, the
+ * highest number first, each no more than it must be. A y with a zone costs nothing within it.
+ *
+ * Targets are steady states of the model: those of the setpoints where limits allow, else the nearest, rank
+ * by rank.
+ *
+ * Everything is allocated at creation. A solution depends on the call alone, not on the calls before it.
+ */
+#ifndef APC_MPC_H
+#define APC_MPC_H
+
+#include "apclinear.h"
+#include "apcqp.h"
+
+struct apc_mpc;
+
+/* Arrays are copied; the model is borrowed. Zero or NULL means default. */
+struct apc_mpc_options {
+    const struct apc_linear *model; /* required */
+    size_t horizon;                 /* N, required */
+    size_t blocks;                  /* required */
+    const unsigned *block;          /* [blocks] samples that each lasts; the last one goes on to the end */
+    const unsigned *rank;           /* [ny] 1 is given up last; default 1 */
+    const bool *limits, *zone;      /* [ny] has limits, may get a zone; default none */
+    const bool *rate;               /* [nu] has a rate; default none */
+    bool terminal;
+    bool (*enough)(void *ctx); /* of apc_qp */
+    void *ctx;
+};
+
+/* What an engineer turns. [ny] or [nu], in order; all >= 0. */
+struct apc_mpc_weights {
+    const double *q;    /* of each y; 0: not controlled */
+    const double *s;    /* of moves */
+    const double *r;    /* of each u's distance from where it wants to be */
+    const double *zone; /* half its width; 0: y is to be at its setpoint */
+};
+
+struct apc_mpc_call {
+    const double *x;              /* [nx] estimated, with unknown disturbances */
+    const double *w;              /* [(N + 1) * ny] setpoints, row 0 now */
+    const double *d;              /* [(N + 1) * nd] measured disturbances */
+    const double *u_last;         /* [nu] that acts now */
+    const double *u_wish;         /* [nu] where u wants to be, as far as setpoints leave it free */
+    const double *u_cost;         /* [nu] of a steady u, per unit; NULL: none */
+    const double *low, *high;     /* [nu] */
+    const double *step;           /* [nu] most that u may change from one sample to the next */
+    const double *y_low, *y_high; /* [ny] */
+    const bool *given;            /* [nu] stays at u_last, whatever we want */
+};
+
+struct apc_mpc_result {
+    int rc;              /* as of apc_qp_solve() */
+    unsigned iterations; /* of all solves */
+    unsigned solves;
+    unsigned given_up; /* the lowest rank whose limits could not be kept; 0: all were */
+    bool reachable;    /* steady states at the setpoints lie within the limits */
+    double objective;
+};
+
+int apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, struct apc_error *why);
+void apc_mpc_destroy(struct apc_mpc *mpc); /* NULL is legal */
+/* Take weights: returns 0, or APC_EINVAL (they leave something free: no unique answer), the former ones stay.
+ * [tick], of order n^2 N ny with n = nu * blocks. */
+int apc_mpc_tune(struct apc_mpc *mpc, const struct apc_mpc_weights *weights, struct apc_error *why);
+/* plan [blocks * nu] = the moves, block after block. Without an answer it is as it was. [tick] */
+void apc_mpc_solve(struct apc_mpc *mpc, const struct apc_mpc_call *call, double *plan,
+                   struct apc_mpc_result *result);
+/* What the plan does: y [N * ny], of samples 1..N; of the last call. [tick] */
+void apc_mpc_predict(const struct apc_mpc *mpc, const double *plan, double *y);
+/* Steady state aimed at by sample i (1..N) of the last call: y [ny], u [nu]. [tick] */
+void apc_mpc_target(const struct apc_mpc *mpc, size_t i, double *y, double *u);
+/* The u [nu] that acts in sample i, from 0. [tick] */
+const double *apc_mpc_move(const struct apc_mpc *mpc, const double *plan, size_t i);
+/* The working set, to be kept over a restart: apc_mpc_rows() numbers. [tick] */
+size_t apc_mpc_rows(const struct apc_mpc *mpc);
+const signed char *apc_mpc_active(const struct apc_mpc *mpc);
+void apc_mpc_start(struct apc_mpc *mpc, const signed char *rows);
+
+#endif

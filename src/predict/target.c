@@ -1,0 +1,323 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * A steady state satisfies (I - A) x - B u = e, where e is what disturbances do. With the QR decomposition of
+ * the transposed coefficients, M' = (Q1 Q2) (R; 0), all of them are Q1 R'^-1 e + Q2 z: as many free numbers z
+ * as inputs, integrating plants included. What is sought is z.
+ */
+#include "predict/target.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/matrix.h"
+
+struct apc_target {
+    const struct apc_linear *model;
+    size_t nc, n; /* states that inputs move; of x and u together */
+    double *Q;    /* [n * n], then R of [n * nc] */
+    double *R;
+    double *rows; /* [(nu + ny) * nu] of z: u, then y */
+    double *H, *f, *z;
+    double *weight;          /* [nu] */
+    double *point, *e;       /* [n], [nc] */
+    double *low, *high;      /* [nu + nu + ny] z is free; then rows */
+    double *square, *linear; /* [nu + nu + ny] */
+    double *y;               /* [ny] where z = 0 */
+    struct apc_qp *qp;
+    double *memory;
+};
+
+static double *carve(double **at, size_t n)
+{
+    double *p = *at;
+
+    *at += n;
+    return p;
+}
+
+/* Householder: M [rows * columns] becomes R, Q [rows * rows] what it was multiplied by. Returns nonzero where
+ * the columns are not independent. */
+static int decompose(size_t rows, size_t columns, double *M, double *Q, double *v)
+{
+    double largest = 0.0;
+
+    for (size_t i = 0; i < rows * rows; i++)
+        Q[i] = i % (rows + 1) == 0 ? 1.0 : 0.0;
+    for (size_t k = 0; k < columns; k++) {
+        double norm = 0.0, square;
+
+        for (size_t i = k; i < rows; i++)
+            norm += M[i * columns + k] * M[i * columns + k];
+        norm = sqrt(norm);
+        largest = fmax(largest, norm);
+        if (!(norm > 1e-11 * largest))
+            return -1;
+        for (size_t i = k; i < rows; i++)
+            v[i] = M[i * columns + k];
+        v[k] += v[k] < 0.0 ? -norm : norm;
+        square = 0.0;
+        for (size_t i = k; i < rows; i++)
+            square += v[i] * v[i];
+        for (size_t j = 0; j < columns; j++) {
+            double dot = 0.0;
+
+            for (size_t i = k; i < rows; i++)
+                dot += v[i] * M[i * columns + j];
+            for (size_t i = k; i < rows; i++)
+                M[i * columns + j] -= 2.0 * dot / square * v[i];
+        }
+        for (size_t j = 0; j < rows; j++) {
+            double dot = 0.0;
+
+            for (size_t i = k; i < rows; i++)
+                dot += Q[j * rows + i] * v[i];
+            for (size_t i = k; i < rows; i++)
+                Q[j * rows + i] -= 2.0 * dot / square * v[i];
+        }
+    }
+    return 0;
+}
+
+/* y of (x, u), deviations both. */
+static double output(const struct apc_linear *m, size_t c, const double *point, size_t stride)
+{
+    const size_t nc = m->nx_plant + m->nx_held, inputs = m->nu + m->nd;
+    double sum = 0.0;
+
+    for (size_t i = 0; i < nc; i++)
+        sum += m->C[c * m->nx + i] * point[i * stride];
+    for (size_t j = 0; j < m->nu; j++)
+        sum += m->D[c * inputs + j] * point[(nc + j) * stride];
+    return sum;
+}
+
+static int fill(struct apc_target *t, struct apc_error *why)
+{
+    const struct apc_linear *m = t->model;
+    const size_t nc = t->nc, n = t->n, nu = m->nu, inputs = nu + m->nd;
+    const struct apc_qp_options options = {.size = sizeof(options)};
+
+    for (size_t i = 0; i < nc; i++) {
+        for (size_t j = 0; j < nc; j++)
+            t->R[j * nc + i] = (i == j ? 1.0 : 0.0) - m->A[i * m->nx + j];
+        for (size_t j = 0; j < nu; j++)
+            t->R[(nc + j) * nc + i] = -m->B[i * inputs + j];
+    }
+    if (decompose(n, nc, t->R, t->Q, t->point))
+        return apc_fail(
+            why, APC_EINVAL,
+            "the model has no steady state for some disturbance: a state that integrates is moved by no "
+            "input");
+    for (size_t j = 0; j < nu; j++) {
+        for (size_t k = 0; k < nu; k++)
+            t->rows[j * nu + k] = t->Q[(nc + j) * n + nc + k];
+    }
+    for (size_t c = 0; c < m->ny; c++) {
+        for (size_t k = 0; k < nu; k++)
+            t->rows[(nu + c) * nu + k] = output(m, c, t->Q + nc + k, n);
+    }
+    for (size_t k = 0; k < nu; k++) {
+        t->low[k] = -HUGE_VAL;
+        t->high[k] = HUGE_VAL;
+    }
+    return apc_qp_create(&t->qp, nu, nu + m->ny, &options, why);
+}
+
+int apc_target_create(struct apc_target **target, const struct apc_linear *model, struct apc_error *why)
+{
+    const size_t nu = model->nu, ny = model->ny, nc = model->nx_plant + model->nx_held, n = nc + nu;
+    struct apc_target *t = calloc(1, sizeof(*t));
+    double *at = calloc(n * n + n * nc + (nu + ny) * nu + nu * nu + 3 * nu + n + nc + 4 * (2 * nu + ny) + ny,
+                        sizeof(*at));
+    int rc;
+
+    *target = NULL;
+    if (!t || !at) {
+        free(t);
+        free(at);
+        return apc_fail(why, APC_ENOMEM, "steady states: no memory");
+    }
+    *t = (struct apc_target){.model = model, .nc = nc, .n = n, .memory = at};
+    t->Q = carve(&at, n * n);
+    t->R = carve(&at, n * nc);
+    t->rows = carve(&at, (nu + ny) * nu);
+    t->H = carve(&at, nu * nu);
+    t->f = carve(&at, nu);
+    t->z = carve(&at, nu);
+    t->weight = carve(&at, nu);
+    t->point = carve(&at, n);
+    t->e = carve(&at, nc);
+    t->low = carve(&at, 2 * nu + ny);
+    t->high = carve(&at, 2 * nu + ny);
+    t->square = carve(&at, 2 * nu + ny);
+    t->linear = carve(&at, 2 * nu + ny);
+    t->y = carve(&at, ny);
+    rc = fill(t, why);
+    if (rc < 0)
+        apc_target_destroy(t);
+    else
+        *target = t;
+    return rc;
+}
+
+void apc_target_destroy(struct apc_target *target)
+{
+    if (!target)
+        return;
+    apc_qp_destroy(target->qp);
+    free(target->memory);
+    free(target);
+}
+
+int apc_target_tune(struct apc_target *t, const double *r, struct apc_error *why)
+{
+    const size_t nu = t->model->nu;
+    double largest = 0.0;
+
+    for (size_t j = 0; j < nu; j++)
+        largest = fmax(largest, r[j]);
+    for (size_t j = 0; j < nu; j++) /* where setpoints leave u free, it stays near its wish all the same */
+        t->weight[j] = fmax(r[j], largest > 0.0 ? 1e-6 * largest : 1.0);
+    memset(t->H, 0, nu * nu * sizeof(*t->H));
+    for (size_t j = 0; j < nu; j++) {
+        for (size_t a = 0; a < nu; a++) {
+            for (size_t b = 0; b < nu; b++)
+                t->H[a * nu + b] += t->weight[j] * t->rows[j * nu + a] * t->rows[j * nu + b];
+        }
+    }
+    /* u may say nothing of a combination of z: an integrating state at rest is anywhere */
+    for (size_t c = 0; c < t->model->ny; c++) {
+        for (size_t a = 0; a < nu; a++) {
+            for (size_t b = 0; b < nu; b++)
+                t->H[a * nu + b] +=
+                    1e-9 * fmax(largest, 1.0) * t->rows[(nu + c) * nu + a] * t->rows[(nu + c) * nu + b];
+        }
+    }
+    return apc_qp_set(t->qp, t->H, t->rows, why);
+}
+
+/* The point of z = 0: least of all steady states under these disturbances. */
+static void origin(struct apc_target *t, const struct apc_target_call *call)
+{
+    const struct apc_linear *m = t->model;
+    const size_t nc = t->nc, n = t->n, unknown = m->nx - nc, inputs = m->nu + m->nd;
+
+    for (size_t i = 0; i < nc; i++) {
+        double e = 0.0;
+
+        for (size_t k = 0; k < unknown; k++)
+            e += m->A[i * m->nx + nc + k] * (call->unknown[k] - m->x0[nc + k]);
+        for (size_t k = 0; k < m->nd; k++)
+            e += m->B[i * inputs + m->nu + k] * (call->d[k] - m->u0[m->nu + k]);
+        for (size_t k = 0; k < i; k++) /* R' is lower triangular */
+            e -= t->R[k * nc + i] * t->e[k];
+        t->e[i] = e / t->R[i * nc + i];
+    }
+    for (size_t i = 0; i < n; i++) {
+        t->point[i] = 0.0;
+        for (size_t k = 0; k < nc; k++)
+            t->point[i] += t->Q[i * n + k] * t->e[k];
+    }
+    for (size_t c = 0; c < m->ny; c++) {
+        t->y[c] = m->y0[c] + output(m, c, t->point, 1);
+        for (size_t k = 0; k < unknown; k++)
+            t->y[c] += m->C[c * m->nx + nc + k] * (call->unknown[k] - m->x0[nc + k]);
+        for (size_t k = 0; k < m->nd; k++)
+            t->y[c] += m->D[c * inputs + m->nu + k] * (call->d[k] - m->u0[m->nu + k]);
+    }
+}
+
+/* How much more a distance from a setpoint is to count than one from a wish. Solving again, from where that
+ * led, takes away what the wish has pulled. */
+enum { AGAIN = 3 };
+
+static double stress(const struct apc_target *t, const double *q)
+{
+    const size_t nu = t->model->nu;
+    double wishes = 0.0, setpoints = 0.0;
+
+    for (size_t k = 0; k < nu; k++)
+        wishes += t->H[k * nu + k];
+    for (size_t c = 0; c < t->model->ny; c++)
+        setpoints += q[c] * apc_matrix_dot(t->rows + (nu + c) * nu, t->rows + (nu + c) * nu, nu);
+    return setpoints > 0.0 ? 1e4 * wishes / setpoints : 1.0;
+}
+
+/* Rank by rank: what a rank has reached is a limit to those after it. */
+static int give_up(struct apc_target *t, const struct apc_target_call *call)
+{
+    const size_t nu = t->model->nu, ny = t->model->ny;
+    double *low = t->low + 2 * nu, *high = t->high + 2 * nu, *square = t->square + 2 * nu;
+    const double factor = stress(t, call->q);
+    int rc = 0;
+
+    for (unsigned rank = 1; rank <= call->ranks && rc == 0; rank++) {
+        for (size_t c = 0; c < ny; c++) {
+            if (call->rank[c] < rank)
+                continue;
+            square[c] = call->rank[c] == rank ? factor * call->q[c] : 0.0;
+            low[c] = square[c] > 0.0 ? call->y_low[c] - t->y[c] : -HUGE_VAL;
+            high[c] = square[c] > 0.0 ? call->y_high[c] - t->y[c] : HUGE_VAL;
+        }
+        (void)apc_qp_soft(t->qp, t->linear, t->square);
+        for (int k = 0; k < AGAIN && rc == 0; k++) {
+            rc = apc_qp_solve(t->qp, t->f, t->low, t->high, t->z, NULL);
+            apc_matrix_multiply(nu, nu, 1, t->H, t->z, t->f);
+            for (size_t i = 0; i < nu; i++)
+                t->f[i] = -t->f[i];
+        }
+        for (size_t c = 0; c < ny && rc == 0; c++) {
+            double y = apc_matrix_dot(t->rows + (nu + c) * nu, t->z, nu), room = 1e-9 * (1.0 + fabs(y));
+
+            if (call->rank[c] != rank || !(square[c] > 0.0))
+                continue;
+            low[c] = fmin(low[c], y - room);
+            high[c] = fmax(high[c], y + room);
+            square[c] = 0.0;
+        }
+    }
+    return rc;
+}
+
+int apc_target_find(struct apc_target *t, const struct apc_target_call *call, double *x, double *u, double *y,
+                    bool *reachable)
+{
+    const struct apc_linear *m = t->model;
+    const size_t nu = m->nu, ny = m->ny, nc = t->nc;
+    int rc;
+
+    origin(t, call);
+    memset(t->f, 0, nu * sizeof(*t->f));
+    for (size_t j = 0; j < nu; j++) {
+        double here = m->u0[j] + t->point[nc + j],
+               slope = t->weight[j] * (here - call->wish[j]) + (call->cost ? call->cost[j] : 0.0);
+
+        for (size_t k = 0; k < nu; k++)
+            t->f[k] += slope * t->rows[j * nu + k];
+        t->low[nu + j] = call->low[j] - here;
+        t->high[nu + j] = call->high[j] - here;
+    }
+    memset(t->square, 0, (2 * nu + ny) * sizeof(*t->square));
+    for (size_t c = 0; c < ny; c++) {
+        t->low[2 * nu + c] = call->y_low[c] - t->y[c];
+        t->high[2 * nu + c] = call->y_high[c] - t->y[c];
+    }
+    (void)apc_qp_soft(t->qp, NULL, NULL);
+    rc = apc_qp_solve(t->qp, t->f, t->low, t->high, t->z, NULL);
+    *reachable = rc == 0;
+    if (rc == APC_ERANGE)
+        rc = give_up(t, call);
+    if (rc < 0)
+        return rc;
+    for (size_t i = 0; i < t->n; i++)
+        t->point[i] += apc_matrix_dot(t->Q + i * t->n + nc, t->z, nu);
+    for (size_t i = 0; i < nc; i++)
+        x[i] = m->x0[i] + t->point[i];
+    for (size_t j = 0; j < nu; j++)
+        u[j] = fmin(fmax(m->u0[j] + t->point[nc + j], call->low[j]), call->high[j]);
+    for (size_t c = 0; c < ny; c++)
+        y[c] = t->y[c] + apc_matrix_dot(t->rows + (nu + c) * nu, t->z, nu);
+    return 0;
+}
