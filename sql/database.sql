@@ -12,7 +12,8 @@ BEGIN
         SELECT format('REVOKE ALL ON DATABASE %I FROM PUBLIC', current_database())
         UNION ALL
         SELECT format('GRANT CONNECT ON DATABASE %I TO %s', current_database(), rolname::regrole)
-          FROM pg_roles WHERE rolname IN ('apc_plant', 'apc_client', 'apc_controller', 'apc_scheduler', 'apc_operator')
+          FROM pg_roles WHERE rolname IN ('apc_plant', 'apc_client', 'apc_controller', 'apc_scheduler', 'apc_alarms',
+                                            'apc_historian', 'apc_operator', 'apc_engineer')
         UNION ALL
         SELECT format('GRANT CONNECT, CREATE ON DATABASE %I TO %s', current_database(), owner)
         UNION ALL

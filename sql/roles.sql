@@ -1,6 +1,7 @@
 -- SPDX-License-Identifier: BSD-3-Clause
--- Least privilege: one group role for each kind of program. See sql/README.md for how to run it. Harmless to
--- repeat, once for each plant's schema. Nobody but the owner may update or delete anything.
+-- Least privilege: one group role for each kind of program, and two for people. See sql/README.md for how to run it.
+-- Harmless to repeat, once for each plant's schema, and to be repeated when the kind of the store in its catalogue has
+-- changed (live or history) or a new version of the tables was made. Nobody but the owner deletes anything.
 
 DO $$
 DECLARE
@@ -9,7 +10,11 @@ BEGIN
     IF to_regclass('migration') IS NULL THEN
         RAISE 'no plant''s schema in the search_path: run apc init, then SET search_path TO apc';
     END IF;
-    FOREACH name IN ARRAY ARRAY['apc_plant', 'apc_client', 'apc_controller', 'apc_scheduler', 'apc_operator'] LOOP
+    IF to_regclass('catalogue') IS NULL THEN
+        RAISE 'the plant''s schema is of an older version: run apc init first';
+    END IF;
+    FOREACH name IN ARRAY ARRAY['apc_plant', 'apc_client', 'apc_controller', 'apc_scheduler', 'apc_alarms',
+                                'apc_historian', 'apc_operator', 'apc_engineer'] LOOP
         BEGIN
             EXECUTE format('CREATE ROLE %I NOLOGIN', name);
         EXCEPTION WHEN duplicate_object THEN
@@ -21,40 +26,81 @@ END
 $$;
 
 -- Everybody: is the schema there, how large is the plant, what is called what; tell what happened.
-GRANT SELECT ON migration, dim, dim_newest, tag TO apc_plant, apc_client, apc_controller, apc_scheduler, apc_operator;
-GRANT INSERT (time, severity, source, kind, text) ON event -- not role: nobody writes in another's name
-    TO apc_plant, apc_client, apc_controller, apc_scheduler, apc_operator;
+GRANT SELECT ON migration, dim, dim_newest, tag, catalogue
+    TO apc_plant, apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator, apc_engineer;
+GRANT INSERT (time, severity, source, kind, text, number, seq, author, class) ON event -- not role: nobody writes in
+    -- another's name
+    TO apc_plant, apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator, apc_engineer;
 GRANT SELECT ON event -- a spool that drains looks up which are there already
-    TO apc_plant, apc_client, apc_controller, apc_scheduler;
+    TO apc_plant, apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian;
 REVOKE INSERT ON timing FROM apc_plant, apc_client, apc_controller, apc_scheduler;
 GRANT INSERT (time, task, quantity, period, missed, count, mean, sd, p50, p99, max, bin_low, bin_high, bin_count)
-    ON timing TO apc_plant, apc_client, apc_controller, apc_scheduler; -- not id: nobody takes the numbers to come
-GRANT EXECUTE ON FUNCTION claim(text, integer) TO apc_client, apc_controller, apc_scheduler;
--- Not the operator, who never appends: with it a transaction left open would lock the controller's row of opmode.
-GRANT EXECUTE ON FUNCTION absent(text, integer[], bigint[]) TO apc_client, apc_controller, apc_scheduler;
-REVOKE EXECUTE ON FUNCTION absent(text, integer[], bigint[]) FROM apc_operator;
+    ON timing TO apc_plant, apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian; -- not id: nobody
+    -- takes the numbers to come
+GRANT EXECUTE ON FUNCTION claim(text, integer), claim_set(text[], integer[]), claim_release(text[], integer[])
+    TO apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian;
+GRANT SELECT ON claim TO apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator, apc_engineer;
+-- Not people, who never append: with it a transaction left open would lock the controller's row of opmode.
+GRANT EXECUTE ON FUNCTION absent(text, integer[], bigint[])
+    TO apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian;
+REVOKE EXECUTE ON FUNCTION absent(text, integer[], bigint[]) FROM apc_operator, apc_engineer;
+-- What people write, others write too, each only where nobody was faster. The tables' own grants say who which.
+GRANT EXECUTE ON FUNCTION setpoint_vacant(integer[], bigint[]), opmode_vacant(integer[], bigint[]),
+    tuning_vacant(integer[], bigint[]), manual_vacant(integer[], bigint[]), author_number(text), loops()
+    TO apc_controller, apc_scheduler, apc_historian, apc_operator, apc_engineer;
+GRANT SELECT ON author TO apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator, apc_engineer;
 
-GRANT INSERT ON sensor TO apc_client;
 GRANT SELECT ON actuator, actuator_newest TO apc_client;
-
-GRANT SELECT ON sensor, setpoint, opmode, tuning, manual, state TO apc_controller;
-GRANT SELECT ON sensor_newest, setpoint_newest, opmode_newest, tuning_newest, manual_newest, state_newest
+GRANT SELECT ON sensor, actuator, setpoint, opmode, tuning, manual, state, actual, estimate, tick, plan
     TO apc_controller;
-GRANT INSERT ON actuator, state, opmode TO apc_controller;
-
-GRANT SELECT ON setpoint, setpoint_newest TO apc_scheduler;
-GRANT INSERT ON setpoint TO apc_scheduler;
-
-GRANT SELECT ON sensor, actuator, setpoint, opmode, tuning, manual, state, event, timing TO apc_operator;
 GRANT SELECT ON sensor_newest, actuator_newest, setpoint_newest, opmode_newest, tuning_newest, manual_newest,
-    state_newest TO apc_operator;
-GRANT INSERT ON setpoint, opmode, tuning, manual TO apc_operator;
+    state_newest, actual_newest, estimate_newest, tick_newest, plan_newest TO apc_controller;
+GRANT SELECT ON setpoint, setpoint_newest, opmode, opmode_newest TO apc_scheduler;
+GRANT SELECT ON sensor, actuator, setpoint, opmode, tuning, manual, actual, estimate, alarm, tick TO apc_alarms;
+GRANT SELECT ON sensor_newest, actuator_newest, setpoint_newest, opmode_newest, tuning_newest, manual_newest,
+    actual_newest, estimate_newest, alarm_newest, tick_newest TO apc_alarms;
+GRANT SELECT ON sensor, actuator, setpoint, opmode, tuning, manual, state, actual, estimate, alarm, tick, plan,
+    prediction, event, timing, request TO apc_historian, apc_operator, apc_engineer;
+GRANT SELECT ON sensor_newest, actuator_newest, setpoint_newest, opmode_newest, tuning_newest, manual_newest,
+    state_newest, actual_newest, estimate_newest, alarm_newest, tick_newest, plan_newest, prediction_newest
+    TO apc_historian, apc_operator, apc_engineer;
 
--- Table opmode has two writers, each with a row of its own: the operator's target and the controller's actual mode.
+-- Who writes: in a live store each its own; of a history all but the owner's is the historian's, and people ask it.
+REVOKE INSERT ON sensor, actuator, setpoint, dim, opmode, tuning, manual, state, actual, estimate, alarm, tick, plan,
+    prediction, request FROM apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator,
+    apc_engineer;
+REVOKE INSERT (time, until, table_name, variable, value, author, reason) ON request FROM apc_operator, apc_engineer;
+REVOKE UPDATE (seq, outcome) ON request FROM apc_historian;
+REVOKE UPDATE (low, high, display_low, display_high) ON tag FROM apc_engineer;
+DO $$
+BEGIN
+    IF (SELECT kind FROM catalogue ORDER BY revision DESC LIMIT 1) = 'history' THEN
+        GRANT INSERT ON sensor, actuator, setpoint, dim, opmode, tuning, manual, state, actual, estimate, alarm, tick,
+            plan, prediction TO apc_historian;
+        GRANT INSERT (time, until, table_name, variable, value, author, reason) ON request
+            TO apc_operator, apc_engineer;
+        GRANT UPDATE (seq, outcome) ON request TO apc_historian;
+    ELSE
+        GRANT INSERT ON sensor TO apc_client;
+        GRANT INSERT ON sensor, actuator, setpoint, state, opmode, actual, estimate, tick, plan, prediction
+            TO apc_controller;
+        GRANT INSERT ON setpoint, plan TO apc_scheduler;
+        GRANT INSERT ON alarm TO apc_alarms;
+        GRANT INSERT ON setpoint, opmode, tuning, manual TO apc_operator, apc_engineer, apc_historian;
+        GRANT INSERT ON tick TO apc_historian;
+        GRANT UPDATE (low, high, display_low, display_high) ON tag TO apc_engineer;
+    END IF;
+END
+$$;
+
+-- Table opmode: who operates writes targets and switches; id 1 is the controller's actual mode, unless it is a loop's
+-- target.
 ALTER TABLE opmode ENABLE ROW LEVEL SECURITY;
 DROP POLICY IF EXISTS all_read ON opmode;
 DROP POLICY IF EXISTS operator_target ON opmode;
 DROP POLICY IF EXISTS controller_actual ON opmode;
 CREATE POLICY all_read ON opmode FOR SELECT USING (true); -- who is granted SELECT
-CREATE POLICY operator_target ON opmode FOR INSERT TO apc_operator WITH CHECK (id = 0);
-CREATE POLICY controller_actual ON opmode FOR INSERT TO apc_controller WITH CHECK (id = 1);
+CREATE POLICY operator_target ON opmode FOR INSERT TO apc_operator, apc_engineer, apc_historian
+    WITH CHECK (id = 0 OR id > 65535 OR id IN (SELECT loops()));
+CREATE POLICY controller_actual ON opmode FOR INSERT TO apc_controller
+    WITH CHECK (id = 1 AND id NOT IN (SELECT loops()));

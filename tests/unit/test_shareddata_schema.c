@@ -401,8 +401,8 @@ static void test_a_newer_schema_that_says_it_is_compatible_is_worked_with(void *
     apc_store_close(store);
 }
 
-/* A plant as it was before its tables were repaired. */
-static void make_unrepaired(void)
+/* A plant as version 1 made it. */
+static void make_version_1(bool repaired)
 {
     char sql[200];
     snprintf(sql, sizeof sql,
@@ -410,55 +410,250 @@ static void make_unrepaired(void)
              plant, plant);
     cluster_query(cluster, sql);
     cluster_query_file(cluster, APC_SQL_DIR "/0001-tables.sql");
-    cluster_query(cluster,
-                  "INSERT INTO migration (version, name) VALUES (1, '0001-tables'); RESET search_path");
+    cluster_query(cluster, "INSERT INTO migration (version, name) VALUES (1, '0001-tables')");
+    if (repaired) {
+        cluster_query_file(cluster, APC_SQL_DIR "/0002-repair-rights.sql");
+        cluster_query(cluster, "INSERT INTO repair (name) VALUES ('0002-repair-rights')");
+    }
+    cluster_query(cluster, "RESET search_path");
 }
 
-static void test_a_repair_reaches_a_plant_whose_programs_go_on(void **state)
+static void test_a_plant_of_version_1_is_brought_to_this_one_with_its_repairs(void **state)
 {
     (void)state;
-    make_unrepaired();
-    char uri[600], sql[300];
-    snprintf(uri, sizeof uri, "%s&application_name=goes_on#plant%d", cluster_uri(cluster), plant);
-    struct apc_store *daemon_store = open_uri(uri, LONG), *admin = open_direct(LONG);
-    struct apc_sample s[3] = {sample(APC_SENSOR, 1, 1, 1), sample(APC_SENSOR, 1, 2, 2),
-                              sample(APC_SENSOR, 1, 3, 3)};
-    int64_t last[1];
-    ok(daemon_store, apc_store_claim(daemon_store, APC_SENSOR, 1, last));
-    assert_int_equal(apc_store_append(daemon_store, s, 1), 1);
-    assert_int_equal(apc_store_append(daemon_store, s, 1), 0); /* its session knows the old functions */
+    for (int repaired = 0; repaired < 2; repaired++) {
+        make_version_1(repaired);
+        struct apc_store *store = open_direct(LONG);
+        struct apc_sample s = sample(APC_SENSOR, 1, 1, 1);
+        assert_int_equal(apc_store_append(store, &s, 1), APC_ESCHEMA);
+        assert_says(store, "is version 1, this library needs 3: run apc init");
+        assert_int_equal(apc_store_init(store), 1);
+        assert_string_equal(ask("SELECT string_agg(name, ' ') FROM repair"), "0002-repair-rights");
+        assert_string_equal(ask("SELECT count(*) FROM event WHERE text LIKE '%0002-repair-rights%'"),
+                            repaired ? "0" : "1");
+        assert_int_equal(apc_store_init(store), 3);
+        assert_string_equal(ask("SELECT string_agg(name, ' ') FROM repair"), "0002-repair-rights");
+        assert_int_equal(apc_store_append(store, &s, 1), 1);
+        apc_store_close(store);
+    }
+}
 
-    assert_int_equal(apc_store_init(admin), 1);
+/* What a program of version 1 says to its tables, word by word. */
+static const char *const version_1[] = {
+    "PREPARE read_actuator AS SELECT v.i, n.* FROM unnest($1::int4[]) WITH ORDINALITY AS v (id, i) CROSS "
+    "JOIN "
+    "LATERAL (SELECT seq, time, status, value, sensor_seq, setpoint_seq FROM actuator_newest WHERE id = v.id "
+    "LIMIT "
+    "1) AS n",
+    "PREPARE append_sensor AS INSERT INTO sensor (id, seq, time, status, value) SELECT * FROM "
+    "unnest($1::int4[], "
+    "$2::int8[], $3::timestamptz[], $4::int8[], $5::float8[])",
+    "PREPARE append_actuator AS INSERT INTO actuator (id, seq, time, status, value, sensor_seq, "
+    "setpoint_seq) "
+    "SELECT * FROM unnest($1::int4[], $2::int8[], $3::timestamptz[], $4::int8[], $5::float8[], $6::int8[], "
+    "$7::int8[])",
+    "PREPARE append_opmode AS INSERT INTO opmode (id, seq, time, status, value) SELECT * FROM "
+    "unnest($1::int4[], "
+    "$2::int8[], $3::timestamptz[], $4::int8[], $5::float8[])",
+    "PREPARE repeat_sensor AS INSERT INTO sensor (id, seq, time, status, value) SELECT id, seq, time, "
+    "status, value "
+    "FROM unnest($1::int4[], $2::int8[], $3::timestamptz[], $4::int8[], $5::float8[]) WITH ORDINALITY AS v "
+    "(id, "
+    "seq, time, status, value, i) WHERE i IN (SELECT absent('sensor', $1::int4[], $2::int8[]))",
+    "PREPARE put_setpoint AS INSERT INTO setpoint (id, seq, time, status, value) SELECT v.id, "
+    "coalesce((SELECT seq "
+    "FROM setpoint_newest WHERE id = v.id), 0) + 1, v.time, v.status, v.value FROM unnest($1::int4[], "
+    "$2::timestamptz[], $3::int8[], $4::float8[]) AS v (id, time, status, value) ORDER BY v.id RETURNING id, "
+    "seq",
+    "PREPARE swap_opmode AS INSERT INTO opmode (id, seq, time, status, value) SELECT id, seq + 1, time, "
+    "status, "
+    "value FROM unnest($1::int4[], $2::int8[], $3::timestamptz[], $4::int8[], $5::float8[]) AS v (id, seq, "
+    "time, "
+    "status, value) WHERE v.seq = coalesce((SELECT seq FROM opmode_newest WHERE id = v.id), 0) ORDER BY v.id "
+    "RETURNING id, seq",
+};
+
+static const char *say(PGconn *conn, const char *sql)
+{
+    static char answer[300];
+    PGresult *result = PQexec(conn, sql);
+    if (PQresultStatus(result) == PGRES_COMMAND_OK) {
+        snprintf(answer, sizeof answer, "%s", PQcmdTuples(result));
+    } else {
+        snprintf(answer, sizeof answer, "%s",
+                 PQntuples(result) > 0 ? PQgetvalue(result, 0, PQnfields(result) - 1) : PQerrorMessage(conn));
+    }
+    PQclear(result);
+    return answer;
+}
+
+static PGconn *connect_version_1(void)
+{
+    PGconn *conn = cluster_connect(cluster);
+    char sql[100];
+    snprintf(sql, sizeof sql, "SET search_path TO plant%d, pg_temp", plant);
+    say(conn, sql);
+    say(conn, "SET plan_cache_mode TO force_generic_plan");
+    assert_string_equal(say(conn, "SELECT coalesce((to_jsonb(m) ->> 'compatible_from')::int8, version) FROM "
+                                  "migration m ORDER BY version DESC LIMIT 1"),
+                        "1");
+    for (size_t i = 0; i < sizeof version_1 / sizeof version_1[0]; i++) {
+        assert_string_equal(say(conn, version_1[i]), "");
+    }
+    return conn;
+}
+
+/* The k-th tick of each program, and what an operator and `apc init` do. */
+static void run_version_1(PGconn *conn, int k)
+{
+    char sql[400], expected[20];
+    snprintf(expected, sizeof expected, "%d", k);
+    snprintf(sql, sizeof sql, "EXECUTE append_sensor('{1,2}', '{%d,%d}', '{now,now}', '{0,0}', '{%d,2}')", k,
+             k, k);
+    assert_string_equal(say(conn, sql), "2");
+    snprintf(sql, sizeof sql, "EXECUTE repeat_sensor('{1,2}', '{%d,%d}', '{now,now}', '{0,0}', '{%d,2}')", k,
+             k, k);
+    assert_string_equal(say(conn, sql), "0");
     snprintf(sql, sizeof sql,
-             "SELECT (SELECT max(version) FROM plant%d.migration) || ' ' || string_agg(name, ',') FROM "
-             "plant%d.repair",
-             plant, plant);
-    assert_string_equal(cluster_query(cluster, sql), "1 0002-repair-rights");
-    assert_int_equal(apc_store_init(admin), 1);
-    assert_string_equal(cluster_query(cluster, sql), "1 0002-repair-rights");
-    snprintf(sql, sizeof sql, "SELECT count(*) FROM plant%d.event WHERE text LIKE '%%0002-repair-rights%%'",
-             plant);
-    assert_string_equal(cluster_query(cluster, sql), "1");
-
-    assert_int_equal(apc_store_append(daemon_store, s, 2), 1);
-    terminate(cluster, "goes_on");
-    assert_int_equal(append_again(daemon_store, s, 3), 1);
-    ok(daemon_store, apc_store_claim(daemon_store, APC_SENSOR, 1, last));
-    assert_int_equal(last[0], 3);
-    assert_int_equal(newest(admin, APC_SENSOR, 1).seq, 3);
-    apc_store_close(admin);
-    apc_store_close(daemon_store);
+             "BEGIN; EXECUTE append_actuator('{1}', '{%d}', '{now}', '{0}', '{5}', '{%d}', "
+             "'{NULL}'); EXECUTE append_opmode('{1}', '{%d}', '{now}', '{0}', '{1}'); COMMIT",
+             k, k, 3 * k);
+    assert_string_equal(say(conn, sql), "");
+    assert_string_equal(say(conn, "EXECUTE read_actuator('{1,7}')"), "");
+    assert_string_equal(say(conn, "EXECUTE put_setpoint('{1}', '{now}', '{0}', '{7}')"), expected);
+    snprintf(sql, sizeof sql, "EXECUTE swap_opmode('{0}', '{%d}', '{now}', '{0}', '{0}')", k - 1);
+    assert_string_equal(say(conn, sql), expected);
+    assert_string_equal(
+        say(conn, "BEGIN; DELETE FROM tag; INSERT INTO tag (table_name, id, name, unit, description, "
+                  "low, high) VALUES ('sensor', 1, 'y', '', '', 0, 1), ('opmode', 0, 'mode', '', '', "
+                  "0, 1), ('opmode', 1, 'mode.actual', '', '', 0, 2); COMMIT"),
+        "");
+    assert_string_equal(
+        say(conn, "INSERT INTO event (time, severity, source, kind, text) VALUES (now(), 1, 'x', 'y', "
+                  "'z')"),
+        "1");
+    assert_string_equal(say(conn, "CALL maintain(now(), NULL, NULL, NULL, NULL)"), "0");
 }
 
-static void test_a_plant_that_is_not_repaired_yet_is_worked_with(void **state)
+static void test_programs_of_version_1_go_on_over_the_upgrade_and_after_it(void **state)
 {
     (void)state;
-    make_unrepaired();
-    struct apc_store *store = open_direct(LONG);
-    struct apc_sample s = sample(APC_SENSOR, 1, 1, 1);
-    assert_int_equal(apc_store_append(store, &s, 1), 1);
-    assert_int_equal(apc_store_tables_version(store), 1);
-    apc_store_close(store);
+    make_version_1(true);
+    PGconn *conn = connect_version_1();
+    assert_string_equal(say(conn, "SELECT last FROM claim('sensor', 2)"), "{0,0}");
+    run_version_1(conn, 1);
+    struct apc_store *admin = open_direct(LONG);
+    assert_int_equal(apc_store_init(admin), 1);
+    run_version_1(conn, 2);
+
+    PGconn *second = connect_version_1(); /* as after a reconnect */
+    assert_true(strstr(say(second, "SELECT holder FROM claim('sensor', 2)"), "server process") != NULL);
+    PQfinish(conn);
+    assert_true(cluster_await(cluster,
+                              "SELECT count(*) FROM pg_locks WHERE locktype = 'advisory' AND database = "
+                              "(SELECT oid FROM pg_database WHERE datname = current_database())",
+                              "0"));
+    assert_string_equal(say(second, "SELECT last FROM claim('sensor', 2)"), "{2,2}");
+    char sql[100];
+    snprintf(sql, sizeof sql, "LISTEN apc_%s", say(second, "SELECT 'sensor'::regclass::oid"));
+    say(second, sql);
+    run_version_1(second, 3);
+    say(second, "SELECT 1");
+    PGnotify *told = PQnotifies(second);
+    assert_non_null(told); /* a wait of theirs ends by it */
+    PQfreemem(told);
+    PQfinish(second);
+
+    /* What they wrote is what it was, and this library reads it. */
+    assert_string_equal(
+        ask("SELECT string_agg(seq || ':' || value, ' ' ORDER BY seq) FROM sensor WHERE id = 1"),
+        "1:1 2:2 3:3");
+    assert_string_equal(
+        ask("SELECT string_agg(sensor_seq || coalesce(origin, 0)::text, ' ' ORDER BY seq) FROM actuator"),
+        "10 20 30");
+    assert_string_equal(ask("SELECT string_agg(id || ':' || seq, ' ' ORDER BY id) FROM opmode_newest"),
+                        "0:3 1:9");
+    assert_int_equal(newest(admin, APC_SETPOINT, 1).seq, 3);
+    apc_store_close(admin);
+}
+
+/* The rights that a scheduler of version 1 had; sql/roles.sql was not run again yet. */
+static void test_a_role_of_version_1_goes_on_with_the_rights_it_had(void **state)
+{
+    (void)state;
+    make_version_1(true);
+    char role[64], sql[900];
+    snprintf(role, sizeof role, "v%d_%s", plant, cluster_database(cluster));
+    snprintf(
+        sql, sizeof sql,
+        "CREATE ROLE %s; GRANT USAGE ON SCHEMA plant%d TO %s; SET search_path TO plant%d; GRANT SELECT ON "
+        "migration, tag, dim, dim_newest, setpoint, setpoint_newest TO %s; GRANT INSERT ON setpoint TO %s; "
+        "GRANT "
+        "EXECUTE ON FUNCTION claim(text, int), absent(text, int[], bigint[]) TO %s; RESET search_path",
+        role, plant, role, plant, role, role, role);
+    cluster_query(cluster, sql);
+    struct apc_store *admin = open_direct(LONG);
+    assert_int_equal(apc_store_init(admin), 1);
+    PGconn *conn = connect_version_1();
+    snprintf(sql, sizeof sql, "SET SESSION AUTHORIZATION %s", role);
+    say(conn, sql);
+    assert_string_equal(say(conn, "SELECT last FROM claim('setpoint', 1)"), "{0}");
+    assert_string_equal(say(conn, "EXECUTE put_setpoint('{1}', '{now}', '{0}', '{7}')"), "1");
+    assert_string_equal(say(conn, "EXECUTE put_setpoint('{1}', '{now}', '{0}', '{7}')"), "2");
+    assert_string_equal(say(conn, "SELECT count(*) FROM absent('setpoint', '{1,1}', '{2,3}')"), "1");
+    PQfinish(conn);
+    apc_store_close(admin);
+    snprintf(sql, sizeof sql, "DROP OWNED BY %s; DROP ROLE %s", role, role);
+    cluster_query(cluster, sql);
+}
+
+/* ---- Claims by set -------------------------------------------------------------------------------- */
+
+#define NO_LOCKS                                                                                             \
+    "SELECT count(*) FROM pg_locks WHERE locktype = 'advisory' AND database = (SELECT oid FROM pg_database " \
+    "WHERE "                                                                                                 \
+    "datname = current_database())"
+
+static void test_a_set_is_claimed_wholly_or_not_at_all_and_ends_with_its_session(void **state)
+{
+    (void)state;
+    ask("INSERT INTO actuator (id, seq, time, status, value) VALUES (2, 7, now(), 0, 1)");
+    PGconn *a = connect_version_1(), *b = connect_version_1();
+    say(a, "SET application_name TO 'upper'");
+    assert_string_equal(say(a, "SELECT last FROM claim_set('{actuator,tick,actuator}', '{2,1,1}')"),
+                        "{7,0,0}");
+    assert_string_equal(say(b, "SELECT last FROM claim_set('{actuator,tick}', '{3,2}')"), "{0,0}");
+    assert_string_equal(say(b, "SELECT at FROM claim_set('{actuator,actuator}', '{4,2}')"), "2");
+    assert_memory_equal(say(b, "SELECT holder FROM claim_set('{actuator,actuator}', '{4,2}')"),
+                        "upper (server process", 21);
+    assert_string_equal(say(a, "SELECT last FROM claim_set('{actuator}', '{4}')"), "{0}"); /* b has it not */
+    assert_string_equal(say(a, "SELECT last FROM claim_set('{actuator,actuator}', '{4,4}')"), "{0,0}");
+    assert_string_equal(ask(NO_LOCKS " AND granted"), "2"); /* one a session, whatever it claims */
+
+    /* A whole table is claimed by nobody while somebody has a variable of it, and the other way round. */
+    assert_memory_equal(say(b, "SELECT holder FROM claim('actuator', 1)"), "upper (server process", 21);
+    assert_string_equal(say(b, "SELECT last FROM claim('sensor', 1)"), "{0}");
+    assert_string_equal(say(a, "SELECT at FROM claim_set('{estimate,sensor}', '{1,9}')"), "2");
+    assert_string_equal(say(b, "SELECT last FROM claim_set('{sensor}', '{9}')"), "{0}"); /* its own table */
+
+    /* What was given up or lost is another's. */
+    assert_string_equal(say(b, "SELECT claim_release('{actuator,actuator}', '{2,3}')"), "1");
+    assert_string_equal(say(a, "SELECT claim_release('{actuator}', '{2}')"), "1");
+    assert_string_equal(say(b, "SELECT last FROM claim_set('{actuator}', '{2}')"), "{7}");
+    PQfinish(a);
+    assert_true(cluster_await(cluster, NO_LOCKS, "2"));
+    assert_string_equal(say(b, "SELECT last FROM claim_set('{actuator,tick}', '{1,1}')"), "{0,0}");
+    PQfinish(b);
+    assert_true(cluster_await(cluster, NO_LOCKS, "0"));
+
+    /* A later session of a number that an earlier one had is not it. */
+    a = connect_version_1();
+    say(a, "INSERT INTO claim VALUES ('alarm', 1, 'ghost', pg_backend_pid(), '2001-01-01')");
+    assert_string_equal(say(a, "SELECT last FROM claim_set('{tick}', '{1}')"), "{0}");
+    b = connect_version_1();
+    assert_string_equal(say(b, "SELECT last FROM claim_set('{alarm}', '{1}')"), "{0}");
+    PQfinish(b);
+    PQfinish(a);
 }
 
 static void test_init_by_a_superuser_makes_the_owners_tables(void **state)
@@ -485,7 +680,8 @@ static void test_init_by_a_superuser_makes_the_owners_tables(void **state)
 
     /* What takes the role is the server's, whatever the schema has of the same name. */
     snprintf(sql, sizeof sql,
-             "CREATE TABLE loot%d (who name); CREATE FUNCTION plant%d.set_config(text, name, boolean) "
+             "RESET search_path; CREATE TABLE loot%d (who name); CREATE FUNCTION plant%d.set_config(text, "
+             "name, boolean) "
              "RETURNS text "
              "LANGUAGE sql AS $$ INSERT INTO public.loot%d VALUES (current_user) RETURNING 'x' $$",
              plant, plant, plant);
@@ -574,8 +770,10 @@ int main(void)
         T(test_a_missing_schema_says_what_to_run),
         T(test_a_newer_schema_is_left_alone),
         T(test_a_newer_schema_that_says_it_is_compatible_is_worked_with),
-        T(test_a_repair_reaches_a_plant_whose_programs_go_on),
-        T(test_a_plant_that_is_not_repaired_yet_is_worked_with),
+        T(test_a_plant_of_version_1_is_brought_to_this_one_with_its_repairs),
+        T(test_programs_of_version_1_go_on_over_the_upgrade_and_after_it),
+        T(test_a_role_of_version_1_goes_on_with_the_rights_it_had),
+        T(test_a_set_is_claimed_wholly_or_not_at_all_and_ends_with_its_session),
         T(test_init_by_a_superuser_makes_the_owners_tables),
         T(test_a_schema_that_vanishes_is_noticed),
         T(test_many_inits_at_once_make_one_schema),
