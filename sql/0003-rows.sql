@@ -12,7 +12,7 @@ $$;
 COMMENT ON FUNCTION samples() IS 'The tables of rows (id, seq), in the library''s order; the only names that become part of a command.';
 
 CREATE TABLE author (
-    number integer GENERATED ALWAYS AS IDENTITY PRIMARY KEY,
+    number bigint GENERATED ALWAYS AS IDENTITY (MAXVALUE 2147483647) PRIMARY KEY,
     name   text NOT NULL CHECK (octet_length(name) BETWEEN 1 AND 63),
     role   name NOT NULL,
     UNIQUE (name, role),
@@ -86,7 +86,7 @@ CREATE TABLE actual (
     status bigint NOT NULL,
     value  double precision NOT NULL,
     origin bigint,
-    author integer,
+    author bigint,
     CONSTRAINT id_not_negative CHECK (id >= 0),
     CONSTRAINT seq_in_range CHECK (seq BETWEEN 1 AND 9007199254740991),
     CONSTRAINT status_is_code CHECK (status BETWEEN 0 AND 4294967295),
@@ -213,7 +213,7 @@ BEGIN
     FOR step IN
         WITH parts (name, part, before) AS (
             SELECT relname, relkind = 'p',
-                   CASE span(relname) WHEN 1 THEN coalesce(ticks_before, today - interval '1 day')
+                   CASE span(relname) WHEN 1 THEN coalesce(ticks_before, greatest(today - interval '1 day', samples_before))
                         ELSE samples_before END
               FROM pg_class
              WHERE relnamespace = to_regnamespace(quote_ident(current_schema())) AND relname = ANY (samples()))
@@ -329,7 +329,7 @@ BEGIN
     ALTER TABLE tag ALTER COLUMN number SET DEFAULT nextval('tag_number'), ALTER COLUMN number SET NOT NULL,
                     ADD UNIQUE (number) DEFERRABLE INITIALLY DEFERRED;
 
-    ALTER TABLE event ADD COLUMN number integer, ADD COLUMN seq bigint, ADD COLUMN author integer,
+    ALTER TABLE event ADD COLUMN number integer, ADD COLUMN seq bigint, ADD COLUMN author bigint,
                       ADD COLUMN class text CHECK (class IN ('operator', 'process', 'chatter')),
                       ADD CONSTRAINT author_is_the_users FOREIGN KEY (author, role) REFERENCES author (number, role)
                       NOT VALID;
@@ -351,10 +351,10 @@ BEGIN
                      WHEN target = 'actuator' THEN ', sensor_seq, setpoint_seq, origin, author'
                      ELSE ', origin, author' END;
         IF target = ANY (former) THEN
-            EXECUTE format('ALTER TABLE %I ADD COLUMN origin bigint, ADD COLUMN author integer, ADD CONSTRAINT'
+            EXECUTE format('ALTER TABLE %I ADD COLUMN origin bigint, ADD COLUMN author bigint, ADD CONSTRAINT'
                            ' origin_is_seq CHECK (origin BETWEEN 1 AND 9007199254740991) NOT VALID, ADD CONSTRAINT'
                            ' seq_in_range_of_double CHECK (seq < 9007199254740992) NOT VALID', target);
-            EXECUTE format('ALTER TABLE %I ADD COLUMN origin bigint, ADD COLUMN author integer', target || '_newest');
+            EXECUTE format('ALTER TABLE %I ADD COLUMN origin bigint, ADD COLUMN author bigint', target || '_newest');
         END IF;
         IF more <> '' THEN
             FOR part IN SELECT oid FROM pg_class WHERE relkind IN ('r', 'p') AND oid IN
@@ -529,9 +529,9 @@ CREATE FUNCTION is_person() RETURNS boolean LANGUAGE sql STABLE AS $$
 $$;
 COMMENT ON FUNCTION is_person() IS 'Does the session''s user operate, and is no program that writes setpoints by itself?';
 
-CREATE FUNCTION number_of(said text) RETURNS integer LANGUAGE plpgsql AS $$
+CREATE FUNCTION number_of(said text) RETURNS bigint LANGUAGE plpgsql AS $$
 DECLARE
-    found_number integer;
+    found_number bigint;
 BEGIN
     LOOP
         SELECT number INTO found_number FROM author WHERE name = said AND role = session_user;
@@ -556,7 +556,7 @@ $$ $function$, current_schema());
 
     -- No caller turns it: it executes no dynamic command, and the name that it keeps is his own user's.
     EXECUTE format($function$
-CREATE FUNCTION author_number(said text) RETURNS integer LANGUAGE sql VOLATILE SECURITY DEFINER
+CREATE FUNCTION author_number(said text) RETURNS bigint LANGUAGE sql VOLATILE SECURITY DEFINER
     SET search_path TO %1$I, pg_temp AS $$ SELECT number_of(said) $$ $function$, current_schema());
     COMMENT ON FUNCTION author_number(text) IS 'What stands in column author for somebody whom this user speaks for.';
 
@@ -564,7 +564,8 @@ CREATE FUNCTION author_number(said text) RETURNS integer LANGUAGE sql VOLATILE S
     -- gives a negative seq, become his until his transaction ends. Those that another transaction holds count as
     -- changed: a tick neither waits for a person's open transaction nor fails by it. A variable that has no row yet gets one
     -- of seq 0 to hold; only for that it may have to wait, shortly.
-    -- No caller turns it: it executes no dynamic command, and asks first whether he may write the table.
+    -- No caller turns it: it executes no dynamic command, and asks first whether he may write the table. Of opmode a
+    -- person holds no row that is a controller's.
     FOREACH target IN ARRAY ARRAY['setpoint', 'opmode', 'tuning', 'manual'] LOOP
         EXECUTE format($function$
 CREATE FUNCTION %1$I(ids integer[], seqs bigint[]) RETURNS TABLE (i bigint, next bigint)
@@ -590,8 +591,8 @@ BEGIN
                   WHERE (n.seq = v.seq OR v.seq < 0)%6$s;
 END
 $$ $function$, target || '_vacant', target || '_newest', current_schema(), target,
-                       CASE target WHEN 'opmode' THEN ' AND (v <> 1 OR v IN (SELECT loops()))' ELSE '' END,
-                       CASE target WHEN 'opmode' THEN ' AND (v.id <> 1 OR v.id IN (SELECT loops()))' ELSE '' END);
+                       CASE target WHEN 'opmode' THEN ' AND (v <> 1 OR NOT is_person() OR v IN (SELECT loops()))' ELSE '' END,
+                       CASE target WHEN 'opmode' THEN ' AND (v.id <> 1 OR NOT is_person() OR v.id IN (SELECT loops()))' ELSE '' END);
         EXECUTE format('COMMENT ON FUNCTION %I(integer[], bigint[]) IS %L', target || '_vacant',
                        'Hold those of these variables whose newest seq it is and that nobody else holds: position, next seq.');
         EXECUTE format('REVOKE ALL ON FUNCTION %I(integer[], bigint[]) FROM PUBLIC', target || '_vacant');

@@ -110,9 +110,10 @@ void apc_pg_array_null(struct apc_pg_array *a)
     put32(a->data + 4, 1);
 }
 
-int apc_pg_get_int8_array(const char *bytes, size_t length, int64_t *out, size_t capacity)
+/* How many elements of 8 bytes, or APC_EPROTO. */
+static int count_elements(const char *bytes, size_t length, int32_t oid)
 {
-    if (length < 12 || apc_pg_get_int4(bytes + 8) != APC_PG_INT8) {
+    if (length < 12 || apc_pg_get_int4(bytes + 8) != oid) {
         return APC_EPROTO;
     }
     if (apc_pg_get_int4(bytes) == 0) {
@@ -125,8 +126,23 @@ int apc_pg_get_int8_array(const char *bytes, size_t length, int64_t *out, size_t
     if (n < 0 || length != APC_PG_ARRAY_SIZE((size_t)n, 8)) {
         return APC_EPROTO; /* also when there are NULLs, which are shorter */
     }
-    for (size_t i = 0; i < (size_t)n && i < capacity; i++) {
+    return n;
+}
+
+int apc_pg_get_int8_array(const char *bytes, size_t length, int64_t *out, size_t capacity)
+{
+    int n = count_elements(bytes, length, APC_PG_INT8);
+    for (size_t i = 0; n > 0 && i < (size_t)n && i < capacity; i++) {
         out[i] = apc_pg_get_int8(bytes + APC_PG_ARRAY_SIZE(i, 8) + 4);
+    }
+    return n;
+}
+
+int apc_pg_get_float8_array(const char *bytes, size_t length, double *out, size_t capacity)
+{
+    int n = count_elements(bytes, length, APC_PG_FLOAT8);
+    for (size_t i = 0; n > 0 && i < (size_t)n && i < capacity; i++) {
+        out[i] = apc_pg_get_float8(bytes + APC_PG_ARRAY_SIZE(i, 8) + 4);
     }
     return n;
 }

@@ -495,7 +495,12 @@ static const char version_sql[] =
     "SELECT version::int8, coalesce((to_jsonb(m) ->> 'compatible_from')::int8, version)"
     " FROM migration m ORDER BY version DESC LIMIT 1";
 
-enum { SETUP_VERSION, SETUP_PREPARE, SETUP_CLAIM = SETUP_PREPARE + 2 * (APC_PG_TABLE_END - APC_SENSOR) };
+#define SHARED_TABLES 4
+enum {
+    SETUP_VERSION,
+    SETUP_PREPARE,
+    SETUP_CLAIM = SETUP_PREPARE + 2 * (APC_TABLE_END - APC_SENSOR) + SHARED_TABLES
+};
 
 static int take_session(void *ctx, int statement, PGresult *result)
 {
@@ -553,12 +558,12 @@ static int take_setup(void *ctx, int statement, PGresult *result)
         return take_version(pg, result);
     }
     int index = SETUP_CLAIM;
-    for (enum apc_table table = APC_SENSOR; table < APC_PG_TABLE_END; table++) {
+    for (enum apc_table table = APC_SENSOR; table < APC_TABLE_END; table++) {
         if (pg->claimed[table] && index++ == statement) {
             return apc_pg_take_claim(pg, table, result, NULL, 0);
         }
     }
-    return 0;
+    return pg->n_claims > 0 && index == statement ? apc_pg_take_claims(pg, result) : 0;
 }
 
 static int begin_session(struct apc_pg *pg)
@@ -575,17 +580,21 @@ static int begin_session(struct apc_pg *pg)
 static int set_up(struct apc_pg *pg)
 {
     int err = apc_pg_send(pg, version_sql, &(struct apc_pg_params){0});
-    for (enum apc_table table = APC_SENSOR; !err && table < APC_PG_TABLE_END; table++) {
+    for (enum apc_table table = APC_SENSOR; !err && table < APC_TABLE_END; table++) {
         const struct apc_pg_text *t = &apc_pg_texts[table];
         if (!PQsendPrepare(pg->conn, t->read_name, t->read, 0, NULL) ||
-            !PQsendPrepare(pg->conn, t->append_name, t->append, 0, NULL)) {
+            !PQsendPrepare(pg->conn, t->append_name, t->append, 0, NULL) ||
+            (t->place && !PQsendPrepare(pg->conn, t->place_name, t->place, 0, NULL))) {
             err = not_queued(pg);
         }
     }
-    for (enum apc_table table = APC_SENSOR; !err && table < APC_PG_TABLE_END; table++) {
+    for (enum apc_table table = APC_SENSOR; !err && table < APC_TABLE_END; table++) {
         if (pg->claimed[table]) {
             err = apc_pg_send_claim(pg, table, 0);
         }
+    }
+    if (!err && pg->n_claims > 0) {
+        err = apc_pg_send_claims(pg);
     }
     return err ? err : apc_pg_finish(pg, take_setup, pg);
 }

@@ -127,7 +127,8 @@ static int note(struct apc_pg *pg, const struct apc_migration *m, bool running)
 {
     char sql[SQL_MAX];
     if (!m->repair) {
-        snprintf(sql, sizeof sql, "INSERT INTO migration (version, name) VALUES (%d, '%s') ON CONFLICT DO NOTHING", m->number,
+        snprintf(sql, sizeof sql,
+                 "INSERT INTO migration (version, name) VALUES (%d, '%s') ON CONFLICT DO NOTHING", m->number,
                  m->name); /* a file that is compatible says so itself */
     } else {
         snprintf(sql, sizeof sql,

@@ -25,6 +25,7 @@ struct stream {
     int columns;
     union {
         apc_sample_fn sample;
+        apc_vector_fn vector;
         apc_history_bin_fn bin;
         apc_event_fn event;
         apc_timing_fn timing;
@@ -36,6 +37,8 @@ struct stream {
     size_t n;
     int64_t *bins; /* of timing rows: room for three arrays */
     size_t bins_capacity;
+    double *values; /* of a vector */
+    size_t room;
     int fetch; /* number of the FETCH among the statements sent */
     int count; /* rows given */
     bool ended;
@@ -138,9 +141,11 @@ static int give_sample(struct stream *s, const PGresult *result, int row)
         .status = (apc_status)apc_pg_cell(result, row, 2),
         .value = cell_double(result, row, 3),
     };
-    if (s->columns == 6) {
-        sample.sensor_seq = apc_pg_cell(result, row, 4); /* NULL has length 0 */
-        sample.setpoint_seq = apc_pg_cell(result, row, 5);
+    sample.origin = apc_pg_cell(result, row, 4); /* NULL has length 0 */
+    sample.author = (uint32_t)apc_pg_cell(result, row, 5);
+    if (s->columns == 8) {
+        sample.sensor_seq = apc_pg_cell(result, row, 6);
+        sample.setpoint_seq = apc_pg_cell(result, row, 7);
     }
     return s->fn.sample(s->ctx, &sample) != 0;
 }
@@ -157,7 +162,7 @@ int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const 
 {
     struct stream s = {.pg = apc_pg_of(store),
                        .row = give_sample,
-                       .columns = table == APC_ACTUATOR ? 6 : 4,
+                       .columns = table == APC_ACTUATOR ? 8 : 6,
                        .fn.sample = fn,
                        .ctx = ctx,
                        .table = table,
@@ -171,14 +176,65 @@ int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const 
     return stream(&s, range->last > 0 ? text->history_last : text->history, &p);
 }
 
+static int give_vector(struct stream *s, const PGresult *result, int row)
+{
+    const char *bytes = PQgetvalue(result, row, 3);
+    const size_t length = (size_t)PQgetlength(result, row, 3);
+    int n = apc_pg_get_float8_array(bytes, length, s->values, s->room);
+    if (n > 0 && (size_t)n > s->room) {
+        double *values = (double *)realloc(s->values, (size_t)n * sizeof *values);
+        if (!values) {
+            return apc_fail(&s->pg->base.why, APC_ENOMEM, "out of memory for %d elements", n);
+        }
+        s->values = values;
+        s->room = (size_t)n;
+        n = apc_pg_get_float8_array(bytes, length, s->values, s->room);
+    }
+    if (n < 0) {
+        return apc_fail(&s->pg->base.why, APC_EPROTO, "the database did not answer what was asked");
+    }
+    const struct apc_vector v = {
+        .table = s->table,
+        .id = s->id,
+        .seq = apc_pg_cell(result, row, 0),
+        .time = apc_pg_time_ns(apc_pg_cell(result, row, 1)),
+        .status = (apc_status)apc_pg_cell(result, row, 2),
+        .n = (uint32_t)n,
+        .room = (uint32_t)n,
+        .value = s->values,
+    };
+    return s->fn.vector(s->ctx, &v) != 0;
+}
+
+int apc_pg_vectors(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
+                   apc_vector_fn fn, void *ctx)
+{
+    struct stream s = {.pg = apc_pg_of(store),
+                       .row = give_vector,
+                       .columns = 4,
+                       .fn.vector = fn,
+                       .ctx = ctx,
+                       .table = table,
+                       .id = id};
+    struct apc_pg_params p = {0};
+    struct bounds b;
+    char number[4];
+    add_id(&p, number, id);
+    add_range(&p, &b, range);
+    const struct apc_pg_text *text = &apc_pg_texts[table];
+    int count = stream(&s, range->last > 0 ? text->history_last : text->history, &p);
+    free(s.values);
+    return count;
+}
+
 /* ---- Variables ------------------------------------------------------------------------------ */
 
 /* The tables' numbers are those of enum apc_table. */
-static const char variables_sql[] =
-    "SELECT 1::int8, id::int8 FROM sensor_newest UNION ALL SELECT 2, id FROM actuator_newest "
-    "UNION ALL SELECT 3, id FROM setpoint_newest UNION ALL SELECT 4, id FROM dim_newest "
-    "UNION ALL SELECT 5, id FROM opmode_newest UNION ALL SELECT 6, id FROM tuning_newest "
-    "UNION ALL SELECT 7, id FROM manual_newest UNION ALL SELECT 8, id FROM state_newest ORDER BY 1, 2";
+#define OF(table, number) "SELECT " number "::int8, id::int8 FROM " table "_newest WHERE seq > 0 UNION ALL "
+static const char variables_sql[] = OF("sensor", "1") OF("actuator", "2") OF("setpoint", "3") OF("dim", "4")
+    OF("opmode", "5") OF("tuning", "6") OF("manual", "7") OF("state", "8") OF("actual", "9")
+        OF("estimate", "10") OF("alarm", "11") OF("tick", "12")
+            OF("plan", "13") "SELECT 14, id FROM prediction_newest ORDER BY 1, 2";
 
 struct variable_list {
     struct apc_pg *pg;
@@ -554,7 +610,8 @@ int apc_pg_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capaci
         err = apc_pg_send(list.pg,
                           "SELECT table_name, id::int8, name, unit, description, low, high FROM tag ORDER BY"
                           " array_position(ARRAY['sensor', 'actuator', 'setpoint', 'dim', 'opmode', 'tuning',"
-                          " 'manual', 'state'], table_name), id",
+                          " 'manual', 'state', 'actual', 'estimate', 'alarm', 'tick', 'plan',"
+                          " 'prediction'], table_name), id",
                           &(struct apc_pg_params){0});
     }
     if (!err) {

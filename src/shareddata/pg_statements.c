@@ -11,13 +11,15 @@
 
 /*
  * $1 ids. One row a variable that has samples: position in $1 (from 1), then its newest sample. LIMIT 1 keeps
- * the planner from reading the whole table of newest values for a few.
+ * the planner from reading the whole table of newest values for a few. (Seq 0: somebody is writing the
+ * first.)
  */
 #define READ(table, more)                                                                                    \
     "SELECT v.i, n.* FROM unnest($1::int4[]) WITH ORDINALITY AS v (id, i) CROSS JOIN LATERAL "               \
-    "(SELECT seq, time, status, value" more " FROM " table "_newest WHERE id = v.id LIMIT 1) AS n"
+    "(SELECT seq, time, status, value" more " FROM " table                                                   \
+    "_newest WHERE id = v.id AND seq > 0 LIMIT 1) AS n"
 
-#define ARRAYS "$1::int4[], $2::int8[], $3::timestamptz[], $4::int8[], $5::float8[]"
+#define ARRAYS "$1::int4[], $2::int8[], $3::timestamptz[], $4::int8[], $5::float8[], $6::int8[], $7::int8[]"
 #define APPEND(table, more, arrays)                                                                          \
     "INSERT INTO " table " (id, seq, time, status, value" more ") SELECT * FROM unnest(" ARRAYS arrays ")"
 
@@ -27,18 +29,31 @@
     " FROM unnest(" ARRAYS arrays ") WITH ORDINALITY AS v (id, seq, time, status, value" more ", i) "        \
     "WHERE i IN (SELECT absent('" table "', $1::int4[], $2::int8[]))"
 
+/* The vectors' elements stand in $5 one after another: from $6 to $7 are those of one. */
+#define VECTORS                                                                                              \
+    " (id, seq, time, status, value) SELECT id, seq, time, status, ($5::float8[])[first : last] FROM "       \
+    "unnest($1::int4[], $2::int8[], $3::timestamptz[], $4::int8[], $6::int4[], $7::int4[]) WITH ORDINALITY " \
+    "AS v (id, seq, time, status, first, last, i)"
+
 /* In the order of ids, so that two writers never wait for each other in a circle within a table. */
-#define PUT(table)                                                                                           \
-    "INSERT INTO " table " (id, seq, time, status, value) SELECT v.id, "                                     \
-    "coalesce((SELECT seq FROM " table "_newest WHERE id = v.id), 0) + 1, v.time, v.status, v.value FROM "   \
-    "unnest($1::int4[], $2::timestamptz[], $3::int8[], $4::float8[]) AS v (id, time, status, value) "        \
-    "ORDER BY v.id"
+#define PUT(table, more, values)                                                                             \
+    "INSERT INTO " table " (id, seq, time, status, value" more ") SELECT v.id, "                             \
+    "coalesce((SELECT seq FROM " table "_newest WHERE id = v.id), 0) + 1, v.time, v.status, v.value" more    \
+    " FROM unnest($1::int4[], $2::timestamptz[], $3::int8[], $4::float8[]" values                            \
+    ") AS v (id, time, status, value" more ") ORDER BY v.id"
 
 #define SWAP(table)                                                                                          \
-    "INSERT INTO " table " (id, seq, time, status, value) SELECT id, seq + 1, time, status, value "          \
-    "FROM unnest(" ARRAYS ") AS v (id, seq, time, status, value) "                                           \
+    "INSERT INTO " table " (id, seq, time, status, value, origin, author) SELECT id, seq + 1, time, "        \
+    "status, value, origin, author FROM unnest(" ARRAYS                                                      \
+    ") AS v (id, seq, time, status, value, origin, author) "                                                 \
     "WHERE v.seq = coalesce((SELECT seq FROM " table "_newest WHERE id = v.id), 0) ORDER BY v.id "           \
     "RETURNING id, seq"
+
+/* The next seq of those that are what the writer knows, and that nobody holds; in the order of ids. */
+#define PLACE(table)                                                                                         \
+    "INSERT INTO " table " (id, seq, time, status, value, origin, author) SELECT ($1::int4[])[i], next, "    \
+    "($3::timestamptz[])[i], ($4::int8[])[i], ($5::float8[])[i], ($6::int8[])[i], ($7::int8[])[i] "          \
+    "FROM " table "_vacant($1::int4[], $2::int8[]) ORDER BY 1 RETURNING id, seq"
 
 #define DECLARE "DECLARE rows NO SCROLL CURSOR FOR "
 /* $1 id, $2 since, $3 until. */
@@ -68,21 +83,37 @@
             "GROUP BY 1) AS b ORDER BY bin"
 
 #define TEXTS(table, more, arrays)                                                                           \
-    {                                                                                                        \
-        .read_name = "read_" table, .read = READ(table, more), .append_name = "append_" table,               \
-        .append = APPEND(table, more, arrays), .repeat = REPEAT(table, more, arrays),                        \
-        .put = PUT(table) " RETURNING id, seq", .swap = SWAP(table), .bins = BINS(table),                    \
-        .history = HISTORY(table, more), .history_last = HISTORY_LAST(table, more),                          \
-        .paper_read = READ("apc." table, ""), .paper_put = PUT("apc." table) " ON CONFLICT DO NOTHING",      \
-    }
+    .read_name = "read_" table, .read = READ(table, more), .append_name = "append_" table,                   \
+    .append = APPEND(table, more, arrays), .repeat = REPEAT(table, more, arrays),                            \
+    .put = PUT(table, ", origin, author", ", $5::int8[], $6::int8[]") " RETURNING id, seq",                  \
+    .swap = SWAP(table), .bins = BINS(table), .history = HISTORY(table, more),                               \
+    .history_last = HISTORY_LAST(table, more), .paper_read = READ("apc." table, ""),                         \
+    .paper_put = PUT("apc." table, "", "") " ON CONFLICT DO NOTHING"
 
-const struct apc_pg_text apc_pg_texts[APC_PG_TABLE_END] = {
-    [APC_SENSOR] = TEXTS("sensor", "", ""),
-    [APC_ACTUATOR] = TEXTS("actuator", ", sensor_seq, setpoint_seq", ", $6::int8[], $7::int8[]"),
-    [APC_SETPOINT] = TEXTS("setpoint", "", ""),
-    [APC_DIM] = TEXTS("dim", "", ""),
-    [APC_OPMODE] = TEXTS("opmode", "", ""),
-    [APC_TUNING] = TEXTS("tuning", "", ""),
-    [APC_MANUAL] = TEXTS("manual", "", ""),
-    [APC_STATE] = TEXTS("state", "", ""),
+#define NUMBERS(table) TEXTS(table, ", origin, author", "")
+#define SHARED(table)  NUMBERS(table), .place_name = "place_" table, .place = PLACE(table)
+
+#define VECTOR_TEXTS(table)                                                                                  \
+    .read_name = "read_" table, .read = READ(table, ""), .append_name = "append_" table,                     \
+    .append = "INSERT INTO " table VECTORS,                                                                  \
+    .repeat = "INSERT INTO " table VECTORS " WHERE i IN (SELECT absent('" table "', $1::int4[], "            \
+              "$2::int8[]))",                                                                                \
+    .history = HISTORY(table, ""), .history_last = HISTORY_LAST(table, "")
+
+const struct apc_pg_text apc_pg_texts[APC_TABLE_END] = {
+    [APC_SENSOR] = {NUMBERS("sensor")},
+    [APC_ACTUATOR] = {TEXTS("actuator", ", origin, author, sensor_seq, setpoint_seq",
+                            ", $8::int8[], $9::int8[]")},
+    [APC_SETPOINT] = {SHARED("setpoint")},
+    [APC_DIM] = {NUMBERS("dim")},
+    [APC_OPMODE] = {SHARED("opmode")},
+    [APC_TUNING] = {SHARED("tuning")},
+    [APC_MANUAL] = {SHARED("manual")},
+    [APC_STATE] = {NUMBERS("state")},
+    [APC_ACTUAL] = {NUMBERS("actual")},
+    [APC_ESTIMATE] = {NUMBERS("estimate")},
+    [APC_ALARM] = {NUMBERS("alarm")},
+    [APC_TICK] = {VECTOR_TEXTS("tick")},
+    [APC_PLAN] = {VECTOR_TEXTS("plan")},
+    [APC_PREDICTION] = {VECTOR_TEXTS("prediction")},
 };

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * Waiting for a change: LISTEN, then look, then wait for a notification, which a trigger sends with each
- * commit that wrote samples. In that order nothing is missed: a commit after the LISTEN notifies, one before
- * it is seen by the look.
+ * commit that wrote what people write. In that order nothing is missed: a commit after the LISTEN notifies,
+ * one before it is seen by the look. The other tables are looked at again and again: a notifying commit takes
+ * a lock of the whole server until it is durable, which a tick must not.
  *
  * The waiter has a connection of its own, made at the first wait: notifications would otherwise pile up on
  * the connection of a tick while nobody waits.
@@ -13,6 +14,8 @@
 #include <string.h>
 
 #include "shareddata/postgresql.h"
+
+#define PERIOD (50 * APC_NS_PER_MS)
 
 void apc_pg_close_waiter(struct apc_pg *pg)
 {
@@ -95,6 +98,10 @@ static int look(struct apc_pg *w, const struct apc_sample *seen, size_t n, struc
 static int wait_until(struct apc_pg *w, const struct apc_sample *seen, size_t n, struct apc_sample *now,
                       apc_ns deadline)
 {
+    bool polled = false;
+    for (size_t i = 0; i < n; i++) {
+        polled = polled || !apc_table_shared(seen[i].table);
+    }
     for (;;) {
         int result = listen_to_all(w, seen, n);
         result = result ? result : look(w, seen, n, now);
@@ -104,8 +111,9 @@ static int wait_until(struct apc_pg *w, const struct apc_sample *seen, size_t n,
         if (w->listening == 0) {
             continue; /* the look had to connect anew */
         }
-        result = apc_pg_await_notify(w, deadline);
-        if (result <= 0) {
+        const apc_ns next = polled ? apc_clock_mono(NULL) + PERIOD : deadline;
+        result = apc_pg_await_notify(w, next < deadline ? next : deadline);
+        if (result < 0 || (result == 0 && next >= deadline)) {
             return result;
         }
     }

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * The PostgreSQL store, shared by its files: pg_array.c (binary values), pg_statements.c (every SQL text),
- * pg_connection.c (connecting, waiting with a deadline), pg_former.c (claims that outlive their
- * connection), pg_init.c (migrations), pg_rows.c (history, events, timing, tags), postgresql.c (the ticks'
- * operations). apcshareddata.c uses the first two.
+ * pg_connection.c (connecting, waiting with a deadline), pg_claim.c (claims), pg_former.c (claims that
+ * outlive their connection), pg_init.c (migrations), pg_tick.c (the ticks' operations), pg_rows.c (history,
+ * events, timing, tags), postgresql.c (its life). apcshareddata.c uses the first two.
  */
 #ifndef APC_POSTGRESQL_H
 #define APC_POSTGRESQL_H
@@ -42,6 +42,8 @@ int64_t apc_pg_cell(const PGresult *result, int row, int column);
 /** Elements of an int8[] without NULLs: up to @p capacity into @p out. Returns how many there are, or
  * APC_EPROTO. */
 int apc_pg_get_int8_array(const char *bytes, size_t length, int64_t *out, size_t capacity);
+/** The same of a float8[]. */
+int apc_pg_get_float8_array(const char *bytes, size_t length, double *out, size_t capacity);
 
 /** A timestamptz is microseconds since 2000. Nanoseconds are cut off; what apc_ns cannot hold is clamped. */
 int64_t apc_pg_time(apc_ns utc);
@@ -56,14 +58,12 @@ struct apc_pg_text {
     const char *repeat;                 /* append of those that are not there */
     const char *put;                    /* takes the next seq; a concurrent writer makes it fail */
     const char *swap;                   /* the next seq of those whose newest is the one given */
+    const char *place_name, *place;     /* prepared; the same of what nobody holds. Of what people write */
     const char *history, *history_last; /* declares cursor "rows" */
     const char *bins;                   /* likewise */
     const char *paper_read, *paper_put; /* the same on schema apc, for any PGconn */
 };
-/** The tables that a schema has are those below it. */
-#define APC_PG_TABLE_END APC_ACTUAL
-
-extern const struct apc_pg_text apc_pg_texts[APC_PG_TABLE_END];
+extern const struct apc_pg_text apc_pg_texts[APC_TABLE_END];
 
 /* ---- pg_connection.c ------------------------------------------------------------------------ */
 
@@ -75,6 +75,11 @@ struct apc_pg_session {
 };
 
 #define APC_PG_FORMER_MAX 8 /* each is one that the server could not end for as long as the timeout */
+
+/** A row of the running operation, and which statement on its table it is part of. */
+struct apc_pg_place {
+    uint32_t row, pass;
+};
 
 struct apc_pg {
     struct apc_store base;
@@ -89,15 +94,17 @@ struct apc_pg {
     uint64_t random;       /* of the jitter */
     int failed;            /* why the last connect failed */
     struct apc_error failure;
-    bool claimed[APC_PG_TABLE_END];
+    bool claimed[APC_TABLE_END];
+    struct apc_sample *claims; /* single variables */
+    size_t n_claims;
     struct apc_pg_session session, former[APC_PG_FORMER_MAX];
     size_t n_former;
     bool unreplicated;              /* a commit's warning: not on the standby */
     struct apc_pg *waiter;          /* the connection of apc_store_wait(); NULL: never used */
     uint32_t listening;             /* of a waiter: bit t: to changes of table t */
-    struct apc_pg_array columns[7]; /* parameters; kept, so that a tick allocates nothing */
-    uint32_t *order;                /* samples sorted by table; kept as well */
-    size_t order_capacity;
+    struct apc_pg_array columns[9]; /* parameters; kept, so that a tick allocates nothing */
+    struct apc_pg_place *places;    /* rows sorted by table; kept as well */
+    size_t places_capacity;
 };
 
 static inline struct apc_pg *apc_pg_of(struct apc_store *store)
@@ -105,7 +112,7 @@ static inline struct apc_pg *apc_pg_of(struct apc_store *store)
     return (struct apc_pg *)store;
 }
 
-/** A statement's parameters: up to seven, all binary but where length is 0 (text) or value is NULL. */
+/** A statement's parameters: up to sixteen, all binary but where length is 0 (text) or value is NULL. */
 struct apc_pg_params {
     int n;
     const char *values[16];
@@ -163,17 +170,30 @@ int apc_pg_end_former(struct apc_pg *pg);
 int apc_pg_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout);
 void apc_pg_close_waiter(struct apc_pg *pg);
 
-/* ---- pg_claim: in postgresql.c -------------------------------------------------------------- */
+/* ---- pg_claim.c ----------------------------------------------------------------------------- */
 
 /** Queue a claim on a table; n = 0 just renews it. */
 int apc_pg_send_claim(struct apc_pg *pg, enum apc_table table, size_t n);
 /** Look at its result: APC_EBUSY with the holder's name when it was refused. */
 int apc_pg_take_claim(struct apc_pg *pg, enum apc_table table, const PGresult *result, int64_t *last,
                       size_t n);
+/** Queue a claim on all single variables that this store has; look at its result likewise. */
+int apc_pg_send_claims(struct apc_pg *pg);
+int apc_pg_take_claims(struct apc_pg *pg, const PGresult *result);
 
-/* ---- postgresql.c, pg_init.c, pg_maintain.c, pg_rows.c: operations -------------------------- */
+/* ---- pg_tick.c, pg_claim.c, pg_init.c, pg_maintain.c, pg_rows.c: operations ------------------ */
 
 int apc_pg_read(struct apc_store *store, struct apc_sample *samples, size_t n);
+int apc_pg_append(struct apc_store *store, const struct apc_sample *samples, size_t n);
+int apc_pg_put(struct apc_store *store, struct apc_sample *samples, size_t n);
+int apc_pg_swap(struct apc_store *store, struct apc_sample *samples, size_t n);
+int apc_pg_read_rows(struct apc_store *store, struct apc_rows *rows);
+int apc_pg_append_rows(struct apc_store *store, const struct apc_rows *rows);
+int apc_pg_claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last);
+int apc_pg_claim_set(struct apc_store *store, struct apc_sample *variables, size_t n);
+int apc_pg_release(struct apc_store *store, const struct apc_sample *variables, size_t n);
+int apc_pg_vectors(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
+                   apc_vector_fn fn, void *ctx);
 int apc_pg_init(struct apc_store *store);
 int apc_pg_maintain(struct apc_store *store, const struct apc_retention *keep);
 int apc_pg_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity);

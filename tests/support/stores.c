@@ -42,7 +42,7 @@ static void shm_remove(int number)
     unlink(path);
 }
 
-const struct store_kind store_kinds[] = {{"postgresql:", postgresql_uri, NULL, false, false},
+const struct store_kind store_kinds[] = {{"postgresql:", postgresql_uri, NULL, false, true},
                                          {"sqlite:", sqlite_uri, NULL, false, true},
                                          {"mem:", mem_uri, NULL, false, true},
                                          {"shm:", shm_uri, shm_remove, false, true},

@@ -238,7 +238,7 @@ test_set_refuses_what_must_not_be() {
   refused 4 "apc mode man" set mode 0
   refused 4 "apc tune" set Kp 1
   refused 4 "apc init" set dim.y 2
-  refused 4 "controller" set state.1 2
+  refused 4 "programs only" set state.1 2
   refused 1 'no variable "q"' set q 1
   refused 1 'no variable "setpoint.7"' set setpoint.7 1
   refused 4 'u is controlled in mode Auto; "apc mode man" first' set u 1

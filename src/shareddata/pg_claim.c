@@ -1,0 +1,222 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The PostgreSQL store: claims. The server ends them with the session (sql/0003-rows.sql), so the store keeps
+ * in mind what it claimed and claims it anew in each session, before anything else.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "shareddata/postgresql.h"
+
+static int unexpected(struct apc_pg *pg)
+{
+    return apc_fail(&pg->base.why, APC_EPROTO, "the database did not answer what was asked");
+}
+
+/* ---- Of a table ----------------------------------------------------------------------------- */
+
+int apc_pg_send_claim(struct apc_pg *pg, enum apc_table table, size_t n)
+{
+    struct apc_pg_params p = {0};
+    char count[8];
+    apc_pg_put_int8(count, (int64_t)n);
+    apc_pg_param_text(&p, apc_table_name(table));
+    apc_pg_param(&p, count, sizeof count);
+    pg->session.claimant = true;
+    return apc_pg_send(pg, "SELECT holder, last FROM claim($1, $2::int8::int4)", &p);
+}
+
+int apc_pg_take_claim(struct apc_pg *pg, enum apc_table table, const PGresult *result, int64_t *last,
+                      size_t n)
+{
+    if (PQntuples(result) != 1 || PQnfields(result) != 2) {
+        return unexpected(pg);
+    }
+    if (!PQgetisnull(result, 0, 0)) {
+        return apc_fail(&pg->base.why, APC_EBUSY,
+                        "table %s of schema %s is already written by %s: stop it first",
+                        apc_table_name(table), pg->schema, PQgetvalue(result, 0, 0));
+    }
+    if (n == 0) {
+        return 0;
+    }
+    int got = apc_pg_get_int8_array(PQgetvalue(result, 0, 1), (size_t)PQgetlength(result, 0, 1), last, n);
+    return got >= 0 && (size_t)got == n ? 0 : unexpected(pg);
+}
+
+struct claiming {
+    struct apc_pg *pg;
+    enum apc_table table;
+    int64_t *last;
+    size_t n;
+};
+
+static int take_claim(void *ctx, int statement, PGresult *result)
+{
+    const struct claiming *c = (const struct claiming *)ctx;
+    (void)statement;
+    return apc_pg_take_claim(c->pg, c->table, result, c->last, c->n);
+}
+
+int apc_pg_claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last)
+{
+    struct claiming c = {.pg = apc_pg_of(store), .table = table, .last = last, .n = n};
+    int err = apc_pg_begin(c.pg);
+    if (!err) {
+        err = apc_pg_send_claim(c.pg, table, n);
+    }
+    if (!err) {
+        err = apc_pg_finish(c.pg, take_claim, &c);
+    }
+    if (!err) {
+        c.pg->claimed[table] = true;
+    }
+    return err;
+}
+
+/* ---- Of a set of variables ------------------------------------------------------------------ */
+
+#define NAME_MAX_LEN 12 /* of a table, with its comma */
+
+/* An array of names, as text: they are words of ours, without anything to quote. */
+static char *names_of(const struct apc_sample *variables, size_t n)
+{
+    char *text = (char *)malloc(n * NAME_MAX_LEN + 3), *end = text;
+    if (!text) {
+        return NULL;
+    }
+    *end++ = '{';
+    for (size_t i = 0; i < n; i++) {
+        const char *name = apc_table_name(variables[i].table);
+        const size_t length = strlen(name);
+        if (i > 0) {
+            *end++ = ',';
+        }
+        memcpy(end, name, length);
+        end += length;
+    }
+    memcpy(end, "}", 2);
+    return text;
+}
+
+static int send_set(struct apc_pg *pg, const char *sql, const struct apc_sample *variables, size_t n)
+{
+    struct apc_pg_params p = {0};
+    char *names = names_of(variables, n);
+    if (!names || apc_pg_array_begin(&pg->columns[0], APC_PG_INT4, n) != 0) {
+        free(names);
+        return apc_fail(&pg->base.why, APC_ENOMEM, "out of memory for %zu variables", n);
+    }
+    for (size_t i = 0; i < n; i++) {
+        apc_pg_array_int4(&pg->columns[0], variables[i].id);
+    }
+    apc_pg_param_text(&p, names);
+    apc_pg_param(&p, pg->columns[0].data, pg->columns[0].length);
+    int err = apc_pg_send(pg, sql, &p);
+    free(names);
+    return err;
+}
+
+int apc_pg_send_claims(struct apc_pg *pg)
+{
+    pg->session.claimant = true;
+    return send_set(pg, "SELECT at, holder, last FROM claim_set($1::text[], $2::int4[])", pg->claims,
+                    pg->n_claims);
+}
+
+static int take_set(struct apc_pg *pg, const PGresult *result, const struct apc_sample *variables, size_t n,
+                    int64_t *last)
+{
+    if (PQntuples(result) != 1 || PQnfields(result) != 3) {
+        return unexpected(pg);
+    }
+    const int64_t at = apc_pg_cell(result, 0, 0);
+    if (!PQgetisnull(result, 0, 0)) {
+        return at < 1 || (size_t)at > n
+                   ? unexpected(pg)
+                   : apc_fail(&pg->base.why, APC_EBUSY,
+                              "%s %d of schema %s is already written by %s: stop it first",
+                              apc_table_name(variables[at - 1].table), variables[at - 1].id, pg->schema,
+                              PQgetvalue(result, 0, 1));
+    }
+    if (!last) {
+        return 0;
+    }
+    int got = apc_pg_get_int8_array(PQgetvalue(result, 0, 2), (size_t)PQgetlength(result, 0, 2), last, n);
+    return got >= 0 && (size_t)got == n ? 0 : unexpected(pg);
+}
+
+int apc_pg_take_claims(struct apc_pg *pg, const PGresult *result)
+{
+    return take_set(pg, result, pg->claims, pg->n_claims, NULL);
+}
+
+struct set {
+    struct apc_pg *pg;
+    const struct apc_sample *variables;
+    size_t n;
+    int64_t *last;
+};
+
+static int take_claimed(void *ctx, int statement, PGresult *result)
+{
+    const struct set *set = (const struct set *)ctx;
+    (void)statement;
+    return take_set(set->pg, result, set->variables, set->n, set->last);
+}
+
+static size_t place_of(const struct apc_pg *pg, const struct apc_sample *variable)
+{
+    size_t i = 0;
+    while (i < pg->n_claims && (pg->claims[i].table != variable->table || pg->claims[i].id != variable->id)) {
+        i++;
+    }
+    return i;
+}
+
+int apc_pg_claim_set(struct apc_store *store, struct apc_sample *variables, size_t n)
+{
+    struct apc_pg *pg = apc_pg_of(store);
+    struct apc_sample *claims = (struct apc_sample *)realloc(pg->claims, (pg->n_claims + n) * sizeof *claims);
+    if (claims) {
+        pg->claims = claims;
+    }
+    struct set set = {
+        .pg = pg, .variables = variables, .n = n, .last = (int64_t *)calloc(n, sizeof *set.last)};
+    int err = claims && set.last ? apc_pg_begin(pg)
+                                 : apc_fail(&pg->base.why, APC_ENOMEM, "out of memory for %zu variables", n);
+    if (!err) {
+        pg->session.claimant = true;
+        err = send_set(pg, "SELECT at, holder, last FROM claim_set($1::text[], $2::int4[])", variables, n);
+    }
+    if (!err) {
+        err = apc_pg_finish(pg, take_claimed, &set);
+    }
+    for (size_t i = 0; !err && i < n; i++) {
+        variables[i].seq = set.last[i];
+        const size_t at = place_of(pg, &variables[i]);
+        pg->claims[at] = variables[i];
+        pg->n_claims += at == pg->n_claims;
+    }
+    free(set.last);
+    return err;
+}
+
+int apc_pg_release(struct apc_store *store, const struct apc_sample *variables, size_t n)
+{
+    struct apc_pg *pg = apc_pg_of(store);
+    for (size_t i = 0; i < n; i++) { /* first: a connection that is lost must not claim them again */
+        const size_t at = place_of(pg, &variables[i]);
+        if (at < pg->n_claims) {
+            pg->claims[at] = pg->claims[--pg->n_claims];
+        }
+    }
+    if (!pg->conn) {
+        return 0; /* with the session they have gone, or the next one ends it */
+    }
+    int err = apc_pg_begin(pg);
+    if (!err) {
+        err = send_set(pg, "SELECT claim_release($1::text[], $2::int4[])", variables, n);
+    }
+    return err ? err : apc_pg_finish(pg, NULL, NULL);
+}
