@@ -136,7 +136,7 @@ struct control *control_open(const char *schema, size_t n)
     const struct apc_controller_options options = {
         .size = sizeof options,
         .law = &apc_law_pi,
-        .dim = {.ny = n, .nz = n, .nu = n},
+        .dim = {.ny = n, .nz = n, .nu = n, 0},
         .period = (apc_ns)(TS * 1e9),
         .horizon = PERIOD,
     };

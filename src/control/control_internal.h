@@ -4,7 +4,7 @@
 
 #include "apccontrol.h"
 
-/* ---- A law as a controller runs it ------------------------------------------------------------------ */
+/* ---- A law as a controller runs it ----------------------------------------------------------- */
 
 /**
  * The instances of a law: one, number 0, of a law that is whole; else one for each output, instance k for
@@ -80,7 +80,7 @@ void apc_instances_update(struct apc_instances *instances, size_t k,
 void apc_instances_track(struct apc_instances *instances, size_t k,
                          const struct apc_law_call *call); /**< [tick] */
 
-/* ---- For laws ------------------------------------------------------------------------------------------ */
+/* ---- For laws -------------------------------------------------------------------------------- */
 
 /** Check a law from outside; @p from, its path or name, begins the error's text. Returns 0 or APC_EINVAL. */
 int apc_law_check(const struct apc_law *law, const char *from, struct apc_error *why);

@@ -6,8 +6,8 @@
  */
 #include "base/base_internal.h"
 #include "control/control_internal.h"
+#include "control/parts.h"
 
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -44,108 +44,15 @@ struct apc_instances {
     uint32_t mark;
 };
 
-/* ---- Ports ------------------------------------------------------------------------------------------------
+/* ---- Creation --------------------------------------------------------------------------------------------
  */
-
-static int check_ports(const struct apc_law *law, size_t output, const char *what, const int *number,
-                       size_t n, size_t there, struct apc_error *why)
-{
-    if (n > APC_LAW_PORTS)
-        return apc_fail(why, APC_EINVAL, "law %s: output %zu would use %zu %ss; %d at most", law->name,
-                        output + 1, n, what, APC_LAW_PORTS);
-    for (size_t i = 0; i < n; i++) {
-        if (number[i] < 0 || (size_t)number[i] >= there)
-            return apc_fail(why, APC_EINVAL, "law %s: output %zu would use %s %d, but there are %zu",
-                            law->name, output + 1, what, number[i] + 1, there);
-    }
-    return 0;
-}
-
-static int find_ports(const struct apc_law *law, const struct apc_law_setup *setup, size_t output,
-                      struct apc_law_ports *p, struct apc_error *why)
-{
-    const struct apc_dim *d = &setup->dim;
-    int rc;
-
-    *p = (struct apc_law_ports){.ny = d->ny > 0, .nz = d->nz > 0, .nd = output < d->nd};
-    p->y[0] = output < d->ny ? (int)output : 0;
-    p->z[0] = output < d->nz ? (int)output : 0;
-    p->d[0] = (int)output;
-    rc = law->ports ? law->ports(setup, output, p, why) : 0;
-    if (rc == 0)
-        rc = check_ports(law, output, "measurement", p->y, p->ny, d->ny, why);
-    if (rc == 0)
-        rc = check_ports(law, output, "setpoint", p->z, p->nz, d->nz, why);
-    return rc < 0 ? rc : check_ports(law, output, "disturbance", p->d, p->nd, d->nd, why);
-}
-
-int apc_law_pairing(const struct apc_law *law, const struct apc_law_setup *setup, struct apc_pair *pair,
-                    struct apc_error *why)
-{
-    for (size_t i = 0; i < setup->dim.nu; i++) {
-        struct apc_law_ports p;
-        int rc = find_ports(law, setup, i, &p, why);
-
-        if (rc < 0)
-            return rc;
-        pair[i] = (struct apc_pair){.measurement = p.ny ? (size_t)p.y[0] + 1 : 0,
-                                    .setpoint = p.nz ? (size_t)p.z[0] + 1 : 0};
-    }
-    return 0;
-}
-
-/* ---- Tuning
- * ------------------------------------------------------------------------------------------------ */
-
-static enum apc_law_scope scope_of(const struct apc_law *law, size_t number)
-{
-    return law->scope ? law->scope[number] : APC_OF_OUTPUT;
-}
-
-static size_t count_scope(const struct apc_law *law, enum apc_law_scope scope)
-{
-    size_t n = 0;
-
-    for (size_t j = 0; j < law->n_tuning; j++)
-        n += scope_of(law, j) == scope;
-    return n;
-}
-
-size_t apc_law_parameters(const struct apc_law *law, const struct apc_dim *dim)
-{
-    return count_scope(law, APC_OF_LAW) + dim->nu * count_scope(law, APC_OF_OUTPUT) +
-           dim->ny * count_scope(law, APC_OF_MEASUREMENT);
-}
-
-/* Parameter number i among those of that scope. */
-static struct apc_law_parameter parameter(const struct apc_law *law, enum apc_law_scope scope, size_t each,
-                                          size_t i)
-{
-    struct apc_law_parameter p = {.scope = scope, .of = i / each};
-    size_t left = i % each;
-
-    while (scope_of(law, p.number) != scope || left-- > 0)
-        p.number++;
-    return p;
-}
-
-struct apc_law_parameter apc_law_parameter_at(const struct apc_law *law, const struct apc_dim *dim, size_t i)
-{
-    const size_t own = count_scope(law, APC_OF_LAW), each = count_scope(law, APC_OF_OUTPUT);
-
-    if (i < own)
-        return parameter(law, APC_OF_LAW, own, i);
-    if (i < own + dim->nu * each)
-        return parameter(law, APC_OF_OUTPUT, each, i - own);
-    return parameter(law, APC_OF_MEASUREMENT, count_scope(law, APC_OF_MEASUREMENT), i - own - dim->nu * each);
-}
 
 /* Which parameters instance k, for an output, has: the law's, its output's, those of its measurements. */
 static int choose_tuning(struct apc_instances *s, size_t k)
 {
     const struct apc_law *law = s->law;
-    const size_t own = count_scope(law, APC_OF_LAW), each = count_scope(law, APC_OF_OUTPUT),
-                 measured = count_scope(law, APC_OF_MEASUREMENT);
+    const size_t own = apc_law_count(law, APC_OF_LAW), each = apc_law_count(law, APC_OF_OUTPUT),
+                 measured = apc_law_count(law, APC_OF_MEASUREMENT);
     struct instance *of = &s->instance[k];
     size_t n = 0;
 
@@ -162,69 +69,6 @@ static int choose_tuning(struct apc_instances *s, size_t k)
             of->tuning[n++] = own + s->dim.nu * each + (size_t)s->ports[k].y[i] * measured + j;
     }
     return 0;
-}
-
-/* ---- Creation --------------------------------------------------------------------------------------------
- */
-
-/* The controller's setup as an instance for an output sees it. */
-struct view {
-    struct apc_law_setup setup;
-    struct apc_signal_view y[APC_LAW_PORTS], z[APC_LAW_PORTS], d[APC_LAW_PORTS];
-    struct apc_law_plant plant;
-    double *memory; /* of plant */
-};
-
-static const struct apc_signal_view *view_signals(const struct apc_signal_view *from, const int *number,
-                                                  size_t n, struct apc_signal_view *to)
-{
-    for (size_t i = 0; from && i < n; i++)
-        to[i] = from[number[i]];
-    return from ? to : NULL;
-}
-
-/* Its rows of C and D, its columns of B and D. */
-static int view_plant(struct view *v, const struct apc_law_plant *whole, const struct apc_dim *dim,
-                      size_t output, const struct apc_law_ports *p)
-{
-    const size_t nx = whole->nx, width = dim->nu + dim->nd, own = 1 + p->nd;
-    double *B = calloc(nx * own + p->ny * (nx + own + 1) + own, sizeof(*B)), *C = B + nx * own,
-           *D = C + p->ny * nx, *u0 = D + p->ny * own, *y0 = u0 + own;
-
-    if (!B)
-        return APC_ENOMEM;
-    for (size_t j = 0; j < own; j++) {
-        const size_t column = j == 0 ? output : dim->nu + (size_t)p->d[j - 1];
-
-        for (size_t i = 0; i < nx; i++)
-            B[i * own + j] = whole->B[i * width + column];
-        for (size_t i = 0; i < p->ny; i++)
-            D[i * own + j] = whole->D[(size_t)p->y[i] * width + column];
-        u0[j] = whole->u0[column];
-    }
-    for (size_t i = 0; i < p->ny; i++) {
-        memcpy(C + i * nx, whole->C + (size_t)p->y[i] * nx, nx * sizeof(*C));
-        y0[i] = whole->y0[p->y[i]];
-    }
-    v->memory = B;
-    v->plant = (struct apc_law_plant){
-        .nx = nx, .A = whole->A, .B = B, .C = C, .D = D, .x0 = whole->x0, .u0 = u0, .y0 = y0};
-    return 0;
-}
-
-static int view_setup(struct view *v, const struct apc_law_setup *whole, size_t output,
-                      const struct apc_law_ports *p)
-{
-    v->memory = NULL;
-    v->setup = *whole;
-    v->setup.dim = (struct apc_dim){p->ny, p->nz, 1, p->nd};
-    v->setup.output = output;
-    v->setup.y = view_signals(whole->y, p->y, p->ny, v->y);
-    v->setup.z = view_signals(whole->z, p->z, p->nz, v->z);
-    v->setup.d = view_signals(whole->d, p->d, p->nd, v->d);
-    v->setup.u = whole->u ? whole->u + output : NULL;
-    v->setup.plant = whole->plant ? &v->plant : NULL;
-    return whole->plant ? view_plant(v, whole->plant, &whole->dim, output, p) : 0;
 }
 
 /* Make instance k from its own setup, and lay out what it has. */
@@ -268,13 +112,13 @@ static int make_instances(struct apc_instances *s, const struct apc_law_setup *s
     int rc = 0;
 
     for (size_t i = 0; i < s->dim.nu && rc == 0; i++)
-        rc = find_ports(s->law, setup, i, &s->ports[i], why);
+        rc = apc_law_find_ports(s->law, setup, i, &s->ports[i], why);
     if (rc == 0 && s->law->whole)
         rc = make_instance(s, 0, setup, why);
     for (size_t k = 0; !s->law->whole && k < s->dim.nu && rc == 0; k++) {
-        struct view v;
+        struct apc_law_view v;
 
-        if (view_setup(&v, setup, k, &s->ports[k]) < 0)
+        if (apc_law_view_setup(&v, setup, k, &s->ports[k]) < 0)
             return apc_fail(why, APC_ENOMEM, "law %s: no memory", s->law->name);
         rc = make_instance(s, k, &v.setup, why);
         free(v.memory);
@@ -299,52 +143,6 @@ static int make_window(struct apc_instances *s)
     return w->z && w->d && w->tuning ? 0 : APC_ENOMEM;
 }
 
-static uint32_t mark_of(const struct apc_instances *s, const struct apc_law_setup *setup)
-{
-    const struct apc_law *law = s->law;
-    const struct apc_law_plant *plant = setup->plant;
-    const size_t ny = s->dim.ny, width = s->dim.nu + s->dim.nd, nx = plant ? plant->nx : 0;
-    const size_t number[] = {law->version, law->whole,     ny, s->dim.nz, s->dim.nu,
-                             s->dim.nd,    s->size.states, nx};
-    uint32_t hash = apc_hash(APC_HASH_BEGIN, law->name, strlen(law->name));
-
-    hash = apc_hash_number(hash, apc_plugin_mark((uintptr_t)law->compute));
-    for (size_t i = 0; i < sizeof(number) / sizeof(number[0]); i++)
-        hash = apc_hash_number(hash, number[i]);
-    hash = apc_hash_values(hash, &setup->Ts, 1);
-    for (size_t i = 0; i < setup->n_setting; i++) {
-        const struct apc_setting *a = &setup->setting[i];
-
-        hash = apc_hash(hash, a->name, strlen(a->name) + 1);
-        if (a->text) {
-            hash = apc_hash(hash, a->text, strlen(a->text) + 1);
-        } else {
-            hash = apc_hash_number(apc_hash_number(hash, a->rows), a->columns);
-            hash = apc_hash_values(hash, a->value, a->rows * a->columns);
-        }
-    }
-    if (!plant)
-        return hash;
-    hash = apc_hash_values(apc_hash_values(hash, plant->A, nx * nx), plant->B, nx * width);
-    hash = apc_hash_values(apc_hash_values(hash, plant->C, ny * nx), plant->D, ny * width);
-    hash = apc_hash_values(apc_hash_values(hash, plant->x0, nx), plant->u0, width);
-    return apc_hash_values(hash, plant->y0, ny);
-}
-
-static int check_settings(const struct apc_law *law, const struct apc_law_setup *setup, struct apc_error *why)
-{
-    for (size_t i = 0; i < setup->n_setting; i++) {
-        const char *const *known = law->settings;
-
-        while (known && *known && strcmp(*known, setup->setting[i].name) != 0)
-            known++;
-        if (!known || !*known)
-            return apc_fail(why, APC_EINVAL, "law %s has no setting \"%s\"", law->name,
-                            setup->setting[i].name);
-    }
-    return 0;
-}
-
 static int fill(struct apc_instances *s, const struct apc_law_setup *setup, struct apc_error *why)
 {
     int rc;
@@ -365,7 +163,7 @@ static int fill(struct apc_instances *s, const struct apc_law_setup *setup, stru
     rc = make_instances(s, setup, why);
     if (rc == 0 && make_window(s) < 0)
         rc = apc_fail(why, APC_ENOMEM, "law %s: no memory", s->law->name);
-    s->mark = mark_of(s, setup);
+    s->mark = apc_law_mark(s->law, setup, s->size.states);
     return rc;
 }
 
@@ -384,7 +182,7 @@ int apc_instances_create(struct apc_instances **instances, const struct apc_law 
         return apc_fail(why, APC_EINVAL,
                         "law %s does not work with %zu measurements, %zu setpoints, %zu outputs", law->name,
                         d->ny, d->nz, d->nu);
-    rc = check_settings(law, setup, why);
+    rc = apc_law_check_settings(law, setup, why);
     if (rc < 0)
         return rc;
     s = calloc(1, sizeof(*s));
@@ -434,8 +232,7 @@ int apc_law_try(const struct apc_law *law, const struct apc_law_setup *setup, co
     return rc;
 }
 
-/* ---- What there is ----------------------------------------------------------------------------------------
- */
+/* ---- What there is --------------------------------------------------------------------------- */
 
 struct apc_instances_size apc_instances_size(const struct apc_instances *s)
 {
@@ -471,8 +268,7 @@ uint32_t apc_instances_mark(const struct apc_instances *s)
     return s->mark;
 }
 
-/* ---- Calls -----------------------------------------------------------------------------------------------
- */
+/* ---- Calls ----------------------------------------------------------------------------------- */
 
 static const double *gather(double *to, const double *from, const int *number, size_t n)
 {

@@ -46,7 +46,7 @@ static const char *const settings[] = {"measurement", "y_dev",   "x_dev", "u_dev
 
 #define PREVIEW_MAX 10000.0 /* periods */
 
-/* ---- The constants ------------------------------------------------------------------------------- */
+/* ---- The constants --------------------------------------------------------------------------- */
 
 /* Estimates: ns of the states (nx, and nu former outputs where there is a delay), and nu of the disturbances.
  * Setpoints of `ahead` ticks to come. */
@@ -92,7 +92,7 @@ struct lqg {
     double k[];     /* the constants */
 };
 
-/* ---- The design ---------------------------------------------------------------------------------- */
+/* ---- The design ------------------------------------------------------------------------------ */
 
 struct design {
     const struct apc_law_setup *setup;
@@ -506,7 +506,7 @@ static int ports(const struct apc_law_setup *setup, size_t output, struct apc_la
     return rc;
 }
 
-/* ---- The tick --------------------------------------------------------------------------------------- */
+/* ---- The tick -------------------------------------------------------------------------------- */
 
 static double row_times(const double *M, size_t row, size_t n, const double *a)
 {

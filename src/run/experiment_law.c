@@ -18,7 +18,7 @@ static double *numbers(struct settings *s, size_t n)
     return p;
 }
 
-/* ---- Settings ----------------------------------------------------------------------------- */
+/* ---- Settings -------------------------------------------------------------------------------- */
 
 static bool is_matrix(const config_setting_t *member)
 {
@@ -89,7 +89,7 @@ static void read_settings(struct settings *s, const config_setting_t *group, str
     }
 }
 
-/* ---- The operating point ------------------------------------------------------------------- */
+/* ---- The operating point --------------------------------------------------------------------- */
 
 /* From what the file says, or the model's own values, to the steady state there and the linear model. */
 static void linearise(struct settings *s, const config_setting_t *at, struct experiment *e)
@@ -146,7 +146,7 @@ static void read_operating_point(struct settings *s, const config_setting_t *gro
         linearise(s, at, e);
 }
 
-/* ---- Tuning -------------------------------------------------------------------------------- */
+/* ---- Tuning ---------------------------------------------------------------------------------- */
 
 /* The law's parameters, with the limits that group `limits` narrows. */
 static void read_limits(struct settings *s, const config_setting_t *group, struct experiment *e)
@@ -197,7 +197,7 @@ static void check_tuning(struct settings *s, const config_setting_t *at, const s
     }
 }
 
-/* ---- Trial --------------------------------------------------------------------------------- */
+/* ---- Trial ----------------------------------------------------------------------------------- */
 
 static void try_law(struct settings *s, const config_setting_t *group, const config_setting_t *tuning,
                     const struct experiment *e)

@@ -36,7 +36,7 @@ static double *figure(unsigned run, size_t of, enum metric metric)
 static int begin(void **state)
 {
     (void)state;
-    e = (struct experiment){.name = "two", .y = y, .dim = {2, 2, 2}, .duration = 2.5};
+    e = (struct experiment){.name = "two", .y = y, .dim = {2, 2, 2, 0}, .duration = 2.5};
     e.controller.law = &law;
     options = (struct campaign_options){.seed = FIRST, .runs = RUNS, .against = "before.csv"};
     campaign = (struct campaign){.e = &e, .options = &options, .loop = loop, .loops = 2, .first = 64};

@@ -31,7 +31,7 @@ static int configure(struct rig *r, struct apc_dim dim, const struct apc_setting
 static void make(struct rig *r)
 {
     memset(r, 0, sizeof(*r));
-    r->c = (struct apc_law_call){.dim = {2, 1, 1},
+    r->c = (struct apc_law_call){.dim = {2, 1, 1, 0},
                                  .Ts = H,
                                  .y = r->y,
                                  .z = r->z,

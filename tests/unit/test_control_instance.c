@@ -8,7 +8,7 @@
 
 enum { NY = 4, NZ = 3, NU = 2, ND = 2, AHEAD = 3 };
 
-/* ---- A law that tells what it was shown --------------------------------------------------------------- */
+/* ---- A law that tells what it was shown ------------------------------------------------------ */
 
 /* What instance k was made from, and its last call. */
 static struct seen {
@@ -165,8 +165,7 @@ static const struct apc_law telling = {.abi = APC_LAW_ABI,
                                        .destroy = destroy,
                                        .check = check};
 
-/* ---- A controller's call ----------------------------------------------------------------------------------
- */
+/* ---- A controller's call --------------------------------------------------------------------- */
 
 struct rig {
     struct apc_instances *s;
@@ -239,8 +238,7 @@ static void make(struct rig *r, const struct apc_law_setup *setup)
         fail_msg("%s", why.text);
 }
 
-/* ---- Who sees what
- * -------------------------------------------------------------------------------------------- */
+/* ---- Who sees what --------------------------------------------------------------------------- */
 
 static void an_instance_sees_what_belongs_to_its_output_and_no_more(void **state)
 {
@@ -387,8 +385,7 @@ static void an_instance_is_asked_by_itself(void **state)
     assert_null(seen[0].call.y);
 }
 
-/* ---- What it is made from -------------------------------------------------------------------------------
- */
+/* ---- What it is made from -------------------------------------------------------------------- */
 
 static void an_instance_is_made_from_its_part_of_the_model_and_the_signals(void **state)
 {
@@ -526,8 +523,7 @@ static void a_law_that_counted_wrong_is_refused(void **state)
     assert_int_equal(apc_law_try(&law, &setup, NULL, &why), 0);
 }
 
-/* ---- Tuning
- * -------------------------------------------------------------------------------------------------- */
+/* ---- Tuning ---------------------------------------------------------------------------------- */
 
 static void parameters_are_of_the_law_of_outputs_and_of_measurements(void **state)
 {
@@ -578,8 +574,7 @@ static void a_set_is_checked_whole_instance_by_instance(void **state)
     assert_string_equal(why.text, "horizon: nan is not within -1e+06 to 1e+06");
 }
 
-/* ---- Answers ---------------------------------------------------------------------------------------------
- */
+/* ---- Answers --------------------------------------------------------------------------------- */
 
 static void an_answer_is_looked_at_before_it_is_believed(void **state)
 {
@@ -616,8 +611,7 @@ static void the_time_left_is_counted_from_the_clock_where_there_is_one(void **st
     assert_true(apc_law_left(&c) < 0.0);
 }
 
-/* ---- Its mark ---------------------------------------------------------------------------------------------
- */
+/* ---- Its mark -------------------------------------------------------------------------------- */
 
 static uint32_t mark(const struct apc_law *law, const struct apc_law_setup *setup)
 {
@@ -673,7 +667,7 @@ static void whatever_x_depends_on_is_in_the_mark(void **state)
     assert_int_equal(mark(&telling, &plain), marks[0]);
 }
 
-/* ---- Whoever takes the output says how far ------------------------------------------------------------ */
+/* ---- Whoever takes the output says how far --------------------------------------------------- */
 
 /* A law, its error kept at 1: how far does its output rise, while that way is closed or open? */
 static double rise(const struct apc_law *law, double gain, double tau_t, unsigned held)

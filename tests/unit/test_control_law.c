@@ -97,7 +97,7 @@ static void a_law_that_cannot_work_is_refused_with_the_reason(void **state)
     assert_non_null(strstr(why.text, "scope 3"));
 }
 
-/* ---- A whole set of tuning ----------------------------------------------------------------------- */
+/* ---- A whole set of tuning ------------------------------------------------------------------- */
 
 static size_t parameter(const struct apc_law *law, const char *name)
 {
@@ -122,7 +122,7 @@ static void the_built_in_laws_refuse_crossed_limits_of_any_output(void **state)
     static const double A[] = {-1, 0, 0, -2}, one[] = {1, 0, 0, 1, 1, 0, 0, 1}, zero[8];
     static const struct apc_law_plant plant = {
         .nx = 2, .A = A, .B = one, .C = one, .D = zero, .x0 = zero, .u0 = zero, .y0 = zero};
-    const struct apc_law_setup setup = {.dim = {4, 2, 2}, .Ts = 1.0, .plant = &plant};
+    const struct apc_law_setup setup = {.dim = {4, 2, 2, 0}, .Ts = 1.0, .plant = &plant};
 
     (void)state;
     for (size_t i = 0; i < sizeof(of) / sizeof(of[0]); i++) {
@@ -216,7 +216,7 @@ static void a_parameter_of_which_nothing_is_said_has_its_initial_value_and_limit
 
 static void a_parameter_outside_its_limits_is_refused_by_name(void **state)
 {
-    const struct apc_law_setup setup = {.dim = {2, 2, 2}, .Ts = 1.0};
+    const struct apc_law_setup setup = {.dim = {2, 2, 2, 0}, .Ts = 1.0};
     double tuning[10];
     struct apc_error why = {""};
 
@@ -244,7 +244,7 @@ static void a_setting_that_a_law_does_not_know_is_refused_by_name(void **state)
     static const double one = 1.0;
     const struct apc_setting setting[] = {{"measurement", NULL, 1, 1, &one},
                                           {"measurements", NULL, 1, 1, &one}};
-    struct apc_law_setup setup = {.dim = {1, 1, 1}, .Ts = 1.0, .n_setting = 1, .setting = setting};
+    struct apc_law_setup setup = {.dim = {1, 1, 1, 0}, .Ts = 1.0, .n_setting = 1, .setting = setting};
     struct apc_error why = {""};
 
     (void)state;
@@ -274,8 +274,8 @@ static void assert_pairs(const struct apc_law *law, const struct apc_law_setup *
 static void a_law_that_says_nothing_is_paired_in_order(void **state)
 {
     const struct apc_law law = {.abi = APC_LAW_ABI, .name = "mine", .compute = compute};
-    const struct apc_law_setup square = {.dim = {2, 2, 2}}, wide = {.dim = {1, 1, 2}},
-                               free = {.dim = {2, 0, 2}};
+    const struct apc_law_setup square = {.dim = {2, 2, 2, 0}}, wide = {.dim = {1, 1, 2, 0}},
+                               free = {.dim = {2, 0, 2, 0}};
 
     (void)state;
     assert_pairs(&law, &square, (struct apc_pair[]){{1, 1}, {2, 2}});
@@ -292,7 +292,7 @@ static void the_built_in_laws_are_paired_by_their_settings(void **state)
     const struct apc_setting pid[] = {{"measurement", NULL, 1, 2, swapped}, {"setpoint", NULL, 1, 2, same}};
     const struct apc_setting cascade[] = {
         {"outer", NULL, 1, 2, outer}, {"inner", NULL, 1, 2, inner}, {"setpoint", NULL, 1, 2, swapped}};
-    struct apc_law_setup setup = {.dim = {2, 2, 2}, .Ts = 1.0, .setting = pid};
+    struct apc_law_setup setup = {.dim = {2, 2, 2, 0}, .Ts = 1.0, .setting = pid};
 
     (void)state;
     assert_pairs(&apc_law_pi, &setup, (struct apc_pair[]){{1, 1}, {2, 2}});
@@ -304,7 +304,7 @@ static void the_built_in_laws_are_paired_by_their_settings(void **state)
     setup.n_setting = 1;
     setup.plant = &plant; /* lqg: which measurement each setpoint is for */
     assert_pairs(&apc_law_lqg, &setup, (struct apc_pair[]){{2, 1}, {1, 2}});
-    setup = (struct apc_law_setup){.dim = {4, 2, 2}, .Ts = 1.0, .n_setting = 3, .setting = cascade};
+    setup = (struct apc_law_setup){.dim = {4, 2, 2, 0}, .Ts = 1.0, .n_setting = 3, .setting = cascade};
     assert_pairs(&apc_law_cascade, &setup, (struct apc_pair[]){{4, 2}, {2, 1}});
 }
 
@@ -335,7 +335,7 @@ static void ports_to_what_there_is_not_are_refused(void **state)
               {{0, 1, 1}, "setpoint 2, but there are 1"},     {{0, -1, 1}, "setpoint 0, but there are 1"},
               {{0, 0, 17}, "17 measurements; 16 at most"},    {{0, 0, 1}, "disturbance 2, but there are 0"}};
     struct apc_setting setting = {"ports", NULL, 1, 3, NULL};
-    struct apc_law_setup setup = {.dim = {2, 1, 2}, .Ts = 1.0, .n_setting = 1, .setting = &setting};
+    struct apc_law_setup setup = {.dim = {2, 1, 2, 0}, .Ts = 1.0, .n_setting = 1, .setting = &setting};
     struct apc_pair pair[2];
     struct apc_error why = {""};
 
@@ -356,7 +356,7 @@ static void a_law_that_refuses_its_settings_has_no_pairs(void **state)
 {
     static const double three[] = {3, 1};
     const struct apc_setting unknown = {"measurement", NULL, 1, 2, three};
-    const struct apc_law_setup setup = {.dim = {2, 2, 2}, .n_setting = 1, .setting = &unknown};
+    const struct apc_law_setup setup = {.dim = {2, 2, 2, 0}, .n_setting = 1, .setting = &unknown};
     struct apc_pair pair[2];
     struct apc_error why = {""};
 

@@ -61,7 +61,7 @@ static void make(struct rig *r, const struct apc_law_plant *plant, size_t nu,
     memset(r, 0, sizeof(*r));
     r->plant = *plant;
     assert_int_equal(apc_linear_sample(plant->nx, nu, plant->A, plant->B, H, r->Ad, r->Bd, NULL), 0);
-    r->c = (struct apc_law_call){.dim = {nu, nu, nu},
+    r->c = (struct apc_law_call){.dim = {nu, nu, nu, 0},
                                  .Ts = H,
                                  .y = r->y,
                                  .z = r->z,
@@ -296,7 +296,7 @@ static void a_known_delay_is_allowed_for(void **state)
     }
 }
 
-/* ---- The equations once more -------------------------------------------------------------------- */
+/* ---- The equations once more ----------------------------------------------------------------- */
 
 /*
  * Four states, two inputs, three measurements, of which the third and the first are controlled; everything
@@ -457,7 +457,7 @@ static void it_is_the_textbooks_regulator_and_filter(void **state)
     (void)state;
     for (size_t settings = 7; settings <= 8; settings++) { /* without and with the delay */
         const struct apc_law_setup setup = {
-            .dim = {NY, NZ, NU}, .Ts = H, .n_setting = settings, .setting = all, .plant = &four};
+            .dim = {NY, NZ, NU, 0}, .Ts = H, .n_setting = settings, .setting = all, .plant = &four};
         struct textbook t;
         double x[NA_MAX + 2 * NU] = {0}, y[NY], z[NZ], u[NU], expected[NU];
         const double tuning[PARAMS * NU] = {-1e9, 1e9, 10.0, 0.0, -1e9, 1e9, 10.0, 0.0};
@@ -508,7 +508,7 @@ static void each_outputs_bias_dies_out_with_its_own_tau_b(void **state)
     (void)state;
     for (size_t n = 0; n < 3; n++) {
         const struct apc_law_setup setup = {
-            .dim = {NY, NZ, NU}, .Ts = H, .n_setting = 8, .setting = all, .plant = &four};
+            .dim = {NY, NZ, NU, 0}, .Ts = H, .n_setting = 8, .setting = all, .plant = &four};
         double x[NA_MAX + 2 * NU] = {0}, u[NU] = {1.0, 2.0}, before[NU];
         const double z[NZ] = {30.0, 10.0};
         const double tuning[PARAMS * NU] = {-1e9, 1e9, tau_b[n][0], 0.0, -1e9, 1e9, tau_b[n][1], 0.0};
@@ -540,8 +540,7 @@ static void each_outputs_bias_dies_out_with_its_own_tau_b(void **state)
     }
 }
 
-/* ---- Rates, preview, gaps -------------------------------------------------------------------------------
- */
+/* ---- Rates, preview, gaps -------------------------------------------------------------------- */
 
 static void the_output_moves_no_faster_than_du_max(void **state)
 {

@@ -14,12 +14,12 @@ struct loop {
     struct apc_law_call c;
 };
 
-static const struct apc_law_setup one_loop = {.dim = {1, 1, 1}, .Ts = 2.0};
+static const struct apc_law_setup one_loop = {.dim = {1, 1, 1, 0}, .Ts = 2.0};
 
 static struct apc_law_call *begin(struct loop *l, const double *parameters)
 {
     *l = (struct loop){0};
-    l->c = (struct apc_law_call){.dim = {1, 1, 1},
+    l->c = (struct apc_law_call){.dim = {1, 1, 1, 0},
                                  .Ts = 2.0,
                                  .y = &l->y,
                                  .z = &l->z,
@@ -136,7 +136,7 @@ static void each_output_has_its_own_loop_and_tuning(void **state)
     double u[2];
     unsigned limited[2] = {0};
     struct apc_law_call c = {
-        .dim = {3, 2, 2}, .Ts = 1.0, .y = y, .z = z, .tuning = both, .x = x, .u = u, .limited = limited};
+        .dim = {3, 2, 2, 0}, .Ts = 1.0, .y = y, .z = z, .tuning = both, .x = x, .u = u, .limited = limited};
 
     const struct apc_law_setup setup = {.dim = c.dim, .Ts = 1.0};
     struct apc_instances *law;

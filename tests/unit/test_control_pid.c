@@ -34,7 +34,7 @@ static int configure(struct rig *r, struct apc_dim dim, const struct apc_setting
 static void make(struct rig *r, double h)
 {
     memset(r, 0, sizeof(*r));
-    r->c = (struct apc_law_call){.dim = {1, 1, 1},
+    r->c = (struct apc_law_call){.dim = {1, 1, 1, 0},
                                  .Ts = h,
                                  .y = r->y,
                                  .z = r->z,
@@ -65,7 +65,7 @@ static double tick(struct rig *r)
     return u;
 }
 
-/* ---- Loops with known answers -------------------------------------------------------------------- */
+/* ---- Loops with known answers ---------------------------------------------------------------- */
 
 /* G(s) = 1000 / (s (s + 1)), exactly. */
 struct servo {
@@ -278,7 +278,7 @@ static void without_derivative_it_gives_the_papers_sequence(void **state)
     assert_near(max, 1.00859, 5e-6);
 }
 
-/* ---- Its parts ---------------------------------------------------------------------------------- */
+/* ---- Its parts ------------------------------------------------------------------------------- */
 
 static void setpoint_weights_scale_what_a_setpoint_step_gives_at_once(void **state)
 {
@@ -688,7 +688,7 @@ static void each_output_has_its_own_loop_tuning_and_disturbance(void **state)
     assert_near(r.u[1], 203.0 + 3.0 / 8.0 * 2.0, 1e-12);
 }
 
-/* ---- Pairing ------------------------------------------------------------------------------------ */
+/* ---- Pairing --------------------------------------------------------------------------------- */
 
 static void outputs_are_paired_with_measurements_at_will(void **state)
 {

@@ -44,7 +44,7 @@ static void make(struct rig *r, const char *name, size_t flavour, double dead_ti
     const struct apc_plant_options late = {.size = sizeof(late), .dead_time = dead_time};
     const double high = 4.0, low = -4.0;
     struct apc_controller_options o = {.size = sizeof(o),
-                                       .dim = {1, 1, 1},
+                                       .dim = {1, 1, 1, 0},
                                        .period = 2 * S,
                                        .horizon = 7 * S,
                                        .low = &low,
@@ -205,7 +205,7 @@ static void the_predictor_refuses_what_it_cannot_work_with(void **state)
     const struct apc_law *law;
     void *handle;
     struct apc_controller_options o = {
-        .size = sizeof(o), .dim = {1, 1, 1}, .period = 2 * S, .horizon = 7 * S, .setting = &setting};
+        .size = sizeof(o), .dim = {1, 1, 1, 0}, .period = 2 * S, .horizon = 7 * S, .setting = &setting};
     struct apc_controller *c;
     struct apc_error why = {""};
 

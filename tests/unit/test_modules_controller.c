@@ -371,7 +371,7 @@ static void with_no_good_tuning_in_the_store_it_has_the_experiments(void **state
     struct apc_param param[5];
     struct apc_controller_options o = {.size = sizeof(o),
                                        .law = &apc_law_pi,
-                                       .dim = {1, 1, 1},
+                                       .dim = {1, 1, 1, 0},
                                        .period = PERIOD,
                                        .horizon = HORIZON,
                                        .param = param,
@@ -1308,7 +1308,7 @@ static void a_controller_that_could_not_work_is_refused(void **state)
 {
     const double high = -1.0;
     const struct apc_controller_options good = {
-        .size = sizeof(good), .law = &apc_law_pi, .dim = {1, 1, 1}, .period = PERIOD, .horizon = HORIZON};
+        .size = sizeof(good), .law = &apc_law_pi, .dim = {1, 1, 1, 0}, .period = PERIOD, .horizon = HORIZON};
     struct apc_controller_options o = good;
     struct apc_controller *c = NULL;
     struct apc_error why = {""};
@@ -1367,7 +1367,7 @@ static void dimensions_and_periods_have_bounds_and_reach_them(void **state)
     const apc_ns year = INT64_C(366) * 86400 * S;
     struct apc_law law = {.abi = APC_LAW_ABI, .name = "free", .compute = free_compute};
     const struct apc_controller_options good = {
-        .size = sizeof(good), .law = &law, .dim = {1, 0, 1}, .period = PERIOD, .horizon = HORIZON};
+        .size = sizeof(good), .law = &law, .dim = {1, 0, 1, 0}, .period = PERIOD, .horizon = HORIZON};
     struct apc_controller_options o = good;
     struct apc_controller *c = NULL;
     struct apc_error why = {""};

@@ -95,7 +95,7 @@ static void no_input_makes_an_output_that_is_not_finite_or_outside_its_limits(vo
     const double low[] = {LOW, LOW}, high[] = {HIGH, HIGH}, fault[] = {-1.0, 1.0};
     const struct apc_controller_options o = {.size = sizeof(o),
                                              .law = &apc_law_pi,
-                                             .dim = {2, 2, 2},
+                                             .dim = {2, 2, 2, 0},
                                              .period = S,
                                              .horizon = 3 * S,
                                              .fault = fault,

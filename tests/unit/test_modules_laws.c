@@ -34,7 +34,7 @@ static void make(struct rig *r, const struct apc_law *law, size_t ny, const stru
 {
     const struct apc_controller_options o = {.size = sizeof(o),
                                              .law = law,
-                                             .dim = {ny, 1, 1},
+                                             .dim = {ny, 1, 1, 0},
                                              .period = PERIOD,
                                              .horizon = 2 * PERIOD,
                                              .n_setting = setting ? 1 : 0,
@@ -349,7 +349,7 @@ static void it_begins_with_the_tuning_there_is(void **state)
     apc_controller_destroy(r.controller);
 }
 
-/* ---- A law of one's own ------------------------------------------------------------------------ */
+/* ---- A law of one's own ---------------------------------------------------------------------- */
 
 static size_t one_state(const struct apc_dim *dim)
 {
@@ -405,7 +405,7 @@ static void an_output_names_the_rows_of_the_loop_that_the_law_pairs(void **state
     const struct apc_setting setting = {"measurement", NULL, 1, 2, swapped};
     const struct apc_controller_options o = {.size = sizeof(o),
                                              .law = &apc_law_pid,
-                                             .dim = {2, 2, 2},
+                                             .dim = {2, 2, 2, 0},
                                              .period = PERIOD,
                                              .horizon = 2 * PERIOD,
                                              .n_setting = 1,
@@ -440,7 +440,7 @@ static void without_a_setpoint_an_output_names_none(void **state)
 {
     static const struct apc_law law = {.abi = APC_LAW_ABI, .name = "follow", .compute = follow};
     const struct apc_controller_options o = {
-        .size = sizeof(o), .law = &law, .dim = {1, 0, 1}, .period = PERIOD, .horizon = 2 * PERIOD};
+        .size = sizeof(o), .law = &law, .dim = {1, 0, 1, 0}, .period = PERIOD, .horizon = 2 * PERIOD};
     const struct apc_now now = {.mono = PERIOD, .utc = T0 + PERIOD};
     struct rig r = {.ny = 1};
 

@@ -80,7 +80,7 @@ static void make(struct loop *l)
         .size = sizeof(client), .ny = 1, .nu = 1, .command_period = 2 * S};
     const struct apc_controller_options controller = {.size = sizeof(controller),
                                                       .law = &apc_law_pi,
-                                                      .dim = {1, 1, 1},
+                                                      .dim = {1, 1, 1, 0},
                                                       .period = 2 * S,
                                                       .horizon = 1600 * MS};
 

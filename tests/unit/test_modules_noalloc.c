@@ -96,7 +96,7 @@ static int make(struct loop *l, int n)
         .size = sizeof(server), .model = &apc_model_first_order, .link_period = S, .command_period = S};
     const struct apc_client_options client = {.size = sizeof(client), .ny = 1, .nu = 1, .command_period = S};
     const struct apc_controller_options controller = {
-        .size = sizeof(controller), .law = &apc_law_pi, .dim = {1, 1, 1}, .period = S, .horizon = 3 * S};
+        .size = sizeof(controller), .law = &apc_law_pi, .dim = {1, 1, 1, 0}, .period = S, .horizon = 3 * S};
 
     *l = (struct loop){0};
     if (apc_plant_create(&l->plant, &apc_model_first_order, NULL, NULL, NULL, NULL) < 0)
@@ -227,7 +227,7 @@ static void whichever_allocation_fails_a_configured_law_says_so(void **state)
     for (size_t i = 0; i < sizeof(laws) / sizeof(laws[0]); i++) {
         const struct apc_controller_options o = {.size = sizeof(o),
                                                  .law = laws[i],
-                                                 .dim = {laws[i] == &apc_law_cascade ? 2 : 1, 1, 1},
+                                                 .dim = {laws[i] == &apc_law_cascade ? 2 : 1, 1, 1, 0},
                                                  .period = S,
                                                  .horizon = 3 * S,
                                                  .plant = &plant};
@@ -359,7 +359,7 @@ static void what_is_refused_or_asked_leaves_nothing_behind(void **state)
     const struct apc_model *tanks = NULL;
     struct apc_controller_options c = {.size = sizeof(c),
                                        .law = &apc_law_lqg,
-                                       .dim = {1, 1, 1},
+                                       .dim = {1, 1, 1, 0},
                                        .period = S,
                                        .horizon = 3 * S,
                                        .plant = &unreached};
@@ -383,7 +383,7 @@ static void what_is_refused_or_asked_leaves_nothing_behind(void **state)
     assert_true(apc_controller_create(&controller, &c, NULL) < 0);
     c = (struct apc_controller_options){.size = sizeof(c),
                                         .law = &apc_law_pid,
-                                        .dim = {1, 1, 1},
+                                        .dim = {1, 1, 1, 0},
                                         .period = S,
                                         .horizon = S,
                                         .fault = &wild,

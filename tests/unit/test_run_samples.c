@@ -70,7 +70,7 @@ static void samples_come_by_time_and_in_the_order_of_the_loop(void **state)
 {
     static const double loop[] = {6, 5, 3, 4, 2, 1}, operation[] = {2, 5, 3, 4, 7}, early[] = {1, 2, 5};
     static const struct apc_law law = {.name = "ours", .n_tuning = 2};
-    const struct experiment e = {.dim = {.ny = 2, .nz = 1, .nu = 1}, .controller = {.law = &law}};
+    const struct experiment e = {.dim = {.ny = 2, .nz = 1, .nu = 1, 0}, .controller = {.law = &law}};
     struct apc_store *store = filled_store();
     const struct apc_range range = {.since = SECOND(3), .until = SECOND(9)};
     (void)state;
@@ -94,7 +94,7 @@ static void samples_come_by_time_and_in_the_order_of_the_loop(void **state)
 static void a_store_that_is_lost_is_an_error(void **state)
 {
     static const struct apc_law law = {.name = "ours", .n_tuning = 2};
-    const struct experiment e = {.dim = {.ny = 2, .nz = 1, .nu = 1}, .controller = {.law = &law}};
+    const struct experiment e = {.dim = {.ny = 2, .nz = 1, .nu = 1, 0}, .controller = {.law = &law}};
     const struct apc_store_options options = {.size = sizeof options, .name = "test"};
     const struct apc_range range = {.since = 1};
     struct apc_store *store = NULL;

@@ -319,7 +319,7 @@ static void test_a_controller_does_not_take_an_old_value_for_a_new_one(void **st
     assert_int_equal(apc_law_find("pi", &law, &handle, &why), 0);
     const struct apc_controller_options o = {.size = sizeof o,
                                              .law = law,
-                                             .dim = {.ny = 1, .nz = 1, .nu = 1},
+                                             .dim = {.ny = 1, .nz = 1, .nu = 1, 0},
                                              .period = APC_NS_PER_S,
                                              .horizon = 2 * APC_NS_PER_S,
                                              .hold = 3 * APC_NS_PER_S,
