@@ -76,6 +76,8 @@ static void choose(struct shell *s, uint64_t index)
     const struct apc_now now = {.mono = apc_clock_mono(NULL), .utc = apc_clock_utc(NULL)};
     pthread_mutex_lock(&s->mutex);
     apc_scheduler_step(&s->options, index, now, s->step);
+    for (size_t i = 0; i < s->options.nz; i++)
+        s->step[i].id = (int)s->d->experiment.scheduler.z[i].at + 1;
     s->chosen++;
     pthread_mutex_unlock(&s->mutex);
 }
@@ -116,7 +118,7 @@ static int open_shell(struct shell *s)
 {
     const struct experiment *e = &s->d->experiment;
     s->options = (struct apc_scheduler_options){.size = sizeof s->options,
-                                                .nz = e->dim.nz,
+                                                .nz = e->scheduler.n,
                                                 .steps = e->scheduler.steps,
                                                 .sequence = e->scheduler.sequence,
                                                 .repeat = e->scheduler.repeat};

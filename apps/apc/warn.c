@@ -28,6 +28,20 @@ static void warn_rhythm(const struct cli *cli, const struct experiment *e)
                   apc_ns_to_s(client), apc_ns_to_s(controller));
 }
 
+/* The lower one has not answered yet when the next setpoint comes. */
+static void warn_cascade(const struct cli *cli, const struct experiment *e)
+{
+    for (size_t i = 0; i < e->n_controllers; i++)
+        for (size_t k = 0; k < e->controllers[i].dim.nu; k++) {
+            const struct controller *upper = &e->controllers[i], *lower = controllers_taker(e, upper->u[k]);
+            if (lower && upper->period < lower->period)
+                cli_error(cli, 0,
+                          "warning: controller %s, with a period of %g s, moves setpoints of %s, with %g s: "
+                          "an upper one should not be faster",
+                          upper->name, apc_ns_to_s(upper->period), lower->name, apc_ns_to_s(lower->period));
+        }
+}
+
 /* One name for a measurement and what may be set is allowed: a command says which it means. */
 static bool may_share(const struct apc_tag *a, const struct apc_tag *b)
 {
@@ -55,5 +69,6 @@ void warn(const struct cli *cli, const struct experiment *e)
         cli_error(cli, 0, "warning: %s", why.text);
     warn_link(cli, e);
     warn_rhythm(cli, e);
+    warn_cascade(cli, e);
     warn_names(cli, e);
 }

@@ -65,14 +65,15 @@ int action_find_mode(const struct experiment *e, const char *name, enum apc_mode
     if (mode != APC_MODE_MAN && mode != APC_MODE_AUTO)
         return apc_fail(why, APC_EINVAL, "mode %s cannot be asked for: it must be Man or Auto",
                         apc_mode_name((int)mode) ? apc_mode_name((int)mode) : "of that number");
-    if (!strcmp(name, "controller") || (e->dim.nu == 1 && !strcmp(name, e->u[0].tag.name)))
+    const char *controller = e->controllers[0].name;
+    if (!strcmp(name, controller) || (e->dim.nu == 1 && !strcmp(name, e->u[0].tag.name)))
         return 0;
     for (size_t i = 0; i < e->dim.nu; i++)
         if (!strcmp(name, e->u[i].tag.name))
-            return apc_fail(why, APC_ESTATE,
-                            "%s has no mode of its own yet: all outputs have that of \"controller\"", name);
-    return apc_fail(why, APC_ENOTFOUND, "there is no loop or controller \"%s\"; there is \"controller\"",
-                    name);
+            return apc_fail(why, APC_ESTATE, "%s has no mode of its own yet: all outputs have that of \"%s\"",
+                            name, controller);
+    return apc_fail(why, APC_ENOTFOUND, "there is no loop or controller \"%s\"; there is \"%s\"", name,
+                    controller);
 }
 
 /* ---- Doing --------------------------------------------------------------------------------- */

@@ -105,6 +105,24 @@ static size_t read_signals(struct settings *s, const config_setting_t *root, con
     return (size_t)n;
 }
 
+/* What controllers calculate: behind the measurements, in the same table. */
+static void read_calculated(struct settings *s, const config_setting_t *root, struct experiment *e)
+{
+    const config_setting_t *list = settings_list(s, root, "signals", OPTIONAL);
+    const size_t n = list ? (size_t)config_setting_length(list) : 0;
+    struct signal *all = n > 0 ? reallocarray(e->y, e->dim.ny + n, sizeof *all) : NULL;
+    if (n > 0 && !all)
+        s->failed = s->failed ? s->failed : apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
+    if (!all)
+        return;
+    e->y = all;
+    memset(all + e->dim.ny, 0, n * sizeof *all);
+    e->n_signals = n;
+    for (size_t i = 0; i < n && !s->failed; i++)
+        read_signal(s, config_setting_get_elem(list, (unsigned)i), APC_SENSOR, (int)(e->dim.ny + i) + 1,
+                    &all[e->dim.ny + i]);
+}
+
 /* A name stands for one variable: among those of its table, and among those that can be set. */
 static void check_names(struct settings *s, const config_setting_t *root, const char *list,
                         const struct signal *signals, size_t n, const struct signal *others, size_t m)
@@ -318,8 +336,11 @@ static void read_law(struct settings *s, const config_setting_t *group, struct e
         read_tuning(s, group, e, e->controller.plugin.chosen);
 }
 
+#define CONTROLLER "law", "tuning", "mode", "hold", "settings", "operating_point", "limits", RHYTHM
+
+static const char *const short_settings[] = {CONTROLLER, NULL};
 static const char *const controller_settings[] = {
-    "law", "tuning", "mode", "hold", "settings", "operating_point", "limits", RHYTHM, NULL};
+    CONTROLLER, "name", "measurements", "setpoints", "outputs", "disturbances", NULL};
 
 bool experiment_knows_of_controller(const char *name)
 {
@@ -329,15 +350,42 @@ bool experiment_knows_of_controller(const char *name)
     return *known;
 }
 
-static void read_controller(struct settings *s, const config_setting_t *root, struct experiment *e,
+/* Of several, none of which is run yet: what would be refused of one. */
+static void check_controller(struct settings *s, const config_setting_t *group, struct experiment *e,
+                             const struct controller *c, bool resolve_law)
+{
+    struct rhythm rhythm;
+    char name[256] = "", mode[16] = "", path[512];
+    const struct apc_law *law = NULL;
+    void *handle = NULL;
+    struct apc_error why;
+    settings_known(s, group, controller_settings);
+    read_rhythm(s, group, "controller", controller_phase_s, &rhythm, &e->models.recordings);
+    settings_text(s, group, "law", REQUIRED, name, sizeof name);
+    settings_text(s, group, "mode", OPTIONAL, mode, sizeof mode);
+    if (!s->failed && *mode && strcmp(mode, "Auto") != 0 && strcmp(mode, "Man") != 0 &&
+        strcmp(mode, "Cas") != 0)
+        settings_fail(s, config_setting_get_member(group, "mode"),
+                      "\"mode\" must be \"Auto\", \"Man\" or \"Cas\"");
+    if (s->failed || !resolve_law)
+        return;
+    resolve(s, name, path, sizeof path);
+    int err = apc_law_find(path, &law, &handle, &why);
+    if (take_error(s, config_setting_get_member(group, "law"), err, &why) == 0 && law->accepts &&
+        !law->accepts(&c->dim))
+        settings_fail(s, group, "law %s does not work with %zu measurements, %zu setpoints, %zu outputs",
+                      law->name, c->dim.ny, c->dim.nz, c->dim.nu);
+    apc_plugin_close(handle);
+}
+
+static void read_controller(struct settings *s, const config_setting_t *group, struct experiment *e,
                             bool resolve_law, const char *override, const struct record *record)
 {
-    const config_setting_t *group = settings_group(s, root, "controller", REQUIRED);
     char mode[16] = "Auto";
     double hold_s;
     if (!group)
         return;
-    settings_known(s, group, controller_settings);
+    settings_known(s, group, config_setting_name(group) ? short_settings : controller_settings);
     read_rhythm(s, group, "controller", controller_phase_s, &e->controller.rhythm, &e->models.recordings);
     settings_text(s, group, "law", REQUIRED, e->controller.name, sizeof e->controller.name);
     settings_text(s, group, "mode", OPTIONAL, mode, sizeof mode);
@@ -354,7 +402,7 @@ static void read_controller(struct settings *s, const config_setting_t *root, st
 
 static void read_scheduler(struct settings *s, const config_setting_t *root, struct experiment *e)
 {
-    static const char *const known[] = {"sequence", "repeat", RHYTHM, NULL};
+    static const char *const known[] = {"sequence", "repeat", "setpoints", RHYTHM, NULL};
     const config_setting_t *group = settings_group(s, root, "scheduler", REQUIRED);
     const config_setting_t *list = group ? settings_list(s, group, "sequence", REQUIRED) : NULL;
     if (!list)
@@ -366,28 +414,73 @@ static void read_scheduler(struct settings *s, const config_setting_t *root, str
     e->scheduler.steps = (size_t)config_setting_length(list);
     if (e->scheduler.steps == 0)
         settings_fail(s, list, "\"sequence\" must have at least one step: sequence = ( [10.0], [20.0] );");
-    e->scheduler.sequence = array(s, e->scheduler.steps * e->dim.nz, sizeof(double));
+    const size_t n = e->scheduler.n = experiment_read_columns(s, group, e, &e->scheduler.z);
+    e->scheduler.sequence = array(s, e->scheduler.steps * n, sizeof(double));
     for (size_t k = 0; k < e->scheduler.steps && !s->failed; k++) {
         const config_setting_t *step = config_setting_get_elem(list, (unsigned)k);
-        double *values = e->scheduler.sequence + k * e->dim.nz;
-        settings_numbers(s, step, e->dim.nz, values);
-        for (size_t i = 0; i < e->dim.nz && !s->failed; i++)
-            if (values[i] < e->z[i].tag.low || values[i] > e->z[i].tag.high)
-                settings_fail(s, step, "setpoint %s = %g lies outside its limits %g to %g", e->z[i].tag.name,
-                              values[i], e->z[i].tag.low, e->z[i].tag.high);
+        double *values = e->scheduler.sequence + k * n;
+        settings_numbers(s, step, n, values);
+        for (size_t i = 0; i < n && !s->failed; i++) {
+            const struct apc_tag *tag = &e->z[e->scheduler.z[i].at].tag;
+            if (values[i] < tag->low || values[i] > tag->high)
+                settings_fail(s, step, "setpoint %s = %g lies outside its limits %g to %g", tag->name,
+                              values[i], tag->low, tag->high);
+        }
     }
+}
+
+static bool commands_plant(const struct controller *c)
+{
+    for (size_t k = 0; k < c->dim.nu; k++)
+        if (c->u[k].table == APC_ACTUATOR)
+            return true;
+    return false;
+}
+
+/* How long it may be between two commands. */
+static apc_ns slowest(const struct experiment *e)
+{
+    apc_ns period = 0;
+    for (size_t i = 0; i < e->n_controllers; i++)
+        if (commands_plant(&e->controllers[i]) && e->controllers[i].period > period)
+            period = e->controllers[i].period;
+    return period;
 }
 
 /* Between two commands the plant would go to its safe value, every time. */
 static void check_rhythms(struct settings *s, const config_setting_t *root, const struct experiment *e)
 {
-    const apc_ns client = e->client.rhythm.period, controller = e->controller.rhythm.period;
-    if (!s->failed && client > 3 * controller + 100 * APC_NS_PER_MS)
-        settings_fail(
-            s, config_setting_get_member(config_setting_get_member(root, "client"), "period"),
-            "\"period\" of client is %g s, of controller %g s: at most 3 of the controller's + 0.1 s, or "
-            "the plant would go to its safe value between any two commands",
-            apc_ns_to_s(client), apc_ns_to_s(controller));
+    const apc_ns client = e->client.rhythm.period;
+    for (size_t i = 0; i < e->n_controllers && !s->failed; i++) {
+        const struct controller *c = &e->controllers[i];
+        if (commands_plant(c) && client > 3 * c->period + 100 * APC_NS_PER_MS)
+            settings_fail(
+                s, config_setting_get_member(config_setting_get_member(root, "client"), "period"),
+                "\"period\" of client is %g s, of %s %g s: at most 3 of the controller's + 0.1 s, or "
+                "the plant would go to its safe value between any two commands",
+                apc_ns_to_s(client), c->name, apc_ns_to_s(c->period));
+    }
+}
+
+/* The controllers, and of the only one all that it takes to run it. Returns its group. */
+static const config_setting_t *read_controllers(struct settings *s, const config_setting_t *root,
+                                                struct experiment *e, bool resolve_law, const char *override,
+                                                const struct record *record)
+{
+    const config_setting_t *first = experiment_read_controllers(s, root, e),
+                           *list = config_setting_get_member(root, "controllers");
+    if (!first)
+        return NULL;
+    const bool single = experiment_check_single(e, NULL) == 0;
+    for (size_t i = 0; i < e->n_controllers && !single; i++)
+        check_controller(s, config_setting_get_elem(list, (unsigned)i), e, &e->controllers[i], resolve_law);
+    if (single)
+        read_controller(s, first, e, resolve_law, override, record);
+    else
+        e->controller.rhythm.period = slowest(e);
+    if (!s->failed && !list)
+        e->controllers[0].period = e->controller.rhythm.period;
+    return first;
 }
 
 static void read_root(struct settings *s, const config_setting_t *root, struct experiment *e, unsigned parts,
@@ -395,7 +488,8 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
 {
     static const char *const known[] = {"name",      "title",   "duration", "seed",    "measurements",
                                         "setpoints", "outputs", "plant",    "client",  "controller",
-                                        "scheduler", "network", "clock",    "actions", NULL};
+                                        "scheduler", "network", "clock",    "actions", "controllers",
+                                        "signals",   NULL};
     int64_t seed = 1;
     settings_known(s, root, known);
     settings_name(s, root, e->name, sizeof e->name);
@@ -410,21 +504,24 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     e->seed = (uint64_t)seed;
     e->dim.ny = read_signals(s, root, "measurements", APC_SENSOR, &e->y);
     experiment_read_sensors(s, config_setting_get_member(root, "measurements"), e);
+    read_calculated(s, root, e);
     e->dim.nz = read_signals(s, root, "setpoints", APC_SETPOINT, &e->z);
     e->dim.nu = read_signals(s, root, "outputs", APC_ACTUATOR, &e->u);
     if (!s->failed) {
         check_names(s, root, "measurements", e->y, e->dim.ny, NULL, 0);
+        check_names(s, root, "signals", e->y + e->dim.ny, e->n_signals, e->y, e->dim.ny);
         check_names(s, root, "setpoints", e->z, e->dim.nz, NULL, 0);
         check_names(s, root, "outputs", e->u, e->dim.nu, e->z, e->dim.nz);
     }
     read_client(s, root, e);
-    read_controller(s, root, e, (parts & EXPERIMENT_LAW) != 0, overrides ? overrides->law : NULL, record);
+    const config_setting_t *controller = read_controllers(s, root, e, (parts & EXPERIMENT_LAW) != 0,
+                                                          overrides ? overrides->law : NULL, record);
     read_plant(s, root, e,
-               (parts & EXPERIMENT_MODEL) || ((parts & EXPERIMENT_LAW) && experiment_wants_model(root)),
+               (parts & EXPERIMENT_MODEL) || ((parts & EXPERIMENT_LAW) && experiment_wants_model(controller)),
                overrides ? overrides->model : NULL, record);
     read_scheduler(s, root, e);
     check_rhythms(s, root, e);
-    experiment_read_law(s, root, e);
+    experiment_read_law(s, controller, e);
     models_read(s, root, &e->models);
     experiment_read_actions(s, root, e);
 }
@@ -488,6 +585,8 @@ int experiment_load(struct experiment *e, const char *name, unsigned parts,
         rc = experiment_parse(e, &(struct experiment_source){.file = file, .text = text, .record = &record},
                               parts, overrides, why);
     free(text);
+    if (rc == 0 && (rc = experiment_check_single(e, why)) < 0)
+        experiment_free(e);
     return rc;
 }
 
@@ -505,7 +604,9 @@ void experiment_free(struct experiment *e)
     free(e->controller.tuning);
     experiment_free_law(e);
     free(e->scheduler.sequence);
+    free(e->scheduler.z);
     free(e->action);
+    experiment_free_controllers(e);
     models_free(&e->models);
     apc_plugin_close(e->model_handle);
     apc_plugin_close(e->law_handle);

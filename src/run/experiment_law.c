@@ -4,9 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-bool experiment_wants_model(const config_setting_t *root)
+bool experiment_wants_model(const config_setting_t *controller)
 {
-    const config_setting_t *controller = config_setting_get_member(root, "controller");
     return controller && config_setting_get_member(controller, "operating_point");
 }
 
@@ -210,10 +209,9 @@ static void try_law(struct settings *s, const config_setting_t *group, const con
         settings_fail(s, rc == APC_ERANGE ? tuning : group, "%s", why.text);
 }
 
-void experiment_read_law(struct settings *s, const config_setting_t *root, struct experiment *e)
+void experiment_read_law(struct settings *s, const config_setting_t *group, struct experiment *e)
 {
-    const config_setting_t *group = s->failed ? NULL : config_setting_get_member(root, "controller");
-    if (!group || !e->controller.law)
+    if (s->failed || !e->controller.law)
         return;
     if (!e->controller.plugin.chosen)
         read_settings(s, group, e);

@@ -21,13 +21,23 @@ void experiment_read_dynamics(struct settings *s, const config_setting_t *group,
 void experiment_read_sensors(struct settings *s, const config_setting_t *list, struct experiment *e);
 
 /* Does the law want the plant's linear model, and so the model itself? */
-bool experiment_wants_model(const config_setting_t *root);
+bool experiment_wants_model(const config_setting_t *controller);
 /* Read groups `settings`, `operating_point` and `limits` of the controller, linearise, and let the law
  * configure itself and check its tuning, so that what it does not like is said with file and line. After law
  * and model. Where another law or model than the file's runs, the file's settings, or its operating point, do
  * not apply. */
-void experiment_read_law(struct settings *s, const config_setting_t *root, struct experiment *e);
+void experiment_read_law(struct settings *s, const config_setting_t *group, struct experiment *e);
 void experiment_free_law(struct experiment *e);
+
+/* Which controllers there are, with the signals of each; after the signals. Returns the group of the first
+ * one; NULL after a failure. */
+const config_setting_t *experiment_read_controllers(struct settings *s, const config_setting_t *root,
+                                                    struct experiment *e);
+void experiment_free_controllers(struct experiment *e);
+/* The setpoints that the scheduler moves: what it names or, without, all that no controller does. Returns how
+ * many, to be freed. */
+size_t experiment_read_columns(struct settings *s, const config_setting_t *group, const struct experiment *e,
+                               struct wire **columns);
 
 /* Is it a setting of a controller, and no parameter of its law? */
 bool experiment_knows_of_controller(const char *name);

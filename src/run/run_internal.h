@@ -69,6 +69,22 @@ struct plugin {
     bool chosen; /* instead of the file's: its own tuning or parameters hold */
 };
 
+/* A signal of the experiment, by its place among those of its table. */
+struct wire {
+    enum apc_table table;
+    size_t at;
+};
+
+/* What a controller has to do with. Its outputs go to the plant, are setpoints of another controller, or
+ * calculated signals. */
+struct controller {
+    char name[APC_TAG_LEN];
+    struct apc_dim dim;
+    size_t nd;                  /* measured disturbances */
+    struct wire *y, *z, *u, *d; /* [dim.ny], [dim.nz], [dim.nu], [nd] */
+    apc_ns period;
+};
+
 /* What an operator is to do at a time of the run. */
 struct action {
     apc_ns at;            /* since t = 0 */
@@ -84,7 +100,8 @@ struct experiment {
     double duration; /* s; 0: until it is stopped */
     uint64_t seed;   /* of all that is random */
     struct apc_dim dim;
-    struct signal *y, *z, *u;        /* [dim.ny], [dim.nz], [dim.nu] */
+    struct signal *y, *z, *u;        /* [dim.ny + n_signals], [dim.nz], [dim.nu] */
+    size_t n_signals;                /* that controllers calculate; behind the measurements */
     struct apc_sensor *sensor;       /* [dim.ny] */
     struct apc_sensor_fault *faults; /* of all sensors */
 
@@ -123,10 +140,15 @@ struct experiment {
     } controller;
     struct {
         struct rhythm rhythm;
-        double *sequence; /* [steps * dim.nz] */
+        struct wire *z; /* [n] the setpoints that it moves */
+        size_t n;
+        double *sequence; /* [steps * n] */
         size_t steps;
         bool repeat;
     } scheduler;
+
+    struct controller *controllers; /* [n_controllers] */
+    size_t n_controllers;
 
     struct action *action; /* [n_actions] by time */
     size_t n_actions;
@@ -166,6 +188,11 @@ struct experiment_source {
 /* The same from its text. */
 int experiment_parse(struct experiment *e, const struct experiment_source *from, unsigned parts,
                      const struct experiment_overrides *overrides, struct apc_error *why);
+
+/* Can its controllers be run? 0, or APC_ESTATE and why not. */
+int experiment_check_single(const struct experiment *e, struct apc_error *why);
+/* The controller whose setpoint it is; NULL: none. */
+const struct controller *controllers_taker(const struct experiment *e, struct wire setpoint);
 
 /* Whether steps of rk4 are short enough for the plant, linear around where it starts. Returns 0, or
  * APC_ERANGE with a text in why: what should decay grows without bound then. */

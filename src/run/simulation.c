@@ -108,18 +108,21 @@ static int scheduler_tick(void *ctx, const struct apc_tick *tick)
 {
     struct simulation *s = ctx;
     apc_scheduler_step(&s->scheduler, tick->index, now_of(s), s->step);
+    for (size_t i = 0; i < s->scheduler.nz; i++)
+        s->step[i].id = (int)s->e->scheduler.z[i].at + 1;
     return 0;
 }
 
 static void scheduler_finish(void *ctx)
 {
     struct simulation *s = ctx;
+    const size_t n = s->scheduler.nz;
     apc_ns utc = apc_clock_utc(s->clock);
-    for (size_t i = 0; i < s->e->dim.nz; i++)
+    for (size_t i = 0; i < n; i++)
         s->step[i].time = utc;
-    stop_at_store(s, apc_store_put(s->store, s->step, s->e->dim.nz));
-    for (size_t i = 0; i < s->e->dim.nz; i++)
-        course_change(&s->course, &s->course.setpoint[i], time_of(s), s->step[i].value);
+    stop_at_store(s, apc_store_put(s->store, s->step, n));
+    for (size_t i = 0; i < n; i++)
+        course_change(&s->course, &s->course.setpoint[s->step[i].id - 1], time_of(s), s->step[i].value);
 }
 
 /* ---- Plant -------------------------------------------------------------------------------- */
@@ -508,7 +511,7 @@ int simulation_create(struct simulation *s, const struct experiment *e, uint64_t
     s->clock = apc_executive_clock(s->executive);
     s->zero = apc_clock_mono(s->clock);
     s->scheduler = (struct apc_scheduler_options){.size = sizeof s->scheduler,
-                                                  .nz = e->dim.nz,
+                                                  .nz = e->scheduler.n,
                                                   .steps = e->scheduler.steps,
                                                   .sequence = e->scheduler.sequence,
                                                   .repeat = e->scheduler.repeat};

@@ -203,3 +203,14 @@ for frame in 'garbage' 'apc1 command 1 1;2026-01-31T12:00:00Z,Good,nan;' 'apc1 c
 done
 kill -0 "$plant" || fail "the plant did not survive a malformed frame"
 answers || fail "the plant answers no more after malformed frames"
+
+# several controllers are read, and not run
+sed -e 's/controller = {/controllers = ( { name = "one"; measurements = ["y"]; setpoints = ["r"]; outputs = ["u"];/' -e '/mode = "Auto";/{n;s/};/} );/}' \
+  "$APC_SOURCE_DIR/experiments/first-order.conf" >"$work/long.conf"
+expect 0 'sha256' "$apc" simulate "$work/long.conf" --duration 10
+sed -e 's/setpoints    = (/setpoints = ( { name = "w"; },/' -e 's/} );$/}, { name = "two"; law = "pi"; period = 4.0; measurements = ["y"]; setpoints = ["w"]; outputs = ["r"]; } );/;' \
+  "$work/long.conf" | sed -e '/^measurements/s/, { name = "two".*/ );/' -e '/^setpoints/s/, { name = "two".*/ );/' -e '/^outputs/s/, { name = "two".*/ );/' >"$work/layers.conf"
+for command in simulate run init; do
+  expect 1 'layers\.conf has 2 controllers: several cannot be run yet' "$apc" $command "$work/layers.conf"
+done
+expect 1 'several cannot be run yet' "$APC_BIN/apc-controller" --config "$work/layers.conf"

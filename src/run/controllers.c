@@ -1,0 +1,362 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The controllers of an experiment file, and what hangs on what: which signals each one has, that each output
+ * has one owner, and that nobody in the end waits for himself.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "experiment_parts.h"
+#include "nearest.h"
+
+/* A kind of signals, to be found by their names. */
+struct kind {
+    const char *what; /* "measurement" */
+    enum apc_table table;
+    const struct signal *at;
+    size_t n;
+};
+
+static void *array(struct settings *s, size_t n, size_t size)
+{
+    void *p = calloc(n ? n : 1, size);
+    if (!p && !s->failed)
+        s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
+    return p;
+}
+
+/* ---- Lists of names ------------------------------------------------------------------------ */
+
+static bool look_up(const struct kind *kinds, size_t n, const char *name, struct wire *wire,
+                    struct nearest *nearest)
+{
+    for (size_t k = 0; k < n; k++)
+        for (size_t i = 0; i < kinds[k].n; i++) {
+            if (!strcmp(kinds[k].at[i].tag.name, name)) {
+                *wire = (struct wire){kinds[k].table, i};
+                return true;
+            }
+            nearest_look(nearest, kinds[k].at[i].tag.name);
+        }
+    return false;
+}
+
+static bool same(struct wire a, struct wire b)
+{
+    return a.table == b.table && a.at == b.at;
+}
+
+/* The names of list @p list of a controller, each of which stands for a signal of one of the kinds. */
+static size_t read_names(struct settings *s, const config_setting_t *group, const char *list,
+                         enum settings_presence presence, const struct kind *kinds, size_t n_kinds,
+                         struct wire **wires)
+{
+    const config_setting_t *names = config_setting_get_member(group, list);
+    const size_t n = names && config_setting_is_aggregate(names) ? (size_t)config_setting_length(names) : 0;
+    struct wire *w = *wires = array(s, n, sizeof *w);
+
+    if (n == 0 && (names || presence == REQUIRED))
+        settings_fail(s, names ? names : group, "\"%s\" must name at least one %s: %s = [\"...\"];", list,
+                      kinds[0].what, list);
+    for (size_t i = 0; i < n && !s->failed; i++) {
+        const config_setting_t *one = config_setting_get_elem(names, (unsigned)i);
+        const char *name = config_setting_get_string(one);
+        struct nearest nearest = {.wanted = name ? name : ""};
+        if (!name)
+            settings_fail(s, names, "\"%s\" must be names in double quotes", list);
+        else if (!look_up(kinds, n_kinds, name, &w[i], &nearest))
+            settings_fail(s, one, "there is no %s \"%s\"%s%s%s", kinds[0].what, name,
+                          nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
+                          nearest.name ? "\"?" : "");
+        for (size_t k = 0; k < i && !s->failed; k++)
+            if (same(w[k], w[i]))
+                settings_fail(s, one, "\"%s\" stands twice in \"%s\"", name, list);
+    }
+    return n;
+}
+
+static void read_wiring(struct settings *s, const config_setting_t *group, const struct experiment *e,
+                        struct controller *c)
+{
+    const struct kind y[] = {{"measurement", APC_SENSOR, e->y, e->dim.ny + e->n_signals}},
+                      z[] = {{"setpoint", APC_SETPOINT, e->z, e->dim.nz}},
+                      u[] = {{"output", APC_ACTUATOR, e->u, e->dim.nu},
+                             {"setpoint", APC_SETPOINT, e->z, e->dim.nz},
+                             {"signal", APC_SENSOR, e->y + e->dim.ny, e->n_signals}};
+    c->dim.ny = read_names(s, group, "measurements", REQUIRED, y, 1, &c->y);
+    c->dim.nz = read_names(s, group, "setpoints", OPTIONAL, z, 1, &c->z);
+    c->dim.nu = read_names(s, group, "outputs", REQUIRED, u, 3, &c->u);
+    c->nd = read_names(s, group, "disturbances", OPTIONAL, y, 1, &c->d);
+    for (size_t i = 0; i < c->dim.nu && !s->failed; i++)
+        if (c->u[i].table == APC_SENSOR)
+            c->u[i].at += e->dim.ny; /* calculated ones stand behind the measurements */
+}
+
+static struct wire *all(struct settings *s, enum apc_table table, size_t n)
+{
+    struct wire *w = array(s, n, sizeof *w);
+    for (size_t i = 0; w && i < n; i++)
+        w[i] = (struct wire){table, i};
+    return w;
+}
+
+/* ---- What hangs on what -------------------------------------------------------------------- */
+
+static const struct signal *signal_of(const struct experiment *e, struct wire w)
+{
+    return w.table == APC_ACTUATOR ? &e->u[w.at] : w.table == APC_SETPOINT ? &e->z[w.at] : &e->y[w.at];
+}
+
+static bool has(const struct wire *w, size_t n, struct wire wanted)
+{
+    for (size_t i = 0; i < n; i++)
+        if (same(w[i], wanted))
+            return true;
+    return false;
+}
+
+static const struct controller *owner_of(const struct experiment *e, struct wire w)
+{
+    for (size_t i = 0; i < e->n_controllers; i++)
+        if (has(e->controllers[i].u, e->controllers[i].dim.nu, w))
+            return &e->controllers[i];
+    return NULL;
+}
+
+/* Does @p lower take something that @p upper puts out? */
+static bool takes(const struct controller *lower, const struct controller *upper)
+{
+    for (size_t i = 0; i < upper->dim.nu; i++)
+        if (has(lower->z, lower->dim.nz, upper->u[i]) || has(lower->y, lower->dim.ny, upper->u[i]) ||
+            has(lower->d, lower->nd, upper->u[i]))
+            return true;
+    return false;
+}
+
+const struct controller *controllers_taker(const struct experiment *e, struct wire setpoint)
+{
+    for (size_t i = 0; i < e->n_controllers; i++)
+        if (has(e->controllers[i].z, e->controllers[i].dim.nz, setpoint))
+            return &e->controllers[i];
+    return NULL;
+}
+
+static const config_setting_t *group_of(const config_setting_t *list, const struct experiment *e,
+                                        const struct controller *c)
+{
+    return config_setting_get_elem(list, (unsigned)(c - e->controllers));
+}
+
+static void check_owners(struct settings *s, const config_setting_t *list, const struct experiment *e)
+{
+    for (size_t i = 0; i < e->n_controllers && !s->failed; i++) {
+        const struct controller *c = &e->controllers[i];
+        for (size_t k = 0; k < c->dim.nu && !s->failed; k++) {
+            const struct controller *first = owner_of(e, c->u[k]);
+            const config_setting_t *at = config_setting_get_elem(
+                config_setting_get_member(group_of(list, e, c), "outputs"), (unsigned)k);
+            const char *name = signal_of(e, c->u[k])->tag.name;
+            if (first != c)
+                settings_fail(s, at, "\"%s\" is an output of two controllers, %s and %s", name, first->name,
+                              c->name);
+            else if (has(c->z, c->dim.nz, c->u[k]))
+                settings_fail(s, at, "\"%s\" is a setpoint of %s and its output as well", name, c->name);
+            else if (c->u[k].table == APC_SETPOINT && !controllers_taker(e, c->u[k]))
+                settings_fail(s, at, "\"%s\" is a setpoint that no controller has: nobody would take it",
+                              name);
+        }
+        for (size_t k = 0; k < c->dim.nz && !s->failed; k++)
+            if (controllers_taker(e, c->z[k]) != c)
+                settings_fail(s, config_setting_get_member(group_of(list, e, c), "setpoints"),
+                              "\"%s\" is a setpoint of two controllers, %s and %s",
+                              signal_of(e, c->z[k])->tag.name, controllers_taker(e, c->z[k])->name, c->name);
+    }
+}
+
+static void check_owned(struct settings *s, const config_setting_t *list, const struct experiment *e)
+{
+    for (size_t i = 0; i < e->dim.nu && !s->failed; i++)
+        if (!owner_of(e, (struct wire){APC_ACTUATOR, i}))
+            settings_fail(s, list, "output \"%s\" belongs to no controller", e->u[i].tag.name);
+    for (size_t i = e->dim.ny; i < e->dim.ny + e->n_signals && !s->failed; i++)
+        if (!owner_of(e, (struct wire){APC_SENSOR, i}))
+            settings_fail(s, list, "signal \"%s\" is no controller's output: nobody would calculate it",
+                          e->y[i].tag.name);
+}
+
+static bool hangs_on(const struct experiment *e, const bool *gone, size_t lower, size_t upper)
+{
+    return !gone[upper] && takes(&e->controllers[lower], &e->controllers[upper]);
+}
+
+/* Whoever waits for nobody that is left, or is waited for by nobody, goes. What stays goes round in circles.
+ */
+static size_t reduce(const struct experiment *e, bool *gone)
+{
+    size_t left = e->n_controllers, before;
+    do {
+        before = left;
+        for (size_t i = 0; i < e->n_controllers; i++) {
+            bool waits = false, awaited = false;
+            for (size_t k = 0; k < e->n_controllers && !gone[i]; k++) {
+                waits = waits || hangs_on(e, gone, i, k);
+                awaited = awaited || (!gone[k] && takes(&e->controllers[k], &e->controllers[i]));
+            }
+            if (gone[i] || (waits && awaited))
+                continue;
+            gone[i] = true;
+            left--;
+        }
+    } while (left < before);
+    return left;
+}
+
+static void check_circles(struct settings *s, const config_setting_t *list, const struct experiment *e)
+{
+    char names[256] = "";
+    bool *gone = array(s, e->n_controllers, sizeof *gone);
+    const struct controller *first = NULL;
+    if (gone && reduce(e, gone) > 0)
+        for (size_t i = 0, length = 0; i < e->n_controllers && length < sizeof names; i++)
+            if (!gone[i]) {
+                first = first ? first : &e->controllers[i];
+                length += (size_t)snprintf(names + length, sizeof names - length, "%s%s", length ? ", " : "",
+                                           e->controllers[i].name);
+            }
+    if (first)
+        settings_fail(s, group_of(list, e, first), "controllers wait for each other in a circle: %s", names);
+    free(gone);
+}
+
+/* ---- The list ------------------------------------------------------------------------------ */
+
+static void read_name(struct settings *s, const config_setting_t *group, const struct experiment *e,
+                      struct controller *c)
+{
+    const struct kind signals[] = {{"", APC_SENSOR, e->y, e->dim.ny + e->n_signals},
+                                   {"", APC_SETPOINT, e->z, e->dim.nz},
+                                   {"", APC_ACTUATOR, e->u, e->dim.nu}};
+    struct nearest nearest = {.wanted = c->name};
+    struct wire taken;
+    settings_name(s, group, c->name, sizeof c->name);
+    if (s->failed)
+        return;
+    if (strchr(c->name, '.'))
+        settings_fail(s, config_setting_get_member(group, "name"),
+                      "\"name\" of a controller has no dot: \"%s\"", c->name);
+    if (look_up(signals, 3, c->name, &taken, &nearest))
+        settings_fail(s, config_setting_get_member(group, "name"),
+                      "a controller and a signal are called \"%s\"", c->name);
+    for (const struct controller *other = e->controllers; other < c && !s->failed; other++)
+        if (!strcmp(other->name, c->name))
+            settings_fail(s, config_setting_get_member(group, "name"), "two controllers are called \"%s\"",
+                          c->name);
+}
+
+static void read_list(struct settings *s, const config_setting_t *list, struct experiment *e)
+{
+    const int n = config_setting_length(list);
+    if (n < 1)
+        settings_fail(s, list, "\"controllers\" must have at least one group");
+    e->controllers = array(s, (size_t)n, sizeof *e->controllers);
+    for (int i = 0; i < n && !s->failed; i++) {
+        const config_setting_t *group = config_setting_get_elem(list, (unsigned)i);
+        struct controller *c = &e->controllers[e->n_controllers++];
+        if (!config_setting_is_group(group)) {
+            settings_fail(s, group, "expected a group: { name = \"...\"; ... }");
+            return;
+        }
+        read_name(s, group, e, c);
+        read_wiring(s, group, e, c);
+        settings_period(s, group, "period", REQUIRED, &c->period);
+    }
+    check_owners(s, list, e);
+    check_owned(s, list, e);
+    check_circles(s, list, e);
+}
+
+/* One controller of all signals, in order. */
+static void read_short(struct settings *s, struct experiment *e)
+{
+    struct controller *c = e->controllers = array(s, 1, sizeof *c);
+    if (!c)
+        return;
+    e->n_controllers = 1;
+    *c = (struct controller){.name = "controller", .dim = e->dim};
+    c->y = all(s, APC_SENSOR, e->dim.ny);
+    c->z = all(s, APC_SETPOINT, e->dim.nz);
+    c->u = all(s, APC_ACTUATOR, e->dim.nu);
+}
+
+const config_setting_t *experiment_read_controllers(struct settings *s, const config_setting_t *root,
+                                                    struct experiment *e)
+{
+    const config_setting_t *list = settings_list(s, root, "controllers", OPTIONAL);
+    const config_setting_t *group = settings_group(s, root, "controller", list ? OPTIONAL : REQUIRED);
+    if (list && group)
+        settings_fail(s, group,
+                      "\"controller\" is the short form of one in \"controllers\": only one of the two");
+    if (s->failed)
+        return NULL;
+    if (list)
+        read_list(s, list, e);
+    else
+        read_short(s, e);
+    return s->failed ? NULL : list ? config_setting_get_elem(list, 0) : group;
+}
+
+size_t experiment_read_columns(struct settings *s, const config_setting_t *group, const struct experiment *e,
+                               struct wire **columns)
+{
+    const struct kind z[] = {{"setpoint", APC_SETPOINT, e->z, e->dim.nz}};
+    const config_setting_t *names = config_setting_get_member(group, "setpoints");
+    size_t n = 0;
+    if (names)
+        n = read_names(s, group, "setpoints", REQUIRED, z, 1, columns);
+    else if ((*columns = all(s, APC_SETPOINT, e->dim.nz)))
+        for (size_t i = 0; i < e->dim.nz; i++)
+            if (!owner_of(e, (*columns)[i]))
+                (*columns)[n++] = (*columns)[i];
+    for (size_t i = 0; i < n && !s->failed; i++)
+        if (owner_of(e, (*columns)[i]))
+            settings_fail(s, names, "\"%s\" is moved by controller %s already",
+                          signal_of(e, (*columns)[i])->tag.name, owner_of(e, (*columns)[i])->name);
+    return n;
+}
+
+void experiment_free_controllers(struct experiment *e)
+{
+    for (size_t i = 0; i < e->n_controllers; i++) {
+        free(e->controllers[i].y);
+        free(e->controllers[i].z);
+        free(e->controllers[i].u);
+        free(e->controllers[i].d);
+    }
+    free(e->controllers);
+}
+
+static bool in_order(const struct wire *w, size_t n, enum apc_table table, size_t all)
+{
+    for (size_t i = 0; i < n; i++)
+        if (w[i].table != table || w[i].at != i)
+            return false;
+    return n == all;
+}
+
+int experiment_check_single(const struct experiment *e, struct apc_error *why)
+{
+    const struct controller *c = e->controllers;
+    if (e->n_controllers > 1)
+        return apc_fail(why, APC_ESTATE, "%s has %zu controllers: several cannot be run yet, one can",
+                        e->file, e->n_controllers);
+    if (!in_order(c->y, c->dim.ny, APC_SENSOR, e->dim.ny) ||
+        !in_order(c->z, c->dim.nz, APC_SETPOINT, e->dim.nz) ||
+        !in_order(c->u, c->dim.nu, APC_ACTUATOR, e->dim.nu) || c->nd > 0)
+        return apc_fail(why, APC_ESTATE,
+                        "%s: controller %s has not all measurements, setpoints and outputs in their order: "
+                        "that cannot be "
+                        "run yet",
+                        e->file, c->name);
+    return 0;
+}

@@ -1,0 +1,268 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Several controllers in one file: who has which signals, and what cannot be, with its line. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "check.h"
+
+#include "run/run_internal.h"
+
+/* Two layers over the quadruple tank, as lines 1 to 9. */
+static const char *const good[] = {
+    "name = \"layers\"; duration = 60.0;",
+    "measurements = ( { name = \"y1\"; }, { name = \"y2\"; } );",
+    "setpoints = ( { name = \"r1\"; low = 0.0; high = 10.0; }, { name = \"r2\"; }, { name = \"w1\"; }, { "
+    "name = "
+    "\"w2\"; }, { name = \"w3\"; } );",
+    "outputs = ( { name = \"v1\"; low = 0.0; high = 10.0; }, { name = \"v2\"; low = 0.0; high = 10.0; } );",
+    "plant = { model = \"quadruple-tank\"; period = 0.1; }; client = { period = 0.1; };",
+    "controllers = (",
+    " { name = \"base\"; law = \"pi\"; period = 0.5; mode = \"Cas\"; measurements = [\"y1\", \"y2\"]; "
+    "setpoints = "
+    "[\"r1\", \"r2\"]; outputs = [\"v1\", \"v2\"]; },",
+    " { name = \"upper\"; law = \"pi\"; period = 5.0; measurements = [\"y2\", \"y1\"]; setpoints = [\"w2\", "
+    "\"w1\"]; "
+    "outputs = [\"r2\", \"r1\"]; } );",
+    "scheduler = { period = 20.0; sequence = ( [6.0, 6.5, 1.0], [7.0, 6.5, 1.0] ); };"};
+#define LINES (sizeof good / sizeof *good)
+
+static int parse(struct experiment *e, size_t line, const char *instead, struct apc_error *why)
+{
+    char text[4000] = "";
+    for (size_t i = 0; i < LINES; i++)
+        snprintf(text + strlen(text), sizeof text - strlen(text), "%s\n", i + 1 == line ? instead : good[i]);
+    return experiment_parse(e, &(struct experiment_source){.file = "layers.conf", .text = text},
+                            EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, why);
+}
+
+static void assert_wire(struct wire w, enum apc_table table, size_t at)
+{
+    assert_int_equal(w.table, table);
+    assert_int_equal(w.at, at);
+}
+
+static void each_controller_has_its_own_signals(void **state)
+{
+    struct experiment e;
+    struct apc_error why;
+    (void)state;
+    if (parse(&e, 0, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(e.n_controllers, 2);
+    const struct controller *base = &e.controllers[0], *upper = &e.controllers[1];
+    assert_string_equal(base->name, "base");
+    assert_string_equal(upper->name, "upper");
+    assert_int_equal(base->period, APC_NS_PER_S / 2);
+    assert_int_equal(upper->period, 5 * APC_NS_PER_S);
+    assert_int_equal(base->dim.ny + base->dim.nz + base->dim.nu, 6);
+    assert_wire(base->y[1], APC_SENSOR, 1);
+    assert_wire(base->z[0], APC_SETPOINT, 0);
+    assert_wire(base->u[1], APC_ACTUATOR, 1);
+    assert_wire(upper->y[0], APC_SENSOR, 1);
+    assert_wire(upper->z[0], APC_SETPOINT, 3);
+    assert_wire(upper->u[0], APC_SETPOINT, 1);
+    assert_ptr_equal(controllers_taker(&e, upper->u[0]), base);
+    assert_null(controllers_taker(&e, (struct wire){APC_SETPOINT, 9}));
+    /* the scheduler moves what no controller does */
+    assert_int_equal(e.scheduler.n, 3);
+    assert_wire(e.scheduler.z[0], APC_SETPOINT, 2);
+    assert_wire(e.scheduler.z[2], APC_SETPOINT, 4);
+    /* which cannot be run yet */
+    assert_int_equal(experiment_check_single(&e, &why), APC_ESTATE);
+    assert_string_equal(why.text, "layers.conf has 2 controllers: several cannot be run yet, one can");
+    experiment_free(&e);
+}
+
+static void a_controller_may_calculate_what_another_one_measures(void **state)
+{
+    struct experiment e;
+    struct apc_error why;
+    (void)state;
+    if (parse(&e, 8,
+              " { name = \"sum\"; law = \"pi\"; period = 1.0; measurements = [\"y1\"]; setpoints = [\"w1\"]; "
+              "outputs = "
+              "[\"x\"]; }, { name = \"upper\"; law = \"pi\"; period = 5.0; measurements = [\"x\", \"y1\"]; "
+              "setpoints = "
+              "[\"w2\", \"w3\"]; outputs = [\"r2\", \"r1\"]; disturbances = [\"y2\"]; } ); signals = ( { "
+              "name = "
+              "\"x\"; } );",
+              &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(e.dim.ny, 2);
+    assert_int_equal(e.n_signals, 1);
+    assert_int_equal(e.y[2].tag.table, APC_SENSOR);
+    assert_int_equal(e.y[2].tag.id, 3); /* behind the measurements */
+    assert_wire(e.controllers[1].u[0], APC_SENSOR, 2);
+    assert_wire(e.controllers[2].y[0], APC_SENSOR, 2);
+    assert_int_equal(e.controllers[2].nd, 1);
+    assert_wire(e.controllers[2].d[0], APC_SENSOR, 1);
+    experiment_free(&e);
+}
+
+static void the_short_form_is_one_controller_of_all(void **state)
+{
+    struct experiment e;
+    struct apc_error why;
+    (void)state;
+    if (experiment_load(&e, APC_SOURCE_DIR "/experiments/quadruple-tank.conf", EXPERIMENT_LAW, NULL, &why) <
+        0)
+        fail_msg("%s", why.text);
+    assert_int_equal(e.n_controllers, 1);
+    assert_string_equal(e.controllers[0].name, "controller");
+    assert_int_equal(e.controllers[0].dim.ny, e.dim.ny);
+    assert_wire(e.controllers[0].u[1], APC_ACTUATOR, 1);
+    assert_int_equal(e.controllers[0].period, e.controller.rhythm.period);
+    assert_int_equal(e.scheduler.n, e.dim.nz);
+    assert_int_equal(experiment_check_single(&e, &why), 0);
+    experiment_free(&e);
+}
+
+static void one_in_the_long_form_is_the_same(void **state)
+{
+    struct experiment e;
+    struct apc_error why;
+    char text[2000];
+    (void)state;
+    static const char *const orders[] = {"[\"y1\", \"y2\"]", "[\"y2\", \"y1\"]"};
+    for (int k = 0; k < 2; k++) {
+        snprintf(
+            text, sizeof text,
+            "name = \"one\"; measurements = ( { name = \"y1\"; }, { name = \"y2\"; } );"
+            "setpoints = ( { name = \"r1\"; }, { name = \"r2\"; } ); outputs = ( { name = \"v1\"; }, { name "
+            "= "
+            "\"v2\"; } ); plant = { model = \"quadruple-tank\"; period = 0.1; }; client = { period = 0.1; };"
+            "controllers = ( { name = \"only\"; law = \"pi\"; period = 1.0; measurements = %s; setpoints = "
+            "[\"r1\", \"r2\"]; outputs = [\"v1\", \"v2\"]; tuning = ( { Kp = 3.0; }, { Kp = 4.0; } ); } );"
+            "scheduler = { period = 20.0; sequence = ( [1.0] ); setpoints = [\"r2\"]; };"
+            "actions = ( { at = 1.0; mode = \"only\"; value = \"Man\"; } );",
+            orders[k]);
+        if (experiment_parse(&e, &(struct experiment_source){.file = "one.conf", .text = text},
+                             EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0)
+            fail_msg("%s", why.text);
+        assert_int_equal(e.n_controllers, 1);
+        assert_int_equal(experiment_check_single(&e, &why), k == 0 ? 0 : APC_ESTATE); /* order: not yet */
+        assert_int_equal(e.scheduler.n, 1);
+        assert_wire(e.scheduler.z[0], APC_SETPOINT, 1);
+        if (k == 0) {
+            assert_near(e.controller.tuning[0], 3.0, 0);
+            assert_int_equal(e.n_actions, 1);
+        }
+        experiment_free(&e);
+    }
+}
+
+#define BASE(more)                                                                                           \
+    " { name = \"base\"; law = \"pi\"; period = 0.5; measurements = [\"y1\", \"y2\"]; setpoints = [\"r1\", " \
+    "\"r2\"]; outputs = [\"v1\", \"v2\"]; " more " },"
+#define UPPER(name, z, u)                                                                                    \
+    " { name = \"" name "\"; law = \"pi\"; period = 5.0; measurements = [\"y1\", \"y2\"]; setpoints = [" z   \
+    "]; outputs = [" u "]; } );"
+
+static void what_cannot_be_is_refused_with_its_line(void **state)
+{
+    static const struct {
+        size_t line;
+        const char *instead, *reason;
+    } mistake[] = {
+        {6, "controller = { law = \"pi\"; period = 1.0; }; controllers = (",
+         "6: \"controller\" is the short form of one in \"controllers\": only one of the two"},
+        {8, " 3.0 );", "8: expected a group"},
+        {8, UPPER("base", "\"w1\", \"w2\"", "\"r1\", \"r2\""), "8: two controllers are called \"base\""},
+        {8, UPPER("w1", "\"w1\", \"w2\"", "\"r1\", \"r2\""),
+         "8: a controller and a signal are called \"w1\""},
+        {8, UPPER("a.b", "\"w1\", \"w2\"", "\"r1\", \"r2\""), "8: \"name\" of a controller has no dot"},
+        {8, UPPER("upper", "\"w1\", \"q\"", "\"r1\", \"r2\""), "8: there is no setpoint \"q\""},
+        {8, UPPER("upper", "\"w1\", \"w2\"", "\"r1\", \"v3\""),
+         "8: there is no output \"v3\": did you mean \"v1\"?"},
+        {8, UPPER("upper", "\"w1\", \"w2\"", "\"r1\", \"y1\""), "8: there is no output \"y1\""},
+        {8, UPPER("upper", "\"w1\", \"w1\"", "\"r1\", \"r2\""), "8: \"w1\" stands twice in \"setpoints\""},
+        {8, UPPER("upper", "\"w1\", 2", "\"r1\", \"r2\""), "8: mismatched element type in array"},
+        {8, UPPER("upper", "1, 2", "\"r1\", \"r2\""), "8: \"setpoints\" must be names in double quotes"},
+        {8, UPPER("upper", "", "\"r1\", \"r2\""), "8: \"setpoints\" must name at least one setpoint"},
+        {8, " { name = \"upper\"; law = \"pi\"; period = 5.0; setpoints = [\"w1\"]; outputs = [\"r1\"]; } );",
+         "8: \"measurements\" must name at least one measurement"},
+        {8, UPPER("upper", "\"w1\", \"w2\"", "\"r1\", \"v2\""),
+         "8: \"v2\" is an output of two controllers, base and upper"},
+        {8, UPPER("upper", "\"w1\", \"w2\"", "\"r1\", \"w2\""),
+         "8: \"w2\" is a setpoint of upper and its output as well"},
+        {8, UPPER("upper", "\"w1\"", "\"r1\", \"w2\""), "8: \"w2\" is a setpoint that no controller has"},
+        {8, UPPER("upper", "\"w1\", \"r2\"", "\"r1\""),
+         "8: \"r2\" is a setpoint of two controllers, base and upper"},
+        {7,
+         " { name = \"base\"; law = \"pi\"; period = 0.5; measurements = [\"y1\"]; setpoints = [\"r1\", "
+         "\"r2\"]; "
+         "outputs = [\"v1\"]; },",
+         "6: output \"v2\" belongs to no controller"},
+        {6, "signals = ( { name = \"x\"; } ); controllers = (",
+         "6: signal \"x\" is no controller's output: nobody would calculate it"},
+        {6, "signals = ( { name = \"y1\"; } ); controllers = (", "6: two variables are called \"y1\""},
+        {7, BASE("hopla = 1;"), "7: unknown setting \"hopla\""},
+        {7, BASE("mode = \"Oos\";"), "7: \"mode\" must be \"Auto\", \"Man\" or \"Cas\""},
+        {8,
+         " { name = \"upper\"; law = \"pi\"; period = 5.0; measurements = [\"y1\"]; setpoints = "
+         "[\"w1\"]; outputs = "
+         "[\"r1\", \"r2\"]; } );",
+         "8: law pi does not work with 1 measurements, 1 setpoints, 2 outputs"},
+        {5, "plant = { model = \"quadruple-tank\"; period = 0.1; }; client = { period = 2.0; };",
+         "5: \"period\" of client is 2 s, of base 0.5 s: at most 3"},
+        {9, "scheduler = { period = 20.0; sequence = ( [1.0, 2.0] ); };",
+         "9: expected 3 numbers in brackets"},
+        {9, "scheduler = { period = 20.0; sequence = ( [1.0] ); setpoints = [\"r1\"]; };",
+         "9: \"r1\" is moved by controller upper already"},
+        {9, "scheduler = { period = 20.0; sequence = ( [1.0] ); setpoints = [\"r3\"]; };",
+         "9: there is no setpoint \"r3\""},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof mistake / sizeof *mistake; i++) {
+        struct experiment e;
+        struct apc_error why = {""};
+        char reason[300];
+        int rc = parse(&e, mistake[i].line, mistake[i].instead, &why);
+        snprintf(reason, sizeof reason, "layers.conf:%s", mistake[i].reason);
+        if (rc >= 0 || strncmp(why.text, reason, strlen(reason)) != 0)
+            fail_msg("%d, \"%s\" instead of \"%s\"", rc, why.text, reason);
+    }
+}
+
+static void nobody_waits_for_himself_in_the_end(void **state)
+{
+    struct experiment e;
+    struct apc_error why;
+    (void)state;
+    /* base <- upper <- top, whose measurement x is upper's other output */
+    assert_int_equal(parse(&e, 8,
+                           " { name = \"upper\"; law = \"pi\"; period = 5.0; measurements = [\"y1\"]; "
+                           "setpoints = [\"w1\"]; outputs = "
+                           "[\"r1\", \"x\"]; }, { name = \"top\"; law = \"pi\"; period = 9.0; measurements = "
+                           "[\"x\"]; setpoints = "
+                           "[\"w2\"]; outputs = [\"w1\"]; } ); signals = ( { name = \"x\"; } );",
+                           &why),
+                     APC_EINVAL);
+    assert_string_equal(why.text, "layers.conf:8: controllers wait for each other in a circle: upper, top");
+    /* without that it is a chain of three; r2, w2 and w3 are free */
+    if (parse(
+            &e, 8,
+            " { name = \"upper\"; law = \"pi\"; period = 5.0; measurements = [\"y1\"]; setpoints = [\"w1\"]; "
+            "outputs = "
+            "[\"r1\"]; }, { name = \"top\"; law = \"pi\"; period = 9.0; measurements = [\"y2\"]; setpoints = "
+            "[\"w2\"]; outputs = [\"w1\"]; } );",
+            &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(e.scheduler.n, 3);
+    assert_wire(e.scheduler.z[0], APC_SETPOINT, 1);
+    experiment_free(&e);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(each_controller_has_its_own_signals),
+        cmocka_unit_test(a_controller_may_calculate_what_another_one_measures),
+        cmocka_unit_test(the_short_form_is_one_controller_of_all),
+        cmocka_unit_test(one_in_the_long_form_is_the_same),
+        cmocka_unit_test(what_cannot_be_is_refused_with_its_line),
+        cmocka_unit_test(nobody_waits_for_himself_in_the_end),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
