@@ -18,7 +18,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <apcshareddata.h>
+#include <apcstore.h>
 #include <apctimer.h>
 
 #include "bench.h"

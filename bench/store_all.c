@@ -4,7 +4,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include <apcshareddata.h>
+#include <apcstore.h>
 
 #include "store.h"
 

@@ -23,7 +23,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include <apcshareddata.h>
+#include <apcstore.h>
 
 #include "store.h"
 

@@ -14,7 +14,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include <apcshareddata.h>
+#include <apcstore.h>
 
 #include "store.h"
 

@@ -10,7 +10,7 @@
 #ifndef APCRUN_H
 #define APCRUN_H
 
-#include "apcshareddata.h"
+#include "apcstore.h"
 
 #ifdef __cplusplus
 extern "C" {

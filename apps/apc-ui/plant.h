@@ -4,7 +4,7 @@
 #define APC_UI_PLANT_H
 
 #include <apccontrol.h>
-#include <apcshareddata.h>
+#include <apcstore.h>
 
 #include "json.h"
 

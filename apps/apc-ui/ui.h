@@ -15,7 +15,7 @@
 
 #include <stdatomic.h>
 
-#include <apcshareddata.h>
+#include <apcstore.h>
 #include <apctimer.h>
 
 #include "plant.h"

@@ -15,7 +15,7 @@
 #ifndef APC_UI_WRITES_H
 #define APC_UI_WRITES_H
 
-#include <apcshareddata.h>
+#include <apcstore.h>
 
 #include "json.h"
 #include "users/users.h"

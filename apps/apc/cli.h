@@ -10,7 +10,7 @@
 #include <argp.h>
 #include <stdio.h>
 
-#include <apcshareddata.h>
+#include <apcstore.h>
 
 #include "common/exitcode.h"
 

@@ -5,7 +5,7 @@
 #ifndef APC_CONTROL_H
 #define APC_CONTROL_H
 
-#include <apcshareddata.h>
+#include <apcstore.h>
 
 struct control {
     const char *witness;   /* whose events count */

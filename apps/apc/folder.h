@@ -8,7 +8,7 @@
 #ifndef APC_FOLDER_H
 #define APC_FOLDER_H
 
-#include <apcshareddata.h>
+#include <apcstore.h>
 #include <apctimer.h>
 
 #include "run/run_internal.h"

@@ -9,7 +9,7 @@
 #ifndef APC_LIVE_H
 #define APC_LIVE_H
 
-#include <apcshareddata.h>
+#include <apcstore.h>
 
 #include "run/run_internal.h"
 

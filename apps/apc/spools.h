@@ -3,7 +3,7 @@
 #ifndef APC_SPOOLS_H
 #define APC_SPOOLS_H
 
-#include <apcshareddata.h>
+#include <apcstore.h>
 
 #define SPOOLS_MAX 32
 

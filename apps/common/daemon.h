@@ -12,8 +12,8 @@
 #include <stdatomic.h>
 
 #include <apcmodules.h>
-#include <apcshareddata.h>
 #include <apcsockets.h>
+#include <apcstore.h>
 #include <apctimer.h>
 
 #include "run/run_internal.h"

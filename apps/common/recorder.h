@@ -8,7 +8,7 @@
 #ifndef APC_RECORDER_H
 #define APC_RECORDER_H
 
-#include <apcshareddata.h>
+#include <apcstore.h>
 #include <apctimer.h>
 
 /* What the timing calls the exchanges of apc-client with the plant: as tasks of which only "run" is known,

@@ -3,7 +3,7 @@
 #ifndef APC_STOREURI_H
 #define APC_STOREURI_H
 
-#include <apcshareddata.h>
+#include <apcstore.h>
 
 /* For the help of the option. */
 #define STORE_HELP "Shared data: postgresql://host/db#schema, sqlite:FILE, shm:NAME [APC_STORE]"

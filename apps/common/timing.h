@@ -5,7 +5,7 @@
 
 #include <stdio.h>
 
-#include <apcshareddata.h>
+#include <apcstore.h>
 #include <apctimer.h> /* struct apc_bin */
 
 /* One quantity of one task. Nanoseconds; percentiles by nearest rank, to the width of a bucket. Zeros where

@@ -9,8 +9,8 @@
 
 #include <apcmodules.h>
 #include <apcplant.h>
-#include <apcshareddata.h>
 #include <apcsockets.h>
+#include <apcstore.h>
 #include <apctimer.h>
 
 /* ---- The world around the modules, in virtual time ------------------------------------------ */

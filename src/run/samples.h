@@ -5,7 +5,7 @@
 
 #include <stdio.h>
 
-#include <apcshareddata.h>
+#include <apcstore.h>
 
 #include "run_internal.h"
 

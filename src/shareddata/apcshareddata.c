@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "apcshareddata.h"
 #include "shareddata/postgresql.h"
 
 void genTimeStampUTC(char ts[27])

@@ -10,7 +10,7 @@
 #ifndef APC_SHAREDDATA_INTERNAL_H
 #define APC_SHAREDDATA_INTERNAL_H
 
-#include "apcshareddata.h"
+#include "apcstore.h"
 
 /** Most samples of one call: bounds every buffer's size. */
 #define APC_STORE_SAMPLES_MAX ((size_t)1 << 20)
@@ -34,7 +34,7 @@ struct apc_store {
     size_t n_seq;
 };
 
-/** Contracts as in apcshareddata.h. Failures leave their text in store->why. */
+/** Contracts as in apcstore.h. Failures leave their text in store->why. */
 struct apc_store_ops {
     const char *scheme;       /* with the colon */
     enum apc_table table_end; /* it has the tables below this one; 0: all */

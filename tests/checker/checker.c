@@ -25,7 +25,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include <apcshareddata.h>
+#include <apcstore.h>
 
 #include "history.h"
 

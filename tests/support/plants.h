@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "apcshareddata.h"
+#include "apcstore.h"
 #include "check.h"
 #include "cluster.h"
 

@@ -3,7 +3,7 @@
 #ifndef APC_TEST_STORES_H
 #define APC_TEST_STORES_H
 
-#include "apcshareddata.h"
+#include "apcstore.h"
 #include "check.h"
 
 /** That the tests are running for. */

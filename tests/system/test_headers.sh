@@ -50,6 +50,15 @@ missing=$(undocumented "$APC_SOURCE_DIR"/include/*.h)
 bad_comment no comment
 bad_neighbour no comment' ] || fail "found: $(undocumented "$work/bad.h")"
 
+# Each stands by itself, and only the paper's functions want a header of libpq, whose place is not said here.
+for header in "$APC_SOURCE_DIR"/include/*.h; do
+  name=$(basename "$header")
+  [ "$name" = apcshareddata.h ] ||
+    printf '#include <%s>\nint main(void) { return 0; }\n' "$name" |
+    "${CC:-cc}" -std=c11 -D_POSIX_C_SOURCE=200809L -Wall -Wextra -Werror -fsyntax-only -I"$APC_SOURCE_DIR/include" -x c - ||
+    fail "$name does not stand by itself"
+done
+
 # A room knows base, itself, and the rooms that stand after it here; modules know all of them,
 # the run those by their public headers, and none the programs.
 # strangers KNOWN PLACE...: what the place includes of other rooms
@@ -60,7 +69,7 @@ strangers() {
     grep -E "^(apc|base/|timer/|shareddata/|sockets/|control/|predict/|plant/|exchange/|modules/|run/|common/|apc/|apc-ui/|users/)" |
     grep -vE "^(apcbase\.h|base/.*|$known)\$" || true
 }
-declare -A headers=([base]=apcbase [timer]=apctimer [shareddata]=apcshareddata [sockets]=apcsockets [plant]=apcplant
+declare -A headers=([base]=apcbase [timer]=apctimer [shareddata]="apcstore apcshareddata" [sockets]=apcsockets [plant]=apcplant
   [exchange]=apcexchange
   [predict]='apcqp apclinear apcestimate' [control]=apccontrol)
 while read -r room below; do

@@ -10,7 +10,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "apcshareddata.h"
+#include "apcstore.h"
 #include "check.h"
 #include "cluster.h"
 #include "scratch.h"

@@ -11,7 +11,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "apcshareddata.h"
+#include "apcstore.h"
 #include "check.h"
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)

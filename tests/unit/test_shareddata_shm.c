@@ -10,7 +10,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "apcshareddata.h"
+#include "apcstore.h"
 #include "check.h"
 #include "shareddata/shm.h"
 

@@ -15,7 +15,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "apcshareddata.h"
+#include "apcstore.h"
 #include "check.h"
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)

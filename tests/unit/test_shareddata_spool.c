@@ -12,7 +12,7 @@
 #include <unistd.h>
 
 #include "apcmodules.h"
-#include "apcshareddata.h"
+#include "apcstore.h"
 #include "check.h"
 #include "cluster.h"
 #include "proxy.h"

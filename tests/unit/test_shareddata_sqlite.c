@@ -18,7 +18,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "apcshareddata.h"
+#include "apcstore.h"
 #include "check.h"
 #include "scratch.h"
 #include "shareddata/sqlite.h"

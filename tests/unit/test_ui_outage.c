@@ -9,7 +9,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <apcshareddata.h>
+#include <apcstore.h>
 
 #include "cluster.h"
 #include "proxy.h"

@@ -1,0 +1,345 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/**
+ * @file apcstore.h
+ * The second principle of the paper: shared data, as a store of time-stamped tables that may be anywhere. The
+ * paper's own functions, on PostgreSQL, are in apcshareddata.h; a program that uses only this header needs no
+ * header of libpq.
+ */
+#ifndef APCSTORE_H
+#define APCSTORE_H
+
+#include "apcbase.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* ---- Stores ------------------------------------------------------------------------------- */
+
+/** Zero means default. */
+struct apc_store_options {
+    size_t size;
+    const char *name;   /**< who is writing: application_name, and in refusals; default "libapc" */
+    apc_ns timeout;     /**< for every operation, connecting included; default 2 s */
+    apc_ns backoff_min; /**< first pause after a failed connect; default 100 ms */
+    apc_ns backoff_max; /**< longest pause; default 5 s. Pauses double and are jittered */
+    const char *spool;  /**< file for what the store cannot take at the moment; "": in memory, which ends with
+                             the process; NULL: none. See below */
+    uint64_t spool_size; /**< most bytes that may wait in it; default 256 MiB */
+};
+
+struct apc_store;
+
+/** Bytes that hold the name of who wrote a row, with its terminator. */
+#define APC_AUTHOR_LEN 64
+
+/**
+ * A store by URI (which one: docs/stores.md):
+ * - `sqlite:FILE`, a file.
+ * - `shm:NAME`, POSIX shared memory, for the processes of one user on one host (and in one PID namespace),
+ * until the machine stops or /dev/shm/apc.NAME is removed: the newest value of every variable and of each a
+ *   recent history. `shm:NAME?size=MIB`, looked at by apc_store_init() only, makes it larger or smaller than
+ * 32 MiB. What no longer fits takes the place of the oldest; a new variable that does not, too many tags and
+ * a call of too many rows are refused with APC_ESTORE. Durable means: survives any process, not the machine.
+ * - `mem:`, this process' memory, for virtual time and for tests: `mem:` alone is the handle's own,
+ * `mem:NAME` (at most 63 bytes) is shared by all handles of that name, whatever their thread, and gone when
+ * the last of them is closed. Its ticks allocate only when a variable's history doubles.
+ * - `postgresql:` (the environment's database: PGHOST, PGSERVICE, ...) or `postgresql://...`, any libpq URI;
+ *   `#NAME` at its end chooses the schema NAME, one a plant, default `apc`. A standby is refused, because a
+ *   store is for writing, unless target_session_attrs in the URI or PGTARGETSESSIONATTRS says otherwise.
+ *
+ * Nothing is connected yet: every operation connects when it has to, waits no longer than the timeout, and
+ * after a failed connect to a server answers APC_ECONN at once until a jittered pause is over. One thread at
+ * a time. [setup] Returns 0, APC_EINVAL (unknown scheme, malformed URI, not our spool), APC_EBUSY,
+ * APC_ESTORE (the spool cannot be used), APC_ENOMEM.
+ */
+APC_API int apc_store_open(struct apc_store **store, const char *uri, const struct apc_store_options *options,
+                           struct apc_error *why);
+APC_API void apc_store_close(struct apc_store *store); /**< NULL is legal. [setup] */
+/** One line about the last failure; lives until the next call. [tick] */
+APC_API const char *apc_store_error(const struct apc_store *store);
+/** As of its last operation. [tick] */
+APC_API bool apc_store_connected(const struct apc_store *store);
+
+/** What waits in a spool, and what became of it since it was opened. */
+struct apc_spool_stats {
+    uint64_t samples, events; /**< waiting */
+    uint64_t bytes, capacity; /**< they take, they may take */
+    apc_ns oldest;            /**< source time of the first of them; 0: nothing waits */
+    uint64_t drained;         /**< samples and events that went on to the store */
+    uint64_t refused;         /**< samples and events: full, or the disk would not. Never acknowledged */
+    uint64_t torn;            /**< bytes of a last, unfinished record, cut off when it was opened */
+    int blocked;      /**< the error with which the store, which is there, refuses what is next; or 0 */
+    uint64_t damaged; /**< times that the file was set aside; by apc_spool_look(): 1 if it has to be ... */
+    char aside[256];  /**< ... and as what, the last time */
+};
+
+/** Counters since it was opened. */
+struct apc_store_stats {
+    uint64_t connects;
+    uint64_t round_trips;         /**< times it waited for the server */
+    struct apc_spool_stats spool; /**< zeros: it has none */
+};
+/** Zeros for NULL. [tick] */
+APC_API void apc_store_stats(const struct apc_store *store, struct apc_store_stats *stats);
+
+/*
+ * Store and forward: a store with a spool goes on acknowledging apc_store_append() and
+ * apc_store_append_events() while it is away (APC_ECONN, APC_ETIMEDOUT) or its disk is full (APC_EFULL): they
+ * are on disk in the spool when the call returns. apc_store_error() then says why the store is away. Once
+ * something waits, everything goes through the spool, in order; apc_store_connect(), apc_store_append() and
+ * apc_store_append_events() each drain a portion when the store is there, for about a tenth of the timeout.
+ * While it is away it is asked only now and then: what made a call wait is left alone for as long, the second
+ * time for twice as long, then for four times as long.
+ *
+ * - apc_store_claim() finds what a former writer left; `last` counts it in. When the store is away it
+ * succeeds if records wait, which say how far the writer had come, and is made up for before they drain; then
+ * another writer's claim is APC_EBUSY, and they go on waiting. With an empty spool it is APC_ECONN, as
+ * without one.
+ * - apc_store_read() gives, while the store is away, what was last read or appended through this store, with
+ *   its own seq and time, and status UncertainLastUsableValue unless it is worse; APC_ECONN if one of the
+ *   variables was never seen.
+ * - APC_EBUSY, APC_ESCHEMA and APC_ECONFLICT from an append, met while draining, leave its rows in the spool.
+ * - A spool that is full keeps what it has: a new append is then refused with APC_ESTORE, and counted in
+ *   `refused`. What was acknowledged is never thrown away.
+ * - Samples drain once: see apc_store_append(). A sample whose seq another writer took meanwhile, with
+ * another value, is found: the spool is set aside as FILE.conflict-TIME, and the answer is APC_ECONFLICT. Of
+ * events that may have been stored already, those that stand there are left out, if this user may read
+ * events.
+ * - A spool of another writer (options->name) or for another store is refused by apc_store_open(), one that
+ *   another process has in use too. One that is damaged is kept as FILE.damaged-TIME; what is readable goes
+ * on.
+ *
+ * All else goes to the store itself. What commands (setpoints, outputs, modes, tuning) must not be spooled:
+ * it would come late and look new.
+ */
+
+/** A spool as it lies on disk. */
+struct apc_spool_info {
+    char writer[64], store[256]; /**< whose, and for which store, without secrets */
+    struct apc_spool_stats stats;
+};
+/** Look into a spool that another process may have in use. Behind what is damaged, too: then stats.damaged is
+ * 1. [setup] Returns 0, APC_ENOTFOUND, APC_ESYS, APC_EPROTO: its header is damaged, APC_EINVAL: it is none.
+ */
+APC_API int apc_spool_look(const char *file, struct apc_spool_info *info, struct apc_error *why);
+
+/*
+ * Operations return 0 or a count, else: APC_ECONN, APC_ETIMEDOUT, APC_ESCHEMA (run `apc init`), APC_EBUSY
+ * (the claim went to another writer), APC_EPERM, APC_EFULL (its disk is: nothing was written), APC_ESTORE
+ * (refused: constraint, damage, ...), APC_EINVAL, APC_ESTATE (called from inside the store's own history
+ * function). Times are kept to the microsecond.
+ *
+ * After APC_ECONN or APC_ETIMEDOUT a write may or may not have taken place. To repeat it is harmless for
+ * apc_store_append, apc_store_claim, apc_store_put_tags and apc_store_init. A repeated apc_store_put,
+ * apc_store_append_events or apc_store_append_timing may write the same a second time: a put once more the
+ * same value, under the next seq.
+ */
+
+/** Connect now instead of at the first operation. [setup] */
+APC_API int apc_store_connect(struct apc_store *store);
+
+/**
+ * The newest sample of each of @p n variables, over any tables, in one round trip. In: table and id;
+ * out: the rest. A variable without a sample gets seq 0, status BadNoData. Returns 0. [tick]
+ */
+APC_API int apc_store_read(struct apc_store *store, struct apc_sample *samples, size_t n);
+
+/**
+ * Append @p n samples, over any tables, atomically and in one round trip (two when a row is
+ * there already); on return they are durable.
+ * (table, id, seq) names a sample: one that is already there is left alone while the others are stored, so an
+ * append whose answer was lost may be repeated. Returns how many this very call stored: less than @p n
+ * means that the seq of the rest were taken, by an earlier try (or twice in this one) or, where none went
+ * before, by another writer. [tick]
+ */
+APC_API int apc_store_append(struct apc_store *store, const struct apc_sample *samples, size_t n);
+
+/**
+ * Become the one writer of a table's ids 1..n, as long as this store is open; @p last gets the newest
+ * seq of each (0: none), from which the writer goes on counting. A lost connection takes the claim
+ * along; it is renewed with the next connection. APC_EBUSY: another writer has it, whom apc_store_error()
+ * names. While it is this store's own former session, which the server has not been able to end yet, the
+ * answer is APC_ECONN: go on trying. [setup]
+ */
+APC_API int apc_store_claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last);
+
+/**
+ * Write operator variables (setpoint, opmode, tuning, manual), which have no single writer: read the newest,
+ * append the successor with the sample's value, status and time, and try again when someone else was faster.
+ * seq is filled in. Returns 0, or APC_ECONFLICT after ten tries: then nothing was written. [setup]
+ */
+APC_API int apc_store_put(struct apc_store *store, struct apc_sample *samples, size_t n);
+
+/**
+ * Compare and set: as apc_store_put(), but each samples[i].seq is the newest one that the caller knows (0:
+ * there is none), and nothing is written unless all of them are the newest still. Then the answer is
+ * APC_ECONFLICT, and @p samples are what is newest now, as from apc_store_read(). Returns 0 with the new seqs
+ * filled in. After APC_ECONN or APC_ETIMEDOUT it may have taken place: a repeat then answers APC_ECONFLICT
+ * and shows the caller's own values. [setup]
+ */
+APC_API int apc_store_swap(struct apc_store *store, struct apc_sample *samples, size_t n);
+
+/**
+ * The newest rows of variables over any tables, samples and vectors, of one moment and in one round trip. In:
+ * table and id, of a vector also room and value. Out: the rest, as of apc_store_read(). @p n of a vector is
+ * its length, of which no more than room elements are given: n > room says how much room it takes. A vector
+ * without a row gets seq 0, n 0, status BadNoData. Returns 0. [tick]
+ */
+APC_API int apc_store_read_rows(struct apc_store *store, struct apc_rows *rows);
+
+/**
+ * Append rows over any tables in one transaction and one round trip (two when a row is there already); on
+ * return they are durable.
+ *
+ * Rows of a table with one writer carry their seq and are stored as by apc_store_append(). A row of setpoint,
+ * opmode, tuning or manual carries in seq the newest that the caller knows (0: there is none), or
+ * APC_SEQ_ANY: whatever it is. On return its seq is that of the row, or 0: somebody else was faster, and this
+ * row alone was left out. The same variable twice: the first goes before the second.
+ *
+ * Returns how many rows this very call stored. After APC_ECONN or APC_ETIMEDOUT, seq are as they were, and a
+ * repeat leaves out what is there already: of one of the four tables the caller then looks at what is newest.
+ * [tick]
+ */
+APC_API int apc_store_append_rows(struct apc_store *store, const struct apc_rows *rows);
+
+/**
+ * Wait until one of @p n variables has a sample newer than its @p seen[i].seq, no longer than @p timeout
+ * (0: only look; longer by the store's own timeout at most when it cannot be reached). Of @p seen only table,
+ * id and seq are looked at. Returns 1 when there is one (a read then gives it), at once when it is there
+ * already; 0 when the time is up; an error as soon as the store is lost: what was written meanwhile is found
+ * by the next call. A change between a read and the wait is never missed. n = 0 returns 0 at once. [setup]
+ */
+APC_API int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout);
+
+/**
+ * The variables that have samples, described or not: table and id of up to @p capacity, in that order.
+ * Returns how many there are in all. [setup]
+ */
+APC_API int apc_store_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity);
+
+/** Called for each row in rising seq; return nonzero to end early. */
+typedef int (*apc_sample_fn)(void *ctx, const struct apc_sample *sample);
+
+/** Zero means: no bound. */
+struct apc_range {
+    apc_ns since, until; /**< source time, since <= t < until */
+    size_t last;         /**< at most so many, the newest */
+};
+/** History of one variable, streamed in bounded memory. Returns the number of rows given. [setup] */
+APC_API int apc_store_history(struct apc_store *store, enum apc_table table, int id,
+                              const struct apc_range *range, apc_sample_fn fn, void *ctx);
+
+/** Called for each row in rising seq; return nonzero to end early. The values live until it returns. */
+typedef int (*apc_vector_fn)(void *ctx, const struct apc_vector *vector);
+/** History of one variable of a table of vectors. Returns the number of rows given. [setup] */
+APC_API int apc_store_vectors(struct apc_store *store, enum apc_table table, int id,
+                              const struct apc_range *range, apc_vector_fn fn, void *ctx);
+
+/** What an interval of a variable's history holds: the samples of source time from <= t < until. */
+struct apc_history_bin {
+    apc_ns from, until;
+    uint64_t count, bad;         /**< samples that are not Bad; samples that are */
+    double min, max, mean, last; /**< of those not Bad; last: of the highest seq. 0 when count is 0 */
+    apc_status worst;            /**< the highest status code among all: of the gravest severity */
+    int64_t seq;                 /**< the highest of all */
+};
+/** Called for each bin in rising time; return nonzero to end early. */
+typedef int (*apc_history_bin_fn)(void *ctx, const struct apc_history_bin *bin);
+/**
+ * History of one variable in @p n intervals (1..APC_HISTORY_BINS) of equal length, made by the server: bin i
+ * begins at @p since + i * (@p until - @p since) / n, rounded down to the nanosecond, and ends where the next
+ * one begins. Bins without samples are left out. Streamed in bounded memory. All of it has to be read before
+ * the first bin comes: give the store a timeout for that. Returns the number of bins given. [setup]
+ */
+APC_API int apc_store_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since,
+                                   apc_ns until, size_t n, apc_history_bin_fn fn, void *ctx);
+#define APC_HISTORY_BINS 100000
+
+/* ---- Descriptions, events, timing --------------------------------------------------------- */
+
+#define APC_TAG_LEN 64
+
+/** What a variable is called and may be. */
+struct apc_tag {
+    enum apc_table table;
+    int id;
+    char name[APC_TAG_LEN], unit[APC_TAG_LEN], description[APC_TAG_LEN * 2];
+    double low, high; /**< limits, inclusive; -APC_VALUE_MAX and APC_VALUE_MAX: none */
+};
+/** Replace all descriptions by these, at once or not at all; for the schema's owner. Returns @p n. [setup] */
+APC_API int apc_store_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n);
+/** Up to @p capacity tags in order of table and id; returns how many there are in all. [setup] */
+APC_API int apc_store_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity);
+
+enum apc_event_severity { APC_EVENT_INFO = 1, APC_EVENT_WARNING, APC_EVENT_ALARM };
+
+/** Something that happened: an operator's action, a mode change, loss of a connection, overruns. */
+struct apc_event {
+    apc_ns time;
+    enum apc_event_severity severity;
+    char source[32]; /**< the program, or the operator's name */
+    /** "start", "stop", "mode", "operator", "link", "store", "measurement", "rejected", "watchdog",
+     * "overrun", "clock" */
+    char kind[32];
+    char text[192];
+};
+/** All or none of them. Returns @p n. [setup] */
+APC_API int apc_store_append_events(struct apc_store *store, const struct apc_event *events, size_t n);
+typedef int (*apc_event_fn)(void *ctx, const struct apc_event *event);
+/** Events in rising order. Returns the number given. [setup] */
+APC_API int apc_store_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn,
+                             void *ctx);
+
+/** One histogram over one window, as stored. Nanoseconds. */
+struct apc_timing_row {
+    apc_ns time;       /**< end of the window, UTC */
+    char task[32];     /**< "controller", ... */
+    char quantity[16]; /**< "lateness", "jitter" or "run" */
+    apc_ns period;
+    uint64_t missed; /**< in the window */
+    uint64_t count;
+    double mean, sd;
+    apc_ns p50, p99, max;
+    const int64_t *bin_low, *bin_high, *bin_count; /**< filled buckets, n_bins of each */
+    size_t n_bins;
+};
+/** All or none of them. Returns @p n. [setup] */
+APC_API int apc_store_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n);
+typedef int (*apc_timing_fn)(void *ctx, const struct apc_timing_row *row);
+/** Rows in rising time; the bins live until fn returns. Returns the number given. [setup] */
+APC_API int apc_store_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn,
+                             void *ctx);
+
+/* ---- Set-up ------------------------------------------------------------------------------- */
+
+/**
+ * Make the schema, or bring an older one up to date, repairs included; harmless when it is current. Returns
+ * the version it had (0: none; a newer one that this library works with is left alone), or APC_ESCHEMA when
+ * it is newer than that. [setup]
+ */
+APC_API int apc_store_init(struct apc_store *store);
+
+/** How long to keep what, by source time; zero: for ever. */
+struct apc_retention {
+    size_t size;
+    apc_ns samples, events, timing;
+};
+/**
+ * Housekeeping, as often as you like, while others use the store: make room ahead for what will come, and
+ * drop what is older than @p keep (NULL: drop nothing). The newest sample of each variable stays in any case,
+ * also in its history. What is dropped is at least as old, but a store that drops in larger pieces keeps some
+ * of it until the whole piece is. For the schema's owner. [setup]
+ * Returns the number of rows or pieces dropped, or an error.
+ */
+APC_API int apc_store_maintain(struct apc_store *store, const struct apc_retention *keep);
+/** The version of the tables that this library makes and knows. It works with a newer one as well if that
+ * says so. [any] */
+APC_API int apc_store_version(void);
+/** The version of the tables that the store is connected to; 0: not connected. [any] */
+APC_API int apc_store_tables_version(const struct apc_store *store);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
