@@ -139,7 +139,7 @@ void apc_loop_settle(struct apc_loop *l, const struct apc_loop_facts *facts, enu
     }
     if (state == APC_LOOP_MAN || state == APC_LOOP_OOS)
         l->poor = 0;
-    l->linked = cascade && (state == APC_LOOP_CAS || (state == APC_LOOP_HOLD && l->linked && facts->remote));
+    l->linked = state == APC_LOOP_CAS || (state == APC_LOOP_HOLD && l->linked && facts->remote);
     if (!cascade || l->linked)
         l->asked = 0;
     else if (!l->asked)
@@ -164,7 +164,7 @@ bool apc_loop_invited(const struct apc_loop_below *b)
 
 static bool answered(const struct apc_loop *l, const struct apc_loop_above *a)
 {
-    return a->theirs && l->asked && a->origin >= l->asked && a->value >= a->working && a->value <= a->working;
+    return l->asked && a->origin >= l->asked && a->value >= a->working && a->value <= a->working;
 }
 
 bool apc_loop_remote(const struct apc_loop *l, const struct apc_loop_above *a)
@@ -172,11 +172,9 @@ bool apc_loop_remote(const struct apc_loop *l, const struct apc_loop_above *a)
     return a->target == APC_MODE_CAS && a->theirs && a->fresh && a->able && (l->linked || answered(l, a));
 }
 
-enum apc_loop_setpoint apc_loop_take(const struct apc_loop *l, const struct apc_loop_above *a)
+bool apc_loop_takes(const struct apc_loop *l, const struct apc_loop_above *a)
 {
-    if (!a->theirs || apc_loop_remote(l, a))
-        return APC_SP_TAKE;
-    return answered(l, a) ? APC_SP_KEEP : APC_SP_PUT_BACK;
+    return !a->theirs || apc_loop_remote(l, a);
 }
 
 apc_status apc_loop_status(const struct apc_loop *l, enum apc_mode target, unsigned limited)
@@ -189,6 +187,15 @@ apc_status apc_loop_status(const struct apc_loop *l, enum apc_mode target, unsig
         return APC_GOOD_LIMITED_CONSTANT;
     return (limited & APC_LIMITED_LOW ? APC_GOOD_LIMITED_LOW : APC_GOOD) |
            (limited & APC_LIMITED_HIGH ? APC_GOOD_LIMITED_HIGH : APC_GOOD);
+}
+
+unsigned apc_loop_lacks(unsigned limited, double setpoint, double measurement)
+{
+    if (!limited)
+        return 0;
+    return measurement < setpoint   ? APC_LIMITED_HIGH
+           : measurement > setpoint ? APC_LIMITED_LOW
+                                    : APC_LIMITED_LOW | APC_LIMITED_HIGH;
 }
 
 unsigned apc_loop_limited(apc_status status)

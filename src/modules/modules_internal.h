@@ -100,17 +100,15 @@ struct apc_loop_above {
     double working;       /* the setpoint in force since the loop's last tick */
 };
 bool apc_loop_remote(const struct apc_loop *loop, const struct apc_loop_above *above); /**< [tick] */
-/** What becomes of the newest row of the setpoint. */
-enum apc_loop_setpoint {
-    APC_SP_TAKE = 1, /* it is in force, where limits allow it */
-    APC_SP_KEEP,     /* the same value, from a controller that is not listened to yet */
-    APC_SP_PUT_BACK  /* it comes too late: write the one in force, by swap */
-};
-enum apc_loop_setpoint apc_loop_take(const struct apc_loop *loop,
-                                     const struct apc_loop_above *above); /**< [tick] */
+/** Is the newest row of the setpoint to be taken? Else it comes too late or from nobody that is listened to,
+ * and the setpoint in force is put back, by swap. [tick] */
+bool apc_loop_takes(const struct apc_loop *loop, const struct apc_loop_above *above);
 /** Status of the `actual` row of a loop's setpoint, after settling. @p limited: enum apc_limited, how the
  * loop's measurement cannot follow. [tick] */
 apc_status apc_loop_status(const struct apc_loop *loop, enum apc_mode target, unsigned limited);
+/** Which way, enum apc_limited, a measurement cannot follow its setpoint while the output is @p limited: the
+ * way that it lacks, whatever the sign of the process's gain is. [tick] */
+unsigned apc_loop_lacks(unsigned limited, double setpoint, double measurement);
 /** enum apc_limited of a status's limit bits. [tick] */
 unsigned apc_loop_limited(apc_status status);
 

@@ -229,15 +229,15 @@ static void lower_takes_setpoint(struct cascade *w, struct cascade_side *s, bool
                                    .origin = newest->origin,
                                    .value = newest->value,
                                    .working = s->now.z};
-    enum apc_loop_setpoint what = apc_loop_take(&s->now.loop, &above);
+    bool takes = apc_loop_takes(&s->now.loop, &above), oos = s->seen.target[LOWER] == APC_MODE_OOS;
 
     s->now.seen = newest->seq;
     s->facts.remote = apc_loop_remote(&s->now.loop, &above);
-    if (what == APC_SP_TAKE || first)
+    if (takes || first)
         s->now.z = newest->value;
     if (s->seen.target[LOWER] == APC_MODE_MAN)
         s->now.z = limit(s->now.y, w->side[UPPER].low, w->side[UPPER].high);
-    s->write_setpoint = what == APC_SP_PUT_BACK || s->now.z < newest->value || s->now.z > newest->value;
+    s->write_setpoint = !oos && (!takes || s->now.z < newest->value || s->now.z > newest->value);
     s->setpoint = (struct row){
         .seq = newest->seq + 1, .value = s->now.z, .status = APC_GOOD, .author = LOWER, .time = w->now};
 }
@@ -286,14 +286,12 @@ static void lower_reads(struct cascade *w)
     s->slack = w->slack;
     note(w, "reads", LOWER);
     apc_loop_settle(&s->now.loop, &s->facts, s->move.state, w->now, s->seen.actual.seq + 1);
-    unsigned at = (s->now.u <= s->low ? (unsigned)APC_LIMITED_LOW : 0u) |
-                  (s->now.u >= s->high ? (unsigned)APC_LIMITED_HIGH : 0u);
-    if (s->sign < 0 && (at == APC_LIMITED_LOW || at == APC_LIMITED_HIGH))
-        at ^= APC_LIMITED_LOW | APC_LIMITED_HIGH; /* a high output means a low measurement */
-    s->actual = (struct row){.seq = s->seen.actual.seq + 1,
-                             .value = s->now.z,
-                             .status = apc_loop_status(&s->now.loop, s->facts.target, at),
-                             .time = w->now};
+    bool limited = s->move.output == APC_PUT_LAW && (s->now.u <= s->low || s->now.u >= s->high);
+    s->actual = (struct row){
+        .seq = s->seen.actual.seq + 1,
+        .value = s->now.z,
+        .status = apc_loop_status(&s->now.loop, s->facts.target, apc_loop_lacks(limited, s->now.z, s->now.y)),
+        .time = w->now};
     s->write_actual = s->actual.status != s->seen.actual.status || s->actual.value < s->seen.actual.value ||
                       s->actual.value > s->seen.actual.value || s->now.loop.asked == s->actual.seq ||
                       w->now - s->seen.actual.time >= TOP;
@@ -334,9 +332,9 @@ void cascade_appends(struct cascade *w, enum who who)
         note(w, "lost", who);
         return;
     }
+    cascade_must(w, !s->write_setpoint || s->facts.target != APC_MODE_OOS,
+                 "out of service nothing is written");
     if (who == UPPER) {
-        cascade_must(w, !s->write_setpoint || (s->facts.target != APC_MODE_OOS),
-                     "nothing is written out of service");
         if (s->write_setpoint && !swap(w, &s->setpoint)) {
             s->missed = true;
             out = s->now.u = s->before.u;
@@ -440,7 +438,6 @@ void cascade_init(struct cascade *w, double sign)
                                            .backup = {0.3 * sign, 0.05 * sign},
                                            .low = -1,
                                            .high = 1,
-                                           .sign = sign,
                                            .period = BASE,
                                            .hold = 3 * BASE,
                                            .alive = true,
@@ -449,7 +446,6 @@ void cascade_init(struct cascade *w, double sign)
                                            .backup = {0.2, 0.1},
                                            .low = -5,
                                            .high = 5,
-                                           .sign = 1,
                                            .period = TOP,
                                            .hold = 3 * TOP,
                                            .alive = true,

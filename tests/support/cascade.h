@@ -63,7 +63,7 @@ struct memory {
 
 struct cascade_side {
     struct law law, backup;
-    double low, high, sign;
+    double low, high;
     bool has_backup;
     apc_ns period, hold;
     struct memory now, stored;

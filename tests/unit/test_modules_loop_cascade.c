@@ -124,6 +124,8 @@ static void must_be_owned(struct cascade *w)
 {
     const struct cascade_side *lower = &w->side[LOWER], *upper = &w->side[UPPER];
 
+    if (w->store.target[LOWER] == APC_MODE_OOS)
+        return; /* nobody looks after it */
     if (w->store.target[LOWER] == APC_MODE_CAS && w->store.target[UPPER] != APC_MODE_OOS) {
         cascade_must(w, lower->now.loop.state == APC_LOOP_CAS, "all is well, and the loop comes into Cas");
         cascade_must(w, w->store.setpoint.author == UPPER, "in Cas the setpoint is the loop above's");
@@ -134,9 +136,7 @@ static void must_be_owned(struct cascade *w)
                      "out of Cas the setpoint is not the loop above's");
         cascade_must(w, lower->now.loop.state != APC_LOOP_CAS, "Cas without anybody above");
     }
-    cascade_must(w,
-                 w->store.target[LOWER] == APC_MODE_OOS ||
-                     (w->store.setpoint.value >= lower->now.z && w->store.setpoint.value <= lower->now.z),
+    cascade_must(w, w->store.setpoint.value >= lower->now.z && w->store.setpoint.value <= lower->now.z,
                  "the setpoint is the one in force");
 }
 

@@ -521,6 +521,100 @@ static void test_the_setpoint_does_not_run_away_while_the_loop_below_is_at_its_l
     }
 }
 
+/* ---- What is remembered ----------------------------------------------------------------------- */
+
+/* Hold without input begins a hold; input ends it, and where the loop does not hold for want of it. */
+static void test_what_begins_a_hold_and_what_ends_it(void **state)
+{
+    (void)state;
+    for (int to = APC_LOOP_OOS; to < APC_LOOP_END; to++) {
+        const bool goes_on =
+            to != APC_LOOP_OOS && to != APC_LOOP_MAN && to != APC_LOOP_INIT && to != APC_LOOP_SHADOW;
+
+        for (int bits = 0; bits < 4; bits++) {
+            const struct apc_loop_facts f = {.target = APC_MODE_AUTO, .input = bits & 1};
+            struct apc_loop l = {.state = APC_LOOP_HOLD, .holding = bits & 2, .held = 5};
+
+            apc_loop_settle(&l, &f, (enum apc_loop_state)to, 9, 0);
+            assert_int_equal(l.state, to);
+            assert_int_equal(l.holding, !f.input && (to == APC_LOOP_HOLD || (bits & 2 && goes_on)));
+            if (l.holding)
+                assert_int_equal(l.held, bits & 2 ? 5 : 9);
+            assert_false(apc_loop_expired(&l, f.input, 9, 5, 1));
+            assert_int_equal(apc_loop_expired(&l, f.input, 10, 5, 1), l.holding && l.held == 5);
+        }
+    }
+}
+
+/* A loop asks from the first tick of Cas wanted and not there, but in Shadow, and until it is linked. */
+static void test_who_asks_from_above_and_who_is_linked(void **state)
+{
+    (void)state;
+    for (int to = APC_LOOP_OOS; to < APC_LOOP_END; to++)
+        for (int bits = 0; bits < 16; bits++) {
+            const struct apc_loop_facts f = {
+                .target = bits & 1 || to == APC_LOOP_CAS ? APC_MODE_CAS : APC_MODE_AUTO, .remote = bits & 2};
+            struct apc_loop l = {.linked = bits & 4, .asked = bits & 8 ? 7 : 0};
+            const bool linked = to == APC_LOOP_CAS || (to == APC_LOOP_HOLD && f.remote && bits & 4),
+                       asks = f.target == APC_MODE_CAS && to != APC_LOOP_SHADOW && !linked;
+
+            apc_loop_settle(&l, &f, (enum apc_loop_state)to, 0, 9);
+            assert_int_equal(l.linked, linked);
+            assert_int_equal(l.asked, !asks ? 0 : bits & 8 ? 7 : 9);
+            assert_int_equal(apc_loop_status(&l, APC_MODE_CAS, 0), !linked ? APC_UNCERTAIN_INITIAL
+                                                                   : to == APC_LOOP_CAS
+                                                                       ? APC_GOOD
+                                                                       : APC_GOOD_LIMITED_CONSTANT);
+        }
+}
+
+static void test_only_its_own_answer_lets_a_loop_into_cas(void **state)
+{
+    const struct apc_loop l = {.asked = 7};
+    const struct apc_loop_above good = {.target = APC_MODE_CAS,
+                                        .theirs = true,
+                                        .fresh = true,
+                                        .able = true,
+                                        .origin = 7,
+                                        .value = 2,
+                                        .working = 2};
+    struct apc_loop_above a = good;
+
+    (void)state;
+    assert_true(apc_loop_remote(&l, &a) && apc_loop_takes(&l, &a));
+    a.origin = 9; /* it asked again, for the same */
+    assert_true(apc_loop_remote(&l, &a));
+    a.origin = 6; /* the answer to an earlier question */
+    assert_false(apc_loop_remote(&l, &a) || apc_loop_takes(&l, &a));
+    for (int sign = -1; sign <= 1; sign += 2) {
+        a = good;
+        a.value += sign; /* a step */
+        assert_false(apc_loop_remote(&l, &a) || apc_loop_takes(&l, &a));
+    }
+    a = good;
+    a.theirs = false; /* an operator's: it is in force, but is no answer */
+    assert_true(!apc_loop_remote(&l, &a) && apc_loop_takes(&l, &a));
+    a = good;
+    a.fresh = false;
+    assert_false(apc_loop_remote(&l, &a) || apc_loop_takes(&l, &a));
+    a = good;
+    a.able = false;
+    assert_false(apc_loop_remote(&l, &a) || apc_loop_takes(&l, &a));
+    a = good;
+    a.target = APC_MODE_AUTO;
+    assert_false(apc_loop_remote(&l, &a) || apc_loop_takes(&l, &a));
+}
+
+static void test_a_measurement_cannot_follow_the_way_that_it_lacks(void **state)
+{
+    (void)state;
+    for (unsigned limited = 0; limited < 4; limited++) {
+        assert_int_equal(apc_loop_lacks(limited, 2, 1), limited ? APC_LIMITED_HIGH : 0);
+        assert_int_equal(apc_loop_lacks(limited, 1, 2), limited ? APC_LIMITED_LOW : 0);
+        assert_int_equal(apc_loop_lacks(limited, 1, 1), limited ? APC_LIMITED_LOW | APC_LIMITED_HIGH : 0);
+    }
+}
+
 /* ---- Counting ------------------------------------------------------------------------------- */
 
 static void test_the_bits_of_a_status_go_both_ways(void **state)
@@ -602,6 +696,10 @@ int main(void)
         cmocka_unit_test(test_a_held_loop_goes_back_to_cas_without_a_new_wait),
         cmocka_unit_test(test_a_held_loop_whose_upper_one_is_gone_asks_anew),
         cmocka_unit_test(test_the_setpoint_does_not_run_away_while_the_loop_below_is_at_its_limit),
+        cmocka_unit_test(test_what_begins_a_hold_and_what_ends_it),
+        cmocka_unit_test(test_who_asks_from_above_and_who_is_linked),
+        cmocka_unit_test(test_only_its_own_answer_lets_a_loop_into_cas),
+        cmocka_unit_test(test_a_measurement_cannot_follow_the_way_that_it_lacks),
         cmocka_unit_test(test_the_bits_of_a_status_go_both_ways),
         cmocka_unit_test(test_only_a_living_loop_in_cas_takes),
     };
