@@ -196,6 +196,10 @@ APC_API const char *apc_table_name(enum apc_table table);
 /** The table of that name, or 0. [any] */
 APC_API enum apc_table apc_table_parse(const char *name);
 
+/** A number for a variable that no other has, of whatever table: what became of it is told in table actual
+ * under this id. 16 times its id plus the number of its table. [tick] */
+APC_API int apc_variable_number(enum apc_table table, int id);
+
 /** The last two are only ever actual ones, which nobody can ask for. */
 enum apc_mode {
     APC_MODE_MAN = 0,

@@ -29,6 +29,11 @@ bool apc_table_vectors(enum apc_table table)
     return table == APC_TICK || table == APC_PLAN || table == APC_PREDICTION;
 }
 
+int apc_variable_number(enum apc_table table, int id)
+{
+    return id * 16 + (int)table;
+}
+
 const char *apc_mode_name(int mode)
 {
     static const char *const names[] = {

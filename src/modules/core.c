@@ -1,0 +1,389 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The controller's making, and its tick: take what the shared data say (facts.c), find what each loop does
+ * (loop.c), ask the law (law.c), put what came of it (rows.c).
+ */
+#include "modules/core.h"
+#include "base/base_internal.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* ---- Making ------------------------------------------------------------------------------- */
+
+static int take_options(struct apc_core_options *o, const struct apc_core_options *options,
+                        struct apc_error *why)
+{
+    const struct apc_dim *d = &o->dim;
+    int rc = apc_options_copy(o, sizeof(*o), options, "apc_controller_options", why);
+
+    if (rc < 0)
+        return rc;
+    if (!o->law)
+        return apc_fail(why, APC_EINVAL, "controller: a law is required");
+    if (!d->ny || d->ny > APC_VECTOR_MAX || d->nz > APC_VECTOR_MAX || !d->nu || d->nu > APC_VECTOR_MAX ||
+        d->nd > APC_VECTOR_MAX)
+        return apc_fail(
+            why, APC_EINVAL,
+            "controller: ny is %zu, nz %zu, nu %zu, nd %zu; none may exceed %d, ny and nu not be 0", d->ny,
+            d->nz, d->nu, d->nd, APC_VECTOR_MAX);
+    if (!apc_period_ok(o->period) || !apc_period_ok(o->horizon))
+        return apc_fail(why, APC_EINVAL,
+                        "controller: period and horizon must be above 0 and not above 366 days");
+    return 0;
+}
+
+static double *carve(double **at, size_t n)
+{
+    double *p = *at;
+
+    *at += n;
+    return p;
+}
+
+static int allocate_doubles(struct apc_core *c)
+{
+    const size_t ny = c->dim.ny, nz = c->size.n_ahead * c->dim.nz, nd = c->size.n_ahead * c->dim.nd,
+                 nu = c->dim.nu;
+    double *at = calloc(4 * ny + nz + nd + c->size.states + 6 * nu + 2 * c->size.tuning + c->n_wanted +
+                            c->size.published + 1,
+                        sizeof(*at));
+
+    c->doubles = at;
+    if (!at)
+        return APC_ENOMEM;
+    c->y = carve(&at, ny);
+    c->y_age = carve(&at, ny);
+    c->y_low = carve(&at, ny);
+    c->y_high = carve(&at, ny);
+    c->z = carve(&at, nz);
+    c->d = carve(&at, nd);
+    c->x = carve(&at, c->size.states);
+    c->u = carve(&at, nu);
+    c->last = carve(&at, nu);
+    c->trial = carve(&at, nu);
+    c->low = carve(&at, nu);
+    c->high = carve(&at, nu);
+    c->rate = carve(&at, nu);
+    c->tuning = carve(&at, c->size.tuning);
+    c->offered = carve(&at, c->size.tuning);
+    c->force = carve(&at, c->n_wanted);
+    c->published = carve(&at, c->size.published);
+    return 0;
+}
+
+static int allocate(struct apc_core *c)
+{
+    const size_t ny = c->dim.ny, nz = c->dim.nz, nu = c->dim.nu, nd = c->dim.nd;
+
+    c->n_wanted = nz + 2 * nu + c->size.tuning;
+    c->seqs = calloc(ny + nd + nz + c->n_wanted, sizeof(*c->seqs));
+    c->flags = calloc(3 * ny + nd + nz + c->n_wanted, sizeof(*c->flags));
+    c->setpoint = calloc(nz + 1, sizeof(*c->setpoint));
+    c->loop = calloc(nu, sizeof(*c->loop));
+    c->state = calloc(nu, sizeof(*c->state));
+    c->instance = calloc(c->size.instances, sizeof(*c->instance));
+    c->y_status = calloc(ny, sizeof(*c->y_status));
+    c->limited = calloc(2 * nu, sizeof(*c->limited));
+    c->decides = calloc(2 * nu, sizeof(*c->decides));
+    c->fresh = calloc(ny + nd, sizeof(*c->fresh));
+    if (allocate_doubles(c) < 0 || !c->seqs || !c->flags || !c->setpoint || !c->loop || !c->state ||
+        !c->instance || !c->y_status || !c->limited || !c->decides || !c->fresh)
+        return APC_ENOMEM;
+    c->y_seq = c->seqs;
+    c->d_seq = c->y_seq + ny;
+    c->z_seq = c->d_seq + nd;
+    c->looked = c->z_seq + nz;
+    c->y_new = c->flags;
+    c->ok = c->y_new + ny;
+    c->spare = c->ok + ny + nd;
+    c->rests = c->spare + ny;
+    c->refused = c->rests + nz;
+    c->blocked = c->limited + nu;
+    c->given = c->decides + nu;
+    for (size_t i = 0; i < nu; i++)
+        c->given[i] = APC_OUT_GIVEN;
+    return 0;
+}
+
+/* The tuning that the controller begins with. */
+static int take_tuning(struct apc_core *c, const struct apc_core_options *o, struct apc_error *why)
+{
+    const struct apc_law *law = o->law;
+
+    c->param = o->param ? o->param : law->tuning;
+    for (size_t i = 0; i < law->n_tuning; i++) {
+        const struct apc_param *narrow = &c->param[i], *own = &law->tuning[i];
+
+        if (!(narrow->low >= own->low && narrow->low <= narrow->high && narrow->high <= own->high))
+            return apc_fail(why, APC_EINVAL, "controller: limits of %s: %g to %g do not lie within %g to %g",
+                            own->name, narrow->low, narrow->high, own->low, own->high);
+    }
+    for (size_t i = 0; i < c->size.tuning; i++) {
+        const struct apc_law_parameter p = apc_instances_parameter(c->law, i);
+        const struct apc_param *narrow = &c->param[p.number];
+
+        c->tuning[i] = o->start ? o->start[i] : narrow->initial;
+        if (!apc_param_accepts(narrow, c->tuning[i]))
+            return apc_fail(why, APC_EINVAL,
+                            "controller: %s of output %zu begins with %g, not within %g to %g", narrow->name,
+                            p.of + 1, c->tuning[i], narrow->low, narrow->high);
+    }
+    memcpy(c->offered, c->tuning, c->size.tuning * sizeof(*c->offered));
+    c->offer_ok = true;
+    return apc_instances_check(c->law, c->tuning, why);
+}
+
+static int take_setpoints(struct apc_core *c, const struct apc_core_options *o, struct apc_error *why)
+{
+    for (size_t k = 0; k < c->dim.nz; k++) {
+        struct apc_core_setpoint *z = &c->setpoint[k];
+
+        *z = o->z ? o->z[k] : (struct apc_core_setpoint){(int)k + 1, -HUGE_VAL, HUGE_VAL};
+        if (!(z->low <= z->high))
+            return apc_fail(why, APC_EINVAL, "limits of setpoint %zu: low %g must not be above high %g",
+                            k + 1, z->low, z->high);
+    }
+    return 0;
+}
+
+static int take_loop(struct apc_core *c, size_t i, const struct apc_core_options *o, struct apc_error *why)
+{
+    struct apc_core_loop *l = &c->loop[i];
+
+    *l = o->loop ? o->loop[i]
+                 : (struct apc_core_loop){
+                       .id = (int)i + 1, .mode = (int)i + 1, .low = -HUGE_VAL, .high = HUGE_VAL};
+    if (!(l->low <= l->high))
+        return apc_fail(why, APC_EINVAL, "limits of output %zu: low %g must not be above high %g", i + 1,
+                        l->low, l->high);
+    if (!apc_value_ok(l->fault) || l->fault < l->low || l->fault > l->high)
+        return apc_fail(why, APC_EINVAL, "fault value %zu is %g; it must lie within the limits, %g to %g",
+                        i + 1, l->fault, l->low, l->high);
+    if (!(l->rate >= 0.0) || (l->hold && !apc_period_ok(l->hold)))
+        return apc_fail(why, APC_EINVAL,
+                        "controller: output %zu: neither its rate, %g, nor its hold may be below 0, nor the "
+                        "hold above 366 days",
+                        i + 1, l->rate);
+    c->low[i] = l->low;
+    c->high[i] = l->high;
+    l->hold = l->hold ? l->hold : 3 * o->period;
+    c->rate[i] = l->rate > 0.0 ? l->rate : HUGE_VAL;
+    if (!o->shed_after && l->hold / o->period >= c->shed_after)
+        c->shed_after = (unsigned)(l->hold / o->period < 1000000 ? l->hold / o->period : 1000000);
+    c->state[i].target = c->state[i].actual = APC_MODE_OOS;
+    return 0;
+}
+
+static int fill(struct apc_core *c, const struct apc_core_options *o, struct apc_error *why)
+{
+    const struct apc_law_setup setup = {.size = sizeof(setup),
+                                        .dim = o->dim,
+                                        .Ts = apc_ns_to_s(o->period),
+                                        .n_setting = o->n_setting,
+                                        .setting = o->setting,
+                                        .plant = o->plant};
+    int rc = apc_instances_create(&c->law, o->law, &setup, why);
+
+    if (rc < 0)
+        return rc;
+    c->definition = o->law;
+    c->whole = o->law->whole;
+    c->size = apc_instances_size(c->law);
+    c->dim = o->dim;
+    c->Ts = setup.Ts;
+    c->horizon = o->horizon;
+    c->loss = apc_loss_limit(o->period);
+    c->shed_after = o->shed_after ? o->shed_after : 1;
+    if (o->law->n_tuning > APC_VECTOR_MAX)
+        return apc_fail(why, APC_EINVAL, "controller: law %s wants %zu tuning parameters an output; too many",
+                        o->law->name, o->law->n_tuning);
+    if (allocate(c) < 0)
+        return apc_fail(why, APC_ENOMEM, "controller: no memory");
+    for (size_t k = 0; k < c->dim.ny; k++) {
+        c->spare[k] = o->spare && o->spare[k];
+        c->y_low[k] = -HUGE_VAL;
+        c->y_high[k] = HUGE_VAL;
+    }
+    for (size_t k = 0; k < c->n_wanted; k++)
+        c->looked[k] = -1;
+    for (size_t k = 0; k < c->size.instances; k++)
+        c->instance[k].gap = true;
+    rc = take_tuning(c, o, why);
+    if (rc == 0)
+        rc = take_setpoints(c, o, why);
+    for (size_t i = 0; i < c->dim.nu && rc == 0; i++)
+        rc = take_loop(c, i, o, why);
+    return rc < 0 ? rc : apc_core_lay_out(c, o, why);
+}
+
+int apc_core_create(struct apc_core **core, const struct apc_core_options *options, struct apc_error *why)
+{
+    struct apc_core_options o = {0};
+    struct apc_core *new = NULL;
+    int rc;
+
+    if (!core)
+        return apc_fail(why, APC_EINVAL, "apc_controller_create: controller must not be NULL");
+    *core = NULL;
+    rc = take_options(&o, options, why);
+    if (rc < 0)
+        return rc;
+    new = calloc(1, sizeof(*new));
+    if (!new)
+        return apc_fail(why, APC_ENOMEM, "controller: no memory");
+    rc = fill(new, &o, why);
+    if (rc < 0) {
+        apc_core_destroy(new);
+        return rc;
+    }
+    *core = new;
+    return 0;
+}
+
+void apc_core_destroy(struct apc_core *c)
+{
+    if (!c)
+        return;
+    apc_instances_destroy(c->law);
+    free(c->former_values);
+    free(c->row);
+    free(c->samples);
+    free(c->fresh);
+    free(c->decides);
+    free(c->limited);
+    free(c->y_status);
+    free(c->instance);
+    free(c->state);
+    free(c->loop);
+    free(c->setpoint);
+    free(c->flags);
+    free(c->seqs);
+    free(c->doubles);
+    free(c);
+}
+
+struct apc_rows *apc_core_in(struct apc_core *c)
+{
+    return &c->in;
+}
+
+struct apc_rows *apc_core_out(struct apc_core *c)
+{
+    return &c->out;
+}
+
+struct apc_rows *apc_core_former(struct apc_core *c)
+{
+    return &c->former;
+}
+
+uint64_t apc_core_failures(const struct apc_core *c)
+{
+    return c->failures;
+}
+
+/* ---- Notices ------------------------------------------------------------------------------ */
+
+void apc_core_note(struct apc_core *c, size_t i, struct apc_notice *notice, enum apc_notice_kind kind,
+                   const char *fmt, ...)
+{
+    char text[sizeof(notice->text)];
+    va_list args;
+
+    if (!notice)
+        return;
+    va_start(args, fmt);
+    vsnprintf(text, sizeof(text), fmt, args);
+    va_end(args);
+    if (apc_note(notice, kind, "%s", text)) {
+        c->said = 1;
+        c->said_of = i;
+    } else if (notice->kind == kind && strcmp(notice->text, text) == 0) {
+        c->said++;
+    }
+}
+
+/* Name the loop, unless it is so with all of them. */
+static void name_loop(const struct apc_core *c, struct apc_notice *notice)
+{
+    char text[sizeof(notice->text)];
+    const char *name;
+
+    if (c->said == 0 || c->said == c->dim.nu)
+        return;
+    memcpy(text, notice->text, sizeof(text));
+    name = c->loop[c->said_of].name;
+    if (name)
+        snprintf(notice->text, sizeof(notice->text), "%.40s: %.110s", name, text);
+    else
+        snprintf(notice->text, sizeof(notice->text), "output %zu: %.110s", c->said_of + 1, text);
+}
+
+/* ---- The tick ----------------------------------------------------------------------------- */
+
+enum fate { ACTED, DID_NOT, NO_SIGN };
+
+/* Did what the last tick put go out after all? Its rows are there all or none: an output shows it. */
+static enum fate find_fate(const struct apc_core *c)
+{
+    const struct apc_sample *out = c->in.sample + c->in.n_samples - c->dim.nu;
+
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        if (c->state[i].put)
+            return out[i].seq >= c->state[i].seq ? ACTED : DID_NOT;
+    }
+    return NO_SIGN;
+}
+
+static void take_up(struct apc_core *c, bool told)
+{
+    for (size_t k = 0; k < c->size.instances; k++) {
+        if (c->instance[k].updating)
+            apc_core_update_instance(c, k);
+    }
+    if (told)
+        memcpy(c->told, c->actual, c->n_wanted * sizeof(*c->told));
+}
+
+int apc_core_compute(struct apc_core *c, struct apc_now now, uint64_t tick, bool have,
+                     struct apc_notice *notice)
+{
+    if (notice)
+        notice->kind = APC_NOTICE_NONE;
+    c->said = 0;
+    if (c->pending && have) {
+        const enum fate fate = find_fate(c);
+
+        if (fate != DID_NOT)
+            take_up(c, fate == ACTED); /* with no sign what became of the wanted is told again */
+    }
+    c->pending = false;
+    c->index = tick;
+    c->t = (double)tick * c->Ts;
+    for (size_t k = 0; k < c->size.instances; k++)
+        c->instance[k].updating = c->resumed_at && c->instance[k].updating;
+    if (have)
+        apc_core_take_wanted(c, notice);
+    if (c->resumed_at)
+        apc_core_settle(c, now);
+    apc_core_take_inputs(c, now, have, notice);
+    for (size_t i = 0; i < c->dim.nu; i++)
+        apc_core_gather(c, i, have, now.mono);
+    apc_core_retune(c);
+    for (size_t k = 0; k < c->size.instances; k++)
+        apc_core_run(c, k, now, have, notice);
+    apc_core_put(c, now);
+    if (notice)
+        name_loop(c, notice);
+    return (int)(c->out.n_samples + c->out.n_vectors);
+}
+
+void apc_core_update(struct apc_core *c, int written)
+{
+    c->pending = written < 0;
+    if (written > 0)
+        take_up(c, true);
+}

@@ -1,0 +1,344 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * What the shared data say to the controller, and what is the case with each loop. A value that must not be
+ * taken is told of once, when its row comes, and the last good one stays.
+ */
+#include "base/base_internal.h"
+#include "modules/core.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+/* ---- Where it stands ---------------------------------------------------------------------- */
+
+size_t apc_core_wanted(const struct apc_core *c, enum apc_table table)
+{
+    const size_t mode = c->dim.nz, manual = mode + c->dim.nu, tuning = manual + c->dim.nu;
+
+    return table == APC_SETPOINT ? 0 : table == APC_OPMODE ? mode : table == APC_MANUAL ? manual : tuning;
+}
+
+/* The row of number @p k of what is wanted. */
+static const struct apc_sample *row_of(const struct apc_core *c, size_t k)
+{
+    return &c->in.sample[c->dim.ny + c->dim.nd + k];
+}
+
+/* ---- What must not be taken ---------------------------------------------------------------- */
+
+static bool is_bad(const struct apc_sample *s)
+{
+    return apc_status_severity(s->status) == APC_SEVERITY_BAD;
+}
+
+static bool usable(const struct apc_sample *s)
+{
+    return s->seq > 0 && !is_bad(s) && apc_value_ok(s->value);
+}
+
+static bool within(double value, double low, double high)
+{
+    return value >= low && value <= high;
+}
+
+/* Look at number @p k of what is wanted. Returns whether its row is new. */
+static bool look(struct apc_core *c, size_t k, bool refused)
+{
+    const bool new = row_of(c, k)->seq != c->looked[k];
+
+    c->looked[k] = row_of(c, k)->seq;
+    c->refused[k] = refused;
+    return new;
+}
+
+static void refuse(struct apc_core *c, struct apc_notice *notice, const char *what, size_t i, double value,
+                   double low, double high)
+{
+    if (apc_note(notice, APC_NOTICE_REJECTED, "%s %zu refused: %g is not within %g to %g", what, i + 1, value,
+                 low, high))
+        c->said = 0;
+}
+
+/* ---- What is wanted ------------------------------------------------------------------------ */
+
+static void take_target(struct apc_core *c, size_t i, struct apc_notice *notice)
+{
+    const size_t k = apc_core_wanted(c, APC_OPMODE) + i;
+    const struct apc_sample *s = row_of(c, k);
+    struct apc_core_state *l = &c->state[i];
+    bool is_none = false;
+
+    if (s->seq == 0 || is_bad(s))
+        l->target = APC_MODE_OOS;
+    else if (s->value == (double)APC_MODE_MAN || s->value == (double)APC_MODE_AUTO ||
+             s->value == (double)APC_MODE_OOS)
+        l->target = (enum apc_mode)(int)s->value;
+    else
+        is_none = true;
+    if (look(c, k, is_none) && is_none)
+        apc_core_note(c, i, notice, APC_NOTICE_REJECTED, "target mode refused: %g is none", s->value);
+}
+
+static void refuse_tuning(struct apc_core *c, size_t i, double value, struct apc_notice *notice)
+{
+    static const char *const of[] = {
+        [APC_OF_OUTPUT] = "output", [APC_OF_LAW] = "law", [APC_OF_MEASUREMENT] = "measurement"};
+    const struct apc_law_parameter p = apc_instances_parameter(c->law, i);
+    const struct apc_param *param = &c->param[p.number];
+    char what[64];
+
+    snprintf(what, sizeof(what), "%.40s of %s", param->name, of[p.scope]);
+    refuse(c, notice, what, p.of, value, param->low, param->high);
+}
+
+/* Returns whether a row is new. */
+static bool take_parameter(struct apc_core *c, size_t i, struct apc_notice *notice)
+{
+    const size_t k = apc_core_wanted(c, APC_TUNING) + i;
+    const struct apc_sample *s = row_of(c, k);
+    const struct apc_param *param = &c->param[apc_instances_parameter(c->law, i).number];
+    const bool good = usable(s) && apc_param_accepts(param, s->value), new = look(c, k, s->seq > 0 && !good);
+
+    if (good)
+        c->offered[i] = s->value;
+    else if (new && s->seq > 0)
+        refuse_tuning(c, i, s->value, notice);
+    return new;
+}
+
+void apc_core_take_wanted(struct apc_core *c, struct apc_notice *notice)
+{
+    struct apc_error why = {""};
+    bool new = false;
+
+    for (size_t i = 0; i < c->dim.nu; i++)
+        take_target(c, i, notice);
+    for (size_t i = 0; i < c->size.tuning; i++)
+        new |= take_parameter(c, i, notice);
+    if (!new)
+        return;
+    c->offer_ok = apc_instances_check(c->law, c->offered, &why) == 0;
+    if (!c->offer_ok && apc_note(notice, APC_NOTICE_REJECTED, "tuning refused: %.120s", why.text))
+        c->said = 0;
+}
+
+/*
+ * An output that the operator set counts once it is new: one that was already there in another mode, or
+ * before the tick that was taken over, or before this run, is from another day, and taking it up at the
+ * change to Man would be a bump.
+ */
+void apc_core_take_manual(struct apc_core *c, size_t i, apc_ns utc, struct apc_notice *notice)
+{
+    const size_t k = apc_core_wanted(c, APC_MANUAL) + i;
+    const struct apc_sample *s = row_of(c, k);
+    const struct apc_core_loop *l = &c->loop[i];
+    const bool new = c->looked[k] < 0 ? s->seq > 0 && s->time > c->since && s->time <= utc + c->loss
+                                      : s->seq != c->looked[k],
+               takes = c->state[i].move.output == APC_PUT_OPERATOR,
+               good = usable(s) && within(s->value, l->low, l->high);
+
+    if (new &&takes && good)
+        c->state[i].wanted = s->value;
+    else if (new &&takes && !is_bad(s))
+        refuse(c, notice, "manual output", i, s->value, l->low, l->high);
+    if (s->seq != c->looked[k])
+        (void)look(c, k, !(new &&takes &&good));
+}
+
+/* ---- Inputs -------------------------------------------------------------------------------- */
+
+/* Why the last input that is not usable is not; "" when all are. */
+static const char *trouble_of(const struct apc_sample *s, bool fresh)
+{
+    return !fresh ? (s->seq ? "stale" : "missing") : usable(s) ? NULL : "Bad";
+}
+
+static void take_measurements(struct apc_core *c, struct apc_now now)
+{
+    for (size_t k = 0; k < c->dim.ny + c->dim.nd; k++) {
+        const struct apc_sample *s = &c->in.sample[k];
+        const bool fresh = apc_freshness_look(&c->fresh[k], s->seq, s->time, now, c->horizon);
+        int64_t *seq = k < c->dim.ny ? &c->y_seq[k] : &c->d_seq[k - c->dim.ny];
+        double *value = k < c->dim.ny ? &c->y[k] : &c->d[k - c->dim.ny];
+
+        c->ok[k] = !trouble_of(s, fresh);
+        if (k < c->dim.ny) {
+            c->y_new[k] = c->ok[k] && s->seq != *seq;
+            c->y_status[k] = c->ok[k] ? s->status : is_bad(s) ? s->status : APC_BAD_NO_COMMUNICATION;
+            c->y_age[k] = apc_ns_to_s(now.utc - s->time);
+        }
+        if (!c->ok[k])
+            continue;
+        *value = s->value;
+        *seq = s->seq;
+    }
+    for (size_t k = c->dim.nd; k < c->dim.nd * c->size.n_ahead; k++)
+        c->d[k] = c->d[k - c->dim.nd];
+}
+
+static void take_setpoints(struct apc_core *c, struct apc_notice *notice)
+{
+    for (size_t k = 0; k < c->dim.nz; k++) {
+        const struct apc_sample *s = row_of(c, k);
+        const struct apc_core_setpoint *z = &c->setpoint[k];
+        const bool good = usable(s) && within(s->value, z->low, z->high);
+
+        if (look(c, k, s->seq > 0 && !good) && s->seq > 0 && !good && !is_bad(s))
+            refuse(c, notice, "setpoint", k, s->value, z->low, z->high);
+        if (!good)
+            continue;
+        c->z_seq[k] = s->seq;
+        for (size_t row = 0; row < c->size.n_ahead; row++)
+            c->z[row * c->dim.nz + k] = s->value;
+    }
+}
+
+void apc_core_take_inputs(struct apc_core *c, struct apc_now now, bool have, struct apc_notice *notice)
+{
+    if (have) {
+        take_measurements(c, now);
+        take_setpoints(c, notice);
+        return;
+    }
+    for (size_t k = 0; k < c->dim.ny; k++) {
+        c->y_new[k] = false;
+        c->y_status[k] = APC_BAD_NO_COMMUNICATION;
+    }
+    memset(c->ok, 0, (c->dim.ny + c->dim.nd) * sizeof(*c->ok));
+}
+
+/* ---- Facts --------------------------------------------------------------------------------- */
+
+static void say(struct apc_core_state *l, const char *what, size_t k, const char *how)
+{
+    snprintf(l->trouble, sizeof(l->trouble), "%s %zu is %s", what, k + 1, how);
+}
+
+static bool has_measurement(struct apc_core *c, size_t i, size_t k, bool disturbance)
+{
+    const size_t at = disturbance ? c->dim.ny + k : k;
+    const struct apc_sample *s = &c->in.sample[at];
+
+    if (!c->ok[at])
+        say(&c->state[i], disturbance ? "disturbance" : "measurement", k,
+            !s->seq     ? "missing"
+            : usable(s) ? "stale"
+                        : "Bad");
+    return c->ok[at];
+}
+
+static bool has_setpoint(struct apc_core *c, size_t i, size_t k)
+{
+    const struct apc_sample *s = row_of(c, k);
+    const bool there = s->seq && !is_bad(s) && c->z_seq[k];
+
+    if (!there)
+        say(&c->state[i], "setpoint", k, !s->seq ? "missing" : is_bad(s) ? "Bad" : "refused");
+    return there;
+}
+
+/* What a law that is whole needs: all that it cannot do without, and one at least. */
+static bool has_all(struct apc_core *c, size_t i)
+{
+    bool has = true, any = false;
+
+    for (size_t k = 0; k < c->dim.ny; k++) {
+        any |= c->ok[k];
+        has &= has_measurement(c, i, k, false) || c->spare[k];
+    }
+    for (size_t k = 0; k < c->dim.nd; k++)
+        has &= has_measurement(c, i, k, true);
+    for (size_t k = 0; k < c->dim.nz; k++)
+        has &= has_setpoint(c, i, k);
+    return has && any;
+}
+
+static bool has_input(struct apc_core *c, size_t i)
+{
+    const struct apc_law_ports *p = apc_instances_ports(c->law, i);
+    bool has = true;
+
+    if (c->whole)
+        return has_all(c, i);
+    for (size_t k = 0; k < p->ny; k++)
+        has &= has_measurement(c, i, (size_t)p->y[k], false);
+    for (size_t k = 0; k < p->nd; k++)
+        has &= has_measurement(c, i, (size_t)p->d[k], true);
+    for (size_t k = 0; k < p->nz; k++)
+        has &= has_setpoint(c, i, (size_t)p->z[k]);
+    return has;
+}
+
+void apc_core_gather(struct apc_core *c, size_t i, bool have, apc_ns now)
+{
+    struct apc_core_state *l = &c->state[i];
+    bool input;
+
+    l->trouble[0] = '\0';
+    input = have && has_input(c, i);
+    if (!have)
+        snprintf(l->trouble, sizeof(l->trouble), "the shared data cannot be read");
+    l->facts = (struct apc_loop_facts){
+        .target = l->target,
+        .acting = true,
+        .taken = true,
+        .input = input,
+        .law = true,
+        .expired = apc_loop_expired(&l->loop, input, now, c->loop[i].hold, c->shed_after)};
+    l->move = apc_loop_next(l->loop.state, &l->facts);
+    c->last[i] = l->there ? c->u[i] : (double)NAN;
+    c->decides[i] = l->move.output == APC_PUT_NONE                                       ? APC_OUT_OFF
+                    : l->move.output != APC_PUT_LAW || l->move.law & APC_ASK_TRACK_FIRST ? APC_OUT_GIVEN
+                                                                                         : APC_OUT_LAW;
+}
+
+/* ---- What became of it ---------------------------------------------------------------------- */
+
+static void confirm(struct apc_core *c, size_t k, double force, apc_status status)
+{
+    struct apc_sample *s = &c->actual[k];
+
+    s->value = force;
+    s->status = status;
+    s->origin = c->looked[k] > 0 ? c->looked[k] : 0;
+}
+
+/* A setpoint is not in force yet in a loop that has no input. */
+static void find_rests(struct apc_core *c)
+{
+    memset(c->rests, 0, c->dim.nz * sizeof(*c->rests));
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        const struct apc_law_ports *p = apc_instances_ports(c->law, i);
+
+        if (c->state[i].facts.input)
+            continue;
+        for (size_t j = 0; j < (c->whole ? c->dim.nz : p->nz); j++)
+            c->rests[c->whole ? j : (size_t)p->z[j]] = true;
+    }
+}
+
+void apc_core_confirm(struct apc_core *c)
+{
+    const size_t mode = apc_core_wanted(c, APC_OPMODE), tuning = apc_core_wanted(c, APC_TUNING),
+                 manual = apc_core_wanted(c, APC_MANUAL);
+
+    find_rests(c);
+    for (size_t k = 0; k < mode; k++)
+        confirm(c, k, c->z[k], c->refused[k] ? APC_BAD : c->rests[k] ? APC_UNCERTAIN : APC_GOOD);
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        const struct apc_core_state *l = &c->state[i];
+
+        confirm(c, mode + i, (double)l->actual,
+                c->refused[mode + i]     ? APC_BAD
+                : l->actual == l->target ? APC_GOOD
+                                         : APC_UNCERTAIN);
+        if (c->looked[manual + i] != c->actual[manual + i].origin)
+            confirm(c, manual + i, c->u[i], c->refused[manual + i] ? APC_BAD : APC_GOOD);
+    }
+    for (size_t i = 0; i < c->size.tuning; i++) {
+        const bool taken = c->tuning[i] >= c->offered[i] && c->tuning[i] <= c->offered[i];
+
+        confirm(c, tuning + i, c->tuning[i], c->refused[tuning + i] || !taken ? APC_BAD : APC_GOOD);
+    }
+}

@@ -1,0 +1,410 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The controller's rows in the shared data: what it reads, what it writes, what a restart goes on from.
+ *
+ * With its outputs goes one tick row, in the same transaction: all that they were made from, and all that the
+ * next tick goes on from. What is stored is so always one consistent tick. And for what somebody wants, a row
+ * in table actual says what became of it, when that changes.
+ */
+#include "base/base_internal.h"
+#include "modules/core.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* ---- Layout ------------------------------------------------------------------------------- */
+
+static const char *const names[APC_TICK_FIELDS] = {
+    [APC_TICK_MARK] = "mark",
+    [APC_TICK_INDEX] = "index",
+    [APC_TICK_STATE] = "state",
+    [APC_TICK_HELD] = "held",
+    [APC_TICK_POOR] = "poor",
+    [APC_TICK_U] = "u",
+    [APC_TICK_THERE] = "u.there",
+    [APC_TICK_TARGET] = "target",
+    [APC_TICK_MANUAL] = "manual",
+    [APC_TICK_WANTED] = "wanted.seq",
+    [APC_TICK_Y] = "y",
+    [APC_TICK_Y_SEQ] = "y.seq",
+    [APC_TICK_D] = "d",
+    [APC_TICK_D_SEQ] = "d.seq",
+    [APC_TICK_Z] = "z",
+    [APC_TICK_Z_SEQ] = "z.seq",
+    [APC_TICK_TUNING] = "tuning",
+    [APC_TICK_TUNING_SEQ] = "tuning.seq",
+    [APC_TICK_BEGUN] = "x.begun",
+    [APC_TICK_GAP] = "x.gap",
+    [APC_TICK_UPDATING] = "x.updating",
+    [APC_TICK_X] = "x",
+};
+
+bool apc_core_tick_field(const struct apc_core *c, size_t field, const char **name, size_t *offset,
+                         size_t *length)
+{
+    if (field >= APC_TICK_FIELDS)
+        return false;
+    *name = names[field];
+    *offset = c->offset[field];
+    *length = c->offset[field + 1] - c->offset[field];
+    return true;
+}
+
+static void lay_out_tick(struct apc_core *c)
+{
+    const size_t ny = c->dim.ny, nz = c->dim.nz, nu = c->dim.nu, nd = c->dim.nd, n = c->size.instances;
+    const size_t length[APC_TICK_FIELDS] = {
+        [APC_TICK_MARK] = 2,
+        [APC_TICK_INDEX] = 1,
+        [APC_TICK_STATE] = nu,
+        [APC_TICK_HELD] = nu,
+        [APC_TICK_POOR] = nu,
+        [APC_TICK_U] = nu,
+        [APC_TICK_THERE] = nu,
+        [APC_TICK_TARGET] = nu,
+        [APC_TICK_MANUAL] = nu,
+        [APC_TICK_WANTED] = nz + 2 * nu,
+        [APC_TICK_Y] = ny,
+        [APC_TICK_Y_SEQ] = ny,
+        [APC_TICK_D] = nd,
+        [APC_TICK_D_SEQ] = nd,
+        [APC_TICK_Z] = nz,
+        [APC_TICK_Z_SEQ] = nz,
+        [APC_TICK_TUNING] = c->size.tuning,
+        [APC_TICK_TUNING_SEQ] = c->size.tuning,
+        [APC_TICK_BEGUN] = n,
+        [APC_TICK_GAP] = n,
+        [APC_TICK_UPDATING] = n,
+        [APC_TICK_X] = c->size.states,
+    };
+
+    for (size_t f = 0; f < APC_TICK_FIELDS; f++)
+        c->offset[f + 1] = c->offset[f] + length[f];
+}
+
+/* Whose a row is: a number of the dimensions, and one of the law and all that it was made from. */
+static void mark(struct apc_core *c)
+{
+    const size_t of[] = {c->dim.ny, c->dim.nz, c->dim.nu, c->dim.nd};
+    uint32_t hash = APC_HASH_BEGIN;
+
+    for (size_t i = 0; i < sizeof(of) / sizeof(of[0]); i++)
+        hash = apc_hash_number(hash, of[i]);
+    c->mark[0] = hash >> 11; /* with that of the law it stands in one whole double */
+    c->mark[1] = apc_instances_mark(c->law);
+}
+
+static struct apc_sample *name_rows(struct apc_sample *at, enum apc_table table, const int *id, size_t n,
+                                    int first)
+{
+    for (size_t i = 0; i < n; i++)
+        *at++ =
+            (struct apc_sample){.table = table, .id = id ? id[i] : first + (int)i, .status = APC_BAD_NO_DATA};
+    return at;
+}
+
+static void name_inputs(struct apc_core *c, const struct apc_core_options *o)
+{
+    struct apc_sample *at = c->in.sample;
+
+    at = name_rows(at, APC_SENSOR, o->y, c->dim.ny, 1);
+    at = name_rows(at, APC_SENSOR, o->d, c->dim.nd, 1);
+    for (size_t k = 0; k < c->dim.nz; k++)
+        at = name_rows(at, APC_SETPOINT, NULL, 1, c->setpoint[k].id);
+    for (size_t i = 0; i < c->dim.nu; i++)
+        at = name_rows(at, APC_OPMODE, NULL, 1, c->loop[i].mode);
+    for (size_t i = 0; i < c->dim.nu; i++)
+        at = name_rows(at, APC_MANUAL, NULL, 1, c->loop[i].id);
+    at = name_rows(at, APC_TUNING, NULL, c->size.tuning, o->tuning ? o->tuning : 1);
+    for (size_t i = 0; i < c->dim.nu; i++)
+        at = name_rows(at, APC_ACTUATOR, NULL, 1, c->loop[i].id);
+}
+
+static void name_actual(struct apc_core *c)
+{
+    const struct apc_sample *wanted = c->in.sample + c->dim.ny + c->dim.nd;
+
+    for (size_t k = 0; k < c->n_wanted; k++) {
+        c->actual[k] = (struct apc_sample){.table = APC_ACTUAL,
+                                           .id = apc_variable_number(wanted[k].table, wanted[k].id),
+                                           .status = APC_BAD_NO_DATA};
+        c->told[k] = c->former.sample[k] = c->actual[k];
+    }
+}
+
+int apc_core_lay_out(struct apc_core *c, const struct apc_core_options *o, struct apc_error *why)
+{
+    const size_t n_in = c->dim.ny + c->dim.nd + c->n_wanted + c->dim.nu, n_out = c->dim.nu + c->n_wanted;
+    size_t n;
+
+    lay_out_tick(c);
+    mark(c);
+    n = c->offset[APC_TICK_FIELDS];
+    c->samples = calloc(n_in + n_out + 3 * c->n_wanted, sizeof(*c->samples));
+    c->row = calloc(n, sizeof(*c->row));
+    c->former_values = calloc(n, sizeof(*c->former_values));
+    if (!c->samples || !c->row || !c->former_values)
+        return apc_fail(why, APC_ENOMEM, "controller: no memory");
+    c->out_row = (struct apc_vector){.table = APC_TICK,
+                                     .id = o->number ? o->number : 1,
+                                     .n = (uint32_t)n,
+                                     .room = (uint32_t)n,
+                                     .value = c->row};
+    c->former_row = c->out_row;
+    c->former_row.n = 0;
+    c->former_row.status = APC_BAD_NO_DATA;
+    c->former_row.value = c->former_values;
+    c->in = (struct apc_rows){.size = sizeof(c->in), .sample = c->samples, .n_samples = n_in};
+    c->out = (struct apc_rows){.size = sizeof(c->out), .sample = c->samples + n_in, .vector = &c->out_row};
+    c->former = (struct apc_rows){.size = sizeof(c->former),
+                                  .sample = c->samples + n_in + n_out,
+                                  .n_samples = c->n_wanted,
+                                  .vector = &c->former_row,
+                                  .n_vectors = 1};
+    c->actual = c->former.sample + c->n_wanted;
+    c->told = c->actual + c->n_wanted;
+    name_inputs(c, o);
+    name_actual(c);
+    return 0;
+}
+
+/* ---- What it writes ------------------------------------------------------------------------ */
+
+/* A good output of the law says as well, with OPC UA's limit bits, which way a limit holds it back. */
+static apc_status status_of(const struct apc_core *c, size_t i)
+{
+    static const apc_status limited[] = {APC_GOOD, APC_GOOD_LIMITED_LOW, APC_GOOD_LIMITED_HIGH,
+                                         APC_GOOD_LIMITED_CONSTANT};
+    const struct apc_loop_move *move = &c->state[i].move;
+
+    if (move->output != APC_PUT_LAW)
+        return move->status;
+    return limited[c->limited[i] & (APC_LIMITED_LOW | APC_LIMITED_HIGH)];
+}
+
+static void put_output(struct apc_core *c, size_t i, apc_ns utc)
+{
+    const struct apc_sample *now = &c->in.sample[c->in.n_samples - c->dim.nu + i];
+    struct apc_core_state *l = &c->state[i];
+
+    l->put = l->there && l->move.output != APC_PUT_NONE;
+    if (!l->put)
+        return;
+    l->seq = (now->seq > l->seq ? now->seq : l->seq) + 1;
+    c->out.sample[c->out.n_samples++] = (struct apc_sample){.table = now->table,
+                                                            .id = now->id,
+                                                            .seq = l->seq,
+                                                            .time = utc,
+                                                            .value = c->u[i],
+                                                            .status = status_of(c, i),
+                                                            .sensor_seq = l->y_seq,
+                                                            .setpoint_seq = l->z_seq,
+                                                            .origin = c->seq};
+}
+
+static bool is_told(const struct apc_sample *now, const struct apc_sample *told)
+{
+    return told->seq > 0 && now->status == told->status && now->origin == told->origin &&
+           now->value >= told->value && now->value <= told->value;
+}
+
+static void put_actual(struct apc_core *c, size_t k, apc_ns utc)
+{
+    const bool mode = k >= apc_core_wanted(c, APC_OPMODE) && k < apc_core_wanted(c, APC_MANUAL);
+    struct apc_sample *s = &c->actual[k];
+
+    if ((!mode && !s->origin) || is_told(s, &c->told[k]))
+        return;
+    s->seq++;
+    s->time = utc;
+    c->out.sample[c->out.n_samples++] = *s;
+}
+
+static void put_seqs(double *at, const int64_t *seq, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        at[i] = (double)seq[i];
+}
+
+static void put_values(double *at, const double *value, size_t n)
+{
+    memcpy(at, value, n * sizeof(*at));
+}
+
+static void put_tick(struct apc_core *c, struct apc_now now)
+{
+    double *row = c->row;
+    const size_t *at = c->offset;
+
+    put_values(row + at[APC_TICK_MARK], c->mark, 2);
+    row[at[APC_TICK_INDEX]] = (double)c->index;
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        const struct apc_core_state *l = &c->state[i];
+
+        row[at[APC_TICK_STATE] + i] = l->loop.state;
+        row[at[APC_TICK_HELD] + i] = l->loop.holding ? apc_ns_to_s(now.mono - l->loop.held) : -1.0;
+        row[at[APC_TICK_POOR] + i] = l->loop.poor;
+        row[at[APC_TICK_THERE] + i] = l->there;
+        row[at[APC_TICK_TARGET] + i] = l->target;
+        row[at[APC_TICK_MANUAL] + i] = l->wanted;
+    }
+    for (size_t k = 0; k < c->size.instances; k++) {
+        row[at[APC_TICK_BEGUN] + k] = c->instance[k].begun;
+        row[at[APC_TICK_GAP] + k] = c->instance[k].gap;
+        row[at[APC_TICK_UPDATING] + k] = c->instance[k].updating;
+    }
+    put_values(row + at[APC_TICK_U], c->u, c->dim.nu);
+    put_seqs(row + at[APC_TICK_WANTED], c->looked, apc_core_wanted(c, APC_TUNING));
+    put_values(row + at[APC_TICK_Y], c->y, c->dim.ny);
+    put_seqs(row + at[APC_TICK_Y_SEQ], c->y_seq, c->dim.ny);
+    put_values(row + at[APC_TICK_D], c->d, c->dim.nd);
+    put_seqs(row + at[APC_TICK_D_SEQ], c->d_seq, c->dim.nd);
+    put_values(row + at[APC_TICK_Z], c->z, c->dim.nz);
+    put_seqs(row + at[APC_TICK_Z_SEQ], c->z_seq, c->dim.nz);
+    put_values(row + at[APC_TICK_TUNING], c->tuning, c->size.tuning);
+    put_seqs(row + at[APC_TICK_TUNING_SEQ], c->looked + apc_core_wanted(c, APC_TUNING), c->size.tuning);
+    put_values(row + at[APC_TICK_X], c->x, c->size.states);
+    c->out_row.seq = c->seq;
+    c->out_row.time = now.utc;
+    c->out.n_vectors = apc_values_ok(row, c->out_row.n);
+}
+
+void apc_core_put(struct apc_core *c, struct apc_now now)
+{
+    c->out.n_samples = 0;
+    c->seq++;
+    for (size_t i = 0; i < c->dim.nu; i++)
+        put_output(c, i, now.utc);
+    apc_core_confirm(c);
+    for (size_t k = 0; k < c->n_wanted; k++)
+        put_actual(c, k, now.utc);
+    put_tick(c, now);
+}
+
+/* ---- Taking over from a former run ---------------------------------------------------------- */
+
+/* A row of this run, of a controller of the same dimensions? It has all fields before those of the law. */
+static bool fits(const struct apc_core *c, const struct apc_vector *v, apc_ns since)
+{
+    const uint32_t n = v->n < v->room ? v->n : v->room;
+
+    return v->seq > 0 && n >= c->offset[APC_TICK_TUNING] && v->time >= since &&
+           apc_status_severity(v->status) != APC_SEVERITY_BAD && apc_values_ok(v->value, n) &&
+           v->value[0] >= c->mark[0] && v->value[0] <= c->mark[0];
+}
+
+static bool is_of_this_law(const struct apc_core *c, const struct apc_vector *v)
+{
+    return v->n == c->out_row.n && v->value[1] >= c->mark[1] && v->value[1] <= c->mark[1];
+}
+
+static void take_seqs(int64_t *seq, const double *at, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        seq[i] = (int64_t)at[i];
+}
+
+static void take_loop(struct apc_core *c, size_t i, const double *row)
+{
+    const size_t *at = c->offset;
+    const double state = row[at[APC_TICK_STATE] + i], held = row[at[APC_TICK_HELD] + i],
+                 target = row[at[APC_TICK_TARGET] + i];
+    struct apc_core_state *l = &c->state[i];
+
+    l->there = row[at[APC_TICK_THERE] + i] > 0.0;
+    c->u[i] = fmin(fmax(row[at[APC_TICK_U] + i], c->low[i]), c->high[i]);
+    l->wanted = fmin(fmax(row[at[APC_TICK_MANUAL] + i], c->low[i]), c->high[i]);
+    l->loop.state = state > 0.0 && state < APC_LOOP_END ? (enum apc_loop_state)(int)state : APC_LOOP_OOS;
+    l->target = target >= APC_MODE_MAN && target <= APC_MODE_CAS ? (enum apc_mode)(int)target : APC_MODE_OOS;
+    l->loop.poor = (unsigned)fmin(fmax(row[at[APC_TICK_POOR] + i], 0.0), 2.0 * c->shed_after);
+    l->loop.holding = apc_ns_from_s(held, &l->loop.held) == 0 && held >= 0.0;
+    if (!l->loop.holding)
+        l->loop.held = 0;
+}
+
+/* What every law of these dimensions can go on from. */
+static void take_common(struct apc_core *c, const double *row)
+{
+    const size_t *at = c->offset, manual = apc_core_wanted(c, APC_MANUAL);
+
+    for (size_t i = 0; i < c->dim.nu; i++)
+        take_loop(c, i, row);
+    take_seqs(c->looked + manual, row + at[APC_TICK_WANTED] + manual, c->dim.nu);
+    put_values(c->y, row + at[APC_TICK_Y], c->dim.ny);
+    take_seqs(c->y_seq, row + at[APC_TICK_Y_SEQ], c->dim.ny);
+    take_seqs(c->d_seq, row + at[APC_TICK_D_SEQ], c->dim.nd);
+    take_seqs(c->z_seq, row + at[APC_TICK_Z_SEQ], c->dim.nz);
+    for (size_t k = 0; k < c->size.n_ahead; k++) {
+        put_values(c->d + k * c->dim.nd, row + at[APC_TICK_D], c->dim.nd);
+        put_values(c->z + k * c->dim.nz, row + at[APC_TICK_Z], c->dim.nz);
+    }
+}
+
+/* The tuning that was in force, where the file still allows it. */
+static void take_tuning(struct apc_core *c, const double *tuning)
+{
+    for (size_t i = 0; i < c->size.tuning; i++) {
+        if (!apc_param_accepts(&c->param[apc_instances_parameter(c->law, i).number], tuning[i]))
+            return;
+    }
+    if (apc_instances_check(c->law, tuning, NULL) < 0)
+        return;
+    put_values(c->tuning, tuning, c->size.tuning);
+    put_values(c->offered, tuning, c->size.tuning);
+}
+
+static void take_law(struct apc_core *c, const double *row)
+{
+    const size_t *at = c->offset;
+
+    take_tuning(c, row + at[APC_TICK_TUNING]);
+    for (size_t k = 0; k < c->size.instances; k++)
+        c->instance[k] = (struct apc_core_instance){.begun = row[at[APC_TICK_BEGUN] + k] > 0.0,
+                                                    .gap = row[at[APC_TICK_GAP] + k] > 0.0,
+                                                    .updating = row[at[APC_TICK_UPDATING] + k] > 0.0};
+    put_values(c->x, row + at[APC_TICK_X], c->size.states);
+}
+
+/* Another law begins from the last output. */
+static void begin_law(struct apc_core *c)
+{
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        if (c->state[i].loop.state == APC_LOOP_AUTO || c->state[i].loop.state == APC_LOOP_CAS)
+            c->state[i].loop.state = APC_LOOP_INIT;
+    }
+}
+
+/* What this run has told is not told again. */
+static void take_actual(struct apc_core *c)
+{
+    const size_t mode = apc_core_wanted(c, APC_OPMODE);
+
+    for (size_t k = 0; k < c->n_wanted; k++)
+        c->told[k] = c->actual[k] = c->former.sample[k];
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        const struct apc_sample *s = &c->told[mode + i];
+
+        if (s->seq > 0 && s->value >= APC_MODE_MAN && s->value <= APC_MODE_LO)
+            c->state[i].actual = (enum apc_mode)(int)s->value;
+    }
+}
+
+int apc_core_resume(struct apc_core *c, apc_ns since)
+{
+    const struct apc_vector *v = &c->former_row;
+
+    c->since = since > 0 ? since : INT64_MAX;
+    take_actual(c);
+    c->seq = v->seq;
+    if (!fits(c, v, since))
+        return 0;
+    take_common(c, v->value);
+    if (is_of_this_law(c, v))
+        take_law(c, v->value);
+    else
+        begin_law(c);
+    c->resumed_at = v->time;
+    return 1;
+}

@@ -1,0 +1,651 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Loops of one controller stand each by itself; restarts go on bit for bit, whatever state a loop is in. */
+#include "check.h"
+
+#include "modules/core.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define S       APC_NS_PER_S
+#define T0      (INT64_C(1700000000) * S)
+#define PERIOD  (2 * S)
+#define HORIZON (5 * S)
+#define HOLD    (6 * S)
+#define LOOPS   2
+#define MAX     128
+
+/* Two loops of a PID, or another law of as many; what the store holds for them. */
+struct rig {
+    struct apc_core *core;
+    struct apc_sample in[MAX], actual[MAX], out[MAX];
+    size_t n_in, n_out, n_actual;
+    double row[MAX];
+    struct apc_vector tick;
+    struct apc_notice notice;
+    apc_ns mono;
+    uint64_t index;
+};
+
+static const struct apc_sample none;
+static const double fault[LOOPS] = {-0.7, 0.3};
+
+static struct apc_sample *in_of(struct rig *r, enum apc_table table, int id)
+{
+    for (size_t i = 0; i < r->n_in; i++) {
+        if (r->in[i].table == table && r->in[i].id == id)
+            return &r->in[i];
+    }
+    fail_msg("it does not read %s %d", apc_table_name(table), id);
+    return NULL;
+}
+
+static const struct apc_sample *find(const struct rig *r, enum apc_table table, int id)
+{
+    for (size_t i = 0; i < r->n_out; i++) {
+        if (r->out[i].table == table && r->out[i].id == id)
+            return &r->out[i];
+    }
+    return &none;
+}
+
+static const struct apc_sample *actual(const struct rig *r, enum apc_table table, int id)
+{
+    for (size_t i = 0; i < r->n_actual; i++) {
+        if (r->actual[i].id == apc_variable_number(table, id))
+            return &r->actual[i];
+    }
+    return &none;
+}
+
+static void set(struct rig *r, enum apc_table table, int id, double value)
+{
+    struct apc_sample *s = in_of(r, table, id);
+
+    s->value = value;
+    s->seq++;
+    s->time = T0 + r->mono + PERIOD; /* of the next tick */
+    s->status = APC_GOOD;
+}
+
+static void make_so(struct rig *r, const struct apc_law *law, double rate, const bool *spare)
+{
+    const struct apc_core_loop loop[LOOPS] = {{.name = "v1",
+                                               .id = 1,
+                                               .mode = 1,
+                                               .low = -1.0,
+                                               .high = 2.0,
+                                               .rate = rate,
+                                               .fault = fault[0],
+                                               .hold = HOLD},
+                                              {.name = "v2",
+                                               .id = 2,
+                                               .mode = 2,
+                                               .low = -1.0,
+                                               .high = 2.0,
+                                               .rate = rate,
+                                               .fault = fault[1],
+                                               .hold = HOLD}};
+    const struct apc_core_options o = {.size = sizeof(o),
+                                       .number = 7,
+                                       .law = law,
+                                       .dim = {LOOPS, LOOPS, LOOPS, 0},
+                                       .period = PERIOD,
+                                       .horizon = HORIZON,
+                                       .spare = spare,
+                                       .loop = loop};
+    struct apc_error why = {""};
+
+    *r = (struct rig){0};
+    if (apc_core_create(&r->core, &o, &why) < 0)
+        fail_msg("%s", why.text);
+    r->n_in = apc_core_in(r->core)->n_samples;
+    assert_in_range(r->n_in, 1, MAX);
+    memcpy(r->in, apc_core_in(r->core)->sample, r->n_in * sizeof(*r->in));
+    for (int id = 1; id <= LOOPS; id++) {
+        set(r, APC_SETPOINT, id, 1.0);
+        set(r, APC_OPMODE, id, APC_MODE_AUTO);
+    }
+}
+
+static void make(struct rig *r, const struct apc_law *law)
+{
+    make_so(r, law, 0.0, NULL);
+}
+
+static void keep(struct rig *r, const struct apc_sample *s)
+{
+    size_t i = 0;
+
+    if (s->table == APC_ACTUATOR)
+        *in_of(r, APC_ACTUATOR, s->id) = *s;
+    if (s->table != APC_ACTUAL)
+        return;
+    while (i < r->n_actual && r->actual[i].id != s->id)
+        i++;
+    r->actual[i] = *s;
+    if (i == r->n_actual)
+        r->n_actual++;
+}
+
+/* What of a tick's rows is there, and what the shell knows of it. */
+enum fate { WRITTEN, REFUSED, UNANSWERED, LOST /* and the shell does not know either */ };
+
+static void tick(struct rig *r, enum fate fate)
+{
+    const struct apc_rows *out = apc_core_out(r->core);
+    static const int known[] = {[WRITTEN] = 1, [REFUSED] = 0, [UNANSWERED] = -1, [LOST] = -1};
+
+    r->mono += PERIOD;
+    memcpy(apc_core_in(r->core)->sample, r->in, r->n_in * sizeof(*r->in));
+    apc_core_compute(r->core, (struct apc_now){r->mono, T0 + r->mono}, r->index++, true, &r->notice);
+    r->n_out = out->n_samples;
+    assert_in_range(r->n_out, 0, MAX);
+    memcpy(r->out, out->sample, r->n_out * sizeof(*r->out));
+    assert_int_equal(out->n_vectors, 1);
+    assert_in_range(out->vector[0].n, 1, MAX);
+    if (fate == WRITTEN || fate == UNANSWERED) {
+        for (size_t i = 0; i < r->n_out; i++)
+            keep(r, &r->out[i]);
+        r->tick = out->vector[0];
+        memcpy(r->row, r->tick.value, r->tick.n * sizeof(*r->row));
+    }
+    apc_core_update(r->core, known[fate]);
+}
+
+static double u(const struct rig *r, int id)
+{
+    return find(r, APC_ACTUATOR, id)->value;
+}
+
+static void measured_tick(struct rig *r, double y1, double y2)
+{
+    set(r, APC_SENSOR, 1, y1);
+    set(r, APC_SENSOR, 2, y2);
+    tick(r, WRITTEN);
+}
+
+/* The core ends, another begins in its place from what is stored. */
+static void restart(struct rig *r, const struct apc_law *law)
+{
+    struct rig next;
+    struct apc_rows *former;
+
+    make(&next, law);
+    memcpy(next.in, r->in, sizeof(next.in));
+    memcpy(next.actual, r->actual, sizeof(next.actual));
+    next.n_actual = r->n_actual;
+    next.mono = r->mono;
+    next.index = r->index;
+    former = apc_core_former(next.core);
+    for (size_t i = 0; i < former->n_samples; i++) {
+        for (size_t k = 0; k < r->n_actual; k++) {
+            if (r->actual[k].id == former->sample[i].id)
+                former->sample[i] = r->actual[k];
+        }
+    }
+    if (r->tick.seq > 0) {
+        assert_int_equal(former->vector[0].id, r->tick.id);
+        former->vector[0].seq = r->tick.seq;
+        former->vector[0].time = r->tick.time;
+        former->vector[0].status = r->tick.status;
+        former->vector[0].n = r->tick.n;
+        memcpy(former->vector[0].value, r->row, r->tick.n * sizeof(*r->row));
+    }
+    assert_int_equal(apc_core_resume(next.core, T0), r->tick.seq > 0);
+    apc_core_destroy(r->core);
+    *r = next;
+}
+
+static void end(struct rig *r)
+{
+    apc_core_destroy(r->core);
+}
+
+/* ---- Chance --------------------------------------------------------------------------------- */
+
+static struct apc_random random_of;
+
+static bool one_in(unsigned n)
+{
+    return apc_random_next(&random_of) % n == 0;
+}
+
+static double number(void)
+{
+    return 2.0 * apc_random_uniform(&random_of) - 1.0;
+}
+
+/* An operator who does what he likes to loop @p id. */
+static void meddle(struct rig *r, int id)
+{
+    static const double modes[] = {APC_MODE_MAN, APC_MODE_AUTO, APC_MODE_AUTO, APC_MODE_OOS, 7.0};
+
+    if (one_in(9))
+        set(r, APC_OPMODE, id, modes[apc_random_next(&random_of) % 5]);
+    if (one_in(9))
+        set(r, APC_MANUAL, id, 2.0 * number());
+    if (one_in(9))
+        set(r, APC_SETPOINT, id, 2.0 * number());
+    if (one_in(20)) {
+        const int first = (id - 1) * (int)apc_law_pid.n_tuning + 1;
+
+        set(r, APC_TUNING, first, number());
+        set(r, APC_TUNING, first + 1, 5.0 + 4.0 * number());
+    }
+}
+
+static void measure(struct rig *r, int id)
+{
+    if (!one_in(4))
+        set(r, APC_SENSOR, id, number());
+    if (one_in(6))
+        in_of(r, APC_SENSOR, id)->status = APC_BAD_SENSOR_FAILURE;
+    if (one_in(50))
+        in_of(r, APC_SETPOINT, id)->status = APC_BAD;
+}
+
+/* ---- Loops by themselves ---------------------------------------------------------------------- */
+
+/* Whatever befalls loop 1, loop 2 is bit for bit as it is beside a loop 1 that nothing befalls. */
+static void what_befalls_one_loop_does_not_touch_another(void **state)
+{
+    struct rig calm, troubled;
+    unsigned held = 0, faulted = 0;
+
+    (void)state;
+    apc_random_init(&random_of, 1, "loops");
+    make(&calm, &apc_law_pid);
+    make(&troubled, &apc_law_pid);
+    for (int k = 0; k < 5000; k++) {
+        struct apc_sample *const mine = in_of(&calm, APC_SENSOR, 2), *const its =
+                                                                         in_of(&troubled, APC_SENSOR, 2);
+
+        set(&calm, APC_SENSOR, 1, sin(0.1 * k));
+        measure(&troubled, 1);
+        meddle(&troubled, 1);
+        if (!one_in(3))
+            set(&calm, APC_SENSOR, 2, sin(0.05 * k));
+        if (one_in(30))
+            mine->status = APC_BAD;
+        *its = *mine;
+        tick(&calm, WRITTEN);
+        tick(&troubled, WRITTEN);
+        held += find(&troubled, APC_ACTUATOR, 1)->status == APC_UNCERTAIN_LAST_USABLE;
+        faulted += find(&troubled, APC_ACTUATOR, 1)->status == APC_UNCERTAIN_SUBSTITUTE;
+        assert_int_equal(find(&calm, APC_ACTUATOR, 2)->seq, find(&troubled, APC_ACTUATOR, 2)->seq);
+        assert_int_equal(find(&calm, APC_ACTUATOR, 2)->status, find(&troubled, APC_ACTUATOR, 2)->status);
+        if (u(&calm, 2) < u(&troubled, 2) || u(&calm, 2) > u(&troubled, 2))
+            fail_msg("tick %d: %.17g is not %.17g", k, u(&troubled, 2), u(&calm, 2));
+    }
+    assert_true(held > 200);
+    assert_true(faulted > 50);
+    end(&calm);
+    end(&troubled);
+}
+
+static void a_bad_measurement_holds_its_own_loop_and_says_which(void **state)
+{
+    struct rig r;
+
+    (void)state;
+    make(&r, &apc_law_pid);
+    measured_tick(&r, 0.5, 0.5);
+    set(&r, APC_SENSOR, 2, 0.4);
+    in_of(&r, APC_SENSOR, 1)->status = APC_BAD;
+    tick(&r, WRITTEN);
+    assert_int_equal(find(&r, APC_ACTUATOR, 1)->status, APC_UNCERTAIN_LAST_USABLE);
+    assert_int_equal(find(&r, APC_ACTUATOR, 2)->status, APC_GOOD);
+    assert_int_equal(r.notice.kind, APC_NOTICE_HOLD);
+    assert_string_equal(r.notice.text, "v1: output held: measurement 1 is Bad");
+    in_of(&r, APC_SENSOR, 2)->status = APC_BAD;
+    tick(&r, WRITTEN);
+    assert_string_equal(r.notice.text, "v2: output held: measurement 2 is Bad");
+    measured_tick(&r, 0.5, 0.5);
+    assert_int_equal(r.notice.kind, APC_NOTICE_RECOVERED);
+    end(&r);
+}
+
+static void each_loop_has_its_own_mode(void **state)
+{
+    struct rig r;
+
+    (void)state;
+    make(&r, &apc_law_pid);
+    measured_tick(&r, 0.5, 0.5);
+    assert_string_equal(r.notice.text, "mode Auto"); /* both */
+    set(&r, APC_OPMODE, 2, APC_MODE_MAN);
+    set(&r, APC_MANUAL, 2, 1.5);
+    measured_tick(&r, 0.5, 0.5);
+    assert_string_equal(r.notice.text, "v2: mode Man");
+    assert_near(u(&r, 2), 1.5, 0.0);
+    assert_near(actual(&r, APC_OPMODE, 1)->value, APC_MODE_AUTO, 0.0);
+    assert_near(actual(&r, APC_OPMODE, 2)->value, APC_MODE_MAN, 0.0);
+    set(&r, APC_OPMODE, 1, APC_MODE_OOS);
+    measured_tick(&r, 0.5, 0.5);
+    assert_int_equal(find(&r, APC_ACTUATOR, 1)->seq, 0);
+    assert_int_equal(find(&r, APC_ACTUATOR, 2)->seq, 3);
+    assert_int_equal(r.tick.id, 7);
+    assert_int_equal(r.tick.seq, 3);
+    end(&r);
+}
+
+/* ---- Rates ------------------------------------------------------------------------------------- */
+
+static void no_output_moves_faster_than_its_rate_but_to_its_fault_value(void **state)
+{
+    const double rate = 0.05, most = rate * 2.0 * (1.0 + 1e-12);
+    struct rig r;
+    double last;
+
+    (void)state;
+    apc_random_init(&random_of, 2, "rates");
+    make_so(&r, &apc_law_pid, rate, NULL);
+    measured_tick(&r, 0.9, 0.9);
+    last = u(&r, 1);
+    set(&r, APC_SETPOINT, 1, 50.0);
+    measured_tick(&r, 0.9, 0.9);
+    assert_near(u(&r, 1), last + 0.1, 1e-15);
+    assert_int_equal(find(&r, APC_ACTUATOR, 1)->status, APC_GOOD_LIMITED_HIGH);
+    set(&r, APC_OPMODE, 1, APC_MODE_MAN);
+    set(&r, APC_MANUAL, 1, -1.0);
+    measured_tick(&r, 0.9, 0.9);
+    assert_near(u(&r, 1), last, 1e-15);
+    measured_tick(&r, 0.9, 0.9);
+    assert_near(u(&r, 1), last - 0.1, 1e-15); /* it goes there */
+    for (int k = 0; k < 2000; k++) {
+        const double before = u(&r, 1);
+        const bool was = find(&r, APC_ACTUATOR, 1)->seq > 0;
+
+        measure(&r, 1);
+        measure(&r, 2);
+        meddle(&r, 1);
+        tick(&r, WRITTEN);
+        if (was && find(&r, APC_ACTUATOR, 1)->seq &&
+            find(&r, APC_ACTUATOR, 1)->status != APC_UNCERTAIN_SUBSTITUTE)
+            assert_true(fabs(u(&r, 1) - before) <= most);
+    }
+    end(&r);
+}
+
+/* ---- What a law answers ------------------------------------------------------------------------ */
+
+/* u of each output is its x, 0 at first; z[0] says what becomes of the answer. */
+static size_t a_state_each(const struct apc_dim *dim)
+{
+    return dim->nu;
+}
+
+static int answer(struct apc_law_call *c)
+{
+    for (size_t i = 0; i < c->dim.nu; i++)
+        c->u[i] = c->x[i];
+    if (c->z[0] == 3.0)
+        memcpy(c->why, "no way out", 11);
+    return (int)c->z[0];
+}
+
+static void count_up(struct apc_law_call *c)
+{
+    for (size_t i = 0; i < c->dim.nu; i++)
+        c->x[i] = c->u[i] + (c->out[i] == APC_OUT_LAW ? 0.125 : 0.0);
+}
+
+static void follow(struct apc_law_call *c)
+{
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        if (c->out[i] != APC_OUT_LAW)
+            c->x[i] = c->u[i];
+    }
+}
+
+static const struct apc_law answering = {.abi = APC_LAW_ABI,
+                                         .name = "answering",
+                                         .whole = true,
+                                         .n_state = a_state_each,
+                                         .compute = answer,
+                                         .update = count_up,
+                                         .track = follow};
+
+static void good_answers_and_those_of_need_go_out_and_others_are_held(void **state)
+{
+    static const struct {
+        enum apc_law_result result;
+        bool usable;
+    } of[] = {{APC_LAW_SUBOPTIMAL, true},
+              {APC_LAW_LATE, true},
+              {APC_LAW_INFEASIBLE, false},
+              {APC_LAW_FAILED, false}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(of) / sizeof(of[0]); i++) {
+        struct rig r;
+
+        make(&r, &answering);
+        set(&r, APC_SETPOINT, 1, APC_LAW_GOOD);
+        measured_tick(&r, 0.0, 0.0);
+        measured_tick(&r, 0.0, 0.0);
+        assert_near(u(&r, 1), 0.125, 0.0);
+        set(&r, APC_SETPOINT, 1, of[i].result);
+        measured_tick(&r, 0.0, 0.0);
+        assert_near(u(&r, 1), of[i].usable ? 0.25 : 0.125, 0.0);
+        assert_near(u(&r, 2), of[i].usable ? 0.25 : 0.125, 0.0);
+        assert_int_equal(find(&r, APC_ACTUATOR, 2)->status,
+                         of[i].usable ? APC_GOOD : APC_UNCERTAIN_LAST_USABLE);
+        assert_int_equal(r.notice.kind, of[i].usable ? APC_NOTICE_NONE : APC_NOTICE_REJECTED);
+        if (of[i].result == APC_LAW_INFEASIBLE)
+            assert_non_null(strstr(r.notice.text, "law answering no way out"));
+        assert_int_equal(apc_core_failures(r.core), of[i].result == APC_LAW_FAILED);
+        set(&r, APC_SETPOINT, 1, APC_LAW_GOOD);
+        measured_tick(&r, 0.0, 0.0);
+        assert_near(u(&r, 1), of[i].usable ? 0.375 : 0.125, 0.0); /* from where it was held */
+        end(&r);
+    }
+}
+
+/* Three of its answers fail: the fault value; three good ones in a row: it has the output again. */
+static void a_law_that_goes_on_failing_is_shed_and_must_show_that_it_is_well(void **state)
+{
+    struct rig r;
+
+    (void)state;
+    make(&r, &answering);
+    set(&r, APC_SETPOINT, 1, APC_LAW_GOOD);
+    measured_tick(&r, 0.0, 0.0);
+    set(&r, APC_SETPOINT, 1, APC_LAW_INFEASIBLE);
+    for (int k = 0; k < 3; k++) {
+        measured_tick(&r, 0.0, 0.0);
+        assert_int_equal(find(&r, APC_ACTUATOR, 1)->status, APC_UNCERTAIN_LAST_USABLE);
+    }
+    measured_tick(&r, 0.0, 0.0);
+    assert_int_equal(find(&r, APC_ACTUATOR, 1)->status, APC_UNCERTAIN_SUBSTITUTE);
+    assert_int_equal(r.notice.kind, APC_NOTICE_FAULT);
+    assert_near(u(&r, 1), fault[0], 0.0);
+    assert_near(u(&r, 2), fault[1], 0.0);
+    assert_near(actual(&r, APC_OPMODE, 1)->value, APC_MODE_LO, 0.0);
+    assert_int_equal(actual(&r, APC_OPMODE, 1)->status, APC_UNCERTAIN); /* not what is wanted, yet */
+    set(&r, APC_SETPOINT, 1, APC_LAW_GOOD);
+    for (int k = 0; k < 3; k++) {
+        measured_tick(&r, 0.0, 0.0);
+        assert_int_equal(find(&r, APC_ACTUATOR, 1)->status, APC_UNCERTAIN_SUBSTITUTE);
+    }
+    measured_tick(&r, 0.0, 0.0);
+    assert_int_equal(find(&r, APC_ACTUATOR, 1)->status, APC_GOOD);
+    assert_near(u(&r, 1), fault[0], 0.0); /* no bump */
+    assert_int_equal(r.notice.kind, APC_NOTICE_RECOVERED);
+    end(&r);
+}
+
+static void a_law_of_all_outputs_leaves_those_alone_that_are_the_operators(void **state)
+{
+    struct rig r;
+
+    (void)state;
+    make(&r, &answering);
+    set(&r, APC_SETPOINT, 1, APC_LAW_GOOD);
+    measured_tick(&r, 0.0, 0.0);
+    set(&r, APC_OPMODE, 2, APC_MODE_MAN);
+    set(&r, APC_MANUAL, 2, -0.5);
+    for (int k = 1; k < 5; k++) {
+        measured_tick(&r, 0.0, 0.0);
+        assert_near(u(&r, 1), 0.125 * k, 0.0);
+        assert_near(u(&r, 2), -0.5, 0.0);
+    }
+    set(&r, APC_OPMODE, 2, APC_MODE_AUTO);
+    measured_tick(&r, 0.0, 0.0);
+    assert_near(u(&r, 1), 0.125 * 5, 0.0);
+    assert_near(u(&r, 2), -0.5, 0.0); /* no bump, and no hole in the other */
+    measured_tick(&r, 0.0, 0.0);
+    assert_near(u(&r, 2), -0.375, 0.0);
+    end(&r);
+}
+
+static void a_law_of_all_outputs_goes_on_without_a_measurement_that_it_can_spare(void **state)
+{
+    const bool spare[LOOPS] = {false, true};
+    struct rig r;
+
+    (void)state;
+    make_so(&r, &answering, 0.0, spare);
+    set(&r, APC_SETPOINT, 1, APC_LAW_GOOD);
+    measured_tick(&r, 0.0, 0.0);
+    in_of(&r, APC_SENSOR, 2)->status = APC_BAD;
+    set(&r, APC_SENSOR, 1, 0.0);
+    tick(&r, WRITTEN);
+    assert_int_equal(find(&r, APC_ACTUATOR, 2)->status, APC_GOOD);
+    in_of(&r, APC_SENSOR, 1)->status = APC_BAD;
+    in_of(&r, APC_SENSOR, 2)->status = APC_GOOD;
+    in_of(&r, APC_SENSOR, 2)->seq++;
+    tick(&r, WRITTEN);
+    assert_int_equal(find(&r, APC_ACTUATOR, 1)->status, APC_UNCERTAIN_LAST_USABLE);
+    assert_int_equal(find(&r, APC_ACTUATOR, 2)->status, APC_UNCERTAIN_LAST_USABLE);
+    end(&r);
+}
+
+/* ---- Restarts ---------------------------------------------------------------------------------- */
+
+/* Does the next read show whether the last tick's rows are there? */
+static bool shows(const struct rig *r)
+{
+    return find(r, APC_ACTUATOR, 1)->seq > 0 || find(r, APC_ACTUATOR, 2)->seq > 0;
+}
+
+/*
+ * Two controllers see the same; one is killed and started again, at any instant: after a tick whose rows are
+ * there, whether or not it had its answer. Both put out the same, to the last bit, and confirm the same.
+ */
+static void a_controller_that_is_killed_at_any_tick_goes_on_bit_for_bit(void **state)
+{
+    unsigned restarts = 0;
+
+    (void)state;
+    for (uint64_t seed = 1; seed <= 20; seed++) {
+        struct rig whole, killed;
+
+        apc_random_init(&random_of, seed, "restarts");
+        make(&whole, &apc_law_pid);
+        make(&killed, &apc_law_pid);
+        for (int k = 0; k < 500; k++) {
+            for (int id = 1; id <= LOOPS; id++) {
+                measure(&whole, id);
+                meddle(&whole, id);
+            }
+            memcpy(killed.in, whole.in, (whole.n_in - LOOPS) * sizeof(*killed.in));
+            tick(&whole, WRITTEN);
+            tick(&killed, shows(&whole) && one_in(2) ? UNANSWERED : WRITTEN);
+            assert_int_equal(whole.n_out, killed.n_out);
+            for (size_t i = 0; i < whole.n_out; i++) {
+                assert_int_equal(whole.out[i].table, killed.out[i].table);
+                assert_int_equal(whole.out[i].id, killed.out[i].id);
+                assert_int_equal(whole.out[i].seq, killed.out[i].seq);
+                assert_int_equal(whole.out[i].status, killed.out[i].status);
+                assert_int_equal(whole.out[i].origin, killed.out[i].origin);
+                if (memcmp(&whole.out[i].value, &killed.out[i].value, sizeof(double)) != 0)
+                    fail_msg("seed %u, tick %d: %s %d: %.17g is not %.17g", (unsigned)seed, k,
+                             apc_table_name(whole.out[i].table), whole.out[i].id, killed.out[i].value,
+                             whole.out[i].value);
+            }
+            assert_memory_equal(whole.row, killed.row, whole.tick.n * sizeof(double));
+            if (one_in(5)) {
+                restart(&killed, &apc_law_pid);
+                restarts++;
+            }
+        }
+        end(&whole);
+        end(&killed);
+    }
+    assert_true(restarts > 1000);
+}
+
+/* A tick that was not written did not act: x stays, and the next one says what it said again. */
+static void a_tick_that_is_not_there_did_not_act_whoever_knows(void **state)
+{
+    struct rig told, wondering;
+
+    (void)state;
+    apc_random_init(&random_of, 3, "lost");
+    make(&told, &apc_law_pid);
+    make(&wondering, &apc_law_pid);
+    for (int k = 0; k < 1000; k++) {
+        const bool lost = one_in(4);
+
+        for (int id = 1; id <= LOOPS; id++) {
+            measure(&told, id);
+            meddle(&told, id);
+        }
+        memcpy(wondering.in, told.in, (told.n_in - LOOPS) * sizeof(*told.in));
+        tick(&told, lost ? REFUSED : WRITTEN);
+        tick(&wondering, lost ? LOST : one_in(2) ? WRITTEN : UNANSWERED);
+        for (int id = 1; id <= LOOPS; id++) {
+            assert_memory_equal(find(&told, APC_ACTUATOR, id), find(&wondering, APC_ACTUATOR, id),
+                                sizeof(none));
+            assert_near(actual(&told, APC_OPMODE, id)->value, actual(&wondering, APC_OPMODE, id)->value, 0.0);
+            assert_int_equal(actual(&told, APC_OPMODE, id)->origin,
+                             actual(&wondering, APC_OPMODE, id)->origin);
+        }
+    }
+    end(&told);
+    end(&wondering);
+}
+
+static void a_loop_at_its_fault_value_stays_there_through_a_restart(void **state)
+{
+    struct rig r;
+
+    (void)state;
+    make(&r, &apc_law_pid);
+    measured_tick(&r, 0.5, 0.5);
+    in_of(&r, APC_SENSOR, 1)->status = APC_BAD;
+    tick(&r, WRITTEN);
+    tick(&r, WRITTEN);
+    restart(&r, &apc_law_pid);
+    tick(&r, WRITTEN);
+    assert_int_equal(find(&r, APC_ACTUATOR, 1)->status, APC_UNCERTAIN_LAST_USABLE);
+    tick(&r, WRITTEN); /* 6 s after it began, two of them before the restart */
+    assert_int_equal(find(&r, APC_ACTUATOR, 1)->status, APC_UNCERTAIN_SUBSTITUTE);
+    restart(&r, &apc_law_pid);
+    tick(&r, WRITTEN);
+    assert_int_equal(find(&r, APC_ACTUATOR, 1)->status, APC_UNCERTAIN_SUBSTITUTE);
+    assert_near(u(&r, 1), fault[0], 0.0);
+    end(&r);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(what_befalls_one_loop_does_not_touch_another),
+        cmocka_unit_test(a_bad_measurement_holds_its_own_loop_and_says_which),
+        cmocka_unit_test(each_loop_has_its_own_mode),
+        cmocka_unit_test(no_output_moves_faster_than_its_rate_but_to_its_fault_value),
+        cmocka_unit_test(good_answers_and_those_of_need_go_out_and_others_are_held),
+        cmocka_unit_test(a_law_that_goes_on_failing_is_shed_and_must_show_that_it_is_well),
+        cmocka_unit_test(a_law_of_all_outputs_leaves_those_alone_that_are_the_operators),
+        cmocka_unit_test(a_law_of_all_outputs_goes_on_without_a_measurement_that_it_can_spare),
+        cmocka_unit_test(a_controller_that_is_killed_at_any_tick_goes_on_bit_for_bit),
+        cmocka_unit_test(a_tick_that_is_not_there_did_not_act_whoever_knows),
+        cmocka_unit_test(a_loop_at_its_fault_value_stays_there_through_a_restart),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
