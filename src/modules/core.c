@@ -354,6 +354,7 @@ int apc_core_compute(struct apc_core *c, struct apc_now now, uint64_t tick, bool
     if (notice)
         notice->kind = APC_NOTICE_NONE;
     c->said = 0;
+    c->failed = false;
     if (c->pending && have) {
         const enum fate fate = find_fate(c);
 

@@ -81,7 +81,7 @@ struct apc_core_state {
     int64_t y_seq, z_seq; /* which the law made of these; 0: it did not */
     bool put;             /* the last tick wrote it */
     double wanted;        /* the operator's output, which the rate may keep u from */
-    char trouble[80];     /* why there is no input, or no answer of the law */
+    char trouble[144];    /* why there is no input, or no answer of the law */
 };
 
 /** An instance of the law. */
@@ -171,7 +171,8 @@ struct apc_core {
     bool adopts;          /* which tuning was in force then is not known */
     bool pending;         /* whether the last rows act is not known */
     size_t said, said_of; /* of so many loops the notice tells, of this one first */
-    uint64_t failures;    /* how often the law failed */
+    bool failed;          /* the law gave no usable output at this tick */
+    uint64_t failures;    /* at so many ticks */
 };
 
 /* ---- facts.c */

@@ -270,10 +270,11 @@ static void refuse_answer(struct apc_core *c, size_t k, enum apc_law_result resu
 {
     const struct apc_instance_part part = apc_instances_part(c->law, k);
 
-    if (result == APC_LAW_FAILED) {
+    if (!c->failed)
         c->failures++;
+    c->failed = true;
+    if (result == APC_LAW_FAILED)
         reset(c, k);
-    }
     for (size_t i = part.u; i < part.u + part.nu; i++) {
         struct apc_core_state *l = &c->state[i];
 
@@ -284,8 +285,11 @@ static void refuse_answer(struct apc_core *c, size_t k, enum apc_law_result resu
         l->move.law &= ~(unsigned)APC_ASK_COMPUTE;
         c->decides[i] = APC_OUT_GIVEN;
         l->y_seq = l->z_seq = 0;
-        snprintf(l->trouble, sizeof(l->trouble), "law %.20s %.30s (%" PRIu64 ")", c->definition->name,
-                 why[0] ? why : "gave no answer", c->failures);
+        snprintf(l->trouble, sizeof(l->trouble), "law %.20s %.95s (%" PRIu64 ")", c->definition->name,
+                 why[0]                     ? why
+                 : result == APC_LAW_FAILED ? "failed"
+                                            : "found nothing feasible",
+                 c->failures);
     }
 }
 

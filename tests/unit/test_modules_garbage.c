@@ -15,7 +15,7 @@
 #define HIGH  2.5
 #define TICKS 200000
 
-enum { IN = 2 + 2 + 1 + 10 + 2 + 1, OUT = 2 + 10 + 1 };
+enum { IN = 2 + 2 + 1 + 10 + 2 + 1, OUT = 2 + 12 + 1 };
 
 static uint64_t seed;
 

@@ -56,7 +56,7 @@ static void reference(double y[TICKS])
 
 /* ---- The cores ------------------------------------------------------------------------------- */
 
-enum { PI_IN = 1 + 1 + 1 + 5 + 1 + 1, PI_OUT = 1 + 6 + 1 };
+enum { PI_IN = 1 + 1 + 1 + 5 + 1 + 1, PI_OUT = 1 + 7 + 1 };
 
 struct loop {
     struct apc_plant *plant;
