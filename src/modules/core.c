@@ -85,12 +85,14 @@ static int allocate(struct apc_core *c)
     c->loop = calloc(nu, sizeof(*c->loop));
     c->state = calloc(nu, sizeof(*c->state));
     c->instance = calloc(c->size.instances, sizeof(*c->instance));
+    c->below = calloc(nu, sizeof(*c->below));
+    c->above = calloc(nz + 1, sizeof(*c->above));
     c->y_status = calloc(ny, sizeof(*c->y_status));
     c->limited = calloc(2 * nu, sizeof(*c->limited));
     c->decides = calloc(2 * nu, sizeof(*c->decides));
     c->fresh = calloc(ny + nd, sizeof(*c->fresh));
     if (allocate_doubles(c) < 0 || !c->seqs || !c->flags || !c->setpoint || !c->loop || !c->state ||
-        !c->instance || !c->y_status || !c->limited || !c->decides || !c->fresh)
+        !c->instance || !c->below || !c->above || !c->y_status || !c->limited || !c->decides || !c->fresh)
         return APC_ENOMEM;
     c->y_seq = c->seqs;
     c->d_seq = c->y_seq + ny;
@@ -141,7 +143,13 @@ static int take_setpoints(struct apc_core *c, const struct apc_core_options *o, 
     for (size_t k = 0; k < c->dim.nz; k++) {
         struct apc_core_setpoint *z = &c->setpoint[k];
 
-        *z = o->z ? o->z[k] : (struct apc_core_setpoint){(int)k + 1, -HUGE_VAL, HUGE_VAL};
+        *z =
+            o->z ? o->z[k] : (struct apc_core_setpoint){.id = (int)k + 1, .low = -HUGE_VAL, .high = HUGE_VAL};
+        if (z->above && !apc_period_ok(z->above_period))
+            return apc_fail(why, APC_EINVAL,
+                            "setpoint %zu: the period of the controller above must be above 0 and not above "
+                            "366 days",
+                            k + 1);
         if (!(z->low <= z->high))
             return apc_fail(why, APC_EINVAL, "limits of setpoint %zu: low %g must not be above high %g",
                             k + 1, z->low, z->high);
@@ -167,6 +175,11 @@ static int take_loop(struct apc_core *c, size_t i, const struct apc_core_options
                         "controller: output %zu: neither its rate, %g, nor its hold may be below 0, nor the "
                         "hold above 366 days",
                         i + 1, l->rate);
+    if (l->setpoint && !apc_period_ok(l->below_period))
+        return apc_fail(why, APC_EINVAL,
+                        "controller: output %zu: the period of the controller below must be above 0 and not "
+                        "above 366 days",
+                        i + 1);
     c->low[i] = l->low;
     c->high[i] = l->high;
     l->hold = l->hold ? l->hold : 3 * o->period;
@@ -250,11 +263,14 @@ void apc_core_destroy(struct apc_core *c)
     apc_instances_destroy(c->law);
     free(c->former_values);
     free(c->row);
+    free(c->vectors);
     free(c->samples);
     free(c->fresh);
     free(c->decides);
     free(c->limited);
     free(c->y_status);
+    free(c->above);
+    free(c->below);
     free(c->instance);
     free(c->state);
     free(c->loop);
@@ -329,11 +345,9 @@ enum fate { ACTED, DID_NOT, NO_SIGN };
 /* Did what the last tick put go out after all? Its rows are there all or none: an output shows it. */
 static enum fate find_fate(const struct apc_core *c)
 {
-    const struct apc_sample *out = c->in.sample + c->in.n_samples - c->dim.nu;
-
     for (size_t i = 0; i < c->dim.nu; i++) {
-        if (c->state[i].put)
-            return out[i].seq >= c->state[i].seq ? ACTED : DID_NOT;
+        if (c->state[i].put && !c->loop[i].setpoint)
+            return apc_core_output(c, i)->seq >= c->state[i].seq ? ACTED : DID_NOT;
     }
     return NO_SIGN;
 }
@@ -344,8 +358,26 @@ static void take_up(struct apc_core *c, bool told)
         if (c->instance[k].updating)
             apc_core_update_instance(c, k);
     }
-    if (told)
-        memcpy(c->told, c->actual, c->n_wanted * sizeof(*c->told));
+    for (size_t k = 0; k < c->n_wanted; k++) {
+        if (told)
+            c->told[k] = c->actual[k];
+        else if (c->actual[k].seq != c->told[k].seq)
+            c->told[k].seq = 0; /* nobody knows which of the two is there */
+    }
+}
+
+/* The last tick's outputs did not go out: what did before is still out. */
+static void take_back(struct apc_core *c)
+{
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        struct apc_core_state *l = &c->state[i];
+
+        if (!l->put)
+            continue;
+        l->there = !isnan(c->last[i]);
+        c->u[i] = l->there ? c->last[i] : 0.0;
+        l->put = false;
+    }
 }
 
 int apc_core_compute(struct apc_core *c, struct apc_now now, uint64_t tick, bool have,
@@ -358,7 +390,9 @@ int apc_core_compute(struct apc_core *c, struct apc_now now, uint64_t tick, bool
     if (c->pending && have) {
         const enum fate fate = find_fate(c);
 
-        if (fate != DID_NOT)
+        if (fate == DID_NOT)
+            take_back(c);
+        else
             take_up(c, fate == ACTED); /* with no sign what became of the wanted is told again */
     }
     c->pending = false;
@@ -372,7 +406,7 @@ int apc_core_compute(struct apc_core *c, struct apc_now now, uint64_t tick, bool
         apc_core_settle(c, now);
     apc_core_take_inputs(c, now, have, notice);
     for (size_t i = 0; i < c->dim.nu; i++)
-        apc_core_gather(c, i, have, now.mono);
+        apc_core_gather(c, i, have, now);
     apc_core_retune(c);
     for (size_t k = 0; k < c->size.instances; k++)
         apc_core_run(c, k, now, have, notice);
@@ -387,4 +421,6 @@ void apc_core_update(struct apc_core *c, int written)
     c->pending = written < 0;
     if (written > 0)
         take_up(c, true);
+    else if (written == 0)
+        take_back(c);
 }

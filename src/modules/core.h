@@ -3,7 +3,8 @@
  * The controller whose loops stand each by itself: one state, mode, hold and fault an output.
  *
  * core.c makes it and does a tick; facts.c takes what the shared data say and gathers the facts of each loop;
- * loop.c finds from them what the loop does; law.c asks the law; rows.c lays out what is read and written.
+ * loop.c finds from them what the loop does; law.c asks the law; rows.c lays out what is read and written;
+ * cascade.c has what loops above and below have to do with each other.
  */
 #ifndef APC_MODULES_CORE_H
 #define APC_MODULES_CORE_H
@@ -15,17 +16,23 @@
 struct apc_core_setpoint {
     int id;
     double low, high;
+    int above;           /**< id in table opmode of the loop above that moves it in Cas; 0: there is none */
+    apc_ns above_period; /**< required with it: of that loop's controller */
 };
 
 /** An output of a controller: a loop. */
 struct apc_core_loop {
-    const char *name; /**< for notices; NULL: its number; borrowed */
-    int id;           /**< of the output, in table actuator, and of the operator's, in table manual */
-    int mode;         /**< id in table opmode of its target mode */
-    double low, high; /**< limits; what goes out never leaves them */
-    double rate;      /**< at most so many units a second; 0: as fast as it likes */
-    double fault;     /**< what goes out when it was held too long */
-    apc_ns hold;      /**< how long to hold before that; default 3 periods */
+    const char *name;    /**< for notices; NULL: its number; borrowed */
+    int id;              /**< of the output, in table actuator, and of the operator's, in table manual */
+    int mode;            /**< id in table opmode of its target mode */
+    double low, high;    /**< limits; what goes out never leaves them */
+    double rate;         /**< at most so many units a second; 0: as fast as it likes */
+    double fault;        /**< what goes out when it was held too long */
+    apc_ns hold;         /**< how long to hold before that; default 3 periods */
+    int setpoint;        /**< id of the setpoint of a loop below that it moves; 0: an actuator */
+    int below;           /**< with it: id in table opmode of that loop's target */
+    int below_tick;      /**< with it: id of the tick row of that loop's controller */
+    apc_ns below_period; /**< required with it: of that controller */
 };
 
 /** Zero means default, but for those marked required. */
@@ -81,7 +88,25 @@ struct apc_core_state {
     int64_t y_seq, z_seq; /* which the law made of these; 0: it did not */
     bool put;             /* the last tick wrote it */
     double wanted;        /* the operator's output, which the rate may keep u from */
+    int setpoint;         /* number of the one that it is shown and judged by; -1: none */
     char trouble[144];    /* why there is no input, or no answer of the law */
+};
+
+/** What a loop sees of the one below, which has its output as its setpoint. */
+struct apc_core_below {
+    const struct apc_sample *rows; /* target; actual value of the setpoint */
+    const struct apc_vector *tick; /* of the controller below */
+    struct apc_freshness fresh;    /* of that */
+    bool taken, invited;
+};
+
+/** What is seen of who moves a setpoint from above. */
+struct apc_core_above {
+    const struct apc_sample *mode; /* actual one of the loop above */
+    struct apc_freshness fresh;    /* of the setpoint's row */
+    size_t loop;                   /* whose setpoint it is */
+    bool remote;
+    bool put; /* the setpoint in force is to be written */
 };
 
 /** An instance of the law. */
@@ -99,6 +124,8 @@ enum apc_tick_field {
     APC_TICK_STATE,      /* [nu] enum apc_loop_state */
     APC_TICK_HELD,       /* [nu] s since holding began; -1: it does not hold */
     APC_TICK_POOR,       /* [nu] as in struct apc_loop */
+    APC_TICK_LINKED,     /* [nu] as in struct apc_loop, */
+    APC_TICK_ASKED,      /* [nu] both */
     APC_TICK_U,          /* [nu] what goes out */
     APC_TICK_THERE,      /* [nu] 0: there is no u yet */
     APC_TICK_TARGET,     /* [nu] the wanted mode, the last one that was taken */
@@ -134,6 +161,8 @@ struct apc_core {
     struct apc_core_loop *loop;         /* [nu] */
     struct apc_core_state *state;       /* [nu] */
     struct apc_core_instance *instance; /* [size.instances] */
+    struct apc_core_below *below;       /* [nu] */
+    struct apc_core_above *above;       /* [nz] */
 
     double *doubles;               /* all those below */
     double *y, *y_age, *z, *d, *x; /* last usable inputs; z, d [n_ahead] rows; the law's state */
@@ -158,6 +187,7 @@ struct apc_core {
     /* Wanted are setpoints, target modes, manual outputs, tunings, in this order, as in `in`. */
     size_t n_wanted;
     struct apc_sample *samples;       /* all those of in, out, former, and those below */
+    struct apc_vector *vectors;       /* of in */
     struct apc_sample *actual, *told; /* [n_wanted] what became of it; what is written of that */
     struct apc_vector out_row, former_row;
     struct apc_rows in, out, former;
@@ -181,14 +211,36 @@ struct apc_core {
 size_t apc_core_wanted(const struct apc_core *core, enum apc_table table);
 /** Take the target modes and the tuning that are wanted. [tick] */
 void apc_core_take_wanted(struct apc_core *core, struct apc_notice *notice);
+/** The newest row of what loop @p i puts out, whoever wrote it. [tick] */
+const struct apc_sample *apc_core_output(const struct apc_core *core, size_t i);
 /** Take measurements, disturbances, setpoints; @p have: in was read. [tick] */
 void apc_core_take_inputs(struct apc_core *core, struct apc_now now, bool have, struct apc_notice *notice);
 /** Take the operator's output of loop @p i, if it is new. [tick] */
 void apc_core_take_manual(struct apc_core *core, size_t i, apc_ns utc, struct apc_notice *notice);
 /** Gather the facts of loop @p i, and its move, both with a usable answer of the law assumed. [tick] */
-void apc_core_gather(struct apc_core *core, size_t i, bool have, apc_ns now);
+void apc_core_gather(struct apc_core *core, size_t i, bool have, struct apc_now now);
 /** Say of everything that is wanted what became of it. [tick] */
 void apc_core_confirm(struct apc_core *core);
+
+/* ---- cascade.c */
+
+/** How many samples and vectors are read of loops above and below. [setup] */
+size_t apc_core_cascade_rows(const struct apc_core *core, size_t *vectors);
+/** Name them, the samples from @p at on. [setup] */
+void apc_core_name_cascade(struct apc_core *core, struct apc_sample *at);
+/** May loop @p i be asked for Cas? [tick] */
+bool apc_core_is_below(const struct apc_core *core, size_t i);
+/** Look at what has output @p i as its setpoint, and what is in force there. [tick] */
+void apc_core_look_below(struct apc_core *core, size_t i, struct apc_now now);
+/** Look at who moves setpoint @p k. Returns whether its newest row is to be taken. [tick] */
+bool apc_core_look_above(struct apc_core *core, size_t k, const struct apc_sample *newest,
+                         struct apc_now now);
+/** Setpoint @p k after it was taken, or was not. [tick] */
+void apc_core_own_setpoint(struct apc_core *core, size_t k, const struct apc_sample *newest);
+/** What setpoint @p k says to the loop above. [tick] */
+apc_status apc_core_handshake(const struct apc_core *core, size_t k);
+/** Is what setpoint @p k says to be said again, although it is as it was when @p told? [tick] */
+bool apc_core_asks(const struct apc_core *core, size_t k, const struct apc_sample *told, apc_ns utc);
 
 /* ---- law.c */
 

@@ -72,7 +72,8 @@ static void take_target(struct apc_core *c, size_t i, struct apc_notice *notice)
     if (s->seq == 0 || is_bad(s))
         l->target = APC_MODE_OOS;
     else if (s->value == (double)APC_MODE_MAN || s->value == (double)APC_MODE_AUTO ||
-             s->value == (double)APC_MODE_OOS)
+             s->value == (double)APC_MODE_OOS ||
+             (s->value == (double)APC_MODE_CAS && apc_core_is_below(c, i)))
         l->target = (enum apc_mode)(int)s->value;
     else
         is_none = true;
@@ -177,20 +178,32 @@ static void take_measurements(struct apc_core *c, struct apc_now now)
         c->d[k] = c->d[k - c->dim.nd];
 }
 
-static void take_setpoints(struct apc_core *c, struct apc_notice *notice)
+static void take_setpoint(struct apc_core *c, size_t k, struct apc_notice *notice)
+{
+    const struct apc_sample *s = row_of(c, k);
+    const struct apc_core_setpoint *z = &c->setpoint[k];
+    const bool good = usable(s) && within(s->value, z->low, z->high);
+
+    if (look(c, k, s->seq > 0 && !good) && s->seq > 0 && !good && !is_bad(s))
+        refuse(c, notice, "setpoint", k, s->value, z->low, z->high);
+    if (!good)
+        return;
+    c->z_seq[k] = s->seq;
+    for (size_t row = 0; row < c->size.n_ahead; row++)
+        c->z[row * c->dim.nz + k] = s->value;
+}
+
+static void take_setpoints(struct apc_core *c, struct apc_now now, struct apc_notice *notice)
 {
     for (size_t k = 0; k < c->dim.nz; k++) {
-        const struct apc_sample *s = row_of(c, k);
-        const struct apc_core_setpoint *z = &c->setpoint[k];
-        const bool good = usable(s) && within(s->value, z->low, z->high);
+        const bool above = c->setpoint[k].above;
 
-        if (look(c, k, s->seq > 0 && !good) && s->seq > 0 && !good && !is_bad(s))
-            refuse(c, notice, "setpoint", k, s->value, z->low, z->high);
-        if (!good)
-            continue;
-        c->z_seq[k] = s->seq;
-        for (size_t row = 0; row < c->size.n_ahead; row++)
-            c->z[row * c->dim.nz + k] = s->value;
+        if (!above || apc_core_look_above(c, k, row_of(c, k), now))
+            take_setpoint(c, k, notice);
+        else
+            (void)look(c, k, false);
+        if (above)
+            apc_core_own_setpoint(c, k, row_of(c, k));
     }
 }
 
@@ -198,7 +211,7 @@ void apc_core_take_inputs(struct apc_core *c, struct apc_now now, bool have, str
 {
     if (have) {
         take_measurements(c, now);
-        take_setpoints(c, notice);
+        take_setpoints(c, now, notice);
         return;
     }
     for (size_t k = 0; k < c->dim.ny; k++) {
@@ -270,8 +283,14 @@ static bool has_input(struct apc_core *c, size_t i)
     return has;
 }
 
-void apc_core_gather(struct apc_core *c, size_t i, bool have, apc_ns now)
+const struct apc_sample *apc_core_output(const struct apc_core *c, size_t i)
 {
+    return &c->in.sample[c->dim.ny + c->dim.nd + c->n_wanted + i];
+}
+
+void apc_core_gather(struct apc_core *c, size_t i, bool have, struct apc_now now)
+{
+    const bool below = c->loop[i].setpoint, cascade = apc_core_is_below(c, i);
     struct apc_core_state *l = &c->state[i];
     bool input;
 
@@ -279,16 +298,21 @@ void apc_core_gather(struct apc_core *c, size_t i, bool have, apc_ns now)
     input = have && has_input(c, i);
     if (!have)
         snprintf(l->trouble, sizeof(l->trouble), "the shared data cannot be read");
+    if (have && below)
+        apc_core_look_below(c, i, now);
     l->facts = (struct apc_loop_facts){
         .target = l->target,
         .acting = true,
-        .taken = true,
+        .setpoint = below,
+        .taken = !below || c->below[i].taken,
+        .invited = have && below && c->below[i].invited,
         .input = input,
         .law = true,
-        .expired = apc_loop_expired(&l->loop, input, now, c->loop[i].hold, c->shed_after)};
+        .expired = apc_loop_expired(&l->loop, input, now.mono, c->loop[i].hold, c->shed_after),
+        .remote = cascade && c->above[l->setpoint].remote};
     l->move = apc_loop_next(l->loop.state, &l->facts);
     c->last[i] = l->there ? c->u[i] : (double)NAN;
-    c->decides[i] = l->move.output == APC_PUT_NONE                                       ? APC_OUT_OFF
+    c->decides[i] = l->move.state == APC_LOOP_OOS                                        ? APC_OUT_OFF
                     : l->move.output != APC_PUT_LAW || l->move.law & APC_ASK_TRACK_FIRST ? APC_OUT_GIVEN
                                                                                          : APC_OUT_LAW;
 }
@@ -325,7 +349,11 @@ void apc_core_confirm(struct apc_core *c)
 
     find_rests(c);
     for (size_t k = 0; k < mode; k++)
-        confirm(c, k, c->z[k], c->refused[k] ? APC_BAD : c->rests[k] ? APC_UNCERTAIN : APC_GOOD);
+        confirm(c, k, c->z[k],
+                c->setpoint[k].above ? apc_core_handshake(c, k)
+                : c->refused[k]      ? APC_BAD
+                : c->rests[k]        ? APC_UNCERTAIN
+                                     : APC_GOOD);
     for (size_t i = 0; i < c->dim.nu; i++) {
         const struct apc_core_state *l = &c->state[i];
 

@@ -333,7 +333,8 @@ static void tell(struct apc_core *c, size_t i, apc_ns now, struct apc_notice *no
         apc_core_note(c, i, notice, APC_NOTICE_RECOVERED, "inputs good again after %.3f s",
                       apc_ns_to_s(now - l->since));
     if (l->move.actual != l->actual)
-        apc_core_note(c, i, notice, APC_NOTICE_MODE, "mode %s", apc_mode_name((int)l->move.actual));
+        apc_core_note(c, i, notice, APC_NOTICE_MODE, "mode %s%s%s", apc_mode_name((int)l->move.actual),
+                      l->move.reason ? ": " : "", l->move.reason ? l->move.reason : "");
     l->actual = l->move.actual;
 }
 
@@ -400,7 +401,8 @@ void apc_core_run(struct apc_core *c, size_t k, struct apc_now now, bool have, s
         if (l->move.output == APC_PUT_FAULT) /* only after the answer was refused */
             put_out(c, i, c->loop[i].fault, false);
         tell(c, i, now.mono, notice);
-        apc_loop_settle(&l->loop, &l->facts, l->move.state, now.mono, 0);
+        apc_loop_settle(&l->loop, &l->facts, l->move.state, now.mono,
+                        apc_core_is_below(c, i) ? c->actual[l->setpoint].seq + 1 : 0);
     }
     follow(c, k, part, answered);
 }

@@ -22,6 +22,8 @@ static const char *const names[APC_TICK_FIELDS] = {
     [APC_TICK_STATE] = "state",
     [APC_TICK_HELD] = "held",
     [APC_TICK_POOR] = "poor",
+    [APC_TICK_LINKED] = "linked",
+    [APC_TICK_ASKED] = "asked",
     [APC_TICK_U] = "u",
     [APC_TICK_THERE] = "u.there",
     [APC_TICK_TARGET] = "target",
@@ -61,6 +63,8 @@ static void lay_out_tick(struct apc_core *c)
         [APC_TICK_STATE] = nu,
         [APC_TICK_HELD] = nu,
         [APC_TICK_POOR] = nu,
+        [APC_TICK_LINKED] = nu,
+        [APC_TICK_ASKED] = nu,
         [APC_TICK_U] = nu,
         [APC_TICK_THERE] = nu,
         [APC_TICK_TARGET] = nu,
@@ -119,7 +123,9 @@ static void name_inputs(struct apc_core *c, const struct apc_core_options *o)
         at = name_rows(at, APC_MANUAL, NULL, 1, c->loop[i].id);
     at = name_rows(at, APC_TUNING, NULL, c->size.tuning, o->tuning ? o->tuning : 1);
     for (size_t i = 0; i < c->dim.nu; i++)
-        at = name_rows(at, APC_ACTUATOR, NULL, 1, c->loop[i].id);
+        at = c->loop[i].setpoint ? name_rows(at, APC_SETPOINT, NULL, 1, c->loop[i].setpoint)
+                                 : name_rows(at, APC_ACTUATOR, NULL, 1, c->loop[i].id);
+    apc_core_name_cascade(c, at);
 }
 
 static void name_actual(struct apc_core *c)
@@ -136,16 +142,19 @@ static void name_actual(struct apc_core *c)
 
 int apc_core_lay_out(struct apc_core *c, const struct apc_core_options *o, struct apc_error *why)
 {
-    const size_t n_in = c->dim.ny + c->dim.nd + c->n_wanted + c->dim.nu, n_out = c->dim.nu + c->n_wanted;
-    size_t n;
+    size_t n, n_vectors;
+    const size_t n_cascade = apc_core_cascade_rows(c, &n_vectors),
+                 n_in = c->dim.ny + c->dim.nd + c->n_wanted + c->dim.nu + n_cascade,
+                 n_out = c->dim.nz + c->dim.nu + c->n_wanted;
 
     lay_out_tick(c);
     mark(c);
     n = c->offset[APC_TICK_FIELDS];
     c->samples = calloc(n_in + n_out + 3 * c->n_wanted, sizeof(*c->samples));
+    c->vectors = calloc(n_vectors + 1, sizeof(*c->vectors));
     c->row = calloc(n, sizeof(*c->row));
     c->former_values = calloc(n, sizeof(*c->former_values));
-    if (!c->samples || !c->row || !c->former_values)
+    if (!c->samples || !c->vectors || !c->row || !c->former_values)
         return apc_fail(why, APC_ENOMEM, "controller: no memory");
     c->out_row = (struct apc_vector){.table = APC_TICK,
                                      .id = o->number ? o->number : 1,
@@ -156,7 +165,11 @@ int apc_core_lay_out(struct apc_core *c, const struct apc_core_options *o, struc
     c->former_row.n = 0;
     c->former_row.status = APC_BAD_NO_DATA;
     c->former_row.value = c->former_values;
-    c->in = (struct apc_rows){.size = sizeof(c->in), .sample = c->samples, .n_samples = n_in};
+    c->in = (struct apc_rows){.size = sizeof(c->in),
+                              .sample = c->samples,
+                              .n_samples = n_in,
+                              .vector = c->vectors,
+                              .n_vectors = n_vectors};
     c->out = (struct apc_rows){.size = sizeof(c->out), .sample = c->samples + n_in, .vector = &c->out_row};
     c->former = (struct apc_rows){.size = sizeof(c->former),
                                   .sample = c->samples + n_in + n_out,
@@ -184,14 +197,31 @@ static apc_status status_of(const struct apc_core *c, size_t i)
     return limited[c->limited[i] & (APC_LIMITED_LOW | APC_LIMITED_HIGH)];
 }
 
+/* By swap: only if the newest row is still @p now. */
+static void put_setpoint(struct apc_core *c, const struct apc_sample *now, apc_ns utc, double value,
+                         apc_status status, int64_t origin)
+{
+    c->out.sample[c->out.n_samples++] = (struct apc_sample){.table = APC_SETPOINT,
+                                                            .id = now->id,
+                                                            .seq = now->seq,
+                                                            .time = utc,
+                                                            .value = value,
+                                                            .status = status,
+                                                            .origin = origin};
+}
+
 static void put_output(struct apc_core *c, size_t i, apc_ns utc)
 {
-    const struct apc_sample *now = &c->in.sample[c->in.n_samples - c->dim.nu + i];
+    const struct apc_sample *now = apc_core_output(c, i);
     struct apc_core_state *l = &c->state[i];
 
     l->put = l->there && l->move.output != APC_PUT_NONE;
     if (!l->put)
         return;
+    if (c->loop[i].setpoint) {
+        put_setpoint(c, now, utc, c->u[i], status_of(c, i), c->below[i].rows[1].seq);
+        return;
+    }
     l->seq = (now->seq > l->seq ? now->seq : l->seq) + 1;
     c->out.sample[c->out.n_samples++] = (struct apc_sample){.table = now->table,
                                                             .id = now->id,
@@ -215,7 +245,7 @@ static void put_actual(struct apc_core *c, size_t k, apc_ns utc)
     const bool mode = k >= apc_core_wanted(c, APC_OPMODE) && k < apc_core_wanted(c, APC_MANUAL);
     struct apc_sample *s = &c->actual[k];
 
-    if ((!mode && !s->origin) || is_told(s, &c->told[k]))
+    if ((!mode && !s->origin) || (is_told(s, &c->told[k]) && !apc_core_asks(c, k, &c->told[k], utc)))
         return;
     s->seq++;
     s->time = utc;
@@ -246,6 +276,8 @@ static void put_tick(struct apc_core *c, struct apc_now now)
         row[at[APC_TICK_STATE] + i] = l->loop.state;
         row[at[APC_TICK_HELD] + i] = l->loop.holding ? apc_ns_to_s(now.mono - l->loop.held) : -1.0;
         row[at[APC_TICK_POOR] + i] = l->loop.poor;
+        row[at[APC_TICK_LINKED] + i] = l->loop.linked;
+        row[at[APC_TICK_ASKED] + i] = (double)l->loop.asked;
         row[at[APC_TICK_THERE] + i] = l->there;
         row[at[APC_TICK_TARGET] + i] = l->target;
         row[at[APC_TICK_MANUAL] + i] = l->wanted;
@@ -277,6 +309,10 @@ void apc_core_put(struct apc_core *c, struct apc_now now)
     c->seq++;
     for (size_t i = 0; i < c->dim.nu; i++)
         put_output(c, i, now.utc);
+    for (size_t k = 0; k < c->dim.nz; k++) {
+        if (c->above[k].put)
+            put_setpoint(c, &c->in.sample[c->dim.ny + c->dim.nd + k], now.utc, c->z[k], APC_GOOD, 0);
+    }
     apc_core_confirm(c);
     for (size_t k = 0; k < c->n_wanted; k++)
         put_actual(c, k, now.utc);
@@ -319,6 +355,8 @@ static void take_loop(struct apc_core *c, size_t i, const double *row)
     l->loop.state = state > 0.0 && state < APC_LOOP_END ? (enum apc_loop_state)(int)state : APC_LOOP_OOS;
     l->target = target >= APC_MODE_MAN && target <= APC_MODE_CAS ? (enum apc_mode)(int)target : APC_MODE_OOS;
     l->loop.poor = (unsigned)fmin(fmax(row[at[APC_TICK_POOR] + i], 0.0), 2.0 * c->shed_after);
+    l->loop.linked = row[at[APC_TICK_LINKED] + i] > 0.0;
+    l->loop.asked = (int64_t)row[at[APC_TICK_ASKED] + i];
     l->loop.holding = apc_ns_from_s(held, &l->loop.held) == 0 && held >= 0.0;
     if (!l->loop.holding)
         l->loop.held = 0;

@@ -138,7 +138,8 @@ static const struct apc_sample *measured_tick(struct rig *r, double y)
 
 static void make_sized(struct rig *r, const struct apc_law *law, struct apc_dim dim)
 {
-    const struct apc_core_setpoint z[] = {{1, -1e4, 1e4}, {2, -1e4, 1e4}};
+    const struct apc_core_setpoint z[] = {{.id = 1, .low = -1e4, .high = 1e4},
+                                          {.id = 2, .low = -1e4, .high = 1e4}};
     const struct apc_core_loop loop = {
         .id = 1, .mode = 1, .low = -1.0, .high = 2.0, .fault = FAULT, .hold = HOLD};
     const struct apc_core_options o = {.size = sizeof(o),
