@@ -310,7 +310,7 @@ static int export_seqs(const char *dir, const struct samples *samples, struct ap
 }
 
 static int export_samples(const char *dir, struct apc_store *store, const struct experiment *e,
-                          const struct apc_range *range, apc_ns start, apc_ns *last, struct apc_error *why)
+                          const struct apc_range *range, apc_ns start, apc_ns *end, struct apc_error *why)
 {
     struct samples samples = {0};
     int rc = collected(samples_collect(&samples, store, e, range), store, "samples", why);
@@ -318,7 +318,9 @@ static int export_samples(const char *dir, struct apc_store *store, const struct
         rc = export_seqs(dir, &samples, why);
     if (rc == 0)
         rc = put_samples(dir, "samples.csv", &samples, start, why);
-    *last = samples.n > 0 ? samples.at[samples.n - 1].time : start;
+    *end = samples.n > 0 ? samples.at[samples.n - 1].time - start : 0;
+    *end =
+        (*end / APC_NS_PER_US + 1) * APC_NS_PER_US; /* the last one lies before it, also as it is written */
     samples_free(&samples);
     return rc;
 }
@@ -488,7 +490,7 @@ int folder_export(const char *dir, struct apc_store *store, const struct experim
 {
     const struct apc_range samples = {.since = since, .until = until};
     const struct apc_range records = {.since = since}; /* the last window is closed when the daemons stop */
-    apc_ns last;
+    apc_ns end;
     int rc = export_operation(dir, store, e, start, &samples, why);
     if (rc == 0)
         rc = export_signals(dir, e, why);
@@ -497,6 +499,6 @@ int folder_export(const char *dir, struct apc_store *store, const struct experim
     if (rc == 0)
         rc = export_timing(dir, store, since, why);
     if (rc == 0) /* last: where they are, the rest is */
-        rc = export_samples(dir, store, e, &samples, start, &last, why);
-    return rc == 0 ? write_end(dir, ended > 0 ? ended : apc_ns_to_s(last - start), why) : rc;
+        rc = export_samples(dir, store, e, &samples, start, &end, why);
+    return rc == 0 ? write_end(dir, ended > 0 ? ended : apc_ns_to_s(end), why) : rc;
 }

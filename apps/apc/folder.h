@@ -34,8 +34,8 @@ void folder_discard(const char *dir);
 
 /*
  * Write what the store recorded since and until (UTC; 0: all) as CSV, with times relative to @p start, and
- * into the record when the run @p ended, in s; 0: with its last sample. Each file appears whole or not at
- * all.
+ * into the record when the run @p ended, in s; 0: just after its last sample. Each file appears whole or not
+ * at all.
  */
 int folder_export(const char *dir, struct apc_store *store, const struct experiment *e, apc_ns start,
                   double ended, apc_ns since, apc_ns until, struct apc_error *why);

@@ -53,9 +53,9 @@ static int recover_from(const struct cli *cli, struct apc_store *store, const ch
     rc = spools_drain(dir, uri, cli->timeout, why);
     if (rc < 0 && rc != APC_EPROTO)
         return rc;
-    /* The duration on record may be that of the last measurement: what it led to came a moment later. */
-    apc_ns until = e->duration > 0 ? e->start + (apc_ns)(e->duration * 1e9) + APC_NS_PER_S : 0;
-    int err = folder_export(dir, store, e, e->start, 0, e->start, until, why);
+    apc_ns length = 0;
+    (void)apc_ns_from_s(e->duration, &length);
+    int err = folder_export(dir, store, e, e->start, 0, e->start, length > 0 ? e->start + length : 0, why);
     return err < 0 ? err : rc;
 }
 

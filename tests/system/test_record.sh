@@ -119,6 +119,13 @@ mv "$work/killed" "$work/moved"
 expect 0 'samples: .*moved/samples\.csv, from the store' "$apc" report "$work/moved"
 [ "$(grep -c ',actuator,1,' "$work/moved/samples.csv")" = "$n" ] || fail "the report of a killed run lost outputs"
 expect 0 "^u +$n +$n +0 " "$apc" replay "$work/moved"
+# how long it was includes its last sample: the same report again has all of them
+ended=$(sed -n 's/^ended = \(.*\);/\1/p' "$work/moved/record.conf")
+awk -F, -v end="$ended" 'END { exit !($1 < end && end < $1 + 0.00001) }' "$work/moved/samples.csv" || fail "it ended at $ended"
+cp "$work/moved/samples.csv" "$work/first.csv"
+rm "$work/moved/samples.csv"
+expect 0 'samples\.csv, from the store' "$apc" report "$work/moved"
+cmp "$work/first.csv" "$work/moved/samples.csv" || fail "the second report of a killed run is another"
 expect 0 'sha256' "$apc" simulate "$work/moved"
 expect 1 'it belongs to another experiment: its sensor\.1 is "y"' "$apc" simulate "$APC_SOURCE_DIR/experiments/servo.conf" --compare "$work/moved"
 expect 0 'moved is a run of fast, this is other' "$apc" simulate "$work/other.conf" --compare "$work/moved"
