@@ -254,7 +254,7 @@ static char *value_of(const char *value, const config_setting_t *was)
     const config_setting_t *is = good ? config_lookup(&trial, "value") : NULL;
     if (is && was && config_setting_type(was) == CONFIG_TYPE_STRING)
         good = config_setting_type(is) == CONFIG_TYPE_STRING;
-    if (good)
+    if (good && is)
         put(out, is, &(struct place){.at = NULL});
     else
         put_quoted(out, value);
