@@ -519,13 +519,15 @@ END
 $do$;
 
 -- With the rights of the functions and triggers here, which alone may call them.
-CREATE FUNCTION is_person() RETURNS boolean LANGUAGE sql STABLE AS $$
-    SELECT NOT pg_has_role(session_user, current_user, 'USAGE')
+CREATE FUNCTION is_person() RETURNS boolean LANGUAGE plpgsql STABLE AS $$ -- not sql, which plans it at each call
+BEGIN
+    RETURN NOT pg_has_role(session_user, current_user, 'USAGE')
        AND coalesce(pg_has_role(session_user, to_regrole('apc_operator'), 'MEMBER')
                     OR pg_has_role(session_user, to_regrole('apc_engineer'), 'MEMBER'), false)
        AND NOT coalesce(pg_has_role(session_user, to_regrole('apc_controller'), 'MEMBER')
                         OR pg_has_role(session_user, to_regrole('apc_scheduler'), 'MEMBER')
-                        OR pg_has_role(session_user, to_regrole('apc_historian'), 'MEMBER'), false)
+                        OR pg_has_role(session_user, to_regrole('apc_historian'), 'MEMBER'), false);
+END
 $$;
 COMMENT ON FUNCTION is_person() IS 'Does the session''s user operate, and is no program that writes setpoints by itself?';
 

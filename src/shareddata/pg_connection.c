@@ -495,12 +495,34 @@ static const char version_sql[] =
     "SELECT version::int8, coalesce((to_jsonb(m) ->> 'compatible_from')::int8, version)"
     " FROM migration m ORDER BY version DESC LIMIT 1";
 
-#define SHARED_TABLES 4
-enum {
-    SETUP_VERSION,
-    SETUP_PREPARE,
-    SETUP_CLAIM = SETUP_PREPARE + 2 * (APC_TABLE_END - APC_SENSOR) + SHARED_TABLES
+/* The statements of the set-up: the version, then what is prepared, then the claims. */
+enum { SETUP_VERSION, SETUP_PREPARE };
+
+struct prepared {
+    const char *name, *sql; /* NULL: the table has none of that kind */
 };
+
+static void prepared_of(enum apc_table table, struct prepared prepared[4])
+{
+    const struct apc_pg_text *t = &apc_pg_texts[table];
+    prepared[0] = (struct prepared){t->read_name, t->read};
+    prepared[1] = (struct prepared){t->append_name, t->append};
+    prepared[2] = (struct prepared){t->plain_name, t->plain};
+    prepared[3] = (struct prepared){t->place_name, t->place};
+}
+
+static int count_prepared(void)
+{
+    int n = 0;
+    for (enum apc_table table = APC_SENSOR; table < APC_TABLE_END; table++) {
+        struct prepared prepared[4];
+        prepared_of(table, prepared);
+        for (size_t i = 0; i < 4; i++) {
+            n += prepared[i].sql != NULL;
+        }
+    }
+    return n;
+}
 
 static int take_session(void *ctx, int statement, PGresult *result)
 {
@@ -557,7 +579,7 @@ static int take_setup(void *ctx, int statement, PGresult *result)
     if (statement == SETUP_VERSION) {
         return take_version(pg, result);
     }
-    int index = SETUP_CLAIM;
+    int index = SETUP_PREPARE + count_prepared();
     for (enum apc_table table = APC_SENSOR; table < APC_TABLE_END; table++) {
         if (pg->claimed[table] && index++ == statement) {
             return apc_pg_take_claim(pg, table, result, NULL, 0);
@@ -581,11 +603,12 @@ static int set_up(struct apc_pg *pg)
 {
     int err = apc_pg_send(pg, version_sql, &(struct apc_pg_params){0});
     for (enum apc_table table = APC_SENSOR; !err && table < APC_TABLE_END; table++) {
-        const struct apc_pg_text *t = &apc_pg_texts[table];
-        if (!PQsendPrepare(pg->conn, t->read_name, t->read, 0, NULL) ||
-            !PQsendPrepare(pg->conn, t->append_name, t->append, 0, NULL) ||
-            (t->place && !PQsendPrepare(pg->conn, t->place_name, t->place, 0, NULL))) {
-            err = not_queued(pg);
+        struct prepared prepared[4];
+        prepared_of(table, prepared);
+        for (size_t i = 0; !err && i < 4; i++) {
+            if (prepared[i].sql && !PQsendPrepare(pg->conn, prepared[i].name, prepared[i].sql, 0, NULL)) {
+                err = not_queued(pg);
+            }
         }
     }
     for (enum apc_table table = APC_SENSOR; !err && table < APC_TABLE_END; table++) {

@@ -19,7 +19,11 @@
     "(SELECT seq, time, status, value" more " FROM " table                                                   \
     "_newest WHERE id = v.id AND seq > 0 LIMIT 1) AS n"
 
-#define ARRAYS "$1::int4[], $2::int8[], $3::timestamptz[], $4::int8[], $5::float8[], $6::int8[], $7::int8[]"
+#define PLAIN_ARRAYS "$1::int4[], $2::int8[], $3::timestamptz[], $4::int8[], $5::float8[]"
+#define ARRAYS       PLAIN_ARRAYS ", $6::int8[], $7::int8[]"
+/* Of rows that come from none and have no author, which are most. */
+#define APPEND_PLAIN(table)                                                                                  \
+    "INSERT INTO " table " (id, seq, time, status, value) SELECT * FROM unnest(" PLAIN_ARRAYS ")"
 #define APPEND(table, more, arrays)                                                                          \
     "INSERT INTO " table " (id, seq, time, status, value" more ") SELECT * FROM unnest(" ARRAYS arrays ")"
 
@@ -84,7 +88,8 @@
 
 #define TEXTS(table, more, arrays)                                                                           \
     .read_name = "read_" table, .read = READ(table, more), .append_name = "append_" table,                   \
-    .append = APPEND(table, more, arrays), .repeat = REPEAT(table, more, arrays),                            \
+    .append = APPEND(table, more, arrays), .plain_name = "plain_" table, .plain = APPEND_PLAIN(table),       \
+    .repeat = REPEAT(table, more, arrays),                                                                   \
     .put = PUT(table, ", origin, author", ", $5::int8[], $6::int8[]") " RETURNING id, seq",                  \
     .swap = SWAP(table), .bins = BINS(table), .history = HISTORY(table, more),                               \
     .history_last = HISTORY_LAST(table, more), .paper_read = READ("apc." table, ""),                         \

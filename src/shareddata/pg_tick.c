@@ -260,14 +260,28 @@ struct exchange {
     int count;
 };
 
+/* Has none of the rows more than a value? */
+static bool is_plain(const struct exchange *x, const struct batch *b)
+{
+    for (size_t i = b->begin; i < b->begin + b->n; i++) {
+        const struct apc_sample *s = &x->rows->sample[x->pg->places[i].row];
+        if (s->origin > 0 || s->author > 0 || s->sensor_seq > 0 || s->setpoint_seq > 0) {
+            return false;
+        }
+    }
+    return true;
+}
+
 static int send_batch(struct exchange *x, const struct batch *b)
 {
     const struct apc_pg_text *text = &apc_pg_texts[b->table];
     const bool vectors = apc_table_vectors(b->table);
     const bool place = x->op == PLACE && apc_table_shared(b->table);
-    const bool whole = b->table == APC_ACTUATOR && (x->op == APPEND || x->op == PLACE);
+    const bool append = !place && (x->op == APPEND || x->op == PLACE);
+    const bool plain = append && !vectors && !x->repeat && is_plain(x, b);
+    const bool whole = append && b->table == APC_ACTUATOR;
     const enum column *columns = vectors ? vector_columns : x->op == PUT ? put_columns : sample_columns;
-    const size_t n = x->op == READ ? 1 : x->op == PUT ? 6 : whole ? 9 : 7;
+    const size_t n = x->op == READ ? 1 : x->op == PUT ? 6 : plain ? 5 : whole ? 9 : 7;
     struct apc_pg_params p = {0};
     for (size_t i = 0; i < n; i++) {
         int err = add_column(x->pg, &p, x->rows, b, columns[i], i);
@@ -285,7 +299,7 @@ static int send_batch(struct exchange *x, const struct batch *b)
     default:
         return place       ? apc_pg_send_prepared(x->pg, text->place_name, &p)
                : x->repeat ? apc_pg_send(x->pg, text->repeat, &p)
-                           : apc_pg_send_prepared(x->pg, text->append_name, &p);
+                           : apc_pg_send_prepared(x->pg, plain ? text->plain_name : text->append_name, &p);
     }
 }
 

@@ -55,6 +55,7 @@ apc_ns apc_pg_time_ns(int64_t pg);
 struct apc_pg_text {
     const char *read_name, *read;       /* prepared */
     const char *append_name, *append;   /* prepared */
+    const char *plain_name, *plain;     /* prepared; append of samples without origin, author and the like */
     const char *repeat;                 /* append of those that are not there */
     const char *put;                    /* takes the next seq; a concurrent writer makes it fail */
     const char *swap;                   /* the next seq of those whose newest is the one given */
