@@ -3,6 +3,8 @@
 #include "run/run_internal.h"
 #include "warn.h"
 
+#include <string.h>
+
 static const struct argp_option option_list[] = {
     {"force", 'f', NULL, 0, "Describe FILE also in a store that belongs to another experiment", 0}, {0}};
 
@@ -43,7 +45,9 @@ static int init_store(const struct cli *cli, struct apc_store *store)
     else if (had == 0)
         printf("tables made (version %d)\n", apc_store_version());
     else
-        printf("tables brought from version %d to %d\n", had, apc_store_version());
+        printf("tables brought from version %d to %d%s\n", had, apc_store_version(),
+               strncmp(cli->store, "postgres", 8) == 0 ? "; where roles are used, run sql/roles.sql again"
+                                                       : "");
     return EXIT_OK;
 }
 

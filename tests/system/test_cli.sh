@@ -171,6 +171,18 @@ test_maintain_keeps_what_it_is_told_to_and_the_newest_in_any_case() {
   equal "$(sql 'SELECT count(*) FROM maintained.event')" 0 "events with --keep-events"
 }
 
+test_init_brings_tables_of_version_1_along_and_says_what_to_run_again() {
+  sql "CREATE SCHEMA old; SET search_path TO old, pg_temp; $(<"$(dirname "$0")/../../sql/0001-tables.sql")
+       INSERT INTO migration (version, name) VALUES (1, '0001-tables')" >/dev/null
+  run 1 get --store 'postgresql:#old'
+  err_has "is version 1"
+  run 0 init --store 'postgresql:#old'
+  out_has "brought from version 1 to .*run sql/roles.sql again"
+  run 0 init --store 'postgresql:#old'
+  out_has "up to date"
+  sql "DROP SCHEMA old CASCADE" >/dev/null 2>&1
+}
+
 test_init_describes_an_experiment_and_may_be_repeated() {
   run 0 init
   run 1 get
