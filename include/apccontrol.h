@@ -264,6 +264,7 @@ APC_API extern const struct apc_law apc_law_pid; /**< PID in standard form */
 APC_API extern const struct apc_law
     apc_law_cascade;                             /**< an outer PID whose output is an inner one's setpoint */
 APC_API extern const struct apc_law apc_law_lqg; /**< state feedback, observer and disturbance estimate */
+APC_API extern const struct apc_law apc_law_mpc; /**< linear predictive control */
 
 #ifdef __cplusplus
 }

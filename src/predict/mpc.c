@@ -48,6 +48,7 @@ struct apc_mpc {
     double *x, *next, *input;                        /* [nx], [nx], [nu + nd] */
     double *aim_low, *aim_high;                      /* [ny] */
     double *difference;                              /* [nc + nu] */
+    signed char *room;                               /* [n + m] */
     struct apc_qp *qp, *easy_qp;
     struct apc_target *target;
 };
@@ -180,7 +181,8 @@ static int allocate(struct apc_mpc *p)
                sizeof(*at));
 
     p->memory = at;
-    if (!at)
+    p->room = calloc(n + m, sizeof(*p->room));
+    if (!at || !p->room)
         return APC_ENOMEM;
     p->G = carve(&at, N * ny * n);
     p->Gx = carve(&at, p->nc * n);
@@ -230,7 +232,10 @@ static int make_easy(struct apc_mpc *p, struct apc_error *why)
 int apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, struct apc_error *why)
 {
     const struct apc_linear *m = options->model;
-    const struct apc_qp_options qp = {.size = sizeof(qp), .enough = options->enough, .ctx = options->ctx};
+    const struct apc_qp_options qp = {.size = sizeof(qp),
+                                      .iterations = options->iterations,
+                                      .enough = options->enough,
+                                      .ctx = options->ctx};
     struct apc_mpc *p;
     int rc = check(options, why);
 
@@ -277,6 +282,7 @@ void apc_mpc_destroy(struct apc_mpc *mpc)
     apc_qp_destroy(mpc->easy_qp);
     apc_qp_destroy(mpc->qp);
     free(mpc->memory);
+    free(mpc->room);
     free(mpc->rate_of);
     free(mpc->rank);
     free(mpc->first);
@@ -319,8 +325,13 @@ static int weigh_terminal(struct apc_mpc *p, struct apc_error *why)
                 Q[i * na + j] += tracked(p, c) * m->C[c * m->nx + i] * m->C[c * m->nx + j];
         }
     }
-    if (apc_riccati_in(at, na, nu, A, B, Q, R, p->P, K, why) < 0)
-        return APC_EINVAL;
+    if (apc_riccati_in(at, na, nu, A, B, Q, R, p->P, K, NULL) < 0) {
+        /* a combination of u that no y is in, out of service perhaps, stays where it is aimed */
+        for (size_t j = 0; j < nu; j++)
+            Q[(nc + j) * na + nc + j] += 1e-6 * p->s[j];
+        if (apc_riccati_in(at, na, nu, A, B, Q, R, p->P, K, why) < 0)
+            return APC_EINVAL;
+    }
     for (size_t i = 0; i < na; i++) {
         for (size_t k = 0; k < p->n; k++) {
             double sum = k >= p->n - nu ? p->P[i * na + nc + k - (p->n - nu)] : 0.0;
@@ -717,4 +728,9 @@ const signed char *apc_mpc_active(const struct apc_mpc *p)
 void apc_mpc_start(struct apc_mpc *p, const signed char *rows)
 {
     apc_qp_start(p->qp, rows);
+}
+
+signed char *apc_mpc_room(struct apc_mpc *p)
+{
+    return p->room;
 }

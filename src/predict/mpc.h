@@ -32,6 +32,7 @@ struct apc_mpc_options {
     const bool *limits, *zone;      /* [ny] has limits, may get a zone; default none */
     const bool *rate;               /* [nu] has a rate; default none */
     bool terminal;
+    unsigned iterations;       /* of a solve of apc_qp; 0: its own default */
     bool (*enough)(void *ctx); /* of apc_qp */
     void *ctx;
 };
@@ -84,5 +85,7 @@ const double *apc_mpc_move(const struct apc_mpc *mpc, const double *plan, size_t
 size_t apc_mpc_rows(const struct apc_mpc *mpc);
 const signed char *apc_mpc_active(const struct apc_mpc *mpc);
 void apc_mpc_start(struct apc_mpc *mpc, const signed char *rows);
+/* [apc_mpc_rows()] the mpc's own, for its caller to put together what goes to apc_mpc_start(). [tick] */
+signed char *apc_mpc_room(struct apc_mpc *mpc);
 
 #endif

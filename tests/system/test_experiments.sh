@@ -14,6 +14,8 @@ tolerances='
   pendulum                   1  0.002
   quadruple-tank             1  0.03
   quadruple-tank             2  0.03
+  quadruple-tank-mpc         1  0.001
+  quadruple-tank-mpc         2  0.001
   quadruple-tank-nonminimum  1  0.03
   quadruple-tank-nonminimum  2  0.03
   four-tank                  1  0.7

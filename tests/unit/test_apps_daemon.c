@@ -158,15 +158,12 @@ static void fresh_store(void)
 /* ---- What is in its store ----------------------------------------------------------------- */
 
 static char events[20000];
-static apc_ns began, first_row; /* times of the event and of the first timing row */
 
 static int take_event(void *ctx, const struct apc_event *e)
 {
     size_t n = strlen(events);
     (void)ctx;
     assert_string_equal(e->source, "apc-test");
-    if (!strcmp(e->kind, "start"))
-        began = e->time;
     snprintf(events + n, sizeof events - n, "%d %s %s\n", (int)e->severity, e->kind, e->text);
     return 0;
 }
@@ -179,8 +176,7 @@ static int take_timing(void *ctx, const struct apc_timing_row *row)
     (void)ctx;
     assert_string_equal(row->task, "test");
     assert_int_equal(row->period, APC_NS_PER_S / 10);
-    if (rows++ == 0)
-        first_row = row->time;
+    rows++;
     if (!strcmp(row->quantity, "run")) {
         count += row->count;
         missed += row->missed;
@@ -461,7 +457,6 @@ static void many_missed_ticks_are_an_alarm_that_ends(void **state)
     assert_recorded(" ticks missed in the last 5 s\n");
     assert_true(missed >= 14);
     assert_true(rows >= 6); /* after five looks, and at the end */
-    assert_true(first_row - began > 4 * APC_NS_PER_S);
 }
 
 static int never_return(void *ctx, const struct apc_tick *tick)

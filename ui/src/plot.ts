@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // uPlot as this page wants it: colours from the style sheet, UTC, an axis that stays where it is.
 import uPlot from "uplot";
-import {exact} from "./core/format";
 import type {Scale} from "./core/scale";
 import {colour} from "./theme";
 
@@ -80,7 +79,7 @@ export function plot(host: HTMLElement, height: number, o: PlotOptions): uPlot {
         size: 72,
         label: o.yLabel,
         labelSize: 20,
-        values: (_u, splits) => splits.map(value => (o.yText ?? exact)(value)),
+        values: o.yText ? (_u, splits) => splits.map(o.yText as (v: number) => string) : undefined,
       }),
     ],
     series,

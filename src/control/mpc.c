@@ -1,0 +1,379 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * Linear predictive control of all outputs together: an estimator, steady-state targets, and the plan of
+ * src/predict/mpc.c, of which the first move goes out. docs/mpc.md says how to set one up.
+ *
+ * At tick k the estimate is corrected with y_k, the plan begins with u_k. update tells the estimator what
+ * really went out, whoever decided on it, so nothing winds up and no change of mode makes a bump: an output
+ * that is given is a known input, and the cost of moves counts from what acted last.
+ */
+#include "control/mpc.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "base/base_internal.h"
+
+#define SETTLE 300 /* samples of the same y and u after which the estimate says y, where it can */
+
+static const struct apc_param tuning[N_OF_U + N_OF_Y] = {
+    {"move", "1", "weight of moves: of a step over the output's span", 0.1, 0.0, 1e6},
+    {"wish", "1", "weight of the distance from reference, over the output's span", 0.0, 0.0, 1e6},
+    {"reference", "u", "where the output is to be, as far as setpoints leave it free", 0.0, -APC_VALUE_MAX,
+     APC_VALUE_MAX},
+    {"cost", "1/u", "of a steady output, per unit; the program looks for the cheapest", 0.0, -1e12, 1e12},
+    {"weight", "1", "of the distance from the setpoint, over the measurement's span", 1.0, 0.0, 1e6},
+    {"zone", "y", "half the width of a range around the setpoint within which nothing needs to be done", 0.0,
+     0.0, APC_VALUE_MAX},
+    {"service", "1", "1: the measurement is controlled; 0: it is only estimated with", 1.0, 0.0, 1.0},
+};
+static const enum apc_law_scope scope[N_OF_U + N_OF_Y] = {
+    APC_OF_OUTPUT,      APC_OF_OUTPUT,      APC_OF_OUTPUT,     APC_OF_OUTPUT,
+    APC_OF_MEASUREMENT, APC_OF_MEASUREMENT, APC_OF_MEASUREMENT};
+
+static double of_u(const struct apc_law_call *c, size_t j, size_t parameter)
+{
+    return c->tuning[j * N_OF_U + parameter];
+}
+
+static double of_y(const struct apc_law_call *c, size_t i, size_t parameter)
+{
+    return c->tuning[c->dim.nu * N_OF_U + i * N_OF_Y + parameter];
+}
+
+bool apc_mpc_late(void *mpc)
+{
+    const struct apc_law_mpc *p = mpc;
+
+    return p->call && apc_law_left(p->call) <= 0.0;
+}
+
+/* ---- The parts of x --------------------------------------------------------------------------------- */
+
+static double *plan_of(const struct apc_law_mpc *p, double *x)
+{
+    return x + p->n_estimate;
+}
+
+static double *age_of(const struct apc_law_mpc *p, double *x)
+{
+    return plan_of(p, x) + p->dim.nu * p->blocks;
+}
+
+static double *rows_of(const struct apc_law_mpc *p, double *x)
+{
+    return age_of(p, x) + 1;
+}
+
+/* ---- Taking in -------------------------------------------------------------------------------------- */
+
+static double last(const struct apc_law_mpc *p, const struct apc_law_call *c, size_t j)
+{
+    return apc_value_ok(c->u_last[j]) ? c->u_last[j] : fmin(fmax(p->model->u0[j], c->low[j]), c->high[j]);
+}
+
+/* All that a plan follows from, so that the same question is not answered twice. What only compute is told
+ * comes last: update goes with the plan that went out. */
+static void gather(const struct apc_law_mpc *p, const struct apc_law_call *c, double *at)
+{
+    memcpy(at, c->x, p->states * sizeof(*at));
+    at += p->states;
+    for (size_t i = 0; i < p->dim.ny; i++)
+        *at++ = p->usable[i] ? c->y[i] : (double)INFINITY;
+    memcpy(at, c->z, p->n_ahead * p->dim.nz * sizeof(*at));
+    at += p->n_ahead * p->dim.nz;
+    if (p->dim.nd)
+        memcpy(at, c->d, p->n_ahead * p->dim.nd * sizeof(*at));
+    at += p->n_ahead * p->dim.nd;
+    for (size_t j = 0; j < p->dim.nu; j++)
+        *at++ = last(p, c, j);
+    memcpy(at, c->tuning, (p->dim.nu * N_OF_U + p->dim.ny * N_OF_Y) * sizeof(*at));
+    at += p->dim.nu * N_OF_U + p->dim.ny * N_OF_Y;
+    for (size_t j = 0; j < p->dim.nu; j++) {
+        *at++ = c->out[j];
+        *at++ = c->limited[j];
+    }
+}
+
+static void tune(struct apc_law_mpc *p, const struct apc_law_call *c)
+{
+    const size_t ny = p->dim.ny, nu = p->dim.nu;
+    const struct apc_mpc_weights weights = {.q = p->q, .s = p->s, .r = p->r, .zone = p->zone};
+
+    memset(p->q, 0, ny * sizeof(*p->q));
+    for (size_t k = 0; k < p->dim.nz; k++) {
+        const size_t i = p->cv[k];
+
+        p->q[i] = of_y(c, i, SERVICE) >= 0.5 ? of_y(c, i, WEIGHT) / (p->span_y[i] * p->span_y[i]) : 0.0;
+        p->zone[i] = of_y(c, i, ZONE);
+    }
+    for (size_t j = 0; j < nu; j++) {
+        p->s[j] = of_u(c, j, MOVE) / (p->span_u[j] * p->span_u[j]);
+        p->r[j] = of_u(c, j, WISH) / (p->span_u[j] * p->span_u[j]);
+    }
+    if (p->is_tuned && !memcmp(p->tuned, p->q, ny * sizeof(*p->q)) &&
+        !memcmp(p->tuned + ny, p->zone, ny * sizeof(*p->q)) &&
+        !memcmp(p->tuned + 2 * ny, p->s, nu * sizeof(*p->s)) &&
+        !memcmp(p->tuned + 2 * ny + nu, p->r, nu * sizeof(*p->r)))
+        return;
+    p->is_tuned = apc_mpc_tune(p->mpc, &weights, NULL) == 0;
+    memcpy(p->tuned, p->q, ny * sizeof(*p->q));
+    memcpy(p->tuned + ny, p->zone, ny * sizeof(*p->q));
+    memcpy(p->tuned + 2 * ny, p->s, nu * sizeof(*p->s));
+    memcpy(p->tuned + 2 * ny + nu, p->r, nu * sizeof(*p->r));
+}
+
+/* Rows that the caller has; the last of them goes on. A measurement without a setpoint has weight 0. */
+static void look_ahead(struct apc_law_mpc *p, const struct apc_law_call *c)
+{
+    for (size_t i = 0; i <= p->N; i++) {
+        const size_t row = i < p->n_ahead ? i : p->n_ahead - 1;
+
+        for (size_t k = 0; k < p->dim.nz; k++)
+            p->w[i * p->dim.ny + p->cv[k]] = c->z[row * p->dim.nz + k];
+        for (size_t k = 0; k < p->dim.nd; k++)
+            p->d[i * p->dim.nd + k] = c->d[row * p->dim.nd + k];
+    }
+}
+
+static void bound(struct apc_law_mpc *p, const struct apc_law_call *c)
+{
+    for (size_t j = 0; j < p->dim.nu; j++) {
+        p->u_last[j] = last(p, c, j);
+        p->given[j] = c->out[j] != APC_OUT_LAW;
+        p->wish[j] = of_u(c, j, WISH) > 0.0 ? of_u(c, j, REFERENCE) : p->u_last[j];
+        p->cost[j] = of_u(c, j, COST);
+        p->low[j] = c->limited[j] & APC_LIMITED_LOW ? fmax(c->low[j], p->u_last[j]) : c->low[j];
+        p->high[j] = c->limited[j] & APC_LIMITED_HIGH ? fmin(c->high[j], p->u_last[j]) : c->high[j];
+        p->step[j] = c->rate[j] * p->Ts;
+    }
+}
+
+/* ---- The plan --------------------------------------------------------------------------------------- */
+
+static void correct(struct apc_law_mpc *p, const struct apc_law_call *c)
+{
+    memcpy(p->x, c->x, p->states * sizeof(*p->x));
+    for (size_t j = 0; j < p->dim.nu; j++)
+        p->input[j] = last(p, c, j);
+    for (size_t k = 0; k < p->dim.nd; k++)
+        p->input[p->dim.nu + k] = c->d[k];
+    (void)apc_estimator_correct(p->estimator, p->x, c->y, p->usable, p->input);
+}
+
+static void make_plan(struct apc_law_mpc *p, const struct apc_law_call *c)
+{
+    const struct apc_mpc_call call = {.x = p->x,
+                                      .w = p->w,
+                                      .d = p->dim.nd ? p->d : NULL,
+                                      .u_last = p->u_last,
+                                      .u_wish = p->wish,
+                                      .u_cost = p->cost,
+                                      .low = p->low,
+                                      .high = p->high,
+                                      .step = p->step,
+                                      .y_low = c->y_low,
+                                      .y_high = c->y_high,
+                                      .given = p->given};
+    signed char *rows = apc_mpc_room(p->mpc);
+
+    for (size_t k = 0; k < p->n_rows; k++)
+        rows[k] = (signed char)rows_of(p, p->x)[k];
+    apc_mpc_start(p->mpc, rows);
+    p->call = c;
+    apc_mpc_solve(p->mpc, &call, p->plan, &p->result);
+    p->call = NULL;
+    if (p->result.rc == 0) {
+        const signed char *active = apc_mpc_active(p->mpc);
+
+        memcpy(plan_of(p, p->x), p->plan, p->dim.nu * p->blocks * sizeof(*p->plan));
+        for (size_t k = 0; k < p->n_rows; k++)
+            rows_of(p, p->x)[k] = active[k];
+        *age_of(p, p->x) = 1.0;
+    } else if (*age_of(p, p->x) > 0.0) {
+        *age_of(p, p->x) += 1.0;
+    }
+}
+
+static void think(struct apc_law_mpc *p, const struct apc_law_call *c, size_t n_same)
+{
+    for (size_t i = 0; i < p->dim.ny; i++)
+        p->usable[i] = c->y_new[i] && apc_status_severity(c->y_status[i]) != APC_SEVERITY_BAD;
+    gather(p, c, p->now);
+    if (p->is_seen && !memcmp(p->now, p->seen, n_same * sizeof(*p->now)))
+        return;
+    memcpy(p->seen, p->now, p->n_seen * sizeof(*p->now));
+    p->is_seen = true;
+    tune(p, c);
+    look_ahead(p, c);
+    bound(p, c);
+    correct(p, c);
+    make_plan(p, c);
+}
+
+/* ---- What goes out ---------------------------------------------------------------------------------- */
+
+static void publish(struct apc_law_mpc *p, const struct apc_law_call *c)
+{
+    const size_t ny = p->dim.ny, nu = p->dim.nu;
+    double *at = c->published;
+
+    if (!at)
+        return;
+    apc_mpc_predict(p->mpc, plan_of(p, p->x), p->prediction);
+    for (size_t i = 0; i < ny; i++) {
+        for (size_t k = 0; k < p->N; k++)
+            *at++ = p->prediction[k * ny + i];
+    }
+    for (size_t j = 0; j < nu; j++) {
+        for (size_t k = 0; k < p->N; k++)
+            *at++ = apc_mpc_move(p->mpc, plan_of(p, p->x), k)[j];
+    }
+    apc_mpc_target(p->mpc, p->N, at, at + ny);
+    at += ny + nu;
+    for (size_t k = 0; k < p->n_unknown; k++)
+        *at++ = p->x[p->model->nx - p->n_unknown + k];
+    *at = p->result.iterations;
+}
+
+static int verdict(const struct apc_law_mpc *p, const struct apc_law_call *c)
+{
+    if (p->result.rc == APC_ETIMEDOUT) {
+        snprintf(c->why, APC_LAW_WHY, "no plan in time, after %u changes: the former one goes on",
+                 p->result.iterations);
+        return APC_LAW_LATE;
+    }
+    if (p->result.rc < 0) {
+        snprintf(c->why, APC_LAW_WHY, "no plan: %s", apc_err_text(p->result.rc));
+        return APC_LAW_INFEASIBLE;
+    }
+    if (p->result.given_up) {
+        snprintf(c->why, APC_LAW_WHY, "limits of measurements of rank %u cannot be kept", p->result.given_up);
+        return APC_LAW_SUBOPTIMAL;
+    }
+    if (!p->result.reachable) {
+        snprintf(c->why, APC_LAW_WHY,
+                 "no steady state within the limits has these setpoints: goes to the nearest");
+        return APC_LAW_SUBOPTIMAL;
+    }
+    return APC_LAW_GOOD;
+}
+
+static int compute(struct apc_law_call *c)
+{
+    struct apc_law_mpc *p = c->self;
+    const double *move;
+    size_t age;
+
+    think(p, c, p->n_seen);
+    if (!p->is_tuned) {
+        snprintf(c->why, APC_LAW_WHY,
+                 "weights leave a combination of moves free: give each output a move weight");
+        return APC_LAW_INFEASIBLE;
+    }
+    age = (size_t)*age_of(p, p->x);
+    if (age == 0) {
+        snprintf(c->why, APC_LAW_WHY, "no plan yet");
+        return APC_LAW_INFEASIBLE;
+    }
+    move = apc_mpc_move(p->mpc, plan_of(p, p->x), age - 1);
+    for (size_t j = 0; j < p->dim.nu; j++) {
+        const double least = fmax(c->low[j], p->u_last[j] - p->step[j]),
+                     most = fmin(c->high[j], p->u_last[j] + p->step[j]);
+
+        c->u[j] = fmin(fmax(move[j], fmin(least, most)), fmax(least, most));
+        c->limited[j] |= (c->u[j] <= least ? (unsigned)APC_LIMITED_LOW : 0u) |
+                         (c->u[j] >= most ? (unsigned)APC_LIMITED_HIGH : 0u);
+    }
+    publish(p, c);
+    return verdict(p, c);
+}
+
+static void update(struct apc_law_call *c)
+{
+    struct apc_law_mpc *p = c->self;
+
+    think(p, c, p->n_seen - 2 * p->dim.nu);
+    memcpy(c->x, p->x, p->states * sizeof(*c->x));
+    memcpy(p->input, c->u, p->dim.nu * sizeof(*p->input));
+    (void)apc_estimator_predict(p->estimator, c->x, p->input);
+}
+
+/* ---- Beginning -------------------------------------------------------------------------------------- */
+
+/* An estimate that y and u have been what they are for long. */
+static void settle(struct apc_law_call *c, const double *u)
+{
+    struct apc_law_mpc *p = c->self;
+    const double *x0 = p->model->x0;
+
+    memset(c->x, 0, p->states * sizeof(*c->x));
+    memcpy(p->input, u, p->dim.nu * sizeof(*u));
+    for (size_t k = 0; k < p->dim.nd; k++)
+        p->input[p->dim.nu + k] = c->d[k];
+    apc_estimator_reset(p->estimator, c->x, x0);
+    for (int k = 0; k < SETTLE; k++) {
+        (void)apc_estimator_correct(p->estimator, c->x, c->y, NULL, p->input);
+        (void)apc_estimator_predict(p->estimator, c->x, p->input);
+    }
+    memcpy(p->x, c->x, p->model->nx * sizeof(*p->x));
+    apc_estimator_reset(p->estimator, c->x, p->x); /* its covariance as at first */
+}
+
+static void reset(struct apc_law_call *c)
+{
+    struct apc_law_mpc *p = c->self;
+
+    for (size_t j = 0; j < p->dim.nu; j++)
+        p->u_last[j] = last(p, c, j);
+    settle(c, p->u_last);
+}
+
+static void track(struct apc_law_call *c)
+{
+    if (c->gap)
+        settle(c, c->u);
+}
+
+static int ports(const struct apc_law_setup *setup, size_t output, struct apc_law_ports *to,
+                 struct apc_error *why)
+{
+    size_t number = output + 1;
+
+    if (output >= setup->dim.nz)
+        return 0;
+    to->nz = 1;
+    to->z[0] = (int)output;
+    if (apc_setting_index(setup, "measurement", setup->dim.nz, output, 1, setup->dim.ny, &number, why) < 0)
+        return APC_EINVAL;
+    to->ny = 1;
+    to->y[0] = (int)number - 1;
+    return 0;
+}
+
+static bool accepts(const struct apc_dim *dim)
+{
+    return dim->nz >= 1 && dim->nz <= dim->ny;
+}
+
+const struct apc_law apc_law_mpc = {
+    .abi = APC_LAW_ABI,
+    .version = 1,
+    .name = "mpc",
+    .description = "linear predictive control of all outputs together, with limits, ranges and ranks",
+    .whole = true,
+    .n_tuning = N_OF_U + N_OF_Y,
+    .tuning = tuning,
+    .scope = scope,
+    .accepts = accepts,
+    .reset = reset,
+    .compute = compute,
+    .update = update,
+    .track = track,
+    .settings = apc_mpc_settings,
+    .ports = ports,
+    .create = apc_mpc_make,
+    .destroy = apc_mpc_unmake,
+};

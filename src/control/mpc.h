@@ -1,0 +1,62 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The instance of law mpc: made by mpc_setup.c, run by mpc.c. */
+#ifndef APC_CONTROL_MPC_H
+#define APC_CONTROL_MPC_H
+
+#include "apcestimate.h"
+#include "control/control_internal.h"
+#include "predict/mpc.h"
+
+/* Tuning: of each output, then of each measurement. */
+enum { MOVE, WISH, REFERENCE, COST, N_OF_U };
+enum { WEIGHT, ZONE, SERVICE, N_OF_Y };
+
+struct apc_law_mpc_name {
+    char name[64], unit[64];
+};
+
+/*
+ * x is: the estimator's numbers; the plan, block after block; how many samples ago it was made, plus 1 (0:
+ * there is none); the working set. compute only looks at x; what it works out it keeps here, with all it was
+ * made from, so that update need not do it twice, and does it where a restart has lost it.
+ */
+struct apc_law_mpc {
+    struct apc_dim dim;
+    double Ts;
+    size_t N, blocks, iterations;
+    unsigned *block; /* [blocks] */
+    size_t *cv;      /* [nz] measurement that a setpoint is for, from 0 */
+    size_t n_ahead, n_unknown, n_estimate, n_rows, states;
+    double *span_y, *span_u;
+
+    struct apc_linear *model;
+    struct apc_estimator *estimator;
+    struct apc_mpc *mpc;
+    struct apc_published *published;
+    struct apc_law_mpc_name *name;
+
+    double *memory;
+    double *x;          /* [states] corrected by y, with the plan of this tick */
+    double *seen, *now; /* [n_seen] what x was made from */
+    size_t n_seen;
+    double *plan;                                             /* [nu * blocks] */
+    double *w, *d;                                            /* [(N + 1) * ny], [(N + 1) * nd] */
+    double *u_last, *wish, *cost, *low, *high, *step, *s, *r; /* [nu] */
+    double *q, *zone;                                         /* [ny] */
+    double *tuned;                                            /* weights that the problem has */
+    bool is_tuned, is_seen;
+    double *input;        /* [nu + nd] */
+    double *prediction;   /* [N * ny] */
+    bool *usable, *given; /* [ny], [nu] */
+    struct apc_mpc_result result;
+    const struct apc_law_call *call; /* while it computes: its deadline */
+};
+
+extern const char *const apc_mpc_settings[];
+int apc_mpc_make(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
+                 struct apc_error *why);
+void apc_mpc_unmake(void *self);
+/* True when the time of this call is up. */
+bool apc_mpc_late(void *mpc);
+
+#endif

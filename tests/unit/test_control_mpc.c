@@ -1,0 +1,526 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Law mpc on a linear plant that is not quite its model: disturbed, measured badly, limited, restarted. */
+#include "apclinear.h"
+#include "laws.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#define SEED 20260901u
+
+enum { NX = 4, NY = 2, NU = 2, STATES_MOST = 512, TUNING = 14, PUBLISHED_MOST = 512, AHEAD_MOST = 64 };
+enum { MOVE, WISH, REFERENCE, COST };
+enum { WEIGHT, ZONE, SERVICE };
+
+/* Two tanks over two others, about an operating point. */
+static const double A[NX * NX] = {-0.016, 0, 0.042, 0, 0, -0.011, 0, 0.033, 0, 0, -0.042, 0, 0, 0, 0, -0.033};
+static const double B[NX * NU] = {0.083, 0, 0, 0.063, 0, 0.048, 0.031, 0};
+static const double C[NY * NX] = {0.5, 0, 0, 0, 0, 0.5, 0, 0};
+static const double D[NY * NU], x0[NX] = {12.0, 13.0, 1.6, 1.4}, u_rest[NU] = {3.0, 3.0},
+                                at_rest[NY] = {6.0, 6.5};
+static const struct apc_law_plant tanks = {
+    .nx = NX, .A = A, .B = B, .C = C, .D = D, .x0 = x0, .u0 = u_rest, .y0 = at_rest};
+
+struct rig {
+    struct apc_law_setup setup;
+    struct apc_signal_view signal_y[NY], signal_u[NU];
+    struct apc_linear *plant;
+    double state[16], load[NU];
+    double y[NY], z[AHEAD_MOST * NY], u[NU], x[STATES_MOST], tuning[TUNING], u_last[NU], low[NU], high[NU],
+        rate[NU], y_low[NY], y_high[NY], published[PUBLISHED_MOST];
+    apc_status y_status[NY];
+    bool y_new[NY];
+    enum apc_law_output out[NU];
+    unsigned limited[NU];
+    char why[APC_LAW_WHY];
+    struct apc_instances *law;
+    struct apc_law_call c;
+    int result;
+};
+
+static struct apc_setting number(const char *name, const double *value, size_t n)
+{
+    return (struct apc_setting){.name = name, .rows = 1, .columns = n, .value = value};
+}
+
+static void measure(struct rig *r)
+{
+    const double u[NU] = {r->u_last[0] + r->load[0], r->u_last[1] + r->load[1]};
+
+    apc_linear_output(r->plant, r->state, u, r->y);
+}
+
+static void set_point(struct rig *r, double z1, double z2)
+{
+    for (size_t i = 0; i < AHEAD_MOST; i++) {
+        r->z[i * NY] = z1;
+        r->z[i * NY + 1] = z2;
+    }
+}
+
+/* The plant has 10 % more gain than the law believes. */
+static void make(struct rig *r, const struct apc_setting *setting, size_t n)
+{
+    double more[NX * NU];
+    const struct apc_linear_continuous plant = {.size = sizeof plant,
+                                                .nx = NX,
+                                                .nu = NU,
+                                                .ny = NY,
+                                                .A = A,
+                                                .B = more,
+                                                .C = C,
+                                                .x0 = x0,
+                                                .u0 = u_rest,
+                                                .y0 = at_rest};
+    struct apc_error why;
+
+    for (size_t i = 0; i < NX * NU; i++)
+        more[i] = 1.1 * B[i];
+    memset(r, 0, sizeof *r);
+    assert_int_equal(apc_linear_from_continuous(&r->plant, &plant, 1.0, &why), 0);
+    memcpy(r->state, x0, sizeof x0);
+    for (size_t j = 0; j < NU; j++) {
+        r->signal_u[j] = (struct apc_signal_view){
+            .name = j ? "v2" : "v1", .unit = "V", .low = 0.0, .high = 10.0, .rate = HUGE_VAL};
+        r->low[j] = 0.0;
+        r->high[j] = 10.0;
+        r->rate[j] = HUGE_VAL;
+        r->u[j] = r->u_last[j] = u_rest[j];
+        r->out[j] = APC_OUT_LAW;
+    }
+    for (size_t i = 0; i < NY; i++) {
+        r->signal_y[i] = (struct apc_signal_view){.name = i ? "y2" : "y1",
+                                                  .unit = "V",
+                                                  .low = 0.0,
+                                                  .high = 10.0,
+                                                  .soft_low = -HUGE_VAL,
+                                                  .soft_high = HUGE_VAL};
+        r->y_low[i] = -HUGE_VAL;
+        r->y_high[i] = HUGE_VAL;
+        r->y_new[i] = true;
+    }
+    r->setup = (struct apc_law_setup){.size = sizeof r->setup,
+                                      .dim = {.ny = NY, .nz = NY, .nu = NU},
+                                      .Ts = 1.0,
+                                      .y = r->signal_y,
+                                      .u = r->signal_u,
+                                      .n_setting = n,
+                                      .setting = setting,
+                                      .plant = &tanks};
+    set_point(r, at_rest[0], at_rest[1]);
+    measure(r);
+}
+
+static void begin(struct rig *r)
+{
+    struct apc_error why = {""};
+
+    if (laws_make(&r->law, &apc_law_mpc, &r->setup, &why) < 0)
+        fail_msg("%s", why.text);
+    const struct apc_instances_size size = apc_instances_size(r->law);
+    assert_in_range(size.states, 1, STATES_MOST);
+    assert_in_range(size.published, 1, PUBLISHED_MOST);
+    assert_in_range(size.n_ahead, 1, AHEAD_MOST);
+    assert_int_equal(size.tuning, TUNING);
+    for (size_t i = 0; i < TUNING; i++)
+        r->tuning[i] =
+            apc_law_mpc.tuning[apc_law_parameter_at(&apc_law_mpc, &r->setup.dim, i).number].initial;
+    r->c = (struct apc_law_call){.size = sizeof r->c,
+                                 .dim = r->setup.dim,
+                                 .Ts = 1.0,
+                                 .y = r->y,
+                                 .z = r->z,
+                                 .tuning = r->tuning,
+                                 .x = r->x,
+                                 .u = r->u,
+                                 .limited = r->limited,
+                                 .y_status = r->y_status,
+                                 .y_new = r->y_new,
+                                 .n_ahead = size.n_ahead,
+                                 .low = r->low,
+                                 .high = r->high,
+                                 .rate = r->rate,
+                                 .y_low = r->y_low,
+                                 .y_high = r->y_high,
+                                 .u_last = r->u_last,
+                                 .out = r->out,
+                                 .published = r->published,
+                                 .why = r->why,
+                                 .budget = 0.5};
+    apc_instances_reset(r->law, 0, &r->c);
+}
+
+static void make_default(struct rig *r)
+{
+    make(r, NULL, 0);
+    begin(r);
+}
+
+static void end(struct rig *r)
+{
+    apc_linear_destroy(r->plant);
+}
+
+/* What goes out acts for a period. */
+static void act(struct rig *r)
+{
+    double next[16];
+    const double u[NU] = {r->u[0] + r->load[0], r->u[1] + r->load[1]};
+
+    memset(r->limited, 0, sizeof r->limited);
+    apc_instances_update(r->law, 0, &r->c);
+    apc_linear_next(r->plant, r->state, u, next);
+    memcpy(r->state, next, r->plant->nx * sizeof *next);
+    memcpy(r->u_last, r->u, sizeof r->u);
+    measure(r);
+}
+
+static void tick(struct rig *r)
+{
+    r->result = apc_instances_compute(r->law, 0, &r->c);
+    for (size_t j = 0; j < NU; j++) {
+        if (r->out[j] != APC_OUT_LAW)
+            r->u[j] = r->u_last[j];
+        assert_true(r->u[j] >= r->low[j] && r->u[j] <= r->high[j]);
+        assert_true(fabs(r->u[j] - r->u_last[j]) <= r->rate[j] + 1e-9);
+    }
+    act(r);
+}
+
+static void run(struct rig *r, int ticks)
+{
+    for (int k = 0; k < ticks; k++) {
+        tick(r);
+        assert_int_equal(r->result, APC_LAW_GOOD);
+    }
+}
+
+static void it_rests_at_its_operating_point(void **state)
+{
+    struct rig r;
+    (void)state;
+
+    make_default(&r);
+    for (int k = 0; k < 30; k++) {
+        tick(&r);
+        assert_near(r.u[0], u_rest[0], 1e-6);
+        assert_near(r.u[1], u_rest[1], 1e-6);
+    }
+    end(&r);
+}
+
+static void no_offset_remains_in_spite_of_loads_and_a_wrong_gain(void **state)
+{
+    struct rig r;
+    (void)state;
+
+    make_default(&r);
+    set_point(&r, 7.0, 6.0);
+    r.load[0] = 0.3;
+    r.load[1] = -0.2;
+    run(&r, 600);
+    assert_near(r.y[0], 7.0, 1e-6);
+    assert_near(r.y[1], 6.0, 1e-6);
+    end(&r);
+}
+
+static void a_saturated_output_winds_nothing_up(void **state)
+{
+    struct rig r;
+    int k;
+    (void)state;
+
+    make_default(&r);
+    set_point(&r, 20.0, 6.5); /* far beyond what the pumps can do */
+    for (k = 0; k < 600; k++) {
+        tick(&r);
+        assert_int_equal(r.result, APC_LAW_SUBOPTIMAL);
+        assert_non_null(strstr(r.why, "nearest"));
+    }
+    const double before = r.u[0];
+    assert_true(before > 9.0);
+    set_point(&r, 7.0, 6.5);
+    tick(&r);
+    assert_true(r.u[0] < before - 1.0); /* at once, not when an integral has come down */
+    end(&r);
+}
+
+static void in_man_an_output_is_a_known_input_and_comes_back_without_a_bump(void **state)
+{
+    struct rig r;
+    (void)state;
+
+    make_default(&r);
+    set_point(&r, 6.8, 6.5);
+    run(&r, 300);
+    r.out[1] = APC_OUT_GIVEN;
+    for (int k = 0; k < 300; k++) {
+        r.u_last[1] = 3.2;
+        tick(&r);
+    }
+    assert_near(r.y[0], 6.8, 0.5);
+    r.out[1] = APC_OUT_LAW;
+    const double before = r.u_last[1], error = fabs(r.y[1] - 6.5);
+    tick(&r);
+    assert_true(fabs(r.u[1] - before) < 8.0 * error + 1e-9); /* its own move, for the error that there is */
+    run(&r, 600);
+    assert_near(r.y[0], 6.8, 1e-6);
+    assert_near(r.y[1], 6.5, 1e-6);
+    end(&r);
+}
+
+static void a_measurement_that_is_bad_for_a_while_is_estimated(void **state)
+{
+    struct rig r;
+    double most = 0.0;
+    (void)state;
+
+    make_default(&r);
+    set_point(&r, 7.0, 6.5);
+    run(&r, 200);
+    r.y_status[0] = APC_BAD_SENSOR_FAILURE;
+    for (int k = 0; k < 100; k++) {
+        const double kept = r.y[0];
+
+        r.y[0] = 123.0; /* whatever it shows */
+        tick(&r);
+        most = fmax(most, fabs(r.y[0] - 7.0));
+        (void)kept;
+    }
+    assert_true(most < 0.05);
+    r.y_status[0] = APC_GOOD;
+    run(&r, 300);
+    assert_near(r.y[0], 7.0, 1e-4);
+    end(&r);
+}
+
+static void a_limit_of_a_lower_loop_is_respected(void **state)
+{
+    struct rig r;
+    (void)state;
+
+    make_default(&r);
+    run(&r, 10);
+    set_point(&r, 7.0, 6.5);
+    const double held = r.u_last[0];
+    for (int k = 0; k < 20; k++) {
+        r.limited[0] = APC_LIMITED_HIGH;
+        r.result = apc_instances_compute(r.law, 0, &r.c);
+        assert_true(r.u[0] <= held + 1e-9);
+        act(&r);
+    }
+    run(&r, 3);
+    assert_true(r.u[0] > held + 0.1);
+    end(&r);
+}
+
+static void rates_hold_and_announced_steps_are_met_half_way(void **state)
+{
+    struct rig r;
+    double early, late;
+    (void)state;
+
+    make(&r, NULL, 0);
+    r.signal_u[0].rate = r.signal_u[1].rate = 0.2;
+    r.rate[0] = r.rate[1] = 0.2;
+    begin(&r);
+    for (size_t i = 5; i < AHEAD_MOST; i++)
+        r.z[i * NY] = 7.0;
+    for (int k = 0; k < 5; k++) {
+        tick(&r); /* tick() looks at the rate */
+        memmove(r.z, r.z + NY, (AHEAD_MOST - 1) * NY * sizeof *r.z);
+    }
+    early = r.y[0];
+    assert_true(early > 6.02);
+    end(&r);
+
+    const double none = 0.0;
+    const struct apc_setting setting = number("preview", &none, 1);
+    make(&r, &setting, 1);
+    begin(&r);
+    assert_int_equal(r.c.n_ahead, 1);
+    for (int k = 0; k < 5; k++)
+        tick(&r);
+    late = r.y[0];
+    assert_near(late, 6.0, 1e-6);
+    end(&r);
+}
+
+static void the_bits_do_not_depend_on_a_restart(void **state)
+{
+    const double steady = 0.0;
+    const struct apc_setting setting = number("steady", &steady, 1);
+    struct rig one, other;
+    struct apc_random noise;
+    struct apc_error why;
+    (void)state;
+
+    make(&one, &setting, 1);
+    begin(&one);
+    make(&other, &setting, 1);
+    begin(&other);
+    apc_random_init(&noise, SEED, "restart");
+    for (int k = 0; k < 120; k++) {
+        const double by = 0.01 * apc_random_normal(&noise);
+
+        if (k % 30 == 5) {
+            set_point(&one, 6.0 + 0.5 * (k % 4), 6.5);
+            set_point(&other, 6.0 + 0.5 * (k % 4), 6.5);
+        }
+        one.y[0] += by;
+        other.y[0] += by;
+        one.result = apc_instances_compute(one.law, 0, &one.c);
+        other.result = apc_instances_compute(other.law, 0, &other.c);
+        assert_int_equal(one.result, other.result);
+        assert_memory_equal(one.u, other.u, sizeof one.u);
+        assert_memory_equal(one.published, other.published, sizeof one.published);
+        if (k % 3 == 0) { /* after u went out and before x was updated: the successor does that */
+            apc_instances_destroy(laws_kept[1]);
+            laws_n_kept = 1;
+            assert_int_equal(laws_make(&other.law, &apc_law_mpc, &other.setup, &why), 0);
+        }
+        act(&one);
+        act(&other);
+        assert_memory_equal(one.x, other.x, sizeof one.x);
+    }
+    end(&one);
+    end(&other);
+}
+
+static void without_a_plan_in_time_the_former_one_goes_on(void **state)
+{
+    const double one = 1.0, move_by_move[] = {1, 1, 1, 1, 1, 1, 1, 13};
+    const struct apc_setting setting[] = {number("iterations", &one, 1), number("blocks", move_by_move, 8)};
+    struct rig r;
+    int late = 0;
+    (void)state;
+
+    make(&r, setting, 2);
+    begin(&r);
+    run(&r, 5);
+    r.high[0] = r.high[1] = 3.05; /* more limits become active than one iteration can find */
+    set_point(&r, 7.5, 7.5);
+    for (int k = 0; k < 10; k++) {
+        tick(&r); /* within limits all the same, which tick() looks at */
+        late += r.result == APC_LAW_LATE;
+        if (r.result == APC_LAW_LATE)
+            assert_non_null(strstr(r.why, "in time"));
+    }
+    assert_true(late > 0);
+    end(&r);
+}
+
+static void soft_limits_come_before_setpoints_and_zones_are_free(void **state)
+{
+    struct rig r;
+    (void)state;
+
+    make(&r, NULL, 0);
+    r.signal_y[0].soft_high = r.y_high[0] = 6.6;
+    begin(&r);
+    set_point(&r, 7.0, 6.5);
+    for (int k = 0; k < 400; k++) {
+        tick(&r);
+        assert_int_equal(r.result, APC_LAW_SUBOPTIMAL);
+    }
+    assert_near(r.y[0], 6.6, 1e-4);
+    end(&r);
+
+    make_default(&r);
+    r.tuning[NU * 4 + ZONE] = 1.0;
+    set_point(&r, 6.8, 6.5);
+    for (int k = 0; k < 20; k++) {
+        tick(&r);
+        assert_near(r.u[0], u_rest[0], 1e-6);
+    }
+    r.tuning[NU * 4 + ZONE] = 0.0; /* tuned while it runs */
+    run(&r, 300);
+    assert_near(r.y[0], 6.8, 1e-5);
+    r.tuning[NU * 4 + SERVICE] = 0.0;
+    set_point(&r, 9.0, 6.5);
+    run(&r, 50);
+    assert_near(r.y[0], 6.8, 0.05);
+    end(&r);
+}
+
+static void what_it_publishes_has_names_and_comes_true(void **state)
+{
+    struct rig r;
+    (void)state;
+
+    make(&r, NULL, 0);
+    begin(&r);
+    const struct apc_instance_part part = apc_instances_part(r.law, 0);
+    assert_string_equal(part.what[0].name, "y1.prediction");
+    assert_string_equal(part.what[0].unit, "V");
+    assert_int_equal(part.what[0].length, 20);
+    assert_near(part.what[0].step, 1.0, 0.0);
+    assert_string_equal(part.what[2].name, "v1.plan");
+    assert_string_equal(part.what[part.n_published - 1].name, "iterations");
+    set_point(&r, 6.5, 6.5);
+    run(&r, 400);
+    for (size_t k = 0; k < 20; k++) {
+        assert_near(r.published[k], 6.5, 1e-5);
+        assert_near(r.published[40 + k], r.u[0], 1e-5);
+    }
+    end(&r);
+}
+
+static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
+{
+    const double big = 3.0, half = 0.5, blocks[] = {10.0, 11.0}, ranks[] = {1.0, 3.0}, twice[] = {1.0, 1.0},
+                 nothing[] = {0.0, 0.0}, many[] = {1.0, 2.0, 1.0}, minus[] = {-1.0, 0.0};
+    const struct {
+        struct apc_setting setting;
+        const char *says;
+    } refused[] = {
+        {number("horizon", &half, 1), "horizon"},   {number("blocks", blocks, 2), "horizon"},
+        {number("rank", ranks, 2), "rank"},         {number("measurement", &big, 1), "measurement"},
+        {number("at_output", twice, 2), "tell"},    {number("at_input", many, 3), "as many as"},
+        {number("y_noise", nothing, 2), "above 0"}, {number("delay", minus, 2), "delay"},
+        {number("terminal", &big, 1), "terminal"},  {number("iterations", &half, 1), "iterations"},
+        {number("horizont", &big, 1), "horizont"},
+    };
+    struct apc_error why;
+    struct rig r;
+    (void)state;
+
+    for (size_t i = 0; i < sizeof refused / sizeof *refused; i++) {
+        make(&r, &refused[i].setting, 1);
+        assert_true(laws_make(&r.law, &apc_law_mpc, &r.setup, &why) < 0);
+        if (!strstr(why.text, refused[i].says))
+            fail_msg("number %zu: \"%s\" does not say \"%s\"", i, why.text, refused[i].says);
+        end(&r);
+    }
+    make(&r, NULL, 0);
+    r.setup.plant = NULL;
+    assert_int_equal(laws_make(&r.law, &apc_law_mpc, &r.setup, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "linear model"));
+    end(&r);
+    make_default(&r);
+    r.tuning[MOVE] = r.tuning[4 + MOVE] = r.tuning[8 + WEIGHT] = 0.0; /* nothing is asked of one of them */
+    tick(&r);
+    assert_int_equal(r.result, APC_LAW_INFEASIBLE);
+    assert_non_null(strstr(r.why, "move weight"));
+    end(&r);
+}
+
+int main(void)
+{
+#define TEST(name) cmocka_unit_test_teardown(name, laws_end)
+    const struct CMUnitTest tests[] = {
+        TEST(it_rests_at_its_operating_point),
+        TEST(no_offset_remains_in_spite_of_loads_and_a_wrong_gain),
+        TEST(a_saturated_output_winds_nothing_up),
+        TEST(in_man_an_output_is_a_known_input_and_comes_back_without_a_bump),
+        TEST(a_measurement_that_is_bad_for_a_while_is_estimated),
+        TEST(a_limit_of_a_lower_loop_is_respected),
+        TEST(rates_hold_and_announced_steps_are_met_half_way),
+        TEST(the_bits_do_not_depend_on_a_restart),
+        TEST(without_a_plan_in_time_the_former_one_goes_on),
+        TEST(soft_limits_come_before_setpoints_and_zones_are_free),
+        TEST(what_it_publishes_has_names_and_comes_true),
+        TEST(what_makes_no_sense_is_refused_with_a_sentence),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
