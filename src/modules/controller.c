@@ -354,7 +354,7 @@ static void fill_row(const struct apc_controller *c, const struct apc_sample *st
     s = take_values(row + at[APC_TICK_U], s, c->nu) + 1;
     for (size_t i = 0; i < c->nu; i++) {
         row[at[APC_TICK_TARGET] + i] = APC_MODE_OOS;
-        row[at[APC_TICK_MANUAL] + i] = row[at[APC_TICK_U] + i];
+        row[at[APC_TICK_MANUAL] + i] = row[at[APC_TICK_LAST] + i] = row[at[APC_TICK_U] + i];
         row[manual + i] = -1.0;
         unpack(c, i, s[i].value, row);
     }

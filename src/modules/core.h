@@ -128,11 +128,16 @@ enum apc_tick_field {
     APC_TICK_ASKED,      /* [nu] both */
     APC_TICK_U,          /* [nu] what goes out */
     APC_TICK_THERE,      /* [nu] 0: there is no u yet */
+    APC_TICK_LAST,       /* [nu] what went out before it; u where nothing did */
+    APC_TICK_BLOCKED,    /* [nu] enum apc_limited: how what takes it could not follow */
     APC_TICK_TARGET,     /* [nu] the wanted mode, the last one that was taken */
     APC_TICK_MANUAL,     /* [nu] where the operator wants it */
     APC_TICK_WANTED,     /* [nz + 2 nu] seqs of setpoints, targets, manual outputs that were looked at */
     APC_TICK_Y,          /* [ny] the last usable ones */
     APC_TICK_Y_SEQ,      /* [ny] */
+    APC_TICK_Y_STATUS,   /* [ny] what else the law was told of each at this tick */
+    APC_TICK_Y_AGE,      /* [ny] */
+    APC_TICK_Y_NEW,      /* [ny] */
     APC_TICK_D,          /* [nd] */
     APC_TICK_D_SEQ,      /* [nd] */
     APC_TICK_Z,          /* [nz] those in force */

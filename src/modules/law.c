@@ -187,6 +187,7 @@ void apc_core_retune(struct apc_core *c)
 static void settle_instance(struct apc_core *c, size_t k)
 {
     const struct apc_instance_part part = apc_instances_part(c->law, k);
+    double *const u = c->u;
     char why[APC_LAW_WHY];
     bool law = false, follows = true;
 
@@ -196,10 +197,12 @@ static void settle_instance(struct apc_core *c, size_t k)
         c->decides[i] = own ? APC_OUT_LAW : APC_OUT_GIVEN;
         law |= own;
     }
+    c->u = c->last; /* as it was when the law was asked */
     if (law)
         follows = compute(c, k, why) <= APC_LAW_LATE;
-    for (size_t i = part.u; law && i < part.u + part.nu; i++)
-        follows &= c->trial[i] >= c->u[i] && c->trial[i] <= c->u[i];
+    c->u = u;
+    for (size_t i = part.u; i < part.u + part.nu; i++)
+        follows &= c->decides[i] != APC_OUT_LAW || (c->trial[i] >= u[i] && c->trial[i] <= u[i]);
     if (!follows)
         track(c, k, c->u, c->given);
     apc_core_update_instance(c, k);
@@ -218,6 +221,10 @@ void apc_core_settle(struct apc_core *c, struct apc_now now)
 
         if (!follows && (l->loop.state == APC_LOOP_AUTO || l->loop.state == APC_LOOP_CAS))
             l->loop.state = APC_LOOP_INIT;
+        if (!follows) {
+            l->loop.linked = false;
+            l->loop.asked = 0;
+        }
         l->loop.held = l->since = now.mono - l->loop.held - (age > 0 ? age : 0);
     }
     for (size_t k = 0; k < c->size.instances; k++) {

@@ -26,11 +26,16 @@ static const char *const names[APC_TICK_FIELDS] = {
     [APC_TICK_ASKED] = "asked",
     [APC_TICK_U] = "u",
     [APC_TICK_THERE] = "u.there",
+    [APC_TICK_LAST] = "u.last",
+    [APC_TICK_BLOCKED] = "u.blocked",
     [APC_TICK_TARGET] = "target",
     [APC_TICK_MANUAL] = "manual",
     [APC_TICK_WANTED] = "wanted.seq",
     [APC_TICK_Y] = "y",
     [APC_TICK_Y_SEQ] = "y.seq",
+    [APC_TICK_Y_STATUS] = "y.status",
+    [APC_TICK_Y_AGE] = "y.age",
+    [APC_TICK_Y_NEW] = "y.new",
     [APC_TICK_D] = "d",
     [APC_TICK_D_SEQ] = "d.seq",
     [APC_TICK_Z] = "z",
@@ -67,11 +72,16 @@ static void lay_out_tick(struct apc_core *c)
         [APC_TICK_ASKED] = nu,
         [APC_TICK_U] = nu,
         [APC_TICK_THERE] = nu,
+        [APC_TICK_LAST] = nu,
+        [APC_TICK_BLOCKED] = nu,
         [APC_TICK_TARGET] = nu,
         [APC_TICK_MANUAL] = nu,
         [APC_TICK_WANTED] = nz + 2 * nu,
         [APC_TICK_Y] = ny,
         [APC_TICK_Y_SEQ] = ny,
+        [APC_TICK_Y_STATUS] = ny,
+        [APC_TICK_Y_AGE] = ny,
+        [APC_TICK_Y_NEW] = ny,
         [APC_TICK_D] = nd,
         [APC_TICK_D_SEQ] = nd,
         [APC_TICK_Z] = nz,
@@ -279,6 +289,8 @@ static void put_tick(struct apc_core *c, struct apc_now now)
         row[at[APC_TICK_LINKED] + i] = l->loop.linked;
         row[at[APC_TICK_ASKED] + i] = (double)l->loop.asked;
         row[at[APC_TICK_THERE] + i] = l->there;
+        row[at[APC_TICK_LAST] + i] = isnan(c->last[i]) ? c->u[i] : c->last[i];
+        row[at[APC_TICK_BLOCKED] + i] = c->blocked[i];
         row[at[APC_TICK_TARGET] + i] = l->target;
         row[at[APC_TICK_MANUAL] + i] = l->wanted;
     }
@@ -289,6 +301,11 @@ static void put_tick(struct apc_core *c, struct apc_now now)
     }
     put_values(row + at[APC_TICK_U], c->u, c->dim.nu);
     put_seqs(row + at[APC_TICK_WANTED], c->looked, apc_core_wanted(c, APC_TUNING));
+    for (size_t k = 0; k < c->dim.ny; k++) {
+        row[at[APC_TICK_Y_STATUS] + k] = c->y_status[k];
+        row[at[APC_TICK_Y_NEW] + k] = c->y_new[k];
+    }
+    put_values(row + at[APC_TICK_Y_AGE], c->y_age, c->dim.ny);
     put_values(row + at[APC_TICK_Y], c->y, c->dim.ny);
     put_seqs(row + at[APC_TICK_Y_SEQ], c->y_seq, c->dim.ny);
     put_values(row + at[APC_TICK_D], c->d, c->dim.nd);
@@ -339,7 +356,7 @@ static bool is_of_this_law(const struct apc_core *c, const struct apc_vector *v)
 static void take_seqs(int64_t *seq, const double *at, size_t n)
 {
     for (size_t i = 0; i < n; i++)
-        seq[i] = (int64_t)at[i];
+        seq[i] = at[i] >= -1.0 && at[i] <= (double)APC_SEQ_MAX ? (int64_t)at[i] : 0;
 }
 
 static void take_loop(struct apc_core *c, size_t i, const double *row)
@@ -351,12 +368,15 @@ static void take_loop(struct apc_core *c, size_t i, const double *row)
 
     l->there = row[at[APC_TICK_THERE] + i] > 0.0;
     c->u[i] = fmin(fmax(row[at[APC_TICK_U] + i], c->low[i]), c->high[i]);
+    c->last[i] = row[at[APC_TICK_LAST] + i];
+    c->blocked[i] =
+        (unsigned)fmin(fmax(row[at[APC_TICK_BLOCKED] + i], 0.0), APC_LIMITED_LOW | APC_LIMITED_HIGH);
     l->wanted = fmin(fmax(row[at[APC_TICK_MANUAL] + i], c->low[i]), c->high[i]);
     l->loop.state = state > 0.0 && state < APC_LOOP_END ? (enum apc_loop_state)(int)state : APC_LOOP_OOS;
     l->target = target >= APC_MODE_MAN && target <= APC_MODE_CAS ? (enum apc_mode)(int)target : APC_MODE_OOS;
     l->loop.poor = (unsigned)fmin(fmax(row[at[APC_TICK_POOR] + i], 0.0), 2.0 * c->shed_after);
     l->loop.linked = row[at[APC_TICK_LINKED] + i] > 0.0;
-    l->loop.asked = (int64_t)row[at[APC_TICK_ASKED] + i];
+    take_seqs(&l->loop.asked, row + at[APC_TICK_ASKED] + i, 1);
     l->loop.holding = apc_ns_from_s(held, &l->loop.held) == 0 && held >= 0.0;
     if (!l->loop.holding)
         l->loop.held = 0;
@@ -370,6 +390,13 @@ static void take_common(struct apc_core *c, const double *row)
     for (size_t i = 0; i < c->dim.nu; i++)
         take_loop(c, i, row);
     take_seqs(c->looked + manual, row + at[APC_TICK_WANTED] + manual, c->dim.nu);
+    for (size_t k = 0; k < c->dim.ny; k++) {
+        const double status = row[at[APC_TICK_Y_STATUS] + k];
+
+        c->y_status[k] = status >= 0.0 && status <= UINT32_MAX ? (apc_status)status : APC_BAD;
+        c->y_new[k] = row[at[APC_TICK_Y_NEW] + k] > 0.0;
+    }
+    put_values(c->y_age, row + at[APC_TICK_Y_AGE], c->dim.ny);
     put_values(c->y, row + at[APC_TICK_Y], c->dim.ny);
     take_seqs(c->y_seq, row + at[APC_TICK_Y_SEQ], c->dim.ny);
     take_seqs(c->d_seq, row + at[APC_TICK_D_SEQ], c->dim.nd);
