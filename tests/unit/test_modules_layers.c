@@ -25,6 +25,7 @@ enum fate { WRITTEN, LOST, UNANSWERED, LOST_UNANSWERED, FATES };
 
 struct station {
     struct apc_core *core;
+    struct apc_law law;
     apc_ns period;
     enum fate fate;
     bool pending;
@@ -62,6 +63,17 @@ struct plant {
     struct note notes[NOTES];
     size_t n_notes;
 };
+
+/* ---- A law with moods -------------------------------------------------------------------------- */
+
+static enum apc_law_result mood[2];
+
+static int compute(struct apc_law_call *c)
+{
+    const int result = apc_law_pi.compute(c);
+
+    return result == APC_LAW_GOOD ? (int)mood[c->Ts > 1.0 ? UPPER : LOWER] : result;
+}
 
 /* ---- The store ---------------------------------------------------------------------------- */
 
@@ -156,6 +168,7 @@ static void make(struct plant *p, enum who who)
     const bool upper = who == UPPER;
     const double tuning[] = {upper ? 0.6 : 0.8 * p->sign, upper ? 4.0 : 2.0, 0.0, -1e9, 1e9};
     const int y = (int)who + 1;
+    struct apc_law law = apc_law_pi;
     const struct apc_core_setpoint z = {
         .id = upper ? W : R, .low = -5, .high = 5, .above = upper ? 0 : UPPER + 1, .above_period = TOP};
     const struct apc_core_loop loop = {.id = y,
@@ -169,7 +182,7 @@ static void make(struct plant *p, enum who who)
                                        .below_period = BASE};
     const struct apc_core_options o = {.size = sizeof(o),
                                        .number = y,
-                                       .law = &apc_law_pi,
+                                       .law = &p->station[who].law,
                                        .dim = {1, 1, 1, 0},
                                        .period = upper ? TOP : BASE,
                                        .horizon = LOSS(BASE),
@@ -181,6 +194,8 @@ static void make(struct plant *p, enum who who)
     struct station *s = &p->station[who];
     struct apc_error why = {""};
 
+    law.compute = compute;
+    s->law = law;
     if (apc_core_create(&s->core, &o, &why) < 0)
         fail_msg("%s", why.text);
     s->period = o.period;
@@ -395,7 +410,7 @@ static void trouble(struct plant *p, struct apc_random *random)
     const enum who who = apc_random_next(random) % 2 ? UPPER : LOWER;
     struct station *s = &p->station[who];
 
-    switch (apc_random_next(random) % 12) {
+    switch (apc_random_next(random) % 14) {
     case 0:
         s->y = isnan(s->y) ? 0 : (double)NAN;
         break;
@@ -410,6 +425,12 @@ static void trouble(struct plant *p, struct apc_random *random)
     case 4:
         if (!s->core)
             make(p, who);
+        break;
+    case 12:
+        mood[who] = (enum apc_law_result)(apc_random_next(random) % 5);
+        break;
+    case 13:
+        mood[who] = APC_LAW_GOOD;
         break;
     case 5:
         s->fate = (enum fate)(apc_random_next(random) % FATES);
@@ -438,6 +459,7 @@ static void heal(struct plant *p)
     for (int who = LOWER; who <= UPPER; who++) {
         p->station[who].y = 0;
         p->station[who].fate = WRITTEN;
+        mood[who] = APC_LAW_GOOD;
         if (!p->station[who].core)
             make(p, (enum who)who);
     }
@@ -510,10 +532,120 @@ static void test_whatever_happens_two_controllers_agree_on_the_setpoint(void **s
     assert_true(entered > 100 && shed > 100 && taken > 100 && restarts > 100);
 }
 
+/* ---- Every order ---------------------------------------------------------------------------- */
+
+#define EACH 4 /* steps of a controller: it reads, appends, reads, appends */
+
+enum wish { PUT, AUTO, CAS, MAN, WISHES };
+
+static void wishes(struct plant *p, unsigned wish)
+{
+    static const enum apc_mode mode[] = {[AUTO] = APC_MODE_AUTO, [CAS] = APC_MODE_CAS, [MAN] = APC_MODE_MAN};
+
+    if (wish == PUT)
+        operator_put(p, p->station[LOWER].core->z[0] > 0 ? -0.25 : 0.25);
+    else
+        operator_mode(p, mode[wish]);
+}
+
+/* Steps @p left of lower, upper, operator, in every order; @p done are those already chosen. */
+static void in_every_order(struct plant *p, const unsigned left[3], char *done, size_t n, unsigned wish[2],
+                           uint64_t *orders)
+{
+    bool any = false;
+
+    for (unsigned who = 0; who < 3; who++) {
+        unsigned rest[3] = {left[0], left[1], left[2]};
+
+        if (!rest[who])
+            continue;
+        any = true;
+        rest[who]--;
+        done[n] = (char)who;
+        in_every_order(p, rest, done, n + 1, wish, orders);
+    }
+    if (any)
+        return;
+    for (size_t i = 0; i < n; i++) {
+        const enum who who = (enum who)done[i];
+        size_t nth = 0;
+
+        for (size_t k = 0; k < i; k++)
+            nth += done[k] == done[i];
+        p->now += BASE / SLOTS;
+        if (done[i] == 2)
+            wishes(p, wish[nth]);
+        else
+            (nth % 2 == 0 ? reads : appends)(p, who);
+    }
+    p->slot = 0;
+    run(p, 18);
+    must_be_owned(p);
+    must(p, wish[1] != PUT || target(p, LOWER) != APC_MODE_AUTO || newest(p, APC_SETPOINT, R).origin == 0,
+         "what the operator put last is in force");
+    operator_mode(p, APC_MODE_CAS);
+    p->slot = 0;
+    run(p, 14);
+    must(p, p->station[LOWER].core->state[0].loop.state == APC_LOOP_CAS, "back into Cas");
+    tell(p);
+    ++*orders;
+}
+
+static void test_in_every_order_two_controllers_leave_the_setpoint_to_its_owner(void **state)
+{
+    static const unsigned left[3] = {EACH, EACH, 2};
+    uint64_t orders = 0;
+
+    (void)state;
+    for (unsigned k = 0; k < WISHES * WISHES; k++) {
+        unsigned wish[2] = {k % WISHES, k / WISHES};
+        char done[2 * EACH + 2];
+        struct plant p;
+
+        if (wish[0] == CAS) /* it is that already */
+            continue;
+        begin(&p, 1, "mem:orders");
+        run(&p, 16);
+        in_every_order(&p, left, done, 0, wish, &orders);
+        end(&p);
+    }
+    print_message("%llu orders\n", (unsigned long long)orders);
+}
+
+/* ---- Windup --------------------------------------------------------------------------------- */
+
+static void test_above_a_loop_at_its_limit_the_setpoint_stays_in_reach(void **state)
+{
+    (void)state;
+    for (int sign = -1; sign <= 1; sign += 2)
+        for (int side = -1; side <= 1; side += 2) {
+            struct plant p;
+            double r;
+
+            begin(&p, sign, "mem:windup");
+            run(&p, 24);
+            write_row(&p, APC_SETPOINT, W, APC_SEQ_ANY, side * 1.5, APC_GOOD); /* the level ends at 1 */
+            run(&p, 80);
+            r = newest(&p, APC_SETPOINT, R).value;
+            run(&p, 1200); /* 600 s */
+            assert_near(newest(&p, APC_ACTUATOR, 1).value, sign * side, 0.0);
+            assert_true(fabs(newest(&p, APC_SETPOINT, R).value) <= fabs(r) + 0.1);
+            assert_int_equal(apc_loop_limited(actual_of(&p, APC_SETPOINT, R).status),
+                             side > 0 ? APC_LIMITED_HIGH : APC_LIMITED_LOW);
+            write_row(&p, APC_SETPOINT, W, APC_SEQ_ANY, 0.0, APC_GOOD);
+            run(&p, 32); /* it comes back at once */
+            assert_true(fabs(newest(&p, APC_ACTUATOR, 1).value) < 0.99);
+            tell(&p);
+            end(&p);
+        }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_whatever_happens_two_controllers_agree_on_the_setpoint),
+        cmocka_unit_test(test_in_every_order_two_controllers_leave_the_setpoint_to_its_owner),
+        cmocka_unit_test(test_above_a_loop_at_its_limit_the_setpoint_stays_in_reach),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
