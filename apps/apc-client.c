@@ -318,7 +318,10 @@ static int allocate(struct shell *s)
 static int open_plant(struct shell *s, const struct own_options *own)
 {
     const struct experiment *e = &s->d->experiment;
-    const struct apc_exchange_options options = {.size = sizeof options, .nu = e->dim.nu, .ny = e->dim.ny};
+    const struct apc_exchange_options options = {.size = sizeof options,
+                                                 .nu = e->dim.nu,
+                                                 .ny = e->dim.ny,
+                                                 .modbus = e->client.modbus.size ? &e->client.modbus : NULL};
     struct apc_error why;
     int rc = apc_exchange_open(&s->plant, own->link ? own->link : e->client.link, &options, &why);
     return rc < 0 ? daemon_error(s->d, rc, "%s", why.text) : 0;
@@ -346,6 +349,14 @@ static int open_shell(struct shell *s, const struct own_options *own)
         daemon_error(s->d, rc, "%s", why.text);
     free(last);
     return rc;
+}
+
+/* Of a plant that nobody else commands: whoever was refused the measurements never comes here. */
+static void leave_safe(struct shell *s)
+{
+    if (apc_exchange_safe(s->plant, apc_clock_mono(NULL) + s->patience) < 0)
+        daemon_event(s->d, APC_EVENT_ALARM, "link", "the plant could not be given its safe values: %.150s",
+                     apc_exchange_error(s->plant));
 }
 
 static void close_shell(struct shell *s)
@@ -379,8 +390,8 @@ int main(int argc, char **argv)
         rc = daemon_open(&d, &program, &own, argc, argv);
     if (rc == 0)
         rc = open_shell(&s, &own);
-    if (rc == 0)
-        rc = daemon_run(&d, d.experiment.client.rhythm, on_tick, &s);
+    if (rc == 0 && (rc = daemon_run(&d, d.experiment.client.rhythm, on_tick, &s)) == 0)
+        leave_safe(&s);
     close_shell(&s);
     return daemon_close(&d, rc);
 }

@@ -2,9 +2,8 @@
 /**
  * @file apcexchange.h
  * A plant, as its client sees it: whatever takes a vector u and gives a vector y, each value with a status
- * and a source time. A scheme says how: frames over a link (`tcp:`), or over a modelled network in virtual
- * time
- * (`inproc:`).
+ * and a source time. A scheme says how: frames over a link (`tcp:`); registers of a Modbus server
+ * (`modbus:`); frames over a modelled network in virtual time (`inproc:`).
  *
  *     begin(u) ... finish(y)
  *
@@ -39,18 +38,55 @@ struct apc_inproc_options {
     void *done_ctx;
 };
 
+enum apc_modbus_area { APC_MODBUS_COIL = 1, APC_MODBUS_DISCRETE, APC_MODBUS_INPUT, APC_MODBUS_HOLDING };
+enum apc_modbus_type {
+    APC_MODBUS_BIT = 1, /**< of a coil or a discrete input, and of nothing else: 0 or 1 */
+    APC_MODBUS_U16,
+    APC_MODBUS_S16,
+    APC_MODBUS_U32,
+    APC_MODBUS_S32,
+    APC_MODBUS_F32,
+    APC_MODBUS_F64
+};
+
+/** Where in the plant's memory a value is, and how it is written there: value = scale * raw + offset. */
+struct apc_modbus_point {
+    enum apc_modbus_area area;
+    enum apc_modbus_type type; /**< types of 32 and 64 bits take 2 and 4 registers */
+    unsigned address;          /**< as on the wire: the first is 0 */
+    bool low_word_first;       /**< of those that take several; else the high one */
+    double scale, offset;      /**< scale 0: 1 */
+    double safe;               /**< of u: what apc_exchange_safe() writes */
+};
+
+/** Of `modbus:`: which registers and coils u and y are. */
+struct apc_modbus_options {
+    size_t size;
+    unsigned unit;                    /**< 0 to 255, in each request */
+    const struct apc_modbus_point *u; /**< required: [nu], of holding registers and coils; copied */
+    const struct apc_modbus_point *y; /**< required: [ny]; copied */
+    /** For a plant that watches its client: a holding register that counts the exchanges in which all of u
+     * was written, 0 to 65535 and round again; NULL: none. Copied. */
+    const struct apc_modbus_point *watchdog;
+    /** That the plant itself is alive: what changes there as long as it is. Once it has stood still for
+     * life_limit each of y is Bad. NULL: nothing does. Copied. */
+    const struct apc_modbus_point *life;
+    apc_ns life_limit; /**< required with life */
+};
+
 struct apc_exchange_options {
     size_t size;
     size_t nu, ny;                           /**< required: 1 to APC_EXCHANGE_VALUES */
     const struct apc_inproc_options *inproc; /**< of inproc:, which requires it */
+    const struct apc_modbus_options *modbus; /**< of modbus:, which requires it */
 };
 
 struct apc_exchange;
 
 /**
- * Open what @p uri names: `tcp:HOST:PORT`, as apc_link_create() has it, or `inproc:`. Connects to nothing
- * yet: the first exchange does. [setup] Returns 0, APC_EINVAL (unknown scheme, malformed address, an option
- * that makes no sense), APC_ENOMEM, APC_ESYS.
+ * Open what @p uri names: `tcp:HOST:PORT`, as apc_link_create() has it, `modbus:HOST:PORT`, or `inproc:`.
+ * Connects to nothing yet: the first exchange does. [setup] Returns 0, APC_EINVAL (unknown scheme, malformed
+ * address, an option that makes no sense), APC_ENOMEM, APC_ESYS.
  */
 APC_API int apc_exchange_open(struct apc_exchange **exchange, const char *uri,
                               const struct apc_exchange_options *options, struct apc_error *why);

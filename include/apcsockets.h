@@ -95,7 +95,10 @@ APC_API int apc_frame_decode(const char *text, size_t length, struct apc_frame *
 /** Zero means default. */
 struct apc_link_options {
     size_t size;
-    size_t frame_max;   /**< largest reply; default 64 KiB */
+    size_t frame_max; /**< largest reply; default 64 KiB */
+    /** How long the reply is that begins with these @p n bytes, 1 or more: its length; 0: they do not tell
+     * yet; negative: they are no reply. NULL: it ends with its first newline. */
+    int (*whole)(const char *bytes, size_t n);
     apc_ns backoff_min; /**< first pause after a failed connect; default 100 ms */
     apc_ns backoff_max; /**< longest pause; default 5 s. Pauses double and are jittered */
     uint64_t seed;      /**< of the jitter; default: from the clock */

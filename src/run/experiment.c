@@ -148,11 +148,13 @@ static void read_address(struct settings *s, const config_setting_t *group, cons
     const char *colon = strrchr(value, ':');
     size_t digits = colon ? strspn(colon + 1, "0123456789") : 0;
     long port = digits > 0 && digits < 6 && !colon[1 + digits] ? strtol(colon + 1, NULL, 10) : -1;
-    if (!s->failed && (strncmp(value, "tcp:", 4) != 0 || value[4] == '/' || colon < value + 5 ||
+    const bool modbus = least > 0 && !strncmp(value, "modbus:", 7);
+    const char *host = value + (modbus ? 7 : 4);
+    if (!s->failed && ((!modbus && strncmp(value, "tcp:", 4) != 0) || *host == '/' || colon <= host ||
                        port < least || port > 65535))
         settings_fail(s, config_setting_get_member(group, name),
-                      "\"%s\" is \"%s\": must be tcp:HOST:PORT, such as \"tcp:127.0.0.1:%d\"", name, value,
-                      APC_PORT);
+                      "\"%s\" is \"%s\": must be tcp:HOST:PORT, such as \"tcp:127.0.0.1:%d\"%s", name, value,
+                      APC_PORT, least > 0 ? ", or modbus:HOST:PORT" : "");
 }
 
 /* Names of a group of parameters are those of the law or the model; absent ones keep their initial value. */
@@ -268,6 +270,8 @@ static void read_plant(struct settings *s, const config_setting_t *root, struct 
         read_rhythm(s, group, "plant", 0, &e->plant.rhythm, &e->models.recordings);
     settings_text(s, group, "model", external ? OPTIONAL : REQUIRED, e->plant.name, sizeof e->plant.name);
     read_address(s, group, "listen", 0, e->plant.listen, sizeof e->plant.listen);
+    if (!external && e->client.modbus.size)
+        settings_fail(s, group, "the client's link is modbus:, so the plant is external = true");
     if (external && config_setting_get_member(group, "listen"))
         settings_fail(s, config_setting_get_member(group, "listen"),
                       "\"listen\" of an external plant: where it is, is said by \"link\" of the client");
@@ -279,13 +283,14 @@ static void read_plant(struct settings *s, const config_setting_t *root, struct 
 
 static void read_client(struct settings *s, const config_setting_t *root, struct experiment *e)
 {
-    static const char *const known[] = {"link", RHYTHM, NULL};
+    static const char *const known[] = {"link", "modbus", RHYTHM, NULL};
     const config_setting_t *group = settings_group(s, root, "client", REQUIRED);
     if (!group)
         return;
     settings_known(s, group, known);
     read_rhythm(s, group, "client", client_phase_s, &e->client.rhythm, &e->models.recordings);
     read_address(s, group, "link", 1, e->client.link, sizeof e->client.link);
+    experiment_read_modbus(s, group, e);
 }
 
 /* One group for each output; what is of the law stands in the first, what is of a measurement begins as the
@@ -595,6 +600,7 @@ void experiment_free(struct experiment *e)
     free(e->y);
     free(e->z);
     free(e->u);
+    free(e->client.points);
     free(e->plant.p);
     free(e->plant.x0);
     free(e->plant.noise);

@@ -20,6 +20,9 @@ void experiment_read_dynamics(struct settings *s, const config_setting_t *group,
 /* noise, quantum and faults of the measurements. */
 void experiment_read_sensors(struct settings *s, const config_setting_t *list, struct experiment *e);
 
+/* `modbus` of the client, where its link is one; after the signals. */
+void experiment_read_modbus(struct settings *s, const config_setting_t *client, struct experiment *e);
+
 /* Does the law want the plant's linear model, and so the model itself? */
 bool experiment_wants_model(const config_setting_t *controller);
 /* Read groups `settings`, `operating_point` and `limits` of the controller, linearise, and let the law

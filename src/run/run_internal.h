@@ -7,6 +7,7 @@
 #ifndef APC_RUN_INTERNAL_H
 #define APC_RUN_INTERNAL_H
 
+#include <apcexchange.h>
 #include <apcmodules.h>
 #include <apcplant.h>
 #include <apcsockets.h>
@@ -122,6 +123,8 @@ struct experiment {
     struct {
         struct rhythm rhythm;
         char link[128];
+        struct apc_modbus_options modbus; /* size 0: it is no such link */
+        struct apc_modbus_point *points;  /* of modbus */
     } client;
     struct {
         struct rhythm rhythm;

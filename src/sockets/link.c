@@ -148,20 +148,33 @@ static int connect_link(struct apc_link *l, apc_ns deadline)
     return 0;
 }
 
+/* How long the reply is that begins with what is there; of @have bytes the last @n are new. */
+static int reply_length(const struct apc_link *l, size_t have, size_t n)
+{
+    const char *newline;
+
+    if (l->options.whole)
+        return l->options.whole(l->reply, have);
+    newline = memchr(l->reply + have - n, '\n', n);
+    return newline ? (int)(newline + 1 - l->reply) : 0;
+}
+
 static int receive_reply(struct apc_link *l, apc_ns deadline, struct apc_error *why)
 {
     size_t have = 0;
 
     while (have < l->options.frame_max) {
-        const char *newline;
-        int n = l->transport->receive(l->self, l->reply + have, l->options.frame_max - have, deadline, why);
+        int length,
+            n = l->transport->receive(l->self, l->reply + have, l->options.frame_max - have, deadline, why);
         if (n < 0)
             return n;
-        newline = memchr(l->reply + have, '\n', (size_t)n);
         have += (size_t)n;
-        if (newline && newline + 1 == l->reply + have)
-            return (int)have;
-        if (newline)
+        length = reply_length(l, have, (size_t)n);
+        if (length == (int)have)
+            return length;
+        if (length < 0)
+            return apc_fail(why, APC_EPROTO, "what the peer sent is no reply");
+        if (length > 0 && (size_t)length < have)
             return apc_fail(why, APC_EPROTO, "the peer sent more than one reply");
     }
     return apc_fail(why, APC_EPROTO, "the reply is longer than %zu bytes", l->options.frame_max);

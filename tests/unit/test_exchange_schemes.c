@@ -6,6 +6,7 @@
 #include "check.h"
 
 #include "apcexchange.h"
+#include "modbus_peer.h"
 
 #include <pthread.h>
 #include <semaphore.h>
@@ -23,6 +24,7 @@ struct plant {
     const struct scheme *scheme;
     struct apc_exchange *x;
     size_t nu, ny;
+    bool begun; /* the last exchange: there is an end to it */
 
     pthread_mutex_t mutex; /* of what follows: it may have a thread of its own */
     enum behaviour behaviour;
@@ -33,6 +35,7 @@ struct plant {
     struct apc_server *server; /* tcp: */
     sem_t released;
     struct apc_executive *executive; /* inproc: */
+    struct modbus_peer *peer;        /* modbus: */
 };
 
 struct scheme {
@@ -40,16 +43,28 @@ struct scheme {
     void (*open)(struct plant *p);
     int (*exchange)(struct plant *p, const struct apc_value *u, apc_ns patience, struct apc_value *y);
     void (*close)(struct plant *p);
+    void (*look)(struct plant *p); /* at u and the counts, where the plant has them in a way of its own */
+    bool bare;                     /* it knows values only: no status, no time, and takes them one by one */
 };
 
-static void open_exchange(struct plant *p, const char *uri, const struct apc_inproc_options *inproc)
+static void open_exchange(struct plant *p, const char *uri, const struct apc_inproc_options *inproc,
+                          const struct apc_modbus_options *modbus)
 {
     const struct apc_exchange_options options = {
-        .size = sizeof(options), .nu = p->nu, .ny = p->ny, .inproc = inproc};
+        .size = sizeof(options), .nu = p->nu, .ny = p->ny, .inproc = inproc, .modbus = modbus};
     struct apc_error why;
 
     if (apc_exchange_open(&p->x, uri, &options, &why) < 0)
         fail_msg("%s", why.text);
+}
+
+/* Of a scheme that waits by itself. */
+static int waiting_exchange(struct plant *p, const struct apc_value *u, apc_ns patience, struct apc_value *y)
+{
+    int rc = apc_exchange_begin(p->x, u, apc_clock_mono(NULL) + patience);
+
+    p->begun = rc == 0;
+    return rc < 0 ? rc : apc_exchange_finish(p->x, y);
 }
 
 /* ---- A plant behind frames ------------------------------------------------------------------ */
@@ -103,14 +118,7 @@ static void tcp_open(struct plant *p)
 
     assert_int_equal(apc_server_create(&p->server, "tcp:127.0.0.1:0", &options, serve, p, NULL), 0);
     snprintf(uri, sizeof(uri), "tcp:127.0.0.1:%d", apc_server_port(p->server));
-    open_exchange(p, uri, NULL);
-}
-
-static int tcp_exchange(struct plant *p, const struct apc_value *u, apc_ns patience, struct apc_value *y)
-{
-    int rc = apc_exchange_begin(p->x, u, apc_clock_mono(NULL) + patience);
-
-    return rc < 0 ? rc : apc_exchange_finish(p->x, y);
+    open_exchange(p, uri, NULL, NULL);
 }
 
 static void tcp_close(struct plant *p)
@@ -127,7 +135,7 @@ static void inproc_open(struct plant *p)
 
     assert_int_equal(apc_executive_create(&p->executive, "virtual", NULL, NULL), 0);
     options.executive = p->executive;
-    open_exchange(p, "inproc:", &options);
+    open_exchange(p, "inproc:", &options, NULL);
 }
 
 static int inproc_exchange(struct plant *p, const struct apc_value *u, apc_ns patience, struct apc_value *y)
@@ -135,6 +143,7 @@ static int inproc_exchange(struct plant *p, const struct apc_value *u, apc_ns pa
     const apc_ns deadline = apc_clock_mono(apc_executive_clock(p->executive)) + patience;
     int rc = apc_exchange_begin(p->x, u, deadline);
 
+    p->begun = rc == 0;
     if (rc < 0)
         return rc;
     assert_int_equal(apc_exchange_finish(p->x, y), APC_EBUSY);
@@ -147,10 +156,85 @@ static void inproc_close(struct plant *p)
     apc_executive_destroy(p->executive);
 }
 
-static struct scheme schemes[] = {{"tcp:", tcp_open, tcp_exchange, tcp_close},
-                                  {"inproc:", inproc_open, inproc_exchange, inproc_close}};
+/* ---- A plant of registers: u and y as doubles, one next to the other ------------------------ */
+
+static void modbus_open(struct plant *p)
+{
+    struct apc_modbus_options options = {.size = sizeof(options), .unit = 7};
+    struct apc_modbus_point *u = calloc(p->nu, sizeof(*u)), *y = calloc(p->ny, sizeof(*y));
+    char uri[64];
+
+    for (size_t i = 0; i < p->nu; i++)
+        u[i] = (struct apc_modbus_point){.area = APC_MODBUS_HOLDING,
+                                         .type = APC_MODBUS_F64,
+                                         .address = 4 * (unsigned)i,
+                                         .safe = -1.0 - (double)i};
+    for (size_t i = 0; i < p->ny; i++)
+        y[i] = (struct apc_modbus_point){
+            .area = APC_MODBUS_INPUT, .type = APC_MODBUS_F64, .address = 4 * (unsigned)i};
+    options.u = u;
+    options.y = y;
+    p->peer = calloc(1, sizeof(*p->peer));
+    assert_non_null(p->peer);
+    modbus_peer_start(p->peer);
+    snprintf(uri, sizeof(uri), "modbus:127.0.0.1:%d", p->peer->port);
+    open_exchange(p, uri, NULL, &options);
+    free(u);
+    free(y);
+}
+
+static void modbus_close(struct plant *p)
+{
+    modbus_peer_stop(p->peer);
+    free(p->peer);
+}
+
+static double of_registers(const uint16_t *r)
+{
+    const uint64_t bits = (uint64_t)r[0] << 48 | (uint64_t)r[1] << 32 | (uint64_t)r[2] << 16 | r[3];
+    double value;
+
+    memcpy(&value, &bits, sizeof(value));
+    return value;
+}
+
+/* What it is told and shows goes there, what it has been given comes from there. */
+static void modbus_look(struct plant *p)
+{
+    static const enum modbus_behaviour as[] = {
+        [PROPER] = MODBUS_PROPER, [GARBAGE] = MODBUS_GARBAGE,   [FEW] = MODBUS_FEW,
+        [MANY] = MODBUS_MANY,     [ANOTHERS] = MODBUS_ANOTHERS, [NOT_VALUES] = MODBUS_OTHER,
+        [CLOSES] = MODBUS_CLOSES, [LATE] = MODBUS_LATE};
+
+    pthread_mutex_lock(&p->peer->mutex);
+    p->peer->behaviour = as[p->behaviour];
+    p->asked = p->peer->reads;
+    p->commanded = p->peer->writes;
+    for (size_t i = 0; i < p->nu; i++)
+        p->u[i].value = of_registers(&p->peer->holding[4 * i]);
+    for (size_t i = 0; i < p->ny; i++) {
+        uint64_t bits;
+
+        memcpy(&bits, &p->y[i].value, sizeof(bits));
+        for (size_t k = 0; k < 4; k++)
+            p->peer->input[4 * i + k] = (uint16_t)(bits >> (48 - 16 * k));
+    }
+    pthread_mutex_unlock(&p->peer->mutex);
+}
+
+static struct scheme schemes[] = {
+    {"tcp:", tcp_open, waiting_exchange, tcp_close, NULL, false},
+    {"inproc:", inproc_open, inproc_exchange, inproc_close, NULL, false},
+    {"modbus:", modbus_open, waiting_exchange, modbus_close, modbus_look, true}};
 
 /* ---- What both sides do --------------------------------------------------------------------- */
+
+/* The plant's side and this one, of what is the same to both. */
+static void look(struct plant *p)
+{
+    if (p->scheme->look)
+        p->scheme->look(p);
+}
 
 static struct plant *make(const struct scheme *scheme, size_t nu, size_t ny)
 {
@@ -168,12 +252,14 @@ static struct plant *make(const struct scheme *scheme, size_t nu, size_t ny)
     pthread_mutex_init(&p->mutex, NULL);
     sem_init(&p->released, 0, 0);
     scheme->open(p);
+    look(p);
     return p;
 }
 
 static void unmake(struct plant *p)
 {
     apc_exchange_close(p->x);
+    sem_post(&p->released);
     p->scheme->close(p);
     sem_destroy(&p->released);
     pthread_mutex_destroy(&p->mutex);
@@ -187,6 +273,7 @@ static void unmake(struct plant *p)
 static struct apc_value given(struct plant *p, size_t i)
 {
     pthread_mutex_lock(&p->mutex);
+    look(p);
     const struct apc_value value = p->u[i];
     pthread_mutex_unlock(&p->mutex);
     return value;
@@ -195,7 +282,17 @@ static struct apc_value given(struct plant *p, size_t i)
 static unsigned commanded(struct plant *p)
 {
     pthread_mutex_lock(&p->mutex);
+    look(p);
     const unsigned n = p->commanded;
+    pthread_mutex_unlock(&p->mutex);
+    return n;
+}
+
+static unsigned asked(struct plant *p)
+{
+    pthread_mutex_lock(&p->mutex);
+    look(p);
+    const unsigned n = p->asked;
     pthread_mutex_unlock(&p->mutex);
     return n;
 }
@@ -204,6 +301,7 @@ static void behave(struct plant *p, enum behaviour behaviour)
 {
     pthread_mutex_lock(&p->mutex);
     p->behaviour = behaviour;
+    look(p);
     pthread_mutex_unlock(&p->mutex);
 }
 
@@ -211,6 +309,7 @@ static void show(struct plant *p, double value)
 {
     pthread_mutex_lock(&p->mutex);
     p->y[0].value = value;
+    look(p);
     pthread_mutex_unlock(&p->mutex);
 }
 
@@ -218,7 +317,7 @@ static void show(struct plant *p, double value)
 static void assert_nothing_came(struct plant *p, int rc, int expected, const struct apc_value *y)
 {
     assert_int_equal(rc, expected);
-    for (size_t i = 0; i < p->ny; i++)
+    for (size_t i = 0; i < p->ny && p->begun; i++)
         assert_int_equal(y[i].status, APC_BAD_NO_COMMUNICATION);
     assert_true(strlen(apc_exchange_error(p->x)) > 0);
 }
@@ -246,15 +345,22 @@ static void what_is_given_arrives_and_what_is_there_is_answered(void **state)
     p->y[0] = (struct apc_value){1.0 / 3.0, APC_GOOD, T0 + 3000};
     p->y[1] = (struct apc_value){-1e-300, APC_UNCERTAIN_LAST_USABLE, T0 - 3600 * APC_NS_PER_S};
     p->y[2] = (struct apc_value){7.0, APC_BAD_SENSOR_FAILURE, T0};
+    look(p);
     assert_int_equal(p->scheme->exchange(p, u, PATIENCE, y), 0);
     assert_string_equal(apc_exchange_error(p->x), "");
-    for (size_t i = 0; i < 2; i++) {
+    for (size_t i = 0; i < 2; i++)
         assert_near(given(p, i).value, u[i].value, 0.0);
+    for (size_t i = 0; i < 3; i++)
+        assert_near(y[i].value, p->y[i].value, 0.0);
+    for (size_t i = 0; i < 3 && p->scheme->bare; i++) {
+        assert_int_equal(y[i].status, APC_GOOD);
+        assert_true(apc_clock_utc(NULL) - y[i].time < PATIENCE); /* when it came */
+    }
+    for (size_t i = 0; i < 2 && !p->scheme->bare; i++) {
         assert_int_equal(given(p, i).status, u[i].status);
         assert_int_equal(given(p, i).time, u[i].time);
     }
-    for (size_t i = 0; i < 3; i++) {
-        assert_near(y[i].value, p->y[i].value, 0.0);
+    for (size_t i = 0; i < 3 && !p->scheme->bare; i++) {
         assert_int_equal(y[i].status, p->y[i].status);
         assert_int_equal(y[i].time, p->y[i].time);
     }
@@ -286,7 +392,16 @@ static void what_is_bad_or_not_finite_is_not_written(void **state)
         u[i % 2] = bad[i / 2];
         assert_int_equal(p->scheme->exchange(p, u, PATIENCE, y), 0); /* y comes all the same */
         assert_near(y[0].value, 1.0 / 3.0, 0.0);
-        assert_int_equal(commanded(p), 0); /* behind frames a vector goes whole or not at all */
+        assert_near(given(p, i % 2).value, 0.0, 0.0);
+        if (p->scheme->bare)
+            assert_near(given(p, 1 - i % 2).value, 2.0 + (double)(1 - i % 2), 0.0); /* the other is */
+        else
+            assert_int_equal(commanded(p), 0); /* behind frames a vector goes whole or not at all */
+        if (p->peer) {
+            pthread_mutex_lock(&p->peer->mutex);
+            memset(p->peer->holding, 0, sizeof(p->peer->holding));
+            pthread_mutex_unlock(&p->peer->mutex);
+        }
     }
 }
 
@@ -302,7 +417,7 @@ static void a_reply_that_is_late_is_none_and_never_the_next_ones(void **state)
     assert_nothing_came(p, p->scheme->exchange(p, u, SHORT, y), APC_ETIMEDOUT, y);
     behave(p, PROPER);
     show(p, 6.0);
-    sem_post(&p->released); /* now it comes */
+    sem_post(p->peer ? &p->peer->released : &p->released); /* now it comes */
     assert_int_equal(p->scheme->exchange(p, NULL, PATIENCE, y), 0);
     assert_near(y[0].value, 6.0, 0.0);
     assert_string_equal(apc_exchange_error(p->x), "");
@@ -357,7 +472,7 @@ static void there_is_one_exchange_at_a_time(void **state)
     assert_int_equal(apc_exchange_finish(p->x, y), 0);
     assert_int_equal(apc_exchange_finish(p->x, y), APC_EINVAL);
     assert_int_equal(p->scheme->exchange(p, NULL, PATIENCE, y), 0);
-    assert_int_equal(p->asked, 2);
+    assert_int_equal(asked(p), 2);
 }
 
 static void as_many_values_go_as_may_be(void **state)
@@ -370,13 +485,16 @@ static void as_many_values_go_as_may_be(void **state)
                                   T0 + 1000 * (apc_ns)i};
         p->y[i] = u[i];
     }
+    look(p);
     for (int k = 0; k < 2; k++) {
         assert_int_equal(p->scheme->exchange(p, u, PATIENCE, y), 0);
+        look(p); /* nothing is under way */
         for (size_t i = 0; i < APC_EXCHANGE_VALUES; i++) {
-            const struct apc_value at_plant = given(p, i);
-
-            assert_true(at_plant.value == u[i].value && y[i].value == u[i].value); /* bit for bit */
-            assert_int_equal(at_plant.time, u[i].time);
+            assert_memory_equal(&p->u[i].value, &u[i].value, sizeof(double)); /* bit for bit */
+            assert_memory_equal(&y[i].value, &u[i].value, sizeof(double));
+            if (p->scheme->bare)
+                continue;
+            assert_int_equal(p->u[i].time, u[i].time);
             assert_int_equal(y[i].time, u[i].time);
             assert_int_equal(y[i].status, u[i].status);
         }
@@ -384,12 +502,14 @@ static void as_many_values_go_as_may_be(void **state)
     unmake(p);
 }
 
-static void a_plant_that_watches_its_client_is_left_to_itself(void **state)
+static void who_leaves_gives_safe_values_where_the_plant_does_not_watch_him(void **state)
 {
     struct plant *p = *state;
 
-    assert_int_equal(apc_exchange_safe(p->x, INT64_MAX), 0);
-    assert_int_equal(p->asked, 0);
+    assert_int_equal(apc_exchange_safe(p->x, apc_clock_mono(NULL) + PATIENCE), 0);
+    assert_int_equal(asked(p), 0);
+    for (size_t i = 0; i < 2; i++)
+        assert_near(given(p, i).value, p->scheme->bare ? -1.0 - (double)i : 0.0, 0.0);
 }
 
 /* ---- Of none in particular ------------------------------------------------------------------ */
@@ -409,6 +529,7 @@ static void what_makes_no_sense_is_refused(void **state)
                  {"udp:127.0.0.1:80", 1, 1, "plant \"udp:127.0.0.1:80\": unknown scheme"},
                  {"", 1, 1, "unknown scheme"},
                  {NULL, 1, 1, "unknown scheme"},
+                 {"modbus:127.0.0.1:80", 1, 1, "u and y are required"},
                  {"inproc:", 1, 1, "required"}};
     struct apc_exchange_options o = {.size = sizeof(o)};
     struct apc_exchange *x;
@@ -441,6 +562,8 @@ static void what_frames_cannot_say_is_not_written(void **state)
     const struct apc_value u[] = {{1.0, APC_GOOD, INT64_MIN}, {1.0, APC_GOOD, T0}};
     struct apc_value y[3];
 
+    if (p->scheme->bare)
+        return;
     assert_int_equal(p->scheme->exchange(p, u, PATIENCE, y), APC_EINVAL);
     assert_non_null(strstr(apc_exchange_error(p->x), "1678"));
     assert_int_equal(p->scheme->exchange(p, NULL, PATIENCE, y), 0);
@@ -467,7 +590,7 @@ int main(void)
         EACH(what_went_wrong_is_not_written_again, set_up, tear_down),
         EACH(there_is_one_exchange_at_a_time, set_up, tear_down),
         EACH(as_many_values_go_as_may_be, NULL, NULL),
-        EACH(a_plant_that_watches_its_client_is_left_to_itself, set_up, tear_down),
+        EACH(who_leaves_gives_safe_values_where_the_plant_does_not_watch_him, set_up, tear_down),
         EACH(what_frames_cannot_say_is_not_written, set_up, tear_down),
     };
     enum { EACHES = sizeof(each) / sizeof(each[0]), SCHEMES = sizeof(schemes) / sizeof(schemes[0]) };

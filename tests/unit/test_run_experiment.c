@@ -344,6 +344,128 @@ static void actions_are_taken_by_time(void **state)
     experiment_free(&e);
 }
 
+#define MODBUS(more)                                                                                         \
+    "plant = { external = true; }; client = { period = 1.0; link = \"modbus:plc:502\"; modbus = { " more     \
+    " }; };"
+#define Y1_Y2 "{ name = \"y1\"; at = \"input:0\"; }, { name = \"sensor.2\"; at = \"discrete:7\"; }"
+#define U1_U2 "{ name = \"u1\"; at = \"holding:1\"; }, { name = \"u2\"; at = \"coil:65535\"; }"
+
+/* Line 5 and what stood in line 6. */
+static int load_modbus(struct experiment *e, const char *line, struct apc_error *why)
+{
+    FILE *out = fopen(path, "w");
+    assert_non_null(out);
+    for (size_t i = 0; i < LINES; i++)
+        fprintf(out, "%s\n", i == 4 ? line : i == 5 ? "" : good[i]);
+    assert_int_equal(fclose(out), 0);
+    return experiment_load(e, path, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, why);
+}
+
+static void a_map_is_loaded_as_it_stands_there(void **state)
+{
+    struct experiment e;
+    struct apc_error why;
+    (void)state;
+    if (load_modbus(
+            &e,
+            MODBUS(
+                "unit = 9; word_order = \"low\"; watchdog = \"holding:40\"; life = \"coil:41\"; life_limit "
+                "= 2.5; map = ( { name = \"u1\"; at = \"holding:1\"; type = \"float32\"; word_order = "
+                "\"high\"; scale = -0.5; offset = 3; }, " Y1_Y2
+                ", { name = \"u2\"; at = \"coil:65535\"; } );"),
+            &why) < 0)
+        fail_msg("%s", why.text);
+    const struct apc_modbus_options *o = &e.client.modbus;
+    assert_string_equal(e.client.link, "modbus:plc:502");
+    assert_int_equal(o->unit, 9);
+    assert_int_equal(o->u[0].area, APC_MODBUS_HOLDING);
+    assert_int_equal(o->u[0].type, APC_MODBUS_F32);
+    assert_int_equal(o->u[0].address, 1);
+    assert_false(o->u[0].low_word_first);
+    assert_same(o->u[0].scale, -0.5);
+    assert_same(o->u[0].offset, 3);
+    assert_same(o->u[0].safe, e.u[0].safe);
+    assert_same(o->u[1].safe, e.u[1].safe);
+    assert_int_equal(o->u[1].area, APC_MODBUS_COIL);
+    assert_int_equal(o->u[1].type, APC_MODBUS_BIT);
+    assert_int_equal(o->y[0].area, APC_MODBUS_INPUT);
+    assert_int_equal(o->y[0].type, APC_MODBUS_U16);
+    assert_true(o->y[0].low_word_first);
+    assert_same(o->y[0].scale, 1);
+    assert_int_equal(o->y[1].area, APC_MODBUS_DISCRETE);
+    assert_int_equal(o->y[1].address, 7);
+    assert_int_equal(o->watchdog->address, 40);
+    assert_int_equal(o->life->area, APC_MODBUS_COIL);
+    assert_int_equal(o->life_limit, 5 * APC_NS_PER_S / 2);
+    experiment_free(&e);
+    if (load_modbus(&e, MODBUS("map = ( " Y1_Y2 ", " U1_U2 " );"), &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(e.client.modbus.unit, 1);
+    assert_null(e.client.modbus.watchdog);
+    assert_null(e.client.modbus.life);
+    experiment_free(&e);
+}
+
+static void a_map_with_a_mistake_is_refused_with_its_reason(void **state)
+{
+    static const struct {
+        const char *line, *reason;
+    } mistake[] = {
+        {"plant = { external = true; }; client = { period = 1.0; link = \"modbus:plc:502\"; };",
+         "5: \"modbus\" is missing in client"},
+        {"plant = { external = true; }; client = { period = 1.0; modbus = { map = (); }; };",
+         "\"modbus\" is only for a link that begins with modbus:"},
+        {"plant = { model = \"quadruple-tank\"; period = 1.0; }; client = { period = 1.0; link = "
+         "\"modbus:plc:502\"; modbus "
+         "= { map = ( " Y1_Y2 ", " U1_U2 " ); }; };",
+         "so the plant is external = true"},
+        {"plant = { external = true; }; client = { period = 1.0; link = \"modbus:plc\"; };",
+         "or modbus:HOST:PORT"},
+        {"plant = { external = true; }; client = { period = 1.0; link = \"modbus:plc:0\"; };",
+         "or modbus:HOST:PORT"},
+        {MODBUS("unit = 1;"), "\"map\" is missing in modbus"},
+        {MODBUS("map = ( " Y1_Y2 " );"), "output \"u1\" has no place in the map"},
+        {MODBUS("map = ( " U1_U2 " );"), "measurement \"y1\" has no place in the map"},
+        {MODBUS("map = ( " Y1_Y2 ", " U1_U2 ", " U1_U2 " );"), "\"u1\" has its place already"},
+        {MODBUS("map = ( 3 );"), "expected a group"},
+        {MODBUS("map = ( { at = \"coil:1\"; } );"), "\"name\" is missing"},
+        {MODBUS("map = ( { name = \"r1\"; at = \"coil:1\"; } );"),
+         "\"r1\" is neither a measurement nor an output"},
+        {MODBUS("map = ( { name = \"u1\"; } );"), "\"at\" is missing"},
+        {MODBUS("map = ( { name = \"u1\"; at = \"input:1\"; } );"),
+         "only coils and holding registers can be written"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"inputs:1\"; } );"),
+         "must be coil, discrete, input or holding"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"input\"; } );"), "must be coil, discrete, input or holding"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"input:65536\"; } );"), "0 to 65535"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"input:-1\"; } );"), "0 to 65535"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"input:1x\"; } );"), "0 to 65535"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; type = \"float\"; } );"),
+         "must be bit, uint16, int16"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; type = \"bit\"; } );"), "registers are not"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"coil:1\"; type = \"int16\"; } );"), "are bits"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; scale = 0.0; } );"), "\"scale\" must not be 0"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; scal = 1.0; } );"), "unknown setting \"scal\""},
+        {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; word_order = \"big\"; } );"),
+         "must be \"high\" or \"low\""},
+        {MODBUS("unit = 256; map = ();"), "\"unit\" must be from 0 to 255"},
+        {MODBUS("watchdog = \"coil:1\"; map = ( " Y1_Y2 ", " U1_U2 " );"),
+         "must be a holding register: it counts"},
+        {MODBUS("life = \"coil:1\"; map = ( " Y1_Y2 ", " U1_U2 " );"), "\"life_limit\" is missing"},
+        {MODBUS("life_limit = 1.0; map = ( " Y1_Y2 ", " U1_U2 " );"), "of \"life\", which is not given"},
+        {MODBUS("slave = 1; map = ();"), "unknown setting \"slave\""},
+    };
+    struct experiment e;
+    struct apc_error why;
+    (void)state;
+    for (size_t i = 0; i < sizeof mistake / sizeof *mistake; i++) {
+        if (load_modbus(&e, mistake[i].line, &why) == 0)
+            fail_msg("taken: %s", mistake[i].line);
+        if (!strstr(why.text, mistake[i].reason))
+            fail_msg("%s: \"%s\" says nothing of \"%s\"", mistake[i].line, why.text, mistake[i].reason);
+    }
+}
+
 static void a_mistake_is_refused_with_its_line_and_reason(void **state)
 {
     static const struct {
@@ -1054,6 +1176,8 @@ int main(void)
         cmocka_unit_test(a_file_has_at_most_16_mib),
         cmocka_unit_test(an_edge_is_still_within),
         cmocka_unit_test(an_external_plant_is_named_by_its_client_alone),
+        cmocka_unit_test(a_map_is_loaded_as_it_stands_there),
+        cmocka_unit_test(a_map_with_a_mistake_is_refused_with_its_reason),
         cmocka_unit_test(actions_are_taken_by_time),
         cmocka_unit_test(a_mistake_is_refused_with_its_line_and_reason),
         cmocka_unit_test(a_file_that_is_not_there_or_no_text_is_refused),

@@ -1,0 +1,471 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The scheme modbus: registers and coils of a Modbus TCP server. begin writes, finish reads, a request after
+ * the other, each with its reply, over one link; whatever is not the reply to the very request closes the
+ * connection, so that a late one is never taken for the next one's.
+ *
+ * Points are sorted by area and address once; those next to each other go in one request, as many as a frame
+ * holds: of u those that are to be written, of y all. A server takes one request whole or not at all, and so
+ * u is only as much at once as its registers are next to each other.
+ */
+#include "exchange/modbus.h"
+#include "base/base_internal.h"
+#include "exchange/exchange_internal.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define HEADER    7 /* transaction, protocol, length, unit */
+#define FRAME_MAX 260
+enum { READ_COILS = 1, READ_DISCRETE, READ_HOLDING, READ_INPUT, WRITE_COILS = 15, WRITE_HOLDING };
+
+struct item {
+    struct apc_modbus_point point;
+    size_t of;             /* its number in u or y */
+    unsigned char data[8]; /* registers, of u: to be written */
+    bool go;               /* of u */
+};
+
+struct modbus {
+    struct apc_exchange x;
+    struct apc_link *link;
+    unsigned unit;
+    uint16_t transaction;
+    struct item *u, *y; /* sorted; the watchdog and the sign of life have numbers nu and ny */
+    size_t n_u, n_y;
+    double *values;         /* [nu + 1] to be written */
+    struct apc_value *read; /* [ny + 1] */
+    apc_ns deadline;
+    uint16_t count; /* the watchdog's */
+    apc_ns life_limit, lived_at;
+    double life;
+    bool lived;
+    unsigned char frame[FRAME_MAX];
+};
+
+static unsigned u16(const unsigned char *bytes)
+{
+    return (unsigned)bytes[0] << 8 | bytes[1];
+}
+
+static void put_u16(unsigned char *bytes, unsigned value)
+{
+    bytes[0] = (unsigned char)(value >> 8);
+    bytes[1] = (unsigned char)value;
+}
+
+static bool is_bit(enum apc_modbus_area area)
+{
+    return area == APC_MODBUS_COIL || area == APC_MODBUS_DISCRETE;
+}
+
+/* ---- One request and its reply -------------------------------------------------------------- */
+
+/* For the link: how long the reply is that begins with these bytes. */
+static int whole(const char *text, size_t n)
+{
+    const unsigned char *bytes = (const unsigned char *)text;
+
+    if (n < HEADER - 1)
+        return 0;
+    const unsigned length = u16(bytes + 4);
+    return u16(bytes + 2) == 0 && length >= 3 && length <= FRAME_MAX - (HEADER - 1) ? (int)length + HEADER - 1
+                                                                                    : APC_EPROTO;
+}
+
+static int no_answer(struct modbus *m)
+{
+    apc_link_reset(m->link);
+    return apc_fail(&m->x.error, APC_EPROTO, "its reply does not answer the request");
+}
+
+/*
+ * The request of @n bytes that stands behind the header. Returns 0 with the reply's bytes behind its header,
+ * as many as @expected, in @reply; the number of an exception, 1 to 255; or a negative error.
+ */
+static int ask(struct modbus *m, size_t n, size_t expected, const unsigned char **reply)
+{
+    const char *text;
+
+    put_u16(m->frame, ++m->transaction);
+    put_u16(m->frame + 2, 0);
+    put_u16(m->frame + 4, (unsigned)n + 1);
+    m->frame[6] = (unsigned char)m->unit;
+    int length = apc_link_exchange(m->link, (const char *)m->frame, HEADER + n, &text, m->deadline);
+    if (length < 0)
+        return apc_fail(&m->x.error, length, "%s", apc_link_error(m->link));
+    *reply = (const unsigned char *)text + HEADER;
+    if (memcmp(text, m->frame, 2) != 0 || memcmp(text + 6, m->frame + 6, 1) != 0)
+        return no_answer(m);
+    if ((*reply)[0] == (m->frame[HEADER] | 0x80) && length == HEADER + 2 && (*reply)[1] > 0)
+        return (*reply)[1];
+    if ((*reply)[0] != m->frame[HEADER] || (size_t)length != HEADER + expected)
+        return no_answer(m);
+    return 0;
+}
+
+static const char *exception_text(int number)
+{
+    static const char *const texts[] = {NULL,
+                                        "illegal function",
+                                        "illegal data address",
+                                        "illegal data value",
+                                        "server device failure",
+                                        "acknowledge",
+                                        "server device busy",
+                                        NULL,
+                                        "memory parity error",
+                                        NULL,
+                                        "gateway path unavailable",
+                                        "gateway target device failed to respond"};
+
+    return number < (int)(sizeof(texts) / sizeof(texts[0])) && texts[number] ? texts[number] : "unknown";
+}
+
+static apc_status exception_status(int number)
+{
+    switch (number) {
+    case 1:
+    case 2:
+    case 3:
+        return APC_BAD_NOT_CONNECTED; /* the map names what is not there */
+    case 4:
+    case 8:
+        return APC_BAD_DEVICE_FAILURE;
+    case 10:
+    case 11:
+        return APC_BAD_NO_COMMUNICATION;
+    default:
+        return APC_BAD_NO_DATA;
+    }
+}
+
+/* ---- Points next to each other --------------------------------------------------------------- */
+
+static unsigned end_of(const struct item *i)
+{
+    return i->point.address + apc_modbus_width(i->point.type);
+}
+
+/* How many of @left items, from the first on, go in one request, and the registers or bits that they take. */
+static size_t together(const struct item *first, size_t left, unsigned most, bool only_go, unsigned *width)
+{
+    unsigned end = end_of(first);
+    size_t n = 1;
+
+    for (; n < left && first[n].point.area == first->point.area && first[n].point.address <= end &&
+           (!only_go || first[n].go);
+         n++) {
+        const unsigned next = end_of(&first[n]) > end ? end_of(&first[n]) : end;
+
+        if (next - first->point.address > most)
+            break;
+        end = next;
+    }
+    *width = end - first->point.address;
+    return n;
+}
+
+/* ---- Writing --------------------------------------------------------------------------------- */
+
+static int write_together(struct modbus *m, const struct item *first, size_t n, unsigned width)
+{
+    unsigned char *pdu = m->frame + HEADER;
+    const bool bits = first->point.area == APC_MODBUS_COIL;
+    const unsigned bytes = bits ? (width + 7) / 8 : 2 * width;
+    const unsigned char *reply;
+
+    pdu[0] = bits ? WRITE_COILS : WRITE_HOLDING;
+    put_u16(pdu + 1, first->point.address);
+    put_u16(pdu + 3, width);
+    pdu[5] = (unsigned char)bytes;
+    memset(pdu + 6, 0, bytes);
+    for (size_t i = 0; i < n; i++) {
+        const unsigned at = first[i].point.address - first->point.address;
+
+        if (bits)
+            pdu[6 + at / 8] |= (unsigned char)(first[i].data[1] << at % 8);
+        else
+            memcpy(pdu + 6 + (size_t)2 * at, first[i].data,
+                   (size_t)2 * apc_modbus_width(first[i].point.type));
+    }
+    int rc = ask(m, 6 + bytes, 5, &reply);
+    if (rc > 0)
+        return apc_fail(&m->x.error, APC_EPERM,
+                        "the plant refuses to have %s %u to %u written: exception %d, %s",
+                        bits ? "coils" : "holding registers", first->point.address,
+                        first->point.address + width - 1, rc, exception_text(rc));
+    if (rc == 0 && memcmp(reply, pdu, 5) != 0)
+        return no_answer(m);
+    return rc;
+}
+
+/* All that go, in the order of their addresses. */
+static int write_all(struct modbus *m)
+{
+    int rc = 0;
+
+    for (size_t i = 0, n = 1; i < m->n_u && rc == 0; i += n) {
+        const unsigned most = m->u[i].point.area == APC_MODBUS_COIL ? 1968 : 123;
+        unsigned width;
+
+        n = 1;
+        if (!m->u[i].go)
+            continue;
+        n = together(&m->u[i], m->n_u - i, most, true, &width);
+        rc = write_together(m, &m->u[i], n, width);
+    }
+    return rc;
+}
+
+/* One that does not fit is found before any is written. */
+static int encode_all(struct modbus *m)
+{
+    for (size_t i = 0; i < m->n_u; i++) {
+        struct item *u = &m->u[i];
+
+        if (u->go && !apc_modbus_encode(&u->point, m->values[u->of], u->data))
+            return apc_fail(&m->x.error, APC_ERANGE,
+                            "output %zu is %g: what its register can take is less (address %u)", u->of + 1,
+                            m->values[u->of], u->point.address);
+    }
+    return 0;
+}
+
+static int modbus_begin(struct apc_exchange *x, const struct apc_value *u, apc_ns deadline)
+{
+    struct modbus *m = (struct modbus *)x;
+    bool all = true;
+    int rc;
+
+    m->deadline = deadline;
+    if (!u)
+        return 0;
+    for (size_t i = 0; i < x->nu; i++) {
+        m->values[i] = u[i].value;
+        all = all && apc_exchange_writes(&u[i]);
+    }
+    m->count = (uint16_t)(m->count + all);
+    m->values[x->nu] = m->count;
+    for (size_t i = 0; i < m->n_u; i++)
+        m->u[i].go = m->u[i].of == x->nu ? all : apc_exchange_writes(&u[m->u[i].of]);
+    rc = encode_all(m);
+    return rc < 0 ? rc : write_all(m);
+}
+
+static int modbus_safe(struct apc_exchange *x, apc_ns deadline)
+{
+    struct modbus *m = (struct modbus *)x;
+    int rc;
+
+    m->deadline = deadline;
+    for (size_t i = 0; i < m->n_u; i++) {
+        m->u[i].go = m->u[i].of < x->nu;
+        if (m->u[i].go)
+            m->values[m->u[i].of] = m->u[i].point.safe;
+    }
+    rc = encode_all(m);
+    return rc < 0 ? rc : write_all(m);
+}
+
+/* ---- Reading --------------------------------------------------------------------------------- */
+
+static void take(struct modbus *m, const struct item *y, const unsigned char *data, unsigned at, apc_ns now)
+{
+    struct apc_value *to = &m->read[y->of];
+    unsigned char bit[2] = {0};
+
+    if (is_bit(y->point.area)) {
+        bit[1] = data[at / 8] >> at % 8 & 1;
+        data = bit;
+    } else {
+        data += (size_t)2 * at;
+    }
+    *to = (struct apc_value){.time = now};
+    if (!apc_modbus_decode(&y->point, data, &to->value) || !apc_value_ok(to->value))
+        *to = (struct apc_value){.status = APC_BAD_SENSOR_FAILURE, .time = now};
+}
+
+static int read_together(struct modbus *m, const struct item *first, size_t n, unsigned width)
+{
+    static const unsigned char functions[] = {[APC_MODBUS_COIL] = READ_COILS,
+                                              [APC_MODBUS_DISCRETE] = READ_DISCRETE,
+                                              [APC_MODBUS_INPUT] = READ_INPUT,
+                                              [APC_MODBUS_HOLDING] = READ_HOLDING};
+    unsigned char *pdu = m->frame + HEADER;
+    const unsigned bytes = is_bit(first->point.area) ? (width + 7) / 8 : 2 * width;
+    const unsigned char *reply;
+
+    pdu[0] = functions[first->point.area];
+    put_u16(pdu + 1, first->point.address);
+    put_u16(pdu + 3, width);
+    int rc = ask(m, 5, 2 + bytes, &reply);
+    if (rc < 0)
+        return rc;
+    if (rc == 0 && reply[1] != bytes)
+        return no_answer(m);
+    const apc_ns now = apc_clock_utc(NULL);
+    for (size_t i = 0; i < n; i++) {
+        if (rc > 0)
+            m->read[first[i].of] = (struct apc_value){.status = exception_status(rc), .time = now};
+        else
+            take(m, &first[i], reply + 2, first[i].point.address - first->point.address, now);
+    }
+    return 0;
+}
+
+/* Has the plant's own sign of life stood still for too long? */
+static bool is_dead(struct modbus *m)
+{
+    const struct apc_value *life = &m->read[m->x.ny];
+    const apc_ns now = apc_clock_mono(NULL);
+    const bool good = apc_status_severity(life->status) == APC_SEVERITY_GOOD;
+
+    if (!m->lived || (good && (life->value < m->life || life->value > m->life))) {
+        m->lived = true;
+        m->life = life->value;
+        m->lived_at = now;
+    }
+    return m->life_limit > 0 && now - m->lived_at > m->life_limit;
+}
+
+static int modbus_finish(struct apc_exchange *x, struct apc_value *y)
+{
+    struct modbus *m = (struct modbus *)x;
+
+    for (size_t i = 0, n; i < m->n_y; i += n) {
+        unsigned width;
+
+        n = together(&m->y[i], m->n_y - i, is_bit(m->y[i].point.area) ? 2000 : 125, false, &width);
+        int rc = read_together(m, &m->y[i], n, width);
+        if (rc < 0)
+            return rc;
+    }
+    const bool dead = is_dead(m);
+    memcpy(y, m->read, x->ny * sizeof(*y));
+    for (size_t i = 0; i < x->ny && dead; i++)
+        y[i].status = APC_BAD_DEVICE_FAILURE;
+    return 0;
+}
+
+/* ---- Opening --------------------------------------------------------------------------------- */
+
+static int check_point(const struct apc_modbus_point *p, bool written, const char *what, size_t i,
+                       struct apc_error *why)
+{
+    if (p->area < APC_MODBUS_COIL || p->area > APC_MODBUS_HOLDING || p->type < APC_MODBUS_BIT ||
+        p->type > APC_MODBUS_F64 || is_bit(p->area) != (p->type == APC_MODBUS_BIT))
+        return apc_fail(why, APC_EINVAL,
+                        "modbus: %s %zu: coils and discrete inputs are bits, registers are not", what, i + 1);
+    if (written && p->area != APC_MODBUS_COIL && p->area != APC_MODBUS_HOLDING)
+        return apc_fail(why, APC_EINVAL, "modbus: %s %zu: only coils and holding registers can be written",
+                        what, i + 1);
+    if (p->address + apc_modbus_width(p->type) > 65536 || p->address > 65535)
+        return apc_fail(why, APC_EINVAL, "modbus: %s %zu: address %u is beyond 65535", what, i + 1,
+                        p->address);
+    if (!apc_value_ok(p->scale) || !apc_value_ok(p->offset) || !apc_value_ok(p->safe))
+        return apc_fail(why, APC_EINVAL, "modbus: %s %zu: scale, offset and safe must be finite", what,
+                        i + 1);
+    return 0;
+}
+
+static int by_address(const void *a, const void *b)
+{
+    const struct apc_modbus_point *p = &((const struct item *)a)->point,
+                                  *q = &((const struct item *)b)->point;
+
+    if (p->area != q->area)
+        return p->area < q->area ? -1 : 1;
+    return (p->address > q->address) - (p->address < q->address);
+}
+
+/* @n points and, where there is one, the @last. */
+static int take_points(struct item **items, size_t *count, const struct apc_modbus_point *points, size_t n,
+                       const struct apc_modbus_point *last, bool written, struct apc_error *why)
+{
+    const char *what = written ? "output" : "measurement";
+    struct item *to = calloc(n + 1, sizeof(*to));
+
+    *items = to;
+    if (!to)
+        return apc_fail(why, APC_ENOMEM, "modbus: no memory");
+    *count = n + (last != NULL);
+    for (size_t i = 0; i < *count; i++) {
+        int rc = check_point(i < n ? &points[i] : last, written, i < n ? what : "the sign of life, beside", i,
+                             why);
+
+        if (rc < 0)
+            return rc;
+        to[i] = (struct item){.point = i < n ? points[i] : *last, .of = i};
+        if (to[i].point.scale == 0.0)
+            to[i].point.scale = 1.0;
+    }
+    qsort(to, *count, sizeof(*to), by_address);
+    for (size_t i = 1; i < *count && written; i++)
+        if (to[i].point.area == to[i - 1].point.area && to[i].point.address < end_of(&to[i - 1]))
+            return apc_fail(why, APC_EINVAL, "modbus: two outputs are written to address %u",
+                            to[i].point.address);
+    return 0;
+}
+
+static void modbus_close(struct apc_exchange *x)
+{
+    struct modbus *m = (struct modbus *)x;
+
+    apc_link_destroy(m->link);
+    free(m->u);
+    free(m->y);
+    free(m->values);
+    free(m->read);
+    free(m);
+}
+
+static int take_options(struct modbus *m, const struct apc_exchange_options *options, struct apc_error *why)
+{
+    struct apc_modbus_options o = {0};
+    int rc = apc_options_copy(&o, sizeof(o), options->modbus, "apc_modbus_options", why);
+
+    if (rc < 0)
+        return rc;
+    if (!o.u || !o.y || o.unit > 255 || (o.life && o.life_limit <= 0))
+        return apc_fail(why, APC_EINVAL,
+                        "modbus: u and y are required, unit is at most 255, and life takes a limit above 0");
+    m->unit = o.unit;
+    m->life_limit = o.life ? o.life_limit : 0;
+    rc = take_points(&m->u, &m->n_u, o.u, options->nu, o.watchdog, true, why);
+    return rc < 0 ? rc : take_points(&m->y, &m->n_y, o.y, options->ny, o.life, false, why);
+}
+
+static int modbus_open(struct apc_exchange **x, const char *uri, const struct apc_exchange_options *options,
+                       struct apc_error *why)
+{
+    const struct apc_link_options link = {.size = sizeof(link), .frame_max = FRAME_MAX, .whole = whole};
+    char to[512];
+    struct modbus *m = calloc(1, sizeof(*m));
+    int rc;
+
+    if (!m)
+        return apc_fail(why, APC_ENOMEM, "plant \"%s\": no memory", uri);
+    m->values = calloc(options->nu + 1, sizeof(*m->values));
+    m->read = calloc(options->ny + 1, sizeof(*m->read));
+    rc =
+        m->values && m->read ? take_options(m, options, why) : apc_fail(why, APC_ENOMEM, "modbus: no memory");
+    if (rc == 0) {
+        (void)snprintf(to, sizeof(to), "tcp:%s", uri + strlen("modbus:"));
+        rc = apc_link_create(&m->link, to, &link, why);
+    }
+    if (rc < 0) {
+        modbus_close(&m->x);
+        return rc;
+    }
+    *x = &m->x;
+    return 0;
+}
+
+const struct apc_exchange_ops apc_exchange_modbus = {.scheme = "modbus:",
+                                                     .open = modbus_open,
+                                                     .close = modbus_close,
+                                                     .begin = modbus_begin,
+                                                     .finish = modbus_finish,
+                                                     .safe = modbus_safe};

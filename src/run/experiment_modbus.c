@@ -1,0 +1,201 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* `modbus` of the client: in which registers and coils of the plant its measurements and outputs are. */
+#include "experiment_parts.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static const char *const areas[] = {[APC_MODBUS_COIL] = "coil",
+                                    [APC_MODBUS_DISCRETE] = "discrete",
+                                    [APC_MODBUS_INPUT] = "input",
+                                    [APC_MODBUS_HOLDING] = "holding"};
+static const char *const types[] = {
+    [APC_MODBUS_BIT] = "bit",    [APC_MODBUS_U16] = "uint16", [APC_MODBUS_S16] = "int16",
+    [APC_MODBUS_U32] = "uint32", [APC_MODBUS_S32] = "int32",  [APC_MODBUS_F32] = "float32",
+    [APC_MODBUS_F64] = "float64"};
+#define COUNT(array) (sizeof(array) / sizeof *(array))
+
+/* Its place in a list that begins at 1; 0: it is not there. */
+static size_t place_of(const char *const *list, size_t n, const char *text, size_t length)
+{
+    for (size_t i = 1; i < n; i++)
+        if (strlen(list[i]) == length && !strncmp(list[i], text, length))
+            return i;
+    return 0;
+}
+
+/* "holding:12" */
+static void read_place(struct settings *s, const config_setting_t *in, const char *name, bool written,
+                       struct apc_modbus_point *p)
+{
+    char text[40] = "", *end = NULL;
+    settings_text(s, in, name, REQUIRED, text, sizeof text);
+    const char *colon = strchr(text, ':');
+    size_t area = colon ? place_of(areas, COUNT(areas), text, (size_t)(colon - text)) : 0;
+    long address = area && colon[1] >= '0' && colon[1] <= '9' ? strtol(colon + 1, &end, 10) : -1;
+    if (s->failed)
+        return;
+    if (address < 0 || address > 65535 || *end)
+        settings_fail(
+            s, config_setting_get_member(in, name),
+            "\"%s\" is \"%s\": must be coil, discrete, input or holding, a colon, and the address, 0 to "
+            "65535, such as \"holding:0\"",
+            name, text);
+    else if (written && area != APC_MODBUS_COIL && area != APC_MODBUS_HOLDING)
+        settings_fail(s, config_setting_get_member(in, name),
+                      "\"%s\" is \"%s\": only coils and holding registers can be written", name, text);
+    p->area = (enum apc_modbus_area)area;
+    p->address = (unsigned)address;
+}
+
+static void read_order(struct settings *s, const config_setting_t *in, bool *low_first)
+{
+    char text[16] = "";
+    settings_text(s, in, "word_order", OPTIONAL, text, sizeof text);
+    if (!s->failed && *text && strcmp(text, "low") != 0 && strcmp(text, "high") != 0)
+        settings_fail(s, config_setting_get_member(in, "word_order"),
+                      "\"word_order\" is \"%s\": must be \"high\" or \"low\", the word that comes first",
+                      text);
+    if (*text)
+        *low_first = !strcmp(text, "low");
+}
+
+static void read_type(struct settings *s, const config_setting_t *in, struct apc_modbus_point *p)
+{
+    const bool bit = p->area == APC_MODBUS_COIL || p->area == APC_MODBUS_DISCRETE;
+    char text[16] = "";
+    settings_text(s, in, "type", OPTIONAL, text, sizeof text);
+    p->type = bit ? APC_MODBUS_BIT : APC_MODBUS_U16;
+    if (s->failed || !*text)
+        return;
+    p->type = (enum apc_modbus_type)place_of(types, COUNT(types), text, strlen(text));
+    if (p->type == 0)
+        settings_fail(s, config_setting_get_member(in, "type"),
+                      "\"type\" is \"%s\": must be bit, uint16, int16, uint32, int32, float32 or float64",
+                      text);
+    else if (bit != (p->type == APC_MODBUS_BIT))
+        settings_fail(s, config_setting_get_member(in, "type"),
+                      "\"type\" is \"%s\": coils and discrete inputs are bits, registers are not", text);
+}
+
+/* Of the signals the one that is called so, by name or by TABLE.ID; n: none. */
+static size_t find_signal(const struct signal *signal, size_t n, const char *name)
+{
+    char address[APC_TAG_LEN + 16];
+    for (size_t i = 0; i < n; i++) {
+        snprintf(address, sizeof address, "%s.%zu", apc_table_name(signal[i].tag.table), i + 1);
+        if (!strcmp(signal[i].tag.name, name) || !strcmp(address, name))
+            return i;
+    }
+    return n;
+}
+
+/* Which point an entry of the map is of; NULL: of none, or of one that has its place already. */
+static struct apc_modbus_point *point_of(struct settings *s, const config_setting_t *entry,
+                                         const struct experiment *e, bool *written)
+{
+    char name[APC_TAG_LEN + 16] = "";
+    settings_text(s, entry, "name", REQUIRED, name, sizeof name);
+    if (s->failed)
+        return NULL;
+    size_t u = find_signal(e->u, e->dim.nu, name), y = find_signal(e->y, e->dim.ny, name);
+    const config_setting_t *at = config_setting_get_member(entry, "name");
+    *written = u < e->dim.nu;
+    if (u == e->dim.nu && y == e->dim.ny)
+        settings_fail(s, at, "\"%s\" is neither a measurement nor an output", name);
+    else if (u < e->dim.nu && y < e->dim.ny)
+        settings_fail(s, at, "\"%s\" is a measurement and an output: call it sensor.%zu or actuator.%zu",
+                      name, y + 1, u + 1);
+    if (s->failed)
+        return NULL;
+    struct apc_modbus_point *p = *written ? &e->client.points[u] : &e->client.points[e->dim.nu + y];
+    if (p->area)
+        settings_fail(s, at, "\"%s\" has its place already", name);
+    p->safe = *written ? e->u[u].safe : 0;
+    return p;
+}
+
+static void read_entry(struct settings *s, const config_setting_t *entry, struct experiment *e,
+                       bool low_first)
+{
+    static const char *const known[] = {"name", "at", "type", "scale", "offset", "word_order", NULL};
+    bool written = false;
+    if (!config_setting_is_group(entry)) {
+        settings_fail(s, entry, "expected a group: { name = \"y\"; at = \"input:0\"; ... }");
+        return;
+    }
+    settings_known(s, entry, known);
+    struct apc_modbus_point *p = point_of(s, entry, e, &written);
+    if (!p || s->failed)
+        return;
+    p->low_word_first = low_first;
+    p->scale = 1;
+    read_place(s, entry, "at", written, p);
+    read_type(s, entry, p);
+    read_order(s, entry, &p->low_word_first);
+    settings_number(s, entry, "scale", OPTIONAL, -APC_VALUE_MAX, APC_VALUE_MAX, &p->scale);
+    settings_number(s, entry, "offset", OPTIONAL, -APC_VALUE_MAX, APC_VALUE_MAX, &p->offset);
+    if (!s->failed && !(p->scale < 0) && !(p->scale > 0))
+        settings_fail(s, config_setting_get_member(entry, "scale"), "\"scale\" must not be 0");
+}
+
+static void check_whole(struct settings *s, const config_setting_t *list, const struct experiment *e)
+{
+    for (size_t i = 0; i < e->dim.nu + e->dim.ny && !s->failed; i++) {
+        const bool output = i < e->dim.nu;
+        if (!e->client.points[i].area)
+            settings_fail(s, list, "%s \"%s\" has no place in the map", output ? "output" : "measurement",
+                          output ? e->u[i].tag.name : e->y[i - e->dim.nu].tag.name);
+    }
+}
+
+/* A register that the two sides watch each other by. */
+static const struct apc_modbus_point *read_sign(struct settings *s, const config_setting_t *in,
+                                                const char *name, bool written, struct apc_modbus_point *p)
+{
+    if (!config_setting_get_member(in, name))
+        return NULL;
+    read_place(s, in, name, written, p);
+    p->type = p->area == APC_MODBUS_COIL || p->area == APC_MODBUS_DISCRETE ? APC_MODBUS_BIT : APC_MODBUS_U16;
+    if (!s->failed && written && p->area != APC_MODBUS_HOLDING)
+        settings_fail(s, config_setting_get_member(in, name), "\"%s\" must be a holding register: it counts",
+                      name);
+    return p;
+}
+
+void experiment_read_modbus(struct settings *s, const config_setting_t *client, struct experiment *e)
+{
+    static const char *const known[] = {"unit", "word_order", "watchdog", "life", "life_limit", "map", NULL};
+    const bool is = !strncmp(e->client.link, "modbus:", 7);
+    const config_setting_t *group = settings_group(s, client, "modbus", is ? REQUIRED : OPTIONAL);
+    struct apc_modbus_options *o = &e->client.modbus;
+    int64_t unit = 1;
+    bool low_first = false;
+    if (!group || s->failed)
+        return;
+    if (!is) {
+        settings_fail(s, group, "\"modbus\" is only for a link that begins with modbus:");
+        return;
+    }
+    settings_known(s, group, known);
+    settings_whole(s, group, "unit", OPTIONAL, 0, 255, &unit);
+    read_order(s, group, &low_first);
+    const config_setting_t *map = settings_list(s, group, "map", REQUIRED);
+    e->client.points = calloc(e->dim.nu + e->dim.ny + 2, sizeof *e->client.points);
+    if (!e->client.points && !s->failed)
+        s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
+    for (int i = 0; map && !s->failed && i < config_setting_length(map); i++)
+        read_entry(s, config_setting_get_elem(map, (unsigned)i), e, low_first);
+    if (s->failed)
+        return;
+    check_whole(s, map, e);
+    struct apc_modbus_point *y = e->client.points + e->dim.nu, *signs = y + e->dim.ny;
+    *o =
+        (struct apc_modbus_options){.size = sizeof *o, .unit = (unsigned)unit, .u = e->client.points, .y = y};
+    o->watchdog = read_sign(s, group, "watchdog", true, &signs[0]);
+    o->life = read_sign(s, group, "life", false, &signs[1]);
+    if (o->life)
+        settings_period(s, group, "life_limit", REQUIRED, &o->life_limit);
+    else if (config_setting_get_member(group, "life_limit"))
+        settings_fail(s, group, "\"life_limit\" is of \"life\", which is not given");
+}

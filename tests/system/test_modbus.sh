@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# The paper's loop, ten times as fast, with a plant behind Modbus TCP that nobody here wrote the server of: pymodbus, from
+# PyPI by the lock in tests/peers.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+
+skip() {
+  echo "skipped: $*" >&2
+  exit 77
+}
+peers=$APC_BUILD_DIR/tests/peers
+exec 9>"$peers.lock"
+flock 9
+if [ ! -d "$peers/pymodbus" ]; then
+  python3 -m pip install --quiet --no-deps --require-hashes --target "$peers.new" -r "$APC_SOURCE_DIR/tests/peers/requirements.txt" \
+    >"$peers.log" 2>&1 || skip "pymodbus cannot be had here (Python 3.10 or newer, with pip): see $peers.log"
+  mv "$peers.new" "$peers"
+fi
+exec 9>&-
+
+fast_experiment
+sed -e '/^plant = {$/,/^};/c plant = { external = true; };' \
+  -e "s|^  link = .*|  link = \"modbus:127.0.0.1:$port\"; modbus = { unit = 1; watchdog = \"holding:2\"; life = \"input:2\"; life_limit = 1.0; map = ( { name = \"y\"; at = \"input:0\"; type = \"float32\"; }, { name = \"u\"; at = \"holding:0\"; type = \"float32\"; } ); };|" \
+  "$work/fast.conf" >"$work/modbus.conf"
+grep -q 'modbus:127' "$work/modbus.conf" || fail "the experiment has no link"
+listens() { (exec 3<>"/dev/tcp/127.0.0.1/$port"); }
+plant() {
+  background plant env PYTHONPATH="$peers" python3 "$APC_SOURCE_DIR/tests/peers/modbus_plant.py" "$port"
+  until_true 20 listens
+}
+plant
+
+# y settles at the setpoint, and who leaves leaves the safe value behind
+expect 0 '\] 100 %$' "$apc" run "$work/modbus.conf" --duration 12 --out "$work/run"
+awk -F, '$2 == "sensor" {n = $5 > 9.8 && $5 < 10.2 ? n + 1 : 0; if (n > most) most = n} END {exit !(most >= 20)}' \
+  "$work/run/samples.csv" || fail "y did not settle at 10"
+awk -F, '$2 == "sensor" && $4 == "Good" {n++} END {exit !(n > 20)}' "$work/run/samples.csv" || fail "few measurements are good"
+[ "$(tail -n 1 "$work/plant.log")" = 'given 0' ] || fail "the last that the plant was given: $(tail -n 1 "$work/plant.log")"
+
+# the client hangs: the plant sees by the watchdog that nobody is there; the client that `apc run` starts instead goes on
+client_of() { pgrep -f "apc-client.*$1/run.conf"; }
+background run "$apc" run "$work/modbus.conf" --duration 60 --out "$work/killed"
+run=$pid
+given() { grep -c '^given' "$work/plant.log"; }
+n=$(given)
+more_given() { [ "$(given)" -gt "$1" ]; }
+until_true 20 more_given "$n"
+kill -STOP "$(client_of "$work/killed")"
+until_true 20 grep -q 'nobody is there: safe' "$work/plant.log"
+n=$(given)
+until_true 20 more_given "$n"
+
+# the plant goes away: said once; it comes back: found again
+kill -KILL "${children[0]}"
+said() { grep -c "$1" "$work/killed/apc-client.log"; }
+until_true 20 grep -q 'plant lost, trying again' "$work/killed/apc-client.log"
+plant
+until_true 20 grep -q 'plant connected' "$work/killed/apc-client.log"
+[ "$(said 'plant lost, trying again')" -le 2 ] || fail "a plant that is away is said again and again"
+kill -INT "$run"
+wait "$run" || true
+
+# what stands in the file and not in the plant: Bad, and the loop holds
+sed 's/"input:0"/"input:50"/' "$work/modbus.conf" >"$work/wrong.conf"
+expect 1 '' "$apc" run "$work/wrong.conf" --duration 5 --out "$work/wrong"
+awk -F, '$2 == "sensor" && $4 != "BadNotConnected" {exit 1} $2 == "sensor" {n++} END {if (!n) exit 1}' "$work/wrong/samples.csv" ||
+  fail "a register that is not there has another status"

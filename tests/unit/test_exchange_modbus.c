@@ -1,0 +1,406 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The scheme modbus: what stands in which register, and what goes in one request. */
+#include "check.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <apcexchange.h>
+
+#include "modbus_peer.h"
+
+#define PATIENCE (20 * APC_NS_PER_S)
+
+struct bench {
+    struct modbus_peer peer;
+    struct apc_exchange *x;
+};
+
+static struct apc_modbus_point point(enum apc_modbus_area area, enum apc_modbus_type type, unsigned address)
+{
+    return (struct apc_modbus_point){.area = area, .type = type, .address = address};
+}
+
+static struct bench *start(size_t nu, size_t ny, struct apc_modbus_options o)
+{
+    const struct apc_exchange_options options = {.size = sizeof options, .nu = nu, .ny = ny, .modbus = &o};
+    struct bench *b = calloc(1, sizeof *b);
+    struct apc_error why;
+    char uri[64];
+    assert_non_null(b);
+    o.size = sizeof o;
+    modbus_peer_start(&b->peer);
+    snprintf(uri, sizeof uri, "modbus:127.0.0.1:%d", b->peer.port);
+    if (apc_exchange_open(&b->x, uri, &options, &why) < 0)
+        fail_msg("%s", why.text);
+    return b;
+}
+
+static void end(struct bench *b)
+{
+    apc_exchange_close(b->x);
+    modbus_peer_stop(&b->peer);
+    free(b);
+}
+
+/* What this side did with the peer's memory is done for the other, and the reverse. */
+static void meet(struct bench *b)
+{
+    pthread_mutex_lock(&b->peer.mutex);
+    pthread_mutex_unlock(&b->peer.mutex);
+}
+
+/* Between two of them the peer only waits. */
+static int exchange(struct bench *b, const struct apc_value *u, struct apc_value *y)
+{
+    meet(b);
+    int rc = apc_exchange_begin(b->x, u, apc_clock_mono(NULL) + PATIENCE);
+    if (rc == 0)
+        rc = apc_exchange_finish(b->x, y);
+    meet(b);
+    return rc;
+}
+
+/* ---- Values --------------------------------------------------------------------------------- */
+
+/* Each is written to where it is read from. */
+static void a_value_of_each_type_stands_as_the_specification_has_it(void **state)
+{
+    static const struct {
+        struct apc_modbus_point p;
+        double value;
+        uint16_t registers[4];
+    } cases[] = {
+        {{.type = APC_MODBUS_U16}, 65535, {0xFFFF}},
+        {{.type = APC_MODBUS_U16}, 258.4, {0x0102}}, /* the nearest */
+        {{.type = APC_MODBUS_S16}, -2, {0xFFFE}},
+        {{.type = APC_MODBUS_S16}, -32768, {0x8000}},
+        {{.type = APC_MODBUS_U32}, 4294967295.0, {0xFFFF, 0xFFFF}},
+        {{.type = APC_MODBUS_U32}, 0x01020304, {0x0102, 0x0304}},
+        {{.type = APC_MODBUS_U32, .low_word_first = true}, 0x01020304, {0x0304, 0x0102}},
+        {{.type = APC_MODBUS_S32}, -3, {0xFFFF, 0xFFFD}},
+        {{.type = APC_MODBUS_S32, .low_word_first = true}, -3, {0xFFFD, 0xFFFF}},
+        {{.type = APC_MODBUS_F32}, 1.5, {0x3FC0, 0x0000}},
+        {{.type = APC_MODBUS_F32, .low_word_first = true}, 1.5, {0x0000, 0x3FC0}},
+        {{.type = APC_MODBUS_F64}, -1.0 / 3, {0xBFD5, 0x5555, 0x5555, 0x5555}},
+        {{.type = APC_MODBUS_F64, .low_word_first = true}, 1.0 + 0x1p-52, {0x0001, 0, 0, 0x3FF0}},
+        {{.type = APC_MODBUS_U16, .scale = 0.5, .offset = -10}, 2.5, {25}},
+        {{.type = APC_MODBUS_S16, .scale = -0.25}, 1.0, {0xFFFC}},
+        {{.type = APC_MODBUS_F32, .offset = 273.15}, 273.15, {0, 0}},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct apc_modbus_point p = cases[i].p;
+        const struct apc_value u = {.value = cases[i].value};
+        struct apc_value y = {0};
+        p.area = APC_MODBUS_HOLDING;
+        p.address = 100;
+        struct bench *b = start(1, 1, (struct apc_modbus_options){.u = &p, .y = &p});
+        assert_int_equal(exchange(b, &u, &y), 0);
+        assert_memory_equal(&b->peer.holding[100], cases[i].registers, sizeof cases[i].registers);
+        assert_near(y.value, i == 1 ? 258.0 : cases[i].value, 0.0);
+        assert_int_equal(y.status, APC_GOOD);
+        end(b);
+    }
+}
+
+static void what_does_not_fit_is_not_written_nor_anything_beside_it(void **state)
+{
+    static const struct {
+        enum apc_modbus_type type;
+        double value;
+    } cases[] = {{APC_MODBUS_U16, -1},
+                 {APC_MODBUS_U16, 65536},
+                 {APC_MODBUS_S16, 32768},
+                 {APC_MODBUS_S16, -32769},
+                 {APC_MODBUS_U32, 4294967296},
+                 {APC_MODBUS_S32, 2147483648.0},
+                 {APC_MODBUS_S32, -2147483649.0},
+                 {APC_MODBUS_F32, 1e39},
+                 {APC_MODBUS_U32, -1e299}};
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const struct apc_modbus_point u[] = {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0),
+                                             point(APC_MODBUS_HOLDING, cases[i].type, 1)};
+        const struct apc_value values[] = {{.value = 7}, {.value = cases[i].value}};
+        struct apc_value y;
+        struct bench *b = start(2, 1, (struct apc_modbus_options){.u = u, .y = u});
+        assert_int_equal(exchange(b, values, &y), APC_ERANGE);
+        assert_non_null(strstr(apc_exchange_error(b->x), "output 2 is"));
+        assert_int_equal(exchange(b, NULL, &y), 0);
+        assert_int_equal(b->peer.writes, 0);
+        end(b);
+    }
+}
+
+static void a_register_that_holds_no_number_is_bad(void **state)
+{
+    const struct apc_modbus_point u = point(APC_MODBUS_COIL, APC_MODBUS_BIT, 0),
+                                  y[] = {point(APC_MODBUS_INPUT, APC_MODBUS_F32, 0),
+                                         point(APC_MODBUS_INPUT, APC_MODBUS_F32, 2),
+                                         point(APC_MODBUS_INPUT, APC_MODBUS_F64, 4)};
+    struct bench *b = start(1, 3, (struct apc_modbus_options){.u = &u, .y = y});
+    struct apc_value values[3];
+    (void)state;
+    b->peer.input[0] = 0x7FC0; /* NaN */
+    b->peer.input[2] = 0x4000; /* 2 */
+    b->peer.input[4] = 0x7FE0; /* beyond 1e300 */
+    assert_int_equal(exchange(b, NULL, values), 0);
+    assert_int_equal(values[0].status, APC_BAD_SENSOR_FAILURE);
+    assert_near(values[0].value, 0, 0);
+    assert_int_equal(values[1].status, APC_GOOD);
+    assert_near(values[1].value, 2, 0);
+    assert_int_equal(values[2].status, APC_BAD_SENSOR_FAILURE);
+    end(b);
+}
+
+/* ---- Requests ------------------------------------------------------------------------------- */
+
+static void what_is_next_to_each_other_goes_in_one_request(void **state)
+{
+    const struct apc_modbus_point
+        u[] = {point(APC_MODBUS_HOLDING, APC_MODBUS_F32, 12), point(APC_MODBUS_COIL, APC_MODBUS_BIT, 9),
+               point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 10), point(APC_MODBUS_COIL, APC_MODBUS_BIT, 8),
+               point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 11), point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 20)},
+        y[] = {point(APC_MODBUS_INPUT, APC_MODBUS_U16, 5),     point(APC_MODBUS_DISCRETE, APC_MODBUS_BIT, 17),
+               point(APC_MODBUS_INPUT, APC_MODBUS_U16, 4),     point(APC_MODBUS_INPUT, APC_MODBUS_U16, 5),
+               point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 6),   point(APC_MODBUS_COIL, APC_MODBUS_BIT, 9),
+               point(APC_MODBUS_DISCRETE, APC_MODBUS_BIT, 16), point(APC_MODBUS_INPUT, APC_MODBUS_U32, 4)};
+    struct apc_value values[] = {{.value = 1.5}, {.value = 1}, {.value = 3},
+                                 {.value = 0},   {.value = 5}, {.value = 6}};
+    const double expected[] = {77, 1, 66, 77, 88, 1, 0, 66 * 65536 + 77};
+    struct apc_value answer[8];
+    struct bench *b = start(6, 8, (struct apc_modbus_options){.u = u, .y = y, .unit = 17});
+    (void)state;
+    b->peer.input[4] = 66;
+    b->peer.input[5] = 77;
+    b->peer.holding[6] = 88;
+    b->peer.discrete[17] = true;
+    b->peer.coil[8] = true;
+    assert_int_equal(exchange(b, values, answer), 0);
+    assert_int_equal(b->peer.unit, 17);
+    assert_int_equal(b->peer.writes, 3); /* coils 8 and 9; registers 10 to 13; register 20 */
+    assert_int_equal(b->peer.reads, 4);  /* one of each area */
+    assert_int_equal(b->peer.holding[10], 3);
+    assert_int_equal(b->peer.holding[11], 5);
+    assert_int_equal(b->peer.holding[12], 0x3FC0);
+    assert_int_equal(b->peer.holding[20], 6);
+    assert_false(b->peer.coil[8]);
+    assert_true(b->peer.coil[9]);
+    for (size_t i = 0; i < 8; i++)
+        assert_near(answer[i].value, expected[i], 0);
+    values[4].status = APC_BAD_NO_DATA; /* register 11 is left out, what is beside it is not */
+    values[2].value = 30;
+    values[0].value = 2;
+    values[4].value = 50;
+    assert_int_equal(exchange(b, values, answer), 0);
+    assert_int_equal(b->peer.writes, 3 + 4);
+    assert_int_equal(b->peer.holding[10], 30);
+    assert_int_equal(b->peer.holding[11], 5);
+    assert_int_equal(b->peer.holding[12], 0x4000);
+    end(b);
+}
+
+static void a_request_has_no_more_than_a_frame_holds(void **state)
+{
+    enum { N = 2500 };
+    static struct apc_modbus_point u[2 * N], y[2 * N];
+    static struct apc_value values[2 * N], answer[2 * N];
+    (void)state;
+    for (unsigned i = 0; i < N; i++) {
+        u[i] = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 65536 - N + i);
+        u[N + i] = point(APC_MODBUS_COIL, APC_MODBUS_BIT, i);
+        values[i].value = (double)i;
+        values[N + i].value = i % 3 == 0;
+    }
+    memcpy(y, u, sizeof y);
+    struct bench *b = start(2 * N, 2 * N, (struct apc_modbus_options){.u = u, .y = y});
+    assert_int_equal(exchange(b, values, answer), 0);
+    for (size_t i = 0; i < 2 * N; i++)
+        assert_near(answer[i].value, values[i].value, 0);
+    assert_int_equal(b->peer.writes, (N + 122) / 123 + (N + 1967) / 1968);
+    assert_int_equal(b->peer.reads, (N + 124) / 125 + (N + 1999) / 2000);
+    end(b);
+}
+
+static void an_exception_is_a_status_when_read_and_a_failure_when_written(void **state)
+{
+    static const struct {
+        unsigned char exception;
+        apc_status status;
+    } cases[] = {{1, APC_BAD_NOT_CONNECTED},     {2, APC_BAD_NOT_CONNECTED}, {3, APC_BAD_NOT_CONNECTED},
+                 {4, APC_BAD_DEVICE_FAILURE},    {6, APC_BAD_NO_DATA},       {10, APC_BAD_NO_COMMUNICATION},
+                 {11, APC_BAD_NO_COMMUNICATION}, {200, APC_BAD_NO_DATA}};
+    const struct apc_modbus_point p = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 30);
+    struct bench *b = start(1, 1, (struct apc_modbus_options){.u = &p, .y = &p});
+    struct apc_value u = {.value = 1}, y;
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char text[60];
+        pthread_mutex_lock(&b->peer.mutex);
+        b->peer.behaviour = MODBUS_EXCEPTION;
+        b->peer.exception = cases[i].exception;
+        pthread_mutex_unlock(&b->peer.mutex);
+        assert_int_equal(exchange(b, NULL, &y), 0);
+        assert_int_equal(y.status, cases[i].status);
+        assert_int_equal(exchange(b, &u, &y), APC_EPERM);
+        snprintf(text, sizeof text, "holding registers 30 to 30 written: exception %d,", cases[i].exception);
+        assert_non_null(strstr(apc_exchange_error(b->x), text));
+    }
+    end(b);
+}
+
+/* ---- Who watches whom ----------------------------------------------------------------------- */
+
+static void the_watchdog_counts_what_was_given_whole(void **state)
+{
+    const struct apc_modbus_point u[] = {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0),
+                                         point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 1)},
+                                  watchdog = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 2);
+    struct bench *b = start(2, 1, (struct apc_modbus_options){.u = u, .y = u, .watchdog = &watchdog});
+    struct apc_value values[] = {{.value = 4}, {.value = 5}}, y;
+    (void)state;
+    for (int i = 1; i <= 3; i++) {
+        assert_int_equal(exchange(b, values, &y), 0);
+        assert_int_equal(b->peer.holding[2], i);
+        assert_int_equal(b->peer.writes, i); /* with the others */
+    }
+    assert_int_equal(exchange(b, NULL, &y), 0);
+    values[0].status = APC_BAD_OUT_OF_SERVICE;
+    assert_int_equal(exchange(b, values, &y), 0);
+    assert_int_equal(b->peer.holding[2], 3);
+    values[0].status = APC_GOOD;
+    assert_int_equal(exchange(b, values, &y), 0);
+    assert_int_equal(b->peer.holding[2], 4);
+    assert_int_equal(apc_exchange_safe(b->x, apc_clock_mono(NULL) + PATIENCE), 0);
+    meet(b);
+    assert_int_equal(b->peer.holding[0], 0);
+    assert_int_equal(b->peer.holding[2], 4); /* who leaves is no longer there */
+    end(b);
+}
+
+static void once_its_sign_of_life_stands_still_nothing_is_good(void **state)
+{
+    const struct apc_modbus_point u = point(APC_MODBUS_COIL, APC_MODBUS_BIT, 0),
+                                  y = point(APC_MODBUS_INPUT, APC_MODBUS_U16, 0),
+                                  life = point(APC_MODBUS_INPUT, APC_MODBUS_U16, 9);
+    const apc_ns limit = 200 * APC_NS_PER_MS;
+    struct bench *b =
+        start(1, 1, (struct apc_modbus_options){.u = &u, .y = &y, .life = &life, .life_limit = limit});
+    struct apc_value value;
+    const apc_ns begun = apc_clock_mono(NULL), until = begun + PATIENCE;
+    (void)state;
+    assert_int_equal(exchange(b, NULL, &value), 0);
+    assert_int_equal(value.status, APC_GOOD); /* the first look: it may be alive */
+    do
+        assert_int_equal(exchange(b, NULL, &value), 0);
+    while (value.status == APC_GOOD && apc_clock_mono(NULL) < until);
+    assert_int_equal(value.status, APC_BAD_DEVICE_FAILURE);
+    assert_true(apc_clock_mono(NULL) - begun > limit); /* not before */
+    b->peer.input[9] = 1;
+    assert_int_equal(exchange(b, NULL, &value), 0);
+    assert_int_equal(value.status, APC_GOOD);
+    end(b);
+}
+
+/* ---- Nonsense ------------------------------------------------------------------------------- */
+
+/* Whatever comes instead of a reply: refused, or a reply by chance; never a hang, and the next is good. */
+static void no_bytes_hang_it_or_get_past_it(void **state)
+{
+    const struct apc_modbus_point p = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0);
+    static const unsigned char good[] = {0, 0, 0, 0, 0, 5, 0, 3, 2, 0, 42};
+    struct bench *b = start(1, 1, (struct apc_modbus_options){.u = &p, .y = &p});
+    struct apc_random random;
+    struct apc_value y;
+    int refused = 0;
+    (void)state;
+    apc_random_init(&random, 7, "modbus");
+    for (int i = 0; i < 3000; i++) {
+        pthread_mutex_lock(&b->peer.mutex);
+        b->peer.behaviour = MODBUS_SCRIPT;
+        memcpy(b->peer.script, good, sizeof good);
+        b->peer.script_length = sizeof good;
+        for (int k = 0; k < 1 + i % 3; k++)
+            b->peer.script[2 + (size_t)(apc_random_uniform(&random) * (sizeof good - 2))] =
+                (unsigned char)(apc_random_uniform(&random) * 256);
+        pthread_mutex_unlock(&b->peer.mutex);
+        int rc = apc_exchange_begin(b->x, NULL, apc_clock_mono(NULL) + 2 * APC_NS_PER_MS);
+        if (rc == 0)
+            rc = apc_exchange_finish(b->x, &y);
+        assert_true(rc == 0 || rc == APC_EPROTO || rc == APC_ETIMEDOUT || rc == APC_ECONN);
+        assert_true(rc < 0 || apc_status_severity(y.status) == APC_SEVERITY_BAD ||
+                    y.value <= 65535); /* the value may be what was changed */
+        refused += rc < 0;
+    }
+    assert_true(refused > 1000);
+    modbus_peer_behave(&b->peer, MODBUS_PROPER);
+    b->peer.holding[0] = 42;
+    int rc;
+    do /* a connect may have failed, then it pauses */
+        rc = exchange(b, NULL, &y);
+    while (rc == APC_ECONN);
+    assert_int_equal(rc, 0);
+    assert_near(y.value, 42, 0);
+    end(b);
+}
+
+static void a_map_that_makes_no_sense_is_refused(void **state)
+{
+    const struct apc_modbus_point good = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0);
+    struct {
+        struct apc_modbus_point p;
+        bool output;
+        const char *why;
+    } cases[] = {
+        {point(APC_MODBUS_INPUT, APC_MODBUS_U16, 0), true, "only coils and holding registers can be written"},
+        {point(APC_MODBUS_DISCRETE, APC_MODBUS_BIT, 0), true, "can be written"},
+        {point(APC_MODBUS_COIL, APC_MODBUS_U16, 0), false, "are bits"},
+        {point(APC_MODBUS_HOLDING, APC_MODBUS_BIT, 0), false, "registers are not"},
+        {point(APC_MODBUS_HOLDING, APC_MODBUS_F64, 65533), false, "beyond 65535"},
+        {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 4000000000u), false, "beyond 65535"},
+        {point(APC_MODBUS_HOLDING, 0, 0), false, "are bits"},
+        {point(0, APC_MODBUS_U16, 0), false, "are bits"},
+    };
+    struct apc_modbus_options o = {.size = sizeof o, .u = &good, .y = &good};
+    const struct apc_exchange_options options = {.size = sizeof options, .nu = 1, .ny = 1, .modbus = &o};
+    struct apc_exchange *x;
+    struct apc_error why;
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        o.u = cases[i].output ? &cases[i].p : &good;
+        o.y = cases[i].output ? &good : &cases[i].p;
+        assert_int_equal(apc_exchange_open(&x, "modbus:127.0.0.1:502", &options, &why), APC_EINVAL);
+        if (!strstr(why.text, cases[i].why))
+            fail_msg("\"%s\" says nothing of \"%s\"", why.text, cases[i].why);
+    }
+    o = (struct apc_modbus_options){.size = sizeof o, .u = &good, .y = &good, .watchdog = &good};
+    assert_int_equal(apc_exchange_open(&x, "modbus:127.0.0.1:502", &options, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "two outputs are written to address 0"));
+    o = (struct apc_modbus_options){.size = sizeof o, .u = &good, .y = &good, .life = &good};
+    assert_int_equal(apc_exchange_open(&x, "modbus:127.0.0.1:502", &options, &why), APC_EINVAL);
+    o = (struct apc_modbus_options){.size = sizeof o, .u = &good, .y = &good, .unit = 256};
+    assert_int_equal(apc_exchange_open(&x, "modbus:127.0.0.1:502", &options, &why), APC_EINVAL);
+    o.unit = 255;
+    assert_int_equal(apc_exchange_open(&x, "modbus:127.0.0.1", &options, &why), APC_EINVAL);
+    assert_int_equal(apc_exchange_open(&x, "modbus:127.0.0.1:502", &options, &why), 0);
+    apc_exchange_close(x);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_value_of_each_type_stands_as_the_specification_has_it),
+        cmocka_unit_test(what_does_not_fit_is_not_written_nor_anything_beside_it),
+        cmocka_unit_test(a_register_that_holds_no_number_is_bad),
+        cmocka_unit_test(what_is_next_to_each_other_goes_in_one_request),
+        cmocka_unit_test(a_request_has_no_more_than_a_frame_holds),
+        cmocka_unit_test(an_exception_is_a_status_when_read_and_a_failure_when_written),
+        cmocka_unit_test(the_watchdog_counts_what_was_given_whole),
+        cmocka_unit_test(once_its_sign_of_life_stands_still_nothing_is_good),
+        cmocka_unit_test(no_bytes_hang_it_or_get_past_it),
+        cmocka_unit_test(a_map_that_makes_no_sense_is_refused),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
