@@ -335,7 +335,7 @@ static int open_shell(struct shell *s, const struct own_options *own)
 
     s->patience = cores_patience(e);
     s->budget = s->patience / 2;
-    s->d->store_pause = e->controller.rhythm.period;
+    s->d->store_pause = e->controllers->rhythm.period;
     int rc = last ? allocate(s) : APC_ENOMEM;
     if (rc < 0)
         daemon_error(s->d, rc, "%s", apc_err_text(rc));

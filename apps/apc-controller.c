@@ -110,8 +110,8 @@ static int open_shell(struct shell *s)
         return daemon_error(s->d, APC_ENOMEM, "out of memory");
     }
     apc_controller_inputs(s->core, s->in);
-    s->d->store_timeout = daemon_timeout(s->d->experiment.controller.rhythm.period);
-    s->d->store_pause = s->d->experiment.controller.rhythm.period;
+    s->d->store_timeout = daemon_timeout(s->d->experiment.controllers->rhythm.period);
+    s->d->store_pause = s->d->experiment.controllers->rhythm.period;
     rc = daemon_store(s->d, &s->store, APC_ACTUATOR, nu, last);
     if (rc == 0)
         rc = resume(s, last);
@@ -135,11 +135,11 @@ int main(int argc, char **argv)
     if (rc == 0)
         rc = open_shell(&s);
     if (rc == 0)
-        rc = daemon_run(&d, d.experiment.controller.rhythm, on_tick, &s);
+        rc = daemon_run(&d, d.experiment.controllers->rhythm, on_tick, &s);
     if (s.core && apc_controller_failures(s.core) > 0)
-        daemon_event(&d, APC_EVENT_WARNING, "rejected",
-                     "law %s gave no usable output at %llu ticks of this run",
-                     d.experiment.controller.law->name, (unsigned long long)apc_controller_failures(s.core));
+        daemon_event(
+            &d, APC_EVENT_WARNING, "rejected", "law %s gave no usable output at %llu ticks of this run",
+            d.experiment.controllers->law->name, (unsigned long long)apc_controller_failures(s.core));
     close_shell(&s);
     return daemon_close(&d, rc);
 }

@@ -162,7 +162,7 @@ static int load_experiment(struct ui *ui, const char *file, struct apc_error *wh
     snprintf(p->title, sizeof p->title, "%s", e.title);
     p->rhythms = (struct rhythms){.client = e.client.rhythm.period,
                                   .plant = e.plant.rhythm.period,
-                                  .controller = e.controller.rhythm.period};
+                                  .controller = e.controllers->rhythm.period};
     experiment_free(&e);
     return 0;
 }

@@ -101,7 +101,7 @@ static void work(const struct campaign *c)
     unsigned run;
     keep_memory();
     while (!atomic_load(&c->board->stop) && (run = atomic_fetch_add(&c->board->next, 1)) < c->options->runs)
-        if (c->e->law_handle || c->e->model_handle)
+        if (c->e->controllers->law_handle || c->e->model_handle)
             make_run_apart(c, run);
         else
             make_run(c, run);

@@ -208,7 +208,7 @@ static void print_controller(const struct campaign *c)
                 runs_made(c));
     if (failed > 0)
         fprintf(c->options->talk, "controller: law %s gave no usable output in %u of %u runs\n",
-                c->e->controller.law->name, failed, runs_made(c));
+                c->e->controllers->law->name, failed, runs_made(c));
 }
 
 /* A campaign of one run many times over is a mistake, or should be known not to be one. */

@@ -126,8 +126,8 @@ int folder_create(const char *dir, const struct experiment *e, bool force, struc
             "is there",
             dir);
     rc = copy_file(dir, "run.conf", e->file, why);
-    if (rc == 0 && is_file(&e->controller.plugin))
-        rc = copy_file(dir, "law.so", e->controller.plugin.name, why);
+    if (rc == 0 && is_file(&e->controllers->plugin))
+        rc = copy_file(dir, "law.so", e->controllers->plugin.name, why);
     if (rc == 0 && is_file(&e->plant.plugin))
         rc = copy_file(dir, "plant.so", e->plant.plugin.name, why);
     if (rc < 0)
@@ -220,7 +220,7 @@ static int write_record(const char *dir, const struct experiment *e, const struc
     put_text(f.stream, "name", e->name);
     put_text(f.stream, "sha256", hash);
     fputs("};\n", f.stream);
-    rc = put_plugin(f.stream, dir, "law", "law.so", &e->controller.plugin, e->controller.law->name, why);
+    rc = put_plugin(f.stream, dir, "law", "law.so", &e->controllers->plugin, e->controllers->law->name, why);
     if (rc == 0)
         rc = put_plugin(f.stream, dir, "plant", "plant.so", &e->plant.plugin,
                         e->plant.model ? e->plant.model->name : "", why);

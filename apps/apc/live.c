@@ -174,11 +174,11 @@ static void add_values(const struct view *l, struct line *line)
     for (size_t i = 0; i < loops(e); i++) {
         add_value(l, line, e->z[i].tag.name, 3 * i, 0);
         add_value(l, line, e->y[i].tag.name, 3 * i + 1, e->client.rhythm.period);
-        add_value(l, line, e->u[i].tag.name, 3 * i + 2, e->controller.rhythm.period);
+        add_value(l, line, e->u[i].tag.name, 3 * i + 2, e->controllers->rhythm.period);
     }
     const struct apc_sample *mode = &l->samples[l->n - 1];
     const char *name = mode->seq > 0 && mode->time >= l->start ? apc_mode_name((int)mode->value) : NULL;
-    if (overdue(l, 2, e->controller.rhythm.period))
+    if (overdue(l, 2, e->controllers->rhythm.period))
         name = "no controller";
     add(line, "  %-4s", name ? name : "-");
     if (!l->control.commanded)

@@ -355,7 +355,7 @@ static int start_daemons(struct run *r)
     if (!r->e.plant.external)
         s->child[0] = (struct child){.name = "apc-plant", .period = r->e.plant.rhythm.period};
     s->child[1] = (struct child){.name = "apc-client", .period = r->e.client.rhythm.period};
-    s->child[2] = (struct child){.name = "apc-controller", .period = r->e.controller.rhythm.period};
+    s->child[2] = (struct child){.name = "apc-controller", .period = r->e.controllers->rhythm.period};
     s->child[3] = (struct child){.name = "apc-scheduler", .period = r->e.scheduler.rhythm.period};
     add_page(r, &s->child[4]);
     setenv("APC_STORE", r->cli.store, 1); /* not in argv, where everybody could read a password */
@@ -439,9 +439,9 @@ static int take_event(void *ctx, const struct apc_event *event)
 /* Why the run is not what it was to be, if it is not: in r->failure. */
 static int judge(struct run *r, apc_ns since, apc_ns until, struct control *control)
 {
-    const double hold = apc_ns_to_s(r->e.controller.hold);
+    const double hold = apc_ns_to_s(r->e.controllers->hold);
     const apc_ns chance =
-        3 * r->e.controller.rhythm.period + 100 * APC_NS_PER_MS; /* what the plant waits for */
+        3 * r->e.controllers->rhythm.period + 100 * APC_NS_PER_MS; /* what the plant waits for */
     int rc = apc_store_events(r->store, &(struct apc_range){.since = since - LEAD, .until = until},
                               take_event, control);
     if (rc < 0 || r->failure.text[0])
@@ -450,7 +450,7 @@ static int judge(struct run *r, apc_ns since, apc_ns until, struct control *cont
     if (!control->ever && ran(r) > chance)
         apc_fail(&r->failure, APC_ESTATE, "the loop was never closed: the plant got no command, see %s/*.log",
                  r->dir);
-    else if (control->longest > r->e.controller.hold)
+    else if (control->longest > r->e.controllers->hold)
         apc_fail(&r->failure, APC_ESTATE,
                  "the loop was open: from %.1f s on the plant %s for %.1f s (hold: %g s)",
                  apc_ns_to_s(control->start - r->start),

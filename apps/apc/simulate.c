@@ -261,7 +261,7 @@ static void print_tasks(const struct simulate *r)
                 (unsigned long long)r->s.held);
     if (apc_controller_failures(r->s.controller) > 0)
         fprintf(r->talk, "controller: law %s gave no usable output at %llu ticks\n",
-                r->e.controller.law->name, (unsigned long long)apc_controller_failures(r->s.controller));
+                r->e.controllers->law->name, (unsigned long long)apc_controller_failures(r->s.controller));
 }
 
 struct listing {

@@ -12,7 +12,7 @@ static int fill_timing(const struct simulation *s)
         [SIM_SCHEDULER] = e->scheduler.rhythm.period,
         [SIM_PLANT] = e->plant.rhythm.period,
         [SIM_CLIENT] = e->client.rhythm.period,
-        [SIM_CONTROLLER] = e->controller.rhythm.period,
+        [SIM_CONTROLLER] = e->controllers->rhythm.period,
     };
     int rc = 0;
     for (int i = 0; i < SIM_TASKS && rc >= 0; i++) {

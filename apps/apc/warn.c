@@ -19,7 +19,7 @@ static void warn_link(const struct cli *cli, const struct experiment *e)
 
 static void warn_rhythm(const struct cli *cli, const struct experiment *e)
 {
-    const apc_ns client = e->client.rhythm.period, controller = e->controller.rhythm.period;
+    const apc_ns client = e->client.rhythm.period, controller = e->controllers->rhythm.period;
     if (client > controller)
         cli_error(cli, 0,
                   "warning: the client's period is %g s, the controller's %g s: it controls by measurements "
@@ -34,11 +34,12 @@ static void warn_cascade(const struct cli *cli, const struct experiment *e)
     for (size_t i = 0; i < e->n_controllers; i++)
         for (size_t k = 0; k < e->controllers[i].dim.nu; k++) {
             const struct controller *upper = &e->controllers[i], *lower = controllers_taker(e, upper->u[k]);
-            if (lower && upper->period < lower->period)
+            if (lower && upper->rhythm.period < lower->rhythm.period)
                 cli_error(cli, 0,
                           "warning: controller %s, with a period of %g s, moves setpoints of %s, with %g s: "
                           "an upper one should not be faster",
-                          upper->name, apc_ns_to_s(upper->period), lower->name, apc_ns_to_s(lower->period));
+                          upper->name, apc_ns_to_s(upper->rhythm.period), lower->name,
+                          apc_ns_to_s(lower->rhythm.period));
         }
 }
 

@@ -200,7 +200,7 @@ static void read_action(struct settings *s, const config_setting_t *group, const
 void experiment_read_actions(struct settings *s, const config_setting_t *root, struct experiment *e)
 {
     const config_setting_t *list = settings_list(s, root, "actions", OPTIONAL);
-    const int n = list && e->controller.law ? config_setting_length(list) : 0;
+    const int n = list && e->controllers->law ? config_setting_length(list) : 0;
     size_t n_tags = 0;
 
     if (n == 0) /* a daemon without the law knows no tuning, and does none of it */

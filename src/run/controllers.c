@@ -87,7 +87,7 @@ static void read_wiring(struct settings *s, const config_setting_t *group, const
     c->dim.ny = read_names(s, group, "measurements", REQUIRED, y, 1, &c->y);
     c->dim.nz = read_names(s, group, "setpoints", OPTIONAL, z, 1, &c->z);
     c->dim.nu = read_names(s, group, "outputs", REQUIRED, u, 3, &c->u);
-    c->nd = read_names(s, group, "disturbances", OPTIONAL, y, 1, &c->d);
+    c->dim.nd = read_names(s, group, "disturbances", OPTIONAL, y, 1, &c->d);
     for (size_t i = 0; i < c->dim.nu && !s->failed; i++)
         if (c->u[i].table == APC_SENSOR)
             c->u[i].at += e->dim.ny; /* calculated ones stand behind the measurements */
@@ -129,7 +129,7 @@ static bool takes(const struct controller *lower, const struct controller *upper
 {
     for (size_t i = 0; i < upper->dim.nu; i++)
         if (has(lower->z, lower->dim.nz, upper->u[i]) || has(lower->y, lower->dim.ny, upper->u[i]) ||
-            has(lower->d, lower->nd, upper->u[i]))
+            has(lower->d, lower->dim.nd, upper->u[i]))
             return true;
     return false;
 }
@@ -269,7 +269,6 @@ static void read_list(struct settings *s, const config_setting_t *list, struct e
         }
         read_name(s, group, e, c);
         read_wiring(s, group, e, c);
-        settings_period(s, group, "period", REQUIRED, &c->period);
     }
     check_owners(s, list, e);
     check_owned(s, list, e);
@@ -303,7 +302,7 @@ const config_setting_t *experiment_read_controllers(struct settings *s, const co
         read_list(s, list, e);
     else
         read_short(s, e);
-    return s->failed ? NULL : list ? config_setting_get_elem(list, 0) : group;
+    return s->failed ? NULL : list ? list : group;
 }
 
 size_t experiment_read_columns(struct settings *s, const config_setting_t *group, const struct experiment *e,
@@ -332,6 +331,7 @@ void experiment_free_controllers(struct experiment *e)
         free(e->controllers[i].z);
         free(e->controllers[i].u);
         free(e->controllers[i].d);
+        experiment_free_law(&e->controllers[i]);
     }
     free(e->controllers);
 }
@@ -344,15 +344,19 @@ static bool in_order(const struct wire *w, size_t n, enum apc_table table, size_
     return n == all;
 }
 
+bool controllers_has_all(const struct experiment *e, const struct controller *c)
+{
+    return in_order(c->y, c->dim.ny, APC_SENSOR, e->dim.ny) &&
+           in_order(c->u, c->dim.nu, APC_ACTUATOR, e->dim.nu);
+}
+
 int experiment_check_single(const struct experiment *e, struct apc_error *why)
 {
     const struct controller *c = e->controllers;
     if (e->n_controllers > 1)
         return apc_fail(why, APC_ESTATE, "%s has %zu controllers: several cannot be run yet, one can",
                         e->file, e->n_controllers);
-    if (!in_order(c->y, c->dim.ny, APC_SENSOR, e->dim.ny) ||
-        !in_order(c->z, c->dim.nz, APC_SETPOINT, e->dim.nz) ||
-        !in_order(c->u, c->dim.nu, APC_ACTUATOR, e->dim.nu) || c->nd > 0)
+    if (!controllers_has_all(e, c) || !in_order(c->z, c->dim.nz, APC_SETPOINT, e->dim.nz) || c->dim.nd > 0)
         return apc_fail(why, APC_ESTATE,
                         "%s: controller %s has not all measurements, setpoints and outputs in their order: "
                         "that cannot be "

@@ -3,13 +3,13 @@
 
 #include <stdlib.h>
 
-struct apc_law_setup cores_law_setup(const struct experiment *e)
+struct apc_law_setup cores_law_setup(const struct controller *c)
 {
-    return (struct apc_law_setup){.dim = e->dim,
-                                  .Ts = apc_ns_to_s(e->controller.rhythm.period),
-                                  .n_setting = e->controller.n_setting,
-                                  .setting = e->controller.setting,
-                                  .plant = e->controller.linear ? &e->controller.plant : NULL};
+    return (struct apc_law_setup){.dim = c->dim,
+                                  .Ts = apc_ns_to_s(c->rhythm.period),
+                                  .n_setting = c->n_setting,
+                                  .setting = c->setting,
+                                  .plant = c->linear ? &c->plant : NULL};
 }
 
 void cores_outputs(const struct experiment *e, double *low, double *high, double *safe, double *fault)
@@ -20,6 +20,18 @@ void cores_outputs(const struct experiment *e, double *low, double *high, double
         safe[i] = e->u[i].safe;
         fault[i] = e->u[i].fault;
     }
+}
+
+apc_ns cores_command_period(const struct experiment *e)
+{
+    apc_ns period = 0;
+    for (size_t i = 0; i < e->n_controllers; i++) {
+        const struct controller *c = &e->controllers[i];
+        for (size_t k = 0; k < c->dim.nu; k++)
+            if (c->u[k].table == APC_ACTUATOR && c->rhythm.period > period)
+                period = c->rhythm.period;
+    }
+    return period;
 }
 
 int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc_plantserver **server,
@@ -54,7 +66,7 @@ int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc
         .high = limits + e->dim.nu,
         .safe = limits + 2 * e->dim.nu,
         .link_period = e->client.rhythm.period,
-        .command_period = e->controller.rhythm.period,
+        .command_period = cores_command_period(e),
         .seed = e->seed,
         .noise = e->plant.noise,
         .disturbance = e->plant.disturbance,
@@ -78,7 +90,7 @@ int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc
 int cores_controller(const struct experiment *e, struct apc_controller **controller, struct apc_error *why)
 {
     const apc_ns client = e->client.rhythm.period, plant = e->plant.rhythm.period;
-    const struct apc_law_setup setup = cores_law_setup(e);
+    const struct apc_law_setup setup = cores_law_setup(e->controllers);
     const size_t nu = e->dim.nu;
     const size_t nz = e->dim.nz;
     double *limits = calloc(4 * nu + 2 * nz, sizeof *limits);
@@ -91,18 +103,18 @@ int cores_controller(const struct experiment *e, struct apc_controller **control
     }
     const struct apc_controller_options options = {
         .size = sizeof options,
-        .law = e->controller.law,
+        .law = e->controllers->law,
         .dim = e->dim,
-        .period = e->controller.rhythm.period,
+        .period = e->controllers->rhythm.period,
         .horizon = 3 * (client > plant ? client : plant) + 100 * APC_NS_PER_MS,
-        .hold = e->controller.hold,
+        .hold = e->controllers->hold,
         .fault = limits + 3 * nu,
         .low = limits,
         .high = limits + nu,
         .z_low = limits + 4 * nu,
         .z_high = limits + 4 * nu + nz,
-        .param = e->controller.param,
-        .tuning = e->controller.tuning,
+        .param = e->controllers->param,
+        .tuning = e->controllers->tuning,
         .n_setting = setup.n_setting,
         .setting = setup.setting,
         .plant = setup.plant,
@@ -118,7 +130,7 @@ int cores_client(const struct experiment *e, const int64_t *last, apc_ns since, 
     const struct apc_client_options options = {.size = sizeof options,
                                                .ny = e->dim.ny,
                                                .nu = e->dim.nu,
-                                               .command_period = e->controller.rhythm.period,
+                                               .command_period = cores_command_period(e),
                                                .last = last,
                                                .since = since};
     return apc_client_create(client, &options, why);

@@ -76,7 +76,7 @@ int course_of_samples(struct course *c, const struct samples *samples, const str
 {
     const apc_ns plant = e->plant.rhythm.period, client = e->client.rhythm.period;
     const double limit[2] = {patience(client > plant ? client : plant),
-                             patience(e->controller.rhythm.period)};
+                             patience(e->controllers->rhythm.period)};
     struct life life[2] = {{0, true}, {0, true}};
     if (course_create(c, &e->dim) < 0)
         return APC_ENOMEM;

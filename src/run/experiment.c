@@ -253,7 +253,7 @@ static void read_model(struct settings *s, const config_setting_t *group, struct
 }
 
 static void read_plant(struct settings *s, const config_setting_t *root, struct experiment *e,
-                       bool resolve_model, const char *override, const struct record *record)
+                       bool resolve_model, bool wanted, const char *override, const struct record *record)
 {
     static const char *const known[] = {"model",        "parameters", "x0",    "listen",    "integrator",
                                         "rtol",         "atol",       "steps", "dead_time", "noise",
@@ -277,7 +277,7 @@ static void read_plant(struct settings *s, const config_setting_t *root, struct 
                       "\"listen\" of an external plant: where it is, is said by \"link\" of the client");
     if (resolve_model && (e->plant.name[0] || override))
         read_model(s, group, e, override, record);
-    else if (experiment_wants_model(root) && !e->plant.name[0])
+    else if (wanted && !e->plant.name[0])
         settings_fail(s, group, "\"operating_point\" of the controller wants a \"model\" of the plant");
 }
 
@@ -295,18 +295,18 @@ static void read_client(struct settings *s, const config_setting_t *root, struct
 
 /* One group for each output; what is of the law stands in the first, what is of a measurement begins as the
  * law says. */
-static void read_tuning(struct settings *s, const config_setting_t *group, struct experiment *e,
+static void read_tuning(struct settings *s, const config_setting_t *group, struct controller *c,
                         bool override)
 {
-    const struct apc_law *law = e->controller.law;
+    const struct apc_law *law = c->law;
     const config_setting_t *list = override ? NULL : settings_list(s, group, "tuning", OPTIONAL);
-    const size_t n = apc_law_parameters(law, &e->dim);
+    const size_t n = apc_law_parameters(law, &c->dim);
     double *values = array(s, law->n_tuning, sizeof *values);
 
-    e->controller.tuning = array(s, n, sizeof *e->controller.tuning);
-    if (list && config_setting_length(list) != (int)e->dim.nu)
-        settings_fail(s, list, "\"tuning\" must have one group for each of the %zu outputs", e->dim.nu);
-    for (size_t i = 0; i < e->dim.nu && !s->failed; i++) {
+    c->tuning = array(s, n, sizeof *c->tuning);
+    if (list && config_setting_length(list) != (int)c->dim.nu)
+        settings_fail(s, list, "\"tuning\" must have one group for each of the %zu outputs", c->dim.nu);
+    for (size_t i = 0; i < c->dim.nu && !s->failed; i++) {
         for (size_t j = 0; j < law->n_tuning; j++)
             values[j] = law->tuning[j].initial;
         const config_setting_t *one = list ? config_setting_get_elem(list, (unsigned)i) : NULL;
@@ -314,31 +314,31 @@ static void read_tuning(struct settings *s, const config_setting_t *group, struc
             settings_fail(s, one, "expected a group: { Kp = 1.0; ... }");
         read_params(s, one, law->tuning, law->n_tuning, law->name, values);
         for (size_t k = 0; k < n; k++) {
-            const struct apc_law_parameter at = apc_law_parameter_at(law, &e->dim, k);
+            const struct apc_law_parameter at = apc_law_parameter_at(law, &c->dim, k);
             if (at.scope == APC_OF_MEASUREMENT)
-                e->controller.tuning[k] = law->tuning[at.number].initial;
+                c->tuning[k] = law->tuning[at.number].initial;
             else if (at.of == i)
-                e->controller.tuning[k] = values[at.number];
+                c->tuning[k] = values[at.number];
         }
     }
     free(values);
 }
 
-static void read_law(struct settings *s, const config_setting_t *group, struct experiment *e,
+static void read_law(struct settings *s, const config_setting_t *group, struct controller *c,
                      const char *override, const struct record *record)
 {
     struct apc_error why;
     if (s->failed)
         return;
-    choose(s, e->controller.name, override, &record->law, &e->controller.plugin);
-    if (take_choice(s, group, "law", override,
-                    apc_law_find(e->controller.plugin.name, &e->controller.law, &e->law_handle, &why), &why))
+    choose(s, c->law_name, override, &record->law, &c->plugin);
+    if (take_choice(s, group, "law", override, apc_law_find(c->plugin.name, &c->law, &c->law_handle, &why),
+                    &why))
         return;
-    if (e->controller.law->accepts && !e->controller.law->accepts(&e->dim))
+    if (c->law->accepts && !c->law->accepts(&c->dim))
         settings_fail(s, group, "law %s does not work with %zu measurements, %zu setpoints, %zu outputs",
-                      e->controller.law->name, e->dim.ny, e->dim.nz, e->dim.nu);
+                      c->law->name, c->dim.ny, c->dim.nz, c->dim.nu);
     else
-        read_tuning(s, group, e, e->controller.plugin.chosen);
+        read_tuning(s, group, c, c->plugin.chosen);
 }
 
 #define CONTROLLER "law", "tuning", "mode", "hold", "settings", "operating_point", "limits", RHYTHM
@@ -355,54 +355,35 @@ bool experiment_knows_of_controller(const char *name)
     return *known;
 }
 
-/* Of several, none of which is run yet: what would be refused of one. */
-static void check_controller(struct settings *s, const config_setting_t *group, struct experiment *e,
-                             const struct controller *c, bool resolve_law)
+static enum apc_mode read_mode(struct settings *s, const config_setting_t *group, const struct experiment *e)
 {
-    struct rhythm rhythm;
-    char name[256] = "", mode[16] = "", path[512];
-    const struct apc_law *law = NULL;
-    void *handle = NULL;
-    struct apc_error why;
-    settings_known(s, group, controller_settings);
-    read_rhythm(s, group, "controller", controller_phase_s, &rhythm, &e->models.recordings);
-    settings_text(s, group, "law", REQUIRED, name, sizeof name);
+    static const enum apc_mode modes[] = {APC_MODE_MAN, APC_MODE_AUTO, APC_MODE_CAS};
+    const size_t n = e->n_controllers > 1 ? 3 : 2; /* nobody is above a single one */
+    char mode[16] = "Auto";
     settings_text(s, group, "mode", OPTIONAL, mode, sizeof mode);
-    if (!s->failed && *mode && strcmp(mode, "Auto") != 0 && strcmp(mode, "Man") != 0 &&
-        strcmp(mode, "Cas") != 0)
-        settings_fail(s, config_setting_get_member(group, "mode"),
-                      "\"mode\" must be \"Auto\", \"Man\" or \"Cas\"");
-    if (s->failed || !resolve_law)
-        return;
-    resolve(s, name, path, sizeof path);
-    int err = apc_law_find(path, &law, &handle, &why);
-    if (take_error(s, config_setting_get_member(group, "law"), err, &why) == 0 && law->accepts &&
-        !law->accepts(&c->dim))
-        settings_fail(s, group, "law %s does not work with %zu measurements, %zu setpoints, %zu outputs",
-                      law->name, c->dim.ny, c->dim.nz, c->dim.nu);
-    apc_plugin_close(handle);
+    for (size_t i = 0; i < n; i++)
+        if (!strcmp(mode, apc_mode_name((int)modes[i])))
+            return modes[i];
+    settings_fail(s, config_setting_get_member(group, "mode"), "\"mode\" must be \"Auto\"%s or \"Man\"",
+                  n == 3 ? ", \"Cas\"" : "");
+    return APC_MODE_MAN;
 }
 
 static void read_controller(struct settings *s, const config_setting_t *group, struct experiment *e,
-                            bool resolve_law, const char *override, const struct record *record)
+                            struct controller *c, bool resolve_law, const char *override,
+                            const struct record *record)
 {
-    char mode[16] = "Auto";
     double hold_s;
-    if (!group)
-        return;
     settings_known(s, group, config_setting_name(group) ? short_settings : controller_settings);
-    read_rhythm(s, group, "controller", controller_phase_s, &e->controller.rhythm, &e->models.recordings);
-    settings_text(s, group, "law", REQUIRED, e->controller.name, sizeof e->controller.name);
-    settings_text(s, group, "mode", OPTIONAL, mode, sizeof mode);
-    if (!s->failed && strcmp(mode, "Auto") != 0 && strcmp(mode, "Man") != 0)
-        settings_fail(s, config_setting_get_member(group, "mode"), "\"mode\" must be \"Auto\" or \"Man\"");
-    e->controller.mode = strcmp(mode, "Man") == 0 ? APC_MODE_MAN : APC_MODE_AUTO;
-    hold_s = 3 * apc_ns_to_s(e->controller.rhythm.period);
+    read_rhythm(s, group, "controller", controller_phase_s, &c->rhythm, &e->models.recordings);
+    settings_text(s, group, "law", REQUIRED, c->law_name, sizeof c->law_name);
+    c->mode = read_mode(s, group, e);
+    hold_s = 3 * apc_ns_to_s(c->rhythm.period);
     settings_number(s, group, "hold", OPTIONAL, 0, 86400, &hold_s);
     if (!s->failed)
-        apc_ns_from_s(hold_s, &e->controller.hold);
+        apc_ns_from_s(hold_s, &c->hold);
     if (resolve_law)
-        read_law(s, group, e, override, record);
+        read_law(s, group, c, override, record);
 }
 
 static void read_scheduler(struct settings *s, const config_setting_t *root, struct experiment *e)
@@ -442,50 +423,26 @@ static bool commands_plant(const struct controller *c)
     return false;
 }
 
-/* How long it may be between two commands. */
-static apc_ns slowest(const struct experiment *e)
-{
-    apc_ns period = 0;
-    for (size_t i = 0; i < e->n_controllers; i++)
-        if (commands_plant(&e->controllers[i]) && e->controllers[i].period > period)
-            period = e->controllers[i].period;
-    return period;
-}
-
 /* Between two commands the plant would go to its safe value, every time. */
 static void check_rhythms(struct settings *s, const config_setting_t *root, const struct experiment *e)
 {
     const apc_ns client = e->client.rhythm.period;
     for (size_t i = 0; i < e->n_controllers && !s->failed; i++) {
         const struct controller *c = &e->controllers[i];
-        if (commands_plant(c) && client > 3 * c->period + 100 * APC_NS_PER_MS)
+        if (commands_plant(c) && client > 3 * c->rhythm.period + 100 * APC_NS_PER_MS)
             settings_fail(
                 s, config_setting_get_member(config_setting_get_member(root, "client"), "period"),
                 "\"period\" of client is %g s, of %s %g s: at most 3 of the controller's + 0.1 s, or "
                 "the plant would go to its safe value between any two commands",
-                apc_ns_to_s(client), c->name, apc_ns_to_s(c->period));
+                apc_ns_to_s(client), c->name, apc_ns_to_s(c->rhythm.period));
     }
 }
 
-/* The controllers, and of the only one all that it takes to run it. Returns its group. */
-static const config_setting_t *read_controllers(struct settings *s, const config_setting_t *root,
-                                                struct experiment *e, bool resolve_law, const char *override,
-                                                const struct record *record)
+/* Of controller @p i in the list, or the one group of the short form. */
+static const config_setting_t *group_of(const config_setting_t *controllers, size_t i)
 {
-    const config_setting_t *first = experiment_read_controllers(s, root, e),
-                           *list = config_setting_get_member(root, "controllers");
-    if (!first)
-        return NULL;
-    const bool single = experiment_check_single(e, NULL) == 0;
-    for (size_t i = 0; i < e->n_controllers && !single; i++)
-        check_controller(s, config_setting_get_elem(list, (unsigned)i), e, &e->controllers[i], resolve_law);
-    if (single)
-        read_controller(s, first, e, resolve_law, override, record);
-    else
-        e->controller.rhythm.period = slowest(e);
-    if (!s->failed && !list)
-        e->controllers[0].period = e->controller.rhythm.period;
-    return first;
+    return config_setting_is_list(controllers) ? config_setting_get_elem(controllers, (unsigned)i)
+                                               : controllers;
 }
 
 static void read_root(struct settings *s, const config_setting_t *root, struct experiment *e, unsigned parts,
@@ -519,14 +476,20 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
         check_names(s, root, "outputs", e->u, e->dim.nu, e->z, e->dim.nz);
     }
     read_client(s, root, e);
-    const config_setting_t *controller = read_controllers(s, root, e, (parts & EXPERIMENT_LAW) != 0,
-                                                          overrides ? overrides->law : NULL, record);
-    read_plant(s, root, e,
-               (parts & EXPERIMENT_MODEL) || ((parts & EXPERIMENT_LAW) && experiment_wants_model(controller)),
+    const bool laws = (parts & EXPERIMENT_LAW) != 0;
+    const config_setting_t *list = experiment_read_controllers(s, root, e);
+    bool wanted = false; /* the model, by a law */
+    for (size_t i = 0; i < e->n_controllers && !s->failed; i++) {
+        read_controller(s, group_of(list, i), e, &e->controllers[i], laws, overrides ? overrides->law : NULL,
+                        record);
+        wanted = wanted || experiment_wants_model(group_of(list, i));
+    }
+    read_plant(s, root, e, (parts & EXPERIMENT_MODEL) || (laws && wanted), wanted,
                overrides ? overrides->model : NULL, record);
     read_scheduler(s, root, e);
     check_rhythms(s, root, e);
-    experiment_read_law(s, controller, e);
+    for (size_t i = 0; i < e->n_controllers; i++)
+        experiment_read_law(s, s->failed ? NULL : group_of(list, i), e, &e->controllers[i]);
     models_read(s, root, &e->models);
     experiment_read_actions(s, root, e);
 }
@@ -607,14 +570,11 @@ void experiment_free(struct experiment *e)
     free(e->plant.disturbance);
     free(e->sensor);
     free(e->faults);
-    free(e->controller.tuning);
-    experiment_free_law(e);
     free(e->scheduler.sequence);
     free(e->scheduler.z);
     free(e->action);
     experiment_free_controllers(e);
     models_free(&e->models);
     apc_plugin_close(e->model_handle);
-    apc_plugin_close(e->law_handle);
     memset(e, 0, sizeof *e);
 }

@@ -59,10 +59,10 @@ static void read_setting(struct settings *s, const config_setting_t *group, cons
         settings_number(s, group, name, REQUIRED, -APC_VALUE_MAX, APC_VALUE_MAX, value);
 }
 
-static void read_settings(struct settings *s, const config_setting_t *group, struct experiment *e)
+static void read_settings(struct settings *s, const config_setting_t *group, struct controller *c)
 {
     static const char *const none[] = {NULL};
-    const char *const *known = e->controller.law->settings ? e->controller.law->settings : none;
+    const char *const *known = c->law->settings ? c->law->settings : none;
     const config_setting_t *list = settings_group(s, group, "settings", OPTIONAL);
     size_t n = list ? (size_t)config_setting_length(list) : 0, total = 0;
 
@@ -71,17 +71,17 @@ static void read_settings(struct settings *s, const config_setting_t *group, str
     settings_known(s, list, known);
     if (s->failed)
         return;
-    struct apc_setting *setting = e->controller.setting = calloc(n + 1, sizeof *e->controller.setting);
+    struct apc_setting *setting = c->setting = calloc(n + 1, sizeof *c->setting);
     if (!setting) {
         s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
         return;
     }
-    e->controller.n_setting = n;
+    c->n_setting = n;
     for (size_t i = 0; i < n; i++) {
         shape_setting(config_setting_get_elem(list, (unsigned)i), &setting[i]);
         total += setting[i].rows * setting[i].columns;
     }
-    double *value = e->controller.values = numbers(s, total);
+    double *value = c->values = numbers(s, total);
     for (size_t i = 0; i < n && !s->failed; i++) {
         read_setting(s, list, config_setting_get_elem(list, (unsigned)i), known, &setting[i], value);
         value += setting[i].rows * setting[i].columns;
@@ -91,7 +91,8 @@ static void read_settings(struct settings *s, const config_setting_t *group, str
 /* ---- The operating point --------------------------------------------------------------------- */
 
 /* From what the file says, or the model's own values, to the steady state there and the linear model. */
-static void linearise(struct settings *s, const config_setting_t *at, struct experiment *e)
+static void linearise(struct settings *s, const config_setting_t *at, const struct experiment *e,
+                      struct controller *c)
 {
     const struct apc_model *m = e->plant.model;
     size_t nx = m->nx, nu = m->nu, all = nu + m->nd, ny = m->ny;
@@ -100,7 +101,7 @@ static void linearise(struct settings *s, const config_setting_t *at, struct exp
     const config_setting_t *u_setting = config_setting_get_member(at, "u");
     struct apc_error why;
 
-    e->controller.linear = memory;
+    c->linear = memory;
     if (!memory)
         return;
     double *A = memory, *C = A + nx * nx, *B = C + ny * nx, *D = B + nx * nu, *x = D + ny * nu, *u = x + nx,
@@ -129,11 +130,11 @@ static void linearise(struct settings *s, const config_setting_t *at, struct exp
         memcpy(B + i * nu, B_all + i * all, nu * sizeof *B);
     for (size_t i = 0; i < ny; i++)
         memcpy(D + i * nu, D_all + i * all, nu * sizeof *D);
-    e->controller.plant =
-        (struct apc_law_plant){.nx = nx, .A = A, .B = B, .C = C, .D = D, .x0 = x, .u0 = u, .y0 = y};
+    c->plant = (struct apc_law_plant){.nx = nx, .A = A, .B = B, .C = C, .D = D, .x0 = x, .u0 = u, .y0 = y};
 }
 
-static void read_operating_point(struct settings *s, const config_setting_t *group, struct experiment *e)
+static void read_operating_point(struct settings *s, const config_setting_t *group,
+                                 const struct experiment *e, struct controller *c)
 {
     static const char *const known[] = {"x", "u", NULL};
     const config_setting_t *at = settings_group(s, group, "operating_point", OPTIONAL);
@@ -141,26 +142,31 @@ static void read_operating_point(struct settings *s, const config_setting_t *gro
     if (!at)
         return;
     settings_known(s, at, known);
+    if (!s->failed && !controllers_has_all(e, c))
+        settings_fail(
+            s, at,
+            "\"operating_point\": the plant's linear model is of all its measurements and outputs, in "
+            "their order, which controller %s has not",
+            c->name);
     if (!s->failed)
-        linearise(s, at, e);
+        linearise(s, at, e, c);
 }
 
 /* ---- Tuning ---------------------------------------------------------------------------------- */
 
 /* The law's parameters, with the limits that group `limits` narrows. */
-static void read_limits(struct settings *s, const config_setting_t *group, struct experiment *e)
+static void read_limits(struct settings *s, const config_setting_t *group, struct controller *c)
 {
-    const struct apc_law *law = e->controller.law;
-    const config_setting_t *list =
-        e->controller.plugin.chosen ? NULL : settings_group(s, group, "limits", OPTIONAL);
+    const struct apc_law *law = c->law;
+    const config_setting_t *list = c->plugin.chosen ? NULL : settings_group(s, group, "limits", OPTIONAL);
 
-    e->controller.param = calloc(law->n_tuning + 1, sizeof *e->controller.param);
-    if (!e->controller.param) {
+    c->param = calloc(law->n_tuning + 1, sizeof *c->param);
+    if (!c->param) {
         s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
         return;
     }
     for (size_t j = 0; j < law->n_tuning; j++)
-        e->controller.param[j] = law->tuning[j];
+        c->param[j] = law->tuning[j];
     for (int i = 0; list && i < config_setting_length(list) && !s->failed; i++) {
         const config_setting_t *member = config_setting_get_elem(list, (unsigned)i);
         double limit[2];
@@ -171,7 +177,7 @@ static void read_limits(struct settings *s, const config_setting_t *group, struc
             settings_fail(s, member, "%s has no parameter \"%s\"", law->name, config_setting_name(member));
             return;
         }
-        struct apc_param *param = &e->controller.param[j];
+        struct apc_param *param = &c->param[j];
         settings_numbers(s, member, 2, limit);
         if (!s->failed && !(limit[0] >= param->low && limit[0] <= limit[1] && limit[1] <= param->high))
             settings_fail(s, member, "limits of %s must rise and lie within the law's own, %g to %g",
@@ -181,15 +187,15 @@ static void read_limits(struct settings *s, const config_setting_t *group, struc
     }
 }
 
-static void check_tuning(struct settings *s, const config_setting_t *at, const struct experiment *e)
+static void check_tuning(struct settings *s, const config_setting_t *at, const struct controller *c)
 {
-    const struct apc_law *law = e->controller.law;
-    const size_t n = apc_law_parameters(law, &e->dim);
+    const struct apc_law *law = c->law;
+    const size_t n = apc_law_parameters(law, &c->dim);
 
     for (size_t i = 0; i < n && !s->failed; i++) {
-        const struct apc_law_parameter p = apc_law_parameter_at(law, &e->dim, i);
-        const struct apc_param *param = &e->controller.param[p.number];
-        double value = e->controller.tuning[i];
+        const struct apc_law_parameter p = apc_law_parameter_at(law, &c->dim, i);
+        const struct apc_param *param = &c->param[p.number];
+        double value = c->tuning[i];
         if (value < param->low || value > param->high)
             settings_fail(s, at, "%s of output %zu is %g, outside its \"limits\", %g to %g", param->name,
                           p.of + 1, value, param->low, param->high);
@@ -199,39 +205,42 @@ static void check_tuning(struct settings *s, const config_setting_t *at, const s
 /* ---- Trial ----------------------------------------------------------------------------------- */
 
 static void try_law(struct settings *s, const config_setting_t *group, const config_setting_t *tuning,
-                    const struct experiment *e)
+                    const struct controller *c)
 {
-    const struct apc_law_setup setup = cores_law_setup(e);
+    const struct apc_law_setup setup = cores_law_setup(c);
     struct apc_error why;
-    int rc = apc_law_try(e->controller.law, &setup, e->controller.tuning, &why);
+    int rc = apc_law_try(c->law, &setup, c->tuning, &why);
 
     if (rc < 0)
         settings_fail(s, rc == APC_ERANGE ? tuning : group, "%s", why.text);
 }
 
-void experiment_read_law(struct settings *s, const config_setting_t *group, struct experiment *e)
+void experiment_read_law(struct settings *s, const config_setting_t *group, const struct experiment *e,
+                         struct controller *c)
 {
-    if (s->failed || !e->controller.law)
+    if (s->failed || !c->law)
         return;
-    if (!e->controller.plugin.chosen)
-        read_settings(s, group, e);
+    if (!c->plugin.chosen)
+        read_settings(s, group, c);
     if (e->plant.model && !e->plant.plugin.chosen)
-        read_operating_point(s, group, e);
+        read_operating_point(s, group, e, c);
     if (!s->failed)
-        read_limits(s, group, e);
+        read_limits(s, group, c);
     const config_setting_t *at = config_setting_get_member(group, "tuning");
     if (!s->failed)
-        check_tuning(s, at ? at : group, e);
+        check_tuning(s, at ? at : group, c);
     if (!s->failed)
-        try_law(s, group, at ? at : group, e);
+        try_law(s, group, at ? at : group, c);
 }
 
-void experiment_free_law(struct experiment *e)
+void experiment_free_law(struct controller *c)
 {
-    free(e->controller.param);
-    for (size_t i = 0; i < e->controller.n_setting; i++)
-        free((char *)(uintptr_t)e->controller.setting[i].text);
-    free(e->controller.setting);
-    free(e->controller.values);
-    free(e->controller.linear);
+    free(c->tuning);
+    free(c->param);
+    for (size_t i = 0; i < c->n_setting; i++)
+        free((char *)(uintptr_t)c->setting[i].text);
+    free(c->setting);
+    free(c->values);
+    free(c->linear);
+    apc_plugin_close(c->law_handle);
 }

@@ -29,8 +29,11 @@ bool experiment_wants_model(const config_setting_t *controller);
  * configure itself and check its tuning, so that what it does not like is said with file and line. After law
  * and model. Where another law or model than the file's runs, the file's settings, or its operating point, do
  * not apply. */
-void experiment_read_law(struct settings *s, const config_setting_t *group, struct experiment *e);
-void experiment_free_law(struct experiment *e);
+void experiment_read_law(struct settings *s, const config_setting_t *group, const struct experiment *e,
+                         struct controller *c);
+void experiment_free_law(struct controller *c); /* and its tuning and plug-in */
+/* Are all measurements and outputs of the plant its own, in their order? */
+bool controllers_has_all(const struct experiment *e, const struct controller *c);
 
 /* Which controllers there are, with the signals of each; after the signals. Returns the group of the first
  * one; NULL after a failure. */

@@ -46,9 +46,10 @@ const char *metric_key(enum metric metric)
 
 size_t metrics_loops(const struct experiment *e, struct loop *loop)
 {
-    const struct apc_law_setup setup = cores_law_setup(e);
+    const struct apc_law_setup setup = cores_law_setup(e->controllers);
     struct apc_pair *pair = calloc(e->dim.nu + 1, sizeof *pair);
-    bool paired = pair && e->controller.law && apc_law_pairing(e->controller.law, &setup, pair, NULL) == 0;
+    bool paired =
+        pair && e->controllers->law && apc_law_pairing(e->controllers->law, &setup, pair, NULL) == 0;
     size_t n = 0;
     for (size_t i = 0; i < e->dim.nu; i++) {
         struct loop l = {i, i, i};

@@ -27,14 +27,14 @@ static struct apc_tag plain_tag(enum apc_table table, int id, const char *name, 
 static size_t tuning_tags(const struct experiment *e, enum apc_law_scope scope, size_t of,
                           struct apc_tag *tag)
 {
-    const struct apc_law *law = e->controller.law;
+    const struct apc_law *law = e->controllers->law;
     const size_t all = apc_law_parameters(law, &e->dim);
     size_t n = 0;
     char name[APC_TAG_LEN];
 
     for (size_t k = 0; k < all; k++) {
         const struct apc_law_parameter at = apc_law_parameter_at(law, &e->dim, k);
-        const struct apc_param *p = &e->controller.param[at.number];
+        const struct apc_param *p = &e->controllers->param[at.number];
         if (at.scope != scope || at.of != of)
             continue;
         if (scope == APC_OF_OUTPUT)
@@ -65,7 +65,7 @@ static size_t output_tags(const struct experiment *e, size_t i, struct apc_tag *
 struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
 {
     const struct apc_dim *dim = &e->dim;
-    size_t n = 0, most = dim->ny + dim->nz + 4 * dim->nu + apc_law_parameters(e->controller.law, dim) + 6;
+    size_t n = 0, most = dim->ny + dim->nz + 4 * dim->nu + apc_law_parameters(e->controllers->law, dim) + 6;
     char name[APC_TAG_LEN];
     struct apc_tag *tag = calloc(most, sizeof *tag);
     if (!tag)
@@ -200,10 +200,10 @@ static int put_values(struct apc_store *store, struct apc_sample *wanted, size_t
 static int put_dimensions(struct apc_store *store, const struct experiment *e, apc_ns now)
 {
     const size_t nu = e->dim.nu, n = 3 + 2 * nu;
-    const struct apc_law_setup setup = cores_law_setup(e);
+    const struct apc_law_setup setup = cores_law_setup(e->controllers);
     struct apc_sample *wanted = calloc(n, sizeof *wanted);
     struct apc_pair *pair = calloc(nu, sizeof *pair);
-    int rc = wanted && pair ? apc_law_pairing(e->controller.law, &setup, pair, NULL) : APC_ENOMEM;
+    int rc = wanted && pair ? apc_law_pairing(e->controllers->law, &setup, pair, NULL) : APC_ENOMEM;
 
     for (size_t i = 0; rc == 0 && i < n; i++)
         wanted[i] = (struct apc_sample){.table = APC_DIM, .id = (int)i + 1, .time = now};
@@ -245,7 +245,7 @@ static int forget_manual(struct apc_store *store, size_t nu, apc_ns now)
 
 int provision(struct apc_store *store, const struct experiment *e, enum provision how)
 {
-    size_t tunings = apc_law_parameters(e->controller.law, &e->dim);
+    size_t tunings = apc_law_parameters(e->controllers->law, &e->dim);
     apc_ns now = apc_clock_utc(NULL);
     struct apc_sample *wanted = calloc(tunings + 1, sizeof *wanted);
     int rc = wanted ? put_dimensions(store, e, now) : APC_ENOMEM;
@@ -255,9 +255,9 @@ int provision(struct apc_store *store, const struct experiment *e, enum provisio
     }
     for (size_t i = 0; i < tunings; i++)
         wanted[i] = (struct apc_sample){
-            .table = APC_TUNING, .id = (int)i + 1, .time = now, .value = e->controller.tuning[i]};
+            .table = APC_TUNING, .id = (int)i + 1, .time = now, .value = e->controllers->tuning[i]};
     wanted[tunings] =
-        (struct apc_sample){.table = APC_OPMODE, .id = 0, .time = now, .value = e->controller.mode};
+        (struct apc_sample){.table = APC_OPMODE, .id = 0, .time = now, .value = e->controllers->mode};
     if (rc >= 0)
         rc = put_values(store, wanted, tunings + 1, how);
     if (rc >= 0 && how == PROVISION_RESET)

@@ -143,7 +143,7 @@ static void give_value(struct apc_sample *in, int64_t seq, double value)
  */
 static enum apc_mode mode_at(const struct replay *r, apc_ns t, apc_status status)
 {
-    enum apc_mode mode = r->e.controller.mode;
+    enum apc_mode mode = r->e.controllers->mode;
     for (size_t i = 0; i < r->operation.n && r->operation.at[i].time <= t; i++)
         if (r->operation.at[i].table == APC_OPMODE && r->operation.at[i].id == 1)
             mode = (enum apc_mode)r->operation.at[i].value;
@@ -154,7 +154,7 @@ static enum apc_mode mode_at(const struct replay *r, apc_ns t, apc_status status
 static void give_all(struct replay *r, const struct apc_sample *tick)
 {
     const size_t loop = r->e.dim.ny + r->e.dim.nz, nu = r->e.dim.nu;
-    const size_t n_tuning = apc_law_parameters(r->e.controller.law, &r->e.dim);
+    const size_t n_tuning = apc_law_parameters(r->e.controllers->law, &r->e.dim);
     struct apc_sample *in = r->in + loop;
     enum apc_mode mode = mode_at(r, tick->time, tick->status);
 
@@ -162,7 +162,7 @@ static void give_all(struct replay *r, const struct apc_sample *tick)
     give_value(in++, 1, mode);
     for (size_t i = 0; i < n_tuning; i++, in++) {
         if (in->seq == 0)
-            give_value(in, 1, r->e.controller.tuning[i]);
+            give_value(in, 1, r->e.controllers->tuning[i]);
         if (!r->other_law)
             give_newest(r, &r->operation, loop + 1 + i, tick->time, -1);
     }
@@ -222,7 +222,7 @@ void replay_run(struct replay *r, const struct replay_watch *watch)
 
 static int make_room(struct replay *r, struct apc_error *why)
 {
-    const struct apc_law_setup setup = cores_law_setup(&r->e);
+    const struct apc_law_setup setup = cores_law_setup(r->e.controllers);
     const size_t nu = r->e.dim.nu;
     r->size = apc_controller_size(r->core);
     r->in = calloc(r->size.in, sizeof *r->in);
@@ -233,7 +233,7 @@ static int make_room(struct replay *r, struct apc_error *why)
     if (!r->in || !r->out || !r->next || !r->difference || !r->pair || index_samples(r) < 0)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     apc_controller_inputs(r->core, r->in);
-    return apc_law_pairing(r->e.controller.law, &setup, r->pair, why);
+    return apc_law_pairing(r->e.controllers->law, &setup, r->pair, why);
 }
 
 /* A file that older runs have not. */

@@ -81,9 +81,22 @@ struct wire {
 struct controller {
     char name[APC_TAG_LEN];
     struct apc_dim dim;
-    size_t nd;                  /* measured disturbances */
-    struct wire *y, *z, *u, *d; /* [dim.ny], [dim.nz], [dim.nu], [nd] */
-    apc_ns period;
+    struct wire *y, *z, *u, *d; /* [dim.ny], [dim.nz], [dim.nu], [dim.nd] */
+    struct rhythm rhythm;
+
+    char law_name[256]; /* in the file */
+    struct plugin plugin;
+    const struct apc_law *law;
+    double *tuning;              /* [apc_law_parameters()] */
+    struct apc_param *param;     /* [law->n_tuning] the law's, with the limits of this experiment */
+    struct apc_setting *setting; /* [n_setting] */
+    size_t n_setting;
+    double *values; /* memory of the settings */
+    double *linear; /* memory of plant; NULL: no operating point is given */
+    struct apc_law_plant plant;
+    enum apc_mode mode;
+    apc_ns hold;
+    void *law_handle;
 };
 
 /* What an operator is to do at a time of the run. */
@@ -128,21 +141,6 @@ struct experiment {
     } client;
     struct {
         struct rhythm rhythm;
-        char name[256]; /* of the law, in the file */
-        struct plugin plugin;
-        const struct apc_law *law;
-        double *tuning;              /* [apc_law_parameters()] */
-        struct apc_param *param;     /* [law->n_tuning] the law's, with the limits of this experiment */
-        struct apc_setting *setting; /* [n_setting] */
-        size_t n_setting;
-        double *values; /* memory of the settings */
-        double *linear; /* memory of plant; NULL: no operating point is given */
-        struct apc_law_plant plant;
-        enum apc_mode mode;
-        apc_ns hold;
-    } controller;
-    struct {
-        struct rhythm rhythm;
         struct wire *z; /* [n] the setpoints that it moves */
         size_t n;
         double *sequence; /* [steps * n] */
@@ -150,7 +148,7 @@ struct experiment {
         bool repeat;
     } scheduler;
 
-    struct controller *controllers; /* [n_controllers] */
+    struct controller *controllers; /* [n_controllers], at least one */
     size_t n_controllers;
 
     struct action *action; /* [n_actions] by time */
@@ -160,7 +158,7 @@ struct experiment {
     char net[512];        /* of a run's record: --net, already in models; "": none */
     apc_ns start;         /* of a run's record: t = 0, UTC; 0: none */
 
-    void *model_handle, *law_handle;
+    void *model_handle;
 };
 
 /* Which plug-ins to resolve: a client needs neither the law nor the model. */
@@ -203,8 +201,11 @@ int experiment_check_steps(const struct experiment *e, struct apc_error *why);
 
 /* ---- Its cores, for daemons and simulation alike -------------------------------------------- */
 
-/* What the law is configured from. */
-struct apc_law_setup cores_law_setup(const struct experiment *e);
+/* What its law is made from. */
+struct apc_law_setup cores_law_setup(const struct controller *c);
+
+/* How long it may be between two commands: the period of the slowest controller that gives any. */
+apc_ns cores_command_period(const struct experiment *e);
 
 /* One member of the manipulated variables as an array for the cores: out[dim.nu]. */
 void cores_outputs(const struct experiment *e, double *low, double *high, double *safe, double *fault);

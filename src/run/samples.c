@@ -92,7 +92,7 @@ int samples_collect_operation(struct samples *samples, struct apc_store *store, 
                               const struct apc_range *range)
 {
     const struct part of[] = {{APC_OPMODE, 0, 2},
-                              {APC_TUNING, 1, apc_law_parameters(e->controller.law, &e->dim)},
+                              {APC_TUNING, 1, apc_law_parameters(e->controllers->law, &e->dim)},
                               {APC_MANUAL, 1, e->dim.nu}};
     const struct apc_range before = {.until = range->since, .last = 1};
     int rc = 0;

@@ -416,7 +416,7 @@ static int make_tasks(struct simulation *s, uint64_t seed, struct apc_error *why
         [SIM_SCHEDULER] = &s->e->scheduler.rhythm,
         [SIM_PLANT] = &s->e->plant.rhythm,
         [SIM_CLIENT] = &s->e->client.rhythm,
-        [SIM_CONTROLLER] = &s->e->controller.rhythm,
+        [SIM_CONTROLLER] = &s->e->controllers->rhythm,
     };
     int rc = 0;
     for (int i = 0; i < SIM_TASKS && rc == 0; i++)
@@ -478,7 +478,7 @@ static int make_room(struct simulation *s)
 static int make_store(struct simulation *s, struct apc_error *why)
 {
     const struct experiment *e = s->e;
-    const size_t n = apc_law_parameters(e->controller.law, &e->dim);
+    const size_t n = apc_law_parameters(e->controllers->law, &e->dim);
     struct apc_sample *first = calloc(n + 1, sizeof *first);
     int rc = first ? apc_store_open(&s->store, s->uri, NULL, why) : APC_ENOMEM;
 
@@ -486,10 +486,10 @@ static int make_store(struct simulation *s, struct apc_error *why)
         free(first);
         return first ? rc : apc_fail(why, APC_ENOMEM, "out of memory");
     }
-    first[0] = (struct apc_sample){.table = APC_OPMODE, .value = (double)e->controller.mode};
+    first[0] = (struct apc_sample){.table = APC_OPMODE, .value = (double)e->controllers->mode};
     for (size_t i = 0; i < n; i++)
         first[1 + i] =
-            (struct apc_sample){.table = APC_TUNING, .id = (int)i + 1, .value = e->controller.tuning[i]};
+            (struct apc_sample){.table = APC_TUNING, .id = (int)i + 1, .value = e->controllers->tuning[i]};
     for (size_t i = 0; i <= n; i++)
         first[i].time = SIMULATION_BEGIN;
     rc = apc_store_init(s->store);

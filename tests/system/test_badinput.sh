@@ -208,8 +208,14 @@ answers || fail "the plant answers no more after malformed frames"
 sed -e 's/controller = {/controllers = ( { name = "one"; measurements = ["y"]; setpoints = ["r"]; outputs = ["u"];/' -e '/mode = "Auto";/{n;s/};/} );/}' \
   "$APC_SOURCE_DIR/experiments/first-order.conf" >"$work/long.conf"
 expect 0 'sha256' "$apc" simulate "$work/long.conf" --duration 10
-sed -e 's/setpoints    = (/setpoints = ( { name = "w"; },/' -e 's/} );$/}, { name = "two"; law = "pi"; period = 4.0; measurements = ["y"]; setpoints = ["w"]; outputs = ["r"]; } );/;' \
-  "$work/long.conf" | sed -e '/^measurements/s/, { name = "two".*/ );/' -e '/^setpoints/s/, { name = "two".*/ );/' -e '/^outputs/s/, { name = "two".*/ );/' >"$work/layers.conf"
+cat >"$work/layers.conf" <<'LAYERS'
+name = "layers"; duration = 10.0;
+measurements = ( { name = "y"; } ); setpoints = ( { name = "r"; }, { name = "w"; } ); outputs = ( { name = "u"; } );
+plant = { model = "first-order"; period = 0.2; }; client = { period = 0.5; };
+controllers = ( { name = "one"; law = "pi"; period = 2.0; measurements = ["y"]; setpoints = ["r"]; outputs = ["u"]; },
+                { name = "two"; law = "pi"; period = 4.0; measurements = ["y"]; setpoints = ["w"]; outputs = ["r"]; } );
+scheduler = { period = 150.0; sequence = ( [10.0] ); };
+LAYERS
 for command in simulate run init; do
   expect 1 'layers\.conf has 2 controllers: several cannot be run yet' "$apc" $command "$work/layers.conf"
 done

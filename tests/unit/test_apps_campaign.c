@@ -26,6 +26,7 @@ static struct campaign campaign;
 static struct apc_error why;
 static char *said;
 static size_t said_length;
+static struct controller controller;
 
 static double *figure(unsigned run, size_t of, enum metric metric)
 {
@@ -36,8 +37,13 @@ static double *figure(unsigned run, size_t of, enum metric metric)
 static int begin(void **state)
 {
     (void)state;
-    e = (struct experiment){.name = "two", .y = y, .dim = {2, 2, 2, 0}, .duration = 2.5};
-    e.controller.law = &law;
+    controller = (struct controller){.law = &law};
+    e = (struct experiment){.name = "two",
+                            .y = y,
+                            .dim = {2, 2, 2, 0},
+                            .duration = 2.5,
+                            .controllers = &controller,
+                            .n_controllers = 1};
     options = (struct campaign_options){.seed = FIRST, .runs = RUNS, .against = "before.csv"};
     campaign = (struct campaign){.e = &e, .options = &options, .loop = loop, .loops = 2, .first = 64};
     campaign.stride = sizeof(struct result) + 2 * METRICS * sizeof(double);
@@ -449,11 +455,11 @@ static int moody(struct apc_law_call *c)
 static void be(struct experiment *of, void (*how)(unsigned call), bool plugin)
 {
     static struct apc_law moody_law;
-    moody_law = *of->controller.law;
+    moody_law = *of->controllers->law;
     moody_law.name = "moody";
     moody_law.compute = moody;
-    of->controller.law = &moody_law;
-    of->law_handle = plugin ? &mood : NULL;
+    of->controllers->law = &moody_law;
+    of->controllers->law_handle = plugin ? &mood : NULL;
     mood = how;
     calls = 0;
 }
@@ -470,7 +476,7 @@ static int run(struct experiment *of, unsigned runs, unsigned jobs)
 
 static void done_with(struct experiment *of)
 {
-    of->law_handle = NULL;
+    of->controllers->law_handle = NULL;
     experiment_free(of);
 }
 

@@ -53,8 +53,8 @@ static void each_controller_has_its_own_signals(void **state)
     const struct controller *base = &e.controllers[0], *upper = &e.controllers[1];
     assert_string_equal(base->name, "base");
     assert_string_equal(upper->name, "upper");
-    assert_int_equal(base->period, APC_NS_PER_S / 2);
-    assert_int_equal(upper->period, 5 * APC_NS_PER_S);
+    assert_int_equal(base->rhythm.period, APC_NS_PER_S / 2);
+    assert_int_equal(upper->rhythm.period, 5 * APC_NS_PER_S);
     assert_int_equal(base->dim.ny + base->dim.nz + base->dim.nu, 6);
     assert_wire(base->y[1], APC_SENSOR, 1);
     assert_wire(base->z[0], APC_SETPOINT, 0);
@@ -71,6 +71,36 @@ static void each_controller_has_its_own_signals(void **state)
     /* which cannot be run yet */
     assert_int_equal(experiment_check_single(&e, &why), APC_ESTATE);
     assert_string_equal(why.text, "layers.conf has 2 controllers: several cannot be run yet, one can");
+    experiment_free(&e);
+}
+
+static void each_controller_has_a_law_of_its_own(void **state)
+{
+    struct experiment e;
+    struct apc_error why;
+    (void)state;
+    if (parse(&e, 8,
+              " { name = \"upper\"; law = \"pid\"; period = 5.0; phase = 0.5; mode = \"Man\"; hold = 30.0; "
+              "measurements = [\"y2\", \"y1\"]; setpoints = [\"w2\", \"w1\"]; outputs = [\"r2\", \"r1\"]; "
+              "tuning = ( { Kp = 7.0; }, { } ); limits = { Kp = [0.0, 9.0]; }; settings = { measurement = "
+              "[2.0, "
+              "1.0]; }; } );",
+              &why) < 0)
+        fail_msg("%s", why.text);
+    const struct controller *base = &e.controllers[0], *upper = &e.controllers[1];
+    assert_string_equal(base->law->name, "pi");
+    assert_string_equal(upper->law->name, "pid");
+    assert_int_equal(base->mode, APC_MODE_CAS);
+    assert_int_equal(upper->mode, APC_MODE_MAN);
+    assert_int_equal(upper->hold, 30 * APC_NS_PER_S);
+    assert_int_equal(base->hold, 3 * APC_NS_PER_S / 2);
+    assert_int_equal(upper->rhythm.phase, APC_NS_PER_S / 2);
+    assert_near(upper->tuning[0], 7.0, 0);
+    assert_near(base->tuning[0], base->law->tuning[0].initial, 0);
+    assert_near(upper->param[0].high, 9.0, 0);
+    assert_int_equal(upper->n_setting, 1);
+    assert_int_equal(base->n_setting, 0);
+    assert_int_equal(cores_command_period(&e), APC_NS_PER_S / 2); /* upper commands nobody */
     experiment_free(&e);
 }
 
@@ -95,7 +125,7 @@ static void a_controller_may_calculate_what_another_one_measures(void **state)
     assert_int_equal(e.y[2].tag.id, 3); /* behind the measurements */
     assert_wire(e.controllers[1].u[0], APC_SENSOR, 2);
     assert_wire(e.controllers[2].y[0], APC_SENSOR, 2);
-    assert_int_equal(e.controllers[2].nd, 1);
+    assert_int_equal(e.controllers[2].dim.nd, 1);
     assert_wire(e.controllers[2].d[0], APC_SENSOR, 1);
     experiment_free(&e);
 }
@@ -112,7 +142,7 @@ static void the_short_form_is_one_controller_of_all(void **state)
     assert_string_equal(e.controllers[0].name, "controller");
     assert_int_equal(e.controllers[0].dim.ny, e.dim.ny);
     assert_wire(e.controllers[0].u[1], APC_ACTUATOR, 1);
-    assert_int_equal(e.controllers[0].period, e.controller.rhythm.period);
+    assert_int_equal(e.controllers[0].rhythm.period, e.controllers->rhythm.period);
     assert_int_equal(e.scheduler.n, e.dim.nz);
     assert_int_equal(experiment_check_single(&e, &why), 0);
     experiment_free(&e);
@@ -145,7 +175,7 @@ static void one_in_the_long_form_is_the_same(void **state)
         assert_int_equal(e.scheduler.n, 1);
         assert_wire(e.scheduler.z[0], APC_SETPOINT, 1);
         if (k == 0) {
-            assert_near(e.controller.tuning[0], 3.0, 0);
+            assert_near(e.controllers->tuning[0], 3.0, 0);
             assert_int_equal(e.n_actions, 1);
         }
         experiment_free(&e);
@@ -198,12 +228,25 @@ static void what_cannot_be_is_refused_with_its_line(void **state)
          "6: signal \"x\" is no controller's output: nobody would calculate it"},
         {6, "signals = ( { name = \"y1\"; } ); controllers = (", "6: two variables are called \"y1\""},
         {7, BASE("hopla = 1;"), "7: unknown setting \"hopla\""},
-        {7, BASE("mode = \"Oos\";"), "7: \"mode\" must be \"Auto\", \"Man\" or \"Cas\""},
+        {7, BASE("mode = \"Oos\";"), "7: \"mode\" must be \"Auto\", \"Cas\" or \"Man\""},
         {8,
          " { name = \"upper\"; law = \"pi\"; period = 5.0; measurements = [\"y1\"]; setpoints = "
          "[\"w1\"]; outputs = "
          "[\"r1\", \"r2\"]; } );",
          "8: law pi does not work with 1 measurements, 1 setpoints, 2 outputs"},
+        {7, BASE("tuning = ( { Kp = 1.0; } );"),
+         "7: \"tuning\" must have one group for each of the 2 outputs"},
+        {7, BASE("tuning = ( { Kb = 1.0; }, { } );"), "7: pi has no parameter \"Kb\": did you mean \"Kp\"?"},
+        {7, BASE("limits = { Kp = [0.0, 1e9]; };"), "7: limits of Kp must rise and lie within the law's own"},
+        {7, BASE("tuning = ( { Kp = 3.0; }, { } ); limits = { Kp = [0.0, 2.0]; };"),
+         "7: Kp of output 1 is 3, outside its"},
+        {7, BASE("settings = { hopla = 1.0; };"), "7: unknown setting \"hopla\" in settings"},
+        {8,
+         " { name = \"upper\"; law = \"pi\"; period = 5.0; measurements = [\"y1\", \"y2\"]; setpoints = "
+         "[\"w1\", "
+         "\"w2\"]; outputs = [\"r1\", \"r2\"]; operating_point = { }; } );",
+         "8: \"operating_point\": the plant's linear model is of all its measurements and outputs"},
+        {7, BASE("phase = 0.5;"), "7: \"phase\" is 0.5: must be below the period"},
         {5, "plant = { model = \"quadruple-tank\"; period = 0.1; }; client = { period = 2.0; };",
          "5: \"period\" of client is 2 s, of base 0.5 s: at most 3"},
         {9, "scheduler = { period = 20.0; sequence = ( [1.0, 2.0] ); };",
@@ -258,6 +301,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(each_controller_has_its_own_signals),
+        cmocka_unit_test(each_controller_has_a_law_of_its_own),
         cmocka_unit_test(a_controller_may_calculate_what_another_one_measures),
         cmocka_unit_test(the_short_form_is_one_controller_of_all),
         cmocka_unit_test(one_in_the_long_form_is_the_same),

@@ -75,16 +75,16 @@ static void everything_is_loaded_as_it_stands_there(void **state)
     assert_int_equal(e.plant.rhythm.period, APC_NS_PER_S / 2);
     assert_int_equal(e.plant.rhythm.phase, 0);
     assert_int_equal(e.client.rhythm.phase, APC_NS_PER_S / 4);
-    assert_int_equal(e.controller.rhythm.phase, 30 * APC_NS_PER_MS); /* what there is without one */
-    assert_int_equal(e.controller.rhythm.overrun, APC_OVERRUN_BURST);
+    assert_int_equal(e.controllers->rhythm.phase, 30 * APC_NS_PER_MS); /* what there is without one */
+    assert_int_equal(e.controllers->rhythm.overrun, APC_OVERRUN_BURST);
     assert_int_equal(e.client.rhythm.overrun, APC_OVERRUN_SKIP);
-    assert_int_equal(e.controller.mode, APC_MODE_AUTO);
-    assert_int_equal(e.controller.hold, 6 * APC_NS_PER_S); /* 3 periods */
+    assert_int_equal(e.controllers->mode, APC_MODE_AUTO);
+    assert_int_equal(e.controllers->hold, 6 * APC_NS_PER_S); /* 3 periods */
     assert_int_equal(e.scheduler.steps, 2);
     assert_false(e.scheduler.repeat);
     for (int i = 0; i < 4; i++)
         assert_same(e.scheduler.sequence[i], i + 1);
-    assert_false(e.controller.plugin.chosen);
+    assert_false(e.controllers->plugin.chosen);
     assert_false(e.plant.plugin.chosen);
     experiment_free(&e);
 }
@@ -131,11 +131,11 @@ static void what_is_not_given_has_its_default(void **state)
         assert_same(e.plant.p[i], e.plant.model->param[i].initial);
     assert_int_equal(e.plant.rhythm.phase, 0);
     assert_int_equal(e.client.rhythm.phase, 10 * APC_NS_PER_MS);
-    assert_int_equal(e.controller.rhythm.phase, 30 * APC_NS_PER_MS);
+    assert_int_equal(e.controllers->rhythm.phase, 30 * APC_NS_PER_MS);
     assert_int_equal(e.scheduler.rhythm.phase, 0);
     assert_int_equal(e.plant.rhythm.overrun, APC_OVERRUN_SKIP);
-    assert_int_equal(e.controller.mode, APC_MODE_AUTO);
-    assert_int_equal(e.controller.hold, 6 * APC_NS_PER_S);
+    assert_int_equal(e.controllers->mode, APC_MODE_AUTO);
+    assert_int_equal(e.controllers->hold, 6 * APC_NS_PER_S);
     assert_true(e.scheduler.repeat);
     experiment_free(&e);
 }
@@ -163,13 +163,13 @@ static void each_output_has_its_own_tuning_and_the_laws_where_none_is_given(void
     struct apc_error why;
     (void)state;
     assert_int_equal(load(&e, 0, NULL, &why), 0);
-    const struct apc_law *law = e.controller.law;
+    const struct apc_law *law = e.controllers->law;
     for (size_t i = 0; i < e.dim.nu; i++)
         for (size_t j = 0; j < law->n_tuning; j++) {
             double wanted = i == 0 && !strcmp(law->tuning[j].name, "Kp")      ? 3
                             : i == 1 && !strcmp(law->tuning[j].name, "tau_i") ? 4
                                                                               : law->tuning[j].initial;
-            assert_same(e.controller.tuning[i * law->n_tuning + j], wanted);
+            assert_same(e.controllers->tuning[i * law->n_tuning + j], wanted);
         }
     experiment_free(&e);
 }
@@ -187,11 +187,11 @@ static void what_the_command_line_chooses_brings_its_own_tuning_and_parameters(v
         APC_EINVAL);
     if (experiment_load(&e, path, EXPERIMENT_MODEL | EXPERIMENT_LAW, &overrides, &why) < 0)
         fail_msg("%s", why.text);
-    assert_string_equal(e.controller.law->name, "pid");
+    assert_string_equal(e.controllers->law->name, "pid");
     assert_string_equal(e.plant.model->name, "four-tank");
-    assert_true(e.controller.plugin.chosen);
+    assert_true(e.controllers->plugin.chosen);
     assert_true(e.plant.plugin.chosen);
-    assert_same(e.controller.tuning[0], e.controller.law->tuning[0].initial);
+    assert_same(e.controllers->tuning[0], e.controllers->law->tuning[0].initial);
     for (size_t i = 0; i < e.plant.model->np; i++)
         assert_same(e.plant.p[i], e.plant.model->param[i].initial);
     experiment_free(&e);
@@ -210,11 +210,11 @@ static void what_is_not_needed_is_not_resolved(void **state)
     assert_int_equal(load(&e, 0, NULL, &why), 0);
     experiment_free(&e);
     assert_int_equal(experiment_load(&e, path, 0, NULL, &why), 0);
-    assert_null(e.controller.law);
+    assert_null(e.controllers->law);
     assert_null(e.plant.model);
     experiment_free(&e);
     assert_int_equal(experiment_load(&e, path, EXPERIMENT_LAW, NULL, &why), 0);
-    assert_non_null(e.controller.law);
+    assert_non_null(e.controllers->law);
     assert_null(e.plant.model);
     experiment_free(&e);
 }
@@ -814,8 +814,8 @@ static void limits_narrow_what_a_law_allows(void **state)
              "{ Kp = [1.0, 3.0]; }; };",
              &why) < 0)
         fail_msg("%s", why.text);
-    for (size_t j = 0; j < e.controller.law->n_tuning; j++) {
-        const struct apc_param *is = &e.controller.param[j], *was = &e.controller.law->tuning[j];
+    for (size_t j = 0; j < e.controllers->law->n_tuning; j++) {
+        const struct apc_param *is = &e.controllers->param[j], *was = &e.controllers->law->tuning[j];
         const bool narrowed = !strcmp(was->name, "Kp");
         assert_string_equal(is->name, was->name);
         assert_same(is->low, narrowed ? 1 : was->low);
@@ -830,7 +830,7 @@ static void limits_narrow_what_a_law_allows(void **state)
                      &why) < 0);
     assert_non_null(strstr(why.text, "Kp of output 2 is 4, outside its \"limits\", 1 to 3"));
     assert_int_equal(experiment_load(&e, path, EXPERIMENT_LAW, &overrides, &why), 0);
-    assert_same(e.controller.param[0].low, e.controller.law->tuning[0].low);
+    assert_same(e.controllers->param[0].low, e.controllers->law->tuning[0].low);
     experiment_free(&e);
 }
 
@@ -862,9 +862,9 @@ static void a_setting_is_a_number_an_array_rows_or_a_text(void **state)
         if ((rc == 0) != !of[i].reason || (of[i].reason && !strstr(why.text, of[i].reason)))
             fail_msg("%s: %d: %s", of[i].setting, rc, rc < 0 ? why.text : "");
         if (rc == 0) {
-            assert_int_equal(e.controller.setting->rows, 2);
-            assert_int_equal(e.controller.setting->columns, 3);
-            assert_same(e.controller.setting->value[4], 6.0);
+            assert_int_equal(e.controllers->setting->rows, 2);
+            assert_int_equal(e.controllers->setting->columns, 3);
+            assert_same(e.controllers->setting->value[4], 6.0);
             experiment_free(&e);
         }
     }
@@ -1062,8 +1062,8 @@ static void a_run_folder_is_loaded_as_it_ran(void **state)
     assert_int_equal(e.start, INT64_C(1767225600) * APC_NS_PER_S);
     assert_string_equal(e.net, "loss=0.25");
     assert_same(e.models.network.options.loss, 0.25);
-    assert_string_equal(e.controller.law->name, "pid");
-    assert_true(e.controller.plugin.chosen);
+    assert_string_equal(e.controllers->law->name, "pid");
+    assert_true(e.controllers->plugin.chosen);
     assert_false(e.plant.plugin.chosen);
     experiment_free(&e);
     /* the command line goes before it */
@@ -1071,7 +1071,7 @@ static void a_run_folder_is_loaded_as_it_ran(void **state)
     snprintf(text, sizeof text, form, "", "5", hash);
     write_record(text);
     assert_int_equal(experiment_load(&e, conf, EXPERIMENT_LAW, &overrides, &why), 0);
-    assert_string_equal(e.controller.law->name, "pi");
+    assert_string_equal(e.controllers->law->name, "pi");
     assert_same(e.duration, 20); /* it never came to its end */
     assert_int_equal(e.start, 0);
     assert_int_equal(e.seed, 5);

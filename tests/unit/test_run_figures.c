@@ -11,6 +11,7 @@
 
 static struct signal signals[3][2];
 static struct experiment e;
+static struct controller controller;
 static struct course course;
 static struct figures figures;
 
@@ -18,8 +19,14 @@ static int begin(void **state)
 {
     const struct apc_dim dim = {.ny = 1, .nz = 1, .nu = 1};
     (void)state;
-    e = (struct experiment){.dim = dim, .y = signals[0], .z = signals[1], .u = signals[2]};
-    e.plant.rhythm.period = e.client.rhythm.period = e.controller.rhythm.period = APC_NS_PER_S;
+    controller = (struct controller){.rhythm.period = APC_NS_PER_S};
+    e = (struct experiment){.dim = dim,
+                            .y = signals[0],
+                            .z = signals[1],
+                            .u = signals[2],
+                            .controllers = &controller,
+                            .n_controllers = 1};
+    e.plant.rhythm.period = e.client.rhythm.period = APC_NS_PER_S;
     for (int i = 0; i < 2; i++)
         signals[1][i].tag = (struct apc_tag){.low = -APC_VALUE_MAX, .high = APC_VALUE_MAX};
     figures = (struct figures){0};

@@ -144,6 +144,42 @@ static void a_setting_is_changed_by_its_path(void **state)
     apc_experiment_destroy(e);
 }
 
+static void a_controller_of_several_is_changed_by_name(void **state)
+{
+    static const char layers[] =
+        "name = \"layers\"; measurements = ( { name = \"y1\"; }, { name = \"y2\"; } );"
+        "setpoints = ( { name = \"r1\"; }, { name = \"r2\"; }, { name = \"w1\"; } );"
+        "outputs = ( { name = \"v1\"; }, { name = \"v2\"; } );"
+        "plant = { model = \"quadruple-tank\"; period = 0.1; }; client = { period = 0.1; };"
+        "controllers = ( { name = \"base\"; law = \"pi\"; period = 0.5; measurements = [\"y1\", \"y2\"]; "
+        "setpoints = "
+        "[\"r1\", \"r2\"]; outputs = [\"v1\", \"v2\"]; }, { name = \"upper\"; law = \"pi\"; period = 5.0; "
+        "measurements = [\"y1\"]; setpoints = [\"w1\"]; outputs = [\"r1\"]; } );"
+        "scheduler = { period = 9.0; sequence = ( [1.0, 1.0] ); };";
+    struct apc_experiment *e;
+    struct apc_simulation *s;
+    struct apc_error why;
+    char is[4000];
+    (void)state;
+    if (apc_experiment_load(&e, "layers.conf", layers, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(apc_experiment_set(e, "controllers.base.v2.Kp", "2.5", &why), 0);
+    assert_int_equal(apc_experiment_set(e, "controllers.upper.Kp", "0.5", &why), 0);
+    assert_int_equal(apc_experiment_set(e, "controllers.upper.outputs", "[\"r2\"]", &why), 0);
+    assert_int_equal(apc_experiment_set(e, "controllers.upper.hold", "9", &why), 0);
+    apc_experiment_text(e, is, sizeof is);
+    assert_non_null(strstr(is, "tuning = ({ }, { Kp = 2.5; })"));
+    assert_non_null(strstr(is, "outputs = [\"r2\"]; tuning = ({ Kp = 0.5; }); hold = 9; }"));
+    assert_int_equal(apc_experiment_set(e, "controllers.upper.r1.Kp", "1", &why), APC_ENOTFOUND);
+    assert_int_equal(apc_experiment_set(e, "controllers.lower.Kp", "1", &why), APC_ENOTFOUND);
+    assert_int_equal(apc_experiment_set(e, "controllers.upper.outputs.[0]", "v1", &why), APC_EINVAL);
+    assert_string_equal(
+        why.text,
+        "controllers.upper.outputs.[0] = v1: \"v1\" is an output of two controllers, base and upper");
+    assert_int_equal(apc_simulation_create(&s, e, NULL, &why), APC_ESTATE); /* not yet */
+    apc_experiment_destroy(e);
+}
+
 static void what_cannot_be_changed_leaves_all_as_it_was(void **state)
 {
     static const struct {
@@ -385,6 +421,7 @@ int main(void)
         cmocka_unit_test(what_is_wrong_is_said_with_its_line),
         cmocka_unit_test(the_text_is_as_it_was_written_until_it_is_changed),
         cmocka_unit_test(a_setting_is_changed_by_its_path),
+        cmocka_unit_test(a_controller_of_several_is_changed_by_name),
         cmocka_unit_test(what_cannot_be_changed_leaves_all_as_it_was),
         cmocka_unit_test(a_store_is_described_once_and_is_no_other_s_then),
         cmocka_unit_test(in_steps_it_is_the_same_as_at_once),

@@ -70,7 +70,8 @@ static void samples_come_by_time_and_in_the_order_of_the_loop(void **state)
 {
     static const double loop[] = {6, 5, 3, 4, 2, 1}, operation[] = {2, 5, 3, 4, 7}, early[] = {1, 2, 5};
     static const struct apc_law law = {.name = "ours", .n_tuning = 2};
-    const struct experiment e = {.dim = {.ny = 2, .nz = 1, .nu = 1, 0}, .controller = {.law = &law}};
+    const struct experiment e = {.dim = {.ny = 2, .nz = 1, .nu = 1, 0},
+                                 .controllers = &(struct controller){.law = &law}};
     struct apc_store *store = filled_store();
     const struct apc_range range = {.since = SECOND(3), .until = SECOND(9)};
     (void)state;
@@ -94,7 +95,8 @@ static void samples_come_by_time_and_in_the_order_of_the_loop(void **state)
 static void a_store_that_is_lost_is_an_error(void **state)
 {
     static const struct apc_law law = {.name = "ours", .n_tuning = 2};
-    const struct experiment e = {.dim = {.ny = 2, .nz = 1, .nu = 1, 0}, .controller = {.law = &law}};
+    const struct experiment e = {.dim = {.ny = 2, .nz = 1, .nu = 1, 0},
+                                 .controllers = &(struct controller){.law = &law}};
     const struct apc_store_options options = {.size = sizeof options, .name = "test"};
     const struct apc_range range = {.since = 1};
     struct apc_store *store = NULL;
@@ -347,10 +349,11 @@ static void a_course_of_any_length_is_written_line_by_line(void **state)
 
 static void a_folder_without_a_course_has_that_of_its_samples(void **state)
 {
-    struct experiment e = {.dim = dim};
+    struct controller controller = {.rhythm.period = APC_NS_PER_S};
+    struct experiment e = {.dim = dim, .controllers = &controller, .n_controllers = 1};
     struct course course;
     (void)state;
-    e.plant.rhythm.period = e.controller.rhythm.period = APC_NS_PER_S;
+    e.plant.rhythm.period = APC_NS_PER_S;
     e.client.rhythm.period = SECOND(2);
     remove(scratch_path("plant.csv"));
     /* ids beyond the experiment's, and setpoints and sensors that are not Good */
