@@ -90,7 +90,7 @@ void apc_core_look_below(struct apc_core *c, size_t i, struct apc_now now)
                                         .fresh =
                                             apc_freshness_dated(&b->fresh, b->tick->seq, b->tick->time, now,
                                                                 apc_loss_limit(c->loop[i].below_period)),
-                                        .status = actual->seq > 0 ? actual->status : APC_BAD,
+                                        .status = actual->status,
                                         .value = actual->value,
                                         .newest = newest->value};
 

@@ -34,8 +34,8 @@ struct station {
     /* Before the tick under way. */
     enum apc_loop_state before;
     double u, z, e;
-    bool there;
-    double y; /* what its sensor shows; NaN: Bad */
+    bool there, other; /* u is another's than its own */
+    double y;          /* what its sensor shows; NaN: Bad */
 };
 
 struct note {
@@ -163,7 +163,7 @@ static bool by_law(enum apc_loop_state state)
 
 /* ---- Controllers ---------------------------------------------------------------------------- */
 
-static void make(struct plant *p, enum who who)
+static void make_since(struct plant *p, enum who who, apc_ns since)
 {
     const bool upper = who == UPPER;
     const double tuning[] = {upper ? 0.6 : 0.8 * p->sign, upper ? 4.0 : 2.0, 0.0, -1e9, 1e9};
@@ -201,10 +201,15 @@ static void make(struct plant *p, enum who who)
     s->period = o.period;
     s->pending = false;
     assert_int_equal(apc_store_read_rows(p->store, apc_core_former(s->core)), 0);
-    if (apc_core_resume(s->core, T0 - APC_NS_PER_S))
+    if (apc_core_resume(s->core, T0 + since))
         p->restarts++;
     s->e = (double)NAN;
     note(p, who, "starts");
+}
+
+static void make(struct plant *p, enum who who)
+{
+    make_since(p, who, -APC_NS_PER_S);
 }
 
 static void stop(struct plant *p, enum who who)
@@ -230,7 +235,7 @@ static void check_step(struct plant *p, enum who who)
         return;
     if (l->move.output == APC_PUT_LAST)
         must(p, moved <= 0, "a held output does not move");
-    if (l->move.output == APC_PUT_LAW && (l->move.law & APC_ASK_TRACK_FIRST))
+    if (l->move.output == APC_PUT_LAW && (s->other || l->move.law & APC_ASK_TRACK_FIRST))
         must(p, moved <= 1e-9, "no step where a law takes over");
     else if (l->move.output == APC_PUT_LAW && isfinite(s->e))
         must(p, moved <= own + 1e-9, "no step larger than the law's own");
@@ -268,11 +273,10 @@ static void reads(struct plant *p, enum who who)
         const bool good = (a->status & ~APC_GOOD_LIMITED_CONSTANT) == APC_GOOD;
         s->u = good ? r->value : a->value;
         s->there = a->seq > 0;
-        if (s->core->u[0] < s->u || s->core->u[0] > s->u)
-            s->e = (double)NAN;
+        s->other = s->core->u[0] < s->u || s->core->u[0] > s->u;
     } else {
         s->u = apc_core_output(s->core, 0)->value;
-        s->there = apc_core_output(s->core, 0)->seq > 0;
+        s->there = s->core->state[0].there;
     }
     apc_core_compute(s->core, now, (uint64_t)(p->now / s->period), true, NULL);
     check_step(p, who);
@@ -284,6 +288,21 @@ static void reads(struct plant *p, enum who who)
     note(p, who, "reads");
 }
 
+/* What the loop above writes, it writes to a setpoint that is its own; and its answer is no step. */
+static void check_writes(struct plant *p)
+{
+    const struct apc_core *c = p->station[UPPER].core;
+    const struct apc_sample *out = apc_core_out(p->station[UPPER].core)->sample;
+
+    if (!c->state[0].put)
+        return;
+    must(p, out[0].table == APC_SETPOINT && c->below[0].rows[0].value == (double)APC_MODE_CAS,
+         "nothing is written to a setpoint that is Local");
+    if (c->state[0].move.output == APC_PUT_BELOW)
+        must(p, out[0].value >= apc_core_output(c, 0)->value && out[0].value <= apc_core_output(c, 0)->value,
+             "an answer is no step");
+}
+
 static void appends(struct plant *p, enum who who)
 {
     struct station *s = &p->station[who];
@@ -293,6 +312,8 @@ static void appends(struct plant *p, enum who who)
     const enum apc_mode wanted = s->core->state[0].target;
 
     s->pending = false;
+    if (who == UPPER)
+        check_writes(p);
     for (size_t i = 0; i < out->n_samples; i++)
         must(p, wanted != APC_MODE_OOS || out->sample[i].table == APC_ACTUAL,
              "out of service nothing is written");
@@ -640,12 +661,108 @@ static void test_above_a_loop_at_its_limit_the_setpoint_stays_in_reach(void **st
         }
 }
 
+/* ---- Stories ------------------------------------------------------------------------------ */
+
+static double in_force(const struct plant *p)
+{
+    return newest(p, APC_SETPOINT, R).value;
+}
+
+/* The setpoint in Man: the measurement, within its own limits; the last one where there is none. */
+static void test_in_man_the_setpoint_is_the_measurement_within_its_limits(void **state)
+{
+    struct plant p;
+
+    (void)state;
+    begin(&p, 1, "mem:man");
+    run(&p, 16);
+    operator_mode(&p, APC_MODE_MAN);
+    p.flow = 3.0;
+    run(&p, 4);
+    assert_near(in_force(&p), p.station[LOWER].core->y[0], 0.0);
+    assert_near(actual_of(&p, APC_SETPOINT, R).value, in_force(&p), 0.0);
+    p.flow = 90.0;
+    run(&p, 1);
+    assert_near(in_force(&p), 5.0, 0.0);
+    p.station[LOWER].y = (double)NAN;
+    run(&p, 3);
+    p.flow = 2.0;
+    run(&p, 3);
+    assert_near(in_force(&p), 5.0, 0.0);
+    tell(&p);
+    end(&p);
+}
+
+/* The loop above is at its fault value: it writes nothing, and nobody waits for three of its periods. */
+static void test_a_loop_leaves_one_above_that_is_at_its_fault_value_at_once(void **state)
+{
+    struct plant p;
+
+    (void)state;
+    begin(&p, 1, "mem:fault");
+    run(&p, 16);
+    p.station[UPPER].y = (double)NAN;
+    while (actual_of(&p, APC_OPMODE, UPPER + 1).value != (double)APC_MODE_LO)
+        run(&p, 1);
+    run(&p, 1);
+    assert_int_equal(p.station[LOWER].core->state[0].loop.state, APC_LOOP_AUTO);
+    assert_true(p.now - p.spoke < LOSS(TOP));
+    tell(&p);
+    end(&p);
+}
+
+/* Nobody has looked at the setpoint before, and the newest row is of the one above: it is what there is. */
+static void test_the_first_setpoint_is_taken_whoever_wrote_it(void **state)
+{
+    struct plant p;
+
+    (void)state;
+    begin(&p, 1, "mem:first");
+    run(&p, 17);
+    assert_true(newest(&p, APC_SETPOINT, R).origin > 0);
+    apc_core_destroy(p.station[LOWER].core);
+    p.station[LOWER].core = NULL;
+    p.now += 1000 * APC_NS_PER_S; /* of another run */
+    make_since(&p, LOWER, p.now);
+    assert_near(p.station[LOWER].core->z[0], 0.0, 0.0);
+    run(&p, 2);
+    assert_near(p.station[LOWER].core->z[0], in_force(&p), 0.0);
+    tell(&p);
+    end(&p);
+}
+
+/* A row of the loop above that comes late is not put back by a loop that is out of service. */
+static void test_out_of_service_nothing_is_put_back(void **state)
+{
+    struct plant p;
+    struct apc_sample r;
+
+    (void)state;
+    begin(&p, 1, "mem:oos");
+    run(&p, 16);
+    write_row(&p, APC_OPMODE, LOWER + 1, APC_SEQ_ANY, APC_MODE_OOS, APC_GOOD); /* and no setpoint with it */
+    r = newest(&p, APC_SETPOINT, R);
+    assert_true(r.origin > 0);
+    run(&p, 12);
+    assert_int_equal(newest(&p, APC_SETPOINT, R).seq, r.seq);
+    write_row(&p, APC_OPMODE, LOWER + 1, APC_SEQ_ANY, APC_MODE_AUTO, APC_GOOD);
+    run(&p, 2);
+    assert_int_equal(newest(&p, APC_SETPOINT, R).origin, 0);
+    assert_near(in_force(&p), r.value, 0.0);
+    tell(&p);
+    end(&p);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_whatever_happens_two_controllers_agree_on_the_setpoint),
         cmocka_unit_test(test_in_every_order_two_controllers_leave_the_setpoint_to_its_owner),
         cmocka_unit_test(test_above_a_loop_at_its_limit_the_setpoint_stays_in_reach),
+        cmocka_unit_test(test_in_man_the_setpoint_is_the_measurement_within_its_limits),
+        cmocka_unit_test(test_a_loop_leaves_one_above_that_is_at_its_fault_value_at_once),
+        cmocka_unit_test(test_the_first_setpoint_is_taken_whoever_wrote_it),
+        cmocka_unit_test(test_out_of_service_nothing_is_put_back),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
