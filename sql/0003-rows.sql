@@ -313,7 +313,9 @@ BEGIN
     ALTER TABLE tag ADD CONSTRAINT tag_table_name_check CHECK (table_name = ANY (ARRAY[
                         'sensor', 'actuator', 'setpoint', 'dim', 'opmode', 'tuning', 'manual', 'state', 'actual',
                         'estimate', 'alarm', 'tick', 'plan', 'prediction'])),
-                    ADD COLUMN number integer,
+                    ADD COLUMN number integer GENERATED ALWAYS AS (id * 16 + array_position(ARRAY[
+                        'sensor', 'actuator', 'setpoint', 'dim', 'opmode', 'tuning', 'manual', 'state', 'actual',
+                        'estimate', 'alarm', 'tick', 'plan', 'prediction'], table_name)) STORED UNIQUE,
                     ADD COLUMN controller text NOT NULL DEFAULT '' CHECK (octet_length(controller) <= 63),
                     ADD COLUMN area text NOT NULL DEFAULT '' CHECK (octet_length(area) <= 127),
                     ADD COLUMN length integer NOT NULL DEFAULT 0 CHECK (length >= 0),
@@ -321,19 +323,12 @@ BEGIN
                     ADD COLUMN period double precision NOT NULL DEFAULT 0 CHECK (period BETWEEN 0 AND 1e300),
                     ADD COLUMN display_low double precision NOT NULL DEFAULT 0 CHECK (abs(display_low) <= 1e300),
                     ADD COLUMN display_high double precision NOT NULL DEFAULT 0 CHECK (abs(display_high) <= 1e300);
-    CREATE SEQUENCE tag_number AS integer OWNED BY tag.number;
-    UPDATE tag SET number = n.number
-      FROM (SELECT t.table_name, t.id, nextval('tag_number') AS number
-              FROM (SELECT table_name, id FROM tag ORDER BY array_position(samples(), table_name), id) AS t) AS n
-     WHERE n.table_name = tag.table_name AND n.id = tag.id;
-    ALTER TABLE tag ALTER COLUMN number SET DEFAULT nextval('tag_number'), ALTER COLUMN number SET NOT NULL,
-                    ADD UNIQUE (number) DEFERRABLE INITIALLY DEFERRED;
 
     ALTER TABLE event ADD COLUMN number integer, ADD COLUMN seq bigint, ADD COLUMN author bigint,
                       ADD COLUMN class text CHECK (class IN ('operator', 'process', 'chatter')),
                       ADD CONSTRAINT author_is_the_users FOREIGN KEY (author, role) REFERENCES author (number, role)
                       NOT VALID;
-    COMMENT ON COLUMN tag.number IS 'Number of the variable over all tables.';
+    COMMENT ON COLUMN tag.number IS 'Number of the variable over all tables: 16 id + number of the table in the library''s order.';
     COMMENT ON COLUMN tag.controller IS 'Name of the controller that it belongs to; may be empty.';
     COMMENT ON COLUMN tag.area IS 'Where in the plant, a path such as unit1/reactor; may be empty.';
     COMMENT ON COLUMN tag.length IS 'Elements of a vector; 0: a number.';

@@ -753,6 +753,21 @@ static void test_every_table_and_column_says_what_it_is(void **state)
     assert_string_equal(cluster_query(cluster, sql), "");
 }
 
+/* What becomes of a variable stands in table actual under this number, in every store. */
+static void test_a_variable_has_the_librarys_number_over_all_tables(void **state)
+{
+    (void)state;
+    for (int table = APC_SENSOR; table < APC_TABLE_END; table++) {
+        char sql[200], expected[16];
+        snprintf(sql, sizeof sql,
+                 "INSERT INTO tag (table_name, id, name, unit, description, low, high) "
+                 "VALUES ('%s', 1003, 'x', '', '', 0, 1) RETURNING number",
+                 apc_table_name((enum apc_table)table));
+        snprintf(expected, sizeof expected, "%d", apc_variable_number((enum apc_table)table, 1003));
+        assert_string_equal(ask(sql), expected);
+    }
+}
+
 #define T(name) cmocka_unit_test_setup(name, set_up)
 
 int main(void)
@@ -777,6 +792,7 @@ int main(void)
         T(test_init_by_a_superuser_makes_the_owners_tables),
         T(test_a_schema_that_vanishes_is_noticed),
         T(test_many_inits_at_once_make_one_schema),
+        T(test_a_variable_has_the_librarys_number_over_all_tables),
         T(test_every_table_and_column_says_what_it_is),
     };
     cluster = cluster_start();
