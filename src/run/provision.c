@@ -196,6 +196,33 @@ static int put_values(struct apc_store *store, struct apc_sample *wanted, size_t
     return rc < 0 ? rc : 0;
 }
 
+/*
+ * Where the store says that a number of table tuning is another parameter, of another law or of another
+ * version of it, what an operator wrote there is not meant for this one: it becomes the file's. @wanted is
+ * [n] from id 1 on.
+ */
+static int put_renamed(struct apc_store *store, const struct experiment *e, const struct apc_sample *wanted,
+                       size_t n)
+{
+    const int most = apc_store_get_tags(store, NULL, 0);
+    size_t n_new, renamed = 0;
+    struct apc_tag *new = provision_tags(e, &n_new);
+    struct apc_tag *was = calloc(most > 0 ? (size_t)most : 1, sizeof *was);
+    struct apc_sample *moved = calloc(n + 1, sizeof *moved);
+    int rc = most < 0 ? most : new &&was &&moved ? apc_store_get_tags(store, was, (size_t)most) : APC_ENOMEM;
+
+    for (int i = 0; i < rc && i < most; i++)
+        for (size_t k = 0; was[i].table == APC_TUNING && k < n_new; k++)
+            if (new[k].table == APC_TUNING &&new[k].id == was[i].id && strcmp(new[k].name, was[i].name) != 0)
+                moved[renamed++] = wanted[new[k].id - 1];
+    if (rc >= 0)
+        rc = put_values(store, moved, renamed, PROVISION_RESET);
+    free(moved);
+    free(was);
+    free(new);
+    return rc;
+}
+
 /* Of table dim: how many there are of each, and what the law says that each output controls. */
 static int put_dimensions(struct apc_store *store, const struct experiment *e, apc_ns now)
 {
@@ -258,6 +285,8 @@ int provision(struct apc_store *store, const struct experiment *e, enum provisio
             .table = APC_TUNING, .id = (int)i + 1, .time = now, .value = e->controllers->tuning[i]};
     wanted[tunings] =
         (struct apc_sample){.table = APC_OPMODE, .id = 0, .time = now, .value = e->controllers->mode};
+    if (rc >= 0 && how == PROVISION_KEEP)
+        rc = put_renamed(store, e, wanted, tunings);
     if (rc >= 0)
         rc = put_values(store, wanted, tunings + 1, how);
     if (rc >= 0 && how == PROVISION_RESET)

@@ -240,6 +240,34 @@ static void a_store_is_described_once_and_is_no_other_s_then(void **state)
     apc_experiment_destroy(e);
 }
 
+/* Number 3 of pi is u_bar, of pid tau_d: what was tuned as the one is no value of the other. */
+static void a_number_that_is_another_parameter_now_does_not_keep_its_value(void **state)
+{
+    struct apc_experiment *e = load("");
+    struct apc_store *store;
+    struct apc_error why;
+    struct apc_sample tuned[] = {{.table = APC_TUNING, .id = 1, .value = 0.9},
+                                 {.table = APC_TUNING, .id = 3, .value = 1.5}};
+    (void)state;
+    assert_int_equal(apc_store_open(&store, "mem:test-renamed", NULL, &why), 0);
+    assert_true(apc_store_init(store) >= 0);
+    assert_int_equal(apc_experiment_provision(e, store, 0, &why), 0);
+    assert_true(apc_store_put(store, tuned, 2) >= 0);
+    if (apc_experiment_set(e, "controller.law", "pid", &why) < 0)
+        fail_msg("%s", why.text);
+    for (int again = 0; again < 2; again++) {
+        if (apc_experiment_provision(e, store, 0, &why) < 0)
+            fail_msg("%s", why.text);
+        assert_true(apc_store_read(store, tuned, 2) >= 0);
+        assert_near(tuned[0].value, 0.9, 0); /* Kp both times */
+        assert_near(tuned[1].value, again ? 2.5 : 0.0, 0);
+        tuned[1].value = 2.5; /* of tau_d: stays the next time */
+        assert_true(again || apc_store_put(store, &tuned[1], 1) >= 0);
+    }
+    apc_store_close(store);
+    apc_experiment_destroy(e);
+}
+
 /* ---- Simulations --------------------------------------------------------------------------- */
 
 static void in_steps_it_is_the_same_as_at_once(void **state)
@@ -424,6 +452,7 @@ int main(void)
         cmocka_unit_test(a_controller_of_several_is_changed_by_name),
         cmocka_unit_test(what_cannot_be_changed_leaves_all_as_it_was),
         cmocka_unit_test(a_store_is_described_once_and_is_no_other_s_then),
+        cmocka_unit_test(a_number_that_is_another_parameter_now_does_not_keep_its_value),
         cmocka_unit_test(in_steps_it_is_the_same_as_at_once),
         cmocka_unit_test(a_simulation_keeps_the_experiment_it_began_with),
         cmocka_unit_test(an_operator_does_what_the_file_s_actions_do),
