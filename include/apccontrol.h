@@ -265,6 +265,12 @@ APC_API extern const struct apc_law
     apc_law_cascade;                             /**< an outer PID whose output is an inner one's setpoint */
 APC_API extern const struct apc_law apc_law_lqg; /**< state feedback, observer and disturbance estimate */
 APC_API extern const struct apc_law apc_law_mpc; /**< linear predictive control */
+APC_API extern const struct apc_law apc_law_select;  /**< the least or the greatest of several inputs */
+APC_API extern const struct apc_law apc_law_split;   /**< split range: one demand, several outputs */
+APC_API extern const struct apc_law apc_law_ramp;    /**< a setpoint within limits and at a rate */
+APC_API extern const struct apc_law apc_law_leadlag; /**< lead and lag, for feed-forward */
+APC_API extern const struct apc_law
+    apc_law_filter; /**< a measurement filtered, and refused outside its range */
 
 #ifdef __cplusplus
 }
