@@ -126,16 +126,15 @@ bool apc_core_look_above(struct apc_core *c, size_t k, const struct apc_sample *
 {
     struct apc_core_above *a = &c->above[k];
     const struct apc_core_state *l = &c->state[a->loop];
-    const struct apc_loop_above seen = {.target = l->target,
-                                        .theirs = newest->origin > 0,
-                                        .fresh =
-                                            apc_freshness_dated(&a->fresh, newest->seq, newest->time, now,
-                                                                apc_loss_limit(c->setpoint[k].above_period)),
-                                        .able = a->mode->seq > 0 && a->mode->value != (double)APC_MODE_LO &&
-                                                a->mode->value != (double)APC_MODE_OOS,
-                                        .origin = newest->origin,
-                                        .value = newest->value,
-                                        .working = c->z[k]};
+    const struct apc_loop_above seen = {
+        .target = l->target,
+        .theirs = newest->origin > 0,
+        .fresh = apc_freshness_dated(&a->fresh, newest->seq, newest->time, now,
+                                     apc_loss_limit(c->setpoint[k].above_period)),
+        .able = a->mode->value != (double)APC_MODE_LO && a->mode->value != (double)APC_MODE_OOS,
+        .origin = newest->origin,
+        .value = newest->value,
+        .working = c->z[k]};
 
     bool takes;
 

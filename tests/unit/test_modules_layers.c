@@ -691,6 +691,14 @@ static void test_in_man_the_setpoint_is_the_measurement_within_its_limits(void *
     assert_near(in_force(&p), 5.0, 0.0);
     tell(&p);
     end(&p);
+
+    begin(&p, 1, "mem:man");
+    operator_mode(&p, APC_MODE_MAN);
+    p.station[LOWER].y = (double)NAN; /* there never was one */
+    run(&p, 3);
+    assert_near(in_force(&p), 0.3, 0.0);
+    tell(&p);
+    end(&p);
 }
 
 /* The loop above is at its fault value: it writes nothing, and nobody waits for three of its periods. */
