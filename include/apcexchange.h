@@ -59,6 +59,9 @@ struct apc_modbus_point {
     double safe;               /**< of u: what apc_exchange_safe() writes */
 };
 
+/** Can @p value be written there? [any] */
+APC_API bool apc_modbus_fits(const struct apc_modbus_point *point, double value);
+
 /** Of `modbus:`: which registers and coils u and y are. */
 struct apc_modbus_options {
     size_t size;

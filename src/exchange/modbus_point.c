@@ -100,6 +100,16 @@ bool apc_modbus_encode(const struct apc_modbus_point *p, double value, unsigned 
     return true;
 }
 
+bool apc_modbus_fits(const struct apc_modbus_point *point, double value)
+{
+    struct apc_modbus_point p = *point;
+    unsigned char registers[8];
+
+    if (p.scale == 0.0)
+        p.scale = 1.0;
+    return apc_modbus_encode(&p, value, registers);
+}
+
 bool apc_modbus_decode(const struct apc_modbus_point *p, const unsigned char *registers, double *value)
 {
     const unsigned n = apc_modbus_width(p->type);

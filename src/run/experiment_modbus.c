@@ -115,6 +115,19 @@ static struct apc_modbus_point *point_of(struct settings *s, const config_settin
     return p;
 }
 
+/* What the loop may ask for can be written: a value that does not fit would fail every exchange while it
+ * lasts. */
+static void check_range(struct settings *s, const config_setting_t *entry, const struct experiment *e,
+                        size_t i)
+{
+    const struct apc_tag *u = &e->u[i].tag;
+    if (!s->failed &&
+        (!apc_modbus_fits(&e->client.points[i], u->low) || !apc_modbus_fits(&e->client.points[i], u->high)))
+        settings_fail(s, entry,
+                      "output \"%s\" may be %g to %g: its %s cannot; give it \"low\" and \"high\" that fit",
+                      u->name, u->low, u->high, types[e->client.points[i].type]);
+}
+
 static void read_entry(struct settings *s, const config_setting_t *entry, struct experiment *e,
                        bool low_first)
 {
@@ -137,6 +150,8 @@ static void read_entry(struct settings *s, const config_setting_t *entry, struct
     settings_number(s, entry, "offset", OPTIONAL, -APC_VALUE_MAX, APC_VALUE_MAX, &p->offset);
     if (!s->failed && !(p->scale < 0) && !(p->scale > 0))
         settings_fail(s, config_setting_get_member(entry, "scale"), "\"scale\" must not be 0");
+    if (written)
+        check_range(s, entry, e, (size_t)(p - e->client.points));
 }
 
 static void check_whole(struct settings *s, const config_setting_t *list, const struct experiment *e)

@@ -125,6 +125,8 @@ static void what_does_not_fit_is_not_written_nor_anything_beside_it(void **state
                                              point(APC_MODBUS_HOLDING, cases[i].type, 1)};
         const struct apc_value values[] = {{.value = 7}, {.value = cases[i].value}};
         struct apc_value y;
+        assert_true(apc_modbus_fits(&u[0], 7));
+        assert_false(apc_modbus_fits(&u[1], cases[i].value));
         struct bench *b = start(2, 1, (struct apc_modbus_options){.u = u, .y = u});
         assert_int_equal(exchange(b, values, &y), APC_ERANGE);
         assert_non_null(strstr(apc_exchange_error(b->x), "output 2 is"));

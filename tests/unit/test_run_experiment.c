@@ -348,7 +348,8 @@ static void actions_are_taken_by_time(void **state)
     "plant = { external = true; }; client = { period = 1.0; link = \"modbus:plc:502\"; modbus = { " more     \
     " }; };"
 #define Y1_Y2 "{ name = \"y1\"; at = \"input:0\"; }, { name = \"sensor.2\"; at = \"discrete:7\"; }"
-#define U1_U2 "{ name = \"u1\"; at = \"holding:1\"; }, { name = \"u2\"; at = \"coil:65535\"; }"
+#define U1_U2                                                                                                \
+    "{ name = \"u1\"; at = \"holding:1\"; }, { name = \"u2\"; at = \"holding:65535\"; type = \"int16\"; }"
 
 /* Line 5 and what stood in line 6. */
 static int load_modbus(struct experiment *e, const char *line, struct apc_error *why)
@@ -372,7 +373,7 @@ static void a_map_is_loaded_as_it_stands_there(void **state)
                 "unit = 9; word_order = \"low\"; watchdog = \"holding:40\"; life = \"coil:41\"; life_limit "
                 "= 2.5; map = ( { name = \"u1\"; at = \"holding:1\"; type = \"float32\"; word_order = "
                 "\"high\"; scale = -0.5; offset = 3; }, " Y1_Y2
-                ", { name = \"u2\"; at = \"coil:65535\"; } );"),
+                ", { name = \"u2\"; at = \"holding:65535\"; type = \"int16\"; } );"),
             &why) < 0)
         fail_msg("%s", why.text);
     const struct apc_modbus_options *o = &e.client.modbus;
@@ -386,8 +387,9 @@ static void a_map_is_loaded_as_it_stands_there(void **state)
     assert_same(o->u[0].offset, 3);
     assert_same(o->u[0].safe, e.u[0].safe);
     assert_same(o->u[1].safe, e.u[1].safe);
-    assert_int_equal(o->u[1].area, APC_MODBUS_COIL);
-    assert_int_equal(o->u[1].type, APC_MODBUS_BIT);
+    assert_int_equal(o->u[1].area, APC_MODBUS_HOLDING);
+    assert_int_equal(o->u[1].type, APC_MODBUS_S16);
+    assert_int_equal(o->y[1].type, APC_MODBUS_BIT);
     assert_int_equal(o->y[0].area, APC_MODBUS_INPUT);
     assert_int_equal(o->y[0].type, APC_MODBUS_U16);
     assert_true(o->y[0].low_word_first);
@@ -427,6 +429,11 @@ static void a_map_with_a_mistake_is_refused_with_its_reason(void **state)
         {MODBUS("map = ( " Y1_Y2 " );"), "output \"u1\" has no place in the map"},
         {MODBUS("map = ( " U1_U2 " );"), "measurement \"y1\" has no place in the map"},
         {MODBUS("map = ( " Y1_Y2 ", " U1_U2 ", " U1_U2 " );"), "\"u1\" has its place already"},
+        {MODBUS("map = ( { name = \"u2\"; at = \"holding:1\"; } );"),
+         "output \"u2\" may be -9 to -1: its uint16 cannot"},
+        {MODBUS("map = ( { name = \"u2\"; at = \"coil:1\"; } );"), "its bit cannot"},
+        {MODBUS("map = ( { name = \"u1\"; at = \"holding:1\"; scale = 0.0001; } );"),
+         "output \"u1\" may be 1 to 9: its uint16 cannot"},
         {MODBUS("map = ( 3 );"), "expected a group"},
         {MODBUS("map = ( { at = \"coil:1\"; } );"), "\"name\" is missing"},
         {MODBUS("map = ( { name = \"r1\"; at = \"coil:1\"; } );"),
