@@ -156,13 +156,23 @@ APC_API int apc_store_read(struct apc_store *store, struct apc_sample *samples, 
 APC_API int apc_store_append(struct apc_store *store, const struct apc_sample *samples, size_t n);
 
 /**
- * Become the one writer of a table's ids 1..n, as long as this store is open; @p last gets the newest
- * seq of each (0: none), from which the writer goes on counting. A lost connection takes the claim
- * along; it is renewed with the next connection. APC_EBUSY: another writer has it, whom apc_store_error()
- * names. While it is this store's own former session, which the server has not been able to end yet, the
- * answer is APC_ECONN: go on trying. [setup]
+ * apc_store_claim_set() of a table's ids 1..n; @p last gets the newest seq of each. While it is this store's
+ * own former session, which the server has not been able to end yet, the answer is APC_ECONN: go on trying.
+ * [setup]
  */
 APC_API int apc_store_claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last);
+
+/**
+ * Become the one writer of @p n variables, of any tables, beside those that this store has claimed already;
+ * all of them or none, as long as it is open or until apc_store_release(). In: table and id; out: seq, the
+ * newest (0: none), from which the writer goes on counting. A lost connection takes the claims along; they
+ * are renewed with the next connection. APC_EBUSY: another writer has one of them; apc_store_error() names
+ * the variable and the writer. Of setpoints the claim is among programs: what people put needs none. [setup]
+ */
+APC_API int apc_store_claim_set(struct apc_store *store, struct apc_sample *variables, size_t n);
+/** Give variables back, so that another writer may claim them; those that are not ours are left alone.
+ * [setup] */
+APC_API int apc_store_release(struct apc_store *store, const struct apc_sample *variables, size_t n);
 
 /**
  * Write operator variables (setpoint, opmode, tuning, manual), which have no single writer: read the newest,

@@ -419,11 +419,25 @@ out:
 
 /* ---- The whole ------------------------------------------------------------------------------ */
 
+/* What FROM has now. */
+static int claim_all(struct copy *c)
+{
+    const int n = apc_store_variables(c->from, NULL, 0);
+    if (n < 0)
+        return fail_from(c, n);
+    struct apc_sample *variables = calloc((size_t)n + 1, sizeof *variables);
+    const int now = variables ? apc_store_variables(c->from, variables, (size_t)n) : APC_ENOMEM;
+    int rc = now < 0 ? fail_from(c, now) : 0;
+    if (now > 0 && (rc = apc_store_claim_set(c->to, variables, (size_t)(now < n ? now : n))) < 0)
+        rc = fail_to(c, rc);
+    free(variables);
+    return rc;
+}
+
 /* FROM first: nothing is made of TO when there is nothing to copy. Then nobody but us may write TO. */
 static int open_both(struct copy *c)
 {
     struct cli cli = c->cli;
-    int64_t last[1];
     cli.store = c->cli.args[0];
     int rc = cli_open(&cli, &c->from);
     if (rc < 0)
@@ -434,9 +448,7 @@ static int open_both(struct copy *c)
     if ((rc = cli_open(&cli, &c->to)) < 0)
         return rc;
     rc = apc_store_init(c->to);
-    for (enum apc_table table = APC_SENSOR; rc >= 0 && table <= APC_STATE; table++)
-        rc = apc_store_claim(c->to, table, 0, last);
-    return rc < 0 ? fail_to(c, rc) : 0;
+    return rc < 0 ? fail_to(c, rc) : claim_all(c);
 }
 
 static void say(const char *what, const struct counts *n)

@@ -118,9 +118,9 @@ static void close_store(struct apc_store *store)
 {
     struct memory *m = apc_mem_of(store)->memory;
     pthread_mutex_lock(&m->mutex);
-    for (int table = 0; table < APC_TABLE_END; table++) {
-        if (m->writer[table] == store) {
-            m->writer[table] = NULL;
+    for (size_t i = 0; i < m->n; i++) {
+        if (m->variable[i].writer == store) {
+            m->variable[i].writer = NULL;
         }
     }
     pthread_mutex_unlock(&m->mutex);
@@ -447,24 +447,45 @@ static int swap(struct apc_store *store, struct apc_sample *samples, size_t n)
     return put_or_swap(store, samples, n, true);
 }
 
-static int claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last)
+static int claim(struct apc_store *store, struct apc_sample *variables, size_t n)
 {
     struct memory *m = apc_mem_of(store)->memory;
+    struct variable *v = NULL;
     int err = apc_mem_begin(store);
     if (err) {
         return err;
     }
-    if (m->writer[table] && m->writer[table] != store) {
-        err = apc_fail(&store->why, APC_EBUSY, "table %s of mem:%s is already written by %s: stop it first",
-                       apc_table_name(table), m->name, m->writer[table]->config.name);
-    } else {
-        m->writer[table] = store;
-        for (size_t i = 0; i < n; i++) {
-            last[i] = apc_mem_newest_seq(m, table, (int)i + 1);
+    for (size_t i = 0; !err && i < n; i++) {
+        err = apc_mem_find_or_add(store, variables[i].table, variables[i].id, &v);
+        if (!err && v->writer && v->writer != store) {
+            err = apc_fail(&store->why, APC_EBUSY, "%s %d of mem:%s is already written by %s: stop it first",
+                           apc_table_name(v->table), v->id, m->name, v->writer->config.name);
         }
+    }
+    for (size_t i = 0; !err && i < n; i++) {
+        v = &m->variable[*place(m, variables[i].table, variables[i].id) - 1];
+        v->writer = store;
+        variables[i].seq = apc_mem_newest_seq(m, variables[i].table, variables[i].id);
     }
     apc_mem_end(store);
     return err;
+}
+
+static int release(struct apc_store *store, const struct apc_sample *variables, size_t n)
+{
+    const struct memory *m = apc_mem_of(store)->memory;
+    int err = apc_mem_begin(store);
+    if (err) {
+        return err;
+    }
+    for (size_t i = 0; i < n; i++) {
+        struct variable *v = apc_mem_find(m, variables[i].table, variables[i].id);
+        if (v && v->writer == store) {
+            v->writer = NULL;
+        }
+    }
+    apc_mem_end(store);
+    return 0;
 }
 
 static bool any_newer(const struct memory *m, const struct apc_sample *seen, size_t n)
@@ -624,7 +645,8 @@ const struct apc_store_ops apc_mem_store = {
     .connect = connect_store,
     .read = read_newest,
     .append = append,
-    .claim = claim,
+    .claim_set = claim,
+    .release = release,
     .put = put,
     .swap = swap,
     .read_rows = apc_mem_read_rows,

@@ -24,7 +24,8 @@ struct variable {
     size_t n, capacity;
     double *value; /* elements of vectors, in order of arrival */
     size_t n_values, values_capacity;
-    size_t want, want_values; /* of the running append, at most */
+    const struct apc_store *writer; /* who has claimed it */
+    size_t want, want_values;       /* of the running append, at most */
 };
 
 struct timing {
@@ -41,7 +42,6 @@ struct memory {
     pthread_cond_t changed;
     unsigned waiters;
     int version; /* 0: there is no schema yet */
-    const struct apc_store *writer[APC_TABLE_END];
     struct variable *variable;
     size_t n, capacity;
     uint32_t *index; /* a hash table of 2 * capacity: 1 + the number of a variable, or 0 */

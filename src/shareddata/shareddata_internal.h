@@ -36,8 +36,7 @@ struct apc_store {
 
 /** Contracts as in apcstore.h. Failures leave their text in store->why. */
 struct apc_store_ops {
-    const char *scheme;       /* with the colon */
-    enum apc_table table_end; /* it has the tables below this one; 0: all */
+    const char *scheme; /* with the colon */
     int (*open)(struct apc_store **store, const char *uri, const struct apc_store_config *config,
                 struct apc_error *why);
     void (*close)(struct apc_store *store);
@@ -47,7 +46,6 @@ struct apc_store_ops {
     int (*connect)(struct apc_store *store);
     int (*read)(struct apc_store *store, struct apc_sample *samples, size_t n);
     int (*append)(struct apc_store *store, const struct apc_sample *samples, size_t n);
-    int (*claim)(struct apc_store *store, enum apc_table table, size_t n, int64_t *last);
     int (*put)(struct apc_store *store, struct apc_sample *samples, size_t n);
     int (*swap)(struct apc_store *store, struct apc_sample *samples, size_t n);
     int (*wait)(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout);
@@ -138,6 +136,18 @@ static inline bool apc_rows_next(struct apc_sample *s, int64_t newest)
 int apc_rows_seq_failure(struct apc_store *store, const struct apc_sample *sample);
 /** The operation variables, from @p all that there are, in any order; frees them. Returns @p n. */
 int apc_variables_give(struct apc_sample *all, size_t n, struct apc_sample *variables, size_t capacity);
+
+/* ---- claims.c -------------------------------------------------------------------------------- */
+
+struct apc_claims {
+    struct apc_sample *at; /* table and id; to be freed */
+    size_t n;
+};
+/** Room for @p n more. */
+int apc_claims_reserve(struct apc_store *store, struct apc_claims *c, size_t n);
+/** There is room. */
+void apc_claims_add(struct apc_claims *c, const struct apc_sample *variables, size_t n);
+void apc_claims_drop(struct apc_claims *c, const struct apc_sample *variables, size_t n);
 
 struct apc_event apc_event_row(const struct apc_event *event);
 struct apc_timing_row apc_timing_stored(const struct apc_timing_row *row);

@@ -199,28 +199,6 @@ static int swap(struct apc_store *store, struct apc_sample *samples, size_t n)
     return write_next(&w, samples, n);
 }
 
-static int claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last)
-{
-    struct apc_shm *shm = apc_shm_of(store);
-    struct apc_shm_write w;
-    int err = apc_shm_ready(shm);
-    if (!err) {
-        err = apc_shm_lock_table(shm, table);
-    }
-    if (!err) {
-        shm->claimed[table] = true;
-        err = apc_shm_begin(shm, &w);
-    }
-    if (err) {
-        return err;
-    }
-    for (size_t i = 0; i < n; i++) {
-        last[i] = apc_shm_newest_seq(&w, table, (int)i + 1);
-    }
-    apc_shm_unlock(shm);
-    return 0;
-}
-
 /* ---- Wait ---------------------------------------------------------------------------------- */
 
 /* A writer may die between its commit and waking us, and the segment may be removed: look every so often. */
@@ -287,7 +265,8 @@ const struct apc_store_ops apc_shm_store = {
     .connect = connect_store,
     .read = read_newest,
     .append = append,
-    .claim = claim,
+    .claim_set = apc_shm_claim,
+    .release = apc_shm_release,
     .put = put,
     .swap = swap,
     .read_rows = read_rows,

@@ -2,7 +2,8 @@
 /*
  * The store in shared memory, shared by its files: shm_segment.c (what the segment is: made, checked,
  * mapped), shm_write.c (the writers' lock, transactions, recovery), shm.c (samples), shm_rows.c (history,
- * tags, events, timing, housekeeping), shm_vectors.c (vectors).
+ * tags, events, timing, housekeeping), shm_vectors.c (vectors),
+ * shm_claim.c.
  *
  * One segment, /dev/shm/apc.NAME
  * ------------------------------
@@ -43,12 +44,13 @@
 
 #include "shareddata/shareddata_internal.h"
 
-#define APC_SHM_TRIES    1000
-#define APC_SHM_EXTENTS  7   /* of a ring: 4, 12, 48, ... 12288 cells */
-#define APC_SHM_BINS     256 /* of a timing row; more are merged */
-#define APC_SHM_MIB      32  /* of a segment when the URI does not say */
-#define APC_SHM_MIB_MAX  65536
-#define APC_SHM_NAME_MAX 200
+#define APC_SHM_TRIES     1000
+#define APC_SHM_EXTENTS   7   /* of a ring: 4, 12, 48, ... 12288 cells */
+#define APC_SHM_BINS      256 /* of a timing row; more are merged */
+#define APC_SHM_MIB       32  /* of a segment when the URI does not say */
+#define APC_SHM_MIB_MAX   65536
+#define APC_SHM_NAME_MAX  200
+#define APC_SHM_CLAIMANTS 256 /* handles that have a claim */
 
 typedef _Atomic uint64_t apc_word;
 
@@ -90,7 +92,7 @@ struct apc_shm_header {
     _Atomic uint32_t waiting; /* the tick that someone may sleep on, or 0 */
     _Alignas(64) struct apc_shm_meta meta;
     apc_word tags_mark[2], n_tags[2];
-    char claimant[APC_TABLE_END][64]; /* guarded by the writers' lock */
+    char claimant[APC_SHM_CLAIMANTS][64]; /* guarded by the writers' lock */
 };
 
 /** A sample, and of a slot's version its ring. Eight words: a cache line. An actuator's row of version 1
@@ -107,6 +109,7 @@ struct apc_shm_slot {
     apc_word key; /* table and id; 0: free */
     apc_word mark[2];
     _Atomic uint32_t extent[APC_SHM_EXTENTS]; /* first cell of each */
+    _Atomic uint32_t owner;                   /* 1 + number of a claimant; 0: nobody */
     _Alignas(64) struct apc_shm_cell version[2];
 };
 
@@ -140,8 +143,9 @@ struct apc_shm {
     int fd;
     ino_t inode;
     dev_t device;
-    apc_ns checked; /* when path was last seen to lead to what is mapped */
-    bool claimed[APC_TABLE_END];
+    apc_ns checked;  /* when path was last seen to lead to what is mapped */
+    uint32_t record; /* as a claimant; 0: none */
+    struct apc_claims claims;
     struct apc_shm_header *header; /* NULL: not connected */
     size_t size, variables, index_size, cells, tags;
     _Atomic uint32_t *index; /* 1 + number of a slot; 0: free */
@@ -233,8 +237,6 @@ void apc_shm_close(struct apc_store *store);
 int apc_shm_init(struct apc_store *store);
 /** Connect, or see whether the segment is still the one of that name: every operation begins with it. */
 int apc_shm_ready(struct apc_shm *shm);
-/** Take the claim's lock. Returns 0 or APC_EBUSY. */
-int apc_shm_lock_table(struct apc_shm *shm, enum apc_table table);
 
 /* ---- shm_write.c ------------------------------------------------------------------------------- */
 
@@ -339,6 +341,13 @@ int apc_shm_events(struct apc_store *store, const struct apc_range *range, apc_e
 int apc_shm_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n);
 int apc_shm_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx);
 int apc_shm_maintain(struct apc_store *store, const struct apc_retention *keep);
+
+/* ---- shm_claim.c ------------------------------------------------------------------------------- */
+
+/** Claim what nobody else has claimed who lives; seqs become the newest. Returns 0, APC_EBUSY, ... */
+int apc_shm_take(struct apc_shm *shm, struct apc_sample *variables, size_t n);
+int apc_shm_claim(struct apc_store *store, struct apc_sample *variables, size_t n);
+int apc_shm_release(struct apc_store *store, const struct apc_sample *variables, size_t n);
 
 /* ---- shm_vectors.c ----------------------------------------------------------------------------- */
 

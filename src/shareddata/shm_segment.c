@@ -22,7 +22,7 @@
 #include "shareddata/shm.h"
 
 #define DIRECTORY      "/dev/shm" /* where shm_open() keeps them as well */
-#define LAYOUT         3
+#define LAYOUT         4
 #define CHECK_INTERVAL (100 * APC_NS_PER_MS)
 
 static const char magic[16] = "libapc shm\r\n\x1a\n";
@@ -148,11 +148,13 @@ static void drop(struct apc_shm *shm)
         close(shm->fd);
         shm->fd = -1;
     }
+    shm->record = 0;
 }
 
 void apc_shm_close(struct apc_store *store)
 {
     drop(apc_shm_of(store));
+    free(apc_shm_of(store)->claims.at);
     free(store);
 }
 
@@ -221,28 +223,6 @@ static apc_ns coarse_now(void)
     return (apc_ns)t.tv_sec * APC_NS_PER_S + t.tv_nsec;
 }
 
-int apc_shm_lock_table(struct apc_shm *shm, enum apc_table table)
-{
-    /* An open file description's lock: it goes with this handle, or with its process, however that ends. */
-    struct flock lock = {.l_type = F_WRLCK, .l_whence = SEEK_SET, .l_start = (off_t)table, .l_len = 1};
-    int err = apc_shm_lock(shm);
-    if (err) {
-        return err;
-    }
-    char *claimant = shm->header->claimant[table];
-    if (fcntl(shm->fd, F_OFD_SETLK, &lock) == 0) {
-        memcpy(claimant, shm->base.config.name, sizeof shm->header->claimant[table]);
-    } else if (errno == EAGAIN || errno == EACCES) {
-        err = apc_fail(&shm->base.why, APC_EBUSY,
-                       "table %s of shm:%s is already written by %.63s: stop it first", apc_table_name(table),
-                       shm->name, claimant);
-    } else {
-        err = system_failure(shm, APC_ESYS, "lock a table of");
-    }
-    apc_shm_unlock(shm);
-    return err;
-}
-
 static int attach(struct apc_shm *shm)
 {
     struct stat st;
@@ -262,10 +242,7 @@ static int attach(struct apc_shm *shm)
     memset(shm->read_hint, 0, sizeof shm->read_hint);
     memset(shm->write_hint, 0, sizeof shm->write_hint);
     shm->base.stats.connects++;
-    for (enum apc_table table = APC_SENSOR; !err && table < APC_TABLE_END; table++) {
-        err = shm->claimed[table] ? apc_shm_lock_table(shm, table) : 0;
-    }
-    return err;
+    return shm->claims.n > 0 ? apc_shm_take(shm, shm->claims.at, shm->claims.n) : 0;
 }
 
 /* The one there is. APC_ENOTFOUND: there is none. */

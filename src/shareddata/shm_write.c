@@ -227,6 +227,7 @@ static struct apc_shm_slot *add(struct apc_shm_write *w, uint64_t key)
     struct apc_shm_slot *slot = &shm->slot[number];
     apc_word_put(&slot->mark[0], 0); /* of a transaction that was not finished */
     apc_word_put(&slot->mark[1], 0);
+    atomic_store_explicit(&slot->owner, 0, memory_order_relaxed);
     apc_word_put(&slot->key, key);
     atomic_store_explicit(at, (uint32_t)(number + 1), memory_order_release);
     return slot;

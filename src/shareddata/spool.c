@@ -15,11 +15,10 @@
 
 #include "shareddata/spool.h"
 
-/* A table that this store claims, and how far its variables 1..n have come. */
+/* Of a table in which this store claims some, how far its variables 1..n have come. */
 struct writing {
     size_t n;
     int64_t *last;
-    bool pending; /* claimed while the store was away: still to be done */
 };
 
 struct spooling {
@@ -32,7 +31,8 @@ struct spooling {
     unsigned away;      /* times in a row that it was */
     struct apc_error reason;
     struct writing writing[APC_TABLE_END];
-    int64_t *scratch; /* of a pending claim */
+    struct apc_claims claims;
+    bool pending; /* claimed while the store was away: still to be done */
     /* The newest sample seen of each variable. One list in the order of their first use, and a cursor: who
      * goes through the same variables again finds each where he looks. */
     struct apc_sample *seen;
@@ -375,15 +375,12 @@ static int drain_batch(struct spooling *s)
 /* Claims that were taken on trust while the store was away. */
 static int claim_pending(struct spooling *s)
 {
-    int rc = 0;
-    for (enum apc_table table = APC_SENSOR; table < APC_TABLE_END && rc >= 0; table++) {
-        struct writing *w = &s->writing[table];
-        if (w->pending) {
-            apc_ns began = apc_clock_mono(NULL);
-            rc = answered(s, apc_store_claim(s->inner, table, w->n, s->scratch), began);
-            w->pending = rc < 0;
-        }
+    if (!s->pending) {
+        return 0;
     }
+    apc_ns began = apc_clock_mono(NULL);
+    int rc = answered(s, apc_store_claim_set(s->inner, s->claims.at, s->claims.n), began);
+    s->pending = rc < 0;
     return rc;
 }
 
@@ -475,40 +472,85 @@ static int append_events(struct apc_store *store, const struct apc_event *events
 
 /* ---- Claiming ------------------------------------------------------------------------------- */
 
-static int claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last)
+/* Does what waits say how far all of them had come? */
+static bool is_known(const struct spooling *s, const struct apc_sample *variables, size_t n)
 {
-    struct spooling *s = of(store);
-    struct writing *w = &s->writing[table];
-    bool waiting = !apc_spool_empty(&s->file), known = waiting && w->n >= n;
-    for (enum apc_table other = APC_SENSOR; other < APC_TABLE_END && waiting && w->n == 0; other++) {
-        if (s->writing[other].n > 0) {
+    bool known = !apc_spool_empty(&s->file);
+    for (size_t i = 0; known && i < n; i++) {
+        known = variables[i].id >= 1 && (size_t)variables[i].id <= s->writing[variables[i].table].n;
+    }
+    return known;
+}
+
+/* What waits is one writer's. */
+static int check_left(struct spooling *s, const struct apc_sample *variables, size_t n)
+{
+    for (enum apc_table other = APC_SENSOR; !apc_spool_empty(&s->file) && other < APC_TABLE_END; other++) {
+        bool named = s->writing[other].n == 0;
+        for (size_t i = 0; i < n; i++) {
+            named = named || variables[i].table == other || s->writing[variables[i].table].n > 0;
+        }
+        if (!named) {
             return apc_fail(&s->base.why, APC_EINVAL,
                             "spool %s holds what a writer of table %s left: drain it first", s->file.path,
                             apc_table_name(other));
         }
     }
+    return 0;
+}
+
+/* How far it has come: what the store says, if it does, or what still waits. */
+static void count_on(struct spooling *s, struct apc_sample *v, bool trusted)
+{
+    const struct apc_sample *seen = find_seen(s, v->table, v->id);
+    int64_t newest = trusted ? 0 : v->seq;
+    newest = seen && seen->seq > newest ? seen->seq : newest;
+    if (v->id >= 1) {
+        int64_t *last = &s->writing[v->table].last[v->id - 1];
+        *last = newest > *last ? newest : *last;
+        newest = *last;
+    }
+    v->seq = newest;
+}
+
+static int claim(struct apc_store *store, struct apc_sample *variables, size_t n)
+{
+    struct spooling *s = of(store);
+    const bool known = is_known(s, variables, n);
+    int rc = check_left(s, variables, n);
+    if (rc < 0) {
+        return rc;
+    }
     apc_ns began = apc_clock_mono(NULL);
-    int rc = answered(s, apc_store_claim(s->inner, table, n, last), began);
+    rc = answered(s, apc_store_claim_set(s->inner, variables, n), began);
     bool trusted = known && is_away(rc);
     if (rc < 0 && !trusted) {
         return rc;
     }
-    int64_t *scratch = realloc(s->scratch, (n + w->n) * sizeof *scratch + 1);
-    if (!scratch || reserve_writing(w, n) != 0) {
-        s->scratch = scratch ? scratch : s->scratch;
-        return apc_fail(&s->base.why, APC_ENOMEM, "out of memory for a claim of %zu", n);
-    }
-    s->scratch = scratch;
-    w->pending = trusted;
-    for (size_t i = 0; i < n; i++) {
-        const struct apc_sample *seen = find_seen(s, table, (int)i + 1); /* maybe it still waits */
-        int64_t newest[2] = {trusted ? 0 : last[i], seen ? seen->seq : 0};
-        for (size_t k = 0; k < 2; k++) {
-            w->last[i] = newest[k] > w->last[i] ? newest[k] : w->last[i];
+    rc = apc_claims_reserve(store, &s->claims, n);
+    for (size_t i = 0; !rc && i < n; i++) {
+        const size_t id = variables[i].id > 0 ? (size_t)variables[i].id : 0;
+        if (id > s->writing[variables[i].table].n &&
+            reserve_writing(&s->writing[variables[i].table], id) != 0) {
+            rc = apc_fail(&s->base.why, APC_ENOMEM, "out of memory for a claim of %zu", n);
         }
-        last[i] = w->last[i];
+    }
+    if (rc) {
+        return rc;
+    }
+    apc_claims_add(&s->claims, variables, n);
+    s->pending = trusted;
+    for (size_t i = 0; i < n; i++) {
+        count_on(s, &variables[i], trusted);
     }
     return 0;
+}
+
+/* What waits in the spool is ours still. */
+static int release(struct apc_store *store, const struct apc_sample *variables, size_t n)
+{
+    apc_claims_drop(&of(store)->claims, variables, n);
+    PASS(store, apc_store_release(inner, variables, n));
 }
 
 /* ---- Everything else ------------------------------------------------------------------------ */
@@ -542,6 +584,23 @@ static int swap(struct apc_store *store, struct apc_sample *samples, size_t n)
 static int wait_change(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout)
 {
     PASS(store, apc_store_wait(inner, seen, n, timeout));
+}
+
+/* They command, so they are not spooled. */
+static int append_rows(struct apc_store *store, const struct apc_rows *rows)
+{
+    PASS(store, apc_store_append_rows(inner, rows));
+}
+
+static int read_rows(struct apc_store *store, struct apc_rows *rows)
+{
+    PASS(store, apc_store_read_rows(inner, rows));
+}
+
+static int vectors(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
+                   apc_vector_fn fn, void *ctx)
+{
+    PASS(store, apc_store_vectors(inner, table, id, range, fn, ctx));
 }
 
 static int variables(struct apc_store *store, struct apc_sample *out, size_t capacity)
@@ -618,7 +677,7 @@ static void free_all(struct spooling *s)
     }
     free(s->batch.samples);
     free(s->batch.events);
-    free(s->scratch);
+    free(s->claims.at);
     free(s->seen);
     free(s);
 }
@@ -631,14 +690,17 @@ static void close_store(struct apc_store *store)
 
 static const struct apc_store_ops spooling_store = {
     .scheme = "",
-    .table_end = APC_ACTUAL,
     .close = close_store,
     .connected = connected,
     .stats = stats,
     .connect = connect_store,
     .read = read_newest,
     .append = append,
-    .claim = claim,
+    .claim_set = claim,
+    .release = release,
+    .read_rows = read_rows,
+    .append_rows = append_rows,
+    .vectors = vectors,
     .put = put,
     .swap = swap,
     .wait = wait_change,

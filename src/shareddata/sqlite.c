@@ -215,6 +215,7 @@ void apc_sqlite_drop(struct apc_sqlite *sq)
     sq->watch = -1;
     sqlite3_close_v2(sq->db);
     sq->db = NULL;
+    sq->reopened = true;
 }
 
 /* Of a file that is to be made. SQLite would only say that there is none. */
@@ -504,6 +505,7 @@ static void close_store(struct apc_store *store)
         close(sq->claims);
     }
     free(sq->element);
+    free(sq->claimed.at);
     free(sq);
 }
 
@@ -557,7 +559,8 @@ const struct apc_store_ops apc_sqlite_store = {
     .connect = connect_store,
     .read = read_newest,
     .append = append,
-    .claim = apc_sqlite_claim,
+    .claim_set = apc_sqlite_claim,
+    .release = apc_sqlite_release,
     .put = put,
     .swap = swap,
     .read_rows = apc_sqlite_read_rows,

@@ -3,7 +3,7 @@
  * The SQLite store, shared by its files: sqlite.c (connecting, transactions, errors, the ticks' operations),
  * sqlite_blocks.c (where samples are and how they are found), sqlite_history.c (history, bins, housekeeping),
  * sqlite_vectors.c (vectors),
- * sqlite_records.c (tags, events, timing), sqlite_claim.c (one writer a table, waiting for a change) and
+ * sqlite_records.c (tags, events, timing), sqlite_claim.c (claims, waiting for a change) and
  * sqlite_schema.c (the tables).
  */
 #ifndef APC_SQLITE_H
@@ -77,8 +77,11 @@ struct apc_sqlite {
     int64_t pos;                   /* of the newest row, in a transaction that has inserted some; else 0 */
     struct apc_sqlite_block grown; /* what the last GROW found */
     struct apc_sqlite_loaded loaded;
-    int claims; /* the lock file; -1: not open */
-    bool claimed[APC_TABLE_END];
+    int claims;      /* the lock file; -1: not open */
+    uint32_t record; /* as a claimant; 0: none */
+    bool fresh;      /* what a former one of that number claimed is not cleared yet */
+    struct apc_claims claimed;
+    bool reopened;     /* maybe another file: it has to be told of them */
     int watch;         /* inotify on the open file; -1: none */
     uint64_t *element; /* of the vector at hand, each with its little end first */
     size_t n_elements, room;
@@ -165,7 +168,8 @@ int apc_sqlite_vectors(struct apc_store *store, enum apc_table table, int id, co
 
 /* ---- sqlite_claim.c ------------------------------------------------------------------------- */
 
-int apc_sqlite_claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last);
+int apc_sqlite_claim(struct apc_store *store, struct apc_sample *variables, size_t n);
+int apc_sqlite_release(struct apc_store *store, const struct apc_sample *variables, size_t n);
 /** After the file was opened, or whenever claims are held: are they still? Else take them again. */
 int apc_sqlite_renew_claims(struct apc_sqlite *sq);
 int apc_sqlite_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout);

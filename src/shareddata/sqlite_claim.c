@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * The SQLite store: one writer a table, and waiting for a change.
+ * The SQLite store: claims, and waiting for a change.
  *
- * A claim is a lock on one byte of the file FILE-claims, one byte a table. The lock belongs to the open file
- * (F_OFD_SETLK): it ends when the store is closed and when the process ends, however it ends, and it holds
- * between two stores of one process as well. (It is not in the database file itself: to close any descriptor
- * of that one would take away SQLite's own locks.) Beside the byte stands who holds it, for the refusal.
+ * A claimant is a record of the file FILE-claims, a locked byte and a name; table claim says which variables
+ * are whose. The lock belongs to the open file (F_OFD_SETLK): it ends when the store is closed and when the
+ * process ends, however it ends, and it holds between two stores of one process as well. (It is not in the
+ * database file itself: to close any descriptor of that one would take away SQLite's own locks.) What a
+ * claimant left who is gone is nobody's, and is cleared by whoever gets its number.
  *
  * Waiting: a commit writes to the database file, which inotify tells. The watch is set before the look, so a
  * change is either seen by the look or ends the wait. What inotify does not tell (its limits are used up, the
@@ -23,9 +24,10 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define SLOT     128                  /* bytes for a holder's name; the table's number times it is where */
-#define LOOK     APC_NS_PER_S         /* between two looks of a waiter whom inotify tells */
-#define LOOK_OFT (20 * APC_NS_PER_MS) /* and of one whom it does not */
+#define SLOT      128 /* bytes for a holder's name; the record's number times it is where */
+#define CLAIMANTS 256
+#define LOOK      APC_NS_PER_S         /* between two looks of a waiter whom inotify tells */
+#define LOOK_OFT  (20 * APC_NS_PER_MS) /* and of one whom it does not */
 
 /* ---- Claims --------------------------------------------------------------------------------- */
 
@@ -60,39 +62,120 @@ static void drop_claims(struct apc_sqlite *sq)
         close(sq->claims);
     }
     sq->claims = -1;
+    sq->record = 0;
 }
 
-/* Who holds the table, in text. */
-static void name_holder(const struct apc_sqlite *sq, enum apc_table table, char text[SLOT])
+static struct flock byte_of(uint32_t record)
 {
-    ssize_t n = pread(sq->claims, text, SLOT - 1, (off_t)table * SLOT);
+    return (struct flock){
+        .l_type = F_WRLCK, .l_whence = SEEK_SET, .l_start = (off_t)record * SLOT, .l_len = 1};
+}
+
+/* Is the record another one's who lives? */
+static bool is_alive(const struct apc_sqlite *sq, uint32_t record)
+{
+    struct flock lock = byte_of(record);
+    return record != sq->record && fcntl(sq->claims, F_OFD_GETLK, &lock) == 0 && lock.l_type != F_UNLCK;
+}
+
+/* Who holds it, in text. */
+static void name_holder(const struct apc_sqlite *sq, uint32_t record, char text[SLOT])
+{
+    ssize_t n = pread(sq->claims, text, SLOT - 1, (off_t)record * SLOT);
     text[n > 0 ? n : 0] = '\0';
     if (!text[0]) {
         snprintf(text, SLOT, "a writer that has just come");
     }
 }
 
-static int lock_table(struct apc_sqlite *sq, enum apc_table table)
+/* A record of this handle's own. */
+static int take_record(struct apc_sqlite *sq)
 {
-    struct flock lock = {.l_type = F_WRLCK, .l_whence = SEEK_SET, .l_start = (off_t)table * SLOT, .l_len = 1};
-    char text[SLOT];
+    char text[SLOT] = {0};
     int err = open_claims(sq);
+    if (err || sq->record != 0) {
+        return err;
+    }
+    for (uint32_t record = 1; record <= CLAIMANTS; record++) {
+        struct flock lock = byte_of(record);
+        if (fcntl(sq->claims, F_OFD_SETLK, &lock) == 0) {
+            snprintf(text, sizeof text, "%s (process %ld)", sq->base.config.name, (long)getpid());
+            /* The lock is what counts; without the name the refusal is only less telling. */
+            (void)!pwrite(sq->claims, text, sizeof text, (off_t)record * SLOT);
+            sq->record = record;
+            sq->fresh = true;
+            return 0;
+        }
+        if (errno != EAGAIN && errno != EACCES) {
+            return fail_claims(sq, errno);
+        }
+    }
+    return apc_fail(&sq->base.why, APC_ESTORE, "%s has %d writers, and no room for more", sq->given,
+                    CLAIMANTS);
+}
+
+/* Of one number, or of two. */
+static int run_claim(struct apc_sqlite *sq, const char *sql, int64_t first, int64_t second, int64_t *out)
+{
+    sqlite3_stmt *statement = NULL;
+    int found = apc_sqlite_prepare(sq, sql, &statement);
+    if (!found) {
+        sqlite3_bind_int64(statement, 1, first);
+        if (sqlite3_bind_parameter_count(statement) > 1) {
+            sqlite3_bind_int64(statement, 2, second);
+        }
+        found = apc_sqlite_step(sq, statement);
+    }
+    if (found > 0) {
+        *out = sqlite3_column_int64(statement, 0);
+    }
+    sqlite3_finalize(statement);
+    return found;
+}
+
+/* The variable becomes ours, and its seq the newest. */
+static int take_variable(struct apc_sqlite *sq, struct apc_sample *v)
+{
+    const int64_t variable = apc_sqlite_variable(v->table, v->id);
+    int64_t owner = 0;
+    char text[SLOT];
+    int err = run_claim(sq, "SELECT record FROM claim WHERE variable = ?1", variable, 0, &owner);
+    if (err < 0) {
+        return err;
+    }
+    if (err > 0 && is_alive(sq, (uint32_t)owner)) {
+        name_holder(sq, (uint32_t)owner, text);
+        return apc_fail(&sq->base.why, APC_EBUSY, "%s %d of %s is already written by %s: stop it first",
+                        apc_table_name(v->table), v->id, sq->given, text);
+    }
+    err = run_claim(sq, "REPLACE INTO claim VALUES (?1, ?2)", variable, sq->record, NULL);
+    if (!err) {
+        struct apc_sample newest = {.table = v->table, .id = v->id};
+        err = apc_sqlite_newest(sq, &newest);
+        v->seq = newest.seq;
+    }
+    return err;
+}
+
+/* All or none, in a transaction: what a former claimant of our number left is not ours. */
+static int take(struct apc_sqlite *sq, struct apc_sample *variables, size_t n)
+{
+    int err = take_record(sq);
+    if (!err) {
+        err = apc_sqlite_begin(sq, APC_SQLITE_WRITE);
+    }
     if (err) {
         return err;
     }
-    if (fcntl(sq->claims, F_OFD_SETLK, &lock) == 0) {
-        memset(text, 0, sizeof text);
-        snprintf(text, sizeof text, "%s (process %ld)", sq->base.config.name, (long)getpid());
-        /* The lock is what counts; without the name the refusal is only less telling. */
-        (void)!pwrite(sq->claims, text, sizeof text, (off_t)table * SLOT);
-        return 0;
+    if (sq->fresh) {
+        err = run_claim(sq, "DELETE FROM claim WHERE record = ?1", sq->record, 0, NULL);
     }
-    if (errno != EAGAIN && errno != EACCES) {
-        return fail_claims(sq, errno);
+    for (size_t i = 0; !err && i < n; i++) {
+        err = take_variable(sq, &variables[i]);
     }
-    name_holder(sq, table, text);
-    return apc_fail(&sq->base.why, APC_EBUSY, "table %s of %s is already written by %s: stop it first",
-                    apc_table_name(table), sq->given, text);
+    err = apc_sqlite_end(sq, err);
+    sq->fresh = sq->fresh && err;
+    return err;
 }
 
 /* The lock file that is open may have been removed: then others would not see our locks. */
@@ -108,43 +191,55 @@ static bool claims_stand(const struct apc_sqlite *sq)
 int apc_sqlite_renew_claims(struct apc_sqlite *sq)
 {
     int err = 0;
-    if (sq->claims >= 0 && claims_stand(sq)) {
+    const bool stand = sq->claims < 0 ? sq->claimed.n == 0 : claims_stand(sq);
+    if (stand && !sq->reopened) {
         return 0;
     }
-    drop_claims(sq);
-    for (enum apc_table table = APC_SENSOR; !err && table < APC_TABLE_END; table++) {
-        if (sq->claimed[table]) {
-            err = lock_table(sq, table);
-        }
+    if (!stand) {
+        drop_claims(sq);
+    }
+    if (sq->claimed.n > 0) {
+        err = take(sq, sq->claimed.at, sq->claimed.n);
     }
     if (err) { /* all or none: the next operation tries again */
         drop_claims(sq);
     }
+    sq->reopened = err != 0;
     return err;
 }
 
-int apc_sqlite_claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last)
+int apc_sqlite_claim(struct apc_store *store, struct apc_sample *variables, size_t n)
 {
     struct apc_sqlite *sq = apc_sqlite_of(store);
     int err = apc_sqlite_enter(sq);
     if (!err) {
-        err = lock_table(sq, table);
+        err = apc_claims_reserve(store, &sq->claimed, n);
     }
-    if (err) {
-        return err;
+    if (!err) {
+        err = take(sq, variables, n);
     }
-    sq->claimed[table] = true;
-    err =
-        apc_sqlite_begin(sq, APC_SQLITE_READ); /* after the lock: what the former writer committed is seen */
+    if (!err) {
+        apc_claims_add(&sq->claimed, variables, n);
+    }
+    return err;
+}
+
+int apc_sqlite_release(struct apc_store *store, const struct apc_sample *variables, size_t n)
+{
+    struct apc_sqlite *sq = apc_sqlite_of(store);
+    int err = apc_sqlite_enter_begin(sq, APC_SQLITE_WRITE);
     if (err) {
         return err;
     }
     for (size_t i = 0; !err && i < n; i++) {
-        struct apc_sample s = {.table = table, .id = (int)i + 1};
-        err = apc_sqlite_newest(sq, &s);
-        last[i] = s.seq;
+        err = run_claim(sq, "DELETE FROM claim WHERE variable = ?1 AND record = ?2",
+                        apc_sqlite_variable(variables[i].table, variables[i].id), sq->record, NULL);
     }
-    return apc_sqlite_end(sq, err);
+    err = apc_sqlite_end(sq, err);
+    if (!err) {
+        apc_claims_drop(&sq->claimed, variables, n);
+    }
+    return err;
 }
 
 /* ---- Waiting -------------------------------------------------------------------------------- */

@@ -48,6 +48,7 @@ static const char version_1[] =
 static const char version_3[] =
     "ALTER TABLE sample ADD COLUMN origin INTEGER;"
     "ALTER TABLE sample ADD COLUMN author INTEGER;"
+    "CREATE TABLE claim (variable INTEGER PRIMARY KEY, record INTEGER NOT NULL);"
     "CREATE TABLE author (number INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE);"
     "CREATE TABLE catalogue (id INTEGER PRIMARY KEY CHECK (id = 1), revision INTEGER NOT NULL,"
     " text TEXT NOT NULL);"

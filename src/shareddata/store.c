@@ -145,10 +145,6 @@ static int check_variable(struct apc_store *store, enum apc_table table, int id)
     if (!apc_table_known(table)) {
         return apc_fail(&store->why, APC_EINVAL, "%d is no table", (int)table);
     }
-    if (store->ops->table_end && table >= store->ops->table_end) {
-        return apc_fail(&store->why, APC_ESCHEMA, "a store of kind %s has no table %s yet",
-                        store->ops->scheme, apc_table_name(table));
-    }
     if (id < 0) {
         return apc_fail(&store->why, APC_EINVAL, "%s %d: an id must not be negative", apc_table_name(table),
                         id);
@@ -165,11 +161,10 @@ static int wrong_kind(struct apc_store *store, enum apc_table table, int id, boo
 }
 
 /* The tables whose rows are samples, or else vectors, each a bit. */
-static uint32_t tables_of(const struct apc_store *store, bool vectors)
+static uint32_t tables_of(bool vectors)
 {
     const uint32_t of_vectors = 1u << APC_TICK | 1u << APC_PLAN | 1u << APC_PREDICTION;
-    const enum apc_table end = store->ops->table_end ? store->ops->table_end : APC_TABLE_END;
-    return (vectors ? of_vectors : ~of_vectors) & ((1u << end) - 2);
+    return (vectors ? of_vectors : ~of_vectors) & ((1u << APC_TABLE_END) - 2);
 }
 
 /* It is asked for every row, so it is made to be quick. */
@@ -180,12 +175,12 @@ static inline bool is_of(uint32_t tables, enum apc_table table, int id)
 
 static int check_kind(struct apc_store *store, enum apc_table table, int id, bool vectors)
 {
-    return is_of(tables_of(store, vectors), table, id) ? 0 : wrong_kind(store, table, id, vectors);
+    return is_of(tables_of(vectors), table, id) ? 0 : wrong_kind(store, table, id, vectors);
 }
 
 static int check_names(struct apc_store *store, const struct apc_sample *samples, size_t n)
 {
-    const uint32_t tables = tables_of(store, false);
+    const uint32_t tables = tables_of(false);
     for (size_t i = 0; i < n; i++) {
         if (!is_of(tables, samples[i].table, samples[i].id)) {
             return wrong_kind(store, samples[i].table, samples[i].id, false);
@@ -217,7 +212,7 @@ static int wrong_sample(struct apc_store *store, const struct apc_sample *s)
 
 static int check_samples(struct apc_store *store, const struct apc_sample *samples, size_t n)
 {
-    const uint32_t tables = tables_of(store, false);
+    const uint32_t tables = tables_of(false);
     for (size_t i = 0; i < n; i++) {
         const struct apc_sample *s = &samples[i];
         if (!is_of(tables, s->table, s->id) || !(fabs(s->value) < APC_VALUE_MAX) || s->seq <= 0 ||
@@ -265,13 +260,56 @@ int apc_store_append(struct apc_store *store, const struct apc_sample *samples, 
     return err || n == 0 ? err : store->ops->append(store, samples, n);
 }
 
+/* A set that is the first ids of a table, as those who have one writer a table claim it. */
 int apc_store_claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last)
 {
     int err = enter(store, last, n);
     if (!err) {
         err = check_variable(store, table, 0);
     }
-    return err ? err : store->ops->claim(store, table, n, last);
+    if (err) {
+        return err;
+    }
+    struct apc_sample *variables = (struct apc_sample *)calloc(n ? n : 1, sizeof *variables);
+    if (!variables) {
+        return apc_fail(&store->why, APC_ENOMEM, "out of memory for a claim of %zu", n);
+    }
+    for (size_t i = 0; i < n; i++) {
+        variables[i] = (struct apc_sample){.table = table, .id = (int)i + 1};
+    }
+    err = n > 0 ? store->ops->claim_set(store, variables, n) : 0;
+    for (size_t i = 0; !err && i < n; i++) {
+        last[i] = variables[i].seq;
+    }
+    free(variables);
+    return err;
+}
+
+static int check_set(struct apc_store *store, const struct apc_sample *variables, size_t n)
+{
+    int err = enter(store, variables, n);
+    for (size_t i = 0; !err && i < n; i++) {
+        err = check_variable(store, variables[i].table, variables[i].id);
+    }
+    return err;
+}
+
+int apc_store_claim_set(struct apc_store *store, struct apc_sample *variables, size_t n)
+{
+    int err = check_set(store, variables, n);
+    if (err || n == 0) {
+        return err;
+    }
+    return store->ops->claim_set(store, variables, n);
+}
+
+int apc_store_release(struct apc_store *store, const struct apc_sample *variables, size_t n)
+{
+    int err = check_set(store, variables, n);
+    if (err || n == 0) {
+        return err;
+    }
+    return store->ops->release(store, variables, n);
 }
 
 #define PUT_MAX 4096 /* people's values are few: each is compared with each */
@@ -314,11 +352,6 @@ int apc_store_swap(struct apc_store *store, struct apc_sample *samples, size_t n
 
 /* ---- Rows: samples and vectors together ----------------------------------------------------- */
 
-static int no_such_operation(struct apc_store *store)
-{
-    return apc_fail(&store->why, APC_ESTORE, "a store of kind %s cannot do this yet", store->ops->scheme);
-}
-
 static int enter_rows(struct apc_store *store, const struct apc_rows *rows)
 {
     int err = enter(store, rows, rows ? rows->n_samples : 1);
@@ -348,7 +381,7 @@ int apc_store_read_rows(struct apc_store *store, struct apc_rows *rows)
     if (err || rows->n_samples + rows->n_vectors == 0) {
         return err;
     }
-    return store->ops->read_rows ? store->ops->read_rows(store, rows) : no_such_operation(store);
+    return store->ops->read_rows(store, rows);
 }
 
 static int check_vector(struct apc_store *store, const struct apc_vector *v)
@@ -417,9 +450,6 @@ int apc_store_append_rows(struct apc_store *store, const struct apc_rows *rows)
     if (err || rows->n_samples + rows->n_vectors == 0) {
         return err;
     }
-    if (!store->ops->append_rows) {
-        return no_such_operation(store);
-    }
     err = keep_seqs(store, rows);
     int count = err ? err : store->ops->append_rows(store, rows);
     for (size_t i = 0; !err && count < 0 && i < rows->n_samples; i++) {
@@ -438,12 +468,7 @@ int apc_store_vectors(struct apc_store *store, enum apc_table table, int id, con
     if (!err) {
         err = check_range(store, range, fn != NULL);
     }
-    if (err) {
-        return err;
-    }
-    return store->ops->vectors
-               ? store->ops->vectors(store, table, id, range ? range : &(struct apc_range){0}, fn, ctx)
-               : no_such_operation(store);
+    return err ? err : store->ops->vectors(store, table, id, range ? range : &(struct apc_range){0}, fn, ctx);
 }
 
 int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout)

@@ -42,11 +42,11 @@ static void shm_remove(int number)
     unlink(path);
 }
 
-const struct store_kind store_kinds[] = {{"postgresql:", postgresql_uri, NULL, false, true},
-                                         {"sqlite:", sqlite_uri, NULL, false, true},
-                                         {"mem:", mem_uri, NULL, false, true},
-                                         {"shm:", shm_uri, shm_remove, false, true},
-                                         {"sqlite: with a spool", sqlite_uri, NULL, true, false}};
+const struct store_kind store_kinds[] = {{"postgresql:", postgresql_uri, NULL, false},
+                                         {"sqlite:", sqlite_uri, NULL, false},
+                                         {"mem:", mem_uri, NULL, false},
+                                         {"shm:", shm_uri, shm_remove, false},
+                                         {"sqlite: with a spool", sqlite_uri, NULL, true}};
 const size_t store_kinds_n = sizeof store_kinds / sizeof store_kinds[0];
 
 const struct store_kind *store_kind;

@@ -12,7 +12,6 @@ struct store_kind {
     void (*uri)(char *text, size_t size, int number); /* of a store that does not exist yet */
     void (*remove)(int number);                       /* after its test; NULL: nothing is left of it */
     bool spooled;                                     /* and a spool before it, which stays empty */
-    bool rows;                                        /* it has vectors already */
 };
 extern const struct store_kind store_kinds[];
 extern const size_t store_kinds_n;

@@ -37,7 +37,7 @@ expect 0 '' "$apc" mode auto
 expect 0 ',sensor,1,Good,' "$apc" history y --last 3 --csv
 
 # a second run on the same segment is refused and names who is there
-expect 4 'sensor of shm:.* is already written by apc-client' "$apc" run "$work/fast.conf" --duration 1 --out "$work/second"
+expect 4 'sensor 1 of shm:.* is already written by apc-client' "$apc" run "$work/fast.conf" --duration 1 --out "$work/second"
 
 # daemons that are killed are started again and take their tables over
 n=$(events 'resuming from the stored state')

@@ -614,8 +614,9 @@ static void test_a_dead_writers_claim_goes_to_the_next_and_the_dead_one_gets_it_
     apc_store_close(first);
 }
 
-/* The process of the session that has claimed a table, when one has. */
-static const char claimant[] = "SELECT pid FROM pg_locks WHERE locktype = 'advisory' AND classid = 6385763";
+/* The process of the session that has a claim, when one has. */
+static const char claimant[] = "SELECT l.pid FROM pg_locks l JOIN pg_class c ON c.oid = l.classid"
+                               " WHERE l.locktype = 'advisory' AND c.relname = 'claim'";
 
 static void test_a_stopped_former_session_is_waited_for_and_is_no_other_writer(void **state)
 {

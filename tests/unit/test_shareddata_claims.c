@@ -1,0 +1,188 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Claims on sets of variables: what every store must do. */
+#include <pthread.h>
+#include <stdatomic.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "stores.h"
+
+static struct apc_sample variable(enum apc_table table, int id)
+{
+    return (struct apc_sample){.table = table, .id = id, .seq = -1};
+}
+
+static int claim_one(struct apc_store *store, enum apc_table table, int id)
+{
+    struct apc_sample v = variable(table, id);
+    return apc_store_claim_set(store, &v, 1);
+}
+
+static int release_one(struct apc_store *store, enum apc_table table, int id)
+{
+    const struct apc_sample v = variable(table, id);
+    return apc_store_release(store, &v, 1);
+}
+
+/* A server frees a claim as soon as it has ended the session. */
+static int claim_soon(struct apc_store *store, struct apc_sample *variables, size_t n)
+{
+    int err = APC_EBUSY;
+    for (int tries = 0; err == APC_EBUSY && tries < 1000; tries++) {
+        err = apc_store_claim_set(store, variables, n);
+        usleep(err == APC_EBUSY ? 10000 : 0);
+    }
+    return err;
+}
+
+static void test_a_claim_gives_the_newest_seq_of_each_variable(void **state)
+{
+    double value[1] = {1};
+    struct apc_sample s[2] = {sample(APC_ACTUATOR, 3, 17, 1), sample(APC_SETPOINT, 2, APC_SEQ_ANY, 1)};
+    struct apc_vector t = {.table = APC_TICK, .id = 9, .seq = 5, .n = 1, .value = value};
+    const struct apc_rows rows = {
+        .size = sizeof rows, .sample = s, .n_samples = 2, .vector = &t, .n_vectors = 1};
+    assert_int_equal(apc_store_append_rows(*state, &rows), 3);
+    struct apc_sample v[5] = {variable(APC_TICK, 9), variable(APC_ACTUATOR, 3), variable(APC_ACTUATOR, 1),
+                              variable(APC_SETPOINT, 2), variable(APC_ACTUAL, 0)};
+    ok(*state, apc_store_claim_set(*state, v, 5));
+    assert_true(v[0].seq == 5 && v[1].seq == 17 && v[2].seq == 0 && v[3].seq == 1 && v[4].seq == 0);
+    ok(*state, apc_store_claim_set(*state, v, 5)); /* it is ours already */
+    assert_true(v[0].seq == 5 && v[0].table == APC_TICK && v[0].id == 9);
+}
+
+static void test_two_writers_share_a_table_but_no_variable(void **state)
+{
+    struct apc_store *second = stores_open();
+    struct apc_sample mine[2] = {variable(APC_ACTUATOR, 1), variable(APC_TICK, 1)},
+                      theirs[2] = {variable(APC_ACTUATOR, 2), variable(APC_TICK, 2)};
+    ok(*state, apc_store_claim_set(*state, mine, 2));
+    ok(second, apc_store_claim_set(second, theirs, 2));
+    assert_int_equal(claim_one(second, APC_ACTUATOR, 1), APC_EBUSY);
+    assert_int_equal(claim_one(*state, APC_TICK, 2), APC_EBUSY);
+    apc_store_close(second);
+    ok(*state, claim_soon(*state, theirs, 2));
+}
+
+static void test_a_refusal_names_the_variable_and_the_holder(void **state)
+{
+    struct apc_store *second = stores_open();
+    ok(*state, claim_one(*state, APC_ACTUATOR, 2));
+    struct apc_sample v[2] = {variable(APC_ESTIMATE, 7), variable(APC_ACTUATOR, 2)};
+    assert_int_equal(apc_store_claim_set(second, v, 2), APC_EBUSY);
+    assert_non_null(strstr(apc_store_error(second), "actuator 2"));
+    assert_non_null(strstr(apc_store_error(second), "already written by test"));
+    apc_store_close(second);
+}
+
+static void test_all_are_claimed_or_none(void **state)
+{
+    struct apc_store *second = stores_open(), *third = stores_open();
+    ok(*state, claim_one(*state, APC_ACTUATOR, 2));
+    struct apc_sample v[3] = {variable(APC_ACTUATOR, 1), variable(APC_ACTUATOR, 2), variable(APC_ACTUAL, 4)};
+    assert_int_equal(apc_store_claim_set(second, v, 3), APC_EBUSY);
+    ok(third, claim_one(third, APC_ACTUAL, 4));
+    ok(third, claim_one(third, APC_ACTUATOR, 1));
+    apc_store_close(second);
+    apc_store_close(third);
+}
+
+static void test_what_is_released_may_be_claimed_by_another(void **state)
+{
+    struct apc_store *second = stores_open();
+    struct apc_sample v[2] = {variable(APC_ACTUATOR, 1), variable(APC_PLAN, 1)};
+    ok(*state, apc_store_claim_set(*state, v, 2));
+    ok(second, release_one(second, APC_PLAN, 1)); /* not theirs: nothing happens */
+    assert_int_equal(claim_one(second, APC_PLAN, 1), APC_EBUSY);
+    ok(*state, release_one(*state, APC_PLAN, 1));
+    ok(second, claim_one(second, APC_PLAN, 1));
+    assert_int_equal(claim_one(*state, APC_PLAN, 1), APC_EBUSY);
+    assert_int_equal(claim_one(second, APC_ACTUATOR, 1), APC_EBUSY); /* the rest is ours still */
+    ok(second, release_one(second, APC_PLAN, 1));
+    ok(*state, claim_one(*state, APC_PLAN, 1));
+    apc_store_close(second);
+}
+
+static void test_people_write_what_a_program_has_claimed(void **state)
+{
+    struct apc_store *second = stores_open();
+    ok(*state, claim_one(*state, APC_SETPOINT, 1));
+    struct apc_sample s = sample(APC_SETPOINT, 1, 0, 5);
+    ok(second, apc_store_put(second, &s, 1));
+    assert_int_equal(s.seq, 1);
+    apc_store_close(second);
+}
+
+static void test_a_claim_that_makes_no_sense_is_refused(void **state)
+{
+    assert_int_equal(claim_one(*state, APC_TABLE_END, 1), APC_EINVAL);
+    assert_int_equal(claim_one(*state, APC_SENSOR, -1), APC_EINVAL);
+    assert_int_equal(apc_store_claim_set(*state, NULL, 1), APC_EINVAL);
+    assert_int_equal(release_one(*state, APC_TABLE_END, 1), APC_EINVAL);
+    assert_int_equal(apc_store_claim_set(*state, NULL, 0), 0);
+    assert_int_equal(apc_store_release(*state, NULL, 0), 0);
+}
+
+enum { RIVALS = 4, TURNS = 25 };
+static atomic_int holders, turns;
+
+/* Takes and gives back the same set again and again. Returns what went wrong. */
+static void *compete(void *unused)
+{
+    const char *wrong = NULL;
+    struct apc_store *store = stores_open();
+    struct apc_sample v[2] = {variable(APC_ACTUATOR, 1), variable(APC_TICK, 1)};
+    (void)unused;
+    while (!wrong && atomic_load(&turns) < RIVALS * TURNS) {
+        int err = apc_store_claim_set(store, v, 2);
+        if (err == 0) {
+            wrong = atomic_fetch_add(&holders, 1) == 0 ? NULL : "two have it";
+            atomic_fetch_sub(&holders, 1);
+            atomic_fetch_add(&turns, 1);
+            wrong = apc_store_release(store, v, 2) == 0 ? wrong : "not released";
+        } else if (err != APC_EBUSY) {
+            wrong = "neither claimed nor busy";
+        }
+    }
+    apc_store_close(store);
+    return (void *)(uintptr_t)wrong;
+}
+
+static void test_of_rivals_one_at_a_time_has_it(void **state)
+{
+    pthread_t thread[RIVALS];
+    (void)state;
+    atomic_store(&turns, 0);
+    for (int i = 0; i < RIVALS; i++) {
+        assert_int_equal(pthread_create(&thread[i], NULL, compete, NULL), 0);
+    }
+    for (int i = 0; i < RIVALS; i++) {
+        void *wrong = NULL;
+        assert_int_equal(pthread_join(thread[i], &wrong), 0);
+        if (wrong) {
+            fail_msg("%s", (const char *)wrong);
+        }
+    }
+}
+
+#define T(name) cmocka_unit_test_setup_teardown(name, stores_set_up, stores_tear_down)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        T(test_a_claim_gives_the_newest_seq_of_each_variable),
+        T(test_two_writers_share_a_table_but_no_variable),
+        T(test_a_refusal_names_the_variable_and_the_holder),
+        T(test_all_are_claimed_or_none),
+        T(test_what_is_released_may_be_claimed_by_another),
+        T(test_people_write_what_a_program_has_claimed),
+        T(test_a_claim_that_makes_no_sense_is_refused),
+        T(test_of_rivals_one_at_a_time_has_it),
+    };
+    int failed = 0;
+    for (size_t i = 0; i < store_kinds_n; i++) {
+        store_kind = &store_kinds[i];
+        failed += cmocka_run_group_tests_name(store_kind->name, tests, NULL, NULL);
+    }
+    return failed;
+}
