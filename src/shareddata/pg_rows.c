@@ -345,7 +345,7 @@ static void add_float8(struct apc_pg_params *p, char (*bytes)[8], double value)
 }
 
 /* Sends what was queued. A constraint that says no is no race here. */
-static int finish_insert(struct apc_pg *pg, int err, int count)
+int apc_pg_finish_insert(struct apc_pg *pg, int err, int count)
 {
     if (!err) {
         err = apc_pg_finish(pg, NULL, NULL);
@@ -382,7 +382,7 @@ int apc_pg_append_events(struct apc_store *store, const struct apc_event *events
                           "VALUES ($1::timestamptz, $2::int8, $3, $4, $5)",
                           &p);
     }
-    return finish_insert(pg, err, (int)n);
+    return apc_pg_finish_insert(pg, err, (int)n);
 }
 
 static int give_event(struct stream *s, const PGresult *result, int row)
@@ -466,7 +466,7 @@ int apc_pg_append_timing(struct apc_store *store, const struct apc_timing_row *r
     for (size_t i = 0; !err && i < n; i++) {
         err = send_timing(pg, &rows[i]);
     }
-    return finish_insert(pg, err, (int)n);
+    return apc_pg_finish_insert(pg, err, (int)n);
 }
 
 /* The three arrays of a row, into s->bins one after the other. Returns the number of buckets. */
@@ -546,13 +546,9 @@ int apc_pg_timing(struct apc_store *store, const struct apc_range *range, apc_ti
 /* ---- Tags ---------------------------------------------------------------------------------- */
 
 /* All go, all come, in one transaction: what is no longer described vanishes, and names may change places. */
-int apc_pg_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n)
+int apc_pg_send_tags(struct apc_pg *pg, const struct apc_tag *tags, size_t n)
 {
-    struct apc_pg *pg = apc_pg_of(store);
-    int err = apc_pg_begin(pg);
-    if (!err) {
-        err = apc_pg_send(pg, "DELETE FROM tag", &(struct apc_pg_params){0});
-    }
+    int err = apc_pg_send(pg, "DELETE FROM tag", &(struct apc_pg_params){0});
     for (size_t i = 0; !err && i < n; i++) {
         const struct apc_tag *t = &tags[i];
         struct apc_pg_params p = {0};
@@ -569,7 +565,17 @@ int apc_pg_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t 
                           " VALUES ($1, $2::int8, $3, $4, $5, $6::float8, $7::float8)",
                           &p);
     }
-    return finish_insert(pg, err, (int)n);
+    return err;
+}
+
+int apc_pg_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n)
+{
+    struct apc_pg *pg = apc_pg_of(store);
+    int err = apc_pg_begin(pg);
+    if (!err) {
+        err = apc_pg_send_tags(pg, tags, n);
+    }
+    return apc_pg_finish_insert(pg, err, (int)n);
 }
 
 struct tag_list {

@@ -64,7 +64,9 @@ static int connect_store(struct apc_store *store)
         .get_tags = apc_pg_get_tags, .append_events = apc_pg_append_events, .events = apc_pg_events,         \
         .append_timing = apc_pg_append_timing, .timing = apc_pg_timing, .read_rows = apc_pg_read_rows,       \
         .append_rows = apc_pg_append_rows, .vectors = apc_pg_vectors, .claim_set = apc_pg_claim_set,         \
-        .release = apc_pg_release, .init = apc_pg_init, .maintain = apc_pg_maintain,                         \
+        .release = apc_pg_release, .author = apc_pg_author, .author_name = apc_pg_author_name,               \
+        .describe = apc_pg_describe, .catalogue = apc_pg_catalogue, .init = apc_pg_init,                     \
+        .maintain = apc_pg_maintain,                                                                         \
     }
 
 const struct apc_store_ops apc_postgresql_store = OPS("postgresql:");

@@ -2,8 +2,9 @@
 /*
  * The PostgreSQL store, shared by its files: pg_array.c (binary values), pg_statements.c (every SQL text),
  * pg_connection.c (connecting, waiting with a deadline), pg_claim.c (claims), pg_former.c (claims that
- * outlive their connection), pg_init.c (migrations), pg_tick.c (the ticks' operations), pg_rows.c (history,
- * events, timing, tags), postgresql.c (its life). apcshareddata.c uses the first two.
+ * outlive their connection), pg_init.c (migrations), pg_tick.c (the ticks' operations), pg_catalogue.c
+ * (authors, the catalogue), pg_rows.c (history, events, timing, tags), postgresql.c (its life).
+ * apcshareddata.c uses the first two.
  */
 #ifndef APC_POSTGRESQL_H
 #define APC_POSTGRESQL_H
@@ -182,7 +183,16 @@ int apc_pg_take_claim(struct apc_pg *pg, enum apc_table table, const PGresult *r
 int apc_pg_send_claims(struct apc_pg *pg);
 int apc_pg_take_claims(struct apc_pg *pg, const PGresult *result);
 
-/* ---- pg_tick.c, pg_claim.c, pg_init.c, pg_maintain.c, pg_rows.c: operations ------------------ */
+/* ---- pg_rows.c, for pg_catalogue.c ---------------------------------------------------------- */
+
+/** Queue all that replaces the descriptions. */
+int apc_pg_send_tags(struct apc_pg *pg, const struct apc_tag *tags, size_t n);
+/** Send what was queued, unless @p err; a constraint that says no is no race. Returns @p count or an error.
+ */
+int apc_pg_finish_insert(struct apc_pg *pg, int err, int count);
+
+/* ---- pg_tick.c, pg_claim.c, pg_catalogue.c, pg_init.c, pg_maintain.c, pg_rows.c: operations
+ * ------------------ */
 
 int apc_pg_read(struct apc_store *store, struct apc_sample *samples, size_t n);
 int apc_pg_append(struct apc_store *store, const struct apc_sample *samples, size_t n);
@@ -192,6 +202,10 @@ int apc_pg_read_rows(struct apc_store *store, struct apc_rows *rows);
 int apc_pg_append_rows(struct apc_store *store, const struct apc_rows *rows);
 int apc_pg_claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last);
 int apc_pg_claim_set(struct apc_store *store, struct apc_sample *variables, size_t n);
+int apc_pg_author(struct apc_store *store, const char *name);
+int apc_pg_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN]);
+int apc_pg_describe(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue);
+int apc_pg_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision);
 int apc_pg_release(struct apc_store *store, const struct apc_sample *variables, size_t n);
 int apc_pg_vectors(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                    apc_vector_fn fn, void *ctx);

@@ -268,6 +268,58 @@ static void test_a_set_is_claimed_anew_with_each_connection_or_the_other_writer_
     apc_store_close(a);
 }
 
+/* ---- What the plant is, and who writes ------------------------------------------------------------- */
+
+static void test_a_name_has_a_number_and_the_number_its_name(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG), *other = open_direct(LONG);
+    char name[APC_AUTHOR_LEN], longest[APC_AUTHOR_LEN];
+    memset(longest, 'x', sizeof longest - 1);
+    longest[sizeof longest - 1] = '\0';
+    int joe = store->ops->author(store, "joe"), ann = store->ops->author(store, longest);
+    assert_true(joe > 0 && ann > 0 && joe != ann);
+    assert_int_equal(other->ops->author(other, "joe"), joe);
+    assert_int_equal(other->ops->author_name(other, (uint32_t)ann, name), 0);
+    assert_string_equal(name, longest);
+    assert_int_equal(store->ops->author_name(store, 4000000000u, name), APC_ENOTFOUND);
+    assert_int_equal(store->ops->author(store, ""), APC_ESTORE);
+    apc_store_close(other);
+    apc_store_close(store);
+}
+
+static void test_a_plant_is_described_wholly_and_a_new_text_is_a_new_revision(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG);
+    struct apc_tag tag[2] = {{.table = APC_SENSOR, .id = 1, .name = "y", .high = 1},
+                             {.table = APC_TICK, .id = 1, .name = "base", .high = 1}};
+    char text[20];
+    int64_t revision = -1;
+    assert_int_equal(store->ops->catalogue(store, text, sizeof text, &revision), 0);
+    assert_int_equal(revision, 0);
+    assert_int_equal(store->ops->describe(store, tag, 2, "name = \"a\";"), 2);
+    assert_int_equal(store->ops->catalogue(store, text, sizeof text, &revision), 11);
+    assert_string_equal(text, "name = \"a\";");
+    assert_int_equal(revision, 1);
+    assert_int_equal(store->ops->describe(store, tag, 2, "name = \"a\";"), 2); /* the same */
+    assert_int_equal(store->ops->catalogue(store, NULL, 0, &revision), 11);
+    assert_int_equal(revision, 1);
+    strcpy(tag[1].name, "");
+    assert_int_equal(store->ops->describe(store, tag, 2, "other"), APC_ESTORE); /* neither is changed */
+    assert_int_equal(store->ops->catalogue(store, text, 5, &revision), 11);
+    assert_string_equal(text, "name"); /* cut */
+    assert_int_equal(revision, 1);
+    assert_int_equal(apc_store_get_tags(store, NULL, 0), 2);
+    assert_int_equal(store->ops->describe(store, tag, 1, "other"), 1);
+    assert_int_equal(store->ops->catalogue(store, text, sizeof text, &revision), 5);
+    assert_int_equal(revision, 2);
+    char sql[100];
+    snprintf(sql, sizeof sql, "SELECT string_agg(kind, ' ') FROM plant%d.catalogue", plant);
+    assert_string_equal(cluster_query(cluster, sql), "live live");
+    apc_store_close(store);
+}
+
 #define T(name) cmocka_unit_test_setup(name, set_up)
 
 int main(void)
@@ -283,6 +335,8 @@ int main(void)
         T(test_a_tick_is_one_round_trip_each_way),
         T(test_a_read_that_fails_leaves_the_store_usable),
         T(test_a_claim_of_a_set_is_refused_by_variable_and_holder),
+        T(test_a_name_has_a_number_and_the_number_its_name),
+        T(test_a_plant_is_described_wholly_and_a_new_text_is_a_new_revision),
         T(test_a_set_is_claimed_anew_with_each_connection_or_the_other_writer_is_named),
     };
     cluster = cluster_start();
