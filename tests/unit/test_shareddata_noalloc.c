@@ -5,6 +5,7 @@
  * apart by where the call comes from, which is this program for libapc, linked into it, and another object
  * for them. Sanitizers bring their own allocator, so the tests are then skipped.
  */
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -65,7 +66,7 @@ void *realloc(void *p, size_t size)
 enum { N = 10, WARM = 20, TICKS = 150 };
 
 /* What a controller does in a tick, and a client in an outage. Returns the allocations of the later ticks. */
-static int tick(struct apc_store *store)
+static int tick(struct apc_store *store, bool away)
 {
     struct apc_sample s[2 * N], newest[2 * N];
     int64_t last[N];
@@ -87,6 +88,15 @@ static int tick(struct apc_store *store)
             fail_msg("%s", apc_store_error(store));
         }
         assert_int_equal(apc_store_read(store, newest, 2 * N), 0);
+        double value[4 * N] = {0};
+        struct apc_sample setpoint = {.table = APC_SETPOINT, .id = 1, .seq = APC_SEQ_ANY};
+        struct apc_vector v = {
+            .table = APC_TICK, .id = 1, .seq = seq, .n = 4 * N, .room = 4 * N, .value = value};
+        struct apc_rows rows = {
+            .size = sizeof rows, .sample = &setpoint, .n_samples = 1, .vector = &v, .n_vectors = 1};
+        const int n = apc_store_append_rows(store, &rows), err = apc_store_read_rows(store, &rows);
+        assert_int_equal(n, away ? APC_ECONN : 2); /* a command is not spooled */
+        assert_int_equal(err, away ? APC_ECONN : 0);
     }
     return allocations - before;
 }
@@ -114,7 +124,7 @@ static void assert_steady(const char *uri, const char *spool)
     struct apc_store *store = open_store(uri, spool);
     assert_int_equal(apc_store_init(store), 0);
     assert_true(allocations > 0); /* it does count */
-    assert_int_equal(tick(store), 0);
+    assert_int_equal(tick(store, false), 0);
     apc_store_close(store);
 }
 
@@ -170,7 +180,7 @@ static void test_an_outage_allocates_nothing_more(void **state)
     assert_int_equal(apc_store_claim(store, APC_SENSOR, N, last), 0);
     assert_int_equal(rename(file, aside), 0);
     assert_int_equal(apc_store_append(store, &s, 1), 1);
-    assert_int_equal(tick(store), 0);
+    assert_int_equal(tick(store, true), 0);
     apc_store_stats(store, &stats);
     assert_int_equal(stats.spool.samples, 1 + 2 * N * TICKS);
     apc_store_close(store);

@@ -165,6 +165,50 @@ static int swap(void)
     return rc == 0 && s.seq != 2 ? -100 : rc;
 }
 
+static int append_rows(void)
+{
+    static double value[40];
+    struct apc_vector v[3];
+    struct apc_sample s = sample(APC_ELEMENTS_MAX, 1);
+    for (int i = 0; i < 3; i++) {
+        v[i] = (struct apc_vector){.table = APC_TICK,
+                                   .id = 1,
+                                   .seq = i + 1,
+                                   .time = i + 1,
+                                   .n = 10 * (uint32_t)(i + 1),
+                                   .value = value};
+    }
+    const struct apc_rows rows = {
+        .size = sizeof rows, .sample = &s, .n_samples = 1, .vector = v, .n_vectors = 3};
+    return apc_store_append_rows(store, &rows);
+}
+
+static int read_rows(void)
+{
+    double value[40];
+    struct apc_vector v = {.table = APC_TICK, .id = 1, .room = 40, .value = value};
+    struct apc_rows rows = {.size = sizeof rows, .vector = &v, .n_vectors = 1};
+    int rc = apc_store_read_rows(store, &rows);
+    return rc == 0 && (v.seq != 3 || v.n != 30) ? -100 : rc;
+}
+
+static int any_vector(void *ctx, const struct apc_vector *v)
+{
+    (void)ctx;
+    return v->n != 10 * (uint32_t)v->seq;
+}
+
+static int vectors(void)
+{
+    return apc_store_vectors(store, APC_TICK, 1, NULL, any_vector, NULL);
+}
+
+static int release(void)
+{
+    const struct apc_sample v = {.table = APC_SENSOR, .id = 2};
+    return apc_store_release(store, &v, 1);
+}
+
 static int claim(void)
 {
     int64_t last[2];
@@ -317,7 +361,11 @@ static const struct step whole[] = {
     {append_late, 2},
     {put, 0},
     {swap, 0},
+    {append_rows, 4},
+    {read_rows, 0},
+    {vectors, 3},
     {claim, 0},
+    {release, 0},
     {read_newest, 0},
     {look, 1},
     {append_events, 20},
@@ -325,10 +373,10 @@ static const struct step whole[] = {
     {get_tags, 2},
     {history, ROWS + 1},
     {bins, 2},
-    {variables, VARIABLES + 2},
+    {variables, VARIABLES + 4},
     {events, 20},
     {timing, 8},
-    {maintain, ROWS + 2 + 20 + 8},
+    {maintain, ROWS + 2 + 2 + 20 + 8},
     {history, 1},
     {close_it, 0},
 };
