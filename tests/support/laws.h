@@ -22,7 +22,7 @@ static inline int laws_end(void **state)
     return 0;
 }
 
-/* As apc_instances_create(); they end with the test. */
+/* As apc_instances_create(); they end after the test has returned: the law must not lie on its stack. */
 static inline int laws_make(struct apc_instances **made, const struct apc_law *law,
                             const struct apc_law_setup *setup, struct apc_error *why)
 {

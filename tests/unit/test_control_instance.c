@@ -291,12 +291,13 @@ static void an_instance_sees_what_belongs_to_its_output_and_no_more(void **state
 
 static void a_law_that_is_whole_sees_the_controllers_own(void **state)
 {
-    struct apc_law whole = telling;
+    static struct apc_law whole; /* the instance ends after this function */
     struct apc_instance_part part;
     struct rig r;
 
     (void)state;
     make(&r, &plain);
+    whole = telling;
     whole.whole = true;
     assert_int_equal(laws_make(&r.s, &whole, &plain, NULL), 0);
     assert_int_equal(apc_instances_size(r.s).instances, 1);
@@ -632,12 +633,13 @@ static void whatever_x_depends_on_is_in_the_mark(void **state)
     static const struct apc_law_plant plant = {
         .nx = 2, .A = zero, .B = zero, .C = zero, .D = zero, .x0 = zero, .u0 = zero, .y0 = zero};
     struct apc_law_plant changed = plant;
-    struct apc_law newer = telling;
+    static struct apc_law newer; /* the instances end after this function */
     uint32_t marks[12];
     size_t n = 0;
 
     (void)state;
     marks[n++] = mark(&telling, &plain);
+    newer = telling;
     newer.version = 1;
     marks[n++] = mark(&newer, &plain);
     newer = telling;
