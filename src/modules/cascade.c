@@ -151,8 +151,7 @@ void apc_core_own_setpoint(struct apc_core *c, size_t k, const struct apc_sample
     if (c->state[a->loop].target != APC_MODE_MAN || !newest->seq)
         return;
     follow_measurement(c, k);
-    c->z_seq[k] = newest->seq;
-    a->put = c->z[k] < newest->value || c->z[k] > newest->value || newest->origin > 0;
+    a->put |= c->z[k] < newest->value || c->z[k] > newest->value;
 }
 
 apc_status apc_core_handshake(const struct apc_core *c, size_t k)
@@ -160,16 +159,7 @@ apc_status apc_core_handshake(const struct apc_core *c, size_t k)
     const size_t i = c->above[k].loop;
     const struct apc_law_ports *p = apc_instances_ports(c->law, i);
     const struct apc_core_state *l = &c->state[i];
-    const unsigned limited = l->move.output == APC_PUT_LAW ? c->limited[i] : 0u;
 
     return apc_loop_status(&l->loop, l->target,
-                           p->ny ? apc_loop_lacks(limited, c->z[k], c->y[p->y[0]]) : limited);
-}
-
-bool apc_core_asks(const struct apc_core *c, size_t k, const struct apc_sample *told, apc_ns utc)
-{
-    if (k >= c->dim.nz || !c->setpoint[k].above)
-        return false;
-    return c->state[c->above[k].loop].loop.asked > told->seq ||
-           utc - told->time >= c->setpoint[k].above_period || utc < told->time;
+                           p->ny ? apc_loop_lacks(c->limited[i], c->z[k], c->y[p->y[0]]) : c->limited[i]);
 }

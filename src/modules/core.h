@@ -244,8 +244,6 @@ bool apc_core_look_above(struct apc_core *core, size_t k, const struct apc_sampl
 void apc_core_own_setpoint(struct apc_core *core, size_t k, const struct apc_sample *newest);
 /** What setpoint @p k says to the loop above. [tick] */
 apc_status apc_core_handshake(const struct apc_core *core, size_t k);
-/** Is what setpoint @p k says to be said again, although it is as it was when @p told? [tick] */
-bool apc_core_asks(const struct apc_core *core, size_t k, const struct apc_sample *told, apc_ns utc);
 
 /* ---- law.c */
 

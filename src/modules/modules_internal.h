@@ -72,8 +72,8 @@ bool apc_loop_expired(const struct apc_loop *loop, bool input, apc_ns now, apc_n
 void apc_loop_answered(struct apc_loop *loop, bool good, unsigned shed_after);
 /**
  * Close a tick that @p facts brought into @p state. @p next is the seq that the next `actual` row of the
- * loop's setpoint will have; where afterwards `asked` is that seq, the row must be written in this tick,
- * whatever it says. [tick]
+ * loop's setpoint will have. Where it says no more than the one before it need not be written: the answer to
+ * that makes it say more. [tick]
  */
 void apc_loop_settle(struct apc_loop *loop, const struct apc_loop_facts *facts, enum apc_loop_state state,
                      apc_ns now, int64_t next);

@@ -255,7 +255,7 @@ static void put_actual(struct apc_core *c, size_t k, apc_ns utc)
     const bool mode = k >= apc_core_wanted(c, APC_OPMODE) && k < apc_core_wanted(c, APC_MANUAL);
     struct apc_sample *s = &c->actual[k];
 
-    if ((!mode && !s->origin) || (is_told(s, &c->told[k]) && !apc_core_asks(c, k, &c->told[k], utc)))
+    if ((!mode && !s->origin) || is_told(s, &c->told[k]))
         return;
     s->seq++;
     s->time = utc;

@@ -298,6 +298,7 @@ static void check_writes(struct plant *p)
         return;
     must(p, out[0].table == APC_SETPOINT && c->below[0].rows[0].value == (double)APC_MODE_CAS,
          "nothing is written to a setpoint that is Local");
+    must(p, c->state[0].move.output != APC_PUT_FAULT, "no fault value is written to a setpoint");
     if (c->state[0].move.output == APC_PUT_BELOW)
         must(p, out[0].value >= apc_core_output(c, 0)->value && out[0].value <= apc_core_output(c, 0)->value,
              "an answer is no step");
@@ -723,18 +724,21 @@ static void test_a_loop_leaves_one_above_that_is_at_its_fault_value_at_once(void
 static void test_the_first_setpoint_is_taken_whoever_wrote_it(void **state)
 {
     struct plant p;
+    double r;
 
     (void)state;
     begin(&p, 1, "mem:first");
     run(&p, 17);
     assert_true(newest(&p, APC_SETPOINT, R).origin > 0);
+    r = in_force(&p);
     apc_core_destroy(p.station[LOWER].core);
     p.station[LOWER].core = NULL;
     p.now += 1000 * APC_NS_PER_S; /* of another run */
     make_since(&p, LOWER, p.now);
     assert_near(p.station[LOWER].core->z[0], 0.0, 0.0);
     run(&p, 2);
-    assert_near(p.station[LOWER].core->z[0], in_force(&p), 0.0);
+    assert_near(p.station[LOWER].core->z[0], r, 0.0);
+    assert_near(in_force(&p), r, 0.0);
     tell(&p);
     end(&p);
 }
@@ -761,6 +765,86 @@ static void test_out_of_service_nothing_is_put_back(void **state)
     end(&p);
 }
 
+static void assert_told(struct plant *p)
+{
+    for (int who = LOWER; who <= UPPER; who++)
+        assert_near(actual_of(p, APC_OPMODE, who + 1).value, p->station[who].core->state[0].actual, 0.0);
+    assert_near(actual_of(p, APC_SETPOINT, R).value, p->station[LOWER].core->z[0], 0.0);
+    tell(p);
+    end(p);
+}
+
+/* A loop is at its fault value for a while, or begins and is left by an operator, and at some tick the rows,
+ * or the answer, or both get lost. */
+static void test_what_is_told_of_a_mode_is_so_whatever_became_of_a_tick(void **state)
+{
+    const int top = (int)(TOP / BASE);
+    struct plant p;
+
+    (void)state;
+    for (int which = LOWER; which <= UPPER; which++)
+        for (int fate = LOST; fate < FATES; fate++)
+            for (int at = 0; at < 12; at++) {
+                begin(&p, 1, "mem:told");
+                run(&p, 16);
+                for (int k = 0; k < 12; k++) {
+                    p.station[which].y = k < 6 ? (double)NAN : 0.0;
+                    p.station[which].fate = k == at ? (enum fate)fate : WRITTEN;
+                    run(&p, which == LOWER ? 1 : top);
+                }
+                p.station[which].fate = WRITTEN;
+                run(&p, 2);
+                assert_told(&p);
+            }
+    for (int fate = LOST; fate < FATES; fate++)
+        for (int at = 0; at < 6; at++) {
+            begin(&p, 1, "mem:told");
+            run(&p, at * top);
+            p.station[UPPER].fate = (enum fate)fate;
+            run(&p, top);
+            p.station[UPPER].fate = WRITTEN;
+            operator_put(&p, 0.1);
+            run(&p, 3 * top);
+            assert_told(&p);
+        }
+}
+
+static void test_cas_is_refused_where_nobody_is_above(void **state)
+{
+    struct plant p;
+
+    (void)state;
+    begin(&p, 1, "mem:refused");
+    run(&p, 16);
+    write_row(&p, APC_OPMODE, UPPER + 1, APC_SEQ_ANY, APC_MODE_CAS, APC_GOOD);
+    run(&p, 8);
+    assert_int_equal(p.station[UPPER].core->state[0].target, APC_MODE_AUTO);
+    assert_int_equal(actual_of(&p, APC_OPMODE, UPPER + 1).status, APC_BAD);
+    tell(&p);
+    end(&p);
+}
+
+/* The store cannot be read: whether the loop below still asks nobody knows. */
+static void test_nobody_is_answered_who_cannot_be_heard(void **state)
+{
+    struct plant p;
+    struct apc_core *c;
+
+    (void)state;
+    begin(&p, 1, "mem:deaf");
+    run(&p, 1);
+    c = p.station[UPPER].core;
+    write_row(&p, APC_OPMODE, UPPER + 1, APC_SEQ_ANY, APC_MODE_MAN, APC_GOOD); /* needs no measurement */
+    assert_int_equal(apc_store_read_rows(p.store, apc_core_in(c)), 0);
+    apc_core_compute(c, (struct apc_now){p.now, T0 + p.now}, 1, true, NULL);
+    assert_int_equal(c->state[0].move.output, APC_PUT_BELOW);
+    apc_core_update(c, 0);
+    apc_core_compute(c, (struct apc_now){p.now + 1, T0 + p.now + 1}, 2, false, NULL);
+    assert_int_equal(c->state[0].move.state, APC_LOOP_INIT);
+    assert_int_equal(c->state[0].move.output, APC_PUT_NONE);
+    end(&p);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -771,6 +855,9 @@ int main(void)
         cmocka_unit_test(test_a_loop_leaves_one_above_that_is_at_its_fault_value_at_once),
         cmocka_unit_test(test_the_first_setpoint_is_taken_whoever_wrote_it),
         cmocka_unit_test(test_out_of_service_nothing_is_put_back),
+        cmocka_unit_test(test_what_is_told_of_a_mode_is_so_whatever_became_of_a_tick),
+        cmocka_unit_test(test_cas_is_refused_where_nobody_is_above),
+        cmocka_unit_test(test_nobody_is_answered_who_cannot_be_heard),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
