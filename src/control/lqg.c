@@ -458,7 +458,7 @@ static struct lqg *allocate(struct design *d)
     const size_t span = s->n + s->ny + s->nz;
     struct lqg *q = calloc(1, sizeof(*q) + (at.end + s->n + s->ny) * sizeof(q->k[0]));
 
-    d->memory = d->free = calloc(48 * span * span + 1, sizeof(*d->memory)); /* more than the matrices are */
+    d->memory = d->free = calloc(span + 1, 48 * (span + 1) * sizeof(*d->memory)); /* more than the matrices */
     d->controlled = calloc(s->nz + 1, sizeof(*d->controlled));
     if (!q || !d->memory || !d->controlled) {
         free(q);

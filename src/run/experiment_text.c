@@ -58,6 +58,8 @@ static void put_members(FILE *out, const config_setting_t *group, const struct p
 {
     for (int i = 0; i < config_setting_length(group); i++) {
         const config_setting_t *member = config_setting_get_elem(group, (unsigned)i);
+        if (!member)
+            continue;
         fprintf(out, "%s = ", config_setting_name(member));
         put(out, member, place);
         fputs(end, out);

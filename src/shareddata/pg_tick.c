@@ -10,15 +10,22 @@
 
 /* ---- Places: rows in the order of their tables ---------------------------------------------- */
 
-/* A row's number counts the samples first, then the vectors. */
+/* A row's number counts the samples first, then the vectors. NULL: it is a sample's. */
+static const struct apc_vector *vector_of(const struct apc_rows *rows, uint32_t row)
+{
+    return rows->vector && row >= rows->n_samples ? &rows->vector[row - rows->n_samples] : NULL;
+}
+
 static enum apc_table table_of(const struct apc_rows *rows, uint32_t row)
 {
-    return row < rows->n_samples ? rows->sample[row].table : rows->vector[row - rows->n_samples].table;
+    const struct apc_vector *v = vector_of(rows, row);
+    return v ? v->table : rows->sample[row].table;
 }
 
 static int id_of(const struct apc_rows *rows, uint32_t row)
 {
-    return row < rows->n_samples ? rows->sample[row].id : rows->vector[row - rows->n_samples].id;
+    const struct apc_vector *v = vector_of(rows, row);
+    return v ? v->id : rows->sample[row].id;
 }
 
 /* The rows of one statement: a part of pg->places. */
@@ -212,10 +219,10 @@ static int add_column(struct apc_pg *pg, struct apc_pg_params *p, const struct a
                                    APC_PG_INT8,   APC_PG_FLOAT8, APC_PG_INT4,        APC_PG_INT4};
     const struct apc_pg_place *place = &pg->places[b->begin];
     struct apc_pg_array *a = &pg->columns[number];
-    const bool vectors = apc_table_vectors(b->table) && column != COLUMN_ID;
     size_t elements = 0;
-    for (size_t i = 0; vectors && i < b->n; i++) {
-        elements += rows->vector[place[i].row - rows->n_samples].n;
+    for (size_t i = 0; column != COLUMN_ID && i < b->n; i++) {
+        const struct apc_vector *v = vector_of(rows, place[i].row);
+        elements += v ? v->n : 0;
     }
     if (elements > ELEMENTS_MAX) {
         return apc_fail(&pg->base.why, APC_EINVAL, "%zu elements at once are too many: at most %zu", elements,
@@ -225,12 +232,12 @@ static int add_column(struct apc_pg *pg, struct apc_pg_params *p, const struct a
         return apc_fail(&pg->base.why, APC_ENOMEM, "out of memory for %zu rows", b->n);
     }
     for (size_t i = 0, end = 0; i < b->n; i++) {
-        if (place[i].row < rows->n_samples) {
-            put_sample(a, column, &rows->sample[place[i].row]);
-        } else {
-            const struct apc_vector *v = &rows->vector[place[i].row - rows->n_samples];
+        const struct apc_vector *v = vector_of(rows, place[i].row);
+        if (v) {
             end += v->n;
             put_vector(a, column, v, end);
+        } else {
+            put_sample(a, column, &rows->sample[place[i].row]);
         }
     }
     apc_pg_param(p, a->data, a->length);

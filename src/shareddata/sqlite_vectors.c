@@ -155,8 +155,10 @@ static int fetch(struct apc_sqlite *sq, const struct apc_sqlite_row *row, struct
     const uint32_t need = (uint32_t)sqlite3_column_bytes(statement, 5) / 8;
     if (need > g->room) {
         double *value = (double *)realloc(g->value, need * sizeof *value);
-        g->value = value ? value : g->value;
-        g->room = value ? need : g->room;
+        if (value) {
+            g->value = value;
+            g->room = need;
+        }
     }
     found = need > g->room ? apc_fail(&sq->base.why, APC_ENOMEM, "out of memory for a vector of %u", need)
                            : decode(sq, statement, 5, g->value, g->room);
