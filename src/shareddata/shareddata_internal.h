@@ -60,13 +60,13 @@ struct apc_store_ops {
     int (*events)(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx);
     int (*append_timing)(struct apc_store *store, const struct apc_timing_row *rows, size_t n);
     int (*timing)(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx);
-    /* NULL in a store that cannot do it yet. */
     int (*read_rows)(struct apc_store *store, struct apc_rows *rows);
     int (*append_rows)(struct apc_store *store, const struct apc_rows *rows);
     int (*vectors)(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                    apc_vector_fn fn, void *ctx);
     int (*claim_set)(struct apc_store *store, struct apc_sample *variables, size_t n);
     int (*release)(struct apc_store *store, const struct apc_sample *variables, size_t n);
+    /* Not public before every store has them: number of a name, name of a number, tags and text in one. */
     int (*author)(struct apc_store *store, const char *name);
     int (*author_name)(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN]);
     int (*describe)(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue);
