@@ -809,6 +809,28 @@ static void test_what_is_told_of_a_mode_is_so_whatever_became_of_a_tick(void **s
         }
 }
 
+/* What went on above meanwhile it has not seen: after a long absence a loop asks anew. */
+static void test_a_loop_that_was_away_for_long_asks_before_it_is_in_cas_again(void **state)
+{
+    (void)state;
+    for (int away = 1; away <= 6; away++) {
+        const bool for_long = (away + 1) * BASE > LOSS(BASE); /* since its last tick */
+        struct plant p;
+
+        begin(&p, 1, "mem:away");
+        run(&p, 16);
+        stop(&p, LOWER);
+        run(&p, away);
+        make(&p, LOWER);
+        run(&p, 1);
+        assert_int_equal(p.station[LOWER].core->state[0].loop.state, for_long ? APC_LOOP_AUTO : APC_LOOP_CAS);
+        run(&p, 14);
+        assert_int_equal(p.station[LOWER].core->state[0].loop.state, APC_LOOP_CAS);
+        tell(&p);
+        end(&p);
+    }
+}
+
 static void test_cas_is_refused_where_nobody_is_above(void **state)
 {
     struct plant p;
@@ -856,6 +878,7 @@ int main(void)
         cmocka_unit_test(test_the_first_setpoint_is_taken_whoever_wrote_it),
         cmocka_unit_test(test_out_of_service_nothing_is_put_back),
         cmocka_unit_test(test_what_is_told_of_a_mode_is_so_whatever_became_of_a_tick),
+        cmocka_unit_test(test_a_loop_that_was_away_for_long_asks_before_it_is_in_cas_again),
         cmocka_unit_test(test_cas_is_refused_where_nobody_is_above),
         cmocka_unit_test(test_nobody_is_answered_who_cannot_be_heard),
     };
