@@ -13,69 +13,6 @@ static int unexpected(struct apc_pg *pg)
     return apc_fail(&pg->base.why, APC_EPROTO, "the database did not answer what was asked");
 }
 
-/* ---- Of a table ----------------------------------------------------------------------------- */
-
-int apc_pg_send_claim(struct apc_pg *pg, enum apc_table table, size_t n)
-{
-    struct apc_pg_params p = {0};
-    char count[8];
-    apc_pg_put_int8(count, (int64_t)n);
-    apc_pg_param_text(&p, apc_table_name(table));
-    apc_pg_param(&p, count, sizeof count);
-    pg->session.claimant = true;
-    return apc_pg_send(pg, "SELECT holder, last FROM claim($1, $2::int8::int4)", &p);
-}
-
-int apc_pg_take_claim(struct apc_pg *pg, enum apc_table table, const PGresult *result, int64_t *last,
-                      size_t n)
-{
-    if (PQntuples(result) != 1 || PQnfields(result) != 2) {
-        return unexpected(pg);
-    }
-    if (!PQgetisnull(result, 0, 0)) {
-        return apc_fail(&pg->base.why, APC_EBUSY,
-                        "table %s of schema %s is already written by %s: stop it first",
-                        apc_table_name(table), pg->schema, PQgetvalue(result, 0, 0));
-    }
-    if (n == 0) {
-        return 0;
-    }
-    int got = apc_pg_get_int8_array(PQgetvalue(result, 0, 1), (size_t)PQgetlength(result, 0, 1), last, n);
-    return got >= 0 && (size_t)got == n ? 0 : unexpected(pg);
-}
-
-struct claiming {
-    struct apc_pg *pg;
-    enum apc_table table;
-    int64_t *last;
-    size_t n;
-};
-
-static int take_claim(void *ctx, int statement, PGresult *result)
-{
-    const struct claiming *c = (const struct claiming *)ctx;
-    (void)statement;
-    return apc_pg_take_claim(c->pg, c->table, result, c->last, c->n);
-}
-
-int apc_pg_claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last)
-{
-    struct claiming c = {.pg = apc_pg_of(store), .table = table, .last = last, .n = n};
-    int err = apc_pg_begin(c.pg);
-    if (!err) {
-        err = apc_pg_send_claim(c.pg, table, n);
-    }
-    if (!err) {
-        err = apc_pg_finish(c.pg, take_claim, &c);
-    }
-    if (!err) {
-        c.pg->claimed[table] = true;
-    }
-    return err;
-}
-
-/* ---- Of a set of variables ------------------------------------------------------------------ */
-
 #define NAME_MAX_LEN 12 /* of a table, with its comma */
 
 /* An array of names, as text: they are words of ours, without anything to quote. */
@@ -120,8 +57,8 @@ static int send_set(struct apc_pg *pg, const char *sql, const struct apc_sample 
 int apc_pg_send_claims(struct apc_pg *pg)
 {
     pg->session.claimant = true;
-    return send_set(pg, "SELECT at, holder, last FROM claim_set($1::text[], $2::int4[])", pg->claims,
-                    pg->n_claims);
+    return send_set(pg, "SELECT at, holder, last FROM claim_set($1::text[], $2::int4[])", pg->claimed.at,
+                    pg->claimed.n);
 }
 
 static int take_set(struct apc_pg *pg, const PGresult *result, const struct apc_sample *variables, size_t n,
@@ -148,7 +85,7 @@ static int take_set(struct apc_pg *pg, const PGresult *result, const struct apc_
 
 int apc_pg_take_claims(struct apc_pg *pg, const PGresult *result)
 {
-    return take_set(pg, result, pg->claims, pg->n_claims, NULL);
+    return take_set(pg, result, pg->claimed.at, pg->claimed.n, NULL);
 }
 
 struct set {
@@ -165,26 +102,16 @@ static int take_claimed(void *ctx, int statement, PGresult *result)
     return take_set(set->pg, result, set->variables, set->n, set->last);
 }
 
-static size_t place_of(const struct apc_pg *pg, const struct apc_sample *variable)
-{
-    size_t i = 0;
-    while (i < pg->n_claims && (pg->claims[i].table != variable->table || pg->claims[i].id != variable->id)) {
-        i++;
-    }
-    return i;
-}
-
 int apc_pg_claim_set(struct apc_store *store, struct apc_sample *variables, size_t n)
 {
     struct apc_pg *pg = apc_pg_of(store);
-    struct apc_sample *claims = (struct apc_sample *)realloc(pg->claims, (pg->n_claims + n) * sizeof *claims);
-    if (claims) {
-        pg->claims = claims;
-    }
     struct set set = {
         .pg = pg, .variables = variables, .n = n, .last = (int64_t *)calloc(n, sizeof *set.last)};
-    int err = claims && set.last ? apc_pg_begin(pg)
-                                 : apc_fail(&pg->base.why, APC_ENOMEM, "out of memory for %zu variables", n);
+    int err = set.last ? apc_claims_reserve(store, &pg->claimed, n)
+                       : apc_fail(&pg->base.why, APC_ENOMEM, "out of memory for %zu variables", n);
+    if (!err) {
+        err = apc_pg_begin(pg);
+    }
     if (!err) {
         pg->session.claimant = true;
         err = send_set(pg, "SELECT at, holder, last FROM claim_set($1::text[], $2::int4[])", variables, n);
@@ -194,9 +121,9 @@ int apc_pg_claim_set(struct apc_store *store, struct apc_sample *variables, size
     }
     for (size_t i = 0; !err && i < n; i++) {
         variables[i].seq = set.last[i];
-        const size_t at = place_of(pg, &variables[i]);
-        pg->claims[at] = variables[i];
-        pg->n_claims += at == pg->n_claims;
+    }
+    if (!err) {
+        apc_claims_add(&pg->claimed, variables, n);
     }
     free(set.last);
     return err;
@@ -205,12 +132,7 @@ int apc_pg_claim_set(struct apc_store *store, struct apc_sample *variables, size
 int apc_pg_release(struct apc_store *store, const struct apc_sample *variables, size_t n)
 {
     struct apc_pg *pg = apc_pg_of(store);
-    for (size_t i = 0; i < n; i++) { /* first: a connection that is lost must not claim them again */
-        const size_t at = place_of(pg, &variables[i]);
-        if (at < pg->n_claims) {
-            pg->claims[at] = pg->claims[--pg->n_claims];
-        }
-    }
+    apc_claims_drop(&pg->claimed, variables, n); /* first: a new connection must not claim them again */
     if (!pg->conn) {
         return 0; /* with the session they have gone, or the next one ends it */
     }

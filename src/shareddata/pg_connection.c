@@ -579,13 +579,8 @@ static int take_setup(void *ctx, int statement, PGresult *result)
     if (statement == SETUP_VERSION) {
         return take_version(pg, result);
     }
-    int index = SETUP_PREPARE + count_prepared();
-    for (enum apc_table table = APC_SENSOR; table < APC_TABLE_END; table++) {
-        if (pg->claimed[table] && index++ == statement) {
-            return apc_pg_take_claim(pg, table, result, NULL, 0);
-        }
-    }
-    return pg->n_claims > 0 && index == statement ? apc_pg_take_claims(pg, result) : 0;
+    const bool claims = pg->claimed.n > 0 && statement == SETUP_PREPARE + count_prepared();
+    return claims ? apc_pg_take_claims(pg, result) : 0;
 }
 
 static int begin_session(struct apc_pg *pg)
@@ -611,12 +606,7 @@ static int set_up(struct apc_pg *pg)
             }
         }
     }
-    for (enum apc_table table = APC_SENSOR; !err && table < APC_TABLE_END; table++) {
-        if (pg->claimed[table]) {
-            err = apc_pg_send_claim(pg, table, 0);
-        }
-    }
-    if (!err && pg->n_claims > 0) {
+    if (!err && pg->claimed.n > 0) {
         err = apc_pg_send_claims(pg);
     }
     return err ? err : apc_pg_finish(pg, take_setup, pg);

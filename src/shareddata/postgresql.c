@@ -16,7 +16,7 @@ static void close_store(struct apc_store *store)
         free(pg->columns[i].data);
     }
     free(pg->places);
-    free(pg->claims);
+    free(pg->claimed.at);
     free(pg);
 }
 

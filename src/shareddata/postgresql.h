@@ -96,9 +96,7 @@ struct apc_pg {
     uint64_t random;       /* of the jitter */
     int failed;            /* why the last connect failed */
     struct apc_error failure;
-    bool claimed[APC_TABLE_END];
-    struct apc_sample *claims; /* single variables */
-    size_t n_claims;
+    struct apc_claims claimed;
     struct apc_pg_session session, former[APC_PG_FORMER_MAX];
     size_t n_former;
     bool unreplicated;              /* a commit's warning: not on the standby */
@@ -174,12 +172,7 @@ void apc_pg_close_waiter(struct apc_pg *pg);
 
 /* ---- pg_claim.c ----------------------------------------------------------------------------- */
 
-/** Queue a claim on a table; n = 0 just renews it. */
-int apc_pg_send_claim(struct apc_pg *pg, enum apc_table table, size_t n);
-/** Look at its result: APC_EBUSY with the holder's name when it was refused. */
-int apc_pg_take_claim(struct apc_pg *pg, enum apc_table table, const PGresult *result, int64_t *last,
-                      size_t n);
-/** Queue a claim on all single variables that this store has; look at its result likewise. */
+/** Queue a claim on all that this store has claimed; look at its result. */
 int apc_pg_send_claims(struct apc_pg *pg);
 int apc_pg_take_claims(struct apc_pg *pg, const PGresult *result);
 
@@ -200,7 +193,6 @@ int apc_pg_put(struct apc_store *store, struct apc_sample *samples, size_t n);
 int apc_pg_swap(struct apc_store *store, struct apc_sample *samples, size_t n);
 int apc_pg_read_rows(struct apc_store *store, struct apc_rows *rows);
 int apc_pg_append_rows(struct apc_store *store, const struct apc_rows *rows);
-int apc_pg_claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last);
 int apc_pg_claim_set(struct apc_store *store, struct apc_sample *variables, size_t n);
 int apc_pg_author(struct apc_store *store, const char *name);
 int apc_pg_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN]);
