@@ -166,7 +166,7 @@ static int read_newest(struct apc_store *store, struct apc_sample *samples, size
 static int reserve_writing(struct writing *w, size_t n)
 {
     if (n > w->n) {
-        int64_t *last = realloc(w->last, n * sizeof *last);
+        int64_t *last = realloc(w->last, (n + 1) * sizeof *last);
         if (!last) {
             return APC_ENOMEM;
         }

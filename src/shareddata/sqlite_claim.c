@@ -114,7 +114,7 @@ static int take_record(struct apc_sqlite *sq)
                     CLAIMANTS);
 }
 
-/* Of one number, or of two. */
+/* Of one number, or of two; out is NULL where no row comes back. */
 static int run_claim(struct apc_sqlite *sq, const char *sql, int64_t first, int64_t second, int64_t *out)
 {
     sqlite3_stmt *statement = NULL;
@@ -126,7 +126,7 @@ static int run_claim(struct apc_sqlite *sq, const char *sql, int64_t first, int6
         }
         found = apc_sqlite_step(sq, statement);
     }
-    if (found > 0) {
+    if (found > 0 && out) {
         *out = sqlite3_column_int64(statement, 0);
     }
     sqlite3_finalize(statement);
