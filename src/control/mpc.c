@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * Linear predictive control of all outputs together: an estimator, steady-state targets, and the plan of
- * src/predict/mpc.c, of which the first move goes out. docs/mpc.md says how to set one up.
+ * src/predict/mpc.c, of which the first move goes out. docs/laws.md has every option.
  *
  * At tick k the estimate is corrected with y_k, the plan begins with u_k. update tells the estimator what
  * really went out, whoever decided on it, so nothing winds up and no change of mode makes a bump: an output
