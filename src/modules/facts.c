@@ -167,7 +167,8 @@ static void take_measurements(struct apc_core *c, struct apc_now now)
         if (k < c->dim.ny) {
             c->y_new[k] = c->ok[k] && s->seq != *seq;
             c->y_status[k] = c->ok[k] ? s->status : is_bad(s) ? s->status : APC_BAD_NO_COMMUNICATION;
-            c->y_age[k] = apc_ns_to_s(now.utc - s->time);
+            c->y_age[k] =
+                (double)(((long double)now.utc - (long double)s->time) / APC_NS_PER_S); /* of any time */
         }
         if (!c->ok[k])
             continue;

@@ -20,15 +20,10 @@ struct rig {
     int n;
 };
 
-static const double lag_A = -0.5, lag_B = 1.0, lag_C = 1.0, nought = 0.0;
-static const struct apc_law_plant lag = {.nx = 1,
-                                         .A = &lag_A,
-                                         .B = &lag_B,
-                                         .C = &lag_C,
-                                         .D = &nought,
-                                         .x0 = &nought,
-                                         .u0 = &nought,
-                                         .y0 = &nought};
+static const double lag_A = -0.5, lag_B = 1.0, lag_C[2] = {1.0, 1.0},
+                    nought[2]; /* of two measurements at most */
+static const struct apc_law_plant lag = {
+    .nx = 1, .A = &lag_A, .B = &lag_B, .C = lag_C, .D = nought, .x0 = nought, .u0 = nought, .y0 = nought};
 
 static void make(struct rig *r, const struct apc_law *law, size_t ny, const struct apc_setting *setting)
 {

@@ -13,7 +13,7 @@ static struct apc_vector vector(enum apc_table table, int id, int64_t seq, doubl
     return (struct apc_vector){.table = table,
                                .id = id,
                                .seq = seq,
-                               .time = 1000 * seq * APC_NS_PER_US,
+                               .time = seq % APC_NS_PER_S * APC_NS_PER_MS,
                                .n = n,
                                .room = n,
                                .value = value};
