@@ -131,7 +131,11 @@ mv "$work/users" "$work/away"
 wait "$watch" || fail "a session went on without the file of users"
 grep -q 'bye.*session' "$work/gone.log" || fail "a stream was not told that the users are gone"
 until_true 10 said 'users is gone'
+until_true 10 grep -q 'users is gone' "$work/secure.log"
 mv "$work/away" "$work/users"
+back() { sed '1,/users is gone/d' "$work/$1.log" | grep -q 'users has changed'; }
+until_true 10 back login
+until_true 10 back secure
 
 # an open server that gets users is open no longer
 background late "$APC_BIN/apc-ui" --config "$work/fast.conf" --listen 127.0.0.1:0
