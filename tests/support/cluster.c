@@ -202,7 +202,9 @@ void cluster_kill(struct cluster *c)
     kill(c->server, SIGSTOP); /* or it would see a child die and end the others in order */
     char *rest = NULL;
     for (char *word = strtok_r(pids, " ", &rest); word; word = strtok_r(NULL, " ", &rest)) {
-        kill((pid_t)atoi(word), SIGKILL);
+        long pid = strtol(word, NULL, 10);
+        if (pid > 1) /* an answer that is no number must not end this very group */
+            kill((pid_t)pid, SIGKILL);
     }
     end_server(c, SIGKILL);
 }
