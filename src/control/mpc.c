@@ -9,7 +9,6 @@
  */
 #include "control/mpc.h"
 
-#include <float.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -19,7 +18,7 @@
 #define SETTLE 300 /* samples of the same y and u after which the estimate says y, where it can */
 
 static const struct apc_param tuning[N_OF_U + N_OF_Y] = {
-    {"move", "1", "weight of moves: of a step over the output's span", 0.1, 0.0, 1e6},
+    {"move", "1", "weight of moves: of a step over the output's span", 0.1, 1e-6, 1e6},
     {"wish", "1", "weight of the distance from reference, over the output's span", 0.0, 0.0, 1e6},
     {"reference", "u", "where the output is to be, as far as setpoints leave it free", 0.0, -APC_VALUE_MAX,
      APC_VALUE_MAX},

@@ -69,8 +69,8 @@ struct apc_mpc_result {
 
 int apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, struct apc_error *why);
 void apc_mpc_destroy(struct apc_mpc *mpc); /* NULL is legal */
-/* Take weights: returns 0, or APC_EINVAL (they leave something free: no unique answer), the former ones stay.
- * [tick], of order n^2 N ny with n = nu * blocks. */
+/* Take weights: returns 0, or APC_EINVAL (they leave something free: no unique answer); there is nothing to
+ * solve then until others are taken. [tick], of order n^2 N ny with n = nu * blocks. */
 int apc_mpc_tune(struct apc_mpc *mpc, const struct apc_mpc_weights *weights, struct apc_error *why);
 /* plan [blocks * nu] = the moves, block after block. Without an answer it is as it was. [tick] */
 void apc_mpc_solve(struct apc_mpc *mpc, const struct apc_mpc_call *call, double *plan,

@@ -498,6 +498,9 @@ static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
     assert_non_null(strstr(why.text, "linear model"));
     end(&r);
     make_default(&r);
+    r.tuning[MOVE] = 0.0; /* an operator cannot write this */
+    assert_int_equal(apc_instances_check(r.law, r.tuning, &why), APC_ERANGE);
+    assert_non_null(strstr(why.text, "move"));
     r.tuning[MOVE] = r.tuning[4 + MOVE] = r.tuning[8 + WEIGHT] = 0.0; /* nothing is asked of one of them */
     tick(&r);
     assert_int_equal(r.result, APC_LAW_INFEASIBLE);
