@@ -8,6 +8,14 @@
 /* C [rows * columns] = A [rows * inner] B [inner * columns] */
 void apc_matrix_multiply(size_t rows, size_t inner, size_t columns, const double *A, const double *B,
                          double *C);
+/* The next @p n numbers of a block of memory that several share. */
+static inline double *apc_carve(double **at, size_t n)
+{
+    double *p = *at;
+
+    *at += n;
+    return p;
+}
 /* The sum of a[i] b[i]. */
 double apc_matrix_dot(const double *a, const double *b, size_t n);
 /* T [columns * rows] = A' */

@@ -5,6 +5,7 @@
  */
 #include "modules/core.h"
 #include "base/base_internal.h"
+#include "base/matrix.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -35,14 +36,6 @@ static int take_options(struct apc_core_options *o, const struct apc_core_option
     return 0;
 }
 
-static double *carve(double **at, size_t n)
-{
-    double *p = *at;
-
-    *at += n;
-    return p;
-}
-
 static int allocate_doubles(struct apc_core *c)
 {
     const size_t ny = c->dim.ny, nz = c->size.n_ahead * c->dim.nz, nd = c->size.n_ahead * c->dim.nd,
@@ -54,23 +47,23 @@ static int allocate_doubles(struct apc_core *c)
     c->doubles = at;
     if (!at)
         return APC_ENOMEM;
-    c->y = carve(&at, ny);
-    c->y_age = carve(&at, ny);
-    c->y_low = carve(&at, ny);
-    c->y_high = carve(&at, ny);
-    c->z = carve(&at, nz);
-    c->d = carve(&at, nd);
-    c->x = carve(&at, c->size.states);
-    c->u = carve(&at, nu);
-    c->last = carve(&at, nu);
-    c->trial = carve(&at, nu);
-    c->low = carve(&at, nu);
-    c->high = carve(&at, nu);
-    c->rate = carve(&at, nu);
-    c->tuning = carve(&at, c->size.tuning);
-    c->offered = carve(&at, c->size.tuning);
-    c->force = carve(&at, c->n_wanted);
-    c->published = carve(&at, c->size.published);
+    c->y = apc_carve(&at, ny);
+    c->y_age = apc_carve(&at, ny);
+    c->y_low = apc_carve(&at, ny);
+    c->y_high = apc_carve(&at, ny);
+    c->z = apc_carve(&at, nz);
+    c->d = apc_carve(&at, nd);
+    c->x = apc_carve(&at, c->size.states);
+    c->u = apc_carve(&at, nu);
+    c->last = apc_carve(&at, nu);
+    c->trial = apc_carve(&at, nu);
+    c->low = apc_carve(&at, nu);
+    c->high = apc_carve(&at, nu);
+    c->rate = apc_carve(&at, nu);
+    c->tuning = apc_carve(&at, c->size.tuning);
+    c->offered = apc_carve(&at, c->size.tuning);
+    c->force = apc_carve(&at, c->n_wanted);
+    c->published = apc_carve(&at, c->size.published);
     return 0;
 }
 

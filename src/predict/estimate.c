@@ -63,17 +63,9 @@ static int check_variances(const double *value, size_t n, double least, const ch
     return 0;
 }
 
-static double *carve(double **at, size_t n)
-{
-    double *p = *at;
-
-    *at += n;
-    return p;
-}
-
 static const double *keep(double **at, const double *from, size_t n)
 {
-    return memcpy(carve(at, n), from, n * sizeof(*from));
+    return memcpy(apc_carve(at, n), from, n * sizeof(*from));
 }
 
 static int allocate(struct apc_estimator *e, const struct apc_estimator_options *o)
@@ -84,22 +76,22 @@ static int allocate(struct apc_estimator *e, const struct apc_estimator_options 
     e->memory = at;
     if (!at)
         return APC_ENOMEM;
-    e->q = carve(&at, nx);
-    e->r = carve(&at, ny);
-    e->p0 = carve(&at, nx);
-    e->gain = carve(&at, nx * ny);
-    e->deviation = carve(&at, nx);
-    e->p = carve(&at, np);
-    e->P = carve(&at, nx * nx);
-    e->T = carve(&at, nx * nx);
-    e->J = carve(&at, nx * nx);
-    e->M = carve(&at, nx * nx);
-    e->x = carve(&at, nx);
-    e->next = carve(&at, nx);
-    e->slope = carve(&at, nx);
-    e->column = carve(&at, nx);
-    e->y = carve(&at, ny);
-    e->moved = carve(&at, ny);
+    e->q = apc_carve(&at, nx);
+    e->r = apc_carve(&at, ny);
+    e->p0 = apc_carve(&at, nx);
+    e->gain = apc_carve(&at, nx * ny);
+    e->deviation = apc_carve(&at, nx);
+    e->p = apc_carve(&at, np);
+    e->P = apc_carve(&at, nx * nx);
+    e->T = apc_carve(&at, nx * nx);
+    e->J = apc_carve(&at, nx * nx);
+    e->M = apc_carve(&at, nx * nx);
+    e->x = apc_carve(&at, nx);
+    e->next = apc_carve(&at, nx);
+    e->slope = apc_carve(&at, nx);
+    e->column = apc_carve(&at, nx);
+    e->y = apc_carve(&at, ny);
+    e->moved = apc_carve(&at, ny);
     if (o->linear) {
         e->A = keep(&at, o->linear->A, nx * nx);
         e->B = keep(&at, o->linear->B, nx * n);
@@ -123,13 +115,13 @@ static int steady(struct apc_estimator *e, struct apc_error *why)
 
     if (!memory)
         return apc_fail(why, APC_ENOMEM, "estimator: no memory");
-    At = carve(&at, nx * nx);
-    Q = carve(&at, nx * nx);
-    Ct = carve(&at, nx * ny);
-    CP = carve(&at, nx * ny);
-    AK = carve(&at, nx * ny);
-    R = carve(&at, ny * ny);
-    S = carve(&at, ny * ny);
+    At = apc_carve(&at, nx * nx);
+    Q = apc_carve(&at, nx * nx);
+    Ct = apc_carve(&at, nx * ny);
+    CP = apc_carve(&at, nx * ny);
+    AK = apc_carve(&at, nx * ny);
+    R = apc_carve(&at, ny * ny);
+    S = apc_carve(&at, ny * ny);
     apc_matrix_transpose(nx, nx, e->A, At);
     apc_matrix_transpose(ny, nx, e->C, Ct);
     for (size_t i = 0; i < nx; i++)
@@ -306,33 +298,30 @@ static void propagate(struct apc_estimator *e, const double *F)
 }
 
 /*
- * One measurement of row c and variance r, innovation v: with k = P c / (c P c' + r),
- *     P <- (I - k c) P (I - k c)' + k r k' = P - k (Pc)' - (Pc) k' + k (c P c' + r) k'.
+ * One measurement of row c and variance r, innovation v. With k = P c / (c P c' + r), Joseph's form
+ *     P <- (I - k c) P (I - k c)' + k r k'
+ * from left to right: W = P - k (P c)', then W - (W c) k' + k r k'.
  */
 static void take(struct apc_estimator *e, const double *c, double r, double v, double *x)
 {
     const size_t n = e->nx;
-    double *Pc = e->column, *k = e->slope, total = r;
+    double *Pc = e->column, *k = e->slope, *Wc = e->next, total = r;
 
-    for (size_t i = 0; i < n; i++) {
-        Pc[i] = 0.0;
-        for (size_t j = 0; j < n; j++)
-            Pc[i] += e->P[i * n + j] * c[j];
-    }
     for (size_t i = 0; i < n; i++)
-        total += c[i] * Pc[i];
+        Pc[i] = apc_matrix_dot(e->P + i * n, c, n);
+    total += apc_matrix_dot(c, Pc, n);
     for (size_t i = 0; i < n; i++) {
         k[i] = Pc[i] / total;
         x[i] += k[i] * v;
     }
     for (size_t i = 0; i < n; i++) {
         for (size_t j = 0; j < n; j++)
-            e->M[i * n + j] = (i == j ? 1.0 : 0.0) - k[i] * c[j];
+            e->P[i * n + j] -= k[i] * Pc[j];
+        Wc[i] = apc_matrix_dot(e->P + i * n, c, n);
     }
-    propagate(e, e->M);
     for (size_t i = 0; i < n; i++) {
         for (size_t j = 0; j < n; j++)
-            e->P[i * n + j] += k[i] * r * k[j];
+            e->P[i * n + j] += (r * k[i] - Wc[i]) * k[j];
     }
 }
 

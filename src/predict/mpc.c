@@ -6,7 +6,6 @@
  */
 #include "predict/mpc.h"
 
-#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -52,14 +51,6 @@ struct apc_mpc {
     struct apc_qp *qp, *easy_qp;
     struct apc_target *target;
 };
-
-static double *carve(double **at, size_t n)
-{
-    double *p = *at;
-
-    *at += n;
-    return p;
-}
 
 /* ---- Making -------------------------------------------------------------------------------------- */
 
@@ -184,35 +175,35 @@ static int allocate(struct apc_mpc *p)
     p->room = calloc(n + m, sizeof(*p->room));
     if (!at || !p->room)
         return APC_ENOMEM;
-    p->G = carve(&at, N * ny * n);
-    p->Gx = carve(&at, p->nc * n);
-    p->A = carve(&at, m * n);
-    p->H = carve(&at, n * n);
-    p->H_easy = carve(&at, n * n);
-    p->q = carve(&at, ny);
-    p->zone = carve(&at, ny);
-    p->s = carve(&at, nu);
-    p->r = carve(&at, nu);
-    p->P = carve(&at, na * na);
-    p->PG = carve(&at, na * n);
-    p->riccati = carve(&at, of_terminal);
-    p->square = carve(&at, n + m);
-    p->none = carve(&at, n + m);
-    p->easy = carve(&at, n + m);
-    p->low = carve(&at, n + m);
-    p->high = carve(&at, n + m);
-    p->f = carve(&at, n);
-    p->v = carve(&at, n);
-    p->free_y = carve(&at, N * ny);
-    p->target_y = carve(&at, N * ny);
-    p->target_u = carve(&at, N * nu);
-    p->target_x = carve(&at, p->nc);
-    p->x = carve(&at, nx);
-    p->next = carve(&at, nx);
-    p->input = carve(&at, nu + p->nd);
-    p->aim_low = carve(&at, ny);
-    p->aim_high = carve(&at, ny);
-    p->difference = carve(&at, na);
+    p->G = apc_carve(&at, N * ny * n);
+    p->Gx = apc_carve(&at, p->nc * n);
+    p->A = apc_carve(&at, m * n);
+    p->H = apc_carve(&at, n * n);
+    p->H_easy = apc_carve(&at, n * n);
+    p->q = apc_carve(&at, ny);
+    p->zone = apc_carve(&at, ny);
+    p->s = apc_carve(&at, nu);
+    p->r = apc_carve(&at, nu);
+    p->P = apc_carve(&at, na * na);
+    p->PG = apc_carve(&at, na * n);
+    p->riccati = apc_carve(&at, of_terminal);
+    p->square = apc_carve(&at, n + m);
+    p->none = apc_carve(&at, n + m);
+    p->easy = apc_carve(&at, n + m);
+    p->low = apc_carve(&at, n + m);
+    p->high = apc_carve(&at, n + m);
+    p->f = apc_carve(&at, n);
+    p->v = apc_carve(&at, n);
+    p->free_y = apc_carve(&at, N * ny);
+    p->target_y = apc_carve(&at, N * ny);
+    p->target_u = apc_carve(&at, N * nu);
+    p->target_x = apc_carve(&at, p->nc);
+    p->x = apc_carve(&at, nx);
+    p->next = apc_carve(&at, nx);
+    p->input = apc_carve(&at, nu + p->nd);
+    p->aim_low = apc_carve(&at, ny);
+    p->aim_high = apc_carve(&at, ny);
+    p->difference = apc_carve(&at, na);
     return 0;
 }
 
@@ -305,8 +296,8 @@ static int weigh_terminal(struct apc_mpc *p, struct apc_error *why)
 {
     const struct apc_linear *m = p->model;
     const size_t nc = p->nc, nu = p->nu, na = nc + nu, inputs = nu + p->nd;
-    double *at = p->riccati, *A = carve(&at, na * na), *Q = carve(&at, na * na), *B = carve(&at, na * nu),
-           *K = carve(&at, na * nu), *R = carve(&at, nu * nu);
+    double *at = p->riccati, *A = apc_carve(&at, na * na), *Q = apc_carve(&at, na * na),
+           *B = apc_carve(&at, na * nu), *K = apc_carve(&at, na * nu), *R = apc_carve(&at, nu * nu);
 
     memset(p->riccati, 0, (size_t)(at - p->riccati) * sizeof(*at));
     for (size_t i = 0; i < nc; i++) {

@@ -6,7 +6,6 @@
  */
 #include "predict/target.h"
 
-#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -28,14 +27,6 @@ struct apc_target {
     struct apc_qp *qp;
     double *memory;
 };
-
-static double *carve(double **at, size_t n)
-{
-    double *p = *at;
-
-    *at += n;
-    return p;
-}
 
 /* Householder: M [rows * columns] becomes R, Q [rows * rows] what it was multiplied by. Returns nonzero where
  * the columns are not independent. */
@@ -140,20 +131,20 @@ int apc_target_create(struct apc_target **target, const struct apc_linear *model
         return apc_fail(why, APC_ENOMEM, "steady states: no memory");
     }
     *t = (struct apc_target){.model = model, .nc = nc, .n = n, .memory = at};
-    t->Q = carve(&at, n * n);
-    t->R = carve(&at, n * nc);
-    t->rows = carve(&at, (nu + ny) * nu);
-    t->H = carve(&at, nu * nu);
-    t->f = carve(&at, nu);
-    t->z = carve(&at, nu);
-    t->weight = carve(&at, nu);
-    t->point = carve(&at, n);
-    t->e = carve(&at, nc);
-    t->low = carve(&at, 2 * nu + ny);
-    t->high = carve(&at, 2 * nu + ny);
-    t->square = carve(&at, 2 * nu + ny);
-    t->linear = carve(&at, 2 * nu + ny);
-    t->y = carve(&at, ny);
+    t->Q = apc_carve(&at, n * n);
+    t->R = apc_carve(&at, n * nc);
+    t->rows = apc_carve(&at, (nu + ny) * nu);
+    t->H = apc_carve(&at, nu * nu);
+    t->f = apc_carve(&at, nu);
+    t->z = apc_carve(&at, nu);
+    t->weight = apc_carve(&at, nu);
+    t->point = apc_carve(&at, n);
+    t->e = apc_carve(&at, nc);
+    t->low = apc_carve(&at, 2 * nu + ny);
+    t->high = apc_carve(&at, 2 * nu + ny);
+    t->square = apc_carve(&at, 2 * nu + ny);
+    t->linear = apc_carve(&at, 2 * nu + ny);
+    t->y = apc_carve(&at, ny);
     rc = fill(t, why);
     if (rc < 0)
         apc_target_destroy(t);
