@@ -3,6 +3,7 @@
  * The controllers of an experiment file, and what hangs on what: which signals each one has, that each output
  * has one owner, and that nobody in the end waits for himself.
  */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -229,6 +230,126 @@ static void check_circles(struct settings *s, const config_setting_t *list, cons
     free(gone);
 }
 
+/* Those of one depth have nothing to do with each other. */
+static void find_depths(struct experiment *e)
+{
+    for (size_t round = 1; round < e->n_controllers; round++)
+        for (size_t i = 0; i < e->n_controllers; i++)
+            for (size_t k = 0; k < e->n_controllers; k++) {
+                struct controller *lower = &e->controllers[i], *upper = &e->controllers[k];
+                if (lower->depth <= upper->depth && takes(lower, upper))
+                    lower->depth = upper->depth + 1;
+            }
+}
+
+/* ---- Loops --------------------------------------------------------------------------------- */
+
+size_t controllers_loops(const struct experiment *e)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < e->n_controllers; i++)
+        n += e->controllers[i].dim.nu;
+    return n;
+}
+
+struct controller_loop controllers_loop(const struct experiment *e, size_t n)
+{
+    const struct controller *c = e->controllers;
+    for (; n >= c->dim.nu; c++)
+        n -= c->dim.nu;
+    return (struct controller_loop){c, n};
+}
+
+const struct apc_tag *controllers_output(const struct experiment *e, struct controller_loop loop)
+{
+    return &signal_of(e, loop.of->u[loop.u])->tag;
+}
+
+int controllers_manual(const struct experiment *e, struct controller_loop loop)
+{
+    const struct wire u = loop.of->u[loop.u];
+    const size_t before = u.table == APC_ACTUATOR   ? 0
+                          : u.table == APC_SETPOINT ? e->dim.nu
+                                                    : e->dim.nu + e->dim.nz;
+    return (int)(before + u.at) + 1;
+}
+
+void controllers_loop_name(const struct experiment *e, struct controller_loop loop, char name[APC_TAG_LEN])
+{
+    const char *output = controllers_output(e, loop)->name;
+    if (loop.of->u[loop.u].table == APC_ACTUATOR)
+        snprintf(name, APC_TAG_LEN, "%s", output);
+    else
+        snprintf(name, APC_TAG_LEN, "%.31s.%.31s", loop.of->name, output);
+}
+
+struct controller_loop controllers_above(const struct experiment *e, struct wire setpoint)
+{
+    for (size_t i = 0; i < e->n_controllers; i++)
+        for (size_t k = 0; k < e->controllers[i].dim.nu; k++)
+            if (same(e->controllers[i].u[k], setpoint))
+                return (struct controller_loop){&e->controllers[i], k};
+    return (struct controller_loop){NULL, 0};
+}
+
+/* By what its law says; without a law nobody asks. */
+struct controller_loop controllers_below(const struct experiment *e, struct wire setpoint)
+{
+    const struct controller *c = controllers_taker(e, setpoint);
+    const struct apc_law_setup setup = c ? cores_law_setup(c) : (struct apc_law_setup){.n_setting = 0};
+    struct apc_pair *pair = c && c->law ? calloc(c->dim.nu, sizeof *pair) : NULL;
+    struct controller_loop found = {NULL, 0};
+    if (pair && apc_law_pairing(c->law, &setup, pair, NULL) == 0)
+        for (size_t i = 0; i < c->dim.nu && !found.of; i++)
+            if (pair[i].setpoint > 0 && same(c->z[pair[i].setpoint - 1], setpoint))
+                found = (struct controller_loop){c, i};
+    free(pair);
+    return found;
+}
+
+bool controllers_is_below(const struct experiment *e, struct controller_loop loop)
+{
+    for (size_t k = 0; k < loop.of->dim.nz; k++) {
+        const struct controller_loop below = controllers_below(e, loop.of->z[k]);
+        if (below.of && below.u == loop.u && controllers_above(e, loop.of->z[k]).of)
+            return true;
+    }
+    return false;
+}
+
+static void check_cascade(struct settings *s, const config_setting_t *list, const struct experiment *e,
+                          struct controller_loop upper)
+{
+    const struct wire setpoint = upper.of->u[upper.u];
+    if (setpoint.table != APC_SETPOINT)
+        return;
+    const struct signal *signal = signal_of(e, setpoint);
+    const config_setting_t *at = config_setting_get_elem(
+        config_setting_get_member(group_of(list, e, upper.of), "outputs"), (unsigned)upper.u);
+    if (!controllers_below(e, setpoint).of)
+        settings_fail(s, at, "\"%s\" is not what law %s of %s controls an output to: nobody would take it",
+                      signal->tag.name, controllers_taker(e, setpoint)->law->name,
+                      controllers_taker(e, setpoint)->name);
+    else if (isnan(signal->initial))
+        settings_fail(s, at, "setpoint \"%s\" is moved by %s: it needs an \"initial\" value to begin with",
+                      signal->tag.name, upper.of->name);
+}
+
+void experiment_number(struct settings *s, const config_setting_t *list, struct experiment *e, bool laws)
+{
+    int loop = 1, tuning = 1;
+    for (size_t i = 0; i < e->n_controllers && !s->failed; i++) {
+        struct controller *c = &e->controllers[i];
+        c->number = (int)i + 1;
+        c->first_loop = loop;
+        loop += (int)c->dim.nu;
+        c->first_tuning = laws ? tuning : 0;
+        tuning += laws ? (int)apc_law_parameters(c->law, &c->dim) : 0;
+    }
+    for (size_t n = 0; laws && n < controllers_loops(e) && !s->failed; n++)
+        check_cascade(s, list, e, controllers_loop(e, n));
+}
+
 /* ---- The list ------------------------------------------------------------------------------ */
 
 static void read_name(struct settings *s, const config_setting_t *group, const struct experiment *e,
@@ -237,11 +358,16 @@ static void read_name(struct settings *s, const config_setting_t *group, const s
     const struct kind signals[] = {{"", APC_SENSOR, e->y, e->dim.ny + e->n_signals},
                                    {"", APC_SETPOINT, e->z, e->dim.nz},
                                    {"", APC_ACTUATOR, e->u, e->dim.nu}};
+    static const char *const tasks[] = {"scheduler", "plant", "client"};
     struct nearest nearest = {.wanted = c->name};
     struct wire taken;
     settings_name(s, group, c->name, sizeof c->name);
     if (s->failed)
         return;
+    for (size_t i = 0; i < sizeof tasks / sizeof *tasks; i++)
+        if (!strcmp(c->name, tasks[i]))
+            settings_fail(s, config_setting_get_member(group, "name"),
+                          "a controller cannot be called \"%s\": that is another task of the run", c->name);
     if (strchr(c->name, '.'))
         settings_fail(s, config_setting_get_member(group, "name"),
                       "\"name\" of a controller has no dot: \"%s\"", c->name);
@@ -273,6 +399,8 @@ static void read_list(struct settings *s, const config_setting_t *list, struct e
     check_owners(s, list, e);
     check_owned(s, list, e);
     check_circles(s, list, e);
+    if (!s->failed)
+        find_depths(e);
 }
 
 /* One controller of all signals, in order. */
@@ -331,6 +459,7 @@ void experiment_free_controllers(struct experiment *e)
         free(e->controllers[i].z);
         free(e->controllers[i].u);
         free(e->controllers[i].d);
+        free(e->controllers[i].rate);
         experiment_free_law(&e->controllers[i]);
     }
     free(e->controllers);

@@ -16,7 +16,7 @@
 
 /* What phases there are when the file names none: they keep the order scheduler, plant, client,
  * controller where ticks coincide. */
-static const double client_phase_s = 0.010, controller_phase_s = 0.030;
+static const double client_phase_s = 0.010, controller_phase_s = 0.030, depth_phase_s = 0.010;
 
 static void *array(struct settings *s, size_t n, size_t size)
 {
@@ -57,7 +57,8 @@ static void read_rhythm(struct settings *s, const config_setting_t *group, const
 static void read_signal(struct settings *s, const config_setting_t *group, enum apc_table table, int id,
                         struct signal *signal)
 {
-    static const char *const known[] = {"name", "unit", "description", "low", "high", NULL};
+    static const char *const known_setpoint[] = {"name", "unit",    "description", "low",
+                                                 "high", "initial", NULL};
     static const char *const known_sensor[] = {"name",  "unit",    "description", "low", "high",
                                                "noise", "quantum", "faults",      NULL};
     static const char *const known_output[] = {"name", "unit",  "description", "low", "high",
@@ -72,12 +73,15 @@ static void read_signal(struct settings *s, const config_setting_t *group, enum 
     settings_known(s, group,
                    table == APC_ACTUATOR ? known_output
                    : table == APC_SENSOR ? known_sensor
-                                         : known);
+                                         : known_setpoint);
     settings_name(s, group, tag->name, sizeof tag->name);
     settings_text(s, group, "unit", OPTIONAL, tag->unit, sizeof tag->unit);
     settings_text(s, group, "description", OPTIONAL, tag->description, sizeof tag->description);
     settings_number(s, group, "low", OPTIONAL, -APC_VALUE_MAX, APC_VALUE_MAX, &tag->low);
     settings_number(s, group, "high", OPTIONAL, tag->low, APC_VALUE_MAX, &tag->high);
+    signal->initial = (double)NAN;
+    if (table == APC_SETPOINT)
+        settings_number(s, group, "initial", OPTIONAL, tag->low, tag->high, &signal->initial);
     if (table != APC_ACTUATOR)
         return;
     signal->safe = tag->low > 0 ? tag->low : tag->high < 0 ? tag->high : 0;
@@ -341,7 +345,7 @@ static void read_law(struct settings *s, const config_setting_t *group, struct c
         read_tuning(s, group, c, c->plugin.chosen);
 }
 
-#define CONTROLLER "law", "tuning", "mode", "hold", "settings", "operating_point", "limits", RHYTHM
+#define CONTROLLER "law", "tuning", "mode", "hold", "rate", "settings", "operating_point", "limits", RHYTHM
 
 static const char *const short_settings[] = {CONTROLLER, NULL};
 static const char *const controller_settings[] = {
@@ -355,17 +359,27 @@ bool experiment_knows_of_controller(const char *name)
     return *known;
 }
 
-static enum apc_mode read_mode(struct settings *s, const config_setting_t *group, const struct experiment *e)
+static bool any_is_below(const struct experiment *e, const struct controller *c)
+{
+    for (size_t k = 0; k < c->dim.nz; k++)
+        if (controllers_above(e, c->z[k]).of)
+            return true;
+    return false;
+}
+
+static enum apc_mode read_mode(struct settings *s, const config_setting_t *group, const struct experiment *e,
+                               const struct controller *c)
 {
     static const enum apc_mode modes[] = {APC_MODE_MAN, APC_MODE_AUTO, APC_MODE_CAS};
-    const size_t n = e->n_controllers > 1 ? 3 : 2; /* nobody is above a single one */
+    const size_t n = any_is_below(e, c) ? 3 : 2;
     char mode[16] = "Auto";
     settings_text(s, group, "mode", OPTIONAL, mode, sizeof mode);
     for (size_t i = 0; i < n; i++)
         if (!strcmp(mode, apc_mode_name((int)modes[i])))
             return modes[i];
-    settings_fail(s, config_setting_get_member(group, "mode"), "\"mode\" must be \"Auto\"%s or \"Man\"",
-                  n == 3 ? ", \"Cas\"" : "");
+    settings_fail(s, config_setting_get_member(group, "mode"), "\"mode\" must be \"Auto\"%s or \"Man\"%s",
+                  n == 3 ? ", \"Cas\"" : "",
+                  strcmp(mode, "Cas") ? "" : ": no controller moves its setpoints");
     return APC_MODE_MAN;
 }
 
@@ -375,9 +389,17 @@ static void read_controller(struct settings *s, const config_setting_t *group, s
 {
     double hold_s;
     settings_known(s, group, config_setting_name(group) ? short_settings : controller_settings);
-    read_rhythm(s, group, "controller", controller_phase_s, &c->rhythm, &e->models.recordings);
+    read_rhythm(s, group, c->name, controller_phase_s + c->depth * depth_phase_s, &c->rhythm,
+                &e->models.recordings);
     settings_text(s, group, "law", REQUIRED, c->law_name, sizeof c->law_name);
-    c->mode = read_mode(s, group, e);
+    c->mode = read_mode(s, group, e, c);
+    c->rate = array(s, c->dim.nu, sizeof *c->rate);
+    const config_setting_t *rate = config_setting_get_member(group, "rate");
+    if (rate && c->rate)
+        settings_numbers(s, rate, c->dim.nu, c->rate);
+    for (size_t i = 0; i < c->dim.nu && !s->failed; i++)
+        if (!(c->rate[i] >= 0 && (!rate || c->rate[i] > 0)))
+            settings_fail(s, rate, "\"rate\" must be above 0, in units a second");
     hold_s = 3 * apc_ns_to_s(c->rhythm.period);
     settings_number(s, group, "hold", OPTIONAL, 0, 86400, &hold_s);
     if (!s->failed)
@@ -490,6 +512,7 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     check_rhythms(s, root, e);
     for (size_t i = 0; i < e->n_controllers; i++)
         experiment_read_law(s, s->failed ? NULL : group_of(list, i), e, &e->controllers[i]);
+    experiment_number(s, list, e, laws);
     models_read(s, root, &e->models);
     experiment_read_actions(s, root, e);
 }

@@ -40,6 +40,9 @@ bool controllers_has_all(const struct experiment *e, const struct controller *c)
 const config_setting_t *experiment_read_controllers(struct settings *s, const config_setting_t *root,
                                                     struct experiment *e);
 void experiment_free_controllers(struct experiment *e);
+/* The ids of controllers, loops and, with @p laws, of their tuning; then every setpoint that a controller
+ * moves has a loop that it is of, and a value to begin with. */
+void experiment_number(struct settings *s, const config_setting_t *list, struct experiment *e, bool laws);
 /* The setpoints that the scheduler moves: what it names or, without, all that no controller does. Returns how
  * many, to be freed. */
 size_t experiment_read_columns(struct settings *s, const config_setting_t *group, const struct experiment *e,

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * An experiment as the library and its own programs know it: one plant, its client, controller and scheduler,
- * read from a file in libconfig's syntax, of which every program takes its part (docs/experiment-file.md).
- * Programs of others use apcrun.h.
+ * An experiment as the library and its own programs know it: one plant, its client, controllers and
+ * scheduler, read from a file in libconfig's syntax, of which every program takes its part
+ * (docs/experiment-file.md). Programs of others use apcrun.h.
  */
 #ifndef APC_RUN_INTERNAL_H
 #define APC_RUN_INTERNAL_H
@@ -55,7 +55,8 @@ int models_network(struct models *m, const char *spec, struct apc_error *why);
 /* One measurement, setpoint or manipulated variable. */
 struct signal {
     struct apc_tag tag;
-    double safe, fault, initial; /* manipulated variables only */
+    double safe, fault; /* manipulated variables only */
+    double initial;     /* theirs, and a setpoint's; NAN: a setpoint has none */
 };
 
 struct rhythm {
@@ -83,6 +84,12 @@ struct controller {
     struct apc_dim dim;
     struct wire *y, *z, *u, *d; /* [dim.ny], [dim.nz], [dim.nu], [dim.nd] */
     struct rhythm rhythm;
+    unsigned depth; /* how many controllers stand above it, one above another: those tick before it */
+
+    /* Ids in the store, over all controllers in the order of the file. */
+    int number;       /* of its tick row */
+    int first_loop;   /* of its outputs' loops, in table opmode */
+    int first_tuning; /* of its parameters; 0 where its law is not known */
 
     char law_name[256]; /* in the file */
     struct plugin plugin;
@@ -94,8 +101,9 @@ struct controller {
     double *values; /* memory of the settings */
     double *linear; /* memory of plant; NULL: no operating point is given */
     struct apc_law_plant plant;
-    enum apc_mode mode;
+    enum apc_mode mode; /* at first; Cas: of the loops that have one above */
     apc_ns hold;
+    double *rate; /* [dim.nu] units a second; 0: as fast as it likes */
     void *law_handle;
 };
 
@@ -144,7 +152,7 @@ struct experiment {
         struct wire *z; /* [n] the setpoints that it moves */
         size_t n;
         double *sequence; /* [steps * n] */
-        size_t steps;
+        size_t steps;     /* 0: there is no scheduler */
         bool repeat;
     } scheduler;
 
@@ -194,6 +202,27 @@ int experiment_parse(struct experiment *e, const struct experiment_source *from,
 int experiment_check_single(const struct experiment *e, struct apc_error *why);
 /* The controller whose setpoint it is; NULL: none. */
 const struct controller *controllers_taker(const struct experiment *e, struct wire setpoint);
+
+/* An output of a controller, with what belongs to it. */
+struct controller_loop {
+    const struct controller *of;
+    size_t u; /* by its place among the controller's outputs */
+};
+/* How many there are, and number @p n of them, from 0: the one with id n + 1 in table opmode. */
+size_t controllers_loops(const struct experiment *e);
+struct controller_loop controllers_loop(const struct experiment *e, size_t n);
+/* Its output. */
+const struct apc_tag *controllers_output(const struct experiment *e, struct controller_loop loop);
+/* Id of its operator's output in table manual: an actuator's is the actuator's own, and those of setpoints
+ * stand behind all actuators'. */
+int controllers_manual(const struct experiment *e, struct controller_loop loop);
+/* "u", or "upper.r1" where the output is a setpoint. */
+void controllers_loop_name(const struct experiment *e, struct controller_loop loop, char name[APC_TAG_LEN]);
+/* The loop that has the setpoint as its own, and the loop that moves it; of is NULL: none. */
+struct controller_loop controllers_below(const struct experiment *e, struct wire setpoint);
+struct controller_loop controllers_above(const struct experiment *e, struct wire setpoint);
+/* Is there a loop above it? */
+bool controllers_is_below(const struct experiment *e, struct controller_loop loop);
 
 /* Whether steps of rk4 are short enough for the plant, linear around where it starts. Returns 0, or
  * APC_ERANGE with a text in why: what should decay grows without bound then. */

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Several controllers in one file: who has which signals, and what cannot be, with its line. */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,9 +13,9 @@
 static const char *const good[] = {
     "name = \"layers\"; duration = 60.0;",
     "measurements = ( { name = \"y1\"; }, { name = \"y2\"; } );",
-    "setpoints = ( { name = \"r1\"; low = 0.0; high = 10.0; }, { name = \"r2\"; }, { name = \"w1\"; }, { "
-    "name = "
-    "\"w2\"; }, { name = \"w3\"; } );",
+    "setpoints = ( { name = \"r1\"; low = 0.0; high = 10.0; initial = 6.0; }, "
+    "{ name = \"r2\"; initial = 6.5; }, { name = \"w1\"; initial = 6.0; }, { name = \"w2\"; }, { name = "
+    "\"w3\"; } );",
     "outputs = ( { name = \"v1\"; low = 0.0; high = 10.0; }, { name = \"v2\"; low = 0.0; high = 10.0; } );",
     "plant = { model = \"quadruple-tank\"; period = 0.1; }; client = { period = 0.1; };",
     "controllers = (",
@@ -68,6 +69,8 @@ static void each_controller_has_its_own_signals(void **state)
     assert_int_equal(e.scheduler.n, 3);
     assert_wire(e.scheduler.z[0], APC_SETPOINT, 2);
     assert_wire(e.scheduler.z[2], APC_SETPOINT, 4);
+    assert_near(e.z[0].initial, 6.0, 0);
+    assert_true(isnan(e.z[3].initial));
     /* which cannot be run yet */
     assert_int_equal(experiment_check_single(&e, &why), APC_ESTATE);
     assert_string_equal(why.text, "layers.conf has 2 controllers: several cannot be run yet, one can");
@@ -101,6 +104,51 @@ static void each_controller_has_a_law_of_its_own(void **state)
     assert_int_equal(upper->n_setting, 1);
     assert_int_equal(base->n_setting, 0);
     assert_int_equal(cores_command_period(&e), APC_NS_PER_S / 2); /* upper commands nobody */
+    experiment_free(&e);
+}
+
+static void assert_loop(struct controller_loop loop, const struct controller *of, size_t u)
+{
+    assert_ptr_equal(loop.of, of);
+    assert_int_equal(loop.u, u);
+}
+
+static void loops_and_tuning_are_numbered_over_all_controllers(void **state)
+{
+    struct experiment e;
+    struct apc_error why;
+    char name[APC_TAG_LEN];
+    (void)state;
+    if (parse(&e, 0, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    const struct controller *base = &e.controllers[0], *upper = &e.controllers[1];
+    assert_int_equal(base->number, 1);
+    assert_int_equal(upper->number, 2);
+    assert_int_equal(base->first_loop, 1);
+    assert_int_equal(upper->first_loop, 3);
+    assert_int_equal(base->first_tuning, 1);
+    assert_int_equal(upper->first_tuning, 1 + apc_law_parameters(base->law, &base->dim));
+    assert_int_equal(controllers_loops(&e), 4);
+    assert_loop(controllers_loop(&e, 1), base, 1);
+    assert_loop(controllers_loop(&e, 2), upper, 0);
+    /* upper moves r2 first, by its outputs; base has r1 first, by its law */
+    assert_loop(controllers_above(&e, (struct wire){APC_SETPOINT, 1}), upper, 0);
+    assert_loop(controllers_below(&e, (struct wire){APC_SETPOINT, 1}), base, 1);
+    assert_null(controllers_above(&e, (struct wire){APC_SETPOINT, 2}).of);
+    assert_true(controllers_is_below(&e, controllers_loop(&e, 0)));
+    assert_false(controllers_is_below(&e, controllers_loop(&e, 2)));
+    /* v1 v2 are 1 and 2; r1 r2 the setpoints behind them */
+    assert_int_equal(controllers_manual(&e, controllers_loop(&e, 1)), 2);
+    assert_int_equal(controllers_manual(&e, controllers_loop(&e, 2)), 4);
+    controllers_loop_name(&e, controllers_loop(&e, 1), name);
+    assert_string_equal(name, "v2");
+    controllers_loop_name(&e, controllers_loop(&e, 2), name);
+    assert_string_equal(name, "upper.r2");
+    /* who stands above ticks before */
+    assert_int_equal(base->depth, 1);
+    assert_int_equal(upper->depth, 0);
+    assert_int_equal(upper->rhythm.phase, 30 * APC_NS_PER_MS);
+    assert_int_equal(base->rhythm.phase, 40 * APC_NS_PER_MS);
     experiment_free(&e);
 }
 
@@ -227,6 +275,21 @@ static void what_cannot_be_is_refused_with_its_line(void **state)
         {6, "signals = ( { name = \"x\"; } ); controllers = (",
          "6: signal \"x\" is no controller's output: nobody would calculate it"},
         {6, "signals = ( { name = \"y1\"; } ); controllers = (", "6: two variables are called \"y1\""},
+        {8, UPPER("client", "\"w1\", \"w2\"", "\"r1\", \"r2\""),
+         "8: a controller cannot be called \"client\""},
+        {8, UPPER("upper", "\"w1\"", "\"w2\""), "8: \"w2\" is a setpoint that no controller has"},
+        {3,
+         "setpoints = ( { name = \"r1\"; }, { name = \"r2\"; }, { name = \"w1\"; }, { name = \"w2\"; }, { "
+         "name = \"w3\"; } );",
+         "8: setpoint \"r2\" is moved by upper: it needs an \"initial\" value"},
+        {3, "setpoints = ( { name = \"r1\"; low = 0.0; initial = -1.0; } );",
+         "3: \"initial\" is -1: must be from 0"},
+        {7, BASE("rate = [1.0];"), "7: expected 2 numbers"},
+        {7, BASE("rate = [1.0, -1.0];"), "7: \"rate\" must be above 0"},
+        {8,
+         " { name = \"upper\"; law = \"pi\"; period = 5.0; mode = \"Cas\"; measurements = [\"y1\"]; "
+         "setpoints = [\"w1\"]; outputs = [\"r1\"]; } );",
+         "8: \"mode\" must be \"Auto\" or \"Man\": no controller moves its setpoints"},
         {7, BASE("hopla = 1;"), "7: unknown setting \"hopla\""},
         {7, BASE("mode = \"Oos\";"), "7: \"mode\" must be \"Auto\", \"Cas\" or \"Man\""},
         {8,
@@ -302,6 +365,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(each_controller_has_its_own_signals),
         cmocka_unit_test(each_controller_has_a_law_of_its_own),
+        cmocka_unit_test(loops_and_tuning_are_numbered_over_all_controllers),
         cmocka_unit_test(a_controller_may_calculate_what_another_one_measures),
         cmocka_unit_test(the_short_form_is_one_controller_of_all),
         cmocka_unit_test(one_in_the_long_form_is_the_same),
