@@ -38,8 +38,6 @@ struct shell {
     struct daemon *d;
     struct apc_store *store;
     struct apc_controller *core;
-    struct apc_controller_size size;
-    struct apc_sample *in, *out;
     bool store_up;
 };
 
@@ -53,10 +51,13 @@ static void report_store(struct shell *s, int rc)
     s->store_up = rc >= 0;
 }
 
-/* The controller never repeats a sample: one that is there already is somebody else's. */
+/* The controller never repeats a row: one that is there already is somebody else's. */
 static int append(struct shell *s, int n)
 {
-    int rc = apc_store_append(s->store, s->out, (size_t)n);
+    const struct apc_rows *out = apc_controller_out(s->core);
+    int rc = apc_store_append_rows(s->store, out);
+    for (size_t i = 0; rc >= 0 && i < out->n_samples; i++)
+        n -= out->sample[i].seq == 0; /* left out: somebody was faster */
     return rc < 0 || rc == n ? rc : APC_ECONFLICT;
 }
 
@@ -64,34 +65,26 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
 {
     struct shell *s = ctx;
     struct apc_notice notice = {0};
-    int rc = apc_store_read(s->store, s->in, s->size.in);
+    int rc = apc_store_read_rows(s->store, apc_controller_in(s->core));
     const struct apc_now now = {.mono = apc_clock_mono(NULL), .utc = apc_clock_utc(NULL)};
-    (void)tick;
-
-    int n = apc_controller_compute(s->core, now, rc < 0 ? NULL : s->in, s->out, &notice);
-    if (rc >= 0 && n > 0)
-        rc = append(s, n);
+    int n = apc_controller_compute(s->core, now, tick->index, rc >= 0, &notice);
     if (rc >= 0)
-        apc_controller_update(s->core); /* else the next read tells whether it was written */
+        rc = append(s, n);
+    apc_controller_update(s->core, rc < 0 ? -1 : 1);
     daemon_notice(s->d, &notice);
     report_store(s, rc);
     return daemon_fatal(s->d, s->store, rc);
 }
 
 /* Go on where the last controller of this run stopped, if there was one. */
-static int resume(struct shell *s, const int64_t *last)
+static int resume(struct shell *s)
 {
-    struct apc_sample *stored = calloc(s->size.resume, sizeof *stored);
-    if (!stored)
-        return daemon_error(s->d, APC_ENOMEM, "out of memory");
-    apc_controller_resume_inputs(s->core, stored);
-    int rc = apc_store_read(s->store, stored, s->size.resume);
+    int rc = apc_store_read_rows(s->store, apc_controller_former(s->core));
     if (rc < 0)
-        daemon_error(s->d, rc, "%s", apc_store_error(s->store));
-    else if (apc_controller_resume(s->core, last, stored, s->d->start) == 1)
+        return daemon_error(s->d, rc, "%s", apc_store_error(s->store));
+    if (apc_controller_resume(s->core, s->d->start) == 1)
         daemon_event(s->d, APC_EVENT_INFO, "start", "resuming from the stored state");
-    free(stored);
-    return rc;
+    return 0;
 }
 
 static int open_shell(struct shell *s)
@@ -101,20 +94,14 @@ static int open_shell(struct shell *s)
     int rc = cores_controller(&s->d->experiment, &s->core, &why);
     if (rc < 0)
         return daemon_error(s->d, rc, "%s", why.text);
-    s->size = apc_controller_size(s->core);
-    s->in = calloc(s->size.in, sizeof *s->in);
-    s->out = calloc(s->size.out, sizeof *s->out);
     int64_t *last = calloc(nu, sizeof *last);
-    if (!s->in || !s->out || !last) {
-        free(last);
+    if (!last)
         return daemon_error(s->d, APC_ENOMEM, "out of memory");
-    }
-    apc_controller_inputs(s->core, s->in);
     s->d->store_timeout = daemon_timeout(s->d->experiment.controllers->rhythm.period);
     s->d->store_pause = s->d->experiment.controllers->rhythm.period;
     rc = daemon_store(s->d, &s->store, APC_ACTUATOR, nu, last);
     if (rc == 0)
-        rc = resume(s, last);
+        rc = resume(s);
     free(last);
     return rc;
 }
@@ -123,8 +110,6 @@ static void close_shell(struct shell *s)
 {
     apc_controller_destroy(s->core);
     apc_store_close(s->store);
-    free(s->in);
-    free(s->out);
 }
 
 int main(int argc, char **argv)

@@ -38,19 +38,19 @@ static struct apc_sample *fill(struct apc_sample *at, enum apc_table table, int 
 void store_prepare(const char *schema, size_t n)
 {
     struct apc_store *store = tick_open_store(schema);
-    const size_t n_tuning = apc_law_pi.n_tuning, count = 4 + n * (n_tuning + 1);
-    struct apc_sample *samples = allocate(count, sizeof *samples), *at = samples;
+    const size_t n_tuning = apc_law_pi.n_tuning, count = 4 + n * (n_tuning + 2);
+    struct apc_sample *samples = allocate(count, sizeof *samples), *mode = samples, *dim = mode + 1 + n,
+                      *tuning = dim + 3;
 
     check(store, apc_store_init(store));
-    at = fill(at, APC_OPMODE, 0, 1);
-    at = fill(at, APC_DIM, 1, 3);
-    at = fill(at, APC_TUNING, 1, n * n_tuning);
-    samples[0].value = APC_MODE_AUTO;
+    (void)fill(fill(fill(fill(mode, APC_OPMODE, 0, 1 + n), APC_DIM, 1, 3), APC_TUNING, 1, n * n_tuning),
+               APC_MANUAL, 1, n);
+    for (size_t i = 0; i <= n; i++)
+        mode[i].value = APC_MODE_AUTO;
     for (size_t i = 0; i < 3; i++)
-        samples[1 + i].value = (double)n;
+        dim[i].value = (double)n;
     for (size_t i = 0; i < n * n_tuning; i++)
-        samples[4 + i].value = apc_law_pi.tuning[i % n_tuning].initial;
-    (void)fill(at, APC_MANUAL, 1, n);
+        tuning[i].value = apc_law_pi.tuning[i % n_tuning].initial;
     check(store, apc_store_append(store, samples, count));
     free(samples);
     apc_store_close(store);
@@ -124,8 +124,7 @@ void store_close(struct store *s)
 struct control {
     struct apc_store *store;
     struct apc_controller *core;
-    struct apc_controller_size size;
-    struct apc_sample *in, *out;
+    uint64_t tick;
 };
 
 struct control *control_open(const char *schema, size_t n)
@@ -144,17 +143,9 @@ struct control *control_open(const char *schema, size_t n)
     if (apc_controller_create(&c->core, &options, &why) < 0)
         die("%s", why.text);
     c->store = tick_open_store(schema);
-    c->size = apc_controller_size(c->core);
-    c->in = allocate(c->size.in, sizeof *c->in);
-    c->out = allocate(c->size.out, sizeof *c->out);
-    apc_controller_inputs(c->core, c->in);
     check(c->store, apc_store_claim(c->store, APC_ACTUATOR, n, last));
-
-    struct apc_sample *stored = allocate(c->size.resume, sizeof *stored);
-    apc_controller_resume_inputs(c->core, stored);
-    check(c->store, apc_store_read(c->store, stored, c->size.resume));
-    apc_controller_resume(c->core, last, stored, 0);
-    free(stored);
+    check(c->store, apc_store_read_rows(c->store, apc_controller_former(c->core)));
+    apc_controller_resume(c->core, 0);
     free(last);
     return c;
 }
@@ -162,25 +153,24 @@ struct control *control_open(const char *schema, size_t n)
 void control_once(void *ctx)
 {
     struct control *c = ctx;
+    const struct apc_rows *out = apc_controller_out(c->core);
     struct apc_notice notice;
 
-    check(c->store, apc_store_read(c->store, c->in, c->size.in));
+    check(c->store, apc_store_read_rows(c->store, apc_controller_in(c->core)));
     const struct apc_now now = {.mono = apc_clock_mono(NULL), .utc = apc_clock_utc(NULL)};
-    int n = apc_controller_compute(c->core, now, c->in, c->out, &notice);
-    if (n < 1 || c->out[0].table != APC_ACTUATOR || c->out[0].sensor_seq == 0)
+    int n = apc_controller_compute(c->core, now, c->tick++, true, &notice);
+    if (out->n_samples < 1 || out->sample[0].table != APC_ACTUATOR || out->sample[0].status != APC_GOOD)
         die("the controller does not control: %s", notice.kind ? notice.text : "no notice");
-    int rows = apc_store_append(c->store, c->out, (size_t)n);
+    int rows = apc_store_append_rows(c->store, out);
     check(c->store, rows);
     if (rows != n)
         die("of %d rows only %d were new", n, rows);
-    apc_controller_update(c->core);
+    apc_controller_update(c->core, 1);
 }
 
 void control_close(struct control *c)
 {
     apc_controller_destroy(c->core);
     apc_store_close(c->store);
-    free(c->in);
-    free(c->out);
     free(c);
 }

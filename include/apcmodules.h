@@ -267,78 +267,116 @@ APC_API struct apc_loop_move apc_loop_next(enum apc_loop_state state, const stru
 
 /* ---- Controller --------------------------------------------------------------------------- */
 
+/** A setpoint of a controller, and within which limits it is taken. Values are in its own unit. */
+struct apc_controller_setpoint {
+    int id;              /**< in table setpoint */
+    double low, high;    /**< a row outside is refused, and the one before it stays in force */
+    int above;           /**< id in table opmode of the loop above that moves it in Cas; 0: there is none */
+    apc_ns above_period; /**< required with it: of that loop's controller */
+};
+
+/** An output of a controller: a loop. Values are in the output's own unit. */
+struct apc_controller_loop {
+    const char *name;    /**< for notices; NULL: its number; borrowed */
+    int id;              /**< of the output, in table actuator; with setpoint: none */
+    int mode;            /**< id in table opmode of its target mode */
+    int manual;          /**< id in table manual of the operator's output; default: as mode */
+    double low, high;    /**< limits; what goes out never leaves them */
+    double rate;         /**< at most so many units a second; 0: as fast as it likes */
+    double fault;        /**< what goes out when it was held too long */
+    apc_ns hold;         /**< how long to hold before that; default 3 periods */
+    int setpoint;        /**< id of the setpoint of a loop below that it moves; 0: an actuator */
+    int below;           /**< with it: id in table opmode of that loop's target */
+    int below_tick;      /**< with it: id of the tick row of that loop's controller */
+    apc_ns below_period; /**< required with it: of that controller */
+};
+
+/** Zero means default, but for those marked required. */
 struct apc_controller_options {
     size_t size;
+    int number;                /**< id of its tick row; default 1 */
     const struct apc_law *law; /**< required; borrowed */
-    struct apc_dim dim;        /**< required */
+    struct apc_dim dim;        /**< required: of the law, so of this controller only */
     apc_ns period;             /**< required */
     apc_ns horizon;            /**< required: a measurement that did not change for so long is stale. Of the
                                   measurement's own rhythm, not the controller's: 3 periods of the client or of
                                   the plant, whichever is slower, + 100 ms */
-    apc_ns hold;               /**< how long to hold before the fault value; default 3 periods */
-    const double *fault;       /**< [nu] fault value; NULL: zeros; copied */
-    const double *low, *high;  /**< [nu] limits of the outputs; NULL: none; copied */
+    unsigned shed_after; /**< after so many ticks in a row without a good answer of the law a loop goes to
+                            its fault value; default: as many as the longest hold has periods */
+    const int *y, *d;    /**< [ny], [nd] ids in table sensor; NULL: 1, 2, ...; copied */
+    const bool *spare;   /**< [ny] a law that is whole can do without it for a while; NULL: none; copied */
+    const struct apc_controller_setpoint *z; /**< [nz]; NULL: ids 1, 2, ... without limits; copied */
+    const struct apc_controller_loop *loop;  /**< [nu]; NULL: ids 1, 2, ... without limits; copied */
+    int tuning;                              /**< id of the first tuning; the others follow; default 1 */
     size_t n_setting;
     const struct apc_setting *setting; /**< of the law; [n_setting]; not used after creation */
     const struct apc_law_plant *plant; /**< linear model for a law that wants one, or NULL; as setting */
-    const double *z_low, *z_high;      /**< [nz] limits of the setpoints; NULL: none; copied */
-    /** [law->n_tuning] the law's parameters, their limits narrowed; NULL: the law's own; borrowed */
-    const struct apc_param *param;
-    /** [nu * law->n_tuning] in force until the store has good ones; NULL: the initial ones; copied */
-    const double *tuning;
+    const struct apc_param *param; /**< [law->n_tuning] limits of the parameters, narrowed; NULL: the law's
+                                      own; borrowed */
+    const double *start; /**< [apc_law_parameters()] the tuning in force until the store has a good one;
+                            NULL: the initial ones; copied */
 };
+
+/**
+ * A controller: its law, and loops that stand each by itself, with one state, mode, hold and fault an output
+ * (docs/modes.md). It knows no store. Around it stands a shell, which reads apc_controller_in(), computes,
+ * appends apc_controller_out(), and says what became of that, in this order, as in the paper:
+ *
+ *     rc = apc_store_read_rows(store, apc_controller_in(controller));
+ *     apc_controller_compute(controller, now, tick->index, rc >= 0, &notice);
+ *     rc = apc_store_append_rows(store, apc_controller_out(controller));
+ *     apc_controller_update(controller, rc < 0 ? -1 : 1);
+ */
 struct apc_controller;
 
 /** [setup] Returns 0, APC_EINVAL (an option or a setting of the law that makes no sense), APC_ENOMEM, or with
- * what the law's configure() failed. */
+ * what the law's create() failed; then @p why says what it is, and *@p controller is NULL. */
 APC_API int apc_controller_create(struct apc_controller **controller,
                                   const struct apc_controller_options *options, struct apc_error *why);
 APC_API void apc_controller_destroy(struct apc_controller *controller); /**< NULL is legal. [setup] */
 
-/** Counts of samples. */
-struct apc_controller_size {
-    size_t in;     /**< read at each tick: y, z-bar, mode, tuning, manual, what it wrote last */
-    size_t out;    /**< written at each tick, at most: u, what a restart needs, a change of the actual mode */
-    size_t resume; /**< read once, by a restart */
-};
-/** They stay as they are from its creation on. [any] */
-APC_API struct apc_controller_size apc_controller_size(const struct apc_controller *controller);
-/** Fill @p in with table and id of everything it reads: hand it to apc_store_read() at each tick. [setup] */
-APC_API void apc_controller_inputs(const struct apc_controller *controller, struct apc_sample *in);
+/**
+ * What it reads at each tick, for apc_store_read_rows(): measurements, disturbances, setpoints, target modes,
+ * manual outputs, tuning, its outputs as they stand; of loops above and below what they say. The controller's
+ * own memory, as all rows here; table and id stay as they are. [any]
+ */
+APC_API struct apc_rows *apc_controller_in(struct apc_controller *controller);
+/**
+ * What the last tick wrote, for apc_store_append_rows(), which sets the seqs of setpoints: outputs first,
+ * then setpoints that were put back, what became of what somebody wants (table actual) where that changed,
+ * and the tick row: all that they were made from and the next tick goes on from. All of it in one
+ * transaction. [any]
+ */
+APC_API struct apc_rows *apc_controller_out(struct apc_controller *controller);
+/** What a restart goes on from, for apc_store_read_rows(): its newest tick row, its rows in table actual.
+ * Fill it, then apc_controller_resume(). [any] */
+APC_API struct apc_rows *apc_controller_former(struct apc_controller *controller);
 
 /**
- * Fill @p in [resume] with table and id of what a restart goes on from, for apc_store_read(): all of table
- * state (id 0 says which law and dimensions wrote it, ids 1.. are y, z-bar, u, the sum of the seqs of the
- * setpoints, target mode, tunings and manual outputs that were taken, and the law's x) and the actual mode.
- * [setup]
+ * Go on from apc_controller_former() as the store filled it; to be called also where nothing is stored,
+ * before the first tick. That goes on without a bump, with the law's own state when the same law with the
+ * same constants stored it (the same build of a plug-in, the same version of a built-in law), from the last
+ * output when another law of the same dimensions did. A row of other dimensions, from before @p since, UTC,
+ * and so of another run, one that is Bad or whose numbers make no sense, is not taken; nor is an operator's
+ * output that is older than what was resumed from or, where nothing was, than @p since (0: not known; then
+ * none that is there already). Returns 1 when it resumed, 0 when it starts anew. [setup]
  */
-APC_API void apc_controller_resume_inputs(const struct apc_controller *controller, struct apc_sample *in);
-/**
- * Resume from @p in [resume], as filled by the store (NULL: nothing is stored); @p last [nu] are the newest
- * seqs of the actuators, to count on from. The next tick then goes on without a bump, with the law's own
- * state when the same law with the same constants stored it (the same build of a plug-in, the same version of
- * a built-in law), from the last output when another law of the same dimensions did. What was stored with
- * other dimensions, or before @p since, UTC, and so by another run, is not taken; nor is an operator's output
- * that is older than what was resumed from or, where nothing was, than @p since (0: not known; then none that
- * is there already). [setup] Returns 1 when it resumed, 0 when it starts anew.
- */
-APC_API int apc_controller_resume(struct apc_controller *controller, const int64_t *last,
-                                  const struct apc_sample *in, apc_ns since);
+APC_API int apc_controller_resume(struct apc_controller *controller, apc_ns since);
 
 /**
- * Compute u from @p in, as filled by the store (NULL: it could not be read). Samples to append go to
- * @p out. Returns how many. Order as in the paper: compute, write u, then apc_controller_update(). [tick]
+ * Compute from apc_controller_in() as the store filled it; @p have is false where it could not be read. @p
+ * tick is the index on the controller's grid, for laws that go by it. Fills apc_controller_out(). Returns how
+ * many rows it has. [tick]
  */
-APC_API int apc_controller_compute(struct apc_controller *controller, struct apc_now now,
-                                   const struct apc_sample *in, struct apc_sample *out,
-                                   struct apc_notice *notice);
+APC_API int apc_controller_compute(struct apc_controller *controller, struct apc_now now, uint64_t tick,
+                                   bool have, struct apc_notice *notice);
 /**
- * Update the law's state, after u was written. Where the write failed leave it out: whether the rows are
- * there all the same, because only the answer was lost, the next apc_controller_compute() sees in @p in, and
- * makes up for it. [tick]
+ * What became of apc_controller_out(): 1 they are stored, and the law's state goes on; 0 they are not, for
+ * certain; -1 nobody knows, the answer was lost: the next apc_controller_compute() that has rows sees whether
+ * they are there, and makes up for it. A row by swap that was left out has seq 0. [tick]
  */
-APC_API void apc_controller_update(struct apc_controller *controller);
-/** How often the law gave no usable output, and the last one was held. [tick] */
+APC_API void apc_controller_update(struct apc_controller *controller, int written);
+/** At how many ticks the law gave no usable output, and the last one was held. [any] */
 APC_API uint64_t apc_controller_failures(const struct apc_controller *controller);
 
 #ifdef __cplusplus

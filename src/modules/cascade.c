@@ -5,7 +5,7 @@
  * what is read at this tick, in one snapshot; a row of the setpoint has an origin where a loop above wrote
  * it.
  */
-#include "modules/core.h"
+#include "modules/controller.h"
 
 #include <math.h>
 
@@ -17,7 +17,7 @@ static struct apc_sample *name(struct apc_sample *at, enum apc_table table, int 
     return at + 1;
 }
 
-size_t apc_core_cascade_rows(const struct apc_core *c, size_t *vectors)
+size_t apc_controller_cascade_rows(const struct apc_controller *c, size_t *vectors)
 {
     size_t n = 0;
 
@@ -31,16 +31,16 @@ size_t apc_core_cascade_rows(const struct apc_core *c, size_t *vectors)
     return n;
 }
 
-void apc_core_name_cascade(struct apc_core *c, struct apc_sample *at)
+void apc_controller_name_cascade(struct apc_controller *c, struct apc_sample *at)
 {
     struct apc_vector *tick = c->in.vector;
 
     for (size_t i = 0; i < c->dim.nu; i++) {
-        const struct apc_core_loop *l = &c->loop[i];
+        const struct apc_controller_loop *l = &c->loop[i];
 
         if (!l->setpoint)
             continue;
-        c->below[i] = (struct apc_core_below){.rows = at, .tick = tick};
+        c->below[i] = (struct apc_controller_below){.rows = at, .tick = tick};
         at = name(at, APC_OPMODE, l->below);
         at = name(at, APC_ACTUAL, apc_variable_number(APC_SETPOINT, l->setpoint));
         *tick++ = (struct apc_vector){.table = APC_TICK, .id = l->below_tick, .status = APC_BAD_NO_DATA};
@@ -60,7 +60,7 @@ void apc_core_name_cascade(struct apc_core *c, struct apc_sample *at)
     }
 }
 
-bool apc_core_is_below(const struct apc_core *c, size_t i)
+bool apc_controller_is_below(const struct apc_controller *c, size_t i)
 {
     const int k = c->state[i].setpoint;
 
@@ -70,9 +70,9 @@ bool apc_core_is_below(const struct apc_core *c, size_t i)
 /* ---- The loop below ------------------------------------------------------------------------ */
 
 /* Something else is in force than what this loop put: the law goes on from that. */
-static void find_in_force(struct apc_core *c, size_t i, double value)
+static void find_in_force(struct apc_controller *c, size_t i, double value)
 {
-    struct apc_core_state *l = &c->state[i];
+    struct apc_controller_state *l = &c->state[i];
 
     if (l->there && c->u[i] >= value && c->u[i] <= value)
         return;
@@ -82,10 +82,10 @@ static void find_in_force(struct apc_core *c, size_t i, double value)
         l->loop.state = APC_LOOP_INIT;
 }
 
-void apc_core_look_below(struct apc_core *c, size_t i, struct apc_now now)
+void apc_controller_look_below(struct apc_controller *c, size_t i, struct apc_now now)
 {
-    struct apc_core_below *b = &c->below[i];
-    const struct apc_sample *target = b->rows, *actual = b->rows + 1, *newest = apc_core_output(c, i);
+    struct apc_controller_below *b = &c->below[i];
+    const struct apc_sample *target = b->rows, *actual = b->rows + 1, *newest = apc_controller_output(c, i);
     const struct apc_loop_below seen = {.cascade = target->seq > 0 && target->value == (double)APC_MODE_CAS,
                                         .fresh =
                                             apc_freshness_dated(&b->fresh, b->tick->seq, b->tick->time, now,
@@ -105,7 +105,7 @@ void apc_core_look_below(struct apc_core *c, size_t i, struct apc_now now)
 
 /* ---- The loop above ------------------------------------------------------------------------ */
 
-static void set(struct apc_core *c, size_t k, double value)
+static void set(struct apc_controller *c, size_t k, double value)
 {
     for (size_t row = 0; row < c->size.n_ahead; row++)
         c->z[row * c->dim.nz + k] = value;
@@ -113,19 +113,20 @@ static void set(struct apc_core *c, size_t k, double value)
 
 /* In Man the setpoint is where the measurement is, so that nothing happens when the law has the output again.
  */
-static void follow_measurement(struct apc_core *c, size_t k)
+static void follow_measurement(struct apc_controller *c, size_t k)
 {
     const struct apc_law_ports *p = apc_instances_ports(c->law, c->above[k].loop);
-    const struct apc_core_setpoint *z = &c->setpoint[k];
+    const struct apc_controller_setpoint *z = &c->setpoint[k];
 
     if (p->ny && c->ok[p->y[0]])
         set(c, k, fmin(fmax(c->y[p->y[0]], z->low), z->high));
 }
 
-bool apc_core_look_above(struct apc_core *c, size_t k, const struct apc_sample *newest, struct apc_now now)
+bool apc_controller_look_above(struct apc_controller *c, size_t k, const struct apc_sample *newest,
+                               struct apc_now now)
 {
-    struct apc_core_above *a = &c->above[k];
-    const struct apc_core_state *l = &c->state[a->loop];
+    struct apc_controller_above *a = &c->above[k];
+    const struct apc_controller_state *l = &c->state[a->loop];
     const struct apc_loop_above seen = {
         .target = l->target,
         .theirs = newest->origin > 0,
@@ -144,9 +145,9 @@ bool apc_core_look_above(struct apc_core *c, size_t k, const struct apc_sample *
     return takes;
 }
 
-void apc_core_own_setpoint(struct apc_core *c, size_t k, const struct apc_sample *newest)
+void apc_controller_own_setpoint(struct apc_controller *c, size_t k, const struct apc_sample *newest)
 {
-    struct apc_core_above *a = &c->above[k];
+    struct apc_controller_above *a = &c->above[k];
 
     if (c->state[a->loop].target != APC_MODE_MAN || !newest->seq)
         return;
@@ -154,11 +155,11 @@ void apc_core_own_setpoint(struct apc_core *c, size_t k, const struct apc_sample
     a->put |= c->z[k] < newest->value || c->z[k] > newest->value;
 }
 
-apc_status apc_core_handshake(const struct apc_core *c, size_t k)
+apc_status apc_controller_handshake(const struct apc_controller *c, size_t k)
 {
     const size_t i = c->above[k].loop;
     const struct apc_law_ports *p = apc_instances_ports(c->law, i);
-    const struct apc_core_state *l = &c->state[i];
+    const struct apc_controller_state *l = &c->state[i];
 
     return apc_loop_status(&l->loop, l->target,
                            p->ny ? apc_loop_lacks(c->limited[i], c->z[k], c->y[p->y[0]]) : c->limited[i]);

@@ -1,100 +1,256 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * The controller as the tables of version 1 know it: one target mode (opmode 0) for all its loops, one actual
- * one (opmode 1), and what a restart needs as rows of numbers in table state. core.c is the controller
- * itself; this brings its rows into those tables and back.
- *
- * Table state: id 0 whose it is; then y, z, u; the sum of the seqs of what was looked at; what each loop is
- * doing, packed; the law's x. All of one tick have one seq.
+ * The controller's making, and its tick: take what the shared data say (facts.c), find what each loop does
+ * (loop.c), ask the law (law.c), put what came of it (rows.c).
  */
+#include "modules/controller.h"
 #include "base/base_internal.h"
-#include "modules/core.h"
+#include "base/matrix.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-struct apc_controller {
-    struct apc_core *core;
-    size_t ny, nz, nu, n_tuning, n_x;
-    int64_t *confirmed; /* [nz] seqs of the setpoints that were taken or refused */
-    int64_t state_seq;  /* of the newest rows in state that were put */
-    int64_t mode_seq;
-    double dim_mark;
-    enum apc_mode mode;
-    bool mode_written; /* the actual mode stands in the store */
-};
-
 /* ---- Making ------------------------------------------------------------------------------- */
 
-static int make_core(struct apc_core **core, const struct apc_controller_options *o, struct apc_error *why)
+static int take_options(struct apc_controller_options *o, const struct apc_controller_options *options,
+                        struct apc_error *why)
 {
-    const bool fits = o->dim.nz <= APC_VECTOR_MAX && o->dim.nu <= APC_VECTOR_MAX; /* else it is refused */
-    const size_t nz = fits ? o->dim.nz : 0, nu = fits ? o->dim.nu : 0;
-    struct apc_core_setpoint *z = calloc(nz + 1, sizeof(*z));
-    struct apc_core_loop *loop = calloc(nu + 1, sizeof(*loop));
-    const struct apc_core_options options = {.size = sizeof(options),
-                                             .law = o->law,
-                                             .dim = o->dim,
-                                             .period = o->period,
-                                             .horizon = o->horizon,
-                                             .z = z,
-                                             .loop = loop,
-                                             .n_setting = o->n_setting,
-                                             .setting = o->setting,
-                                             .plant = o->plant,
-                                             .param = o->param,
-                                             .start = o->tuning};
-    int rc;
+    const struct apc_dim *d = &o->dim;
+    int rc = apc_options_copy(o, sizeof(*o), options, "apc_controller_options", why);
 
-    for (size_t k = 0; z && k < nz; k++)
-        z[k] = (struct apc_core_setpoint){.id = (int)k + 1,
-                                          .low = o->z_low ? o->z_low[k] : -HUGE_VAL,
-                                          .high = o->z_high ? o->z_high[k] : HUGE_VAL};
-    for (size_t i = 0; loop && i < nu; i++)
-        loop[i] = (struct apc_core_loop){.id = (int)i + 1,
-                                         .low = o->low ? o->low[i] : -HUGE_VAL,
-                                         .high = o->high ? o->high[i] : HUGE_VAL,
-                                         .fault = o->fault ? o->fault[i] : 0.0,
-                                         .hold = o->hold};
-    rc =
-        z && loop ? apc_core_create(core, &options, why) : apc_fail(why, APC_ENOMEM, "controller: no memory");
-    free(z);
-    free(loop);
-    return rc;
+    if (rc < 0)
+        return rc;
+    if (!o->law)
+        return apc_fail(why, APC_EINVAL, "controller: a law is required");
+    if (!d->ny || d->ny > APC_VECTOR_MAX || d->nz > APC_VECTOR_MAX || !d->nu || d->nu > APC_VECTOR_MAX ||
+        d->nd > APC_VECTOR_MAX)
+        return apc_fail(
+            why, APC_EINVAL,
+            "controller: ny is %zu, nz %zu, nu %zu, nd %zu; none may exceed %d, ny and nu not be 0", d->ny,
+            d->nz, d->nu, d->nd, APC_VECTOR_MAX);
+    if (!apc_period_ok(o->period) || !apc_period_ok(o->horizon))
+        return apc_fail(why, APC_EINVAL,
+                        "controller: period and horizon must be above 0 and not above 366 days");
+    return 0;
 }
 
-int apc_controller_create(struct apc_controller **controller, const struct apc_controller_options *options,
+static int allocate_doubles(struct apc_controller *c)
+{
+    const size_t ny = c->dim.ny, nz = c->size.n_ahead * c->dim.nz, nd = c->size.n_ahead * c->dim.nd,
+                 nu = c->dim.nu;
+    double *at = calloc(4 * ny + nz + nd + c->size.states + 6 * nu + 2 * c->size.tuning + c->n_wanted +
+                            c->size.published + 1,
+                        sizeof(*at));
+
+    c->doubles = at;
+    if (!at)
+        return APC_ENOMEM;
+    c->y = apc_carve(&at, ny);
+    c->y_age = apc_carve(&at, ny);
+    c->y_low = apc_carve(&at, ny);
+    c->y_high = apc_carve(&at, ny);
+    c->z = apc_carve(&at, nz);
+    c->d = apc_carve(&at, nd);
+    c->x = apc_carve(&at, c->size.states);
+    c->u = apc_carve(&at, nu);
+    c->last = apc_carve(&at, nu);
+    c->trial = apc_carve(&at, nu);
+    c->low = apc_carve(&at, nu);
+    c->high = apc_carve(&at, nu);
+    c->rate = apc_carve(&at, nu);
+    c->tuning = apc_carve(&at, c->size.tuning);
+    c->offered = apc_carve(&at, c->size.tuning);
+    c->force = apc_carve(&at, c->n_wanted);
+    c->published = apc_carve(&at, c->size.published);
+    return 0;
+}
+
+static int allocate(struct apc_controller *c)
+{
+    const size_t ny = c->dim.ny, nz = c->dim.nz, nu = c->dim.nu, nd = c->dim.nd;
+
+    c->n_wanted = nz + 2 * nu + c->size.tuning;
+    c->seqs = calloc(ny + nd + nz + c->n_wanted, sizeof(*c->seqs));
+    c->flags = calloc(3 * ny + nd + nz + c->n_wanted, sizeof(*c->flags));
+    c->setpoint = calloc(nz + 1, sizeof(*c->setpoint));
+    c->loop = calloc(nu, sizeof(*c->loop));
+    c->state = calloc(nu, sizeof(*c->state));
+    c->instance = calloc(c->size.instances, sizeof(*c->instance));
+    c->below = calloc(nu, sizeof(*c->below));
+    c->above = calloc(nz + 1, sizeof(*c->above));
+    c->y_status = calloc(ny, sizeof(*c->y_status));
+    c->limited = calloc(2 * nu, sizeof(*c->limited));
+    c->decides = calloc(2 * nu, sizeof(*c->decides));
+    c->fresh = calloc(ny + nd, sizeof(*c->fresh));
+    if (allocate_doubles(c) < 0 || !c->seqs || !c->flags || !c->setpoint || !c->loop || !c->state ||
+        !c->instance || !c->below || !c->above || !c->y_status || !c->limited || !c->decides || !c->fresh)
+        return APC_ENOMEM;
+    c->y_seq = c->seqs;
+    c->d_seq = c->y_seq + ny;
+    c->z_seq = c->d_seq + nd;
+    c->looked = c->z_seq + nz;
+    c->y_new = c->flags;
+    c->ok = c->y_new + ny;
+    c->spare = c->ok + ny + nd;
+    c->rests = c->spare + ny;
+    c->refused = c->rests + nz;
+    c->blocked = c->limited + nu;
+    c->given = c->decides + nu;
+    for (size_t i = 0; i < nu; i++)
+        c->given[i] = APC_OUT_GIVEN;
+    return 0;
+}
+
+/* The tuning that the controller begins with. */
+static int take_tuning(struct apc_controller *c, const struct apc_controller_options *o,
+                       struct apc_error *why)
+{
+    const struct apc_law *law = o->law;
+
+    c->param = o->param ? o->param : law->tuning;
+    for (size_t i = 0; i < law->n_tuning; i++) {
+        const struct apc_param *narrow = &c->param[i], *own = &law->tuning[i];
+
+        if (!(narrow->low >= own->low && narrow->low <= narrow->high && narrow->high <= own->high))
+            return apc_fail(why, APC_EINVAL, "controller: limits of %s: %g to %g do not lie within %g to %g",
+                            own->name, narrow->low, narrow->high, own->low, own->high);
+    }
+    for (size_t i = 0; i < c->size.tuning; i++) {
+        const struct apc_law_parameter p = apc_instances_parameter(c->law, i);
+        const struct apc_param *narrow = &c->param[p.number];
+
+        c->tuning[i] = o->start ? o->start[i] : narrow->initial;
+        if (!apc_param_accepts(narrow, c->tuning[i]))
+            return apc_fail(why, APC_EINVAL,
+                            "controller: %s of output %zu begins with %g, not within %g to %g", narrow->name,
+                            p.of + 1, c->tuning[i], narrow->low, narrow->high);
+    }
+    memcpy(c->offered, c->tuning, c->size.tuning * sizeof(*c->offered));
+    c->offer_ok = true;
+    return apc_instances_check(c->law, c->tuning, why);
+}
+
+static int take_setpoints(struct apc_controller *c, const struct apc_controller_options *o,
+                          struct apc_error *why)
+{
+    for (size_t k = 0; k < c->dim.nz; k++) {
+        struct apc_controller_setpoint *z = &c->setpoint[k];
+
+        *z = o->z ? o->z[k]
+                  : (struct apc_controller_setpoint){.id = (int)k + 1, .low = -HUGE_VAL, .high = HUGE_VAL};
+        if (z->above && !apc_period_ok(z->above_period))
+            return apc_fail(why, APC_EINVAL,
+                            "setpoint %zu: the period of the controller above must be above 0 and not above "
+                            "366 days",
+                            k + 1);
+        if (!(z->low <= z->high))
+            return apc_fail(why, APC_EINVAL, "limits of setpoint %zu: low %g must not be above high %g",
+                            k + 1, z->low, z->high);
+    }
+    return 0;
+}
+
+static int take_loop(struct apc_controller *c, size_t i, const struct apc_controller_options *o,
+                     struct apc_error *why)
+{
+    struct apc_controller_loop *l = &c->loop[i];
+
+    *l = o->loop ? o->loop[i]
+                 : (struct apc_controller_loop){
+                       .id = (int)i + 1, .mode = (int)i + 1, .low = -HUGE_VAL, .high = HUGE_VAL};
+    if (!(l->low <= l->high))
+        return apc_fail(why, APC_EINVAL, "limits of output %zu: low %g must not be above high %g", i + 1,
+                        l->low, l->high);
+    if (!apc_value_ok(l->fault) || l->fault < l->low || l->fault > l->high)
+        return apc_fail(why, APC_EINVAL, "fault value %zu is %g; it must lie within the limits, %g to %g",
+                        i + 1, l->fault, l->low, l->high);
+    if (!(l->rate >= 0.0) || (l->hold && !apc_period_ok(l->hold)))
+        return apc_fail(why, APC_EINVAL,
+                        "controller: output %zu: neither its rate, %g, nor its hold may be below 0, nor the "
+                        "hold above 366 days",
+                        i + 1, l->rate);
+    if (l->setpoint && !apc_period_ok(l->below_period))
+        return apc_fail(why, APC_EINVAL,
+                        "controller: output %zu: the period of the controller below must be above 0 and not "
+                        "above 366 days",
+                        i + 1);
+    c->low[i] = l->low;
+    c->high[i] = l->high;
+    l->hold = l->hold ? l->hold : 3 * o->period;
+    l->manual = l->manual ? l->manual : l->mode;
+    c->rate[i] = l->rate > 0.0 ? l->rate : HUGE_VAL;
+    if (!o->shed_after && l->hold / o->period >= c->shed_after)
+        c->shed_after = (unsigned)(l->hold / o->period < 1000000 ? l->hold / o->period : 1000000);
+    c->state[i].target = c->state[i].actual = APC_MODE_OOS;
+    return 0;
+}
+
+static int fill(struct apc_controller *c, const struct apc_controller_options *o, struct apc_error *why)
+{
+    const struct apc_law_setup setup = {.size = sizeof(setup),
+                                        .dim = o->dim,
+                                        .Ts = apc_ns_to_s(o->period),
+                                        .n_setting = o->n_setting,
+                                        .setting = o->setting,
+                                        .plant = o->plant};
+    int rc = apc_instances_create(&c->law, o->law, &setup, why);
+
+    if (rc < 0)
+        return rc;
+    c->definition = o->law;
+    c->whole = o->law->whole;
+    c->size = apc_instances_size(c->law);
+    c->dim = o->dim;
+    c->Ts = setup.Ts;
+    c->horizon = o->horizon;
+    c->loss = apc_loss_limit(o->period);
+    c->shed_after = o->shed_after ? o->shed_after : 1;
+    if (o->law->n_tuning > APC_VECTOR_MAX)
+        return apc_fail(why, APC_EINVAL, "controller: law %s wants %zu tuning parameters an output; too many",
+                        o->law->name, o->law->n_tuning);
+    if (allocate(c) < 0)
+        return apc_fail(why, APC_ENOMEM, "controller: no memory");
+    for (size_t k = 0; k < c->dim.ny; k++) {
+        c->spare[k] = o->spare && o->spare[k];
+        c->y_low[k] = -HUGE_VAL;
+        c->y_high[k] = HUGE_VAL;
+    }
+    for (size_t k = 0; k < c->n_wanted; k++)
+        c->looked[k] = -1;
+    for (size_t k = 0; k < c->size.instances; k++)
+        c->instance[k].gap = true;
+    rc = take_tuning(c, o, why);
+    if (rc == 0)
+        rc = take_setpoints(c, o, why);
+    for (size_t i = 0; i < c->dim.nu && rc == 0; i++)
+        rc = take_loop(c, i, o, why);
+    return rc < 0 ? rc : apc_controller_lay_out(c, o, why);
+}
+
+int apc_controller_create(struct apc_controller **core, const struct apc_controller_options *options,
                           struct apc_error *why)
 {
     struct apc_controller_options o = {0};
-    struct apc_controller *new;
+    struct apc_controller *new = NULL;
     int rc;
 
-    if (!controller)
+    if (!core)
         return apc_fail(why, APC_EINVAL, "apc_controller_create: controller must not be NULL");
-    *controller = NULL;
-    rc = apc_options_copy(&o, sizeof(o), options, "apc_controller_options", why);
+    *core = NULL;
+    rc = take_options(&o, options, why);
     if (rc < 0)
         return rc;
     new = calloc(1, sizeof(*new));
     if (!new)
         return apc_fail(why, APC_ENOMEM, "controller: no memory");
-    rc = make_core(&new->core, &o, why);
-    new->confirmed = rc < 0 ? NULL : calloc(o.dim.nz + 1, sizeof(*new->confirmed));
-    if (rc == 0 && !new->confirmed)
-        rc = apc_fail(why, APC_ENOMEM, "controller: no memory");
+    rc = fill(new, &o, why);
     if (rc < 0) {
         apc_controller_destroy(new);
         return rc;
     }
-    new->ny = o.dim.ny;
-    new->nz = o.dim.nz;
-    new->nu = o.dim.nu;
-    new->n_tuning = new->core->size.tuning;
-    new->n_x = new->core->size.states;
-    new->mode = APC_MODE_OOS;
-    *controller = new;
+    *core = new;
     return 0;
 }
 
@@ -102,296 +258,167 @@ void apc_controller_destroy(struct apc_controller *c)
 {
     if (!c)
         return;
-    apc_core_destroy(c->core);
-    free(c->confirmed);
+    apc_instances_destroy(c->law);
+    free(c->former_values);
+    free(c->row);
+    free(c->vectors);
+    free(c->samples);
+    free(c->fresh);
+    free(c->decides);
+    free(c->limited);
+    free(c->y_status);
+    free(c->above);
+    free(c->below);
+    free(c->instance);
+    free(c->state);
+    free(c->loop);
+    free(c->setpoint);
+    free(c->flags);
+    free(c->seqs);
+    free(c->doubles);
     free(c);
 }
 
-/* ---- What it reads ----------------------------------------------------------------------------- */
-
-/* Rows of table state, the law's x excepted: they are the same for all laws of the same dimensions. */
-static size_t outer_state(const struct apc_controller *c)
+struct apc_rows *apc_controller_in(struct apc_controller *c)
 {
-    return 2 + c->ny + c->nz + 2 * c->nu;
+    return &c->in;
 }
 
-struct apc_controller_size apc_controller_size(const struct apc_controller *c)
+struct apc_rows *apc_controller_out(struct apc_controller *c)
 {
-    const size_t state = outer_state(c) + c->n_x;
-
-    return (struct apc_controller_size){
-        .in = c->ny + c->nz + 1 + c->n_tuning + c->nu + 1, .out = c->nu + state + 1, .resume = state + 1};
+    return &c->out;
 }
 
-static struct apc_sample *name_vector(struct apc_sample *at, enum apc_table table, int first, size_t n)
+struct apc_rows *apc_controller_former(struct apc_controller *c)
 {
-    for (size_t i = 0; i < n; i++)
-        *at++ = (struct apc_sample){.table = table, .id = first + (int)i, .status = APC_BAD_NO_DATA};
-    return at;
-}
-
-void apc_controller_inputs(const struct apc_controller *c, struct apc_sample *in)
-{
-    in = name_vector(in, APC_SENSOR, 1, c->ny);
-    in = name_vector(in, APC_SETPOINT, 1, c->nz);
-    in = name_vector(in, APC_OPMODE, 0, 1);
-    in = name_vector(in, APC_TUNING, 1, c->n_tuning);
-    in = name_vector(in, APC_MANUAL, 1, c->nu);
-    (void)name_vector(in, APC_STATE, 0, 1);
-}
-
-static struct apc_sample *copy(struct apc_sample *to, const struct apc_sample *from, size_t n)
-{
-    memcpy(to, from, n * sizeof(*to));
-    return to + n;
-}
-
-/* @p in as the core has it. Its outputs are not read: that of their transaction's state shows whether they
- * are there. */
-static void give(struct apc_controller *c, const struct apc_sample *in)
-{
-    const struct apc_sample *mode = in + c->ny + c->nz, *tuning = mode + 1, *manual = tuning + c->n_tuning,
-                            *state = manual + c->nu;
-    struct apc_sample *to = copy(apc_core_in(c->core)->sample, in, c->ny + c->nz);
-
-    for (size_t i = 0; i < c->nu; i++)
-        to = copy(to, mode, 1);
-    to = copy(to, manual, c->nu);
-    to = copy(to, tuning, c->n_tuning);
-    for (size_t i = 0; i < c->nu; i++)
-        to[i].seq = c->core->state[i].seq - (state->seq != c->state_seq);
-}
-
-/* ---- What it writes ---------------------------------------------------------------------------- */
-
-/* How many rows of the operator's were looked at: the sum of the seqs of setpoints, target mode, tunings and
- * outputs. Seqs only rise, so whoever reads it knows whether a row of his is among them. One that was refused
- * counts as well; an event tells of it. A setpoint counts once it is used. */
-static double taken(struct apc_controller *c)
-{
-    const struct apc_core *core = c->core;
-    const size_t mode = apc_core_wanted(core, APC_OPMODE);
-    int64_t sum = 0;
-
-    for (size_t k = 0; k < core->n_wanted; k++) {
-        const bool other_loop = k > mode && k < mode + c->nu; /* they have the same mode row */
-
-        if (k < mode && core->actual[k].status != APC_UNCERTAIN)
-            c->confirmed[k] = core->actual[k].origin;
-        sum += other_loop ? 0 : k < mode ? c->confirmed[k] : core->looked[k] > 0 ? core->looked[k] : 0;
-    }
-    return (double)sum;
-}
-
-/* What a loop and its instance of the law are doing, as one whole number. */
-enum { THERE = 16, BEGUN = 32, GAP = 64, UPDATING = 128, HOLDING = 256, HELD_MS = 512 };
-
-static double pack(const struct apc_controller *c, size_t i, apc_ns mono)
-{
-    const struct apc_core_state *l = &c->core->state[i];
-    const struct apc_core_instance *of = &c->core->instance[c->core->whole ? 0 : i];
-    const int64_t held = l->loop.holding ? (mono - l->loop.held) / APC_NS_PER_MS : 0;
-
-    return (double)((int64_t)l->loop.state + (l->there ? THERE : 0) + (of->begun ? BEGUN : 0) +
-                    (of->gap ? GAP : 0) + (of->updating ? UPDATING : 0) + (l->loop.holding ? HOLDING : 0) +
-                    held * HELD_MS);
-}
-
-static struct apc_sample *put_values(struct apc_sample *at, const double *value, size_t n)
-{
-    for (size_t i = 0; i < n; i++)
-        (at++)->value = value[i];
-    return at;
-}
-
-static bool has_begun(const struct apc_core *core)
-{
-    for (size_t k = 0; k < core->size.instances; k++) {
-        if (core->instance[k].begun)
-            return true;
-    }
-    return false;
-}
-
-static size_t put_state(struct apc_controller *c, struct apc_now now, struct apc_sample *out)
-{
-    const size_t n = outer_state(c) + c->n_x;
-    struct apc_sample *at = out;
-
-    if (!has_begun(c->core) || !apc_values_ok(c->core->x, c->n_x))
-        return 0;
-    c->state_seq = c->core->seq;
-    (void)name_vector(out, APC_STATE, 0, n);
-    (at++)->value = c->core->mark[0] * 0x1p32 + c->core->mark[1];
-    at = put_values(at, c->core->y, c->ny);
-    at = put_values(at, c->core->z, c->nz);
-    at = put_values(at, c->core->u, c->nu);
-    (at++)->value = taken(c);
-    for (size_t i = 0; i < c->nu; i++)
-        (at++)->value = pack(c, i, now.mono);
-    (void)put_values(at, c->core->x, c->n_x);
-    for (size_t i = 0; i < n; i++) {
-        out[i].seq = c->state_seq;
-        out[i].time = now.utc;
-        out[i].status = APC_GOOD;
-    }
-    return n;
-}
-
-/* The one of all loops: Auto, where one of them is. */
-static enum apc_mode mode_of(const struct apc_controller *c)
-{
-    enum apc_mode mode = APC_MODE_OOS;
-
-    for (size_t i = 0; i < c->nu; i++) {
-        if (c->core->state[i].actual == APC_MODE_AUTO)
-            return APC_MODE_AUTO;
-        if (c->core->state[i].actual != APC_MODE_OOS)
-            mode = APC_MODE_MAN; /* LO as well: not the law's */
-    }
-    return mode;
-}
-
-static size_t put_mode(struct apc_controller *c, apc_ns utc, struct apc_sample *out)
-{
-    const enum apc_mode before = c->mode;
-
-    c->mode = mode_of(c);
-    if (c->mode == before && c->mode_written)
-        return 0;
-    c->mode_written = false; /* until the shell has written it and says so */
-    *out = (struct apc_sample){.table = APC_OPMODE,
-                               .id = 1,
-                               .seq = ++c->mode_seq,
-                               .time = utc,
-                               .value = (double)c->mode,
-                               .status = APC_GOOD};
-    return 1;
-}
-
-int apc_controller_compute(struct apc_controller *c, struct apc_now now, const struct apc_sample *in,
-                           struct apc_sample *out, struct apc_notice *notice)
-{
-    const struct apc_rows *rows = apc_core_out(c->core);
-    size_t n = 0;
-
-    if (in)
-        give(c, in);
-    apc_core_compute(c->core, now, c->core->index + 1, in, notice);
-    apc_core_update(c->core, -1); /* until apc_controller_update() says that it was written */
-    while (n < rows->n_samples && rows->sample[n].table == APC_ACTUATOR) {
-        out[n] = rows->sample[n];
-        out[n].setpoint_seq = out[n].setpoint_seq > 0 ? out[n].setpoint_seq : 0;
-        out[n++].origin = 0;
-    }
-    if (n > 0)
-        n += put_state(c, now, out + n);
-    return (int)(n + put_mode(c, now.utc, out + n));
-}
-
-void apc_controller_update(struct apc_controller *c)
-{
-    apc_core_update(c->core, 1);
-    c->mode_written = true;
+    return &c->former;
 }
 
 uint64_t apc_controller_failures(const struct apc_controller *c)
 {
-    return apc_core_failures(c->core);
+    return c->failures;
 }
 
-/* ---- Taking over from a former run -------------------------------------------------------------- */
+/* ---- Notices ------------------------------------------------------------------------------ */
 
-void apc_controller_resume_inputs(const struct apc_controller *c, struct apc_sample *in)
+void apc_controller_note(struct apc_controller *c, size_t i, struct apc_notice *notice,
+                         enum apc_notice_kind kind, const char *fmt, ...)
 {
-    in = name_vector(in, APC_STATE, 0, outer_state(c) + c->n_x);
-    (void)name_vector(in, APC_OPMODE, 1, 1);
-}
+    char text[sizeof(notice->text)];
+    va_list args;
 
-/* Rows of one and the same tick, all there, all usable, of this run? */
-static bool whole(const struct apc_sample *state, size_t n, apc_ns since)
-{
-    for (size_t i = 0; i < n; i++) {
-        if (state[i].seq == 0 || state[i].seq != state[0].seq || state[i].time < since ||
-            !apc_value_ok(state[i].value) || apc_status_severity(state[i].status) == APC_SEVERITY_BAD)
-            return false;
+    if (!notice)
+        return;
+    va_start(args, fmt);
+    vsnprintf(text, sizeof(text), fmt, args);
+    va_end(args);
+    if (apc_note(notice, kind, "%s", text)) {
+        c->said = 1;
+        c->said_of = i;
+    } else if (notice->kind == kind && strcmp(notice->text, text) == 0) {
+        c->said++;
     }
-    return true;
 }
 
-static const struct apc_sample *take_values(double *to, const struct apc_sample *from, size_t n)
+/* Name the loop, unless it is so with all of them. */
+static void name_loop(const struct apc_controller *c, struct apc_notice *notice)
 {
-    for (size_t i = 0; i < n; i++)
-        to[i] = from[i].value;
-    return from + n;
+    char text[sizeof(notice->text)];
+    const char *name;
+
+    if (c->said == 0 || c->said == c->dim.nu)
+        return;
+    memcpy(text, notice->text, sizeof(text));
+    name = c->loop[c->said_of].name;
+    if (name)
+        snprintf(notice->text, sizeof(notice->text), "%.40s: %.110s", name, text);
+    else
+        snprintf(notice->text, sizeof(notice->text), "output %zu: %.110s", c->said_of + 1, text);
 }
 
-static void unpack(const struct apc_controller *c, size_t i, double packed, double *row)
+/* ---- The tick ----------------------------------------------------------------------------- */
+
+enum fate { ACTED, DID_NOT, NO_SIGN };
+
+/* Did what the last tick put go out after all? Its rows are there all or none: an output shows it. */
+static enum fate find_fate(const struct apc_controller *c)
 {
-    const size_t *at = c->core->offset, k = c->core->whole ? 0 : i;
-    const int64_t is = packed >= 0.0 && packed < 0x1p53 ? (int64_t)packed : 0, ms = is / HELD_MS;
-
-    row[at[APC_TICK_STATE] + i] = (double)(is % THERE);
-    row[at[APC_TICK_THERE] + i] = (is & THERE) != 0;
-    row[at[APC_TICK_BEGUN] + k] = (is & BEGUN) != 0;
-    row[at[APC_TICK_GAP] + k] = (is & GAP) != 0;
-    row[at[APC_TICK_UPDATING] + k] = (is & UPDATING) != 0;
-    row[at[APC_TICK_HELD] + i] = is & HOLDING ? (double)ms / 1e3 : -1.0;
-}
-
-/* The tick row that the core would have written. What version 1 does not keep is read anew: the target mode,
- * the tuning in force. */
-static void fill_row(const struct apc_controller *c, const struct apc_sample *state, bool own, double *row)
-{
-    const size_t *at = c->core->offset, manual = at[APC_TICK_WANTED] + apc_core_wanted(c->core, APC_MANUAL);
-    const struct apc_sample *s = state + 1;
-
-    memset(row, 0, c->core->out_row.n * sizeof(*row));
-    row[0] = c->core->mark[0];
-    row[1] = own ? c->core->mark[1] : -1.0;
-    s = take_values(row + at[APC_TICK_Y], s, c->ny);
-    s = take_values(row + at[APC_TICK_Z], s, c->nz);
-    s = take_values(row + at[APC_TICK_U], s, c->nu) + 1;
-    for (size_t i = 0; i < c->nu; i++) {
-        row[at[APC_TICK_TARGET] + i] = APC_MODE_OOS;
-        row[at[APC_TICK_MANUAL] + i] = row[at[APC_TICK_LAST] + i] = row[at[APC_TICK_U] + i];
-        row[manual + i] = -1.0;
-        unpack(c, i, s[i].value, row);
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        if (c->state[i].put && !c->loop[i].setpoint)
+            return apc_controller_output(c, i)->seq >= c->state[i].seq ? ACTED : DID_NOT;
     }
-    for (size_t k = 0; k < c->nz; k++)
-        row[at[APC_TICK_Z_SEQ] + k] = -1.0; /* there was one */
-    memcpy(row + at[APC_TICK_TUNING], c->core->tuning, c->n_tuning * sizeof(*row));
-    if (own)
-        (void)take_values(row + at[APC_TICK_X], s + c->nu, c->n_x);
+    return NO_SIGN;
 }
 
-int apc_controller_resume(struct apc_controller *c, const int64_t *last, const struct apc_sample *in,
-                          apc_ns since)
+static void take_up(struct apc_controller *c, bool told)
 {
-    const size_t outer = outer_state(c), n = outer + c->n_x;
-    struct apc_vector *v = &apc_core_former(c->core)->vector[0];
-    double dim;
-
-    for (size_t i = 0; last && i < c->nu; i++)
-        c->core->state[i].seq = last[i];
-    v->seq = 0;
-    for (size_t i = 0; in && i < n; i++)
-        v->seq = in[i].seq > v->seq ? in[i].seq : v->seq;
-    c->state_seq = v->seq;
-    c->mode_seq = in ? in[n].seq : 0;
-    dim = in ? floor(in[0].value / 0x1p32) : -1.0;
-    if (in && whole(in, outer, since) && dim >= c->core->mark[0] && dim <= c->core->mark[0]) {
-        const bool own = in[0].value - dim * 0x1p32 <= c->core->mark[1] &&
-                         in[0].value - dim * 0x1p32 >= c->core->mark[1] && whole(in, n, since);
-
-        fill_row(c, in, own, v->value);
-        v->n = c->core->out_row.n;
-        v->time = in[0].time;
-        v->status = APC_GOOD;
+    for (size_t k = 0; k < c->size.instances; k++) {
+        if (c->instance[k].updating)
+            apc_controller_update_instance(c, k);
     }
-    c->core->adopts = true;
-    if (!apc_core_resume(c->core, since))
-        return 0;
-    c->core->since = v->time;
-    return 1;
+    for (size_t k = 0; k < c->n_wanted; k++) {
+        if (told)
+            c->told[k] = c->actual[k];
+        else if (c->actual[k].seq != c->told[k].seq)
+            c->told[k].seq = 0; /* nobody knows which of the two is there */
+    }
+}
+
+/* The last tick's outputs did not go out: what did before is still out. */
+static void take_back(struct apc_controller *c)
+{
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        struct apc_controller_state *l = &c->state[i];
+
+        if (!l->put)
+            continue;
+        l->there = !isnan(c->last[i]);
+        c->u[i] = l->there ? c->last[i] : 0.0;
+        l->put = false;
+    }
+}
+
+int apc_controller_compute(struct apc_controller *c, struct apc_now now, uint64_t tick, bool have,
+                           struct apc_notice *notice)
+{
+    if (notice)
+        notice->kind = APC_NOTICE_NONE;
+    c->said = 0;
+    c->failed = false;
+    if (c->pending && have) {
+        const enum fate fate = find_fate(c);
+
+        if (fate == DID_NOT)
+            take_back(c);
+        else
+            take_up(c, fate == ACTED); /* with no sign what became of the wanted is told again */
+    }
+    c->pending = false;
+    c->index = tick;
+    c->t = (double)tick * c->Ts;
+    for (size_t k = 0; k < c->size.instances; k++)
+        c->instance[k].updating = c->resumed_at && c->instance[k].updating;
+    if (have)
+        apc_controller_take_wanted(c, notice);
+    if (c->resumed_at)
+        apc_controller_settle(c, now);
+    apc_controller_take_inputs(c, now, have, notice);
+    for (size_t i = 0; i < c->dim.nu; i++)
+        apc_controller_gather(c, i, have, now);
+    apc_controller_retune(c);
+    for (size_t k = 0; k < c->size.instances; k++)
+        apc_controller_run(c, k, now, have, notice);
+    apc_controller_put(c, now);
+    if (notice)
+        name_loop(c, notice);
+    return (int)(c->out.n_samples + c->out.n_vectors);
+}
+
+void apc_controller_update(struct apc_controller *c, int written)
+{
+    c->pending = written < 0;
+    if (written > 0)
+        take_up(c, true);
+    else if (written == 0)
+        take_back(c);
 }

@@ -4,7 +4,7 @@
  * taken is told of once, when its row comes, and the last good one stays.
  */
 #include "base/base_internal.h"
-#include "modules/core.h"
+#include "modules/controller.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -12,7 +12,7 @@
 
 /* ---- Where it stands ---------------------------------------------------------------------- */
 
-size_t apc_core_wanted(const struct apc_core *c, enum apc_table table)
+size_t apc_controller_wanted(const struct apc_controller *c, enum apc_table table)
 {
     const size_t mode = c->dim.nz, manual = mode + c->dim.nu, tuning = manual + c->dim.nu;
 
@@ -20,7 +20,7 @@ size_t apc_core_wanted(const struct apc_core *c, enum apc_table table)
 }
 
 /* The row of number @p k of what is wanted. */
-static const struct apc_sample *row_of(const struct apc_core *c, size_t k)
+static const struct apc_sample *row_of(const struct apc_controller *c, size_t k)
 {
     return &c->in.sample[c->dim.ny + c->dim.nd + k];
 }
@@ -43,7 +43,7 @@ static bool within(double value, double low, double high)
 }
 
 /* Look at number @p k of what is wanted. Returns whether its row is new. */
-static bool look(struct apc_core *c, size_t k, bool refused)
+static bool look(struct apc_controller *c, size_t k, bool refused)
 {
     const bool new = row_of(c, k)->seq != c->looked[k];
 
@@ -52,8 +52,8 @@ static bool look(struct apc_core *c, size_t k, bool refused)
     return new;
 }
 
-static void refuse(struct apc_core *c, struct apc_notice *notice, const char *what, size_t i, double value,
-                   double low, double high)
+static void refuse(struct apc_controller *c, struct apc_notice *notice, const char *what, size_t i,
+                   double value, double low, double high)
 {
     if (apc_note(notice, APC_NOTICE_REJECTED, "%s %zu refused: %g is not within %g to %g", what, i + 1, value,
                  low, high))
@@ -62,26 +62,26 @@ static void refuse(struct apc_core *c, struct apc_notice *notice, const char *wh
 
 /* ---- What is wanted ------------------------------------------------------------------------ */
 
-static void take_target(struct apc_core *c, size_t i, struct apc_notice *notice)
+static void take_target(struct apc_controller *c, size_t i, struct apc_notice *notice)
 {
-    const size_t k = apc_core_wanted(c, APC_OPMODE) + i;
+    const size_t k = apc_controller_wanted(c, APC_OPMODE) + i;
     const struct apc_sample *s = row_of(c, k);
-    struct apc_core_state *l = &c->state[i];
+    struct apc_controller_state *l = &c->state[i];
     bool is_none = false;
 
     if (s->seq == 0 || is_bad(s))
         l->target = APC_MODE_OOS;
     else if (s->value == (double)APC_MODE_MAN || s->value == (double)APC_MODE_AUTO ||
              s->value == (double)APC_MODE_OOS ||
-             (s->value == (double)APC_MODE_CAS && apc_core_is_below(c, i)))
+             (s->value == (double)APC_MODE_CAS && apc_controller_is_below(c, i)))
         l->target = (enum apc_mode)(int)s->value;
     else
         is_none = true;
     if (look(c, k, is_none) && is_none)
-        apc_core_note(c, i, notice, APC_NOTICE_REJECTED, "target mode refused: %g is none", s->value);
+        apc_controller_note(c, i, notice, APC_NOTICE_REJECTED, "target mode refused: %g is none", s->value);
 }
 
-static void refuse_tuning(struct apc_core *c, size_t i, double value, struct apc_notice *notice)
+static void refuse_tuning(struct apc_controller *c, size_t i, double value, struct apc_notice *notice)
 {
     static const char *const of[] = {
         [APC_OF_OUTPUT] = "output", [APC_OF_LAW] = "law", [APC_OF_MEASUREMENT] = "measurement"};
@@ -94,9 +94,9 @@ static void refuse_tuning(struct apc_core *c, size_t i, double value, struct apc
 }
 
 /* Returns whether a row is new. */
-static bool take_parameter(struct apc_core *c, size_t i, struct apc_notice *notice)
+static bool take_parameter(struct apc_controller *c, size_t i, struct apc_notice *notice)
 {
-    const size_t k = apc_core_wanted(c, APC_TUNING) + i;
+    const size_t k = apc_controller_wanted(c, APC_TUNING) + i;
     const struct apc_sample *s = row_of(c, k);
     const struct apc_param *param = &c->param[apc_instances_parameter(c->law, i).number];
     const bool good = usable(s) && apc_param_accepts(param, s->value), new = look(c, k, s->seq > 0 && !good);
@@ -108,7 +108,7 @@ static bool take_parameter(struct apc_core *c, size_t i, struct apc_notice *noti
     return new;
 }
 
-void apc_core_take_wanted(struct apc_core *c, struct apc_notice *notice)
+void apc_controller_take_wanted(struct apc_controller *c, struct apc_notice *notice)
 {
     struct apc_error why = {""};
     bool new = false;
@@ -129,11 +129,11 @@ void apc_core_take_wanted(struct apc_core *c, struct apc_notice *notice)
  * before the tick that was taken over, or before this run, is from another day, and taking it up at the
  * change to Man would be a bump.
  */
-void apc_core_take_manual(struct apc_core *c, size_t i, apc_ns utc, struct apc_notice *notice)
+void apc_controller_take_manual(struct apc_controller *c, size_t i, apc_ns utc, struct apc_notice *notice)
 {
-    const size_t k = apc_core_wanted(c, APC_MANUAL) + i;
+    const size_t k = apc_controller_wanted(c, APC_MANUAL) + i;
     const struct apc_sample *s = row_of(c, k);
-    const struct apc_core_loop *l = &c->loop[i];
+    const struct apc_controller_loop *l = &c->loop[i];
     const bool new = c->looked[k] < 0 ? s->seq > 0 && s->time > c->since && s->time <= utc + c->loss
                                       : s->seq != c->looked[k],
                takes = c->state[i].move.output == APC_PUT_OPERATOR,
@@ -155,7 +155,7 @@ static const char *trouble_of(const struct apc_sample *s, bool fresh)
     return !fresh ? (s->seq ? "stale" : "missing") : usable(s) ? NULL : "Bad";
 }
 
-static void take_measurements(struct apc_core *c, struct apc_now now)
+static void take_measurements(struct apc_controller *c, struct apc_now now)
 {
     for (size_t k = 0; k < c->dim.ny + c->dim.nd; k++) {
         const struct apc_sample *s = &c->in.sample[k];
@@ -179,10 +179,10 @@ static void take_measurements(struct apc_core *c, struct apc_now now)
         c->d[k] = c->d[k - c->dim.nd];
 }
 
-static void take_setpoint(struct apc_core *c, size_t k, struct apc_notice *notice)
+static void take_setpoint(struct apc_controller *c, size_t k, struct apc_notice *notice)
 {
     const struct apc_sample *s = row_of(c, k);
-    const struct apc_core_setpoint *z = &c->setpoint[k];
+    const struct apc_controller_setpoint *z = &c->setpoint[k];
     const bool good = usable(s) && within(s->value, z->low, z->high);
 
     if (look(c, k, s->seq > 0 && !good) && s->seq > 0 && !good && !is_bad(s))
@@ -194,21 +194,22 @@ static void take_setpoint(struct apc_core *c, size_t k, struct apc_notice *notic
         c->z[row * c->dim.nz + k] = s->value;
 }
 
-static void take_setpoints(struct apc_core *c, struct apc_now now, struct apc_notice *notice)
+static void take_setpoints(struct apc_controller *c, struct apc_now now, struct apc_notice *notice)
 {
     for (size_t k = 0; k < c->dim.nz; k++) {
         const bool above = c->setpoint[k].above;
 
-        if (!above || apc_core_look_above(c, k, row_of(c, k), now))
+        if (!above || apc_controller_look_above(c, k, row_of(c, k), now))
             take_setpoint(c, k, notice);
         else
             (void)look(c, k, false);
         if (above)
-            apc_core_own_setpoint(c, k, row_of(c, k));
+            apc_controller_own_setpoint(c, k, row_of(c, k));
     }
 }
 
-void apc_core_take_inputs(struct apc_core *c, struct apc_now now, bool have, struct apc_notice *notice)
+void apc_controller_take_inputs(struct apc_controller *c, struct apc_now now, bool have,
+                                struct apc_notice *notice)
 {
     if (have) {
         take_measurements(c, now);
@@ -224,12 +225,12 @@ void apc_core_take_inputs(struct apc_core *c, struct apc_now now, bool have, str
 
 /* ---- Facts --------------------------------------------------------------------------------- */
 
-static void say(struct apc_core_state *l, const char *what, size_t k, const char *how)
+static void say(struct apc_controller_state *l, const char *what, size_t k, const char *how)
 {
     snprintf(l->trouble, sizeof(l->trouble), "%s %zu is %s", what, k + 1, how);
 }
 
-static bool has_measurement(struct apc_core *c, size_t i, size_t k, bool disturbance)
+static bool has_measurement(struct apc_controller *c, size_t i, size_t k, bool disturbance)
 {
     const size_t at = disturbance ? c->dim.ny + k : k;
     const struct apc_sample *s = &c->in.sample[at];
@@ -242,7 +243,7 @@ static bool has_measurement(struct apc_core *c, size_t i, size_t k, bool disturb
     return c->ok[at];
 }
 
-static bool has_setpoint(struct apc_core *c, size_t i, size_t k)
+static bool has_setpoint(struct apc_controller *c, size_t i, size_t k)
 {
     const struct apc_sample *s = row_of(c, k);
     const bool there = s->seq && !is_bad(s) && c->z_seq[k];
@@ -253,7 +254,7 @@ static bool has_setpoint(struct apc_core *c, size_t i, size_t k)
 }
 
 /* What a law that is whole needs: all that it cannot do without, and one at least. */
-static bool has_all(struct apc_core *c, size_t i)
+static bool has_all(struct apc_controller *c, size_t i)
 {
     bool has = true, any = false;
 
@@ -268,7 +269,7 @@ static bool has_all(struct apc_core *c, size_t i)
     return has && any;
 }
 
-static bool has_input(struct apc_core *c, size_t i)
+static bool has_input(struct apc_controller *c, size_t i)
 {
     const struct apc_law_ports *p = apc_instances_ports(c->law, i);
     bool has = true;
@@ -284,15 +285,15 @@ static bool has_input(struct apc_core *c, size_t i)
     return has;
 }
 
-const struct apc_sample *apc_core_output(const struct apc_core *c, size_t i)
+const struct apc_sample *apc_controller_output(const struct apc_controller *c, size_t i)
 {
     return &c->in.sample[c->dim.ny + c->dim.nd + c->n_wanted + i];
 }
 
-void apc_core_gather(struct apc_core *c, size_t i, bool have, struct apc_now now)
+void apc_controller_gather(struct apc_controller *c, size_t i, bool have, struct apc_now now)
 {
-    const bool below = c->loop[i].setpoint, cascade = apc_core_is_below(c, i);
-    struct apc_core_state *l = &c->state[i];
+    const bool below = c->loop[i].setpoint, cascade = apc_controller_is_below(c, i);
+    struct apc_controller_state *l = &c->state[i];
     bool input;
 
     l->trouble[0] = '\0';
@@ -300,7 +301,7 @@ void apc_core_gather(struct apc_core *c, size_t i, bool have, struct apc_now now
     if (!have)
         snprintf(l->trouble, sizeof(l->trouble), "the shared data cannot be read");
     if (have && below)
-        apc_core_look_below(c, i, now);
+        apc_controller_look_below(c, i, now);
     l->facts = (struct apc_loop_facts){
         .target = l->target,
         .acting = true,
@@ -320,7 +321,7 @@ void apc_core_gather(struct apc_core *c, size_t i, bool have, struct apc_now now
 
 /* ---- What became of it ---------------------------------------------------------------------- */
 
-static void confirm(struct apc_core *c, size_t k, double force, apc_status status)
+static void confirm(struct apc_controller *c, size_t k, double force, apc_status status)
 {
     struct apc_sample *s = &c->actual[k];
 
@@ -330,7 +331,7 @@ static void confirm(struct apc_core *c, size_t k, double force, apc_status statu
 }
 
 /* A setpoint is not in force yet in a loop that has no input. */
-static void find_rests(struct apc_core *c)
+static void find_rests(struct apc_controller *c)
 {
     memset(c->rests, 0, c->dim.nz * sizeof(*c->rests));
     for (size_t i = 0; i < c->dim.nu; i++) {
@@ -343,20 +344,20 @@ static void find_rests(struct apc_core *c)
     }
 }
 
-void apc_core_confirm(struct apc_core *c)
+void apc_controller_confirm(struct apc_controller *c)
 {
-    const size_t mode = apc_core_wanted(c, APC_OPMODE), tuning = apc_core_wanted(c, APC_TUNING),
-                 manual = apc_core_wanted(c, APC_MANUAL);
+    const size_t mode = apc_controller_wanted(c, APC_OPMODE), tuning = apc_controller_wanted(c, APC_TUNING),
+                 manual = apc_controller_wanted(c, APC_MANUAL);
 
     find_rests(c);
     for (size_t k = 0; k < mode; k++)
         confirm(c, k, c->z[k],
-                c->setpoint[k].above ? apc_core_handshake(c, k)
+                c->setpoint[k].above ? apc_controller_handshake(c, k)
                 : c->refused[k]      ? APC_BAD
                 : c->rests[k]        ? APC_UNCERTAIN
                                      : APC_GOOD);
     for (size_t i = 0; i < c->dim.nu; i++) {
-        const struct apc_core_state *l = &c->state[i];
+        const struct apc_controller_state *l = &c->state[i];
 
         confirm(c, mode + i, (double)l->actual,
                 c->refused[mode + i]     ? APC_BAD

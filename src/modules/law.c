@@ -5,7 +5,7 @@
  * or quality gives a bump.
  */
 #include "base/base_internal.h"
-#include "modules/core.h"
+#include "modules/controller.h"
 
 #include <inttypes.h>
 #include <math.h>
@@ -14,7 +14,7 @@
 
 /* ---- Asking ------------------------------------------------------------------------------- */
 
-static struct apc_law_call call(struct apc_core *c, size_t k, double *u, unsigned *limited)
+static struct apc_law_call call(struct apc_controller *c, size_t k, double *u, unsigned *limited)
 {
     return (struct apc_law_call){.size = sizeof(struct apc_law_call),
                                  .dim = c->dim,
@@ -45,7 +45,7 @@ static struct apc_law_call call(struct apc_core *c, size_t k, double *u, unsigne
 }
 
 /* x to what it is before the first tick. */
-static void reset(struct apc_core *c, size_t k)
+static void reset(struct apc_controller *c, size_t k)
 {
     const struct apc_law_call law = call(c, k, c->u, c->blocked);
 
@@ -55,7 +55,7 @@ static void reset(struct apc_core *c, size_t k)
 }
 
 /* The law goes on from @p u of all outputs, where @p decides does not say that it is its own. */
-static void track(struct apc_core *c, size_t k, double *u, const enum apc_law_output *decides)
+static void track(struct apc_controller *c, size_t k, double *u, const enum apc_law_output *decides)
 {
     struct apc_law_call law = call(c, k, u, c->blocked);
 
@@ -64,7 +64,7 @@ static void track(struct apc_core *c, size_t k, double *u, const enum apc_law_ou
     c->instance[k].gap = false;
 }
 
-void apc_core_update_instance(struct apc_core *c, size_t k)
+void apc_controller_update_instance(struct apc_controller *c, size_t k)
 {
     const struct apc_law_call law = call(c, k, c->u, c->blocked);
 
@@ -74,7 +74,7 @@ void apc_core_update_instance(struct apc_core *c, size_t k)
 
 /* @p u within the limits of output @p i, and as near to them as its rate lets it come from the last one.
  * Returns enum apc_limited. */
-static unsigned limit(const struct apc_core *c, size_t i, double *u)
+static unsigned limit(const struct apc_controller *c, size_t i, double *u)
 {
     const bool last = c->state[i].there;
     const double least = last ? fmax(c->low[i], c->u[i] - c->rate[i] * c->Ts) : c->low[i],
@@ -93,7 +93,7 @@ static unsigned limit(const struct apc_core *c, size_t i, double *u)
 }
 
 /* Ask the law for u, into trial, within the limits. */
-static enum apc_law_result compute(struct apc_core *c, size_t k, char why[APC_LAW_WHY])
+static enum apc_law_result compute(struct apc_controller *c, size_t k, char why[APC_LAW_WHY])
 {
     const struct apc_instance_part part = apc_instances_part(c->law, k);
     const size_t end = part.u + part.nu;
@@ -117,13 +117,13 @@ static enum apc_law_result compute(struct apc_core *c, size_t k, char why[APC_LA
 
 /* ---- Tuning ------------------------------------------------------------------------------- */
 
-static bool differs(const struct apc_core *c, size_t i)
+static bool differs(const struct apc_controller *c, size_t i)
 {
     return c->offered[i] < c->tuning[i] || c->offered[i] > c->tuning[i];
 }
 
 /* Is parameter @p i one that instance @p k has? */
-static bool concerns(const struct apc_core *c, size_t i, size_t k)
+static bool concerns(const struct apc_controller *c, size_t i, size_t k)
 {
     const struct apc_law_parameter p = apc_instances_parameter(c->law, i);
     const struct apc_law_ports *ports = apc_instances_ports(c->law, k);
@@ -138,7 +138,7 @@ static bool concerns(const struct apc_core *c, size_t i, size_t k)
 }
 
 /* Goes the law's output on from its last one, in some loop of instance @p k? */
-static bool on_track(const struct apc_core *c, size_t k)
+static bool on_track(const struct apc_controller *c, size_t k)
 {
     const struct apc_instance_part part = apc_instances_part(c->law, k);
 
@@ -152,7 +152,7 @@ static bool on_track(const struct apc_core *c, size_t k)
 }
 
 /* The law's output with the tuning in force, then a state from which the new tuning gives the same. */
-void apc_core_retune(struct apc_core *c)
+void apc_controller_retune(struct apc_controller *c)
 {
     char why[APC_LAW_WHY];
     bool any = false;
@@ -184,7 +184,7 @@ void apc_core_retune(struct apc_core *c)
  * running: the law then goes on as if nothing had happened. If that output does not follow from its x with
  * the tuning of today (tuned meanwhile), the law tracks it first.
  */
-static void settle_instance(struct apc_core *c, size_t k)
+static void settle_instance(struct apc_controller *c, size_t k)
 {
     const struct apc_instance_part part = apc_instances_part(c->law, k);
     double *const u = c->u;
@@ -205,19 +205,17 @@ static void settle_instance(struct apc_core *c, size_t k)
         follows &= c->decides[i] != APC_OUT_LAW || (c->trial[i] >= u[i] && c->trial[i] <= u[i]);
     if (!follows)
         track(c, k, c->u, c->given);
-    apc_core_update_instance(c, k);
+    apc_controller_update_instance(c, k);
 }
 
-void apc_core_settle(struct apc_core *c, struct apc_now now)
+void apc_controller_settle(struct apc_controller *c, struct apc_now now)
 {
     const apc_ns age = now.utc - c->resumed_at;
     const bool follows = age >= 0 && age <= c->loss; /* below 0 the clock was set back: nobody knows */
 
     c->resumed_at = 0;
-    if (c->adopts && c->offer_ok)
-        memcpy(c->tuning, c->offered, c->size.tuning * sizeof(*c->tuning));
     for (size_t i = 0; i < c->dim.nu; i++) {
-        struct apc_core_state *l = &c->state[i];
+        struct apc_controller_state *l = &c->state[i];
 
         if (!follows && (l->loop.state == APC_LOOP_AUTO || l->loop.state == APC_LOOP_CAS))
             l->loop.state = APC_LOOP_INIT;
@@ -238,10 +236,10 @@ void apc_core_settle(struct apc_core *c, struct apc_now now)
 
 /* ---- What goes out ------------------------------------------------------------------------ */
 
-static void put_out(struct apc_core *c, size_t i, double u, bool by_law)
+static void put_out(struct apc_controller *c, size_t i, double u, bool by_law)
 {
     const struct apc_law_ports *p = apc_instances_ports(c->law, i);
-    struct apc_core_state *l = &c->state[i];
+    struct apc_controller_state *l = &c->state[i];
 
     c->u[i] = u;
     l->there = true;
@@ -250,9 +248,9 @@ static void put_out(struct apc_core *c, size_t i, double u, bool by_law)
 }
 
 /* The outputs that are not the law's. */
-static void place(struct apc_core *c, size_t i, apc_ns utc, bool have, struct apc_notice *notice)
+static void place(struct apc_controller *c, size_t i, apc_ns utc, bool have, struct apc_notice *notice)
 {
-    struct apc_core_state *l = &c->state[i];
+    struct apc_controller_state *l = &c->state[i];
     double u;
 
     if (l->move.output == APC_PUT_OPERATOR) {
@@ -262,7 +260,7 @@ static void place(struct apc_core *c, size_t i, apc_ns utc, bool have, struct ap
             l->wanted = c->u[i];
     }
     if (have)
-        apc_core_take_manual(c, i, utc, notice);
+        apc_controller_take_manual(c, i, utc, notice);
     if (l->move.output == APC_PUT_OPERATOR) {
         u = l->wanted;
         (void)limit(c, i, &u);
@@ -273,7 +271,7 @@ static void place(struct apc_core *c, size_t i, apc_ns utc, bool have, struct ap
 }
 
 /* The law failed, or found nothing: then it is held, and begins anew. */
-static void refuse_answer(struct apc_core *c, size_t k, enum apc_law_result result, const char *why)
+static void refuse_answer(struct apc_controller *c, size_t k, enum apc_law_result result, const char *why)
 {
     const struct apc_instance_part part = apc_instances_part(c->law, k);
 
@@ -283,7 +281,7 @@ static void refuse_answer(struct apc_core *c, size_t k, enum apc_law_result resu
     if (result == APC_LAW_FAILED)
         reset(c, k);
     for (size_t i = part.u; i < part.u + part.nu; i++) {
-        struct apc_core_state *l = &c->state[i];
+        struct apc_controller_state *l = &c->state[i];
 
         if (!l->facts.input)
             continue;
@@ -301,7 +299,7 @@ static void refuse_answer(struct apc_core *c, size_t k, enum apc_law_result resu
 }
 
 /* Ask the law, and count how good its answers are. Returns whether this one can be used. */
-static bool ask(struct apc_core *c, size_t k)
+static bool ask(struct apc_controller *c, size_t k)
 {
     const struct apc_instance_part part = apc_instances_part(c->law, k);
     char why[APC_LAW_WHY] = "";
@@ -324,31 +322,31 @@ static bool is_away(enum apc_loop_state state)
     return state == APC_LOOP_HOLD || state == APC_LOOP_BACKUP || state == APC_LOOP_FAULT;
 }
 
-static void tell(struct apc_core *c, size_t i, apc_ns now, struct apc_notice *notice)
+static void tell(struct apc_controller *c, size_t i, apc_ns now, struct apc_notice *notice)
 {
-    struct apc_core_state *l = &c->state[i];
+    struct apc_controller_state *l = &c->state[i];
     const enum apc_loop_state before = l->loop.state, state = l->move.state;
 
     if (is_away(state) && !is_away(before))
         l->since = now;
     if (state == APC_LOOP_FAULT && before != APC_LOOP_FAULT)
-        apc_core_note(c, i, notice, APC_NOTICE_FAULT, "%s: %s", l->move.reason, l->trouble);
+        apc_controller_note(c, i, notice, APC_NOTICE_FAULT, "%s: %s", l->move.reason, l->trouble);
     else if (state == APC_LOOP_HOLD && before != APC_LOOP_HOLD)
-        apc_core_note(c, i, notice, l->facts.law ? APC_NOTICE_HOLD : APC_NOTICE_REJECTED, "%s: %s",
-                      l->move.reason, l->trouble);
+        apc_controller_note(c, i, notice, l->facts.law ? APC_NOTICE_HOLD : APC_NOTICE_REJECTED, "%s: %s",
+                            l->move.reason, l->trouble);
     else if (is_away(before) && l->move.output == APC_PUT_LAW)
-        apc_core_note(c, i, notice, APC_NOTICE_RECOVERED, "inputs good again after %.3f s",
-                      apc_ns_to_s(now - l->since));
+        apc_controller_note(c, i, notice, APC_NOTICE_RECOVERED, "inputs good again after %.3f s",
+                            apc_ns_to_s(now - l->since));
     if (l->move.actual != l->actual)
-        apc_core_note(c, i, notice, APC_NOTICE_MODE, "mode %s%s%s", apc_mode_name((int)l->move.actual),
-                      l->move.reason ? ": " : "", l->move.reason ? l->move.reason : "");
+        apc_controller_note(c, i, notice, APC_NOTICE_MODE, "mode %s%s%s", apc_mode_name((int)l->move.actual),
+                            l->move.reason ? ": " : "", l->move.reason ? l->move.reason : "");
     l->actual = l->move.actual;
 }
 
 /* ---- An instance and its loops --------------------------------------------------------------- */
 
 /* What any of its loops asks of the law. */
-static unsigned asked(const struct apc_core *c, struct apc_instance_part part)
+static unsigned asked(const struct apc_controller *c, struct apc_instance_part part)
 {
     unsigned all = 0;
 
@@ -357,7 +355,7 @@ static unsigned asked(const struct apc_core *c, struct apc_instance_part part)
     return all & ~(unsigned)APC_ASK_PREDICT;
 }
 
-static bool any_there(const struct apc_core *c, struct apc_instance_part part)
+static bool any_there(const struct apc_controller *c, struct apc_instance_part part)
 {
     for (size_t i = part.u; i < part.u + part.nu; i++) {
         if (c->state[i].there)
@@ -367,9 +365,9 @@ static bool any_there(const struct apc_core *c, struct apc_instance_part part)
 }
 
 /* The law after what goes out is known. */
-static void follow(struct apc_core *c, size_t k, struct apc_instance_part part, bool answered)
+static void follow(struct apc_controller *c, size_t k, struct apc_instance_part part, bool answered)
 {
-    struct apc_core_instance *of = &c->instance[k];
+    struct apc_controller_instance *of = &c->instance[k];
     const unsigned all = asked(c, part);
 
     if ((all & APC_ASK_TRACK) && of->begun && any_there(c, part))
@@ -382,7 +380,8 @@ static void follow(struct apc_core *c, size_t k, struct apc_instance_part part, 
     of->updating = (all & APC_ASK_UPDATE) && of->begun && (!(all & APC_ASK_TRACK) || c->definition->track);
 }
 
-void apc_core_run(struct apc_core *c, size_t k, struct apc_now now, bool have, struct apc_notice *notice)
+void apc_controller_run(struct apc_controller *c, size_t k, struct apc_now now, bool have,
+                        struct apc_notice *notice)
 {
     const struct apc_instance_part part = apc_instances_part(c->law, k);
     const unsigned all = asked(c, part);
@@ -401,7 +400,7 @@ void apc_core_run(struct apc_core *c, size_t k, struct apc_now now, bool have, s
     if (all & APC_ASK_COMPUTE)
         answered = ask(c, k);
     for (size_t i = part.u; i < part.u + part.nu; i++) {
-        struct apc_core_state *l = &c->state[i];
+        struct apc_controller_state *l = &c->state[i];
 
         if (l->move.output == APC_PUT_LAW)
             put_out(c, i, c->trial[i], true);
@@ -409,7 +408,7 @@ void apc_core_run(struct apc_core *c, size_t k, struct apc_now now, bool have, s
             put_out(c, i, c->loop[i].fault, false);
         tell(c, i, now.mono, notice);
         apc_loop_settle(&l->loop, &l->facts, l->move.state, now.mono,
-                        apc_core_is_below(c, i) ? c->actual[l->setpoint].seq + 1 : 0);
+                        apc_controller_is_below(c, i) ? c->actual[l->setpoint].seq + 1 : 0);
     }
     follow(c, k, part, answered);
 }

@@ -7,7 +7,7 @@
  * in table actual says what became of it, when that changes.
  */
 #include "base/base_internal.h"
-#include "modules/core.h"
+#include "modules/controller.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -48,8 +48,8 @@ static const char *const names[APC_TICK_FIELDS] = {
     [APC_TICK_X] = "x",
 };
 
-bool apc_core_tick_field(const struct apc_core *c, size_t field, const char **name, size_t *offset,
-                         size_t *length)
+bool apc_controller_tick_field(const struct apc_controller *c, size_t field, const char **name,
+                               size_t *offset, size_t *length)
 {
     if (field >= APC_TICK_FIELDS)
         return false;
@@ -59,7 +59,7 @@ bool apc_core_tick_field(const struct apc_core *c, size_t field, const char **na
     return true;
 }
 
-static void lay_out_tick(struct apc_core *c)
+static void lay_out_tick(struct apc_controller *c)
 {
     const size_t ny = c->dim.ny, nz = c->dim.nz, nu = c->dim.nu, nd = c->dim.nd, n = c->size.instances;
     const size_t length[APC_TICK_FIELDS] = {
@@ -99,7 +99,7 @@ static void lay_out_tick(struct apc_core *c)
 }
 
 /* Whose a row is: a number of the dimensions, and one of the law and all that it was made from. */
-static void mark(struct apc_core *c)
+static void mark(struct apc_controller *c)
 {
     const size_t of[] = {c->dim.ny, c->dim.nz, c->dim.nu, c->dim.nd};
     uint32_t hash = APC_HASH_BEGIN;
@@ -119,7 +119,7 @@ static struct apc_sample *name_rows(struct apc_sample *at, enum apc_table table,
     return at;
 }
 
-static void name_inputs(struct apc_core *c, const struct apc_core_options *o)
+static void name_inputs(struct apc_controller *c, const struct apc_controller_options *o)
 {
     struct apc_sample *at = c->in.sample;
 
@@ -130,15 +130,15 @@ static void name_inputs(struct apc_core *c, const struct apc_core_options *o)
     for (size_t i = 0; i < c->dim.nu; i++)
         at = name_rows(at, APC_OPMODE, NULL, 1, c->loop[i].mode);
     for (size_t i = 0; i < c->dim.nu; i++)
-        at = name_rows(at, APC_MANUAL, NULL, 1, c->loop[i].id);
+        at = name_rows(at, APC_MANUAL, NULL, 1, c->loop[i].manual);
     at = name_rows(at, APC_TUNING, NULL, c->size.tuning, o->tuning ? o->tuning : 1);
     for (size_t i = 0; i < c->dim.nu; i++)
         at = c->loop[i].setpoint ? name_rows(at, APC_SETPOINT, NULL, 1, c->loop[i].setpoint)
                                  : name_rows(at, APC_ACTUATOR, NULL, 1, c->loop[i].id);
-    apc_core_name_cascade(c, at);
+    apc_controller_name_cascade(c, at);
 }
 
-static void name_actual(struct apc_core *c)
+static void name_actual(struct apc_controller *c)
 {
     const struct apc_sample *wanted = c->in.sample + c->dim.ny + c->dim.nd;
 
@@ -150,10 +150,11 @@ static void name_actual(struct apc_core *c)
     }
 }
 
-int apc_core_lay_out(struct apc_core *c, const struct apc_core_options *o, struct apc_error *why)
+int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller_options *o,
+                           struct apc_error *why)
 {
     size_t n, n_vectors;
-    const size_t n_cascade = apc_core_cascade_rows(c, &n_vectors),
+    const size_t n_cascade = apc_controller_cascade_rows(c, &n_vectors),
                  n_in = c->dim.ny + c->dim.nd + c->n_wanted + c->dim.nu + n_cascade,
                  n_out = c->dim.nz + c->dim.nu + c->n_wanted;
 
@@ -196,7 +197,7 @@ int apc_core_lay_out(struct apc_core *c, const struct apc_core_options *o, struc
 /* ---- What it writes ------------------------------------------------------------------------ */
 
 /* A good output of the law says as well, with OPC UA's limit bits, which way a limit holds it back. */
-static apc_status status_of(const struct apc_core *c, size_t i)
+static apc_status status_of(const struct apc_controller *c, size_t i)
 {
     static const apc_status limited[] = {APC_GOOD, APC_GOOD_LIMITED_LOW, APC_GOOD_LIMITED_HIGH,
                                          APC_GOOD_LIMITED_CONSTANT};
@@ -208,7 +209,7 @@ static apc_status status_of(const struct apc_core *c, size_t i)
 }
 
 /* By swap: only if the newest row is still @p now. */
-static void put_setpoint(struct apc_core *c, const struct apc_sample *now, apc_ns utc, double value,
+static void put_setpoint(struct apc_controller *c, const struct apc_sample *now, apc_ns utc, double value,
                          apc_status status, int64_t origin)
 {
     c->out.sample[c->out.n_samples++] = (struct apc_sample){.table = APC_SETPOINT,
@@ -220,10 +221,10 @@ static void put_setpoint(struct apc_core *c, const struct apc_sample *now, apc_n
                                                             .origin = origin};
 }
 
-static void put_output(struct apc_core *c, size_t i, apc_ns utc)
+static void put_output(struct apc_controller *c, size_t i, apc_ns utc)
 {
-    const struct apc_sample *now = apc_core_output(c, i);
-    struct apc_core_state *l = &c->state[i];
+    const struct apc_sample *now = apc_controller_output(c, i);
+    struct apc_controller_state *l = &c->state[i];
 
     l->put = l->there && l->move.output != APC_PUT_NONE;
     if (!l->put)
@@ -250,9 +251,9 @@ static bool is_told(const struct apc_sample *now, const struct apc_sample *told)
            now->value >= told->value && now->value <= told->value;
 }
 
-static void put_actual(struct apc_core *c, size_t k, apc_ns utc)
+static void put_actual(struct apc_controller *c, size_t k, apc_ns utc)
 {
-    const bool mode = k >= apc_core_wanted(c, APC_OPMODE) && k < apc_core_wanted(c, APC_MANUAL);
+    const bool mode = k >= apc_controller_wanted(c, APC_OPMODE) && k < apc_controller_wanted(c, APC_MANUAL);
     struct apc_sample *s = &c->actual[k];
 
     if ((!mode && !s->origin) || is_told(s, &c->told[k]))
@@ -273,7 +274,7 @@ static void put_values(double *at, const double *value, size_t n)
     memcpy(at, value, n * sizeof(*at));
 }
 
-static void put_tick(struct apc_core *c, struct apc_now now)
+static void put_tick(struct apc_controller *c, struct apc_now now)
 {
     double *row = c->row;
     const size_t *at = c->offset;
@@ -281,7 +282,7 @@ static void put_tick(struct apc_core *c, struct apc_now now)
     put_values(row + at[APC_TICK_MARK], c->mark, 2);
     row[at[APC_TICK_INDEX]] = (double)c->index;
     for (size_t i = 0; i < c->dim.nu; i++) {
-        const struct apc_core_state *l = &c->state[i];
+        const struct apc_controller_state *l = &c->state[i];
 
         row[at[APC_TICK_STATE] + i] = l->loop.state;
         row[at[APC_TICK_HELD] + i] = l->loop.holding ? apc_ns_to_s(now.mono - l->loop.held) : -1.0;
@@ -300,7 +301,7 @@ static void put_tick(struct apc_core *c, struct apc_now now)
         row[at[APC_TICK_UPDATING] + k] = c->instance[k].updating;
     }
     put_values(row + at[APC_TICK_U], c->u, c->dim.nu);
-    put_seqs(row + at[APC_TICK_WANTED], c->looked, apc_core_wanted(c, APC_TUNING));
+    put_seqs(row + at[APC_TICK_WANTED], c->looked, apc_controller_wanted(c, APC_TUNING));
     for (size_t k = 0; k < c->dim.ny; k++) {
         row[at[APC_TICK_Y_STATUS] + k] = c->y_status[k];
         row[at[APC_TICK_Y_NEW] + k] = c->y_new[k];
@@ -313,14 +314,14 @@ static void put_tick(struct apc_core *c, struct apc_now now)
     put_values(row + at[APC_TICK_Z], c->z, c->dim.nz);
     put_seqs(row + at[APC_TICK_Z_SEQ], c->z_seq, c->dim.nz);
     put_values(row + at[APC_TICK_TUNING], c->tuning, c->size.tuning);
-    put_seqs(row + at[APC_TICK_TUNING_SEQ], c->looked + apc_core_wanted(c, APC_TUNING), c->size.tuning);
+    put_seqs(row + at[APC_TICK_TUNING_SEQ], c->looked + apc_controller_wanted(c, APC_TUNING), c->size.tuning);
     put_values(row + at[APC_TICK_X], c->x, c->size.states);
     c->out_row.seq = c->seq;
     c->out_row.time = now.utc;
     c->out.n_vectors = apc_values_ok(row, c->out_row.n);
 }
 
-void apc_core_put(struct apc_core *c, struct apc_now now)
+void apc_controller_put(struct apc_controller *c, struct apc_now now)
 {
     c->out.n_samples = 0;
     c->seq++;
@@ -330,7 +331,7 @@ void apc_core_put(struct apc_core *c, struct apc_now now)
         if (c->above[k].put)
             put_setpoint(c, &c->in.sample[c->dim.ny + c->dim.nd + k], now.utc, c->z[k], APC_GOOD, 0);
     }
-    apc_core_confirm(c);
+    apc_controller_confirm(c);
     for (size_t k = 0; k < c->n_wanted; k++)
         put_actual(c, k, now.utc);
     put_tick(c, now);
@@ -339,7 +340,7 @@ void apc_core_put(struct apc_core *c, struct apc_now now)
 /* ---- Taking over from a former run ---------------------------------------------------------- */
 
 /* A row of this run, of a controller of the same dimensions? It has all fields before those of the law. */
-static bool fits(const struct apc_core *c, const struct apc_vector *v, apc_ns since)
+static bool fits(const struct apc_controller *c, const struct apc_vector *v, apc_ns since)
 {
     const uint32_t n = v->n < v->room ? v->n : v->room;
 
@@ -348,7 +349,7 @@ static bool fits(const struct apc_core *c, const struct apc_vector *v, apc_ns si
            v->value[0] >= c->mark[0] && v->value[0] <= c->mark[0];
 }
 
-static bool is_of_this_law(const struct apc_core *c, const struct apc_vector *v)
+static bool is_of_this_law(const struct apc_controller *c, const struct apc_vector *v)
 {
     return v->n == c->out_row.n && v->value[1] >= c->mark[1] && v->value[1] <= c->mark[1];
 }
@@ -359,12 +360,12 @@ static void take_seqs(int64_t *seq, const double *at, size_t n)
         seq[i] = at[i] >= -1.0 && at[i] <= (double)APC_SEQ_MAX ? (int64_t)at[i] : 0;
 }
 
-static void take_loop(struct apc_core *c, size_t i, const double *row)
+static void take_loop(struct apc_controller *c, size_t i, const double *row)
 {
     const size_t *at = c->offset;
     const double state = row[at[APC_TICK_STATE] + i], held = row[at[APC_TICK_HELD] + i],
                  target = row[at[APC_TICK_TARGET] + i];
-    struct apc_core_state *l = &c->state[i];
+    struct apc_controller_state *l = &c->state[i];
 
     l->there = row[at[APC_TICK_THERE] + i] > 0.0;
     c->u[i] = fmin(fmax(row[at[APC_TICK_U] + i], c->low[i]), c->high[i]);
@@ -383,9 +384,9 @@ static void take_loop(struct apc_core *c, size_t i, const double *row)
 }
 
 /* What every law of these dimensions can go on from. */
-static void take_common(struct apc_core *c, const double *row)
+static void take_common(struct apc_controller *c, const double *row)
 {
-    const size_t *at = c->offset, manual = apc_core_wanted(c, APC_MANUAL);
+    const size_t *at = c->offset, manual = apc_controller_wanted(c, APC_MANUAL);
 
     for (size_t i = 0; i < c->dim.nu; i++)
         take_loop(c, i, row);
@@ -408,7 +409,7 @@ static void take_common(struct apc_core *c, const double *row)
 }
 
 /* The tuning that was in force, where the file still allows it. */
-static void take_tuning(struct apc_core *c, const double *tuning)
+static void take_tuning(struct apc_controller *c, const double *tuning)
 {
     for (size_t i = 0; i < c->size.tuning; i++) {
         if (!apc_param_accepts(&c->param[apc_instances_parameter(c->law, i).number], tuning[i]))
@@ -420,20 +421,20 @@ static void take_tuning(struct apc_core *c, const double *tuning)
     put_values(c->offered, tuning, c->size.tuning);
 }
 
-static void take_law(struct apc_core *c, const double *row)
+static void take_law(struct apc_controller *c, const double *row)
 {
     const size_t *at = c->offset;
 
     take_tuning(c, row + at[APC_TICK_TUNING]);
     for (size_t k = 0; k < c->size.instances; k++)
-        c->instance[k] = (struct apc_core_instance){.begun = row[at[APC_TICK_BEGUN] + k] > 0.0,
-                                                    .gap = row[at[APC_TICK_GAP] + k] > 0.0,
-                                                    .updating = row[at[APC_TICK_UPDATING] + k] > 0.0};
+        c->instance[k] = (struct apc_controller_instance){.begun = row[at[APC_TICK_BEGUN] + k] > 0.0,
+                                                          .gap = row[at[APC_TICK_GAP] + k] > 0.0,
+                                                          .updating = row[at[APC_TICK_UPDATING] + k] > 0.0};
     put_values(c->x, row + at[APC_TICK_X], c->size.states);
 }
 
 /* Another law begins from the last output. */
-static void begin_law(struct apc_core *c)
+static void begin_law(struct apc_controller *c)
 {
     for (size_t i = 0; i < c->dim.nu; i++) {
         if (c->state[i].loop.state == APC_LOOP_AUTO || c->state[i].loop.state == APC_LOOP_CAS)
@@ -442,9 +443,9 @@ static void begin_law(struct apc_core *c)
 }
 
 /* What this run has told is not told again. */
-static void take_actual(struct apc_core *c)
+static void take_actual(struct apc_controller *c)
 {
-    const size_t mode = apc_core_wanted(c, APC_OPMODE);
+    const size_t mode = apc_controller_wanted(c, APC_OPMODE);
 
     for (size_t k = 0; k < c->n_wanted; k++)
         c->told[k] = c->actual[k] = c->former.sample[k];
@@ -456,7 +457,7 @@ static void take_actual(struct apc_core *c)
     }
 }
 
-int apc_core_resume(struct apc_core *c, apc_ns since)
+int apc_controller_resume(struct apc_controller *c, apc_ns since)
 {
     const struct apc_vector *v = &c->former_row;
 

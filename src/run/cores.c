@@ -90,37 +90,39 @@ int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc
 int cores_controller(const struct experiment *e, struct apc_controller **controller, struct apc_error *why)
 {
     const apc_ns client = e->client.rhythm.period, plant = e->plant.rhythm.period;
-    const struct apc_law_setup setup = cores_law_setup(e->controllers);
-    const size_t nu = e->dim.nu;
-    const size_t nz = e->dim.nz;
-    double *limits = calloc(4 * nu + 2 * nz, sizeof *limits);
-    if (!limits)
-        return apc_fail(why, APC_ENOMEM, "out of memory");
-    cores_outputs(e, limits, limits + nu, limits + 2 * nu, limits + 3 * nu);
-    for (size_t i = 0; i < nz; i++) {
-        limits[4 * nu + i] = e->z[i].tag.low;
-        limits[4 * nu + nz + i] = e->z[i].tag.high;
-    }
+    const struct controller *c = e->controllers;
+    const struct apc_law_setup setup = cores_law_setup(c);
+    struct apc_controller_setpoint *z = calloc(e->dim.nz + 1, sizeof *z);
+    struct apc_controller_loop *loop = calloc(e->dim.nu, sizeof *loop);
     const struct apc_controller_options options = {
         .size = sizeof options,
-        .law = e->controllers->law,
-        .dim = e->dim,
-        .period = e->controllers->rhythm.period,
+        .law = c->law,
+        .dim = c->dim,
+        .period = c->rhythm.period,
         .horizon = 3 * (client > plant ? client : plant) + 100 * APC_NS_PER_MS,
-        .hold = e->controllers->hold,
-        .fault = limits + 3 * nu,
-        .low = limits,
-        .high = limits + nu,
-        .z_low = limits + 4 * nu,
-        .z_high = limits + 4 * nu + nz,
-        .param = e->controllers->param,
-        .tuning = e->controllers->tuning,
+        .z = z,
+        .loop = loop,
+        .param = c->param,
+        .start = c->tuning,
         .n_setting = setup.n_setting,
         .setting = setup.setting,
         .plant = setup.plant,
     };
-    int rc = apc_controller_create(controller, &options, why);
-    free(limits);
+    for (size_t k = 0; z && k < e->dim.nz; k++)
+        z[k] = (struct apc_controller_setpoint){
+            .id = (int)k + 1, .low = e->z[k].tag.low, .high = e->z[k].tag.high};
+    for (size_t i = 0; loop && i < e->dim.nu; i++)
+        loop[i] = (struct apc_controller_loop){.name = e->u[i].tag.name,
+                                               .id = (int)i + 1,
+                                               .mode = (int)i + 1,
+                                               .low = e->u[i].tag.low,
+                                               .high = e->u[i].tag.high,
+                                               .fault = e->u[i].fault,
+                                               .hold = c->hold};
+    int rc = z && loop ? apc_controller_create(controller, &options, why)
+                       : apc_fail(why, APC_ENOMEM, "out of memory");
+    free(z);
+    free(loop);
     return rc;
 }
 

@@ -159,15 +159,16 @@ static void give_all(struct replay *r, const struct apc_sample *tick)
     enum apc_mode mode = mode_at(r, tick->time, tick->status);
 
     r->guessed += !give_loop(r, tick);
-    give_value(in++, 1, mode);
+    for (size_t i = 0; i < nu; i++)
+        give_value(in++, 1, mode);
+    for (size_t i = 0; i < nu; i++)
+        give_value(in++, mode == APC_MODE_MAN ? tick[i].seq + 1 : 1, tick[i].value);
     for (size_t i = 0; i < n_tuning; i++, in++) {
         if (in->seq == 0)
             give_value(in, 1, r->e.controllers->tuning[i]);
         if (!r->other_law)
-            give_newest(r, &r->operation, loop + 1 + i, tick->time, -1);
+            give_newest(r, &r->operation, loop + 2 * nu + i, tick->time, -1);
     }
-    for (size_t i = 0; i < nu; i++)
-        give_value(in++, mode == APC_MODE_MAN ? tick[i].seq + 1 : 1, tick[i].value);
 }
 
 /* ---- The ticks ---------------------------------------------------------------------------- */
@@ -193,13 +194,14 @@ static void replay_tick(struct replay *r, const struct apc_sample *tick)
     const struct apc_now now = {.mono = ZERO + tick->time, .utc = ZERO + tick->time};
     struct apc_notice notice;
     give_all(r, tick);
-    int n = apc_controller_compute(r->core, now, r->in, r->out, &notice);
+    const struct apc_rows *out = apc_controller_out(r->core);
+    apc_controller_compute(r->core, now, r->ticks, true, &notice);
     if (notice.kind != APC_NOTICE_NONE && notice.kind != APC_NOTICE_MODE && r->watch.notice)
         r->watch.notice(r->watch.ctx, apc_ns_to_s(tick->time), notice.text);
-    for (int i = 0; i < n; i++)
-        if (r->out[i].table == APC_ACTUATOR)
-            compare(r, &tick[r->out[i].id - 1], r->out[i].value);
-    apc_controller_update(r->core);
+    for (size_t i = 0; i < out->n_samples; i++)
+        if (out->sample[i].table == APC_ACTUATOR)
+            compare(r, &tick[out->sample[i].id - 1], out->sample[i].value);
+    apc_controller_update(r->core, 1);
     r->ticks++;
 }
 
@@ -224,15 +226,12 @@ static int make_room(struct replay *r, struct apc_error *why)
 {
     const struct apc_law_setup setup = cores_law_setup(r->e.controllers);
     const size_t nu = r->e.dim.nu;
-    r->size = apc_controller_size(r->core);
-    r->in = calloc(r->size.in, sizeof *r->in);
-    r->out = calloc(r->size.out, sizeof *r->out);
-    r->next = calloc(r->size.in, sizeof *r->next);
+    r->in = apc_controller_in(r->core)->sample;
+    r->next = calloc(apc_controller_in(r->core)->n_samples, sizeof *r->next);
     r->difference = calloc(nu, sizeof *r->difference);
     r->pair = calloc(nu, sizeof *r->pair);
-    if (!r->in || !r->out || !r->next || !r->difference || !r->pair || index_samples(r) < 0)
+    if (!r->next || !r->difference || !r->pair || index_samples(r) < 0)
         return apc_fail(why, APC_ENOMEM, "out of memory");
-    apc_controller_inputs(r->core, r->in);
     return apc_law_pairing(r->e.controllers->law, &setup, r->pair, why);
 }
 
@@ -267,8 +266,6 @@ void replay_free(struct replay *r)
     experiment_free(&r->e);
     free(r->by_seq);
     free(r->pair);
-    free(r->in);
-    free(r->out);
     free(r->next);
     free(r->difference);
 }

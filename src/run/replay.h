@@ -29,9 +29,8 @@ struct replay {
     size_t *by_seq;        /* [samples.n] indices of the samples by table, id, seq */
     struct apc_pair *pair; /* [nu] */
     struct apc_controller *core;
-    struct apc_controller_size size;
-    struct apc_sample *in, *out;
-    size_t *next; /* [size.in] of each input: the first sample not yet given */
+    struct apc_sample *in; /* of the core */
+    size_t *next;          /* of each of them: the first sample not yet given */
     bool other_law;
     struct replay_watch watch;
 };

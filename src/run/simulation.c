@@ -264,30 +264,31 @@ static bool is_held(const struct apc_sample *u)
     return apc_status_severity(u->status) != APC_SEVERITY_GOOD;
 }
 
+/* What the last tick wrote begins with the outputs. */
 static bool puts_out(const struct simulation *s)
 {
-    return s->n_out > 0 && s->out[0].table == APC_ACTUATOR;
+    const struct apc_rows *out = apc_controller_out(s->controller);
+    return out->n_samples > 0 && out->sample[0].table == APC_ACTUATOR;
 }
 
 static int controller_tick(void *ctx, const struct apc_tick *tick)
 {
     struct simulation *s = ctx;
     struct apc_notice notice;
-    (void)tick;
-    stop_at_store(s, apc_store_read(s->store, s->in, s->size.in));
-    s->n_out = apc_controller_compute(s->controller, now_of(s), s->in, s->out, &notice);
+    stop_at_store(s, apc_store_read_rows(s->store, apc_controller_in(s->controller)));
+    apc_controller_compute(s->controller, now_of(s), tick->index, true, &notice);
     tell_notice(s, "apc-controller", &notice);
-    s->held += puts_out(s) && is_held(&s->out[0]);
+    s->held += puts_out(s) && is_held(apc_controller_out(s->controller)->sample);
     return 0;
 }
 
 static void controller_finish(void *ctx)
 {
     struct simulation *s = ctx;
-    stop_at_store(s, apc_store_append(s->store, s->out, (size_t)s->n_out));
+    stop_at_store(s, apc_store_append_rows(s->store, apc_controller_out(s->controller)));
     if (puts_out(s))
-        s->holding = is_held(&s->out[0]);
-    apc_controller_update(s->controller);
+        s->holding = is_held(apc_controller_out(s->controller)->sample);
+    apc_controller_update(s->controller, 1);
 }
 
 /* ---- The wall clock ----------------------------------------------------------------------- */
@@ -455,8 +456,7 @@ static int make_exchange(struct simulation *s, uint64_t seed, struct apc_error *
 static int make_room(struct simulation *s)
 {
     const struct apc_dim *dim = &s->e->dim;
-    s->size = apc_controller_size(s->controller);
-    s->memory = calloc(dim->nu + dim->ny + dim->nz + s->size.in + s->size.out, sizeof *s->memory);
+    s->memory = calloc(dim->nu + dim->ny + dim->nz, sizeof *s->memory);
     s->command = calloc(dim->nu, sizeof *s->command);
     s->answer = calloc(dim->ny, sizeof *s->answer);
     s->now = calloc(dim->nu, sizeof *s->now);
@@ -466,11 +466,8 @@ static int make_room(struct simulation *s)
     s->u = s->memory;
     s->y = s->u + dim->nu;
     s->step = s->y + dim->ny;
-    s->in = s->step + dim->nz;
-    s->out = s->in + s->size.in;
     for (size_t i = 0; i < dim->nu; i++)
         s->u[i] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)i + 1};
-    apc_controller_inputs(s->controller, s->in);
     return 0;
 }
 

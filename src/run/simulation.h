@@ -29,14 +29,12 @@ struct simulation {
     struct apc_client *client;
     struct apc_controller *controller;
     struct apc_scheduler_options scheduler;
-    struct apc_controller_size size; /* of in and out */
-    struct apc_store *store;         /* mem:, a name of its own */
+    struct apc_store *store; /* mem:, a name of its own */
     char uri[40];
 
     /* what the shells keep between two of their events */
-    struct apc_sample *u, *y, *step, *in, *out, *memory;
+    struct apc_sample *u, *y, *step, *memory;
     struct apc_value *command, *answer; /* of the exchange that is under way */
-    int n_out;
     struct apc_now plant_now;
     struct clock_step *clock_steps;
     struct action_step *action_steps;

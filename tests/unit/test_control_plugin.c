@@ -2,7 +2,7 @@
 /* The examples' own laws and own plant, as shared objects, as a user would build and name them. */
 #include "check.h"
 
-#include "apcmodules.h"
+#include "rows.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -31,7 +31,7 @@ struct rig {
     const struct apc_law *law;
     void *handle;
     struct apc_controller *controller;
-    struct apc_sample in[8], out[24];
+    const struct apc_rows *out;
     struct apc_plant *plant;
     int64_t k;
 };
@@ -42,13 +42,12 @@ static const struct apc_setting smith_setting = {"model", NULL, 1, 3, model};
 static void make(struct rig *r, const char *name, size_t flavour, double dead_time)
 {
     const struct apc_plant_options late = {.size = sizeof(late), .dead_time = dead_time};
-    const double high = 4.0, low = -4.0;
+    const struct apc_controller_loop loop = {.id = 1, .mode = 1, .low = -4.0, .high = 4.0};
     struct apc_controller_options o = {.size = sizeof(o),
                                        .dim = {1, 1, 1, 0},
                                        .period = 2 * S,
                                        .horizon = 7 * S,
-                                       .low = &low,
-                                       .high = &high,
+                                       .loop = &loop,
                                        .n_setting = strcmp(name, "smith") == 0,
                                        .setting = &smith_setting};
     struct apc_error why = {""};
@@ -61,18 +60,10 @@ static void make(struct rig *r, const char *name, size_t flavour, double dead_ti
     if (apc_controller_create(&r->controller, &o, &why) < 0 ||
         apc_plant_create(&r->plant, &apc_model_first_order, NULL, NULL, &late, &why) < 0)
         fail_msg("%s", why.text);
-    assert_int_equal(apc_controller_size(r->controller).in, 7);
-    assert_in_range(apc_controller_size(r->controller).out, 1, 24);
-    apc_controller_inputs(r->controller, r->in);
-    for (int i = 0; i < 6; i++) {
-        r->in[i].seq = 1;
-        r->in[i].time = T0;
-        r->in[i].status = APC_GOOD;
-    }
-    r->in[2].value = APC_MODE_AUTO;
-    r->in[3].value = r->law->tuning[0].initial;
-    r->in[4].value = r->law->tuning[1].initial;
-    r->in[5].seq = 0;
+    r->out = apc_controller_out(r->controller);
+    rows_feed(apc_controller_in(r->controller), APC_OPMODE, 1, APC_MODE_AUTO, T0);
+    for (int i = 0; i < 2; i++)
+        rows_feed(apc_controller_in(r->controller), APC_TUNING, i + 1, r->law->tuning[i].initial, T0);
 }
 
 static void unmake(struct rig *r)
@@ -82,23 +73,27 @@ static void unmake(struct rig *r)
     apc_plugin_close(r->handle);
 }
 
-/* Returns y; u is in out. */
+static double output(const struct rig *r)
+{
+    return r->out->sample[0].value;
+}
+
+/* Returns y. */
 static double tick(struct rig *r, double z)
 {
-    double y = 0.0, u = r->out[0].value;
+    const struct apc_rows *in = apc_controller_in(r->controller);
+    double y = 0.0, u = r->k > 0 ? output(r) : 0.0;
 
     if (r->k > 0)
         assert_int_equal(apc_plant_advance(r->plant, 2.0, &u), 0);
     apc_plant_output(r->plant, &u, &y);
     r->k++;
-    r->in[0].value = y;
-    r->in[1].value = z;
-    for (int i = 0; i < 2; i++)
-        r->in[i].seq++;
+    rows_feed(in, APC_SENSOR, 1, y, T0 + 2 * r->k * S);
+    rows_feed(in, APC_SETPOINT, 1, z, T0 + 2 * r->k * S);
     assert_true(apc_controller_compute(r->controller, (struct apc_now){2 * r->k * S, T0 + 2 * r->k * S},
-                                       r->in, r->out, NULL) > 0);
-    assert_int_equal(r->out[0].table, APC_ACTUATOR);
-    apc_controller_update(r->controller);
+                                       (uint64_t)r->k, true, NULL) > 0);
+    assert_int_equal(r->out->sample[0].table, APC_ACTUATOR);
+    apc_controller_update(r->controller, 1);
     return y;
 }
 
@@ -152,22 +147,22 @@ static void users_laws_go_from_man_to_auto_and_out_of_a_limit_without_a_bump(voi
         int late = 0;
 
         make(&r, names[i / FLAVOURS], i % FLAVOURS, 0.0);
-        r.in[2].value = APC_MODE_MAN;
-        r.in[5] = (struct apc_sample){.table = APC_MANUAL, .id = 1, .seq = 1, .time = T0, .value = 1.5};
+        rows_feed(apc_controller_in(r.controller), APC_OPMODE, 1, APC_MODE_MAN, T0);
+        rows_feed(apc_controller_in(r.controller), APC_MANUAL, 1, 1.5, T0 + S);
         for (int k = 0; k < 10; k++)
             tick(&r, 10.0);
-        assert_near(r.out[0].value, 1.5, 0.0);
-        r.in[2].value = APC_MODE_AUTO;
+        assert_near(output(&r), 1.5, 0.0);
+        rows_feed(apc_controller_in(r.controller), APC_OPMODE, 1, APC_MODE_AUTO, T0);
         tick(&r, 10.0);
-        assert_near(r.out[0].value, 1.5, 1e-12);
+        assert_near(output(&r), 1.5, 1e-12);
         for (int k = 0; k < 50; k++)
             tick(&r, 1000.0); /* far beyond what the output can do */
-        assert_near(r.out[0].value, 4.0, 0.0);
-        u = r.out[0].value;
-        while (late++ < 20 && r.out[0].value >= 4.0)
+        assert_near(output(&r), 4.0, 0.0);
+        u = output(&r);
+        while (late++ < 20 && output(&r) >= 4.0)
             tick(&r, 30.0);
         assert_in_range(late, 1, 2); /* nothing has wound up */
-        before = r.out[0].value;
+        before = output(&r);
         assert_true(before < u);
         unmake(&r);
     }
@@ -187,9 +182,8 @@ static void a_plugin_built_otherwise_is_another_law_to_a_stored_state(void **sta
 
             make(&r, names[i], n / 2, 0.0); /* twice the one, once the other */
             tick(&r, 1.0);
-            assert_int_equal(r.out[1].table, APC_STATE);
-            assert_int_equal(r.out[1].id, 0);
-            mark[n] = r.out[1].value;
+            assert_int_equal(r.out->n_vectors, 1);
+            mark[n] = r.out->vector[0].value[1]; /* behind that of the dimensions */
             unmake(&r);
         }
         assert_near(mark[1], mark[0], 0.0);

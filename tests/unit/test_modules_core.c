@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "check.h"
 
-#include "modules/core.h"
+#include "modules/controller.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -20,7 +20,7 @@ enum { Y, Z, MODE, MANUAL, KP, TAU_I, U_BAR, U_MIN, U_MAX, WRITTEN, INPUTS };
 
 /* A controller, what the store holds for it, and what it gave at the last tick. */
 struct rig {
-    struct apc_core *controller;
+    struct apc_controller *controller;
     struct apc_sample in[INPUTS + 8], out[MAX_OUT], actual[MAX_OUT];
     size_t n, n_actual; /* of out; of actual: all rows that ever were, the newest of each */
     double row[MAX_ROW];
@@ -57,7 +57,7 @@ static const double *field(const struct rig *r, enum apc_tick_field which)
     const char *name;
     size_t offset, length;
 
-    assert_true(apc_core_tick_field(r->controller, which, &name, &offset, &length));
+    assert_true(apc_controller_tick_field(r->controller, which, &name, &offset, &length));
     return r->row + offset;
 }
 
@@ -85,8 +85,8 @@ static void keep(struct rig *r, const struct apc_sample *s)
 /* As the shell does it, but for update: read, compute, and what was put is there when @p written. */
 static void compute(struct rig *r, struct apc_now now, bool have, bool written)
 {
-    const struct apc_rows *out = apc_core_out(r->controller);
-    struct apc_rows *in = apc_core_in(r->controller);
+    const struct apc_rows *out = apc_controller_out(r->controller);
+    struct apc_rows *in = apc_controller_in(r->controller);
 
     for (size_t i = 0; i < in->n_samples; i++) {
         const struct apc_sample name = in->sample[i];
@@ -95,7 +95,7 @@ static void compute(struct rig *r, struct apc_now now, bool have, bool written)
         in->sample[i].table = name.table;
         in->sample[i].id = name.id;
     }
-    apc_core_compute(r->controller, now, r->index++, have, &r->notice);
+    apc_controller_compute(r->controller, now, r->index++, have, &r->notice);
     r->n = out->n_samples;
     assert_in_range(r->n, 0, MAX_OUT);
     memcpy(r->out, out->sample, r->n * sizeof(*r->out));
@@ -116,7 +116,7 @@ static const struct apc_sample *any_tick(struct rig *r, bool have)
 {
     r->mono += PERIOD;
     compute(r, (struct apc_now){.mono = r->mono, .utc = T0 + r->mono + r->utc_step}, have, true);
-    apc_core_update(r->controller, 1);
+    apc_controller_update(r->controller, 1);
     return find(r, APC_ACTUATOR, 1);
 }
 
@@ -138,24 +138,25 @@ static const struct apc_sample *measured_tick(struct rig *r, double y)
 
 static void make_sized(struct rig *r, const struct apc_law *law, struct apc_dim dim)
 {
-    const struct apc_core_setpoint z[] = {{.id = 1, .low = -1e4, .high = 1e4},
-                                          {.id = 2, .low = -1e4, .high = 1e4}};
-    const struct apc_core_loop loop = {
+    const struct apc_controller_setpoint z[] = {{.id = 1, .low = -1e4, .high = 1e4},
+                                                {.id = 2, .low = -1e4, .high = 1e4}};
+    const struct apc_controller_loop loop = {
         .id = 1, .mode = 1, .low = -1.0, .high = 2.0, .fault = FAULT, .hold = HOLD};
-    const struct apc_core_options o = {.size = sizeof(o),
-                                       .law = law,
-                                       .dim = dim,
-                                       .period = PERIOD,
-                                       .horizon = HORIZON,
-                                       .z = z,
-                                       .loop = &loop};
+    const struct apc_controller_options o = {.size = sizeof(o),
+                                             .law = law,
+                                             .dim = dim,
+                                             .period = PERIOD,
+                                             .horizon = HORIZON,
+                                             .z = z,
+                                             .loop = &loop};
     struct apc_error why = {""};
 
     *r = (struct rig){0};
-    if (apc_core_create(&r->controller, &o, &why) < 0)
+    if (apc_controller_create(&r->controller, &o, &why) < 0)
         fail_msg("%s", why.text);
-    assert_in_range(apc_core_in(r->controller)->n_samples, 1, INPUTS + 8);
-    memcpy(r->in, apc_core_in(r->controller)->sample, apc_core_in(r->controller)->n_samples * sizeof(*r->in));
+    assert_in_range(apc_controller_in(r->controller)->n_samples, 1, INPUTS + 8);
+    memcpy(r->in, apc_controller_in(r->controller)->sample,
+           apc_controller_in(r->controller)->n_samples * sizeof(*r->in));
 }
 
 static void make(struct rig *r, const struct apc_law *law)
@@ -176,7 +177,7 @@ static int set_up(void **state)
 
 static int tear_down(void **state)
 {
-    apc_core_destroy(((struct rig *)*state)->controller);
+    apc_controller_destroy(((struct rig *)*state)->controller);
     return 0;
 }
 
@@ -239,7 +240,8 @@ static void it_names_what_it_reads_and_writes(void **state)
     } of[INPUTS] = {{APC_SENSOR, 1}, {APC_SETPOINT, 1}, {APC_OPMODE, 1}, {APC_MANUAL, 1}, {APC_TUNING, 1},
                     {APC_TUNING, 2}, {APC_TUNING, 3},   {APC_TUNING, 4}, {APC_TUNING, 5}, {APC_ACTUATOR, 1}};
     struct rig *r = *state;
-    const struct apc_rows *in = apc_core_in(r->controller), *former = apc_core_former(r->controller);
+    const struct apc_rows *in = apc_controller_in(r->controller),
+                          *former = apc_controller_former(r->controller);
 
     assert_int_equal(in->n_samples, INPUTS);
     assert_int_equal(in->n_vectors, 0);
@@ -464,7 +466,7 @@ static void refused_tuning_touches_nothing(void **state)
         assert_near(a->value, b->value, 0.0);
         assert_int_equal(r->notice.kind == APC_NOTICE_REJECTED, k == 5);
     }
-    apc_core_destroy(other.controller);
+    apc_controller_destroy(other.controller);
 }
 
 /* A controller that finds contradictory or wrong rows at its start has the experiment's tuning, not the
@@ -473,21 +475,21 @@ static void with_no_good_tuning_in_the_store_it_has_the_experiments(void **state
 {
     const double tuning[] = {0.25, 1e9, 0.0, -1e9, 1e9};
     struct apc_param param[5];
-    struct apc_core_options o = {.size = sizeof(o),
-                                 .law = &apc_law_pi,
-                                 .dim = {1, 1, 1, 0},
-                                 .period = PERIOD,
-                                 .horizon = HORIZON,
-                                 .param = param,
-                                 .start = tuning};
+    struct apc_controller_options o = {.size = sizeof(o),
+                                       .law = &apc_law_pi,
+                                       .dim = {1, 1, 1, 0},
+                                       .period = PERIOD,
+                                       .horizon = HORIZON,
+                                       .param = param,
+                                       .start = tuning};
     struct rig r = {0};
     struct apc_error why = {""};
 
     (void)state;
     memcpy(param, apc_law_pi.tuning, sizeof(param));
     param[0].high = 0.5;
-    assert_int_equal(apc_core_create(&r.controller, &o, NULL), 0);
-    memcpy(r.in, apc_core_in(r.controller)->sample, INPUTS * sizeof(*r.in));
+    assert_int_equal(apc_controller_create(&r.controller, &o, NULL), 0);
+    memcpy(r.in, apc_controller_in(r.controller)->sample, INPUTS * sizeof(*r.in));
     set(&r, Z, 1.0);
     set(&r, MODE, APC_MODE_AUTO);
     set(&r, U_MIN, 5.0);
@@ -500,7 +502,7 @@ static void with_no_good_tuning_in_the_store_it_has_the_experiments(void **state
     set(&r, KP, 0.5);
     measured_tick(&r, -1.0);
     assert_near(measured_tick(&r, -2.0)->value, 0.5 + 0.5, 1e-6);
-    apc_core_destroy(r.controller);
+    apc_controller_destroy(r.controller);
     for (int what = 0; what < 5; what++) {
         static const double wrong[][5] = {
             {0.6, 1, 0, 0, 1}, {0.1, 1, 0, 1, 0}, {0.1, 1, 0, 0, 1}, {0.1, 1, 0, 0, 1}, {0.1, 1, 0, 0, 1}};
@@ -514,7 +516,7 @@ static void with_no_good_tuning_in_the_store_it_has_the_experiments(void **state
             param[2].low = -1e10;
         if (what == 4)
             param[2].low = param[2].high + 1.0;
-        assert_int_equal(apc_core_create(&r.controller, &o, &why), what == 1 ? APC_ERANGE : APC_EINVAL);
+        assert_int_equal(apc_controller_create(&r.controller, &o, &why), what == 1 ? APC_ERANGE : APC_EINVAL);
         assert_non_null(strstr(why.text, what == 0 ? "Kp" : what == 1 ? "u_min" : "u_bar"));
     }
 }
@@ -569,7 +571,7 @@ static void a_mode_that_could_not_be_written_is_written_again(void **state)
     set(r, Y, 0);
     compute(r, (struct apc_now){.mono = S, .utc = T0 + S}, true, false);
     assert_int_equal(find(r, APC_ACTUAL, id)->seq, 1);
-    apc_core_update(r->controller, 0);
+    apc_controller_update(r->controller, 0);
     measured_tick(r, 0);
     assert_int_equal(find(r, APC_ACTUAL, id)->seq, 2);
     measured_tick(r, 0);
@@ -750,7 +752,7 @@ static void what_the_output_is_held_for_is_said(void **state)
         }
         compute(&r, now, true, true);
         assert_int_equal(find(&r, APC_ACTUATOR, 1)->status, APC_GOOD);
-        apc_core_update(r.controller, 1);
+        apc_controller_update(r.controller, 1);
         if (strstr(lost[i].text, "Bad"))
             r.in[lost[i].which].status = APC_BAD;
         else if (strstr(lost[i].text, "missing"))
@@ -762,7 +764,7 @@ static void what_the_output_is_held_for_is_said(void **state)
         assert_int_equal(r.notice.kind, APC_NOTICE_HOLD);
         if (!strstr(r.notice.text, lost[i].text))
             fail_msg("\"%s\" does not say \"%s\"", r.notice.text, lost[i].text);
-        apc_core_destroy(r.controller);
+        apc_controller_destroy(r.controller);
     }
 }
 
@@ -824,7 +826,7 @@ static void a_clock_step_of_an_hour_changes_nothing(void **state)
         assert_near(a->value, b->value, 0.0);
         assert_int_equal(apc_status_severity(a->status), APC_SEVERITY_GOOD);
     }
-    apc_core_destroy(steady.controller);
+    apc_controller_destroy(steady.controller);
 }
 
 /* ---- Restart --------------------------------------------------------------------------------- */
@@ -837,7 +839,7 @@ static double disturbed(int k)
 /* What next, in place of r, finds in the store: r's newest rows. */
 static void read_stored(const struct rig *next, const struct rig *r)
 {
-    struct apc_rows *former = apc_core_former(next->controller);
+    struct apc_rows *former = apc_controller_former(next->controller);
     struct apc_vector *v = &former->vector[0];
     const struct apc_vector name = *v;
 
@@ -856,7 +858,8 @@ static void read_stored(const struct rig *next, const struct rig *r)
 /* next goes on in r's place. */
 static int take_over(struct rig *next, const struct rig *r)
 {
-    const size_t mine = apc_core_in(next->controller)->n_samples, its = apc_core_in(r->controller)->n_samples;
+    const size_t mine = apc_controller_in(next->controller)->n_samples,
+                 its = apc_controller_in(r->controller)->n_samples;
 
     next->mono = r->mono;
     next->index = r->index;
@@ -864,7 +867,7 @@ static int take_over(struct rig *next, const struct rig *r)
     next->n_actual = r->n_actual;
     next->in[mine - 1] = r->in[its - 1];
     read_stored(next, r);
-    return apc_core_resume(next->controller, T0);
+    return apc_controller_resume(next->controller, T0);
 }
 
 /* A second controller takes over from the first's rows after ten ticks; both then see the same. */
@@ -887,7 +890,7 @@ static void resume_and_compare(struct rig *r)
         assert_int_equal(r->tick.n, next.tick.n);
         assert_memory_equal(r->row, next.row, r->tick.n * sizeof(*r->row)); /* and all that it says */
     }
-    apc_core_destroy(next.controller);
+    apc_controller_destroy(next.controller);
 }
 
 static void a_restarted_controller_goes_on_bit_for_bit(void **state)
@@ -917,7 +920,7 @@ static void a_controller_restarted_after_the_plant_went_safe_begins_from_the_las
     memcpy(next.in, r->in, sizeof(next.in));
     next.mono = r->mono + 4 * PERIOD;
     assert_near(measured_tick(&next, -1.0)->value, u, 1e-14); /* the process has moved far meanwhile */
-    apc_core_destroy(next.controller);
+    apc_controller_destroy(next.controller);
 }
 
 /* How long it was away nobody knows then: what the plant does meanwhile must not be taken for one period. */
@@ -942,7 +945,7 @@ static void begins_from_the_last_output(void **state, apc_ns away, bool lost)
         assert_near(b->value, u, 1e-14);
     else /* as a controller that was never away */
         assert_near(b->value, measured_tick(r, -1.0)->value, 0.0);
-    apc_core_destroy(next.controller);
+    apc_controller_destroy(next.controller);
 }
 
 /* The plant follows its last output for three periods and 100 ms, not a nanosecond longer. */
@@ -970,7 +973,7 @@ static void restarted_with_the_clock_set_back_it_begins_from_the_last_output(voi
     memcpy(next.in, r->in, sizeof(next.in));
     next.utc_step = -2 * PERIOD;
     assert_near(measured_tick(&next, -1.0)->value, u, 1e-14);
-    apc_core_destroy(next.controller);
+    apc_controller_destroy(next.controller);
 }
 
 /* The operator's output of another run; or of this one, set before the controller was there. */
@@ -997,7 +1000,7 @@ static void only_an_operators_output_of_this_run_is_taken_up_at_the_start(void *
         struct rig next;
 
         make(&next, &apc_law_pi);
-        assert_int_equal(apc_core_resume(next.controller, of[i].since), 0); /* there is no tick row */
+        assert_int_equal(apc_controller_resume(next.controller, of[i].since), 0); /* there is no tick row */
         memcpy(next.in, r->in, sizeof(next.in));
         set(&next, MODE, APC_MODE_MAN);
         set(&next, MANUAL, 1.5);
@@ -1006,7 +1009,7 @@ static void only_an_operators_output_of_this_run_is_taken_up_at_the_start(void *
         assert_near(measured_tick(&next, 0.5)->value, of[i].taken ? 1.5 : FAULT, 0.0);
         set(&next, MANUAL, 1.5); /* now he means it */
         assert_near(measured_tick(&next, 0.5)->value, 1.5, 0.0);
-        apc_core_destroy(next.controller);
+        apc_controller_destroy(next.controller);
     }
 }
 
@@ -1025,7 +1028,7 @@ static void after_a_restart_in_man_an_older_output_of_the_operator_stays_old(voi
     memcpy(next.in, r->in, sizeof(next.in));
     set(&next, MODE, APC_MODE_MAN);
     assert_near(measured_tick(&next, 0.3)->value, u, 0.0);
-    apc_core_destroy(next.controller);
+    apc_controller_destroy(next.controller);
 }
 
 /* ---- An answer that was lost ------------------------------------------------------------------- */
@@ -1036,7 +1039,7 @@ static void unanswered_tick(struct rig *r, double y, bool written)
     set(r, Y, y);
     r->mono += PERIOD;
     compute(r, (struct apc_now){r->mono, T0 + r->mono}, true, written);
-    apc_core_update(r->controller, -1);
+    apc_controller_update(r->controller, -1);
 }
 
 static void an_output_acts_when_it_was_written_whether_or_not_the_answer_came(void **state)
@@ -1069,8 +1072,8 @@ static void an_output_acts_when_it_was_written_whether_or_not_the_answer_came(vo
                         find(told, APC_ACTUATOR, 1)->value - 0.2 * 2.0 / 10.0 * 0.8, 1e-14);
         for (int k = 0; k < 3; k++)
             assert_near(measured_tick(&lost, 0.1)->value, measured_tick(told, 0.1)->value, 0.0);
-        apc_core_destroy(lost.controller);
-        apc_core_destroy(refused.controller);
+        apc_controller_destroy(lost.controller);
+        apc_controller_destroy(refused.controller);
     }
 }
 
@@ -1094,7 +1097,7 @@ static void tuning_changed_while_it_was_down_gives_no_bump(void **state)
         set(&next, KP, gains[i]);
         assert_near(measured_tick(&next, 0.5)->value, u + 0.2 * 2.0 / 10.0 * 0.5, 1e-14); /* as had it run */
         assert_near(measured_tick(&next, 0.5)->value, u + (0.2 + gains[i]) * 2.0 / 10.0 * 0.5, 1e-14);
-        apc_core_destroy(next.controller);
+        apc_controller_destroy(next.controller);
     }
 }
 
@@ -1114,7 +1117,7 @@ static void a_row_that_is_not_whole_or_another_runs_is_not_taken_but_seq_counts_
         memcpy(next.actual, r->actual, sizeof(next.actual));
         next.n_actual = r->n_actual;
         read_stored(&next, r);
-        v = &apc_core_former(next.controller)->vector[0];
+        v = &apc_controller_former(next.controller)->vector[0];
         if (what == 0)
             v->status = APC_BAD;
         else if (what == 1)
@@ -1127,12 +1130,12 @@ static void a_row_that_is_not_whole_or_another_runs_is_not_taken_but_seq_counts_
             v->n = 0;
         else if (what == 5)
             v->value[v->n - 1] = HUGE_VAL;
-        assert_int_equal(apc_core_resume(next.controller, what == 6 ? r->tick.time + 1 : T0), 0);
+        assert_int_equal(apc_controller_resume(next.controller, what == 6 ? r->tick.time + 1 : T0), 0);
         measured_tick(&next, 0.5);
         assert_near(find(&next, APC_ACTUATOR, 1)->value, 0.1, 1e-15);
         assert_int_equal(find(&next, APC_ACTUATOR, 1)->seq, 11);
         assert_int_equal(next.tick.seq, 11);
-        apc_core_destroy(next.controller);
+        apc_controller_destroy(next.controller);
     }
 }
 
@@ -1188,8 +1191,8 @@ static void another_law_goes_on_from_the_last_output_in_man_and_in_auto(void **s
         memcpy(back.in, r->in, sizeof(back.in));
         set(&back, MODE, mode);
         assert_near(measured_tick(&back, 0.3)->value, 0.5, 1e-14);
-        apc_core_destroy(high.controller);
-        apc_core_destroy(back.controller);
+        apc_controller_destroy(high.controller);
+        apc_controller_destroy(back.controller);
     }
 }
 
@@ -1211,7 +1214,7 @@ static void a_law_of_as_many_states_but_another_name_does_not_take_the_state(voi
     set(&next, MODE, APC_MODE_MAN);
     measured_tick(&next, 0.3);
     assert_near(field(&next, APC_TICK_X)[0], 0.0, 0.0);
-    apc_core_destroy(next.controller);
+    apc_controller_destroy(next.controller);
 }
 
 static void with_other_dimensions_it_starts_anew(void **state)
@@ -1223,8 +1226,8 @@ static void with_other_dimensions_it_starts_anew(void **state)
     measured_tick(r, 0.5);
     make_sized(&next, &stateless, (struct apc_dim){2, 1, 1, 0});
     read_stored(&next, r);
-    assert_int_equal(apc_core_resume(next.controller, T0), 0);
-    apc_core_destroy(next.controller);
+    assert_int_equal(apc_controller_resume(next.controller, T0), 0);
+    apc_controller_destroy(next.controller);
 }
 
 static void a_restart_while_the_measurement_is_lost_holds_the_old_output(void **state)
@@ -1239,7 +1242,7 @@ static void a_restart_while_the_measurement_is_lost_holds_the_old_output(void **
     next.in[Y].status = APC_BAD;
     assert_near(tick(&next)->value, u, 0.0);
     assert_int_equal(find(&next, APC_ACTUATOR, 1)->status, APC_UNCERTAIN_LAST_USABLE);
-    apc_core_destroy(next.controller);
+    apc_controller_destroy(next.controller);
 }
 
 /* ---- A law that fails ------------------------------------------------------------------------ */
@@ -1279,7 +1282,7 @@ static void a_law_that_gives_no_finite_number_is_held_and_begins_anew(void **sta
         assert_int_equal(u->sensor_seq, 0); /* computed from nothing that is there now */
         assert_int_equal(u->setpoint_seq, 0);
         assert_int_equal(r.notice.kind, APC_NOTICE_REJECTED);
-        assert_int_equal(apc_core_failures(r.controller), (int)z - 5);
+        assert_int_equal(apc_controller_failures(r.controller), (int)z - 5);
         snprintf(count, sizeof(count), "(%d)", (int)z - 5);
         assert_non_null(strstr(r.notice.text, count));
         set(&r, Z, 1.0);
@@ -1288,51 +1291,51 @@ static void a_law_that_gives_no_finite_number_is_held_and_begins_anew(void **sta
         assert_int_equal(u->status, APC_GOOD);
         assert_int_equal(r.notice.kind, APC_NOTICE_RECOVERED);
     }
-    apc_core_destroy(r.controller);
+    apc_controller_destroy(r.controller);
 }
 
 static void a_controller_that_could_not_work_is_refused(void **state)
 {
     const double high = -1.0;
-    const struct apc_core_options good = {
+    const struct apc_controller_options good = {
         .size = sizeof(good), .law = &apc_law_pi, .dim = {1, 1, 1, 0}, .period = PERIOD, .horizon = HORIZON};
-    struct apc_core_options o = good;
-    struct apc_core *c = NULL;
+    struct apc_controller_options o = good;
+    struct apc_controller *c = NULL;
     struct apc_error why = {""};
 
     (void)state;
     o.dim.nz = 2;
-    assert_int_equal(apc_core_create(&c, &o, &why), APC_EINVAL);
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "2 setpoints"));
     o = good;
-    o.loop = &(const struct apc_core_loop){
+    o.loop = &(const struct apc_controller_loop){
         .id = 1, .mode = 1, .low = -HUGE_VAL, .high = high}; /* a fault value of 0 lies outside */
-    assert_int_equal(apc_core_create(&c, &o, &why), APC_EINVAL);
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
     o = good;
     o.law = NULL;
-    assert_int_equal(apc_core_create(&c, &o, &why), APC_EINVAL);
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
     o = good;
     o.n_setting = 1; /* the PI has none */
     o.setting = &(const struct apc_setting){"measurement", NULL, 1, 1, &high};
-    assert_int_equal(apc_core_create(&c, &o, &why), APC_EINVAL);
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "\"measurement\""));
     o.law = &apc_law_pid; /* has it, but there is no measurement -1 */
-    assert_int_equal(apc_core_create(&c, &o, &why), APC_EINVAL);
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
     o = good;
     o.law = &apc_law_lqg; /* needs a model */
-    assert_int_equal(apc_core_create(&c, &o, &why), APC_EINVAL);
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
     o = good;
     o.period = 0;
-    assert_int_equal(apc_core_create(&c, &o, &why), APC_EINVAL);
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
     o = good;
     o.horizon = -1;
-    assert_int_equal(apc_core_create(&c, &o, &why), APC_EINVAL);
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
     assert_null(c);
     o = good;
-    o.loop = &(const struct apc_core_loop){.id = 1, .mode = 1, .low = -1.0, .high = 1.0, .hold = -1};
-    assert_int_equal(apc_core_create(&c, &o, &why), APC_EINVAL);
-    assert_int_equal(apc_core_create(NULL, &good, &why), APC_EINVAL);
-    apc_core_destroy(NULL);
+    o.loop = &(const struct apc_controller_loop){.id = 1, .mode = 1, .low = -1.0, .high = 1.0, .hold = -1};
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
+    assert_int_equal(apc_controller_create(NULL, &good, &why), APC_EINVAL);
+    apc_controller_destroy(NULL);
 }
 
 static int free_compute(struct apc_law_call *c)
@@ -1355,22 +1358,22 @@ static void dimensions_and_periods_have_bounds_and_reach_them(void **state)
         {8192, 0, 1, 0}, {1, 8192, 1, 0}, {1, 1, 8192, 0}, {1, 0, 1, 0}, {1, 0, 1, 8192}};
     const apc_ns year = INT64_C(366) * 86400 * S;
     struct apc_law law = {.abi = APC_LAW_ABI, .name = "free", .compute = free_compute};
-    const struct apc_core_options good = {
+    const struct apc_controller_options good = {
         .size = sizeof(good), .law = &law, .dim = {1, 0, 1, 0}, .period = PERIOD, .horizon = HORIZON};
-    struct apc_core_options o = good;
-    struct apc_core *c = NULL;
+    struct apc_controller_options o = good;
+    struct apc_controller *c = NULL;
     struct apc_error why = {""};
 
     (void)state;
     for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
         o.dim = bad[i];
-        assert_int_equal(apc_core_create(&c, &o, &why), APC_EINVAL);
+        assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
         assert_non_null(strstr(why.text, "none may exceed 8192, ny and nu not be 0"));
     }
     for (size_t i = 0; i < sizeof(fine) / sizeof(fine[0]); i++) {
         o.dim = fine[i];
-        assert_int_equal(apc_core_create(&c, &o, &why), 0);
-        apc_core_destroy(c);
+        assert_int_equal(apc_controller_create(&c, &o, &why), 0);
+        apc_controller_destroy(c);
     }
     o.dim = good.dim;
     for (int what = 0; what < 2; what++) {
@@ -1378,21 +1381,21 @@ static void dimensions_and_periods_have_bounds_and_reach_them(void **state)
 
         o = good;
         *of = year + 1;
-        assert_int_equal(apc_core_create(&c, &o, &why), APC_EINVAL);
+        assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
         assert_non_null(strstr(why.text, "366 days"));
         *of = year;
-        assert_int_equal(apc_core_create(&c, &o, &why), 0);
-        apc_core_destroy(c);
+        assert_int_equal(apc_controller_create(&c, &o, &why), 0);
+        apc_controller_destroy(c);
         *of = 1;
-        assert_int_equal(apc_core_create(&c, &o, &why), 0);
-        apc_core_destroy(c);
+        assert_int_equal(apc_controller_create(&c, &o, &why), 0);
+        apc_controller_destroy(c);
     }
     o = good;
     law.n_state = a_million;
-    assert_int_equal(apc_core_create(&c, &o, &why), 0);
-    apc_core_destroy(c);
+    assert_int_equal(apc_controller_create(&c, &o, &why), 0);
+    apc_controller_destroy(c);
     o.dim.nz = 1;
-    assert_int_equal(apc_core_create(&c, &o, &why), APC_EINVAL);
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "wants 1000001 states"));
 }
 

@@ -2,7 +2,7 @@
 /* Two controllers on one store: the one above moves the setpoint of the one below, a PI over a PI. */
 #include "check.h"
 
-#include "modules/core.h"
+#include "modules/controller.h"
 
 #include <math.h>
 #include <string.h>
@@ -22,7 +22,7 @@ enum { R = 1, W = 2 }; /* setpoints: below, above */
 
 /* What is stored: the newest row of each variable, the newest tick row of each controller. */
 struct world {
-    struct apc_core *core[CORES]; /* NULL: killed */
+    struct apc_controller *core[CORES]; /* NULL: killed */
     struct apc_sample row[ROOM];
     size_t n;
     struct apc_vector tick[CORES];
@@ -64,38 +64,38 @@ static enum apc_mode actual(struct world *w, int loop)
 
 static void start(struct world *w, int which)
 {
-    const struct apc_core_setpoint z = {.id = which == BASE ? R : W,
-                                        .low = -100.0,
-                                        .high = 100.0,
-                                        .above = which == BASE ? 2 : 0,
-                                        .above_period = ABOVE * STEP};
-    const struct apc_core_loop base = {.name = "v", .id = 1, .mode = 1, .low = -2.0, .high = 2.0},
-                               upper = {.name = "r",
-                                        .id = 2,
-                                        .mode = 2,
-                                        .low = -100.0,
-                                        .high = 100.0,
-                                        .setpoint = R,
-                                        .below = 1,
-                                        .below_tick = 1,
-                                        .below_period = BELOW * STEP};
+    const struct apc_controller_setpoint z = {.id = which == BASE ? R : W,
+                                              .low = -100.0,
+                                              .high = 100.0,
+                                              .above = which == BASE ? 2 : 0,
+                                              .above_period = ABOVE * STEP};
+    const struct apc_controller_loop base = {.name = "v", .id = 1, .mode = 1, .low = -2.0, .high = 2.0},
+                                     upper = {.name = "r",
+                                              .id = 2,
+                                              .mode = 2,
+                                              .low = -100.0,
+                                              .high = 100.0,
+                                              .setpoint = R,
+                                              .below = 1,
+                                              .below_tick = 1,
+                                              .below_period = BELOW * STEP};
     double tuning[] = {which == BASE ? w->gain : 0.5, which == BASE ? 3.0 : 15.0, 0.0, -1e9, 1e9};
-    const struct apc_core_options o = {.size = sizeof(o),
-                                       .number = 1 + which,
-                                       .law = &apc_law_pi,
-                                       .dim = {1, 1, 1, 0},
-                                       .period = (which == BASE ? BELOW : ABOVE) * STEP,
-                                       .horizon = 3 * STEP + 100 * MS,
-                                       .z = &z,
-                                       .loop = which == BASE ? &base : &upper,
-                                       .tuning = 1 + 10 * which,
-                                       .start = tuning};
+    const struct apc_controller_options o = {.size = sizeof(o),
+                                             .number = 1 + which,
+                                             .law = &apc_law_pi,
+                                             .dim = {1, 1, 1, 0},
+                                             .period = (which == BASE ? BELOW : ABOVE) * STEP,
+                                             .horizon = 3 * STEP + 100 * MS,
+                                             .z = &z,
+                                             .loop = which == BASE ? &base : &upper,
+                                             .tuning = 1 + 10 * which,
+                                             .start = tuning};
     struct apc_rows *former;
     struct apc_error why = {""};
 
-    if (apc_core_create(&w->core[which], &o, &why) < 0)
+    if (apc_controller_create(&w->core[which], &o, &why) < 0)
         fail_msg("%s", why.text);
-    former = apc_core_former(w->core[which]);
+    former = apc_controller_former(w->core[which]);
     for (size_t i = 0; i < former->n_samples; i++)
         former->sample[i] = *row(w, former->sample[i].table, former->sample[i].id);
     if (w->tick[which].seq > 0) {
@@ -105,12 +105,12 @@ static void start(struct world *w, int which)
         former->vector[0].n = w->tick[which].n;
         memcpy(former->vector[0].value, w->values[which], w->tick[which].n * sizeof(double));
     }
-    assert_int_equal(apc_core_resume(w->core[which], T0), w->tick[which].seq > 0);
+    assert_int_equal(apc_controller_resume(w->core[which], T0), w->tick[which].seq > 0);
 }
 
 static void end(struct world *w, int which)
 {
-    apc_core_destroy(w->core[which]);
+    apc_controller_destroy(w->core[which]);
     w->core[which] = NULL;
 }
 
@@ -128,7 +128,7 @@ static void make(struct world *w, double gain)
 /* As a store does it: a setpoint only where the row knows the newest. */
 static void append(struct world *w, int which)
 {
-    struct apc_rows *out = apc_core_out(w->core[which]);
+    struct apc_rows *out = apc_controller_out(w->core[which]);
 
     for (size_t i = 0; i < out->n_samples; i++) {
         struct apc_sample *s = &out->sample[i], *to = row(w, s->table, s->id);
@@ -148,7 +148,7 @@ static void append(struct world *w, int which)
 
 static void tick(struct world *w, int which)
 {
-    struct apc_rows *in = apc_core_in(w->core[which]);
+    struct apc_rows *in = apc_controller_in(w->core[which]);
     struct apc_notice notice;
 
     for (size_t i = 0; i < in->n_samples; i++)
@@ -157,14 +157,14 @@ static void tick(struct world *w, int which)
         in->vector[i].seq = w->tick[in->vector[i].id - 1].seq;
         in->vector[i].time = w->tick[in->vector[i].id - 1].time;
     }
-    apc_core_compute(w->core[which], (struct apc_now){w->t, T0 + w->t},
-                     w->step / (which == BASE ? BELOW : ABOVE), true, &notice);
+    apc_controller_compute(w->core[which], (struct apc_now){w->t, T0 + w->t},
+                           w->step / (which == BASE ? BELOW : ABOVE), true, &notice);
     if (notice.kind != APC_NOTICE_NONE)
         w->notice[which] = notice;
     if (which == UPPER && w->hasty)
         put(w, APC_SETPOINT, R, 0.75);
     append(w, which);
-    apc_core_update(w->core[which], 1);
+    apc_controller_update(w->core[which], 1);
 }
 
 /* One step of the plant, y' = (u - y) / 2 s, and the ticks that are due; those below come first. */

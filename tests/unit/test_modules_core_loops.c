@@ -2,7 +2,7 @@
 /* Loops of one controller stand each by itself; restarts go on bit for bit, whatever state a loop is in. */
 #include "check.h"
 
-#include "modules/core.h"
+#include "modules/controller.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -18,7 +18,7 @@
 
 /* Two loops of a PID, or another law of as many; what the store holds for them. */
 struct rig {
-    struct apc_core *core;
+    struct apc_controller *core;
     struct apc_sample in[MAX], actual[MAX], out[MAX];
     size_t n_in, n_out, n_actual;
     double row[MAX];
@@ -71,38 +71,38 @@ static void set(struct rig *r, enum apc_table table, int id, double value)
 
 static void make_so(struct rig *r, const struct apc_law *law, double rate, const bool *spare)
 {
-    const struct apc_core_loop loop[LOOPS] = {{.name = "v1",
-                                               .id = 1,
-                                               .mode = 1,
-                                               .low = -1.0,
-                                               .high = 2.0,
-                                               .rate = rate,
-                                               .fault = fault[0],
-                                               .hold = HOLD},
-                                              {.name = "v2",
-                                               .id = 2,
-                                               .mode = 2,
-                                               .low = -1.0,
-                                               .high = 2.0,
-                                               .rate = rate,
-                                               .fault = fault[1],
-                                               .hold = HOLD}};
-    const struct apc_core_options o = {.size = sizeof(o),
-                                       .number = 7,
-                                       .law = law,
-                                       .dim = {LOOPS, LOOPS, LOOPS, 0},
-                                       .period = PERIOD,
-                                       .horizon = HORIZON,
-                                       .spare = spare,
-                                       .loop = loop};
+    const struct apc_controller_loop loop[LOOPS] = {{.name = "v1",
+                                                     .id = 1,
+                                                     .mode = 1,
+                                                     .low = -1.0,
+                                                     .high = 2.0,
+                                                     .rate = rate,
+                                                     .fault = fault[0],
+                                                     .hold = HOLD},
+                                                    {.name = "v2",
+                                                     .id = 2,
+                                                     .mode = 2,
+                                                     .low = -1.0,
+                                                     .high = 2.0,
+                                                     .rate = rate,
+                                                     .fault = fault[1],
+                                                     .hold = HOLD}};
+    const struct apc_controller_options o = {.size = sizeof(o),
+                                             .number = 7,
+                                             .law = law,
+                                             .dim = {LOOPS, LOOPS, LOOPS, 0},
+                                             .period = PERIOD,
+                                             .horizon = HORIZON,
+                                             .spare = spare,
+                                             .loop = loop};
     struct apc_error why = {""};
 
     *r = (struct rig){0};
-    if (apc_core_create(&r->core, &o, &why) < 0)
+    if (apc_controller_create(&r->core, &o, &why) < 0)
         fail_msg("%s", why.text);
-    r->n_in = apc_core_in(r->core)->n_samples;
+    r->n_in = apc_controller_in(r->core)->n_samples;
     assert_in_range(r->n_in, 1, MAX);
-    memcpy(r->in, apc_core_in(r->core)->sample, r->n_in * sizeof(*r->in));
+    memcpy(r->in, apc_controller_in(r->core)->sample, r->n_in * sizeof(*r->in));
     for (int id = 1; id <= LOOPS; id++) {
         set(r, APC_SETPOINT, id, 1.0);
         set(r, APC_OPMODE, id, APC_MODE_AUTO);
@@ -138,12 +138,12 @@ enum fate { WRITTEN, REFUSED, UNANSWERED, LOST /* and the shell does not know ei
 
 static void tick(struct rig *r, enum fate fate)
 {
-    const struct apc_rows *out = apc_core_out(r->core);
+    const struct apc_rows *out = apc_controller_out(r->core);
     static const int known[] = {[WRITTEN] = 1, [REFUSED] = 0, [UNANSWERED] = -1, [LOST] = -1};
 
     r->mono += PERIOD;
-    memcpy(apc_core_in(r->core)->sample, r->in, r->n_in * sizeof(*r->in));
-    apc_core_compute(r->core, (struct apc_now){r->mono, T0 + r->mono}, r->index++, true, &r->notice);
+    memcpy(apc_controller_in(r->core)->sample, r->in, r->n_in * sizeof(*r->in));
+    apc_controller_compute(r->core, (struct apc_now){r->mono, T0 + r->mono}, r->index++, true, &r->notice);
     r->n_out = out->n_samples;
     assert_in_range(r->n_out, 0, MAX);
     memcpy(r->out, out->sample, r->n_out * sizeof(*r->out));
@@ -155,7 +155,7 @@ static void tick(struct rig *r, enum fate fate)
         r->tick = out->vector[0];
         memcpy(r->row, r->tick.value, r->tick.n * sizeof(*r->row));
     }
-    apc_core_update(r->core, known[fate]);
+    apc_controller_update(r->core, known[fate]);
 }
 
 static double u(const struct rig *r, int id)
@@ -182,7 +182,7 @@ static void restart(struct rig *r, const struct apc_law *law)
     next.n_actual = r->n_actual;
     next.mono = r->mono;
     next.index = r->index;
-    former = apc_core_former(next.core);
+    former = apc_controller_former(next.core);
     for (size_t i = 0; i < former->n_samples; i++) {
         for (size_t k = 0; k < r->n_actual; k++) {
             if (r->actual[k].id == former->sample[i].id)
@@ -197,14 +197,14 @@ static void restart(struct rig *r, const struct apc_law *law)
         former->vector[0].n = r->tick.n;
         memcpy(former->vector[0].value, r->row, r->tick.n * sizeof(*r->row));
     }
-    assert_int_equal(apc_core_resume(next.core, T0), r->tick.seq > 0);
-    apc_core_destroy(r->core);
+    assert_int_equal(apc_controller_resume(next.core, T0), r->tick.seq > 0);
+    apc_controller_destroy(r->core);
     *r = next;
 }
 
 static void end(struct rig *r)
 {
-    apc_core_destroy(r->core);
+    apc_controller_destroy(r->core);
 }
 
 /* ---- Chance --------------------------------------------------------------------------------- */
@@ -440,7 +440,7 @@ static void good_answers_and_those_of_need_go_out_and_others_are_held(void **sta
         assert_int_equal(r.notice.kind, of[i].usable ? APC_NOTICE_NONE : APC_NOTICE_REJECTED);
         if (of[i].result == APC_LAW_INFEASIBLE)
             assert_non_null(strstr(r.notice.text, "law answering no way out"));
-        assert_int_equal(apc_core_failures(r.core), !of[i].usable);
+        assert_int_equal(apc_controller_failures(r.core), !of[i].usable);
         set(&r, APC_SETPOINT, 1, APC_LAW_GOOD);
         measured_tick(&r, 0.0, 0.0);
         assert_near(u(&r, 1), of[i].usable ? 0.375 : 0.125, 0.0); /* from where it was held */

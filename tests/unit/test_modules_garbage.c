@@ -5,7 +5,8 @@
  */
 #include "check.h"
 
-#include "apcmodules.h"
+#include "base/base_internal.h"
+#include "modules/controller.h"
 
 #include <stdlib.h>
 
@@ -14,8 +15,6 @@
 #define LOW   (-1.5)
 #define HIGH  2.5
 #define TICKS 200000
-
-enum { IN = 2 + 2 + 1 + 10 + 2 + 1, OUT = 2 + 12 + 1 };
 
 static uint64_t seed;
 
@@ -66,80 +65,156 @@ static void calm(struct apc_sample *s, struct apc_now now)
     s->value = s->table == APC_OPMODE ? 1.0 : 1.0 + (double)chance(100) / 100.0;
 }
 
-/* How many outputs were computed, held, at the fault value: all three must have been tried. */
+/* How many outputs were computed, held, at the fault value, how many runs went on: all must have been tried.
+ */
 struct tally {
     int64_t seq[2];
-    int computed, held, fault;
+    int computed, held, fault, resumed;
 };
 
-static void check(const struct apc_sample *out, int n, struct tally *t)
+static void check(const struct apc_controller *c, const struct apc_rows *out, struct tally *t)
 {
-    assert_in_range(n, 0, OUT);
-    for (int i = 0; i < n; i++) {
-        if (!(fabs(out[i].value) < APC_VALUE_MAX))
-            fail_msg("table %d id %d: %g", (int)out[i].table, out[i].id, out[i].value);
-        if (out[i].table != APC_ACTUATOR)
+    for (size_t i = 0; i < out->n_samples; i++) {
+        const struct apc_sample *s = &out->sample[i];
+
+        if (!(fabs(s->value) < APC_VALUE_MAX))
+            fail_msg("table %d id %d: %g", (int)s->table, s->id, s->value);
+        assert_in_range(s->seq, 1, APC_SEQ_MAX);
+        if (s->table != APC_ACTUATOR)
             continue;
-        if (!(out[i].value >= LOW && out[i].value <= HIGH))
-            fail_msg("actuator %d: %g", out[i].id, out[i].value);
-        assert_true(out[i].seq > t->seq[out[i].id - 1]);
-        t->seq[out[i].id - 1] = out[i].seq;
-        t->computed += out[i].sensor_seq && out[i].status == APC_GOOD;
-        t->held += out[i].status == APC_UNCERTAIN_LAST_USABLE;
-        t->fault += out[i].status == APC_UNCERTAIN_SUBSTITUTE;
+        if (!(s->value >= LOW && s->value <= HIGH))
+            fail_msg("actuator %d: %g", s->id, s->value);
+        assert_true(s->seq > t->seq[s->id - 1]);
+        t->seq[s->id - 1] = s->seq;
+        t->computed += c->state[s->id - 1].loop.state == APC_LOOP_AUTO;
+        t->held += s->status == APC_UNCERTAIN_LAST_USABLE;
+        t->fault += s->status == APC_UNCERTAIN_SUBSTITUTE;
     }
+    for (size_t i = 0; i < out->n_vectors; i++)
+        assert_true(apc_values_ok(out->vector[i].value, out->vector[i].n));
 }
 
-static void no_input_makes_an_output_that_is_not_finite_or_outside_its_limits(void **state)
+static struct apc_controller *make(void)
 {
-    const double low[] = {LOW, LOW}, high[] = {HIGH, HIGH}, fault[] = {-1.0, 1.0};
+    static const struct apc_controller_loop loop[] = {
+        {.id = 1, .mode = 1, .low = LOW, .high = HIGH, .fault = -1.0},
+        {.id = 2, .mode = 2, .low = LOW, .high = HIGH, .fault = 1.0, .rate = 0.5}};
     const struct apc_controller_options o = {.size = sizeof(o),
                                              .law = &apc_law_pi,
                                              .dim = {2, 2, 2, 0},
                                              .period = S,
                                              .horizon = 3 * S,
-                                             .fault = fault,
-                                             .low = low,
-                                             .high = high};
-    const char *given = getenv("APC_TEST_SEED");
+                                             .loop = loop};
     struct apc_controller *c = NULL;
-    struct apc_sample in[IN], out[OUT];
+
+    assert_int_equal(apc_controller_create(&c, &o, NULL), 0);
+    return c;
+}
+
+/* Rows as the store has them: seqs only ever rise, and there are none of an output above what was put. */
+static void run(struct apc_controller *c, struct apc_now *now, int ticks, struct tally *t)
+{
+    struct apc_rows *in = apc_controller_in(c);
+
+    for (int k = 0; k < ticks; k++) {
+        bool quiet = k / 50 % 3 == 0; /* let it control for a while, so that there is something to spoil */
+
+        now->mono += S;
+        now->utc = T0 + now->mono + (chance(50) ? 0 : (apc_ns)chance(7200) * S);
+        for (size_t i = 0; i < in->n_samples; i++) {
+            if (quiet)
+                calm(&in->sample[i], *now);
+            else if (chance(4) == 0)
+                spoil(&in->sample[i], *now);
+        }
+        apc_controller_compute(c, *now, (uint64_t)k, chance(20), NULL);
+        check(c, apc_controller_out(c), t);
+        apc_controller_update(c, (int)chance(3) - 1);
+    }
+}
+
+static void no_input_makes_an_output_that_is_not_finite_or_outside_its_limits(void **state)
+{
+    struct apc_controller *c = make();
     struct apc_now now = {.mono = S, .utc = T0};
     struct tally t = {0};
 
     (void)state;
-    seed = given ? strtoull(given, NULL, 10) : 20260131;
-    print_message("APC_TEST_SEED=%llu\n", (unsigned long long)seed);
-    assert_int_equal(apc_controller_create(&c, &o, NULL), 0);
-    assert_int_equal(apc_controller_size(c).in, IN);
-    assert_int_equal(apc_controller_size(c).out, OUT);
-    apc_controller_inputs(c, in);
-    for (int k = 0; k < TICKS; k++) {
-        bool quiet = k / 50 % 3 == 0; /* let it control for a while, so that there is something to spoil */
-        int n;
-
-        now.mono += S;
-        now.utc = T0 + now.mono + (chance(50) ? 0 : (apc_ns)chance(7200) * S);
-        for (int i = 0; i < IN; i++) {
-            if (quiet)
-                calm(&in[i], now);
-            else if (chance(4) == 0)
-                spoil(&in[i], now);
-        }
-        n = apc_controller_compute(c, now, chance(20) ? in : NULL, out, NULL);
-        check(out, n, &t);
-        if (chance(20))
-            apc_controller_update(c);
-    }
+    run(c, &now, TICKS, &t);
     print_message("%d computed, %d held, %d at the fault value\n", t.computed, t.held, t.fault);
     assert_true(t.computed > 1000 && t.held > 1000 && t.fault > 1000);
     apc_controller_destroy(c);
 }
 
+/* A number of a tick row that nobody has checked; @p wild: maybe one that is none. */
+static double any_field(double value, bool wild)
+{
+    static const double odd[] = {-1.0, 0.5, 255.0, 4294967296.0, 9007199254740992.0, -9007199254740993.0};
+
+    switch (chance(4)) {
+    case 0:
+        return odd[chance(sizeof(odd) / sizeof(odd[0]))];
+    case 1:
+        return wild ? any_value() : (double)chance(100) - 50.0;
+    default:
+        return value;
+    }
+}
+
+/* What a former run left, spoilt: another length, NaN, states that are none, seqs beyond all, from tomorrow.
+ */
+static void no_former_row_makes_an_output_that_is_not_finite_or_outside_its_limits(void **state)
+{
+    struct apc_now now = {.mono = S, .utc = T0};
+    struct tally all = {0};
+
+    (void)state;
+    for (int k = 0; k < 2000; k++) {
+        struct apc_controller *before = make(), *c = make();
+        struct apc_vector *row = apc_controller_former(c)->vector;
+        struct tally t = {0};
+        bool wild = chance(3) == 0;
+
+        run(before, &now, 3, &t);
+        *row = (struct apc_vector){.table = row->table,
+                                   .id = row->id,
+                                   .seq = before->out_row.seq,
+                                   .time = now.utc + ((apc_ns)chance(5) - 2) * 86400 * S / 2,
+                                   .n = chance(4) ? row->room : chance(2 * row->room),
+                                   .room = row->room,
+                                   .value = row->value};
+        for (uint32_t i = 0; i < row->room; i++)
+            row->value[i] = i < 2 && chance(4) ? before->row[i] : any_field(before->row[i], wild);
+        for (size_t i = 0; i < apc_controller_former(c)->n_samples; i++)
+            if (chance(2))
+                spoil(&apc_controller_former(c)->sample[i], now);
+        all.resumed += apc_controller_resume(c, chance(2) ? T0 : 0);
+        t = (struct tally){0};
+        run(c, &now, 20, &t);
+        all.computed += t.computed;
+        apc_controller_destroy(before);
+        apc_controller_destroy(c);
+    }
+    print_message("%d went on, %d outputs computed\n", all.resumed, all.computed);
+    assert_true(all.resumed > 100 && all.computed > 1000);
+}
+
+static int set_up(void **state)
+{
+    const char *given = getenv("APC_TEST_SEED");
+
+    (void)state;
+    seed = given ? strtoull(given, NULL, 10) : 20260131;
+    print_message("APC_TEST_SEED=%llu\n", (unsigned long long)seed);
+    return 0;
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(no_input_makes_an_output_that_is_not_finite_or_outside_its_limits),
+        cmocka_unit_test_setup(no_input_makes_an_output_that_is_not_finite_or_outside_its_limits, set_up),
+        cmocka_unit_test_setup(no_former_row_makes_an_output_that_is_not_finite_or_outside_its_limits,
+                               set_up),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

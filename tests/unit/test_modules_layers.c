@@ -7,7 +7,7 @@
 #include "check.h"
 
 #include "apcshareddata.h"
-#include "modules/core.h"
+#include "modules/controller.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -24,7 +24,7 @@ enum { R = 1, W = 2 };     /* setpoints: of the loop below, of the one above */
 enum fate { WRITTEN, LOST, UNANSWERED, LOST_UNANSWERED, FATES };
 
 struct station {
-    struct apc_core *core;
+    struct apc_controller *core;
     struct apc_law law;
     apc_ns period;
     enum fate fate;
@@ -169,39 +169,39 @@ static void make_since(struct plant *p, enum who who, apc_ns since)
     const double tuning[] = {upper ? 0.6 : 0.8 * p->sign, upper ? 4.0 : 2.0, 0.0, -1e9, 1e9};
     const int y = (int)who + 1;
     struct apc_law law = apc_law_pi;
-    const struct apc_core_setpoint z = {
+    const struct apc_controller_setpoint z = {
         .id = upper ? W : R, .low = -5, .high = 5, .above = upper ? 0 : UPPER + 1, .above_period = TOP};
-    const struct apc_core_loop loop = {.id = y,
-                                       .mode = y,
-                                       .low = upper ? -5 : -1,
-                                       .high = upper ? 5 : 1,
-                                       .fault = upper ? 0 : -1,
-                                       .setpoint = upper ? R : 0,
-                                       .below = upper ? LOWER + 1 : 0,
-                                       .below_tick = upper ? LOWER + 1 : 0,
-                                       .below_period = BASE};
-    const struct apc_core_options o = {.size = sizeof(o),
-                                       .number = y,
-                                       .law = &p->station[who].law,
-                                       .dim = {1, 1, 1, 0},
-                                       .period = upper ? TOP : BASE,
-                                       .horizon = LOSS(BASE),
-                                       .y = &y,
-                                       .z = &z,
-                                       .loop = &loop,
-                                       .tuning = 100 * y,
-                                       .start = tuning};
+    const struct apc_controller_loop loop = {.id = y,
+                                             .mode = y,
+                                             .low = upper ? -5 : -1,
+                                             .high = upper ? 5 : 1,
+                                             .fault = upper ? 0 : -1,
+                                             .setpoint = upper ? R : 0,
+                                             .below = upper ? LOWER + 1 : 0,
+                                             .below_tick = upper ? LOWER + 1 : 0,
+                                             .below_period = BASE};
+    const struct apc_controller_options o = {.size = sizeof(o),
+                                             .number = y,
+                                             .law = &p->station[who].law,
+                                             .dim = {1, 1, 1, 0},
+                                             .period = upper ? TOP : BASE,
+                                             .horizon = LOSS(BASE),
+                                             .y = &y,
+                                             .z = &z,
+                                             .loop = &loop,
+                                             .tuning = 100 * y,
+                                             .start = tuning};
     struct station *s = &p->station[who];
     struct apc_error why = {""};
 
     law.compute = compute;
     s->law = law;
-    if (apc_core_create(&s->core, &o, &why) < 0)
+    if (apc_controller_create(&s->core, &o, &why) < 0)
         fail_msg("%s", why.text);
     s->period = o.period;
     s->pending = false;
-    assert_int_equal(apc_store_read_rows(p->store, apc_core_former(s->core)), 0);
-    if (apc_core_resume(s->core, T0 + since))
+    assert_int_equal(apc_store_read_rows(p->store, apc_controller_former(s->core)), 0);
+    if (apc_controller_resume(s->core, T0 + since))
         p->restarts++;
     s->e = (double)NAN;
     note(p, who, "starts");
@@ -215,7 +215,7 @@ static void make(struct plant *p, enum who who)
 static void stop(struct plant *p, enum who who)
 {
     note(p, who, "killed");
-    apc_core_destroy(p->station[who].core);
+    apc_controller_destroy(p->station[who].core);
     p->station[who].core = NULL;
     p->station[who].pending = false;
 }
@@ -224,7 +224,7 @@ static void stop(struct plant *p, enum who who)
 static void check_step(struct plant *p, enum who who)
 {
     struct station *s = &p->station[who];
-    const struct apc_core_state *l = &s->core->state[0];
+    const struct apc_controller_state *l = &s->core->state[0];
     const double *k = s->core->tuning, u = s->core->u[0], e = s->core->z[0] - s->core->y[0];
     const double moved = fabs(u - s->u),
                  own = fabs(k[0] * (e - s->e)) + fabs(k[0] * s->core->Ts / k[1] * s->e);
@@ -259,7 +259,7 @@ static void check_setpoint(struct plant *p)
 static void reads(struct plant *p, enum who who)
 {
     struct station *s = &p->station[who];
-    struct apc_rows *in = apc_core_in(s->core);
+    struct apc_rows *in = apc_controller_in(s->core);
     const struct apc_now now = {p->now, T0 + p->now};
     const bool known = s->core->seq > 0;
 
@@ -269,16 +269,16 @@ static void reads(struct plant *p, enum who who)
     s->before = s->core->state[0].loop.state;
     s->z = s->core->z[0];
     if (who == UPPER) { /* what is in force counts, whoever put it there */
-        const struct apc_sample *r = apc_core_output(s->core, 0), *a = s->core->below[0].rows + 1;
+        const struct apc_sample *r = apc_controller_output(s->core, 0), *a = s->core->below[0].rows + 1;
         const bool good = (a->status & ~APC_GOOD_LIMITED_CONSTANT) == APC_GOOD;
         s->u = good ? r->value : a->value;
         s->there = a->seq > 0;
         s->other = s->core->u[0] < s->u || s->core->u[0] > s->u;
     } else {
-        s->u = apc_core_output(s->core, 0)->value;
+        s->u = apc_controller_output(s->core, 0)->value;
         s->there = s->core->state[0].there;
     }
-    apc_core_compute(s->core, now, (uint64_t)(p->now / s->period), true, NULL);
+    apc_controller_compute(s->core, now, (uint64_t)(p->now / s->period), true, NULL);
     check_step(p, who);
     if (who == LOWER && known)
         check_setpoint(p);
@@ -291,8 +291,8 @@ static void reads(struct plant *p, enum who who)
 /* What the loop above writes, it writes to a setpoint that is its own; and its answer is no step. */
 static void check_writes(struct plant *p)
 {
-    const struct apc_core *c = p->station[UPPER].core;
-    const struct apc_sample *out = apc_core_out(p->station[UPPER].core)->sample;
+    const struct apc_controller *c = p->station[UPPER].core;
+    const struct apc_sample *out = apc_controller_out(p->station[UPPER].core)->sample;
 
     if (!c->state[0].put)
         return;
@@ -300,14 +300,16 @@ static void check_writes(struct plant *p)
          "nothing is written to a setpoint that is Local");
     must(p, c->state[0].move.output != APC_PUT_FAULT, "no fault value is written to a setpoint");
     if (c->state[0].move.output == APC_PUT_BELOW)
-        must(p, out[0].value >= apc_core_output(c, 0)->value && out[0].value <= apc_core_output(c, 0)->value,
+        must(p,
+             out[0].value >= apc_controller_output(c, 0)->value &&
+                 out[0].value <= apc_controller_output(c, 0)->value,
              "an answer is no step");
 }
 
 static void appends(struct plant *p, enum who who)
 {
     struct station *s = &p->station[who];
-    const struct apc_rows *out = apc_core_out(s->core);
+    const struct apc_rows *out = apc_controller_out(s->core);
     static const int known[] = {[WRITTEN] = 1, [LOST] = 0, [UNANSWERED] = -1, [LOST_UNANSWERED] = -1};
     static const char *const what[] = {"appends", "lost", "unanswered", "vanished"};
     const enum apc_mode wanted = s->core->state[0].target;
@@ -321,7 +323,7 @@ static void appends(struct plant *p, enum who who)
     if (s->fate == WRITTEN || s->fate == UNANSWERED)
         if (apc_store_append_rows(p->store, out) < 0)
             fail_msg("%s", apc_store_error(p->store));
-    apc_core_update(s->core, known[s->fate]);
+    apc_controller_update(s->core, known[s->fate]);
     s->e = s->fate == WRITTEN ? s->core->z[0] - s->core->y[0] : (double)NAN;
     if (s->fate == WRITTEN || s->fate == UNANSWERED) {
         if (who == UPPER)
@@ -377,7 +379,7 @@ static void begin(struct plant *p, double sign, const char *uri)
 static void end(struct plant *p)
 {
     for (int who = LOWER; who <= UPPER; who++)
-        apc_core_destroy(p->station[who].core);
+        apc_controller_destroy(p->station[who].core);
     apc_store_close(p->store);
 }
 
@@ -489,7 +491,7 @@ static void heal(struct plant *p)
 
 static void must_be_owned(struct plant *p)
 {
-    const struct apc_core *lower = p->station[LOWER].core, *upper = p->station[UPPER].core;
+    const struct apc_controller *lower = p->station[LOWER].core, *upper = p->station[UPPER].core;
     const struct apc_sample r = newest(p, APC_SETPOINT, R);
     const enum apc_mode wanted = target(p, LOWER);
 
@@ -731,7 +733,7 @@ static void test_the_first_setpoint_is_taken_whoever_wrote_it(void **state)
     run(&p, 17);
     assert_true(newest(&p, APC_SETPOINT, R).origin > 0);
     r = in_force(&p);
-    apc_core_destroy(p.station[LOWER].core);
+    apc_controller_destroy(p.station[LOWER].core);
     p.station[LOWER].core = NULL;
     p.now += 1000 * APC_NS_PER_S; /* of another run */
     make_since(&p, LOWER, p.now);
@@ -850,18 +852,18 @@ static void test_cas_is_refused_where_nobody_is_above(void **state)
 static void test_nobody_is_answered_who_cannot_be_heard(void **state)
 {
     struct plant p;
-    struct apc_core *c;
+    struct apc_controller *c;
 
     (void)state;
     begin(&p, 1, "mem:deaf");
     run(&p, 1);
     c = p.station[UPPER].core;
     write_row(&p, APC_OPMODE, UPPER + 1, APC_SEQ_ANY, APC_MODE_MAN, APC_GOOD); /* needs no measurement */
-    assert_int_equal(apc_store_read_rows(p.store, apc_core_in(c)), 0);
-    apc_core_compute(c, (struct apc_now){p.now, T0 + p.now}, 1, true, NULL);
+    assert_int_equal(apc_store_read_rows(p.store, apc_controller_in(c)), 0);
+    apc_controller_compute(c, (struct apc_now){p.now, T0 + p.now}, 1, true, NULL);
     assert_int_equal(c->state[0].move.output, APC_PUT_BELOW);
-    apc_core_update(c, 0);
-    apc_core_compute(c, (struct apc_now){p.now + 1, T0 + p.now + 1}, 2, false, NULL);
+    apc_controller_update(c, 0);
+    apc_controller_compute(c, (struct apc_now){p.now + 1, T0 + p.now + 1}, 2, false, NULL);
     assert_int_equal(c->state[0].move.state, APC_LOOP_INIT);
     assert_int_equal(c->state[0].move.output, APC_PUT_NONE);
     end(&p);

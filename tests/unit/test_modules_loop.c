@@ -56,15 +56,14 @@ static void reference(double y[TICKS])
 
 /* ---- The cores ------------------------------------------------------------------------------- */
 
-enum { PI_IN = 1 + 1 + 1 + 5 + 1 + 1, PI_OUT = 1 + 7 + 1 };
-
 struct loop {
     struct apc_plant *plant;
     struct apc_plantserver *server;
     struct apc_client *client;
     struct apc_controller *controller;
-    struct apc_sample in[PI_IN]; /* the newest of what the controller reads: y first, z second, mode third */
+    struct apc_sample *in; /* what the controller reads: y first, z second, mode third */
     struct apc_sample u;
+    uint64_t ticks;
     struct apc_notice notice;
     int warnings;
 };
@@ -87,9 +86,8 @@ static void make(struct loop *l)
     assert_int_equal(apc_plantserver_create(&l->server, &server, NULL), 0);
     assert_int_equal(apc_client_create(&l->client, &client, NULL), 0);
     assert_int_equal(apc_controller_create(&l->controller, &controller, NULL), 0);
-    assert_int_equal(apc_controller_size(l->controller).in, PI_IN);
-    assert_int_equal(apc_controller_size(l->controller).out, PI_OUT);
-    apc_controller_inputs(l->controller, l->in);
+    l->in = apc_controller_in(l->controller)->sample;
+    assert_int_equal(l->in[2].table, APC_OPMODE);
     l->in[2].seq = 1;
     l->in[2].value = APC_MODE_AUTO;
     l->in[2].status = APC_GOOD;
@@ -125,14 +123,13 @@ static void client(struct loop *l, struct apc_now now)
 
 static void controller(struct loop *l, struct apc_now now)
 {
-    struct apc_sample out[PI_OUT];
-    int n = apc_controller_compute(l->controller, now, l->in, out, &l->notice);
+    const struct apc_rows *out = apc_controller_out(l->controller);
 
-    assert_true(n >= 6);
-    assert_int_equal(out[0].table, APC_ACTUATOR);
-    assert_int_equal(out[0].status, APC_GOOD);
-    l->u = out[0];
-    apc_controller_update(l->controller);
+    assert_in_range(apc_controller_compute(l->controller, now, l->ticks++, true, &l->notice), 2, 4);
+    assert_int_equal(out->sample[0].table, APC_ACTUATOR);
+    assert_int_equal(out->sample[0].status, APC_GOOD);
+    l->u = out->sample[0];
+    apc_controller_update(l->controller, 1);
 }
 
 static void note(struct loop *l)

@@ -9,7 +9,7 @@
 
 #include "apcexchange.h"
 #include "apclinear.h"
-#include "apcmodules.h"
+#include "rows.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -82,7 +82,8 @@ struct loop {
     struct apc_plantserver *server;
     struct apc_client *client;
     struct apc_controller *controller;
-    struct apc_sample in[10], out[7], u;
+    struct apc_rows *in, *out;
+    struct apc_sample u;
     char request[256], reply[256];
     int failures;
 };
@@ -109,6 +110,10 @@ static int make(struct loop *l, int n)
         rc = apc_client_create(&l->client, &client, NULL);
     if (rc == 0)
         rc = apc_controller_create(&l->controller, &controller, NULL);
+    if (rc == 0) {
+        l->in = apc_controller_in(l->controller);
+        l->out = apc_controller_out(l->controller);
+    }
     fail_at = -1;
     return rc;
 }
@@ -133,13 +138,10 @@ static void one_second(struct loop *l, int k)
     struct apc_sample y;
     int n;
 
-    (void)apc_scheduler_step(&o, 0, now, &l->in[1]);
-    l->in[1].seq = k + 1;
-    l->in[2].seq = 1;
-    l->in[2].status = APC_GOOD;
-    l->in[2].value = k / 100 % 3; /* Man, Auto, OOS */
-    l->in[3].value = k % 2 ? 0.2 : (double)NAN;
-    l->in[3].seq++;
+    (void)apc_scheduler_step(&o, 0, now, rows_at(l->in, APC_SETPOINT, 1));
+    rows_at(l->in, APC_SETPOINT, 1)->seq = k + 1;
+    rows_feed(l->in, APC_OPMODE, 1, k / 100 % 3, now.utc); /* Man, Auto, OOS */
+    rows_feed(l->in, APC_TUNING, 1, k % 2 ? 0.2 : (double)NAN, now.utc);
     l->failures += apc_plantserver_tick(l->server, now, &notice) < 0;
     apc_client_command(l->client, now, k % 50 < 40 ? &l->u : NULL, &value);
     frame.kind = apc_status_severity(value.status) == APC_SEVERITY_BAD ? APC_FRAME_QUERY : APC_FRAME_COMMAND;
@@ -152,11 +154,11 @@ static void one_second(struct loop *l, int k)
     l->failures += apc_frame_decode(l->reply, (size_t)n, &frame, &y, 1) < 0;
     value = (struct apc_value){y.value, y.status, y.time};
     if (apc_client_measurements(l->client, &value, &y) == 1 && k % 30 < 20)
-        l->in[0] = y;
-    n = apc_controller_compute(l->controller, now, k % 70 ? l->in : NULL, l->out, &notice);
-    if (n > 0 && l->out[0].table == APC_ACTUATOR)
-        l->u = l->out[0];
-    apc_controller_update(l->controller);
+        *rows_at(l->in, APC_SENSOR, 1) = y;
+    (void)apc_controller_compute(l->controller, now, (uint64_t)k, k % 70, &notice);
+    if (l->out->n_samples > 0 && l->out->sample[0].table == APC_ACTUATOR)
+        l->u = l->out->sample[0];
+    apc_controller_update(l->controller, k % 9 - 7 <= 0 ? 1 : -1);
 }
 
 static void the_counter_counts(void **state)
@@ -183,7 +185,6 @@ static void ticks_do_not_allocate(void **state)
     if (!COUNTING)
         skip();
     assert_int_equal(make(&l, -1), 0);
-    apc_controller_inputs(l.controller, l.in);
     before = allocations;
     for (int k = 0; k < 1000; k++)
         one_second(&l, k);
@@ -232,7 +233,6 @@ static void whichever_allocation_fails_a_configured_law_says_so(void **state)
                                                  .horizon = 3 * S,
                                                  .plant = &plant};
         struct apc_controller *controller;
-        struct apc_sample in[64], out[64];
         struct apc_notice notice;
         int rc, before, at_first, n = -1;
 
@@ -246,17 +246,17 @@ static void whichever_allocation_fails_a_configured_law_says_so(void **state)
             assert_int_equal(held > at_first, rc == 0);
         } while (rc < 0);
         assert_in_range(n, 5, 100);
-        assert_in_range(apc_controller_size(controller).in, 1, 64);
-        assert_in_range(apc_controller_size(controller).out, 1, 64);
-        apc_controller_inputs(controller, in);
         before = allocations;
         for (int k = 1; k < 100; k++) {
-            for (size_t j = 0; j < o.dim.ny + 2; j++) /* y, z, mode */
-                in[j] = (struct apc_sample){
-                    .table = in[j].table, .id = in[j].id, .seq = k, .value = j <= o.dim.ny ? 0.01 * k : 1.0};
-            (void)apc_controller_compute(controller, (struct apc_now){.mono = k * S, .utc = T0 + k * S}, in,
-                                         out, &notice);
-            apc_controller_update(controller);
+            const struct apc_rows *in = apc_controller_in(controller);
+
+            for (size_t j = 0; j < o.dim.ny; j++)
+                rows_feed(in, APC_SENSOR, (int)j + 1, 0.01 * k, T0 + k * S);
+            rows_feed(in, APC_SETPOINT, 1, 0.01 * k, T0 + k * S);
+            rows_feed(in, APC_OPMODE, 1, APC_MODE_AUTO, T0 + k * S);
+            (void)apc_controller_compute(controller, (struct apc_now){.mono = k * S, .utc = T0 + k * S},
+                                         (uint64_t)k, true, &notice);
+            apc_controller_update(controller, 1);
         }
         assert_int_equal(allocations - before, 0);
         apc_controller_destroy(controller);
@@ -354,6 +354,7 @@ static void what_is_refused_or_asked_leaves_nothing_behind(void **state)
     static const double wild = 1e300, no_delay = -1.0, A = 1.0, nought = 0.0;
     static const struct apc_law_plant unreached = {
         .nx = 1, .A = &A, .B = &nought, .C = &A, .D = &nought, .x0 = &nought, .u0 = &nought, .y0 = &nought};
+    static const struct apc_controller_loop beyond = {.id = 1, .mode = 1, .high = 1.0, .fault = 1e300};
     static const struct apc_setting setting = {"delay", NULL, 1, 1, &no_delay};
     static const char *const integrators[] = {"cvode", "adams", "rk4", "exact", "none"};
     const struct apc_model *tanks = NULL;
@@ -386,8 +387,7 @@ static void what_is_refused_or_asked_leaves_nothing_behind(void **state)
                                         .dim = {1, 1, 1, 0},
                                         .period = S,
                                         .horizon = S,
-                                        .fault = &wild,
-                                        .high = &A};
+                                        .loop = &beyond};
     assert_true(apc_controller_create(&controller, &c, NULL) < 0);
     for (size_t i = 0; i < 5; i++) {
         const struct apc_plant_options options = {.size = sizeof(options), .integrator = integrators[i]};

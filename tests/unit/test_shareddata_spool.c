@@ -312,7 +312,8 @@ static void test_what_waits_is_newer_than_what_is_stored(void **state)
 static void test_a_controller_does_not_take_an_old_value_for_a_new_one(void **state)
 {
     (void)state;
-    static const double fault = -0.7;
+    const struct apc_controller_loop loop = {
+        .id = 1, .mode = 1, .low = -1.0, .high = 1.0, .fault = -0.7, .hold = 3 * APC_NS_PER_S};
     const struct apc_law *law = NULL;
     void *handle = NULL;
     struct apc_error why = {""};
@@ -322,32 +323,27 @@ static void test_a_controller_does_not_take_an_old_value_for_a_new_one(void **st
                                              .dim = {.ny = 1, .nz = 1, .nu = 1, 0},
                                              .period = APC_NS_PER_S,
                                              .horizon = 2 * APC_NS_PER_S,
-                                             .hold = 3 * APC_NS_PER_S,
-                                             .fault = &fault};
+                                             .loop = &loop};
     struct apc_controller *c = NULL;
     assert_int_equal(apc_controller_create(&c, &o, &why), 0);
-    struct apc_controller_size size = apc_controller_size(c);
-    struct apc_sample *in = calloc(size.in, sizeof *in), *out = calloc(size.out, sizeof *out);
+    const struct apc_rows *in = apc_controller_in(c), *out = apc_controller_out(c);
     struct apc_store *store = open_spooled(through), *other = open_plain();
     struct apc_sample rows[] = {sample(1, 1, 11),
                                 {.table = APC_SETPOINT, .id = 1, .seq = 1, .time = T0, .value = 10},
-                                {.table = APC_OPMODE, .id = 0, .seq = 1, .time = T0, .value = APC_MODE_AUTO}};
+                                {.table = APC_OPMODE, .id = 1, .seq = 1, .time = T0, .value = APC_MODE_AUTO}};
     ok(other, apc_store_append(other, rows, 3));
-    apc_controller_inputs(c, in);
     enum apc_notice_kind told[8] = {0};
     for (int i = 0; i < 8; i++) {
         const struct apc_now now = {.mono = i * APC_NS_PER_S, .utc = T0 + i * APC_NS_PER_S};
         struct apc_notice notice = {0};
-        ok(store, apc_store_read(store, in, size.in));
+        ok(store, apc_store_read(store, in->sample, in->n_samples));
         proxy_set(proxy, PROXY_REFUSE); /* from the second tick on */
-        assert_true(apc_controller_compute(c, now, in, out, &notice) > 0);
+        assert_true(apc_controller_compute(c, now, (uint64_t)i, true, &notice) > 0);
         told[i] = notice.kind;
     }
     assert_int_equal(told[3], APC_NOTICE_HOLD);
     assert_int_equal(told[6], APC_NOTICE_FAULT);
-    assert_near(out[0].value, fault, 0.0);
-    free(in);
-    free(out);
+    assert_near(out->sample[0].value, loop.fault, 0.0);
     apc_store_close(store);
     apc_store_close(other);
     apc_controller_destroy(c);
