@@ -275,7 +275,14 @@ struct apc_tag {
     enum apc_table table;
     int id;
     char name[APC_TAG_LEN], unit[APC_TAG_LEN], description[APC_TAG_LEN * 2];
-    double low, high; /**< limits, inclusive; -APC_VALUE_MAX and APC_VALUE_MAX: none */
+    double low, high;                 /**< limits, inclusive; -APC_VALUE_MAX and APC_VALUE_MAX: none */
+    char controller[APC_TAG_LEN];     /**< whose it is; "": nobody's. Of table opmode, ids that have one are
+                                         loops:     the tag's name is the loop's */
+    char area[APC_TAG_LEN * 2];       /**< where in the plant: "unit1/reactor"; "": not said */
+    double display_low, display_high; /**< ends of its scale; equal: not said */
+    double period;                    /**< how often it comes, s; 0: not said */
+    double step; /**< of a vector: s from element to element; 0: they are no course in time */
+    int length;  /**< of a vector: its elements; 0: not said, or a sample */
 };
 /** Replace all descriptions by these, at once or not at all; for the schema's owner. Returns @p n. [setup] */
 APC_API int apc_store_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n);

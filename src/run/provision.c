@@ -1,18 +1,31 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "run_internal.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* Names of what belongs to an output: "Kp" when there is one output, "u1.Kp" when there are more. */
-static void output_name(const struct experiment *e, size_t output, const char *what, char *name, size_t size)
+/* "LEFT.RIGHT"; what is too long is cut on the left, which is the user's own word. */
+static void join(const char *left, const char *right, char name[APC_TAG_LEN])
 {
-    if (e->dim.nu == 1)
-        snprintf(name, size, "%.63s", what);
-    else
-        snprintf(name, size, "%.31s.%.31s", e->u[output].tag.name, what);
+    const int room = APC_TAG_LEN - 2 - (int)strnlen(right, APC_TAG_LEN / 2);
+    snprintf(name, APC_TAG_LEN, "%.*s.%.*s", room, left, APC_TAG_LEN / 2, right);
 }
+
+/* Names of what belongs to a loop: "Kp" when there is one loop, "u1.Kp" when there are more. */
+static void name_of_loop(const struct experiment *e, struct controller_loop loop, const char *what,
+                         char name[APC_TAG_LEN])
+{
+    char left[APC_TAG_LEN];
+    controllers_loop_name(e, loop, left);
+    if (controllers_loops(e) == 1)
+        snprintf(name, APC_TAG_LEN, "%.63s", what);
+    else
+        join(left, what, name);
+}
+
+/* ---- Tags --------------------------------------------------------------------------------- */
 
 static struct apc_tag plain_tag(enum apc_table table, int id, const char *name, const char *description,
                                 double low, double high)
@@ -23,79 +36,128 @@ static struct apc_tag plain_tag(enum apc_table table, int id, const char *name, 
     return tag;
 }
 
-/* The parameters of that scope, of which the law, an output or a measurement has them. */
-static size_t tuning_tags(const struct experiment *e, enum apc_law_scope scope, size_t of,
-                          struct apc_tag *tag)
-{
-    const struct apc_law *law = e->controllers->law;
-    const size_t all = apc_law_parameters(law, &e->dim);
-    size_t n = 0;
-    char name[APC_TAG_LEN];
+/* The list of tags as it grows; all of them are of one controller, or of none. */
+struct tags {
+    const struct experiment *e;
+    const struct controller *of;
+    struct apc_tag *at;
+    size_t n;
+};
 
-    for (size_t k = 0; k < all; k++) {
-        const struct apc_law_parameter at = apc_law_parameter_at(law, &e->dim, k);
-        const struct apc_param *p = &e->controllers->param[at.number];
-        if (at.scope != scope || at.of != of)
-            continue;
-        if (scope == APC_OF_OUTPUT)
-            output_name(e, of, p->name, name, sizeof name);
-        else if (scope == APC_OF_LAW)
-            snprintf(name, sizeof name, "%.63s", p->name);
-        else
-            snprintf(name, sizeof name, "%.31s.%.31s", e->y[of].tag.name, p->name);
-        tag[n] =
-            plain_tag(APC_TUNING, (int)k + 1, name, p->description ? p->description : "", p->low, p->high);
-        snprintf(tag[n++].unit, sizeof tag->unit, "%s", p->unit ? p->unit : "");
-    }
-    return n;
+static struct apc_tag *add(struct tags *t, struct apc_tag tag)
+{
+    snprintf(tag.controller, sizeof tag.controller, "%s", t->of ? t->of->name : "");
+    t->at[t->n] = tag;
+    return &t->at[t->n++];
 }
 
-static size_t output_tags(const struct experiment *e, size_t i, struct apc_tag *tag)
+static void name_tuning(const struct tags *t, struct apc_law_parameter at, char name[APC_TAG_LEN])
 {
-    size_t n = 0;
+    const char *what = t->of->param[at.number].name;
+    char of[APC_TAG_LEN];
+    if (at.scope == APC_OF_OUTPUT) {
+        name_of_loop(t->e, (struct controller_loop){t->of, at.of}, what, name);
+        return;
+    }
+    if (at.scope == APC_OF_MEASUREMENT)
+        join(t->e->y[t->of->y[at.of].at].tag.name, what, of);
+    else
+        snprintf(of, sizeof of, "%.63s", what);
+    if (t->e->n_controllers == 1)
+        snprintf(name, APC_TAG_LEN, "%s", of);
+    else
+        join(t->of->name, of, name);
+}
+
+static void add_tuning(struct tags *t)
+{
+    const size_t n = apc_law_parameters(t->of->law, &t->of->dim);
     char name[APC_TAG_LEN];
 
-    output_name(e, i, "manual", name, sizeof name);
-    tag[n] = plain_tag(APC_MANUAL, (int)i + 1, name, "operator's output in mode Man", e->u[i].tag.low,
-                       e->u[i].tag.high);
-    memcpy(tag[n++].unit, e->u[i].tag.unit, APC_TAG_LEN);
-    return n + tuning_tags(e, APC_OF_OUTPUT, i, tag + n);
+    for (size_t k = 0; k < n; k++) {
+        const struct apc_law_parameter at = apc_law_parameter_at(t->of->law, &t->of->dim, k);
+        const struct apc_param *p = &t->of->param[at.number];
+        name_tuning(t, at, name);
+        struct apc_tag *tag = add(t, plain_tag(APC_TUNING, t->of->first_tuning + (int)k, name,
+                                               p->description ? p->description : "", p->low, p->high));
+        snprintf(tag->unit, sizeof tag->unit, "%s", p->unit ? p->unit : "");
+    }
+}
+
+/* What is called by the loop: its target and actual mode, what an operator puts out, what it controls. */
+static void add_loop(struct tags *t, struct controller_loop loop)
+{
+    const struct apc_tag *of = controllers_output(t->e, loop);
+    const int id = t->of->first_loop + (int)loop.u;
+    char name[APC_TAG_LEN];
+
+    controllers_loop_name(t->e, loop, name);
+    add(t, plain_tag(APC_OPMODE, id, name, "target mode: 0 Man, 1 Auto, 2 out of service, 3 Cas", 0, 3));
+    name_of_loop(t->e, loop, "mode.actual", name);
+    add(t, plain_tag(APC_ACTUAL, apc_variable_number(APC_OPMODE, id), name,
+                     "actual mode; besides 4 initialising, 5 at the fault value", 0, 5));
+    name_of_loop(t->e, loop, "manual", name);
+    struct apc_tag *manual = add(t, plain_tag(APC_MANUAL, controllers_manual(t->e, loop), name,
+                                              "operator's output in mode Man", of->low, of->high));
+    memcpy(manual->unit, of->unit, sizeof manual->unit);
+
+    snprintf(name, sizeof name, "dim.u%d.y", id);
+    add(t, plain_tag(APC_DIM, 2 + 2 * id, name, "measurement that the output controls", 1, 1e6));
+    snprintf(name, sizeof name, "dim.u%d.z", id);
+    add(t, plain_tag(APC_DIM, 3 + 2 * id, name, "setpoint that it controls it to; 0: none", 0, 1e6));
+}
+
+static void add_controllers(struct tags *t)
+{
+    for (size_t i = 0; i < t->e->n_controllers; i++) {
+        const struct controller *c = t->of = &t->e->controllers[i];
+        add(t, plain_tag(APC_TICK, c->number, c->name, "what its ticks were made from", 0, 0))->period =
+            apc_ns_to_s(c->rhythm.period);
+        add_tuning(t);
+        for (size_t k = 0; k < c->dim.nu; k++)
+            add_loop(t, (struct controller_loop){c, k});
+    }
+    t->of = NULL;
+}
+
+static size_t count_tuning(const struct experiment *e)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < e->n_controllers; i++)
+        n += apc_law_parameters(e->controllers[i].law, &e->controllers[i].dim);
+    return n;
 }
 
 struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
 {
     const struct apc_dim *dim = &e->dim;
-    size_t n = 0, most = dim->ny + dim->nz + 4 * dim->nu + apc_law_parameters(e->controllers->law, dim) + 6;
-    char name[APC_TAG_LEN];
-    struct apc_tag *tag = calloc(most, sizeof *tag);
-    if (!tag)
+    const size_t ny = dim->ny + e->n_signals;
+    struct tags t = {.e = e,
+                     .at = calloc(ny + dim->nz + dim->nu + e->n_controllers + count_tuning(e) +
+                                      5 * controllers_loops(e) + 5,
+                                  sizeof *t.at)};
+    if (!t.at)
         return NULL;
-    for (size_t i = 0; i < dim->ny; i++) {
-        tag[n++] = e->y[i].tag;
-        n += tuning_tags(e, APC_OF_MEASUREMENT, i, tag + n);
+    for (size_t i = 0; i < ny; i++) {
+        t.of = controllers_above(e, (struct wire){APC_SENSOR, i}).of;
+        add(&t, e->y[i].tag)->period = apc_ns_to_s(t.of ? t.of->rhythm.period : e->client.rhythm.period);
     }
-    n += tuning_tags(e, APC_OF_LAW, 0, tag + n);
-    for (size_t i = 0; i < dim->nz; i++)
-        tag[n++] = e->z[i].tag;
-    for (size_t i = 0; i < dim->nu; i++) {
-        tag[n++] = e->u[i].tag;
-        n += output_tags(e, i, tag + n);
+    for (size_t i = 0; i < dim->nz; i++) {
+        t.of = controllers_taker(e, (struct wire){APC_SETPOINT, i});
+        add(&t, e->z[i].tag);
     }
     for (size_t i = 0; i < dim->nu; i++) {
-        snprintf(name, sizeof name, "dim.u%zu.y", i + 1);
-        tag[n++] = plain_tag(APC_DIM, (int)(4 + 2 * i), name, "measurement that the output controls", 1, 1e6);
-        snprintf(name, sizeof name, "dim.u%zu.z", i + 1);
-        tag[n++] =
-            plain_tag(APC_DIM, (int)(5 + 2 * i), name, "setpoint that it controls it to; 0: none", 0, 1e6);
+        t.of = controllers_above(e, (struct wire){APC_ACTUATOR, i}).of;
+        add(&t, e->u[i].tag)->period = t.of ? apc_ns_to_s(t.of->rhythm.period) : 0;
     }
-    tag[n++] = plain_tag(APC_DIM, 1, "dim.y", "number of measurements", 1, 1e6);
-    tag[n++] = plain_tag(APC_DIM, 2, "dim.z", "number of setpoints", 1, 1e6);
-    tag[n++] = plain_tag(APC_DIM, 3, "dim.u", "number of manipulated variables", 1, 1e6);
-    tag[n++] = plain_tag(APC_OPMODE, 0, "mode", "target mode: 0 Man, 1 Auto", 0, 1);
-    tag[n++] = plain_tag(APC_OPMODE, 1, "mode.actual", "actual mode: 0 Man, 1 Auto, 2 out of service", 0, 2);
-    tag[n++] = plain_tag(APC_STATE, 0, "experiment", e->name, 0, 0);
-    *count = n;
-    return tag;
+    add_controllers(&t);
+    add(&t, plain_tag(APC_DIM, 1, "dim.y", "number of measurements", 1, 1e6));
+    add(&t, plain_tag(APC_DIM, 2, "dim.z", "number of setpoints", 1, 1e6));
+    add(&t, plain_tag(APC_DIM, 3, "dim.u", "number of manipulated variables", 1, 1e6));
+    add(&t, plain_tag(APC_OPMODE, 0, "mode", "target mode of all loops", 0, 3));
+    add(&t, plain_tag(APC_STATE, 0, "experiment", e->name, 0, 0));
+    *count = t.n;
+    return t.at;
 }
 
 static int put_tags(struct apc_store *store, const struct experiment *e)
@@ -104,7 +166,7 @@ static int put_tags(struct apc_store *store, const struct experiment *e)
     struct apc_tag *tag = provision_tags(e, &n);
     int rc = tag ? apc_store_put_tags(store, tag, n) : APC_ENOMEM;
     free(tag);
-    return rc;
+    return rc < 0 ? rc : 0;
 }
 
 /* ---- Whose store it is -------------------------------------------------------------------- */
@@ -223,27 +285,34 @@ static int put_renamed(struct apc_store *store, const struct experiment *e, cons
     return rc;
 }
 
-/* Of table dim: how many there are of each, and what the law says that each output controls. */
+/* Of table dim: how many there are of each, and what the laws say that each loop controls. */
 static int put_dimensions(struct apc_store *store, const struct experiment *e, apc_ns now)
 {
-    const size_t nu = e->dim.nu, n = 3 + 2 * nu;
-    const struct apc_law_setup setup = cores_law_setup(e->controllers);
-    struct apc_sample *wanted = calloc(n, sizeof *wanted);
-    struct apc_pair *pair = calloc(nu, sizeof *pair);
-    int rc = wanted && pair ? apc_law_pairing(e->controllers->law, &setup, pair, NULL) : APC_ENOMEM;
+    const size_t loops = controllers_loops(e), n = 3 + 2 * loops;
+    struct apc_sample *wanted = calloc(n, sizeof *wanted), *next = wanted;
+    struct apc_pair *pair = calloc(loops, sizeof *pair);
+    int rc = wanted && pair ? 0 : APC_ENOMEM;
 
     for (size_t i = 0; rc == 0 && i < n; i++)
         wanted[i] = (struct apc_sample){.table = APC_DIM, .id = (int)i + 1, .time = now};
     if (rc == 0) {
         wanted[0].value = (double)e->dim.ny;
         wanted[1].value = (double)e->dim.nz;
-        wanted[2].value = (double)nu;
-        for (size_t i = 0; i < nu; i++) {
-            wanted[3 + 2 * i].value = (double)pair[i].measurement;
-            wanted[4 + 2 * i].value = (double)pair[i].setpoint;
-        }
-        rc = put_values(store, wanted, n, PROVISION_RESET);
+        wanted[2].value = (double)e->dim.nu;
+        next = &wanted[3];
     }
+    for (size_t i = 0; i < e->n_controllers && rc == 0; i++) {
+        const struct controller *c = &e->controllers[i];
+        const struct apc_law_setup setup = cores_law_setup(c);
+        rc = apc_law_pairing(c->law, &setup, pair, NULL);
+        for (size_t k = 0; k < c->dim.nu && rc == 0; k++) { /* the law knows its own, from 1 */
+            const size_t y = pair[k].measurement, z = pair[k].setpoint;
+            next++->value = y ? (double)c->y[y - 1].at + 1 : 0;
+            next++->value = z ? (double)c->z[z - 1].at + 1 : 0;
+        }
+    }
+    if (rc == 0)
+        rc = put_values(store, wanted, n, PROVISION_RESET);
     free(pair);
     free(wanted);
     return rc;
@@ -251,16 +320,18 @@ static int put_dimensions(struct apc_store *store, const struct experiment *e, a
 
 /* What operators set in a former run is no output of this one, whatever the clock said then: nothing is
  * deleted, but the newest rows are no good any more. */
-static int forget_manual(struct apc_store *store, size_t nu, apc_ns now)
+static int forget_manual(struct apc_store *store, const struct experiment *e, apc_ns now)
 {
-    struct apc_sample *rows = calloc(nu, sizeof *rows);
+    const size_t loops = controllers_loops(e);
+    struct apc_sample *rows = calloc(loops, sizeof *rows);
     size_t n = 0;
     if (!rows)
         return APC_ENOMEM;
-    for (size_t i = 0; i < nu; i++)
-        rows[i] = (struct apc_sample){.table = APC_MANUAL, .id = (int)i + 1};
-    int rc = apc_store_read(store, rows, nu);
-    for (size_t i = 0; i < nu && rc >= 0; i++)
+    for (size_t i = 0; i < loops; i++)
+        rows[i] =
+            (struct apc_sample){.table = APC_MANUAL, .id = controllers_manual(e, controllers_loop(e, i))};
+    int rc = apc_store_read(store, rows, loops);
+    for (size_t i = 0; i < loops && rc >= 0; i++)
         if (rows[i].seq > 0 && apc_status_severity(rows[i].status) != APC_SEVERITY_BAD)
             rows[n++] = (struct apc_sample){
                 .table = APC_MANUAL, .id = rows[i].id, .time = now, .status = APC_BAD_NO_DATA};
@@ -270,27 +341,82 @@ static int forget_manual(struct apc_store *store, size_t nu, apc_ns now)
     return rc < 0 ? rc : 0;
 }
 
+/* What is in force of setpoints before anybody moves them. */
+static int put_setpoints(struct apc_store *store, const struct experiment *e, apc_ns now, enum provision how)
+{
+    struct apc_sample *wanted = calloc(e->dim.nz + 1, sizeof *wanted);
+    size_t n = 0;
+    if (!wanted)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < e->dim.nz; i++)
+        if (!isnan(e->z[i].initial))
+            wanted[n++] = (struct apc_sample){
+                .table = APC_SETPOINT, .id = (int)i + 1, .time = now, .value = e->z[i].initial};
+    const int rc = put_values(store, wanted, n, how);
+    free(wanted);
+    return rc;
+}
+
+static double mode_of(const struct experiment *e, struct controller_loop loop)
+{
+    const bool cascade = loop.of->mode != APC_MODE_CAS || controllers_is_below(e, loop);
+    return cascade ? loop.of->mode : APC_MODE_AUTO;
+}
+
+/*
+ * The target of each loop, and under id 0, for who asks for one mode only, that of the first. What is put
+ * there is put to every loop that the same put does not name: so they are named.
+ */
+static int put_modes(struct apc_store *store, const struct experiment *e, apc_ns now, enum provision how)
+{
+    const size_t n = 1 + controllers_loops(e);
+    struct apc_sample *there = calloc(n, sizeof *there), *wanted = calloc(n, sizeof *wanted);
+    size_t changed = 0;
+    int rc = there && wanted ? 0 : APC_ENOMEM;
+
+    for (size_t i = 0; i < n && rc == 0; i++) {
+        there[i] = wanted[i] = (struct apc_sample){.table = APC_OPMODE, .id = (int)i, .time = now};
+        wanted[i].value = mode_of(e, controllers_loop(e, i > 0 ? i - 1 : 0));
+    }
+    if (rc == 0)
+        rc = apc_store_read(store, there, n);
+    for (size_t i = 0; i < n && rc == 0; i++) {
+        const bool is_there = there[i].seq > 0;
+        if (is_there && how == PROVISION_KEEP)
+            wanted[i].value = there[i].value;
+        if (!is_there || there[i].value != wanted[i].value || (changed > 0 && wanted[0].id == 0))
+            wanted[changed++] = wanted[i];
+    }
+    if (rc == 0 && changed > 0)
+        rc = apc_store_put(store, wanted, changed);
+    free(wanted);
+    free(there);
+    return rc < 0 ? rc : 0;
+}
+
 int provision(struct apc_store *store, const struct experiment *e, enum provision how)
 {
-    size_t tunings = apc_law_parameters(e->controllers->law, &e->dim);
-    apc_ns now = apc_clock_utc(NULL);
-    struct apc_sample *wanted = calloc(tunings + 1, sizeof *wanted);
+    const size_t n = count_tuning(e);
+    const apc_ns now = apc_clock_utc(NULL);
+    struct apc_sample *wanted = calloc(n + 1, sizeof *wanted), *next = wanted;
     int rc = wanted ? put_dimensions(store, e, now) : APC_ENOMEM;
-    if (rc < 0) {
-        free(wanted);
-        return rc;
-    }
-    for (size_t i = 0; i < tunings; i++)
-        wanted[i] = (struct apc_sample){
-            .table = APC_TUNING, .id = (int)i + 1, .time = now, .value = e->controllers->tuning[i]};
-    wanted[tunings] =
-        (struct apc_sample){.table = APC_OPMODE, .id = 0, .time = now, .value = e->controllers->mode};
+
+    for (size_t i = 0; i < e->n_controllers && rc >= 0; i++)
+        for (size_t k = 0; k < apc_law_parameters(e->controllers[i].law, &e->controllers[i].dim); k++, next++)
+            *next = (struct apc_sample){.table = APC_TUNING,
+                                        .id = (int)(next - wanted) + 1,
+                                        .time = now,
+                                        .value = e->controllers[i].tuning[k]};
     if (rc >= 0 && how == PROVISION_KEEP)
-        rc = put_renamed(store, e, wanted, tunings);
+        rc = put_renamed(store, e, wanted, n);
     if (rc >= 0)
-        rc = put_values(store, wanted, tunings + 1, how);
+        rc = put_values(store, wanted, n, how);
+    if (rc >= 0)
+        rc = put_setpoints(store, e, now, how);
+    if (rc >= 0)
+        rc = put_modes(store, e, now, how);
     if (rc >= 0 && how == PROVISION_RESET)
-        rc = forget_manual(store, e->dim.nu, now);
+        rc = forget_manual(store, e, now);
     free(wanted);
     return rc < 0 ? rc : put_tags(store, e);
 }

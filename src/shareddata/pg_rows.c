@@ -545,6 +545,8 @@ int apc_pg_timing(struct apc_store *store, const struct apc_range *range, apc_ti
 
 /* ---- Tags ---------------------------------------------------------------------------------- */
 
+#define TAG "name, unit, description, controller, area, low, high, display_low, display_high, period, step"
+
 /* All go, all come, in one transaction: what is no longer described vanishes, and names may change places. */
 int apc_pg_send_tags(struct apc_pg *pg, const struct apc_tag *tags, size_t n)
 {
@@ -553,17 +555,27 @@ int apc_pg_send_tags(struct apc_pg *pg, const struct apc_tag *tags, size_t n)
         const struct apc_tag *t = &tags[i];
         struct apc_pg_params p = {0};
         char numbers[16][8], name[APC_TAG_LEN], unit[APC_TAG_LEN], description[sizeof t->description];
+        char controller[sizeof t->controller], area[sizeof t->area];
         apc_pg_param_text(&p, apc_table_name(t->table));
         add_int8(&p, numbers, t->id);
         apc_pg_param_text(&p, apc_text_clean(name, t->name, sizeof name));
         apc_pg_param_text(&p, apc_text_clean(unit, t->unit, sizeof unit));
         apc_pg_param_text(&p, apc_text_clean(description, t->description, sizeof description));
+        apc_pg_param_text(&p, apc_text_clean(controller, t->controller, sizeof controller));
+        apc_pg_param_text(&p, apc_text_clean(area, t->area, sizeof area));
         add_float8(&p, numbers, t->low);
         add_float8(&p, numbers, t->high);
-        err = apc_pg_send(pg,
-                          "INSERT INTO tag (table_name, id, name, unit, description, low, high)"
-                          " VALUES ($1, $2::int8, $3, $4, $5, $6::float8, $7::float8)",
-                          &p);
+        add_float8(&p, numbers, t->display_low);
+        add_float8(&p, numbers, t->display_high);
+        add_float8(&p, numbers, t->period);
+        add_float8(&p, numbers, t->step);
+        add_int8(&p, numbers, t->length);
+        err =
+            apc_pg_send(pg,
+                        "INSERT INTO tag (table_name, id, " TAG ", length) VALUES ($1, $2::int8, $3, $4, $5,"
+                        " $6, $7, $8::float8, $9::float8, $10::float8, $11::float8, $12::float8,"
+                        " $13::float8, $14::int8)",
+                        &p);
     }
     return err;
 }
@@ -589,7 +601,7 @@ static int take_tags(void *ctx, int statement, PGresult *result)
 {
     struct tag_list *list = (struct tag_list *)ctx;
     (void)statement;
-    if (PQnfields(result) != 7) {
+    if (PQnfields(result) != 14) {
         return apc_fail(&list->pg->base.why, APC_EPROTO, "the database did not answer what was asked");
     }
     list->count = PQntuples(result);
@@ -599,11 +611,18 @@ static int take_tags(void *ctx, int statement, PGresult *result)
         cell_text(result, row, 0, table, sizeof table);
         *t = (struct apc_tag){.table = apc_table_parse(table),
                               .id = (int)apc_pg_cell(result, row, 1),
-                              .low = cell_double(result, row, 5),
-                              .high = cell_double(result, row, 6)};
+                              .low = cell_double(result, row, 7),
+                              .high = cell_double(result, row, 8),
+                              .display_low = cell_double(result, row, 9),
+                              .display_high = cell_double(result, row, 10),
+                              .period = cell_double(result, row, 11),
+                              .step = cell_double(result, row, 12),
+                              .length = (int)apc_pg_cell(result, row, 13)};
         cell_text(result, row, 2, t->name, sizeof t->name);
         cell_text(result, row, 3, t->unit, sizeof t->unit);
         cell_text(result, row, 4, t->description, sizeof t->description);
+        cell_text(result, row, 5, t->controller, sizeof t->controller);
+        cell_text(result, row, 6, t->area, sizeof t->area);
     }
     return 0;
 }
@@ -614,7 +633,7 @@ int apc_pg_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capaci
     int err = apc_pg_begin(list.pg);
     if (!err) {
         err = apc_pg_send(list.pg,
-                          "SELECT table_name, id::int8, name, unit, description, low, high FROM tag ORDER BY"
+                          "SELECT table_name, id::int8, " TAG ", length::int8 FROM tag ORDER BY"
                           " array_position(ARRAY['sensor', 'actuator', 'setpoint', 'dim', 'opmode', 'tuning',"
                           " 'manual', 'state', 'actual', 'estimate', 'alarm', 'tick', 'plan',"
                           " 'prediction'], table_name), id",

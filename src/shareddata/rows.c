@@ -101,11 +101,12 @@ int apc_tags_sort(struct apc_store *store, const struct apc_tag *tags, size_t n,
         return apc_fail(&store->why, APC_ENOMEM, "out of memory for %zu tags", n);
     }
     for (size_t i = 0; i < n; i++) {
-        t[i] = (struct apc_tag){
-            .table = tags[i].table, .id = tags[i].id, .low = tags[i].low, .high = tags[i].high};
+        t[i] = tags[i];
         apc_text_clean(t[i].name, tags[i].name, sizeof t[i].name);
         apc_text_clean(t[i].unit, tags[i].unit, sizeof t[i].unit);
         apc_text_clean(t[i].description, tags[i].description, sizeof t[i].description);
+        apc_text_clean(t[i].controller, tags[i].controller, sizeof t[i].controller);
+        apc_text_clean(t[i].area, tags[i].area, sizeof t[i].area);
     }
     int err = 0;
     qsort(t, n, sizeof *t, by_name);

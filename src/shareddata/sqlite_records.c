@@ -310,15 +310,24 @@ int apc_sqlite_timing(struct apc_store *store, const struct apc_range *range, ap
 
 /* ---- Tags ----------------------------------------------------------------------------------- */
 
+#define TAG                                                                                                  \
+    "table_number, id, name, unit, description, controller, area, low, high, display_low, display_high, "    \
+    "period, step, length"
+
 static int bind_tag(struct apc_sqlite *sq, sqlite3_stmt *statement, const void *rows, size_t i)
 {
     const struct apc_tag *t = (const struct apc_tag *)rows + i;
+    const struct text texts[] = {TEXT(t->name), TEXT(t->unit), TEXT(t->description), TEXT(t->controller),
+                                 TEXT(t->area)};
+    const double numbers[] = {t->low, t->high, t->display_low, t->display_high, t->period, t->step};
     sqlite3_bind_int64(statement, 1, t->table);
     sqlite3_bind_int64(statement, 2, t->id);
-    sqlite3_bind_double(statement, 6, t->low);
-    sqlite3_bind_double(statement, 7, t->high);
-    return bind_texts(sq, statement, 3,
-                      (const struct text[]){TEXT(t->name), TEXT(t->unit), TEXT(t->description)}, 3);
+    for (int k = 0; k < 6; k++) {
+        sqlite3_bind_double(statement, 8 + k, numbers[k]);
+    }
+    sqlite3_bind_int64(statement, 14, t->length);
+    sqlite3_bind_int64(statement, 15, apc_variable_number(t->table, t->id));
+    return bind_texts(sq, statement, 3, texts, 5);
 }
 
 int apc_sqlite_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n)
@@ -331,8 +340,8 @@ int apc_sqlite_put_tags(struct apc_store *store, const struct apc_tag *tags, siz
     err = apc_sqlite_run(sq, "DELETE FROM tag");
     if (!err) {
         err = insert_rows(sq,
-                          "INSERT INTO tag (table_number, id, name, unit, description, low, high)"
-                          " VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
+                          "INSERT INTO tag (" TAG ", number)"
+                          " VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15)",
                           bind_tag, tags, n);
     }
     return apc_sqlite_end(sq, err);
@@ -342,11 +351,18 @@ static void take_tag(sqlite3_stmt *statement, struct apc_tag *t)
 {
     *t = (struct apc_tag){.table = (enum apc_table)sqlite3_column_int(statement, 0),
                           .id = sqlite3_column_int(statement, 1),
-                          .low = sqlite3_column_double(statement, 5),
-                          .high = sqlite3_column_double(statement, 6)};
+                          .low = sqlite3_column_double(statement, 7),
+                          .high = sqlite3_column_double(statement, 8),
+                          .display_low = sqlite3_column_double(statement, 9),
+                          .display_high = sqlite3_column_double(statement, 10),
+                          .period = sqlite3_column_double(statement, 11),
+                          .step = sqlite3_column_double(statement, 12),
+                          .length = sqlite3_column_int(statement, 13)};
     take_text(statement, 2, t->name, sizeof t->name);
     take_text(statement, 3, t->unit, sizeof t->unit);
     take_text(statement, 4, t->description, sizeof t->description);
+    take_text(statement, 5, t->controller, sizeof t->controller);
+    take_text(statement, 6, t->area, sizeof t->area);
 }
 
 int apc_sqlite_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
@@ -355,10 +371,7 @@ int apc_sqlite_get_tags(struct apc_store *store, struct apc_tag *tags, size_t ca
     sqlite3_stmt *statement = NULL;
     int count = 0, found = apc_sqlite_enter(sq);
     if (found == 0) {
-        found = apc_sqlite_prepare(
-            sq,
-            "SELECT table_number, id, name, unit, description, low, high FROM tag ORDER BY table_number, id",
-            &statement);
+        found = apc_sqlite_prepare(sq, "SELECT " TAG " FROM tag ORDER BY table_number, id", &statement);
     }
     sq->base.stats.round_trips++;
     while (found >= 0 && (found = apc_sqlite_step(sq, statement)) > 0) {

@@ -521,16 +521,44 @@ int apc_store_history_bins(struct apc_store *store, enum apc_table table, int id
     return err ? err : store->ops->history_bins(store, table, id, since, until, n, fn, ctx);
 }
 
+static bool is_range(double low, double high)
+{
+    return fabs(low) <= APC_VALUE_MAX && fabs(high) <= APC_VALUE_MAX && low <= high;
+}
+
+static bool is_while(double seconds)
+{
+    return seconds >= 0 && seconds <= APC_VALUE_MAX;
+}
+
+static int check_tag(struct apc_store *store, const struct apc_tag *t)
+{
+    int err = check_variable(store, t->table, t->id);
+    if (err) {
+        return err;
+    }
+    const char *table = apc_table_name(t->table);
+    if (!is_range(t->low, t->high)) {
+        return apc_fail(&store->why, APC_EINVAL, "%s %d: limits %g and %g are no range", table, t->id, t->low,
+                        t->high);
+    }
+    if (!is_range(t->display_low, t->display_high)) {
+        return apc_fail(&store->why, APC_EINVAL, "%s %d: a scale from %g to %g is none", table, t->id,
+                        t->display_low, t->display_high);
+    }
+    if (!is_while(t->period) || !is_while(t->step) || t->length < 0) {
+        return apc_fail(&store->why, APC_EINVAL,
+                        "%s %d: a period of %g s, a step of %g s and %d elements: expected 0 or more", table,
+                        t->id, t->period, t->step, t->length);
+    }
+    return 0;
+}
+
 int apc_store_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n)
 {
     int err = enter(store, tags, n);
     for (size_t i = 0; !err && i < n; i++) {
-        err = check_variable(store, tags[i].table, tags[i].id);
-        if (!err && !(fabs(tags[i].low) <= APC_VALUE_MAX && fabs(tags[i].high) <= APC_VALUE_MAX &&
-                      tags[i].low <= tags[i].high)) {
-            err = apc_fail(&store->why, APC_EINVAL, "%s %d: limits %g and %g are no range",
-                           apc_table_name(tags[i].table), tags[i].id, tags[i].low, tags[i].high);
-        }
+        err = check_tag(store, &tags[i]);
     }
     return err ? err : store->ops->put_tags(store, tags, n);
 }

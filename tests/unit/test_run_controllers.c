@@ -77,6 +77,95 @@ static void each_controller_has_its_own_signals(void **state)
     experiment_free(&e);
 }
 
+static const struct apc_tag *tag_of(const struct apc_tag *tags, size_t n, enum apc_table table, int id)
+{
+    for (size_t i = 0; i < n; i++)
+        if (tags[i].table == table && tags[i].id == id)
+            return &tags[i];
+    fail_msg("%s %d is not described", apc_table_name(table), id);
+    return NULL;
+}
+
+static void assert_tag(const struct apc_tag *tags, size_t n, enum apc_table table, int id, const char *name,
+                       const char *controller)
+{
+    assert_string_equal(tag_of(tags, n, table, id)->name, name);
+    assert_string_equal(tag_of(tags, n, table, id)->controller, controller);
+}
+
+static void loops_are_described_by_their_controllers_and_numbered_in_the_order_of_the_file(void **state)
+{
+    struct experiment e;
+    struct apc_error why;
+    size_t n = 0;
+    (void)state;
+    if (parse(&e, 0, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    struct apc_tag *t = provision_tags(&e, &n);
+    assert_non_null(t);
+    assert_tag(t, n, APC_OPMODE, 1, "v1", "base");
+    assert_tag(t, n, APC_OPMODE, 2, "v2", "base");
+    assert_tag(t, n, APC_OPMODE, 3, "upper.r2", "upper");
+    assert_tag(t, n, APC_OPMODE, 4, "upper.r1", "upper");
+    assert_tag(t, n, APC_OPMODE, 0, "mode", "");
+    assert_tag(t, n, APC_ACTUAL, apc_variable_number(APC_OPMODE, 3), "upper.r2.mode.actual", "upper");
+    assert_tag(t, n, APC_MANUAL, 1, "v1.manual", "base");
+    assert_tag(t, n, APC_MANUAL, 3, "upper.r1.manual", "upper");
+    assert_near(tag_of(t, n, APC_MANUAL, 3)->high, 10.0, 0); /* as its output's */
+    assert_tag(t, n, APC_TUNING, 1, "v1.Kp", "base");
+    assert_tag(t, n, APC_TICK, 1, "base", "base");
+    assert_tag(t, n, APC_TICK, 2, "upper", "upper");
+    assert_near(tag_of(t, n, APC_TICK, 2)->period, 5.0, 0);
+    const int upper = 1 + (int)apc_law_parameters(e.controllers[0].law, &e.controllers[0].dim);
+    assert_tag(t, n, APC_TUNING, upper, "upper.r2.Kp", "upper");
+    assert_tag(t, n, APC_SENSOR, 1, "y1", "");
+    assert_near(tag_of(t, n, APC_SENSOR, 1)->period, 0.1, 0);
+    assert_tag(t, n, APC_SETPOINT, 1, "r1", "base");
+    assert_tag(t, n, APC_SETPOINT, 3, "w1", "upper");
+    assert_tag(t, n, APC_SETPOINT, 5, "w3", "");
+    assert_tag(t, n, APC_ACTUATOR, 1, "v1", "base");
+    free(t);
+    experiment_free(&e);
+}
+
+static void assert_newest(struct apc_store *store, enum apc_table table, int id, double value, int64_t seq)
+{
+    struct apc_sample s = {.table = table, .id = id};
+    assert_int_equal(apc_store_read(store, &s, 1), 0);
+    assert_near(s.value, value, 0);
+    assert_int_equal(s.seq, seq);
+}
+
+static void each_loop_gets_its_own_target_and_what_it_controls(void **state)
+{
+    struct experiment e;
+    struct apc_error why;
+    struct apc_store *store = NULL;
+    (void)state;
+    if (parse(&e, 0, NULL, &why) < 0 || apc_store_open(&store, "mem:", NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_true(apc_store_init(store) >= 0);
+    assert_int_equal(provision(store, &e, PROVISION_KEEP), 0);
+    assert_newest(store, APC_SETPOINT, 1, 6.0, 1);
+    const double mode[] = {APC_MODE_CAS, APC_MODE_CAS, APC_MODE_CAS, APC_MODE_AUTO, APC_MODE_AUTO};
+    for (int i = 0; i < 5; i++)
+        assert_newest(store, APC_OPMODE, i, mode[i], 1);
+    /* loop 4, upper.r1, controls y1 to w1 */
+    assert_newest(store, APC_DIM, 3, 2, 1);
+    assert_newest(store, APC_DIM, 10, 1, 1);
+    assert_newest(store, APC_DIM, 11, 3, 1);
+    /* what is there stays, unless it is to be as in the file */
+    struct apc_sample man = {.table = APC_OPMODE, .id = 4, .value = APC_MODE_MAN};
+    assert_int_equal(apc_store_put(store, &man, 1), 0);
+    assert_int_equal(provision(store, &e, PROVISION_KEEP), 0);
+    assert_newest(store, APC_OPMODE, 4, APC_MODE_MAN, 2);
+    assert_int_equal(provision(store, &e, PROVISION_RESET), 0);
+    assert_newest(store, APC_OPMODE, 4, APC_MODE_AUTO, 3);
+    assert_newest(store, APC_OPMODE, 3, APC_MODE_AUTO, 1);
+    apc_store_close(store);
+    experiment_free(&e);
+}
+
 static void each_controller_has_a_law_of_its_own(void **state)
 {
     struct experiment e;
@@ -364,6 +453,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(each_controller_has_its_own_signals),
+        cmocka_unit_test(loops_are_described_by_their_controllers_and_numbered_in_the_order_of_the_file),
+        cmocka_unit_test(each_loop_gets_its_own_target_and_what_it_controls),
         cmocka_unit_test(each_controller_has_a_law_of_its_own),
         cmocka_unit_test(loops_and_tuning_are_numbered_over_all_controllers),
         cmocka_unit_test(a_controller_may_calculate_what_another_one_measures),

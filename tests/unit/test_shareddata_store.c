@@ -847,7 +847,18 @@ static void test_tags_come_back_in_order(void **state)
 {
     struct apc_tag in[3] = {
         {.table = APC_SETPOINT, .id = 1, .name = "TIC-1", .unit = "K", .low = 0, .high = 20},
-        {.table = APC_SENSOR, .id = 2, .name = "TT-2", .low = -APC_VALUE_MAX, .high = APC_VALUE_MAX},
+        {.table = APC_SENSOR,
+         .id = 2,
+         .name = "TT-2",
+         .low = -APC_VALUE_MAX,
+         .high = APC_VALUE_MAX,
+         .controller = "upper",
+         .area = "unit1/reactor",
+         .display_low = -1.5,
+         .display_high = 2.5,
+         .period = 0.25,
+         .step = 0.5,
+         .length = 40},
         {.table = APC_SENSOR,
          .id = 1,
          .name = "TIC-1",
@@ -868,6 +879,14 @@ static void test_tags_come_back_in_order(void **state)
     assert_string_equal(out[0].description, "O'Brien's; \"tank\"");
     assert_int_equal(out[1].id, 2);
     assert_near(out[1].high, 1e300, 0);
+    assert_string_equal(out[1].controller, "upper");
+    assert_string_equal(out[1].area, "unit1/reactor");
+    assert_near(out[1].display_low, -1.5, 0);
+    assert_near(out[1].display_high, 2.5, 0);
+    assert_near(out[1].period, 0.25, 0);
+    assert_near(out[1].step, 0.5, 0);
+    assert_int_equal(out[1].length, 40);
+    assert_string_equal(out[0].controller, "");
     assert_int_equal(apc_store_get_tags(*state, NULL, 0), 3);
 }
 
@@ -891,6 +910,12 @@ static void test_tags_are_replaced_as_a_whole_and_may_change_names(void **state)
     in[1] = in[0]; /* the same variable twice */
     assert_int_equal(apc_store_put_tags(*state, in, 2), APC_ESTORE);
     in[0].low = 2; /* limits upside down */
+    assert_int_equal(apc_store_put_tags(*state, in, 1), APC_EINVAL);
+    in[0].low = 0;
+    in[0].display_low = NAN;
+    assert_int_equal(apc_store_put_tags(*state, in, 1), APC_EINVAL);
+    in[0].display_low = 0;
+    in[0].period = -1;
     assert_int_equal(apc_store_put_tags(*state, in, 1), APC_EINVAL);
     assert_int_equal(apc_store_get_tags(*state, out, 3), 2); /* nothing half done */
     assert_string_equal(out[0].name, "B");
