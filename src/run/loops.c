@@ -1,0 +1,173 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "loops.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Ids of table opmode from here on are other switches. */
+#define IDS 65536
+
+static bool is_loop(const struct apc_tag *tag)
+{
+    return tag->table == APC_OPMODE && tag->id > 0 && tag->id < IDS && tag->controller[0];
+}
+
+/* ---- Controllers --------------------------------------------------------------------------- */
+
+/* They have numbers in the order of their loops. */
+static size_t controller_of(struct loops *l, const struct apc_tag *tag)
+{
+    struct loops_controller *last = l->n_controllers ? &l->controller[l->n_controllers - 1] : NULL;
+    if (!last || strcmp(last->name, tag->controller) != 0) {
+        last = &l->controller[l->n_controllers++];
+        last->number = (int)l->n_controllers;
+        last->first = l->n;
+        snprintf(last->name, sizeof last->name, "%s", tag->controller);
+    }
+    last->n++;
+    return l->n_controllers - 1;
+}
+
+static void find_periods(struct loops *l, const struct apc_tag *tag, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        if (tag[i].table == APC_TICK && tag[i].id >= 1 && (size_t)tag[i].id <= l->n_controllers)
+            (void)apc_ns_from_s(tag[i].period, &l->controller[tag[i].id - 1].period);
+}
+
+/* ---- Outputs ------------------------------------------------------------------------------- */
+
+/* Is it CONTROLLER.NAME? */
+static bool ends_in(const char *loop, const char *name)
+{
+    const size_t n = strlen(loop), of = strlen(name);
+    return of > 0 && of < n && loop[n - of - 1] == '.' && !strcmp(loop + n - of, name);
+}
+
+static void find_output(struct loops_loop *l, const struct apc_tag *tag, size_t n)
+{
+    size_t longest = 0;
+    for (size_t i = 0; i < n; i++) {
+        const bool named = !strcmp(tag[i].name, l->name);
+        if (tag[i].table == APC_SETPOINT && ends_in(l->name, tag[i].name) && strlen(tag[i].name) > longest) {
+            longest = strlen(tag[i].name);
+            l->table = APC_SETPOINT;
+            l->output = tag[i].id;
+        }
+        if (named && (tag[i].table == APC_ACTUATOR || (tag[i].table == APC_SENSOR && !l->table))) {
+            l->table = tag[i].table;
+            l->output = tag[i].id;
+            longest = sizeof l->name;
+        }
+    }
+}
+
+/* LOOP.manual; of the only loop, manual. */
+static void find_manual(struct loops *l, const struct apc_tag *tag, size_t n)
+{
+    char name[APC_TAG_LEN];
+    for (size_t i = 0; i < l->n; i++) {
+        snprintf(name, sizeof name, "%.56s.manual", l->at[i].name);
+        for (size_t k = 0; k < n; k++)
+            if (tag[k].table == APC_MANUAL &&
+                (!strcmp(tag[k].name, name) || (l->n == 1 && !strcmp(tag[k].name, "manual"))))
+                l->at[i].manual = tag[k].id;
+    }
+}
+
+static void find_above(struct loops *l)
+{
+    for (size_t i = 0; i < l->n; i++) {
+        l->at[i].above = -1;
+        for (size_t k = 0; k < l->n && l->at[i].setpoint; k++)
+            if (l->at[k].table == APC_SETPOINT && l->at[k].output == l->at[i].setpoint)
+                l->at[i].above = (int)k;
+    }
+}
+
+/* ---- All ----------------------------------------------------------------------------------- */
+
+static int read_pairs(struct loops *l, struct apc_store *store)
+{
+    struct apc_sample *dim = calloc(2 * l->n + 1, sizeof *dim);
+    if (!dim)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < 2 * l->n; i++)
+        dim[i] = (struct apc_sample){.table = APC_DIM, .id = 2 + 2 * l->at[i / 2].id + (int)(i % 2)};
+    int rc = apc_store_read(store, dim, 2 * l->n);
+    for (size_t i = 0; i < 2 * l->n && rc >= 0; i++) {
+        const bool there = dim[i].seq > 0 && dim[i].value >= 0 && dim[i].value <= 1e6;
+        int *to = i % 2 ? &l->at[i / 2].setpoint : &l->at[i / 2].measurement;
+        *to = there ? (int)dim[i].value : 0;
+    }
+    free(dim);
+    return rc < 0 ? rc : 0;
+}
+
+int loops_load(struct loops *l, struct apc_store *store, const struct apc_tag *tag, size_t n)
+{
+    *l = (struct loops){.at = calloc(n + 1, sizeof *l->at),
+                        .controller = calloc(n + 1, sizeof *l->controller)};
+    if (!l->at || !l->controller)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < n; i++) { /* they stand by table and id */
+        if (!is_loop(&tag[i]))
+            continue;
+        struct loops_loop *loop = &l->at[l->n];
+        loop->id = tag[i].id;
+        loop->controller = controller_of(l, &tag[i]);
+        snprintf(loop->name, sizeof loop->name, "%s", tag[i].name);
+        find_output(loop, tag, n);
+        l->n++;
+    }
+    find_periods(l, tag, n);
+    find_manual(l, tag, n);
+    int rc = l->n > 0 ? read_pairs(l, store) : 0;
+    find_above(l);
+    return rc;
+}
+
+void loops_free(struct loops *l)
+{
+    free(l->at);
+    free(l->controller);
+    *l = (struct loops){0};
+}
+
+/* ---- Looking for one ----------------------------------------------------------------------- */
+
+const struct loops_loop *loops_find(const struct loops *l, const char *name)
+{
+    for (size_t i = 0; i < l->n; i++)
+        if (!strcmp(l->at[i].name, name))
+            return &l->at[i];
+    return NULL;
+}
+
+const struct loops_controller *loops_controller(const struct loops *l, const char *name)
+{
+    for (size_t i = 0; i < l->n_controllers; i++)
+        if (!strcmp(l->controller[i].name, name))
+            return &l->controller[i];
+    return NULL;
+}
+
+static bool has(const struct loops_loop *l, enum apc_table table, int id)
+{
+    return (table == APC_OPMODE && l->id == id) || (table == APC_MANUAL && l->manual == id) ||
+           (l->table == table && l->output == id) || (table == APC_SETPOINT && l->setpoint == id);
+}
+
+const struct loops_loop *loops_of(const struct loops *l, enum apc_table table, int id)
+{
+    const struct loops_loop *output = NULL; /* a setpoint is first of all that of the loop below */
+    for (size_t i = 0; i < l->n; i++) {
+        if (!has(&l->at[i], table, id))
+            continue;
+        if (table != APC_SETPOINT || l->at[i].setpoint == id)
+            return &l->at[i];
+        output = &l->at[i];
+    }
+    return output;
+}

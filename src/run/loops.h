@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The loops and controllers of a plant as its store describes them, for whoever shows or moves them. An id of
+ * table opmode whose tag names a controller is a loop, and the tag's name is the loop's; loops stand in the
+ * order of their controllers.
+ */
+#ifndef APC_RUN_LOOPS_H
+#define APC_RUN_LOOPS_H
+
+#include <apcstore.h>
+
+struct loops_controller {
+    char name[APC_TAG_LEN];
+    int number;      /* id of its tick row */
+    apc_ns period;   /* 0: not said */
+    size_t first, n; /* its loops */
+};
+
+struct loops_loop {
+    char name[APC_TAG_LEN];    /* "u1"; "upper.r1" of one that moves a setpoint */
+    int id;                    /* of its target, in table opmode */
+    int manual;                /* of what an operator puts out, in table manual; 0: not described */
+    size_t controller;         /* its place */
+    enum apc_table table;      /* of its output: actuator, setpoint, sensor; 0: not described */
+    int output;                /* id in it */
+    int measurement, setpoint; /* ids of what it controls, and to what; 0: none */
+    int above;                 /* place of the loop that moves its setpoint in Cas; -1: none does */
+};
+
+struct loops {
+    struct loops_loop *at;
+    size_t n;
+    struct loops_controller *controller;
+    size_t n_controllers;
+};
+
+/* From the tags of a store, and its table dim. n is 0 where no loops are described. Returns 0, APC_ENOMEM or
+ * the store's error; loops_free() in either case. */
+int loops_load(struct loops *loops, struct apc_store *store, const struct apc_tag *tag, size_t n);
+void loops_free(struct loops *loops);
+
+/* NULL: there is none. */
+const struct loops_loop *loops_find(const struct loops *loops, const char *name);
+const struct loops_controller *loops_controller(const struct loops *loops, const char *name);
+/* The one that has this as its output, its setpoint, its target mode or its manual output. */
+const struct loops_loop *loops_of(const struct loops *loops, enum apc_table table, int id);
+
+#endif

@@ -1,0 +1,139 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The loops of a plant, as a store describes them. */
+#include <stdio.h>
+
+#include "run/loops.h"
+#include "stores.h"
+
+static struct apc_tag tags[40];
+static size_t n_tags;
+
+static struct apc_tag *describe(enum apc_table table, int id, const char *name, const char *controller)
+{
+    struct apc_tag *tag = &tags[n_tags++];
+    *tag = (struct apc_tag){.table = table, .id = id, .low = -1, .high = 1};
+    snprintf(tag->name, sizeof tag->name, "%s", name);
+    snprintf(tag->controller, sizeof tag->controller, "%s", controller);
+    return tag;
+}
+
+static void pair(struct apc_store *store, int loop, int measurement, int setpoint)
+{
+    const struct apc_sample dim[] = {sample(APC_DIM, 2 + 2 * loop, 1, measurement),
+                                     sample(APC_DIM, 3 + 2 * loop, 1, setpoint)};
+    assert_int_equal(apc_store_append(store, dim, 2), 2);
+}
+
+static struct loops load(struct apc_store *store)
+{
+    struct apc_tag got[40];
+    struct loops loops;
+    ok(store, apc_store_put_tags(store, tags, n_tags));
+    const int n = apc_store_get_tags(store, got, 40);
+    assert_int_equal(n, n_tags);
+    ok(store, loops_load(&loops, store, got, n_tags));
+    return loops;
+}
+
+/* Two layers: base has v1, v2; upper moves r1, which v1 has as its setpoint. v2 stands first among outputs.
+ */
+static void describe_layers(struct apc_store *store)
+{
+    n_tags = 0;
+    describe(APC_SENSOR, 1, "y1", "");
+    describe(APC_SENSOR, 2, "y2", "");
+    describe(APC_ACTUATOR, 1, "v2", "base");
+    describe(APC_ACTUATOR, 2, "v1", "base");
+    describe(APC_SETPOINT, 1, "r1", "base");
+    describe(APC_SETPOINT, 2, "w1", "upper");
+    describe(APC_SETPOINT, 3, "1", "base");
+    describe(APC_OPMODE, 0, "mode", "");
+    describe(APC_OPMODE, 1, "v1", "base");
+    describe(APC_OPMODE, 2, "v2", "base");
+    describe(APC_OPMODE, 3, "upper.r1", "upper");
+    describe(APC_OPMODE, 65536 + 19, "r1.owner", "base"); /* another switch */
+    describe(APC_MANUAL, 2, "v1.manual", "base");
+    describe(APC_MANUAL, 1, "v2.manual", "base");
+    describe(APC_MANUAL, 3, "upper.r1.manual", "upper");
+    describe(APC_TICK, 1, "base", "base")->period = 0.5;
+    describe(APC_TICK, 2, "upper", "upper")->period = 5;
+    pair(store, 1, 1, 1);
+    pair(store, 2, 2, 0);
+    pair(store, 3, 1, 2);
+}
+
+static void test_each_loop_has_its_signals_its_controller_and_the_loop_above(void **state)
+{
+    describe_layers(*state);
+    struct loops l = load(*state);
+    assert_int_equal(l.n, 3);
+    assert_int_equal(l.n_controllers, 2);
+    const struct loops_loop *v1 = &l.at[0], *v2 = &l.at[1], *r1 = &l.at[2];
+    assert_string_equal(v1->name, "v1");
+    assert_true(v1->id == 1 && v1->controller == 0 && v1->table == APC_ACTUATOR && v1->output == 2);
+    assert_true(v1->manual == 2 && v1->measurement == 1 && v1->setpoint == 1 && v1->above == 2);
+    assert_true(v2->output == 1 && v2->manual == 1 && v2->measurement == 2 && v2->setpoint == 0);
+    assert_true(v2->above == -1 && r1->above == -1);
+    assert_true(r1->controller == 1 && r1->table == APC_SETPOINT && r1->output == 1 && r1->manual == 3);
+    assert_true(l.controller[0].number == 1 && l.controller[0].first == 0 && l.controller[0].n == 2);
+    assert_true(l.controller[1].number == 2 && l.controller[1].first == 2 && l.controller[1].n == 1);
+    assert_true(l.controller[0].period == APC_NS_PER_S / 2 && l.controller[1].period == 5 * APC_NS_PER_S);
+    loops_free(&l);
+}
+
+static void test_a_loop_is_found_by_name_and_by_what_belongs_to_it(void **state)
+{
+    describe_layers(*state);
+    struct loops l = load(*state);
+    assert_ptr_equal(loops_find(&l, "upper.r1"), &l.at[2]);
+    assert_null(loops_find(&l, "r1"));
+    assert_ptr_equal(loops_controller(&l, "upper"), &l.controller[1]);
+    assert_null(loops_controller(&l, "v1"));
+    assert_ptr_equal(loops_of(&l, APC_ACTUATOR, 1), &l.at[1]);
+    assert_ptr_equal(loops_of(&l, APC_MANUAL, 2), &l.at[0]);
+    assert_ptr_equal(loops_of(&l, APC_OPMODE, 3), &l.at[2]);
+    assert_ptr_equal(loops_of(&l, APC_SETPOINT, 1), &l.at[0]); /* whose it is, not who moves it */
+    assert_null(loops_of(&l, APC_SENSOR, 1));
+    loops_free(&l);
+}
+
+static void test_the_only_loop_has_the_only_manual_output(void **state)
+{
+    n_tags = 0;
+    describe(APC_ACTUATOR, 1, "u", "controller");
+    describe(APC_OPMODE, 1, "u", "controller");
+    describe(APC_MANUAL, 1, "manual", "controller");
+    struct loops l = load(*state);
+    assert_int_equal(l.n, 1);
+    assert_true(l.at[0].manual == 1 && l.at[0].output == 1 && l.at[0].setpoint == 0);
+    assert_true(l.controller[0].period == 0);
+    loops_free(&l);
+}
+
+static void test_a_store_that_describes_no_loop_has_none(void **state)
+{
+    n_tags = 0;
+    describe(APC_OPMODE, 1, "mode.actual", "");
+    struct loops l = load(*state);
+    assert_int_equal(l.n, 0);
+    assert_null(loops_of(&l, APC_SETPOINT, 1));
+    loops_free(&l);
+}
+
+#define T(name) cmocka_unit_test_setup_teardown(name, stores_set_up, stores_tear_down)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        T(test_each_loop_has_its_signals_its_controller_and_the_loop_above),
+        T(test_a_loop_is_found_by_name_and_by_what_belongs_to_it),
+        T(test_the_only_loop_has_the_only_manual_output),
+        T(test_a_store_that_describes_no_loop_has_none),
+    };
+    int failed = 0;
+    for (size_t i = 0; i < store_kinds_n; i++) {
+        store_kind = &store_kinds[i];
+        failed += cmocka_run_group_tests_name(store_kind->name, tests, NULL, NULL);
+    }
+    return failed;
+}
