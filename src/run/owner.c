@@ -1,0 +1,166 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "owner.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define TRIES 10
+
+/* A loop under another one that is written to. */
+struct affected {
+    const struct loops_loop *loop;
+    const struct apc_sample *target, *setpoint; /* among what is written; NULL: is not */
+};
+
+struct order {
+    struct apc_sample *samples;
+    size_t n;
+    struct affected *affected;
+    size_t n_affected;
+    struct apc_sample *now;  /* [n + 3 n_affected] newest: of the samples; target, setpoint, actual of each */
+    struct apc_sample *rows; /* [n + n_affected] to be written */
+    size_t n_rows;
+};
+
+static const struct apc_sample *written(const struct order *o, enum apc_table table, int id)
+{
+    for (size_t i = 0; i < o->n; i++)
+        if (o->samples[i].table == table && o->samples[i].id == id)
+            return &o->samples[i];
+    return NULL;
+}
+
+static int prepare(struct order *o, const struct loops *loops, struct apc_sample *samples, size_t n)
+{
+    *o = (struct order){.samples = samples, .n = n, .affected = calloc(loops->n + 1, sizeof *o->affected)};
+    o->now = calloc(n + 3 * loops->n + 1, sizeof *o->now);
+    o->rows = calloc(n + loops->n + 1, sizeof *o->rows);
+    if (!o->affected || !o->now || !o->rows)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < loops->n; i++) {
+        const struct loops_loop *l = &loops->at[i];
+        const struct apc_sample *own = written(o, APC_OPMODE, l->id);
+        const struct affected a = {.loop = l,
+                                   .target = own ? own : written(o, APC_OPMODE, 0),
+                                   .setpoint = written(o, APC_SETPOINT, l->setpoint)};
+        if (l->above >= 0 && (a.target || a.setpoint))
+            o->affected[o->n_affected++] = a;
+    }
+    return 0;
+}
+
+static int look(struct order *o, struct apc_store *store)
+{
+    struct apc_sample *at = o->now;
+    for (size_t i = 0; i < o->n; i++)
+        *at++ = (struct apc_sample){.table = o->samples[i].table, .id = o->samples[i].id};
+    for (size_t i = 0; i < o->n_affected; i++) {
+        const struct loops_loop *l = o->affected[i].loop;
+        *at++ = (struct apc_sample){.table = APC_OPMODE, .id = l->id};
+        *at++ = (struct apc_sample){.table = APC_SETPOINT, .id = l->setpoint};
+        *at++ =
+            (struct apc_sample){.table = APC_ACTUAL, .id = apc_variable_number(APC_SETPOINT, l->setpoint)};
+    }
+    return apc_store_read(store, o->now, (size_t)(at - o->now));
+}
+
+/* Does anybody else's row stand where the caller knew another? */
+static bool is_stale(const struct order *o)
+{
+    for (size_t i = 0; i < o->n; i++)
+        if (o->samples[i].seq != APC_SEQ_ANY && o->samples[i].seq != o->now[i].seq)
+            return true;
+    return false;
+}
+
+static bool knows_nothing(const struct order *o)
+{
+    for (size_t i = 0; i < o->n; i++)
+        if (o->samples[i].seq != APC_SEQ_ANY)
+            return false;
+    return true;
+}
+
+static bool is_cas(const struct apc_sample *target)
+{
+    return target->seq != 0 && target->value >= APC_MODE_CAS && target->value <= APC_MODE_CAS;
+}
+
+static struct apc_sample *add(struct order *o, const struct apc_sample *newest, double value)
+{
+    struct apc_sample *row = &o->rows[o->n_rows++];
+    *row = *o->samples;
+    row->table = newest->table;
+    row->id = newest->id;
+    row->seq = newest->seq;
+    row->value = value;
+    return row;
+}
+
+static void add_affected(struct order *o)
+{
+    for (size_t i = 0; i < o->n_affected; i++) {
+        const struct affected *a = &o->affected[i];
+        const struct apc_sample *target = &o->now[o->n + 3 * i], *setpoint = target + 1, *actual = target + 2;
+        const bool cas = is_cas(target);
+        if (!a->target && cas)
+            add(o, target, APC_MODE_AUTO);
+        if (a->target && !a->setpoint && setpoint->seq > 0 &&
+            cas != (a->target->value >= APC_MODE_CAS && a->target->value <= APC_MODE_CAS))
+            add(o, setpoint,
+                setpoint->origin > 0 && actual->seq > 0 ? actual->value /* the loop above wrote it */
+                                                        : setpoint->value);
+    }
+}
+
+static int try(struct order *o, struct apc_store *store)
+{
+    int rc = look(o, store);
+    if (rc < 0)
+        return rc;
+    if (is_stale(o)) {
+        memcpy(o->samples, o->now, o->n * sizeof *o->samples);
+        return APC_ECONFLICT;
+    }
+    memcpy(o->rows, o->samples, o->n * sizeof *o->rows);
+    for (size_t i = 0; i < o->n; i++)
+        o->rows[i].seq = o->now[i].seq;
+    o->n_rows = o->n;
+    add_affected(o);
+    rc = apc_store_swap(store, o->rows, o->n_rows);
+    return rc == APC_ECONFLICT ? 1 : rc; /* again */
+}
+
+static int finish(struct order *o, int rc, struct owner_rows *with)
+{
+    if (rc == 1)
+        memcpy(o->samples, o->now, o->n * sizeof *o->samples);
+    for (size_t i = 0; i < o->n && rc == 0; i++)
+        o->samples[i].seq = o->rows[i].seq;
+    if (rc == 0) {
+        with->n = o->n_rows - o->n;
+        memmove(o->rows, o->rows + o->n, with->n * sizeof *o->rows);
+        with->at = o->rows;
+        o->rows = NULL;
+    }
+    return rc == 1 ? APC_ECONFLICT : rc;
+}
+
+int owner_put(struct apc_store *store, const struct loops *loops, struct apc_sample *samples, size_t n,
+              struct owner_rows *with)
+{
+    struct order o;
+    int rc = prepare(&o, loops, samples, n);
+    *with = (struct owner_rows){0};
+    if (rc == 0 && o.n_affected == 0 && knows_nothing(&o)) {
+        rc = apc_store_put(store, samples, n);
+    } else if (rc == 0) {
+        for (int i = 0; i < TRIES && (i == 0 || rc == 1); i++)
+            rc = try(&o, store);
+        rc = finish(&o, rc, with);
+    }
+    free(o.affected);
+    free(o.now);
+    free(o.rows);
+    return rc;
+}
