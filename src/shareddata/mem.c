@@ -366,6 +366,28 @@ bool apc_mem_insert(struct memory *m, const struct apc_sample *s)
     return true;
 }
 
+int apc_mem_reserve_loops(struct apc_store *store)
+{
+    const struct memory *m = apc_mem_of(store)->memory;
+    int err = apc_mem_reserve(store, store->loop, store->n_loops);
+    for (size_t k = 0; !err && k < store->n_loops; k++) {
+        if (apc_mem_newest_seq(m, APC_OPMODE, store->loop[k].id) >= APC_SEQ_MAX) {
+            err = apc_rows_seq_failure(store, &store->loop[k]);
+        }
+    }
+    return err;
+}
+
+void apc_mem_insert_loops(struct apc_store *store, const struct apc_sample *s)
+{
+    struct memory *m = apc_mem_of(store)->memory;
+    for (size_t k = 0; apc_is_of_all(s) && k < store->n_loops; k++) {
+        const struct apc_sample row =
+            apc_loop_row(store, s, k, apc_mem_newest_seq(m, APC_OPMODE, store->loop[k].id));
+        apc_mem_insert(m, &row);
+    }
+}
+
 /* Insert all and wake those who wait. Returns how many seq were free. */
 static int insert_all(struct memory *m, const struct apc_sample *samples, size_t n)
 {
@@ -397,6 +419,9 @@ static int write_next(struct apc_store *store, struct apc_sample *samples, size_
 {
     struct memory *m = apc_mem_of(store)->memory;
     int err = apc_mem_reserve(store, samples, n);
+    if (!err) {
+        err = apc_mem_reserve_loops(store);
+    }
     for (size_t i = 0; !err && i < n; i++) {
         if (apc_mem_newest_seq(m, samples[i].table, samples[i].id) >= APC_SEQ_MAX) {
             err = apc_rows_seq_failure(store, &samples[i]);
@@ -405,6 +430,7 @@ static int write_next(struct apc_store *store, struct apc_sample *samples, size_
     if (!err) {
         for (size_t i = 0; i < n; i++) {
             samples[i].seq = apc_mem_newest_seq(m, samples[i].table, samples[i].id) + 1;
+            apc_mem_insert_loops(store, &samples[i]);
         }
         insert_all(m, samples, n);
     }

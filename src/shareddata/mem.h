@@ -116,6 +116,10 @@ int64_t apc_mem_first_seq(const struct variable *v, const struct apc_range *rang
 int apc_mem_reserve(struct apc_store *store, const struct apc_sample *samples, size_t n);
 /* There is room. Returns whether the seq was free. */
 bool apc_mem_insert(struct memory *m, const struct apc_sample *s);
+/* Room for the targets of all loops. */
+int apc_mem_reserve_loops(struct apc_store *store);
+/* After a sample, there is room: where it is the mode of all, that of each loop. */
+void apc_mem_insert_loops(struct apc_store *store, const struct apc_sample *s);
 
 /* ---- mem_vectors.c ---------------------------------------------------------------------------- */
 

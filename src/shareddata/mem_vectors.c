@@ -113,11 +113,17 @@ int apc_mem_append_rows(struct apc_store *store, const struct apc_rows *rows)
     }
     err = apc_mem_reserve(store, rows->sample, rows->n_samples);
     if (!err) {
+        err = apc_mem_reserve_loops(store);
+    }
+    if (!err) {
         err = reserve(store, rows->vector, rows->n_vectors);
     }
     for (size_t i = 0; !err && i < rows->n_samples; i++) {
         struct apc_sample *s = &rows->sample[i];
-        count += apc_rows_next(s, apc_mem_newest_seq(m, s->table, s->id)) && apc_mem_insert(m, s);
+        if (apc_rows_next(s, apc_mem_newest_seq(m, s->table, s->id))) {
+            count += apc_mem_insert(m, s);
+            apc_mem_insert_loops(store, s);
+        }
     }
     for (size_t i = 0; !err && i < rows->n_vectors; i++) {
         count += insert(m, &rows->vector[i]);

@@ -57,7 +57,7 @@ static int connect_store(struct apc_store *store)
 
 #define OPS(word)                                                                                            \
     {                                                                                                        \
-        .scheme = word, .open = open_store, .close = close_store, .connected = connected,                    \
+        .scheme = word, .spreads = true, .open = open_store, .close = close_store, .connected = connected,   \
         .connect = connect_store, .version = version, .read = apc_pg_read, .append = apc_pg_append,          \
         .put = apc_pg_put, .swap = apc_pg_swap, .wait = apc_pg_wait, .variables = apc_pg_variables,          \
         .history = apc_pg_history, .history_bins = apc_pg_history_bins, .put_tags = apc_pg_put_tags,         \

@@ -32,11 +32,14 @@ struct apc_store {
     bool streaming; /* a caller's function is running: it may not call the store */
     int64_t *seq;   /* of the samples of the running append of rows, as they came */
     size_t n_seq;
+    struct apc_sample *loop; /* targets to which the running put's mode of all goes as well: table and id */
+    size_t n_loops;
 };
 
 /** Contracts as in apcstore.h. Failures leave their text in store->why. */
 struct apc_store_ops {
     const char *scheme; /* with the colon */
+    bool spreads;       /* it writes the mode of all to each loop by itself */
     int (*open)(struct apc_store **store, const char *uri, const struct apc_store_config *config,
                 struct apc_error *why);
     void (*close)(struct apc_store *store);
@@ -106,6 +109,23 @@ static inline bool apc_table_known(enum apc_table table)
 static inline bool apc_table_shared(enum apc_table table)
 {
     return table == APC_SETPOINT || table == APC_OPMODE || table == APC_TUNING || table == APC_MANUAL;
+}
+
+/** Is it the target mode of all loops? What is put there is written to each, unless the same put names it. */
+static inline bool apc_is_of_all(const struct apc_sample *s)
+{
+    return s->table == APC_OPMODE && s->id == 0;
+}
+
+/** What a row of it makes the target of loop @p k of the store's, whose newest is @p newest. */
+static inline struct apc_sample apc_loop_row(const struct apc_store *store, const struct apc_sample *of_all,
+                                             size_t k, int64_t newest)
+{
+    struct apc_sample s = *of_all;
+    s.id = store->loop[k].id;
+    s.seq = newest + 1;
+    s.origin = of_all->seq;
+    return s;
 }
 
 /* ---- rows.c: for stores without a server, what PostgreSQL's constraints say ------------------ */

@@ -153,6 +153,19 @@ static int append(struct apc_store *store, const struct apc_sample *samples, siz
     return err ? err : write_all(&w, samples, n);
 }
 
+int apc_shm_write_loops(struct apc_shm_write *w, const struct apc_sample *s)
+{
+    const struct apc_store *store = &w->shm->base;
+    int err = 0;
+    for (size_t k = 0; apc_is_of_all(s) && err >= 0 && k < store->n_loops; k++) {
+        const int64_t seq = apc_shm_newest_seq(w, APC_OPMODE, store->loop[k].id);
+        const struct apc_sample row = apc_loop_row(store, s, k, seq);
+        err = seq < APC_SEQ_MAX ? apc_shm_write_sample(w, &row, NULL)
+                                : apc_rows_seq_failure(&w->shm->base, &row);
+    }
+    return err < 0 ? err : 0;
+}
+
 /* Nobody else writes meanwhile. */
 static void newest(const struct apc_shm_write *w, struct apc_sample *samples, size_t n)
 {
@@ -161,18 +174,23 @@ static void newest(const struct apc_shm_write *w, struct apc_sample *samples, si
     }
 }
 
+/* Each becomes its variable's next. */
 static int write_next(struct apc_shm_write *w, struct apc_sample *samples, size_t n)
 {
-    for (size_t i = 0; i < n; i++) {
+    int err = 0;
+    for (size_t i = 0; err >= 0 && i < n; i++) {
         const int64_t seq = apc_shm_newest_seq(w, samples[i].table, samples[i].id);
         if (seq >= APC_SEQ_MAX) {
-            apc_shm_unlock(w->shm);
-            return apc_rows_seq_failure(&w->shm->base, &samples[i]);
+            err = apc_rows_seq_failure(&w->shm->base, &samples[i]);
+        } else {
+            samples[i].seq = seq + 1;
+            err = apc_shm_write_sample(w, &samples[i], apc_shm_hint(w->shm->write_hint, i));
         }
-        samples[i].seq = seq + 1;
+        if (err >= 0) {
+            err = apc_shm_write_loops(w, &samples[i]);
+        }
     }
-    int count = write_all(w, samples, n);
-    return count < 0 ? count : 0;
+    return apc_shm_finish(w, err, 1) < 0 ? err : 0;
 }
 
 static int put(struct apc_store *store, struct apc_sample *samples, size_t n)

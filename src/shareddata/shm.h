@@ -278,6 +278,8 @@ struct apc_shm_slot *apc_shm_find_or_add(struct apc_shm_write *w, uint64_t key, 
 int64_t apc_shm_newest_seq(const struct apc_shm_write *w, enum apc_table table, int id);
 /** Write one sample. Returns 1, 0 when its seq was taken, APC_ESTORE when there is no room. */
 int apc_shm_write_sample(struct apc_shm_write *w, const struct apc_sample *s, uint32_t *hint);
+/** After a sample: where it is the mode of all, that of each loop. Returns 0 or an error. */
+int apc_shm_write_loops(struct apc_shm_write *w, const struct apc_sample *s);
 /** Write one record of @p words words. */
 void apc_shm_write_record(struct apc_shm_write *w, enum apc_shm_log_name name, const void *record,
                           size_t words);

@@ -261,6 +261,7 @@ int apc_shm_append_rows(struct apc_store *store, const struct apc_rows *rows)
         if (apc_rows_next(s, apc_table_shared(s->table) ? apc_shm_newest_seq(&w, s->table, s->id) : 0)) {
             err = apc_shm_write_sample(&w, s, apc_shm_hint(shm->write_hint, i));
             count += err > 0;
+            err = err > 0 ? apc_shm_write_loops(&w, s) : err;
         }
     }
     for (size_t i = 0; err >= 0 && i < rows->n_vectors; i++) {

@@ -690,6 +690,7 @@ static void close_store(struct apc_store *store)
 
 static const struct apc_store_ops spooling_store = {
     .scheme = "",
+    .spreads = true,
     .close = close_store,
     .connected = connected,
     .stats = stats,

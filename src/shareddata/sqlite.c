@@ -448,6 +448,7 @@ static int end_put(struct apc_sqlite *sq, struct apc_sample *samples, size_t n, 
         next.seq++;
         next.sensor_seq = next.setpoint_seq = 0;
         err = apc_sqlite_append_one(sq, &next);
+        err = err < 0 ? err : apc_sqlite_append_loops(sq, &next);
     }
     err = apc_sqlite_end(sq, err < 0 ? err : 0);
     for (size_t i = 0; err == 0 && i < n; i++) {

@@ -146,6 +146,8 @@ int apc_sqlite_make_function(struct apc_sqlite *sq);
 int apc_sqlite_newest(struct apc_sqlite *sq, struct apc_sample *s);
 /** Returns 1 when it was stored, 0 when its seq is taken, or an error. */
 int apc_sqlite_append_one(struct apc_sqlite *sq, const struct apc_sample *s);
+/** After a sample: where it is the mode of all, that of each loop. Returns 0 or an error. */
+int apc_sqlite_append_loops(struct apc_sqlite *sq, const struct apc_sample *s);
 /** The first block that reaches @p seq or beyond and may have samples of since <= time < until. 1, 0 or
  * error. */
 int apc_sqlite_next_block(struct apc_sqlite *sq, int64_t variable, int64_t seq, int64_t since, int64_t until,

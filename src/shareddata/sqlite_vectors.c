@@ -91,6 +91,21 @@ int apc_sqlite_read_rows(struct apc_store *store, struct apc_rows *rows)
     return apc_sqlite_end(sq, err);
 }
 
+int apc_sqlite_append_loops(struct apc_sqlite *sq, const struct apc_sample *s)
+{
+    const struct apc_store *store = &sq->base;
+    int err = 0;
+    for (size_t k = 0; apc_is_of_all(s) && err >= 0 && k < store->n_loops; k++) {
+        struct apc_sample newest = store->loop[k];
+        err = apc_sqlite_newest(sq, &newest);
+        if (!err) {
+            newest = apc_loop_row(store, s, k, newest.seq);
+            err = apc_sqlite_append_one(sq, &newest);
+        }
+    }
+    return err < 0 ? err : 0;
+}
+
 /* Returns 1 when it was stored, 0 when somebody else was faster or its seq is taken, or an error. */
 static int append_sample(struct apc_sqlite *sq, struct apc_sample *s)
 {
@@ -99,7 +114,9 @@ static int append_sample(struct apc_sqlite *sq, struct apc_sample *s)
     if (err || !apc_rows_next(s, newest.seq)) {
         return err;
     }
-    return apc_sqlite_append_one(sq, s);
+    err = apc_sqlite_append_one(sq, s);
+    const int loops = err > 0 ? apc_sqlite_append_loops(sq, s) : 0;
+    return loops < 0 ? loops : err;
 }
 
 static int append_vector(struct apc_sqlite *sq, const struct apc_vector *v)

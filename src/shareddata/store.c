@@ -78,6 +78,7 @@ void apc_store_close(struct apc_store *store)
 {
     if (store) {
         free(store->seq);
+        free(store->loop);
         store->ops->close(store);
     }
 }
@@ -332,9 +333,49 @@ static int check_put(struct apc_store *store, const struct apc_sample *samples, 
     return err;
 }
 
+static bool is_named(const struct apc_sample *samples, size_t n, int loop)
+{
+    for (size_t i = 0; i < n; i++) {
+        if (samples[i].table == APC_OPMODE && samples[i].id == loop) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/* The loops that these samples' mode of all is for: those that have tags, and are not named themselves. */
+static int find_loops(struct apc_store *store, const struct apc_sample *samples, size_t n)
+{
+    size_t i = 0;
+    store->n_loops = 0;
+    while (i < n && !apc_is_of_all(&samples[i])) {
+        i++;
+    }
+    const int most = i < n && !store->ops->spreads ? store->ops->get_tags(store, NULL, 0) : 0;
+    if (most <= 0) {
+        return most;
+    }
+    struct apc_tag *tag = (struct apc_tag *)calloc((size_t)most, sizeof *tag);
+    struct apc_sample *loop = (struct apc_sample *)realloc(store->loop, (size_t)most * sizeof *loop);
+    store->loop = loop ? loop : store->loop;
+    int there = tag && loop ? store->ops->get_tags(store, tag, (size_t)most)
+                            : apc_fail(&store->why, APC_ENOMEM, "out of memory for %d tags", most);
+    for (int k = 0; k < there && k < most; k++) {
+        if (tag[k].table == APC_OPMODE && tag[k].id > 0 && tag[k].id < 65536 && tag[k].controller[0] &&
+            !is_named(samples, n, tag[k].id)) {
+            loop[store->n_loops++] = (struct apc_sample){.table = APC_OPMODE, .id = tag[k].id};
+        }
+    }
+    free(tag);
+    return there < 0 ? there : 0;
+}
+
 int apc_store_put(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     int err = check_put(store, samples, n);
+    if (!err) {
+        err = find_loops(store, samples, n);
+    }
     return err || n == 0 ? err : store->ops->put(store, samples, n);
 }
 
@@ -346,6 +387,9 @@ int apc_store_swap(struct apc_store *store, struct apc_sample *samples, size_t n
             err = apc_fail(&store->why, APC_EINVAL, "%s %d: seq counts from 1",
                            apc_table_name(samples[i].table), samples[i].id);
         }
+    }
+    if (!err) {
+        err = find_loops(store, samples, n);
     }
     return err || n == 0 ? err : store->ops->swap(store, samples, n);
 }
@@ -451,6 +495,9 @@ int apc_store_append_rows(struct apc_store *store, const struct apc_rows *rows)
         return err;
     }
     err = keep_seqs(store, rows);
+    if (!err) {
+        err = find_loops(store, rows->sample, rows->n_samples);
+    }
     int count = err ? err : store->ops->append_rows(store, rows);
     for (size_t i = 0; !err && count < 0 && i < rows->n_samples; i++) {
         rows->sample[i].seq = store->seq[i];

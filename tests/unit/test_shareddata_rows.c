@@ -376,6 +376,74 @@ static void test_a_row_that_the_store_refuses_keeps_all_out(void **state)
 
 /* ---- Wait, variables, history, housekeeping ------------------------------------------------------- */
 
+/* ---- The mode of all --------------------------------------------------------------------------- */
+
+static struct apc_sample newest_mode(struct apc_store *store, int id)
+{
+    struct apc_sample s = {.table = APC_OPMODE, .id = id};
+    ok(store, apc_store_read(store, &s, 1));
+    return s;
+}
+
+static void assert_mode(struct apc_store *store, int id, double value, int64_t seq, int64_t origin)
+{
+    const struct apc_sample s = newest_mode(store, id);
+    assert_near(s.value, value, 0);
+    assert_int_equal(s.seq, seq);
+    assert_int_equal(s.origin, origin);
+}
+
+static void test_what_is_put_to_the_mode_of_all_is_put_to_each_loop(void **state)
+{
+    const struct apc_tag tags[] = {
+        {.table = APC_OPMODE, .id = 0, .name = "mode"},
+        {.table = APC_OPMODE, .id = 1, .name = "u1", .controller = "base"},
+        {.table = APC_OPMODE, .id = 2, .name = "upper.r1", .controller = "upper"},
+        {.table = APC_OPMODE, .id = 3, .name = "nobody's"},
+        {.table = APC_OPMODE, .id = 65536, .name = "a switch", .controller = "base"},
+    };
+    struct apc_sample s = {.table = APC_OPMODE, .value = APC_MODE_MAN}, named[2];
+    assert_true(apc_store_put_tags(*state, tags, 5) == 5);
+
+    ok(*state, apc_store_put(*state, &s, 1));
+    assert_int_equal(s.seq, 1);
+    assert_mode(*state, 0, APC_MODE_MAN, 1, 0);
+    assert_mode(*state, 1, APC_MODE_MAN, 1, 1);
+    assert_mode(*state, 2, APC_MODE_MAN, 1, 1);
+    assert_int_equal(newest_mode(*state, 3).seq, 0);
+    assert_int_equal(newest_mode(*state, 65536).seq, 0);
+
+    /* a loop that is named gets what is said of it */
+    named[0] = (struct apc_sample){.table = APC_OPMODE, .id = 2, .value = APC_MODE_CAS};
+    named[1] = (struct apc_sample){.table = APC_OPMODE, .id = 0, .value = APC_MODE_AUTO};
+    ok(*state, apc_store_put(*state, named, 2));
+    assert_mode(*state, 0, APC_MODE_AUTO, 2, 0);
+    assert_mode(*state, 1, APC_MODE_AUTO, 2, 2);
+    assert_mode(*state, 2, APC_MODE_CAS, 2, 0);
+
+    /* a swap that fails leaves the loops alone */
+    s = (struct apc_sample){.table = APC_OPMODE, .seq = 1, .value = APC_MODE_OOS};
+    assert_int_equal(apc_store_swap(*state, &s, 1), APC_ECONFLICT);
+    assert_mode(*state, 1, APC_MODE_AUTO, 2, 2);
+    s.value = APC_MODE_OOS; /* its seq is now the newest */
+    ok(*state, apc_store_swap(*state, &s, 1));
+    assert_mode(*state, 1, APC_MODE_OOS, 3, 3);
+    assert_mode(*state, 2, APC_MODE_OOS, 3, 3);
+
+    /* and so does a row that is left out */
+    struct apc_sample rows[2] = {{.table = APC_OPMODE, .seq = 2, .value = APC_MODE_MAN},
+                                 {.table = APC_MANUAL, .id = 1, .seq = APC_SEQ_ANY, .value = 4}};
+    assert_int_equal(append_samples(*state, rows, 2), 1);
+    assert_int_equal(rows[0].seq, 0);
+    assert_mode(*state, 1, APC_MODE_OOS, 3, 3);
+    rows[0].seq = 3;
+    rows[1].seq = APC_SEQ_ANY;
+    assert_int_equal(append_samples(*state, rows, 2), 2); /* rows of the caller's */
+    assert_int_equal(rows[0].seq, 4);
+    assert_mode(*state, 1, APC_MODE_MAN, 4, 4);
+    assert_mode(*state, 2, APC_MODE_MAN, 4, 4);
+}
+
 static void test_a_wait_sees_rows(void **state)
 {
     double in[2] = {1, 2};
@@ -522,6 +590,7 @@ int main(void)
         T(test_what_is_read_together_was_written_together),
         T(test_what_makes_no_sense_is_refused_and_nothing_is_written),
         T(test_a_row_that_the_store_refuses_keeps_all_out),
+        T(test_what_is_put_to_the_mode_of_all_is_put_to_each_loop),
         T(test_a_wait_sees_rows),
         T(test_variables_of_vectors_are_named_as_well),
         T(test_history_comes_in_rising_seq_within_its_bounds),
