@@ -273,9 +273,14 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
 
 static int start_store(struct shell *s, int64_t *last)
 {
-    int rc = daemon_store(s->d, &s->store, APC_SENSOR, s->d->experiment.dim.ny, last);
+    const size_t ny = s->d->experiment.dim.ny;
+    for (size_t i = 0; i < ny; i++)
+        s->y[i] = (struct apc_sample){.table = APC_SENSOR, .id = (int)i + 1};
+    int rc = daemon_store(s->d, &s->store, s->y, ny);
     if (rc != 0)
         return rc;
+    for (size_t i = 0; i < ny; i++)
+        last[i] = s->y[i].seq;
     if (pthread_create(&s->thread, NULL, serve_store, s))
         return daemon_error(s->d, APC_ESYS, "the store's thread could not be started");
     s->running = true;

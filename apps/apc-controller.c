@@ -5,59 +5,102 @@
  */
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "common/daemon.h"
+#include "common/exitcode.h"
 #include "run/run_internal.h"
 
 static const struct argp_option option_list[] = {
+    {"name", 'n', "NAME", 0, "Which controller of the file to be; needed where it has several", 0},
     {"law", 'l', "NAME", 0,
      "Control law instead of the file's: built in, or ./file.so; its own tuning applies", 0},
     {0},
 };
 
+struct shell {
+    struct daemon d;
+    const char *name; /* NULL: not given */
+    const struct controller *of;
+    struct apc_store *store;
+    struct apc_controller *core;
+    bool store_up;
+};
+
 static error_t parse(int key, char *arg, struct argp_state *state)
 {
-    struct daemon_options *o = state->input;
-    if (key != 'l')
+    struct shell *s = state->input;
+    if (key == 'n')
+        s->name = arg;
+    else if (key == 'l')
+        s->d.options.overrides.law = arg;
+    else
         return ARGP_ERR_UNKNOWN;
-    o->overrides.law = arg;
     return 0;
+}
+
+/* ---- Which one ---------------------------------------------------------------------------- */
+
+static void list_names(const struct experiment *e, char *text, size_t size)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < e->n_controllers && n < size; i++)
+        n += (size_t)snprintf(text + n, size - n, "%s%s", i ? ", " : "", e->controllers[i].name);
+}
+
+static void choose(struct daemon *d)
+{
+    struct shell *s = d->options.own;
+    const struct experiment *e = &d->experiment;
+    char all[256];
+
+    if (!s->name && e->n_controllers == 1)
+        s->of = e->controllers;
+    for (size_t i = 0; s->name && i < e->n_controllers; i++)
+        if (!strcmp(e->controllers[i].name, s->name))
+            s->of = &e->controllers[i];
+    list_names(e, all, sizeof all);
+    if (!s->of && !s->name)
+        daemon_error(d, 0, "%s has several controllers: say with --name which one this is: %s", e->file, all);
+    else if (!s->of)
+        daemon_error(d, 0, "--name \"%s\": %s has no such controller, but %s", s->name, e->file, all);
+    if (!s->of)
+        exit(EXIT_USAGE);
+    controllers_program(e, s->of, d->name);
+    d->task_name = s->of->name;
 }
 
 static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
 
 static const struct program program = {
     .name = "apc-controller",
-    .doc = "Run a control law on the shared data.",
+    .doc = "Run a controller's law on the shared data.",
     .task = "controller",
     .parts = EXPERIMENT_LAW,
     .extra = &extra,
+    .choose = choose,
 };
 
-struct shell {
-    struct daemon *d;
-    struct apc_store *store;
-    struct apc_controller *core;
-    bool store_up;
-};
+/* ---- Ticks -------------------------------------------------------------------------------- */
 
 static void report_store(struct shell *s, int rc)
 {
     if (rc < 0 && s->store_up)
-        daemon_event(s->d, APC_EVENT_WARNING, "store", "store lost, trying again: %s",
+        daemon_event(&s->d, APC_EVENT_WARNING, "store", "store lost, trying again: %s",
                      apc_store_error(s->store));
     if (rc >= 0 && !s->store_up)
-        daemon_event(s->d, APC_EVENT_INFO, "store", "store connected again");
+        daemon_event(&s->d, APC_EVENT_INFO, "store", "store connected again");
     s->store_up = rc >= 0;
 }
 
-/* The controller never repeats a row: one that is there already is somebody else's. */
+/* The controller never repeats a row: one that is there already is somebody else's. But a setpoint that
+ * somebody wrote meanwhile is left out, by itself: then its seq is 0. */
 static int append(struct shell *s, int n)
 {
     const struct apc_rows *out = apc_controller_out(s->core);
     int rc = apc_store_append_rows(s->store, out);
     for (size_t i = 0; rc >= 0 && i < out->n_samples; i++)
-        n -= out->sample[i].seq == 0; /* left out: somebody was faster */
+        n -= out->sample[i].seq == 0;
     return rc < 0 || rc == n ? rc : APC_ECONFLICT;
 }
 
@@ -65,15 +108,35 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
 {
     struct shell *s = ctx;
     struct apc_notice notice = {0};
-    int rc = apc_store_read_rows(s->store, apc_controller_in(s->core));
+    int rc = apc_store_read_rows(s->store, apc_controller_in(s->core)), written = 0;
     const struct apc_now now = {.mono = apc_clock_mono(NULL), .utc = apc_clock_utc(NULL)};
+
     int n = apc_controller_compute(s->core, now, tick->index, rc >= 0, &notice);
-    if (rc >= 0)
+    if (rc >= 0) {
         rc = append(s, n);
-    apc_controller_update(s->core, rc < 0 ? -1 : 1);
-    daemon_notice(s->d, &notice);
+        written = rc >= 0 ? 1 : rc == APC_ECONN || rc == APC_ETIMEDOUT ? -1 : 0;
+    }
+    apc_controller_update(s->core, written);
+    daemon_notice(&s->d, &notice);
     report_store(s, rc);
-    return daemon_fatal(s->d, s->store, rc);
+    return daemon_fatal(&s->d, s->store, rc);
+}
+
+/* ---- Set-up ------------------------------------------------------------------------------- */
+
+/* The one writer of its outputs and of its tick row. */
+static int claim(struct shell *s)
+{
+    const size_t nu = s->of->dim.nu;
+    struct apc_sample *mine = calloc(nu + 1, sizeof *mine);
+    if (!mine)
+        return daemon_error(&s->d, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < nu; i++)
+        mine[i] = (struct apc_sample){.table = s->of->u[i].table, .id = (int)s->of->u[i].at + 1};
+    mine[nu] = (struct apc_sample){.table = APC_TICK, .id = s->of->number};
+    int rc = daemon_store(&s->d, &s->store, mine, nu + 1);
+    free(mine);
+    return rc;
 }
 
 /* Go on where the last controller of this run stopped, if there was one. */
@@ -81,50 +144,37 @@ static int resume(struct shell *s)
 {
     int rc = apc_store_read_rows(s->store, apc_controller_former(s->core));
     if (rc < 0)
-        return daemon_error(s->d, rc, "%s", apc_store_error(s->store));
-    if (apc_controller_resume(s->core, s->d->start) == 1)
-        daemon_event(s->d, APC_EVENT_INFO, "start", "resuming from the stored state");
+        return daemon_error(&s->d, rc, "%s", apc_store_error(s->store));
+    if (apc_controller_resume(s->core, s->d.start) == 1)
+        daemon_event(&s->d, APC_EVENT_INFO, "start", "resuming from the stored state");
     return 0;
 }
 
 static int open_shell(struct shell *s)
 {
-    size_t nu = s->d->experiment.dim.nu;
     struct apc_error why;
-    int rc = cores_controller(&s->d->experiment, &s->core, &why);
+    int rc = cores_controller(&s->d.experiment, s->of, &s->core, &why);
     if (rc < 0)
-        return daemon_error(s->d, rc, "%s", why.text);
-    int64_t *last = calloc(nu, sizeof *last);
-    if (!last)
-        return daemon_error(s->d, APC_ENOMEM, "out of memory");
-    s->d->store_timeout = daemon_timeout(s->d->experiment.controllers->rhythm.period);
-    s->d->store_pause = s->d->experiment.controllers->rhythm.period;
-    rc = daemon_store(s->d, &s->store, APC_ACTUATOR, nu, last);
-    if (rc == 0)
-        rc = resume(s);
-    free(last);
-    return rc;
-}
-
-static void close_shell(struct shell *s)
-{
-    apc_controller_destroy(s->core);
-    apc_store_close(s->store);
+        return daemon_error(&s->d, rc, "%s", why.text);
+    s->d.store_timeout = daemon_timeout(s->of->rhythm.period);
+    s->d.store_pause = s->of->rhythm.period;
+    rc = claim(s);
+    return rc == 0 ? resume(s) : rc;
 }
 
 int main(int argc, char **argv)
 {
-    struct daemon d;
-    struct shell s = {.d = &d, .store_up = true};
-    int rc = daemon_open(&d, &program, &d.options, argc, argv);
+    struct shell s = {.store_up = true};
+    int rc = daemon_open(&s.d, &program, &s, argc, argv);
     if (rc == 0)
         rc = open_shell(&s);
     if (rc == 0)
-        rc = daemon_run(&d, d.experiment.controllers->rhythm, on_tick, &s);
+        rc = daemon_run(&s.d, s.of->rhythm, on_tick, &s);
     if (s.core && apc_controller_failures(s.core) > 0)
-        daemon_event(
-            &d, APC_EVENT_WARNING, "rejected", "law %s gave no usable output at %llu ticks of this run",
-            d.experiment.controllers->law->name, (unsigned long long)apc_controller_failures(s.core));
-    close_shell(&s);
-    return daemon_close(&d, rc);
+        daemon_event(&s.d, APC_EVENT_WARNING, "rejected",
+                     "law %s gave no usable output at %llu ticks of this run", s.of->law->name,
+                     (unsigned long long)apc_controller_failures(s.core));
+    apc_controller_destroy(s.core);
+    apc_store_close(s.store);
+    return daemon_close(&s.d, rc);
 }

@@ -117,6 +117,8 @@ static int catch_up(struct shell *s)
 static int open_shell(struct shell *s)
 {
     const struct experiment *e = &s->d->experiment;
+    if (e->scheduler.steps == 0)
+        return daemon_error(s->d, APC_EINVAL, "%s has no scheduler: nothing is to be written", e->file);
     s->options = (struct apc_scheduler_options){.size = sizeof s->options,
                                                 .nz = e->scheduler.n,
                                                 .steps = e->scheduler.steps,
@@ -127,14 +129,14 @@ static int open_shell(struct shell *s)
         s->d->start = apc_clock_utc(NULL) - e->scheduler.rhythm.phase;
     s->step = calloc(e->dim.nz, sizeof *s->step);
     s->out = calloc(e->dim.nz, sizeof *s->out);
-    int64_t *last = calloc(e->dim.nz, sizeof *last);
-    int rc = s->step && s->out && last ? 0 : APC_ENOMEM;
+    int rc = s->step && s->out ? 0 : APC_ENOMEM;
     s->d->store_timeout = daemon_timeout(e->scheduler.rhythm.period);
+    for (size_t i = 0; i < s->options.nz && rc == 0; i++)
+        s->out[i] = (struct apc_sample){.table = APC_SETPOINT, .id = (int)e->scheduler.z[i].at + 1};
     if (rc == 0)
-        rc = daemon_store(s->d, &s->store, APC_SETPOINT, e->dim.nz, last);
+        rc = daemon_store(s->d, &s->store, s->out, s->options.nz);
     if (rc == 0)
         rc = catch_up(s);
-    free(last);
     s->d->look = on_look;
     s->d->look_ctx = s;
     return rc;

@@ -113,7 +113,7 @@ int daemon_error(const struct daemon *d, int err, const char *fmt, ...)
     va_start(args, fmt);
     vsnprintf(text, sizeof text, fmt, args);
     va_end(args);
-    fprintf(stderr, "%s: %s\n", d->program->name, text); /* at once: the log is written by another thread */
+    fprintf(stderr, "%s: %s\n", d->name, text); /* at once: the log is written by another thread */
     return err;
 }
 
@@ -127,7 +127,7 @@ static int open_log(struct daemon *d)
         daemon_error(d, 0, "--log-level \"%s\": must be error, warn, info or debug", name);
         exit(EXIT_USAGE);
     }
-    int rc = apc_log_create(&d->log, STDERR_FILENO, d->program->name, level);
+    int rc = apc_log_create(&d->log, STDERR_FILENO, d->name, level);
     return rc < 0 ? daemon_error(d, rc, "log: %s", apc_err_text(rc)) : 0;
 }
 
@@ -174,7 +174,7 @@ static int open_store(struct daemon *d, struct apc_store **store, apc_ns timeout
                       const char *spool)
 {
     struct apc_store_options options = {
-        .size = sizeof options, .name = d->program->name, .timeout = timeout, .backoff_max = pause};
+        .size = sizeof options, .name = d->name, .timeout = timeout, .backoff_max = pause};
     struct apc_error why;
     char path[512];
     const char *dir = spool ? or_environment(d->options.spool, "APC_SPOOL") : NULL;
@@ -184,8 +184,11 @@ static int open_store(struct daemon *d, struct apc_store **store, apc_ns timeout
     }
     if (dir && *dir) {
         mkdir(dir, 0700); /* one that is there is fine; any other trouble shows at the file */
-        if (snprintf(path, sizeof path, "%s/%s%s.spool", dir, d->program->name, spool) >= (int)sizeof path)
+        const int length = snprintf(path, sizeof path, "%s/%s%s.spool", dir, d->name, spool);
+        if (length >= (int)sizeof path)
             return daemon_error(d, APC_EINVAL, "--spool: the path is too long");
+        for (char *at = path + strlen(dir); *at; at++)
+            *at = *at == ' ' ? '-' : *at; /* "apc-controller base" */
         options.spool = path;
         options.spool_size = 0;
     }
@@ -201,18 +204,24 @@ int daemon_open(struct daemon *d, const struct program *program, void *own, int 
 
     memset(d, 0, sizeof *d);
     d->program = program;
+    snprintf(d->name, sizeof d->name, "%s", program->name);
+    d->task_name = program->task;
     d->options.own = own;
     parse_options(d, argc, argv);
     signal(SIGPIPE, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN); /* a file that may not grow is a full disk */
     if ((rc = warden_create(&d->warden)) < 0)
         return daemon_error(d, rc, "%s", apc_err_text(rc));
-    if ((rc = open_log(d)) < 0 || (rc = load(d)) < 0 || (rc = open_executive(d)) < 0)
+    if ((rc = open_log(d)) < 0 || (rc = load(d)) < 0)
+        return rc;
+    if (program->choose)
+        program->choose(d);
+    if ((rc = open_executive(d)) < 0)
         return rc;
     d->has_store = !program->store_optional || or_environment(d->options.store, "APC_STORE");
     if (d->has_store && (rc = open_store(d, &records, 0, 0, "-events")) < 0)
         return rc;
-    rc = recorder_create(&d->recorder, records, program->task);
+    rc = recorder_create(&d->recorder, records, d->task_name);
     return rc < 0 ? daemon_error(d, rc, "%s", apc_err_text(rc)) : 0;
 }
 
@@ -240,7 +249,7 @@ apc_ns daemon_timeout(apc_ns period)
     return period < least ? least : period > most ? most : period;
 }
 
-int daemon_store(struct daemon *d, struct apc_store **store, enum apc_table table, size_t n, int64_t *last)
+int daemon_store(struct daemon *d, struct apc_store **store, struct apc_sample *variables, size_t n)
 {
     apc_ns give_up = apc_clock_mono(NULL) + TAKEOVER;
     bool slow = false;
@@ -252,7 +261,7 @@ int daemon_store(struct daemon *d, struct apc_store **store, enum apc_table tabl
 
     if (rc < 0)
         return rc;
-    while ((rc = apc_store_claim(*store, table, n, last)) < 0 && may_change(rc, &slow) &&
+    while ((rc = apc_store_claim_set(*store, variables, n)) < 0 && may_change(rc, &slow) &&
            apc_clock_mono(NULL) < give_up)
         if (warden_wait(d->warden, 100 * APC_NS_PER_MS) > 0)
             return 1;
@@ -274,7 +283,7 @@ static void record(struct daemon *d, struct apc_event *event)
                                                 [APC_EVENT_WARNING] = APC_LOG_WARN,
                                                 [APC_EVENT_ALARM] = APC_LOG_ERROR};
     event->time = apc_clock_utc(NULL);
-    snprintf(event->source, sizeof event->source, "%s", d->program->name);
+    snprintf(event->source, sizeof event->source, "%.31s", d->name);
     apc_log_write(d->log, levels[event->severity], "%s", event->text);
     recorder_event(d->recorder, event);
 }
@@ -459,7 +468,7 @@ static void report_spin(const struct daemon *d, const struct apc_task *task)
 int daemon_run(struct daemon *d, struct rhythm rhythm, apc_task_fn tick, void *ctx)
 {
     const struct apc_task_options options = {.size = sizeof options,
-                                             .name = d->program->task,
+                                             .name = d->task_name,
                                              .period = rhythm.period,
                                              .start = d->start + rhythm.phase,
                                              .aligned = true,

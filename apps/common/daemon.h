@@ -18,14 +18,18 @@
 
 #include "run/run_internal.h"
 
+struct daemon;
+
 struct program {
-    const char *name;         /* "apc-controller" */
-    const char *doc;          /* one paragraph for --help */
-    const char *task;         /* "controller": of the timing rows */
-    unsigned parts;           /* enum experiment_parts */
-    bool store_optional;      /* runs without a store, then keeps no records */
-    const char *spools;       /* "measurements": what the task writes is spooled; NULL: it is not */
-    const struct argp *extra; /* options of its own, or NULL; their input is `own` */
+    const char *name;                 /* "apc-controller" */
+    const char *doc;                  /* one paragraph for --help */
+    const char *task;                 /* "client": of the timing rows */
+    unsigned parts;                   /* enum experiment_parts */
+    bool store_optional;              /* runs without a store, then keeps no records */
+    const char *spools;               /* "measurements": what the task writes is spooled; NULL: it is not */
+    const struct argp *extra;         /* options of its own, or NULL; their input is `own` */
+    void (*choose)(struct daemon *d); /* after the experiment was read: which part of it this is, by d->name
+                                         and d->task_name. It exits where there is none. NULL: as above */
 };
 
 struct daemon_options {
@@ -48,6 +52,8 @@ struct spool_watch {
 
 struct daemon {
     const struct program *program;
+    char name[APC_TAG_LEN]; /* of who writes, in messages, events, claims and spools */
+    const char *task_name;  /* in timing rows */
     struct daemon_options options;
     struct experiment experiment;
     struct apc_log *log;
@@ -77,9 +83,10 @@ int daemon_open(struct daemon *d, const struct program *program, void *own, int 
  * after which it counts as hung, and connecting takes some tens of milliseconds. */
 apc_ns daemon_timeout(apc_ns period);
 
-/* Open the task's store and become the one writer of a table. Waits some seconds for a dead predecessor's
- * claim to go. Returns 0, 1 when a signal came meanwhile, or an error already reported. */
-int daemon_store(struct daemon *d, struct apc_store **store, enum apc_table table, size_t n, int64_t *last);
+/* Open the task's store and become the one writer of @variables, as by apc_store_claim_set(). Waits some
+ * seconds for a dead predecessor's claim to go. Returns 0, 1 when a signal came meanwhile, or an error
+ * already reported. */
+int daemon_store(struct daemon *d, struct apc_store **store, struct apc_sample *variables, size_t n);
 
 /* After the task has used its store: tell of what its spool holds back, and has stored later. [tick] */
 void daemon_spool(struct daemon *d, const struct apc_store *store);

@@ -274,6 +274,12 @@ int controllers_manual(const struct experiment *e, struct controller_loop loop)
     return (int)(before + u.at) + 1;
 }
 
+void controllers_program(const struct experiment *e, const struct controller *c, char name[APC_TAG_LEN])
+{
+    const bool one = e->n_controllers == 1;
+    snprintf(name, APC_TAG_LEN, "apc-controller%s%.48s", one ? "" : " ", one ? "" : c->name);
+}
+
 void controllers_loop_name(const struct experiment *e, struct controller_loop loop, char name[APC_TAG_LEN])
 {
     const char *output = controllers_output(e, loop)->name;

@@ -87,10 +87,10 @@ int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc
     return rc;
 }
 
-int cores_controller(const struct experiment *e, struct apc_controller **controller, struct apc_error *why)
+int cores_controller(const struct experiment *e, const struct controller *c,
+                     struct apc_controller **controller, struct apc_error *why)
 {
     const apc_ns client = e->client.rhythm.period, plant = e->plant.rhythm.period;
-    const struct controller *c = e->controllers;
     const struct apc_law_setup setup = cores_law_setup(c);
     struct apc_controller_setpoint *z = calloc(e->dim.nz + 1, sizeof *z);
     struct apc_controller_loop *loop = calloc(e->dim.nu, sizeof *loop);

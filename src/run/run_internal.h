@@ -211,6 +211,8 @@ struct controller_loop {
 /* How many there are, and number @p n of them, from 0: the one with id n + 1 in table opmode. */
 size_t controllers_loops(const struct experiment *e);
 struct controller_loop controllers_loop(const struct experiment *e, size_t n);
+/* What runs the controller calls itself, in events: "apc-controller", of several "apc-controller base". */
+void controllers_program(const struct experiment *e, const struct controller *c, char name[APC_TAG_LEN]);
 /* Its output. */
 const struct apc_tag *controllers_output(const struct experiment *e, struct controller_loop loop);
 /* Id of its operator's output in table manual: an actuator's is the actuator's own, and those of setpoints
@@ -244,7 +246,8 @@ void cores_outputs(const struct experiment *e, double *low, double *high, double
 int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc_plantserver **server,
                 struct apc_error *why);
 /* These return 0 or a negative error with its text in why. */
-int cores_controller(const struct experiment *e, struct apc_controller **controller, struct apc_error *why);
+int cores_controller(const struct experiment *e, const struct controller *c,
+                     struct apc_controller **controller, struct apc_error *why);
 int cores_client(const struct experiment *e, const int64_t *last, apc_ns since, struct apc_client **client,
                  struct apc_error *why);
 

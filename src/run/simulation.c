@@ -515,7 +515,7 @@ int simulation_create(struct simulation *s, const struct experiment *e, uint64_t
     struct experiment seeded = *e;
     seeded.seed = seed;
     if ((rc = cores_plant(&seeded, &s->plant, &s->server, why)) < 0 ||
-        (rc = cores_controller(e, &s->controller, why)) < 0 ||
+        (rc = cores_controller(e, e->controllers, &s->controller, why)) < 0 ||
         (rc = cores_client(e, NULL, SIMULATION_BEGIN, &s->client, why)) < 0 ||
         (rc = make_exchange(s, seed, why)) < 0 || (rc = make_store(s, why)) < 0)
         return rc;

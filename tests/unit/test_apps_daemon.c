@@ -542,13 +542,13 @@ static void a_main_thread_that_hangs_is_given_up(void **state)
 static int claim(struct daemon *d)
 {
     static struct apc_store *s;
-    int64_t last = -1;
+    struct apc_sample y = {.table = APC_SENSOR, .id = 1};
     d->store_timeout = daemon_timeout(d->experiment.plant.rhythm.period);
     d->store_pause = 1;
-    int rc = daemon_store(d, &s, APC_SENSOR, 1, &last);
+    int rc = daemon_store(d, &s, &y, 1);
     if (rc != 0)
         apc_store_close(s);
-    if (rc == 0 && (last != 5 || d->store_pause != APC_NS_PER_S / 10))
+    if (rc == 0 && (y.seq != 5 || d->store_pause != APC_NS_PER_S / 10))
         return APC_ESTATE;
     d->store_pause = APC_NS_PER_S * 60; /* for the next one, that is not opened */
     return rc;
