@@ -18,9 +18,12 @@ struct bench;
 /* What a tick touches. */
 enum tick_rows {
     TICK_PAPER = 1, /* reads mode, tuning, n sensors, n setpoints; writes n actuators */
-    TICK_FULL /* what apc-controller touches: a tuning for each loop, also manual outputs, and the state rows
-               */
+    TICK_FULL /* what apc-controller touches: a mode and a tuning for each loop, also manual outputs and the
+                 outputs as they stand; writes a tick row as well */
 };
+
+/* So many numbers stand in the tick row of a controller with n PI loops. */
+#define TICK_ROW(n) (3 + 35 * (n))
 
 /* ---- tick_run.c: all ways, in turn ----------------------------------------------------------- */
 

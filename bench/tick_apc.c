@@ -99,8 +99,6 @@ void store_once(void *ctx)
         s->out[i].value = Kp * (z[i].value - y[i].value) + s->integral[i];
         s->out[i].time = now;
         s->out[i].seq++;
-        s->out[i].sensor_seq = y[i].seq;
-        s->out[i].setpoint_seq = z[i].seq;
     }
     int rows = apc_store_append(s->store, s->out, s->n);
     check(s->store, rows);
@@ -125,12 +123,13 @@ struct control {
     struct apc_store *store;
     struct apc_controller *core;
     uint64_t tick;
+    size_t n;
 };
 
 struct control *control_open(const char *schema, size_t n)
 {
     struct control *c = allocate(1, sizeof *c);
-    int64_t *last = allocate(n, sizeof *last);
+    struct apc_sample *mine = allocate(n + 1, sizeof *mine);
     struct apc_error why;
     const struct apc_controller_options options = {
         .size = sizeof options,
@@ -143,10 +142,14 @@ struct control *control_open(const char *schema, size_t n)
     if (apc_controller_create(&c->core, &options, &why) < 0)
         die("%s", why.text);
     c->store = tick_open_store(schema);
-    check(c->store, apc_store_claim(c->store, APC_ACTUATOR, n, last));
+    c->n = n;
+    for (size_t i = 0; i < n; i++)
+        mine[i] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)i + 1};
+    mine[n] = (struct apc_sample){.table = APC_TICK, .id = 1};
+    check(c->store, apc_store_claim_set(c->store, mine, n + 1));
     check(c->store, apc_store_read_rows(c->store, apc_controller_former(c->core)));
     apc_controller_resume(c->core, 0);
-    free(last);
+    free(mine);
     return c;
 }
 
@@ -165,6 +168,8 @@ void control_once(void *ctx)
     check(c->store, rows);
     if (rows != n)
         die("of %d rows only %d were new", n, rows);
+    if (out->vector[0].n != TICK_ROW(c->n))
+        die("the tick row has %u numbers, by hand it has %zu", out->vector[0].n, TICK_ROW(c->n));
     apc_controller_update(c->core, 1);
 }
 

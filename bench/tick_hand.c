@@ -27,17 +27,21 @@ struct part {
     struct value *values; /* read: the newest; write: what is to be written, seq being the last one */
 };
 
-#define PARTS 5
+#define PARTS 6
 
 struct hand {
     PGconn *conn;
     size_t n;
-    struct part read[PARTS], write[2];
-    size_t n_read, n_write;
+    struct part read[PARTS], write;
+    size_t n_read;
     const struct value *mode, *tuning, *y, *z;
     struct value *u;
     double *integral;
-    char *columns[6]; /* parameters: seq, time, status, value, sensor_seq, setpoint_seq */
+    char *columns[5]; /* parameters: seq, time, status, value, origin */
+    bool full;
+    int64_t tick;     /* seq of its row */
+    double *row;      /* [TICK_ROW(n)] */
+    char *row_column; /* parameter */
 };
 
 static double from_bits(int64_t i)
@@ -89,19 +93,20 @@ static struct value *add_read(struct hand *h, const char *table, int first, size
     return part->values;
 }
 
-static struct value *add_write(struct hand *h, const char *table, size_t n, const char *more,
-                               const char *arrays)
+static void prepare_writes(struct hand *h)
 {
-    struct part *part = &h->write[h->n_write++];
-    char sql[512];
-
-    make_part(part, table, 1, n);
-    snprintf(sql, sizeof sql,
-             "INSERT INTO %s (id, seq, time, status, value%s) SELECT * FROM"
-             " unnest($1::int4[], $2::int8[], $3::timestamptz[], $4::int8[], $5::float8[]%s)",
-             table, more, arrays);
-    prepare(h, "write", table, sql);
-    return part->values;
+    make_part(&h->write, "actuator", 1, h->n);
+    h->u = h->write.values;
+    prepare(h, "write", "actuator",
+            h->full
+                ? "INSERT INTO actuator (id, seq, time, status, value, origin) SELECT * FROM"
+                  " unnest($1::int4[], $2::int8[], $3::timestamptz[], $4::int8[], $5::float8[], $6::int8[])"
+                : "INSERT INTO actuator (id, seq, time, status, value) SELECT * FROM"
+                  " unnest($1::int4[], $2::int8[], $3::timestamptz[], $4::int8[], $5::float8[])");
+    if (h->full)
+        prepare(h, "write", "tick",
+                "INSERT INTO tick (id, seq, time, status, value)"
+                " VALUES (1, $1::int8, $2::timestamptz, 0, $3::float8[])");
 }
 
 /* ---- Trips ----------------------------------------------------------------------------------- */
@@ -130,13 +135,13 @@ static void take_rows(struct hand *h, struct part *part)
     PQclear(PQgetResult(h->conn));
 }
 
-static void send(struct hand *h, const char *verb, const struct part *part, size_t n,
-                 const char *const *values, const int *lengths)
+static void send(struct hand *h, const char *verb, const char *table, size_t n, const char *const *values,
+                 const int *lengths)
 {
-    static const int binary[7] = {1, 1, 1, 1, 1, 1, 1};
+    static const int binary[6] = {1, 1, 1, 1, 1, 1};
     char name[64];
 
-    snprintf(name, sizeof name, "%s_%s", verb, part->table);
+    snprintf(name, sizeof name, "%s_%s", verb, table);
     if (!PQsendQueryPrepared(h->conn, name, (int)n, values, lengths, binary, 1))
         die("%s", PQerrorMessage(h->conn));
 }
@@ -146,7 +151,7 @@ static void read_all(struct hand *h)
     for (size_t i = 0; i < h->n_read; i++) {
         const char *const values[1] = {h->read[i].ids};
         const int lengths[1] = {(int)h->read[i].ids_length};
-        send(h, "read", &h->read[i], 1, values, lengths);
+        send(h, "read", h->read[i].table, 1, values, lengths);
     }
     PQpipelineSync(h->conn);
     for (size_t i = 0; i < h->n_read; i++)
@@ -154,48 +159,65 @@ static void read_all(struct hand *h)
     PQclear(next_result(h));
 }
 
-static void send_rows(struct hand *h, struct part *part, int64_t time)
+static void send_outputs(struct hand *h, int64_t time)
 {
-    static const uint32_t type[6] = {20, 1184, 20, 701, 20, 20};
-    const bool actuator = part->values == h->u;
-    const size_t columns = actuator ? 6 : 4;
-    const char *values[7] = {part->ids};
-    int lengths[7] = {(int)part->ids_length};
-    char *at[6] = {0};
+    static const uint32_t type[5] = {20, 1184, 20, 701, 20};
+    const size_t columns = h->full ? 5 : 4;
+    const char *values[6] = {h->write.ids};
+    int lengths[6] = {(int)h->write.ids_length};
+    char *at[5] = {0};
 
     for (size_t k = 0; k < columns; k++)
-        at[k] = begin_array(h->columns[k], type[k], part->n);
-    for (size_t i = 0; i < part->n; i++) {
-        at[0] = add_int8(at[0], ++part->values[i].seq);
+        at[k] = begin_array(h->columns[k], type[k], h->n);
+    for (size_t i = 0; i < h->n; i++) {
+        at[0] = add_int8(at[0], ++h->u[i].seq);
         at[1] = add_int8(at[1], time);
         at[2] = add_int8(at[2], 0);
-        at[3] = add_int8(at[3], bits(part->values[i].value));
-        if (actuator) {
-            at[4] = add_int8(at[4], h->y[i].seq);
-            at[5] = add_int8(at[5], h->z[i].seq);
-        }
+        at[3] = add_int8(at[3], bits(h->u[i].value));
+        if (h->full)
+            at[4] = add_int8(at[4], h->tick);
     }
     for (size_t k = 0; k < columns; k++) {
         values[k + 1] = h->columns[k];
         lengths[k + 1] = (int)(at[k] - h->columns[k]);
     }
-    send(h, "write", part, columns + 1, values, lengths);
+    send(h, "write", "actuator", columns + 1, values, lengths);
+}
+
+static void send_tick(struct hand *h, int64_t time)
+{
+    const uint64_t head[2] = {htobe64((uint64_t)h->tick), htobe64((uint64_t)time)};
+    char *end = begin_array(h->row_column, 701, TICK_ROW(h->n));
+
+    for (size_t i = 0; i < TICK_ROW(h->n); i++)
+        end = add_int8(end, bits(h->row[i]));
+    const char *const values[3] = {(const char *)&head[0], (const char *)&head[1], h->row_column};
+    const int lengths[3] = {8, 8, (int)(end - h->row_column)};
+    send(h, "write", "tick", 3, values, lengths);
+}
+
+static void take_written(struct hand *h, size_t rows)
+{
+    PGresult *result = next_result(h);
+
+    if (strtoul(PQcmdTuples(result), NULL, 10) != rows)
+        die("not all rows were written");
+    PQclear(result);
+    PQclear(PQgetResult(h->conn));
 }
 
 static void write_all(struct hand *h)
 {
     const int64_t time = apc_clock_utc(NULL) / APC_NS_PER_US - PG_EPOCH_US;
 
-    for (size_t i = 0; i < h->n_write; i++)
-        send_rows(h, &h->write[i], time);
+    h->tick++;
+    send_outputs(h, time);
+    if (h->full)
+        send_tick(h, time);
     PQpipelineSync(h->conn);
-    for (size_t i = 0; i < h->n_write; i++) {
-        PGresult *result = next_result(h);
-        if (strtoul(PQcmdTuples(result), NULL, 10) != h->write[i].n)
-            die("table %s: not all rows were written", h->write[i].table);
-        PQclear(result);
-        PQclear(PQgetResult(h->conn));
-    }
+    take_written(h, h->n);
+    if (h->full)
+        take_written(h, 1);
     PQclear(next_result(h));
 }
 
@@ -204,23 +226,25 @@ static void write_all(struct hand *h)
 struct hand *hand_open(const char *schema, size_t n, enum tick_rows rows)
 {
     struct hand *h = allocate(1, sizeof *h);
-    size_t most = rows == TICK_FULL ? 4 * n : n;
     char sql[128];
 
     h->conn = tick_connect(schema);
     h->n = n;
+    h->full = rows == TICK_FULL;
     h->integral = allocate(n, sizeof *h->integral);
-    for (size_t k = 0; k < 6; k++)
-        h->columns[k] = allocate(20 + 12 * most, 1);
+    h->row = allocate(TICK_ROW(n), sizeof *h->row);
+    h->row_column = allocate(20 + 12 * TICK_ROW(n), 1);
+    for (size_t k = 0; k < 5; k++)
+        h->columns[k] = allocate(20 + 12 * n, 1);
     h->y = add_read(h, "sensor", 1, n);
     h->z = add_read(h, "setpoint", 1, n);
-    h->mode = add_read(h, "opmode", 0, 1);
-    h->tuning = add_read(h, "tuning", 1, rows == TICK_FULL ? n * apc_law_pi.n_tuning : TUNING);
-    h->u = add_write(h, "actuator", n, ", sensor_seq, setpoint_seq", ", $6::int8[], $7::int8[]");
-    if (rows == TICK_FULL) {
+    h->mode = h->full ? add_read(h, "opmode", 1, n) : add_read(h, "opmode", 0, 1);
+    h->tuning = add_read(h, "tuning", 1, h->full ? n * apc_law_pi.n_tuning : TUNING);
+    if (h->full) {
         add_read(h, "manual", 1, n);
-        add_write(h, "state", 4 * n, "", "");
+        add_read(h, "actuator", 1, n);
     }
+    prepare_writes(h);
     for (size_t i = 0; i < n; i++) {
         snprintf(sql, sizeof sql, "SELECT coalesce(max(seq), 0) FROM actuator WHERE id = %zu", i + 1);
         PGresult *result = tick_execute(h->conn, sql);
@@ -242,11 +266,8 @@ void hand_once(void *ctx)
     const double Kp = h->tuning[0].value, tau_i = h->tuning[1].value;
     for (size_t i = 0; i < h->n; i++)
         h->u[i].value = Kp * (h->z[i].value - h->y[i].value) + h->integral[i];
-    for (size_t i = 0; h->n_write > 1 && i < 4 * h->n; i++) {
-        const double state[4] = {h->integral[i % h->n], h->y[i % h->n].value, h->z[i % h->n].value,
-                                 h->u[i % h->n].value};
-        h->write[1].values[i].value = state[i / h->n];
-    }
+    for (size_t i = 0; i < TICK_ROW(h->n); i++)
+        h->row[i] = i < h->n ? h->integral[i] : h->y[i % h->n].value;
     write_all(h);
     for (size_t i = 0; i < h->n; i++)
         h->integral[i] += Kp * TS / tau_i * (h->z[i].value - h->y[i].value);
@@ -259,12 +280,12 @@ void hand_close(struct hand *h)
         free(h->read[i].ids);
         free(h->read[i].values);
     }
-    for (size_t i = 0; i < h->n_write; i++) {
-        free(h->write[i].ids);
-        free(h->write[i].values);
-    }
-    for (size_t k = 0; k < 6; k++)
+    free(h->write.ids);
+    free(h->write.values);
+    for (size_t k = 0; k < 5; k++)
         free(h->columns[k]);
+    free(h->row);
+    free(h->row_column);
     free(h->integral);
     free(h);
 }
