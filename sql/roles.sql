@@ -10,7 +10,7 @@ BEGIN
     IF to_regclass('migration') IS NULL THEN
         RAISE 'no plant''s schema in the search_path: run apc init, then SET search_path TO apc';
     END IF;
-    IF to_regclass('catalogue') IS NULL THEN
+    IF to_regclass('catalogue') IS NULL OR to_regclass('state') IS NOT NULL THEN
         RAISE 'the plant''s schema is of an older version: run apc init first';
     END IF;
     FOREACH name IN ARRAY ARRAY['apc_plant', 'apc_client', 'apc_controller', 'apc_scheduler', 'apc_alarms',
@@ -40,7 +40,7 @@ GRANT INSERT (time, task, quantity, period, missed, count, mean, sd, p50, p99, m
 GRANT EXECUTE ON FUNCTION claim(text, integer), claim_set(text[], integer[]), claim_release(text[], integer[])
     TO apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian;
 GRANT SELECT ON claim TO apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator, apc_engineer;
--- Not people, who never append: with it a transaction left open would lock the controller's row of opmode.
+-- Not people, who never append.
 GRANT EXECUTE ON FUNCTION absent(text, integer[], bigint[])
     TO apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian;
 REVOKE EXECUTE ON FUNCTION absent(text, integer[], bigint[]) FROM apc_operator, apc_engineer;
@@ -51,22 +51,21 @@ GRANT EXECUTE ON FUNCTION setpoint_vacant(integer[], bigint[]), opmode_vacant(in
 GRANT SELECT ON author TO apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator, apc_engineer;
 
 GRANT SELECT ON actuator, actuator_newest TO apc_client;
-GRANT SELECT ON sensor, actuator, setpoint, opmode, tuning, manual, state, actual, estimate, tick, plan
-    TO apc_controller;
+GRANT SELECT ON sensor, actuator, setpoint, opmode, tuning, manual, actual, estimate, tick, plan TO apc_controller;
 GRANT SELECT ON sensor_newest, actuator_newest, setpoint_newest, opmode_newest, tuning_newest, manual_newest,
-    state_newest, actual_newest, estimate_newest, tick_newest, plan_newest TO apc_controller;
+    actual_newest, estimate_newest, tick_newest, plan_newest TO apc_controller;
 GRANT SELECT ON setpoint, setpoint_newest, opmode, opmode_newest TO apc_scheduler;
 GRANT SELECT ON sensor, actuator, setpoint, opmode, tuning, manual, actual, estimate, alarm, tick TO apc_alarms;
 GRANT SELECT ON sensor_newest, actuator_newest, setpoint_newest, opmode_newest, tuning_newest, manual_newest,
     actual_newest, estimate_newest, alarm_newest, tick_newest TO apc_alarms;
-GRANT SELECT ON sensor, actuator, setpoint, opmode, tuning, manual, state, actual, estimate, alarm, tick, plan,
+GRANT SELECT ON sensor, actuator, setpoint, opmode, tuning, manual, actual, estimate, alarm, tick, plan,
     prediction, event, timing, request TO apc_historian, apc_operator, apc_engineer;
 GRANT SELECT ON sensor_newest, actuator_newest, setpoint_newest, opmode_newest, tuning_newest, manual_newest,
-    state_newest, actual_newest, estimate_newest, alarm_newest, tick_newest, plan_newest, prediction_newest
+    actual_newest, estimate_newest, alarm_newest, tick_newest, plan_newest, prediction_newest
     TO apc_historian, apc_operator, apc_engineer;
 
 -- Who writes: in a live store each its own; of a history all but the owner's is the historian's, and people ask it.
-REVOKE INSERT ON sensor, actuator, setpoint, dim, opmode, tuning, manual, state, actual, estimate, alarm, tick, plan,
+REVOKE INSERT ON sensor, actuator, setpoint, dim, opmode, tuning, manual, actual, estimate, alarm, tick, plan,
     prediction, request FROM apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator,
     apc_engineer;
 REVOKE INSERT (time, until, table_name, variable, value, author, reason) ON request FROM apc_operator, apc_engineer;
@@ -75,15 +74,14 @@ REVOKE UPDATE (low, high, display_low, display_high) ON tag FROM apc_engineer;
 DO $$
 BEGIN
     IF (SELECT kind FROM catalogue ORDER BY revision DESC LIMIT 1) = 'history' THEN
-        GRANT INSERT ON sensor, actuator, setpoint, dim, opmode, tuning, manual, state, actual, estimate, alarm, tick,
+        GRANT INSERT ON sensor, actuator, setpoint, dim, opmode, tuning, manual, actual, estimate, alarm, tick,
             plan, prediction TO apc_historian;
         GRANT INSERT (time, until, table_name, variable, value, author, reason) ON request
             TO apc_operator, apc_engineer;
         GRANT UPDATE (seq, outcome) ON request TO apc_historian;
     ELSE
         GRANT INSERT ON sensor TO apc_client;
-        GRANT INSERT ON sensor, actuator, setpoint, state, opmode, actual, estimate, tick, plan, prediction
-            TO apc_controller;
+        GRANT INSERT ON sensor, actuator, setpoint, actual, estimate, tick, plan, prediction TO apc_controller;
         GRANT INSERT ON setpoint, plan TO apc_scheduler;
         GRANT INSERT ON alarm TO apc_alarms;
         GRANT INSERT ON setpoint, opmode, tuning, manual TO apc_operator, apc_engineer, apc_historian;
@@ -93,14 +91,11 @@ BEGIN
 END
 $$;
 
--- Table opmode: who operates writes targets and switches; id 1 is the controller's actual mode, unless it is a loop's
--- target.
+-- Table opmode: who operates writes targets of loops that there are, and switches.
 ALTER TABLE opmode ENABLE ROW LEVEL SECURITY;
 DROP POLICY IF EXISTS all_read ON opmode;
 DROP POLICY IF EXISTS operator_target ON opmode;
-DROP POLICY IF EXISTS controller_actual ON opmode;
+DROP POLICY IF EXISTS controller_actual ON opmode; -- of version 1
 CREATE POLICY all_read ON opmode FOR SELECT USING (true); -- who is granted SELECT
 CREATE POLICY operator_target ON opmode FOR INSERT TO apc_operator, apc_engineer, apc_historian
     WITH CHECK (id = 0 OR id > 65535 OR id IN (SELECT loops()));
-CREATE POLICY controller_actual ON opmode FOR INSERT TO apc_controller
-    WITH CHECK (id = 1 AND id NOT IN (SELECT loops()));

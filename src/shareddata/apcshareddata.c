@@ -68,7 +68,7 @@ int insertIntoTableFloat(PGconn *conn, const char *table, int id, const char *ts
     enum apc_table number = table ? apc_table_parse(table) : (enum apc_table)0;
     apc_ns time = 0;
     apc_status code = APC_BAD;
-    if (!conn || !apc_table_known(number) || apc_table_vectors(number) || id < 0 || !ts ||
+    if (!conn || !apc_table_known(number) || !apc_pg_texts[number].paper_put || id < 0 || !ts ||
         apc_time_parse(ts, &time) != 0 || !status || apc_status_parse(status, &code) != 0 ||
         !(fabs(value) < APC_VALUE_MAX)) {
         return APC_EINVAL;
@@ -129,7 +129,7 @@ static int read_rows(PGconn *conn, const char *table, int first, int n, PGresult
 {
     enum apc_table number = table ? apc_table_parse(table) : (enum apc_table)0;
     *result = NULL;
-    if (!conn || !apc_table_known(number) || apc_table_vectors(number) || first < 0 || n < 0 ||
+    if (!conn || !apc_table_known(number) || !apc_pg_texts[number].paper_read || first < 0 || n < 0 ||
         (size_t)n > APC_STORE_SAMPLES_MAX) {
         return APC_EINVAL;
     }

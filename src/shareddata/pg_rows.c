@@ -172,8 +172,8 @@ int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const 
     char number[4];
     add_id(&p, number, id);
     add_range(&p, &b, range);
-    const struct apc_pg_text *text = &apc_pg_texts[table];
-    return stream(&s, range->last > 0 ? text->history_last : text->history, &p);
+    const struct apc_pg_text *text = apc_pg_text_of(s.pg, table);
+    return text ? stream(&s, range->last > 0 ? text->history_last : text->history, &p) : APC_ESCHEMA;
 }
 
 static int give_vector(struct stream *s, const PGresult *result, int row)
@@ -231,10 +231,10 @@ int apc_pg_vectors(struct apc_store *store, enum apc_table table, int id, const 
 
 /* The tables' numbers are those of enum apc_table. */
 #define OF(table, number) "SELECT " number "::int8, id::int8 FROM " table "_newest WHERE seq > 0 UNION ALL "
-static const char variables_sql[] = OF("sensor", "1") OF("actuator", "2") OF("setpoint", "3") OF("dim", "4")
-    OF("opmode", "5") OF("tuning", "6") OF("manual", "7") OF("state", "8") OF("actual", "9")
-        OF("estimate", "10") OF("alarm", "11") OF("tick", "12")
-            OF("plan", "13") "SELECT 14, id FROM prediction_newest ORDER BY 1, 2";
+static const char variables_sql[] =
+    OF("sensor", "1") OF("actuator", "2") OF("setpoint", "3") OF("dim", "4") OF("opmode", "5")
+        OF("tuning", "6") OF("manual", "7") OF("actual", "9") OF("estimate", "10") OF("alarm", "11")
+            OF("tick", "12") OF("plan", "13") "SELECT 14, id FROM prediction_newest ORDER BY 1, 2";
 
 struct variable_list {
     struct apc_pg *pg;
@@ -327,7 +327,8 @@ int apc_pg_history_bins(struct apc_store *store, enum apc_table table, int id, a
     apc_pg_param(&p, bounds[0], 8);
     apc_pg_param(&p, bounds[1], 8);
     apc_pg_param(&p, edges->data, edges->length);
-    return stream(&s, apc_pg_texts[table].bins, &p);
+    const struct apc_pg_text *text = apc_pg_text_of(pg, table);
+    return text ? stream(&s, text->bins, &p) : APC_ESCHEMA;
 }
 
 /* ---- Rows on their way in --------------------------------------------------------------------- */

@@ -114,7 +114,6 @@ const struct apc_pg_text apc_pg_texts[APC_TABLE_END] = {
     [APC_OPMODE] = {SHARED("opmode")},
     [APC_TUNING] = {SHARED("tuning")},
     [APC_MANUAL] = {SHARED("manual")},
-    [APC_STATE] = {NUMBERS("state")},
     [APC_ACTUAL] = {NUMBERS("actual")},
     [APC_ESTIMATE] = {NUMBERS("estimate")},
     [APC_ALARM] = {NUMBERS("alarm")},
@@ -122,3 +121,13 @@ const struct apc_pg_text apc_pg_texts[APC_TABLE_END] = {
     [APC_PLAN] = {VECTOR_TEXTS("plan")},
     [APC_PREDICTION] = {VECTOR_TEXTS("prediction")},
 };
+
+const struct apc_pg_text *apc_pg_text_of(struct apc_pg *pg, enum apc_table table)
+{
+    if (apc_pg_texts[table].read) {
+        return &apc_pg_texts[table];
+    }
+    apc_fail(&pg->base.why, APC_ESCHEMA, "there is no table %s since version 4 of the tables",
+             apc_table_name(table));
+    return NULL;
+}

@@ -60,6 +60,9 @@ static int sort_by_table(struct apc_pg *pg, const struct apc_rows *rows)
     }
     size_t next[APC_TABLE_END + 1] = {0};
     for (uint32_t i = 0; i < total; i++) {
+        if (!apc_pg_text_of(pg, table_of(rows, i))) {
+            return APC_ESCHEMA;
+        }
         next[table_of(rows, i) + 1]++;
     }
     for (int t = 0; t < APC_TABLE_END; t++) {

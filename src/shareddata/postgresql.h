@@ -66,6 +66,9 @@ struct apc_pg_text {
     const char *paper_read, *paper_put; /* the same on schema apc, for any PGconn */
 };
 extern const struct apc_pg_text apc_pg_texts[APC_TABLE_END];
+/** The texts of a table, or NULL with the error APC_ESCHEMA: the schema has no such table any more. */
+struct apc_pg;
+const struct apc_pg_text *apc_pg_text_of(struct apc_pg *pg, enum apc_table table);
 
 /* ---- pg_connection.c ------------------------------------------------------------------------ */
 

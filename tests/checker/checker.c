@@ -31,7 +31,7 @@
 
 enum { WRITERS_MAX = 4, READERS_MAX = 8, IDS_MAX = 64 };
 
-static const enum apc_table tables[WRITERS_MAX] = {APC_SENSOR, APC_ACTUATOR, APC_STATE, APC_TUNING};
+static const enum apc_table tables[WRITERS_MAX] = {APC_SENSOR, APC_ACTUATOR, APC_ESTIMATE, APC_TUNING};
 
 struct options {
     const char *store, *dir, *server_hook;

@@ -77,7 +77,7 @@ static int tick(struct apc_store *store, bool away)
             before = allocations;
         }
         for (int i = 0; i < 2 * N; i++) {
-            s[i] = (struct apc_sample){.table = i < N ? APC_SENSOR : APC_STATE,
+            s[i] = (struct apc_sample){.table = i < N ? APC_SENSOR : APC_MANUAL,
                                        .id = i % N + 1,
                                        .seq = seq,
                                        .time = seq * APC_NS_PER_MS,

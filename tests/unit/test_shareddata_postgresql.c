@@ -39,7 +39,7 @@ static void test_a_tick_reads_in_one_round_trip_and_writes_in_one(void **state)
     ok(store, apc_store_connect(store));
     static struct apc_sample s[5000];
     static const enum apc_table tables[5] = {APC_SENSOR, APC_SETPOINT, APC_OPMODE, APC_TUNING, APC_MANUAL};
-    static const enum apc_table written[3] = {APC_ACTUATOR, APC_STATE, APC_OPMODE};
+    static const enum apc_table written[3] = {APC_ACTUATOR, APC_ESTIMATE, APC_OPMODE};
     for (int n = 1; n <= 1000; n *= 10) {
         struct apc_store_stats before, after;
         for (int i = 0; i < 5 * n; i++) {

@@ -426,16 +426,26 @@ static void test_a_plant_of_version_1_is_brought_to_this_one_with_its_repairs(vo
         struct apc_store *store = open_direct(LONG);
         struct apc_sample s = sample(APC_SENSOR, 1, 1, 1);
         assert_int_equal(apc_store_append(store, &s, 1), APC_ESCHEMA);
-        assert_says(store, "is version 1, this library needs 3: run apc init");
+        assert_says(store, "is version 1, this library needs 4: run apc init");
         assert_int_equal(apc_store_init(store), 1);
         assert_string_equal(ask("SELECT string_agg(name, ' ') FROM repair"), "0002-repair-rights");
         assert_string_equal(ask("SELECT count(*) FROM event WHERE text LIKE '%0002-repair-rights%'"),
                             repaired ? "0" : "1");
-        assert_int_equal(apc_store_init(store), 3);
+        assert_int_equal(apc_store_init(store), 4);
         assert_string_equal(ask("SELECT string_agg(name, ' ') FROM repair"), "0002-repair-rights");
         assert_int_equal(apc_store_append(store, &s, 1), 1);
         apc_store_close(store);
     }
+}
+
+/* As apc init of a library of version 3 brought it along. */
+static void make_version_3(void)
+{
+    char sql[100];
+    snprintf(sql, sizeof sql, "SET search_path TO plant%d, pg_temp", plant);
+    cluster_query(cluster, sql);
+    cluster_query_file(cluster, APC_SQL_DIR "/0003-rows.sql");
+    cluster_query(cluster, "RESET search_path");
 }
 
 /* What a program of version 1 says to its tables, word by word. */
@@ -487,12 +497,18 @@ static const char *say(PGconn *conn, const char *sql)
     return answer;
 }
 
-static PGconn *connect_version_1(void)
+static PGconn *connect_to_plant(void)
 {
     PGconn *conn = cluster_connect(cluster);
     char sql[100];
     snprintf(sql, sizeof sql, "SET search_path TO plant%d, pg_temp", plant);
     say(conn, sql);
+    return conn;
+}
+
+static PGconn *connect_version_1(void)
+{
+    PGconn *conn = connect_to_plant();
     say(conn, "SET plan_cache_mode TO force_generic_plan");
     assert_string_equal(say(conn, "SELECT coalesce((to_jsonb(m) ->> 'compatible_from')::int8, version) FROM "
                                   "migration m ORDER BY version DESC LIMIT 1"),
@@ -542,8 +558,7 @@ static void test_programs_of_version_1_go_on_over_the_upgrade_and_after_it(void 
     PGconn *conn = connect_version_1();
     assert_string_equal(say(conn, "SELECT last FROM claim('sensor', 2)"), "{0,0}");
     run_version_1(conn, 1);
-    struct apc_store *admin = open_direct(LONG);
-    assert_int_equal(apc_store_init(admin), 1);
+    make_version_3();
     run_version_1(conn, 2);
 
     PGconn *second = connect_version_1(); /* as after a reconnect */
@@ -573,8 +588,6 @@ static void test_programs_of_version_1_go_on_over_the_upgrade_and_after_it(void 
         "10 20 30");
     assert_string_equal(ask("SELECT string_agg(id || ':' || seq, ' ' ORDER BY id) FROM opmode_newest"),
                         "0:3 1:9");
-    assert_int_equal(newest(admin, APC_SETPOINT, 1).seq, 3);
-    apc_store_close(admin);
 }
 
 /* The rights that a scheduler of version 1 had; sql/roles.sql was not run again yet. */
@@ -592,8 +605,7 @@ static void test_a_role_of_version_1_goes_on_with_the_rights_it_had(void **state
         "EXECUTE ON FUNCTION claim(text, int), absent(text, int[], bigint[]) TO %s; RESET search_path",
         role, plant, role, plant, role, role, role);
     cluster_query(cluster, sql);
-    struct apc_store *admin = open_direct(LONG);
-    assert_int_equal(apc_store_init(admin), 1);
+    make_version_3();
     PGconn *conn = connect_version_1();
     snprintf(sql, sizeof sql, "SET SESSION AUTHORIZATION %s", role);
     say(conn, sql);
@@ -602,9 +614,178 @@ static void test_a_role_of_version_1_goes_on_with_the_rights_it_had(void **state
     assert_string_equal(say(conn, "EXECUTE put_setpoint('{1}', '{now}', '{0}', '{7}')"), "2");
     assert_string_equal(say(conn, "SELECT count(*) FROM absent('setpoint', '{1,1}', '{2,3}')"), "1");
     PQfinish(conn);
-    apc_store_close(admin);
     snprintf(sql, sizeof sql, "DROP OWNED BY %s; DROP ROLE %s", role, role);
     cluster_query(cluster, sql);
+}
+
+/* ---- From one controller to loops ----------------------------------------------------------------- */
+
+#define PROCESS "sensor", "actuator", "setpoint", "tuning", "manual", "dim"
+
+/* What a run of version 1 with two outputs leaves: ticks, modes that changed, a state, and a seq that
+ * poisons. */
+static void fill_version_1(void)
+{
+    PGconn *conn = connect_version_1();
+    for (int k = 1; k <= 5; k++) {
+        run_version_1(conn, k);
+    }
+    assert_string_equal(
+        say(conn, "INSERT INTO dim VALUES (1, 1, now(), 0, 2), (2, 1, now(), 0, 2), (3, 1, now(), 0, 2)"),
+        "3");
+    assert_string_equal(say(conn, "INSERT INTO state SELECT 0, k, now() - k * interval '1 day', 0, k FROM "
+                                  "generate_series(1, 9) AS k"),
+                        "9");
+    assert_string_equal(
+        say(conn, "INSERT INTO tuning VALUES (1, 1, '2020-01-01', 0, 0.2), (1, 2, now(), 0, 0.3)"), "2");
+    assert_string_equal(say(conn, "INSERT INTO opmode VALUES (0, 6, '2026-01-31', 5, 1)"), "1");
+    assert_string_equal(
+        say(conn, "INSERT INTO tag (table_name, id, name) VALUES ('actuator', 1, 'u1'), ('actuator', 2, "
+                  "'u2'), ('state', 0, 'experiment')"),
+        "3");
+    PQfinish(conn);
+}
+
+/* Each row of each table of process values, in columns that version 1 knows. */
+static void sum_up(char sums[6][64])
+{
+    static const char *const tables[] = {PROCESS};
+    for (size_t i = 0; i < 6; i++) {
+        char sql[300];
+        snprintf(
+            sql, sizeof sql,
+            "SELECT md5(string_agg(ROW(id, seq, time, status, value%s)::text, ' ' ORDER BY id, seq)) FROM %s",
+            strcmp(tables[i], "actuator") == 0 ? ", sensor_seq, setpoint_seq" : "", tables[i]);
+        snprintf(sums[i], 64, "%s", ask(sql));
+        assert_int_equal(strlen(sums[i]), tables[i][0] == 'm' ? 0 : 32); /* nobody wrote manual */
+    }
+}
+
+static void test_what_was_of_one_controller_becomes_that_of_its_loops(void **state)
+{
+    (void)state;
+    for (int from = 1; from <= 3; from += 2) {
+        make_version_1(true);
+        fill_version_1();
+        if (from == 3) {
+            make_version_3();
+        }
+        char before[6][64] = {{0}}, after[6][64] = {{0}};
+        sum_up(before);
+        struct apc_store *store = open_direct(LONG);
+        assert_int_equal(apc_store_connect(store), APC_ESCHEMA); /* until it is brought along */
+        assert_says(store, "run apc init");
+        assert_int_equal(apc_store_init(store), from);
+        sum_up(after);
+        assert_memory_equal(before, after, sizeof before);
+        assert_string_equal(
+            ask("SELECT version || ' ' || compatible_from FROM migration ORDER BY version DESC LIMIT 1"),
+            "4 4");
+
+        /* Each loop has the target that was everybody's, above all seqs of its id; their actual mode is a
+         * history. */
+        assert_string_equal(
+            ask("SELECT string_agg(id || ':' || seq || ':' || value || ':' || status || ':' || time::date,"
+                " ' ' ORDER BY id, seq) FROM opmode WHERE id > 0"),
+            "1:16:1:5:2026-01-31 2:1:1:5:2026-01-31");
+        assert_string_equal(ask("SELECT count(*) FROM opmode WHERE id = 0"), "6");
+        assert_string_equal(
+            ask("SELECT string_agg(t.name || ' ' || t.controller || ' ' || (SELECT count(*) || ' ' || "
+                "max(seq) FROM actual AS a WHERE a.id = t.number), ', ' ORDER BY t.id) FROM tag AS t "
+                "WHERE table_name = 'opmode' AND id > 0"),
+            "u1 controller 5 5, u2 controller 5 5");
+
+        /* It goes on: a tick, the mode of all, a loop's own. */
+        double x[2] = {1, 2};
+        struct apc_sample u = sample(APC_ACTUATOR, 1, 6, 1),
+                          mode = {.table = APC_OPMODE, .id = 0, .value = 0};
+        struct apc_vector tick = {.table = APC_TICK, .id = 1, .seq = 1, .n = 2, .room = 2, .value = x};
+        const struct apc_rows rows = {
+            .size = sizeof rows, .sample = &u, .n_samples = 1, .vector = &tick, .n_vectors = 1};
+        u.origin = 1;
+        assert_int_equal(apc_store_append_rows(store, &rows), 2);
+        assert_int_equal(newest(store, APC_ACTUATOR, 1).origin, 1);
+        ok(store, apc_store_put(store, &mode, 1));
+        mode.id = 2;
+        mode.value = 3;
+        ok(store, apc_store_put(store, &mode, 1));
+        assert_int_equal(newest(store, APC_OPMODE, 1).seq, 17);
+        assert_near(newest(store, APC_OPMODE, 1).value, 0, 0);
+        assert_near(newest(store, APC_OPMODE, 2).value, 3, 0);
+
+        /* What a controller resumed from is kept, read by nobody, until it is older than what is kept. */
+        struct apc_sample s = {.table = APC_STATE, .id = 0};
+        assert_int_equal(apc_store_read(store, &s, 1), APC_ESCHEMA);
+        assert_says(store, "no table state since version 4");
+        assert_true(apc_store_connected(store));
+        assert_string_equal(ask("SELECT count(*) FROM state_v1"), "9");
+        struct apc_retention keep = {.size = sizeof keep, .samples = WEEK};
+        ok(store, apc_store_maintain(store, &keep));
+        assert_string_equal(ask("SELECT count(*) FROM state_v1"), "9");
+        keep.samples = 3600 * APC_NS_PER_S;
+        ok(store, apc_store_maintain(store, &keep));
+        assert_string_equal(ask("SELECT coalesce(to_regclass('state_v1')::text, 'gone')"), "gone");
+        ok(store, apc_store_maintain(store, &keep));
+        apc_store_close(store);
+    }
+}
+
+static void test_programs_that_are_still_there_are_named_and_nothing_is_changed(void **state)
+{
+    (void)state;
+    make_version_1(true);
+    fill_version_1();
+    struct apc_store *admin = open_direct(LONG);
+    PGconn *conn = connect_version_1();
+    say(conn, "SET application_name TO 'apc-controller'");
+    assert_true(apc_store_init(admin) < 0);
+    assert_says(admin, "connected are apc-controller (server process");
+    say(conn, "SET application_name TO 'something else'");
+    say(conn, "SELECT * FROM claim('actuator', 1)");
+    assert_true(apc_store_init(admin) < 0);
+    assert_says(admin, "table actuator is being written by something else (server process");
+    assert_string_equal(ask("SELECT max(version) FROM migration"), "1");
+    assert_string_equal(ask("SELECT count(*) FROM opmode WHERE id = 1"), "5");
+    assert_string_equal(say(conn, "EXECUTE append_sensor('{1}', '{6}', '{now}', '{0}', '{6}')"), "1");
+    PQfinish(conn);
+    int had = -1;
+    for (int i = 0; i < 1000 && had < 0; i++) { /* until the server has ended that session */
+        had = apc_store_init(admin);
+    }
+    assert_int_equal(had, 1);
+    conn = connect_to_plant(); /* and a program of version 1 does not come back */
+    assert_string_equal(say(conn, "SELECT compatible_from FROM migration ORDER BY version DESC LIMIT 1"),
+                        "4");
+    PQfinish(conn);
+    apc_store_close(admin);
+}
+
+static void test_only_what_people_write_notifies(void **state)
+{
+    (void)state;
+    PGconn *conn = connect_to_plant();
+    for (int table = APC_SENSOR; table < APC_TABLE_END; table++) {
+        if (table == APC_STATE) {
+            continue;
+        }
+        const char *name = apc_table_name((enum apc_table)table);
+        char sql[200];
+        snprintf(sql, sizeof sql, "SELECT '%s'::regclass::oid", name);
+        snprintf(sql, sizeof sql, "LISTEN apc_%s", say(conn, sql));
+        say(conn, sql);
+        snprintf(sql, sizeof sql, "INSERT INTO %s (id, seq, time, status, value) VALUES (2, 1, now(), 0, %s)",
+                 name, apc_table_vectors((enum apc_table)table) ? "'{1}'" : "1");
+        assert_string_equal(say(conn, sql), "1");
+        say(conn, "SELECT 1");
+        PGnotify *told = PQnotifies(conn);
+        bool people =
+            table == APC_SETPOINT || table == APC_OPMODE || table == APC_TUNING || table == APC_MANUAL;
+        if ((told != NULL) != people) {
+            fail_msg("%s: %s", name, told ? "notifies" : "is silent");
+        }
+        PQfreemem(told);
+    }
+    PQfinish(conn);
 }
 
 /* ---- Claims by set -------------------------------------------------------------------------------- */
@@ -618,7 +799,7 @@ static void test_a_set_is_claimed_wholly_or_not_at_all_and_ends_with_its_session
 {
     (void)state;
     ask("INSERT INTO actuator (id, seq, time, status, value) VALUES (2, 7, now(), 0, 1)");
-    PGconn *a = connect_version_1(), *b = connect_version_1();
+    PGconn *a = connect_to_plant(), *b = connect_to_plant();
     say(a, "SET application_name TO 'upper'");
     assert_string_equal(say(a, "SELECT last FROM claim_set('{actuator,tick,actuator}', '{2,1,1}')"),
                         "{7,0,0}");
@@ -647,10 +828,10 @@ static void test_a_set_is_claimed_wholly_or_not_at_all_and_ends_with_its_session
     assert_true(cluster_await(cluster, NO_LOCKS, "0"));
 
     /* A later session of a number that an earlier one had is not it. */
-    a = connect_version_1();
+    a = connect_to_plant();
     say(a, "INSERT INTO claim VALUES ('alarm', 1, 'ghost', pg_backend_pid(), '2001-01-01')");
     assert_string_equal(say(a, "SELECT last FROM claim_set('{tick}', '{1}')"), "{0}");
-    b = connect_version_1();
+    b = connect_to_plant();
     assert_string_equal(say(b, "SELECT last FROM claim_set('{alarm}', '{1}')"), "{0}");
     PQfinish(b);
     PQfinish(a);
@@ -788,6 +969,9 @@ int main(void)
         T(test_a_plant_of_version_1_is_brought_to_this_one_with_its_repairs),
         T(test_programs_of_version_1_go_on_over_the_upgrade_and_after_it),
         T(test_a_role_of_version_1_goes_on_with_the_rights_it_had),
+        T(test_what_was_of_one_controller_becomes_that_of_its_loops),
+        T(test_programs_that_are_still_there_are_named_and_nothing_is_changed),
+        T(test_only_what_people_write_notifies),
         T(test_a_set_is_claimed_wholly_or_not_at_all_and_ends_with_its_session),
         T(test_init_by_a_superuser_makes_the_owners_tables),
         T(test_a_schema_that_vanishes_is_noticed),

@@ -53,10 +53,10 @@ static void test_every_member_of_a_sample_comes_back(void **state)
     assert_true(out.seq == in.seq && out.time == in.time && out.status == in.status);
     assert_true(out.sensor_seq == 41 && out.setpoint_seq == 0);
     struct apc_sample other = in; /* only an output is computed from something */
-    other.table = APC_STATE;
+    other.table = APC_ESTIMATE;
     other.setpoint_seq = 42;
     assert_int_equal(apc_store_append(*state, &other, 1), 1);
-    out = newest(*state, APC_STATE, 3);
+    out = newest(*state, APC_ESTIMATE, 3);
     assert_true(out.seq == in.seq && out.sensor_seq == 0 && out.setpoint_seq == 0);
 }
 
@@ -140,7 +140,7 @@ static void test_samples_of_mixed_tables_in_any_order_are_kept_apart(void **stat
     enum { N = 300 };
     struct apc_sample in[N], out[N];
     for (int i = 0; i < N; i++) {
-        enum apc_table table = (enum apc_table)(1 + (i * 7) % APC_STATE);
+        enum apc_table table = (enum apc_table)(1 + (i * 5) % APC_MANUAL);
         in[i] = sample(table, N - i, 5, i);
         out[i] = (struct apc_sample){.table = table, .id = N - i};
     }
@@ -189,7 +189,7 @@ static void test_a_foreign_row_at_the_next_seq_makes_the_count_short_and_keeps_n
     apc_store_close(foreign);
 
     struct apc_sample next[4] = {sample(APC_SENSOR, 1, 2, 1), sample(APC_SENSOR, 2, 2, 2),
-                                 sample(APC_SENSOR, 3, 2, 3), sample(APC_STATE, 1, 2, 4)};
+                                 sample(APC_SENSOR, 3, 2, 3), sample(APC_ESTIMATE, 1, 2, 4)};
     assert_int_equal(apc_store_append(*state, next, 4), 3);
     for (int i = 0; i < 4; i++) {
         struct apc_sample s = newest(*state, next[i].table, next[i].id);
@@ -241,12 +241,12 @@ static void test_one_bad_row_keeps_the_whole_append_out(void **state)
 {
     /* A fractional dimension is refused by the store itself, after the others were taken. */
     const struct apc_sample s[3] = {sample(APC_SENSOR, 1, 1, 1), sample(APC_DIM, 1, 1, 1.5),
-                                    sample(APC_STATE, 1, 1, 1)};
+                                    sample(APC_ESTIMATE, 1, 1, 1)};
     assert_int_equal(apc_store_append(*state, s, 3), APC_ESTORE);
     assert_non_null(strstr(apc_store_error(*state), "dim"));
     assert_null(strchr(apc_store_error(*state), '\n'));
     assert_int_equal(rows_of(*state, APC_SENSOR, 1), 0);
-    assert_int_equal(rows_of(*state, APC_STATE, 1), 0);
+    assert_int_equal(rows_of(*state, APC_ESTIMATE, 1), 0);
     struct apc_sample good = sample(APC_DIM, 1, 1, 2);
     assert_int_equal(apc_store_append(*state, &good, 1), 1); /* and it goes on */
 }
@@ -692,9 +692,9 @@ static void test_an_actuators_history_names_what_it_was_computed_from(void **sta
 static void test_variables_are_those_that_have_samples(void **state)
 {
     assert_int_equal(apc_store_variables(*state, NULL, 0), 0);
-    const struct apc_sample s[6] = {sample(APC_STATE, 1000000, 1, 1), sample(APC_SENSOR, 2, 1, 1),
-                                    sample(APC_SENSOR, 2, 2, 1),      sample(APC_OPMODE, 0, 1, 1),
-                                    sample(APC_SENSOR, 1, 7, 1),      sample(APC_ACTUATOR, 3, 1, 1)};
+    const struct apc_sample s[6] = {sample(APC_ESTIMATE, 1000000, 1, 1), sample(APC_SENSOR, 2, 1, 1),
+                                    sample(APC_SENSOR, 2, 2, 1),         sample(APC_OPMODE, 0, 1, 1),
+                                    sample(APC_SENSOR, 1, 7, 1),         sample(APC_ACTUATOR, 3, 1, 1)};
     assert_int_equal(apc_store_append(*state, s, 6), 6);
     struct apc_sample v[5];
     assert_int_equal(apc_store_variables(*state, v, 4), 5); /* in all */
@@ -703,7 +703,7 @@ static void test_variables_are_those_that_have_samples(void **state)
     assert_true(v[1].table == APC_SENSOR && v[1].id == 2);
     assert_true(v[2].table == APC_ACTUATOR && v[2].id == 3);
     assert_true(v[3].table == APC_OPMODE && v[3].id == 0);
-    assert_true(v[4].table == APC_STATE && v[4].id == 1000000);
+    assert_true(v[4].table == APC_ESTIMATE && v[4].id == 1000000);
 }
 
 /* ---- History in bins ------------------------------------------------------------------------- */
