@@ -87,9 +87,14 @@ APC_API int apc_simulation_run(struct apc_simulation *s, double until);
  * follows, as in a plant. [setup]
  */
 APC_API int apc_simulation_write(struct apc_simulation *s, const char *name, double value);
-/** Ask for a mode of a loop, by its output, or of a controller. Returns 0, APC_ENOTFOUND, APC_EINVAL (a mode
- * that nobody can ask for), APC_ESTATE (one that is not possible yet). [setup] */
+/** Ask for a mode of a loop, by its output or as "upper.r1" by controller and output, or of all loops of a
+ * controller. Returns 0, APC_ENOTFOUND, APC_EINVAL (a mode that nobody can ask for, or not of this loop).
+ * [setup]
+ */
 APC_API int apc_simulation_mode(struct apc_simulation *s, const char *loop_or_controller, enum apc_mode mode);
+/** Do @p what to controller @p name: "kill" as kill -9 does, whatever it is doing, and "start" again. Returns
+ * 0, APC_ENOTFOUND, APC_EINVAL (another @p what), or why it cannot be started. [setup] */
+APC_API int apc_simulation_do(struct apc_simulation *s, const char *what, const char *name);
 /** The newest value of a measurement, setpoint, output or parameter. Returns 0, APC_ENOTFOUND (no such name,
  * or there is no value yet) or another error. [setup] */
 APC_API int apc_simulation_read(const struct apc_simulation *s, const char *name, struct apc_value *value);
@@ -104,7 +109,7 @@ APC_API const char *apc_simulation_error(const struct apc_simulation *s);
  * no such number; HUGE_VAL: it never came to an end. */
 struct apc_figure {
     size_t size;            /**< sizeof (struct apc_figure), in the first one of an array */
-    char loop[APC_TAG_LEN]; /**< its measurement */
+    char loop[APC_TAG_LEN]; /**< its measurement; of several controllers its own name: "u1", "upper.r1" */
     char event[200];        /**< "r 10 -> 20"; "all": of the whole run */
     double from, until;     /**< s since t = 0 */
     double iae, ise, itae;  /**< integrals of |r - z|, its square, and of the time since the event by it */

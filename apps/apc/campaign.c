@@ -42,8 +42,8 @@ static void make_run(const struct campaign *c, unsigned run)
     if (r->rc == 0) {
         r->rc = simulation_run(&s, c->e->duration);
         why = s.why;
-        r->held = s.held;
-        r->failures = apc_controller_failures(s.controller);
+        r->held = simulation_held(&s);
+        r->failures = simulation_failures(&s);
         r->diverged = s.course.diverged;
         if (figures_make(&figures, &s.course, c->e) < 0)
             r->rc = APC_ENOMEM;
@@ -96,12 +96,21 @@ static void keep_memory(void)
     mallopt(M_MMAP_THRESHOLD, 32 << 20);
 }
 
+/* A law or a model of somebody's may keep state of its own. */
+static bool any_plugin(const struct experiment *e)
+{
+    bool any = e->model_handle;
+    for (size_t i = 0; i < e->n_controllers; i++)
+        any = any || e->controllers[i].law_handle;
+    return any;
+}
+
 static void work(const struct campaign *c)
 {
     unsigned run;
     keep_memory();
     while (!atomic_load(&c->board->stop) && (run = atomic_fetch_add(&c->board->next, 1)) < c->options->runs)
-        if (c->e->controllers->law_handle || c->e->model_handle)
+        if (any_plugin(c->e))
             make_run_apart(c, run);
         else
             make_run(c, run);
@@ -221,7 +230,7 @@ static void keep_first(int *rc, struct apc_error *why, int next, const struct ap
 
 int campaign_run(const struct experiment *e, const struct campaign_options *options, struct apc_error *why)
 {
-    struct loop *loop = calloc(e->dim.nu + 1, sizeof *loop);
+    struct loop *loop = calloc(controllers_loops(e) + 1, sizeof *loop);
     struct campaign c = {.e = e, .options = options, .loop = loop, .first = LINE};
     void *memory = MAP_FAILED;
     int rc = loop ? 0 : apc_fail(why, APC_ENOMEM, "out of memory");

@@ -61,7 +61,7 @@ static void gather(const struct campaign *c, size_t loop, enum metric metric, co
 
 static const char *loop_name(const struct campaign *c, size_t loop)
 {
-    return c->e->y[c->loop[loop].y].tag.name;
+    return c->loop[loop].name;
 }
 
 static void put_number(struct print_table *table, int digits, double value)
@@ -207,8 +207,8 @@ static void print_controller(const struct campaign *c)
         fprintf(c->options->talk, "controller: output held or at its fault value in %u of %u runs\n", held,
                 runs_made(c));
     if (failed > 0)
-        fprintf(c->options->talk, "controller: law %s gave no usable output in %u of %u runs\n",
-                c->e->controllers->law->name, failed, runs_made(c));
+        fprintf(c->options->talk, "controller: a law gave no usable output in %u of %u runs\n", failed,
+                runs_made(c));
 }
 
 /* A campaign of one run many times over is a mistake, or should be known not to be one. */

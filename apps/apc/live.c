@@ -13,6 +13,7 @@
 
 #include "common/storeuri.h"
 #include "control.h"
+#include "run/loops.h"
 
 #define BAR          24                 /* at most */
 #define PLAIN_EVERY  (5 * APC_NS_PER_S) /* between two lines when stdout is no terminal */
@@ -45,9 +46,10 @@ struct view {
     struct sight *sights;       /* of each */
     size_t n;
     struct control control;
-    apc_ns heard;         /* time of the newest event */
-    apc_ns begin;         /* monotonic, of t = 0 */
-    size_t done;          /* of the experiment's actions */
+    apc_ns heard; /* time of the newest event */
+    apc_ns begin; /* monotonic, of t = 0 */
+    size_t done;  /* of the experiment's actions */
+    struct loops loops;
     struct apc_tag *tags; /* [n_tags] of its variables */
     size_t n_tags;
 };
@@ -71,7 +73,7 @@ static int begin(struct view *l, const char *store, const struct experiment *e, 
     l->samples = calloc(l->n, sizeof *l->samples);
     l->sights = calloc(l->n, sizeof *l->sights);
     l->tags = provision_tags(e, &l->n_tags);
-    if (!l->samples || !l->sights || !l->tags)
+    if (!l->samples || !l->sights || !l->tags || controllers_describe(e, &l->loops) < 0)
         return APC_ENOMEM;
     for (size_t i = 0; i < loops(e); i++) {
         l->samples[3 * i] = (struct apc_sample){.table = APC_SETPOINT, .id = (int)i + 1};
@@ -257,7 +259,9 @@ static void operate(struct view *l)
         char text[TEXT];
         if (l->begin + action->at > apc_clock_mono(NULL))
             return;
-        int rc = action_do(l->store, l->tags, l->n_tags, &action->to, apc_clock_utc(NULL), "apc-run");
+        if (action->kind != ACTION_WRITE) /* the supervisor's */
+            continue;
+        int rc = action_do(l->store, &l->loops, l->tags, l->n_tags, action, apc_clock_utc(NULL), "apc-run");
         if (rc == APC_ECONN || rc == APC_ETIMEDOUT)
             return;
         if (rc == 0)

@@ -30,7 +30,7 @@ int figures_print(const struct figures *f, const struct course *c, const struct 
     print_table_open(&table, columns, 3 + METRICS);
     for (size_t loop = 0; loop < f->n_loops; loop++) {
         const struct metrics *m = &f->of[loop];
-        print_cell(&table, PRINT_PLAIN, "%s", e->y[f->loop[loop].y].tag.name);
+        print_cell(&table, PRINT_PLAIN, "%s", f->loop[loop].name);
         print_cell(&table, PRINT_PLAIN, "all");
         print_cell(&table, PRINT_PLAIN, "%s", "");
         print_row(&table, m->figure);
@@ -94,7 +94,7 @@ void figures_json(const struct figures *f, const struct course *c, const struct 
         const struct metrics *m = &f->of[loop];
         const struct apc_tag *tag = &e->y[f->loop[loop].y].tag;
         fprintf(out, "%s{", loop ? "," : "");
-        print_json_text(out, "loop", tag->name);
+        print_json_text(out, "loop", f->loop[loop].name);
         fputc(',', out);
         print_json_text(out, "unit", tag->unit);
         put_figures(out, m->figure);

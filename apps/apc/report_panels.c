@@ -74,7 +74,7 @@ static const struct report_series *series_of(const struct report_group *group, s
 static int collect(struct report_panels *p)
 {
     const struct experiment *e = p->e;
-    struct loop *loop = calloc(e->dim.nu + 1, sizeof *loop);
+    struct loop *loop = calloc(controllers_loops(e) + 1, sizeof *loop);
     bool *shown = calloc(e->dim.nz + 1, sizeof *shown);
     p->curve = calloc(e->dim.ny + e->dim.nz + e->dim.nu + 1, sizeof *p->curve);
     if (!loop || !shown || !p->curve) {

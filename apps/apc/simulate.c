@@ -238,14 +238,25 @@ static void print_speed(const struct simulate *r, apc_ns took)
             (unsigned long long)r->options.seed);
 }
 
+static void print_controller(const struct simulate *r, const struct simulated *c)
+{
+    const uint64_t failures = simulated_failures(c);
+    if (c->held > 0)
+        fprintf(r->talk, "%s: output held or at its fault value at %llu ticks\n", c->of->name,
+                (unsigned long long)c->held);
+    if (failures > 0)
+        fprintf(r->talk, "%s: law %s gave no usable output at %llu ticks\n", c->of->name, c->of->law->name,
+                (unsigned long long)failures);
+}
+
 static void print_tasks(const struct simulate *r)
 {
     struct apc_inproc_stats link;
     struct apc_timing timing;
-    for (int i = 0; i < SIM_TASKS; i++) {
-        apc_task_timing(r->s.task[i], &timing);
+    for (size_t i = 0; i < r->s.n_tasks; i++) {
+        apc_task_timing(r->s.task[i].task, &timing);
         if (timing.missed > 0)
-            fprintf(r->talk, "%s: %llu of %llu ticks missed\n", simulation_task_name((enum simulation_task)i),
+            fprintf(r->talk, "%s: %llu of %llu ticks missed\n", r->s.task[i].name,
                     (unsigned long long)timing.missed, (unsigned long long)(timing.missed + timing.ticks));
     }
     apc_inproc_stats(r->s.exchange, &link);
@@ -256,12 +267,8 @@ static void print_tasks(const struct simulate *r)
                 (unsigned long long)link.frames.sent, (unsigned long long)link.frames.lost,
                 (unsigned long long)link.frames.duplicated, (unsigned long long)link.frames.reordered,
                 (unsigned long long)link.timeouts, (unsigned long long)link.exchanges);
-    if (r->s.held > 0)
-        fprintf(r->talk, "controller: output held or at its fault value at %llu ticks\n",
-                (unsigned long long)r->s.held);
-    if (apc_controller_failures(r->s.controller) > 0)
-        fprintf(r->talk, "controller: law %s gave no usable output at %llu ticks\n",
-                r->e.controllers->law->name, (unsigned long long)apc_controller_failures(r->s.controller));
+    for (size_t i = 0; i < r->e.n_controllers; i++)
+        print_controller(r, &r->s.controller[i]);
 }
 
 struct listing {
@@ -296,10 +303,9 @@ static void print_json(const struct simulate *r, const struct figures *figures)
     print_json_text(stdout, "title", r->e.title);
     printf(",\"seed\":%llu,\"sha256\":\"%s\",\"missed_ticks\":{", (unsigned long long)r->options.seed,
            r->hash);
-    for (int i = 0; i < SIM_TASKS; i++) {
-        apc_task_timing(r->s.task[i], &timing);
-        printf("%s\"%s\":%llu", i ? "," : "", simulation_task_name((enum simulation_task)i),
-               (unsigned long long)timing.missed);
+    for (size_t i = 0; i < r->s.n_tasks; i++) {
+        apc_task_timing(r->s.task[i].task, &timing);
+        printf("%s\"%s\":%llu", i ? "," : "", r->s.task[i].name, (unsigned long long)timing.missed);
     }
     apc_inproc_stats(r->s.exchange, &link);
     printf("},\"network\":{\"frames\":%llu,\"lost\":%llu,\"duplicated\":%llu,\"reordered\":%llu,"
@@ -308,7 +314,7 @@ static void print_json(const struct simulate *r, const struct figures *figures)
            (unsigned long long)link.frames.sent, (unsigned long long)link.frames.lost,
            (unsigned long long)link.frames.duplicated, (unsigned long long)link.frames.reordered,
            (unsigned long long)link.exchanges, (unsigned long long)link.timeouts,
-           (unsigned long long)r->s.held, (unsigned long long)apc_controller_failures(r->s.controller));
+           (unsigned long long)simulation_held(&r->s), (unsigned long long)simulation_failures(&r->s));
     figures_json(figures, &r->s.course, &r->e, stdout);
     puts("}");
 }

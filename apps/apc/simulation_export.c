@@ -2,29 +2,25 @@
 /* The run folder of a simulation is made by what makes that of a run, from the simulation's own store. */
 #include "simulation_export.h"
 
+#include <string.h>
+
 #include "common/recorder.h"
 #include "folder.h"
 
 static int fill_timing(const struct simulation *s)
 {
-    const struct experiment *e = s->e;
-    const apc_ns period[SIM_TASKS] = {
-        [SIM_SCHEDULER] = e->scheduler.rhythm.period,
-        [SIM_PLANT] = e->plant.rhythm.period,
-        [SIM_CLIENT] = e->client.rhythm.period,
-        [SIM_CONTROLLER] = e->controllers->rhythm.period,
-    };
     int rc = 0;
-    for (int i = 0; i < SIM_TASKS && rc >= 0; i++) {
+    for (size_t i = 0; i < s->n_tasks && rc >= 0; i++) {
+        const struct simulation_task *t = &s->task[i];
         struct apc_store *store = NULL;
         struct recorder *recorder = NULL;
         rc = apc_store_open(&store, s->uri, NULL, NULL);
         if (rc >= 0)
-            rc = recorder_create(&recorder, store, simulation_task_name((enum simulation_task)i));
-        if (rc >= 0 && i == SIM_CLIENT)
+            rc = recorder_create(&recorder, store, t->name);
+        if (rc >= 0 && !strcmp(t->name, "client"))
             recorder_measure(recorder, TASK_EXCHANGE, s->round_trip, &s->in_vain);
         if (rc >= 0)
-            rc = recorder_flush(recorder, s->task[i], period[i]);
+            rc = recorder_flush(recorder, t->task, t->period);
         recorder_destroy(recorder);
     }
     return rc;

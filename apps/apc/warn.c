@@ -19,13 +19,14 @@ static void warn_link(const struct cli *cli, const struct experiment *e)
 
 static void warn_rhythm(const struct cli *cli, const struct experiment *e)
 {
-    const apc_ns client = e->client.rhythm.period, controller = e->controllers->rhythm.period;
-    if (client > controller)
-        cli_error(cli, 0,
-                  "warning: the client's period is %g s, the controller's %g s: it controls by measurements "
-                  "that it has "
-                  "seen before",
-                  apc_ns_to_s(client), apc_ns_to_s(controller));
+    const apc_ns client = e->client.rhythm.period;
+    for (size_t i = 0; i < e->n_controllers; i++)
+        if (client > e->controllers[i].rhythm.period)
+            cli_error(
+                cli, 0,
+                "warning: the client's period is %g s, that of %s %g s: it controls by measurements that "
+                "it has seen before",
+                apc_ns_to_s(client), e->controllers[i].name, apc_ns_to_s(e->controllers[i].rhythm.period));
 }
 
 /* The lower one has not answered yet when the next setpoint comes. */
@@ -43,10 +44,12 @@ static void warn_cascade(const struct cli *cli, const struct experiment *e)
         }
 }
 
-/* One name for a measurement and what may be set is allowed: a command says which it means. */
+/* One name for a measurement and what may be set is allowed, and a loop is called as its output: a command
+ * says which it means. */
 static bool may_share(const struct apc_tag *a, const struct apc_tag *b)
 {
-    return a->table == APC_SENSOR && (b->table == APC_SETPOINT || b->table == APC_ACTUATOR);
+    return (a->table == APC_SENSOR && (b->table == APC_SETPOINT || b->table == APC_ACTUATOR)) ||
+           b->table == APC_OPMODE;
 }
 
 static void warn_names(const struct cli *cli, const struct experiment *e)

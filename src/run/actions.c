@@ -7,6 +7,7 @@
 
 #include "experiment_parts.h"
 #include "nearest.h"
+#include "owner.h"
 
 /* ---- Names --------------------------------------------------------------------------------- */
 
@@ -31,14 +32,20 @@ static bool is_called(const struct apc_tag *tag, const char *name)
     return !strcmp(tag->name, name) || !strcmp(address, name);
 }
 
-int action_find(const struct apc_tag *tags, size_t n, const char *name, bool write, struct apc_tag *found,
-                struct apc_error *why)
+/* Id of an actuator's loop. */
+static int loop_of(const struct experiment *e, const struct apc_tag *actuator)
+{
+    return controllers_loop_id(controllers_above(e, (struct wire){APC_ACTUATOR, (size_t)actuator->id - 1}));
+}
+
+int action_find(const struct experiment *e, const struct apc_tag *tags, size_t n, const char *name,
+                bool write, struct apc_tag *found, struct apc_error *why)
 {
     struct nearest nearest = {.wanted = name};
     for (size_t i = 0; i < n; i++) {
         const struct apc_tag *tag = &tags[i];
         if (write && tag->table == APC_ACTUATOR)
-            tag = find_id(tags, n, APC_MANUAL, tag->id);
+            tag = find_id(tags, n, APC_MANUAL, loop_of(e, tag));
         if (!tag || (write && !may_write(tag->table)))
             continue;
         if (is_called(&tags[i], name)) {
@@ -60,20 +67,62 @@ int action_check(const struct apc_tag *tag, double value, struct apc_error *why)
                     tag->high);
 }
 
-int action_find_mode(const struct experiment *e, const char *name, enum apc_mode mode, struct apc_error *why)
+static struct controller_loop find_loop(const struct experiment *e, const char *name, struct nearest *nearest)
 {
-    if (mode != APC_MODE_MAN && mode != APC_MODE_AUTO)
-        return apc_fail(why, APC_EINVAL, "mode %s cannot be asked for: it must be Man or Auto",
-                        apc_mode_name((int)mode) ? apc_mode_name((int)mode) : "of that number");
-    const char *controller = e->controllers[0].name;
-    if (!strcmp(name, controller) || (e->dim.nu == 1 && !strcmp(name, e->u[0].tag.name)))
+    for (size_t i = 0; i < controllers_loops(e); i++) {
+        const struct controller_loop loop = controllers_loop(e, i);
+        const struct apc_tag *output = controllers_output(e, loop);
+        char own[APC_TAG_LEN];
+        controllers_loop_name(e, loop, own);
+        if (!strcmp(own, name) || (loop.of->u[loop.u].table == APC_ACTUATOR && !strcmp(output->name, name)))
+            return loop;
+        nearest_look(nearest, output->name);
+    }
+    return (struct controller_loop){NULL, 0};
+}
+
+static const struct controller *find_controller(const struct experiment *e, const char *name,
+                                                struct nearest *nearest)
+{
+    for (size_t i = 0; i < e->n_controllers; i++) {
+        if (!strcmp(e->controllers[i].name, name))
+            return &e->controllers[i];
+        nearest_look(nearest, e->controllers[i].name);
+    }
+    return NULL;
+}
+
+static int check_mode(const struct experiment *e, struct controller_loop loop, enum apc_mode mode,
+                      struct apc_error *why)
+{
+    char name[APC_TAG_LEN];
+    if (mode != APC_MODE_CAS || controllers_is_below(e, loop))
         return 0;
-    for (size_t i = 0; i < e->dim.nu; i++)
-        if (!strcmp(name, e->u[i].tag.name))
-            return apc_fail(why, APC_ESTATE, "%s has no mode of its own yet: all outputs have that of \"%s\"",
-                            name, controller);
-    return apc_fail(why, APC_ENOTFOUND, "there is no loop or controller \"%s\"; there is \"%s\"", name,
-                    controller);
+    controllers_loop_name(e, loop, name);
+    return apc_fail(why, APC_EINVAL, "%s cannot be in mode Cas: no controller moves its setpoint", name);
+}
+
+int action_find_mode(const struct experiment *e, const char *name, enum apc_mode mode, struct action *action,
+                     struct apc_error *why)
+{
+    struct nearest nearest = {.wanted = name};
+    if (mode != APC_MODE_MAN && mode != APC_MODE_AUTO && mode != APC_MODE_OOS && mode != APC_MODE_CAS)
+        return apc_fail(why, APC_EINVAL, "mode %s cannot be asked for: it must be OOS, Man, Auto or Cas",
+                        apc_mode_name((int)mode) ? apc_mode_name((int)mode) : "of that number");
+    const struct controller *all = find_controller(e, name, &nearest);
+    const struct controller_loop loop = all ? (struct controller_loop){all, 0} : find_loop(e, name, &nearest);
+    if (!loop.of)
+        return apc_fail(why, APC_ENOTFOUND, "there is no loop or controller \"%s\"%s%s%s", name,
+                        nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
+                        nearest.name ? "\"?" : "");
+    action->to = (struct apc_sample){.table = APC_OPMODE, .id = controllers_loop_id(loop), .value = mode};
+    action->n = all ? all->dim.nu : 1;
+    for (size_t i = 0; i < action->n; i++) {
+        int rc = check_mode(e, (struct controller_loop){loop.of, loop.u + i}, mode, why);
+        if (rc < 0)
+            return rc;
+    }
+    return 0;
 }
 
 /* ---- Doing --------------------------------------------------------------------------------- */
@@ -86,34 +135,52 @@ static void describe(const struct apc_sample *s, char *text, size_t size)
     snprintf(text, size, "%s", s->seq == 0 ? "none" : mode ? mode : number);
 }
 
-int action_do(struct apc_store *store, const struct apc_tag *tags, size_t n, const struct apc_sample *to,
-              apc_ns now, const char *source)
+/* What is written, in words. */
+static const char *name_of(const struct loops *loops, const struct apc_tag *tags, size_t n,
+                           const struct action *action)
 {
-    const struct apc_tag *tag = find_id(tags, n, to->table, to->id);
-    struct apc_event event = {.time = now, .severity = APC_EVENT_INFO, .kind = "operator"};
-    struct apc_sample before = *to, after = *to;
-    char was[SETTINGS_NUMBER], is[SETTINGS_NUMBER];
-    int rc = apc_store_read(store, &before, 1);
+    const struct apc_tag *tag = find_id(tags, n, action->to.table, action->to.id);
+    const struct loops_loop *loop =
+        action->to.table == APC_OPMODE ? loops_of(loops, APC_OPMODE, action->to.id) : NULL;
+    if (!loop)
+        return tag ? tag->name : "";
+    return action->n > 1 ? loops->controller[loop->controller].name : loop->name;
+}
 
-    after.time = now;
+int action_do(struct apc_store *store, const struct loops *loops, const struct apc_tag *tags, size_t n,
+              const struct action *action, apc_ns now, const char *source)
+{
+    struct apc_event event = {.time = now, .severity = APC_EVENT_INFO, .kind = "operator"};
+    struct apc_sample before = action->to, *rows = calloc(action->n, sizeof *rows);
+    struct owner_rows with = {NULL, 0};
+    char was[SETTINGS_NUMBER], is[SETTINGS_NUMBER];
+
+    for (size_t i = 0; rows && i < action->n; i++) {
+        rows[i] = action->to;
+        rows[i].id += (int)i;
+        rows[i].time = now;
+        rows[i].seq = APC_SEQ_ANY;
+    }
+    int rc = rows ? apc_store_read(store, &before, 1) : APC_ENOMEM;
     if (rc >= 0)
-        rc = apc_store_put(store, &after, 1);
-    if (rc < 0)
-        return rc;
-    describe(&before, was, sizeof was);
-    describe(&after, is, sizeof is);
-    snprintf(event.source, sizeof event.source, "%s", source);
-    snprintf(event.text, sizeof event.text, "%.64s: %s -> %s", tag ? tag->name : "", was, is);
-    rc = apc_store_append_events(store, &event, 1);
+        rc = owner_put(store, loops, rows, action->n, &with);
+    if (rc >= 0) {
+        describe(&before, was, sizeof was);
+        describe(rows, is, sizeof is);
+        snprintf(event.source, sizeof event.source, "%s", source);
+        snprintf(event.text, sizeof event.text, "%.64s: %s -> %s", name_of(loops, tags, n, action), was, is);
+        rc = apc_store_append_events(store, &event, 1);
+    }
+    free(with.at);
+    free(rows);
     return rc < 0 ? rc : 0;
 }
 
 /* ---- The list ------------------------------------------------------------------------------ */
 
 /* What can be done, and what will be. */
-static const char *const done[] = {"set", "mode", NULL};
-static const char *const to_come[] = {"remote", "local",  "promote", "kill", "start",
-                                      "ack",    "shelve", "service", NULL};
+static const char *const done[] = {"set", "mode", "kill", "start", NULL};
+static const char *const to_come[] = {"remote", "local", "promote", "ack", "shelve", "service", NULL};
 
 static bool is_one_of(const char *name, const char *const *names)
 {
@@ -136,31 +203,34 @@ static const config_setting_t *kind_of(struct settings *s, const config_setting_
         if (!strcmp(name, "at") || !strcmp(name, "value"))
             continue;
         if (is_one_of(name, to_come))
-            settings_fail(s, member, "an action \"%s\" is not possible yet: set and mode are", name);
+            settings_fail(s, member, "an action \"%s\" is not possible yet: set, mode, kill and start are",
+                          name);
         else if (!is_one_of(name, done))
-            settings_fail(s, member, "there is no action \"%s\": set and mode are possible", name);
+            settings_fail(s, member, "there is no action \"%s\": set, mode, kill and start are possible",
+                          name);
         else if (kind)
             settings_fail(s, member, "one action at a time: \"%s\" and \"%s\"", config_setting_name(kind),
                           name);
         kind = member;
     }
     if (!kind)
-        settings_fail(s, group, "\"set\" or \"mode\" is missing in an action");
+        settings_fail(s, group, "\"set\", \"mode\", \"kill\" or \"start\" is missing in an action");
     return s->failed ? NULL : kind;
 }
 
 static void read_set(struct settings *s, const config_setting_t *group, const char *name,
-                     struct action *action, const struct apc_tag *tags, size_t n)
+                     struct action *action, const struct experiment *e, const struct apc_tag *tags, size_t n)
 {
     struct apc_tag tag;
     struct apc_error why;
     double value = 0;
     settings_number(s, group, "value", REQUIRED, -APC_VALUE_MAX, APC_VALUE_MAX, &value);
     if (!s->failed &&
-        (action_find(tags, n, name, true, &tag, &why) < 0 || action_check(&tag, value, &why) < 0))
+        (action_find(e, tags, n, name, true, &tag, &why) < 0 || action_check(&tag, value, &why) < 0))
         settings_fail(s, group, "%s", why.text);
     if (!s->failed)
         action->to = (struct apc_sample){.table = tag.table, .id = tag.id, .value = value};
+    action->n = 1;
 }
 
 static void read_mode(struct settings *s, const config_setting_t *group, const char *name,
@@ -173,10 +243,24 @@ static void read_mode(struct settings *s, const config_setting_t *group, const c
     while (!s->failed && apc_mode_name(mode) && strcmp(apc_mode_name(mode), value) != 0)
         mode++;
     if (!s->failed && !apc_mode_name(mode))
-        settings_fail(s, group, "\"value\" is \"%s\": must be \"Man\" or \"Auto\"", value);
-    if (!s->failed && action_find_mode(e, name, (enum apc_mode)mode, &why) < 0)
+        settings_fail(s, group, "\"value\" is \"%s\": must be \"OOS\", \"Man\", \"Auto\" or \"Cas\"", value);
+    if (!s->failed && action_find_mode(e, name, (enum apc_mode)mode, action, &why) < 0)
         settings_fail(s, group, "%s", why.text);
-    action->to = (struct apc_sample){.table = APC_OPMODE, .id = 0, .value = mode};
+}
+
+static void read_life(struct settings *s, const config_setting_t *group, const char *name,
+                      struct action *action, const struct experiment *e)
+{
+    struct nearest nearest = {.wanted = name};
+    const struct controller *c = find_controller(e, name, &nearest);
+    if (config_setting_get_member(group, "value"))
+        settings_fail(s, group, "who is killed or started has no \"value\"");
+    else if (!c)
+        settings_fail(s, group, "there is no controller \"%s\"%s%s%s", name,
+                      nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
+                      nearest.name ? "\"?" : "");
+    else
+        action->controller = (size_t)(c - e->controllers);
 }
 
 static void read_action(struct settings *s, const config_setting_t *group, const struct experiment *e,
@@ -190,11 +274,15 @@ static void read_action(struct settings *s, const config_setting_t *group, const
     settings_number(s, group, "at", REQUIRED, 0, 366 * 86400.0, &at);
     if (!s->failed)
         apc_ns_from_s(at, &action->at);
-    settings_text(s, group, config_setting_name(kind), REQUIRED, name, sizeof name);
-    if (!strcmp(config_setting_name(kind), "set"))
-        read_set(s, group, name, action, tags, n);
-    else
+    const char *what = config_setting_name(kind);
+    settings_text(s, group, what, REQUIRED, name, sizeof name);
+    action->kind = !strcmp(what, "kill") ? ACTION_KILL : !strcmp(what, "start") ? ACTION_START : ACTION_WRITE;
+    if (!strcmp(what, "set"))
+        read_set(s, group, name, action, e, tags, n);
+    else if (!strcmp(what, "mode"))
         read_mode(s, group, name, action, e);
+    else
+        read_life(s, group, name, action, e);
 }
 
 void experiment_read_actions(struct settings *s, const config_setting_t *root, struct experiment *e)

@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "experiment_parts.h"
+#include "loops.h"
 #include "nearest.h"
 
 /* A kind of signals, to be found by their names. */
@@ -265,13 +266,9 @@ const struct apc_tag *controllers_output(const struct experiment *e, struct cont
     return &signal_of(e, loop.of->u[loop.u])->tag;
 }
 
-int controllers_manual(const struct experiment *e, struct controller_loop loop)
+int controllers_loop_id(struct controller_loop loop)
 {
-    const struct wire u = loop.of->u[loop.u];
-    const size_t before = u.table == APC_ACTUATOR   ? 0
-                          : u.table == APC_SETPOINT ? e->dim.nu
-                                                    : e->dim.nu + e->dim.nz;
-    return (int)(before + u.at) + 1;
+    return loop.of->first_loop + (int)loop.u;
 }
 
 void controllers_program(const struct experiment *e, const struct controller *c, char name[APC_TAG_LEN])
@@ -289,11 +286,11 @@ void controllers_loop_name(const struct experiment *e, struct controller_loop lo
         snprintf(name, APC_TAG_LEN, "%.31s.%.31s", loop.of->name, output);
 }
 
-struct controller_loop controllers_above(const struct experiment *e, struct wire setpoint)
+struct controller_loop controllers_above(const struct experiment *e, struct wire output)
 {
     for (size_t i = 0; i < e->n_controllers; i++)
         for (size_t k = 0; k < e->controllers[i].dim.nu; k++)
-            if (same(e->controllers[i].u[k], setpoint))
+            if (same(e->controllers[i].u[k], output))
                 return (struct controller_loop){&e->controllers[i], k};
     return (struct controller_loop){NULL, 0};
 }
@@ -321,6 +318,59 @@ bool controllers_is_below(const struct experiment *e, struct controller_loop loo
             return true;
     }
     return false;
+}
+
+/* By its law, to ids of what it controls and of its setpoint; 0: none. */
+static int pair_loops(const struct experiment *e, const struct controller *c, struct loops_loop *loop)
+{
+    const struct apc_law_setup setup = cores_law_setup(c);
+    struct apc_pair *pair = calloc(c->dim.nu, sizeof *pair);
+    int rc = pair ? 0 : APC_ENOMEM;
+    if (pair && c->law && apc_law_pairing(c->law, &setup, pair, NULL) == 0)
+        for (size_t i = 0; i < c->dim.nu; i++) {
+            loop[i].measurement = pair[i].measurement > 0 ? (int)c->y[pair[i].measurement - 1].at + 1 : 0;
+            loop[i].setpoint = pair[i].setpoint > 0 ? (int)c->z[pair[i].setpoint - 1].at + 1 : 0;
+        }
+    for (size_t i = 0; i < c->dim.nu && rc == 0; i++) {
+        const struct controller_loop at = {c, i};
+        controllers_loop_name(e, at, loop[i].name);
+        loop[i].id = loop[i].manual = controllers_loop_id(at);
+        loop[i].controller = (size_t)(c - e->controllers);
+        loop[i].table = c->u[i].table;
+        loop[i].output = (int)c->u[i].at + 1;
+        loop[i].above = -1;
+    }
+    for (size_t i = 0; i < c->dim.nu && !c->law; i++) { /* not known: in order, as most do */
+        loop[i].measurement = i < c->dim.ny ? (int)c->y[i].at + 1 : 0;
+        loop[i].setpoint = i < c->dim.nz ? (int)c->z[i].at + 1 : 0;
+    }
+    free(pair);
+    return rc;
+}
+
+int controllers_describe(const struct experiment *e, struct loops *loops)
+{
+    int rc = 0;
+    *loops = (struct loops){.at = calloc(controllers_loops(e) + 1, sizeof *loops->at),
+                            .controller = calloc(e->n_controllers + 1, sizeof *loops->controller)};
+    if (!loops->at || !loops->controller)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < e->n_controllers && rc == 0; i++) {
+        const struct controller *c = &e->controllers[i];
+        struct loops_controller *to = &loops->controller[loops->n_controllers++];
+        *to = (struct loops_controller){
+            .number = c->number, .period = c->rhythm.period, .first = loops->n, .n = c->dim.nu};
+        memcpy(to->name, c->name, sizeof to->name);
+        rc = pair_loops(e, c, &loops->at[loops->n]);
+        loops->n += c->dim.nu;
+    }
+    for (size_t i = 0; i < loops->n; i++) {
+        const struct wire setpoint = {APC_SETPOINT, (size_t)loops->at[i].setpoint - 1};
+        const struct controller_loop above = controllers_above(e, setpoint);
+        if (loops->at[i].setpoint > 0 && above.of)
+            loops->at[i].above = controllers_loop_id(above) - 1;
+    }
+    return rc;
 }
 
 static void check_cascade(struct settings *s, const config_setting_t *list, const struct experiment *e,
@@ -485,17 +535,15 @@ bool controllers_has_all(const struct experiment *e, const struct controller *c)
            in_order(c->u, c->dim.nu, APC_ACTUATOR, e->dim.nu);
 }
 
-int experiment_check_single(const struct experiment *e, struct apc_error *why)
+int experiment_check_runs(const struct experiment *e, struct apc_error *why)
 {
-    const struct controller *c = e->controllers;
-    if (e->n_controllers > 1)
-        return apc_fail(why, APC_ESTATE, "%s has %zu controllers: several cannot be run yet, one can",
-                        e->file, e->n_controllers);
-    if (!controllers_has_all(e, c) || !in_order(c->z, c->dim.nz, APC_SETPOINT, e->dim.nz) || c->dim.nd > 0)
-        return apc_fail(why, APC_ESTATE,
-                        "%s: controller %s has not all measurements, setpoints and outputs in their order: "
-                        "that cannot be "
-                        "run yet",
-                        e->file, c->name);
+    for (size_t i = 0; i < e->n_controllers; i++)
+        for (size_t k = 0; k < e->controllers[i].dim.nu; k++)
+            if (e->controllers[i].u[k].table == APC_SENSOR)
+                return apc_fail(why, APC_ESTATE,
+                                "%s: %s calculates signal %s, which cannot be run yet: outputs and setpoints "
+                                "can",
+                                e->file, e->controllers[i].name,
+                                signal_of(e, e->controllers[i].u[k])->tag.name);
     return 0;
 }

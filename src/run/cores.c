@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "run_internal.h"
 
+#include <math.h>
 #include <stdlib.h>
 
 struct apc_law_setup cores_law_setup(const struct controller *c)
@@ -87,43 +88,138 @@ int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc
     return rc;
 }
 
+/* The parts of a controller's options that are arrays. */
+struct wiring {
+    int *y, *d;
+    struct apc_controller_setpoint *z;
+    struct apc_controller_loop *loop;
+};
+
+static void wire_setpoint(const struct experiment *e, struct wire wire, struct apc_controller_setpoint *z)
+{
+    const struct apc_tag *tag = &e->z[wire.at].tag;
+    const struct controller_loop above = controllers_above(e, wire);
+    *z = (struct apc_controller_setpoint){.id = tag->id, .low = tag->low, .high = tag->high};
+    if (above.of) {
+        z->above = controllers_loop_id(above);
+        z->above_period = above.of->rhythm.period;
+    }
+}
+
+static void wire_loop(const struct experiment *e, struct controller_loop from,
+                      struct apc_controller_loop *loop)
+{
+    const struct controller *c = from.of;
+    const struct wire output = c->u[from.u];
+    const struct apc_tag *tag = controllers_output(e, from);
+    *loop = (struct apc_controller_loop){.name = tag->name,
+                                         .mode = controllers_loop_id(from),
+                                         .low = tag->low,
+                                         .high = tag->high,
+                                         .rate = c->rate[from.u],
+                                         .hold = c->hold};
+    if (output.table == APC_ACTUATOR) {
+        loop->id = tag->id;
+        loop->fault = e->u[output.at].fault;
+        return;
+    }
+    const struct controller_loop below = controllers_below(e, output);
+    loop->setpoint = tag->id;
+    loop->fault = e->z[output.at].initial;
+    loop->below = controllers_loop_id(below);
+    loop->below_tick = below.of->number;
+    loop->below_period = below.of->rhythm.period;
+}
+
+static void free_wiring(struct wiring *w)
+{
+    free(w->y);
+    free(w->d);
+    free(w->z);
+    free(w->loop);
+}
+
+static int make_wiring(const struct experiment *e, const struct controller *c, struct wiring *w)
+{
+    *w = (struct wiring){.y = calloc(c->dim.ny + 1, sizeof *w->y),
+                         .d = calloc(c->dim.nd + 1, sizeof *w->d),
+                         .z = calloc(c->dim.nz + 1, sizeof *w->z),
+                         .loop = calloc(c->dim.nu + 1, sizeof *w->loop)};
+    if (!w->y || !w->d || !w->z || !w->loop)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < c->dim.ny; i++)
+        w->y[i] = (int)c->y[i].at + 1;
+    for (size_t i = 0; i < c->dim.nd; i++)
+        w->d[i] = (int)c->d[i].at + 1;
+    for (size_t i = 0; i < c->dim.nz; i++)
+        wire_setpoint(e, c->z[i], &w->z[i]);
+    for (size_t i = 0; i < c->dim.nu; i++)
+        wire_loop(e, (struct controller_loop){c, i}, &w->loop[i]);
+    return 0;
+}
+
 int cores_controller(const struct experiment *e, const struct controller *c,
                      struct apc_controller **controller, struct apc_error *why)
 {
     const apc_ns client = e->client.rhythm.period, plant = e->plant.rhythm.period;
     const struct apc_law_setup setup = cores_law_setup(c);
-    struct apc_controller_setpoint *z = calloc(e->dim.nz + 1, sizeof *z);
-    struct apc_controller_loop *loop = calloc(e->dim.nu, sizeof *loop);
+    struct wiring wiring;
+    int rc = make_wiring(e, c, &wiring);
     const struct apc_controller_options options = {
         .size = sizeof options,
+        .number = c->number,
         .law = c->law,
         .dim = c->dim,
         .period = c->rhythm.period,
         .horizon = 3 * (client > plant ? client : plant) + 100 * APC_NS_PER_MS,
-        .z = z,
-        .loop = loop,
-        .param = c->param,
-        .start = c->tuning,
+        .y = wiring.y,
+        .d = wiring.d,
+        .z = wiring.z,
+        .loop = wiring.loop,
+        .tuning = c->first_tuning,
         .n_setting = setup.n_setting,
         .setting = setup.setting,
         .plant = setup.plant,
+        .param = c->param,
+        .start = c->tuning,
     };
-    for (size_t k = 0; z && k < e->dim.nz; k++)
-        z[k] = (struct apc_controller_setpoint){
-            .id = (int)k + 1, .low = e->z[k].tag.low, .high = e->z[k].tag.high};
-    for (size_t i = 0; loop && i < e->dim.nu; i++)
-        loop[i] = (struct apc_controller_loop){.name = e->u[i].tag.name,
-                                               .id = (int)i + 1,
-                                               .mode = (int)i + 1,
-                                               .low = e->u[i].tag.low,
-                                               .high = e->u[i].tag.high,
-                                               .fault = e->u[i].fault,
-                                               .hold = c->hold};
-    int rc = z && loop ? apc_controller_create(controller, &options, why)
-                       : apc_fail(why, APC_ENOMEM, "out of memory");
-    free(z);
-    free(loop);
+    *controller = NULL;
+    rc = rc < 0 ? apc_fail(why, rc, "out of memory") : apc_controller_create(controller, &options, why);
+    free_wiring(&wiring);
     return rc;
+}
+
+/* ---- What there is at first ------------------------------------------------------------------ */
+
+/* Cas where there is one above that moves the setpoint. */
+static enum apc_mode first_mode(const struct experiment *e, struct controller_loop loop)
+{
+    return loop.of->mode != APC_MODE_CAS || controllers_is_below(e, loop) ? loop.of->mode : APC_MODE_AUTO;
+}
+
+struct apc_sample *cores_first(const struct experiment *e, apc_ns time, size_t *n)
+{
+    const struct controller *last = &e->controllers[e->n_controllers - 1];
+    const size_t loops = controllers_loops(e),
+                 tunings = (size_t)last->first_tuning - 1 + apc_law_parameters(last->law, &last->dim);
+    struct apc_sample *first = calloc(loops + tunings + e->dim.nz, sizeof *first), *at = first;
+    *n = 0;
+    if (!first)
+        return NULL;
+    for (size_t i = 0; i < loops; i++)
+        *at++ = (struct apc_sample){
+            .table = APC_OPMODE, .id = (int)i + 1, .value = first_mode(e, controllers_loop(e, i))};
+    for (const struct controller *c = e->controllers; c <= last; c++)
+        for (size_t i = 0; i < apc_law_parameters(c->law, &c->dim); i++)
+            *at++ = (struct apc_sample){
+                .table = APC_TUNING, .id = c->first_tuning + (int)i, .value = c->tuning[i]};
+    for (size_t k = 0; k < e->dim.nz; k++)
+        if (!isnan(e->z[k].initial))
+            *at++ = (struct apc_sample){.table = APC_SETPOINT, .id = (int)k + 1, .value = e->z[k].initial};
+    *n = (size_t)(at - first);
+    for (size_t i = 0; i < *n; i++)
+        first[i].time = time;
+    return first;
 }
 
 int cores_client(const struct experiment *e, const int64_t *last, apc_ns since, struct apc_client **client,

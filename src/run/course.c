@@ -57,31 +57,56 @@ static double patience(apc_ns period)
     return 3 * apc_ns_to_s(period) + 0.1;
 }
 
-/* A sign of life: of the measurements, of the outputs. */
+/* A sign of life: of the measurements, of each output. */
 struct life {
     double until; /* it may stay away */
+    double limit; /* s without it, at most */
     bool bad;     /* it never came, or was not good */
 };
 
 /* Before what happens at @t is looked at: was there control all the time until then? */
-static void watch(struct course *c, const struct life life[2], double t)
+static void watch(struct course *c, const struct life *life, double t)
 {
-    double lost = fmin(life[0].until, life[1].until);
+    double lost = life[0].until;
+    for (size_t i = 1; i <= c->dim.nu; i++)
+        lost = fmin(lost, life[i].until);
     if (lost < t)
         course_change(c, &c->without, lost, 1);
+}
+
+static bool is_without(const struct course *c, const struct life *life, double t)
+{
+    bool lost = false;
+    for (size_t i = 0; i <= c->dim.nu; i++)
+        lost = lost || life[i].bad || life[i].until < t;
+    return lost;
+}
+
+/* [1 + nu]: of the measurements, of each output; NULL: out of memory. */
+static struct life *lives(const struct experiment *e)
+{
+    const apc_ns plant = e->plant.rhythm.period, client = e->client.rhythm.period;
+    struct life *life = calloc(1 + e->dim.nu, sizeof *life);
+    if (!life)
+        return NULL;
+    life[0] = (struct life){0, patience(client > plant ? client : plant), true};
+    for (size_t i = 0; i < e->dim.nu; i++) {
+        const struct controller *owner = controllers_above(e, (struct wire){APC_ACTUATOR, i}).of;
+        life[1 + i] = (struct life){0, patience(owner->rhythm.period), true};
+    }
+    return life;
 }
 
 int course_of_samples(struct course *c, const struct samples *samples, const struct experiment *e,
                       apc_ns start)
 {
-    const apc_ns plant = e->plant.rhythm.period, client = e->client.rhythm.period;
-    const double limit[2] = {patience(client > plant ? client : plant),
-                             patience(e->controllers->rhythm.period)};
-    struct life life[2] = {{0, true}, {0, true}};
-    if (course_create(c, &e->dim) < 0)
+    struct life *life = lives(e);
+    if (course_create(c, &e->dim) < 0 || !life) {
+        free(life);
         return APC_ENOMEM;
+    }
     c->measured = true;
-    c->gap = limit[0];
+    c->gap = life[0].limit;
     course_change(c, &c->without, 0, 1);
     for (size_t i = 0; i < samples->n; i++) {
         const struct apc_sample *s = &samples->at[i];
@@ -98,14 +123,16 @@ int course_of_samples(struct course *c, const struct samples *samples, const str
         watch(c, life, t);
         if (s->table == APC_SENSOR && k < c->dim.ny && severity != APC_SEVERITY_BAD) {
             course_add(c, &c->output[k], t, s->value);
-            life[0] = (struct life){t + limit[0], false};
+            life[0] = (struct life){t + life[0].limit, life[0].limit, false};
         } else if (s->table == APC_ACTUATOR && k < c->dim.nu) {
+            struct life *of = &life[1 + k];
             course_change(c, &c->input[k], t, s->value);
-            life[1] = (struct life){t + limit[1], severity != APC_SEVERITY_GOOD};
-            course_change(c, &c->without, t, life[0].bad || life[0].until < t || life[1].bad);
+            *of = (struct life){t + of->limit, of->limit, severity != APC_SEVERITY_GOOD};
+            course_change(c, &c->without, t, is_without(c, life, t));
         }
     }
     watch(c, life, c->end);
+    free(life);
     return c->failed ? APC_ENOMEM : 0;
 }
 

@@ -411,7 +411,7 @@ static void read_controller(struct settings *s, const config_setting_t *group, s
 static void read_scheduler(struct settings *s, const config_setting_t *root, struct experiment *e)
 {
     static const char *const known[] = {"sequence", "repeat", "setpoints", RHYTHM, NULL};
-    const config_setting_t *group = settings_group(s, root, "scheduler", REQUIRED);
+    const config_setting_t *group = settings_group(s, root, "scheduler", OPTIONAL);
     const config_setting_t *list = group ? settings_list(s, group, "sequence", REQUIRED) : NULL;
     if (!list)
         return;
@@ -576,7 +576,7 @@ int experiment_load(struct experiment *e, const char *name, unsigned parts,
         rc = experiment_parse(e, &(struct experiment_source){.file = file, .text = text, .record = &record},
                               parts, overrides, why);
     free(text);
-    if (rc == 0 && (rc = experiment_check_single(e, why)) < 0)
+    if (rc == 0 && (rc = experiment_check_runs(e, why)) < 0)
         experiment_free(e);
     return rc;
 }

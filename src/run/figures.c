@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * The output of the plant is known at its ticks; between two of them it is a straight line here, and the
- * integrals are those of these lines, exactly. The setpoint changes only where a part begins, so that within
- * a part the error is made of straight pieces as well.
+ * integrals are those of these lines, exactly. The setpoint changes in steps, so that the error is made of
+ * straight pieces as well; within a part only one that a controller moves does.
  */
 #include "figures.h"
+#include "loops.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -46,22 +47,22 @@ const char *metric_key(enum metric metric)
 
 size_t metrics_loops(const struct experiment *e, struct loop *loop)
 {
-    const struct apc_law_setup setup = cores_law_setup(e->controllers);
-    struct apc_pair *pair = calloc(e->dim.nu + 1, sizeof *pair);
-    bool paired =
-        pair && e->controllers->law && apc_law_pairing(e->controllers->law, &setup, pair, NULL) == 0;
+    struct loops all;
     size_t n = 0;
-    for (size_t i = 0; i < e->dim.nu; i++) {
-        struct loop l = {i, i, i};
-        size_t k = 0;
-        if (paired)
-            l = (struct loop){pair[i].measurement - 1, pair[i].setpoint - 1, i};
-        while (k < n && (loop[k].y != l.y || loop[k].z != l.z))
-            k++;
-        if (k == n && l.y < e->dim.ny && l.z < e->dim.nz)
-            loop[n++] = l;
+    int rc = controllers_describe(e, &all);
+    for (size_t i = 0; i < all.n && rc == 0; i++) {
+        const struct loops_loop *from = &all.at[i];
+        const size_t y = (size_t)from->measurement - 1, z = (size_t)from->setpoint - 1;
+        bool told = y >= e->dim.ny || z >= e->dim.nz; /* what has none, or is calculated, is not judged */
+        for (size_t k = 0; k < n; k++)                /* two outputs for one thing */
+            told = told || (loop[k].y == y && loop[k].z == z);
+        if (told)
+            continue;
+        loop[n] = (struct loop){.y = y, .z = z, .u = {from->table, (size_t)from->output - 1}};
+        snprintf(loop[n++].name, sizeof loop->name, "%s",
+                 e->n_controllers > 1 ? from->name : e->y[y].tag.name);
     }
-    free(pair);
+    loops_free(&all);
     return n;
 }
 
@@ -115,6 +116,12 @@ static void add_event(struct figures *f, const struct course *c, struct event ev
         f->event[f->n_events++] = event;
 }
 
+/* By a controller, at each of its ticks: that is no event. */
+static bool is_moved(const struct experiment *e, size_t setpoint)
+{
+    return controllers_above(e, (struct wire){APC_SETPOINT, setpoint}).of;
+}
+
 static int collect_events(struct figures *f, const struct course *c, const struct experiment *e)
 {
     size_t room = 1 + (e->plant.model ? e->plant.n_disturbances : 0);
@@ -126,7 +133,7 @@ static int collect_events(struct figures *f, const struct course *c, const struc
         return APC_ENOMEM;
     add_event(f, c, (struct event){EVENT_START, 0, begin, none, none});
     for (size_t i = 0; i < c->dim.nz; i++)
-        for (size_t k = 0; k < c->setpoint[i].n; k++) {
+        for (size_t k = 0; k < c->setpoint[i].n && !is_moved(e, i); k++) {
             const struct curve_point *at = &c->setpoint[i].at[k];
             if (at->t > begin)
                 add_event(f, c,
@@ -234,16 +241,27 @@ static bool whole(const struct curve *c, const struct part *part, double gap)
     return c->n > 0 && (next < c->n ? c->at[next].t : part->to) - before <= gap;
 }
 
-static void follow(struct pass *p, const struct curve *c, double to)
+static void follow(struct pass *p, const struct curve *c, const struct curve *r, double to)
 {
     double t = p->from, e = value_at(c, t) - p->r;
+    size_t next = first_from(r, t);
+    while (next < r->n && r->at[next].t <= t)
+        next++;
     p->near_since = HUGE_VAL;
     take_point(p, t, e);
     for (size_t i = first_from(c, t); i < c->n && c->at[i].t <= to; i++) {
-        double next = c->at[i].value - p->r;
-        take_piece(p, t, e, c->at[i].t, next);
+        for (; next < r->n && r->at[next].t < c->at[i].t; next++) { /* moved by a controller */
+            const double z = value_at(c, r->at[next].t);
+            take_piece(p, t, e, r->at[next].t, z - p->r);
+            t = r->at[next].t;
+            p->r = r->at[next].value;
+            e = z - p->r;
+            take_point(p, t, e);
+        }
+        double to_e = c->at[i].value - p->r;
+        take_piece(p, t, e, c->at[i].t, to_e);
         t = c->at[i].t;
-        e = next;
+        e = to_e;
         take_point(p, t, e);
     }
     take_piece(p, t, e, to, value_at(c, to) - p->r);
@@ -261,6 +279,11 @@ static double step_of(const struct figures *f, const struct part *part, const st
             return r - (isnan(at->from) ? z : at->from);
     }
     return 0;
+}
+
+static const struct curve *output_of(const struct course *c, const struct loop *loop)
+{
+    return loop->u.table == APC_SETPOINT ? &c->setpoint[loop->u.at] : &c->input[loop->u.at];
 }
 
 static double effort(const struct curve *input, const struct part *part)
@@ -301,7 +324,7 @@ static void measure(const struct figures *f, const struct course *c, const struc
     for (int i = 0; i < METRICS; i++)
         p.figure[i] = none;
     p.figure[METRIC_WITHOUT] = without(c, part);
-    p.figure[METRIC_EFFORT] = effort(&c->input[loop->u], part);
+    p.figure[METRIC_EFFORT] = effort(output_of(c, loop), part);
     if (isnan(p.r) || !whole(output, part, c->gap))
         return;
     p.figure[METRIC_IAE] = p.figure[METRIC_ISE] = p.figure[METRIC_ITAE] = p.figure[METRIC_PEAK] = 0;
@@ -309,7 +332,7 @@ static void measure(const struct figures *f, const struct course *c, const struc
     part->step = fabs(p.step) > scale->least;
     p.step = part->step ? p.step : 0;
     p.band = part->step ? BAND * fabs(p.step) : scale->band;
-    follow(&p, output, part->to);
+    follow(&p, output, &c->setpoint[loop->z], part->to);
     if (part->step) {
         p.figure[METRIC_OVERSHOOT] = 100 * p.beyond;
         p.figure[METRIC_SETTLING] = p.near_since;
@@ -332,7 +355,7 @@ static struct scale scale_of(const struct course *c, const struct experiment *e,
                  z = c->output[loop->y].n > 0 ? value_at(&c->output[loop->y], begin) : none,
                  first = fabs(set_at(r, begin) - z);
     double largest = 0;
-    for (size_t i = 1; i < r->n; i++)
+    for (size_t i = 1; i < r->n && !is_moved(e, loop->z); i++)
         largest = fmax(largest, fabs(r->at[i].value - r->at[i - 1].value));
     if (largest > 0)
         return (struct scale){LEAST * largest,
@@ -369,7 +392,7 @@ static void sum_up(struct metrics *m, size_t n_parts)
 int figures_make(struct figures *f, const struct course *c, const struct experiment *e)
 {
     *f = (struct figures){0};
-    f->loop = calloc(e->dim.nu + 1, sizeof *f->loop);
+    f->loop = calloc(controllers_loops(e) + 1, sizeof *f->loop);
     if (!f->loop || collect_events(f, c, e) < 0)
         return APC_ENOMEM;
     size_t n = metrics_loops(e, f->loop);

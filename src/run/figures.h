@@ -22,9 +22,11 @@ enum metric {
 const char *metric_name(enum metric metric); /* for people: "settling s" */
 const char *metric_key(enum metric metric);  /* for programs: "settling_s" */
 
-/* One of the loops: numbers of its measurement, setpoint and output, from 0. */
+/* One of the loops: its measurement, setpoint and output by their places. */
 struct loop {
-    size_t y, z, u;
+    char name[APC_TAG_LEN]; /* of the measurement; where there are several controllers, the loop's own */
+    size_t y, z;
+    struct wire u; /* for the plant, or the setpoint of a loop below */
 };
 
 /* What begins at an instant: the run, a new setpoint, or a new value of a disturbance. */
@@ -57,7 +59,8 @@ struct figures {
     size_t n_events, n_parts;
 };
 
-/* As the law pairs measurements, setpoints and outputs; room for e->dim.nu of them. Returns how many. */
+/* As the laws pair measurements, setpoints and outputs; room for controllers_loops() of them. Returns how
+ * many. */
 size_t metrics_loops(const struct experiment *e, struct loop *loop);
 
 /* Returns 0 or APC_ENOMEM; figures_free() in either case. */

@@ -97,7 +97,7 @@ static void add_loop(struct tags *t, struct controller_loop loop)
     add(t, plain_tag(APC_ACTUAL, apc_variable_number(APC_OPMODE, id), name,
                      "actual mode; besides 4 initialising, 5 at the fault value", 0, 5));
     name_of_loop(t->e, loop, "manual", name);
-    struct apc_tag *manual = add(t, plain_tag(APC_MANUAL, controllers_manual(t->e, loop), name,
+    struct apc_tag *manual = add(t, plain_tag(APC_MANUAL, controllers_loop_id(loop), name,
                                               "operator's output in mode Man", of->low, of->high));
     memcpy(manual->unit, of->unit, sizeof manual->unit);
 
@@ -328,8 +328,7 @@ static int forget_manual(struct apc_store *store, const struct experiment *e, ap
     if (!rows)
         return APC_ENOMEM;
     for (size_t i = 0; i < loops; i++)
-        rows[i] =
-            (struct apc_sample){.table = APC_MANUAL, .id = controllers_manual(e, controllers_loop(e, i))};
+        rows[i] = (struct apc_sample){.table = APC_MANUAL, .id = (int)i + 1};
     int rc = apc_store_read(store, rows, loops);
     for (size_t i = 0; i < loops && rc >= 0; i++)
         if (rows[i].seq > 0 && apc_status_severity(rows[i].status) != APC_SEVERITY_BAD)

@@ -144,7 +144,7 @@ int apc_experiment_provision(const struct apc_experiment *e, struct apc_store *s
                              struct apc_error *why)
 {
     char differs[PROVISION_TEXT];
-    int rc = experiment_check_single(&e->now->e, why);
+    int rc = experiment_check_runs(&e->now->e, why);
     if (rc < 0)
         return rc;
     rc = provision_check(store, &e->now->e, differs);
@@ -172,7 +172,7 @@ int apc_simulation_create(struct apc_simulation **out, const struct apc_experime
         return apc_fail(why, APC_ENOMEM, "out of memory");
     s->of = e->now;
     atomic_fetch_add(&s->of->users, 1);
-    rc = experiment_check_single(&s->of->e, why);
+    rc = experiment_check_runs(&s->of->e, why);
     if (rc == 0)
         rc = simulation_create(&s->s, &s->of->e, o.seed ? o.seed : s->of->e.seed, why);
     if (rc < 0)
@@ -210,30 +210,43 @@ int apc_simulation_run(struct apc_simulation *s, double until)
                     until);
 }
 
-static int operate(struct apc_simulation *s, const struct apc_sample *to)
-{
-    return said(s, simulation_operate(&s->s, to));
-}
-
 int apc_simulation_write(struct apc_simulation *s, const char *name, double value)
 {
     struct apc_tag tag;
-    int rc = action_find(s->s.tags, s->s.n_tags, name, true, &tag, &s->why);
+    int rc = action_find(&s->of->e, s->s.tags, s->s.n_tags, name, true, &tag, &s->why);
     if (rc == 0)
         rc = action_check(&tag, value, &s->why);
-    return rc < 0 ? rc : operate(s, &(struct apc_sample){.table = tag.table, .id = tag.id, .value = value});
+    if (rc < 0)
+        return rc;
+    const struct action action = {
+        .kind = ACTION_WRITE, .to = {.table = tag.table, .id = tag.id, .value = value}, .n = 1};
+    return said(s, simulation_operate(&s->s, &action));
 }
 
 int apc_simulation_mode(struct apc_simulation *s, const char *name, enum apc_mode mode)
 {
-    int rc = action_find_mode(&s->of->e, name, mode, &s->why);
-    return rc < 0 ? rc : operate(s, &(struct apc_sample){.table = APC_OPMODE, .value = mode});
+    struct action action = {.kind = ACTION_WRITE};
+    int rc = action_find_mode(&s->of->e, name, mode, &action, &s->why);
+    return rc < 0 ? rc : said(s, simulation_operate(&s->s, &action));
+}
+
+int apc_simulation_do(struct apc_simulation *s, const char *what, const char *name)
+{
+    const bool kill = !strcmp(what, "kill");
+    if (!kill && strcmp(what, "start") != 0)
+        return apc_fail(&s->why, APC_EINVAL, "\"%s\" cannot be done: kill and start can", what);
+    for (size_t i = 0; i < s->of->e.n_controllers; i++)
+        if (!strcmp(s->of->e.controllers[i].name, name))
+            return said(s,
+                        simulation_operate(&s->s, &(struct action){.kind = kill ? ACTION_KILL : ACTION_START,
+                                                                   .controller = i}));
+    return apc_fail(&s->why, APC_ENOTFOUND, "there is no controller \"%s\"", name);
 }
 
 int apc_simulation_read(const struct apc_simulation *s, const char *name, struct apc_value *value)
 {
     struct apc_tag tag;
-    int rc = action_find(s->s.tags, s->s.n_tags, name, false, &tag, NULL);
+    int rc = action_find(&s->of->e, s->s.tags, s->s.n_tags, name, false, &tag, NULL);
     if (rc < 0)
         return rc;
     struct apc_sample newest = {.table = tag.table, .id = tag.id};
@@ -277,11 +290,10 @@ static size_t fill_all(const struct figures *f, const struct experiment *e, stru
     size_t n = 0;
     for (size_t i = 0; i < f->n_loops; i++) {
         const struct metrics *m = &f->of[i];
-        const char *loop = e->y[f->loop[i].y].tag.name;
         for (size_t k = 0; k <= f->n_parts; k++, n++) {
             if (n >= capacity)
                 continue;
-            fill(&to[n], sizeof *to, loop, k ? m->part[k - 1].figure : m->figure);
+            fill(&to[n], sizeof *to, f->loop[i].name, k ? m->part[k - 1].figure : m->figure);
             to[n].from = f->n_parts ? m->part[k ? k - 1 : 0].from : 0;
             to[n].until = f->n_parts ? m->part[k ? k - 1 : f->n_parts - 1].to : 0;
             if (k)

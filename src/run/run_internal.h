@@ -107,10 +107,13 @@ struct controller {
     void *law_handle;
 };
 
-/* What an operator is to do at a time of the run. */
+/* What is to be done at a time of the run. */
 struct action {
-    apc_ns at;            /* since t = 0 */
-    struct apc_sample to; /* the variable of the operator's, and its value */
+    apc_ns at; /* since t = 0 */
+    enum action_kind { ACTION_WRITE = 1, ACTION_KILL, ACTION_START } kind;
+    struct apc_sample to; /* the variable of the operator's, and its value, */
+    size_t n;             /* and of how many ids from this one on: a controller's loops */
+    size_t controller;    /* that is killed or started, by its place */
 };
 
 #define EXPERIMENT_PATH 512
@@ -199,7 +202,7 @@ int experiment_parse(struct experiment *e, const struct experiment_source *from,
                      const struct experiment_overrides *overrides, struct apc_error *why);
 
 /* Can its controllers be run? 0, or APC_ESTATE and why not. */
-int experiment_check_single(const struct experiment *e, struct apc_error *why);
+int experiment_check_runs(const struct experiment *e, struct apc_error *why);
 /* The controller whose setpoint it is; NULL: none. */
 const struct controller *controllers_taker(const struct experiment *e, struct wire setpoint);
 
@@ -215,14 +218,17 @@ struct controller_loop controllers_loop(const struct experiment *e, size_t n);
 void controllers_program(const struct experiment *e, const struct controller *c, char name[APC_TAG_LEN]);
 /* Its output. */
 const struct apc_tag *controllers_output(const struct experiment *e, struct controller_loop loop);
-/* Id of its operator's output in table manual: an actuator's is the actuator's own, and those of setpoints
- * stand behind all actuators'. */
-int controllers_manual(const struct experiment *e, struct controller_loop loop);
+/* Its id in table opmode, and of the operator's output in table manual. */
+int controllers_loop_id(struct controller_loop loop);
 /* "u", or "upper.r1" where the output is a setpoint. */
 void controllers_loop_name(const struct experiment *e, struct controller_loop loop, char name[APC_TAG_LEN]);
-/* The loop that has the setpoint as its own, and the loop that moves it; of is NULL: none. */
+/* The loop that has the setpoint as its own, and the loop that puts out the setpoint, output or signal; of is
+ * NULL: none. */
 struct controller_loop controllers_below(const struct experiment *e, struct wire setpoint);
-struct controller_loop controllers_above(const struct experiment *e, struct wire setpoint);
+struct controller_loop controllers_above(const struct experiment *e, struct wire output);
+/* All of them, as a store describes them. Returns 0 or APC_ENOMEM; loops_free() in either case. */
+struct loops;
+int controllers_describe(const struct experiment *e, struct loops *loops);
 /* Is there a loop above it? */
 bool controllers_is_below(const struct experiment *e, struct controller_loop loop);
 
@@ -234,6 +240,10 @@ int experiment_check_steps(const struct experiment *e, struct apc_error *why);
 
 /* What its law is made from. */
 struct apc_law_setup cores_law_setup(const struct controller *c);
+
+/* What is in the store before anybody writes: modes, tuning, setpoints that have an initial value. [n], to be
+ * freed; NULL: out of memory. */
+struct apc_sample *cores_first(const struct experiment *e, apc_ns time, size_t *n);
 
 /* How long it may be between two commands: the period of the slowest controller that gives any. */
 apc_ns cores_command_period(const struct experiment *e);
@@ -261,15 +271,18 @@ void notice_event(const struct apc_notice *notice, struct apc_event *event);
 
 /* What @p name stands for among the experiment's variables @p tags [n], to be read, or to be written by an
  * operator: then an output is its manual value. Returns 0, or APC_ENOTFOUND with a text in why. */
-int action_find(const struct apc_tag *tags, size_t n, const char *name, bool write, struct apc_tag *found,
-                struct apc_error *why);
+int action_find(const struct experiment *e, const struct apc_tag *tags, size_t n, const char *name,
+                bool write, struct apc_tag *found, struct apc_error *why);
 /* May it be set to that? 0, or APC_ERANGE with a text. */
 int action_check(const struct apc_tag *tag, double value, struct apc_error *why);
-/* Whose mode @p name is: the controller's, or that of its only loop. Returns 0 or a negative error. */
-int action_find_mode(const struct experiment *e, const char *name, enum apc_mode mode, struct apc_error *why);
-/* Put it, and an event of @p source that tells of it. Returns 0 or the store's error. */
-int action_do(struct apc_store *store, const struct apc_tag *tags, size_t n, const struct apc_sample *to,
-              apc_ns now, const char *source);
+/* Whose mode @p name is: a loop's, by its output or its own name, or those of all loops of a controller.
+ * Fills action->to and n. Returns 0 or a negative error. */
+int action_find_mode(const struct experiment *e, const char *name, enum apc_mode mode, struct action *action,
+                     struct apc_error *why);
+/* What an operator is to write: put it as owner_put() does, and an event of @p source that tells of it.
+ * Returns 0 or the store's error. */
+int action_do(struct apc_store *store, const struct loops *loops, const struct apc_tag *tags, size_t n,
+              const struct action *action, apc_ns now, const char *source);
 
 /* ---- Its description in the store ----------------------------------------------------------- */
 

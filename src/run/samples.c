@@ -79,8 +79,9 @@ static void sort(struct samples *samples)
 int samples_collect(struct samples *samples, struct apc_store *store, const struct experiment *e,
                     const struct apc_range *range)
 {
-    const struct part of[] = {
-        {APC_SETPOINT, 1, e->dim.nz}, {APC_SENSOR, 1, e->dim.ny}, {APC_ACTUATOR, 1, e->dim.nu}};
+    const struct part of[] = {{APC_SETPOINT, 1, e->dim.nz},
+                              {APC_SENSOR, 1, e->dim.ny + e->n_signals},
+                              {APC_ACTUATOR, 1, e->dim.nu}};
     int rc = 0;
     for (size_t t = 0; t < sizeof of / sizeof *of && rc == 0; t++)
         rc = collect_part(samples, store, &of[t], range);

@@ -14,7 +14,7 @@
 #define DIVERGED 1e100 /* no state of a plant is as large as that */
 
 /* The order of coinciding events. Requests come to the plant after its own tick, replies before the
- * controller's. */
+ * controllers'. Of those who stand above comes what those below take, so each depth has a rank of its own. */
 enum rank {
     RANK_CLOCK,
     RANK_OPERATOR,
@@ -22,7 +22,7 @@ enum rank {
     RANK_PLANT,
     RANK_LINK,
     RANK_CLIENT = RANK_LINK,
-    RANK_CONTROLLER
+    RANK_CONTROLLERS
 };
 
 struct clock_step {
@@ -165,6 +165,14 @@ static int plant_tick(void *ctx, const struct apc_tick *tick)
     return 0;
 }
 
+static bool any_holds(const struct simulation *s)
+{
+    for (size_t i = 0; i < s->e->n_controllers; i++)
+        if (s->controller[i].holds)
+            return true;
+    return false;
+}
+
 static void record_plant(struct simulation *s)
 {
     struct course *c = &s->course;
@@ -176,7 +184,7 @@ static void record_plant(struct simulation *s)
         course_add(c, &c->output[i], t, output[i]);
     for (size_t i = 0; i < c->dim.nu; i++)
         course_change(c, &c->input[i], t, input[i]);
-    course_change(c, &c->without, t, safe || s->holding);
+    course_change(c, &c->without, t, safe || any_holds(s));
     if (c->failed)
         stop(s, APC_ENOMEM, "at t = %g s: out of memory", t);
 }
@@ -256,39 +264,99 @@ static void client_finish(void *ctx)
         stop_at_failure(s, rc);
 }
 
-/* ---- Controller --------------------------------------------------------------------------- */
+/* ---- Controllers -------------------------------------------------------------------------- */
 
-/* An output that is not the law's. */
-static bool is_held(const struct apc_sample *u)
+static void tell_of(const struct simulated *c, const struct apc_notice *notice)
 {
-    return apc_status_severity(u->status) != APC_SEVERITY_GOOD;
-}
-
-/* What the last tick wrote begins with the outputs. */
-static bool puts_out(const struct simulation *s)
-{
-    const struct apc_rows *out = apc_controller_out(s->controller);
-    return out->n_samples > 0 && out->sample[0].table == APC_ACTUATOR;
+    char source[APC_TAG_LEN];
+    controllers_program(c->s->e, c->of, source);
+    tell_notice(c->s, source, notice);
 }
 
 static int controller_tick(void *ctx, const struct apc_tick *tick)
 {
-    struct simulation *s = ctx;
+    struct simulated *c = ctx;
     struct apc_notice notice;
-    stop_at_store(s, apc_store_read_rows(s->store, apc_controller_in(s->controller)));
-    apc_controller_compute(s->controller, now_of(s), tick->index, true, &notice);
-    tell_notice(s, "apc-controller", &notice);
-    s->held += puts_out(s) && is_held(apc_controller_out(s->controller)->sample);
+    if (!c->core)
+        return 0;
+    stop_at_store(c->s, apc_store_read_rows(c->s->store, apc_controller_in(c->core)));
+    apc_controller_compute(c->core, now_of(c->s), tick->index, true, &notice);
+    tell_of(c, &notice);
+    c->ticks = true;
     return 0;
+}
+
+/* Is some output for the plant not the law's? */
+static bool is_held(const struct apc_rows *out)
+{
+    for (size_t i = 0; i < out->n_samples; i++)
+        if (out->sample[i].table == APC_ACTUATOR &&
+            apc_status_severity(out->sample[i].status) != APC_SEVERITY_GOOD)
+            return true;
+    return false;
 }
 
 static void controller_finish(void *ctx)
 {
-    struct simulation *s = ctx;
-    stop_at_store(s, apc_store_append_rows(s->store, apc_controller_out(s->controller)));
-    if (puts_out(s))
-        s->holding = is_held(apc_controller_out(s->controller)->sample);
-    apc_controller_update(s->controller, 1);
+    struct simulated *c = ctx;
+    struct simulation *s = c->s;
+    if (!c->ticks)
+        return;
+    c->ticks = false;
+    struct apc_rows *out = apc_controller_out(c->core);
+    int rc = apc_store_append_rows(s->store, out);
+    stop_at_store(s, rc);
+    c->holds = is_held(out);
+    c->held += c->holds;
+    for (size_t i = 0; i < out->n_samples && rc >= 0; i++) {
+        const struct apc_sample *row = &out->sample[i];
+        if (row->table == APC_SETPOINT && row->seq > 0) /* else somebody was faster */
+            course_change(&s->course, &s->course.setpoint[row->id - 1], time_of(s), row->value);
+    }
+    apc_controller_update(c->core, rc >= 0);
+}
+
+uint64_t simulated_failures(const struct simulated *c)
+{
+    return c->failures + (c->core ? apc_controller_failures(c->core) : 0);
+}
+
+/* As a daemon that is killed, whatever it is doing. */
+static void kill_controller(struct simulated *c)
+{
+    c->failures = simulated_failures(c);
+    apc_controller_destroy(c->core);
+    c->core = NULL;
+    c->ticks = c->holds = false;
+}
+
+/* And one that is started: it goes on from its newest tick row, if there is one. */
+static int start_controller(struct simulated *c, struct apc_error *why)
+{
+    if (c->core)
+        return 0;
+    int rc = cores_controller(c->s->e, c->of, &c->core, why);
+    if (rc == 0 && (rc = apc_store_read_rows(c->s->store, apc_controller_former(c->core))) < 0)
+        apc_fail(why, rc, "%s", apc_store_error(c->s->store));
+    if (rc == 0)
+        apc_controller_resume(c->core, SIMULATION_BEGIN - 1);
+    return rc;
+}
+
+uint64_t simulation_held(const struct simulation *s)
+{
+    uint64_t n = 0;
+    for (size_t i = 0; i < s->e->n_controllers; i++)
+        n += s->controller[i].held;
+    return n;
+}
+
+uint64_t simulation_failures(const struct simulation *s)
+{
+    uint64_t n = 0;
+    for (size_t i = 0; i < s->e->n_controllers; i++)
+        n += simulated_failures(&s->controller[i]);
+    return n;
 }
 
 /* ---- The wall clock ----------------------------------------------------------------------- */
@@ -320,29 +388,46 @@ static int schedule_clock(struct simulation *s)
 
 /* ---- The operator -------------------------------------------------------------------------- */
 
-static void operate(struct simulation *s, const struct apc_sample *to, const char *who)
+static void write_as_operator(struct simulation *s, const struct action *action, const char *who)
 {
-    stop_at_store(s, action_do(s->store, s->tags, s->n_tags, to, apc_clock_utc(s->clock), who));
-    if (to->table == APC_SETPOINT)
-        course_change(&s->course, &s->course.setpoint[to->id - 1], time_of(s), to->value);
+    stop_at_store(s,
+                  action_do(s->store, &s->loops, s->tags, s->n_tags, action, apc_clock_utc(s->clock), who));
+    if (action->to.table == APC_SETPOINT)
+        course_change(&s->course, &s->course.setpoint[action->to.id - 1], time_of(s), action->to.value);
+}
+
+static void operate(struct simulation *s, const struct action *action, const char *who)
+{
+    struct simulated *c = &s->controller[action->controller];
+    struct apc_error why;
+    if (action->kind == ACTION_WRITE) {
+        write_as_operator(s, action, who);
+        return;
+    }
+    const bool start = action->kind == ACTION_START;
+    if (start && start_controller(c, &why) < 0)
+        stop(s, APC_ESTATE, "at t = %g s: %s", time_of(s), why.text);
+    else if (!start)
+        kill_controller(c);
+    tell(s, who, APC_EVENT_INFO, start ? "start" : "stop", "%s %s", c->of->name,
+         start ? "started" : "killed");
 }
 
 static void on_call(void *ctx)
 {
     struct simulation *s = ctx;
     operate(s, s->call, "operator");
-    apc_virtual_stop(s->executive);
 }
 
 /* An event of its own, at the very instant that the run has come to: what else happens then comes after it.
  */
-int simulation_operate(struct simulation *s, const struct apc_sample *to)
+int simulation_operate(struct simulation *s, const struct action *action)
 {
     apc_ns t;
     if (s->rc < 0 || s->interrupted)
         return s->rc;
     apc_ns_from_s(s->ended, &t);
-    s->call = to;
+    s->call = action;
     if (apc_virtual_at(s->executive, s->zero + t, RANK_OPERATOR, on_call, s) < 0)
         return s->rc = apc_fail(&s->why, APC_ENOMEM, "out of memory");
     s->handled += apc_virtual_run(s->executive, s->zero + t);
@@ -352,7 +437,7 @@ int simulation_operate(struct simulation *s, const struct apc_sample *to)
 static void on_action(void *ctx)
 {
     const struct action_step *step = ctx;
-    operate(step->s, &step->action->to, "apc-simulate");
+    operate(step->s, step->action, "apc-simulate");
 }
 
 static int schedule_actions(struct simulation *s)
@@ -360,7 +445,7 @@ static int schedule_actions(struct simulation *s)
     const struct experiment *e = s->e;
     s->tags = provision_tags(e, &s->n_tags);
     s->action_steps = calloc(e->n_actions + 1, sizeof *s->action_steps);
-    if (!s->tags || !s->action_steps)
+    if (!s->tags || !s->action_steps || controllers_describe(e, &s->loops) < 0)
         return APC_ENOMEM;
     for (size_t i = 0; i < e->n_actions; i++) {
         s->action_steps[i] = (struct action_step){s, &e->action[i]};
@@ -373,55 +458,71 @@ static int schedule_actions(struct simulation *s)
 
 /* ---- Making one --------------------------------------------------------------------------- */
 
-static const struct {
+struct task_plan {
     const char *name;
-    enum rank rank;
+    const struct rhythm *rhythm;
+    int rank;
     apc_task_fn tick;
     apc_virtual_fn finish;
-} tasks[SIM_TASKS] = {
-    [SIM_SCHEDULER] = {"scheduler", RANK_SCHEDULER, scheduler_tick, scheduler_finish},
-    [SIM_PLANT] = {"plant", RANK_PLANT, plant_tick, plant_finish},
-    [SIM_CLIENT] = {"client", RANK_CLIENT, client_tick, client_finish},
-    [SIM_CONTROLLER] = {"controller", RANK_CONTROLLER, controller_tick, controller_finish},
+    void *ctx;
 };
 
-const char *simulation_task_name(enum simulation_task task)
+static int make_task(struct simulation *s, const struct task_plan *plan, uint64_t seed, struct apc_error *why)
 {
-    return tasks[task].name;
-}
-
-static int make_task(struct simulation *s, enum simulation_task which, const struct rhythm *rhythm,
-                     uint64_t seed, struct apc_error *why)
-{
+    struct simulation_task *t = &s->task[s->n_tasks++];
     const struct apc_task_options options = {.size = sizeof options,
-                                             .name = tasks[which].name,
-                                             .period = rhythm->period,
-                                             .start = SIMULATION_BEGIN + rhythm->phase,
+                                             .name = plan->name,
+                                             .period = plan->rhythm->period,
+                                             .start = SIMULATION_BEGIN + plan->rhythm->phase,
                                              .aligned = true,
-                                             .overrun = rhythm->overrun};
+                                             .overrun = plan->rhythm->overrun};
     const struct apc_virtual_model model = {.size = sizeof model,
-                                            .rank = (int)tasks[which].rank,
-                                            .jitter = rhythm->model.jitter,
-                                            .execution = rhythm->model.execution,
+                                            .rank = plan->rank,
+                                            .jitter = plan->rhythm->model.jitter,
+                                            .execution = plan->rhythm->model.execution,
                                             .seed = seed,
-                                            .finish = tasks[which].finish};
-    int rc = apc_task_create(s->executive, &options, tasks[which].tick, s, &s->task[which], why);
+                                            .finish = plan->finish};
+    *t = (struct simulation_task){.name = plan->name, .period = plan->rhythm->period};
+    int rc = apc_task_create(s->executive, &options, plan->tick, plan->ctx, &t->task, why);
     if (rc == 0)
-        rc = apc_virtual_set_model(s->task[which], &model, why);
-    return rc < 0 ? rc : apc_task_start(s->task[which], why);
+        rc = apc_virtual_set_model(t->task, &model, why);
+    return rc < 0 ? rc : apc_task_start(t->task, why);
 }
 
 static int make_tasks(struct simulation *s, uint64_t seed, struct apc_error *why)
 {
-    const struct rhythm *const rhythms[SIM_TASKS] = {
-        [SIM_SCHEDULER] = &s->e->scheduler.rhythm,
-        [SIM_PLANT] = &s->e->plant.rhythm,
-        [SIM_CLIENT] = &s->e->client.rhythm,
-        [SIM_CONTROLLER] = &s->e->controllers->rhythm,
-    };
+    const struct experiment *e = s->e;
+    const struct task_plan plan[] = {
+        {"scheduler", &e->scheduler.rhythm, RANK_SCHEDULER, scheduler_tick, scheduler_finish, s},
+        {"plant", &e->plant.rhythm, RANK_PLANT, plant_tick, plant_finish, s},
+        {"client", &e->client.rhythm, RANK_CLIENT, client_tick, client_finish, s}};
+    const size_t first = e->scheduler.steps > 0 ? 0 : 1, n = sizeof plan / sizeof *plan;
     int rc = 0;
-    for (int i = 0; i < SIM_TASKS && rc == 0; i++)
-        rc = make_task(s, (enum simulation_task)i, rhythms[i], seed, why);
+    s->task = calloc(n + e->n_controllers, sizeof *s->task);
+    if (!s->task)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    for (size_t i = first; i < n && rc == 0; i++)
+        rc = make_task(s, &plan[i], seed, why);
+    for (size_t i = 0; i < e->n_controllers && rc == 0; i++) {
+        const struct controller *c = &e->controllers[i];
+        rc = make_task(s,
+                       &(struct task_plan){c->name, &c->rhythm, RANK_CONTROLLERS + (int)c->depth,
+                                           controller_tick, controller_finish, &s->controller[i]},
+                       seed, why);
+    }
+    return rc;
+}
+
+static int make_controllers(struct simulation *s, struct apc_error *why)
+{
+    int rc = 0;
+    s->controller = calloc(s->e->n_controllers, sizeof *s->controller);
+    if (!s->controller)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < s->e->n_controllers && rc == 0; i++) {
+        s->controller[i] = (struct simulated){.s = s, .of = &s->e->controllers[i]};
+        rc = start_controller(&s->controller[i], why);
+    }
     return rc;
 }
 
@@ -474,26 +575,18 @@ static int make_room(struct simulation *s)
 /* As `apc run` does before it starts the daemons. */
 static int make_store(struct simulation *s, struct apc_error *why)
 {
-    const struct experiment *e = s->e;
-    const size_t n = apc_law_parameters(e->controllers->law, &e->dim);
-    struct apc_sample *first = calloc(n + 1, sizeof *first);
-    int rc = first ? apc_store_open(&s->store, s->uri, NULL, why) : APC_ENOMEM;
+    size_t n;
+    struct apc_sample *first = cores_first(s->e, SIMULATION_BEGIN, &n);
+    int rc =
+        first ? apc_store_open(&s->store, s->uri, NULL, why) : apc_fail(why, APC_ENOMEM, "out of memory");
 
-    if (rc < 0) {
-        free(first);
-        return first ? rc : apc_fail(why, APC_ENOMEM, "out of memory");
-    }
-    first[0] = (struct apc_sample){.table = APC_OPMODE, .value = (double)e->controllers->mode};
-    for (size_t i = 0; i < n; i++)
-        first[1 + i] =
-            (struct apc_sample){.table = APC_TUNING, .id = (int)i + 1, .value = e->controllers->tuning[i]};
-    for (size_t i = 0; i <= n; i++)
-        first[i].time = SIMULATION_BEGIN;
-    rc = apc_store_init(s->store);
-    if (rc >= 0)
-        rc = apc_store_put(s->store, first, n + 1);
+    if (rc == 0 && ((rc = apc_store_init(s->store)) < 0 || (rc = apc_store_put(s->store, first, n)) < 0))
+        apc_fail(why, rc, "%s", apc_store_error(s->store));
+    for (size_t i = 0; i < n && rc >= 0; i++)
+        if (first[i].table == APC_SETPOINT)
+            course_change(&s->course, &s->course.setpoint[first[i].id - 1], 0, first[i].value);
     free(first);
-    return rc < 0 ? apc_fail(why, rc, "%s", apc_store_error(s->store)) : 0;
+    return rc < 0 ? rc : 0;
 }
 
 int simulation_create(struct simulation *s, const struct experiment *e, uint64_t seed, struct apc_error *why)
@@ -515,12 +608,13 @@ int simulation_create(struct simulation *s, const struct experiment *e, uint64_t
     struct experiment seeded = *e;
     seeded.seed = seed;
     if ((rc = cores_plant(&seeded, &s->plant, &s->server, why)) < 0 ||
-        (rc = cores_controller(e, e->controllers, &s->controller, why)) < 0 ||
         (rc = cores_client(e, NULL, SIMULATION_BEGIN, &s->client, why)) < 0 ||
-        (rc = make_exchange(s, seed, why)) < 0 || (rc = make_store(s, why)) < 0)
+        (rc = make_exchange(s, seed, why)) < 0)
         return rc;
     if (make_room(s) < 0 || schedule_clock(s) < 0 || schedule_actions(s) < 0)
         return apc_fail(why, APC_ENOMEM, "out of memory");
+    if ((rc = make_store(s, why)) < 0 || (rc = make_controllers(s, why)) < 0)
+        return rc;
     return make_tasks(s, seed, why);
 }
 
@@ -540,17 +634,20 @@ int simulation_run(struct simulation *s, double until)
 
 void simulation_destroy(struct simulation *s)
 {
-    for (int i = 0; i < SIM_TASKS; i++)
-        apc_task_destroy(s->task[i]);
+    for (size_t i = 0; i < s->n_tasks; i++)
+        apc_task_destroy(s->task[i].task);
     apc_exchange_close(s->exchange);
     apc_executive_destroy(s->executive);
     apc_client_destroy(s->client);
-    apc_controller_destroy(s->controller);
+    for (size_t i = 0; s->controller && i < s->e->n_controllers; i++)
+        apc_controller_destroy(s->controller[i].core);
     apc_plantserver_destroy(s->server);
     apc_plant_destroy(s->plant);
     apc_store_close(s->store);
     course_free(&s->course);
     apc_histogram_destroy(s->round_trip);
+    free(s->task);
+    free(s->controller);
     free(s->now);
     free(s->memory);
     free(s->command);
@@ -558,4 +655,5 @@ void simulation_destroy(struct simulation *s)
     free(s->clock_steps);
     free(s->action_steps);
     free(s->tags);
+    loops_free(&s->loops);
 }

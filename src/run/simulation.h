@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * An experiment in virtual time: the cores of the four modules on the executive "virtual" and the
- * exchange inproc:, in one process.
+ * An experiment in virtual time: the cores of its modules on the executive "virtual" and the exchange
+ * inproc:, in one process.
  */
 #ifndef APC_SIMULATION_H
 #define APC_SIMULATION_H
@@ -10,24 +10,41 @@
 #include <signal.h>
 
 #include "course.h"
+#include "loops.h"
 
 #define SIMULATION_BEGIN (INT64_C(946684800) * APC_NS_PER_S) /* UTC of t = 0: 2000-01-01 */
 
-enum simulation_task { SIM_SCHEDULER, SIM_PLANT, SIM_CLIENT, SIM_CONTROLLER, SIM_TASKS };
+/* One of its tasks: "scheduler", where there is one, "plant", "client", and each controller by its name. */
+struct simulation_task {
+    const char *name;
+    apc_ns period;
+    struct apc_task *task;
+};
+
+/* A controller in it. */
+struct simulated {
+    struct simulation *s;
+    const struct controller *of;
+    struct apc_controller *core; /* NULL: it was killed */
+    bool ticks;                  /* its tick has begun, and what it made is to take effect */
+    bool holds;                  /* an output of its is not the law's */
+    uint64_t held, failures;     /* ticks at which that was so; of the law, until it was killed */
+};
 
 /* Made by simulation_create(), to be read by anyone. */
 struct simulation {
     const struct experiment *e;
     struct apc_executive *executive;
     const struct apc_clock *clock;
-    struct apc_task *task[SIM_TASKS];
+    struct simulation_task *task; /* [n_tasks] */
+    size_t n_tasks;
     struct apc_exchange *exchange;
     apc_ns zero; /* monotonic, of t = 0 */
 
     struct apc_plant *plant;
     struct apc_plantserver *server;
     struct apc_client *client;
-    struct apc_controller *controller;
+    struct simulated *controller; /* [e->n_controllers] */
     struct apc_scheduler_options scheduler;
     struct apc_store *store; /* mem:, a name of its own */
     char uri[40];
@@ -38,19 +55,18 @@ struct simulation {
     struct apc_now plant_now;
     struct clock_step *clock_steps;
     struct action_step *action_steps;
-    const struct apc_sample *call; /* what simulation_operate() does */
-    struct apc_tag *tags;          /* [n_tags] of the experiment's variables */
+    const struct action *call; /* what simulation_operate() does */
+    struct loops loops;
+    struct apc_tag *tags; /* [n_tags] of the experiment's variables */
     size_t n_tags;
     bool link_down;
 
     struct course course; /* of the plant, by the monotonic clock: a step of the wall clock is none of time */
     double *now;          /* [nu] what the plant is given */
-    bool holding;         /* the controller's output is not the law's */
     struct apc_histogram *round_trip; /* of the exchanges that had a reply */
     _Atomic uint64_t in_vain;         /* those that had none */
     apc_ns sent_at;
 
-    uint64_t held;                   /* ticks of the controller at which its output was not the law's */
     int64_t handled;                 /* events of the executive */
     double ended;                    /* s since t = 0 */
     volatile sig_atomic_t interrupt; /* it is asked to end */
@@ -59,7 +75,11 @@ struct simulation {
     struct apc_error why;
 };
 
-const char *simulation_task_name(enum simulation_task task);
+/* Ticks at which a controller's outputs were held or at their fault value, over all of them; at which a law
+ * gave no usable output. */
+uint64_t simulation_held(const struct simulation *s);
+uint64_t simulation_failures(const struct simulation *s);
+uint64_t simulated_failures(const struct simulated *c);
 
 /* Returns 0 or a negative error; simulation_destroy() in either case. */
 int simulation_create(struct simulation *s, const struct experiment *e, uint64_t seed, struct apc_error *why);
@@ -71,7 +91,7 @@ int simulation_create(struct simulation *s, const struct experiment *e, uint64_t
 int simulation_run(struct simulation *s, double until);
 void simulation_interrupt(struct simulation *s);
 /* What an operator does, now. Returns 0 or why it ended. */
-int simulation_operate(struct simulation *s, const struct apc_sample *to);
+int simulation_operate(struct simulation *s, const struct action *action);
 void simulation_destroy(struct simulation *s);
 
 #endif

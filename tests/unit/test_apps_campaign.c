@@ -20,7 +20,7 @@
 static struct signal y[2] = {{.tag.name = "level"}, {.tag.name = "heat"}};
 static const struct apc_law law = {.name = "ours"};
 static struct experiment e;
-static const struct loop loop[2] = {{0, 0, 0}, {1, 1, 1}};
+static const struct loop loop[2] = {{"level", 0, 0, {APC_ACTUATOR, 0}}, {"heat", 1, 1, {APC_ACTUATOR, 1}}};
 static struct campaign_options options;
 static struct campaign campaign;
 static struct apc_error why;
@@ -189,7 +189,7 @@ static void what_the_controllers_had_is_told(void **state)
     campaign_result(&campaign, 5)->made = false;
     const char *text = table();
     assert_has(text, "controller: output held or at its fault value in 2 of 5 runs\n");
-    assert_has(text, "controller: law ours gave no usable output in 1 of 5 runs\n");
+    assert_has(text, "controller: a law gave no usable output in 1 of 5 runs\n");
 }
 
 static void runs_that_are_all_the_same_are_told_of(void **state)

@@ -320,9 +320,8 @@ static void actions_are_taken_by_time(void **state)
         enum apc_table table;
         int id;
         double value;
-    } expected[] = {{0, APC_OPMODE, 0, APC_MODE_MAN},
-                    {2, APC_MANUAL, 2, -3},
-                    {5, APC_SETPOINT, 1, 2},
+    } expected[] = {{0, APC_OPMODE, 1, APC_MODE_MAN}, {1, APC_OPMODE, 2, APC_MODE_AUTO},
+                    {2, APC_MANUAL, 2, -3},           {5, APC_SETPOINT, 1, 2},
                     {5, APC_TUNING, 6, 0.5}, /* Kp of u2: pi has five parameters */
                     {5, APC_SETPOINT, 1, 1}};
     struct experiment e;
@@ -331,11 +330,19 @@ static void actions_are_taken_by_time(void **state)
     if (load(&e, LINES,
              "actions = ( { at = 5.0; set = \"r1\"; value = 2.0; }, { at = 2; set = \"u2\"; value = -3; },"
              " { at = 5.0; set = \"u2.Kp\"; value = 0.5; }, { at = 5.0; set = \"setpoint.1\"; value = 1; },"
-             " { at = 0.0; mode = \"controller\"; value = \"Man\"; } );",
+             " { at = 0.0; mode = \"controller\"; value = \"Man\"; },"
+             " { at = 9.0; start = \"controller\"; }, { at = 8.0; kill = \"controller\"; },"
+             " { at = 1.0; mode = \"u2\"; value = \"Auto\"; } );",
              &why) < 0)
         fail_msg("%s", why.text);
-    assert_int_equal(e.n_actions, sizeof expected / sizeof *expected);
-    for (size_t i = 0; i < e.n_actions; i++) {
+    const size_t n = sizeof expected / sizeof *expected;
+    assert_int_equal(e.n_actions, n + 2);
+    assert_int_equal(e.action[0].n, 2); /* loops of the controller */
+    assert_int_equal(e.action[1].n, 1);
+    assert_int_equal(e.action[n].kind, ACTION_KILL);
+    assert_int_equal(e.action[n + 1].kind, ACTION_START);
+    for (size_t i = 0; i < n; i++) {
+        assert_int_equal(e.action[i].kind, ACTION_WRITE);
         assert_int_equal(e.action[i].at, (apc_ns)(expected[i].at * 1e9));
         assert_int_equal(e.action[i].to.table, expected[i].table);
         assert_int_equal(e.action[i].to.id, expected[i].id);
@@ -552,7 +559,7 @@ static void a_mistake_is_refused_with_its_line_and_reason(void **state)
          "plant = { model = \"quadruple-tank\"; period = 0.5; disturbances = ( { name = \"d9\"; at = 1.0; "
          "value = 1.0; } ); };",
          "has no disturbance \"d9\""},
-        {9, "actions = ( { at = 1.0; } );", "9: \"set\" or \"mode\" is missing in an action"},
+        {9, "actions = ( { at = 1.0; } );", "9: \"set\", \"mode\", \"kill\" or \"start\" is missing"},
         {9, "actions = ( 1.0 );", "9: expected a group: { at = "},
         {9, "actions = ( { set = \"r1\"; value = 1.0; } );", "\"at\" is missing"},
         {9, "actions = ( { at = -1.0; set = \"r1\"; value = 1.0; } );", "\"at\" is -1: must be from 0"},
@@ -566,11 +573,16 @@ static void a_mistake_is_refused_with_its_line_and_reason(void **state)
         {9, "actions = ( { at = 1.0; set = \"r1\"; mode = \"u1\"; value = 1.0; } );", "one action at a time"},
         {9, "actions = ( { at = 1.0; promote = \"x\"; } );", "an action \"promote\" is not possible yet"},
         {9, "actions = ( { at = 1.0; mode = \"controller\"; value = \"Manual\"; } );",
-         "must be \"Man\" or \"Auto\""},
+         "must be \"OOS\", \"Man\", \"Auto\" or \"Cas\""},
         {9, "actions = ( { at = 1.0; mode = \"controller\"; value = \"LO\"; } );",
          "mode LO cannot be asked for"},
-        {9, "actions = ( { at = 1.0; mode = \"u1\"; value = \"Man\"; } );", "u1 has no mode of its own yet"},
-        {9, "actions = ( { at = 1.0; mode = \"u3\"; value = \"Man\"; } );", "no loop or controller \"u3\""},
+        {9, "actions = ( { at = 1.0; mode = \"u1\"; value = \"Cas\"; } );",
+         "u1 cannot be in mode Cas: no controller moves its setpoint"},
+        {9, "actions = ( { at = 1.0; kill = \"upper\"; } );", "there is no controller \"upper\""},
+        {9, "actions = ( { at = 1.0; start = \"controler\"; } );", "did you mean \"controller\"?"},
+        {9, "actions = ( { at = 1.0; kill = \"controller\"; value = 1.0; } );", "has no \"value\""},
+        {9, "actions = ( { at = 1.0; mode = \"u3\"; value = \"Man\"; } );",
+         "no loop or controller \"u3\": did you mean"},
         {6, "client = { period = 1.0; link = \"tcp:h:0\"; };",
          "\"link\" is \"tcp:h:0\": must be tcp:HOST:PORT"},
         {6, "client = { period = 1.0; link = \"tcp://h:1\"; };", "must be tcp:HOST:PORT"},

@@ -19,7 +19,10 @@ static int begin(void **state)
 {
     const struct apc_dim dim = {.ny = 1, .nz = 1, .nu = 1};
     (void)state;
-    controller = (struct controller){.rhythm.period = APC_NS_PER_S};
+    static struct wire y[] = {{APC_SENSOR, 0}, {APC_SENSOR, 1}}, z[] = {{APC_SETPOINT, 0}, {APC_SETPOINT, 1}},
+                       u[] = {{APC_ACTUATOR, 0}, {APC_ACTUATOR, 1}};
+    controller = (struct controller){
+        .rhythm.period = APC_NS_PER_S, .dim = dim, .y = y, .z = z, .u = u, .first_loop = 1};
     e = (struct experiment){.dim = dim,
                             .y = signals[0],
                             .z = signals[1],
@@ -267,12 +270,50 @@ static void a_disturbance_has_figures_of_its_own(void **state)
     assert_near(figures.event[2].from, 3, 0);
 }
 
+static void a_setpoint_that_a_controller_moves_begins_no_part_and_is_followed(void **state)
+{
+    static struct wire w = {APC_SETPOINT, 1}, r = {APC_SETPOINT, 0}, y = {APC_SENSOR, 0};
+    const struct apc_dim dim = {.ny = 1, .nz = 2, .nu = 1};
+    struct controller both[] = {controller,
+                                {.dim = {.ny = 1, .nz = 1, .nu = 1},
+                                 .y = &y,
+                                 .z = &w,
+                                 .u = &r,
+                                 .first_loop = 2,
+                                 .rhythm.period = APC_NS_PER_S}};
+    (void)state;
+    snprintf(both[0].name, sizeof both[0].name, "base");
+    snprintf(both[1].name, sizeof both[1].name, "upper");
+    snprintf(signals[1][0].tag.name, sizeof signals[1][0].tag.name, "r");
+    snprintf(signals[2][0].tag.name, sizeof signals[2][0].tag.name, "u");
+    course_free(&course);
+    e.dim = dim;
+    e.controllers = both;
+    e.n_controllers = 2;
+    assert_int_equal(course_create(&course, &dim), 0);
+    setpoint(0, 5);
+    setpoint(1.5, 6); /* while the output stays where it is */
+    setpoint(3, 5);
+    course_change(&course, &course.setpoint[1], 0, 5);
+    for (int t = 0; t <= 4; t++)
+        output(t, 5);
+    make(4);
+    assert_int_equal(figures.n_parts, 1);
+    assert_int_equal(figures.n_loops, 2);
+    assert_string_equal(figures.loop[0].name, "u");
+    assert_string_equal(figures.loop[1].name, "upper.r");
+    assert_near(whole(METRIC_IAE), 1.5, 1e-12);
+    assert_near(whole(METRIC_PEAK), 1, 0);
+    assert_near(figures.of[1].figure[METRIC_IAE], 0, 0);
+    assert_near(figures.of[1].figure[METRIC_EFFORT], 2, 0); /* of the setpoint that it moves */
+}
+
 static void another_loop_s_step_is_none_of_this_one(void **state)
 {
     const struct apc_dim dim = {.ny = 2, .nz = 2, .nu = 2};
     (void)state;
     course_free(&course);
-    e.dim = dim;
+    e.dim = controller.dim = dim;
     assert_int_equal(course_create(&course, &dim), 0);
     for (size_t i = 0; i < 2; i++) {
         course_change(&course, &course.setpoint[i], 0, 5);
@@ -587,6 +628,7 @@ int main(void)
         T(an_offset_at_the_start_is_no_step_beside_larger_ones),
         T(where_the_setpoint_does_not_move_there_is_no_overshoot),
         T(a_disturbance_has_figures_of_its_own),
+        T(a_setpoint_that_a_controller_moves_begins_no_part_and_is_followed),
         T(another_loop_s_step_is_none_of_this_one),
         T(events_come_by_time_and_at_one_time_the_setpoints_before_the_disturbances),
         T(what_is_not_known_has_no_figures_and_what_diverged_infinite_ones),

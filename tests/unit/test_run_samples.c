@@ -349,7 +349,8 @@ static void a_course_of_any_length_is_written_line_by_line(void **state)
 
 static void a_folder_without_a_course_has_that_of_its_samples(void **state)
 {
-    struct controller controller = {.rhythm.period = APC_NS_PER_S};
+    struct wire u[] = {{APC_ACTUATOR, 0}, {APC_ACTUATOR, 1}, {APC_ACTUATOR, 2}};
+    struct controller controller = {.rhythm.period = APC_NS_PER_S, .dim.nu = dim.nu, .u = u};
     struct experiment e = {.dim = dim, .controllers = &controller, .n_controllers = 1};
     struct course course;
     (void)state;
