@@ -7,7 +7,7 @@ static const struct apc_model *const models[] = {
     &apc_model_first_order,     &apc_model_servo,          &apc_model_double_tank,
     &apc_model_pendulum,        &apc_model_quadruple_tank, &apc_model_quadruple_tank_nonminimum,
     &apc_model_four_tank,       &apc_model_van_de_vusse,   &apc_model_adiabatic_cstr,
-    &apc_model_temperature_lab,
+    &apc_model_temperature_lab, &apc_model_hundred,
 };
 #define N_MODELS (sizeof(models) / sizeof(models[0]))
 

@@ -63,7 +63,7 @@ double apc_delay_take(struct apc_delay *delay, double t, double *now);
 
 extern const struct apc_model apc_model_servo, apc_model_double_tank, apc_model_pendulum,
     apc_model_quadruple_tank, apc_model_quadruple_tank_nonminimum, apc_model_four_tank,
-    apc_model_van_de_vusse, apc_model_adiabatic_cstr, apc_model_temperature_lab;
+    apc_model_van_de_vusse, apc_model_adiabatic_cstr, apc_model_temperature_lab, apc_model_hundred;
 
 #define APC_KELVIN 273.15 /* 0 degC */
 

@@ -25,13 +25,16 @@ tolerances='
   adiabatic-cstr             1  0.1
   temperature-lab            1  0.1
   temperature-lab            2  0.1
+  hundred-loops              1  0.001
+  hundred-loops              91 0.3
 '
 
 for file in "$experiments"/*.conf; do
   name=$(basename "$file" .conf)
   "$apc" simulate "$file" --csv "$work/$name.csv" >"$work/$name.log"
-  grep -q "^  *$name  *1 " <<<"$tolerances" || fail "$name: how well does it settle? Add its tolerances here"
   grep -q "gave no usable output\|output held" "$work/$name.log" && fail "$name: its law failed, or was without measurement"
+  [ "$name" = two-layers ] && continue # its setpoints always move: unit/test_run_layers.c
+  grep -q "^  *$name  *1 " <<<"$tolerances" || fail "$name: how well does it settle? Add its tolerances here"
 done
 while read -r name y tolerance; do
   [ -n "$name" ] || continue
