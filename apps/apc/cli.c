@@ -288,6 +288,29 @@ void cli_tags_free(struct cli_tags *tags)
     *tags = (struct cli_tags){0};
 }
 
+int cli_plant_load(const struct cli *cli, struct apc_store *store, struct cli_plant *plant)
+{
+    *plant = (struct cli_plant){0};
+    int rc = cli_tags_load(cli, store, &plant->tags);
+    if (rc < 0)
+        return rc;
+    rc = loops_load(&plant->loops, store, plant->tags.tag, plant->tags.n);
+    if (rc < 0)
+        cli_store_error(cli, rc, store);
+    return rc;
+}
+
+void cli_plant_free(struct cli_plant *plant)
+{
+    loops_free(&plant->loops);
+    cli_tags_free(&plant->tags);
+}
+
+bool cli_is_loop(const struct apc_tag *tag)
+{
+    return tag->table == APC_OPMODE && tag->id > 0 && tag->controller[0];
+}
+
 const struct apc_tag *cli_tag(const struct cli_tags *tags, enum apc_table table, int id)
 {
     for (size_t i = 0; i < tags->n; i++)
@@ -311,15 +334,34 @@ static bool parse_address(const char *text, enum apc_table *table, int *id)
     return *table && dot[1] >= '0' && dot[1] <= '9' && !*end && number <= 1000000;
 }
 
+/* Programs' own: rows that are no numbers, and the name of the experiment. */
+static bool is_inside(const struct apc_tag *tag)
+{
+    return !tag->name[0] || tag->table == APC_STATE || apc_table_vectors(tag->table);
+}
+
+/* LOOP.mode */
+static const struct apc_tag *find_mode(const struct cli_tags *tags, const char *text)
+{
+    const size_t n = strlen(text), of = strlen(".mode");
+    for (size_t i = 0; i < tags->n && n > of; i++)
+        if (cli_is_loop(&tags->tag[i]) && strlen(tags->tag[i].name) == n - of &&
+            !strncmp(tags->tag[i].name, text, n - of) && !strcmp(text + n - of, ".mode"))
+            return &tags->tag[i];
+    return NULL;
+}
+
 /* "y" may be a measurement and what is set for it; no other two things are called the same without saying
  * which. */
 static int find_name(const struct cli *cli, const struct cli_tags *tags, const char *text,
                      const struct apc_tag **found)
 {
-    *found = NULL;
+    *found = find_mode(tags, text);
+    if (*found)
+        return 0;
     for (size_t i = 0; i < tags->n; i++) {
         const struct apc_tag *tag = &tags->tag[i], *first = *found;
-        if (strcmp(tag->name, text) != 0)
+        if (strcmp(tag->name, text) != 0 || cli_is_loop(tag) || is_inside(tag))
             continue;
         if (first &&
             (first->table != APC_SENSOR || (tag->table != APC_SETPOINT && tag->table != APC_ACTUATOR))) {
@@ -341,7 +383,7 @@ int cli_unknown(const struct cli *cli, const struct cli_tags *tags, const char *
     size_t n = 0;
     for (size_t i = 0; i < tags->n; i++) {
         const struct apc_tag *tag = &tags->tag[i];
-        if (!tag->name[0] || tag->table == APC_STATE || (table && tag->table != table))
+        if (is_inside(tag) || cli_is_loop(tag) || (table && tag->table != table))
             continue;
         size_t used = strlen(names);
         n++;
@@ -373,8 +415,9 @@ int cli_find(const struct cli *cli, const struct cli_tags *tags, const char *tex
         *id = tag->id;
         return 0;
     }
-    /* By its address only what is described, but for the law's state, and where nothing is described yet. */
-    if (parse_address(text, table, id) && (tags->n == 0 || *table == APC_STATE || cli_tag(tags, *table, *id)))
+    /* By its address only what is described, but where nothing is described yet. */
+    if (parse_address(text, table, id) && !apc_table_vectors(*table) &&
+        (tags->n == 0 || cli_tag(tags, *table, *id)))
         return 0;
     return cli_unknown(cli, tags, text, (enum apc_table)0);
 }
@@ -385,16 +428,27 @@ static int no_room(const struct cli *cli)
     return APC_ENOMEM;
 }
 
+/* Of the target modes those of the loops are shown, or of one loop what the paper calls its mode. */
+static bool is_shown(const struct apc_tag *tag, size_t loops)
+{
+    if (tag->table != APC_OPMODE)
+        return true;
+    return cli_is_loop(tag) ? loops > 1 : tag->id == 0 && loops <= 1;
+}
+
 int cli_described(const struct cli *cli, const struct cli_tags *tags, const enum apc_table *tables,
                   struct apc_sample **out)
 {
     int n = 0;
+    size_t loops = 0;
     *out = calloc(tags->n + 1, sizeof **out);
     if (!*out)
         return no_room(cli);
+    for (size_t i = 0; i < tags->n; i++)
+        loops += cli_is_loop(&tags->tag[i]);
     for (; *tables; tables++)
         for (size_t i = 0; i < tags->n; i++)
-            if (tags->tag[i].table == *tables)
+            if (tags->tag[i].table == *tables && is_shown(&tags->tag[i], loops))
                 (*out)[n++] = (struct apc_sample){.table = *tables, .id = tags->tag[i].id};
     return n;
 }

@@ -13,6 +13,7 @@
 #include <apcstore.h>
 
 #include "common/exitcode.h"
+#include "run/loops.h"
 
 enum cli_format { CLI_TEXT = 0, CLI_JSON, CLI_CSV };
 
@@ -83,6 +84,15 @@ int cli_tags_load(const struct cli *cli, struct apc_store *store, struct cli_tag
 void cli_tags_free(struct cli_tags *tags);
 const struct apc_tag *cli_tag(const struct cli_tags *tags, enum apc_table table,
                               int id); /* NULL: undescribed */
+/* The variables' descriptions with the loops that they tell of. Says its own errors. */
+struct cli_plant {
+    struct cli_tags tags;
+    struct loops loops;
+};
+int cli_plant_load(const struct cli *cli, struct apc_store *store, struct cli_plant *plant);
+void cli_plant_free(struct cli_plant *plant);
+/* Is it a loop's target mode? Its tag bears the loop's name, which people also call the output by. */
+bool cli_is_loop(const struct apc_tag *tag);
 /*
  * A variable as people write it: its name ("y"), or TABLE.ID ("sensor.1"). Returns 0, or APC_ENOTFOUND
  * after saying what names there are.
@@ -111,6 +121,7 @@ int command_status(int argc, char **argv);
 int command_get(int argc, char **argv);
 int command_set(int argc, char **argv);
 int command_mode(int argc, char **argv);
+int command_remote(int argc, char **argv);
 int command_tune(int argc, char **argv);
 int command_watch(int argc, char **argv);
 int command_history(int argc, char **argv);

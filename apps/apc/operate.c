@@ -8,6 +8,7 @@
 
 #include "outcome.h"
 #include "print.h"
+#include "run/owner.h"
 
 int operate_check(const struct cli *cli, const struct change *c)
 {
@@ -65,78 +66,150 @@ static char *in_words(const struct apc_sample *s, bool there, char text[PRINT_LE
     return text;
 }
 
-void operate_describe(const struct change *c, char *text, size_t size)
+void operate_describe(const struct change *c, const char *name, char *text, size_t size)
 {
     char before[PRINT_LEN], after[PRINT_LEN];
-    snprintf(text, size, "%s: %.40s -> %.40s", c->name, in_words(&c->before, c->before.seq > 0, before),
-             in_words(&c->after, true, after));
+    snprintf(text, size, "%s: %.40s -> %.40s", name ? name : c->name,
+             in_words(&c->before, c->before.seq > 0, before), in_words(&c->after, true, after));
 }
 
-static int write_changes(struct apc_store *store, struct change *changes, size_t n, apc_ns now)
+bool operate_is_one(const struct operation *o)
 {
-    struct apc_sample *samples = calloc(n + 1, sizeof *samples);
-    if (!samples)
+    for (size_t i = 1; i < o->n; i++)
+        if (o->change[i].before.value != o->change[0].before.value ||
+            (o->change[i].before.seq > 0) != (o->change[0].before.seq > 0))
+            return false;
+    return true;
+}
+
+/* ---- Writing ------------------------------------------------------------------------------ */
+
+/* All modes of the plant are written as one, as the paper knows it. */
+static bool is_all(const struct operation *o)
+{
+    return o->group && o->n == o->plant->loops.n;
+}
+
+/* Which rows the mode of all has become: the newest, unless somebody else was faster with another mode. */
+static int find_rows(struct apc_store *store, const struct operation *o)
+{
+    struct apc_sample *rows = calloc(o->n, sizeof *rows);
+    if (!rows)
         return APC_ENOMEM;
-    for (size_t i = 0; i < n; i++) {
-        samples[i] = changes[i].after;
-        samples[i].time = now;
-        samples[i].status = APC_GOOD;
+    for (size_t i = 0; i < o->n; i++)
+        rows[i] = (struct apc_sample){.table = APC_OPMODE, .id = o->change[i].after.id};
+    int rc = apc_store_read(store, rows, o->n);
+    for (size_t i = 0; i < o->n && rc >= 0; i++) {
+        const double wanted = o->change[i].after.value;
+        o->change[i].after.seq = rows[i].seq - (rows[i].value < wanted || rows[i].value > wanted);
     }
-    int rc = apc_store_put(store, samples, n);
-    for (size_t i = 0; i < n && rc >= 0; i++)
-        changes[i].after = samples[i];
-    free(samples);
+    free(rows);
     return rc;
 }
 
-static int record(struct apc_store *store, const struct change *changes, size_t n, apc_ns now)
+static int write_changes(struct apc_store *store, const struct operation *o, apc_ns now,
+                         struct owner_rows *with)
 {
-    struct apc_event *events = calloc(n + 1, sizeof *events);
+    const size_t n = is_all(o) ? 1 : o->n;
+    struct apc_sample *samples = calloc(n + 1, sizeof *samples);
+    if (!samples)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < o->n; i++) {
+        o->change[i].after.time = now;
+        o->change[i].after.status = APC_GOOD;
+        o->change[i].after.seq = APC_SEQ_ANY;
+        samples[is_all(o) ? 0 : i] = o->change[i].after;
+    }
+    if (is_all(o))
+        samples[0].id = 0;
+    int rc = owner_put(store, &o->plant->loops, samples, n, with);
+    for (size_t i = 0; i < n && rc >= 0; i++)
+        o->change[i].after.seq = samples[i].seq;
+    free(samples);
+    return rc >= 0 && is_all(o) ? find_rows(store, o) : rc;
+}
+
+static const char *taken_local(const struct operation *o, const struct apc_sample *target, char *text,
+                               size_t size)
+{
+    const struct loops_loop *loop = loops_of(&o->plant->loops, APC_OPMODE, target->id);
+    const struct apc_tag *tag = cli_tag(&o->plant->tags, APC_SETPOINT, loop ? loop->setpoint : 0);
+    snprintf(text, size, "%s taken Local, cascade open", tag ? tag->name : "setpoint");
+    return text;
+}
+
+static int record(struct apc_store *store, const struct operation *o, const struct owner_rows *with,
+                  apc_ns now)
+{
+    struct apc_event *events = calloc(o->n + with->n + 1, sizeof *events);
+    size_t n = 0;
     if (!events)
         return APC_ENOMEM;
+    for (size_t i = 0; i < (o->group && operate_is_one(o) ? 1 : o->n); i++)
+        operate_describe(&o->change[i], o->group && operate_is_one(o) ? o->group : NULL, events[n++].text,
+                         sizeof events->text);
+    for (size_t i = 0; i < with->n; i++)
+        if (with->at[i].table == APC_OPMODE)
+            taken_local(o, &with->at[i], events[n++].text, sizeof events->text);
     for (size_t i = 0; i < n; i++) {
-        struct apc_event *event = &events[i];
-        *event = (struct apc_event){.time = now, .severity = APC_EVENT_INFO, .kind = "operator"};
-        operator_name(event->source, sizeof event->source);
-        operate_describe(&changes[i], event->text, sizeof event->text);
+        events[i].time = now;
+        events[i].severity = APC_EVENT_INFO;
+        snprintf(events[i].kind, sizeof events->kind, "operator");
+        operator_name(events[i].source, sizeof events->source);
     }
     int rc = apc_store_append_events(store, events, n);
     free(events);
     return rc;
 }
 
-static int write_and_record(const struct cli *cli, struct apc_store *store, struct change *changes, size_t n)
+static int write_and_record(const struct cli *cli, struct apc_store *store, const struct operation *o,
+                            struct owner_rows *with)
 {
     apc_ns now = apc_clock_utc(NULL);
-    int rc = write_changes(store, changes, n, now);
+    int rc = write_changes(store, o, now, with);
 
     if (rc == APC_ECONN || rc == APC_ETIMEDOUT)
         return cli_error(cli, rc, "the store did not answer, so whether it was written is not known: %s",
                          apc_store_error(store));
     if (rc < 0)
         return cli_store_error(cli, rc, store);
-    rc = record(store, changes, n, now);
+    rc = record(store, o, with, now);
     if (rc < 0)
         return cli_error(cli, rc, "the change was made, but not recorded as an event: %s",
                          apc_store_error(store));
     return EXIT_OK;
 }
 
-int operate(const struct cli *cli, struct apc_store *store, struct change *changes, size_t n)
+static void show_written(const struct operation *o)
 {
-    struct outcome outcome = {0};
+    const bool one = o->group && operate_is_one(o);
     char text[192];
-    int rc = cli->no_wait ? EXIT_OK : outcome_prepare(&outcome, cli, store);
-
-    if (rc == EXIT_OK)
-        rc = write_and_record(cli, store, changes, n);
-    if (rc == EXIT_OK && !cli->no_wait)
-        rc = outcome_await(&outcome, cli, store, changes, n);
-    for (size_t i = 0; i < n && rc == EXIT_OK && cli->no_wait; i++) {
-        operate_describe(&changes[i], text, sizeof text);
+    for (size_t i = 0; i < (one ? 1 : o->n); i++) {
+        operate_describe(&o->change[i], one ? o->group : NULL, text, sizeof text);
         print_clean(stdout, text);
         putchar('\n');
     }
-    outcome_free(&outcome);
+}
+
+int operate(const struct cli *cli, struct apc_store *store, const struct operation *o)
+{
+    struct waiting waiting = {0};
+    struct owner_rows with = {0};
+    char text[APC_TAG_LEN + 32];
+    int rc = cli->no_wait ? EXIT_OK : outcome_prepare(&waiting, cli, store, o);
+
+    if (rc == EXIT_OK)
+        rc = write_and_record(cli, store, o, &with);
+    if (rc == EXIT_OK && cli->no_wait)
+        show_written(o);
+    else if (rc == EXIT_OK)
+        rc = outcome_await(&waiting, cli, store);
+    for (size_t i = 0; i < with.n; i++)
+        if (with.at[i].table == APC_OPMODE) {
+            print_clean(stdout, taken_local(o, &with.at[i], text, sizeof text));
+            putchar('\n');
+        }
+    free(with.at);
+    outcome_free(&waiting);
     return rc;
 }

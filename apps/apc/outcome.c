@@ -3,278 +3,323 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "print.h"
+#include "reason.h"
 
-#define GRACE       (2 * APC_NS_PER_S) /* beyond three ticks */
-#define LOOK        16                 /* ticks that the period is seen from */
-#define TICKS       1000               /* at most so many are searched for an output */
-#define EVENT_DELAY (APC_NS_PER_S / 2) /* by which an event may come after its tick */
+#define GRACE       (2 * APC_NS_PER_S)   /* beyond three ticks */
+#define LOOK        16                   /* ticks that a period is seen from that nobody says */
+#define PAUSE       (50 * APC_NS_PER_MS) /* between two looks */
+#define EVENT_DELAY (APC_NS_PER_S / 2)   /* by which an event may come after its tick */
+
+static void pause_for(apc_ns duration)
+{
+    const struct timespec time = {duration / APC_NS_PER_S, duration % APC_NS_PER_S};
+    nanosleep(&time, NULL);
+}
+
+/* ---- Whose it is -------------------------------------------------------------------------- */
+
+/* NULL: no controller takes it. */
+static const struct loops_controller *controller_of(const struct operation *o, const struct change *c)
+{
+    const struct apc_tag *tag = cli_tag(&o->plant->tags, c->after.table, c->after.id);
+    return tag ? loops_controller(&o->plant->loops, tag->controller) : NULL;
+}
+
+static const struct apc_vector *tick_of(const struct waiting *w, const struct loops_controller *c)
+{
+    return &w->tick[c - w->operation->plant->loops.controller];
+}
+
+/* "the controller", where there are several "controller base" */
+static const char *name_of(const struct waiting *w, const struct loops_controller *c, char text[PRINT_LEN])
+{
+    snprintf(text, PRINT_LEN,
+             w->operation->plant->loops.n_controllers > 1 ? "controller %s" : "the controller", c->name);
+    return text;
+}
 
 /* ---- Ticks -------------------------------------------------------------------------------- */
 
 struct ticks {
-    struct apc_sample newest;
-    apc_ns period; /* the shortest of late; 0: not known */
+    apc_ns last, period; /* the shortest of late; 0: not known */
 };
 
-static int take_tick(void *ctx, const struct apc_sample *s)
+static int take_tick(void *ctx, const struct apc_vector *v)
 {
     struct ticks *t = ctx;
-    apc_ns apart = s->time - t->newest.time;
-    if (t->newest.seq > 0 && apart > 0 && (t->period == 0 || apart < t->period))
+    const apc_ns apart = v->time - t->last;
+    if (t->last && apart > 0 && (t->period == 0 || apart < t->period))
         t->period = apart;
-    t->newest = *s;
+    t->last = v->time;
     return 0;
 }
 
+static int find_period(struct apc_store *store, const struct loops_controller *c, apc_ns *period)
+{
+    const struct apc_range last = {.last = LOOK};
+    struct ticks ticks = {0};
+    *period = c->period;
+    int rc = c->period > 0 ? 0 : apc_store_vectors(store, APC_TICK, c->number, &last, take_tick, &ticks);
+    *period = c->period > 0 ? c->period : ticks.period;
+    return rc;
+}
+
+static int read_ticks(const struct waiting *w, struct apc_store *store)
+{
+    struct apc_rows rows = {.size = sizeof rows,
+                            .sample = w->actual,
+                            .n_samples = w->operation->n,
+                            .vector = w->tick,
+                            .n_vectors = w->operation->plant->loops.n_controllers};
+    return apc_store_read_rows(store, &rows);
+}
+
+struct stop {
+    const struct loops *loops;
+    const struct loops_controller *controller;
+    bool stopped;
+};
+
 static int take_stop(void *ctx, const struct apc_event *event)
 {
-    bool *stopped = ctx;
-    *stopped |= !strcmp(event->kind, "stop") && !strcmp(event->source, "apc-controller");
+    struct stop *s = ctx;
+    s->stopped |= !strcmp(event->kind, "stop") && reason_is_from(s->loops, s->controller, event->source);
     return 0;
 }
 
 /* Does it tick, as far as its last tick and its events say? */
-static bool ticks_now(struct apc_store *store, const struct ticks *t, apc_ns patience)
+static bool ticks_now(const struct waiting *w, struct apc_store *store, const struct loops_controller *c,
+                      apc_ns patience)
 {
-    const struct apc_range since = {.since = t->newest.time};
-    apc_ns ago = apc_clock_utc(NULL) - t->newest.time;
-    bool stopped = false;
-    return t->newest.seq > 0 && ago >= 0 && ago <= patience &&
-           apc_store_events(store, &since, take_stop, &stopped) >= 0 && !stopped;
+    const struct apc_vector *tick = tick_of(w, c);
+    const struct apc_range since = {.since = tick->time};
+    struct stop stop = {.loops = &w->operation->plant->loops, .controller = c};
+    apc_ns ago = apc_clock_utc(NULL) - tick->time;
+    return tick->seq > 0 && ago >= 0 && ago <= patience &&
+           apc_store_events(store, &since, take_stop, &stop) >= 0 && !stop.stopped;
+}
+
+static int nobody(const struct waiting *w, const struct cli *cli, const struct loops_controller *c)
+{
+    char age[PRINT_LEN], name[PRINT_LEN];
+    const struct apc_vector *tick = tick_of(w, c);
+    if (tick->seq == 0)
+        return cli_error(cli, APC_EPERM,
+                         "nobody applies it: %s has %sticked in this store. Nothing was written; "
+                         "--no-wait does in any case",
+                         w->operation->plant->loops.n_controllers > 1 ? name_of(w, c, name) : "no controller",
+                         w->operation->plant->loops.n_controllers > 1 ? "never " : "");
+    return cli_error(cli, APC_EPERM,
+                     "nobody applies it: %s's last tick was %s ago. Nothing was written; --no-wait "
+                     "does in any case",
+                     name_of(w, c, name), print_age(apc_clock_utc(NULL) - tick->time, age));
 }
 
 /* An age by the clocks of two hosts is no proof that nothing ticks: then a tick is waited for. */
-static int look_for_ticks(struct outcome *o, const struct cli *cli, struct apc_store *store)
+static int look_for_ticks(struct waiting *w, const struct cli *cli, struct apc_store *store,
+                          const struct loops_controller *c)
 {
-    const struct apc_range last = {.last = LOOK};
-    struct ticks ticks = {.newest = {.table = APC_ACTUATOR, .id = 1}};
-    char age[PRINT_LEN];
-    int rc = apc_store_history(store, APC_ACTUATOR, 1, &last, take_tick, &ticks);
-    if (rc < 0)
-        return cli_store_error(cli, rc, store);
-    o->patience = 3 * ticks.period + GRACE;
-    if (ticks_now(store, &ticks, o->patience))
+    apc_ns *period = &w->period[c - w->operation->plant->loops.controller];
+    int rc = find_period(store, c, period);
+    const apc_ns patience = 3 * *period + GRACE, until = apc_clock_mono(NULL) + patience;
+    const int64_t seen = tick_of(w, c)->seq;
+
+    w->patience = patience > w->patience ? patience : w->patience;
+    if (rc >= 0 && ticks_now(w, store, c, patience))
         return EXIT_OK;
-    rc = apc_store_wait(store, &ticks.newest, 1, o->patience);
-    if (rc < 0)
-        return cli_store_error(cli, rc, store);
-    if (rc > 0)
-        return EXIT_OK;
-    if (ticks.newest.seq == 0)
-        return cli_error(cli, APC_EPERM,
-                         "nobody applies it: no controller has ticked in this store. Nothing was written; "
-                         "--no-wait does in any case");
-    return cli_error(
-        cli, APC_EPERM,
-        "nobody applies it: the controller's last tick was %s ago. Nothing was written; --no-wait "
-        "does in any case",
-        print_age(apc_clock_utc(NULL) - ticks.newest.time, age));
-}
-
-/* ---- What there is to look at ------------------------------------------------------------- */
-
-static bool is_operators(const struct apc_tag *tag)
-{
-    return tag->table == APC_SETPOINT || tag->table == APC_TUNING || tag->table == APC_MANUAL ||
-           (tag->table == APC_OPMODE && tag->id == 0);
-}
-
-static int gather(struct outcome *o, const struct cli *cli)
-{
-    int loop = 0; /* measurements, setpoints, outputs: what stands before the sum in the controller's state */
-    o->row = calloc(2 * o->tags.n + 2, sizeof *o->row);
-    if (!o->row)
-        return cli_error(cli, APC_ENOMEM, "out of memory");
-    for (size_t i = 0; i < o->tags.n; i++) {
-        const struct apc_tag *tag = &o->tags.tag[i];
-        loop += tag->table == APC_SENSOR || tag->table == APC_SETPOINT || tag->table == APC_ACTUATOR;
-        if (is_operators(tag))
-            o->row[o->n++] = (struct apc_sample){.table = tag->table, .id = tag->id};
+    while (rc >= 0 && tick_of(w, c)->seq == seen && apc_clock_mono(NULL) < until) {
+        pause_for(PAUSE);
+        rc = read_ticks(w, store);
     }
-    o->operators = o->taken = o->n;
-    o->row[o->n++] = (struct apc_sample){.table = APC_STATE, .id = 1 + loop};
-    o->row[o->n++] = (struct apc_sample){.table = APC_OPMODE, .id = 1};
-    for (size_t i = 0; i < o->tags.n; i++)
-        if (o->tags.tag[i].table == APC_ACTUATOR)
-            o->row[o->n++] = (struct apc_sample){.table = APC_ACTUATOR, .id = o->tags.tag[i].id};
+    if (rc < 0)
+        return cli_store_error(cli, rc, store);
+    return tick_of(w, c)->seq != seen ? EXIT_OK : nobody(w, cli, c);
+}
+
+/* ---- Before ------------------------------------------------------------------------------- */
+
+static int prepare(struct waiting *w, const struct cli *cli)
+{
+    const struct operation *o = w->operation;
+    const size_t n = o->plant->loops.n_controllers;
+    w->actual = calloc(o->n + 1, sizeof *w->actual);
+    w->tick = calloc(n + 1, sizeof *w->tick);
+    w->period = calloc(n + 1, sizeof *w->period);
+    if (!w->actual || !w->tick || !w->period)
+        return cli_error(cli, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < n; i++)
+        w->tick[i] = (struct apc_vector){.table = APC_TICK, .id = o->plant->loops.controller[i].number};
+    for (size_t i = 0; i < o->n; i++) {
+        const struct apc_sample *after = &o->change[i].after;
+        w->actual[i] =
+            (struct apc_sample){.table = APC_ACTUAL, .id = apc_variable_number(after->table, after->id)};
+        if (!controller_of(o, &o->change[i]))
+            return cli_error(cli, APC_EPERM,
+                             "nobody applies it: %s belongs to no controller. Nothing was written; "
+                             "--no-wait does in any case",
+                             o->change[i].name);
+    }
     return EXIT_OK;
 }
 
-int outcome_prepare(struct outcome *o, const struct cli *cli, struct apc_store *store)
+int outcome_prepare(struct waiting *w, const struct cli *cli, struct apc_store *store,
+                    const struct operation *o)
 {
-    *o = (struct outcome){0};
-    int rc = exit_code_of(cli_tags_load(cli, store, &o->tags));
-    if (rc == EXIT_OK)
-        rc = gather(o, cli);
-    return rc == EXIT_OK ? look_for_ticks(o, cli, store) : rc;
-}
-
-void outcome_free(struct outcome *o)
-{
-    cli_tags_free(&o->tags);
-    free(o->row);
-}
-
-/* ---- What became of it ---------------------------------------------------------------------- */
-
-static double total(const struct outcome *o)
-{
-    double sum = 0;
-    for (size_t i = 0; i < o->operators; i++)
-        sum += (double)o->row[i].seq;
-    return sum;
-}
-
-static const struct apc_sample *newest(const struct outcome *o, enum apc_table table, int id)
-{
-    for (size_t i = 0; i < o->n; i++)
-        if (o->row[i].table == table && o->row[i].id == id)
-            return &o->row[i];
-    return NULL;
-}
-
-struct search {
-    const struct change *change;
-    bool found;
-};
-
-static int look_at_output(void *ctx, const struct apc_sample *s)
-{
-    struct search *search = ctx;
-    double wanted = search->change->after.value;
-    search->found |= s->seq > search->change->before.seq && !(s->value < wanted) && !(s->value > wanted);
-    return 0;
-}
-
-/* Did it go out, in a tick since? */
-static bool went_out(struct apc_store *store, const struct change *c)
-{
-    const struct apc_range last = {.last = TICKS};
-    struct search search = {.change = c};
-    return apc_store_history(store, APC_ACTUATOR, c->after.id, &last, look_at_output, &search) >= 0 &&
-           search.found;
-}
-
-struct refusal {
-    apc_ns since;
-    char text[192];
-};
-
-static int take_refusal(void *ctx, const struct apc_event *event)
-{
-    struct refusal *r = ctx;
-    if (event->time >= r->since && !strcmp(event->kind, "rejected"))
-        snprintf(r->text, sizeof r->text, "%s", event->text);
-    return 0;
-}
-
-/* The controller counts what it refuses as looked at, and tells in an event, which comes a little later. */
-static bool refused(struct apc_store *store, const struct change *c, struct refusal *r)
-{
-    const struct timespec pause = {0, 50 * APC_NS_PER_MS};
-    const struct apc_range last = {.last = 50};
-    apc_ns until = apc_clock_mono(NULL) + EVENT_DELAY;
-    r->since = c->after.time;
-    while (apc_store_events(store, &last, take_refusal, r) >= 0 && !r->text[0] &&
-           apc_clock_mono(NULL) < until)
-        nanosleep(&pause, NULL);
-    return r->text[0];
-}
-
-enum verdict { APPLIED, SUPERSEDED, REFUSED };
-
-/* Of a change that the controller has looked at, or one that came after it. */
-static enum verdict judge(const struct outcome *o, struct apc_store *store, const struct change *c,
-                          bool exactly, char *why, size_t size)
-{
-    const struct apc_sample *own = newest(o, c->after.table, c->after.id), *actual = &o->row[o->taken + 1];
-    char value[PRINT_LEN];
-    struct refusal refusal = {0};
-    bool done = exactly || (own && own->seq == c->after.seq);
-
-    if (c->after.table == APC_OPMODE)
-        done = actual->seq > 0 && !(actual->value < c->after.value) && !(actual->value > c->after.value);
-    else if (c->after.table == APC_MANUAL)
-        done = went_out(store, c);
-    else if (done && c->after.table == APC_TUNING && refused(store, c, &refusal)) {
-        snprintf(why, size, "%s", refusal.text);
-        return REFUSED;
-    }
-    if (done)
-        return APPLIED;
-    if (own && own->seq > c->after.seq) {
-        snprintf(why, size, "it is %s now", print_value(own, value));
-        return SUPERSEDED;
-    }
-    snprintf(why, size, "the controller is in %s", actual->seq > 0 ? print_value(actual, value) : "no mode");
-    return REFUSED;
-}
-
-static int tell(const struct outcome *o, const struct cli *cli, struct apc_store *store,
-                const struct change *changes, size_t n, double wanted)
-{
-    static const char *const words[] = {"applied", "superseded", "refused"};
-    char text[192], why[192] = "";
-    int rc = EXIT_OK;
-    for (size_t i = 0; i < n; i++) {
-        /* The sum of when this change was the newest, and no more: it was this one that was taken. */
-        bool exactly = changes[i].newest && !(o->row[o->taken].value > wanted);
-        enum verdict verdict = judge(o, store, &changes[i], exactly, why, sizeof why);
-        operate_describe(&changes[i], text, sizeof text);
-        if (verdict != APPLIED) {
-            rc = cli_error(cli, APC_EPERM, "%s: %s: %s", text, words[verdict], why);
-            continue;
-        }
-        print_clean(stdout, text);
-        puts(" (applied)");
+    const struct loops_controller *looked = NULL;
+    *w = (struct waiting){.operation = o};
+    int rc = prepare(w, cli);
+    if (rc != EXIT_OK)
+        return rc;
+    int read = read_ticks(w, store);
+    if (read < 0)
+        return cli_store_error(cli, read, store);
+    for (size_t i = 0; i < o->n && rc == EXIT_OK; i++) {
+        const struct loops_controller *c = controller_of(o, &o->change[i]);
+        const struct loops_loop *loop =
+            loops_of(&o->plant->loops, o->change[i].after.table, o->change[i].after.id);
+        if (c != looked)
+            rc = look_for_ticks(w, cli, store, c);
+        looked = c;
+        if (loop && loop->above >= 0 && o->change[i].after.table == APC_OPMODE) /* the two come together */
+            w->patience += 4 * o->plant->loops.controller[o->plant->loops.at[loop->above].controller].period;
     }
     return rc;
 }
 
-/* Written it is; that it is in force nobody says. */
-static int tell_unconfirmed(const struct outcome *o, const struct cli *cli, int64_t ticks)
+void outcome_free(struct waiting *w)
 {
-    const struct apc_sample *u = newest(o, APC_ACTUATOR, 1);
-    char age[PRINT_LEN], status[APC_STATUS_NAME_LEN];
-    print_age(apc_clock_utc(NULL) - (u ? u->time : 0), age);
-    if (!u || u->seq == ticks)
-        return cli_error(cli, APC_ETIMEDOUT,
-                         "written, but nobody applies it: the controller's last tick was %s ago", age);
-    if (apc_status_severity(u->status) != APC_SEVERITY_GOOD)
-        return cli_error(cli, APC_ETIMEDOUT, "written, but not applied yet: the output is %s; see apc status",
-                         apc_status_format(u->status, status));
-    return cli_error(cli, APC_ETIMEDOUT, "written, but the controller does not confirm it: see apc status");
+    free(w->actual);
+    free(w->tick);
+    free(w->period);
 }
 
-int outcome_await(struct outcome *o, const struct cli *cli, struct apc_store *store, struct change *changes,
-                  size_t n)
-{
-    const apc_ns until = apc_clock_mono(NULL) + o->patience;
-    double wanted = -1;
-    int64_t ticks = 0;
+/* ---- What became of it ---------------------------------------------------------------------- */
 
+static struct outcome_seen seen_of(const struct waiting *w, size_t i)
+{
+    const struct loops_controller *c = controller_of(w->operation, &w->operation->change[i]);
+    const struct apc_vector *tick = tick_of(w, c);
+    return (struct outcome_seen){.write = &w->operation->change[i].after,
+                                 .actual = &w->actual[i],
+                                 .tick = tick,
+                                 .period = w->period[c - w->operation->plant->loops.controller],
+                                 .now = apc_clock_utc(NULL)};
+}
+
+/* Returns whether all are settled. What waits, or has nobody, may still come. */
+static bool settle(const struct waiting *w)
+{
+    bool settled = true;
+    for (size_t i = 0; i < w->operation->n; i++) {
+        struct change *c = &w->operation->change[i];
+        const struct outcome_seen seen = seen_of(w, i);
+        if (c->outcome != OUTCOME_APPLIED) /* it was in force: what came later is another's */
+            c->outcome = outcome_of(&seen);
+        settled &= c->outcome != OUTCOME_WAITING && c->outcome != OUTCOME_NOBODY;
+    }
+    return settled;
+}
+
+/* The event comes a little after its tick. */
+static bool find_refusal(struct apc_store *store, const struct change *c, char *why, size_t size)
+{
+    const apc_ns until = apc_clock_mono(NULL) + EVENT_DELAY;
+    bool found = outcome_refusal(store, c->name, c->after.time, why, size);
+    while (!found && apc_clock_mono(NULL) < until) {
+        pause_for(PAUSE);
+        found = outcome_refusal(store, c->name, c->after.time, why, size);
+    }
+    return found;
+}
+
+static void say_refused(const struct waiting *w, struct apc_store *store, size_t i, char *why, size_t size)
+{
+    const struct change *c = &w->operation->change[i];
+    const struct loops_loop *loop = loops_of(&w->operation->plant->loops, c->after.table, c->after.id);
+    struct apc_sample target = {.table = APC_OPMODE, .id = loop ? loop->id : 0};
+    char value[PRINT_LEN];
+    if (c->after.table == APC_MANUAL && apc_store_read(store, &target, 1) >= 0 &&
+        target.value != (double)APC_MODE_MAN)
+        snprintf(why, size, "%s is in %s", loop ? loop->name : c->name, print_value(&target, value));
+    else if (!find_refusal(store, c, why, size))
+        snprintf(why, size, "%s stays in force", print_exact(w->actual[i].value, value));
+}
+
+static void say_waiting(const struct waiting *w, size_t i, char *why, size_t size)
+{
+    const struct change *c = &w->operation->change[i];
+    const struct outcome_seen seen = seen_of(w, i);
+    const struct loops_loop *loop = loops_of(&w->operation->plant->loops, c->after.table, c->after.id);
+    const struct apc_sample *actual = &w->actual[i];
+    const bool looked = actual->seq > 0 && actual->origin == c->after.seq;
+    char age[PRINT_LEN], name[PRINT_LEN];
+
+    name_of(w, controller_of(w->operation, c), name);
+    if (c->outcome == OUTCOME_NOBODY)
+        snprintf(why, size, "written, but nobody applies it: %s's last tick was %s ago", name,
+                 print_age(outcome_age(&seen), age));
+    else if (looked && c->after.table == APC_OPMODE)
+        snprintf(why, size, "written, but %s is in %s: see apc status", loop ? loop->name : "the loop",
+                 print_value(actual, age));
+    else if (looked)
+        snprintf(why, size, "written, but not applied yet: the loop has no input; see apc status");
+    else
+        snprintf(why, size, "written, but %s does not confirm it: see apc status", name);
+}
+
+/* What there is to say of change @p i, under this name. */
+static int tell(const struct waiting *w, const struct cli *cli, struct apc_store *store, size_t i,
+                const char *name)
+{
+    const struct change *c = &w->operation->change[i];
+    char text[192], why[256] = "", value[PRINT_LEN];
+    operate_describe(c, name, text, sizeof text);
+    switch (c->outcome) {
+    case OUTCOME_APPLIED:
+        print_clean(stdout, text);
+        puts(" (applied)");
+        return EXIT_OK;
+    case OUTCOME_SUPERSEDED:
+        return cli_error(cli, APC_EPERM, "%s: superseded: it is %s now", text,
+                         print_value(&w->actual[i], value));
+    case OUTCOME_REFUSED:
+        say_refused(w, store, i, why, sizeof why);
+        return cli_error(cli, APC_EPERM, "%s: refused: %s", text, why);
+    default:
+        say_waiting(w, i, why, sizeof why);
+        return cli_error(cli, APC_ETIMEDOUT, "%s: %s", text, why);
+    }
+}
+
+static int tell_all(const struct waiting *w, const struct cli *cli, struct apc_store *store)
+{
+    const struct operation *o = w->operation;
+    bool one = o->group && operate_is_one(o);
+    int rc = EXIT_OK;
+    for (size_t i = 1; i < o->n; i++)
+        one &= o->change[i].outcome == o->change[0].outcome;
+    if (one)
+        return tell(w, cli, store, 0, o->group);
+    for (size_t i = 0; i < o->n; i++) {
+        int told = tell(w, cli, store, i, NULL);
+        rc = told > rc ? told : rc;
+    }
+    return rc;
+}
+
+int outcome_await(struct waiting *w, const struct cli *cli, struct apc_store *store)
+{
+    const apc_ns until = apc_clock_mono(NULL) + w->patience;
     for (;;) {
-        int rc = apc_store_read(store, o->row, o->n);
-        if (rc < 0)
-            return cli_error(cli, rc, "written, but what became of it is not known: %s",
-                             apc_store_error(store));
-        const struct apc_sample *taken = &o->row[o->taken], *u = newest(o, APC_ACTUATOR, 1);
-        if (wanted < 0) {
-            wanted = total(o);
-            for (size_t i = 0; i < n; i++) {
-                const struct apc_sample *own = newest(o, changes[i].after.table, changes[i].after.id);
-                changes[i].newest = own && own->seq == changes[i].after.seq;
-            }
-            ticks = u ? u->seq : 0;
-        }
-        if (taken->seq > 0 && taken->value >= wanted)
-            return tell(o, cli, store, changes, n, wanted);
-        apc_ns left = until - apc_clock_mono(NULL);
-        if (left <= 0)
-            return tell_unconfirmed(o, cli, ticks);
-        rc = apc_store_wait(store, &o->row[o->taken], o->n - o->taken, left);
+        int rc = read_ticks(w, store);
+        const apc_ns left = until - apc_clock_mono(NULL);
+        if (rc >= 0 && (settle(w) || left <= 0))
+            return tell_all(w, cli, store);
+        if (rc >= 0)
+            rc = apc_store_wait(store, w->actual, w->operation->n, left < APC_NS_PER_S ? left : APC_NS_PER_S);
         if (rc < 0)
             return cli_error(cli, rc, "written, but what became of it is not known: %s",
                              apc_store_error(store));

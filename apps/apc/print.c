@@ -10,7 +10,9 @@
 char *print_value(const struct apc_sample *sample, char text[PRINT_LEN])
 {
     const char *mode = NULL;
-    if (sample->table == APC_OPMODE && sample->value >= 0 && sample->value <= APC_MODE_LO)
+    const bool actual = sample->table == APC_ACTUAL &&
+                        sample->id == apc_variable_number(APC_OPMODE, sample->id / 16); /* of a mode */
+    if ((sample->table == APC_OPMODE || actual) && sample->value >= 0 && sample->value <= APC_MODE_LO)
         mode = apc_mode_name((int)sample->value);
     if (sample->seq == 0)
         snprintf(text, PRINT_LEN, "-");
@@ -74,7 +76,7 @@ char *print_name(const struct cli_tags *tags, const struct apc_sample *sample, c
 {
     const struct apc_tag *tag = cli_tag(tags, sample->table, sample->id);
     if (tag && tag->name[0])
-        snprintf(text, PRINT_LEN, "%s", tag->name);
+        snprintf(text, PRINT_LEN, "%s%s", tag->name, cli_is_loop(tag) ? ".mode" : "");
     else
         snprintf(text, PRINT_LEN, "%s.%d", apc_table_name(sample->table), sample->id);
     return text;
@@ -330,10 +332,8 @@ void print_sample_members(FILE *out, const struct apc_sample *s, const struct cl
     }
     if (now && s->seq)
         fprintf(out, ",\"age\":%.3f", apc_ns_to_s(now - s->time));
-    if (s->sensor_seq)
-        fprintf(out, ",\"sensor_seq\":%lld", (long long)s->sensor_seq);
-    if (s->setpoint_seq)
-        fprintf(out, ",\"setpoint_seq\":%lld", (long long)s->setpoint_seq);
+    if (s->origin)
+        fprintf(out, ",\"origin\":%lld", (long long)s->origin);
 }
 
 void print_sample_json(FILE *out, const struct apc_sample *s, const struct cli_tags *tags, apc_ns now)

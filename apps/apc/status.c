@@ -7,6 +7,7 @@
 #include "common/timing.h"
 #include "print.h"
 #include "spools.h"
+#include "status_loops.h"
 
 #define EVENTS 5
 #define WINDOW (60 * APC_NS_PER_S)
@@ -34,9 +35,11 @@ static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NU
 static const struct cli_spec spec = {
     .args_doc = "",
     .doc =
-        "Show the store, the modes, every measurement, setpoint and output with its age, the timing of each "
-        "task over the last minute, and the last events. A measurement or output that was not written for "
-        "10 s, or for three periods of its writer if that is longer, is STALE.",
+        "Show the store, the mode, every measurement, setpoint and output with its age, the timing of each "
+        "task over the last minute, and the last events. Where there are several loops: each controller with "
+        "its last tick and its loops: target and actual mode, with the reason where they differ, setpoint SP "
+        "and who moves it, measurement PV, output OP and its limits. A measurement or output that was not "
+        "written for 10 s, or for three of its periods if that is longer, is STALE.",
     .takes = CLI_STORE | CLI_FORMAT,
     .extra = &extra,
 };
@@ -44,9 +47,10 @@ static const struct cli_spec spec = {
 /* All of it, read before any of it is shown. */
 struct status {
     char store[400]; /* its URI without passwords */
-    struct cli_tags tags;
+    struct cli_plant plant;
+    struct status_loops loops;
     int version; /* of the store's tables */
-    struct apc_sample mode[2], *samples;
+    struct apc_sample *samples;
     size_t n;
     struct timing timing;
     struct apc_event events[EVENTS];
@@ -69,18 +73,18 @@ static int load(const struct cli *cli, struct apc_store *store, struct status *s
 {
     static const enum apc_table shown[] = {APC_SENSOR, APC_SETPOINT, APC_ACTUATOR, (enum apc_table)0};
     const struct apc_range last = {.last = EVENTS};
-    int rc = cli_tags_load(cli, store, &s->tags);
+    int rc = cli_plant_load(cli, store, &s->plant);
     if (rc == 0)
-        rc = cli_described(cli, &s->tags, shown, &s->samples);
+        rc = cli_described(cli, &s->plant.tags, shown, &s->samples);
     if (rc < 0)
         return rc;
     s->n = (size_t)rc;
     rc = apc_store_read(store, s->samples, s->n);
-    if (rc >= 0)
-        rc = apc_store_read(store, s->mode, 2);
     s->now = apc_clock_utc(NULL);
     if (rc >= 0)
         rc = timing_load(&s->timing, store, &(struct apc_range){.since = s->now - WINDOW}, "lateness");
+    if (rc >= 0)
+        rc = status_loops_load(&s->loops, store, &s->plant, &s->timing);
     if (rc >= 0)
         rc = apc_store_events(store, &last, take_event, s);
     s->version = apc_store_tables_version(store);
@@ -89,15 +93,15 @@ static int load(const struct cli *cli, struct apc_store *store, struct status *s
     return rc < 0 ? rc : 0;
 }
 
-/* Setpoints stand until somebody changes them: only what is written in every period can be stale. */
+/* One loop is shown as its variables; what several show needs not be shown again. */
+static bool by_loop(const struct status *s)
+{
+    return s->plant.loops.n > 1;
+}
+
 static bool is_stale(const struct status *s, const struct apc_sample *sample)
 {
-    const struct timing_series *writer =
-        timing_find(&s->timing, sample->table == APC_SENSOR ? "client" : "controller", "lateness");
-    apc_ns sensible = 10 * APC_NS_PER_S;
-    if (writer && writer->period > sensible / 3)
-        sensible = 3 * writer->period;
-    return sample->table != APC_SETPOINT && sample->seq > 0 && s->now - sample->time > sensible;
+    return status_is_stale(&s->plant.tags, sample, s->now);
 }
 
 static const char *mode_of(const struct apc_sample *mode)
@@ -105,23 +109,47 @@ static const char *mode_of(const struct apc_sample *mode)
     return mode->seq > 0 && mode->value >= 0 ? apc_mode_name((int)mode->value) : NULL;
 }
 
+/* The mode that all loops have; NULL: they differ. */
+static const char *common_mode(const struct status *s, int which)
+{
+    const char *mode = s->plant.loops.n > 0 ? mode_of(&s->loops.row[which]) : NULL;
+    for (size_t i = 1; i < s->plant.loops.n && mode; i++) {
+        const char *other = mode_of(&s->loops.row[LOOP_ROWS * i + (size_t)which]);
+        if (!other || strcmp(mode, other) != 0)
+            mode = NULL;
+    }
+    return mode;
+}
+
 /* ---- For people --------------------------------------------------------------------------- */
 
 static int show_values(const struct status *s, bool colour)
 {
     struct print_table table;
+    size_t shown = 0;
     if (s->n == 0) {
         puts("\nno variables are described yet: `apc init FILE` describes those of an experiment");
         return 0;
     }
     print_table_open(&table, print_sample_columns, 6);
-    for (size_t i = 0; i < s->n; i++)
-        print_sample_cells(&table, &s->tags, &s->samples[i], s->now,
+    for (size_t i = 0; i < s->n; i++) {
+        if (by_loop(s) && status_loops_have(&s->loops, &s->samples[i]))
+            continue;
+        shown++;
+        print_sample_cells(&table, &s->plant.tags, &s->samples[i], s->now,
                            is_stale(s, &s->samples[i]) ? "STALE" : "");
-    putchar('\n');
-    int rc = print_table_show(&table, stdout, colour, 0, "\n");
+    }
+    if (shown > 0)
+        putchar('\n');
+    int rc = shown > 0 ? print_table_show(&table, stdout, colour, 0, "\n") : 0;
     print_table_close(&table);
     return rc;
+}
+
+/* Of controllers it stands with their loops. */
+static bool has_place(const struct status *s, const struct timing_series *t)
+{
+    return by_loop(s) && loops_controller(&s->plant.loops, t->task);
 }
 
 static int show_timing(const struct status *s, bool colour)
@@ -138,6 +166,8 @@ static int show_timing(const struct status *s, bool colour)
     print_table_open(&table, columns, 7);
     for (size_t i = 0; i < s->timing.n; i++) {
         const struct timing_series *t = &s->timing.series[i];
+        if (has_place(s, t))
+            continue;
         print_cell(&table, PRINT_PLAIN, "%s", t->task);
         print_cell(&table, PRINT_PLAIN, "%s", print_duration(t->period, text));
         print_cell(&table, PRINT_PLAIN, "%s", print_duration(t->p50, text));
@@ -203,16 +233,29 @@ static int show_spools(const struct status *s, bool colour)
     return rc;
 }
 
+static void show_mode(const struct status *s)
+{
+    const char *target = mode_of(&s->loops.row[LOOP_TARGET]), *actual = mode_of(&s->loops.row[LOOP_ACTUAL]);
+    printf("mode   target %s, actual %s%s", target ? target : "none", actual ? actual : "none",
+           s->loops.reason[0][0] ? ": " : "");
+    print_clean(stdout, s->loops.reason[0]);
+    putchar('\n');
+}
+
 static int show(const struct status *s)
 {
     bool colour = cli_colour();
-    const char *target = mode_of(&s->mode[0]), *actual = mode_of(&s->mode[1]);
+    int rc = 0;
 
     fputs("store  ", stdout);
     print_clean(stdout, s->store);
     printf("\n       connected, schema version %d\n", s->version);
-    printf("mode   target %s, actual %s\n", target ? target : "none", actual ? actual : "none");
-    int rc = show_values(s, colour);
+    if (by_loop(s))
+        rc = status_loops_show(&s->loops, colour);
+    else if (s->plant.loops.n == 1)
+        show_mode(s);
+    if (rc == 0)
+        rc = show_values(s, colour);
     if (rc == 0)
         rc = show_timing(s, colour);
     if (rc == 0)
@@ -226,7 +269,7 @@ static void json_values(const struct status *s)
 {
     for (size_t i = 0; i < s->n; i++) {
         fputs(i == 0 ? "\n{" : ",\n{", stdout);
-        print_sample_members(stdout, &s->samples[i], &s->tags, s->now);
+        print_sample_members(stdout, &s->samples[i], &s->plant.tags, s->now);
         printf(",\"stale\":%s}", is_stale(s, &s->samples[i]) ? "true" : "false");
     }
 }
@@ -285,10 +328,12 @@ static void show_json(const struct status *s, const char *why)
         return;
     }
     fputs(",\n\"mode\":{", stdout);
-    print_json_text(stdout, "target", mode_of(&s->mode[0]));
+    print_json_text(stdout, "target", common_mode(s, LOOP_TARGET));
     putchar(',');
-    print_json_text(stdout, "actual", mode_of(&s->mode[1]));
-    fputs("},\n\"variables\":[", stdout);
+    print_json_text(stdout, "actual", common_mode(s, LOOP_ACTUAL));
+    fputs("},\n", stdout);
+    status_loops_json(&s->loops);
+    fputs(",\n\"variables\":[", stdout);
     json_values(s);
     fputs("],\n\"timing\":[", stdout);
     json_timing(s);
@@ -302,7 +347,7 @@ static void show_json(const struct status *s, const char *why)
 
 int command_status(int argc, char **argv)
 {
-    struct status status = {.mode = {{.table = APC_OPMODE, .id = 0}, {.table = APC_OPMODE, .id = 1}}};
+    struct status status = {.version = 0};
     struct apc_store *store = NULL;
     struct cli cli;
 
@@ -330,7 +375,8 @@ int command_status(int argc, char **argv)
     else if ((rc = show(&status)) < 0)
         cli_error(&cli, rc, "out of memory");
     free(status.samples);
-    cli_tags_free(&status.tags);
+    status_loops_free(&status.loops);
+    cli_plant_free(&status.plant);
     timing_free(&status.timing);
     apc_store_close(store);
     return cli_done(&cli, exit_code_of(rc));

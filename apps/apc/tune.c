@@ -1,102 +1,15 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* apc mode, apc tune: how the controller works, shown or changed. */
+/* apc tune: the tuning of the laws, shown or changed. */
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 
 #include "operate.h"
 #include "print.h"
 
-/* ---- mode --------------------------------------------------------------------------------- */
-
-static const struct cli_spec mode_spec = {
-    .args_doc = "[man|auto]",
-    .doc =
-        "Show the target mode and the actual one, or change the target. Auto: the law controls. Man: the "
-        "outputs are the operator's; they stay where they are until `apc set` changes them. Waits until the "
-        "controller is in it.",
-    .takes = CLI_STORE | CLI_FORMAT | CLI_WRITES,
-    .max_args = 1,
-};
-
-static const char *mode_text(const struct apc_sample *mode)
-{
-    return mode->seq > 0 && mode->value >= 0 ? apc_mode_name((int)mode->value) : NULL;
-}
-
-static void show_mode(const struct cli *cli, const struct apc_sample mode[2])
-{
-    static const char *const names[] = {"target", "actual"};
-    char age[PRINT_LEN];
-
-    if (cli->format == CLI_JSON) {
-        for (int i = 0; i < 2; i++) {
-            putchar(i == 0 ? '{' : ',');
-            print_json_text(stdout, names[i], mode_text(&mode[i]));
-        }
-        puts("}");
-        return;
-    }
-    if (cli->format == CLI_CSV)
-        puts(PRINT_SAMPLE_HEADER);
-    for (int i = 0; i < 2; i++) {
-        const char *text = mode_text(&mode[i]);
-        if (cli->format == CLI_CSV && mode[i].seq > 0)
-            print_sample_csv(stdout, &mode[i]);
-        else if (cli->format == CLI_TEXT && text)
-            printf("%s  %-4s  for %s\n", names[i], text, print_age(apc_clock_utc(NULL) - mode[i].time, age));
-        else if (cli->format == CLI_TEXT)
-            printf("%s  none\n", names[i]);
-    }
-}
-
-static int change_mode(const struct cli *cli, struct apc_store *store, const struct apc_sample now[2],
-                       enum apc_mode mode)
-{
-    struct change change = {
-        .name = "mode", .before = now[0], .after = {.table = APC_OPMODE, .id = 0, .value = (double)mode}};
-    if (now[0].seq == 0 || now[0].value != (double)mode)
-        return operate(cli, store, &change, 1);
-    if (now[1].seq > 0 && now[1].value != (double)mode && !cli->no_wait)
-        return cli_error(cli, APC_EPERM,
-                         "the target is %s already, but the controller is in %s: see apc status",
-                         apc_mode_name((int)mode), mode_text(&now[1]));
-    printf("mode: %s already\n", apc_mode_name((int)mode));
-    return EXIT_OK;
-}
-
-int command_mode(int argc, char **argv)
-{
-    struct apc_sample mode[2] = {{.table = APC_OPMODE, .id = 0}, {.table = APC_OPMODE, .id = 1}};
-    struct apc_store *store = NULL;
-    struct cli cli;
-
-    cli_parse(&cli, &mode_spec, NULL, argc, argv);
-    const char *wanted = cli.n_args > 0 ? cli.args[0] : NULL;
-    if (wanted && strcasecmp(wanted, "man") != 0 && strcasecmp(wanted, "auto") != 0)
-        return cli_usage(&cli, "mode \"%s\": must be man or auto", wanted);
-    if (wanted && cli.format != CLI_TEXT)
-        return cli_usage(&cli, "--json and --csv show the mode; they do not go with a change");
-    int rc = cli_open(&cli, &store);
-    if (rc < 0)
-        return exit_code_of(rc);
-    rc = apc_store_read(store, mode, 2);
-    if (rc < 0)
-        rc = cli_store_error(&cli, rc, store);
-    else if (wanted)
-        rc = change_mode(&cli, store, mode, strcasecmp(wanted, "man") ? APC_MODE_AUTO : APC_MODE_MAN);
-    else
-        show_mode(&cli, mode);
-    apc_store_close(store);
-    return cli_done(&cli, rc);
-}
-
-/* ---- tune --------------------------------------------------------------------------------- */
-
 static const struct cli_spec tune_spec = {
     .args_doc = "[NAME=VALUE...]",
-    .doc = "Show the tuning of the control law, or change it; several parameters in one transaction. "
-           "Waits until the controller has it.",
+    .doc = "Show the tuning of the control laws, or change it; several parameters in one transaction. Where "
+           "there are several loops a parameter is LOOP.NAME. Waits until the controller has it.",
     .takes = CLI_STORE | CLI_FORMAT | CLI_WRITES,
     .max_args = -1,
 };
@@ -214,11 +127,12 @@ static int find_tuning(const struct cli *cli, const struct cli_tags *tags, const
     return operate_check(cli, c);
 }
 
-static int tune(const struct cli *cli, struct apc_store *store, const struct cli_tags *tags,
+static int tune(const struct cli *cli, struct apc_store *store, const struct cli_plant *plant,
                 struct change *changes, size_t n)
 {
+    const struct operation o = {.plant = plant, .change = changes, .n = n};
     for (size_t i = 0; i < n; i++) {
-        int rc = find_tuning(cli, tags, cli->args[i], &changes[i]);
+        int rc = find_tuning(cli, &plant->tags, cli->args[i], &changes[i]);
         if (rc != EXIT_OK)
             return rc;
         for (size_t j = 0; j < i; j++)
@@ -226,13 +140,13 @@ static int tune(const struct cli *cli, struct apc_store *store, const struct cli
                 return cli_usage(cli, "%s is given twice", changes[i].name);
     }
     int err = operate_read(store, changes, n);
-    return err < 0 ? cli_store_error(cli, err, store) : operate(cli, store, changes, n);
+    return err < 0 ? cli_store_error(cli, err, store) : operate(cli, store, &o);
 }
 
 int command_tune(int argc, char **argv)
 {
     struct apc_store *store = NULL;
-    struct cli_tags tags = {0};
+    struct cli_plant plant = {0};
     struct cli cli;
 
     cli_parse(&cli, &tune_spec, NULL, argc, argv);
@@ -246,11 +160,11 @@ int command_tune(int argc, char **argv)
     if (rc == EXIT_OK)
         rc = exit_code_of(cli_open(&cli, &store));
     if (rc == EXIT_OK)
-        rc = exit_code_of(cli_tags_load(&cli, store, &tags));
+        rc = exit_code_of(cli_plant_load(&cli, store, &plant));
     if (rc == EXIT_OK)
-        rc = n > 0 ? tune(&cli, store, &tags, changes, n) : show_tuning(&cli, store, &tags);
+        rc = n > 0 ? tune(&cli, store, &plant, changes, n) : show_tuning(&cli, store, &plant.tags);
     free(changes);
-    cli_tags_free(&tags);
+    cli_plant_free(&plant);
     apc_store_close(store);
     return cli_done(&cli, rc);
 }

@@ -44,12 +44,12 @@ static void warn_cascade(const struct cli *cli, const struct experiment *e)
         }
 }
 
-/* One name for a measurement and what may be set is allowed, and a loop is called as its output: a command
- * says which it means. */
+/* One name for a measurement and what may be set is allowed: a command says which it means. A loop is called
+ * as its output, and what its controller has been doing by the controller's name: nobody asks for these. */
 static bool may_share(const struct apc_tag *a, const struct apc_tag *b)
 {
     return (a->table == APC_SENSOR && (b->table == APC_SETPOINT || b->table == APC_ACTUATOR)) ||
-           b->table == APC_OPMODE;
+           cli_is_loop(a) || cli_is_loop(b) || apc_table_vectors(a->table) || apc_table_vectors(b->table);
 }
 
 static void warn_names(const struct cli *cli, const struct experiment *e)

@@ -51,10 +51,9 @@ static const struct argp own = {option_list, parse, NULL, NULL, NULL, NULL, NULL
 
 static const struct cli_spec spec = {
     .args_doc = "[VARIABLE...]",
-    .doc =
-        "Follow the newest values of each VARIABLE, or of all measurements, setpoints, outputs and the mode. "
-        "On a terminal it is a table that keeps itself up to date; otherwise one line for each new sample "
-        "(with --json one object, with --csv one row). What comes and goes between two looks is not seen.",
+    .doc = "Follow the newest values of each VARIABLE, or of all measurements, setpoints, outputs and modes. "
+           "On a terminal it is a table that keeps itself up to date; otherwise one line for each new sample "
+           "(with --json one object, with --csv one row). What comes and goes between two looks is not seen.",
     .takes = CLI_STORE | CLI_FORMAT,
     .max_args = -1,
     .extra = &own,
@@ -240,8 +239,8 @@ static int follow(struct watch *w, const struct watch_options *options)
 
 static int begin(struct watch *w)
 {
-    static const enum apc_table shown[] = {APC_SENSOR, APC_SETPOINT, APC_ACTUATOR, APC_OPMODE,
-                                           (enum apc_table)0};
+    static const enum apc_table shown[] = {APC_SENSOR, APC_SETPOINT, APC_ACTUATOR,
+                                           APC_OPMODE, APC_ACTUAL,   (enum apc_table)0};
     int rc = cli_tags_load(w->cli, w->store, &w->tags);
     if (rc == 0)
         rc = cli_variables(w->cli, &w->tags, shown, &w->samples);

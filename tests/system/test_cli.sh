@@ -117,8 +117,12 @@ test_usage_errors_exit_2() {
   err_has "must be a time"
   run 2 watch --interval 0
   run 2 watch --count 1.5
-  run 2 mode sideways
-  err_has "must be man or auto"
+  run 2 mode u sideways
+  err_has "must be man, auto, cas or oos"
+  run 2 mode lo
+  err_has "nobody can ask for LO"
+  run 2 mode u man now
+  run 2 remote
   run 2 tune Kp
   err_has "NAME=VALUE"
   run 2 status --csv
@@ -127,7 +131,7 @@ test_usage_errors_exit_2() {
 
 test_an_unreachable_store_exits_3() {
   local command
-  for command in "get" "set r 1" "mode" "mode man" "tune" "tune Kp=1" "watch --count 1" "history y" "timing" "status"; do
+  for command in "get" "set r 1" "mode" "mode man" "mode u man" "remote r" "tune" "tune Kp=1" "watch --count 1" "history y" "timing" "status"; do
     # shellcheck disable=SC2086
     run 3 $command --store postgresql://somebody:secret@127.0.0.1:1/none
     err_has "cannot connect"
@@ -248,9 +252,11 @@ test_set_refuses_what_must_not_be() {
   refused 2 "r is given twice" set r 1 setpoint.1 2
   refused 4 "measurements are written by the client only" set y 1
   refused 4 "apc mode man" set mode 0
+  refused 4 "apc mode man" set u.mode 0
   refused 4 "apc tune" set Kp 1
   refused 4 "apc init" set dim.y 2
-  refused 4 "programs only" set state.1 2
+  refused 4 "programs only" set mode.actual 2
+  refused 1 'no variable "tick.1"' set tick.1 2
   refused 1 'no variable "q"' set q 1
   refused 1 'no variable "setpoint.7"' set setpoint.7 1
   refused 4 'u is controlled in mode Auto; "apc mode man" first' set u 1
@@ -279,11 +285,22 @@ test_mode_is_shown_and_changed() {
   out_is "mode: Man already"
   run 0 mode --json
   out_is_json
-  out_is '{"target":"Man","actual":null}'
+  equal "$(tr -d '\n' <"$work/out")" '{"target":"Man","actual":null,"loops":[{"loop":"u","controller":"controller","target":"Man","actual":null,"reason":null}]}' "the modes"
   run 0 mode AUTO --no-wait
   out_is "mode: Man -> Auto"
   run 0 history --events --last 1
   out_has 'operator +mode: Man -> Auto$'
+  equal "$(newest opmode 1)" 1 "the loop's target"
+  run 0 mode u man --no-wait
+  out_is "mode: Auto -> Man"
+  equal "$(newest opmode 0) $(newest opmode 1)" "0 0" "the target mode of the only loop is that of all"
+  run 0 mode controller auto --no-wait
+  refused 1 'no loop, controller or mode "q"; there are: u, controller' mode q man
+  refused 1 'no loop, controller or mode "sideways"' mode sideways
+  refused 4 "u cannot be in Cas: no controller moves its setpoint" mode u cas
+  refused 4 "r: no controller moves it" remote r
+  refused 4 "y is no setpoint" remote y
+  refused 1 'no variable "q"' remote q
 }
 
 test_tune_is_shown_and_changed() {
@@ -465,9 +482,14 @@ test_text_from_the_store_cannot_drive_the_terminal() {
   out_is_json
 }
 
-test_a_target_that_is_not_reached_is_no_success() {
-  sql "INSERT INTO apc.opmode SELECT 1, 1, now(), 0, 0"
-  refused 4 "the target is Auto already, but the controller is in Man" mode auto
+test_a_target_that_is_not_reached_is_no_success_and_has_a_reason() {
+  sql "INSERT INTO apc.actual (id, seq, time, status, value) SELECT 16 + 5, 1, now(), 1073741824, 5"
+  refused 4 "the target is Auto already, but u is in LO: at its fault value" mode auto
+  sql "INSERT INTO apc.event (time, severity, source, kind, text)
+         VALUES (now(), 3, 'apc-controller', 'measurement', 'output at fault value: measurement 1 is stale')"
+  refused 4 "u is in LO: output at fault value: measurement 1 is stale" mode auto
+  run 0 mode
+  out_has '^actual  LO    for .*: output at fault value: measurement 1 is stale$'
 }
 
 test_output_that_cannot_be_written_is_an_error() {

@@ -1,0 +1,79 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "reason.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#define EVENTS 200                /* so many are looked through */
+#define SLACK  (2 * APC_NS_PER_S) /* the event and the row of one tick have times of their own */
+
+struct search {
+    const struct loops *loops;
+    const struct loops_loop *loop;
+    apc_ns since;
+    char *text;
+};
+
+bool reason_is_from(const struct loops *loops, const struct loops_controller *c, const char *source)
+{
+    char own[sizeof((struct apc_event *)0)->source]; /* as it is cut there */
+    snprintf(own, sizeof own, loops->n_controllers > 1 ? "apc-controller %.*s" : "apc-controller",
+             (int)sizeof own, c->name);
+    return !strcmp(source, own);
+}
+
+/* "v1: mode Auto: why" of one of its controller's loops; "mode Auto: why" of all. NULL: of another one. */
+static const char *about(const struct search *s, const char *text)
+{
+    for (size_t i = 0; i < s->loops->n; i++) {
+        const char *name = s->loops->at[i].name;
+        const size_t n = strlen(name);
+        if (!strncmp(text, name, n) && !strncmp(text + n, ": ", 2))
+            return &s->loops->at[i] == s->loop ? text + n + 2 : NULL;
+    }
+    return text;
+}
+
+static int take_event(void *ctx, const struct apc_event *e)
+{
+    struct search *s = ctx;
+    const bool tells =
+        (!strcmp(e->kind, "mode") || !strcmp(e->kind, "measurement") || !strcmp(e->kind, "rejected")) &&
+        reason_is_from(s->loops, &s->loops->controller[s->loop->controller], e->source);
+    const char *text = tells && e->time >= s->since ? about(s, e->text) : NULL;
+    if (text && !strncmp(text, "mode ", 5))
+        text = strchr(text, ':') ? strchr(text, ':') + 2 : NULL; /* the mode stands beside it */
+    if (text)
+        snprintf(s->text, REASON_LEN, "%s", text);
+    return 0;
+}
+
+static const char *plain(int actual)
+{
+    switch (actual) {
+    case APC_MODE_IMAN:
+        return "what takes its output is not ready";
+    case APC_MODE_LO:
+        return "at its fault value";
+    case APC_MODE_AUTO:
+        return "no setpoint from above";
+    case APC_MODE_OOS:
+        return "out of service";
+    default:
+        return "not yet";
+    }
+}
+
+const char *reason_find(struct apc_store *store, const struct loops *loops, const struct loops_loop *loop,
+                        const struct apc_sample *target, const struct apc_sample *actual,
+                        char text[REASON_LEN])
+{
+    const struct apc_range last = {.last = EVENTS};
+    struct search s = {.loops = loops, .loop = loop, .since = actual->time - SLACK, .text = text};
+    if (target->seq == 0 || actual->seq == 0 || target->value == actual->value)
+        return NULL;
+    text[0] = '\0';
+    if (apc_store_events(store, &last, take_event, &s) < 0 || !text[0])
+        snprintf(text, REASON_LEN, "%s", plain((int)actual->value));
+    return text;
+}
