@@ -203,7 +203,7 @@ static int fill(struct apc_controller *c, const struct apc_controller_options *o
     c->whole = o->law->whole;
     c->size = apc_instances_size(c->law);
     c->dim = o->dim;
-    c->Ts = setup.Ts;
+    c->Ts = c->budget = setup.Ts;
     c->horizon = o->horizon;
     c->loss = apc_loss_limit(o->period);
     c->shed_after = o->shed_after ? o->shed_after : 1;
@@ -396,8 +396,10 @@ int apc_controller_compute(struct apc_controller *c, struct apc_now now, uint64_
     c->pending = false;
     c->index = tick;
     c->t = (double)tick * c->Ts;
-    for (size_t k = 0; k < c->size.instances; k++)
+    for (size_t k = 0; k < c->size.instances; k++) {
         c->instance[k].updating = c->resumed_at && c->instance[k].updating;
+        c->instance[k].result = -1;
+    }
     if (have)
         apc_controller_take_wanted(c, notice);
     if (c->resumed_at)

@@ -51,6 +51,7 @@ struct apc_controller_instance {
     bool gap;      /* x knows no recent y */
     bool updating; /* x goes on as soon as what went out acts */
     bool retuned;  /* trial is what it gives with the tuning before */
+    int result;    /* of its answer at this tick; -1: it was not asked */
 };
 
 /** Fields of a tick row, in their order. */
@@ -76,13 +77,18 @@ enum apc_tick_field {
     APC_TICK_Y_NEW,      /* [ny] */
     APC_TICK_D,          /* [nd] */
     APC_TICK_D_SEQ,      /* [nd] */
+    APC_TICK_D_STATUS,   /* [nd] Bad: it was not usable */
     APC_TICK_Z,          /* [nz] those in force */
     APC_TICK_Z_SEQ,      /* [nz] */
+    APC_TICK_ABOVE,      /* [nz] seq of the actual mode of the loop above that was looked at; 0: none */
+    APC_TICK_BELOW,      /* [4 nu] of an output that is a setpoint: seqs of its newest row, and of the loop
+                            below its actual value, target, tick row */
     APC_TICK_TUNING,     /* [tuning] in force. From here on it is the law's */
     APC_TICK_TUNING_SEQ, /* [tuning] of the rows that were looked at */
     APC_TICK_BEGUN,      /* [instances] 0: there is no x yet */
     APC_TICK_GAP,        /* [instances] 1: x knows no recent y */
     APC_TICK_UPDATING,   /* [instances] 1: x goes on by an update with the y, z, d, u of this row */
+    APC_TICK_RESULT,     /* [instances] enum apc_law_result of the answer; -1: it was not asked */
     APC_TICK_X,          /* [states] */
     APC_TICK_FIELDS
 };
@@ -93,6 +99,7 @@ struct apc_controller {
     bool whole;
     struct apc_dim dim;
     double Ts;
+    double budget;        /* s that compute is given */
     apc_ns horizon, loss; /* an output older than loss the plant no longer follows */
     unsigned shed_after;
     double mark[2];                           /* whole numbers by which stored rows are known */

@@ -41,7 +41,7 @@ static struct apc_law_call call(struct apc_controller *c, size_t k, double *u, u
                                  .u_last = c->last,
                                  .out = c->decides,
                                  .published = c->size.published ? c->published : NULL,
-                                 .budget = c->Ts};
+                                 .budget = c->budget};
 }
 
 /* x to what it is before the first tick. */
@@ -305,6 +305,7 @@ static bool ask(struct apc_controller *c, size_t k)
     char why[APC_LAW_WHY] = "";
     const enum apc_law_result result = compute(c, k, why);
 
+    c->instance[k].result = (int)result;
     for (size_t i = part.u; i < part.u + part.nu; i++) {
         if (c->state[i].move.law & APC_ASK_COMPUTE)
             apc_loop_answered(&c->state[i].loop, result <= APC_LAW_SUBOPTIMAL, c->shed_after);

@@ -38,13 +38,17 @@ static const char *const names[APC_TICK_FIELDS] = {
     [APC_TICK_Y_NEW] = "y.new",
     [APC_TICK_D] = "d",
     [APC_TICK_D_SEQ] = "d.seq",
+    [APC_TICK_D_STATUS] = "d.status",
     [APC_TICK_Z] = "z",
     [APC_TICK_Z_SEQ] = "z.seq",
+    [APC_TICK_ABOVE] = "above.seq",
+    [APC_TICK_BELOW] = "below.seq",
     [APC_TICK_TUNING] = "tuning",
     [APC_TICK_TUNING_SEQ] = "tuning.seq",
     [APC_TICK_BEGUN] = "x.begun",
     [APC_TICK_GAP] = "x.gap",
     [APC_TICK_UPDATING] = "x.updating",
+    [APC_TICK_RESULT] = "result",
     [APC_TICK_X] = "x",
 };
 
@@ -84,13 +88,17 @@ static void lay_out_tick(struct apc_controller *c)
         [APC_TICK_Y_NEW] = ny,
         [APC_TICK_D] = nd,
         [APC_TICK_D_SEQ] = nd,
+        [APC_TICK_D_STATUS] = nd,
         [APC_TICK_Z] = nz,
         [APC_TICK_Z_SEQ] = nz,
+        [APC_TICK_ABOVE] = nz,
+        [APC_TICK_BELOW] = 4 * nu,
         [APC_TICK_TUNING] = c->size.tuning,
         [APC_TICK_TUNING_SEQ] = c->size.tuning,
         [APC_TICK_BEGUN] = n,
         [APC_TICK_GAP] = n,
         [APC_TICK_UPDATING] = n,
+        [APC_TICK_RESULT] = n,
         [APC_TICK_X] = c->size.states,
     };
 
@@ -274,6 +282,31 @@ static void put_values(double *at, const double *value, size_t n)
     memcpy(at, value, n * sizeof(*at));
 }
 
+/* What was looked at of disturbances, and of loops above and below. */
+static void put_seen(struct apc_controller *c, double *row)
+{
+    const size_t *at = c->offset;
+
+    for (size_t k = 0; k < c->dim.nd; k++) {
+        const apc_status status = c->in.sample[c->dim.ny + k].status;
+        const bool bad = apc_status_severity(status) == APC_SEVERITY_BAD;
+
+        row[at[APC_TICK_D_STATUS] + k] = c->ok[c->dim.ny + k] || bad ? status : APC_BAD_NO_COMMUNICATION;
+    }
+    for (size_t k = 0; k < c->dim.nz; k++)
+        row[at[APC_TICK_ABOVE] + k] = c->setpoint[k].above ? (double)c->above[k].mode->seq : 0.0;
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        const struct apc_controller_below *b = &c->below[i];
+
+        if (!c->loop[i].setpoint)
+            continue;
+        row[at[APC_TICK_BELOW] + 4 * i] = (double)apc_controller_output(c, i)->seq;
+        row[at[APC_TICK_BELOW] + 4 * i + 1] = (double)b->rows[1].seq;
+        row[at[APC_TICK_BELOW] + 4 * i + 2] = (double)b->rows[0].seq;
+        row[at[APC_TICK_BELOW] + 4 * i + 3] = (double)b->tick->seq;
+    }
+}
+
 static void put_tick(struct apc_controller *c, struct apc_now now)
 {
     double *row = c->row;
@@ -299,6 +332,7 @@ static void put_tick(struct apc_controller *c, struct apc_now now)
         row[at[APC_TICK_BEGUN] + k] = c->instance[k].begun;
         row[at[APC_TICK_GAP] + k] = c->instance[k].gap;
         row[at[APC_TICK_UPDATING] + k] = c->instance[k].updating;
+        row[at[APC_TICK_RESULT] + k] = c->instance[k].result;
     }
     put_values(row + at[APC_TICK_U], c->u, c->dim.nu);
     put_seqs(row + at[APC_TICK_WANTED], c->looked, apc_controller_wanted(c, APC_TUNING));
@@ -311,6 +345,7 @@ static void put_tick(struct apc_controller *c, struct apc_now now)
     put_seqs(row + at[APC_TICK_Y_SEQ], c->y_seq, c->dim.ny);
     put_values(row + at[APC_TICK_D], c->d, c->dim.nd);
     put_seqs(row + at[APC_TICK_D_SEQ], c->d_seq, c->dim.nd);
+    put_seen(c, row);
     put_values(row + at[APC_TICK_Z], c->z, c->dim.nz);
     put_seqs(row + at[APC_TICK_Z_SEQ], c->z_seq, c->dim.nz);
     put_values(row + at[APC_TICK_TUNING], c->tuning, c->size.tuning);
