@@ -104,7 +104,7 @@ until_true 20 more_rows actuator $((n + 5))
 # Man and Auto without a bump
 until_true 30 settled
 "$apc" mode man >/dev/null
-in_man() { [ "$(sql 'SELECT value FROM apc.opmode WHERE id = 1 ORDER BY seq DESC LIMIT 1')" = 0 ]; }
+in_man() { [ "$(sql 'SELECT value FROM apc.actual WHERE id = 21 ORDER BY seq DESC LIMIT 1')" = 0 ]; } # of opmode 1
 until_true 10 in_man
 before=$(newest actuator)
 n=$(rows actuator)
