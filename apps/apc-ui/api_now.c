@@ -114,7 +114,7 @@ static void signals_json(const struct model *m, apc_ns now, struct text *t)
     text_add(t, "],\"signals\":[");
     for (size_t i = 0; i < m->plant.n; i++) {
         const struct apc_sample *s = &m->now[i];
-        apc_ns age = model_age(m, i, now), period = plant_period(&m->plant, s->table);
+        apc_ns age = model_age(m, i, now), period = plant_period(&m->plant, s->table, s->id);
         text_add(t, "{\"ref\":\"%s\",\"age\":", ref_format(s->table, s->id, ref));
         if (age >= 0)
             json_seconds_add(t, age);
@@ -290,7 +290,7 @@ static void signal_metric(const struct model *m, size_t i, struct text *t, const
 static void signal_metrics(const struct model *m, apc_ns now, struct text *t)
 {
     metric(t, "apc_signal_value", "gauge",
-           "The newest value of each variable; modes as numbers: 0 Man, 1 Auto, 2 OOS.");
+           "The newest value of each variable; modes as numbers: 0 Man, 1 Auto, 2 OOS, 3 Cas, 4 IMan, 5 LO.");
     for (size_t i = 0; i < m->plant.n; i++)
         if (m->now[i].seq > 0)
             signal_metric(m, i, t, "apc_signal_value", m->now[i].value);
@@ -308,10 +308,15 @@ static void signal_metrics(const struct model *m, apc_ns now, struct text *t)
 /* What is not known has no sample. */
 static void standing_metrics(const struct model *m, apc_ns now, struct text *t)
 {
-    int controlled = model_controlled(m, now);
     metric(t, "apc_control_running", "gauge", "1: the controller ticks.");
-    if (controlled >= 0)
-        text_add(t, "apc_control_running %d\n", controlled);
+    for (size_t i = 0; i < m->plant.loops.n_controllers; i++) {
+        const int ticks = model_ticks(m, i, now);
+        if (ticks < 0)
+            continue;
+        text_add(t, "apc_control_running{controller=");
+        label(t, m->plant.loops.controller[i].name);
+        text_add(t, "} %d\n", ticks);
+    }
     metric(t, "apc_plant_safe", "gauge", "1: the plant is at its safe value.");
     if (m->standing.safe >= 0)
         text_add(t, "apc_plant_safe %d\n", m->standing.safe);

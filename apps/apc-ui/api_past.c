@@ -121,27 +121,36 @@ static int take_before(void *ctx, const struct apc_sample *s)
     return 1;
 }
 
-/* A variable by its ref, or by its name where only one has it. Returns how many there are. */
-static size_t find_variable(struct ui *ui, const char *name, enum apc_table *table, int *id)
+/* A loop's target mode has the name of its output, or of nothing else. */
+static size_t find_name(const struct plant *p, const char *name, bool modes, enum apc_table *table, int *id)
 {
-    const struct plant *p = &ui->model.plant;
     size_t found = 0;
-    pthread_mutex_lock(&ui->model.mutex);
-    if (ref_parse(name, table, id))
-        found = plant_find(p, *table, *id) >= 0;
-    for (size_t i = 0; i < p->n && !ref_parse(name, &(enum apc_table){0}, &(int){0}); i++)
-        if (!strcmp(p->tag[i].name, name)) {
+    for (size_t i = 0; i < p->n; i++)
+        if ((p->tag[i].table == APC_OPMODE) == modes && !strcmp(p->tag[i].name, name)) {
             *table = p->tag[i].table;
             *id = p->tag[i].id;
             found++;
         }
+    return found;
+}
+
+/* A variable by its ref, or by its name where only one has it. Returns how many there are. */
+static size_t find_variable(struct ui *ui, const char *name, enum apc_table *table, int *id)
+{
+    const struct plant *p = &ui->model.plant;
+    size_t found;
+    pthread_mutex_lock(&ui->model.mutex);
+    if (ref_parse(name, table, id))
+        found = plant_find(p, *table, *id) >= 0;
+    else if ((found = find_name(p, name, false, table, id)) == 0)
+        found = find_name(p, name, true, table, id);
     pthread_mutex_unlock(&ui->model.mutex);
     return found;
 }
 
 static bool stands(enum apc_table table)
 {
-    return table == APC_SETPOINT || table == APC_OPMODE || table == APC_TUNING || table == APC_MANUAL;
+    return table_wanted(table) || table == APC_ACTUAL;
 }
 
 /* What stood already when the range begins. Returns 0 or the store's error. */

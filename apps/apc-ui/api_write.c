@@ -1,7 +1,10 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * What operators write. Each request is checked against the description and the mode, then swapped in for
- * what the operator saw, then recorded with his name; writes.h says what becomes of it.
+ * What operators write. Each request is checked against the description and the mode of its loop, then
+ * swapped in for what the operator saw, then recorded with his name; writes.h says what becomes of it.
+ *
+ * A setpoint whose loop is asked for Cas is written over and over by the loop above: the newest that the
+ * operator saw says nothing then, and his value takes the target Auto along (run/owner.h).
  */
 #include <inttypes.h>
 #include <math.h>
@@ -9,6 +12,7 @@
 #include <string.h>
 
 #include "http.h"
+#include "run/owner.h"
 
 #define TEXT_LEN 40
 
@@ -29,9 +33,17 @@ static char *value_text(const struct apc_sample *s, char text[TEXT_LEN])
 
 /* ---- Reading the request ------------------------------------------------------------------ */
 
+/* What a loop's write has to do with, beside what is written: the target mode where an output or a setpoint
+ * is, the setpoint where a target is. */
+struct beside {
+    struct apc_sample now; /* id 0: nothing */
+    char name[APC_TAG_LEN];
+};
+
 struct order {
     struct write write;
-    struct write_change change[WRITE_CHANGES];
+    struct write_change change[WRITE_CHANGES + 1]; /* one may be taken along */
+    struct beside beside;
 };
 
 static bool check_limits(struct request *r, const struct apc_tag *tag, double value)
@@ -44,23 +56,44 @@ static bool check_limits(struct request *r, const struct apc_tag *tag, double va
                      limited ? (above ? tag->high : tag->low) : copysign(APC_VALUE_MAX, value));
 }
 
-/* Change a variable to a value: is there one, and may it be that? Outputs have the limits of their actuator.
- */
+static void look_beside(const struct plant *p, struct order *o, const struct loops_loop *loop,
+                        enum apc_table table)
+{
+    struct beside *b = &o->beside;
+    if (!loop || table == APC_TUNING || (table != APC_MANUAL && loop->above < 0))
+        return;
+    b->now = table == APC_OPMODE ? (struct apc_sample){.table = APC_SETPOINT, .id = loop->setpoint}
+                                 : (struct apc_sample){.table = APC_OPMODE, .id = loop->id};
+    const int at = plant_find(p, b->now.table, b->now.id);
+    snprintf(b->name, sizeof b->name, "%s", at < 0 ? "" : p->tag[at].name);
+}
+
+/* The description of what is to be written, of table 0 where there is none. What the operator puts out is
+ * called and limited as the output. */
+static struct apc_tag described(struct ui *ui, struct order *o, enum apc_table table, int id)
+{
+    const struct plant *p = &ui->model.plant;
+    struct apc_tag tag = {0};
+    pthread_mutex_lock(&ui->model.mutex);
+    const struct loops_loop *loop = loops_of(&p->loops, table, id);
+    const int own = plant_find(p, table, id),
+              output = loop && table == APC_MANUAL ? plant_find(p, loop->table, loop->output) : -1;
+    if (own >= 0)
+        tag = p->tag[output < 0 ? own : output];
+    look_beside(p, o, loop, table);
+    pthread_mutex_unlock(&ui->model.mutex);
+    return tag;
+}
+
+/* Change a variable to a value: is there one, and may it be that? */
 static bool order_change(struct ui *ui, struct request *r, struct order *o, enum apc_table table, int64_t id,
                          double value, int64_t seq)
 {
-    struct model *m = &ui->model;
     struct write_change *c = &o->change[o->write.n];
-    struct apc_tag tag = {0};
 
     if (o->write.n == WRITE_CHANGES)
         return fault_set(&r->fault, 400, "json", "values", "more than %d values at once", WRITE_CHANGES);
-    pthread_mutex_lock(&m->mutex);
-    int own = id <= INT32_MAX ? plant_find(&m->plant, table, (int)id) : -1;
-    int named = table == APC_MANUAL && own >= 0 ? plant_find(&m->plant, APC_ACTUATOR, (int)id) : own;
-    if (own >= 0 && named >= 0)
-        tag = m->plant.tag[named];
-    pthread_mutex_unlock(&m->mutex);
+    const struct apc_tag tag = id <= INT32_MAX ? described(ui, o, table, (int)id) : (struct apc_tag){0};
     if (!tag.table)
         return fault_set(&r->fault, 404, "variable", "id", "there is no variable %s.%" PRId64,
                          apc_table_name(table), id);
@@ -103,16 +136,35 @@ static bool read_value(struct ui *ui, struct request *r, const json_t *object, s
            member_whole(object, "seq", 0, &seq, &r->fault) && order_change(ui, r, o, table, id, value, seq);
 }
 
+static bool check_mode(struct ui *ui, struct request *r, int64_t id, int mode)
+{
+    char name[APC_TAG_LEN] = "";
+    bool may = false;
+    pthread_mutex_lock(&ui->model.mutex);
+    const struct loops_loop *loop =
+        id <= INT32_MAX ? loops_of(&ui->model.plant.loops, APC_OPMODE, (int)id) : NULL;
+    if (loop) {
+        memcpy(name, loop->name, sizeof name);
+        may = loop_may(loop, (enum apc_mode)mode);
+    }
+    pthread_mutex_unlock(&ui->model.mutex);
+    if (!loop)
+        return fault_set(&r->fault, 404, "variable", "id", "there is no loop %" PRId64, id);
+    return may || fault_set(&r->fault, 422, "value", "mode",
+                            "%s cannot be in Cas: no loop moves its setpoint", name);
+}
+
 static bool read_mode(struct ui *ui, struct request *r, const json_t *body, struct order *o)
 {
     const char *name;
-    int64_t seq;
-    if (!member_text(body, "mode", &name, &r->fault) || !member_whole(body, "seq", 0, &seq, &r->fault))
+    int64_t id, seq;
+    if (!member_whole(body, "id", 1, &id, &r->fault) || !member_text(body, "mode", &name, &r->fault) ||
+        !member_whole(body, "seq", 0, &seq, &r->fault))
         return false;
-    for (int mode = APC_MODE_MAN; mode <= APC_MODE_AUTO; mode++)
+    for (int mode = APC_MODE_MAN; mode <= APC_MODE_CAS; mode++)
         if (!strcmp(name, apc_mode_name(mode)))
-            return order_change(ui, r, o, APC_OPMODE, 0, mode, seq);
-    return fault_set(&r->fault, 422, "value", "mode", "\"mode\" must be Man or Auto");
+            return check_mode(ui, r, id, mode) && order_change(ui, r, o, APC_OPMODE, id, mode, seq);
+    return fault_set(&r->fault, 422, "value", "mode", "\"mode\" must be Man, Auto, Cas or OOS");
 }
 
 static bool read_tuning(struct ui *ui, struct request *r, const json_t *body, struct order *o)
@@ -135,7 +187,7 @@ static bool read_tuning(struct ui *ui, struct request *r, const json_t *body, st
 static bool read_order(struct ui *ui, struct request *r, struct order *o)
 {
     static const char *const value_members[] = {"id", "value", "seq", "key", NULL};
-    static const char *const mode_members[] = {"mode", "seq", "key", NULL};
+    static const char *const mode_members[] = {"id", "mode", "seq", "key", NULL};
     static const char *const tuning_members[] = {"values", "key", NULL};
     enum write_kind kind = o->write.kind;
     json_t *body = body_parse(r->body, r->n,
@@ -156,19 +208,25 @@ static bool read_order(struct ui *ui, struct request *r, struct order *o)
 
 /* ---- Writing ------------------------------------------------------------------------------ */
 
-/* What is in force, all of one instant: fills in `before`. Returns 0 or the store's error. */
-static int read_before(struct order *o, struct apc_store *store, struct apc_sample *mode)
+/* What is in force, all of one instant: fills in `before`, and what is beside. Returns 0 or the store's
+ * error. */
+static int read_before(struct order *o, struct apc_store *store)
 {
     struct apc_sample now[WRITE_CHANGES + 1];
     size_t n = o->write.n;
     for (size_t i = 0; i < n; i++)
         now[i] = (struct apc_sample){.table = o->change[i].after.table, .id = o->change[i].after.id};
-    now[n] = (struct apc_sample){.table = APC_OPMODE, .id = 0};
-    int rc = apc_store_read(store, now, n + 1);
+    now[n] = o->beside.now;
+    int rc = apc_store_read(store, now, n + (o->beside.now.id > 0));
     for (size_t i = 0; i < n && rc >= 0; i++)
         o->change[i].before = now[i];
-    *mode = now[n];
+    o->beside.now = now[n];
     return rc < 0 ? rc : 0;
+}
+
+static bool in_mode(const struct apc_sample *mode, enum apc_mode wanted)
+{
+    return mode->seq > 0 && mode->value >= (double)wanted && mode->value <= (double)wanted;
 }
 
 static void stale_fault(struct request *r, const struct order *o)
@@ -192,16 +250,22 @@ static void stale_fault(struct request *r, const struct order *o)
               value_text(&first->before, text));
 }
 
-/* May it be written as things stand? */
-static bool check_now(struct request *r, const struct order *o, const struct apc_sample *mode)
+/* A setpoint that is the loop's above. */
+static bool is_remote(const struct order *o)
 {
-    if (o->write.kind == WRITE_OUTPUT && !(mode->seq > 0 && mode->value == (double)APC_MODE_MAN))
+    return o->write.kind == WRITE_SETPOINT && o->beside.now.id > 0 && in_mode(&o->beside.now, APC_MODE_CAS);
+}
+
+/* May it be written as things stand? */
+static bool check_now(struct request *r, const struct order *o)
+{
+    if (o->write.kind == WRITE_OUTPUT && !in_mode(&o->beside.now, APC_MODE_MAN))
         return fault_set(
             &r->fault, 409, "mode", NULL,
             "%s is not the operator's: the target mode is not Man, whatever the actual one is; change to "
             "Man first",
             o->change[0].name);
-    for (size_t i = 0; i < o->write.n; i++)
+    for (size_t i = 0; i < o->write.n && !is_remote(o); i++)
         if (o->change[i].before.seq != o->change[i].after.seq) {
             stale_fault(r, o);
             return false;
@@ -209,25 +273,64 @@ static bool check_now(struct request *r, const struct order *o, const struct apc
     return true;
 }
 
+/* The loops as they are described now; loops_free(). */
+static int copy_loops(struct ui *ui, struct loops *to)
+{
+    const struct loops *from = &ui->model.plant.loops;
+    pthread_mutex_lock(&ui->model.mutex);
+    *to = *from;
+    to->at = calloc(from->n + 1, sizeof *to->at);
+    to->controller = calloc(from->n_controllers + 1, sizeof *to->controller);
+    const bool room = to->at && to->controller;
+    if (room) {
+        memcpy(to->at, from->at, from->n * sizeof *to->at);
+        memcpy(to->controller, from->controller, from->n_controllers * sizeof *to->controller);
+    }
+    pthread_mutex_unlock(&ui->model.mutex);
+    return room ? 0 : APC_ENOMEM;
+}
+
+/* What the other loop's or the own target cost: of a single change there is one more at most. */
+static void take_along(struct order *o, const struct owner_rows *with)
+{
+    if (with->n == 0)
+        return;
+    struct write_change *c = &o->change[o->write.n++];
+    *c = (struct write_change){.before = o->beside.now, .after = with->at[0]};
+    memcpy(c->name, o->beside.name, sizeof c->name);
+}
+
 /* Returns the store's answer; the changes then have their seqs, or what is newest instead. */
-static int swap(struct ui *ui, struct order *o, struct apc_store *store)
+static int put(struct ui *ui, struct order *o, struct apc_store *store)
 {
     struct apc_sample samples[WRITE_CHANGES];
+    struct owner_rows with = {0};
+    struct loops loops;
     apc_ns began = apc_clock_mono(NULL);
     for (size_t i = 0; i < o->write.n; i++) {
         o->change[i].after.time = o->write.time;
         o->change[i].after.status = APC_GOOD;
         samples[i] = o->change[i].after;
     }
-    int rc = apc_store_swap(store, samples, o->write.n);
+    if (is_remote(o))
+        samples[0].seq = APC_SEQ_ANY;
+    int rc = copy_loops(ui, &loops);
+    if (rc == 0)
+        rc = owner_put(store, &loops, samples, o->write.n, &with);
     for (size_t i = 0; i < o->write.n; i++) {
         if (rc == APC_ECONFLICT)
             o->change[i].before = samples[i];
+        else if (rc >= 0 || is_remote(o))
+            o->change[i].after.seq = samples[i].seq;
         else
-            o->change[i].after.seq++; /* what it was given, or would have been */
+            o->change[i].after.seq++; /* what it would have been given */
     }
-    if (rc >= 0)
+    if (rc >= 0) {
+        take_along(o, &with);
         meter_record(&ui->stores, apc_clock_mono(NULL) - began);
+    }
+    free(with.at);
+    loops_free(&loops);
     return rc;
 }
 
@@ -237,19 +340,22 @@ static void record(struct ui *ui, const struct request *r, const struct order *o
     char before[TEXT_LEN], after[TEXT_LEN];
     for (size_t i = 0; i < o->write.n; i++) {
         const struct write_change *c = &o->change[i];
+        const bool opened = o->write.kind == WRITE_SETPOINT && i > 0;
         struct apc_event event = {.time = o->write.time, .severity = APC_EVENT_INFO, .kind = "operator"};
         snprintf(event.source, sizeof event.source, "%s", o->write.user);
-        snprintf(event.text, sizeof event.text, "%s: %s -> %s%s (from %s)", c->name,
-                 value_text(&c->before, before), value_text(&c->after, after), outcome, r->from->address);
+        snprintf(event.text, sizeof event.text, "%s: %s -> %s%s%s (from %s)", c->name,
+                 value_text(&c->before, before), value_text(&c->after, after),
+                 opened ? ", the setpoint is Local now" : "", outcome, r->from->address);
         audit(ui, store, &event);
     }
 }
 
-static void end(struct ui *ui, struct request *r, const struct order *o, enum write_state state, int stored,
+static void end(struct ui *ui, struct request *r, struct order *o, enum write_state state, int stored,
                 const char *reason)
 {
     struct text t = {0};
-    writes_end(ui->writes, o->write.key, state, stored, reason, o->change, apc_clock_mono(NULL), &t);
+    const struct write ended = {.state = state, .stored = stored, .n = o->write.n, .change = o->change};
+    writes_end(ui->writes, o->write.key, &ended, reason, apc_clock_mono(NULL), &t);
     if (r->fault.http == 0) {
         r->reply = t;
         return;
@@ -263,19 +369,18 @@ static void end(struct ui *ui, struct request *r, const struct order *o, enum wr
 
 static void carry_out(struct ui *ui, struct request *r, struct order *o, struct apc_store *store)
 {
-    struct apc_sample mode;
     int rc = apc_store_connect(store);
     if (rc >= 0)
-        rc = read_before(o, store, &mode);
+        rc = read_before(o, store);
     if (rc < 0)
         fault_store(r, rc, store);
     else
-        (void)check_now(r, o, &mode);
+        (void)check_now(r, o);
     if (r->fault.http) { /* nothing was sent */
         end(ui, r, o, WRITE_FAILED, 0, r->fault.message);
         return;
     }
-    rc = swap(ui, o, store);
+    rc = put(ui, o, store);
     if (rc == APC_ECONFLICT)
         stale_fault(r, o);
     else if (rc == APC_ECONN || rc == APC_ETIMEDOUT)

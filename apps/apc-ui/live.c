@@ -7,6 +7,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "run/outcome.h"
 #include "ui.h"
 
 #define PACE         (25 * APC_NS_PER_MS)
@@ -17,9 +18,13 @@
 struct live {
     struct ui *ui;
     struct apc_store *store;
-    unsigned revision;       /* of the plant that `seen` is of */
-    struct apc_sample *seen; /* [n + 1], the last is the controller's confirmation */
-    size_t n;
+    unsigned revision;       /* of the plant that all this is of */
+    struct apc_sample *seen; /* [n] as the model's: the first `shown` are variables that people see */
+    int *controller;         /* [n] index of who takes what is written there; -1: nobody */
+    size_t n, shown;
+    struct apc_vector *tick; /* [controllers] */
+    struct loops_controller *of;
+    size_t controllers;
 };
 
 void ui_pause(struct ui *ui, apc_ns pause)
@@ -37,36 +42,66 @@ int ui_open_store(struct ui *ui, const char *name, apc_ns timeout, struct apc_st
     return apc_store_open(store, ui->options.store, &options, why);
 }
 
+static void let_go(struct live *l)
+{
+    free(l->seen);
+    free(l->controller);
+    free(l->tick);
+    free(l->of);
+}
+
+/* The same as in the model, which is locked. False: no memory. */
+static bool copy(struct live *to, const struct model *m)
+{
+    const struct plant *p = &m->plant;
+    *to = (struct live){.ui = to->ui,
+                        .store = to->store,
+                        .revision = p->revision,
+                        .seen = calloc(m->count + 1, sizeof *to->seen),
+                        .controller = calloc(m->count + 1, sizeof *to->controller),
+                        .n = m->count,
+                        .shown = p->n,
+                        .tick = calloc(p->loops.n_controllers + 1, sizeof *to->tick),
+                        .of = calloc(p->loops.n_controllers + 1, sizeof *to->of),
+                        .controllers = p->loops.n_controllers};
+    if (!to->seen || !to->controller || !to->tick || !to->of || !m->now)
+        return false;
+    memcpy(to->seen, m->now, m->count * sizeof *to->seen);
+    memcpy(to->tick, m->tick, p->loops.n_controllers * sizeof *to->tick);
+    for (size_t i = 0; i < to->n; i++)
+        to->controller[i] = plant_controller(p, to->seen[i].table, to->seen[i].id);
+    for (size_t i = 0; i < p->loops.n_controllers; i++) {
+        to->of[i] = p->loops.controller[i];
+        to->of[i].period = plant_tick(p, i);
+    }
+    return true;
+}
+
 /* Follow the model when it was described anew. */
 static int follow_model(struct live *l)
 {
     struct model *m = &l->ui->model;
     struct text t = {0};
-    int rc = 0;
+    struct live next = *l;
+    bool ok = true;
     pthread_mutex_lock(&m->mutex);
-    bool changed = m->plant.revision != l->revision;
-    if (changed) {
-        struct apc_sample *seen = calloc(m->plant.n + 1, sizeof *seen);
-        if (seen && m->now) {
-            memcpy(seen, m->now, (m->plant.n + 1) * sizeof *seen);
-            free(l->seen);
-            l->seen = seen;
-            l->n = m->plant.n;
-            l->revision = m->plant.revision;
-        } else {
-            free(seen);
-            rc = seen ? 0 : APC_ENOMEM;
-            changed = false;
-        }
-    }
+    const bool changed = m->plant.revision != l->revision;
+    if (changed)
+        ok = copy(&next, m);
     pthread_mutex_unlock(&m->mutex);
+    if (!ok) {
+        let_go(&next);
+        return APC_ENOMEM;
+    }
     if (changed) {
+        let_go(l);
+        *l = next;
         text_add(&t, "{\"revision\":%u}", l->revision);
         if (!t.failed)
             stream_publish(l->ui->stream, "plant", t.at, t.n, true);
         text_free(&t);
     }
-    return rc;
+    return 0;
 }
 
 static void publish(struct live *l, const struct text *values, apc_ns newest)
@@ -86,53 +121,80 @@ static void publish(struct live *l, const struct text *values, apc_ns newest)
         meter_record(&l->ui->lag, now - newest);
 }
 
-/* What was read goes into the model; what of it is new, into text. Returns the newest source time among the
- * new, 0: nothing is new. */
+struct now {
+    apc_ns mono, utc;
+};
+
+/* When something was seen to move. Not seen before: its stamp says how old it is, if the clock can be
+ * believed. */
+static apc_ns moved(struct now now, apc_ns time, bool first)
+{
+    return first && time < now.utc ? now.mono - (now.utc - time) : now.mono;
+}
+
+/* What was read goes into the model; what of it is new and shown, into text. Returns the newest source time
+ * among that, 0: nothing is new. */
 static apc_ns take(struct live *l, struct text *values)
 {
     struct model *m = &l->ui->model;
-    const apc_ns mono = apc_clock_mono(NULL), utc = apc_clock_utc(NULL);
+    const struct now now = {apc_clock_mono(NULL), apc_clock_utc(NULL)};
     apc_ns newest = 0;
     char ref[REF_LEN];
 
     pthread_mutex_lock(&m->mutex);
-    for (size_t i = 0; i <= l->n && m->plant.revision == l->revision; i++) {
+    const bool same = m->plant.revision == l->revision;
+    for (size_t i = 0; i < l->n && same; i++) {
         const struct apc_sample *s = &l->seen[i];
         if (s->seq <= m->now[i].seq)
             continue;
-        /* Not seen before: its stamp says how old it is, if the clock can be believed. */
-        m->moved[i] = m->now[i].seq == 0 && s->time < utc ? mono - (utc - s->time) : mono;
+        m->moved[i] = moved(now, s->time, m->now[i].seq == 0);
         m->now[i] = *s;
-        if (i == l->n)
+        if (i >= l->shown)
             continue;
         newest = s->time > newest ? s->time : newest;
         text_add(values, "\"%s\":", ref_format(s->table, s->id, ref));
         json_sample_add(values, s);
         text_put(values, ",", 1);
     }
+    for (size_t i = 0; i < l->controllers && same; i++)
+        if (l->tick[i].seq > m->tick[i].seq) {
+            m->ticked[i] = moved(now, l->tick[i].time, m->tick[i].seq == 0);
+            m->tick[i] = l->tick[i];
+        }
     pthread_mutex_unlock(&m->mutex);
     return newest;
 }
 
+/* The controllers' ticks as old as they are by the clock that does not step. */
 static void settle(struct live *l)
 {
     struct model *m = &l->ui->model;
+    const struct now now = {apc_clock_mono(NULL), apc_clock_utc(NULL)};
+    struct refusal refusal = {0};
     pthread_mutex_lock(&m->mutex);
-    apc_ns period = m->plant.rhythms.controller;
+    for (size_t i = 0; i < l->controllers && m->plant.revision == l->revision; i++)
+        l->tick[i].time = now.utc - (now.mono - m->ticked[i]);
     pthread_mutex_unlock(&m->mutex);
-    const struct apc_sample *taken = &l->seen[l->n];
     const struct seen seen = {.samples = l->seen,
+                              .by = l->controller,
                               .n = l->n,
-                              .taken = taken->seq > 0 ? taken->value : -1,
-                              .patience = 3 * (period > 0 ? period : 2 * APC_NS_PER_S) + 2 * APC_NS_PER_S};
-    writes_settle(l->ui->writes, &seen, apc_clock_mono(NULL));
+                              .tick = l->tick,
+                              .controller = l->of,
+                              .utc = now.utc};
+    while (writes_settle(l->ui->writes, &seen, now.mono, &refusal))
+        (void)outcome_refusal(l->store, refusal.name, refusal.since, refusal.text, sizeof refusal.text);
 }
 
 static int look(struct live *l)
 {
     struct text values = {0};
+    struct apc_rows rows = {.size = sizeof rows,
+                            .sample = l->seen,
+                            .n_samples = l->n,
+                            .vector = l->tick,
+                            .n_vectors = l->controllers};
     apc_ns began = apc_clock_mono(NULL);
-    int rc = apc_store_read(l->store, l->seen, l->n + 1);
+    int rc = apc_store_read_rows(l->store, &rows);
     if (rc < 0)
         return rc;
     meter_record(&l->ui->reads, apc_clock_mono(NULL) - began);
@@ -157,8 +219,8 @@ static int step(struct live *l)
         rc = follow_model(l);
     if (rc < 0 || !l->seen)
         return rc;
-    rc = apc_store_wait(l->store, l->seen, l->n + 1, WAIT);
-    if (rc > 0)
+    rc = apc_store_wait(l->store, l->seen, l->n, WAIT);
+    if (rc >= 0) /* nothing waits for ticks, and out of service they are all there is */
         rc = look(l);
     if (rc >= 0)
         settle(l);
@@ -183,6 +245,6 @@ void *live_thread(void *arg)
             ui_pause(l.ui, rest);
     }
     apc_store_close(l.store);
-    free(l.seen);
+    let_go(&l);
     return NULL;
 }

@@ -160,9 +160,11 @@ static int load_experiment(struct ui *ui, const char *file, struct apc_error *wh
         return rc;
     snprintf(p->name, sizeof p->name, "%s", e.name);
     snprintf(p->title, sizeof p->title, "%s", e.title);
-    p->rhythms = (struct rhythms){.client = e.client.rhythm.period,
-                                  .plant = e.plant.rhythm.period,
-                                  .controller = e.controllers->rhythm.period};
+    plant_rhythm(p, "client", e.client.rhythm.period);
+    plant_rhythm(p, "plant", e.plant.rhythm.period);
+    for (size_t i = 0; i < e.n_controllers; i++)
+        plant_rhythm(p, e.controllers[i].name, e.controllers[i].rhythm.period);
+    p->revision = 0; /* nothing is described yet */
     experiment_free(&e);
     return 0;
 }

@@ -66,71 +66,77 @@ int model_init(struct model *m)
     return pthread_mutex_init(&m->mutex, NULL) ? APC_ESYS : 0;
 }
 
+static void free_values(struct model *m)
+{
+    free(m->now);
+    free(m->moved);
+    free(m->tick);
+    free(m->ticked);
+    free(m->standing.trouble);
+}
+
 void model_free(struct model *m)
 {
     plant_free(&m->plant);
-    free(m->now);
-    free(m->moved);
+    free_values(m);
     pthread_mutex_destroy(&m->mutex);
 }
 
-bool model_describe(struct model *m, const struct apc_tag *tags, size_t n, const struct apc_pair *pair)
+/* Nothing is known of it yet. False: no memory. */
+static bool new_values(struct model *m)
 {
-    struct apc_sample *now = calloc(n + 1, sizeof *now);
-    apc_ns *moved = calloc(n + 1, sizeof *moved);
-    bool changed = false;
-    pthread_mutex_lock(&m->mutex);
-    if (now && moved && plant_describe(&m->plant, tags, n, pair)) {
-        const struct plant *p = &m->plant;
-        for (size_t i = 0; i < p->n; i++)
-            now[i] = (struct apc_sample){.table = p->tag[i].table, .id = p->tag[i].id};
-        now[p->n] = (struct apc_sample){.table = APC_STATE, .id = plant_confirmation(p)};
-        free(m->now);
-        free(m->moved);
-        m->now = now;
-        m->moved = moved;
-        changed = true;
-    }
-    pthread_mutex_unlock(&m->mutex);
-    if (!changed) {
-        free(now);
-        free(moved);
-    }
-    return changed;
+    const struct plant *p = &m->plant;
+    m->now = calloc(2 * p->n + 1, sizeof *m->now);
+    m->moved = calloc(2 * p->n + 1, sizeof *m->moved);
+    m->tick = calloc(p->loops.n_controllers + 1, sizeof *m->tick);
+    m->ticked = calloc(p->loops.n_controllers + 1, sizeof *m->ticked);
+    m->standing.trouble = calloc(p->loops.n + 1, sizeof *m->standing.trouble);
+    m->count = 0;
+    return m->now && m->moved && m->tick && m->ticked && m->standing.trouble;
 }
 
-/* Table dim, from id 4: measurement and setpoint of each output. */
-static int read_pairs(struct apc_store *store, struct apc_pair *pair, size_t nu)
+static void name_values(struct model *m)
 {
-    struct apc_sample *dim = calloc(2 * nu + 1, sizeof *dim);
-    if (!dim)
-        return APC_ENOMEM;
-    for (size_t i = 0; i < 2 * nu; i++)
-        dim[i] = (struct apc_sample){.table = APC_DIM, .id = (int)i + 4};
-    int rc = nu > 0 ? apc_store_read(store, dim, 2 * nu) : 0;
-    for (size_t i = 0; i < nu && rc >= 0; i++) {
-        const struct apc_sample *y = &dim[2 * i], *z = &dim[2 * i + 1];
-        if (y->seq > 0 && z->seq > 0 && y->value >= 0 && y->value < 1e6 && z->value >= 0 && z->value < 1e6)
-            pair[i] = (struct apc_pair){.measurement = (size_t)y->value, .setpoint = (size_t)z->value};
+    const struct plant *p = &m->plant;
+    for (size_t i = 0; i < p->n; i++)
+        m->now[m->count++] = (struct apc_sample){.table = p->tag[i].table, .id = p->tag[i].id};
+    for (size_t i = 0; i < p->n; i++)
+        if (table_wanted(p->tag[i].table))
+            m->now[m->count++] = (struct apc_sample){
+                .table = APC_ACTUAL, .id = apc_variable_number(p->tag[i].table, p->tag[i].id)};
+    for (size_t i = 0; i < p->loops.n_controllers; i++)
+        m->tick[i] = (struct apc_vector){.table = APC_TICK, .id = p->loops.controller[i].number};
+}
+
+bool model_describe(struct model *m, const struct apc_tag *tags, size_t n, struct loops *loops)
+{
+    pthread_mutex_lock(&m->mutex);
+    const bool changed = plant_describe(&m->plant, tags, n, loops);
+    if (changed) {
+        free_values(m);
+        if (new_values(m))
+            name_values(m);
+        else
+            plant_forget(&m->plant);
     }
-    free(dim);
-    return rc;
+    pthread_mutex_unlock(&m->mutex);
+    return changed;
 }
 
 int model_load(struct model *m, struct apc_store *store)
 {
+    struct loops loops = {0};
     int n = apc_store_get_tags(store, NULL, 0);
     struct apc_tag *tags = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *tags);
     if (n >= 0 && !tags)
         return APC_ENOMEM;
     int rc = n < 0 ? n : apc_store_get_tags(store, tags, (size_t)n);
-    size_t kept = (size_t)(rc < n ? rc : n), nu = rc < 0 ? 0 : tags_count(tags, kept, APC_ACTUATOR);
-    struct apc_pair *pair = calloc(nu + 1, sizeof *pair);
+    const size_t kept = (size_t)(rc < n ? rc : n);
     if (rc >= 0)
-        rc = pair ? read_pairs(store, pair, nu) : APC_ENOMEM;
+        rc = loops_load(&loops, store, tags, kept);
     if (rc >= 0)
-        model_describe(m, tags, kept, pair);
-    free(pair);
+        model_describe(m, tags, kept, &loops);
+    loops_free(&loops);
     free(tags);
     return rc < 0 ? rc : 0;
 }
@@ -140,28 +146,85 @@ apc_ns model_age(const struct model *m, size_t i, apc_ns now)
     return m->now[i].seq > 0 ? now - m->moved[i] : -1;
 }
 
+static bool too_old(apc_ns age, apc_ns period)
+{
+    return period > 0 && (age < 0 || age > (3 * period > APC_NS_PER_S ? 3 * period : APC_NS_PER_S));
+}
+
 bool model_stale(const struct model *m, size_t i, apc_ns now)
 {
-    apc_ns period = plant_period(&m->plant, m->now[i].table), age = model_age(m, i, now);
-    return period > 0 && (age < 0 || age > (3 * period > APC_NS_PER_S ? 3 * period : APC_NS_PER_S));
+    return too_old(model_age(m, i, now), plant_period(&m->plant, m->now[i].table, m->now[i].id));
+}
+
+apc_ns model_tick_age(const struct model *m, size_t controller, apc_ns now)
+{
+    return m->tick[controller].seq > 0 ? now - m->ticked[controller] : -1;
+}
+
+int model_ticks(const struct model *m, size_t controller, apc_ns now)
+{
+    const apc_ns period = plant_tick(&m->plant, controller);
+    return period == 0 ? -1 : !too_old(model_tick_age(m, controller, now), period);
 }
 
 /* ---- What stands -------------------------------------------------------------------------- */
 
 #define REPORT (5 * APC_NS_PER_S) /* between two windows of a task */
 
+/* What an event says of a loop: what stands behind its name, or all of what names none. NULL: it is of
+ * another. */
+static const char *said_of(const struct plant *p, const struct loops_loop *loop, const char *text)
+{
+    for (const struct loops_loop *one = p->loops.at; one < p->loops.at + p->loops.n; one++) {
+        const size_t n = strlen(one->name);
+        if (!strncmp(text, one->name, n) && !strncmp(text + n, ": ", 2))
+            return one == loop ? text + n + 2 : NULL;
+    }
+    return text;
+}
+
+/* "mode LO: output at its fault value" says why; "mode Auto" that all is well. */
+static const char *why_of(const char *text)
+{
+    const char *why = strncmp(text, "mode ", 5) ? NULL : strstr(text, ": ");
+    return why ? why + 2 : "";
+}
+
+/* A controller calls itself apc-controller, where there are several with its name behind that. */
+static bool is_source(const char *source, const char *controller)
+{
+    char named[sizeof((struct apc_event *)0)->source];
+    snprintf(named, sizeof named, "apc-controller %.16s", controller);
+    return !strcmp(source, "apc-controller") || !strcmp(source, named);
+}
+
+static void take_trouble(struct model *m, const struct apc_event *event, bool mode)
+{
+    for (size_t i = 0; i < m->plant.loops.n; i++) {
+        const struct loops_loop *loop = &m->plant.loops.at[i];
+        const char *text = said_of(&m->plant, loop, event->text);
+        if (!text || !is_source(event->source, m->plant.loops.controller[loop->controller].name))
+            continue;
+        if (mode)
+            text = why_of(text);
+        else if (event->severity == APC_EVENT_INFO)
+            text = "";
+        snprintf(m->standing.trouble[i], TROUBLE_LEN, "%s", text);
+    }
+}
+
 void model_take_event(struct model *m, const struct apc_event *event)
 {
-    const bool plant = !strcmp(event->source, "apc-plant"), good = event->severity == APC_EVENT_INFO;
+    const bool plant = !strcmp(event->source, "apc-plant"), good = event->severity == APC_EVENT_INFO,
+               start = !strcmp(event->kind, "start"), mode = !strcmp(event->kind, "mode");
     struct standing *s = &m->standing;
     pthread_mutex_lock(&m->mutex);
-    if (plant && (!strcmp(event->kind, "watchdog") || !strcmp(event->kind, "start"))) {
-        s->safe = !good || event->kind[0] == 's'; /* it starts there */
+    if (plant && (start || !strcmp(event->kind, "watchdog"))) {
+        s->safe = !good || start; /* it starts there */
         s->safe_since = event->time;
     }
-    if (!strcmp(event->source, "apc-controller") &&
-        (!strcmp(event->kind, "measurement") || !strcmp(event->kind, "start")))
-        snprintf(s->trouble, sizeof s->trouble, "%s", good ? "" : event->text);
+    if (mode || start || !strcmp(event->kind, "measurement"))
+        take_trouble(m, event, mode);
     pthread_mutex_unlock(&m->mutex);
 }
 
@@ -170,89 +233,101 @@ bool task_silent(const struct task *task, apc_ns now)
     return now - task->heard > 2 * REPORT + 3 * task->period;
 }
 
-static const struct task *find_task(const struct model *m, const char *name)
+/* The newest mode of this variable, by name; NULL: there is none. */
+static const char *mode_of(const struct model *m, enum apc_table table, int id)
 {
-    for (size_t i = 0; i < m->tasks; i++)
-        if (!strcmp(m->task[i].name, name))
-            return &m->task[i];
-    return NULL;
-}
-
-/* The newest mode of this id, by name; NULL: there is none. */
-static const char *mode_of(const struct model *m, int id)
-{
-    int at = plant_find(&m->plant, APC_OPMODE, id);
+    int at = plant_find(&m->plant, table, id);
     return at < 0 || m->now[at].seq == 0 || m->now[at].value < 0 ? NULL
                                                                  : apc_mode_name((int)m->now[at].value);
 }
 
-/* In OOS it writes no outputs: then its own reports tell. */
-int model_controlled(const struct model *m, apc_ns now)
+static const char *actual_mode(const struct model *m, const struct loops_loop *loop)
 {
-    const struct task *task = find_task(m, "controller");
-    const char *actual = mode_of(m, 1);
-    const int u = plant_find(&m->plant, APC_ACTUATOR, 1);
-    if (actual && !strcmp(actual, "OOS"))
-        return task ? !task_silent(task, now) : -1;
-    return u < 0 || plant_period(&m->plant, APC_ACTUATOR) == 0 ? -1 : !model_stale(m, (size_t)u, now);
+    return mode_of(m, APC_ACTUAL, apc_variable_number(APC_OPMODE, loop->id));
+}
+
+/* An output that nobody writes now is no news: its loop is out of service, or its controller does not tick,
+ * which is said by itself. */
+static bool rests(const struct model *m, const struct apc_sample *u, apc_ns now)
+{
+    const struct loops_loop *loop =
+        u->table == APC_ACTUATOR ? loops_of(&m->plant.loops, APC_ACTUATOR, u->id) : NULL;
+    const char *actual = loop ? actual_mode(m, loop) : NULL;
+    return (actual && !strcmp(actual, "OOS")) || (loop && model_ticks(m, loop->controller, now) == 0);
+}
+
+static void silence(struct text *t, const char *name, const char *what, apc_ns age)
+{
+    if (age < 0)
+        text_add(t, "%s: no %s yet\n", name, what);
+    else
+        text_add(t, "%s: no %s for %.1f s\n", name, what, apc_ns_to_s(age));
 }
 
 size_t model_silent(const struct model *m, apc_ns now, struct text *t)
 {
-    const char *actual = mode_of(m, 1);
     size_t n = 0;
-    for (size_t i = 0; i < m->plant.n; i++) {
-        if (!model_stale(m, i, now) || (m->now[i].table == APC_ACTUATOR && actual && !strcmp(actual, "OOS")))
-            continue;
-        apc_ns age = model_age(m, i, now);
-        if (age < 0)
-            text_add(t, "%s: no sample yet\n", m->plant.tag[i].name);
-        else
-            text_add(t, "%s: no sample for %.1f s\n", m->plant.tag[i].name, apc_ns_to_s(age));
-        n++;
-    }
+    for (size_t i = 0; i < m->plant.n; i++)
+        if (model_stale(m, i, now) && !rests(m, &m->now[i], now)) {
+            silence(t, m->plant.tag[i].name, "sample", model_age(m, i, now));
+            n++;
+        }
+    for (size_t i = 0; i < m->plant.loops.n_controllers; i++)
+        if (model_ticks(m, i, now) == 0) {
+            silence(t, m->plant.loops.controller[i].name, "tick", model_tick_age(m, i, now));
+            n++;
+        }
     for (size_t i = 0; i < m->tasks; i++)
         if (task_silent(&m->task[i], now)) {
-            text_add(t, "%s: no tick reported for %.1f s\n", m->task[i].name,
-                     apc_ns_to_s(now - m->task[i].heard));
+            silence(t, m->task[i].name, "tick reported", now - m->task[i].heard);
             n++;
         }
     return n;
 }
 
-/* Why the actual mode is not the target's; NULL: it is, or nobody has said. */
-static const char *reason(const struct model *m, int controlled, const char *target, const char *actual)
+/* Why the actual mode is not the target, in the controller's words, or in ours where they were lost; NULL: it
+ * is, or its controller does not tick, which is said once. */
+static const char *reason(const struct model *m, size_t i, apc_ns now)
 {
-    if (controlled == 0)
-        return "the controller is not running";
-    if (!target || !actual || !strcmp(target, actual) || !m->standing.trouble[0])
+    const struct loops_loop *loop = &m->plant.loops.at[i];
+    const char *target = mode_of(m, APC_OPMODE, loop->id), *actual = actual_mode(m, loop);
+    if (!target || !actual || !strcmp(target, actual) || model_ticks(m, loop->controller, now) == 0)
         return NULL;
-    return m->standing.trouble;
+    if (m->standing.trouble[i][0])
+        return m->standing.trouble[i];
+    return !strcmp(actual, "LO")     ? "output at its fault value"
+           : !strcmp(actual, "IMan") ? "what takes its output is not ready for it"
+           : !strcmp(actual, "OOS")  ? "another controller acts"
+           : !strcmp(target, "Cas")  ? "no setpoint from above"
+                                     : NULL;
 }
 
 void control_json(const struct model *m, apc_ns now, struct text *t)
 {
-    const char *target = mode_of(m, 0), *actual = mode_of(m, 1);
     const struct standing *s = &m->standing;
-    int controlled = model_controlled(m, now);
-    text_add(t, "{\"running\":%s,\"target\":", controlled < 0 ? "null" : controlled ? "true" : "false");
-    json_string_add(t, target);
-    text_add(t, ",\"actual\":");
-    json_string_add(t, controlled == 0 ? NULL : actual);
-    text_add(t, ",\"reason\":");
-    json_string_add(t, reason(m, controlled, target, actual));
-    text_add(t, ",\"safe\":%s,\"safe_since\":", s->safe < 0 ? "null" : s->safe ? "true" : "false");
+    text_add(t, "{\"running\":{");
+    for (size_t i = 0; i < m->plant.loops.n_controllers; i++) {
+        const int ticks = model_ticks(m, i, now);
+        json_string_add(t, m->plant.loops.controller[i].name);
+        text_add(t, ":%s,", ticks < 0 ? "null" : ticks ? "true" : "false");
+    }
+    text_chop(t, ',');
+    text_add(t, "},\"reasons\":{");
+    for (size_t i = 0; i < m->plant.loops.n; i++) {
+        const char *why = reason(m, i, now);
+        if (!why)
+            continue;
+        text_add(t, "\"%d\":", m->plant.loops.at[i].id);
+        json_string_add(t, why);
+        text_add(t, ",");
+    }
+    text_chop(t, ',');
+    text_add(t, "},\"safe\":%s,\"safe_since\":", s->safe < 0 ? "null" : s->safe ? "true" : "false");
     if (s->safe > 0)
         json_time_add(t, s->safe_since);
     else
         text_add(t, "null");
     text_add(t, "}");
-}
-
-apc_ns model_task_period(const struct model *m, const char *name)
-{
-    const struct task *task = find_task(m, name);
-    return task ? task->period : 0;
 }
 
 void store_state_json(const struct model *m, struct text *t)

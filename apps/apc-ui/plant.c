@@ -29,90 +29,100 @@ bool ref_parse(const char *ref, enum apc_table *table, int *id)
 
 /* ---- Taking over -------------------------------------------------------------------------- */
 
-static bool shown(enum apc_table table)
+/* The mode of all loops is nobody's. */
+static bool shown(const struct apc_tag *tag)
 {
-    return table < APC_STATE && table != APC_DIM;
+    return tag->table == APC_OPMODE
+               ? tag->controller[0] != '\0'
+               : (tag->table < APC_STATE && tag->table != APC_DIM) || tag->table == APC_ACTUAL;
 }
 
 static bool same_tag(const struct apc_tag *a, const struct apc_tag *b)
 {
     return a->table == b->table && a->id == b->id && !strcmp(a->name, b->name) && !strcmp(a->unit, b->unit) &&
-           !strcmp(a->description, b->description) && !(a->low < b->low || a->low > b->low) &&
+           !strcmp(a->description, b->description) && !strcmp(a->controller, b->controller) &&
+           !(a->period < b->period || a->period > b->period) && !(a->low < b->low || a->low > b->low) &&
            !(a->high < b->high || a->high > b->high);
 }
 
-size_t tags_count(const struct apc_tag *tags, size_t n, enum apc_table table)
+static bool same_loop(const struct loops_loop *a, const struct loops_loop *b)
 {
-    size_t found = 0;
-    for (size_t i = 0; i < n; i++)
-        found += tags[i].table == table;
-    return found;
+    return a->measurement == b->measurement && a->setpoint == b->setpoint;
 }
 
-/* What is not said, or names what there is not, is as usual: number i, or the first where there are fewer. */
-static struct apc_pair pair_of(const struct plant *p, const struct apc_pair *said, size_t i)
+static bool same_controller(const struct loops_controller *a, const struct loops_controller *b)
 {
-    struct apc_pair pair = said ? said[i] : (struct apc_pair){0};
-    if (pair.measurement < 1 || pair.measurement > p->ny || pair.setpoint > p->nz)
-        pair = (struct apc_pair){.measurement = i < p->ny ? i + 1 : p->ny > 0,
-                                 .setpoint = i < p->nz ? i + 1 : p->nz > 0};
-    return pair;
+    return !strcmp(a->name, b->name) && a->number == b->number && a->period == b->period;
 }
 
 static bool differs(const struct plant *p, const struct plant *next)
 {
-    bool found = next->n != p->n || p->revision == 0;
+    const struct loops *was = &p->loops, *is = &next->loops;
+    bool found =
+        next->n != p->n || is->n != was->n || is->n_controllers != was->n_controllers || p->revision == 0;
     for (size_t i = 0; i < next->n && !found; i++)
         found = !same_tag(&next->tag[i], &p->tag[i]);
-    for (size_t i = 0; i < next->nu && !found; i++)
-        found = next->pair[i].measurement != p->pair[i].measurement ||
-                next->pair[i].setpoint != p->pair[i].setpoint;
+    for (size_t i = 0; i < is->n && !found; i++)
+        found = !same_loop(&is->at[i], &was->at[i]);
+    for (size_t i = 0; i < is->n_controllers && !found; i++)
+        found = !same_controller(&is->controller[i], &was->controller[i]);
     return found;
 }
 
-bool plant_describe(struct plant *p, const struct apc_tag *tags, size_t n, const struct apc_pair *pair)
+void plant_forget(struct plant *p)
+{
+    free(p->tag);
+    loops_free(&p->loops);
+    p->tag = NULL;
+    p->n = 0;
+}
+
+bool plant_describe(struct plant *p, const struct apc_tag *tags, size_t n, struct loops *loops)
 {
     struct plant next = *p;
-    next.nu = tags_count(tags, n, APC_ACTUATOR);
     next.tag = calloc(n + 1, sizeof *next.tag);
-    next.pair = calloc(next.nu + 1, sizeof *next.pair);
     next.n = 0;
+    next.loops = *loops;
+    *loops = (struct loops){0};
     for (size_t i = 0; i < n && next.tag; i++)
-        if (shown(tags[i].table))
+        if (shown(&tags[i]))
             next.tag[next.n++] = tags[i];
-    next.ny = tags_count(tags, n, APC_SENSOR);
-    next.nz = tags_count(tags, n, APC_SETPOINT);
-    next.tunings = tags_count(tags, n, APC_TUNING);
-    for (size_t i = 0; i < next.nu && next.pair; i++)
-        next.pair[i] = pair_of(&next, pair, i);
-    if (!next.tag || !next.pair || !differs(p, &next)) {
-        free(next.tag);
-        free(next.pair);
+    if (!next.tag || !differs(p, &next)) {
+        plant_forget(&next);
         return false;
     }
-    free(p->tag);
-    free(p->pair);
+    plant_forget(p);
     *p = next;
     p->revision++;
     return true;
 }
 
-bool plant_rhythms(struct plant *p, const struct rhythms *rhythms)
+bool plant_rhythm(struct plant *p, const char *task, apc_ns period)
 {
-    if (!memcmp(&p->rhythms, rhythms, sizeof *rhythms))
+    size_t i = 0;
+    while (i < p->rhythms && strcmp(p->rhythm[i].task, task) != 0)
+        i++;
+    if (i == p->rhythms) {
+        struct rhythm_of *more = realloc(p->rhythm, (i + 1) * sizeof *more);
+        if (!more)
+            return false;
+        p->rhythm = more;
+        p->rhythm[p->rhythms++] = (struct rhythm_of){0};
+        snprintf(p->rhythm[i].task, sizeof p->rhythm->task, "%s", task);
+    }
+    if (p->rhythm[i].period == period)
         return false;
-    p->rhythms = *rhythms;
+    p->rhythm[i].period = period;
     p->revision++;
     return true;
 }
 
 void plant_free(struct plant *p)
 {
-    free(p->tag);
-    free(p->pair);
-    p->tag = NULL;
-    p->pair = NULL;
-    p->n = p->nu = 0;
+    plant_forget(p);
+    free(p->rhythm);
+    p->rhythm = NULL;
+    p->rhythms = 0;
 }
 
 /* ---- Questions ---------------------------------------------------------------------------- */
@@ -125,25 +135,70 @@ int plant_find(const struct plant *p, enum apc_table table, int id)
     return -1;
 }
 
-apc_ns plant_period(const struct plant *p, enum apc_table table)
+int plant_controller(const struct plant *p, enum apc_table table, int id)
 {
-    const struct rhythms *r = &p->rhythms;
-    if (table == APC_SENSOR)
-        return r->client > r->plant ? r->client : r->plant;
-    return table == APC_ACTUATOR ? r->controller : 0;
+    const int at = plant_find(p, table, id);
+    const struct loops_controller *c = at < 0 ? NULL : loops_controller(&p->loops, p->tag[at].controller);
+    return c ? (int)(c - p->loops.controller) : -1;
 }
 
-int plant_confirmation(const struct plant *p)
+bool table_wanted(enum apc_table table)
 {
-    return (int)(1 + p->ny + p->nz + p->nu);
+    return table == APC_SETPOINT || table == APC_OPMODE || table == APC_TUNING || table == APC_MANUAL;
+}
+
+static apc_ns rhythm(const struct plant *p, const char *task)
+{
+    for (size_t i = 0; i < p->rhythms; i++)
+        if (!strcmp(p->rhythm[i].task, task))
+            return p->rhythm[i].period;
+    return 0;
+}
+
+apc_ns plant_tick(const struct plant *p, size_t controller)
+{
+    const apc_ns said = rhythm(p, p->loops.controller[controller].name);
+    return said > 0 ? said : p->loops.controller[controller].period;
+}
+
+static apc_ns described(double period)
+{
+    apc_ns ns;
+    return apc_period_from_s(period, &ns, NULL) < 0 ? 0 : ns;
+}
+
+apc_ns plant_period(const struct plant *p, enum apc_table table, int id)
+{
+    const int controller = plant_controller(p, table, id), at = plant_find(p, table, id);
+    const apc_ns client = rhythm(p, "client"), plant = rhythm(p, "plant"),
+                 said = client > plant ? client : plant;
+    if (at < 0 || (table != APC_SENSOR && table != APC_ACTUATOR))
+        return 0;
+    if (controller >= 0)
+        return plant_tick(p, (size_t)controller);
+    return table == APC_SENSOR && said > 0 ? said : described(p->tag[at].period);
+}
+
+bool loop_may(const struct loops_loop *loop, enum apc_mode mode)
+{
+    return mode == APC_MODE_MAN || mode == APC_MODE_AUTO || mode == APC_MODE_OOS ||
+           (mode == APC_MODE_CAS && loop->above >= 0);
 }
 
 /* ---- For the page ------------------------------------------------------------------------- */
 
+static void period_json(apc_ns period, struct text *t)
+{
+    text_add(t, ",\"period\":");
+    if (period > 0)
+        json_seconds_add(t, period);
+    else
+        text_add(t, "null");
+}
+
 static void variable_json(const struct plant *p, const struct apc_tag *tag, struct text *t)
 {
     char ref[REF_LEN];
-    apc_ns period = plant_period(p, tag->table);
     text_add(t, "{\"ref\":\"%s\",\"table\":\"%s\",\"id\":%d,\"name\":", ref_format(tag->table, tag->id, ref),
              apc_table_name(tag->table), tag->id);
     json_string_add(t, tag->name);
@@ -155,75 +210,133 @@ static void variable_json(const struct plant *p, const struct apc_tag *tag, stru
     json_limit_add(t, tag->low);
     text_add(t, ",\"high\":");
     json_limit_add(t, tag->high);
-    text_add(t, ",\"period\":");
-    if (period > 0)
-        json_seconds_add(t, period);
-    else
-        text_add(t, "null");
+    period_json(plant_period(p, tag->table, tag->id), t);
     text_add(t, "},");
 }
 
-static void partner_json(struct text *t, const char *member, enum apc_table table, size_t id)
+static void controller_json(const struct plant *p, size_t i, struct text *t)
+{
+    text_add(t, "{\"number\":%d,\"name\":", p->loops.controller[i].number);
+    json_string_add(t, p->loops.controller[i].name);
+    period_json(plant_tick(p, i), t);
+    text_add(t, "},");
+}
+
+/* What stands behind NAME and a dot; NULL: it does not begin so. */
+static const char *behind(const char *text, const char *name)
+{
+    const size_t n = strlen(name);
+    return n > 0 && !strncmp(text, name, n) && text[n] == '.' ? text + n + 1 : NULL;
+}
+
+static const char *without_controller(const struct plant *p, const struct loops_loop *loop, const char *name)
+{
+    const char *rest = behind(name, p->loops.controller[loop->controller].name);
+    return rest ? rest : name;
+}
+
+static void partner_json(struct text *t, const char *member, enum apc_table table, int id)
 {
     char ref[REF_LEN];
     if (id > 0)
-        text_add(t, ",\"%s\":\"%s\"", member, ref_format(table, (int)id, ref));
+        text_add(t, ",\"%s\":\"%s\"", member, ref_format(table, id, ref));
     else
         text_add(t, ",\"%s\":null", member);
 }
 
-/* "u1.Kp" of output u1 is Kp: as provisioned for more outputs than one. */
-static const char *short_name(const struct plant *p, const struct apc_tag *output,
-                              const struct apc_tag *tuning)
+static const char *measurement_of(const struct plant *p, const struct loops_loop *loop)
 {
-    size_t n = strlen(output->name);
-    bool prefixed = p->nu > 1 && !strncmp(tuning->name, output->name, n) && tuning->name[n] == '.';
-    return prefixed ? tuning->name + n + 1 : tuning->name;
+    const int at = plant_find(p, APC_SENSOR, loop->measurement);
+    return at < 0 ? "" : p->tag[at].name;
 }
 
-static void tunings_json(const struct plant *p, size_t loop, struct text *t)
+/* Of another loop, or of a measurement of others? */
+static bool is_of_another(const struct plant *p, const struct loops_loop *loop, const char *name)
 {
+    for (size_t i = 0; i < p->loops.n; i++) {
+        const struct loops_loop *other = &p->loops.at[i];
+        if (other != loop && other->controller == loop->controller &&
+            (behind(name, other->name) ||
+             (other->measurement != loop->measurement &&
+              behind(without_controller(p, loop, name), measurement_of(p, other)))))
+            return true;
+    }
+    return false;
+}
+
+/* What a parameter is called in a loop, "Kp" of "u1.Kp"; NULL: it is not the loop's. What is of the law or of
+ * a measurement that no loop has, is that of each loop of the controller. */
+static const char *parameter(const struct plant *p, const struct loops_loop *loop, const struct apc_tag *tag)
+{
+    const char *own = behind(tag->name, loop->name);
+    if (tag->table != APC_TUNING || plant_controller(p, APC_TUNING, tag->id) != (int)loop->controller)
+        return NULL;
+    return own ? own : is_of_another(p, loop, tag->name) ? NULL : without_controller(p, loop, tag->name);
+}
+
+static void tunings_json(const struct plant *p, const struct loops_loop *loop, struct text *t)
+{
+    struct text names = {0};
     char ref[REF_LEN];
-    const struct apc_tag *output = &p->tag[plant_find(p, APC_ACTUATOR, (int)loop)];
-    size_t each = p->tunings / p->nu, first = (loop - 1) * each + 1;
     text_add(t, ",\"tuning\":[");
-    for (size_t i = first; i < first + each; i++)
-        text_add(t, "\"%s\",", ref_format(APC_TUNING, (int)i, ref));
-    text_chop(t, ',');
-    text_add(t, "],\"parameters\":[");
-    for (size_t i = first; i < first + each; i++) {
-        int at = plant_find(p, APC_TUNING, (int)i);
-        json_string_add(t, at < 0 ? "" : short_name(p, output, &p->tag[at]));
-        text_add(t, ",");
+    for (size_t i = 0; i < p->n; i++) {
+        const char *name = parameter(p, loop, &p->tag[i]);
+        if (!name)
+            continue;
+        text_add(t, "\"%s\",", ref_format(APC_TUNING, p->tag[i].id, ref));
+        json_string_add(&names, name);
+        text_add(&names, ",");
     }
     text_chop(t, ',');
+    text_chop(&names, ',');
+    text_add(t, "],\"parameters\":[");
+    text_put(t, names.at, names.n);
     text_add(t, "]");
+    text_free(&names);
 }
 
-/* A loop is called as what it controls; a second one of the same measurement, as its output. */
-static const char *loop_name(const struct plant *p, size_t i)
+/* A loop is called as what it controls; a second one of the same measurement, as its modes. */
+static const char *loop_name(const struct plant *p, const struct loops_loop *loop)
 {
-    int y = plant_find(p, APC_SENSOR, (int)p->pair[i].measurement),
-        u = plant_find(p, APC_ACTUATOR, (int)i + 1);
-    for (size_t k = 0; k < i; k++)
-        if (p->pair[k].measurement == p->pair[i].measurement)
-            y = -1;
-    return p->tag[y < 0 ? u : y].name;
+    const char *name = measurement_of(p, loop);
+    for (const struct loops_loop *one = p->loops.at; one < loop; one++)
+        if (one->measurement == loop->measurement)
+            name = "";
+    return name[0] ? name : loop->name;
 }
 
-static void loop_json(const struct plant *p, size_t i, struct text *t)
+static void mode_json(const struct loops_loop *loop, struct text *t)
 {
-    const int id = (int)i + 1;
-    char ref[REF_LEN];
-    if (plant_find(p, APC_ACTUATOR, id) < 0)
-        return;
-    text_add(t, "{\"id\":%d,\"name\":", id);
-    json_string_add(t, loop_name(p, i));
-    partner_json(t, "measurement", APC_SENSOR, p->pair[i].measurement);
-    partner_json(t, "setpoint", APC_SETPOINT, p->pair[i].setpoint);
-    text_add(t, ",\"output\":\"%s\"", ref_format(APC_ACTUATOR, id, ref));
-    text_add(t, ",\"manual\":\"%s\"", ref_format(APC_MANUAL, id, ref));
-    tunings_json(p, i + 1, t);
+    char target[REF_LEN], actual[REF_LEN];
+    static const enum apc_mode modes[] = {APC_MODE_OOS, APC_MODE_MAN, APC_MODE_AUTO, APC_MODE_CAS};
+    text_add(t, ",\"mode\":{\"target\":\"%s\",\"actual\":\"%s\",\"targets\":[",
+             ref_format(APC_OPMODE, loop->id, target),
+             ref_format(APC_ACTUAL, apc_variable_number(APC_OPMODE, loop->id), actual));
+    for (size_t i = 0; i < sizeof modes / sizeof *modes; i++)
+        if (loop_may(loop, modes[i]))
+            text_add(t, "\"%s\",", apc_mode_name((int)modes[i]));
+    text_chop(t, ',');
+    text_add(t, "]}");
+}
+
+static void loop_json(const struct plant *p, const struct loops_loop *loop, struct text *t)
+{
+    text_add(t, "{\"id\":%d,\"name\":", loop->id);
+    json_string_add(t, loop_name(p, loop));
+    text_add(t, ",\"called\":");
+    json_string_add(t, loop->name);
+    text_add(t, ",\"controller\":");
+    json_string_add(t, p->loops.controller[loop->controller].name);
+    partner_json(t, "measurement", APC_SENSOR, loop->measurement);
+    partner_json(t, "setpoint", APC_SETPOINT, loop->setpoint);
+    partner_json(t, "output", loop->table, loop->output);
+    partner_json(t, "manual", APC_MANUAL, loop->manual);
+    if (loop->above >= 0)
+        text_add(t, ",\"above\":%d", p->loops.at[loop->above].id);
+    else
+        text_add(t, ",\"above\":null");
+    mode_json(loop, t);
+    tunings_json(p, loop, t);
     text_add(t, "},");
 }
 
@@ -242,11 +355,17 @@ void plant_json(const struct plant *p, struct text *t)
     for (size_t i = 0; i < p->n; i++)
         variable_json(p, &p->tag[i], t);
     text_chop(t, ',');
-    text_add(t, "],\"loops\":[");
-    for (size_t i = 0; i < p->nu; i++)
-        loop_json(p, i, t);
+    text_add(t, "],\"controllers\":[");
+    for (size_t i = 0; i < p->loops.n_controllers; i++)
+        controller_json(p, i, t);
     text_chop(t, ',');
-    text_add(
-        t, "],\"mode\":{\"target\":\"opmode.0\",\"actual\":\"opmode.1\",\"names\":[\"Man\",\"Auto\",\"OOS\"],"
-           "\"targets\":[\"Man\",\"Auto\"]}}");
+    text_add(t, "],\"loops\":[");
+    for (size_t i = 0; i < p->loops.n; i++)
+        loop_json(p, &p->loops.at[i], t);
+    text_chop(t, ',');
+    text_add(t, "],\"modes\":[");
+    for (int mode = APC_MODE_MAN; mode <= APC_MODE_LO; mode++)
+        text_add(t, "\"%s\",", apc_mode_name(mode));
+    text_chop(t, ',');
+    text_add(t, "]}");
 }

@@ -256,14 +256,8 @@ static void tell_tasks(struct records *r)
             task_json(&m->task[i], now, &t);
             text_put(&t, ",", 1);
         }
-    /* What the tasks say counts more than what a file said. */
-    struct rhythms rhythms = m->plant.rhythms;
-    apc_ns client = model_task_period(m, "client"), plant = model_task_period(m, "plant"),
-           controller = model_task_period(m, "controller");
-    rhythms.client = client ? client : rhythms.client;
-    rhythms.plant = plant ? plant : rhythms.plant;
-    rhythms.controller = controller ? controller : rhythms.controller;
-    plant_rhythms(&m->plant, &rhythms);
+    for (size_t i = 0; i < m->tasks; i++) /* they count more than what a file said */
+        plant_rhythm(&m->plant, m->task[i].name, m->task[i].period);
     pthread_mutex_unlock(&m->mutex);
     bool news = t.n > empty;
     text_chop(&t, ',');

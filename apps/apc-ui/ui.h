@@ -75,18 +75,23 @@ struct link_state {
     uint64_t changes;
 };
 
+#define TROUBLE_LEN 192
+
 /* What stands, whatever scrolls away: told by events, judged by ticks. */
 struct standing {
-    int safe;          /* the plant at its safe value: 1, 0; -1: nobody has said */
-    apc_ns safe_since; /* UTC */
-    char trouble[192]; /* what the controller complained of last and has not taken back, or "" */
+    int safe;                     /* the plant at its safe value: 1, 0; -1: nobody has said */
+    apc_ns safe_since;            /* UTC */
+    char (*trouble)[TROUBLE_LEN]; /* [loops] what was complained of last and has not been taken back, or "" */
 };
 
 struct model {
     pthread_mutex_t mutex;
     struct plant plant;
-    struct apc_sample *now; /* [plant.n], as plant.tag, and the controller's confirmation behind them */
-    apc_ns *moved;          /* monotonic: when the seq was last seen to move; 0: never */
+    struct apc_sample *now; /* [count] as plant.tag; behind them what became of all that people may want */
+    apc_ns *moved;          /* [count] monotonic: when the seq was last seen to move; 0: never */
+    size_t count;
+    struct apc_vector *tick; /* [plant.loops.n_controllers] no element of them, only when they were */
+    apc_ns *ticked;          /* [plant.loops.n_controllers] as moved */
     bool connected;
     apc_ns since; /* UTC */
     char error[300];
@@ -154,7 +159,7 @@ int model_init(struct model *m);
 void model_free(struct model *m);
 /* New descriptions, and which loops they make: what was read is unknown again. Returns true when they
  * changed. */
-bool model_describe(struct model *m, const struct apc_tag *tags, size_t n, const struct apc_pair *pair);
+bool model_describe(struct model *m, const struct apc_tag *tags, size_t n, struct loops *loops);
 /* Read them from the store. Returns 0 or its error. */
 int model_load(struct model *m, struct apc_store *store);
 /* Of an event: what of it stands. */
@@ -166,13 +171,12 @@ bool model_stale(const struct model *m, size_t i, apc_ns now);
 /* The ticks of a task that has reported are due: a window is written every 5 s if there was one in it.
  * Locked. */
 bool task_silent(const struct task *task, apc_ns now);
-/* Does the controller control, as its ticks tell? 1, 0; -1: not known. Locked. */
-int model_controlled(const struct model *m, apc_ns now);
+/* Does the controller tick? 1, 0; -1: how often it should is not known. Locked. */
+int model_ticks(const struct model *m, size_t controller, apc_ns now);
+apc_ns model_tick_age(const struct model *m, size_t controller, apc_ns now); /* < 0: it never did. Locked. */
 /* What does not tick, a line each, for people. Returns how many. Locked. */
 size_t model_silent(const struct model *m, apc_ns now, struct text *t);
 void control_json(const struct model *m, apc_ns now, struct text *t); /* locked */
-/* The period that the task last told; 0: it has told nothing. Locked. */
-apc_ns model_task_period(const struct model *m, const char *name);
 void model_store(struct ui *ui, bool connected, const char *error);
 void store_state_json(const struct model *m, struct text *t); /* locked */
 

@@ -5,7 +5,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "plant.h"
+#include "run/outcome.h"
+
+#define EVENT_LATE (2 * APC_NS_PER_S) /* after the row that it tells of */
 
 struct writes {
     pthread_mutex_t mutex;
@@ -67,11 +69,9 @@ void write_json(const struct write *write, struct text *t)
                                         [WRITE_OUTPUT] = "output",
                                         [WRITE_MODE] = "mode",
                                         [WRITE_TUNING] = "tuning"};
-    static const char *const states[] = {[WRITE_BEGUN] = "unknown",
-                                         [WRITE_ACCEPTED] = "accepted",
-                                         [WRITE_APPLIED] = "applied",
-                                         [WRITE_FAILED] = "failed",
-                                         [WRITE_UNKNOWN] = "unknown"};
+    static const char *const states[] = {
+        [WRITE_BEGUN] = "unknown",         [WRITE_ACCEPTED] = "accepted", [WRITE_APPLIED] = "applied",
+        [WRITE_SUPERSEDED] = "superseded", [WRITE_FAILED] = "failed",     [WRITE_UNKNOWN] = "unknown"};
     text_add(t, "{\"key\":\"%s\",\"kind\":\"%s\",\"user\":", write->key, kinds[write->kind]);
     json_string_add(t, write->user);
     text_add(t, ",\"time\":");
@@ -117,7 +117,7 @@ static struct write *find(struct writes *w, const char *key)
 
 static int begin(struct writes *w, const struct write *write)
 {
-    struct write_change *change = calloc(write->n, sizeof *change);
+    struct write_change *change = calloc(write->n + 1, sizeof *change);
     struct write *place = &w->at[w->next % WRITES];
     if (!change)
         return APC_ENOMEM;
@@ -127,7 +127,7 @@ static int begin(struct writes *w, const struct write *write)
     place->change = change;
     place->state = WRITE_BEGUN;
     place->stored = -1;
-    place->taken = -1;
+    place->asked = -1;
     w->next++;
     return 0;
 }
@@ -158,15 +158,16 @@ static void turn(struct writes *w, struct write *write, enum write_state state, 
     w->told(w->ctx, write);
 }
 
-void writes_end(struct writes *w, const char *key, enum write_state state, int stored, const char *reason,
-                const struct write_change *change, apc_ns now, struct text *t)
+void writes_end(struct writes *w, const char *key, const struct write *ended, const char *reason, apc_ns now,
+                struct text *t)
 {
     pthread_mutex_lock(&w->mutex);
     struct write *write = find(w, key);
     if (write) {
-        memcpy(write->change, change, write->n * sizeof *change);
+        write->n = ended->n <= write->n ? ended->n : write->n + 1; /* begin() left room for one */
+        memcpy(write->change, ended->change, write->n * sizeof *write->change);
         write->ended = now;
-        turn(w, write, state, stored, reason);
+        turn(w, write, ended->state, ended->stored, reason);
         write_json(write, t);
     }
     pthread_mutex_unlock(&w->mutex);
@@ -182,66 +183,155 @@ static const struct apc_sample *newest(const struct seen *seen, enum apc_table t
     return NULL;
 }
 
-static double total(const struct seen *seen)
+static bool is_ours(const struct apc_sample *s, const struct apc_sample *ours)
 {
-    double sum = 0;
-    for (size_t i = 0; i < seen->n; i++) {
-        const struct apc_sample *s = &seen->samples[i];
-        if (s->table == APC_SETPOINT || s->table == APC_TUNING || s->table == APC_MANUAL ||
-            (s->table == APC_OPMODE && s->id == 0))
-            sum += (double)s->seq;
-    }
-    return sum;
+    return s->time == ours->time && s->value >= ours->value && s->value <= ours->value;
 }
 
-/* Nobody answered whether it was stored: the rows tell, once one of the seqs is taken. */
+/* Nobody answered whether it was stored: the rows tell, once one of the seqs is taken. Where the seq was the
+ * store's to give, only our own row tells anything. */
 static void settle_stored(struct writes *w, struct write *write, const struct seen *seen, apc_ns now)
 {
-    const struct write_change *c = &write->change[0];
-    const struct apc_sample *s = newest(seen, c->after.table, c->after.id);
-    if (!s || s->seq < c->after.seq)
+    struct apc_sample *ours = &write->change[0].after;
+    const bool given = ours->seq > 0;
+    const struct apc_sample *s = newest(seen, ours->table, ours->id);
+    if (!s || s->seq == 0 || (given && s->seq < ours->seq))
         return;
-    if (s->seq == c->after.seq && s->time == c->after.time && !(s->value < c->after.value) &&
-        !(s->value > c->after.value)) {
+    if ((!given || s->seq == ours->seq) && is_ours(s, ours)) {
+        ours->seq = s->seq;
         write->ended = now;
         turn(w, write, WRITE_ACCEPTED, 1, "");
-    } else if (s->seq == c->after.seq) {
+    } else if (given && s->seq == ours->seq) {
         turn(w, write, WRITE_FAILED, 0, "it was not written: somebody else wrote first");
     }
 }
 
-static void settle_used(struct writes *w, struct write *write, const struct seen *seen, apc_ns now)
+static const struct apc_sample *actual_of(const struct seen *seen, const struct apc_sample *s)
 {
-    const struct write_change *c = &write->change[0];
-    const struct apc_sample *own = newest(seen, c->after.table, c->after.id);
-    if (write->taken < 0 && own && own->seq >= c->after.seq)
-        write->taken = total(seen);
-    if (write->taken >= 0 && seen->taken >= write->taken) {
-        const struct apc_sample *actual = newest(seen, APC_OPMODE, 1);
-        double mode = actual && actual->seq > 0 ? actual->value : -1;
-        char reason[160];
-        if (write->kind != WRITE_MODE || (own && own->seq > c->after.seq) ||
-            !(mode < c->after.value || mode > c->after.value)) {
-            turn(w, write, WRITE_APPLIED, 1, "");
-            return;
-        }
-        const char *name = mode < 0 ? NULL : apc_mode_name((int)mode);
-        snprintf(reason, sizeof reason, "the controller is in %s", name ? name : "no mode");
-        turn(w, write, WRITE_FAILED, 1, reason);
-    } else if (write->state == WRITE_ACCEPTED && now - write->ended > seen->patience) {
-        turn(w, write, WRITE_UNKNOWN, 1, "it is stored, but the controller has not confirmed it");
-    }
+    static const struct apc_sample none = {0};
+    const struct apc_sample *actual = newest(seen, APC_ACTUAL, apc_variable_number(s->table, s->id));
+    return actual ? actual : &none;
 }
 
-void writes_settle(struct writes *w, const struct seen *seen, apc_ns now)
+static int controller_of(const struct seen *seen, const struct apc_sample *s)
 {
+    const struct apc_sample *own = newest(seen, s->table, s->id);
+    return own ? seen->by[own - seen->samples] : -1;
+}
+
+static enum outcome judge(const struct seen *seen, const struct apc_sample *s)
+{
+    static const struct apc_vector never = {0};
+    const int by = controller_of(seen, s);
+    const struct outcome_seen one = {.write = s,
+                                     .actual = actual_of(seen, s),
+                                     .tick = by < 0 ? &never : &seen->tick[by],
+                                     .period = by < 0 ? 0 : seen->controller[by].period,
+                                     .now = seen->utc};
+    return outcome_of(&one);
+}
+
+/* Of a write that is one transaction the part that is furthest from being in force. */
+static enum outcome worst(const struct seen *seen, const struct write *write, const struct write_change **of)
+{
+    static const int rank[] = {[OUTCOME_APPLIED] = 1,
+                               [OUTCOME_SUPERSEDED] = 2,
+                               [OUTCOME_WAITING] = 3,
+                               [OUTCOME_NOBODY] = 4,
+                               [OUTCOME_REFUSED] = 5};
+    enum outcome found = OUTCOME_APPLIED;
+    *of = write->change;
+    for (size_t i = 0; i < write->n; i++) {
+        const enum outcome one = judge(seen, &write->change[i].after);
+        if (rank[one] <= rank[found])
+            continue;
+        found = one;
+        *of = &write->change[i];
+    }
+    return found;
+}
+
+static apc_ns patience(const struct seen *seen, int by)
+{
+    const apc_ns period = by < 0 ? 0 : seen->controller[by].period;
+    return 3 * (period > 0 ? period : 2 * APC_NS_PER_S) + 2 * APC_NS_PER_S;
+}
+
+static void not_confirmed(struct writes *w, struct write *write, const struct seen *seen,
+                          const struct apc_sample *s, enum outcome outcome)
+{
+    const int by = controller_of(seen, s);
+    const struct apc_sample *actual = actual_of(seen, s);
+    const char *mode = s->table == APC_OPMODE && actual->origin == s->seq && actual->seq > 0
+                           ? apc_mode_name((int)actual->value)
+                           : NULL;
+    char reason[160];
+    if (by < 0)
+        snprintf(reason, sizeof reason, "it is stored, but no controller takes it");
+    else if (outcome == OUTCOME_NOBODY)
+        snprintf(reason, sizeof reason, "it is stored, but controller %.63s does not tick: nobody applies it",
+                 seen->controller[by].name);
+    else if (mode)
+        snprintf(reason, sizeof reason, "it is asked for, but the loop is in %s", mode);
+    else
+        snprintf(reason, sizeof reason, "it is stored, but controller %.63s has not confirmed it",
+                 seen->controller[by].name);
+    turn(w, write, WRITE_UNKNOWN, 1, reason);
+}
+
+/* Returns whether its event is wanted, once a round. */
+static bool refused(struct writes *w, struct write *write, const struct write_change *c, apc_ns now,
+                    struct refusal *r)
+{
+    const bool found = !strcmp(r->key, write->key) && r->text[0];
+    if (!found && write->asked != now) {
+        write->asked = now;
+        *r = (struct refusal){.since = write->time};
+        memcpy(r->key, write->key, sizeof r->key);
+        memcpy(r->name, c->name, sizeof r->name);
+        return true;
+    }
+    if (found || now - write->ended > EVENT_LATE)
+        turn(w, write, WRITE_FAILED, 1, found ? r->text : "its controller refused it");
+    return false;
+}
+
+static bool settle_used(struct writes *w, struct write *write, const struct seen *seen, apc_ns now,
+                        struct refusal *r)
+{
+    const struct write_change *c;
+    const enum outcome outcome = worst(seen, write, &c);
+    switch (outcome) {
+    case OUTCOME_APPLIED:
+        turn(w, write, WRITE_APPLIED, 1, "");
+        break;
+    case OUTCOME_SUPERSEDED:
+        turn(w, write, WRITE_SUPERSEDED, 1, "a newer value came after it");
+        break;
+    case OUTCOME_REFUSED:
+        return refused(w, write, c, now, r);
+    case OUTCOME_NOBODY:
+    case OUTCOME_WAITING:
+        if (write->state == WRITE_ACCEPTED &&
+            (outcome == OUTCOME_NOBODY ||
+             now - write->ended > patience(seen, controller_of(seen, &c->after))))
+            not_confirmed(w, write, seen, &c->after, outcome);
+        break;
+    }
+    return false;
+}
+
+bool writes_settle(struct writes *w, const struct seen *seen, apc_ns now, struct refusal *refusal)
+{
+    bool asks = false;
     pthread_mutex_lock(&w->mutex);
-    for (uint64_t i = w->next > WRITES ? w->next - WRITES : 0; i < w->next; i++) {
+    for (uint64_t i = w->next > WRITES ? w->next - WRITES : 0; i < w->next && !asks; i++) {
         struct write *write = &w->at[i % WRITES];
         if (write->state == WRITE_UNKNOWN && write->stored < 0)
             settle_stored(w, write, seen, now);
         if (write->state == WRITE_ACCEPTED || (write->state == WRITE_UNKNOWN && write->stored == 1))
-            settle_used(w, write, seen, now);
+            asks = settle_used(w, write, seen, now, refusal);
     }
     pthread_mutex_unlock(&w->mutex);
+    return asks;
 }

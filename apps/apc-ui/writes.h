@@ -5,12 +5,8 @@
  *
  *     unknown, stored not known   the row with the write's own seq and time is there: accepted;
  *                                 that seq is somebody else's: failed
- *     accepted                    the controller has taken as many rows as there were when ours was first
- * seen: applied (a mode: if the actual mode is the target, else failed); not within its time: unknown, stored
- *
- * The controller tells how many it has taken by one row of table state, the sum of the seqs of all setpoints,
- * the target mode, the tunings and the manual outputs. Seqs only rise and a read is of one instant, so a sum
- * that has reached the one of a read with our row in it includes our row.
+ *     accepted                    as run/outcome.h judges it: applied, superseded, or failed, when all of it
+ * is; unknown, stored, when its controller does not tick or takes too long
  */
 #ifndef APC_UI_WRITES_H
 #define APC_UI_WRITES_H
@@ -18,6 +14,7 @@
 #include <apcstore.h>
 
 #include "json.h"
+#include "plant.h"
 #include "users/users.h"
 
 #define WRITES        256
@@ -25,7 +22,14 @@
 #define KEY_LEN       65
 
 enum write_kind { WRITE_SETPOINT = 1, WRITE_OUTPUT, WRITE_MODE, WRITE_TUNING };
-enum write_state { WRITE_BEGUN = 1, WRITE_ACCEPTED, WRITE_APPLIED, WRITE_FAILED, WRITE_UNKNOWN };
+enum write_state {
+    WRITE_BEGUN = 1,
+    WRITE_ACCEPTED,
+    WRITE_APPLIED,
+    WRITE_SUPERSEDED,
+    WRITE_FAILED,
+    WRITE_UNKNOWN
+};
 
 struct write_change {
     char name[APC_TAG_LEN];
@@ -41,17 +45,27 @@ struct write {
     char reason[160];
     apc_ns time;  /* UTC */
     apc_ns ended; /* monotonic: when the attempt was over, and the controller's time began */
-    double taken; /* what the controller's sum must reach; < 0: our row was not seen yet */
+    apc_ns asked; /* monotonic: when its refusal was last asked for */
     size_t n;
     struct write_change *change; /* [n] */
 };
 
-/* The newest samples as of one instant. */
+/* The newest rows as of one instant. */
 struct seen {
-    const struct apc_sample *samples; /* all setpoints, opmode 0 and 1, tunings, manuals among them */
+    const struct apc_sample *samples; /* [n] all that was written and what became of it among them */
+    const int *by;                    /* [n] index of the controller that takes it; -1: none does */
     size_t n;
-    double taken;    /* the controller's sum; < 0: it has written none */
-    apc_ns patience; /* how long the controller may take to confirm */
+    const struct apc_vector *tick; /* of the controllers */
+    const struct loops_controller *controller;
+    apc_ns utc;
+};
+
+/* A write that its controller has refused: why is said by an event, which may come a little later. */
+struct refusal {
+    char key[KEY_LEN];
+    char name[APC_TAG_LEN];
+    apc_ns since;   /* UTC */
+    char text[160]; /* "": not found */
 };
 
 struct writes;
@@ -66,10 +80,12 @@ void writes_destroy(struct writes *writes);
  * only begun: APC_EBUSY); APC_ENOMEM. `change` is copied.
  */
 int writes_begin(struct writes *w, const struct write *write, struct text *t);
-/* How the attempt ended: a state, stored, a reason. The changes have the seqs that they were given. */
-void writes_end(struct writes *w, const char *key, enum write_state state, int stored, const char *reason,
-                const struct write_change *change, apc_ns now, struct text *t);
-void writes_settle(struct writes *w, const struct seen *seen, apc_ns now);
+/* How the attempt ended: state, stored, the changes with the seqs that they were given, one more perhaps than
+ * when it began. */
+void writes_end(struct writes *w, const char *key, const struct write *ended, const char *reason, apc_ns now,
+                struct text *t);
+/* Returns whether it wants to know why one was refused, and which: call it again with the text. */
+bool writes_settle(struct writes *w, const struct seen *seen, apc_ns now, struct refusal *refusal);
 /* All, or the one with this key. Returns how many. */
 size_t writes_json(struct writes *w, const char *key, struct text *t);
 

@@ -209,14 +209,14 @@ kill -INT "$run"
 wait "$run" || fail "apc run ended with $?"
 [ ! -e "$work/run/apc-ui.log" ] || fail "--no-ui did not keep the page away"
 
-# what does not tick is neither ready nor in the mode that it confirmed last
+# what does not tick is neither ready nor running
 serve after
 ask() { printf 'GET %s HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n' "$1" | "$APC_BUILD_DIR/tests/ui_probe" --raw "$ui_port"; }
-said_late() { ask /readyz | grep -q '^u: no sample for'; }
+said_late() { ask /readyz | grep -q '^controller: no tick for'; }
 until_true 20 said_late
 ask /readyz | grep -q '^HTTP/1.1 503' || fail "ready without a controller"
-ask /api/state | grep -q '"control":{"running":false,"target":"[A-Za-z]*","actual":null,"reason":"the controller is not running"' ||
-  fail "the mode of a controller that has ended is shown: $(ask /api/state)"
+ask /api/state | grep -q '"control":{"running":{"controller":false}' ||
+  fail "a controller that has ended is said to run: $(ask /api/state)"
 ask /livez | grep -q '^HTTP/1.1 200' || fail "not alive"
 kill -TERM "$pid"
 wait "$pid" || fail "apc-ui ended with $?"

@@ -328,7 +328,7 @@ static void refused_requests_write_nothing(void **state)
 {
     char header[200], stale[200], output[200], tuning[400];
     const int64_t z = seq_of(&anna, "setpoint.1"), manual = seq_of(&anna, "manual.1"),
-                  mode = seq_of(&anna, "opmode.0"), kp = seq_of(&anna, "tuning.1");
+                  mode = seq_of(&anna, "opmode.1"), kp = seq_of(&anna, "tuning.1");
     char good[200];
     (void)state;
     snprintf(good, sizeof good, "{\"id\":1,\"value\":3,\"seq\":%" JSON_INTEGER_FORMAT "}", (json_int_t)z);
@@ -340,7 +340,7 @@ static void refused_requests_write_nothing(void **state)
     } cases[] = {
         {&stranger, "/api/setpoint", NULL, good, 401, "login"},
         {&otto, "/api/setpoint", NULL, good, 403, "role"},
-        {&otto, "/api/mode", NULL, "{\"mode\":\"Man\",\"seq\":1}", 403, "role"},
+        {&otto, "/api/mode", NULL, "{\"id\":1,\"mode\":\"Man\",\"seq\":1}", 403, "role"},
         {&anna, "/api/setpoint", JSON "Origin: http://evil.example\r\n", good, 403, "origin"},
         {&anna, "/api/setpoint", JSON "Origin: null\r\n", good, 403, "origin"},
         {&anna, "/api/setpoint", JSON "Sec-Fetch-Site: cross-site\r\n", good, 403, "origin"},
@@ -367,9 +367,13 @@ static void refused_requests_write_nothing(void **state)
         {&anna, "/api/setpoint", NULL, stale, 409, "stale"},
         {&anna, "/api/output", NULL, output, 409, "mode"},
         {&anna, "/api/output", NULL, "{\"id\":1,\"value\":11,\"seq\":0}", 422, "limits"},
-        {&anna, "/api/mode", NULL, "{\"mode\":\"OOS\",\"seq\":1}", 422, "value"},
-        {&anna, "/api/mode", NULL, "{\"mode\":1,\"seq\":1}", 400, "json"},
-        {&anna, "/api/mode", NULL, "{\"mode\":\"Man\",\"seq\":0}", 409, "stale"},
+        {&anna, "/api/mode", NULL, "{\"id\":1,\"mode\":\"Cas\",\"seq\":1}", 422,
+         "value"}, /* nobody is above */
+        {&anna, "/api/mode", NULL, "{\"id\":1,\"mode\":\"LO\",\"seq\":1}", 422, "value"},
+        {&anna, "/api/mode", NULL, "{\"id\":1,\"mode\":1,\"seq\":1}", 400, "json"},
+        {&anna, "/api/mode", NULL, "{\"mode\":\"Man\",\"seq\":1}", 400, "json"},
+        {&anna, "/api/mode", NULL, "{\"id\":2,\"mode\":\"Man\",\"seq\":1}", 404, "variable"},
+        {&anna, "/api/mode", NULL, "{\"id\":1,\"mode\":\"Man\",\"seq\":0}", 409, "stale"},
         {&anna, "/api/tuning", NULL, "{\"values\":[]}", 400, "json"},
         {&anna, "/api/tuning", NULL, "{\"values\":[1]}", 400, "json"},
         {&anna, "/api/tuning", NULL, tuning, 409, "stale"}, /* one of two is */
@@ -399,7 +403,7 @@ static void refused_requests_write_nothing(void **state)
 
     assert_int_equal(seq_of(&anna, "setpoint.1"), z);
     assert_int_equal(seq_of(&anna, "manual.1"), manual);
-    assert_int_equal(seq_of(&anna, "opmode.0"), mode);
+    assert_int_equal(seq_of(&anna, "opmode.1"), mode);
     assert_int_equal(seq_of(&anna, "tuning.1"), kp);
 }
 
@@ -556,11 +560,11 @@ static void write_value(const struct client *c, struct http_stream *stream, cons
 static void write_mode(const struct client *c, struct http_stream *stream, const char *mode, double number)
 {
     char body[200];
-    snprintf(body, sizeof body, "{\"mode\":\"%s\",\"seq\":%" JSON_INTEGER_FORMAT "}", mode,
-             (json_int_t)seq_of(c, "opmode.0"));
+    snprintf(body, sizeof body, "{\"id\":1,\"mode\":\"%s\",\"seq\":%" JSON_INTEGER_FORMAT "}", mode,
+             (json_int_t)seq_of(c, "opmode.1"));
     json_decref(applied(c, stream, "/api/mode", body));
-    assert_near(value_of(c, "opmode.0"), number, 0);
     assert_near(value_of(c, "opmode.1"), number, 0);
+    assert_near(value_of(c, "actual.21"), number, 0);
 }
 
 static void what_an_operator_writes_is_accepted_then_applied(void **state)
@@ -639,7 +643,7 @@ static void what_was_refused_is_recorded_as_well(void **state)
 {
     struct client forger = local;
     (void)state;
-    expect_error(&otto, "POST", "/api/mode", NULL, "{\"mode\":\"Man\",\"seq\":1}", 403, "role");
+    expect_error(&otto, "POST", "/api/mode", NULL, "{\"id\":1,\"mode\":\"Man\",\"seq\":1}", 403, "role");
     await_refusal(&otto, "otto", "/api/mode from 127.0.0.1: otto is an observer");
     expect_error(&local, "POST", "/api/setpoint", NULL, "{\"id\":1,\"value\":1e6,\"seq\":1}", 422, "limits");
     await_refusal(&otto, "local", "r = 1e+06 lies above its limit 100");
@@ -705,7 +709,8 @@ static void a_token_opens_what_its_role_may_without_a_login(void **state)
     assert_string_equal(http_header(&reply, "Set-Cookie", body, sizeof body), "");
     http_free(&reply);
     snprintf(header, sizeof header, JSON "Authorization: Bearer %s\r\n", observer);
-    expect_error(&stranger, "POST", "/api/mode", header, "{\"mode\":\"Man\",\"seq\":1}", 403, "role");
+    expect_error(&stranger, "POST", "/api/mode", header, "{\"id\":1,\"mode\":\"Man\",\"seq\":1}", 403,
+                 "role");
     snprintf(header, sizeof header, JSON "Authorization: Bearer %s\r\n", writer);
     snprintf(body, sizeof body, "{\"id\":1,\"value\":15,\"seq\":%" JSON_INTEGER_FORMAT "}",
              (json_int_t)seq_of(&anna, "setpoint.1"));
@@ -934,7 +939,7 @@ static int ready(const char *port)
 {
     struct client c = {.port = atoi(port)};
     return client_get(&c, "/readyz", NULL) == 200 && seq_of(&c, "actuator.1") > 0 &&
-                   seq_of(&c, "opmode.1") > 0
+                   seq_of(&c, "actual.21") > 0
                ? 0
                : 1;
 }

@@ -18,7 +18,7 @@ static struct apc_store *store;
 static struct request request;
 static struct connection from = {.address = "10.0.0.7"};
 static const char *query[10]; /* name, value, ... */
-static struct apc_tag tags[20 + TUNINGS];
+static struct apc_tag tags[30 + TUNINGS];
 static size_t n_tags;
 
 /* In place of those that ask a connection. */
@@ -72,13 +72,46 @@ static void tag(enum apc_table table, int id, const char *name, double low, doub
     snprintf(t->name, sizeof t->name, "%s", name);
 }
 
+/* Those from here on are a controller's. */
+static void tags_of(const char *controller, size_t first)
+{
+    for (size_t i = first; i < n_tags; i++)
+        snprintf(tags[i].controller, sizeof tags[i].controller, "%s", controller);
+}
+
+static void tag_loop(int id, const char *name, const char *controller)
+{
+    const size_t first = n_tags;
+    char text[APC_TAG_LEN];
+    tag(APC_OPMODE, id, name, 0, 3);
+    snprintf(text, sizeof text, "%s.mode.actual", name);
+    tag(APC_ACTUAL, apc_variable_number(APC_OPMODE, id), text, 0, 5);
+    snprintf(text, sizeof text, "%s.manual", name);
+    tag(APC_MANUAL, id, text, 0, 10);
+    tags_of(controller, first);
+}
+
+static int by_table(const void *a, const void *b)
+{
+    const struct apc_tag *one = a, *other = b;
+    return one->table != other->table ? (int)one->table - (int)other->table : one->id - other->id;
+}
+
+static int append_dim(int id, double value)
+{
+    static int64_t seq;
+    struct apc_sample s = {.table = APC_DIM, .id = id, .seq = ++seq, .time = S, .value = value};
+    return apc_store_append(store, &s, 1);
+}
+
 static void no_telling(void *ctx, const struct write *write)
 {
     (void)ctx;
     (void)write;
 }
 
-/* Two of each, and as many tunings as one write may change. */
+/* Two of each with controller "base", and one loop above, which moves r1; as many tunings as one write may
+ * change. */
 static int set_up(void **state)
 {
     (void)state;
@@ -86,19 +119,24 @@ static int set_up(void **state)
     n_tags = 0;
     tag(APC_SENSOR, 1, "y1", -APC_VALUE_MAX, APC_VALUE_MAX);
     tag(APC_SENSOR, 2, "y2", 0, 1);
+    tag(APC_OPMODE, 0, "mode", 0, 3);
+    tag(APC_TICK, 1, "base", 0, 0);
+    tag(APC_TICK, 2, "upper", 0, 0);
+    const size_t first = n_tags;
     tag(APC_ACTUATOR, 1, "u1", 0, 10);
     tag(APC_ACTUATOR, 2, "u2", 0, 10);
     tag(APC_SETPOINT, 1, "r1", -100, 100);
     tag(APC_SETPOINT, 2, "r2", -100, 100);
-    tag(APC_OPMODE, 0, "mode", 0, 2);
-    tag(APC_OPMODE, 1, "actual", 0, 2);
-    tag(APC_MANUAL, 1, "u1.manual", 0, 10);
-    tag(APC_MANUAL, 2, "u2.manual", 0, 10);
     for (int i = 1; i <= TUNINGS; i++) {
         char name[16];
         snprintf(name, sizeof name, "k%d", i);
         tag(APC_TUNING, i, name, -1000, 1000);
     }
+    tags_of("base", first);
+    tag_loop(1, "u1", "base");
+    tag_loop(2, "u2", "base");
+    tag_loop(3, "upper.r1", "upper");
+    qsort(tags, n_tags, sizeof *tags, by_table);
     ui->options.store = "mem:handlers";
     if (apc_log_create(&ui->log, STDERR_FILENO, "test", APC_LOG_ERROR) < 0 || model_init(&ui->model) < 0 ||
         stream_create(&ui->stream) < 0 || writes_create(&ui->writes, no_telling, NULL) < 0 ||
@@ -106,7 +144,13 @@ static int set_up(void **state)
         pthread_mutex_init(&ui->users_mutex, NULL) || meter_init(&ui->reads) < 0 ||
         meter_init(&ui->stores) < 0 || meter_init(&ui->lag) < 0 ||
         apc_store_open(&store, "mem:handlers", NULL, NULL) < 0 || apc_store_init(store) < 0 ||
-        apc_store_put_tags(store, tags, n_tags) < 0 || model_load(&ui->model, store) < 0)
+        apc_store_put_tags(store, tags, n_tags) < 0)
+        return -1;
+    static const double pairs[] = {1, 1, 2, 2, 1, 0};
+    for (int i = 0; i < 6; i++)
+        if (append_dim(4 + i, pairs[i]) < 0)
+            return -1;
+    if (model_load(&ui->model, store) < 0)
         return -1;
     ui->open = true;
     ui->began = apc_clock_mono(NULL);
@@ -151,10 +195,23 @@ static void came(enum apc_table table, int id, double value, apc_ns age)
     ui->model.moved[s - ui->model.now] = apc_clock_mono(NULL) - age;
 }
 
+static void ticked(size_t controller, apc_ns age)
+{
+    ui->model.tick[controller].seq++;
+    ui->model.ticked[controller] = apc_clock_mono(NULL) - age;
+}
+
+static void actual(int loop, enum apc_mode mode)
+{
+    came(APC_ACTUAL, apc_variable_number(APC_OPMODE, loop), mode, 0);
+}
+
 static void period(apc_ns controller, apc_ns client)
 {
-    const struct rhythms rhythms = {.controller = controller, .client = client, .plant = client};
-    plant_rhythms(&ui->model.plant, &rhythms);
+    plant_rhythm(&ui->model.plant, "base", controller);
+    plant_rhythm(&ui->model.plant, "upper", 10 * controller);
+    plant_rhythm(&ui->model.plant, "client", client);
+    plant_rhythm(&ui->model.plant, "plant", client);
 }
 
 static void all_came(apc_ns age)
@@ -162,9 +219,12 @@ static void all_came(apc_ns age)
     for (int id = 1; id <= 2; id++) {
         came(APC_SENSOR, id, 0.5, age);
         came(APC_ACTUATOR, id, 1.25, age);
+        ticked((size_t)id - 1, age);
     }
-    came(APC_OPMODE, 0, APC_MODE_AUTO, age);
-    came(APC_OPMODE, 1, APC_MODE_AUTO, age);
+    for (int id = 1; id <= 3; id++) {
+        came(APC_OPMODE, id, APC_MODE_AUTO, age);
+        actual(id, APC_MODE_AUTO);
+    }
 }
 
 static void an_event(const char *source, const char *kind, enum apc_event_severity severity, const char *text)
@@ -220,21 +280,32 @@ static void what_never_came_but_should_is_stale(void **state)
     assert_false(stale("sensor.1"));
 }
 
-static void a_mode_that_nobody_confirms_any_more_is_not_shown(void **state)
+static void a_controller_is_judged_by_its_own_ticks(void **state)
 {
     (void)state;
     all_came(0);
-    assert_string_equal(control("running"), "null"); /* nobody has said how often it ticks */
+    assert_string_equal(control("running"),
+                        "{\"base\": null, \"upper\": null}"); /* nobody has said how often */
     period(S, S);
-    assert_string_equal(control("running"), "true");
-    assert_string_equal(control("target"), "\"Auto\"");
-    assert_string_equal(control("actual"), "\"Auto\"");
-    assert_string_equal(control("reason"), "null");
-    all_came(10 * S);
-    assert_string_equal(control("running"), "false");
-    assert_string_equal(control("target"), "\"Auto\"");
-    assert_string_equal(control("actual"), "null");
-    assert_string_equal(control("reason"), "\"the controller is not running\"");
+    assert_string_equal(control("running"), "{\"base\": true, \"upper\": true}");
+    assert_string_equal(control("reasons"), "{}");
+    all_came(10 * S); /* many periods of one, one of the other */
+    assert_string_equal(control("running"), "{\"base\": false, \"upper\": true}");
+    actual(1, APC_MODE_LO);
+    assert_string_equal(control("reasons"), "{}"); /* what it says is no news any more */
+    came(APC_SENSOR, 1, 0.5, 0);
+    came(APC_SENSOR, 2, 0.5, 0);
+    const char *ready = ask_text(get_readyz);
+    assert_non_null(strstr(ready, "base: no tick for 10."));
+    assert_null(strstr(ready, "u1")); /* said once */
+    assert_null(strstr(ready, "upper"));
+    const char *metrics = ask_text(get_metrics);
+    assert_non_null(strstr(metrics, "\napc_control_running{controller=\"base\"} 0\n"));
+    assert_non_null(strstr(metrics, "\napc_control_running{controller=\"upper\"} 1\n"));
+    ticked(0, 0);
+    ui->model.tick[1].seq = 0;
+    assert_string_equal(control("running"), "{\"base\": true, \"upper\": false}");
+    assert_non_null(strstr(ask_text(get_readyz), "upper: no tick yet\n"));
 }
 
 static void out_of_service_writes_nothing_and_runs_all_the_same(void **state)
@@ -242,43 +313,59 @@ static void out_of_service_writes_nothing_and_runs_all_the_same(void **state)
     struct task *task = &ui->model.task[0];
     (void)state;
     period(S, S);
-    all_came(100 * S);
-    came(APC_SENSOR, 1, 0.5, 0);
-    came(APC_SENSOR, 2, 0.5, 0);
-    came(APC_OPMODE, 1, APC_MODE_OOS, 100 * S);
-    assert_string_equal(control("running"), "null");
-    snprintf(task->name, sizeof task->name, "controller");
+    all_came(0);
+    came(APC_ACTUATOR, 2, 1.25, 100 * S);
+    assert_non_null(strstr(ask_text(get_readyz), "u2: no sample for 100."));
+    actual(2, APC_MODE_OOS);
+    assert_string_equal(ask_text(get_readyz), "ok\n");
+    came(APC_ACTUATOR, 1, 1.25, 100 * S); /* the other loop is not */
+    assert_non_null(strstr(ask_text(get_readyz), "u1: no sample for 100."));
+    came(APC_ACTUATOR, 1, 1.25, 0);
+    snprintf(task->name, sizeof task->name, "scheduler");
     task->period = S;
     task->heard = apc_clock_mono(NULL) - 5 * S;
     ui->model.tasks = 1;
-    assert_string_equal(control("running"), "true");
-    assert_string_equal(control("actual"), "\"OOS\"");
     assert_string_equal(ask_text(get_readyz), "ok\n");
     task->heard -= 10 * S;
-    assert_string_equal(control("running"), "false");
-    assert_non_null(strstr(ask_text(get_readyz), "controller: no tick reported for 15."));
+    assert_non_null(strstr(ask_text(get_readyz), "scheduler: no tick reported for 15."));
 }
 
-static void why_the_mode_is_not_the_target_is_said_while_it_lasts(void **state)
+static void why_the_mode_is_not_the_target_is_said_of_its_loop_while_it_lasts(void **state)
 {
     (void)state;
     period(S, S);
     all_came(0);
-    came(APC_OPMODE, 1, APC_MODE_MAN, 0);
-    assert_string_equal(control("actual"), "\"Man\"");
-    assert_string_equal(control("reason"), "null");
-    an_event("apc-controller", "measurement", APC_EVENT_WARNING, "output held: measurement 1 is stale");
+    actual(2, APC_MODE_LO);
+    assert_string_equal(control("reasons"),
+                        "{\"2\": \"output at its fault value\"}"); /* it was not told why */
+    an_event("apc-controller", "measurement", APC_EVENT_ALARM, "u2: output at its fault value: y2 is stale");
     an_event("apc-client", "measurement", APC_EVENT_WARNING, "something else");
-    an_event("apc-controller", "mode", APC_EVENT_INFO, "mode Man");
-    assert_string_equal(control("reason"), "\"output held: measurement 1 is stale\"");
-    came(APC_OPMODE, 1, APC_MODE_AUTO, 0);
-    assert_string_equal(control("reason"), "null"); /* it is what was asked for */
-    came(APC_OPMODE, 1, APC_MODE_MAN, 0);
-    an_event("apc-controller", "measurement", APC_EVENT_INFO, "inputs good again after 3 s");
-    assert_string_equal(control("reason"), "null");
-    an_event("apc-controller", "measurement", APC_EVENT_ALARM, "fault");
+    an_event("apc-controller", "mode", APC_EVENT_INFO, "u1: mode Man");
+    assert_string_equal(control("reasons"), "{\"2\": \"output at its fault value: y2 is stale\"}");
+    actual(1, APC_MODE_LO); /* of it nothing of the kind was said */
+    assert_string_equal(
+        control("reasons"),
+        "{\"1\": \"output at its fault value\", \"2\": \"output at its fault value: y2 is stale\"}");
+    actual(1, APC_MODE_AUTO);
+    actual(2, APC_MODE_AUTO);
+    assert_string_equal(control("reasons"), "{}"); /* it is what was asked for */
+    actual(2, APC_MODE_LO);
+    an_event("apc-controller", "measurement", APC_EVENT_INFO, "u2: inputs good again after 3 s");
+    assert_string_equal(control("reasons"), "{\"2\": \"output at its fault value\"}");
+    an_event("apc-controller", "measurement", APC_EVENT_ALARM, "all of them"); /* which names none */
+    assert_string_equal(control("reasons"), "{\"2\": \"all of them\"}");
     an_event("apc-controller", "start", APC_EVENT_INFO, "running every 1 s");
-    assert_string_equal(control("reason"), "null");
+    assert_string_equal(control("reasons"), "{\"2\": \"output at its fault value\"}");
+    actual(2, APC_MODE_AUTO);
+    came(APC_OPMODE, 1, APC_MODE_CAS, 0);
+    assert_string_equal(control("reasons"), "{\"1\": \"no setpoint from above\"}");
+    came(APC_OPMODE, 1, APC_MODE_AUTO, 0);
+    actual(3, APC_MODE_IMAN);
+    an_event("apc-controller", "mode", APC_EVENT_INFO,
+             "upper.r1: mode IMan: the loop below does not take the output");
+    assert_string_equal(control("reasons"), "{\"3\": \"the loop below does not take the output\"}");
+    an_event("apc-controller", "mode", APC_EVENT_INFO, "upper.r1: mode Auto");
+    assert_string_equal(control("reasons"), "{\"3\": \"what takes its output is not ready for it\"}");
 }
 
 static void the_plant_at_its_safe_value_stands_until_it_takes_commands(void **state)
@@ -369,16 +456,15 @@ static void process_values_are_in_the_metrics(void **state)
     const char *metrics = ask_text(get_metrics);
     assert_non_null(strstr(metrics, "apc_signal_value{table=\"sensor\",name=\"y1\",unit=\"m\"} 9.875\n"));
     assert_non_null(strstr(metrics, "apc_signal_good{table=\"sensor\",name=\"y1\",unit=\"m\"} 1\n"));
-    assert_non_null(strstr(metrics, "apc_signal_value{table=\"opmode\",name=\"actual\",unit=\"m\"} 1\n"));
-    assert_non_null(strstr(metrics, "\napc_control_running 1\n"));
+    assert_non_null(strstr(metrics, "apc_signal_value{table=\"opmode\",name=\"u1\",unit=\"m\"} 1\n"));
+    assert_non_null(
+        strstr(metrics, "apc_signal_value{table=\"actual\",name=\"u1.mode.actual\",unit=\"m\"} 1\n"));
     now_of(APC_SENSOR, 1)->status = APC_UNCERTAIN_LAST_USABLE;
     assert_non_null(
         strstr(ask_text(get_metrics), "apc_signal_good{table=\"sensor\",name=\"y1\",unit=\"m\"} 0\n"));
     came(APC_SENSOR, 1, 9.875, 10 * S);
     assert_non_null(
         strstr(ask_text(get_metrics), "apc_signal_good{table=\"sensor\",name=\"y1\",unit=\"m\"} 0\n"));
-    all_came(10 * S);
-    assert_non_null(strstr(ask_text(get_metrics), "\napc_control_running 0\n"));
 }
 
 static struct task *a_task(size_t i, const char *name)
@@ -538,9 +624,7 @@ static void a_meter_forgets_what_is_old_and_keeps_its_sum(void **state)
 
 static void put_dim(int id, double value)
 {
-    static int64_t seq;
-    struct apc_sample s = {.table = APC_DIM, .id = id, .seq = ++seq, .time = S, .value = value};
-    assert_int_equal(apc_store_append(store, &s, 1), 1);
+    assert_int_equal(append_dim(id, value), 1);
 }
 
 static const char *loop(size_t i, const char *member)
@@ -558,11 +642,12 @@ static const char *loop(size_t i, const char *member)
 static void a_loop_is_what_the_law_pairs(void **state)
 {
     (void)state;
-    assert_string_equal(loop(0, "measurement"), "sensor.1"); /* nobody has said */
+    assert_string_equal(loop(0, "measurement"), "sensor.1");
     put_dim(4, 2);
     put_dim(5, 1);
     put_dim(6, 1);
     put_dim(7, 0);
+    put_dim(8, 2);
     unsigned revision = ui->model.plant.revision;
     assert_int_equal(model_load(&ui->model, store), 0);
     assert_int_equal(ui->model.plant.revision, revision + 1);
@@ -573,16 +658,52 @@ static void a_loop_is_what_the_law_pairs(void **state)
     assert_string_equal(loop(1, "measurement"), "sensor.1");
     assert_string_equal(loop(1, "setpoint"), "null");
     assert_string_equal(loop(1, "name"), "y1");
+    assert_string_equal(loop(2, "name"), "upper.r1"); /* the second of y2 */
     assert_int_equal(model_load(&ui->model, store), 0);
     assert_int_equal(ui->model.plant.revision, revision + 1); /* nothing new */
-    put_dim(6, 2);                                            /* both of one */
-    assert_int_equal(model_load(&ui->model, store), 0);
-    assert_string_equal(loop(1, "measurement"), "sensor.2");
-    assert_string_equal(loop(1, "name"), "u2");
-    put_dim(6, 3); /* there is none */
-    assert_int_equal(model_load(&ui->model, store), 0);
-    assert_string_equal(loop(1, "measurement"), "sensor.2");
-    assert_string_equal(loop(1, "setpoint"), "setpoint.2");
+}
+
+/* What the page is told of a loop: JSON text of a member. */
+static const char *loop_json(size_t i, const char *member)
+{
+    static char text[300];
+    json_t *plant = ask(get_plant);
+    char *dump = json_dumps(json_object_get(json_array_get(json_object_get(plant, "loops"), i), member),
+                            JSON_ENCODE_ANY);
+    snprintf(text, sizeof text, "%s", dump ? dump : "(missing)");
+    free(dump);
+    json_decref(plant);
+    return text;
+}
+
+static void each_loop_has_its_controller_its_modes_and_the_loop_above(void **state)
+{
+    (void)state;
+    assert_string_equal(loop(0, "controller"), "base");
+    assert_string_equal(loop(0, "called"), "u1");
+    assert_string_equal(loop_json(0, "above"), "3");
+    assert_string_equal(
+        loop_json(0, "mode"),
+        "{\"target\": \"opmode.1\", \"actual\": \"actual.21\", \"targets\": [\"OOS\", \"Man\", "
+        "\"Auto\", \"Cas\"]}");
+    assert_string_equal(loop_json(1, "above"), "null");
+    assert_string_equal(
+        loop_json(1, "mode"),
+        "{\"target\": \"opmode.2\", \"actual\": \"actual.37\", \"targets\": [\"OOS\", \"Man\", "
+        "\"Auto\"]}");
+    assert_string_equal(loop(2, "controller"), "upper");
+    assert_string_equal(loop(2, "output"), "setpoint.1");
+    assert_string_equal(loop(2, "setpoint"), "null");
+    assert_string_equal(loop(2, "manual"), "manual.3");
+    assert_string_equal(loop_json(2, "tuning"), "[]"); /* they are the other controller's */
+    period(S, S);
+    json_t *plant = ask(get_plant);
+    char *controllers = json_dumps(json_object_get(plant, "controllers"), 0);
+    assert_string_equal(controllers, "[{\"number\": 1, \"name\": \"base\", \"period\": 1}, {\"number\": 2, "
+                                     "\"name\": \"upper\", \"period\": 10}]");
+    free(controllers);
+    json_decref(plant);
+    assert_null(strstr(ask_text(get_plant), "opmode.0")); /* the mode of all is no loop's */
 }
 
 /* ---- What was ----------------------------------------------------------------------------- */
@@ -641,6 +762,14 @@ static void history_is_given_by_name_for_several_at_once(void **state)
 static void a_name_that_two_have_is_nobodys(void **state)
 {
     (void)state;
+    ask_history("var", "u1", "last", "3"); /* a loop's mode is called as its output, which is meant */
+    json_t *output = ask(get_history);
+    assert_string_equal(json_string_value(json_object_get(output, "ref")), "actuator.1");
+    json_decref(output);
+    ask_history("var", "upper.r1", "last", "3"); /* and where there is no such output, it is the mode */
+    output = ask(get_history);
+    assert_string_equal(json_string_value(json_object_get(output, "ref")), "opmode.3");
+    json_decref(output);
     snprintf(ui->model.plant.tag[0].name, APC_TAG_LEN, "u1");
     ask_history("var", "u1", "last", "3");
     json_decref(ask(get_history));
@@ -1016,16 +1145,16 @@ static void what_had_no_value_and_what_is_a_mode_are_recorded_in_words(void **st
     (void)state;
     json_decref(post(post_setpoint, "{\"id\":2,\"value\":-3,\"seq\":0}"));
     assert_string_equal(newest_text(), "r2: none -> -3 (from 10.0.0.7)");
-    put(APC_OPMODE, 0, APC_MODE_AUTO);
-    json_decref(post(post_mode, "{\"mode\":\"Man\",\"seq\":1}"));
-    assert_string_equal(newest_text(), "mode: Auto -> Man (from 10.0.0.7)");
+    put(APC_OPMODE, 2, APC_MODE_AUTO);
+    json_decref(post(post_mode, "{\"id\":2,\"mode\":\"Man\",\"seq\":1}"));
+    assert_string_equal(newest_text(), "u2: Auto -> Man (from 10.0.0.7)");
 }
 
 static void limits_are_inclusive_and_their_refusal_names_them(void **state)
 {
     int64_t seq;
     (void)state;
-    put(APC_OPMODE, 0, APC_MODE_MAN);
+    put(APC_OPMODE, 1, APC_MODE_MAN);
     assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":100,\"seq\":0}"), 0);
     assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":-100,\"seq\":1}"), 0);
     assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":100.001,\"seq\":2}"), 422);
@@ -1048,13 +1177,78 @@ static void an_output_is_the_operators_in_man_only(void **state)
     int64_t seq;
     (void)state;
     assert_int_equal(refused(post_output, "{\"id\":1,\"value\":1,\"seq\":0}"), 409); /* there is no mode */
-    put(APC_OPMODE, 0, APC_MODE_AUTO);
-    put(APC_OPMODE, 1, APC_MODE_MAN); /* a fault has made it so */
+    put(APC_OPMODE, 1, APC_MODE_AUTO);
+    put(APC_OPMODE, 2, APC_MODE_MAN); /* which is another loop's */
+    struct apc_sample lo = {.table = APC_ACTUAL, .id = 21, .seq = 1, .time = S, .value = APC_MODE_LO};
+    assert_int_equal(apc_store_append(store, &lo, 1), 1);
     assert_int_equal(refused(post_output, "{\"id\":1,\"value\":1,\"seq\":0}"), 409);
     assert_string_equal(request.fault.code, "mode");
     assert_non_null(strstr(request.fault.message, "target"));
     in_force(APC_MANUAL, 1, &seq);
     assert_int_equal(seq, 0);
+    assert_int_equal(refused(post_output, "{\"id\":2,\"value\":1,\"seq\":0}"), 0);
+    put(APC_OPMODE, 3, APC_MODE_MAN); /* its output is a setpoint, and has the limits of that */
+    assert_int_equal(refused(post_output, "{\"id\":3,\"value\":-100,\"seq\":0}"), 0);
+    assert_string_equal(newest_text(), "r1: none -> -100 (from 10.0.0.7)");
+    assert_int_equal(refused(post_output, "{\"id\":3,\"value\":-101,\"seq\":1}"), 422);
+}
+
+static void a_mode_is_written_to_its_loop_and_no_other(void **state)
+{
+    static const char *const wrong[] = {"{\"id\":0,\"mode\":\"Man\",\"seq\":0}",
+                                        "{\"id\":4,\"mode\":\"Man\",\"seq\":0}",
+                                        "{\"id\":4294967297,\"mode\":\"Man\",\"seq\":0}"};
+    int64_t seq;
+    (void)state;
+    assert_int_equal(refused(post_mode, "{\"id\":2,\"mode\":\"Man\",\"seq\":0}"), 0);
+    in_force(APC_OPMODE, 1, &seq);
+    assert_int_equal(seq, 0);
+    assert_near(in_force(APC_OPMODE, 2, &seq), APC_MODE_MAN, 0);
+    assert_int_equal(seq, 1);
+    assert_int_equal(refused(post_mode, "{\"id\":2,\"mode\":\"OOS\",\"seq\":1}"), 0);
+    assert_int_equal(refused(post_mode, "{\"id\":2,\"mode\":\"Auto\",\"seq\":1}"), 409);
+    assert_string_equal(request.fault.message, "u2 was changed meanwhile: it is OOS now");
+    assert_int_equal(refused(post_mode, "{\"id\":2,\"mode\":\"Cas\",\"seq\":2}"), 422);
+    assert_string_equal(request.fault.message, "u2 cannot be in Cas: no loop moves its setpoint");
+    assert_int_equal(refused(post_mode, "{\"id\":1,\"mode\":\"Cas\",\"seq\":0}"), 0);
+    assert_int_equal(refused(post_mode, "{\"id\":1,\"mode\":\"IMan\",\"seq\":1}"),
+                     422); /* nobody can ask for it */
+    assert_int_equal(refused(post_mode, "{\"mode\":\"Man\",\"seq\":0}"), 400);
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++)
+        assert_true(refused(post_mode, wrong[i]) >= 400);
+}
+
+static void a_setpoint_that_the_loop_above_moves_is_taken_local_and_that_is_said(void **state)
+{
+    int64_t seq;
+    (void)state;
+    put(APC_SETPOINT, 1, 5);
+    put(APC_OPMODE, 1, APC_MODE_CAS);
+    put(APC_SETPOINT, 1, 6); /* which it did since the operator looked */
+    json_t *write = post(post_setpoint, "{\"id\":1,\"value\":7,\"seq\":1}");
+    assert_int_equal(request.fault.http, 0);
+    const json_t *changes = json_object_get(write, "changes");
+    char *said = json_dumps(changes, 0);
+    assert_string_equal(said,
+                        "[{\"ref\": \"setpoint.1\", \"name\": \"r1\", \"from\": 6, \"to\": 7, \"seq\": 3}, "
+                        "{\"ref\": \"opmode.1\", \"name\": \"u1\", \"from\": 3, \"to\": 1, \"seq\": 2}]");
+    free(said);
+    json_decref(write);
+    assert_near(in_force(APC_SETPOINT, 1, &seq), 7, 0);
+    assert_near(in_force(APC_OPMODE, 1, &seq), APC_MODE_AUTO, 0);
+    assert_string_equal(newest_text(), "u1: Cas -> Auto, the setpoint is Local now (from 10.0.0.7)");
+    assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":8,\"seq\":2}"),
+                     409); /* it is his: he has to look */
+    put(APC_OPMODE, 1, APC_MODE_MAN);
+    assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":8,\"seq\":3}"), 0);
+    assert_near(in_force(APC_OPMODE, 1, &seq), APC_MODE_MAN, 0);      /* which stays */
+    write = post(post_mode, "{\"id\":1,\"mode\":\"Cas\",\"seq\":3}"); /* takes what is in force along */
+    changes = json_object_get(write, "changes");
+    assert_int_equal(json_array_size(changes), 2);
+    assert_string_equal(json_string_value(json_object_get(json_array_get(changes, 1), "ref")), "setpoint.1");
+    json_decref(write);
+    assert_near(in_force(APC_SETPOINT, 1, &seq), 8, 0);
+    assert_int_equal(seq, 5);
 }
 
 static const char *tuning_body(int n, int64_t seq, double value)
@@ -1181,9 +1375,10 @@ static void what_daemons_report_is_known_within_a_look(void **state)
         .time = now, .severity = APC_EVENT_WARNING, .source = "apc-client", .kind = "link", .text = "away"};
     (void)state;
     assert_int_equal(pthread_create(&thread, NULL, records_thread, ui), 0);
-    put_window("controller", "run", now - 2 * S, 3, 1000000, 5);
-    until_says(get_diagnostics, "\"task\":\"controller\",\"period\":2");
-    put_window("controller", "run", now - S, 4, 2000000, 6);
+    plant_rhythm(&ui->model.plant, "base", 7 * S);
+    put_window("base", "run", now - 2 * S, 3, 1000000, 5);
+    until_says(get_diagnostics, "\"task\":\"base\",\"period\":2");
+    put_window("base", "run", now - S, 4, 2000000, 6);
     put_window("exchange", "run", now, 4, 7000000, 2);
     until_says(get_diagnostics, "\"missed\":6");
     json_t *all = ask(get_diagnostics);
@@ -1191,7 +1386,7 @@ static void what_daemons_report_is_known_within_a_look(void **state)
                      1); /* what a client measures is no task */
     json_decref(all);
     until_says(get_metrics, "apc_link_round_trip_seconds_count{link=\"apc-client\"} 4\n");
-    has(ask_text(get_metrics), "apc_task_exec_seconds_count{task=\"controller\"} 7\n");
+    has(ask_text(get_metrics), "apc_task_exec_seconds_count{task=\"base\"} 7\n");
     assert_int_equal(apc_store_append_events(store, &link, 1), 1);
     until_says(get_diagnostics, "\"text\":\"away\",\"changes\":1");
     has(ask_text(get_metrics), "apc_link_up{link=\"apc-client\"} 0\n");
@@ -1201,7 +1396,7 @@ static void what_daemons_report_is_known_within_a_look(void **state)
     until_says(get_diagnostics, "\"text\":\"away\",\"changes\":2");
     has(ask_text(get_metrics), "apc_link_up{link=\"apc-client\"} 1\n");
     /* the periods that tasks report count more than what a file said */
-    assert_int_equal(ui->model.plant.rhythms.controller, 2 * S);
+    until_says(get_plant, "\"name\":\"base\",\"period\":2}");
     /* and what is described anew is found */
     tags[0].high = 7;
     assert_true(apc_store_put_tags(store, tags, n_tags) >= 0);
@@ -1226,11 +1421,40 @@ static void newest_values_reach_the_stream_and_settle_writes(void **state)
     json_decref(post(post_setpoint, "{\"id\":1,\"value\":42,\"seq\":1,\"key\":\"settled-one\"}"));
     assert_int_equal(request.fault.http, 0);
     until_says(get_state, ",42,\"Good\"]");
-    /* the controller says that it has taken as many rows as there are: 2 of r1 */
-    struct apc_sample taken = {
-        .table = APC_STATE, .id = plant_confirmation(&ui->model.plant), .seq = 1, .time = S, .value = 2};
-    assert_int_equal(apc_store_append(store, &taken, 1), 1);
+    /* the controller says that it has taken the second row of r1 */
+    double none = 0;
+    struct apc_sample taken = {.table = APC_ACTUAL,
+                               .id = apc_variable_number(APC_SETPOINT, 1),
+                               .seq = 1,
+                               .time = S,
+                               .value = 42,
+                               .origin = 2};
+    struct apc_vector tick = {
+        .table = APC_TICK, .id = 1, .seq = 1, .time = apc_clock_utc(NULL), .n = 1, .room = 1, .value = &none};
+    const struct apc_rows rows = {
+        .size = sizeof rows, .sample = &taken, .n_samples = 1, .vector = &tick, .n_vectors = 1};
+    assert_int_equal(apc_store_append_rows(store, &rows), 2);
     until_says(get_writes, "\"state\":\"applied\"");
+    /* and of the mode that it does not take it, and why a little later */
+    json_decref(post(post_mode, "{\"id\":1,\"mode\":\"Man\",\"seq\":0,\"key\":\"refused-one\"}"));
+    assert_int_equal(request.fault.http, 0);
+    taken = (struct apc_sample){.table = APC_ACTUAL,
+                                .id = apc_variable_number(APC_OPMODE, 1),
+                                .seq = 1,
+                                .time = S,
+                                .value = APC_MODE_AUTO,
+                                .status = APC_BAD,
+                                .origin = 1};
+    tick.seq = 2;
+    assert_int_equal(apc_store_append_rows(store, &rows), 2);
+    until_says(get_state, "\"actual.21\":[1,");
+    struct apc_event why = {.time = apc_clock_utc(NULL),
+                            .severity = APC_EVENT_WARNING,
+                            .source = "apc-controller",
+                            .kind = "rejected",
+                            .text = "u1: not today"};
+    assert_int_equal(apc_store_append_events(store, &why, 1), 1);
+    until_says(get_writes, "\"state\":\"failed\",\"stored\":true,\"reason\":\"u1: not today\"");
     ui->stopping = true;
     assert_int_equal(pthread_join(thread, NULL), 0);
     stream_close(reader);
@@ -1554,9 +1778,9 @@ int main(void)
 #define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
     const struct CMUnitTest tests[] = {
         T(what_never_came_but_should_is_stale),
-        T(a_mode_that_nobody_confirms_any_more_is_not_shown),
+        T(a_controller_is_judged_by_its_own_ticks),
         T(out_of_service_writes_nothing_and_runs_all_the_same),
-        T(why_the_mode_is_not_the_target_is_said_while_it_lasts),
+        T(why_the_mode_is_not_the_target_is_said_of_its_loop_while_it_lasts),
         T(the_plant_at_its_safe_value_stands_until_it_takes_commands),
         T(ready_is_what_ticks),
         T(a_thread_that_goes_round_no_more_is_not_alive),
@@ -1574,6 +1798,7 @@ int main(void)
         T(what_daemons_report_is_known_within_a_look),
         T(newest_values_reach_the_stream_and_settle_writes),
         T(a_loop_is_what_the_law_pairs),
+        T(each_loop_has_its_controller_its_modes_and_the_loop_above),
         T(history_is_given_by_name_for_several_at_once),
         T(a_name_that_two_have_is_nobodys),
         T(history_is_asked_for_in_one_way),
@@ -1583,6 +1808,8 @@ int main(void)
         T(what_had_no_value_and_what_is_a_mode_are_recorded_in_words),
         T(limits_are_inclusive_and_their_refusal_names_them),
         T(an_output_is_the_operators_in_man_only),
+        T(a_mode_is_written_to_its_loop_and_no_other),
+        T(a_setpoint_that_the_loop_above_moves_is_taken_local_and_that_is_said),
         T(as_many_tunings_as_there_are_go_at_once),
         T(a_stale_write_is_told_what_is_newer),
         T(what_became_of_a_write_is_known_by_its_key),

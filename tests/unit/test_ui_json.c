@@ -336,50 +336,106 @@ static void only_addresses_and_known_names_are_hosts(void **state)
 
 /* ---- The plant ---------------------------------------------------------------------------- */
 
-static void two_outputs_make_two_loops(void **state)
+static bool describe(struct plant *p, const struct apc_tag *tags, size_t n)
+{
+    struct apc_store *store;
+    struct loops loops;
+    assert_int_equal(apc_store_open(&store, "mem:plant", NULL, NULL), 0);
+    assert_true(apc_store_init(store) >= 0);
+    static const double pairs[] = {1, 1, 2, 0};
+    for (int i = 0; i < 4; i++) {
+        const struct apc_sample s = {.table = APC_DIM, .id = 4 + i, .seq = 1, .value = pairs[i]};
+        assert_int_equal(apc_store_append(store, &s, 1), 1);
+    }
+    assert_int_equal(loops_load(&loops, store, tags, n), 0);
+    apc_store_close(store);
+    return plant_describe(p, tags, n, &loops);
+}
+
+static const char *texts(const json_t *array)
+{
+    static char text[200];
+    text[0] = '\0';
+    for (size_t i = 0; i < json_array_size(array); i++)
+        snprintf(text + strlen(text), sizeof text - strlen(text), "%s%s", i ? " " : "",
+                 json_string_value(json_array_get(array, i)));
+    return text;
+}
+
+#define OF_BASE .high = 1, .controller = "base"
+
+static void two_modes_make_two_loops(void **state)
 {
     static const struct apc_tag tags[] = {
-        {.table = APC_SENSOR, .id = 1, .name = "h1", .low = -APC_VALUE_MAX, .high = APC_VALUE_MAX},
+        {.table = APC_SENSOR,
+         .id = 1,
+         .name = "h1",
+         .low = -APC_VALUE_MAX,
+         .high = APC_VALUE_MAX,
+         .period = 0.5},
         {.table = APC_SENSOR, .id = 2, .name = "h2", .high = 1},
         {.table = APC_SENSOR, .id = 3, .name = "T", .high = 1},
-        {.table = APC_ACTUATOR, .id = 1, .name = "v1", .high = 1},
-        {.table = APC_ACTUATOR, .id = 2, .name = "v2", .high = 1},
-        {.table = APC_SETPOINT, .id = 1, .name = "r1", .high = 1},
-        {.table = APC_TUNING, .id = 1, .name = "v1.Kp", .high = 1},
-        {.table = APC_TUNING, .id = 2, .name = "v2.Kp", .high = 1},
+        {.table = APC_ACTUATOR, .id = 1, .name = "v1", OF_BASE},
+        {.table = APC_ACTUATOR, .id = 2, .name = "v2", OF_BASE},
+        {.table = APC_SETPOINT, .id = 1, .name = "r1", OF_BASE},
+        {.table = APC_DIM, .id = 1, .name = "hidden"},
+        {.table = APC_OPMODE, .id = 0, .name = "hidden too", .high = 1},
+        {.table = APC_OPMODE, .id = 1, .name = "v1", OF_BASE},
+        {.table = APC_OPMODE, .id = 2, .name = "v2", OF_BASE},
+        {.table = APC_TUNING, .id = 1, .name = "v1.Kp", OF_BASE},
+        {.table = APC_TUNING, .id = 2, .name = "v2.Kp", OF_BASE},
+        {.table = APC_TUNING, .id = 3, .name = "horizon", OF_BASE},   /* the law's: of both */
+        {.table = APC_TUNING, .id = 4, .name = "h2.weight", OF_BASE}, /* of whom its measurement is */
+        {.table = APC_TUNING, .id = 5, .name = "v2.Kp", .high = 1, .controller = "another"},
         {.table = APC_STATE, .id = 1, .name = "hidden"},
-        {.table = APC_DIM, .id = 1, .name = "hidden too"}};
+        {.table = APC_TICK, .id = 1, .name = "base", .period = 2}};
     const size_t n = sizeof tags / sizeof *tags;
     struct plant p = {0};
     struct text t = {0};
     (void)state;
-    assert_true(plant_describe(&p, tags, n, NULL));
+    assert_true(describe(&p, tags, n));
     assert_int_equal(p.revision, 1);
-    assert_false(plant_describe(&p, tags, n, NULL)); /* nothing new */
-    assert_int_equal(p.n, 8);
-    assert_int_equal(plant_confirmation(&p), 1 + 3 + 1 + 2);
+    assert_false(describe(&p, tags, n)); /* nothing new */
+    assert_int_equal(p.n, 13);
+    assert_int_equal(plant_period(&p, APC_SENSOR, 1), APC_NS_PER_S / 2);
+    assert_int_equal(plant_period(&p, APC_SENSOR, 2), 0);
+    assert_int_equal(plant_period(&p, APC_ACTUATOR, 2), 2 * APC_NS_PER_S);
+    assert_int_equal(plant_period(&p, APC_SETPOINT, 1), 0);
+    assert_true(plant_rhythm(&p, "plant", 3 * APC_NS_PER_S)); /* as its tasks say counts more */
+    assert_true(plant_rhythm(&p, "base", APC_NS_PER_S));
+    assert_false(plant_rhythm(&p, "base", APC_NS_PER_S));
+    assert_int_equal(p.revision, 3);
+    assert_int_equal(plant_period(&p, APC_SENSOR, 1), 3 * APC_NS_PER_S);
+    assert_int_equal(plant_period(&p, APC_ACTUATOR, 2), APC_NS_PER_S);
     plant_json(&p, &t);
     json_t *json = json_loadb(t.at, t.n, 0, NULL);
     assert_non_null(json);
     text_free(&t);
-    const json_t *loops = json_object_get(json, "loops"), *second = json_array_get(loops, 1);
+    const json_t *loops = json_object_get(json, "loops"), *first = json_array_get(loops, 0),
+                 *second = json_array_get(loops, 1);
     assert_int_equal(json_array_size(loops), 2);
+    assert_string_equal(json_string_value(json_object_get(first, "setpoint")), "setpoint.1");
+    assert_string_equal(texts(json_object_get(first, "tuning")), "tuning.1 tuning.3");
+    assert_string_equal(texts(json_object_get(first, "parameters")), "Kp horizon");
     assert_string_equal(json_string_value(json_object_get(second, "name")), "h2");
+    assert_string_equal(json_string_value(json_object_get(second, "called")), "v2");
+    assert_string_equal(json_string_value(json_object_get(second, "controller")), "base");
     assert_string_equal(json_string_value(json_object_get(second, "measurement")), "sensor.2");
-    assert_string_equal(json_string_value(json_object_get(second, "setpoint")),
-                        "setpoint.1"); /* there is but one */
-    assert_string_equal(json_string_value(json_array_get(json_object_get(second, "tuning"), 0)), "tuning.2");
-    assert_string_equal(json_string_value(json_array_get(json_object_get(second, "parameters"), 0)), "Kp");
-    const json_t *first = json_array_get(json_object_get(json, "variables"), 0);
-    assert_true(json_is_null(json_object_get(first, "low")));
+    assert_true(json_is_null(json_object_get(second, "setpoint")));
+    assert_string_equal(json_string_value(json_object_get(second, "output")), "actuator.2");
+    assert_string_equal(texts(json_object_get(second, "tuning")), "tuning.2 tuning.3 tuning.4");
+    assert_string_equal(texts(json_object_get(second, "parameters")), "Kp horizon h2.weight");
+    assert_true(json_is_null(json_object_get(second, "above")));
+    const json_t *variable = json_array_get(json_object_get(json, "variables"), 0);
+    assert_true(json_is_null(json_object_get(variable, "low")));
     json_decref(json);
 
     struct apc_tag changed[sizeof tags / sizeof *tags];
     memcpy(changed, tags, sizeof tags);
     changed[1].high = 2;
-    assert_true(plant_describe(&p, changed, n, NULL));
-    assert_int_equal(p.revision, 2);
-    assert_true(plant_describe(&p, tags, 0, NULL)); /* nothing is described any more */
+    assert_true(describe(&p, changed, n));
+    assert_int_equal(p.revision, 4);
+    assert_true(describe(&p, tags, 0)); /* nothing is described any more */
     plant_json(&p, &t);
     json = json_loadb(t.at, t.n, 0, NULL);
     assert_int_equal(json_array_size(json_object_get(json, "loops")), 0);
@@ -594,7 +650,7 @@ int main(void)
         cmocka_unit_test(times_are_absolute_or_before_now),
         cmocka_unit_test(variables_are_named_by_table_and_number),
         cmocka_unit_test(only_addresses_and_known_names_are_hosts),
-        cmocka_unit_test(two_outputs_make_two_loops),
+        cmocka_unit_test(two_modes_make_two_loops),
         cmocka_unit_test(only_what_lies_in_the_folder_is_served),
         cmocka_unit_test(a_file_is_of_the_type_its_ending_says),
         cmocka_unit_test(a_file_is_zipped_where_that_is_smaller),

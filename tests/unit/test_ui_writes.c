@@ -6,18 +6,38 @@
 #include "apc-ui/writes.h"
 #include "check.h"
 
-#define S APC_NS_PER_S
+#define S   APC_NS_PER_S
+#define NOW (1000 * S) /* UTC; controllers tick just now */
 
-enum { Z, TARGET, ACTUAL, KP, TAU_I, MANUAL, SAMPLES };
+/* What is wanted of one loop, each with what became of it behind it; and of another loop, whose controller is
+ * another, and of nobody. */
+enum {
+    Z,
+    Z_ACTUAL,
+    TARGET,
+    T_ACTUAL,
+    KP,
+    KP_ACTUAL,
+    TAU_I,
+    TI_ACTUAL,
+    MANUAL,
+    M_ACTUAL,
+    OTHER,
+    O_ACTUAL,
+    LOST,
+    SAMPLES
+};
 
 static struct writes *writes;
 static struct apc_sample newest[SAMPLES];
-static double taken;
+static struct apc_vector tick[2];
+static struct refusal refusal;
 static char told[400]; /* states, as they were told */
 
 static void on_told(void *ctx, const struct write *write)
 {
-    static const char *const names[] = {"", "begun", "accepted", "applied", "failed", "unknown"};
+    static const char *const names[] = {"",           "begun",  "accepted", "applied",
+                                        "superseded", "failed", "unknown"};
     size_t n = strlen(told);
     (void)ctx;
     snprintf(told + n, sizeof told - n, "%s%s", n ? " " : "", names[write->state]);
@@ -25,16 +45,28 @@ static void on_told(void *ctx, const struct write *write)
 
 static int set_up(void **state)
 {
-    static const struct apc_sample at_first[SAMPLES] = {
-        [Z] = {.table = APC_SETPOINT, .id = 1, .seq = 4, .value = 10},
-        [TARGET] = {.table = APC_OPMODE, .id = 0, .seq = 2, .value = APC_MODE_AUTO},
-        [ACTUAL] = {.table = APC_OPMODE, .id = 1, .seq = 9, .value = APC_MODE_AUTO},
-        [KP] = {.table = APC_TUNING, .id = 1, .seq = 1, .value = 0.2},
-        [TAU_I] = {.table = APC_TUNING, .id = 2, .seq = 1, .value = 10},
-        [MANUAL] = {.table = APC_MANUAL, .id = 1}};
+    static const struct {
+        enum apc_table table;
+        int id;
+        int64_t seq;
+        double value;
+    } wanted[] = {{APC_SETPOINT, 1, 4, 10}, {APC_OPMODE, 1, 2, APC_MODE_AUTO},
+                  {APC_TUNING, 1, 1, 0.2},  {APC_TUNING, 2, 1, 10},
+                  {APC_MANUAL, 1, 0, 0},    {APC_OPMODE, 2, 7, APC_MODE_AUTO}};
     (void)state;
-    memcpy(newest, at_first, sizeof newest);
-    taken = 4 + 2 + 1 + 1;
+    for (size_t i = 0; i < sizeof wanted / sizeof *wanted; i++) {
+        newest[2 * i] = (struct apc_sample){
+            .table = wanted[i].table, .id = wanted[i].id, .seq = wanted[i].seq, .value = wanted[i].value};
+        newest[2 * i + 1] = (struct apc_sample){.table = APC_ACTUAL,
+                                                .id = apc_variable_number(wanted[i].table, wanted[i].id),
+                                                .seq = wanted[i].seq > 0,
+                                                .origin = wanted[i].seq,
+                                                .value = wanted[i].value};
+    }
+    newest[LOST] = (struct apc_sample){.table = APC_SETPOINT, .id = 9, .seq = 1, .value = 1};
+    for (int i = 0; i < 2; i++)
+        tick[i] = (struct apc_vector){.table = APC_TICK, .id = i + 1, .seq = 1, .time = NOW};
+    refusal = (struct refusal){0};
     told[0] = '\0';
     return writes_create(&writes, on_told, NULL);
 }
@@ -46,10 +78,15 @@ static int tear_down(void **state)
     return 0;
 }
 
-static void settle(apc_ns now)
+/* Returns whether it asks why something was refused. */
+static bool settle(apc_ns now)
 {
-    const struct seen seen = {.samples = newest, .n = SAMPLES, .taken = taken, .patience = 8 * S};
-    writes_settle(writes, &seen, now);
+    static const struct loops_controller controllers[] = {{.name = "base", .period = 2 * S},
+                                                          {.name = "upper", .period = 0}};
+    int by[SAMPLES] = {[OTHER] = 1, [LOST] = -1};
+    const struct seen seen = {
+        .samples = newest, .by = by, .n = SAMPLES, .tick = tick, .controller = controllers, .utc = NOW};
+    return writes_settle(writes, &seen, now, &refusal);
 }
 
 static struct write_change change_of(int which, double value)
@@ -63,19 +100,25 @@ static struct write_change change_of(int which, double value)
 
 static void begin(const char *key, enum write_kind kind, struct write_change *change, size_t n)
 {
-    struct write write = {.kind = kind, .user = "anna", .n = n, .change = change};
+    struct write write = {.kind = kind, .user = "anna", .time = 77 * S, .n = n, .change = change};
     struct text t = {0};
     snprintf(write.key, sizeof write.key, "%s", key);
     assert_int_equal(writes_begin(writes, &write, &t), 0);
     text_free(&t);
 }
 
-static void end(const char *key, enum write_state state, int stored, const struct write_change *change)
+static void end_n(const char *key, enum write_state state, int stored, struct write_change *change, size_t n)
 {
+    const struct write ended = {.state = state, .stored = stored, .n = n, .change = change};
     struct text t = {0};
-    writes_end(writes, key, state, stored, "", change, 0, &t);
+    writes_end(writes, key, &ended, "", 0, &t);
     assert_true(t.n > 0);
     text_free(&t);
+}
+
+static void end(const char *key, enum write_state state, int stored, struct write_change *change)
+{
+    end_n(key, state, stored, change, 1);
 }
 
 /* It is in the store now. */
@@ -84,103 +127,205 @@ static void land(int which, const struct write_change *c)
     newest[which] = c->after;
 }
 
-static void it_is_applied_once_the_controller_has_taken_it(void **state)
+/* Its controller has looked at it. */
+static void took(int which, double value, apc_status status)
+{
+    struct apc_sample *actual = &newest[which + 1];
+    actual->seq++;
+    actual->origin = newest[which].seq;
+    actual->value = value;
+    actual->status = status;
+}
+
+/* All of it, as the page reads it. */
+static const char *shown(const char *key)
+{
+    static char text[2000];
+    struct text t = {0};
+    writes_json(writes, key, &t);
+    snprintf(text, sizeof text, "%.*s", (int)t.n, t.at ? t.at : "");
+    text_free(&t);
+    return text;
+}
+
+static void shows(const char *key, const char *part)
+{
+    if (!strstr(shown(key), part))
+        fail_msg("%s is not in %s", part, shown(key));
+}
+
+static void it_is_applied_once_its_controller_has_taken_it(void **state)
 {
     struct write_change c = change_of(Z, 12);
     (void)state;
     begin("key-0001", WRITE_SETPOINT, &c, 1);
-    settle(0);
+    assert_false(settle(0));
     assert_string_equal(told, "");
     end("key-0001", WRITE_ACCEPTED, 1, &c);
     settle(0); /* our own read is older than the commit */
     land(Z, &c);
     settle(S);
     assert_string_equal(told, "accepted");
-    taken++;
+    took(Z, 12, APC_GOOD);
     settle(2 * S);
     settle(3 * S);
     assert_string_equal(told, "accepted applied");
 }
 
-/* The controller took another row meanwhile: as many rows as ours is one of, but not ours. */
-static void another_row_is_not_taken_for_it(void **state)
-{
-    struct write_change c = change_of(Z, 12);
-    (void)state;
-    begin("key-0001", WRITE_SETPOINT, &c, 1);
-    end("key-0001", WRITE_ACCEPTED, 1, &c);
-    land(Z, &c);
-    newest[KP].seq++; /* also in the read that shows ours first */
-    taken++;          /* the controller has Kp only */
-    settle(S);
-    assert_string_equal(told, "accepted");
-    taken++;
-    settle(2 * S);
-    assert_string_equal(told, "accepted applied");
-}
-
-static void a_mode_is_applied_when_it_is_the_actual_one(void **state)
-{
-    struct write_change c = change_of(TARGET, APC_MODE_MAN);
-    (void)state;
-    begin("key-0001", WRITE_MODE, &c, 1);
-    end("key-0001", WRITE_ACCEPTED, 1, &c);
-    land(TARGET, &c);
-    settle(S);
-    taken++;
-    newest[ACTUAL].value = APC_MODE_MAN;
-    settle(S);
-    assert_string_equal(told, "accepted applied");
-}
-
-static void a_mode_that_the_controller_does_not_take_has_failed(void **state)
-{
-    struct write_change c = change_of(TARGET, APC_MODE_AUTO);
-    struct text t = {0};
-    (void)state;
-    newest[ACTUAL].value = APC_MODE_MAN;
-    begin("key-0001", WRITE_MODE, &c, 1);
-    end("key-0001", WRITE_ACCEPTED, 1, &c);
-    land(TARGET, &c);
-    settle(S);
-    taken++;
-    settle(S);
-    assert_string_equal(told, "accepted failed");
-    assert_int_equal(writes_json(writes, "key-0001", &t), 1);
-    text_put(&t, "", 1);
-    assert_non_null(strstr(t.at, "the controller is in Man"));
-    text_free(&t);
-}
-
-static void without_a_confirmation_it_is_unknown_and_may_still_be_applied(void **state)
+static void all_of_one_write_has_to_be_in_force(void **state)
 {
     struct write_change c[2] = {change_of(KP, 0.3), change_of(TAU_I, 12)};
     (void)state;
     begin("key-0001", WRITE_TUNING, c, 2);
-    end("key-0001", WRITE_ACCEPTED, 1, c);
+    end_n("key-0001", WRITE_ACCEPTED, 1, c, 2);
     land(KP, &c[0]);
     land(TAU_I, &c[1]);
+    took(KP, 0.3, APC_GOOD);
+    settle(S);
+    assert_string_equal(told, "accepted");
+    took(TAU_I, 12, APC_GOOD);
+    settle(S);
+    assert_string_equal(told, "accepted applied");
+}
+
+static void a_newer_one_that_was_taken_supersedes_it(void **state)
+{
+    struct write_change c = change_of(Z, 12);
+    (void)state;
+    begin("key-0001", WRITE_SETPOINT, &c, 1);
+    end("key-0001", WRITE_ACCEPTED, 1, &c);
+    land(Z, &c);
+    newest[Z].seq++; /* somebody else's */
+    settle(S);
+    assert_string_equal(told, "accepted");
+    took(Z, 15, APC_GOOD);
+    settle(S);
+    assert_string_equal(told, "accepted superseded");
+    shows("key-0001", "\"state\":\"superseded\",\"stored\":true,\"reason\":\"a newer value came after it\"");
+}
+
+static void a_mode_is_applied_when_the_loop_is_in_it(void **state)
+{
+    struct write_change c = change_of(TARGET, APC_MODE_CAS);
+    (void)state;
+    begin("key-0001", WRITE_MODE, &c, 1);
+    end("key-0001", WRITE_ACCEPTED, 1, &c);
+    land(TARGET, &c);
+    newest[OTHER].seq++; /* of another loop, which is in it */
+    took(OTHER, APC_MODE_CAS, APC_GOOD);
+    settle(S);
+    took(TARGET, APC_MODE_AUTO, APC_UNCERTAIN); /* it waits for the loop above */
     settle(8 * S);
+    assert_string_equal(told, "accepted");
+    settle(8 * S + 1);
+    settle(9 * S);
+    assert_string_equal(told, "accepted unknown");
+    shows("key-0001", "\"stored\":true,\"reason\":\"it is asked for, but the loop is in Auto\"");
+    took(TARGET, APC_MODE_CAS, APC_GOOD);
+    settle(10 * S);
+    assert_string_equal(told, "accepted unknown applied");
+}
+
+static void what_is_refused_has_failed_with_the_reason_of_its_event(void **state)
+{
+    struct write_change c = change_of(KP, 0.3), other = change_of(TAU_I, 5);
+    (void)state;
+    begin("key-0001", WRITE_TUNING, &c, 1);
+    end("key-0001", WRITE_ACCEPTED, 1, &c);
+    begin("key-0002", WRITE_TUNING, &other, 1);
+    end("key-0002", WRITE_ACCEPTED, 1, &other);
+    land(KP, &c);
+    land(TAU_I, &other);
+    took(KP, 0.2, APC_BAD);
+    took(TAU_I, 10, APC_BAD);
+    assert_true(settle(S));
+    assert_string_equal(refusal.key, "key-0001");
+    assert_string_equal(refusal.name, "x");
+    assert_int_equal(refusal.since, c.after.time);
+    assert_true(settle(S)); /* not found yet: and the other one? */
+    assert_string_equal(refusal.key, "key-0002");
+    snprintf(refusal.text, sizeof refusal.text, "x is too large");
+    assert_false(settle(S)); /* each once a round */
+    assert_string_equal(told, "accepted accepted failed");
+    shows("key-0002", "\"stored\":true,\"reason\":\"x is too large\"");
+    refusal = (struct refusal){0};
+    assert_true(settle(2 * S));
+    assert_string_equal(refusal.key, "key-0001");
+    assert_false(settle(2 * S));
+    refusal = (struct refusal){0};
+    assert_true(settle(2 * S + 1)); /* nor does it come any more */
+    assert_false(settle(2 * S + 1));
+    assert_string_equal(told, "accepted accepted failed failed");
+    shows("key-0001", "\"reason\":\"its controller refused it\"");
+}
+
+static void without_a_confirmation_it_is_unknown_and_may_still_be_applied(void **state)
+{
+    struct write_change c = change_of(KP, 0.3);
+    (void)state;
+    begin("key-0001", WRITE_TUNING, &c, 1);
+    end("key-0001", WRITE_ACCEPTED, 1, &c);
+    land(KP, &c);
+    settle(8 * S); /* 3 periods and 2 s */
     assert_string_equal(told, "accepted");
     settle(8 * S + 1);
     settle(100 * S);
     assert_string_equal(told, "accepted unknown"); /* said once */
-    taken += 2;
+    shows("key-0001", "it is stored, but controller base has not confirmed it");
+    took(KP, 0.3, APC_GOOD);
     settle(1000 * S);
     assert_string_equal(told, "accepted unknown applied");
 }
 
-static void a_controller_that_never_wrote_confirms_nothing(void **state)
+static void nobody_applies_it_when_its_own_controller_does_not_tick(void **state)
 {
-    struct write_change c = change_of(Z, 12);
+    struct write_change c = change_of(Z, 12), other = change_of(OTHER, APC_MODE_MAN);
     (void)state;
-    taken = -1;
+    tick[0].time = NOW - 7 * S;
     begin("key-0001", WRITE_SETPOINT, &c, 1);
     end("key-0001", WRITE_ACCEPTED, 1, &c);
+    begin("key-0002", WRITE_MODE, &other, 1);
+    end("key-0002", WRITE_ACCEPTED, 1, &other);
     land(Z, &c);
+    land(OTHER, &other);
+    settle(0);
+    assert_string_equal(told, "accepted accepted unknown"); /* at once, and the other's does */
+    shows("key-0001", "it is stored, but controller base does not tick: nobody applies it");
+    tick[0].time = NOW;
+    took(Z, 12, APC_GOOD);
+    tick[1].seq = 0; /* it never did */
     settle(S);
-    settle(9 * S);
+    assert_string_equal(told, "accepted accepted unknown applied unknown");
+    shows("key-0002", "controller upper does not tick");
+}
+
+static void what_no_controller_has_is_taken_by_nobody(void **state)
+{
+    struct write_change c = change_of(LOST, 12);
+    (void)state;
+    begin("key-0001", WRITE_SETPOINT, &c, 1);
+    end("key-0001", WRITE_ACCEPTED, 1, &c);
+    land(LOST, &c);
+    settle(0);
     assert_string_equal(told, "accepted unknown");
+    shows("key-0001", "it is stored, but no controller takes it");
+}
+
+static void what_was_taken_along_counts_too(void **state)
+{
+    struct write_change c[2] = {change_of(Z, 12), change_of(TARGET, APC_MODE_AUTO)};
+    (void)state;
+    begin("key-0001", WRITE_SETPOINT, c, 1);
+    end_n("key-0001", WRITE_ACCEPTED, 1, c, 2);
+    shows("key-0001", "\"ref\":\"opmode.1\"");
+    land(Z, &c[0]);
+    land(TARGET, &c[1]);
+    took(Z, 12, APC_GOOD_LOCAL_OVERRIDE);
+    settle(S);
+    assert_string_equal(told, "accepted");
+    took(TARGET, APC_MODE_AUTO, APC_GOOD);
+    settle(S);
+    assert_string_equal(told, "accepted applied");
 }
 
 static void a_lost_answer_is_settled_by_the_row_itself(void **state)
@@ -193,9 +338,27 @@ static void a_lost_answer_is_settled_by_the_row_itself(void **state)
     settle(100 * S);
     assert_string_equal(told, "unknown");
     land(Z, &c);
-    taken++;
+    took(Z, 12, APC_GOOD);
     settle(101 * S);
     assert_string_equal(told, "unknown accepted applied");
+}
+
+static void where_the_seq_was_the_stores_to_give_only_the_row_itself_tells(void **state)
+{
+    struct write_change c = change_of(Z, 12), other = change_of(Z, 11);
+    (void)state;
+    c.after.seq = APC_SEQ_ANY;
+    begin("key-0001", WRITE_SETPOINT, &c, 1);
+    end("key-0001", WRITE_UNKNOWN, -1, &c);
+    land(Z, &other); /* the loop above's, which says nothing of ours */
+    settle(S);
+    assert_string_equal(told, "unknown");
+    newest[Z].seq++;
+    newest[Z].time = c.after.time;
+    newest[Z].value = c.after.value;
+    settle(S);
+    assert_string_equal(told, "unknown accepted");
+    shows("key-0001", "\"to\":12,\"seq\":6}");
 }
 
 static void a_lost_answer_is_a_failure_when_the_row_is_somebody_elses(void **state)
@@ -217,7 +380,7 @@ static void final_is_final(void **state)
     begin("key-0001", WRITE_SETPOINT, &c, 1);
     end("key-0001", WRITE_FAILED, 0, &c);
     land(Z, &c);
-    taken++;
+    took(Z, 12, APC_GOOD);
     settle(S);
     settle(100 * S);
     assert_string_equal(told, "failed");
@@ -258,17 +421,6 @@ static void the_oldest_are_forgotten(void **state)
     text_free(&t);
 }
 
-/* All of it, as the page reads it. */
-static const char *shown(const char *key)
-{
-    static char text[2000];
-    struct text t = {0};
-    writes_json(writes, key, &t);
-    snprintf(text, sizeof text, "%.*s", (int)t.n, t.at ? t.at : "");
-    text_free(&t);
-    return text;
-}
-
 static void what_is_known_of_a_write_is_shown(void **state)
 {
     struct write_change c[2] = {change_of(KP, 0.3), change_of(MANUAL, 7)};
@@ -283,70 +435,21 @@ static void what_is_known_of_a_write_is_shown(void **state)
         "\"unknown\",\"stored\":null,\"reason\":null,\"changes\":[{\"ref\":\"tuning.1\",\"name\":\"x\","
         "\"from\":0.2,\"to\":0.3,\"seq\":null},{\"ref\":\"manual.1\",\"name\":\"x\",\"from\":null,"
         "\"to\":7,\"seq\":null}]}");
-    writes_end(writes, "key-0001", WRITE_ACCEPTED, 1, "", c, 0, &t);
+    end_n("key-0001", WRITE_ACCEPTED, 1, c, 2);
     assert_non_null(strstr(shown(NULL), "\"state\":\"accepted\",\"stored\":true,\"reason\":null"));
     assert_non_null(strstr(shown(NULL), "\"to\":0.3,\"seq\":2}"));
     assert_non_null(strstr(shown(NULL), "\"to\":7,\"seq\":1}"));
     begin("key-0002", WRITE_MODE, c, 1);
-    writes_end(writes, "key-0002", WRITE_FAILED, 0, "no \"reason\"", c, 0, &t);
+    writes_end(writes, "key-0002", &(struct write){.state = WRITE_FAILED, .n = 1, .change = c},
+               "no \"reason\"", 0, &t);
     assert_non_null(strstr(shown("key-0002"), "\"kind\":\"mode\""));
     assert_non_null(strstr(shown("key-0002"), "\"stored\":false,\"reason\":\"no \\\"reason\\\"\""));
     assert_non_null(strstr(shown("key-0002"), "\"to\":0.3,\"seq\":null}"));
     assert_non_null(strstr(shown(NULL), "]},{\"key\":\"key-0002\"")); /* the oldest first */
     const size_t before = t.n;
-    writes_end(writes, "key-none", WRITE_FAILED, 0, "", c, 0, &t);
+    writes_end(writes, "key-none", &(struct write){.state = WRITE_FAILED, .n = 1, .change = c}, "", 0, &t);
     assert_int_equal(t.n, before);
     text_free(&t);
-}
-
-/* The controller counts the rows of all that it takes, and no other's. */
-static void every_row_that_it_takes_counts(void **state)
-{
-    static const struct {
-        int which;
-        double more;
-    } cases[] = {{Z, 1}, {TARGET, 1}, {KP, 1}, {TAU_I, 1}, {MANUAL, 1}, {ACTUAL, 0}};
-    (void)state;
-    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-        char key[20];
-        told[0] = '\0';
-        snprintf(key, sizeof key, "key-%05zu", i);
-        struct write_change c = change_of(Z, 12);
-        begin(key, WRITE_SETPOINT, &c, 1);
-        end(key, WRITE_ACCEPTED, 1, &c);
-        land(Z, &c);
-        newest[cases[i].which].seq++;
-        taken += 1;
-        settle(S);
-        assert_string_equal(told, cases[i].more > 0 ? "accepted" : "accepted applied");
-        taken += cases[i].more;
-        settle(S);
-        assert_string_equal(told, "accepted applied");
-    }
-}
-
-static void a_mode_fails_where_there_is_none_and_not_where_another_was_asked_for_since(void **state)
-{
-    struct write_change c = change_of(TARGET, APC_MODE_MAN);
-    (void)state;
-    newest[ACTUAL].seq = 0;
-    begin("key-0001", WRITE_MODE, &c, 1);
-    end("key-0001", WRITE_ACCEPTED, 1, &c);
-    land(TARGET, &c);
-    taken++;
-    settle(S);
-    assert_string_equal(told, "accepted failed");
-    assert_non_null(strstr(shown("key-0001"), "\"stored\":true,\"reason\":\"the controller is in no mode\""));
-    newest[ACTUAL].seq = 10;
-    told[0] = '\0';
-    c = change_of(TARGET, APC_MODE_MAN);
-    begin("key-0002", WRITE_MODE, &c, 1);
-    end("key-0002", WRITE_ACCEPTED, 1, &c);
-    land(TARGET, &c);
-    newest[TARGET].seq++; /* somebody else has asked for Auto meanwhile, which it is */
-    taken += 2;
-    settle(S);
-    assert_string_equal(told, "accepted applied");
 }
 
 static void a_lost_answer_waits_for_its_own_row(void **state)
@@ -399,12 +502,16 @@ int main(void)
 {
 #define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
     const struct CMUnitTest tests[] = {
-        T(it_is_applied_once_the_controller_has_taken_it),
-        T(another_row_is_not_taken_for_it),
-        T(a_mode_is_applied_when_it_is_the_actual_one),
-        T(a_mode_that_the_controller_does_not_take_has_failed),
+        T(it_is_applied_once_its_controller_has_taken_it),
+        T(all_of_one_write_has_to_be_in_force),
+        T(a_newer_one_that_was_taken_supersedes_it),
+        T(a_mode_is_applied_when_the_loop_is_in_it),
+        T(what_is_refused_has_failed_with_the_reason_of_its_event),
         T(without_a_confirmation_it_is_unknown_and_may_still_be_applied),
-        T(a_controller_that_never_wrote_confirms_nothing),
+        T(nobody_applies_it_when_its_own_controller_does_not_tick),
+        T(what_no_controller_has_is_taken_by_nobody),
+        T(what_was_taken_along_counts_too),
+        T(where_the_seq_was_the_stores_to_give_only_the_row_itself_tells),
         T(a_lost_answer_is_settled_by_the_row_itself),
         T(a_lost_answer_is_a_failure_when_the_row_is_somebody_elses),
         T(final_is_final),
@@ -412,8 +519,6 @@ int main(void)
         T(the_oldest_are_forgotten),
         T(keys_are_plain),
         T(what_is_known_of_a_write_is_shown),
-        T(every_row_that_it_takes_counts),
-        T(a_mode_fails_where_there_is_none_and_not_where_another_was_asked_for_since),
         T(a_lost_answer_waits_for_its_own_row),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
