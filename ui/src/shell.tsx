@@ -9,6 +9,7 @@ import {Help} from "./help";
 import {isTyping} from "./keyboard";
 import {Login} from "./login";
 import {env} from "./core/env";
+import {notRunning} from "./core/modes";
 import {connection, control, heardAt, needsLogin, plant, second, session, serverNow, store} from "./core/model";
 import {DiagnosticsPage} from "./pages/diagnostics";
 import {EventsPage} from "./pages/events";
@@ -144,6 +145,8 @@ function Bars(): JSX.Element {
   const link = useCell(connection);
   const database = useCell(store);
   const standing = useCell(control);
+  const p = useCell(plant);
+  const stopped = Object.entries(standing?.running ?? {}).flatMap(([name, running]) => (running === false ? [name] : []));
   const retry = link.retryAt == null ? 0 : Math.max(0, Math.ceil(link.retryAt - env.mono()));
   return (
     <>
@@ -169,10 +172,10 @@ function Bars(): JSX.Element {
           </p>
         )}
       </div>
-      {link.state === "connected" && database?.connected && standing?.running === false && (
+      {link.state === "connected" && database?.connected && p && stopped.length > 0 && (
         <p class="trouble silent-bar" role="status">
-          <Shape priority={2} label="the controller is not running" />
-          <span>The controller is not running: modes and outputs are last known.</span>
+          <Shape priority={2} label="not running" />
+          <span class="sentence">{notRunning(stopped, p)}: modes and outputs of {stopped.length > 1 ? "their" : "its"} loops are last known.</span>
         </p>
       )}
       {link.state === "disconnected" && <p class="retry">next attempt {retry > 0 ? `in ${retry} s` : "now"}</p>}

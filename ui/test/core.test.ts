@@ -8,13 +8,14 @@ import {hole, matches, merge} from "../src/core/eventlist";
 import {clock, complaint, csv, decimalsOf, duration, exact, iso, limitsText, number, period, read, stamp} from "../src/core/format";
 import {histogram, logHeight, reach} from "../src/core/histogram";
 import {next, type WriteView} from "../src/core/lifecycle";
-import {modesOf} from "../src/core/modes";
+import {modesOf, notRunning} from "../src/core/modes";
 import {pages, path, placeOf} from "../src/core/place";
 import {abnormal, aged, beyond, heard, limit, type Live, nothing, usable, words, worth} from "../src/core/quality";
 import {extent, niceScale, place} from "../src/core/scale";
 import {align, append, between, drawn, empty, fromBins, fromHistory, fromSamples, held, indexAt, join, trim, valueAt, visible} from "../src/core/series";
 import {bounds, goLive, pan, pause, refuse, select, zoom, type Window} from "../src/core/view";
-import type {PlantEvent, Write} from "../src/core/types";
+import type {Control, Loop, PlantEvent, Write} from "../src/core/types";
+import {cascade, plant} from "./plant";
 
 const DAY = 86400;
 
@@ -302,33 +303,50 @@ test("any link gives a place", () => {
   assert.deepEqual(placeOf(path("events")), {page: "events", about: null});
 });
 
-const mode = {target: "opmode.0", actual: "opmode.1", names: ["Man", "Auto", "OOS"], targets: ["Man", "Auto"]};
 const of = (value: number | null, part: Partial<Live> = {}): Live => ({...nothing, seq: 1, value, status: "Good", ...part});
 
-const control = {running: true, target: "Auto", actual: "Auto", reason: null, safe: false, safe_since: null};
+const control: Control = {running: {base: true}, reasons: {}, safe: false, safe_since: null};
+const [below, , above] = cascade.loops as [Loop, Loop, Loop];
+const judge = (target: number | null, actual: number | null, part: Partial<Control> = {}, loop = below, p = cascade) => modesOf(loop, p, of(target), of(actual), {...control, ...part});
 
 test("why the actual mode is what it is is said, and when it is only last known", () => {
   const told = (target: number | null, actual: number | null, part: object = {}) => {
-    const m = modesOf(mode, of(target), of(actual), {...control, ...part});
+    const m = judge(target, actual, part);
     return [m.target, m.actual, m.lastKnown, m.why];
   };
   assert.deepEqual(told(1, 1), ["Auto", "Auto", false, null]);
-  assert.deepEqual(told(1, 0, {reason: "output at its fault value"}), ["Auto", "Man", false, "output at its fault value"]);
-  assert.deepEqual(told(1, 1, {running: false, reason: "not running"}), ["Auto", "Auto", true, "not running"]);
-  assert.deepEqual(told(1, 1, {running: null})[2], false);
+  assert.deepEqual(told(1, 5, {reasons: {1: "output at its fault value"}}), ["Auto", "LO", false, "output at its fault value"]);
+  assert.deepEqual(told(1, 5, {reasons: {2: "of another loop"}})[3], "Auto is asked for and not taken yet");
+  assert.deepEqual(told(1, 1, {running: {base: false, upper: true}}), ["Auto", "Auto", true, "controller base is not running"]);
+  assert.deepEqual(told(1, 1, {running: {base: true, upper: false}}).slice(2), [false, null]);
+  assert.deepEqual(judge(1, 4, {running: {upper: false}}, above).why, "controller upper is not running");
+  assert.deepEqual(judge(1, 1, {running: {base: false}}, below, plant).why, "the controller is not running");
+  assert.deepEqual(told(1, 1, {running: {base: null}})[2], false);
+  assert.deepEqual(told(3, 1)[0], "Cas");
   assert.deepEqual(told(0, 1)[3], "Man is asked for and not taken yet");
   assert.deepEqual(told(null, 1)[3], "no mode is asked for and not taken yet");
   assert.deepEqual(told(1, null), ["Auto", null, false, null]);
   assert.deepEqual(told(7, 1)[0], "mode 7");
-  assert.deepEqual(modesOf(mode, of(1), of(1), null).lastKnown, false);
+  assert.deepEqual(modesOf(below, cascade, of(1), of(1), null).lastKnown, false);
 });
 
 test("an output is moved by hand when Man is asked for and taken", () => {
-  const hands = (target: number | null, actual: number | null) => modesOf(mode, of(target), of(actual), control).handsOff;
+  const hands = (target: number | null, actual: number | null) => judge(target, actual).handsOff;
   assert.equal(hands(0, 0), null);
   assert.equal(hands(1, 0), "Auto is asked for: change to Man first");
   assert.equal(hands(null, 0), "no mode is asked for: change to Man first");
   for (const [target, actual] of [[0, 1], [1, 1], [0, 2], [0, null]] as const) assert.equal(hands(target, actual), "by hand in mode Man only");
+});
+
+test("a setpoint is the loop's above while Cas is asked for, whatever the loop is in", () => {
+  assert.deepEqual([judge(3, 3), judge(3, 1), judge(1, 3), judge(0, 0)].map(one => one.remote), ["upper.r1", "upper.r1", null, null]);
+  assert.equal(judge(3, 3, {}, above).remote, null, "no loop is above it");
+});
+
+test("who does not run is named where there are several", () => {
+  assert.equal(notRunning(["base"], plant), "the controller is not running");
+  assert.equal(notRunning(["upper"], cascade), "controller upper is not running");
+  assert.equal(notRunning(["base", "upper"], cascade), "controllers base, upper are not running");
 });
 
 test("what lies beyond a histogram is counted at its ends; one tick is visible beside a million", () => {

@@ -15,10 +15,11 @@ const plant = {
     variable("sensor.1", "y", {unit: "m", period: 1}),
     variable("setpoint.1", "r", {unit: "m", low: -2, high: 2}),
     variable("actuator.1", "u", {unit: "V", period: 1, low: -10, high: 10}),
-    variable("manual.1", "u"), variable("tuning.1", "Kp"), variable("opmode.0", "mode"), variable("opmode.1", "mode"),
+    variable("manual.1", "u"), variable("tuning.1", "Kp"), variable("opmode.1", "u"), variable("actual.21", "mode.actual"),
   ],
-  loops: [{id: 1, name: "y", measurement: "sensor.1", setpoint: "setpoint.1", output: "actuator.1", manual: "manual.1", tuning: ["tuning.1"], parameters: ["Kp"]}],
-  mode: {target: "opmode.0", actual: "opmode.1", names: ["Man", "Auto", "OOS"], targets: ["Man", "Auto"]},
+  loops: [{id: 1, name: "y", measurement: "sensor.1", setpoint: "setpoint.1", output: "actuator.1", manual: "manual.1", tuning: ["tuning.1"], parameters: ["Kp"], called: "u", controller: "controller", above: null, mode: {target: "opmode.1", actual: "actual.21", targets: ["OOS", "Man", "Auto"]}}],
+  controllers: [{number: 1, name: "controller", period: 1}],
+  modes: ["Man", "Auto", "OOS", "Cas", "IMan", "LO"],
 };
 
 export const HELD = 20; // s that an output is held after the sensor failed, before it goes to its fault value
@@ -63,9 +64,9 @@ export class Fake {
         return !bad ? [4 + Math.sin(t / 15), "Good"] : t < this.failed + HELD ? [4 + Math.sin(this.failed / 15), "UncertainLastUsableValue"] : [-2, "UncertainSubstituteValue"];
       case "setpoint.1":
         return [0.5, "Good"];
+      case "actual.21":
+        return t >= this.failed + HELD ? [5, "Uncertain"] : [1, "Good"];
       case "opmode.1":
-        return [t >= this.failed + HELD ? 0 : 1, "Good"];
-      case "opmode.0":
         return [1, "Good"];
       default:
         return null;
@@ -74,7 +75,7 @@ export class Fake {
 
   #control() {
     const fault = this.now >= this.failed + HELD;
-    return {running: !this.stopped, target: "Auto", actual: this.stopped ? null : fault ? "Man" : "Auto", reason: this.stopped ? "the controller is not running" : fault ? "output at its fault value: y is Bad" : null, safe: this.stopped, safe_since: this.stopped ? this.now - 60 : null};
+    return {running: {controller: !this.stopped}, reasons: fault && !this.stopped ? {1: "output at its fault value: y is Bad"} : {}, safe: this.stopped, safe_since: this.stopped ? this.now - 60 : null};
   }
 
   #sample(ref, t) {
@@ -89,7 +90,7 @@ export class Fake {
 
   #tell() {
     this.#seq++;
-    const values = Object.fromEntries(["sensor.1", "actuator.1", "opmode.1"].map(ref => [ref, this.#sample(ref, this.now)]));
+    const values = Object.fromEntries(["sensor.1", "actuator.1", "actual.21"].map(ref => [ref, this.#sample(ref, this.now)]));
     for (const stream of this.#streams) {
       stream.write(`id: f.${this.#seq}\nevent: values\ndata: ${JSON.stringify({t: this.now, values})}\n\n`);
       stream.write(`event: beat\ndata: ${JSON.stringify({t: this.now, connected: true, control: this.#control()})}\n\n`);

@@ -118,7 +118,7 @@ test("a sensor fails: its curve ends, that of the output goes on, held and then 
   });
 });
 
-test("a sensor fails: the mode says why it is Man, and the output is not offered to be moved", PATIENCE, () => {
+test("a sensor fails: the mode says why it is LO, and the output is not offered to be moved", PATIENCE, () => {
   fake.failed = fake.now - 300;
   return withPage("loop", async page => {
     await page.getByText("output at its fault value: y is Bad").first().waitFor();
@@ -130,7 +130,7 @@ test("a sensor fails: the mode says why it is Man, and the output is not offered
 
 test("the controller is stopped: its mode is last known, and the plant at its safe value stands until it is not", PATIENCE, () =>
   withPage("loop", async page => {
-    const mode = page.locator('.mode-switch .mode[data-ref="opmode.1"]');
+    const mode = page.locator('.mode-switch .mode[data-ref="actual.21"]');
     await until("the mode is shown", async () => (await mode.textContent()) === "Auto");
     assert.equal(await page.locator(".mode.last-known").count(), 0);
     fake.stopped = true;

@@ -42,7 +42,7 @@ test("Man, move the output, and back to Auto without a bump", () =>
     const output = page.locator('input[name="output.1"]');
     assert.equal(await output.isDisabled(), true, "the output can be moved in Auto");
     await page.getByRole("button", {name: "Man", exact: true}).click();
-    await until("the actual mode is Man", async () => (await page.locator('.mode-switch [data-ref="opmode.1"]').textContent()) === "Man");
+    await until("the actual mode is Man", async () => (await page.locator('.mode-switch [data-ref="actual.21"]').textContent()) === "Man");
     const held = await shown(page, "actuator.1");
     await until("the output can be moved", () => output.isEnabled());
     const moved = Number((held + 0.1).toFixed(3));
@@ -52,7 +52,7 @@ test("Man, move the output, and back to Auto without a bump", () =>
     await near(page, "actuator.1", moved, 0.011);
     await near(page, "sensor.1", 13, 0.1);
     await page.getByRole("button", {name: "Auto", exact: true}).click();
-    await until("the actual mode is Auto", async () => (await page.locator('.mode-switch [data-ref="opmode.1"]').textContent()) === "Auto");
+    await until("the actual mode is Auto", async () => (await page.locator('.mode-switch [data-ref="actual.21"]').textContent()) === "Auto");
     await near(page, "sensor.1", 12, 0.1);
     const {samples} = await api("/api/history?var=actuator.1&since=-60&last=2000");
     const last = samples.value.lastIndexOf(moved); // the last by hand
@@ -269,7 +269,7 @@ test("what comes between a frame and its effects is shown, also when it never ch
   withPage("overview", {lateEffects: true}, async page => {
     const {values} = await api("/api/state");
     assert.equal(await page.locator('main [data-ref="sensor.1"] .digits').first().isVisible(), true);
-    await until("the mode is shown", async () => (await page.locator('main .mode[data-ref="opmode.1"]').first().textContent()) === "Auto");
+    await until("the mode is shown", async () => (await page.locator('main .mode[data-ref="actual.21"]').first().textContent()) === "Auto");
     await near(page, "setpoint.1", values["setpoint.1"][2], 0.01);
   }));
 

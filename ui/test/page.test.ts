@@ -200,18 +200,23 @@ test("events are kept, the newest five hundred, and those that leave are counted
 });
 
 test("what stands is what the server said last, each second", async () => {
-  assert.deepEqual([model.modes.value.actual, model.modes.value.lastKnown], ["Auto", false]);
+  const modes = (id = 1) => model.modesOfLoop({id}).value;
+  assert.deepEqual([modes().actual, modes().lastKnown], ["Auto", false]);
   const before = model.control.value;
   server.beat();
   assert.equal(model.control.value, before, "what is the same is told as new");
-  server.control = {...server.control, running: false, reason: "the controller is not running", safe: true, safe_since: 5};
+  server.control = {...server.control, running: {base: false}, safe: true, safe_since: 5};
   server.beat();
-  assert.deepEqual([model.control.value?.safe, model.modes.value.lastKnown, model.modes.value.why], [true, true, "the controller is not running"]);
-  server.control = {...server.control, running: true, reason: null, safe: false};
+  assert.deepEqual([model.control.value?.safe, modes().lastKnown, modes().why], [true, true, "the controller is not running"]);
+  server.control = {...server.control, running: {base: true}, safe: false};
   env.source.send("state", server.state());
-  assert.deepEqual([model.control.value?.safe, model.modes.value.lastKnown], [false, false]);
-  server.sample("opmode.1", 0);
-  assert.equal(model.modes.value.handsOff, "Auto is asked for: change to Man first");
+  assert.deepEqual([model.control.value?.safe, modes().lastKnown], [false, false]);
+  server.sample("actual.21", 0);
+  assert.equal(modes().handsOff, "Auto is asked for: change to Man first");
+  assert.equal(modes(2).handsOff, "by hand in mode Man only", "the other loop's mode was changed");
+  server.control = {...server.control, reasons: {2: "output held"}};
+  server.beat();
+  assert.deepEqual([modes().why, modes(2).why], ["Auto is asked for and not taken yet", "output held"]);
 });
 
 test("limits are those of the measurement, else of its setpoint", () => {

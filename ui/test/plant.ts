@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // A plant of two loops as apc-ui tells of it, and a server that answers for it.
-import type {Control, Plant, Sample, State, Variable} from "../src/core/types";
+import type {Control, Loop, Plant, Sample, State, Variable} from "../src/core/types";
 import {FakeEnv} from "./env";
 
 export const START = 2e9; // the server's clock when everything begins
@@ -9,6 +9,23 @@ const variable = (ref: string, name: string, rest: Partial<Variable> = {}): Vari
   const [table, id] = ref.split(".") as [string, string];
   return {ref, table, id: Number(id), name, unit: "", description: "", low: null, high: null, period: null, ...rest};
 };
+
+function loop(id: number, name: string, called: string): Loop {
+  return {
+    id,
+    name,
+    called,
+    controller: "base",
+    measurement: `sensor.${id}`,
+    setpoint: `setpoint.${id}`,
+    output: `actuator.${id}`,
+    manual: `manual.${id}`,
+    tuning: [`tuning.${id}`],
+    parameters: ["Kp"],
+    above: null,
+    mode: {target: `opmode.${id}`, actual: `actual.${16 * id + 5}`, targets: ["OOS", "Man", "Auto"]},
+  };
+}
 
 export const plant: Plant = {
   name: "tanks",
@@ -28,14 +45,27 @@ export const plant: Plant = {
     variable("manual.2", "u2.manual"),
     variable("tuning.1", "u1.Kp", {low: 0, high: 1e9}),
     variable("tuning.2", "u2.Kp"),
-    variable("opmode.0", "mode"),
-    variable("opmode.1", "actual"),
+    variable("opmode.1", "u1"),
+    variable("opmode.2", "u2"),
+    variable("actual.21", "u1.mode.actual"),
+    variable("actual.37", "u2.mode.actual"),
   ],
+  controllers: [{number: 1, name: "base", period: 2}],
+  loops: [loop(1, "y1", "u1"), loop(2, "y2", "u2")],
+  modes: ["Man", "Auto", "OOS", "Cas", "IMan", "LO"],
+};
+
+/** The same under a loop of another controller, which moves r1. */
+export const cascade: Plant = {
+  ...plant,
+  name: "layers",
+  variables: [...plant.variables, variable("manual.3", "upper.r1.manual"), variable("opmode.3", "upper.r1"), variable("actual.53", "upper.r1.mode.actual")],
+  controllers: [...plant.controllers, {number: 2, name: "upper", period: 20}],
   loops: [
-    {id: 1, name: "y1", measurement: "sensor.1", setpoint: "setpoint.1", output: "actuator.1", manual: "manual.1", tuning: ["tuning.1"], parameters: ["Kp"]},
-    {id: 2, name: "y2", measurement: "sensor.2", setpoint: "setpoint.2", output: "actuator.2", manual: "manual.2", tuning: ["tuning.2"], parameters: ["Kp"]},
+    {...loop(1, "y1", "u1"), above: 3, mode: {target: "opmode.1", actual: "actual.21", targets: ["OOS", "Man", "Auto", "Cas"]}},
+    loop(2, "y2", "u2"),
+    {...loop(3, "upper.r1", "upper.r1"), controller: "upper", measurement: "sensor.1", setpoint: null, output: "setpoint.1", tuning: [], parameters: []},
   ],
-  mode: {target: "opmode.0", actual: "opmode.1", names: ["Man", "Auto", "OOS"], targets: ["Man", "Auto"]},
 };
 
 const values = (t: number): Record<string, Sample> => ({
@@ -50,8 +80,10 @@ const values = (t: number): Record<string, Sample> => ({
   "manual.2": [0, null, null, "BadNoData"],
   "tuning.1": [1, t - 200, 0.2, "Good"],
   "tuning.2": [1, t - 200, 1e9, "Good"],
-  "opmode.0": [1, t - 200, 1, "Good"],
   "opmode.1": [1, t - 200, 1, "Good"],
+  "opmode.2": [1, t - 200, 1, "Good"],
+  "actual.21": [1, t - 200, 1, "Good"],
+  "actual.37": [1, t - 200, 1, "Good"],
 });
 
 export class Server {
@@ -59,7 +91,7 @@ export class Server {
   /** What the server's clock is ahead of the browser's monotonic one. */
   private ahead: number;
   private seq = 100;
-  control: Control = {running: true, target: "Auto", actual: "Auto", reason: null, safe: false, safe_since: null};
+  control: Control = {running: {base: true}, reasons: {}, safe: false, safe_since: null};
 
   constructor(readonly env: FakeEnv) {
     this.ahead = START - env.mono();

@@ -5,7 +5,7 @@ import {beforeEach, test} from "node:test";
 import {options, render} from "preact";
 import type {Sample} from "../src/core/types";
 import {FakeEnv} from "./env";
-import {plant as tanks, Server, START} from "./plant";
+import {cascade, plant as tanks, Server, START} from "./plant";
 
 if (Number(process.versions.node.split(".")[0]) < 20) {
   console.log("skipped: happy-dom takes Node 20, this is", process.version);
@@ -45,8 +45,8 @@ const app = document.getElementById("app") as HTMLElement;
 let begun = false;
 
 beforeEach(async () => {
-  server.control = {running: true, target: "Auto", actual: "Auto", reason: null, safe: false, safe_since: null};
-  for (const name of ["setpoint.1", "output.1", "mode", "tuning.1"]) forget(name);
+  server.control = {running: {base: true}, reasons: {}, safe: false, safe_since: null};
+  for (const name of ["setpoint.1", "output.1", "mode.1", "tuning.1"]) forget(name);
   env.asked.length = 0;
   if (!begun) {
     await model.begin();
@@ -209,11 +209,11 @@ test("the database is not known to be well while nobody is connected", async () 
 });
 
 test("what stands is told on every page", async () => {
-  server.control = {running: false, target: "Auto", actual: null, reason: "the controller is not running", safe: true, safe_since: START};
+  server.control = {running: {base: false}, reasons: {}, safe: true, safe_since: START};
   server.beat();
   await settle();
   assert.equal(said(".safe-bar"), "[priority 1: plant at its safe value] The plant is at its safe value since 2033-05-18 03:33:20 UTC: nothing drives it.");
-  assert.equal(said(".silent-bar"), "[priority 2: the controller is not running] The controller is not running: modes and outputs are last known.");
+  assert.equal(said(".silent-bar"), "[priority 2: not running] the controller is not running: modes and outputs of its loops are last known.");
   assert.equal(said(".loops tbody tr:first-child td:nth-child(2)"), "[priority 2: the controller is not running] Auto");
   await show("loop/1");
   assert.equal(said(".mode-switch .pairs"), "target Auto actual [priority 2: the controller is not running] Auto");
@@ -265,7 +265,7 @@ test("the faceplate tells the loop", async () => {
   assert.equal(said("h1"), "y2");
   assert.match(said(".faceplate"), /^Values PV y2 .* 5\.000 m SP r2 .* 5 m OUT u2 .* 2\.000 V /);
   assert.match(said(".last-action"), /none among the newest 50 of the plant/);
-  assert.equal(said(".operate h2"), "Mode of all loops | Setpoint | Output");
+  assert.equal(said(".operate h2"), "Mode | Setpoint | Output");
   await click(button("Next loop"));
   await show(location.hash.slice(1));
   assert.equal(said("h1"), "y1");
@@ -355,10 +355,10 @@ test("the output is offered in Man only, and a reason is given", async () => {
   const output = 'form.entry:has(input[name="output.1"])';
   assert.equal(one<HTMLInputElement>('input[name="output.1"]').disabled, true);
   assert.match(said(output), /by hand in mode Man only/);
-  server.sample("opmode.1", 0);
+  server.sample("actual.21", 0);
   await settle();
   assert.match(said(output), /Auto is asked for: change to Man first/);
-  server.sample("opmode.0", 0);
+  server.sample("opmode.1", 0);
   await settle();
   assert.equal(one<HTMLInputElement>('input[name="output.1"]').disabled, false);
   assert.equal(one<HTMLInputElement>('input[name="output.1"]').value, "1.500");
@@ -375,9 +375,9 @@ test("the mode is asked for by its button", async () => {
   assert.equal(env.asked.length, 0, "what is there already is asked for");
   await click(button("Man"));
   const asked = env.take("/api/mode");
-  assert.deepEqual([asked.body?.mode, asked.body?.seq], ["Man", 1]);
+  assert.deepEqual([asked.body?.id, asked.body?.mode, asked.body?.seq], [1, "Man", 1]);
   assert.match(button("Man").className, /pending/);
-  assert.match(said('[data-slot="mode"]'), /mode Auto → Man: pending/);
+  assert.match(said('[data-slot="mode.1"]'), /mode Auto → Man: pending/);
   await click(button("Man"));
   assert.equal(env.asked.length, 0);
   asked.answer({error: {code: "limits", message: "no"}}, 422);
@@ -658,7 +658,7 @@ test("who acted on the loop last, by the stream, by what was asked for, by the w
   env.source.send("event", {events: [event(START + 20, 1, "u1.Kp: 1 -> 2")]});
   await settle();
   assert.equal(action(), "Last action 2033-05-18 03:33:40 UTC, anna: u1.Kp: 1 → 2");
-  const write = (key: string, at: number, rest: object = {}) => ({key, kind: "mode", user: "eve", time: START + at, state: "applied", stored: true, reason: null, changes: [{ref: "opmode.0", name: "mode", from: 1, to: 0, seq: 2}], ...rest});
+  const write = (key: string, at: number, rest: object = {}) => ({key, kind: "mode", user: "eve", time: START + at, state: "applied", stored: true, reason: null, changes: [{ref: "opmode.1", name: "mode", from: 1, to: 0, seq: 2}], ...rest});
   env.source.send("write", write("a", 18));
   await settle();
   assert.match(action(), /anna: u1\.Kp/, "what is older");
@@ -848,4 +848,61 @@ test("timing that cannot be had says why, until it can", async () => {
   await click(button("1 h"));
   assert.equal(said(".timing .complaint"), "");
   assert.match(said(".timing"), /no task has reported in this time/);
+});
+
+/** The plant with a loop above; values of its own. */
+async function layers(part: Record<string, Sample> = {}): Promise<void> {
+  const t = server.now;
+  server.plant = cascade;
+  server.control = {...server.control, running: {base: true, upper: true}};
+  env.source.send("plant", {revision: 9});
+  await settle();
+  await state({"opmode.3": [1, t - 9, 1, "Good"], "actual.53": [1, t - 9, 1, "Good"], "manual.3": [0, null, null, "BadNoData"], ...part});
+}
+
+test("loops are grouped by their controllers, and who does not run is named", async () => {
+  await layers();
+  assert.equal(said(".loops .group"), "base every 2 s | upper every 20 s");
+  assert.deepEqual([...document.querySelectorAll(".loops tbody")].map(body => body.querySelectorAll("tr:not(.group)").length), [2, 1]);
+  server.control = {...server.control, running: {base: true, upper: false}};
+  server.beat();
+  await settle();
+  assert.match(said(".loops .group"), /^base every 2 s \| upper \[priority 2: not running\] not running$/);
+  assert.match(said(".silent-bar"), /controller upper is not running: modes and outputs of its loops are last known/);
+  assert.deepEqual([...document.querySelectorAll(".loops tr:not(.group) td:nth-child(2)")].map(one => one.querySelectorAll(".last-known").length), [0, 0, 1]);
+});
+
+test("a setpoint that the loop above moves is Remote, and a value of one's own takes it, as is said before", async () => {
+  const t = server.now;
+  await layers({"opmode.1": [5, t, 3, "Good"], "actual.21": [5, t, 3, "Good"], "setpoint.1": [7, t, 0.123456789012, "Good"]});
+  await show("loop/1");
+  assert.deepEqual([...document.querySelectorAll(".segments button")].map(each => each.textContent), ["Man", "Auto", "Cas"]);
+  assert.equal(said(".mode-switch .pairs"), "target Cas actual Cas");
+  assert.match(said(".operate h2"), /Setpoint Remote: upper\.r1 moves it/);
+  assert.equal(said('main .line .value[data-ref="setpoint.1"]'), "0.12 m", "a loop's number is told with all its digits");
+  const form = 'form.entry:has(input[name="setpoint.1"])';
+  assert.match(said(form), /100 to 100 ?; a value of yours takes it from upper\.r1/);
+  await type('input[name="setpoint.1"]', "6");
+  server.sample("setpoint.1", 0.2); // which is no reason to ask again
+  await settle();
+  assert.match(said(form), /→ 6 m, Local from then on, target Auto: Enter applies/);
+  await submit(form);
+  assert.deepEqual([env.take("/api/setpoint").body?.value], [6]);
+  server.sample("opmode.1", 1);
+  await settle();
+  assert.match(said(".operate h2"), /Setpoint Local/);
+  await show("loop/3");
+  assert.match(said(".faceplate"), /OUT r1/);
+  assert.match(said(".operate"), /this loop has none/);
+  assert.equal(one<HTMLInputElement>('input[name="output.3"]').disabled, true);
+});
+
+test("what was superseded is final", async () => {
+  await show("loop/1");
+  await type('input[name="setpoint.1"]', "7");
+  await submit('form.entry:has(input[name="setpoint.1"])');
+  const {key} = env.take("/api/setpoint").body as {key: string};
+  env.source.send("write", {key, kind: "setpoint", user: "anna", time: server.now, state: "superseded", stored: true, reason: "a newer value came after it", changes: []});
+  await settle();
+  assert.match(said('[data-slot="setpoint.1"]'), /superseded – a newer value came after it Dismiss/);
 });

@@ -2,7 +2,7 @@
 // The life of one write, as the operator sees it. Pure: what comes next, given what happened.
 import type {Write} from "./types";
 
-export type Phase = "pending" | "accepted" | "applied" | "failed" | "unknown";
+export type Phase = "pending" | "accepted" | "applied" | "superseded" | "failed" | "unknown";
 
 export interface WriteView {
   phase: Phase;
@@ -18,7 +18,7 @@ export type Happening =
   | {what: "refused"; reason: string}
   | {what: "no answer"; reason: string};
 
-const order: Record<Phase, number> = {pending: 0, accepted: 1, unknown: 2, applied: 3, failed: 3};
+const order: Record<Phase, number> = {pending: 0, accepted: 1, unknown: 2, applied: 3, superseded: 3, failed: 3};
 
 export function next(view: WriteView, happening: Happening): WriteView {
   switch (happening.what) {
@@ -36,5 +36,5 @@ export function next(view: WriteView, happening: Happening): WriteView {
 }
 
 export function isFinal(phase: Phase): boolean {
-  return phase === "applied" || phase === "failed";
+  return phase === "applied" || phase === "superseded" || phase === "failed";
 }

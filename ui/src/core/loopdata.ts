@@ -96,8 +96,8 @@ export function loopScale(loop: Pick<Loop, "measurement" | "setpoint">): Cell<Sc
 }
 
 /** Of an output's bar: its limits. */
-export function outputScale(ref: Ref): Cell<Scale | null> {
-  return limits(ref) ?? trendScale(ref);
+export function outputScale(ref: Ref | null): Cell<Scale | null> {
+  return limits(ref) ?? trendScale(ref ?? "");
 }
 
 /** Of an output's curve: what it did, as its limits may be far away. */

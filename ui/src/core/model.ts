@@ -7,7 +7,7 @@ import {env, every} from "./env";
 import {type Modes, modesOf, noModes} from "./modes";
 import {aged, heard, limit, type Limits, type Live, nothing} from "./quality";
 import {Stream} from "./stream";
-import type {Control, Plant, PlantEvent, Ref, Sample, Session, State, StoreState, Task, Variable, Write} from "./types";
+import type {Control, Loop, Plant, PlantEvent, Ref, Sample, Session, State, StoreState, Task, Variable, Write} from "./types";
 
 export interface Connection {
   state: "connecting" | "connected" | "disconnected";
@@ -33,7 +33,6 @@ export const writes = new Cell<Write[]>([]);
 export const events = new Cell<Streamed>({list: [], dropped: 0});
 /** What stands, as the server said it last. */
 export const control = new Cell<Control | null>(null);
-export const modes = new Cell<Modes>(noModes);
 export const tasks = new Cell<Task[]>([]);
 /** Another one each second, whatever the server says. */
 export const second = new Cell(0);
@@ -44,12 +43,25 @@ export const clock = new Clock();
 export const heardAt = {value: env.mono()};
 
 const values = new Map<Ref, Cell<Live>>();
+const modes = new Map<number, Cell<Modes>>();
 const variables = new Map<Ref, Variable>();
 
 export function live(ref: Ref): Cell<Live> {
   let cell = values.get(ref);
   if (!cell) values.set(ref, (cell = new Cell(nothing)));
   return cell;
+}
+
+export function modesOfLoop(loop: Pick<Loop, "id">): Cell<Modes> {
+  let cell = modes.get(loop.id);
+  if (!cell) modes.set(loop.id, (cell = new Cell(noModes)));
+  return cell;
+}
+
+/** Is it a setpoint that a loop moves now? */
+export function isRemote(ref: Ref): boolean {
+  const below = plant.value?.loops.find(loop => loop.setpoint === ref && loop.above != null);
+  return below != null && modesOfLoop(below).value.remote != null;
 }
 
 export function variable(ref: Ref | null): Variable | null {
@@ -122,9 +134,12 @@ function replace<T>(cell: Cell<T>, next: T): void {
 }
 
 function lookAtModes(): void {
-  const mode = plant.value?.mode;
-  if (mode) replace(modes, modesOf(mode, live(mode.target).value, live(mode.actual).value, control.value));
+  const p = plant.value;
+  for (const loop of p?.loops ?? [])
+    if (p) replace(modesOfLoop(loop), modesOf(loop, p, live(loop.mode.target).value, live(loop.mode.actual).value, control.value));
 }
+
+const ofModes = (ref: Ref): boolean => ref.startsWith("opmode.") || ref.startsWith("actual.");
 
 /** Feeds the clock; returns how old the message is, s. */
 function sight(type: string, data: {t?: number; resumed?: boolean}): number {
@@ -176,9 +191,9 @@ function receive(type: string, data: unknown): void {
       if ((data as {reason: string}).reason === "session") needsLogin.value = true;
       break;
   }
-  const {control: said} = data as {control?: Control};
+  const {control: said, values: came} = data as {control?: Control; values?: Record<Ref, Sample>};
   if (said) replace(control, said);
-  lookAtModes();
+  if (said || Object.keys(came ?? {}).some(ofModes)) lookAtModes();
 }
 
 let asked = 0;
@@ -198,6 +213,7 @@ export async function loadPlant(): Promise<void> {
     for (const one of next.variables) variables.set(one.ref, one);
     if (other) for (const listener of plantListeners) listener();
     plant.value = {...next, generation: (before?.generation ?? 0) + (other ? 1 : 0)};
+    lookAtModes();
   } catch {
     env.later(() => void (mine === asked && loadPlant()), 2);
   }

@@ -31,10 +31,20 @@ export interface Loop {
   name: string;
   measurement: Ref | null;
   setpoint: Ref | null;
-  output: Ref;
-  manual: Ref;
+  output: Ref | null;
+  manual: Ref | null;
   tuning: Ref[];
   parameters: string[];
+  called: string;
+  controller: string;
+  above: number | null; // id of the loop that moves the setpoint in Cas
+  mode: {target: Ref; actual: Ref; targets: string[]};
+}
+
+export interface Controller {
+  number: number;
+  name: string;
+  period: number | null;
 }
 
 export interface Plant {
@@ -44,8 +54,9 @@ export interface Plant {
   revision: number;
   start: number | null;
   variables: Variable[];
+  controllers: Controller[];
   loops: Loop[];
-  mode: {target: Ref; actual: Ref; names: string[]; targets: string[]};
+  modes: string[];
 }
 
 export interface StoreState {
@@ -55,10 +66,8 @@ export interface StoreState {
 }
 
 export interface Control {
-  running: boolean | null;
-  target: string | null;
-  actual: string | null;
-  reason: string | null;
+  running: Record<string, boolean | null>; // by controller
+  reasons: Record<string, string>; // by loop
   safe: boolean | null;
   safe_since: number | null;
 }
@@ -180,7 +189,7 @@ export interface Write {
   kind: WriteKind;
   user: string;
   time: number;
-  state: "accepted" | "applied" | "failed" | "unknown";
+  state: "accepted" | "applied" | "superseded" | "failed" | "unknown";
   stored: boolean | null;
   reason: string | null;
   changes: {ref: Ref; name: string; from: number | null; to: number; seq: number | null}[];

@@ -6,7 +6,7 @@ import {get} from "../core/api";
 import {useCell} from "../usecell";
 import {exact, stamp} from "../core/format";
 import {loopScale, outputScale} from "../core/loopdata";
-import {events, modes, plant, variable, writes} from "../core/model";
+import {events, modesOfLoop, plant, variable, writes} from "../core/model";
 import {Bar} from "../parts/bar";
 import {Entry} from "../parts/entry";
 import {ModeSwitch} from "../parts/modeswitch";
@@ -28,7 +28,7 @@ export function LoopPage({about}: {about: string | null}): JSX.Element {
 function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
   const scale = useCell(loopScale(loop));
   const out = useCell(outputScale(loop.output));
-  const {handsOff} = useCell(modes);
+  const {handsOff, remote} = useCell(modesOfLoop(loop));
   const setpoint = variable(loop.setpoint);
   const output = variable(loop.output);
   const index = p.loops.indexOf(loop);
@@ -43,7 +43,10 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
           <>
             <button type="button" onClick={() => step(-1)} aria-label="Previous loop">◀</button>
             <select aria-label="Loop" value={loop.id} onChange={event => go("loop", event.currentTarget.value)}>
-              {p.loops.map(one => <option key={one.id} value={one.id}>{one.name}</option>)}
+              {p.controllers.map(({name}) => {
+                const own = p.loops.filter(one => one.controller === name).map(one => <option key={one.id} value={one.id}>{one.name}</option>);
+                return p.controllers.length > 1 ? <optgroup key={name} label={name}>{own}</optgroup> : own;
+              })}
             </select>
             <button type="button" onClick={() => step(1)} aria-label="Next loop">▶</button>
           </>
@@ -67,11 +70,13 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
               <Value of={loop.setpoint} unit />
             </div>
           )}
-          <div class="line">
-            <span class="line-label">OUT<small>{output?.name}</small></span>
-            <Bar label="OUT" value={loop.output} scale={out} ends />
-            <Value of={loop.output} unit />
-          </div>
+          {loop.output && (
+            <div class="line">
+              <span class="line-label">OUT<small>{output?.name}</small></span>
+              <Bar label="OUT" value={loop.output} scale={out} ends />
+              <Value of={loop.output} unit />
+            </div>
+          )}
           {loop.measurement && (
             <a class="spark-link tall" href={path("trend", loop.id)}>
               <Spark of={loop.measurement} setpoint={loop.setpoint} scale={scale} label={loop.name} />
@@ -80,24 +85,26 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
           <LastAction loop={loop} plant={p} />
         </div>
         <div class="panel operate">
-          <h2>Mode{p.loops.length > 1 && <small> of all loops</small>}</h2>
-          <ModeSwitch plant={p} />
-          <h2>Setpoint</h2>
+          <h2>Mode</h2>
+          <ModeSwitch loop={loop} />
+          <h2>Setpoint{loop.above != null && <small class="owner"> {remote ? `Remote: ${remote} moves it` : "Local"}</small>}</h2>
           {loop.setpoint ? (
-            <Entry of={loop.setpoint} kind="setpoint" label={`SP ${setpoint?.name ?? ""}`} low={setpoint?.low} high={setpoint?.high} />
+            <Entry of={loop.setpoint} kind="setpoint" label={`SP ${setpoint?.name ?? ""}`} low={setpoint?.low} high={setpoint?.high} remote={remote} />
           ) : (
             <p class="say">this loop has none</p>
           )}
           <h2>Output</h2>
-          <Entry
-            of={loop.manual}
-            kind="output"
-            label={`OUT ${output?.name ?? ""}`}
-            shown={loop.output}
-            low={output?.low}
-            high={output?.high}
-            blocked={handsOff}
-          />
+          {loop.manual && (
+            <Entry
+              of={loop.manual}
+              kind="output"
+              label={`OUT ${output?.name ?? ""}`}
+              shown={loop.output ?? loop.manual}
+              low={output?.low}
+              high={output?.high}
+              blocked={handsOff}
+            />
+          )}
         </div>
         <div class="panel tuning-panel span">
           <h2>Tuning</h2>
@@ -115,7 +122,7 @@ function LastAction({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
   const all = useCell(writes);
   const streamed = useCell(events);
   const [past, setPast] = useState<PlantEvent[]>([]);
-  const refs = new Set([loop.setpoint, loop.manual, p.mode.target, ...loop.tuning]);
+  const refs = new Set([loop.setpoint, loop.manual, loop.mode.target, ...loop.tuning]);
   const names = new Set([...refs].flatMap(ref => variable(ref)?.name ?? []));
   useEffect(() => {
     get<{events: PlantEvent[]}>("/api/events", {kind: "operator", last: ASKED}).then(
@@ -129,8 +136,8 @@ function LastAction({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
   let text = `none among the newest ${ASKED} of the plant`;
   if (write && (!event || write.time >= event.time - 1)) {
     const changes = write.changes.map(change => {
-      const modes = change.ref === p.mode.target;
-      const say = (value: number | null): string => (modes && value != null ? (p.mode.names[value] ?? exact(value)) : exact(value));
+      const modes = change.ref === loop.mode.target;
+      const say = (value: number | null): string => (modes && value != null ? (p.modes[value] ?? exact(value)) : exact(value));
       return `${change.name} ${say(change.from)} → ${say(change.to)}`;
     });
     text = `${stamp(write.time)} UTC, ${write.user}: ${changes.join(", ")} (${write.state})`;

@@ -4,17 +4,18 @@ import {memo} from "preact/compat";
 import {useState} from "preact/hooks";
 import {useCell} from "../usecell";
 import {loopScale} from "../core/loopdata";
+import {period} from "../core/format";
 import {Latest} from "../parts/latest";
-import {limitsOf, live, plant, second, store, variable} from "../core/model";
+import {control, limitsOf, live, plant, second, store, variable} from "../core/model";
 import {abnormal} from "../core/quality";
 import {Bar} from "../parts/bar";
 import {Shape} from "../parts/shape";
 import {Spark, summary} from "../parts/spark";
 import {ActualMode, Value} from "../parts/value";
 import {path} from "../router";
-import type {Loop, Plant, Ref} from "../core/types";
+import type {Controller, Loop, Plant, Ref} from "../core/types";
 
-const Row = memo(function Row({loop, plant: p, table}: {loop: Loop; plant: Plant; table: boolean}): JSX.Element {
+const Row = memo(function Row({loop, table}: {loop: Loop; table: boolean}): JSX.Element {
   const scale = useCell(loopScale(loop));
   const name = variable(loop.measurement)?.description;
   return (
@@ -23,13 +24,13 @@ const Row = memo(function Row({loop, plant: p, table}: {loop: Loop; plant: Plant
         <a href={path("loop", loop.id)}>{loop.name}</a>
         <small>{name}</small>
       </th>
-      <td data-label="Mode"><ActualMode plant={p} /></td>
+      <td data-label="Mode"><ActualMode loop={loop} /></td>
       <td class="wide" data-label="PV against SP">
         {loop.measurement && <Bar label={`${loop.name} PV`} value={loop.measurement} setpoint={loop.setpoint} scale={scale} ends />}
       </td>
       <td class="number" data-label="PV">{loop.measurement && <Value of={loop.measurement} unit />}</td>
       <td class="number" data-label="SP">{loop.setpoint && <Value of={loop.setpoint} unit />}</td>
-      <td class="number" data-label="OUT"><Value of={loop.output} unit /></td>
+      <td class="number" data-label="OUT">{loop.output && <Value of={loop.output} unit />}</td>
       <td class="wide" data-label="Last 10 min">
         {loop.measurement &&
           (table ? <Summary of={loop.measurement} /> : <a class="spark-link" href={path("trend", loop.id)}><Spark of={loop.measurement} setpoint={loop.setpoint} scale={scale} label={loop.name} /></a>)}
@@ -37,6 +38,18 @@ const Row = memo(function Row({loop, plant: p, table}: {loop: Loop; plant: Plant
     </tr>
   );
 });
+
+/** Whose loops follow, and whether it runs. */
+function Group({of}: {of: Controller}): JSX.Element {
+  const stopped = useCell(control)?.running[of.name] === false;
+  return (
+    <tr class="group">
+      <th scope="rowgroup" colSpan={7}>
+        {of.name} {stopped ? <><Shape priority={2} label="not running" /> not running</> : of.period != null && <small>every {period(of.period)}</small>}
+      </th>
+    </tr>
+  );
+}
 
 const Measurement = memo(function Measurement({of, table}: {of: Ref; table: boolean}): JSX.Element {
   const one = variable(of);
@@ -93,7 +106,12 @@ export function OverviewPage(): JSX.Element {
               <th scope="col" class="wide">Last 10 min</th>
             </tr>
           </thead>
-          <tbody>{p.loops.map(loop => <Row key={`${loop.id}:${p.generation}`} loop={loop} plant={p} table={table} />)}</tbody>
+          {p.controllers.map(one => (
+            <tbody key={one.name}>
+              {p.controllers.length > 1 && <Group of={one} />}
+              {p.loops.map(loop => loop.controller === one.name && <Row key={`${loop.id}:${p.generation}`} loop={loop} table={table} />)}
+            </tbody>
+          ))}
         </table>
       </div>
       {others.length > 0 && (

@@ -20,9 +20,10 @@ interface Props {
   low?: number | null;
   high?: number | null;
   blocked?: string | null; // why not, beyond what bars every write
+  remote?: string | null; // the loop that moves it, which is why what was seen of it is no condition
 }
 
-export function Entry({of, kind, label, shown = of, low = null, high = null, blocked = null}: Props): JSX.Element {
+export function Entry({of, kind, label, shown = of, low = null, high = null, blocked = null, remote = null}: Props): JSX.Element {
   const one = variable(of);
   const now = useCell(live(of));
   const from = useCell(live(shown));
@@ -37,7 +38,7 @@ export function Entry({of, kind, label, shown = of, low = null, high = null, blo
   const draft = view?.stored && typed === sent.current ? null : typed;
   const complaint = draft ? complain(draft.text, low, high) : null;
   const value = draft ? read(draft.text).value : null;
-  const overtaken = draft != null && draft.seq !== now.seq;
+  const overtaken = draft != null && draft.seq !== now.seq && !remote;
 
   const edit = (text: string): void => {
     setTyped({text, seq: draft?.seq ?? now.seq, value: draft?.value ?? from.value});
@@ -109,10 +110,10 @@ export function Entry({of, kind, label, shown = of, low = null, high = null, blo
           </>
         ) : draft && view?.phase !== "pending" ? (
           <span>
-            {told(shown, draft.value)} → {exact(value)}{unit}: Enter applies, Esc reverts
+            {told(shown, draft.value)} → {exact(value)}{unit}{remote && `, Local from then on, target Auto`}: Enter applies, Esc reverts
           </span>
         ) : (
-          <span>{limitsText(low, high)}</span>
+          <span>{limitsText(low, high)}{remote && `; a value of yours takes it from ${remote}`}</span>
         )}
       </div>
       <WriteStatus of={name} retry={over} />

@@ -1,37 +1,40 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The mode: what is asked for and what the controller does. One for the whole plant.
+// The mode of a loop: what is asked for and what it does.
 import type {JSX} from "preact";
 import {useWriteBar} from "../access";
 import {useCell} from "../usecell";
-import {live, modes} from "../core/model";
-import type {Plant} from "../core/types";
+import {live, modesOfLoop} from "../core/model";
+import type {Loop} from "../core/types";
 import {send, slot} from "../core/writing";
 import {WriteStatus} from "./status";
 import {ActualMode, Mode} from "./value";
 
-export function ModeSwitch({plant}: {plant: Plant}): JSX.Element {
-  const {mode} = plant;
-  const {target: now, why} = useCell(modes);
+export function ModeSwitch({loop}: {loop: Loop}): JSX.Element {
+  const {mode} = loop;
+  const {target: now, why} = useCell(modesOfLoop(loop));
   const barred = useWriteBar();
-  const view = useCell(slot("mode"));
-  const ask = (name: string): void => {
+  const name = `mode.${loop.id}`;
+  const view = useCell(slot(name));
+  const ask = (wish: string): void => {
     if (barred || view?.phase === "pending") return;
-    void send("mode", "mode", {mode: name, seq: live(mode.target).value.seq}, `mode ${now ?? "?"} → ${name}`);
+    void send(name, "mode", {id: loop.id, mode: wish, seq: live(mode.target).value.seq}, `mode ${now ?? "?"} → ${wish}`);
   };
   const wanted = view?.to.split("→ ")[1] ?? "";
+  // Out of service nothing goes out: that is no press of a button beside Man.
+  const targets = mode.targets.filter(wish => wish !== "OOS");
   return (
     <div class="mode-switch">
-      <div class="segments" role="group" aria-label={plant.loops.length > 1 ? "Mode of all loops" : "Mode"}>
-        {mode.targets.map(name => (
+      <div class="segments" role="group" aria-label={`Mode of ${loop.called}`}>
+        {targets.map(wish => (
           <button
             type="button"
-            key={name}
-            aria-pressed={name === now}
-            class={view?.phase === "pending" && wanted === name ? "pending" : ""}
+            key={wish}
+            aria-pressed={wish === now}
+            class={view?.phase === "pending" && wanted === wish ? "pending" : ""}
             disabled={barred != null}
-            onClick={() => name !== now && ask(name)}
+            onClick={() => wish !== now && ask(wish)}
           >
-            {name}
+            {wish}
           </button>
         ))}
       </div>
@@ -39,11 +42,11 @@ export function ModeSwitch({plant}: {plant: Plant}): JSX.Element {
         <dt>target</dt>
         <dd><Mode of={mode.target} name={now} /></dd>
         <dt>actual</dt>
-        <dd><ActualMode plant={plant} /></dd>
+        <dd><ActualMode loop={loop} /></dd>
       </dl>
       <div class="say">{why}</div>
       {barred && <div class="say">{barred}</div>}
-      <WriteStatus of="mode" retry={() => ask(wanted)} />
+      <WriteStatus of={name} retry={() => ask(wanted)} />
     </div>
   );
 }

@@ -11,6 +11,7 @@ const words = {
   pending: "pending",
   accepted: "accepted, waiting for the controller",
   applied: "applied",
+  superseded: "superseded",
   failed: "failed",
   unknown: "unknown",
 } as const;

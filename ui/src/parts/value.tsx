@@ -3,14 +3,14 @@
 import type {JSX} from "preact";
 import {useCell} from "../usecell";
 import {decimalsOf, duration, exact, missing, number} from "../core/format";
-import {limitsOf, live, modes, variable} from "../core/model";
+import {isRemote, limitsOf, live, modesOfLoop, variable} from "../core/model";
 import {beyond, words, worth} from "../core/quality";
-import type {Plant, Ref} from "../core/types";
+import type {Loop, Ref} from "../core/types";
 import {Shape} from "./shape";
 
-/** What somebody has written is told exactly, a measurement in the decimals of its limits. */
+/** What somebody has written is told exactly, what a sensor or a loop has in the decimals of its limits. */
 export function told(of: Ref, value: number | null): string {
-  return variable(of)?.period == null ? exact(value) : number(value, decimalsOf(limitsOf(of)));
+  return variable(of)?.period == null && !isRemote(of) ? exact(value) : number(value, decimalsOf(limitsOf(of)));
 }
 
 export function Value({of, unit = false}: {of: Ref; unit?: boolean}): JSX.Element {
@@ -44,12 +44,12 @@ export function Mode({name, of, lastKnown = false}: {name: string | null; of: Re
   return <span class={`mode mode-${name?.toLowerCase() ?? "none"}${lastKnown ? " last-known" : ""}`} data-ref={of}>{name ?? missing}</span>;
 }
 
-/** What the controller does; greyed where that is only what it did. */
-export function ActualMode({plant}: {plant: Plant}): JSX.Element {
-  const {actual, lastKnown, why} = useCell(modes);
+/** What the loop does; greyed where that is only what it did. */
+export function ActualMode({loop}: {loop: Loop}): JSX.Element {
+  const {actual, lastKnown, why} = useCell(modesOfLoop(loop));
   return (
     <span title={why ?? undefined}>
-      {why && <Shape priority={lastKnown ? 2 : 3} label={why} />} <Mode of={plant.mode.actual} name={actual} lastKnown={lastKnown} />
+      {why && <Shape priority={lastKnown ? 2 : 3} label={why} />} <Mode of={loop.mode.actual} name={actual} lastKnown={lastKnown} />
     </span>
   );
 }
