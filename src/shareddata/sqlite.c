@@ -300,6 +300,11 @@ static int prepare(struct apc_sqlite *sq, size_t from, size_t to)
     return 0;
 }
 
+int apc_sqlite_prepare_all(struct apc_sqlite *sq)
+{
+    return prepare(sq, APC_SQLITE_NEWEST, APC_SQLITE_STATEMENTS);
+}
+
 static int set_up(struct apc_sqlite *sq, bool make)
 {
     sqlite3_extended_result_codes(sq->db, 1);
@@ -319,7 +324,10 @@ static int set_up(struct apc_sqlite *sq, bool make)
         err = rc == SQLITE_OK ? 0 : apc_sqlite_fail(sq, rc);
     }
     if (!err) {
-        err = prepare(sq, 0, make ? APC_SQLITE_NEWEST : APC_SQLITE_STATEMENTS);
+        err = prepare(sq, 0, APC_SQLITE_NEWEST);
+    }
+    if (!err && !make) {
+        err = apc_sqlite_prepare_all(sq);
     }
     return err;
 }

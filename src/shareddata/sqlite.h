@@ -3,8 +3,8 @@
  * The SQLite store, shared by its files: sqlite.c (connecting, transactions, errors, the ticks' operations),
  * sqlite_blocks.c (where samples are and how they are found), sqlite_history.c (history, bins, housekeeping),
  * sqlite_vectors.c (vectors),
- * sqlite_records.c (tags, events, timing), sqlite_claim.c (claims, waiting for a change) and
- * sqlite_schema.c (the tables).
+ * sqlite_records.c (tags, events, timing), sqlite_claim.c (claims, waiting for a change), sqlite_schema.c
+ * (the tables) and sqlite_upgrade.c (what version 4 makes of the rows of version 1).
  */
 #ifndef APC_SQLITE_H
 #define APC_SQLITE_H
@@ -94,6 +94,8 @@ static inline struct apc_sqlite *apc_sqlite_of(struct apc_store *store)
 
 /* ---- sqlite.c ------------------------------------------------------------------------------- */
 
+/** Prepare the statements, but for transactions, once the tables are there. */
+int apc_sqlite_prepare_all(struct apc_sqlite *sq);
 /** Open the file, make it first when @p make; without a look at what is in it then. */
 int apc_sqlite_open(struct apc_sqlite *sq, bool make);
 /** Begin an operation: set its deadline, open the file when it is not, or is another one now. */
@@ -175,6 +177,17 @@ int apc_sqlite_release(struct apc_store *store, const struct apc_sample *variabl
 /** After the file was opened, or whenever claims are held: are they still? Else take them again. */
 int apc_sqlite_renew_claims(struct apc_sqlite *sq);
 int apc_sqlite_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout);
+#define APC_SQLITE_HOLDER 128 /* bytes for a claimant's name */
+/** A claimant who lives, of whatever version, in text. Returns 1, 0: there is none, or an error. */
+int apc_sqlite_holder(struct apc_sqlite *sq, char text[APC_SQLITE_HOLDER]);
+
+/* ---- sqlite_upgrade.c ------------------------------------------------------------------------ */
+
+/** Does no other process use the file? 0, or APC_EBUSY and who does. */
+int apc_sqlite_alone(struct apc_sqlite *sq);
+/** In a transaction that has made the tables of version 4: what of version 1 was of one controller becomes
+ * that of its loops. */
+int apc_sqlite_make_loops(struct apc_sqlite *sq);
 
 /* ---- sqlite_history.c ------------------------------------------------------------------------ */
 

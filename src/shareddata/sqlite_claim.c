@@ -24,7 +24,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define SLOT      128 /* bytes for a holder's name; the record's number times it is where */
+#define SLOT      APC_SQLITE_HOLDER /* the record's number times it is where */
 #define CLAIMANTS 256
 #define LOOK      APC_NS_PER_S         /* between two looks of a waiter whom inotify tells */
 #define LOOK_OFT  (20 * APC_NS_PER_MS) /* and of one whom it does not */
@@ -86,6 +86,18 @@ static void name_holder(const struct apc_sqlite *sq, uint32_t record, char text[
     if (!text[0]) {
         snprintf(text, SLOT, "a writer that has just come");
     }
+}
+
+int apc_sqlite_holder(struct apc_sqlite *sq, char text[SLOT])
+{
+    int err = open_claims(sq);
+    for (uint32_t record = 1; !err && record <= CLAIMANTS; record++) {
+        if (is_alive(sq, record)) {
+            name_holder(sq, record, text);
+            return 1;
+        }
+    }
+    return err;
 }
 
 /* A record of this handle's own. */

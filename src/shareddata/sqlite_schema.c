@@ -71,8 +71,16 @@ static const char version_3[] =
                     VIEW("alarm", "11", "value") VIEW("tick", "12", VECTOR) VIEW("plan", "13", VECTOR)
                         VIEW("prediction", "14", VECTOR);
 
+/* Besides what sqlite_upgrade.c does. What controllers of version 1 resumed from is read by nobody. */
+static const char version_4[] =
+    "DROP TABLE catalogue;"
+    "CREATE TABLE catalogue (revision INTEGER PRIMARY KEY CHECK (revision > 0), time INTEGER NOT NULL,"
+    " kind TEXT NOT NULL CHECK (kind IN ('live', 'history')), text TEXT NOT NULL);"
+    "DROP VIEW state;" /* */
+    VIEW("state_v1", "8", "value");
+
 /* What brings a file from the version before; NULL: nothing changed. The numbers are those of sql/. */
-static const char *const versions[] = {version_1, NULL, version_3};
+static const char *const versions[] = {version_1, NULL, version_3, version_4};
 #define VERSION ((int)(sizeof versions / sizeof versions[0]))
 
 static int number(struct apc_sqlite *sq, const char *sql, int64_t *out)
@@ -129,8 +137,21 @@ static int migrate(struct apc_sqlite *sq, int64_t *had)
 {
     char pragmas[100];
     int err = version_of(sq, had);
+    const bool old = *had > 0 && *had < VERSION;
+    if (!err && old) {
+        err = apc_sqlite_alone(sq);
+    }
     for (size_t v = (size_t)*had; !err && v < (size_t)VERSION; v++) {
         err = versions[v] ? apc_sqlite_run(sq, versions[v]) : 0;
+    }
+    if (!err && old) {
+        err = apc_sqlite_prepare_all(sq);
+    }
+    if (!err && old) {
+        err = apc_sqlite_make_loops(sq);
+    }
+    if (!err && old) { /* a program that has come meanwhile knows the old tables */
+        err = apc_sqlite_alone(sq);
     }
     if (!err && *had != VERSION) {
         sqlite3_snprintf(sizeof pragmas, pragmas, "PRAGMA application_id = %d; PRAGMA user_version = %d",

@@ -410,6 +410,7 @@ static const char file_of_version_1[] =
     "CREATE VIEW opmode AS SELECT * FROM sample WHERE variable & 15 = 5;"
     "CREATE VIEW tuning AS SELECT * FROM sample WHERE variable & 15 = 6;"
     "CREATE VIEW manual AS SELECT * FROM sample WHERE variable & 15 = 7;"
+    "CREATE VIEW state AS SELECT * FROM sample WHERE variable & 15 = 8;"
     "WITH RECURSIVE n (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 70)"
     " INSERT INTO sample SELECT i, 17, i, i - 1, i, 0, i * 0.5, NULL, NULL FROM n;"
     "INSERT INTO sample VALUES (71, 18, 1, 0, 1000, 0, 0.25, 70, 1), (72, 19, 1, 0, 2000, 0, 5.0, NULL, "
@@ -450,9 +451,221 @@ static void test_a_file_of_version_1_comes_along_with_its_history(void **state)
     assert_int_equal(r.seq, 2);
     assert_int_equal(raw_number(path, "SELECT author FROM setpoint WHERE id = 1 AND seq = 2"), 3);
     assert_int_equal(raw_number(path, "SELECT n FROM tick WHERE id = 1"), 2);
-    assert_int_equal(raw_number(path, "SELECT number FROM tag WHERE name = 'r'"), 2);
+    assert_int_equal(raw_number(path, "SELECT number FROM tag WHERE name = 'r'"), 19);
     assert_int_equal(apc_store_init(store), apc_store_version());
     assert_int_equal(raw_number(path, "SELECT count(*) FROM sample"), 75);
+}
+
+static int count_sample(void *ctx, const struct apc_sample *s)
+{
+    (void)s;
+    ++*(int *)ctx;
+    return 0;
+}
+
+/* Two outputs under one controller: 3 targets, 100 actual modes, of which 64 are a block, and what it resumed
+ * from. */
+static const char controller_of_version_1[] =
+    "INSERT INTO tag VALUES (2, 1, 'v1', 'V', '', 0.0, 10.0), (2, 2, 'v2', 'V', '', 0.0, 10.0),"
+    " (5, 0, 'mode', '', '', 0, 1), (5, 1, 'mode.actual', '', '', 0, 2);"
+    "INSERT INTO sample VALUES (101, 52, 1, 0, 1, 0, 2.0, NULL, NULL), (102, 8, 1, 0, 1, 0, 7.0, NULL, NULL);"
+    "INSERT INTO variable VALUES (52, 1, 101, 1, 1, 1), (8, 1, 102, 1, 1, 1), (5, 3, 113, 3, 1, 3),"
+    " (21, 100, 300, 36, 65, 100);"
+    "INSERT INTO sample VALUES (111, 5, 1, 0, 1, 0, 1, NULL, NULL), (112, 5, 2, 111, 2, 0, 0, NULL, NULL),"
+    " (113, 5, 3, 112, 3, 5, 1, NULL, NULL);"
+    "WITH RECURSIVE n (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 100)"
+    " INSERT INTO sample SELECT 200 + i, 21, i, CASE i WHEN 65 THEN 0 WHEN 1 THEN 0 ELSE 199 + i END, i, 0,"
+    " i % 3, NULL, NULL FROM n;"
+    "INSERT INTO block VALUES (21, 64, 264, 64, 1, 64);";
+
+static void make_controller_of_version_1(void)
+{
+    raw(path, file_of_version_1);
+    raw(path, controller_of_version_1);
+}
+
+static struct apc_sample newest_of(struct apc_store *store, enum apc_table table, int id)
+{
+    struct apc_sample s = {.table = table, .id = id};
+    assert_int_equal(apc_store_read(store, &s, 1), 0);
+    return s;
+}
+
+static int follow(void *ctx, const struct apc_sample *s)
+{
+    int64_t *seq = ctx;
+    assert_int_equal(s->seq, ++*seq);
+    assert_near(s->value, (double)(*seq % 3), 0);
+    assert_int_equal(s->time, *seq * 1000);
+    return 0;
+}
+
+/* 1 or 4: what version 1 wrote, or all of what became of it. */
+static void assert_whole(struct apc_store *store, int64_t version)
+{
+    int64_t seq = 0;
+    assert_int_equal(
+        raw_number(path, "SELECT count(*) FROM pragma_integrity_check WHERE integrity_check = 'ok'"), 1);
+    assert_int_equal(raw_number(path, "SELECT count(*) FROM sample WHERE variable IN (17, 18, 19, 52, 8, 5)"),
+                     77);
+    assert_int_equal(raw_number(path, "SELECT count(*) FROM sample WHERE variable = 21"),
+                     version == 1 ? 100 : 1);
+    if (version == 1) {
+        assert_int_equal(raw_number(path, "SELECT count(*) FROM sample"), 177);
+        return;
+    }
+    for (int loop = 1; loop <= 2; loop++) {
+        seq = 0;
+        assert_int_equal(
+            apc_store_history(store, APC_ACTUAL, apc_variable_number(APC_OPMODE, loop), NULL, follow, &seq),
+            100);
+        const struct apc_sample s = newest_of(store, APC_OPMODE, loop);
+        assert_near(s.value, 1, 0);
+        assert_int_equal(s.seq, loop == 1 ? 101 : 1); /* above all seqs of its id */
+        assert_true(s.origin == 3 && s.status == 5 && s.time == 3000);
+    }
+}
+
+static void test_what_was_of_one_controller_becomes_that_of_its_loops(void **state)
+{
+    struct apc_store *store = *state;
+    struct apc_tag tag[16];
+    int count = 0;
+    make_controller_of_version_1();
+    assert_int_equal(apc_store_init(store), 1);
+    assert_whole(store, 4);
+    const int n = apc_store_get_tags(store, tag, 16);
+    assert_int_equal(n, 9);
+    for (int i = 0; i < n; i++) {
+        const bool loop = (tag[i].table == APC_OPMODE && tag[i].id > 0) || tag[i].table == APC_ACTUAL;
+        assert_string_equal(tag[i].controller, loop ? "controller" : "");
+    }
+    assert_string_equal(tag[5].name, "v1");
+    assert_string_equal(tag[6].name, "v2");
+    assert_true(tag[7].table == APC_ACTUAL && tag[7].id == apc_variable_number(APC_OPMODE, 1));
+    assert_string_equal(tag[7].name, "v1.mode.actual");
+    assert_int_equal(apc_store_history(store, APC_STATE, 0, NULL, count_sample, &count), 1);
+    /* It goes on: the mode of all is each loop's. */
+    struct apc_sample man = {.table = APC_OPMODE, .value = APC_MODE_MAN};
+    assert_int_equal(apc_store_put(store, &man, 1), 0);
+    assert_int_equal(newest_of(store, APC_OPMODE, 1).seq, 102);
+    assert_near(newest_of(store, APC_OPMODE, 2).value, APC_MODE_MAN, 0);
+}
+
+/* In a process of its own, until @p done is closed. */
+static pid_t hold(void (*take)(void), int *done)
+{
+    int ready[2], stop[2];
+    char c = 0;
+    assert_int_equal(pipe(ready), 0);
+    assert_int_equal(pipe(stop), 0);
+    const pid_t child = fork();
+    if (child == 0) {
+        close(stop[1]);
+        take();
+        _exit(write(ready[1], "r", 1) == 1 && read(stop[0], &c, 1) == 0 ? 0 : 1);
+    }
+    assert_true(child > 0);
+    close(ready[1]);
+    close(stop[0]);
+    assert_int_equal(read(ready[0], &c, 1), 1);
+    close(ready[0]);
+    *done = stop[1];
+    return child;
+}
+
+static void let_go(pid_t child, int done)
+{
+    int status = -1;
+    close(done);
+    assert_int_equal(waitpid(child, &status, 0), child);
+    assert_int_equal(status, 0);
+}
+
+/* As the library of version 1 claims table actuator. */
+static void claim_as_version_1(void)
+{
+    char claims[sizeof path + 10];
+    snprintf(claims, sizeof claims, "%s-claims", path);
+    struct flock lock = {.l_type = F_WRLCK, .l_whence = SEEK_SET, .l_start = 2 * 128, .l_len = 1};
+    const int fd = open(claims, O_RDWR | O_CREAT, 0600);
+    if (fd < 0 || fcntl(fd, F_OFD_SETLK, &lock) != 0 ||
+        pwrite(fd, "apc-controller (process 77)", 28, (off_t)2 * 128) != 28) {
+        _exit(2);
+    }
+}
+
+static void read_as_version_1(void)
+{
+    sqlite3 *db = NULL;
+    if (sqlite3_open(path, &db) != SQLITE_OK ||
+        sqlite3_exec(db, "SELECT count(*) FROM sample", NULL, NULL, NULL) != SQLITE_OK) {
+        _exit(2);
+    }
+}
+
+static void test_who_still_uses_an_old_file_is_named_and_nothing_is_changed(void **state)
+{
+    char name[40];
+    int done = -1;
+    make_controller_of_version_1();
+    pid_t child = hold(claim_as_version_1, &done);
+    assert_said(*state, apc_store_init(*state), APC_EBUSY,
+                "in use by apc-controller (process 77): stop it first");
+    let_go(child, done);
+    child = hold(read_as_version_1, &done);
+    snprintf(name, sizeof name, "(process %ld): stop it first", (long)child);
+    assert_said(*state, apc_store_init(*state), APC_EBUSY, name);
+    assert_whole(*state, raw_number(path, "PRAGMA user_version"));
+    assert_int_equal(raw_number(path, "PRAGMA user_version"), 1);
+    let_go(child, done);
+    assert_int_equal(apc_store_init(*state), 1);
+    assert_whole(*state, 4);
+}
+
+/* A process that brings it along and may write so far into a file: then it is killed, or told. */
+static int bring_along(rlim_t limit, bool kill)
+{
+    int status = -1;
+    const pid_t child = fork();
+    if (child == 0) {
+        const struct rlimit few = {.rlim_cur = limit, .rlim_max = limit};
+        signal(SIGXFSZ, kill ? SIG_DFL : SIG_IGN);
+        setrlimit(RLIMIT_CORE, &(struct rlimit){0, 0});
+        struct apc_store *store = open_store(20 * SECOND);
+        _exit(setrlimit(RLIMIT_FSIZE, &few) == 0 ? -apc_store_init(store) & 127 : 99);
+    }
+    assert_true(child > 0);
+    assert_int_equal(waitpid(child, &status, 0), child);
+    return status;
+}
+
+static void test_a_file_that_comes_along_does_so_wholly_or_not_at_all(void **state)
+{
+    for (int kill = 0; kill <= 1; kill++) {
+        int64_t version = 1;
+        int failed = 0;
+        for (rlim_t limit = 2048; version == 1; limit += 12288) {
+            unlink(path);
+            make_controller_of_version_1();
+            const int status = bring_along(limit, kill);
+            struct apc_store *store = open_store(20 * SECOND);
+            version = raw_number(path, "PRAGMA user_version");
+            assert_true(version == 1 || version == 4);
+            if (version == 1) {
+                failed++;
+                assert_true(kill ? WIFSIGNALED(status) && WTERMSIG(status) == SIGXFSZ
+                                 : WIFEXITED(status) && (WEXITSTATUS(status) == -APC_EFULL ||
+                                                         WEXITSTATUS(status) == -APC_ECONN));
+            }
+            assert_whole(store, version);
+            assert_int_equal(apc_store_init(store), version == 1 ? 1 : apc_store_version());
+            assert_whole(store, 4);
+            apc_store_close(store);
+        }
+        assert_true(failed > 2);
+    }
+    (void)state;
 }
 
 static void test_a_write_ahead_log_goes_or_is_refused(void **state)
@@ -541,13 +754,6 @@ static void test_a_full_disk_keeps_the_whole_append_out_and_no_later_one(void **
     assert_int_equal(small, 1);
     assert_int_equal(apc_store_append(*state, s, N), N - 1);
     free(s);
-}
-
-static int count_sample(void *ctx, const struct apc_sample *s)
-{
-    (void)s;
-    ++*(int *)ctx;
-    return 0;
 }
 
 static void test_a_damaged_file_gives_errors_and_no_nonsense(void **state)
@@ -874,6 +1080,9 @@ int main(void)
         N(test_a_file_that_is_not_there_is_not_made_by_using_it),
         N(test_a_file_that_is_not_ours_is_refused_and_left_alone),
         T(test_another_version_is_refused),
+        N(test_what_was_of_one_controller_becomes_that_of_its_loops),
+        N(test_who_still_uses_an_old_file_is_named_and_nothing_is_changed),
+        N(test_a_file_that_comes_along_does_so_wholly_or_not_at_all),
         N(test_a_file_of_version_1_comes_along_with_its_history),
         T(test_a_write_ahead_log_goes_or_is_refused),
         T(test_a_file_for_reading_only_is_read),
