@@ -153,7 +153,7 @@ static int resume(struct shell *s)
 static int open_shell(struct shell *s)
 {
     struct apc_error why;
-    int rc = cores_controller(&s->d.experiment, s->of, &s->core, &why);
+    int rc = cores_controller(&s->d.experiment, s->of, true, &s->core, &why);
     if (rc < 0)
         return daemon_error(&s->d, rc, "%s", why.text);
     s->d.store_timeout = daemon_timeout(s->of->rhythm.period);

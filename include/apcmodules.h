@@ -269,6 +269,7 @@ APC_API struct apc_loop_move apc_loop_next(enum apc_loop_state state, const stru
 
 /** A setpoint of a controller, and within which limits it is taken. Values are in its own unit. */
 struct apc_controller_setpoint {
+    const char *name;    /**< for notices; NULL: its id; borrowed */
     int id;              /**< in table setpoint */
     double low, high;    /**< a row outside is refused, and the one before it stays in force */
     int above;           /**< id in table opmode of the loop above that moves it in Cas; 0: there is none */
@@ -298,6 +299,8 @@ struct apc_controller_options {
     const struct apc_law *law; /**< required; borrowed */
     struct apc_dim dim;        /**< required: of the law, so of this controller only */
     apc_ns period;             /**< required */
+    apc_ns budget;             /**< how long the law may compute at a tick; default half the period */
+    bool real_time;            /**< mono is the system's clock: the law is told when its budget ends */
     apc_ns horizon;            /**< required: a measurement that did not change for so long is stale. Of the
                                   measurement's own rhythm, not the controller's: 3 periods of the client or of
                                   the plant, whichever is slower, + 100 ms */

@@ -33,6 +33,11 @@ static int take_options(struct apc_controller_options *o, const struct apc_contr
     if (!apc_period_ok(o->period) || !apc_period_ok(o->horizon))
         return apc_fail(why, APC_EINVAL,
                         "controller: period and horizon must be above 0 and not above 366 days");
+    if (o->budget < 0 || o->budget > o->period)
+        return apc_fail(why, APC_EINVAL,
+                        "controller: the law's budget of %g s must be above 0 and no longer than the period, "
+                        "%g s",
+                        apc_ns_to_s(o->budget), apc_ns_to_s(o->period));
     return 0;
 }
 
@@ -203,7 +208,9 @@ static int fill(struct apc_controller *c, const struct apc_controller_options *o
     c->whole = o->law->whole;
     c->size = apc_instances_size(c->law);
     c->dim = o->dim;
-    c->Ts = c->budget = setup.Ts;
+    c->Ts = setup.Ts;
+    c->budget = apc_ns_to_s(o->budget ? o->budget : o->period / 2);
+    c->real_time = o->real_time;
     c->horizon = o->horizon;
     c->loss = apc_loss_limit(o->period);
     c->shed_after = o->shed_after ? o->shed_after : 1;
@@ -396,6 +403,7 @@ int apc_controller_compute(struct apc_controller *c, struct apc_now now, uint64_
     c->pending = false;
     c->index = tick;
     c->t = (double)tick * c->Ts;
+    c->deadline = c->real_time ? now.mono + (apc_ns)(c->budget * 1e9) : 0;
     for (size_t k = 0; k < c->size.instances; k++) {
         c->instance[k].updating = c->resumed_at && c->instance[k].updating;
         c->instance[k].result = -1;

@@ -100,6 +100,8 @@ struct apc_controller {
     struct apc_dim dim;
     double Ts;
     double budget;        /* s that compute is given */
+    bool real_time;       /* mono is the system's */
+    apc_ns deadline;      /* the budget's end at this tick; 0: virtual time */
     apc_ns horizon, loss; /* an output older than loss the plant no longer follows */
     unsigned shed_after;
     double mark[2];                           /* whole numbers by which stored rows are known */

@@ -52,10 +52,26 @@ static bool look(struct apc_controller *c, size_t k, bool refused)
     return new;
 }
 
-static void refuse(struct apc_controller *c, struct apc_notice *notice, const char *what, size_t i,
+/* A variable as people call it. */
+struct called {
+    char text[48];
+};
+
+static struct called called(const char *name, int number)
+{
+    struct called c;
+
+    if (name)
+        snprintf(c.text, sizeof(c.text), "%.47s", name);
+    else
+        snprintf(c.text, sizeof(c.text), "%d", number);
+    return c;
+}
+
+static void refuse(struct apc_controller *c, struct apc_notice *notice, const char *what, const char *who,
                    double value, double low, double high)
 {
-    if (apc_note(notice, APC_NOTICE_REJECTED, "%s %zu refused: %g is not within %g to %g", what, i + 1, value,
+    if (apc_note(notice, APC_NOTICE_REJECTED, "%s %s refused: %g is not within %g to %g", what, who, value,
                  low, high))
         c->said = 0;
 }
@@ -87,10 +103,17 @@ static void refuse_tuning(struct apc_controller *c, size_t i, double value, stru
         [APC_OF_OUTPUT] = "output", [APC_OF_LAW] = "law", [APC_OF_MEASUREMENT] = "measurement"};
     const struct apc_law_parameter p = apc_instances_parameter(c->law, i);
     const struct apc_param *param = &c->param[p.number];
+    const char *loop = p.scope == APC_OF_OUTPUT ? c->loop[p.of].name : NULL;
+    const struct called who =
+        called(loop, p.scope == APC_OF_MEASUREMENT ? c->in.sample[p.of].id : (int)p.of + 1);
     char what[64];
 
-    snprintf(what, sizeof(what), "%.40s of %s", param->name, of[p.scope]);
-    refuse(c, notice, what, p.of, value, param->low, param->high);
+    if (loop)
+        snprintf(what, sizeof(what), "%.40s of", param->name);
+    else
+        snprintf(what, sizeof(what), "%.40s of %s", param->name, of[p.scope]);
+    refuse(c, notice, what, p.scope == APC_OF_LAW ? c->definition->name : who.text, value, param->low,
+           param->high);
 }
 
 /* Returns whether a row is new. */
@@ -142,7 +165,7 @@ void apc_controller_take_manual(struct apc_controller *c, size_t i, apc_ns utc, 
     if (new &&takes && good)
         c->state[i].wanted = s->value;
     else if (new &&takes && !is_bad(s))
-        refuse(c, notice, "manual output", i, s->value, l->low, l->high);
+        refuse(c, notice, "manual output", called(l->name, (int)i + 1).text, s->value, l->low, l->high);
     if (s->seq != c->looked[k])
         (void)look(c, k, !(new &&takes &&good));
 }
@@ -186,7 +209,7 @@ static void take_setpoint(struct apc_controller *c, size_t k, struct apc_notice 
     const bool good = usable(s) && within(s->value, z->low, z->high);
 
     if (look(c, k, s->seq > 0 && !good) && s->seq > 0 && !good && !is_bad(s))
-        refuse(c, notice, "setpoint", k, s->value, z->low, z->high);
+        refuse(c, notice, "setpoint", called(z->name, z->id).text, s->value, z->low, z->high);
     if (!good)
         return;
     c->z_seq[k] = s->seq;
@@ -225,9 +248,9 @@ void apc_controller_take_inputs(struct apc_controller *c, struct apc_now now, bo
 
 /* ---- Facts --------------------------------------------------------------------------------- */
 
-static void say(struct apc_controller_state *l, const char *what, size_t k, const char *how)
+static void say(struct apc_controller_state *l, const char *what, const char *who, const char *how)
 {
-    snprintf(l->trouble, sizeof(l->trouble), "%s %zu is %s", what, k + 1, how);
+    snprintf(l->trouble, sizeof(l->trouble), "%s %s is %s", what, who, how);
 }
 
 static bool has_measurement(struct apc_controller *c, size_t i, size_t k, bool disturbance)
@@ -236,7 +259,7 @@ static bool has_measurement(struct apc_controller *c, size_t i, size_t k, bool d
     const struct apc_sample *s = &c->in.sample[at];
 
     if (!c->ok[at])
-        say(&c->state[i], disturbance ? "disturbance" : "measurement", k,
+        say(&c->state[i], disturbance ? "disturbance" : "measurement", called(NULL, s->id).text,
             !s->seq     ? "missing"
             : usable(s) ? "stale"
                         : "Bad");
@@ -249,7 +272,10 @@ static bool has_setpoint(struct apc_controller *c, size_t i, size_t k)
     const bool there = s->seq && !is_bad(s) && c->z_seq[k];
 
     if (!there)
-        say(&c->state[i], "setpoint", k, !s->seq ? "missing" : is_bad(s) ? "Bad" : "refused");
+        say(&c->state[i], "setpoint", called(c->setpoint[k].name, s->id).text,
+            !s->seq     ? "missing"
+            : is_bad(s) ? "Bad"
+                        : "refused");
     return there;
 }
 

@@ -41,7 +41,8 @@ static struct apc_law_call call(struct apc_controller *c, size_t k, double *u, u
                                  .u_last = c->last,
                                  .out = c->decides,
                                  .published = c->size.published ? c->published : NULL,
-                                 .budget = c->budget};
+                                 .budget = c->budget,
+                                 .deadline = c->deadline};
 }
 
 /* x to what it is before the first tick. */

@@ -99,7 +99,8 @@ static void wire_setpoint(const struct experiment *e, struct wire wire, struct a
 {
     const struct apc_tag *tag = &e->z[wire.at].tag;
     const struct controller_loop above = controllers_above(e, wire);
-    *z = (struct apc_controller_setpoint){.id = tag->id, .low = tag->low, .high = tag->high};
+    *z = (struct apc_controller_setpoint){
+        .name = tag->name, .id = tag->id, .low = tag->low, .high = tag->high};
     if (above.of) {
         z->above = controllers_loop_id(above);
         z->above_period = above.of->rhythm.period;
@@ -158,7 +159,7 @@ static int make_wiring(const struct experiment *e, const struct controller *c, s
     return 0;
 }
 
-int cores_controller(const struct experiment *e, const struct controller *c,
+int cores_controller(const struct experiment *e, const struct controller *c, bool real_time,
                      struct apc_controller **controller, struct apc_error *why)
 {
     const apc_ns client = e->client.rhythm.period, plant = e->plant.rhythm.period;
@@ -171,6 +172,8 @@ int cores_controller(const struct experiment *e, const struct controller *c,
         .law = c->law,
         .dim = c->dim,
         .period = c->rhythm.period,
+        .budget = c->budget,
+        .real_time = real_time,
         .horizon = 3 * (client > plant ? client : plant) + 100 * APC_NS_PER_MS,
         .y = wiring.y,
         .d = wiring.d,

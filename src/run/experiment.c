@@ -345,7 +345,8 @@ static void read_law(struct settings *s, const config_setting_t *group, struct c
         read_tuning(s, group, c, c->plugin.chosen);
 }
 
-#define CONTROLLER "law", "tuning", "mode", "hold", "rate", "settings", "operating_point", "limits", RHYTHM
+#define CONTROLLER                                                                                           \
+    "law", "tuning", "mode", "hold", "budget", "rate", "settings", "operating_point", "limits", RHYTHM
 
 static const char *const short_settings[] = {CONTROLLER, NULL};
 static const char *const controller_settings[] = {
@@ -387,7 +388,7 @@ static void read_controller(struct settings *s, const config_setting_t *group, s
                             struct controller *c, bool resolve_law, const char *override,
                             const struct record *record)
 {
-    double hold_s;
+    double hold_s, budget_s;
     settings_known(s, group, config_setting_name(group) ? short_settings : controller_settings);
     read_rhythm(s, group, c->name, controller_phase_s + c->depth * depth_phase_s, &c->rhythm,
                 &e->models.recordings);
@@ -404,6 +405,10 @@ static void read_controller(struct settings *s, const config_setting_t *group, s
     settings_number(s, group, "hold", OPTIONAL, 0, 86400, &hold_s);
     if (!s->failed)
         apc_ns_from_s(hold_s, &c->hold);
+    budget_s = apc_ns_to_s(c->rhythm.period) / 2;
+    settings_number(s, group, "budget", OPTIONAL, 1e-6, apc_ns_to_s(c->rhythm.period), &budget_s);
+    if (!s->failed)
+        apc_ns_from_s(budget_s, &c->budget);
     if (resolve_law)
         read_law(s, group, c, override, record);
 }

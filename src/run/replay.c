@@ -254,7 +254,7 @@ int replay_load(struct replay *r, const char *dir, const struct experiment_overr
     if (rc == 0)
         rc = optional(samples_read(&r->operation, dir, "operation.csv", why), &r->operated);
     if (rc == 0)
-        rc = cores_controller(&r->e, r->e.controllers, &r->core, why);
+        rc = cores_controller(&r->e, r->e.controllers, false, &r->core, why);
     return rc == 0 ? make_room(r, why) : rc;
 }
 

@@ -102,7 +102,7 @@ struct controller {
     double *linear; /* memory of plant; NULL: no operating point is given */
     struct apc_law_plant plant;
     enum apc_mode mode; /* at first; Cas: of the loops that have one above */
-    apc_ns hold;
+    apc_ns hold, budget;
     double *rate; /* [dim.nu] units a second; 0: as fast as it likes */
     void *law_handle;
 };
@@ -256,7 +256,7 @@ void cores_outputs(const struct experiment *e, double *low, double *high, double
 int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc_plantserver **server,
                 struct apc_error *why);
 /* These return 0 or a negative error with its text in why. */
-int cores_controller(const struct experiment *e, const struct controller *c,
+int cores_controller(const struct experiment *e, const struct controller *c, bool real_time,
                      struct apc_controller **controller, struct apc_error *why);
 int cores_client(const struct experiment *e, const int64_t *last, apc_ns since, struct apc_client **client,
                  struct apc_error *why);

@@ -335,7 +335,7 @@ static int start_controller(struct simulated *c, struct apc_error *why)
 {
     if (c->core)
         return 0;
-    int rc = cores_controller(c->s->e, c->of, &c->core, why);
+    int rc = cores_controller(c->s->e, c->of, false, &c->core, why);
     if (rc == 0 && (rc = apc_store_read_rows(c->s->store, apc_controller_former(c->core))) < 0)
         apc_fail(why, rc, "%s", apc_store_error(c->s->store));
     if (rc == 0)

@@ -441,6 +441,102 @@ static void an_infeasible_answer_is_held_and_the_state_kept(void **state)
     apc_controller_destroy(r.controller);
 }
 
+static double told_budget;
+static apc_ns told_deadline;
+
+static int note_time(struct apc_law_call *c)
+{
+    told_budget = c->budget;
+    told_deadline = c->deadline;
+    return APC_LAW_GOOD;
+}
+
+/* Half the period where nothing is said; in virtual time it has no end. */
+static void a_law_is_told_how_long_it_may_compute(void **state)
+{
+    static const struct apc_law law = {.abi = APC_LAW_ABI, .name = "timed", .compute = note_time};
+
+    (void)state;
+    for (int real = 0; real <= 1; real++)
+        for (int said = 0; said <= 1; said++) {
+            const apc_ns budget = said ? S / 4 : 0;
+            const struct apc_controller_options o = {.size = sizeof(o),
+                                                     .law = &law,
+                                                     .dim = {1, 1, 1, 0},
+                                                     .period = PERIOD,
+                                                     .budget = budget,
+                                                     .real_time = real,
+                                                     .horizon = 2 * PERIOD};
+            struct apc_controller *controller;
+            struct rig r;
+
+            assert_int_equal(apc_controller_create(&controller, &o, NULL), 0);
+            begin(&r, controller, 1);
+            (void)tick(&r, 3, APC_MODE_AUTO, 0.0);
+            assert_near(told_budget, said ? 0.25 : 1.0, 0.0);
+            assert_true(told_deadline == (real ? 3 * PERIOD + (said ? S / 4 : S) : 0));
+            apc_controller_destroy(controller);
+        }
+}
+
+static void a_budget_beyond_the_period_is_refused(void **state)
+{
+    struct apc_controller_options o = {.size = sizeof(o),
+                                       .law = &apc_law_pi,
+                                       .dim = {1, 1, 1, 0},
+                                       .period = PERIOD,
+                                       .budget = PERIOD + 1,
+                                       .horizon = PERIOD};
+    struct apc_controller *controller;
+    struct apc_error why;
+
+    (void)state;
+    assert_int_equal(apc_controller_create(&controller, &o, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "budget"));
+    o.budget = -1;
+    assert_int_equal(apc_controller_create(&controller, &o, &why), APC_EINVAL);
+}
+
+/* People know names, not numbers. */
+static void what_is_refused_or_missing_is_called_by_its_name(void **state)
+{
+    static const struct apc_controller_setpoint z = {.name = "level", .id = 7, .low = 0.0, .high = 2.0};
+    static const struct apc_controller_loop loop = {
+        .name = "v1", .id = 3, .mode = 2, .low = -9.0, .high = 9.0};
+    static const int y = 4;
+    const struct apc_controller_options o = {.size = sizeof(o),
+                                             .law = &apc_law_pi,
+                                             .dim = {1, 1, 1, 0},
+                                             .period = PERIOD,
+                                             .horizon = 2 * PERIOD,
+                                             .y = &y,
+                                             .z = &z,
+                                             .loop = &loop};
+    struct apc_controller *controller;
+    struct apc_notice notice;
+    struct rig r;
+
+    (void)state;
+    assert_int_equal(apc_controller_create(&controller, &o, NULL), 0);
+    begin(&r, controller, 1);
+    feed(&r, APC_SETPOINT, 7, 5.0, 1);
+    compute(&r, 1, &notice);
+    assert_string_equal(notice.text, "setpoint level refused: 5 is not within 0 to 2");
+    feed(&r, APC_TUNING, 1, 1e99, 2);
+    compute(&r, 2, &notice);
+    assert_non_null(strstr(notice.text, "Kp of v1 refused"));
+    feed(&r, APC_SETPOINT, 7, 1.0, 3);
+    feed(&r, APC_OPMODE, 2, APC_MODE_AUTO, 3);
+    compute(&r, 3, &notice);
+    assert_non_null(strstr(notice.text, "measurement 4 is missing"));
+    feed(&r, APC_OPMODE, 2, APC_MODE_MAN, 4);
+    compute(&r, 4, &notice);
+    feed(&r, APC_MANUAL, 2, 99.0, 5);
+    compute(&r, 5, &notice);
+    assert_string_equal(notice.text, "manual output v1 refused: 99 is not within -9 to 9");
+    apc_controller_destroy(controller);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -456,6 +552,9 @@ int main(void)
         cmocka_unit_test(a_law_without_track_is_not_updated_in_man),
         cmocka_unit_test(an_infeasible_answer_is_held_and_the_state_kept),
         cmocka_unit_test(an_output_that_was_confirmed_is_updated_once),
+        cmocka_unit_test(a_law_is_told_how_long_it_may_compute),
+        cmocka_unit_test(a_budget_beyond_the_period_is_refused),
+        cmocka_unit_test(what_is_refused_or_missing_is_called_by_its_name),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);
