@@ -64,7 +64,7 @@ static int file_close(struct file *f, int rc, struct apc_error *why)
 
 /* ---- What the run consists of -------------------------------------------------------------- */
 
-static const char *const kept[] = {"run.conf", "law.so", "plant.so"};
+static const char *const kept[] = {"run.conf", "plant.so"}; /* and the laws: kept_file() */
 static const char *const exported[] = {"samples.csv", "plant.csv",  "seqs.csv",   "operation.csv",
                                        "signals.csv", "events.csv", "timing.csv", "timing-summary.csv",
                                        "report.svg",  "report.png"};
@@ -114,6 +114,37 @@ static int copy_file(const char *dir, const char *name, const char *from, struct
     return rc;
 }
 
+/* law.so; of several controllers law-NAME.so, or where the name is no file's law-NUMBER.so. */
+static const char *law_file(const struct experiment *e, size_t i, char name[RECORD_LAW_LEN])
+{
+    const char *own = e->controllers[i].name;
+    if (e->n_controllers == 1)
+        snprintf(name, RECORD_LAW_LEN, "law.so");
+    else if (strlen(own) > 40 || strchr(own, '/'))
+        snprintf(name, RECORD_LAW_LEN, "law-%zu.so", i + 1);
+    else
+        snprintf(name, RECORD_LAW_LEN, "law-%.40s.so", own);
+    return name;
+}
+
+/* Number @p i of all that a folder keeps; NULL: there are no more. */
+static const char *kept_file(const struct experiment *e, size_t i, char name[RECORD_LAW_LEN])
+{
+    if (i < COUNT(kept))
+        return kept[i];
+    return i - COUNT(kept) < e->n_controllers ? law_file(e, i - COUNT(kept), name) : NULL;
+}
+
+static int copy_laws(const char *dir, const struct experiment *e, struct apc_error *why)
+{
+    char name[RECORD_LAW_LEN];
+    int rc = 0;
+    for (size_t i = 0; i < e->n_controllers && rc == 0; i++)
+        if (is_file(&e->controllers[i].plugin))
+            rc = copy_file(dir, law_file(e, i, name), e->controllers[i].plugin.name, why);
+    return rc;
+}
+
 int folder_create(const char *dir, const struct experiment *e, bool force, struct apc_error *why)
 {
     int rc = make_folders(dir, why);
@@ -126,20 +157,20 @@ int folder_create(const char *dir, const struct experiment *e, bool force, struc
             "is there",
             dir);
     rc = copy_file(dir, "run.conf", e->file, why);
-    if (rc == 0 && is_file(&e->controllers->plugin))
-        rc = copy_file(dir, "law.so", e->controllers->plugin.name, why);
+    if (rc == 0)
+        rc = copy_laws(dir, e, why);
     if (rc == 0 && is_file(&e->plant.plugin))
         rc = copy_file(dir, "plant.so", e->plant.plugin.name, why);
     if (rc < 0)
-        folder_discard(dir);
+        folder_discard(dir, e);
     return rc;
 }
 
-void folder_discard(const char *dir)
+void folder_discard(const char *dir, const struct experiment *e)
 {
-    char path[PATH_LEN];
-    for (size_t i = 0; i < COUNT(kept); i++) {
-        path_of(dir, kept[i], NEW, path);
+    char path[PATH_LEN], name[RECORD_LAW_LEN];
+    for (size_t i = 0; kept_file(e, i, name); i++) {
+        path_of(dir, kept_file(e, i, name), NEW, path);
         remove(path);
     }
     remove(dir); /* fails, as it should, when there is more in it */
@@ -165,11 +196,11 @@ static void put_number(FILE *out, const char *name, double value)
     fprintf(out, "%s = %s%s;\n", name, text, strpbrk(text, ".e") ? "" : ".0");
 }
 
-static int put_plugin(FILE *out, const char *dir, const char *group, const char *file,
-                      const struct plugin *plugin, const char *name, struct apc_error *why)
+static int put_plugin(FILE *out, const char *dir, const char *file, const struct plugin *plugin,
+                      const char *name, struct apc_error *why)
 {
     char path[PATH_LEN], hash[RECORD_HASH_LEN];
-    fprintf(out, "%s = { ", group);
+    fputs("{ ", out);
     put_text(out, "name", name);
     fprintf(out, "chosen = %s; ", plugin->chosen ? "true" : "false");
     if (is_file(plugin)) {
@@ -181,8 +212,23 @@ static int put_plugin(FILE *out, const char *dir, const char *group, const char 
         put_text(out, "from", plugin->name);
         put_text(out, "sha256", hash);
     }
-    fputs("};\n", out);
+    fputs("}", out);
     return 0;
+}
+
+static int put_laws(FILE *out, const char *dir, const struct experiment *e, struct apc_error *why)
+{
+    const bool one = e->n_controllers == 1;
+    char name[RECORD_LAW_LEN];
+    int rc = 0;
+    fputs(one ? "law = " : "laws = ( ", out);
+    for (size_t i = 0; i < e->n_controllers && rc == 0; i++) {
+        fputs(i ? ",\n         " : "", out);
+        rc = put_plugin(out, dir, law_file(e, i, name), &e->controllers[i].plugin,
+                        e->controllers[i].law->name, why);
+    }
+    fputs(one ? ";\n" : " );\n", out);
+    return rc;
 }
 
 static void put_facts(FILE *out, const struct experiment *e, const struct folder_facts *facts)
@@ -220,10 +266,12 @@ static int write_record(const char *dir, const struct experiment *e, const struc
     put_text(f.stream, "name", e->name);
     put_text(f.stream, "sha256", hash);
     fputs("};\n", f.stream);
-    rc = put_plugin(f.stream, dir, "law", "law.so", &e->controllers->plugin, e->controllers->law->name, why);
+    rc = put_laws(f.stream, dir, e, why);
+    fputs("plant = ", f.stream);
     if (rc == 0)
-        rc = put_plugin(f.stream, dir, "plant", "plant.so", &e->plant.plugin,
+        rc = put_plugin(f.stream, dir, "plant.so", &e->plant.plugin,
                         e->plant.model ? e->plant.model->name : "", why);
+    fputs(";\n", f.stream);
     return file_close(&f, rc, why);
 }
 
@@ -254,14 +302,14 @@ static int write_end(const char *dir, double ended, struct apc_error *why)
 int folder_keep(const char *dir, const struct experiment *e, const struct folder_facts *facts,
                 struct apc_error *why)
 {
-    char from[PATH_LEN], to[PATH_LEN];
+    char from[PATH_LEN], to[PATH_LEN], name[RECORD_LAW_LEN];
     for (size_t i = 0; i < COUNT(exported); i++) {
         path_of(dir, exported[i], "", to);
         remove(to);
     }
-    for (size_t i = 0; i < COUNT(kept); i++) {
-        path_of(dir, kept[i], NEW, from);
-        path_of(dir, kept[i], "", to);
+    for (size_t i = 0; kept_file(e, i, name); i++) {
+        path_of(dir, kept_file(e, i, name), NEW, from);
+        path_of(dir, kept_file(e, i, name), "", to);
         if (access(from, F_OK) != 0)
             remove(to);
         else if (rename(from, to) != 0)

@@ -30,7 +30,7 @@ int folder_create(const char *dir, const struct experiment *e, bool force, struc
 int folder_keep(const char *dir, const struct experiment *e, const struct folder_facts *facts,
                 struct apc_error *why);
 /* Take back what folder_create() made, when nothing has been added. */
-void folder_discard(const char *dir);
+void folder_discard(const char *dir, const struct experiment *e);
 
 /*
  * Write what the store recorded since and until (UTC; 0: all) as CSV, with times relative to @p start, and

@@ -22,6 +22,7 @@
 #define LOOK         250                /* ms between two looks at the store */
 #define PATIENCE     5000               /* ms for the line to end: it may be waiting for the store */
 #define TEXT         256                /* of a message */
+#define FEW          2                  /* loops of which a line has the values */
 #define RECENT       (5 * APC_NS_PER_S) /* the daemons begin so long before t = 0 */
 
 struct live {
@@ -42,9 +43,11 @@ struct view {
     double duration;
     bool terminal;
     apc_ns worst;               /* lateness so far */
-    struct apc_sample *samples; /* z, y, u of each loop, then the actual mode */
+    struct apc_sample *samples; /* [n] ROWS of each loop */
     struct sight *sights;       /* of each */
     size_t n;
+    struct apc_vector *tick; /* of each controller */
+    struct sight *ticked;
     struct control control;
     apc_ns heard; /* time of the newest event */
     apc_ns begin; /* monotonic, of t = 0 */
@@ -54,11 +57,15 @@ struct view {
     size_t n_tags;
 };
 
-static size_t loops(const struct experiment *e)
+/* Of each loop. */
+enum { SP, PV, OP, MODE, ROWS };
+
+static void name_rows(struct apc_sample *row, const struct loops_loop *loop)
 {
-    size_t n = e->dim.ny < e->dim.nz ? e->dim.ny : e->dim.nz;
-    n = n < e->dim.nu ? n : e->dim.nu;
-    return n < 3 ? n : 3; /* more do not fit on a line */
+    row[SP] = (struct apc_sample){.table = APC_SETPOINT, .id = loop->setpoint};
+    row[PV] = (struct apc_sample){.table = APC_SENSOR, .id = loop->measurement};
+    row[OP] = (struct apc_sample){.table = loop->table, .id = loop->output};
+    row[MODE] = (struct apc_sample){.table = APC_ACTUAL, .id = apc_variable_number(APC_OPMODE, loop->id)};
 }
 
 static int begin(struct view *l, const char *store, const struct experiment *e, apc_ns start, apc_ns zero,
@@ -69,18 +76,20 @@ static int begin(struct view *l, const char *store, const struct experiment *e, 
 
     *l = (struct view){.e = e, .start = start, .duration = duration, .heard = start - RECENT, .begin = zero};
     l->terminal = isatty(STDOUT_FILENO);
-    l->n = 3 * loops(e) + 1;
+    if (controllers_describe(e, &l->loops) < 0)
+        return APC_ENOMEM;
+    l->n = ROWS * l->loops.n;
     l->samples = calloc(l->n, sizeof *l->samples);
     l->sights = calloc(l->n, sizeof *l->sights);
     l->tags = provision_tags(e, &l->n_tags);
-    if (!l->samples || !l->sights || !l->tags || controllers_describe(e, &l->loops) < 0)
+    l->tick = calloc(l->loops.n_controllers, sizeof *l->tick);
+    l->ticked = calloc(l->loops.n_controllers, sizeof *l->ticked);
+    if (!l->samples || !l->sights || !l->tags || !l->tick || !l->ticked)
         return APC_ENOMEM;
-    for (size_t i = 0; i < loops(e); i++) {
-        l->samples[3 * i] = (struct apc_sample){.table = APC_SETPOINT, .id = (int)i + 1};
-        l->samples[3 * i + 1] = (struct apc_sample){.table = APC_SENSOR, .id = (int)i + 1};
-        l->samples[3 * i + 2] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)i + 1};
-    }
-    l->samples[l->n - 1] = (struct apc_sample){.table = APC_OPMODE, .id = 1};
+    for (size_t i = 0; i < l->loops.n; i++)
+        name_rows(l->samples + ROWS * i, &l->loops.at[i]);
+    for (size_t i = 0; i < l->loops.n_controllers; i++)
+        l->tick[i] = (struct apc_vector){.table = APC_TICK, .id = l->loops.controller[i].number};
     control_begin(&l->control, l->e->plant.external, start);
     return store_open(&l->store, store, &options, &why);
 }
@@ -129,10 +138,18 @@ static int take_event(void *ctx, const struct apc_event *event)
 
 static int look(struct view *l, apc_ns now, apc_ns mono)
 {
-    int rc = apc_store_read(l->store, l->samples, l->n);
+    struct apc_rows rows = {.size = sizeof rows,
+                            .sample = l->samples,
+                            .n_samples = l->n,
+                            .vector = l->tick,
+                            .n_vectors = l->loops.n_controllers};
+    int rc = apc_store_read_rows(l->store, &rows);
     for (size_t i = 0; i < l->n && rc >= 0; i++)
         if (l->samples[i].seq != l->sights[i].seq)
             l->sights[i] = (struct sight){l->samples[i].seq, mono};
+    for (size_t i = 0; i < l->loops.n_controllers && rc >= 0; i++)
+        if (l->tick[i].seq != l->ticked[i].seq)
+            l->ticked[i] = (struct sight){l->tick[i].seq, mono};
     if (rc >= 0)
         rc = apc_store_events(l->store, &(struct apc_range){.since = l->heard}, take_event, l);
     if (rc >= 0 && mono - l->asked > TIMING_EVERY) {
@@ -144,9 +161,9 @@ static int look(struct view *l, apc_ns now, apc_ns mono)
 }
 
 /* How long nothing new has come, when that is longer than it may be: else 0. */
-static apc_ns overdue(const struct view *l, size_t i, apc_ns period)
+static apc_ns overdue(const struct sight *sight, apc_ns period)
 {
-    apc_ns age = l->sights[i].seq > 0 ? apc_clock_mono(NULL) - l->sights[i].at : 0;
+    apc_ns age = sight->seq > 0 ? apc_clock_mono(NULL) - sight->at : 0;
     return age > 3 * period && age > APC_NS_PER_S ? age : 0;
 }
 
@@ -156,7 +173,7 @@ static void add_value(const struct view *l, struct line *line, const char *name,
 {
     const struct apc_sample *s = &l->samples[i];
     const enum apc_severity severity = apc_status_severity(s->status);
-    const apc_ns age = period > 0 ? overdue(l, i, period) : 0;
+    const apc_ns age = period > 0 ? overdue(&l->sights[i], period) : 0;
     double size = s->value < 0 ? -s->value : s->value;
 
     if (s->seq == 0 || s->time < l->start - APC_NS_PER_S)
@@ -170,19 +187,81 @@ static void add_value(const struct view *l, struct line *line, const char *name,
         add(line, " (%.0f s old)", apc_ns_to_s(age));
 }
 
+static const char *name_of(const struct view *l, const struct apc_sample *s)
+{
+    for (size_t i = 0; i < l->n_tags; i++)
+        if (l->tags[i].table == s->table && l->tags[i].id == s->id)
+            return l->tags[i].name;
+    return "";
+}
+
+/* "no controller": it no longer ticks. */
+static const char *mode_of(const struct view *l, size_t loop)
+{
+    const struct apc_sample *mode = &l->samples[ROWS * loop + MODE];
+    const size_t controller = l->loops.at[loop].controller;
+    const char *name = mode->seq > 0 && mode->time >= l->start - RECENT && mode->value >= 0
+                           ? apc_mode_name((int)mode->value)
+                           : NULL;
+    if (overdue(&l->ticked[controller], l->loops.controller[controller].period))
+        return "no controller";
+    return name ? name : "-";
+}
+
+static void add_one(const struct view *l, struct line *line)
+{
+    const apc_ns period[] = {[SP] = 0, [PV] = l->e->client.rhythm.period, [OP] = l->loops.controller->period};
+    for (size_t k = SP; k <= OP; k++)
+        if (l->samples[k].id > 0)
+            add_value(l, line, name_of(l, &l->samples[k]), k, period[k]);
+    add(line, "  %-4s", mode_of(l, 0));
+}
+
+/* As many as fit in a line: mode, measurement and setpoint of each. */
+static void add_few(const struct view *l, struct line *line)
+{
+    for (size_t i = 0; i < l->loops.n; i++) {
+        const struct apc_sample *row = &l->samples[ROWS * i];
+        add(line, "  %.12s %s", l->loops.at[i].name, mode_of(l, i));
+        if (row[PV].seq > 0)
+            add(line, apc_status_severity(row[PV].status) == APC_SEVERITY_GOOD ? " %.4g" : " %.4g?",
+                row[PV].value + 0.0);
+        if (row[SP].seq > 0)
+            add(line, "/%.4g", row[SP].value + 0.0);
+    }
+}
+
+/* How many are in which mode, and those first that are where nobody wants them. */
+static void add_many(const struct view *l, struct line *line)
+{
+    static const char *const modes[] = {"Cas", "Auto", "Man", "OOS", "IMan", "LO", "no controller", "-"};
+    bool first = true;
+    add(line, "  %zu loops:", l->loops.n);
+    for (size_t k = 0; k < sizeof modes / sizeof *modes; k++) {
+        const char *name = NULL;
+        size_t n = 0;
+        for (size_t i = 0; i < l->loops.n; i++)
+            if (!strcmp(mode_of(l, i), modes[k])) {
+                name = name ? name : l->loops.at[i].name;
+                n++;
+            }
+        if (n == 0)
+            continue;
+        add(line, "%s %zu %s", first ? "" : ",", n, modes[k]);
+        if (k > 2 && n <= 2)
+            add(line, " (%.12s%s)", name, n > 1 ? ", ..." : "");
+        first = false;
+    }
+}
+
 static void add_values(const struct view *l, struct line *line)
 {
-    const struct experiment *e = l->e;
-    for (size_t i = 0; i < loops(e); i++) {
-        add_value(l, line, e->z[i].tag.name, 3 * i, 0);
-        add_value(l, line, e->y[i].tag.name, 3 * i + 1, e->client.rhythm.period);
-        add_value(l, line, e->u[i].tag.name, 3 * i + 2, e->controllers->rhythm.period);
-    }
-    const struct apc_sample *mode = &l->samples[l->n - 1];
-    const char *name = mode->seq > 0 && mode->time >= l->start ? apc_mode_name((int)mode->value) : NULL;
-    if (overdue(l, 2, e->controllers->rhythm.period))
-        name = "no controller";
-    add(line, "  %-4s", name ? name : "-");
+    if (l->loops.n == 1)
+        add_one(l, line);
+    else if (l->loops.n <= FEW)
+        add_few(l, line);
+    else
+        add_many(l, line);
     if (!l->control.commanded)
         add(line, l->e->plant.external ? "  no command" : "  plant at its safe value");
 }

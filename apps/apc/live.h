@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * The live line of a run: time, setpoint, y, u, mode, worst lateness, and a bar when the run has an end. A
- * value that is old, uncertain or bad says so, and so does the line when the plant stands at its safe value.
+ * The live line of a run: time, setpoint, y, u and mode of its loop (of two: mode, y and setpoint of each; of
+ * more: how many are in which mode), worst lateness, and a bar when the run has an end. A value that is old,
+ * uncertain or bad says so, and so does the line when the plant stands at its safe value.
  *
  * The same process does what the experiment's actions ask an operator for. It is one of its own: a store that
  * hangs, or shared memory that somebody cuts short, must not stop whoever looks after the daemons.

@@ -22,15 +22,25 @@ bool reason_is_from(const struct loops *loops, const struct loops_controller *c,
     return !strcmp(source, own);
 }
 
+/* What stands behind "NAME: " where @p text is about that loop, by its name or its output's; else NULL. */
+static const char *behind(const struct loops *loops, const struct loops_loop *l, const char *text)
+{
+    const size_t prefix = strlen(loops->controller[l->controller].name) + 1, n = strlen(l->name);
+    const char *name = l->table == APC_SETPOINT && prefix < n ? l->name + prefix : l->name;
+    if (!strncmp(text, l->name, n) && !strncmp(text + n, ": ", 2))
+        return text + n + 2;
+    return !strncmp(text, name, strlen(name)) && !strncmp(text + strlen(name), ": ", 2)
+               ? text + strlen(name) + 2
+               : NULL;
+}
+
 /* "v1: mode Auto: why" of one of its controller's loops; "mode Auto: why" of all. NULL: of another one. */
 static const char *about(const struct search *s, const char *text)
 {
-    for (size_t i = 0; i < s->loops->n; i++) {
-        const char *name = s->loops->at[i].name;
-        const size_t n = strlen(name);
-        if (!strncmp(text, name, n) && !strncmp(text + n, ": ", 2))
-            return &s->loops->at[i] == s->loop ? text + n + 2 : NULL;
-    }
+    const struct loops_controller *c = &s->loops->controller[s->loop->controller];
+    for (size_t i = c->first; i < c->first + c->n; i++)
+        if (behind(s->loops, &s->loops->at[i], text))
+            return &s->loops->at[i] == s->loop ? behind(s->loops, s->loop, text) : NULL;
     return text;
 }
 

@@ -103,13 +103,13 @@ static const struct cli_spec spec = {
     .args_doc = "FILE",
     .doc =
         "Run the experiment FILE, or that of a run folder again, in real time: start its plant, client, "
-        "controller and scheduler as "
+        "controllers and scheduler as "
         "processes, serve the operator's page, show one live line, stop them all at the end or on Ctrl-C, "
         "and leave a run folder with report.png, report.svg and samples.csv. Tuning and mode are set to the "
         "file's; tables are made if there are none. Without --store and APC_STORE the shared data are a file "
         "in the run folder, store.db. A run in which the plant got no command, or stood at its safe value "
         "for "
-        "longer than the controller's hold, or a daemon hung or crashed, ends with 1 and says so. A run "
+        "longer than its controllers' hold, or a daemon hung or crashed, ends with 1 and says so. A run "
         "folder that is not empty, and a store that another experiment "
         "has "
         "filled, are refused.",
@@ -131,6 +131,8 @@ struct run {
     struct apc_error failure;    /* why the run is none; "": nothing known */
     apc_ns start, begin, finish; /* t = 0: UTC then, monotonic; monotonic end, 0: none */
     apc_ns stopped;              /* monotonic: when it was ended */
+    size_t controllers;          /* the first one's place among the daemons */
+    size_t done;                 /* of the experiment's actions */
     char dir[512], config[544], store_name[400], host[256];
     char own_store[PATH_MAX + 32]; /* URI of a store in dir; "": it was given one */
     bool made_store;               /* it was not there before */
@@ -161,14 +163,22 @@ static void unblock(const sigset_t *set)
 /* Is anybody running this plant? Then nothing of it may be touched. */
 static int claim_all(const struct run *r, struct apc_store *guard)
 {
-    static const enum apc_table tables[] = {APC_SENSOR, APC_ACTUATOR, APC_SETPOINT};
-    const size_t counts[] = {r->e.dim.ny, r->e.dim.nu, r->e.dim.nz};
-    int rc = 0;
-    for (size_t i = 0; i < sizeof tables / sizeof *tables && rc >= 0; i++) {
-        int64_t *last = calloc(counts[i], sizeof *last);
-        rc = last ? apc_store_claim(guard, tables[i], counts[i], last) : APC_ENOMEM;
-        free(last);
-    }
+    const struct {
+        enum apc_table table;
+        size_t n;
+    } of[] = {{APC_SENSOR, r->e.dim.ny + r->e.n_signals},
+              {APC_ACTUATOR, r->e.dim.nu},
+              {APC_SETPOINT, r->e.dim.nz},
+              {APC_TICK, r->e.n_controllers}};
+    size_t n = 0;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++)
+        n += of[i].n;
+    struct apc_sample *all = calloc(n, sizeof *all), *at = all;
+    for (size_t i = 0; all && i < sizeof of / sizeof *of; i++)
+        for (size_t k = 0; k < of[i].n; k++)
+            *at++ = (struct apc_sample){.table = of[i].table, .id = (int)k + 1};
+    int rc = all ? apc_store_claim_set(guard, all, n) : APC_ENOMEM;
+    free(all);
     if (rc < 0)
         cli_store_error(&r->cli, rc, guard);
     return rc;
@@ -272,7 +282,7 @@ static void discard(const struct run *r)
         snprintf(path, sizeof path, "%s/%s", r->dir, names[i]);
         remove(path);
     }
-    folder_discard(r->dir);
+    folder_discard(r->dir, &r->e);
 }
 
 /* A socket that listens on a port of this host; 0: any. Sets *port. Negative: it is taken. */
@@ -292,28 +302,6 @@ static int listen_on(int *port)
     }
     *port = ntohs(address.sin_port);
     return fd;
-}
-
-/* The page stands aside: whatever becomes of it, the loop goes on. Its socket is made here, so that the
- * address that is printed can be nobody else's. */
-static void add_page(struct run *r, struct child *child)
-{
-    int port = PAGE_PORT;
-    if (r->options.no_ui)
-        return;
-    r->listener = listen_on(&port);
-    if (r->listener < 0) {
-        port = 0;
-        r->listener = listen_on(&port);
-    }
-    if (r->listener < 0)
-        return;
-    snprintf(r->page, sizeof r->page, "127.0.0.1:%d", port);
-    *child = (struct child){.name = "apc-ui",
-                            .extra = {"--listen", r->page},
-                            .aside = true,
-                            .listener = r->listener,
-                            .period = PAGE_PERIOD};
 }
 
 static struct folder_facts facts_of(struct run *r)
@@ -343,6 +331,57 @@ static int keep_folder(struct run *r)
     return rc;
 }
 
+static struct child *add(struct run *r, const struct child *child)
+{
+    struct child *at = &r->daemons.child[r->daemons.n++];
+    *at = *child;
+    return at;
+}
+
+/* The page stands aside: whatever becomes of it, the loop goes on. Its socket is made here, so that the
+ * address that is printed can be nobody else's. */
+static void add_page(struct run *r)
+{
+    int port = PAGE_PORT;
+    if (r->options.no_ui)
+        return;
+    r->listener = listen_on(&port);
+    if (r->listener < 0) {
+        port = 0;
+        r->listener = listen_on(&port);
+    }
+    if (r->listener < 0)
+        return;
+    snprintf(r->page, sizeof r->page, "127.0.0.1:%d", port);
+    add(r, &(struct child){.name = "apc-ui",
+                           .extra = {"--listen", r->page},
+                           .aside = true,
+                           .listener = r->listener,
+                           .period = PAGE_PERIOD});
+}
+
+/* Plant and client first, so that the controllers find something to control. */
+static void add_daemons(struct run *r)
+{
+    const struct experiment *e = &r->e;
+    if (!e->plant.external)
+        add(r, &(struct child){.name = "apc-plant", .period = e->plant.rhythm.period});
+    add(r, &(struct child){.name = "apc-client", .period = e->client.rhythm.period});
+    r->controllers = r->daemons.n;
+    for (size_t i = 0; i < e->n_controllers; i++) {
+        const struct controller *c = &e->controllers[i];
+        struct child *child = add(r, &(struct child){.name = "apc-controller", .period = c->rhythm.period});
+        controllers_program(e, c, child->title);
+        if (e->n_controllers > 1) {
+            child->extra[0] = "--name";
+            child->extra[1] = c->name;
+        }
+    }
+    if (e->scheduler.steps > 0)
+        add(r, &(struct child){.name = "apc-scheduler", .period = e->scheduler.rhythm.period});
+    add_page(r);
+}
+
 static int start_daemons(struct run *r)
 {
     struct supervisor *s = &r->daemons;
@@ -351,13 +390,13 @@ static int start_daemons(struct run *r)
                              .timer = r->options.timer,
                              .dir = r->dir,
                              .spin = r->options.spin,
-                             .hold_latency = r->options.hold_latency};
-    if (!r->e.plant.external)
-        s->child[0] = (struct child){.name = "apc-plant", .period = r->e.plant.rhythm.period};
-    s->child[1] = (struct child){.name = "apc-client", .period = r->e.client.rhythm.period};
-    s->child[2] = (struct child){.name = "apc-controller", .period = r->e.controllers->rhythm.period};
-    s->child[3] = (struct child){.name = "apc-scheduler", .period = r->e.scheduler.rhythm.period};
-    add_page(r, &s->child[4]);
+                             .hold_latency = r->options.hold_latency,
+                             .child = calloc(r->e.n_controllers + 4, sizeof *s->child)};
+    if (!s->child) {
+        cli_error(&r->cli, APC_ENOMEM, "out of memory");
+        return APC_ENOMEM;
+    }
+    add_daemons(r);
     setenv("APC_STORE", r->cli.store, 1); /* not in argv, where everybody could read a password */
     setenv("APC_SPOOL", r->dir, 1);
     s->start = r->begin;
@@ -367,12 +406,42 @@ static int start_daemons(struct run *r)
     return rc;
 }
 
+/* ---- While it runs ------------------------------------------------------------------------ */
+
+/* Controllers that the file has killed and started, as far as it is due. */
+static void act(struct run *r)
+{
+    for (; r->done < r->e.n_actions && apc_clock_mono(NULL) >= r->begin + r->e.action[r->done].at;
+         r->done++) {
+        const struct action *a = &r->e.action[r->done];
+        if (a->kind == ACTION_WRITE) /* the live line's process does it */
+            continue;
+        struct child *child = &r->daemons.child[r->controllers + a->controller];
+        if (a->kind == ACTION_KILL)
+            supervisor_down(child);
+        else
+            supervisor_up(child);
+        live_say(r->live, APC_EVENT_INFO, "%s is %s at %g s, as the experiment says", child->title,
+                 a->kind == ACTION_KILL ? "killed" : "started", apc_ns_to_s(a->at));
+    }
+}
+
+/* Until the next look at the daemons, or the next action if that is sooner. */
+static struct timespec idle(const struct run *r)
+{
+    apc_ns left = SUPERVISOR_LOOK;
+    if (r->done < r->e.n_actions && r->begin + r->e.action[r->done].at - apc_clock_mono(NULL) < left)
+        left = r->begin + r->e.action[r->done].at - apc_clock_mono(NULL);
+    return (struct timespec){0, left > 0 ? left : 0};
+}
+
 /* Until the end, a signal, or a daemon that will not run. True: to the end. */
 static bool follow(struct run *r, const sigset_t *signals)
 {
-    const struct timespec look = {0, SUPERVISOR_LOOK};
+    const struct child *page = r->page[0] ? &r->daemons.child[r->daemons.n - 1] : NULL;
     struct apc_error why;
     for (;;) {
+        const struct timespec look = idle(r);
         int signal = sigtimedwait(signals, NULL, &look);
         if (signal > 0) {
             live_say(r->live, APC_EVENT_INFO, "stopping (%s)", signal == SIGINT ? "Ctrl-C" : "signal");
@@ -380,12 +449,13 @@ static bool follow(struct run *r, const sigset_t *signals)
         }
         if (r->finish && apc_clock_mono(NULL) >= r->finish)
             return true;
+        act(r);
         int rc = supervisor_check(&r->daemons, &why);
         if (rc < 0) {
             r->failure = why;
             return false;
         }
-        if (r->page[0] && !r->daemons.child[4].name) {
+        if (r->page[0] && !page->name) {
             live_say(r->live, APC_EVENT_WARNING, "the operator's page could not be served: see %s/apc-ui.log",
                      r->dir);
             r->page[0] = '\0';
@@ -436,12 +506,22 @@ static int take_event(void *ctx, const struct apc_event *event)
     return 0;
 }
 
+/* The longest of those who command the plant. */
+static apc_ns longest_hold(const struct experiment *e)
+{
+    apc_ns hold = 0;
+    for (size_t i = 0; i < e->n_controllers; i++)
+        for (size_t k = 0; k < e->controllers[i].dim.nu; k++)
+            if (e->controllers[i].u[k].table == APC_ACTUATOR && e->controllers[i].hold > hold)
+                hold = e->controllers[i].hold;
+    return hold;
+}
+
 /* Why the run is not what it was to be, if it is not: in r->failure. */
 static int judge(struct run *r, apc_ns since, apc_ns until, struct control *control)
 {
-    const double hold = apc_ns_to_s(r->e.controllers->hold);
-    const apc_ns chance =
-        3 * r->e.controllers->rhythm.period + 100 * APC_NS_PER_MS; /* what the plant waits for */
+    const apc_ns hold = longest_hold(&r->e), chance = 3 * cores_command_period(&r->e) +
+                                                      100 * APC_NS_PER_MS; /* what the plant waits for */
     int rc = apc_store_events(r->store, &(struct apc_range){.since = since - LEAD, .until = until},
                               take_event, control);
     if (rc < 0 || r->failure.text[0])
@@ -450,16 +530,18 @@ static int judge(struct run *r, apc_ns since, apc_ns until, struct control *cont
     if (!control->ever && ran(r) > chance)
         apc_fail(&r->failure, APC_ESTATE, "the loop was never closed: the plant got no command, see %s/*.log",
                  r->dir);
-    else if (control->longest > r->e.controllers->hold)
+    else if (control->longest > hold)
         apc_fail(&r->failure, APC_ESTATE,
                  "the loop was open: from %.1f s on the plant %s for %.1f s (hold: %g s)",
                  apc_ns_to_s(control->start - r->start),
                  r->e.plant.external ? "was given no command" : "stood at its safe value",
-                 apc_ns_to_s(control->longest), hold);
-    for (int i = 0; i < DAEMONS && !r->failure.text[0]; i++)
-        if (r->daemons.child[i].faults > 0 && !r->daemons.child[i].aside)
-            apc_fail(&r->failure, APC_ESTATE, "%s failed %u times and was started again: see %s/%s.log",
-                     r->daemons.child[i].name, r->daemons.child[i].faults, r->dir, r->daemons.child[i].name);
+                 apc_ns_to_s(control->longest), apc_ns_to_s(hold));
+    for (size_t i = 0; i < r->daemons.n && !r->failure.text[0]; i++) {
+        const struct child *child = &r->daemons.child[i];
+        if (child->faults > 0 && !child->aside)
+            apc_fail(&r->failure, APC_ESTATE, "%s failed %u times and was started again: see %.300s",
+                     child->title[0] ? child->title : child->name, child->faults, child->log);
+    }
     return rc;
 }
 
@@ -594,6 +676,7 @@ int command_run(int argc, char **argv)
     cli_parse(&r.cli, &spec, &r.options, argc, argv);
     int rc = run(&r);
     apc_store_close(r.store);
+    free(r.daemons.child);
     experiment_free(&r.e);
     return exit_code_of(rc);
 }

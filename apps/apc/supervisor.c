@@ -77,6 +77,20 @@ static char *start_time(const struct supervisor *s, char text[APC_TIME_LEN])
     return apc_time_format(s->start + apc_clock_offset(NULL, NULL), text);
 }
 
+static const char *title_of(const struct child *child)
+{
+    return child->title[0] ? child->title : child->name;
+}
+
+/* In a name of a file a blank is a nuisance. */
+static void name_log(const struct supervisor *s, struct child *child)
+{
+    const int n = snprintf(child->log, sizeof child->log, "%s/", s->dir);
+    snprintf(child->log + n, sizeof child->log - (size_t)n, "%s.log", title_of(child));
+    for (char *c = child->log + n; *c; c++)
+        *c = *c == ' ' ? '-' : *c;
+}
+
 static int spawn(const struct supervisor *s, struct child *child, struct apc_error *why)
 {
     char path[600], start[APC_TIME_LEN];
@@ -85,7 +99,7 @@ static int spawn(const struct supervisor *s, struct child *child, struct apc_err
     int n = 0;
 
     snprintf(path, sizeof path, "%s/%s", s->folder, child->name);
-    snprintf(child->log, sizeof child->log, "%s/%s.log", s->dir, child->name);
+    name_log(s, child);
     argv[n++] = path;
     argv[n++] = "--config";
     argv[n++] = s->config;
@@ -122,7 +136,7 @@ static int spawn(const struct supervisor *s, struct child *child, struct apc_err
     }
     close(log);
     if (pid < 0)
-        return apc_fail(why, APC_ESYS, "%s: cannot be started: %s", child->name, strerror(errno));
+        return apc_fail(why, APC_ESYS, "%s: cannot be started: %s", title_of(child), strerror(errno));
     child->pid = pid;
     child->started = apc_clock_mono(NULL);
     child->ticked = child->started + READY;
@@ -197,7 +211,7 @@ static void hear(struct supervisor *s)
     char text[256];
     pid_t from;
     for (int i = 0; i < MESSAGES && receive(s->notify, text, sizeof text, &from); i++)
-        for (int k = 0; k < DAEMONS; k++) {
+        for (size_t k = 0; k < s->n; k++) {
             struct child *child = &s->child[k];
             const char *last = strstr(text, "APC_LAST_TICK=");
             if (from != child->pid || child->pid == 0)
@@ -230,10 +244,9 @@ int supervisor_start(struct supervisor *s, struct apc_error *why)
     int rc = find_folder(s, why);
     if (rc == 0)
         rc = open_notify(s, why);
-    for (int i = 0; i < DAEMONS && rc == 0; i++) {
+    for (size_t i = 0; i < s->n && rc == 0; i++) {
         s->child[i].last_tick = -1;
-        if (s->child[i].name)
-            rc = spawn(s, &s->child[i], why);
+        rc = spawn(s, &s->child[i], why);
     }
     if (rc < 0)
         supervisor_stop(s, NULL);
@@ -245,7 +258,9 @@ int supervisor_start(struct supervisor *s, struct apc_error *why)
 static int weight(const struct child *child, const char *line)
 {
     const size_t n = strlen(child->name);
-    return strncmp(line, child->name, n) == 0 && line[n] == ':' ? 3 : strstr(line, "level=error") ? 2 : 1;
+    return strncmp(line, child->name, n) == 0 && (line[n] == ':' || line[n] == ' ') ? 3
+           : strstr(line, "level=error")                                            ? 2
+                                                                                    : 1;
 }
 
 /* The last line that the child left in its log, of those that say most, or, when a signal killed it, which.
@@ -256,10 +271,10 @@ static void last_words(const struct child *child, int status, char *text, size_t
     int best = 0;
     FILE *log = WIFSIGNALED(status) ? NULL : fopen(child->log, "r");
     if (WIFSIGNALED(status))
-        snprintf(text, size, "%s was killed by signal %d again and again; see %.300s", child->name,
+        snprintf(text, size, "%s was killed by signal %d again and again; see %.280s", title_of(child),
                  WTERMSIG(status), child->log);
     else
-        snprintf(text, size, "%s ended at once; see %.300s", child->name, child->log);
+        snprintf(text, size, "%s ended at once; see %.300s", title_of(child), child->log);
     if (!log)
         return;
     while (fgets(line, sizeof line, log))
@@ -268,7 +283,7 @@ static void last_words(const struct child *child, int status, char *text, size_t
             line[strcspn(line, "\n")] = '\0';
             const char *message = strstr(line, " msg=\"");
             if (message && best < 3) /* the log's, without the quotes */
-                snprintf(text, size, "%s: %.*s", child->name, (int)strnlen(message + 6, 350) - 1,
+                snprintf(text, size, "%s: %.*s", title_of(child), (int)strnlen(message + 6, 350) - 1,
                          message + 6);
             else
                 snprintf(text, size, "%.390s", line);
@@ -280,12 +295,12 @@ static void last_words(const struct child *child, int status, char *text, size_t
 static void how_it_ended(const struct child *child, struct apc_error *why)
 {
     if (child->hung)
-        apc_fail(why, APC_ESTATE, "%s no longer ticked, was killed", child->name);
+        apc_fail(why, APC_ESTATE, "%s no longer ticked, was killed", title_of(child));
     else if (WIFSIGNALED(child->status))
-        apc_fail(why, APC_ESTATE, "%s was killed by signal %d (%s)", child->name, WTERMSIG(child->status),
+        apc_fail(why, APC_ESTATE, "%s was killed by signal %d (%s)", title_of(child), WTERMSIG(child->status),
                  sigdescr_np(WTERMSIG(child->status)));
     else
-        apc_fail(why, APC_ESTATE, "%s ended with code %d", child->name, WEXITSTATUS(child->status));
+        apc_fail(why, APC_ESTATE, "%s ended with code %d", title_of(child), WEXITSTATUS(child->status));
 }
 
 /* A child has ended: when to start it again, or why not. */
@@ -297,6 +312,8 @@ static int bury(struct child *child, int status, struct apc_error *why)
 
     child->pid = 0;
     child->status = status;
+    if (child->down)
+        return 0;
     if (WIFSIGNALED(status) && WTERMSIG(status) != SIGKILL && WTERMSIG(status) != SIGTERM)
         child->faults++;
     child->failures = ran < SOON ? child->failures + 1 : 0;
@@ -315,7 +332,7 @@ int supervisor_check(struct supervisor *s, struct apc_error *why)
 {
     int status, revived = 0, rc = 0;
     hear(s);
-    for (int i = 0; i < DAEMONS && rc == 0; i++) {
+    for (size_t i = 0; i < s->n && rc == 0; i++) {
         struct child *child = &s->child[i];
         kill_silent(child);
         if (child->pid > 0 && waitpid(child->pid, &status, WNOHANG) == child->pid)
@@ -324,14 +341,33 @@ int supervisor_check(struct supervisor *s, struct apc_error *why)
             child->name = NULL;
             rc = 0;
         }
-        if (rc == 0 && child->name && child->pid == 0 && apc_clock_mono(NULL) >= child->started) {
+        if (rc == 0 && child->name && child->pid == 0 && !child->down &&
+            apc_clock_mono(NULL) >= child->started) {
             child->restarts++;
-            revived++;
-            how_it_ended(child, why);
+            if (!child->raised) {
+                revived++;
+                how_it_ended(child, why);
+            }
+            child->raised = false;
             rc = spawn(s, child, why);
         }
     }
     return rc < 0 ? rc : revived;
+}
+
+void supervisor_down(struct child *child)
+{
+    child->down = true;
+    if (child->pid > 0)
+        kill(child->pid, SIGKILL);
+}
+
+void supervisor_up(struct child *child)
+{
+    child->raised = child->down;
+    child->down = false;
+    if (child->pid == 0)
+        child->started = apc_clock_mono(NULL);
 }
 
 /* Wait for a child's end in slices, so that no SIGCHLD handler is needed; nobody is to wait for a full
@@ -351,7 +387,7 @@ static bool ended(struct supervisor *s, struct child *child)
 int supervisor_stop(struct supervisor *s, struct apc_error *why)
 {
     int rc = 0;
-    for (int i = DAEMONS - 1; i >= 0; i--) {
+    for (size_t i = s->n; i-- > 0;) {
         struct child *child = &s->child[i];
         if (child->pid == 0)
             continue;
@@ -363,7 +399,8 @@ int supervisor_stop(struct supervisor *s, struct apc_error *why)
             ended(s, child);
         }
         if (killed)
-            rc = apc_fail(why, APC_ESTATE, "%s did not end when it was told to, and was killed", child->name);
+            rc = apc_fail(why, APC_ESTATE, "%s did not end when it was told to, and was killed",
+                          title_of(child));
         else if (child->status != 0 && !child->aside) {
             how_it_ended(child, why);
             rc = APC_ESTATE;

@@ -12,12 +12,12 @@
 
 #include <apcbase.h>
 
-#define DAEMONS         5
 #define SUPERVISOR_LOOK (250 * APC_NS_PER_MS)
 
 struct child {
-    const char *name;     /* "apc-plant" */
-    const char *extra[3]; /* options of its own, up to a NULL */
+    const char *name;     /* "apc-plant"; NULL: it was given up */
+    char title[64];       /* "apc-controller base": for messages, and for its log; "": as its name */
+    const char *extra[3]; /* options of its own, up to a NULL; borrowed */
     bool aside;           /* no part of the loop: no task, and the run goes on without it */
     apc_ns period;        /* of its task; 0: it has none, or is not judged by it */
     int listener;         /* a socket to be handed over as systemd does; 0: none */
@@ -28,8 +28,9 @@ struct child {
     bool hung;            /* was killed because it did not tick */
     unsigned failures;    /* in a row, each soon after its start */
     unsigned restarts;
-    unsigned faults; /* how often it hung, or a signal such as SIGSEGV ended it */
-    int status;      /* with which it ended the last time, as of waitpid() */
+    bool down, raised; /* supervisor_down(); supervisor_up(), and it is about to be started */
+    unsigned faults;   /* how often it hung, or a signal such as SIGSEGV ended it */
+    int status;        /* with which it ended the last time, as of waitpid() */
     char log[600];
 };
 
@@ -37,11 +38,11 @@ struct supervisor {
     char folder[512]; /* of the programs */
     const char *config, *timer, *dir;
     bool spin, hold_latency;
-    apc_ns start;     /* monotonic: t = 0 */
-    int notify;       /* the socket */
-    char meeting[32]; /* folder that it lies in */
-    struct child
-        child[DAEMONS]; /* in the order in which they are started; stopped in reverse; name NULL: none */
+    apc_ns start;        /* monotonic: t = 0 */
+    int notify;          /* the socket */
+    char meeting[32];    /* folder that it lies in */
+    struct child *child; /* [n] in the order in which they are started; stopped in reverse */
+    size_t n;
 };
 
 /* Find the programs beside this one, start all. On failure those started have been stopped. */
@@ -54,6 +55,9 @@ int supervisor_start(struct supervisor *s, struct apc_error *why);
  * that is no error: it is given up.
  */
 int supervisor_check(struct supervisor *s, struct apc_error *why);
+/* Kill a child, as an experiment asks for: it stays down until it is started again; neither is a fault. */
+void supervisor_down(struct child *child);
+void supervisor_up(struct child *child);
 /* SIGTERM, the last started first, each gets some seconds; then SIGKILL. Returns 0, or APC_ESTATE when one of
  * the loop needed that or ended with an error: which, in why. */
 int supervisor_stop(struct supervisor *s, struct apc_error *why);

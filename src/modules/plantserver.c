@@ -44,6 +44,7 @@ struct apc_plantserver {
 
     bool warm;           /* command begins as the input of a plant that is running */
     bool commanded;      /* there was a command ever */
+    bool announced;      /* and it was told of */
     uint64_t connection; /* the newest that sent one */
     uint64_t command_id; /* of the frame of its last one */
     apc_ns stamp;        /* of the newest command */
@@ -374,8 +375,11 @@ int apc_plantserver_tick(struct apc_plantserver *server, struct apc_now now, str
     server->ticked = true;
     publish(server, now, rc == 0);
     report_solver(server, rc == 0, notice);
-    if (!server->tripped && (server->input_safe || server->split))
+    if (server->commanded && !server->tripped &&
+        (server->input_safe || server->split || !server->announced)) {
         apc_note(notice, APC_NOTICE_RESUMED, "plant takes commands");
+        server->announced = true;
+    }
     give(server, server->tripped);
     server->split = false;
     return rc;

@@ -328,13 +328,14 @@ static void read_tuning(struct settings *s, const config_setting_t *group, struc
     free(values);
 }
 
-static void read_law(struct settings *s, const config_setting_t *group, struct controller *c,
+static void read_law(struct settings *s, const config_setting_t *group, struct controller *c, size_t place,
                      const char *override, const struct record *record)
 {
     struct apc_error why;
     if (s->failed)
         return;
-    choose(s, c->law_name, override, &record->law, &c->plugin);
+    static const struct record_plugin none = {.name = ""};
+    choose(s, c->law_name, override, place < record->n_laws ? &record->law[place] : &none, &c->plugin);
     if (take_choice(s, group, "law", override, apc_law_find(c->plugin.name, &c->law, &c->law_handle, &why),
                     &why))
         return;
@@ -410,7 +411,7 @@ static void read_controller(struct settings *s, const config_setting_t *group, s
     if (!s->failed)
         apc_ns_from_s(budget_s, &c->budget);
     if (resolve_law)
-        read_law(s, group, c, override, record);
+        read_law(s, group, c, (size_t)(c - e->controllers), override, record);
 }
 
 static void read_scheduler(struct settings *s, const config_setting_t *root, struct experiment *e)
@@ -581,6 +582,7 @@ int experiment_load(struct experiment *e, const char *name, unsigned parts,
         rc = experiment_parse(e, &(struct experiment_source){.file = file, .text = text, .record = &record},
                               parts, overrides, why);
     free(text);
+    record_free(&record);
     if (rc == 0 && (rc = experiment_check_runs(e, why)) < 0)
         experiment_free(e);
     return rc;

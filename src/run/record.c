@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -51,13 +52,12 @@ static void check_hash(struct settings *s, const config_setting_t *in, const cha
             path);
 }
 
-static void read_plugin(struct settings *s, const config_setting_t *root, const char *dir, const char *name,
+static void read_plugin(struct settings *s, const config_setting_t *group, const char *dir,
                         struct record_plugin *plugin)
 {
     static const char *const known[] = {"name", "chosen", "file", "from", "sha256", NULL};
-    const config_setting_t *group = settings_group(s, root, name, REQUIRED);
-    char file[64] = "";
-    if (!group)
+    char file[RECORD_LAW_LEN] = "";
+    if (!group || s->failed)
         return;
     settings_known(s, group, known);
     settings_flag(s, group, "chosen", &plugin->chosen);
@@ -69,6 +69,29 @@ static void read_plugin(struct settings *s, const config_setting_t *root, const 
         settings_fail(s, group, "\"file\" is \"%s\": must lie in the run folder", file);
     snprintf(plugin->name, sizeof plugin->name, "%.440s%s", dir, file);
     check_hash(s, group, plugin->name);
+}
+
+/* Of one controller a group, of several a list of groups. */
+static void read_laws(struct settings *s, const config_setting_t *root, const char *dir, struct record *r)
+{
+    const config_setting_t *list = settings_list(s, root, "laws", OPTIONAL);
+    const size_t n = list ? (size_t)config_setting_length(list) : 1;
+    r->law = calloc(n + 1, sizeof *r->law);
+    if (!r->law && !s->failed)
+        s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
+    for (; r->n_laws < n && !s->failed; r->n_laws++) {
+        const config_setting_t *group = list ? config_setting_get_elem(list, (unsigned)r->n_laws)
+                                             : settings_group(s, root, "law", REQUIRED);
+        if (group && !config_setting_is_group(group))
+            settings_fail(s, group, "expected a group: { name = \"...\"; ... }");
+        read_plugin(s, group, dir, &r->law[r->n_laws]);
+    }
+}
+
+void record_free(struct record *r)
+{
+    free(r->law);
+    *r = (struct record){0};
 }
 
 static void read_record(struct settings *s, const config_setting_t *root, const char *dir, const char *file,
@@ -88,8 +111,8 @@ static void read_record(struct settings *s, const config_setting_t *root, const 
     const config_setting_t *experiment = settings_group(s, root, "experiment", REQUIRED);
     if (experiment)
         check_hash(s, experiment, file);
-    read_plugin(s, root, dir, "law", &r->law);
-    read_plugin(s, root, dir, "plant", &r->model);
+    read_laws(s, root, dir, r);
+    read_plugin(s, settings_group(s, root, "plant", REQUIRED), dir, &r->model);
     r->seed = (uint64_t)seed; /* one above 2^63 stands there as the negative number of the same bits */
     r->duration = ended > 0 ? ended : r->duration;
 }

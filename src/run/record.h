@@ -10,6 +10,7 @@
 
 #define RECORD_FILE     "record.conf"
 #define RECORD_HASH_LEN 65 /* SHA-256 in hexadecimal digits */
+#define RECORD_LAW_LEN  64 /* of the name of a file in the folder */
 
 /* A law or a model of the run. */
 struct record_plugin {
@@ -25,14 +26,18 @@ struct record {
     uint64_t seed;
     bool file_seed; /* instead of it the file's holds */
     char net[512];  /* --net, "" without */
-    struct record_plugin law, model;
+    struct record_plugin model;
+    struct record_plugin *law; /* [n_laws] of each controller, in the order of the file */
+    size_t n_laws;
 };
 
 /*
  * What is recorded beside the experiment file @p file, which is a run's only when it is called run.conf.
  * Returns 0, also when there is nothing, or a negative error: damaged, or a file is not the one that ran.
+ * record_free() in either case.
  */
 int record_read(struct record *record, const char *file, struct apc_error *why);
+void record_free(struct record *record);
 
 /* SHA-256 of a file. Returns 0, or a negative error with the reason in why. */
 int record_hash(const char *path, char hash[RECORD_HASH_LEN], struct apc_error *why);

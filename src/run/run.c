@@ -90,6 +90,7 @@ void apc_experiment_destroy(struct apc_experiment *e)
     if (!e)
         return;
     leave(e->now);
+    record_free(&e->record);
     free(e->text);
     free(e);
 }
@@ -102,7 +103,7 @@ static void forget(struct record *record, const char *path)
     else if (!strcmp(path, "seed"))
         record->file_seed = true;
     else if (!strcmp(path, "controller.law"))
-        record->law = (struct record_plugin){.chosen = false};
+        record->n_laws = 0;
     else if (!strcmp(path, "plant.model"))
         record->model = (struct record_plugin){.chosen = false};
 }

@@ -164,6 +164,10 @@ static void until_the_first_command_it_has_its_initial_input(void **state)
     tick(r, 20 * S + 2 * TICK);
     assert_near(state_of(r), exact(0.0, RUNNING, 0.4), CLOSE);
     assert_input(r, 1.5, false);
+    assert_int_equal(r->notice.kind, APC_NOTICE_RESUMED); /* from here on it is controlled */
+    command(r, 20 * S + 2 * TICK, STAMP(2), 1.6);
+    tick(r, 20 * S + 3 * TICK);
+    assert_int_equal(r->notice.kind, APC_NOTICE_NONE);
 }
 
 static void without_any_command_it_goes_from_its_initial_input_to_the_safe_value(void **state)
