@@ -287,13 +287,14 @@ static void tell_of_rivals(struct apc_plantserver *s, apc_ns mono, struct apc_no
 /* ---- Tick ---------------------------------------------------------------------------------- */
 
 /* The watchdog waits for the first command as for any other. */
-static void begin(struct apc_plantserver *s, apc_ns mono)
+static void begin(struct apc_plantserver *s, apc_ns mono, struct apc_notice *notice)
 {
     s->began_at = mono;
     if (!s->warm || s->commanded)
         return;
     s->frame_at = s->changed_at = mono;
     s->tripped = false;
+    apc_note(notice, APC_NOTICE_RESUMED, "plant begins with its initial input");
 }
 
 /* With one input from one instant to another, piece by piece between the changes of the disturbances. */
@@ -369,7 +370,7 @@ int apc_plantserver_tick(struct apc_plantserver *server, struct apc_now now, str
     if (server->ticked)
         rc = advance(server, now.mono);
     else
-        begin(server, now.mono);
+        begin(server, now.mono, notice);
     if (!server->ticked || now.mono > server->ticked_at)
         server->ticked_at = now.mono;
     server->ticked = true;

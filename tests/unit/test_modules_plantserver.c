@@ -155,10 +155,12 @@ static void until_the_first_command_it_has_its_initial_input(void **state)
     struct rig *r = *state;
 
     assert_input(r, RUNNING, false);
-    tick(r, 20 * S); /* whenever it begins */
-    assert_int_equal(r->notice.kind, APC_NOTICE_NONE);
+    tick(r, 20 * S);                                      /* whenever it begins */
+    assert_int_equal(r->notice.kind, APC_NOTICE_RESUMED); /* it is not at its safe value, as others are */
+    assert_string_equal(r->notice.text, "plant begins with its initial input");
     assert_input(r, RUNNING, false);
     tick(r, 20 * S + TICK);
+    assert_int_equal(r->notice.kind, APC_NOTICE_NONE);
     assert_near(state_of(r), exact(0.0, RUNNING, 0.2), CLOSE);
     command(r, 20 * S + TICK, STAMP(1), 1.5);
     tick(r, 20 * S + 2 * TICK);

@@ -375,6 +375,9 @@ static void the_plant_at_its_safe_value_stands_until_it_takes_commands(void **st
     assert_null(strstr(ask_text(get_metrics), "\napc_plant_safe "));
     an_event("apc-plant", "start", APC_EVENT_INFO, "running every 1 s");
     assert_string_equal(control("safe"), "true"); /* it starts there */
+    an_event("apc-plant", "watchdog", APC_EVENT_INFO, "plant begins with its initial input"); /* or not */
+    assert_string_equal(control("safe"), "false");
+    an_event("apc-plant", "start", APC_EVENT_INFO, "running every 1 s");
     an_event("apc-plant", "watchdog", APC_EVENT_INFO, "plant takes commands");
     assert_string_equal(control("safe"), "false");
     assert_string_equal(control("safe_since"), "null");
