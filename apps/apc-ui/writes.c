@@ -128,6 +128,7 @@ static int begin(struct writes *w, const struct write *write)
     place->state = WRITE_BEGUN;
     place->stored = -1;
     place->asked = -1;
+    place->wanted = write->n;
     w->next++;
     return 0;
 }
@@ -231,7 +232,7 @@ static enum outcome judge(const struct seen *seen, const struct apc_sample *s)
     return outcome_of(&one);
 }
 
-/* Of a write that is one transaction the part that is furthest from being in force. */
+/* Of what was asked for, in one transaction, the part that is furthest from being in force. */
 static enum outcome worst(const struct seen *seen, const struct write *write, const struct write_change **of)
 {
     static const int rank[] = {[OUTCOME_APPLIED] = 1,
@@ -241,7 +242,7 @@ static enum outcome worst(const struct seen *seen, const struct write *write, co
                                [OUTCOME_REFUSED] = 5};
     enum outcome found = OUTCOME_APPLIED;
     *of = write->change;
-    for (size_t i = 0; i < write->n; i++) {
+    for (size_t i = 0; i < write->wanted; i++) {
         const enum outcome one = judge(seen, &write->change[i].after);
         if (rank[one] <= rank[found])
             continue;

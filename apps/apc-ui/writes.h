@@ -43,10 +43,10 @@ struct write {
     enum write_state state;
     int stored; /* 1, 0; -1: not known */
     char reason[160];
-    apc_ns time;  /* UTC */
-    apc_ns ended; /* monotonic: when the attempt was over, and the controller's time began */
-    apc_ns asked; /* monotonic: when its refusal was last asked for */
-    size_t n;
+    apc_ns time;      /* UTC */
+    apc_ns ended;     /* monotonic: when the attempt was over, and the controller's time began */
+    apc_ns asked;     /* monotonic: when its refusal was last asked for */
+    size_t n, wanted; /* changes; those that were asked for: what others were taken along is not waited for */
     struct write_change *change; /* [n] */
 };
 

@@ -311,7 +311,7 @@ static void what_no_controller_has_is_taken_by_nobody(void **state)
     shows("key-0001", "it is stored, but no controller takes it");
 }
 
-static void what_was_taken_along_counts_too(void **state)
+static void what_was_taken_along_is_told_and_not_waited_for(void **state)
 {
     struct write_change c[2] = {change_of(Z, 12), change_of(TARGET, APC_MODE_AUTO)};
     (void)state;
@@ -320,10 +320,12 @@ static void what_was_taken_along_counts_too(void **state)
     shows("key-0001", "\"ref\":\"opmode.1\"");
     land(Z, &c[0]);
     land(TARGET, &c[1]);
-    took(Z, 12, APC_GOOD_LOCAL_OVERRIDE);
+    took(TARGET, APC_MODE_AUTO, APC_GOOD);
     settle(S);
     assert_string_equal(told, "accepted");
-    took(TARGET, APC_MODE_AUTO, APC_GOOD);
+    took(Z, 12, APC_GOOD_LOCAL_OVERRIDE);
+    newest[TARGET].seq++; /* somebody has changed that since */
+    took(TARGET, APC_MODE_CAS, APC_UNCERTAIN);
     settle(S);
     assert_string_equal(told, "accepted applied");
 }
@@ -510,7 +512,7 @@ int main(void)
         T(without_a_confirmation_it_is_unknown_and_may_still_be_applied),
         T(nobody_applies_it_when_its_own_controller_does_not_tick),
         T(what_no_controller_has_is_taken_by_nobody),
-        T(what_was_taken_along_counts_too),
+        T(what_was_taken_along_is_told_and_not_waited_for),
         T(where_the_seq_was_the_stores_to_give_only_the_row_itself_tells),
         T(a_lost_answer_is_settled_by_the_row_itself),
         T(a_lost_answer_is_a_failure_when_the_row_is_somebody_elses),

@@ -84,8 +84,9 @@ export function OverviewPage(): JSX.Element {
   if (!p) return <p>Loading the plant …</p>;
   const used = new Set(p.loops.map(loop => loop.measurement));
   const others = p.variables.filter(one => one.table === "sensor" && !used.has(one.ref));
+  const rows = p.loops.length + others.length;
   return (
-    <section class={`overview${p.loops.length + others.length <= 4 ? " few" : ""}`}>
+    <section class={`overview${rows <= 4 ? " few" : rows > 16 ? " many" : ""}`}>
       <div class="toolbar">
         <h1>{p.title}</h1>
         <Abnormal plant={p} />
