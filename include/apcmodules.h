@@ -379,6 +379,10 @@ APC_API int apc_controller_compute(struct apc_controller *controller, struct apc
  * they are there, and makes up for it. A row by swap that was left out has seq 0. [tick]
  */
 APC_API void apc_controller_update(struct apc_controller *controller, int written);
+/** Field number @p field, from 0, of the tick row: its name, where it begins, how many values it has. False:
+ * there are no more. [any] */
+APC_API bool apc_controller_tick_field(const struct apc_controller *controller, size_t field,
+                                       const char **name, size_t *offset, size_t *length);
 /** At how many ticks the law gave no usable output, and the last one was held. [any] */
 APC_API uint64_t apc_controller_failures(const struct apc_controller *controller);
 

@@ -14,6 +14,7 @@
 #include "run/record.h"
 #include "run/run_internal.h"
 #include "run/samples.h"
+#include "run/ticks.h"
 
 #define PATH_LEN 600
 
@@ -65,7 +66,7 @@ static int file_close(struct file *f, int rc, struct apc_error *why)
 /* ---- What the run consists of -------------------------------------------------------------- */
 
 static const char *const kept[] = {"run.conf", "plant.so"}; /* and the laws: kept_file() */
-static const char *const exported[] = {"samples.csv", "plant.csv",  "seqs.csv",   "operation.csv",
+static const char *const exported[] = {"samples.csv", "plant.csv",  TICKS_FILE,   "operation.csv",
                                        "signals.csv", "events.csv", "timing.csv", "timing-summary.csv",
                                        "report.svg",  "report.png"};
 #define COUNT(array) (sizeof(array) / sizeof *(array))
@@ -346,24 +347,11 @@ static int collected(int rc, const struct apc_store *store, const char *what, st
     return rc;
 }
 
-/* What the rows of samples.csv are called in the store, line by line: that a replay needs. */
-static int export_seqs(const char *dir, const struct samples *samples, struct apc_error *why)
-{
-    struct file f;
-    int rc = file_open(&f, dir, "seqs.csv", why);
-    if (rc < 0)
-        return rc;
-    samples_write_seqs(samples, f.stream);
-    return file_close(&f, 0, why);
-}
-
 static int export_samples(const char *dir, struct apc_store *store, const struct experiment *e,
                           const struct apc_range *range, apc_ns start, apc_ns *end, struct apc_error *why)
 {
     struct samples samples = {0};
     int rc = collected(samples_collect(&samples, store, e, range), store, "samples", why);
-    if (rc == 0)
-        rc = export_seqs(dir, &samples, why);
     if (rc == 0)
         rc = put_samples(dir, "samples.csv", &samples, start, why);
     *end = samples.n > 0 ? samples.at[samples.n - 1].time - start : 0;
@@ -546,6 +534,8 @@ int folder_export(const char *dir, struct apc_store *store, const struct experim
         rc = export_events(dir, store, &records, start, why);
     if (rc == 0)
         rc = export_timing(dir, store, since, why);
+    if (rc == 0)
+        rc = ticks_keep(dir, store, e, &samples, why);
     if (rc == 0) /* last: where they are, the rest is */
         rc = export_samples(dir, store, e, &samples, start, &end, why);
     return rc == 0 ? write_end(dir, ended > 0 ? ended : apc_ns_to_s(end), why) : rc;

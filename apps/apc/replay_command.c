@@ -14,16 +14,19 @@ struct replay_options {
     const char *csv;
     bool force;
     double tolerance; /* < 0: none */
+    bool virtually;
     struct experiment_overrides overrides;
 };
 
-enum { OPT_LAW = 0x600, OPT_CSV, OPT_TOLERANCE, OPT_FORCE };
+enum { OPT_LAW = 0x600, OPT_CSV, OPT_TOLERANCE, OPT_FORCE, OPT_VIRTUAL };
 
 static const struct argp_option option_list[] = {
     {"law", OPT_LAW, "NAME", 0,
      "Control law instead of the run's: built in, or ./file.so; its own tuning applies", 0},
     {"tolerance", OPT_TOLERANCE, "U", 0, "End with code 1 when an output differs by more", 0},
-    {"csv", OPT_CSV, "FILE", 0, "Write time,id,recorded,replayed there; - is stdout", 0},
+    {"csv", OPT_CSV, "FILE", 0, "Write time,loop,recorded,replayed there; - is stdout", 0},
+    {"virtual", OPT_VIRTUAL, NULL, 0, "Simulate the run anew instead, and name the first tick that differs",
+     0},
     {"force", OPT_FORCE, NULL, 0, "Write over what is in that file", 0},
     {0},
 };
@@ -45,6 +48,13 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case OPT_FORCE:
         o->force = true;
         break;
+    case OPT_VIRTUAL:
+        o->virtually = true;
+        break;
+    case ARGP_KEY_END:
+        if (o->virtually && (o->csv || o->overrides.law || o->tolerance >= 0))
+            argp_error(state, "--virtual: goes with no other option");
+        break;
     default:
         return ARGP_ERR_UNKNOWN;
     }
@@ -55,9 +65,11 @@ static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NU
 
 static const struct cli_spec spec = {
     .args_doc = "RUN",
-    .doc = "Give the measurements, setpoints and modes of run folder RUN to a controller, and report how its "
-           "outputs differ from the recorded ones. Without --law it is the law that ran, with the tuning and "
-           "the modes that it had. Says whether the controller was given just what the recorded one had.",
+    .doc =
+        "Repeat each controller of run folder RUN from what its ticks were made from, and report how what it "
+        "does differs from what was recorded. Without --law it is the law that ran: then all of each tick "
+        "has "
+        "to come out again, bit for bit; the first tick that does not is named, and why.",
     .min_args = 1,
     .max_args = 1,
     .extra = &extra,
@@ -76,7 +88,7 @@ static int fail(const struct replay_command *c, int err, const struct apc_error 
     return err;
 }
 
-static void put_output(void *ctx, double t, int id, double recorded, double replayed)
+static void put_output(void *ctx, double t, const char *loop, double recorded, double replayed)
 {
     const struct replay_command *c = ctx;
     char a[40], b[40];
@@ -84,7 +96,7 @@ static void put_output(void *ctx, double t, int id, double recorded, double repl
         return;
     apc_number_format(recorded, a, sizeof a);
     apc_number_format(replayed, b, sizeof b);
-    fprintf(c->csv, "%.6f,%d,%s,%s\n", t, id, a, b);
+    fprintf(c->csv, "%.6f,%s,%s,%s\n", t, loop, a, b);
 }
 
 static void put_notice(void *ctx, double t, const char *text)
@@ -93,25 +105,29 @@ static void put_notice(void *ctx, double t, const char *text)
     fprintf(c->talk, "%10.3f s  %s\n", t, text);
 }
 
-/* Was it given just what the recorded controller had? If not: why. */
-static void print_exactness(const struct replay_command *c)
+/* Did all of each tick come out again? If not: which is the first that did not, and why. */
+static bool print_exactness(const struct replay_command *c)
 {
-    if (!c->replay.seqs)
-        fputs("not exact: there is no seqs.csv, which says from what each output was made; measurements are "
-              "taken "
-              "by the client's instants\n",
-              c->talk);
-    else if (c->replay.guessed > 0)
-        fprintf(
-            c->talk,
-            "not exact: at %llu of %llu ticks the outputs do not name all measurements and setpoints that "
-            "they were made from; those are taken by the clock\n",
-            (unsigned long long)c->replay.guessed, (unsigned long long)c->replay.ticks);
-    if (!c->replay.operated)
-        fputs("not exact: there is no operation.csv; mode and tuning are the experiment file's throughout\n",
-              c->talk);
-    if (c->replay.seqs && c->replay.guessed == 0 && c->replay.operated)
-        fputs("exact: each output is made from the measurements and setpoints that it names\n", c->talk);
+    bool exact = true;
+    for (size_t i = 0; i < c->replay.e.n_controllers; i++) {
+        const struct replay_controller *of = &c->replay.controller[i];
+        fprintf(c->talk, "%s: %llu of %llu ticks the same bit for bit%s", of->of->name,
+                (unsigned long long)of->same, (unsigned long long)of->ticks.n, of->restarts ? ", " : "\n");
+        if (of->restarts)
+            fprintf(c->talk, "%llu of them after a restart\n", (unsigned long long)of->restarts);
+        if (of->first[0])
+            fprintf(c->talk, "%s: the first that differs: %s\n", of->of->name, of->first);
+        exact = exact && !of->first[0];
+    }
+    return exact;
+}
+
+static uint64_t ticks_of(const struct replay_command *c)
+{
+    uint64_t n = 0;
+    for (size_t i = 0; i < c->replay.e.n_controllers; i++)
+        n += c->replay.controller[i].ticks.n;
+    return n;
 }
 
 static int print_differences(const struct replay_command *c)
@@ -122,12 +138,12 @@ static int print_differences(const struct replay_command *c)
                                                   {"at s", PRINT_POINT}};
     struct print_table table;
     print_table_open(&table, columns, sizeof columns / sizeof *columns);
-    for (size_t i = 0; i < c->replay.e.dim.nu; i++) {
+    for (size_t i = 0; i < c->replay.loops.n; i++) {
         const struct replay_difference *d = &c->replay.difference[i];
-        print_cell(&table, PRINT_PLAIN, "%s", c->replay.e.u[i].tag.name);
-        print_cell(&table, PRINT_PLAIN, "%llu", (unsigned long long)c->replay.ticks);
+        print_cell(&table, PRINT_PLAIN, "%s", c->replay.loops.at[i].name);
+        print_cell(&table, PRINT_PLAIN, "%llu", (unsigned long long)d->ticks);
         print_cell(&table, PRINT_PLAIN, "%llu", (unsigned long long)d->same);
-        print_cell(&table, PRINT_PLAIN, "%.3g", d->sum / (double)c->replay.ticks);
+        print_cell(&table, PRINT_PLAIN, d->ticks ? "%.3g" : "-", d->sum / (double)d->ticks);
         print_cell(&table, PRINT_PLAIN, "%.3g", d->worst);
         print_cell(&table, PRINT_PLAIN, d->high > d->low ? "%.4f" : "-", 100 * d->worst / (d->high - d->low));
         print_cell(&table, PRINT_PLAIN, "%.3f", d->at);
@@ -144,6 +160,15 @@ static int replay(struct replay_command *c)
     int rc = replay_load(&c->replay, c->cli.args[0], &c->options.overrides, &why);
     if (rc < 0)
         return fail(c, rc, &why);
+    if (ticks_of(c) == 0) {
+        cli_error(&c->cli, APC_ENOTFOUND, "%s/" TICKS_FILE " holds no ticks", c->cli.args[0]);
+        return APC_ENOTFOUND;
+    }
+    if (c->options.virtually) {
+        if ((rc = replay_virtual(&c->replay)) < 0)
+            return fail(c, rc, &c->replay.why);
+        return print_exactness(c) ? 0 : APC_ESTATE;
+    }
     if (csv && (rc = folder_spare(csv, c->options.force, &why)) < 0)
         return fail(c, rc, &why);
     if (csv && !(c->csv = !strcmp(csv, "-") ? stdout : fopen(csv, "w"))) {
@@ -151,24 +176,23 @@ static int replay(struct replay_command *c)
         return APC_ESYS;
     }
     if (c->csv)
-        fputs("time,id,recorded,replayed\n", c->csv);
-    replay_run(&c->replay, &(struct replay_watch){.output = put_output, .notice = put_notice, .ctx = c});
+        fputs("time,loop,recorded,replayed\n", c->csv);
+    rc = replay_run(&c->replay, &(struct replay_watch){.output = put_output, .notice = put_notice, .ctx = c});
     if (c->csv && c->csv != stdout && fclose(c->csv) != 0) {
         cli_error(&c->cli, APC_ESYS, "%s: cannot be written: %s", csv, strerror(errno));
         return APC_ESYS;
     }
-    if (c->replay.ticks == 0) {
-        cli_error(&c->cli, APC_ENOTFOUND, "%s/samples.csv holds no outputs", c->cli.args[0]);
-        return APC_ENOTFOUND;
-    }
+    if (rc < 0)
+        return fail(c, rc, &c->replay.why);
     if ((rc = print_differences(c)) < 0) {
         cli_error(&c->cli, rc, "out of memory");
         return rc;
     }
-    print_exactness(c);
-    for (size_t i = 0; i < c->replay.e.dim.nu && c->options.tolerance >= 0; i++)
+    if (!c->options.overrides.law)
+        (void)print_exactness(c);
+    for (size_t i = 0; i < c->replay.loops.n && c->options.tolerance >= 0; i++)
         if (!(c->replay.difference[i].worst <= c->options.tolerance)) {
-            cli_error(&c->cli, APC_ESTATE, "%s differs by %g, more than %g", c->replay.e.u[i].tag.name,
+            cli_error(&c->cli, APC_ESTATE, "%s differs by %g, more than %g", c->replay.loops.at[i].name,
                       c->replay.difference[i].worst, c->options.tolerance);
             return APC_ESTATE;
         }

@@ -206,9 +206,6 @@ void apc_controller_update_instance(struct apc_controller *controller, size_t k)
 
 /* ---- rows.c */
 
-/** Name, offset and length of a field of the tick row. False: there are no more. [any] */
-bool apc_controller_tick_field(const struct apc_controller *controller, size_t field, const char **name,
-                               size_t *offset, size_t *length);
 int apc_controller_lay_out(struct apc_controller *controller, const struct apc_controller_options *options,
                            struct apc_error *why);
 /** Fill out. [tick] */

@@ -1,26 +1,30 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * The controller's core ticks where the recorded one did, at the times of its outputs, and is given what that
- * one had: the measurements and setpoints that its outputs name, the modes and the tuning of then. Its
- * outputs go nowhere: the measurements stay those that the recorded outputs have led to.
+ * A tick row holds what the tick was made from: values, or the seqs of rows that are on record beside it. So
+ * each controller is given, tick by tick, just what the recorded one had, and all of the row that it then
+ * makes is compared, bit for bit. A law that was late is given no time, and is late again.
  *
- * An output names the measurement and the setpoint of its own loop only, and none when the law did not make
- * it. What is not named is taken by the clock: the newest setpoint; the measurement that was made with a
- * named one or, without any, that the client had brought by then, which it does at its own instants. A race
- * decided otherwise in the run is not seen then, so it is said that the replay is not exact.
+ * What a row does not say is whether its controller had been started anew before it. That is tried where the
+ * row is another than that of one that lived on. From a row that differs all the same the replay goes on, so
+ * that each tick is judged by itself.
  */
 #include "replay.h"
 
+#include <errno.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
-#define ZERO APC_NS_PER_S /* t = 0 on both clocks of the replayed controller; not 0, which is "never" */
+#include "modules/controller.h"
+#include "simulation.h"
 
-/* ---- What the outputs name ------------------------------------------------------------------ */
+/* ---- Rows that are named -------------------------------------------------------------------- */
 
-static int compare_names(const struct apc_sample *a, const struct apc_sample *b)
+static int by_name(const void *left, const void *right)
 {
+    const struct apc_sample *a = left, *b = right;
     if (a->table != b->table)
         return a->table < b->table ? -1 : 1;
     if (a->id != b->id)
@@ -28,218 +32,451 @@ static int compare_names(const struct apc_sample *a, const struct apc_sample *b)
     return a->seq < b->seq ? -1 : a->seq > b->seq;
 }
 
-static int by_name(const void *left, const void *right, void *samples)
+/* How many samples come before @p wanted. */
+static size_t before(const struct replay *r, const struct apc_sample *wanted)
 {
-    const struct apc_sample *at = samples;
-    return compare_names(&at[*(const size_t *)left], &at[*(const size_t *)right]);
-}
-
-static int index_samples(struct replay *r)
-{
-    r->by_seq = calloc(r->samples.n + 1, sizeof *r->by_seq);
-    if (!r->by_seq)
-        return APC_ENOMEM;
-    for (size_t i = 0; i < r->samples.n; i++)
-        r->by_seq[i] = i;
-    qsort_r(r->by_seq, r->samples.n, sizeof *r->by_seq, by_name, r->samples.at);
-    return 0;
-}
-
-static const struct apc_sample *find(const struct replay *r, enum apc_table table, int id, int64_t seq)
-{
-    const struct apc_sample wanted = {.table = table, .id = id, .seq = seq};
     size_t low = 0, high = r->samples.n;
     while (low < high) {
-        size_t middle = low + (high - low) / 2;
-        const struct apc_sample *s = &r->samples.at[r->by_seq[middle]];
-        int order = compare_names(s, &wanted);
-        if (order == 0)
-            return s;
-        if (order < 0)
+        const size_t middle = low + (high - low) / 2;
+        if (by_name(&r->samples.at[middle], wanted) < 0)
             low = middle + 1;
         else
             high = middle;
     }
-    return NULL;
+    return low;
 }
 
-/* The sample of a measurement or setpoint that one of the tick's outputs names; NULL: none does. */
-static const struct apc_sample *named(const struct replay *r, const struct apc_sample *tick,
-                                      enum apc_table table, size_t number)
+/* Fill in the row of @p seq of its variable; 0: there was none. False: it is not on record. */
+static bool give(const struct replay *r, struct apc_sample *in, double seq)
 {
-    for (size_t i = 0; r->seqs && i < r->e.dim.nu; i++) {
-        bool sensor = table == APC_SENSOR;
-        int64_t seq = sensor ? tick[i].sensor_seq : tick[i].setpoint_seq;
-        if (seq > 0 && number == (sensor ? r->pair[i].measurement : r->pair[i].setpoint))
-            return find(r, table, (int)number, seq);
+    struct apc_sample wanted = {.table = in->table, .id = in->id, .seq = (int64_t)seq};
+    if (seq <= 0) {
+        *in = wanted;
+        in->seq = 0;
+        in->status = APC_BAD_NO_DATA;
+        return true;
     }
-    return NULL;
+    const size_t at = before(r, &wanted);
+    if (at == r->samples.n || by_name(&r->samples.at[at], &wanted) != 0) {
+        *in = wanted;
+        in->status = APC_BAD_NO_DATA;
+        return false;
+    }
+    *in = r->samples.at[at];
+    return true;
 }
 
-/* ---- The controller's inputs -------------------------------------------------------------- */
-
-/* When the client brought a measurement of that source time. */
-static apc_ns arrival(const struct replay *r, apc_ns source)
+/* The newest row of its variable that is not younger than @p time. */
+static void give_newest(const struct replay *r, struct apc_sample *in, apc_ns time)
 {
-    const struct rhythm *client = &r->e.client.rhythm;
-    return apc_grid_time(client->phase, client->period, apc_grid_next(client->phase, client->period, source));
-}
-
-static void give(struct apc_sample *in, const struct apc_sample *s)
-{
-    *in = *s;
-    in->time += ZERO;
-}
-
-/* The newest sample of in[k] in @p from that was there at @p t, or that was made until @p made. */
-static void give_newest(struct replay *r, const struct samples *from, size_t k, apc_ns t, apc_ns made)
-{
-    struct apc_sample *in = &r->in[k];
-    for (size_t *i = &r->next[k]; *i < from->n; ++*i) {
-        const struct apc_sample *s = &from->at[*i];
-        if (s->table != in->table || s->id != in->id)
-            continue;
-        if (made >= 0 ? s->time > made : (s->table == APC_SENSOR ? arrival(r, s->time) : s->time) > t)
+    const struct apc_sample end = {.table = in->table, .id = in->id, .seq = INT64_MAX};
+    for (size_t i = before(r, &end);
+         i-- > 0 && r->samples.at[i].table == in->table && r->samples.at[i].id == in->id;)
+        if (r->samples.at[i].time <= time) {
+            *in = r->samples.at[i];
             return;
-        give(in, s);
-    }
+        }
+    (void)give(r, in, 0);
 }
 
-/* Returns whether each was named. */
-static bool give_loop(struct replay *r, const struct apc_sample *tick)
+/* ---- A controller's inputs ------------------------------------------------------------------ */
+
+/* A measurement as the row has it. Its freshness is what the recorded controller found. */
+static void give_measurement(struct apc_controller *c, size_t k, double value, double seq, apc_status status,
+                             struct apc_now now, apc_ns time)
 {
-    const size_t ny = r->e.dim.ny, nz = r->e.dim.nz;
-    apc_ns made = -1;
-    bool all = true;
-    for (size_t k = 0; k < ny; k++) {
-        const struct apc_sample *s = named(r, tick, APC_SENSOR, k + 1);
-        if (s)
-            made = s->time > made ? s->time : made;
-    }
-    for (size_t k = 0; k < ny + nz; k++) {
-        enum apc_table table = k < ny ? APC_SENSOR : APC_SETPOINT;
-        const struct apc_sample *s = named(r, tick, table, k < ny ? k + 1 : k - ny + 1);
-        if (s)
-            give(&r->in[k], s);
-        else
-            give_newest(r, &r->samples, k, tick->time, table == APC_SENSOR ? made : -1);
-        all = all && s;
-    }
-    return all;
+    struct apc_sample *in = &c->in.sample[k];
+    *in = (struct apc_sample){.table = in->table,
+                              .id = in->id,
+                              .seq = (int64_t)seq,
+                              .time = time,
+                              .value = value,
+                              .status = status};
+    c->fresh[k] =
+        (struct apc_freshness){.mark = in->seq, .changed = now.mono, .looked = now.mono, .seen = true};
 }
 
-/* What does not come from the samples: written before the run, or by an operator. */
-static void give_value(struct apc_sample *in, int64_t seq, double value)
+static void give_measurements(struct apc_controller *c, const double *row, struct apc_now now)
 {
-    in->seq = seq;
-    in->time = ZERO;
-    in->status = APC_GOOD;
-    in->value = value;
+    const size_t *at = c->offset;
+    for (size_t k = 0; k < c->dim.ny; k++)
+        give_measurement(c, k, row[at[APC_TICK_Y] + k], row[at[APC_TICK_Y_SEQ] + k],
+                         (apc_status)row[at[APC_TICK_Y_STATUS] + k], now,
+                         now.utc - (apc_ns)llround(row[at[APC_TICK_Y_AGE] + k] * APC_NS_PER_S));
+    for (size_t k = 0; k < c->dim.nd; k++)
+        give_measurement(c, c->dim.ny + k, row[at[APC_TICK_D] + k], row[at[APC_TICK_D_SEQ] + k],
+                         (apc_status)row[at[APC_TICK_D_STATUS] + k], now, now.utc);
 }
 
-/*
- * What the operator wanted at the tick of @p t whose output has @p status, from the actual mode, which has
- * the time of its tick. An output that is not Good in mode Man was the fault value, in mode Auto.
+/* What is wanted, outputs as they stood, and loops above and below. Returns what is not on record; NULL: all
+ * is. */
+static const struct apc_sample *give_rows(struct replay *r, struct replay_controller *rc, const double *row)
+{
+    struct apc_controller *c = rc->core;
+    const size_t *at = c->offset, n = c->dim.nz + 2 * c->dim.nu;
+    struct apc_sample *in = c->in.sample + c->dim.ny + c->dim.nd;
+    const struct apc_sample *missing = NULL;
+    struct apc_vector *tick = c->in.vector;
+
+    for (size_t k = 0; k < c->n_wanted; k++, in++) {
+        const bool own = r->other_law && k >= n; /* its own tuning holds */
+        if (!give(r, in, own ? 0 : row[k < n ? at[APC_TICK_WANTED] + k : at[APC_TICK_TUNING_SEQ] + k - n]))
+            missing = in;
+    }
+    for (size_t i = 0; i < c->dim.nu; i++, in++) {
+        in->seq = c->state[i].seq;
+        if (c->loop[i].setpoint && !give(r, in, row[at[APC_TICK_BELOW] + 4 * i]))
+            missing = in;
+    }
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        if (!c->loop[i].setpoint)
+            continue;
+        if (!give(r, &in[0], row[at[APC_TICK_BELOW] + 4 * i + 2]))
+            missing = in;
+        if (!give(r, &in[1], row[at[APC_TICK_BELOW] + 4 * i + 1]))
+            missing = in + 1;
+        tick->seq = (int64_t)row[at[APC_TICK_BELOW] + 4 * i + 3];
+        const struct tick_row *below = ticks_find(&r->controller[tick->id - 1].ticks, tick->seq);
+        tick->time = below ? below->time : 0;
+        in += 2;
+        tick++;
+    }
+    for (size_t k = 0; k < c->dim.nz; k++)
+        if (c->setpoint[k].above && !give(r, in++, row[at[APC_TICK_ABOVE] + k]))
+            missing = in - 1;
+    return missing;
+}
+
+/* The monotonic clock is not on record: it goes as the wall clock did, unless that was set, and a loop that
+ * holds says for how long. */
+static struct apc_now now_of(const struct replay_controller *rc, const double *row, apc_ns utc)
+{
+    const struct apc_controller *c = rc->core;
+    struct apc_now now = {.mono = APC_NS_PER_S, .utc = utc};
+    if (rc->row) {
+        const double ticks = row[c->offset[APC_TICK_INDEX]] - rc->row[c->offset[APC_TICK_INDEX]];
+        const apc_ns grid = (apc_ns)(ticks * (double)rc->of->rhythm.period), wall = utc - rc->now.utc;
+        const apc_ns off = wall > grid ? wall - grid : grid - wall;
+        now.mono = rc->now.mono + (off < rc->of->rhythm.period ? wall : grid);
+    }
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        const double held = row[c->offset[APC_TICK_HELD] + i];
+        if (held > 0 && c->state[i].loop.holding && !c->resumed_at)
+            now.mono = c->state[i].loop.held + (apc_ns)llround(held * APC_NS_PER_S);
+    }
+    return now;
+}
+
+static bool was_late(const struct apc_controller *c, const double *row)
+{
+    for (size_t k = 0; k < c->size.instances; k++)
+        if ((int)row[c->offset[APC_TICK_RESULT] + k] == APC_LAW_LATE)
+            return true;
+    return false;
+}
+
+/* ---- Comparing ------------------------------------------------------------------------------ */
+
+/* Say of a tick what is the matter with it. */
+static void describe(const struct replay *r, const struct replay_controller *rc, const struct tick_row *at,
+                     const double *row, char text[REPLAY_TEXT], const char *fmt, ...) APC_PRINTF(6, 7);
+static void describe(const struct replay *r, const struct replay_controller *rc, const struct tick_row *at,
+                     const double *row, char text[REPLAY_TEXT], const char *fmt, ...)
+{
+    va_list args;
+    const int n = snprintf(text, REPLAY_TEXT, "tick %.0f at %.3f s: ", row[rc->core->offset[APC_TICK_INDEX]],
+                           apc_ns_to_s(at->time - r->start));
+    va_start(args, fmt);
+    vsnprintf(text + n, REPLAY_TEXT - (size_t)n, fmt, args);
+    va_end(args);
+}
+
+/* The first value that differs, but in fields that @p leave_out names (NULL: none). Returns false: all are
+ * the same. */
+static bool differ(const struct apc_controller *c, const double *recorded, const double *made,
+                   const bool *leave_out, const char **name, size_t *element)
+{
+    size_t offset, length;
+    for (size_t f = 0; apc_controller_tick_field(c, f, name, &offset, &length); f++)
+        for (size_t i = 0; i < length && !(leave_out && leave_out[f]); i++)
+            if (memcmp(&recorded[offset + i], &made[offset + i], sizeof *made) != 0) {
+                *element = offset + i;
+                return true;
+            }
+    return false;
+}
+
+static void compare_outputs(struct replay *r, const struct replay_controller *rc, const struct tick_row *at,
+                            const double *row)
+{
+    const struct apc_controller *c = rc->core;
+    const double t = apc_ns_to_s(at->time - r->start);
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        const size_t loop = (size_t)rc->of->first_loop - 1 + i;
+        const double recorded = row[c->offset[APC_TICK_U] + i], apart = fabs(c->u[i] - recorded);
+        struct replay_difference *d = &r->difference[loop];
+        if (!(row[c->offset[APC_TICK_THERE] + i] > 0))
+            continue;
+        d->same += apart == 0;
+        d->sum += apart;
+        d->low = d->ticks ? fmin(d->low, recorded) : recorded;
+        d->high = d->ticks ? fmax(d->high, recorded) : recorded;
+        d->ticks++;
+        if (apart > d->worst) {
+            d->worst = apart;
+            d->at = t;
+        }
+        if (r->watch.output)
+            r->watch.output(r->watch.ctx, t, r->loops.at[loop].name, recorded, c->u[i]);
+    }
+}
+
+/* ---- The ticks ------------------------------------------------------------------------------ */
+
+/* A controller anew, as a daemon that is started after the row of @p former; NULL: at the beginning. */
+static int start(struct replay *r, struct replay_controller *rc, const struct tick_row *former, apc_ns time)
+{
+    struct apc_error why;
+    apc_controller_destroy(rc->core);
+    int err = cores_controller(&r->e, rc->of, false, &rc->core, &why);
+    if (err < 0)
+        return apc_fail(&r->why, err, "%s", why.text);
+    struct apc_rows *rows = apc_controller_former(rc->core);
+    for (size_t k = 0; k < rows->n_samples; k++)
+        give_newest(r, &rows->sample[k], time);
+    if (former && former->n <= rows->vector->room) {
+        rows->vector->seq = former->seq;
+        rows->vector->time = former->time;
+        rows->vector->status = APC_GOOD;
+        rows->vector->n = (uint32_t)former->n;
+        memcpy(rows->vector->value, rc->ticks.value + former->first, former->n * sizeof(double));
+    }
+    apc_controller_resume(rc->core, r->start);
+    return 0;
+}
+
+static const struct apc_sample *tick(struct replay *r, struct replay_controller *rc,
+                                     const struct tick_row *at, const double *row, struct apc_notice *notice)
+{
+    struct apc_controller *c = rc->core;
+    const struct apc_now now = now_of(rc, row, at->time);
+    give_measurements(c, row, now);
+    const struct apc_sample *missing = give_rows(r, rc, row);
+    c->budget = was_late(c, row) ? 0.0 : apc_ns_to_s(rc->of->budget);
+    apc_controller_compute(c, now, (uint64_t)row[c->offset[APC_TICK_INDEX]], true, notice);
+    return missing;
+}
+
+static bool is_made(const struct apc_controller *c, const double *row)
+{
+    const char *name;
+    size_t element;
+    return !differ(c, row, c->row, NULL, &name, &element);
+}
+
+static void tell_difference(const struct replay *r, const struct replay_controller *rc,
+                            const struct tick_row *at, const double *row, const struct apc_sample *missing,
+                            char text[REPLAY_TEXT])
+{
+    const struct apc_controller *c = rc->core;
+    const size_t index = c->offset[APC_TICK_INDEX];
+    const char *name = "", *because = "from the same inputs: it is another build, or its record is damaged";
+    const double gap = rc->row ? row[index] - rc->row[index] : 1;
+    size_t element = 0;
+    char reason[100];
+    if (!differ(c, row, c->row, NULL, &name, &element))
+        return;
+    if (missing) {
+        snprintf(reason, sizeof reason, "%s.%d seq %lld is not on record", apc_table_name(missing->table),
+                 missing->id, (long long)missing->seq);
+        because = reason;
+    } else if (!strcmp(name, "mark")) {
+        because = "the law, its settings or its model are not those that ran";
+    } else if (gap > 1) {
+        snprintf(reason, sizeof reason, "%.0f ticks before it are not on record", gap - 1);
+        because = reason;
+    }
+    describe(r, rc, at, row, text, "%s was %.17g, is %.17g: %s", name, row[element], c->row[element],
+             because);
+}
+
+/* Tick @p k of the record, of a controller that lived on or, where that gives another row, was started anew.
  */
-static enum apc_mode mode_at(const struct replay *r, apc_ns t, apc_status status)
+static int replay_tick(struct replay *r, struct replay_controller *rc, size_t k)
 {
-    enum apc_mode mode = r->e.controllers->mode;
-    for (size_t i = 0; i < r->operation.n && r->operation.at[i].time <= t; i++)
-        if (r->operation.at[i].table == APC_OPMODE && r->operation.at[i].id == 1)
-            mode = (enum apc_mode)r->operation.at[i].value;
-    return mode == APC_MODE_MAN && apc_status_severity(status) != APC_SEVERITY_GOOD ? APC_MODE_AUTO : mode;
-}
-
-/* @p tick points at the recorded outputs of one tick, [nu]. */
-static void give_all(struct replay *r, const struct apc_sample *tick)
-{
-    const size_t loop = r->e.dim.ny + r->e.dim.nz, nu = r->e.dim.nu;
-    const size_t n_tuning = apc_law_parameters(r->e.controllers->law, &r->e.dim);
-    struct apc_sample *in = r->in + loop;
-    enum apc_mode mode = mode_at(r, tick->time, tick->status);
-
-    r->guessed += !give_loop(r, tick);
-    for (size_t i = 0; i < nu; i++)
-        give_value(in++, 1, mode);
-    for (size_t i = 0; i < nu; i++)
-        give_value(in++, mode == APC_MODE_MAN ? tick[i].seq + 1 : 1, tick[i].value);
-    for (size_t i = 0; i < n_tuning; i++, in++) {
-        if (in->seq == 0)
-            give_value(in, 1, r->e.controllers->tuning[i]);
-        if (!r->other_law)
-            give_newest(r, &r->operation, loop + 2 * nu + i, tick->time, -1);
-    }
-}
-
-/* ---- The ticks ---------------------------------------------------------------------------- */
-
-static void compare(struct replay *r, const struct apc_sample *recorded, double replayed)
-{
-    struct replay_difference *d = &r->difference[recorded->id - 1];
-    double apart = fabs(replayed - recorded->value), t = apc_ns_to_s(recorded->time);
-    d->same += apart == 0;
-    d->sum += apart;
-    d->low = r->ticks ? fmin(d->low, recorded->value) : recorded->value;
-    d->high = r->ticks ? fmax(d->high, recorded->value) : recorded->value;
-    if (apart > d->worst) {
-        d->worst = apart;
-        d->at = t;
-    }
-    if (r->watch.output)
-        r->watch.output(r->watch.ctx, t, recorded->id, recorded->value, replayed);
-}
-
-static void replay_tick(struct replay *r, const struct apc_sample *tick)
-{
-    const struct apc_now now = {.mono = ZERO + tick->time, .utc = ZERO + tick->time};
+    const struct tick_row *at = &rc->ticks.at[k], *former = k > 0 ? at - 1 : NULL;
+    const double *row = rc->ticks.value + at->first;
+    char text[REPLAY_TEXT] = "";
     struct apc_notice notice;
-    give_all(r, tick);
-    const struct apc_rows *out = apc_controller_out(r->core);
-    apc_controller_compute(r->core, now, r->ticks, true, &notice);
-    if (notice.kind != APC_NOTICE_NONE && notice.kind != APC_NOTICE_MODE && r->watch.notice)
-        r->watch.notice(r->watch.ctx, apc_ns_to_s(tick->time), notice.text);
-    for (size_t i = 0; i < out->n_samples; i++)
-        if (out->sample[i].table == APC_ACTUATOR)
-            compare(r, &tick[out->sample[i].id - 1], out->sample[i].value);
-    apc_controller_update(r->core, 1);
-    r->ticks++;
+    const struct apc_sample *missing = tick(r, rc, at, row, &notice);
+    bool same = is_made(rc->core, row);
+    int err = 0;
+
+    if (!same)
+        tell_difference(r, rc, at, row, missing, text);
+    if (!same && !r->other_law && former) {
+        if ((err = start(r, rc, former, former->time)) < 0)
+            return err;
+        (void)tick(r, rc, at, row, &notice);
+        same = is_made(rc->core, row);
+        rc->restarts += same;
+    }
+    if (!same && !rc->first[0])
+        memcpy(rc->first, text, sizeof rc->first);
+    rc->same += same;
+    compare_outputs(r, rc, at, row);
+    if (r->watch.notice && notice.kind != APC_NOTICE_NONE && notice.kind != APC_NOTICE_MODE)
+        r->watch.notice(r->watch.ctx, apc_ns_to_s(at->time - r->start), notice.text);
+    apc_controller_update(rc->core, 1);
+    rc->now = now_of(rc, row, at->time);
+    rc->row = row;
+    return same || r->other_law ? 0 : start(r, rc, at, at->time);
 }
 
-/* The outputs of one tick have one time and stand together, in the order of their ids. */
-void replay_run(struct replay *r, const struct replay_watch *watch)
+int replay_run(struct replay *r, const struct replay_watch *watch)
 {
-    const size_t nu = r->e.dim.nu;
+    int rc = 0;
     r->watch = *watch;
-    for (size_t i = 0; i + nu <= r->samples.n; i++) {
-        const struct apc_sample *s = &r->samples.at[i];
-        size_t n = 0;
-        while (n < nu && s[n].table == APC_ACTUATOR && s[n].id == (int)n + 1 && s[n].time == s->time)
-            n++;
-        if (n == nu)
-            replay_tick(r, s);
+    for (size_t i = 0; i < r->e.n_controllers && rc == 0; i++) {
+        struct replay_controller *c = &r->controller[i];
+        rc = start(r, c, NULL, r->start - 1);
+        for (size_t k = 0; k < c->ticks.n && rc == 0; k++) {
+            if (!r->other_law && c->ticks.at[k].n != c->core->out_row.n)
+                return apc_fail(&r->why, APC_EPROTO,
+                                "tick row %lld of %s has %zu values, not %u: its law, its settings or its "
+                                "model are not those that ran",
+                                (long long)c->ticks.at[k].seq, c->of->name, c->ticks.at[k].n,
+                                c->core->out_row.n);
+            rc = replay_tick(r, c, k);
+        }
     }
+    return rc;
+}
+
+/* ---- In virtual time ------------------------------------------------------------------------ */
+
+/* Times, and the numbers of rows, are other ones. */
+static const bool left_out[APC_TICK_FIELDS] = {
+    [APC_TICK_HELD] = true,  [APC_TICK_ASKED] = true, [APC_TICK_WANTED] = true,     [APC_TICK_Y_SEQ] = true,
+    [APC_TICK_Y_AGE] = true, [APC_TICK_D_SEQ] = true, [APC_TICK_Z_SEQ] = true,      [APC_TICK_ABOVE] = true,
+    [APC_TICK_BELOW] = true, [APC_TICK_INDEX] = true, [APC_TICK_TUNING_SEQ] = true,
+};
+
+/* What the tick was given, before what it made of that. */
+static const char *cause_of(const struct apc_controller *c, const double *recorded, const double *made)
+{
+    static const struct {
+        enum apc_tick_field field;
+        const char *what;
+    } of[] = {{APC_TICK_Y, "a measurement was another"},
+              {APC_TICK_Y_STATUS, "a measurement was another"},
+              {APC_TICK_Y_NEW, "a measurement was late"},
+              {APC_TICK_D, "a disturbance was another"},
+              {APC_TICK_Z, "a setpoint was another"},
+              {APC_TICK_TARGET, "a mode was another"},
+              {APC_TICK_TUNING, "a tuning was another"},
+              {APC_TICK_MANUAL, "an operator's output was another"},
+              {APC_TICK_LAST, "the output before it was another"}};
+    for (size_t k = 0; k < sizeof of / sizeof *of; k++)
+        for (size_t i = c->offset[of[k].field]; i < c->offset[of[k].field + 1]; i++)
+            if (memcmp(&recorded[i], &made[i], sizeof *made) != 0)
+                return of[k].what;
+    return "from the same inputs";
+}
+
+static void compare_virtual(struct replay *r, struct replay_controller *rc, const struct ticks *made)
+{
+    const struct apc_controller *c = rc->core;
+    const size_t index = c->offset[APC_TICK_INDEX];
+    for (size_t k = 0; k < rc->ticks.n && !rc->first[0]; k++) {
+        const struct tick_row *at = &rc->ticks.at[k];
+        const double *row = rc->ticks.value + at->first;
+        const double *other = k < made->n ? made->value + made->at[k].first : NULL;
+        const char *name;
+        size_t element;
+        if (!other || other[index] < row[index] || other[index] > row[index])
+            describe(r, rc, at, row, rc->first, "%s",
+                     !other                      ? "there is none in virtual time: the run was longer"
+                     : other[index] < row[index] ? "a tick before it is not on record: it was missed"
+                                                 : "it was missed in virtual time");
+        else if (at->n != made->at[k].n)
+            describe(r, rc, at, row, rc->first, "its law, its settings or its model are not those that ran");
+        else if (differ(c, row, other, left_out, &name, &element))
+            describe(r, rc, at, row, rc->first, "%s was %.17g, in virtual time it is %.17g: %s", name,
+                     row[element], other[element], cause_of(c, row, other));
+        else
+            rc->same++;
+    }
+}
+
+int replay_virtual(struct replay *r)
+{
+    struct experiment e;
+    struct simulation s;
+    struct apc_error why = {""};
+    int rc = experiment_load(&e, r->e.file, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &r->why);
+    if (rc < 0)
+        return rc;
+    rc = simulation_create(&s, &e, e.seed, &why);
+    if (rc == 0 && (rc = simulation_run(&s, e.duration)) < 0)
+        why = s.why;
+    for (size_t i = 0; i < e.n_controllers && rc == 0; i++) {
+        struct ticks made;
+        rc = start(r, &r->controller[i], NULL, r->start - 1);
+        if (rc == 0 && (rc = ticks_load(&made, s.store, e.controllers[i].number, 0)) == 0)
+            compare_virtual(r, &r->controller[i], &made);
+        ticks_free(&made);
+    }
+    if (rc < 0 && why.text[0])
+        r->why = why;
+    simulation_destroy(&s);
+    experiment_free(&e);
+    return rc;
 }
 
 /* ---- Making one ------------------------------------------------------------------------------ */
 
-static int make_room(struct replay *r, struct apc_error *why)
+static int keep(void *ctx, const struct apc_sample *sample)
 {
-    const struct apc_law_setup setup = cores_law_setup(r->e.controllers);
-    const size_t nu = r->e.dim.nu;
-    r->in = apc_controller_in(r->core)->sample;
-    r->next = calloc(apc_controller_in(r->core)->n_samples, sizeof *r->next);
-    r->difference = calloc(nu, sizeof *r->difference);
-    r->pair = calloc(nu, sizeof *r->pair);
-    if (!r->next || !r->difference || !r->pair || index_samples(r) < 0)
-        return apc_fail(why, APC_ENOMEM, "out of memory");
-    return apc_law_pairing(r->e.controllers->law, &setup, r->pair, why);
+    return samples_add(ctx, sample);
 }
 
-/* A file that older runs have not. */
-static int optional(int rc, bool *there)
+static int load_samples(struct replay *r, struct apc_store *store)
 {
-    *there = rc == 0;
-    return rc == APC_ENOTFOUND ? 0 : rc;
+    int n = apc_store_variables(store, NULL, 0);
+    struct apc_sample *variable = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *variable);
+    if (!variable)
+        return n < 0 ? n : APC_ENOMEM;
+    int rc = apc_store_variables(store, variable, (size_t)n);
+    n = rc < n ? rc : n;
+    for (int i = 0; i < n && rc >= 0; i++)
+        if (!apc_table_vectors(variable[i].table))
+            rc = apc_store_history(store, variable[i].table, variable[i].id, NULL, keep, &r->samples);
+    free(variable);
+    if (r->samples.n > 0)
+        qsort(r->samples.at, r->samples.n, sizeof *r->samples.at, by_name);
+    return rc < 0 ? rc : 0;
+}
+
+static int load_record(struct replay *r, const char *dir, struct apc_error *why)
+{
+    char path[600], uri[620];
+    struct apc_store *store;
+    snprintf(path, sizeof path, "%.580s/" TICKS_FILE, dir);
+    snprintf(uri, sizeof uri, "sqlite:%s", path);
+    if (access(path, R_OK) < 0)
+        return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s%s", path, strerror(errno),
+                        errno == ENOENT ? ": a run of a former version is replayed by that version" : "");
+    int rc = apc_store_open(&store, uri, NULL, why);
+    if (rc < 0)
+        return rc;
+    rc = load_samples(r, store);
+    for (size_t i = 0; i < r->e.n_controllers && rc == 0; i++)
+        rc = ticks_load(&r->controller[i].ticks, store, r->e.controllers[i].number, 0);
+    if (rc < 0)
+        apc_fail(why, rc, "%s: %s", path, rc == APC_ENOMEM ? "out of memory" : apc_store_error(store));
+    apc_store_close(store);
+    return rc;
 }
 
 int replay_load(struct replay *r, const char *dir, const struct experiment_overrides *overrides,
@@ -247,25 +484,27 @@ int replay_load(struct replay *r, const char *dir, const struct experiment_overr
 {
     *r = (struct replay){.other_law = overrides && overrides->law};
     int rc = experiment_load(&r->e, dir, EXPERIMENT_LAW, overrides, why);
-    if (rc == 0)
-        rc = samples_read(&r->samples, dir, "samples.csv", why);
-    if (rc == 0)
-        rc = optional(samples_read_seqs(&r->samples, dir, why), &r->seqs);
-    if (rc == 0)
-        rc = optional(samples_read(&r->operation, dir, "operation.csv", why), &r->operated);
-    if (rc == 0)
-        rc = cores_controller(&r->e, r->e.controllers, false, &r->core, why);
-    return rc == 0 ? make_room(r, why) : rc;
+    if (rc < 0)
+        return rc;
+    r->start = r->e.start ? r->e.start : SIMULATION_BEGIN;
+    r->controller = calloc(r->e.n_controllers, sizeof *r->controller);
+    r->difference = calloc(controllers_loops(&r->e), sizeof *r->difference);
+    if (!r->controller || !r->difference || controllers_describe(&r->e, &r->loops) < 0)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < r->e.n_controllers; i++)
+        r->controller[i].of = &r->e.controllers[i];
+    return load_record(r, dir, why);
 }
 
 void replay_free(struct replay *r)
 {
-    apc_controller_destroy(r->core);
-    samples_free(&r->samples);
-    samples_free(&r->operation);
-    experiment_free(&r->e);
-    free(r->by_seq);
-    free(r->pair);
-    free(r->next);
+    for (size_t i = 0; r->controller && i < r->e.n_controllers; i++) {
+        apc_controller_destroy(r->controller[i].core);
+        ticks_free(&r->controller[i].ticks);
+    }
+    free(r->controller);
     free(r->difference);
+    loops_free(&r->loops);
+    samples_free(&r->samples);
+    experiment_free(&r->e);
 }

@@ -2,13 +2,11 @@
 #include "samples.h"
 
 #include <errno.h>
-#include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #define HEADER "time,table,id,status,value"
-#define SEQS   "seq,sensor_seq,setpoint_seq"
 
 int samples_add(struct samples *s, const struct apc_sample *sample)
 {
@@ -32,8 +30,9 @@ void samples_free(struct samples *s)
 
 static int by_time(const void *left, const void *right)
 {
-    static const int rank[APC_TABLE_END] = {[APC_SETPOINT] = 1, [APC_SENSOR] = 2, [APC_ACTUATOR] = 3,
-                                            [APC_OPMODE] = 4,   [APC_TUNING] = 5, [APC_MANUAL] = 6};
+    static const int rank[APC_TABLE_END] = {
+        [APC_SETPOINT] = 1, [APC_SENSOR] = 2, [APC_ACTUATOR] = 3, [APC_OPMODE] = 4,
+        [APC_ACTUAL] = 5,   [APC_TUNING] = 6, [APC_MANUAL] = 7};
     const struct apc_sample *a = left, *b = right;
     if (a->time != b->time)
         return a->time < b->time ? -1 : 1;
@@ -89,12 +88,25 @@ int samples_collect(struct samples *samples, struct apc_store *store, const stru
     return rc;
 }
 
+static int collect_actual_modes(struct samples *samples, struct apc_store *store, size_t loops,
+                                const struct apc_range *range)
+{
+    int rc = 0;
+    for (size_t i = 1; i <= loops && rc == 0; i++)
+        rc = collect_part(samples, store,
+                          &(struct part){APC_ACTUAL, apc_variable_number(APC_OPMODE, (int)i), 1}, range);
+    return rc;
+}
+
 int samples_collect_operation(struct samples *samples, struct apc_store *store, const struct experiment *e,
                               const struct apc_range *range)
 {
-    const struct part of[] = {{APC_OPMODE, 0, 2},
-                              {APC_TUNING, 1, apc_law_parameters(e->controllers->law, &e->dim)},
-                              {APC_MANUAL, 1, e->dim.nu}};
+    const struct controller *last = &e->controllers[e->n_controllers - 1];
+    const size_t loops = controllers_loops(e);
+    const struct part of[] = {
+        {APC_OPMODE, 1, loops},
+        {APC_TUNING, 1, (size_t)last->first_tuning - 1 + apc_law_parameters(last->law, &last->dim)},
+        {APC_MANUAL, 1, loops}};
     const struct apc_range before = {.until = range->since, .last = 1};
     int rc = 0;
     for (size_t t = 0; t < sizeof of / sizeof *of && rc == 0; t++) {
@@ -103,6 +115,10 @@ int samples_collect_operation(struct samples *samples, struct apc_store *store, 
         if (rc == 0)
             rc = collect_part(samples, store, &of[t], range);
     }
+    if (rc == 0 && range->since > 0)
+        rc = collect_actual_modes(samples, store, loops, &before);
+    if (rc == 0)
+        rc = collect_actual_modes(samples, store, loops, range);
     sort(samples);
     return rc;
 }
@@ -117,14 +133,6 @@ void samples_write(const struct samples *s, apc_ns start, FILE *out)
         fprintf(out, "%.6f,%s,%d,%s,%s\n", apc_ns_to_s(at->time - start), apc_table_name(at->table), at->id,
                 apc_status_format(at->status, status), value);
     }
-}
-
-void samples_write_seqs(const struct samples *s, FILE *out)
-{
-    fputs(SEQS "\n", out);
-    for (size_t i = 0; i < s->n; i++)
-        fprintf(out, "%" PRId64 ",%" PRId64 ",%" PRId64 "\n", s->at[i].seq, s->at[i].sensor_seq,
-                s->at[i].setpoint_seq);
 }
 
 /* ---- Reading ------------------------------------------------------------------------------ */
@@ -188,30 +196,4 @@ int samples_read(struct samples *s, const char *dir, const char *name, struct ap
     if (rc == 0 && count_seqs(s) < 0)
         rc = apc_fail(why, APC_ENOMEM, "out of memory");
     return rc;
-}
-
-static bool parse_seqs(const char *line, struct apc_sample *sample)
-{
-    int end = 0;
-    return sscanf(line, "%" SCNd64 ",%" SCNd64 ",%" SCNd64 "%n", &sample->seq, &sample->sensor_seq,
-                  &sample->setpoint_seq, &end) == 3 &&
-           line[end] == '\n' && sample->seq > 0;
-}
-
-int samples_read_seqs(struct samples *s, const char *dir, struct apc_error *why)
-{
-    char path[600], line[80];
-    size_t n = 0;
-    snprintf(path, sizeof path, "%.580s/seqs.csv", dir);
-    FILE *stream = fopen(path, "re");
-    if (!stream)
-        return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s", path, strerror(errno));
-    bool ok = fgets(line, sizeof line, stream) && !strcmp(line, SEQS "\n");
-    while (ok && n < s->n)
-        ok = fgets(line, sizeof line, stream) && parse_seqs(line, &s->at[n++]);
-    ok = ok && !fgets(line, sizeof line, stream);
-    fclose(stream);
-    return ok ? 0
-              : apc_fail(why, APC_EPROTO, "%s:%zu: expected " SEQS ", a line for each of samples.csv", path,
-                         n + 1);
 }

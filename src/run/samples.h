@@ -20,19 +20,15 @@ void samples_free(struct samples *s);
  * the run, and the seq of each variable counted from 1. Returns 0 or a negative error; samples_free() in
  * either case. */
 int samples_read(struct samples *s, const char *dir, const char *name, struct apc_error *why);
-/* The seqs of samples.csv as the store had them, those that outputs were made from among them: DIR/seqs.csv.
- * Returns 0, APC_ENOTFOUND when there is none, or another error. */
-int samples_read_seqs(struct samples *s, const char *dir, struct apc_error *why);
 /* Those that a store has in a range, by time; at one time in the order of the loop: setpoint, measurement,
  * output. Returns 0, APC_ENOMEM or the store's error. */
 int samples_collect(struct samples *s, struct apc_store *store, const struct experiment *e,
                     const struct apc_range *range);
-/* Modes, tuning, operator's outputs: of each the newest before the range, and those in it; by time. */
+/* Modes, target and actual, tuning, operator's outputs: of each the newest before the range, and those in it;
+ * by time. */
 int samples_collect_operation(struct samples *samples, struct apc_store *store, const struct experiment *e,
                               const struct apc_range *range);
 /* With the header; times in seconds since @start. */
 void samples_write(const struct samples *s, apc_ns start, FILE *out);
-/* seq, and of an output those of the measurement and the setpoint that it was made from; a line a sample. */
-void samples_write_seqs(const struct samples *s, FILE *out);
 
 #endif

@@ -5,7 +5,7 @@
 fast_experiment
 
 folder_is_whole() {
-  for file in run.conf record.conf samples.csv seqs.csv operation.csv signals.csv timing.csv timing-summary.csv events.csv report.svg report.png; do
+  for file in run.conf record.conf samples.csv ticks.db operation.csv signals.csv timing.csv timing-summary.csv events.csv report.svg report.png; do
     [ -s "$1/$file" ] || fail "$1/$file is missing or empty"
   done
   [ -z "$(find "$1" -name '*.part')" ] || fail "a half-written file was left in $1"

@@ -38,15 +38,23 @@ static struct apc_store *filled_store(void)
 {
     /* table, id, seq, s, value */
     static const struct apc_sample rows[] = {
-        ROW(APC_ACTUATOR, 1, 1, 5, 1), ROW(APC_SENSOR, 2, 1, 5, 2),
-        ROW(APC_SENSOR, 1, 1, 5, 3),   ROW(APC_SENSOR, 1, 2, 5, 4),
-        ROW(APC_SETPOINT, 1, 1, 5, 5), ROW(APC_SENSOR, 1, 3, 4, 6), /* the clock was set back */
-        ROW(APC_SENSOR, 1, 4, 9, 7),   ROW(APC_SENSOR, 3, 1, 5, 8), /* of another experiment's size */
-        ROW(APC_ACTUATOR, 2, 1, 5, 8), ROW(APC_OPMODE, 0, 1, 1, 1),
-        ROW(APC_OPMODE, 0, 2, 2, 2),   ROW(APC_OPMODE, 0, 3, 5, 3),
-        ROW(APC_OPMODE, 1, 1, 5, 4),   ROW(APC_TUNING, 2, 1, 2, 5),
+        ROW(APC_ACTUATOR, 1, 1, 5, 1),
+        ROW(APC_SENSOR, 2, 1, 5, 2),
+        ROW(APC_SENSOR, 1, 1, 5, 3),
+        ROW(APC_SENSOR, 1, 2, 5, 4),
+        ROW(APC_SETPOINT, 1, 1, 5, 5),
+        ROW(APC_SENSOR, 1, 3, 4, 6), /* the clock was set back */
+        ROW(APC_SENSOR, 1, 4, 9, 7),
+        ROW(APC_SENSOR, 3, 1, 5, 8), /* of another experiment's size */
+        ROW(APC_ACTUATOR, 2, 1, 5, 8),
+        ROW(APC_OPMODE, 1, 1, 1, 1),
+        ROW(APC_OPMODE, 1, 2, 2, 2),
+        ROW(APC_OPMODE, 1, 3, 5, 3),
+        ROW(APC_ACTUAL, 16 + APC_OPMODE, 1, 5, 4),
+        ROW(APC_TUNING, 2, 1, 2, 5),
         ROW(APC_TUNING, 3, 1, 2, 6), /* no parameter of this law */
-        ROW(APC_MANUAL, 1, 1, 5, 7),   ROW(APC_MANUAL, 1, 2, 9, 8),
+        ROW(APC_MANUAL, 1, 1, 5, 7),
+        ROW(APC_MANUAL, 1, 2, 9, 8),
     };
     const struct apc_store_options options = {.size = sizeof options, .name = "test"};
     struct apc_store *store = NULL;
@@ -70,8 +78,11 @@ static void samples_come_by_time_and_in_the_order_of_the_loop(void **state)
 {
     static const double loop[] = {6, 5, 3, 4, 2, 1}, operation[] = {2, 5, 3, 4, 7}, early[] = {1, 2, 5};
     static const struct apc_law law = {.name = "ours", .n_tuning = 2};
-    const struct experiment e = {.dim = {.ny = 2, .nz = 1, .nu = 1, 0},
-                                 .controllers = &(struct controller){.law = &law}};
+    const struct experiment e = {
+        .dim = {.ny = 2, .nz = 1, .nu = 1, 0},
+        .controllers =
+            &(struct controller){.law = &law, .dim = {.ny = 2, .nz = 1, .nu = 1}, .first_tuning = 1},
+        .n_controllers = 1};
     struct apc_store *store = filled_store();
     const struct apc_range range = {.since = SECOND(3), .until = SECOND(9)};
     (void)state;
@@ -95,8 +106,11 @@ static void samples_come_by_time_and_in_the_order_of_the_loop(void **state)
 static void a_store_that_is_lost_is_an_error(void **state)
 {
     static const struct apc_law law = {.name = "ours", .n_tuning = 2};
-    const struct experiment e = {.dim = {.ny = 2, .nz = 1, .nu = 1, 0},
-                                 .controllers = &(struct controller){.law = &law}};
+    const struct experiment e = {
+        .dim = {.ny = 2, .nz = 1, .nu = 1, 0},
+        .controllers =
+            &(struct controller){.law = &law, .dim = {.ny = 2, .nz = 1, .nu = 1}, .first_tuning = 1},
+        .n_controllers = 1};
     const struct apc_store_options options = {.size = sizeof options, .name = "test"};
     const struct apc_range range = {.since = 1};
     struct apc_store *store = NULL;
@@ -115,10 +129,6 @@ static void write_all(void)
     assert_non_null(out);
     samples_write(&samples, SECOND(7), out);
     assert_int_equal(fclose(out), 0);
-    out = fopen(scratch_path("seqs.csv"), "w");
-    assert_non_null(out);
-    samples_write_seqs(&samples, out);
-    assert_int_equal(fclose(out), 0);
 }
 
 static void samples_are_read_as_they_were_written(void **state)
@@ -130,9 +140,7 @@ static void samples_are_read_as_they_were_written(void **state)
                                           .seq = 100 + i,
                                           .time = SECOND(7) + i * INT64_C(1000),
                                           .value = 1.0 / (i + 1),
-                                          .status = i % 7 ? APC_GOOD : APC_UNCERTAIN_LAST_USABLE,
-                                          .sensor_seq = 2 * i,
-                                          .setpoint_seq = 3 * i};
+                                          .status = i % 7 ? APC_GOOD : APC_UNCERTAIN_LAST_USABLE};
         assert_int_equal(samples_add(&samples, &sample), 0);
     }
     write_all();
@@ -148,12 +156,6 @@ static void samples_are_read_as_they_were_written(void **state)
         assert_int_equal(is->status, was->status);
         assert_near(is->value, was->value, 0);
         assert_int_equal(is->seq, i / 3 + 1); /* counted for each variable */
-    }
-    assert_int_equal(samples_read_seqs(&samples, scratch_folder(), &why), 0);
-    for (size_t i = 0; i < samples.n; i++) {
-        assert_int_equal(samples.at[i].seq, written.at[i].seq);
-        assert_int_equal(samples.at[i].sensor_seq, written.at[i].sensor_seq);
-        assert_int_equal(samples.at[i].setpoint_seq, written.at[i].setpoint_seq);
     }
     free(written.at);
 }
@@ -226,38 +228,6 @@ static void a_line_that_is_no_sample_is_refused_with_its_number(void **state)
     scratch_write("file", "");
     assert_int_equal(samples_read(&samples, scratch_path("file"), "none.csv", &why), APC_ESYS);
     assert_has(why.text, "none.csv: Not a directory");
-}
-
-static void seqs_that_do_not_go_with_the_samples_are_refused(void **state)
-{
-    static const struct {
-        const char *text, *reason;
-    } of[] = {
-        {"", "seqs.csv:1: expected seq,sensor_seq,setpoint_seq, a line for each of samples.csv"},
-        {"seq\n1,0,0\n2,0,0\n", "seqs.csv:1: expected"},
-        {"seq,sensor_seq,setpoint_seq\n1,0,0\n", "expected seq,sensor_seq,setpoint_seq"},
-        {"seq,sensor_seq,setpoint_seq\n1,0,0\n2,0,0\n3,0,0\n", "seqs.csv:3: expected"},
-        {"seq,sensor_seq,setpoint_seq\n1,0,0\n2,0\n", "seqs.csv:3: expected"},
-        {"seq,sensor_seq,setpoint_seq\n1,0,0\n2,0,0,0\n", "seqs.csv:3: expected"},
-        {"seq,sensor_seq,setpoint_seq\n0,0,0\n2,0,0\n", "seqs.csv:2: expected"},
-        {"seq,sensor_seq,setpoint_seq\n1,0,0\n-2,0,0\n", "seqs.csv:3: expected"},
-        {"seq,sensor_seq,setpoint_seq\nx,0,0\n2,0,0\n", "seqs.csv:2: expected"},
-        {"seq,sensor_seq,setpoint_seq\n1,0,0\n2,0,0", "seqs.csv:3: expected"},
-    };
-    (void)state;
-    scratch_write("samples.csv", HEADER "0,sensor,1,Good,1\n0,sensor,1,Good,1\n");
-    assert_int_equal(samples_read(&samples, scratch_folder(), "samples.csv", &why), 0);
-    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
-        scratch_write("seqs.csv", of[i].text);
-        if (samples_read_seqs(&samples, scratch_folder(), &why) != APC_EPROTO)
-            fail_msg("taken: %s", of[i].text);
-        assert_has(why.text, of[i].reason);
-    }
-    remove(scratch_path("seqs.csv"));
-    assert_int_equal(samples_read_seqs(&samples, scratch_folder(), &why), APC_ENOTFOUND);
-    assert_has(why.text, "seqs.csv: No such file");
-    scratch_write("file", "");
-    assert_int_equal(samples_read_seqs(&samples, scratch_path("file"), &why), APC_ESYS);
 }
 
 /* ---- The course --------------------------------------------------------------------------- */
@@ -405,7 +375,6 @@ int main(void)
         T(samples_are_read_as_they_were_written),
         T(variables_are_counted_each_for_itself),
         T(a_line_that_is_no_sample_is_refused_with_its_number),
-        T(seqs_that_do_not_go_with_the_samples_are_refused),
         T(a_line_that_is_of_no_course_is_refused_with_its_number),
         T(a_course_of_any_length_is_written_line_by_line),
         T(a_folder_without_a_course_has_that_of_its_samples),

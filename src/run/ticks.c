@@ -1,0 +1,188 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "ticks.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#define BATCH 5000 /* samples of one append */
+#define ROWS  500  /* tick rows of one append */
+
+/* ---- Into the folder ----------------------------------------------------------------------- */
+
+struct copy {
+    struct apc_store *from, *to;
+    const struct apc_range *range;
+    struct apc_sample *sample; /* [BATCH], of which n */
+    struct apc_vector *vector; /* [ROWS], of which n_vectors; their values are copies */
+    size_t n, n_vectors;
+    int failed; /* of the store that is written */
+};
+
+static int flush(struct copy *c)
+{
+    const struct apc_rows rows = {.size = sizeof rows, .vector = c->vector, .n_vectors = c->n_vectors};
+    int rc = apc_store_append(c->to, c->sample, c->n);
+    if (rc >= 0)
+        rc = apc_store_append_rows(c->to, &rows);
+    for (size_t i = 0; i < c->n_vectors; i++)
+        free(c->vector[i].value);
+    c->n = c->n_vectors = 0;
+    return c->failed = rc < 0 ? rc : 0;
+}
+
+static int take_sample(void *ctx, const struct apc_sample *sample)
+{
+    struct copy *c = ctx;
+    c->sample[c->n++] = *sample;
+    return c->n == BATCH ? flush(c) : 0;
+}
+
+static int take_vector(void *ctx, const struct apc_vector *vector)
+{
+    struct copy *c = ctx;
+    struct apc_vector *to = &c->vector[c->n_vectors];
+    *to = *vector;
+    to->room = to->n;
+    to->value = calloc(to->n + 1, sizeof *to->value);
+    if (!to->value)
+        return c->failed = APC_ENOMEM;
+    memcpy(to->value, vector->value, to->n * sizeof *to->value);
+    return ++c->n_vectors == ROWS ? flush(c) : 0;
+}
+
+/* What was in force when the range begins, and all in it. */
+static int copy_variable(struct copy *c, enum apc_table table, int id)
+{
+    const struct apc_range before = {.until = c->range->since, .last = 1};
+    int rc = 0;
+    if (c->range->since > 0)
+        rc = apc_store_history(c->from, table, id, &before, take_sample, c);
+    if (rc >= 0 && !c->failed)
+        rc = apc_store_history(c->from, table, id, c->range, take_sample, c);
+    return c->failed ? c->failed : rc;
+}
+
+static bool is_named(enum apc_table table)
+{
+    return table == APC_SETPOINT || table == APC_OPMODE || table == APC_MANUAL || table == APC_TUNING ||
+           table == APC_ACTUAL;
+}
+
+static int copy_named(struct copy *c)
+{
+    int n = apc_store_variables(c->from, NULL, 0);
+    struct apc_sample *variable = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *variable);
+    if (!variable)
+        return n < 0 ? n : APC_ENOMEM;
+    int rc = apc_store_variables(c->from, variable, (size_t)n);
+    n = rc < n ? rc : n;
+    for (int i = 0; i < n && rc >= 0; i++)
+        if (is_named(variable[i].table))
+            rc = copy_variable(c, variable[i].table, variable[i].id);
+    free(variable);
+    return rc;
+}
+
+static int copy_all(struct copy *c, const struct experiment *e)
+{
+    c->sample = calloc(BATCH, sizeof *c->sample);
+    c->vector = calloc(ROWS, sizeof *c->vector);
+    int rc = c->sample && c->vector ? apc_store_init(c->to) : APC_ENOMEM;
+    if (rc >= 0)
+        rc = copy_named(c);
+    for (size_t i = 0; i < e->n_controllers && rc >= 0; i++) {
+        rc = apc_store_vectors(c->from, APC_TICK, e->controllers[i].number, c->range, take_vector, c);
+        rc = c->failed ? c->failed : rc;
+    }
+    if (rc >= 0)
+        rc = flush(c);
+    for (size_t i = 0; i < c->n_vectors; i++)
+        free(c->vector[i].value);
+    free(c->vector);
+    free(c->sample);
+    return rc;
+}
+
+int ticks_keep(const char *dir, struct apc_store *from, const struct experiment *e,
+               const struct apc_range *range, struct apc_error *why)
+{
+    char path[600], part[620], uri[640];
+    struct copy c = {.from = from, .range = range};
+    snprintf(path, sizeof path, "%.580s/" TICKS_FILE, dir);
+    snprintf(part, sizeof part, "%s.new", path);
+    snprintf(uri, sizeof uri, "sqlite:%s", part);
+    if (unlink(part) < 0 && errno != ENOENT)
+        return apc_fail(why, APC_ESYS, "%s: %s", part, strerror(errno));
+    int rc = apc_store_open(&c.to, uri, NULL, why);
+    if (rc < 0)
+        return rc;
+    rc = copy_all(&c, e);
+    if (rc < 0)
+        apc_fail(why, rc, "%s: %s", path,
+                 rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(c.failed ? c.to : from));
+    apc_store_close(c.to);
+    if (rc >= 0 && rename(part, path) < 0)
+        rc = apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
+    if (rc < 0)
+        unlink(part);
+    return rc < 0 ? rc : 0;
+}
+
+/* ---- Out of it ------------------------------------------------------------------------------ */
+
+static void *grow(void *at, size_t needed, size_t *room, size_t size)
+{
+    size_t wanted = *room ? *room : 1024;
+    while (wanted < needed)
+        wanted *= 2;
+    void *grown = wanted > *room ? reallocarray(at, wanted, size) : at;
+    *room = grown ? wanted : *room;
+    return grown;
+}
+
+static int take_row(void *ctx, const struct apc_vector *row)
+{
+    struct ticks *t = ctx;
+    struct tick_row *at = grow(t->at, t->n + 1, &t->room, sizeof *at);
+    if (!at)
+        return APC_ENOMEM;
+    t->at = at;
+    double *value = grow(t->value, t->n_values + row->n, &t->values_room, sizeof *value);
+    if (!value)
+        return APC_ENOMEM;
+    t->value = value;
+    t->at[t->n++] = (struct tick_row){row->seq, row->time, row->n, t->n_values};
+    memcpy(value + t->n_values, row->value, row->n * sizeof *value);
+    t->n_values += row->n;
+    return 0;
+}
+
+int ticks_load(struct ticks *ticks, struct apc_store *store, int number, apc_ns since)
+{
+    const struct apc_range range = {.since = since};
+    *ticks = (struct ticks){0};
+    int rc = apc_store_vectors(store, APC_TICK, number, &range, take_row, ticks);
+    return rc < 0 ? rc : (size_t)rc > ticks->n ? APC_ENOMEM : 0;
+}
+
+void ticks_free(struct ticks *ticks)
+{
+    free(ticks->at);
+    free(ticks->value);
+    *ticks = (struct ticks){0};
+}
+
+const struct tick_row *ticks_find(const struct ticks *ticks, int64_t seq)
+{
+    size_t low = 0, high = ticks->n;
+    while (low < high) {
+        const size_t middle = low + (high - low) / 2;
+        if (ticks->at[middle].seq < seq)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low < ticks->n && ticks->at[low].seq == seq ? &ticks->at[low] : NULL;
+}

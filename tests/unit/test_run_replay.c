@@ -1,0 +1,221 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* A run is simulated, kept in a folder, and repeated from there: all of each tick comes out again. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "check.h"
+#include "scratch.h"
+
+#include "modules/controller.h"
+#include "run/replay.h"
+#include "run/simulation.h"
+
+static struct replay replay;
+static struct apc_error why;
+
+/* ---- Runs --------------------------------------------------------------------------------- */
+
+static char *text_of(const char *name, const char *more)
+{
+    char path[300], *text = NULL;
+    size_t size = 0;
+    snprintf(path, sizeof path, "%s/experiments/%s.conf", APC_SOURCE_DIR, name);
+    FILE *in = fopen(path, "r"), *out = open_memstream(&text, &size);
+    assert_non_null(in);
+    assert_non_null(out);
+    for (int c = fgetc(in); c != EOF; c = fgetc(in))
+        fputc(c, out);
+    fputs(more, out);
+    fclose(in);
+    assert_int_equal(fclose(out), 0);
+    return text;
+}
+
+/* Simulate it; from @p from to @p until the laws have no time, and are late if they ask for it. */
+static void make_run(const char *name, const char *more, const char *net, double from, double until)
+{
+    struct experiment e;
+    struct simulation s;
+    char *text = text_of(name, more);
+    scratch_write("run.conf", text);
+    free(text);
+    if (experiment_load(&e, scratch_path("run.conf"), EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0 ||
+        models_network(&e.models, net, &why) < 0 || simulation_create(&s, &e, 3, &why) < 0)
+        fail_msg("%s: %s", name, why.text);
+    if (from > 0)
+        assert_int_equal(simulation_run(&s, from), 0);
+    for (size_t i = 0; i < e.n_controllers && from > 0; i++)
+        s.controller[i].core->budget = 0;
+    if (from > 0)
+        assert_int_equal(simulation_run(&s, until), 0);
+    for (size_t i = 0; i < e.n_controllers && from > 0; i++)
+        s.controller[i].core->budget = apc_ns_to_s(e.controllers[i].budget);
+    assert_int_equal(simulation_run(&s, e.duration), 0);
+    if (ticks_keep(scratch_folder(), s.store, &e, &(struct apc_range){0}, &why) < 0)
+        fail_msg("%s: %s", name, why.text);
+    simulation_destroy(&s);
+    experiment_free(&e);
+}
+
+static void load(void)
+{
+    replay_free(&replay);
+    if (replay_load(&replay, scratch_folder(), NULL, &why) < 0)
+        fail_msg("%s", why.text);
+}
+
+static void run(void)
+{
+    if (replay_run(&replay, &(struct replay_watch){.ctx = NULL}) < 0)
+        fail_msg("%s", replay.why.text);
+}
+
+static void assert_exact(const char *name)
+{
+    for (size_t i = 0; i < replay.e.n_controllers; i++) {
+        const struct replay_controller *c = &replay.controller[i];
+        assert_true(c->ticks.n > 30);
+        if (c->first[0] || c->same != c->ticks.n)
+            fail_msg("%s, %s: %s", name, c->of->name, c->first);
+    }
+}
+
+static int end(void **state)
+{
+    (void)state;
+    replay_free(&replay);
+    memset(&replay, 0, sizeof replay);
+    return 0;
+}
+
+/* ---- Tests -------------------------------------------------------------------------------- */
+
+#define BAD "loss=0.2,delay=gamma(2,0.05),outage=20-28"
+
+static void every_tick_comes_out_again_whatever_happened(void **state)
+{
+    static const struct {
+        const char *name, *more, *net;
+    } of[] = {
+        {"first-order", "", ""},
+        {"first-order",
+         "actions = ( { at = 30.1; mode = \"u\"; value = \"Man\"; }, { at = 33.1; set = \"u\"; value = 1.5; "
+         "},"
+         " { at = 60.1; mode = \"u\"; value = \"Auto\"; }, { at = 80.1; set = \"Kp\"; value = 0.3; },"
+         " { at = 100.1; kill = \"controller\"; }, { at = 101.0; start = \"controller\"; },"
+         " { at = 120.1; kill = \"controller\"; }, { at = 150.1; start = \"controller\"; },"
+         " { at = 170.1; mode = \"u\"; value = \"OOS\"; }, { at = 180.1; mode = \"u\"; value = \"Auto\"; } "
+         ");",
+         BAD},
+        {"first-order", "clock = ( { at = 50.0; step = -30.0; }, { at = 90.0; step = 40.0; } );", "loss=0.3"},
+        {"two-layers", "", ""},
+        {"two-layers", "", BAD},
+        {"double-tank", "", "loss=0.2"},
+        {"quadruple-tank-mpc", "", "loss=0.2"},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        make_run(of[i].name, of[i].more, of[i].net, 0, 0);
+        load();
+        run();
+        assert_exact(of[i].name);
+    }
+}
+
+static void a_law_that_was_late_is_late_again(void **state)
+{
+    size_t late = 0;
+    (void)state;
+    make_run("quadruple-tank-mpc", "", "", 10, 700);
+    load();
+    const struct ticks *t = &replay.controller->ticks;
+    run();
+    for (size_t k = 0; k < t->n; k++)
+        late +=
+            (int)t->value[t->at[k].first + replay.controller->core->offset[APC_TICK_RESULT]] == APC_LAW_LATE;
+    assert_true(late > 0);
+    assert_exact("mpc");
+}
+
+static void the_first_tick_that_differs_is_named_with_its_cause(void **state)
+{
+    (void)state;
+    make_run("two-layers", "", "", 0, 0);
+    load();
+    struct replay_controller *base = replay.controller;
+    run();
+    const size_t x = base->core->offset[APC_TICK_X], tuning = base->core->offset[APC_TICK_TUNING];
+    /* a number in the middle of the record */
+    load();
+    base = replay.controller;
+    base->ticks.value[base->ticks.at[100].first + x] += 1e-9;
+    run();
+    assert_has(base->first, "tick 100 at 50.040 s: x was ");
+    assert_has(base->first, "from the same inputs");
+    assert_int_equal(base->same, base->ticks.n - 2); /* and the one that would have gone on from it */
+    assert_int_equal(replay.controller[1].same, replay.controller[1].ticks.n);
+    /* another law */
+    load();
+    base = replay.controller;
+    for (size_t k = 0; k < base->ticks.n; k++)
+        base->ticks.value[base->ticks.at[k].first + 1] += 1;
+    run();
+    assert_has(base->first, "tick 0 at 0.040 s: mark was ");
+    assert_has(base->first, "not those that ran");
+    /* a row that a tick names is gone */
+    load();
+    base = replay.controller;
+    for (size_t i = 0; i < replay.samples.n; i++)
+        if (replay.samples.at[i].table == APC_TUNING && replay.samples.at[i].id == 1)
+            replay.samples.at[i].seq = 9;
+    base->ticks.value[base->ticks.at[0].first + tuning] += 1;
+    run();
+    assert_has(base->first, "tick 0 at 0.040 s: tuning was ");
+    assert_has(base->first, "tuning.1 seq 1 is not on record");
+}
+
+static void in_virtual_time_the_first_tick_that_differs_is_named(void **state)
+{
+    (void)state;
+    make_run("two-layers", "", "", 0, 0);
+    load();
+    assert_int_equal(replay_virtual(&replay), 0);
+    assert_exact("in virtual time");
+    load();
+    struct replay_controller *upper = &replay.controller[1];
+    upper->ticks.value[upper->ticks.at[7].first + 2] += 1; /* its index */
+    assert_int_equal(replay_virtual(&replay), 0);
+    assert_has(upper->first, "a tick before it is not on record: it was missed");
+    assert_int_equal(upper->same, 7);
+    make_run("two-layers", "", "loss=0.3", 0, 0); /* which the folder does not say */
+    load();
+    assert_int_equal(replay_virtual(&replay), 0);
+    assert_has(replay.controller->first, ": a measurement was ");
+}
+
+static void a_folder_without_ticks_is_of_a_former_version(void **state)
+{
+    (void)state;
+    make_run("first-order", "", "", 0, 0);
+    remove(scratch_path(TICKS_FILE));
+    assert_int_equal(replay_load(&replay, scratch_folder(), NULL, &why), APC_ENOTFOUND);
+    assert_has(why.text, "a run of a former version is replayed by that version");
+    replay_free(&replay);
+    scratch_write(TICKS_FILE,
+                  "no database at all, but long enough to look like one, if nobody looks closely");
+    assert_true(replay_load(&replay, scratch_folder(), NULL, &why) < 0);
+    assert_has(why.text, TICKS_FILE);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(every_tick_comes_out_again_whatever_happened, end),
+        cmocka_unit_test_teardown(a_law_that_was_late_is_late_again, end),
+        cmocka_unit_test_teardown(the_first_tick_that_differs_is_named_with_its_cause, end),
+        cmocka_unit_test_teardown(in_virtual_time_the_first_tick_that_differs_is_named, end),
+        cmocka_unit_test_teardown(a_folder_without_ticks_is_of_a_former_version, end),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
