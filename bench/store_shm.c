@@ -30,7 +30,7 @@
 #define N      10
 #define VECTOR 40
 #define BATCH  1000
-#define WORDS  6                   /* of a sample */
+#define WORDS  5                   /* of a sample */
 #define PAUSE  (2 * APC_NS_PER_US) /* before a ball comes back, so that who waits for it is asleep */
 
 /* ---- By hand --------------------------------------------------------------------------------- */
@@ -48,8 +48,7 @@ static void load(const _Atomic uint64_t word[WORDS], struct apc_sample *s)
     s->time = (apc_ns)atomic_load_explicit(&word[1], memory_order_relaxed);
     memcpy(&s->value, &value, sizeof value);
     s->status = (apc_status)atomic_load_explicit(&word[3], memory_order_relaxed);
-    s->sensor_seq = (int64_t)atomic_load_explicit(&word[4], memory_order_relaxed);
-    s->setpoint_seq = (int64_t)atomic_load_explicit(&word[5], memory_order_relaxed);
+    s->origin = (int64_t)atomic_load_explicit(&word[4], memory_order_relaxed);
 }
 
 static void store(_Atomic uint64_t word[WORDS], const struct apc_sample *s)
@@ -60,8 +59,7 @@ static void store(_Atomic uint64_t word[WORDS], const struct apc_sample *s)
     atomic_store_explicit(&word[1], (uint64_t)s->time, memory_order_relaxed);
     atomic_store_explicit(&word[2], value, memory_order_relaxed);
     atomic_store_explicit(&word[3], s->status, memory_order_relaxed);
-    atomic_store_explicit(&word[4], (uint64_t)s->sensor_seq, memory_order_relaxed);
-    atomic_store_explicit(&word[5], (uint64_t)s->setpoint_seq, memory_order_relaxed);
+    atomic_store_explicit(&word[4], (uint64_t)s->origin, memory_order_relaxed);
 }
 
 static void hand_read(struct hand *h, struct apc_sample *s)

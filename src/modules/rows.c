@@ -248,8 +248,6 @@ static void put_output(struct apc_controller *c, size_t i, apc_ns utc)
                                                             .time = utc,
                                                             .value = c->u[i],
                                                             .status = status_of(c, i),
-                                                            .sensor_seq = l->y_seq,
-                                                            .setpoint_seq = l->z_seq,
                                                             .origin = c->seq};
 }
 

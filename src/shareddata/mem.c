@@ -338,15 +338,12 @@ int apc_mem_reserve(struct apc_store *store, const struct apc_sample *samples, s
 /* Field by field: to copy a struct that was just filled in costs more than all the rest. */
 static void set_row(struct apc_sample *row, const struct apc_sample *s)
 {
-    const bool actuator = s->table == APC_ACTUATOR;
     row->table = s->table;
     row->id = s->id;
     row->seq = s->seq;
     row->time = apc_time_stored(s->time);
     row->value = s->value;
     row->status = s->status;
-    row->sensor_seq = actuator ? s->sensor_seq : 0;
-    row->setpoint_seq = actuator ? s->setpoint_seq : 0;
     row->origin = s->origin;
     row->author = s->author;
 }

@@ -143,10 +143,6 @@ static int give_sample(struct stream *s, const PGresult *result, int row)
     };
     sample.origin = apc_pg_cell(result, row, 4); /* NULL has length 0 */
     sample.author = (uint32_t)apc_pg_cell(result, row, 5);
-    if (s->columns == 8) {
-        sample.sensor_seq = apc_pg_cell(result, row, 6);
-        sample.setpoint_seq = apc_pg_cell(result, row, 7);
-    }
     return s->fn.sample(s->ctx, &sample) != 0;
 }
 
@@ -162,7 +158,7 @@ int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const 
 {
     struct stream s = {.pg = apc_pg_of(store),
                        .row = give_sample,
-                       .columns = table == APC_ACTUATOR ? 8 : 6,
+                       .columns = 6,
                        .fn.sample = fn,
                        .ctx = ctx,
                        .table = table,

@@ -24,14 +24,15 @@
 /* Of rows that come from none and have no author, which are most. */
 #define APPEND_PLAIN(table)                                                                                  \
     "INSERT INTO " table " (id, seq, time, status, value) SELECT * FROM unnest(" PLAIN_ARRAYS ")"
-#define APPEND(table, more, arrays)                                                                          \
-    "INSERT INTO " table " (id, seq, time, status, value" more ") SELECT * FROM unnest(" ARRAYS arrays ")"
+#define MORE ", origin, author"
+#define APPEND(table)                                                                                        \
+    "INSERT INTO " table " (id, seq, time, status, value" MORE ") SELECT * FROM unnest(" ARRAYS ")"
 
 /* Rows are nearly always new: only a repeat looks which are not. No right to SELECT is needed. */
-#define REPEAT(table, more, arrays)                                                                          \
-    "INSERT INTO " table " (id, seq, time, status, value" more ") SELECT id, seq, time, status, value" more  \
-    " FROM unnest(" ARRAYS arrays ") WITH ORDINALITY AS v (id, seq, time, status, value" more ", i) "        \
-    "WHERE i IN (SELECT absent('" table "', $1::int4[], $2::int8[]))"
+#define REPEAT(table)                                                                                        \
+    "INSERT INTO " table " (id, seq, time, status, value" MORE ") SELECT id, seq, time, status, value" MORE  \
+    " FROM unnest(" ARRAYS ") WITH ORDINALITY AS v (id, seq, time, status, value" MORE                       \
+    ", i) WHERE i IN (SELECT absent('" table "', $1::int4[], $2::int8[]))"
 
 /* The vectors' elements stand in $5 one after another: from $6 to $7 are those of one. */
 #define VECTORS                                                                                              \
@@ -86,17 +87,15 @@
             "FROM " table " WHERE id = $1::int4 AND time >= $2::timestamptz AND time < $3::timestamptz "     \
             "GROUP BY 1) AS b ORDER BY bin"
 
-#define TEXTS(table, more, arrays)                                                                           \
-    .read_name = "read_" table, .read = READ(table, more), .append_name = "append_" table,                   \
-    .append = APPEND(table, more, arrays), .plain_name = "plain_" table, .plain = APPEND_PLAIN(table),       \
-    .repeat = REPEAT(table, more, arrays),                                                                   \
-    .put = PUT(table, ", origin, author", ", $5::int8[], $6::int8[]") " RETURNING id, seq",                  \
-    .swap = SWAP(table), .bins = BINS(table), .history = HISTORY(table, more),                               \
-    .history_last = HISTORY_LAST(table, more), .paper_read = READ("apc." table, ""),                         \
+#define NUMBERS(table)                                                                                       \
+    .read_name = "read_" table, .read = READ(table, MORE), .append_name = "append_" table,                   \
+    .append = APPEND(table), .plain_name = "plain_" table, .plain = APPEND_PLAIN(table),                     \
+    .repeat = REPEAT(table), .put = PUT(table, MORE, ", $5::int8[], $6::int8[]") " RETURNING id, seq",       \
+    .swap = SWAP(table), .bins = BINS(table), .history = HISTORY(table, MORE),                               \
+    .history_last = HISTORY_LAST(table, MORE), .paper_read = READ("apc." table, ""),                         \
     .paper_put = PUT("apc." table, "", "") " ON CONFLICT DO NOTHING"
 
-#define NUMBERS(table) TEXTS(table, ", origin, author", "")
-#define SHARED(table)  NUMBERS(table), .place_name = "place_" table, .place = PLACE(table)
+#define SHARED(table) NUMBERS(table), .place_name = "place_" table, .place = PLACE(table)
 
 #define VECTOR_TEXTS(table)                                                                                  \
     .read_name = "read_" table, .read = READ(table, ""), .append_name = "append_" table,                     \
@@ -107,8 +106,7 @@
 
 const struct apc_pg_text apc_pg_texts[APC_TABLE_END] = {
     [APC_SENSOR] = {NUMBERS("sensor")},
-    [APC_ACTUATOR] = {TEXTS("actuator", ", origin, author, sensor_seq, setpoint_seq",
-                            ", $8::int8[], $9::int8[]")},
+    [APC_ACTUATOR] = {NUMBERS("actuator")},
     [APC_SETPOINT] = {SHARED("setpoint")},
     [APC_DIM] = {NUMBERS("dim")},
     [APC_OPMODE] = {SHARED("opmode")},

@@ -130,8 +130,6 @@ enum column {
     COLUMN_VALUE,
     COLUMN_ORIGIN,
     COLUMN_AUTHOR,
-    COLUMN_SENSOR,
-    COLUMN_SETPOINT,
     /* Of vectors, instead of the value: all elements, one after another, and from where to where, from 1. */
     COLUMN_ELEMENTS,
     COLUMN_FIRST,
@@ -168,14 +166,8 @@ static void put_sample(struct apc_pg_array *a, enum column column, const struct 
     case COLUMN_ORIGIN:
         put_reference(a, s->origin);
         break;
-    case COLUMN_AUTHOR:
-        put_reference(a, s->author);
-        break;
-    case COLUMN_SENSOR:
-        put_reference(a, s->sensor_seq);
-        break;
     default:
-        put_reference(a, s->setpoint_seq);
+        put_reference(a, s->author);
         break;
     }
 }
@@ -217,9 +209,8 @@ static void put_vector(struct apc_pg_array *a, enum column column, const struct 
 static int add_column(struct apc_pg *pg, struct apc_pg_params *p, const struct apc_rows *rows,
                       const struct batch *b, enum column column, size_t number)
 {
-    static const uint32_t oid[] = {APC_PG_INT4,   APC_PG_INT8,   APC_PG_TIMESTAMPTZ, APC_PG_INT8,
-                                   APC_PG_FLOAT8, APC_PG_INT8,   APC_PG_INT8,        APC_PG_INT8,
-                                   APC_PG_INT8,   APC_PG_FLOAT8, APC_PG_INT4,        APC_PG_INT4};
+    static const uint32_t oid[] = {APC_PG_INT4, APC_PG_INT8, APC_PG_TIMESTAMPTZ, APC_PG_INT8, APC_PG_FLOAT8,
+                                   APC_PG_INT8, APC_PG_INT8, APC_PG_FLOAT8,      APC_PG_INT4, APC_PG_INT4};
     const struct apc_pg_place *place = &pg->places[b->begin];
     struct apc_pg_array *a = &pg->columns[number];
     size_t elements = 0;
@@ -247,9 +238,8 @@ static int add_column(struct apc_pg *pg, struct apc_pg_params *p, const struct a
     return 0;
 }
 
-static const enum column sample_columns[] = {COLUMN_ID,     COLUMN_SEQ,    COLUMN_TIME,
-                                             COLUMN_STATUS, COLUMN_VALUE,  COLUMN_ORIGIN,
-                                             COLUMN_AUTHOR, COLUMN_SENSOR, COLUMN_SETPOINT};
+static const enum column sample_columns[] = {COLUMN_ID,    COLUMN_SEQ,    COLUMN_TIME,  COLUMN_STATUS,
+                                             COLUMN_VALUE, COLUMN_ORIGIN, COLUMN_AUTHOR};
 static const enum column vector_columns[] = {COLUMN_ID,       COLUMN_SEQ,   COLUMN_TIME, COLUMN_STATUS,
                                              COLUMN_ELEMENTS, COLUMN_FIRST, COLUMN_LAST};
 static const enum column put_columns[] = {COLUMN_ID,    COLUMN_TIME,   COLUMN_STATUS,
@@ -275,7 +265,7 @@ static bool is_plain(const struct exchange *x, const struct batch *b)
 {
     for (size_t i = b->begin; i < b->begin + b->n; i++) {
         const struct apc_sample *s = &x->rows->sample[x->pg->places[i].row];
-        if (s->origin > 0 || s->author > 0 || s->sensor_seq > 0 || s->setpoint_seq > 0) {
+        if (s->origin > 0 || s->author > 0) {
             return false;
         }
     }
@@ -289,9 +279,8 @@ static int send_batch(struct exchange *x, const struct batch *b)
     const bool place = x->op == PLACE && apc_table_shared(b->table);
     const bool append = !place && (x->op == APPEND || x->op == PLACE);
     const bool plain = append && !vectors && !x->repeat && is_plain(x, b);
-    const bool whole = append && b->table == APC_ACTUATOR;
     const enum column *columns = vectors ? vector_columns : x->op == PUT ? put_columns : sample_columns;
-    const size_t n = x->op == READ ? 1 : x->op == PUT ? 6 : plain ? 5 : whole ? 9 : 7;
+    const size_t n = x->op == READ ? 1 : x->op == PUT ? 6 : plain ? 5 : 7;
     struct apc_pg_params p = {0};
     for (size_t i = 0; i < n; i++) {
         int err = add_column(x->pg, &p, x->rows, b, columns[i], i);
@@ -379,13 +368,11 @@ static int end_transaction(struct apc_pg *pg, const char *how)
 
 /* ---- Read ----------------------------------------------------------------------------------- */
 
-static void give_sample(const PGresult *result, int row, bool whole, struct apc_sample *s)
+static void give_sample(const PGresult *result, int row, struct apc_sample *s)
 {
     s->value = apc_pg_get_float8(PQgetvalue(result, row, 4));
     s->origin = apc_pg_cell(result, row, 5); /* NULL is 0 */
     s->author = (uint32_t)apc_pg_cell(result, row, 6);
-    s->sensor_seq = whole ? apc_pg_cell(result, row, 7) : 0;
-    s->setpoint_seq = whole ? apc_pg_cell(result, row, 8) : 0;
 }
 
 static int give_row(struct exchange *x, const struct batch *b, const PGresult *result, int row)
@@ -411,7 +398,7 @@ static int give_row(struct exchange *x, const struct batch *b, const PGresult *r
         s->time = time;
         s->status = status;
         if (!vectors) { /* a wait looks at seqs only */
-            give_sample(result, row, b->table == APC_ACTUATOR, s);
+            give_sample(result, row, s);
         }
         return 0;
     }

@@ -9,24 +9,16 @@
 
 /* ---- Read ---------------------------------------------------------------------------------- */
 
-static void set_origin(struct apc_sample *s, uint64_t first, uint64_t second)
-{
-    const bool pair = second != APC_SHM_ORIGIN;
-    s->origin = pair ? 0 : (int64_t)first;
-    s->sensor_seq = pair ? (int64_t)first : 0;
-    s->setpoint_seq = pair ? (int64_t)second : 0;
-}
-
 struct apc_sample apc_shm_sample(enum apc_table table, int id, const uint64_t words[8])
 {
     struct apc_sample s = {.table = table,
                            .id = id,
                            .seq = (int64_t)words[1],
                            .time = (apc_ns)words[2],
-                           .status = (apc_status)words[6],
-                           .author = (uint32_t)(words[6] >> 32)};
+                           .status = (apc_status)words[5],
+                           .author = (uint32_t)(words[5] >> 32),
+                           .origin = (int64_t)words[4]};
     memcpy(&s.value, &words[3], sizeof s.value);
-    set_origin(&s, words[4], words[5]);
     return s;
 }
 
@@ -59,7 +51,7 @@ static inline bool load_sample(struct apc_shm *shm, uint64_t g, struct apc_sampl
     const uint64_t status = apc_word_get(&v->status);
     s->status = (apc_status)status;
     s->author = (uint32_t)(status >> 32);
-    set_origin(s, apc_word_get(&v->sensor_seq), apc_word_get(&v->setpoint_seq));
+    s->origin = (int64_t)apc_word_get(&v->origin);
     return mark <= g && mark > 0 && apc_shm_unchanged(&slot->mark[current], mark);
 }
 

@@ -95,14 +95,13 @@ struct apc_shm_header {
     char claimant[APC_SHM_CLAIMANTS][64]; /* guarded by the writers' lock */
 };
 
-/** A sample, and of a slot's version its ring. Eight words: a cache line. An actuator's row of version 1
- * names two rows that it comes from, every other one at most: then the second word is APC_SHM_ORIGIN. */
-#define APC_SHM_ORIGIN UINT64_MAX
+/** A sample, and of a slot's version its ring. Eight words: a cache line. */
 struct apc_shm_cell {
     apc_word mark; /* of a cell: 1 + its ordinal, or 0 while it is written. Of a version: the ring's head */
-    apc_word seq, time, value, sensor_seq, setpoint_seq;
+    apc_word seq, time, value, origin;
     apc_word status; /* and above it the author */
-    apc_word ring;   /* of a version: extents in the low byte, above it how many cells are kept */
+    apc_word spare;
+    apc_word ring; /* of a version: extents in the low byte, above it how many cells are kept */
 };
 
 struct apc_shm_slot {

@@ -305,14 +305,12 @@ static bool holds(const struct apc_shm *shm, const struct apc_shm_slot *slot, co
 /* Field by field: to copy a struct that was just filled in costs more than all the rest. */
 static void put_words(struct apc_shm_cell *c, const struct apc_sample *s)
 {
-    const bool pair = s->table == APC_ACTUATOR && s->origin == 0;
     uint64_t value;
     memcpy(&value, &s->value, sizeof value);
     apc_word_put(&c->seq, (uint64_t)s->seq);
     apc_word_put(&c->time, (uint64_t)apc_time_stored(s->time));
     apc_word_put(&c->value, value);
-    apc_word_put(&c->sensor_seq, (uint64_t)(pair ? s->sensor_seq : s->origin));
-    apc_word_put(&c->setpoint_seq, pair ? (uint64_t)s->setpoint_seq : APC_SHM_ORIGIN);
+    apc_word_put(&c->origin, (uint64_t)s->origin);
     apc_word_put(&c->status, (uint64_t)s->author << 32 | s->status);
 }
 

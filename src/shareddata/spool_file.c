@@ -140,8 +140,7 @@ static void put_sample(unsigned char *at, const struct apc_sample *s)
     put_bits(at + 16, (uint64_t)s->seq, 8);
     put_bits(at + 24, (uint64_t)s->time, 8);
     put_bits(at + 32, value, 8);
-    put_bits(at + 40, (uint64_t)s->sensor_seq, 8);
-    put_bits(at + 48, (uint64_t)s->setpoint_seq, 8);
+    memset(at + 40, 0, 16); /* seqs that an output of version 1 was computed from */
 }
 
 void apc_spool_get_sample(const struct apc_spool_file *file, size_t i, struct apc_sample *s)
@@ -154,9 +153,7 @@ void apc_spool_get_sample(const struct apc_spool_file *file, size_t i, struct ap
                              .id = (int)get_bits(at + 8, 4),
                              .status = (apc_status)get_bits(at + 12, 4),
                              .seq = (int64_t)get_bits(at + 16, 8),
-                             .time = (apc_ns)get_bits(at + 24, 8),
-                             .sensor_seq = (int64_t)get_bits(at + 40, 8),
-                             .setpoint_seq = (int64_t)get_bits(at + 48, 8)};
+                             .time = (apc_ns)get_bits(at + 24, 8)};
     memcpy(&s->value, &value, sizeof s->value);
 }
 

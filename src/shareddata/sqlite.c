@@ -32,7 +32,7 @@ static const char *const texts[APC_SQLITE_STATEMENTS] = {
     [APC_SQLITE_WRITE] = "BEGIN IMMEDIATE",
     [APC_SQLITE_COMMIT] = "COMMIT",
     [APC_SQLITE_ROLLBACK] = "ROLLBACK",
-    [APC_SQLITE_NEWEST] = "SELECT s.seq, s.time, s.status, s.value, s.sensor_seq, s.setpoint_seq, s.origin,"
+    [APC_SQLITE_NEWEST] = "SELECT s.seq, s.time, s.status, s.value, s.origin,"
                           " s.author"
                           " FROM variable v JOIN sample s ON s.pos = v.pos WHERE v.variable = ?1",
     [APC_SQLITE_VARIABLE] = "SELECT seq, pos, count, first, last FROM variable WHERE variable = ?1",
@@ -49,9 +49,9 @@ static const char *const texts[APC_SQLITE_STATEMENTS] = {
                                 " AND seq < ?2 AND last >= ?3 AND first < ?4 ORDER BY seq DESC LIMIT 1",
     [APC_SQLITE_PUT_BLOCK] = "REPLACE INTO block VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
     [APC_SQLITE_DROP_BLOCK] = "DELETE FROM block WHERE variable = ?1 AND seq = ?2",
-    [APC_SQLITE_SAMPLE] = "SELECT variable, previous, seq, time, status, value, sensor_seq, setpoint_seq,"
-                          " origin, author FROM sample WHERE pos = ?1",
-    [APC_SQLITE_INSERT] = "INSERT INTO sample VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11)",
+    [APC_SQLITE_SAMPLE] =
+        "SELECT variable, previous, seq, time, status, value, origin, author FROM sample WHERE pos = ?1",
+    [APC_SQLITE_INSERT] = "INSERT INTO sample VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, NULL, NULL, ?8, ?9)",
     [APC_SQLITE_LINK] = "UPDATE sample SET previous = ?2 WHERE pos = ?1",
     [APC_SQLITE_DROP_SAMPLE] = "DELETE FROM sample WHERE pos = ?1",
 };
@@ -454,7 +454,6 @@ static int end_put(struct apc_sqlite *sq, struct apc_sample *samples, size_t n, 
     for (size_t i = 0; err >= 0 && i < n; i++) {
         struct apc_sample next = samples[i];
         next.seq++;
-        next.sensor_seq = next.setpoint_seq = 0;
         err = apc_sqlite_append_one(sq, &next);
         err = err < 0 ? err : apc_sqlite_append_loops(sq, &next);
     }

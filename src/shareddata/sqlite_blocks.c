@@ -135,11 +135,8 @@ static int insert(struct apc_sqlite *sq, const struct apc_sample *s, int64_t pre
     } else {
         sqlite3_bind_zeroblob(statement, 7, 0);
     }
-    const bool actuator = s->table == APC_ACTUATOR;
-    bind_reference(statement, 8, actuator ? s->sensor_seq : 0);
-    bind_reference(statement, 9, actuator ? s->setpoint_seq : 0);
-    bind_reference(statement, 10, s->origin);
-    bind_reference(statement, 11, s->author);
+    bind_reference(statement, 8, s->origin);
+    bind_reference(statement, 9, s->author);
     return apc_sqlite_step(sq, statement);
 }
 
@@ -174,10 +171,8 @@ static void take_sample(sqlite3_stmt *statement, int column, struct apc_sample *
     s->time = apc_sqlite_ns(sqlite3_column_int64(statement, column + 1));
     s->status = (apc_status)sqlite3_column_int64(statement, column + 2);
     s->value = apc_table_vectors(s->table) ? 0 : sqlite3_column_double(statement, column + 3);
-    s->sensor_seq = sqlite3_column_int64(statement, column + 4); /* NULL is 0 */
-    s->setpoint_seq = sqlite3_column_int64(statement, column + 5);
-    s->origin = sqlite3_column_int64(statement, column + 6);
-    s->author = (uint32_t)sqlite3_column_int64(statement, column + 7);
+    s->origin = sqlite3_column_int64(statement, column + 4); /* NULL is 0 */
+    s->author = (uint32_t)sqlite3_column_int64(statement, column + 5);
 }
 
 int apc_sqlite_newest(struct apc_sqlite *sq, struct apc_sample *s)

@@ -217,7 +217,7 @@ static int check_samples(struct apc_store *store, const struct apc_sample *sampl
     for (size_t i = 0; i < n; i++) {
         const struct apc_sample *s = &samples[i];
         if (!is_of(tables, s->table, s->id) || !(fabs(s->value) < APC_VALUE_MAX) || s->seq <= 0 ||
-            (s->sensor_seq | s->setpoint_seq | s->origin) < 0) {
+            s->origin < 0) {
             return wrong_sample(store, s);
         }
     }

@@ -45,19 +45,13 @@ static void test_every_member_of_a_sample_comes_back(void **state)
                                   .time = INT64_C(1769860800123456000),
                                   .value = -0.1,
                                   .status = APC_BAD_OUT_OF_SERVICE,
-                                  .sensor_seq = 41,
-                                  .setpoint_seq = 0};
+                                  .origin = 41,
+                                  .author = 7};
     assert_int_equal(apc_store_append(*state, &in, 1), 1);
     struct apc_sample out = newest(*state, APC_ACTUATOR, 3);
     assert_memory_equal(&out.value, &in.value, sizeof in.value);
     assert_true(out.seq == in.seq && out.time == in.time && out.status == in.status);
-    assert_true(out.sensor_seq == 41 && out.setpoint_seq == 0);
-    struct apc_sample other = in; /* only an output is computed from something */
-    other.table = APC_ESTIMATE;
-    other.setpoint_seq = 42;
-    assert_int_equal(apc_store_append(*state, &other, 1), 1);
-    out = newest(*state, APC_ESTIMATE, 3);
-    assert_true(out.seq == in.seq && out.sensor_seq == 0 && out.setpoint_seq == 0);
+    assert_true(out.origin == 41 && out.author == 7);
 }
 
 static void test_values_of_every_size_come_back_bit_for_bit(void **state)
@@ -678,15 +672,19 @@ static void test_a_store_refuses_to_be_used_from_inside_its_history(void **state
     assert_int_equal(seen.inner, APC_ESTATE);
 }
 
-static void test_an_actuators_history_names_what_it_was_computed_from(void **state)
+static int follow_origin(void *ctx, const struct apc_sample *s)
+{
+    assert_int_equal(s->origin, s->seq == 1 ? 7 : 0);
+    (void)ctx;
+    return 0;
+}
+
+static void test_a_history_names_what_a_row_comes_from(void **state)
 {
     struct apc_sample s[2] = {sample(APC_ACTUATOR, 1, 1, 1), sample(APC_ACTUATOR, 1, 2, 1)};
-    s[0].sensor_seq = 7;
-    s[1].setpoint_seq = 9;
+    s[0].origin = 7;
     assert_int_equal(apc_store_append(*state, s, 2), 2);
-    assert_int_equal(newest(*state, APC_ACTUATOR, 1).setpoint_seq, 9);
-    assert_int_equal(newest(*state, APC_ACTUATOR, 1).sensor_seq, 0);
-    assert_int_equal(rows_of(*state, APC_ACTUATOR, 1), 2);
+    assert_int_equal(apc_store_history(*state, APC_ACTUATOR, 1, NULL, follow_origin, NULL), 2);
 }
 
 static void test_variables_are_those_that_have_samples(void **state)
@@ -1501,7 +1499,7 @@ int main(void)
         T(test_history_comes_in_rising_seq_within_its_bounds),
         T(test_history_ends_when_its_function_says_so),
         T(test_a_store_refuses_to_be_used_from_inside_its_history),
-        T(test_an_actuators_history_names_what_it_was_computed_from),
+        T(test_a_history_names_what_a_row_comes_from),
         T(test_variables_are_those_that_have_samples),
         T(test_a_bin_holds_what_lies_within_it),
         T(test_bins_divide_what_cannot_be_divided_evenly),
