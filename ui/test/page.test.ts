@@ -400,7 +400,7 @@ test("a long window is asked for in bins, the newest part first, and put togethe
     one.answer({...server.none(one.query), samples: undefined, bins: {n: Number(bins), from: [middle], count: [1], bad: [0], min: [1], max: [3], mean: [2], last: [2], worst: ["Good"]}});
   });
   const parts: number[] = [];
-  await load(tanks.variables[0]!, 0, 8000, 800, series => parts.push(series.t.filter((_, i) => series.mid[i] != null).length));
+  await load(tanks.variables[0]!, 0, 8000, 800, () => true, series => parts.push(series.t.filter((_, i) => series.mid[i] != null).length));
   assert.deepEqual(queries.map(one => [one.var, one.since, one.until, one.bins, one.last]), [["sensor.1", "6000", "8000", "200", undefined], ["sensor.1", "0", "6000", "600", undefined]]);
   assert.deepEqual(parts, [1, 2]);
   assert.equal(binWidth(tanks.variables[0]!, 8000, 800), 10);
@@ -410,11 +410,25 @@ test("a long window is asked for in bins, the newest part first, and put togethe
   env.routes.set("/api/history", route);
 });
 
+test("a history that nobody wants any more when it is its turn is not asked for", async () => {
+  const past = env.routes.get("/api/history")!;
+  env.routes.delete("/api/history");
+  let wanted = true;
+  const all = Promise.allSettled(Array.from({length: 6}, () => load(tanks.variables[0]!, 0, 600, 150, () => wanted, () => {})));
+  await env.settle();
+  wanted = false;
+  for (let i = 0; i < 4; i++) env.take("/api/history").answer(server.none({var: "sensor.1", since: "0", until: "600"}));
+  await env.settle();
+  assert.equal(env.asked.filter(one => one.path === "/api/history").length, 0);
+  await all;
+  env.routes.set("/api/history", past);
+});
+
 test("at most four histories are asked for at a time", async () => {
   const route = env.routes.get("/api/history")!;
   env.routes.delete("/api/history");
   env.asked.length = 0;
-  const all = Promise.allSettled(Array.from({length: 6}, () => load(tanks.variables[0]!, 0, 600, 150, () => {})));
+  const all = Promise.allSettled(Array.from({length: 6}, () => load(tanks.variables[0]!, 0, 600, 150, () => true, () => {})));
   await env.settle();
   assert.equal(env.asked.length, 4);
   env.take("/api/history").fail();
@@ -436,7 +450,7 @@ test("more samples than their period lets expect are asked for in bins", async (
     queries.push(one.query);
     one.answer(one.query.last ? server.history(one.query, Array.from({length: 4000}, (_, i) => [i, 1])) : {...server.none(one.query), samples: undefined});
   });
-  await load(tanks.variables[0]!, 0, 600, 150, () => {});
+  await load(tanks.variables[0]!, 0, 600, 150, () => true, () => {});
   assert.deepEqual(queries.map(one => [one.last, one.bins]), [["4000", undefined], [undefined, "50"], [undefined, "150"]]);
   env.routes.set("/api/history", route);
 });

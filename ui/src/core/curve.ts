@@ -28,7 +28,7 @@ export class Curve {
     const current = (): boolean => mine === this.asked;
     this.again();
     this.whole = false;
-    load(this.variable, from, to, pixels, series => {
+    load(this.variable, from, to, pixels, current, series => {
       if (!current()) return;
       const newest = (clock.newest ?? 0) + AHEAD;
       this.series = following ? join(series, between(this.series, to, newest), boundOf(this.variable)) : series;

@@ -22,18 +22,19 @@ export function holds(variable: Variable): boolean {
 const waiting: (() => void)[] = [];
 let running = 0;
 
-async function turn<T>(ask: () => Promise<T>): Promise<T> {
+/** null: by the time it was its turn nobody wanted it any more. */
+async function turn<T>(ask: () => Promise<T>, wanted: () => boolean): Promise<T | null> {
   if (running >= 4) await new Promise<void>(resolve => waiting.push(resolve));
   running++;
   try {
-    return await ask();
+    return wanted() ? await ask() : null;
   } finally {
     running--;
     waiting.shift()?.();
   }
 }
 
-const ask = (query: Record<string, string | number>): Promise<History> => turn(() => get<History>("/api/history", query));
+const ask = (query: Record<string, string | number>, wanted: () => boolean): Promise<History | null> => turn(() => get<History>("/api/history", query), wanted);
 
 /** Width of a bin of what load() asks for, s; 0: the samples themselves, most likely. */
 export function binWidth(variable: Variable, span: number, pixels: number): number {
@@ -51,12 +52,14 @@ export async function load(
   since: number,
   until: number,
   pixels: number,
+  wanted: () => boolean,
   part: (series: Series) => void,
 ): Promise<void> {
   const bound = boundOf(variable);
   const hold = holds(variable);
   if (binWidth(variable, until - since, pixels) === 0) {
-    const all = await ask({var: variable.ref, since, until, last: MOST});
+    const all = await ask({var: variable.ref, since, until, last: MOST}, wanted);
+    if (!all) return;
     if ((all.samples?.seq.length ?? 0) < MOST) {
       part(fromHistory(all, bound, hold));
       return;
@@ -64,8 +67,10 @@ export async function load(
   }
   const bins = quarter(pixels);
   const middle = until - (until - since) / 4;
-  const newest = fromHistory(await ask({var: variable.ref, since: middle, until, bins}), bound, hold);
+  const late = await ask({var: variable.ref, since: middle, until, bins}, wanted);
+  if (!late) return;
+  const newest = fromHistory(late, bound, hold);
   part(newest);
-  const older = fromHistory(await ask({var: variable.ref, since, until: middle, bins: bins * 3}), bound, hold);
-  part(join(older, newest, (until - since) / bins / 2 + bound));
+  const early = await ask({var: variable.ref, since, until: middle, bins: bins * 3}, wanted);
+  if (early) part(join(fromHistory(early, bound, hold), newest, (until - since) / bins / 2 + bound));
 }
