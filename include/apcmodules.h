@@ -311,6 +311,8 @@ struct apc_controller_options {
     const struct apc_controller_setpoint *z; /**< [nz]; NULL: ids 1, 2, ... without limits; copied */
     const struct apc_controller_loop *loop;  /**< [nu]; NULL: ids 1, 2, ... without limits; copied */
     int tuning;                              /**< id of the first tuning; the others follow; default 1 */
+    int estimate, prediction; /**< ids of the first number and of the first vector that the law publishes, in
+                                 these tables; the others follow; 0: they are not written */
     size_t n_setting;
     const struct apc_setting *setting; /**< of the law; [n_setting]; not used after creation */
     const struct apc_law_plant *plant; /**< linear model for a law that wants one, or NULL; as setting */
@@ -347,11 +349,12 @@ APC_API struct apc_rows *apc_controller_in(struct apc_controller *controller);
 /**
  * What the last tick wrote, for apc_store_append_rows(), which sets the seqs of setpoints: outputs first,
  * then setpoints that were put back, what became of what somebody wants (table actual) where that changed,
- * and the tick row: all that they were made from and the next tick goes on from. All of it in one
- * transaction. [any]
+ * what the law published where it was asked, and the tick row: all that they were made from and the next tick
+ * goes on from. All of it in one transaction. [any]
  */
 APC_API struct apc_rows *apc_controller_out(struct apc_controller *controller);
-/** What a restart goes on from, for apc_store_read_rows(): its newest tick row, its rows in table actual.
+/** What a restart goes on from, for apc_store_read_rows(): its newest tick row, its rows in tables actual and
+ * estimate.
  * Fill it, then apc_controller_resume(). [any] */
 APC_API struct apc_rows *apc_controller_former(struct apc_controller *controller);
 

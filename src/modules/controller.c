@@ -405,7 +405,10 @@ int apc_controller_compute(struct apc_controller *c, struct apc_now now, uint64_
     c->t = (double)tick * c->Ts;
     c->deadline = c->real_time ? now.mono + (apc_ns)(c->budget * 1e9) : 0;
     for (size_t k = 0; k < c->size.instances; k++) {
-        c->instance[k].updating = c->resumed_at && c->instance[k].updating;
+        {
+            c->instance[k].updating = c->resumed_at && c->instance[k].updating;
+            c->instance[k].answered = false;
+        }
         c->instance[k].result = -1;
     }
     if (have)

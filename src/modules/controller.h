@@ -51,6 +51,7 @@ struct apc_controller_instance {
     bool gap;      /* x knows no recent y */
     bool updating; /* x goes on as soon as what went out acts */
     bool retuned;  /* trial is what it gives with the tuning before */
+    bool answered; /* at this tick: what it publishes is of now */
     int result;    /* of its answer at this tick; -1: it was not asked */
 };
 
@@ -137,9 +138,11 @@ struct apc_controller {
     /* Wanted are setpoints, target modes, manual outputs, tunings, in this order, as in `in`. */
     size_t n_wanted;
     struct apc_sample *samples;       /* all those of in, out, former, and those below */
-    struct apc_vector *vectors;       /* of in */
+    struct apc_vector *vectors;       /* of in, and of out */
     struct apc_sample *actual, *told; /* [n_wanted] what became of it; what is written of that */
-    struct apc_vector out_row, former_row;
+    struct apc_vector *out_row;       /* first of out */
+    struct apc_vector former_row;
+    int estimate, prediction; /* ids of the first of what the law publishes; 0: it is not written */
     struct apc_rows in, out, former;
     double *row, *former_values;
     size_t offset[APC_TICK_FIELDS + 1]; /* of the fields in a tick row */

@@ -311,7 +311,8 @@ static bool ask(struct apc_controller *c, size_t k)
         if (c->state[i].move.law & APC_ASK_COMPUTE)
             apc_loop_answered(&c->state[i].loop, result <= APC_LAW_SUBOPTIMAL, c->shed_after);
     }
-    if (result <= APC_LAW_LATE)
+    c->instance[k].answered = result <= APC_LAW_LATE;
+    if (c->instance[k].answered)
         return true;
     refuse_answer(c, k, result, why);
     return false;

@@ -158,9 +158,41 @@ static void name_actual(struct apc_controller *c)
     }
 }
 
+/* What the law publishes and is to be written, one after another; zeroed at first. */
+struct published {
+    const struct apc_published *what;
+    size_t instance, in;     /* which of its variables */
+    size_t at, end;          /* where it begins in published; behind it */
+    size_t numbers, courses; /* up to this one */
+};
+
+static bool next_published(const struct apc_controller *c, struct published *p)
+{
+    while (p->instance < c->size.instances) {
+        const struct apc_instance_part part = apc_instances_part(c->law, p->instance);
+        const bool more = p->in < part.n_published;
+
+        if (!more) {
+            p->instance++;
+            p->in = 0;
+            continue;
+        }
+        p->what = &part.what[p->in++];
+        p->at = p->end;
+        p->end += p->what->length ? p->what->length : 1;
+        if (p->what->length ? !c->prediction : !c->estimate)
+            continue;
+        p->numbers += p->what->length == 0;
+        p->courses += p->what->length > 0;
+        return true;
+    }
+    return false;
+}
+
 int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller_options *o,
                            struct apc_error *why)
 {
+    struct published p = {0};
     size_t n, n_vectors;
     const size_t n_cascade = apc_controller_cascade_rows(c, &n_vectors),
                  n_in = c->dim.ny + c->dim.nd + c->n_wanted + c->dim.nu + n_cascade,
@@ -169,18 +201,23 @@ int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller
     lay_out_tick(c);
     mark(c);
     n = c->offset[APC_TICK_FIELDS];
-    c->samples = calloc(n_in + n_out + 3 * c->n_wanted, sizeof(*c->samples));
-    c->vectors = calloc(n_vectors + 1, sizeof(*c->vectors));
+    c->estimate = o->estimate;
+    c->prediction = o->prediction;
+    while (next_published(c, &p))
+        ;
+    c->samples = calloc(n_in + n_out + 3 * c->n_wanted + 2 * p.numbers, sizeof(*c->samples));
+    c->vectors = calloc(n_vectors + 1 + p.courses, sizeof(*c->vectors));
     c->row = calloc(n, sizeof(*c->row));
     c->former_values = calloc(n, sizeof(*c->former_values));
     if (!c->samples || !c->vectors || !c->row || !c->former_values)
         return apc_fail(why, APC_ENOMEM, "controller: no memory");
-    c->out_row = (struct apc_vector){.table = APC_TICK,
-                                     .id = o->number ? o->number : 1,
-                                     .n = (uint32_t)n,
-                                     .room = (uint32_t)n,
-                                     .value = c->row};
-    c->former_row = c->out_row;
+    c->out_row = c->vectors + n_vectors;
+    *c->out_row = (struct apc_vector){.table = APC_TICK,
+                                      .id = o->number ? o->number : 1,
+                                      .n = (uint32_t)n,
+                                      .room = (uint32_t)n,
+                                      .value = c->row};
+    c->former_row = *c->out_row;
     c->former_row.n = 0;
     c->former_row.status = APC_BAD_NO_DATA;
     c->former_row.value = c->former_values;
@@ -189,16 +226,19 @@ int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller
                               .n_samples = n_in,
                               .vector = c->vectors,
                               .n_vectors = n_vectors};
-    c->out = (struct apc_rows){.size = sizeof(c->out), .sample = c->samples + n_in, .vector = &c->out_row};
+    c->out = (struct apc_rows){.size = sizeof(c->out), .sample = c->samples + n_in, .vector = c->out_row};
     c->former = (struct apc_rows){.size = sizeof(c->former),
-                                  .sample = c->samples + n_in + n_out,
-                                  .n_samples = c->n_wanted,
+                                  .sample = c->samples + n_in + n_out + p.numbers,
+                                  .n_samples = c->n_wanted + p.numbers,
                                   .vector = &c->former_row,
                                   .n_vectors = 1};
-    c->actual = c->former.sample + c->n_wanted;
+    c->actual = c->former.sample + c->former.n_samples;
     c->told = c->actual + c->n_wanted;
     name_inputs(c, o);
     name_actual(c);
+    for (size_t k = 0; k < p.numbers; k++)
+        c->former.sample[c->n_wanted + k] =
+            (struct apc_sample){.table = APC_ESTIMATE, .id = c->estimate + (int)k, .status = APC_BAD_NO_DATA};
     return 0;
 }
 
@@ -349,9 +389,36 @@ static void put_tick(struct apc_controller *c, struct apc_now now)
     put_values(row + at[APC_TICK_TUNING], c->tuning, c->size.tuning);
     put_seqs(row + at[APC_TICK_TUNING_SEQ], c->looked + apc_controller_wanted(c, APC_TUNING), c->size.tuning);
     put_values(row + at[APC_TICK_X], c->x, c->size.states);
-    c->out_row.seq = c->seq;
-    c->out_row.time = now.utc;
-    c->out.n_vectors = apc_values_ok(row, c->out_row.n);
+    c->out_row->seq = c->seq;
+    c->out_row->time = now.utc;
+    c->out.n_vectors = apc_values_ok(row, c->out_row->n);
+}
+
+static void put_published(struct apc_controller *c, apc_ns utc)
+{
+    struct published p = {0};
+
+    while (next_published(c, &p)) {
+        const size_t n = p.what->length ? p.what->length : 1;
+
+        if (!c->instance[p.instance].answered || !apc_values_ok(c->published + p.at, n))
+            continue;
+        if (p.what->length)
+            c->out.vector[c->out.n_vectors++] = (struct apc_vector){.table = APC_PREDICTION,
+                                                                    .id = c->prediction + (int)p.courses - 1,
+                                                                    .seq = c->seq,
+                                                                    .time = utc,
+                                                                    .n = (uint32_t)n,
+                                                                    .room = (uint32_t)n,
+                                                                    .value = c->published + p.at};
+        else
+            c->out.sample[c->out.n_samples++] = (struct apc_sample){.table = APC_ESTIMATE,
+                                                                    .id = c->estimate + (int)p.numbers - 1,
+                                                                    .seq = c->seq,
+                                                                    .time = utc,
+                                                                    .value = c->published[p.at],
+                                                                    .origin = c->seq};
+    }
 }
 
 void apc_controller_put(struct apc_controller *c, struct apc_now now)
@@ -368,6 +435,8 @@ void apc_controller_put(struct apc_controller *c, struct apc_now now)
     for (size_t k = 0; k < c->n_wanted; k++)
         put_actual(c, k, now.utc);
     put_tick(c, now);
+    if (c->out.n_vectors > 0)
+        put_published(c, now.utc);
 }
 
 /* ---- Taking over from a former run ---------------------------------------------------------- */
@@ -384,7 +453,7 @@ static bool fits(const struct apc_controller *c, const struct apc_vector *v, apc
 
 static bool is_of_this_law(const struct apc_controller *c, const struct apc_vector *v)
 {
-    return v->n == c->out_row.n && v->value[1] >= c->mark[1] && v->value[1] <= c->mark[1];
+    return v->n == c->out_row->n && v->value[1] >= c->mark[1] && v->value[1] <= c->mark[1];
 }
 
 static void take_seqs(int64_t *seq, const double *at, size_t n)
@@ -497,6 +566,8 @@ int apc_controller_resume(struct apc_controller *c, apc_ns since)
     c->since = since > 0 ? since : INT64_MAX;
     take_actual(c);
     c->seq = v->seq;
+    for (size_t k = c->n_wanted; k < c->former.n_samples; k++)
+        c->seq = c->former.sample[k].seq > c->seq ? c->former.sample[k].seq : c->seq;
     if (!fits(c, v, since))
         return 0;
     take_common(c, v->value);

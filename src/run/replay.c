@@ -341,12 +341,12 @@ int replay_run(struct replay *r, const struct replay_watch *watch)
         struct replay_controller *c = &r->controller[i];
         rc = start(r, c, NULL, r->start - 1);
         for (size_t k = 0; k < c->ticks.n && rc == 0; k++) {
-            if (!r->other_law && c->ticks.at[k].n != c->core->out_row.n)
+            if (!r->other_law && c->ticks.at[k].n != c->core->out_row->n)
                 return apc_fail(&r->why, APC_EPROTO,
                                 "tick row %lld of %s has %zu values, not %u: its law, its settings or its "
                                 "model are not those that ran",
                                 (long long)c->ticks.at[k].seq, c->of->name, c->ticks.at[k].n,
-                                c->core->out_row.n);
+                                c->core->out_row->n);
             rc = replay_tick(r, c, k);
         }
     }

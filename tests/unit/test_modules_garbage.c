@@ -178,7 +178,7 @@ static void no_former_row_makes_an_output_that_is_not_finite_or_outside_its_limi
         run(before, &now, 3, &t);
         *row = (struct apc_vector){.table = row->table,
                                    .id = row->id,
-                                   .seq = before->out_row.seq,
+                                   .seq = before->out_row->seq,
                                    .time = now.utc + ((apc_ns)chance(5) - 2) * 86400 * S / 2,
                                    .n = chance(4) ? row->room : chance(2 * row->room),
                                    .room = row->room,

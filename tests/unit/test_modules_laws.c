@@ -537,6 +537,114 @@ static void what_is_refused_or_missing_is_called_by_its_name(void **state)
     apc_controller_destroy(controller);
 }
 
+/* Of each output: a number, a course of two, a number. z = 1: no answer, z = 2: one that is no number. */
+static int create_publisher(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
+                            struct apc_error *why)
+{
+    static const struct apc_published what[] = {
+        {"first", "V", NULL, 0, 0.0}, {"course", "V", NULL, 2, 1.0}, {"second", "V", NULL, 0, 0.0}};
+
+    (void)setup, (void)self, (void)why;
+    needs->n_published = 3;
+    needs->published = what;
+    return 0;
+}
+
+static int publish(struct apc_law_call *c)
+{
+    const double of[] = {c->y[0], c->y[0] + 1.0, c->y[0] + 2.0, c->y[0] + 3.0};
+
+    memcpy(c->published, of, sizeof(of));
+    if (c->z[0] == 2.0)
+        c->published[3] = (double)NAN;
+    c->u[0] = c->y[0];
+    return c->z[0] == 1.0 ? APC_LAW_INFEASIBLE : APC_LAW_GOOD;
+}
+
+static const struct apc_law publisher = {
+    .abi = APC_LAW_ABI, .name = "publisher", .create = create_publisher, .compute = publish};
+
+static void make_publisher(struct rig *r, int estimate, int prediction)
+{
+    const struct apc_controller_options o = {.size = sizeof(o),
+                                             .law = &publisher,
+                                             .dim = {2, 2, 2, 0},
+                                             .period = PERIOD,
+                                             .horizon = 2 * PERIOD,
+                                             .estimate = estimate,
+                                             .prediction = prediction};
+    struct apc_controller *controller;
+
+    assert_int_equal(apc_controller_create(&controller, &o, NULL), 0);
+    begin(r, controller, 2);
+}
+
+static void what_a_law_publishes_is_written_with_its_tick(void **state)
+{
+    struct rig r;
+
+    (void)state;
+    make_publisher(&r, 11, 5);
+    feed(&r, APC_OPMODE, 2, APC_MODE_AUTO, 1);
+    feed(&r, APC_SETPOINT, 2, 0.0, 1);
+    (void)tick(&r, 1, APC_MODE_AUTO, 10.0); /* y2 is 10.1 */
+    assert_near(given(&r, APC_ESTIMATE, 11)->value, 10.0, 0.0);
+    assert_near(given(&r, APC_ESTIMATE, 12)->value, 13.0, 0.0);
+    assert_near(given(&r, APC_ESTIMATE, 13)->value, 10.1, 1e-12);
+    assert_near(given(&r, APC_ESTIMATE, 14)->value, 13.1, 1e-12);
+    assert_int_equal(given(&r, APC_ESTIMATE, 11)->origin, r.out->vector[0].seq);
+    assert_int_equal(r.out->n_vectors, 3);
+    assert_int_equal(r.out->vector[0].table, APC_TICK);
+    for (int i = 0; i < 2; i++) {
+        const struct apc_vector *v = &r.out->vector[1 + i];
+
+        assert_int_equal(v->table, APC_PREDICTION);
+        assert_int_equal(v->id, 5 + i);
+        assert_int_equal(v->n, 2);
+        assert_int_equal(v->seq, r.out->vector[0].seq);
+        assert_near(v->value[0], 11.0 + 0.1 * i, 1e-12);
+        assert_near(v->value[1], 12.0 + 0.1 * i, 1e-12);
+    }
+    feed(&r, APC_SENSOR, 1, 3.0, 2);
+    feed(&r, APC_SENSOR, 2, 4.0, 2);
+    feed(&r, APC_SETPOINT, 1, 1.0, 2);
+    feed(&r, APC_SETPOINT, 2, 2.0, 2);
+    compute(&r, 2, NULL);
+    assert_int_equal(given(&r, APC_ESTIMATE, 11)->seq, 0); /* it gave no answer */
+    assert_near(given(&r, APC_ESTIMATE, 13)->value, 4.0, 0.0);
+    assert_int_equal(given(&r, APC_ESTIMATE, 14)->seq, 0); /* no number */
+    assert_int_equal(r.out->n_vectors, 2);
+    assert_int_equal(r.out->vector[1].id, 6);
+    feed(&r, APC_OPMODE, 1, APC_MODE_OOS, 3);
+    feed(&r, APC_OPMODE, 2, APC_MODE_OOS, 3);
+    compute(&r, 3, NULL);
+    assert_int_equal(given(&r, APC_ESTIMATE, 13)->seq, 0); /* nobody asked it */
+    assert_int_equal(r.out->n_vectors, 1);
+    apc_controller_destroy(r.controller);
+}
+
+static void seqs_go_on_from_what_was_published_and_who_does_not_want_it_has_none(void **state)
+{
+    struct apc_rows *former;
+    struct rig r;
+
+    (void)state;
+    make_publisher(&r, 1, 0);
+    former = apc_controller_former(r.controller);
+    rows_at(former, APC_ESTIMATE, 3)->seq = 70; /* the tick rows are gone */
+    (void)apc_controller_resume(r.controller, 0);
+    (void)tick(&r, 1, APC_MODE_AUTO, 1.0);
+    assert_int_equal(given(&r, APC_ESTIMATE, 1)->seq, 71);
+    assert_int_equal(r.out->n_vectors, 1);
+    apc_controller_destroy(r.controller);
+    make_publisher(&r, 0, 1);
+    (void)tick(&r, 1, APC_MODE_AUTO, 1.0);
+    assert_int_equal(given(&r, APC_ESTIMATE, 1)->seq, 0);
+    assert_int_equal(r.out->n_vectors, 2);
+    assert_near(r.out->vector[1].value[0], 2.0, 0.0);
+    apc_controller_destroy(r.controller);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -554,6 +662,8 @@ int main(void)
         cmocka_unit_test(an_output_that_was_confirmed_is_updated_once),
         cmocka_unit_test(a_law_is_told_how_long_it_may_compute),
         cmocka_unit_test(a_budget_beyond_the_period_is_refused),
+        cmocka_unit_test(what_a_law_publishes_is_written_with_its_tick),
+        cmocka_unit_test(seqs_go_on_from_what_was_published_and_who_does_not_want_it_has_none),
         cmocka_unit_test(what_is_refused_or_missing_is_called_by_its_name),
     };
 
