@@ -255,6 +255,16 @@ APC_API struct apc_law_parameter apc_law_parameter_at(const struct apc_law *law,
 APC_API int apc_law_try(const struct apc_law *law, const struct apc_law_setup *setup, const double *tuning,
                         struct apc_error *why);
 
+/** Called for each variable that a law publishes; @p output: of which, 0 where the law is whole. */
+typedef void (*apc_published_fn)(void *ctx, size_t output, const struct apc_published *published);
+/**
+ * What this law publishes, in the order of its ids. Makes its instances and destroys them again: @p published
+ * lives only as long as the call. [setup] Returns how many there are, or a negative error with the reason, as
+ * apc_law_try().
+ */
+APC_API int apc_law_published(const struct apc_law *law, const struct apc_law_setup *setup,
+                              apc_published_fn fn, void *ctx, struct apc_error *why);
+
 /** The setting of that name, or NULL. [setup] */
 APC_API const struct apc_setting *apc_setting_find(const struct apc_law_setup *setup, const char *name);
 

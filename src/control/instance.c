@@ -232,6 +232,22 @@ int apc_law_try(const struct apc_law *law, const struct apc_law_setup *setup, co
     return rc;
 }
 
+int apc_law_published(const struct apc_law *law, const struct apc_law_setup *setup, apc_published_fn fn,
+                      void *ctx, struct apc_error *why)
+{
+    struct apc_instances *s;
+    int n = apc_instances_create(&s, law, setup, why);
+
+    for (size_t k = 0; n >= 0 && k < s->size.instances; k++) {
+        const struct apc_law_needs *needs = &s->instance[k].needs;
+
+        for (size_t i = 0; i < needs->n_published; i++, n++)
+            fn(ctx, k, &needs->published[i]);
+    }
+    apc_instances_destroy(s);
+    return n;
+}
+
 /* ---- What there is --------------------------------------------------------------------------- */
 
 struct apc_instances_size apc_instances_size(const struct apc_instances *s)

@@ -391,8 +391,31 @@ static void check_cascade(struct settings *s, const config_setting_t *list, cons
                       signal->tag.name, upper.of->name);
 }
 
+struct count {
+    int numbers, courses;
+};
+
+static void count_published(void *ctx, size_t output, const struct apc_published *published)
+{
+    struct count *n = ctx;
+    (void)output;
+    n->numbers += published->length == 0;
+    n->courses += published->length > 0;
+}
+
+static void number_published(struct settings *s, struct controller *c, struct count *n)
+{
+    const struct apc_law_setup setup = cores_law_setup(c);
+    c->first_estimate = n->numbers + 1;
+    c->first_prediction = n->courses + 1;
+    c->n_published = apc_law_published(c->law, &setup, count_published, n, s->why);
+    if (c->n_published < 0)
+        s->failed = c->n_published;
+}
+
 void experiment_number(struct settings *s, const config_setting_t *list, struct experiment *e, bool laws)
 {
+    struct count published = {0};
     int loop = 1, tuning = 1;
     for (size_t i = 0; i < e->n_controllers && !s->failed; i++) {
         struct controller *c = &e->controllers[i];
@@ -401,6 +424,8 @@ void experiment_number(struct settings *s, const config_setting_t *list, struct 
         loop += (int)c->dim.nu;
         c->first_tuning = laws ? tuning : 0;
         tuning += laws ? (int)apc_law_parameters(c->law, &c->dim) : 0;
+        if (laws)
+            number_published(s, c, &published);
     }
     for (size_t n = 0; laws && n < controllers_loops(e) && !s->failed; n++)
         check_cascade(s, list, e, controllers_loop(e, n));

@@ -180,6 +180,8 @@ int cores_controller(const struct experiment *e, const struct controller *c, boo
         .z = wiring.z,
         .loop = wiring.loop,
         .tuning = c->first_tuning,
+        .estimate = c->first_estimate,
+        .prediction = c->first_prediction,
         .n_setting = setup.n_setting,
         .setting = setup.setting,
         .plant = setup.plant,

@@ -107,6 +107,32 @@ static void add_loop(struct tags *t, struct controller_loop loop)
     add(t, plain_tag(APC_DIM, 3 + 2 * id, name, "setpoint that it controls it to; 0: none", 0, 1e6));
 }
 
+struct publishing {
+    struct tags *tags;
+    int estimate, prediction; /* ids of the next ones */
+};
+
+static void add_published(void *ctx, size_t output, const struct apc_published *published)
+{
+    struct publishing *p = ctx;
+    struct tags *t = p->tags;
+    const bool course = published->length > 0;
+    char name[APC_TAG_LEN];
+    if (!t->of->law->whole)
+        name_of_loop(t->e, (struct controller_loop){t->of, output}, published->name, name);
+    else if (t->e->n_controllers == 1)
+        snprintf(name, sizeof name, "%.63s", published->name);
+    else
+        join(t->of->name, published->name, name);
+    struct apc_tag *tag = add(
+        t, plain_tag(course ? APC_PREDICTION : APC_ESTIMATE, course ? p->prediction++ : p->estimate++, name,
+                     published->description ? published->description : "", -APC_VALUE_MAX, APC_VALUE_MAX));
+    snprintf(tag->unit, sizeof tag->unit, "%s", published->unit ? published->unit : "");
+    tag->period = apc_ns_to_s(t->of->rhythm.period);
+    tag->step = published->step;
+    tag->length = (int)published->length;
+}
+
 static void add_controllers(struct tags *t)
 {
     for (size_t i = 0; i < t->e->n_controllers; i++) {
@@ -116,6 +142,10 @@ static void add_controllers(struct tags *t)
         add_tuning(t);
         for (size_t k = 0; k < c->dim.nu; k++)
             add_loop(t, (struct controller_loop){c, k});
+        struct publishing publishing = {t, c->first_estimate, c->first_prediction};
+        const struct apc_law_setup setup = cores_law_setup(c);
+        if (c->n_published > 0)
+            (void)apc_law_published(c->law, &setup, add_published, &publishing, NULL);
     }
     t->of = NULL;
 }
@@ -128,13 +158,21 @@ static size_t count_tuning(const struct experiment *e)
     return n;
 }
 
+static size_t count_published(const struct experiment *e)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < e->n_controllers; i++)
+        n += (size_t)e->controllers[i].n_published;
+    return n;
+}
+
 struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
 {
     const struct apc_dim *dim = &e->dim;
     const size_t ny = dim->ny + e->n_signals;
     struct tags t = {.e = e,
                      .at = calloc(ny + dim->nz + dim->nu + e->n_controllers + count_tuning(e) +
-                                      5 * controllers_loops(e) + 5,
+                                      count_published(e) + 5 * controllers_loops(e) + 5,
                                   sizeof *t.at)};
     if (!t.at)
         return NULL;

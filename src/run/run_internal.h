@@ -87,9 +87,11 @@ struct controller {
     unsigned depth; /* how many controllers stand above it, one above another: those tick before it */
 
     /* Ids in the store, over all controllers in the order of the file. */
-    int number;       /* of its tick row */
-    int first_loop;   /* of its outputs' loops, in table opmode */
-    int first_tuning; /* of its parameters; 0 where its law is not known */
+    int number;                           /* of its tick row */
+    int first_loop;                       /* of its outputs' loops, in table opmode */
+    int first_tuning;                     /* of its parameters; 0 where its law is not known */
+    int first_estimate, first_prediction; /* of what its law publishes: numbers, courses; so are these */
+    int n_published;                      /* of both */
 
     char law_name[256]; /* in the file */
     struct plugin plugin;
