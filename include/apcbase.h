@@ -234,10 +234,9 @@ struct apc_sample {
     apc_ns time;  /**< source time: when the value was acquired, UTC */
     double value; /**< in the variable's own unit */
     apc_status status;
-    uint32_t author;      /**< who wrote it, where people do: the number of a name; 0: nobody said */
-    int64_t sensor_seq;   /**< actuator rows: seq of the measurement it was computed from, else 0 */
-    int64_t setpoint_seq; /**< actuator rows: seq of the setpoint it was computed from, else 0 */
-    int64_t origin;       /**< seq of the row that it comes from, as its table says; 0: none */
+    uint32_t author; /**< who wrote it, where people do: the number of a name; 0: nobody said */
+    int64_t origin;  /**< seq of the row that it comes from: of an output its tick's, of what is in force
+                        that of what was wanted; 0: none */
 };
 
 /** A value by itself, between rooms that know no tables. */
