@@ -12,10 +12,10 @@ until_true 30 good
 # ---- Applied, one after the other
 
 expect 0 '^r: 10 -> 12 \(applied\)$' "$apc" set r 12
-[ "$(sql 'SELECT z.value FROM apc.actuator a JOIN apc.setpoint z ON z.id = 1 AND z.seq = a.setpoint_seq
-          WHERE a.id = 1 ORDER BY a.seq DESC LIMIT 1')" = 12 ] || fail "the setpoint was not used when it was said to be"
+[ "$(sql 'SELECT z.value FROM apc.actual a JOIN apc.setpoint z ON z.id = 1 AND z.seq = a.origin
+          WHERE a.id = 19 AND a.status = 0 ORDER BY a.seq DESC LIMIT 1')" = 12 ] || fail "the setpoint was not used when it was said to be"
 expect 0 '^mode: Auto -> Man \(applied\)$' "$apc" mode man
-[ "$(sql 'SELECT value FROM apc.opmode WHERE id = 1 ORDER BY seq DESC LIMIT 1')" = 0 ] || fail "the actual mode is not Man"
+[ "$(sql 'SELECT value FROM apc.actual WHERE id = 21 ORDER BY seq DESC LIMIT 1')" = 0 ] || fail "the actual mode is not Man"
 expect 0 '^u: [-.0-9e]+ -> 1.5 \(applied\)$' "$apc" set u 1.5
 expect 0 '^mode: Man -> Auto \(applied\)$' "$apc" mode auto
 [ "$(sql 'SELECT count(*) > 0 FROM apc.actuator WHERE value = 1.5')" = t ] || fail "1.5 never went out"
@@ -34,8 +34,8 @@ for round in 1 2 3; do
   for k in 1 2 3 4 5 6; do
     code=0
     wait "${writers[k - 1]}" || code=$?
-    used=$(sql "SELECT count(*) > 0 FROM apc.actuator a JOIN apc.setpoint z ON z.id = 1 AND z.seq = a.setpoint_seq
-                WHERE a.id = 1 AND z.value = $round.$k")
+    used=$(sql "SELECT count(*) > 0 FROM apc.actual a JOIN apc.setpoint z ON z.id = 1 AND z.seq = a.origin
+                WHERE a.id = 19 AND a.status = 0 AND z.value = $round.$k")
     case "$code $(cat "$work/outcome.$k")" in
     "0 "*"-> $round.$k (applied)") [ "$used" = t ] || fail "$round.$k was said to be applied and never was" ;;
     "4 "*"-> $round.$k: superseded: it is "*) ;;
@@ -49,12 +49,12 @@ grep -q applied "$work"/outcome.* || fail "none of the writes was applied"
 
 expect 0 '' "$apc" set r 10
 kill -STOP "$(pgrep -P "$run" -x apc-client)"
-in_fault() { [ "$(sql 'SELECT value FROM apc.opmode WHERE id = 1 ORDER BY seq DESC LIMIT 1')" = 0 ]; }
+in_fault() { [ "$(sql 'SELECT value FROM apc.actual WHERE id = 21 ORDER BY seq DESC LIMIT 1')" = 5 ]; }
 if (until_true 5 in_fault) 2>/dev/null; then # unless somebody was quicker to start the client again
   code=0
   said=$("$apc" mode auto 2>&1) || code=$?
   case "$code $said" in
-  "4 "*"the target is Auto already, but the controller is in Man"*) ;;
+  "4 "*"the target is Auto already, but u is in LO: "*) ;;
   "0 mode: Auto already") ! in_fault || fail "the mode is not Auto" ;;
   *) fail "mode auto in a fault: $code $said" ;;
   esac
