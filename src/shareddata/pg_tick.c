@@ -422,7 +422,7 @@ static int take_read(void *ctx, int statement, PGresult *result)
     if (next_batch(x, statement, &b)) {
         return 0;
     }
-    const int columns = apc_table_vectors(b.table) ? 5 : b.table == APC_ACTUATOR ? 9 : 7;
+    const int columns = apc_table_vectors(b.table) ? 5 : 7;
     int err = PQnfields(result) == columns ? 0 : unexpected(x->pg);
     for (int row = 0; !err && row < PQntuples(result); row++) {
         err = give_row(x, &b, result, row);
