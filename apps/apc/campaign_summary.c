@@ -207,8 +207,8 @@ static void print_controller(const struct campaign *c)
         fprintf(c->options->talk, "controller: output held or at its fault value in %u of %u runs\n", held,
                 runs_made(c));
     if (failed > 0)
-        fprintf(c->options->talk, "controller: a law gave no usable output in %u of %u runs\n", failed,
-                runs_made(c));
+        fprintf(c->options->talk, "controller: law %s gave no usable output in %u of %u runs\n",
+                c->e->n_controllers > 1 ? "of one" : c->e->controllers->law->name, failed, runs_made(c));
 }
 
 /* A campaign of one run many times over is a mistake, or should be known not to be one. */

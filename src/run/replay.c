@@ -384,6 +384,14 @@ static const char *cause_of(const struct apc_controller *c, const double *record
     return "from the same inputs";
 }
 
+/* By how much its controller began later than its grid says. */
+static double late_s(const struct replay *r, const struct replay_controller *rc, const struct tick_row *at,
+                     double index)
+{
+    const struct rhythm *rhythm = &rc->of->rhythm;
+    return apc_ns_to_s(at->time - r->start - rhythm->phase) - index * apc_ns_to_s(rhythm->period);
+}
+
 static void compare_virtual(struct replay *r, struct replay_controller *rc, const struct ticks *made)
 {
     const struct apc_controller *c = rc->core;
@@ -402,8 +410,10 @@ static void compare_virtual(struct replay *r, struct replay_controller *rc, cons
         else if (at->n != made->at[k].n)
             describe(r, rc, at, row, rc->first, "its law, its settings or its model are not those that ran");
         else if (differ(c, row, other, left_out, &name, &element))
-            describe(r, rc, at, row, rc->first, "%s was %.17g, in virtual time it is %.17g: %s", name,
-                     row[element], other[element], cause_of(c, row, other));
+            describe(r, rc, at, row, rc->first,
+                     "%s was %.17g, in virtual time it is %.17g: %s, and the tick %.1f ms late", name,
+                     row[element], other[element], cause_of(c, row, other),
+                     1e3 * late_s(r, rc, at, row[index]));
         else
             rc->same++;
     }

@@ -189,7 +189,7 @@ static void what_the_controllers_had_is_told(void **state)
     campaign_result(&campaign, 5)->made = false;
     const char *text = table();
     assert_has(text, "controller: output held or at its fault value in 2 of 5 runs\n");
-    assert_has(text, "controller: a law gave no usable output in 1 of 5 runs\n");
+    assert_has(text, "controller: law ours gave no usable output in 1 of 5 runs\n");
 }
 
 static void runs_that_are_all_the_same_are_told_of(void **state)
