@@ -430,6 +430,8 @@ QP_LANES static void rows_of(struct apc_qp *qp)
         const unsigned *column = qp->column + r * n;
         double sum = 0.0;
 
+        if (qp->low[n + r] == -HUGE_VAL && qp->high[n + r] == HUGE_VAL)
+            continue; /* of no consequence */
         if (qp->filled[r] > n / 4) {
             sum = qp_dot(n, row, qp->x);
         } else {
