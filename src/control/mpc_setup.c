@@ -69,6 +69,14 @@ static int take_blocks(struct apc_law_mpc *p, const struct apc_law_setup *setup,
 
 /* ---- The model ------------------------------------------------------------------------------------- */
 
+/* It comes with its dead times. */
+static int check_sampled(const struct apc_law_setup *setup, struct apc_error *why)
+{
+    return apc_setting_find(setup, "delay")
+               ? apc_fail(why, APC_EINVAL, "setting \"delay\": a model of its own has its \"delay\" itself")
+               : 0;
+}
+
 static int sample(const struct apc_law_setup *setup, struct apc_linear **model, struct apc_error *why)
 {
     const struct apc_law_plant *plant = setup->plant;
@@ -137,9 +145,15 @@ static int choose_unknown(struct apc_law_mpc *p, const struct apc_linear *from,
 static int take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why)
 {
     struct apc_linear_unknown *unknown = calloc(p->dim.ny, sizeof(*unknown));
-    struct apc_linear *from = NULL;
+    struct apc_linear *own = NULL;
+    const struct apc_linear *from = setup->plant->sampled;
     size_t n = 0;
-    int rc = unknown ? sample(setup, &from, why) : apc_fail(why, APC_ENOMEM, "no memory");
+    int rc = !unknown ? apc_fail(why, APC_ENOMEM, "no memory")
+             : from   ? check_sampled(setup, why)
+                      : sample(setup, &own, why);
+
+    if (!from)
+        from = own;
 
     if (rc == 0)
         rc = take_unknown(setup, "at_input", APC_AT_INPUT, setup->dim.nu, unknown, &n, why);
@@ -149,7 +163,7 @@ static int take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup, 
         rc = n ? apc_linear_disturb(&p->model, from, unknown, n, why) : choose_unknown(p, from, unknown, why);
     if (rc == 0)
         p->n_unknown = p->model->nx - from->nx;
-    apc_linear_destroy(from);
+    apc_linear_destroy(own);
     free(unknown);
     return rc;
 }
@@ -497,7 +511,7 @@ static int make(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct
         return apc_fail(why, APC_EINVAL,
                         "the plant's linear model is not known; give group plant a model, and the controller "
                         "an operating_point, or a file with a model");
-    p->cv = calloc(p->dim.nz, sizeof(*p->cv));
+    p->cv = calloc(p->dim.nz + 1, sizeof(*p->cv));
     p->dev_y = calloc(3 * ny + p->dim.nu, sizeof(*p->dev_y));
     p->critical = calloc(ny, sizeof(*p->critical));
     if (!p->cv || !p->dev_y || !p->critical)

@@ -213,30 +213,41 @@ static bool numbers(const double *value, size_t n)
     return !value || apc_values_ok(value, n);
 }
 
+/* The options of both, and what they have in common. */
+static int take(struct apc_linear **model, const struct apc_linear_continuous *from, double Ts,
+                const char *function, struct apc_linear_continuous *o, struct apc_error *why)
+{
+    size_t inputs;
+    int rc = check_period(model, Ts, function, why);
+
+    if (rc == 0)
+        rc = apc_options_copy(o, sizeof(*o), from, "apc_linear_continuous", why);
+    if (rc < 0)
+        return rc;
+    inputs = o->nu + o->nd;
+    if ((o->nx && (!o->A || !o->B || !o->C)) || inputs > ELEMENTS_MAX || o->nx > ELEMENTS_MAX ||
+        o->ny > ELEMENTS_MAX)
+        return apc_fail(why, APC_EINVAL,
+                        "%s: A, B and C are required where there are states, of no more than %d elements",
+                        function, ELEMENTS_MAX);
+    if (!numbers(o->A, o->nx * o->nx) || !numbers(o->B, o->nx * inputs) || !numbers(o->C, o->ny * o->nx) ||
+        !numbers(o->D, o->ny * inputs) || !numbers(o->x0, o->nx) || !numbers(o->u0, inputs) ||
+        !numbers(o->y0, o->ny))
+        return apc_fail(why, APC_EINVAL, "%s: an element of the model is no finite number", function);
+    return 0;
+}
+
 int apc_linear_from_continuous(struct apc_linear **model, const struct apc_linear_continuous *from, double Ts,
                                struct apc_error *why)
 {
     struct apc_linear_continuous o = {0};
     struct term *term;
     size_t inputs;
-    int rc = check_period(model, Ts, "apc_linear_from_continuous", why);
+    int rc = take(model, from, Ts, "apc_linear_from_continuous", &o, why);
 
-    if (rc == 0)
-        rc = apc_options_copy(&o, sizeof(o), from, "apc_linear_continuous", why);
     if (rc < 0)
         return rc;
     inputs = o.nu + o.nd;
-    if ((o.nx && (!o.A || !o.B || !o.C)) || inputs > ELEMENTS_MAX || o.nx > ELEMENTS_MAX ||
-        o.ny > ELEMENTS_MAX)
-        return apc_fail(why, APC_EINVAL,
-                        "apc_linear_from_continuous: A, B and C are required where there are states, of no "
-                        "more than %d elements",
-                        ELEMENTS_MAX);
-    if (!numbers(o.A, o.nx * o.nx) || !numbers(o.B, o.nx * inputs) || !numbers(o.C, o.ny * o.nx) ||
-        !numbers(o.D, o.ny * inputs) || !numbers(o.x0, o.nx) || !numbers(o.u0, inputs) ||
-        !numbers(o.y0, o.ny))
-        return apc_fail(why, APC_EINVAL,
-                        "apc_linear_from_continuous: an element of the model is no finite number");
     term = calloc(inputs + 1, sizeof(*term));
     if (!term)
         return apc_fail(why, APC_ENOMEM, "linear model: no memory");
@@ -253,6 +264,43 @@ int apc_linear_from_continuous(struct apc_linear **model, const struct apc_linea
         rc = sample(model, &o, term, inputs, Ts, why);
     free(term);
     return rc;
+}
+
+int apc_linear_from_sampled(struct apc_linear **model, const struct apc_linear_continuous *from, double Ts,
+                            struct apc_error *why)
+{
+    struct apc_linear_continuous o = {0};
+    size_t inputs;
+    int rc = take(model, from, Ts, "apc_linear_from_sampled", &o, why);
+
+    if (rc < 0)
+        return rc;
+    inputs = o.nu + o.nd;
+    for (size_t j = 0; o.dead_time && j < inputs; j++) {
+        if (o.dead_time[j] != 0.0)
+            return apc_fail(
+                why, APC_EINVAL,
+                "apc_linear_from_sampled: dead time of input %zu is %g s; in a sampled model it is "
+                "states of A",
+                j + 1, o.dead_time[j]);
+    }
+    rc = allocate(model, o.nx, o.nu, o.nd, o.ny, why);
+    if (rc < 0)
+        return rc;
+    (*model)->Ts = Ts;
+    (*model)->nx_plant = o.nx;
+    memcpy((*model)->A, o.A, o.nx * o.nx * sizeof(*o.A));
+    memcpy((*model)->B, o.B, o.nx * inputs * sizeof(*o.B));
+    memcpy((*model)->C, o.C, o.ny * o.nx * sizeof(*o.C));
+    if (o.D)
+        memcpy((*model)->D, o.D, o.ny * inputs * sizeof(*o.D));
+    if (o.x0)
+        memcpy((*model)->x0, o.x0, o.nx * sizeof(*o.x0));
+    if (o.u0)
+        memcpy((*model)->u0, o.u0, inputs * sizeof(*o.u0));
+    if (o.y0)
+        memcpy((*model)->y0, o.y0, o.ny * sizeof(*o.y0));
+    return 0;
 }
 
 /* ---- Transfer functions -------------------------------------------------------------------------- */

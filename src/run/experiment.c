@@ -179,11 +179,10 @@ static void read_params(struct settings *s, const config_setting_t *group, const
     }
 }
 
-/* A path in the file means: from where the file is. */
-static void resolve(const struct settings *s, const char *name, char *path, size_t size)
+void experiment_resolve(const struct settings *s, const char *name, char *path, size_t size)
 {
     const char *slash = strrchr(s->file, '/');
-    if (strchr(name, '/') && name[0] != '/' && slash)
+    if (name[0] != '/' && slash)
         snprintf(path, size, "%.*s/%s", (int)(slash - s->file), s->file, name);
     else
         snprintf(path, size, "%s", name);
@@ -207,8 +206,10 @@ static void choose(const struct settings *s, const char *name, const char *overr
         snprintf(plugin->name, sizeof plugin->name, "%s", override);
     else if (recorded->name[0])
         snprintf(plugin->name, sizeof plugin->name, "%s", recorded->name);
+    else if (strchr(name, '/'))
+        experiment_resolve(s, name, plugin->name, sizeof plugin->name);
     else
-        resolve(s, name, plugin->name, sizeof plugin->name);
+        snprintf(plugin->name, sizeof plugin->name, "%s", name);
     plugin->chosen = override || recorded->chosen;
 }
 
@@ -372,7 +373,8 @@ static void read_law(struct settings *s, const config_setting_t *group, struct c
 }
 
 #define CONTROLLER                                                                                           \
-    "law", "tuning", "measurement_tuning", "mode", "hold", "settings", "operating_point", "limits", RHYTHM
+    "law", "tuning", "measurement_tuning", "mode", "hold", "settings", "model", "operating_point", "limits", \
+        RHYTHM
 
 static const char *const short_settings[] = {CONTROLLER, NULL};
 static const char *const controller_settings[] = {
