@@ -447,7 +447,7 @@ static int allocate(struct apc_law_mpc *p, struct apc_error *why)
                         sizeof(*at));
 
     p->memory = at;
-    p->usable = calloc(ny + nu, sizeof(*p->usable));
+    p->usable = calloc(ny + nu + 1, sizeof(*p->usable));
     if (!at || !p->usable)
         return apc_fail(why, APC_ENOMEM, "no memory");
     p->given = p->usable + ny;

@@ -564,7 +564,7 @@ static void begin(struct apc_qp *qp)
     qp->waiting = 0;
     qp->changes = 0;
     if (anew) {
-        qp->k = 0;
+        qp->k = qp->fresh = 0;
         memset(qp->fixed, 0, qp->rows * sizeof(*qp->fixed));
     }
     for (size_t i = 0; i < qp->rows; i++)
