@@ -12,6 +12,7 @@
 
 #include "base/base_internal.h"
 #include "base/matrix.h"
+#include "predict/predict_internal.h"
 
 #define ELEMENTS_MAX 100000
 
@@ -31,8 +32,8 @@ static size_t periods(double dead_time, double Ts)
     return (size_t)ceil(d - 1e-9 * fmax(1.0, d)); /* 3 x 0.1 s are three periods of 0.1 s */
 }
 
-static int allocate(struct apc_linear **model, size_t nx, size_t nu, size_t nd, size_t ny,
-                    struct apc_error *why)
+int apc_linear_allocate(struct apc_linear **model, size_t nx, size_t nu, size_t nd, size_t ny,
+                        struct apc_error *why)
 {
     const size_t n = nu + nd;
     struct apc_linear *m;
@@ -150,7 +151,7 @@ static int sample(struct apc_linear **model, const struct apc_linear_continuous 
         nx += length[j];
     }
     if (rc == 0)
-        rc = allocate(&m, nx, from->nu, from->nd, from->ny, why);
+        rc = apc_linear_allocate(&m, nx, from->nu, from->nd, from->ny, why);
     if (rc < 0)
         goto out;
     m->Ts = Ts;
@@ -284,7 +285,7 @@ int apc_linear_from_sampled(struct apc_linear **model, const struct apc_linear_c
                 "states of A",
                 j + 1, o.dead_time[j]);
     }
-    rc = allocate(model, o.nx, o.nu, o.nd, o.ny, why);
+    rc = apc_linear_allocate(model, o.nx, o.nu, o.nd, o.ny, why);
     if (rc < 0)
         return rc;
     (*model)->Ts = Ts;
@@ -538,7 +539,7 @@ int apc_linear_disturb(struct apc_linear **model, const struct apc_linear *from,
             return apc_fail(why, APC_EINVAL, "unknown disturbance %zu: there is no such %s", k + 1,
                             unknown[k].where == APC_AT_OUTPUT ? "output" : "input");
     }
-    rc = allocate(&m, from->nx + n, from->nu, from->nd, from->ny, why);
+    rc = apc_linear_allocate(&m, from->nx + n, from->nu, from->nd, from->ny, why);
     if (rc < 0)
         return rc;
     m->Ts = from->Ts;
