@@ -99,11 +99,16 @@ struct apc_setting {
     const double *value; /**< [rows * columns]; a number is 1 x 1, an array 1 x n */
 };
 
+struct apc_linear;
+
 /** dx/dt = A (x - x0) + B (u - u0), y = y0 + C (x - x0) + D (u - u0). Matrices row after row. */
 struct apc_law_plant {
     size_t nx;
     const double *A, *B, *C, *D; /**< columns of B and D: of each u, then of each d */
     const double *x0, *u0, *y0;  /**< the operating point; u0 [nu + nd] */
+    /** The model as it was given, sampled with the controller's period and with its dead times (apclinear.h):
+     * nx is then 0, and of the others only D, u0, y0 say something. NULL: it is what the others say. */
+    const struct apc_linear *sampled;
 };
 
 /** What is known of a signal. */

@@ -146,6 +146,23 @@ static int copy_laws(const char *dir, const struct experiment *e, struct apc_err
     return rc;
 }
 
+/* The experiment, whole. */
+static int put_experiment(const char *dir, const struct experiment *e, struct apc_error *why)
+{
+    struct file copy;
+    char *text;
+    int rc = model_files_embed(e, &text, why);
+
+    if (rc == 0)
+        rc = file_open(&copy, dir, "run.conf" NEW, why);
+    if (rc == 0) {
+        fputs(text, copy.stream);
+        rc = file_close(&copy, 0, why);
+    }
+    free(text);
+    return rc;
+}
+
 int folder_create(const char *dir, const struct experiment *e, bool force, struct apc_error *why)
 {
     int rc = make_folders(dir, why);
@@ -157,7 +174,7 @@ int folder_create(const char *dir, const struct experiment *e, bool force, struc
             "%s is not empty: give a folder of its own to this run, or --force to write over what "
             "is there",
             dir);
-    rc = copy_file(dir, "run.conf", e->file, why);
+    rc = put_experiment(dir, e, why);
     if (rc == 0)
         rc = copy_laws(dir, e, why);
     if (rc == 0 && is_file(&e->plant.plugin))

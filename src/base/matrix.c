@@ -158,3 +158,45 @@ int apc_matrix_exponential(size_t n, const double *M, double *E, double *work)
     }
     return isfinite(apc_matrix_norm(n, E)) ? 0 : -1;
 }
+
+/* Householder's. */
+int apc_matrix_decompose(size_t rows, size_t columns, double *M, double *Q, double *v)
+{
+    double largest = 0.0;
+
+    for (size_t i = 0; i < rows * rows; i++)
+        Q[i] = i % (rows + 1) == 0 ? 1.0 : 0.0;
+    for (size_t k = 0; k < columns; k++) {
+        double norm = 0.0, square;
+
+        for (size_t i = k; i < rows; i++)
+            norm += M[i * columns + k] * M[i * columns + k];
+        norm = sqrt(norm);
+        largest = fmax(largest, norm);
+        if (!(norm > 1e-11 * largest))
+            return -1;
+        for (size_t i = k; i < rows; i++)
+            v[i] = M[i * columns + k];
+        v[k] += v[k] < 0.0 ? -norm : norm;
+        square = 0.0;
+        for (size_t i = k; i < rows; i++)
+            square += v[i] * v[i];
+        for (size_t j = 0; j < columns; j++) {
+            double dot = 0.0;
+
+            for (size_t i = k; i < rows; i++)
+                dot += v[i] * M[i * columns + j];
+            for (size_t i = k; i < rows; i++)
+                M[i * columns + j] -= 2.0 * dot / square * v[i];
+        }
+        for (size_t j = 0; j < rows; j++) {
+            double dot = 0.0;
+
+            for (size_t i = k; i < rows; i++)
+                dot += Q[j * rows + i] * v[i];
+            for (size_t i = k; i < rows; i++)
+                Q[j * rows + i] -= 2.0 * dot / square * v[i];
+        }
+    }
+    return 0;
+}

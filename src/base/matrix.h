@@ -26,6 +26,9 @@ void apc_matrix_put(double *M, size_t width, size_t r, size_t c, size_t rows, si
                     const double *block);
 /* X [n * m] = A^-1 B, in place of B; A is destroyed. Returns 0, or nonzero where A is singular. */
 int apc_matrix_solve(size_t n, size_t m, double *A, double *B);
+/* M [rows * columns] = Q R: M becomes R, Q is [rows * rows]; work [rows]. Returns 0, or nonzero where the
+ * columns are not independent. */
+int apc_matrix_decompose(size_t rows, size_t columns, double *M, double *Q, double *work);
 /* E = exp(M) [n * n]; work [4 * n * n]. Returns 0, or nonzero where M or E is not finite. */
 int apc_matrix_exponential(size_t n, const double *M, double *E, double *work);
 /* The greatest sum of magnitudes of a row: a norm. */

@@ -27,6 +27,7 @@
 #include "apclinear.h"
 #include "base/matrix.h"
 #include "control/control_internal.h"
+#include "predict/rest.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -87,6 +88,9 @@ static struct layout lay_out(const struct sizes *s)
 struct lqg {
     struct sizes s;
     struct layout at;
+    struct apc_linear *model; /* of a sampled plant, with the disturbances; else NULL, and so is rest */
+    struct apc_rest *rest;
+    double *whole;  /* [n] as rest has it, with x0 */
     double *before; /* [n] room for the estimates of the tick before */
     double *dy;     /* [ny] y - y0 of this call */
     double k[];     /* the constants */
@@ -98,6 +102,7 @@ struct design {
     const struct apc_law_setup *setup;
     struct sizes s;
     double delay;
+    size_t named;          /* states that settings speak of */
     double *memory, *free; /* all the matrices, and where the next one goes */
     double *A, *B, *E, *C; /* [ns ns], [ns nu], [ns nu], [ny ns] */
     double *Ca;            /* [ny n] C, of all estimates */
@@ -171,6 +176,30 @@ static int sample(struct design *d, struct apc_error *why)
     return 0;
 }
 
+/* A model that is sampled already, dead times and all: a disturbance adds to an input before its dead time.
+ */
+static int take_sampled(struct design *d, struct lqg *q, struct apc_error *why)
+{
+    const struct apc_linear *from = d->setup->plant->sampled;
+    const struct sizes *s = &d->s;
+    struct apc_linear_unknown *unknown = calloc(s->nu + 1, sizeof(*unknown));
+    int rc = unknown ? 0 : apc_fail(why, APC_ENOMEM, "no memory");
+
+    for (size_t j = 0; j < s->nu && rc == 0; j++) {
+        unknown[j] = (struct apc_linear_unknown){.where = APC_AT_INPUT, .number = j};
+        for (size_t i = 0; i < s->ns; i++)
+            d->B[i * s->nu + j] = d->E[i * s->nu + j] = from->B[i * (s->nu + from->nd) + j];
+    }
+    apc_matrix_put(d->A, s->ns, 0, 0, s->ns, s->ns, from->A);
+    apc_matrix_put(d->C, s->ns, 0, 0, s->ny, s->ns, from->C);
+    if (rc == 0)
+        rc = apc_linear_disturb(&q->model, from, unknown, s->nu, why);
+    if (rc == 0)
+        rc = apc_rest_create(&q->rest, q->model, why);
+    free(unknown);
+    return rc;
+}
+
 static int regulator(struct design *d, struct apc_error *why)
 {
     const struct sizes *s = &d->s;
@@ -179,7 +208,7 @@ static int regulator(struct design *d, struct apc_error *why)
     int rc = squares(d, "y_dev", s->ny, 1.0, true, y, why);
 
     if (rc == 0)
-        rc = squares(d, "x_dev", s->nx, 0.0, true, x, why);
+        rc = squares(d, "x_dev", d->named, 0.0, true, x, why);
     if (rc == 0)
         rc = squares(d, "u_dev", s->nu, 1.0, true, u, why);
     if (rc == 0)
@@ -230,7 +259,7 @@ static int observer(struct design *d, struct apc_error *why)
     double *At = matrix(d, n, n), *Ct = matrix(d, n, ny), *Q = matrix(d, n, n), *R = matrix(d, ny, ny);
     double *P = matrix(d, n, n), *K = matrix(d, ny, n), *CP = matrix(d, ny, n), *S = matrix(d, ny, ny);
     double h = d->setup->Ts;
-    int rc = squares(d, "x_noise", s->nx, 0.0, false, x, why);
+    int rc = squares(d, "x_noise", d->named, 0.0, false, x, why);
 
     if (rc == 0)
         rc = squares(d, "u_noise", s->nu, 1.0, false, u, why);
@@ -269,6 +298,8 @@ static int start(struct design *d, double *Start, struct apc_error *why)
     double *Ct = matrix(d, s->nx, s->ny), *CC = matrix(d, s->ny, s->ny), *X = matrix(d, s->ny, s->nx);
     double trace = 0.0;
 
+    if (d->setup->plant->sampled)
+        return 0; /* rest says */
     apc_matrix_transpose(s->ny, s->nx, d->setup->plant->C, Ct);
     apc_matrix_multiply(s->ny, s->nx, s->ny, d->setup->plant->C, Ct, CC);
     for (size_t i = 0; i < s->ny; i++)
@@ -354,9 +385,11 @@ static int controlled_measurement(const struct apc_law_setup *setup, size_t i, s
     return apc_setting_index(setup, "measurement", setup->dim.nz, i, 1, setup->dim.ny, to, why);
 }
 
-static int make(struct design *d, const struct layout *at, double *k, struct apc_error *why)
+static int make(struct design *d, struct lqg *q, struct apc_error *why)
 {
     const struct sizes *s = &d->s;
+    const struct layout *at = &q->at;
+    double *k = q->k;
     int rc;
 
     d->A = matrix(d, s->ns, s->ns);
@@ -377,7 +410,7 @@ static int make(struct design *d, const struct layout *at, double *k, struct apc
         if (rc < 0)
             return rc;
     }
-    rc = sample(d, why);
+    rc = d->setup->plant->sampled ? take_sampled(d, q, why) : sample(d, why);
     if (rc < 0)
         return rc;
     apc_matrix_put(d->Aa, s->n, 0, 0, s->ns, s->ns, d->A);
@@ -405,9 +438,11 @@ static int check(const struct apc_law_setup *setup, struct apc_error *why)
     const struct apc_dim *dim = &setup->dim;
 
     if (!setup->plant)
-        return apc_fail(
-            why, APC_EINVAL,
-            "law lqg: needs the plant's linear model; an experiment file gives it with operating_point");
+        return apc_fail(why, APC_EINVAL,
+                        "law lqg: needs the plant's linear model; an experiment file gives it with "
+                        "operating_point or model");
+    if (dim->nd)
+        return apc_fail(why, APC_EINVAL, "law lqg: takes no measured disturbances");
     if (dim->nz != dim->nu || dim->ny < dim->nu)
         return apc_fail(
             why, APC_EINVAL,
@@ -428,6 +463,7 @@ static int measure(struct design *d, struct apc_error *why)
     const struct apc_law_setup *setup = d->setup;
     const struct apc_dim *dim = &setup->dim;
     double ahead = 0.0;
+    size_t nx;
     int rc = apc_setting_amounts(setup, "delay", 1, &d->delay, why);
 
     if (rc == 0)
@@ -435,14 +471,19 @@ static int measure(struct design *d, struct apc_error *why)
     if (rc < 0)
         return rc;
     ahead = round(ahead / setup->Ts);
+    if (apc_setting_find(setup, "delay") && setup->plant->sampled)
+        return apc_fail(why, APC_EINVAL,
+                        "law lqg: setting \"delay\": a model of its own has its \"delay\" itself");
     if (d->delay >= setup->Ts)
         return apc_fail(why, APC_EINVAL, "law lqg: \"delay\" is %g s; it must be below the period, %g s",
                         d->delay, setup->Ts);
     if (ahead > PREVIEW_MAX)
         return apc_fail(why, APC_EINVAL, "law lqg: \"preview\" is %g periods; %g at most", ahead,
                         PREVIEW_MAX);
-    d->s = (struct sizes){.nx = setup->plant->nx,
-                          .ns = setup->plant->nx + (d->delay > 0.0 ? dim->nu : 0),
+    nx = setup->plant->sampled ? setup->plant->sampled->nx : setup->plant->nx;
+    d->named = setup->plant->sampled ? setup->plant->sampled->nx_plant : nx;
+    d->s = (struct sizes){.nx = nx,
+                          .ns = nx + (d->delay > 0.0 ? dim->nu : 0),
                           .nu = dim->nu,
                           .ny = dim->ny,
                           .nz = dim->nz,
@@ -456,7 +497,7 @@ static struct lqg *allocate(struct design *d)
     const struct sizes *s = &d->s;
     const struct layout at = lay_out(s);
     const size_t span = s->n + s->ny + s->nz;
-    struct lqg *q = calloc(1, sizeof(*q) + (at.end + s->n + s->ny) * sizeof(q->k[0]));
+    struct lqg *q = calloc(1, sizeof(*q) + (at.end + 2 * s->n + s->ny) * sizeof(q->k[0]));
 
     d->memory = d->free = calloc(span + 1, 48 * (span + 1) * sizeof(*d->memory)); /* more than the matrices */
     d->controlled = calloc(s->nz + 1, sizeof(*d->controlled));
@@ -468,6 +509,7 @@ static struct lqg *allocate(struct design *d)
     q->at = at;
     q->before = q->k + at.end;
     q->dy = q->before + s->n;
+    q->whole = q->dy + s->ny;
     return q;
 }
 
@@ -484,13 +526,22 @@ static int create(const struct apc_law_setup *setup, struct apc_law_needs *needs
     if (rc < 0)
         return rc;
     q = allocate(&d);
-    rc = q ? make(&d, &q->at, q->k, &reason) : apc_fail(&reason, APC_ENOMEM, "no memory");
+    rc = q ? make(&d, q, &reason) : apc_fail(&reason, APC_ENOMEM, "no memory");
     free(d.memory);
     free(d.controlled);
     *self = q;
     needs->states = d.s.n + 2 * d.s.nu;
     needs->n_ahead = 1 + d.s.ahead;
     return rc < 0 ? apc_fail(why, rc, "law lqg: %s", reason.text) : 0;
+}
+
+static void destroy(void *self)
+{
+    struct lqg *q = self;
+
+    apc_rest_destroy(q->rest);
+    apc_linear_destroy(q->model);
+    free(q);
 }
 
 static int ports(const struct apc_law_setup *setup, size_t output, struct apc_law_ports *p,
@@ -564,9 +615,17 @@ static double *last(const struct apc_law_call *c, const struct lqg *q)
     return c->x + q->s.n + q->s.nu;
 }
 
-/* Begin the states from y alone; what is known of the disturbances stays. */
-static void restart(const struct apc_law_call *c, const struct lqg *q)
+/* Begin the states from y alone; what is known of the disturbances stays. With a model of its own: at rest,
+ * with
+ * @p u. */
+static void restart(const struct apc_law_call *c, const struct lqg *q, const double *u)
 {
+    if (q->rest) {
+        apc_rest_find(q->rest, c->y, u, q->whole);
+        for (size_t i = 0; i < q->s.n; i++)
+            c->x[i] = q->whole[i] - q->model->x0[i];
+        return;
+    }
     for (size_t i = 0; i < q->s.ny; i++)
         q->dy[i] = c->y[i] - q->k[q->at.y0 + i];
     for (size_t i = 0; i < q->s.nx; i++)
@@ -577,7 +636,7 @@ static void reset(struct apc_law_call *c)
 {
     const struct lqg *q = c->self;
 
-    restart(c, q);
+    restart(c, q, q->k + q->at.u0);
     memcpy(last(c, q), q->k + q->at.u0, q->s.nu * sizeof(*c->x));
 }
 
@@ -623,7 +682,7 @@ static void track(struct apc_law_call *c)
     const struct lqg *q = c->self;
 
     if (c->gap) {
-        restart(c, q);
+        restart(c, q, c->u);
         for (size_t i = q->s.nx; i < q->s.ns; i++)
             c->x[i] = c->u[i - q->s.nx] - q->k[q->at.u0 + i - q->s.nx];
     }
@@ -654,6 +713,6 @@ const struct apc_law apc_law_lqg = {
     .settings = settings,
     .ports = ports,
     .create = create,
-    .destroy = free,
+    .destroy = destroy,
     .check = check_tuning,
 };

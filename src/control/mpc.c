@@ -15,22 +15,26 @@
 
 #include "base/base_internal.h"
 
-#define SETTLE 300 /* samples of the same y and u after which the estimate says y, where it can */
-
 static const struct apc_param tuning[N_OF_U + N_OF_Y] = {
-    {"move", "1", "weight of moves: of a step over the output's span", 0.1, 1e-6, 1e6},
-    {"wish", "1", "weight of the distance from reference, over the output's span", 0.0, 0.0, 1e6},
+    {"move", "1", "weight of moves, each over the output's deviation", 0.1, 1e-6, 1e6},
+    {"wish", "1", "weight of the distance from reference, over the output's deviation", 0.0, 0.0, 1e6},
     {"reference", "u", "where the output is to be, as far as setpoints leave it free", 0.0, -APC_VALUE_MAX,
      APC_VALUE_MAX},
     {"cost", "1/u", "of a steady output, per unit; the program looks for the cheapest", 0.0, -1e12, 1e12},
-    {"weight", "1", "of the distance from the setpoint, over the measurement's span", 1.0, 0.0, 1e6},
+    {"u_min", "u", "least output", -NO_LIMIT, -NO_LIMIT, NO_LIMIT},
+    {"u_max", "u", "greatest output", NO_LIMIT, -NO_LIMIT, NO_LIMIT},
+    {"du_max", "u/s", "fastest change of the output; 0: any", 0.0, 0.0, NO_LIMIT},
+    {"weight", "1", "of the distance from the setpoint, over the measurement's deviation", 1.0, 0.0, 1e6},
     {"zone", "y", "half the width of a range around the setpoint within which nothing needs to be done", 0.0,
      0.0, APC_VALUE_MAX},
+    {"y_min", "y", "least measurement, as long as there is a way", -NO_LIMIT, -NO_LIMIT, NO_LIMIT},
+    {"y_max", "y", "greatest measurement, as long as there is a way", NO_LIMIT, -NO_LIMIT, NO_LIMIT},
     {"service", "1", "1: the measurement is controlled; 0: it is only estimated with", 1.0, 0.0, 1.0},
 };
 static const enum apc_law_scope scope[N_OF_U + N_OF_Y] = {
-    APC_OF_OUTPUT,      APC_OF_OUTPUT,      APC_OF_OUTPUT,     APC_OF_OUTPUT,
-    APC_OF_MEASUREMENT, APC_OF_MEASUREMENT, APC_OF_MEASUREMENT};
+    APC_OF_OUTPUT,      APC_OF_OUTPUT,      APC_OF_OUTPUT,      APC_OF_OUTPUT,
+    APC_OF_OUTPUT,      APC_OF_OUTPUT,      APC_OF_OUTPUT,      APC_OF_MEASUREMENT,
+    APC_OF_MEASUREMENT, APC_OF_MEASUREMENT, APC_OF_MEASUREMENT, APC_OF_MEASUREMENT};
 
 static double of_u(const struct apc_law_call *c, size_t j, size_t parameter)
 {
@@ -66,11 +70,33 @@ static double *rows_of(const struct apc_law_mpc *p, double *x)
     return age_of(p, x) + 1;
 }
 
+/* [ny] for how many ticks in a row it has been Bad. */
+static double *absent_of(const struct apc_law_mpc *p, double *x)
+{
+    return rows_of(p, x) + p->n_rows;
+}
+
 /* ---- Taking in -------------------------------------------------------------------------------------- */
 
 static double last(const struct apc_law_mpc *p, const struct apc_law_call *c, size_t j)
 {
     return apc_value_ok(c->u_last[j]) ? c->u_last[j] : fmin(fmax(p->model->u0[j], c->low[j]), c->high[j]);
+}
+
+static bool is_bad(const struct apc_law_call *c, size_t i)
+{
+    return apc_status_severity(c->y_status[i]) == APC_SEVERITY_BAD;
+}
+
+/* Bad for so long that nobody vouches for its estimate any more. */
+static bool is_lost(const struct apc_law_mpc *p, size_t i)
+{
+    return absent_of(p, p->x)[i] * p->Ts > p->hold[i];
+}
+
+static bool is_served(const struct apc_law_mpc *p, const struct apc_law_call *c, size_t i)
+{
+    return of_y(c, i, SERVICE) >= 0.5 && !is_lost(p, i);
 }
 
 /* All that a plan follows from, so that the same question is not answered twice. What only compute is told
@@ -80,7 +106,7 @@ static void gather(const struct apc_law_mpc *p, const struct apc_law_call *c, do
     memcpy(at, c->x, p->states * sizeof(*at));
     at += p->states;
     for (size_t i = 0; i < p->dim.ny; i++)
-        *at++ = p->usable[i] ? c->y[i] : (double)INFINITY;
+        *at++ = p->usable[i] ? c->y[i] : is_bad(c, i) ? -HUGE_VAL : HUGE_VAL;
     memcpy(at, c->z, p->n_ahead * p->dim.nz * sizeof(*at));
     at += p->n_ahead * p->dim.nz;
     if (p->dim.nd)
@@ -99,18 +125,19 @@ static void gather(const struct apc_law_mpc *p, const struct apc_law_call *c, do
 static void tune(struct apc_law_mpc *p, const struct apc_law_call *c)
 {
     const size_t ny = p->dim.ny, nu = p->dim.nu;
-    const struct apc_mpc_weights weights = {.q = p->q, .s = p->s, .r = p->r, .zone = p->zone};
+    const struct apc_mpc_weights weights = {
+        .q = p->q, .s = p->s, .r = p->r, .zone = p->zone, .least = p->least};
 
     memset(p->q, 0, ny * sizeof(*p->q));
     for (size_t k = 0; k < p->dim.nz; k++) {
         const size_t i = p->cv[k];
 
-        p->q[i] = of_y(c, i, SERVICE) >= 0.5 ? of_y(c, i, WEIGHT) / (p->span_y[i] * p->span_y[i]) : 0.0;
+        p->q[i] = is_served(p, c, i) ? of_y(c, i, WEIGHT) / (p->dev_y[i] * p->dev_y[i]) : 0.0;
         p->zone[i] = of_y(c, i, ZONE);
     }
     for (size_t j = 0; j < nu; j++) {
-        p->s[j] = of_u(c, j, MOVE) / (p->span_u[j] * p->span_u[j]);
-        p->r[j] = of_u(c, j, WISH) / (p->span_u[j] * p->span_u[j]);
+        p->s[j] = of_u(c, j, MOVE) / (p->dev_u[j] * p->dev_u[j]);
+        p->r[j] = of_u(c, j, WISH) / (p->dev_u[j] * p->dev_u[j]);
     }
     if (p->is_tuned && !memcmp(p->tuned, p->q, ny * sizeof(*p->q)) &&
         !memcmp(p->tuned + ny, p->zone, ny * sizeof(*p->q)) &&
@@ -137,6 +164,25 @@ static void look_ahead(struct apc_law_mpc *p, const struct apc_law_call *c)
     }
 }
 
+static double within(double value, double low, double high)
+{
+    return fmin(fmax(value, low), high);
+}
+
+/* The output's own limits hold, whatever the tuning says. */
+static void bound_output(struct apc_law_mpc *p, const struct apc_law_call *c, size_t j)
+{
+    const double rate = of_u(c, j, DU_MAX);
+
+    p->low[j] = within(of_u(c, j, U_MIN), c->low[j], c->high[j]);
+    p->high[j] = within(of_u(c, j, U_MAX), c->low[j], c->high[j]);
+    p->step[j] = p->Ts * (rate > 0.0 ? fmin(rate, c->rate[j]) : c->rate[j]);
+    if (c->limited[j] & APC_LIMITED_LOW)
+        p->low[j] = fmax(p->low[j], p->u_last[j]);
+    if (c->limited[j] & APC_LIMITED_HIGH)
+        p->high[j] = fmin(p->high[j], p->u_last[j]);
+}
+
 static void bound(struct apc_law_mpc *p, const struct apc_law_call *c)
 {
     for (size_t j = 0; j < p->dim.nu; j++) {
@@ -144,9 +190,15 @@ static void bound(struct apc_law_mpc *p, const struct apc_law_call *c)
         p->given[j] = c->out[j] != APC_OUT_LAW;
         p->wish[j] = of_u(c, j, WISH) > 0.0 ? of_u(c, j, REFERENCE) : p->u_last[j];
         p->cost[j] = of_u(c, j, COST);
-        p->low[j] = c->limited[j] & APC_LIMITED_LOW ? fmax(c->low[j], p->u_last[j]) : c->low[j];
-        p->high[j] = c->limited[j] & APC_LIMITED_HIGH ? fmin(c->high[j], p->u_last[j]) : c->high[j];
-        p->step[j] = c->rate[j] * p->Ts;
+        bound_output(p, c, j);
+    }
+    for (size_t i = 0; i < p->dim.ny; i++) {
+        const double low = of_y(c, i, Y_MIN), high = of_y(c, i, Y_MAX);
+        const bool lost = is_lost(p, i);
+
+        p->y_low[i] = lost ? -HUGE_VAL : low > -NO_LIMIT ? fmax(low, c->y_low[i]) : c->y_low[i];
+        p->y_high[i] = lost ? HUGE_VAL : high < NO_LIMIT ? fmin(high, c->y_high[i]) : c->y_high[i];
+        p->y_high[i] = fmax(p->y_high[i], p->y_low[i]);
     }
 }
 
@@ -159,6 +211,11 @@ static void correct(struct apc_law_mpc *p, const struct apc_law_call *c)
         p->input[j] = last(p, c, j);
     for (size_t k = 0; k < p->dim.nd; k++)
         p->input[p->dim.nu + k] = c->d[k];
+    for (size_t i = 0; i < p->dim.ny; i++) {
+        double *absent = &absent_of(p, p->x)[i];
+
+        *absent = is_bad(c, i) ? fmin(*absent + 1.0, 1e15) : 0.0;
+    }
     (void)apc_estimator_correct(p->estimator, p->x, c->y, p->usable, p->input);
 }
 
@@ -173,8 +230,8 @@ static void make_plan(struct apc_law_mpc *p, const struct apc_law_call *c)
                                       .low = p->low,
                                       .high = p->high,
                                       .step = p->step,
-                                      .y_low = c->y_low,
-                                      .y_high = c->y_high,
+                                      .y_low = p->y_low,
+                                      .y_high = p->y_high,
                                       .given = p->given};
     signed char *rows = apc_mpc_room(p->mpc);
 
@@ -199,16 +256,16 @@ static void make_plan(struct apc_law_mpc *p, const struct apc_law_call *c)
 static void think(struct apc_law_mpc *p, const struct apc_law_call *c, size_t n_same)
 {
     for (size_t i = 0; i < p->dim.ny; i++)
-        p->usable[i] = c->y_new[i] && apc_status_severity(c->y_status[i]) != APC_SEVERITY_BAD;
+        p->usable[i] = c->y_new[i] && !is_bad(c, i);
     gather(p, c, p->now);
     if (p->is_seen && !memcmp(p->now, p->seen, n_same * sizeof(*p->now)))
         return;
     memcpy(p->seen, p->now, p->n_seen * sizeof(*p->now));
     p->is_seen = true;
+    correct(p, c);
     tune(p, c);
     look_ahead(p, c);
     bound(p, c);
-    correct(p, c);
     make_plan(p, c);
 }
 
@@ -235,6 +292,16 @@ static void publish(struct apc_law_mpc *p, const struct apc_law_call *c)
     for (size_t k = 0; k < p->n_unknown; k++)
         *at++ = p->x[p->model->nx - p->n_unknown + k];
     *at = p->result.iterations;
+}
+
+/* The measurement that it must not go on without; ny: there is none. */
+static size_t missing(const struct apc_law_mpc *p)
+{
+    size_t i = 0;
+
+    while (i < p->dim.ny && !(p->critical[i] && is_lost(p, i)))
+        i++;
+    return i;
 }
 
 static int verdict(const struct apc_law_mpc *p, const struct apc_law_call *c)
@@ -264,9 +331,15 @@ static int compute(struct apc_law_call *c)
 {
     struct apc_law_mpc *p = c->self;
     const double *move;
-    size_t age;
+    size_t age, gone;
 
     think(p, c, p->n_seen);
+    gone = missing(p);
+    if (gone < p->dim.ny) {
+        snprintf(c->why, APC_LAW_WHY, "measurement %zu is critical and has been Bad for %g s", gone + 1,
+                 absent_of(p, p->x)[gone] * p->Ts);
+        return APC_LAW_INFEASIBLE;
+    }
     if (!p->is_tuned) {
         snprintf(c->why, APC_LAW_WHY,
                  "weights leave a combination of moves free: give each output a move weight");
@@ -279,10 +352,10 @@ static int compute(struct apc_law_call *c)
     }
     move = apc_mpc_move(p->mpc, plan_of(p, p->x), age - 1);
     for (size_t j = 0; j < p->dim.nu; j++) {
-        const double least = fmax(c->low[j], p->u_last[j] - p->step[j]),
-                     most = fmin(c->high[j], p->u_last[j] + p->step[j]);
+        const double least = fmax(p->low[j], p->u_last[j] - p->step[j]),
+                     most = fmin(p->high[j], p->u_last[j] + p->step[j]);
 
-        c->u[j] = fmin(fmax(move[j], fmin(least, most)), fmax(least, most));
+        c->u[j] = within(move[j], fmin(least, most), fmax(least, most));
         c->limited[j] |= (c->u[j] <= least ? (unsigned)APC_LIMITED_LOW : 0u) |
                          (c->u[j] >= most ? (unsigned)APC_LIMITED_HIGH : 0u);
     }
@@ -302,23 +375,17 @@ static void update(struct apc_law_call *c)
 
 /* ---- Beginning -------------------------------------------------------------------------------------- */
 
-/* An estimate that y and u have been what they are for long. */
+/* The steady state that y and u would be of. */
 static void settle(struct apc_law_call *c, const double *u)
 {
     struct apc_law_mpc *p = c->self;
-    const double *x0 = p->model->x0;
 
     memset(c->x, 0, p->states * sizeof(*c->x));
     memcpy(p->input, u, p->dim.nu * sizeof(*u));
     for (size_t k = 0; k < p->dim.nd; k++)
         p->input[p->dim.nu + k] = c->d[k];
-    apc_estimator_reset(p->estimator, c->x, x0);
-    for (int k = 0; k < SETTLE; k++) {
-        (void)apc_estimator_correct(p->estimator, c->x, c->y, NULL, p->input);
-        (void)apc_estimator_predict(p->estimator, c->x, p->input);
-    }
-    memcpy(p->x, c->x, p->model->nx * sizeof(*p->x));
-    apc_estimator_reset(p->estimator, c->x, p->x); /* its covariance as at first */
+    apc_rest_find(p->rest, c->y, p->input, p->x);
+    apc_estimator_reset(p->estimator, c->x, p->x);
 }
 
 static void reset(struct apc_law_call *c)
@@ -352,6 +419,26 @@ static int ports(const struct apc_law_setup *setup, size_t output, struct apc_la
     return 0;
 }
 
+/* Limits that the operator writes do not cross. */
+static int check(const struct apc_law_setup *setup, const double *wanted, struct apc_error *why)
+{
+    for (size_t j = 0; j < setup->dim.nu; j++) {
+        const double *at = wanted + j * N_OF_U;
+
+        if (at[U_MIN] > at[U_MAX])
+            return apc_fail(why, APC_ERANGE, "output %zu: u_min = %g is above u_max = %g", j + 1, at[U_MIN],
+                            at[U_MAX]);
+    }
+    for (size_t i = 0; i < setup->dim.ny; i++) {
+        const double *at = wanted + setup->dim.nu * N_OF_U + i * N_OF_Y;
+
+        if (at[Y_MIN] > at[Y_MAX])
+            return apc_fail(why, APC_ERANGE, "measurement %zu: y_min = %g is above y_max = %g", i + 1,
+                            at[Y_MIN], at[Y_MAX]);
+    }
+    return 0;
+}
+
 static bool accepts(const struct apc_dim *dim)
 {
     return dim->nz >= 1 && dim->nz <= dim->ny;
@@ -359,7 +446,7 @@ static bool accepts(const struct apc_dim *dim)
 
 const struct apc_law apc_law_mpc = {
     .abi = APC_LAW_ABI,
-    .version = 1,
+    .version = 2,
     .name = "mpc",
     .description = "linear predictive control of all outputs together, with limits, ranges and ranks",
     .whole = true,
@@ -375,4 +462,5 @@ const struct apc_law apc_law_mpc = {
     .ports = ports,
     .create = apc_mpc_make,
     .destroy = apc_mpc_unmake,
+    .check = check,
 };

@@ -6,10 +6,12 @@
 #include "apcestimate.h"
 #include "control/control_internal.h"
 #include "predict/mpc.h"
+#include "predict/rest.h"
 
 /* Tuning: of each output, then of each measurement. */
-enum { MOVE, WISH, REFERENCE, COST, N_OF_U };
-enum { WEIGHT, ZONE, SERVICE, N_OF_Y };
+enum { MOVE, WISH, REFERENCE, COST, U_MIN, U_MAX, DU_MAX, N_OF_U };
+enum { WEIGHT, ZONE, Y_MIN, Y_MAX, SERVICE, N_OF_Y };
+#define NO_LIMIT 1e9 /* of a tuning: from here on there is none */
 
 struct apc_law_mpc_name {
     char name[64], unit[64];
@@ -17,8 +19,9 @@ struct apc_law_mpc_name {
 
 /*
  * x is: the estimator's numbers; the plan, block after block; how many samples ago it was made, plus 1 (0:
- * there is none); the working set. compute only looks at x; what it works out it keeps here, with all it was
- * made from, so that update need not do it twice, and does it where a restart has lost it.
+ * there is none); the working set; for how many ticks each measurement has been Bad. compute only looks at x;
+ * what it works out it keeps here, with all it was made from, so that update need not do it twice, and does
+ * it where a restart has lost it.
  */
 struct apc_law_mpc {
     struct apc_dim dim;
@@ -27,10 +30,14 @@ struct apc_law_mpc {
     unsigned *block; /* [blocks] */
     size_t *cv;      /* [nz] measurement that a setpoint is for, from 0 */
     size_t n_ahead, n_unknown, n_estimate, n_rows, states;
-    double *span_y, *span_u;
+    double *dev_y, *dev_u; /* [ny], [nu] deviations that count as 1 */
+    double *hold;          /* [ny] s for which a measurement that is Bad is controlled by its estimate */
+    double *least;         /* [ny] weight of a measurement in the terminal cost where no other sees a mode */
+    bool *critical;        /* [ny] */
 
     struct apc_linear *model;
     struct apc_estimator *estimator;
+    struct apc_rest *rest;
     struct apc_mpc *mpc;
     struct apc_published *published;
     struct apc_law_mpc_name *name;
@@ -42,7 +49,7 @@ struct apc_law_mpc {
     double *plan;                                             /* [nu * blocks] */
     double *w, *d;                                            /* [(N + 1) * ny], [(N + 1) * nd] */
     double *u_last, *wish, *cost, *low, *high, *step, *s, *r; /* [nu] */
-    double *q, *zone;                                         /* [ny] */
+    double *q, *zone, *y_low, *y_high;                        /* [ny] */
     double *tuned;                                            /* weights that the problem has */
     bool is_tuned, is_seen;
     double *input;        /* [nu + nd] */

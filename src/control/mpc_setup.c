@@ -6,14 +6,18 @@
 #include <string.h>
 
 #include "base/base_internal.h"
+#include "base/matrix.h"
 #include "control/mpc.h"
 
 #define HORIZON_MAX 1000
-#define BLOCKS      6 /* where settings do not say: each twice as long as the one before */
+#define BLOCKS      6    /* where settings do not say: each twice as long as the one before */
+#define HOLD        10.0 /* periods, where settings do not say */
+#define LEAST       1e-6 /* of a weight of 1: what keeps modes in hand that no other weight sees */
 
-const char *const apc_mpc_settings[] = {"horizon", "blocks",   "measurement", "rank",       "terminal",
-                                        "preview", "steady",   "delay",       "x_noise",    "d_noise",
-                                        "y_noise", "at_input", "at_output",   "iterations", NULL};
+const char *const apc_mpc_settings[] = {"horizon",  "blocks",    "measurement", "rank",  "terminal",
+                                        "preview",  "steady",    "delay",       "y_dev", "u_dev",
+                                        "x_noise",  "d_noise",   "y_noise",     "hold",  "critical",
+                                        "at_input", "at_output", "iterations",  NULL};
 
 static int count(const struct apc_law_setup *setup, const char *name, size_t least, size_t most, size_t *to,
                  struct apc_error *why)
@@ -43,7 +47,7 @@ static int take_blocks(struct apc_law_mpc *p, const struct apc_law_setup *setup,
                         p->N);
     p->block = calloc(n, sizeof(*p->block));
     if (!p->block)
-        return apc_fail(why, APC_ENOMEM, "mpc: no memory");
+        return apc_fail(why, APC_ENOMEM, "no memory");
     for (size_t b = 0, begin = 0; b < n && begin < p->N; b++) {
         size_t length = s ? 1 : (size_t)1 << b;
 
@@ -65,6 +69,14 @@ static int take_blocks(struct apc_law_mpc *p, const struct apc_law_setup *setup,
 
 /* ---- The model ------------------------------------------------------------------------------------- */
 
+/* It comes with its dead times. */
+static int check_sampled(const struct apc_law_setup *setup, struct apc_error *why)
+{
+    return apc_setting_find(setup, "delay")
+               ? apc_fail(why, APC_EINVAL, "setting \"delay\": a model of its own has its \"delay\" itself")
+               : 0;
+}
+
 static int sample(const struct apc_law_setup *setup, struct apc_linear **model, struct apc_error *why)
 {
     const struct apc_law_plant *plant = setup->plant;
@@ -83,7 +95,7 @@ static int sample(const struct apc_law_setup *setup, struct apc_linear **model, 
                                          .y0 = plant->y0};
     double *delay = calloc(inputs, sizeof(*delay));
     int rc = delay ? apc_setting_amounts(setup, "delay", setup->dim.nu, delay, why)
-                   : apc_fail(why, APC_ENOMEM, "mpc: no memory");
+                   : apc_fail(why, APC_ENOMEM, "no memory");
 
     from.dead_time = delay;
     if (rc == 0)
@@ -133,9 +145,15 @@ static int choose_unknown(struct apc_law_mpc *p, const struct apc_linear *from,
 static int take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why)
 {
     struct apc_linear_unknown *unknown = calloc(p->dim.ny, sizeof(*unknown));
-    struct apc_linear *from = NULL;
+    struct apc_linear *own = NULL;
+    const struct apc_linear *from = setup->plant->sampled;
     size_t n = 0;
-    int rc = unknown ? sample(setup, &from, why) : apc_fail(why, APC_ENOMEM, "mpc: no memory");
+    int rc = !unknown ? apc_fail(why, APC_ENOMEM, "no memory")
+             : from   ? check_sampled(setup, why)
+                      : sample(setup, &own, why);
+
+    if (!from)
+        from = own;
 
     if (rc == 0)
         rc = take_unknown(setup, "at_input", APC_AT_INPUT, setup->dim.nu, unknown, &n, why);
@@ -145,12 +163,33 @@ static int take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup, 
         rc = n ? apc_linear_disturb(&p->model, from, unknown, n, why) : choose_unknown(p, from, unknown, why);
     if (rc == 0)
         p->n_unknown = p->model->nx - from->nx;
-    apc_linear_destroy(from);
+    apc_linear_destroy(own);
     free(unknown);
     return rc;
 }
 
 /* ---- The estimator --------------------------------------------------------------------------------- */
+
+/* Do the measurements show every mode that does not die out? With noise in every state a steady filter says.
+ */
+static int check_detectable(const struct apc_linear *m, const double *r, struct apc_error *why)
+{
+    struct apc_estimator *trial = NULL;
+    double *q = calloc(m->nx, sizeof(*q));
+    int rc = q ? 0 : apc_fail(why, APC_ENOMEM, "no memory");
+
+    for (size_t i = 0; i < m->nx && rc == 0; i++)
+        q[i] = 1.0;
+    if (rc == 0) {
+        const struct apc_estimator_options options = {
+            .size = sizeof(options), .kind = APC_KALMAN_STEADY, .linear = m, .q = q, .r = r};
+
+        rc = apc_estimator_create(&trial, &options, why);
+    }
+    apc_estimator_destroy(trial);
+    free(q);
+    return rc;
+}
 
 /* Standard deviations: of what each state, each unknown disturbance gains in 1 s; of the measurements. */
 static int make_estimator(struct apc_law_mpc *p, const struct apc_law_setup *setup, bool steady,
@@ -162,7 +201,7 @@ static int make_estimator(struct apc_law_mpc *p, const struct apc_law_setup *set
     int rc;
 
     if (!q)
-        return apc_fail(why, APC_ENOMEM, "mpc: no memory");
+        return apc_fail(why, APC_ENOMEM, "no memory");
     r = q + m->nx;
     for (size_t i = 0; i < n_unknown; i++)
         q[nc + i] = 1.0;
@@ -185,6 +224,8 @@ static int make_estimator(struct apc_law_mpc *p, const struct apc_law_setup *set
                                                       .r = r};
 
         rc = apc_estimator_create(&p->estimator, &options, why);
+        if (rc == 0 && !steady)
+            rc = check_detectable(m, r, why);
     }
     free(q);
     return rc;
@@ -222,7 +263,7 @@ static int publish(struct apc_law_mpc *p, const struct apc_law_setup *setup, str
     p->published = calloc(n, sizeof(*p->published));
     p->name = calloc(n, sizeof(*p->name));
     if (!p->published || !p->name)
-        return apc_fail(why, APC_ENOMEM, "mpc: no memory");
+        return apc_fail(why, APC_ENOMEM, "no memory");
     for (size_t i = 0; i < ny; i++)
         declare(p, k++, setup->y, 'y', i, "prediction", "predicted from the next sample on", p->N);
     for (size_t j = 0; j < nu; j++)
@@ -242,17 +283,112 @@ static int publish(struct apc_law_mpc *p, const struct apc_law_setup *setup, str
 
 /* ---- All of it -------------------------------------------------------------------------------------- */
 
-static bool limited(double low, double high)
-{
-    return low > -HUGE_VAL || high < HUGE_VAL;
-}
-
-/* What a weight of 1 stands for: the signal's span. */
+/* What counts as 1 where settings do not say: the signal's span. */
 static double span(const struct apc_signal_view *signal, size_t i)
 {
     double width = signal ? signal[i].high - signal[i].low : 1.0;
 
     return width > 0.0 && width < APC_VALUE_MAX ? width : 1.0;
+}
+
+static int take_deviations(const struct apc_law_setup *setup, const char *name,
+                           const struct apc_signal_view *signal, size_t n, double *to, struct apc_error *why)
+{
+    int rc;
+
+    for (size_t i = 0; i < n; i++)
+        to[i] = span(signal, i);
+    rc = apc_setting_amounts(setup, name, n, to, why);
+    for (size_t i = 0; i < n && rc == 0; i++) {
+        if (!(to[i] > 0.0))
+            rc = apc_fail(why, APC_EINVAL, "setting \"%s\": none may be 0", name);
+    }
+    return rc;
+}
+
+static int take_signals(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why)
+{
+    const size_t ny = p->dim.ny;
+    int rc = take_deviations(setup, "y_dev", setup->y, ny, p->dev_y, why);
+
+    if (rc == 0)
+        rc = take_deviations(setup, "u_dev", setup->u, p->dim.nu, p->dev_u, why);
+    for (size_t i = 0; i < ny; i++)
+        p->hold[i] = HOLD * p->Ts;
+    if (rc == 0)
+        rc = apc_setting_amounts(setup, "hold", ny, p->hold, why);
+    for (size_t i = 0; i < ny && rc == 0; i++) {
+        size_t critical = setup->y && setup->y[i].critical;
+
+        rc = apc_setting_index(setup, "critical", ny, i, 0, 1, &critical, why);
+        p->critical[i] = critical != 0;
+    }
+    return rc;
+}
+
+/* Something must move each controlled measurement before the horizon ends. */
+static int check_reach(const struct apc_law_mpc *p, struct apc_error *why)
+{
+    const struct apc_linear *m = p->model;
+    const size_t nx = m->nx, ny = m->ny, inputs = m->nu + m->nd;
+    double *memory = calloc(2 * nx + inputs + ny, sizeof(*memory)), *at = memory, *x, *next, *u, *y;
+    bool *moved = calloc(ny, sizeof(*moved));
+    int rc = 0;
+
+    if (!memory || !moved) {
+        rc = apc_fail(why, APC_ENOMEM, "no memory");
+        goto out;
+    }
+    x = apc_carve(&at, nx);
+    next = apc_carve(&at, nx);
+    u = apc_carve(&at, inputs);
+    y = apc_carve(&at, ny);
+    for (size_t j = 0; j < m->nu; j++) {
+        memcpy(x, m->x0, nx * sizeof(*x));
+        memcpy(u, m->u0, inputs * sizeof(*u));
+        u[j] += fmax(1.0, fabs(u[j]));
+        for (size_t i = 0; i <= p->N; i++) {
+            apc_linear_output(m, x, u, y);
+            for (size_t c = 0; c < ny; c++)
+                moved[c] |= fabs(y[c] - m->y0[c]) > 1e-12 * fabs(m->y0[c]);
+            apc_linear_next(m, x, u, next);
+            memcpy(x, next, nx * sizeof(*x));
+        }
+    }
+    for (size_t k = 0; k < p->dim.nz && rc == 0; k++) {
+        if (!moved[p->cv[k]])
+            rc = apc_fail(why, APC_EINVAL,
+                          "measurement %zu: no output moves it within the horizon of %zu periods, %g s: it "
+                          "must be longer than the dead time",
+                          p->cv[k] + 1, p->N, (double)p->N * p->Ts);
+    }
+out:
+    free(memory);
+    free(moved);
+    return rc;
+}
+
+/* Is there a regulator of this model at all? Ordinary weights say. */
+static int try_weights(struct apc_law_mpc *p, struct apc_error *why)
+{
+    const size_t ny = p->dim.ny, nu = p->dim.nu;
+    double *memory = calloc(2 * ny + 2 * nu, sizeof(*memory)), *at = memory, *q, *s;
+    struct apc_mpc_weights weights = {.least = p->least};
+    int rc;
+
+    if (!memory)
+        return apc_fail(why, APC_ENOMEM, "no memory");
+    weights.q = q = apc_carve(&at, ny);
+    weights.zone = apc_carve(&at, ny);
+    weights.s = s = apc_carve(&at, nu);
+    weights.r = apc_carve(&at, nu);
+    for (size_t k = 0; k < p->dim.nz; k++)
+        q[p->cv[k]] = 1.0 / (p->dev_y[p->cv[k]] * p->dev_y[p->cv[k]]);
+    for (size_t j = 0; j < nu; j++)
+        s[j] = 0.1 / (p->dev_u[j] * p->dev_u[j]);
+    rc = apc_mpc_tune(p->mpc, &weights, why);
+    free(memory);
+    return rc;
 }
 
 static int make_problem(struct apc_law_mpc *p, const struct apc_law_setup *setup, bool terminal,
@@ -270,7 +406,7 @@ static int make_problem(struct apc_law_mpc *p, const struct apc_law_setup *setup
                                       .terminal = terminal,
                                       .enough = apc_mpc_late,
                                       .ctx = p};
-    int rc = rank && limits ? 0 : apc_fail(why, APC_ENOMEM, "mpc: no memory");
+    int rc = rank && limits ? check_reach(p, why) : apc_fail(why, APC_ENOMEM, "no memory");
 
     if (rc < 0)
         goto out;
@@ -281,20 +417,20 @@ static int make_problem(struct apc_law_mpc *p, const struct apc_law_setup *setup
 
         rc = apc_setting_index(setup, "rank", ny, c, 1, ny, &of, why);
         rank[c] = (unsigned)of;
-        limits[c] = setup->y && limited(setup->y[c].soft_low, setup->y[c].soft_high);
-        p->span_y[c] = span(setup->y, c);
+        limits[c] = true;
+        p->least[c] = LEAST / (p->dev_y[c] * p->dev_y[c]);
     }
-    for (size_t i = 0; i < p->dim.nz; i++)
+    for (size_t i = 0; i < p->dim.nz && rc == 0; i++)
         zone[p->cv[i]] = true;
-    for (size_t j = 0; j < nu; j++) {
-        rate[j] = setup->u && setup->u[j].rate < HUGE_VAL;
-        p->span_u[j] = span(setup->u, j);
-    }
+    for (size_t j = 0; j < nu && rc == 0; j++)
+        rate[j] = true;
     options.limits = limits;
     options.zone = zone;
     options.rate = rate;
     if (rc == 0)
         rc = apc_mpc_create(&p->mpc, &options, why);
+    if (rc == 0)
+        rc = try_weights(p, why);
 out:
     free(limits);
     free(rank);
@@ -306,62 +442,45 @@ static int allocate(struct apc_law_mpc *p, struct apc_error *why)
     const size_t ny = p->dim.ny, nu = p->dim.nu, n = nu * p->blocks;
     const size_t seen =
         p->states + ny + p->n_ahead * (p->dim.nz + p->dim.nd) + 3 * nu + ny * N_OF_Y + nu * N_OF_U;
-    double *at = calloc(
-        p->states + n + 3 * seen + (p->N + 1) * (ny + p->dim.nd) + 10 * nu + 6 * ny + p->N * ny, sizeof(*at));
+    double *at = calloc(p->states + n + 3 * seen + (p->N + 1) * (ny + p->dim.nd) + 11 * nu + p->dim.nd +
+                            7 * ny + p->N * ny,
+                        sizeof(*at));
 
     p->memory = at;
-    p->usable = calloc(ny + nu, sizeof(*p->usable));
+    p->usable = calloc(ny + nu + 1, sizeof(*p->usable));
     if (!at || !p->usable)
-        return apc_fail(why, APC_ENOMEM, "mpc: no memory");
+        return apc_fail(why, APC_ENOMEM, "no memory");
     p->given = p->usable + ny;
-#define CARVE(member, size) (p->member = at, at += (size))
-    CARVE(x, p->states);
-    CARVE(plan, n);
-    CARVE(seen, seen);
-    CARVE(now, seen);
+    p->x = apc_carve(&at, p->states);
+    p->plan = apc_carve(&at, n);
+    p->seen = apc_carve(&at, seen);
+    p->now = apc_carve(&at, seen);
     p->n_seen = seen;
-    CARVE(w, (p->N + 1) * ny);
-    CARVE(d, (p->N + 1) * p->dim.nd);
-    CARVE(u_last, nu);
-    CARVE(wish, nu);
-    CARVE(cost, nu);
-    CARVE(low, nu);
-    CARVE(high, nu);
-    CARVE(step, nu);
-    CARVE(s, nu);
-    CARVE(r, nu);
-    CARVE(q, ny);
-    CARVE(zone, ny);
-    CARVE(tuned, ny * 3 + nu * 2);
-    CARVE(input, nu + p->dim.nd);
-    CARVE(prediction, p->N * ny);
-#undef CARVE
+    p->w = apc_carve(&at, (p->N + 1) * ny);
+    p->d = apc_carve(&at, (p->N + 1) * p->dim.nd);
+    p->u_last = apc_carve(&at, nu);
+    p->wish = apc_carve(&at, nu);
+    p->cost = apc_carve(&at, nu);
+    p->low = apc_carve(&at, nu);
+    p->high = apc_carve(&at, nu);
+    p->step = apc_carve(&at, nu);
+    p->s = apc_carve(&at, nu);
+    p->r = apc_carve(&at, nu);
+    p->q = apc_carve(&at, ny);
+    p->zone = apc_carve(&at, ny);
+    p->y_low = apc_carve(&at, ny);
+    p->y_high = apc_carve(&at, ny);
+    p->tuned = apc_carve(&at, ny * 3 + nu * 2);
+    p->input = apc_carve(&at, nu + p->dim.nd);
+    p->prediction = apc_carve(&at, p->N * ny);
     return 0;
 }
 
-int apc_mpc_make(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
-                 struct apc_error *why)
+static int take_settings(struct apc_law_mpc *p, const struct apc_law_setup *setup, bool *terminal,
+                         bool *steady, bool *preview, struct apc_error *why)
 {
-    struct apc_law_mpc *p = calloc(1, sizeof(*p));
-    bool terminal = true, steady = true, preview = true;
-    int rc;
+    int rc = count(setup, "horizon", 1, HORIZON_MAX, &p->N, why);
 
-    *self = p;
-    if (!p)
-        return apc_fail(why, APC_ENOMEM, "mpc: no memory");
-    p->dim = setup->dim;
-    p->Ts = setup->Ts;
-    if (!setup->plant)
-        return apc_fail(why, APC_EINVAL,
-                        "mpc: the plant's linear model is not known; give group plant a model and a steady "
-                        "operating point");
-    p->cv = calloc(p->dim.nz, sizeof(*p->cv));
-    p->span_y = calloc(p->dim.ny + p->dim.nu, sizeof(*p->span_y));
-    if (!p->cv || !p->span_y)
-        return apc_fail(why, APC_ENOMEM, "mpc: no memory");
-    p->span_u = p->span_y + p->dim.ny;
-    p->N = 20;
-    rc = count(setup, "horizon", 1, HORIZON_MAX, &p->N, why);
     if (rc == 0)
         rc = take_blocks(p, setup, why);
     for (size_t i = 0; i < p->dim.nz && rc == 0; i++) {
@@ -371,24 +490,50 @@ int apc_mpc_make(const struct apc_law_setup *setup, struct apc_law_needs *needs,
         p->cv[i] = number - 1;
     }
     if (rc == 0)
+        rc = take_signals(p, setup, why);
+    if (rc == 0)
         rc = count(setup, "iterations", 1, 1000000, &p->iterations, why);
     if (rc == 0)
-        rc = flag(setup, "terminal", &terminal, why);
+        rc = flag(setup, "terminal", terminal, why);
     if (rc == 0)
-        rc = flag(setup, "steady", &steady, why);
-    if (rc == 0)
-        rc = flag(setup, "preview", &preview, why);
+        rc = flag(setup, "steady", steady, why);
+    return rc == 0 ? flag(setup, "preview", preview, why) : rc;
+}
+
+static int make(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_law_needs *needs,
+                struct apc_error *why)
+{
+    const size_t ny = p->dim.ny;
+    bool terminal = true, steady = true, preview = true;
+    int rc;
+
+    if (!setup->plant)
+        return apc_fail(why, APC_EINVAL,
+                        "the plant's linear model is not known; give group plant a model, and the controller "
+                        "an operating_point, or a file with a model");
+    p->cv = calloc(p->dim.nz + 1, sizeof(*p->cv));
+    p->dev_y = calloc(3 * ny + p->dim.nu, sizeof(*p->dev_y));
+    p->critical = calloc(ny, sizeof(*p->critical));
+    if (!p->cv || !p->dev_y || !p->critical)
+        return apc_fail(why, APC_ENOMEM, "no memory");
+    p->hold = p->dev_y + ny;
+    p->least = p->hold + ny;
+    p->dev_u = p->least + ny;
+    p->N = 20;
+    rc = take_settings(p, setup, &terminal, &steady, &preview, why);
     if (rc == 0)
         rc = take_model(p, setup, why);
     if (rc == 0)
-        rc = make_estimator(p, setup, steady, why);
+        rc = apc_rest_create(&p->rest, p->model, why);
     if (rc == 0)
         rc = make_problem(p, setup, terminal, why);
+    if (rc == 0)
+        rc = make_estimator(p, setup, steady, why);
     if (rc < 0)
         return rc;
     p->n_estimate = apc_estimator_size(p->estimator);
     p->n_rows = apc_mpc_rows(p->mpc);
-    p->states = p->n_estimate + p->dim.nu * p->blocks + 1 + p->n_rows;
+    p->states = p->n_estimate + p->dim.nu * p->blocks + 1 + p->n_rows + ny;
     p->n_ahead = preview ? p->N + 1 : 1;
     needs->states = p->states;
     needs->n_ahead = p->n_ahead;
@@ -396,18 +541,36 @@ int apc_mpc_make(const struct apc_law_setup *setup, struct apc_law_needs *needs,
     return rc == 0 ? publish(p, setup, needs, why) : rc;
 }
 
+int apc_mpc_make(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
+                 struct apc_error *why)
+{
+    struct apc_law_mpc *p = calloc(1, sizeof(*p));
+    struct apc_error reason = {""};
+    int rc;
+
+    *self = p;
+    if (!p)
+        return apc_fail(why, APC_ENOMEM, "law mpc: no memory");
+    p->dim = setup->dim;
+    p->Ts = setup->Ts;
+    rc = make(p, setup, needs, &reason);
+    return rc < 0 ? apc_fail(why, rc, "law mpc: %s", reason.text) : 0;
+}
+
 void apc_mpc_unmake(void *self)
 {
     struct apc_law_mpc *p = self;
 
     apc_mpc_destroy(p->mpc);
+    apc_rest_destroy(p->rest);
     apc_estimator_destroy(p->estimator);
     apc_linear_destroy(p->model);
     free(p->published);
     free(p->name);
     free(p->usable);
     free(p->memory);
-    free(p->span_y);
+    free(p->critical);
+    free(p->dev_y);
     free(p->cv);
     free(p->block);
     free(p);

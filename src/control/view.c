@@ -2,6 +2,7 @@
 /* What a law is made from: a controller's setup, as one output sees it, and as a mark. */
 #include "control/parts.h"
 
+#include "apclinear.h"
 #include "base/base_internal.h"
 
 #include <stdlib.h>
@@ -73,8 +74,8 @@ int apc_law_view_setup(struct apc_law_view *v, const struct apc_law_setup *whole
     v->setup.z = view_signals(whole->z, p->z, p->nz, v->z);
     v->setup.d = view_signals(whole->d, p->d, p->nd, v->d);
     v->setup.u = whole->u ? whole->u + output : NULL;
-    v->setup.plant = whole->plant ? &v->plant : NULL;
-    return whole->plant ? view_plant(v, whole->plant, &whole->dim, output, p) : 0;
+    v->setup.plant = whole->plant && !whole->plant->sampled ? &v->plant : NULL;
+    return v->setup.plant ? view_plant(v, whole->plant, &whole->dim, output, p) : 0;
 }
 
 uint32_t apc_law_mark(const struct apc_law *law, const struct apc_law_setup *setup, size_t states)
@@ -102,6 +103,12 @@ uint32_t apc_law_mark(const struct apc_law *law, const struct apc_law_setup *set
     }
     if (!plant)
         return hash;
+    if (plant->sampled) {
+        const struct apc_linear *m = plant->sampled;
+
+        hash = apc_hash_values(apc_hash_values(hash, m->A, m->nx * m->nx), m->B, m->nx * width);
+        hash = apc_hash_values(apc_hash_values(hash, m->C, ny * m->nx), m->x0, m->nx);
+    }
     hash = apc_hash_values(apc_hash_values(hash, plant->A, nx * nx), plant->B, nx * width);
     hash = apc_hash_values(apc_hash_values(hash, plant->C, ny * nx), plant->D, ny * width);
     hash = apc_hash_values(apc_hash_values(hash, plant->x0, nx), plant->u0, width);

@@ -12,6 +12,7 @@
 
 #include "base/base_internal.h"
 #include "base/matrix.h"
+#include "predict/predict_internal.h"
 
 #define ELEMENTS_MAX 100000
 
@@ -31,8 +32,8 @@ static size_t periods(double dead_time, double Ts)
     return (size_t)ceil(d - 1e-9 * fmax(1.0, d)); /* 3 x 0.1 s are three periods of 0.1 s */
 }
 
-static int allocate(struct apc_linear **model, size_t nx, size_t nu, size_t nd, size_t ny,
-                    struct apc_error *why)
+int apc_linear_allocate(struct apc_linear **model, size_t nx, size_t nu, size_t nd, size_t ny,
+                        struct apc_error *why)
 {
     const size_t n = nu + nd;
     struct apc_linear *m;
@@ -150,7 +151,7 @@ static int sample(struct apc_linear **model, const struct apc_linear_continuous 
         nx += length[j];
     }
     if (rc == 0)
-        rc = allocate(&m, nx, from->nu, from->nd, from->ny, why);
+        rc = apc_linear_allocate(&m, nx, from->nu, from->nd, from->ny, why);
     if (rc < 0)
         goto out;
     m->Ts = Ts;
@@ -213,30 +214,41 @@ static bool numbers(const double *value, size_t n)
     return !value || apc_values_ok(value, n);
 }
 
+/* The options of both, and what they have in common. */
+static int take(struct apc_linear **model, const struct apc_linear_continuous *from, double Ts,
+                const char *function, struct apc_linear_continuous *o, struct apc_error *why)
+{
+    size_t inputs;
+    int rc = check_period(model, Ts, function, why);
+
+    if (rc == 0)
+        rc = apc_options_copy(o, sizeof(*o), from, "apc_linear_continuous", why);
+    if (rc < 0)
+        return rc;
+    inputs = o->nu + o->nd;
+    if ((o->nx && (!o->A || !o->B || !o->C)) || inputs > ELEMENTS_MAX || o->nx > ELEMENTS_MAX ||
+        o->ny > ELEMENTS_MAX)
+        return apc_fail(why, APC_EINVAL,
+                        "%s: A, B and C are required where there are states, of no more than %d elements",
+                        function, ELEMENTS_MAX);
+    if (!numbers(o->A, o->nx * o->nx) || !numbers(o->B, o->nx * inputs) || !numbers(o->C, o->ny * o->nx) ||
+        !numbers(o->D, o->ny * inputs) || !numbers(o->x0, o->nx) || !numbers(o->u0, inputs) ||
+        !numbers(o->y0, o->ny))
+        return apc_fail(why, APC_EINVAL, "%s: an element of the model is no finite number", function);
+    return 0;
+}
+
 int apc_linear_from_continuous(struct apc_linear **model, const struct apc_linear_continuous *from, double Ts,
                                struct apc_error *why)
 {
     struct apc_linear_continuous o = {0};
     struct term *term;
     size_t inputs;
-    int rc = check_period(model, Ts, "apc_linear_from_continuous", why);
+    int rc = take(model, from, Ts, "apc_linear_from_continuous", &o, why);
 
-    if (rc == 0)
-        rc = apc_options_copy(&o, sizeof(o), from, "apc_linear_continuous", why);
     if (rc < 0)
         return rc;
     inputs = o.nu + o.nd;
-    if ((o.nx && (!o.A || !o.B || !o.C)) || inputs > ELEMENTS_MAX || o.nx > ELEMENTS_MAX ||
-        o.ny > ELEMENTS_MAX)
-        return apc_fail(why, APC_EINVAL,
-                        "apc_linear_from_continuous: A, B and C are required where there are states, of no "
-                        "more than %d elements",
-                        ELEMENTS_MAX);
-    if (!numbers(o.A, o.nx * o.nx) || !numbers(o.B, o.nx * inputs) || !numbers(o.C, o.ny * o.nx) ||
-        !numbers(o.D, o.ny * inputs) || !numbers(o.x0, o.nx) || !numbers(o.u0, inputs) ||
-        !numbers(o.y0, o.ny))
-        return apc_fail(why, APC_EINVAL,
-                        "apc_linear_from_continuous: an element of the model is no finite number");
     term = calloc(inputs + 1, sizeof(*term));
     if (!term)
         return apc_fail(why, APC_ENOMEM, "linear model: no memory");
@@ -253,6 +265,43 @@ int apc_linear_from_continuous(struct apc_linear **model, const struct apc_linea
         rc = sample(model, &o, term, inputs, Ts, why);
     free(term);
     return rc;
+}
+
+int apc_linear_from_sampled(struct apc_linear **model, const struct apc_linear_continuous *from, double Ts,
+                            struct apc_error *why)
+{
+    struct apc_linear_continuous o = {0};
+    size_t inputs;
+    int rc = take(model, from, Ts, "apc_linear_from_sampled", &o, why);
+
+    if (rc < 0)
+        return rc;
+    inputs = o.nu + o.nd;
+    for (size_t j = 0; o.dead_time && j < inputs; j++) {
+        if (o.dead_time[j] != 0.0)
+            return apc_fail(
+                why, APC_EINVAL,
+                "apc_linear_from_sampled: dead time of input %zu is %g s; in a sampled model it is "
+                "states of A",
+                j + 1, o.dead_time[j]);
+    }
+    rc = apc_linear_allocate(model, o.nx, o.nu, o.nd, o.ny, why);
+    if (rc < 0)
+        return rc;
+    (*model)->Ts = Ts;
+    (*model)->nx_plant = o.nx;
+    memcpy((*model)->A, o.A, o.nx * o.nx * sizeof(*o.A));
+    memcpy((*model)->B, o.B, o.nx * inputs * sizeof(*o.B));
+    memcpy((*model)->C, o.C, o.ny * o.nx * sizeof(*o.C));
+    if (o.D)
+        memcpy((*model)->D, o.D, o.ny * inputs * sizeof(*o.D));
+    if (o.x0)
+        memcpy((*model)->x0, o.x0, o.nx * sizeof(*o.x0));
+    if (o.u0)
+        memcpy((*model)->u0, o.u0, inputs * sizeof(*o.u0));
+    if (o.y0)
+        memcpy((*model)->y0, o.y0, o.ny * sizeof(*o.y0));
+    return 0;
 }
 
 /* ---- Transfer functions -------------------------------------------------------------------------- */
@@ -490,7 +539,7 @@ int apc_linear_disturb(struct apc_linear **model, const struct apc_linear *from,
             return apc_fail(why, APC_EINVAL, "unknown disturbance %zu: there is no such %s", k + 1,
                             unknown[k].where == APC_AT_OUTPUT ? "output" : "input");
     }
-    rc = allocate(&m, from->nx + n, from->nu, from->nd, from->ny, why);
+    rc = apc_linear_allocate(&m, from->nx + n, from->nu, from->nd, from->ny, why);
     if (rc < 0)
         return rc;
     m->Ts = from->Ts;

@@ -288,11 +288,23 @@ static double tracked(const struct apc_mpc *p, size_t c)
     return p->zone[c] > 0.0 ? 0.0 : p->q[c];
 }
 
+/* q y_c^2 of the state, into Q [(nc + nu)^2]. */
+static void weigh_state(const struct apc_mpc *p, size_t c, double q, double *Q)
+{
+    const struct apc_linear *m = p->model;
+    const double *row = m->C + c * m->nx;
+
+    for (size_t i = 0; i < p->nc; i++) {
+        for (size_t j = 0; j < p->nc; j++)
+            Q[i * (p->nc + p->nu) + j] += q * row[i] * row[j];
+    }
+}
+
 /*
  * What comes after N costs (x_N - x_t, u_N-1 - u_t)' P (...): the regulator of the model whose state has the
  * last u as well and whose input is the move.
  */
-static int weigh_terminal(struct apc_mpc *p, struct apc_error *why)
+static int weigh_terminal(struct apc_mpc *p, const double *least, struct apc_error *why)
 {
     const struct apc_linear *m = p->model;
     const size_t nc = p->nc, nu = p->nu, na = nc + nu, inputs = nu + p->nd;
@@ -310,18 +322,19 @@ static int weigh_terminal(struct apc_mpc *p, struct apc_error *why)
         Q[(nc + j) * na + nc + j] = p->r[j];
         R[j * nu + j] = p->s[j];
     }
-    for (size_t c = 0; c < p->ny; c++) {
-        for (size_t i = 0; i < nc; i++) {
-            for (size_t j = 0; j < nc; j++)
-                Q[i * na + j] += tracked(p, c) * m->C[c * m->nx + i] * m->C[c * m->nx + j];
-        }
-    }
+    for (size_t c = 0; c < p->ny; c++)
+        weigh_state(p, c, tracked(p, c), Q);
     if (apc_riccati_in(at, na, nu, A, B, Q, R, p->P, K, NULL) < 0) {
-        /* a combination of u that no y is in, out of service perhaps, stays where it is aimed */
+        /* what no y with a weight shows, the others being out of service perhaps, stays where it is aimed */
         for (size_t j = 0; j < nu; j++)
             Q[(nc + j) * na + nc + j] += 1e-6 * p->s[j];
-        if (apc_riccati_in(at, na, nu, A, B, Q, R, p->P, K, why) < 0)
-            return APC_EINVAL;
+        for (size_t c = 0; least && c < p->ny; c++)
+            weigh_state(p, c, least[c], Q);
+        if (apc_riccati_in(at, na, nu, A, B, Q, R, p->P, K, NULL) < 0)
+            return apc_fail(
+                why, APC_ESOLVER,
+                "predictive control: the model cannot be stabilised: a mode that does not die out "
+                "by itself is moved by no output, or seen in no measurement");
     }
     for (size_t i = 0; i < na; i++) {
         for (size_t k = 0; k < p->n; k++) {
@@ -356,7 +369,7 @@ static double wished(const struct apc_mpc *p, size_t block, size_t j)
     return p->terminal && block + 1 == p->blocks ? 0.0 : p->r[j];
 }
 
-static int weigh(struct apc_mpc *p, struct apc_error *why)
+static int weigh(struct apc_mpc *p, const double *least, struct apc_error *why)
 {
     const size_t n = p->n, nu = p->nu;
     int rc = 0;
@@ -380,10 +393,10 @@ static int weigh(struct apc_mpc *p, struct apc_error *why)
         }
     }
     if (p->terminal)
-        rc = weigh_terminal(p, why);
-    if (rc == 0)
-        rc = apc_qp_set(p->qp, p->H, p->A, NULL);
-    return rc == 0
+        rc = weigh_terminal(p, least, why);
+    if (rc < 0)
+        return rc;
+    return apc_qp_set(p->qp, p->H, p->A, NULL) == 0
                ? 0
                : apc_fail(why, APC_EINVAL,
                           "predictive control: the weights leave a combination of moves free: give each u "
@@ -403,7 +416,7 @@ int apc_mpc_tune(struct apc_mpc *p, const struct apc_mpc_weights *weights, struc
     int rc;
 
     copy_weights(p, weights);
-    rc = weigh(p, why);
+    rc = weigh(p, weights->least, why);
     if (rc == 0)
         rc = apc_target_tune(p->target, p->r, why);
     if (rc < 0)

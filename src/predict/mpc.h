@@ -39,10 +39,12 @@ struct apc_mpc_options {
 
 /* What an engineer turns. [ny] or [nu], in order; all >= 0. */
 struct apc_mpc_weights {
-    const double *q;    /* of each y; 0: not controlled */
-    const double *s;    /* of moves */
-    const double *r;    /* of each u's distance from where it wants to be */
-    const double *zone; /* half its width; 0: y is to be at its setpoint */
+    const double *q;     /* of each y; 0: not controlled */
+    const double *s;     /* of moves */
+    const double *r;     /* of each u's distance from where it wants to be */
+    const double *zone;  /* half its width; 0: y is to be at its setpoint */
+    const double *least; /* [ny] of each y, in the terminal weight only, and only where the others leave a
+                            mode that does not die out by itself without any; NULL: zeros */
 };
 
 struct apc_mpc_call {
@@ -69,8 +71,9 @@ struct apc_mpc_result {
 
 int apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, struct apc_error *why);
 void apc_mpc_destroy(struct apc_mpc *mpc); /* NULL is legal */
-/* Take weights: returns 0, or APC_EINVAL (they leave something free: no unique answer); there is nothing to
- * solve then until others are taken. [tick], of order n^2 N ny with n = nu * blocks. */
+/* Take weights: returns 0, or APC_EINVAL (they leave something free: no unique answer), APC_ESOLVER (no
+ * regulator without limits has this model and these weights, so there is no terminal weight); there is
+ * nothing to solve then until others are taken. [tick], of order n^2 N ny with n = nu * blocks. */
 int apc_mpc_tune(struct apc_mpc *mpc, const struct apc_mpc_weights *weights, struct apc_error *why);
 /* plan [blocks * nu] = the moves, block after block. Without an answer it is as it was. [tick] */
 void apc_mpc_solve(struct apc_mpc *mpc, const struct apc_mpc_call *call, double *plan,

@@ -4,11 +4,15 @@
 
 #include <stddef.h>
 
-#include "apcbase.h"
+#include "apclinear.h"
 
 /** apc_riccati_solve() in @p memory [apc_riccati_room()]. [tick] */
 size_t apc_riccati_room(size_t nx, size_t nu);
 int apc_riccati_in(double *memory, size_t nx, size_t nu, const double *A, const double *B, const double *Q,
                    const double *R, double *P, double *K, struct apc_error *why);
+
+/** A model of zeros; nx_plant and nx_held are the caller's to tell. Returns 0, APC_EINVAL, APC_ENOMEM. */
+int apc_linear_allocate(struct apc_linear **model, size_t nx, size_t nu, size_t nd, size_t ny,
+                        struct apc_error *why);
 
 #endif

@@ -430,6 +430,8 @@ QP_LANES static void rows_of(struct apc_qp *qp)
         const unsigned *column = qp->column + r * n;
         double sum = 0.0;
 
+        if (qp->low[n + r] == -HUGE_VAL && qp->high[n + r] == HUGE_VAL)
+            continue; /* of no consequence */
         if (qp->filled[r] > n / 4) {
             sum = qp_dot(n, row, qp->x);
         } else {
@@ -562,7 +564,7 @@ static void begin(struct apc_qp *qp)
     qp->waiting = 0;
     qp->changes = 0;
     if (anew) {
-        qp->k = 0;
+        qp->k = qp->fresh = 0;
         memset(qp->fixed, 0, qp->rows * sizeof(*qp->fixed));
     }
     for (size_t i = 0; i < qp->rows; i++)

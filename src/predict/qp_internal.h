@@ -35,9 +35,10 @@ struct apc_qp {
     /* The working set, in the order in which it came, or, when settled, of the rows. */
     size_t k;
     bool settled;
-    size_t solved;                  /* so much of z is right */
-    unsigned *work;                 /* [rows] */
-    double *lambda, *target;        /* [rows] where we are, and where W's own optimum is */
+    size_t fresh;            /* so many rows of L are what a factorisation of W in order makes of them */
+    size_t solved;           /* so much of z is right */
+    unsigned *work;          /* [rows] */
+    double *lambda, *target; /* [rows] where we are, and where W's own optimum is */
     double *least, *most_of, *give; /* [rows] where lambda may be; 1/s of a row that is violated, else 0 */
     double *rhs, *z, *inverse;      /* [rows] right-hand sides, L^-1 of them, 1/d */
     double *G, *L, *spare; /* packed lower triangles: M_W M_W', and its unit factor without the diagonal */

@@ -204,6 +204,8 @@ void qp_work_remove(struct apc_qp *qp, size_t at)
     qp->settled = false;
     if (qp->solved > at)
         qp->solved = at;
+    if (qp->fresh > at)
+        qp->fresh = at;
     give_back(qp, at, alpha);
 }
 
@@ -243,7 +245,7 @@ QP_LANES void qp_work_pull(const struct apc_qp *qp, const double *lambda, double
 
 QP_LANES void qp_work_settle(struct apc_qp *qp)
 {
-    size_t k = 0;
+    size_t k = 0, same = 0;
 
     /* value has room for the place of each row: nobody needs it before it is made anew. */
     memcpy(qp->beta, qp->lambda, qp->k * sizeof(*qp->beta));
@@ -251,9 +253,12 @@ QP_LANES void qp_work_settle(struct apc_qp *qp)
     for (size_t j = 0; j < qp->k; j++)
         qp->value[qp->work[j]] = (double)j;
     for (size_t i = 0; i < qp->rows; i++)
-        if (qp->state[i] && qp->fixed[i] == 0.0)
+        if (qp->state[i] && qp->fixed[i] == 0.0) {
+            if (k == same && k < qp->fresh && qp->work[k] == i)
+                same++;
             place(qp, k++, i);
-    for (size_t r = 0; r < k; r++) {
+        }
+    for (size_t r = same; r < k; r++) {
         size_t a = (size_t)qp->value[qp->work[r]];
 
         qp->lambda[r] = qp->beta[a];
@@ -264,11 +269,10 @@ QP_LANES void qp_work_settle(struct apc_qp *qp)
             qp->spare[qp_packed(r) + c] = qp->G[a > b ? qp_packed(a) + b : qp_packed(b) + a];
         }
     }
-    double *old = qp->G;
-
-    qp->G = qp->spare;
-    qp->spare = old;
-    for (size_t r = 0; r < k; r += 4) { /* each element waits for the one before it: four rows side by side */
+    memcpy(qp->G + qp_packed(same), qp->spare + qp_packed(same),
+           (qp_packed(k) - qp_packed(same)) * sizeof(*qp->G));
+    for (size_t r = same; r < k;
+         r += 4) { /* each element waits for the one before it: four rows side by side */
         size_t end = r + 4 < k ? r + 4 : k;
 
         for (size_t j = 0; j < r; j++)
@@ -279,6 +283,8 @@ QP_LANES void qp_work_settle(struct apc_qp *qp)
             (void)pivot(qp, q);
         }
     }
-    qp->solved = 0;
+    if (qp->solved > same)
+        qp->solved = same;
+    qp->fresh = k;
     qp->settled = true;
 }

@@ -28,49 +28,6 @@ struct apc_target {
     double *memory;
 };
 
-/* Householder: M [rows * columns] becomes R, Q [rows * rows] what it was multiplied by. Returns nonzero where
- * the columns are not independent. */
-static int decompose(size_t rows, size_t columns, double *M, double *Q, double *v)
-{
-    double largest = 0.0;
-
-    for (size_t i = 0; i < rows * rows; i++)
-        Q[i] = i % (rows + 1) == 0 ? 1.0 : 0.0;
-    for (size_t k = 0; k < columns; k++) {
-        double norm = 0.0, square;
-
-        for (size_t i = k; i < rows; i++)
-            norm += M[i * columns + k] * M[i * columns + k];
-        norm = sqrt(norm);
-        largest = fmax(largest, norm);
-        if (!(norm > 1e-11 * largest))
-            return -1;
-        for (size_t i = k; i < rows; i++)
-            v[i] = M[i * columns + k];
-        v[k] += v[k] < 0.0 ? -norm : norm;
-        square = 0.0;
-        for (size_t i = k; i < rows; i++)
-            square += v[i] * v[i];
-        for (size_t j = 0; j < columns; j++) {
-            double dot = 0.0;
-
-            for (size_t i = k; i < rows; i++)
-                dot += v[i] * M[i * columns + j];
-            for (size_t i = k; i < rows; i++)
-                M[i * columns + j] -= 2.0 * dot / square * v[i];
-        }
-        for (size_t j = 0; j < rows; j++) {
-            double dot = 0.0;
-
-            for (size_t i = k; i < rows; i++)
-                dot += Q[j * rows + i] * v[i];
-            for (size_t i = k; i < rows; i++)
-                Q[j * rows + i] -= 2.0 * dot / square * v[i];
-        }
-    }
-    return 0;
-}
-
 /* y of (x, u), deviations both. */
 static double output(const struct apc_linear *m, size_t c, const double *point, size_t stride)
 {
@@ -96,7 +53,7 @@ static int fill(struct apc_target *t, struct apc_error *why)
         for (size_t j = 0; j < nu; j++)
             t->R[(nc + j) * nc + i] = -m->B[i * inputs + j];
     }
-    if (decompose(n, nc, t->R, t->Q, t->point))
+    if (apc_matrix_decompose(n, nc, t->R, t->Q, t->point))
         return apc_fail(
             why, APC_EINVAL,
             "the model has no steady state for some disturbance: a state that integrates is moved by no "

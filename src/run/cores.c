@@ -10,7 +10,7 @@ struct apc_law_setup cores_law_setup(const struct controller *c)
                                   .Ts = apc_ns_to_s(c->rhythm.period),
                                   .n_setting = c->n_setting,
                                   .setting = c->setting,
-                                  .plant = c->linear ? &c->plant : NULL};
+                                  .plant = c->linear || c->sampled ? &c->plant : NULL};
 }
 
 void cores_outputs(const struct experiment *e, double *low, double *high, double *safe, double *fault)

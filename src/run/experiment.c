@@ -183,11 +183,10 @@ static void read_params(struct settings *s, const config_setting_t *group, const
     }
 }
 
-/* A path in the file means: from where the file is. */
-static void resolve(const struct settings *s, const char *name, char *path, size_t size)
+void experiment_resolve(const struct settings *s, const char *name, char *path, size_t size)
 {
     const char *slash = strrchr(s->file, '/');
-    if (strchr(name, '/') && name[0] != '/' && slash)
+    if (name[0] != '/' && slash)
         snprintf(path, size, "%.*s/%s", (int)(slash - s->file), s->file, name);
     else
         snprintf(path, size, "%s", name);
@@ -211,8 +210,10 @@ static void choose(const struct settings *s, const char *name, const char *overr
         snprintf(plugin->name, sizeof plugin->name, "%s", override);
     else if (recorded->name[0])
         snprintf(plugin->name, sizeof plugin->name, "%s", recorded->name);
+    else if (strchr(name, '/'))
+        experiment_resolve(s, name, plugin->name, sizeof plugin->name);
     else
-        resolve(s, name, plugin->name, sizeof plugin->name);
+        snprintf(plugin->name, sizeof plugin->name, "%s", name);
     plugin->chosen = override || recorded->chosen;
 }
 
@@ -297,33 +298,63 @@ static void read_client(struct settings *s, const config_setting_t *root, struct
     experiment_read_modbus(s, group, e);
 }
 
-/* One group for each output; what is of the law stands in the first, what is of a measurement begins as the
- * law says. */
+/* Parameters of outputs, and of the law, belong in one list, those of measurements in another. */
+static void check_scopes(struct settings *s, const config_setting_t *group, const struct apc_law *law,
+                         bool measured)
+{
+    for (int i = 0; group && i < config_setting_length(group) && !s->failed; i++) {
+        const config_setting_t *member = config_setting_get_elem(group, (unsigned)i);
+        size_t j = 0;
+
+        while (j < law->n_tuning && strcmp(law->tuning[j].name, config_setting_name(member)) != 0)
+            j++;
+        if (j < law->n_tuning && measured != (law->scope && law->scope[j] == APC_OF_MEASUREMENT))
+            settings_fail(s, member, "%s is of %s: it belongs in \"%s\"", law->tuning[j].name,
+                          measured ? "an output" : "a measurement",
+                          measured ? "tuning" : "measurement_tuning");
+    }
+}
+
+/* One group for each output or measurement; what is of the law stands in the first. */
+static void read_tuning_list(struct settings *s, const config_setting_t *group, const char *name, size_t n,
+                             struct controller *c, double *values, bool measured)
+{
+    const struct apc_law *law = c->law;
+    const config_setting_t *list = settings_list(s, group, name, OPTIONAL);
+
+    if (list && config_setting_length(list) != (int)n)
+        settings_fail(s, list, "\"%s\" must have one group for each of the %zu %s", name, n,
+                      measured ? "measurements" : "outputs");
+    for (size_t i = 0; list && i < n && !s->failed; i++) {
+        const config_setting_t *one = config_setting_get_elem(list, (unsigned)i);
+
+        for (size_t j = 0; j < law->n_tuning; j++)
+            values[j] = law->tuning[j].initial;
+        if (!config_setting_is_group(one))
+            settings_fail(s, one, "expected a group: { Kp = 1.0; ... }");
+        check_scopes(s, one, law, measured);
+        read_params(s, one, law->tuning, law->n_tuning, law->name, values);
+        for (size_t k = 0; k < apc_law_parameters(law, &c->dim); k++) {
+            const struct apc_law_parameter at = apc_law_parameter_at(law, &c->dim, k);
+            if (at.of == i && measured == (at.scope == APC_OF_MEASUREMENT))
+                c->tuning[k] = values[at.number];
+        }
+    }
+}
+
 static void read_tuning(struct settings *s, const config_setting_t *group, struct controller *c,
                         bool override)
 {
     const struct apc_law *law = c->law;
-    const config_setting_t *list = override ? NULL : settings_list(s, group, "tuning", OPTIONAL);
     const size_t n = apc_law_parameters(law, &c->dim);
     double *values = array(s, law->n_tuning, sizeof *values);
 
     c->tuning = array(s, n, sizeof *c->tuning);
-    if (list && config_setting_length(list) != (int)c->dim.nu)
-        settings_fail(s, list, "\"tuning\" must have one group for each of the %zu outputs", c->dim.nu);
-    for (size_t i = 0; i < c->dim.nu && !s->failed; i++) {
-        for (size_t j = 0; j < law->n_tuning; j++)
-            values[j] = law->tuning[j].initial;
-        const config_setting_t *one = list ? config_setting_get_elem(list, (unsigned)i) : NULL;
-        if (one && !config_setting_is_group(one))
-            settings_fail(s, one, "expected a group: { Kp = 1.0; ... }");
-        read_params(s, one, law->tuning, law->n_tuning, law->name, values);
-        for (size_t k = 0; k < n; k++) {
-            const struct apc_law_parameter at = apc_law_parameter_at(law, &c->dim, k);
-            if (at.scope == APC_OF_MEASUREMENT)
-                c->tuning[k] = law->tuning[at.number].initial;
-            else if (at.of == i)
-                c->tuning[k] = values[at.number];
-        }
+    for (size_t k = 0; c->tuning && k < n; k++)
+        c->tuning[k] = law->tuning[apc_law_parameter_at(law, &c->dim, k).number].initial;
+    if (!s->failed && !override) {
+        read_tuning_list(s, group, "tuning", c->dim.nu, c, values, false);
+        read_tuning_list(s, group, "measurement_tuning", c->dim.ny, c, values, true);
     }
     free(values);
 }
@@ -347,7 +378,8 @@ static void read_law(struct settings *s, const config_setting_t *group, struct c
 }
 
 #define CONTROLLER                                                                                           \
-    "law", "tuning", "mode", "hold", "budget", "rate", "settings", "operating_point", "limits", RHYTHM
+    "law", "tuning", "measurement_tuning", "mode", "hold", "budget", "rate", "settings", "model",            \
+        "operating_point", "limits", RHYTHM
 
 static const char *const short_settings[] = {CONTROLLER, NULL};
 static const char *const controller_settings[] = {

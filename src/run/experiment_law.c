@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "experiment_parts.h"
 
+#include "apclinear.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -224,6 +226,8 @@ void experiment_read_law(struct settings *s, const config_setting_t *group, cons
         read_settings(s, group, c);
     if (e->plant.model && !e->plant.plugin.chosen)
         read_operating_point(s, group, e, c);
+    if (!c->plugin.chosen)
+        model_file_read(s, group, e, c);
     if (!s->failed)
         read_limits(s, group, c);
     const config_setting_t *at = config_setting_get_member(group, "tuning");
@@ -242,5 +246,6 @@ void experiment_free_law(struct controller *c)
     free(c->setting);
     free(c->values);
     free(c->linear);
+    apc_linear_destroy(c->sampled);
     apc_plugin_close(c->law_handle);
 }

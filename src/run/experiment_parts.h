@@ -32,6 +32,11 @@ bool experiment_wants_model(const config_setting_t *controller);
 void experiment_read_law(struct settings *s, const config_setting_t *group, const struct experiment *e,
                          struct controller *c);
 void experiment_free_law(struct controller *c); /* and its tuning and plug-in */
+/* A path in the file means: from where the file is. */
+void experiment_resolve(const struct settings *s, const char *name, char *path, size_t size);
+/* The model in the controller's group, or in the file that it names. */
+void model_file_read(struct settings *s, const config_setting_t *group, const struct experiment *e,
+                     struct controller *c);
 /* Are all measurements and outputs of the plant its own, in their order? */
 bool controllers_has_all(const struct experiment *e, const struct controller *c);
 

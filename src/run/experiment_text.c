@@ -255,7 +255,7 @@ static char *value_of(const char *value, const config_setting_t *was)
                 config_setting_length(config_root_setting(&trial)) == 1;
     const config_setting_t *is = good ? config_lookup(&trial, "value") : NULL;
     if (is && was && config_setting_type(was) == CONFIG_TYPE_STRING)
-        good = config_setting_type(is) == CONFIG_TYPE_STRING;
+        good = config_setting_type(is) == CONFIG_TYPE_STRING || config_setting_is_group(is);
     if (good && is)
         put(out, is, &(struct place){.at = NULL});
     else

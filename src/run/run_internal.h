@@ -77,6 +77,8 @@ struct wire {
     size_t at;
 };
 
+#define EXPERIMENT_PATH 512
+
 /* What a controller has to do with. Its outputs go to the plant, are setpoints of another controller, or
  * calculated signals. */
 struct controller {
@@ -100,8 +102,10 @@ struct controller {
     struct apc_param *param;     /* [law->n_tuning] the law's, with the limits of this experiment */
     struct apc_setting *setting; /* [n_setting] */
     size_t n_setting;
-    double *values; /* memory of the settings */
-    double *linear; /* memory of plant; NULL: no operating point is given */
+    double *values;                   /* memory of the settings */
+    double *linear;                   /* memory of plant; NULL: no operating point is given */
+    char model_file[EXPERIMENT_PATH]; /* "": none */
+    struct apc_linear *sampled;       /* from it, or from the controller's group */
     struct apc_law_plant plant;
     enum apc_mode mode; /* at first; Cas: of the loops that have one above */
     apc_ns hold, budget;
@@ -117,8 +121,6 @@ struct action {
     size_t n;             /* and of how many ids from this one on: a controller's loops */
     size_t controller;    /* that is killed or started, by its place */
 };
-
-#define EXPERIMENT_PATH 512
 
 struct experiment {
     char file[EXPERIMENT_PATH]; /* it was loaded from */
@@ -192,6 +194,10 @@ void experiment_free(struct experiment *e);
 
 /* The file of an experiment: of a run folder its run.conf. */
 void experiment_path(const char *name, char path[EXPERIMENT_PATH]);
+
+/* The experiment's text with its model files in it, so that it is whole: *text, to be freed. Returns 0 or a
+ * negative error. */
+int model_files_embed(const struct experiment *e, char **text, struct apc_error *why);
 
 struct record;
 struct experiment_source {

@@ -66,12 +66,12 @@ strangers() {
   local known=$1
   shift
   grep -rhoE '^#include [<"](apc[a-z]+|[a-z]+/[a-z_]+)\.h' "$@" | sed -E 's/.*[<"]//' |
-    grep -E "^(apc|base/|timer/|shareddata/|sockets/|control/|predict/|plant/|exchange/|modules/|run/|common/|apc/|apc-ui/|users/)" |
+    grep -E "^(apc|base/|timer/|shareddata/|sockets/|control/|predict/|identify/|plant/|exchange/|modules/|run/|common/|apc/|apc-ui/|users/)" |
     grep -vE "^(apcbase\.h|base/.*|$known)\$" || true
 }
 declare -A headers=([base]=apcbase [timer]=apctimer [shareddata]="apcstore apcshareddata" [sockets]=apcsockets [plant]=apcplant
   [exchange]=apcexchange
-  [predict]='apcqp apclinear apcestimate' [control]=apccontrol)
+  [predict]='apcqp apclinear apcestimate' [identify]=apcidentify [control]=apccontrol)
 while read -r room below; do
   known= places=("$APC_SOURCE_DIR/src/$room")
   for name in $room $below; do
@@ -89,11 +89,12 @@ shareddata
 sockets
 plant
 predict plant
+identify predict
 control predict
 exchange sockets timer
 END
 ! grep -rE '^#include [<"](common|apc|apc-ui|users)/' "$APC_SOURCE_DIR/src" || fail "the library includes a program's header"
 ! grep -rE '^#include "(run/|run_internal|simulation|experiment)' "$APC_SOURCE_DIR"/src/[!r]* || fail "a room below includes src/run"
-! grep -rE '^#include "(timer|shareddata|sockets|control|predict|plant|exchange|modules)/' "$APC_SOURCE_DIR"/apps "$APC_SOURCE_DIR/src/run" ||
+! grep -rE '^#include "(timer|shareddata|sockets|control|predict|identify|plant|exchange|modules)/' "$APC_SOURCE_DIR"/apps "$APC_SOURCE_DIR/src/run" ||
   fail "the run and the programs use the public headers of the rooms"
 [ -n "$(strangers 'plant/.*|apcplant\.h' "$APC_SOURCE_DIR/src/modules")" ] || fail "modules include no other room: this test sees nothing"

@@ -39,7 +39,7 @@ start) as_server "\$pg_ctl" -D "$(sql 'SHOW data_directory')" -w -t 60 -l "$PGHO
 esac
 EOF
 chmod +x "$work/database"
-export APC_UI_DATABASE=$work/database
+export APC_UI_DATABASE=$work/database APC_UI_PAGE=$APC_BUILD_DIR/share/apc/ui
 
 # serve NAME [OPTION...]: an apc-ui on a port of its own, in $ui_url
 serve() {
@@ -78,7 +78,7 @@ tests=$APC_SOURCE_DIR/ui/test
 status=0
 node --test --test-reporter=spec "$tests/hundred.mjs" || status=$?
 kill "$feed"
-APC_UI_PAGE=$APC_BUILD_DIR/share/apc/ui node --test --test-reporter=spec "$tests/faults.mjs" || status=$?
+node --test --test-reporter=spec "$tests/faults.mjs" || status=$?
 node --test --test-reporter=spec "$tests/axe.mjs" || status=$?
 node --test --test-reporter=spec "$tests/operator.mjs" || status=$?
 exit $status

@@ -8,9 +8,9 @@
 
 #define SEED 20260901u
 
-enum { NX = 4, NY = 2, NU = 2, STATES_MOST = 512, TUNING = 14, PUBLISHED_MOST = 512, AHEAD_MOST = 64 };
-enum { MOVE, WISH, REFERENCE, COST };
-enum { WEIGHT, ZONE, SERVICE };
+enum { NX = 4, NY = 2, NU = 2, STATES_MOST = 4096, TUNING = 24, PUBLISHED_MOST = 4096, AHEAD_MOST = 512 };
+enum { MOVE, WISH, REFERENCE, COST, U_MIN, U_MAX, DU_MAX, OF_U };
+enum { WEIGHT, ZONE, Y_MIN, Y_MAX, SERVICE, OF_Y };
 
 /* Two tanks over two others, about an operating point. */
 static const double A[NX * NX] = {-0.016, 0, 0.042, 0, 0, -0.011, 0, 0.033, 0, 0, -0.042, 0, 0, 0, 0, -0.033};
@@ -59,26 +59,27 @@ static void set_point(struct rig *r, double z1, double z2)
 }
 
 /* The plant has 10 % more gain than the law believes. */
-static void make(struct rig *r, const struct apc_setting *setting, size_t n)
+static void make_of(struct rig *r, const struct apc_law_plant *of, const struct apc_setting *setting,
+                    size_t n)
 {
     double more[NX * NU];
     const struct apc_linear_continuous plant = {.size = sizeof plant,
-                                                .nx = NX,
+                                                .nx = of->nx,
                                                 .nu = NU,
                                                 .ny = NY,
-                                                .A = A,
+                                                .A = of->A,
                                                 .B = more,
-                                                .C = C,
-                                                .x0 = x0,
-                                                .u0 = u_rest,
-                                                .y0 = at_rest};
+                                                .C = of->C,
+                                                .x0 = of->x0,
+                                                .u0 = of->u0,
+                                                .y0 = of->y0};
     struct apc_error why;
 
-    for (size_t i = 0; i < NX * NU; i++)
-        more[i] = 1.1 * B[i];
+    for (size_t i = 0; i < of->nx * NU; i++)
+        more[i] = 1.1 * of->B[i];
     memset(r, 0, sizeof *r);
     assert_int_equal(apc_linear_from_continuous(&r->plant, &plant, 1.0, &why), 0);
-    memcpy(r->state, x0, sizeof x0);
+    memcpy(r->state, of->x0, of->nx * sizeof *of->x0);
     for (size_t j = 0; j < NU; j++) {
         r->signal_u[j] = (struct apc_signal_view){
             .name = j ? "v2" : "v1", .unit = "V", .low = 0.0, .high = 10.0, .rate = HUGE_VAL};
@@ -106,9 +107,14 @@ static void make(struct rig *r, const struct apc_setting *setting, size_t n)
                                       .u = r->signal_u,
                                       .n_setting = n,
                                       .setting = setting,
-                                      .plant = &tanks};
+                                      .plant = of};
     set_point(r, at_rest[0], at_rest[1]);
     measure(r);
+}
+
+static void make(struct rig *r, const struct apc_setting *setting, size_t n)
+{
+    make_of(r, &tanks, setting, n);
 }
 
 static void begin(struct rig *r)
@@ -427,16 +433,16 @@ static void soft_limits_come_before_setpoints_and_zones_are_free(void **state)
     end(&r);
 
     make_default(&r);
-    r.tuning[NU * 4 + ZONE] = 1.0;
+    r.tuning[NU * OF_U + ZONE] = 1.0;
     set_point(&r, 6.8, 6.5);
     for (int k = 0; k < 20; k++) {
         tick(&r);
         assert_near(r.u[0], u_rest[0], 1e-6);
     }
-    r.tuning[NU * 4 + ZONE] = 0.0; /* tuned while it runs */
+    r.tuning[NU * OF_U + ZONE] = 0.0; /* tuned while it runs */
     run(&r, 300);
     assert_near(r.y[0], 6.8, 1e-5);
-    r.tuning[NU * 4 + SERVICE] = 0.0;
+    r.tuning[NU * OF_U + SERVICE] = 0.0;
     set_point(&r, 9.0, 6.5);
     run(&r, 50);
     assert_near(r.y[0], 6.8, 0.05);
@@ -479,7 +485,9 @@ static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
         {number("at_output", twice, 2), "tell"},    {number("at_input", many, 3), "as many as"},
         {number("y_noise", nothing, 2), "above 0"}, {number("delay", minus, 2), "delay"},
         {number("terminal", &big, 1), "terminal"},  {number("iterations", &half, 1), "iterations"},
-        {number("horizont", &big, 1), "horizont"},
+        {number("horizont", &big, 1), "horizont"},  {number("y_dev", nothing, 2), "none may be 0"},
+        {number("u_dev", &big, 1), "2 numbers"},    {number("hold", minus, 2), "hold"},
+        {number("critical", ranks, 2), "critical"},
     };
     struct apc_error why;
     struct rig r;
@@ -501,11 +509,216 @@ static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
     r.tuning[MOVE] = 0.0; /* an operator cannot write this */
     assert_int_equal(apc_instances_check(r.law, r.tuning, &why), APC_ERANGE);
     assert_non_null(strstr(why.text, "move"));
-    r.tuning[MOVE] = r.tuning[4 + MOVE] = r.tuning[8 + WEIGHT] = 0.0; /* nothing is asked of one of them */
+    r.tuning[MOVE] = r.tuning[OF_U + MOVE] = r.tuning[2 * OF_U + WEIGHT] =
+        0.0; /* nothing is asked of one of them */
     tick(&r);
     assert_int_equal(r.result, APC_LAW_INFEASIBLE);
     assert_non_null(strstr(r.why, "move weight"));
     end(&r);
+}
+
+static void a_limit_of_the_tuning_holds_and_none_can_cross(void **state)
+{
+    double *of_y1, *of_v1;
+    struct apc_error why;
+    struct rig r;
+    (void)state;
+
+    make_default(&r);
+    of_v1 = r.tuning;
+    of_y1 = r.tuning + NU * OF_U;
+    of_v1[U_MAX] = 3.4;
+    of_v1[DU_MAX] = 0.05;
+    set_point(&r, 7.0, 6.5);
+    for (int k = 0; k < 300; k++) {
+        const double before = r.u_last[0];
+
+        tick(&r);
+        assert_true(r.u[0] <= 3.4 + 1e-12);
+        assert_true(fabs(r.u[0] - before) <= 0.05 + 1e-9);
+    }
+    of_v1[U_MAX] = 1e9;
+    of_y1[Y_MAX] = 6.6;
+    for (int k = 0; k < 600; k++)
+        tick(&r);
+    assert_int_equal(r.result, APC_LAW_SUBOPTIMAL);
+    assert_near(r.y[0], 6.6, 1e-4);
+    assert_int_equal(apc_instances_check(r.law, r.tuning, &why), 0);
+    of_y1[Y_MIN] = 6.7;
+    assert_int_equal(apc_instances_check(r.law, r.tuning, &why), APC_ERANGE);
+    assert_non_null(strstr(why.text, "measurement 1: y_min = 6.7 is above y_max = 6.6"));
+    of_y1[Y_MIN] = 6.0;
+    of_v1[U_MIN] = 4.0;
+    of_v1[U_MAX] = 3.0;
+    assert_int_equal(apc_instances_check(r.law, r.tuning, &why), APC_ERANGE);
+    assert_non_null(strstr(why.text, "output 1: u_min = 4 is above u_max = 3"));
+    of_v1[U_MIN] = 11.0; /* beyond the output's own limits, which hold */
+    of_v1[U_MAX] = 12.0;
+    for (int k = 0; k < 300; k++)
+        tick(&r);
+    assert_near(r.u[0], 10.0, 1e-12);
+    end(&r);
+}
+
+/* y1 is lost for good: nothing is done for it any more, and y2 is still at its setpoint. */
+static void a_measurement_that_stays_bad_is_given_up_and_a_critical_one_ends_the_service(void **state)
+{
+    const double hold[] = {20.0, 20.0}, critical[] = {1.0, 0.0};
+    const struct apc_setting setting[] = {number("hold", hold, 2), number("critical", critical, 2)};
+    struct rig r;
+    (void)state;
+
+    make(&r, setting, 1);
+    begin(&r);
+    run(&r, 50);
+    r.y_status[0] = APC_BAD_SENSOR_FAILURE;
+    run(&r, 20);
+    set_point(&r, 9.0, 6.2); /* the first of these is of no interest now */
+    run(&r, 500);
+    assert_near(r.y[1], 6.2, 0.02);
+    assert_true(fabs(r.u[0] - u_rest[0]) < 1.0);
+    r.y_status[0] = APC_GOOD;
+    set_point(&r, 6.2, 6.2);
+    run(&r, 600);
+    assert_near(r.y[0], 6.2, 1e-5);
+    end(&r);
+
+    make(&r, setting, 2);
+    begin(&r);
+    run(&r, 5);
+    r.y_status[1] = APC_BAD_SENSOR_FAILURE;
+    run(&r, 50);
+    r.y_status[0] = APC_BAD_SENSOR_FAILURE;
+    run(&r, 20);
+    tick(&r);
+    assert_int_equal(r.result, APC_LAW_INFEASIBLE);
+    assert_non_null(strstr(r.why, "measurement 1 is critical and has been Bad for 21 s"));
+    r.y_status[0] = r.y_status[1] = APC_GOOD;
+    run(&r, 5);
+    end(&r);
+}
+
+/* Both states grow by themselves; nothing says where they are to be. */
+static void an_unstable_plant_is_kept_in_hand_when_nothing_is_asked_of_it(void **state)
+{
+    static const double grow[] = {0.05, 0.0, 0.0, 0.08}, in[] = {1.0, 0.2, 0.1, 1.0},
+                        out[] = {1.0, 0.0, 0.0, 1.0}, none[NY * NU], at[] = {0.0, 0.0};
+    static const struct apc_law_plant unstable = {
+        .nx = 2, .A = grow, .B = in, .C = out, .D = none, .x0 = at, .u0 = at, .y0 = at};
+    struct rig r;
+    (void)state;
+
+    make_of(&r, &unstable, NULL, 0);
+    r.low[0] = r.low[1] = -10.0;
+    begin(&r);
+    set_point(&r, 0.5, -0.5);
+    run(&r, 200);
+    assert_near(r.y[0], 0.5, 1e-5);
+    r.tuning[NU * OF_U + SERVICE] = 0.0;
+    run(&r, 300);
+    assert_true(fabs(r.y[0]) < 5.0);
+    assert_near(r.y[1], -0.5, 1e-4);
+    r.tuning[NU * OF_U + OF_Y + SERVICE] = 0.0;
+    run(&r, 300);
+    assert_true(fabs(r.y[0]) < 20.0 && fabs(r.y[1]) < 20.0);
+    r.tuning[NU * OF_U + SERVICE] = r.tuning[NU * OF_U + OF_Y + SERVICE] = 1.0;
+    run(&r, 300);
+    assert_near(r.y[0], 0.5, 1e-4);
+    assert_near(r.y[1], -0.5, 1e-4);
+    end(&r);
+}
+
+/* A plant that has stood still for long, but not where the model has its operating point, is held from the
+ * first tick on; also with a long dead time. */
+static void it_begins_where_the_plant_stands(void **state)
+{
+    const double delay[] = {60.0, 0.5}, horizon = 100.0, y_standing[] = {8.0, 5.0};
+    const struct apc_setting setting[] = {number("delay", delay, 2), number("horizon", &horizon, 1)};
+    struct rig r;
+    (void)state;
+
+    for (size_t n = 0; n <= 2; n += 2) {
+        make(&r, setting, n);
+        begin(&r);
+        memcpy(r.y, y_standing, sizeof r.y);
+        r.u_last[0] = 2.0;
+        for (size_t i = 0; i < r.c.n_ahead; i++)
+            memcpy(r.z + i * NY, y_standing, sizeof y_standing);
+        apc_instances_reset(r.law, 0, &r.c);
+        r.result = apc_instances_compute(r.law, 0, &r.c);
+        assert_int_equal(r.result, APC_LAW_GOOD);
+        assert_near(r.u[0], 2.0, 1e-6);
+        assert_near(r.u[1], u_rest[1], 1e-6);
+        end(&r);
+    }
+}
+
+static void what_is_no_number_never_goes_out(void **state)
+{
+    struct rig r;
+    (void)state;
+
+    make_default(&r);
+    run(&r, 10);
+    r.y[0] = (double)NAN;
+    r.result = apc_instances_compute(r.law, 0, &r.c);
+    assert_true(isfinite(r.u[0]) && isfinite(r.u[1]));
+    act(&r);
+    set_point(&r, (double)NAN, 6.5);
+    r.result = apc_instances_compute(r.law, 0, &r.c);
+    assert_true(isfinite(r.u[0]) && isfinite(r.u[1]));
+    assert_true(r.result == APC_LAW_INFEASIBLE);
+    act(&r);
+    set_point(&r, 6.2, 6.5);
+    run(&r, 600);
+    assert_near(r.y[0], 6.2, 1e-6);
+    end(&r);
+}
+
+/* Models that no settings help. */
+static void a_model_that_cannot_be_controlled_or_seen_is_refused(void **state)
+{
+    static const double lonely[] = {0.02, 0.0, 0.0, 0.0, 0.0, -0.1, 0.0, 0.0,
+                                    0.0,  0.0, -.2, 0.0, 0.0, 0.0,  0.0, -.3},
+                        in[] = {0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0},
+                        out[] = {0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0},
+                        in_all[] = {1.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0},
+                        blind[] = {0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0}, bad[] = {(double)NAN, 0.0};
+    const double zero = 0.0, delay[] = {30.0, 30.0};
+    const struct apc_setting filter[] = {number("steady", &zero, 1), number("terminal", &zero, 1)},
+                             late = number("delay", delay, 2);
+    struct {
+        const double *in, *out;
+        const struct apc_setting *setting;
+        size_t n;
+        const char *says;
+    } refused[] = {{in, out, NULL, 0, "cannot be stabilised"},
+                   {in_all, blind, NULL, 0, "seen in no measurement"},
+                   {in_all, blind, filter, 2, "for an observer: in the measurements"},
+                   {in_all, out, &late, 1, "longer than the dead time"},
+                   {bad, out, NULL, 0, "no finite number"}};
+    struct apc_error why;
+    struct rig r;
+    (void)state;
+
+    for (size_t i = 0; i < sizeof refused / sizeof *refused; i++) {
+        struct apc_law_plant plant = tanks;
+        double gain[NX * NU];
+
+        make(&r, refused[i].setting, refused[i].n);
+        memcpy(gain, refused[i].in == bad ? in : refused[i].in, sizeof gain);
+        if (refused[i].in == bad)
+            gain[3] = (double)NAN;
+        plant.A = lonely;
+        plant.B = gain;
+        plant.C = refused[i].out;
+        r.setup.plant = &plant;
+        if (laws_make(&r.law, &apc_law_mpc, &r.setup, &why) == 0)
+            fail_msg("number %zu was taken", i);
+        if (!strstr(why.text, refused[i].says))
+            fail_msg("number %zu: \"%s\" does not say \"%s\"", i, why.text, refused[i].says);
+        end(&r);
+    }
 }
 
 int main(void)
@@ -523,6 +736,12 @@ int main(void)
         TEST(without_a_plan_in_time_the_former_one_goes_on),
         TEST(soft_limits_come_before_setpoints_and_zones_are_free),
         TEST(what_it_publishes_has_names_and_comes_true),
+        TEST(a_limit_of_the_tuning_holds_and_none_can_cross),
+        TEST(a_measurement_that_stays_bad_is_given_up_and_a_critical_one_ends_the_service),
+        TEST(an_unstable_plant_is_kept_in_hand_when_nothing_is_asked_of_it),
+        TEST(it_begins_where_the_plant_stands),
+        TEST(what_is_no_number_never_goes_out),
+        TEST(a_model_that_cannot_be_controlled_or_seen_is_refused),
         TEST(what_makes_no_sense_is_refused_with_a_sentence),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

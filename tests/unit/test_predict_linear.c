@@ -83,6 +83,46 @@ static void a_sampled_model_follows_the_plant_for_any_dead_time(void **state)
     }
 }
 
+static void a_model_that_is_sampled_already_stays_as_it_is(void **state)
+{
+    const double A = -0.5, B = 2.0, C = 1.0, u0 = 0.7, dead_time = 0.25, late[] = {0.1, 0.1, 0.1};
+    struct apc_linear_continuous from = {.size = sizeof from,
+                                         .nx = 1,
+                                         .nu = 1,
+                                         .ny = 1,
+                                         .A = &A,
+                                         .B = &B,
+                                         .C = &C,
+                                         .u0 = &u0,
+                                         .x0 = &u0,
+                                         .y0 = &u0,
+                                         .dead_time = &dead_time};
+    double expected[SAMPLES][2] = {{0.0}}, y[SAMPLES][2] = {{0.0}};
+    struct apc_linear *model, *same;
+    struct apc_error why;
+    (void)state;
+
+    assert_int_equal(apc_linear_from_continuous(&model, &from, 0.1, &why), 0);
+    from.nx = model->nx;
+    from.A = model->A;
+    from.B = model->B;
+    from.C = model->C;
+    from.D = model->D;
+    from.x0 = model->x0;
+    from.dead_time = NULL;
+    assert_int_equal(apc_linear_from_sampled(&same, &from, 0.1, &why), 0);
+    follow(model, expected);
+    follow(same, y);
+    assert_memory_equal(y, expected, sizeof y);
+    assert_int_equal(same->nx_plant, model->nx);
+    apc_linear_destroy(same);
+    from.dead_time = late;
+    assert_int_equal(apc_linear_from_sampled(&same, &from, 0.1, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "states of A"));
+    assert_null(same);
+    apc_linear_destroy(model);
+}
+
 /* Of pairs with poles, zero and delay alone, by the sum over steps of their step responses. */
 static double step_response(const struct apc_transfer *g, double t)
 {
@@ -297,6 +337,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_sampled_model_follows_the_plant_for_any_dead_time),
+        cmocka_unit_test(a_model_that_is_sampled_already_stays_as_it_is),
         cmocka_unit_test(transfer_functions_give_their_step_responses),
         cmocka_unit_test(an_integrator_behind_a_lag_with_a_lead),
         cmocka_unit_test(integrators_of_one_output_are_one_state),

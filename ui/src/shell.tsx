@@ -117,6 +117,7 @@ function LinkState(): JSX.Element {
   useCell(second);
   const link = useCell(connection);
   const age = env.mono() - heardAt.value;
+  const pause = link.retryAt == null ? 0 : Math.max(0, Math.ceil(link.retryAt - env.mono()));
   return (
     <span class="link-state" data-state={link.state}>
       {link.state === "connected" ? (
@@ -125,7 +126,7 @@ function LinkState(): JSX.Element {
         </>
       ) : link.state === "disconnected" ? (
         <>
-          <Shape priority={1} label="disconnected" /> DISCONNECTED
+          <Shape priority={1} label="disconnected" /> DISCONNECTED, next attempt {pause > 0 ? `in ${pause} s` : "now"}
         </>
       ) : (
         "connecting …"
@@ -141,13 +142,11 @@ function Clock(): JSX.Element {
 
 /** Full width, and read aloud: what makes the values on the screen something else than they seem. */
 function Bars(): JSX.Element {
-  useCell(second);
   const link = useCell(connection);
   const database = useCell(store);
   const standing = useCell(control);
   const p = useCell(plant);
   const stopped = Object.entries(standing?.running ?? {}).flatMap(([name, running]) => (running === false ? [name] : []));
-  const retry = link.retryAt == null ? 0 : Math.max(0, Math.ceil(link.retryAt - env.mono()));
   return (
     <>
       <div role="alert">
@@ -178,7 +177,6 @@ function Bars(): JSX.Element {
           <span class="sentence">{notRunning(stopped, p)}: modes and outputs of {stopped.length > 1 ? "their" : "its"} loops are last known.</span>
         </p>
       )}
-      {link.state === "disconnected" && <p class="retry">next attempt {retry > 0 ? `in ${retry} s` : "now"}</p>}
     </>
   );
 }

@@ -1,46 +1,104 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// axe-core finds nothing on any screen, wide and narrow, as charts and as tables; in the dark, where only the colours are
-// others, nothing about them.
+// axe-core finds nothing on any screen, wide and narrow, as charts and as tables, while all is well and in whatever trouble
+// the page can be; in the dark, where only the colours are others, nothing about them.
 import assert from "node:assert/strict";
 import {readFileSync} from "node:fs";
 import {createRequire} from "node:module";
 import {after, before, test} from "node:test";
+import {Fake} from "./fake.mjs";
 import {launch, open, until} from "./lib.mjs";
 
 const source = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 const tags = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"];
 const screens = ["overview", "loop", "trend", "events", "timing", "diagnostics"];
 
+const PATIENCE = {timeout: 300000};
 let browser;
 before(async () => (browser = await launch()));
 after(() => browser.close());
 
-async function violations(page, runOnly) {
-  await page.evaluate(source);
+async function violations(page, colorScheme) {
+  const runOnly = colorScheme === "dark" ? ["color-contrast"] : tags;
+  if (!(await page.evaluate(() => "axe" in window))) await page.evaluate(source);
   const found = await page.evaluate(runOnly => window.axe.run(document, {runOnly, resultTypes: ["violations"]}), runOnly);
-  return found.violations.flatMap(one => one.nodes.map(node => `${one.id}: ${node.html} ${node.failureSummary}`));
+  return found.violations.map(({id, nodes}) => `${id}, ${nodes.length} times: ${nodes[0].html} ${nodes[0].failureSummary}`);
+}
+
+async function go(page, screen) {
+  await page.evaluate(where => (location.hash = where), screen);
+  await until(`${screen} is shown`, async () => (await page.locator("nav a[aria-current]").getAttribute("href")).includes(screen));
 }
 
 for (const colorScheme of ["light", "dark"])
-  for (const width of [1280, 400])
-    test(`no violation, ${colorScheme}, ${width} pixels`, async () => {
-      const runOnly = colorScheme === "dark" ? ["color-contrast"] : tags;
-      const page = await open(browser, "overview", {colorScheme, viewport: {width, height: 800}});
+  for (const width of [1280, 400]) {
+    const looks = {colorScheme, viewport: {width, height: 800}};
+
+    test(`no violation, ${colorScheme}, ${width} pixels`, PATIENCE, async () => {
+      const page = await open(browser, "overview", looks);
       for (const screen of screens) {
-        await page.goto(page.url().replace(/#.*/, `#${screen}`));
-        await until(`${screen} is shown`, async () =>
-          (await page.locator("nav a[aria-current]").getAttribute("href")).includes(screen) && page.locator("main h1").isVisible());
+        await go(page, screen);
+        await page.locator("main h1").waitFor();
         await until(`${screen} has its content`, () => page.locator("main :is(.value, .u-over, tbody tr, svg)").first().isVisible());
-        assert.deepEqual(await violations(page, runOnly), [], screen);
+        assert.deepEqual(await violations(page, colorScheme), [], screen);
         const table = page.getByRole("button", {name: "View as table"});
         if (await table.count()) {
           await table.click();
-          assert.deepEqual(await violations(page, runOnly), [], `${screen} as table`);
+          assert.deepEqual(await violations(page, colorScheme), [], `${screen} as table`);
         }
       }
       await page.getByRole("button", {name: "Help"}).click();
       await page.getByRole("dialog").waitFor();
-      assert.deepEqual(await violations(page, runOnly), [], "help");
+      assert.deepEqual(await violations(page, colorScheme), [], "help");
       assert.deepEqual(page.complaints, []);
       await page.context().close();
     });
+
+    test(`no violation in trouble, ${colorScheme}, ${width} pixels`, PATIENCE, async t => {
+      const fake = await new Fake().start();
+      t.after(() => fake.stop());
+      const page = await open(browser, "overview", {...looks, url: fake.url});
+      const look = async what => {
+        for (const screen of screens) {
+          await go(page, screen);
+          assert.deepEqual(await violations(page, colorScheme), [], `${what}, ${screen}`);
+        }
+      };
+      await go(page, "loop");
+      await page.locator('input[name="setpoint.1"]').fill("1");
+      await page.keyboard.press("Enter");
+      await page.locator(".phase.failed").waitFor();
+      await page.locator('input[name="setpoint.1"]').fill("1000");
+      await page.locator('[aria-invalid="true"]').waitFor();
+      assert.deepEqual(await violations(page, colorScheme), [], "a write that failed, an entry that is refused");
+      Object.assign(fake, {failed: fake.now - 60, stopped: true});
+      await page.locator(".safe-bar").waitFor();
+      await page.locator(".silent-bar").waitFor();
+      await page.locator(".value.bad").first().waitFor();
+      await look("a sensor failed, the controller stopped, the plant safe");
+      fake.away = true;
+      fake.say("store", {connected: false, since: fake.now, error: "server closed the connection unexpectedly"});
+      await page.locator(".database-bar").waitFor();
+      await look("the database away");
+      fake.leave();
+      await page.locator(".disconnected-bar").waitFor();
+      await page.locator(".stale-page").waitFor();
+      assert.deepEqual(await violations(page, colorScheme), [], "diagnostics that are last known");
+      await look("disconnected");
+      Object.assign(fake, {gone: false, loggedIn: false});
+      await page.locator("form.login").waitFor();
+      await page.locator('input[name="user"]').fill("anna");
+      await page.locator('input[name="password"]').fill("wrong");
+      await page.keyboard.press("Enter");
+      await page.getByText("name or password is wrong").waitFor();
+      assert.deepEqual(await violations(page, colorScheme), [], "logged out");
+      fake.mute = true;
+      await page.reload();
+      await page.locator('.link-state[data-state="connecting"]').waitFor();
+      await look("nothing known yet");
+      Object.assign(fake, {mute: false, loggedIn: true, bare: true});
+      await page.reload();
+      await page.locator('.link-state[data-state="connected"]').waitFor();
+      await look("a plant of nothing");
+      await page.context().close();
+    });
+  }

@@ -122,6 +122,11 @@ export class FakeEnv implements Env {
     await this.settle();
   }
 
+  /** The page is busy: time passes, timers and messages wait. */
+  hang(seconds: number): void {
+    this.at += seconds;
+  }
+
   /** The wall clock is set. */
   step(seconds: number): void {
     this.offset += seconds;

@@ -30,6 +30,10 @@ export class Fake {
   refuse = 0; // so many questions for history get 503
   loggedIn = true;
   stopped = false; // the controller
+  bare = false; // the plant has no variable, no loop
+  away = false; // the database
+  mute = false; // nothing that is asked is answered
+  gone = false; // whoever comes is shown the door; leave() throws out who is inside
   value = t => 1 + 0.3 * Math.sin(t / 20);
   connections = 0;
   #seq = 0;
@@ -52,6 +56,11 @@ export class Fake {
     clearInterval(this.#timer);
     this.#server.closeAllConnections();
     return new Promise(resolve => this.#server.close(resolve));
+  }
+
+  leave() {
+    this.gone = true;
+    for (const stream of this.#streams) stream.destroy();
   }
 
   /** Value and status of a variable at a time. */
@@ -85,7 +94,11 @@ export class Fake {
 
   #state() {
     const values = Object.fromEntries(plant.variables.map(({ref}) => [ref, this.#sample(ref, this.now)]));
-    return {t: this.now, id: `f.${this.#seq}`, store: {connected: true, since: this.now - 99, error: null}, values, ages: Object.fromEntries(Object.keys(values).map(ref => [ref, 0])), control: this.#control()};
+    return {t: this.now, id: `f.${this.#seq}`, store: this.#store(), values, ages: Object.fromEntries(Object.keys(values).map(ref => [ref, 0])), control: this.#control()};
+  }
+
+  #store() {
+    return {connected: !this.away, since: this.now - 99, error: this.away ? "server closed the connection unexpectedly" : null};
   }
 
   #tell() {
@@ -110,24 +123,50 @@ export class Fake {
     return {ref, t: this.now, since, until: Number(query.get("until")), before: ref === "setpoint.1" ? [1, since - 50, 0.5, "Good"] : null, samples};
   }
 
+  /** All that can be wrong is. */
+  #diagnostics() {
+    const figures = {count: 9, mean: 0.001, p50: 0.001, p99: 0.002, max: 0.003};
+    return {
+      t: this.now, uptime: 99,
+      tasks: [{task: "controller", period: 1, time: this.now - 60, age: 60, count: 9, missed: 3, missed_total: 3, lateness: figures, jitter: figures, run: figures}],
+      links: [{name: "apc-client", up: false, since: this.now - 60, text: "connection refused", changes: 2, round_trip: null, failed: 7}],
+      signals: ["BadSensorFailure", "UncertainSubstituteValue", "Good"].map((status, i) => ({ref: "sensor.1", age: 60, period: 1, stale: i < 2, status})),
+      store: {...this.#store(), connects: 2, spool: {depth: 9, age: 60}, read: figures, write: {...figures, count: 0}},
+      stream: {clients: 1, messages: 9, dropped: 1, lag: figures},
+    };
+  }
+
   #answer(request, response) {
     const url = new URL(request.url, "http://x");
     const json = (body, status = 200) => {
       response.writeHead(status, {"Content-Type": "application/json"});
       response.end(JSON.stringify(body));
     };
+    if (/^\/(api|events)/.test(url.pathname)) {
+      if (this.gone) return request.socket.destroy();
+      if (this.mute) return;
+    }
     switch (url.pathname) {
       case "/api/session":
         return this.loggedIn ? json({user: "anna", role: "operator", protected: true, csrf: "x", expires: null}) : json({error: {code: "login", message: "log in"}}, 401);
+      case "/api/login":
+        return json({error: {code: "password", message: "name or password is wrong"}}, 401);
+      case "/api/setpoint":
+        return json({error: {code: "outside", message: "the controller refuses it"}}, 422);
       case "/api/plant":
-        return json(plant);
+        return json(this.bare ? {...plant, variables: [], loops: []} : plant);
       case "/api/writes":
         return json({writes: []});
       case "/api/events":
         return json({t: this.now, events: [], more: false});
+      case "/api/timing":
+        return json({error: {code: "away", message: "the database is away"}}, 503);
+      case "/api/diagnostics":
+        return json(this.#diagnostics());
       case "/api/history":
         return this.refuse-- > 0 ? json({error: {code: "busy", message: "too many wait"}}, 503) : json(this.#history(url.searchParams));
       case "/events":
+        if (!this.loggedIn) return json({error: {code: "login", message: "log in"}}, 401);
         this.connections++;
         response.writeHead(200, {"Content-Type": "text/event-stream", "Cache-Control": "no-store"});
         this.#streams.add(response);

@@ -126,6 +126,19 @@ test("nothing for three seconds is a lost connection; 2.9 are none", async () =>
   assert.deepEqual([y.value.stale, y.value.age! > 30], [true, true]);
 });
 
+test("a page that hangs itself does not take what it did not hear for silence", async () => {
+  await env.pass(1);
+  env.hang(10);
+  await env.pass(0.25);
+  server.beat(); // it came meanwhile, and waited behind the timers
+  assert.equal(env.source.closed, false);
+  await env.pass(1);
+  assert.equal(model.connection.value.state, "connected");
+  env.hang(10);
+  await env.pass(0.6);
+  assert.equal(model.connection.value.state, "disconnected", "nothing has come, and nobody notices");
+});
+
 test("pauses between attempts grow, and the first attempt that succeeds ends them", async () => {
   const gaps = [];
   for (let i = 0; i < 4; i++) {

@@ -4,7 +4,8 @@
 import {Backoff} from "./backoff";
 import {env, every, type Source} from "./env";
 
-export const SILENCE = 3; // s; a beat comes every second
+const SILENCE = 3; // s; a beat comes every second
+const LOOK = 0.5; // s between two looks for it
 
 export interface Handlers {
   message(type: string, data: unknown): void;
@@ -18,11 +19,12 @@ export class Stream {
   private source: Source | null = null;
   private last = "";
   private heard = 0;
+  private silent = 0; // looks in a row
   private retry: () => void = () => {};
   private readonly backoff = new Backoff(0.5, 10);
 
   constructor(private readonly handlers: Handlers) {
-    every(() => this.look(), 0.5);
+    every(() => this.look(), LOOK);
   }
 
   start(): void {
@@ -70,8 +72,10 @@ export class Stream {
     if (type === "bye") this.lost();
   }
 
+  /** A page that hung itself looks before it gets what came meanwhile: one look alone proves nothing. */
   private look(): void {
-    if (this.source && env.mono() - this.heard >= SILENCE) this.lost();
+    this.silent = env.mono() - this.heard >= SILENCE - LOOK ? this.silent + 1 : 0;
+    if (this.source && this.silent > 1) this.lost();
   }
 
   private lost(): void {

@@ -6,6 +6,7 @@ import {useCell} from "../usecell";
 import {clock, duration, missing, period, stamp} from "../core/format";
 import {limit, words, worth} from "../core/quality";
 import {clock as server, connection, second, variable} from "../core/model";
+import {Nothing} from "../parts/nothing";
 import {Shape} from "../parts/shape";
 import type {Diagnostics, Figures} from "../core/types";
 
@@ -37,7 +38,7 @@ export function DiagnosticsPage(): JSX.Element {
       clearTimeout(timer);
     };
   }, []);
-  if (!d) return <p class="say">{error ?? "Loading …"}</p>;
+  if (!d) return <Nothing title="Diagnostics">{error ?? "Loading …"}</Nothing>;
   return (
     <section class={`diagnostics${error ? " stale-page" : ""}`}>
       <div class="toolbar">

@@ -10,6 +10,7 @@ import {events, modesOfLoop, plant, variable, writes} from "../core/model";
 import {Bar} from "../parts/bar";
 import {Entry} from "../parts/entry";
 import {ModeSwitch} from "../parts/modeswitch";
+import {Nothing} from "../parts/nothing";
 import {Shape} from "../parts/shape";
 import {Spark} from "../parts/spark";
 import {Tuning} from "../parts/tuning";
@@ -19,9 +20,9 @@ import type {Loop, Plant, PlantEvent} from "../core/types";
 
 export function LoopPage({about}: {about: string | null}): JSX.Element {
   const p = useCell(plant);
-  if (!p) return <p>Loading the plant …</p>;
+  if (!p) return <Nothing title="Loop">Loading the plant …</Nothing>;
   const loop = p.loops.find(one => String(one.id) === about) ?? p.loops[0];
-  if (!loop) return <p>This plant has no loop.</p>;
+  if (!loop) return <Nothing title="Loop">This plant has no loop.</Nothing>;
   return <Faceplate key={`${loop.id}:${p.generation}`} loop={loop} plant={p} />;
 }
 

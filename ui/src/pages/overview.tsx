@@ -9,6 +9,7 @@ import {Latest} from "../parts/latest";
 import {control, limitsOf, live, plant, second, store, variable} from "../core/model";
 import {abnormal} from "../core/quality";
 import {Bar} from "../parts/bar";
+import {Nothing} from "../parts/nothing";
 import {Shape} from "../parts/shape";
 import {Spark, summary} from "../parts/spark";
 import {ActualMode, Value} from "../parts/value";
@@ -81,7 +82,7 @@ function Summary({of}: {of: Ref}): JSX.Element {
 export function OverviewPage(): JSX.Element {
   const p = useCell(plant);
   const [table, setTable] = useState(false);
-  if (!p) return <p>Loading the plant …</p>;
+  if (!p) return <Nothing title="Overview">Loading the plant …</Nothing>;
   const used = new Set(p.loops.map(loop => loop.measurement));
   const others = p.variables.filter(one => one.table === "sensor" && !used.has(one.ref));
   const rows = p.loops.length + others.length;

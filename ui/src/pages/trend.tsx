@@ -7,6 +7,7 @@ import {download, downloadText} from "../download";
 import {clock, csv, day, duration, iso, missing, stamp} from "../core/format";
 import {isMeant, isTyping} from "../keyboard";
 import {loopScale, trendScale} from "../core/loopdata";
+import {Nothing} from "../parts/nothing";
 import {Table} from "../parts/table";
 import {told, Value} from "../parts/value";
 import {live, onSample, plant, refill, serverNow, variable} from "../core/model";
@@ -21,10 +22,10 @@ import type {Ref} from "../core/types";
 
 export function TrendPage({about}: {about: string | null}): JSX.Element {
   const p = useCell(plant);
-  if (!p) return <p>Loading the plant …</p>;
+  if (!p) return <Nothing title="Trend">Loading the plant …</Nothing>;
   const all = subjects(p);
   const subject = all.find(one => one.about === about) ?? all[0];
-  if (!subject) return <p>There is no measurement to show.</p>;
+  if (!subject) return <Nothing title="Trend">There is no measurement to show.</Nothing>;
   return <Trend key={`${subject.about}:${p.generation}`} subject={subject} all={all} />;
 }
 

@@ -1,0 +1,143 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/**
+ * @file apcidentify.h
+ * Models from records of a plant: what went in, what was measured.
+ *
+ * All functions read a record and own nothing of it; they may take seconds, and are [setup]. What a record
+ * cannot tell is refused with the reason and what to do about it, and nothing is made up.
+ */
+#ifndef APCIDENTIFY_H
+#define APCIDENTIFY_H
+
+#include "apclinear.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** Sampled at one period, sample after sample. */
+struct apc_record {
+    size_t size;
+    double Ts; /**< s */
+    size_t n, nu, nd, ny;
+    const double *u; /**< [n * (nu + nd)] what goes in from sample k until k + 1; disturbances come last */
+    const double *y; /**< [n * ny] what is measured at sample k; NAN: nothing */
+};
+
+/**
+ * Can models be had from it? [setup] Returns 0; APC_EINVAL: an input that never moves, inputs that move
+ * together, a measurement that never moves or is missing for the most part, inputs that only a controller
+ * moved that saw nothing but y, or too few samples; APC_ENOMEM.
+ */
+APC_API int apc_record_check(const struct apc_record *record, struct apc_error *why);
+
+/**
+ * Of how many different frequencies input @p j, from 0, has enough to tell them apart, 50 at most: a model
+ * with that many coefficients of this input can be had (its order of persistent excitation). [setup] Returns
+ * a count or APC_ENOMEM.
+ */
+APC_API int apc_record_excitation(const struct apc_record *record, size_t j);
+
+/* ---- First and second order with dead time ------------------------------------------------------- */
+
+/** Zero means default. */
+struct apc_identify_transfer_options {
+    size_t size;
+    unsigned order;       /**< 1 or 2 lags; 0: as many as the record can tell */
+    double dead_time_max; /**< s; default a quarter of the record, 500 periods at most */
+    enum apc_identify_integrating {
+        APC_INTEGRATING_AUTO = 0, /**< if the record says so */
+        APC_INTEGRATING_NO,
+        APC_INTEGRATING_YES
+    } integrating;
+};
+
+/** What is known of one output. Standard errors are NAN where the record says nothing of a number. */
+struct apc_transfer_fit {
+    double deviation;    /**< of what the inputs do not explain, as it would be predicted a sample ahead */
+    unsigned noise;      /**< order of its autoregression; 0: it is white */
+    bool rest;           /**< the plant was at rest when the record began, as far as can be told */
+    size_t n_parameters; /**< that were fitted */
+};
+
+/**
+ * The transfer functions from each input to each output that predict y best: a search over dead times and
+ * time constants, then Gauss and Newton's iteration on the errors, whitened by an autoregression where they
+ * are not white (Soderstrom and Stoica, System Identification, 1989, section 7.2). Structure by Schwarz'
+ * criterion.
+ * @p g [ny * (nu + nd)] the transfer functions; @p error [the same] their standard errors, in the members of
+ * the same name (a tau of 0 is not there and has none); @p u0 [nu + nd], @p y0 [ny] an operating point for
+ * apc_linear_from_transfer(); @p fit [ny] may be NULL. [setup] Returns 0; APC_EINVAL as of
+ * apc_record_check(), or an option out of range; APC_ESOLVER: no model says more of an output than its mean;
+ * APC_ENOMEM.
+ */
+APC_API int apc_identify_transfer(const struct apc_record *record,
+                                  const struct apc_identify_transfer_options *options, struct apc_transfer *g,
+                                  struct apc_transfer *error, double *u0, double *y0,
+                                  struct apc_transfer_fit *fit, struct apc_error *why);
+
+/* ---- Difference equations and state space -------------------------------------------------------- */
+
+/** A model, and what the error of its expectation says of its state:
+ * x[k+1] = ... + K (y[k] - what was expected). One block of memory but for linear. */
+struct apc_identified {
+    struct apc_linear *linear; /**< goes with it */
+    double *K;                 /**< [nx * ny] */
+    double *covariance;        /**< [ny * ny] of the errors a sample ahead */
+    size_t na, nb;             /**< lags of y and of u; else 0 */
+    size_t *delay;             /**< [ny * (nu + nd)] the first lag of u; else 0 */
+};
+APC_API void apc_identified_destroy(struct apc_identified *model); /**< NULL is legal. [setup] */
+
+/** Zero means default. */
+struct apc_identify_arx_options {
+    size_t size;
+    bool fir;         /**< no lags of y: na is 0 */
+    size_t na, nb;    /**< 0: those that predict held-out data best, 8 at most, nb of an fir 100 */
+    size_t delay_max; /**< samples; default 20, of an fir 0 */
+};
+/**
+ * y[k] = the sum of A_i y[k-i], i = 1..na, and of B_ij u_j[k-d_j-i], i = 0..nb-1, by least squares. Delays
+ * are those that leave least; orders those whose free run over the last third of the record is best, before
+ * all of it is used. [setup] Returns 0, APC_EINVAL as of apc_record_check(), APC_ENOMEM.
+ */
+APC_API int apc_identify_arx(struct apc_identified **model, const struct apc_record *record,
+                             const struct apc_identify_arx_options *options, struct apc_error *why);
+
+/** Zero means default. */
+struct apc_identify_subspace_options {
+    size_t size;
+    size_t order; /**< 0: the one whose free run over the last third of the record is best, 10 at most */
+    size_t rows; /**< how many samples past and future hang together; default 15, or what the record allows */
+    bool deviations; /**< from an operating point, known: none is looked for */
+};
+/**
+ * State space: A and C by PO-MOESP (Verhaegen, Automatica 30, 1994), the rest by least squares with the
+ * errors of a long autoregression as what disturbs it. [setup] Returns 0; APC_EINVAL as of apc_record_check()
+ * or too short a record; APC_ESOLVER: the plant is unstable; APC_ENOMEM.
+ */
+APC_API int apc_identify_subspace(struct apc_identified **model, const struct apc_record *record,
+                                  const struct apc_identify_subspace_options *options, struct apc_error *why);
+
+/* ---- Validation ------------------------------------------------------------------------------------ */
+
+/** How well a model goes with a record, of one output. NAN: it cannot be told. */
+struct apc_validation {
+    double fit;         /**< %, running freely: 100 (1 - |y - model| / |y - mean of y|) */
+    double ahead;       /**< the same, a sample ahead; NAN without a K */
+    double white;       /**< the probability that errors as white as that are not */
+    double independent; /**< the probability that errors as independent of the inputs as that are not */
+};
+/**
+ * Validate on samples from @p from on, with those before as the model's past. @p K [nx * ny] of an
+ * apc_identified; NULL: the state at @p from is the one that fits best. @p run [n * ny]: the free run, NAN
+ * before from and where y is; or NULL. [setup] Returns 0, APC_EINVAL (other dimensions, another period, fewer
+ * than 20 samples to validate on), APC_ENOMEM.
+ */
+APC_API int apc_validate(const struct apc_linear *model, const double *K, const struct apc_record *record,
+                         size_t from, struct apc_validation *of, double *run, struct apc_error *why);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

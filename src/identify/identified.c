@@ -1,0 +1,399 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What was identified, and how well it goes with a record. */
+#include "identify/identify_internal.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/base_internal.h"
+#include "base/matrix.h"
+#include "predict/predict_internal.h"
+
+#define VALIDATE_LEAST 20
+#define LAGS           15  /* over which errors must be white and independent */
+#define AWAY           1e6 /* of a free run's deviations: it has run away */
+
+int apc_identified_create(struct apc_identified **model, const struct apc_record *r, size_t nx,
+                          struct apc_error *why)
+{
+    const size_t numbers = nx * r->ny + r->ny * r->ny, inputs = r->nu + r->nd;
+    struct apc_identified *m =
+        calloc(1, sizeof(*m) + numbers * sizeof(double) + r->ny * inputs * sizeof(size_t));
+    double *at;
+    int rc;
+
+    *model = NULL;
+    if (!m)
+        return apc_fail(why, APC_ENOMEM, "identify: no memory");
+    at = (double *)(m + 1);
+    m->K = apc_carve(&at, nx * r->ny);
+    m->covariance = apc_carve(&at, r->ny * r->ny);
+    m->delay = (size_t *)(void *)at;
+    rc = apc_linear_allocate(&m->linear, nx, r->nu, r->nd, r->ny, why);
+    if (rc < 0) {
+        free(m);
+        return rc;
+    }
+    m->linear->Ts = r->Ts;
+    *model = m;
+    return 0;
+}
+
+void apc_identified_destroy(struct apc_identified *model)
+{
+    if (model)
+        apc_linear_destroy(model->linear);
+    free(model);
+}
+
+struct apc_record apc_record_until(const struct apc_record *r, size_t n)
+{
+    struct apc_record first = *r;
+
+    first.n = n;
+    return first;
+}
+
+double apc_spectral_radius(size_t n, const double *A, double *work)
+{
+    double *power = work, *square = work + n * n, root = 1.0, log_radius = 0.0;
+
+    memcpy(power, A, n * n * sizeof(*A));
+    for (int i = 0; i < 12; i++) { /* A^(2^i), kept at norm 1 */
+        const double norm = apc_matrix_norm(n, power);
+
+        if (!(norm > 0.0))
+            return 0.0;
+        log_radius += root * log(norm);
+        root /= 2.0;
+        for (size_t k = 0; k < n * n; k++)
+            power[k] /= norm;
+        apc_matrix_multiply(n, n, n, power, power, square);
+        memcpy(power, square, n * n * sizeof(*A));
+    }
+    return exp(log_radius);
+}
+
+/* ---- Running -------------------------------------------------------------------------------------- */
+
+struct run {
+    const struct apc_linear *model;
+    const double *K;
+    const struct apc_record *r;
+    size_t inputs;
+    double *x, *next, *y; /* [nx], [nx], [ny] */
+    double *size;         /* [ny] deviation of what is measured from where the model arrived on */
+};
+
+static int open_run(struct run *run)
+{
+    const size_t nx = run->model->nx;
+
+    run->inputs = run->r->nu + run->r->nd;
+    run->x = calloc(2 * nx + 2 * run->r->ny, sizeof(*run->x));
+    run->next = run->x + nx;
+    run->y = run->next + nx;
+    run->size = run->y + run->r->ny;
+    return run->x ? 0 : APC_ENOMEM;
+}
+
+/* One sample on; where there is a K and @p corrected, with what was measured. */
+static void step(struct run *run, size_t k, bool corrected)
+{
+    const struct apc_linear *m = run->model;
+    const double *u = run->r->u + k * run->inputs;
+
+    apc_linear_output(m, run->x, u, run->y);
+    apc_linear_next(m, run->x, u, run->next);
+    for (size_t i = 0; i < m->ny && run->K && corrected; i++) {
+        const double error = run->r->y[k * m->ny + i] - run->y[i];
+
+        for (size_t j = 0; j < m->nx && isfinite(error); j++)
+            run->next[j] += run->K[j * m->ny + i] * error;
+    }
+    memcpy(run->x, run->next, m->nx * sizeof(*run->x));
+}
+
+static double deviation_of(const struct apc_record *r, size_t i, size_t from)
+{
+    double mean = 0.0, sum = 0.0, n = 0.0;
+
+    for (size_t k = from; k < r->n; k++) {
+        if (isfinite(r->y[k * r->ny + i])) {
+            mean += r->y[k * r->ny + i];
+            n += 1.0;
+        }
+    }
+    for (size_t k = from; k < r->n; k++) {
+        const double d = r->y[k * r->ny + i] - mean / n;
+
+        sum += isfinite(d) ? d * d : 0.0;
+    }
+    return sqrt(sum / n);
+}
+
+/* Up to sample @p from; the inputs were before as at first. */
+static void arrive(struct run *run, size_t from)
+{
+    const struct apc_linear *m = run->model;
+
+    for (size_t i = 0; i < m->ny; i++)
+        run->size[i] = deviation_of(run->r, i, from);
+    memcpy(run->x, m->x0, m->nx * sizeof(*run->x));
+    for (size_t i = 0; i < m->nx_held; i++) {
+        apc_linear_next(m, run->x, run->r->u, run->next);
+        memcpy(run->x + m->nx_plant, run->next + m->nx_plant, m->nx_held * sizeof(*run->x));
+    }
+    for (size_t k = 0; k < from; k++)
+        step(run, k, true);
+}
+
+/* errors[k * ny + i] from @p from on, of a free run or a sample ahead. */
+static void errors(struct run *run, const double *x, size_t from, bool ahead, double *e)
+{
+    const size_t ny = run->r->ny;
+
+    memcpy(run->x, x, run->model->nx * sizeof(*x));
+    for (size_t k = from; k < run->r->n; k++) {
+        step(run, k, ahead);
+        for (size_t i = 0; i < ny; i++)
+            e[k * ny + i] = run->r->y[k * ny + i] - run->y[i];
+    }
+}
+
+/* Without a K: x becomes what makes the free run fit best, in the states of the plant. */
+static int fit_state(struct run *run, size_t from, double *x, double *e)
+{
+    const struct apc_linear *m = run->model;
+    const size_t n = m->nx_plant, ny = m->ny, rows = (run->r->n - from) * ny;
+    double *Q = calloc((n + 1) * rows + n * n + 2 * n + 1, sizeof(*Q)), *R, *b, *delta;
+
+    if (!Q)
+        return APC_ENOMEM;
+    R = Q + (n + 1) * rows;
+    b = R + n * n;
+    delta = b + n;
+    errors(run, x, from, false, e);
+    for (size_t j = 0; j < n; j++) {
+        memset(run->x, 0, m->nx * sizeof(*x));
+        run->x[j] = 1.0;
+        for (size_t k = 0; k < rows / ny; k++) {
+            apc_matrix_multiply(ny, m->nx, 1, m->C, run->x, run->y);
+            for (size_t i = 0; i < ny; i++)
+                Q[j * rows + k * ny + i] = run->y[i] / run->size[i];
+            apc_matrix_multiply(m->nx, m->nx, 1, m->A, run->x, run->next);
+            memcpy(run->x, run->next, m->nx * sizeof(*x));
+        }
+    }
+    for (size_t q = 0; q < rows; q++) {
+        const double error = e[from * ny + q] / run->size[q % ny];
+
+        Q[n * rows + q] = isfinite(error) ? error : 0.0;
+        for (size_t j = 0; j < n && !isfinite(error); j++)
+            Q[j * rows + q] = 0.0;
+    }
+    apc_qr_extend(rows, 0, n, Q, R, n);
+    for (size_t j = 0; j < n; j++)
+        b[j] = apc_matrix_dot(Q + j * rows, Q + n * rows, rows);
+    apc_qr_solve(n, R, n, b, delta);
+    for (size_t j = 0; j < n; j++)
+        x[j] += delta[j];
+    free(Q);
+    return 0;
+}
+
+double apc_identified_misfit(const struct apc_identified *model, const struct apc_record *r, size_t from)
+{
+    struct run run = {.model = model->linear, .K = model->K, .r = r};
+    double sum = 0.0, n = 0.0, *e = calloc(r->n * r->ny + model->linear->nx, sizeof(*e)), *x;
+
+    if (!e || open_run(&run) < 0) {
+        free(e);
+        return -1.0;
+    }
+    x = e + r->n * r->ny;
+    arrive(&run, from);
+    memcpy(x, run.x, model->linear->nx * sizeof(*x));
+    errors(&run, x, from, false, e);
+    for (size_t i = 0; i < r->ny; i++) {
+        for (size_t k = from; k < r->n; k++) {
+            const double relative = e[k * r->ny + i] / run.size[i];
+
+            if (isfinite(r->y[k * r->ny + i])) {
+                sum += isfinite(relative) && fabs(relative) < AWAY ? relative * relative : HUGE_VAL;
+                n += 1.0;
+            }
+        }
+    }
+    free(run.x);
+    free(e);
+    return sqrt(sum / n);
+}
+
+/* ---- What the errors tell --------------------------------------------------------------------------- */
+
+static double fit_of(const struct run *run, const double *e, size_t i, size_t from)
+{
+    const struct apc_record *r = run->r;
+    double sum = 0.0, n = 0.0;
+
+    for (size_t k = from; k < r->n; k++) {
+        if (isfinite(r->y[k * r->ny + i])) {
+            sum += e[k * r->ny + i] * e[k * r->ny + i];
+            n += 1.0;
+        }
+    }
+    return 100.0 * (1.0 - sqrt(sum / n) / run->size[i]);
+}
+
+/* Ljung and Box, Biometrika 65, 1978. e [n] may have NAN. */
+static double white_of(const double *e, size_t n)
+{
+    double sum = 0.0, all = 0.0, there = 0.0;
+
+    for (size_t k = 0; k < n; k++) {
+        all += isfinite(e[k]) ? e[k] * e[k] : 0.0;
+        there += isfinite(e[k]) != 0;
+    }
+    for (size_t lag = 1; lag <= LAGS; lag++) {
+        double product = 0.0;
+
+        for (size_t k = lag; k < n; k++)
+            product += isfinite(e[k] * e[k - lag]) ? e[k] * e[k - lag] : 0.0;
+        sum += pow(product / all, 2) / (there - (double)lag);
+    }
+    return all > 0.0 ? apc_chi2_above(there * (there + 2.0) * sum, LAGS) : (double)NAN;
+}
+
+/* How much of the errors, whitened, the inputs of the last samples explain, filtered as the errors are. The
+ * smallest probability, times the number of inputs, as the inputs are so many chances. */
+static int independent_of(const double *e, const struct apc_record *r, size_t from, double *least)
+{
+    const size_t n = r->n - from, inputs = r->nu + r->nd, rows = n - LAGS;
+    double a[8], *Q = calloc((size_t)(LAGS + 2) * n + 2 * n + (size_t)(LAGS + 2) * (LAGS + 2), sizeof(*Q)),
+                 *w, *u, *R;
+    int order = Q ? apc_autoregression(e, n, 8, a) : APC_ENOMEM;
+
+    *least = 1.0;
+    if (order < 0) {
+        free(Q);
+        return order;
+    }
+    w = Q + (LAGS + 2) * n;
+    u = w + n;
+    R = u + n;
+    apc_whiten(e, n, a, (size_t)order, w);
+    for (size_t j = 0; j < inputs; j++) {
+        double all = 0.0, there = 0.0, explained = 0.0, rank = 0.0;
+
+        for (size_t k = 0; k < n; k++)
+            u[k] = r->u[(from + k) * inputs + j];
+        apc_whiten(u, n, a, (size_t)order, u);
+        for (size_t k = LAGS; k < n; k++) {
+            const bool use = isfinite(w[k]) && isfinite(u[k - LAGS + 1]);
+
+            Q[k - LAGS] = use;
+            for (size_t lag = 0; lag < LAGS; lag++)
+                Q[(1 + lag) * rows + k - LAGS] = use ? u[k - lag] : 0.0;
+            Q[(1 + LAGS) * rows + k - LAGS] = use ? w[k] : 0.0;
+            there += use;
+        }
+        apc_qr_extend(rows, 0, LAGS + 2, Q, R, LAGS + 2);
+        for (size_t i = 1; i < LAGS + 2; i++) {
+            const double part = R[i * (LAGS + 2) + LAGS + 1];
+
+            all += part * part;
+            explained += i <= LAGS ? part * part : 0.0;
+            rank += i <= LAGS && R[i * (LAGS + 2) + i] > 0.0;
+        }
+        if (all > 0.0 && rank > 0.0)
+            *least = fmin(*least, (double)inputs * apc_chi2_above(there * explained / all, rank));
+    }
+    free(Q);
+    return 0;
+}
+
+static int judge(const struct run *run, size_t from, const double *run_free, const double *ahead, double *one,
+                 struct apc_validation *of)
+{
+    const struct apc_record *r = run->r;
+    int rc = 0;
+
+    for (size_t i = 0; i < r->ny && rc == 0; i++) {
+        double independent = 1.0;
+
+        for (size_t k = from; k < r->n; k++)
+            one[k - from] = ahead[k * r->ny + i];
+        rc = independent_of(one, r, from, &independent);
+        of[i] = (struct apc_validation){.fit = fit_of(run, run_free, i, from),
+                                        .ahead = run->K ? fit_of(run, ahead, i, from) : (double)NAN,
+                                        .white = white_of(one, r->n - from),
+                                        .independent = independent};
+    }
+    return rc;
+}
+
+static int check_validation(const struct apc_linear *m, const struct apc_record *r, size_t from,
+                            struct apc_error *why)
+{
+    if (m->ny != r->ny || m->nu != r->nu || m->nd != r->nd)
+        return apc_fail(why, APC_EINVAL,
+                        "validate: the model has %zu inputs, %zu disturbances and %zu outputs, the record "
+                        "%zu, %zu and %zu",
+                        m->nu, m->nd, m->ny, r->nu, r->nd, r->ny);
+    if (fabs(m->Ts - r->Ts) > 1e-6 * r->Ts)
+        return apc_fail(why, APC_EINVAL, "validate: the model has a period of %g s, the record one of %g s",
+                        m->Ts, r->Ts);
+    for (size_t i = 0; i < r->ny; i++) {
+        size_t there = 0;
+
+        for (size_t k = from; k < r->n; k++)
+            there += isfinite(r->y[k * r->ny + i]) != 0;
+        if (there < VALIDATE_LEAST)
+            return apc_fail(why, APC_EINVAL,
+                            "validate: %zu samples of output %zu to validate on; %d are the least", there,
+                            i + 1, VALIDATE_LEAST);
+    }
+    return 0;
+}
+
+int apc_validate(const struct apc_linear *model, const double *K, const struct apc_record *record,
+                 size_t from, struct apc_validation *of, double *run, struct apc_error *why)
+{
+    struct apc_record r = {0};
+    struct run state = {.model = model, .K = K, .r = &r};
+    double *memory = NULL, *e, *ahead, *one, *x;
+    int rc = apc_options_copy(&r, sizeof(r), record, "apc_record", why);
+
+    if (rc == 0)
+        rc = check_validation(model, &r, from, why);
+    if (rc < 0)
+        return rc;
+    memory = calloc(2 * r.n * r.ny + r.n + model->nx, sizeof(*memory));
+    rc = memory ? open_run(&state) : APC_ENOMEM;
+    if (rc < 0)
+        goto out;
+    e = memory;
+    ahead = e + r.n * r.ny;
+    one = ahead + r.n * r.ny;
+    x = one + r.n;
+    arrive(&state, from);
+    memcpy(x, state.x, model->nx * sizeof(*x));
+    if (K)
+        errors(&state, x, from, true, ahead);
+    else
+        rc = fit_state(&state, from, x, e);
+    if (rc < 0)
+        goto out;
+    errors(&state, x, from, false, e);
+    for (size_t i = 0; i < r.n * r.ny && run; i++)
+        run[i] = i / r.ny < from ? (double)NAN : r.y[i] - e[i];
+    rc = judge(&state, from, e, K ? ahead : e, one, of);
+out:
+    if (rc < 0)
+        apc_fail(why, rc, "validate: no memory");
+    free(state.x);
+    free(memory);
+    return rc;
+}

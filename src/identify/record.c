@@ -1,0 +1,222 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What a record can tell, and what not. */
+#include "identify/identify_internal.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/base_internal.h"
+#include "base/matrix.h"
+
+#define SAMPLES_LEAST   20
+#define EXCITATION_MOST 50
+#define ALIKE           0.01 /* of an input's movement that must be its own */
+#define FEEDBACK_LAGS   2
+
+static int check_shape(const struct apc_record *r, struct apc_error *why)
+{
+    const size_t inputs = r->nu + r->nd, least = SAMPLES_LEAST + 10 * inputs;
+    apc_ns period;
+
+    if (!r->u || !r->y || inputs == 0 || r->ny == 0 || inputs > 1000 || r->ny > 1000)
+        return apc_fail(why, APC_EINVAL,
+                        "record: it must have inputs and measurements, 1000 of each at most");
+    if (apc_period_from_s(r->Ts, &period, why) < 0)
+        return APC_EINVAL;
+    if (r->n < least)
+        return apc_fail(why, APC_EINVAL, "record: %zu samples; %zu are the least for %zu inputs", r->n, least,
+                        inputs);
+    for (size_t i = 0; i < r->n * inputs; i++) {
+        if (!apc_value_ok(r->u[i]))
+            return apc_fail(why, APC_EINVAL,
+                            "record: input %zu is no number at sample %zu: what went in must be known always",
+                            i % inputs + 1, i / inputs + 1);
+    }
+    return 0;
+}
+
+/* How many there are, and between what they lie. */
+static size_t range(const double *x, size_t n, size_t stride, double *low, double *high)
+{
+    size_t there = 0;
+
+    *low = HUGE_VAL;
+    *high = -HUGE_VAL;
+    for (size_t k = 0; k < n; k++) {
+        if (!isfinite(x[k * stride]))
+            continue;
+        there++;
+        *low = fmin(*low, x[k * stride]);
+        *high = fmax(*high, x[k * stride]);
+    }
+    return there;
+}
+
+static bool moves(double low, double high)
+{
+    return high - low > 1e-9 * fmax(fabs(low), fabs(high));
+}
+
+static int check_movement(const struct apc_record *r, struct apc_error *why)
+{
+    double low, high;
+
+    for (size_t j = 0; j < r->nu + r->nd; j++) {
+        range(r->u + j, r->n, r->nu + r->nd, &low, &high);
+        if (!moves(low, high))
+            return apc_fail(why, APC_EINVAL,
+                            "input %zu is %g all the time: nothing can be told of what it does. Move it in a "
+                            "test, or leave it out",
+                            j + 1, low);
+    }
+    for (size_t i = 0; i < r->ny; i++) {
+        const size_t there = range(r->y + i, r->n, r->ny, &low, &high);
+
+        if (there < r->n / 2 || there < SAMPLES_LEAST)
+            return apc_fail(why, APC_EINVAL,
+                            "output %zu has %zu good samples of %zu: half of them at least are needed. Take "
+                            "another window, or leave it out",
+                            i + 1, there, r->n);
+        if (!moves(low, high))
+            return apc_fail(why, APC_EINVAL,
+                            "output %zu is %g all the time: no input moves it, or its sensor is stuck", i + 1,
+                            low);
+    }
+    return 0;
+}
+
+/* ---- Inputs that move together ------------------------------------------------------------------- */
+
+static void centre(double *x, size_t n)
+{
+    double mean = 0.0;
+
+    for (size_t k = 0; k < n; k++)
+        mean += x[k] / (double)n;
+    for (size_t k = 0; k < n; k++)
+        x[k] -= mean;
+}
+
+static int check_alike(const struct apc_record *r, struct apc_error *why)
+{
+    const size_t inputs = r->nu + r->nd;
+    double *Q = calloc(inputs * (r->n + inputs) + 1, sizeof(*Q)), *R;
+    int rc = 0;
+
+    if (!Q)
+        return apc_fail(why, APC_ENOMEM, "record: no memory");
+    R = Q + inputs * r->n;
+    for (size_t j = 0; j < inputs; j++) {
+        for (size_t k = 0; k < r->n; k++)
+            Q[j * r->n + k] = r->u[k * inputs + j];
+        centre(Q + j * r->n, r->n);
+    }
+    apc_qr_extend(r->n, 0, inputs, Q, R, inputs);
+    for (size_t j = 1; j < inputs && rc == 0; j++) {
+        size_t like = 0;
+        double all = 0.0;
+
+        for (size_t i = 0; i <= j; i++)
+            all += R[i * inputs + j] * R[i * inputs + j];
+        for (size_t i = 0; i < j; i++)
+            like = fabs(R[i * inputs + j]) > fabs(R[like * inputs + j]) ? i : like;
+        if (R[j * inputs + j] < ALIKE * sqrt(all))
+            rc = apc_fail(why, APC_EINVAL,
+                          "input %zu moves as input %zu%s does, but for %.2g %%: which of them does what "
+                          "cannot be told. Move them at different times",
+                          j + 1, like + 1, j > 1 ? ", or several together," : "",
+                          100.0 * R[j * inputs + j] / sqrt(all));
+    }
+    free(Q);
+    return rc;
+}
+
+/* ---- Feedback and nothing else --------------------------------------------------------------------- */
+
+/* Of input @p j what is left when it is expected from its past and, @p with_y, from y as well; from as many
+ * numbers either way. */
+static double left_of(const struct apc_record *r, size_t j, bool with_y, double *Q, double *R)
+{
+    const size_t inputs = r->nu + r->nd, past = FEEDBACK_LAGS + (with_y ? 0 : (FEEDBACK_LAGS + 1) * r->ny);
+    const size_t first = FEEDBACK_LAGS + (FEEDBACK_LAGS + 1) * r->ny, width = first + 2, rows = r->n - first;
+
+    memset(Q, 0, rows * width * sizeof(*Q));
+    for (size_t k = first; k < r->n; k++) {
+        bool there = true;
+        size_t at = 0;
+
+        for (size_t i = 0; i < (FEEDBACK_LAGS + 1) * r->ny; i++)
+            there &= isfinite(r->y[(k - i / r->ny) * r->ny + i % r->ny]) != 0;
+        if (!there)
+            continue;
+        Q[at++ * rows + k - first] = 1.0;
+        for (size_t i = 1; i <= past; i++)
+            Q[at++ * rows + k - first] = r->u[(k - i) * inputs + j];
+        for (size_t i = 0; i < (FEEDBACK_LAGS + 1) * r->ny && with_y; i++)
+            Q[at++ * rows + k - first] = r->y[(k - i / r->ny) * r->ny + i % r->ny];
+        Q[at * rows + k - first] = r->u[k * inputs + j];
+    }
+    apc_qr_extend(rows, 0, width, Q, R, width);
+    return R[width * width - 1];
+}
+
+static int check_feedback(const struct apc_record *r, struct apc_error *why)
+{
+    const size_t width = FEEDBACK_LAGS + (FEEDBACK_LAGS + 1) * r->ny + 2;
+    double *Q = calloc(width * (r->n + width), sizeof(*Q));
+    int rc = 0;
+
+    if (!Q)
+        return apc_fail(why, APC_ENOMEM, "record: no memory");
+    for (size_t j = 0; j < r->nu && rc == 0 && r->n > 2 * width; j++) {
+        const double alone = left_of(r, j, false, Q, Q + width * r->n),
+                     with_y = left_of(r, j, true, Q, Q + width * r->n);
+
+        if (alone > 0.0 && with_y < 0.01 * alone)
+            rc = apc_fail(why, APC_EINVAL,
+                          "input %zu does nothing but what a controller makes of the measurements: then the "
+                          "plant cannot be told from the controller. Record steps of the setpoint, or of the "
+                          "output in Man",
+                          j + 1);
+    }
+    free(Q);
+    return rc;
+}
+
+int apc_record_check(const struct apc_record *record, struct apc_error *why)
+{
+    struct apc_record r = {0};
+    int rc = apc_options_copy(&r, sizeof(r), record, "apc_record", why);
+
+    if (rc == 0)
+        rc = check_shape(&r, why);
+    if (rc == 0)
+        rc = check_movement(&r, why);
+    if (rc == 0)
+        rc = check_alike(&r, why);
+    return rc == 0 ? check_feedback(&r, why) : rc;
+}
+
+int apc_record_excitation(const struct apc_record *record, size_t j)
+{
+    const size_t inputs = record->nu + record->nd,
+                 most = record->n / 4 < EXCITATION_MOST ? record->n / 4 : EXCITATION_MOST,
+                 rows = record->n - most;
+    double *Q = calloc(most * (rows + most) + 1, sizeof(*Q)), *R;
+    size_t order = 0;
+
+    if (!Q)
+        return APC_ENOMEM;
+    R = Q + most * rows;
+    for (size_t i = 0; i < most; i++) {
+        for (size_t k = 0; k < rows; k++)
+            Q[i * rows + k] = record->u[(most - i + k) * inputs + j];
+        centre(Q + i * rows, rows);
+    }
+    apc_qr_extend(rows, 0, most, Q, R, most);
+    while (order < most && R[order * most + order] > 0.02 * R[0])
+        order++;
+    free(Q);
+    return (int)order;
+}

@@ -1,0 +1,310 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "identify/search.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/matrix.h"
+
+#define ARM_UNKNOWNS 3     /* log tau, log tau, dead time */
+#define WHITE        1e-16 /* of y's variance: what rounding leaves */
+
+/* ---- Columns ------------------------------------------------------------------------------------- */
+
+size_t search_base(const struct shape *shape)
+{
+    return shape->integrating ? 2 : 1;
+}
+
+size_t search_arm(const struct arm *arm, bool rest)
+{
+    return 1 + (size_t)arm->zero + (rest ? 0 : arm->lag.order);
+}
+
+static size_t arm_unknowns(const struct arm *arm)
+{
+    return arm->lag.order + 1;
+}
+
+size_t search_linear(const struct search *s, const struct shape *shape)
+{
+    size_t n = search_base(shape);
+
+    for (size_t j = 0; j < s->inputs; j++)
+        n += search_arm(&shape->arm[j], shape->rest);
+    return n;
+}
+
+size_t search_unknowns(const struct search *s, const struct shape *shape)
+{
+    size_t n = 0;
+
+    for (size_t j = 0; j < s->inputs; j++)
+        n += arm_unknowns(&shape->arm[j]);
+    return n;
+}
+
+void search_finish(const struct search *s, double *column)
+{
+    apc_whiten(column, s->n, s->noise, s->n_noise, column);
+    for (size_t k = 0; k < s->n; k++)
+        column[k] = s->counts[k] ? column[k] : 0.0;
+}
+
+int search_fill_arm(const struct search *s, const struct arm *arm, size_t j, bool rest, double *column)
+{
+    const struct apc_record *r = s->record;
+    double *rate = arm->zero ? column + s->n : NULL, *at = column + s->n * (1 + (size_t)arm->zero);
+    int rc = apc_lag_response(&arm->lag, r->Ts, r->u + j, s->inputs, s->n, column, rate);
+
+    for (size_t i = 0; i < arm->lag.order && !rest; i++, at += s->n) {
+        for (size_t k = 0; k < s->n; k++)
+            at[k] = exp(-(double)k * r->Ts / arm->lag.tau[i]);
+    }
+    for (size_t i = 0; i < search_arm(arm, rest); i++)
+        search_finish(s, column + i * s->n);
+    return rc;
+}
+
+void search_fill_base(const struct search *s, const struct shape *shape)
+{
+    for (size_t k = 0; k < s->n; k++) {
+        s->Q[k] = 1.0;
+        if (shape->integrating)
+            s->Q[s->n + k] = (double)k / (double)s->n;
+    }
+    for (size_t i = 0; i < search_base(shape); i++)
+        search_finish(s, s->Q + i * s->n);
+}
+
+void search_set_noise(struct search *s, const double *a, size_t order)
+{
+    const struct apc_record *r = s->record;
+
+    for (size_t i = 0; i < order; i++)
+        s->noise[i] = a[i];
+    s->n_noise = order;
+    for (size_t k = 0; k < s->n; k++)
+        s->y[k] = r->y[k * r->ny + s->output];
+    apc_whiten(s->y, s->n, s->noise, order, s->y);
+    s->rows = 0;
+    for (size_t k = 0; k < s->n; k++) {
+        s->counts[k] = isfinite(s->y[k]) != 0;
+        s->y[k] = s->counts[k] ? s->y[k] : 0.0;
+        s->rows += s->counts[k];
+    }
+}
+
+/* ---- The errors of a shape ------------------------------------------------------------------------ */
+
+void search_project(struct search *s, size_t from, size_t to)
+{
+    for (size_t i = from; i < to; i++) {
+        const double *q = s->Q + i * s->n;
+
+        s->along[i] = apc_matrix_dot(q, s->e, s->n);
+        for (size_t k = 0; k < s->n; k++)
+            s->e[k] -= s->along[i] * q[k];
+    }
+}
+
+/* Schwarz' criterion, the autoregression among what is fitted; the less the better. */
+static double score_of(const struct search *s, double left, size_t parameters)
+{
+    const double least = WHITE * apc_matrix_dot(s->y, s->y, s->n), n = (double)s->n;
+
+    return n * log(fmax(left, least) / (double)s->rows) + (double)(parameters + s->n_noise) * log(n);
+}
+
+int search_evaluate(struct search *s, struct shape *shape)
+{
+    size_t at = search_base(shape);
+    int rc = 0;
+
+    search_fill_base(s, shape);
+    for (size_t j = 0; j < s->inputs && rc == 0; j++) {
+        rc = search_fill_arm(s, &shape->arm[j], j, shape->rest, s->Q + at * s->n);
+        at += search_arm(&shape->arm[j], shape->rest);
+    }
+    if (rc < 0)
+        return rc;
+    apc_qr_extend(s->n, 0, at, s->Q, s->R, s->width);
+    memcpy(s->e, s->y, s->n * sizeof(*s->e));
+    search_project(s, 0, at);
+    apc_qr_solve(at, s->R, s->width, s->along, s->value);
+    shape->left = apc_matrix_dot(s->e, s->e, s->n);
+    shape->score = score_of(s, shape->left, at + search_unknowns(s, shape));
+    return 0;
+}
+
+void search_move(const struct search *s, struct arm *arm, size_t q, double step)
+{
+    const double Ts = s->record->Ts;
+
+    if (q < arm->lag.order)
+        arm->lag.tau[q] = fmin(fmax(arm->lag.tau[q] * exp(step), Ts / 50.0), 50.0 * (double)s->n * Ts);
+    else
+        arm->lag.dead_time = fmin(fmax(arm->lag.dead_time + step * Ts, 0.0), s->dead_time_max);
+}
+
+/* After search_evaluate(): how the errors move with each unknown, behind the linear columns. */
+int search_differentiate(struct search *s, const struct shape *shape)
+{
+    const double h = 1e-4;
+    size_t at = search_base(shape), to = search_linear(s, shape);
+    int rc = 0;
+
+    for (size_t j = 0; j < s->inputs && rc == 0; j++) {
+        const size_t columns = search_arm(&shape->arm[j], shape->rest);
+
+        for (size_t q = 0; q < arm_unknowns(&shape->arm[j]) && rc == 0; q++, to++) {
+            struct arm up = shape->arm[j], down = shape->arm[j];
+            double *out = s->Q + to * s->n;
+            double width = 2.0 * h;
+
+            search_move(s, &up, q, h);
+            search_move(s, &down, q, -h);
+            if (q == up.lag.order)
+                width = (up.lag.dead_time - down.lag.dead_time) / s->record->Ts;
+            rc = search_fill_arm(s, &up, j, shape->rest, s->plus);
+            if (rc == 0)
+                rc = search_fill_arm(s, &down, j, shape->rest, s->minus);
+            for (size_t k = 0; k < s->n && rc == 0; k++) {
+                out[k] = 0.0;
+                for (size_t c = 0; c < columns; c++)
+                    out[k] += s->value[at + c] * (s->plus[c * s->n + k] - s->minus[c * s->n + k]) / width;
+            }
+        }
+        at += columns;
+    }
+    if (rc == 0)
+        apc_qr_extend(s->n, search_linear(s, shape), to, s->Q, s->R, s->width);
+    return rc;
+}
+
+/* The damped step [unknowns]: least squares of [R; damping D] step = [along; 0], D the lengths of R's
+ * columns. small [2 m * (m + 1)] */
+static void find_step(struct search *s, size_t first, size_t m, double damping, double *step)
+{
+    double *S = s->small, *rhs = step + m;
+
+    memset(S, 0, 2 * m * (m + 1) * sizeof(*S));
+    for (size_t j = 0; j < m; j++) {
+        double length = 0.0;
+
+        for (size_t i = 0; i <= j; i++) {
+            const double r = s->R[(first + i) * s->width + first + j];
+
+            S[j * 2 * m + i] = r;
+            length += r * r;
+        }
+        S[j * 2 * m + m + j] = sqrt(damping * length);
+    }
+    memcpy(S + 2 * m * m, s->along + first, m * sizeof(*S));
+    apc_qr_extend(2 * m, 0, m, S, s->small_R, m);
+    for (size_t i = 0; i < m; i++)
+        rhs[i] = apc_matrix_dot(S + i * 2 * m, S + 2 * m * m, 2 * m);
+    apc_qr_solve(m, s->small_R, m, rhs, step);
+}
+
+void search_copy(const struct search *s, struct shape *to, const struct shape *from)
+{
+    struct arm *arm = to->arm;
+
+    memcpy(arm, from->arm, s->inputs * sizeof(*arm));
+    *to = *from;
+    to->arm = arm;
+}
+
+static void step_shape(const struct search *s, struct shape *shape, const double *step)
+{
+    for (size_t j = 0; j < s->inputs; j++) {
+        for (size_t q = 0; q < arm_unknowns(&shape->arm[j]); q++)
+            search_move(s, &shape->arm[j], q, fmin(fmax(*step++, -20.0), 20.0));
+    }
+}
+
+/* Evaluate trial where nothing of what led to it is overwritten: behind the first @p columns. */
+static int try_aside(struct search *s, size_t columns)
+{
+    struct search aside = *s;
+
+    aside.Q = s->Q + columns * s->n;
+    aside.R = s->R + s->width * s->width;
+    aside.along = s->along + s->width;
+    aside.value = s->value + s->width;
+    aside.e = s->e + s->n;
+    return search_evaluate(&aside, &s->trial);
+}
+
+int search_refine(struct search *s, struct shape *shape)
+{
+    const size_t first = search_linear(s, shape), m = search_unknowns(s, shape);
+    double damping = 1e-3;
+    int rc = search_evaluate(s, shape);
+
+    for (int iteration = 0, idle = 0; iteration < 60 && idle < 2 && rc == 0; iteration++) {
+        const double before = shape->left;
+        bool better = false;
+
+        rc = search_evaluate(s, shape);
+        if (rc == 0)
+            rc = search_differentiate(s, shape);
+        if (rc < 0)
+            break;
+        search_project(s, first, first + m);
+        while (!better && damping < 1e3 && rc == 0) {
+            find_step(s, first, m, damping, s->small + 2 * m * (m + 1));
+            search_copy(s, &s->trial, shape);
+            step_shape(s, &s->trial, s->small + 2 * m * (m + 1));
+            rc = try_aside(s, first + m);
+            better = rc == 0 && s->trial.left < before;
+            damping *= better ? 0.1 : 10.0;
+        }
+        if (!better)
+            break;
+        search_copy(s, shape, &s->trial);
+        damping = fmax(damping, 1e-12);
+        idle = before - shape->left < 1e-6 * before ? idle + 1 : 0;
+    }
+    return rc == 0 ? search_evaluate(s, shape) : rc;
+}
+
+/* ---- Memory ------------------------------------------------------------------------------ */
+
+int search_open(struct search *s)
+{
+    const size_t n = s->n, m = s->inputs * ARM_UNKNOWNS, linear = s->inputs * ARM_COLUMNS + 2;
+    double *at;
+
+    s->width = linear + m;
+    at = calloc((s->width + linear + 2 * (size_t)ARM_COLUMNS + 3) * n + 2 * s->width * s->width +
+                    4 * s->width + (2 * m + 2) * (m + 2) + s->width + m * m + 1,
+                sizeof(*at));
+    s->counts = calloc(n + 1, sizeof(*s->counts));
+    s->best.arm = calloc(5 * s->inputs + 1, sizeof(*s->best.arm));
+    s->memory = at;
+    if (!at || !s->counts || !s->best.arm)
+        return APC_ENOMEM;
+    s->trial.arm = s->best.arm + s->inputs;
+    s->grown.arm = s->trial.arm + s->inputs;
+    s->Q = apc_carve(&at, (s->width + linear) * n);
+    s->y = apc_carve(&at, n);
+    s->e = apc_carve(&at, 2 * n);
+    s->plus = apc_carve(&at, (size_t)ARM_COLUMNS * n);
+    s->minus = apc_carve(&at, (size_t)ARM_COLUMNS * n);
+    s->R = apc_carve(&at, 2 * s->width * s->width);
+    s->along = apc_carve(&at, 2 * s->width);
+    s->value = apc_carve(&at, 2 * s->width);
+    s->small = apc_carve(&at, (2 * m + 2) * (m + 2) + s->width);
+    s->small_R = apc_carve(&at, m * m);
+    return 0;
+}
+
+void search_close(struct search *s)
+{
+    free(s->memory);
+    free(s->counts);
+    free(s->best.arm);
+}

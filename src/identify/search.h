@@ -1,0 +1,76 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The search for the transfer functions to one output. What is linear in the error (gains, leads, where y
+ * begins) is found by least squares inside of what is not (time constants, dead times): variable projection
+ * (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973) in Kaufman's form, damped as Marquardt did.
+ */
+#ifndef APC_IDENTIFY_SEARCH_H
+#define APC_IDENTIFY_SEARCH_H
+
+#include "identify/identify_internal.h"
+
+#define NOISE_MOST  8
+#define ARM_COLUMNS 4 /* response, its rate, what is left of the beginning in each lag */
+
+/* What leads from an input to the output. */
+struct arm {
+    struct apc_lag lag;
+    bool zero;
+};
+
+struct shape {
+    struct arm *arm; /* [inputs] */
+    bool integrating, rest;
+    double left; /* sum of squared errors */
+    double score;
+};
+
+struct search {
+    const struct apc_record *record;
+    size_t n, inputs, output, width;
+    double dead_time_max;
+    unsigned order; /* 0: to be found */
+    double noise[NOISE_MOST];
+    size_t n_noise;
+    bool *counts; /* [n] samples whose error counts */
+    size_t rows;
+    double *y, *e;           /* [n] whitened, 0 where it does not count; what is left of it */
+    double *Q, *R, *along;   /* [n * width], [width * width], [width] */
+    double *value;           /* [width] of the linear ones */
+    double *plus, *minus;    /* [n * ARM_COLUMNS] */
+    double *small, *small_R; /* of a step */
+    void *memory;
+    struct shape best, trial, grown;
+};
+
+int search_open(struct search *s); /* 0 or APC_ENOMEM; search_close() in either case */
+void search_close(struct search *s);
+
+/* Columns of the least squares: what y has without inputs, then those of each arm. */
+size_t search_base(const struct shape *shape);
+size_t search_arm(const struct arm *arm, bool rest);
+size_t search_linear(const struct search *s, const struct shape *shape); /* all of them */
+size_t search_unknowns(const struct search *s, const struct shape *shape);
+void search_fill_base(const struct search *s, const struct shape *shape);
+int search_fill_arm(const struct search *s, const struct arm *arm, size_t j, bool rest, double *column);
+/* Whiten a column as the errors are, 0 where they do not count. */
+void search_finish(const struct search *s, double *column);
+
+/* What errors are expected to be like, and so which samples count, and y. */
+void search_set_noise(struct search *s, const double *a, size_t order);
+/* The least squares of what is linear: value, e, left, score. */
+int search_evaluate(struct search *s, struct shape *shape);
+/* After that: how the errors move with each unknown, behind the linear columns. */
+int search_differentiate(struct search *s, const struct shape *shape);
+/* Take from e what columns from..to-1 explain: along. */
+void search_project(struct search *s, size_t from, size_t to);
+/* Gauss and Newton's iteration from where the shape is. */
+int search_refine(struct search *s, struct shape *shape);
+void search_copy(const struct search *s, struct shape *to, const struct shape *from);
+/* Unknown @q of an arm moves by @step: the log of a time constant, then the dead time in periods. */
+void search_move(const struct search *s, struct arm *arm, size_t q, double step);
+
+/* shape.c: best = the structure and the numbers that predict best. */
+int search_shape(struct search *s, enum apc_identify_integrating integrating);
+
+#endif

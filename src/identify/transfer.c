@@ -1,0 +1,202 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* First and second order with dead time, output by output, and what is told of them. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/base_internal.h"
+#include "base/matrix.h"
+#include "identify/search.h"
+
+/* ---- What is told ----------------------------------------------------------------------------------- */
+
+static double deviation(struct search *s, size_t width, double variance, size_t at, double weight,
+                        size_t other, double other_weight)
+{
+    double *g = s->small, found;
+
+    memset(g, 0, width * sizeof(*g));
+    g[at] = weight;
+    g[other] += other_weight;
+    found = sqrt(variance * apc_qr_variance(width, s->R, s->width, g));
+    return isfinite(found) ? found : (double)NAN;
+}
+
+/* The numbers of each arm, and their standard errors. Time constants the larger one first. */
+static int tell(struct search *s, struct apc_transfer *g, struct apc_transfer *error,
+                struct apc_transfer_fit *fit)
+{
+    struct shape *best = &s->best;
+    const size_t linear = search_linear(s, best), all = linear + search_unknowns(s, best);
+    size_t at = search_base(best), q = linear;
+    double variance;
+    int rc = search_evaluate(s, best);
+
+    if (rc == 0)
+        rc = search_differentiate(s, best);
+    if (rc < 0)
+        return rc;
+    variance = best->left / (double)(s->rows > all ? s->rows - all : 1);
+    for (size_t j = 0; j < s->inputs; j++) {
+        const struct arm *arm = &best->arm[j];
+        const bool turned = arm->lag.order == 2 && arm->lag.tau[1] > arm->lag.tau[0];
+        const double gain = s->value[at], zero = arm->zero ? s->value[at + 1] / gain : 0.0;
+
+        g[j] = (struct apc_transfer){
+            .gain = gain, .zero = zero, .dead_time = arm->lag.dead_time, .integrating = best->integrating};
+        error[j] = (struct apc_transfer){.gain = deviation(s, all, variance, at, 1.0, at, 0.0)};
+        if (arm->zero)
+            error[j].zero = deviation(s, all, variance, at + 1, 1.0 / gain, at, -zero / gain);
+        for (size_t i = 0; i < arm->lag.order; i++, q++) {
+            const size_t place = turned ? 1 - i : i;
+
+            g[j].tau[place] = arm->lag.tau[i];
+            error[j].tau[place] = arm->lag.tau[i] * deviation(s, all, variance, q, 1.0, q, 0.0);
+        }
+        error[j].dead_time = s->record->Ts * deviation(s, all, variance, q, 1.0, q, 0.0);
+        q++;
+        at += search_arm(arm, best->rest);
+    }
+    *fit = (struct apc_transfer_fit){
+        .deviation = sqrt(variance), .noise = (unsigned)s->n_noise, .rest = best->rest, .n_parameters = all};
+    return 0;
+}
+
+/* Does any input matter? */
+static int check_found(const struct search *s, const struct apc_transfer *g, const struct apc_transfer *error,
+                       struct apc_error *why)
+{
+    for (size_t j = 0; j < s->inputs; j++) {
+        if (fabs(g[j].gain) > 3.0 * error[j].gain)
+            return 0;
+    }
+    return apc_fail(why, APC_ESOLVER,
+                    "output %zu does not follow the inputs: no gain is above three times its standard error. "
+                    "Move the inputs more, hold them longer than the dead time, or record for longer",
+                    s->output + 1);
+}
+
+/* ---- The operating point ------------------------------------------------------------------------------ */
+
+/*
+ * Where u0 and y0 are: at the mean of the inputs, or where an output that integrates stands still, as near as
+ * possible to where the record begins, in units of how much each input moves.
+ */
+struct rest {
+    double begin, slope; /* of an output while all inputs are as at first */
+};
+
+static int place(const struct apc_record *r, const struct apc_transfer *g, const struct rest *rest,
+                 double *u0, double *y0)
+{
+    const size_t inputs = r->nu + r->nd;
+    double *memory = calloc(inputs * (r->ny + 1) + r->ny * (r->ny + 2), sizeof(*memory)), *at = memory, *size,
+           *Q, *R, *b;
+    size_t n = 0;
+
+    if (!memory)
+        return APC_ENOMEM;
+    size = apc_carve(&at, inputs);
+    Q = apc_carve(&at, inputs * r->ny);
+    R = apc_carve(&at, r->ny * r->ny);
+    b = apc_carve(&at, r->ny);
+    for (size_t j = 0; j < inputs; j++) {
+        double mean = 0.0;
+
+        for (size_t k = 0; k < r->n; k++)
+            mean += r->u[k * inputs + j] / (double)r->n;
+        for (size_t k = 0; k < r->n; k++)
+            size[j] += pow(r->u[k * inputs + j] - mean, 2) / (double)r->n;
+        size[j] = sqrt(size[j]);
+        u0[j] = mean;
+    }
+    for (size_t i = 0; i < r->ny; i++) {
+        if (!g[i * inputs].integrating)
+            continue;
+        b[n] = -rest[i].slope;
+        for (size_t j = 0; j < inputs; j++)
+            Q[n * inputs + j] = g[i * inputs + j].gain * size[j];
+        n++;
+    }
+    /* The shortest z with (rows of Q) z = b: Q = Q1 R by columns, R'w = b, z = Q1 w. */
+    apc_qr_extend(inputs, 0, n, Q, R, r->ny);
+    apc_qr_variance(n, R, r->ny, b);
+    for (size_t j = 0; j < inputs && n > 0; j++) {
+        u0[j] = r->u[j];
+        for (size_t i = 0; i < n; i++)
+            u0[j] += size[j] * Q[i * inputs + j] * b[i];
+    }
+    for (size_t i = 0; i < r->ny; i++) {
+        y0[i] = rest[i].begin;
+        for (size_t j = 0; j < inputs && !g[i * inputs].integrating; j++)
+            y0[i] += g[i * inputs + j].gain * (u0[j] - r->u[j]);
+    }
+    free(memory);
+    return 0;
+}
+
+static int take_options(struct apc_identify_transfer_options *o, const struct apc_record *r,
+                        const struct apc_identify_transfer_options *options, struct apc_error *why)
+{
+    int rc = apc_options_copy(o, sizeof(*o), options, "apc_identify_transfer_options", why);
+
+    if (rc < 0)
+        return rc;
+    if (o->dead_time_max == 0.0)
+        o->dead_time_max = fmin((double)r->n / 4.0, 500.0) * r->Ts;
+    if (o->order > 2 || !(o->dead_time_max >= 0.0 && o->dead_time_max <= (double)r->n / 2.0 * r->Ts) ||
+        (unsigned)o->integrating > APC_INTEGRATING_YES)
+        return apc_fail(
+            why, APC_EINVAL,
+            "apc_identify_transfer: the order must be 1, 2, or 0 to be found, the longest dead time "
+            "no more than half of the record of %g s",
+            (double)r->n * r->Ts);
+    return 0;
+}
+
+int apc_identify_transfer(const struct apc_record *record,
+                          const struct apc_identify_transfer_options *options, struct apc_transfer *g,
+                          struct apc_transfer *error, double *u0, double *y0, struct apc_transfer_fit *fit,
+                          struct apc_error *why)
+{
+    struct apc_identify_transfer_options o = {0};
+    struct apc_record r = {0};
+    struct rest *rest = NULL;
+    size_t inputs = 0;
+    int rc = apc_record_check(record, why);
+
+    if (rc == 0)
+        rc = apc_options_copy(&r, sizeof(r), record, "apc_record", why);
+    if (rc == 0)
+        rc = take_options(&o, &r, options, why);
+    if (rc < 0)
+        return rc;
+    inputs = r.nu + r.nd;
+    rest = calloc(r.ny + 1, sizeof(*rest));
+    if (!rest)
+        return apc_fail(why, APC_ENOMEM, "apc_identify_transfer: no memory");
+    for (size_t i = 0; i < r.ny && rc == 0; i++) {
+        struct search s = {.record = &r, .n = r.n, .inputs = inputs, .output = i, .order = o.order};
+        struct apc_transfer_fit told;
+
+        s.dead_time_max = o.dead_time_max;
+        rc = search_open(&s);
+        if (rc == 0)
+            rc = search_shape(&s, o.integrating);
+        if (rc == 0)
+            rc = tell(&s, g + i * inputs, error + i * inputs, &told);
+        if (rc < 0) {
+            apc_fail(why, rc, "apc_identify_transfer: no memory");
+        } else {
+            rest[i] = (struct rest){s.value[0], s.best.integrating ? s.value[1] / ((double)r.n * r.Ts) : 0.0};
+            if (fit)
+                fit[i] = told;
+            rc = check_found(&s, g + i * inputs, error + i * inputs, why);
+        }
+        search_close(&s);
+    }
+    if (rc == 0)
+        rc = place(&r, g, rest, u0, y0);
+    free(rest);
+    return rc;
+}

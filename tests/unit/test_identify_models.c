@@ -1,0 +1,543 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Difference equations and state space from records: of plants that are known, and of the hair dryer that
+ * others have identified before. */
+#include "apcidentify.h"
+#include "base/matrix.h"
+#include "check.h"
+#include "identify/identify_internal.h"
+#include "records.h"
+
+#include <complex.h>
+#include <glob.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* ---- The hair dryer ------------------------------------------------------------------------------ */
+
+/* Air temperature over the voltage of the heater, 1000 samples of 0.08 s (Ljung, System Identification,
+ * 1987): Debian's octave-control brings it along as a test of its own. */
+struct dryer {
+    struct apc_record record;
+    double u[1000], y[1000];
+};
+
+/* The numbers of one matrix, which stand row by row, ten in each; they go down its columns. */
+static bool read_numbers(FILE *in, const char *name, double *out)
+{
+    char line[400], begin[40];
+    size_t row = 0;
+
+    snprintf(begin, sizeof begin, "%%! %s = [", name);
+    while (fgets(line, sizeof line, in)) {
+        char *at = line + 3, *end;
+
+        if (row == 0 && strncmp(line, begin, strlen(begin)) != 0)
+            continue;
+        at = row == 0 ? line + strlen(begin) : at;
+        for (size_t column = 0; column < 10 && row < 100; column++, at = end) {
+            out[column * 100 + row] = strtod(at, &end);
+            if (end == at)
+                return false;
+        }
+        if (++row == 100)
+            return true;
+    }
+    return false;
+}
+
+static FILE *open_octave(void)
+{
+    const char *given = getenv("APC_OCTAVE_CONTROL");
+    FILE *in = NULL;
+    glob_t found;
+
+    if (glob(given ? given : "/usr/share/octave/packages/control-*/moen4.m", 0, NULL, &found) == 0) {
+        in = fopen(found.gl_pathv[0], "r");
+        globfree(&found);
+    }
+    return in;
+}
+
+static struct dryer *dryer(void)
+{
+    struct dryer *d;
+    FILE *in = open_octave();
+
+    if (!in) {
+        print_message(
+            "skipped: no moen4.m of Debian's octave-control; APC_OCTAVE_CONTROL says where it is\n");
+        skip();
+    }
+    d = calloc(1, sizeof *d);
+    assert_non_null(d);
+    assert_true(read_numbers(in, "Y", d->y) && read_numbers(in, "U", d->u));
+    fclose(in);
+    d->record = (struct apc_record){
+        .size = sizeof d->record, .Ts = 0.08, .n = 1000, .nu = 1, .ny = 1, .u = d->u, .y = d->y};
+    return d;
+}
+
+static double gain_of(const struct apc_linear *m)
+{
+    double I_A[400], b[20], gain = m->D[0];
+
+    assert_true(m->nx <= 20 && m->nu == 1 && m->ny == 1);
+    for (size_t i = 0; i < m->nx; i++) {
+        b[i] = m->B[i];
+        for (size_t j = 0; j < m->nx; j++)
+            I_A[i * m->nx + j] = (i == j) - m->A[i * m->nx + j];
+    }
+    assert_int_equal(apc_matrix_solve(m->nx, 1, I_A, b), 0);
+    return gain + apc_matrix_dot(m->C, b, m->nx);
+}
+
+/* A matrix of the same file, in Octave's rows. Returns how many numbers. */
+static size_t read_matrix(FILE *in, const char *name, double *out, size_t most)
+{
+    char line[400], begin[40];
+    size_t n = 0;
+    bool on = false;
+
+    rewind(in);
+    snprintf(begin, sizeof begin, "%%! %s = [", name);
+    while (n < most && fgets(line, sizeof line, in)) {
+        char *at = line + 2, *end;
+
+        if (!on && strncmp(line, begin, strlen(begin)) != 0)
+            continue;
+        if (!on)
+            at = line + strlen(begin);
+        on = true;
+        while (n < most) {
+            const double value = strtod(at, &end);
+
+            if (end == at)
+                break;
+            out[n++] = value;
+            at = end;
+        }
+        if (strchr(line, ']'))
+            break;
+    }
+    return n;
+}
+
+/* det(z I - A) = z^n + c[n-1] z^(n-1) + ..., by Faddeev and LeVerrier. */
+static void characteristic(size_t n, const double *A, double *c)
+{
+    double M[64] = {0}, AM[64];
+
+    c[n] = 1.0;
+    for (size_t k = 1; k <= n; k++) {
+        double trace = 0.0;
+
+        for (size_t i = 0; i < n; i++)
+            M[i * n + i] += c[n - k + 1];
+        apc_matrix_multiply(n, n, n, A, M, AM);
+        for (size_t i = 0; i < n; i++)
+            trace += AM[i * n + i];
+        c[n - k] = -trace / (double)k;
+        memcpy(M, AM, sizeof M);
+    }
+}
+
+/* By Durand and Kerner; each of one set is near one of the other. */
+static void poles(size_t n, const double *A, double complex *root)
+{
+    double c[9];
+
+    characteristic(n, A, c);
+    for (size_t i = 0; i < n; i++)
+        root[i] = cpow(0.4 + 0.9 * (double complex)I, (double)i);
+    for (int iteration = 0; iteration < 500; iteration++) {
+        for (size_t i = 0; i < n; i++) {
+            double complex value = 1.0, apart = 1.0;
+
+            for (size_t k = n; k-- > 0;)
+                value = value * root[i] + c[k];
+            for (size_t k = 0; k < n; k++)
+                apart *= k == i ? 1.0 : root[i] - root[k];
+            root[i] -= value / apart;
+        }
+    }
+}
+
+/* Octave states its matrices to four digits, of numbers that are no deviations: its gain is then that of the
+ * means, which B and D by another criterion give back less exactly than the poles. */
+static void state_space_of_the_hair_dryer_is_octaves(void **state)
+{
+    struct dryer *d = dryer();
+    const struct apc_identify_subspace_options options = {
+        .size = sizeof options, .order = 4, .deviations = true};
+    double A[16], B[4], C[4], D, I_A[16], gain;
+    double complex theirs[4], ours[4];
+    struct apc_identified *m;
+    FILE *in = open_octave();
+    (void)state;
+
+    assert_non_null(in);
+    assert_true(read_matrix(in, "Ae", A, 16) == 16 && read_matrix(in, "Be", B, 4) == 4);
+    assert_true(read_matrix(in, "Ce", C, 4) == 4 && read_matrix(in, "De", &D, 1) == 1);
+    fclose(in);
+    poles(4, A, theirs);
+    for (size_t i = 0; i < 16; i++)
+        I_A[i] = (i % 5 == 0) - A[i];
+    assert_int_equal(apc_matrix_solve(4, 1, I_A, B), 0);
+    gain = D + apc_matrix_dot(C, B, 4);
+
+    assert_int_equal(apc_identify_subspace(&m, &d->record, &options, NULL), 0);
+    poles(4, m->linear->A, ours);
+    for (size_t i = 0; i < 4; i++) {
+        double nearest = HUGE_VAL;
+
+        for (size_t k = 0; k < 4; k++)
+            nearest = fmin(nearest, cabs(ours[k] - theirs[i]));
+        assert_near(nearest, 0.0, 0.001 * cabs(theirs[i]));
+    }
+    assert_near(gain_of(m->linear), gain, 0.03 * gain);
+    apc_identified_destroy(m);
+    free(d);
+}
+
+/* Fitted to the first half, run freely over the second. */
+static void the_hair_dryer_is_predicted(void **state)
+{
+    struct dryer *d = dryer();
+    const struct apc_record half = apc_record_until(&d->record, 500);
+    struct apc_identified *m;
+    struct apc_transfer g, error;
+    struct apc_linear *linear;
+    struct apc_validation v;
+    double u0, y0;
+    (void)state;
+
+    assert_int_equal(apc_identify_arx(&m, &half, NULL, NULL), 0);
+    assert_int_equal(apc_validate(m->linear, m->K, &d->record, 500, &v, NULL, NULL), 0);
+    print_message("arx(%zu, %zu, %zu): fit %.2f %%, gain %.3f\n", m->na, m->nb, m->delay[0], v.fit,
+                  gain_of(m->linear));
+    assert_true(v.fit > 85.0 && v.ahead > 94.0);
+    apc_identified_destroy(m);
+
+    assert_int_equal(apc_identify_subspace(&m, &half, NULL, NULL), 0);
+    assert_int_equal(apc_validate(m->linear, m->K, &d->record, 500, &v, NULL, NULL), 0);
+    print_message("subspace(%zu): fit %.2f %%, gain %.3f\n", m->linear->nx, v.fit, gain_of(m->linear));
+    assert_true(v.fit > 85.0 && v.ahead > 94.0);
+    apc_identified_destroy(m);
+
+    assert_int_equal(apc_identify_transfer(&half, NULL, &g, &error, &u0, &y0, NULL, NULL), 0);
+    assert_int_equal(apc_linear_from_transfer(&linear, 1, 1, 0, &g, &u0, &y0, 0.08, NULL), 0);
+    assert_int_equal(apc_validate(linear, NULL, &d->record, 500, &v, NULL, NULL), 0);
+    print_message("lags %.3f and %.3f s, dead time %.3f s: fit %.2f %%, gain %.3f\n", g.tau[0], g.tau[1],
+                  g.dead_time, v.fit, g.gain);
+    assert_true(v.fit > 85.0);
+    apc_linear_destroy(linear);
+    free(d);
+}
+
+/* ---- Plants that are known ------------------------------------------------------------------------- */
+
+static const struct apc_transfer two_by_two[] = {
+    {.gain = 10.0, .tau = {1.0}, .dead_time = 0.6},
+    {.gain = -4.0, .tau = {2.5}, .dead_time = 1.0},
+    {.gain = 2.0, .tau = {0.6}},
+    {.gain = 3.0, .tau = {1.2, 0.5}, .dead_time = 0.4},
+};
+
+static struct record_test *of_two_by_two(double noise, uint64_t seed)
+{
+    return record_simulate(two_by_two, 2, 2, 3000, 0.2, (const size_t[]){5, 7}, noise, 0.0, seed);
+}
+
+/* y of the truth, without noise, on other inputs than the model was made from. */
+static void predicts(const struct apc_identified *m, double least)
+{
+    struct record_test *t = of_two_by_two(0.0, 77);
+    struct apc_validation v[2];
+
+    assert_int_equal(apc_validate(m->linear, m->K, &t->record, 100, v, NULL, NULL), 0);
+    if (!(v[0].fit > least && v[1].fit > least))
+        fail_msg("fits %.3f and %.3f %%, expected %g", v[0].fit, v[1].fit, least);
+    free(t);
+}
+
+static void difference_equations_find_delays_and_orders(void **state)
+{
+    static const struct apc_transfer g = {.gain = 2.0, .tau = {1.0, 0.5}, .dead_time = 0.8};
+    struct record_test *t = record_simulate(&g, 1, 1, 1000, 0.2, (const size_t[]){5}, 0.0, 0.0, 1);
+    struct apc_identified *m;
+    struct apc_error why;
+    (void)state;
+
+    for (size_t k = 0; k < 1000; k++) { /* an operating point that is not 0 */
+        t->u[k] += 5.0;
+        t->y[k] -= 40.0;
+    }
+    if (apc_identify_arx(&m, &t->record, NULL, &why))
+        fail_msg("%s", why.text);
+    assert_int_equal(m->delay[0], 5); /* 0.8 s are four samples; what acts then is seen one later */
+    assert_int_equal(m->na, 2);
+    assert_int_equal(m->nb, 2);
+    assert_near(gain_of(m->linear), 2.0, 1e-6);
+    assert_near(m->linear->y0[0] + 2.0 * (5.0 - m->linear->u0[0]), -40.0, 1e-6);
+    assert_int_equal(m->linear->nx_held, 4);
+    apc_identified_destroy(m);
+    free(t);
+}
+
+static void an_integrator_stands_still_at_its_operating_point(void **state)
+{
+    static const struct apc_transfer g = {.gain = 0.3, .integrating = true};
+    struct record_test *t = record_simulate(&g, 1, 1, 1000, 0.2, (const size_t[]){5}, 0.0, 0.0, 1);
+    struct apc_identified *m;
+    (void)state;
+
+    for (size_t k = 0; k < 1000; k++)
+        t->u[k] += 5.0;
+    assert_int_equal(apc_identify_arx(&m, &t->record, NULL, NULL), 0);
+    assert_near(m->linear->u0[0], 5.0, 1e-6);
+    apc_identified_destroy(m);
+    free(t);
+}
+
+static void multivariable_models_predict_what_they_have_not_seen(void **state)
+{
+    struct record_test *t = of_two_by_two(0.02, 1);
+    const struct apc_identify_arx_options fir = {.size = sizeof fir, .fir = true};
+    struct apc_identified *m;
+    struct apc_error why;
+    (void)state;
+
+    if (apc_identify_arx(&m, &t->record, NULL, &why))
+        fail_msg("%s", why.text);
+    predicts(m, 95.0);
+    apc_identified_destroy(m);
+
+    if (apc_identify_arx(&m, &t->record, &fir, &why))
+        fail_msg("%s", why.text);
+    assert_int_equal(m->na, 0);
+    predicts(m, 93.0);
+    apc_identified_destroy(m);
+
+    if (apc_identify_subspace(&m, &t->record, NULL, &why))
+        fail_msg("%s", why.text);
+    predicts(m, 95.0);
+    apc_identified_destroy(m);
+    free(t);
+}
+
+static void missing_samples_bias_nothing(void **state)
+{
+    struct record_test *t = of_two_by_two(0.0, 1);
+    struct apc_identified *m;
+    struct apc_error why;
+    (void)state;
+
+    for (size_t k = 0; k < 3000; k++) {
+        if (k / 20 % 5 == 0)
+            t->y[2 * k] = (double)NAN;
+    }
+    if (apc_identify_arx(&m, &t->record, NULL, &why))
+        fail_msg("%s", why.text);
+    predicts(m, 98.0);
+    apc_identified_destroy(m);
+    free(t);
+}
+
+/* What the expectation of a model of a disturbed plant leaves is white, and nothing of the inputs is in it.
+ */
+static void the_filter_of_a_state_space_model_leaves_white_errors(void **state)
+{
+    static const struct apc_transfer g = {.gain = 2.0, .tau = {1.0}};
+    struct record_test *t = record_simulate(&g, 1, 1, 4000, 0.2, (const size_t[]){5}, 0.1, 0.9, 1);
+    const struct apc_identify_subspace_options options = {.size = sizeof options, .order = 2};
+    const struct apc_record first = apc_record_until(&t->record, 3000);
+    struct apc_identified *m;
+    struct apc_validation v;
+    (void)state;
+
+    assert_int_equal(apc_identify_subspace(&m, &first, &options, NULL), 0);
+    assert_int_equal(apc_validate(m->linear, m->K, &t->record, 3000, &v, NULL, NULL), 0);
+    assert_true(v.white > 0.01 && v.independent > 0.01 && v.ahead > v.fit + 1.0);
+    assert_near(gain_of(m->linear), 2.0, 0.1);
+    apc_identified_destroy(m);
+    free(t);
+}
+
+/* ---- Validation -------------------------------------------------------------------------------------- */
+
+static void validation_tells_a_right_model_from_a_wrong_one(void **state)
+{
+    static const struct apc_transfer g[] = {{.gain = 2.0, .tau = {1.0, 0.6}, .dead_time = 0.4},
+                                            {.gain = 2.0, .tau = {1.5}, .dead_time = 0.4}};
+    struct record_test *t = record_simulate(g, 1, 1, 1500, 0.2, (const size_t[]){9}, 0.05, 0.0, 1);
+    (void)state;
+
+    for (int i = 0; i < 2; i++) {
+        struct apc_linear *model;
+        struct apc_validation v;
+
+        assert_int_equal(apc_linear_from_transfer(&model, 1, 1, 0, &g[i], NULL, NULL, 0.2, NULL), 0);
+        assert_int_equal(apc_validate(model, NULL, &t->record, 500, &v, NULL, NULL), 0);
+        assert_true(isnan(v.ahead));
+        if (i == 0)
+            assert_true(v.fit > 90.0 && v.white > 0.01 && v.independent > 0.01);
+        else
+            assert_true(v.independent < 1e-6);
+        apc_linear_destroy(model);
+    }
+    free(t);
+}
+
+static void what_does_not_fit_together_is_refused(void **state)
+{
+    static const struct apc_transfer g = {.gain = 2.0, .tau = {1.0}};
+    struct record_test *t = record_simulate(&g, 1, 1, 500, 0.2, (const size_t[]){9}, 0.05, 0.0, 1);
+    const struct apc_identify_arx_options both = {.size = sizeof both, .fir = true, .na = 2},
+                                          long_one = {.size = sizeof long_one, .nb = 200};
+    const struct apc_identify_subspace_options rows = {.size = sizeof rows, .rows = 150};
+    struct apc_linear *model;
+    struct apc_validation v;
+    struct apc_identified *m;
+    struct apc_error why;
+    (void)state;
+
+    assert_int_equal(apc_linear_from_transfer(&model, 1, 1, 0, &g, NULL, NULL, 0.1, NULL), 0);
+    assert_int_equal(apc_validate(model, NULL, &t->record, 0, &v, NULL, &why), APC_EINVAL);
+    assert_has(why.text, "period");
+    model->Ts = 0.2;
+    assert_int_equal(apc_validate(model, NULL, &t->record, 490, &v, NULL, &why), APC_EINVAL);
+    assert_has(why.text, "10 samples of output 1");
+    assert_int_equal(apc_identify_arx(&m, &t->record, &both, &why), APC_EINVAL);
+    assert_null(m);
+    assert_int_equal(apc_identify_arx(&m, &t->record, &long_one, &why), APC_EINVAL);
+    assert_int_equal(apc_identify_subspace(&m, &t->record, &rows, &why), APC_EINVAL);
+    apc_linear_destroy(model);
+    free(t);
+}
+
+static void excitation_counts_frequencies(void **state)
+{
+    struct record_test *t = of_two_by_two(0.0, 1);
+    (void)state;
+
+    t->record.n = 1000;
+    for (size_t k = 0; k < 1000; k++)
+        t->u[2 * k] = sin(0.7 * (double)k) + sin(1.9 * (double)k);
+    assert_int_equal(apc_record_excitation(&t->record, 0), 4);
+    assert_int_equal(apc_record_excitation(&t->record, 1), 50);
+    free(t);
+}
+
+/* ---- Decompositions and probabilities ----------------------------------------------------------------- */
+
+static void singular_values_put_the_matrix_together(void **state)
+{
+    enum { M = 7, N = 5 };
+    double A[M * N], U[M * N], s[N], V[N * N];
+    struct apc_random random;
+    (void)state;
+
+    apc_random_init(&random, 1, "svd");
+    for (size_t i = 0; i < M * N; i++)
+        A[i] = U[i] =
+            i / M == 3 ? A[i - M] : apc_random_normal(&random); /* column 3 is column 2: of rank 4 */
+    apc_svd(M, N, U, s, V);
+    assert_near(s[N - 1], 0.0, 1e-14);
+    for (size_t j = 0; j < N; j++) {
+        assert_true(j == 0 || s[j] <= s[j - 1]);
+        for (size_t k = 0; k < N; k++) {
+            assert_near(apc_matrix_dot(V + j * N, V + k * N, N), j == k, 1e-13);
+            if (j < 4 && k < 4)
+                assert_near(apc_matrix_dot(U + j * M, U + k * M, M), j == k, 1e-13);
+        }
+        for (size_t i = 0; i < M; i++) {
+            double sum = 0.0;
+
+            for (size_t k = 0; k < N; k++)
+                sum += U[k * M + i] * s[k] * V[k * N + j];
+            assert_near(sum, A[j * M + i], 1e-13);
+        }
+    }
+}
+
+/* Rows that come one by one make the triangle that they make together. */
+static void a_triangle_is_that_of_all_rows(void **state)
+{
+    enum { ROWS = 1000, WIDTH = 4 };
+    struct apc_triangle t;
+    double *Q = calloc(ROWS * WIDTH, sizeof *Q), R[WIDTH * WIDTH];
+    struct apc_random random;
+    (void)state;
+
+    assert_non_null(Q);
+    assert_int_equal(apc_triangle_open(&t, WIDTH), 0);
+    apc_random_init(&random, 1, "rows");
+    for (size_t k = 0; k < ROWS; k++) {
+        double row[WIDTH];
+
+        for (size_t j = 0; j < WIDTH; j++)
+            Q[j * ROWS + k] = row[j] = j == 2 ? row[0] - row[1] : apc_random_normal(&random);
+        apc_triangle_add(&t, row);
+    }
+    apc_triangle_end(&t);
+    apc_qr_extend(ROWS, 0, WIDTH, Q, R, WIDTH);
+    for (size_t i = 0; i < WIDTH; i++) {
+        for (size_t j = i; j < WIDTH; j++)
+            assert_near(t.R[i * WIDTH + j], R[i * WIDTH + j], 1e-9);
+    }
+    assert_near(R[2 * WIDTH + 2], 0.0, 0.0);
+    assert_int_equal(t.n, ROWS);
+    apc_triangle_close(&t);
+    free(Q);
+}
+
+/* Abramowitz and Stegun, table 26.8. */
+static void probabilities_are_those_of_the_tables(void **state)
+{
+    (void)state;
+
+    assert_near(apc_chi2_above(3.84146, 1.0), 0.05, 1e-6);
+    assert_near(apc_chi2_above(18.3070, 10.0), 0.05, 1e-6);
+    assert_near(apc_chi2_above(29.1413, 14.0), 0.01, 1e-6);
+    assert_near(apc_chi2_above(0.0, 3.0), 1.0, 0.0);
+    assert_near(apc_chi2_above(2000.0, 15.0), 0.0, 1e-100);
+}
+
+static void an_autoregression_is_found_with_its_order(void **state)
+{
+    double e[4000], a[8];
+    struct apc_random random;
+    (void)state;
+
+    apc_random_init(&random, 2, "noise");
+    for (size_t k = 0; k < 4000; k++)
+        e[k] = k < 2 ? 0.0 : 1.2 * e[k - 1] - 0.5 * e[k - 2] + apc_random_normal(&random);
+    for (size_t k = 100; k < 4000; k += 50)
+        e[k] = (double)NAN;
+    assert_int_equal(apc_autoregression(e, 4000, 8, a), 2);
+    assert_near(a[0], 1.2, 0.05);
+    assert_near(a[1], -0.5, 0.05);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_hair_dryer_is_predicted),
+        cmocka_unit_test(state_space_of_the_hair_dryer_is_octaves),
+        cmocka_unit_test(difference_equations_find_delays_and_orders),
+        cmocka_unit_test(an_integrator_stands_still_at_its_operating_point),
+        cmocka_unit_test(multivariable_models_predict_what_they_have_not_seen),
+        cmocka_unit_test(missing_samples_bias_nothing),
+        cmocka_unit_test(the_filter_of_a_state_space_model_leaves_white_errors),
+        cmocka_unit_test(validation_tells_a_right_model_from_a_wrong_one),
+        cmocka_unit_test(what_does_not_fit_together_is_refused),
+        cmocka_unit_test(excitation_counts_frequencies),
+        cmocka_unit_test(singular_values_put_the_matrix_together),
+        cmocka_unit_test(a_triangle_is_that_of_all_rows),
+        cmocka_unit_test(probabilities_are_those_of_the_tables),
+        cmocka_unit_test(an_autoregression_is_found_with_its_order),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

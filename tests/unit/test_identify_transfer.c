@@ -1,0 +1,303 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* First and second order with dead time: the numbers of plants that are known, and how sure they are. */
+#include "apcidentify.h"
+#include "check.h"
+#include "records.h"
+
+#include <stdlib.h>
+
+static void identify(const struct record_test *t, struct apc_transfer *g, struct apc_transfer *error)
+{
+    struct apc_error why;
+    double u0[RECORD_INPUTS], y0[2];
+
+    if (apc_identify_transfer(&t->record, NULL, g, error, u0, y0, NULL, &why))
+        fail_msg("%s", why.text);
+}
+
+static void near(const struct apc_transfer *found, const struct apc_transfer *truth, double Ts)
+{
+    assert_int_equal(found->integrating, truth->integrating);
+    assert_near(found->gain, truth->gain, 0.01 * fabs(truth->gain));
+    for (int i = 0; i < 2; i++)
+        assert_near(found->tau[i], truth->tau[i], 0.03 * truth->tau[i]);
+    assert_near(found->dead_time, truth->dead_time, 0.5 * Ts);
+}
+
+/* Twenty settling times of four time constants, noise of 5 %. */
+static void numbers_are_those_of_the_plant(void **state)
+{
+    static const struct apc_transfer plants[] = {
+        {.gain = 10.0, .tau = {1.0}}, /* the built-in plants that are linear: first-order, servo */
+        {.gain = 1000.0, .tau = {1.0}, .integrating = true},
+        {.gain = -2.0, .tau = {1.0}, .dead_time = 0.34},
+        {.gain = 0.2, .integrating = true, .dead_time = 0.7},
+    };
+    (void)state;
+
+    for (size_t i = 0; i < sizeof plants / sizeof *plants; i++) {
+        for (uint64_t seed = 0; seed < 2; seed++) {
+            const double Ts = 0.1;
+            struct record_test *t =
+                record_simulate(&plants[i], 1, 1, 800, Ts, (const size_t[]){13}, 0.05, 0.0, seed);
+            struct apc_transfer g, error;
+
+            identify(t, &g, &error);
+            near(&g, &plants[i], Ts);
+            free(t);
+        }
+    }
+}
+
+/* Two lags are told from one, and an answer the wrong way from dead time; no noise, so to many digits. */
+static void structure_is_found(void **state)
+{
+    static const struct apc_transfer plants[] = {
+        {.gain = 0.5, .tau = {1.0, 0.4}, .dead_time = 0.5},
+        {.gain = 3.0, .tau = {1.0, 0.5}, .zero = -0.6, .dead_time = 0.2},
+        {.gain = 0.3, .tau = {2.0, 0.0}, .integrating = true, .dead_time = 0.25},
+    };
+    (void)state;
+
+    for (size_t i = 0; i < sizeof plants / sizeof *plants; i++) {
+        struct record_test *t =
+            record_simulate(&plants[i], 1, 1, 800, 0.1, (const size_t[]){13}, 1e-6, 0.0, i);
+        struct apc_transfer g, error;
+
+        identify(t, &g, &error);
+        assert_near(g.gain, plants[i].gain, 1e-4 * plants[i].gain);
+        assert_near(g.tau[0], plants[i].tau[0], 1e-3);
+        assert_near(g.tau[1], plants[i].tau[1], 1e-3);
+        assert_near(g.zero, plants[i].zero, 1e-3);
+        assert_near(g.dead_time, plants[i].dead_time, 1e-3);
+        free(t);
+    }
+}
+
+/* Two inputs of two outputs, moved at the same time. */
+static void each_pair_is_found(void **state)
+{
+    static const struct apc_transfer g[] = {
+        {.gain = 10.0, .tau = {1.0}, .dead_time = 0.3},
+        {.gain = -4.0, .tau = {2.5}, .dead_time = 1.0},
+        {.gain = 2.0, .tau = {0.6}},
+        {.gain = 3.0, .tau = {1.2}, .dead_time = 0.15},
+    };
+    struct record_test *t = record_simulate(g, 2, 2, 3000, 0.1, (const size_t[]){11, 17}, 0.02, 0.0, 1);
+    struct apc_transfer found[4], error[4];
+    (void)state;
+
+    identify(t, found, error);
+    for (size_t i = 0; i < 4; i++)
+        near(&found[i], &g[i], 0.1);
+    free(t);
+}
+
+/* 95 % of the numbers lie within 1.96 standard errors of the truth. APC_IDENTIFY_SEEDS says over how many
+ * seeds; with 500, which take minutes, each number must do so, with fewer all of them together. */
+static void intervals_hold_what_they_say(void **state)
+{
+    static const struct {
+        struct apc_transfer g;
+        double colour;
+    } plants[] = {
+        {{.gain = 10.0, .tau = {1.0}, .dead_time = 0.34}, 0.0},
+        {{.gain = 1000.0, .tau = {1.0}, .dead_time = 0.25, .integrating = true}, 0.0},
+        {{.gain = -2.0, .tau = {1.0, 0.3}, .dead_time = 0.45}, 0.0},
+        {{.gain = 3.0, .tau = {1.0}, .dead_time = 0.62}, 0.9},
+    };
+    const char *given = getenv("APC_IDENTIFY_SEEDS");
+    const unsigned long seeds = given ? strtoul(given, NULL, 10) : 5;
+    unsigned long all = 0, tried = 0;
+    (void)state;
+
+    for (size_t i = 0; i < sizeof plants / sizeof *plants; i++) {
+        const struct apc_transfer *truth = &plants[i].g;
+        const size_t numbers = truth->tau[1] > 0.0 ? 4 : 3;
+        unsigned long inside[4] = {0};
+
+        for (unsigned long seed = 0; seed < seeds; seed++) {
+            struct record_test *t = record_simulate(truth, 1, 1, 800, 0.1, (const size_t[]){13}, 0.05,
+                                                    plants[i].colour, 100 + seed);
+            struct apc_transfer g, e;
+
+            identify(t, &g, &e);
+            inside[0] += fabs(g.gain - truth->gain) <= 1.96 * e.gain;
+            inside[1] += fabs(g.tau[0] - truth->tau[0]) <= 1.96 * e.tau[0];
+            inside[2] += fabs(g.dead_time - truth->dead_time) <= 1.96 * e.dead_time;
+            inside[3] += fabs(g.tau[1] - truth->tau[1]) <= 1.96 * e.tau[1];
+            free(t);
+        }
+        print_message("of %lu: gain %lu, tau %lu, dead time %lu, second tau %lu\n", seeds, inside[0],
+                      inside[1], inside[2], numbers > 3 ? inside[3] : 0);
+        for (size_t k = 0; k < numbers; k++) {
+            if (seeds >= 500)
+                assert_near((double)inside[k] / (double)seeds, 0.95, 0.03);
+            all += inside[k];
+            tried += seeds;
+        }
+    }
+    assert_near((double)all / (double)tried, 0.95, seeds >= 500 ? 0.02 : 0.06);
+}
+
+static void refused(struct record_test *t, const char *reason)
+{
+    struct apc_transfer g[RECORD_INPUTS], error[RECORD_INPUTS];
+    struct apc_error why = {0};
+    double u0[RECORD_INPUTS], y0[RECORD_OUTPUTS];
+
+    assert_true(apc_identify_transfer(&t->record, NULL, g, error, u0, y0, NULL, &why) < 0);
+    assert_has(why.text, reason);
+    free(t);
+}
+
+static struct record_test *of_two(uint64_t seed)
+{
+    static const struct apc_transfer g[] = {{.gain = 1.0, .tau = {1.0}}, {.gain = 2.0, .tau = {2.0}}};
+
+    return record_simulate(g, 2, 1, 500, 0.2, (const size_t[]){7, 11}, 0.02, 0.0, seed);
+}
+
+static void poor_records_are_refused_with_what_to_do(void **state)
+{
+    struct record_test *t = of_two(1);
+    (void)state;
+
+    for (size_t k = 0; k < 500; k++)
+        t->u[2 * k + 1] = 3.0;
+    refused(t, "input 2 is 3 all the time");
+
+    t = of_two(1);
+    for (size_t k = 0; k < 500; k++)
+        t->u[2 * k + 1] = 5.0 - 2.0 * t->u[2 * k] + 1e-3 * (double)(k % 3);
+    refused(t, "input 2 moves as input 1 does");
+
+    t = of_two(1);
+    for (size_t k = 0; k < 300; k++)
+        t->y[k] = (double)NAN;
+    refused(t, "200 good samples of 500");
+
+    t = of_two(1);
+    for (size_t k = 0; k < 500; k++)
+        t->y[k] = 7.0;
+    refused(t, "output 1 is 7 all the time");
+
+    t = of_two(1);
+    t->u[41] = (double)INFINITY;
+    refused(t, "input 2 is no number at sample 21");
+
+    t = of_two(1);
+    t->record.n = 30;
+    refused(t, "30 samples; 40 are the least");
+
+    t = of_two(1);
+    t->record.Ts = -1.0;
+    refused(t, "");
+}
+
+/* A controller that sees nothing but y; and the same with a setpoint that moves. */
+static void feedback_alone_is_refused(void **state)
+{
+    (void)state;
+
+    for (int setpoint = 0; setpoint < 2; setpoint++) {
+        static const struct apc_transfer g = {.gain = 1.0, .tau = {1.0}};
+        struct record_test *t = record_simulate(&g, 1, 1, 500, 0.2, (const size_t[]){7}, 0.0, 0.0, 1);
+        struct apc_random random;
+        double x = 0.0, integral = 0.0;
+
+        apc_random_init(&random, 1, "loop");
+        for (size_t k = 0; k < 500; k++) {
+            const double r = setpoint && k % 100 >= 50 ? 1.0 : 0.0, e = r - x;
+
+            t->y[k] = x;
+            integral += 0.1 * e;
+            t->u[k] = 0.8 * e + integral;
+            x = exp(-0.2) * x + (1.0 - exp(-0.2)) * t->u[k] + 0.02 * apc_random_normal(&random);
+        }
+        if (setpoint) {
+            assert_int_equal(apc_record_check(&t->record, NULL), 0);
+            free(t);
+        } else {
+            refused(t, "nothing but what a controller makes of the measurements");
+        }
+    }
+}
+
+static void an_output_that_follows_no_input_is_said(void **state)
+{
+    struct record_test *t = of_two(1);
+    struct apc_random random;
+    (void)state;
+
+    apc_random_init(&random, 4, "other");
+    for (size_t k = 0; k < 500; k++)
+        t->y[k] = apc_random_normal(&random);
+    refused(t, "output 1 does not follow the inputs");
+}
+
+/* One sample in five is missing, and the plant was on its way when the record began. */
+static void gaps_and_a_moving_start_bias_nothing(void **state)
+{
+    static const struct apc_transfer g = {.gain = 3.0, .tau = {2.0}, .dead_time = 0.5};
+    struct record_test *t = record_simulate(&g, 1, 1, 1000, 0.2, (const size_t[]){16}, 0.02, 0.0, 3);
+    struct apc_transfer found, error;
+    (void)state;
+
+    for (size_t k = 0; k < 1000; k++) {
+        t->y[k] += 20.0 + 5.0 * exp(-(double)k * 0.2 / 2.0);
+        if (k * 7 % 5 == 0)
+            t->y[k] = (double)NAN;
+    }
+    identify(t, &found, &error);
+    near(&found, &g, 0.2);
+    free(t);
+}
+
+static void the_model_starts_where_the_plant_stands(void **state)
+{
+    static const struct apc_transfer plants[] = {{.gain = 3.0, .tau = {2.0}, .dead_time = 0.5},
+                                                 {.gain = 0.5, .integrating = true, .dead_time = 0.4}};
+    (void)state;
+
+    for (int i = 0; i < 2; i++) {
+        struct record_test *t =
+            record_simulate(&plants[i], 1, 1, 600, 0.2, (const size_t[]){16}, 1e-6, 0.0, 3);
+        struct apc_transfer g, error;
+        struct apc_validation v;
+        struct apc_linear *model;
+        double u0, y0;
+
+        for (size_t k = 0; k < 600; k++) { /* not at 0: where u is 4 and y is 9 */
+            t->u[k] += 4.0;
+            t->y[k] += 9.0;
+        }
+        assert_int_equal(apc_identify_transfer(&t->record, NULL, &g, &error, &u0, &y0, NULL, NULL), 0);
+        assert_int_equal(apc_linear_from_transfer(&model, 1, 1, 0, &g, &u0, &y0, 0.2, NULL), 0);
+        if (i == 1)
+            assert_near(u0, 4.0, 1e-3); /* where it stands still */
+        else
+            assert_near(y0 + 3.0 * (4.0 - u0), 9.0, 1e-3);
+        assert_int_equal(apc_validate(model, NULL, &t->record, 300, &v, NULL, NULL), 0);
+        assert_true(v.fit > 99.99);
+        apc_linear_destroy(model);
+        free(t);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(numbers_are_those_of_the_plant),
+        cmocka_unit_test(structure_is_found),
+        cmocka_unit_test(each_pair_is_found),
+        cmocka_unit_test(intervals_hold_what_they_say),
+        cmocka_unit_test(poor_records_are_refused_with_what_to_do),
+        cmocka_unit_test(feedback_alone_is_refused),
+        cmocka_unit_test(an_output_that_follows_no_input_is_said),
+        cmocka_unit_test(gaps_and_a_moving_start_bias_nothing),
+        cmocka_unit_test(the_model_starts_where_the_plant_stands),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
