@@ -77,7 +77,7 @@ expect 1 'bad\.conf: is no text' run
 sed 's/link = "tcp:127.0.0.1:[0-9]*"/link = "tcp:127.0.0.1:1"/' "$good" >"$bad"
 simulated 'warning: link of client is "tcp:127.0.0.1:1", listen of plant "tcp:127.0.0.1:'"$port"'"'
 sed 's/period = 0.05; phase/period = 0.4; phase/' "$good" >"$bad"
-simulated "warning: the client's period is 0.4 s, the controller's 0.2 s"
+simulated "warning: the client's period is 0.4 s, that of controller 0.2 s"
 for shared in 'y mode sensor.1 opmode.0' 'u Kp actuator.1 tuning.1' 'y tau_i sensor.1 tuning.2' 'r dim.y dim.1 setpoint.1'; do
   read -r what name first second <<<"$shared"
   sed "s/{ name = \"$what\"/{ name = \"$name\"/" "$good" >"$bad"

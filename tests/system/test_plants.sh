@@ -12,7 +12,7 @@ expect 0 '"name":"K","unit":"","description":"gain","initial":1000,"low":-100000
 expect 0 'h +0 +m' "$apc" plants "$APC_BUILD_DIR/examples/myplant.so"
 expect 1 'no model "reactor"; there are: first-order, servo' "$apc" plants reactor
 mapfile -t names < <("$apc" plants --csv | sed 1d | cut -d, -f1 | sort -u)
-[ ${#names[@]} -eq 10 ] || fail "there are ${#names[@]} plants: ${names[*]}"
+[ ${#names[@]} -eq 11 ] || fail "there are ${#names[@]} plants: ${names[*]}"
 for name in "${names[@]}"; do
   expect 0 '^poles, 1/s' "$apc" linearize "$name"
 done
