@@ -204,7 +204,7 @@ done
 kill -0 "$plant" || fail "the plant did not survive a malformed frame"
 answers || fail "the plant answers no more after malformed frames"
 
-# several controllers are read, and not run
+# several controllers: the long form of one says the same; what does not fit together is refused by name
 sed -e 's/controller = {/controllers = ( { name = "one"; measurements = ["y"]; setpoints = ["r"]; outputs = ["u"];/' -e '/mode = "Auto";/{n;s/};/} );/}' \
   "$APC_SOURCE_DIR/experiments/first-order.conf" >"$work/long.conf"
 expect 0 'sha256' "$apc" simulate "$work/long.conf" --duration 10
@@ -217,6 +217,9 @@ controllers = ( { name = "one"; law = "pi"; period = 2.0; measurements = ["y"]; 
 scheduler = { period = 150.0; sequence = ( [10.0] ); };
 LAYERS
 for command in simulate run init; do
-  expect 1 'layers\.conf has 2 controllers: several cannot be run yet' "$apc" $command "$work/layers.conf"
+  expect 1 'layers\.conf:5: setpoint "r" is moved by two: it needs an "initial" value' "$apc" $command "$work/layers.conf"
 done
-expect 1 'several cannot be run yet' "$APC_BIN/apc-controller" --config "$work/layers.conf"
+sed -i 's/{ name = "r"; }/{ name = "r"; initial = 10.0; }/' "$work/layers.conf"
+sed 's/setpoints = \["w"\]; outputs = \["r"\]/setpoints = ["w"]; outputs = ["u"]/' "$work/layers.conf" >"$work/owners.conf"
+expect 1 'owners\.conf:5: "u" is an output of two controllers, one and two' "$apc" simulate "$work/owners.conf"
+expect 1 'no such controller, but one, two' "$APC_BIN/apc-controller" --config "$work/layers.conf" --name three

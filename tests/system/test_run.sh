@@ -28,17 +28,19 @@ awk -F, '$2 == "sensor" {n = $5 > 9.8 && $5 < 10.2 ? n + 1 : 0; if (n > most) mo
 awk -F, '$1 < 0 || $1 >= 12 {exit 1}' <(tail -n +2 "$work/run/samples.csv") || fail "a sample lies outside the run"
 [ "$(sql 'SELECT count(*) FROM (SELECT seq - lag(seq) OVER (ORDER BY seq) AS d FROM apc.sensor WHERE id = 1) s WHERE d <> 1')" = 0 ] ||
   fail "the sensor's seq has gaps"
-[ "$(sql 'SELECT count(*) FROM apc.actuator a WHERE (a.status = 0 OR a.sensor_seq IS NOT NULL) AND NOT EXISTS (SELECT FROM apc.sensor s WHERE s.id = a.id AND s.seq = a.sensor_seq)')" = 0 ] ||
-  fail "an actuator row names a measurement that is not there"
+# of one loop the 19th number of a tick row is the seq of y, the 24th that of z
+[ "$(sql 'SELECT count(*) FROM apc.actuator a WHERE NOT EXISTS (SELECT FROM apc.tick t JOIN apc.sensor s ON s.id = 1 AND s.seq = t.value[19] WHERE t.id = 1 AND t.seq = a.origin)')" = 0 ] ||
+  fail "an actuator row names a tick or a measurement that is not there"
 
-# every u is the paper's PI of the very samples that its row names: u = Kp e + I, then I += Kp Ts/tau_i e
+# every u is the paper's PI of the very samples that its tick row names: u = Kp e + I, then I += Kp Ts/tau_i e
 error=$(sql "
   SELECT max(abs(u - (0.2 * e + 0.2 * 0.2 / 1.0 * coalesce(before, 0)))) FROM (
     SELECT a.value AS u, z.value - y.value AS e,
            sum(z.value - y.value) OVER (ORDER BY a.seq ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING) AS before
     FROM apc.actuator a
-    JOIN apc.sensor y ON y.id = a.id AND y.seq = a.sensor_seq
-    JOIN apc.setpoint z ON z.id = a.id AND z.seq = a.setpoint_seq
+    JOIN apc.tick t ON t.id = 1 AND t.seq = a.origin
+    JOIN apc.sensor y ON y.id = 1 AND y.seq = t.value[19]
+    JOIN apc.setpoint z ON z.id = 1 AND z.seq = t.value[24]
     WHERE a.status = 0) k")
 awk -v error="$error" 'BEGIN {exit !(error < 1e-9)}' || # a lost measurement would stop the integral: then it differs by right
   grep -q 'output held' "$work/run/apc-controller.log" || fail "u differs from the paper's PI by $error"
