@@ -100,6 +100,7 @@ struct apc_setting {
 };
 
 struct apc_linear;
+struct apc_model;
 
 /** dx/dt = A (x - x0) + B (u - u0), y = y0 + C (x - x0) + D (u - u0). Matrices row after row. */
 struct apc_law_plant {
@@ -109,6 +110,10 @@ struct apc_law_plant {
     /** The model as it was given, sampled with the controller's period and with its dead times (apclinear.h):
      * nx is then 0, and of the others only D, u0, y0 say something. NULL: it is what the others say. */
     const struct apc_linear *sampled;
+    /** What the others were linearised from, with its parameters [np]; NULL: nobody knows. The model is there
+     * as long as the instance. */
+    const struct apc_model *model;
+    const double *p;
 };
 
 /** What is known of a signal. */
@@ -277,9 +282,10 @@ APC_API const struct apc_setting *apc_setting_find(const struct apc_law_setup *s
 APC_API extern const struct apc_law apc_law_pi;  /**< the paper's PI controller */
 APC_API extern const struct apc_law apc_law_pid; /**< PID in standard form */
 APC_API extern const struct apc_law
-    apc_law_cascade;                             /**< an outer PID whose output is an inner one's setpoint */
-APC_API extern const struct apc_law apc_law_lqg; /**< state feedback, observer and disturbance estimate */
-APC_API extern const struct apc_law apc_law_mpc; /**< linear predictive control */
+    apc_law_cascade;                              /**< an outer PID whose output is an inner one's setpoint */
+APC_API extern const struct apc_law apc_law_lqg;  /**< state feedback, observer and disturbance estimate */
+APC_API extern const struct apc_law apc_law_mpc;  /**< linear predictive control */
+APC_API extern const struct apc_law apc_law_nmpc; /**< nonlinear predictive control */
 APC_API extern const struct apc_law apc_law_select;  /**< the least or the greatest of several inputs */
 APC_API extern const struct apc_law apc_law_split;   /**< split range: one demand, several outputs */
 APC_API extern const struct apc_law apc_law_ramp;    /**< a setpoint within limits and at a rate */

@@ -94,7 +94,8 @@ struct apc_identify_arx_options {
     size_t size;
     bool fir;         /**< no lags of y: na is 0 */
     size_t na, nb;    /**< 0: those that predict held-out data best, 8 at most, nb of an fir 100 */
-    size_t delay_max; /**< samples; default 20, of an fir 0 */
+    size_t delay_max; /**< samples; default 20, of an fir the least */
+    bool direct;      /**< u may act on y of the same sample: delays from 0 on; else from 1 on, and D is 0 */
 };
 /**
  * y[k] = the sum of A_i y[k-i], i = 1..na, and of B_ij u_j[k-d_j-i], i = 0..nb-1, by least squares. Delays
@@ -109,6 +110,7 @@ struct apc_identify_subspace_options {
     size_t size;
     size_t order; /**< 0: the one whose free run over the last third of the record is best, 10 at most */
     size_t rows; /**< how many samples past and future hang together; default 15, or what the record allows */
+    bool direct; /**< u may act on y of the same sample; else D is 0 */
     bool deviations; /**< from an operating point, known: none is looked for */
 };
 /**

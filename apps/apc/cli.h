@@ -131,6 +131,7 @@ int command_user(int argc, char **argv);
 int command_maintain(int argc, char **argv);
 int command_plants(int argc, char **argv);
 int command_linearize(int argc, char **argv);
+int command_identify(int argc, char **argv);
 int command_copy(int argc, char **argv);
 int command_drain(int argc, char **argv);
 

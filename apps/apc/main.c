@@ -29,6 +29,7 @@ static const struct {
     {"maintain", command_maintain, "make room ahead for samples, and drop what is old"},
     {"plants", command_plants, "the plants there are: their parameters, states, inputs, outputs"},
     {"linearize", command_linearize, "the linear model of a plant: matrices, poles, zeros, gains"},
+    {"identify", command_identify, "models of a plant from its record: dead times, gains, time constants"},
     {"drain", command_drain, "store what daemons kept back while the store was away"},
 };
 

@@ -120,10 +120,10 @@ static int check(const void *law, const char *from, struct apc_error *why)
 int apc_law_find(const char *name, const struct apc_law **law, void **handle, struct apc_error *why)
 {
     static const struct apc_built_in built_in[] = {
-        {"pi", &apc_law_pi},        {"pid", &apc_law_pid},   {"cascade", &apc_law_cascade},
-        {"lqg", &apc_law_lqg},      {"mpc", &apc_law_mpc},   {"select", &apc_law_select},
-        {"split", &apc_law_split},  {"ramp", &apc_law_ramp}, {"leadlag", &apc_law_leadlag},
-        {"filter", &apc_law_filter}};
+        {"pi", &apc_law_pi},           {"pid", &apc_law_pid},      {"cascade", &apc_law_cascade},
+        {"lqg", &apc_law_lqg},         {"mpc", &apc_law_mpc},      {"nmpc", &apc_law_nmpc},
+        {"select", &apc_law_select},   {"split", &apc_law_split},  {"ramp", &apc_law_ramp},
+        {"leadlag", &apc_law_leadlag}, {"filter", &apc_law_filter}};
     static const struct apc_plugin_kind kind = {.what = "law",
                                                 .symbol = "apc_law",
                                                 .built_in = built_in,

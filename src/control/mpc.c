@@ -15,6 +15,8 @@
 
 #include "base/base_internal.h"
 
+enum { BEGIN = 5 };
+
 static const struct apc_param tuning[N_OF_U + N_OF_Y] = {
     {"move", "1", "weight of moves, each over the output's deviation", 0.1, 1e-6, 1e6},
     {"wish", "1", "weight of the distance from reference, over the output's deviation", 0.0, 0.0, 1e6},
@@ -74,6 +76,12 @@ static double *rows_of(const struct apc_law_mpc *p, double *x)
 static double *absent_of(const struct apc_law_mpc *p, double *x)
 {
     return rows_of(p, x) + p->n_rows;
+}
+
+/* [N * nx_plant] of nmpc. */
+static double *nodes_of(const struct apc_law_mpc *p, double *x)
+{
+    return absent_of(p, x) + p->dim.ny;
 }
 
 /* ---- Taking in -------------------------------------------------------------------------------------- */
@@ -219,6 +227,64 @@ static void correct(struct apc_law_mpc *p, const struct apc_law_call *c)
     (void)apc_estimator_correct(p->estimator, p->x, c->y, p->usable, p->input);
 }
 
+/* Moves and nodes that nmpc starts from: those of the last solution, as many samples later as it is old;
+ * without one, everything as it is. */
+static void shift(struct apc_law_mpc *p)
+{
+    const size_t nu = p->dim.nu, nx = p->model->nx_plant, age = (size_t)*age_of(p, p->x);
+    const double *nodes = nodes_of(p, p->x);
+
+    for (size_t b = 0, first = 0; b < p->blocks; first += p->block[b++])
+        memcpy(p->shifted + b * nu, age ? apc_mpc_move(p->mpc, plan_of(p, p->x), first + age) : p->u_last,
+               nu * sizeof(*p->shifted));
+    for (size_t i = 0; i < p->N; i++)
+        memcpy(p->nodes + i * nx, age ? nodes + (i + age < p->N ? i + age : p->N - 1) * nx : p->start,
+               nx * sizeof(*p->nodes));
+}
+
+/* The problem about moves and nodes as they stand. Where the model is not defined there, about the present.
+ */
+static int linearise(struct apc_law_mpc *p, const double *d)
+{
+    int rc = apc_shoot_linearise(p->shoot, p->start, d, p->shifted, p->nodes, p->G, p->free_y);
+
+    if (rc < 0) {
+        *age_of(p, p->x) = 0.0;
+        shift(p);
+        rc = apc_shoot_linearise(p->shoot, p->start, d, p->shifted, p->nodes, p->G, p->free_y);
+    }
+    return rc == 0 ? apc_mpc_follow(p->mpc, p->G, p->free_y) : rc;
+}
+
+/* One step of Gauss and Newton; as many as BEGIN where there is nothing to go on from. */
+static void step_on(struct apc_law_mpc *p, const struct apc_mpc_call *call)
+{
+    const size_t nx = p->model->nx_plant, n = p->dim.nu * p->blocks;
+    const double *d = p->x + nx;
+    const int steps = *age_of(p, p->x) > 0.0 ? 1 : BEGIN;
+
+    memcpy(p->start, p->x, nx * sizeof(*p->start));
+    p->result = (struct apc_mpc_result){
+        .rc = p->late > 0.0 ? apc_shoot_advance(p->shoot, p->start, p->u_last, d, p->late) : 0};
+    shift(p);
+    for (int k = 0; k < steps && p->result.rc == 0; k++) {
+        unsigned before = p->result.iterations;
+        int rc = linearise(p, d);
+
+        if (rc == 0)
+            apc_mpc_solve(p->mpc, call, p->plan, &p->result);
+        else
+            p->result.rc = rc;
+        p->result.iterations += before;
+        if (p->result.rc == 0) {
+            apc_shoot_move(p->shoot, p->plan, p->nodes);
+            memcpy(p->shifted, p->plan, n * sizeof(*p->plan));
+        }
+    }
+    if (p->result.rc == 0)
+        memcpy(nodes_of(p, p->x), p->nodes, p->N * nx * sizeof(*p->nodes));
+}
+
 static void make_plan(struct apc_law_mpc *p, const struct apc_law_call *c)
 {
     const struct apc_mpc_call call = {.x = p->x,
@@ -239,7 +305,10 @@ static void make_plan(struct apc_law_mpc *p, const struct apc_law_call *c)
         rows[k] = (signed char)rows_of(p, p->x)[k];
     apc_mpc_start(p->mpc, rows);
     p->call = c;
-    apc_mpc_solve(p->mpc, &call, p->plan, &p->result);
+    if (p->shoot)
+        step_on(p, &call);
+    else
+        apc_mpc_solve(p->mpc, &call, p->plan, &p->result);
     p->call = NULL;
     if (p->result.rc == 0) {
         const signed char *active = apc_mpc_active(p->mpc);
@@ -290,7 +359,7 @@ static void publish(struct apc_law_mpc *p, const struct apc_law_call *c)
     apc_mpc_target(p->mpc, p->N, at, at + ny);
     at += ny + nu;
     for (size_t k = 0; k < p->n_unknown; k++)
-        *at++ = p->x[p->model->nx - p->n_unknown + k];
+        *at++ = p->x[p->nx - p->n_unknown + k];
     *at = p->result.iterations;
 }
 
@@ -369,6 +438,10 @@ static void update(struct apc_law_call *c)
 
     think(p, c, p->n_seen - 2 * p->dim.nu);
     memcpy(c->x, p->x, p->states * sizeof(*c->x));
+    if (p->early) {
+        memcpy(p->input, p->u_last, p->dim.nu * sizeof(*p->input));
+        (void)apc_estimator_predict(p->early, c->x, p->input);
+    }
     memcpy(p->input, c->u, p->dim.nu * sizeof(*p->input));
     (void)apc_estimator_predict(p->estimator, c->x, p->input);
 }
@@ -461,6 +534,26 @@ const struct apc_law apc_law_mpc = {
     .settings = apc_mpc_settings,
     .ports = ports,
     .create = apc_mpc_make,
+    .destroy = apc_mpc_unmake,
+    .check = check,
+};
+
+const struct apc_law apc_law_nmpc = {
+    .abi = APC_LAW_ABI,
+    .name = "nmpc",
+    .description = "nonlinear predictive control: as mpc, with the plant's own equations",
+    .whole = true,
+    .n_tuning = N_OF_U + N_OF_Y,
+    .tuning = tuning,
+    .scope = scope,
+    .accepts = accepts,
+    .reset = reset,
+    .compute = compute,
+    .update = update,
+    .track = track,
+    .settings = apc_nmpc_settings,
+    .ports = ports,
+    .create = apc_nmpc_make,
     .destroy = apc_mpc_unmake,
     .check = check,
 };

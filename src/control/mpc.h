@@ -7,6 +7,7 @@
 #include "control/control_internal.h"
 #include "predict/mpc.h"
 #include "predict/rest.h"
+#include "predict/shoot.h"
 
 /* Tuning: of each output, then of each measurement. */
 enum { MOVE, WISH, REFERENCE, COST, U_MIN, U_MAX, DU_MAX, N_OF_U };
@@ -19,9 +20,9 @@ struct apc_law_mpc_name {
 
 /*
  * x is: the estimator's numbers; the plan, block after block; how many samples ago it was made, plus 1 (0:
- * there is none); the working set; for how many ticks each measurement has been Bad. compute only looks at x;
- * what it works out it keeps here, with all it was made from, so that update need not do it twice, and does
- * it where a restart has lost it.
+ * there is none); the working set; for how many ticks each measurement has been Bad; of nmpc the nodes.
+ * compute only looks at x; what it works out it keeps here, with all it was made from, so that update need
+ * not do it twice, and does it where a restart has lost it.
  */
 struct apc_law_mpc {
     struct apc_dim dim;
@@ -35,9 +36,18 @@ struct apc_law_mpc {
     double *least;         /* [ny] weight of a measurement in the terminal cost where no other sees a mode */
     bool *critical;        /* [ny] */
 
-    struct apc_linear *model;
+    struct apc_linear *model, *disturbed; /* of the problem; with unknown disturbances, of filter and rest */
+    size_t nx;                            /* of disturbed */
+    bool nonlinear;
     struct apc_estimator *estimator;
     struct apc_rest *rest;
+    /* Of nmpc: what acts for the first part of a period, `late` s, is the output before. Its x has the nodes
+     * of the last solution, too. */
+    struct apc_estimator *early;
+    struct apc_shoot *shoot;
+    double late;
+    double *start, *shifted, *nodes, *G,
+        *free_y; /* [nx_plant], [n], [N * nx_plant], [N * ny * n], [N * ny] */
     struct apc_mpc *mpc;
     struct apc_published *published;
     struct apc_law_mpc_name *name;
@@ -59,10 +69,21 @@ struct apc_law_mpc {
     const struct apc_law_call *call; /* while it computes: its deadline */
 };
 
-extern const char *const apc_mpc_settings[];
+extern const char *const apc_mpc_settings[], *const apc_nmpc_settings[];
+int apc_nmpc_make(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
+                  struct apc_error *why);
 int apc_mpc_make(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
                  struct apc_error *why);
 void apc_mpc_unmake(void *self);
+/* Of the setup of both. */
+int apc_mpc_count(const struct apc_law_setup *setup, const char *name, size_t least, size_t most, size_t *to,
+                  struct apc_error *why);
+int apc_mpc_sample(const struct apc_law_setup *setup, const double *delay, struct apc_linear **model,
+                   struct apc_error *why);
+/* p->disturbed from settings at_input and at_output; unknown [ny] is filled in. */
+int apc_mpc_disturb(struct apc_law_mpc *p, const struct apc_law_setup *setup, const struct apc_linear *from,
+                    struct apc_linear_unknown *unknown, struct apc_error *why);
+int apc_nmpc_take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why);
 /* True when the time of this call is up. */
 bool apc_mpc_late(void *mpc);
 

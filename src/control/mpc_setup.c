@@ -19,8 +19,8 @@ const char *const apc_mpc_settings[] = {"horizon",  "blocks",    "measurement", 
                                         "x_noise",  "d_noise",   "y_noise",     "hold",  "critical",
                                         "at_input", "at_output", "iterations",  NULL};
 
-static int count(const struct apc_law_setup *setup, const char *name, size_t least, size_t most, size_t *to,
-                 struct apc_error *why)
+int apc_mpc_count(const struct apc_law_setup *setup, const char *name, size_t least, size_t most, size_t *to,
+                  struct apc_error *why)
 {
     return apc_setting_index(setup, name, 1, 0, least, most, to, why);
 }
@@ -28,7 +28,7 @@ static int count(const struct apc_law_setup *setup, const char *name, size_t lea
 static int flag(const struct apc_law_setup *setup, const char *name, bool *to, struct apc_error *why)
 {
     size_t value = *to;
-    int rc = count(setup, name, 0, 1, &value, why);
+    int rc = apc_mpc_count(setup, name, 0, 1, &value, why);
 
     *to = value != 0;
     return rc;
@@ -77,29 +77,35 @@ static int check_sampled(const struct apc_law_setup *setup, struct apc_error *wh
                : 0;
 }
 
-static int sample(const struct apc_law_setup *setup, struct apc_linear **model, struct apc_error *why)
+int apc_mpc_sample(const struct apc_law_setup *setup, const double *delay, struct apc_linear **model,
+                   struct apc_error *why)
 {
     const struct apc_law_plant *plant = setup->plant;
-    const size_t inputs = setup->dim.nu + setup->dim.nd;
-    struct apc_linear_continuous from = {.size = sizeof(from),
-                                         .nx = plant->nx,
-                                         .nu = setup->dim.nu,
-                                         .nd = setup->dim.nd,
-                                         .ny = setup->dim.ny,
-                                         .A = plant->A,
-                                         .B = plant->B,
-                                         .C = plant->C,
-                                         .D = plant->D,
-                                         .x0 = plant->x0,
-                                         .u0 = plant->u0,
-                                         .y0 = plant->y0};
-    double *delay = calloc(inputs, sizeof(*delay));
+    const struct apc_linear_continuous from = {.size = sizeof(from),
+                                               .nx = plant->nx,
+                                               .nu = setup->dim.nu,
+                                               .nd = setup->dim.nd,
+                                               .ny = setup->dim.ny,
+                                               .A = plant->A,
+                                               .B = plant->B,
+                                               .C = plant->C,
+                                               .D = plant->D,
+                                               .x0 = plant->x0,
+                                               .u0 = plant->u0,
+                                               .y0 = plant->y0,
+                                               .dead_time = delay};
+
+    return apc_linear_from_continuous(model, &from, setup->Ts, why);
+}
+
+static int sample(const struct apc_law_setup *setup, struct apc_linear **model, struct apc_error *why)
+{
+    double *delay = calloc(setup->dim.nu + setup->dim.nd + 1, sizeof(*delay));
     int rc = delay ? apc_setting_amounts(setup, "delay", setup->dim.nu, delay, why)
                    : apc_fail(why, APC_ENOMEM, "no memory");
 
-    from.dead_time = delay;
     if (rc == 0)
-        rc = apc_linear_from_continuous(model, &from, setup->Ts, why);
+        rc = apc_mpc_sample(setup, delay, model, why);
     free(delay);
     return rc;
 }
@@ -129,40 +135,51 @@ static int take_unknown(const struct apc_law_setup *setup, const char *name, enu
 
 /* Where settings do not say: at the inputs, as loads are, if those can be told apart; else at the outputs. */
 static int choose_unknown(struct apc_law_mpc *p, const struct apc_linear *from,
-                          struct apc_linear_unknown *unknown, struct apc_error *why)
+                          struct apc_linear_unknown *unknown, size_t *n, struct apc_error *why)
 {
-    const size_t n = p->dim.nz;
-
-    for (size_t i = 0; i < n; i++)
+    *n = p->dim.nz;
+    for (size_t i = 0; i < *n; i++)
         unknown[i] = (struct apc_linear_unknown){.where = APC_AT_INPUT, .number = i};
-    if (n <= p->dim.nu && apc_linear_disturb(&p->model, from, unknown, n, why) == 0)
+    if (*n <= p->dim.nu && apc_linear_disturb(&p->disturbed, from, unknown, *n, why) == 0)
         return 0;
-    for (size_t i = 0; i < n; i++)
+    for (size_t i = 0; i < *n; i++)
         unknown[i] = (struct apc_linear_unknown){.where = APC_AT_OUTPUT, .number = p->cv[i]};
-    return apc_linear_disturb(&p->model, from, unknown, n, why);
+    return apc_linear_disturb(&p->disturbed, from, unknown, *n, why);
+}
+
+int apc_mpc_disturb(struct apc_law_mpc *p, const struct apc_law_setup *setup, const struct apc_linear *from,
+                    struct apc_linear_unknown *unknown, struct apc_error *why)
+{
+    size_t n = 0;
+    int rc = take_unknown(setup, "at_input", APC_AT_INPUT, from->nu + (p->nonlinear ? from->nd : 0), unknown,
+                          &n, why);
+
+    if (rc == 0)
+        rc = take_unknown(setup, "at_output", APC_AT_OUTPUT, setup->dim.ny, unknown, &n, why);
+    if (rc == 0)
+        rc = n ? apc_linear_disturb(&p->disturbed, from, unknown, n, why)
+               : choose_unknown(p, from, unknown, &n, why);
+    if (rc == 0) {
+        p->nx = p->disturbed->nx;
+        p->n_unknown = n;
+    }
+    return rc;
 }
 
 static int take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why)
 {
-    struct apc_linear_unknown *unknown = calloc(p->dim.ny, sizeof(*unknown));
-    struct apc_linear *own = NULL;
+    struct apc_linear_unknown *unknown = calloc(p->dim.ny + 1, sizeof(*unknown));
     const struct apc_linear *from = setup->plant->sampled;
-    size_t n = 0;
+    struct apc_linear *own = NULL;
     int rc = !unknown ? apc_fail(why, APC_ENOMEM, "no memory")
              : from   ? check_sampled(setup, why)
                       : sample(setup, &own, why);
 
     if (!from)
         from = own;
-
     if (rc == 0)
-        rc = take_unknown(setup, "at_input", APC_AT_INPUT, setup->dim.nu, unknown, &n, why);
-    if (rc == 0)
-        rc = take_unknown(setup, "at_output", APC_AT_OUTPUT, setup->dim.ny, unknown, &n, why);
-    if (rc == 0)
-        rc = n ? apc_linear_disturb(&p->model, from, unknown, n, why) : choose_unknown(p, from, unknown, why);
-    if (rc == 0)
-        p->n_unknown = p->model->nx - from->nx;
+        rc = apc_mpc_disturb(p, setup, from, unknown, why);
+    p->model = p->disturbed;
     apc_linear_destroy(own);
     free(unknown);
     return rc;
@@ -439,11 +456,12 @@ out:
 
 static int allocate(struct apc_law_mpc *p, struct apc_error *why)
 {
-    const size_t ny = p->dim.ny, nu = p->dim.nu, n = nu * p->blocks;
+    const size_t ny = p->dim.ny, nu = p->dim.nu, n = nu * p->blocks, inputs = nu + p->disturbed->nd;
+    const size_t nx = p->nonlinear ? p->model->nx_plant : 0;
     const size_t seen =
         p->states + ny + p->n_ahead * (p->dim.nz + p->dim.nd) + 3 * nu + ny * N_OF_Y + nu * N_OF_U;
-    double *at = calloc(p->states + n + 3 * seen + (p->N + 1) * (ny + p->dim.nd) + 11 * nu + p->dim.nd +
-                            7 * ny + p->N * ny,
+    double *at = calloc(p->states + n + 3 * seen + (p->N + 1) * (ny + p->dim.nd) + 10 * nu + inputs + 7 * ny +
+                            p->N * ny + (p->nonlinear ? nx + n + p->N * (nx + ny * n + ny) : 0),
                         sizeof(*at));
 
     p->memory = at;
@@ -471,15 +489,22 @@ static int allocate(struct apc_law_mpc *p, struct apc_error *why)
     p->y_low = apc_carve(&at, ny);
     p->y_high = apc_carve(&at, ny);
     p->tuned = apc_carve(&at, ny * 3 + nu * 2);
-    p->input = apc_carve(&at, nu + p->dim.nd);
+    p->input = memcpy(apc_carve(&at, inputs), p->disturbed->u0, inputs * sizeof(*at));
     p->prediction = apc_carve(&at, p->N * ny);
+    if (p->nonlinear) {
+        p->start = apc_carve(&at, nx);
+        p->shifted = apc_carve(&at, n);
+        p->nodes = apc_carve(&at, p->N * nx);
+        p->G = apc_carve(&at, p->N * ny * n);
+        p->free_y = apc_carve(&at, p->N * ny);
+    }
     return 0;
 }
 
 static int take_settings(struct apc_law_mpc *p, const struct apc_law_setup *setup, bool *terminal,
                          bool *steady, bool *preview, struct apc_error *why)
 {
-    int rc = count(setup, "horizon", 1, HORIZON_MAX, &p->N, why);
+    int rc = apc_mpc_count(setup, "horizon", 1, HORIZON_MAX, &p->N, why);
 
     if (rc == 0)
         rc = take_blocks(p, setup, why);
@@ -492,7 +517,7 @@ static int take_settings(struct apc_law_mpc *p, const struct apc_law_setup *setu
     if (rc == 0)
         rc = take_signals(p, setup, why);
     if (rc == 0)
-        rc = count(setup, "iterations", 1, 1000000, &p->iterations, why);
+        rc = apc_mpc_count(setup, "iterations", 1, 1000000, &p->iterations, why);
     if (rc == 0)
         rc = flag(setup, "terminal", terminal, why);
     if (rc == 0)
@@ -504,7 +529,7 @@ static int make(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct
                 struct apc_error *why)
 {
     const size_t ny = p->dim.ny;
-    bool terminal = true, steady = true, preview = true;
+    bool terminal = !p->nonlinear, steady = true, preview = true;
     int rc;
 
     if (!setup->plant)
@@ -522,18 +547,20 @@ static int make(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct
     p->N = 20;
     rc = take_settings(p, setup, &terminal, &steady, &preview, why);
     if (rc == 0)
-        rc = take_model(p, setup, why);
+        rc = p->nonlinear ? apc_nmpc_take_model(p, setup, why) : take_model(p, setup, why);
     if (rc == 0)
-        rc = apc_rest_create(&p->rest, p->model, why);
+        rc = apc_rest_create(&p->rest, p->disturbed, why);
     if (rc == 0)
         rc = make_problem(p, setup, terminal, why);
-    if (rc == 0)
+    if (rc == 0 && !p->nonlinear)
         rc = make_estimator(p, setup, steady, why);
     if (rc < 0)
         return rc;
     p->n_estimate = apc_estimator_size(p->estimator);
     p->n_rows = apc_mpc_rows(p->mpc);
     p->states = p->n_estimate + p->dim.nu * p->blocks + 1 + p->n_rows + ny;
+    if (p->nonlinear)
+        p->states += p->N * p->model->nx_plant;
     p->n_ahead = preview ? p->N + 1 : 1;
     needs->states = p->states;
     needs->n_ahead = p->n_ahead;
@@ -541,8 +568,8 @@ static int make(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct
     return rc == 0 ? publish(p, setup, needs, why) : rc;
 }
 
-int apc_mpc_make(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
-                 struct apc_error *why)
+static int make_named(const char *name, bool nonlinear, const struct apc_law_setup *setup,
+                      struct apc_law_needs *needs, void **self, struct apc_error *why)
 {
     struct apc_law_mpc *p = calloc(1, sizeof(*p));
     struct apc_error reason = {""};
@@ -550,11 +577,24 @@ int apc_mpc_make(const struct apc_law_setup *setup, struct apc_law_needs *needs,
 
     *self = p;
     if (!p)
-        return apc_fail(why, APC_ENOMEM, "law mpc: no memory");
+        return apc_fail(why, APC_ENOMEM, "law %s: no memory", name);
+    p->nonlinear = nonlinear;
     p->dim = setup->dim;
     p->Ts = setup->Ts;
     rc = make(p, setup, needs, &reason);
-    return rc < 0 ? apc_fail(why, rc, "law mpc: %s", reason.text) : 0;
+    return rc < 0 ? apc_fail(why, rc, "law %s: %s", name, reason.text) : 0;
+}
+
+int apc_mpc_make(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
+                 struct apc_error *why)
+{
+    return make_named("mpc", false, setup, needs, self, why);
+}
+
+int apc_nmpc_make(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
+                  struct apc_error *why)
+{
+    return make_named("nmpc", true, setup, needs, self, why);
 }
 
 void apc_mpc_unmake(void *self)
@@ -562,9 +602,13 @@ void apc_mpc_unmake(void *self)
     struct apc_law_mpc *p = self;
 
     apc_mpc_destroy(p->mpc);
+    apc_shoot_destroy(p->shoot);
+    apc_estimator_destroy(p->early);
     apc_rest_destroy(p->rest);
     apc_estimator_destroy(p->estimator);
-    apc_linear_destroy(p->model);
+    if (p->model != p->disturbed)
+        apc_linear_destroy(p->model);
+    apc_linear_destroy(p->disturbed);
     free(p->published);
     free(p->name);
     free(p->usable);

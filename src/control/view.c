@@ -2,6 +2,7 @@
 /* What a law is made from: a controller's setup, as one output sees it, and as a mark. */
 #include "control/parts.h"
 
+#include "apcestimate.h"
 #include "apclinear.h"
 #include "base/base_internal.h"
 
@@ -108,6 +109,10 @@ uint32_t apc_law_mark(const struct apc_law *law, const struct apc_law_setup *set
 
         hash = apc_hash_values(apc_hash_values(hash, m->A, m->nx * m->nx), m->B, m->nx * width);
         hash = apc_hash_values(apc_hash_values(hash, m->C, ny * m->nx), m->x0, m->nx);
+    }
+    if (plant->model && plant->p) {
+        hash = apc_hash(hash, plant->model->name, strlen(plant->model->name));
+        hash = apc_hash_values(hash, plant->p, plant->model->np);
     }
     hash = apc_hash_values(apc_hash_values(hash, plant->A, nx * nx), plant->B, nx * width);
     hash = apc_hash_values(apc_hash_values(hash, plant->C, ny * nx), plant->D, ny * width);

@@ -21,6 +21,7 @@
 struct arx {
     struct apc_record r;
     size_t inputs, na, lags, width;
+    size_t first; /* delay that there may be */
     struct apc_triangle triangle;
     double *row;
     /* A structure, and its coefficients. */
@@ -45,7 +46,7 @@ static size_t first_target(const struct arx *a)
 }
 
 /* R of the samples before @p until. */
-static int gather(struct arx *a, size_t until)
+static int gather(struct arx *a, size_t until, struct apc_error *why)
 {
     const struct apc_record *r = &a->r;
     const size_t past = a->na > a->lags - 1 ? a->na : a->lags - 1;
@@ -72,6 +73,9 @@ static int gather(struct arx *a, size_t until)
             apc_triangle_add(&a->triangle, a->row);
     }
     apc_triangle_end(&a->triangle);
+    if (a->triangle.n < a->width)
+        return apc_fail(why, APC_EINVAL, "arx: only %zu stretches of %zu samples have no gap: %zu are needed",
+                        a->triangle.n, past + 1, a->width);
     return 0;
 }
 
@@ -311,10 +315,10 @@ static void spread(const struct arx *a, double *covariance)
 
 static void find_delay(struct arx *a, size_t i, size_t j, size_t most)
 {
-    size_t *delay = &a->delay[i * a->inputs + j], found = 0;
+    size_t *delay = &a->delay[i * a->inputs + j], found = a->first;
     double best = HUGE_VAL;
 
-    for (*delay = 0; *delay <= most && *delay + a->p_nb <= a->lags; ++*delay) {
+    for (*delay = a->first; *delay <= most && *delay + a->p_nb <= a->lags; ++*delay) {
         const double left = solve(a, i);
 
         if (left < best) {
@@ -353,17 +357,11 @@ static double misfit(struct arx *a, size_t from, struct apc_error *why)
 
 static int find_structure(struct arx *a, const struct apc_identify_arx_options *o, struct apc_error *why)
 {
-    const size_t from = a->r.n * 2 / 3,
-                 na_low = o->fir  ? 0
-                          : o->na ? o->na
-                                  : 1,
-                 na_high = o->fir  ? 0
-                           : o->na ? o->na
-                                   : a->na;
+    const size_t from = a->r.n * 2 / 3, na_low = o->fir || o->na ? o->na : 1, na_high = o->fir ? 0 : a->na;
     const size_t nb_step = o->fir ? 5 : 1, nb_most = a->lags - o->delay_max, nb_low = o->nb ? o->nb : nb_step;
     double best = HUGE_VAL;
     size_t na = na_low, nb = nb_low;
-    int rc = gather(a, from);
+    int rc = gather(a, from, why);
 
     a->p_na = na_low > 2 || o->na ? na_low : na_high < 2 ? na_high : 2;
     a->p_nb = o->nb ? o->nb : nb_most < 2 ? nb_most : 2;
@@ -400,6 +398,8 @@ static int take_options(struct apc_identify_arx_options *o, const struct apc_rec
         return rc;
     if (o->delay_max == 0 && !o->fir)
         o->delay_max = afford < 20 ? afford : 20;
+    if (o->delay_max == 0 && !o->direct)
+        o->delay_max = 1;
     if ((o->fir && o->na) || o->na > 50 || o->nb > 1000 || o->delay_max > 1000 ||
         o->na + o->nb + o->delay_max > r->n / 3)
         return apc_fail(
@@ -417,8 +417,8 @@ static int open_arx(struct arx *a, const struct apc_identify_arx_options *o)
 
     a->na = o->fir ? 0 : o->na ? o->na : most;
     a->lags = o->delay_max + (o->nb ? o->nb : most);
-    if (o->fir && a->lags < 5)
-        a->lags = 5;
+    if (o->fir && a->lags < 6)
+        a->lags = 6;
     a->width = a->r.ny * (a->na + 1) + a->inputs * a->lags + 1;
     a->delay = calloc(a->r.ny * a->inputs + 1, sizeof(*a->delay));
     a->row = calloc(a->width * (1 + 2 * a->width + 2 * a->r.ny), sizeof(*a->row));
@@ -426,6 +426,9 @@ static int open_arx(struct arx *a, const struct apc_identify_arx_options *o)
     a->R = a->Q + a->width * a->width;
     a->theta = a->R + a->width * a->width;
     a->left = a->theta + a->r.ny * a->width;
+    a->first = o->direct ? 0 : 1;
+    for (size_t i = 0; a->delay && i < a->r.ny * a->inputs; i++)
+        a->delay[i] = a->first;
     return a->delay && a->row ? 0 : APC_ENOMEM;
 }
 
@@ -448,10 +451,10 @@ int apc_identify_arx(struct apc_identified **model, const struct apc_record *rec
     if (rc == 0)
         rc = find_structure(&a, &o, why);
     if (rc == 0)
-        rc = gather(&a, a.r.n);
-    if (rc < 0) {
+        rc = gather(&a, a.r.n, why);
+    if (rc == APC_ENOMEM)
         apc_fail(why, rc, "apc_identify_arx: no memory");
-    } else {
+    if (rc == 0) {
         for (size_t i = 0; i < a.r.ny; i++)
             solve(&a, i);
         rc = build(&a, model, why);

@@ -14,9 +14,14 @@
 #define ALIKE           0.01 /* of an input's movement that must be its own */
 #define FEEDBACK_LAGS   2
 
+static size_t least_of(const struct apc_record *r)
+{
+    return SAMPLES_LEAST + 10 * (r->nu + r->nd);
+}
+
 static int check_shape(const struct apc_record *r, struct apc_error *why)
 {
-    const size_t inputs = r->nu + r->nd, least = SAMPLES_LEAST + 10 * inputs;
+    const size_t inputs = r->nu + r->nd, least = least_of(r);
     apc_ns period;
 
     if (!r->u || !r->y || inputs == 0 || r->ny == 0 || inputs > 1000 || r->ny > 1000)
@@ -60,6 +65,7 @@ static bool moves(double low, double high)
 
 static int check_movement(const struct apc_record *r, struct apc_error *why)
 {
+    const size_t least = least_of(r);
     double low, high;
 
     for (size_t j = 0; j < r->nu + r->nd; j++) {
@@ -73,11 +79,12 @@ static int check_movement(const struct apc_record *r, struct apc_error *why)
     for (size_t i = 0; i < r->ny; i++) {
         const size_t there = range(r->y + i, r->n, r->ny, &low, &high);
 
-        if (there < r->n / 2 || there < SAMPLES_LEAST)
-            return apc_fail(why, APC_EINVAL,
-                            "output %zu has %zu good samples of %zu: half of them at least are needed. Take "
-                            "another window, or leave it out",
-                            i + 1, there, r->n);
+        if (there < r->n / 10 || there < least)
+            return apc_fail(
+                why, APC_EINVAL,
+                "output %zu has %zu good samples of %zu: a tenth of them, and %zu, are needed. Take "
+                "another window, or leave it out",
+                i + 1, there, r->n, least);
         if (!moves(low, high))
             return apc_fail(why, APC_EINVAL,
                             "output %zu is %g all the time: no input moves it, or its sensor is stuck", i + 1,

@@ -25,7 +25,7 @@
 struct subspace {
     struct apc_record r;
     size_t inputs, s, width, used; /* used: samples of r */
-    bool offsets;
+    bool offsets, direct;
     double *mean_u, *mean_y, *size_u, *size_y;
     struct apc_triangle rows;
     double *row;            /* [width] */
@@ -89,7 +89,7 @@ static bool fill_row(const struct subspace *p, size_t k)
 }
 
 /* Of samples 0..until-1: the triangle, and from it the directions of the states. */
-static int gather(struct subspace *p, size_t until)
+static int gather(struct subspace *p, size_t until, struct apc_error *why)
 {
     const size_t m = p->inputs, l = p->r.ny, s = p->s, past = s * (m + l), width = p->width;
     double *block, *V;
@@ -103,6 +103,10 @@ static int gather(struct subspace *p, size_t until)
             apc_triangle_add(&p->rows, p->row);
     }
     apc_triangle_end(&p->rows);
+    if (p->rows.n < width)
+        return apc_fail(why, APC_EINVAL,
+                        "subspace: only %zu stretches of %zu samples have no gap: %zu are needed", p->rows.n,
+                        2 * s, width);
     block = calloc(past * s * l + s * l * s * l, sizeof(*block));
     if (!block)
         return APC_ENOMEM;
@@ -212,7 +216,7 @@ static void add_sample(const struct subspace *p, struct rest *rest, const double
                 rest->row[c] += C[i * n + q] * rest->state[q * states + c];
         }
         for (size_t j = 0; j < m; j++)
-            rest->row[d_column(p, rest, i, j)] = u_at(p, k, j);
+            rest->row[d_column(p, rest, i, j)] = p->direct ? u_at(p, k, j) : 0.0;
         rest->row[d_column(p, rest, i, m)] = p->offsets;
         rest->row[rest->unknowns] = y_at(p, k, i);
         if (isfinite(rest->row[rest->unknowns]))
@@ -393,10 +397,12 @@ static int find_order(struct subspace *p, size_t *order, struct apc_error *why)
 {
     const size_t from = p->r.n * 2 / 3;
     double best = HUGE_VAL;
-    int rc = gather(p, from), reason = APC_ESOLVER;
+    int rc = gather(p, from, why), reason = APC_ESOLVER;
 
     if (rc == 0)
         rc = find_errors(p);
+    if (rc < 0)
+        return rc == APC_ENOMEM ? apc_fail(why, rc, "apc_identify_subspace: no memory") : rc;
     *order = 0;
     for (size_t n = 1; n <= ORDER_MOST && n + p->r.ny <= (p->s - 1) * p->r.ny && rc == 0; n++) {
         struct apc_identified *model;
@@ -453,6 +459,7 @@ static int open_subspace(struct subspace *p, const struct apc_identify_subspace_
     for (size_t i = 0; i < l; i++)
         measure(p->r.y + i, p->r.n, l, &p->mean_y[i], &p->size_y[i]);
     p->offsets = !o->deviations;
+    p->direct = o->direct;
     for (size_t i = 0; i < m && o->deviations; i++)
         p->mean_u[i] = 0.0;
     for (size_t i = 0; i < l && o->deviations; i++)
@@ -465,6 +472,7 @@ int apc_identify_subspace(struct apc_identified **model, const struct apc_record
 {
     struct apc_identify_subspace_options o = {0};
     struct subspace p = {0};
+    bool found = false;
     int rc = apc_record_check(record, why);
 
     *model = NULL;
@@ -475,18 +483,21 @@ int apc_identify_subspace(struct apc_identified **model, const struct apc_record
     if (rc < 0)
         return rc;
     p.inputs = p.r.nu + p.r.nd;
+    found = o.order == 0;
     rc = open_subspace(&p, &o, why);
     if (rc == 0 && o.order == 0)
         rc = find_order(&p, &o.order, why);
     if (rc == 0) {
-        rc = gather(&p, p.r.n);
+        rc = gather(&p, p.r.n, why);
         if (rc == 0)
             rc = find_errors(&p);
-        if (rc < 0)
+        if (rc == APC_ENOMEM)
             apc_fail(why, rc, "apc_identify_subspace: no memory");
     }
     if (rc == 0)
         rc = model_of(&p, o.order, model, why);
+    while (rc == APC_ESOLVER && found && o.order > 1) /* of a part of the record it was stable */
+        rc = model_of(&p, --o.order, model, why);
     apc_triangle_close(&p.rows);
     free(p.mean_u);
     return rc;

@@ -22,6 +22,12 @@ static double deviation(struct search *s, size_t width, double variance, size_t 
     return isfinite(found) ? found : (double)NAN;
 }
 
+/* Two lags that the record makes one of: their mean is known, their difference is not. */
+static bool twins(const struct arm *arm)
+{
+    return arm->lag.order == 2 && fabs(arm->lag.tau[0] - arm->lag.tau[1]) < 0.01 * arm->lag.tau[0];
+}
+
 /* The numbers of each arm, and their standard errors. Time constants the larger one first. */
 static int tell(struct search *s, struct apc_transfer *g, struct apc_transfer *error,
                 struct apc_transfer_fit *fit)
@@ -47,12 +53,13 @@ static int tell(struct search *s, struct apc_transfer *g, struct apc_transfer *e
         error[j] = (struct apc_transfer){.gain = deviation(s, all, variance, at, 1.0, at, 0.0)};
         if (arm->zero)
             error[j].zero = deviation(s, all, variance, at + 1, 1.0 / gain, at, -zero / gain);
-        for (size_t i = 0; i < arm->lag.order; i++, q++) {
-            const size_t place = turned ? 1 - i : i;
+        for (size_t i = 0; i < arm->lag.order; i++) {
+            const size_t place = turned ? 1 - i : i, mate = twins(arm) ? q + 1 - i : q + i;
 
             g[j].tau[place] = arm->lag.tau[i];
-            error[j].tau[place] = arm->lag.tau[i] * deviation(s, all, variance, q, 1.0, q, 0.0);
+            error[j].tau[place] = arm->lag.tau[i] * deviation(s, all, variance, q + i, 0.5, mate, 0.5);
         }
+        q += arm->lag.order;
         error[j].dead_time = s->record->Ts * deviation(s, all, variance, q, 1.0, q, 0.0);
         q++;
         at += search_arm(arm, best->rest);

@@ -21,7 +21,9 @@
 
 struct apc_estimator {
     enum apc_estimator_kind kind;
-    size_t nx, n_inputs, ny;
+    size_t nx, n_inputs, ny; /* nx with unknown disturbances */
+    size_t n_unknown;
+    struct apc_linear_unknown *unknown;
     const double *A, *B, *C, *D, *x0, *u0, *y0; /* of the linear model; its own copy */
     double *q, *r, *p0;
     double *gain;      /* [nx * ny] steady; of the extended one the measurement's Jacobian C [ny * nx] */
@@ -31,6 +33,7 @@ struct apc_estimator {
     unsigned steps;
     double *P, *T, *J, *M;                         /* [nx * nx] */
     double *x, *next, *slope, *column, *y, *moved; /* [nx], y and moved [ny] */
+    double *input;                                 /* [n_inputs] with what disturbs it */
     double *memory;
 };
 
@@ -71,7 +74,8 @@ static const double *keep(double **at, const double *from, size_t n)
 static int allocate(struct apc_estimator *e, const struct apc_estimator_options *o)
 {
     const size_t nx = e->nx, ny = e->ny, n = e->n_inputs, np = o->model ? o->model->np : 0;
-    double *at = calloc(5 * nx * nx + nx * n + 2 * nx * ny + ny * n + 8 * nx + n + 4 * ny + np, sizeof(*at));
+    double *at =
+        calloc(5 * nx * nx + nx * n + 2 * nx * ny + ny * n + 8 * nx + 2 * n + 4 * ny + np, sizeof(*at));
 
     e->memory = at;
     if (!at)
@@ -92,6 +96,7 @@ static int allocate(struct apc_estimator *e, const struct apc_estimator_options 
     e->column = apc_carve(&at, nx);
     e->y = apc_carve(&at, ny);
     e->moved = apc_carve(&at, ny);
+    e->input = apc_carve(&at, n);
     if (o->linear) {
         e->A = keep(&at, o->linear->A, nx * nx);
         e->B = keep(&at, o->linear->B, nx * n);
@@ -151,16 +156,39 @@ static int steady(struct apc_estimator *e, struct apc_error *why)
     return rc;
 }
 
+static int take_unknown(struct apc_estimator *e, const struct apc_estimator_options *o, struct apc_error *why)
+{
+    if (o->linear || o->n_unknown == 0)
+        return 0;
+    e->unknown = calloc(o->n_unknown, sizeof(*e->unknown));
+    if (!e->unknown)
+        return apc_fail(why, APC_ENOMEM, "estimator: no memory");
+    for (size_t k = 0; k < o->n_unknown; k++) {
+        const size_t most = o->unknown[k].where == APC_AT_OUTPUT  ? e->ny
+                            : o->unknown[k].where == APC_AT_INPUT ? e->n_inputs
+                                                                  : 0;
+
+        if (o->unknown[k].number >= most)
+            return apc_fail(why, APC_EINVAL, "estimator: unknown disturbance %zu: there is no such %s", k + 1,
+                            o->unknown[k].where == APC_AT_OUTPUT ? "output" : "input");
+        e->unknown[k] = o->unknown[k];
+    }
+    e->n_unknown = o->n_unknown;
+    return 0;
+}
+
 static int fill(struct apc_estimator *e, const struct apc_estimator_options *o, struct apc_error *why)
 {
     const struct apc_model *model = o->model;
     int rc;
 
     e->kind = o->kind;
-    e->nx = o->linear ? o->linear->nx : model->nx;
+    e->nx = o->linear ? o->linear->nx : model->nx + o->n_unknown;
     e->ny = o->linear ? o->linear->ny : model->ny;
     e->n_inputs = o->linear ? o->linear->nu + o->linear->nd : model->nu + model->nd;
-    rc = check_variances(o->q, e->nx, 0.0, "q", why);
+    rc = take_unknown(e, o, why);
+    if (rc == 0)
+        rc = check_variances(o->q, e->nx, 0.0, "q", why);
     if (rc == 0)
         rc = check_variances(o->r, e->ny, DBL_MIN, "r", why);
     if (rc == 0 && o->p0)
@@ -223,6 +251,7 @@ void apc_estimator_destroy(struct apc_estimator *estimator)
 {
     if (!estimator)
         return;
+    free(estimator->unknown);
     free(estimator->memory);
     free(estimator);
 }
@@ -236,7 +265,10 @@ void apc_estimator_reset(const struct apc_estimator *e, double *s, const double 
 {
     memset(s, 0, apc_estimator_size(e) * sizeof(*s));
     for (size_t i = 0; i < e->nx; i++) {
-        s[i] = x ? x[i] : !e->model ? e->x0[i] : (e->model->state ? e->model->state[i].initial : 0.0);
+        s[i] = x                                     ? x[i]
+               : !e->model                           ? e->x0[i]
+               : i < e->model->nx && e->model->state ? e->model->state[i].initial
+                                                     : 0.0;
         if (e->kind != APC_KALMAN_STEADY)
             s[e->nx + triangle(i) + i] = e->p0[i];
     }
@@ -325,12 +357,41 @@ static void take(struct apc_estimator *e, const double *c, double r, double v, d
     }
 }
 
+/* ---- The nonlinear model, disturbed ---------------------------------------------------------------- */
+
+static const double *disturbed(struct apc_estimator *e, const double *x, const double *u)
+{
+    if (e->n_unknown == 0)
+        return u;
+    memcpy(e->input, u, e->n_inputs * sizeof(*u));
+    for (size_t k = 0; k < e->n_unknown; k++) {
+        if (e->unknown[k].where == APC_AT_INPUT)
+            e->input[e->unknown[k].number] += x[e->model->nx + k];
+    }
+    return e->input;
+}
+
+static int derivative(struct apc_estimator *e, const double *x, const double *u, double *dx)
+{
+    memset(dx + e->model->nx, 0, e->n_unknown * sizeof(*dx));
+    return e->model->f(0.0, x, disturbed(e, x, u), e->p, dx);
+}
+
+static void measured(struct apc_estimator *e, const double *x, const double *u, double *y)
+{
+    e->model->g(0.0, x, disturbed(e, x, u), e->p, y);
+    for (size_t k = 0; k < e->n_unknown; k++) {
+        if (e->unknown[k].where == APC_AT_OUTPUT)
+            y[e->unknown[k].number] += x[e->model->nx + k];
+    }
+}
+
 /* ---- Measurements -------------------------------------------------------------------------------- */
 
 void apc_estimator_output(struct apc_estimator *e, const double *s, const double *u, double *y)
 {
     if (e->model) {
-        e->model->g(0.0, s, u, e->p, y);
+        measured(e, s, u, y);
         return;
     }
     for (size_t i = 0; i < e->ny; i++) {
@@ -358,11 +419,11 @@ static void measurement_jacobian(struct apc_estimator *e, const double *x, const
         double step = small_step(x[j]), up = x[j] + step, down = x[j] - step;
 
         e->next[j] = up;
-        e->model->g(0.0, e->next, u, e->p, e->moved);
+        measured(e, e->next, u, e->moved);
         for (size_t i = 0; i < e->ny; i++)
             e->gain[i * e->nx + j] = e->moved[i];
         e->next[j] = down;
-        e->model->g(0.0, e->next, u, e->p, e->moved);
+        measured(e, e->next, u, e->moved);
         for (size_t i = 0; i < e->ny; i++)
             e->gain[i * e->nx + j] = (e->gain[i * e->nx + j] - e->moved[i]) / (up - down);
         e->next[j] = x[j];
@@ -460,7 +521,7 @@ static int step(struct apc_estimator *e, double *x, const double *u, double h)
     for (int k = 0; k < 4; k++) {
         for (size_t i = 0; i < e->nx; i++)
             e->next[i] = x[i] + (k ? reach[k] * h * e->slope[i] : 0.0);
-        if (e->model->f(0.0, e->next, u, e->p, e->slope) != 0)
+        if (derivative(e, e->next, u, e->slope) != 0)
             return APC_ESOLVER;
         for (size_t i = 0; i < e->nx; i++)
             sum[i] += weight[k] * e->slope[i];
@@ -477,10 +538,10 @@ static int jacobian(struct apc_estimator *e, const double *x, const double *u)
         double by = small_step(x[j]), up = x[j] + by, down = x[j] - by;
 
         e->next[j] = up;
-        if (e->model->f(0.0, e->next, u, e->p, e->slope) != 0)
+        if (derivative(e, e->next, u, e->slope) != 0)
             return APC_ESOLVER;
         e->next[j] = down;
-        if (e->model->f(0.0, e->next, u, e->p, e->column) != 0)
+        if (derivative(e, e->next, u, e->column) != 0)
             return APC_ESOLVER;
         for (size_t i = 0; i < e->nx; i++)
             e->J[i * e->nx + j] = (e->slope[i] - e->column[i]) / (up - down);

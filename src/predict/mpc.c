@@ -32,6 +32,8 @@ struct apc_mpc {
     unsigned *rank;                     /* [ny] */
     unsigned ranks;
     bool terminal;
+    bool follows;    /* what y does is said from outside */
+    bool easy_stale; /* easy_qp is of another G */
 
     double *memory;
     double *G;              /* [N * ny * n] */
@@ -428,6 +430,15 @@ int apc_mpc_tune(struct apc_mpc *p, const struct apc_mpc_weights *weights, struc
     return apc_qp_soft(p->qp, p->none, p->square);
 }
 
+int apc_mpc_follow(struct apc_mpc *p, const double *G, const double *free_y)
+{
+    memcpy(p->G, G, p->N * p->ny * p->n * sizeof(*G));
+    memcpy(p->free_y, free_y, p->N * p->ny * sizeof(*free_y));
+    p->follows = p->easy_stale = true;
+    make_rows(p);
+    return p->terminal ? APC_EINVAL : weigh(p, NULL, NULL);
+}
+
 /* ---- Solving ------------------------------------------------------------------------------------- */
 
 /* What comes with v = 0. */
@@ -483,6 +494,15 @@ static int find_targets(struct apc_mpc *p, const struct apc_mpc_call *call, stru
     const size_t ny = p->ny, nu = p->nu;
 
     result->reachable = true;
+    for (size_t i = 1; i <= p->N && p->follows; i++) {
+        result->reachable = aim(p, call, i) && result->reachable;
+        for (size_t c = 0; c < ny; c++)
+            p->target_y[(i - 1) * ny + c] =
+                p->q[c] > 0.0 ? (p->aim_low[c] + p->aim_high[c]) / 2.0 : call->w[i * ny + c];
+        memcpy(p->target_u + (i - 1) * nu, call->u_wish, nu * sizeof(*call->u_wish));
+    }
+    if (p->follows)
+        return 0;
     for (size_t k = 0; k < nu; k++) {
         p->low[k] = call->given[k] ? call->u_last[k] : call->low[k];
         p->high[k] = call->given[k] ? call->u_last[k] : call->high[k];
@@ -637,8 +657,9 @@ static bool widen(struct apc_mpc *p, size_t c)
 /* Rank by rank, from the first: what it breaks of its limits, at least, is allowed to it from then on. */
 static int give_up(struct apc_mpc *p, const struct apc_mpc_call *call, struct apc_mpc_result *result)
 {
-    int rc = 0;
+    int rc = p->easy_stale ? make_easy(p, NULL) : 0;
 
+    p->easy_stale = false;
     bound_zones(p, call, true);
     for (size_t b = 0; b < p->blocks; b++) {
         for (size_t j = 0; j < p->nu; j++) {
@@ -676,7 +697,8 @@ void apc_mpc_solve(struct apc_mpc *p, const struct apc_mpc_call *call, double *p
                    struct apc_mpc_result *result)
 {
     *result = (struct apc_mpc_result){0};
-    coast(p, call);
+    if (!p->follows)
+        coast(p, call);
     result->rc = find_targets(p, call, result);
     if (result->rc < 0)
         return;

@@ -78,6 +78,13 @@ int apc_mpc_tune(struct apc_mpc *mpc, const struct apc_mpc_weights *weights, str
 /* plan [blocks * nu] = the moves, block after block. Without an answer it is as it was. [tick] */
 void apc_mpc_solve(struct apc_mpc *mpc, const struct apc_mpc_call *call, double *plan,
                    struct apc_mpc_result *result);
+/*
+ * From now on what y does is said from outside, before each solution: y = free_y + G (u - u0), free_y [N *
+ * ny], G [N * ny * n] with n = nu * blocks, of samples 1..N and the plan's moves; u0 is the model's. There
+ * must be no terminal weight. y is then to be at its setpoint, or within its limits the nearest to it, and u
+ * at its wish. Returns as apc_mpc_tune(). [tick], of order n^2 N ny.
+ */
+int apc_mpc_follow(struct apc_mpc *mpc, const double *G, const double *free_y);
 /* What the plan does: y [N * ny], of samples 1..N; of the last call. [tick] */
 void apc_mpc_predict(const struct apc_mpc *mpc, const double *plan, double *y);
 /* Steady state aimed at by sample i (1..N) of the last call: y [ny], u [nu]. [tick] */

@@ -132,7 +132,8 @@ static void linearise(struct settings *s, const config_setting_t *at, const stru
         memcpy(B + i * nu, B_all + i * all, nu * sizeof *B);
     for (size_t i = 0; i < ny; i++)
         memcpy(D + i * nu, D_all + i * all, nu * sizeof *D);
-    c->plant = (struct apc_law_plant){.nx = nx, .A = A, .B = B, .C = C, .D = D, .x0 = x, .u0 = u, .y0 = y};
+    c->plant = (struct apc_law_plant){
+        .nx = nx, .A = A, .B = B, .C = C, .D = D, .x0 = x, .u0 = u, .y0 = y, .model = m, .p = e->plant.p};
 }
 
 static void read_operating_point(struct settings *s, const config_setting_t *group,

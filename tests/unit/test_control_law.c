@@ -37,8 +37,8 @@ static void an_unknown_name_is_answered_with_the_names_there_are(void **state)
     assert_null(law);
     assert_null(handle);
     assert_non_null(strstr(why.text, "\"pdi\""));
-    assert_non_null(
-        strstr(why.text, "there are: pi, pid, cascade, lqg, mpc, select, split, ramp, leadlag, filter;"));
+    assert_non_null(strstr(
+        why.text, "there are: pi, pid, cascade, lqg, mpc, nmpc, select, split, ramp, leadlag, filter;"));
 }
 
 static void a_missing_shared_object_is_named(void **state)

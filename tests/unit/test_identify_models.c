@@ -169,7 +169,7 @@ static void state_space_of_the_hair_dryer_is_octaves(void **state)
 {
     struct dryer *d = dryer();
     const struct apc_identify_subspace_options options = {
-        .size = sizeof options, .order = 4, .deviations = true};
+        .size = sizeof options, .order = 4, .direct = true, .deviations = true};
     double A[16], B[4], C[4], D, I_A[16], gain;
     double complex theirs[4], ours[4];
     struct apc_identified *m;
@@ -281,6 +281,7 @@ static void difference_equations_find_delays_and_orders(void **state)
     assert_near(gain_of(m->linear), 2.0, 1e-6);
     assert_near(m->linear->y0[0] + 2.0 * (5.0 - m->linear->u0[0]), -40.0, 1e-6);
     assert_int_equal(m->linear->nx_held, 4);
+    assert_near(m->linear->D[0], 0.0, 0.0);
     apc_identified_destroy(m);
     free(t);
 }
@@ -412,6 +413,12 @@ static void what_does_not_fit_together_is_refused(void **state)
     assert_null(m);
     assert_int_equal(apc_identify_arx(&m, &t->record, &long_one, &why), APC_EINVAL);
     assert_int_equal(apc_identify_subspace(&m, &t->record, &rows, &why), APC_EINVAL);
+    for (size_t k = 0; k < 500; k += 3)
+        t->y[k] = (double)NAN;
+    assert_int_equal(apc_identify_arx(&m, &t->record, NULL, &why), APC_EINVAL);
+    assert_has(why.text, "have no gap");
+    assert_int_equal(apc_identify_subspace(&m, &t->record, NULL, &why), APC_EINVAL);
+    assert_has(why.text, "have no gap");
     apc_linear_destroy(model);
     free(t);
 }

@@ -173,9 +173,9 @@ static void poor_records_are_refused_with_what_to_do(void **state)
     refused(t, "input 2 moves as input 1 does");
 
     t = of_two(1);
-    for (size_t k = 0; k < 300; k++)
+    for (size_t k = 0; k < 461; k++)
         t->y[k] = (double)NAN;
-    refused(t, "200 good samples of 500");
+    refused(t, "39 good samples of 500");
 
     t = of_two(1);
     for (size_t k = 0; k < 500; k++)

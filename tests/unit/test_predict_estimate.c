@@ -317,6 +317,47 @@ static void the_extended_one_knows_how_wrong_it_is(void **state)
 
 /* ---- What is missing, wrong, or taken over ------------------------------------------------------- */
 
+/* A load at the input of the paper's plant, and an error of its measurement, one after the other: both are
+ * found. */
+static void the_extended_one_finds_what_nobody_measures(void **state)
+{
+    static const struct apc_linear_unknown at_input = {APC_AT_INPUT, 0}, at_output = {APC_AT_OUTPUT, 0};
+    const double q[] = {0.0, 0.01}, r = 1e-4, u = 1.0, load = 0.3;
+    struct apc_estimator_options options = {.size = sizeof options,
+                                            .kind = APC_KALMAN_EXTENDED,
+                                            .model = &apc_model_first_order,
+                                            .Ts = 0.5,
+                                            .q = q,
+                                            .r = &r,
+                                            .n_unknown = 1};
+    struct apc_error why;
+    (void)state;
+
+    for (int where = APC_AT_OUTPUT; where <= APC_AT_INPUT; where++) {
+        struct apc_estimator *e;
+        double s[5], x = 4.0;
+
+        options.unknown = where == APC_AT_INPUT ? &at_input : &at_output;
+        e = make(&options);
+        assert_int_equal(apc_estimator_size(e), 5);
+        apc_estimator_reset(e, s, NULL);
+        for (int k = 0; k < 400; k++) {
+            const double y = where == APC_AT_OUTPUT ? x + load : x;
+
+            assert_int_equal(apc_estimator_correct(e, s, &y, NULL, &u), 1);
+            assert_int_equal(apc_estimator_predict(e, s, &u), 0);
+            x += (1.0 - exp(-0.05)) * (10.0 * (where == APC_AT_INPUT ? u + load : u) - x);
+        }
+        assert_near(s[1], load, 1e-3);
+        assert_near(s[0], x, 1e-2);
+        apc_estimator_destroy(e);
+    }
+    options.unknown = &(struct apc_linear_unknown){APC_AT_INPUT, 1};
+    struct apc_estimator *none;
+    assert_int_equal(apc_estimator_create(&none, &options, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "there is no such input"));
+}
+
 static void what_is_not_usable_changes_nothing(void **state)
 {
     const double q[] = {0.2, 0.05, 0.4}, r[] = {0.3, 0.1}, u = 1.0;
@@ -484,6 +525,7 @@ int main(void)
         cmocka_unit_test(the_steady_gain_is_where_the_other_one_ends),
         cmocka_unit_test(the_extended_one_is_the_other_one_where_the_model_is_linear),
         cmocka_unit_test(the_extended_one_knows_how_wrong_it_is),
+        cmocka_unit_test(the_extended_one_finds_what_nobody_measures),
         cmocka_unit_test(what_is_not_usable_changes_nothing),
         cmocka_unit_test(a_restart_goes_on_bit_for_bit),
         cmocka_unit_test(where_the_model_ends_the_state_stays),

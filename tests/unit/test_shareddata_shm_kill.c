@@ -1,16 +1,21 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * A writer of the store in shared memory that is killed, after every single instruction of an operation and
- * at random instants: what it leaves is what was there before or what it was to write, and the next
- * writer goes on.
+ * A writer of the store in shared memory that is killed, after every instruction of an operation that leaves
+ * something else, and at random instants: what it leaves is what was there before or what it was to write,
+ * and the next writer goes on.
  */
 #include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/ptrace.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
+#include <sys/uio.h>
 #include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
@@ -325,10 +330,9 @@ static int maintain(struct apc_store *store)
 
 /* ---- Killed after every instruction --------------------------------------------------------------- */
 
-/* To be killed after k instructions takes k single steps: so many in all, spread evenly over an operation.
- * MANY is for a tick, which is killed after every fourth one. APC_KILLS=2000 is the long run: so many random
- * kills, and more steps. */
-enum { MANY = 1000000, KILLS = SANITIZED ? 100 : 400, N = 6 };
+/* To be killed after k instructions takes k single steps: so many in all, spread evenly over an operation
+ * that takes more. APC_KILLS=2000 is the long run: so many random kills, and no operation is spared. */
+enum { SOME = 120000, EVERYWHERE = INT_MAX, KILLS = SANITIZED ? 100 : 400, N = 6 };
 
 static int random_kills(void)
 {
@@ -338,14 +342,13 @@ static int random_kills(void)
 
 static long some(void)
 {
-    return random_kills() > KILLS ? 50000 : 15000;
+    return random_kills() > KILLS ? EVERYWHERE : SOME;
 }
 
 typedef int (*operation_fn)(struct apc_store *store);
 
-/* Let a process do it and be killed after @p steps instructions. Returns how many it made, or -1: no ptrace
- * here, or most of the instructions are a sanitizer's. */
-static long run_killed(struct apc_store *store, operation_fn operation, long steps)
+/* A process that is about to do it; -1: no ptrace here, or most of the instructions are a sanitizer's. */
+static pid_t stopped_before(struct apc_store *store, operation_fn operation)
 {
     if (SANITIZED) {
         return -1;
@@ -359,38 +362,106 @@ static long run_killed(struct apc_store *store, operation_fn operation, long ste
         _exit(operation(store) < 0);
     }
     int status = 0;
-    long made = 0;
     assert_int_equal(waitpid(child, &status, 0), child);
     if (WIFEXITED(status) && WEXITSTATUS(status) == 77) {
         return -1;
     }
     assert_true(WIFSTOPPED(status));
-    while (made < steps && WIFSTOPPED(status)) {
-        assert_int_equal(ptrace(PTRACE_SINGLESTEP, child, NULL, NULL), 0);
-        assert_int_equal(waitpid(child, &status, 0), child);
-        made++;
-    }
-    if (WIFSTOPPED(status)) {
-        kill(child, SIGKILL);
-        assert_int_equal(waitpid(child, &status, 0), child);
-    } else {
-        assert_true(WIFEXITED(status) && WEXITSTATUS(status) == 0);
-    }
-    return made;
+    return child;
 }
 
-/* Once: what is left after so many instructions is old or new, and the next writer makes it new. */
-static long check_killed(operation_fn before, operation_fn operation, long steps, bool repeatable,
+/* One instruction; false when it was the last. */
+static bool step(pid_t child)
+{
+    int status = 0;
+    assert_int_equal(ptrace(PTRACE_SINGLESTEP, child, NULL, NULL), 0);
+    assert_int_equal(waitpid(child, &status, 0), child);
+    assert_true(WIFSTOPPED(status) || (WIFEXITED(status) && WEXITSTATUS(status) == 0));
+    return WIFSTOPPED(status);
+}
+
+/* What the dead leave: the segment, and what the kernel reads of them, their list of robust mutexes. */
+enum { PAGE = 4096, PAGES = 1024 };
+
+static struct {
+    unsigned char *segment, was[PAGES * PAGE];
+    size_t pages;
+    bool touched[PAGES]; /* by the operation, as far as is known */
+    void *list;          /* of robust mutexes, in the process */
+    long robust[3];
+} remains;
+
+static bool remains_differ(pid_t child, bool look_everywhere)
+{
+    long robust[3];
+    const size_t n = sizeof robust;
+    const struct iovec to = {.iov_base = robust, .iov_len = n},
+                       from = {.iov_base = remains.list, .iov_len = n};
+    assert_int_equal(process_vm_readv(child, &to, 1, &from, 1, 0), n);
+    bool differ = memcmp(remains.robust, robust, n) != 0;
+    memcpy(remains.robust, robust, n);
+    for (size_t i = 0; i < remains.pages; i++) {
+        unsigned char *is = remains.segment + i * PAGE, *was = remains.was + i * PAGE;
+        if ((look_everywhere || remains.touched[i]) && memcmp(is, was, PAGE) != 0) {
+            memcpy(was, is, PAGE);
+            differ = remains.touched[i] = true;
+        }
+    }
+    return differ;
+}
+
+/* Let a process do it and be killed by the last of so many instructions after which what it leaves differs
+ * from what it left before. Returns how many there were, and of all @p instructions; or -1: no ptrace here.
+ */
+static long run_killed(struct apc_store *store, operation_fn operation, long most, long *instructions)
+{
+    pid_t child = stopped_before(store, operation);
+    if (child < 0) {
+        return -1;
+    }
+    struct stat stat;
+    int fd = open(path, O_RDONLY);
+    assert_true(fd >= 0 && fstat(fd, &stat) == 0);
+    remains.pages = (size_t)stat.st_size / PAGE;
+    assert_true(remains.pages * PAGE == (size_t)stat.st_size && remains.pages <= PAGES);
+    remains.segment = mmap(NULL, remains.pages * PAGE, PROT_READ, MAP_SHARED, fd, 0);
+    assert_true(remains.segment != MAP_FAILED);
+    close(fd);
+    size_t n_list = 0;
+    assert_int_equal(syscall(SYS_get_robust_list, child, &remains.list, &n_list), 0);
+    assert_int_equal(n_list, sizeof remains.robust);
+    (void)remains_differ(child, true);
+    const bool first = most == LONG_MAX;
+    if (first) {
+        memset(remains.touched, 0, sizeof remains.touched);
+    }
+    long n = 0;
+    bool running = true;
+    for (*instructions = 0; n < most && running; ++*instructions) {
+        running = step(child);
+        n += running && remains_differ(child, first);
+    }
+    if (running) {
+        kill(child, SIGKILL);
+        assert_int_equal(waitpid(child, NULL, 0), child);
+    }
+    munmap(remains.segment, remains.pages * PAGE);
+    return n;
+}
+
+/* Once: what is left is old or new, and the next writer makes it new. */
+static void check_killed(operation_fn before, operation_fn operation, long most, bool repeatable,
                          uint64_t old_contents, uint64_t new_contents, bool *was_new)
 {
     struct apc_store *store = new_store();
     assert_int_equal(before(store), 0);
     assert_true(contents() == old_contents);
-    long made = run_killed(store, operation, steps);
+    long instructions;
+    run_killed(store, operation, most, &instructions);
     const uint64_t left = contents();
     *was_new = left == new_contents;
     if (left != old_contents && left != new_contents) {
-        fail_msg("neither old nor new after %ld instructions", made);
+        fail_msg("neither old nor new after %ld instructions", instructions);
     }
     struct apc_sample other = sample(APC_STATE, 1, 1);
     assert_int_equal(apc_store_append(store, &other, 1), 1); /* the next writer: it erases what it finds */
@@ -400,56 +471,61 @@ static long check_killed(operation_fn before, operation_fn operation, long steps
         assert_true(contents() == new_contents);
     }
     apc_store_close(store);
-    return made;
 }
 
-static void kill_everywhere(operation_fn before, operation_fn operation, bool repeatable, long budget)
+/* From one place to the next: each takes half of the operation's steps. */
+static long stride(long places, long instructions)
+{
+    return 1 + places * instructions / 2 / some();
+}
+
+static void kill_everywhere(operation_fn before, operation_fn operation, bool repeatable)
 {
     struct apc_store *store = new_store();
     assert_int_equal(before(store), 0);
     const uint64_t old_contents = contents();
-    const long all = run_killed(store, operation, 1L << 24); /* to its end */
-    if (all < 0) {
-        apc_store_close(store);
+    long instructions;
+    const long places = run_killed(store, operation, LONG_MAX, &instructions);
+    const uint64_t new_contents = contents();
+    apc_store_close(store);
+    if (places < 0) {
         skip();
     }
-    const uint64_t new_contents = contents();
     assert_true(new_contents != old_contents);
-    apc_store_close(store);
-    const long stride = 1 + all * all / 2 / budget;
     int n_old = 0, n_new = 0;
-    for (long steps = all - 1; steps >= 0; steps -= stride) {
+    for (long place = places; place > 0; place -= stride(places, instructions)) {
         bool was_new = false;
-        check_killed(before, operation, steps, repeatable, old_contents, new_contents, &was_new);
+        check_killed(before, operation, place, repeatable, old_contents, new_contents, &was_new);
         n_new += was_new;
         n_old += !was_new;
     }
-    printf("%ld instructions, killed after every %ld: %d times old, %d times new\n", all, stride, n_old,
-           n_new);
+    printf("%ld instructions, %ld of which leave something else: killed %d times with the old left, %d times "
+           "with the new\n",
+           instructions, places, n_old, n_new);
     assert_true(n_old > 0 && n_new > 0);
 }
 
-#define KILLED(before, operation, repeatable, budget)                                                        \
+#define KILLED(before, operation, repeatable)                                                                \
     static void test_##operation##_killed_anywhere_leaves_old_or_new(void **state)                           \
     {                                                                                                        \
         (void)state;                                                                                         \
-        kill_everywhere(before, operation, repeatable, budget);                                              \
+        kill_everywhere(before, operation, repeatable);                                                      \
     }
 
-KILLED(prepare, append_known, true, some())
-KILLED(prepare_full, append_full, true, some())
-KILLED(prepare, append_new, true, some())
-KILLED(prepare, append_late, true, some())
-KILLED(prepare, put, false, some())
-KILLED(prepare, swap, true, some())
-KILLED(prepare, append_tick, false, MANY)
-KILLED(prepare, append_wider, true, some())
-KILLED(prepare, append_new_vector, true, some())
-KILLED(prepare, append_late_vector, true, some())
-KILLED(prepare_narrow, append_wide, true, some())
-KILLED(prepare, put_tags, true, some())
-KILLED(prepare, append_events, false, some())
-KILLED(prepare, append_timing, false, some())
+KILLED(prepare, append_known, true)
+KILLED(prepare_full, append_full, true)
+KILLED(prepare, append_new, true)
+KILLED(prepare, append_late, true)
+KILLED(prepare, put, false)
+KILLED(prepare, swap, true)
+KILLED(prepare, append_tick, false)
+KILLED(prepare, append_wider, true)
+KILLED(prepare, append_new_vector, true)
+KILLED(prepare, append_late_vector, true)
+KILLED(prepare_narrow, append_wide, true)
+KILLED(prepare, put_tags, true)
+KILLED(prepare, append_events, false)
+KILLED(prepare, append_timing, false)
 
 /* Housekeeping is a transaction a variable: in between is neither old nor new, but every newest sample stays.
  */
@@ -458,17 +534,17 @@ static void test_maintain_killed_anywhere_keeps_the_newest_and_can_be_repeated(v
     (void)state;
     struct apc_store *store = new_store();
     assert_int_equal(prepare(store), 0);
-    const long all = run_killed(store, maintain, 1L << 24);
-    if (all < 0) {
-        apc_store_close(store);
-        skip();
-    }
+    long instructions;
+    const long places = run_killed(store, maintain, LONG_MAX, &instructions);
     const uint64_t new_contents = contents();
     apc_store_close(store);
-    for (long steps = 0; steps < all; steps += 1 + all * all / 2 / some()) {
+    if (places < 0) {
+        skip();
+    }
+    for (long place = 1; place <= places; place += stride(places, instructions)) {
         store = new_store();
         assert_int_equal(prepare(store), 0);
-        run_killed(store, maintain, steps);
+        run_killed(store, maintain, place, &(long){0});
         struct apc_sample s[2] = {sample(APC_SENSOR, 0, 0), sample(APC_SETPOINT, 1, 0)};
         assert_int_equal(apc_store_read(store, s, 2), 0);
         assert_true(s[0].seq == 5 && s[1].seq == 3);
@@ -518,76 +594,64 @@ static int append_tick_together(struct apc_store *store, int64_t seq)
     return append_rows(store, &s, 1, vector(0, seq, WIDE)) + TOGETHER - 2;
 }
 
+/* Of the elements, which are read by one loop, the first ones. */
 static int read_tick_together(struct apc_store *store)
 {
-    double value[WIDE];
+    double value[6];
     struct apc_sample s = sample(APC_SENSOR, 0, 0);
-    struct apc_vector v = {.table = APC_TICK, .id = 0, .room = WIDE, .value = value};
+    struct apc_vector v = {.table = APC_TICK, .id = 0, .room = 6, .value = value};
     struct apc_rows rows = {.size = sizeof rows, .sample = &s, .n_samples = 1, .vector = &v, .n_vectors = 1};
     int err = apc_store_read_rows(store, &rows);
     if (!err && (v.seq != s.seq || v.n != WIDE || v.time != s.time)) {
         err = APC_EPROTO;
     }
-    for (uint32_t i = 0; !err && i < WIDE; i++) {
+    for (uint32_t i = 0; !err && i < v.room; i++) {
         err = value[i] < (double)s.seq || value[i] > (double)s.seq ? APC_EPROTO : 0;
     }
     return err;
 }
 
 /* Wherever a reader is stopped, whatever is written then: what it has read in the end is one append's. */
-static void stop_everywhere(int (*append)(struct apc_store *, int64_t), int (*read)(struct apc_store *),
-                            long stride)
+static void stop_everywhere(int (*append)(struct apc_store *, int64_t), operation_fn read)
 {
     struct apc_store *store = new_store();
     int64_t seq = 0;
     assert_int_equal(append(store, ++seq), TOGETHER);
     assert_int_equal(read(store), 0);
-    bool ended = false;
-    for (long steps = 1; !ended && !SANITIZED; steps += stride) {
-        int status = 0;
-        pid_t child = fork();
-        if (child == 0) {
-            if (ptrace(PTRACE_TRACEME, 0, NULL, NULL) != 0) {
-                _exit(77);
-            }
-            raise(SIGSTOP);
-            _exit(read(store) != 0);
+    bool running = true;
+    for (long steps = 1; running; steps++) {
+        pid_t child = stopped_before(store, read);
+        if (child < 0) {
+            apc_store_close(store);
+            skip();
         }
-        assert_int_equal(waitpid(child, &status, 0), child);
-        for (long made = 0; made < steps && WIFSTOPPED(status); made++) {
-            assert_int_equal(ptrace(PTRACE_SINGLESTEP, child, NULL, NULL), 0);
-            assert_int_equal(waitpid(child, &status, 0), child);
+        for (long made = 0; made < steps && running; made++) {
+            running = step(child);
         }
-        ended = WIFEXITED(status);
         for (int64_t more = 1 + steps % 5; more > 0; more--) {
             assert_int_equal(append(store, ++seq), TOGETHER);
         }
-        if (!ended) {
+        if (running) {
+            int status = 0;
             assert_int_equal(ptrace(PTRACE_CONT, child, NULL, NULL), 0);
             assert_int_equal(waitpid(child, &status, 0), child);
+            assert_true(WIFEXITED(status));
+            assert_int_equal(WEXITSTATUS(status), 0);
         }
-        assert_true(WIFEXITED(status));
-        if (WEXITSTATUS(status) == 77) {
-            break;
-        }
-        assert_int_equal(WEXITSTATUS(status), 0);
     }
     apc_store_close(store);
-    if (!ended) {
-        skip();
-    }
 }
 
 static void test_a_reader_stopped_anywhere_reads_one_append(void **state)
 {
     (void)state;
-    stop_everywhere(append_together, read_together, 1);
+    stop_everywhere(append_together, read_together);
 }
 
 static void test_a_reader_of_rows_stopped_anywhere_reads_one_append(void **state)
 {
     (void)state;
-    stop_everywhere(append_tick_together, read_tick_together, 3);
+    stop_everywhere(append_tick_together, read_tick_together);
 }
 
 /* ---- Killed at random ------------------------------------------------------------------------------ */

@@ -1,0 +1,119 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The script goes into an unnamed temporary file that becomes gnuplot's standard input, and what gnuplot
+ * complains of comes back in another: no shell, no pipe that could break or fill. gnuplot runs in the folder
+ * of the figure, so no path of the user's ever stands in a script.
+ */
+#include "gnuplot.h"
+
+#include <errno.h>
+#include <locale.h>
+#include <spawn.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+/* Numbers with a point and text in UTF-8, whatever the program's locale is. */
+static int write_script(FILE *script, int (*write)(FILE *script, void *ctx), void *ctx)
+{
+    locale_t neutral = newlocale(LC_ALL_MASK, "C.UTF-8", (locale_t)0), before;
+
+    if (!neutral)
+        return APC_ESYS;
+    before = uselocale(neutral);
+    int rc = write(script, ctx);
+    uselocale(before);
+    freelocale(neutral);
+    if (rc < 0)
+        return rc;
+    if (fflush(script) != 0 || ferror(script) || lseek(fileno(script), 0, SEEK_SET) != 0)
+        return APC_ESYS;
+    return 0;
+}
+
+/* Start gnuplot in @p dir. Returns 0 or an errno. The script is named to it although it is its standard
+ * input: a script without a name it would go on with after an error. */
+static int spawn_gnuplot(const char *dir, FILE *script, FILE *complaints, pid_t *pid)
+{
+    char name[] = "gnuplot", no_user_settings[] = "-d", script_file[] = "/dev/stdin";
+    char *const argv[] = {name, no_user_settings, script_file, NULL};
+    posix_spawn_file_actions_t actions;
+    int rc = posix_spawn_file_actions_init(&actions);
+
+    if (rc != 0)
+        return rc;
+    if ((rc = posix_spawn_file_actions_addchdir_np(&actions, dir)) == 0 &&
+        (rc = posix_spawn_file_actions_adddup2(&actions, fileno(script), STDIN_FILENO)) == 0 &&
+        (rc = posix_spawn_file_actions_adddup2(&actions, fileno(complaints), STDERR_FILENO)) == 0)
+        rc = posix_spawnp(pid, name, &actions, NULL, argv, environ);
+    posix_spawn_file_actions_destroy(&actions);
+    return rc;
+}
+
+/* What gnuplot gave up for, on one line: it shows the line of the script, then says
+ * "/dev/stdin" line N: REASON, and sometimes more. */
+static void read_complaint(FILE *complaints, char *text, size_t size)
+{
+    static const char position[] = "\"/dev/stdin\" line ";
+    char line[200];
+    size_t length = 0;
+
+    snprintf(text, size, "it did not say why");
+    rewind(complaints);
+    while (fgets(line, sizeof line, complaints)) {
+        const char *reason = line;
+
+        line[strcspn(line, "\n")] = '\0';
+        if (strncmp(line, position, sizeof position - 1) == 0) {
+            reason = strchr(line, ':');
+            length = 0;
+        }
+        if (reason && reason[strspn(reason, ": ")] != '\0' && length < size)
+            length += (size_t)snprintf(text + length, size - length, "%s%s", length > 0 ? "; " : "",
+                                       reason + strspn(reason, ": "));
+    }
+}
+
+static int run_gnuplot(const char *dir, FILE *script, FILE *complaints, const char *what,
+                       struct apc_error *why)
+{
+    char complaint[200];
+    pid_t pid;
+    int status, rc = spawn_gnuplot(dir, script, complaints, &pid);
+
+    if (rc == ENOENT)
+        return apc_fail(why, APC_ENOTFOUND,
+                        "gnuplot is not installed: apt-get install gnuplot-nox; all but %s is complete",
+                        what);
+    if (rc != 0)
+        return apc_fail(why, APC_ESYS, "%s: gnuplot could not be started: %s", dir, strerror(rc));
+    while (waitpid(pid, &status, 0) < 0)
+        if (errno != EINTR)
+            return apc_fail(why, APC_ESYS, "%s: gnuplot was lost: %s", dir, strerror(errno));
+    if (WIFEXITED(status) && WEXITSTATUS(status) == 0)
+        return 0;
+    if (WIFSIGNALED(status))
+        return apc_fail(why, APC_ESYS, "%s: gnuplot was ended by signal %d", dir, WTERMSIG(status));
+    read_complaint(complaints, complaint, sizeof complaint);
+    return apc_fail(why, APC_ESYS, "%s: gnuplot could not draw %s.svg and %s.png: %s", dir, what, what,
+                    complaint);
+}
+
+int gnuplot_draw(const char *dir, int (*write)(FILE *script, void *ctx), void *ctx, const char *what,
+                 struct apc_error *why)
+{
+    FILE *script = tmpfile(), *complaints = tmpfile();
+    int rc = APC_ESYS;
+
+    if (!script || !complaints)
+        apc_fail(why, rc, "%s: no temporary file for gnuplot: %s", dir, strerror(errno));
+    else if ((rc = write_script(script, write, ctx)) < 0)
+        apc_fail(why, rc, "%s: the script for gnuplot could not be written: %s", dir, strerror(errno));
+    else
+        rc = run_gnuplot(dir, script, complaints, what, why);
+    if (script)
+        fclose(script);
+    if (complaints)
+        fclose(complaints);
+    return rc;
+}

@@ -1,0 +1,256 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What apc identify tells, for people and for programs. */
+#include <math.h>
+#include <stdio.h>
+
+#include "identify.h"
+#include "print.h"
+
+/* How far output @p i goes from sample @p from until @p to. */
+static double reach(const struct apc_record *r, size_t i, size_t from, size_t to)
+{
+    double low = HUGE_VAL, high = -HUGE_VAL;
+
+    for (size_t k = from; k < to; k++) {
+        if (isfinite(r->y[k * r->ny + i])) {
+            low = fmin(low, r->y[k * r->ny + i]);
+            high = fmax(high, r->y[k * r->ny + i]);
+        }
+    }
+    return high - low;
+}
+
+static void show_record(const struct identification *z)
+{
+    const struct identify_data *d = &z->data;
+    const struct apc_record *r = &d->record;
+
+    printf("%s: %zu samples, one each %g s; ", z->cli.args[0], r->n, r->Ts);
+    if (z->own.validate)
+        printf("judged on %s, %zu samples\n", z->own.validate, z->other.record.n);
+    else
+        printf("fitted to the first %zu, judged on the other %zu\n", z->fitted, r->n - z->fitted);
+    for (size_t i = 0; i < r->ny; i++)
+        if (d->gaps[i].missing)
+            printf("%s: %zu samples are missing, %zu the most at a time\n", d->output[i], d->gaps[i].missing,
+                   d->gaps[i].longest);
+    for (size_t i = 0; i < r->ny && !z->own.validate; i++)
+        if (reach(r, i, z->fitted, r->n) < 0.2 * reach(r, i, 0, z->fitted))
+            printf(
+                "%s hardly moves in what is judged on: its fit says little; another --share may be better\n",
+                d->output[i]);
+    for (size_t j = 0; j < r->nu + r->nd; j++) {
+        const int order = apc_record_excitation(r, j);
+        if (order >= 0 && order < 10)
+            printf("%s has %d frequenc%s only: what a model says of others is a guess\n", d->input[j], order,
+                   order == 1 ? "y" : "ies");
+    }
+}
+
+static void put_probability(struct print_table *t, double p)
+{
+    print_cell(t, p < 0.01 ? PRINT_WARN : PRINT_PLAIN, p < 0.001 ? "< 0.001" : "%.3f", p);
+}
+
+static int show_models(const struct identification *z)
+{
+    static const struct print_column columns[] = {
+        {"model", PRINT_LEFT},    {"of", PRINT_LEFT},     {"states", PRINT_RIGHT},     {"fit %", PRINT_POINT},
+        {"ahead %", PRINT_POINT}, {"white", PRINT_POINT}, {"independent", PRINT_POINT}};
+    struct print_table t;
+
+    print_table_open(&t, columns, sizeof columns / sizeof *columns);
+    for (int k = 0; k < KINDS; k++) {
+        const struct identify_model *m = &z->model[k];
+
+        for (size_t i = 0; m->linear && i < m->linear->ny; i++) {
+            const struct apc_validation *v = &m->validation[i];
+
+            print_cell(&t, PRINT_PLAIN, "%s", i ? "" : m->kind);
+            print_cell(&t, PRINT_PLAIN, "%s", z->data.output[i]);
+            print_cell(&t, PRINT_PLAIN, i ? "" : "%zu", m->linear->nx);
+            print_cell(&t, v->fit < 50.0 ? PRINT_WARN : PRINT_PLAIN, "%.1f", v->fit);
+            print_cell(&t, PRINT_PLAIN, isnan(v->ahead) ? "" : "%.1f", v->ahead);
+            put_probability(&t, v->white);
+            put_probability(&t, v->independent);
+        }
+    }
+    int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
+    print_table_close(&t);
+    for (int k = 0; k < KINDS; k++)
+        if (z->model[k].kind && !z->model[k].linear)
+            printf("no %s: %s\n", z->model[k].kind, z->model[k].why.text);
+    return rc;
+}
+
+static void put_estimate(struct print_table *t, bool there, double value, double error)
+{
+    if (!there)
+        print_cell(t, PRINT_PLAIN, "%s", "");
+    else if (isnan(error))
+        print_cell(t, PRINT_WARN, "%.4g ± ?", value);
+    else
+        print_cell(t, PRINT_PLAIN, "%.4g ± %.2g", value, 1.96 * error);
+}
+
+static int show_pairs(const struct identification *z)
+{
+    static const struct print_column columns[] = {
+        {"from", PRINT_LEFT}, {"to", PRINT_LEFT},          {"gain", PRINT_LEFT},   {"tau s", PRINT_LEFT},
+        {"", PRINT_LEFT},     {"dead time s", PRINT_LEFT}, {"zero s", PRINT_LEFT}, {"", PRINT_LEFT}};
+    const struct identify_model *m = &z->model[TRANSFER];
+    const size_t inputs = z->data.record.nu + z->data.record.nd;
+    struct print_table t;
+
+    if (!m->linear)
+        return 0;
+    print_table_open(&t, columns, sizeof columns / sizeof *columns);
+    for (size_t p = 0; p < inputs * z->data.record.ny; p++) {
+        const struct apc_transfer *g = &m->g[p], *e = &m->error[p];
+
+        print_cell(&t, PRINT_PLAIN, "%s", z->data.input[p % inputs]);
+        print_cell(&t, PRINT_PLAIN, "%s", z->data.output[p / inputs]);
+        put_estimate(&t, true, g->gain, e->gain);
+        put_estimate(&t, g->tau[0] > 0.0, g->tau[0], e->tau[0]);
+        put_estimate(&t, g->tau[1] > 0.0, g->tau[1], e->tau[1]);
+        put_estimate(&t, true, g->dead_time, e->dead_time);
+        put_estimate(&t, g->zero != 0.0, g->zero, e->zero);
+        print_cell(&t, PRINT_PLAIN, "%s", g->integrating ? "integrating" : "");
+    }
+    puts("\ntransfer, with 95 % intervals");
+    int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
+    print_table_close(&t);
+    return rc;
+}
+
+static void show_text(const struct identification *z)
+{
+    const struct identify_model *m = &z->model[z->chosen];
+    bool hangs = false;
+
+    show_record(z);
+    if (show_models(z) < 0 || show_pairs(z) < 0)
+        cli_error(&z->cli, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < m->linear->ny; i++)
+        hangs |= m->validation[i].independent < 0.01;
+    printf("\n%s: %s%s\n", z->own.kind == KINDS ? "the simplest of the best" : "taken", m->kind,
+           hangs ? ", but its errors hang on the inputs: what it leaves out may be another order, a "
+                   "nonlinearity, or "
+                   "an input that is not on record"
+                 : "");
+}
+
+static void json_numbers(const char *key, const double *value, size_t n)
+{
+    printf("\"%s\":[", key);
+    for (size_t i = 0; i < n; i++) {
+        char text[PRINT_LEN];
+        printf("%s%s", i ? "," : "", isfinite(value[i]) ? print_exact(value[i], text) : "null");
+    }
+    putchar(']');
+}
+
+static void json_transfer(const char *key, const struct apc_transfer *g)
+{
+    printf("\"%s\":{", key);
+    print_json_number(stdout, "gain", g->gain);
+    putchar(',');
+    json_numbers("tau", g->tau, 2);
+    putchar(',');
+    print_json_number(stdout, "dead_time", g->dead_time);
+    putchar(',');
+    print_json_number(stdout, "zero", g->zero);
+    printf(",\"integrating\":%s}", g->integrating ? "true" : "false");
+}
+
+static void json_model(const struct identification *z, const struct identify_model *m)
+{
+    const size_t inputs = z->data.record.nu + z->data.record.nd;
+
+    putchar('{');
+    print_json_text(stdout, "model", m->kind);
+    if (!m->linear) {
+        putchar(',');
+        print_json_text(stdout, "error", m->why.text);
+        putchar('}');
+        return;
+    }
+    printf(",\"states\":%zu,\"outputs\":[", m->linear->nx);
+    for (size_t i = 0; i < m->linear->ny; i++) {
+        const struct apc_validation *v = &m->validation[i];
+
+        printf("%s{", i ? "," : "");
+        print_json_text(stdout, "output", z->data.output[i]);
+        putchar(',');
+        print_json_number(stdout, "fit", v->fit);
+        putchar(',');
+        print_json_number(stdout, "ahead", v->ahead);
+        putchar(',');
+        print_json_number(stdout, "white", v->white);
+        putchar(',');
+        print_json_number(stdout, "independent", v->independent);
+        putchar('}');
+    }
+    putchar(']');
+    for (size_t p = 0; m->g && p < inputs * m->linear->ny; p++) {
+        fputs(p ? ",{" : ",\n\"pairs\":[{", stdout);
+        print_json_text(stdout, "from", z->data.input[p % inputs]);
+        putchar(',');
+        print_json_text(stdout, "to", z->data.output[p / inputs]);
+        putchar(',');
+        json_transfer("value", &m->g[p]);
+        putchar(',');
+        json_transfer("standard_error", &m->error[p]);
+        putchar('}');
+    }
+    fputs(m->g ? "]}" : "}", stdout);
+}
+
+static void show_json(const struct identification *z)
+{
+    bool more = false;
+
+    printf("{\"samples\":%zu,\"fitted\":%zu,", z->data.record.n, z->fitted);
+    print_json_number(stdout, "period", z->data.record.Ts);
+    putchar(',');
+    print_json_text(stdout, "chosen", z->model[z->chosen].kind);
+    fputs(",\"models\":[", stdout);
+    for (int k = 0; k < KINDS; k++) {
+        if (!z->model[k].kind)
+            continue;
+        fputs(more ? ",\n" : "\n", stdout);
+        json_model(z, &z->model[k]);
+        more = true;
+    }
+    puts("]}");
+}
+
+static void show_csv(const struct identification *z)
+{
+    puts("model,output,fit,ahead,white,independent");
+    for (int k = 0; k < KINDS; k++) {
+        const struct identify_model *m = &z->model[k];
+
+        for (size_t i = 0; m->linear && i < m->linear->ny; i++) {
+            const double value[] = {m->validation[i].fit, m->validation[i].ahead, m->validation[i].white,
+                                    m->validation[i].independent};
+
+            printf("%s,%s", m->kind, z->data.output[i]);
+            for (size_t q = 0; q < 4; q++) {
+                char text[PRINT_LEN];
+                printf(",%s", isnan(value[q]) ? "" : print_exact(value[q], text));
+            }
+            putchar('\n');
+        }
+    }
+}
+
+void identify_show(const struct identification *z)
+{
+    if (z->cli.format == CLI_JSON)
+        show_json(z);
+    else if (z->cli.format == CLI_CSV)
+        show_csv(z);
+    else
+        show_text(z);
+}

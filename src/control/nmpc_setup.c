@@ -1,0 +1,145 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What nonlinear predictive control has in the place of a linear model: the plant's equations, an extended
+ * Kalman filter for each part of a period, shooting. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/base_internal.h"
+#include "base/matrix.h"
+#include "control/mpc.h"
+
+const char *const apc_nmpc_settings[] = {"horizon",    "blocks", "measurement", "rank",     "preview",
+                                         "delay",      "y_dev",  "u_dev",       "x_noise",  "d_noise",
+                                         "y_noise",    "hold",   "critical",    "at_input", "at_output",
+                                         "iterations", "steps",  NULL};
+
+/* The model, linear at the operating point, with all its inputs: its own disturbances may be unknown ones. */
+static int sample_all(const struct apc_law_setup *setup, struct apc_linear **to, struct apc_error *why)
+{
+    const struct apc_law_plant *plant = setup->plant;
+    const struct apc_model *m = plant->model;
+    const size_t nx = m->nx, ny = m->ny, all = m->nu + m->nd;
+    double *memory = calloc(nx * nx + nx * all + ny * nx + ny * all + all, sizeof(*memory)), *at = memory;
+    struct apc_linear_continuous from = {.size = sizeof(from), .nx = nx, .nu = m->nu, .nd = m->nd, .ny = ny};
+    double *A, *B, *C, *D, *u0;
+    int rc;
+
+    if (!memory)
+        return apc_fail(why, APC_ENOMEM, "no memory");
+    from.A = A = apc_carve(&at, nx * nx);
+    from.B = B = apc_carve(&at, nx * all);
+    from.C = C = apc_carve(&at, ny * nx);
+    from.D = D = apc_carve(&at, ny * all);
+    from.u0 = u0 = apc_carve(&at, all);
+    from.x0 = plant->x0;
+    from.y0 = plant->y0;
+    memcpy(u0, plant->u0, m->nu * sizeof(*u0));
+    for (size_t k = 0; k < m->nd; k++)
+        u0[m->nu + k] = m->disturbance ? m->disturbance[k].initial : 0.0;
+    rc = apc_model_linearize(m, plant->p, plant->x0, u0, A, B, C, D, why);
+    if (rc == 0)
+        rc = apc_linear_from_continuous(to, &from, setup->Ts, why);
+    free(memory);
+    return rc;
+}
+
+/* Standard deviations as make_estimator() has them; what a filter gains is counted in 1 s here. */
+static int make_filters(struct apc_law_mpc *p, const struct apc_law_setup *setup,
+                        const struct apc_linear_unknown *unknown, unsigned steps, struct apc_error *why)
+{
+    const size_t nx = setup->plant->model->nx;
+    double *q = calloc(p->nx + p->dim.ny + 1, sizeof(*q)), *r;
+    struct apc_estimator_options options = {.size = sizeof(options),
+                                            .kind = APC_KALMAN_EXTENDED,
+                                            .model = setup->plant->model,
+                                            .p = setup->plant->p,
+                                            .Ts = p->Ts - p->late,
+                                            .steps = steps,
+                                            .unknown = unknown,
+                                            .n_unknown = p->n_unknown};
+    int rc;
+
+    if (!q)
+        return apc_fail(why, APC_ENOMEM, "no memory");
+    r = q + p->nx;
+    for (size_t k = 0; k < p->n_unknown; k++)
+        q[nx + k] = 1.0;
+    for (size_t i = 0; i < p->dim.ny; i++)
+        r[i] = 1.0;
+    rc = apc_setting_amounts(setup, "x_noise", nx, q, why);
+    if (rc == 0)
+        rc = apc_setting_amounts(setup, "d_noise", p->n_unknown, q + nx, why);
+    if (rc == 0)
+        rc = apc_setting_amounts(setup, "y_noise", p->dim.ny, r, why);
+    for (size_t i = 0; i < p->nx; i++)
+        q[i] *= q[i];
+    for (size_t i = 0; i < p->dim.ny; i++)
+        r[i] *= r[i];
+    options.q = q;
+    options.r = r;
+    if (rc == 0)
+        rc = apc_estimator_create(&p->estimator, &options, why);
+    options.Ts = p->late;
+    if (rc == 0 && p->late > 0.0)
+        rc = apc_estimator_create(&p->early, &options, why);
+    free(q);
+    return rc;
+}
+
+static int make_shoot(struct apc_law_mpc *p, const struct apc_law_setup *setup,
+                      const struct apc_linear_unknown *unknown, unsigned steps, struct apc_error *why)
+{
+    const struct apc_shoot_options options = {.model = setup->plant->model,
+                                              .p = setup->plant->p,
+                                              .Ts = p->Ts,
+                                              .steps = steps,
+                                              .horizon = p->N,
+                                              .blocks = p->blocks,
+                                              .block = p->block,
+                                              .unknown = unknown,
+                                              .n_unknown = p->n_unknown,
+                                              .u0 = setup->plant->u0};
+
+    return apc_shoot_create(&p->shoot, &options, why);
+}
+
+static int check_nonlinear(const struct apc_law_setup *setup, struct apc_error *why)
+{
+    if (!setup->plant->model)
+        return apc_fail(
+            why, APC_EINVAL,
+            "the plant's equations are not known; give group plant a model, and the controller an "
+            "operating_point");
+    if (setup->dim.nd)
+        return apc_fail(why, APC_EINVAL, "takes no measured disturbances");
+    return 0;
+}
+
+int apc_nmpc_take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why)
+{
+    struct apc_linear_unknown *unknown = calloc(p->dim.ny + 1, sizeof(*unknown));
+    struct apc_linear *all = NULL;
+    size_t steps = 10;
+    int rc = unknown ? check_nonlinear(setup, why) : apc_fail(why, APC_ENOMEM, "no memory");
+
+    if (rc == 0)
+        rc = apc_mpc_count(setup, "steps", 1, 1000, &steps, why);
+    if (rc == 0)
+        rc = apc_setting_amounts(setup, "delay", 1, &p->late, why);
+    if (rc == 0 && p->late >= p->Ts)
+        rc =
+            apc_fail(why, APC_EINVAL, "\"delay\" is %g s; it must be below the period, %g s", p->late, p->Ts);
+    if (rc == 0)
+        rc = sample_all(setup, &all, why);
+    if (rc == 0)
+        rc = apc_mpc_disturb(p, setup, all, unknown, why);
+    if (rc == 0)
+        rc = apc_mpc_sample(setup, NULL, &p->model, why);
+    if (rc == 0)
+        rc = make_filters(p, setup, unknown, (unsigned)steps, why);
+    if (rc == 0)
+        rc = make_shoot(p, setup, unknown, (unsigned)steps, why);
+    apc_linear_destroy(all);
+    free(unknown);
+    return rc;
+}

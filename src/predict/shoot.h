@@ -1,0 +1,47 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * Multiple shooting: what a nonlinear model does over a horizon, linear about a trajectory that need not be
+ * one yet. Each interval is integrated from its own node, so that an unstable plant does not run away on
+ * paper; where the end of one and the beginning of the next differ, the linear prediction closes the gap.
+ *
+ * u is constant over each of the intervals, and over blocks of them as in predict/mpc.h; unknown disturbances
+ * stay what they are.
+ */
+#ifndef APC_SHOOT_H
+#define APC_SHOOT_H
+
+#include "apclinear.h"
+#include "apcplant.h"
+
+struct apc_shoot;
+
+/* All is copied but the model. */
+struct apc_shoot_options {
+    const struct apc_model *model;
+    const double *p; /* [np]; NULL: the model's own */
+    double Ts;       /* s, of an interval */
+    unsigned steps;  /* of Runge and Kutta in each */
+    size_t horizon, blocks;
+    const unsigned *block;                    /* [blocks] */
+    const struct apc_linear_unknown *unknown; /* [n_unknown] as of an extended estimator */
+    size_t n_unknown;
+    const double *u0; /* [nu] */
+};
+
+int apc_shoot_create(struct apc_shoot **shoot, const struct apc_shoot_options *options,
+                     struct apc_error *why);
+void apc_shoot_destroy(struct apc_shoot *shoot); /* NULL is legal */
+/* x [nx] on by t, with u [nu] and unknown disturbances d [n_unknown]. Returns 0, or APC_ESOLVER: the model is
+ * not defined there, x is as it was. [tick] */
+int apc_shoot_advance(struct apc_shoot *shoot, double *x, const double *u, const double *d, double t);
+/*
+ * About nodes [horizon * nx], the states at the ends of the intervals, the first of which begins at x [nx],
+ * and about moves plan [blocks * nu]: y of the ends is free_y + G (u - u0), free_y [horizon * ny], G [horizon
+ * * ny * n]. Returns 0, or APC_ESOLVER: the model is not defined at some node. [tick]
+ */
+int apc_shoot_linearise(struct apc_shoot *shoot, const double *x, const double *d, const double *plan,
+                        const double *nodes, double *G, double *free_y);
+/* The nodes to where the last linearisation has them with other moves. [tick] */
+void apc_shoot_move(const struct apc_shoot *shoot, const double *plan, double *nodes);
+
+#endif

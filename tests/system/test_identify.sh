@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# From a record to a model that controls: CSV and run folders, what is found, what is written, what is refused.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+cd "$work"
+
+near() { awk -v x="$2" -v e="$3" -v t="$4" 'BEGIN { exit !(x - e <= t && e - x <= t && x != "") }' || fail "$1 is $2, not $3"; }
+# number FILE FROM WHAT: what the model file says of that input
+number() { sed -nE "s/.*from = \"$2\".*[ ;{]$3 = \[?([-0-9.e+]+).*/\1/p" "$1"; }
+
+# A tank: its valve acts 2 s later, gain 0.4, 5 s; its inflow is measured: gain 1.5, 2 s. Noise of 1/16 of its range.
+tank() { # ROWS SEED
+  awk -v n="$1" -v seed="$2" '
+    function chance() { seed = (seed * 16807) % 2147483647; return seed / 2147483647 }
+    BEGIN {
+      print "time,valve,flow,level"; a = exp(-0.1); b = exp(-0.25); valve = 50; flow = 4
+      for (k = 0; k < n; k++) {
+        if (k % 12 == 6) valve = chance() < 0.5 ? 40 : 60
+        if (k % 17 == 9) flow = chance() < 0.5 ? 3 : 5
+        u[k] = valve - 50; e = -6; for (i = 0; i < 12; i++) e += chance()
+        printf "%.1f,%g,%g,%.5f\n", k / 2, valve, flow, 20 + x + z + 0.3 * e
+        x = a * x + (1 - a) * 0.4 * (k >= 4 ? u[k - 4] : 0); z = b * z + (1 - b) * 1.5 * (flow - 4)
+      }
+    }'
+}
+tank 900 7 >tank.csv
+tank 400 8 >other.csv
+
+# ---- CSV: the numbers of the plant, each model, judged on what it was not fitted to
+
+known=(--inputs valve --disturbances flow --outputs level)
+expect 0 'tank.csv: 900 samples, one each 0.5 s; fitted to the first 603, judged on the other 297' \
+  "$apc" identify tank.csv "${known[@]}" -o tank.model --figure tank
+near "the gain of the valve" "$(number tank.model valve gain)" 0.4 0.01
+near "its time constant" "$(number tank.model valve tau)" 5 0.3
+near "its dead time" "$(number tank.model valve dead_time)" 2 0.15
+near "the gain of the flow" "$(number tank.model flow gain)" 1.5 0.06
+grep -q '</svg>' tank.svg && [ "$(head -c 4 tank.png | tail -c 3)" = PNG ] || fail "there is no figure"
+expect 0 'judged on other.csv, 400 samples' "$apc" identify tank.csv "${known[@]}" --validate other.csv --model transfer
+for kind in transfer arx subspace fir; do
+  fit=$("$apc" identify tank.csv "${known[@]}" --model $kind --csv | sed -n "s/^$kind,level,\([^,]*\),.*/\1/p")
+  near "the fit of $kind" "$fit" 90 8
+done
+"$apc" identify tank.csv "${known[@]}" --json >tank.json
+python3 -c 'import json, sys
+z = json.load(open(sys.argv[1]))
+assert z["samples"] == 900 and z["fitted"] == 603 and z["period"] == 0.5, z
+assert [m["model"] for m in z["models"]] == ["transfer", "arx", "subspace", "fir"], z
+pair = z["models"][0]["pairs"][0]
+assert pair["from"] == "valve" and abs(pair["value"]["gain"] - 0.4) < 3 * pair["standard_error"]["gain"], pair
+' tank.json || fail "--json says something else"
+
+# the same bytes again, and of the same record with rows that are missing almost the same numbers
+"$apc" identify tank.csv "${known[@]}" -o again.model >again.txt
+cmp -s tank.model again.model || fail "the second time it found another model"
+awk 'NR == 1 || NR % 9' tank.csv | sed '30s/,[^,]*$/,NaN/; 31s/,[^,]*$/,/' >gaps.csv
+expect 0 'level: 102 samples are missing, 2 the most at a time' "$apc" identify gaps.csv "${known[@]}" --model transfer -o gaps.model
+near "the gain of the valve, with gaps" "$(number gaps.model valve gain)" 0.4 0.02
+
+# a state space that is written is the one that was judged
+"$apc" identify tank.csv "${known[@]}" --model arx -o arx.model >/dev/null
+grep -q 'period = 0.5' arx.model || fail "a sampled model does not say its period: $(cat arx.model)"
+
+# ---- A run folder, and a controller that takes the model
+
+experiment() { # LAW REST: the paper's plant under that law
+  cat <<END
+name = "identify"; duration = 600.0;
+measurements = ( { name = "y"; noise = 0.05; } ); setpoints = ( { name = "r"; } );
+outputs = ( { name = "u"; low = -10.0; high = 10.0; } );
+plant = { model = "first-order"; parameters = { K = 10.0; tau = 10.0; }; period = 0.1; dead_time = 5.0; };
+client = { period = 0.5; };
+controller = { law = "$1"; period = 1.0; $2 };
+scheduler = { period = 50.0; sequence = ( [10.0], [20.0], [5.0], [15.0] ); };
+END
+}
+experiment pi 'tuning = ( { Kp = 0.08; tau_i = 10.0; } );' >pi.conf
+"$apc" simulate pi.conf --report run >/dev/null
+expect 0 'run: [0-9]+ samples, one each 0.5 s' "$apc" identify run --model transfer -o run.model
+near "the gain of the run's plant" "$(number run.model u gain)" 10 0.1
+near "its time constant" "$(number run.model u tau)" 10 0.3
+near "its dead time, and the way there" "$(number run.model u dead_time)" 5.25 0.4
+experiment mpc 'model = "run.model";' >mpc.conf
+"$apc" simulate mpc.conf | grep -Eq '^y +all' || fail "mpc does not run on the model"
+"$apc" identify run --model subspace --order 2 --period 1 -o space.model >/dev/null
+experiment lqg 'model = "space.model";' >lqg.conf
+"$apc" simulate lqg.conf | grep -Eq '^y +all' || fail "lqg does not run on the state space"
+
+# ---- the document shows what is printed
+
+document=$APC_SOURCE_DIR/docs/tuning.md
+sed -n '/^name = "heater"/,/^```/p' "$document" | sed '$d' >heater.conf
+"$apc" simulate heater.conf --report heater >/dev/null
+"$apc" identify heater -o heater.model --figure heater/heater >heater.txt
+diff <(sed -n '/^heater: /,/^```/p' "$document" | sed '$d') heater.txt || fail "docs/tuning.md shows something else"
+near "the gain in the document" "$(number <(sed -n '/^transfer = (/,/^```/p' "$document") u gain)" "$(number heater.model u gain)" 1e-6
+
+# ---- What cannot be told, or is not there, is refused, and nothing is half written
+
+expect 4 'tank.model: .*--force' "$apc" identify tank.csv "${known[@]}" -o tank.model
+expect 0 'taken: transfer' "$apc" identify tank.csv "${known[@]}" --model transfer -o tank.model --force
+expect 1 'no column "levle"' "$apc" identify tank.csv --inputs valve --outputs levle
+expect 1 'must name columns' "$apc" identify tank.csv
+expect 1 'gone.csv: No such file' "$apc" identify gone.csv --inputs valve --outputs level
+expect 1 'run: there is no measurement "z"' "$apc" identify run --outputs z
+cut -d, -f2- tank.csv >untimed.csv
+expect 1 'no column "time".*--period' "$apc" identify untimed.csv "${known[@]}"
+expect 0 'one each 0.5 s' "$apc" identify untimed.csv "${known[@]}" --period 0.5 --model transfer
+sed '20s/,[^,]*$/,high/' tank.csv >text.csv
+expect 1 'text.csv:20: "high" is no number' "$apc" identify text.csv "${known[@]}"
+sed '20s/^[^,]*/3/' tank.csv >back.csv
+expect 1 'back.csv:20: the time 3 s is not after' "$apc" identify back.csv "${known[@]}"
+awk -F, -v OFS=, 'NR > 1 { $1 = $1 + 0.2 * sin(NR) } 1' tank.csv >uneven.csv
+expect 1 'the sample times of "level" change' "$apc" identify uneven.csv "${known[@]}"
+awk -F, -v OFS=, 'NR > 1 { $2 = 50 } 1' tank.csv >still.csv
+expect 1 'input 1 is 50 all the time' "$apc" identify still.csv "${known[@]}"
+awk -F, -v OFS=, 'NR > 1 { $3 = 2 * $2 + 1 } 1' tank.csv >alike.csv
+expect 1 'input 2 moves as input 1 does' "$apc" identify alike.csv "${known[@]}"
+awk -F, -v OFS=, 'NR > 1 { $4 = (NR * 7919) % 13 } 1' tank.csv >other-plant.csv
+expect 1 'does not follow the inputs' "$apc" identify other-plant.csv "${known[@]}" --model transfer -o none.model
+[ ! -e none.model ] || fail "a model was written that is none"
+: >empty.csv
+expect 1 'it is empty' "$apc" identify empty.csv "${known[@]}"
+head -c 5000 /dev/urandom >noise.csv
+expect 1 'noise.csv' "$apc" identify noise.csv "${known[@]}"
+expect 2 'must be transfer, arx, subspace or fir' "$apc" identify tank.csv "${known[@]}" --model best
+expect 2 'must be a number from 0.1 to 0.9' "$apc" identify tank.csv "${known[@]}" --share 2
+expect 2 '--order is that of' "$apc" identify tank.csv "${known[@]}" --model fir --order 3
+expect 1 'no/such/tank.model.part: cannot be written' "$apc" identify tank.csv "${known[@]}" --model transfer -o no/such/tank.model
+"$apc" identify tank.csv "${known[@]}" --model transfer >/dev/full 2>full.txt && fail "a full disk went unnoticed"
+grep -q 'cannot write the results' full.txt || fail "a full disk is not named: $(cat full.txt)"

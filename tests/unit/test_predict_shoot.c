@@ -1,0 +1,164 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Multiple shooting: what it predicts is what the model does, near where it was made linear, and exactly for
+ * a linear model, wherever its nodes were. */
+#include "check.h"
+#include "plant/plant_internal.h"
+#include "predict/shoot.h"
+
+#include <string.h>
+
+enum { N = 12, BLOCKS = 3, NX_MOST = 4, NU_MOST = 2, NY_MOST = 2, MOVES = BLOCKS * NU_MOST };
+
+static const unsigned blocks[BLOCKS] = {1, 3, 4};
+static const size_t block_of[N] = {0, 1, 1, 1, 2, 2, 2, 2, 2, 2, 2, 2};
+
+struct scene {
+    struct apc_shoot *shoot;
+    const struct apc_model *model;
+    double u0[NU_MOST], G[N * NY_MOST * MOVES], free_y[N * NY_MOST];
+};
+
+static void make(struct scene *s, const struct apc_model *model, double Ts, const double *u0,
+                 const struct apc_linear_unknown *unknown, size_t n_unknown)
+{
+    const struct apc_shoot_options options = {.model = model,
+                                              .Ts = Ts,
+                                              .steps = 10,
+                                              .horizon = N,
+                                              .blocks = BLOCKS,
+                                              .block = blocks,
+                                              .unknown = unknown,
+                                              .n_unknown = n_unknown,
+                                              .u0 = u0};
+    struct apc_error why;
+
+    s->model = model;
+    memcpy(s->u0, u0, model->nu * sizeof *u0);
+    if (apc_shoot_create(&s->shoot, &options, &why) < 0)
+        fail_msg("%s", why.text);
+}
+
+/* What the model does with a plan: nodes, y of each end. */
+static void simulate(struct scene *s, const double *x0, const double *d, const double *plan, double Ts,
+                     double *nodes, double *y)
+{
+    const struct apc_model *m = s->model;
+    double x[NX_MOST], u[NU_MOST + 4];
+
+    memcpy(x, x0, m->nx * sizeof *x);
+    apc_param_initials(m->disturbance, m->nd, u + m->nu);
+    for (size_t i = 0; i < N; i++) {
+        memcpy(u, plan + block_of[i] * m->nu, m->nu * sizeof *u);
+        assert_int_equal(apc_shoot_advance(s->shoot, x, u, d, Ts), 0);
+        memcpy(nodes + i * m->nx, x, m->nx * sizeof *x);
+        m->g(0.0, x, u, NULL, y + i * m->ny);
+    }
+}
+
+static double predicted(const struct scene *s, size_t row, const double *plan)
+{
+    const size_t n = BLOCKS * s->model->nu;
+    double y = s->free_y[row];
+
+    for (size_t k = 0; k < n; k++)
+        y += s->G[row * n + k] * (plan[k] - s->u0[k % s->model->nu]);
+    return y;
+}
+
+/* The greatest error of the prediction where all moves are larger by a share. */
+static double error(struct scene *s, const double *x0, const double *plan, double share)
+{
+    double moved[MOVES], nodes[N * NX_MOST], y[N * NY_MOST], most = 0.0;
+
+    for (size_t k = 0; k < MOVES; k++)
+        moved[k] = plan[k] * (1.0 + share * (k % 2 ? 1.0 : -0.5));
+    simulate(s, x0, NULL, moved, 20.0, nodes, y);
+    for (size_t row = 0; row < N * 2; row++)
+        most = fmax(most, fabs(predicted(s, row, moved) - y[row]));
+    return most;
+}
+
+static void near_its_trajectory_the_prediction_is_right_to_second_order(void **state)
+{
+    const double x0[] = {1.61687, 1.02236, 113.137, 111.853}, u0[] = {8.0, -1113.5},
+                 plan[] = {9.0, -1500.0, 12.0, -900.0, 7.0, -2000.0};
+    double nodes[N * NX_MOST], y[N * NY_MOST], near, far;
+    struct scene s;
+    (void)state;
+
+    make(&s, &apc_model_van_de_vusse, 20.0, u0, NULL, 0);
+    simulate(&s, x0, NULL, plan, 20.0, nodes, y);
+    assert_int_equal(apc_shoot_linearise(s.shoot, x0, NULL, plan, nodes, s.G, s.free_y), 0);
+    for (size_t row = 0; row < N * 2; row++)
+        assert_near(predicted(&s, row, plan), y[row], 1e-9);
+    far = error(&s, x0, plan, 0.1);
+    near = error(&s, x0, plan, 0.05);
+    assert_true(far > 1e-6);
+    assert_true(near < 0.35 * far && near > 0.15 * far); /* a quarter */
+    apc_shoot_destroy(s.shoot);
+}
+
+static void of_a_linear_model_it_is_exact_wherever_the_nodes_were(void **state)
+{
+    const double x0 = 3.0, u0 = 1.0, d = 0.4, plan[] = {0.5, 2.0, -1.0}, other[] = {-2.0, 0.3, 1.7};
+    const struct apc_linear_unknown at_input = {APC_AT_INPUT, 0};
+    double nodes[N], wild[N], y[N];
+    struct scene s;
+    (void)state;
+
+    make(&s, &apc_model_first_order, 0.7, &u0, &at_input, 1);
+    for (size_t i = 0; i < N; i++)
+        wild[i] = i % 2 ? 40.0 : -15.0;
+    assert_int_equal(apc_shoot_linearise(s.shoot, &x0, &d, plan, wild, s.G, s.free_y), 0);
+    simulate(&s, &x0, &d, other, 0.7, nodes, y);
+    for (size_t i = 0; i < N; i++)
+        assert_near(predicted(&s, i, other), y[i], 1e-8);
+    apc_shoot_move(s.shoot, other, wild);
+    for (size_t i = 0; i < N; i++)
+        assert_near(wild[i], nodes[i], 1e-8);
+    apc_shoot_destroy(s.shoot);
+}
+
+static int nowhere(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    (void)t, (void)u, (void)p;
+    dx[0] = -x[0];
+    return x[0] < 0.0;
+}
+
+static void show(double t, const double *x, const double *u, const double *p, double *y)
+{
+    (void)t, (void)u, (void)p;
+    y[0] = x[0];
+}
+
+static void where_the_model_ends_it_says_so(void **state)
+{
+    static const struct apc_model half = {
+        .abi = APC_MODEL_ABI, .name = "half", .nx = 1, .nu = 1, .ny = 1, .f = nowhere, .g = show};
+    const double u0 = 0.0, plan[BLOCKS] = {0.0}, x0 = 1.0;
+    double nodes[N], x = -1.0;
+    struct scene s;
+    (void)state;
+
+    make(&s, &half, 1.0, &u0, NULL, 0);
+    assert_int_equal(apc_shoot_advance(s.shoot, &x, &u0, NULL, 1.0), APC_ESOLVER);
+    assert_true(x == -1.0);
+    for (size_t i = 0; i < N; i++)
+        nodes[i] = i == 5 ? -0.5 : 0.5;
+    assert_int_equal(apc_shoot_linearise(s.shoot, &x0, NULL, plan, nodes, s.G, s.free_y), APC_ESOLVER);
+    nodes[5] = 0.5;
+    assert_int_equal(apc_shoot_linearise(s.shoot, &x0, NULL, plan, nodes, s.G, s.free_y), 0);
+    apc_shoot_destroy(s.shoot);
+    apc_shoot_destroy(NULL);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(near_its_trajectory_the_prediction_is_right_to_second_order),
+        cmocka_unit_test(of_a_linear_model_it_is_exact_wherever_the_nodes_were),
+        cmocka_unit_test(where_the_model_ends_it_says_so),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
