@@ -222,4 +222,4 @@ done
 sed -i 's/{ name = "r"; }/{ name = "r"; initial = 10.0; }/' "$work/layers.conf"
 sed 's/setpoints = \["w"\]; outputs = \["r"\]/setpoints = ["w"]; outputs = ["u"]/' "$work/layers.conf" >"$work/owners.conf"
 expect 1 'owners\.conf:5: "u" is an output of two controllers, one and two' "$apc" simulate "$work/owners.conf"
-expect 1 'no such controller, but one, two' "$APC_BIN/apc-controller" --config "$work/layers.conf" --name three
+expect 2 'no such controller, but one, two' "$APC_BIN/apc-controller" --config "$work/layers.conf" --name three
