@@ -313,6 +313,11 @@ struct apc_controller_options {
     int tuning;                              /**< id of the first tuning; the others follow; default 1 */
     int estimate, prediction; /**< ids of the first number and of the first vector that the law publishes, in
                                  these tables; the others follow; 0: they are not written */
+    int acting;  /**< id in table opmode of the switch that says by its number which controller of these
+                    outputs acts; 0: there is none, and this one does. Not with a loop above or below */
+    bool shadow; /**< with it: another one acts where nobody has set the switch */
+    int output;  /**< id in table estimate of its first output, as it puts it out or would; the others
+                    follow; 0: they are not written */
     size_t n_setting;
     const struct apc_setting *setting; /**< of the law; [n_setting]; not used after creation */
     const struct apc_law_plant *plant; /**< linear model for a law that wants one, or NULL; as setting */
@@ -350,7 +355,8 @@ APC_API struct apc_rows *apc_controller_in(struct apc_controller *controller);
  * What the last tick wrote, for apc_store_append_rows(), which sets the seqs of setpoints: outputs first,
  * then setpoints that were put back, what became of what somebody wants (table actual) where that changed,
  * what the law published where it was asked, and the tick row: all that they were made from and the next tick
- * goes on from. All of it in one transaction. [any]
+ * goes on from. All of it in one transaction. While another controller acts neither outputs nor setpoints nor
+ * what became of those are among it. [any]
  */
 APC_API struct apc_rows *apc_controller_out(struct apc_controller *controller);
 /** What a restart goes on from, for apc_store_read_rows(): its newest tick row, its rows in tables actual and
@@ -382,6 +388,15 @@ APC_API int apc_controller_compute(struct apc_controller *controller, struct apc
  * they are there, and makes up for it. A row by swap that was left out has seq 0. [tick]
  */
 APC_API void apc_controller_update(struct apc_controller *controller, int written);
+/**
+ * Of a controller with a switch: does that, as it was read for the last tick, name it? The one that is not
+ * named writes no output from that tick on, and its shell gives the claims on the outputs back. The one that
+ * is named acts from the first tick on for which apc_controller_claimed() says that it holds them: its shell
+ * claims them after a tick, so that all rows that another wrote are in what it reads next. [tick]
+ */
+APC_API bool apc_controller_named(const struct apc_controller *controller);
+/** Whether the outputs are claimed; at first they are not. [tick] */
+APC_API void apc_controller_claimed(struct apc_controller *controller, bool claimed);
 /** Field number @p field, from 0, of the tick row: its name, where it begins, how many values it has. False:
  * there are no more. [any] */
 APC_API bool apc_controller_tick_field(const struct apc_controller *controller, size_t field,

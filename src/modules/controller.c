@@ -145,6 +145,11 @@ static int take_setpoints(struct apc_controller *c, const struct apc_controller_
 
         *z = o->z ? o->z[k]
                   : (struct apc_controller_setpoint){.id = (int)k + 1, .low = -HUGE_VAL, .high = HUGE_VAL};
+        if (o->acting && z->above)
+            return apc_fail(why, APC_EINVAL,
+                            "controller: setpoint %zu: with a switch of who acts no loop above "
+                            "may move it",
+                            k + 1);
         if (z->above && !apc_period_ok(z->above_period))
             return apc_fail(why, APC_EINVAL,
                             "setpoint %zu: the period of the controller above must be above 0 and not above "
@@ -176,6 +181,11 @@ static int take_loop(struct apc_controller *c, size_t i, const struct apc_contro
                         "controller: output %zu: neither its rate, %g, nor its hold may be below 0, nor the "
                         "hold above 366 days",
                         i + 1, l->rate);
+    if (o->acting && l->setpoint)
+        return apc_fail(why, APC_EINVAL,
+                        "controller: output %zu: with a switch of who acts it must be an "
+                        "actuator",
+                        i + 1);
     if (l->setpoint && !apc_period_ok(l->below_period))
         return apc_fail(why, APC_EINVAL,
                         "controller: output %zu: the period of the controller below must be above 0 and not "
@@ -211,6 +221,8 @@ static int fill(struct apc_controller *c, const struct apc_controller_options *o
     c->Ts = setup.Ts;
     c->budget = apc_ns_to_s(o->budget ? o->budget : o->period / 2);
     c->real_time = o->real_time;
+    c->acting = !o->acting;
+    c->shadow = o->shadow;
     c->horizon = o->horizon;
     c->loss = apc_loss_limit(o->period);
     c->shed_after = o->shed_after ? o->shed_after : 1;
@@ -299,6 +311,11 @@ struct apc_rows *apc_controller_out(struct apc_controller *c)
 struct apc_rows *apc_controller_former(struct apc_controller *c)
 {
     return &c->former;
+}
+
+void apc_controller_claimed(struct apc_controller *c, bool claimed)
+{
+    c->claimed = claimed;
 }
 
 uint64_t apc_controller_failures(const struct apc_controller *c)
@@ -411,8 +428,10 @@ int apc_controller_compute(struct apc_controller *c, struct apc_now now, uint64_
         }
         c->instance[k].result = -1;
     }
-    if (have)
+    if (have) {
+        apc_controller_take_choice(c);
         apc_controller_take_wanted(c, notice);
+    }
     if (c->resumed_at)
         apc_controller_settle(c, now);
     apc_controller_take_inputs(c, now, have, notice);

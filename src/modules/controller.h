@@ -24,6 +24,7 @@ struct apc_controller_state {
     int64_t y_seq, z_seq; /* which the law made of these; 0: it did not */
     bool put;             /* the last tick wrote it */
     double wanted;        /* the operator's output, which the rate may keep u from */
+    double would;         /* what the law would put out, were this controller acting; NaN: nothing */
     int setpoint;         /* number of the one that it is shown and judged by; -1: none */
     char trouble[144];    /* why there is no input, or no answer of the law */
 };
@@ -142,7 +143,11 @@ struct apc_controller {
     struct apc_sample *actual, *told; /* [n_wanted] what became of it; what is written of that */
     struct apc_vector *out_row;       /* first of out */
     struct apc_vector former_row;
-    int estimate, prediction; /* ids of the first of what the law publishes; 0: it is not written */
+    int estimate, prediction;        /* ids of the first of what the law publishes; 0: it is not written */
+    int output;                      /* id of the first output in table estimate; likewise */
+    const struct apc_sample *choice; /* the switch that says who acts; NULL: this one does */
+    bool shadow;                     /* not while nobody set it */
+    bool claimed, acting;            /* the outputs are; at this tick */
     struct apc_rows in, out, former;
     double *row, *former_values;
     size_t offset[APC_TICK_FIELDS + 1]; /* of the fields in a tick row */
@@ -171,6 +176,8 @@ void apc_controller_take_inputs(struct apc_controller *controller, struct apc_no
 /** Take the operator's output of loop @p i, if it is new. [tick] */
 void apc_controller_take_manual(struct apc_controller *controller, size_t i, apc_ns utc,
                                 struct apc_notice *notice);
+/** Find whether this controller acts. [tick] */
+void apc_controller_take_choice(struct apc_controller *controller);
 /** Gather the facts of loop @p i, and its move, both with a usable answer of the law assumed. [tick] */
 void apc_controller_gather(struct apc_controller *controller, size_t i, bool have, struct apc_now now);
 /** Say of everything that is wanted what became of it. [tick] */

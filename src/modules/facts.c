@@ -246,6 +246,44 @@ void apc_controller_take_inputs(struct apc_controller *c, struct apc_now now, bo
     memset(c->ok, 0, (c->dim.ny + c->dim.nd) * sizeof(*c->ok));
 }
 
+/* ---- Who acts ------------------------------------------------------------------------------ */
+
+bool apc_controller_named(const struct apc_controller *c)
+{
+    if (!c->choice)
+        return true;
+    return c->choice->seq > 0 ? c->choice->value == (double)c->out_row->id : !c->shadow;
+}
+
+/* What another one told of the setpoints, which are its as well. */
+static void take_told(struct apc_controller *c)
+{
+    for (size_t k = 0; k < c->dim.nz; k++)
+        c->told[k] = c->actual[k] = c->choice[1 + k];
+}
+
+void apc_controller_take_choice(struct apc_controller *c)
+{
+    const bool acted = c->acting;
+
+    if (!c->choice)
+        return;
+    c->acting = c->claimed && apc_controller_named(c);
+    if (!acted)
+        take_told(c);
+}
+
+/* What goes out is another controller's. */
+static void take_output(struct apc_controller *c, size_t i)
+{
+    const struct apc_sample *s = apc_controller_output(c, i);
+
+    if (!usable(s))
+        return;
+    c->u[i] = fmin(fmax(s->value, c->low[i]), c->high[i]);
+    c->state[i].there = true;
+}
+
 /* ---- Facts --------------------------------------------------------------------------------- */
 
 static void say(struct apc_controller_state *l, const char *what, const char *who, const char *how)
@@ -328,9 +366,11 @@ void apc_controller_gather(struct apc_controller *c, size_t i, bool have, struct
         snprintf(l->trouble, sizeof(l->trouble), "the shared data cannot be read");
     if (have && below)
         apc_controller_look_below(c, i, now);
+    if (have && c->choice && (!c->acting || l->loop.state == APC_LOOP_SHADOW))
+        take_output(c, i);
     l->facts = (struct apc_loop_facts){
         .target = l->target,
-        .acting = true,
+        .acting = c->acting,
         .setpoint = below,
         .taken = !below || c->below[i].taken,
         .invited = have && below && c->below[i].invited,

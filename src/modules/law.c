@@ -367,6 +367,11 @@ static bool any_there(const struct apc_controller *c, struct apc_instance_part p
     return false;
 }
 
+static bool in_shadow(const struct apc_controller *c, size_t i)
+{
+    return c->state[i].move.state == APC_LOOP_SHADOW;
+}
+
 /* The law after what goes out is known. */
 static void follow(struct apc_controller *c, size_t k, struct apc_instance_part part, bool answered)
 {
@@ -397,7 +402,7 @@ void apc_controller_run(struct apc_controller *c, size_t k, struct apc_now now, 
     if ((all & APC_ASK_TRACK_FIRST) && any_there(c, part))
         track(c, k, c->u, c->decides);
     for (size_t i = part.u; i < part.u + part.nu; i++) {
-        if (c->state[i].move.output == APC_PUT_LAW)
+        if (c->state[i].move.output == APC_PUT_LAW || in_shadow(c, i))
             c->decides[i] = APC_OUT_LAW;
     }
     if (all & APC_ASK_COMPUTE)
@@ -405,6 +410,9 @@ void apc_controller_run(struct apc_controller *c, size_t k, struct apc_now now, 
     for (size_t i = part.u; i < part.u + part.nu; i++) {
         struct apc_controller_state *l = &c->state[i];
 
+        l->would = answered ? c->trial[i] : (double)NAN;
+        if (in_shadow(c, i))
+            c->decides[i] = APC_OUT_GIVEN;
         if (l->move.output == APC_PUT_LAW)
             put_out(c, i, c->trial[i], true);
         if (l->move.output == APC_PUT_FAULT) /* only after the answer was refused */

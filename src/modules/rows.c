@@ -144,6 +144,13 @@ static void name_inputs(struct apc_controller *c, const struct apc_controller_op
         at = c->loop[i].setpoint ? name_rows(at, APC_SETPOINT, NULL, 1, c->loop[i].setpoint)
                                  : name_rows(at, APC_ACTUATOR, NULL, 1, c->loop[i].id);
     apc_controller_name_cascade(c, at);
+    if (!o->acting)
+        return;
+    at = c->in.sample + c->in.n_samples - 1 - c->dim.nz;
+    c->choice = at;
+    at = name_rows(at, APC_OPMODE, NULL, 1, o->acting);
+    for (size_t k = 0; k < c->dim.nz; k++)
+        at = name_rows(at, APC_ACTUAL, NULL, 1, apc_variable_number(APC_SETPOINT, c->setpoint[k].id));
 }
 
 static void name_actual(struct apc_controller *c)
@@ -195,17 +202,19 @@ int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller
     struct published p = {0};
     size_t n, n_vectors;
     const size_t n_cascade = apc_controller_cascade_rows(c, &n_vectors),
-                 n_in = c->dim.ny + c->dim.nd + c->n_wanted + c->dim.nu + n_cascade,
-                 n_out = c->dim.nz + c->dim.nu + c->n_wanted;
+                 n_in = c->dim.ny + c->dim.nd + c->n_wanted + c->dim.nu + n_cascade +
+                        (o->acting ? 1 + c->dim.nz : 0),
+                 n_told = o->output ? c->dim.nu : 0, n_out = c->dim.nz + c->dim.nu + c->n_wanted + n_told;
 
     lay_out_tick(c);
     mark(c);
     n = c->offset[APC_TICK_FIELDS];
     c->estimate = o->estimate;
     c->prediction = o->prediction;
+    c->output = o->output;
     while (next_published(c, &p))
         ;
-    c->samples = calloc(n_in + n_out + 3 * c->n_wanted + 2 * p.numbers, sizeof(*c->samples));
+    c->samples = calloc(n_in + n_out + 3 * c->n_wanted + 2 * p.numbers + n_told, sizeof(*c->samples));
     c->vectors = calloc(n_vectors + 1 + p.courses, sizeof(*c->vectors));
     c->row = calloc(n, sizeof(*c->row));
     c->former_values = calloc(n, sizeof(*c->former_values));
@@ -229,7 +238,7 @@ int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller
     c->out = (struct apc_rows){.size = sizeof(c->out), .sample = c->samples + n_in, .vector = c->out_row};
     c->former = (struct apc_rows){.size = sizeof(c->former),
                                   .sample = c->samples + n_in + n_out + p.numbers,
-                                  .n_samples = c->n_wanted + p.numbers,
+                                  .n_samples = c->n_wanted + p.numbers + n_told,
                                   .vector = &c->former_row,
                                   .n_vectors = 1};
     c->actual = c->former.sample + c->former.n_samples;
@@ -239,6 +248,7 @@ int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller
     for (size_t k = 0; k < p.numbers; k++)
         c->former.sample[c->n_wanted + k] =
             (struct apc_sample){.table = APC_ESTIMATE, .id = c->estimate + (int)k, .status = APC_BAD_NO_DATA};
+    (void)name_rows(c->former.sample + c->n_wanted + p.numbers, APC_ESTIMATE, NULL, n_told, c->output);
     return 0;
 }
 
@@ -302,6 +312,8 @@ static void put_actual(struct apc_controller *c, size_t k, apc_ns utc)
     const bool mode = k >= apc_controller_wanted(c, APC_OPMODE) && k < apc_controller_wanted(c, APC_MANUAL);
     struct apc_sample *s = &c->actual[k];
 
+    if (!c->acting && k < c->dim.nz) /* whoever acts says it */
+        return;
     if ((!mode && !s->origin) || is_told(s, &c->told[k]))
         return;
     s->seq++;
@@ -421,6 +433,23 @@ static void put_published(struct apc_controller *c, apc_ns utc)
     }
 }
 
+/* What it puts out, or would. */
+static void put_outputs(struct apc_controller *c, apc_ns utc)
+{
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        const struct apc_controller_state *l = &c->state[i];
+        const double u = l->put ? c->u[i] : l->would;
+
+        if (apc_value_ok(u))
+            c->out.sample[c->out.n_samples++] = (struct apc_sample){.table = APC_ESTIMATE,
+                                                                    .id = c->output + (int)i,
+                                                                    .seq = c->seq,
+                                                                    .time = utc,
+                                                                    .value = u,
+                                                                    .origin = c->seq};
+    }
+}
+
 void apc_controller_put(struct apc_controller *c, struct apc_now now)
 {
     c->out.n_samples = 0;
@@ -437,6 +466,8 @@ void apc_controller_put(struct apc_controller *c, struct apc_now now)
     put_tick(c, now);
     if (c->out.n_vectors > 0)
         put_published(c, now.utc);
+    if (c->out.n_vectors > 0 && c->output)
+        put_outputs(c, now.utc);
 }
 
 /* ---- Taking over from a former run ---------------------------------------------------------- */
