@@ -25,7 +25,8 @@ enum {
     OPT_MODEL,
     OPT_ORDER,
     OPT_FIGURE,
-    OPT_FORCE
+    OPT_FORCE,
+    OPT_SUGGEST
 };
 
 static const struct argp_option option_list[] = {
@@ -43,6 +44,8 @@ static const struct argp_option option_list[] = {
     {"order", OPT_ORDER, "N", 0, "Lags of transfer functions, 1 or 2; states of subspace; default: found", 0},
     {"output", 'o', "FILE", 0, "Write the model there, for a controller's \"model\"", 0},
     {"figure", OPT_FIGURE, "NAME", 0, "Draw NAME.svg and NAME.png: measured, and what the model says", 0},
+    {"suggest", OPT_SUGGEST, "TAU_C", OPTION_ARG_OPTIONAL,
+     "Tunings by SIMC for a PID loop of each pair, that answers in TAU_C s; default: in its dead time", 0},
     {"force", OPT_FORCE, NULL, 0, "Write over what is in these files", 0},
     {0},
 };
@@ -126,12 +129,18 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case OPT_FIGURE:
         own->figure = arg;
         break;
+    case OPT_SUGGEST:
+        own->suggest = true;
+        own->tau_c = arg ? parse_number(state, "suggest", arg, 1e-9, 1e9) : 0.0;
+        break;
     case OPT_FORCE:
         own->force = true;
         break;
     case ARGP_KEY_END:
         if (own->order && own->kind != TRANSFER && own->kind != SUBSPACE)
             argp_error(state, "--order is that of --model transfer or --model subspace");
+        if (own->suggest && own->kind != KINDS && own->kind != TRANSFER)
+            argp_error(state, "--suggest is for transfer functions");
         if (wish->disturbances && wish->disturbances == wish->inputs)
             argp_error(state, "--disturbances need --inputs beside them");
         break;

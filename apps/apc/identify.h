@@ -60,7 +60,8 @@ struct identify_options {
     double share; /* of the record that is fitted to */
     int kind;     /* KINDS: all, and the best of them */
     unsigned order;
-    bool force;
+    bool force, suggest;
+    double tau_c; /* s, of what is suggested; 0: the dead time */
 };
 
 /* All of a command. */

@@ -3,6 +3,8 @@
 #include <math.h>
 #include <stdio.h>
 
+#include <apctune.h>
+
 #include "identify.h"
 #include "print.h"
 
@@ -123,13 +125,76 @@ static int show_pairs(const struct identification *z)
     return rc;
 }
 
+/* Of pair @p p: PI, and PID where there is a second lag. False: there is none. */
+static bool suggest(const struct identification *z, size_t p, bool derivative, struct apc_pid_tuning *t,
+                    struct apc_margins *m, struct apc_error *why)
+{
+    const struct apc_transfer *g = &z->model[TRANSFER].g[p];
+    const double period = z->data.record.Ts;
+
+    why->text[0] = '\0';
+    return (!derivative || (g->integrating ? g->tau[0] : g->tau[1]) > 0.0) &&
+           apc_tune_pid(g, APC_TUNE_SIMC, derivative, z->own.tau_c, period, t, why) == 0 &&
+           apc_tune_margins(g, t, period, m, why) == 0;
+}
+
+static void put_margin(struct print_table *t, bool stable, double margin)
+{
+    if (stable && isfinite(margin))
+        print_cell(t, PRINT_PLAIN, "%.3g", margin);
+    else
+        print_cell(t, stable ? PRINT_PLAIN : PRINT_WARN, "%s", stable ? "any" : "unstable");
+}
+
+static int show_tunings(const struct identification *z)
+{
+    static const struct print_column columns[] = {{"from", PRINT_LEFT},     {"to", PRINT_LEFT},
+                                                  {"loop", PRINT_LEFT},     {"Kp", PRINT_POINT},
+                                                  {"tau_i s", PRINT_POINT}, {"tau_d s", PRINT_POINT},
+                                                  {"gain x", PRINT_POINT},  {"phase deg", PRINT_POINT},
+                                                  {"delay s", PRINT_POINT}, {"peak", PRINT_POINT}};
+    const size_t inputs = z->data.record.nu + z->data.record.nd;
+    struct apc_pid_tuning tuning;
+    struct apc_margins m;
+    struct apc_error why;
+    struct print_table t;
+
+    if (!z->own.suggest || !z->model[TRANSFER].linear)
+        return 0;
+    print_table_open(&t, columns, sizeof columns / sizeof *columns);
+    for (size_t p = 0; p < inputs * z->data.record.ny; p++) {
+        for (int derivative = 0; derivative < 2 && p % inputs < z->data.record.nu; derivative++) {
+            if (!suggest(z, p, derivative, &tuning, &m, &why))
+                continue;
+            print_cell(&t, PRINT_PLAIN, "%s", z->data.input[p % inputs]);
+            print_cell(&t, PRINT_PLAIN, "%s", z->data.output[p / inputs]);
+            print_cell(&t, PRINT_PLAIN, "%s", derivative ? "PID" : "PI");
+            print_cell(&t, PRINT_PLAIN, "%.4g", tuning.Kp);
+            print_cell(&t, PRINT_PLAIN, "%.4g", tuning.tau_i);
+            print_cell(&t, PRINT_PLAIN, derivative ? "%.4g" : "%.0g", tuning.tau_d);
+            put_margin(&t, m.stable, m.gain);
+            put_margin(&t, m.stable, m.phase);
+            put_margin(&t, m.stable, m.delay);
+            put_margin(&t, m.stable, m.sensitivity);
+        }
+    }
+    printf("\nSIMC for a loop of each pair, with a controller of %g s; margins of the model\n",
+           z->data.record.Ts);
+    int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
+    print_table_close(&t);
+    for (size_t p = 0; p < inputs * z->data.record.ny; p++)
+        if (p % inputs < z->data.record.nu && !suggest(z, p, false, &tuning, &m, &why))
+            printf("%s to %s: %s\n", z->data.input[p % inputs], z->data.output[p / inputs], why.text);
+    return rc;
+}
+
 static void show_text(const struct identification *z)
 {
     const struct identify_model *m = &z->model[z->chosen];
     bool hangs = false;
 
     show_record(z);
-    if (show_models(z) < 0 || show_pairs(z) < 0)
+    if (show_models(z) < 0 || show_pairs(z) < 0 || show_tunings(z) < 0)
         cli_error(&z->cli, APC_ENOMEM, "out of memory");
     for (size_t i = 0; i < m->linear->ny; i++)
         hangs |= m->validation[i].independent < 0.01;
@@ -161,6 +226,35 @@ static void json_transfer(const char *key, const struct apc_transfer *g)
     putchar(',');
     print_json_number(stdout, "zero", g->zero);
     printf(",\"integrating\":%s}", g->integrating ? "true" : "false");
+}
+
+static void json_tunings(const struct identification *z, size_t p)
+{
+    struct apc_pid_tuning t;
+    struct apc_margins m;
+    struct apc_error why;
+
+    fputs(",\"simc\":[", stdout);
+    for (int derivative = 0, n = 0; derivative < 2; derivative++) {
+        if (!suggest(z, p, derivative, &t, &m, &why))
+            continue;
+        fputs(n++ ? ",{" : "{", stdout);
+        print_json_number(stdout, "Kp", t.Kp);
+        putchar(',');
+        print_json_number(stdout, "tau_i", t.tau_i);
+        putchar(',');
+        print_json_number(stdout, "tau_d", t.tau_d);
+        putchar(',');
+        print_json_number(stdout, "gain_margin", m.gain);
+        putchar(',');
+        print_json_number(stdout, "phase_margin", m.phase);
+        putchar(',');
+        print_json_number(stdout, "delay_margin", m.delay);
+        putchar(',');
+        print_json_number(stdout, "sensitivity", m.sensitivity);
+        printf(",\"stable\":%s}", m.stable ? "true" : "false");
+    }
+    putchar(']');
 }
 
 static void json_model(const struct identification *z, const struct identify_model *m)
@@ -201,6 +295,8 @@ static void json_model(const struct identification *z, const struct identify_mod
         json_transfer("value", &m->g[p]);
         putchar(',');
         json_transfer("standard_error", &m->error[p]);
+        if (z->own.suggest && p % inputs < z->data.record.nu)
+            json_tunings(z, p);
         putchar('}');
     }
     fputs(m->g ? "]}" : "}", stdout);

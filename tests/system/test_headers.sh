@@ -71,7 +71,7 @@ strangers() {
 }
 declare -A headers=([base]=apcbase [timer]=apctimer [shareddata]="apcstore apcshareddata" [sockets]=apcsockets [plant]=apcplant
   [exchange]=apcexchange
-  [predict]='apcqp apclinear apcestimate' [identify]=apcidentify [control]=apccontrol)
+  [predict]='apcqp apclinear apcestimate' [identify]="apcidentify apctune" [control]=apccontrol)
 while read -r room below; do
   known= places=("$APC_SOURCE_DIR/src/$room")
   for name in $room $below; do

@@ -95,6 +95,20 @@ sed -n '/^name = "heater"/,/^```/p' "$document" | sed '$d' >heater.conf
 diff <(sed -n '/^heater: /,/^```/p' "$document" | sed '$d') heater.txt || fail "docs/tuning.md shows something else"
 near "the gain in the document" "$(number <(sed -n '/^transfer = (/,/^```/p' "$document") u gain)" "$(number heater.model u gain)" 1e-6
 
+# ---- a tuning that is suggested controls, with the margins that are told
+
+"$apc" identify heater --model transfer --suggest >suggest.txt
+diff <(sed -n '/^SIMC for/,/^```/p' "$document" | sed '$d') <(sed -n '/^SIMC for/,/^$/p' suggest.txt | sed '$d') || fail "docs/tuning.md shows another tuning"
+read -r Kp tau_i < <(awk '$3 == "PI" { print $4, $5 }' suggest.txt)
+sed "s/law = \"pi\"; period = 1.0; tuning = .*/law = \"pid\"; period = 0.5; tuning = ( { Kp = $Kp; tau_i = $tau_i; } ); };/" heater.conf >suggested.conf
+grep -q "Kp = 0.0" suggested.conf || fail "the tuning is not in its place"
+iae() { "$apc" simulate "$1" | awk '$2 == "all" { print $3 }'; }
+awk -v new="$(iae suggested.conf)" -v old="$(iae heater.conf)" 'BEGIN { exit !(new > 0 && new < 0.95 * old) }' ||
+  fail "the tuning that is suggested is no better: $(iae suggested.conf) $(iae heater.conf)"
+expect 0 '"simc":\[\{"Kp":0.0931' "$apc" identify heater --model transfer --suggest --json
+expect 0 ' PI +0.0[0-9]+ ' "$apc" identify heater --model transfer --suggest=20
+expect 2 'is for transfer functions' "$apc" identify heater --model arx --suggest
+
 # ---- What cannot be told, or is not there, is refused, and nothing is half written
 
 expect 4 'tank.model: .*--force' "$apc" identify tank.csv "${known[@]}" -o tank.model

@@ -418,6 +418,13 @@ for (const step of [3600, -3600, 2.5, -2.5])
     near(c.message(10007.5 + step, 7.5), 0);
   });
 
+test("a beat that comes late does not set the clock back", () => {
+  const c = new Clock();
+  c.begin(1000, 0, false);
+  assert.equal(c.beat(1001, 1.4), false);
+  near(c.now(1.4), 1001.4);
+});
+
 test("a beat that came late by chance is corrected by the next", () => {
   const c = new Clock();
   c.begin(1000, 0, false);

@@ -201,6 +201,12 @@ test("the header says who, what, whether there is a connection, and the server's
   assert.equal(document.querySelectorAll(".database-bar").length, 0);
 });
 
+test("the clock in the header goes on between two messages", async () => {
+  const before = said("header .clock");
+  await env.pass(1.1);
+  assert.notEqual(said("header .clock"), before);
+});
+
 test("the database is not known to be well while nobody is connected", async () => {
   env.source.break();
   await settle();

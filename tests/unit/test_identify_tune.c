@@ -1,0 +1,122 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Tunings by rule, and the margins that they are known to have. */
+#include "apctune.h"
+#include "check.h"
+
+#include <string.h>
+
+/* Skogestad 2003, table 1: tau_c = theta. */
+static void simc_has_the_margins_of_its_table(void **state)
+{
+    static const struct apc_transfer lag = {.gain = -2.5, .tau = {7.0}, .dead_time = 1.0},
+                                     integrator = {.gain = 0.3, .integrating = true, .dead_time = 2.0};
+    struct apc_pid_tuning t;
+    struct apc_margins m;
+    (void)state;
+
+    assert_int_equal(apc_tune_pid(&lag, APC_TUNE_SIMC, false, 0.0, 0.0, &t, NULL), 0);
+    assert_near(t.Kp, -7.0 / (2.5 * 2.0), 1e-12);
+    assert_near(t.tau_i, 7.0, 1e-12);
+    assert_near(t.tau_d, 0.0, 0.0);
+    assert_int_equal(apc_tune_margins(&lag, &t, 0.0, &m, NULL), 0);
+    assert_true(m.stable);
+    assert_near(m.gain, 3.14, 0.005);
+    assert_near(m.phase, 61.4, 0.05);
+    assert_near(m.delay, 2.14, 0.01);
+    assert_near(m.sensitivity, 1.59, 0.005);
+
+    assert_int_equal(apc_tune_pid(&integrator, APC_TUNE_SIMC, false, 0.0, 0.0, &t, NULL), 0);
+    assert_near(t.Kp, 1.0 / (0.3 * 4.0), 1e-12);
+    assert_near(t.tau_i, 16.0, 1e-12);
+    assert_int_equal(apc_tune_margins(&integrator, &t, 0.0, &m, NULL), 0);
+    assert_true(m.stable);
+    assert_near(m.gain, 2.96, 0.005);
+    assert_near(m.phase, 46.9, 0.05);
+    assert_near(m.delay, 2.0 * 1.59, 0.02);
+    assert_near(m.sensitivity, 1.70, 0.005);
+}
+
+static void a_second_lag_is_for_the_derivative_or_counts_by_halves(void **state)
+{
+    static const struct apc_transfer g = {.gain = 2.0, .tau = {2.0, 10.0}, .dead_time = 1.0};
+    struct apc_pid_tuning t;
+    (void)state;
+
+    assert_int_equal(apc_tune_pid(&g, APC_TUNE_SIMC, false, 3.0, 0.0, &t, NULL), 0);
+    assert_near(t.Kp, 11.0 / (2.0 * 5.0), 1e-12); /* tau 10 + 1, theta 1 + 1 */
+    assert_near(t.tau_i, 11.0, 1e-12);
+    assert_int_equal(apc_tune_pid(&g, APC_TUNE_SIMC, true, 3.0, 0.0, &t, NULL), 0);
+    assert_near(t.Kp, 10.0 / (2.0 * 4.0) * 1.2, 1e-12);
+    assert_near(t.tau_i, 12.0, 1e-12);
+    assert_near(t.tau_d, 2.0 / 1.2, 1e-12);
+    /* The zeros of that PID are the plant's poles, so what is left is an integrator with dead time. */
+    assert_near(t.tau_i * t.tau_d, 20.0, 1e-12);
+}
+
+static void lambda_keeps_the_time_constant(void **state)
+{
+    static const struct apc_transfer slow = {.gain = 1.0, .tau = {100.0}, .dead_time = 1.0};
+    struct apc_pid_tuning simc, lambda;
+    (void)state;
+
+    assert_int_equal(apc_tune_pid(&slow, APC_TUNE_SIMC, false, 0.0, 0.0, &simc, NULL), 0);
+    assert_int_equal(apc_tune_pid(&slow, APC_TUNE_LAMBDA, false, 0.0, 0.0, &lambda, NULL), 0);
+    assert_near(simc.tau_i, 8.0, 1e-12);
+    assert_near(lambda.tau_i, 100.0, 1e-12);
+    assert_near(simc.Kp, lambda.Kp, 1e-12);
+    assert_int_equal(apc_tune_pid(&slow, APC_TUNE_LAMBDA, false, 0.0, 1.0, &lambda, NULL), 0);
+    assert_near(lambda.Kp, 100.0 / 3.0, 1e-12); /* half a period of dead time, twice */
+}
+
+/* The loop of a lag and P control, where all can be written down: L = 4 e^(-s) / (s + 1). */
+static void margins_are_where_the_loop_begins_to_oscillate(void **state)
+{
+    const struct apc_transfer g = {.gain = 1.0, .tau = {1.0}, .dead_time = 1.0};
+    const struct apc_pid_tuning calm = {.Kp = 1.5}, wild = {.Kp = 4.0};
+    struct apc_margins m;
+    const double w = 2.0287578381, limit = sqrt(1.0 + w * w); /* tan w = -w; Kp may be that */
+    const double crossing = sqrt(1.5 * 1.5 - 1.0);
+    (void)state;
+
+    assert_int_equal(apc_tune_margins(&g, &calm, 0.0, &m, NULL), 0);
+    assert_true(m.stable);
+    assert_near(m.gain, limit / 1.5, 1e-4);
+    assert_near(m.delay, (M_PI - atan(crossing)) / crossing - 1.0, 1e-3);
+    assert_int_equal(apc_tune_margins(&g, &wild, 0.0, &m, NULL), 0);
+    assert_false(m.stable);
+    assert_int_equal(apc_tune_margins(&g, &(struct apc_pid_tuning){.Kp = -1.5}, 0.0, &m, NULL), 0);
+    assert_false(m.stable);
+}
+
+static void what_no_rule_is_for_is_refused(void **state)
+{
+    struct apc_pid_tuning t;
+    struct apc_error why;
+    const struct apc_transfer none = {.tau = {1.0}}, gain = {.gain = 1.0, .dead_time = 1.0},
+                              prompt = {.gain = 1.0, .tau = {1.0}},
+                              level = {.gain = 1.0, .integrating = true, .dead_time = 1.0},
+                              broken = {.gain = (double)NAN, .tau = {1.0}, .dead_time = 1.0};
+    (void)state;
+
+    assert_int_equal(apc_tune_pid(&none, APC_TUNE_SIMC, false, 1.0, 0.0, &t, &why), APC_EINVAL);
+    assert_int_equal(apc_tune_pid(&broken, APC_TUNE_SIMC, false, 1.0, 0.0, &t, &why), APC_EINVAL);
+    assert_int_equal(apc_tune_pid(&gain, APC_TUNE_SIMC, false, 1.0, 0.0, &t, &why), APC_EINVAL);
+    assert_has(why.text, "no lag");
+    assert_int_equal(apc_tune_pid(&prompt, APC_TUNE_SIMC, false, 0.0, 0.0, &t, &why), APC_EINVAL);
+    assert_has(why.text, "tau_c");
+    assert_int_equal(apc_tune_pid(&prompt, APC_TUNE_SIMC, false, 0.0, 0.5, &t, &why), 0);
+    assert_int_equal(apc_tune_pid(&level, APC_TUNE_LAMBDA, false, 0.0, 0.0, &t, &why), APC_EINVAL);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(simc_has_the_margins_of_its_table),
+        cmocka_unit_test(a_second_lag_is_for_the_derivative_or_counts_by_halves),
+        cmocka_unit_test(lambda_keeps_the_time_constant),
+        cmocka_unit_test(margins_are_where_the_loop_begins_to_oscillate),
+        cmocka_unit_test(what_no_rule_is_for_is_refused),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
