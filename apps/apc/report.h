@@ -8,8 +8,9 @@
 /**
  * Draw report.svg and report.png in the run folder @p dir from its CSV files: on top a histogram of the time
  * increments t_{k+1} - t_k of simulator, controller and client, unless all of them were exact, as they are in
- * virtual time; below a panel for each unit of the measurements with their setpoints, and of the outputs,
- * with the names, units and limits of @p e; the disturbances, and what was out of the ordinary.
+ * virtual time; below the modes that changed, and a panel for each unit of the measurements with their
+ * setpoints, and of the outputs, or of very many loops a row for each controller, with the names, units and
+ * limits of @p e; the disturbances, and what was out of the ordinary.
  *
  * Returns 0; APC_ENOTFOUND (a file is missing, or gnuplot is), APC_EPROTO (a malformed line; @p why
  * names file, line and column), APC_ENOMEM, APC_ESYS.

@@ -107,28 +107,31 @@ static void put_title(FILE *script, const char *title, double height)
             report_screen(22, height));
 }
 
-int report_figure(FILE *script, struct report_data *data, const struct experiment *e, const char *title)
+int report_figure(FILE *script, const struct report_data *data, const struct experiment *e, const char *title)
 {
-    const bool jitter = !report_jitter_none(data);
-    struct report_panels *panels;
-    if (report_panels_create(&panels, data, e) < 0)
-        return APC_ENOMEM;
-    const double top = TITLE_HEIGHT + (jitter ? REPORT_JITTER_HEIGHT : 0),
+    struct report_histograms *histograms = NULL;
+    struct report_panels *panels = NULL;
+    int rc = report_histograms_create(&histograms, data, e);
+    if (rc == 0)
+        rc = report_panels_create(&panels, data, e);
+    if (rc < 0)
+        goto out;
+    const double top = TITLE_HEIGHT + report_histograms_height(histograms),
                  height = ceil(top + report_panels_height(panels));
     fputs(prologue, script);
-    if (jitter)
-        report_jitter_blocks(script, data);
+    report_histograms_blocks(script, histograms);
     report_panels_blocks(script, panels);
     for (size_t i = 0; i < sizeof terminals / sizeof *terminals; i++) {
         fprintf(script, "set terminal %s size %d,%d %s", terminals[i].terminal,
                 (int)REPORT_WIDTH * terminals[i].scale, (int)height * terminals[i].scale, terminals[i].rest);
         fputs("set multiplot\n", script);
         put_title(script, title, height);
-        if (jitter)
-            report_jitter_panels(script, data, TITLE_HEIGHT, height);
+        report_histograms_draw(script, histograms, TITLE_HEIGHT, height);
         report_panels_draw(script, panels, top, height);
         fputs("unset multiplot\nunset output\n", script);
     }
+out:
     report_panels_destroy(panels);
-    return 0;
+    report_histograms_destroy(histograms);
+    return rc;
 }

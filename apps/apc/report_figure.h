@@ -9,7 +9,8 @@
 #include "run/run_internal.h"
 
 /* Write a script that makes report.svg and report.png in gnuplot's working directory. The calling
- * thread's locale must be "C.UTF-8". Sorts the bins of the data. Returns 0 or APC_ENOMEM. */
-int report_figure(FILE *script, struct report_data *data, const struct experiment *e, const char *title);
+ * thread's locale must be "C.UTF-8". Returns 0 or APC_ENOMEM. */
+int report_figure(FILE *script, const struct report_data *data, const struct experiment *e,
+                  const char *title);
 
 #endif

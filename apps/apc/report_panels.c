@@ -1,167 +1,39 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * The process variables over time. What has one unit, and is about as large, shares a panel: measurements
- * with their setpoints first, then outputs. Above them, what happened: disturbances, warnings, alarms.
+ * The process variables over time. Above them, what happened: disturbances, warnings, alarms, and the modes
+ * that were not the same all the time.
  */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "report_script.h"
-#include "run/figures.h"
+#include "report_panels.h"
 
-#define STRIP_HEIGHT 20.0 /* of what happened */
-#define KEY_HEIGHT   24.0 /* above each panel */
-#define PANEL_HEIGHT 112.0
-#define FOOT_HEIGHT  52.0 /* numbers and name of the time axis */
-#define PANELS_MAX   40
-#define CURVES_NAMED 8    /* of a panel: more have no names in its legend */
-#define LINES_MAX    40   /* of warnings and alarms; more would be a curtain */
-#define SMALL        15   /* a curve moves at least by this part of what its panel shows */
-#define NEAR         0.12 /* of the range: a limit so far beyond the data is shown */
-#define LABEL_MAX    12   /* letters of names at the axis */
-#define LETTER       6.6  /* width of one, on average */
+#define STRIP_HEIGHT   20.0 /* of what happened */
+#define KEY_HEIGHT     24.0 /* above each panel */
+#define PANEL_HEIGHT   112.0
+#define BUNDLE_KEY     20.0
+#define BUNDLE_HEIGHT  62.0
+#define FOOT_HEIGHT    52.0 /* numbers and name of the time axis */
+#define LINES_MAX      40   /* of warnings and alarms; more would be a curtain */
+#define NEAR           0.12 /* of the range: a limit so far beyond the data is shown */
+#define LABEL_MAX      12   /* letters of names at the axis */
+#define SETPOINT_STYLE "lw 1.2 dt (6,4)"
+#define ABOVE_STYLE    "lw 1.4 dt (10,3,2,3) lc rgb 0xD55E00"
+#define LETTER         6.6   /* width of one, on average */
+#define LEFT           0.105 /* of all panels; fraction of the page, as the next ones */
+#define RIGHT          0.96
+#define LEFT_END       0.505 /* of the left one of a row of two */
+#define RIGHT_BEGIN    0.575
 
 static const unsigned colours[] = {0x0072B2, 0x009E73, 0xCC79A7, 0x56B4E9,
                                    0x7A5195, 0x000000, 0x999999, 0x8C6D31};
 #define COLOURS (sizeof colours / sizeof *colours)
 
-/* A variable that is drawn: a measurement, perhaps with its setpoint; or an output. */
-struct curve_of {
-    const struct signal *signal;
-    const struct report_series *series, *wanted; /* wanted: of the setpoint; NULL: none */
-    const struct signal *setpoint;
-    double low, high; /* of all that is drawn of it; low > high: nothing */
+/* Where a panel stands: units from the first one's top, fractions of the page. */
+struct frame {
+    double top, height, left, right;
 };
-
-struct panel {
-    size_t first, n; /* of its curves */
-    bool outputs;
-    double low, high, scale, tick; /* range and ticks in units of the scale, 10^power */
-    int power;
-};
-
-struct report_panels {
-    const struct report_data *data;
-    const struct experiment *e;
-    struct curve_of *curve; /* [n_curves] in the order of the panels */
-    size_t n_curves, n_drawn;
-    struct panel panel[PANELS_MAX];
-    size_t n, few;    /* few: curves that a panel may have */
-    double end, unit; /* s: of the time axis; of its numbers */
-    double gap; /* s: no line between measurements that are farther apart: nobody knows what was there */
-    const char *unit_name;
-};
-
-/* ---- Which curve goes where --------------------------------------------------------------- */
-
-static void widen(struct curve_of *c, const struct report_series *series, bool bad_too)
-{
-    for (size_t k = 0; series && k < series->n; k++) {
-        const struct report_point *p = &series->points[k];
-        if (!bad_too && p->severity == APC_SEVERITY_BAD)
-            continue;
-        c->low = fmin(c->low, p->value);
-        c->high = fmax(c->high, p->value);
-    }
-}
-
-static const struct report_series *series_of(const struct report_group *group, size_t i)
-{
-    return i < group->n && group->series[i].n > 0 ? &group->series[i] : NULL;
-}
-
-static int collect(struct report_panels *p)
-{
-    const struct experiment *e = p->e;
-    struct loop *loop = calloc(controllers_loops(e) + 1, sizeof *loop);
-    bool *shown = calloc(e->dim.nz + 1, sizeof *shown);
-    p->curve = calloc(e->dim.ny + e->dim.nz + e->dim.nu + 1, sizeof *p->curve);
-    if (!loop || !shown || !p->curve) {
-        free(loop);
-        free(shown);
-        return APC_ENOMEM;
-    }
-    const size_t loops = metrics_loops(e, loop);
-    for (size_t i = 0; i < e->dim.ny; i++) {
-        struct curve_of c = {&e->y[i], series_of(&p->data->y, i), NULL, NULL, HUGE_VAL, -HUGE_VAL};
-        for (size_t k = 0; k < loops; k++)
-            if (loop[k].y == i && !shown[loop[k].z]) {
-                c.wanted = series_of(&p->data->z, loop[k].z);
-                c.setpoint = &e->z[loop[k].z];
-                shown[loop[k].z] = true;
-                break;
-            }
-        widen(&c, c.series, false);
-        widen(&c, c.wanted, true);
-        p->curve[p->n_curves++] = c;
-    }
-    for (size_t i = 0; i < e->dim.nz; i++)
-        if (!shown[i]) {
-            struct curve_of c = {&e->z[i], NULL, series_of(&p->data->z, i), &e->z[i], HUGE_VAL, -HUGE_VAL};
-            widen(&c, c.wanted, true);
-            p->curve[p->n_curves++] = c;
-        }
-    for (size_t i = 0; i < e->dim.nu; i++) {
-        struct curve_of c = {&e->u[i], series_of(&p->data->u, i), NULL, NULL, HUGE_VAL, -HUGE_VAL};
-        widen(&c, c.series, true);
-        p->curve[p->n_curves++] = c;
-    }
-    free(loop);
-    free(shown);
-    return 0;
-}
-
-static bool is_output(const struct curve_of *c)
-{
-    return c->signal->tag.table == APC_ACTUATOR;
-}
-
-static double span(const struct curve_of *c)
-{
-    return c->high > c->low ? c->high - c->low : 0;
-}
-
-/* Would the panel still show how each of its curves moves? */
-static bool fits(const struct report_panels *p, const struct panel *panel, const struct curve_of *c)
-{
-    const struct curve_of *first = &p->curve[panel->first];
-    double low = c->low, high = c->high, least = span(c);
-    if (panel->n >= p->few || panel->outputs != is_output(c) ||
-        strcmp(first->signal->tag.unit, c->signal->tag.unit) != 0)
-        return false;
-    for (size_t i = 0; i < panel->n; i++) {
-        low = fmin(low, first[i].low);
-        high = fmax(high, first[i].high);
-        least = fmin(least, span(&first[i]));
-    }
-    return !(high > low) || p->few > 4 || SMALL * least >= high - low;
-}
-
-/* Each curve to the first panel that it fits into, of those with at most @few curves; the curves are put in
- * the order of the panels. False when that takes more than @most panels. */
-static bool arrange(struct report_panels *p, size_t few, size_t most)
-{
-    p->n = p->n_drawn = 0;
-    p->few = few;
-    for (size_t i = 0; i < p->n_curves; i++) {
-        const struct curve_of c = p->curve[i];
-        size_t k = 0;
-        while (k < p->n && !fits(p, &p->panel[k], &c))
-            k++;
-        if (k == most)
-            return false;
-        if (k == p->n)
-            p->panel[p->n++] = (struct panel){.first = i, .outputs = is_output(&c)};
-        const size_t to = p->panel[k].first + p->panel[k].n++;
-        memmove(&p->curve[to + 1], &p->curve[to], (i - to) * sizeof *p->curve);
-        p->curve[to] = c;
-        for (size_t next = k + 1; next < p->n; next++)
-            p->panel[next].first++;
-        p->n_drawn++;
-    }
-    return true;
-}
 
 /* ---- Ranges ------------------------------------------------------------------------------- */
 
@@ -201,9 +73,10 @@ static void settle(const struct report_panels *p, struct panel *panel)
         room = most > 0 ? 0.1 * most : 1;
     panel->low = (low - room) / panel->scale;
     panel->high = (high + room) / panel->scale;
-    double range = panel->high - panel->low, decade = pow(10, floor(log10(range / 6)));
+    double range = panel->high - panel->low, most_ticks = panel->bundle ? 3 : 6,
+           decade = pow(10, floor(log10(range / most_ticks)));
     size_t k = 0;
-    while (k + 1 < sizeof steps / sizeof *steps && range / (steps[k] * decade) > 6)
+    while (k + 1 < sizeof steps / sizeof *steps && range / (steps[k] * decade) > most_ticks)
         k++;
     panel->tick = steps[k] * decade;
 }
@@ -234,14 +107,12 @@ int report_panels_create(struct report_panels **panels, const struct report_data
         return APC_ENOMEM;
     p->data = data;
     p->e = e;
-    if (collect(p) < 0) {
+    if (controllers_describe(e, &p->loops) < 0 || report_arrange(p) < 0 ||
+        report_lanes_create(&p->lanes, data, e, &p->loops) < 0) {
         report_panels_destroy(p);
         *panels = NULL;
         return APC_ENOMEM;
     }
-    /* few curves in a panel, unless that makes too many panels */
-    (void)(arrange(p, 4, 16) || arrange(p, CURVES_NAMED, 24) ||
-           arrange(p, (size_t)2 * CURVES_NAMED, PANELS_MAX));
     for (size_t i = 0; i < p->n; i++)
         settle(p, &p->panel[i]);
     settle_time(p);
@@ -254,18 +125,52 @@ void report_panels_destroy(struct report_panels *panels)
 {
     if (!panels)
         return;
+    report_lanes_destroy(panels->lanes);
+    loops_free(&panels->loops);
     free(panels->curve);
     free(panels);
 }
 
+/* Where a panel begins below the first one, and how high it is. */
+static struct frame frame_of(const struct report_panels *p, size_t k)
+{
+    const bool bundle = p->panel[k].bundle;
+    const double key = bundle ? BUNDLE_KEY : KEY_HEIGHT, height = bundle ? BUNDLE_HEIGHT : PANEL_HEIGHT;
+    return (struct frame){.top = (double)(bundle ? k / 2 : k) * (key + height) + key,
+                          .height = height,
+                          .left = bundle && p->panel[k].outputs ? RIGHT_BEGIN : LEFT,
+                          .right = bundle && !p->panel[k].outputs ? LEFT_END : RIGHT};
+}
+
+/* The last panel of its column: the time stands below it. */
+static bool is_last(const struct report_panels *p, size_t k)
+{
+    return k + (p->panel[k].bundle ? 2 : 1) >= p->n;
+}
+
+/* What stands above all panels has the time axis of the left ones. */
+static double strip_end(const struct report_panels *p)
+{
+    return p->n > 0 ? frame_of(p, 0).right : RIGHT;
+}
+
 static double strip_height(const struct report_panels *p)
 {
-    return p->data->n_events > 0 || (p->e->plant.model && p->e->plant.n_disturbances > 0) ? STRIP_HEIGHT : 0;
+    return p->data->n_events > 0 || p->e->n_actions > 0 ||
+                   (p->e->plant.model && p->e->plant.n_disturbances > 0)
+               ? STRIP_HEIGHT
+               : 0;
+}
+
+static double panels_top(const struct report_panels *p)
+{
+    return strip_height(p) + report_lanes_height(p->lanes);
 }
 
 double report_panels_height(const struct report_panels *p)
 {
-    return strip_height(p) + (double)p->n * (KEY_HEIGHT + PANEL_HEIGHT) + FOOT_HEIGHT;
+    const struct frame last = p->n > 0 ? frame_of(p, p->n - 1) : (struct frame){0};
+    return panels_top(p) + last.top + last.height + FOOT_HEIGHT;
 }
 
 /* ---- Blocks ------------------------------------------------------------------------------- */
@@ -331,6 +236,8 @@ void report_panels_blocks(FILE *script, const struct report_panels *p)
             put_series(script, p, c->series, p->panel[k].scale, is_output(c));
             fprintf(script, "END\n$r%zu << END\n", i);
             put_series(script, p, c->wanted, p->panel[k].scale, true);
+            fprintf(script, "END\n$a%zu << END\n", i);
+            put_series(script, p, c->wanted_above, p->panel[k].scale, true);
             fprintf(script, "END\n$d%zu << END\n", i);
             put_doubtful(script, p, &p->panel[k], c->series);
             fputs("END\n", script);
@@ -360,11 +267,11 @@ static void pretty(const char *unit, char *text, size_t size)
     text[used] = '\0';
 }
 
-static void put_margins(FILE *script, double top, double height, double of_panel)
+static void put_frame(FILE *script, const struct frame *f, double top, double height)
 {
     fprintf(script, "%sset tmargin at screen %.5f\nset bmargin at screen %.5f\n", report_panel_style,
-            report_screen(top, height), report_screen(top + of_panel, height));
-    fputs("set lmargin at screen 0.105\nset rmargin at screen 0.96\n", script);
+            report_screen(top + f->top, height), report_screen(top + f->top + f->height, height));
+    fprintf(script, "set lmargin at screen %.5f\nset rmargin at screen %.5f\n", f->left, f->right);
 }
 
 /* What stands at the axis: "h1, h2  (cm)". */
@@ -375,10 +282,12 @@ static void put_label(FILE *script, const struct report_panels *p, const struct 
     size_t used = 0, letters = 0;
     for (size_t i = 0; i < panel->n; i++)
         letters += strlen(first[i].signal->tag.name) + 2;
-    for (size_t i = 0; i < panel->n && letters <= LABEL_MAX && used < sizeof text; i++)
+    for (size_t i = 0; i < panel->n && letters <= LABEL_MAX && !panel->bundle; i++)
         used += (size_t)snprintf(text + used, sizeof text - used, "%s%s", i ? ", " : "",
                                  first[i].signal->tag.name);
-    if (used == 0)
+    if (panel->bundle)
+        used = (size_t)snprintf(text, sizeof text, "%.20s", panel->outputs ? "" : panel->bundle->name);
+    else if (used == 0)
         used = (size_t)snprintf(text, sizeof text, "%.20s%s%.20s", first->signal->tag.name,
                                 panel->n > 1 ? " … " : "",
                                 panel->n > 1 ? first[panel->n - 1].signal->tag.name : "");
@@ -389,12 +298,15 @@ static void put_label(FILE *script, const struct report_panels *p, const struct 
         snprintf(text + used, sizeof text - used, " (%s)", unit);
     fputs("set label 6 ", script);
     report_quoted(script, text);
-    fputs(" at screen 0.02, graph 0.5 center rotate noenhanced\n", script);
+    fprintf(script, " at screen %.3f, graph 0.5 center rotate noenhanced\n",
+            panel->bundle && panel->outputs ? RIGHT_BEGIN - 0.045 : 0.02);
 }
 
 /* A loop has one colour in both its panels; a single output has another than a single measurement. */
 static unsigned colour_of(const struct panel *panel, size_t i)
 {
+    if (panel->bundle)
+        return i == panel->worst ? colours[panel->outputs] : panel->outputs ? 0xA6D8C7 : 0xA9CCE3;
     return colours[panel->outputs && panel->n == 1 ? 1 : i % COLOURS];
 }
 
@@ -450,19 +362,56 @@ static void put_names(FILE *script, const struct panel *panel, const struct curv
     }
 }
 
-static void put_legend(FILE *script, const struct panel *panel, const struct curve_of *c, double y)
+/* What the bundle is, and which of it stands out. */
+static void put_bundle_names(FILE *script, const struct panel *panel, const struct curve_of *c,
+                             struct legend *l)
 {
-    struct legend l = {0.105 * REPORT_WIDTH, y};
+    char text[APC_TAG_LEN + 40], style[40];
+    snprintf(style, sizeof style, "lw 1.7 lc rgb 0x%06X", colour_of(panel, panel->worst));
+    snprintf(text, sizeof text, "%s%s", c[panel->worst].signal->tag.name,
+             panel->outputs || panel->n == 1 ? "" : ", largest error");
+    put_entry(script, l, style, text);
+    if (panel->n == 1 || panel->outputs) /* the same loops as on the left */
+        return;
+    snprintf(style, sizeof style, "lw 1.7 lc rgb 0x%06X", colour_of(panel, panel->worst + 1));
+    snprintf(text, sizeof text, "%zu others", panel->n - 1);
+    put_entry(script, l, style, text);
+}
+
+/* A setpoint that a controller above moves, and that one's own. */
+static void put_cascade_entries(FILE *script, const struct report_panels *p, const struct curve_of *c,
+                                struct legend *l)
+{
+    char text[3 * APC_TAG_LEN];
+    const struct controller_loop above =
+        controllers_above(p->e, (struct wire){APC_SETPOINT, (size_t)(c->setpoint - p->e->z)});
+    snprintf(text, sizeof text, "setpoint %s, moved by %s", c->setpoint->tag.name,
+             above.of ? above.of->name : "above");
+    put_entry(script, l, SETPOINT_STYLE " lc rgb 0x000000", text);
+    snprintf(text, sizeof text, "setpoint %s of %s", c->above->tag.name, above.of ? above.of->name : "above");
+    put_entry(script, l, ABOVE_STYLE, text);
+}
+
+static void put_legend(FILE *script, const struct report_panels *p, const struct panel *panel, double left,
+                       double y)
+{
+    const struct curve_of *c = &p->curve[panel->first];
+    struct legend l = {left * REPORT_WIDTH, y};
     bool limit = false, wanted = false, limited = false, doubtful = false;
     for (size_t i = 0; i < panel->n; i++) {
-        wanted |= c[i].wanted != NULL;
+        wanted |= c[i].wanted && !c->above;
         limited |= panel->outputs && has_limited(c[i].series);
         doubtful |= has_doubtful(c[i].series);
         limit |= shows(panel, &c[i], c[i].signal->tag.low) || shows(panel, &c[i], c[i].signal->tag.high);
     }
-    put_names(script, panel, c, &l);
+    if (panel->bundle)
+        put_bundle_names(script, panel, c, &l);
+    else
+        put_names(script, panel, c, &l);
+    if (c->above)
+        put_cascade_entries(script, p, c, &l);
     if (wanted)
-        put_entry(script, &l, "lw 1.2 dt (6,4) lc rgb 0x000000", "setpoint");
+        put_entry(script, &l, SETPOINT_STYLE " lc rgb 0x000000", "setpoint");
     if (limit)
         put_entry(script, &l, "lw 1 dt (2,3) lc rgb 0x777777", "limit");
     if (limited)
@@ -477,6 +426,31 @@ static void put_limit(FILE *script, const struct panel *panel, const struct curv
         fprintf(script, "%.9g with lines lw 1 dt (2,3) lc rgb 0x777777, ", limit / panel->scale);
 }
 
+static void put_curve(FILE *script, const struct panel *panel, const struct curve_of *c, size_t i)
+{
+    const size_t number = panel->first + i;
+    const unsigned colour = colour_of(panel, i);
+    const bool quiet = panel->bundle && i != panel->worst;
+    if (c->above)
+        fprintf(script, "$a%zu using 1:2 with steps " ABOVE_STYLE ", ", number);
+    if (c->series)
+        fprintf(script, "$v%zu using 1:2 with %s lw %g lc rgb 0x%06X, ", number,
+                panel->outputs      ? "steps"
+                : c->series->n == 1 ? "points pt 7 ps 0.5"
+                                    : "lines",
+                quiet ? 1.0 : 1.7, colour);
+    if (c->wanted && !quiet)
+        fprintf(script, "$r%zu using 1:2 with steps " SETPOINT_STYLE " lc rgb 0x%06X, ", number,
+                panel->n == 1 || panel->bundle ? 0x000000 : colour);
+    if (panel->outputs && has_limited(c->series) && !quiet)
+        fprintf(script,
+                "$v%zu using 1:3 with steps lw 3.2 lc rgb 0xE69F00, $v%zu using 1:3 with points pt 7 ps 0.25 "
+                "lc rgb 0xE69F00, ",
+                number, number);
+    if (has_doubtful(c->series))
+        fprintf(script, "$d%zu with points pt 6 ps 0.5 lc rgb mark, ", number);
+}
+
 static void put_curves(FILE *script, const struct report_panels *p, const struct panel *panel)
 {
     const struct curve_of *c = &p->curve[panel->first];
@@ -485,27 +459,11 @@ static void put_curves(FILE *script, const struct report_panels *p, const struct
         put_limit(script, panel, &c[i], c[i].signal->tag.low);
         put_limit(script, panel, &c[i], c[i].signal->tag.high);
     }
-    for (size_t i = 0; i < panel->n; i++) {
-        const size_t number = panel->first + i;
-        const unsigned colour = colour_of(panel, i);
-        if (c[i].series)
-            fprintf(script, "$v%zu using 1:2 with %s lc rgb 0x%06X, ", number,
-                    panel->outputs        ? "steps lw 1.7"
-                    : c[i].series->n == 1 ? "points pt 7 ps 0.5"
-                                          : "lines lw 1.7",
-                    colour);
-        if (c[i].wanted)
-            fprintf(script, "$r%zu using 1:2 with steps lw 1.2 dt (6,4) lc rgb 0x%06X, ", number,
-                    panel->n == 1 ? 0x000000 : colour);
-        if (panel->outputs && has_limited(c[i].series))
-            fprintf(script,
-                    "$v%zu using 1:3 with steps lw 3.2 lc rgb 0xE69F00, $v%zu using 1:3 with points pt 7 ps "
-                    "0.25 lc rgb "
-                    "0xE69F00, ",
-                    number, number);
-        if (has_doubtful(c[i].series))
-            fprintf(script, "$d%zu with points pt 6 ps 0.5 lc rgb mark, ", number);
-    }
+    for (size_t i = 0; i < panel->n; i++)
+        if (!panel->bundle || i != panel->worst)
+            put_curve(script, panel, &c[i], i);
+    if (panel->bundle)
+        put_curve(script, panel, &c[panel->worst], panel->worst);
     fputs("NaN\n", script);
 }
 
@@ -514,16 +472,35 @@ static double disturbed_at(const struct report_panels *p, size_t i)
     return apc_ns_to_s(p->e->plant.rhythm.phase + p->e->plant.disturbance[i].at);
 }
 
-/* Dotted where a disturbance changed; thin and coloured where something was out of the ordinary. */
+static double acted_at(const struct report_panels *p, size_t i)
+{
+    return apc_ns_to_s(p->e->action[i].at);
+}
+
+/* Is it an action that leaves its mark: who is killed or started? Others show in setpoints and modes. */
+static bool is_marked(const struct report_panels *p, size_t i)
+{
+    return p->e->action[i].kind != ACTION_WRITE && acted_at(p, i) <= p->data->end;
+}
+
+static void put_dotted(FILE *script, const struct report_panels *p, double t)
+{
+    fprintf(script,
+            "set arrow from %.9g, graph 0 to %.9g, graph 1 nohead back lw 1.2 dt (2,4) lc rgb 0x666666\n",
+            t / p->unit, t / p->unit);
+}
+
+/* Dotted where a disturbance changed, or a controller was killed or started; thin and coloured where
+ * something was out of the ordinary. */
 static void put_times(FILE *script, const struct report_panels *p)
 {
     const struct report_data *data = p->data;
     for (size_t i = 0; p->e->plant.model && i < p->e->plant.n_disturbances; i++)
         if (disturbed_at(p, i) <= data->end)
-            fprintf(
-                script,
-                "set arrow from %.9g, graph 0 to %.9g, graph 1 nohead back lw 1.2 dt (2,4) lc rgb 0x666666\n",
-                disturbed_at(p, i) / p->unit, disturbed_at(p, i) / p->unit);
+            put_dotted(script, p, disturbed_at(p, i));
+    for (size_t i = 0; i < p->e->n_actions; i++)
+        if (is_marked(p, i))
+            put_dotted(script, p, acted_at(p, i));
     for (size_t i = 0; i < data->n_events && data->n_events <= LINES_MAX; i++)
         fprintf(script, "set arrow from %.9g, graph 0 to %.9g, graph 1 nohead back lw 0.6 lc rgb 0x%06X\n",
                 data->event[i].t / p->unit, data->event[i].t / p->unit,
@@ -533,15 +510,16 @@ static void put_times(FILE *script, const struct report_panels *p)
 static void put_panel(FILE *script, const struct report_panels *p, size_t k, double top, double height)
 {
     const struct panel *panel = &p->panel[k];
+    const struct frame frame = frame_of(p, k);
     bool any = false;
-    put_margins(script, top + KEY_HEIGHT, height, PANEL_HEIGHT);
+    put_frame(script, &frame, top, height);
     fprintf(script, "set xrange [0:%.9g]\nset yrange [%.9g:%.9g]\nset ytics %.9g\n", p->end / p->unit,
             panel->low, panel->high, panel->tick);
     put_label(script, p, panel);
     put_times(script, p);
     fputs("unset key\n", script);
-    put_legend(script, panel, &p->curve[panel->first], report_screen(top + KEY_HEIGHT - 9, height));
-    if (k + 1 < p->n)
+    put_legend(script, p, panel, frame.left, report_screen(top + frame.top - 9, height));
+    if (!is_last(p, k))
         fputs("set format x ''\n", script);
     else
         fprintf(script, "set xlabel 'time  (%s)' offset 0, 0.4\n", p->unit_name);
@@ -559,7 +537,7 @@ static void put_panel(FILE *script, const struct report_panels *p, size_t k, dou
 static void put_mark(FILE *script, const struct report_panels *p, double t, const char *text,
                      const char *colour, double *free_from)
 {
-    const double inner = 0.855 * REPORT_WIDTH, at = t / p->end * inner,
+    const double inner = (strip_end(p) - LEFT) * REPORT_WIDTH, at = t / p->end * inner,
                  half = (double)strlen(text) * LETTER / 2;
     double middle = fmin(fmax(at, half), inner - half);
     if (middle - half < *free_from)
@@ -571,21 +549,57 @@ static void put_mark(FILE *script, const struct report_panels *p, double t, cons
             colour);
 }
 
+/* What is planned: disturbances, and who is killed or started, by time. */
+struct planned {
+    double t;
+    char text[100];
+};
+
+static int by_planned_time(const void *left, const void *right)
+{
+    const struct planned *a = left, *b = right;
+    return (a->t > b->t) - (a->t < b->t);
+}
+
+/* NULL without memory: then nothing is said of it. */
+static struct planned *collect_planned(const struct report_panels *p, size_t *n)
+{
+    const struct experiment *e = p->e;
+    const size_t changes = e->plant.model ? e->plant.n_disturbances : 0;
+    struct planned *all = calloc(changes + e->n_actions + 1, sizeof *all);
+    *n = 0;
+    for (size_t i = 0; all && i < changes; i++) {
+        const struct apc_disturbance *d = &e->plant.disturbance[i];
+        struct planned *to = &all[*n];
+        to->t = disturbed_at(p, i);
+        snprintf(to->text, sizeof to->text, "%s = %.6g", e->plant.model->disturbance[d->k].name, d->value);
+        *n += to->t <= p->data->end;
+    }
+    for (size_t i = 0; all && i < e->n_actions; i++) {
+        if (!is_marked(p, i))
+            continue;
+        struct planned *to = &all[(*n)++];
+        to->t = acted_at(p, i);
+        snprintf(to->text, sizeof to->text, "%s %s", e->controllers[e->action[i].controller].name,
+                 e->action[i].kind == ACTION_KILL ? "killed" : "started");
+    }
+    if (all)
+        qsort(all, *n, sizeof *all, by_planned_time);
+    return all;
+}
+
 static void put_strip(FILE *script, const struct report_panels *p, double top, double height)
 {
     const struct report_data *data = p->data;
-    const size_t changes = p->e->plant.model ? p->e->plant.n_disturbances : 0;
+    const struct frame frame = {0, STRIP_HEIGHT, LEFT, strip_end(p)};
+    size_t planned;
+    struct planned *all = collect_planned(p, &planned);
     double free_from = -1;
-    size_t i = 0, k = 0;
-    put_margins(script, top, height, STRIP_HEIGHT);
+    put_frame(script, &frame, top, height);
     fprintf(script, "unset border\nunset tics\nset xrange [0:%.9g]\nset yrange [0:1]\n", p->end / p->unit);
-    while (i < changes || k < data->n_events) {
-        if (k == data->n_events || (i < changes && disturbed_at(p, i) <= data->event[k].t)) {
-            char text[100];
-            const struct apc_disturbance *d = &p->e->plant.disturbance[i];
-            snprintf(text, sizeof text, "%s = %.6g", p->e->plant.model->disturbance[d->k].name, d->value);
-            if (disturbed_at(p, i) <= data->end)
-                put_mark(script, p, disturbed_at(p, i), text, "quiet", &free_from);
+    for (size_t i = 0, k = 0; i < planned || k < data->n_events;) {
+        if (k == data->n_events || (i < planned && all[i].t <= data->event[k].t)) {
+            put_mark(script, p, all[i].t, all[i].text, "quiet", &free_from);
             i++;
         } else {
             bool again = k > 0 && !strcmp(data->event[k].kind, data->event[k - 1].kind);
@@ -595,6 +609,7 @@ static void put_strip(FILE *script, const struct report_panels *p, double top, d
             k++;
         }
     }
+    free(all);
     fputs("plot NaN notitle\n", script);
 }
 
@@ -602,8 +617,15 @@ void report_panels_draw(FILE *script, const struct report_panels *p, double top,
 {
     if (strip_height(p) > 0)
         put_strip(script, p, top, height);
+    const struct frame lanes = {strip_height(p), report_lanes_height(p->lanes) - LANES_GAP, LEFT,
+                                strip_end(p)};
+    if (report_lanes_height(p->lanes) > 0) {
+        put_frame(script, &lanes, top, height);
+        fprintf(script, "set xrange [0:%.9g]\n", p->end / p->unit);
+        report_lanes_draw(script, p->lanes, p->unit, p->end, (lanes.right - lanes.left) * REPORT_WIDTH);
+    }
     for (size_t k = 0; k < p->n; k++)
-        put_panel(script, p, k, top + strip_height(p) + (double)k * (KEY_HEIGHT + PANEL_HEIGHT), height);
+        put_panel(script, p, k, top + panels_top(p), height);
     if (p->n_drawn < p->n_curves)
         fprintf(script,
                 "%sset label 1 '%zu of %zu variables are drawn; samples.csv has all' at screen 0.105, screen "

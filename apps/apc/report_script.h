@@ -24,13 +24,29 @@ void report_blank(FILE *script);
 
 /* ---- Histograms of the time increments ---- */
 
-/* Were all ticks exactly in time? Then there is nothing to show. */
-bool report_jitter_none(const struct report_data *data);
-/* Height that they take. */
-#define REPORT_JITTER_HEIGHT 245.0
-/* The bars as data blocks; then the panels, from @p top on. Sorts the bins of the data. */
-void report_jitter_blocks(FILE *script, struct report_data *data);
-void report_jitter_panels(FILE *script, struct report_data *data, double top, double height);
+struct report_histograms;
+int report_histograms_create(struct report_histograms **histograms, const struct report_data *data,
+                             const struct experiment *e); /* 0 or APC_ENOMEM */
+void report_histograms_destroy(struct report_histograms *histograms);
+/* 0 where all ticks were exactly in time: there is nothing to show. */
+double report_histograms_height(const struct report_histograms *histograms);
+/* The bars as data blocks; then the panels, from @p top on. */
+void report_histograms_blocks(FILE *script, const struct report_histograms *histograms);
+void report_histograms_draw(FILE *script, const struct report_histograms *histograms, double top,
+                            double height);
+
+/* ---- Modes that were not the same all the time ---- */
+
+struct loops;
+struct report_lanes;
+#define LANES_GAP 12.0 /* below them; part of their height */
+int report_lanes_create(struct report_lanes **lanes, const struct report_data *data,
+                        const struct experiment *e, const struct loops *loops); /* 0 or APC_ENOMEM */
+void report_lanes_destroy(struct report_lanes *lanes);
+/* 0: there are none. */
+double report_lanes_height(const struct report_lanes *lanes);
+/* Into a panel whose place and times are set: @p unit s to a number of its axis, @p end s, @p width wide. */
+void report_lanes_draw(FILE *script, const struct report_lanes *lanes, double unit, double end, double width);
 
 /* ---- Panels of the process variables ---- */
 

@@ -16,6 +16,7 @@ struct csv {
     const char *columns[MAX_COLUMNS + 1]; /* ends with NULL */
     /* Returns 0, APC_ENOMEM, or 1 + the index of the field that is not understood. */
     int (*row)(struct report_data *data, size_t line, char *const *field);
+    bool optional; /* folders of older runs have none */
 };
 
 /* ---- Fields ------------------------------------------------------------------------------- */
@@ -46,20 +47,6 @@ static bool parse_ns(const char *text, apc_ns *ns)
     return true;
 }
 
-/* The jitter that a row of the timing files is about; NULL when it is about something not drawn. */
-static struct report_jitter *find_jitter(struct report_data *data, const char *task, const char *quantity)
-{
-    static const char *const names[REPORT_TASKS] = {"plant", "controller", "client"};
-
-    if (strcmp(quantity, "jitter") != 0)
-        return NULL;
-    for (size_t i = 0; i < REPORT_TASKS; i++) {
-        if (strcmp(task, names[i]) == 0)
-            return &data->jitter[i];
-    }
-    return NULL;
-}
-
 /* Room for one more element of @p size bytes in *items. */
 static int reserve(void **items, size_t n, size_t *capacity, size_t size)
 {
@@ -76,6 +63,30 @@ static int reserve(void **items, size_t n, size_t *capacity, size_t size)
     return 0;
 }
 
+struct report_jitter *report_jitter_of(const struct report_data *data, const char *task)
+{
+    for (size_t i = 0; i < data->n_jitter; i++)
+        if (strcmp(task, data->jitter[i].task) == 0)
+            return &data->jitter[i];
+    return NULL;
+}
+
+/* The task that a row of the timing files is about. NULL: out of memory. */
+static struct report_jitter *find_jitter(struct report_data *data, const char *task)
+{
+    struct report_jitter *known = report_jitter_of(data, task);
+    if (known)
+        return known;
+    struct report_jitter *grown = reallocarray(data->jitter, data->n_jitter + 1, sizeof *grown);
+    if (!grown)
+        return NULL;
+    data->jitter = grown;
+    known = &grown[data->n_jitter++];
+    *known = (struct report_jitter){0};
+    snprintf(known->task, sizeof known->task, "%s", task);
+    return known;
+}
+
 /* ---- Rows --------------------------------------------------------------------------------- */
 
 static bool widen(struct report_group *group, size_t n)
@@ -90,17 +101,42 @@ static bool widen(struct report_group *group, size_t n)
     return true;
 }
 
+static int take(struct report_group *group, size_t id, const struct report_point *point)
+{
+    if (id > group->n && !widen(group, id))
+        return APC_ENOMEM;
+    struct report_series *series = &group->series[id - 1];
+    void *items = series->points;
+    if (reserve(&items, series->n, &series->capacity, sizeof *point) != 0)
+        return APC_ENOMEM;
+    series->points = items;
+    series->points[series->n++] = *point;
+    return 0;
+}
+
+/* All of a row but its table. Returns 0 or 1 + the index of the field that is not understood. */
+static int parse_point(char *const *field, struct report_point *point, double id_max, double *id)
+{
+    apc_status status;
+    if (apc_number_parse(field[0], &point->t) != 0)
+        return 1;
+    if (!parse_whole(field[2], 1, id_max, id))
+        return 3;
+    if (apc_status_parse(field[3], &status) != 0)
+        return 4;
+    if (apc_number_parse(field[4], &point->value) != 0 || fabs(point->value) > APC_VALUE_MAX)
+        return 5;
+    point->severity = apc_status_severity(status);
+    point->limited = strstr(field[3], "Limited") != NULL;
+    return 0;
+}
+
 static int sample_row(struct report_data *data, size_t line, char *const *field)
 {
     struct report_point point = {.line = line};
     struct report_group *group;
-    struct report_series *series;
-    apc_status status;
     double id;
-    void *items;
 
-    if (apc_number_parse(field[0], &point.t) != 0)
-        return 1;
     switch (apc_table_parse(field[1])) {
     case APC_SENSOR:
         group = &data->y;
@@ -114,29 +150,31 @@ static int sample_row(struct report_data *data, size_t line, char *const *field)
     default:
         return 2;
     }
-    if (!parse_whole(field[2], 1, ID_MAX, &id))
-        return 3;
-    if (apc_status_parse(field[3], &status) != 0)
-        return 4;
-    point.severity = apc_status_severity(status);
-    point.limited = strstr(field[3], "Limited") != NULL;
-    if (apc_number_parse(field[4], &point.value) != 0 || fabs(point.value) > APC_VALUE_MAX)
-        return 5;
+    int bad = parse_point(field, &point, ID_MAX, &id);
+    if (bad)
+        return bad;
     data->end = fmax(data->end, point.t);
-    if (id > (double)group->n && !widen(group, (size_t)id))
-        return APC_ENOMEM;
-    series = &group->series[(size_t)id - 1];
-    items = series->points;
-    if (reserve(&items, series->n, &series->capacity, sizeof point) != 0)
-        return APC_ENOMEM;
-    series->points = items;
-    series->points[series->n++] = point;
-    return 0;
+    return take(group, (size_t)id, &point);
+}
+
+/* Of the operation only the actual modes are drawn. */
+static int operation_row(struct report_data *data, size_t line, char *const *field)
+{
+    struct report_point point = {.line = line};
+    const int step = apc_variable_number(APC_OPMODE, 1) - apc_variable_number(APC_OPMODE, 0);
+    double id;
+    int bad = parse_point(field, &point, (double)step * ID_MAX, &id);
+    if (apc_table_parse(field[1]) != APC_ACTUAL || bad)
+        return bad;
+    const int loop = (int)id / step;
+    return loop > 0 && (int)id == apc_variable_number(APC_OPMODE, loop)
+               ? take(&data->mode, (size_t)loop, &point)
+               : 0;
 }
 
 static int bin_row(struct report_data *data, size_t line, char *const *field)
 {
-    struct report_jitter *jitter = find_jitter(data, field[0], field[1]);
+    struct report_jitter *jitter;
     struct apc_bin bin;
     void *items;
 
@@ -147,8 +185,11 @@ static int bin_row(struct report_data *data, size_t line, char *const *field)
         return 5;
     if (!parse_count(field[5], &bin.count))
         return 6;
-    if (!jitter || bin.count == 0)
+    if (strcmp(field[1], "jitter") != 0 || bin.count == 0)
         return 0;
+    jitter = find_jitter(data, field[0]);
+    if (!jitter)
+        return APC_ENOMEM;
     items = jitter->bins;
     if (reserve(&items, jitter->n_bins, &jitter->capacity, sizeof bin) != 0)
         return APC_ENOMEM;
@@ -159,11 +200,14 @@ static int bin_row(struct report_data *data, size_t line, char *const *field)
 
 static int summary_row(struct report_data *data, size_t line, char *const *field)
 {
-    struct report_jitter *jitter = find_jitter(data, field[0], field[1]);
+    struct report_jitter *jitter;
 
     (void)line;
-    if (!jitter)
+    if (strcmp(field[1], "jitter") != 0)
         return 0;
+    jitter = find_jitter(data, field[0]);
+    if (!jitter)
+        return APC_ENOMEM;
     if (!parse_whole(field[2], 1, 366 * 86400e9, &jitter->period))
         return 3;
     if (!parse_count(field[3], &jitter->count))
@@ -178,12 +222,14 @@ static int summary_row(struct report_data *data, size_t line, char *const *field
 }
 
 static const struct csv files[] = {
-    {"samples.csv", {"time", "table", "id", "status", "value"}, sample_row},
-    {"timing.csv", {"task", "quantity", "period_ns", "low_ns", "high_ns", "count"}, bin_row},
+    {"samples.csv", {"time", "table", "id", "status", "value"}, sample_row, false},
+    {"operation.csv", {"time", "table", "id", "status", "value"}, operation_row, true},
+    {"timing.csv", {"task", "quantity", "period_ns", "low_ns", "high_ns", "count"}, bin_row, false},
     {"timing-summary.csv",
      {"task", "quantity", "period_ns", "count", "missed", "mean_ns", "sd_ns", "min_ns", "p50_ns", "p99_ns",
       "p999_ns", "max_ns"},
-     summary_row},
+     summary_row,
+     false},
 };
 
 /* ---- Files -------------------------------------------------------------------------------- */
@@ -251,7 +297,7 @@ static int read_file(const char *dir, const struct csv *csv, struct report_data 
 {
     char *path;
     FILE *stream;
-    int rc;
+    int rc = 0;
 
     if (asprintf(&path, "%s/%s", dir, csv->name) < 0)
         return apc_fail(why, APC_ENOMEM, "%s: out of memory", csv->name);
@@ -259,7 +305,7 @@ static int read_file(const char *dir, const struct csv *csv, struct report_data 
     if (stream) {
         rc = read_rows(stream, csv, path, data, why);
         fclose(stream);
-    } else {
+    } else if (!csv->optional || errno != ENOENT) {
         rc = apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s", path, strerror(errno));
     }
     free(path);
@@ -333,6 +379,7 @@ int report_read(struct report_data *data, const char *dir, struct apc_error *why
     sort_group(&data->y);
     sort_group(&data->z);
     sort_group(&data->u);
+    sort_group(&data->mode);
     return read_events(data, dir, why);
 }
 
@@ -348,7 +395,9 @@ void report_free(struct report_data *data)
     free_group(&data->y);
     free_group(&data->z);
     free_group(&data->u);
+    free_group(&data->mode);
     free(data->event);
-    for (size_t i = 0; i < REPORT_TASKS; i++)
+    for (size_t i = 0; i < data->n_jitter; i++)
         free(data->jitter[i].bins);
+    free(data->jitter);
 }

@@ -5,6 +5,7 @@
 
 #include <stdbool.h>
 
+#include <apcstore.h> /* APC_TAG_LEN */
 #include <apctimer.h> /* struct apc_bin */
 
 struct report_point {
@@ -33,10 +34,9 @@ struct report_event {
     char kind[32];
 };
 
-enum report_task { REPORT_PLANT, REPORT_CONTROLLER, REPORT_CLIENT, REPORT_TASKS };
-
 /* (t_{k+1} - t_k) - period of one task, in ns. */
 struct report_jitter {
+    char task[APC_TAG_LEN];
     struct apc_bin *bins;
     size_t n_bins, capacity;
     uint64_t count, missed;
@@ -45,7 +45,9 @@ struct report_jitter {
 
 struct report_data {
     struct report_group y, z, u;
-    struct report_jitter jitter[REPORT_TASKS];
+    struct report_group mode;     /* of loop i: actual ones; not Good where it differs from the target */
+    struct report_jitter *jitter; /* [n_jitter] in the order of the file */
+    size_t n_jitter;
     struct report_event *event; /* [n_events] by time; none where there is no events.csv */
     size_t n_events, events_room;
     double end; /* time of the last sample of all */
@@ -54,5 +56,8 @@ struct report_data {
 /* Fill *data, which report_free() takes back also after a failure. Returns as report_write() does. */
 int report_read(struct report_data *data, const char *dir, struct apc_error *why);
 void report_free(struct report_data *data);
+
+/* Of one task; NULL: nothing is known of it. */
+struct report_jitter *report_jitter_of(const struct report_data *data, const char *task);
 
 #endif

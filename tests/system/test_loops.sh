@@ -80,3 +80,9 @@ done
 tr -d '\n' <"$work/run/record.conf" | grep -Eq 'laws = \( \{ name = "pid"; chosen = false; \}, +\{ name = "pi"; chosen = false; \} \);' ||
   fail "the record does not have both laws"
 expect 4 "nobody applies it: controller upper's last tick was .* ago\. Nothing was written" "$apc" set w 3
+
+# The figure has both controllers, how they ticked and in which modes they were.
+for text in 'Controller base' 'Controller upper' 'upper\.r' 'shed' 'Man' 'setpoint r, moved by upper' 'setpoint w of upper'; do
+  grep -q ">$text<" "$work/run/report.svg" || fail "the figure does not say $text"
+done
+! grep -q 'no samples' "$work/run/report.svg" || fail "a panel of the figure is empty"
