@@ -130,6 +130,9 @@ SELECT without(format('%I()', t || '_appended')::regprocedure, $what$
         PERFORM pg_notify('apc_' || TG_RELID, '');
     END IF;$what$, '') FROM unnest(ARRAY['sensor', 'actuator', 'dim']) AS t;
 SELECT without('opmode_appended()', ' AND (id <> 1 OR id IN (SELECT loops()))', '');
+-- Rows that come from another store bring those of the loops along, under their own seqs.
+SELECT without('opmode_appended()', 'IF EXISTS (SELECT FROM fresh WHERE id = 0)', $instead$IF
+        current_setting('apc.as_is', true) IS DISTINCT FROM 'on' AND EXISTS (SELECT FROM fresh WHERE id = 0)$instead$);
 SELECT without('opmode_vacant(integer[], bigint[])', what, '')
   FROM unnest(ARRAY[' AND (v <> 1 OR NOT is_person() OR v IN (SELECT loops()))',
                     ' AND (v.id <> 1 OR NOT is_person() OR v.id IN (SELECT loops()))']) AS what;

@@ -87,15 +87,21 @@
             "FROM " table " WHERE id = $1::int4 AND time >= $2::timestamptz AND time < $3::timestamptz "     \
             "GROUP BY 1) AS b ORDER BY bin"
 
-#define NUMBERS(table)                                                                                       \
+/* What is appended to opmode is that and no more: only a put of the mode of all loops is spread by the
+ * trigger. */
+#define AS_IS " RETURNING set_config('apc.as_is', 'on', true)"
+
+#define ROWS_OF(table, as_is)                                                                                \
     .read_name = "read_" table, .read = READ(table, MORE), .append_name = "append_" table,                   \
-    .append = APPEND(table), .plain_name = "plain_" table, .plain = APPEND_PLAIN(table),                     \
-    .repeat = REPEAT(table), .put = PUT(table, MORE, ", $5::int8[], $6::int8[]") " RETURNING id, seq",       \
+    .append = APPEND(table) as_is, .plain_name = "plain_" table, .plain = APPEND_PLAIN(table) as_is,         \
+    .repeat = REPEAT(table) as_is, .put = PUT(table, MORE, ", $5::int8[], $6::int8[]") " RETURNING id, seq", \
     .swap = SWAP(table), .bins = BINS(table), .history = HISTORY(table, MORE),                               \
     .history_last = HISTORY_LAST(table, MORE), .paper_read = READ("apc." table, ""),                         \
     .paper_put = PUT("apc." table, "", "") " ON CONFLICT DO NOTHING"
 
-#define SHARED(table) NUMBERS(table), .place_name = "place_" table, .place = PLACE(table)
+#define NUMBERS(table)          ROWS_OF(table, "")
+#define SHARED_OF(table, as_is) ROWS_OF(table, as_is), .place_name = "place_" table, .place = PLACE(table)
+#define SHARED(table)           SHARED_OF(table, "")
 
 #define VECTOR_TEXTS(table)                                                                                  \
     .read_name = "read_" table, .read = READ(table, ""), .append_name = "append_" table,                     \
@@ -109,7 +115,7 @@ const struct apc_pg_text apc_pg_texts[APC_TABLE_END] = {
     [APC_ACTUATOR] = {NUMBERS("actuator")},
     [APC_SETPOINT] = {SHARED("setpoint")},
     [APC_DIM] = {NUMBERS("dim")},
-    [APC_OPMODE] = {SHARED("opmode")},
+    [APC_OPMODE] = {SHARED_OF("opmode", AS_IS)},
     [APC_TUNING] = {SHARED("tuning")},
     [APC_MANUAL] = {SHARED("manual")},
     [APC_ACTUAL] = {NUMBERS("actual")},

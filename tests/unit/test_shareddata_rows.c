@@ -444,6 +444,26 @@ static void test_what_is_put_to_the_mode_of_all_is_put_to_each_loop(void **state
     assert_mode(*state, 2, APC_MODE_MAN, 4, 4);
 }
 
+static void test_what_is_appended_is_stored_as_it_is(void **state)
+{
+    const struct apc_tag tag = {.table = APC_OPMODE, .id = 1, .name = "u", .controller = "base"};
+    struct apc_sample put = {.table = APC_OPMODE, .value = APC_MODE_MAN};
+    const struct apc_sample s[2] = {sample(APC_OPMODE, 0, 3, APC_MODE_AUTO),
+                                    sample(APC_OPMODE, 0, 4, APC_MODE_OOS)},
+                            loop = sample(APC_OPMODE, 1, 3, APC_MODE_AUTO);
+    assert_int_equal(apc_store_put_tags(*state, &tag, 1), 1);
+    ok(*state, apc_store_put(*state, &put, 1));
+    assert_int_equal(apc_store_append(*state, s, 1), 1);
+    assert_int_equal(apc_store_append(*state, s, 2), 1); /* of which one is there already */
+    assert_mode(*state, 0, APC_MODE_OOS, 4, 0);
+    assert_mode(*state, 1, APC_MODE_MAN, 1, 1);
+    assert_int_equal(apc_store_append(*state, &loop, 1), 1);
+    assert_mode(*state, 1, APC_MODE_AUTO, 3, 0);
+    put.value = APC_MODE_CAS; /* and a put goes on as before */
+    ok(*state, apc_store_put(*state, &put, 1));
+    assert_mode(*state, 1, APC_MODE_CAS, 4, 5);
+}
+
 static void test_a_wait_sees_rows(void **state)
 {
     double in[2] = {1, 2};
@@ -591,6 +611,7 @@ int main(void)
         T(test_what_makes_no_sense_is_refused_and_nothing_is_written),
         T(test_a_row_that_the_store_refuses_keeps_all_out),
         T(test_what_is_put_to_the_mode_of_all_is_put_to_each_loop),
+        T(test_what_is_appended_is_stored_as_it_is),
         T(test_a_wait_sees_rows),
         T(test_variables_of_vectors_are_named_as_well),
         T(test_history_comes_in_rising_seq_within_its_bounds),
