@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * apc copy: what one store holds into another. Samples are named by (table, id, seq), so a repeat leaves
- * those that are there alone; events and timing have no name, so each batch of them is first looked up in the
- * other store.
+ * apc copy: what one store holds into another. Samples and vectors are named by (table, id, seq), so a repeat
+ * leaves those that are there alone; events and timing have no name, so each batch of them is first looked up
+ * in the other store.
  */
 #include <inttypes.h>
 #include <stdlib.h>
@@ -11,15 +11,17 @@
 
 #include "cli.h"
 
-#define SAMPLES 10000 /* of one append */
-#define EVENTS  512
-#define ROWS    64 /* of timing */
-#define BAR     24
-#define SHOW    (APC_NS_PER_S / 10) /* between two pictures of the progress bar */
+#define SAMPLES  10000 /* of one append */
+#define VECTORS  1000
+#define ELEMENTS 131072 /* of all of them; more than one can have */
+#define EVENTS   512
+#define ROWS     64 /* of timing */
+#define BAR      24
+#define SHOW     (APC_NS_PER_S / 10) /* between two pictures of the progress bar */
 
 static const struct argp_option option_list[] = {{"since", 0x500, "TIME", 0,
                                                   "Only what is not older, RFC 3339 or before now as -30s, "
-                                                  "-10m, -2h, -1d; the newest sample of each variable "
+                                                  "-10m, -2h, -1d; the newest row of each variable "
                                                   "in any case",
                                                   0},
                                                  {0}};
@@ -37,9 +39,9 @@ static const struct argp own = {option_list, parse, NULL, NULL, NULL, NULL, NULL
 static const struct cli_spec spec = {
     .args_doc = "FROM TO",
     .doc =
-        "Copy what the store FROM holds to the store TO: samples, descriptions, events and timing. Tables "
-        "are "
-        "made where there are none. Running it again copies what is new. Nobody may be writing TO meanwhile.",
+        "Copy what the store FROM holds to the store TO: samples, vectors, descriptions, events and timing. "
+        "Tables are made where there are none. Running it again copies what is new. Nobody may be writing TO "
+        "meanwhile.",
     .min_args = 2,
     .max_args = 2,
     .extra = &own,
@@ -53,10 +55,15 @@ struct copy {
     struct cli cli;
     struct apc_store *from, *to;
     struct apc_range range;
-    struct counts samples, events, timing;
+    struct counts samples, vectors, events, timing;
     size_t tags;
     int failed;   /* why the store TO stopped a stream of FROM */
     bool damaged; /* part of FROM could not be read */
+    bool former;  /* FROM has rows of table state */
+    bool authors; /* FROM says who wrote some of its samples */
+
+    struct apc_sample *variable; /* [variables]: of FROM, with their newest seqs; those of vectors are last */
+    size_t variables;
 
     bool terminal;
     apc_ns shown;
@@ -64,8 +71,11 @@ struct copy {
         total;             /* progress: of variables before, of the one at hand, of all: their newest seqs */
     int64_t first, newest; /* seq: of the one at hand */
 
-    struct apc_sample *sample; /* [SAMPLES], of which n */
-    struct apc_event *event;   /* [EVENTS] */
+    struct apc_sample *sample; /* [SAMPLES], of which n_samples */
+    struct apc_vector *vector; /* [VECTORS], of which n_vectors: their values are in element */
+    double *element;           /* [ELEMENTS], of which n_elements */
+    size_t n_samples, n_vectors, n_elements;
+    struct apc_event *event; /* [EVENTS], of which n, or of timing_row */
     struct timing_copy {
         struct apc_timing_row row;
         int64_t *bins;
@@ -78,16 +88,17 @@ struct copy {
 
 static void show(struct copy *c, int64_t seq)
 {
-    apc_ns now = apc_clock_mono(NULL);
-    if (!c->terminal || now - c->shown < SHOW)
+    apc_ns now = c->terminal ? apc_clock_mono(NULL) : c->shown;
+    if (now - c->shown < SHOW)
         return;
     c->shown = now;
     double part = c->newest > c->first ? (double)(seq - c->first) / (double)(c->newest - c->first) : 1;
     double share = c->total > 0 ? (c->done + part * c->weight) / c->total : 1;
     share = share < 1 ? share : 1; /* the last batch holds what has been counted */
     int filled = (int)(share * BAR);
-    fprintf(stderr, "\r[%.*s%*s] %3.0f %%  %" PRIu64 " samples", filled, "########################",
-            BAR - filled, "", 100 * share, c->samples.copied + c->samples.there);
+    fprintf(stderr, "\r[%.*s%*s] %3.0f %%  %" PRIu64 " rows", filled, "########################",
+            BAR - filled, "", 100 * share,
+            c->samples.copied + c->samples.there + c->vectors.copied + c->vectors.there);
     fflush(stderr);
 }
 
@@ -130,28 +141,67 @@ static int stream_result(struct copy *c, int rc, const char *what)
     return rc == APC_ESTORE ? leave_out(c, what) : rc < 0 ? fail_from(c, rc) : 0;
 }
 
-/* ---- Samples -------------------------------------------------------------------------------- */
+/* ---- Samples and vectors -------------------------------------------------------------------- */
 
-static int flush_samples(struct copy *c)
+static void count(struct counts *counts, size_t n, int stored)
 {
-    int stored = apc_store_append(c->to, c->sample, c->n);
+    counts->copied += (uint64_t)stored;
+    counts->there += n - (size_t)stored;
+}
+
+static int flush_rows(struct copy *c)
+{
+    const struct apc_rows rows = {.size = sizeof rows, .vector = c->vector, .n_vectors = c->n_vectors};
+    int stored = apc_store_append(c->to, c->sample, c->n_samples);
+    if (stored >= 0) {
+        count(&c->samples, c->n_samples, stored);
+        c->n_samples = 0;
+        stored = apc_store_append_rows(c->to, &rows);
+    }
     if (stored < 0)
         return c->failed = stored;
-    c->samples.copied += (uint64_t)stored;
-    c->samples.there += c->n - (size_t)stored;
-    if (c->n > 0)
-        show(c, c->sample[c->n - 1].seq);
-    c->n = 0;
+    count(&c->vectors, c->n_vectors, stored);
+    c->n_vectors = c->n_elements = 0;
     return 0;
 }
 
+static int begin_row(struct copy *c, int64_t seq)
+{
+    if (c->first == 0)
+        c->first = seq;
+    show(c, seq);
+    return c->n_samples == SAMPLES || c->n_vectors == VECTORS ? flush_rows(c) : 0;
+}
+
+/* A number of an author is a name's in its own store only. */
 static int take_sample(void *ctx, const struct apc_sample *s)
 {
     struct copy *c = ctx;
-    if (c->first == 0)
-        c->first = s->seq;
-    c->sample[c->n++] = *s;
-    return c->n == SAMPLES ? flush_samples(c) : 0;
+    if (begin_row(c, s->seq) < 0)
+        return c->failed;
+    c->authors |= s->author > 0;
+    c->sample[c->n_samples] = *s;
+    c->sample[c->n_samples++].author = 0;
+    return 0;
+}
+
+static int take_vector(void *ctx, const struct apc_vector *v)
+{
+    struct copy *c = ctx;
+    if (begin_row(c, v->seq) < 0 || (c->n_elements + v->n > ELEMENTS && flush_rows(c) < 0))
+        return c->failed;
+    struct apc_vector *to = &c->vector[c->n_vectors++];
+    *to = *v;
+    to->value = c->element + c->n_elements;
+    memcpy(to->value, v->value, v->n * sizeof *v->value);
+    c->n_elements += v->n;
+    return 0;
+}
+
+static int take_history(struct copy *c, const struct apc_sample *v, const struct apc_range *range)
+{
+    return apc_table_vectors(v->table) ? apc_store_vectors(c->from, v->table, v->id, range, take_vector, c)
+                                       : apc_store_history(c->from, v->table, v->id, range, take_sample, c);
 }
 
 static int copy_variable(struct copy *c, const struct apc_sample *newest)
@@ -161,40 +211,42 @@ static int copy_variable(struct copy *c, const struct apc_sample *newest)
     c->weight = (double)newest->seq;
     char what[64];
     snprintf(what, sizeof what, "%s %d is", apc_table_name(newest->table), newest->id);
-    int rc = apc_store_history(c->from, newest->table, newest->id, &c->range, take_sample, c);
-    if (rc == 0 && newest->seq > 0) /* all of it is older: what holds now goes along all the same */
-        take_sample(c, newest);
+    int rc = take_history(c, newest, &c->range);
+    if (rc == 0) /* all of it is older: what holds now goes along all the same */
+        rc = take_history(c, newest, &(struct apc_range){.last = 1});
     c->done += c->weight;
     return stream_result(c, rc, what);
 }
 
-static int copy_samples(struct copy *c)
+/* The newest seqs are only how far it is: where they cannot be read, the histories will tell. */
+static int measure(struct copy *c)
 {
-    struct apc_sample *newest = NULL;
-    int n = apc_store_variables(c->from, NULL, 0);
-    int rc = n;
-    if (n > 0) {
-        newest = calloc((size_t)n, sizeof *newest);
-        if (!newest)
-            return cli_error(&c->cli, APC_ENOMEM, "out of memory"), APC_ENOMEM;
-        rc = apc_store_variables(c->from, newest, (size_t)n);
-        n = rc < n ? rc : n;
+    struct apc_rows rows = {.size = sizeof rows, .sample = c->variable, .n_samples = c->variables};
+    while (rows.n_samples > 0 && apc_table_vectors(c->variable[rows.n_samples - 1].table))
+        rows.n_samples--;
+    rows.n_vectors = c->variables - rows.n_samples;
+    rows.vector = calloc(rows.n_vectors + 1, sizeof *rows.vector);
+    if (!rows.vector)
+        return cli_error(&c->cli, APC_ENOMEM, "out of memory"), APC_ENOMEM;
+    for (size_t i = 0; i < rows.n_vectors; i++) {
+        const struct apc_sample *v = &c->variable[rows.n_samples + i];
+        rows.vector[i] = (struct apc_vector){.table = v->table, .id = v->id};
     }
-    if (rc > 0)
-        rc = apc_store_read(c->from, newest, (size_t)n);
-    if (rc < 0) {
-        fail_from(c, rc);
-        goto out;
-    }
-    for (int i = 0; i < n; i++)
-        c->total += (double)newest[i].seq;
-    for (int i = 0; i < n && rc >= 0; i++)
-        rc = copy_variable(c, &newest[i]);
-    if (rc >= 0)
-        rc = stream_result(c, flush_samples(c), "");
-out:
-    free(newest);
-    return rc;
+    const int rc = apc_store_read_rows(c->from, &rows);
+    for (size_t i = 0; i < rows.n_vectors; i++)
+        c->variable[rows.n_samples + i].seq = rows.vector[i].seq;
+    free(rows.vector);
+    for (size_t i = 0; i < c->variables; i++)
+        c->total += (double)c->variable[i].seq;
+    return rc < 0 && rc != APC_ESTORE ? fail_from(c, rc) : 0;
+}
+
+static int copy_rows(struct copy *c)
+{
+    int rc = measure(c);
+    for (size_t i = 0; i < c->variables && rc >= 0; i++)
+        rc = copy_variable(c, &c->variable[i]);
+    return rc < 0 ? rc : stream_result(c, flush_rows(c), "");
 }
 
 /* ---- Events --------------------------------------------------------------------------------- */
@@ -419,19 +471,22 @@ out:
 
 /* ---- The whole ------------------------------------------------------------------------------ */
 
-/* What FROM has now. */
-static int claim_all(struct copy *c)
+/* What FROM has now, in the order of its tables. Nothing reads table state any more. */
+static int list_variables(struct copy *c)
 {
     const int n = apc_store_variables(c->from, NULL, 0);
     if (n < 0)
         return fail_from(c, n);
-    struct apc_sample *variables = calloc((size_t)n + 1, sizeof *variables);
-    const int now = variables ? apc_store_variables(c->from, variables, (size_t)n) : APC_ENOMEM;
-    int rc = now < 0 ? fail_from(c, now) : 0;
-    if (now > 0 && (rc = apc_store_claim_set(c->to, variables, (size_t)(now < n ? now : n))) < 0)
-        rc = fail_to(c, rc);
-    free(variables);
-    return rc;
+    c->variable = calloc((size_t)n + 1, sizeof *c->variable);
+    if (!c->variable)
+        return cli_error(&c->cli, APC_ENOMEM, "out of memory"), APC_ENOMEM;
+    const int now = apc_store_variables(c->from, c->variable, (size_t)n);
+    for (int i = 0; i < now && i < n; i++)
+        if (c->variable[i].table == APC_STATE)
+            c->former = true;
+        else
+            c->variable[c->variables++] = c->variable[i];
+    return now < 0 ? fail_from(c, now) : 0;
 }
 
 /* FROM first: nothing is made of TO when there is nothing to copy. Then nobody but us may write TO. */
@@ -447,8 +502,11 @@ static int open_both(struct copy *c)
     cli.store = c->cli.args[1];
     if ((rc = cli_open(&cli, &c->to)) < 0)
         return rc;
-    rc = apc_store_init(c->to);
-    return rc < 0 ? fail_to(c, rc) : claim_all(c);
+    if ((rc = list_variables(c)) < 0)
+        return rc;
+    if ((rc = apc_store_init(c->to)) >= 0)
+        rc = apc_store_claim_set(c->to, c->variable, c->variables);
+    return rc < 0 ? fail_to(c, rc) : 0;
 }
 
 static void say(const char *what, const struct counts *n)
@@ -468,9 +526,11 @@ int command_copy(int argc, char **argv)
         cli_parse(&c->cli, &spec, &since, argc, argv);
         c->terminal = isatty(STDERR_FILENO);
         c->sample = calloc(SAMPLES, sizeof *c->sample);
+        c->vector = calloc(VECTORS, sizeof *c->vector);
+        c->element = calloc(ELEMENTS, sizeof *c->element);
         c->event = calloc(EVENTS, sizeof *c->event);
     }
-    if (!c || !c->sample || !c->event) {
+    if (!c || !c->sample || !c->vector || !c->element || !c->event) {
         fputs("apc copy: out of memory\n", stderr);
         goto out;
     }
@@ -481,13 +541,18 @@ int command_copy(int argc, char **argv)
     }
     if (cli_time(&c->cli, "since", since, &c->range.since))
         goto out;
-    if ((rc = open_both(c)) >= 0 && (rc = copy_tags(c)) >= 0 && (rc = copy_samples(c)) >= 0 &&
+    if ((rc = open_both(c)) >= 0 && (rc = copy_tags(c)) >= 0 && (rc = copy_rows(c)) >= 0 &&
         (rc = copy_events(c)) >= 0 && (rc = copy_timing(c)) >= 0) {
         end_show(c);
         say("samples:", &c->samples);
+        say("vectors:", &c->vectors);
         printf("descriptions: %zu copied\n", c->tags);
         say("events:", &c->events);
         say("timing:", &c->timing);
+        if (c->former)
+            puts("left out:     table state, from which controllers of version 1 resumed");
+        if (c->authors)
+            puts("left out:     who wrote which sample");
         rc = c->damaged ? APC_ESTORE : rc;
     }
     rc = cli_done(&c->cli, exit_code_of(rc));
@@ -495,7 +560,10 @@ out:
     if (c) {
         apc_store_close(c->from);
         apc_store_close(c->to);
+        free(c->variable);
         free(c->sample);
+        free(c->vector);
+        free(c->element);
         free(c->event);
     }
     free(c);

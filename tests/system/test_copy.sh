@@ -5,30 +5,41 @@
 file=sqlite:$work/copy.db
 
 # what is in a schema, in an order of its own; timing without the order of its rows
-samples() {
-  local table
-  for table in sensor actuator setpoint dim opmode tuning manual state; do
-    sql "SELECT '$table', s.* FROM $1.$table s ORDER BY id, seq"
+rows() {
+  local table schema=$1
+  shift
+  for table; do
+    sql "SELECT '$table', s.* FROM $schema.$table s ORDER BY id, seq"
   done
 }
+samples() { rows "$1" sensor actuator setpoint dim opmode tuning manual actual estimate alarm; }
+vectors() { rows "$1" tick plan prediction; }
 events() { sql "SELECT time, severity, source, kind, text FROM $1.event ORDER BY id"; }
 timing() {
   sql "SELECT time, task, quantity, period, missed, count, mean, sd, p50, p99, max, bin_low, bin_high, bin_count
        FROM $1.timing ORDER BY time, task, quantity, count"
 }
-tags() { sql "SELECT table_name, id, name, unit, description, low, high FROM $1.tag ORDER BY 1, 2"; }
+tags() { sql "SELECT table_name, id, name, unit, description, low, high, controller, period FROM $1.tag ORDER BY 1, 2"; }
 
 # a plant with everything that is awkward: gaps, a clock that stepped back, times before 1970, values that are hard to
-# print, undescribed variables, more rows than one batch holds, events alike
+# print, undescribed variables, more rows than one batch holds, vectors of any length, events alike
 fast_experiment
 expect 0 'described' "$apc" init "$work/fast.conf"
 sql "INSERT INTO apc.sensor SELECT 1, n, '2026-01-31T12:00:00Z'::timestamptz + n * interval '10 ms',
        CASE n % 7 WHEN 0 THEN 2147483648 ELSE 0 END, sin(n) / 3 FROM generate_series(1, 25000) n WHERE n % 1000 > 2"
 sql "INSERT INTO apc.sensor VALUES (77, 5, '1969-12-31T23:59:59.999999Z', 0, '-0'), (77, 4, '2026-02-01', 0, 5e-324),
        (77, 9007199254740991, '2026-01-01', 0, 9.999999999999999e299), (1000000, 1, '2026-01-01', 0, 1)"
-sql "INSERT INTO apc.actuator (id, seq, time, status, value, sensor_seq, setpoint_seq)
-     SELECT 1, n, '2026-01-31T12:00:00Z', 0, n, nullif(n - 1, 0), NULL FROM generate_series(1, 300) n"
-sql "INSERT INTO apc.state VALUES (3, 1, '2026-01-31', 0, 3)"
+sql "INSERT INTO apc.actuator (id, seq, time, status, value, origin)
+     SELECT 1, n, '2026-01-31T12:00:00Z', 0, n, nullif(n - 1, 0) FROM generate_series(1, 300) n"
+for table in actual estimate alarm; do
+  sql "INSERT INTO apc.$table (id, seq, time, status, value, origin) VALUES (3, 1, '2026-01-31', 0, 3, 7)"
+done
+sql "INSERT INTO apc.tick SELECT 1, 200000000000000 + n, '2026-01-31T12:00:00Z'::timestamptz + n * interval '10 ms', 0,
+       ARRAY[n, sin(n), '-0', 5e-324, 9.999999999999999e299] FROM generate_series(1, 2500) n WHERE n % 500 > 2"
+sql "INSERT INTO apc.tick VALUES (2, 7, '2026-02-01', 0, '{}'), (2, 6, '2026-02-02', 2147483648, '{1}'), (1000000, 1, '1969-12-31', 0, '{2}')"
+sql "INSERT INTO apc.plan SELECT 1, n, '2026-01-31', 0, array_fill(n::float8, ARRAY[n]) FROM generate_series(1, 50) n"
+sql "INSERT INTO apc.prediction SELECT n, 1, '2026-01-31', 0, (SELECT array_agg(sqrt(i)) FROM generate_series(1, 65536) i)
+     FROM generate_series(1, 4) n"
 sql "INSERT INTO apc.event (time, severity, source, kind, text)
      SELECT '2026-01-31T12:00:00Z'::timestamptz - n % 5 * interval '1 s' + n * interval '1 ms', 1 + n % 3, 'apc-plant',
             'link', 'no ' || n / 2 FROM generate_series(1, 1500) n"
@@ -40,23 +51,33 @@ sql "INSERT INTO apc.timing (time, task, quantity, period, missed, count, mean, 
 sql "INSERT INTO apc.timing (time, task, quantity, period, missed, count, mean, sd, p50, p99, max, bin_low, bin_high, bin_count)
      VALUES ('2026-01-31', 'plant', 'run', 1, 0, 0, 0, 0, 0, 0, 0, '{}', '{}', '{}')"
 
-for what in samples events timing tags; do $what apc >"$work/$what"; done
+for what in samples vectors events timing tags; do $what apc >"$work/$what"; done
 n=$(wc -l <"$work/samples")
+v=$(wc -l <"$work/vectors")
 
 # there, there again, and back
 expect 0 "samples: +$n copied\$" "$apc" copy postgresql: "$file"
+expect 0 "vectors: +0 copied, $v were there\$" "$apc" copy postgresql: "$file"
 expect 0 "samples: +0 copied, $n were there" "$apc" copy postgresql: "$file"
 expect 0 'events: +0 copied, 1502 were there' "$apc" copy postgresql: "$file"
 expect 0 'timing: +0 copied, 201 were there' "$apc" copy postgresql: "$file"
 expect 0 "samples: +$n copied\$" "$apc" copy "$file" 'postgresql:#back'
 expect 0 "samples: +0 copied, $n were there" "$apc" copy "$file" 'postgresql:#back'
-for what in samples events timing tags; do
+for what in samples vectors events timing tags; do
   diff "$work/$what" <($what back) >"$work/difference" || fail "$what differ: $(head -n 5 "$work/difference")"
 done
 
 # what came meanwhile goes along the next time; a copy of a part, whatever is there, joins it in the right order
 "$apc" set r 3 --no-wait
 expect 0 'samples: +1 copied' "$apc" copy postgresql: "$file"
+# ... the mode of all with those of the loops, which TO does not make of it once more
+"$apc" mode man --no-wait >/dev/null
+"$apc" mode auto --no-wait >/dev/null
+expect 0 'samples: +4 copied' "$apc" copy postgresql: "$file"
+expect 0 'samples: +5 copied' "$apc" copy "$file" 'postgresql:#back'
+sql "DELETE FROM back.opmode; DELETE FROM back.opmode_newest"
+expect 0 'samples: +6 copied' "$apc" copy postgresql: 'postgresql:#back'
+diff <(samples apc) <(samples back) >"$work/difference" || fail "what came meanwhile differs: $(head -n 5 "$work/difference")"
 expect 0 'samples: +[0-9]+ copied$' "$apc" copy "$file" "sqlite:$work/part.db" --since 2026-01-31T12:04:00Z
 [ "$("$apc" history y --store "sqlite:$work/part.db" --last 99999 --csv | wc -l)" -lt 1100 ] || fail "--since took it all"
 expect 0 'Kp +0\.2' "$apc" tune --store "sqlite:$work/part.db" # older, but what holds
@@ -100,7 +121,21 @@ expect 0 'no 0' "$apc" history --events --last 99999 --store "sqlite:$work/saved
 
 # a store that takes less at once than a batch holds
 segment=/dev/shm/apc.system-copy-$$
-expect 0 'events: +1503 copied' "$apc" copy "$file" "shm:system-copy-$$?size=3"
+expect 0 'tables made' "$apc" init --store 'postgresql:#few'
+sql "INSERT INTO few.event (time, severity, source, kind, text) SELECT time, severity, source, kind, text FROM apc.event"
+expect 0 "events: +$(sql 'SELECT count(*) FROM few.event') copied" "$apc" copy 'postgresql:#few' "shm:system-copy-$$?size=3"
+rm "$segment"
+
+# one that keeps what is recent only: of every variable the newest goes there and back
+expect 0 "vectors: +$v copied" "$apc" copy "$file" "shm:system-copy-$$?size=48"
+expect 0 'vectors: ' "$apc" copy "shm:system-copy-$$" 'postgresql:#recent'
+newest() {
+  local table
+  for table in sensor actuator setpoint dim opmode tuning manual actual estimate alarm tick plan prediction; do
+    sql "SELECT '$table', id, seq, time, status, value FROM $1.${table}_newest ORDER BY id"
+  done
+}
+diff <(newest apc) <(newest recent) >"$work/difference" || fail "the newest differ: $(head -n 5 "$work/difference")"
 
 # a disk that is full ends it; what is there is whole, and the rest follows when there is room
 status=0
