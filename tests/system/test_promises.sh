@@ -115,6 +115,6 @@ sed -n '/^## By hand/,/^## Growth/s/^    //p' sql/README.md >"$work/by-hand.sql"
 [ "$(grep -c '^SELECT' "$work/by-hand.sql")" = 3 ] || fail "sql/README.md shows other statements"
 psql -XAtq -v ON_ERROR_STOP=1 -f "$work/by-hand.sql" >/dev/null || fail "a statement of sql/README.md does not work"
 call=$(sed -n 's/^ *-c "\(CALL maintain.*\)"$/\1/p' sql/README.md)
-sql "INSERT INTO apc.state VALUES (9, 1, '2001-01-01', 0, 1), (9, 2, now(), 0, 2)"
+sql "INSERT INTO apc.estimate VALUES (9, 1, '2001-01-01', 0, 1), (9, 2, now(), 0, 2)"
 psql -XAtq -v ON_ERROR_STOP=1 -c 'SET search_path TO apc' -c "$call" >/dev/null || fail "maintenance by hand does not work"
-[ "$(sql 'SELECT count(*) FROM apc.state WHERE id = 9')" = 1 ] || fail "maintenance by hand drops nothing"
+[ "$(sql 'SELECT count(*) FROM apc.estimate WHERE id = 9')" = 1 ] || fail "maintenance by hand drops nothing"

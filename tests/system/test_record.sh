@@ -147,4 +147,4 @@ for command in "simulate $work/fast.conf --duration 1" "simulate $work/fast.conf
   [ "$(cat "$work/mine.csv")" = mine ] || fail "$command wrote over a file"
 done
 expect 0 '' "$apc" replay "$work/live" --force --csv "$work/mine.csv"
-[ "$(head -n 1 "$work/mine.csv")" = "time,id,recorded,replayed" ] || fail "--force does not write over a file"
+[ "$(head -n 1 "$work/mine.csv")" = "time,loop,recorded,replayed" ] || fail "--force does not write over a file"
