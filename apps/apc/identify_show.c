@@ -70,9 +70,15 @@ static int show_models(const struct identification *z)
 
             print_cell(&t, PRINT_PLAIN, "%s", i ? "" : m->kind);
             print_cell(&t, PRINT_PLAIN, "%s", z->data.output[i]);
-            print_cell(&t, PRINT_PLAIN, i ? "" : "%zu", m->linear->nx);
+            if (i)
+                print_cell(&t, PRINT_PLAIN, "%s", "");
+            else
+                print_cell(&t, PRINT_PLAIN, "%zu", m->linear->nx);
             print_cell(&t, v->fit < 50.0 ? PRINT_WARN : PRINT_PLAIN, "%.1f", v->fit);
-            print_cell(&t, PRINT_PLAIN, isnan(v->ahead) ? "" : "%.1f", v->ahead);
+            if (isnan(v->ahead))
+                print_cell(&t, PRINT_PLAIN, "%s", "");
+            else
+                print_cell(&t, PRINT_PLAIN, "%.1f", v->ahead);
             put_probability(&t, v->white);
             put_probability(&t, v->independent);
         }
