@@ -28,16 +28,21 @@ struct reading {
     struct apc_error *why;
 };
 
+static bool grow(double **at, size_t room)
+{
+    double *more = reallocarray(*at, room, sizeof **at);
+
+    if (more)
+        *at = more;
+    return more != NULL;
+}
+
 static int add(struct reading *r, struct series *s, double t, double value)
 {
     if (s->n == s->room) {
         const size_t room = s->room ? 2 * s->room : 1024;
-        double *more = reallocarray(s->t, room, sizeof *s->t);
 
-        s->t = more ? more : s->t;
-        more = more ? reallocarray(s->value, room, sizeof *s->value) : NULL;
-        s->value = more ? more : s->value;
-        if (!more)
+        if (!grow(&s->t, room) || !grow(&s->value, room))
             return apc_fail(r->why, APC_ENOMEM, "out of memory");
         s->room = room;
     }

@@ -38,6 +38,11 @@ static int check_shape(const struct apc_record *r, struct apc_error *why)
                             "record: input %zu is no number at sample %zu: what went in must be known always",
                             i % inputs + 1, i / inputs + 1);
     }
+    for (size_t i = 0; i < r->n * r->ny; i++) {
+        if (isfinite(r->y[i]) && !apc_value_ok(r->y[i]))
+            return apc_fail(why, APC_EINVAL, "record: output %zu is %g at sample %zu: that is no measurement",
+                            i % r->ny + 1, r->y[i], i / r->ny + 1);
+    }
     return 0;
 }
 

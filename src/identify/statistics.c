@@ -66,8 +66,10 @@ int apc_autoregression(const double *e, size_t n, size_t most, double *a)
         rows += there;
     }
     if (rows > 10 * (most + 1)) {
-        for (size_t i = 0; i <= most; i++) /* columns closed up, rows being fewer than n */
-            memmove(Q + i * rows, Q + i * n, rows * sizeof(*Q));
+        for (size_t i = 1; i <= most; i++) { /* columns closed up, rows being fewer than n */
+            for (size_t k = 0; k < rows; k++)
+                Q[i * rows + k] = Q[i * n + k];
+        }
         apc_qr_extend(rows, 0, most + 1, Q, R, most + 1);
         for (size_t p = 0; p <= most; p++) {
             double left = 0.0, score;

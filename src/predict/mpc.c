@@ -13,6 +13,7 @@
 #include "base/base_internal.h"
 #include "base/matrix.h"
 #include "predict/predict_internal.h"
+#include "predict/qp_internal.h"
 #include "predict/target.h"
 
 /* While limits are given up, what a move costs beside their violation. Solving again, from where that led,
@@ -547,8 +548,8 @@ static void gradient(struct apc_mpc *p, const struct apc_mpc_call *call)
     for (size_t i = 0; i < summed(p) * p->ny; i++) {
         const double e = tracked(p, i % p->ny) * (p->free_y[i] - p->target_y[i]), *row = p->G + i * n;
 
-        for (size_t k = 0; e != 0.0 && k < n; k++)
-            p->f[k] += e * row[k];
+        if (e != 0.0)
+            qp_add(n, e, row, p->f);
     }
     for (size_t block = 0; block < p->blocks; block++) {
         const size_t sample = p->first[block];
@@ -566,10 +567,8 @@ static void gradient(struct apc_mpc *p, const struct apc_mpc_call *call)
         p->difference[i] = p->x[i] - p->target_x[i];
     for (size_t j = 0; j < nu; j++)
         p->difference[nc + j] = m->u0[j] - p->target_u[(p->N - 1) * nu + j];
-    for (size_t i = 0; i < na; i++) {
-        for (size_t k = 0; k < n; k++)
-            p->f[k] += p->PG[i * n + k] * p->difference[i];
-    }
+    for (size_t i = 0; i < na; i++)
+        qp_add(n, p->difference[i], p->PG + i * n, p->f);
 }
 
 /* Limits of the moves. A u that stands outside comes back as fast as its rate allows. */
@@ -719,11 +718,10 @@ void apc_mpc_solve(struct apc_mpc *p, const struct apc_mpc_call *call, double *p
 
 void apc_mpc_predict(const struct apc_mpc *p, const double *plan, double *y)
 {
-    for (size_t i = 0; i < p->N * p->ny; i++) {
-        y[i] = p->free_y[i];
-        for (size_t k = 0; k < p->n; k++)
-            y[i] += p->G[i * p->n + k] * (plan[k] - p->model->u0[k % p->nu]);
-    }
+    for (size_t k = 0; k < p->n; k++)
+        p->v[k] = plan[k] - p->model->u0[k % p->nu];
+    for (size_t i = 0; i < p->N * p->ny; i++)
+        y[i] = p->free_y[i] + qp_dot(p->n, p->G + i * p->n, p->v);
 }
 
 void apc_mpc_target(const struct apc_mpc *p, size_t i, double *y, double *u)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# APC_JURY=N takes N of each experiment, default 18. The quadratic programs that closed loops ask, with noise, lost frames and limits that cannot be kept, are solved again
+# The quadratic programs that closed loops ask, with noise, lost frames and limits that cannot be kept, are solved again
 # by solvers that others wrote: at least two of them have to agree with each answer. casadi brings them, by the lock in
-# tests/peers.
+# tests/peers. APC_JURY=N takes N of each experiment; default 18.
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 

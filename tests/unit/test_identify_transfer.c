@@ -187,6 +187,10 @@ static void poor_records_are_refused_with_what_to_do(void **state)
     refused(t, "input 2 is no number at sample 21");
 
     t = of_two(1);
+    t->y[7] = -1e301;
+    refused(t, "output 1 is -1e+301 at sample 8");
+
+    t = of_two(1);
     t->record.n = 30;
     refused(t, "30 samples; 40 are the least");
 
