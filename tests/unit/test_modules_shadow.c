@@ -72,9 +72,10 @@ static void create(struct plant *p, enum who who, struct apc_controller **core)
     const double tuning[] = {p->gain[who], 5.0, 0.0, -1e9, 1e9};
     const int y = 1;
     const struct apc_controller_setpoint z = {.id = 1, .low = -5, .high = 5};
-    const struct apc_controller_loop loop = {.id = 1, .mode = who, .low = -3, .high = 3, .hold = 2 * PERIOD};
+    const struct apc_controller_loop loop = {
+        .id = 1, .mode = (int)who, .low = -3, .high = 3, .hold = 2 * PERIOD};
     const struct apc_controller_options o = {.size = sizeof(o),
-                                             .number = who,
+                                             .number = (int)who,
                                              .law = &apc_law_pi,
                                              .dim = {1, 1, 1, 0},
                                              .period = PERIOD,
@@ -85,7 +86,7 @@ static void create(struct plant *p, enum who who, struct apc_controller **core)
                                              .tuning = 100 * (int)who,
                                              .acting = SWITCH,
                                              .shadow = who != FIRST,
-                                             .output = who,
+                                             .output = (int)who,
                                              .start = tuning};
     struct apc_error why = {""};
 
@@ -109,7 +110,7 @@ static void take_turns(struct station *s)
 static void make(struct plant *p, enum who who)
 {
     struct station *s = &p->station[who];
-    struct apc_sample tick = {.table = APC_TICK, .id = who};
+    struct apc_sample tick = {.table = APC_TICK, .id = (int)who};
 
     s->claimed = s->pending = false;
     assert_int_equal(apc_store_open(&s->store, p->uri, NULL, NULL), 0);
