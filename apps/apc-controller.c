@@ -25,6 +25,7 @@ struct shell {
     struct apc_store *store;
     struct apc_controller *core;
     bool store_up;
+    bool claimed, told; /* its outputs, where it takes turns; that it waits for them */
 };
 
 static error_t parse(int key, char *arg, struct argp_state *state)
@@ -104,6 +105,16 @@ static int append(struct shell *s, int n)
     return rc < 0 || rc == n ? rc : APC_ECONFLICT;
 }
 
+/* Whoever is to act takes the outputs as soon as the other one has given them back. */
+static int take_turns(struct shell *s)
+{
+    int rc = cores_take_turns(s->of, s->core, s->store, &s->claimed);
+    if (rc == APC_EBUSY && !s->told)
+        daemon_event(&s->d, APC_EVENT_INFO, "start", "waits for the outputs: %s", apc_store_error(s->store));
+    s->told = rc == APC_EBUSY;
+    return s->told ? 0 : rc;
+}
+
 static int on_tick(void *ctx, const struct apc_tick *tick)
 {
     struct shell *s = ctx;
@@ -118,6 +129,8 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
     }
     apc_controller_update(s->core, written);
     daemon_notice(&s->d, &notice);
+    if (rc >= 0)
+        rc = take_turns(s);
     report_store(s, rc);
     return daemon_fatal(&s->d, s->store, rc);
 }
@@ -127,7 +140,7 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
 /* The one writer of its outputs and of its tick row. */
 static int claim(struct shell *s)
 {
-    const size_t nu = s->of->dim.nu;
+    const size_t nu = s->of->acting ? 0 : s->of->dim.nu; /* else by turns */
     struct apc_sample *mine = calloc(nu + 1, sizeof *mine);
     if (!mine)
         return daemon_error(&s->d, APC_ENOMEM, "out of memory");
@@ -147,7 +160,9 @@ static int resume(struct shell *s)
         return daemon_error(&s->d, rc, "%s", apc_store_error(s->store));
     if (apc_controller_resume(s->core, s->d.start) == 1)
         daemon_event(&s->d, APC_EVENT_INFO, "start", "resuming from the stored state");
-    return 0;
+    if (s->of->acting && (rc = apc_store_read_rows(s->store, apc_controller_in(s->core))) >= 0)
+        rc = take_turns(s);
+    return rc < 0 ? daemon_error(&s->d, rc, "%s", apc_store_error(s->store)) : 0;
 }
 
 static int open_shell(struct shell *s)

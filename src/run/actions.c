@@ -125,11 +125,27 @@ int action_find_mode(const struct experiment *e, const char *name, enum apc_mode
     return 0;
 }
 
+int action_find_promotion(const struct experiment *e, const char *name, struct action *action,
+                          struct apc_error *why)
+{
+    struct nearest nearest = {.wanted = name};
+    const struct controller *c = find_controller(e, name, &nearest);
+    if (!c)
+        return apc_fail(why, APC_ENOTFOUND, "there is no controller \"%s\"%s%s%s", name,
+                        nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
+                        nearest.name ? "\"?" : "");
+    if (!c->acting)
+        return apc_fail(why, APC_EINVAL, "%s is not in shadow, and nobody is in its: it acts already", name);
+    action->to = (struct apc_sample){.table = APC_OPMODE, .id = c->acting, .value = c->number};
+    action->n = 1;
+    return 0;
+}
+
 /* ---- Doing --------------------------------------------------------------------------------- */
 
 static void describe(const struct apc_sample *s, char *text, size_t size)
 {
-    const char *mode = s->table == APC_OPMODE ? apc_mode_name((int)s->value) : NULL;
+    const char *mode = s->table == APC_OPMODE && s->id < LOOPS_IDS ? apc_mode_name((int)s->value) : NULL;
     char number[SETTINGS_NUMBER];
     settings_format(s->value, number);
     snprintf(text, size, "%s", s->seq == 0 ? "none" : mode ? mode : number);
@@ -179,8 +195,8 @@ int action_do(struct apc_store *store, const struct loops *loops, const struct a
 /* ---- The list ------------------------------------------------------------------------------ */
 
 /* What can be done, and what will be. */
-static const char *const done[] = {"set", "mode", "kill", "start", NULL};
-static const char *const to_come[] = {"remote", "local", "promote", "ack", "shelve", "service", NULL};
+static const char *const done[] = {"set", "mode", "promote", "kill", "start", NULL};
+static const char *const to_come[] = {"remote", "local", "ack", "shelve", "service", NULL};
 
 static bool is_one_of(const char *name, const char *const *names)
 {
@@ -203,18 +219,20 @@ static const config_setting_t *kind_of(struct settings *s, const config_setting_
         if (!strcmp(name, "at") || !strcmp(name, "value"))
             continue;
         if (is_one_of(name, to_come))
-            settings_fail(s, member, "an action \"%s\" is not possible yet: set, mode, kill and start are",
+            settings_fail(s, member,
+                          "an action \"%s\" is not possible yet: set, mode, promote, kill and start are",
                           name);
         else if (!is_one_of(name, done))
-            settings_fail(s, member, "there is no action \"%s\": set, mode, kill and start are possible",
-                          name);
+            settings_fail(s, member,
+                          "there is no action \"%s\": set, mode, promote, kill and start are possible", name);
         else if (kind)
             settings_fail(s, member, "one action at a time: \"%s\" and \"%s\"", config_setting_name(kind),
                           name);
         kind = member;
     }
     if (!kind)
-        settings_fail(s, group, "\"set\", \"mode\", \"kill\" or \"start\" is missing in an action");
+        settings_fail(s, group,
+                      "\"set\", \"mode\", \"promote\", \"kill\" or \"start\" is missing in an action");
     return s->failed ? NULL : kind;
 }
 
@@ -245,6 +263,16 @@ static void read_mode(struct settings *s, const config_setting_t *group, const c
     if (!s->failed && !apc_mode_name(mode))
         settings_fail(s, group, "\"value\" is \"%s\": must be \"OOS\", \"Man\", \"Auto\" or \"Cas\"", value);
     if (!s->failed && action_find_mode(e, name, (enum apc_mode)mode, action, &why) < 0)
+        settings_fail(s, group, "%s", why.text);
+}
+
+static void read_promotion(struct settings *s, const config_setting_t *group, const char *name,
+                           struct action *action, const struct experiment *e)
+{
+    struct apc_error why;
+    if (config_setting_get_member(group, "value"))
+        settings_fail(s, group, "who is promoted has no \"value\"");
+    else if (!s->failed && action_find_promotion(e, name, action, &why) < 0)
         settings_fail(s, group, "%s", why.text);
 }
 
@@ -281,6 +309,8 @@ static void read_action(struct settings *s, const config_setting_t *group, const
         read_set(s, group, name, action, e, tags, n);
     else if (!strcmp(what, "mode"))
         read_mode(s, group, name, action, e);
+    else if (!strcmp(what, "promote"))
+        read_promotion(s, group, name, action, e);
     else
         read_life(s, group, name, action, e);
 }

@@ -144,10 +144,43 @@ const struct controller *controllers_taker(const struct experiment *e, struct wi
     return NULL;
 }
 
+const struct controller *controllers_first(const struct experiment *e, const struct controller *c)
+{
+    return owner_of(e, c->u[0]);
+}
+
+/* Is a setpoint of its moved by another controller? */
+static bool any_above(const struct experiment *e, const struct controller *c)
+{
+    for (size_t k = 0; k < c->dim.nz; k++)
+        if (owner_of(e, c->z[k]))
+            return true;
+    return false;
+}
+
 static const config_setting_t *group_of(const config_setting_t *list, const struct experiment *e,
                                         const struct controller *c)
 {
     return config_setting_get_elem(list, (unsigned)(c - e->controllers));
+}
+
+/* Output @p k of a controller that is to be in shadow. */
+static void check_shadowed(struct settings *s, const config_setting_t *at, const struct experiment *e,
+                           const struct controller *c, size_t k)
+{
+    const struct controller *first = controllers_first(e, c);
+    const char *name = signal_of(e, c->u[k])->tag.name;
+    if (c->u[k].table != APC_ACTUATOR)
+        settings_fail(s, at, "\"%s\" is no output for the plant: a controller above others has no shadow yet",
+                      name);
+    else if (first == c || first->shadow || first->dim.nu != c->dim.nu || owner_of(e, c->u[k]) != first)
+        settings_fail(s, at,
+                      "%s is to be in shadow: its outputs must be all those of one controller that stands "
+                      "before it, and is in nobody's shadow",
+                      c->name);
+    else if (any_above(e, first) || any_above(e, c))
+        settings_fail(s, at, "%s has setpoints that another controller moves: it has no shadow yet",
+                      first->name);
 }
 
 static void check_owners(struct settings *s, const config_setting_t *list, const struct experiment *e)
@@ -159,7 +192,9 @@ static void check_owners(struct settings *s, const config_setting_t *list, const
             const config_setting_t *at = config_setting_get_elem(
                 config_setting_get_member(group_of(list, e, c), "outputs"), (unsigned)k);
             const char *name = signal_of(e, c->u[k])->tag.name;
-            if (first != c)
+            if (c->shadow)
+                check_shadowed(s, at, e, c, k);
+            else if (first != c)
                 settings_fail(s, at, "\"%s\" is an output of two controllers, %s and %s", name, first->name,
                               c->name);
             else if (has(c->z, c->dim.nz, c->u[k]))
@@ -169,7 +204,7 @@ static void check_owners(struct settings *s, const config_setting_t *list, const
                               name);
         }
         for (size_t k = 0; k < c->dim.nz && !s->failed; k++)
-            if (controllers_taker(e, c->z[k]) != c)
+            if (controllers_taker(e, c->z[k]) != c && !c->shadow)
                 settings_fail(s, config_setting_get_member(group_of(list, e, c), "setpoints"),
                               "\"%s\" is a setpoint of two controllers, %s and %s",
                               signal_of(e, c->z[k])->tag.name, controllers_taker(e, c->z[k])->name, c->name);
@@ -280,7 +315,7 @@ void controllers_program(const struct experiment *e, const struct controller *c,
 void controllers_loop_name(const struct experiment *e, struct controller_loop loop, char name[APC_TAG_LEN])
 {
     const char *output = controllers_output(e, loop)->name;
-    if (loop.of->u[loop.u].table == APC_ACTUATOR)
+    if (loop.of->u[loop.u].table == APC_ACTUATOR && !loop.of->shadow)
         snprintf(name, APC_TAG_LEN, "%s", output);
     else
         snprintf(name, APC_TAG_LEN, "%.31s.%.31s", loop.of->name, output);
@@ -413,6 +448,15 @@ static void number_published(struct settings *s, struct controller *c, struct co
         s->failed = c->n_published;
 }
 
+/* Is it in shadow of another one, or another one in its? */
+static bool has_shadow(const struct experiment *e, const struct controller *c)
+{
+    for (size_t i = 0; i < e->n_controllers; i++)
+        if (e->controllers[i].shadow && controllers_first(e, &e->controllers[i]) == controllers_first(e, c))
+            return true;
+    return false;
+}
+
 void experiment_number(struct settings *s, const config_setting_t *list, struct experiment *e, bool laws)
 {
     struct count published = {0};
@@ -426,6 +470,11 @@ void experiment_number(struct settings *s, const config_setting_t *list, struct 
         tuning += laws ? (int)apc_law_parameters(c->law, &c->dim) : 0;
         if (laws)
             number_published(s, c, &published);
+        if (laws && has_shadow(e, c)) {
+            c->acting = LOOPS_ACTING((int)controllers_first(e, c)->u[0].at + 1);
+            c->first_output = published.numbers + 1;
+            published.numbers += (int)c->dim.nu;
+        }
     }
     for (size_t n = 0; laws && n < controllers_loops(e) && !s->failed; n++)
         check_cascade(s, list, e, controllers_loop(e, n));
@@ -475,6 +524,7 @@ static void read_list(struct settings *s, const config_setting_t *list, struct e
             return;
         }
         read_name(s, group, e, c);
+        settings_flag(s, group, "shadow", &c->shadow);
         read_wiring(s, group, e, c);
     }
     check_owners(s, list, e);

@@ -182,6 +182,9 @@ int cores_controller(const struct experiment *e, const struct controller *c, boo
         .tuning = c->first_tuning,
         .estimate = c->first_estimate,
         .prediction = c->first_prediction,
+        .acting = c->acting,
+        .shadow = c->shadow,
+        .output = c->first_output,
         .n_setting = setup.n_setting,
         .setting = setup.setting,
         .plant = setup.plant,
@@ -192,6 +195,26 @@ int cores_controller(const struct experiment *e, const struct controller *c, boo
     rc = rc < 0 ? apc_fail(why, rc, "out of memory") : apc_controller_create(controller, &options, why);
     free_wiring(&wiring);
     return rc;
+}
+
+int cores_take_turns(const struct controller *c, struct apc_controller *core, struct apc_store *store,
+                     bool *claimed)
+{
+    const bool named = apc_controller_named(core);
+    if (!c->acting || named == *claimed)
+        return 0;
+    struct apc_sample *output = calloc(c->dim.nu, sizeof *output);
+    if (!output)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < c->dim.nu; i++)
+        output[i] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)c->u[i].at + 1};
+    const int rc =
+        named ? apc_store_claim_set(store, output, c->dim.nu) : apc_store_release(store, output, c->dim.nu);
+    free(output);
+    if (rc >= 0)
+        *claimed = named;
+    apc_controller_claimed(core, *claimed);
+    return rc < 0 ? rc : 0;
 }
 
 /* ---- What there is at first ------------------------------------------------------------------ */

@@ -382,8 +382,8 @@ static void read_law(struct settings *s, const config_setting_t *group, struct c
         "operating_point", "limits", RHYTHM
 
 static const char *const short_settings[] = {CONTROLLER, NULL};
-static const char *const controller_settings[] = {
-    CONTROLLER, "name", "measurements", "setpoints", "outputs", "disturbances", NULL};
+static const char *const controller_settings[] = {CONTROLLER,  "name",    "shadow",       "measurements",
+                                                  "setpoints", "outputs", "disturbances", NULL};
 
 bool experiment_knows_of_controller(const char *name)
 {

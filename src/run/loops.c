@@ -5,12 +5,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Ids of table opmode from here on are other switches. */
-#define IDS 65536
-
 static bool is_loop(const struct apc_tag *tag)
 {
-    return tag->table == APC_OPMODE && tag->id > 0 && tag->id < IDS && tag->controller[0];
+    return tag->table == APC_OPMODE && tag->id > 0 && tag->id < LOOPS_IDS && tag->controller[0];
 }
 
 /* ---- Controllers --------------------------------------------------------------------------- */
@@ -50,9 +47,10 @@ static void find_output(struct loops_loop *l, const struct apc_tag *tag, size_t 
     size_t longest = 0;
     for (size_t i = 0; i < n; i++) {
         const bool named = !strcmp(tag[i].name, l->name);
-        if (tag[i].table == APC_SETPOINT && ends_in(l->name, tag[i].name) && strlen(tag[i].name) > longest) {
+        if ((tag[i].table == APC_SETPOINT || tag[i].table == APC_ACTUATOR) && ends_in(l->name, tag[i].name) &&
+            strlen(tag[i].name) > longest) {
             longest = strlen(tag[i].name);
-            l->table = APC_SETPOINT;
+            l->table = tag[i].table;
             l->output = tag[i].id;
         }
         if (named && (tag[i].table == APC_ACTUATOR || (tag[i].table == APC_SENSOR && !l->table))) {

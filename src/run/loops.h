@@ -9,6 +9,12 @@
 
 #include <apcstore.h>
 
+/* Ids of table opmode from here on are other switches: kind x this + apc_variable_number() of what they are
+ * of. */
+#define LOOPS_IDS 65536
+/* That of an output: the number of the controller that acts on it. */
+#define LOOPS_ACTING(output) (2 * LOOPS_IDS + apc_variable_number(APC_ACTUATOR, output))
+
 struct loops_controller {
     char name[APC_TAG_LEN];
     int number;      /* id of its tick row */
@@ -17,12 +23,12 @@ struct loops_controller {
 };
 
 struct loops_loop {
-    char name[APC_TAG_LEN];    /* "u1"; "upper.r1" of one that moves a setpoint */
-    int id;                    /* of its target, in table opmode */
-    int manual;                /* of what an operator puts out, in table manual; 0: not described */
-    size_t controller;         /* its place */
-    enum apc_table table;      /* of its output: actuator, setpoint, sensor; 0: not described */
-    int output;                /* id in it */
+    char name[APC_TAG_LEN]; /* "u1"; "upper.r1" of one that moves a setpoint, "trial.u1" of one in shadow */
+    int id;                 /* of its target, in table opmode */
+    int manual;             /* of what an operator puts out, in table manual; 0: not described */
+    size_t controller;      /* its place */
+    enum apc_table table;   /* of its output: actuator, setpoint, sensor; 0: not described */
+    int output;             /* id in it */
     int measurement, setpoint; /* ids of what it controls, and to what; 0: none */
     int above;                 /* place of the loop that moves its setpoint in Cas; -1: none does */
 };

@@ -133,6 +133,28 @@ static void add_published(void *ctx, size_t output, const struct apc_published *
     tag->length = (int)published->length;
 }
 
+/* Of several for the same outputs: each output as this one puts it out or would, and who acts. */
+static void add_outputs(struct tags *t)
+{
+    char name[APC_TAG_LEN];
+    for (size_t k = 0; k < t->of->dim.nu; k++) {
+        const struct controller_loop loop = {t->of, k};
+        const struct apc_tag *of = controllers_output(t->e, loop);
+        name_of_loop(t->e, loop, "output", name);
+        struct apc_tag *tag = add(t, plain_tag(APC_ESTIMATE, t->of->first_output + (int)k, name,
+                                               "as it puts it out or, in shadow, would", of->low, of->high));
+        memcpy(tag->unit, of->unit, sizeof tag->unit);
+        tag->period = apc_ns_to_s(t->of->rhythm.period);
+    }
+    if (t->of->shadow)
+        return;
+    const int id = t->of->acting;
+    join(controllers_output(t->e, (struct controller_loop){t->of, 0})->name, "acting", name);
+    t->of = NULL; /* whoever acts */
+    add(t, plain_tag(APC_OPMODE, id, name, "number of the controller that acts", 1,
+                     (double)t->e->n_controllers));
+}
+
 static void add_controllers(struct tags *t)
 {
     for (size_t i = 0; i < t->e->n_controllers; i++) {
@@ -146,6 +168,8 @@ static void add_controllers(struct tags *t)
         const struct apc_law_setup setup = cores_law_setup(c);
         if (c->n_published > 0)
             (void)apc_law_published(c->law, &setup, add_published, &publishing, NULL);
+        if (c->acting)
+            add_outputs(t);
     }
     t->of = NULL;
 }
@@ -162,7 +186,8 @@ static size_t count_published(const struct experiment *e)
 {
     size_t n = 0;
     for (size_t i = 0; i < e->n_controllers; i++)
-        n += (size_t)e->controllers[i].n_published;
+        n += (size_t)e->controllers[i].n_published +
+             (e->controllers[i].acting ? 1 + e->controllers[i].dim.nu : 0);
     return n;
 }
 
@@ -431,6 +456,24 @@ static int put_modes(struct apc_store *store, const struct experiment *e, apc_ns
     return rc < 0 ? rc : 0;
 }
 
+/* Who acts. */
+static int put_choices(struct apc_store *store, const struct experiment *e, apc_ns now, enum provision how)
+{
+    struct apc_sample *wanted = calloc(e->n_controllers, sizeof *wanted);
+    size_t n = 0;
+    if (!wanted)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < e->n_controllers; i++) {
+        const struct controller *c = &e->controllers[i];
+        if (c->acting && !c->shadow)
+            wanted[n++] =
+                (struct apc_sample){.table = APC_OPMODE, .id = c->acting, .time = now, .value = c->number};
+    }
+    const int rc = put_values(store, wanted, n, how);
+    free(wanted);
+    return rc;
+}
+
 int provision(struct apc_store *store, const struct experiment *e, enum provision how)
 {
     const size_t n = count_tuning(e);
@@ -452,6 +495,8 @@ int provision(struct apc_store *store, const struct experiment *e, enum provisio
         rc = put_setpoints(store, e, now, how);
     if (rc >= 0)
         rc = put_modes(store, e, now, how);
+    if (rc >= 0)
+        rc = put_choices(store, e, now, how);
     if (rc >= 0 && how == PROVISION_RESET)
         rc = forget_manual(store, e, now);
     free(wanted);

@@ -147,6 +147,24 @@ static const struct apc_sample *give_rows(struct replay *r, struct replay_contro
     return missing;
 }
 
+/* Who acted, and what went out before: of several that have the same outputs. */
+static void give_choice(struct apc_controller *c, const double *row)
+{
+    struct apc_sample *choice = &c->in.sample[c->in.n_samples - 1 - c->dim.nz];
+    struct apc_sample *output = c->in.sample + c->dim.ny + c->dim.nd + c->n_wanted;
+    const bool shadow = row[c->offset[APC_TICK_STATE]] == (double)APC_LOOP_SHADOW;
+    if (!c->choice)
+        return;
+    choice->seq = 1;
+    choice->value = shadow ? 0 : c->out_row->id;
+    apc_controller_claimed(c, true);
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        output[i].seq = row[c->offset[APC_TICK_THERE] + i] > 0 ? c->state[i].seq + 1 : 0;
+        output[i].value = row[c->offset[APC_TICK_LAST] + i];
+        output[i].status = APC_GOOD;
+    }
+}
+
 /* The monotonic clock is not on record: it goes as the wall clock did, unless that was set, and a loop that
  * holds says for how long. */
 static struct apc_now now_of(const struct replay_controller *rc, const double *row, apc_ns utc)
@@ -262,6 +280,7 @@ static const struct apc_sample *tick(struct replay *r, struct replay_controller 
     const struct apc_now now = now_of(rc, row, at->time);
     give_measurements(c, row, now);
     const struct apc_sample *missing = give_rows(r, rc, row);
+    give_choice(c, row);
     c->budget = was_late(c, row) ? 0.0 : apc_ns_to_s(rc->of->budget);
     apc_controller_compute(c, now, (uint64_t)row[c->offset[APC_TICK_INDEX]], true, notice);
     return missing;

@@ -86,6 +86,7 @@ struct controller {
     struct apc_dim dim;
     struct wire *y, *z, *u, *d; /* [dim.ny], [dim.nz], [dim.nu], [dim.nd] */
     struct rhythm rhythm;
+    bool shadow;    /* of the one before it that has the same outputs: it acts where it is promoted */
     unsigned depth; /* how many controllers stand above it, one above another: those tick before it */
 
     /* Ids in the store, over all controllers in the order of the file. */
@@ -94,6 +95,8 @@ struct controller {
     int first_tuning;                     /* of its parameters; 0 where its law is not known */
     int first_estimate, first_prediction; /* of what its law publishes: numbers, courses; so are these */
     int n_published;                      /* of both */
+    int acting;       /* of the switch in table opmode that says who acts on its outputs; 0: there is none */
+    int first_output; /* with it: of its outputs as it would put them out, among the numbers */
 
     char law_name[256]; /* in the file */
     struct plugin plugin;
@@ -224,11 +227,14 @@ size_t controllers_loops(const struct experiment *e);
 struct controller_loop controllers_loop(const struct experiment *e, size_t n);
 /* What runs the controller calls itself, in events: "apc-controller", of several "apc-controller base". */
 void controllers_program(const struct experiment *e, const struct controller *c, char name[APC_TAG_LEN]);
+/* The one that acts on the outputs of @p c where nobody was promoted: itself, or the one whose shadow it is.
+ */
+const struct controller *controllers_first(const struct experiment *e, const struct controller *c);
 /* Its output. */
 const struct apc_tag *controllers_output(const struct experiment *e, struct controller_loop loop);
 /* Its id in table opmode, and of the operator's output in table manual. */
 int controllers_loop_id(struct controller_loop loop);
-/* "u", or "upper.r1" where the output is a setpoint. */
+/* "u", or "upper.r1" where the output is a setpoint, "trial.u" in shadow. */
 void controllers_loop_name(const struct experiment *e, struct controller_loop loop, char name[APC_TAG_LEN]);
 /* The loop that has the setpoint as its own, and the loop that puts out the setpoint, output or signal; of is
  * NULL: none. */
@@ -266,6 +272,13 @@ int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc
 /* These return 0 or a negative error with its text in why. */
 int cores_controller(const struct experiment *e, const struct controller *c, bool real_time,
                      struct apc_controller **controller, struct apc_error *why);
+/*
+ * Before the first tick of a controller, and after each: where the outputs have a switch, claim them if it
+ * names this controller, and give them back if it does not; *@p claimed is whether it has them. Returns 0, or
+ * the store's error; with APC_EBUSY the other one has not come to it yet.
+ */
+int cores_take_turns(const struct controller *c, struct apc_controller *core, struct apc_store *store,
+                     bool *claimed);
 int cores_client(const struct experiment *e, const int64_t *last, apc_ns since, struct apc_client **client,
                  struct apc_error *why);
 
@@ -287,6 +300,10 @@ int action_check(const struct apc_tag *tag, double value, struct apc_error *why)
  * Fills action->to and n. Returns 0 or a negative error. */
 int action_find_mode(const struct experiment *e, const char *name, enum apc_mode mode, struct action *action,
                      struct apc_error *why);
+/* Promote the controller called @p name: it is to act. Fills action->to and n. Returns 0 or a negative error.
+ */
+int action_find_promotion(const struct experiment *e, const char *name, struct action *action,
+                          struct apc_error *why);
 /* What an operator is to write: put it as owner_put() does, and an event of @p source that tells of it.
  * Returns 0 or the store's error. */
 int action_do(struct apc_store *store, const struct loops *loops, const struct apc_tag *tags, size_t n,

@@ -296,6 +296,14 @@ static bool is_held(const struct apc_rows *out)
     return false;
 }
 
+/* The other one may still have the outputs. */
+static void take_turns(struct simulated *c)
+{
+    const int rc = cores_take_turns(c->of, c->core, c->store, &c->claimed);
+    if (rc < 0 && rc != APC_EBUSY)
+        stop(c->s, rc, "at t = %g s: %s", time_of(c->s), apc_store_error(c->store));
+}
+
 static void controller_finish(void *ctx)
 {
     struct simulated *c = ctx;
@@ -304,7 +312,7 @@ static void controller_finish(void *ctx)
         return;
     c->ticks = false;
     struct apc_rows *out = apc_controller_out(c->core);
-    int rc = apc_store_append_rows(s->store, out);
+    int rc = apc_store_append_rows(c->store ? c->store : s->store, out);
     stop_at_store(s, rc);
     c->holds = is_held(out);
     c->held += c->holds;
@@ -314,6 +322,7 @@ static void controller_finish(void *ctx)
             course_change(&s->course, &s->course.setpoint[row->id - 1], time_of(s), row->value);
     }
     apc_controller_update(c->core, rc >= 0);
+    take_turns(c);
 }
 
 uint64_t simulated_failures(const struct simulated *c)
@@ -326,8 +335,10 @@ static void kill_controller(struct simulated *c)
 {
     c->failures = simulated_failures(c);
     apc_controller_destroy(c->core);
+    apc_store_close(c->store);
     c->core = NULL;
-    c->ticks = c->holds = false;
+    c->store = NULL;
+    c->ticks = c->holds = c->claimed = false;
 }
 
 /* And one that is started: it goes on from its newest tick row, if there is one. */
@@ -340,6 +351,12 @@ static int start_controller(struct simulated *c, struct apc_error *why)
         apc_fail(why, rc, "%s", apc_store_error(c->s->store));
     if (rc == 0)
         apc_controller_resume(c->core, SIMULATION_BEGIN - 1);
+    if (rc == 0 && c->of->acting)
+        rc = apc_store_open(&c->store, c->s->uri, NULL, why);
+    if (rc == 0 && c->of->acting) {
+        stop_at_store(c->s, apc_store_read_rows(c->s->store, apc_controller_in(c->core)));
+        take_turns(c);
+    }
     return rc;
 }
 
@@ -639,8 +656,10 @@ void simulation_destroy(struct simulation *s)
     apc_exchange_close(s->exchange);
     apc_executive_destroy(s->executive);
     apc_client_destroy(s->client);
-    for (size_t i = 0; s->controller && i < s->e->n_controllers; i++)
+    for (size_t i = 0; s->controller && i < s->e->n_controllers; i++) {
         apc_controller_destroy(s->controller[i].core);
+        apc_store_close(s->controller[i].store);
+    }
     apc_plantserver_destroy(s->server);
     apc_plant_destroy(s->plant);
     apc_store_close(s->store);

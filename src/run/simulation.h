@@ -26,6 +26,8 @@ struct simulated {
     struct simulation *s;
     const struct controller *of;
     struct apc_controller *core; /* NULL: it was killed */
+    struct apc_store *store;     /* of its own where it takes turns, for its claims */
+    bool claimed;                /* its outputs are */
     bool ticks;                  /* its tick has begun, and what it made is to take effect */
     bool holds;                  /* an output of its is not the law's */
     uint64_t held, failures;     /* ticks at which that was so; of the law, until it was killed */

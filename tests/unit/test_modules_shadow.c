@@ -147,6 +147,8 @@ static void writes(struct plant *p, enum who who)
 {
     struct station *s = &p->station[who];
 
+    if (acts(s) && p->last && p->last != who) /* what was out goes on, whenever it was put */
+        assert_near(s->core->u[0], newest(p, APC_ACTUATOR, 1).value, 1e-12);
     assert_true(apc_store_append_rows(s->store, apc_controller_out(s->core)) >= 0);
     apc_controller_update(s->core, 1);
     if (acts(s)) {
@@ -461,6 +463,7 @@ static void settle(struct plant *p)
         if (p->station[who].pending)
             writes(p, who);
     promote(p, FIRST);
+    put(p, APC_SETPOINT, 1, p->station[FIRST].core->u[0] > 0 ? -1 : 1);
     for (int i = 0; i < 3; i++) {
         ticks(p, OTHER);
         ticks(p, FIRST);

@@ -559,7 +559,8 @@ static void a_mistake_is_refused_with_its_line_and_reason(void **state)
          "plant = { model = \"quadruple-tank\"; period = 0.5; disturbances = ( { name = \"d9\"; at = 1.0; "
          "value = 1.0; } ); };",
          "has no disturbance \"d9\""},
-        {9, "actions = ( { at = 1.0; } );", "9: \"set\", \"mode\", \"kill\" or \"start\" is missing"},
+        {9, "actions = ( { at = 1.0; } );",
+         "9: \"set\", \"mode\", \"promote\", \"kill\" or \"start\" is missing"},
         {9, "actions = ( 1.0 );", "9: expected a group: { at = "},
         {9, "actions = ( { set = \"r1\"; value = 1.0; } );", "\"at\" is missing"},
         {9, "actions = ( { at = -1.0; set = \"r1\"; value = 1.0; } );", "\"at\" is -1: must be from 0"},
@@ -571,7 +572,7 @@ static void a_mistake_is_refused_with_its_line_and_reason(void **state)
         {9, "actions = ( { at = 1.0; set = \"r1\"; value = 1.0; size = 2.0; } );",
          "there is no action \"size\""},
         {9, "actions = ( { at = 1.0; set = \"r1\"; mode = \"u1\"; value = 1.0; } );", "one action at a time"},
-        {9, "actions = ( { at = 1.0; promote = \"x\"; } );", "an action \"promote\" is not possible yet"},
+        {9, "actions = ( { at = 1.0; ack = \"x\"; } );", "an action \"ack\" is not possible yet"},
         {9, "actions = ( { at = 1.0; mode = \"controller\"; value = \"Manual\"; } );",
          "must be \"OOS\", \"Man\", \"Auto\" or \"Cas\""},
         {9, "actions = ( { at = 1.0; mode = \"controller\"; value = \"LO\"; } );",

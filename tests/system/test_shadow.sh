@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# Two controllers of one output, each a process: one acts, the other goes along until it is promoted, and not before.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+cat >"$work/shadow.conf" <<CONF
+name = "shadow"; duration = 600.0;
+measurements = ( { name = "y"; unit = "V"; low = -100.0; high = 100.0; } );
+setpoints = ( { name = "r"; unit = "V"; low = -100.0; high = 100.0; initial = 5.0; } );
+outputs = ( { name = "u"; unit = "V"; low = -20.0; high = 20.0; } );
+plant = { model = "first-order"; parameters = { tau = 1.0; }; period = 0.02; listen = "tcp:127.0.0.1:$port"; };
+client = { period = 0.05; link = "tcp:127.0.0.1:$port"; };
+controllers = (
+  { name = "first"; law = "pi"; period = 0.2; hold = 60.0;
+    measurements = ["y"]; setpoints = ["r"]; outputs = ["u"]; tuning = ( { Kp = 0.2; tau_i = 1.0; } ); },
+  { name = "trial"; shadow = true; law = "pi"; period = 0.2; hold = 60.0;
+    measurements = ["y"]; setpoints = ["r"]; outputs = ["u"]; tuning = ( { Kp = 0.3; tau_i = 1.5; } ); } );
+CONF
+export APC_CONFIG=$work/shadow.conf
+"$apc" init "$work/shadow.conf" >/dev/null
+
+newest() { sql "SELECT $3 FROM apc.$1 WHERE id = $2 ORDER BY seq DESC LIMIT 1"; }
+mode() { [ "$(newest actual $((16 * $1 + 5)) value)" = "$2" ]; } # of table opmode, which is the fifth
+more() { [ "$(newest "$1" "$2" seq)" -gt "$3" ]; }
+near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN {d = a - b; exit !(d < t && d > -t)}'; }
+settled() { near "$(newest sensor 1 value)" 5 0.05; }
+controller() { background "$1" "$APC_BIN/apc-controller" --name "$1"; }
+switch=$((2 * 65536 + $(sql "SELECT number FROM apc.tag WHERE table_name = 'actuator' AND id = 1")))
+promote() {
+  sql "INSERT INTO apc.opmode (id, seq, time, status, value)
+       SELECT $switch, max(seq) + 1, now(), 0, $1 FROM apc.opmode WHERE id = $switch" >/dev/null
+}
+[ "$(newest opmode "$switch" value)" = 1 ] || fail "the switch $switch does not say that the first one acts"
+
+background apc-plant "$APC_BIN/apc-plant" --store postgresql:
+background apc-client "$APC_BIN/apc-client"
+controller trial
+trial=$pid
+until_true 20 mode 2 2
+controller first
+first=$pid
+until_true 20 mode 1 1
+until_true 30 settled
+mode 2 2 || fail "trial acts"
+
+# what it would do is there, and where nothing moves it is the same
+near "$(newest estimate 2 value)" "$(newest actuator 1 value)" 0.2 || fail "trial would put out $(newest estimate 2 value)"
+
+# dead is the one that acts: the other one goes on in shadow, and nothing goes out
+kill -9 "$first"
+would=$(newest tick 2 seq)
+out=$(newest actuator 1 seq)
+until_true 20 more tick 2 $((would + 15))
+mode 2 2 || fail "trial acts by itself"
+more actuator 1 $((out + 1)) && fail "somebody puts out"
+controller first
+first=$pid
+until_true 20 more actuator 1 $((out + 5))
+until_true 30 settled
+
+# promoted, it takes the output where it is
+promote 2
+until_true 20 mode 2 1
+until_true 20 mode 1 2
+sql "SELECT count(*) FROM (SELECT value - lag(value) OVER (ORDER BY seq) AS step FROM apc.actuator WHERE id = 1
+     AND time > now() - interval '2 s') AS s WHERE abs(step) > 0.5" | grep -qx 0 || fail "a bump at the promotion"
+settled || fail "y is $(newest sensor 1 value) after the promotion"
+
+# who acts is in the store: killed and started again it goes on, and the other one still does not
+kill -9 "$trial"
+controller trial
+out=$(newest actuator 1 seq)
+until_true 20 more actuator 1 $((out + 5))
+mode 1 2 || fail "first acts"
+mode 2 1 || fail "trial does not act"
+
+# and back
+promote 1
+until_true 20 mode 1 1
+until_true 20 mode 2 2
+until_true 20 settled
