@@ -910,7 +910,7 @@ static void test_tags_are_replaced_as_a_whole_and_may_change_names(void **state)
     in[0].low = 2; /* limits upside down */
     assert_int_equal(apc_store_put_tags(*state, in, 1), APC_EINVAL);
     in[0].low = 0;
-    in[0].display_low = NAN;
+    in[0].display_low = (double)NAN;
     assert_int_equal(apc_store_put_tags(*state, in, 1), APC_EINVAL);
     in[0].display_low = 0;
     in[0].period = -1;
