@@ -176,7 +176,8 @@ APC_API int apc_store_release(struct apc_store *store, const struct apc_sample *
 
 /**
  * Write operator variables (setpoint, opmode, tuning, manual), which have no single writer: read the newest,
- * append the successor with the sample's value, status and time, and try again when someone else was faster.
+ * append the successor with the sample's value, status, time and author, and try again when someone else was
+ * faster.
  * seq is filled in. Returns 0, or APC_ECONFLICT after ten tries: then nothing was written. [setup]
  */
 APC_API int apc_store_put(struct apc_store *store, struct apc_sample *samples, size_t n);
@@ -212,6 +213,15 @@ APC_API int apc_store_read_rows(struct apc_store *store, struct apc_rows *rows);
  * [tick]
  */
 APC_API int apc_store_append_rows(struct apc_store *store, const struct apc_rows *rows);
+
+/**
+ * The number that stands as author in what @p name (1 to 63 bytes) writes: it is given when the name is new,
+ * and stays. In PostgreSQL each of the database's users has names of its own, and may write under those only.
+ * Returns the number, above 0, APC_EINVAL: the name is empty or too long, or an error. [setup]
+ */
+APC_API int apc_store_author(struct apc_store *store, const char *name);
+/** Whose number it is. Returns 0, APC_ENOTFOUND or an error; then @p name is empty. [setup] */
+APC_API int apc_store_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN]);
 
 /**
  * Wait until one of @p n variables has a sample newer than its @p seen[i].seq, no longer than @p timeout
@@ -286,6 +296,18 @@ struct apc_tag {
 };
 /** Replace all descriptions by these, at once or not at all; for the schema's owner. Returns @p n. [setup] */
 APC_API int apc_store_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n);
+/**
+ * The same, and with it, at once, what the plant is: @p catalogue, the experiment file's text in force, up to
+ * APC_CATALOGUE_MAX bytes; NULL: it stays. A text that is another than before is the next revision. [setup]
+ */
+APC_API int apc_store_describe(struct apc_store *store, const struct apc_tag *tags, size_t n,
+                               const char *catalogue);
+#define APC_CATALOGUE_MAX (16 << 20)
+/**
+ * The catalogue in force, up to @p size bytes with its terminator (NULL and 0: none), and its revision, which
+ * counts from 1; 0: there is none, which is no error. Returns the length of all of it. [setup]
+ */
+APC_API int apc_store_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision);
 /** Up to @p capacity tags in order of table and id; returns how many there are in all. [setup] */
 APC_API int apc_store_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity);
 
@@ -341,6 +363,7 @@ APC_API int apc_store_init(struct apc_store *store);
 struct apc_retention {
     size_t size;
     apc_ns samples, events, timing;
+    apc_ns ticks; /**< tables tick and prediction, which grow fastest; samples are all other tables */
 };
 /**
  * Housekeeping, as often as you like, while others use the store: make room ahead for what will come, and

@@ -306,15 +306,19 @@ static int put(struct ui *ui, struct order *o, struct apc_store *store)
     struct apc_sample samples[WRITE_CHANGES];
     struct owner_rows with = {0};
     struct loops loops;
+    const int author = o->write.user[0] ? apc_store_author(store, o->write.user) : 0;
     apc_ns began = apc_clock_mono(NULL);
     for (size_t i = 0; i < o->write.n; i++) {
         o->change[i].after.time = o->write.time;
         o->change[i].after.status = APC_GOOD;
+        o->change[i].after.author = author > 0 ? (uint32_t)author : 0;
         samples[i] = o->change[i].after;
     }
     if (is_remote(o))
         samples[0].seq = APC_SEQ_ANY;
     int rc = copy_loops(ui, &loops);
+    if (rc == 0 && author < 0)
+        rc = author;
     if (rc == 0)
         rc = owner_put(store, &loops, samples, o->write.n, &with);
     for (size_t i = 0; i < o->write.n; i++) {

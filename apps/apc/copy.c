@@ -54,13 +54,18 @@ struct counts {
 struct copy {
     struct cli cli;
     struct apc_store *from, *to;
+    struct apc_store *names; /* FROM once more: for who is asked while it streams */
+    struct author {
+        uint32_t from, to;
+    } * author; /* whose number in TO is known */
+    size_t authors;
     struct apc_range range;
     struct counts samples, vectors, events, timing;
     size_t tags;
-    int failed;   /* why the store TO stopped a stream of FROM */
-    bool damaged; /* part of FROM could not be read */
-    bool former;  /* FROM has rows of table state */
-    bool authors; /* FROM says who wrote some of its samples */
+    int failed;    /* why the store TO stopped a stream of FROM */
+    bool nameless; /* ... which was FROM, asked for an author's name */
+    bool damaged;  /* part of FROM could not be read */
+    bool former;   /* FROM has rows of table state */
 
     struct apc_sample *variable; /* [variables]: of FROM, with their newest seqs; those of vectors are last */
     size_t variables;
@@ -129,7 +134,10 @@ static int leave_out(struct copy *c, const char *what)
 static int fail_to(const struct copy *c, int err)
 {
     end_show(c);
-    cli_error(&c->cli, err, "writing TO: %s", apc_store_error(c->to));
+    if (c->nameless)
+        cli_error(&c->cli, err, "reading FROM: %s", apc_store_error(c->names));
+    else
+        cli_error(&c->cli, err, "writing TO: %s", apc_store_error(c->to));
     return err;
 }
 
@@ -149,9 +157,38 @@ static void count(struct counts *counts, size_t n, int stored)
     counts->there += n - (size_t)stored;
 }
 
+/* A number of an author is a name's in its own store only. Returns that of TO for @from of FROM; 0: FROM does
+ * not know it. */
+static int find_author(struct copy *c, uint32_t from)
+{
+    char name[APC_AUTHOR_LEN];
+    for (size_t i = 0; i < c->authors; i++)
+        if (c->author[i].from == from)
+            return (int)c->author[i].to;
+    struct author *grown = realloc(c->author, (c->authors + 1) * sizeof *grown);
+    if (!grown)
+        return APC_ENOMEM;
+    c->author = grown;
+    int rc = apc_store_author_name(c->names, from, name);
+    if (rc < 0 && rc != APC_ENOTFOUND) {
+        c->nameless = true;
+        return rc;
+    }
+    rc = rc < 0 ? 0 : apc_store_author(c->to, name);
+    if (rc >= 0)
+        c->author[c->authors++] = (struct author){from, (uint32_t)rc};
+    return rc;
+}
+
 static int flush_rows(struct copy *c)
 {
     const struct apc_rows rows = {.size = sizeof rows, .vector = c->vector, .n_vectors = c->n_vectors};
+    for (size_t i = 0; i < c->n_samples; i++) {
+        const int author = c->sample[i].author > 0 ? find_author(c, c->sample[i].author) : 0;
+        if (author < 0)
+            return c->failed = author;
+        c->sample[i].author = (uint32_t)author;
+    }
     int stored = apc_store_append(c->to, c->sample, c->n_samples);
     if (stored >= 0) {
         count(&c->samples, c->n_samples, stored);
@@ -173,15 +210,12 @@ static int begin_row(struct copy *c, int64_t seq)
     return c->n_samples == SAMPLES || c->n_vectors == VECTORS ? flush_rows(c) : 0;
 }
 
-/* A number of an author is a name's in its own store only. */
 static int take_sample(void *ctx, const struct apc_sample *s)
 {
     struct copy *c = ctx;
     if (begin_row(c, s->seq) < 0)
         return c->failed;
-    c->authors |= s->author > 0;
-    c->sample[c->n_samples] = *s;
-    c->sample[c->n_samples++].author = 0;
+    c->sample[c->n_samples++] = *s;
     return 0;
 }
 
@@ -459,9 +493,14 @@ static int copy_tags(struct copy *c)
         if (!cli_tag(&from, to.tag[i].table, to.tag[i].id))
             all[n++] = to.tag[i];
     c->tags = from.n;
-    rc = apc_store_put_tags(c->to, all, n);
-    if (rc < 0)
+    int64_t revision = 0;
+    const int length = apc_store_catalogue(c->from, NULL, 0, &revision);
+    char *text = length >= 0 ? calloc((size_t)length + 1, 1) : NULL;
+    if (!text || apc_store_catalogue(c->from, text, (size_t)length + 1, &revision) < 0)
+        rc = fail_from(c, length < 0 ? length : APC_ENOMEM);
+    else if ((rc = apc_store_describe(c->to, all, n, revision > 0 ? text : NULL)) < 0)
         fail_to(c, rc);
+    free(text);
 out:
     free(all);
     cli_tags_free(&from);
@@ -495,7 +534,7 @@ static int open_both(struct copy *c)
     struct cli cli = c->cli;
     cli.store = c->cli.args[0];
     int rc = cli_open(&cli, &c->from);
-    if (rc < 0)
+    if (rc < 0 || (rc = cli_open(&cli, &c->names)) < 0)
         return rc;
     if ((rc = apc_store_connect(c->from)) < 0)
         return fail_from(c, rc);
@@ -551,16 +590,16 @@ int command_copy(int argc, char **argv)
         say("timing:", &c->timing);
         if (c->former)
             puts("left out:     table state, from which controllers of version 1 resumed");
-        if (c->authors)
-            puts("left out:     who wrote which sample");
         rc = c->damaged ? APC_ESTORE : rc;
     }
     rc = cli_done(&c->cli, exit_code_of(rc));
 out:
     if (c) {
         apc_store_close(c->from);
+        apc_store_close(c->names);
         apc_store_close(c->to);
         free(c->variable);
+        free(c->author);
         free(c->sample);
         free(c->vector);
         free(c->element);

@@ -2,17 +2,21 @@
 /* apc maintain: the store's housekeeping. */
 #include "cli.h"
 
-enum { OPT_KEEP = 0x400, OPT_EVENTS };
+#define DAY (24 * 3600 * APC_NS_PER_S)
+
+enum { OPT_KEEP = 0x400, OPT_EVENTS, OPT_TICKS };
 
 static const struct argp_option option_list[] = {
     {"keep", OPT_KEEP, "DURATION", 0,
      "Drop samples and timing older than that, as 90d or 36h; default: keep them for ever", 0},
     {"keep-events", OPT_EVENTS, "DURATION", 0, "Drop events older than that; default: keep them for ever", 0},
+    {"keep-ticks", OPT_TICKS, "DURATION", 0,
+     "Drop ticks and predictions older than that; default: 1d, or what --keep says if that is shorter", 0},
     {0},
 };
 
 struct wish {
-    const char *keep, *events;
+    const char *keep, *events, *ticks;
 };
 
 static error_t parse(int key, char *arg, struct argp_state *state)
@@ -24,6 +28,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         return 0;
     case OPT_EVENTS:
         wish->events = arg;
+        return 0;
+    case OPT_TICKS:
+        wish->ticks = arg;
         return 0;
     default:
         return ARGP_ERR_UNKNOWN;
@@ -37,7 +44,8 @@ static const struct cli_spec spec = {
            "owner of "
            "the tables; run it once a day, the programs may go on meanwhile. Samples are dropped by the week "
            "where "
-           "tables are partitioned; the newest sample of each variable always stays.",
+           "tables are partitioned, ticks and predictions by the day; the newest sample of each variable "
+           "always stays.",
     .takes = CLI_STORE,
     .extra = &own,
 };
@@ -51,9 +59,12 @@ int command_maintain(int argc, char **argv)
 
     cli_parse(&cli, &spec, &wish, argc, argv);
     if (cli_duration(&cli, "keep", wish.keep, &keep.samples) != EXIT_OK ||
-        cli_duration(&cli, "keep-events", wish.events, &keep.events) != EXIT_OK)
+        cli_duration(&cli, "keep-events", wish.events, &keep.events) != EXIT_OK ||
+        cli_duration(&cli, "keep-ticks", wish.ticks, &keep.ticks) != EXIT_OK)
         return EXIT_USAGE;
     keep.timing = keep.samples;
+    if (!wish.ticks)
+        keep.ticks = keep.samples > 0 && keep.samples < DAY ? keep.samples : DAY;
     int rc = cli_open(&cli, &store);
     if (rc < 0)
         return exit_code_of(rc);

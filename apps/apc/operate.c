@@ -122,7 +122,13 @@ static int write_changes(struct apc_store *store, const struct operation *o, apc
     }
     if (is_all(o))
         samples[0].id = 0;
-    int rc = owner_put(store, &o->plant->loops, samples, n, with);
+    char name[APC_AUTHOR_LEN];
+    operator_name(name, sizeof name);
+    int rc = apc_store_author(store, name);
+    for (size_t i = 0; i < n && rc >= 0; i++)
+        samples[i].author = (uint32_t)rc;
+    if (rc >= 0)
+        rc = owner_put(store, &o->plant->loops, samples, n, with);
     for (size_t i = 0; i < n && rc >= 0; i++)
         o->change[i].after.seq = samples[i].seq;
     free(samples);

@@ -169,6 +169,7 @@ int action_do(struct apc_store *store, const struct loops *loops, const struct a
     struct apc_event event = {.time = now, .severity = APC_EVENT_INFO, .kind = "operator"};
     struct apc_sample before = action->to, *rows = calloc(action->n, sizeof *rows);
     struct owner_rows with = {NULL, 0};
+    const int author = apc_store_author(store, source);
     char was[SETTINGS_NUMBER], is[SETTINGS_NUMBER];
 
     for (size_t i = 0; rows && i < action->n; i++) {
@@ -176,8 +177,9 @@ int action_do(struct apc_store *store, const struct loops *loops, const struct a
         rows[i].id += (int)i;
         rows[i].time = now;
         rows[i].seq = APC_SEQ_ANY;
+        rows[i].author = author > 0 ? (uint32_t)author : 0;
     }
-    int rc = rows ? apc_store_read(store, &before, 1) : APC_ENOMEM;
+    int rc = author < 0 ? author : rows ? apc_store_read(store, &before, 1) : APC_ENOMEM;
     if (rc >= 0)
         rc = owner_put(store, loops, rows, action->n, &with);
     if (rc >= 0) {

@@ -588,7 +588,10 @@ int experiment_parse(struct experiment *e, const struct experiment_source *from,
     snprintf(e->file, sizeof e->file, "%s", from->file);
     snprintf(e->plant.listen, sizeof e->plant.listen, "tcp:127.0.0.1:%d", APC_PORT);
     snprintf(e->client.link, sizeof e->client.link, "tcp:127.0.0.1:%d", APC_PORT);
+    e->text = strdup(from->text);
     s.failed = settings_parse(&config, e->file, from->text, why);
+    if (!e->text && !s.failed)
+        s.failed = apc_fail(why, APC_ENOMEM, "out of memory");
     if (!s.failed)
         read_root(&s, config_root_setting(&config), e, parts, overrides, record);
     config_destroy(&config);
@@ -622,6 +625,7 @@ int experiment_load(struct experiment *e, const char *name, unsigned parts,
 
 void experiment_free(struct experiment *e)
 {
+    free(e->text);
     free(e->y);
     free(e->z);
     free(e->u);

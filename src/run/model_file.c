@@ -435,7 +435,8 @@ static int embed(const struct controller *c, char **text, struct apc_error *why)
 
 int model_files_embed(const struct experiment *e, char **text, struct apc_error *why)
 {
-    int rc = settings_read(e->file, text, why);
+    *text = strdup(e->text);
+    int rc = *text ? 0 : apc_fail(why, APC_ENOMEM, "out of memory");
 
     for (size_t i = 0; i < e->n_controllers && rc == 0; i++)
         if (e->controllers[i].model_file[0])

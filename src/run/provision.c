@@ -223,11 +223,15 @@ struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
     return t.at;
 }
 
-static int put_tags(struct apc_store *store, const struct experiment *e)
+static int describe(struct apc_store *store, const struct experiment *e)
 {
     size_t n;
+    char *text = NULL;
     struct apc_tag *tag = provision_tags(e, &n);
-    int rc = tag ? apc_store_put_tags(store, tag, n) : APC_ENOMEM;
+    int rc = tag ? model_files_embed(e, &text, NULL) : APC_ENOMEM;
+    if (tag && rc != APC_ENOMEM) /* a model file has gone since: without it */
+        rc = apc_store_describe(store, tag, n, text ? text : e->text);
+    free(text);
     free(tag);
     return rc < 0 ? rc : 0;
 }
@@ -500,5 +504,5 @@ int provision(struct apc_store *store, const struct experiment *e, enum provisio
     if (rc >= 0 && how == PROVISION_RESET)
         rc = forget_manual(store, e, now);
     free(wanted);
-    return rc < 0 ? rc : put_tags(store, e);
+    return rc < 0 ? rc : describe(store, e);
 }

@@ -127,6 +127,7 @@ struct action {
 
 struct experiment {
     char file[EXPERIMENT_PATH]; /* it was loaded from */
+    char *text;                 /* it was read from */
     char name[APC_TAG_LEN];
     char title[128];
     double duration; /* s; 0: until it is stopped */

@@ -645,10 +645,12 @@ static int maintain(struct apc_store *store, const struct apc_retention *keep)
     if (err) {
         return err;
     }
-    for (size_t i = 0; keep->samples > 0 && i < m->n; i++) {
+    for (size_t i = 0; i < m->n; i++) {
         struct variable *v = &m->variable[i];
-        dropped +=
-            v->vector ? apc_mem_drop_vectors(v, now - keep->samples) : drop_samples(v, now - keep->samples);
+        const apc_ns kept = apc_table_kept(keep, v->table);
+        if (kept > 0) {
+            dropped += v->vector ? apc_mem_drop_vectors(v, now - kept) : drop_samples(v, now - kept);
+        }
     }
     if (keep->events > 0 && m->n_events > 0) {
         dropped += apc_mem_drop_events(m, now - keep->events);
@@ -679,7 +681,10 @@ const struct apc_store_ops apc_mem_store = {
     .variables = variables,
     .history = history,
     .history_bins = apc_bins_by_history,
-    .put_tags = apc_mem_put_tags,
+    .author = apc_mem_author,
+    .author_name = apc_mem_author_name,
+    .describe = apc_mem_describe,
+    .catalogue = apc_mem_catalogue,
     .get_tags = apc_mem_get_tags,
     .append_events = apc_mem_append_events,
     .events = apc_mem_events,

@@ -47,6 +47,10 @@ struct memory {
     uint32_t *index; /* a hash table of 2 * capacity: 1 + the number of a variable, or 0 */
     struct apc_tag *tag;
     size_t n_tags;
+    char *catalogue; /* NULL: there is none */
+    int64_t revision;
+    char (*author)[APC_AUTHOR_LEN]; /* names of the numbers from 1 on */
+    size_t n_authors, authors_capacity;
     struct apc_event *event; /* in order of arrival */
     size_t n_events, events_capacity;
     uint64_t dropped_events; /* so many came before event[0] */
@@ -132,7 +136,10 @@ int apc_mem_drop_vectors(struct variable *v, apc_ns before);
 
 /* ---- mem_records.c ---------------------------------------------------------------------------- */
 
-int apc_mem_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n);
+int apc_mem_author(struct apc_store *store, const char *name);
+int apc_mem_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN]);
+int apc_mem_describe(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue);
+int apc_mem_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision);
 int apc_mem_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity);
 int apc_mem_append_events(struct apc_store *store, const struct apc_event *events, size_t n);
 int apc_mem_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx);

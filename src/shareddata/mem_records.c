@@ -1,18 +1,57 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The store in memory: descriptions, events, timing. */
+/* The store in memory: authors, descriptions, events, timing. */
 #include <limits.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "shareddata/mem.h"
 
-/* ---- Tags ---------------------------------------------------------------------------------- */
+/* ---- Authors -------------------------------------------------------------------------------- */
 
-int apc_mem_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n)
+int apc_mem_author(struct apc_store *store, const char *name)
+{
+    struct memory *m = apc_mem_of(store)->memory;
+    size_t i = 0;
+    int err = apc_mem_begin(store);
+    if (err) {
+        return err;
+    }
+    while (i < m->n_authors && strcmp(m->author[i], name) != 0) {
+        i++;
+    }
+    if (i == m->n_authors) {
+        err = apc_mem_grow(store, (void **)&m->author, &m->authors_capacity, i, 1, sizeof *m->author);
+        if (!err) {
+            memcpy(m->author[m->n_authors++], name, APC_AUTHOR_LEN);
+        }
+    }
+    apc_mem_end(store);
+    return err ? err : (int)i + 1;
+}
+
+int apc_mem_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN])
+{
+    struct memory *m = apc_mem_of(store)->memory;
+    int err = apc_mem_begin(store);
+    if (err) {
+        return err;
+    }
+    const bool known = number <= m->n_authors;
+    if (known) {
+        memcpy(name, m->author[number - 1], APC_AUTHOR_LEN);
+    }
+    apc_mem_end(store);
+    return known ? 0 : APC_ENOTFOUND;
+}
+
+/* ---- What the plant is ---------------------------------------------------------------------- */
+
+int apc_mem_describe(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue)
 {
     struct memory *m = apc_mem_of(store)->memory;
     struct apc_tag *sorted = NULL;
-    int err = apc_tags_sort(store, tags, n, &sorted);
+    char *text = catalogue ? strdup(catalogue) : NULL;
+    int err = catalogue && !text ? apc_mem_no_memory(store) : apc_tags_sort(store, tags, n, &sorted);
     if (!err) {
         err = apc_mem_begin(store);
     }
@@ -20,11 +59,36 @@ int apc_mem_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t
         struct apc_tag *former = m->tag;
         m->tag = sorted;
         m->n_tags = n;
-        apc_mem_end(store);
         sorted = former;
+        if (text && (!m->catalogue || strcmp(m->catalogue, text) != 0)) {
+            char *was = m->catalogue;
+            m->catalogue = text;
+            m->revision++;
+            text = was;
+        }
+        apc_mem_end(store);
     }
+    free(text);
     free(sorted);
     return err ? err : (int)n;
+}
+
+int apc_mem_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision)
+{
+    struct memory *m = apc_mem_of(store)->memory;
+    int err = apc_mem_begin(store);
+    if (err) {
+        return err;
+    }
+    const size_t length = m->catalogue ? strlen(m->catalogue) : 0;
+    if (size > 0) {
+        const size_t given = length < size ? length : size - 1;
+        memcpy(text, m->catalogue ? m->catalogue : "", given);
+        text[given] = '\0';
+    }
+    *revision = m->revision;
+    apc_mem_end(store);
+    return (int)length;
 }
 
 int apc_mem_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
@@ -243,6 +307,8 @@ void apc_mem_free_records(struct memory *m)
     for (size_t i = 0; i < m->n_timings; i++) {
         free_bins(&m->timing[i].row);
     }
+    free(m->author);
+    free(m->catalogue);
     free(m->tag);
     free(m->event);
     free(m->timing);

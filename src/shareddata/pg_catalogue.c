@@ -69,10 +69,7 @@ int apc_pg_author_name(struct apc_store *store, uint32_t number, char name[APC_A
     apc_pg_put_int8(bytes, number);
     apc_pg_param(&p, bytes, sizeof bytes);
     int err = ask(&a, "SELECT number, name FROM author WHERE number = $1::int8", &p);
-    if (!err && !a.found) {
-        err = apc_fail(&a.pg->base.why, APC_ENOTFOUND, "there is no author %u", (unsigned)number);
-    }
-    return err;
+    return err || a.found ? err : APC_ENOTFOUND;
 }
 
 /* ---- The catalogue -------------------------------------------------------------------------- */
@@ -92,7 +89,7 @@ int apc_pg_describe(struct apc_store *store, const struct apc_tag *tags, size_t 
     if (!err) {
         err = apc_pg_send_tags(pg, tags, n);
     }
-    if (!err) {
+    if (!err && catalogue) {
         err = apc_pg_send(pg, describe_sql, &p);
     }
     return apc_pg_finish_insert(pg, err, (int)n);

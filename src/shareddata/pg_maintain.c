@@ -16,12 +16,13 @@ static int take_dropped(void *ctx, int statement, PGresult *result)
 int apc_pg_maintain(struct apc_store *store, const struct apc_retention *keep)
 {
     struct apc_pg *pg = apc_pg_of(store);
-    const apc_ns now = apc_clock_utc(NULL), kept[4] = {0, keep->samples, keep->events, keep->timing};
+    const apc_ns now = apc_clock_utc(NULL),
+                 kept[5] = {0, keep->samples, keep->events, keep->timing, keep->ticks};
     struct apc_pg_params p = {0};
-    char times[4][8];
-    for (size_t i = 0; i < 4; i++) {
+    char times[5][8];
+    for (size_t i = 0; i < 5; i++) {
         if (i > 0 && kept[i] == 0) {
-            apc_pg_param_text(&p, NULL);
+            apc_pg_param_text(&p, i < 4 ? NULL : "-infinity"); /* without a time ticks are kept a day */
         } else {
             apc_pg_put_int8(times[i], apc_pg_time(now - kept[i]));
             apc_pg_param(&p, times[i], 8);
@@ -31,7 +32,9 @@ int apc_pg_maintain(struct apc_store *store, const struct apc_retention *keep)
     int err = apc_pg_begin(pg);
     if (!err) {
         err = apc_pg_send(
-            pg, "CALL maintain($1::timestamptz, $2::timestamptz, $3::timestamptz, $4::timestamptz, NULL)",
+            pg,
+            "CALL maintain($1::timestamptz, $2::timestamptz, $3::timestamptz, $4::timestamptz, NULL, "
+            "$5::timestamptz)",
             &p);
     }
     if (!err) {

@@ -577,16 +577,6 @@ int apc_pg_send_tags(struct apc_pg *pg, const struct apc_tag *tags, size_t n)
     return err;
 }
 
-int apc_pg_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n)
-{
-    struct apc_pg *pg = apc_pg_of(store);
-    int err = apc_pg_begin(pg);
-    if (!err) {
-        err = apc_pg_send_tags(pg, tags, n);
-    }
-    return apc_pg_finish_insert(pg, err, (int)n);
-}
-
 struct tag_list {
     struct apc_pg *pg;
     struct apc_tag *tags;

@@ -60,8 +60,8 @@ static int connect_store(struct apc_store *store)
         .scheme = word, .spreads = true, .open = open_store, .close = close_store, .connected = connected,   \
         .connect = connect_store, .version = version, .read = apc_pg_read, .append = apc_pg_append,          \
         .put = apc_pg_put, .swap = apc_pg_swap, .wait = apc_pg_wait, .variables = apc_pg_variables,          \
-        .history = apc_pg_history, .history_bins = apc_pg_history_bins, .put_tags = apc_pg_put_tags,         \
-        .get_tags = apc_pg_get_tags, .append_events = apc_pg_append_events, .events = apc_pg_events,         \
+        .history = apc_pg_history, .history_bins = apc_pg_history_bins, .get_tags = apc_pg_get_tags,         \
+        .append_events = apc_pg_append_events, .events = apc_pg_events,                                      \
         .append_timing = apc_pg_append_timing, .timing = apc_pg_timing, .read_rows = apc_pg_read_rows,       \
         .append_rows = apc_pg_append_rows, .vectors = apc_pg_vectors, .claim_set = apc_pg_claim_set,         \
         .release = apc_pg_release, .author = apc_pg_author, .author_name = apc_pg_author_name,               \

@@ -211,7 +211,6 @@ int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const 
                    apc_sample_fn fn, void *ctx);
 int apc_pg_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
                         size_t n, apc_history_bin_fn fn, void *ctx);
-int apc_pg_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n);
 int apc_pg_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity);
 int apc_pg_append_events(struct apc_store *store, const struct apc_event *events, size_t n);
 int apc_pg_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx);

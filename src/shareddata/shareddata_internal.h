@@ -57,7 +57,6 @@ struct apc_store_ops {
                    apc_sample_fn fn, void *ctx);
     int (*history_bins)(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
                         size_t n, apc_history_bin_fn fn, void *ctx);
-    int (*put_tags)(struct apc_store *store, const struct apc_tag *tags, size_t n);
     int (*get_tags)(struct apc_store *store, struct apc_tag *tags, size_t capacity);
     int (*append_events)(struct apc_store *store, const struct apc_event *events, size_t n);
     int (*events)(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx);
@@ -69,7 +68,6 @@ struct apc_store_ops {
                    apc_vector_fn fn, void *ctx);
     int (*claim_set)(struct apc_store *store, struct apc_sample *variables, size_t n);
     int (*release)(struct apc_store *store, const struct apc_sample *variables, size_t n);
-    /* Not public before every store has them: number of a name, name of a number, tags and text in one. */
     int (*author)(struct apc_store *store, const char *name);
     int (*author_name)(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN]);
     int (*describe)(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue);
@@ -126,6 +124,12 @@ static inline struct apc_sample apc_loop_row(const struct apc_store *store, cons
     s.seq = newest + 1;
     s.origin = of_all->seq;
     return s;
+}
+
+/** How long rows of the table are to be kept; 0: for ever. */
+static inline apc_ns apc_table_kept(const struct apc_retention *keep, enum apc_table table)
+{
+    return table == APC_TICK || table == APC_PREDICTION ? keep->ticks : keep->samples;
 }
 
 /* ---- rows.c: for stores without a server, what PostgreSQL's constraints say ------------------ */

@@ -2,12 +2,12 @@
 /*
  * The store in shared memory, shared by its files: shm_segment.c (what the segment is: made, checked,
  * mapped), shm_write.c (the writers' lock, transactions, recovery), shm.c (samples), shm_rows.c (history,
- * tags, events, timing, housekeeping), shm_vectors.c (vectors),
+ * events, timing, housekeeping), shm_catalogue.c (tags, catalogue, authors), shm_vectors.c (vectors),
  * shm_claim.c.
  *
  * One segment, /dev/shm/apc.NAME
  * ------------------------------
- * header | index | slots | tags | logs | cells
+ * header | index | slots | tags | catalogue | logs | cells
  *
  * A variable has a slot, found by a hash index. The slot holds its newest sample, twice: in two versions. Its
  * history is a ring of cells, which grows from 4 to 16, 64, ... 16384 while there are cells left. Events, in
@@ -51,6 +51,7 @@
 #define APC_SHM_MIB_MAX   65536
 #define APC_SHM_NAME_MAX  200
 #define APC_SHM_CLAIMANTS 256 /* handles that have a claim */
+#define APC_SHM_AUTHORS   1024
 
 typedef _Atomic uint64_t apc_word;
 
@@ -91,7 +92,9 @@ struct apc_shm_header {
     _Alignas(64) pthread_mutex_t writer;
     _Atomic uint32_t waiting; /* the tick that someone may sleep on, or 0 */
     _Alignas(64) struct apc_shm_meta meta;
-    apc_word tags_mark[2], n_tags[2];
+    apc_word tags_mark[2], n_tags[2], revision[2], text_length[2]; /* tags and catalogue have one mark */
+    apc_word authors; /* so many names, which stay: it is stored after the name */
+    apc_word author[APC_SHM_AUTHORS][APC_AUTHOR_LEN / 8];
     char claimant[APC_SHM_CLAIMANTS][64]; /* guarded by the writers' lock */
 };
 
@@ -146,10 +149,10 @@ struct apc_shm {
     uint32_t record; /* as a claimant; 0: none */
     struct apc_claims claims;
     struct apc_shm_header *header; /* NULL: not connected */
-    size_t size, variables, index_size, cells, tags;
+    size_t size, variables, index_size, cells, tags, text_size;
     _Atomic uint32_t *index; /* 1 + number of a slot; 0: free */
     struct apc_shm_slot *slot;
-    apc_word *tag[2];
+    apc_word *tag[2], *text[2];
     struct apc_shm_log log[APC_SHM_LOGS];
     struct apc_shm_cell *cell;
     uint32_t read_hint[APC_SHM_HINTS], write_hint[APC_SHM_HINTS]; /* slots of the last time's samples */
@@ -335,13 +338,19 @@ struct apc_sample apc_shm_sample(enum apc_table table, int id, const uint64_t wo
 int apc_shm_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity);
 int apc_shm_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                     apc_sample_fn fn, void *ctx);
-int apc_shm_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n);
-int apc_shm_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity);
 int apc_shm_append_events(struct apc_store *store, const struct apc_event *events, size_t n);
 int apc_shm_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx);
 int apc_shm_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n);
 int apc_shm_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx);
 int apc_shm_maintain(struct apc_store *store, const struct apc_retention *keep);
+
+/* ---- shm_catalogue.c --------------------------------------------------------------------------- */
+
+int apc_shm_author(struct apc_store *store, const char *name);
+int apc_shm_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN]);
+int apc_shm_describe(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue);
+int apc_shm_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision);
+int apc_shm_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity);
 
 /* ---- shm_claim.c ------------------------------------------------------------------------------- */
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * The store in shared memory outside the tick: history, tags, events, timing, housekeeping. Rings are read
+ * The store in shared memory outside the tick: history, events, timing, housekeeping. Rings are read
  * while they are written: what has been overwritten before its turn is left out, which can only be the
  * oldest.
  */
@@ -148,61 +148,6 @@ int apc_shm_variables(struct apc_store *store, struct apc_sample *variables, siz
         }
     }
     return apc_variables_give(all, n, variables, capacity);
-}
-
-/* ---- Tags ---------------------------------------------------------------------------------- */
-
-int apc_shm_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n)
-{
-    struct apc_shm *shm = apc_shm_of(store);
-    struct apc_shm_write w;
-    struct apc_tag *sorted = NULL;
-    int err = apc_tags_sort(store, tags, n, &sorted);
-    if (!err) {
-        err = apc_shm_ready(shm);
-    }
-    if (!err && n > shm->tags) {
-        err = apc_fail(&store->why, APC_ESTORE, "shm:%s holds %zu tags at most, not %zu: make a larger one",
-                       shm->name, shm->tags, n);
-    }
-    if (!err) {
-        err = apc_shm_begin(shm, &w);
-    }
-    if (!err) {
-        int from, to = apc_shm_version(&w, shm->header->tags_mark, &from);
-        apc_words_put(shm->tag[to], sorted, n * sizeof *sorted / 8);
-        apc_word_put(&shm->header->n_tags[to], n);
-        apc_shm_commit(&w);
-    }
-    free(sorted);
-    return err ? err : (int)n;
-}
-
-int apc_shm_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
-{
-    struct apc_shm *shm = apc_shm_of(store);
-    int err = apc_shm_ready(shm);
-    if (err) {
-        return err;
-    }
-    const uint64_t g = apc_shm_generation(shm);
-    for (int tries = 0; tries < APC_SHM_TRIES; tries++) {
-        const apc_word *marks = shm->header->tags_mark;
-        const int current = apc_shm_current(marks, apc_shm_generation(shm));
-        if (current < 0) {
-            continue;
-        }
-        const uint64_t mark = apc_word_get(&marks[current]), n = apc_word_get(&shm->header->n_tags[current]);
-        const size_t some = n < capacity ? (size_t)n : capacity;
-        if (n > shm->tags) {
-            continue;
-        }
-        apc_words_get(tags, shm->tag[current], some * sizeof *tags / 8);
-        if (apc_shm_unchanged(&marks[current], mark)) {
-            return (int)n;
-        }
-    }
-    return apc_shm_lost(shm, g);
 }
 
 /* ---- Events and timing: rings of records ------------------------------------------------------- */
@@ -550,13 +495,14 @@ int apc_shm_maintain(struct apc_store *store, const struct apc_retention *keep)
     const apc_ns now = apc_clock_utc(NULL);
     const apc_ns age[APC_SHM_LOGS] = {keep->events, keep->events, keep->events, keep->timing};
     int err = apc_shm_ready(shm), dropped = 0;
-    for (size_t i = 0; err >= 0 && keep->samples > 0 && i < shm->variables; i++) {
+    for (size_t i = 0; err >= 0 && i < shm->variables; i++) {
         struct apc_shm_slot *slot = &shm->slot[i];
         const uint64_t key = apc_word_get(&slot->key);
-        if (key != 0) {
-            err = apc_table_vectors((enum apc_table)(key >> 32))
-                      ? apc_shm_drop_vectors(shm, slot, now - keep->samples)
-                      : drop_samples(shm, slot, now - keep->samples);
+        const enum apc_table table = (enum apc_table)(key >> 32);
+        const apc_ns kept = key != 0 ? apc_table_kept(keep, table) : 0;
+        if (kept > 0) {
+            err = apc_table_vectors(table) ? apc_shm_drop_vectors(shm, slot, now - kept)
+                                           : drop_samples(shm, slot, now - kept);
             dropped += err > 0 ? err : 0;
         }
     }

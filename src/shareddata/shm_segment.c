@@ -22,7 +22,7 @@
 #include "shareddata/shm.h"
 
 #define DIRECTORY      "/dev/shm" /* where shm_open() keeps them as well */
-#define LAYOUT         5
+#define LAYOUT         6
 #define CHECK_INTERVAL (100 * APC_NS_PER_MS)
 
 static const char magic[16] = "libapc shm\r\n\x1a\n";
@@ -50,6 +50,7 @@ static void lay_out(struct apc_shm *shm, uint64_t mib, char *base)
     shm->size = (size_t)mib << 20;
     shm->variables = (size_t)mib * 1600;
     shm->tags = (size_t)mib * 64;
+    shm->text_size = (size_t)mib << 14;
     shm->index_size = 4096;
     while (shm->index_size < 2 * shm->variables) {
         shm->index_size *= 2;
@@ -63,6 +64,7 @@ static void lay_out(struct apc_shm *shm, uint64_t mib, char *base)
     const size_t slot = take(&at, shm->variables * sizeof *shm->slot);
     const size_t tag[2] = {take(&at, shm->tags * sizeof(struct apc_tag)),
                            take(&at, shm->tags * sizeof(struct apc_tag))};
+    const size_t text[2] = {take(&at, shm->text_size), take(&at, shm->text_size)};
     for (size_t i = 0; i < APC_SHM_LOGS; i++) {
         const size_t records = take(&at, shm->log[i].capacity * shm->log[i].words * 8);
         shm->log[i].record = base ? (apc_word *)(void *)(base + records) : NULL;
@@ -73,6 +75,8 @@ static void lay_out(struct apc_shm *shm, uint64_t mib, char *base)
         shm->slot = (struct apc_shm_slot *)(void *)(base + slot);
         shm->tag[0] = (apc_word *)(void *)(base + tag[0]);
         shm->tag[1] = (apc_word *)(void *)(base + tag[1]);
+        shm->text[0] = (apc_word *)(void *)(base + text[0]);
+        shm->text[1] = (apc_word *)(void *)(base + text[1]);
         shm->cell = (struct apc_shm_cell *)(void *)(base + at);
     }
 }

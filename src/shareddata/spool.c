@@ -620,9 +620,24 @@ static int history_bins(struct apc_store *store, enum apc_table table, int id, a
     PASS(store, apc_store_history_bins(inner, table, id, since, until, n, fn, ctx));
 }
 
-static int put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n)
+static int author(struct apc_store *store, const char *name)
 {
-    PASS(store, apc_store_put_tags(inner, tags, n));
+    PASS(store, apc_store_author(inner, name));
+}
+
+static int author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN])
+{
+    PASS(store, apc_store_author_name(inner, number, name));
+}
+
+static int describe(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *text)
+{
+    PASS(store, apc_store_describe(inner, tags, n, text));
+}
+
+static int catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision)
+{
+    PASS(store, apc_store_catalogue(inner, text, size, revision));
 }
 
 static int get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
@@ -708,7 +723,10 @@ static const struct apc_store_ops spooling_store = {
     .variables = variables,
     .history = history,
     .history_bins = history_bins,
-    .put_tags = put_tags,
+    .author = author,
+    .author_name = author_name,
+    .describe = describe,
+    .catalogue = catalogue,
     .get_tags = get_tags,
     .append_events = append_events,
     .events = events,

@@ -205,7 +205,10 @@ int apc_sqlite_history(struct apc_store *store, enum apc_table table, int id, co
 int apc_sqlite_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
                             size_t n, apc_history_bin_fn fn, void *ctx);
 int apc_sqlite_maintain(struct apc_store *store, const struct apc_retention *keep);
-int apc_sqlite_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n);
+int apc_sqlite_author(struct apc_store *store, const char *name);
+int apc_sqlite_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN]);
+int apc_sqlite_describe(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue);
+int apc_sqlite_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision);
 int apc_sqlite_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity);
 int apc_sqlite_append_events(struct apc_store *store, const struct apc_event *events, size_t n);
 int apc_sqlite_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx);

@@ -311,15 +311,16 @@ static int next_variable(struct apc_sqlite *sq, int64_t *variable)
     return found;
 }
 
-static int trim_samples(struct apc_sqlite *sq, int64_t before, int *dropped)
+static int trim_samples(struct apc_sqlite *sq, const struct apc_retention *keep, apc_ns now, int *dropped)
 {
     int64_t variable = -1;
     int found = 1;
     while (found > 0) {
         int err = apc_sqlite_enter(sq);
         found = err ? err : next_variable(sq, &variable);
-        if (found > 0) {
-            err = trim_variable(sq, variable, before, dropped);
+        const apc_ns kept = found > 0 ? apc_table_kept(keep, (enum apc_table)(variable & 15)) : 0;
+        if (kept > 0) {
+            err = trim_variable(sq, variable, apc_sqlite_time(now - kept), dropped);
             found = err ? err : found;
         }
     }
@@ -352,8 +353,8 @@ int apc_sqlite_maintain(struct apc_store *store, const struct apc_retention *kee
     struct apc_sqlite *sq = apc_sqlite_of(store);
     const apc_ns now = apc_clock_utc(NULL);
     int dropped = 0, err = apc_sqlite_enter(sq);
-    if (!err && keep->samples > 0) {
-        err = trim_samples(sq, apc_sqlite_time(now - keep->samples), &dropped);
+    if (!err && (keep->samples > 0 || keep->ticks > 0)) {
+        err = trim_samples(sq, keep, now, &dropped);
     }
     if (!err && keep->events > 0) {
         err = trim_records(

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The SQLite store outside the tick: tags, events, timing. Statements are prepared for each use. */
+/* The SQLite store outside the tick: events, timing, tags, authors. Statements are prepared for each use. */
 #include "shareddata/sqlite.h"
 
 #include <endian.h>
@@ -330,7 +330,27 @@ static int bind_tag(struct apc_sqlite *sq, sqlite3_stmt *statement, const void *
     return bind_texts(sq, statement, 3, texts, 5);
 }
 
-int apc_sqlite_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n)
+/* Of the same kind as before; and none where nothing has changed. */
+static int insert_catalogue(struct apc_sqlite *sq, const char *text)
+{
+    sqlite3_stmt *statement = NULL;
+    int err = apc_sqlite_prepare(
+        sq,
+        "WITH newest AS (SELECT * FROM catalogue ORDER BY revision DESC LIMIT 1)"
+        " INSERT INTO catalogue (revision, time, kind, text)"
+        " SELECT coalesce((SELECT revision FROM newest), 0) + 1, ?2,"
+        " coalesce((SELECT kind FROM newest), 'live'), ?1 WHERE ?1 IS NOT (SELECT text FROM newest)",
+        &statement);
+    if (!err) {
+        sqlite3_bind_text(statement, 1, text, -1, SQLITE_STATIC);
+        sqlite3_bind_int64(statement, 2, apc_sqlite_time(apc_clock_utc(NULL)));
+        err = apc_sqlite_step(sq, statement);
+    }
+    sqlite3_finalize(statement);
+    return err;
+}
+
+int apc_sqlite_describe(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue)
 {
     struct apc_sqlite *sq = apc_sqlite_of(store);
     int err = apc_sqlite_enter_begin(sq, APC_SQLITE_WRITE);
@@ -338,6 +358,9 @@ int apc_sqlite_put_tags(struct apc_store *store, const struct apc_tag *tags, siz
         return err;
     }
     err = apc_sqlite_run(sq, "DELETE FROM tag");
+    if (!err && catalogue) {
+        err = insert_catalogue(sq, catalogue);
+    }
     if (!err) {
         err = insert_rows(sq,
                           "INSERT INTO tag (" TAG ", number)"
@@ -345,6 +368,31 @@ int apc_sqlite_put_tags(struct apc_store *store, const struct apc_tag *tags, siz
                           bind_tag, tags, n);
     }
     return apc_sqlite_end(sq, err);
+}
+
+int apc_sqlite_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision)
+{
+    struct apc_sqlite *sq = apc_sqlite_of(store);
+    sqlite3_stmt *statement = NULL;
+    int found = apc_sqlite_enter(sq), length = 0;
+    *revision = 0;
+    sq->base.stats.round_trips++;
+    if (found == 0) {
+        found = apc_sqlite_prepare(sq, "SELECT revision, text FROM catalogue ORDER BY revision DESC LIMIT 1",
+                                   &statement);
+    }
+    if (found == 0) {
+        found = apc_sqlite_step(sq, statement);
+    }
+    if (found > 0) {
+        *revision = sqlite3_column_int64(statement, 0);
+        length = sqlite3_column_bytes(statement, 1);
+        if (size > 0) {
+            take_text(statement, 1, text, size <= INT_MAX ? size : INT_MAX);
+        }
+    }
+    sqlite3_finalize(statement);
+    return found < 0 ? found : length;
 }
 
 static void take_tag(sqlite3_stmt *statement, struct apc_tag *t)
@@ -382,4 +430,68 @@ int apc_sqlite_get_tags(struct apc_store *store, struct apc_tag *tags, size_t ca
     }
     sqlite3_finalize(statement);
     return found < 0 ? found : count;
+}
+
+/* ---- Authors -------------------------------------------------------------------------------- */
+
+/* The number of a name: 0 when it has none yet. */
+static int number_of(struct apc_sqlite *sq, const char *name)
+{
+    sqlite3_stmt *statement = NULL;
+    int found = apc_sqlite_prepare(sq, "SELECT number FROM author WHERE name = ?1", &statement);
+    if (found == 0) {
+        sqlite3_bind_text(statement, 1, name, -1, SQLITE_STATIC);
+        found = apc_sqlite_step(sq, statement);
+    }
+    const int number = found > 0 ? sqlite3_column_int(statement, 0) : 0;
+    sqlite3_finalize(statement);
+    return found < 0 ? found : number;
+}
+
+static int insert_author(struct apc_sqlite *sq, const char *name)
+{
+    sqlite3_stmt *statement = NULL;
+    int err =
+        apc_sqlite_prepare(sq, "INSERT INTO author (name) VALUES (?1) ON CONFLICT DO NOTHING", &statement);
+    if (!err) {
+        sqlite3_bind_text(statement, 1, name, -1, SQLITE_STATIC);
+        err = apc_sqlite_step(sq, statement);
+    }
+    sqlite3_finalize(statement);
+    return err ? err : number_of(sq, name);
+}
+
+int apc_sqlite_author(struct apc_store *store, const char *name)
+{
+    struct apc_sqlite *sq = apc_sqlite_of(store);
+    int number = apc_sqlite_enter(sq);
+    sq->base.stats.round_trips++;
+    if (number == 0) {
+        number = number_of(sq, name);
+    }
+    if (number == 0) {
+        number = apc_sqlite_begin(sq, APC_SQLITE_WRITE);
+        number = number < 0 ? number : apc_sqlite_end(sq, insert_author(sq, name));
+    }
+    return number;
+}
+
+int apc_sqlite_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN])
+{
+    struct apc_sqlite *sq = apc_sqlite_of(store);
+    sqlite3_stmt *statement = NULL;
+    int found = apc_sqlite_enter(sq);
+    sq->base.stats.round_trips++;
+    if (found == 0) {
+        found = apc_sqlite_prepare(sq, "SELECT name FROM author WHERE number = ?1", &statement);
+    }
+    if (found == 0) {
+        sqlite3_bind_int64(statement, 1, number);
+        found = apc_sqlite_step(sq, statement);
+    }
+    if (found > 0) {
+        take_text(statement, 0, name, APC_AUTHOR_LEN);
+    }
+    sqlite3_finalize(statement);
+    return found < 0 ? found : found > 0 ? 0 : APC_ENOTFOUND;
 }

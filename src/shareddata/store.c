@@ -379,6 +379,27 @@ int apc_store_put(struct apc_store *store, struct apc_sample *samples, size_t n)
     return err || n == 0 ? err : store->ops->put(store, samples, n);
 }
 
+int apc_store_author(struct apc_store *store, const char *name)
+{
+    char clean[APC_AUTHOR_LEN];
+    int err = enter(store, name, 1);
+    if (!err && (name[0] == '\0' || strnlen(name, sizeof clean) == sizeof clean)) {
+        err = apc_fail(&store->why, APC_EINVAL, "an author's name has 1 to %d bytes", APC_AUTHOR_LEN - 1);
+    }
+    return err ? err : store->ops->author(store, apc_text_clean(clean, name, sizeof clean));
+}
+
+int apc_store_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN])
+{
+    int err = enter(store, name, 1);
+    if (err) {
+        return err;
+    }
+    memset(name, 0, APC_AUTHOR_LEN);
+    err = number > 0 ? store->ops->author_name(store, number, name) : APC_ENOTFOUND;
+    return err == APC_ENOTFOUND ? apc_fail(&store->why, err, "there is no author %u", (unsigned)number) : err;
+}
+
 int apc_store_swap(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     int err = check_put(store, samples, n);
@@ -603,11 +624,38 @@ static int check_tag(struct apc_store *store, const struct apc_tag *t)
 
 int apc_store_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n)
 {
+    return apc_store_describe(store, tags, n, NULL);
+}
+
+int apc_store_describe(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue)
+{
+    const size_t length = catalogue ? strnlen(catalogue, APC_CATALOGUE_MAX + 1) : 0;
+    char *text = NULL;
     int err = enter(store, tags, n);
     for (size_t i = 0; !err && i < n; i++) {
         err = check_tag(store, &tags[i]);
     }
-    return err ? err : store->ops->put_tags(store, tags, n);
+    if (!err && length > APC_CATALOGUE_MAX) {
+        err = apc_fail(&store->why, APC_EINVAL, "a catalogue is %d bytes long at most", APC_CATALOGUE_MAX);
+    }
+    if (!err && catalogue && !(text = (char *)malloc(length + 1))) {
+        err = apc_fail(&store->why, APC_ENOMEM, "out of memory for a catalogue of %zu bytes", length);
+    }
+    if (!err) {
+        err = store->ops->describe(store, tags, n, text ? apc_text_clean(text, catalogue, length + 1) : NULL);
+    }
+    free(text);
+    return err;
+}
+
+int apc_store_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision)
+{
+    int64_t none;
+    int err = enter(store, NULL, 0);
+    if (text && size > 0) {
+        text[0] = '\0';
+    }
+    return err ? err : store->ops->catalogue(store, text, text ? size : 0, revision ? revision : &none);
 }
 
 int apc_store_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
@@ -685,7 +733,7 @@ int apc_store_maintain(struct apc_store *store, const struct apc_retention *keep
     if (!err) {
         err = apc_options_copy(&k, sizeof k, keep, "apc_retention", &store->why);
     }
-    if (!err && (k.samples < 0 || k.events < 0 || k.timing < 0)) {
+    if (!err && (k.samples < 0 || k.events < 0 || k.timing < 0 || k.ticks < 0)) {
         err = apc_fail(&store->why, APC_EINVAL, "a time to keep must not be negative");
     }
     return err ? err : store->ops->maintain(store, &k);

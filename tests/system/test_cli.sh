@@ -158,6 +158,8 @@ test_maintain_keeps_what_it_is_told_to_and_the_newest_in_any_case() {
   done
   run 2 maintain --keep-events=soon
   err_has 'keep-events "soon"'
+  run 2 maintain --keep-ticks=never
+  err_has 'keep-ticks "never"'
   run 2 maintain 90d
   run 1 maintain --store "$store" --keep 90d
   err_has "apc init"
@@ -165,8 +167,13 @@ test_maintain_keeps_what_it_is_told_to_and_the_newest_in_any_case() {
   sql "INSERT INTO maintained.sensor SELECT 1, s, now() - (40 - s) * interval '10 days', 0, s FROM generate_series(1, 40) AS s;
        INSERT INTO maintained.sensor VALUES (2, 7, '2001-01-01', 0, 5);
        INSERT INTO maintained.event (time, severity, source, kind, text) VALUES ('2001-01-01', 1, 't', 'start', '')" >/dev/null
-  run 0 maintain --store "$store"
+  sql "INSERT INTO maintained.tick SELECT 1, s, now() - (5 - s) * interval '20 hours', 0, ARRAY[s] FROM generate_series(1, 5) AS s" >/dev/null
+  run 0 maintain --store "$store" --keep-ticks 30d
   out_has '^0 rows'
+  run 0 maintain --store "$store"
+  equal "$(sql 'SELECT min(seq) FROM maintained.tick')" 4 "ticks are kept a day"
+  run 0 maintain --store "$store" --keep-ticks 1h
+  equal "$(sql 'SELECT min(seq) FROM maintained.tick')" 5 "ticks are kept an hour"
   run 0 maintain --store "$store" --keep 95d
   equal "$(sql 'SELECT min(seq) FROM maintained.sensor WHERE id = 1')" 31 "the oldest that is kept"
   equal "$(sql 'SELECT seq FROM maintained.sensor WHERE id = 2')" 7 "the newest of a variable that has long been silent"

@@ -88,7 +88,15 @@ expect 0 "samples: +[0-9]+ copied, [0-9]+ were there" "$apc" copy "$file" "sqlit
 
 # a description of TO's own stays
 sql "INSERT INTO back.tag (table_name, id, name, low, high) VALUES ('sensor', 9, 'own', 0, 1)"
+sql "SELECT back.author_number('somebody else')" >/dev/null
 expect 0 '' "$apc" copy "$file" 'postgresql:#back'
+author() {
+  sql "SELECT name FROM $1.setpoint s JOIN $1.author a ON a.number = s.author WHERE s.id = 1 ORDER BY s.seq DESC LIMIT 1"
+}
+[ -n "$(author apc)" ] || fail "apc set does not say who"
+[ "$(author back)" = "$(author apc)" ] || fail "the copy was written by \"$(author back)\""
+catalogue() { sql "SELECT text FROM $1.catalogue ORDER BY revision DESC LIMIT 1"; }
+[ "$(catalogue back)" = "$(<"$work/fast.conf")" ] || fail "the catalogue is not the file"
 [ "$(sql "SELECT count(*) FROM back.tag WHERE name = 'own'")" = 1 ] || fail "a description of the other store has gone"
 
 # bad input

@@ -235,6 +235,12 @@ static void a_store_is_described_once_and_is_no_other_s_then(void **state)
     assert_int_equal(apc_experiment_provision(e, store, 1, &why), 0);
     assert_true(apc_store_read(store, &kp, 1) >= 0);
     assert_near(kp.value, 0.7, 0);
+    char in_force[4096], there[4096];
+    int64_t revision;
+    assert_true(apc_experiment_text(e, in_force, sizeof in_force) < (int64_t)sizeof in_force);
+    assert_true(apc_store_catalogue(store, there, sizeof there, &revision) > 0);
+    assert_string_equal(there, in_force);
+    assert_int_equal(revision, 2); /* the third time nothing was new */
     assert_int_equal(apc_experiment_set(e, "measurements.y.name", "x", &why), 0);
     assert_int_equal(apc_experiment_provision(e, store, 1, &why), APC_EPERM);
     assert_non_null(strstr(why.text, "another experiment"));

@@ -115,7 +115,24 @@ static int put_tags(void)
 {
     const struct apc_tag tags[] = {{.table = APC_SENSOR, .id = 2, .name = "b"},
                                    {.table = APC_SENSOR, .id = 1, .name = "a"}};
-    return apc_store_put_tags(store, tags, 2);
+    return apc_store_describe(store, tags, 2, "name = \"a\";");
+}
+
+static int author(void)
+{
+    return apc_store_author(store, "anna");
+}
+
+static int author_name(void)
+{
+    char name[APC_AUTHOR_LEN];
+    return apc_store_author_name(store, 1, name);
+}
+
+static int catalogue(void)
+{
+    char text[32];
+    return apc_store_catalogue(store, text, sizeof text, NULL);
 }
 
 static int get_tags(void)
@@ -317,7 +334,8 @@ static int timing(void)
 
 static int maintain(void)
 {
-    const struct apc_retention keep = {.size = sizeof keep, .samples = 1, .events = 1, .timing = 1};
+    const struct apc_retention keep = {
+        .size = sizeof keep, .samples = 1, .events = 1, .timing = 1, .ticks = 1};
     return apc_store_maintain(store, &keep);
 }
 
@@ -356,6 +374,9 @@ static const struct step whole[] = {
     {init, 0},
     {put_tags, 2},
     {put_tags, 2},
+    {author, 1},
+    {author_name, 0},
+    {catalogue, 11},
     {append_one_of_many, VARIABLES},
     {append_many_of_one, ROWS},
     {append_late, 2},

@@ -570,13 +570,25 @@ static void test_maintenance_drops_what_is_old_and_keeps_the_newest(void **state
 {
     const apc_ns now = apc_clock_utc(NULL);
     double value[4][3] = {{1, 1, 1}, {10, 10, 10}, {100, 100, 100}, {1000, 1000, 1000}};
-    struct apc_vector v[4] = {vector(APC_TICK, 1, 1, value[0], 3), vector(APC_TICK, 1, 2, value[1], 3),
-                              vector(APC_TICK, 1, 3, value[2], 3), vector(APC_PLAN, 1, 1, value[3], 3)};
-    v[2].time = now; /* the others are of 1970 */
-    assert_int_equal(append_vectors(*state, v, 4), 4);
-    const struct apc_retention keep = {.size = sizeof keep, .samples = 3600 * APC_NS_PER_S};
+    struct apc_vector v[6] = {
+        vector(APC_TICK, 1, 1, value[0], 3),       vector(APC_TICK, 1, 2, value[1], 3),
+        vector(APC_TICK, 1, 3, value[2], 3),       vector(APC_PLAN, 1, 1, value[3], 3),
+        vector(APC_PREDICTION, 1, 1, value[0], 3), vector(APC_PREDICTION, 1, 2, value[1], 3)};
+    v[2].time = v[5].time = now; /* the others are of 1970 */
+    assert_int_equal(append_vectors(*state, v, 6), 6);
+    ok(*state, apc_store_maintain(*state, NULL));
+    struct apc_retention keep = {.size = sizeof keep, .samples = 3600 * APC_NS_PER_S};
     ok(*state, apc_store_maintain(*state, &keep));
     double sum = 0;
+    ok(*state,
+       apc_store_vectors(*state, APC_TICK, 1, NULL, count_vector, &sum)); /* kept apart from samples */
+    assert_near(sum, 111, 0);
+    keep = (struct apc_retention){.size = sizeof keep, .ticks = 3600 * APC_NS_PER_S};
+    ok(*state, apc_store_maintain(*state, &keep));
+    sum = 0;
+    ok(*state, apc_store_vectors(*state, APC_PREDICTION, 1, NULL, count_vector, &sum));
+    assert_near(sum, 10, 0);
+    sum = 0;
     ok(*state, apc_store_vectors(*state, APC_TICK, 1, NULL, count_vector, &sum));
     assert_near(sum, 100, 0);
     sum = 0;

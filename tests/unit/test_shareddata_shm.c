@@ -453,6 +453,7 @@ static void test_a_damaged_segment_is_said_to_be_one(void **state)
             assert_int_equal(apc_store_maintain(store, &keep), APC_ESTORE);
         } else if (i == 1) {
             assert_int_equal(apc_store_get_tags(store, NULL, 0), APC_ESTORE);
+            assert_int_equal(apc_store_catalogue(store, NULL, 0, NULL), APC_ESTORE);
         } else {
             assert_int_equal(apc_store_events(store, NULL, count_event, &next), APC_ESTORE);
         }

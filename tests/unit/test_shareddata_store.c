@@ -929,6 +929,115 @@ static int keep_event(void *ctx, const struct apc_event *e)
     return 0;
 }
 
+static void test_the_catalogue_comes_with_the_tags_and_each_text_is_a_revision(void **state)
+{
+    struct apc_store *store = *state;
+    const struct apc_tag tag[2] = {{.table = APC_SENSOR, .id = 1, .name = "A"},
+                                   {.table = APC_SENSOR, .id = 2, .name = "A"}};
+    static const char text[] = "name = \"tank\"; # 20 \xc2\xb0"
+                               "C\n";
+    char out[64];
+    int64_t revision = 7;
+    memset(out, 'x', sizeof out);
+    assert_int_equal(apc_store_catalogue(store, out, sizeof out, &revision), 0); /* none */
+    assert_string_equal(out, "");
+    assert_int_equal(revision, 0);
+    assert_int_equal(apc_store_describe(store, tag, 1, text), 1);
+    assert_int_equal(apc_store_catalogue(store, out, sizeof out, &revision), sizeof text - 1);
+    assert_string_equal(out, text);
+    assert_int_equal(revision, 1);
+    assert_int_equal(apc_store_describe(store, tag, 1, text), 1); /* as it was */
+    assert_int_equal(apc_store_put_tags(store, tag, 1), 1);
+    assert_int_equal(apc_store_describe(store, tag, 2, "b"), APC_ESTORE); /* tags that are none: no text */
+    assert_int_equal(apc_store_catalogue(store, NULL, 0, &revision), sizeof text - 1);
+    assert_int_equal(revision, 1);
+
+    for (size_t size = 1; size < sizeof text; size++) { /* as much as there is room for */
+        memset(out, 'x', sizeof out);
+        assert_int_equal(apc_store_catalogue(store, out, size, NULL), sizeof text - 1);
+        assert_int_equal(strlen(out), size - 1);
+        assert_memory_equal(out, text, size - 1);
+        assert_int_equal(out[size], 'x');
+    }
+    assert_int_equal(apc_store_describe(store, NULL, 0,
+                                        "\xff"
+                                        "b"),
+                     0);
+    assert_int_equal(apc_store_catalogue(store, out, sizeof out, &revision), 2);
+    assert_string_equal(out, "?b"); /* a byte that is no character */
+    assert_int_equal(revision, 2);
+    assert_int_equal(apc_store_get_tags(store, NULL, 0), 0);
+    assert_int_equal(apc_store_describe(store, tag, 1, ""), 1);
+    assert_int_equal(apc_store_catalogue(store, out, sizeof out, &revision), 0);
+    assert_int_equal(revision, 3);
+
+    struct apc_store *other = stores_open(); /* for all who use it */
+    assert_int_equal(apc_store_catalogue(other, NULL, 0, &revision), 0);
+    assert_int_equal(revision, 3);
+    apc_store_close(other);
+}
+
+static void test_a_catalogue_of_many_bytes_is_whole_or_refused(void **state)
+{
+    struct apc_store *store = *state;
+    enum { LENGTH = 200001 };
+    char *text = malloc(APC_CATALOGUE_MAX + 2), *out = malloc(LENGTH + 1);
+    assert_true(text && out);
+    memset(text, 'a', APC_CATALOGUE_MAX + 1);
+    for (size_t i = 0; i < LENGTH; i++) {
+        text[i] = (char)('a' + i % 26);
+    }
+    text[APC_CATALOGUE_MAX + 1] = '\0';
+    assert_int_equal(apc_store_describe(store, NULL, 0, text), APC_EINVAL);
+    text[LENGTH] = '\0';
+    assert_int_equal(apc_store_describe(store, NULL, 0, text), 0);
+    assert_int_equal(apc_store_catalogue(store, out, LENGTH + 1, NULL), LENGTH);
+    assert_string_equal(out, text);
+    free(text);
+    free(out);
+}
+
+static int keep_first(void *ctx, const struct apc_sample *s)
+{
+    *(struct apc_sample *)ctx = *s;
+    return 1;
+}
+
+static void test_an_author_has_a_number_that_stays(void **state)
+{
+    struct apc_store *store = *state, *other = stores_open();
+    char name[APC_AUTHOR_LEN], longest[APC_AUTHOR_LEN + 1];
+    const int anna = apc_store_author(store, "anna"), bert = apc_store_author(other, "bert");
+    assert_true(anna > 0 && bert > 0 && anna != bert);
+    assert_int_equal(apc_store_author(other, "anna"), anna);
+    ok(store, apc_store_author_name(store, (uint32_t)bert, name));
+    assert_string_equal(name, "bert");
+    assert_int_equal(apc_store_author_name(store, 0, name), APC_ENOTFOUND);
+    assert_string_equal(name, "");
+    assert_int_equal(apc_store_author_name(store, 2000000000, name), APC_ENOTFOUND);
+    memset(longest, 'a', sizeof longest);
+    longest[APC_AUTHOR_LEN] = '\0';
+    assert_int_equal(apc_store_author(store, longest), APC_EINVAL);
+    assert_int_equal(apc_store_author(store, ""), APC_EINVAL);
+    assert_int_equal(apc_store_author(store, NULL), APC_EINVAL);
+    longest[APC_AUTHOR_LEN - 1] = '\0';
+    const int last = apc_store_author(store, longest);
+    assert_true(last > 0);
+    ok(other, apc_store_author_name(other, (uint32_t)last, name));
+    assert_string_equal(name, longest);
+
+    struct apc_sample s = sample(APC_SETPOINT, 1, 0, 3); /* and stands in what he writes */
+    s.author = (uint32_t)anna;
+    ok(store, apc_store_put(store, &s, 1));
+    s.author = (uint32_t)bert;
+    ok(store, apc_store_swap(store, &s, 1));
+    assert_int_equal(newest(other, APC_SETPOINT, 1).author, bert);
+    struct apc_sample first = {.seq = 0};
+    assert_int_equal(apc_store_history(other, APC_SETPOINT, 1, NULL, keep_first, &first), 1);
+    assert_int_equal(first.author, anna);
+    apc_store_close(other);
+}
+
 static void test_events_come_back_in_order(void **state)
 {
     const struct apc_event in[3] = {
@@ -1404,6 +1513,7 @@ static void test_each_operation_is_counted(void **state)
     const struct apc_tag tag = {.table = APC_SENSOR, .id = 1, .name = "y"};
     const struct apc_retention keep = {.size = sizeof keep, .samples = HOUR, .events = HOUR, .timing = HOUR};
     struct apc_tag tags[1];
+    char name[APC_AUTHOR_LEN];
     int64_t last[1];
     int n = 0;
     newest(store, APC_TUNING, 1); /* connected */
@@ -1419,6 +1529,10 @@ static void test_each_operation_is_counted(void **state)
     counts(store, apc_store_history_bins(store, APC_TUNING, 1, 0, HOUR, 2, stop_bin, NULL));
     counts(store, apc_store_put_tags(store, &tag, 1));
     counts(store, apc_store_get_tags(store, tags, 1));
+    counts(store, apc_store_describe(store, &tag, 1, "text"));
+    counts(store, apc_store_catalogue(store, NULL, 0, NULL));
+    counts(store, apc_store_author(store, "anna"));
+    counts(store, apc_store_author_name(store, 1, name));
     counts(store, apc_store_append_events(store, &event, 1));
     counts(store, apc_store_events(store, NULL, count_event, &n));
     counts(store, apc_store_append_timing(store, &row, 1));
@@ -1507,6 +1621,9 @@ int main(void)
         T(test_bins_end_when_their_function_says_so_and_refuse_what_makes_no_sense),
         T(test_tags_come_back_in_order),
         T(test_tags_are_replaced_as_a_whole_and_may_change_names),
+        T(test_the_catalogue_comes_with_the_tags_and_each_text_is_a_revision),
+        T(test_a_catalogue_of_many_bytes_is_whole_or_refused),
+        T(test_an_author_has_a_number_that_stays),
         T(test_events_come_back_in_order),
         T(test_a_text_keeps_its_characters_and_no_other_byte),
         T(test_timing_rows_come_back_with_their_buckets),
