@@ -22,7 +22,10 @@ enum { OPT_LAW = 0x600, OPT_CSV, OPT_TOLERANCE, OPT_FORCE, OPT_VIRTUAL };
 
 static const struct argp_option option_list[] = {
     {"law", OPT_LAW, "NAME", 0,
-     "Control law instead of the run's: built in, or ./file.so; its own tuning applies", 0},
+     "Control law instead of the run's: built in, or ./file.so; its own tuning applies. Of several "
+     "controllers: "
+     "CONTROLLER=NAME",
+     0},
     {"tolerance", OPT_TOLERANCE, "U", 0, "End with code 1 when an output differs by more", 0},
     {"csv", OPT_CSV, "FILE", 0, "Write time,loop,recorded,replayed there; - is stdout", 0},
     {"virtual", OPT_VIRTUAL, NULL, 0, "Simulate the run anew instead, and name the first tick that differs",

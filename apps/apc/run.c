@@ -46,7 +46,10 @@ static const struct argp_option option_list[] = {
     {"hold-latency", OPT_HOLD_LATENCY, NULL, 0,
      "The daemons hold /dev/cpu_dma_latency at 0: idle CPUs stay awake", 0},
     {"law", OPT_LAW, "NAME", 0,
-     "Control law instead of the file's: built in, or ./file.so; its own tuning applies", 0},
+     "Control law instead of the file's: built in, or ./file.so; its own tuning applies. Of several "
+     "controllers: "
+     "CONTROLLER=NAME",
+     0},
     {"plant", OPT_PLANT, "NAME", 0,
      "Model instead of the file's: built in, or ./file.so; its own parameters apply", 0},
     {"no-ui", OPT_NO_UI, NULL, 0, "Do not serve the operator's page", 0},

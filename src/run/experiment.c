@@ -417,6 +417,33 @@ static enum apc_mode read_mode(struct settings *s, const config_setting_t *group
     return APC_MODE_MAN;
 }
 
+/* What --law says of one controller: of several it names whose, "base=./my.so". NULL: nothing. */
+static const char *law_for(const struct experiment *e, const struct controller *c, const char *law)
+{
+    const size_t n = strlen(c->name);
+    if (law && !strncmp(law, c->name, n) && law[n] == '=')
+        return law + n + 1;
+    return e->n_controllers == 1 ? law : NULL;
+}
+
+static void check_law(struct settings *s, const struct experiment *e, const char *law)
+{
+    char names[300] = "";
+    size_t used = 0;
+    bool found = !law;
+    for (size_t i = 0; i < e->n_controllers; i++) {
+        found = found || law_for(e, &e->controllers[i], law);
+        if (used < sizeof names)
+            used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", i ? ", " : "",
+                                     e->controllers[i].name);
+    }
+    if (!found && !s->failed)
+        s->failed =
+            apc_fail(s->why, APC_EINVAL,
+                     "--law %s: there are several controllers: say whose law it is, as in --law %s=%s (%s)",
+                     law, e->controllers->name, strchr(law, '=') ? strchr(law, '=') + 1 : law, names);
+}
+
 static void read_controller(struct settings *s, const config_setting_t *group, struct experiment *e,
                             struct controller *c, bool resolve_law, const char *override,
                             const struct record *record)
@@ -538,10 +565,13 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     read_client(s, root, e);
     const bool laws = (parts & EXPERIMENT_LAW) != 0;
     const config_setting_t *list = experiment_read_controllers(s, root, e);
+    const char *law = overrides ? overrides->law : NULL;
     bool wanted = false; /* the model, by a law */
+    if (laws)
+        check_law(s, e, law);
     for (size_t i = 0; i < e->n_controllers && !s->failed; i++) {
-        read_controller(s, group_of(list, i), e, &e->controllers[i], laws, overrides ? overrides->law : NULL,
-                        record);
+        read_controller(s, group_of(list, i), e, &e->controllers[i], laws,
+                        law_for(e, &e->controllers[i], law), record);
         wanted = wanted || experiment_wants_model(group_of(list, i));
     }
     read_plant(s, root, e, (parts & EXPERIMENT_MODEL) || (laws && wanted), wanted,

@@ -183,7 +183,8 @@ struct experiment {
 /* Which plug-ins to resolve: a client needs neither the law nor the model. */
 enum experiment_parts { EXPERIMENT_MODEL = 1, EXPERIMENT_LAW = 2 };
 
-/* From the command line, instead of what the file says; NULL: the file's. */
+/* From the command line, instead of what the file says; NULL: the file's. Of several controllers a law says
+ * whose it is: "base=./my.so". */
 struct experiment_overrides {
     const char *law, *model;
 };

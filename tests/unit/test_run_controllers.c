@@ -28,13 +28,20 @@ static const char *const good[] = {
     "scheduler = { period = 20.0; sequence = ( [6.0, 6.5, 1.0], [7.0, 6.5, 1.0] ); };"};
 #define LINES (sizeof good / sizeof *good)
 
-static int parse(struct experiment *e, size_t line, const char *instead, struct apc_error *why)
+static int parse_with(struct experiment *e, size_t line, const char *instead, const char *law,
+                      struct apc_error *why)
 {
+    const struct experiment_overrides overrides = {.law = law};
     char text[4000] = "";
     for (size_t i = 0; i < LINES; i++)
         snprintf(text + strlen(text), sizeof text - strlen(text), "%s\n", i + 1 == line ? instead : good[i]);
     return experiment_parse(e, &(struct experiment_source){.file = "layers.conf", .text = text},
-                            EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, why);
+                            EXPERIMENT_MODEL | EXPERIMENT_LAW, &overrides, why);
+}
+
+static int parse(struct experiment *e, size_t line, const char *instead, struct apc_error *why)
+{
+    return parse_with(e, line, instead, NULL, why);
 }
 
 static void assert_wire(struct wire w, enum apc_table table, size_t at)
@@ -124,6 +131,26 @@ static void loops_are_described_by_their_controllers_and_numbered_in_the_order_o
     assert_tag(t, n, APC_ACTUATOR, 1, "v1", "base");
     free(t);
     experiment_free(&e);
+}
+
+static void a_law_instead_of_the_files_says_whose_it_is(void **state)
+{
+    struct experiment e;
+    struct apc_error why;
+    (void)state;
+    if (parse_with(&e, 0, NULL, "upper=pid", &why) < 0)
+        fail_msg("%s", why.text);
+    assert_string_equal(e.controllers[1].law->name, "pid");
+    assert_true(e.controllers[1].plugin.chosen);
+    assert_false(e.controllers[0].plugin.chosen);
+    experiment_free(&e);
+    assert_int_equal(parse_with(&e, 0, NULL, "pid", &why), APC_EINVAL);
+    assert_string_equal(why.text,
+                        "--law pid: there are several controllers: say whose law it is, as in --law "
+                        "base=pid (base, upper)");
+    assert_int_equal(parse_with(&e, 0, NULL, "bse=./my.so", &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "--law base=./my.so"));
+    assert_int_equal(parse_with(&e, 0, NULL, "base=magic", &why), APC_ENOTFOUND);
 }
 
 static void assert_newest(struct apc_store *store, enum apc_table table, int id, double value, int64_t seq)
@@ -453,6 +480,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(each_controller_has_its_own_signals),
+        cmocka_unit_test(a_law_instead_of_the_files_says_whose_it_is),
         cmocka_unit_test(loops_are_described_by_their_controllers_and_numbered_in_the_order_of_the_file),
         cmocka_unit_test(each_loop_gets_its_own_target_and_what_it_controls),
         cmocka_unit_test(each_controller_has_a_law_of_its_own),
