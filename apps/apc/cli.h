@@ -122,6 +122,7 @@ int command_get(int argc, char **argv);
 int command_set(int argc, char **argv);
 int command_mode(int argc, char **argv);
 int command_remote(int argc, char **argv);
+int command_promote(int argc, char **argv);
 int command_tune(int argc, char **argv);
 int command_watch(int argc, char **argv);
 int command_history(int argc, char **argv);

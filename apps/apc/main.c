@@ -19,6 +19,7 @@ static const struct {
     {"set", command_set, "write a setpoint, or an output in mode Man"},
     {"mode", command_mode, "show or change the mode of a loop, a controller, or all: Man, Auto, Cas, OOS"},
     {"remote", command_remote, "give a setpoint back to the controller above that moves it"},
+    {"promote", command_promote, "have a controller act that is in shadow of another one"},
     {"tune", command_tune, "show or change the tuning of the control law"},
     {"watch", command_watch, "follow values as they change"},
     {"history", command_history, "past values of a variable, or events"},

@@ -43,8 +43,7 @@ int operate_read(struct apc_store *store, struct change *changes, size_t n)
     return rc;
 }
 
-/* Who is at the terminal, not as whom: a name that su and sudo keep. */
-static void operator_name(char *name, size_t size)
+void operate_who(char *name, size_t size)
 {
     const char *login = getlogin();
     const struct passwd *user = login ? NULL : getpwuid(getuid());
@@ -123,7 +122,7 @@ static int write_changes(struct apc_store *store, const struct operation *o, apc
     if (is_all(o))
         samples[0].id = 0;
     char name[APC_AUTHOR_LEN];
-    operator_name(name, sizeof name);
+    operate_who(name, sizeof name);
     int rc = apc_store_author(store, name);
     for (size_t i = 0; i < n && rc >= 0; i++)
         samples[i].author = (uint32_t)rc;
@@ -161,7 +160,7 @@ static int record(struct apc_store *store, const struct operation *o, const stru
         events[i].time = now;
         events[i].severity = APC_EVENT_INFO;
         snprintf(events[i].kind, sizeof events->kind, "operator");
-        operator_name(events[i].source, sizeof events->source);
+        operate_who(events[i].source, sizeof events->source);
     }
     int rc = apc_store_append_events(store, events, n);
     free(events);

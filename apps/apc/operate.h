@@ -35,6 +35,8 @@ int operate_read(struct apc_store *store, struct change *changes, size_t n);
 void operate_describe(const struct change *change, const char *name, char *text, size_t size);
 /* Are all of them the same change? Then they are told of as one. */
 bool operate_is_one(const struct operation *operation);
+/* Who is at the terminal, not as whom: a name that su and sudo keep. */
+void operate_who(char *name, size_t size);
 /* Write, record, wait for the outcome unless cli->no_wait, show. Returns the exit code. */
 int operate(const struct cli *cli, struct apc_store *store, const struct operation *operation);
 

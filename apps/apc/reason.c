@@ -25,8 +25,10 @@ bool reason_is_from(const struct loops *loops, const struct loops_controller *c,
 /* What stands behind "NAME: " where @p text is about that loop, by its name or its output's; else NULL. */
 static const char *behind(const struct loops *loops, const struct loops_loop *l, const char *text)
 {
-    const size_t prefix = strlen(loops->controller[l->controller].name) + 1, n = strlen(l->name);
-    const char *name = l->table == APC_SETPOINT && prefix < n ? l->name + prefix : l->name;
+    const char *controller = loops->controller[l->controller].name;
+    const size_t prefix = strlen(controller) + 1, n = strlen(l->name);
+    const bool joined = prefix < n && l->name[prefix - 1] == '.' && !strncmp(l->name, controller, prefix - 1);
+    const char *name = joined ? l->name + prefix : l->name;
     if (!strncmp(text, l->name, n) && !strncmp(text + n, ": ", 2))
         return text + n + 2;
     return !strncmp(text, name, strlen(name)) && !strncmp(text + strlen(name), ": ", 2)

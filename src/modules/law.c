@@ -340,7 +340,7 @@ static void tell(struct apc_controller *c, size_t i, apc_ns now, struct apc_noti
     else if (is_away(before) && l->move.output == APC_PUT_LAW)
         apc_controller_note(c, i, notice, APC_NOTICE_RECOVERED, "inputs good again after %.3f s",
                             apc_ns_to_s(now - l->since));
-    if (l->move.actual != l->actual)
+    if (l->move.actual != l->actual || (state == APC_LOOP_SHADOW && before != APC_LOOP_SHADOW))
         apc_controller_note(c, i, notice, APC_NOTICE_MODE, "mode %s%s%s", apc_mode_name((int)l->move.actual),
                             l->move.reason ? ": " : "", l->move.reason ? l->move.reason : "");
     l->actual = l->move.actual;

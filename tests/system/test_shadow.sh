@@ -24,13 +24,6 @@ more() { [ "$(newest "$1" "$2" seq)" -gt "$3" ]; }
 near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN {d = a - b; exit !(d < t && d > -t)}'; }
 settled() { near "$(newest sensor 1 value)" 5 0.05; }
 controller() { background "$1" "$APC_BIN/apc-controller" --name "$1"; }
-switch=$((2 * 65536 + $(sql "SELECT number FROM apc.tag WHERE table_name = 'actuator' AND id = 1")))
-promote() {
-  sql "INSERT INTO apc.opmode (id, seq, time, status, value)
-       SELECT $switch, max(seq) + 1, now(), 0, $1 FROM apc.opmode WHERE id = $switch" >/dev/null
-}
-[ "$(newest opmode "$switch" value)" = 1 ] || fail "the switch $switch does not say that the first one acts"
-
 background apc-plant "$APC_BIN/apc-plant" --store postgresql:
 background apc-client "$APC_BIN/apc-client"
 controller trial
@@ -41,6 +34,8 @@ first=$pid
 until_true 20 mode 1 1
 until_true 30 settled
 mode 2 2 || fail "trial acts"
+
+expect 0 'trial.u is in OOS: in shadow: another controller acts' "$apc" status
 
 # what it would do is there, and where nothing moves it is the same
 near "$(newest estimate 2 value)" "$(newest actuator 1 value)" 0.2 || fail "trial would put out $(newest estimate 2 value)"
@@ -58,8 +53,10 @@ until_true 20 more actuator 1 $((out + 5))
 until_true 30 settled
 
 # promoted, it takes the output where it is
-promote 2
-until_true 20 mode 2 1
+expect 1 'there is no controller "tryal": did you mean "trial"' "$apc" promote tryal
+expect 0 '^promoted: first -> trial \(applied\)$' "$apc" promote trial
+expect 0 '^trial acts already$' "$apc" promote trial
+mode 2 1 || fail "trial does not act"
 until_true 20 mode 1 2
 sql "SELECT count(*) FROM (SELECT value - lag(value) OVER (ORDER BY seq) AS step FROM apc.actuator WHERE id = 1
      AND time > now() - interval '2 s') AS s WHERE abs(step) > 0.5" | grep -qx 0 || fail "a bump at the promotion"
@@ -74,7 +71,11 @@ mode 1 2 || fail "first acts"
 mode 2 1 || fail "trial does not act"
 
 # and back
-promote 1
-until_true 20 mode 1 1
+expect 0 '^promoted: trial -> first \(applied\)$' "$apc" promote first
 until_true 20 mode 2 2
 until_true 20 settled
+
+# one that does not tick is not promoted
+kill -9 "$pid"
+expect 4 'trial does not tick: nobody would act' "$apc" promote trial
+mode 1 1 || fail "first does not act"
