@@ -334,9 +334,9 @@ int supervisor_check(struct supervisor *s, struct apc_error *why)
     hear(s);
     for (size_t i = 0; i < s->n && rc == 0; i++) {
         struct child *child = &s->child[i];
-        kill_silent(child);
         if (child->pid > 0 && waitpid(child->pid, &status, WNOHANG) == child->pid)
             rc = bury(child, status, why);
+        kill_silent(child); /* what has ended is silent, and did not hang */
         if (rc < 0 && child->aside) {
             child->name = NULL;
             rc = 0;
