@@ -61,7 +61,7 @@ static int unknown(const struct cli *cli, const struct loops *loops, const char 
         if (used + strlen(one) + 8 < sizeof names)
             snprintf(names + used, sizeof names - used, "%s%s", used ? ", " : "", one);
         else if (used + 6 < sizeof names && strcmp(names + used - 3, "...") != 0)
-            strcpy(names + used, ", ...");
+            snprintf(names + used, sizeof names - used, ", ...");
     }
     return cli_error(cli, APC_ENOTFOUND, "no loop, controller or mode \"%s\"%s%s%s; there are: %s", name,
                      nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
@@ -73,7 +73,7 @@ static int choose(const struct cli *cli, const struct loops *loops, const char *
 {
     const struct loops_controller *controller = name ? loops_controller(loops, name) : NULL;
     const struct loops_loop *loop = name ? loops_find(loops, name) : NULL;
-    *c = (struct chosen){.loop = calloc(loops->n + 1, sizeof(const struct loops_loop *))};
+    *c = (struct chosen){.loop = calloc(loops->n + 1, sizeof *c->loop)};
     if (!c->loop)
         return cli_error(cli, APC_ENOMEM, "out of memory");
     if (name && !loop && !controller)
@@ -96,7 +96,7 @@ static int choose(const struct cli *cli, const struct loops *loops, const char *
 static struct apc_sample *read_modes(const struct cli *cli, struct apc_store *store, const struct chosen *c,
                                      int *rc)
 {
-    struct apc_sample *mode = calloc(2 * c->n, sizeof *mode);
+    struct apc_sample *mode = calloc(2 * c->n + 1, sizeof *mode);
     for (size_t i = 0; mode && i < c->n; i++) {
         mode[i] = (struct apc_sample){.table = APC_OPMODE, .id = c->loop[i]->id};
         mode[c->n + i] =
@@ -258,12 +258,12 @@ static int change(const struct cli *cli, struct apc_store *store, const struct c
 {
     int rc = check(cli, c, wanted);
     struct apc_sample *mode = rc == EXIT_OK ? read_modes(cli, store, c, &rc) : NULL;
-    struct change *changes = mode ? calloc(c->n, sizeof *changes) : NULL;
+    struct change *changes = mode ? calloc(c->n + 1, sizeof *changes) : NULL;
     bool same = true;
 
     if (rc == EXIT_OK && !changes)
         rc = cli_error(cli, APC_ENOMEM, "out of memory");
-    for (size_t i = 0; i < c->n && rc == EXIT_OK; i++) {
+    for (size_t i = 0; changes && i < c->n && rc == EXIT_OK; i++) {
         changes[i] = (struct change){
             .before = mode[i], .after = {.table = APC_OPMODE, .id = c->loop[i]->id, .value = (double)wanted}};
         snprintf(changes[i].name, sizeof changes[i].name, "%.63s mode", c->loop[i]->name);
@@ -347,12 +347,12 @@ int command_remote(int argc, char **argv)
     int rc = exit_code_of(cli_open(&cli, &store));
     if (rc == EXIT_OK)
         rc = exit_code_of(cli_plant_load(&cli, store, &plant));
-    chosen.loop = calloc((size_t)cli.n_args, sizeof(const struct loops_loop *));
+    chosen.loop = calloc((size_t)cli.n_args, sizeof *chosen.loop);
     if (rc == EXIT_OK && !chosen.loop)
         rc = cli_error(&cli, APC_ENOMEM, "out of memory");
-    for (int i = 0; i < cli.n_args && rc == EXIT_OK; i++)
+    for (int i = 0; chosen.loop && i < cli.n_args && rc == EXIT_OK; i++)
         rc = choose_setpoint(&cli, &plant, cli.args[i], &chosen);
-    if (rc == EXIT_OK)
+    if (chosen.loop && rc == EXIT_OK)
         rc = change(&cli, store, &plant, &chosen, APC_MODE_CAS);
     free(chosen.loop);
     cli_plant_free(&plant);

@@ -92,7 +92,7 @@ static bool is_all(const struct operation *o)
 /* Which rows the mode of all has become: the newest, unless somebody else was faster with another mode. */
 static int find_rows(struct apc_store *store, const struct operation *o)
 {
-    struct apc_sample *rows = calloc(o->n, sizeof *rows);
+    struct apc_sample *rows = calloc(o->n + 1, sizeof *rows);
     if (!rows)
         return APC_ENOMEM;
     for (size_t i = 0; i < o->n; i++)

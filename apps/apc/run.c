@@ -458,7 +458,7 @@ static bool follow(struct run *r, const sigset_t *signals)
             r->failure = why;
             return false;
         }
-        if (r->page[0] && !page->name) {
+        if (page && !page->name) {
             live_say(r->live, APC_EVENT_WARNING, "the operator's page could not be served: see %s/apc-ui.log",
                      r->dir);
             r->page[0] = '\0';

@@ -184,7 +184,7 @@ static bool next_published(const struct apc_controller *c, struct published *p)
             p->in = 0;
             continue;
         }
-        p->what = &part.what[p->in++];
+        p->what = part.what + p->in++;
         p->at = p->end;
         p->end += p->what->length ? p->what->length : 1;
         if (p->what->length ? !c->prediction : !c->estimate)

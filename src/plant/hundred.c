@@ -9,8 +9,8 @@
  */
 #include "plant/plant_internal.h"
 
-#define AREAS 10
-#define EACH  10
+#define AREAS ((size_t)10)
+#define EACH  ((size_t)10)
 
 static const struct apc_param param[] = {
     {"K", "", "gain", 1.0, -1e6, 1e6},
@@ -49,10 +49,10 @@ static const struct apc_param disturbance[] = {LOAD(0), LOAD(1), LOAD(2), LOAD(3
 
 static int f(double t, const double *x, const double *u, const double *p, double *dx)
 {
-    const double *d = u + AREAS * EACH;
+    const double *d = &u[AREAS * EACH];
 
     (void)t;
-    for (int i = 0; i < AREAS * EACH; i++)
+    for (size_t i = 0; i < AREAS * EACH; i++)
         dx[i] = (-x[i] + p[0] * u[i] + d[i / EACH]) / (p[1] * slower[i / EACH]);
     return 0;
 }
@@ -62,7 +62,7 @@ static void g(double t, const double *x, const double *u, const double *p, doubl
     (void)t;
     (void)u;
     (void)p;
-    for (int i = 0; i < AREAS * EACH; i++)
+    for (size_t i = 0; i < AREAS * EACH; i++)
         y[i] = x[i];
 }
 

@@ -209,6 +209,14 @@ static void describe(const struct replay *r, const struct replay_controller *rc,
     va_end(args);
 }
 
+static bool same_bits(double a, double b)
+{
+    uint64_t bits[2];
+    memcpy(&bits[0], &a, sizeof a);
+    memcpy(&bits[1], &b, sizeof b);
+    return bits[0] == bits[1];
+}
+
 /* The first value that differs, but in fields that @p leave_out names (NULL: none). Returns false: all are
  * the same. */
 static bool differ(const struct apc_controller *c, const double *recorded, const double *made,
@@ -217,7 +225,7 @@ static bool differ(const struct apc_controller *c, const double *recorded, const
     size_t offset, length;
     for (size_t f = 0; apc_controller_tick_field(c, f, name, &offset, &length); f++)
         for (size_t i = 0; i < length && !(leave_out && leave_out[f]); i++)
-            if (memcmp(&recorded[offset + i], &made[offset + i], sizeof *made) != 0) {
+            if (!same_bits(recorded[offset + i], made[offset + i])) {
                 *element = offset + i;
                 return true;
             }
@@ -398,7 +406,7 @@ static const char *cause_of(const struct apc_controller *c, const double *record
               {APC_TICK_LAST, "the output before it was another"}};
     for (size_t k = 0; k < sizeof of / sizeof *of; k++)
         for (size_t i = c->offset[of[k].field]; i < c->offset[of[k].field + 1]; i++)
-            if (memcmp(&recorded[i], &made[i], sizeof *made) != 0)
+            if (!same_bits(recorded[i], made[i]))
                 return of[k].what;
     return "from the same inputs";
 }

@@ -26,7 +26,7 @@ static int flush(struct copy *c)
     int rc = apc_store_append(c->to, c->sample, c->n);
     if (rc >= 0)
         rc = apc_store_append_rows(c->to, &rows);
-    for (size_t i = 0; i < c->n_vectors; i++)
+    for (size_t i = 0; c->vector && i < c->n_vectors; i++)
         free(c->vector[i].value);
     c->n = c->n_vectors = 0;
     return c->failed = rc < 0 ? rc : 0;
@@ -98,7 +98,7 @@ static int copy_all(struct copy *c, const struct experiment *e)
     }
     if (rc >= 0)
         rc = flush(c);
-    for (size_t i = 0; i < c->n_vectors; i++)
+    for (size_t i = 0; c->vector && i < c->n_vectors; i++)
         free(c->vector[i].value);
     free(c->vector);
     free(c->sample);

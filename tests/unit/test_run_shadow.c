@@ -45,7 +45,7 @@ static int keep(void *ctx, const struct apc_sample *sample)
 static struct apc_simulation *simulate(const char *text, double until)
 {
     struct apc_experiment *e;
-    struct apc_simulation *s;
+    struct apc_simulation *s = NULL;
     struct apc_error why;
     if (apc_experiment_load(&e, "shadow.conf", text, &why) < 0 ||
         apc_simulation_create(&s, e, NULL, &why) < 0)
