@@ -301,24 +301,21 @@ static void take_along(struct order *o, const struct owner_rows *with)
 }
 
 /* Returns the store's answer; the changes then have their seqs, or what is newest instead. */
-static int put(struct ui *ui, struct order *o, struct apc_store *store)
+static int put(struct ui *ui, struct order *o, struct apc_store *store, uint32_t author)
 {
     struct apc_sample samples[WRITE_CHANGES];
     struct owner_rows with = {0};
     struct loops loops;
-    const int author = o->write.user[0] ? apc_store_author(store, o->write.user) : 0;
     apc_ns began = apc_clock_mono(NULL);
     for (size_t i = 0; i < o->write.n; i++) {
         o->change[i].after.time = o->write.time;
         o->change[i].after.status = APC_GOOD;
-        o->change[i].after.author = author > 0 ? (uint32_t)author : 0;
+        o->change[i].after.author = author;
         samples[i] = o->change[i].after;
     }
     if (is_remote(o))
         samples[0].seq = APC_SEQ_ANY;
     int rc = copy_loops(ui, &loops);
-    if (rc == 0 && author < 0)
-        rc = author;
     if (rc == 0)
         rc = owner_put(store, &loops, samples, o->write.n, &with);
     for (size_t i = 0; i < o->write.n; i++) {
@@ -373,7 +370,10 @@ static void end(struct ui *ui, struct request *r, struct order *o, enum write_st
 
 static void carry_out(struct ui *ui, struct request *r, struct order *o, struct apc_store *store)
 {
+    int author = 0;
     int rc = apc_store_connect(store);
+    if (rc >= 0 && o->write.user[0])
+        rc = author = apc_store_author(store, o->write.user);
     if (rc >= 0)
         rc = read_before(o, store);
     if (rc < 0)
@@ -384,7 +384,7 @@ static void carry_out(struct ui *ui, struct request *r, struct order *o, struct 
         end(ui, r, o, WRITE_FAILED, 0, r->fault.message);
         return;
     }
-    rc = put(ui, o, store);
+    rc = put(ui, o, store, (uint32_t)author);
     if (rc == APC_ECONFLICT)
         stale_fault(r, o);
     else if (rc == APC_ECONN || rc == APC_ETIMEDOUT)
