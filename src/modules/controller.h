@@ -18,15 +18,14 @@ struct apc_controller_state {
     struct apc_loop_facts facts;
     struct apc_loop_move move;
     enum apc_mode target, actual;
-    apc_ns since;         /* when the law's output ceased to go out */
-    int64_t seq;          /* of its newest output */
-    bool there;           /* u holds an output */
-    int64_t y_seq, z_seq; /* which the law made of these; 0: it did not */
-    bool put;             /* the last tick wrote it */
-    double wanted;        /* the operator's output, which the rate may keep u from */
-    double would;         /* what the law would put out, were this controller acting; NaN: nothing */
-    int setpoint;         /* number of the one that it is shown and judged by; -1: none */
-    char trouble[144];    /* why there is no input, or no answer of the law */
+    apc_ns since;      /* when the law's output ceased to go out */
+    int64_t seq;       /* of its newest output */
+    bool there;        /* u holds an output */
+    bool put;          /* the last tick wrote it */
+    double wanted;     /* the operator's output, which the rate may keep u from */
+    double would;      /* what the law would put out, were this controller acting; NaN: nothing */
+    int setpoint;      /* number of the one that it is shown and judged by; -1: none */
+    char trouble[144]; /* why there is no input, or no answer of the law */
 };
 
 /** What a loop sees of the one below, which has its output as its setpoint. */

@@ -237,15 +237,10 @@ void apc_controller_settle(struct apc_controller *c, struct apc_now now)
 
 /* ---- What goes out ------------------------------------------------------------------------ */
 
-static void put_out(struct apc_controller *c, size_t i, double u, bool by_law)
+static void put_out(struct apc_controller *c, size_t i, double u)
 {
-    const struct apc_law_ports *p = apc_instances_ports(c->law, i);
-    struct apc_controller_state *l = &c->state[i];
-
     c->u[i] = u;
-    l->there = true;
-    l->y_seq = by_law && p->ny ? c->y_seq[p->y[0]] : 0;
-    l->z_seq = by_law && p->nz ? c->z_seq[p->z[0]] : 0;
+    c->state[i].there = true;
 }
 
 /* The outputs that are not the law's. */
@@ -256,7 +251,7 @@ static void place(struct apc_controller *c, size_t i, apc_ns utc, bool have, str
 
     if (l->move.output == APC_PUT_OPERATOR) {
         if (!l->there)
-            put_out(c, i, c->loop[i].fault, false);
+            put_out(c, i, c->loop[i].fault);
         if (l->loop.state != APC_LOOP_MAN)
             l->wanted = c->u[i];
     }
@@ -265,9 +260,9 @@ static void place(struct apc_controller *c, size_t i, apc_ns utc, bool have, str
     if (l->move.output == APC_PUT_OPERATOR) {
         u = l->wanted;
         (void)limit(c, i, &u);
-        put_out(c, i, u, false);
+        put_out(c, i, u);
     } else if (l->move.output == APC_PUT_FAULT) {
-        put_out(c, i, c->loop[i].fault, false);
+        put_out(c, i, c->loop[i].fault);
     }
 }
 
@@ -290,7 +285,6 @@ static void refuse_answer(struct apc_controller *c, size_t k, enum apc_law_resul
         l->move = apc_loop_next(l->loop.state, &l->facts);
         l->move.law &= ~(unsigned)APC_ASK_COMPUTE;
         c->decides[i] = APC_OUT_GIVEN;
-        l->y_seq = l->z_seq = 0;
         snprintf(l->trouble, sizeof(l->trouble), "law %.20s %.95s (%" PRIu64 ")", c->definition->name,
                  why[0]                     ? why
                  : result == APC_LAW_FAILED ? "failed"
@@ -414,9 +408,9 @@ void apc_controller_run(struct apc_controller *c, size_t k, struct apc_now now, 
         if (in_shadow(c, i))
             c->decides[i] = APC_OUT_GIVEN;
         if (l->move.output == APC_PUT_LAW)
-            put_out(c, i, c->trial[i], true);
+            put_out(c, i, c->trial[i]);
         if (l->move.output == APC_PUT_FAULT) /* only after the answer was refused */
-            put_out(c, i, c->loop[i].fault, false);
+            put_out(c, i, c->loop[i].fault);
         tell(c, i, now.mono, notice);
         apc_loop_settle(&l->loop, &l->facts, l->move.state, now.mono,
                         apc_controller_is_below(c, i) ? c->actual[l->setpoint].seq + 1 : 0);
