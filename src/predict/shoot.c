@@ -93,7 +93,8 @@ int apc_shoot_create(struct apc_shoot **shoot, const struct apc_shoot_options *o
     apc_param_initials(m->input, m->nu, s->nominal);
     apc_param_initials(m->disturbance, m->nd, s->nominal + m->nu);
     memcpy(s->u0, o->u0, m->nu * sizeof(*s->u0));
-    memcpy(s->unknown, o->unknown, o->n_unknown * sizeof(*s->unknown));
+    for (size_t i = 0; i < o->n_unknown; i++)
+        s->unknown[i] = o->unknown[i];
     for (size_t i = 0, b = 0, left = o->block[0]; i < s->N; i++, left--) {
         if (left == 0 && b + 1 < s->blocks)
             left = o->block[++b];
