@@ -9,6 +9,7 @@ skip() {
   echo "skipped: $*" >&2
   exit 77
 }
+[ -z "${APC_SANITIZE:-}" ] || skip "what is preloaded comes before a sanitizer"
 peers=$APC_BUILD_DIR/tests/solvers
 exec 9>"$peers.lock"
 flock 9
