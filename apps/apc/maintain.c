@@ -2,7 +2,7 @@
 /* apc maintain: the store's housekeeping. */
 #include "cli.h"
 
-#define DAY (24 * 3600 * APC_NS_PER_S)
+#define DAY (86400 * APC_NS_PER_S)
 
 enum { OPT_KEEP = 0x400, OPT_EVENTS, OPT_TICKS };
 

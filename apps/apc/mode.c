@@ -73,6 +73,7 @@ static int choose(const struct cli *cli, const struct loops *loops, const char *
 {
     const struct loops_controller *controller = name ? loops_controller(loops, name) : NULL;
     const struct loops_loop *loop = name ? loops_find(loops, name) : NULL;
+    /* NOLINTNEXTLINE(bugprone-sizeof-expression): an array of pointers */
     *c = (struct chosen){.loop = calloc(loops->n + 1, sizeof *c->loop)};
     if (!c->loop)
         return cli_error(cli, APC_ENOMEM, "out of memory");
@@ -347,6 +348,7 @@ int command_remote(int argc, char **argv)
     int rc = exit_code_of(cli_open(&cli, &store));
     if (rc == EXIT_OK)
         rc = exit_code_of(cli_plant_load(&cli, store, &plant));
+    /* NOLINTNEXTLINE(bugprone-sizeof-expression): an array of pointers */
     chosen.loop = calloc((size_t)cli.n_args, sizeof *chosen.loop);
     if (rc == EXIT_OK && !chosen.loop)
         rc = cli_error(&cli, APC_ENOMEM, "out of memory");

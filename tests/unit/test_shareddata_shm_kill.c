@@ -484,7 +484,7 @@ static void kill_everywhere(operation_fn before, operation_fn operation, bool re
     struct apc_store *store = new_store();
     assert_int_equal(before(store), 0);
     const uint64_t old_contents = contents();
-    long instructions;
+    long instructions = 0;
     const long places = run_killed(store, operation, LONG_MAX, &instructions);
     const uint64_t new_contents = contents();
     apc_store_close(store);
