@@ -170,7 +170,11 @@ static void a_commit_without_an_answer_is_unknown_and_settles_by_itself(void **s
     await_ready();
     struct http_stream *stream = client_stream(&client, NULL);
     json_decref(next_event(stream, "state", NULL));
+    /* who writes is to be known already */
+    const int64_t before = seq_of(&client, "setpoint.1");
     assert_int_equal(client_post(&client, "/api/setpoint", setpoint(5, "who-writes"), NULL), 200);
+    while (seq_of(&client, "setpoint.1") == before)
+        json_decref(next_event(stream, "beat", NULL));
     char *body = setpoint(20, "lost-answer");
     cluster_query(cluster, "ALTER SYSTEM SET synchronous_standby_names = 'nobody'");
     cluster_query(cluster, "SELECT pg_reload_conf()");
