@@ -108,10 +108,11 @@ static int copy_all(struct copy *c, const struct experiment *e)
 int ticks_keep(const char *dir, struct apc_store *from, const struct experiment *e,
                const struct apc_range *range, struct apc_error *why)
 {
-    char path[600], part[620], uri[640];
+    char path[600], part[620], journal[640], uri[640];
     struct copy c = {.from = from, .range = range};
     snprintf(path, sizeof path, "%.580s/" TICKS_FILE, dir);
     snprintf(part, sizeof part, "%s.new", path);
+    snprintf(journal, sizeof journal, "%s-journal", part); /* outlives its file */
     snprintf(uri, sizeof uri, "sqlite:%s", part);
     if (unlink(part) < 0 && errno != ENOENT)
         return apc_fail(why, APC_ESYS, "%s: %s", part, strerror(errno));
@@ -123,6 +124,7 @@ int ticks_keep(const char *dir, struct apc_store *from, const struct experiment 
         apc_fail(why, rc, "%s: %s", path,
                  rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(c.failed ? c.to : from));
     apc_store_close(c.to);
+    unlink(journal);
     if (rc >= 0 && rename(part, path) < 0)
         rc = apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
     if (rc < 0)

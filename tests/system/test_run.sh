@@ -8,7 +8,7 @@ folder_is_whole() {
   for file in run.conf record.conf samples.csv ticks.db operation.csv signals.csv timing.csv timing-summary.csv events.csv report.svg report.png; do
     [ -s "$1/$file" ] || fail "$1/$file is missing or empty"
   done
-  [ -z "$(find "$1" -name '*.part')" ] || fail "a half-written file was left in $1"
+  [ -z "$(find "$1" -name '*.part' -o -name '*.new*')" ] || fail "a half-written file was left in $1"
   [ "$(head -n 1 "$1/samples.csv")" = "time,table,id,status,value" ] || fail "samples.csv has another header"
   for table in sensor actuator setpoint; do
     grep -q ",$table,1,Good," "$1/samples.csv" || fail "no good sample of $table in $1/samples.csv"
