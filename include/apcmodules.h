@@ -223,7 +223,8 @@ struct apc_loop_facts {
     bool input;           /**< measurements are usable and fresh, and there is a setpoint of any age */
     bool law;             /**< the law's answer is usable: good, suboptimal or late */
     bool expired;         /**< held, or without good answers, for too long */
-    bool backup;          /**< there is a backup law, and its inputs are usable */
+    bool backup;          /**< there is a backup law, and its inputs are usable or, in Backup, were lately */
+    bool bare;            /**< it has no input, or gave no usable answer, at this tick */
     bool remote;          /**< the setpoint is a controller's above, which is alive and was initialised */
 };
 
@@ -292,6 +293,17 @@ struct apc_controller_loop {
     apc_ns below_period; /**< required with it: of that controller */
 };
 
+/** The law that acts on actuators while the one proper cannot: of the same dimensions and period, with the
+ * same limits. What it publishes is not written. */
+struct apc_controller_backup {
+    const struct apc_law *law; /**< required; borrowed */
+    size_t n_setting;
+    const struct apc_setting *setting; /**< these as those of the law proper */
+    const struct apc_law_plant *plant;
+    const struct apc_param *param;
+    const double *start;
+};
+
 /** Zero means default, but for those marked required. */
 struct apc_controller_options {
     size_t size;
@@ -305,7 +317,7 @@ struct apc_controller_options {
                                   measurement's own rhythm, not the controller's: 3 periods of the client or of
                                   the plant, whichever is slower, + 100 ms */
     unsigned shed_after; /**< after so many ticks in a row without a good answer of the law a loop goes to
-                            its fault value; default: as many as the longest hold has periods */
+                            its backup law or fault value; default: as many as the longest hold has periods */
     const int *y, *d;    /**< [ny], [nd] ids in table sensor; NULL: 1, 2, ...; copied */
     const bool *spare;   /**< [ny] a law that is whole can do without it for a while; NULL: none; copied */
     const struct apc_controller_setpoint *z; /**< [nz]; NULL: ids 1, 2, ... without limits; copied */
@@ -325,6 +337,9 @@ struct apc_controller_options {
                                       own; borrowed */
     const double *start; /**< [apc_law_parameters()] the tuning in force until the store has a good one;
                             NULL: the initial ones; copied */
+    const struct apc_controller_backup
+        *backup; /**< its parameters have the ids behind those of the law; NULL:
+                    none; not used after creation, but for what it borrows */
 };
 
 /**

@@ -52,7 +52,7 @@ void apc_controller_name_cascade(struct apc_controller *c, struct apc_sample *at
         at = name(at, APC_ACTUAL, apc_variable_number(APC_OPMODE, c->setpoint[k].above));
     }
     for (size_t i = c->dim.nu; i-- > 0;) {
-        const struct apc_law_ports *p = apc_instances_ports(c->law, i);
+        const struct apc_law_ports *p = apc_instances_ports(c->law.instances, i);
 
         c->state[i].setpoint = p->nz ? p->z[0] : -1;
         for (size_t j = 0; j < p->nz; j++)
@@ -115,7 +115,7 @@ static void set(struct apc_controller *c, size_t k, double value)
  */
 static void follow_measurement(struct apc_controller *c, size_t k)
 {
-    const struct apc_law_ports *p = apc_instances_ports(c->law, c->above[k].loop);
+    const struct apc_law_ports *p = apc_instances_ports(c->law.instances, c->above[k].loop);
     const struct apc_controller_setpoint *z = &c->setpoint[k];
 
     if (p->ny && c->ok[p->y[0]])
@@ -158,9 +158,10 @@ void apc_controller_own_setpoint(struct apc_controller *c, size_t k, const struc
 apc_status apc_controller_handshake(const struct apc_controller *c, size_t k)
 {
     const size_t i = c->above[k].loop;
-    const struct apc_law_ports *p = apc_instances_ports(c->law, i);
+    const struct apc_law_ports *p = apc_instances_ports(c->law.instances, i);
     const struct apc_controller_state *l = &c->state[i];
 
     return apc_loop_status(&l->loop, l->target,
-                           p->ny ? apc_loop_lacks(c->limited[i], c->z[k], c->y[p->y[0]]) : c->limited[i]);
+                           p->ny ? apc_loop_lacks(c->law.limited[i], c->z[k], c->y[p->y[0]])
+                                 : c->law.limited[i]);
 }

@@ -45,9 +45,9 @@ static int allocate_doubles(struct apc_controller *c)
 {
     const size_t ny = c->dim.ny, nz = c->size.n_ahead * c->dim.nz, nd = c->size.n_ahead * c->dim.nd,
                  nu = c->dim.nu;
-    double *at = calloc(4 * ny + nz + nd + c->size.states + 6 * nu + 2 * c->size.tuning + c->n_wanted +
-                            c->size.published + 1,
-                        sizeof(*at));
+    double *at =
+        calloc(4 * ny + nz + nd + c->size.states + 7 * nu + 2 * c->size.tuning + c->law.size.published + 1,
+               sizeof(*at));
 
     c->doubles = at;
     if (!at)
@@ -61,15 +61,28 @@ static int allocate_doubles(struct apc_controller *c)
     c->x = apc_carve(&at, c->size.states);
     c->u = apc_carve(&at, nu);
     c->last = apc_carve(&at, nu);
-    c->trial = apc_carve(&at, nu);
+    c->law.trial = apc_carve(&at, nu);
+    c->backup.trial = apc_carve(&at, nu);
     c->low = apc_carve(&at, nu);
     c->high = apc_carve(&at, nu);
     c->rate = apc_carve(&at, nu);
     c->tuning = apc_carve(&at, c->size.tuning);
     c->offered = apc_carve(&at, c->size.tuning);
-    c->force = apc_carve(&at, c->n_wanted);
-    c->published = apc_carve(&at, c->size.published);
+    c->law.published = c->law.size.published ? apc_carve(&at, c->law.size.published) : NULL;
     return 0;
+}
+
+/* What both laws have one behind the other. */
+static void divide(struct apc_controller *c)
+{
+    c->law.instance = c->instance;
+    c->backup.instance = c->instance + c->law.size.instances;
+    c->law.x = c->x;
+    c->backup.x = c->x + c->law.size.states;
+    c->law.tuning = c->tuning;
+    c->backup.tuning = c->tuning + c->backup.first;
+    c->law.offered = c->offered;
+    c->backup.offered = c->offered + c->backup.first;
 }
 
 static int allocate(struct apc_controller *c)
@@ -86,11 +99,11 @@ static int allocate(struct apc_controller *c)
     c->below = calloc(nu, sizeof(*c->below));
     c->above = calloc(nz + 1, sizeof(*c->above));
     c->y_status = calloc(ny, sizeof(*c->y_status));
-    c->limited = calloc(2 * nu, sizeof(*c->limited));
-    c->decides = calloc(2 * nu, sizeof(*c->decides));
+    c->bits = calloc(3 * nu, sizeof(*c->bits));
+    c->decides = calloc(3 * nu, sizeof(*c->decides));
     c->fresh = calloc(ny + nd, sizeof(*c->fresh));
     if (allocate_doubles(c) < 0 || !c->seqs || !c->flags || !c->setpoint || !c->loop || !c->state ||
-        !c->instance || !c->below || !c->above || !c->y_status || !c->limited || !c->decides || !c->fresh)
+        !c->instance || !c->below || !c->above || !c->y_status || !c->bits || !c->decides || !c->fresh)
         return APC_ENOMEM;
     c->y_seq = c->seqs;
     c->d_seq = c->y_seq + ny;
@@ -101,40 +114,43 @@ static int allocate(struct apc_controller *c)
     c->spare = c->ok + ny + nd;
     c->rests = c->spare + ny;
     c->refused = c->rests + nz;
-    c->blocked = c->limited + nu;
-    c->given = c->decides + nu;
+    c->law.limited = c->bits;
+    c->backup.limited = c->bits + nu;
+    c->blocked = c->bits + 2 * nu;
+    c->law.decides = c->decides;
+    c->backup.decides = c->decides + nu;
+    c->given = c->decides + 2 * nu;
+    divide(c);
     for (size_t i = 0; i < nu; i++)
         c->given[i] = APC_OUT_GIVEN;
     return 0;
 }
 
-/* The tuning that the controller begins with. */
-static int take_tuning(struct apc_controller *c, const struct apc_controller_options *o,
+/* The tuning that a law begins with. */
+static int take_tuning(struct apc_controller_law *law, const struct apc_param *param, const double *start,
                        struct apc_error *why)
 {
-    const struct apc_law *law = o->law;
-
-    c->param = o->param ? o->param : law->tuning;
-    for (size_t i = 0; i < law->n_tuning; i++) {
-        const struct apc_param *narrow = &c->param[i], *own = &law->tuning[i];
+    law->param = param ? param : law->definition->tuning;
+    for (size_t i = 0; i < law->definition->n_tuning; i++) {
+        const struct apc_param *narrow = &law->param[i], *own = &law->definition->tuning[i];
 
         if (!(narrow->low >= own->low && narrow->low <= narrow->high && narrow->high <= own->high))
             return apc_fail(why, APC_EINVAL, "controller: limits of %s: %g to %g do not lie within %g to %g",
                             own->name, narrow->low, narrow->high, own->low, own->high);
     }
-    for (size_t i = 0; i < c->size.tuning; i++) {
-        const struct apc_law_parameter p = apc_instances_parameter(c->law, i);
-        const struct apc_param *narrow = &c->param[p.number];
+    for (size_t i = 0; i < law->size.tuning; i++) {
+        const struct apc_law_parameter p = apc_instances_parameter(law->instances, i);
+        const struct apc_param *narrow = &law->param[p.number];
 
-        c->tuning[i] = o->start ? o->start[i] : narrow->initial;
-        if (!apc_param_accepts(narrow, c->tuning[i]))
+        law->tuning[i] = start ? start[i] : narrow->initial;
+        if (!apc_param_accepts(narrow, law->tuning[i]))
             return apc_fail(why, APC_EINVAL,
                             "controller: %s of output %zu begins with %g, not within %g to %g", narrow->name,
-                            p.of + 1, c->tuning[i], narrow->low, narrow->high);
+                            p.of + 1, law->tuning[i], narrow->low, narrow->high);
     }
-    memcpy(c->offered, c->tuning, c->size.tuning * sizeof(*c->offered));
-    c->offer_ok = true;
-    return apc_instances_check(c->law, c->tuning, why);
+    memcpy(law->offered, law->tuning, law->size.tuning * sizeof(*law->offered));
+    law->offer_ok = true;
+    return apc_instances_check(law->instances, law->tuning, why);
 }
 
 static int take_setpoints(struct apc_controller *c, const struct apc_controller_options *o,
@@ -202,23 +218,65 @@ static int take_loop(struct apc_controller *c, size_t i, const struct apc_contro
     return 0;
 }
 
-static int fill(struct apc_controller *c, const struct apc_controller_options *o, struct apc_error *why)
+static int make_law(struct apc_controller_law *law, const struct apc_law *definition,
+                    const struct apc_law_setup *setup, struct apc_error *why)
 {
-    const struct apc_law_setup setup = {.size = sizeof(setup),
-                                        .dim = o->dim,
-                                        .Ts = apc_ns_to_s(o->period),
-                                        .n_setting = o->n_setting,
-                                        .setting = o->setting,
-                                        .plant = o->plant};
-    int rc = apc_instances_create(&c->law, o->law, &setup, why);
+    const int rc = apc_instances_create(&law->instances, definition, setup, why);
 
     if (rc < 0)
         return rc;
-    c->definition = o->law;
-    c->whole = o->law->whole;
-    c->size = apc_instances_size(c->law);
+    law->definition = definition;
+    law->size = apc_instances_size(law->instances);
+    if (definition->n_tuning > APC_VECTOR_MAX)
+        return apc_fail(why, APC_EINVAL, "controller: law %s wants %zu tuning parameters an output; too many",
+                        definition->name, definition->n_tuning);
+    return 0;
+}
+
+static int make_laws(struct apc_controller *c, const struct apc_controller_options *o, struct apc_error *why)
+{
+    const struct apc_controller_backup *b = o->backup;
+    struct apc_law_setup setup = {.size = sizeof(setup),
+                                  .dim = o->dim,
+                                  .Ts = apc_ns_to_s(o->period),
+                                  .n_setting = o->n_setting,
+                                  .setting = o->setting,
+                                  .plant = o->plant};
+    int rc = make_law(&c->law, o->law, &setup, why);
+
+    if (rc == 0 && b) {
+        setup.n_setting = b->n_setting;
+        setup.setting = b->setting;
+        setup.plant = b->plant;
+        rc = b->law ? make_law(&c->backup, b->law, &setup, why)
+                    : apc_fail(why, APC_EINVAL, "controller: a backup wants a law");
+    }
+    c->size = (struct apc_instances_size){.instances = c->law.size.instances + c->backup.size.instances,
+                                          .states = c->law.size.states + c->backup.size.states,
+                                          .tuning = c->law.size.tuning + c->backup.size.tuning,
+                                          .n_ahead = c->law.size.n_ahead > c->backup.size.n_ahead
+                                                         ? c->law.size.n_ahead
+                                                         : c->backup.size.n_ahead};
+    c->backup.first = c->law.size.tuning;
+    return rc;
+}
+
+static int take_tunings(struct apc_controller *c, const struct apc_controller_options *o,
+                        struct apc_error *why)
+{
+    const int rc = take_tuning(&c->law, o->param, o->start, why);
+
+    return rc < 0 || !o->backup ? rc : take_tuning(&c->backup, o->backup->param, o->backup->start, why);
+}
+
+static int fill(struct apc_controller *c, const struct apc_controller_options *o, struct apc_error *why)
+{
+    int rc = make_laws(c, o, why);
+
+    if (rc < 0)
+        return rc;
     c->dim = o->dim;
-    c->Ts = setup.Ts;
+    c->Ts = apc_ns_to_s(o->period);
     c->budget = apc_ns_to_s(o->budget ? o->budget : o->period / 2);
     c->real_time = o->real_time;
     c->acting = !o->acting;
@@ -226,9 +284,6 @@ static int fill(struct apc_controller *c, const struct apc_controller_options *o
     c->horizon = o->horizon;
     c->loss = apc_loss_limit(o->period);
     c->shed_after = o->shed_after ? o->shed_after : 1;
-    if (o->law->n_tuning > APC_VECTOR_MAX)
-        return apc_fail(why, APC_EINVAL, "controller: law %s wants %zu tuning parameters an output; too many",
-                        o->law->name, o->law->n_tuning);
     if (allocate(c) < 0)
         return apc_fail(why, APC_ENOMEM, "controller: no memory");
     for (size_t k = 0; k < c->dim.ny; k++) {
@@ -240,7 +295,7 @@ static int fill(struct apc_controller *c, const struct apc_controller_options *o
         c->looked[k] = -1;
     for (size_t k = 0; k < c->size.instances; k++)
         c->instance[k].gap = true;
-    rc = take_tuning(c, o, why);
+    rc = take_tunings(c, o, why);
     if (rc == 0)
         rc = take_setpoints(c, o, why);
     for (size_t i = 0; i < c->dim.nu && rc == 0; i++)
@@ -277,14 +332,15 @@ void apc_controller_destroy(struct apc_controller *c)
 {
     if (!c)
         return;
-    apc_instances_destroy(c->law);
+    apc_instances_destroy(c->law.instances);
+    apc_instances_destroy(c->backup.instances);
     free(c->former_values);
     free(c->row);
     free(c->vectors);
     free(c->samples);
     free(c->fresh);
     free(c->decides);
-    free(c->limited);
+    free(c->bits);
     free(c->y_status);
     free(c->above);
     free(c->below);
@@ -376,10 +432,7 @@ static enum fate find_fate(const struct apc_controller *c)
 
 static void take_up(struct apc_controller *c, bool told)
 {
-    for (size_t k = 0; k < c->size.instances; k++) {
-        if (c->instance[k].updating)
-            apc_controller_update_instance(c, k);
-    }
+    apc_controller_update_laws(c);
     for (size_t k = 0; k < c->n_wanted; k++) {
         if (told)
             c->told[k] = c->actual[k];
@@ -422,10 +475,8 @@ int apc_controller_compute(struct apc_controller *c, struct apc_now now, uint64_
     c->t = (double)tick * c->Ts;
     c->deadline = c->real_time ? now.mono + (apc_ns)(c->budget * 1e9) : 0;
     for (size_t k = 0; k < c->size.instances; k++) {
-        {
-            c->instance[k].updating = c->resumed_at && c->instance[k].updating;
-            c->instance[k].answered = false;
-        }
+        c->instance[k].updating = c->resumed_at && c->instance[k].updating;
+        c->instance[k].answered = false;
         c->instance[k].result = -1;
     }
     if (have) {
@@ -438,8 +489,7 @@ int apc_controller_compute(struct apc_controller *c, struct apc_now now, uint64_
     for (size_t i = 0; i < c->dim.nu; i++)
         apc_controller_gather(c, i, have, now);
     apc_controller_retune(c);
-    for (size_t k = 0; k < c->size.instances; k++)
-        apc_controller_run(c, k, now, have, notice);
+    apc_controller_run(c, now, have, notice);
     apc_controller_put(c, now);
     if (notice)
         name_loop(c, notice);

@@ -45,7 +45,7 @@ struct apc_controller_above {
     bool put; /* the setpoint in force is to be written */
 };
 
-/** An instance of the law. */
+/** An instance of a law. */
 struct apc_controller_instance {
     bool begun;    /* x was filled, from a measurement or a former run's */
     bool gap;      /* x knows no recent y */
@@ -53,6 +53,24 @@ struct apc_controller_instance {
     bool retuned;  /* trial is what it gives with the tuning before */
     bool answered; /* at this tick: what it publishes is of now */
     int result;    /* of its answer at this tick; -1: it was not asked */
+};
+
+/** The law of a controller, or the one that acts in its place while it cannot. */
+struct apc_controller_law {
+    const struct apc_law *definition; /* NULL: there is none */
+    struct apc_instances *instances;
+    struct apc_instances_size size;
+    const struct apc_param *param;            /* [definition->n_tuning] */
+    size_t first;                             /* of its parameters, among those of both laws */
+    struct apc_controller_instance *instance; /* [size.instances], and x to offered: those of both laws stand
+                                                 one behind the other */
+    double *x;                                /* [size.states] */
+    double *tuning, *offered;                 /* [size.tuning] in force; wanted by the operator */
+    double *published;                        /* NULL: nothing */
+    double *trial;                            /* [nu] asked for */
+    unsigned *limited;                        /* [nu] enum apc_limited, of trial */
+    enum apc_law_output *decides;             /* [nu] on each output */
+    bool offer_ok;                            /* it may have what is offered, all of it together */
 };
 
 /** Fields of a tick row, in their order. */
@@ -84,7 +102,7 @@ enum apc_tick_field {
     APC_TICK_ABOVE,      /* [nz] seq of the actual mode of the loop above that was looked at; 0: none */
     APC_TICK_BELOW,      /* [4 nu] of an output that is a setpoint: seqs of its newest row, and of the loop
                             below its actual value, target, tick row */
-    APC_TICK_TUNING,     /* [tuning] in force. From here on it is the law's */
+    APC_TICK_TUNING,     /* [tuning] in force. From here on it is the law's, then the backup law's */
     APC_TICK_TUNING_SEQ, /* [tuning] of the rows that were looked at */
     APC_TICK_BEGUN,      /* [instances] 0: there is no x yet */
     APC_TICK_GAP,        /* [instances] 1: x knows no recent y */
@@ -95,9 +113,8 @@ enum apc_tick_field {
 };
 
 struct apc_controller {
-    struct apc_instances *law;
-    struct apc_instances_size size;
-    bool whole;
+    struct apc_controller_law law, backup;
+    struct apc_instances_size size; /* of both together */
     struct apc_dim dim;
     double Ts;
     double budget;        /* s that compute is given */
@@ -106,8 +123,6 @@ struct apc_controller {
     apc_ns horizon, loss; /* an output older than loss the plant no longer follows */
     unsigned shed_after;
     double mark[2];                           /* whole numbers by which stored rows are known */
-    const struct apc_param *param;            /* [law->n_tuning] */
-    const struct apc_law *definition;         /* of the law */
     struct apc_controller_setpoint *setpoint; /* [nz] */
     struct apc_controller_loop *loop;         /* [nu] */
     struct apc_controller_state *state;       /* [nu] */
@@ -115,25 +130,22 @@ struct apc_controller {
     struct apc_controller_below *below;       /* [nu] */
     struct apc_controller_above *above;       /* [nz] */
 
-    double *doubles;               /* all those below */
-    double *y, *y_age, *z, *d, *x; /* last usable inputs; z, d [n_ahead] rows; the law's state */
-    double *u, *last, *trial;      /* [nu] what goes out; what went out before, NaN: nothing; asked for */
-    double *low, *high, *rate;     /* [nu] */
-    double *y_low, *y_high;        /* [ny] */
-    double *tuning, *offered;      /* [size.tuning] in force; wanted by the operator */
-    double *force;                 /* [n_wanted] the value in force of what is wanted */
-    double *published;
+    double *doubles;                /* all those below */
+    double *y, *y_age, *z, *d, *x;  /* last usable inputs; z, d [n_ahead] rows; the laws' state */
+    double *u, *last;               /* [nu] what goes out; what went out before, NaN: nothing */
+    double *low, *high, *rate;      /* [nu] */
+    double *y_low, *y_high;         /* [ny] */
+    double *tuning, *offered;       /* [size.tuning] in force; wanted by the operator */
     int64_t *seqs;                  /* all those below */
     int64_t *y_seq, *d_seq, *z_seq; /* of the rows that the inputs come from */
     int64_t *looked;                /* [n_wanted] of the rows that were looked at; -1: none was yet */
     bool *flags;                    /* all those below */
     bool *y_new, *ok, *refused, *spare, *rests; /* [ny]; [ny + nd] y, d are usable; [n_wanted]; [ny]; [nz] */
     apc_status *y_status;                       /* [ny] */
-    unsigned *limited,
-        *blocked; /* [nu] enum apc_limited: of trial; how what takes the output cannot follow */
-    enum apc_law_output *decides, *given; /* [nu] on each output; that the law decides on none */
-    struct apc_freshness *fresh;          /* [ny + nd] */
-    bool offer_ok;                        /* the law may have what is offered, all of it together */
+    unsigned *bits;                             /* all of enum apc_limited: the laws', and */
+    unsigned *blocked;                          /* [nu] how what takes the output cannot follow */
+    enum apc_law_output *decides, *given;       /* the laws', and [nu] that a law decides on none */
+    struct apc_freshness *fresh;                /* [ny + nd] */
 
     /* Wanted are setpoints, target modes, manual outputs, tunings, in this order, as in `in`. */
     size_t n_wanted;
@@ -169,6 +181,11 @@ size_t apc_controller_wanted(const struct apc_controller *controller, enum apc_t
 void apc_controller_take_wanted(struct apc_controller *controller, struct apc_notice *notice);
 /** The newest row of what loop @p i puts out, whoever wrote it. [tick] */
 const struct apc_sample *apc_controller_output(const struct apc_controller *controller, size_t i);
+/** Whose tuning number @p i is, of all. [tick] */
+static inline struct apc_controller_law *apc_controller_tuned(struct apc_controller *controller, size_t i)
+{
+    return i < controller->backup.first ? &controller->law : &controller->backup;
+}
 /** Take measurements, disturbances, setpoints; @p have: in was read. [tick] */
 void apc_controller_take_inputs(struct apc_controller *controller, struct apc_now now, bool have,
                                 struct apc_notice *notice);
@@ -207,11 +224,11 @@ apc_status apc_controller_handshake(const struct apc_controller *controller, siz
 void apc_controller_retune(struct apc_controller *controller);
 /** Go on from the row that was taken over. [tick] */
 void apc_controller_settle(struct apc_controller *controller, struct apc_now now);
-/** Instance @p k and its loops: moves, outputs. [tick] */
-void apc_controller_run(struct apc_controller *controller, size_t k, struct apc_now now, bool have,
+/** Ask the laws; with that the loops have their moves and outputs. [tick] */
+void apc_controller_run(struct apc_controller *controller, struct apc_now now, bool have,
                         struct apc_notice *notice);
-/** The law's x goes on. [tick] */
-void apc_controller_update_instance(struct apc_controller *controller, size_t k);
+/** The laws' x goes on. [tick] */
+void apc_controller_update_laws(struct apc_controller *controller);
 
 /* ---- rows.c */
 

@@ -97,54 +97,64 @@ static void take_target(struct apc_controller *c, size_t i, struct apc_notice *n
         apc_controller_note(c, i, notice, APC_NOTICE_REJECTED, "target mode refused: %g is none", s->value);
 }
 
-static void refuse_tuning(struct apc_controller *c, size_t i, double value, struct apc_notice *notice)
+static void refuse_tuning(struct apc_controller *c, const struct apc_controller_law *law, size_t i,
+                          double value, struct apc_notice *notice)
 {
     static const char *const of[] = {
         [APC_OF_OUTPUT] = "output", [APC_OF_LAW] = "law", [APC_OF_MEASUREMENT] = "measurement"};
-    const struct apc_law_parameter p = apc_instances_parameter(c->law, i);
-    const struct apc_param *param = &c->param[p.number];
+    const struct apc_law_parameter p = apc_instances_parameter(law->instances, i);
+    const struct apc_param *param = &law->param[p.number];
+    const char *backup = law == &c->backup ? "backup." : "";
     const char *loop = p.scope == APC_OF_OUTPUT ? c->loop[p.of].name : NULL;
     const struct called who =
         called(loop, p.scope == APC_OF_MEASUREMENT ? c->in.sample[p.of].id : (int)p.of + 1);
     char what[64];
 
     if (loop)
-        snprintf(what, sizeof(what), "%.40s of", param->name);
+        snprintf(what, sizeof(what), "%s%.40s of", backup, param->name);
     else
-        snprintf(what, sizeof(what), "%.40s of %s", param->name, of[p.scope]);
-    refuse(c, notice, what, p.scope == APC_OF_LAW ? c->definition->name : who.text, value, param->low,
+        snprintf(what, sizeof(what), "%s%.40s of %s", backup, param->name, of[p.scope]);
+    refuse(c, notice, what, p.scope == APC_OF_LAW ? law->definition->name : who.text, value, param->low,
            param->high);
 }
 
 /* Returns whether a row is new. */
 static bool take_parameter(struct apc_controller *c, size_t i, struct apc_notice *notice)
 {
+    const struct apc_controller_law *law = apc_controller_tuned(c, i);
     const size_t k = apc_controller_wanted(c, APC_TUNING) + i;
     const struct apc_sample *s = row_of(c, k);
-    const struct apc_param *param = &c->param[apc_instances_parameter(c->law, i).number];
+    const struct apc_param *param =
+        &law->param[apc_instances_parameter(law->instances, i - law->first).number];
     const bool good = usable(s) && apc_param_accepts(param, s->value), new = look(c, k, s->seq > 0 && !good);
 
     if (good)
         c->offered[i] = s->value;
     else if (new && s->seq > 0)
-        refuse_tuning(c, i, s->value, notice);
+        refuse_tuning(c, law, i - law->first, s->value, notice);
     return new;
 }
 
-void apc_controller_take_wanted(struct apc_controller *c, struct apc_notice *notice)
+static void take_tuning(struct apc_controller *c, struct apc_controller_law *law, struct apc_notice *notice)
 {
     struct apc_error why = {""};
     bool new = false;
 
-    for (size_t i = 0; i < c->dim.nu; i++)
-        take_target(c, i, notice);
-    for (size_t i = 0; i < c->size.tuning; i++)
+    for (size_t i = law->first; i < law->first + law->size.tuning; i++)
         new |= take_parameter(c, i, notice);
     if (!new)
         return;
-    c->offer_ok = apc_instances_check(c->law, c->offered, &why) == 0;
-    if (!c->offer_ok && apc_note(notice, APC_NOTICE_REJECTED, "tuning refused: %.120s", why.text))
+    law->offer_ok = apc_instances_check(law->instances, law->offered, &why) == 0;
+    if (!law->offer_ok && apc_note(notice, APC_NOTICE_REJECTED, "tuning refused: %.120s", why.text))
         c->said = 0;
+}
+
+void apc_controller_take_wanted(struct apc_controller *c, struct apc_notice *notice)
+{
+    for (size_t i = 0; i < c->dim.nu; i++)
+        take_target(c, i, notice);
+    take_tuning(c, &c->law, notice);
+    take_tuning(c, &c->backup, notice);
 }
 
 /*
@@ -333,12 +343,12 @@ static bool has_all(struct apc_controller *c, size_t i)
     return has && any;
 }
 
-static bool has_input(struct apc_controller *c, size_t i)
+static bool has_input(struct apc_controller *c, const struct apc_controller_law *law, size_t i)
 {
-    const struct apc_law_ports *p = apc_instances_ports(c->law, i);
+    const struct apc_law_ports *p = apc_instances_ports(law->instances, i);
     bool has = true;
 
-    if (c->whole)
+    if (law->definition->whole)
         return has_all(c, i);
     for (size_t k = 0; k < p->ny; k++)
         has &= has_measurement(c, i, (size_t)p->y[k], false);
@@ -357,11 +367,13 @@ const struct apc_sample *apc_controller_output(const struct apc_controller *c, s
 void apc_controller_gather(struct apc_controller *c, size_t i, bool have, struct apc_now now)
 {
     const bool below = c->loop[i].setpoint, cascade = apc_controller_is_below(c, i);
+    const bool backup = c->backup.definition && !below;
+    const bool ready = backup && have && has_input(c, &c->backup, i);
     struct apc_controller_state *l = &c->state[i];
     bool input;
 
     l->trouble[0] = '\0';
-    input = have && has_input(c, i);
+    input = have && has_input(c, &c->law, i);
     if (!have)
         snprintf(l->trouble, sizeof(l->trouble), "the shared data cannot be read");
     if (have && below)
@@ -377,12 +389,14 @@ void apc_controller_gather(struct apc_controller *c, size_t i, bool have, struct
         .input = input,
         .law = true,
         .expired = apc_loop_expired(&l->loop, input, now.mono, c->loop[i].hold, c->shed_after),
+        .backup = backup && (ready || apc_loop_bridges(&l->loop, now.mono, c->loop[i].hold)),
+        .bare = backup && !ready,
         .remote = cascade && c->above[l->setpoint].remote};
     l->move = apc_loop_next(l->loop.state, &l->facts);
     c->last[i] = l->there ? c->u[i] : (double)NAN;
-    c->decides[i] = l->move.state == APC_LOOP_OOS                                        ? APC_OUT_OFF
-                    : l->move.output != APC_PUT_LAW || l->move.law & APC_ASK_TRACK_FIRST ? APC_OUT_GIVEN
-                                                                                         : APC_OUT_LAW;
+    if (l->facts.expired && input)
+        snprintf(l->trouble, sizeof(l->trouble), "law %.20s gave no good answer %u times in a row",
+                 c->law.definition->name, c->shed_after);
 }
 
 /* ---- What became of it ---------------------------------------------------------------------- */
@@ -401,12 +415,13 @@ static void find_rests(struct apc_controller *c)
 {
     memset(c->rests, 0, c->dim.nz * sizeof(*c->rests));
     for (size_t i = 0; i < c->dim.nu; i++) {
-        const struct apc_law_ports *p = apc_instances_ports(c->law, i);
+        const struct apc_law_ports *p = apc_instances_ports(c->law.instances, i);
+        const bool whole = c->law.definition->whole;
 
         if (c->state[i].facts.input)
             continue;
-        for (size_t j = 0; j < (c->whole ? c->dim.nz : p->nz); j++)
-            c->rests[c->whole ? j : (size_t)p->z[j]] = true;
+        for (size_t j = 0; j < (whole ? c->dim.nz : p->nz); j++)
+            c->rests[whole ? j : (size_t)p->z[j]] = true;
     }
 }
 
@@ -426,9 +441,10 @@ void apc_controller_confirm(struct apc_controller *c)
         const struct apc_controller_state *l = &c->state[i];
 
         confirm(c, mode + i, (double)l->actual,
-                c->refused[mode + i]     ? APC_BAD
-                : l->actual == l->target ? APC_GOOD
-                                         : APC_UNCERTAIN);
+                c->refused[mode + i]               ? APC_BAD
+                : l->actual != l->target           ? APC_UNCERTAIN
+                : l->loop.state == APC_LOOP_BACKUP ? APC_GOOD_LOCAL_OVERRIDE
+                                                   : APC_GOOD);
         if (c->looked[manual + i] != c->actual[manual + i].origin)
             confirm(c, manual + i, c->u[i], c->refused[manual + i] ? APC_BAD : APC_GOOD);
     }

@@ -14,18 +14,24 @@
 
 /* ---- Asking ------------------------------------------------------------------------------- */
 
-static struct apc_law_call call(struct apc_controller *c, size_t k, double *u, unsigned *limited)
+static bool is_backup(const struct apc_controller *c, const struct apc_controller_law *law)
+{
+    return law == &c->backup;
+}
+
+static struct apc_law_call call(struct apc_controller *c, struct apc_controller_law *law, size_t k, double *u,
+                                unsigned *limited)
 {
     return (struct apc_law_call){.size = sizeof(struct apc_law_call),
                                  .dim = c->dim,
                                  .Ts = c->Ts,
                                  .y = c->y,
                                  .z = c->z,
-                                 .tuning = c->tuning,
-                                 .x = c->x,
+                                 .tuning = law->tuning,
+                                 .x = law->x,
                                  .u = u,
                                  .limited = limited,
-                                 .gap = c->instance[k].gap,
+                                 .gap = law->instance[k].gap,
                                  .tick = c->index,
                                  .t = c->t,
                                  .y_status = c->y_status,
@@ -39,38 +45,51 @@ static struct apc_law_call call(struct apc_controller *c, size_t k, double *u, u
                                  .y_low = c->y_low,
                                  .y_high = c->y_high,
                                  .u_last = c->last,
-                                 .out = c->decides,
-                                 .published = c->size.published ? c->published : NULL,
+                                 .out = law->decides,
+                                 .published = law->published,
                                  .budget = c->budget,
                                  .deadline = c->deadline};
 }
 
 /* x to what it is before the first tick. */
-static void reset(struct apc_controller *c, size_t k)
+static void reset(struct apc_controller *c, struct apc_controller_law *law, size_t k)
 {
-    const struct apc_law_call law = call(c, k, c->u, c->blocked);
+    const struct apc_law_call asked = call(c, law, k, c->u, c->blocked);
 
-    apc_instances_reset(c->law, k, &law);
-    c->instance[k].begun = true;
-    c->instance[k].gap = true;
+    apc_instances_reset(law->instances, k, &asked);
+    law->instance[k].begun = true;
+    law->instance[k].gap = true;
 }
 
 /* The law goes on from @p u of all outputs, where @p decides does not say that it is its own. */
-static void track(struct apc_controller *c, size_t k, double *u, const enum apc_law_output *decides)
+static void track(struct apc_controller *c, struct apc_controller_law *law, size_t k, double *u,
+                  const enum apc_law_output *decides)
 {
-    struct apc_law_call law = call(c, k, u, c->blocked);
+    struct apc_law_call asked = call(c, law, k, u, c->blocked);
 
-    law.out = decides;
-    apc_instances_track(c->law, k, &law);
-    c->instance[k].gap = false;
+    asked.out = decides;
+    apc_instances_track(law->instances, k, &asked);
+    law->instance[k].gap = false;
 }
 
-void apc_controller_update_instance(struct apc_controller *c, size_t k)
+static void update(struct apc_controller *c, struct apc_controller_law *law, size_t k)
 {
-    const struct apc_law_call law = call(c, k, c->u, c->blocked);
+    const struct apc_law_call asked = call(c, law, k, c->u, c->blocked);
 
-    apc_instances_update(c->law, k, &law);
-    c->instance[k].updating = false;
+    apc_instances_update(law->instances, k, &asked);
+    law->instance[k].updating = false;
+}
+
+void apc_controller_update_laws(struct apc_controller *c)
+{
+    for (size_t k = 0; k < c->law.size.instances; k++) {
+        if (c->law.instance[k].updating)
+            update(c, &c->law, k);
+    }
+    for (size_t k = 0; k < c->backup.size.instances; k++) {
+        if (c->backup.instance[k].updating)
+            update(c, &c->backup, k);
+    }
 }
 
 /* @p u within the limits of output @p i, and as near to them as its rate lets it come from the last one.
@@ -94,42 +113,73 @@ static unsigned limit(const struct apc_controller *c, size_t i, double *u)
 }
 
 /* Ask the law for u, into trial, within the limits. */
-static enum apc_law_result compute(struct apc_controller *c, size_t k, char why[APC_LAW_WHY])
+static enum apc_law_result compute(struct apc_controller *c, struct apc_controller_law *law, size_t k,
+                                   char why[APC_LAW_WHY])
 {
-    const struct apc_instance_part part = apc_instances_part(c->law, k);
+    const struct apc_instance_part part = apc_instances_part(law->instances, k);
     const size_t end = part.u + part.nu;
-    struct apc_law_call law = call(c, k, c->trial, c->limited);
+    struct apc_law_call asked = call(c, law, k, law->trial, law->limited);
     int result;
 
-    law.why = why;
+    asked.why = why;
     for (size_t i = part.u; i < end; i++) {
-        c->trial[i] = c->u[i]; /* a law that leaves one out keeps it */
-        c->limited[i] = c->blocked[i];
+        law->trial[i] = c->u[i]; /* a law that leaves one out keeps it */
+        law->limited[i] = c->blocked[i];
     }
-    result = apc_instances_compute(c->law, k, &law);
+    result = apc_instances_compute(law->instances, k, &asked);
     for (size_t i = part.u; i < end; i++) {
-        if (c->decides[i] == APC_OUT_LAW || result > APC_LAW_LATE)
-            c->limited[i] |= limit(c, i, &c->trial[i]);
+        if (law->decides[i] == APC_OUT_LAW || result > APC_LAW_LATE)
+            law->limited[i] |= limit(c, i, &law->trial[i]);
         else
-            c->trial[i] = c->u[i];
+            law->trial[i] = c->u[i];
     }
     return (enum apc_law_result)result;
 }
 
+/* What loop @p i asks of the law, and whether it puts that law's output out. */
+static unsigned loop_asks(const struct apc_controller *c, const struct apc_controller_law *law, size_t i)
+{
+    const struct apc_loop_move *move = &c->state[i].move;
+
+    return is_backup(c, law) ? move->backup : move->law;
+}
+
+static bool goes_out(const struct apc_controller *c, const struct apc_controller_law *law, size_t i)
+{
+    return c->state[i].move.output == (is_backup(c, law) ? APC_PUT_BACKUP : APC_PUT_LAW);
+}
+
+/* Which outputs the law decides on, as long as it did not track. One that rested goes on as one that did not
+ * act. */
+static void decide(struct apc_controller *c, struct apc_controller_law *law, size_t k)
+{
+    const struct apc_instance_part part = apc_instances_part(law->instances, k);
+
+    for (size_t i = part.u; i < part.u + part.nu; i++) {
+        struct apc_loop_move *move = &c->state[i].move;
+
+        if (is_backup(c, law) && goes_out(c, law, i) && law->instance[k].gap)
+            move->backup |= APC_ASK_TRACK_FIRST;
+        law->decides[i] = move->state == APC_LOOP_OOS                                          ? APC_OUT_OFF
+                          : !goes_out(c, law, i) || loop_asks(c, law, i) & APC_ASK_TRACK_FIRST ? APC_OUT_GIVEN
+                                                                                               : APC_OUT_LAW;
+    }
+}
+
 /* ---- Tuning ------------------------------------------------------------------------------- */
 
-static bool differs(const struct apc_controller *c, size_t i)
+static bool differs(const struct apc_controller_law *law, size_t i)
 {
-    return c->offered[i] < c->tuning[i] || c->offered[i] > c->tuning[i];
+    return law->offered[i] < law->tuning[i] || law->offered[i] > law->tuning[i];
 }
 
 /* Is parameter @p i one that instance @p k has? */
-static bool concerns(const struct apc_controller *c, size_t i, size_t k)
+static bool concerns(const struct apc_controller_law *law, size_t i, size_t k)
 {
-    const struct apc_law_parameter p = apc_instances_parameter(c->law, i);
-    const struct apc_law_ports *ports = apc_instances_ports(c->law, k);
+    const struct apc_law_parameter p = apc_instances_parameter(law->instances, i);
+    const struct apc_law_ports *ports = apc_instances_ports(law->instances, k);
 
-    if (c->whole || p.scope == APC_OF_LAW)
+    if (law->definition->whole || p.scope == APC_OF_LAW)
         return true;
     for (size_t j = 0; p.scope == APC_OF_MEASUREMENT && j < ports->ny; j++) {
         if ((size_t)ports->y[j] == p.of)
@@ -139,74 +189,99 @@ static bool concerns(const struct apc_controller *c, size_t i, size_t k)
 }
 
 /* Goes the law's output on from its last one, in some loop of instance @p k? */
-static bool on_track(const struct apc_controller *c, size_t k)
+static bool on_track(const struct apc_controller *c, const struct apc_controller_law *law, size_t k)
 {
-    const struct apc_instance_part part = apc_instances_part(c->law, k);
+    const struct apc_instance_part part = apc_instances_part(law->instances, k);
 
     for (size_t i = part.u; i < part.u + part.nu; i++) {
-        const struct apc_loop_move *move = &c->state[i].move;
-
-        if (move->output == APC_PUT_LAW && !(move->law & APC_ASK_TRACK_FIRST))
-            return c->instance[k].begun;
+        if (goes_out(c, law, i) && !(loop_asks(c, law, i) & APC_ASK_TRACK_FIRST))
+            return law->instance[k].begun;
     }
     return false;
+}
+
+static void retune(struct apc_controller *c, struct apc_controller_law *law)
+{
+    char why[APC_LAW_WHY];
+    bool any = false;
+
+    for (size_t i = 0; law->offer_ok && i < law->size.tuning; i++) {
+        if (!differs(law, i))
+            continue;
+        any = true;
+        for (size_t k = 0; k < law->size.instances; k++)
+            law->instance[k].retuned |= concerns(law, i, k);
+    }
+    if (!any)
+        return;
+    for (size_t k = 0; k < law->size.instances; k++) {
+        decide(c, law, k);
+        law->instance[k].retuned = law->instance[k].retuned && law->definition->track &&
+                                   on_track(c, law, k) && compute(c, law, k, why) <= APC_LAW_LATE;
+    }
+    memcpy(law->tuning, law->offered, law->size.tuning * sizeof(*law->tuning));
+    for (size_t k = 0; k < law->size.instances; k++) {
+        if (law->instance[k].retuned)
+            track(c, law, k, law->trial, c->given);
+        law->instance[k].retuned = false;
+    }
 }
 
 /* The law's output with the tuning in force, then a state from which the new tuning gives the same. */
 void apc_controller_retune(struct apc_controller *c)
 {
-    char why[APC_LAW_WHY];
-    bool any = false;
-
-    for (size_t i = 0; c->offer_ok && i < c->size.tuning; i++) {
-        if (!differs(c, i))
-            continue;
-        any = true;
-        for (size_t k = 0; k < c->size.instances; k++)
-            c->instance[k].retuned |= concerns(c, i, k);
-    }
-    if (!any)
-        return;
-    for (size_t k = 0; k < c->size.instances; k++)
-        c->instance[k].retuned = c->instance[k].retuned && c->definition->track && on_track(c, k) &&
-                                 compute(c, k, why) <= APC_LAW_LATE;
-    memcpy(c->tuning, c->offered, c->size.tuning * sizeof(*c->tuning));
-    for (size_t k = 0; k < c->size.instances; k++) {
-        if (c->instance[k].retuned)
-            track(c, k, c->trial, c->given);
-        c->instance[k].retuned = false;
-    }
+    retune(c, &c->law);
+    retune(c, &c->backup);
 }
 
 /* ---- Going on from a former run ----------------------------------------------------------- */
+
+/* Was the output of loop @p i the law's at the tick that was taken over? */
+static bool put_by(const struct apc_controller *c, const struct apc_controller_law *law, size_t i)
+{
+    const enum apc_loop_state state = c->state[i].loop.state;
+
+    return is_backup(c, law) ? state == APC_LOOP_BACKUP : state == APC_LOOP_AUTO || state == APC_LOOP_CAS;
+}
 
 /*
  * When the plant still follows the last output, run the update that the former run ran, or was killed before
  * running: the law then goes on as if nothing had happened. If that output does not follow from its x with
  * the tuning of today (tuned meanwhile), the law tracks it first.
  */
-static void settle_instance(struct apc_controller *c, size_t k)
+static void settle_instance(struct apc_controller *c, struct apc_controller_law *law, size_t k)
 {
-    const struct apc_instance_part part = apc_instances_part(c->law, k);
+    const struct apc_instance_part part = apc_instances_part(law->instances, k);
     double *const u = c->u;
     char why[APC_LAW_WHY];
-    bool law = false, follows = true;
+    bool any = false, follows = true;
 
     for (size_t i = part.u; i < part.u + part.nu; i++) {
-        const bool own = c->state[i].loop.state == APC_LOOP_AUTO || c->state[i].loop.state == APC_LOOP_CAS;
+        const bool own = put_by(c, law, i);
 
-        c->decides[i] = own ? APC_OUT_LAW : APC_OUT_GIVEN;
-        law |= own;
+        law->decides[i] = own ? APC_OUT_LAW : APC_OUT_GIVEN;
+        any |= own;
     }
     c->u = c->last; /* as it was when the law was asked */
-    if (law)
-        follows = compute(c, k, why) <= APC_LAW_LATE;
+    if (any)
+        follows = compute(c, law, k, why) <= APC_LAW_LATE;
     c->u = u;
     for (size_t i = part.u; i < part.u + part.nu; i++)
-        follows &= c->decides[i] != APC_OUT_LAW || (c->trial[i] >= u[i] && c->trial[i] <= u[i]);
+        follows &= law->decides[i] != APC_OUT_LAW || (law->trial[i] >= u[i] && law->trial[i] <= u[i]);
     if (!follows)
-        track(c, k, c->u, c->given);
-    apc_controller_update_instance(c, k);
+        track(c, law, k, c->u, c->given);
+    update(c, law, k);
+}
+
+static void settle_law(struct apc_controller *c, struct apc_controller_law *law, bool follows)
+{
+    for (size_t k = 0; k < law->size.instances; k++) {
+        if (!follows)
+            law->instance[k].gap = true;
+        else if (law->instance[k].updating)
+            settle_instance(c, law, k);
+        law->instance[k].updating = false;
+    }
 }
 
 void apc_controller_settle(struct apc_controller *c, struct apc_now now)
@@ -218,7 +293,7 @@ void apc_controller_settle(struct apc_controller *c, struct apc_now now)
     for (size_t i = 0; i < c->dim.nu; i++) {
         struct apc_controller_state *l = &c->state[i];
 
-        if (!follows && (l->loop.state == APC_LOOP_AUTO || l->loop.state == APC_LOOP_CAS))
+        if (!follows && (put_by(c, &c->law, i) || put_by(c, &c->backup, i)))
             l->loop.state = APC_LOOP_INIT;
         if (!follows) {
             l->loop.linked = false;
@@ -226,13 +301,8 @@ void apc_controller_settle(struct apc_controller *c, struct apc_now now)
         }
         l->loop.held = l->since = now.mono - l->loop.held - (age > 0 ? age : 0);
     }
-    for (size_t k = 0; k < c->size.instances; k++) {
-        if (!follows)
-            c->instance[k].gap = true;
-        else if (c->instance[k].updating)
-            settle_instance(c, k);
-        c->instance[k].updating = false;
-    }
+    settle_law(c, &c->law, follows);
+    settle_law(c, &c->backup, follows);
 }
 
 /* ---- What goes out ------------------------------------------------------------------------ */
@@ -266,49 +336,64 @@ static void place(struct apc_controller *c, size_t i, apc_ns utc, bool have, str
     }
 }
 
-/* The law failed, or found nothing: then it is held, and begins anew. */
-static void refuse_answer(struct apc_controller *c, size_t k, enum apc_law_result result, const char *why)
+/* The law failed, or found nothing: then the output is held. */
+static void refuse_answer(struct apc_controller *c, size_t i, enum apc_law_result result, const char *why)
 {
-    const struct apc_instance_part part = apc_instances_part(c->law, k);
+    struct apc_controller_state *l = &c->state[i];
 
-    if (!c->failed)
-        c->failures++;
-    c->failed = true;
-    if (result == APC_LAW_FAILED)
-        reset(c, k);
-    for (size_t i = part.u; i < part.u + part.nu; i++) {
-        struct apc_controller_state *l = &c->state[i];
+    if (!l->facts.input)
+        return;
+    l->facts.law = false;
+    l->move = apc_loop_next(l->loop.state, &l->facts);
+    l->move.law &= ~(unsigned)APC_ASK_COMPUTE;
+    snprintf(l->trouble, sizeof(l->trouble), "law %.20s %.95s (%" PRIu64 ")", c->law.definition->name,
+             why[0]                     ? why
+             : result == APC_LAW_FAILED ? "failed"
+                                        : "found nothing feasible",
+             c->failures);
+}
 
-        if (!l->facts.input)
-            continue;
-        l->facts.law = false;
-        l->move = apc_loop_next(l->loop.state, &l->facts);
-        l->move.law &= ~(unsigned)APC_ASK_COMPUTE;
-        c->decides[i] = APC_OUT_GIVEN;
-        snprintf(l->trouble, sizeof(l->trouble), "law %.20s %.95s (%" PRIu64 ")", c->definition->name,
-                 why[0]                     ? why
-                 : result == APC_LAW_FAILED ? "failed"
-                                            : "found nothing feasible",
-                 c->failures);
-    }
+/* So did the backup law: for a while that is bridged, too. */
+static void refuse_backup(struct apc_controller *c, size_t i, struct apc_now now)
+{
+    struct apc_controller_state *l = &c->state[i];
+
+    if (!(l->move.backup & APC_ASK_COMPUTE))
+        return;
+    l->facts.bare = true;
+    l->facts.backup = apc_loop_bridges(&l->loop, now.mono, c->loop[i].hold);
+    l->move = apc_loop_next(l->loop.state, &l->facts);
+    snprintf(l->trouble, sizeof(l->trouble), "backup law %.20s gave no output", c->backup.definition->name);
 }
 
 /* Ask the law, and count how good its answers are. Returns whether this one can be used. */
-static bool ask(struct apc_controller *c, size_t k)
+static bool ask(struct apc_controller *c, struct apc_controller_law *law, size_t k, struct apc_now now)
 {
-    const struct apc_instance_part part = apc_instances_part(c->law, k);
+    const struct apc_instance_part part = apc_instances_part(law->instances, k);
     char why[APC_LAW_WHY] = "";
-    const enum apc_law_result result = compute(c, k, why);
+    const enum apc_law_result result = compute(c, law, k, why);
 
-    c->instance[k].result = (int)result;
-    for (size_t i = part.u; i < part.u + part.nu; i++) {
+    law->instance[k].result = (int)result;
+    law->instance[k].answered = result <= APC_LAW_LATE;
+    for (size_t i = part.u; i < part.u + part.nu && !is_backup(c, law); i++) {
         if (c->state[i].move.law & APC_ASK_COMPUTE)
             apc_loop_answered(&c->state[i].loop, result <= APC_LAW_SUBOPTIMAL, c->shed_after);
     }
-    c->instance[k].answered = result <= APC_LAW_LATE;
-    if (c->instance[k].answered)
+    if (law->instance[k].answered)
         return true;
-    refuse_answer(c, k, result, why);
+    if (!is_backup(c, law) && !c->failed) {
+        c->failures++;
+        c->failed = true;
+    }
+    if (result == APC_LAW_FAILED)
+        reset(c, law, k);
+    for (size_t i = part.u; i < part.u + part.nu; i++) {
+        law->decides[i] = APC_OUT_GIVEN;
+        if (is_backup(c, law))
+            refuse_backup(c, i, now);
+        else
+            refuse_answer(c, i, result, why);
+    }
     return false;
 }
 
@@ -328,11 +413,13 @@ static void tell(struct apc_controller *c, size_t i, apc_ns now, struct apc_noti
         l->since = now;
     if (state == APC_LOOP_FAULT && before != APC_LOOP_FAULT)
         apc_controller_note(c, i, notice, APC_NOTICE_FAULT, "%s: %s", l->move.reason, l->trouble);
-    else if (state == APC_LOOP_HOLD && before != APC_LOOP_HOLD)
+    else if ((state == APC_LOOP_HOLD || state == APC_LOOP_BACKUP) && state != before)
         apc_controller_note(c, i, notice, l->facts.law ? APC_NOTICE_HOLD : APC_NOTICE_REJECTED, "%s: %s",
                             l->move.reason, l->trouble);
     else if (is_away(before) && l->move.output == APC_PUT_LAW)
-        apc_controller_note(c, i, notice, APC_NOTICE_RECOVERED, "inputs good again after %.3f s",
+        apc_controller_note(c, i, notice, APC_NOTICE_RECOVERED,
+                            before == APC_LOOP_BACKUP ? "the law acts again after %.3f s"
+                                                      : "inputs good again after %.3f s",
                             apc_ns_to_s(now - l->since));
     if (l->move.actual != l->actual || (state == APC_LOOP_SHADOW && before != APC_LOOP_SHADOW))
         apc_controller_note(c, i, notice, APC_NOTICE_MODE, "mode %s%s%s", apc_mode_name((int)l->move.actual),
@@ -343,12 +430,13 @@ static void tell(struct apc_controller *c, size_t i, apc_ns now, struct apc_noti
 /* ---- An instance and its loops --------------------------------------------------------------- */
 
 /* What any of its loops asks of the law. */
-static unsigned asked(const struct apc_controller *c, struct apc_instance_part part)
+static unsigned asked(const struct apc_controller *c, const struct apc_controller_law *law,
+                      struct apc_instance_part part)
 {
     unsigned all = 0;
 
     for (size_t i = part.u; i < part.u + part.nu; i++)
-        all |= c->state[i].move.law;
+        all |= loop_asks(c, law, i);
     return all & ~(unsigned)APC_ASK_PREDICT;
 }
 
@@ -366,54 +454,78 @@ static bool in_shadow(const struct apc_controller *c, size_t i)
     return c->state[i].move.state == APC_LOOP_SHADOW;
 }
 
-/* The law after what goes out is known. */
-static void follow(struct apc_controller *c, size_t k, struct apc_instance_part part, bool answered)
+/* Ask instance @p k for what its loops want of it. */
+static void run(struct apc_controller *c, struct apc_controller_law *law, size_t k, struct apc_now now)
 {
-    struct apc_controller_instance *of = &c->instance[k];
-    const unsigned all = asked(c, part);
+    const struct apc_instance_part part = apc_instances_part(law->instances, k);
+    unsigned all;
+    bool answered = false;
+
+    decide(c, law, k);
+    all = asked(c, law, part);
+    if (all && !law->instance[k].begun)
+        reset(c, law, k);
+    if ((all & APC_ASK_TRACK_FIRST) && any_there(c, part))
+        track(c, law, k, c->u, law->decides);
+    for (size_t i = part.u; i < part.u + part.nu; i++) {
+        if (goes_out(c, law, i) || (in_shadow(c, i) && !is_backup(c, law)))
+            law->decides[i] = APC_OUT_LAW;
+    }
+    if (all & APC_ASK_COMPUTE)
+        answered = ask(c, law, k, now);
+    for (size_t i = part.u; i < part.u + part.nu; i++) {
+        if (!is_backup(c, law))
+            c->state[i].would = answered ? law->trial[i] : (double)NAN;
+        if (in_shadow(c, i))
+            law->decides[i] = APC_OUT_GIVEN;
+    }
+}
+
+/* What goes out of loop @p i is known, and with it its state. */
+static void finish(struct apc_controller *c, size_t i, struct apc_now now, struct apc_notice *notice)
+{
+    struct apc_controller_state *l = &c->state[i];
+
+    if (goes_out(c, &c->law, i))
+        put_out(c, i, c->law.trial[i]);
+    if (goes_out(c, &c->backup, i))
+        put_out(c, i, c->backup.trial[i]);
+    if (l->move.output == APC_PUT_FAULT) /* also where an answer was refused */
+        put_out(c, i, c->loop[i].fault);
+    tell(c, i, now.mono, notice);
+    apc_loop_settle(&l->loop, &l->facts, l->move.state, now.mono,
+                    apc_controller_is_below(c, i) ? c->actual[l->setpoint].seq + 1 : 0);
+}
+
+/* The law after what goes out is known. */
+static void follow(struct apc_controller *c, struct apc_controller_law *law, size_t k)
+{
+    const struct apc_instance_part part = apc_instances_part(law->instances, k);
+    struct apc_controller_instance *of = &law->instance[k];
+    const unsigned all = asked(c, law, part);
 
     if ((all & APC_ASK_TRACK) && of->begun && any_there(c, part))
-        track(c, k, c->u, c->decides);
-    if (answered)
+        track(c, law, k, c->u, law->decides);
+    if (of->answered)
         of->gap = false;
     if (!(all & (APC_ASK_TRACK | APC_ASK_COMPUTE)))
         of->gap = true;
     /* A law that cannot track would wind up where its output does not go out. */
-    of->updating = (all & APC_ASK_UPDATE) && of->begun && (!(all & APC_ASK_TRACK) || c->definition->track);
+    of->updating = (all & APC_ASK_UPDATE) && of->begun && (!(all & APC_ASK_TRACK) || law->definition->track);
 }
 
-void apc_controller_run(struct apc_controller *c, size_t k, struct apc_now now, bool have,
-                        struct apc_notice *notice)
+void apc_controller_run(struct apc_controller *c, struct apc_now now, bool have, struct apc_notice *notice)
 {
-    const struct apc_instance_part part = apc_instances_part(c->law, k);
-    const unsigned all = asked(c, part);
-    bool answered = false;
-
-    for (size_t i = part.u; i < part.u + part.nu; i++)
+    for (size_t i = 0; i < c->dim.nu; i++)
         place(c, i, now.utc, have, notice);
-    if (all && !c->instance[k].begun)
-        reset(c, k);
-    if ((all & APC_ASK_TRACK_FIRST) && any_there(c, part))
-        track(c, k, c->u, c->decides);
-    for (size_t i = part.u; i < part.u + part.nu; i++) {
-        if (c->state[i].move.output == APC_PUT_LAW || in_shadow(c, i))
-            c->decides[i] = APC_OUT_LAW;
-    }
-    if (all & APC_ASK_COMPUTE)
-        answered = ask(c, k);
-    for (size_t i = part.u; i < part.u + part.nu; i++) {
-        struct apc_controller_state *l = &c->state[i];
-
-        l->would = answered ? c->trial[i] : (double)NAN;
-        if (in_shadow(c, i))
-            c->decides[i] = APC_OUT_GIVEN;
-        if (l->move.output == APC_PUT_LAW)
-            put_out(c, i, c->trial[i]);
-        if (l->move.output == APC_PUT_FAULT) /* only after the answer was refused */
-            put_out(c, i, c->loop[i].fault);
-        tell(c, i, now.mono, notice);
-        apc_loop_settle(&l->loop, &l->facts, l->move.state, now.mono,
-                        apc_controller_is_below(c, i) ? c->actual[l->setpoint].seq + 1 : 0);
-    }
-    follow(c, k, part, answered);
+    for (size_t k = 0; k < c->law.size.instances; k++)
+        run(c, &c->law, k, now);
+    for (size_t k = 0; k < c->backup.size.instances; k++)
+        run(c, &c->backup, k, now);
+    for (size_t i = 0; i < c->dim.nu; i++)
+        finish(c, i, now, notice);
+    for (size_t k = 0; k < c->law.size.instances; k++)
+        follow(c, &c->law, k);
+    for (size_t k = 0; k < c->backup.size.instances; k++)
+        follow(c, &c->backup, k);
 }

@@ -102,6 +102,11 @@ struct apc_loop_move apc_loop_next(enum apc_loop_state state, const struct apc_l
         move.law |= APC_ASK_TRACK_FIRST;
     if (move.output == APC_PUT_BACKUP && state != APC_LOOP_BACKUP)
         move.backup |= APC_ASK_TRACK_FIRST;
+    if (move.output == APC_PUT_BACKUP && facts->bare) {
+        move.output = APC_PUT_LAST;
+        move.backup = 0;
+        move.status = APC_UNCERTAIN_LAST_USABLE;
+    }
     if ((move.output == APC_PUT_BELOW && !answers(facts)) ||
         (move.output == APC_PUT_FAULT && facts->setpoint))
         move.output = APC_PUT_NONE;
@@ -113,6 +118,11 @@ struct apc_loop_move apc_loop_next(enum apc_loop_state state, const struct apc_l
 bool apc_loop_expired(const struct apc_loop *l, bool input, apc_ns now, apc_ns hold, unsigned shed_after)
 {
     return (!input && l->holding && now - l->held >= hold) || l->poor >= shed_after;
+}
+
+bool apc_loop_bridges(const struct apc_loop *l, apc_ns now, apc_ns hold)
+{
+    return l->state == APC_LOOP_BACKUP && !(l->holding && now - l->held >= hold);
 }
 
 void apc_loop_answered(struct apc_loop *l, bool good, unsigned shed_after)
@@ -130,8 +140,12 @@ void apc_loop_settle(struct apc_loop *l, const struct apc_loop_facts *facts, enu
 {
     bool cascade = facts->target == APC_MODE_CAS && state != APC_LOOP_SHADOW;
 
-    if (facts->input || state == APC_LOOP_INIT || state == APC_LOOP_MAN || state == APC_LOOP_OOS ||
-        state == APC_LOOP_SHADOW) {
+    if (state == APC_LOOP_BACKUP) {
+        if (facts->bare && !l->holding)
+            l->held = now;
+        l->holding = facts->bare;
+    } else if (facts->input || state == APC_LOOP_INIT || state == APC_LOOP_MAN || state == APC_LOOP_OOS ||
+               state == APC_LOOP_SHADOW) {
         l->holding = false;
     } else if (state == APC_LOOP_HOLD && !l->holding) {
         l->holding = true;

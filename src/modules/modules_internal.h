@@ -58,7 +58,7 @@ double apc_reading_take(struct apc_reading *reading, apc_ns t, double value, apc
  */
 struct apc_loop {
     enum apc_loop_state state;
-    bool holding;  /* without input, since: */
+    bool holding;  /* without input or, in Backup, the backup law without input or answer, since: */
     apc_ns held;   /* mono */
     unsigned poor; /* answers in a row that were not good; from shed_after on, also good ones since */
     bool linked;   /* its setpoint is the upper controller's: in Cas, and in Hold out of it */
@@ -68,6 +68,9 @@ struct apc_loop {
 /** Has the loop been without input for @p hold, or shed its law after @p shed_after (above 0) answers? Told
  * at the beginning of a tick. [tick] */
 bool apc_loop_expired(const struct apc_loop *loop, bool input, apc_ns now, apc_ns hold, unsigned shed_after);
+/** Does a loop in Backup go on waiting for input or answer of its backup law? Told at the beginning of a
+ * tick, or once more after the answer. [tick] */
+bool apc_loop_bridges(const struct apc_loop *loop, apc_ns now, apc_ns hold);
 /** Count an answer of the law, wherever it is asked; @p good: good or suboptimal. [tick] */
 void apc_loop_answered(struct apc_loop *loop, bool good, unsigned shed_after);
 /**

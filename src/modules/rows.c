@@ -115,7 +115,10 @@ static void mark(struct apc_controller *c)
     for (size_t i = 0; i < sizeof(of) / sizeof(of[0]); i++)
         hash = apc_hash_number(hash, of[i]);
     c->mark[0] = hash >> 11; /* with that of the law it stands in one whole double */
-    c->mark[1] = apc_instances_mark(c->law);
+    hash = apc_instances_mark(c->law.instances);
+    if (c->backup.definition)
+        hash = apc_hash_number(hash, apc_instances_mark(c->backup.instances));
+    c->mark[1] = hash;
 }
 
 static struct apc_sample *name_rows(struct apc_sample *at, enum apc_table table, const int *id, size_t n,
@@ -175,8 +178,8 @@ struct published {
 
 static bool next_published(const struct apc_controller *c, struct published *p)
 {
-    while (p->instance < c->size.instances) {
-        const struct apc_instance_part part = apc_instances_part(c->law, p->instance);
+    while (p->instance < c->law.size.instances) {
+        const struct apc_instance_part part = apc_instances_part(c->law.instances, p->instance);
         const bool more = p->in < part.n_published;
 
         if (!more) {
@@ -254,16 +257,17 @@ int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller
 
 /* ---- What it writes ------------------------------------------------------------------------ */
 
-/* A good output of the law says as well, with OPC UA's limit bits, which way a limit holds it back. */
+/* A good output of a law says as well, with OPC UA's limit bits, which way a limit holds it back. */
 static apc_status status_of(const struct apc_controller *c, size_t i)
 {
     static const apc_status limited[] = {APC_GOOD, APC_GOOD_LIMITED_LOW, APC_GOOD_LIMITED_HIGH,
                                          APC_GOOD_LIMITED_CONSTANT};
     const struct apc_loop_move *move = &c->state[i].move;
 
-    if (move->output != APC_PUT_LAW)
+    if (move->output != APC_PUT_LAW && move->output != APC_PUT_BACKUP)
         return move->status;
-    return limited[c->limited[i] & (APC_LIMITED_LOW | APC_LIMITED_HIGH)];
+    return limited[(move->output == APC_PUT_LAW ? c->law : c->backup).limited[i] &
+                   (APC_LIMITED_LOW | APC_LIMITED_HIGH)];
 }
 
 /* By swap: only if the newest row is still @p now. */
@@ -413,7 +417,9 @@ static void put_published(struct apc_controller *c, apc_ns utc)
     while (next_published(c, &p)) {
         const size_t n = p.what->length ? p.what->length : 1;
 
-        if (!c->instance[p.instance].answered || !apc_values_ok(c->published + p.at, n))
+        const double *published = c->law.published + p.at;
+
+        if (!c->law.instance[p.instance].answered || !apc_values_ok(published, n))
             continue;
         if (p.what->length)
             c->out.vector[c->out.n_vectors++] = (struct apc_vector){.table = APC_PREDICTION,
@@ -422,13 +428,13 @@ static void put_published(struct apc_controller *c, apc_ns utc)
                                                                     .time = utc,
                                                                     .n = (uint32_t)n,
                                                                     .room = (uint32_t)n,
-                                                                    .value = c->published + p.at};
+                                                                    .value = c->law.published + p.at};
         else
             c->out.sample[c->out.n_samples++] = (struct apc_sample){.table = APC_ESTIMATE,
                                                                     .id = c->estimate + (int)p.numbers - 1,
                                                                     .seq = c->seq,
                                                                     .time = utc,
-                                                                    .value = c->published[p.at],
+                                                                    .value = *published,
                                                                     .origin = c->seq};
     }
 }
@@ -542,23 +548,24 @@ static void take_common(struct apc_controller *c, const double *row)
 }
 
 /* The tuning that was in force, where the file still allows it. */
-static void take_tuning(struct apc_controller *c, const double *tuning)
+static void take_tuning(struct apc_controller_law *law, const double *tuning)
 {
-    for (size_t i = 0; i < c->size.tuning; i++) {
-        if (!apc_param_accepts(&c->param[apc_instances_parameter(c->law, i).number], tuning[i]))
+    for (size_t i = 0; i < law->size.tuning; i++) {
+        if (!apc_param_accepts(&law->param[apc_instances_parameter(law->instances, i).number], tuning[i]))
             return;
     }
-    if (apc_instances_check(c->law, tuning, NULL) < 0)
+    if (law->definition && apc_instances_check(law->instances, tuning, NULL) < 0)
         return;
-    put_values(c->tuning, tuning, c->size.tuning);
-    put_values(c->offered, tuning, c->size.tuning);
+    put_values(law->tuning, tuning, law->size.tuning);
+    put_values(law->offered, tuning, law->size.tuning);
 }
 
 static void take_law(struct apc_controller *c, const double *row)
 {
     const size_t *at = c->offset;
 
-    take_tuning(c, row + at[APC_TICK_TUNING]);
+    take_tuning(&c->law, row + at[APC_TICK_TUNING]);
+    take_tuning(&c->backup, row + at[APC_TICK_TUNING] + c->backup.first);
     for (size_t k = 0; k < c->size.instances; k++)
         c->instance[k] = (struct apc_controller_instance){.begun = row[at[APC_TICK_BEGUN] + k] > 0.0,
                                                           .gap = row[at[APC_TICK_GAP] + k] > 0.0,
@@ -570,7 +577,9 @@ static void take_law(struct apc_controller *c, const double *row)
 static void begin_law(struct apc_controller *c)
 {
     for (size_t i = 0; i < c->dim.nu; i++) {
-        if (c->state[i].loop.state == APC_LOOP_AUTO || c->state[i].loop.state == APC_LOOP_CAS)
+        const enum apc_loop_state state = c->state[i].loop.state;
+
+        if (state == APC_LOOP_AUTO || state == APC_LOOP_CAS || state == APC_LOOP_BACKUP)
             c->state[i].loop.state = APC_LOOP_INIT;
     }
 }

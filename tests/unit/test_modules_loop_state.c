@@ -19,7 +19,8 @@ static struct apc_loop_facts facts_of(enum apc_mode target, unsigned bits)
                                    .law = bits & 32,
                                    .expired = bits & 64,
                                    .backup = bits & 128,
-                                   .remote = bits & 256};
+                                   .remote = bits & 256,
+                                   .bare = bits & 512};
 }
 
 /* Call @p check with every state, some that are none, and all facts. */
@@ -28,7 +29,7 @@ static void each(void (*check)(enum apc_loop_state from, const struct apc_loop_f
 {
     for (int from = -1; from <= APC_LOOP_END; from++)
         for (size_t target = 0; target < N_TARGETS; target++)
-            for (unsigned bits = 0; bits < 512; bits++) {
+            for (unsigned bits = 0; bits < 1024; bits++) {
                 struct apc_loop_facts f = facts_of(targets[target], bits);
                 struct apc_loop_move move = apc_loop_next((enum apc_loop_state)from, &f);
                 check((enum apc_loop_state)from, &f, &move);
@@ -111,13 +112,14 @@ static void check_source(enum apc_loop_state from, const struct apc_loop_facts *
         assert_true(f->acting && f->taken && f->target == APC_MODE_MAN);
         break;
     case APC_PUT_LAST:
-        assert_true(steered(f) && !f->expired && (!f->input || !f->law));
+        assert_true(steered(f) && (!f->input || !f->law || f->expired));
+        assert_true(!f->expired || (f->backup && f->bare));
         break;
     case APC_PUT_FAULT:
         assert_true(steered(f) && !f->setpoint && (f->expired || !f->input || !f->law));
         break;
     case APC_PUT_BACKUP:
-        assert_true(steered(f) && f->backup && (f->expired || !f->input || !f->law));
+        assert_true(steered(f) && f->backup && !f->bare && (f->expired || !f->input || !f->law));
         break;
     case APC_PUT_BELOW:
         assert_true(f->acting && wanted(f) && !f->taken && f->invited);

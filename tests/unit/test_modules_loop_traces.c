@@ -531,7 +531,7 @@ static void test_what_begins_a_hold_and_what_ends_it(void **state)
         const bool goes_on =
             to != APC_LOOP_OOS && to != APC_LOOP_MAN && to != APC_LOOP_INIT && to != APC_LOOP_SHADOW;
 
-        for (int bits = 0; bits < 4; bits++) {
+        for (int bits = 0; bits < 4 && to != APC_LOOP_BACKUP; bits++) {
             const struct apc_loop_facts f = {.target = APC_MODE_AUTO, .input = bits & 1};
             struct apc_loop l = {.state = APC_LOOP_HOLD, .holding = bits & 2, .held = 5};
 
@@ -543,6 +543,24 @@ static void test_what_begins_a_hold_and_what_ends_it(void **state)
             assert_false(apc_loop_expired(&l, f.input, 9, 5, 1));
             assert_int_equal(apc_loop_expired(&l, f.input, 10, 5, 1), l.holding && l.held == 5);
         }
+    }
+}
+
+/* In Backup it is the backup law that may miss something, whatever the law proper does. */
+static void test_in_backup_a_hold_is_of_the_backup_law(void **state)
+{
+    (void)state;
+    for (int bits = 0; bits < 8; bits++) {
+        const struct apc_loop_facts f = {.target = APC_MODE_AUTO, .input = bits & 1, .bare = bits & 4};
+        struct apc_loop l = {.state = APC_LOOP_HOLD, .holding = bits & 2, .held = 5};
+
+        assert_false(apc_loop_bridges(&l, 6, 5)); /* it does not act yet */
+        apc_loop_settle(&l, &f, APC_LOOP_BACKUP, 9, 0);
+        assert_int_equal(l.holding, f.bare);
+        if (l.holding)
+            assert_int_equal(l.held, bits & 2 ? 5 : 9);
+        assert_true(apc_loop_bridges(&l, 9, 5));
+        assert_int_equal(apc_loop_bridges(&l, 10, 5), !(f.bare && bits & 2));
     }
 }
 
@@ -697,6 +715,7 @@ int main(void)
         cmocka_unit_test(test_a_held_loop_whose_upper_one_is_gone_asks_anew),
         cmocka_unit_test(test_the_setpoint_does_not_run_away_while_the_loop_below_is_at_its_limit),
         cmocka_unit_test(test_what_begins_a_hold_and_what_ends_it),
+        cmocka_unit_test(test_in_backup_a_hold_is_of_the_backup_law),
         cmocka_unit_test(test_who_asks_from_above_and_who_is_linked),
         cmocka_unit_test(test_only_its_own_answer_lets_a_loop_into_cas),
         cmocka_unit_test(test_a_measurement_cannot_follow_the_way_that_it_lacks),

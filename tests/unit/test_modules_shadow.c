@@ -258,7 +258,7 @@ static void test_what_it_would_do_is_what_the_same_law_does(void **state)
         run(&p, 1);
         assert_near(newest(&p, APC_ESTIMATE, FIRST).value, first->u[0], 0);
         assert_near(newest(&p, APC_ACTUATOR, 1).value, first->u[0], 0);
-        assert_near(newest(&p, APC_ESTIMATE, OTHER).value, other->trial[0], 0);
+        assert_near(newest(&p, APC_ESTIMATE, OTHER).value, other->law.trial[0], 0);
         assert_int_equal(newest(&p, APC_ESTIMATE, OTHER).origin, other->seq);
         assert_near(other->u[0], first->u[0], 0); /* it goes on from what really went out */
     }
