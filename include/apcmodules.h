@@ -279,17 +279,19 @@ struct apc_controller_setpoint {
 
 /** An output of a controller: a loop. Values are in the output's own unit. */
 struct apc_controller_loop {
-    const char *name;    /**< for notices; NULL: its number; borrowed */
-    int id;              /**< of the output, in table actuator; with setpoint: none */
-    int mode;            /**< id in table opmode of its target mode */
-    int manual;          /**< id in table manual of the operator's output; default: as mode */
-    double low, high;    /**< limits; what goes out never leaves them */
-    double rate;         /**< at most so many units a second; 0: as fast as it likes */
-    double fault;        /**< what goes out when it was held too long */
-    apc_ns hold;         /**< how long to hold before that; default 3 periods */
-    int setpoint;        /**< id of the setpoint of a loop below that it moves; 0: an actuator */
-    int below;           /**< with it: id in table opmode of that loop's target */
-    int below_tick;      /**< with it: id of the tick row of that loop's controller */
+    const char *name; /**< for notices; NULL: its number; borrowed */
+    int id;           /**< of the output, in table actuator; with setpoint or signal: none */
+    int mode;         /**< id in table opmode of its target mode */
+    int manual;       /**< id in table manual of the operator's output; default: as mode */
+    double low, high; /**< limits; what goes out never leaves them */
+    double rate;      /**< at most so many units a second; 0: as fast as it likes */
+    double fault;     /**< what goes out when it was held too long */
+    apc_ns hold;      /**< how long to hold before that; default 3 periods */
+    int setpoint;     /**< id of the setpoint of a loop below that it moves; 0: none */
+    int signal;       /**< instead: id in table sensor of the signal that it calculates; 0: none. It never is
+                           at the fault value, but Bad, so who takes it can tell. Not with acting */
+    int below;        /**< with it: id in table opmode of that loop's target */
+    int below_tick;   /**< with it: id of the tick row of that loop's controller */
     apc_ns below_period; /**< required with it: of that controller */
 };
 
@@ -319,7 +321,9 @@ struct apc_controller_options {
     unsigned shed_after; /**< after so many ticks in a row without a good answer of the law a loop goes to
                             its backup law or fault value; default: as many as the longest hold has periods */
     const int *y, *d;    /**< [ny], [nd] ids in table sensor; NULL: 1, 2, ...; copied */
-    const bool *spare;   /**< [ny] a law that is whole can do without it for a while; NULL: none; copied */
+    const apc_ns *y_horizon, *d_horizon; /**< [ny], [nd] of single ones, such as what another controller
+                            calculates; NULL or 0: horizon; copied */
+    const bool *spare; /**< [ny] a law that is whole can do without it for a while; NULL: none; copied */
     const struct apc_controller_setpoint *z; /**< [nz]; NULL: ids 1, 2, ... without limits; copied */
     const struct apc_controller_loop *loop;  /**< [nu]; NULL: ids 1, 2, ... without limits; copied */
     int tuning;                              /**< id of the first tuning; the others follow; default 1 */

@@ -102,8 +102,10 @@ static int allocate(struct apc_controller *c)
     c->bits = calloc(3 * nu, sizeof(*c->bits));
     c->decides = calloc(3 * nu, sizeof(*c->decides));
     c->fresh = calloc(ny + nd, sizeof(*c->fresh));
+    c->horizon = calloc(ny + nd, sizeof(*c->horizon));
     if (allocate_doubles(c) < 0 || !c->seqs || !c->flags || !c->setpoint || !c->loop || !c->state ||
-        !c->instance || !c->below || !c->above || !c->y_status || !c->bits || !c->decides || !c->fresh)
+        !c->instance || !c->below || !c->above || !c->y_status || !c->bits || !c->decides || !c->fresh ||
+        !c->horizon)
         return APC_ENOMEM;
     c->y_seq = c->seqs;
     c->d_seq = c->y_seq + ny;
@@ -197,7 +199,10 @@ static int take_loop(struct apc_controller *c, size_t i, const struct apc_contro
                         "controller: output %zu: neither its rate, %g, nor its hold may be below 0, nor the "
                         "hold above 366 days",
                         i + 1, l->rate);
-    if (o->acting && l->setpoint)
+    if (l->setpoint && l->signal)
+        return apc_fail(why, APC_EINVAL,
+                        "controller: output %zu: it is a setpoint or a calculated signal, not both", i + 1);
+    if (o->acting && (l->setpoint || l->signal))
         return apc_fail(why, APC_EINVAL,
                         "controller: output %zu: with a switch of who acts it must be an "
                         "actuator",
@@ -215,6 +220,20 @@ static int take_loop(struct apc_controller *c, size_t i, const struct apc_contro
     if (!o->shed_after && l->hold / o->period >= c->shed_after)
         c->shed_after = (unsigned)(l->hold / o->period < 1000000 ? l->hold / o->period : 1000000);
     c->state[i].target = c->state[i].actual = APC_MODE_OOS;
+    return 0;
+}
+
+static int take_horizons(struct apc_controller *c, const struct apc_controller_options *o,
+                         struct apc_error *why)
+{
+    for (size_t k = 0; k < c->dim.ny + c->dim.nd; k++) {
+        const apc_ns *own = k < c->dim.ny ? o->y_horizon : o->d_horizon;
+        const apc_ns horizon = own ? own[k < c->dim.ny ? k : k - c->dim.ny] : 0;
+
+        c->horizon[k] = horizon ? horizon : o->horizon;
+        if (!apc_period_ok(c->horizon[k]))
+            return apc_fail(why, APC_EINVAL, "controller: horizons must be above 0 and not above 366 days");
+    }
     return 0;
 }
 
@@ -281,7 +300,6 @@ static int fill(struct apc_controller *c, const struct apc_controller_options *o
     c->real_time = o->real_time;
     c->acting = !o->acting;
     c->shadow = o->shadow;
-    c->horizon = o->horizon;
     c->loss = apc_loss_limit(o->period);
     c->shed_after = o->shed_after ? o->shed_after : 1;
     if (allocate(c) < 0)
@@ -295,7 +313,9 @@ static int fill(struct apc_controller *c, const struct apc_controller_options *o
         c->looked[k] = -1;
     for (size_t k = 0; k < c->size.instances; k++)
         c->instance[k].gap = true;
-    rc = take_tunings(c, o, why);
+    rc = take_horizons(c, o, why);
+    if (rc == 0)
+        rc = take_tunings(c, o, why);
     if (rc == 0)
         rc = take_setpoints(c, o, why);
     for (size_t i = 0; i < c->dim.nu && rc == 0; i++)
@@ -338,6 +358,7 @@ void apc_controller_destroy(struct apc_controller *c)
     free(c->row);
     free(c->vectors);
     free(c->samples);
+    free(c->horizon);
     free(c->fresh);
     free(c->decides);
     free(c->bits);

@@ -117,10 +117,10 @@ struct apc_controller {
     struct apc_instances_size size; /* of both together */
     struct apc_dim dim;
     double Ts;
-    double budget;        /* s that compute is given */
-    bool real_time;       /* mono is the system's */
-    apc_ns deadline;      /* the budget's end at this tick; 0: virtual time */
-    apc_ns horizon, loss; /* an output older than loss the plant no longer follows */
+    double budget;   /* s that compute is given */
+    bool real_time;  /* mono is the system's */
+    apc_ns deadline; /* the budget's end at this tick; 0: virtual time */
+    apc_ns loss;     /* an output older than that the plant no longer follows */
     unsigned shed_after;
     double mark[2];                           /* whole numbers by which stored rows are known */
     struct apc_controller_setpoint *setpoint; /* [nz] */
@@ -146,6 +146,7 @@ struct apc_controller {
     unsigned *blocked;                          /* [nu] how what takes the output cannot follow */
     enum apc_law_output *decides, *given;       /* the laws', and [nu] that a law decides on none */
     struct apc_freshness *fresh;                /* [ny + nd] */
+    apc_ns *horizon;                            /* [ny + nd] */
 
     /* Wanted are setpoints, target modes, manual outputs, tunings, in this order, as in `in`. */
     size_t n_wanted;

@@ -192,7 +192,7 @@ static void take_measurements(struct apc_controller *c, struct apc_now now)
 {
     for (size_t k = 0; k < c->dim.ny + c->dim.nd; k++) {
         const struct apc_sample *s = &c->in.sample[k];
-        const bool fresh = apc_freshness_look(&c->fresh[k], s->seq, s->time, now, c->horizon);
+        const bool fresh = apc_freshness_look(&c->fresh[k], s->seq, s->time, now, c->horizon[k]);
         int64_t *seq = k < c->dim.ny ? &c->y_seq[k] : &c->d_seq[k - c->dim.ny];
         double *value = k < c->dim.ny ? &c->y[k] : &c->d[k - c->dim.ny];
 

@@ -313,6 +313,13 @@ static void put_out(struct apc_controller *c, size_t i, double u)
     c->state[i].there = true;
 }
 
+/* A calculated signal stays where it is, and is Bad. */
+static void put_fault(struct apc_controller *c, size_t i)
+{
+    if (!c->loop[i].signal)
+        put_out(c, i, c->loop[i].fault);
+}
+
 /* The outputs that are not the law's. */
 static void place(struct apc_controller *c, size_t i, apc_ns utc, bool have, struct apc_notice *notice)
 {
@@ -332,7 +339,7 @@ static void place(struct apc_controller *c, size_t i, apc_ns utc, bool have, str
         (void)limit(c, i, &u);
         put_out(c, i, u);
     } else if (l->move.output == APC_PUT_FAULT) {
-        put_out(c, i, c->loop[i].fault);
+        put_fault(c, i);
     }
 }
 
@@ -491,7 +498,7 @@ static void finish(struct apc_controller *c, size_t i, struct apc_now now, struc
     if (goes_out(c, &c->backup, i))
         put_out(c, i, c->backup.trial[i]);
     if (l->move.output == APC_PUT_FAULT) /* also where an answer was refused */
-        put_out(c, i, c->loop[i].fault);
+        put_fault(c, i);
     tell(c, i, now.mono, notice);
     apc_loop_settle(&l->loop, &l->facts, l->move.state, now.mono,
                     apc_controller_is_below(c, i) ? c->actual[l->setpoint].seq + 1 : 0);

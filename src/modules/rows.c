@@ -145,6 +145,7 @@ static void name_inputs(struct apc_controller *c, const struct apc_controller_op
     at = name_rows(at, APC_TUNING, NULL, c->size.tuning, o->tuning ? o->tuning : 1);
     for (size_t i = 0; i < c->dim.nu; i++)
         at = c->loop[i].setpoint ? name_rows(at, APC_SETPOINT, NULL, 1, c->loop[i].setpoint)
+             : c->loop[i].signal ? name_rows(at, APC_SENSOR, NULL, 1, c->loop[i].signal)
                                  : name_rows(at, APC_ACTUATOR, NULL, 1, c->loop[i].id);
     apc_controller_name_cascade(c, at);
     if (!o->acting)
@@ -264,6 +265,8 @@ static apc_status status_of(const struct apc_controller *c, size_t i)
                                          APC_GOOD_LIMITED_CONSTANT};
     const struct apc_loop_move *move = &c->state[i].move;
 
+    if (move->output == APC_PUT_FAULT && c->loop[i].signal)
+        return APC_BAD; /* nothing is a substitute for a measurement */
     if (move->output != APC_PUT_LAW && move->output != APC_PUT_BACKUP)
         return move->status;
     return limited[(move->output == APC_PUT_LAW ? c->law : c->backup).limited[i] &

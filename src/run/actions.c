@@ -32,10 +32,14 @@ static bool is_called(const struct apc_tag *tag, const char *name)
     return !strcmp(tag->name, name) || !strcmp(address, name);
 }
 
-/* Id of an actuator's loop. */
-static int loop_of(const struct experiment *e, const struct apc_tag *actuator)
+/* What an operator writes to move it: the manual output of the loop whose output it is; of all else itself.
+ */
+static const struct apc_tag *moved_by(const struct experiment *e, const struct apc_tag *tags, size_t n,
+                                      const struct apc_tag *tag)
 {
-    return controllers_loop_id(controllers_above(e, (struct wire){APC_ACTUATOR, (size_t)actuator->id - 1}));
+    const struct controller_loop loop = controllers_above(e, (struct wire){tag->table, (size_t)tag->id - 1});
+    const bool output = tag->table == APC_ACTUATOR || tag->table == APC_SENSOR;
+    return output && loop.of ? find_id(tags, n, APC_MANUAL, controllers_loop_id(loop)) : tag;
 }
 
 int action_find(const struct experiment *e, const struct apc_tag *tags, size_t n, const char *name,
@@ -44,8 +48,8 @@ int action_find(const struct experiment *e, const struct apc_tag *tags, size_t n
     struct nearest nearest = {.wanted = name};
     for (size_t i = 0; i < n; i++) {
         const struct apc_tag *tag = &tags[i];
-        if (write && tag->table == APC_ACTUATOR)
-            tag = find_id(tags, n, APC_MANUAL, loop_of(e, tag));
+        if (write)
+            tag = moved_by(e, tags, n, tag);
         if (!tag || (write && !may_write(tag->table)))
             continue;
         if (is_called(&tags[i], name)) {
@@ -74,7 +78,7 @@ static struct controller_loop find_loop(const struct experiment *e, const char *
         const struct apc_tag *output = controllers_output(e, loop);
         char own[APC_TAG_LEN];
         controllers_loop_name(e, loop, own);
-        if (!strcmp(own, name) || (loop.of->u[loop.u].table == APC_ACTUATOR && !strcmp(output->name, name)))
+        if (!strcmp(own, name) || (loop.of->u[loop.u].table != APC_SETPOINT && !strcmp(output->name, name)))
             return loop;
         nearest_look(nearest, output->name);
     }

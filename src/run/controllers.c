@@ -126,14 +126,14 @@ static const struct controller *owner_of(const struct experiment *e, struct wire
     return NULL;
 }
 
-/* Does @p lower take something that @p upper puts out? */
-static bool takes(const struct controller *lower, const struct controller *upper)
+/* What @p lower takes of what @p upper puts out; NULL: nothing. */
+static const struct wire *taken(const struct controller *lower, const struct controller *upper)
 {
     for (size_t i = 0; i < upper->dim.nu; i++)
         if (has(lower->z, lower->dim.nz, upper->u[i]) || has(lower->y, lower->dim.ny, upper->u[i]) ||
             has(lower->d, lower->dim.nd, upper->u[i]))
-            return true;
-    return false;
+            return &upper->u[i];
+    return NULL;
 }
 
 const struct controller *controllers_taker(const struct experiment *e, struct wire setpoint)
@@ -224,7 +224,7 @@ static void check_owned(struct settings *s, const config_setting_t *list, const 
 
 static bool hangs_on(const struct experiment *e, const bool *gone, size_t lower, size_t upper)
 {
-    return !gone[upper] && takes(&e->controllers[lower], &e->controllers[upper]);
+    return !gone[upper] && taken(&e->controllers[lower], &e->controllers[upper]);
 }
 
 /* Whoever waits for nobody that is left, or is waited for by nobody, goes. What stays goes round in circles.
@@ -238,7 +238,7 @@ static size_t reduce(const struct experiment *e, bool *gone)
             bool waits = false, awaited = false;
             for (size_t k = 0; k < e->n_controllers && !gone[i]; k++) {
                 waits = waits || hangs_on(e, gone, i, k);
-                awaited = awaited || (!gone[k] && takes(&e->controllers[k], &e->controllers[i]));
+                awaited = awaited || (!gone[k] && taken(&e->controllers[k], &e->controllers[i]));
             }
             if (gone[i] || (waits && awaited))
                 continue;
@@ -249,20 +249,40 @@ static size_t reduce(const struct experiment *e, bool *gone)
     return left;
 }
 
+static size_t awaited_by(const struct experiment *e, const bool *gone, size_t lower)
+{
+    size_t upper = 0;
+    while (!hangs_on(e, gone, lower, upper))
+        upper++;
+    return upper;
+}
+
 static void check_circles(struct settings *s, const config_setting_t *list, const struct experiment *e)
 {
-    char names[256] = "";
+    char names[300] = "";
     bool *gone = array(s, e->n_controllers, sizeof *gone);
-    const struct controller *first = NULL;
-    if (gone && reduce(e, gone) > 0)
-        for (size_t i = 0, length = 0; i < e->n_controllers && length < sizeof names; i++)
-            if (!gone[i]) {
-                first = first ? first : &e->controllers[i];
-                length += (size_t)snprintf(names + length, sizeof names - length, "%s%s", length ? ", " : "",
-                                           e->controllers[i].name);
-            }
-    if (first)
-        settings_fail(s, group_of(list, e, first), "controllers wait for each other in a circle: %s", names);
+    if (!gone || reduce(e, gone) == 0) {
+        free(gone);
+        return;
+    }
+    size_t first, in = 0, length = 0;
+    while (gone[in])
+        in++;
+    for (size_t i = 0; i < e->n_controllers; i++) /* from what only waits for a circle into it */
+        in = awaited_by(e, gone, in);
+    first = in;
+    for (size_t i = awaited_by(e, gone, in); i != in; i = awaited_by(e, gone, i))
+        first = i < first ? i : first;
+    for (size_t i = first; (i != first || !length) && length < sizeof names;) {
+        const size_t upper = awaited_by(e, gone, i);
+        const struct controller *c = &e->controllers[i], *of = &e->controllers[upper];
+        length +=
+            (size_t)snprintf(names + length, sizeof names - length, "%s%s for %s of %s", length ? ", " : "",
+                             c->name, signal_of(e, *taken(c, of))->tag.name, of->name);
+        i = upper;
+    }
+    settings_fail(s, group_of(list, e, &e->controllers[first]),
+                  "controllers wait for each other in a circle: %s", names);
     free(gone);
 }
 
@@ -273,7 +293,7 @@ static void find_depths(struct experiment *e)
         for (size_t i = 0; i < e->n_controllers; i++)
             for (size_t k = 0; k < e->n_controllers; k++) {
                 struct controller *lower = &e->controllers[i], *upper = &e->controllers[k];
-                if (lower->depth <= upper->depth && takes(lower, upper))
+                if (lower->depth <= upper->depth && taken(lower, upper))
                     lower->depth = upper->depth + 1;
             }
 }
@@ -315,7 +335,7 @@ void controllers_program(const struct experiment *e, const struct controller *c,
 void controllers_loop_name(const struct experiment *e, struct controller_loop loop, char name[APC_TAG_LEN])
 {
     const char *output = controllers_output(e, loop)->name;
-    if (loop.of->u[loop.u].table == APC_ACTUATOR && !loop.of->shadow)
+    if (loop.of->u[loop.u].table != APC_SETPOINT && !loop.of->shadow)
         snprintf(name, APC_TAG_LEN, "%s", output);
     else
         snprintf(name, APC_TAG_LEN, "%.31s.%.31s", loop.of->name, output);
@@ -534,8 +554,8 @@ static void read_list(struct settings *s, const config_setting_t *list, struct e
         find_depths(e);
 }
 
-/* One controller of all signals, in order. */
-static void read_short(struct settings *s, struct experiment *e)
+/* One controller of all signals, in order; so it calculates none. */
+static void read_short(struct settings *s, const config_setting_t *group, struct experiment *e)
 {
     struct controller *c = e->controllers = array(s, 1, sizeof *c);
     if (!c)
@@ -545,6 +565,7 @@ static void read_short(struct settings *s, struct experiment *e)
     c->y = all(s, APC_SENSOR, e->dim.ny);
     c->z = all(s, APC_SETPOINT, e->dim.nz);
     c->u = all(s, APC_ACTUATOR, e->dim.nu);
+    check_owned(s, group, e);
 }
 
 const config_setting_t *experiment_read_controllers(struct settings *s, const config_setting_t *root,
@@ -560,7 +581,7 @@ const config_setting_t *experiment_read_controllers(struct settings *s, const co
     if (list)
         read_list(s, list, e);
     else
-        read_short(s, e);
+        read_short(s, group, e);
     return s->failed ? NULL : list ? list : group;
 }
 
@@ -608,17 +629,4 @@ bool controllers_has_all(const struct experiment *e, const struct controller *c)
 {
     return in_order(c->y, c->dim.ny, APC_SENSOR, e->dim.ny) &&
            in_order(c->u, c->dim.nu, APC_ACTUATOR, e->dim.nu);
-}
-
-int experiment_check_runs(const struct experiment *e, struct apc_error *why)
-{
-    for (size_t i = 0; i < e->n_controllers; i++)
-        for (size_t k = 0; k < e->controllers[i].dim.nu; k++)
-            if (e->controllers[i].u[k].table == APC_SENSOR)
-                return apc_fail(why, APC_ESTATE,
-                                "%s: %s calculates signal %s, which cannot be run yet: outputs and setpoints "
-                                "can",
-                                e->file, e->controllers[i].name,
-                                signal_of(e, e->controllers[i].u[k])->tag.name);
-    return 0;
 }

@@ -91,6 +91,7 @@ int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc
 /* The parts of a controller's options that are arrays. */
 struct wiring {
     int *y, *d;
+    apc_ns *y_horizon, *d_horizon;
     struct apc_controller_setpoint *z;
     struct apc_controller_loop *loop;
 };
@@ -124,6 +125,11 @@ static void wire_loop(const struct experiment *e, struct controller_loop from,
         loop->fault = e->u[output.at].fault;
         return;
     }
+    if (output.table == APC_SENSOR) {
+        loop->signal = tag->id;
+        loop->fault = fmin(fmax(0.0, tag->low), tag->high); /* what an operator begins with */
+        return;
+    }
     const struct controller_loop below = controllers_below(e, output);
     loop->setpoint = tag->id;
     loop->fault = e->z[output.at].initial;
@@ -136,22 +142,44 @@ static void free_wiring(struct wiring *w)
 {
     free(w->y);
     free(w->d);
+    free(w->y_horizon);
+    free(w->d_horizon);
     free(w->z);
     free(w->loop);
+}
+
+/* How long what comes every @p period may stay away. */
+static apc_ns patience(apc_ns period)
+{
+    return 3 * period + 100 * APC_NS_PER_MS;
+}
+
+/* Of a measurement, by its own rhythm. */
+static apc_ns horizon_of(const struct experiment *e, struct wire wire)
+{
+    const apc_ns client = e->client.rhythm.period, plant = e->plant.rhythm.period;
+    const struct controller *by = controllers_above(e, wire).of;
+    return patience(by ? by->rhythm.period : client > plant ? client : plant);
 }
 
 static int make_wiring(const struct experiment *e, const struct controller *c, struct wiring *w)
 {
     *w = (struct wiring){.y = calloc(c->dim.ny + 1, sizeof *w->y),
                          .d = calloc(c->dim.nd + 1, sizeof *w->d),
+                         .y_horizon = calloc(c->dim.ny + 1, sizeof *w->y_horizon),
+                         .d_horizon = calloc(c->dim.nd + 1, sizeof *w->d_horizon),
                          .z = calloc(c->dim.nz + 1, sizeof *w->z),
                          .loop = calloc(c->dim.nu + 1, sizeof *w->loop)};
-    if (!w->y || !w->d || !w->z || !w->loop)
+    if (!w->y || !w->d || !w->y_horizon || !w->d_horizon || !w->z || !w->loop)
         return APC_ENOMEM;
-    for (size_t i = 0; i < c->dim.ny; i++)
+    for (size_t i = 0; i < c->dim.ny; i++) {
         w->y[i] = (int)c->y[i].at + 1;
-    for (size_t i = 0; i < c->dim.nd; i++)
+        w->y_horizon[i] = horizon_of(e, c->y[i]);
+    }
+    for (size_t i = 0; i < c->dim.nd; i++) {
         w->d[i] = (int)c->d[i].at + 1;
+        w->d_horizon[i] = horizon_of(e, c->d[i]);
+    }
     for (size_t i = 0; i < c->dim.nz; i++)
         wire_setpoint(e, c->z[i], &w->z[i]);
     for (size_t i = 0; i < c->dim.nu; i++)
@@ -162,7 +190,6 @@ static int make_wiring(const struct experiment *e, const struct controller *c, s
 int cores_controller(const struct experiment *e, const struct controller *c, bool real_time,
                      struct apc_controller **controller, struct apc_error *why)
 {
-    const apc_ns client = e->client.rhythm.period, plant = e->plant.rhythm.period;
     const struct apc_law_setup setup = cores_law_setup(c);
     struct wiring wiring;
     int rc = make_wiring(e, c, &wiring);
@@ -174,9 +201,11 @@ int cores_controller(const struct experiment *e, const struct controller *c, boo
         .period = c->rhythm.period,
         .budget = c->budget,
         .real_time = real_time,
-        .horizon = 3 * (client > plant ? client : plant) + 100 * APC_NS_PER_MS,
+        .horizon = patience(e->client.rhythm.period),
         .y = wiring.y,
         .d = wiring.d,
+        .y_horizon = wiring.y_horizon,
+        .d_horizon = wiring.d_horizon,
         .z = wiring.z,
         .loop = wiring.loop,
         .tuning = c->first_tuning,

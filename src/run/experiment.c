@@ -55,7 +55,7 @@ static void read_rhythm(struct settings *s, const config_setting_t *group, const
 }
 
 static void read_signal(struct settings *s, const config_setting_t *group, enum apc_table table, int id,
-                        struct signal *signal)
+                        bool calculated, struct signal *signal)
 {
     static const char *const known_setpoint[] = {"name", "unit",    "description", "low",
                                                  "high", "initial", NULL};
@@ -63,6 +63,7 @@ static void read_signal(struct settings *s, const config_setting_t *group, enum 
                                                "noise", "quantum", "faults",      NULL};
     static const char *const known_output[] = {"name", "unit",  "description", "low", "high",
                                                "safe", "fault", "initial",     NULL};
+    static const char *const known_signal[] = {"name", "unit", "description", "low", "high", NULL};
     struct apc_tag *tag = &signal->tag;
 
     *tag = (struct apc_tag){.table = table, .id = id, .low = -APC_VALUE_MAX, .high = APC_VALUE_MAX};
@@ -72,6 +73,7 @@ static void read_signal(struct settings *s, const config_setting_t *group, enum 
     }
     settings_known(s, group,
                    table == APC_ACTUATOR ? known_output
+                   : calculated          ? known_signal
                    : table == APC_SENSOR ? known_sensor
                                          : known_setpoint);
     settings_name(s, group, tag->name, sizeof tag->name);
@@ -105,7 +107,7 @@ static size_t read_signals(struct settings *s, const config_setting_t *root, con
     }
     *signals = array(s, (size_t)n, sizeof **signals);
     for (int i = 0; *signals && i < n && !s->failed; i++)
-        read_signal(s, config_setting_get_elem(list, (unsigned)i), table, i + 1, &(*signals)[i]);
+        read_signal(s, config_setting_get_elem(list, (unsigned)i), table, i + 1, false, &(*signals)[i]);
     return (size_t)n;
 }
 
@@ -123,7 +125,7 @@ static void read_calculated(struct settings *s, const config_setting_t *root, st
     memset(all + e->dim.ny, 0, n * sizeof *all);
     e->n_signals = n;
     for (size_t i = 0; i < n && !s->failed; i++)
-        read_signal(s, config_setting_get_elem(list, (unsigned)i), APC_SENSOR, (int)(e->dim.ny + i) + 1,
+        read_signal(s, config_setting_get_elem(list, (unsigned)i), APC_SENSOR, (int)(e->dim.ny + i) + 1, true,
                     &all[e->dim.ny + i]);
 }
 
@@ -559,7 +561,8 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     if (!s->failed) {
         check_names(s, root, "measurements", e->y, e->dim.ny, NULL, 0);
         check_names(s, root, "signals", e->y + e->dim.ny, e->n_signals, e->y, e->dim.ny);
-        check_names(s, root, "setpoints", e->z, e->dim.nz, NULL, 0);
+        check_names(s, root, "setpoints", e->z, e->dim.nz, e->y + e->dim.ny, e->n_signals);
+        check_names(s, root, "outputs", e->u, e->dim.nu, e->y + e->dim.ny, e->n_signals);
         check_names(s, root, "outputs", e->u, e->dim.nu, e->z, e->dim.nz);
     }
     read_client(s, root, e);
@@ -648,8 +651,6 @@ int experiment_load(struct experiment *e, const char *name, unsigned parts,
                               parts, overrides, why);
     free(text);
     record_free(&record);
-    if (rc == 0 && (rc = experiment_check_runs(e, why)) < 0)
-        experiment_free(e);
     return rc;
 }
 

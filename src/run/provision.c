@@ -241,7 +241,7 @@ static int describe(struct apc_store *store, const struct experiment *e)
 static const struct apc_tag *signal_of(const struct experiment *e, enum apc_table table, size_t i)
 {
     if (table == APC_SENSOR)
-        return i < e->dim.ny ? &e->y[i].tag : NULL;
+        return i < e->dim.ny + e->n_signals ? &e->y[i].tag : NULL;
     if (table == APC_SETPOINT)
         return i < e->dim.nz ? &e->z[i].tag : NULL;
     return i < e->dim.nu ? &e->u[i].tag : NULL;
@@ -255,6 +255,7 @@ static bool is_signal(const struct apc_tag *tag)
 int provision_compare(const struct experiment *e, const struct apc_tag *tag, size_t n,
                       char why[PROVISION_TEXT])
 {
+    const size_t own_signals = e->dim.ny + e->n_signals + e->dim.nz + e->dim.nu;
     size_t signals = 0;
     for (size_t i = 0; i < n; i++) {
         if (!is_signal(&tag[i]))
@@ -269,10 +270,10 @@ int provision_compare(const struct experiment *e, const struct apc_tag *tag, siz
                  own ? own->name : "none", own ? own->unit : "");
         return APC_EPERM;
     }
-    if (signals == 0 || signals == e->dim.ny + e->dim.nz + e->dim.nu)
+    if (signals == 0 || signals == own_signals)
         return 0;
     snprintf(why, PROVISION_TEXT, "it belongs to another experiment: it has %zu signals, %s has %zu", signals,
-             e->name, e->dim.ny + e->dim.nz + e->dim.nu);
+             e->name, own_signals);
     return APC_EPERM;
 }
 

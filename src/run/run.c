@@ -145,10 +145,7 @@ int apc_experiment_provision(const struct apc_experiment *e, struct apc_store *s
                              struct apc_error *why)
 {
     char differs[PROVISION_TEXT];
-    int rc = experiment_check_runs(&e->now->e, why);
-    if (rc < 0)
-        return rc;
-    rc = provision_check(store, &e->now->e, differs);
+    int rc = provision_check(store, &e->now->e, differs);
     if (rc == APC_EPERM)
         return apc_fail(why, rc, "%s", differs);
     if (rc >= 0)
@@ -173,9 +170,7 @@ int apc_simulation_create(struct apc_simulation **out, const struct apc_experime
         return apc_fail(why, APC_ENOMEM, "out of memory");
     s->of = e->now;
     atomic_fetch_add(&s->of->users, 1);
-    rc = experiment_check_runs(&s->of->e, why);
-    if (rc == 0)
-        rc = simulation_create(&s->s, &s->of->e, o.seed ? o.seed : s->of->e.seed, why);
+    rc = simulation_create(&s->s, &s->of->e, o.seed ? o.seed : s->of->e.seed, why);
     if (rc < 0)
         apc_simulation_destroy(s);
     else

@@ -214,8 +214,6 @@ struct experiment_source {
 int experiment_parse(struct experiment *e, const struct experiment_source *from, unsigned parts,
                      const struct experiment_overrides *overrides, struct apc_error *why);
 
-/* Can its controllers be run? 0, or APC_ESTATE and why not. */
-int experiment_check_runs(const struct experiment *e, struct apc_error *why);
 /* The controller whose setpoint it is; NULL: none. */
 const struct controller *controllers_taker(const struct experiment *e, struct wire setpoint);
 
@@ -236,7 +234,8 @@ const struct controller *controllers_first(const struct experiment *e, const str
 const struct apc_tag *controllers_output(const struct experiment *e, struct controller_loop loop);
 /* Its id in table opmode, and of the operator's output in table manual. */
 int controllers_loop_id(struct controller_loop loop);
-/* "u", or "upper.r1" where the output is a setpoint, "trial.u" in shadow. */
+/* "u", or "upper.r1" where the output is a setpoint, "trial.u" in shadow. A calculated signal has no other's
+ * name. */
 void controllers_loop_name(const struct experiment *e, struct controller_loop loop, char name[APC_TAG_LEN]);
 /* The loop that has the setpoint as its own, and the loop that puts out the setpoint, output or signal; of is
  * NULL: none. */
