@@ -269,6 +269,8 @@ static void client_finish(void *ctx)
 static void tell_of(const struct simulated *c, const struct apc_notice *notice)
 {
     char source[APC_TAG_LEN];
+    if (notice->kind == APC_NOTICE_NONE)
+        return;
     controllers_program(c->s->e, c->of, source);
     tell_notice(c->s, source, notice);
 }
