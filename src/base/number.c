@@ -76,10 +76,16 @@ static uint64_t scale(double size, int exponent)
     return (uint64_t)whole + (rest > half || (rest == half && (whole & 1)));
 }
 
+/* Two at a time: half as many divisions, each of which waits for the one before. */
 static void put_digits(char *text, uint32_t number, int n)
 {
-    for (int i = n - 1; i >= 0; i--, number /= 10)
-        text[i] = (char)('0' + number % 10);
+    for (; n > 1; n -= 2, number /= 100) {
+        const uint32_t two = number % 100;
+        text[n - 2] = (char)('0' + two / 10);
+        text[n - 1] = (char)('0' + two % 10);
+    }
+    if (n > 0)
+        text[0] = (char)('0' + number);
 }
 
 /* As %.17g. Returns the length; 0 when it is not for here. @p text has room for 24 characters. */

@@ -141,59 +141,53 @@ char *apc_time_format(apc_ns utc, char text[APC_TIME_LEN])
     return text;
 }
 
-/* Exactly @digits decimal digits, advancing *text. */
-static int take(const char **text, int digits, int *value)
+/* Two decimal digits, advancing *text. */
+static bool take(const char **text, int *value)
 {
-    int sum = 0;
-    for (int i = 0; i < digits; i++, (*text)++) {
-        if (**text < '0' || **text > '9')
-            return APC_EINVAL;
-        sum = sum * 10 + (**text - '0');
-    }
-    *value = sum;
-    return 0;
+    const unsigned tens = (unsigned char)(*text)[0] - (unsigned)'0';
+    unsigned ones;
+
+    if (tens > 9 || (ones = (unsigned char)(*text)[1] - (unsigned)'0') > 9)
+        return false;
+    *value = (int)(10 * tens + ones);
+    *text += 2;
+    return true;
 }
 
-static int take_char(const char **text, char c)
+static bool take_char(const char **text, char c)
 {
-    if (**text != c)
-        return APC_EINVAL;
-    (*text)++;
-    return 0;
+    return **text == c && (*text)++;
 }
 
-static int take_fraction(const char **text, apc_ns *ns)
+static bool take_fraction(const char **text, apc_ns *ns)
 {
-    apc_ns unit = APC_NS_PER_S / 10;
+    static const apc_ns unit[] = {0,     100000000, 10000000, 1000000, 100000,
+                                  10000, 1000,      100,      10,      1}; /* of the last decimal */
+    size_t n = 0;
     *ns = 0;
     if (**text != '.')
-        return 0;
-    (*text)++;
-    if (**text < '0' || **text > '9')
-        return APC_EINVAL;
-    for (; **text >= '0' && **text <= '9'; (*text)++, unit /= 10) {
-        if (!unit)
-            return APC_EINVAL; /* more than nine decimals */
-        *ns += (**text - '0') * unit;
-    }
-    return 0;
+        return true;
+    for ((*text)++; **text >= '0' && **text <= '9' && n < 9; (*text)++, n++)
+        *ns = *ns * 10 + (**text - '0');
+    *ns *= unit[n];
+    return n > 0;
 }
 
-static int take_zone(const char **text, apc_ns *offset)
+static bool take_zone(const char **text, apc_ns *offset)
 {
     int hours, minutes;
     char sign = **text;
     *offset = 0;
     if (sign == '\0')
-        return 0;
+        return true;
     (*text)++;
     if (sign == 'Z')
-        return 0;
-    if ((sign != '+' && sign != '-') || take(text, 2, &hours) || take_char(text, ':') ||
-        take(text, 2, &minutes) || hours > 23 || minutes > 59)
-        return APC_EINVAL;
+        return true;
+    if ((sign != '+' && sign != '-') || !take(text, &hours) || !take_char(text, ':') ||
+        !take(text, &minutes) || hours > 23 || minutes > 59)
+        return false;
     *offset = (hours * INT64_C(60) + minutes) * 60 * APC_NS_PER_S * (sign == '-' ? -1 : 1);
-    return 0;
+    return true;
 }
 
 static int days_in(int year, int month)
@@ -205,16 +199,17 @@ static int days_in(int year, int month)
 
 int apc_time_parse(const char *text, apc_ns *utc)
 {
-    int year, month, day, hour, minute, second;
+    int century, year, month, day, hour, minute, second;
     apc_ns fraction, offset;
 
     if (!text || !utc)
         return APC_EINVAL;
-    if (take(&text, 4, &year) || take_char(&text, '-') || take(&text, 2, &month) || take_char(&text, '-') ||
-        take(&text, 2, &day) || (take_char(&text, 'T') && take_char(&text, ' ')) || take(&text, 2, &hour) ||
-        take_char(&text, ':') || take(&text, 2, &minute) || take_char(&text, ':') ||
-        take(&text, 2, &second) || take_fraction(&text, &fraction) || take_zone(&text, &offset) || *text)
+    if (!take(&text, &century) || !take(&text, &year) || !take_char(&text, '-') || !take(&text, &month) ||
+        !take_char(&text, '-') || !take(&text, &day) || (!take_char(&text, 'T') && !take_char(&text, ' ')) ||
+        !take(&text, &hour) || !take_char(&text, ':') || !take(&text, &minute) || !take_char(&text, ':') ||
+        !take(&text, &second) || !take_fraction(&text, &fraction) || !take_zone(&text, &offset) || *text)
         return APC_EINVAL;
+    year += 100 * century;
     /* the range of 64-bit nanoseconds, in whole years */
     if (year < 1678 || year > 2261 || month < 1 || month > 12 || day < 1 || day > days_in(year, month) ||
         hour > 23 || minute > 59 || second > 59)

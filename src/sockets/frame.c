@@ -134,12 +134,12 @@ static bool take_uint(struct reader *r, uint64_t max, uint64_t *value)
 
     for (; r->at < r->end && *r->at >= '0' && *r->at <= '9'; r->at++) {
         unsigned digit = (unsigned)(*r->at - '0');
-        if (sum > (max - digit) / 10)
+        if (r->at - first >= 19 && sum > (UINT64_MAX - digit) / 10) /* 19 digits always fit */
             return false;
         sum = sum * 10 + digit;
     }
     *value = sum;
-    return r->at > first && (*first != '0' || r->at == first + 1);
+    return sum <= max && r->at > first && (*first != '0' || r->at == first + 1);
 }
 
 /* The bytes up to @until, and past it, as a string in @text, for a function that knows what may be in it. */
