@@ -22,9 +22,6 @@ enum tick_rows {
                  outputs as they stand; writes a tick row as well */
 };
 
-/* So many numbers stand in the tick row of a controller with n PI loops. */
-#define TICK_ROW(n) (3 + 35 * (n))
-
 /* ---- tick_run.c: all ways, in turn ----------------------------------------------------------- */
 
 /* Measure them for @p n loops on the database of @p conn, in schemas that are made anew. The bench has three
@@ -71,8 +68,9 @@ struct store *store_open(const char *schema, size_t n);
 void store_once(void *store);
 void store_close(struct store *store);
 
-/* What apc-controller does at a tick, with n PI loops. */
+/* What apc-controller does at a tick, with n PI loops; and how many numbers stand in its tick row. */
 struct control;
+size_t control_row(size_t n);
 struct control *control_open(const char *schema, size_t n);
 void control_once(void *control);
 void control_close(struct control *control);

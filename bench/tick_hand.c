@@ -39,8 +39,9 @@ struct hand {
     double *integral;
     char *columns[5]; /* parameters: seq, time, status, value, origin */
     bool full;
-    int64_t tick;     /* seq of its row */
-    double *row;      /* [TICK_ROW(n)] */
+    int64_t tick; /* seq of its row */
+    size_t n_row;
+    double *row;      /* [n_row] */
     char *row_column; /* parameter */
 };
 
@@ -187,9 +188,9 @@ static void send_outputs(struct hand *h, int64_t time)
 static void send_tick(struct hand *h, int64_t time)
 {
     const uint64_t head[2] = {htobe64((uint64_t)h->tick), htobe64((uint64_t)time)};
-    char *end = begin_array(h->row_column, 701, TICK_ROW(h->n));
+    char *end = begin_array(h->row_column, 701, h->n_row);
 
-    for (size_t i = 0; i < TICK_ROW(h->n); i++)
+    for (size_t i = 0; i < h->n_row; i++)
         end = add_int8(end, bits(h->row[i]));
     const char *const values[3] = {(const char *)&head[0], (const char *)&head[1], h->row_column};
     const int lengths[3] = {8, 8, (int)(end - h->row_column)};
@@ -232,8 +233,9 @@ struct hand *hand_open(const char *schema, size_t n, enum tick_rows rows)
     h->n = n;
     h->full = rows == TICK_FULL;
     h->integral = allocate(n, sizeof *h->integral);
-    h->row = allocate(TICK_ROW(n), sizeof *h->row);
-    h->row_column = allocate(20 + 12 * TICK_ROW(n), 1);
+    h->n_row = control_row(n);
+    h->row = allocate(h->n_row, sizeof *h->row);
+    h->row_column = allocate(20 + 12 * h->n_row, 1);
     for (size_t k = 0; k < 5; k++)
         h->columns[k] = allocate(20 + 12 * n, 1);
     h->y = add_read(h, "sensor", 1, n);
@@ -266,7 +268,7 @@ void hand_once(void *ctx)
     const double Kp = h->tuning[0].value, tau_i = h->tuning[1].value;
     for (size_t i = 0; i < h->n; i++)
         h->u[i].value = Kp * (h->z[i].value - h->y[i].value) + h->integral[i];
-    for (size_t i = 0; i < TICK_ROW(h->n); i++)
+    for (size_t i = 0; i < h->n_row; i++)
         h->row[i] = i < h->n ? h->integral[i] : h->y[i % h->n].value;
     write_all(h);
     for (size_t i = 0; i < h->n; i++)
