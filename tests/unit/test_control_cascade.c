@@ -246,6 +246,10 @@ static void pairs_are_made_at_will(void **state)
     laws_compute(r.law, &r.c);
     assert_near(r.u[0], 50000.0 - 4000.0 - 1.0, 1e-9);
     assert_near(r.u[1], 0.0 - 300.0 - 20.0, 1e-9);
+    for (size_t k = 0; k < 2; k++) { /* of others each sees nothing */
+        assert_int_equal(apc_instances_ports(r.law, k)->ny, 2);
+        assert_int_equal(apc_instances_ports(r.law, k)->nz, 1);
+    }
     const struct apc_setting shared = {"inner", NULL, 1, 2, setpoint}; /* each measurement is in both pairs */
     assert_int_equal(configure(&r, (struct apc_dim){2, 2, 2, 0}, &shared, 1, NULL), 0);
     assert_int_equal(configure(&r, dim, &bad, 1, &why), APC_EINVAL);

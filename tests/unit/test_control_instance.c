@@ -2,6 +2,8 @@
 /* What runs a law for a controller: who sees what, and who is asked. */
 #include "laws.h"
 
+#include "apclinear.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -634,7 +636,8 @@ static void whatever_x_depends_on_is_in_the_mark(void **state)
         .nx = 2, .A = zero, .B = zero, .C = zero, .D = zero, .x0 = zero, .u0 = zero, .y0 = zero};
     struct apc_law_plant changed = plant;
     static struct apc_law newer; /* the instances end after this function */
-    uint32_t marks[12];
+    static double zero_of[4][16];
+    uint32_t marks[16];
     size_t n = 0;
 
     (void)state;
@@ -658,6 +661,17 @@ static void whatever_x_depends_on_is_in_the_mark(void **state)
         setup.Ts = i == 0 ? 3.0 : plain.Ts;
         setup.plant = i == 0 ? NULL : i == 1 ? &plant : &changed;
         changed.y0 = other;
+        marks[n++] = mark(&telling, &setup);
+    }
+    for (int i = 0; i < 4; i++) { /* a model that is sampled already */
+        struct apc_law_setup setup = plain;
+        struct apc_linear sampled = {
+            .nx = 2, .A = zero_of[0], .B = zero_of[1], .C = zero_of[2], .x0 = zero_of[3]};
+        const struct apc_law_plant of = {.D = zero, .u0 = zero, .y0 = zero, .sampled = &sampled};
+
+        memset(zero_of, 0, sizeof(zero_of));
+        zero_of[i][1] = 1.0;
+        setup.plant = &of;
         marks[n++] = mark(&telling, &setup);
     }
     for (size_t i = 0; i < n; i++) {

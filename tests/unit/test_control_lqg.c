@@ -678,6 +678,39 @@ static void a_bad_measurement_among_good_ones_corrects_nothing(void **state)
 }
 
 /* A chain of lags, each following the one before. */
+/* The same plant, sampled by the law or before it: with each output's load told apart. */
+static void a_model_that_is_sampled_already_is_the_same(void **state)
+{
+    const double A[4] = {-1, 0.2, 0.1, -0.5}, B[4] = {1, 0.8, 0.7, 0.6}, C[4] = {1, 0, 0, 1};
+    const double u0[2] = {5, 6}, y0[2] = {1, 2};
+    const struct apc_law_plant plant = {
+        .nx = 2, .A = A, .B = B, .C = C, .D = zeros, .x0 = zeros, .u0 = u0, .y0 = y0};
+    const struct apc_linear_continuous from = {
+        .size = sizeof(from), .nx = 2, .nu = 2, .ny = 2, .A = A, .B = B, .C = C, .u0 = u0, .y0 = y0};
+    struct apc_linear *sampled = NULL;
+    struct apc_error why = {""};
+    struct rig r, other;
+
+    (void)state;
+    assert_int_equal(apc_linear_from_continuous(&sampled, &from, H, &why), 0);
+    const struct apc_law_plant given = {.D = zeros, .u0 = u0, .y0 = y0, .sampled = sampled};
+    make(&r, &plant, 2, NULL, 0);
+    make(&other, &plant, 2, NULL, 0);
+    if (configure(&other, &given, other.c.dim, NULL, 0, &why) < 0)
+        fail_msg("%s", why.text);
+    laws_reset(other.law, &other.c);
+    r.z[0] = other.z[0] = 1.5;
+    r.load[0] = other.load[0] = 0.3;
+    r.load[1] = other.load[1] = -0.4;
+    for (int k = 0; k < 200; k++) {
+        tick(&r);
+        tick(&other);
+        for (size_t j = 0; j < 2; j++)
+            assert_near(other.u[j], r.u[j], 1e-6);
+    }
+    apc_linear_destroy(sampled);
+}
+
 static void there_may_be_more_than_64_states(void **state)
 {
     enum { LAGS = 80 };
@@ -776,6 +809,7 @@ int main(void)
         cmocka_unit_test_teardown(the_preview_is_the_best_there_is, laws_end),
         cmocka_unit_test_teardown(setpoints_that_stay_are_no_preview, laws_end),
         cmocka_unit_test_teardown(a_bad_measurement_among_good_ones_corrects_nothing, laws_end),
+        cmocka_unit_test_teardown(a_model_that_is_sampled_already_is_the_same, laws_end),
         cmocka_unit_test_teardown(there_may_be_more_than_64_states, laws_end),
         cmocka_unit_test_teardown(what_it_cannot_be_made_from_is_refused_with_the_reason, laws_end),
     };

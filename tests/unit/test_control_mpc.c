@@ -628,6 +628,29 @@ static void an_unstable_plant_is_kept_in_hand_when_nothing_is_asked_of_it(void *
     end(&r);
 }
 
+/* Of a plant that integrates only loads at its inputs can be told from its state. */
+static void what_integrates_is_held_in_spite_of_a_load(void **state)
+{
+    static const double in[] = {0.1, 0.0, 0.0, 0.2}, out[] = {1.0, 0.0, 0.0, 1.0}, none[NY * NU],
+                        at[] = {0.0, 0.0};
+    static const struct apc_law_plant tanks_alone = {
+        .nx = 2, .A = none, .B = in, .C = out, .D = none, .x0 = at, .u0 = at, .y0 = at};
+    struct rig r;
+    (void)state;
+
+    make_of(&r, &tanks_alone, NULL, 0);
+    r.low[0] = r.low[1] = -10.0;
+    begin(&r);
+    set_point(&r, 0.5, -0.5);
+    r.load[0] = 0.3;
+    r.load[1] = -0.4;
+    run(&r, 400);
+    assert_near(r.y[0], 0.5, 1e-5);
+    assert_near(r.y[1], -0.5, 1e-5);
+    assert_near(r.u[0], -0.3, 1e-5);
+    end(&r);
+}
+
 /* A plant that has stood still for long, but not where the model has its operating point, is held from the
  * first tick on; also with a long dead time. */
 static void it_begins_where_the_plant_stands(void **state)
@@ -739,6 +762,7 @@ int main(void)
         TEST(a_limit_of_the_tuning_holds_and_none_can_cross),
         TEST(a_measurement_that_stays_bad_is_given_up_and_a_critical_one_ends_the_service),
         TEST(an_unstable_plant_is_kept_in_hand_when_nothing_is_asked_of_it),
+        TEST(what_integrates_is_held_in_spite_of_a_load),
         TEST(it_begins_where_the_plant_stands),
         TEST(what_is_no_number_never_goes_out),
         TEST(a_model_that_cannot_be_controlled_or_seen_is_refused),

@@ -652,6 +652,31 @@ static void a_measured_disturbance_is_fed_forward_as_it_changes(void **state)
     assert_near(tick(&r), -2.0, 1e-9);
 }
 
+/* What is no measurement of the controller but a disturbance counts on behind them. */
+static void a_disturbance_of_the_controllers_own_is_fed_forward(void **state)
+{
+    (void)state;
+    for (size_t n = 1; n <= 2; n++) { /* the last of them */
+        const double use = 1.0 + (double)n;
+        const struct apc_setting setting = {"feed_forward", NULL, 1, 1, &use};
+        double d[] = {100.0, 100.0};
+        struct rig r;
+
+        make(&r, 1.0);
+        r.c.dim.nd = n;
+        r.c.d = d;
+        assert_int_equal(configure(&r, r.c.dim, &setting, 1, NULL), 0);
+        r.tuning[TAU_I] = 1e9;
+        r.tuning[KFF] = -0.5;
+        laws_reset(r.law, &r.c);
+        assert_near(tick(&r), 0.0, 1e-12);
+        d[2 - n] = 50.0; /* the other one */
+        assert_near(tick(&r), 0.0, 1e-9);
+        d[n - 1] = 104.0;
+        assert_near(tick(&r), -2.0, 1e-9);
+    }
+}
+
 static void each_output_has_its_own_loop_tuning_and_disturbance(void **state)
 {
     const double use[] = {3.0, 1.0};
@@ -776,6 +801,7 @@ int main(void)
         cmocka_unit_test_teardown(without_integral_and_tau_t_a_bumpless_change_fades, laws_end),
         cmocka_unit_test_teardown(a_change_of_gain_or_derivative_leaves_nothing_of_the_old_one, laws_end),
         cmocka_unit_test_teardown(a_measured_disturbance_is_fed_forward_as_it_changes, laws_end),
+        cmocka_unit_test_teardown(a_disturbance_of_the_controllers_own_is_fed_forward, laws_end),
         cmocka_unit_test_teardown(each_output_has_its_own_loop_tuning_and_disturbance, laws_end),
         cmocka_unit_test_teardown(outputs_are_paired_with_measurements_at_will, laws_end),
         cmocka_unit_test_teardown(a_pairing_that_does_not_exist_is_refused, laws_end),

@@ -345,8 +345,10 @@ static void in_man_the_operators_output_goes_out(void **state)
     assert_near(measured_tick(r, 0.0)->value, FAULT, 0.0); /* he gave none, and there is no last one */
     set(r, MANUAL, 1.25);
     assert_near(measured_tick(r, 0.0)->value, 1.25, 0.0);
-    assert_near(any_tick(r, false)->value, 1.25, 0.0);
+    set(r, MANUAL, 1.5);
+    assert_near(any_tick(r, false)->value, 1.25, 0.0); /* nothing was read: what lies there does not count */
     assert_int_equal(find(r, APC_ACTUATOR, 1)->status, APC_GOOD);
+    set(r, MANUAL, 1.25);
     assert_mode(r, APC_MODE_MAN);
 }
 
@@ -1303,6 +1305,11 @@ static void a_controller_that_could_not_work_is_refused(void **state)
     o = good;
     o.loop = &(const struct apc_controller_loop){
         .id = 1, .mode = 1, .low = -HUGE_VAL, .high = high}; /* a fault value of 0 lies outside */
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
+    o.loop = &(const struct apc_controller_loop){.id = 1, .mode = 1, .low = 1.0, .high = 2.0};
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
+    o.loop = &(const struct apc_controller_loop){
+        .id = 1, .mode = 1, .low = -1.0, .high = 2.0, .fault = (double)NAN};
     assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
     o = good;
     o.law = NULL;

@@ -262,6 +262,31 @@ static void a_law_that_goes_on_failing_is_shed_and_must_show_that_it_is_well(voi
     end(&r);
 }
 
+static void a_change_of_tuning_gives_no_bump_in_whichever_loop(void **state)
+{
+    (void)state;
+    for (int id = 1; id <= LOOPS; id++) {
+        const int kp = (id - 1) * (int)apc_law_pid.n_tuning + 1;
+        struct rig r;
+        double before, after;
+
+        make(&r, &apc_law_pid);
+        set(&r, APC_TUNING, kp, 0.2);
+        set(&r, APC_TUNING, kp + 1, 1000.0);
+        for (int k = 0; k < 5; k++)
+            measured_tick(&r, 0.0, 0.0);
+        before = u(&r, id);
+        set(&r, APC_TUNING, kp, 1.0);
+        measured_tick(&r, 0.0, 0.0);
+        after = u(&r, id);
+        assert_near(after, before, 0.01);
+        set(&r, APC_SETPOINT, id, 1.1);
+        measured_tick(&r, 0.0, 0.0);
+        assert_near(u(&r, id), after + 0.1, 0.01); /* it is in force */
+        end(&r);
+    }
+}
+
 static void a_law_of_all_outputs_leaves_those_alone_that_are_the_operators(void **state)
 {
     struct rig r;
@@ -316,7 +341,16 @@ static bool shows(const struct rig *r)
     return find(r, APC_ACTUATOR, 1)->seq > 0 || find(r, APC_ACTUATOR, 2)->seq > 0;
 }
 
-/* All that a law may see of its measurements and outputs moves its state: a restart has to know it. */
+static int look_ahead(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
+                      struct apc_error *why)
+{
+    (void)setup, (void)self, (void)why;
+    needs->n_ahead = 3;
+    return 0;
+}
+
+/* All that a law may see of its measurements, setpoints and outputs moves its state: a restart has to know
+ * it. */
 static void see(struct apc_law_call *c)
 {
     for (size_t i = 0; i < c->dim.nu; i++) {
@@ -324,7 +358,8 @@ static void see(struct apc_law_call *c)
 
         c->x[i] = 0.5 * c->x[i] + 0.1 * c->u[i] + 0.1 * last + 0.01 * c->y_age[i] +
                   (c->y_new[i] ? 0.2 : 0.0) +
-                  (apc_status_severity(c->y_status[i]) == APC_SEVERITY_BAD ? 0.3 : 0.0) - 0.05 * c->y[i];
+                  (apc_status_severity(c->y_status[i]) == APC_SEVERITY_BAD ? 0.3 : 0.0) - 0.05 * c->y[i] +
+                  0.05 * c->z[(c->n_ahead - 1) * c->dim.nz + i];
     }
 }
 
@@ -341,7 +376,8 @@ static const struct apc_law seeing = {.abi = APC_LAW_ABI,
                                       .n_state = a_state_each,
                                       .compute = show,
                                       .update = see,
-                                      .track = follow};
+                                      .track = follow,
+                                      .create = look_ahead};
 
 /*
  * Two controllers see the same; one is killed and started again, at any instant: after a tick whose rows are
@@ -455,6 +491,7 @@ int main(void)
         cmocka_unit_test(no_output_moves_faster_than_its_rate_but_to_its_fault_value),
         cmocka_unit_test(good_answers_and_those_of_need_go_out_and_others_are_held),
         cmocka_unit_test(a_law_that_goes_on_failing_is_shed_and_must_show_that_it_is_well),
+        cmocka_unit_test(a_change_of_tuning_gives_no_bump_in_whichever_loop),
         cmocka_unit_test(a_law_of_all_outputs_leaves_those_alone_that_are_the_operators),
         cmocka_unit_test(a_law_of_all_outputs_goes_on_without_a_measurement_that_it_can_spare),
         cmocka_unit_test(a_controller_that_is_killed_at_any_tick_goes_on_bit_for_bit),

@@ -289,6 +289,15 @@ static void disturbances_that_nobody_could_tell_apart_are_refused(void **state)
     assert_non_null(strstr(why.text, "integrating"));
     assert_int_equal(apc_linear_disturb(&model, integrating, &at_input, 1, &why), 0);
     apc_linear_destroy(model);
+    integrating->C[0] = integrating->C[integrating->nx] = 0.0; /* what integrates is seen no more */
+    assert_int_equal(apc_linear_disturb(&model, integrating, &at_input, 1, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "state 1 of the model moves without the measurements showing it"));
+    for (size_t i = 0; i < stable->nx; i++)
+        stable->x0[i] = 1.0 + (double)i;
+    assert_int_equal(apc_linear_disturb(&model, stable, &at_input, 1, &why), 0);
+    assert_memory_equal(model->x0, stable->x0, stable->nx * sizeof(*model->x0));
+    assert_near(model->x0[stable->nx], 0.0, 0.0);
+    apc_linear_destroy(model);
     apc_linear_destroy(integrating);
     apc_linear_destroy(stable);
 }

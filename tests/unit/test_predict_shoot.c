@@ -153,11 +153,68 @@ static void where_the_model_ends_it_says_so(void **state)
     apc_shoot_destroy(NULL);
 }
 
+static int decay(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    (void)t, (void)p;
+    dx[0] = u[0] - x[0];
+    dx[1] = u[1] - 2.0 * x[1];
+    return 0;
+}
+
+static void cross(double t, const double *x, const double *u, const double *p, double *y)
+{
+    (void)t, (void)u, (void)p;
+    y[0] = x[0] * x[1];
+}
+
+/* A measurement that hangs on two states at once, and a disturbance that is not 0 when nothing is disturbed.
+ */
+static void what_is_measured_of_several_states_is_predicted(void **state)
+{
+    static const struct apc_param loaded = {"d", "", "", 3.0, 0.0, 10.0};
+    static const struct apc_model crossed = {.abi = APC_MODEL_ABI,
+                                             .name = "crossed",
+                                             .nx = 2,
+                                             .nu = 1,
+                                             .nd = 1,
+                                             .ny = 1,
+                                             .disturbance = &loaded,
+                                             .f = decay,
+                                             .g = cross};
+    const double u0 = 1.0, x0[] = {2.0, 5.0}, plan[] = {1.0, 1.5, 0.5}, Ts = 0.3;
+    double nodes[2 * N], y[N], x[2] = {x0[0], x0[1]};
+    struct scene s;
+    (void)state;
+
+    make(&s, &crossed, Ts, &u0, NULL, 0);
+    for (size_t i = 0; i < N; i++) { /* by its closed form */
+        const double u = plan[block_of[i]];
+
+        x[0] = u + (x[0] - u) * exp(-Ts);
+        x[1] = 1.5 + (x[1] - 1.5) * exp(-2.0 * Ts);
+        nodes[2 * i] = x[0];
+        nodes[2 * i + 1] = x[1];
+        y[i] = x[0] * x[1];
+    }
+    assert_int_equal(apc_shoot_linearise(s.shoot, x0, NULL, plan, nodes, s.G, s.free_y), 0);
+    for (size_t i = 0; i < N; i++) {
+        const double moved[] = {plan[0] + 2.0, plan[1],
+                                plan[2]}; /* y is linear in it: x[1] hangs on d only */
+        double e = 0.0;
+
+        assert_near(predicted(&s, i, plan), y[i], 1e-6);
+        e = 2.0 * (exp(-Ts * (double)i) - exp(-Ts * (double)(i + 1)));
+        assert_near(predicted(&s, i, moved) - predicted(&s, i, plan), e * nodes[2 * i + 1], 1e-6);
+    }
+    apc_shoot_destroy(s.shoot);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(near_its_trajectory_the_prediction_is_right_to_second_order),
         cmocka_unit_test(of_a_linear_model_it_is_exact_wherever_the_nodes_were),
+        cmocka_unit_test(what_is_measured_of_several_states_is_predicted),
         cmocka_unit_test(where_the_model_ends_it_says_so),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
