@@ -2,6 +2,7 @@
 /* The scheme modbus: what stands in which register, and what goes in one request. */
 #include "check.h"
 
+#include <float.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -133,6 +134,25 @@ static void what_does_not_fit_is_not_written_nor_anything_beside_it(void **state
         assert_int_equal(exchange(b, NULL, &y), 0);
         assert_int_equal(b->peer.writes, 0);
         end(b);
+    }
+}
+
+static void what_just_fits_is_written(void **state)
+{
+    static const struct {
+        enum apc_modbus_type type;
+        double low, high;
+    } cases[] = {{APC_MODBUS_U16, 0, 65535},
+                 {APC_MODBUS_S16, -32768, 32767},
+                 {APC_MODBUS_U32, 0, 4294967295.0},
+                 {APC_MODBUS_S32, -2147483648.0, 2147483647},
+                 {APC_MODBUS_F32, -(double)FLT_MAX, (double)FLT_MAX},
+                 {APC_MODBUS_F64, -DBL_MAX, DBL_MAX}};
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const struct apc_modbus_point p = point(APC_MODBUS_HOLDING, cases[i].type, 0);
+        assert_true(apc_modbus_fits(&p, cases[i].low));
+        assert_true(apc_modbus_fits(&p, cases[i].high));
     }
 }
 
@@ -348,9 +368,33 @@ static void no_bytes_hang_it_or_get_past_it(void **state)
     end(b);
 }
 
+/* What says that it is longer than any reply may be is refused at once, and not waited for. */
+static void a_reply_that_would_be_too_long_is_not_waited_for(void **state)
+{
+    const struct apc_modbus_point p = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0);
+    const unsigned char head[] = {0, 0, 0, 0, 0, 255, 0, 3};
+    struct apc_value y;
+    int rc;
+    (void)state;
+    struct bench *b = start(1, 1, (struct apc_modbus_options){.u = &p, .y = &p});
+    pthread_mutex_lock(&b->peer.mutex);
+    b->peer.behaviour = MODBUS_SCRIPT;
+    memcpy(b->peer.script, head, sizeof head);
+    b->peer.script_length = sizeof head;
+    pthread_mutex_unlock(&b->peer.mutex);
+    do /* a connect may take its time */
+        rc = exchange(b, NULL, &y);
+    while (rc == APC_ECONN);
+    assert_int_equal(rc, APC_EPROTO);
+    end(b);
+}
+
 static void a_map_that_makes_no_sense_is_refused(void **state)
 {
-    const struct apc_modbus_point good = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0);
+    const struct apc_modbus_point good = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0),
+                                  not_finite = {.area = APC_MODBUS_HOLDING,
+                                                .type = APC_MODBUS_U16,
+                                                .scale = (double)INFINITY};
     struct {
         struct apc_modbus_point p;
         bool output;
@@ -364,6 +408,8 @@ static void a_map_that_makes_no_sense_is_refused(void **state)
         {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 4000000000u), false, "beyond 65535"},
         {point(APC_MODBUS_HOLDING, 0, 0), false, "are bits"},
         {point(0, APC_MODBUS_U16, 0), false, "are bits"},
+        {not_finite, true, "output 1: scale, offset and safe must be finite"},
+        {not_finite, false, "measurement 1: scale, offset and safe must be finite"},
     };
     struct apc_modbus_options o = {.size = sizeof o, .u = &good, .y = &good};
     const struct apc_exchange_options options = {.size = sizeof options, .nu = 1, .ny = 1, .modbus = &o};
@@ -395,6 +441,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_value_of_each_type_stands_as_the_specification_has_it),
         cmocka_unit_test(what_does_not_fit_is_not_written_nor_anything_beside_it),
+        cmocka_unit_test(what_just_fits_is_written),
         cmocka_unit_test(a_register_that_holds_no_number_is_bad),
         cmocka_unit_test(what_is_next_to_each_other_goes_in_one_request),
         cmocka_unit_test(a_request_has_no_more_than_a_frame_holds),
@@ -402,6 +449,7 @@ int main(void)
         cmocka_unit_test(the_watchdog_counts_what_was_given_whole),
         cmocka_unit_test(once_its_sign_of_life_stands_still_nothing_is_good),
         cmocka_unit_test(no_bytes_hang_it_or_get_past_it),
+        cmocka_unit_test(a_reply_that_would_be_too_long_is_not_waited_for),
         cmocka_unit_test(a_map_that_makes_no_sense_is_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

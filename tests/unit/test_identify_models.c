@@ -390,13 +390,43 @@ static void validation_tells_a_right_model_from_a_wrong_one(void **state)
     free(t);
 }
 
+static void a_variance_is_that_of_the_inverse(void **state)
+{
+    const double R[] = {2.0, 1.0, 0.0, 3.0}, singular[] = {2.0, 1.0, 0.0, 0.0};
+    double g[] = {4.0, 5.0}, beyond[] = {4.0, 5.0}, within[] = {4.0, 2.0};
+    (void)state;
+
+    assert_near(apc_qr_variance(2, R, 2, g), 5.0, 1e-14); /* g' (R'R)^-1 g */
+    assert_true(apc_qr_variance(2, singular, 2, beyond) == HUGE_VAL);
+    assert_near(apc_qr_variance(2, singular, 2, within), 4.0, 1e-14);
+}
+
+static void of_a_plant_that_runs_away_there_is_no_state_space(void **state)
+{
+    enum { SAMPLES = 400 };
+    static double u[SAMPLES], y[SAMPLES];
+    const struct apc_record record = {
+        .size = sizeof record, .Ts = 1.0, .n = SAMPLES, .nu = 1, .ny = 1, .u = u, .y = y};
+    struct apc_identified *m;
+    struct apc_error why;
+    (void)state;
+
+    for (size_t k = 0; k < SAMPLES; k++) {
+        u[k] = k / 7 % 2 ? 1.0 : -1.0;
+        if (k > 0)
+            y[k] = 1.05 * y[k - 1] + u[k - 1];
+    }
+    assert_int_equal(apc_identify_subspace(&m, &record, NULL, &why), APC_ESOLVER);
+    assert_null(m);
+}
+
 static void what_does_not_fit_together_is_refused(void **state)
 {
     static const struct apc_transfer g = {.gain = 2.0, .tau = {1.0}};
     struct record_test *t = record_simulate(&g, 1, 1, 500, 0.2, (const size_t[]){9}, 0.05, 0.0, 1);
     const struct apc_identify_arx_options both = {.size = sizeof both, .fir = true, .na = 2},
                                           long_one = {.size = sizeof long_one, .nb = 200};
-    const struct apc_identify_subspace_options rows = {.size = sizeof rows, .rows = 150};
+    struct apc_identify_subspace_options rows = {.size = sizeof rows, .rows = 150};
     struct apc_linear *model;
     struct apc_validation v;
     struct apc_identified *m;
@@ -413,6 +443,13 @@ static void what_does_not_fit_together_is_refused(void **state)
     assert_null(m);
     assert_int_equal(apc_identify_arx(&m, &t->record, &long_one, &why), APC_EINVAL);
     assert_int_equal(apc_identify_subspace(&m, &t->record, &rows, &why), APC_EINVAL);
+    rows.order = 1;
+    rows.rows = 84; /* as many unknowns as samples at most: 6 of a row here */
+    assert_int_equal(apc_identify_subspace(&m, &t->record, &rows, &why), APC_EINVAL);
+    rows.rows = 83;
+    if (apc_identify_subspace(&m, &t->record, &rows, &why) < 0)
+        fail_msg("%s", why.text);
+    apc_identified_destroy(m);
     for (size_t k = 0; k < 500; k += 3)
         t->y[k] = (double)NAN;
     assert_int_equal(apc_identify_arx(&m, &t->record, NULL, &why), APC_EINVAL);
@@ -538,6 +575,8 @@ int main(void)
         cmocka_unit_test(missing_samples_bias_nothing),
         cmocka_unit_test(the_filter_of_a_state_space_model_leaves_white_errors),
         cmocka_unit_test(validation_tells_a_right_model_from_a_wrong_one),
+        cmocka_unit_test(a_variance_is_that_of_the_inverse),
+        cmocka_unit_test(of_a_plant_that_runs_away_there_is_no_state_space),
         cmocka_unit_test(what_does_not_fit_together_is_refused),
         cmocka_unit_test(excitation_counts_frequencies),
         cmocka_unit_test(singular_values_put_the_matrix_together),

@@ -53,6 +53,27 @@ static void a_second_lag_is_for_the_derivative_or_counts_by_halves(void **state)
     assert_near(t.tau_i * t.tau_d, 20.0, 1e-12);
 }
 
+/* What integrates has no lag for the rule but those behind it. */
+static void a_lag_behind_an_integrator_is_a_second_one(void **state)
+{
+    static const struct apc_transfer level = {.gain = 0.5,
+                                              .tau = {4.0, 0.0},
+                                              .dead_time = 1.0,
+                                              .integrating = true},
+                                     late = {.gain = 0.5, .dead_time = 3.0, .integrating = true};
+    struct apc_pid_tuning t, same;
+    (void)state;
+
+    assert_int_equal(apc_tune_pid(&level, APC_TUNE_SIMC, false, 3.0, 0.0, &t, NULL), 0);
+    assert_int_equal(apc_tune_pid(&late, APC_TUNE_SIMC, false, 3.0, 0.0, &same, NULL), 0);
+    assert_near(t.Kp, same.Kp, 1e-12);
+    assert_near(t.tau_i, same.tau_i, 1e-12);
+    assert_int_equal(apc_tune_pid(&level, APC_TUNE_SIMC, true, 3.0, 0.0, &t, NULL), 0);
+    assert_near(t.Kp, 1.0 / (0.5 * 4.0) * 1.25, 1e-12); /* in series: tau_i 16, tau_d 4 */
+    assert_near(t.tau_i, 20.0, 1e-12);
+    assert_near(t.tau_d, 4.0 / 1.25, 1e-12);
+}
+
 static void lambda_keeps_the_time_constant(void **state)
 {
     static const struct apc_transfer slow = {.gain = 1.0, .tau = {100.0}, .dead_time = 1.0};
@@ -113,6 +134,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(simc_has_the_margins_of_its_table),
         cmocka_unit_test(a_second_lag_is_for_the_derivative_or_counts_by_halves),
+        cmocka_unit_test(a_lag_behind_an_integrator_is_a_second_one),
         cmocka_unit_test(lambda_keeps_the_time_constant),
         cmocka_unit_test(margins_are_where_the_loop_begins_to_oscillate),
         cmocka_unit_test(what_no_rule_is_for_is_refused),
