@@ -2,6 +2,7 @@
 /* A new store joins by a line in store_kinds[]. */
 #include <stdatomic.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -42,15 +43,27 @@ static void shm_remove(int number)
     unlink(path);
 }
 
-const struct store_kind store_kinds[] = {{"postgresql:", postgresql_uri, NULL, false},
-                                         {"sqlite:", sqlite_uri, NULL, false},
-                                         {"mem:", mem_uri, NULL, false},
-                                         {"shm:", shm_uri, shm_remove, false},
-                                         {"sqlite: with a spool", sqlite_uri, NULL, true}};
-const size_t store_kinds_n = sizeof store_kinds / sizeof store_kinds[0];
+static const struct store_kind store_kinds[] = {{"postgresql:", postgresql_uri, NULL, false},
+                                                {"sqlite:", sqlite_uri, NULL, false},
+                                                {"mem:", mem_uri, NULL, false},
+                                                {"shm:", shm_uri, shm_remove, false},
+                                                {"sqlite: with a spool", sqlite_uri, NULL, true}};
 
 const struct store_kind *store_kind;
 char store_uri[512];
+
+bool stores_next(void)
+{
+    static size_t next;
+    const char *only = getenv("APC_TEST_STORE");
+    while (next < sizeof store_kinds / sizeof store_kinds[0]) {
+        store_kind = &store_kinds[next++];
+        if (!only || strncmp(store_kind->name, only, strlen(only)) == 0) {
+            return true;
+        }
+    }
+    return false;
+}
 
 struct apc_store *stores_open(void)
 {

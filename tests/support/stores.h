@@ -13,9 +13,10 @@ struct store_kind {
     void (*remove)(int number);                       /* after its test; NULL: nothing is left of it */
     bool spooled;                                     /* and a spool before it, which stays empty */
 };
-extern const struct store_kind store_kinds[];
-extern const size_t store_kinds_n;
 extern const struct store_kind *store_kind;
+/** Go on to the next kind, of those whose name begins as APC_TEST_STORE says, or of all. False: there is
+ * none. */
+bool stores_next(void);
 
 /** Of the store of the running test, which stores_open() opens once more. */
 extern char store_uri[512];

@@ -131,9 +131,7 @@ int main(void)
         T(test_a_store_that_describes_no_loop_has_none),
     };
     int failed = 0;
-    for (size_t i = 0; i < store_kinds_n; i++) {
-        store_kind = &store_kinds[i];
+    while (stores_next())
         failed += cmocka_run_group_tests_name(store_kind->name, tests, NULL, NULL);
-    }
     return failed;
 }

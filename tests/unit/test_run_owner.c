@@ -177,9 +177,7 @@ int main(void)
         T(test_what_is_no_longer_as_the_caller_knew_it_is_not_written),
     };
     int failed = 0;
-    for (size_t i = 0; i < store_kinds_n; i++) {
-        store_kind = &store_kinds[i];
+    while (stores_next())
         failed += cmocka_run_group_tests_name(store_kind->name, tests, NULL, NULL);
-    }
     return failed;
 }

@@ -630,9 +630,7 @@ int main(void)
         T(test_maintenance_drops_what_is_old_and_keeps_the_newest),
     };
     int failed = 0;
-    for (size_t i = 0; i < store_kinds_n; i++) {
-        store_kind = &store_kinds[i];
+    while (stores_next())
         failed += cmocka_run_group_tests_name(store_kind->name, tests, NULL, NULL);
-    }
     return failed;
 }

@@ -1640,9 +1640,7 @@ int main(void)
         T(test_options_of_a_newer_library_are_refused),
     };
     int failed = 0;
-    for (size_t i = 0; i < store_kinds_n; i++) {
-        store_kind = &store_kinds[i];
+    while (stores_next())
         failed += cmocka_run_group_tests_name(store_kind->name, tests, NULL, NULL);
-    }
     return failed;
 }
