@@ -203,6 +203,26 @@ static void from_one_end_to_the_other_no_offset_remains_whatever_disturbs(void *
     apc_plant_destroy(r.plant);
 }
 
+/* The first plan already is one that comes true, though nothing was known before it. */
+static void its_first_plan_comes_true(void **state)
+{
+    struct rig r;
+    (void)state;
+
+    begin(&r);
+    set_point(&r, 48.0);
+    assert_int_equal(apc_instances_compute(r.law, 0, &r.c), APC_LAW_GOOD);
+    for (size_t k = 0; k < 40; k++) {
+        assert_int_equal(apc_plant_advance(r.plant, delay, &r.input), 0);
+        r.input = r.published[40 + k];
+        assert_int_equal(apc_plant_advance(r.plant, Ts - delay, &r.input), 0);
+        apc_plant_output(r.plant, &r.input, r.y);
+        if (k >= 7) /* what the delay moved has settled */
+            assert_near(r.published[k], r.y[0], 0.05);
+    }
+    apc_plant_destroy(r.plant);
+}
+
 static void limits_and_rates_hold_and_a_limit_of_y_comes_before_its_setpoint(void **state)
 {
     struct rig r;
@@ -323,6 +343,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         TEST(it_rests_at_an_unstable_steady_state),
         TEST(from_one_end_to_the_other_no_offset_remains_whatever_disturbs),
+        TEST(its_first_plan_comes_true),
         TEST(limits_and_rates_hold_and_a_limit_of_y_comes_before_its_setpoint),
         TEST(by_hand_it_goes_along_and_comes_back_without_a_bump),
         TEST(the_bits_do_not_depend_on_a_restart),
