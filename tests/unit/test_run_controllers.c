@@ -7,6 +7,7 @@
 
 #include "check.h"
 
+#include "run/loops.h"
 #include "run/run_internal.h"
 
 /* Two layers over the quadruple tank, as lines 1 to 9. */
@@ -186,6 +187,45 @@ static void each_loop_gets_its_own_target_and_what_it_controls(void **state)
     assert_int_equal(provision(store, &e, PROVISION_RESET), 0);
     assert_newest(store, APC_OPMODE, 4, APC_MODE_AUTO, 3);
     assert_newest(store, APC_OPMODE, 3, APC_MODE_AUTO, 1);
+    apc_store_close(store);
+    experiment_free(&e);
+}
+
+/* Who has the file and who has its store see the same loops. */
+static void what_the_file_says_of_its_loops_is_what_its_store_says(void **state)
+{
+    struct experiment e;
+    struct apc_error why;
+    struct apc_store *store = NULL;
+    struct apc_tag tag[100];
+    struct loops file, stored;
+    (void)state;
+    if (parse(&e, 0, NULL, &why) < 0 || apc_store_open(&store, "mem:", NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_true(apc_store_init(store) >= 0);
+    assert_int_equal(provision(store, &e, PROVISION_KEEP), 0);
+    const int n = apc_store_get_tags(store, tag, 100);
+    assert_in_range(n, 1, 100);
+    assert_int_equal(controllers_describe(&e, &file), 0);
+    assert_int_equal(loops_load(&stored, store, tag, (size_t)n), 0);
+    assert_int_equal(file.n, 4);
+    assert_int_equal(stored.n, 4);
+    assert_int_equal(file.n_controllers, 2);
+    for (size_t i = 0; i < 4; i++) {
+        assert_string_equal(file.at[i].name, stored.at[i].name);
+        assert_int_equal(file.at[i].id, stored.at[i].id);
+        assert_int_equal(file.at[i].manual, stored.at[i].manual);
+        assert_int_equal(file.at[i].controller, stored.at[i].controller);
+        assert_int_equal(file.at[i].table, stored.at[i].table);
+        assert_int_equal(file.at[i].output, stored.at[i].output);
+        assert_int_equal(file.at[i].measurement, stored.at[i].measurement);
+        assert_int_equal(file.at[i].setpoint, stored.at[i].setpoint);
+        assert_int_equal(file.at[i].above, stored.at[i].above);
+    }
+    assert_int_equal(file.at[0].above, 3); /* r1 is upper's second output */
+    assert_int_equal(file.at[3].above, -1);
+    loops_free(&file);
+    loops_free(&stored);
     apc_store_close(store);
     experiment_free(&e);
 }
@@ -381,6 +421,11 @@ static void what_cannot_be_is_refused_with_its_line(void **state)
          "\"r2\"]; "
          "outputs = [\"v1\"]; },",
          "6: output \"v2\" belongs to no controller"},
+        {7,
+         " { name = \"base\"; law = \"pi\"; period = 0.5; measurements = [\"y1\"]; setpoints = [\"r1\", "
+         "\"r2\"]; "
+         "outputs = [\"v2\"]; },",
+         "6: output \"v1\" belongs to no controller"},
         {6, "signals = ( { name = \"x\"; } ); controllers = (",
          "6: signal \"x\" is no controller's output: nobody would calculate it"},
         {6, "signals = ( { name = \"y1\"; } ); controllers = (", "6: two variables are called \"y1\""},
@@ -498,6 +543,7 @@ int main(void)
         cmocka_unit_test(a_law_instead_of_the_files_says_whose_it_is),
         cmocka_unit_test(loops_are_described_by_their_controllers_and_numbered_in_the_order_of_the_file),
         cmocka_unit_test(each_loop_gets_its_own_target_and_what_it_controls),
+        cmocka_unit_test(what_the_file_says_of_its_loops_is_what_its_store_says),
         cmocka_unit_test(each_controller_has_a_law_of_its_own),
         cmocka_unit_test(loops_and_tuning_are_numbered_over_all_controllers),
         cmocka_unit_test(a_controller_may_calculate_what_another_one_measures),
