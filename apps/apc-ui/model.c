@@ -285,17 +285,26 @@ size_t model_silent(const struct model *m, apc_ns now, struct text *t)
     return n;
 }
 
-/* Why the actual mode is not the target, in the controller's words, or in ours where they were lost; NULL: it
- * is, or its controller does not tick, which is said once. */
+/* The law does not act in the mode that is wanted: its backup law does. */
+static bool by_backup(const struct model *m, const struct loops_loop *loop)
+{
+    const int at = plant_find(&m->plant, APC_ACTUAL, apc_variable_number(APC_OPMODE, loop->id));
+    return at >= 0 && m->now[at].status == APC_GOOD_LOCAL_OVERRIDE;
+}
+
+/* Why the actual mode is not the target, or not as it was meant, in the controller's words, or in ours where
+ * they were lost; NULL: it is, or its controller does not tick, which is said once. */
 static const char *reason(const struct model *m, size_t i, apc_ns now)
 {
     const struct loops_loop *loop = &m->plant.loops.at[i];
     const char *target = mode_of(m, APC_OPMODE, loop->id), *actual = actual_mode(m, loop);
-    if (!target || !actual || !strcmp(target, actual) || model_ticks(m, loop->controller, now) == 0)
+    const bool same = target && actual && !strcmp(target, actual);
+    if (!target || !actual || (same && !by_backup(m, loop)) || model_ticks(m, loop->controller, now) == 0)
         return NULL;
     if (m->standing.trouble[i][0])
         return m->standing.trouble[i];
-    return !strcmp(actual, "LO")     ? "output at its fault value"
+    return same                      ? "the backup law acts"
+           : !strcmp(actual, "LO")   ? "output at its fault value"
            : !strcmp(actual, "IMan") ? "what takes its output is not ready for it"
            : !strcmp(actual, "OOS")  ? "another controller acts"
            : !strcmp(target, "Cas")  ? "no setpoint from above"

@@ -60,9 +60,16 @@ static int take_event(void *ctx, const struct apc_event *e)
     return 0;
 }
 
-static const char *plain(int actual)
+static bool is_backup(const struct apc_sample *actual)
 {
-    switch (actual) {
+    return actual->status == APC_GOOD_LOCAL_OVERRIDE;
+}
+
+static const char *plain(const struct apc_sample *actual)
+{
+    if (is_backup(actual))
+        return "the backup law acts";
+    switch ((int)actual->value) {
     case APC_MODE_IMAN:
         return "what takes its output is not ready";
     case APC_MODE_LO:
@@ -82,10 +89,10 @@ const char *reason_find(struct apc_store *store, const struct loops *loops, cons
 {
     const struct apc_range last = {.last = EVENTS};
     struct search s = {.loops = loops, .loop = loop, .since = actual->time - SLACK, .text = text};
-    if (target->seq == 0 || actual->seq == 0 || target->value == actual->value)
+    if (target->seq == 0 || actual->seq == 0 || (target->value == actual->value && !is_backup(actual)))
         return NULL;
     text[0] = '\0';
     if (apc_store_events(store, &last, take_event, &s) < 0 || !text[0])
-        snprintf(text, REASON_LEN, "%s", plain((int)actual->value));
+        snprintf(text, REASON_LEN, "%s", plain(actual));
     return text;
 }

@@ -456,9 +456,14 @@ static bool any_there(const struct apc_controller *c, struct apc_instance_part p
     return false;
 }
 
-static bool in_shadow(const struct apc_controller *c, size_t i)
+/* Is the law asked what it would do, were the output its own? In Backup and Fault that says whether it can
+ * act again: what is given makes its problem another one, which may be easy. */
+static bool is_tried(const struct apc_controller *c, const struct apc_controller_law *law, size_t i)
 {
-    return c->state[i].move.state == APC_LOOP_SHADOW;
+    const enum apc_loop_state state = c->state[i].move.state;
+
+    return !is_backup(c, law) &&
+           (state == APC_LOOP_SHADOW || state == APC_LOOP_BACKUP || state == APC_LOOP_FAULT);
 }
 
 /* Ask instance @p k for what its loops want of it. */
@@ -475,7 +480,7 @@ static void run(struct apc_controller *c, struct apc_controller_law *law, size_t
     if ((all & APC_ASK_TRACK_FIRST) && any_there(c, part))
         track(c, law, k, c->u, law->decides);
     for (size_t i = part.u; i < part.u + part.nu; i++) {
-        if (goes_out(c, law, i) || (in_shadow(c, i) && !is_backup(c, law)))
+        if (goes_out(c, law, i) || is_tried(c, law, i))
             law->decides[i] = APC_OUT_LAW;
     }
     if (all & APC_ASK_COMPUTE)
@@ -483,7 +488,7 @@ static void run(struct apc_controller *c, struct apc_controller_law *law, size_t
     for (size_t i = part.u; i < part.u + part.nu; i++) {
         if (!is_backup(c, law))
             c->state[i].would = answered ? law->trial[i] : (double)NAN;
-        if (in_shadow(c, i))
+        if (is_tried(c, law, i))
             law->decides[i] = APC_OUT_GIVEN;
     }
 }

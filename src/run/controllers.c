@@ -321,6 +321,12 @@ const struct apc_tag *controllers_output(const struct experiment *e, struct cont
     return &signal_of(e, loop.of->u[loop.u])->tag;
 }
 
+size_t controllers_parameters(const struct controller *c)
+{
+    return apc_law_parameters(c->law, &c->dim) +
+           (c->backup ? apc_law_parameters(c->backup->law, &c->dim) : 0);
+}
+
 int controllers_loop_id(struct controller_loop loop)
 {
     return loop.of->first_loop + (int)loop.u;
@@ -487,7 +493,9 @@ void experiment_number(struct settings *s, const config_setting_t *list, struct 
         c->first_loop = loop;
         loop += (int)c->dim.nu;
         c->first_tuning = laws ? tuning : 0;
-        tuning += laws ? (int)apc_law_parameters(c->law, &c->dim) : 0;
+        if (laws && c->backup)
+            c->backup->first_tuning = tuning + (int)apc_law_parameters(c->law, &c->dim);
+        tuning += laws ? (int)controllers_parameters(c) : 0;
         if (laws)
             number_published(s, c, &published);
         if (laws && has_shadow(e, c)) {
@@ -613,6 +621,9 @@ void experiment_free_controllers(struct experiment *e)
         free(e->controllers[i].d);
         free(e->controllers[i].rate);
         experiment_free_law(&e->controllers[i]);
+        if (e->controllers[i].backup)
+            experiment_free_law(e->controllers[i].backup);
+        free(e->controllers[i].backup);
     }
     free(e->controllers);
 }

@@ -190,7 +190,14 @@ static int make_wiring(const struct experiment *e, const struct controller *c, s
 int cores_controller(const struct experiment *e, const struct controller *c, bool real_time,
                      struct apc_controller **controller, struct apc_error *why)
 {
-    const struct apc_law_setup setup = cores_law_setup(c);
+    const struct apc_law_setup setup = cores_law_setup(c),
+                               second = c->backup ? cores_law_setup(c->backup) : setup;
+    const struct apc_controller_backup backup = {.law = c->backup ? c->backup->law : NULL,
+                                                 .n_setting = second.n_setting,
+                                                 .setting = second.setting,
+                                                 .plant = second.plant,
+                                                 .param = c->backup ? c->backup->param : NULL,
+                                                 .start = c->backup ? c->backup->tuning : NULL};
     struct wiring wiring;
     int rc = make_wiring(e, c, &wiring);
     const struct apc_controller_options options = {
@@ -219,6 +226,8 @@ int cores_controller(const struct experiment *e, const struct controller *c, boo
         .plant = setup.plant,
         .param = c->param,
         .start = c->tuning,
+        .shed_after = c->shed_after,
+        .backup = c->backup ? &backup : NULL,
     };
     *controller = NULL;
     rc = rc < 0 ? apc_fail(why, rc, "out of memory") : apc_controller_create(controller, &options, why);
@@ -258,7 +267,7 @@ struct apc_sample *cores_first(const struct experiment *e, apc_ns time, size_t *
 {
     const struct controller *last = &e->controllers[e->n_controllers - 1];
     const size_t loops = controllers_loops(e),
-                 tunings = (size_t)last->first_tuning - 1 + apc_law_parameters(last->law, &last->dim);
+                 tunings = (size_t)last->first_tuning - 1 + controllers_parameters(last);
     struct apc_sample *first = calloc(loops + tunings + e->dim.nz, sizeof *first), *at = first;
     *n = 0;
     if (!first)
@@ -267,9 +276,10 @@ struct apc_sample *cores_first(const struct experiment *e, apc_ns time, size_t *
         *at++ = (struct apc_sample){
             .table = APC_OPMODE, .id = (int)i + 1, .value = first_mode(e, controllers_loop(e, i))};
     for (const struct controller *c = e->controllers; c <= last; c++)
-        for (size_t i = 0; i < apc_law_parameters(c->law, &c->dim); i++)
-            *at++ = (struct apc_sample){
-                .table = APC_TUNING, .id = c->first_tuning + (int)i, .value = c->tuning[i]};
+        for (const struct controller *law = c; law; law = law->backup)
+            for (size_t i = 0; i < apc_law_parameters(law->law, &law->dim); i++)
+                *at++ = (struct apc_sample){
+                    .table = APC_TUNING, .id = law->first_tuning + (int)i, .value = law->tuning[i]};
     for (size_t k = 0; k < e->dim.nz; k++)
         if (!isnan(e->z[k].initial))
             *at++ = (struct apc_sample){.table = APC_SETPOINT, .id = (int)k + 1, .value = e->z[k].initial};

@@ -380,8 +380,8 @@ static void read_law(struct settings *s, const config_setting_t *group, struct c
 }
 
 #define CONTROLLER                                                                                           \
-    "law", "tuning", "measurement_tuning", "mode", "hold", "budget", "rate", "settings", "model",            \
-        "operating_point", "limits", RHYTHM
+    "law", "tuning", "measurement_tuning", "mode", "hold", "budget", "shed_after", "backup", "rate",         \
+        "settings", "model", "operating_point", "limits", RHYTHM
 
 static const char *const short_settings[] = {CONTROLLER, NULL};
 static const char *const controller_settings[] = {CONTROLLER,  "name",    "shadow",       "measurements",
@@ -446,11 +446,45 @@ static void check_law(struct settings *s, const struct experiment *e, const char
                      law, e->controllers->name, strchr(law, '=') ? strchr(law, '=') + 1 : law, names);
 }
 
+/* A controller of the same signals with a law of its own. It must be there when all else is not: a built-in
+ * one. */
+static void read_backup(struct settings *s, const config_setting_t *of, struct controller *c,
+                        bool resolve_law)
+{
+    static const char *const known[] = {"law", "tuning", "measurement_tuning", "settings", "limits", NULL};
+    static const struct record none = {.there = false};
+    const config_setting_t *group = settings_group(s, of, "backup", OPTIONAL);
+    bool any = false;
+    if (!group)
+        return;
+    for (size_t k = 0; k < c->dim.nu; k++)
+        any = any || c->u[k].table == APC_ACTUATOR;
+    if (!any)
+        settings_fail(s, group,
+                      "\"backup\" is for outputs to the plant; what %s moves are setpoints of loops "
+                      "that go on by themselves",
+                      c->name);
+    settings_known(s, group, known);
+    c->backup = array(s, 1, sizeof *c->backup);
+    if (s->failed)
+        return;
+    *c->backup = (struct controller){
+        .dim = c->dim, .y = c->y, .z = c->z, .u = c->u, .d = c->d, .rhythm = c->rhythm, .shadow = c->shadow};
+    snprintf(c->backup->name, sizeof c->backup->name, "%s", c->name);
+    settings_text(s, group, "law", REQUIRED, c->backup->law_name, sizeof c->backup->law_name);
+    if (strchr(c->backup->law_name, '/'))
+        settings_fail(s, config_setting_get_member(group, "law"),
+                      "\"law\" of a backup must be a built-in one, such as \"pid\"");
+    if (resolve_law)
+        read_law(s, group, c->backup, SIZE_MAX, NULL, &none);
+}
+
 static void read_controller(struct settings *s, const config_setting_t *group, struct experiment *e,
                             struct controller *c, bool resolve_law, const char *override,
                             const struct record *record)
 {
     double hold_s, budget_s;
+    int64_t shed_after = 0;
     settings_known(s, group, config_setting_name(group) ? short_settings : controller_settings);
     read_rhythm(s, group, c->name, controller_phase_s + c->depth * depth_phase_s, &c->rhythm,
                 &e->models.recordings);
@@ -471,8 +505,11 @@ static void read_controller(struct settings *s, const config_setting_t *group, s
     settings_number(s, group, "budget", OPTIONAL, 1e-6, apc_ns_to_s(c->rhythm.period), &budget_s);
     if (!s->failed)
         apc_ns_from_s(budget_s, &c->budget);
+    settings_whole(s, group, "shed_after", OPTIONAL, 1, 1000000, &shed_after);
+    c->shed_after = (unsigned)shed_after;
     if (resolve_law)
         read_law(s, group, c, (size_t)(c - e->controllers), override, record);
+    read_backup(s, group, c, resolve_law);
 }
 
 static void read_scheduler(struct settings *s, const config_setting_t *root, struct experiment *e)
@@ -534,6 +571,14 @@ static const config_setting_t *group_of(const config_setting_t *controllers, siz
                                                : controllers;
 }
 
+static void read_laws(struct settings *s, const config_setting_t *group, const struct experiment *e,
+                      struct controller *c)
+{
+    experiment_read_law(s, group, e, c);
+    if (c->backup && !s->failed)
+        experiment_read_law(s, config_setting_get_member(group, "backup"), e, c->backup);
+}
+
 static void read_root(struct settings *s, const config_setting_t *root, struct experiment *e, unsigned parts,
                       const struct experiment_overrides *overrides, const struct record *record)
 {
@@ -582,7 +627,7 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     read_scheduler(s, root, e);
     check_rhythms(s, root, e);
     for (size_t i = 0; i < e->n_controllers; i++)
-        experiment_read_law(s, s->failed ? NULL : group_of(list, i), e, &e->controllers[i]);
+        read_laws(s, s->failed ? NULL : group_of(list, i), e, &e->controllers[i]);
     experiment_number(s, list, e, laws);
     models_read(s, root, &e->models);
     experiment_read_actions(s, root, e);

@@ -51,10 +51,12 @@ static struct apc_tag *add(struct tags *t, struct apc_tag tag)
     return &t->at[t->n++];
 }
 
-static void name_tuning(const struct tags *t, struct apc_law_parameter at, char name[APC_TAG_LEN])
+/* Of a backup law "backup.Kp" stands for "Kp". */
+static void name_tuning(const struct tags *t, const struct controller *law, struct apc_law_parameter at,
+                        char name[APC_TAG_LEN])
 {
-    const char *what = t->of->param[at.number].name;
-    char of[APC_TAG_LEN];
+    char what[APC_TAG_LEN], of[APC_TAG_LEN];
+    snprintf(what, sizeof what, "%s%.48s", law == t->of ? "" : "backup.", law->param[at.number].name);
     if (at.scope == APC_OF_OUTPUT) {
         name_of_loop(t->e, (struct controller_loop){t->of, at.of}, what, name);
         return;
@@ -69,16 +71,16 @@ static void name_tuning(const struct tags *t, struct apc_law_parameter at, char 
         join(t->of->name, of, name);
 }
 
-static void add_tuning(struct tags *t)
+static void add_tuning(struct tags *t, const struct controller *law)
 {
-    const size_t n = apc_law_parameters(t->of->law, &t->of->dim);
+    const size_t n = apc_law_parameters(law->law, &law->dim);
     char name[APC_TAG_LEN];
 
     for (size_t k = 0; k < n; k++) {
-        const struct apc_law_parameter at = apc_law_parameter_at(t->of->law, &t->of->dim, k);
-        const struct apc_param *p = &t->of->param[at.number];
-        name_tuning(t, at, name);
-        struct apc_tag *tag = add(t, plain_tag(APC_TUNING, t->of->first_tuning + (int)k, name,
+        const struct apc_law_parameter at = apc_law_parameter_at(law->law, &law->dim, k);
+        const struct apc_param *p = &law->param[at.number];
+        name_tuning(t, law, at, name);
+        struct apc_tag *tag = add(t, plain_tag(APC_TUNING, law->first_tuning + (int)k, name,
                                                p->description ? p->description : "", p->low, p->high));
         snprintf(tag->unit, sizeof tag->unit, "%s", p->unit ? p->unit : "");
     }
@@ -161,7 +163,9 @@ static void add_controllers(struct tags *t)
         const struct controller *c = t->of = &t->e->controllers[i];
         add(t, plain_tag(APC_TICK, c->number, c->name, "what its ticks were made from", 0, 0))->period =
             apc_ns_to_s(c->rhythm.period);
-        add_tuning(t);
+        add_tuning(t, c);
+        if (c->backup)
+            add_tuning(t, c->backup);
         for (size_t k = 0; k < c->dim.nu; k++)
             add_loop(t, (struct controller_loop){c, k});
         struct publishing publishing = {t, c->first_estimate, c->first_prediction};
@@ -178,7 +182,7 @@ static size_t count_tuning(const struct experiment *e)
 {
     size_t n = 0;
     for (size_t i = 0; i < e->n_controllers; i++)
-        n += apc_law_parameters(e->controllers[i].law, &e->controllers[i].dim);
+        n += controllers_parameters(&e->controllers[i]);
     return n;
 }
 

@@ -112,8 +112,11 @@ struct controller {
     struct apc_law_plant plant;
     enum apc_mode mode; /* at first; Cas: of the loops that have one above */
     apc_ns hold, budget;
-    double *rate; /* [dim.nu] units a second; 0: as fast as it likes */
+    unsigned shed_after; /* 0: as many ticks as hold has */
+    double *rate;        /* [dim.nu] units a second; 0: as fast as it likes */
     void *law_handle;
+    struct controller *backup; /* the same but for law, tuning and settings: in its place where it cannot act;
+                                  NULL: none */
 };
 
 /* What is to be done at a time of the run. */
@@ -252,6 +255,9 @@ bool controllers_is_below(const struct experiment *e, struct controller_loop loo
 int experiment_check_steps(const struct experiment *e, struct apc_error *why);
 
 /* ---- Its cores, for daemons and simulation alike -------------------------------------------- */
+
+/* How many tuning parameters it has, those of its backup law included: they stand behind its own. */
+size_t controllers_parameters(const struct controller *c);
 
 /* What its law is made from. */
 struct apc_law_setup cores_law_setup(const struct controller *c);

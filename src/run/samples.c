@@ -103,10 +103,9 @@ int samples_collect_operation(struct samples *samples, struct apc_store *store, 
 {
     const struct controller *last = &e->controllers[e->n_controllers - 1];
     const size_t loops = controllers_loops(e);
-    const struct part of[] = {
-        {APC_OPMODE, 1, loops},
-        {APC_TUNING, 1, (size_t)last->first_tuning - 1 + apc_law_parameters(last->law, &last->dim)},
-        {APC_MANUAL, 1, loops}};
+    const struct part of[] = {{APC_OPMODE, 1, loops},
+                              {APC_TUNING, 1, (size_t)last->first_tuning - 1 + controllers_parameters(last)},
+                              {APC_MANUAL, 1, loops}};
     const struct apc_range before = {.until = range->since, .last = 1};
     int rc = 0;
     for (size_t t = 0; t < sizeof of / sizeof *of && rc == 0; t++) {
