@@ -245,6 +245,7 @@ typedef int (*apc_sample_fn)(void *ctx, const struct apc_sample *sample);
 struct apc_range {
     apc_ns since, until; /**< source time, since <= t < until */
     size_t last;         /**< at most so many, the newest */
+    int64_t after;       /**< only rows whose seq, of events and timing whose number, is above it */
 };
 /** History of one variable, streamed in bounded memory. Returns the number of rows given. [setup] */
 APC_API int apc_store_history(struct apc_store *store, enum apc_table table, int id,
@@ -322,6 +323,7 @@ struct apc_event {
      * "overrun", "clock" */
     char kind[32];
     char text[192];
+    int64_t number; /**< out: rises in the order in which they came to this store; from 1 */
 };
 /** All or none of them. Returns @p n. [setup] */
 APC_API int apc_store_append_events(struct apc_store *store, const struct apc_event *events, size_t n);
@@ -342,6 +344,7 @@ struct apc_timing_row {
     apc_ns p50, p99, max;
     const int64_t *bin_low, *bin_high, *bin_count; /**< filled buckets, n_bins of each */
     size_t n_bins;
+    int64_t number; /**< out: as an event's */
 };
 /** All or none of them. Returns @p n. [setup] */
 APC_API int apc_store_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n);
@@ -349,6 +352,54 @@ typedef int (*apc_timing_fn)(void *ctx, const struct apc_timing_row *row);
 /** Rows in rising time; the bins live until fn returns. Returns the number given. [setup] */
 APC_API int apc_store_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn,
                              void *ctx);
+
+/* ---- From one store into another ---------------------------------------------------------- */
+
+/**
+ * What one store holds, and gets, into another: samples and vectors of all variables, events, timing,
+ * descriptions with the catalogue, names of authors. Each row once, those of a variable in the order of their
+ * seqs, under the seqs that they have. How far it has come is what is newest in TO, of each variable, so a
+ * restart goes on from there; of events and timing, which have no seq, it looks up which TO has, after a
+ * start and after an append whose outcome is not known. What is missing in TO below its newest is not seen.
+ */
+struct apc_forward;
+
+/** Of what was moved, and is to be moved. */
+struct apc_forward_stats {
+    size_t size;                               /**< in: of this struct */
+    uint64_t samples, vectors, events, timing; /**< stored, since it was made */
+    uint64_t behind; /**< samples and vectors that TO has not got yet: at most, as of the last look at FROM */
+    bool away;       /**< the last step failed with TO, not with FROM */
+    /** What FROM had no longer when its turn came: seqs are missing in TO. */
+    struct {
+        uint64_t times, rows; /**< so many variables, each time that it was found; so many seqs in all */
+        apc_ns since, until;  /**< source time of the rows before the oldest and after the newest of them */
+    } gap;
+};
+
+/**
+ * From @p from into @p to, both open; they stay the caller's and are nobody else's meanwhile. Nothing is read
+ * yet. [setup] Returns 0, APC_EINVAL or APC_ENOMEM.
+ */
+APC_API int apc_forward_create(struct apc_forward **forward, struct apc_store *from, struct apc_store *to,
+                               struct apc_error *why);
+APC_API void apc_forward_destroy(struct apc_forward *forward); /**< NULL is legal. [setup] */
+/**
+ * Move what FROM has, in batches, until TO has it all or @p timeout has passed; a store that hangs is waited
+ * for up to its own timeout. What it writes in TO it claims, so that there is one who does. Of samples and
+ * vectors what TO has at the end of a whole step is FROM's as of one moment.
+ *
+ * Returns how many rows it stored, 0: TO had it all; or an error, after which it may be called again:
+ * - APC_EPERM: TO belongs to another experiment. APC_EBUSY: somebody else writes it.
+ * - APC_ECONFLICT: TO has rows that are newer than FROM's, so that it has not got them from there, or from
+ *   one whose clock was wrong.
+ * - that of a store. [setup]
+ */
+APC_API int apc_forward_step(struct apc_forward *forward, apc_ns timeout);
+/** One line about the last failure; lives until the next call. [any] */
+APC_API const char *apc_forward_error(const struct apc_forward *forward);
+APC_API void apc_forward_stats(const struct apc_forward *forward,
+                               struct apc_forward_stats *stats); /**< [any] */
 
 /* ---- Set-up ------------------------------------------------------------------------------- */
 

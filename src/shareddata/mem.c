@@ -546,13 +546,12 @@ static int wait_newer(struct apc_store *store, const struct apc_sample *seen, si
 int64_t apc_mem_first_seq(const struct variable *v, const struct apc_range *range)
 {
     size_t left = range->last;
+    int64_t first = 0;
     for (size_t i = v->n; left > 0 && i > 0; i--) {
         left -= apc_mem_within(range, apc_mem_time(v, i - 1));
-        if (left == 0) {
-            return apc_mem_seq(v, i - 1);
-        }
+        first = left == 0 ? apc_mem_seq(v, i - 1) : 0;
     }
-    return 0;
+    return first > range->after ? first : range->after + 1;
 }
 
 #define BATCH 128

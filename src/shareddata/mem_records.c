@@ -130,7 +130,8 @@ static uint64_t first_event(const struct memory *m, const struct apc_range *rang
     while (i > 0 && (range->last == 0 || left > 0)) {
         left -= apc_mem_within(range, m->event[--i].time);
     }
-    return m->dropped_events + i;
+    i += m->dropped_events;
+    return i > (uint64_t)range->after ? i : (uint64_t)range->after;
 }
 
 /* The next event within the range. */
@@ -142,6 +143,7 @@ static bool next_event(const struct memory *m, const struct apc_range *range, ui
         const struct apc_event *e = &m->event[(*next)++ - m->dropped_events];
         if (apc_mem_within(range, e->time)) {
             *out = *e;
+            out->number = (int64_t)*next;
             return true;
         }
     }
@@ -257,9 +259,10 @@ int apc_mem_timing(struct apc_store *store, const struct apc_range *range, apc_t
     bool ended = false;
     while (!err && !ended && i < m->n_timings) {
         struct timing t = m->timing[i++];
-        if (t.number >= until || !apc_mem_within(range, t.row.time)) {
+        if (t.number >= until || t.number < (uint64_t)range->after || !apc_mem_within(range, t.row.time)) {
             continue;
         }
+        t.row.number = (int64_t)t.number + 1;
         err = copy_bins(store, &t.row);
         if (!err) {
             apc_mem_end(store);

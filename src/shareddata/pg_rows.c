@@ -101,14 +101,17 @@ static void add_bound(struct apc_pg_params *p, char bytes[8], apc_ns bound, int6
 }
 
 struct bounds {
-    char since[8], until[8], last[8];
+    char since[8], until[8], after[8], last[8];
 };
 
-/* since, until and, when asked for, how many. INT64_MIN and MAX are PostgreSQL's -infinity and infinity. */
+/* since, until, after and, when asked for, how many. INT64_MIN and MAX are PostgreSQL's -infinity and
+ * infinity. */
 static void add_range(struct apc_pg_params *p, struct bounds *b, const struct apc_range *range)
 {
     add_bound(p, b->since, range->since, INT64_MIN);
     add_bound(p, b->until, range->until, INT64_MAX);
+    apc_pg_put_int8(b->after, range->after);
+    apc_pg_param(p, b->after, 8);
     if (range->last > 0) {
         apc_pg_put_int8(b->last, (int64_t)range->last);
         apc_pg_param(p, b->last, 8);
@@ -358,8 +361,8 @@ int apc_pg_finish_insert(struct apc_pg *pg, int err, int count)
 
 /* ---- Events -------------------------------------------------------------------------------- */
 
-#define EVENTS "SELECT time, severity::int8, source, kind, text"
-#define WITHIN " WHERE time >= $1::timestamptz AND time < $2::timestamptz "
+#define EVENTS "SELECT time, severity::int8, source, kind, text, id"
+#define WITHIN " WHERE time >= $1::timestamptz AND time < $2::timestamptz AND id > $3::int8 "
 
 int apc_pg_append_events(struct apc_store *store, const struct apc_event *events, size_t n)
 {
@@ -385,7 +388,8 @@ int apc_pg_append_events(struct apc_store *store, const struct apc_event *events
 static int give_event(struct stream *s, const PGresult *result, int row)
 {
     struct apc_event e = {.time = apc_pg_time_ns(apc_pg_cell(result, row, 0)),
-                          .severity = (enum apc_event_severity)apc_pg_cell(result, row, 1)};
+                          .severity = (enum apc_event_severity)apc_pg_cell(result, row, 1),
+                          .number = apc_pg_cell(result, row, 5)};
     cell_text(result, row, 2, e.source, sizeof e.source);
     cell_text(result, row, 3, e.kind, sizeof e.kind);
     cell_text(result, row, 4, e.text, sizeof e.text);
@@ -394,14 +398,14 @@ static int give_event(struct stream *s, const PGresult *result, int row)
 
 int apc_pg_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx)
 {
-    struct stream s = {.pg = apc_pg_of(store), .row = give_event, .columns = 5, .fn.event = fn, .ctx = ctx};
+    struct stream s = {.pg = apc_pg_of(store), .row = give_event, .columns = 6, .fn.event = fn, .ctx = ctx};
     struct apc_pg_params p = {0};
     struct bounds b;
     add_range(&p, &b, range);
     return stream(&s,
                   range->last > 0
                       ? "DECLARE rows NO SCROLL CURSOR FOR " EVENTS " FROM (SELECT * FROM event" WITHIN
-                        "ORDER BY id DESC LIMIT $3::int8) AS newest ORDER BY id"
+                        "ORDER BY id DESC LIMIT $4::int8) AS newest ORDER BY id"
                       : "DECLARE rows NO SCROLL CURSOR FOR " EVENTS " FROM event" WITHIN "ORDER BY id",
                   &p);
 }
@@ -410,7 +414,7 @@ int apc_pg_events(struct apc_store *store, const struct apc_range *range, apc_ev
 
 #define TIMING                                                                                               \
     "SELECT time, task, quantity, period, missed, count, mean, sd, p50, p99, max, bin_low, bin_high, "       \
-    "bin_count"
+    "bin_count, id"
 
 static int add_bins(struct apc_pg *pg, struct apc_pg_params *p, struct apc_pg_array *a, const int64_t *bins,
                     size_t n)
@@ -516,6 +520,7 @@ static int give_timing(struct stream *s, const PGresult *result, int row)
         .bin_high = n > 0 ? s->bins + n : NULL,
         .bin_count = n > 0 ? s->bins + (ptrdiff_t)2 * n : NULL,
         .n_bins = (size_t)n,
+        .number = apc_pg_cell(result, row, 14),
     };
     cell_text(result, row, 1, r.task, sizeof r.task);
     cell_text(result, row, 2, r.quantity, sizeof r.quantity);
@@ -525,7 +530,7 @@ static int give_timing(struct stream *s, const PGresult *result, int row)
 int apc_pg_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx)
 {
     struct stream s = {
-        .pg = apc_pg_of(store), .row = give_timing, .columns = 14, .fn.timing = fn, .ctx = ctx};
+        .pg = apc_pg_of(store), .row = give_timing, .columns = 15, .fn.timing = fn, .ctx = ctx};
     struct apc_pg_params p = {0};
     struct bounds b;
     add_range(&p, &b, range);
@@ -533,7 +538,7 @@ int apc_pg_timing(struct apc_store *store, const struct apc_range *range, apc_ti
         stream(&s,
                range->last > 0
                    ? "DECLARE rows NO SCROLL CURSOR FOR " TIMING " FROM (SELECT * FROM timing" WITHIN
-                     "ORDER BY time DESC, id DESC LIMIT $3::int8) AS newest ORDER BY time, id"
+                     "ORDER BY time DESC, id DESC LIMIT $4::int8) AS newest ORDER BY time, id"
                    : "DECLARE rows NO SCROLL CURSOR FOR " TIMING " FROM timing" WITHIN "ORDER BY time, id",
                &p);
     free(s.bins);

@@ -61,15 +61,16 @@
     "FROM " table "_vacant($1::int4[], $2::int8[]) ORDER BY 1 RETURNING id, seq"
 
 #define DECLARE "DECLARE rows NO SCROLL CURSOR FOR "
-/* $1 id, $2 since, $3 until. */
+/* $1 id, $2 since, $3 until, $4 after. */
 #define HISTORY(table, more)                                                                                 \
     DECLARE "SELECT seq, time, status, value" more " FROM " table                                            \
-            " WHERE id = $1::int4 AND time >= $2::timestamptz AND time < $3::timestamptz ORDER BY seq"
-/* $4 how many. */
+            " WHERE id = $1::int4 AND time >= $2::timestamptz AND time < $3::timestamptz "                   \
+            "AND seq > $4::int8 ORDER BY seq"
+/* $5 how many. */
 #define HISTORY_LAST(table, more)                                                                            \
     DECLARE "SELECT * FROM (SELECT seq, time, status, value" more " FROM " table                             \
             " WHERE id = $1::int4 AND time >= $2::timestamptz AND time < $3::timestamptz "                   \
-            "ORDER BY seq DESC LIMIT $4::int8) AS newest ORDER BY seq"
+            "AND seq > $4::int8 ORDER BY seq DESC LIMIT $5::int8) AS newest ORDER BY seq"
 
 /*
  * $4 where each bin begins, in order. Bad is a status from 2^31 on. The last value comes by its key, for an

@@ -32,10 +32,10 @@ static int by_seq(const void *a, const void *b)
     return (x->seq > y->seq) - (x->seq < y->seq);
 }
 
-/* What the ring of a version still holds, and the version's own sample, in rising seq, at the end of @p out,
- * which has room for @p capacity. Returns how many. */
+/* What the ring of a version still holds above @p after, and the version's own sample, in rising seq, at the
+ * end of @p out, which has room for @p capacity. Returns how many. */
 static size_t load_ring(const struct apc_shm *shm, const struct apc_shm_slot *slot, const uint64_t version[8],
-                        enum apc_table table, int id, struct apc_sample *out, size_t capacity)
+                        enum apc_table table, int id, int64_t after, struct apc_sample *out, size_t capacity)
 {
     const uint64_t head = version[0], kept = version[7] >> 8, extents = version[7] & 0xff;
     const struct apc_sample newest = apc_shm_sample(table, id, version);
@@ -45,6 +45,9 @@ static size_t load_ring(const struct apc_shm *shm, const struct apc_shm_slot *sl
     for (uint64_t o = head; o > head - kept && at > 1; o--) {
         if (!load_cell(apc_shm_cell(shm, slot, extents, o - 1), o - 1, words)) {
             break;
+        }
+        if ((int64_t)words[1] <= after) {
+            continue;
         }
         out[--at] = apc_shm_sample(table, id, words);
         sorted = sorted && (at + 1 == capacity || out[at].seq < out[at + 1].seq);
@@ -101,12 +104,16 @@ int apc_shm_history(struct apc_store *store, enum apc_table table, int id, const
         return there;
     }
     const uint64_t kept = version[7] >> 8;
-    const size_t most = (size_t)kept + 1;
+    const int64_t newer = (int64_t)version[1] - range->after; /* seqs: no more rows than that */
+    if (newer <= 0) {
+        return 0;
+    }
+    const size_t most = (size_t)(kept < (uint64_t)newer ? kept : (uint64_t)newer) + 1;
     struct apc_sample *row = (struct apc_sample *)malloc(most * sizeof *row);
     if (!row) {
         return no_memory(shm, kept);
     }
-    size_t first = most - load_ring(shm, slot, version, table, id, row, most), n = 0;
+    size_t first = most - load_ring(shm, slot, version, table, id, range->after, row, most), n = 0;
     for (; first < most; first++) {
         if (apc_shm_within(range, row[first].time)) {
             row[n++] = row[first];
@@ -249,6 +256,9 @@ static int select_records(struct apc_shm *shm, enum apc_shm_log_name name, enum 
             if (!load_record(&shm->log[log], o - 1, record, s->words)) {
                 break;
             }
+            if (record[0] < (uint64_t)range->after) {
+                break; /* and so are those before it */
+            }
             if (apc_shm_within(range, (apc_ns)record[1])) {
                 s->order[s->n++] = (struct entry){.time = (apc_ns)record[1], .arrival = record[0], .at = at};
             }
@@ -316,8 +326,11 @@ int apc_shm_events(struct apc_store *store, const struct apc_range *range, apc_e
     }
     store->streaming = true;
     for (bool ended = false; !ended && s.first < s.n; s.first++) {
+        struct apc_event event;
+        memcpy(&event, selected(&s, s.first), sizeof event);
+        event.number = (int64_t)s.order[s.first].arrival + 1;
         count++;
-        ended = fn(ctx, (const struct apc_event *)selected(&s, s.first)) != 0;
+        ended = fn(ctx, &event) != 0;
     }
     store->streaming = false;
     free_selection(&s);
@@ -375,7 +388,7 @@ int apc_shm_append_timing(struct apc_store *store, const struct apc_timing_row *
     return (int)n;
 }
 
-static int give_timing(const struct apc_shm_timing *t, apc_timing_fn fn, void *ctx)
+static int give_timing(const struct apc_shm_timing *t, uint64_t arrival, apc_timing_fn fn, void *ctx)
 {
     const size_t n = t->n_bins < APC_SHM_BINS ? (size_t)t->n_bins : APC_SHM_BINS;
     struct apc_timing_row row = {.time = t->time,
@@ -390,7 +403,8 @@ static int give_timing(const struct apc_shm_timing *t, apc_timing_fn fn, void *c
                                  .bin_low = n > 0 ? t->bins : NULL,
                                  .bin_high = n > 0 ? t->bins + n : NULL,
                                  .bin_count = n > 0 ? t->bins + 2 * n : NULL,
-                                 .n_bins = n};
+                                 .n_bins = n,
+                                 .number = (int64_t)arrival + 1};
     apc_text_clean(row.task, t->task, sizeof row.task);
     apc_text_clean(row.quantity, t->quantity, sizeof row.quantity);
     return fn(ctx, &row);
@@ -410,7 +424,8 @@ int apc_shm_timing(struct apc_store *store, const struct apc_range *range, apc_t
     store->streaming = true;
     for (bool ended = false; !ended && s.first < s.n; s.first++) {
         count++;
-        ended = give_timing((const struct apc_shm_timing *)selected(&s, s.first), fn, ctx) != 0;
+        ended = give_timing((const struct apc_shm_timing *)selected(&s, s.first), s.order[s.first].arrival,
+                            fn, ctx) != 0;
     }
     store->streaming = false;
     free_selection(&s);

@@ -291,20 +291,25 @@ static int load_ring(struct apc_shm *shm, const struct ring *r, enum apc_table t
                      const struct apc_range *range, struct found *f)
 {
     const size_t room = (size_t)room_of(r->shift);
-    f->row = (struct apc_vector *)calloc((size_t)r->kept + 1, sizeof *f->row);
-    f->value = (double *)calloc((size_t)r->kept + 1, room * sizeof *f->value);
+    const int64_t newer = (int64_t)r->seq - range->after; /* seqs: no more rows than that */
+    if (newer <= 0) {
+        return 0;
+    }
+    const size_t most = (size_t)(r->kept < (uint64_t)newer ? r->kept : (uint64_t)newer);
+    f->row = (struct apc_vector *)calloc(most + 1, sizeof *f->row);
+    f->value = (double *)calloc(most + 1, room * sizeof *f->value);
     if (!f->row || !f->value) {
         return apc_fail(&shm->base.why, APC_ENOMEM, "out of memory for %llu rows",
                         (unsigned long long)r->kept);
     }
-    for (uint64_t o = r->head; o > r->head - r->kept; o--) {
+    for (uint64_t o = r->head; o > r->head - r->kept && f->n < most; o--) {
         struct apc_vector *row = &f->row[f->n];
         *row = (struct apc_vector){
             .table = table, .id = id, .room = (uint32_t)room, .value = f->value + f->n * room};
         if (!load_row(row_at(shm, r, o - 1), o - 1, r->shift, row)) {
             break;
         }
-        f->n += apc_shm_within(range, row->time);
+        f->n += row->seq > range->after && apc_shm_within(range, row->time);
     }
     qsort(f->row, f->n, sizeof *f->row, by_seq);
     return 0;

@@ -105,6 +105,7 @@ int apc_sqlite_walk(struct apc_sqlite *sq, enum apc_table table, int id, const s
                      .variable = apc_sqlite_variable(table, id),
                      .since = apc_sqlite_bound(range->since, INT64_MIN),
                      .until = apc_sqlite_bound(range->until, INT64_MAX),
+                     .next = range->after > 0 ? range->after + 1 : 0,
                      .end = INT64_MAX - 1};
     int count = 0, more = 1, err = apc_sqlite_enter(w.sq);
     if (!err && range->last > 0) {

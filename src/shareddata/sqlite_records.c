@@ -69,12 +69,12 @@ static int append_rows(struct apc_store *store, const char *sql, bind_fn bind, c
  */
 struct stream {
     struct apc_sqlite *sq;
-    const char *
-        next; /* ?1 since, ?2 until: the first row from (a, b) = (?3, ?4) on; a and b are its first columns */
-    const char *back; /* ?1, ?2: a and b of the row with ?3 newer ones */
+    const char *next; /* ?1 since, ?2 until, ?5 after: the first row from (a, b) = (?3, ?4) on; a and b are
+                         its first columns */
+    const char *back; /* ?1, ?2, ?5: a and b of the row with ?3 newer ones */
     int (*take)(struct stream *s, sqlite3_stmt *statement); /* copies the row: 0 or an error */
     int (*give)(struct stream *s); /* gives it to the caller, who may end the stream */
-    int64_t since, until, a, b;
+    int64_t since, until, after, a, b;
     union {
         apc_event_fn event;
         apc_timing_fn timing;
@@ -92,6 +92,7 @@ static int query(struct stream *s, sqlite3_stmt *statement, int64_t third, int64
     sqlite3_bind_int64(statement, 2, s->until);
     sqlite3_bind_int64(statement, 3, third);
     sqlite3_bind_int64(statement, 4, fourth);
+    sqlite3_bind_int64(statement, 5, s->after);
     return apc_sqlite_step(s->sq, statement);
 }
 
@@ -133,6 +134,7 @@ static int run_stream(struct stream *s, const struct apc_range *range)
     int count = 0;
     s->since = apc_sqlite_bound(range->since, INT64_MIN);
     s->until = apc_sqlite_bound(range->until, INT64_MAX);
+    s->after = range->after;
     s->a = s->b = INT64_MIN;
     s->sq->base.stats.round_trips++;
     int found = apc_sqlite_enter(s->sq);
@@ -174,6 +176,7 @@ int apc_sqlite_append_events(struct apc_store *store, const struct apc_event *ev
 static int take_event(struct stream *s, sqlite3_stmt *statement)
 {
     struct apc_event *e = &s->event;
+    e->number = sqlite3_column_int64(statement, 1);
     e->time = apc_sqlite_ns(sqlite3_column_int64(statement, 2));
     e->severity = (enum apc_event_severity)sqlite3_column_int(statement, 3);
     take_text(statement, 4, e->source, sizeof e->source);
@@ -193,11 +196,12 @@ int apc_sqlite_events(struct apc_store *store, const struct apc_range *range, ap
     struct stream s = {
         .sq = apc_sqlite_of(store),
         .next = "SELECT 0, id, time, severity, source, kind, text FROM event NOT INDEXED"
-                " WHERE id >= CASE WHEN ?4 > 0 THEN ?4 ELSE coalesce((SELECT min(id) FROM event INDEXED BY "
+                " WHERE id >= CASE WHEN ?4 > 0 THEN ?4 WHEN ?5 > 0 THEN ?5 + 1 ELSE coalesce((SELECT min(id) "
+                "FROM event INDEXED BY "
                 "event_time"
                 " WHERE time >= ?1 AND time < ?2), 9223372036854775807) END"
                 " AND time >= ?1 AND time < ?2 ORDER BY id LIMIT 1",
-        .back = "SELECT 0, id FROM event NOT INDEXED WHERE time >= ?1 AND time < ?2"
+        .back = "SELECT 0, id FROM event NOT INDEXED WHERE id > ?5 AND time >= ?1 AND time < ?2"
                 " ORDER BY id DESC LIMIT 1 OFFSET ?3",
         .take = take_event,
         .give = give_event,
@@ -272,6 +276,7 @@ static int take_timing(struct stream *s, sqlite3_stmt *statement)
 {
     struct apc_timing_row *r = &s->timing;
     r->time = apc_sqlite_ns(sqlite3_column_int64(statement, 0));
+    r->number = sqlite3_column_int64(statement, 1);
     take_text(statement, 2, r->task, sizeof r->task);
     take_text(statement, 3, r->quantity, sizeof r->quantity);
     r->period = sqlite3_column_int64(statement, 4);
@@ -295,8 +300,9 @@ int apc_sqlite_timing(struct apc_store *store, const struct apc_range *range, ap
     struct stream s = {
         .sq = apc_sqlite_of(store),
         .next = "SELECT time, id, task, quantity, period, missed, count, mean, sd, p50, p99, max, bins"
-                " FROM timing WHERE (time, id) >= (max(?1, ?3), ?4) AND time < ?2 ORDER BY time, id LIMIT 1",
-        .back = "SELECT time, id FROM timing WHERE time >= ?1 AND time < ?2"
+                " FROM timing WHERE (time, id) >= (max(?1, ?3), ?4) AND time < ?2 AND id > ?5"
+                " ORDER BY time, id LIMIT 1",
+        .back = "SELECT time, id FROM timing WHERE time >= ?1 AND time < ?2 AND id > ?5"
                 " ORDER BY time DESC, id DESC LIMIT 1 OFFSET ?3",
         .take = take_timing,
         .give = give_timing,

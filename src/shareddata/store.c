@@ -232,6 +232,9 @@ static int check_range(struct apc_store *store, const struct apc_range *range, b
     if (range && range->last > INT64_MAX) {
         return apc_fail(&store->why, APC_EINVAL, "the newest %zu rows are too many", range->last);
     }
+    if (range && range->after < 0) {
+        return apc_fail(&store->why, APC_EINVAL, "rows are counted from 1");
+    }
     return 0;
 }
 

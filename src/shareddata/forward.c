@@ -1,0 +1,800 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * From one store into another, over the public interface of both.
+ *
+ * Where it is, it does not write down: of each variable that is the newest seq in TO, read when the variable
+ * is first seen and after every failure, and known in between. A batch is appended at once and each
+ * variable's rows in rising seq, so nothing below the newest is still to come; and a row that is there
+ * already is left alone, so a batch whose answer was lost is sent again. Vectors go before samples: what
+ * names a tick finds it.
+ *
+ * A step takes of each variable what there was when it began, as of one moment, so that TO as a whole is
+ * FROM as it was. Only when a step is cut short is one variable ahead of another.
+ *
+ * Events and timing rows have a number in FROM only. Those of before the start, and those of an append whose
+ * outcome is not known, are looked up in TO by all their members; the rest are new.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "shareddata/shareddata_internal.h"
+
+#define SAMPLES  16384 /* of one append */
+#define VECTORS  1024
+#define ELEMENTS 131072 /* of all of them; more than one can have */
+#define EVENTS   512
+#define TIMING   64
+
+struct variable {
+    struct apc_sample at; /* seq and time of the last row that was read */
+    int64_t stored;       /* TO has all up to this seq */
+    int64_t newest;       /* of FROM, when the step began */
+    bool placed;          /* what TO has is known, and that it is ours to write */
+    bool read;            /* rows of it were read in this step */
+};
+
+/* How far events, or timing rows, have come. */
+struct cursor {
+    int64_t number; /* all up to it have been moved */
+    bool doubtful;  /* those above it may be there */
+};
+
+struct apc_forward {
+    struct apc_store *from, *to;
+    struct apc_error why;
+    struct apc_forward_stats stats;
+    apc_ns deadline;
+    int moved;
+    bool described; /* TO has FROM's descriptions, tag and revision */
+    struct apc_tag *tag;
+    size_t n_tags;
+    int64_t revision;
+    struct variable *variable; /* [n] vectors, then samples */
+    size_t n, n_vectors, turn; /* turn: with which a step begins */
+    struct apc_sample *ask;    /* [n] for one call */
+    struct apc_vector *ask_vector;
+    struct author {
+        uint32_t from, to;
+    } * author;
+    size_t n_authors;
+    struct apc_sample *sample; /* [SAMPLES]: the batch */
+    struct apc_vector *vector; /* [VECTORS], their values in element */
+    double *element;           /* [ELEMENTS] */
+    size_t samples, vectors, elements;
+    struct variable *reading; /* whose history streams */
+    struct apc_event event[EVENTS];
+    struct apc_timing_row timing_row[TIMING];
+    int64_t *bins[TIMING];  /* of these */
+    bool there[EVENTS + 1]; /* of either: TO has it; one more for what is not in the batch */
+    size_t records;
+    int64_t number; /* the highest of those that stream */
+    int failed;     /* why the stream was ended */
+    struct cursor events, timing;
+};
+
+/* ---- Failures ------------------------------------------------------------------------------ */
+
+static int fail_from(struct apc_forward *f, int err)
+{
+    f->stats.away = false;
+    return apc_fail(&f->why, err, "reading: %s", apc_store_error(f->from));
+}
+
+/* What became of an append is not known, nor what else happened in TO. */
+static int fail_to(struct apc_forward *f, int err)
+{
+    f->stats.away = true;
+    f->described = false;
+    for (size_t i = 0; i < f->n; i++) {
+        f->variable[i].placed = false;
+    }
+    return apc_fail(&f->why, err, "writing: %s", apc_store_error(f->to));
+}
+
+static int no_memory(struct apc_forward *f)
+{
+    f->stats.away = false;
+    return apc_fail(&f->why, APC_ENOMEM, "out of memory");
+}
+
+/* After something was moved: a step without time would get nowhere. */
+static bool late(const struct apc_forward *f)
+{
+    return f->moved > 0 && apc_clock_mono(NULL) >= f->deadline;
+}
+
+/* ---- Descriptions -------------------------------------------------------------------------- */
+
+static int load_tags(struct apc_store *store, struct apc_tag **tags, size_t *n)
+{
+    const int most = apc_store_get_tags(store, NULL, 0);
+    *tags = most > 0 ? (struct apc_tag *)calloc((size_t)most, sizeof **tags) : NULL;
+    *n = 0;
+    if (most <= 0 || !*tags) {
+        return most > 0 ? APC_ENOMEM : most;
+    }
+    const int there = apc_store_get_tags(store, *tags, (size_t)most);
+    *n = there > 0 ? (size_t)(there < most ? there : most) : 0;
+    return there < 0 ? there : 0;
+}
+
+static const struct apc_tag *tag_of(const struct apc_tag *tags, size_t n, const struct apc_tag *like)
+{
+    for (size_t i = 0; i < n; i++) {
+        if (tags[i].table == like->table && tags[i].id == like->id) {
+            return &tags[i];
+        }
+    }
+    return NULL;
+}
+
+static bool same_tag(const struct apc_tag *a, const struct apc_tag *b)
+{
+    return strcmp(a->name, b->name) == 0 && strcmp(a->unit, b->unit) == 0 &&
+           strcmp(a->description, b->description) == 0 && strcmp(a->controller, b->controller) == 0 &&
+           strcmp(a->area, b->area) == 0 && a->low == b->low && a->high == b->high &&
+           a->display_low == b->display_low && a->display_high == b->display_high && a->period == b->period &&
+           a->step == b->step && a->length == b->length;
+}
+
+/* Two experiments in one store would be one series of each variable. */
+static int check_experiment(struct apc_forward *f, const struct apc_tag *to, size_t n_to)
+{
+    for (size_t i = 0; i < f->n_tags; i++) {
+        const struct apc_tag *a = &f->tag[i], *b = tag_of(to, n_to, a);
+        const bool experiment = a->table == APC_STATE, signal = a->table <= APC_SETPOINT;
+        if (b && ((experiment && strcmp(a->description, b->description) != 0) ||
+                  (signal && (strcmp(a->name, b->name) != 0 || strcmp(a->unit, b->unit) != 0)))) {
+            f->stats.away = true;
+            return apc_fail(
+                &f->why, APC_EPERM,
+                "it belongs to another experiment: its %s.%d is \"%s\" [%s], here it is \"%s\" [%s]",
+                apc_table_name(b->table), b->id, experiment ? b->description : b->name, b->unit,
+                experiment ? a->description : a->name, a->unit);
+        }
+    }
+    return 0;
+}
+
+/* FROM's descriptions, and TO's own of variables that FROM does not describe, unless TO has them. */
+static int send_tags(struct apc_forward *f, const struct apc_tag *to, size_t n_to)
+{
+    int64_t revision = 0;
+    const int length = apc_store_catalogue(f->from, NULL, 0, &revision);
+    const int there = length < 0 ? 0 : apc_store_catalogue(f->to, NULL, 0, NULL);
+    if (length < 0 || there < 0) {
+        return length < 0 ? fail_from(f, length) : fail_to(f, there);
+    }
+    struct apc_tag *all = (struct apc_tag *)calloc(f->n_tags + n_to + 1, sizeof *all);
+    char *text = (char *)calloc((size_t)length + 1, 1), *old = (char *)calloc((size_t)there + 1, 1);
+    size_t n = f->n_tags, same = 0;
+    int rc = all && text && old ? 0 : no_memory(f);
+    if (rc == 0 && (rc = apc_store_catalogue(f->from, text, (size_t)length + 1, &revision)) < 0) {
+        rc = fail_from(f, rc);
+    }
+    if (rc >= 0 && (rc = apc_store_catalogue(f->to, old, (size_t)there + 1, NULL)) < 0) {
+        rc = fail_to(f, rc);
+    }
+    for (size_t i = 0; rc >= 0 && i < f->n_tags; i++) {
+        const struct apc_tag *b = tag_of(to, n_to, &f->tag[i]);
+        all[i] = f->tag[i];
+        same += b && same_tag(&f->tag[i], b);
+    }
+    for (size_t i = 0; rc >= 0 && i < n_to; i++) {
+        if (!tag_of(f->tag, f->n_tags, &to[i])) {
+            all[n++] = to[i];
+        }
+    }
+    if (rc >= 0 && (same < f->n_tags || (revision > 0 && strcmp(text, old) != 0)) &&
+        (rc = apc_store_describe(f->to, all, n, revision > 0 ? text : NULL)) < 0) {
+        rc = fail_to(f, rc);
+    }
+    f->revision = revision;
+    f->described = rc >= 0;
+    free(all);
+    free(text);
+    free(old);
+    return rc < 0 ? rc : 0;
+}
+
+/* When they have changed, or TO may not have them. */
+static int describe(struct apc_forward *f)
+{
+    struct apc_tag *now = NULL, *to = NULL;
+    size_t n = 0, n_to = 0;
+    int64_t revision = 0;
+    int rc = load_tags(f->from, &now, &n);
+    if (rc >= 0 && (rc = apc_store_catalogue(f->from, NULL, 0, &revision)) >= 0) {
+        rc = 0;
+    }
+    if (rc < 0) {
+        free(now);
+        return rc == APC_ENOMEM ? no_memory(f) : fail_from(f, rc);
+    }
+    bool changed = n != f->n_tags || revision != f->revision;
+    for (size_t i = 0; !changed && i < n; i++) {
+        const struct apc_tag *b = &f->tag[i];
+        changed = now[i].table != b->table || now[i].id != b->id || !same_tag(&now[i], b);
+    }
+    free(f->tag);
+    f->tag = now;
+    f->n_tags = n;
+    f->described = f->described && !changed;
+    if (f->described || n == 0) {
+        return 0;
+    }
+    rc = load_tags(f->to, &to, &n_to);
+    if (rc < 0) {
+        rc = rc == APC_ENOMEM ? no_memory(f) : fail_to(f, rc);
+    }
+    if (rc == 0) {
+        rc = check_experiment(f, to, n_to);
+    }
+    if (rc == 0) {
+        rc = send_tags(f, to, n_to);
+    }
+    free(to);
+    return rc;
+}
+
+/* ---- Where it is --------------------------------------------------------------------------- */
+
+static int grow(struct apc_forward *f, size_t n)
+{
+    struct variable *variable = (struct variable *)realloc(f->variable, n * sizeof *variable);
+    f->variable = variable ? variable : f->variable;
+    struct apc_sample *ask = (struct apc_sample *)realloc(f->ask, n * sizeof *ask);
+    f->ask = ask ? ask : f->ask;
+    struct apc_vector *vector = (struct apc_vector *)realloc(f->ask_vector, n * sizeof *vector);
+    f->ask_vector = vector ? vector : f->ask_vector;
+    return variable && ask && vector ? 0 : no_memory(f);
+}
+
+static int by_kind(const void *a, const void *b)
+{
+    const struct apc_sample *x = &((const struct variable *)a)->at, *y = &((const struct variable *)b)->at;
+    const bool v = apc_table_vectors(x->table), w = apc_table_vectors(y->table);
+    return v != w                 ? w - v
+           : x->table != y->table ? (x->table > y->table) - (x->table < y->table)
+                                  : (x->id > y->id) - (x->id < y->id);
+}
+
+/* Variables that have come since the last time. Nothing reads table state, of version 1, any more. */
+static int list(struct apc_forward *f)
+{
+    int n = apc_store_variables(f->from, NULL, 0);
+    if (n < 0 || (size_t)n == f->n) {
+        return n < 0 ? fail_from(f, n) : 0;
+    }
+    const size_t known = f->n;
+    int rc = grow(f, known + (size_t)n);
+    if (rc == 0 && (n = apc_store_variables(f->from, f->ask, (size_t)n)) < 0) {
+        rc = fail_from(f, n);
+    }
+    for (int i = 0; rc == 0 && i < n; i++) {
+        const struct variable new = {.at = {.table = f->ask[i].table, .id = f->ask[i].id}};
+        if (new.at.table != APC_STATE && !(known && bsearch(&new, f->variable, known, sizeof new, by_kind))) {
+            f->variable[f->n++] = new;
+        }
+    }
+    qsort(f->variable, f->n, sizeof *f->variable, by_kind);
+    f->n_vectors = f->turn = 0;
+    while (f->n_vectors < f->n && apc_table_vectors(f->variable[f->n_vectors].at.table)) {
+        f->n_vectors++;
+    }
+    return rc;
+}
+
+/* The newest of all, as of one moment, into ask_vector and ask. */
+static int read_newest(struct apc_forward *f, struct apc_store *store)
+{
+    const size_t n_samples = f->n - f->n_vectors;
+    for (size_t i = 0; i < f->n_vectors; i++) {
+        f->ask_vector[i] = (struct apc_vector){.table = f->variable[i].at.table, .id = f->variable[i].at.id};
+    }
+    for (size_t i = 0; i < n_samples; i++) {
+        const struct apc_sample *at = &f->variable[f->n_vectors + i].at;
+        f->ask[i] = (struct apc_sample){.table = at->table, .id = at->id};
+    }
+    struct apc_rows rows = {.size = sizeof rows,
+                            .sample = f->ask,
+                            .n_samples = n_samples,
+                            .vector = f->ask_vector,
+                            .n_vectors = f->n_vectors};
+    return apc_store_read_rows(store, &rows);
+}
+
+static int64_t seq_read(const struct apc_forward *f, size_t i)
+{
+    return i < f->n_vectors ? f->ask_vector[i].seq : f->ask[i - f->n_vectors].seq;
+}
+
+static apc_ns time_read(const struct apc_forward *f, size_t i)
+{
+    return i < f->n_vectors ? f->ask_vector[i].time : f->ask[i - f->n_vectors].time;
+}
+
+/* Become the one who writes those in TO that are new, then see what it has. */
+static int find_places(struct apc_forward *f)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < f->n; i++) {
+        if (!f->variable[i].placed) {
+            f->ask[n++] = (struct apc_sample){.table = f->variable[i].at.table, .id = f->variable[i].at.id};
+        }
+    }
+    if (n == 0) {
+        return 0;
+    }
+    int rc = apc_store_claim_set(f->to, f->ask, n);
+    if (rc >= 0) {
+        rc = read_newest(f, f->to);
+    }
+    if (rc < 0) {
+        return fail_to(f, rc);
+    }
+    for (size_t i = 0; i < f->n; i++) {
+        struct variable *v = &f->variable[i];
+        v->at.seq = v->stored = seq_read(f, i);
+        v->at.time = time_read(f, i);
+        v->placed = true;
+    }
+    return 0;
+}
+
+static int look_at_from(struct apc_forward *f)
+{
+    int rc = list(f);
+    if (rc == 0 && f->n > 0 && (rc = read_newest(f, f->from)) < 0) {
+        return fail_from(f, rc);
+    }
+    for (size_t i = 0; rc == 0 && i < f->n; i++) {
+        f->variable[i].newest = seq_read(f, i);
+        f->variable[i].read = false;
+    }
+    return rc;
+}
+
+/* How much TO has not got; or that it cannot have got what it has from here. */
+static int compare(struct apc_forward *f)
+{
+    f->stats.behind = 0;
+    for (size_t i = 0; i < f->n; i++) {
+        const struct variable *v = &f->variable[i];
+        if (v->placed && v->stored > v->newest) {
+            f->stats.away = true;
+            return apc_fail(&f->why, APC_ECONFLICT,
+                            "it has %s %d up to seq %lld, newer than %lld here: it is of another run, or the "
+                            "clock of one was wrong",
+                            apc_table_name(v->at.table), v->at.id, (long long)v->stored,
+                            (long long)v->newest);
+        }
+        f->stats.behind += v->newest > v->stored ? (uint64_t)(v->newest - v->stored) : 0;
+    }
+    return 0;
+}
+
+/* ---- Samples and vectors ------------------------------------------------------------------- */
+
+/* A number of an author is a name's in its own store only. 0: FROM does not know it. */
+static int find_author(struct apc_forward *f, uint32_t number)
+{
+    char name[APC_AUTHOR_LEN];
+    for (size_t i = 0; i < f->n_authors; i++) {
+        if (f->author[i].from == number) {
+            return (int)f->author[i].to;
+        }
+    }
+    struct author *grown = (struct author *)realloc(f->author, (f->n_authors + 1) * sizeof *grown);
+    if (!grown) {
+        return no_memory(f);
+    }
+    f->author = grown;
+    int rc = apc_store_author_name(f->from, number, name);
+    if (rc < 0 && rc != APC_ENOTFOUND) {
+        return fail_from(f, rc);
+    }
+    rc = rc < 0 ? 0 : apc_store_author(f->to, name);
+    if (rc < 0) {
+        return fail_to(f, rc);
+    }
+    f->author[f->n_authors++] = (struct author){number, (uint32_t)rc};
+    return rc;
+}
+
+static void count(struct apc_forward *f, uint64_t *of, int stored)
+{
+    *of += (uint64_t)stored;
+    f->moved += stored;
+}
+
+static int flush_rows(struct apc_forward *f)
+{
+    const struct apc_rows rows = {.size = sizeof rows, .vector = f->vector, .n_vectors = f->vectors};
+    for (size_t i = 0; i < f->samples; i++) {
+        const int author = f->sample[i].author > 0 ? find_author(f, f->sample[i].author) : 0;
+        if (author < 0) {
+            return author;
+        }
+        f->sample[i].author = (uint32_t)author;
+    }
+    int stored = apc_store_append_rows(f->to, &rows);
+    if (stored >= 0) {
+        count(f, &f->stats.vectors, stored);
+        stored = apc_store_append(f->to, f->sample, f->samples);
+    }
+    if (stored < 0) {
+        return fail_to(f, stored);
+    }
+    count(f, &f->stats.samples, stored);
+    for (size_t i = 0; i < f->n; i++) {
+        f->variable[i].stored = f->variable[i].at.seq;
+    }
+    f->samples = f->vectors = f->elements = 0;
+    return 0;
+}
+
+/* The first row of a variable in a step: is it the one that follows? */
+static void see_gap(struct apc_forward *f, int64_t seq, apc_ns time)
+{
+    const struct variable *v = f->reading;
+    if (!v->read && v->at.seq > 0 && seq > v->at.seq + 1) {
+        f->stats.gap.since =
+            f->stats.gap.times == 0 || v->at.time < f->stats.gap.since ? v->at.time : f->stats.gap.since;
+        f->stats.gap.until = time > f->stats.gap.until ? time : f->stats.gap.until;
+        f->stats.gap.times++;
+        f->stats.gap.rows += (uint64_t)(seq - v->at.seq - 1);
+    }
+}
+
+/* The row joins the batch, unless it came after the step began. */
+static bool take_row(struct apc_forward *f, int64_t seq, apc_ns time)
+{
+    struct variable *v = f->reading;
+    if (seq > v->newest) {
+        return false;
+    }
+    see_gap(f, seq, time);
+    v->read = true;
+    v->at.seq = seq;
+    v->at.time = time;
+    return true;
+}
+
+static int take_sample(void *ctx, const struct apc_sample *s)
+{
+    struct apc_forward *f = (struct apc_forward *)ctx;
+    if (f->samples == SAMPLES || !take_row(f, s->seq, s->time)) {
+        return 1;
+    }
+    f->sample[f->samples++] = *s;
+    return 0;
+}
+
+static int take_vector(void *ctx, const struct apc_vector *v)
+{
+    struct apc_forward *f = (struct apc_forward *)ctx;
+    if (f->vectors == VECTORS || f->elements + v->n > ELEMENTS || !take_row(f, v->seq, v->time)) {
+        return 1;
+    }
+    struct apc_vector *to = &f->vector[f->vectors++];
+    *to = *v;
+    to->value = f->element + f->elements;
+    if (v->n > 0) {
+        memcpy(to->value, v->value, v->n * sizeof *v->value);
+    }
+    f->elements += v->n;
+    return 0;
+}
+
+static bool is_full(const struct apc_forward *f)
+{
+    return f->samples == SAMPLES || f->vectors == VECTORS || f->elements + APC_ELEMENTS_MAX > ELEMENTS;
+}
+
+/* All that there was of it, as far as there is time. */
+static int move_variable(struct apc_forward *f, struct variable *v)
+{
+    int rc = 0;
+    f->reading = v;
+    while (rc == 0 && v->at.seq < v->newest && !late(f)) {
+        const struct apc_range range = {.after = v->at.seq};
+        const int given = apc_table_vectors(v->at.table)
+                              ? apc_store_vectors(f->from, v->at.table, v->at.id, &range, take_vector, f)
+                              : apc_store_history(f->from, v->at.table, v->at.id, &range, take_sample, f);
+        if (given < 0) {
+            return fail_from(f, given);
+        }
+        if (!is_full(f)) {
+            break;
+        }
+        rc = flush_rows(f);
+    }
+    return rc;
+}
+
+static int move_rows(struct apc_forward *f)
+{
+    int rc = 0;
+    f->samples = f->vectors = f->elements = 0; /* of a step that failed */
+    for (size_t i = 0; rc == 0 && i < f->n && !late(f); i++) {
+        rc = move_variable(f, &f->variable[f->turn]);
+        f->turn += late(f) ? 0 : 1; /* where there is no time for all, all have their turn */
+        f->turn = f->turn < f->n ? f->turn : 0;
+    }
+    return rc == 0 ? flush_rows(f) : rc;
+}
+
+/* ---- Events and timing --------------------------------------------------------------------- */
+
+static bool same_event(const struct apc_event *a, const struct apc_event *b)
+{
+    return a->time == b->time && a->severity == b->severity && strcmp(a->source, b->source) == 0 &&
+           strcmp(a->kind, b->kind) == 0 && strcmp(a->text, b->text) == 0;
+}
+
+static bool same_timing(const struct apc_timing_row *a, const struct apc_timing_row *b)
+{
+    return a->time == b->time && strcmp(a->task, b->task) == 0 && strcmp(a->quantity, b->quantity) == 0 &&
+           a->period == b->period && a->missed == b->missed && a->count == b->count && a->p50 == b->p50 &&
+           a->p99 == b->p99 && a->max == b->max && a->n_bins == b->n_bins;
+}
+
+static int mark_event(void *ctx, const struct apc_event *e)
+{
+    struct apc_forward *f = (struct apc_forward *)ctx;
+    size_t i = 0;
+    while (i < f->records && (f->there[i] || !same_event(&f->event[i], e))) {
+        i++;
+    }
+    f->there[i] = true;
+    return 0;
+}
+
+static int mark_timing(void *ctx, const struct apc_timing_row *row)
+{
+    struct apc_forward *f = (struct apc_forward *)ctx;
+    size_t i = 0;
+    while (i < f->records && (f->there[i] || !same_timing(&f->timing_row[i], row))) {
+        i++;
+    }
+    f->there[i] = true;
+    return 0;
+}
+
+/* Where TO can have what lies between two times. */
+static struct apc_range span(apc_ns first, apc_ns last)
+{
+    return (struct apc_range){.since = first, .until = last < INT64_MAX - 1000 ? last + 1000 : 0};
+}
+
+/* The batch has been appended, or could not be. */
+static int end_batch(struct apc_forward *f, struct cursor *c, uint64_t *of, int stored)
+{
+    f->records = 0;
+    if (stored < 0) {
+        c->doubtful = true;
+        return f->failed = fail_to(f, stored);
+    }
+    count(f, of, stored);
+    return 0;
+}
+
+static int flush_events(struct apc_forward *f)
+{
+    apc_ns first = INT64_MAX, last = INT64_MIN;
+    size_t new = 0;
+    int rc = 0;
+    memset(f->there, 0, sizeof f->there);
+    for (size_t i = 0; i < f->records; i++) {
+        first = f->event[i].time < first ? f->event[i].time : first;
+        last = f->event[i].time > last ? f->event[i].time : last;
+    }
+    if (f->records > 0 && f->events.doubtful) {
+        const struct apc_range range = span(first, last);
+        rc = apc_store_events(f->to, &range, mark_event, f);
+    }
+    for (size_t i = 0; i < f->records; i++) {
+        if (!f->there[i]) {
+            f->event[new ++] = f->event[i];
+        }
+    }
+    return end_batch(f, &f->events, &f->stats.events,
+                     rc < 0 ? rc : apc_store_append_events(f->to, f->event, new));
+}
+
+static int flush_timing(struct apc_forward *f)
+{
+    struct apc_timing_row rows[TIMING];
+    size_t new = 0;
+    int rc = 0;
+    memset(f->there, 0, sizeof f->there);
+    if (f->records > 0 && f->timing.doubtful) {
+        const struct apc_range range =
+            span(f->timing_row[0].time, f->timing_row[f->records - 1].time); /* they come by time */
+        rc = apc_store_timing(f->to, &range, mark_timing, f);
+    }
+    for (size_t i = 0; i < f->records; i++) {
+        if (!f->there[i]) {
+            rows[new ++] = f->timing_row[i];
+        }
+    }
+    return end_batch(f, &f->timing, &f->stats.timing,
+                     rc < 0 ? rc : apc_store_append_timing(f->to, rows, new));
+}
+
+static void see_number(struct apc_forward *f, int64_t number)
+{
+    f->number = number > f->number ? number : f->number;
+}
+
+/* Two that are alike stay in one batch: else the second would find the first one's copy. */
+static int take_event(void *ctx, const struct apc_event *e)
+{
+    struct apc_forward *f = (struct apc_forward *)ctx;
+    if ((f->records == EVENTS || (f->records > EVENTS / 2 && e->time != f->event[f->records - 1].time)) &&
+        flush_events(f) < 0) {
+        return 1;
+    }
+    f->event[f->records++] = *e;
+    see_number(f, e->number);
+    return 0;
+}
+
+static int take_timing(void *ctx, const struct apc_timing_row *row)
+{
+    struct apc_forward *f = (struct apc_forward *)ctx;
+    const size_t n = row->n_bins;
+    if ((f->records == TIMING ||
+         (f->records > TIMING / 2 && row->time != f->timing_row[f->records - 1].time)) &&
+        flush_timing(f) < 0) {
+        return 1;
+    }
+    int64_t *bins = (int64_t *)realloc(f->bins[f->records], (3 * n + 1) * sizeof *bins);
+    if (!bins) {
+        f->failed = no_memory(f);
+        return 1;
+    }
+    if (n > 0) {
+        memcpy(bins, row->bin_low, n * sizeof *bins);
+        memcpy(bins + n, row->bin_high, n * sizeof *bins);
+        memcpy(bins + 2 * n, row->bin_count, n * sizeof *bins);
+    }
+    f->bins[f->records] = bins;
+    struct apc_timing_row *to = &f->timing_row[f->records++];
+    *to = *row;
+    to->bin_low = bins;
+    to->bin_high = bins + n;
+    to->bin_count = bins + 2 * n;
+    see_number(f, row->number);
+    return 0;
+}
+
+/* All that have come since the last time, as `give` streams them. */
+static int move_records(struct apc_forward *f, struct cursor *c,
+                        int (*give)(struct apc_forward *f, const struct apc_range *range),
+                        int (*flush)(struct apc_forward *f))
+{
+    const struct apc_range range = {.after = c->number};
+    f->records = 0;
+    f->number = c->number;
+    f->failed = 0;
+    const int given = give(f, &range);
+    if (f->failed == 0 && given < 0) {
+        f->failed = fail_from(f, given);
+        c->doubtful = true; /* some of them may have been moved */
+    }
+    if (f->failed == 0 && flush(f) == 0) {
+        c->number = f->number;
+        c->doubtful = false;
+    }
+    return f->failed;
+}
+
+static int give_events(struct apc_forward *f, const struct apc_range *range)
+{
+    return apc_store_events(f->from, range, take_event, f);
+}
+
+static int give_timing(struct apc_forward *f, const struct apc_range *range)
+{
+    return apc_store_timing(f->from, range, take_timing, f);
+}
+
+/* ---- The whole ----------------------------------------------------------------------------- */
+
+int apc_forward_create(struct apc_forward **forward, struct apc_store *from, struct apc_store *to,
+                       struct apc_error *why)
+{
+    if (!forward) {
+        return apc_fail(why, APC_EINVAL, "nowhere to put it");
+    }
+    *forward = NULL;
+    if (!from || !to || from == to) {
+        return apc_fail(why, APC_EINVAL, "from which store into which other one?");
+    }
+    struct apc_forward *f = (struct apc_forward *)calloc(1, sizeof *f);
+    if (f) {
+        f->from = from;
+        f->to = to;
+        f->events.doubtful = f->timing.doubtful = true;
+        f->sample = (struct apc_sample *)calloc(SAMPLES, sizeof *f->sample);
+        f->vector = (struct apc_vector *)calloc(VECTORS, sizeof *f->vector);
+        f->element = (double *)calloc(ELEMENTS, sizeof *f->element);
+    }
+    if (!f || !f->sample || !f->vector || !f->element) {
+        apc_forward_destroy(f);
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    }
+    *forward = f;
+    return 0;
+}
+
+void apc_forward_destroy(struct apc_forward *f)
+{
+    if (!f) {
+        return;
+    }
+    for (size_t i = 0; i < TIMING; i++) {
+        free(f->bins[i]);
+    }
+    free(f->tag);
+    free(f->variable);
+    free(f->ask);
+    free(f->ask_vector);
+    free(f->author);
+    free(f->sample);
+    free(f->vector);
+    free(f->element);
+    free(f);
+}
+
+int apc_forward_step(struct apc_forward *f, apc_ns timeout)
+{
+    if (!f || timeout < 0) {
+        return APC_EINVAL;
+    }
+    f->deadline = apc_clock_mono(NULL) + timeout;
+    f->moved = 0;
+    f->why.text[0] = '\0';
+    int rc = look_at_from(f);
+    if (rc == 0) {
+        rc = compare(f); /* while TO is away: how far behind it is by now */
+    }
+    if (rc == 0) {
+        rc = describe(f);
+    }
+    if (rc == 0) {
+        rc = find_places(f);
+    }
+    if (rc == 0) {
+        rc = compare(f);
+    }
+    if (rc == 0) {
+        rc = move_rows(f);
+    }
+    if (rc == 0) {
+        rc = move_records(f, &f->events, give_events, flush_events);
+    }
+    if (rc == 0) {
+        rc = move_records(f, &f->timing, give_timing, flush_timing);
+    }
+    if (rc == 0) {
+        rc = compare(f);
+    }
+    return rc < 0 ? rc : f->moved;
+}
+
+const char *apc_forward_error(const struct apc_forward *f)
+{
+    return f ? f->why.text : "nothing is forwarded";
+}
+
+void apc_forward_stats(const struct apc_forward *f, struct apc_forward_stats *stats)
+{
+    if (stats) {
+        const size_t size = stats->size;
+        *stats = f ? f->stats : (struct apc_forward_stats){0};
+        stats->size = size;
+    }
+}

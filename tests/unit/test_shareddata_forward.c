@@ -1,0 +1,559 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* From a live store into every kind of store: all of it, in order, each row once, whoever dies when. */
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "scratch.h"
+#include "stores.h"
+
+#define FOREVER (60 * APC_NS_PER_S)
+
+static char live_uri[128];
+
+static struct apc_store *open_uri(const char *uri, const char *name)
+{
+    struct apc_error why = {""};
+    struct apc_store *store = NULL;
+    const struct apc_store_options options = {
+        .size = sizeof options, .name = name, .timeout = 20 * APC_NS_PER_S};
+    if (apc_store_open(&store, uri, &options, &why) != 0) {
+        fail_msg("%s", why.text);
+    }
+    return store;
+}
+
+/* A live store of @p mib, new. */
+static struct apc_store *live_make(int mib)
+{
+    static int number;
+    snprintf(live_uri, sizeof live_uri, "shm:forward-%d-%d?size=%d", (int)getpid(), ++number, mib);
+    struct apc_store *live = open_uri(live_uri, "live");
+    ok(live, apc_store_init(live));
+    return live;
+}
+
+static void live_drop(struct apc_store *live)
+{
+    char path[160];
+    snprintf(path, sizeof path, "/dev/shm/apc.%.*s", (int)strcspn(live_uri + 4, "?"), live_uri + 4);
+    apc_store_close(live);
+    unlink(path);
+}
+
+static struct apc_forward *begin(struct apc_store *from, struct apc_store *to)
+{
+    struct apc_error why = {""};
+    struct apc_forward *f = NULL;
+    if (apc_forward_create(&f, from, to, &why) != 0) {
+        fail_msg("%s", why.text);
+    }
+    return f;
+}
+
+static int step(struct apc_forward *f)
+{
+    const int moved = apc_forward_step(f, FOREVER);
+    if (moved < 0) {
+        fail_msg("%s: %s", apc_err_name(moved), apc_forward_error(f));
+    }
+    return moved;
+}
+
+/* By a forward of its own, as after a restart. */
+static int forward(struct apc_store *from, struct apc_store *to)
+{
+    struct apc_forward *f = begin(from, to);
+    const int moved = step(f);
+    assert_int_equal(step(f), 0);
+    apc_forward_destroy(f);
+    return moved;
+}
+
+static struct apc_event event(int n, const char *kind)
+{
+    struct apc_event e = {.time = n * APC_NS_PER_MS, .severity = APC_EVENT_INFO, .source = "test"};
+    snprintf(e.kind, sizeof e.kind, "%s", kind);
+    snprintf(e.text, sizeof e.text, "event %d", n);
+    return e;
+}
+
+static struct apc_timing_row timing(int n)
+{
+    static const int64_t low[2] = {1, 3}, high[2] = {2, 4}, count[2] = {5, 6};
+    return (struct apc_timing_row){.time = n * APC_NS_PER_S,
+                                   .task = "client",
+                                   .quantity = "lateness",
+                                   .count = 11,
+                                   .bin_low = low,
+                                   .bin_high = high,
+                                   .bin_count = count,
+                                   .n_bins = 2};
+}
+
+/* What a plant is, with one variable of each sort. */
+static const char catalogue[] = "name = \"plant\";";
+
+static void describe(struct apc_store *store, const char *experiment, const char *unit)
+{
+    struct apc_tag tags[3] = {{.table = APC_SENSOR, .id = 1, .name = "y", .low = -5, .high = 5},
+                              {.table = APC_STATE, .id = 0, .name = "experiment"},
+                              {.table = APC_TICK, .id = 1, .name = "tick", .length = 3, .period = 2}};
+    snprintf(tags[0].unit, sizeof tags[0].unit, "%s", unit);
+    snprintf(tags[1].description, sizeof tags[1].description, "%s", experiment);
+    ok(store, apc_store_describe(store, tags, 3, catalogue));
+}
+
+static void append(struct apc_store *store, int64_t from, int64_t to)
+{
+    for (int64_t seq = from; seq <= to; seq++) {
+        double value[3] = {(double)seq, 0.5, -1};
+        struct apc_sample s[2] = {sample(APC_SENSOR, 1, seq, (double)seq), sample(APC_ACTUATOR, 1, seq, 7)};
+        struct apc_vector v = {
+            .table = APC_TICK, .id = 1, .seq = seq, .time = s[0].time, .n = 3, .value = value};
+        s[1].origin = seq;
+        const struct apc_rows rows = {
+            .size = sizeof rows, .sample = s, .n_samples = 2, .vector = &v, .n_vectors = 1};
+        assert_int_equal(apc_store_append_rows(store, &rows), 3);
+    }
+}
+
+struct seen {
+    int64_t first, last;
+    size_t n;
+    bool ordered, whole;
+    double value;
+};
+
+static void see(struct seen *s, int64_t seq)
+{
+    s->first = s->n == 0 ? seq : s->first;
+    s->ordered = s->n == 0 || (s->ordered && seq > s->last);
+    s->whole = s->n == 0 || (s->whole && seq == s->last + 1);
+    s->last = seq;
+    s->n++;
+}
+
+static int see_sample(void *ctx, const struct apc_sample *s)
+{
+    see(ctx, s->seq);
+    ((struct seen *)ctx)->value = s->value;
+    return 0;
+}
+
+static int see_vector(void *ctx, const struct apc_vector *v)
+{
+    see(ctx, v->seq);
+    ((struct seen *)ctx)->value = v->n > 0 ? v->value[0] : -77;
+    return 0;
+}
+
+static int see_event(void *ctx, const struct apc_event *e)
+{
+    int n = 0;
+    assert_int_equal(sscanf(e->text, "event %d", &n), 1);
+    see(ctx, n);
+    return 0;
+}
+
+static int see_timing(void *ctx, const struct apc_timing_row *row)
+{
+    see(ctx, row->time / APC_NS_PER_S);
+    assert_true(row->n_bins == 2 && row->bin_low[1] == 3 && row->bin_high[0] == 2 && row->bin_count[1] == 6);
+    return 0;
+}
+
+/* It holds all from 1 to @p last of the variable, once, in order. */
+static void assert_whole(struct apc_store *store, enum apc_table table, int id, int64_t last)
+{
+    struct seen s = {0};
+    if (apc_table_vectors(table)) {
+        ok(store, apc_store_vectors(store, table, id, NULL, see_vector, &s));
+    } else {
+        ok(store, apc_store_history(store, table, id, NULL, see_sample, &s));
+    }
+    assert_int_equal(s.n, last);
+    assert_true(last == 0 || (s.whole && s.first == 1 && s.last == last));
+}
+
+static void assert_events(struct apc_store *store, int last)
+{
+    struct seen s = {0};
+    ok(store, apc_store_events(store, NULL, see_event, &s));
+    assert_int_equal(s.n, last);
+    assert_true(last == 0 || (s.whole && s.first == 1 && s.last == last));
+}
+
+static void assert_timing(struct apc_store *store, int last)
+{
+    struct seen s = {0};
+    ok(store, apc_store_timing(store, NULL, see_timing, &s));
+    assert_int_equal(s.n, last);
+    assert_true(last == 0 || (s.whole && s.first == 1 && s.last == last));
+}
+
+static void append_event(struct apc_store *store, int n, const char *kind)
+{
+    const struct apc_event e = event(n, kind);
+    ok(store, apc_store_append_events(store, &e, 1));
+}
+
+static void append_timing(struct apc_store *store, int n)
+{
+    const struct apc_timing_row row = timing(n);
+    ok(store, apc_store_append_timing(store, &row, 1));
+}
+
+/* ---- Tests ----------------------------------------------------------------------------------- */
+
+static void test_all_that_a_store_holds_and_gets_arrives_once(void **state)
+{
+    struct apc_store *live = live_make(4);
+    describe(live, "plant", "m");
+    append(live, 1, 40);
+    append_event(live, 1, "start");
+    append_event(live, 2, "operator");
+    append_timing(live, 1);
+    struct apc_forward *f = begin(live, *state);
+    assert_int_equal(step(f), 3 * 40 + 2 + 1);
+    assert_int_equal(step(f), 0);
+    append(live, 41, 50);
+    append_event(live, 3, "link");
+    append_timing(live, 2);
+    assert_int_equal(step(f), 3 * 10 + 1 + 1);
+    assert_int_equal(step(f), 0);
+    assert_whole(*state, APC_SENSOR, 1, 50);
+    assert_whole(*state, APC_ACTUATOR, 1, 50);
+    assert_whole(*state, APC_TICK, 1, 50);
+    assert_events(*state, 3);
+    assert_timing(*state, 2);
+    assert_int_equal(newest(*state, APC_ACTUATOR, 1).origin, 50);
+    struct apc_forward_stats stats = {.size = sizeof stats};
+    apc_forward_stats(f, &stats);
+    assert_true(stats.samples == 100 && stats.vectors == 50 && stats.events == 3 && stats.timing == 2 &&
+                stats.behind == 0 && stats.gap.times == 0 && !stats.away);
+    apc_forward_destroy(f);
+    live_drop(live);
+}
+
+static void test_descriptions_and_authors_go_along(void **state)
+{
+    struct apc_store *live = live_make(4);
+    char name[APC_AUTHOR_LEN], text[64];
+    struct apc_tag tag[4];
+    describe(live, "plant", "m");
+    ok(*state, apc_store_author(*state, "somebody else"));
+    ok(*state, apc_store_put_tags(*state, &(struct apc_tag){.table = APC_ALARM, .id = 9, .name = "own"}, 1));
+    struct apc_sample s = {.table = APC_SETPOINT, .id = 1, .value = 3};
+    s.author = (uint32_t)apc_store_author(live, "ada");
+    ok(live, apc_store_put(live, &s, 1));
+    struct apc_forward *f = begin(live, *state);
+    assert_int_equal(step(f), 1);
+    s = newest(*state, APC_SETPOINT, 1);
+    ok(*state, apc_store_author_name(*state, s.author, name));
+    assert_string_equal(name, "ada");
+    int64_t revision = 0;
+    assert_int_equal(apc_store_catalogue(*state, text, sizeof text, &revision), sizeof catalogue - 1);
+    assert_string_equal(text, catalogue);
+    assert_int_equal(apc_store_get_tags(*state, tag, 4), 4); /* one of its own stays */
+    assert_string_equal(tag[0].unit, "m");
+    assert_int_equal(revision, 1);
+    struct apc_tag changed = {.table = APC_SENSOR, .id = 1, .name = "y", .unit = "m", .high = 9};
+    ok(live, apc_store_put_tags(live, &changed, 1));
+    assert_int_equal(step(f), 0);
+    assert_true(apc_store_get_tags(*state, tag, 4) == 4 && tag[0].high > 8 && tag[0].high < 10);
+    assert_int_equal(apc_store_catalogue(*state, NULL, 0, &revision), sizeof catalogue - 1);
+    assert_int_equal(revision, 1);
+    apc_forward_destroy(f);
+    live_drop(live);
+}
+
+static void test_a_restart_goes_on_where_it_was(void **state)
+{
+    struct apc_store *live = live_make(4);
+    append(live, 1, 10);
+    append_event(live, 1, "start");
+    append_event(live, 2, "start");
+    append_timing(live, 1);
+    assert_int_equal(forward(live, *state), 33);
+    assert_int_equal(forward(live, *state), 0);
+    append(live, 11, 12);
+    append_event(live, 3, "start");
+    append_timing(live, 2);
+    assert_int_equal(forward(live, *state), 8);
+    assert_whole(*state, APC_TICK, 1, 12);
+    assert_whole(*state, APC_SENSOR, 1, 12);
+    assert_events(*state, 3);
+    assert_timing(*state, 2);
+    live_drop(live);
+}
+
+/* As of an append that was committed while its answer was lost. */
+static void test_what_is_there_already_is_not_stored_again(void **state)
+{
+    struct apc_store *live = live_make(4);
+    append(live, 1, 10);
+    for (int i = 1; i <= 5; i++) {
+        append_event(live, i, "start");
+        append_timing(live, i);
+    }
+    append(*state, 1, 4);
+    append_event(*state, 1, "start");
+    append_event(*state, 2, "start");
+    append_timing(*state, 1);
+    assert_int_equal(forward(live, *state), 3 * 6 + 3 + 4);
+    assert_whole(*state, APC_ACTUATOR, 1, 10);
+    assert_events(*state, 5);
+    assert_timing(*state, 5);
+    live_drop(live);
+}
+
+static void test_events_that_are_alike_are_all_moved(void **state)
+{
+    struct apc_store *live = live_make(4);
+    struct apc_event e[3] = {event(1, "link"), event(1, "link"), event(1, "link")};
+    ok(live, apc_store_append_events(live, e, 2));
+    struct apc_forward *f = begin(live, *state);
+    assert_int_equal(step(f), 2);
+    ok(live, apc_store_append_events(live, e, 3));
+    assert_int_equal(step(f), 3);
+    apc_forward_destroy(f);
+    live_drop(live);
+}
+
+static void test_what_was_overwritten_before_its_turn_is_told(void **state)
+{
+    struct apc_store *live = live_make(1);
+    append(live, 1, 20);
+    struct apc_forward *f = begin(live, *state);
+    assert_int_equal(step(f), 60);
+    append(live, 21, 20000); /* more than it holds */
+    struct seen held = {0};
+    ok(live, apc_store_history(live, APC_SENSOR, 1, NULL, see_sample, &held));
+    assert_true(held.first > 21);
+    assert_true(step(f) > 0);
+    struct apc_forward_stats stats = {.size = sizeof stats};
+    apc_forward_stats(f, &stats);
+    assert_int_equal(stats.gap.times, 3);
+    assert_true(stats.gap.rows >= (uint64_t)(held.first - 21));
+    assert_true(stats.gap.since == 20 * 1000 * APC_NS_PER_US && stats.gap.until > stats.gap.since);
+    struct seen s = {0};
+    ok(*state, apc_store_history(*state, APC_SENSOR, 1, NULL, see_sample, &s));
+    assert_true(s.ordered && s.last == 20000 && s.n == held.n + 20);
+    append(live, 20001, 20010);
+    assert_int_equal(step(f), 30);
+    apc_forward_stats(f, &stats);
+    assert_int_equal(stats.gap.times, 3);
+    apc_forward_destroy(f);
+    live_drop(live);
+}
+
+static void assert_refused(struct apc_store *live, struct apc_store *to, int err, const char *text)
+{
+    struct apc_forward *f = begin(live, to);
+    assert_int_equal(apc_forward_step(f, FOREVER), err);
+    if (!strstr(apc_forward_error(f), text)) {
+        fail_msg("\"%s\" does not say \"%s\"", apc_forward_error(f), text);
+    }
+    struct apc_forward_stats stats = {.size = sizeof stats};
+    apc_forward_stats(f, &stats);
+    assert_true(stats.away && stats.samples + stats.vectors + stats.events + stats.timing == 0);
+    apc_forward_destroy(f);
+}
+
+static void test_another_experiments_record_is_left_alone(void **state)
+{
+    struct apc_store *live = live_make(4);
+    append(live, 1, 5);
+    describe(live, "plant", "m");
+    describe(*state, "another", "m");
+    assert_refused(live, *state, APC_EPERM, "\"another\"");
+    describe(*state, "plant", "V");
+    assert_refused(live, *state, APC_EPERM, "another experiment");
+    assert_whole(*state, APC_SENSOR, 1, 0);
+    live_drop(live);
+}
+
+static void test_a_record_that_is_newer_is_left_alone(void **state)
+{
+    struct apc_store *live = live_make(4);
+    append(live, 1, 5);
+    append(*state, 1, 9);
+    assert_refused(live, *state, APC_ECONFLICT, "newer");
+    assert_whole(*state, APC_SENSOR, 1, 9);
+    live_drop(live);
+}
+
+static void test_two_do_not_write_one_record(void **state)
+{
+    struct apc_store *live = live_make(4), *other = stores_open();
+    append(live, 1, 5);
+    struct apc_forward *f = begin(live, *state);
+    step(f);
+    struct apc_store *again = open_uri(live_uri, "again");
+    assert_refused(again, other, APC_EBUSY, "test");
+    append(live, 6, 7);
+    assert_int_equal(step(f), 6);
+    apc_forward_destroy(f);
+    apc_store_close(again);
+    apc_store_close(other);
+    live_drop(live);
+}
+
+/* ---- Killed at random ------------------------------------------------------------------------ */
+
+_Noreturn static void historian(void)
+{
+    struct apc_store *from = NULL, *to = NULL;
+    struct apc_forward *f = NULL;
+    struct apc_error why;
+    const struct apc_store_options options = {.size = sizeof options, .name = "historian"};
+    if (apc_store_open(&from, live_uri, &options, &why) != 0 ||
+        apc_store_open(&to, store_uri, &options, &why) != 0 || apc_forward_create(&f, from, to, &why) != 0) {
+        _exit(1);
+    }
+    for (;;) {
+        apc_forward_step(f, FOREVER); /* a dead predecessor's claim goes when the server notices */
+    }
+}
+
+static void test_kills_lose_and_double_nothing(void **state)
+{
+    enum { KILLS = 12, ROWS = 200 }; /* all of which the live store holds */
+    struct apc_random random;
+    if (strcmp(store_kind->name, "postgresql:") != 0 && strcmp(store_kind->name, "sqlite:") != 0) {
+        skip(); /* nobody else would see it, or it is one of the others */
+    }
+    apc_random_init(&random, 12, "kills");
+    struct apc_store *live = live_make(4);
+    append(live, 1, 1);
+    for (int k = 0; k < KILLS; k++) {
+        const struct timespec pause = {.tv_nsec = (long)(50e6 * apc_random_uniform(&random))};
+        const pid_t pid = fork();
+        if (pid == 0) {
+            historian();
+        }
+        append(live, 2 + k * ROWS, 1 + (k + 1) * ROWS);
+        append_event(live, k + 1, "start");
+        append_timing(live, k + 1);
+        while (k % 3 == 0 && newest(*state, APC_SENSOR, 1).seq <= k * ROWS) {
+            nanosleep(&pause, NULL); /* it came to append */
+        }
+        nanosleep(&pause, NULL);
+        kill(pid, SIGKILL);
+        waitpid(pid, NULL, 0);
+    }
+    struct apc_forward *f = begin(live, *state);
+    int rc = APC_EBUSY;
+    while (rc == APC_EBUSY) { /* of the last one that was killed */
+        rc = apc_forward_step(f, FOREVER);
+    }
+    assert_true(rc >= 0);
+    apc_forward_destroy(f);
+    const int64_t last = 1 + (int64_t)KILLS * ROWS;
+    assert_whole(*state, APC_SENSOR, 1, last);
+    assert_whole(*state, APC_ACTUATOR, 1, last);
+    assert_whole(*state, APC_TICK, 1, last);
+    assert_events(*state, KILLS);
+    assert_timing(*state, KILLS);
+    live_drop(live);
+}
+
+/* ---- From where on --------------------------------------------------------------------------- */
+
+struct numbers {
+    int64_t number[8];
+    size_t n;
+};
+
+static int note_event(void *ctx, const struct apc_event *e)
+{
+    struct numbers *s = ctx;
+    s->number[s->n++ % 8] = e->number;
+    return 0;
+}
+
+static int note_timing(void *ctx, const struct apc_timing_row *row)
+{
+    struct numbers *s = ctx;
+    s->number[s->n++ % 8] = row->number;
+    return 0;
+}
+
+static void test_what_lies_behind_a_row_is_given_alone(void **state)
+{
+    append(*state, 1, 9);
+    const struct {
+        struct apc_range range;
+        int64_t first, last;
+    } cases[] = {{{.after = 6}, 7, 9},
+                 {{.after = 9}, 0, 0},
+                 {{.after = APC_SEQ_MAX}, 0, 0},
+                 {{.after = 2, .last = 3}, 7, 9},
+                 {{.after = 7, .last = 5}, 8, 9},
+                 {{.after = 2, .until = 6 * 1000 * APC_NS_PER_US}, 3, 5},
+                 {{.after = 4, .until = 6 * 1000 * APC_NS_PER_US, .last = 4}, 5, 5}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct seen s = {0}, v = {0};
+        ok(*state, apc_store_history(*state, APC_SENSOR, 1, &cases[i].range, see_sample, &s));
+        ok(*state, apc_store_vectors(*state, APC_TICK, 1, &cases[i].range, see_vector, &v));
+        assert_true(s.first == cases[i].first && s.last == cases[i].last && (s.n == 0 || s.whole));
+        assert_true(v.first == s.first && v.last == s.last && v.n == s.n);
+    }
+    assert_int_equal(
+        apc_store_history(*state, APC_SENSOR, 1, &(struct apc_range){.after = -1}, see_sample, NULL),
+        APC_EINVAL);
+}
+
+static void test_events_and_timing_are_numbered_as_they_came(void **state)
+{
+    for (int i = 1; i <= 4; i++) {
+        append_event(*state, 5 - i, i == 2 ? "operator" : "start"); /* the clock stepped */
+        append_timing(*state, 5 - i);
+    }
+    struct numbers e = {0}, t = {0}, some = {0};
+    ok(*state, apc_store_events(*state, NULL, note_event, &e));
+    ok(*state, apc_store_timing(*state, NULL, note_timing, &t)); /* these come by time */
+    assert_true(e.n == 4 && t.n == 4 && e.number[0] > 0 && t.number[3] > 0);
+    for (int i = 0; i < 3; i++) {
+        assert_true(e.number[i] < e.number[i + 1] && t.number[i] > t.number[i + 1]);
+    }
+    struct apc_range after = {.after = e.number[1]};
+    ok(*state, apc_store_events(*state, &after, note_event, &some));
+    assert_true(some.n == 2 && some.number[0] == e.number[2]);
+    after.last = 1;
+    some.n = 0;
+    ok(*state, apc_store_events(*state, &after, note_event, &some));
+    assert_true(some.n == 1 && some.number[0] == e.number[3]);
+    after = (struct apc_range){.after = t.number[2]}; /* the second that came */
+    some.n = 0;
+    ok(*state, apc_store_timing(*state, &after, note_timing, &some));
+    assert_true(some.n == 2 && some.number[0] == t.number[0] && some.number[1] == t.number[1]);
+}
+
+#define T(name) cmocka_unit_test_setup_teardown(name, stores_set_up, stores_tear_down)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        T(test_all_that_a_store_holds_and_gets_arrives_once),
+        T(test_descriptions_and_authors_go_along),
+        T(test_a_restart_goes_on_where_it_was),
+        T(test_what_is_there_already_is_not_stored_again),
+        T(test_events_that_are_alike_are_all_moved),
+        T(test_what_was_overwritten_before_its_turn_is_told),
+        T(test_another_experiments_record_is_left_alone),
+        T(test_a_record_that_is_newer_is_left_alone),
+        T(test_two_do_not_write_one_record),
+        T(test_kills_lose_and_double_nothing),
+        T(test_what_lies_behind_a_row_is_given_alone),
+        T(test_events_and_timing_are_numbered_as_they_came),
+    };
+    int failed = 0;
+    while (stores_next())
+        failed += cmocka_run_group_tests_name(store_kind->name, tests, NULL, NULL);
+    return failed;
+}
