@@ -32,7 +32,7 @@ enum { TAKE_U = 1, MAKE_S }; /* loops */
 static struct apc_simulation *begin(const char *text)
 {
     struct apc_experiment *e;
-    struct apc_simulation *s;
+    struct apc_simulation *s = NULL;
     struct apc_error why;
     if (apc_experiment_load(&e, "signals.conf", text, &why) < 0 ||
         apc_simulation_create(&s, e, NULL, &why) < 0)
