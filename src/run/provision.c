@@ -491,11 +491,12 @@ int provision(struct apc_store *store, const struct experiment *e, enum provisio
     int rc = wanted ? put_dimensions(store, e, now) : APC_ENOMEM;
 
     for (size_t i = 0; i < e->n_controllers && rc >= 0; i++)
-        for (size_t k = 0; k < apc_law_parameters(e->controllers[i].law, &e->controllers[i].dim); k++, next++)
-            *next = (struct apc_sample){.table = APC_TUNING,
-                                        .id = (int)(next - wanted) + 1,
-                                        .time = now,
-                                        .value = e->controllers[i].tuning[k]};
+        for (const struct controller *law = &e->controllers[i]; law; law = law->backup)
+            for (size_t k = 0; k < apc_law_parameters(law->law, &law->dim); k++, next++)
+                *next = (struct apc_sample){.table = APC_TUNING,
+                                            .id = (int)(next - wanted) + 1,
+                                            .time = now,
+                                            .value = law->tuning[k]};
     if (rc >= 0 && how == PROVISION_KEEP)
         rc = put_renamed(store, e, wanted, n);
     if (rc >= 0)
