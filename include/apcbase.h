@@ -341,6 +341,7 @@ APC_API int apc_distribution_parse(const char *text, struct apc_distribution *di
 APC_API double apc_distribution_draw(const struct apc_distribution *distribution, struct apc_random *random);
 /** No draw is below it: -HUGE_VAL for a normal one with sd > 0. [any] */
 APC_API double apc_distribution_low(const struct apc_distribution *distribution);
+APC_API double apc_distribution_mean(const struct apc_distribution *distribution); /**< [any] */
 
 /* ---- Threads ------------------------------------------------------------------------------ */
 

@@ -34,10 +34,10 @@ APC_API void apc_experiment_destroy(struct apc_experiment *e);
 /**
  * Change or add one setting: "duration", "plant.parameters.tau", "outputs.u1.high", "controller.law",
  * "controller.Kp" or, of several outputs, "controller.u1.Kp", "scheduler.sequence.[0].[1]": groups by member,
- * lists by name or [INDEX] from 0. @p value is written as in a file; text may go without its quotes. The
- * whole is checked as if it stood in a file. Returns 0, or a negative error with the reason in @p why, and
- * nothing is changed: APC_ENOTFOUND, APC_EINVAL, APC_ENOMEM. Simulations that there are keep what they have.
- * [setup]
+ * lists by name or [INDEX] from 0; groups on the way that are not there are made. @p value is written as in a
+ * file; text may go without its quotes. The whole is checked as if it stood in a file. Returns 0, or a
+ * negative error with the reason in @p why, and nothing is changed: APC_ENOTFOUND, APC_EINVAL, APC_ENOMEM.
+ * Simulations that there are keep what they have. [setup]
  */
 APC_API int apc_experiment_set(struct apc_experiment *e, const char *path, const char *value,
                                struct apc_error *why);

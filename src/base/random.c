@@ -140,6 +140,32 @@ double apc_distribution_low(const struct apc_distribution *distribution)
     return distribution->a;
 }
 
+double apc_distribution_mean(const struct apc_distribution *distribution)
+{
+    const double a = distribution->a, b = distribution->b;
+    double mean = 0.0, before = 0.0;
+
+    switch (distribution->kind) {
+    case APC_UNIFORM:
+        return a + (b - a) / 2.0;
+    case APC_GAMMA:
+        return a * b;
+    case APC_RECORDED:
+        for (size_t i = 0; i < distribution->n_shares; i++) {
+            const struct apc_share *s = &distribution->shares[i];
+
+            mean += (s->share - before) * (s->low + (s->high - s->low) / 2.0);
+            before = s->share;
+        }
+        return mean;
+    case APC_CONSTANT:
+    case APC_NORMAL:
+    case APC_EXPONENTIAL:
+        break;
+    }
+    return a;
+}
+
 /* ---- As text ------------------------------------------------------------------------------- */
 
 static const struct form {

@@ -2,6 +2,7 @@
 #include "run_internal.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 
 struct apc_law_setup cores_law_setup(const struct controller *c)
@@ -35,27 +36,55 @@ apc_ns cores_command_period(const struct experiment *e)
     return period;
 }
 
+#define DRAWS 1000 /* until one lies within a parameter's limits */
+
+int experiment_draw(const struct experiment *e, uint64_t seed, double *p, struct apc_error *why)
+{
+    const struct apc_model *m = e->plant.model;
+    struct apc_random random;
+    char name[APC_TAG_LEN + 32];
+
+    for (size_t i = 0; i < m->np; i++) {
+        const struct apc_distribution *spread = &e->plant.spread[i];
+        const struct apc_param *param = &m->param[i];
+        int draws = 0;
+        p[i] = e->plant.p[i];
+        if (!spread->kind)
+            continue;
+        snprintf(name, sizeof name, "plant.parameters.%.64s", param->name);
+        apc_random_init(&random, seed, name);
+        do
+            p[i] = apc_distribution_draw(spread, &random);
+        while (!(p[i] >= param->low && p[i] <= param->high) && ++draws < DRAWS);
+        if (draws == DRAWS)
+            return apc_fail(why, APC_ERANGE,
+                            "none of %d draws of the plant's parameter %s lay within its limits, %g to %g",
+                            DRAWS, param->name, param->low, param->high);
+    }
+    return 0;
+}
+
 int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc_plantserver **server,
                 struct apc_error *why)
 {
     struct apc_plant_options how = e->plant.options;
-    double *limits = calloc(5 * e->dim.nu, sizeof *limits), *initial;
+    double *limits, *initial, *p;
     bool runs = false; /* before the first command */
     int rc;
 
     *plant = NULL;
     *server = NULL;
-    if (!e->plant.model) {
-        free(limits);
+    if (!e->plant.model)
         return apc_fail(why, APC_EINVAL,
                         "%s: the plant is external, and the file names no \"model\" of it: "
                         "there is nothing to simulate",
                         e->file);
-    }
+    limits = calloc(5 * e->dim.nu + e->plant.model->np, sizeof *limits);
     if (!limits)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     cores_outputs(e, limits, limits + e->dim.nu, limits + 2 * e->dim.nu, limits + 3 * e->dim.nu);
     initial = limits + 4 * e->dim.nu;
+    p = initial + e->dim.nu;
     for (size_t i = 0; i < e->dim.nu; i++) {
         initial[i] = e->u[i].initial;
         runs |= initial[i] < e->u[i].safe || initial[i] > e->u[i].safe;
@@ -76,7 +105,9 @@ int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc
         .initial = runs ? initial : NULL,
     };
     how.integrator = e->plant.integrator[0] ? e->plant.integrator : NULL;
-    rc = apc_plant_create(plant, e->plant.model, e->plant.p, e->plant.x0, &how, why);
+    rc = experiment_draw(e, e->seed, p, why);
+    if (rc == 0)
+        rc = apc_plant_create(plant, e->plant.model, p, e->plant.x0, &how, why);
     options.plant = *plant;
     if (rc == 0)
         rc = apc_plantserver_create(server, &options, why);

@@ -163,9 +163,28 @@ static void read_address(struct settings *s, const config_setting_t *group, cons
                       APC_PORT, least > 0 ? ", or modbus:HOST:PORT" : "");
 }
 
-/* Names of a group of parameters are those of the law or the model; absent ones keep their initial value. */
+/* Text is a distribution, the value its mean. */
+static bool read_spread(struct settings *s, const config_setting_t *member, const struct apc_param *param,
+                        double *value, struct apc_distribution *spread)
+{
+    const char *text = config_setting_get_string(member);
+    struct apc_error why;
+
+    if (!text)
+        return false;
+    if (apc_distribution_parse(text, spread, &why) < 0)
+        settings_fail(s, member, "\"%s\": %s", param->name, why.text);
+    *value = s->failed ? *value : apc_distribution_mean(spread);
+    if (!(*value >= param->low && *value <= param->high))
+        settings_fail(s, member, "\"%s\" has a mean of %g: must be from %g to %g", param->name, *value,
+                      param->low, param->high);
+    return true;
+}
+
+/* Names of a group of parameters are those of the law or the model; absent ones keep their initial value.
+ * @spread NULL: all are plain numbers. */
 static void read_params(struct settings *s, const config_setting_t *group, const struct apc_param *params,
-                        size_t n, const char *owner, double *values)
+                        size_t n, const char *owner, double *values, struct apc_distribution *spread)
 {
     for (int i = 0; group && i < config_setting_length(group) && !s->failed; i++) {
         const config_setting_t *member = config_setting_get_elem(group, (unsigned)i);
@@ -180,9 +199,20 @@ static void read_params(struct settings *s, const config_setting_t *group, const
                           : n          ? ""
                                        : "; it has none at all",
                           nearest.name ? nearest.name : "", nearest.name ? "\"?" : "");
-        else
+        else if (!spread || !read_spread(s, member, &params[j], &values[j], &spread[j]))
             settings_number(s, group, name, REQUIRED, params[j].low, params[j].high, &values[j]);
     }
+}
+
+void experiment_read_believed(struct settings *s, const config_setting_t *group, const struct experiment *e,
+                              struct controller *c)
+{
+    const struct apc_model *m = e->plant.model;
+    c->believed = array(s, m->np, sizeof *c->believed);
+    for (size_t i = 0; c->believed && i < m->np; i++)
+        c->believed[i] = e->plant.p[i];
+    read_params(s, settings_group(s, group, "parameters", OPTIONAL), m->param, m->np, m->name, c->believed,
+                NULL);
 }
 
 void experiment_resolve(const struct settings *s, const char *name, char *path, size_t size)
@@ -248,11 +278,12 @@ static void read_model(struct settings *s, const config_setting_t *group, struct
         return;
     }
     e->plant.p = array(s, model->np, sizeof *e->plant.p);
+    e->plant.spread = array(s, model->np, sizeof *e->plant.spread);
     for (size_t i = 0; i < model->np && e->plant.p; i++)
         e->plant.p[i] = model->param[i].initial;
-    if (!chosen)
+    if (!chosen && !s->failed)
         read_params(s, settings_group(s, group, "parameters", OPTIONAL), model->param, model->np, model->name,
-                    e->plant.p);
+                    e->plant.p, e->plant.spread);
     const config_setting_t *x0 = config_setting_get_member(group, "x0");
     if (x0 && !chosen && (e->plant.x0 = array(s, model->nx, sizeof *e->plant.x0)))
         settings_numbers(s, x0, model->nx, e->plant.x0);
@@ -335,7 +366,7 @@ static void read_tuning_list(struct settings *s, const config_setting_t *group, 
         if (!config_setting_is_group(one))
             settings_fail(s, one, "expected a group: { Kp = 1.0; ... }");
         check_scopes(s, one, law, measured);
-        read_params(s, one, law->tuning, law->n_tuning, law->name, values);
+        read_params(s, one, law->tuning, law->n_tuning, law->name, values, NULL);
         for (size_t k = 0; k < apc_law_parameters(law, &c->dim); k++) {
             const struct apc_law_parameter at = apc_law_parameter_at(law, &c->dim, k);
             if (at.of == i && measured == (at.scope == APC_OF_MEASUREMENT))
@@ -390,7 +421,8 @@ static const char *const controller_settings[] = {CONTROLLER,  "name",    "shado
 bool experiment_knows_of_controller(const char *name)
 {
     const char *const *known = controller_settings;
-    while (*known && strcmp(*known, name) != 0)
+    const size_t n = strcspn(name, ".");
+    while (*known && (strncmp(*known, name, n) != 0 || (*known)[n]))
         known++;
     return *known;
 }
@@ -691,7 +723,11 @@ int experiment_load(struct experiment *e, const char *name, unsigned parts,
     int rc = record_read(&record, file, why);
     if (rc == 0)
         rc = settings_read(file, &text, why);
-    if (rc == 0)
+    if (rc == 0 && overrides && overrides->n_set > 0)
+        rc = experiment_parse_changed(
+            e, &(struct experiment_source){.file = file, .text = text, .record = &record}, parts, overrides,
+            why);
+    else if (rc == 0)
         rc = experiment_parse(e, &(struct experiment_source){.file = file, .text = text, .record = &record},
                               parts, overrides, why);
     free(text);
@@ -707,6 +743,7 @@ void experiment_free(struct experiment *e)
     free(e->u);
     free(e->client.points);
     free(e->plant.p);
+    free(e->plant.spread);
     free(e->plant.x0);
     free(e->plant.noise);
     free(e->plant.disturbance);

@@ -120,26 +120,26 @@ static void linearise(struct settings *s, const config_setting_t *at, const stru
         settings_numbers(s, u_setting, nu, u);
     if (s->failed)
         return;
-    int rc = apc_model_equilibrium(m, e->plant.p, u, x, &why);
+    int rc = apc_model_equilibrium(m, c->believed, u, x, &why);
     if (rc == 0)
-        rc = apc_model_linearize(m, e->plant.p, x, u, A, B_all, C, D_all, &why);
+        rc = apc_model_linearize(m, c->believed, x, u, A, B_all, C, D_all, &why);
     if (rc < 0) {
         settings_fail(s, at, "%s", why.text);
         return;
     }
-    m->g(0, x, u, e->plant.p, y);
+    m->g(0, x, u, c->believed, y);
     for (size_t i = 0; i < nx; i++) /* without the columns of the disturbances */
         memcpy(B + i * nu, B_all + i * all, nu * sizeof *B);
     for (size_t i = 0; i < ny; i++)
         memcpy(D + i * nu, D_all + i * all, nu * sizeof *D);
     c->plant = (struct apc_law_plant){
-        .nx = nx, .A = A, .B = B, .C = C, .D = D, .x0 = x, .u0 = u, .y0 = y, .model = m, .p = e->plant.p};
+        .nx = nx, .A = A, .B = B, .C = C, .D = D, .x0 = x, .u0 = u, .y0 = y, .model = m, .p = c->believed};
 }
 
 static void read_operating_point(struct settings *s, const config_setting_t *group,
                                  const struct experiment *e, struct controller *c)
 {
-    static const char *const known[] = {"x", "u", NULL};
+    static const char *const known[] = {"x", "u", "parameters", NULL};
     const config_setting_t *at = settings_group(s, group, "operating_point", OPTIONAL);
 
     if (!at)
@@ -151,6 +151,8 @@ static void read_operating_point(struct settings *s, const config_setting_t *gro
             "\"operating_point\": the plant's linear model is of all its measurements and outputs, in "
             "their order, which controller %s has not",
             c->name);
+    if (!s->failed)
+        experiment_read_believed(s, at, e, c);
     if (!s->failed)
         linearise(s, at, e, c);
 }
@@ -247,6 +249,7 @@ void experiment_free_law(struct controller *c)
     free(c->setting);
     free(c->values);
     free(c->linear);
+    free(c->believed);
     apc_linear_destroy(c->sampled);
     apc_plugin_close(c->law_handle);
 }

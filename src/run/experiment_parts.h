@@ -31,6 +31,9 @@ bool experiment_wants_model(const config_setting_t *controller);
  * not apply. */
 void experiment_read_law(struct settings *s, const config_setting_t *group, const struct experiment *e,
                          struct controller *c);
+/* c->believed: the plant's nominal parameters, but for those of group `parameters` of an operating point. */
+void experiment_read_believed(struct settings *s, const config_setting_t *group, const struct experiment *e,
+                              struct controller *c);
 void experiment_free_law(struct controller *c); /* and its tuning and plug-in */
 /* A path in the file means: from where the file is. */
 void experiment_resolve(const struct settings *s, const char *name, char *path, size_t size);
@@ -53,7 +56,7 @@ void experiment_number(struct settings *s, const config_setting_t *list, struct 
 size_t experiment_read_columns(struct settings *s, const config_setting_t *group, const struct experiment *e,
                                struct wire **columns);
 
-/* Is it a setting of a controller, and no parameter of its law? */
+/* Does the path begin with a setting of a controller, and no parameter of its law? */
 bool experiment_knows_of_controller(const char *name);
 
 /*
@@ -64,6 +67,13 @@ bool experiment_knows_of_controller(const char *name);
  */
 int experiment_change(const char *text, const char *path, const char *value, char **changed,
                       struct apc_error *why);
+
+/* As experiment_parse() with the settings of @overrides, which hold over those of the text and of the record.
+ */
+int experiment_parse_changed(struct experiment *e, const struct experiment_source *from, unsigned parts,
+                             const struct experiment_overrides *overrides, struct apc_error *why);
+/* What is said anew is no longer what is on record. */
+void experiment_forget(struct record *record, const char *path);
 
 /* What an operator is to do, of the file's root; after all else. */
 void experiment_read_actions(struct settings *s, const config_setting_t *root, struct experiment *e);

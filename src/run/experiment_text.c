@@ -3,17 +3,33 @@
  * An experiment file with one setting changed: the text is parsed, and written anew with another value in one
  * place. Then it is read as any other, so that a change can do nothing that a file could not say.
  */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "experiment_parts.h"
+#include "nearest.h"
+
+#define NAME_LEN 64
 
 /* Where the new value goes: instead of a setting that is there, or as a new member of a group. */
 struct place {
     const config_setting_t *at, *in;
-    char name[64], *value; /* of the new member; value: as it stands in a file, to be freed */
+    char name[NAME_LEN], *value;        /* of the new member; value: as it stands in a file, to be freed */
+    const config_setting_t *among;      /* where there is no such setting: among these, */
+    const char *lost;                   /* what begins the rest of the path names none */
+    const config_setting_t *controller; /* whose @parameter it is, of output number @output */
+    const char *parameter;
+    size_t output;
 };
+
+static int lose(struct place *place, const config_setting_t *among, const char *path)
+{
+    place->among = among;
+    place->lost = path;
+    return APC_ENOTFOUND;
+}
 
 /* ---- Writing ------------------------------------------------------------------------------- */
 
@@ -30,9 +46,15 @@ static void put_quoted(FILE *out, const char *text)
     fputc('"', out);
 }
 
-static void put_scalar(FILE *out, const config_setting_t *at)
+static void put_float(FILE *out, double value)
 {
     char number[SETTINGS_NUMBER];
+    settings_format(value, number);
+    fprintf(out, "%s%s", number, strpbrk(number, ".en") ? "" : ".0");
+}
+
+static void put_scalar(FILE *out, const config_setting_t *at)
+{
     switch (config_setting_type(at)) {
     case CONFIG_TYPE_INT:
         fprintf(out, "%d", config_setting_get_int(at));
@@ -41,8 +63,7 @@ static void put_scalar(FILE *out, const config_setting_t *at)
         fprintf(out, "%lldL", config_setting_get_int64(at));
         break;
     case CONFIG_TYPE_FLOAT:
-        settings_format(config_setting_get_float(at), number);
-        fprintf(out, "%s%s", number, strpbrk(number, ".en") ? "" : ".0");
+        put_float(out, config_setting_get_float(at));
         break;
     case CONFIG_TYPE_BOOL:
         fputs(config_setting_get_bool(at) ? "true" : "false", out);
@@ -173,6 +194,13 @@ static int new_tuning(struct place *place, const config_setting_t *controller, i
     return 0;
 }
 
+/* What a setting may be called. */
+static bool is_word(const char *name)
+{
+    const size_t n = strspn(name, "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-*");
+    return n > 0 && !name[n] && n < NAME_LEN;
+}
+
 /* OUTPUT.PARAMETER or, where there is one output only, PARAMETER. */
 static int find_tuning(struct place *place, const config_setting_t *controller, const char *path)
 {
@@ -182,18 +210,44 @@ static int find_tuning(struct place *place, const config_setting_t *controller, 
         outputs = config_setting_lookup(config_setting_parent(controller), "outputs");
     const int n = outputs && config_setting_is_aggregate(outputs) ? config_setting_length(outputs) : 0;
     int which = n > 0 ? element_of(outputs, path, &path) : -1;
-    if (which < 0 && n == 1)
+    const bool named = which >= 0;
+    if (n == 1)
         which = 0;
-    if (which < 0 || !*path || strchr(path, '.') || strlen(path) >= sizeof place->name)
-        return APC_ENOTFOUND;
+    if (which < 0 || !is_word(path))
+        return lose(place, named ? NULL : outputs, path);
+    place->controller = controller;
+    place->parameter = path;
+    place->output = (size_t)which;
     if (!tuning)
         return new_tuning(place, controller, which, n, path);
     const config_setting_t *group = config_setting_get_elem(tuning, (unsigned)which);
     if (!group || !config_setting_is_group(group))
-        return APC_ENOTFOUND;
+        return lose(place, NULL, path);
     place->at = config_setting_get_member(group, path);
     place->in = place->at ? NULL : group;
     snprintf(place->name, sizeof place->name, "%s", path);
+    return 0;
+}
+
+/* The groups on the way to a new member that are not there either: "parameters.K" is { K = VALUE; }. */
+static int new_member(struct place *place, const config_setting_t *in, const char *path)
+{
+    const size_t n = strcspn(path, ".");
+    char *value = NULL, first[sizeof place->name];
+    snprintf(first, sizeof first, "%.*s", (int)n, path);
+    if (!is_word(first) || n >= sizeof first)
+        return lose(place, in, path);
+    if (path[n]) {
+        int rc = new_member(place, in, path + n + 1);
+        if (rc < 0)
+            return rc == APC_ENOMEM ? rc : lose(place, in, path);
+        if (asprintf(&value, "{ %s = %s; }", place->name, place->value) < 0)
+            return APC_ENOMEM;
+        free(place->value);
+        place->value = value;
+    }
+    place->in = in;
+    snprintf(place->name, sizeof place->name, "%s", first);
     return 0;
 }
 
@@ -224,17 +278,14 @@ static int find(struct place *place, const config_setting_t *root, const char *p
     }
     if (!*path) {
         place->at = at;
-        return at == root ? APC_ENOTFOUND : 0;
+        return at == root ? lose(place, root, path) : 0;
     }
-    if (!config_setting_is_group(at))
-        return APC_ENOTFOUND;
+    const bool of_controllers = at == root && !strncmp(path, "controller", 10); /* naming one makes none */
+    if (!config_setting_is_group(at) || of_controllers)
+        return lose(place, at, path);
     if (is_controller(at) && !experiment_knows_of_controller(path))
         return find_tuning(place, at, path);
-    if (strchr(path, '.') || strlen(path) >= sizeof place->name)
-        return APC_ENOTFOUND;
-    place->in = at;
-    snprintf(place->name, sizeof place->name, "%s", path);
-    return 0;
+    return new_member(place, at, path);
 }
 
 /* ---- The value ----------------------------------------------------------------------------- */
@@ -244,6 +295,7 @@ static int find(struct place *place, const config_setting_t *root, const char *p
 static char *value_of(const char *value, const config_setting_t *was)
 {
     char *line = NULL, *written = NULL;
+    double number;
     size_t size = 0;
     config_t trial;
     FILE *out = open_memstream(&written, &size);
@@ -251,13 +303,18 @@ static char *value_of(const char *value, const config_setting_t *was)
         line = NULL;
         goto out;
     }
+    const bool of_text =
+        was && config_setting_type(was) == CONFIG_TYPE_STRING &&
+        !strchr(config_setting_get_string(was), '('); /* a distribution may become a number */
     bool good = settings_parse(&trial, "", line, NULL) == 0 &&
                 config_setting_length(config_root_setting(&trial)) == 1;
     const config_setting_t *is = good ? config_lookup(&trial, "value") : NULL;
-    if (is && was && config_setting_type(was) == CONFIG_TYPE_STRING)
+    if (is && of_text)
         good = config_setting_type(is) == CONFIG_TYPE_STRING || config_setting_is_group(is);
     if (good && is)
         put(out, is, &(struct place){.at = NULL});
+    else if (!of_text && apc_number_parse(value, &number) == 0) /* beyond 32 bits */
+        put_float(out, number);
     else
         put_quoted(out, value);
     config_destroy(&trial);
@@ -270,7 +327,41 @@ out:
     return written;
 }
 
-static int change(const config_t *config, const char *path, const char *value, char **changed)
+/* ---- Where a path leads nowhere ------------------------------------------------------------- */
+
+static const char *name_of(const config_setting_t *in, int i)
+{
+    const config_setting_t *at = config_setting_get_elem(in, (unsigned)i);
+    return config_setting_is_group(in) ? config_setting_name(at) : name_in(at);
+}
+
+static void tell(const struct place *place, const char *path, struct apc_error *why)
+{
+    const config_setting_t *in = place->among;
+    const int before = (int)(place->lost - path),
+              n = in && config_setting_is_aggregate(in) ? config_setting_length(in) : 0;
+    char wanted[64], names[200] = "";
+    struct nearest nearest = {.wanted = wanted};
+    size_t used = 0;
+    snprintf(wanted, sizeof wanted, "%.*s", (int)strcspn(place->lost, "."), place->lost);
+    for (int i = 0; i < n; i++) {
+        const char *name = name_of(in, i);
+        if (name && used < sizeof names)
+            used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", used ? ", " : "; there are ",
+                                     name);
+        if (name)
+            nearest_look(&nearest, name);
+    }
+    if (n > 0 && !used)
+        snprintf(names, sizeof names, "; there are [0] to [%d]", n - 1);
+    apc_fail(why, APC_ENOTFOUND, "%s: there is no \"%s\" in %.*s%s%s%s%s", *path ? path : "\"\"", wanted,
+             before > 1 ? before - 1 : (int)strlen("the file"), before > 1 ? path : "the file", names,
+             nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
+             nearest.name ? "\"?" : "");
+}
+
+static int change(const config_t *config, const char *path, const char *value, char **changed,
+                  struct apc_error *why)
 {
     const config_setting_t *root = config_root_setting(config);
     struct place place = {.value = strdup("")};
@@ -279,8 +370,7 @@ static int change(const config_t *config, const char *path, const char *value, c
 
     if (rc == 0) { /* now it is known what was there */
         free(place.value);
-        place.value = value_of(value, place.at);
-        place.at = place.in = NULL;
+        place = (struct place){.value = value_of(value, place.at)};
         rc = place.value ? find(&place, root, path) : APC_ENOMEM;
     }
     FILE *out = rc == 0 ? open_memstream(changed, &size) : NULL;
@@ -289,7 +379,9 @@ static int change(const config_t *config, const char *path, const char *value, c
     if (rc == 0 && (!out || fclose(out) != 0))
         rc = APC_ENOMEM;
     free(place.value);
-    return rc;
+    if (rc == APC_ENOTFOUND)
+        tell(&place, path, why);
+    return rc == APC_ENOMEM ? apc_fail(why, rc, "out of memory") : rc;
 }
 
 int experiment_change(const char *text, const char *path, const char *value, char **changed,
@@ -298,10 +390,80 @@ int experiment_change(const char *text, const char *path, const char *value, cha
     config_t config;
     *changed = NULL;
     int rc = settings_parse(&config, path, text, why);
-    if (rc == 0 && (rc = change(&config, path, value, changed)) < 0)
-        apc_fail(why, rc,
-                 rc == APC_ENOMEM ? "out of memory" : "%s: there is no such setting in this experiment",
-                 path);
+    if (rc == 0)
+        rc = change(&config, path, value, changed, why);
+    config_destroy(&config);
+    return rc;
+}
+
+/* ---- The number that is there --------------------------------------------------------------- */
+
+static int number_there(const config_setting_t *at, const char *path, double *value, struct apc_error *why)
+{
+    struct apc_distribution spread;
+    const char *text = config_setting_get_string(at);
+    switch (config_setting_type(at)) {
+    case CONFIG_TYPE_INT:
+    case CONFIG_TYPE_INT64:
+        *value = (double)config_setting_get_int64(at);
+        return 0;
+    case CONFIG_TYPE_FLOAT:
+        *value = config_setting_get_float(at);
+        return 0;
+    case CONFIG_TYPE_STRING:
+        if (strchr(text, '(') && apc_distribution_parse(text, &spread, NULL) == 0) {
+            *value = apc_distribution_mean(&spread);
+            return 0;
+        }
+        return apc_fail(why, APC_EINVAL, "%s is text, \"%s\": only a number goes from one value to another",
+                        path, text);
+    default:
+        return apc_fail(why, APC_EINVAL, "%s is no number", path);
+    }
+}
+
+/* What the law's parameter is where the file does not say. */
+static double number_of_law(const struct experiment *e, const struct place *place)
+{
+    const config_setting_t *parent = config_setting_parent(place->controller);
+    const struct controller *c =
+        &e->controllers[config_setting_is_list(parent) ? config_setting_index(place->controller) : 0];
+    const size_t n = c->law ? apc_law_parameters(c->law, &c->dim) : 0;
+    for (size_t k = 0; k < n; k++) {
+        const struct apc_law_parameter p = apc_law_parameter_at(c->law, &c->dim, k);
+        if (p.scope != APC_OF_MEASUREMENT && !strcmp(c->law->tuning[p.number].name, place->parameter) &&
+            (p.scope == APC_OF_LAW || p.of == place->output))
+            return c->tuning[k];
+    }
+    return (double)NAN;
+}
+
+static double number_of_model(const struct experiment *e, const char *name)
+{
+    for (size_t i = 0; e->plant.model && i < e->plant.model->np; i++)
+        if (!strcmp(e->plant.model->param[i].name, name))
+            return e->plant.p[i];
+    return (double)NAN;
+}
+
+int experiment_value(const struct experiment *e, const char *path, double *value, struct apc_error *why)
+{
+    static const char of_model[] = "plant.parameters.";
+    config_t config;
+    *value = (double)NAN;
+    int rc = settings_parse(&config, path, e->text, why);
+    struct place place = {.value = strdup("")};
+    if (rc == 0 && !place.value)
+        rc = apc_fail(why, APC_ENOMEM, "out of memory");
+    if (rc == 0 && (rc = find(&place, config_root_setting(&config), path)) == APC_ENOTFOUND)
+        tell(&place, path, why);
+    if (rc == 0 && place.at)
+        rc = number_there(place.at, path, value, why);
+    else if (rc == 0 && place.controller)
+        *value = number_of_law(e, &place);
+    else if (rc == 0 && !strncmp(path, of_model, sizeof of_model - 1))
+        *value = number_of_model(e, path + sizeof of_model - 1);
+    free(place.value);
     config_destroy(&config);
     return rc;
 }

@@ -95,19 +95,6 @@ void apc_experiment_destroy(struct apc_experiment *e)
     free(e);
 }
 
-/* What is said anew is no longer what is on record. */
-static void forget(struct record *record, const char *path)
-{
-    if (!strcmp(path, "duration"))
-        record->duration = (double)NAN;
-    else if (!strcmp(path, "seed"))
-        record->file_seed = true;
-    else if (!strcmp(path, "controller.law"))
-        record->n_laws = 0;
-    else if (!strcmp(path, "plant.model"))
-        record->model = (struct record_plugin){.chosen = false};
-}
-
 int apc_experiment_set(struct apc_experiment *e, const char *path, const char *value, struct apc_error *why)
 {
     char *text, said[200];
@@ -116,7 +103,7 @@ int apc_experiment_set(struct apc_experiment *e, const char *path, const char *v
     int rc = experiment_change(e->text, path, value, &text, why);
     if (rc < 0)
         return rc;
-    forget(&record, path);
+    experiment_forget(&record, path);
     snprintf(said, sizeof said, "%.120s = %.70s", path, value);
     rc = read_experiment(
         &changed,

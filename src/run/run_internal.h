@@ -107,6 +107,7 @@ struct controller {
     size_t n_setting;
     double *values;                   /* memory of the settings */
     double *linear;                   /* memory of plant; NULL: no operating point is given */
+    double *believed;                 /* [model->np] what its law takes for the plant's parameters */
     char model_file[EXPERIMENT_PATH]; /* "": none */
     struct apc_linear *sampled;       /* from it, or from the controller's group */
     struct apc_law_plant plant;
@@ -147,7 +148,8 @@ struct experiment {
         char name[256];       /* of the model, in the file */
         struct plugin plugin;
         const struct apc_model *model;
-        double *p, *x0; /* [model->np]; [model->nx] or NULL */
+        double *p, *x0;                  /* [model->np]; [model->nx] or NULL */
+        struct apc_distribution *spread; /* [model->np] of p, which is its mean; kind 0: p is what it is */
         char listen[128];
         char integrator[16];
         struct apc_plant_options options; /* but for the integrator, which is above */
@@ -190,6 +192,13 @@ enum experiment_parts { EXPERIMENT_MODEL = 1, EXPERIMENT_LAW = 2 };
  * whose it is: "base=./my.so". */
 struct experiment_overrides {
     const char *law, *model;
+    const struct experiment_setting *set; /* [n_set] one after another */
+    size_t n_set;
+};
+
+/* As apc_experiment_set() takes it. */
+struct experiment_setting {
+    const char *path, *value;
 };
 
 /*
@@ -199,6 +208,16 @@ struct experiment_overrides {
 int experiment_load(struct experiment *e, const char *file, unsigned parts,
                     const struct experiment_overrides *overrides, struct apc_error *why);
 void experiment_free(struct experiment *e);
+
+/*
+ * The number that a path leads to, of a distribution its mean; where the file does not say it the law's own,
+ * or NAN: nobody knows. Returns 0, APC_ENOTFOUND (no such setting), APC_EINVAL (it is no number), APC_ENOMEM.
+ */
+int experiment_value(const struct experiment *e, const char *path, double *value, struct apc_error *why);
+
+/* The plant's parameters in the run of @p seed, p [model->np]: where the file gives a distribution, a draw
+ * within the parameter's limits. Returns 0, or APC_ERANGE: none lies there. */
+int experiment_draw(const struct experiment *e, uint64_t seed, double *p, struct apc_error *why);
 
 /* The file of an experiment: of a run folder its run.conf. */
 void experiment_path(const char *name, char path[EXPERIMENT_PATH]);

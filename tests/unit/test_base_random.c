@@ -101,6 +101,7 @@ static void draws_have_the_moments_of_their_distribution(void **state)
         assert_near(m.skewness, cases[i].skewness, 0.1);
         assert_true(m.low >= cases[i].low);
         assert_true(apc_distribution_low(&d) == cases[i].low);
+        assert_near(apc_distribution_mean(&d), cases[i].mean, 0);
     }
 }
 
@@ -121,6 +122,7 @@ static void recorded_draws_follow_their_histogram(void **state)
     assert_near((double)in[0] / N, 0.25, 0.005);
     assert_near((double)in[1] / N, 0.50, 0.005);
     assert_true(apc_distribution_low(&d) == 0);
+    assert_near(apc_distribution_mean(&d), 0.25 * 0.5 + 0.5 * 2 + 0.25 * 5, 0);
 }
 
 /* Recorded runs are made again from their seed, on any machine and by any later version. */

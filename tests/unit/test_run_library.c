@@ -128,6 +128,12 @@ static void a_setting_is_changed_by_its_path(void **state)
                   {"plant.parameters", "{ tau = 5.0; }", "parameters = { tau = 5.0; }"},
                   {"plant.parameters.K", "3.0", "{ tau = 5.0; K = 3.0; }"},
                   {"network", "{ loss = 0.1; }", "network = { loss = 0.1; }"},
+                  {"plant.noise.x", "0.5", "noise = { x = 0.5; }"}, /* groups that are not there are made */
+                  {"controller.limits.Kp", "[0.0, 1.0]", "limits = { Kp = [0.0, 1.0]; }"},
+                  {"plant.atol", "3000000000000", "atol = 3000000000000.0"},
+                  {"plant.atol", "1e-9", "atol = 1e-09"},
+                  {"plant.parameters.K", "normal(3, 0.1)", "K = \"normal(3, 0.1)\""},
+                  {"plant.parameters.K", "3.5", "K = 3.5"}, /* a distribution is no text that stays one */
                   {"actions", "({ at = 1.0; set = \"r\"; value = 3.0; })",
                    "actions = ({ at = 1.0; set = \"r\"; value = 3.0; })"}};
     struct apc_experiment *e = load("");
@@ -172,7 +178,15 @@ static void a_controller_of_several_is_changed_by_name(void **state)
     assert_non_null(strstr(is, "tuning = ({ }, { Kp = 2.5; })"));
     assert_non_null(strstr(is, "outputs = [\"r2\"]; tuning = ({ Kp = 0.5; }); hold = 9; }"));
     assert_int_equal(apc_experiment_set(e, "controllers.upper.r1.Kp", "1", &why), APC_ENOTFOUND);
+    assert_string_equal(why.text,
+                        "controllers.upper.r1.Kp: there is no \"r1\" in controllers.upper; there are "
+                        "r2: did you mean \"r2\"?");
     assert_int_equal(apc_experiment_set(e, "controllers.lower.Kp", "1", &why), APC_ENOTFOUND);
+    assert_string_equal(why.text,
+                        "controllers.lower.Kp: there is no \"lower\" in controllers; there are base, upper");
+    assert_int_equal(apc_experiment_set(e, "controllers.base.Kp", "1", &why), APC_ENOTFOUND);
+    assert_string_equal(why.text,
+                        "controllers.base.Kp: there is no \"Kp\" in controllers.base; there are v1, v2");
     assert_int_equal(apc_experiment_set(e, "controllers.upper.outputs.[0]", "v1", &why), APC_EINVAL);
     assert_string_equal(
         why.text,
@@ -188,12 +202,24 @@ static void what_cannot_be_changed_leaves_all_as_it_was(void **state)
         const char *path, *value;
         int rc;
         const char *reason;
-    } mistake[] = {{"", "1", APC_ENOTFOUND, "there is no such setting"},
-                   {"nothing.at.all", "1", APC_ENOTFOUND, "nothing.at.all: there is no such setting"},
-                   {"measurements.z.noise", "1", APC_ENOTFOUND, "there is no such setting"},
-                   {"measurements.[1].noise", "1", APC_ENOTFOUND, "there is no such setting"},
-                   {"controller.v.Kp", "1", APC_ENOTFOUND, "there is no such setting"},
-                   {"duration.x", "1", APC_ENOTFOUND, "there is no such setting"},
+    } mistake[] = {{"", "1", APC_ENOTFOUND, "\"\": there is no \"\" in the file; there are name, "},
+                   {"nothing.at.all", "1", APC_EINVAL, "unknown setting \"nothing\" in the file"},
+                   {"plnat.period", "1", APC_EINVAL, "did you mean \"plant\"?"},
+                   {"plant.paramters.K", "1", APC_EINVAL, "did you mean \"parameters\"?"},
+                   {"plant.bad name.K", "1", APC_ENOTFOUND, "there is no \"bad name\" in plant"},
+                   {"plant..K", "1", APC_ENOTFOUND, "there is no \"\" in plant"},
+                   {"controllers.base.Kp", "1", APC_ENOTFOUND,
+                    "there is no \"controllers\" in the file; there are name, duration, measurements, "
+                    "setpoints, outputs, plant, client, controller, scheduler: did you mean \"controller\"?"},
+                   {"measurements.z.noise", "1", APC_ENOTFOUND,
+                    "measurements.z.noise: there is no \"z\" in measurements; there are y"},
+                   {"measurements.[1].noise", "1", APC_ENOTFOUND, "there is no \"[1]\" in measurements"},
+                   {"scheduler.sequence.[7]", "1", APC_ENOTFOUND,
+                    "there is no \"[7]\" in scheduler.sequence; there are [0] to [3]"},
+                   {"controller.v.Kp", "1", APC_ENOTFOUND, "there is no \"v\" in controller"},
+                   {"duration.x", "1", APC_ENOTFOUND, "duration.x: there is no \"x\" in duration"},
+                   {"plant.parameters.K", "normal(3", APC_EINVAL, "expected normal(mean, sd)"},
+                   {"plant.parameters.tau", "normal(-5, 1)", APC_EINVAL, "\"tau\" has a mean of -5: must be"},
                    {"duration", "-1", APC_EINVAL, "duration = -1: \"duration\" is -1: must be from 0"},
                    {"duration", "long", APC_EINVAL, "must be a finite number"},
                    {"duration", "1; seed = 2", APC_EINVAL, "must be a finite number"},

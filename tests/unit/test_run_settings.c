@@ -1,0 +1,250 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Settings over those of the file; plants whose parameters are drawn; what a law believes of them. */
+#include "check.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "run/run_internal.h"
+#include "run/simulation.h"
+#include "scratch.h"
+
+static const char world[] =
+    "name = \"world\"; duration = 12.0; seed = 5;\n"
+    "measurements = ( { name = \"y1\"; }, { name = \"y2\"; } );\n"
+    "setpoints = ( { name = \"r1\"; initial = 6.2; }, { name = \"r2\"; initial = 6.3; } );\n"
+    "outputs = ( { name = \"v1\"; low = 0.0; high = 10.0; }, { name = \"v2\"; low = 0.0; high = 10.0; } );\n"
+    "plant = { model = \"quadruple-tank\"; period = 0.5; };\n"
+    "client = { period = 0.5; };\n"
+    "controllers = ( { name = \"base\"; law = \"lqg\"; period = 2.0; measurements = [\"y1\", \"y2\"];\n"
+    "  setpoints = [\"r1\", \"r2\"]; outputs = [\"v1\", \"v2\"]; operating_point = { u = [3.0, 3.0]; };\n"
+    "  tuning = ( { u_max = 10.0; }, { u_max = 9.0; } ); } );\n";
+
+static struct apc_error why;
+
+static int try_set(struct experiment *e, const struct experiment_setting *set, size_t n)
+{
+    const struct experiment_overrides overrides = {.set = set, .n_set = n};
+    scratch_write("world.conf", world);
+    return experiment_load(e, scratch_path("world.conf"), EXPERIMENT_MODEL | EXPERIMENT_LAW, &overrides,
+                           &why);
+}
+
+static void load(struct experiment *e, const struct experiment_setting *set, size_t n)
+{
+    if (try_set(e, set, n) < 0)
+        fail_msg("%s", why.text);
+}
+
+/* Place of a parameter of the model. */
+static size_t at(const struct experiment *e, const char *name)
+{
+    size_t i = 0;
+    while (strcmp(e->plant.model->param[i].name, name) != 0)
+        i++;
+    return i;
+}
+
+static void later_settings_hold_over_former_ones_and_over_the_file(void **state)
+{
+    static const struct experiment_setting set[] = {{"duration", "7"},
+                                                    {"plant.parameters.A1", "30"},
+                                                    {"controllers.base.v2.u_max", "8"},
+                                                    {"duration", "9"}};
+    struct experiment e;
+    double value;
+    (void)state;
+    load(&e, set, 4);
+    assert_near(e.duration, 9, 0);
+    assert_near(e.plant.p[at(&e, "A1")], 30, 0);
+    assert_int_equal(experiment_value(&e, "controllers.base.v2.u_max", &value, &why), 0);
+    assert_near(value, 8, 0);
+    assert_non_null(strstr(e.text, "parameters = { A1 = 30; }")); /* what a run folder keeps */
+    experiment_free(&e);
+}
+
+static void what_is_wrong_is_said_of_what_was_set_or_of_the_file(void **state)
+{
+    static const struct experiment_setting high[] = {{"plant.parameters.A1", "30"},
+                                                     {"controllers.base.period", "-1"}},
+                                           unknown[] = {{"controllers.bsae.period", "1"}},
+                                           good[] = {{"seed", "3"}};
+    struct experiment e;
+    (void)state;
+    assert_int_equal(try_set(&e, high, 2), APC_EINVAL);
+    assert_has(why.text, "plant.parameters.A1 = 30, controllers.base.period = -1: \"period\" of ");
+    assert_int_equal(try_set(&e, unknown, 1), APC_ENOTFOUND);
+    assert_has(why.text, "did you mean \"base\"?");
+    const struct experiment_overrides overrides = {.set = good, .n_set = 1};
+    scratch_write("broken.conf", "name = \"broken\";\nname2 = 1;\n");
+    assert_int_equal(
+        experiment_load(&e, scratch_path("broken.conf"), EXPERIMENT_MODEL | EXPERIMENT_LAW, &overrides, &why),
+        APC_EINVAL);
+    assert_has(why.text, "broken.conf:2: unknown setting \"name2\"");
+}
+
+static void a_setting_of_a_law_or_model_that_is_not_there_is_refused(void **state)
+{
+    static const struct {
+        const char *path;
+        bool refused;
+    } of[] = {{"controllers.base.v1.u_max", true},
+              {"controllers.base.settings.q", true},
+              {"controllers.[0].tuning.[0].u_max", true},
+              {"controllers.base.period", false},
+              {"controllers.base.hold", false},
+              {"plant.parameters.A1", true},
+              {"plant.noise.h1", true},
+              {"plant.period", false}};
+    const struct experiment_overrides pi = {.law = "base=pi"},
+                                      tanks = {.law = "base=pi", .model = "quadruple-tank"};
+    struct experiment e;
+    (void)state;
+    scratch_write("world.conf", world);
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        const struct experiment_setting set = {of[i].path,
+                                               strstr(of[i].path, "settings") ? "[1.0, 1.0]" : "1"};
+        struct experiment_overrides overrides = strncmp(of[i].path, "plant", 5) ? pi : tanks;
+        overrides.set = &set;
+        overrides.n_set = 1;
+        int rc = experiment_load(&e, scratch_path("world.conf"), EXPERIMENT_MODEL | EXPERIMENT_LAW,
+                                 &overrides, &why);
+        if ((rc < 0) != of[i].refused)
+            fail_msg("%s: %d, %s", of[i].path, rc, why.text);
+        if (of[i].refused)
+            assert_has(why.text, "another one was chosen, which has its own");
+        experiment_free(&e);
+    }
+}
+
+static void a_parameter_is_drawn_for_each_seed_and_the_law_has_its_mean(void **state)
+{
+    static const struct experiment_setting set[] = {{"plant.parameters.A1", "normal(30, 2)"},
+                                                    {"plant.parameters.A2", "uniform(20, 30)"}};
+    struct experiment e;
+    double p[32], again[32], mean = 0, square = 0;
+    (void)state;
+    load(&e, set, 2);
+    const size_t a1 = at(&e, "A1"), a2 = at(&e, "A2"), a3 = at(&e, "A3"), np = e.plant.model->np;
+    assert_true(np <= 32);
+    assert_near(e.plant.p[a1], 30, 0);
+    assert_near(e.plant.p[a2], 25, 0);
+    assert_near(e.controllers->plant.p[a1], 30, 0);
+    for (unsigned seed = 1; seed <= 1000; seed++) {
+        assert_int_equal(experiment_draw(&e, seed, p, &why), 0);
+        assert_int_equal(experiment_draw(&e, seed, again, &why), 0);
+        assert_memory_equal(p, again, np * sizeof *p);
+        assert_near(p[a3], e.plant.p[a3], 0);
+        assert_true(p[a2] >= 20 && p[a2] <= 30);
+        mean += p[a1] / 1000;
+        square += (p[a1] - 30) * (p[a1] - 30) / 1000;
+    }
+    assert_near(mean, 30, 0.2);
+    assert_near(square, 4, 0.6);
+    experiment_free(&e);
+}
+
+/* Of a simulation: the level that only the plant's own parameters say. */
+static double level(const struct experiment *e, uint64_t seed)
+{
+    struct simulation s;
+    if (simulation_create(&s, e, seed, &why) < 0 || simulation_run(&s, e->duration) < 0)
+        fail_msg("%s", why.text);
+    struct apc_sample newest = {.table = APC_SENSOR, .id = 1};
+    assert_true(apc_store_read(s.store, &newest, 1) >= 0);
+    simulation_destroy(&s);
+    return newest.value;
+}
+
+static void the_plant_runs_with_what_was_drawn(void **state)
+{
+    struct experiment e;
+    double p[32];
+    char value[40];
+    (void)state;
+    load(&e, &(struct experiment_setting){"plant.parameters.A1", "normal(30, 2)"}, 1);
+    const double drawn = level(&e, 8), other = level(&e, 9);
+    assert_int_equal(experiment_draw(&e, 8, p, &why), 0);
+    snprintf(value, sizeof value, "%.17g", p[at(&e, "A1")]);
+    experiment_free(&e);
+    assert_true(drawn != other);
+    /* the same plant, told of by its number, under a controller that believes the mean */
+    const struct experiment_setting told[] = {{"plant.parameters.A1", value},
+                                              {"controllers.base.operating_point.parameters.A1", "30.0"}};
+    load(&e, told, 2);
+    assert_near(level(&e, 8), drawn, 0);
+    experiment_free(&e);
+    load(&e, told, 1); /* its controller knows it: that is another loop */
+    assert_true(level(&e, 8) != drawn);
+    experiment_free(&e);
+}
+
+static void a_draw_keeps_to_the_parameter_s_limits_or_is_refused(void **state)
+{
+    struct experiment e;
+    double p[32];
+    (void)state;
+    load(&e, &(struct experiment_setting){"plant.parameters.A1", "normal(1, 5)"}, 1);
+    const struct apc_param *param = &e.plant.model->param[at(&e, "A1")];
+    for (unsigned seed = 1; seed <= 200; seed++) {
+        assert_int_equal(experiment_draw(&e, seed, p, &why), 0);
+        assert_true(p[at(&e, "A1")] >= param->low && p[at(&e, "A1")] <= param->high);
+    }
+    e.plant.spread[at(&e, "A1")] = (struct apc_distribution){.kind = APC_UNIFORM, .a = -5, .b = -4};
+    assert_int_equal(experiment_draw(&e, 1, p, &why), APC_ERANGE);
+    assert_has(why.text, "none of 1000 draws of the plant's parameter A1 lay within its limits");
+    struct simulation s;
+    assert_int_equal(simulation_create(&s, &e, 1, &why), APC_ERANGE);
+    simulation_destroy(&s);
+    experiment_free(&e);
+}
+
+static void the_number_that_is_there_is_told(void **state)
+{
+    static const struct {
+        const char *path;
+        double value;
+    } number[] = {{"duration", 12},
+                  {"controllers.base.period", 2},
+                  {"controllers.base.v2.u_max", 9},
+                  {"controllers.base.v1.tau_b", 10},
+                  {"controllers.base.operating_point.u.[1]", 3},
+                  {"plant.parameters.A1", 28},
+                  {"plant.parameters.A2", 25}};
+    static const struct {
+        const char *path, *reason;
+    } none[] = {{"name", "name is text, \"world\": only a number goes"},
+                {"plant", "plant is no number"},
+                {"controllers.base.v3.u_max", "did you mean \"v1\"?"}};
+    struct experiment e;
+    double value;
+    (void)state;
+    load(&e, &(struct experiment_setting){"plant.parameters.A2", "uniform(20, 30)"}, 1);
+    for (size_t i = 0; i < sizeof number / sizeof *number; i++) {
+        if (experiment_value(&e, number[i].path, &value, &why) < 0)
+            fail_msg("%s", why.text);
+        if (fabs(value - number[i].value) > 0)
+            fail_msg("%s: %g", number[i].path, value);
+    }
+    assert_int_equal(experiment_value(&e, "controllers.base.hold", &value, &why), 0);
+    assert_true(isnan(value)); /* the file does not say it, nor does the law */
+    for (size_t i = 0; i < sizeof none / sizeof *none; i++) {
+        assert_true(experiment_value(&e, none[i].path, &value, &why) < 0);
+        assert_has(why.text, none[i].reason);
+    }
+    experiment_free(&e);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(later_settings_hold_over_former_ones_and_over_the_file),
+        cmocka_unit_test(what_is_wrong_is_said_of_what_was_set_or_of_the_file),
+        cmocka_unit_test(a_setting_of_a_law_or_model_that_is_not_there_is_refused),
+        cmocka_unit_test(a_parameter_is_drawn_for_each_seed_and_the_law_has_its_mean),
+        cmocka_unit_test(the_plant_runs_with_what_was_drawn),
+        cmocka_unit_test(a_draw_keeps_to_the_parameter_s_limits_or_is_refused),
+        cmocka_unit_test(the_number_that_is_there_is_told),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
