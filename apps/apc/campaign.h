@@ -5,7 +5,8 @@
 
 #include <stdio.h>
 
-#include "run/run_internal.h"
+#include "farm.h"
+#include "trial.h"
 
 struct campaign_options {
     uint64_t seed; /* of the first run; the next has the next */
@@ -17,10 +18,30 @@ struct campaign_options {
     FILE *talk;          /* where the summary goes */
 };
 
+struct campaign {
+    const struct experiment *e;
+    const struct campaign_options *options;
+    const struct loop *loop;
+    size_t loops, stride; /* bytes: from one trial to the next */
+    struct farm *farm;
+    void *trials;
+    double *former; /* [runs * loops * METRICS] of the campaign to compare with; NULL: none */
+};
+
 /*
  * Ctrl-C ends it after the runs that are under way, with a summary of those there were. Returns 0, or the
  * first error of a run (the others go on) or of the campaign itself.
  */
 int campaign_run(const struct experiment *e, const struct campaign_options *options, struct apc_error *why);
+
+/* The parts of it, for several campaigns at once: of the same loops, with the same options. campaigns_end()
+ * in either case. Each loop of room is controllers_loops(). */
+int campaigns_make(struct campaign *campaign, size_t n, const struct experiment *e, struct loop *loop,
+                   const struct campaign_options *options, struct apc_error *why);
+int campaigns_run(struct campaign *campaign, size_t n, struct apc_error *why);
+void campaigns_end(struct campaign *campaign, size_t n);
+
+/* What came of one of its runs. */
+struct trial *campaign_trial(const struct campaign *c, unsigned run);
 
 #endif

@@ -7,47 +7,27 @@
 #include <string.h>
 
 #include "print.h"
-#include "statistic.h"
 
 #define FAILURES 5 /* that are told of */
 
 static const double none = (double)NAN;
 
-struct result *campaign_result(const struct campaign *c, unsigned run)
+struct trial *campaign_trial(const struct campaign *c, unsigned run)
 {
-    return (struct result *)(void *)((char *)c->board + c->first + run * c->stride);
-}
-
-double *campaign_figures(const struct campaign *c, unsigned run)
-{
-    return (double *)(void *)((char *)campaign_result(c, run) + sizeof(struct result));
-}
-
-/* A run whose plant diverged has figures, infinite ones; any other failure has none. */
-static bool counts(const struct result *r)
-{
-    return r->made && (r->rc == 0 || r->diverged);
+    return (struct trial *)(void *)((char *)c->trials + run * c->stride);
 }
 
 /* ---- Over all runs ------------------------------------------------------------------------ */
 
-/* Values, and whose they are: room for all runs. */
-struct column {
-    double *value;
-    uint64_t *seed;
-    size_t n;
-};
-
-/* The runs that have this figure; with @former the differences to the other campaign's of the same seed. */
-static void gather(const struct campaign *c, size_t loop, enum metric metric, const double *former,
-                   struct column *column)
+struct statistic summary_of(const struct campaign *c, size_t loop, enum metric metric, const double *former,
+                            struct column *column)
 {
     const size_t at = loop * METRICS + (size_t)metric;
     column->n = 0;
     for (unsigned run = 0; run < c->options->runs; run++) {
-        if (!counts(campaign_result(c, run)))
+        if (!trial_counts(campaign_trial(c, run)))
             continue;
-        double value = campaign_figures(c, run)[at];
+        double value = campaign_trial(c, run)->figure[at];
         if (former) {
             double before = former[run * c->loops * METRICS + at];
             value = isinf(value) && isinf(before) ? 0 : value - before;
@@ -57,6 +37,7 @@ static void gather(const struct campaign *c, size_t loop, enum metric metric, co
         column->value[column->n] = value;
         column->seed[column->n++] = c->options->seed + run;
     }
+    return statistic_of(column->value, column->seed, column->n);
 }
 
 static const char *loop_name(const struct campaign *c, size_t loop)
@@ -106,8 +87,7 @@ static int print_table(const struct campaign *c, const struct print_column *colu
     print_table_open(&table, columns, n);
     for (size_t loop = 0; loop < c->loops; loop++)
         for (int metric = 0; metric < METRICS; metric++) {
-            gather(c, loop, (enum metric)metric, former, column);
-            const struct statistic s = statistic_of(column->value, column->seed, column->n);
+            const struct statistic s = summary_of(c, loop, (enum metric)metric, former, column);
             print_cell(&table, PRINT_PLAIN, "%s", loop_name(c, loop));
             print_cell(&table, PRINT_PLAIN, "%s", metric_name((enum metric)metric));
             print_cell(&table, PRINT_PLAIN, "%zu", s.n);
@@ -128,8 +108,7 @@ static void put_json(const struct campaign *c, const char *name, const double *f
         printf("%s{", loop ? "," : "");
         print_json_text(stdout, "loop", loop_name(c, loop));
         for (int metric = 0; metric < METRICS; metric++) {
-            gather(c, loop, (enum metric)metric, former, column);
-            const struct statistic s = statistic_of(column->value, column->seed, column->n);
+            const struct statistic s = summary_of(c, loop, (enum metric)metric, former, column);
             const struct {
                 const char *key;
                 double value;
@@ -155,7 +134,7 @@ static unsigned runs_made(const struct campaign *c)
 {
     unsigned made = 0;
     for (unsigned run = 0; run < c->options->runs; run++)
-        made += campaign_result(c, run)->made;
+        made += campaign_trial(c, run)->made;
     return made;
 }
 
@@ -184,8 +163,8 @@ static void print_endless(const struct campaign *c)
         for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
             unsigned n = 0, all = 0;
             for (unsigned run = 0; run < c->options->runs; run++) {
-                double value = campaign_figures(c, run)[loop * METRICS + (size_t)of[i].metric];
-                bool has = counts(campaign_result(c, run)) && !isnan(value);
+                double value = campaign_trial(c, run)->figure[loop * METRICS + (size_t)of[i].metric];
+                bool has = trial_counts(campaign_trial(c, run)) && !isnan(value);
                 all += has;
                 n += has && isinf(value);
             }
@@ -200,8 +179,8 @@ static void print_controller(const struct campaign *c)
 {
     unsigned held = 0, failed = 0;
     for (unsigned run = 0; run < c->options->runs; run++) {
-        held += campaign_result(c, run)->held > 0;
-        failed += campaign_result(c, run)->failures > 0;
+        held += campaign_trial(c, run)->held > 0;
+        failed += campaign_trial(c, run)->failures > 0;
     }
     if (held > 0)
         fprintf(c->options->talk, "controller: output held or at its fault value in %u of %u runs\n", held,
@@ -216,8 +195,8 @@ static void print_equal(const struct campaign *c)
 {
     const size_t size = c->loops * METRICS * sizeof(double);
     unsigned run = 1;
-    while (run < c->options->runs && counts(campaign_result(c, run)) &&
-           memcmp(campaign_figures(c, run), campaign_figures(c, 0), size) == 0)
+    while (run < c->options->runs && trial_counts(campaign_trial(c, run)) &&
+           memcmp(campaign_trial(c, run)->figure, campaign_trial(c, 0)->figure, size) == 0)
         run++;
     if (run > 1 && run == c->options->runs)
         fprintf(
@@ -265,7 +244,7 @@ int summary_failures(const struct campaign *c, struct apc_error *why)
     unsigned failed = 0, missing = 0;
     int first = 0;
     for (unsigned run = 0; run < c->options->runs; run++) {
-        const struct result *r = campaign_result(c, run);
+        const struct trial *r = campaign_trial(c, run);
         missing += !r->made;
         if (!r->made || r->rc == 0)
             continue;
@@ -279,7 +258,7 @@ int summary_failures(const struct campaign *c, struct apc_error *why)
         fprintf(c->options->talk, "%u of %u runs were not made\n", missing, c->options->runs);
     if (failed > 0)
         return apc_fail(why, first, "%u of %u runs ended early", failed, c->options->runs);
-    return missing > 0 && !atomic_load(&c->board->stop)
+    return missing > 0 && !atomic_load(&c->farm->stop)
                ? apc_fail(why, APC_ESYS, "a process of the campaign ended: runs are missing")
                : 0;
 }
@@ -302,11 +281,11 @@ int summary_csv(const struct campaign *c, struct apc_error *why)
         return apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
     put_header(out);
     for (unsigned run = 0; run < c->options->runs; run++)
-        for (size_t loop = 0; loop < c->loops && counts(campaign_result(c, run)); loop++) {
+        for (size_t loop = 0; loop < c->loops && trial_counts(campaign_trial(c, run)); loop++) {
             fprintf(out, "%llu,%zu", (unsigned long long)(c->options->seed + run), loop + 1);
             for (int i = 0; i < METRICS; i++) {
                 char value[40] = "";
-                double figure = campaign_figures(c, run)[loop * METRICS + (size_t)i];
+                double figure = campaign_trial(c, run)->figure[loop * METRICS + (size_t)i];
                 if (isfinite(figure))
                     apc_number_format(figure, value, sizeof value);
                 fprintf(out, ",%s", isinf(figure) ? "inf" : value);

@@ -13,6 +13,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "report_script.h"
+
 /* Numbers with a point and text in UTF-8, whatever the program's locale is. */
 static int write_script(FILE *script, int (*write)(FILE *script, void *ctx), void *ctx)
 {
@@ -116,4 +118,50 @@ int gnuplot_draw(const char *dir, int (*write)(FILE *script, void *ctx), void *c
     if (complaints)
         fclose(complaints);
     return rc;
+}
+
+/* ---- A figure of its own ------------------------------------------------------------------- */
+
+struct figure {
+    const char *name;
+    int width, height;
+    void (*write)(FILE *script, void *ctx, bool first);
+    void *ctx;
+};
+
+static int put_figure(FILE *script, void *ctx)
+{
+    const struct figure *f = ctx;
+
+    fputs("set encoding utf8\n", script);
+    for (int png = 0; png < 2; png++) {
+        char file[300];
+
+        snprintf(file, sizeof file, "%.290s.%s", f->name, png ? "png" : "svg");
+        fprintf(script,
+                png ? "set terminal pngcairo size %d,%d font 'DejaVu Sans,9.2' fontscale 2 linewidth 2\n"
+                    : "set terminal svg size %d,%d dynamic font 'DejaVu Sans,Helvetica,sans-serif,12' "
+                      "background rgb 'white'\n",
+                f->width * (1 + png), f->height * (1 + png));
+        fputs("set output ", script);
+        report_quoted(script, file);
+        fputs("\nset multiplot\n", script);
+        f->write(script, f->ctx, !png);
+        fputs("unset multiplot\nunset output\n", script);
+    }
+    return 0;
+}
+
+int gnuplot_figure(const char *name, double width, double height,
+                   void (*write)(FILE *script, void *ctx, bool first), void *ctx, struct apc_error *why)
+{
+    const char *slash = strrchr(name, '/');
+    char dir[600] = ".";
+    struct figure f = {slash ? slash + 1 : name, (int)width, (int)height, write, ctx};
+
+    if (slash)
+        snprintf(dir, sizeof dir, "%.*s", slash == name ? 1 : (int)(slash - name), name);
+    if (!*f.name || strlen(f.name) > 280 || (size_t)(f.name - name) >= sizeof dir)
+        return apc_fail(why, APC_EINVAL, "%s: that is no name for a figure", name);
+    return gnuplot_draw(dir, put_figure, &f, f.name, why);
 }

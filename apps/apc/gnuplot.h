@@ -15,4 +15,11 @@
 int gnuplot_draw(const char *dir, int (*write)(FILE *script, void *ctx), void *ctx, const char *what,
                  struct apc_error *why);
 
+/*
+ * Draw NAME.svg and NAME.png, @width wide in units of the SVG; the PNG has two pixels for each. @write puts
+ * its panels, once for each of them, the @first time with what both need.
+ */
+int gnuplot_figure(const char *name, double width, double height,
+                   void (*write)(FILE *script, void *ctx, bool first), void *ctx, struct apc_error *why);
+
 #endif

@@ -115,7 +115,6 @@ void identify_write(FILE *out, const struct identify_model *model, const struct 
 #define FOOT  20.0
 
 struct figure {
-    const char *name;
     const struct identify_model *model;
     const struct identify_data *data;
 };
@@ -180,42 +179,24 @@ static void put_panels(FILE *script, const struct figure *f, double height)
     }
 }
 
-static int put_figure(FILE *script, void *ctx)
+static double height_of(const struct apc_record *r)
+{
+    return TOP + FOOT + PANEL * (double)(r->ny + r->nu + r->nd);
+}
+
+static void put_figure(FILE *script, void *ctx, bool first)
 {
     const struct figure *f = ctx;
-    const double height =
-        TOP + FOOT + PANEL * (double)(f->data->record.ny + f->data->record.nu + f->data->record.nd);
 
-    fputs("set encoding utf8\n", script);
-    put_blocks(script, f);
-    for (int png = 0; png < 2; png++) {
-        char file[300];
-
-        snprintf(file, sizeof file, "%.290s.%s", f->name, png ? "png" : "svg");
-        fprintf(script,
-                png ? "set terminal pngcairo size %d,%d font 'DejaVu Sans,9.2' fontscale 2 linewidth 2\n"
-                    : "set terminal svg size %d,%d dynamic font 'DejaVu Sans,Helvetica,sans-serif,12' "
-                      "background rgb 'white'\n",
-                (int)REPORT_WIDTH * (1 + png), (int)height * (1 + png));
-        fputs("set output ", script);
-        report_quoted(script, file);
-        fputs("\nset multiplot\n", script);
-        put_panels(script, f, height);
-        fputs("unset multiplot\nunset output\n", script);
-    }
-    return 0;
+    if (first)
+        put_blocks(script, f);
+    put_panels(script, f, height_of(&f->data->record));
 }
 
 int identify_figure(const char *name, const struct identify_model *model, const struct identify_data *data,
                     struct apc_error *why)
 {
-    const char *slash = strrchr(name, '/');
-    char dir[600] = ".";
-    struct figure f = {slash ? slash + 1 : name, model, data};
+    struct figure f = {model, data};
 
-    if (slash)
-        snprintf(dir, sizeof dir, "%.*s", slash == name ? 1 : (int)(slash - name), name);
-    if (!*f.name || strlen(f.name) > 280 || (size_t)(f.name - name) >= sizeof dir)
-        return apc_fail(why, APC_EINVAL, "%s: that is no name for a figure", name);
-    return gnuplot_draw(dir, put_figure, &f, f.name, why);
+    return gnuplot_figure(name, REPORT_WIDTH, height_of(&data->record), put_figure, &f, why);
 }

@@ -16,7 +16,9 @@
 #include "print.h"
 #include "print_figures.h"
 #include "report.h"
+#include "setting.h"
 #include "simulation_export.h"
+#include "sweep.h"
 #include "warn.h"
 
 #define EVENTS 10 /* of a run that are told of */
@@ -27,12 +29,27 @@ struct simulate_options {
     uint64_t seed;
     bool seeded, force;  /* seeded: --seed was given */
     unsigned runs, jobs; /* runs 0: one, and no campaign */
-    const char *csv, *report, *net, *compare, *against;
+    const char *csv, *report, *net, *compare, *against, *figure;
     bool json;
     struct experiment_overrides overrides;
+    struct setting_list set;
+    struct sweep sweep; /* n 0: none */
+    char value[40];     /* that it is at */
 };
 
-enum { OPT_CSV = 0x500, OPT_LAW, OPT_PLANT, OPT_NET, OPT_COMPARE, OPT_FORCE, OPT_AGAINST, OPT_JSON };
+enum {
+    OPT_CSV = 0x500,
+    OPT_LAW,
+    OPT_PLANT,
+    OPT_NET,
+    OPT_COMPARE,
+    OPT_FORCE,
+    OPT_AGAINST,
+    OPT_JSON,
+    OPT_SET,
+    OPT_SWEEP,
+    OPT_FIGURE
+};
 
 static const struct argp_option option_list[] = {
     {"seed", 's', "N", 0, "Of everything random, 0 to 2^64 - 1, instead of the file's", 0},
@@ -46,6 +63,13 @@ static const struct argp_option option_list[] = {
      "reordering=...,bandwidth=1e6,outage=10-12; times in seconds, bandwidth in bit/s",
      0},
     {"compare", OPT_COMPARE, "RUN", 0, "Lay the samples of run folder RUN over those of the simulation", 0},
+    {"set", OPT_SET, "PATH=VALUE", 0,
+     "A setting other than the file's, as controllers.base.v1.Kp=2 or plant.parameters.K=normal(10,1); any "
+     "number of times",
+     0},
+    {"sweep", OPT_SWEEP, "PATH=FROM..TO:N", 0,
+     "N values of a number, evenly: a table of IAE, overshoot and effort", 0},
+    {"figure", OPT_FIGURE, "NAME", 0, "Of a sweep: draw it as NAME.svg and NAME.png", 0},
     {"runs", 'n', "N", 0, "A campaign over N seeds from --seed on, with a summary", 0},
     {"against", OPT_AGAINST, "FILE", 0,
      "Compare a campaign with another one, run by run of the same seed: FILE is that one's --csv", 0},
@@ -75,6 +99,7 @@ static bool parse_whole(const char *text, uint64_t low, uint64_t high, uint64_t 
 static error_t parse(int key, char *arg, struct argp_state *state)
 {
     struct simulate_options *o = state->input;
+    struct apc_error why;
     uint64_t number = 1;
     switch (key) {
     case 's':
@@ -117,6 +142,18 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case OPT_JSON:
         o->json = true;
         break;
+    case OPT_FIGURE:
+        o->figure = arg;
+        break;
+    case OPT_SET:
+        setting_add(&o->set, state, arg);
+        break;
+    case OPT_SWEEP:
+        if (o->sweep.n)
+            argp_error(state, "--sweep: only one number at a time");
+        if (sweep_parse(arg, &o->sweep, &why) < 0)
+            argp_error(state, "--sweep %s", why.text);
+        break;
     case OPT_LAW:
         o->overrides.law = arg;
         break;
@@ -124,8 +161,13 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         o->overrides.model = arg;
         break;
     case ARGP_KEY_END:
-        if (o->jobs && !o->runs)
+        if (o->jobs && !o->runs && !o->sweep.n)
             argp_error(state, "--jobs: only a campaign has several; give --runs N as well");
+        if (o->sweep.n && (o->report || o->compare || o->against))
+            argp_error(state, "--sweep: has no single run or campaign to %s",
+                       o->report ? "report" : "compare");
+        if (o->figure && !o->sweep.n)
+            argp_error(state, "--figure: is of a sweep; the figure of a run is in the folder of --report");
         if (o->against && !o->runs)
             argp_error(state, "--against: compares a campaign with another one; give --runs N as well");
         if (o->json && o->csv && !strcmp(o->csv, "-"))
@@ -241,6 +283,18 @@ static void print_speed(const struct simulate *r, apc_ns took)
             (unsigned long long)r->options.seed);
 }
 
+/* What was drawn for this seed. */
+static void print_parameters(const struct simulate *r)
+{
+    const struct apc_model *m = r->e.plant.model;
+    double *p = calloc(m->np + 1, sizeof *p);
+    if (p && experiment_draw(&r->e, r->options.seed, p, NULL) == 0)
+        for (size_t i = 0; i < m->np; i++)
+            if (r->e.plant.spread[i].kind)
+                fprintf(r->talk, "plant: %s = %.6g in this run\n", m->param[i].name, p[i]);
+    free(p);
+}
+
 static void print_controller(const struct simulate *r, const struct simulated *c)
 {
     const uint64_t failures = simulated_failures(c);
@@ -296,6 +350,20 @@ static void print_events(const struct simulate *r)
         fprintf(r->talk, "... and %zu more\n", l.n - EVENTS);
 }
 
+static void print_json_parameters(const struct simulate *r)
+{
+    const struct apc_model *m = r->e.plant.model;
+    double *p = calloc(m->np + 1, sizeof *p);
+    fputs("\"parameters\":{", stdout);
+    if (p && experiment_draw(&r->e, r->options.seed, p, NULL) == 0)
+        for (size_t i = 0; i < m->np; i++) {
+            fputs(i ? "," : "", stdout);
+            print_json_number(stdout, m->param[i].name, p[i]);
+        }
+    fputs("},", stdout);
+    free(p);
+}
+
 static void print_json(const struct simulate *r, const struct figures *figures)
 {
     struct apc_inproc_stats link;
@@ -318,6 +386,7 @@ static void print_json(const struct simulate *r, const struct figures *figures)
            (unsigned long long)link.frames.duplicated, (unsigned long long)link.frames.reordered,
            (unsigned long long)link.exchanges, (unsigned long long)link.timeouts,
            (unsigned long long)simulation_held(&r->s), (unsigned long long)simulation_failures(&r->s));
+    print_json_parameters(r);
     figures_json(figures, &r->s.course, &r->e, stdout);
     puts("}");
 }
@@ -421,6 +490,7 @@ static int simulate_once(struct simulate *r)
     if (r->s.interrupted)
         fprintf(r->talk, "ended by a signal at t = %.10g s: this is what there is\n", r->s.ended);
     tell_operation(r);
+    print_parameters(r);
     print_tasks(r);
     print_events(r);
     if ((rc = samples_collect(&r->samples, r->s.store, &r->e, NULL)) < 0) {
@@ -439,49 +509,94 @@ static int simulate_once(struct simulate *r)
     return ended < 0 ? ended : rc;
 }
 
+/* Over what the file says. */
+static int override(const struct simulate *r, struct experiment *e)
+{
+    const struct simulate_options *o = &r->options;
+    struct apc_error why;
+    int rc = o->net ? models_network(&e->models, o->net, &why) : 0;
+    if (rc < 0) {
+        cli_error(&r->cli, rc, "--net: %s", why.text);
+        return rc;
+    }
+    if (o->net) {
+        size_t n = strlen(e->net);
+        if (n + strlen(o->net) + 2 > sizeof e->net)
+            return cli_error(&r->cli, APC_EINVAL, "--net: is too long"), APC_EINVAL;
+        snprintf(e->net + n, sizeof e->net - n, "%s%s", n ? "," : "", o->net);
+    }
+    if (o->duration > 0)
+        e->duration = o->duration;
+    if (!(e->duration > 0)) {
+        cli_error(&r->cli, APC_EINVAL, "%s has no duration: give --duration SECONDS", r->cli.args[0]);
+        return APC_EINVAL;
+    }
+    if (o->seeded)
+        e->seed = o->seed;
+    return 0;
+}
+
+static int sweep(struct simulate *r, const struct campaign_options *campaign)
+{
+    struct simulate_options *o = &r->options;
+    struct experiment *e = calloc(o->sweep.n, sizeof *e);
+    struct apc_error why;
+    double now;
+    int rc =
+        e ? experiment_value(&r->e, o->sweep.path, &now, &why) : apc_fail(&why, APC_ENOMEM, "out of memory");
+    if (rc < 0)
+        refuse(r, rc, &why);
+    o->set.at[o->set.n++] = (struct experiment_setting){o->sweep.path, o->value};
+    o->overrides.set = o->set.at;
+    o->overrides.n_set = o->set.n;
+    for (unsigned i = 0; i < o->sweep.n && rc == 0; i++) {
+        sweep_value(&o->sweep, i, o->value);
+        rc = experiment_load(&e[i], r->cli.args[0], EXPERIMENT_MODEL | EXPERIMENT_LAW, &o->overrides, &why);
+        if (rc < 0)
+            refuse(r, rc, &why);
+        else
+            rc = override(r, &e[i]);
+    }
+    if (rc == 0 && (rc = sweep_run(&o->sweep, e, now, campaign, o->figure, &why)) < 0)
+        refuse(r, rc, &why);
+    for (unsigned i = 0; e && i < o->sweep.n; i++)
+        experiment_free(&e[i]);
+    free(e);
+    return rc;
+}
+
 static int simulate(struct simulate *r)
 {
     struct apc_error why;
+    r->options.overrides.set = r->options.set.at;
+    r->options.overrides.n_set = r->options.set.n;
     int rc = experiment_load(&r->e, r->cli.args[0], EXPERIMENT_MODEL | EXPERIMENT_LAW, &r->options.overrides,
                              &why);
     if (rc < 0)
         return refuse(r, rc, &why);
     warn(&r->cli, &r->e);
-    if (r->options.net && (rc = models_network(&r->e.models, r->options.net, &why)) < 0) {
-        cli_error(&r->cli, rc, "--net: %s", why.text);
+    if ((rc = override(r, &r->e)) < 0)
         return rc;
-    }
-    if (r->options.net) {
-        size_t n = strlen(r->e.net);
-        if (n + strlen(r->options.net) + 2 > sizeof r->e.net)
-            return cli_error(&r->cli, APC_EINVAL, "--net: is too long"), APC_EINVAL;
-        snprintf(r->e.net + n, sizeof r->e.net - n, "%s%s", n ? "," : "", r->options.net);
-    }
-    if (r->options.duration > 0)
-        r->e.duration = r->options.duration;
-    if (!(r->e.duration > 0)) {
-        cli_error(&r->cli, APC_EINVAL, "%s has no duration: give --duration SECONDS", r->cli.args[0]);
-        return APC_EINVAL;
-    }
-    if (r->options.seeded)
-        r->e.seed = r->options.seed;
     r->options.seed = r->e.seed;
     if ((rc = check_outputs(r)) < 0)
         return rc;
-    if (!r->options.runs)
+    const bool several = r->options.runs > 0;
+    if (!several && !r->options.sweep.n)
         return simulate_once(r);
-    if (r->options.runs - 1 > UINT64_MAX - r->options.seed) {
+    if (several && r->options.runs - 1 > UINT64_MAX - r->options.seed) {
         cli_error(&r->cli, APC_ERANGE, "--runs %u: so many seeds from %llu on go beyond 18446744073709551615",
                   r->options.runs, (unsigned long long)r->options.seed);
         return APC_ERANGE;
     }
     const struct campaign_options campaign = {.seed = r->options.seed,
-                                              .runs = r->options.runs,
+                                              .runs = several ? r->options.runs : 1,
                                               .jobs = r->options.jobs,
                                               .csv = r->options.csv,
                                               .against = r->options.against,
                                               .json = r->options.json,
                                               .talk = r->talk};
+    if (r->options.sweep.n)
+        return sweep(r, &campaign);
     rc = campaign_run(&r->e, &campaign, &why);
     return rc < 0 ? refuse(r, rc, &why) : rc;
 }

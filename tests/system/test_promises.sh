@@ -93,6 +93,9 @@ diff <(figures docs/simulate.md) <(figures "$work/pi.txt") || fail "docs/simulat
 diff <(figures README.md) <(figures "$work/mylaw.txt") || fail "README shows other figures"
 [ "$(figures README.md | wc -l)" = 6 ] || fail "README shows no figures"
 
+"$apc" simulate experiments/first-order.conf --sweep controller.Kp=0.1..0.5:5 >"$work/sweep.txt"
+diff <(sed -n '/^controller.Kp  loop/,/^```/p' docs/simulate.md | grep -v '```') "$work/sweep.txt" || fail "docs/simulate.md shows another sweep"
+
 # ---- what is not given is the default that docs/experiment-file.md states: where the library chooses, too
 
 samples() { # SETTINGS of the plant

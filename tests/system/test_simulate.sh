@@ -122,6 +122,46 @@ expect 0 'settling s +20 +inf .* inf +inf +inf ' "$apc" simulate "$conf" --durat
 expect 0 'all 3 runs are the same' "$apc" simulate "$conf" --duration 60 --runs 3
 "$apc" simulate "$conf" --duration 60 --net loss=0.5 --runs 2 | grep 'are the same' && fail "two runs that differ are said to be the same"
 
+# ---- Settings other than the file's, sweeps, plants that are drawn
+
+edit "$work/faster.conf" -e 's/Kp = 0.2/Kp = 0.5/' -e 's/duration = 600/duration = 60/'
+"$apc" simulate "$work/faster.conf" --csv "$work/faster.csv" >/dev/null
+"$apc" simulate "$conf" --set controller.Kp=0.5 --set duration=60 --csv "$work/set.csv" --report "$work/set" >/dev/null
+cmp "$work/faster.csv" "$work/set.csv" || fail "--set is not what the file would have said"
+"$apc" simulate "$work/set" --csv - 2>/dev/null | cmp - "$work/set.csv" || fail "the folder does not keep what was set"
+expect 1 'controler.Kp = 1: .*did you mean "controller"' "$apc" simulate "$conf" --set controler.Kp=1
+expect 1 'controller.tau_i = -3: "tau_i" is -3: must be from' "$apc" simulate "$conf" --set controller.tau_i=-3
+expect 1 'controller.Kp: is of the file.s law' "$apc" simulate "$conf" --law pid --set controller.Kp=1
+expect 2 'expected PATH=VALUE' "$apc" simulate "$conf" --set controller.Kp
+
+sweep=(--duration 100 --sweep controller.Kp=0.1..0.5:3)
+for jobs in 1 3; do
+  "$apc" simulate "$conf" "${sweep[@]}" --net loss=0.2 --runs 4 --jobs $jobs --csv "$work/sweep$jobs.csv" >"$work/sweep$jobs.txt"
+done
+cmp "$work/sweep1.csv" "$work/sweep3.csv" && cmp "$work/sweep1.txt" "$work/sweep3.txt" || fail "a sweep depends on its processes"
+[ "$(cut -d, -f1-4 "$work/sweep1.csv" | tr '\n' ' ')" = 'value,loop,runs,diverged 0.1,1,4,0 0.3,1,4,0 0.5,1,4,0 ' ] || fail "not the values of the sweep"
+# each value is the campaign of it, over the same seeds
+"$apc" simulate "$conf" --duration 100 --set controller.Kp=0.3 --net loss=0.2 --runs 4 --json 2>/dev/null >"$work/one.json"
+mean=$(sed 's/.*"iae":{[^}]*"mean":\([^,]*\).*/\1/' "$work/one.json")
+awk -F, -v mean="$mean" '$1 == 0.3 { same = $5 - mean < 1e-12 && mean - $5 < 1e-12 } END { exit !same }' "$work/sweep1.csv" || fail "the sweep at 0.3 is not the campaign of 0.3, $mean"
+"$apc" simulate "$conf" "${sweep[@]}" --json --figure "$work/swept" 2>/dev/null >"$work/sweep.json"
+grep -q '"path":"controller.Kp","now":0.2' "$work/sweep.json" || fail "no JSON of a sweep"
+grep -q 'y: overshoot %' "$work/swept.svg" && [ -s "$work/swept.png" ] || fail "no figure of a sweep"
+expect 0 '^60 .* 1 +inf' "$apc" simulate "$work/rk4.conf" --duration 10000 --sweep plant.period=27..60:2 # it diverges: no error
+expect 1 'controller.law is text, "pi": only a number' "$apc" simulate "$conf" --sweep controller.law=1..2:2
+expect 1 'controller.Kp = 1000000000000: "Kp" is 1e\+12: must be from' "$apc" simulate "$conf" --sweep controller.Kp=0..1e12:2
+for wrong in controller.Kp=a..2:3 controller.Kp=1..2 controller.Kp=1..2:1 controller.Kp=1..1:3 =1..2:3 controller.Kp=1..2:3.5; do
+  expect 2 "--sweep \"$wrong\"" "$apc" simulate "$conf" --sweep "$wrong"
+done
+expect 2 'only one number' "$apc" simulate "$conf" --sweep duration=1..2:2 --sweep seed=1..2:2
+
+drawn() { "$apc" simulate "$conf" --duration 50 --set 'plant.parameters.K=normal(10,1)' --seed "$1" --json 2>/dev/null | sed 's/.*"parameters":{"K":\([^,]*\),.*/\1/'; }
+[ "$(drawn 3)" = "$(drawn 3)" ] && [ "$(drawn 3)" != "$(drawn 4)" ] || fail "K is $(drawn 3) and $(drawn 4)"
+expect 0 "plant: K = $(printf %.6g "$(drawn 3)") in this run" "$apc" simulate "$conf" --duration 50 --set 'plant.parameters.K=normal(10,1)' --seed 3
+"$apc" simulate "$conf" --duration 50 --set 'plant.parameters.K=normal(10,1)' --seed 3 --runs 2 --csv - 2>/dev/null | sed -n 's/^3,1,\([^,]*\),.*/\1/p' >"$work/campaign.iae"
+"$apc" simulate "$conf" --duration 50 --set "plant.parameters.K=$(drawn 3)" --seed 3 --runs 2 --csv - 2>/dev/null | sed -n 's/^3,1,\([^,]*\),.*/\1/p' | cmp - "$work/campaign.iae" ||
+  fail "a campaign does not draw what the run of its seed has"
+
 # Two campaigns over the same seeds, run by run.
 "$apc" simulate "$conf" --duration 60 --runs 20 --csv "$work/plain.csv" >/dev/null
 expect 0 'IAE +20 +0 +0 +0 +none to be seen' "$apc" simulate "$conf" --duration 60 --runs 20 --against "$work/plain.csv"

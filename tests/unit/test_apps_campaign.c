@@ -23,6 +23,7 @@ static struct experiment e;
 static const struct loop loop[2] = {{"level", 0, 0, {APC_ACTUATOR, 0}}, {"heat", 1, 1, {APC_ACTUATOR, 1}}};
 static struct campaign_options options;
 static struct campaign campaign;
+static struct farm farm;
 static struct apc_error why;
 static char *said;
 static size_t said_length;
@@ -30,7 +31,7 @@ static struct controller controller;
 
 static double *figure(unsigned run, size_t of, enum metric metric)
 {
-    return &campaign_figures(&campaign, run)[of * METRICS + (size_t)metric];
+    return &campaign_trial(&campaign, run)->figure[of * METRICS + (size_t)metric];
 }
 
 /* Runs that were made and went well; of each loop all figures are known, and are 1. */
@@ -45,16 +46,17 @@ static int begin(void **state)
                             .controllers = &controller,
                             .n_controllers = 1};
     options = (struct campaign_options){.seed = FIRST, .runs = RUNS, .against = "before.csv"};
-    campaign = (struct campaign){.e = &e, .options = &options, .loop = loop, .loops = 2, .first = 64};
-    campaign.stride = sizeof(struct result) + 2 * METRICS * sizeof(double);
-    campaign.board = calloc(1, campaign.first + RUNS * campaign.stride);
+    campaign = (struct campaign){.e = &e, .options = &options, .loop = loop, .loops = 2, .farm = &farm};
+    campaign.stride = trial_size(2);
+    campaign.trials = calloc(RUNS, campaign.stride);
+    atomic_store(&farm.stop, false);
     options.talk = open_memstream(&said, &said_length);
     for (unsigned run = 0; run < RUNS; run++) {
-        campaign_result(&campaign, run)->made = true;
+        campaign_trial(&campaign, run)->made = true;
         for (size_t i = 0; i < (size_t)2 * METRICS; i++)
-            campaign_figures(&campaign, run)[i] = 1;
+            campaign_trial(&campaign, run)->figure[i] = 1;
     }
-    return campaign.board && options.talk ? 0 : -1;
+    return campaign.trials && options.talk ? 0 : -1;
 }
 
 static int end(void **state)
@@ -63,7 +65,7 @@ static int end(void **state)
     fclose(options.talk);
     free(said);
     free(campaign.former);
-    free(campaign.board);
+    free(campaign.trials);
     return 0;
 }
 
@@ -138,8 +140,8 @@ static void a_row_has_the_statistics_of_the_runs_that_have_the_figure(void **sta
     (void)state;
     for (unsigned run = 0; run < 4; run++)
         *figure(run, 0, METRIC_IAE) = iae[run];
-    campaign_result(&campaign, 4)->made = false;
-    campaign_result(&campaign, 5)->rc = APC_ESOLVER;
+    campaign_trial(&campaign, 4)->made = false;
+    campaign_trial(&campaign, 5)->rc = APC_ESOLVER;
     for (unsigned run = 4; run < RUNS; run++)
         *figure(run, 0, METRIC_IAE) = 99;
     for (unsigned run = 0; run < RUNS; run++) {
@@ -163,14 +165,14 @@ static void a_row_has_the_statistics_of_the_runs_that_have_the_figure(void **sta
 static void what_diverged_counts_as_infinite_and_is_told(void **state)
 {
     (void)state;
-    campaign_result(&campaign, 1)->rc = APC_ESOLVER;
-    campaign_result(&campaign, 1)->diverged = true;
+    campaign_trial(&campaign, 1)->rc = APC_ESOLVER;
+    campaign_trial(&campaign, 1)->diverged = true;
     *figure(1, 0, METRIC_IAE) = HUGE_VAL;
     for (unsigned run = 2; run < 5; run++)
         *figure(run, 1, METRIC_SETTLING) = HUGE_VAL;
     *figure(5, 1, METRIC_SETTLING) = (double)NAN;
     *figure(0, 1, METRIC_RETURN) = HUGE_VAL;
-    campaign_result(&campaign, 4)->rc = APC_ESOLVER; /* nobody knows its figures */
+    campaign_trial(&campaign, 4)->rc = APC_ESOLVER; /* nobody knows its figures */
     const char *text = table();
     assert_string_equal(row(text, "level IAE"), "level IAE 5 inf - - 1 inf inf inf 11");
     assert_has(text, "level: 1 of 5 runs diverged: they count as infinite\n");
@@ -183,10 +185,10 @@ static void what_diverged_counts_as_infinite_and_is_told(void **state)
 static void what_the_controllers_had_is_told(void **state)
 {
     (void)state;
-    campaign_result(&campaign, 0)->held = 1;
-    campaign_result(&campaign, 2)->held = 1000;
-    campaign_result(&campaign, 3)->failures = 1;
-    campaign_result(&campaign, 5)->made = false;
+    campaign_trial(&campaign, 0)->held = 1;
+    campaign_trial(&campaign, 2)->held = 1000;
+    campaign_trial(&campaign, 3)->failures = 1;
+    campaign_trial(&campaign, 5)->made = false;
     const char *text = table();
     assert_has(text, "controller: output held or at its fault value in 2 of 5 runs\n");
     assert_has(text, "controller: law ours gave no usable output in 1 of 5 runs\n");
@@ -203,9 +205,9 @@ static void runs_that_are_all_the_same_are_told_of(void **state)
     *figure(1, 0, METRIC_IAE) = 2;
     assert_lacks(table(), same);
     *figure(1, 0, METRIC_IAE) = 1;
-    campaign_result(&campaign, 3)->rc = APC_ESOLVER;
+    campaign_trial(&campaign, 3)->rc = APC_ESOLVER;
     assert_lacks(table(), same);
-    campaign_result(&campaign, 3)->rc = 0;
+    campaign_trial(&campaign, 3)->rc = 0;
     options.runs = 2;
     assert_has(table(), "all 2 runs are the same");
     options.runs = 1;
@@ -261,7 +263,7 @@ static void a_file_of_runs_is_read_as_it_was_written(void **state)
     *figure(0, 0, METRIC_SETTLING) = HUGE_VAL;
     *figure(0, 0, METRIC_PEAK) = (double)NAN;
     *figure(RUNS - 1, 1, METRICS - 1) = -8;
-    campaign_result(&campaign, 2)->rc = APC_ESOLVER;
+    campaign_trial(&campaign, 2)->rc = APC_ESOLVER;
     snprintf(path, sizeof path, "%s", scratch_path("runs.csv"));
     options.csv = path;
     assert_int_equal(summary_csv(&campaign, &why), 0);
@@ -281,7 +283,8 @@ static void a_file_of_runs_is_read_as_it_was_written(void **state)
     read_again("runs.csv");
     for (unsigned run = 0; run < RUNS; run++)
         for (size_t i = 0; i < (size_t)2 * METRICS; i++) {
-            double was = campaign_figures(&campaign, run)[i], is = campaign.former[run * 2 * METRICS + i];
+            double was = campaign_trial(&campaign, run)->figure[i],
+                   is = campaign.former[run * 2 * METRICS + i];
             if (run == 2 || isnan(was))
                 assert_true(isnan(is));
             else if (isinf(was))
@@ -398,7 +401,7 @@ static void a_few_of_the_runs_that_failed_are_told_of(void **state)
     assert_int_equal(summary_failures(&campaign, &why), 0);
     assert_string_equal(talk(), "");
     for (unsigned run = 0; run < RUNS; run++) {
-        struct result *r = campaign_result(&campaign, run);
+        struct trial *r = campaign_trial(&campaign, run);
         r->rc = run == 0 ? APC_ENOMEM : APC_ESOLVER;
         snprintf(r->why, sizeof r->why, "reason %u", run);
     }
@@ -414,13 +417,13 @@ static void a_few_of_the_runs_that_failed_are_told_of(void **state)
 static void runs_that_are_missing_are_an_error_unless_someone_stopped_them(void **state)
 {
     (void)state;
-    campaign_result(&campaign, 1)->made = false;
-    campaign_result(&campaign, 1)->rc = APC_ESYS; /* says nothing then */
-    campaign_result(&campaign, 4)->made = false;
+    campaign_trial(&campaign, 1)->made = false;
+    campaign_trial(&campaign, 1)->rc = APC_ESYS; /* says nothing then */
+    campaign_trial(&campaign, 4)->made = false;
     assert_int_equal(summary_failures(&campaign, &why), APC_ESYS);
     assert_has(why.text, "runs are missing");
     assert_has(talk(), "2 of 6 runs were not made\n");
-    atomic_store(&campaign.board->stop, true);
+    atomic_store(&farm.stop, true);
     assert_int_equal(summary_failures(&campaign, &why), 0);
     assert_has(talk(), "2 of 6 runs were not made\n");
 }

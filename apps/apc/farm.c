@@ -1,0 +1,165 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * Processes take the next job from a counter in shared memory and leave what came of it there, in the job's
+ * own place: so which process did it cannot be seen in the results, and a law that crashes takes one process
+ * along, not all.
+ */
+#include "farm.h"
+
+#include <errno.h>
+#include <malloc.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#define BAR   24
+#define FIRST ((sizeof(struct farm) + FARM_LINE - 1) / FARM_LINE * FARM_LINE)
+
+struct workers {
+    pid_t *pid; /* 0: has ended */
+    unsigned n;
+};
+
+struct farm *farm_create(size_t size, void **results)
+{
+    void *memory = mmap(NULL, FIRST + size, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    if (memory == MAP_FAILED)
+        return NULL;
+    *results = (char *)memory + FIRST;
+    return memory;
+}
+
+void farm_destroy(struct farm *farm, size_t size)
+{
+    if (farm)
+        munmap(farm, FIRST + size);
+}
+
+/* Of one run for the next: or else the kernel clears some 200 pages for each. */
+static void keep_memory(void)
+{
+    mallopt(M_TRIM_THRESHOLD, 256 << 20);
+    mallopt(M_MMAP_THRESHOLD, 32 << 20);
+}
+
+static void toil(struct farm *farm, void (*work)(void *ctx, unsigned job), void *ctx)
+{
+    unsigned job;
+    keep_memory();
+    while (!atomic_load(&farm->stop) && (job = atomic_fetch_add(&farm->next, 1)) < farm->jobs)
+        work(ctx, job);
+}
+
+static void show_progress(const struct farm *farm, bool last)
+{
+    static const char full[] = "########################", empty[] = "........................";
+    const unsigned done = atomic_load(&farm->done);
+    const double share = (double)done / (double)farm->all;
+    const int filled = (int)(share * BAR);
+    if (!isatty(STDERR_FILENO))
+        return;
+    fprintf(stderr, "\r%u of %u %s  [%.*s%.*s] %3.0f %%%s", done, farm->all, farm->what, filled, full,
+            BAR - filled, empty, 100 * share, last ? "\n" : "");
+    fflush(stderr);
+}
+
+/*
+ * The first signal lets the jobs at hand come to their end. One that comes later, not as the first one's
+ * twin, ends them: a law may not return.
+ */
+static void take_signal(struct farm *farm, const struct workers *w, apc_ns *stopped)
+{
+    const apc_ns now = apc_clock_mono(NULL);
+    if (!atomic_exchange(&farm->stop, true)) {
+        *stopped = now;
+        if (isatty(STDERR_FILENO))
+            fprintf(stderr, "\nwaiting for the %s at hand; Ctrl-C again ends them\n", farm->what);
+    } else if (now - *stopped > APC_NS_PER_S / 2) {
+        for (unsigned i = 0; i < w->n; i++)
+            if (w->pid[i] > 0)
+                kill(w->pid[i], SIGKILL);
+    }
+}
+
+static void forget(struct workers *w, pid_t pid)
+{
+    for (unsigned i = 0; i < w->n; i++)
+        if (w->pid[i] == pid)
+            w->pid[i] = 0;
+}
+
+/* Wait for the workers; the signals are blocked. Returns 0, or APC_ESYS when one of them died. */
+static int follow(struct farm *farm, struct workers *w, const sigset_t *signals, struct apc_error *why)
+{
+    const struct timespec look = {0, 100 * APC_NS_PER_MS};
+    unsigned left = w->n;
+    apc_ns stopped = 0;
+    int rc = 0, status;
+    while (left > 0) {
+        int signal = sigtimedwait(signals, NULL, &look);
+        if (signal == SIGINT || signal == SIGTERM)
+            take_signal(farm, w, &stopped);
+        show_progress(farm, false);
+        for (pid_t pid; left > 0 && (pid = waitpid(-1, &status, WNOHANG)) != 0;) {
+            if (pid < 0 && errno != EINTR)
+                return apc_fail(why, APC_ESYS, "a process was lost: %s", strerror(errno));
+            left -= pid > 0;
+            forget(w, pid);
+            if (pid > 0 && stopped == 0 && (!WIFEXITED(status) || WEXITSTATUS(status) != 0))
+                rc = apc_fail(why, APC_ESYS, "a process of the campaign died%s: runs are missing",
+                              WIFSIGNALED(status) ? " of a signal" : "");
+        }
+    }
+    show_progress(farm, true);
+    return rc;
+}
+
+int farm_run(struct farm *farm, unsigned processes, void (*work)(void *ctx, unsigned job), void *ctx,
+             struct apc_error *why)
+{
+    unsigned n = processes ? processes : (unsigned)sysconf(_SC_NPROCESSORS_ONLN);
+    struct workers w = {.n = 0};
+    const pid_t parent = getpid();
+    sigset_t signals, before;
+    int rc = 0;
+
+    if (n > farm->jobs)
+        n = farm->jobs;
+    w.pid = calloc(n, sizeof *w.pid);
+    if (!w.pid)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    sigemptyset(&signals);
+    sigaddset(&signals, SIGINT);
+    sigaddset(&signals, SIGTERM);
+    sigaddset(&signals, SIGCHLD); /* only to wake follow() up */
+    sigprocmask(SIG_BLOCK, &signals, &before);
+    fflush(NULL);
+    while (w.n < n && rc == 0) {
+        pid_t pid = fork();
+        if (pid == 0) {
+            prctl(PR_SET_PDEATHSIG, SIGKILL);
+            if (getppid() == parent)
+                toil(farm, work, ctx);
+            _exit(0);
+        }
+        if (pid < 0) {
+            rc = apc_fail(why, APC_ESYS, "no process for the campaign: %s", strerror(errno));
+            atomic_store(&farm->stop, true);
+        } else {
+            w.pid[w.n++] = pid;
+        }
+    }
+    struct apc_error died = {""};
+    int followed = follow(farm, &w, &signals, &died);
+    if (rc == 0 && followed < 0)
+        *why = died;
+    free(w.pid);
+    sigprocmask(SIG_SETMASK, &before, NULL);
+    return rc < 0 ? rc : followed;
+}

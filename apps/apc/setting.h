@@ -1,0 +1,19 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* --set PATH=VALUE, any number of times. */
+#ifndef APC_SETTING_H
+#define APC_SETTING_H
+
+#include "cli.h"
+#include "run/run_internal.h"
+
+#define SETTINGS 64
+
+struct setting_list {
+    struct experiment_setting at[SETTINGS];
+    size_t n;
+};
+
+/* @arg is cut in two. A usage error where it is no PATH=VALUE. */
+void setting_add(struct setting_list *list, const struct argp_state *state, char *arg);
+
+#endif
