@@ -38,7 +38,9 @@ static const struct cli_spec spec = {
         "Show the store, the mode, every measurement, setpoint and output with its age, the timing of each "
         "task over the last minute, and the last events. Where there are several loops: each controller with "
         "its last tick and its loops: target and actual mode, with the reason where they differ, setpoint SP "
-        "and who moves it, measurement PV, output OP and its limits. A measurement or output that was not "
+        "and who moves it, measurement PV, output OP and its limits. Of predictive control: what became of "
+        "the last plan, what "
+        "it took, and which limits hold it back. A measurement or output that was not "
         "written for 10 s, or for three of its periods if that is longer, is STALE.",
     .takes = CLI_STORE | CLI_FORMAT,
     .extra = &extra,
@@ -240,6 +242,7 @@ static void show_mode(const struct status *s)
            s->loops.reason[0][0] ? ": " : "");
     print_clean(stdout, s->loops.reason[0]);
     putchar('\n');
+    status_plan_show(&s->loops.plan[0], s->now);
 }
 
 static int show(const struct status *s)

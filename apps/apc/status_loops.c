@@ -46,14 +46,17 @@ int status_loops_load(struct status_loops *s, struct apc_store *store, const str
                                .row = calloc(l->n + 1, LOOP_ROWS * sizeof *s->row),
                                .tick = calloc(l->n_controllers + 1, sizeof *s->tick),
                                .reason = calloc(l->n + 1, sizeof *s->reason),
+                               .plan = calloc(l->n_controllers + 1, sizeof *s->plan),
                                .timing = timing};
-    if (!s->row || !s->tick || !s->reason)
+    if (!s->row || !s->tick || !s->reason || !s->plan)
         return APC_ENOMEM;
     for (size_t i = 0; i < l->n; i++)
         name_rows(s->row + LOOP_ROWS * i, &l->at[i]);
     for (size_t i = 0; i < l->n_controllers; i++)
         s->tick[i] = (struct apc_vector){.table = APC_TICK, .id = l->controller[i].number};
     int rc = read_all(s, store);
+    for (size_t i = 0; i < l->n_controllers && rc >= 0; i++)
+        rc = status_plan_load(&s->plan[i], store, &plant->tags, l->controller[i].name);
     s->now = apc_clock_utc(NULL);
     for (size_t i = 0; i < l->n && rc >= 0; i++)
         (void)reason_find(store, l, &l->at[i], &s->row[LOOP_ROWS * i + LOOP_TARGET],
@@ -63,6 +66,9 @@ int status_loops_load(struct status_loops *s, struct apc_store *store, const str
 
 void status_loops_free(struct status_loops *s)
 {
+    for (size_t i = 0; s->plan && i < s->plant->loops.n_controllers; i++)
+        status_plan_free(&s->plan[i]);
+    free(s->plan);
     free(s->row);
     free(s->tick);
     free(s->reason);
@@ -199,6 +205,7 @@ int status_loops_show(const struct status_loops *s, bool colour)
         show_controller(s, i);
         rc = print_table_show(&table, stdout, colour, 0, "\n");
         print_table_close(&table);
+        status_plan_show(&s->plan[i], s->now);
         for (size_t k = c->first; k < c->first + c->n; k++) {
             if (!s->reason[k][0])
                 continue;
@@ -278,6 +285,7 @@ static void json_controller(const struct status_loops *s, size_t i)
         printf(",\"ticks\":%llu,\"missed\":%llu,\"lateness_ns\":{\"p50\":%lld,\"p99\":%lld,\"max\":%lld}",
                (unsigned long long)t->count, (unsigned long long)t->missed, (long long)t->p50,
                (long long)t->p99, (long long)t->max);
+    status_plan_json(&s->plan[i], s->now);
 }
 
 void status_loops_json(const struct status_loops *s)

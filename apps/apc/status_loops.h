@@ -6,6 +6,7 @@
 #include "cli.h"
 #include "common/timing.h"
 #include "reason.h"
+#include "status_plan.h"
 
 enum { LOOP_TARGET, LOOP_ACTUAL, LOOP_SP, LOOP_PV, LOOP_OP, LOOP_ROWS };
 
@@ -15,6 +16,7 @@ struct status_loops {
     struct apc_vector *tick;     /* [controllers] */
     char (*reason)[REASON_LEN];  /* [loops] "": its mode is the target */
     const struct timing *timing; /* "lateness" of the tasks */
+    struct status_plan *plan;    /* [controllers] */
     apc_ns now;
 };
 

@@ -340,7 +340,22 @@ static void think(struct apc_law_mpc *p, const struct apc_law_call *c, size_t n_
 
 /* ---- What goes out ---------------------------------------------------------------------------------- */
 
-static void publish(struct apc_law_mpc *p, const struct apc_law_call *c)
+/* An output that is given, whose plan follows from that, is held back by nobody. */
+static void publish_limits(const struct apc_law_mpc *p, double *at)
+{
+    const size_t ny = p->dim.ny, nu = p->dim.nu;
+    signed char *rows = apc_mpc_room(p->mpc);
+
+    for (size_t k = 0; k < p->n_rows; k++)
+        rows[k] = (signed char)rows_of(p, p->x)[k];
+    apc_mpc_limiting(p->mpc, rows, p->limiting, p->limiting + nu);
+    for (size_t i = 0; i < ny; i++)
+        *at++ = p->limiting[nu + i];
+    for (size_t j = 0; j < nu; j++)
+        *at++ = p->given[j] ? 0.0 : p->limiting[j];
+}
+
+static void publish(struct apc_law_mpc *p, const struct apc_law_call *c, int result)
 {
     const size_t ny = p->dim.ny, nu = p->dim.nu;
     double *at = c->published;
@@ -360,6 +375,11 @@ static void publish(struct apc_law_mpc *p, const struct apc_law_call *c)
     at += ny + nu;
     for (size_t k = 0; k < p->n_unknown; k++)
         *at++ = p->x[p->nx - p->n_unknown + k];
+    publish_limits(p, at);
+    at += ny + nu;
+    *at++ = p->result.objective;
+    *at++ = p->took;
+    *at++ = result;
     *at = p->result.iterations;
 }
 
@@ -399,10 +419,12 @@ static int verdict(const struct apc_law_mpc *p, const struct apc_law_call *c)
 static int compute(struct apc_law_call *c)
 {
     struct apc_law_mpc *p = c->self;
-    const double *move;
+    const double *move, left = apc_law_left(c);
     size_t age, gone;
+    int result;
 
     think(p, c, p->n_seen);
+    p->took = left - apc_law_left(c);
     gone = missing(p);
     if (gone < p->dim.ny) {
         snprintf(c->why, APC_LAW_WHY, "measurement %zu is critical and has been Bad for %g s", gone + 1,
@@ -428,8 +450,9 @@ static int compute(struct apc_law_call *c)
         c->limited[j] |= (c->u[j] <= least ? (unsigned)APC_LIMITED_LOW : 0u) |
                          (c->u[j] >= most ? (unsigned)APC_LIMITED_HIGH : 0u);
     }
-    publish(p, c);
-    return verdict(p, c);
+    result = verdict(p, c);
+    publish(p, c, result);
+    return result;
 }
 
 static void update(struct apc_law_call *c)

@@ -65,6 +65,8 @@ struct apc_law_mpc {
     double *input;        /* [nu + nd] */
     double *prediction;   /* [N * ny] */
     bool *usable, *given; /* [ny], [nu] */
+    unsigned *limiting;   /* [nu + ny] */
+    double took;          /* s: the last plan */
     struct apc_mpc_result result;
     const struct apc_law_call *call; /* while it computes: its deadline */
 };

@@ -274,7 +274,7 @@ static int publish(struct apc_law_mpc *p, const struct apc_law_setup *setup, str
                    struct apc_error *why)
 {
     const size_t ny = p->dim.ny, nu = p->dim.nu, n_unknown = p->n_unknown,
-                 n = 2 * ny + 2 * nu + n_unknown + 1;
+                 n = 3 * ny + 3 * nu + n_unknown + 4;
     size_t k = 0;
 
     p->published = calloc(n, sizeof(*p->published));
@@ -291,6 +291,19 @@ static int publish(struct apc_law_mpc *p, const struct apc_law_setup *setup, str
         declare(p, k++, setup->u, 'u', j, "target", "steady state aimed at", 0);
     for (size_t i = 0; i < n_unknown; i++)
         declare(p, k++, NULL, 'd', i, "estimate", "unknown disturbance, in the unit of where it comes in", 0);
+    for (size_t i = 0; i < ny; i++)
+        declare(p, k++, setup->y, 'y', i, "limit", "what holds the plan back: 1 its low limit, 2 high", 0);
+    for (size_t j = 0; j < nu; j++)
+        declare(p, k++, setup->u, 'u', j, "limit",
+                "what holds the plan back: 1 low, 2 high, 4 falls, 8 rises as fast as it may", 0);
+    for (size_t i = 2 * (ny + nu) + n_unknown; i < k; i++)
+        snprintf(p->name[i].unit, sizeof(p->name[i].unit), "1");
+    p->published[k++] = (struct apc_published){
+        .name = "objective", .unit = "1", .description = "of the quadratic program of this tick"};
+    p->published[k++] = (struct apc_published){
+        .name = "solve_time", .unit = "s", .description = "that the plan took; 0 in virtual time"};
+    p->published[k++] = (struct apc_published){
+        .name = "result", .unit = "1", .description = "of this tick: 0 good, 1 sub-optimal, 2 late"};
     p->published[k] = (struct apc_published){
         .name = "iterations", .unit = "1", .description = "changes of the working set at this tick"};
     needs->n_published = n;
@@ -466,7 +479,8 @@ static int allocate(struct apc_law_mpc *p, struct apc_error *why)
 
     p->memory = at;
     p->usable = calloc(ny + nu + 1, sizeof(*p->usable));
-    if (!at || !p->usable)
+    p->limiting = calloc(ny + nu, sizeof(*p->limiting));
+    if (!at || !p->usable || !p->limiting)
         return apc_fail(why, APC_ENOMEM, "no memory");
     p->given = p->usable + ny;
     p->x = apc_carve(&at, p->states);
@@ -611,6 +625,7 @@ void apc_mpc_unmake(void *self)
     apc_linear_destroy(p->disturbed);
     free(p->published);
     free(p->name);
+    free(p->limiting);
     free(p->usable);
     free(p->memory);
     free(p->critical);

@@ -51,6 +51,7 @@ struct apc_mpc {
     double *aim_low, *aim_high;                      /* [ny] */
     double *difference;                              /* [nc + nu] */
     signed char *room;                               /* [n + m] */
+    unsigned *paced;                                 /* [nu] the first move's bounds that are its rate's */
     struct apc_qp *qp, *easy_qp;
     struct apc_target *target;
 };
@@ -176,7 +177,8 @@ static int allocate(struct apc_mpc *p)
 
     p->memory = at;
     p->room = calloc(n + m, sizeof(*p->room));
-    if (!at || !p->room)
+    p->paced = calloc(nu, sizeof(*p->paced));
+    if (!at || !p->room || !p->paced)
         return APC_ENOMEM;
     p->G = apc_carve(&at, N * ny * n);
     p->Gx = apc_carve(&at, p->nc * n);
@@ -276,6 +278,7 @@ void apc_mpc_destroy(struct apc_mpc *mpc)
     apc_qp_destroy(mpc->easy_qp);
     apc_qp_destroy(mpc->qp);
     free(mpc->memory);
+    free(mpc->paced);
     free(mpc->room);
     free(mpc->rate_of);
     free(mpc->rank);
@@ -581,6 +584,8 @@ static void bound_moves(struct apc_mpc *p, const struct apc_mpc_call *call)
             double low = fmin(call->low[j], last + reach), high = fmax(call->high[j], last - reach);
 
             if (b == 0) {
+                p->paced[j] = (last - reach > low ? (unsigned)APC_MPC_FALLS : 0u) |
+                              (last + reach < high ? (unsigned)APC_MPC_RISES : 0u);
                 low = fmax(low, last - reach);
                 high = fmin(high, last + reach);
             }
@@ -752,6 +757,28 @@ const signed char *apc_mpc_active(const struct apc_mpc *p)
 void apc_mpc_start(struct apc_mpc *p, const signed char *rows)
 {
     apc_qp_start(p->qp, rows);
+}
+
+void apc_mpc_limiting(const struct apc_mpc *p, const signed char *rows, unsigned *u, unsigned *y)
+{
+    memset(u, 0, p->nu * sizeof(*u));
+    memset(y, 0, p->ny * sizeof(*y));
+    for (size_t k = 0; k < p->n; k++) {
+        const size_t j = k % p->nu;
+        const unsigned paced = k < p->nu ? p->paced[j] : 0;
+
+        if (rows[k] < 0)
+            u[j] |= paced & APC_MPC_FALLS ? APC_MPC_FALLS : APC_MPC_LOW;
+        else if (rows[k] > 0)
+            u[j] |= paced & APC_MPC_RISES ? APC_MPC_RISES : APC_MPC_HIGH;
+    }
+    for (size_t k = 0; k < p->n_rates; k++)
+        if (rows[p->n + k])
+            u[p->rate_of[k].j] |= rows[p->n + k] < 0 ? APC_MPC_FALLS : APC_MPC_RISES;
+    for (size_t c = 0; c < p->ny; c++)
+        for (size_t i = 0; i < p->N && p->row_of_limit[c] != SIZE_MAX; i++)
+            if (rows[p->n + p->row_of_limit[c] + i])
+                y[c] |= rows[p->n + p->row_of_limit[c] + i] < 0 ? APC_MPC_LOW : APC_MPC_HIGH;
 }
 
 signed char *apc_mpc_room(struct apc_mpc *p)

@@ -7,7 +7,7 @@
 #include <unistd.h>
 
 #define BATCH 5000 /* samples of one append */
-#define ROWS  500  /* tick rows of one append */
+#define ROWS  500  /* vectors of one append */
 
 /* ---- Into the folder ----------------------------------------------------------------------- */
 
@@ -64,10 +64,16 @@ static int copy_variable(struct copy *c, enum apc_table table, int id)
     return c->failed ? c->failed : rc;
 }
 
+static int copy_vectors(struct copy *c, enum apc_table table, int id)
+{
+    int rc = apc_store_vectors(c->from, table, id, c->range, take_vector, c);
+    return c->failed ? c->failed : rc;
+}
+
 static bool is_named(enum apc_table table)
 {
     return table == APC_SETPOINT || table == APC_OPMODE || table == APC_MANUAL || table == APC_TUNING ||
-           table == APC_ACTUAL;
+           table == APC_ACTUAL || table == APC_ESTIMATE;
 }
 
 static int copy_named(struct copy *c)
@@ -81,6 +87,8 @@ static int copy_named(struct copy *c)
     for (int i = 0; i < n && rc >= 0; i++)
         if (is_named(variable[i].table))
             rc = copy_variable(c, variable[i].table, variable[i].id);
+        else if (variable[i].table == APC_PREDICTION)
+            rc = copy_vectors(c, APC_PREDICTION, variable[i].id);
     free(variable);
     return rc;
 }
@@ -92,10 +100,8 @@ static int copy_all(struct copy *c, const struct experiment *e)
     int rc = c->sample && c->vector ? apc_store_init(c->to) : APC_ENOMEM;
     if (rc >= 0)
         rc = copy_named(c);
-    for (size_t i = 0; i < e->n_controllers && rc >= 0; i++) {
-        rc = apc_store_vectors(c->from, APC_TICK, e->controllers[i].number, c->range, take_vector, c);
-        rc = c->failed ? c->failed : rc;
-    }
+    for (size_t i = 0; i < e->n_controllers && rc >= 0; i++)
+        rc = copy_vectors(c, APC_TICK, e->controllers[i].number);
     if (rc >= 0)
         rc = flush(c);
     for (size_t i = 0; c->vector && i < c->n_vectors; i++)

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * What each tick of each controller was made from, as a run folder keeps it: ticks.db, a store of its own
- * with the controllers' tick rows and the rows of setpoint, opmode, manual, tuning and actual that they name.
+ * with the controllers' tick rows, the rows of setpoint, opmode, manual, tuning and actual that they name,
+ * and what the laws published.
  */
 #ifndef APC_RUN_TICKS_H
 #define APC_RUN_TICKS_H

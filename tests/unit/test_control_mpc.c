@@ -472,6 +472,75 @@ static void what_it_publishes_has_names_and_comes_true(void **state)
     end(&r);
 }
 
+/* The newest number that it published under a name. */
+static double published(const struct rig *r, const char *name)
+{
+    const struct apc_instance_part part = apc_instances_part(r->law, 0);
+    size_t at = 0;
+
+    for (size_t k = 0; k < part.n_published; k++) {
+        if (strcmp(part.what[k].name, name) == 0)
+            return r->published[at];
+        at += part.what[k].length ? part.what[k].length : 1;
+    }
+    fail_msg("%s is not published", name);
+    return 0;
+}
+
+enum { AT_LOW = 1, AT_HIGH = 2, FALLS = 4, RISES = 8 };
+
+static void what_holds_the_plan_back_is_published(void **state)
+{
+    struct rig r;
+    (void)state;
+
+    make(&r, NULL, 0);
+    r.signal_u[0].rate = r.rate[0] = 0.05;
+    r.signal_y[1].soft_high = r.y_high[1] = 6.6;
+    begin(&r);
+    run(&r, 5);
+    for (int k = 0; k < 4; k++)
+        assert_near(published(&r, (const char *[]){"v1.limit", "v2.limit", "y1.limit", "y2.limit"}[k]), 0.0,
+                    0.0);
+    set_point(&r, 6.8, 6.5);
+    tick(&r);
+    assert_near(published(&r, "v1.limit"), RISES, 0.0); /* only as fast as it may */
+    set_point(&r, 5.2, 6.5);
+    for (int k = 0; k < 3; k++)
+        tick(&r);
+    assert_int_equal((int)published(&r, "v1.limit") & FALLS, FALLS);
+    set_point(&r, 6.0, 7.0);
+    for (int k = 0; k < 300; k++)
+        tick(&r);
+    assert_near(published(&r, "y2.limit"), AT_HIGH, 0.0);
+    assert_near(published(&r, "y1.limit"), 0.0, 0.0);
+    r.high[0] = r.u_last[0];
+    set_point(&r, 9.0, 6.0);
+    tick(&r);
+    tick(&r);
+    assert_near(published(&r, "v1.limit"), AT_HIGH, 0.0);
+    r.out[0] = APC_OUT_GIVEN; /* an operator's: no limit of it holds the plan back */
+    tick(&r);
+    assert_near(published(&r, "v1.limit"), 0.0, 0.0);
+    end(&r);
+}
+
+static void the_time_that_a_plan_took_is_published(void **state)
+{
+    struct rig r;
+    (void)state;
+
+    make_default(&r);
+    set_point(&r, 6.8, 6.5);
+    tick(&r);
+    assert_near(published(&r, "solve_time"), 0.0, 0.0); /* in virtual time nothing takes any */
+    assert_true(published(&r, "objective") < 0.0);      /* less than to stay where it is */
+    r.c.deadline = apc_clock_mono(NULL) + 600 * APC_NS_PER_S;
+    tick(&r);
+    assert_true(published(&r, "solve_time") > 0.0 && published(&r, "solve_time") < 600.0);
+    end(&r);
+}
+
 static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
 {
     const double big = 3.0, half = 0.5, blocks[] = {10.0, 11.0}, ranks[] = {1.0, 3.0}, twice[] = {1.0, 1.0},
@@ -759,6 +828,8 @@ int main(void)
         TEST(without_a_plan_in_time_the_former_one_goes_on),
         TEST(soft_limits_come_before_setpoints_and_zones_are_free),
         TEST(what_it_publishes_has_names_and_comes_true),
+        TEST(what_holds_the_plan_back_is_published),
+        TEST(the_time_that_a_plan_took_is_published),
         TEST(a_limit_of_the_tuning_holds_and_none_can_cross),
         TEST(a_measurement_that_stays_bad_is_given_up_and_a_critical_one_ends_the_service),
         TEST(an_unstable_plant_is_kept_in_hand_when_nothing_is_asked_of_it),
