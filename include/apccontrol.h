@@ -80,11 +80,14 @@ struct apc_law_call {
     const double *y_low, *y_high;   /**< [ny] soft limits of the measurements; -+HUGE_VAL: none */
     const double *u_last;           /**< [nu] what really went out last; NaN: nothing did */
     const enum apc_law_output *out; /**< [nu] track has to do with those that are not APC_OUT_LAW */
-    double *published; /**< out of compute: what create said that it publishes, one after another; NULL:
-                          nothing */
-    char *why;         /**< [APC_LAW_WHY] compute: what to say with a result other than good */
-    double budget;     /**< s that compute may take */
-    apc_ns deadline;   /**< its end in monotonic time; 0: virtual time, see apc_law_left() */
+    double *published;   /**< out of compute: what create said that it publishes, one after another; NULL:
+                            nothing */
+    char *why;           /**< [APC_LAW_WHY] compute: what to say with a result other than good */
+    double budget;       /**< s that compute may take */
+    apc_ns deadline;     /**< its end in monotonic time; 0: virtual time, see apc_law_left() */
+    unsigned *y_limited; /**< [ny] out of compute of a law that selects: enum apc_limited, which way a
+                            measurement cannot move the output, as others are selected; 0 before. NULL: nobody
+                            asks */
 };
 
 /** The time in s that is left to compute, below 0 when it is late; in virtual time, where computing takes
@@ -181,6 +184,9 @@ struct apc_law {
     const char *name, *description;
     bool whole; /**< one instance for all outputs; false: one for each, so a Bad y stops that loop and no
                    other */
+    bool
+        selects; /**< not whole; its output is one of its measurements. One that is Bad does not stop the loop
+                    while another is not; whoever calculates one is told what went out (external reset) */
     size_t n_tuning;
     const struct apc_param *tuning;               /**< [n_tuning] */
     const enum apc_law_scope *scope;              /**< [n_tuning] of what each is; NULL: all of the output */

@@ -279,20 +279,21 @@ struct apc_controller_setpoint {
 
 /** An output of a controller: a loop. Values are in the output's own unit. */
 struct apc_controller_loop {
-    const char *name; /**< for notices; NULL: its number; borrowed */
-    int id;           /**< of the output, in table actuator; with setpoint or signal: none */
-    int mode;         /**< id in table opmode of its target mode */
-    int manual;       /**< id in table manual of the operator's output; default: as mode */
-    double low, high; /**< limits; what goes out never leaves them */
-    double rate;      /**< at most so many units a second; 0: as fast as it likes */
-    double fault;     /**< what goes out when it was held too long */
-    apc_ns hold;      /**< how long to hold before that; default 3 periods */
-    int setpoint;     /**< id of the setpoint of a loop below that it moves; 0: none */
-    int signal;       /**< instead: id in table sensor of the signal that it calculates; 0: none. It never is
-                           at the fault value, but Bad, so who takes it can tell. Not with acting */
-    int below;        /**< with it: id in table opmode of that loop's target */
-    int below_tick;   /**< with it: id of the tick row of that loop's controller */
+    const char *name;    /**< for notices; NULL: its number; borrowed */
+    int id;              /**< of the output, in table actuator; with setpoint or signal: none */
+    int mode;            /**< id in table opmode of its target mode */
+    int manual;          /**< id in table manual of the operator's output; default: as mode */
+    double low, high;    /**< limits; what goes out never leaves them */
+    double rate;         /**< at most so many units a second; 0: as fast as it likes */
+    double fault;        /**< what goes out when it was held too long */
+    apc_ns hold;         /**< how long to hold before that; default 3 periods */
+    int setpoint;        /**< id of the setpoint of a loop below that it moves; 0: none */
+    int below;           /**< with it: id in table opmode of that loop's target */
+    int below_tick;      /**< with it: id of the tick row of that loop's controller; with signal: of the one
+                              that tells what became of it, as its law selects; 0: none does */
     apc_ns below_period; /**< required with it: of that controller */
+    int signal; /**< instead: id in table sensor of the signal that it calculates; 0: none. It never is
+                     at the fault value, but Bad, so who takes it can tell. Not with acting */
 };
 
 /** The law that acts on actuators while the one proper cannot: of the same dimensions and period, with the
@@ -323,6 +324,8 @@ struct apc_controller_options {
     const int *y, *d;    /**< [ny], [nd] ids in table sensor; NULL: 1, 2, ...; copied */
     const apc_ns *y_horizon, *d_horizon; /**< [ny], [nd] of single ones, such as what another controller
                             calculates; NULL or 0: horizon; copied */
+    const bool *told;  /**< [ny] of those that another controller calculates: it is told what became of
+                          them, in table actual, if the law is one that selects; NULL: none; copied */
     const bool *spare; /**< [ny] a law that is whole can do without it for a while; NULL: none; copied */
     const struct apc_controller_setpoint *z; /**< [nz]; NULL: ids 1, 2, ... without limits; copied */
     const struct apc_controller_loop *loop;  /**< [nu]; NULL: ids 1, 2, ... without limits; copied */

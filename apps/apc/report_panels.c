@@ -116,8 +116,6 @@ int report_panels_create(struct report_panels **panels, const struct report_data
     for (size_t i = 0; i < p->n; i++)
         settle(p, &p->panel[i]);
     settle_time(p);
-    const apc_ns plant = e->plant.rhythm.period, client = e->client.rhythm.period;
-    p->gap = 3 * apc_ns_to_s(client > plant ? client : plant) + 0.1;
     return 0;
 }
 
@@ -175,11 +173,13 @@ double report_panels_height(const struct report_panels *p)
 
 /* ---- Blocks ------------------------------------------------------------------------------- */
 
-/* Columns: t, value, value where a limit holds it back. An output and a setpoint hold until the next one; a
- * Bad measurement is none, a Bad output still went out. */
+/* Columns: t, value, value where a limit holds it back. An output and a setpoint hold until the next one (@p
+ * gap 0); a Bad measurement is none, a Bad output still went out. Nobody knows what was between two
+ * measurements that are farther apart than @p gap, in s. */
 static void put_series(FILE *script, const struct report_panels *p, const struct report_series *series,
-                       double scale, bool holds)
+                       double scale, double gap)
 {
+    const bool holds = gap <= 0;
     const struct report_point *before = NULL;
     for (size_t k = 0; series && k < series->n; k++) {
         const struct report_point *at = &series->points[k];
@@ -187,7 +187,7 @@ static void put_series(FILE *script, const struct report_panels *p, const struct
             fputc('\n', script);
             continue;
         }
-        if (!holds && before && at->t - before->t > p->gap)
+        if (!holds && before && at->t - before->t > gap)
             fputc('\n', script);
         fprintf(script, "%.9g %.9g ", at->t / p->unit, at->value / scale);
         if (at->limited)
@@ -227,17 +227,23 @@ static void put_doubtful(FILE *script, const struct report_panels *p, const stru
                     fmin(fmax(series->points[k].value / panel->scale, panel->low), panel->high));
 }
 
+static double gap_of(const struct report_panels *p, const struct curve_of *c)
+{
+    const struct wire wire = {APC_SENSOR, (size_t)c->signal->tag.id - 1};
+    return c->signal->tag.table == APC_SENSOR ? apc_ns_to_s(cores_horizon(p->e, wire)) : 0;
+}
+
 void report_panels_blocks(FILE *script, const struct report_panels *p)
 {
     for (size_t k = 0; k < p->n; k++)
         for (size_t i = p->panel[k].first; i < p->panel[k].first + p->panel[k].n; i++) {
             const struct curve_of *c = &p->curve[i];
             fprintf(script, "$v%zu << END\n", i);
-            put_series(script, p, c->series, p->panel[k].scale, is_output(c));
+            put_series(script, p, c->series, p->panel[k].scale, gap_of(p, c));
             fprintf(script, "END\n$r%zu << END\n", i);
-            put_series(script, p, c->wanted, p->panel[k].scale, true);
+            put_series(script, p, c->wanted, p->panel[k].scale, 0);
             fprintf(script, "END\n$a%zu << END\n", i);
-            put_series(script, p, c->wanted_above, p->panel[k].scale, true);
+            put_series(script, p, c->wanted_above, p->panel[k].scale, 0);
             fprintf(script, "END\n$d%zu << END\n", i);
             put_doubtful(script, p, &p->panel[k], c->series);
             fputs("END\n", script);

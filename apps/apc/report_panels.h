@@ -39,7 +39,6 @@ struct report_panels {
     struct loops loops;
     struct report_lanes *lanes;
     double end, unit; /* s: of the time axis; of its numbers */
-    double gap; /* s: no line between measurements that are farther apart: nobody knows what was there */
     const char *unit_name;
 };
 

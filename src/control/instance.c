@@ -28,6 +28,7 @@ struct window {
     double y[APC_LAW_PORTS], y_age[APC_LAW_PORTS], y_low[APC_LAW_PORTS], y_high[APC_LAW_PORTS];
     apc_status y_status[APC_LAW_PORTS];
     bool y_new[APC_LAW_PORTS];
+    unsigned y_limited[APC_LAW_PORTS];
     double *z, *d;  /* [n_ahead * ports] */
     double *tuning; /* of the instance that has most */
 };
@@ -324,6 +325,7 @@ static void look_through(struct apc_instances *s, size_t k, struct apc_law_call 
     }
     c->y_status = c->y_status ? w->y_status : NULL;
     c->y_new = c->y_new ? w->y_new : NULL;
+    c->y_limited = c->y_limited ? memset(w->y_limited, 0, sizeof(w->y_limited)) : NULL;
     c->y = gather(w->y, c->y, p->y, p->ny);
     c->y_age = gather(w->y_age, c->y_age, p->y, p->ny);
     c->y_low = gather(w->y_low, c->y_low, p->y, p->ny);
@@ -382,6 +384,8 @@ int apc_instances_compute(struct apc_instances *s, size_t k, const struct apc_la
     c.why = said;
     said[0] = '\0';
     result = s->law->compute(&c);
+    for (size_t i = 0; s->law->selects && call->y_limited && i < c.dim.ny; i++)
+        call->y_limited[s->ports[k].y[i]] = c.y_limited[i];
     said[APC_LAW_WHY - 1] = '\0';
     if (result < APC_LAW_GOOD || result > APC_LAW_FAILED)
         (void)snprintf(said, APC_LAW_WHY, "gave %d, which is no result", result);

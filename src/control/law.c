@@ -18,6 +18,9 @@ int apc_law_check(const struct apc_law *law, const char *from, struct apc_error 
         return apc_fail(why, APC_EINVAL, "%s: its apc_law has no name", from);
     if (!law->compute)
         return apc_fail(why, APC_EINVAL, "%s: law %s has no function compute", from, law->name);
+    if (law->whole && law->selects)
+        return apc_fail(why, APC_EINVAL, "%s: law %s is whole, so it cannot be one that selects", from,
+                        law->name);
     for (size_t j = 0; law->scope && j < law->n_tuning; j++) {
         if (law->scope[j] != APC_OF_OUTPUT && law->scope[j] != APC_OF_LAW &&
             law->scope[j] != APC_OF_MEASUREMENT)

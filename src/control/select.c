@@ -3,8 +3,8 @@
  * A selector: u is the least, or the greatest, of its inputs. Setting `select` is "low" or "high", setting
  * `inputs` names the measurements of each output, a row for each (by default all). A Bad input is left out.
  *
- * Override control is several loops into one selector. What keeps the losers from winding up is theirs: each
- * is told in update what was selected, and that it is limited (external reset).
+ * Override control is several loops into one selector. Each is told what was selected, and the losers that
+ * they are limited (external reset), which keeps them from winding up.
  */
 #include "control/control_internal.h"
 
@@ -78,6 +78,8 @@ static int compute(struct apc_law_call *c)
         return APC_LAW_INFEASIBLE;
     }
     c->u[0] = c->y[best];
+    for (size_t i = 0; c->y_limited && i < c->dim.ny; i++)
+        c->y_limited[i] = i == best ? 0u : sign < 0.0 ? APC_LIMITED_HIGH : APC_LIMITED_LOW;
     if (c->published)
         c->published[0] = (double)best + 1.0;
     return APC_LAW_GOOD;
@@ -87,6 +89,7 @@ const struct apc_law apc_law_select = {
     .abi = APC_LAW_ABI,
     .name = "select",
     .description = "the least or the greatest of several inputs",
+    .selects = true,
     .compute = compute,
     .settings = settings,
     .ports = ports,

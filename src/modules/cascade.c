@@ -23,8 +23,10 @@ size_t apc_controller_cascade_rows(const struct apc_controller *c, size_t *vecto
 
     *vectors = 0;
     for (size_t i = 0; i < c->dim.nu; i++) {
-        n += c->loop[i].setpoint ? 2 : 0;
-        *vectors += c->loop[i].setpoint ? 1 : 0;
+        const bool selected = apc_controller_is_selected(c, i);
+
+        n += c->loop[i].setpoint ? 2 : selected ? 1 : 0;
+        *vectors += c->loop[i].setpoint || selected ? 1 : 0;
     }
     for (size_t k = 0; k < c->dim.nz; k++)
         n += c->setpoint[k].above ? 1 : 0;
@@ -38,11 +40,14 @@ void apc_controller_name_cascade(struct apc_controller *c, struct apc_sample *at
     for (size_t i = 0; i < c->dim.nu; i++) {
         const struct apc_controller_loop *l = &c->loop[i];
 
-        if (!l->setpoint)
+        if (!l->setpoint && !apc_controller_is_selected(c, i))
             continue;
         c->below[i] = (struct apc_controller_below){.rows = at, .tick = tick};
-        at = name(at, APC_OPMODE, l->below);
-        at = name(at, APC_ACTUAL, apc_variable_number(APC_SETPOINT, l->setpoint));
+        if (l->setpoint)
+            at = name(at, APC_OPMODE, l->below);
+        at = name(at, APC_ACTUAL,
+                  l->setpoint ? apc_variable_number(APC_SETPOINT, l->setpoint)
+                              : apc_variable_number(APC_SENSOR, l->signal));
         *tick++ = (struct apc_vector){.table = APC_TICK, .id = l->below_tick, .status = APC_BAD_NO_DATA};
     }
     for (size_t k = 0; k < c->dim.nz; k++) {
@@ -69,8 +74,7 @@ bool apc_controller_is_below(const struct apc_controller *c, size_t i)
 
 /* ---- The loop below ------------------------------------------------------------------------ */
 
-/* Something else is in force than what this loop put: the law goes on from that. */
-static void find_in_force(struct apc_controller *c, size_t i, double value)
+void apc_controller_find_in_force(struct apc_controller *c, size_t i, double value)
 {
     struct apc_controller_state *l = &c->state[i];
 
@@ -98,9 +102,9 @@ void apc_controller_look_below(struct apc_controller *c, size_t i, struct apc_no
     b->invited = apc_loop_invited(&seen);
     c->blocked[i] = b->taken ? apc_loop_limited(actual->status) : 0u;
     if (b->taken)
-        find_in_force(c, i, newest->value);
+        apc_controller_find_in_force(c, i, newest->value);
     else if (actual->seq > 0)
-        find_in_force(c, i, actual->value);
+        apc_controller_find_in_force(c, i, actual->value);
 }
 
 /* ---- The loop above ------------------------------------------------------------------------ */

@@ -46,7 +46,7 @@ static int allocate_doubles(struct apc_controller *c)
     const size_t ny = c->dim.ny, nz = c->size.n_ahead * c->dim.nz, nd = c->size.n_ahead * c->dim.nd,
                  nu = c->dim.nu;
     double *at =
-        calloc(4 * ny + nz + nd + c->size.states + 7 * nu + 2 * c->size.tuning + c->law.size.published + 1,
+        calloc(4 * ny + nz + nd + c->size.states + 8 * nu + 2 * c->size.tuning + c->law.size.published + 1,
                sizeof(*at));
 
     c->doubles = at;
@@ -61,6 +61,7 @@ static int allocate_doubles(struct apc_controller *c)
     c->x = apc_carve(&at, c->size.states);
     c->u = apc_carve(&at, nu);
     c->last = apc_carve(&at, nu);
+    c->went = apc_carve(&at, nu);
     c->law.trial = apc_carve(&at, nu);
     c->backup.trial = apc_carve(&at, nu);
     c->low = apc_carve(&at, nu);
@@ -90,6 +91,7 @@ static int allocate(struct apc_controller *c)
     const size_t ny = c->dim.ny, nz = c->dim.nz, nu = c->dim.nu, nd = c->dim.nd;
 
     c->n_wanted = nz + 2 * nu + c->size.tuning;
+    c->input = calloc(ny, sizeof(*c->input));
     c->seqs = calloc(ny + nd + nz + c->n_wanted, sizeof(*c->seqs));
     c->flags = calloc(3 * ny + nd + nz + c->n_wanted, sizeof(*c->flags));
     c->setpoint = calloc(nz + 1, sizeof(*c->setpoint));
@@ -99,13 +101,13 @@ static int allocate(struct apc_controller *c)
     c->below = calloc(nu, sizeof(*c->below));
     c->above = calloc(nz + 1, sizeof(*c->above));
     c->y_status = calloc(ny, sizeof(*c->y_status));
-    c->bits = calloc(3 * nu, sizeof(*c->bits));
+    c->bits = calloc(3 * nu + ny, sizeof(*c->bits));
     c->decides = calloc(3 * nu, sizeof(*c->decides));
     c->fresh = calloc(ny + nd, sizeof(*c->fresh));
     c->horizon = calloc(ny + nd, sizeof(*c->horizon));
     if (allocate_doubles(c) < 0 || !c->seqs || !c->flags || !c->setpoint || !c->loop || !c->state ||
         !c->instance || !c->below || !c->above || !c->y_status || !c->bits || !c->decides || !c->fresh ||
-        !c->horizon)
+        !c->horizon || !c->input)
         return APC_ENOMEM;
     c->y_seq = c->seqs;
     c->d_seq = c->y_seq + ny;
@@ -119,6 +121,7 @@ static int allocate(struct apc_controller *c)
     c->law.limited = c->bits;
     c->backup.limited = c->bits + nu;
     c->blocked = c->bits + 2 * nu;
+    c->y_limited = c->bits + 3 * nu;
     c->law.decides = c->decides;
     c->backup.decides = c->decides + nu;
     c->given = c->decides + 2 * nu;
@@ -207,7 +210,7 @@ static int take_loop(struct apc_controller *c, size_t i, const struct apc_contro
                         "controller: output %zu: with a switch of who acts it must be an "
                         "actuator",
                         i + 1);
-    if (l->setpoint && !apc_period_ok(l->below_period))
+    if ((l->setpoint || (l->signal && l->below_tick)) && !apc_period_ok(l->below_period))
         return apc_fail(why, APC_EINVAL,
                         "controller: output %zu: the period of the controller below must be above 0 and not "
                         "above 366 days",
@@ -313,6 +316,7 @@ static int fill(struct apc_controller *c, const struct apc_controller_options *o
         c->looked[k] = -1;
     for (size_t k = 0; k < c->size.instances; k++)
         c->instance[k].gap = true;
+    c->n_actual = c->n_wanted + apc_controller_find_inputs(c, o->told);
     rc = take_horizons(c, o, why);
     if (rc == 0)
         rc = take_tunings(c, o, why);
@@ -359,6 +363,7 @@ void apc_controller_destroy(struct apc_controller *c)
     free(c->vectors);
     free(c->samples);
     free(c->horizon);
+    free(c->input);
     free(c->fresh);
     free(c->decides);
     free(c->bits);
@@ -453,8 +458,9 @@ static enum fate find_fate(const struct apc_controller *c)
 
 static void take_up(struct apc_controller *c, bool told)
 {
-    apc_controller_update_laws(c);
-    for (size_t k = 0; k < c->n_wanted; k++) {
+    apc_controller_update_laws(c, false);
+    c->awaits = true;
+    for (size_t k = 0; k < c->n_actual; k++) {
         if (told)
             c->told[k] = c->actual[k];
         else if (c->actual[k].seq != c->told[k].seq)
@@ -483,6 +489,7 @@ int apc_controller_compute(struct apc_controller *c, struct apc_now now, uint64_
         notice->kind = APC_NOTICE_NONE;
     c->said = 0;
     c->failed = false;
+    apc_controller_look_at_selected(c, have, now);
     if (c->pending && have) {
         const enum fate fate = find_fate(c);
 
@@ -492,6 +499,9 @@ int apc_controller_compute(struct apc_controller *c, struct apc_now now, uint64_
             take_up(c, fate == ACTED); /* with no sign what became of the wanted is told again */
     }
     c->pending = false;
+    if (c->awaits)
+        apc_controller_update_laws(c, true);
+    c->awaits = false;
     c->index = tick;
     c->t = (double)tick * c->Ts;
     c->deadline = c->real_time ? now.mono + (apc_ns)(c->budget * 1e9) : 0;

@@ -28,12 +28,19 @@ struct apc_controller_state {
     char trouble[144]; /* why there is no input, or no answer of the law */
 };
 
-/** What a loop sees of the one below, which has its output as its setpoint. */
+/** What a loop sees of the one below, which has its output as its setpoint, or of who selects its signal. */
 struct apc_controller_below {
-    const struct apc_sample *rows; /* target; actual value of the setpoint */
+    const struct apc_sample *rows; /* target; actual value of the setpoint. Of a signal: what became of it */
     const struct apc_vector *tick; /* of the controller below */
     struct apc_freshness fresh;    /* of that */
     bool taken, invited;
+    bool returned; /* what was selected came back: */
+    double value;
+};
+
+/** A measurement of a law that selects, of which whoever calculates it is told what became. */
+struct apc_controller_input {
+    size_t y, loop;
 };
 
 /** What is seen of who moves a setpoint from above. */
@@ -101,7 +108,8 @@ enum apc_tick_field {
     APC_TICK_Z_SEQ,      /* [nz] */
     APC_TICK_ABOVE,      /* [nz] seq of the actual mode of the loop above that was looked at; 0: none */
     APC_TICK_BELOW,      /* [4 nu] of an output that is a setpoint: seqs of its newest row, and of the loop
-                            below its actual value, target, tick row */
+                            below its actual value, target, tick row; of a signal that is selected: of what
+                            became of it, second, and of who told it the tick row, last */
     APC_TICK_TUNING,     /* [tuning] in force. From here on it is the law's, then the backup law's */
     APC_TICK_TUNING_SEQ, /* [tuning] of the rows that were looked at */
     APC_TICK_BEGUN,      /* [instances] 0: there is no x yet */
@@ -133,6 +141,7 @@ struct apc_controller {
     double *doubles;                /* all those below */
     double *y, *y_age, *z, *d, *x;  /* last usable inputs; z, d [n_ahead] rows; the laws' state */
     double *u, *last;               /* [nu] what goes out; what went out before, NaN: nothing */
+    double *went;                   /* [nu] u, or what was selected instead of it */
     double *low, *high, *rate;      /* [nu] */
     double *y_low, *y_high;         /* [ny] */
     double *tuning, *offered;       /* [size.tuning] in force; wanted by the operator */
@@ -143,16 +152,20 @@ struct apc_controller {
     bool *y_new, *ok, *refused, *spare, *rests; /* [ny]; [ny + nd] y, d are usable; [n_wanted]; [ny]; [nz] */
     apc_status *y_status;                       /* [ny] */
     unsigned *bits;                             /* all of enum apc_limited: the laws', and */
-    unsigned *blocked;                          /* [nu] how what takes the output cannot follow */
+    unsigned *blocked;                          /* [nu] how what takes the output cannot follow, */
+    unsigned *y_limited;                        /* [ny] how a measurement cannot move an output */
     enum apc_law_output *decides, *given;       /* the laws', and [nu] that a law decides on none */
     struct apc_freshness *fresh;                /* [ny + nd] */
     apc_ns *horizon;                            /* [ny + nd] */
 
     /* Wanted are setpoints, target modes, manual outputs, tunings, in this order, as in `in`. */
     size_t n_wanted;
-    struct apc_sample *samples;       /* all those of in, out, former, and those below */
-    struct apc_vector *vectors;       /* of in, and of out */
-    struct apc_sample *actual, *told; /* [n_wanted] what became of it; what is written of that */
+    struct apc_sample *samples;         /* all those of in, out, former, and those below */
+    struct apc_vector *vectors;         /* of in, and of out */
+    struct apc_controller_input *input; /* [n_inputs], of [ny] */
+    size_t n_inputs;
+    size_t n_actual;                  /* n_wanted + n_inputs */
+    struct apc_sample *actual, *told; /* [n_actual] what became of it; what is written of that */
     struct apc_vector *out_row;       /* first of out */
     struct apc_vector former_row;
     int estimate, prediction;        /* ids of the first of what the law publishes; 0: it is not written */
@@ -169,6 +182,7 @@ struct apc_controller {
     apc_ns since;         /* a manual output that is found at first counts if it is younger */
     apc_ns resumed_at;    /* of the tick row that was taken over, until that is settled; else 0 */
     bool pending;         /* whether the last rows act is not known */
+    bool awaits;          /* they do, and laws go on as soon as it is read what was selected */
     size_t said, said_of; /* of so many loops the notice tells, of this one first */
     bool failed;          /* the law gave no usable output at this tick */
     uint64_t failures;    /* at so many ticks */
@@ -210,6 +224,8 @@ void apc_controller_name_cascade(struct apc_controller *controller, struct apc_s
 bool apc_controller_is_below(const struct apc_controller *controller, size_t i);
 /** Look at what has output @p i as its setpoint, and what is in force there. [tick] */
 void apc_controller_look_below(struct apc_controller *controller, size_t i, struct apc_now now);
+/** Something else is in force than what loop @p i put: the law goes on from that. [tick] */
+void apc_controller_find_in_force(struct apc_controller *controller, size_t i, double value);
 /** Look at who moves setpoint @p k. Returns whether its newest row is to be taken. [tick] */
 bool apc_controller_look_above(struct apc_controller *controller, size_t k, const struct apc_sample *newest,
                                struct apc_now now);
@@ -218,6 +234,21 @@ void apc_controller_own_setpoint(struct apc_controller *controller, size_t k,
                                  const struct apc_sample *newest);
 /** What setpoint @p k says to the loop above. [tick] */
 apc_status apc_controller_handshake(const struct apc_controller *controller, size_t k);
+
+/* ---- selected.c */
+
+/** Find the measurements of which who calculates them is told; @p told as in the options. Returns how many.
+ * [setup] */
+size_t apc_controller_find_inputs(struct apc_controller *controller, const bool *told);
+/** Say what became of them. [tick] */
+void apc_controller_tell_inputs(struct apc_controller *controller);
+/** Look what became of the own signals. [tick] */
+void apc_controller_look_at_selected(struct apc_controller *controller, bool have, struct apc_now now);
+/** Is output @p i a signal of which is told what became of it? [tick] */
+static inline bool apc_controller_is_selected(const struct apc_controller *controller, size_t i)
+{
+    return controller->loop[i].signal && controller->loop[i].below_tick;
+}
 
 /* ---- law.c */
 
@@ -228,13 +259,16 @@ void apc_controller_settle(struct apc_controller *controller, struct apc_now now
 /** Ask the laws; with that the loops have their moves and outputs. [tick] */
 void apc_controller_run(struct apc_controller *controller, struct apc_now now, bool have,
                         struct apc_notice *notice);
-/** The laws' x goes on. [tick] */
-void apc_controller_update_laws(struct apc_controller *controller);
+/** The laws' x goes on; @p selected: also of those that wait for what was selected of their outputs. [tick]
+ */
+void apc_controller_update_laws(struct apc_controller *controller, bool selected);
 
 /* ---- rows.c */
 
 int apc_controller_lay_out(struct apc_controller *controller, const struct apc_controller_options *options,
                            struct apc_error *why);
+/** Good, with OPC UA's limit bits for enum apc_limited. [tick] */
+apc_status apc_controller_limited(unsigned limited);
 /** Fill out. [tick] */
 void apc_controller_put(struct apc_controller *controller, struct apc_now now);
 

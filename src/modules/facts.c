@@ -346,17 +346,22 @@ static bool has_all(struct apc_controller *c, size_t i)
 static bool has_input(struct apc_controller *c, const struct apc_controller_law *law, size_t i)
 {
     const struct apc_law_ports *p = apc_instances_ports(law->instances, i);
-    bool has = true;
+    const bool selects = law->definition->selects;
+    bool has = true, any = !selects;
 
     if (law->definition->whole)
         return has_all(c, i);
-    for (size_t k = 0; k < p->ny; k++)
-        has &= has_measurement(c, i, (size_t)p->y[k], false);
+    for (size_t k = 0; k < p->ny; k++) {
+        const bool one = has_measurement(c, i, (size_t)p->y[k], false);
+
+        has &= one || selects;
+        any |= one;
+    }
     for (size_t k = 0; k < p->nd; k++)
         has &= has_measurement(c, i, (size_t)p->d[k], true);
     for (size_t k = 0; k < p->nz; k++)
         has &= has_setpoint(c, i, (size_t)p->z[k]);
-    return has;
+    return has && any;
 }
 
 const struct apc_sample *apc_controller_output(const struct apc_controller *c, size_t i)
@@ -366,7 +371,8 @@ const struct apc_sample *apc_controller_output(const struct apc_controller *c, s
 
 void apc_controller_gather(struct apc_controller *c, size_t i, bool have, struct apc_now now)
 {
-    const bool below = c->loop[i].setpoint, cascade = apc_controller_is_below(c, i);
+    const bool below = c->loop[i].setpoint, selected = apc_controller_is_selected(c, i),
+               cascade = apc_controller_is_below(c, i);
     const bool backup = c->backup.definition && !below;
     const bool ready = backup && have && has_input(c, &c->backup, i);
     struct apc_controller_state *l = &c->state[i];
@@ -378,14 +384,16 @@ void apc_controller_gather(struct apc_controller *c, size_t i, bool have, struct
         snprintf(l->trouble, sizeof(l->trouble), "the shared data cannot be read");
     if (have && below)
         apc_controller_look_below(c, i, now);
+    if (selected && !c->below[i].taken)
+        apc_controller_find_in_force(c, i, c->below[i].value);
     if (have && c->choice && (!c->acting || l->loop.state == APC_LOOP_SHADOW))
         take_output(c, i);
     l->facts = (struct apc_loop_facts){
         .target = l->target,
         .acting = c->acting,
         .setpoint = below,
-        .taken = !below || c->below[i].taken,
-        .invited = have && below && c->below[i].invited,
+        .taken = !(below || selected) || c->below[i].taken,
+        .invited = have && (below || selected) && c->below[i].invited,
         .input = input,
         .law = true,
         .expired = apc_loop_expired(&l->loop, input, now.mono, c->loop[i].hold, c->shed_after),

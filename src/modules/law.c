@@ -72,24 +72,50 @@ static void track(struct apc_controller *c, struct apc_controller_law *law, size
     law->instance[k].gap = false;
 }
 
+/* Was the output of loop @p i the law's at the tick before? */
+static bool put_by(const struct apc_controller *c, const struct apc_controller_law *law, size_t i)
+{
+    const enum apc_loop_state state = c->state[i].loop.state;
+
+    return is_backup(c, law) ? state == APC_LOOP_BACKUP : state == APC_LOOP_AUTO || state == APC_LOOP_CAS;
+}
+
+/* Of a signal of which something else was selected, the law goes on from that. */
 static void update(struct apc_controller *c, struct apc_controller_law *law, size_t k)
 {
-    const struct apc_law_call asked = call(c, law, k, c->u, c->blocked);
+    const struct apc_instance_part part = apc_instances_part(law->instances, k);
+    const struct apc_law_call asked = call(c, law, k, c->went, c->blocked);
 
+    for (size_t i = part.u; i < part.u + part.nu; i++)
+        c->went[i] = c->below[i].returned && put_by(c, law, i) ? c->below[i].value : c->u[i];
     apc_instances_update(law->instances, k, &asked);
     law->instance[k].updating = false;
 }
 
-void apc_controller_update_laws(struct apc_controller *c)
+/* Does it wait for what is selected of its outputs? */
+static bool awaits(const struct apc_controller *c, const struct apc_controller_law *law, size_t k)
 {
-    for (size_t k = 0; k < c->law.size.instances; k++) {
-        if (c->law.instance[k].updating)
-            update(c, &c->law, k);
+    const struct apc_instance_part part = apc_instances_part(law->instances, k);
+
+    for (size_t i = part.u; i < part.u + part.nu; i++) {
+        if (apc_controller_is_selected(c, i))
+            return true;
     }
-    for (size_t k = 0; k < c->backup.size.instances; k++) {
-        if (c->backup.instance[k].updating)
-            update(c, &c->backup, k);
+    return false;
+}
+
+static void update_all(struct apc_controller *c, struct apc_controller_law *law, bool selected)
+{
+    for (size_t k = 0; k < law->size.instances; k++) {
+        if (law->instance[k].updating && (selected || !awaits(c, law, k)))
+            update(c, law, k);
     }
+}
+
+void apc_controller_update_laws(struct apc_controller *c, bool selected)
+{
+    update_all(c, &c->law, selected);
+    update_all(c, &c->backup, selected);
 }
 
 /* @p u within the limits of output @p i, and as near to them as its rate lets it come from the last one.
@@ -122,6 +148,7 @@ static enum apc_law_result compute(struct apc_controller *c, struct apc_controll
     int result;
 
     asked.why = why;
+    asked.y_limited = is_backup(c, law) ? NULL : c->y_limited;
     for (size_t i = part.u; i < end; i++) {
         law->trial[i] = c->u[i]; /* a law that leaves one out keeps it */
         law->limited[i] = c->blocked[i];
@@ -235,14 +262,6 @@ void apc_controller_retune(struct apc_controller *c)
 }
 
 /* ---- Going on from a former run ----------------------------------------------------------- */
-
-/* Was the output of loop @p i the law's at the tick that was taken over? */
-static bool put_by(const struct apc_controller *c, const struct apc_controller_law *law, size_t i)
-{
-    const enum apc_loop_state state = c->state[i].loop.state;
-
-    return is_backup(c, law) ? state == APC_LOOP_BACKUP : state == APC_LOOP_AUTO || state == APC_LOOP_CAS;
-}
 
 /*
  * When the plant still follows the last output, run the update that the former run ran, or was killed before

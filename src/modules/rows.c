@@ -161,10 +161,12 @@ static void name_actual(struct apc_controller *c)
 {
     const struct apc_sample *wanted = c->in.sample + c->dim.ny + c->dim.nd;
 
-    for (size_t k = 0; k < c->n_wanted; k++) {
-        c->actual[k] = (struct apc_sample){.table = APC_ACTUAL,
-                                           .id = apc_variable_number(wanted[k].table, wanted[k].id),
-                                           .status = APC_BAD_NO_DATA};
+    for (size_t k = 0; k < c->n_actual; k++) {
+        const struct apc_sample *of =
+            k < c->n_wanted ? &wanted[k] : &c->in.sample[c->input[k - c->n_wanted].y];
+
+        c->actual[k] = (struct apc_sample){
+            .table = APC_ACTUAL, .id = apc_variable_number(of->table, of->id), .status = APC_BAD_NO_DATA};
         c->told[k] = c->former.sample[k] = c->actual[k];
     }
 }
@@ -208,7 +210,7 @@ int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller
     const size_t n_cascade = apc_controller_cascade_rows(c, &n_vectors),
                  n_in = c->dim.ny + c->dim.nd + c->n_wanted + c->dim.nu + n_cascade +
                         (o->acting ? 1 + c->dim.nz : 0),
-                 n_told = o->output ? c->dim.nu : 0, n_out = c->dim.nz + c->dim.nu + c->n_wanted + n_told;
+                 n_told = o->output ? c->dim.nu : 0, n_out = c->dim.nz + c->dim.nu + c->n_actual + n_told;
 
     lay_out_tick(c);
     mark(c);
@@ -218,7 +220,7 @@ int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller
     c->output = o->output;
     while (next_published(c, &p))
         ;
-    c->samples = calloc(n_in + n_out + 3 * c->n_wanted + 2 * p.numbers + n_told, sizeof(*c->samples));
+    c->samples = calloc(n_in + n_out + 3 * c->n_actual + 2 * p.numbers + n_told, sizeof(*c->samples));
     c->vectors = calloc(n_vectors + 1 + p.courses, sizeof(*c->vectors));
     c->row = calloc(n, sizeof(*c->row));
     c->former_values = calloc(n, sizeof(*c->former_values));
@@ -242,35 +244,40 @@ int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller
     c->out = (struct apc_rows){.size = sizeof(c->out), .sample = c->samples + n_in, .vector = c->out_row};
     c->former = (struct apc_rows){.size = sizeof(c->former),
                                   .sample = c->samples + n_in + n_out + p.numbers,
-                                  .n_samples = c->n_wanted + p.numbers + n_told,
+                                  .n_samples = c->n_actual + p.numbers + n_told,
                                   .vector = &c->former_row,
                                   .n_vectors = 1};
     c->actual = c->former.sample + c->former.n_samples;
-    c->told = c->actual + c->n_wanted;
+    c->told = c->actual + c->n_actual;
     name_inputs(c, o);
     name_actual(c);
     for (size_t k = 0; k < p.numbers; k++)
-        c->former.sample[c->n_wanted + k] =
+        c->former.sample[c->n_actual + k] =
             (struct apc_sample){.table = APC_ESTIMATE, .id = c->estimate + (int)k, .status = APC_BAD_NO_DATA};
-    (void)name_rows(c->former.sample + c->n_wanted + p.numbers, APC_ESTIMATE, NULL, n_told, c->output);
+    (void)name_rows(c->former.sample + c->n_actual + p.numbers, APC_ESTIMATE, NULL, n_told, c->output);
     return 0;
 }
 
 /* ---- What it writes ------------------------------------------------------------------------ */
 
-/* A good output of a law says as well, with OPC UA's limit bits, which way a limit holds it back. */
+apc_status apc_controller_limited(unsigned limited)
+{
+    static const apc_status good[] = {APC_GOOD, APC_GOOD_LIMITED_LOW, APC_GOOD_LIMITED_HIGH,
+                                      APC_GOOD_LIMITED_CONSTANT};
+
+    return good[limited & (APC_LIMITED_LOW | APC_LIMITED_HIGH)];
+}
+
+/* A good output of the law says as well which way a limit holds it back. */
 static apc_status status_of(const struct apc_controller *c, size_t i)
 {
-    static const apc_status limited[] = {APC_GOOD, APC_GOOD_LIMITED_LOW, APC_GOOD_LIMITED_HIGH,
-                                         APC_GOOD_LIMITED_CONSTANT};
     const struct apc_loop_move *move = &c->state[i].move;
 
     if (move->output == APC_PUT_FAULT && c->loop[i].signal)
         return APC_BAD; /* nothing is a substitute for a measurement */
     if (move->output != APC_PUT_LAW && move->output != APC_PUT_BACKUP)
         return move->status;
-    return limited[(move->output == APC_PUT_LAW ? c->law : c->backup).limited[i] &
-                   (APC_LIMITED_LOW | APC_LIMITED_HIGH)];
+    return apc_controller_limited((move->output == APC_PUT_LAW ? c->law : c->backup).limited[i]);
 }
 
 /* By swap: only if the newest row is still @p now. */
@@ -319,7 +326,7 @@ static void put_actual(struct apc_controller *c, size_t k, apc_ns utc)
     const bool mode = k >= apc_controller_wanted(c, APC_OPMODE) && k < apc_controller_wanted(c, APC_MANUAL);
     struct apc_sample *s = &c->actual[k];
 
-    if (!c->acting && k < c->dim.nz) /* whoever acts says it */
+    if (!c->acting && (k < c->dim.nz || k >= c->n_wanted)) /* whoever acts says it */
         return;
     if ((!mode && !s->origin) || is_told(s, &c->told[k]))
         return;
@@ -355,6 +362,10 @@ static void put_seen(struct apc_controller *c, double *row)
     for (size_t i = 0; i < c->dim.nu; i++) {
         const struct apc_controller_below *b = &c->below[i];
 
+        if (apc_controller_is_selected(c, i)) {
+            row[at[APC_TICK_BELOW] + 4 * i + 1] = (double)b->rows->seq;
+            row[at[APC_TICK_BELOW] + 4 * i + 3] = (double)b->tick->seq;
+        }
         if (!c->loop[i].setpoint)
             continue;
         row[at[APC_TICK_BELOW] + 4 * i] = (double)apc_controller_output(c, i)->seq;
@@ -470,7 +481,8 @@ void apc_controller_put(struct apc_controller *c, struct apc_now now)
             put_setpoint(c, &c->in.sample[c->dim.ny + c->dim.nd + k], now.utc, c->z[k], APC_GOOD, 0);
     }
     apc_controller_confirm(c);
-    for (size_t k = 0; k < c->n_wanted; k++)
+    apc_controller_tell_inputs(c);
+    for (size_t k = 0; k < c->n_actual; k++)
         put_actual(c, k, now.utc);
     put_tick(c, now);
     if (c->out.n_vectors > 0)
@@ -592,7 +604,7 @@ static void take_actual(struct apc_controller *c)
 {
     const size_t mode = apc_controller_wanted(c, APC_OPMODE);
 
-    for (size_t k = 0; k < c->n_wanted; k++)
+    for (size_t k = 0; k < c->n_actual; k++)
         c->told[k] = c->actual[k] = c->former.sample[k];
     for (size_t i = 0; i < c->dim.nu; i++) {
         const struct apc_sample *s = &c->told[mode + i];
@@ -609,7 +621,7 @@ int apc_controller_resume(struct apc_controller *c, apc_ns since)
     c->since = since > 0 ? since : INT64_MAX;
     take_actual(c);
     c->seq = v->seq;
-    for (size_t k = c->n_wanted; k < c->former.n_samples; k++)
+    for (size_t k = c->n_actual; k < c->former.n_samples; k++)
         c->seq = c->former.sample[k].seq > c->seq ? c->former.sample[k].seq : c->seq;
     if (!fits(c, v, since))
         return 0;

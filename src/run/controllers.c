@@ -144,6 +144,16 @@ const struct controller *controllers_taker(const struct experiment *e, struct wi
     return NULL;
 }
 
+const struct controller *controllers_selector(const struct experiment *e, struct wire signal)
+{
+    for (size_t i = 0; i < e->n_controllers; i++) {
+        const struct controller *c = &e->controllers[i];
+        if (c->law && c->law->selects && has(c->y, c->dim.ny, signal))
+            return c;
+    }
+    return NULL;
+}
+
 const struct controller *controllers_first(const struct experiment *e, const struct controller *c)
 {
     return owner_of(e, c->u[0]);
@@ -483,6 +493,17 @@ static bool has_shadow(const struct experiment *e, const struct controller *c)
     return false;
 }
 
+/* What it tells whoever calculates its inputs would be told by two. */
+static void check_selector(struct settings *s, const config_setting_t *list, const struct experiment *e,
+                           const struct controller *c)
+{
+    for (size_t k = 0; k < c->dim.ny && c->law->selects && has_shadow(e, c); k++)
+        if (owner_of(e, c->y[k]))
+            settings_fail(s, group_of(list, e, c),
+                          "%s selects \"%s\", which another controller calculates: it has no shadow yet",
+                          c->name, signal_of(e, c->y[k])->tag.name);
+}
+
 void experiment_number(struct settings *s, const config_setting_t *list, struct experiment *e, bool laws)
 {
     struct count published = {0};
@@ -498,6 +519,8 @@ void experiment_number(struct settings *s, const config_setting_t *list, struct 
         tuning += laws ? (int)controllers_parameters(c) : 0;
         if (laws)
             number_published(s, c, &published);
+        if (laws)
+            check_selector(s, list, e, c);
         if (laws && has_shadow(e, c)) {
             c->acting = LOOPS_ACTING((int)controllers_first(e, c)->u[0].at + 1);
             c->first_output = published.numbers + 1;

@@ -123,6 +123,7 @@ int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc
 struct wiring {
     int *y, *d;
     apc_ns *y_horizon, *d_horizon;
+    bool *told;
     struct apc_controller_setpoint *z;
     struct apc_controller_loop *loop;
 };
@@ -157,7 +158,10 @@ static void wire_loop(const struct experiment *e, struct controller_loop from,
         return;
     }
     if (output.table == APC_SENSOR) {
+        const struct controller *by = controllers_selector(e, output);
         loop->signal = tag->id;
+        loop->below_tick = by ? by->number : 0;
+        loop->below_period = by ? by->rhythm.period : 0;
         loop->fault = fmin(fmax(0.0, tag->low), tag->high); /* what an operator begins with */
         return;
     }
@@ -175,6 +179,7 @@ static void free_wiring(struct wiring *w)
     free(w->d);
     free(w->y_horizon);
     free(w->d_horizon);
+    free(w->told);
     free(w->z);
     free(w->loop);
 }
@@ -185,8 +190,7 @@ static apc_ns patience(apc_ns period)
     return 3 * period + 100 * APC_NS_PER_MS;
 }
 
-/* Of a measurement, by its own rhythm. */
-static apc_ns horizon_of(const struct experiment *e, struct wire wire)
+apc_ns cores_horizon(const struct experiment *e, struct wire wire)
 {
     const apc_ns client = e->client.rhythm.period, plant = e->plant.rhythm.period;
     const struct controller *by = controllers_above(e, wire).of;
@@ -199,17 +203,19 @@ static int make_wiring(const struct experiment *e, const struct controller *c, s
                          .d = calloc(c->dim.nd + 1, sizeof *w->d),
                          .y_horizon = calloc(c->dim.ny + 1, sizeof *w->y_horizon),
                          .d_horizon = calloc(c->dim.nd + 1, sizeof *w->d_horizon),
+                         .told = calloc(c->dim.ny + 1, sizeof *w->told),
                          .z = calloc(c->dim.nz + 1, sizeof *w->z),
                          .loop = calloc(c->dim.nu + 1, sizeof *w->loop)};
-    if (!w->y || !w->d || !w->y_horizon || !w->d_horizon || !w->z || !w->loop)
+    if (!w->y || !w->d || !w->y_horizon || !w->d_horizon || !w->told || !w->z || !w->loop)
         return APC_ENOMEM;
     for (size_t i = 0; i < c->dim.ny; i++) {
         w->y[i] = (int)c->y[i].at + 1;
-        w->y_horizon[i] = horizon_of(e, c->y[i]);
+        w->y_horizon[i] = cores_horizon(e, c->y[i]);
+        w->told[i] = controllers_above(e, c->y[i]).of && controllers_selector(e, c->y[i]) == c;
     }
     for (size_t i = 0; i < c->dim.nd; i++) {
         w->d[i] = (int)c->d[i].at + 1;
-        w->d_horizon[i] = horizon_of(e, c->d[i]);
+        w->d_horizon[i] = cores_horizon(e, c->d[i]);
     }
     for (size_t i = 0; i < c->dim.nz; i++)
         wire_setpoint(e, c->z[i], &w->z[i]);
@@ -244,6 +250,7 @@ int cores_controller(const struct experiment *e, const struct controller *c, boo
         .d = wiring.d,
         .y_horizon = wiring.y_horizon,
         .d_horizon = wiring.d_horizon,
+        .told = wiring.told,
         .z = wiring.z,
         .loop = wiring.loop,
         .tuning = c->first_tuning,

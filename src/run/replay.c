@@ -129,16 +129,16 @@ static const struct apc_sample *give_rows(struct replay *r, struct replay_contro
             missing = in;
     }
     for (size_t i = 0; i < c->dim.nu; i++) {
-        if (!c->loop[i].setpoint)
+        const bool setpoint = c->loop[i].setpoint > 0;
+        if (!setpoint && !apc_controller_is_selected(c, i))
             continue;
-        if (!give(r, &in[0], row[at[APC_TICK_BELOW] + 4 * i + 2]))
-            missing = in;
-        if (!give(r, &in[1], row[at[APC_TICK_BELOW] + 4 * i + 1]))
-            missing = in + 1;
+        if (setpoint && !give(r, in++, row[at[APC_TICK_BELOW] + 4 * i + 2]))
+            missing = in - 1;
+        if (!give(r, in++, row[at[APC_TICK_BELOW] + 4 * i + 1]))
+            missing = in - 1;
         tick->seq = (int64_t)row[at[APC_TICK_BELOW] + 4 * i + 3];
         const struct tick_row *below = ticks_find(&r->controller[tick->id - 1].ticks, tick->seq);
         tick->time = below ? below->time : 0;
-        in += 2;
         tick++;
     }
     for (size_t k = 0; k < c->dim.nz; k++)

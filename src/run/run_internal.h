@@ -236,6 +236,8 @@ struct experiment_source {
 int experiment_parse(struct experiment *e, const struct experiment_source *from, unsigned parts,
                      const struct experiment_overrides *overrides, struct apc_error *why);
 
+/* The first controller that selects among signals, of which @p signal is one; NULL: none. */
+const struct controller *controllers_selector(const struct experiment *e, struct wire signal);
 /* The controller whose setpoint it is; NULL: none. */
 const struct controller *controllers_taker(const struct experiment *e, struct wire setpoint);
 
@@ -287,6 +289,9 @@ struct apc_sample *cores_first(const struct experiment *e, apc_ns time, size_t *
 
 /* How long it may be between two commands: the period of the slowest controller that gives any. */
 apc_ns cores_command_period(const struct experiment *e);
+
+/* A measurement or calculated signal that did not change for so long is stale: by its own rhythm. */
+apc_ns cores_horizon(const struct experiment *e, struct wire wire);
 
 /* One member of the manipulated variables as an array for the cores: out[dim.nu]. */
 void cores_outputs(const struct experiment *e, double *low, double *high, double *safe, double *fault);

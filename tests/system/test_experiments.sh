@@ -11,6 +11,7 @@ tolerances='
   first-order                1  0.001
   servo                      1  0.0001
   double-tank                1  0.0005
+  double-tank-override       1  0.07
   pendulum                   1  0.002
   quadruple-tank             1  0.03
   quadruple-tank             2  0.03

@@ -112,6 +112,15 @@ static void every_tick_comes_out_again_whatever_happened(void **state)
         {"two-layers", "", ""},
         {"two-layers", "", BAD},
         {"double-tank", "", "loss=0.2"},
+        {"double-tank-override",
+         "actions = ( { at = 30.2; mode = \"u\"; value = \"Man\"; }, { at = 33.2; set = \"u\"; value = 7.5; "
+         "},"
+         " { at = 50.2; mode = \"u\"; value = \"Auto\"; }, { at = 70.2; mode = \"want\"; value = \"Man\"; },"
+         " { at = 80.2; mode = \"want\"; value = \"Auto\"; }, { at = 100.2; kill = \"levels\"; },"
+         " { at = 104.3; start = \"levels\"; }, { at = 110.2; kill = \"choose\"; },"
+         " { at = 110.9; start = \"choose\"; }, { at = 150.2; kill = \"choose\"; }, { at = 170.3; start = "
+         "\"choose\"; } );",
+         BAD},
         {"quadruple-tank-mpc", "", "loss=0.2"},
     };
     (void)state;

@@ -10,6 +10,8 @@
 
 #include <apcrun.h>
 
+static const char override[] = APC_SOURCE_DIR "/experiments/double-tank-override.conf";
+
 /* y through a ratio to the signal s, and s through another one to the output u: u = 2 s, s = 1 - y / 2. */
 enum { Y = 1, S };           /* ids in table sensor */
 enum { TAKE_U = 1, MAKE_S }; /* loops */
@@ -29,16 +31,24 @@ enum { TAKE_U = 1, MAKE_S }; /* loops */
 
 /* ---- Runs --------------------------------------------------------------------------------- */
 
-static struct apc_simulation *begin(const char *text)
+/* Of a file, with one setting changed, or of a text. */
+static struct apc_simulation *begin_with(const char *file, const char *text, const char *path,
+                                         const char *value)
 {
     struct apc_experiment *e;
     struct apc_simulation *s = NULL;
     struct apc_error why;
-    if (apc_experiment_load(&e, "signals.conf", text, &why) < 0 ||
+    if (apc_experiment_load(&e, file, text, &why) < 0 ||
+        (path && apc_experiment_set(e, path, value, &why) < 0) ||
         apc_simulation_create(&s, e, NULL, &why) < 0)
         fail_msg("%s", why.text);
     apc_experiment_destroy(e);
     return s;
+}
+
+static struct apc_simulation *begin(const char *text)
+{
+    return begin_with("signals.conf", text, NULL, NULL);
 }
 
 static void run(struct apc_simulation *s, double until)
@@ -163,6 +173,113 @@ static void an_operator_moves_a_signal_as_any_output(void **state)
     apc_simulation_destroy(s);
 }
 
+/* ---- Override ------------------------------------------------------------------------------ */
+
+enum { UPPER_LEVEL = 3, WANT, ALLOW }; /* ids in table sensor */
+enum { UPPER_LOOP = 1, WANT_LOOP, ALLOW_LOOP, U_LOOP };
+
+static double value_of(struct apc_simulation *s, const char *name)
+{
+    struct apc_value value;
+    if (apc_simulation_read(s, name, &value) < 0)
+        fail_msg("%s", apc_simulation_error(s));
+    return value.value;
+}
+
+static void who_is_not_selected_neither_winds_up_nor_falls_asleep(void **state)
+{
+    struct apc_simulation *s = begin_with(override, NULL, NULL, NULL);
+    int lost = 0;
+    (void)state;
+    run(s, 70); /* r is out of reach */
+    for (double t = 70.7; t < 120; t += 0.5) {
+        run(s, t);
+        const double u = value_of(s, "u"), want = value_of(s, "want");
+        assert_near(u, fmin(fmin(want, value_of(s, "allow")), 13), 0);
+        assert_true(want < u + 1); /* it could go to 20 */
+        lost += want > u;
+    }
+    assert_true(lost > 50);
+    run(s, 121.2); /* r falls: the loop has the pump at once */
+    assert_near(value_of(s, "u"), value_of(s, "want"), 0);
+    assert_near(value_of(s, "u.selected"), 1, 0);
+    assert_true(value_of(s, "u") < 10);
+    /* and while it has, the other one stays below its limit, too */
+    run(s, 180);
+    assert_true(value_of(s, "allow") < 17);
+    apc_simulation_destroy(s);
+}
+
+static void a_selector_comes_back_from_its_operator_without_a_bump(void **state)
+{
+    struct apc_simulation *s = begin_with(override, NULL, NULL, NULL);
+    (void)state;
+    run(s, 5.2);
+    assert_int_equal(apc_simulation_mode(s, "u", APC_MODE_MAN), 0);
+    run(s, 5.7);
+    assert_int_equal(apc_simulation_write(s, "u", 7), 0);
+    run(s, 20.2);
+    for (int loop = WANT_LOOP; loop <= ALLOW_LOOP; loop++)
+        assert_int_equal(mode_of(s, loop), APC_MODE_IMAN);
+    for (int signal = WANT; signal <= ALLOW; signal++) {
+        assert_near(newest(s, APC_SENSOR, signal).value, 7, 0);
+        assert_int_equal(newest(s, APC_SENSOR, signal).status, APC_UNCERTAIN_INITIAL);
+    }
+    assert_int_equal(apc_simulation_mode(s, "u", APC_MODE_AUTO), 0);
+    run(s, 20.7);
+    assert_int_equal(mode_of(s, U_LOOP), APC_MODE_AUTO);
+    assert_near(value_of(s, "u"), 7, 0);
+    run(s, 21.2); /* the loops go on from there */
+    for (int loop = WANT_LOOP; loop <= ALLOW_LOOP; loop++)
+        assert_int_equal(mode_of(s, loop), APC_MODE_AUTO);
+    assert_near(value_of(s, "u"), 7, 1e-9);
+    run(s, 59);
+    assert_near(value_of(s, "h2"), 0.18, 0.01);
+    apc_simulation_destroy(s);
+}
+
+static void a_selector_leaves_out_what_is_bad(void **state)
+{
+    struct apc_simulation *s = begin_with(override, NULL, "measurements.h1.faults",
+                                          "( { kind = \"dropout\"; at = 65.0; duration = 15.0; } )");
+    (void)state;
+    run(s, 64.7); /* the pump is at its limit; then the upper tank would allow less */
+    run(s, 79);
+    for (int signal = UPPER_LEVEL; signal <= ALLOW; signal++)
+        assert_int_equal(apc_status_severity(newest(s, APC_SENSOR, signal).status),
+                         signal == WANT ? APC_SEVERITY_GOOD : APC_SEVERITY_BAD);
+    assert_int_equal(mode_of(s, U_LOOP), APC_MODE_AUTO);
+    assert_near(value_of(s, "u.selected"), 1, 0);
+    assert_near(value_of(s, "u"), fmin(value_of(s, "want"), 13), 0);
+    run(s, 90);
+    for (int loop = UPPER_LOOP; loop <= U_LOOP; loop++)
+        assert_int_equal(mode_of(s, loop), APC_MODE_AUTO);
+    run(s, 115);
+    assert_near(value_of(s, "h1"), 0.2, 0.01);
+    apc_simulation_destroy(s);
+}
+
+static void a_restart_between_two_ticks_changes_no_bit_of_what_is_selected(void **state)
+{
+    struct apc_simulation *s = begin_with(override, NULL, NULL, NULL),
+                          *lived = begin_with(override, NULL, NULL, NULL);
+    (void)state;
+    for (double t = 5.2; t < 130; t += 7) {
+        run(s, t);
+        for (int k = 0; k < 2; k++) {
+            const char *name = k ? "levels" : "choose";
+            assert_int_equal(apc_simulation_do(s, "kill", name), 0);
+            assert_int_equal(apc_simulation_do(s, "start", name), 0);
+        }
+        run(lived, t + 3.5);
+        run(s, t + 3.5);
+        for (int signal = WANT; signal <= ALLOW; signal++)
+            assert_near(newest(s, APC_SENSOR, signal).value, newest(lived, APC_SENSOR, signal).value, 0);
+    }
+    apc_simulation_destroy(s);
+    apc_simulation_destroy(lived);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -171,6 +288,10 @@ int main(void)
         cmocka_unit_test(what_is_bad_stays_bad_down_the_chain_and_comes_back),
         cmocka_unit_test(a_signal_is_stale_when_its_controller_is_gone),
         cmocka_unit_test(an_operator_moves_a_signal_as_any_output),
+        cmocka_unit_test(who_is_not_selected_neither_winds_up_nor_falls_asleep),
+        cmocka_unit_test(a_selector_comes_back_from_its_operator_without_a_bump),
+        cmocka_unit_test(a_selector_leaves_out_what_is_bad),
+        cmocka_unit_test(a_restart_between_two_ticks_changes_no_bit_of_what_is_selected),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
