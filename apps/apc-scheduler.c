@@ -1,19 +1,16 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * apc-scheduler: writes the setpoint sequence, one step a period. A step that the store would not take
- * is tried again about every second; a scheduler that was restarted in the middle of a step writes that
- * step only if nobody has written since it began.
+ * apc-scheduler: writes the setpoint sequence, one step a period, to the setpoints that are Remote. Four
+ * times a second it looks whether one was given back to it, or a step is still due that the store would not
+ * take. A scheduler that was restarted in the middle of a step writes that step only where nobody has written
+ * since it began.
  *
- * Two threads write, the task its step and the main thread one that was not taken, but one at a time:
+ * Two threads write, the task its step and the main thread what it finds when it looks, but one at a time:
  * `writing` says that somebody is, and a step that comes meanwhile is left to it. So nobody holds the mutex
  * while it waits for the store, and the task waits for no thread that does.
  */
-#include <pthread.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "common/daemon.h"
+#include <pthread.h>
 
 static const struct program program = {
     .name = "apc-scheduler",
@@ -21,63 +18,83 @@ static const struct program program = {
     .task = "scheduler",
 };
 
+#define TRIES 3 /* where somebody is faster; then it is looked at later */
+
 struct shell {
     struct daemon *d;
-    struct apc_scheduler_options options;
-    pthread_mutex_t mutex; /* of the next four; inherits priority */
-    struct apc_sample *step;
-    uint64_t chosen, written; /* steps */
+    pthread_mutex_t mutex;    /* of the next five; inherits priority */
+    struct apc_scheduler_at { /* where the sequence is */
+        uint64_t step;
+        apc_ns began; /* mono */
+    } at;
+    uint64_t chosen, written; /* steps; 0: there was none */
     bool writing, failing;
     struct apc_store *store; /* whose turn it is to write */
-    struct apc_sample *out;
+    struct apc_scheduler *core;
 };
 
-static int put(struct shell *s)
+/* Write what is due. */
+static int put(struct shell *s, struct apc_scheduler_at at)
 {
-    apc_ns now = apc_clock_utc(NULL);
-    for (size_t i = 0; i < s->options.nz; i++)
-        s->out[i].time = now;
-    int rc = apc_store_put(s->store, s->out, s->options.nz);
+    struct apc_notice notice;
+    bool done = false;
+    int rc = 0;
+    for (int i = 0; i < TRIES && !done && rc >= 0; i++) {
+        rc = apc_store_read_rows(s->store, apc_scheduler_in(s->core));
+        if (rc < 0)
+            break;
+        const struct apc_now now = {.mono = apc_clock_mono(NULL), .utc = apc_clock_utc(NULL)};
+        const int n = apc_scheduler_compute(s->core, now, at.step, &notice);
+        daemon_notice(s->d, &notice);
+        rc = n > 0 ? apc_store_append_rows(s->store, apc_scheduler_out(s->core)) : 0;
+        done = apc_scheduler_update(s->core, rc >= 0);
+    }
+    return rc < 0 ? rc : done;
+}
+
+static void report(struct shell *s, int rc)
+{
     if (rc < 0 && !s->failing)
         daemon_event(s->d, APC_EVENT_WARNING, "store", "setpoint not written, trying again: %s",
                      apc_store_error(s->store));
-    if (rc >= 0 && s->failing)
+    if (rc > 0 && s->failing)
         daemon_event(s->d, APC_EVENT_INFO, "store", "setpoint written after trying again");
-    s->failing = rc < 0;
-    return rc;
+    s->failing = rc < 0 || (rc == 0 && s->failing);
 }
 
-/* Write what was chosen last, and what is chosen meanwhile; nothing when somebody does so already. */
-static int write_step(struct shell *s)
+/* Write what is due, and what comes to be due meanwhile; nothing when somebody does so already, or no step
+ * has begun. */
+static int look(struct shell *s)
 {
-    int rc = 0;
+    int rc = 1;
     pthread_mutex_lock(&s->mutex);
-    if (s->writing) {
+    if (s->writing || s->chosen == 0) {
         pthread_mutex_unlock(&s->mutex);
         return 0;
     }
     s->writing = true;
-    while (rc >= 0 && s->written != s->chosen) {
+    do {
         const uint64_t chosen = s->chosen;
-        memcpy(s->out, s->step, s->options.nz * sizeof *s->out);
+        const struct apc_scheduler_at at = s->at;
         pthread_mutex_unlock(&s->mutex);
-        rc = put(s);
+        rc = put(s, at);
+        if (s->failing || s->written != chosen) /* else nothing was due, as far as is known */
+            report(s, rc);
         pthread_mutex_lock(&s->mutex);
-        if (rc >= 0)
+        if (rc > 0)
             s->written = chosen;
-    }
+        if (chosen == s->chosen)
+            break;
+    } while (rc > 0);
     s->writing = false;
     pthread_mutex_unlock(&s->mutex);
-    return rc;
+    return rc < 0 ? rc : 0;
 }
 
-static void choose(struct shell *s, uint64_t index)
+static void choose(struct shell *s, uint64_t step, apc_ns began)
 {
-    const struct apc_now now = {.mono = apc_clock_mono(NULL), .utc = apc_clock_utc(NULL)};
     pthread_mutex_lock(&s->mutex);
-    apc_scheduler_step(&s->options, index, now, s->step);
-    for (size_t i = 0; i < s->options.nz; i++)
-        s->step[i].id = (int)s->d->experiment.scheduler.z[i].at + 1;
+    s->at = (struct apc_scheduler_at){step, began};
     s->chosen++;
     pthread_mutex_unlock(&s->mutex);
 }
@@ -85,14 +102,13 @@ static void choose(struct shell *s, uint64_t index)
 static int on_tick(void *ctx, const struct apc_tick *tick)
 {
     struct shell *s = ctx;
-    choose(s, tick->index);
-    int rc = write_step(s);
-    return daemon_fatal(s->d, s->store, rc == APC_ECONFLICT ? 0 : rc);
+    choose(s, tick->index, tick->scheduled);
+    return daemon_fatal(s->d, s->store, look(s));
 }
 
 static void on_look(void *ctx)
 {
-    write_step(ctx);
+    look(ctx);
 }
 
 /* Started in the middle of a step: is it in the store already, or was there nobody to write it? */
@@ -102,39 +118,29 @@ static int catch_up(struct shell *s)
     const apc_ns zero = s->d->start + s->d->experiment.scheduler.rhythm.phase, now = apc_clock_utc(NULL);
     if (now < zero)
         return 0;
-    uint64_t index = (uint64_t)((now - zero) / period);
-    choose(s, index);
-    memcpy(s->out, s->step, s->options.nz * sizeof *s->out);
-    int rc = apc_store_read(s->store, s->out, s->options.nz);
-    bool written = rc >= 0;
-    for (size_t i = 0; i < s->options.nz && rc >= 0; i++)
-        written = written && s->out[i].seq > 0 && s->out[i].time >= zero + (apc_ns)index * period;
-    if (written)
-        s->written = s->chosen;
-    return rc < 0 ? rc : write_step(s);
+    const apc_ns age = (now - zero) % period;
+    int rc = apc_store_read_rows(s->store, apc_scheduler_in(s->core));
+    if (rc < 0)
+        return rc;
+    apc_scheduler_resume(s->core, (uint64_t)((now - zero) / period), now - age);
+    choose(s, (uint64_t)((now - zero) / period), apc_clock_mono(NULL) - age);
+    return look(s);
 }
 
 static int open_shell(struct shell *s)
 {
     const struct experiment *e = &s->d->experiment;
+    struct apc_error why;
     if (e->scheduler.steps == 0)
         return daemon_error(s->d, APC_EINVAL, "%s has no scheduler: nothing is to be written", e->file);
-    s->options = (struct apc_scheduler_options){.size = sizeof s->options,
-                                                .nz = e->scheduler.n,
-                                                .steps = e->scheduler.steps,
-                                                .sequence = e->scheduler.sequence,
-                                                .repeat = e->scheduler.repeat};
+    int rc = cores_scheduler(e, &s->core, &why);
+    if (rc < 0)
+        return daemon_error(s->d, rc, "%s", why.text);
     /* Without a start a sequence that repeats lies on the grid of 1970; one that does not, begins now. */
     if (!s->d->start && !e->scheduler.repeat)
         s->d->start = apc_clock_utc(NULL) - e->scheduler.rhythm.phase;
-    s->step = calloc(e->dim.nz, sizeof *s->step);
-    s->out = calloc(e->dim.nz, sizeof *s->out);
-    int rc = s->step && s->out ? 0 : APC_ENOMEM;
     s->d->store_timeout = daemon_timeout(e->scheduler.rhythm.period);
-    for (size_t i = 0; i < s->options.nz && rc == 0; i++)
-        s->out[i] = (struct apc_sample){.table = APC_SETPOINT, .id = (int)e->scheduler.z[i].at + 1};
-    if (rc == 0)
-        rc = daemon_store(s->d, &s->store, s->out, s->options.nz);
+    rc = daemon_store(s->d, &s->store, apc_scheduler_in(s->core)->sample, e->scheduler.n);
     if (rc == 0)
         rc = catch_up(s);
     s->d->look = on_look;
@@ -154,7 +160,6 @@ int main(int argc, char **argv)
     if (rc == 0)
         rc = daemon_run(&d, d.experiment.scheduler.rhythm, on_tick, &s);
     apc_store_close(s.store);
-    free(s.step);
-    free(s.out);
+    apc_scheduler_destroy(s.core);
     return daemon_close(&d, rc);
 }

@@ -68,18 +68,50 @@ APC_API bool apc_freshness_dated(struct apc_freshness *f, int64_t mark, apc_ns w
 
 /* ---- Scheduler ---------------------------------------------------------------------------- */
 
+/** A setpoint that it moves. */
+struct apc_scheduler_setpoint {
+    const char *name; /**< as people call it; borrowed */
+    int id;           /**< in table setpoint */
+    int owner;        /**< in table opmode: 0 Local, the operator moves it; 1 Remote, as without a row */
+};
+
 struct apc_scheduler_options {
     size_t size;
-    size_t nz;              /**< setpoints */
-    size_t steps;           /**< length of the sequence */
-    const double *sequence; /**< [steps * nz], step after step; borrowed */
-    bool repeat;            /**< begin again after the last step, or keep it */
+    size_t nz;                              /**< required: setpoints */
+    const struct apc_scheduler_setpoint *z; /**< [nz] required; copied */
+    size_t steps;                           /**< required: length of the sequence */
+    const double *sequence;                 /**< [steps * nz] required: step after step; borrowed */
+    apc_ns period;                          /**< required: from step to step */
+    bool repeat;                            /**< begin again after the last step, or keep it */
 };
-/** The setpoints of step @p index of the grid into table setpoint, ids 1..nz; seq is not set. Returns nz;
- * 0: the options have no steps, no size, or ask for what this version of the library does not know. Pure.
- * [tick] */
-APC_API size_t apc_scheduler_step(const struct apc_scheduler_options *options, uint64_t index,
-                                  struct apc_now now, struct apc_sample *out);
+
+struct apc_scheduler;
+
+/** Returns 0, APC_EINVAL or APC_ENOMEM, with a text in why. [setup] */
+APC_API int apc_scheduler_create(struct apc_scheduler **scheduler,
+                                 const struct apc_scheduler_options *options, struct apc_error *why);
+APC_API void apc_scheduler_destroy(struct apc_scheduler *scheduler); /**< NULL is legal. [setup] */
+
+/** What it reads and what it writes: one snapshot before each compute, one append after it. They live as
+ * long as the scheduler. [any] */
+APC_API struct apc_rows *apc_scheduler_in(struct apc_scheduler *scheduler);
+APC_API struct apc_rows *apc_scheduler_out(struct apc_scheduler *scheduler);
+
+/** Begin in the middle of a step that began at @p since: what was written since then, and not to give the
+ * setpoint back, need not be written again. After in was read, before the first compute. [setup] */
+APC_API void apc_scheduler_resume(struct apc_scheduler *scheduler, uint64_t step, apc_ns since);
+
+/**
+ * Fill out with what is due while number @p step of the grid is: the steps that are not there yet of the
+ * setpoints that are Remote. Each says the newest row that was read, so that it is left out if somebody was
+ * faster. The notice tells, once, of those that became Local or Remote. Called at each step, and in between
+ * to see whether the owner changed. Returns how many rows. [tick]
+ */
+APC_API int apc_scheduler_compute(struct apc_scheduler *scheduler, struct apc_now now, uint64_t step,
+                                  struct apc_notice *notice);
+/** What became of out: @p stored, with the seqs that its rows got. Returns false where something is still
+ * due: somebody was faster, or nothing was stored. Then read and compute again. [tick] */
+APC_API bool apc_scheduler_update(struct apc_scheduler *scheduler, bool stored);
 
 /* ---- Plant server ------------------------------------------------------------------------- */
 

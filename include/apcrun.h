@@ -84,7 +84,7 @@ APC_API int apc_simulation_run(struct apc_simulation *s, double until);
 /**
  * Set a setpoint, a tuning parameter or, by the name of an output, what goes out in mode Man, as an operator
  * would just now. Returns 0, APC_ENOTFOUND, APC_ERANGE or another error. Whether it is taken is seen by what
- * follows, as in a plant. [setup]
+ * follows, as in a plant. A setpoint that a controller or the scheduler moves is Local then. [setup]
  */
 APC_API int apc_simulation_write(struct apc_simulation *s, const char *name, double value);
 /** Ask for a mode of a loop, by its output or as "upper.r1" by controller and output, or of all loops of a
@@ -92,8 +92,10 @@ APC_API int apc_simulation_write(struct apc_simulation *s, const char *name, dou
  * [setup]
  */
 APC_API int apc_simulation_mode(struct apc_simulation *s, const char *loop_or_controller, enum apc_mode mode);
-/** Do @p what to controller @p name: "kill" as kill -9 does, whatever it is doing, and "start" again. Returns
- * 0, APC_ENOTFOUND, APC_EINVAL (another @p what), or why it cannot be started. [setup] */
+/** Do @p what: to controller @p name "kill", as kill -9 does, whatever it is doing, and "start" again; to
+ * setpoint @p name "local", take it from the controller or the scheduler that moves it, as it stands, and
+ * "remote", give it back. Returns 0, APC_ENOTFOUND, APC_EINVAL (another @p what, or nobody else moves it), or
+ * why it cannot be started. [setup] */
 APC_API int apc_simulation_do(struct apc_simulation *s, const char *what, const char *name);
 /** The newest value of a measurement, setpoint, output or parameter. Returns 0, APC_ENOTFOUND (no such name,
  * or there is no value yet) or another error. [setup] */

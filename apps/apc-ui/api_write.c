@@ -19,10 +19,12 @@
 /* As in a command line: the shortest that reads back the same; modes by name. */
 static char *value_text(const struct apc_sample *s, char text[TEXT_LEN])
 {
-    const char *mode = s->table == APC_OPMODE && s->value >= 0 ? apc_mode_name((int)s->value) : NULL;
+    const char *mode = loops_is_owner(s)                         ? loops_owner_name(loops_is_local(s))
+                       : s->table == APC_OPMODE && s->value >= 0 ? apc_mode_name((int)s->value)
+                                                                 : NULL;
     int digits = 6;
-    if (s->seq == 0 || mode) {
-        snprintf(text, TEXT_LEN, "%s", s->seq == 0 ? "none" : mode);
+    if (mode || s->seq == 0) {
+        snprintf(text, TEXT_LEN, "%s", s->seq == 0 && !loops_is_owner(s) ? "none" : mode);
         return text;
     }
     do
@@ -34,7 +36,7 @@ static char *value_text(const struct apc_sample *s, char text[TEXT_LEN])
 /* ---- Reading the request ------------------------------------------------------------------ */
 
 /* What a loop's write has to do with, beside what is written: the target mode where an output or a setpoint
- * is, the setpoint where a target is. */
+ * is, or the switch of a setpoint that the scheduler moves, and the setpoint where a target is. */
 struct beside {
     struct apc_sample now; /* id 0: nothing */
     char name[APC_TAG_LEN];
@@ -57,9 +59,14 @@ static bool check_limits(struct request *r, const struct apc_tag *tag, double va
 }
 
 static void look_beside(const struct plant *p, struct order *o, const struct loops_loop *loop,
-                        enum apc_table table)
+                        enum apc_table table, int id)
 {
     struct beside *b = &o->beside;
+    if (table == APC_SETPOINT && loops_scheduled(&p->loops, id)) {
+        b->now = (struct apc_sample){.table = APC_OPMODE, .id = LOOPS_OWNER(id)};
+        snprintf(b->name, sizeof b->name, "%.57s.owner", p->tag[plant_find(p, table, id)].name);
+        return;
+    }
     if (!loop || table == APC_TUNING || (table != APC_MANUAL && loop->above < 0))
         return;
     b->now = table == APC_OPMODE ? (struct apc_sample){.table = APC_SETPOINT, .id = loop->setpoint}
@@ -80,7 +87,8 @@ static struct apc_tag described(struct ui *ui, struct order *o, enum apc_table t
               output = loop && table == APC_MANUAL ? plant_find(p, loop->table, loop->output) : -1;
     if (own >= 0)
         tag = p->tag[output < 0 ? own : output];
-    look_beside(p, o, loop, table);
+    if (own >= 0)
+        look_beside(p, o, loop, table, id);
     pthread_mutex_unlock(&ui->model.mutex);
     return tag;
 }
@@ -281,8 +289,10 @@ static int copy_loops(struct ui *ui, struct loops *to)
     *to = *from;
     to->at = calloc(from->n + 1, sizeof *to->at);
     to->controller = calloc(from->n_controllers + 1, sizeof *to->controller);
-    const bool room = to->at && to->controller;
+    to->scheduled = calloc(from->n_scheduled + 1, sizeof *to->scheduled);
+    const bool room = to->at && to->controller && to->scheduled;
     if (room) {
+        memcpy(to->scheduled, from->scheduled, from->n_scheduled * sizeof *to->scheduled);
         memcpy(to->at, from->at, from->n * sizeof *to->at);
         memcpy(to->controller, from->controller, from->n_controllers * sizeof *to->controller);
     }

@@ -24,9 +24,10 @@ static const struct cli_spec mode_spec = {
 
 static const struct cli_spec remote_spec = {
     .args_doc = "SETPOINT...",
-    .doc = "Give a setpoint back to the controller above that moves it: the target of its loop becomes Cas. "
-           "`apc "
-           "set SETPOINT VALUE` takes it. Waits until the loop is in it.",
+    .doc =
+        "Give a setpoint back to who moves it: to the controller above, and the target of its loop becomes "
+        "Cas, or to the scheduler, which writes the step that is due. `apc set SETPOINT VALUE` takes it. "
+        "Waits until it is moved.",
     .takes = CLI_STORE | CLI_WRITES,
     .min_args = 1,
     .max_args = -1,
@@ -313,9 +314,25 @@ int command_mode(int argc, char **argv)
 
 /* ---- remote ------------------------------------------------------------------------------- */
 
-/* The loop that has it as its setpoint, under another one. */
+struct given {
+    struct chosen loops; /* to controllers above */
+    int *setpoint;       /* to the scheduler */
+    size_t n;
+};
+
+static bool is_given(const struct given *g, int setpoint)
+{
+    for (size_t i = 0; i < g->loops.n; i++)
+        if (g->loops.loop[i]->setpoint == setpoint)
+            return true;
+    for (size_t i = 0; i < g->n; i++)
+        if (g->setpoint[i] == setpoint)
+            return true;
+    return false;
+}
+
 static int choose_setpoint(const struct cli *cli, const struct cli_plant *plant, const char *name,
-                           struct chosen *c)
+                           struct given *g)
 {
     enum apc_table table = APC_SETPOINT;
     int id = 0;
@@ -325,15 +342,18 @@ static int choose_setpoint(const struct cli *cli, const struct cli_plant *plant,
     int rc = id ? 0 : cli_find(cli, &plant->tags, name, &table, &id);
     if (rc < 0)
         return exit_code_of(rc);
-    const struct loops_loop *loop = table == APC_SETPOINT ? loops_of(&plant->loops, table, id) : NULL;
     if (table != APC_SETPOINT)
         return cli_error(cli, APC_EPERM, "%s is no setpoint", name);
-    if (!loop || loop->setpoint != id || loop->above < 0)
-        return cli_error(cli, APC_EPERM, "%s: no controller moves it; it is yours and the scheduler's", name);
-    for (size_t i = 0; i < c->n; i++)
-        if (c->loop[i] == loop)
-            return cli_usage(cli, "%s is given twice", name);
-    c->loop[c->n++] = loop;
+    if (is_given(g, id))
+        return cli_usage(cli, "%s is given twice", name);
+    const struct loops_loop *loop = loops_of(&plant->loops, table, id);
+    if (loop && loop->setpoint == id && loop->above >= 0)
+        g->loops.loop[g->loops.n++] = loop;
+    else if (loops_scheduled(&plant->loops, id))
+        g->setpoint[g->n++] = id;
+    else
+        return cli_error(cli, APC_EPERM, "%s: neither a controller nor the scheduler moves it: it is yours",
+                         name);
     return EXIT_OK;
 }
 
@@ -341,7 +361,7 @@ int command_remote(int argc, char **argv)
 {
     struct cli_plant plant = {0};
     struct apc_store *store = NULL;
-    struct chosen chosen = {0};
+    struct given given = {0};
     struct cli cli;
 
     cli_parse(&cli, &remote_spec, NULL, argc, argv);
@@ -349,14 +369,19 @@ int command_remote(int argc, char **argv)
     if (rc == EXIT_OK)
         rc = exit_code_of(cli_plant_load(&cli, store, &plant));
     /* NOLINTNEXTLINE(bugprone-sizeof-expression): an array of pointers */
-    chosen.loop = calloc((size_t)cli.n_args, sizeof *chosen.loop);
-    if (rc == EXIT_OK && !chosen.loop)
+    given.loops.loop = calloc((size_t)cli.n_args, sizeof *given.loops.loop);
+    given.setpoint = calloc((size_t)cli.n_args, sizeof *given.setpoint);
+    const bool room = given.loops.loop && given.setpoint;
+    if (rc == EXIT_OK && !room)
         rc = cli_error(&cli, APC_ENOMEM, "out of memory");
-    for (int i = 0; chosen.loop && i < cli.n_args && rc == EXIT_OK; i++)
-        rc = choose_setpoint(&cli, &plant, cli.args[i], &chosen);
-    if (chosen.loop && rc == EXIT_OK)
-        rc = change(&cli, store, &plant, &chosen, APC_MODE_CAS);
-    free(chosen.loop);
+    for (int i = 0; room && i < cli.n_args && rc == EXIT_OK; i++)
+        rc = choose_setpoint(&cli, &plant, cli.args[i], &given);
+    if (room && rc == EXIT_OK && given.loops.n > 0)
+        rc = change(&cli, store, &plant, &given.loops, APC_MODE_CAS);
+    if (room && rc == EXIT_OK && given.n > 0)
+        rc = operate_remote(&cli, store, &plant, given.setpoint, given.n);
+    free(given.loops.loop);
+    free(given.setpoint);
     cli_plant_free(&plant);
     apc_store_close(store);
     return cli_done(&cli, rc);

@@ -134,12 +134,12 @@ static int write_changes(struct apc_store *store, const struct operation *o, apc
     return rc >= 0 && is_all(o) ? find_rows(store, o) : rc;
 }
 
-static const char *taken_local(const struct operation *o, const struct apc_sample *target, char *text,
+static const char *taken_local(const struct operation *o, const struct apc_sample *owner, char *text,
                                size_t size)
 {
-    const struct loops_loop *loop = loops_of(&o->plant->loops, APC_OPMODE, target->id);
-    const struct apc_tag *tag = cli_tag(&o->plant->tags, APC_SETPOINT, loop ? loop->setpoint : 0);
-    snprintf(text, size, "%s taken Local, cascade open", tag ? tag->name : "setpoint");
+    const struct apc_tag *tag = cli_tag(&o->plant->tags, APC_SETPOINT, loops_owned(&o->plant->loops, owner));
+    snprintf(text, size, "%s taken Local, %s", tag ? tag->name : "setpoint",
+             loops_is_owner(owner) ? "the scheduler stands aside" : "cascade open");
     return text;
 }
 

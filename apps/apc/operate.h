@@ -37,6 +37,10 @@ void operate_describe(const struct change *change, const char *name, char *text,
 bool operate_is_one(const struct operation *operation);
 /* Who is at the terminal, not as whom: a name that su and sudo keep. */
 void operate_who(char *name, size_t size);
+/* Give setpoints (ids) back to the scheduler, and wait until it has written the steps that are due. Returns
+ * the exit code. */
+int operate_remote(const struct cli *cli, struct apc_store *store, const struct cli_plant *plant,
+                   const int *setpoint, size_t n);
 /* Write, record, wait for the outcome unless cli->no_wait, show. Returns the exit code. */
 int operate(const struct cli *cli, struct apc_store *store, const struct operation *operation);
 

@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "run/loops.h"
+
 /* ---- Pieces ------------------------------------------------------------------------------- */
 
 char *print_value(const struct apc_sample *sample, char text[PRINT_LEN])
@@ -12,7 +14,10 @@ char *print_value(const struct apc_sample *sample, char text[PRINT_LEN])
     const char *mode = NULL;
     const bool actual = sample->table == APC_ACTUAL &&
                         sample->id == apc_variable_number(APC_OPMODE, sample->id / 16); /* of a mode */
-    if ((sample->table == APC_OPMODE || actual) && sample->value >= 0 && sample->value <= APC_MODE_LO)
+    if (loops_is_owner(sample))
+        mode = loops_owner_name(loops_is_local(sample));
+    else if (((sample->table == APC_OPMODE && sample->id < LOOPS_IDS) || actual) && sample->value >= 0 &&
+             sample->value <= APC_MODE_LO)
         mode = apc_mode_name((int)sample->value);
     if (sample->seq == 0)
         snprintf(text, PRINT_LEN, "-");

@@ -243,6 +243,13 @@ static void show_mode(const struct status *s)
     print_clean(stdout, s->loops.reason[0]);
     putchar('\n');
     status_plan_show(&s->loops.plan[0], s->now);
+    const char *owner = status_loops_owner(&s->loops, 0);
+    if (owner && !strcmp(owner, loops_owner_name(true))) {
+        const char *setpoint = cli_tag(&s->plant.tags, APC_SETPOINT, s->plant.loops.at->setpoint)->name;
+        printf("       ");
+        print_clean(stdout, setpoint);
+        puts(" is Local: `apc remote` gives it back to the scheduler");
+    }
 }
 
 static int show(const struct status *s)

@@ -10,11 +10,14 @@
 
 /* ---- Reading ------------------------------------------------------------------------------ */
 
-static void name_rows(struct apc_sample *row, const struct loops_loop *l)
+static void name_rows(struct apc_sample *row, const struct loops *loops, const struct loops_loop *l)
 {
+    const bool scheduled = loops_scheduled(loops, l->setpoint);
     row[LOOP_TARGET] = (struct apc_sample){.table = APC_OPMODE, .id = l->id};
     row[LOOP_ACTUAL] = (struct apc_sample){.table = APC_ACTUAL, .id = apc_variable_number(APC_OPMODE, l->id)};
     row[LOOP_SP] = (struct apc_sample){.table = l->setpoint ? APC_SETPOINT : 0, .id = l->setpoint};
+    row[LOOP_OWNER] = (struct apc_sample){.table = scheduled ? APC_OPMODE : 0,
+                                          .id = scheduled ? LOOPS_OWNER(l->setpoint) : 0};
     row[LOOP_PV] = (struct apc_sample){.table = l->measurement ? APC_SENSOR : 0, .id = l->measurement};
     row[LOOP_OP] = (struct apc_sample){.table = l->table, .id = l->output};
 }
@@ -51,7 +54,7 @@ int status_loops_load(struct status_loops *s, struct apc_store *store, const str
     if (!s->row || !s->tick || !s->reason || !s->plan)
         return APC_ENOMEM;
     for (size_t i = 0; i < l->n; i++)
-        name_rows(s->row + LOOP_ROWS * i, &l->at[i]);
+        name_rows(s->row + LOOP_ROWS * i, l, &l->at[i]);
     for (size_t i = 0; i < l->n_controllers; i++)
         s->tick[i] = (struct apc_vector){.table = APC_TICK, .id = l->controller[i].number};
     int rc = read_all(s, store);
@@ -100,13 +103,13 @@ static const char *word_of(const struct apc_sample *mode)
     return mode->seq > 0 && mode->value >= 0 ? apc_mode_name((int)mode->value) : NULL;
 }
 
-/* Whose the setpoint of a loop under another one is; NULL: there is none above. */
-static const char *owner_of(const struct status_loops *s, size_t i)
+const char *status_loops_owner(const struct status_loops *s, size_t i)
 {
-    const struct apc_sample *target = &s->row[LOOP_ROWS * i + LOOP_TARGET];
-    if (s->plant->loops.at[i].above < 0)
-        return NULL;
-    return target->seq > 0 && target->value == (double)APC_MODE_CAS ? "Remote" : "Local";
+    const struct apc_sample *target = &s->row[LOOP_ROWS * i + LOOP_TARGET],
+                            *owner = &s->row[LOOP_ROWS * i + LOOP_OWNER];
+    if (s->plant->loops.at[i].above >= 0)
+        return loops_owner_name(target->seq == 0 || target->value != (double)APC_MODE_CAS);
+    return owner->table ? loops_owner_name(loops_is_local(owner)) : NULL;
 }
 
 /* Which way a limit holds the output back, as its status says. */
@@ -169,7 +172,7 @@ static void put_loop(struct print_table *table, const struct status_loops *s, si
                             *aged = row[LOOP_PV].seq ? &row[LOOP_PV] : &row[LOOP_OP];
     const char *target = word_of(&row[LOOP_TARGET]), *actual = word_of(&row[LOOP_ACTUAL]);
     const struct apc_tag *tag = cli_tag(&s->plant->tags, l->table, l->output);
-    const char *limit = limit_of(&row[LOOP_OP]), *owner = owner_of(s, i);
+    const char *limit = limit_of(&row[LOOP_OP]), *owner = status_loops_owner(s, i);
     char text[PRINT_LEN];
 
     print_cell(table, PRINT_PLAIN, "%s", l->name);
@@ -257,7 +260,7 @@ static void json_loop(const struct status_loops *s, size_t i)
     putchar(',');
     print_json_text(stdout, "reason", s->reason[i][0] ? s->reason[i] : NULL);
     putchar(',');
-    print_json_text(stdout, "owner", owner_of(s, i));
+    print_json_text(stdout, "owner", status_loops_owner(s, i));
     json_value(s, "setpoint", &row[LOOP_SP]);
     json_value(s, "measurement", &row[LOOP_PV]);
     json_value(s, "output", &row[LOOP_OP]);

@@ -8,7 +8,7 @@
 #include "reason.h"
 #include "status_plan.h"
 
-enum { LOOP_TARGET, LOOP_ACTUAL, LOOP_SP, LOOP_PV, LOOP_OP, LOOP_ROWS };
+enum { LOOP_TARGET, LOOP_ACTUAL, LOOP_SP, LOOP_OWNER, LOOP_PV, LOOP_OP, LOOP_ROWS };
 
 struct status_loops {
     const struct cli_plant *plant;
@@ -29,6 +29,8 @@ void status_loops_free(struct status_loops *s);
 bool status_is_stale(const struct cli_tags *tags, const struct apc_sample *sample, apc_ns now);
 /* Does any of them show that variable? */
 bool status_loops_have(const struct status_loops *s, const struct apc_sample *variable);
+/* Whose the setpoint of a loop is that another one or the scheduler moves; NULL: nobody else does. */
+const char *status_loops_owner(const struct status_loops *s, size_t loop);
 /* A table a controller. Returns 0 or APC_ENOMEM. */
 int status_loops_show(const struct status_loops *s, bool colour);
 /* Members "controllers" and "loops", two arrays. */

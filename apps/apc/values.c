@@ -88,8 +88,9 @@ static const struct cli_spec set_spec = {
     .doc =
         "Write setpoints or, of loops in Man, outputs; several pairs in one transaction. A VARIABLE is a "
         "name "
-        "or TABLE.ID, such as setpoint.1. A setpoint that another controller moves is taken from it: its "
-        "loop goes to Auto, until `apc remote`. Waits until the controller has it, and says what became of "
+        "or TABLE.ID, such as setpoint.1. A setpoint that another controller or the scheduler moves is taken "
+        "from it, until `apc remote`; its loop then goes from Cas to Auto. Waits until the controller has "
+        "it, and says what became of "
         "it: applied, superseded or refused; where no controller ticks, nothing is written.",
     .takes = CLI_STORE | CLI_NEGATIVE | CLI_WRITES,
     .min_args = 2,
@@ -141,7 +142,8 @@ static int admit(const struct cli *cli, const struct cli_plant *plant, struct ch
         why = "measurements are written by the client only";
         break;
     case APC_OPMODE:
-        why = "a mode is changed with \"apc mode man\", or \"apc mode LOOP man\"";
+        why = loops_is_owner(&c->after) ? "whose a setpoint is is changed with \"apc set\" and \"apc remote\""
+                                        : "a mode is changed with \"apc mode man\", or \"apc mode LOOP man\"";
         break;
     case APC_TUNING:
         why = "tuning is changed with \"apc tune NAME=VALUE\"";

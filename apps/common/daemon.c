@@ -16,6 +16,7 @@
 #include "watch.h"
 
 #define HOUSEKEEPING    APC_NS_PER_S /* between two looks of the main thread */
+#define LOOKS           4            /* of the program itself, in that time */
 #define RETURN          APC_NS_PER_S /* for a tick to return when all is to end */
 #define WINDOW          5            /* looks between two timing rows */
 #define SPOOL_IN_MEMORY ((uint64_t)16 << 20)
@@ -383,6 +384,18 @@ static void watch_records(struct daemon *d, int rc, int *last)
     *last = rc;
 }
 
+/* Until it is time for the next look, or a signal comes, which is returned. */
+static int wait_looking(struct daemon *d)
+{
+    int signal = 0;
+    for (int i = 0; i < LOOKS && d->look && signal <= 0; i++) {
+        signal = warden_wait(d->warden, HOUSEKEEPING / LOOKS);
+        if (signal <= 0)
+            d->look(d->look_ctx);
+    }
+    return d->look ? signal : warden_wait(d->warden, HOUSEKEEPING);
+}
+
 /* The main thread's part of a run: until a signal comes or the task ends by itself. */
 static int housekeep(struct daemon *d, struct apc_task *task, struct rhythm rhythm)
 {
@@ -393,7 +406,7 @@ static int housekeep(struct daemon *d, struct apc_task *task, struct rhythm rhyt
 
     clock_watch_init(&clock, NULL);
     for (unsigned looks = 1; rc == APC_ETIMEDOUT; looks++) {
-        int signal = warden_wait(d->warden, HOUSEKEEPING);
+        int signal = wait_looking(d);
         if (signal > 0) {
             daemon_event(d, APC_EVENT_INFO, "stop", "stopping on %s",
                          signal == SIGINT ? "SIGINT" : "SIGTERM");
@@ -401,8 +414,6 @@ static int housekeep(struct daemon *d, struct apc_task *task, struct rhythm rhyt
         }
         watch_clock(d, &clock);
         watch_overruns(d, task, &overruns);
-        if (d->look)
-            d->look(d->look_ctx);
         if (apc_task_missed(task) > missed && looks % WINDOW == 0) {
             daemon_event(d, APC_EVENT_WARNING, "overrun", "%llu ticks missed in the last %d s",
                          (unsigned long long)(apc_task_missed(task) - missed), WINDOW);

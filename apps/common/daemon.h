@@ -64,7 +64,7 @@ struct daemon {
     bool has_store;
     apc_ns store_timeout;    /* of the task's store; see daemon_timeout() */
     apc_ns store_pause;      /* longest before it is tried again; 0: the library's default */
-    void (*look)(void *ctx); /* called about every second by the main thread, with look_ctx; may be NULL */
+    void (*look)(void *ctx); /* called four times a second by the main thread, with look_ctx; may be NULL */
     void *look_ctx;
     struct spool_watch records, task; /* the main thread's; the task's */
 

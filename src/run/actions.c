@@ -145,14 +145,55 @@ int action_find_promotion(const struct experiment *e, const char *name, struct a
     return 0;
 }
 
+static bool is_scheduled(const struct experiment *e, const struct apc_tag *setpoint)
+{
+    size_t i = 0;
+    while (i < e->scheduler.n && e->scheduler.z[i].at + 1 != (size_t)setpoint->id)
+        i++;
+    return i < e->scheduler.n;
+}
+
+int action_find_owner(const struct experiment *e, const char *name, bool remote, struct action *action,
+                      struct apc_error *why)
+{
+    struct nearest nearest = {.wanted = name};
+    const struct apc_tag *tag = NULL;
+    for (size_t i = 0; i < e->dim.nz && !tag; i++) {
+        tag = is_called(&e->z[i].tag, name) ? &e->z[i].tag : NULL;
+        nearest_look(&nearest, e->z[i].tag.name);
+    }
+    if (!tag)
+        return apc_fail(why, APC_ENOTFOUND, "there is no setpoint \"%s\"%s%s%s", name,
+                        nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
+                        nearest.name ? "\"?" : "");
+    const struct wire setpoint = {APC_SETPOINT, (size_t)tag->id - 1};
+    const struct controller_loop loop = controllers_below(e, setpoint);
+    action->n = 1;
+    if (loop.of && controllers_is_below(e, loop)) {
+        action->to = (struct apc_sample){.table = APC_OPMODE,
+                                         .id = controllers_loop_id(loop),
+                                         .value = remote ? APC_MODE_CAS : APC_MODE_AUTO};
+        action->local = !remote;
+        return 0;
+    }
+    action->to = (struct apc_sample){.table = APC_OPMODE, .id = LOOPS_OWNER(tag->id), .value = remote};
+    return is_scheduled(e, tag)
+               ? 0
+               : apc_fail(why, APC_EINVAL, "nobody else moves %s: it is always Local", tag->name);
+}
+
 /* ---- Doing --------------------------------------------------------------------------------- */
 
 static void describe(const struct apc_sample *s, char *text, size_t size)
 {
-    const char *mode = s->table == APC_OPMODE && s->id < LOOPS_IDS ? apc_mode_name((int)s->value) : NULL;
+    const bool owner = loops_is_owner(s), mode = s->table == APC_OPMODE && s->id < LOOPS_IDS;
     char number[SETTINGS_NUMBER];
     settings_format(s->value, number);
-    snprintf(text, size, "%s", s->seq == 0 ? "none" : mode ? mode : number);
+    snprintf(text, size, "%s",
+             owner                                  ? loops_owner_name(loops_is_local(s))
+             : s->seq == 0                          ? "none"
+             : mode && apc_mode_name((int)s->value) ? apc_mode_name((int)s->value)
+                                                    : number);
 }
 
 /* What is written, in words. */
@@ -165,6 +206,20 @@ static const char *name_of(const struct loops *loops, const struct apc_tag *tags
     if (!loop)
         return tag ? tag->name : "";
     return action->n > 1 ? loops->controller[loop->controller].name : loop->name;
+}
+
+static int write_rows(struct apc_store *store, const struct loops *loops, const struct action *action,
+                      struct apc_sample *before, struct apc_sample *rows, struct owner_rows *with)
+{
+    int rc;
+    do {
+        rc = apc_store_read(store, before, 1);
+        if (rc < 0 || (action->local && !(before->value >= APC_MODE_CAS)))
+            return rc;
+        rows->seq = action->local ? before->seq : APC_SEQ_ANY;
+        rc = owner_put(store, loops, rows, action->n, with);
+    } while (action->local && rc == APC_ECONFLICT);
+    return rc;
 }
 
 int action_do(struct apc_store *store, const struct loops *loops, const struct apc_tag *tags, size_t n,
@@ -183,12 +238,12 @@ int action_do(struct apc_store *store, const struct loops *loops, const struct a
         rows[i].seq = APC_SEQ_ANY;
         rows[i].author = author > 0 ? (uint32_t)author : 0;
     }
-    int rc = author < 0 ? author : rows ? apc_store_read(store, &before, 1) : APC_ENOMEM;
+    int rc = author < 0 ? author : rows ? 0 : APC_ENOMEM;
     if (rc >= 0)
-        rc = owner_put(store, loops, rows, action->n, &with);
+        rc = write_rows(store, loops, action, &before, rows, &with);
     if (rc >= 0) {
         describe(&before, was, sizeof was);
-        describe(rows, is, sizeof is);
+        describe(rows[0].seq > 0 ? rows : &before, is, sizeof is);
         snprintf(event.source, sizeof event.source, "%s", source);
         snprintf(event.text, sizeof event.text, "%.64s: %s -> %s", name_of(loops, tags, n, action), was, is);
         rc = apc_store_append_events(store, &event, 1);
@@ -201,8 +256,9 @@ int action_do(struct apc_store *store, const struct loops *loops, const struct a
 /* ---- The list ------------------------------------------------------------------------------ */
 
 /* What can be done, and what will be. */
-static const char *const done[] = {"set", "mode", "promote", "kill", "start", NULL};
-static const char *const to_come[] = {"remote", "local", "ack", "shelve", "service", NULL};
+static const char *const done[] = {"set", "mode", "remote", "local", "promote", "kill", "start", NULL};
+static const char *const to_come[] = {"ack", "shelve", "service", NULL};
+#define POSSIBLE "set, mode, remote, local, promote, kill and start"
 
 static bool is_one_of(const char *name, const char *const *names)
 {
@@ -225,20 +281,16 @@ static const config_setting_t *kind_of(struct settings *s, const config_setting_
         if (!strcmp(name, "at") || !strcmp(name, "value"))
             continue;
         if (is_one_of(name, to_come))
-            settings_fail(s, member,
-                          "an action \"%s\" is not possible yet: set, mode, promote, kill and start are",
-                          name);
+            settings_fail(s, member, "an action \"%s\" is not possible yet: " POSSIBLE " are", name);
         else if (!is_one_of(name, done))
-            settings_fail(s, member,
-                          "there is no action \"%s\": set, mode, promote, kill and start are possible", name);
+            settings_fail(s, member, "there is no action \"%s\": " POSSIBLE " are possible", name);
         else if (kind)
             settings_fail(s, member, "one action at a time: \"%s\" and \"%s\"", config_setting_name(kind),
                           name);
         kind = member;
     }
     if (!kind)
-        settings_fail(s, group,
-                      "\"set\", \"mode\", \"promote\", \"kill\" or \"start\" is missing in an action");
+        settings_fail(s, group, "what is to be done is missing in an action: " POSSIBLE " are possible");
     return s->failed ? NULL : kind;
 }
 
@@ -282,6 +334,16 @@ static void read_promotion(struct settings *s, const config_setting_t *group, co
         settings_fail(s, group, "%s", why.text);
 }
 
+static void read_owner(struct settings *s, const config_setting_t *group, const char *name, bool remote,
+                       struct action *action, const struct experiment *e)
+{
+    struct apc_error why;
+    if (config_setting_get_member(group, "value"))
+        settings_fail(s, group, "whose a setpoint is has no \"value\"");
+    else if (!s->failed && action_find_owner(e, name, remote, action, &why) < 0)
+        settings_fail(s, group, "%s", why.text);
+}
+
 static void read_life(struct settings *s, const config_setting_t *group, const char *name,
                       struct action *action, const struct experiment *e)
 {
@@ -315,6 +377,8 @@ static void read_action(struct settings *s, const config_setting_t *group, const
         read_set(s, group, name, action, e, tags, n);
     else if (!strcmp(what, "mode"))
         read_mode(s, group, name, action, e);
+    else if (!strcmp(what, "remote") || !strcmp(what, "local"))
+        read_owner(s, group, name, !strcmp(what, "remote"), action, e);
     else if (!strcmp(what, "promote"))
         read_promotion(s, group, name, action, e);
     else

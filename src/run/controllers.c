@@ -423,9 +423,12 @@ int controllers_describe(const struct experiment *e, struct loops *loops)
 {
     int rc = 0;
     *loops = (struct loops){.at = calloc(controllers_loops(e) + 1, sizeof *loops->at),
-                            .controller = calloc(e->n_controllers + 1, sizeof *loops->controller)};
-    if (!loops->at || !loops->controller)
+                            .controller = calloc(e->n_controllers + 1, sizeof *loops->controller),
+                            .scheduled = calloc(e->scheduler.n + 1, sizeof *loops->scheduled)};
+    if (!loops->at || !loops->controller || !loops->scheduled)
         return APC_ENOMEM;
+    for (size_t i = 0; i < e->scheduler.n; i++)
+        loops->scheduled[loops->n_scheduled++] = (int)e->scheduler.z[i].at + 1;
     for (size_t i = 0; i < e->n_controllers && rc == 0; i++) {
         const struct controller *c = &e->controllers[i];
         struct loops_controller *to = &loops->controller[loops->n_controllers++];

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
+#include "loops.h"
 #include "run_internal.h"
 
 #include <math.h>
@@ -270,6 +271,29 @@ int cores_controller(const struct experiment *e, const struct controller *c, boo
     *controller = NULL;
     rc = rc < 0 ? apc_fail(why, rc, "out of memory") : apc_controller_create(controller, &options, why);
     free_wiring(&wiring);
+    return rc;
+}
+
+int cores_scheduler(const struct experiment *e, struct apc_scheduler **scheduler, struct apc_error *why)
+{
+    struct apc_scheduler_setpoint *z = calloc(e->scheduler.n + 1, sizeof *z);
+    *scheduler = NULL;
+    if (!z)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < e->scheduler.n; i++) {
+        const struct apc_tag *tag = &e->z[e->scheduler.z[i].at].tag;
+        z[i] =
+            (struct apc_scheduler_setpoint){.name = tag->name, .id = tag->id, .owner = LOOPS_OWNER(tag->id)};
+    }
+    const struct apc_scheduler_options options = {.size = sizeof options,
+                                                  .nz = e->scheduler.n,
+                                                  .z = z,
+                                                  .steps = e->scheduler.steps,
+                                                  .sequence = e->scheduler.sequence,
+                                                  .period = e->scheduler.rhythm.period,
+                                                  .repeat = e->scheduler.repeat};
+    const int rc = apc_scheduler_create(scheduler, &options, why);
+    free(z);
     return rc;
 }
 

@@ -33,6 +33,40 @@ static void find_periods(struct loops *l, const struct apc_tag *tag, size_t n)
             (void)apc_ns_from_s(tag[i].period, &l->controller[tag[i].id - 1].period);
 }
 
+/* ---- Setpoints ----------------------------------------------------------------------------- */
+
+/* Those that have a switch. */
+static void find_scheduled(struct loops *l, const struct apc_tag *tag, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        for (size_t k = 0; k < n && tag[i].table == APC_SETPOINT; k++)
+            if (tag[k].table == APC_OPMODE && tag[k].id == LOOPS_OWNER(tag[i].id))
+                l->scheduled[l->n_scheduled++] = tag[i].id;
+}
+
+bool loops_scheduled(const struct loops *l, int setpoint)
+{
+    size_t i = 0;
+    while (i < l->n_scheduled && l->scheduled[i] != setpoint)
+        i++;
+    return i < l->n_scheduled;
+}
+
+bool loops_is_owner(const struct apc_sample *row)
+{
+    return row->table == APC_OPMODE && row->id >= LOOPS_IDS && row->id < 2 * LOOPS_IDS;
+}
+
+const char *loops_owner_name(bool local)
+{
+    return local ? "Local" : "Remote";
+}
+
+bool loops_is_local(const struct apc_sample *owner)
+{
+    return owner->seq > 0 && !(owner->value >= 1);
+}
+
 /* ---- Outputs ------------------------------------------------------------------------------- */
 
 /* Is it CONTROLLER.NAME? */
@@ -106,8 +140,9 @@ static int read_pairs(struct loops *l, struct apc_store *store)
 int loops_load(struct loops *l, struct apc_store *store, const struct apc_tag *tag, size_t n)
 {
     *l = (struct loops){.at = calloc(n + 1, sizeof *l->at),
-                        .controller = calloc(n + 1, sizeof *l->controller)};
-    if (!l->at || !l->controller)
+                        .controller = calloc(n + 1, sizeof *l->controller),
+                        .scheduled = calloc(n + 1, sizeof *l->scheduled)};
+    if (!l->at || !l->controller || !l->scheduled)
         return APC_ENOMEM;
     for (size_t i = 0; i < n; i++) { /* they stand by table and id */
         if (!is_loop(&tag[i]))
@@ -120,6 +155,7 @@ int loops_load(struct loops *l, struct apc_store *store, const struct apc_tag *t
         l->n++;
     }
     find_periods(l, tag, n);
+    find_scheduled(l, tag, n);
     find_manual(l, tag, n);
     int rc = l->n > 0 ? read_pairs(l, store) : 0;
     find_above(l);
@@ -130,6 +166,7 @@ void loops_free(struct loops *l)
 {
     free(l->at);
     free(l->controller);
+    free(l->scheduled);
     *l = (struct loops){0};
 }
 
@@ -168,4 +205,13 @@ const struct loops_loop *loops_of(const struct loops *l, enum apc_table table, i
         output = &l->at[i];
     }
     return output;
+}
+
+int loops_owned(const struct loops *l, const struct apc_sample *row)
+{
+    const struct loops_loop *loop = loops_of(l, APC_OPMODE, row->id);
+    for (size_t i = 0; i < l->n_scheduled && loops_is_owner(row); i++)
+        if (LOOPS_OWNER(l->scheduled[i]) == row->id)
+            return l->scheduled[i];
+    return loop && loop->id == row->id ? loop->setpoint : 0;
 }

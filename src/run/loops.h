@@ -12,6 +12,9 @@
 /* Ids of table opmode from here on are other switches: kind x this + apc_variable_number() of what they are
  * of. */
 #define LOOPS_IDS 65536
+/* That of a setpoint that the scheduler moves: whose it is, 0 Local, the operator's, 1 Remote, as it is
+ * without a row. */
+#define LOOPS_OWNER(setpoint) (LOOPS_IDS + apc_variable_number(APC_SETPOINT, setpoint))
 /* That of an output: the number of the controller that acts on it. */
 #define LOOPS_ACTING(output) (2 * LOOPS_IDS + apc_variable_number(APC_ACTUATOR, output))
 
@@ -38,6 +41,8 @@ struct loops {
     size_t n;
     struct loops_controller *controller;
     size_t n_controllers;
+    int *scheduled; /* [n_scheduled] ids of the setpoints that the scheduler moves, in rising order */
+    size_t n_scheduled;
 };
 
 /* From the tags of a store, and its table dim. n is 0 where no loops are described. Returns 0, APC_ENOMEM or
@@ -50,5 +55,14 @@ const struct loops_loop *loops_find(const struct loops *loops, const char *name)
 const struct loops_controller *loops_controller(const struct loops *loops, const char *name);
 /* The one that has this as its output, its setpoint, its target mode or its manual output. */
 const struct loops_loop *loops_of(const struct loops *loops, enum apc_table table, int id);
+
+/* Does the scheduler move this setpoint? */
+bool loops_scheduled(const struct loops *loops, int setpoint);
+/* Is it such a switch, and what does its newest row say? */
+bool loops_is_owner(const struct apc_sample *row);
+bool loops_is_local(const struct apc_sample *owner);
+const char *loops_owner_name(bool local); /* "Local", "Remote" */
+/* The setpoint whose owner a row of table opmode says: a switch, or the target of its loop. 0: none. */
+int loops_owned(const struct loops *loops, const struct apc_sample *row);
 
 #endif

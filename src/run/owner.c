@@ -6,10 +6,17 @@
 
 #define TRIES 10
 
-/* A loop under another one that is written to. */
+/* A setpoint that has an owner, and the row of table opmode that says whose it is: the target of its loop, or
+ * a switch. */
+struct owned {
+    int setpoint, owner; /* ids */
+    bool cascade;        /* a loop moves it, in Cas; else the scheduler */
+};
+
+/* One that is written to. */
 struct affected {
-    const struct loops_loop *loop;
-    const struct apc_sample *target, *setpoint; /* among what is written; NULL: is not */
+    struct owned of;
+    const struct apc_sample *owner, *setpoint; /* among what is written; NULL: is not */
 };
 
 struct order {
@@ -17,7 +24,7 @@ struct order {
     size_t n;
     struct affected *affected;
     size_t n_affected;
-    struct apc_sample *now;  /* [n + 3 n_affected] newest: of the samples; target, setpoint, actual of each */
+    struct apc_sample *now;  /* [n + 3 n_affected] newest: of the samples; owner, setpoint, actual of each */
     struct apc_sample *rows; /* [n + n_affected] to be written */
     size_t n_rows;
 };
@@ -30,22 +37,29 @@ static const struct apc_sample *written(const struct order *o, enum apc_table ta
     return NULL;
 }
 
+static void affect(struct order *o, struct owned of)
+{
+    const struct apc_sample *own = written(o, APC_OPMODE, of.owner);
+    const struct affected a = {.of = of,
+                               .owner = own || !of.cascade ? own : written(o, APC_OPMODE, 0),
+                               .setpoint = written(o, APC_SETPOINT, of.setpoint)};
+    if (a.owner || a.setpoint)
+        o->affected[o->n_affected++] = a;
+}
+
 static int prepare(struct order *o, const struct loops *loops, struct apc_sample *samples, size_t n)
 {
-    *o = (struct order){.samples = samples, .n = n, .affected = calloc(loops->n + 1, sizeof *o->affected)};
-    o->now = calloc(n + 3 * loops->n + 1, sizeof *o->now);
-    o->rows = calloc(n + loops->n + 1, sizeof *o->rows);
+    const size_t owned = loops->n + loops->n_scheduled;
+    *o = (struct order){.samples = samples, .n = n, .affected = calloc(owned + 1, sizeof *o->affected)};
+    o->now = calloc(n + 3 * owned + 1, sizeof *o->now);
+    o->rows = calloc(n + owned + 1, sizeof *o->rows);
     if (!o->affected || !o->now || !o->rows)
         return APC_ENOMEM;
-    for (size_t i = 0; i < loops->n; i++) {
-        const struct loops_loop *l = &loops->at[i];
-        const struct apc_sample *own = written(o, APC_OPMODE, l->id);
-        const struct affected a = {.loop = l,
-                                   .target = own ? own : written(o, APC_OPMODE, 0),
-                                   .setpoint = written(o, APC_SETPOINT, l->setpoint)};
-        if (l->above >= 0 && (a.target || a.setpoint))
-            o->affected[o->n_affected++] = a;
-    }
+    for (size_t i = 0; i < loops->n; i++)
+        if (loops->at[i].above >= 0)
+            affect(o, (struct owned){loops->at[i].setpoint, loops->at[i].id, true});
+    for (size_t i = 0; i < loops->n_scheduled; i++)
+        affect(o, (struct owned){loops->scheduled[i], LOOPS_OWNER(loops->scheduled[i]), false});
     return 0;
 }
 
@@ -55,11 +69,11 @@ static int look(struct order *o, struct apc_store *store)
     for (size_t i = 0; i < o->n; i++)
         *at++ = (struct apc_sample){.table = o->samples[i].table, .id = o->samples[i].id};
     for (size_t i = 0; i < o->n_affected; i++) {
-        const struct loops_loop *l = o->affected[i].loop;
-        *at++ = (struct apc_sample){.table = APC_OPMODE, .id = l->id};
-        *at++ = (struct apc_sample){.table = APC_SETPOINT, .id = l->setpoint};
+        const struct owned *of = &o->affected[i].of;
+        *at++ = (struct apc_sample){.table = APC_OPMODE, .id = of->owner};
+        *at++ = (struct apc_sample){.table = APC_SETPOINT, .id = of->setpoint};
         *at++ =
-            (struct apc_sample){.table = APC_ACTUAL, .id = apc_variable_number(APC_SETPOINT, l->setpoint)};
+            (struct apc_sample){.table = APC_ACTUAL, .id = apc_variable_number(APC_SETPOINT, of->setpoint)};
     }
     return apc_store_read(store, o->now, (size_t)(at - o->now));
 }
@@ -81,12 +95,22 @@ static bool knows_nothing(const struct order *o)
     return true;
 }
 
-static bool is_cas(const struct apc_sample *target)
+static bool is_cas(double target)
 {
-    return target->seq != 0 && target->value >= APC_MODE_CAS && target->value <= APC_MODE_CAS;
+    return target >= APC_MODE_CAS && target <= APC_MODE_CAS;
 }
 
-static struct apc_sample *add(struct order *o, const struct apc_sample *newest, double value)
+static bool is_remote(const struct apc_sample *owner, const struct owned *of)
+{
+    return of->cascade ? owner->seq > 0 && is_cas(owner->value) : !loops_is_local(owner);
+}
+
+static bool becomes_remote(const struct apc_sample *owner, const struct owned *of)
+{
+    return of->cascade ? is_cas(owner->value) : owner->value >= 1;
+}
+
+static void add(struct order *o, const struct apc_sample *newest, double value)
 {
     struct apc_sample *row = &o->rows[o->n_rows++];
     *row = *o->samples;
@@ -94,19 +118,17 @@ static struct apc_sample *add(struct order *o, const struct apc_sample *newest, 
     row->id = newest->id;
     row->seq = newest->seq;
     row->value = value;
-    return row;
 }
 
 static void add_affected(struct order *o)
 {
     for (size_t i = 0; i < o->n_affected; i++) {
         const struct affected *a = &o->affected[i];
-        const struct apc_sample *target = &o->now[o->n + 3 * i], *setpoint = target + 1, *actual = target + 2;
-        const bool cas = is_cas(target);
-        if (!a->target && cas)
-            add(o, target, APC_MODE_AUTO);
-        if (a->target && !a->setpoint && setpoint->seq > 0 &&
-            cas != (a->target->value >= APC_MODE_CAS && a->target->value <= APC_MODE_CAS))
+        const struct apc_sample *owner = &o->now[o->n + 3 * i], *setpoint = owner + 1, *actual = owner + 2;
+        const bool remote = is_remote(owner, &a->of);
+        if (!a->owner && remote)
+            add(o, owner, a->of.cascade ? APC_MODE_AUTO : 0);
+        if (a->owner && !a->setpoint && setpoint->seq > 0 && remote != becomes_remote(a->owner, &a->of))
             add(o, setpoint,
                 setpoint->origin > 0 && actual->seq > 0 ? actual->value /* the loop above wrote it */
                                                         : setpoint->value);

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
+#include "loops.h"
 #include "run_internal.h"
 
 #include <math.h>
@@ -178,6 +179,18 @@ static void add_controllers(struct tags *t)
     t->of = NULL;
 }
 
+/* Whose the setpoints are that the scheduler moves. */
+static void add_owners(struct tags *t)
+{
+    char name[APC_TAG_LEN];
+    for (size_t i = 0; i < t->e->scheduler.n; i++) {
+        const struct apc_tag *of = &t->e->z[t->e->scheduler.z[i].at].tag;
+        join(of->name, "owner", name);
+        add(t, plain_tag(APC_OPMODE, LOOPS_OWNER(of->id), name,
+                         "who moves the setpoint: 0 Local, the operator; 1 Remote, the scheduler", 0, 1));
+    }
+}
+
 static size_t count_tuning(const struct experiment *e)
 {
     size_t n = 0;
@@ -201,7 +214,7 @@ struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
     const size_t ny = dim->ny + e->n_signals;
     struct tags t = {.e = e,
                      .at = calloc(ny + dim->nz + dim->nu + e->n_controllers + count_tuning(e) +
-                                      count_published(e) + 5 * controllers_loops(e) + 5,
+                                      count_published(e) + 5 * controllers_loops(e) + e->scheduler.n + 5,
                                   sizeof *t.at)};
     if (!t.at)
         return NULL;
@@ -218,6 +231,7 @@ struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
         add(&t, e->u[i].tag)->period = t.of ? apc_ns_to_s(t.of->rhythm.period) : 0;
     }
     add_controllers(&t);
+    add_owners(&t);
     add(&t, plain_tag(APC_DIM, 1, "dim.y", "number of measurements", 1, 1e6));
     add(&t, plain_tag(APC_DIM, 2, "dim.z", "number of setpoints", 1, 1e6));
     add(&t, plain_tag(APC_DIM, 3, "dim.u", "number of manipulated variables", 1, 1e6));
@@ -483,6 +497,20 @@ static int put_choices(struct apc_store *store, const struct experiment *e, apc_
     return rc;
 }
 
+/* Whose the setpoints are. */
+static int put_owners(struct apc_store *store, const struct experiment *e, apc_ns now, enum provision how)
+{
+    struct apc_sample *wanted = calloc(e->scheduler.n + 1, sizeof *wanted);
+    if (!wanted)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < e->scheduler.n; i++)
+        wanted[i] = (struct apc_sample){
+            .table = APC_OPMODE, .id = LOOPS_OWNER((int)e->scheduler.z[i].at + 1), .time = now, .value = 1};
+    const int rc = put_values(store, wanted, e->scheduler.n, how);
+    free(wanted);
+    return rc;
+}
+
 int provision(struct apc_store *store, const struct experiment *e, enum provision how)
 {
     const size_t n = count_tuning(e);
@@ -507,6 +535,8 @@ int provision(struct apc_store *store, const struct experiment *e, enum provisio
         rc = put_modes(store, e, now, how);
     if (rc >= 0)
         rc = put_choices(store, e, now, how);
+    if (rc >= 0)
+        rc = put_owners(store, e, now, how);
     if (rc >= 0 && how == PROVISION_RESET)
         rc = forget_manual(store, e, now);
     free(wanted);

@@ -215,14 +215,21 @@ int apc_simulation_mode(struct apc_simulation *s, const char *name, enum apc_mod
 
 int apc_simulation_do(struct apc_simulation *s, const char *what, const char *name)
 {
-    const bool kill = !strcmp(what, "kill");
+    const bool kill = !strcmp(what, "kill"), remote = !strcmp(what, "remote");
+    struct action action = {.kind = kill ? ACTION_KILL : ACTION_START};
+    if (remote || !strcmp(what, "local")) {
+        action.kind = ACTION_WRITE;
+        const int rc = action_find_owner(&s->of->e, name, remote, &action, &s->why);
+        return rc < 0 ? rc : said(s, simulation_operate(&s->s, &action));
+    }
     if (!kill && strcmp(what, "start") != 0)
-        return apc_fail(&s->why, APC_EINVAL, "\"%s\" cannot be done: kill and start can", what);
-    for (size_t i = 0; i < s->of->e.n_controllers; i++)
-        if (!strcmp(s->of->e.controllers[i].name, name))
-            return said(s,
-                        simulation_operate(&s->s, &(struct action){.kind = kill ? ACTION_KILL : ACTION_START,
-                                                                   .controller = i}));
+        return apc_fail(&s->why, APC_EINVAL, "\"%s\" cannot be done: remote, local, kill and start can",
+                        what);
+    while (action.controller < s->of->e.n_controllers &&
+           strcmp(s->of->e.controllers[action.controller].name, name) != 0)
+        action.controller++;
+    if (action.controller < s->of->e.n_controllers)
+        return said(s, simulation_operate(&s->s, &action));
     return apc_fail(&s->why, APC_ENOTFOUND, "there is no controller \"%s\"", name);
 }
 

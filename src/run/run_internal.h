@@ -126,6 +126,7 @@ struct action {
     enum action_kind { ACTION_WRITE = 1, ACTION_KILL, ACTION_START } kind;
     struct apc_sample to; /* the variable of the operator's, and its value, */
     size_t n;             /* and of how many ids from this one on: a controller's loops */
+    bool local;           /* to is written only where a loop is in Cas: else its setpoint is Local already */
     size_t controller;    /* that is killed or started, by its place */
 };
 
@@ -303,6 +304,7 @@ int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc
 /* These return 0 or a negative error with its text in why. */
 int cores_controller(const struct experiment *e, const struct controller *c, bool real_time,
                      struct apc_controller **controller, struct apc_error *why);
+int cores_scheduler(const struct experiment *e, struct apc_scheduler **scheduler, struct apc_error *why);
 /*
  * Before the first tick of a controller, and after each: where the outputs have a switch, claim them if it
  * names this controller, and give them back if it does not; *@p claimed is whether it has them. Returns 0, or
@@ -335,6 +337,10 @@ int action_find_mode(const struct experiment *e, const char *name, enum apc_mode
  */
 int action_find_promotion(const struct experiment *e, const char *name, struct action *action,
                           struct apc_error *why);
+/* Give the setpoint called @p name to who moves it, a loop above or the scheduler (@p remote), or take it
+ * from there, as it is. Fills action->to, n and local. Returns 0 or a negative error. */
+int action_find_owner(const struct experiment *e, const char *name, bool remote, struct action *action,
+                      struct apc_error *why);
 /* What an operator is to write: put it as owner_put() does, and an event of @p source that tells of it.
  * Returns 0 or the store's error. */
 int action_do(struct apc_store *store, const struct loops *loops, const struct apc_tag *tags, size_t n,

@@ -107,22 +107,39 @@ static void tell_notice(struct simulation *s, const char *source, const struct a
 static int scheduler_tick(void *ctx, const struct apc_tick *tick)
 {
     struct simulation *s = ctx;
-    apc_scheduler_step(&s->scheduler, tick->index, now_of(s), s->step);
-    for (size_t i = 0; i < s->scheduler.nz; i++)
-        s->step[i].id = (int)s->e->scheduler.z[i].at + 1;
+    s->step = tick->index;
+    s->schedules = true;
+    stop_at_store(s, apc_store_read_rows(s->store, apc_scheduler_in(s->scheduler)));
     return 0;
+}
+
+/* What is due of what was read. Returns false where somebody was faster. */
+static bool schedule(struct simulation *s)
+{
+    struct apc_rows *out = apc_scheduler_out(s->scheduler);
+    struct apc_notice notice;
+    int rc = apc_scheduler_compute(s->scheduler, now_of(s), s->step, &notice);
+    tell_notice(s, "apc-scheduler", &notice);
+    if (rc > 0)
+        stop_at_store(s, rc = apc_store_append_rows(s->store, out));
+    for (size_t i = 0; i < out->n_samples && rc >= 0; i++)
+        if (out->sample[i].seq > 0)
+            course_change(&s->course, &s->course.setpoint[out->sample[i].id - 1], time_of(s),
+                          out->sample[i].value);
+    return apc_scheduler_update(s->scheduler, rc >= 0) || s->rc < 0;
+}
+
+static void scheduler_look(struct simulation *s)
+{
+    do
+        stop_at_store(s, apc_store_read_rows(s->store, apc_scheduler_in(s->scheduler)));
+    while (s->rc == 0 && !schedule(s));
 }
 
 static void scheduler_finish(void *ctx)
 {
-    struct simulation *s = ctx;
-    const size_t n = s->scheduler.nz;
-    apc_ns utc = apc_clock_utc(s->clock);
-    for (size_t i = 0; i < n; i++)
-        s->step[i].time = utc;
-    stop_at_store(s, apc_store_put(s->store, s->step, n));
-    for (size_t i = 0; i < n; i++)
-        course_change(&s->course, &s->course.setpoint[s->step[i].id - 1], time_of(s), s->step[i].value);
+    if (!schedule(ctx))
+        scheduler_look(ctx);
 }
 
 /* ---- Plant -------------------------------------------------------------------------------- */
@@ -413,6 +430,8 @@ static void write_as_operator(struct simulation *s, const struct action *action,
                   action_do(s->store, &s->loops, s->tags, s->n_tags, action, apc_clock_utc(s->clock), who));
     if (action->to.table == APC_SETPOINT)
         course_change(&s->course, &s->course.setpoint[action->to.id - 1], time_of(s), action->to.value);
+    if (s->schedules) /* it sees at once whose its setpoints are */
+        scheduler_look(s);
 }
 
 static void operate(struct simulation *s, const struct action *action, const char *who)
@@ -576,7 +595,7 @@ static int make_exchange(struct simulation *s, uint64_t seed, struct apc_error *
 static int make_room(struct simulation *s)
 {
     const struct apc_dim *dim = &s->e->dim;
-    s->memory = calloc(dim->nu + dim->ny + dim->nz, sizeof *s->memory);
+    s->memory = calloc(dim->nu + dim->ny, sizeof *s->memory);
     s->command = calloc(dim->nu, sizeof *s->command);
     s->answer = calloc(dim->ny, sizeof *s->answer);
     s->now = calloc(dim->nu, sizeof *s->now);
@@ -585,7 +604,6 @@ static int make_room(struct simulation *s)
         return APC_ENOMEM;
     s->u = s->memory;
     s->y = s->u + dim->nu;
-    s->step = s->y + dim->ny;
     for (size_t i = 0; i < dim->nu; i++)
         s->u[i] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)i + 1};
     return 0;
@@ -619,15 +637,11 @@ int simulation_create(struct simulation *s, const struct experiment *e, uint64_t
         return rc;
     s->clock = apc_executive_clock(s->executive);
     s->zero = apc_clock_mono(s->clock);
-    s->scheduler = (struct apc_scheduler_options){.size = sizeof s->scheduler,
-                                                  .nz = e->scheduler.n,
-                                                  .steps = e->scheduler.steps,
-                                                  .sequence = e->scheduler.sequence,
-                                                  .repeat = e->scheduler.repeat};
     struct experiment seeded = *e;
     seeded.seed = seed;
     if ((rc = cores_plant(&seeded, &s->plant, &s->server, why)) < 0 ||
         (rc = cores_client(e, NULL, SIMULATION_BEGIN, &s->client, why)) < 0 ||
+        (e->scheduler.steps > 0 && (rc = cores_scheduler(e, &s->scheduler, why)) < 0) ||
         (rc = make_exchange(s, seed, why)) < 0)
         return rc;
     if (make_room(s) < 0 || schedule_clock(s) < 0 || schedule_actions(s) < 0)
@@ -658,6 +672,7 @@ void simulation_destroy(struct simulation *s)
     apc_exchange_close(s->exchange);
     apc_executive_destroy(s->executive);
     apc_client_destroy(s->client);
+    apc_scheduler_destroy(s->scheduler);
     for (size_t i = 0; s->controller && i < s->e->n_controllers; i++) {
         apc_controller_destroy(s->controller[i].core);
         apc_store_close(s->controller[i].store);

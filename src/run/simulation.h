@@ -46,13 +46,15 @@ struct simulation {
     struct apc_plant *plant;
     struct apc_plantserver *server;
     struct apc_client *client;
-    struct simulated *controller; /* [e->n_controllers] */
-    struct apc_scheduler_options scheduler;
-    struct apc_store *store; /* mem:, a name of its own */
+    struct simulated *controller;    /* [e->n_controllers] */
+    struct apc_scheduler *scheduler; /* NULL: there is none */
+    uint64_t step;                   /* it is at, once it has begun */
+    bool schedules;                  /* it has */
+    struct apc_store *store;         /* mem:, a name of its own */
     char uri[40];
 
     /* what the shells keep between two of their events */
-    struct apc_sample *u, *y, *step, *memory;
+    struct apc_sample *u, *y, *memory;
     struct apc_value *command, *answer; /* of the exchange that is under way */
     struct apc_now plant_now;
     struct clock_step *clock_steps;

@@ -236,7 +236,8 @@ test_get_says_so_when_there_is_no_sample() {
 
 test_set_writes_setpoints() {
   run 0 set r 10 --no-wait
-  out_is "r: none -> 10"
+  out_is "r: none -> 10
+r taken Local, the scheduler stands aside"
   run 0 set setpoint.1 12 --no-wait
   out_is "r: 10 -> 12"
   run 0 set r -0.1234567890123 --no-wait
@@ -305,7 +306,8 @@ test_mode_is_shown_and_changed() {
   refused 1 'no loop, controller or mode "q"; there are: u, controller' mode q man
   refused 1 'no loop, controller or mode "sideways"' mode sideways
   refused 4 "u cannot be in Cas: no controller moves its setpoint" mode u cas
-  refused 4 "r: no controller moves it" remote r
+  run 5 remote r
+  err_has "r: Local -> Remote: written, but no scheduler moves it"
   refused 4 "y is no setpoint" remote y
   refused 1 'no variable "q"' remote q
 }

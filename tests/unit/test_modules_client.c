@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The client, and the small pure cores: freshness and scheduler. */
+/* The client, and freshness. */
 #include "check.h"
 
 #include "apcmodules.h"
@@ -90,53 +90,6 @@ static void a_stamp_that_lies_outside_the_looks_is_not_believed(void **state)
     assert_true(apc_freshness_dated(&f, 3, INT64_MAX, at(12), 10));
     assert_true(apc_freshness_dated(&f, 3, INT64_MAX, at(22), 10));
     assert_false(apc_freshness_dated(&f, 3, INT64_MAX, at(23), 10));
-}
-
-/* ---- Scheduler ------------------------------------------------------------------------------ */
-
-static void the_schedule_keeps_its_last_step_or_begins_again(void **state)
-{
-    const double sequence[] = {1, 2, 3, 4, 5, 6};
-    struct apc_scheduler_options o = {.size = sizeof(o), .nz = 2, .steps = 3, .sequence = sequence};
-    struct apc_sample z[2];
-
-    (void)state;
-    for (uint64_t i = 0; i < 3; i++) {
-        assert_int_equal(apc_scheduler_step(&o, i, at(5), z), 2);
-        assert_near(z[0].value, 1.0 + 2.0 * (double)i, 0.0);
-        assert_near(z[1].value, 2.0 + 2.0 * (double)i, 0.0);
-    }
-    assert_int_equal(z[1].table, APC_SETPOINT);
-    assert_int_equal(z[1].id, 2);
-    assert_int_equal(z[1].seq, 0);
-    assert_int_equal(z[1].time, T0 + 5);
-    assert_int_equal(z[1].status, APC_GOOD);
-    apc_scheduler_step(&o, UINT64_MAX, at(0), z);
-    assert_near(z[0].value, 5.0, 0.0);
-    o.repeat = true;
-    apc_scheduler_step(&o, 4, at(0), z);
-    assert_near(z[0].value, 3.0, 0.0);
-    o.steps = 0;
-    assert_int_equal(apc_scheduler_step(&o, 0, at(0), z), 0);
-}
-
-/* Of a caller compiled with a longer struct of options than this library knows, or one that forgot the size.
- */
-static void options_of_another_version_schedule_nothing(void **state)
-{
-    const double sequence[] = {1.0};
-    struct {
-        struct apc_scheduler_options o;
-        double newer;
-    } longer = {.o = {.size = sizeof(longer), .nz = 1, .steps = 1, .sequence = sequence}};
-    struct apc_sample z;
-
-    (void)state;
-    assert_int_equal(apc_scheduler_step(&longer.o, 0, at(0), &z), 1); /* which asks for nothing new */
-    longer.newer = 1.0;
-    assert_int_equal(apc_scheduler_step(&longer.o, 0, at(0), &z), 0);
-    longer.o.size = 0;
-    assert_int_equal(apc_scheduler_step(&longer.o, 0, at(0), &z), 0);
 }
 
 /* ---- Client --------------------------------------------------------------------------------- */
@@ -324,8 +277,6 @@ int main(void)
         cmocka_unit_test(an_age_seen_at_the_first_look_counts_on),
         cmocka_unit_test(what_is_stamped_when_written_is_as_old_as_its_stamp_says),
         cmocka_unit_test(a_stamp_that_lies_outside_the_looks_is_not_believed),
-        cmocka_unit_test(the_schedule_keeps_its_last_step_or_begins_again),
-        cmocka_unit_test(options_of_another_version_schedule_nothing),
         cmocka_unit_test_setup_teardown(a_whole_fresh_vector_is_given_as_it_is, set_up, tear_down),
         cmocka_unit_test_setup_teardown(what_is_missing_bad_or_not_finite_is_not_written, set_up, tear_down),
         cmocka_unit_test_setup_teardown(a_command_that_is_no_longer_renewed_is_not_written, set_up,

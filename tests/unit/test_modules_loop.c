@@ -61,6 +61,7 @@ struct loop {
     struct apc_plantserver *server;
     struct apc_client *client;
     struct apc_controller *controller;
+    struct apc_scheduler *scheduler;
     struct apc_sample *in; /* what the controller reads: y first, z second, mode third */
     struct apc_sample u;
     uint64_t ticks;
@@ -83,6 +84,11 @@ static void make(struct loop *l)
                                                       .period = 2 * S,
                                                       .horizon = 1600 * MS};
 
+    const struct apc_scheduler_setpoint r = {"r", 1, 65536};
+    const struct apc_scheduler_options steps = {
+        .size = sizeof(steps), .nz = 1, .z = &r, .steps = 4, .sequence = sequence, .period = 150 * S};
+
+    assert_int_equal(apc_scheduler_create(&l->scheduler, &steps, NULL), 0);
     assert_int_equal(apc_plantserver_create(&l->server, &server, NULL), 0);
     assert_int_equal(apc_client_create(&l->client, &client, NULL), 0);
     assert_int_equal(apc_controller_create(&l->controller, &controller, NULL), 0);
@@ -95,11 +101,14 @@ static void make(struct loop *l)
 
 static void scheduler(struct loop *l, struct apc_now now)
 {
-    const struct apc_scheduler_options o = {.size = sizeof(o), .nz = 1, .steps = 4, .sequence = sequence};
-    int64_t seq = l->in[1].seq;
+    struct apc_rows *in = apc_scheduler_in(l->scheduler);
+    struct apc_sample *out = apc_scheduler_out(l->scheduler)->sample;
 
-    assert_int_equal(apc_scheduler_step(&o, (uint64_t)(now.mono / (150 * S)), now, &l->in[1]), 1);
-    l->in[1].seq = seq + 1;
+    in->sample[0] = l->in[1];
+    assert_int_equal(apc_scheduler_compute(l->scheduler, now, (uint64_t)(now.mono / (150 * S)), NULL), 1);
+    l->in[1] = *out;
+    out->seq = ++l->in[1].seq;
+    assert_true(apc_scheduler_update(l->scheduler, true));
 }
 
 /* One exchange of the two over a wire that is nothing but memory. */
@@ -178,6 +187,7 @@ static void the_four_cores_make_the_papers_experiment(void **state)
     assert_near(apc_plant_state(l.plant)[0], 15.0, 1e-3);
     assert_int_equal(l.warnings, 0);
     apc_controller_destroy(l.controller);
+    apc_scheduler_destroy(l.scheduler);
     apc_client_destroy(l.client);
     apc_plantserver_destroy(l.server);
     apc_plant_destroy(l.plant);

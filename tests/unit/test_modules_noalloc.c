@@ -82,6 +82,7 @@ struct loop {
     struct apc_plantserver *server;
     struct apc_client *client;
     struct apc_controller *controller;
+    struct apc_scheduler *scheduler;
     struct apc_rows *in, *out;
     struct apc_sample u;
     char request[256], reply[256];
@@ -99,6 +100,11 @@ static int make(struct loop *l, int n)
     const struct apc_controller_options controller = {
         .size = sizeof(controller), .law = &apc_law_pi, .dim = {1, 1, 1, 0}, .period = S, .horizon = 3 * S};
 
+    static const double set = 1.0;
+    const struct apc_scheduler_setpoint r = {"r", 1, 65536};
+    const struct apc_scheduler_options scheduler = {
+        .size = sizeof(scheduler), .nz = 1, .z = &r, .steps = 1, .sequence = &set, .period = S};
+
     *l = (struct loop){0};
     if (apc_plant_create(&l->plant, &apc_model_first_order, NULL, NULL, NULL, NULL) < 0)
         return -1;
@@ -110,6 +116,8 @@ static int make(struct loop *l, int n)
         rc = apc_client_create(&l->client, &client, NULL);
     if (rc == 0)
         rc = apc_controller_create(&l->controller, &controller, NULL);
+    if (rc == 0)
+        rc = apc_scheduler_create(&l->scheduler, &scheduler, NULL);
     if (rc == 0) {
         l->in = apc_controller_in(l->controller);
         l->out = apc_controller_out(l->controller);
@@ -120,6 +128,7 @@ static int make(struct loop *l, int n)
 
 static void destroy(struct loop *l)
 {
+    apc_scheduler_destroy(l->scheduler);
     apc_controller_destroy(l->controller);
     apc_client_destroy(l->client);
     apc_plantserver_destroy(l->server);
@@ -130,16 +139,17 @@ static void destroy(struct loop *l)
 static void one_second(struct loop *l, int k)
 {
     const struct apc_now now = {.mono = k * S, .utc = T0 + k * S};
-    const double set = 1.0;
-    const struct apc_scheduler_options o = {.size = sizeof(o), .nz = 1, .steps = 1, .sequence = &set};
     struct apc_notice notice;
     struct apc_frame frame = {.id = 1};
     struct apc_value value;
     struct apc_sample y;
     int n;
 
-    (void)apc_scheduler_step(&o, 0, now, rows_at(l->in, APC_SETPOINT, 1));
-    rows_at(l->in, APC_SETPOINT, 1)->seq = k + 1;
+    apc_scheduler_in(l->scheduler)->sample[0] = *rows_at(l->in, APC_SETPOINT, 1);
+    l->failures += apc_scheduler_compute(l->scheduler, now, (uint64_t)k, &notice) != 1;
+    *rows_at(l->in, APC_SETPOINT, 1) = *apc_scheduler_out(l->scheduler)->sample;
+    rows_at(l->in, APC_SETPOINT, 1)->seq = apc_scheduler_out(l->scheduler)->sample->seq = k + 1;
+    l->failures += !apc_scheduler_update(l->scheduler, true);
     rows_feed(l->in, APC_OPMODE, 1, k / 100 % 3, now.utc); /* Man, Auto, OOS */
     rows_feed(l->in, APC_TUNING, 1, k % 2 ? 0.2 : (double)NAN, now.utc);
     l->failures += apc_plantserver_tick(l->server, now, &notice) < 0;

@@ -382,7 +382,72 @@ static void an_operator_comes_before_the_tick_of_the_same_instant(void **state)
     assert_int_equal(apc_simulation_run(s, 0.031), 0); /* the controller's first tick */
     assert_near(value_of(s, "u"), 0.2 * 3.0, 1e-12);
     assert_int_equal(apc_simulation_run(s, 151), 0);
-    assert_near(value_of(s, "r"), 20, 0); /* the scheduler's step, which came after */
+    assert_near(value_of(s, "r"), 4, 0); /* the scheduler, which came after, stands aside */
+    apc_simulation_destroy(s);
+    apc_experiment_destroy(e);
+}
+
+/* How often an event of this text was told. */
+struct told {
+    const char *text;
+    int n;
+};
+
+static int count_event(void *ctx, const struct apc_event *event)
+{
+    struct told *t = ctx;
+    t->n += strcmp(event->text, t->text) == 0;
+    return 0;
+}
+
+static int times(struct apc_simulation *s, const char *event)
+{
+    struct told t = {event, 0};
+    assert_true(apc_store_events(apc_simulation_store(s), NULL, count_event, &t) >= 0);
+    return t.n;
+}
+
+/* Steps are 10, 20, 5 and 15, of 150 s each. */
+static void what_an_operator_sets_is_his_until_he_gives_it_back(void **state)
+{
+    struct apc_experiment *e = load("");
+    struct apc_simulation *s = simulate(e);
+    (void)state;
+    assert_int_equal(apc_simulation_run(s, 100.5), 0);
+    assert_int_equal(apc_simulation_write(s, "r", 12), 0);
+    assert_int_equal(times(s, "r is Local: its steps are not written"), 1);
+    assert_int_equal(apc_simulation_run(s, 400), 0);
+    assert_near(value_of(s, "r"), 12, 0);
+    assert_int_equal(times(s, "r is Local: its steps are not written"), 1); /* said once */
+    assert_int_equal(apc_simulation_write(s, "r", 13), 0);
+    assert_int_equal(apc_simulation_do(s, "remote", "r"), 0);
+    assert_near(value_of(s, "r"), 5, 0); /* the step that is due, at once */
+    assert_int_equal(times(s, "r is Remote: its steps are written again"), 1);
+    assert_int_equal(apc_simulation_do(s, "local", "setpoint.1"), 0);
+    assert_int_equal(apc_simulation_run(s, 460), 0);
+    assert_near(value_of(s, "r"), 5, 0);
+    assert_int_equal(apc_simulation_do(s, "local", "r"), 0); /* it is already */
+    assert_near(value_of(s, "r"), 5, 0);
+    assert_int_equal(apc_simulation_do(s, "remote", "r"), 0);
+    assert_near(value_of(s, "r"), 15, 0);
+    assert_int_equal(apc_simulation_do(s, "remote", "q"), APC_ENOTFOUND);
+    assert_int_equal(apc_simulation_do(s, "promote", "r"), APC_EINVAL);
+    apc_simulation_destroy(s);
+    apc_experiment_destroy(e);
+}
+
+static void before_its_first_step_a_scheduler_may_be_told_to_stand_aside(void **state)
+{
+    struct apc_experiment *e = load("actions = ( { at = 0.0; set = \"r\"; value = 3.0; },\n"
+                                    " { at = 310.0; remote = \"r\"; }, { at = 320.0; local = \"r\"; } );");
+    struct apc_simulation *s = simulate(e);
+    (void)state;
+    assert_int_equal(apc_simulation_run(s, 309), 0);
+    assert_near(value_of(s, "r"), 3, 0);
+    assert_int_equal(apc_simulation_run(s, 311), 0);
+    assert_near(value_of(s, "r"), 5, 0);
+    assert_int_equal(apc_simulation_run(s, 0), 0);
+    assert_near(value_of(s, "r"), 5, 0);
     apc_simulation_destroy(s);
     apc_experiment_destroy(e);
 }
@@ -474,7 +539,7 @@ static void the_example_prints_its_figures(void **state)
         snprintf(all + strlen(all), sizeof all - strlen(all), "%s", line);
     assert_int_equal(pclose(out), 0);
     assert_non_null(strstr(all, "y  r 10 -> 12   from 120.5 s: IAE "));
-    assert_non_null(strstr(all, "y  r 12 -> 20   from 150 s: IAE "));
+    assert_null(strstr(all, "r 12 -> ")); /* it is Local from then on */
 }
 
 int main(void)
@@ -491,6 +556,8 @@ int main(void)
         cmocka_unit_test(a_simulation_keeps_the_experiment_it_began_with),
         cmocka_unit_test(an_operator_does_what_the_file_s_actions_do),
         cmocka_unit_test(an_operator_comes_before_the_tick_of_the_same_instant),
+        cmocka_unit_test(what_an_operator_sets_is_his_until_he_gives_it_back),
+        cmocka_unit_test(before_its_first_step_a_scheduler_may_be_told_to_stand_aside),
         cmocka_unit_test(what_an_operator_may_not_do_is_refused),
         cmocka_unit_test(options_of_another_size_are_refused),
         cmocka_unit_test(figures_come_by_loop_and_event),

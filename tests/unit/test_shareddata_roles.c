@@ -374,6 +374,72 @@ static void test_the_mode_of_all_is_written_to_each_loop_and_a_person_opens_a_ca
     PQfinish(person);
 }
 
+/* ---- Whose a setpoint is ---------------------------------------------------------------- */
+
+#define OWNER (65536 + 16 * 2 + APC_SETPOINT) /* of setpoint 2, which the scheduler moves */
+
+static const char *owner_now(void)
+{
+    char sql[200];
+    snprintf(sql, sizeof sql, "SELECT seq || ':' || value FROM apc.opmode_newest WHERE id = %d AND seq > 0",
+             OWNER);
+    return cluster_query(cluster, sql);
+}
+
+static void make_scheduled(void)
+{
+    char sql[400];
+    snprintf(
+        sql, sizeof sql,
+        "DELETE FROM apc.tag; DELETE FROM apc.opmode WHERE id = %d; DELETE FROM apc.opmode_newest WHERE id = "
+        "%d; INSERT INTO apc.tag (table_name, id, name) VALUES ('setpoint', 1, 'r1'), ('setpoint', 2, "
+        "'r2'), ('opmode', %d, 'r2.owner')",
+        OWNER, OWNER, OWNER);
+    cluster_query(cluster, sql);
+}
+
+static void test_what_a_person_writes_to_a_scheduled_setpoint_makes_it_local(void **state)
+{
+    (void)state;
+    make_scheduled();
+    assert_int_equal(put_as("scheduler", APC_SETPOINT, 2, 1), 0);
+    assert_int_equal(put_as("operator", APC_SETPOINT, 1, 1), 0); /* nobody else moves it */
+    assert_string_equal(owner_now(), "");
+    assert_int_equal(put_as("operator", APC_SETPOINT, 2, 5), 0); /* without a row it is Remote */
+    assert_string_equal(owner_now(), "1:0");
+    assert_string_equal(cluster_query(cluster, "SELECT text FROM apc.event ORDER BY id DESC LIMIT 1"),
+                        "r2 taken Local, the scheduler stands aside");
+    assert_int_equal(put_as("engineer", APC_SETPOINT, 2, 6), 0);
+    assert_string_equal(owner_now(), "1:0"); /* it is already */
+    assert_int_equal(put_as("operator", APC_OPMODE, OWNER, 1), 0);
+    assert_string_equal(owner_now(), "2:1");
+    assert_int_equal(put_as("engineer", APC_SETPOINT, 2, 6), 0);
+    assert_string_equal(owner_now(), "3:0");
+}
+
+/* Written together, as programs do it: what is said of the owner is what holds. */
+static void test_who_gives_a_setpoint_away_is_not_taken_at_his_own_row_of_it(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_as("operator");
+    struct apc_sample rows[2] = {{.table = APC_OPMODE, .id = OWNER, .value = 1},
+                                 {.table = APC_SETPOINT, .id = 2, .value = 6}};
+    make_scheduled();
+    assert_int_equal(put_as("operator", APC_SETPOINT, 2, 5), 0);
+    assert_int_equal(apc_store_read(store, rows, 2), 0);
+    rows[0].value = 1;
+    assert_int_equal(apc_store_swap(store, rows, 2), 0);
+    assert_string_equal(owner_now(), "2:1");
+    make_loops();
+    struct apc_sample cas[2] = {{.table = APC_OPMODE, .id = 1}, {.table = APC_SETPOINT, .id = 1}};
+    assert_int_equal(apc_store_read(store, cas, 2), 0);
+    cas[0].value = 3;
+    assert_int_equal(apc_store_swap(store, cas, 2), 0);
+    assert_string_equal(target_of(1), "3");
+    apc_store_close(store);
+    cluster_query(cluster, "DELETE FROM apc.tag");
+}
+
 static void test_a_target_is_the_operators_and_of_a_loop_that_there_is(void **state)
 {
     (void)state;
@@ -942,6 +1008,8 @@ int main(void)
         cmocka_unit_test(test_the_engineer_sets_limits_and_nobody_else_does),
         cmocka_unit_test(test_a_row_bears_its_writers_own_name_and_no_other),
         cmocka_unit_test(test_the_mode_of_all_is_written_to_each_loop_and_a_person_opens_a_cascade),
+        cmocka_unit_test(test_what_a_person_writes_to_a_scheduled_setpoint_makes_it_local),
+        cmocka_unit_test(test_who_gives_a_setpoint_away_is_not_taken_at_his_own_row_of_it),
         cmocka_unit_test(test_everybody_tells_events_and_every_daemon_timing),
         cmocka_unit_test(test_nobody_but_the_owner_maintains_the_tables_but_waiting_is_for_readers),
         cmocka_unit_test(test_an_event_names_the_user_who_wrote_it),
