@@ -492,6 +492,8 @@ static void a_soft_row_gives_way_by_its_weights(void **state)
         assert_int_equal(apc_qp_soft(qp, &of[k].linear, &of[k].square), 0);
         assert_int_equal(apc_qp_solve(qp, &f, &low, &high, &x, &result), 0);
         assert_near(x, of[k].x, 1e-9);
+        /* the row comes in, and where it has a price that is paid, gives way */
+        assert_int_equal(result.iterations, of[k].linear > 0.0 && of[k].x > 1.0 ? 2 : 1);
         assert_near(apc_qp_multipliers(qp)[0], of[k].multiplier, 1e-9);
         assert_int_equal(apc_qp_rows(qp)[0], 1);
         assert_near(result.soft, of[k].linear * (x - 1.0) + 0.5 * of[k].square * (x - 1.0) * (x - 1.0), 1e-9);
