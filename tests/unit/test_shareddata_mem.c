@@ -114,6 +114,18 @@ static void test_before_init_there_are_no_tables(void **state)
     apc_store_close(store);
 }
 
+static void test_a_store_of_no_kind_is_named_without_what_may_be_secret(void **state)
+{
+    struct apc_store *store;
+    struct apc_error why;
+    (void)state;
+    assert_int_equal(apc_store_open(&store, "postgres-ql://joe:secret@host/db", NULL, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "unknown store \"postgres-ql:\": expected"));
+    assert_int_equal(apc_store_open(&store, "joe/secret:x", NULL, &why), APC_EINVAL);
+    assert_null(strstr(why.text, "joe"));
+    assert_non_null(strstr(why.text, "does not begin with what it is: expected"));
+}
+
 static void test_a_name_too_long_is_refused(void **state)
 {
     (void)state;
@@ -223,6 +235,7 @@ int main(void)
         cmocka_unit_test(test_without_a_name_it_is_its_handles_own),
         cmocka_unit_test(test_a_name_is_shared_and_gone_with_its_last_handle),
         cmocka_unit_test(test_before_init_there_are_no_tables),
+        cmocka_unit_test(test_a_store_of_no_kind_is_named_without_what_may_be_secret),
         cmocka_unit_test(test_a_name_too_long_is_refused),
         cmocka_unit_test(test_any_allocation_may_fail_and_nothing_is_half_done),
         cmocka_unit_test(test_ticks_allocate_nothing_but_the_doubling_of_what_is_full),

@@ -397,7 +397,7 @@ static void test_what_is_put_to_the_mode_of_all_is_put_to_each_loop(void **state
 {
     const struct apc_tag tags[] = {
         {.table = APC_OPMODE, .id = 0, .name = "mode"},
-        {.table = APC_OPMODE, .id = 1, .name = "u1", .controller = "base"},
+        {.table = APC_OPMODE, .id = 1, .name = "u1", .controller = "b"},
         {.table = APC_OPMODE, .id = 2, .name = "upper.r1", .controller = "upper"},
         {.table = APC_OPMODE, .id = 3, .name = "nobody's"},
         {.table = APC_OPMODE, .id = 65536, .name = "a switch", .controller = "base"},
@@ -420,28 +420,33 @@ static void test_what_is_put_to_the_mode_of_all_is_put_to_each_loop(void **state
     assert_mode(*state, 0, APC_MODE_AUTO, 2, 0);
     assert_mode(*state, 1, APC_MODE_AUTO, 2, 2);
     assert_mode(*state, 2, APC_MODE_CAS, 2, 0);
+    named[0] = (struct apc_sample){.table = APC_OPMODE, .id = 0, .value = APC_MODE_AUTO};
+    named[1] = (struct apc_sample){.table = APC_OPMODE, .id = 2, .value = APC_MODE_CAS};
+    ok(*state, apc_store_put(*state, named, 2)); /* in either order */
+    assert_mode(*state, 1, APC_MODE_AUTO, 3, 3);
+    assert_mode(*state, 2, APC_MODE_CAS, 3, 0);
 
     /* a swap that fails leaves the loops alone */
-    s = (struct apc_sample){.table = APC_OPMODE, .seq = 1, .value = APC_MODE_OOS};
+    s = (struct apc_sample){.table = APC_OPMODE, .seq = 2, .value = APC_MODE_OOS};
     assert_int_equal(apc_store_swap(*state, &s, 1), APC_ECONFLICT);
-    assert_mode(*state, 1, APC_MODE_AUTO, 2, 2);
+    assert_mode(*state, 1, APC_MODE_AUTO, 3, 3);
     s.value = APC_MODE_OOS; /* its seq is now the newest */
     ok(*state, apc_store_swap(*state, &s, 1));
-    assert_mode(*state, 1, APC_MODE_OOS, 3, 3);
-    assert_mode(*state, 2, APC_MODE_OOS, 3, 3);
+    assert_mode(*state, 1, APC_MODE_OOS, 4, 4);
+    assert_mode(*state, 2, APC_MODE_OOS, 4, 4);
 
     /* and so does a row that is left out */
-    struct apc_sample rows[2] = {{.table = APC_OPMODE, .seq = 2, .value = APC_MODE_MAN},
+    struct apc_sample rows[2] = {{.table = APC_OPMODE, .seq = 3, .value = APC_MODE_MAN},
                                  {.table = APC_MANUAL, .id = 1, .seq = APC_SEQ_ANY, .value = 4}};
     assert_int_equal(append_samples(*state, rows, 2), 1);
     assert_int_equal(rows[0].seq, 0);
-    assert_mode(*state, 1, APC_MODE_OOS, 3, 3);
-    rows[0].seq = 3;
+    assert_mode(*state, 1, APC_MODE_OOS, 4, 4);
+    rows[0].seq = 4;
     rows[1].seq = APC_SEQ_ANY;
     assert_int_equal(append_samples(*state, rows, 2), 2); /* rows of the caller's */
-    assert_int_equal(rows[0].seq, 4);
-    assert_mode(*state, 1, APC_MODE_MAN, 4, 4);
-    assert_mode(*state, 2, APC_MODE_MAN, 4, 4);
+    assert_int_equal(rows[0].seq, 5);
+    assert_mode(*state, 1, APC_MODE_MAN, 5, 5);
+    assert_mode(*state, 2, APC_MODE_MAN, 5, 5);
 }
 
 static void test_what_is_appended_is_stored_as_it_is(void **state)

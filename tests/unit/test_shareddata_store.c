@@ -292,6 +292,7 @@ static void test_a_claim_gives_the_newest_seq_of_each_id(void **state)
     assert_int_equal(last[2], 4);
     assert_int_equal(last[3], 0);
     ok(*state, apc_store_claim(*state, APC_ACTUATOR, 4, last)); /* it is ours already */
+    assert_int_equal(apc_store_claim(*state, APC_ACTUATOR, 0, last), 0);
 }
 
 static void test_a_second_writer_is_refused_by_name_until_the_first_has_gone(void **state)
@@ -823,6 +824,14 @@ static void test_a_bin_may_be_all_of_time_and_there_may_be_as_many_as_allowed(vo
     assert_int_equal(c.n, 2000);
     struct bins none = {0};
     assert_int_equal(bins_of(*state, 3000 * APC_NS_PER_MS, 4000 * APC_NS_PER_MS, 10, &none), 0);
+    struct apc_sample before = sample(APC_SENSOR, 1, 3000, 7); /* 0 is a bound like others */
+    before.time = -APC_NS_PER_S;
+    assert_int_equal(apc_store_append(*state, &before, 1), 1);
+    struct bins since = {0}, until = {0};
+    assert_int_equal(bins_of(*state, 0, APC_NS_PER_S, 1, &since), 1);
+    assert_int_equal(since.bin[0].count, 999);
+    assert_int_equal(bins_of(*state, -2 * APC_NS_PER_S, 0, 1, &until), 1);
+    assert_int_equal(until.bin[0].count, 1);
 }
 
 static void test_bins_end_when_their_function_says_so_and_refuse_what_makes_no_sense(void **state)
@@ -854,7 +863,7 @@ static void test_tags_come_back_in_order(void **state)
          .area = "unit1/reactor",
          .display_low = -1.5,
          .display_high = 2.5,
-         .period = 0.25,
+         .period = APC_VALUE_MAX,
          .step = 0.5,
          .length = 40},
         {.table = APC_SENSOR,
@@ -881,7 +890,7 @@ static void test_tags_come_back_in_order(void **state)
     assert_string_equal(out[1].area, "unit1/reactor");
     assert_near(out[1].display_low, -1.5, 0);
     assert_near(out[1].display_high, 2.5, 0);
-    assert_near(out[1].period, 0.25, 0);
+    assert_near(out[1].period, APC_VALUE_MAX, 0);
     assert_near(out[1].step, 0.5, 0);
     assert_int_equal(out[1].length, 40);
     assert_string_equal(out[0].controller, "");
