@@ -7,6 +7,8 @@
 
 #include "check.h"
 
+#include "run/course.h"
+#include "run/figures.h"
 #include "run/loops.h"
 #include "run/run_internal.h"
 
@@ -227,6 +229,64 @@ static void what_the_file_says_of_its_loops_is_what_its_store_says(void **state)
     loops_free(&file);
     loops_free(&stored);
     apc_store_close(store);
+    experiment_free(&e);
+}
+
+/* What two outputs do for one thing is judged once. */
+static void what_is_controlled_twice_is_judged_once(void **state)
+{
+    struct experiment e;
+    struct loop loop[4];
+    struct apc_error why;
+    (void)state;
+    if (parse(&e, 0, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(metrics_loops(&e, loop), 4);
+    experiment_free(&e);
+    if (parse(
+            &e, 8,
+            " { name = \"upper\"; law = \"pid\"; period = 5.0; measurements = [\"y2\", \"y1\"]; setpoints = "
+            "[\"w2\", \"w1\"]; outputs = [\"r2\", \"r1\"]; settings = { measurement = [1, 1]; setpoint = "
+            "[1, 1]; }; } );",
+            &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(metrics_loops(&e, loop), 3);
+    assert_string_equal(loop[2].name, "upper.r2");
+    experiment_free(&e);
+}
+
+/* Measurements stay away for longer than the plant bears it: from then on there was no control. */
+static void without_measurements_there_was_no_control(void **state)
+{
+    static const double measured[] = {0.0, 0.1, 0.2, 0.3, 1.5}, put_out[] = {0.0, 0.5, 1.0, 1.5};
+    struct apc_sample at[20];
+    struct samples samples = {.at = at};
+    struct experiment e;
+    struct apc_error why;
+    struct course c = {0};
+    (void)state;
+    if (parse(&e, 0, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    for (int ms = 0; ms <= 1500; ms += 100) {
+        const double t = 0.001 * ms;
+        for (size_t i = 0; i < sizeof measured / sizeof *measured; i++)
+            if (fabs(measured[i] - t) < 1e-9)
+                at[samples.n++] = (struct apc_sample){
+                    .table = APC_SENSOR, .id = 1, .time = ms * APC_NS_PER_MS, .seq = ms / 100 + 1};
+        for (size_t i = 0; i < 2 * sizeof put_out / sizeof *put_out; i++)
+            if (fabs(put_out[i / 2] - t) < 1e-9)
+                at[samples.n++] = (struct apc_sample){.table = APC_ACTUATOR,
+                                                      .id = (int)(i % 2) + 1,
+                                                      .time = ms * APC_NS_PER_MS,
+                                                      .seq = ms / 100 + 1};
+    }
+    assert_int_equal(course_of_samples(&c, &samples, &e, 0), 0);
+    assert_int_equal(c.without.n, 4); /* the first two are of the beginning */
+    assert_near(c.without.at[2].t, 0.3 + 0.4, 1e-9);
+    assert_near(c.without.at[2].value, 1.0, 0.0);
+    assert_near(c.without.at[3].t, 1.5, 1e-9);
+    assert_near(c.without.at[3].value, 0.0, 0.0);
+    course_free(&c);
     experiment_free(&e);
 }
 
@@ -544,6 +604,8 @@ int main(void)
         cmocka_unit_test(loops_are_described_by_their_controllers_and_numbered_in_the_order_of_the_file),
         cmocka_unit_test(each_loop_gets_its_own_target_and_what_it_controls),
         cmocka_unit_test(what_the_file_says_of_its_loops_is_what_its_store_says),
+        cmocka_unit_test(what_is_controlled_twice_is_judged_once),
+        cmocka_unit_test(without_measurements_there_was_no_control),
         cmocka_unit_test(each_controller_has_a_law_of_its_own),
         cmocka_unit_test(loops_and_tuning_are_numbered_over_all_controllers),
         cmocka_unit_test(a_controller_may_calculate_what_another_one_measures),
