@@ -386,6 +386,18 @@ static void a_controller_may_calculate_what_another_one_measures(void **state)
     assert_wire(e.controllers[2].y[0], APC_SENSOR, 2);
     assert_int_equal(e.controllers[2].dim.nd, 1);
     assert_wire(e.controllers[2].d[0], APC_SENSOR, 1);
+    struct apc_store *store = NULL;
+    char whose[PROVISION_TEXT] = "";
+    assert_int_equal(apc_store_open(&store, "mem:", NULL, &why), 0);
+    assert_true(apc_store_init(store) >= 0);
+    assert_int_equal(provision(store, &e, PROVISION_KEEP), 0);
+    if (provision_check(store, &e, whose) != 0) /* its own store, what is calculated and all */
+        fail_msg("%s", whose);
+    e.n_signals = 0;
+    assert_int_equal(provision_check(store, &e, whose), APC_EPERM);
+    assert_non_null(strstr(whose, "its sensor.3 is \"x\" []"));
+    e.n_signals = 1;
+    apc_store_close(store);
     experiment_free(&e);
 }
 

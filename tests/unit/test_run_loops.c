@@ -47,7 +47,7 @@ static void describe_layers(struct apc_store *store)
     describe(APC_SETPOINT, 1, "r1", "base");
     describe(APC_SETPOINT, 2, "w1", "upper");
     describe(APC_SETPOINT, 3, "1", "base");
-    describe(APC_OPMODE, 0, "mode", "");
+    describe(APC_OPMODE, 0, "mode", "base"); /* that of all, whoever it is said to be of */
     describe(APC_OPMODE, 1, "v1", "base");
     describe(APC_OPMODE, 2, "v2", "base");
     describe(APC_OPMODE, 3, "upper.r1", "upper");

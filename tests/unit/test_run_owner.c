@@ -72,10 +72,13 @@ static void test_a_setpoint_of_a_loop_in_cas_opens_the_cascade(void **state)
     struct apc_sample r1 = wanted(APC_SETPOINT, 1, 5);
     struct owner_rows with;
     in_cas(*state);
+    r1.author = (uint32_t)apc_store_author(*state, "joe");
+    assert_true(r1.author > 0);
     assert_int_equal(write_rows(*state, &r1, 1, &with), 0);
     assert_int_equal(with.n, 1);
     assert_true(with.at[0].table == APC_OPMODE && with.at[0].id == 1 && with.at[0].seq == 2);
     assert_near(newest(*state, APC_OPMODE, 1).value, APC_MODE_AUTO, 0);
+    assert_int_equal(newest(*state, APC_OPMODE, 1).author, r1.author); /* and it was his doing */
     free(with.at);
 }
 
