@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc report: the figure of a run folder again, and its figures. */
+#include <math.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -8,35 +9,64 @@
 #include "folder.h"
 #include "print.h"
 #include "print_figures.h"
+#include "print_merits.h"
 #include "report.h"
 #include "run/run_internal.h"
 #include "spools.h"
+#include "window.h"
 
 #define ROWS 60 /* of figures */
+#define DAY  (86400 * APC_NS_PER_S)
+
+struct report_options {
+    bool json;
+    const char *from, *to;
+};
+
+enum { OPT_FROM = 0x400, OPT_TO };
 
 static error_t parse(int key, char *arg, struct argp_state *state)
 {
-    bool *json = state->input;
-    (void)arg;
-    if (key != 'J')
+    struct report_options *o = state->input;
+    switch (key) {
+    case 'J':
+        o->json = true;
+        break;
+    case OPT_FROM:
+        o->from = arg;
+        break;
+    case OPT_TO:
+        o->to = arg;
+        break;
+    default:
         return ARGP_ERR_UNKNOWN;
-    *json = true;
+    }
     return 0;
 }
 
 static const struct argp_option option_list[] = {
-    {"json", 'J', NULL, 0, "The figures as JSON on stdout, and draw nothing", 0}, {0}};
+    {"json", 'J', NULL, 0, "The figures as JSON on stdout, and draw nothing", 0},
+    {"from", OPT_FROM, "TIME", 0,
+     "The figures of merit of the time from TIME on, and draw nothing: s since the start of the run; of a "
+     "store "
+     "RFC 3339, or before now, as -10m, -2h, -1d; default: a day before --to",
+     0},
+    {"to", OPT_TO, "TIME", 0, "The same until TIME", 0},
+    {0}};
 static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
-    .args_doc = "DIR",
+    .args_doc = "[DIR]",
     .doc = "Draw report.svg and report.png of the run folder DIR again, from its CSV files, and print its "
-           "figures: how well each loop was controlled, from each event to the next. Of "
+           "figures: how well each loop was controlled, from each event to the next; and of all of it what "
+           "the controllers "
+           "were worth: time in service and at limits, standard deviations with and without, and how well "
+           "what was "
+           "predicted came true. Without DIR: the latter of the history of --store. Of "
            "a run that was killed, and so has left no samples.csv, they are first taken from its store: "
            "DIR/store.db or, "
            "where there is none, that of --store or APC_STORE.",
     .takes = CLI_STORE | CLI_OWN_STORE,
-    .min_args = 1,
     .max_args = 1,
     .extra = &extra,
 };
@@ -85,13 +115,84 @@ static int recover(const struct cli *cli, const struct experiment *e, FILE *talk
     return rc;
 }
 
+/* Seconds since the start of a run; NAN: not given. */
+static int take_seconds(const struct cli *cli, const char *name, const char *text, double *t)
+{
+    *t = (double)NAN;
+    if (!text || (apc_number_parse(text, t) == 0 && *t >= 0))
+        return EXIT_OK;
+    return cli_usage(cli, "--%s \"%s\": must be s since the start of the run, 0 or more", name, text);
+}
+
+static int put_merits(const struct merits *m, const struct experiment *e, apc_ns start, bool json)
+{
+    if (!json)
+        return merits_print(m, stdout);
+    putchar('{');
+    print_json_text(stdout, "experiment", e->name);
+    putchar(',');
+    merits_json(m, start, stdout);
+    puts("}");
+    return 0;
+}
+
+/* Of a part of a run. */
+static int report_window(const struct cli *cli, const struct report_options *o, const struct experiment *e)
+{
+    struct merits merits = {0};
+    struct apc_error why;
+    double from, to;
+    int status = take_seconds(cli, "from", o->from, &from);
+    if (status == EXIT_OK)
+        status = take_seconds(cli, "to", o->to, &to);
+    if (status != EXIT_OK)
+        return status;
+    int rc = window_of_run(&merits, e, cli->args[0], from, to, &why);
+    if (rc == 0 && (rc = put_merits(&merits, e, 0, o->json)) < 0)
+        apc_fail(&why, rc, "out of memory");
+    merits_free(&merits);
+    return rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
+}
+
+/* Of a store's history. */
+static int report_store(const struct cli *cli, const struct report_options *o)
+{
+    struct merits merits = {0};
+    struct experiment e = {0};
+    struct apc_store *store = NULL;
+    struct apc_error why;
+    apc_ns to = apc_clock_utc(NULL), from;
+    if (cli_time(cli, "to", o->to, &to))
+        return EXIT_USAGE;
+    from = to - DAY;
+    if (cli_time(cli, "from", o->from, &from))
+        return EXIT_USAGE;
+    int rc = cli_open(cli, &store);
+    if (rc < 0)
+        return exit_code_of(rc);
+    rc = window_experiment(&e, store, &why);
+    if (rc == 0)
+        rc = window_of_store(&merits, &e, store, from, to, &why);
+    if (rc == 0 && (rc = put_merits(&merits, &e, 0, o->json)) < 0)
+        apc_fail(&why, rc, "out of memory");
+    if (rc < 0)
+        cli_error(cli, rc, "%s", why.text);
+    merits_free(&merits);
+    experiment_free(&e);
+    apc_store_close(store);
+    return exit_code_of(rc);
+}
+
 static int put_figures(const char *dir, const struct experiment *e, bool json, struct apc_error *why)
 {
     struct figures figures = {0};
+    struct merits merits = {0};
     struct course course;
     int rc = course_load(&course, dir, e, why);
     if (rc == 0 && (rc = figures_make(&figures, &course, e)) < 0)
         apc_fail(why, rc, "out of memory");
+    if (rc == 0)
+        rc = window_of_run(&merits, e, dir, (double)NAN, (double)NAN, why);
     if (rc == 0 && json) {
         putchar('{');
         print_json_text(stdout, "experiment", e->name);
@@ -99,10 +200,15 @@ static int put_figures(const char *dir, const struct experiment *e, bool json, s
         print_json_text(stdout, "title", e->title);
         putchar(',');
         figures_json(&figures, &course, e, stdout);
+        putchar(',');
+        merits_json(&merits, 0, stdout);
         puts("}");
     } else if (rc == 0) {
         rc = figures_print(&figures, &course, e, ROWS, stdout);
+        if (rc == 0)
+            rc = merits_print(&merits, stdout);
     }
+    merits_free(&merits);
     figures_free(&figures);
     course_free(&course);
     return rc;
@@ -114,14 +220,24 @@ int command_report(int argc, char **argv)
     struct experiment e;
     struct apc_error why;
     char path[600];
-    bool json = false;
+    struct report_options options = {0};
 
     umask(077);
-    cli_parse(&cli, &spec, &json, argc, argv);
+    cli_parse(&cli, &spec, &options, argc, argv);
+    if (cli.n_args == 0 && !cli.store)
+        return cli_usage(&cli, "expected a run folder, or --store");
+    if (cli.n_args == 0)
+        return cli_done(&cli, report_store(&cli, &options));
+    const bool json = options.json;
     int rc = experiment_load(&e, cli.args[0], EXPERIMENT_LAW | EXPERIMENT_MODEL, NULL, &why);
     snprintf(path, sizeof path, "%.580s/samples.csv", cli.args[0]);
     if (rc == 0 && access(path, F_OK) != 0)
         rc = recover(&cli, &e, json ? stderr : stdout, &why);
+    if (rc == 0 && (options.from || options.to)) {
+        const int status = report_window(&cli, &options, &e);
+        experiment_free(&e);
+        return cli_done(&cli, status);
+    }
     if (rc == 0 && !json)
         rc = report_write(cli.args[0], &e, e.title, &why);
     if (rc == 0)

@@ -88,6 +88,14 @@ int samples_collect(struct samples *samples, struct apc_store *store, const stru
     return rc;
 }
 
+int samples_collect_window(struct samples *samples, struct apc_store *store, const struct experiment *e,
+                           const struct apc_range *range)
+{
+    const struct apc_range before = {.until = range->since, .last = 1};
+    int rc = range->since > 0 ? samples_collect(samples, store, e, &before) : 0;
+    return rc < 0 ? rc : samples_collect(samples, store, e, range);
+}
+
 static int collect_actual_modes(struct samples *samples, struct apc_store *store, size_t loops,
                                 const struct apc_range *range)
 {

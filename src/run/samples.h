@@ -24,6 +24,9 @@ int samples_read(struct samples *s, const char *dir, const char *name, struct ap
  * output. Returns 0, APC_ENOMEM or the store's error. */
 int samples_collect(struct samples *s, struct apc_store *store, const struct experiment *e,
                     const struct apc_range *range);
+/* The same, and of each variable the newest before the range. */
+int samples_collect_window(struct samples *samples, struct apc_store *store, const struct experiment *e,
+                           const struct apc_range *range);
 /* Modes, target and actual, tuning, operator's outputs: of each the newest before the range, and those in it;
  * by time. */
 int samples_collect_operation(struct samples *samples, struct apc_store *store, const struct experiment *e,

@@ -17,3 +17,16 @@ wait "$pid" || fail "the run did not end well"
 
 # The folder keeps what was published.
 [ "$("$apc" history --store "sqlite:$work/run/ticks.db" estimate.7 --csv | wc -l)" -gt 1 ] || fail "the folder has not kept what the law published"
+
+# What it was worth: of the run, of a part of it, of the store's history.
+expect 0 '^v1 +[0-9.]+ +[0-9.]+ +[1-9][0-9.]* ' "$apc" report "$work/run"
+expect 0 '^y1 +0\.5 +[0-9.e-]+ +60 ' "$apc" report "$work/run"
+expect 0 '^v1 +[0-9.]+ +0 +[0-9.]+ ' "$apc" report "$work/run" --from 1 --to 1.5
+expect 0 '"merits":\{"from_s":1(\.0*)?,"until_s":1\.5' "$apc" report "$work/run" --from 1 --to 1.5 --json
+expect 0 '^v1 +[0-9.]+ +[0-9.]+ +[1-9][0-9.]* ' "$apc" report
+expect 0 '"predictions":\[\{"variable":"y1","step_s":0\.5,"steps":60,"rms_one_step":[0-9.e-]+' "$apc" report --json --from -1h
+expect 2 'must be s since the start of the run' "$apc" report "$work/run" --from yesterday
+expect 1 'the window is empty' "$apc" report "$work/run" --from 5 --to 4
+expect 1 'the window is empty' "$apc" report --from 2020-01-01T00:00:00Z --to 2020-01-02T00:00:00Z
+"$apc" report "$work/run" --json | python3 -c 'import json, sys; m = json.load(sys.stdin)["merits"]; assert len(m["loops"]) == 2 and len(m["plans"]) == 4' ||
+  fail "report --json is no JSON, or not whole"

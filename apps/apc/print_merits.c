@@ -1,0 +1,154 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "print_merits.h"
+
+#include <math.h>
+
+#include "print.h"
+
+static void put(struct print_table *table, double value)
+{
+    if (isnan(value))
+        print_cell(table, PRINT_PLAIN, "-");
+    else
+        print_cell(table, PRINT_PLAIN, "%.4g", value);
+}
+
+static int show(struct print_table *table, FILE *out)
+{
+    int rc = table->n > 0 ? print_table_show(table, out, false, 0, "\n") : 0;
+    print_table_close(table);
+    return rc;
+}
+
+static int print_loops(const struct merits *m, FILE *out)
+{
+    static const struct print_column columns[] = {
+        {"loop", PRINT_LEFT},         {"in service %", PRINT_POINT},  {"at low %", PRINT_POINT},
+        {"at high %", PRINT_POINT},   {"sd in service", PRINT_POINT}, {"sd without", PRINT_POINT},
+        {"quieter by %", PRINT_POINT}};
+    struct print_table table;
+    print_table_open(&table, columns, sizeof columns / sizeof *columns);
+    for (size_t i = 0; i < m->n_loops; i++) {
+        const struct merits_loop *l = &m->loop[i];
+        print_cell(&table, PRINT_PLAIN, "%s", l->name);
+        put(&table, 100 * l->service);
+        put(&table, 100 * l->low);
+        put(&table, 100 * l->high);
+        put(&table, l->with);
+        put(&table, l->without);
+        put(&table, 100 * l->benefit);
+    }
+    return show(&table, out);
+}
+
+static int print_predictions(const struct merits *m, FILE *out)
+{
+    static const struct print_column columns[] = {{"predicted", PRINT_LEFT},
+                                                  {"a step s", PRINT_POINT},
+                                                  {"rms 1 step", PRINT_POINT},
+                                                  {"all steps", PRINT_POINT},
+                                                  {"rms all steps", PRINT_POINT}};
+    struct print_table table;
+    print_table_open(&table, columns, sizeof columns / sizeof *columns);
+    for (size_t i = 0; i < m->n_predictions; i++) {
+        const struct merits_prediction *p = &m->prediction[i];
+        print_cell(&table, PRINT_PLAIN, "%s", p->name);
+        put(&table, p->step);
+        put(&table, p->first);
+        print_cell(&table, PRINT_PLAIN, "%zu", p->length);
+        put(&table, p->last);
+    }
+    return show(&table, out);
+}
+
+static int print_limits(const struct merits *m, FILE *out)
+{
+    static const struct print_column columns[] = {{"plans held back by", PRINT_LEFT},
+                                                  {"low %", PRINT_POINT},
+                                                  {"high %", PRINT_POINT},
+                                                  {"falls %", PRINT_POINT},
+                                                  {"rises %", PRINT_POINT}};
+    struct print_table table;
+    print_table_open(&table, columns, sizeof columns / sizeof *columns);
+    for (size_t i = 0; i < m->n_limits; i++) {
+        const struct merits_limit *l = &m->limit[i];
+        print_cell(&table, PRINT_PLAIN, "%s", l->name);
+        put(&table, 100 * l->low);
+        put(&table, 100 * l->high);
+        put(&table, 100 * l->falls);
+        put(&table, 100 * l->rises);
+    }
+    return show(&table, out);
+}
+
+int merits_print(const struct merits *m, FILE *out)
+{
+    int rc = print_loops(m, out);
+    if (rc == 0)
+        rc = print_predictions(m, out);
+    return rc == 0 ? print_limits(m, out) : rc;
+}
+
+/* ---- For programs ------------------------------------------------------------------------- */
+
+static void member(FILE *out, const char *key, double value)
+{
+    fputc(',', out);
+    print_json_number(out, key, value);
+}
+
+static void json_loop(const struct merits_loop *l, FILE *out)
+{
+    print_json_text(out, "loop", l->name);
+    member(out, "service", l->service);
+    member(out, "at_low", l->low);
+    member(out, "at_high", l->high);
+    member(out, "sd_in_service", l->with);
+    member(out, "sd_without", l->without);
+    member(out, "benefit", l->benefit);
+}
+
+static void json_prediction(const struct merits_prediction *p, FILE *out)
+{
+    print_json_text(out, "variable", p->name);
+    member(out, "step_s", p->step);
+    fprintf(out, ",\"steps\":%zu", p->length);
+    member(out, "rms_one_step", p->first);
+    member(out, "rms_all_steps", p->last);
+}
+
+static void json_limit(const struct merits_limit *l, FILE *out)
+{
+    print_json_text(out, "variable", l->name);
+    fprintf(out, ",\"plans\":%llu", (unsigned long long)l->plans);
+    member(out, "low", l->low);
+    member(out, "high", l->high);
+    member(out, "falls", l->falls);
+    member(out, "rises", l->rises);
+}
+
+void merits_json(const struct merits *m, apc_ns start, FILE *out)
+{
+    fputs("\"merits\":{", out);
+    print_json_number(out, "from_s", apc_ns_to_s(m->from - start));
+    member(out, "until_s", apc_ns_to_s(m->until - start));
+    fputs(",\"loops\":[", out);
+    for (size_t i = 0; i < m->n_loops; i++) {
+        fputs(i ? ",{" : "{", out);
+        json_loop(&m->loop[i], out);
+        fputc('}', out);
+    }
+    fputs("],\"predictions\":[", out);
+    for (size_t i = 0; i < m->n_predictions; i++) {
+        fputs(i ? ",{" : "{", out);
+        json_prediction(&m->prediction[i], out);
+        fputc('}', out);
+    }
+    fputs("],\"plans\":[", out);
+    for (size_t i = 0; i < m->n_limits; i++) {
+        fputs(i ? ",{" : "{", out);
+        json_limit(&m->limit[i], out);
+        fputc('}', out);
+    }
+    fputs("]}", out);
+}

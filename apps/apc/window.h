@@ -1,0 +1,18 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The figures of merit of a window of a run folder, or of a store's history. */
+#ifndef APC_WINDOW_H
+#define APC_WINDOW_H
+
+#include "run/merits.h"
+
+/* Of the run in @p dir, t in s since its start; NAN: from its start, to its end. Returns 0 or a negative
+ * error; merits_free() in either case. */
+int window_of_run(struct merits *m, const struct experiment *e, const char *dir, double from, double until,
+                  struct apc_error *why);
+/* Of a store, t in UTC, as far as there is a record. */
+int window_of_store(struct merits *m, const struct experiment *e, struct apc_store *store, apc_ns from,
+                    apc_ns until, struct apc_error *why);
+/* The experiment that a store says it is of. */
+int window_experiment(struct experiment *e, struct apc_store *store, struct apc_error *why);
+
+#endif

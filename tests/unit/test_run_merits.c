@@ -1,0 +1,191 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Figures of merit of records whose figures are known by hand. */
+#include "check.h"
+
+#include <string.h>
+
+#include "run/merits.h"
+
+#define S APC_NS_PER_S
+
+static const char text[] = "name = \"merits\"; duration = 100.0;"
+                           "measurements = ( { name = \"y\"; } ); setpoints = ( { name = \"r\"; } ); outputs "
+                           "= ( { name = \"u\"; } );"
+                           "plant = { model = \"first-order\"; period = 0.5; }; client = { period = 1.0; };"
+                           "controller = { law = \"mpc\"; period = 2.0; operating_point = { u = [0.0]; };"
+                           "  settings = { horizon = 4; blocks = [1, 1]; y_dev = [1.0]; u_dev = [1.0]; }; };";
+
+static struct experiment e;
+static struct samples process, operation;
+static struct apc_store *published;
+static struct merits m;
+
+static int begin(void **state)
+{
+    struct apc_error why;
+    (void)state;
+    process = operation = (struct samples){0};
+    m = (struct merits){0};
+    if (experiment_parse(&e, &(struct experiment_source){.file = "merits", .text = text},
+                         EXPERIMENT_LAW | EXPERIMENT_MODEL, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(apc_store_open(&published, "mem:", NULL, &why), 0);
+    assert_true(apc_store_init(published) >= 0);
+    return 0;
+}
+
+static int end(void **state)
+{
+    (void)state;
+    merits_free(&m);
+    samples_free(&process);
+    samples_free(&operation);
+    apc_store_close(published);
+    experiment_free(&e);
+    return 0;
+}
+
+static void row(struct samples *to, double t, enum apc_table table, int id, apc_status status, double value)
+{
+    const struct apc_sample s = {
+        .table = table, .id = id, .time = (apc_ns)(t * 1e9), .status = status, .value = value};
+    assert_int_equal(samples_add(to, &s), 0);
+}
+
+static void mode(double t, enum apc_mode actual, apc_status status)
+{
+    row(&operation, t, APC_ACTUAL, apc_variable_number(APC_OPMODE, 1), status, actual);
+}
+
+static void output(double t, apc_status status)
+{
+    row(&process, t, APC_ACTUATOR, 1, status, 1.0);
+}
+
+static void make(double from, double until)
+{
+    const struct merits_source source = {.e = &e,
+                                         .process = &process,
+                                         .operation = &operation,
+                                         .published = published,
+                                         .offset = 1000 * S,
+                                         .from = (apc_ns)(from * 1e9),
+                                         .until = (apc_ns)(until * 1e9)};
+    merits_free(&m);
+    assert_int_equal(merits_make(&m, &source), 0);
+    assert_int_equal(m.n_loops, 1);
+}
+
+/* 100 s, an output every 2 s: in Auto from 10 s, held 20 to 30, by the backup law 40 to 50, at its fault
+ * value 50 to 60, in Man 70 to 80, and gone from 90 s on. */
+static void time_in_service_is_that_of_the_laws_own_answers(void **state)
+{
+    (void)state;
+    mode(0, APC_MODE_MAN, APC_GOOD);
+    mode(10, APC_MODE_AUTO, APC_GOOD);
+    mode(40, APC_MODE_AUTO, APC_GOOD_LOCAL_OVERRIDE);
+    mode(50, APC_MODE_LO, APC_UNCERTAIN);
+    mode(60, APC_MODE_CAS, APC_GOOD);
+    mode(70, APC_MODE_MAN, APC_GOOD);
+    mode(80, APC_MODE_AUTO, APC_GOOD);
+    for (int t = 0; t < 90; t += 2)
+        output(t, t >= 20 && t < 30   ? APC_UNCERTAIN_LAST_USABLE
+                  : t >= 50 && t < 60 ? APC_UNCERTAIN_SUBSTITUTE
+                  : t >= 60 && t < 64 ? APC_GOOD_LIMITED_LOW
+                  : t >= 80 && t < 90 ? APC_GOOD_LIMITED_HIGH
+                                      : APC_GOOD);
+    make(0, 100);
+    /* 10..20, 30..40, 60..70, 80..90, and the last row stands for 3 periods and 0.1 s */
+    assert_near(m.loop[0].service, (10 + 10 + 10 + 8 + 6.1) / 100, 1e-9);
+    assert_near(m.loop[0].low, 0.04, 1e-9);
+    assert_near(m.loop[0].high, (8 + 6.1) / 100, 1e-9);
+    make(35, 45); /* what was before the window still holds in it */
+    assert_near(m.loop[0].service, 0.5, 1e-9);
+    make(0, 10);
+    assert_near(m.loop[0].service, 0.0, 0.0);
+    make(98, 100);
+    assert_near(m.loop[0].service, 0.0, 0.0);
+}
+
+static void deviations_with_and_without_service_are_those_by_hand(void **state)
+{
+    static const double without[] = {3, -3, 3, -3, 3, -3, 3, -3}, with[] = {1, -1, 1, -1, 1, -1, 1, -1};
+    (void)state;
+    mode(0, APC_MODE_MAN, APC_GOOD);
+    mode(8, APC_MODE_AUTO, APC_GOOD);
+    row(&process, 0, APC_SENSOR, 1, APC_GOOD, 99.0); /* no setpoint yet: no error */
+    row(&process, 0, APC_SETPOINT, 1, APC_GOOD, 10.0);
+    for (int t = 0; t < 16; t++) {
+        if (t % 2 == 0)
+            output(t, APC_GOOD);
+        if (t == 12)
+            row(&process, 12, APC_SETPOINT, 1, APC_GOOD, 20.0);
+        row(&process, t + 0.5, APC_SENSOR, 1, APC_GOOD,
+            t < 8 ? 10 + without[t] : (t < 12 ? 10 : 20) + with[t - 8]);
+        row(&process, t + 0.7, APC_SENSOR, 1, APC_BAD, 1e6);
+    }
+    make(0, 16);
+    assert_near(m.loop[0].without, 3 * sqrt(8.0 / 7), 1e-12);
+    assert_near(m.loop[0].with, sqrt(8.0 / 7), 1e-12);
+    assert_near(m.loop[0].benefit, 2.0 / 3, 1e-12);
+    make(8, 16);
+    assert_true(isnan(m.loop[0].without) && isnan(m.loop[0].benefit));
+}
+
+static void publish(double t, double first, double last, double limits)
+{
+    double value[4] = {first, 0, 0, last};
+    struct apc_vector v = {.table = APC_PREDICTION,
+                           .id = 1,
+                           .seq = (int64_t)t + 1,
+                           .time = 1000 * S + (apc_ns)(t * 1e9),
+                           .n = 4,
+                           .room = 4,
+                           .value = value};
+    const struct apc_sample s = {
+        .table = APC_ESTIMATE, .id = 4, .seq = (int64_t)t + 1, .time = v.time, .value = limits};
+    const struct apc_rows rows = {.size = sizeof rows, .vector = &v, .n_vectors = 1};
+    assert_true(apc_store_append_rows(published, &rows) >= 0);
+    assert_true(apc_store_append(published, &s, 1) >= 0);
+}
+
+/* y = t, measured every second; predictions of steps of 2 s. */
+static void predictions_are_held_against_what_was_measured_then(void **state)
+{
+    (void)state;
+    for (int t = 0; t <= 40; t++)
+        row(&process, t, APC_SENSOR, 1, t == 20 ? APC_BAD : APC_GOOD, t);
+    for (int t = 0; t < 40; t += 2)
+        publish(t, t + 2 + (t % 4 ? 0.3 : 0.4), t + 8 - 2.5, t < 10 ? 1 : t < 20 ? 6 : 0);
+    make(0, 40);
+    assert_int_equal(m.n_predictions, 1);
+    const struct merits_prediction *p = &m.prediction[0];
+    assert_string_equal(p->name, "y");
+    assert_int_equal(p->length, 4);
+    assert_near(p->step, 2.0, 0.0);
+    assert_int_equal(p->n_first, 18); /* of 20: one would come true at the end, one when y was Bad */
+    assert_int_equal(p->n_last, 15);
+    assert_near(p->first, sqrt((0.09 * 8 + 0.16 * 10) / 18), 1e-12);
+    assert_near(p->last, 2.5, 1e-12);
+    assert_int_equal(m.n_limits, 2);
+    assert_string_equal(m.limit[0].name, "y");
+    assert_string_equal(m.limit[1].name, "u");
+    assert_near(m.limit[0].low, 0.25, 1e-12);
+    assert_near(m.limit[0].high, 0.25, 1e-12);
+    assert_near(m.limit[0].falls, 0.25, 1e-12);
+    make(30, 40);
+    assert_int_equal(m.prediction[0].n_last, 1);
+    make(50, 60);
+    assert_true(isnan(m.prediction[0].first) && m.prediction[0].n_first == 0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+#define TEST(name) cmocka_unit_test_setup_teardown(name, begin, end)
+        TEST(time_in_service_is_that_of_the_laws_own_answers),
+        TEST(deviations_with_and_without_service_are_those_by_hand),
+        TEST(predictions_are_held_against_what_was_measured_then),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
