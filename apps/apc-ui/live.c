@@ -50,6 +50,12 @@ static void let_go(struct live *l)
     free(l->of);
 }
 
+static void find_controllers(struct live *l, const struct plant *p)
+{
+    for (size_t i = 0; i < l->n; i++)
+        l->controller[i] = plant_controller(p, l->seen[i].table, l->seen[i].id);
+}
+
 /* The same as in the model, which is locked. False: no memory. */
 static bool copy(struct live *to, const struct model *m)
 {
@@ -68,8 +74,7 @@ static bool copy(struct live *to, const struct model *m)
         return false;
     memcpy(to->seen, m->now, m->count * sizeof *to->seen);
     memcpy(to->tick, m->tick, p->loops.n_controllers * sizeof *to->tick);
-    for (size_t i = 0; i < to->n; i++)
-        to->controller[i] = plant_controller(p, to->seen[i].table, to->seen[i].id);
+    find_controllers(to, p);
     for (size_t i = 0; i < p->loops.n_controllers; i++) {
         to->of[i] = p->loops.controller[i];
         to->of[i].period = plant_tick(p, i);
@@ -149,6 +154,10 @@ static apc_ns take(struct live *l, struct text *values)
             continue;
         m->moved[i] = moved(now, s->time, m->now[i].seq == 0);
         m->now[i] = *s;
+        if (s->table == APC_OPMODE && s->id >= LOOPS_IDS) {
+            loops_choose(&m->plant.loops, s->id, s->value);
+            find_controllers(l, &m->plant);
+        }
         if (i >= l->shown)
             continue;
         newest = s->time > newest ? s->time : newest;

@@ -138,7 +138,7 @@ int plant_find(const struct plant *p, enum apc_table table, int id)
 int plant_controller(const struct plant *p, enum apc_table table, int id)
 {
     const int at = plant_find(p, table, id);
-    const struct loops_controller *c = at < 0 ? NULL : loops_controller(&p->loops, p->tag[at].controller);
+    const struct loops_controller *c = at < 0 ? NULL : loops_taker(&p->loops, &p->tag[at]);
     return c ? (int)(c - p->loops.controller) : -1;
 }
 

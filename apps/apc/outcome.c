@@ -24,8 +24,7 @@ static void pause_for(apc_ns duration)
 /* NULL: no controller takes it. */
 static const struct loops_controller *controller_of(const struct operation *o, const struct change *c)
 {
-    const struct apc_tag *tag = cli_tag(&o->plant->tags, c->after.table, c->after.id);
-    return tag ? loops_controller(&o->plant->loops, tag->controller) : NULL;
+    return loops_taker(&o->plant->loops, cli_tag(&o->plant->tags, c->after.table, c->after.id));
 }
 
 static const struct apc_vector *tick_of(const struct waiting *w, const struct loops_controller *c)

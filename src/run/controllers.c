@@ -432,8 +432,12 @@ int controllers_describe(const struct experiment *e, struct loops *loops)
     for (size_t i = 0; i < e->n_controllers && rc == 0; i++) {
         const struct controller *c = &e->controllers[i];
         struct loops_controller *to = &loops->controller[loops->n_controllers++];
-        *to = (struct loops_controller){
-            .number = c->number, .period = c->rhythm.period, .first = loops->n, .n = c->dim.nu};
+        *to = (struct loops_controller){.number = c->number,
+                                        .period = c->rhythm.period,
+                                        .first = loops->n,
+                                        .n = c->dim.nu,
+                                        .choice = c->acting,
+                                        .acts = !c->shadow};
         memcpy(to->name, c->name, sizeof to->name);
         rc = pair_loops(e, c, &loops->at[loops->n]);
         loops->n += c->dim.nu;

@@ -118,6 +118,53 @@ static void find_above(struct loops *l)
     }
 }
 
+/* ---- Who acts ------------------------------------------------------------------------------ */
+
+/* A switch has the number of an output of theirs. Until somebody sets it the first one acts. */
+static void find_choices(struct loops *l, const struct apc_tag *tag, size_t n)
+{
+    for (size_t i = 0; i < l->n_controllers; i++)
+        l->controller[i].acts = true;
+    for (size_t k = 0; k < n; k++) {
+        bool any = false;
+        for (size_t i = 0; i < l->n && tag[k].table == APC_OPMODE && tag[k].id >= LOOPS_IDS; i++) {
+            struct loops_controller *c = &l->controller[l->at[i].controller];
+            if (l->at[i].table != APC_ACTUATOR || LOOPS_ACTING(l->at[i].output) != tag[k].id || c->choice)
+                continue;
+            c->choice = tag[k].id;
+            c->acts = !any;
+            any = true;
+        }
+    }
+}
+
+void loops_choose(struct loops *l, int id, double number)
+{
+    bool known = false;
+    for (size_t i = 0; i < l->n_controllers; i++)
+        known = known || (l->controller[i].choice == id && l->controller[i].number == number);
+    for (size_t i = 0; i < l->n_controllers && known; i++)
+        if (l->controller[i].choice == id)
+            l->controller[i].acts = l->controller[i].number == number;
+}
+
+static int read_choices(struct loops *l, struct apc_store *store)
+{
+    struct apc_sample *row = calloc(l->n_controllers + 1, sizeof *row);
+    size_t n = 0;
+    if (!row)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < l->n_controllers; i++)
+        if (l->controller[i].choice)
+            row[n++] = (struct apc_sample){.table = APC_OPMODE, .id = l->controller[i].choice};
+    int rc = n > 0 ? apc_store_read(store, row, n) : 0;
+    for (size_t i = 0; i < n && rc >= 0; i++)
+        if (row[i].seq > 0)
+            loops_choose(l, row[i].id, row[i].value);
+    free(row);
+    return rc < 0 ? rc : 0;
+}
+
 /* ---- All ----------------------------------------------------------------------------------- */
 
 static int read_pairs(struct loops *l, struct apc_store *store)
@@ -159,7 +206,8 @@ int loops_load(struct loops *l, struct apc_store *store, const struct apc_tag *t
     find_manual(l, tag, n);
     int rc = l->n > 0 ? read_pairs(l, store) : 0;
     find_above(l);
-    return rc;
+    find_choices(l, tag, n);
+    return rc < 0 ? rc : read_choices(l, store);
 }
 
 void loops_free(struct loops *l)
@@ -172,11 +220,30 @@ void loops_free(struct loops *l)
 
 /* ---- Looking for one ----------------------------------------------------------------------- */
 
+static bool acts(const struct loops *l, const struct loops_loop *loop)
+{
+    return l->controller[loop->controller].acts;
+}
+
+/* "trial.u", or "first.u" of the one that is called "u". */
+static bool is_called(const struct loops *l, const struct loops_loop *loop, const char *name)
+{
+    const char *controller = l->controller[loop->controller].name;
+    const size_t n = strlen(controller);
+    return !strcmp(loop->name, name) ||
+           (!strncmp(name, controller, n) && name[n] == '.' && !strcmp(name + n + 1, loop->name));
+}
+
 const struct loops_loop *loops_find(const struct loops *l, const char *name)
 {
-    for (size_t i = 0; i < l->n; i++)
-        if (!strcmp(l->at[i].name, name))
-            return &l->at[i];
+    for (size_t i = 0; i < l->n; i++) {
+        const struct loops_loop *loop = &l->at[i];
+        if (!is_called(l, loop, name))
+            continue;
+        return acts(l, loop) || loop->table != APC_ACTUATOR || strchr(name, '.')
+                   ? loop
+                   : loops_of(l, loop->table, loop->output);
+    }
     return NULL;
 }
 
@@ -188,6 +255,17 @@ const struct loops_controller *loops_controller(const struct loops *l, const cha
     return NULL;
 }
 
+const struct loops_controller *loops_taker(const struct loops *l, const struct apc_tag *tag)
+{
+    const struct loops_controller *c = tag ? loops_controller(l, tag->controller) : NULL;
+    if (!c || c->acts || (tag->table != APC_SETPOINT && tag->table != APC_ACTUATOR))
+        return c;
+    for (size_t i = 0; i < l->n_controllers; i++)
+        if (l->controller[i].choice == c->choice && l->controller[i].acts)
+            return &l->controller[i];
+    return c;
+}
+
 static bool has(const struct loops_loop *l, enum apc_table table, int id)
 {
     return (table == APC_OPMODE && l->id == id) || (table == APC_MANUAL && l->manual == id) ||
@@ -196,15 +274,18 @@ static bool has(const struct loops_loop *l, enum apc_table table, int id)
 
 const struct loops_loop *loops_of(const struct loops *l, enum apc_table table, int id)
 {
-    const struct loops_loop *output = NULL; /* a setpoint is first of all that of the loop below */
+    const struct loops_loop *found = NULL;
+    int best = -1;
     for (size_t i = 0; i < l->n; i++) {
-        if (!has(&l->at[i], table, id))
+        const struct loops_loop *loop = &l->at[i];
+        /* a setpoint is first of all that of the loop below */
+        const int rank = 2 * (table != APC_SETPOINT || loop->setpoint == id) + acts(l, loop);
+        if (!has(loop, table, id) || rank <= best)
             continue;
-        if (table != APC_SETPOINT || l->at[i].setpoint == id)
-            return &l->at[i];
-        output = &l->at[i];
+        found = loop;
+        best = rank;
     }
-    return output;
+    return found;
 }
 
 int loops_owned(const struct loops *l, const struct apc_sample *row)

@@ -23,6 +23,8 @@ struct loops_controller {
     int number;      /* id of its tick row */
     apc_ns period;   /* 0: not said */
     size_t first, n; /* its loops */
+    int choice;      /* id in table opmode of the switch that says who acts on its outputs; 0: it does */
+    bool acts;       /* as loops_choose() was told last */
 };
 
 struct loops_loop {
@@ -45,15 +47,22 @@ struct loops {
     size_t n_scheduled;
 };
 
-/* From the tags of a store, and its table dim. n is 0 where no loops are described. Returns 0, APC_ENOMEM or
- * the store's error; loops_free() in either case. */
+/* From the tags of a store, its table dim, and its switches of who acts. n is 0 where no loops are described.
+ * Returns 0, APC_ENOMEM or the store's error; loops_free() in either case. */
 int loops_load(struct loops *loops, struct apc_store *store, const struct apc_tag *tag, size_t n);
 void loops_free(struct loops *loops);
 
-/* NULL: there is none. */
+/* The switch of that id, of table opmode, says this number. */
+void loops_choose(struct loops *loops, int id, double number);
+
+/* NULL: there is none. By the name of an output it is the loop of the controller that acts on it; that of a
+ * certain one is CONTROLLER.OUTPUT. */
 const struct loops_loop *loops_find(const struct loops *loops, const char *name);
 const struct loops_controller *loops_controller(const struct loops *loops, const char *name);
-/* The one that has this as its output, its setpoint, its target mode or its manual output. */
+/* Who takes a variable that is described so: of setpoints and outputs the one that acts. NULL: nobody. */
+const struct loops_controller *loops_taker(const struct loops *loops, const struct apc_tag *tag);
+/* The one that has this as its output, its setpoint, its target mode or its manual output; of several with an
+ * output in common the one that acts. */
 const struct loops_loop *loops_of(const struct loops *loops, enum apc_table table, int id);
 
 /* Does the scheduler move this setpoint? */

@@ -65,10 +65,26 @@ settled || fail "y is $(newest sensor 1 value) after the promotion"
 # who acts is in the store: killed and started again it goes on, and the other one still does not
 kill -9 "$trial"
 controller trial
+trial=$pid
 out=$(newest actuator 1 seq)
 until_true 20 more actuator 1 $((out + 5))
 mode 1 2 || fail "first acts"
 mode 2 1 || fail "trial does not act"
+
+# what is written to a setpoint or an output is for the one that acts, be the other one dead or not
+kill -9 "$first"
+expect 0 'r: 5 -> 6 \(applied\)' "$apc" set r 6
+expect 0 '^trial.u mode: Auto -> Man \(applied\)$' "$apc" mode u man
+expect 0 'u: .* -> 0.5 \(applied\)' "$apc" set u 0.5
+near "$(newest actuator 1 value)" 0.5 0.001 || fail "u is $(newest actuator 1 value), not what was set"
+expect 0 '^trial.u mode: Man -> Auto \(applied\)$' "$apc" mode u auto
+expect 0 'in shadow: another controller acts' "$apc" mode first.u
+expect 0 'r: 6 -> 5 \(applied\)' "$apc" set r 5
+controller first
+first=$pid
+pid=$trial
+until_true 20 mode 1 2
+until_true 30 settled
 
 # and back
 expect 0 '^promoted: trial -> first \(applied\)$' "$apc" promote first

@@ -122,6 +122,66 @@ static void test_a_store_that_describes_no_loop_has_none(void **state)
 
 #define T(name) cmocka_unit_test_setup_teardown(name, stores_set_up, stores_tear_down)
 
+/* ---- Who acts -------------------------------------------------------------------------------- */
+
+#define SWITCH LOOPS_ACTING(1)
+
+/* Three of one output and one of another; the switch is of the first output. */
+static void describe_shadows(struct apc_store *store)
+{
+    static const char *const controller[] = {"first", "trial", "third", "other"};
+    static const char *const loop[] = {"u", "trial.u", "third.u", "v"};
+    n_tags = 0;
+    describe(APC_SENSOR, 1, "y", "");
+    describe(APC_ACTUATOR, 1, "u", "first");
+    describe(APC_ACTUATOR, 2, "v", "other");
+    describe(APC_SETPOINT, 1, "r", "first");
+    for (int i = 1; i <= 4; i++) {
+        char manual[20];
+        snprintf(manual, sizeof manual, "%s.manual", loop[i - 1]);
+        describe(APC_OPMODE, i, loop[i - 1], controller[i - 1]);
+        describe(APC_MANUAL, i, manual, controller[i - 1]);
+        describe(APC_TICK, i, controller[i - 1], controller[i - 1]);
+        pair(store, i, 1, i < 4 ? 1 : 0);
+    }
+    describe(APC_OPMODE, SWITCH, "u.acting", "");
+}
+
+static void test_an_output_is_called_for_the_loop_that_acts_on_it(void **state)
+{
+    const struct apc_tag r = {.table = APC_SETPOINT, .id = 1, .controller = "first"},
+                         Kp = {.table = APC_TUNING, .id = 1, .controller = "first"};
+    describe_shadows(*state);
+    struct loops l = load(*state);
+    for (int acts = 1; acts <= 3; acts++) {
+        const struct loops_loop *loop = &l.at[acts - 1];
+        if (acts > 1) { /* until somebody sets the switch it is the first one */
+            const struct apc_sample row = sample(APC_OPMODE, SWITCH, acts - 1, acts);
+            assert_int_equal(apc_store_append(*state, &row, 1), 1);
+            loops_free(&l);
+            l = load(*state);
+            loop = &l.at[acts - 1];
+        }
+        assert_ptr_equal(loops_find(&l, "u"), loop);
+        assert_ptr_equal(loops_of(&l, APC_ACTUATOR, 1), loop);
+        assert_ptr_equal(loops_of(&l, APC_SETPOINT, 1), loop);
+        assert_ptr_equal(loops_taker(&l, &r), &l.controller[acts - 1]);
+        assert_ptr_equal(loops_taker(&l, &Kp), &l.controller[0]); /* each has its own */
+        assert_ptr_equal(loops_find(&l, "first.u"), &l.at[0]);
+        assert_ptr_equal(loops_find(&l, "trial.u"), &l.at[1]);
+        assert_ptr_equal(loops_of(&l, APC_OPMODE, 1), &l.at[0]);
+        assert_ptr_equal(loops_of(&l, APC_MANUAL, 2), &l.at[1]);
+        assert_ptr_equal(loops_find(&l, "v"), &l.at[3]);
+        assert_true(l.controller[3].acts);
+        assert_null(loops_taker(&l, &(struct apc_tag){.table = APC_SETPOINT, .controller = "nobody"}));
+    }
+    loops_choose(&l, SWITCH, 4); /* none of them: nothing changes */
+    loops_choose(&l, SWITCH, 7);
+    loops_choose(&l, SWITCH + 1, 1);
+    assert_ptr_equal(loops_find(&l, "u"), &l.at[2]);
+    loops_free(&l);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -129,6 +189,7 @@ int main(void)
         T(test_a_loop_is_found_by_name_and_by_what_belongs_to_it),
         T(test_the_only_loop_has_the_only_manual_output),
         T(test_a_store_that_describes_no_loop_has_none),
+        T(test_an_output_is_called_for_the_loop_that_acts_on_it),
     };
     int failed = 0;
     while (stores_next())
