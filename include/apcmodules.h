@@ -369,6 +369,9 @@ struct apc_controller_options {
     bool shadow; /**< with it: another one acts where nobody has set the switch */
     int output;  /**< id in table estimate of its first output, as it puts it out or would; the others
                     follow; 0: they are not written */
+    const struct apc_signal_view *view; /**< [ny + nz + nu + nd] what is known of the signals, for the laws;
+                                           soft limits are also told at each tick; NULL: nothing; the names
+                                           are borrowed */
     size_t n_setting;
     const struct apc_setting *setting; /**< of the law; [n_setting]; not used after creation */
     const struct apc_law_plant *plant; /**< linear model for a law that wants one, or NULL; as setting */

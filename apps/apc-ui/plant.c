@@ -176,7 +176,8 @@ apc_ns plant_period(const struct plant *p, enum apc_table table, int id)
         return 0;
     if (controller >= 0)
         return plant_tick(p, (size_t)controller);
-    return table == APC_SENSOR && said > 0 ? said : described(p->tag[at].period);
+    const apc_ns own = described(p->tag[at].period); /* a measurement may come seldom */
+    return table == APC_SENSOR && said > own ? said : own;
 }
 
 bool loop_may(const struct loops_loop *loop, enum apc_mode mode)
@@ -210,6 +211,18 @@ static void variable_json(const struct plant *p, const struct apc_tag *tag, stru
     json_limit_add(t, tag->low);
     text_add(t, ",\"high\":");
     json_limit_add(t, tag->high);
+    text_add(t, ",\"area\":");
+    json_string_add(t, tag->area);
+    text_add(t, ",\"display\":");
+    if (tag->display_low < tag->display_high) {
+        text_add(t, "[");
+        json_number_add(t, tag->display_low);
+        text_add(t, ",");
+        json_number_add(t, tag->display_high);
+        text_add(t, "]");
+    } else {
+        text_add(t, "null");
+    }
     period_json(plant_period(p, tag->table, tag->id), t);
     text_add(t, "},");
 }

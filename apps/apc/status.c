@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc status: everything about a plant on one screen. It reads; that parts are stale is no failure of it. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -275,11 +276,28 @@ static int show(const struct status *s)
 
 /* ---- For programs ------------------------------------------------------------------------- */
 
+/* What the experiment file says of a variable. */
+static void json_tag(const struct apc_tag *tag)
+{
+    const bool scale = tag && tag->display_low < tag->display_high;
+    putchar(',');
+    print_json_limit(stdout, "low", tag ? tag->low : -APC_VALUE_MAX);
+    putchar(',');
+    print_json_limit(stdout, "high", tag ? tag->high : APC_VALUE_MAX);
+    putchar(',');
+    print_json_text(stdout, "area", tag && tag->area[0] ? tag->area : NULL);
+    putchar(',');
+    print_json_number(stdout, "display_low", scale ? tag->display_low : (double)NAN);
+    putchar(',');
+    print_json_number(stdout, "display_high", scale ? tag->display_high : (double)NAN);
+}
+
 static void json_values(const struct status *s)
 {
     for (size_t i = 0; i < s->n; i++) {
         fputs(i == 0 ? "\n{" : ",\n{", stdout);
         print_sample_members(stdout, &s->samples[i], &s->plant.tags, s->now);
+        json_tag(cli_tag(&s->plant.tags, s->samples[i].table, s->samples[i].id));
         printf(",\"stale\":%s}", is_stale(s, &s->samples[i]) ? "true" : "false");
     }
 }

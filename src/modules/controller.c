@@ -261,6 +261,10 @@ static int make_laws(struct apc_controller *c, const struct apc_controller_optio
     struct apc_law_setup setup = {.size = sizeof(setup),
                                   .dim = o->dim,
                                   .Ts = apc_ns_to_s(o->period),
+                                  .y = o->view,
+                                  .z = o->view ? o->view + o->dim.ny : NULL,
+                                  .u = o->view ? o->view + o->dim.ny + o->dim.nz : NULL,
+                                  .d = o->view ? o->view + o->dim.ny + o->dim.nz + o->dim.nu : NULL,
                                   .n_setting = o->n_setting,
                                   .setting = o->setting,
                                   .plant = o->plant};
@@ -309,8 +313,8 @@ static int fill(struct apc_controller *c, const struct apc_controller_options *o
         return apc_fail(why, APC_ENOMEM, "controller: no memory");
     for (size_t k = 0; k < c->dim.ny; k++) {
         c->spare[k] = o->spare && o->spare[k];
-        c->y_low[k] = -HUGE_VAL;
-        c->y_high[k] = HUGE_VAL;
+        c->y_low[k] = o->view ? o->view[k].soft_low : -HUGE_VAL;
+        c->y_high[k] = o->view ? o->view[k].soft_high : HUGE_VAL;
     }
     for (size_t k = 0; k < c->n_wanted; k++)
         c->looked[k] = -1;

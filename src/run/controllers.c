@@ -110,6 +110,36 @@ static const struct signal *signal_of(const struct experiment *e, struct wire w)
     return w.table == APC_ACTUATOR ? &e->u[w.at] : w.table == APC_SETPOINT ? &e->z[w.at] : &e->y[w.at];
 }
 
+static struct apc_signal_view view_of(const struct experiment *e, struct wire w)
+{
+    const struct signal *of = signal_of(e, w);
+    return (struct apc_signal_view){.name = of->tag.name,
+                                    .unit = of->tag.unit,
+                                    .low = of->tag.low,
+                                    .high = of->tag.high,
+                                    .rate = of->rate > 0 ? of->rate : HUGE_VAL,
+                                    .soft_low = of->tag.table == APC_SENSOR ? of->soft_low : -HUGE_VAL,
+                                    .soft_high = of->tag.table == APC_SENSOR ? of->soft_high : HUGE_VAL,
+                                    .critical = of->critical};
+}
+
+void experiment_view(struct settings *s, const struct experiment *e, struct controller *c)
+{
+    const struct wire *const of[] = {c->y, c->z, c->u, c->d};
+    const size_t n[] = {c->dim.ny, c->dim.nz, c->dim.nu, c->dim.nd};
+    struct apc_signal_view *v = c->view = array(s, n[0] + n[1] + n[2] + n[3], sizeof *v);
+    for (size_t k = 0; v && k < sizeof n / sizeof *n; k++)
+        for (size_t i = 0; i < n[k]; i++)
+            *v++ = view_of(e, of[k][i]);
+    for (size_t i = 0; c->view && i < c->dim.nu; i++) {
+        double *own = &c->view[c->dim.ny + c->dim.nz + i].rate;
+        *own = c->rate[i] > 0 ? fmin(c->rate[i], *own) : *own;
+        c->rate[i] = *own < HUGE_VAL ? *own : 0;
+    }
+    if (c->backup)
+        c->backup->view = c->view;
+}
+
 static bool has(const struct wire *w, size_t n, struct wire wanted)
 {
     for (size_t i = 0; i < n; i++)
@@ -606,6 +636,18 @@ static void read_short(struct settings *s, const config_setting_t *group, struct
     check_owned(s, group, e);
 }
 
+/* The rate of a setpoint is that of the loop that puts it out. */
+static void check_rates(struct settings *s, const config_setting_t *setpoints, const struct experiment *e)
+{
+    for (size_t i = 0; i < e->dim.nz && !s->failed; i++)
+        if (e->z[i].rate > 0 && !owner_of(e, (struct wire){APC_SETPOINT, i}))
+            settings_fail(
+                s, config_setting_get_elem(setpoints, (unsigned)i),
+                "\"rate\" of setpoint \"%s\": no controller moves it, so nobody keeps to a rate; law "
+                "\"ramp\" does",
+                e->z[i].tag.name);
+}
+
 const config_setting_t *experiment_read_controllers(struct settings *s, const config_setting_t *root,
                                                     struct experiment *e)
 {
@@ -620,6 +662,7 @@ const config_setting_t *experiment_read_controllers(struct settings *s, const co
         read_list(s, list, e);
     else
         read_short(s, group, e);
+    check_rates(s, config_setting_get_member(root, "setpoints"), e);
     return s->failed ? NULL : list ? list : group;
 }
 
@@ -650,6 +693,7 @@ void experiment_free_controllers(struct experiment *e)
         free(e->controllers[i].u);
         free(e->controllers[i].d);
         free(e->controllers[i].rate);
+        free(e->controllers[i].view);
         experiment_free_law(&e->controllers[i]);
         if (e->controllers[i].backup)
             experiment_free_law(e->controllers[i].backup);

@@ -8,7 +8,13 @@
 
 struct apc_law_setup cores_law_setup(const struct controller *c)
 {
+    const struct apc_dim *d = &c->dim;
+    const struct apc_signal_view *v = c->view;
     return (struct apc_law_setup){.dim = c->dim,
+                                  .y = v,
+                                  .z = v ? v + d->ny : NULL,
+                                  .u = v ? v + d->ny + d->nz : NULL,
+                                  .d = v ? v + d->ny + d->nz + d->nu : NULL,
                                   .Ts = apc_ns_to_s(c->rhythm.period),
                                   .n_setting = c->n_setting,
                                   .setting = c->setting,
@@ -195,7 +201,8 @@ apc_ns cores_horizon(const struct experiment *e, struct wire wire)
 {
     const apc_ns client = e->client.rhythm.period, plant = e->plant.rhythm.period;
     const struct controller *by = controllers_above(e, wire).of;
-    return patience(by ? by->rhythm.period : client > plant ? client : plant);
+    const apc_ns fast = client > plant ? client : plant, own = e->y[wire.at].period;
+    return patience(by ? by->rhythm.period : own > fast ? own : fast);
 }
 
 static int make_wiring(const struct experiment *e, const struct controller *c, struct wiring *w)
@@ -260,6 +267,7 @@ int cores_controller(const struct experiment *e, const struct controller *c, boo
         .acting = c->acting,
         .shadow = c->shadow,
         .output = c->first_output,
+        .view = c->view,
         .n_setting = setup.n_setting,
         .setting = setup.setting,
         .plant = setup.plant,

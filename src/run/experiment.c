@@ -10,7 +10,6 @@
 #include "nearest.h"
 #include "record.h"
 
-#define SIGNALS_MAX 4096
 #define PHASE_MAX_S 3600.0
 #define RHYTHM      "period", "phase", "overrun", "execution", "jitter"
 
@@ -52,98 +51,6 @@ static void read_rhythm(struct settings *s, const config_setting_t *group, const
         apc_ns_from_s(phase_s, &rhythm->phase);
     read_overrun(s, group, &rhythm->overrun);
     models_read_task(s, group, task, &rhythm->model, recordings);
-}
-
-static void read_signal(struct settings *s, const config_setting_t *group, enum apc_table table, int id,
-                        bool calculated, struct signal *signal)
-{
-    static const char *const known_setpoint[] = {"name", "unit",    "description", "low",
-                                                 "high", "initial", NULL};
-    static const char *const known_sensor[] = {"name",  "unit",    "description", "low", "high",
-                                               "noise", "quantum", "faults",      NULL};
-    static const char *const known_output[] = {"name", "unit",  "description", "low", "high",
-                                               "safe", "fault", "initial",     NULL};
-    static const char *const known_signal[] = {"name", "unit", "description", "low", "high", NULL};
-    struct apc_tag *tag = &signal->tag;
-
-    *tag = (struct apc_tag){.table = table, .id = id, .low = -APC_VALUE_MAX, .high = APC_VALUE_MAX};
-    if (!config_setting_is_group(group)) {
-        settings_fail(s, group, "expected a group: { name = \"...\"; ... }");
-        return;
-    }
-    settings_known(s, group,
-                   table == APC_ACTUATOR ? known_output
-                   : calculated          ? known_signal
-                   : table == APC_SENSOR ? known_sensor
-                                         : known_setpoint);
-    settings_name(s, group, tag->name, sizeof tag->name);
-    settings_text(s, group, "unit", OPTIONAL, tag->unit, sizeof tag->unit);
-    settings_text(s, group, "description", OPTIONAL, tag->description, sizeof tag->description);
-    settings_number(s, group, "low", OPTIONAL, -APC_VALUE_MAX, APC_VALUE_MAX, &tag->low);
-    settings_number(s, group, "high", OPTIONAL, tag->low, APC_VALUE_MAX, &tag->high);
-    signal->initial = (double)NAN;
-    if (table == APC_SETPOINT)
-        settings_number(s, group, "initial", OPTIONAL, tag->low, tag->high, &signal->initial);
-    if (table != APC_ACTUATOR)
-        return;
-    signal->safe = tag->low > 0 ? tag->low : tag->high < 0 ? tag->high : 0;
-    settings_number(s, group, "safe", OPTIONAL, tag->low, tag->high, &signal->safe);
-    signal->fault = signal->safe;
-    settings_number(s, group, "fault", OPTIONAL, tag->low, tag->high, &signal->fault);
-    signal->initial = signal->safe;
-    settings_number(s, group, "initial", OPTIONAL, tag->low, tag->high, &signal->initial);
-}
-
-static size_t read_signals(struct settings *s, const config_setting_t *root, const char *name,
-                           enum apc_table table, struct signal **signals)
-{
-    const config_setting_t *list = settings_list(s, root, name, REQUIRED);
-    if (!list)
-        return 0;
-    int n = config_setting_length(list);
-    if (n < 1 || n > SIGNALS_MAX) {
-        settings_fail(s, list, "\"%s\" must name 1 to %d variables", name, SIGNALS_MAX);
-        return 0;
-    }
-    *signals = array(s, (size_t)n, sizeof **signals);
-    for (int i = 0; *signals && i < n && !s->failed; i++)
-        read_signal(s, config_setting_get_elem(list, (unsigned)i), table, i + 1, false, &(*signals)[i]);
-    return (size_t)n;
-}
-
-/* What controllers calculate: behind the measurements, in the same table. */
-static void read_calculated(struct settings *s, const config_setting_t *root, struct experiment *e)
-{
-    const config_setting_t *list = settings_list(s, root, "signals", OPTIONAL);
-    const size_t n = list ? (size_t)config_setting_length(list) : 0;
-    struct signal *all = n > 0 ? reallocarray(e->y, e->dim.ny + n, sizeof *all) : NULL;
-    if (n > 0 && !all)
-        s->failed = s->failed ? s->failed : apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
-    if (!all)
-        return;
-    e->y = all;
-    memset(all + e->dim.ny, 0, n * sizeof *all);
-    e->n_signals = n;
-    for (size_t i = 0; i < n && !s->failed; i++)
-        read_signal(s, config_setting_get_elem(list, (unsigned)i), APC_SENSOR, (int)(e->dim.ny + i) + 1, true,
-                    &all[e->dim.ny + i]);
-}
-
-/* A name stands for one variable: among those of its table, and among those that can be set. */
-static void check_names(struct settings *s, const config_setting_t *root, const char *list,
-                        const struct signal *signals, size_t n, const struct signal *others, size_t m)
-{
-    for (size_t i = 0; i < n && !s->failed; i++) {
-        const char *name = signals[i].tag.name;
-        bool taken = false;
-        for (size_t j = 0; j < i; j++)
-            taken |= !strcmp(signals[j].tag.name, name);
-        for (size_t j = 0; j < m; j++)
-            taken |= !strcmp(others[j].tag.name, name);
-        if (taken)
-            settings_fail(s, config_setting_get_elem(config_setting_get_member(root, list), (unsigned)i),
-                          "two variables are called \"%s\": give each a name of its own", name);
-    }
 }
 
 /* tcp:HOST:PORT; more is said when it is used. */
@@ -606,6 +513,8 @@ static const config_setting_t *group_of(const config_setting_t *controllers, siz
 static void read_laws(struct settings *s, const config_setting_t *group, const struct experiment *e,
                       struct controller *c)
 {
+    if (!s->failed)
+        experiment_view(s, e, c);
     experiment_read_law(s, group, e, c);
     if (c->backup && !s->failed)
         experiment_read_law(s, config_setting_get_member(group, "backup"), e, c->backup);
@@ -630,18 +539,7 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     settings_number(s, root, "duration", OPTIONAL, 0, 366 * 86400.0, &e->duration);
     settings_whole(s, root, "seed", OPTIONAL, 0, INT64_C(1) << 53, &seed); /* exact as a double, too */
     e->seed = (uint64_t)seed;
-    e->dim.ny = read_signals(s, root, "measurements", APC_SENSOR, &e->y);
-    experiment_read_sensors(s, config_setting_get_member(root, "measurements"), e);
-    read_calculated(s, root, e);
-    e->dim.nz = read_signals(s, root, "setpoints", APC_SETPOINT, &e->z);
-    e->dim.nu = read_signals(s, root, "outputs", APC_ACTUATOR, &e->u);
-    if (!s->failed) {
-        check_names(s, root, "measurements", e->y, e->dim.ny, NULL, 0);
-        check_names(s, root, "signals", e->y + e->dim.ny, e->n_signals, e->y, e->dim.ny);
-        check_names(s, root, "setpoints", e->z, e->dim.nz, e->y + e->dim.ny, e->n_signals);
-        check_names(s, root, "outputs", e->u, e->dim.nu, e->y + e->dim.ny, e->n_signals);
-        check_names(s, root, "outputs", e->u, e->dim.nu, e->z, e->dim.nz);
-    }
+    experiment_read_signals(s, root, e);
     read_client(s, root, e);
     const bool laws = (parts & EXPERIMENT_LAW) != 0;
     const config_setting_t *list = experiment_read_controllers(s, root, e);

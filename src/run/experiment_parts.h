@@ -17,6 +17,8 @@ void models_free(struct models *m);
  * not the file's, so what the file says of states and disturbances by name is left out. */
 void experiment_read_dynamics(struct settings *s, const config_setting_t *group, struct experiment *e,
                               bool own);
+/* measurements, signals, setpoints, outputs of the file's root. */
+void experiment_read_signals(struct settings *s, const config_setting_t *root, struct experiment *e);
 /* noise, quantum and faults of the measurements. */
 void experiment_read_sensors(struct settings *s, const config_setting_t *list, struct experiment *e);
 
@@ -47,6 +49,8 @@ bool controllers_has_all(const struct experiment *e, const struct controller *c)
  * one; NULL after a failure. */
 const config_setting_t *experiment_read_controllers(struct settings *s, const config_setting_t *root,
                                                     struct experiment *e);
+/* What its law is told of the signals; its rates become those of the outputs, where these are lower. */
+void experiment_view(struct settings *s, const struct experiment *e, struct controller *c);
 void experiment_free_controllers(struct experiment *e);
 /* The ids of controllers, loops and, with @p laws, of their tuning; then every setpoint that a controller
  * moves has a loop that it is of, and a value to begin with. */

@@ -220,7 +220,8 @@ struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
         return NULL;
     for (size_t i = 0; i < ny; i++) {
         t.of = controllers_above(e, (struct wire){APC_SENSOR, i}).of;
-        add(&t, e->y[i].tag)->period = apc_ns_to_s(t.of ? t.of->rhythm.period : e->client.rhythm.period);
+        const apc_ns own = e->y[i].period > 0 ? e->y[i].period : e->client.rhythm.period;
+        add(&t, e->y[i].tag)->period = apc_ns_to_s(t.of ? t.of->rhythm.period : own);
     }
     for (size_t i = 0; i < dim->nz; i++) {
         t.of = controllers_taker(e, (struct wire){APC_SETPOINT, i});

@@ -55,8 +55,12 @@ int models_network(struct models *m, const char *spec, struct apc_error *why);
 /* One measurement, setpoint or manipulated variable. */
 struct signal {
     struct apc_tag tag;
-    double safe, fault; /* manipulated variables only */
-    double initial;     /* theirs, and a setpoint's; NAN: a setpoint has none */
+    double safe, fault;         /* manipulated variables only */
+    double initial;             /* theirs, and a setpoint's; NAN: it has none */
+    double soft_low, soft_high; /* of measurements and calculated signals; -+HUGE_VAL: none */
+    double rate;                /* greatest change in 1 s, of what a controller puts out; 0: any */
+    apc_ns period;              /* of a measurement that comes seldom; 0: the client's */
+    bool critical;              /* a law that is whole cannot do without it */
 };
 
 struct rhythm {
@@ -115,6 +119,8 @@ struct controller {
     apc_ns hold, budget;
     unsigned shed_after; /* 0: as many ticks as hold has */
     double *rate;        /* [dim.nu] units a second; 0: as fast as it likes */
+    struct apc_signal_view
+        *view; /* [dim.ny + dim.nz + dim.nu + dim.nd], for its law; a backup's are the same */
     void *law_handle;
     struct controller *backup; /* the same but for law, tuning and settings: in its place where it cannot act;
                                   NULL: none */

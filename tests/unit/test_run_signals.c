@@ -10,6 +10,8 @@
 
 #include <apcrun.h>
 
+#include "run/run_internal.h"
+
 static const char override[] = APC_SOURCE_DIR "/experiments/double-tank-override.conf";
 
 /* y through a ratio to the signal s, and s through another one to the output u: u = 2 s, s = 1 - y / 2. */
@@ -280,6 +282,147 @@ static void a_restart_between_two_ticks_changes_no_bit_of_what_is_selected(void 
     apc_simulation_destroy(lived);
 }
 
+/* ---- What is wanted of a signal ------------------------------------------------------------- */
+
+#define KEYS(y, r, u, more)                                                                                  \
+    "name = \"keys\";\n"                                                                                     \
+    "measurements = ( { name = \"y\"; low = 0.0; high = 10.0; " y " } );\n"                                  \
+    "setpoints = ( { name = \"r\"; initial = 1.0; " r " } );\n"                                              \
+    "outputs = ( { name = \"u\"; unit = \"V\"; low = -1.0; high = 1.0; " u " } );\n"                         \
+    "plant = { model = \"first-order\"; period = 0.1; }; client = { period = 0.1; };\n"                      \
+    "controller = { law = \"pi\"; period = 0.5; " more " };\n"
+
+static int parse(struct experiment *e, const char *text, struct apc_error *why)
+{
+    return experiment_parse(e, &(struct experiment_source){.file = "keys.conf", .text = text},
+                            EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, why);
+}
+
+static void what_is_wanted_of_a_signal_reaches_its_tag_and_its_law(void **state)
+{
+    struct experiment e;
+    struct apc_error why;
+    size_t n;
+    (void)state;
+    if (parse(&e,
+              KEYS("area = \"unit1/reactor\"; display = [-2.0, 12.0]; soft = [1.0, 9.0]; critical = true; "
+                   "period "
+                   "= 60.0; alarms = ( { kind = \"high\"; limit = 9.5; priority = 2; delay = 5.0; message = "
+                   "\"full\"; }, { kind = \"low\"; limit = 0.5; }, { kind = \"bad\"; } );",
+                   "area = \"unit1\";", "rate = 0.2;", "rate = [0.5];"),
+              &why) < 0)
+        fail_msg("%s", why.text);
+    struct apc_tag *tags = provision_tags(&e, &n);
+    assert_non_null(tags);
+    assert_int_equal(tags[0].table, APC_SENSOR);
+    assert_string_equal(tags[0].area, "unit1/reactor");
+    assert_near(tags[0].display_low, -2, 0);
+    assert_near(tags[0].display_high, 12, 0);
+    assert_near(tags[0].period, 60, 0);
+    assert_string_equal(tags[1].area, "unit1");
+    assert_true(tags[1].display_low == tags[1].display_high);
+    free(tags);
+    assert_true(cores_horizon(&e, (struct wire){APC_SENSOR, 0}) == 180 * APC_NS_PER_S + 100 * APC_NS_PER_MS);
+
+    const struct apc_law_setup setup = cores_law_setup(&e.controllers[0]);
+    assert_string_equal(setup.y[0].name, "y");
+    assert_near(setup.y[0].low, 0, 0);
+    assert_near(setup.y[0].soft_low, 1, 0);
+    assert_near(setup.y[0].soft_high, 9, 0);
+    assert_true(setup.y[0].critical);
+    assert_string_equal(setup.z[0].name, "r");
+    assert_false(setup.z[0].critical);
+    assert_string_equal(setup.u[0].name, "u");
+    assert_string_equal(setup.u[0].unit, "V");
+    assert_near(setup.u[0].high, 1, 0);
+    assert_near(setup.u[0].rate, 0.2, 0); /* the lower of the two */
+    assert_near(e.controllers[0].rate[0], 0.2, 0);
+    experiment_free(&e);
+}
+
+static void a_mistake_in_what_is_wanted_is_refused_with_its_line(void **state)
+{
+#define Y(more)      KEYS(more, "", "", "")
+#define ALARM(alarm) Y("alarms = ( " alarm " );")
+    static const struct {
+        const char *text, *reason;
+    } mistake[] = {
+        {Y("area = \"a//b\";"), "2: \"area\" is \"a//b\": must be names with / between"},
+        {Y("display = [1.0, 1.0];"), "2: \"display\" must rise: [low, high]"},
+        {Y("display = 3.0;"), "2: expected 2 numbers"},
+        {Y("soft = [1.0, 11.0];"), "2: \"soft\" is 1 to 11: must lie within the limits, 0 to 10"},
+        {Y("period = 0.0;"), "2: \"period\""},
+        {Y("rate = 1.0;"), "2: unknown setting \"rate\""},
+        {Y("critical = 1;"), "2: \"critical\""},
+        {KEYS("", "soft = [0.0, 1.0];", "", ""), "3: unknown setting \"soft\""},
+        {KEYS("", "rate = 1.0;", "", ""), "3: \"rate\" of setpoint \"r\": no controller moves it"},
+        {KEYS("", "", "rate = 0.0;", ""), "4: \"rate\" is 0: must be from"},
+        {KEYS("", "", "critical = true;", ""), "4: unknown setting \"critical\""},
+        {ALARM("{ kind = \"hihi\"; limit = 1.0; }"), "2: \"kind\" is \"hihi\": must be \"low-low\", \"low\""},
+        {ALARM("{ limit = 1.0; }"), "2: \"kind\" is missing"},
+        {ALARM("{ kind = \"high\"; }"), "2: \"limit\" is missing"},
+        {ALARM("{ kind = \"high\"; limit = 10.5; }"), "2: \"limit\" is 10.5: must be from 0 to 10"},
+        {ALARM("{ kind = \"rate\"; limit = -1.0; }"), "2: \"limit\" is -1: must be from 0"},
+        {ALARM("{ kind = \"bad\"; limit = 1.0; }"), "2: an alarm of kind \"bad\" has no \"limit\""},
+        {ALARM("{ kind = \"bad\"; priority = 5; }"), "2: \"priority\" must be from 1 to 4"},
+        {ALARM("{ kind = \"bad\"; delay = -1.0; }"), "2: \"delay\" is -1: must be from 0"},
+        {ALARM("{ kind = \"bad\"; colour = 1; }"), "2: unknown setting \"colour\""},
+        {ALARM("{ kind = \"bad\"; }, { kind = \"bad\"; }"), "2: y has two alarms of this kind"},
+        {ALARM("{ kind = \"high\"; limit = 3.0; }, { kind = \"low\"; limit = 3.0; }"),
+         "2: the limit of \"high\", 3, must be above that of \"low\", 3"},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof mistake / sizeof *mistake; i++) {
+        struct experiment e;
+        struct apc_error why = {""};
+        char reason[200];
+        const int rc = parse(&e, mistake[i].text, &why);
+        snprintf(reason, sizeof reason, "keys.conf:%s", mistake[i].reason);
+        if (rc >= 0 || strncmp(why.text, reason, strlen(reason)) != 0)
+            fail_msg("%d, \"%s\" instead of \"%s\"", rc, why.text, reason);
+    }
+}
+
+static double told_soft[2];
+
+static int spy(struct apc_law_call *c)
+{
+    told_soft[0] = c->y_low[0];
+    told_soft[1] = c->y_high[0];
+    c->u[0] = 0;
+    return APC_LAW_GOOD;
+}
+
+static void soft_limits_are_told_at_each_tick(void **state)
+{
+    static const struct apc_law law = {.abi = APC_LAW_ABI, .name = "spy", .compute = spy};
+    const struct apc_signal_view view[] = {{.name = "y", .soft_low = 1, .soft_high = 9}, {.name = "u"}};
+    const struct apc_controller_options options = {.size = sizeof options,
+                                                   .law = &law,
+                                                   .dim = {1, 0, 1, 0},
+                                                   .period = APC_NS_PER_S,
+                                                   .horizon = 4 * APC_NS_PER_S,
+                                                   .view = view};
+    struct apc_controller *c;
+    struct apc_error why;
+    (void)state;
+    if (apc_controller_create(&c, &options, &why) < 0)
+        fail_msg("%s", why.text);
+    struct apc_rows *in = apc_controller_in(c);
+    for (size_t i = 0; i < in->n_samples; i++)
+        if (in->sample[i].table == APC_SENSOR || in->sample[i].table == APC_OPMODE)
+            in->sample[i] = (struct apc_sample){.table = in->sample[i].table,
+                                                .id = 1,
+                                                .seq = 1,
+                                                .time = APC_NS_PER_S,
+                                                .value = APC_MODE_AUTO};
+    apc_controller_resume(c, 0);
+    apc_controller_compute(c, (struct apc_now){APC_NS_PER_S, APC_NS_PER_S}, 0, true, NULL);
+    assert_near(told_soft[0], 1, 0);
+    assert_near(told_soft[1], 9, 0);
+    apc_controller_destroy(c);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -292,6 +435,9 @@ int main(void)
         cmocka_unit_test(a_selector_comes_back_from_its_operator_without_a_bump),
         cmocka_unit_test(a_selector_leaves_out_what_is_bad),
         cmocka_unit_test(a_restart_between_two_ticks_changes_no_bit_of_what_is_selected),
+        cmocka_unit_test(what_is_wanted_of_a_signal_reaches_its_tag_and_its_law),
+        cmocka_unit_test(a_mistake_in_what_is_wanted_is_refused_with_its_line),
+        cmocka_unit_test(soft_limits_are_told_at_each_tick),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
