@@ -30,6 +30,7 @@ struct life {
     const char *overrun;                 /* of its task; NULL: skip */
     bool without_config, store_optional; /* no --config; see struct program */
     const char *spools;
+    bool own; /* it has an option of its own and chooses its part by it */
 };
 
 static struct {
@@ -68,13 +69,33 @@ static void write_config(const char *overrun)
     fclose(out);
 }
 
+static char own_part[20]; /* what its own option says */
+
+static error_t parse_own(int key, char *arg, struct argp_state *state)
+{
+    if (key != 'p')
+        return ARGP_ERR_UNKNOWN;
+    snprintf(state->input, sizeof own_part, "%s", arg);
+    return 0;
+}
+
+static void choose_own(struct daemon *d)
+{
+    snprintf(d->name, sizeof d->name, "apc-test %.10s of %.20s", own_part, d->experiment.name);
+    d->task_name = own_part;
+}
+
 static void be_a_daemon(const struct life *life)
 {
+    static const struct argp_option own[] = {{"part", 'p', "NAME", 0, "which", 0}, {0}};
+    static const struct argp extra = {own, parse_own, NULL, NULL, NULL, NULL, NULL};
     const struct program program = {.name = "apc-test",
                                     .doc = "A daemon.",
                                     .task = "test",
                                     .store_optional = life->store_optional,
-                                    .spools = life->spools};
+                                    .spools = life->spools,
+                                    .extra = life->own ? &extra : NULL,
+                                    .choose = life->own ? choose_own : NULL};
     const char *argv[20] = {"apc-test"};
     int argc = 1;
     struct daemon d;
@@ -84,7 +105,7 @@ static void be_a_daemon(const struct life *life)
     }
     for (const char *const *option = life->options; option && *option; option++)
         argv[argc++] = *option;
-    int rc = daemon_open(&d, &program, NULL, argc, (char **)(uintptr_t)argv);
+    int rc = daemon_open(&d, &program, life->own ? own_part : NULL, argc, (char **)(uintptr_t)argv);
     if (rc == 0 && life->before)
         rc = life->before(&d);
     if (rc == 0)
@@ -159,11 +180,13 @@ static void fresh_store(void)
 
 static char events[20000];
 
+static const char *name_now = "apc-test", *task_now = "test";
+
 static int take_event(void *ctx, const struct apc_event *e)
 {
     size_t n = strlen(events);
     (void)ctx;
-    assert_string_equal(e->source, "apc-test");
+    assert_string_equal(e->source, name_now);
     snprintf(events + n, sizeof events - n, "%d %s %s\n", (int)e->severity, e->kind, e->text);
     return 0;
 }
@@ -174,7 +197,7 @@ static int rows;
 static int take_timing(void *ctx, const struct apc_timing_row *row)
 {
     (void)ctx;
-    assert_string_equal(row->task, "test");
+    assert_string_equal(row->task, task_now);
     assert_int_equal(row->period, APC_NS_PER_S / 10);
     rows++;
     if (!strcmp(row->quantity, "run")) {
@@ -243,6 +266,25 @@ static void bad_options_are_refused_and_say_what_is_expected(void **state)
     live(&life);
     assert_says("--log-level \"loud\"");
     unsetenv("APC_LOG_LEVEL");
+    unsetenv("APC_STORE");
+}
+
+static void an_option_of_its_own_chooses_its_part_and_name(void **state)
+{
+    static const char *const left[] = {"--part", "left", NULL};
+    const struct life own = {.tick = stop_after_three, .options = left, .own = true};
+    (void)state;
+    fresh_store();
+    setenv("APC_STORE", store, 1);
+    live(&own);
+    assert_ended(EXIT_OK);
+    name_now = "apc-test left of one";
+    task_now = "left";
+    read_store();
+    assert_recorded("1 start running every 0.1 s\n");
+    assert_true(rows > 0);
+    name_now = "apc-test";
+    task_now = "test";
     unsetenv("APC_STORE");
 }
 
@@ -710,6 +752,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(bad_options_are_refused_and_say_what_is_expected),
+        cmocka_unit_test(an_option_of_its_own_chooses_its_part_and_name),
         cmocka_unit_test(the_environment_stands_for_what_is_not_said),
         cmocka_unit_test(a_life_is_told_recorded_and_ends_with_the_signal),
         cmocka_unit_test(who_started_it_may_listen_without_a_file_or_not_at_all),
