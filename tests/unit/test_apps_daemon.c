@@ -410,6 +410,22 @@ static void who_started_it_may_listen_without_a_file_or_not_at_all(void **state)
     assert_null(strstr(told, "READY"));
 }
 
+static int without_period(struct daemon *d)
+{
+    d->experiment.plant.rhythm.period = 0;
+    return 0;
+}
+
+static void a_task_that_cannot_be_made_ends_it_with_the_reason(void **state)
+{
+    const struct life life = {.tick = stop_after_three, .before = without_period, .store_optional = true};
+    (void)state;
+    live(&life);
+    assert_ended(EXIT_ERROR);
+    assert_says("period");
+    assert_int_equal(shared->ticks, 0);
+}
+
 static void ticks_since_a_predecessor_s_last_one_are_missed(void **state)
 {
     static const char *const befores[] = {"-1", "4", NULL};
@@ -756,6 +772,7 @@ int main(void)
         cmocka_unit_test(the_environment_stands_for_what_is_not_said),
         cmocka_unit_test(a_life_is_told_recorded_and_ends_with_the_signal),
         cmocka_unit_test(who_started_it_may_listen_without_a_file_or_not_at_all),
+        cmocka_unit_test(a_task_that_cannot_be_made_ends_it_with_the_reason),
         cmocka_unit_test(ticks_since_a_predecessor_s_last_one_are_missed),
         cmocka_unit_test(a_tick_that_fails_ends_it_with_its_code),
         cmocka_unit_test(with_overrun_stop_a_missed_tick_ends_it),

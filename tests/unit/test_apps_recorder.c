@@ -276,6 +276,34 @@ static void test_events_that_come_while_others_are_written_are_written_next_and_
     }
 }
 
+static int refuse(struct apc_store *store, const struct apc_event *events, size_t n)
+{
+    (void)store, (void)events, (void)n;
+    return APC_ESTORE;
+}
+
+/* A store that is there, but takes no events: that is told, and they are kept. */
+static void test_events_that_are_refused_are_told_and_written_later(void **state)
+{
+    struct apc_store_ops ops;
+    struct bench b;
+    int next = 1;
+    (void)state;
+    set_up(&b);
+    struct apc_store *store = (struct apc_store *)(uintptr_t)recorder_store(b.r);
+    const struct apc_store_ops *real = store->ops;
+    ops = *real;
+    ops.append_events = refuse;
+    store->ops = &ops;
+    number(b.r, 1, 3);
+    assert_int_equal(recorder_flush(b.r, NULL, 0), APC_ESTORE);
+    store->ops = real;
+    assert_int_equal(recorder_flush(b.r, NULL, 0), 0);
+    assert_int_equal(apc_store_events(b.reader, &(struct apc_range){0}, count_up, &next), 3);
+    assert_int_equal(next, 4);
+    tear_down(&b);
+}
+
 static void test_what_is_measured_beside_the_task_is_stored_and_so_are_its_failures(void **state)
 {
     struct bench b;
@@ -333,6 +361,7 @@ int main(void)
         cmocka_unit_test(test_every_tick_is_recorded_once),
         cmocka_unit_test(test_events_that_were_pushed_out_of_the_queue_are_counted_in_the_records),
         cmocka_unit_test(test_events_that_come_while_others_are_written_are_written_next_and_once),
+        cmocka_unit_test(test_events_that_are_refused_are_told_and_written_later),
         cmocka_unit_test(test_what_is_measured_beside_the_task_is_stored_and_so_are_its_failures),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
