@@ -85,7 +85,9 @@ int window_of_store(struct merits *m, const struct experiment *e, struct apc_sto
         apc_fail(why, rc, "%s", rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(store));
     if (process.n > 0 && process.at[0].time > from)
         s.from = process.at[0].time;
-    if (process.n > 0 && process.at[process.n - 1].time < until)
+    if (process.n == 0)
+        s.until = from;
+    else if (process.at[process.n - 1].time < until)
         s.until = process.at[process.n - 1].time + 1;
     if (rc == 0)
         rc = make(m, &s, why);

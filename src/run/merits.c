@@ -111,6 +111,8 @@ static struct merits_loop judge(const struct watch *w)
                             .with = deviation(&w->with),
                             .without = deviation(&w->without)};
     memcpy(m.name, w->loop->name, sizeof m.name);
+    if (w->loop->above >= 0) /* whose setpoint goes along with the measurement in Man */
+        m.without = none;
     m.benefit = m.without > 0 ? 1 - m.with / m.without : none;
     return m;
 }

@@ -12,6 +12,8 @@ until_true 60 status_has '^plan   good, [^;]* ago; [0-9]+ changes? in [0-9.]+ .?
 until_true 60 status_has '^plan   [^;]*; [^;]*; objective [-0-9.e+]+; held back by [uv]1 high'
 expect 0 '"plan":\{"result":"[a-z-]+","age":[0-9.]+,"iterations":[0-9]+,"solve_time":[0-9.e-]+,"objective":[-0-9.e]+,"limits":\[\{"variable":"[uv]1","limit":"high"\}' \
   "$apc" status --json
+at_high() { [ "$(sql 'SELECT count(*) FROM apc.actuator WHERE id = 1 AND value > 9.99')" -ge 4 ]; }
+until_true 60 at_high
 kill -INT "$pid"
 wait "$pid" || fail "the run did not end well"
 
