@@ -475,6 +475,16 @@ static bool any_there(const struct apc_controller *c, struct apc_instance_part p
     return false;
 }
 
+/* Is it known of each of its outputs what acts? A cascade says so with its first answer. */
+static bool all_there(const struct apc_controller *c, struct apc_instance_part part)
+{
+    for (size_t i = part.u; i < part.u + part.nu; i++) {
+        if (!c->state[i].there)
+            return false;
+    }
+    return true;
+}
+
 /* Is the law asked what it would do, were the output its own? In Backup and Fault that says whether it can
  * act again: what is given makes its problem another one, which may be easy. */
 static bool is_tried(const struct apc_controller *c, const struct apc_controller_law *law, size_t i)
@@ -534,15 +544,17 @@ static void follow(struct apc_controller *c, struct apc_controller_law *law, siz
     const struct apc_instance_part part = apc_instances_part(law->instances, k);
     struct apc_controller_instance *of = &law->instance[k];
     const unsigned all = asked(c, law, part);
+    const bool known = all_there(c, part);
 
     if ((all & APC_ASK_TRACK) && of->begun && any_there(c, part))
         track(c, law, k, c->u, law->decides);
-    if (of->answered)
+    if (of->answered && known)
         of->gap = false;
     if (!(all & (APC_ASK_TRACK | APC_ASK_COMPUTE)))
         of->gap = true;
     /* A law that cannot track would wind up where its output does not go out. */
-    of->updating = (all & APC_ASK_UPDATE) && of->begun && (!(all & APC_ASK_TRACK) || law->definition->track);
+    of->updating =
+        (all & APC_ASK_UPDATE) && of->begun && known && (!(all & APC_ASK_TRACK) || law->definition->track);
 }
 
 void apc_controller_run(struct apc_controller *c, struct apc_now now, bool have, struct apc_notice *notice)

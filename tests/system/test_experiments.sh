@@ -41,7 +41,7 @@ for file in "$experiments"/*.conf; do
   name=$(basename "$file" .conf)
   "$apc" simulate "$file" --csv "$work/$name.csv" >"$work/$name.log"
   grep -q "gave no usable output\|output held" "$work/$name.log" && fail "$name: its law failed, or was without measurement"
-  [ "$name" = two-layers ] && continue # its setpoints always move: unit/test_run_layers.c
+  [[ $name = two-layers* ]] && continue # its setpoints always move: unit/test_run_layers.c
   grep -q "^  *$name  *1 " <<<"$tolerances" || fail "$name: how well does it settle? Add its tolerances here"
 done
 while read -r name y tolerance; do

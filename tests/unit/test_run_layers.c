@@ -12,6 +12,7 @@
 #define LOOPS 100
 
 static const char layers[] = APC_SOURCE_DIR "/experiments/two-layers.conf";
+static const char predictive[] = APC_SOURCE_DIR "/experiments/two-layers-mpc.conf";
 static const char hundred[] = APC_SOURCE_DIR "/experiments/hundred-loops.conf";
 
 /* ---- Runs --------------------------------------------------------------------------------- */
@@ -236,6 +237,104 @@ static void a_restart_between_two_ticks_leaves_no_trace(void **state)
     }
 }
 
+/* ---- Predictive control over two layers ---------------------------------------------------- */
+
+#define FASTEST (0.1 * 5 + 1e-9) /* V a move: its rate, its period */
+
+/* Both measurements where they are wanted. */
+static void assert_no_offset(struct apc_simulation *s, double tolerance)
+{
+    for (int k = 1; k <= 2; k++)
+        assert_near(newest(s, APC_SENSOR, k).value, newest(s, APC_SETPOINT, 2 + k).value, tolerance);
+}
+
+static void predictive_control_takes_up_without_a_bump(void **state)
+{
+    struct apc_experiment *e = load(predictive);
+    struct apc_simulation *s = create(e);
+    (void)state;
+    run(s, 80);
+    for (int loop = V1; loop <= V2; loop++)
+        assert_int_equal(mode_of(s, loop), APC_MODE_CAS);
+    for (int loop = UPPER_R1; loop <= UPPER_R2; loop++)
+        assert_int_equal(mode_of(s, loop), APC_MODE_AUTO);
+    for (int k = 1; k <= 2; k++) {
+        assert_true(largest_step(s, APC_SETPOINT, k, 0, 80) < 1e-4);
+        assert_true(largest_step(s, APC_ACTUATOR, k, 1, 80) < 1e-3);
+    }
+    assert_no_offset(s, 1e-4);
+    apc_simulation_destroy(s);
+    apc_experiment_destroy(e);
+}
+
+/* What the operator does below is known above: the other level stays, and nothing has wound up. */
+static void predictive_control_knows_what_is_in_man_below(void **state)
+{
+    struct apc_experiment *e = load(predictive);
+    struct apc_simulation *s = create(e);
+    (void)state;
+    run(s, 150);
+    assert_int_equal(mode_of(s, V2), APC_MODE_MAN);
+    assert_int_equal(mode_of(s, UPPER_R1), APC_MODE_AUTO);
+    assert_int_equal(mode_of(s, UPPER_R2), APC_MODE_IMAN);
+    assert_true(newest(s, APC_SENSOR, 2).value > 6.8);
+    assert_near(newest(s, APC_SENSOR, 1).value, 6.1315, 0.02);
+    run(s, 169); /* in Cas again, and it has not moved yet */
+    assert_int_equal(mode_of(s, V2), APC_MODE_CAS);
+    assert_true(largest_step(s, APC_ACTUATOR, 2, 160, 169) < 0.1);
+    assert_true(largest_step(s, APC_SETPOINT, 2, 160.2, 169) < 0.02);
+    run(s, 195);
+    assert_true(largest_step(s, APC_SETPOINT, 2, 169, 195) <= FASTEST);
+    assert_no_offset(s, 0.02);
+    apc_simulation_destroy(s);
+    apc_experiment_destroy(e);
+}
+
+static void predictive_control_that_is_killed_is_shed_and_takes_up_again(void **state)
+{
+    struct apc_experiment *e = load(predictive);
+    struct apc_simulation *s = create(e);
+    (void)state;
+    run(s, 561);
+    assert_no_offset(s, 1e-3);
+    run(s, 560.031 + 15.1 + 0.51);
+    for (int loop = V1; loop <= V2; loop++)
+        assert_int_equal(mode_of(s, loop), APC_MODE_AUTO);
+    const struct apc_sample kept = newest(s, APC_SETPOINT, 2);
+    run(s, 661); /* w2 stepped at 600 s */
+    assert_near(newest(s, APC_SETPOINT, 4).value, 5.9, 0);
+    assert_near(newest(s, APC_SETPOINT, 2).value, kept.value, 0);
+    assert_true(largest_step(s, APC_ACTUATOR, 1, 561, 661) < 0.01);
+    run(s, 669);
+    for (int loop = V1; loop <= V2; loop++)
+        assert_int_equal(mode_of(s, loop), APC_MODE_CAS);
+    for (int k = 1; k <= 2; k++) {
+        assert_true(largest_step(s, APC_SETPOINT, k, 661, 669) < 1e-9);
+        assert_true(largest_step(s, APC_ACTUATOR, k, 661, 669) < 0.01);
+    }
+    run(s, 790);
+    assert_no_offset(s, 1e-3);
+    apc_simulation_destroy(s);
+    apc_experiment_destroy(e);
+}
+
+static void predictive_control_keeps_limits_and_leaves_no_offset(void **state)
+{
+    struct apc_experiment *e = load(predictive);
+    struct apc_simulation *s = create(e);
+    (void)state;
+    run(s, 0); /* to the end: a load came in at 800 s */
+    assert_no_offset(s, 2e-3);
+    struct rows y = history(s, APC_SENSOR, 1);
+    for (size_t i = 0; i < y.n; i++)
+        assert_true(y.at[i].value <= 7.2);
+    free(y.at);
+    assert_true(largest_step(s, APC_SETPOINT, 1, 1, 1000) <= FASTEST);
+    assert_true(largest_step(s, APC_SETPOINT, 2, 162, 1000) <= FASTEST); /* before, it followed its level */
+    apc_simulation_destroy(s);
+    apc_experiment_destroy(e);
+}
+
 /* ---- A hundred loops ---------------------------------------------------------------------- */
 
 static void a_bad_measurement_touches_its_own_loop_only(void **state)
@@ -300,6 +399,10 @@ int main(void)
         cmocka_unit_test(a_controller_that_is_killed_is_shed_and_taken_up_again),
         cmocka_unit_test(an_operator_takes_a_setpoint_and_gives_it_back),
         cmocka_unit_test(a_restart_between_two_ticks_leaves_no_trace),
+        cmocka_unit_test(predictive_control_takes_up_without_a_bump),
+        cmocka_unit_test(predictive_control_knows_what_is_in_man_below),
+        cmocka_unit_test(predictive_control_that_is_killed_is_shed_and_takes_up_again),
+        cmocka_unit_test(predictive_control_keeps_limits_and_leaves_no_offset),
         cmocka_unit_test(a_bad_measurement_touches_its_own_loop_only),
         cmocka_unit_test(all_of_them_are_where_they_are_wanted),
     };
