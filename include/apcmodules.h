@@ -396,8 +396,9 @@ struct apc_controller_options {
  */
 struct apc_controller;
 
-/** [setup] Returns 0, APC_EINVAL (an option or a setting of the law that makes no sense), APC_ENOMEM, or with
- * what the law's create() failed; then @p why says what it is, and *@p controller is NULL. */
+/** [setup] Returns 0, APC_EINVAL (an option or a setting of the law that makes no sense, or a tick row would
+ * have more than APC_ELEMENTS_MAX numbers), APC_ENOMEM, or with what the law's create() failed; then @p why
+ * says what it is, and *@p controller is NULL. */
 APC_API int apc_controller_create(struct apc_controller **controller,
                                   const struct apc_controller_options *options, struct apc_error *why);
 APC_API void apc_controller_destroy(struct apc_controller *controller); /**< NULL is legal. [setup] */

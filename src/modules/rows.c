@@ -215,6 +215,12 @@ int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller
     lay_out_tick(c);
     mark(c);
     n = c->offset[APC_TICK_FIELDS];
+    if (n > APC_ELEMENTS_MAX)
+        return apc_fail(
+            why, APC_EINVAL,
+            "controller: with %zu outputs, %zu tuning parameters and %zu states of its law a tick row "
+            "would have %zu numbers; a store takes %d: give the outputs to several controllers",
+            c->dim.nu, c->size.tuning, c->size.states, n, APC_ELEMENTS_MAX);
     c->estimate = o->estimate;
     c->prediction = o->prediction;
     c->output = o->output;

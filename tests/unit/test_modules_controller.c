@@ -1344,6 +1344,11 @@ static int free_compute(struct apc_law_call *c)
     return APC_LAW_GOOD;
 }
 
+static size_t many(const struct apc_dim *dim)
+{
+    return 65000 + dim->nz;
+}
+
 static size_t a_million(const struct apc_dim *dim)
 {
     return 1000000 + (dim->nz == 1);
@@ -1355,7 +1360,7 @@ static void dimensions_and_periods_have_bounds_and_reach_them(void **state)
     static const struct apc_dim bad[] = {{0, 1, 1, 0}, {8193, 1, 1, 0}, {1, 8193, 1, 0},
                                          {1, 1, 0, 0}, {1, 1, 8193, 0}, {1, 1, 1, 8193}};
     static const struct apc_dim fine[] = {
-        {8192, 0, 1, 0}, {1, 8192, 1, 0}, {1, 1, 8192, 0}, {1, 0, 1, 0}, {1, 0, 1, 8192}};
+        {8192, 0, 1, 0}, {1, 8192, 1, 0}, {1, 1, 3000, 0}, {1, 0, 1, 0}, {1, 0, 1, 8192}};
     const apc_ns year = INT64_C(366) * 86400 * S;
     struct apc_law law = {.abi = APC_LAW_ABI, .name = "free", .compute = free_compute};
     const struct apc_controller_options good = {
@@ -1373,8 +1378,14 @@ static void dimensions_and_periods_have_bounds_and_reach_them(void **state)
     for (size_t i = 0; i < sizeof(fine) / sizeof(fine[0]); i++) {
         o.dim = fine[i];
         assert_int_equal(apc_controller_create(&c, &o, &why), 0);
+        assert_true(apc_controller_out(c)->vector->n <= APC_ELEMENTS_MAX);
         apc_controller_destroy(c);
     }
+    /* outputs are dearest in a tick row, which one store at least has to take */
+    o.dim = (struct apc_dim){1, 1, 8192, 0};
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
+    assert_null(c);
+    assert_non_null(strstr(why.text, "a store takes 65536: give the outputs to several controllers"));
     o.dim = good.dim;
     for (int what = 0; what < 2; what++) {
         apc_ns *of = what == 0 ? &o.period : &o.horizon;
@@ -1391,9 +1402,12 @@ static void dimensions_and_periods_have_bounds_and_reach_them(void **state)
         apc_controller_destroy(c);
     }
     o = good;
-    law.n_state = a_million;
+    law.n_state = many;
     assert_int_equal(apc_controller_create(&c, &o, &why), 0);
     apc_controller_destroy(c);
+    law.n_state = a_million;
+    assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "1000000 states of its law"));
     o.dim.nz = 1;
     assert_int_equal(apc_controller_create(&c, &o, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "wants 1000001 states"));
