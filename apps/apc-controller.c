@@ -34,10 +34,13 @@ struct shell {
 static error_t parse(int key, char *arg, struct argp_state *state)
 {
     struct shell *s = state->input;
+    const char **const law = &s->d.options.overrides.law;
+    if (key == 'l' && *law)
+        argp_error(state, "--law: only one law at a time");
     if (key == 'n')
         s->name = arg;
     else if (key == 'l')
-        s->d.options.overrides.law = arg;
+        *law = arg;
     else
         return ARGP_ERR_UNKNOWN;
     return 0;

@@ -39,6 +39,8 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     struct replay_options *o = state->input;
     switch (key) {
     case OPT_LAW:
+        if (o->overrides.law)
+            argp_error(state, "--law: only one law at a time");
         o->overrides.law = arg;
         break;
     case OPT_TOLERANCE:

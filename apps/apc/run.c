@@ -79,6 +79,8 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         o->hold_latency = true;
         break;
     case OPT_LAW:
+        if (o->overrides.law)
+            argp_error(state, "--law: only one law at a time");
         o->overrides.law = arg;
         break;
     case OPT_PLANT:

@@ -155,6 +155,8 @@ static error_t parse(int key, char *arg, struct argp_state *state)
             argp_error(state, "--sweep %s", why.text);
         break;
     case OPT_LAW:
+        if (o->overrides.law)
+            argp_error(state, "--law: only one law at a time");
         o->overrides.law = arg;
         break;
     case OPT_PLANT:

@@ -23,7 +23,6 @@ struct reading {
 struct apc_experiment {
     struct reading *now;
     struct record record; /* of a run; less and less of it, as settings are changed */
-    char *text;
 };
 
 struct apc_simulation {
@@ -60,24 +59,24 @@ static void leave(struct reading *r)
 int apc_experiment_load(struct apc_experiment **out, const char *file, const char *text,
                         struct apc_error *why)
 {
-    char path[EXPERIMENT_PATH];
+    char path[EXPERIMENT_PATH], *own = NULL;
     struct apc_experiment *e = calloc(1, sizeof *e);
     int rc = 0;
 
     *out = NULL;
-    if (!e || (text && !(e->text = strdup(text)))) {
-        free(e);
+    if (!e)
         return apc_fail(why, APC_ENOMEM, "out of memory");
-    }
     if (text)
         snprintf(path, sizeof path, "%s", file);
     else
         experiment_path(file, path);
     if (!text && (rc = record_read(&e->record, path, why)) == 0)
-        rc = settings_read(path, &e->text, why);
+        rc = settings_read(path, &own, why);
     if (rc == 0)
         rc = read_experiment(
-            &e->now, &(struct experiment_source){.file = path, .text = e->text, .record = &e->record}, why);
+            &e->now,
+            &(struct experiment_source){.file = path, .text = text ? text : own, .record = &e->record}, why);
+    free(own);
     if (rc < 0)
         apc_experiment_destroy(e);
     else
@@ -91,7 +90,6 @@ void apc_experiment_destroy(struct apc_experiment *e)
         return;
     leave(e->now);
     record_free(&e->record);
-    free(e->text);
     free(e);
 }
 
@@ -100,7 +98,7 @@ int apc_experiment_set(struct apc_experiment *e, const char *path, const char *v
     char *text, said[200];
     struct reading *changed;
     struct record record = e->record;
-    int rc = experiment_change(e->text, path, value, &text, why);
+    int rc = experiment_change(e->now->e.text, path, value, &text, why);
     if (rc < 0)
         return rc;
     experiment_forget(&record, path);
@@ -109,14 +107,11 @@ int apc_experiment_set(struct apc_experiment *e, const char *path, const char *v
         &changed,
         &(struct experiment_source){.file = e->now->e.file, .text = text, .change = said, .record = &record},
         why);
-    if (rc < 0) {
-        free(text);
+    free(text);
+    if (rc < 0)
         return rc;
-    }
     leave(e->now);
-    free(e->text);
     e->now = changed;
-    e->text = text;
     e->record = record;
     return 0;
 }
@@ -124,8 +119,8 @@ int apc_experiment_set(struct apc_experiment *e, const char *path, const char *v
 int64_t apc_experiment_text(const struct apc_experiment *e, char *text, size_t size)
 {
     if (text && size > 0)
-        snprintf(text, size, "%s", e->text);
-    return (int64_t)strlen(e->text);
+        snprintf(text, size, "%s", e->now->e.text);
+    return (int64_t)strlen(e->now->e.text);
 }
 
 int apc_experiment_provision(const struct apc_experiment *e, struct apc_store *store, int reset,

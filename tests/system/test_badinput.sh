@@ -27,6 +27,10 @@ for program in "${daemons[@]}"; do
   expect 2 'unexpected argument' "$APC_BIN/$program" surplus
   expect 1 'store.*carrierpigeon' "$APC_BIN/$program" --config "$good" --store carrierpigeon:coop
 done
+expect 2 'law: only one law at a time' "$APC_BIN/apc-controller" --config "$good" --law pi --law pid
+for command in run simulate replay; do
+  expect 2 'law: only one law at a time' "$apc" "$command" "$good" --law pi --law pid
+done
 for command in $("$apc" --help | sed -n 's/^  \([a-z]*\)  .*/\1/p'); do
   expect 0 'Usage: ' "$apc" "$command" --help
   expect 2 'unrecognized option' "$apc" "$command" --no-such-option
