@@ -120,7 +120,7 @@ int daemon_error(const struct daemon *d, int err, const char *fmt, ...)
 
 /* ---- Opening and closing ------------------------------------------------------------------ */
 
-static int open_log(struct daemon *d)
+static enum apc_log_level read_level(const struct daemon *d)
 {
     const char *name = or_environment(d->options.log_level, "APC_LOG_LEVEL");
     enum apc_log_level level = name ? apc_log_level_parse(name) : APC_LOG_INFO;
@@ -128,6 +128,11 @@ static int open_log(struct daemon *d)
         daemon_error(d, 0, "--log-level \"%s\": must be error, warn, info or debug", name);
         exit(EXIT_USAGE);
     }
+    return level;
+}
+
+static int open_log(struct daemon *d, enum apc_log_level level)
+{
     int rc = apc_log_create(&d->log, STDERR_FILENO, d->name, level);
     return rc < 0 ? daemon_error(d, rc, "log: %s", apc_err_text(rc)) : 0;
 }
@@ -213,11 +218,12 @@ int daemon_open(struct daemon *d, const struct program *program, void *own, int 
     signal(SIGXFSZ, SIG_IGN); /* a file that may not grow is a full disk */
     if ((rc = warden_create(&d->warden)) < 0)
         return daemon_error(d, rc, "%s", apc_err_text(rc));
-    if ((rc = open_log(d)) < 0 || (rc = load(d)) < 0)
+    const enum apc_log_level level = read_level(d);
+    if ((rc = load(d)) < 0)
         return rc;
     if (program->choose)
-        program->choose(d);
-    if ((rc = open_executive(d)) < 0)
+        program->choose(d); /* it may have a name of its own */
+    if ((rc = open_log(d, level)) < 0 || (rc = open_executive(d)) < 0)
         return rc;
     d->has_store = !program->store_optional || or_environment(d->options.store, "APC_STORE");
     if (d->has_store && (rc = open_store(d, &records, 0, 0, "-events")) < 0)

@@ -23,7 +23,7 @@
 
 #define SLOTS    256
 #define MESSAGE  400
-#define NAME_LEN 32
+#define NAME_LEN 80
 #define GRACE_MS 500
 #define LOOK_MS  50 /* between two looks whether the log is being closed */
 
@@ -87,21 +87,29 @@ static void write_all(struct apc_log *log, const char *text, size_t length)
     }
 }
 
-/* time=... level=... name=... msg="...": quotes and backslashes escaped, control characters as spaces. */
+/* In quotes, those in it and backslashes escaped, control characters as spaces. */
+static char *quote(char *to, const char *text)
+{
+    *to++ = '"';
+    for (; *text; text++) {
+        if (*text == '"' || *text == '\\')
+            *to++ = '\\';
+        *to++ = (unsigned char)*text < 0x20 || *text == 0x7F ? ' ' : *text;
+    }
+    *to++ = '"';
+    return to;
+}
+
+/* time=... level=... name=... msg="..."; a name of several words, as "apc-controller base", is quoted too. */
 static void write_line(struct apc_log *log, const struct message *m)
 {
-    char time[APC_TIME_LEN], line[2 * MESSAGE + 160];
-    int n = snprintf(line, sizeof line, "time=%s level=%s name=%s msg=\"", apc_time_format(m->utc, time),
-                     level_names[m->level], log->name);
-    size_t at = (size_t)n;
-    for (const char *c = m->text; *c; c++) {
-        if (*c == '"' || *c == '\\')
-            line[at++] = '\\';
-        line[at++] = (unsigned char)*c < 0x20 || *c == 0x7F ? ' ' : *c;
-    }
-    line[at++] = '"';
-    line[at++] = '\n';
-    write_all(log, line, at);
+    char time[APC_TIME_LEN], line[2 * (MESSAGE + NAME_LEN) + 80], *at = line;
+    at += snprintf(line, sizeof line, "time=%s level=%s name=", apc_time_format(m->utc, time),
+                   level_names[m->level]);
+    at = strpbrk(log->name, " \"\\") ? quote(at, log->name) : stpcpy(at, log->name);
+    at = quote(stpcpy(at, " msg="), m->text);
+    *at++ = '\n';
+    write_all(log, line, (size_t)(at - line));
 }
 
 static void *writer(void *arg)

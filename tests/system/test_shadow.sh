@@ -34,6 +34,7 @@ first=$pid
 until_true 20 mode 1 1
 until_true 30 settled
 mode 2 2 || fail "trial acts"
+grep -q 'name="apc-controller trial" msg="running every' "$work/trial.log" || fail "its log does not say its name"
 
 expect 0 'trial.u is in OOS: in shadow: another controller acts' "$apc" status
 

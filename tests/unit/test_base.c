@@ -365,6 +365,23 @@ static void table_names_go_both_ways(void **state)
                          table == APC_TICK || table == APC_PLAN || table == APC_PREDICTION);
 }
 
+/* So that a reader of key=value sees where a name of several words ends. */
+static void a_name_of_several_words_is_in_quotes(void **state)
+{
+    struct apc_log *log;
+    char text[512] = "";
+    int fds[2];
+    (void)state;
+    assert_int_equal(pipe(fds), 0);
+    assert_int_equal(apc_log_create(&log, fds[1], "apc-controller my \"base\"", APC_LOG_INFO), 0);
+    apc_log_write(log, APC_LOG_INFO, "mode Auto");
+    apc_log_destroy(log);
+    close(fds[1]);
+    assert_true(read(fds[0], text, sizeof text - 1) > 0);
+    close(fds[0]);
+    assert_non_null(strstr(text, " level=info name=\"apc-controller my \\\"base\\\"\" msg=\"mode Auto\"\n"));
+}
+
 static void the_log_writes_whole_escaped_lines(void **state)
 {
     struct apc_log *log;
@@ -637,6 +654,7 @@ int main(void)
         cmocka_unit_test(table_names_go_both_ways),
         cmocka_unit_test(options_of_another_version_are_understood_or_refused),
         cmocka_unit_test(the_log_writes_whole_escaped_lines),
+        cmocka_unit_test(a_name_of_several_words_is_in_quotes),
         cmocka_unit_test(a_line_is_whole_also_when_it_is_taken_in_pieces),
         cmocka_unit_test(a_full_log_drops_and_says_how_many),
         cmocka_unit_test(a_reader_that_has_stopped_reading_does_not_keep_a_log_from_ending),
