@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include "run/experiment_parts.h"
 #include "scratch.h"
@@ -212,7 +213,9 @@ static void a_file_that_is_no_histogram_is_refused_with_its_line(void **state)
     };
     char spec[400];
     struct models m = {0};
+    const int next = dup(0); /* the lowest descriptor that is free */
     (void)state;
+    close(next);
     snprintf(spec, sizeof spec, "delay=recorded(%s)", scratch_path("h.csv"));
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
         scratch_write("h.csv", of[i].text);
@@ -222,6 +225,8 @@ static void a_file_that_is_no_histogram_is_refused_with_its_line(void **state)
         assert_has(why.text, of[i].reason);
         models_free(&m);
     }
+    assert_int_equal(dup(0), next); /* no file is left open */
+    close(next);
     m = (struct models){0};
     assert_int_equal(models_network(&m, "delay=recorded(/nowhere)", &why), APC_ENOTFOUND);
     assert_has(why.text, "/nowhere: No such file");
@@ -297,6 +302,20 @@ static void what_the_command_line_must_not_say_is_refused(void **state)
         assert_has(why.text, of[i].reason);
         models_free(&m);
     }
+    /* a path that is as long as a part may be is one */
+    struct models far = {0};
+    scratch_write("delays.csv", "low,high,count\n1,2,3\n");
+    const char *folder = scratch_folder();
+    const int dots = 511 - 17 - (int)strlen(folder) - (int)strlen("delays.csv");
+    int n = snprintf(spec, sizeof spec, "delay=recorded(%s", folder);
+    for (int i = 0; i < dots; i++)
+        spec[n++] = '/';
+    snprintf(spec + n, sizeof spec - (size_t)n, "/delays.csv)");
+    assert_int_equal(strlen(spec), 511);
+    if (models_network(&far, spec, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(far.network.options.delay.n_shares, 1);
+    models_free(&far);
     for (int length = 511; length <= 512; length++) { /* bytes of a part */
         struct models m = {0};
         snprintf(spec, sizeof spec, "delay=recorded(/%0*d)", length - 17, 5);

@@ -110,6 +110,12 @@ static void test_a_vector_longer_than_its_room_is_cut_and_says_its_length(void *
     assert_int_equal(v.n, 5);
 }
 
+static int is_longest(void *ctx, const struct apc_vector *v)
+{
+    *(bool *)ctx = v->n == APC_ELEMENTS_MAX;
+    return 0;
+}
+
 static void test_vectors_of_any_length_come_back(void **state)
 {
     static const uint32_t lengths[] = {1, 0, 4, 5, 12, 13, 100, 3, 1000, 2, 0, 4096, 1};
@@ -130,6 +136,9 @@ static void test_vectors_of_any_length_come_back(void **state)
     v = read_vector(*state, APC_TICK, 1, out, APC_ELEMENTS_MAX);
     assert_int_equal(v.n, APC_ELEMENTS_MAX);
     assert_memory_equal(out, in, APC_ELEMENTS_MAX * sizeof *in);
+    bool longest = false;
+    assert_int_equal(apc_store_vectors(*state, APC_TICK, 1, NULL, is_longest, &longest), 1);
+    assert_true(longest);
     free(in);
     free(out);
 }
