@@ -232,6 +232,32 @@ static void what_the_file_says_of_its_loops_is_what_its_store_says(void **state)
     experiment_free(&e);
 }
 
+/* Where nobody has its law, outputs go with measurements and setpoints in order, as far as there are some. */
+static void loops_of_a_law_that_is_not_there_are_paired_in_order(void **state)
+{
+    struct experiment e;
+    struct apc_error why;
+    struct loops loops;
+    char text[4000] = "";
+    (void)state;
+    for (size_t i = 0; i < LINES; i++)
+        snprintf(text + strlen(text), sizeof text - strlen(text), "%s\n",
+                 i + 1 == 7
+                     ? " { name = \"base\"; law = \"./gone.so\"; period = 0.5; measurements = [\"y2\"]; "
+                       "setpoints = [\"r1\", \"r2\"]; outputs = [\"v1\", \"v2\"]; },"
+                     : good[i]);
+    if (experiment_parse(&e, &(struct experiment_source){.file = "layers.conf", .text = text}, 0, NULL,
+                         &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(controllers_describe(&e, &loops), 0);
+    assert_int_equal(loops.at[0].measurement, 2);
+    assert_int_equal(loops.at[0].setpoint, 1);
+    assert_int_equal(loops.at[1].measurement, 0);
+    assert_int_equal(loops.at[1].setpoint, 2);
+    loops_free(&loops);
+    experiment_free(&e);
+}
+
 /* What two outputs do for one thing is judged once. */
 static void what_is_controlled_twice_is_judged_once(void **state)
 {
@@ -616,6 +642,7 @@ int main(void)
         cmocka_unit_test(loops_are_described_by_their_controllers_and_numbered_in_the_order_of_the_file),
         cmocka_unit_test(each_loop_gets_its_own_target_and_what_it_controls),
         cmocka_unit_test(what_the_file_says_of_its_loops_is_what_its_store_says),
+        cmocka_unit_test(loops_of_a_law_that_is_not_there_are_paired_in_order),
         cmocka_unit_test(what_is_controlled_twice_is_judged_once),
         cmocka_unit_test(without_measurements_there_was_no_control),
         cmocka_unit_test(each_controller_has_a_law_of_its_own),
