@@ -184,3 +184,28 @@ for change in 's/read_only: true/read_only: false/' 's/\["127.0.0.1:8080/["8080/
 done
 awk '/^FROM/ {user = ""} /^USER/ {user = $2} END {exit !(user != "" && user != "root" && user != 0)}' "$APC_SOURCE_DIR/Dockerfile" ||
   fail "the programs' image runs as root"
+
+# what makes controller and scheduler healthy there is asked by each with its own role, and answered while they run
+asked() { # SERVICE: its test, as the shell gets it
+  awk -v service="  $1:" '$0 == service {here = 1; next} here && /^  [a-z]+:$/ {exit}
+    here && /^ +test: / {on = 1} here && on {sub(/^ +(test: )?/, ""); text = text (text ? " " : "") $0; if (/\]$/) exit}
+    END {sub(/^.*(-c|CMD-SHELL)", "/, "", text); sub(/"\]$/, "", text); gsub(/\\"/, "\"", text); gsub(/\$\$/, "$", text); print text}' \
+    "$compose"
+}
+healthy() { PGUSER=$(user "$1") PATH=$APC_BIN:$PATH bash -c "$(asked "$1")"; }
+user() { echo "healthy_$1_$port"; }
+fast_experiment
+"$apc" init "$work/fast.conf" --store postgresql: >/dev/null
+until_true 20 psql -Xq -v ON_ERROR_STOP=1 -c 'SET search_path TO apc' -f "$APC_SOURCE_DIR/sql/roles.sql" # a role may be made twice at once
+for service in controller scheduler; do
+  [ -n "$(asked $service)" ] || fail "docker-compose.yml has no test of $service"
+  sql "CREATE USER $(user $service) IN ROLE apc_$service"
+done
+! healthy controller 2>/dev/null || fail "a controller that never ran is healthy"
+for program in apc-plant apc-client apc-controller apc-scheduler; do
+  background $program "$APC_BIN/$program" --config "$work/fast.conf" --store postgresql:
+done
+for service in controller scheduler; do
+  until_true 30 healthy $service
+  sql "DROP OWNED BY $(user $service); DROP USER $(user $service)"
+done
