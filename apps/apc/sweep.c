@@ -114,6 +114,15 @@ static void put_number(struct print_table *t, int digits, double value)
         print_cell(t, PRINT_PLAIN, "%.*g", digits, value);
 }
 
+/* Nothing for none. */
+static void put_count(struct print_table *t, unsigned n)
+{
+    if (n > 0)
+        print_cell(t, PRINT_PLAIN, "%u", n);
+    else
+        print_cell(t, PRINT_PLAIN, "%s", "");
+}
+
 static int put_table(const struct swept *z)
 {
     const struct campaign *c = z->campaign;
@@ -130,8 +139,8 @@ static int put_table(const struct swept *z)
             const struct point *p = point_of(z, i, loop);
             print_cell(&t, PRINT_PLAIN, "%.12g", value_of(z->sweep, i));
             print_cell(&t, PRINT_PLAIN, "%s", c->loop[loop].name);
-            print_cell(&t, PRINT_PLAIN, several ? "%u" : "", p->made);
-            print_cell(&t, PRINT_PLAIN, p->diverged ? "%u" : "", p->diverged);
+            put_count(&t, several ? p->made : 0);
+            put_count(&t, p->diverged);
             for (size_t k = 0; k < SHOWN; k++) {
                 put_number(&t, 5, p->of[shown[k]].mean);
                 if (several)
