@@ -5,7 +5,7 @@
 FROM debian:bookworm-slim AS build
 RUN apt-get update \
  && apt-get install -y --no-install-recommends gcc libc6-dev cmake nodejs npm ninja-build pkg-config \
-        libpq-dev libsqlite3-dev libsundials-dev libconfig-dev libsystemd-dev liblapacke-dev libssl-dev \
+        libpq-dev libsqlite3-dev libsundials-dev libconfig-dev libsystemd-dev liblapacke-dev libnlopt-dev libssl-dev \
         libmicrohttpd-dev libjansson-dev libargon2-dev zlib1g-dev \
  && rm -rf /var/lib/apt/lists/*
 COPY . /src
@@ -17,7 +17,7 @@ RUN cmake -S /src -B /build -G Ninja -DAPC_TESTS=OFF \
 
 FROM debian:bookworm-slim AS base
 RUN apt-get update \
- && apt-get install -y --no-install-recommends libpq5 libsqlite3-0 libsundials-cvode6 libconfig9 libsystemd0 liblapacke libssl3 \
+ && apt-get install -y --no-install-recommends libpq5 libsqlite3-0 libsundials-cvode6 libconfig9 libsystemd0 liblapacke libnlopt0 libssl3 \
         libmicrohttpd12 libjansson4 libargon2-1 zlib1g \
  && rm -rf /var/lib/apt/lists/*
 COPY --from=build /out/ /

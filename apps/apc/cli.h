@@ -133,6 +133,7 @@ int command_maintain(int argc, char **argv);
 int command_plants(int argc, char **argv);
 int command_linearize(int argc, char **argv);
 int command_identify(int argc, char **argv);
+int command_optimize(int argc, char **argv);
 int command_copy(int argc, char **argv);
 int command_drain(int argc, char **argv);
 

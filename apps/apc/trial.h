@@ -10,6 +10,8 @@ struct trial {
     int rc;
     uint64_t held, failures; /* ticks: output not the law's; the law gave no usable output */
     char why[200];
+    double ended;    /* s */
+    double beyond;   /* share of the time, added up over the measurements that lay beyond their limits */
     double figure[]; /* [loops * METRICS] */
 };
 

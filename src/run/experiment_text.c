@@ -467,3 +467,37 @@ int experiment_value(const struct experiment *e, const char *path, double *value
     config_destroy(&config);
     return rc;
 }
+
+/* ---- Lines to paste ------------------------------------------------------------------------- */
+
+/* Is it the file, one of its groups, or one of its controllers: whose members stand for themselves? */
+static bool is_outer(const config_setting_t *at)
+{
+    const config_setting_t *parent = config_setting_parent(at),
+                           *above = parent ? config_setting_parent(parent) : NULL;
+    return !parent || (!above && config_setting_is_group(at)) || is_controller(at);
+}
+
+int experiment_line(const struct experiment *e, const char *path, char **line, struct apc_error *why)
+{
+    config_t config;
+    struct place place = {.value = NULL};
+    size_t size = 0;
+    *line = NULL;
+    int rc = settings_parse(&config, path, e->text, why);
+    if (rc == 0 && ((rc = find(&place, config_root_setting(&config), path)) == APC_ENOTFOUND))
+        tell(&place, path, why);
+    const config_setting_t *at = rc == 0 ? place.at : NULL;
+    while (at && !is_outer(config_setting_parent(at)))
+        at = config_setting_parent(at);
+    FILE *out = at ? open_memstream(line, &size) : NULL;
+    if (out) {
+        fprintf(out, "%s = ", config_setting_name(at));
+        put(out, at, &(struct place){.at = NULL});
+        fputc(';', out);
+    }
+    if (rc == 0 && (!out || fclose(out) != 0))
+        rc = apc_fail(why, at ? APC_ENOMEM : APC_ENOTFOUND, "%s: is not in the file", path);
+    config_destroy(&config);
+    return rc;
+}

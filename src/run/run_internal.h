@@ -222,6 +222,12 @@ void experiment_free(struct experiment *e);
  */
 int experiment_value(const struct experiment *e, const char *path, double *value, struct apc_error *why);
 
+/*
+ * What of the file holds the setting that a path leads to, as a line to paste: "tuning = (...);" of a
+ * controller's parameter. *@line is to be freed. Returns 0, APC_ENOTFOUND or APC_ENOMEM.
+ */
+int experiment_line(const struct experiment *e, const char *path, char **line, struct apc_error *why);
+
 /* The plant's parameters in the run of @p seed, p [model->np]: where the file gives a distribution, a draw
  * within the parameter's limits. Returns 0, or APC_ERANGE: none lies there. */
 int experiment_draw(const struct experiment *e, uint64_t seed, double *p, struct apc_error *why);
