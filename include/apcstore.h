@@ -396,6 +396,12 @@ APC_API void apc_forward_destroy(struct apc_forward *forward); /**< NULL is lega
  * - that of a store. [setup]
  */
 APC_API int apc_forward_step(struct apc_forward *forward, apc_ns timeout);
+/**
+ * How much of FROM's room is left before it overwrites what TO has not got, of the variable where it is
+ * least: 1 none of that is used, 0 the next row is lost. 1 as well while FROM overwrites nothing, as far as
+ * two calls can tell. It reads all that FROM holds. [setup]
+ */
+APC_API double apc_forward_left(struct apc_forward *forward);
 /** One line about the last failure; lives until the next call. [any] */
 APC_API const char *apc_forward_error(const struct apc_forward *forward);
 APC_API void apc_forward_stats(const struct apc_forward *forward,

@@ -29,6 +29,7 @@ struct variable {
     struct apc_sample at; /* seq and time of the last row that was read */
     int64_t stored;       /* TO has all up to this seq */
     int64_t newest;       /* of FROM, when the step began */
+    int64_t oldest;       /* that FROM still had, at the last look for that */
     bool placed;          /* what TO has is known, and that it is ours to write */
     bool read;            /* rows of it were read in this step */
 };
@@ -783,6 +784,47 @@ int apc_forward_step(struct apc_forward *f, apc_ns timeout)
         rc = compare(f);
     }
     return rc < 0 ? rc : f->moved;
+}
+
+struct held {
+    int64_t first;
+    size_t n;
+};
+
+static void hold(struct held *h, int64_t seq)
+{
+    h->first = h->n++ == 0 ? seq : h->first;
+}
+
+static int hold_sample(void *ctx, const struct apc_sample *s)
+{
+    hold((struct held *)ctx, s->seq);
+    return 0;
+}
+
+static int hold_vector(void *ctx, const struct apc_vector *v)
+{
+    hold((struct held *)ctx, v->seq);
+    return 0;
+}
+
+double apc_forward_left(struct apc_forward *f)
+{
+    double left = 1;
+    const int looked = f ? look_at_from(f) : APC_EINVAL;
+    for (size_t i = 0; looked == 0 && i < f->n; i++) {
+        struct variable *v = &f->variable[i];
+        struct held held = {0};
+        const int rc = i < f->n_vectors
+                           ? apc_store_vectors(f->from, v->at.table, v->at.id, NULL, hold_vector, &held)
+                           : apc_store_history(f->from, v->at.table, v->at.id, NULL, hold_sample, &held);
+        const double kept = held.n > 0 ? (double)held.n : 1, waiting = (double)(v->newest - v->stored);
+        if (rc > 0 && v->oldest > 0 && held.first > v->oldest && 1 - waiting / kept < left) {
+            left = waiting < kept ? 1 - waiting / kept : 0;
+        }
+        v->oldest = held.first;
+    }
+    return left;
 }
 
 const char *apc_forward_error(const struct apc_forward *f)

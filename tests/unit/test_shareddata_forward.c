@@ -351,6 +351,28 @@ static void test_what_was_overwritten_before_its_turn_is_told(void **state)
     live_drop(live);
 }
 
+static void test_how_much_room_is_left_is_told_before_it_is_used_up(void **state)
+{
+    struct apc_store *live = live_make(1);
+    append(live, 1, 10000);
+    struct apc_forward *f = begin(live, *state);
+    assert_near(apc_forward_left(f), 1, 0); /* it cannot know yet that anything is overwritten */
+    step(f);
+    append(live, 10001, 10010);
+    const double most = apc_forward_left(f);
+    assert_true(most > 0.9 && most < 1);
+    append(live, 10011, 10100);
+    const double less = apc_forward_left(f);
+    assert_true(less > 0 && less < most);
+    append(live, 10101, 20000);
+    assert_near(apc_forward_left(f), 0, 0);
+    step(f);
+    append(live, 20001, 20001);
+    assert_true(apc_forward_left(f) > most);
+    apc_forward_destroy(f);
+    live_drop(live);
+}
+
 static void assert_refused(struct apc_store *live, struct apc_store *to, int err, const char *text)
 {
     struct apc_forward *f = begin(live, to);
@@ -545,6 +567,7 @@ int main(void)
         T(test_what_is_there_already_is_not_stored_again),
         T(test_events_that_are_alike_are_all_moved),
         T(test_what_was_overwritten_before_its_turn_is_told),
+        T(test_how_much_room_is_left_is_told_before_it_is_used_up),
         T(test_another_experiments_record_is_left_alone),
         T(test_a_record_that_is_newer_is_left_alone),
         T(test_two_do_not_write_one_record),

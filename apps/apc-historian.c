@@ -1,0 +1,315 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * apc-historian: moves what the live store gets on into a history, a file or a database, in order and once.
+ * The loop never waits for it: while the history is away the live store keeps what is to come, as far as its
+ * room goes.
+ *
+ * A thread moves, and may wait for a history as long as it takes; the task only wakes it each cycle, and
+ * tells what became of it. Between the two stands `report`, under a mutex that nobody holds while he waits.
+ */
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "common/daemon.h"
+#include "common/storeuri.h"
+#include "common/warden.h"
+
+#define CYCLE   (200 * APC_NS_PER_MS)
+#define TIMEOUT (10 * APC_NS_PER_S) /* of one operation of the history */
+#define BATCHES (2 * APC_NS_PER_S)  /* of one step, when there is much to move */
+#define HUNG    (60 * APC_NS_PER_S) /* a step that takes longer has no deadline any more */
+#define LAST    APC_NS_PER_S        /* for what came at the very end */
+#define WAIT    (12 * APC_NS_PER_S) /* for a dead predecessor's claim */
+#define LOOK    (5 * APC_NS_PER_S)  /* between two looks at what the live store still holds */
+
+struct report {
+    int rc;        /* of the last step */
+    char why[400]; /* that failed */
+    apc_ns whole;  /* monotonic: when the history had all for the last time */
+    double left;   /* as of apc_forward_left() */
+    struct apc_forward_stats stats;
+};
+
+struct shell {
+    struct daemon d;
+    const char *history;
+    struct apc_store *live, *record;
+    struct apc_forward *forward;
+    bool reached; /* the history, once */
+    pthread_t thread;
+    pthread_mutex_t mutex; /* of all below; inherits priority */
+    pthread_cond_t wake, ended;
+    bool due, end, gone;
+    apc_ns since; /* monotonic: of the step that is under way; 0: none */
+    struct report report;
+    struct { /* the task's own */
+        bool away, scarce;
+        apc_ns late;
+        uint64_t gaps, rows;
+    } told;
+};
+
+enum { OPT_HISTORY = 0x600 };
+static const struct argp_option option_list[] = {
+    {"history", OPT_HISTORY, "URI", 0,
+     "Where the record goes: postgresql://host/db#schema, sqlite:FILE [APC_HISTORY]", 0},
+    {0},
+};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    if (key != OPT_HISTORY)
+        return ARGP_ERR_UNKNOWN;
+    ((struct shell *)state->input)->history = arg;
+    return 0;
+}
+
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct program program = {
+    .name = "apc-historian",
+    .doc = "Move what the live store --store gets on into the history --history: samples, ticks, events, "
+           "timing and "
+           "descriptions, in order and once. While the history is away the loop goes on.",
+    .task = "historian",
+    .extra = &extra,
+};
+
+/* ---- The thread ---------------------------------------------------------------------------- */
+
+/* Where there are no tables yet they are made; a file that has gone is not: it may come back. */
+static int move(struct shell *s, apc_ns timeout)
+{
+    int rc = apc_forward_step(s->forward, timeout);
+    if ((rc == APC_ESCHEMA || (rc == APC_ECONN && !s->reached)) && apc_store_init(s->record) >= 0)
+        rc = apc_forward_step(s->forward, timeout);
+    s->reached = s->reached || rc >= 0;
+    return rc;
+}
+
+static void note(struct shell *s, int rc, double left)
+{
+    struct apc_forward_stats stats = {.size = sizeof stats};
+    apc_forward_stats(s->forward, &stats);
+    pthread_mutex_lock(&s->mutex);
+    s->report.rc = rc;
+    s->report.left = left;
+    s->report.stats = stats;
+    if (rc < 0)
+        snprintf(s->report.why, sizeof s->report.why, "%s", apc_forward_error(s->forward));
+    if (rc >= 0 && stats.behind == 0)
+        s->report.whole = apc_clock_mono(NULL);
+    s->since = 0;
+    pthread_mutex_unlock(&s->mutex);
+}
+
+/* What the live store holds takes a while to look through, and is asked for only when it matters. */
+static double left_of(struct shell *s, int rc, apc_ns *looked, double left)
+{
+    if (rc >= 0)
+        return 1;
+    if (apc_clock_mono(NULL) - *looked < LOOK)
+        return left;
+    *looked = apc_clock_mono(NULL);
+    return apc_forward_left(s->forward);
+}
+
+static void *run(void *ctx)
+{
+    struct shell *s = ctx;
+    apc_ns looked = apc_clock_mono(NULL);
+    double left = 1;
+    pthread_mutex_lock(&s->mutex);
+    for (;;) {
+        while (!s->due && !s->end)
+            pthread_cond_wait(&s->wake, &s->mutex);
+        const bool end = s->end;
+        s->due = false;
+        s->since = apc_clock_mono(NULL);
+        pthread_mutex_unlock(&s->mutex);
+        const int rc = move(s, end ? LAST : BATCHES);
+        left = left_of(s, rc, &looked, left);
+        note(s, rc, left);
+        pthread_mutex_lock(&s->mutex);
+        if (end)
+            break;
+    }
+    s->gone = true;
+    pthread_cond_broadcast(&s->ended);
+    pthread_mutex_unlock(&s->mutex);
+    return NULL;
+}
+
+/* ---- The task ------------------------------------------------------------------------------ */
+
+static void tell_outage(struct shell *s, const struct report *r, apc_ns now)
+{
+    const bool away = r->rc < 0;
+    const apc_ns late = now - r->whole;
+    if (away && !s->told.away)
+        daemon_event(&s->d, APC_EVENT_WARNING, "history", "the history takes nothing, trying again: %.130s",
+                     r->why);
+    if (away && !s->told.away)
+        s->told.rows = r->stats.samples + r->stats.vectors;
+    if (away || s->told.away)
+        s->told.late = late > s->told.late ? late : s->told.late;
+    if (!away && s->told.away && r->stats.behind > 0)
+        return; /* it is catching up */
+    if (!away && s->told.away) {
+        daemon_event(&s->d, APC_EVENT_INFO, "history",
+                     "the history has all again: %llu rows, up to %.1f s late",
+                     (unsigned long long)(r->stats.samples + r->stats.vectors - s->told.rows),
+                     apc_ns_to_s(s->told.late));
+        s->told.late = 0;
+        s->told.scarce = false;
+    }
+    s->told.away = away;
+}
+
+static void tell_room(struct shell *s, const struct report *r, apc_ns now)
+{
+    if (r->left >= 0.5 || s->told.scarce)
+        return;
+    s->told.scarce = true;
+    daemon_event(&s->d, APC_EVENT_WARNING, "history",
+                 "the history is %.0f s behind: in some %.0f s more the live store begins to overwrite what "
+                 "it has not got",
+                 apc_ns_to_s(now - r->whole), r->left / (1 - r->left) * apc_ns_to_s(now - r->whole));
+}
+
+static void tell_gap(struct shell *s, const struct report *r)
+{
+    char since[APC_TIME_LEN], until[APC_TIME_LEN];
+    if (r->stats.gap.times == s->told.gaps)
+        return;
+    daemon_event(&s->d, APC_EVENT_ALARM, "history",
+                 "the record has a gap: of %llu variables what came between %s and %s was overwritten",
+                 (unsigned long long)(r->stats.gap.times - s->told.gaps),
+                 apc_time_format(r->stats.gap.since, since), apc_time_format(r->stats.gap.until, until));
+    s->told.gaps = r->stats.gap.times;
+}
+
+static int on_tick(void *ctx, const struct apc_tick *tick)
+{
+    struct shell *s = ctx;
+    const apc_ns now = apc_clock_mono(NULL);
+    (void)tick;
+    pthread_mutex_lock(&s->mutex);
+    const struct report r = s->report;
+    const bool hung = s->since && now - s->since > HUNG;
+    s->due = true;
+    pthread_cond_signal(&s->wake);
+    pthread_mutex_unlock(&s->mutex);
+    if (hung) {
+        daemon_event(&s->d, APC_EVENT_ALARM, "history",
+                     "stopping: the history does not answer, in spite of its deadline");
+        return APC_ETIMEDOUT;
+    }
+    tell_gap(s, &r);
+    tell_outage(s, &r, now);
+    tell_room(s, &r, now);
+    return 0;
+}
+
+/* ---- Start and end ------------------------------------------------------------------------- */
+
+static int refuse(struct shell *s, const char *uri, int rc)
+{
+    char name[400];
+    store_name(uri, name, sizeof name);
+    return daemon_error(&s->d, rc, "the history %s cannot be taken: %s", name, apc_forward_error(s->forward));
+}
+
+/* What is away may come; what is another's, or newer, stays so. */
+static int first_step(struct shell *s, const char *uri)
+{
+    const apc_ns give_up = apc_clock_mono(NULL) + WAIT;
+    int rc = move(s, BATCHES);
+    while (rc == APC_EBUSY && apc_clock_mono(NULL) < give_up)
+        if (warden_wait(s->d.warden, 100 * APC_NS_PER_MS) > 0)
+            return 1;
+        else
+            rc = move(s, BATCHES);
+    s->report.whole = apc_clock_mono(NULL);
+    note(s, rc, 1);
+    struct apc_forward_stats stats = {.size = sizeof stats};
+    apc_forward_stats(s->forward, &stats);
+    return rc >= 0 || (stats.away && (rc == APC_ECONN || rc == APC_ETIMEDOUT || rc == APC_EFULL))
+               ? 0
+               : refuse(s, uri, rc);
+}
+
+static int open_shell(struct shell *s)
+{
+    const struct apc_store_options options = {.size = sizeof options, .name = s->d.name, .timeout = TIMEOUT};
+    const char *uri = s->history ? s->history : getenv("APC_HISTORY");
+    struct apc_error why;
+    if (!uri)
+        return daemon_error(&s->d, APC_EINVAL, "no history: give --history URI or set APC_HISTORY");
+    int rc = daemon_store(&s->d, &s->live, NULL, 0);
+    if (rc == 0 && (rc = apc_store_connect(s->live)) < 0)
+        return daemon_error(&s->d, rc, "--store: %s", apc_store_error(s->live));
+    if (rc == 0 && (rc = store_open(&s->record, uri, &options, &why)) < 0)
+        return daemon_error(&s->d, rc, "--history: %s", why.text);
+    if (rc == 0 && (rc = apc_forward_create(&s->forward, s->live, s->record, &why)) < 0)
+        return daemon_error(&s->d, rc, "%s", why.text);
+    return rc == 0 ? first_step(s, uri) : rc;
+}
+
+static int start_thread(struct shell *s)
+{
+    pthread_condattr_t attr;
+    if (pthread_condattr_init(&attr) != 0)
+        return APC_ENOMEM;
+    int e = pthread_condattr_setclock(&attr, CLOCK_MONOTONIC);
+    e = e ? e : pthread_cond_init(&s->wake, &attr);
+    e = e ? e : pthread_cond_init(&s->ended, &attr);
+    pthread_condattr_destroy(&attr);
+    e = e ? e : pthread_create(&s->thread, NULL, run, s);
+    return e ? daemon_error(&s->d, APC_ESYS, "no thread: %s", strerror(e)) : 0;
+}
+
+/* True: it has ended. One that waits for a history is left alone, and the process ends around it. */
+static bool end_thread(struct shell *s)
+{
+    const apc_ns until = apc_clock_mono(NULL) + LAST;
+    const struct timespec at = {.tv_sec = (time_t)(until / APC_NS_PER_S),
+                                .tv_nsec = (long)(until % APC_NS_PER_S)};
+    int e = 0;
+    pthread_mutex_lock(&s->mutex);
+    s->end = true;
+    pthread_cond_signal(&s->wake);
+    while (!s->gone && e == 0)
+        e = pthread_cond_timedwait(&s->ended, &s->mutex, &at);
+    const bool gone = s->gone;
+    pthread_mutex_unlock(&s->mutex);
+    if (gone)
+        pthread_join(s->thread, NULL);
+    return gone;
+}
+
+int main(int argc, char **argv)
+{
+    static struct shell s; /* it outlives main(), should the thread */
+    const struct rhythm rhythm = {.period = CYCLE, .overrun = APC_OVERRUN_SKIP};
+    int rc = apc_mutex_init(&s.mutex);
+    bool ended = true;
+    if (rc == 0)
+        rc = daemon_open(&s.d, &program, &s, argc, argv);
+    if (rc == 0)
+        rc = open_shell(&s);
+    if (rc == 0)
+        rc = start_thread(&s);
+    if (rc == 0) {
+        rc = daemon_run(&s.d, rhythm, on_tick, &s);
+        ended = end_thread(&s);
+    }
+    if (ended) {
+        apc_forward_destroy(s.forward);
+        apc_store_close(s.record);
+        apc_store_close(s.live);
+    }
+    return daemon_close(&s.d, rc > 0 ? 0 : rc);
+}
