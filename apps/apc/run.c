@@ -15,6 +15,7 @@
 #include "common/storeuri.h"
 #include "control.h"
 #include "folder.h"
+#include "keep.h"
 #include "live.h"
 #include "report.h"
 #include "run/run_internal.h"
@@ -22,24 +23,31 @@
 #include "supervisor.h"
 #include "warn.h"
 
-#define EXPORT_TRIES 60                 /* a second each */
-#define LEAD         (2 * APC_NS_PER_S) /* from here to t = 0: the daemons start meanwhile */
-#define PAGE_PORT    8080
-#define PAGE_PERIOD  (5 * APC_NS_PER_S) /* it has no task: it says once a second that it lives */
+#define EXPORT_TRIES     60 /* a second each */
+#define HISTORIAN_PERIOD (APC_NS_PER_S / 5)
+#define LEAD             (2 * APC_NS_PER_S) /* from here to t = 0: the daemons start meanwhile */
+#define PAGE_PORT        8080
+#define LIVE_SIZE        64                 /* MiB of a store in memory */
+#define PAGE_PERIOD      (5 * APC_NS_PER_S) /* it has no task: it says once a second that it lives */
 
 struct run_options {
     double duration; /* s; < 0: the file's */
-    const char *out, *timer;
+    const char *out, *timer, *history;
     bool spin, hold_latency, no_ui, force;
     struct experiment_overrides overrides;
 };
 
-enum { OPT_LAW = 0x400, OPT_PLANT, OPT_SPIN, OPT_HOLD_LATENCY, OPT_NO_UI, OPT_FORCE };
+enum { OPT_LAW = 0x400, OPT_PLANT, OPT_SPIN, OPT_HOLD_LATENCY, OPT_NO_UI, OPT_FORCE, OPT_HISTORY };
 
 static const struct argp_option option_list[] = {
     {"duration", 'd', "SECONDS", 0, "How long to run instead of the file's duration; 0: until Ctrl-C", 0},
     {"out", 'o', "DIR", 0, "Run folder; default runs/NAME-TIME", 0},
     {"force", OPT_FORCE, NULL, 0, "Write over what is in the run folder", 0},
+    {"history", OPT_HISTORY, "URI", 0,
+     "Keep the record there, whatever becomes of it: postgresql://host/db#schema, sqlite:FILE. The shared "
+     "data are "
+     "then in the memory of this host, if --store does not say where",
+     0},
     {"timer", 't', "NAME", 0, "Executive of all daemons: deadline (default) or posix", 0},
     {"spin", OPT_SPIN, NULL, 0, "The daemons spin for the last microseconds before a tick (deadline only)",
      0},
@@ -92,6 +100,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case OPT_NO_UI:
         o->no_ui = true;
         break;
+    case OPT_HISTORY:
+        o->history = arg;
+        break;
     case ARGP_KEY_END:
         if (o->spin && o->timer && !strcmp(o->timer, "posix"))
             argp_error(state, "--spin: the executive posix cannot spin");
@@ -112,7 +123,8 @@ static const struct cli_spec spec = {
         "processes, serve the operator's page, show one live line, stop them all at the end or on Ctrl-C, "
         "and leave a run folder with report.png, report.svg and samples.csv. Tuning and mode are set to the "
         "file's; tables are made if there are none. Without --store and APC_STORE the shared data are a file "
-        "in the run folder, store.db. A run in which the plant got no command, or stood at its safe value "
+        "in the run folder, store.db; with --history they are in memory, and apc-historian moves the record "
+        "on to it. A run in which the plant got no command, or stood at its safe value "
         "for "
         "longer than its controllers' hold, or a daemon hung or crashed, ends with 1 and says so. A run "
         "folder that is not empty, and a store that another experiment "
@@ -139,8 +151,10 @@ struct run {
     size_t controllers;          /* the first one's place among the daemons */
     size_t done;                 /* of the experiment's actions */
     char dir[512], config[544], store_name[400], host[256];
-    char own_store[PATH_MAX + 32]; /* URI of a store in dir; "": it was given one */
+    char own_store[PATH_MAX + 32]; /* URI of a store in dir, or in memory; "": it was given one */
     bool made_store;               /* it was not there before */
+    char segment[64];              /* file of the store in memory; "": there is none of our own */
+    const char *record;            /* URI of the store that holds the record in the end */
 };
 
 /* ---- Signals ------------------------------------------------------------------------------ */
@@ -164,6 +178,48 @@ static void unblock(const sigset_t *set)
 }
 
 /* ---- Steps of a run ----------------------------------------------------------------------- */
+
+/* It may be described anew when it is this experiment's. */
+static int check_store(struct run *r, struct apc_store *store, const char *uri)
+{
+    char why[PROVISION_TEXT], name[400];
+    int rc = provision_check(store, &r->e, why);
+    store_name(uri, name, sizeof name);
+    if (rc == APC_EPERM)
+        cli_error(&r->cli, rc, "the store %s cannot be taken: %s; give another --%s%s", name, why,
+                  r->options.history && uri == r->options.history ? "history" : "store",
+                  r->own_store[0] && uri == r->own_store
+                      ? " or --out"
+                      : ", or make it this experiment's with `apc init --force FILE`");
+    else if (rc < 0)
+        cli_store_error(&r->cli, rc, store);
+    return rc;
+}
+
+/* The history, when it is there, is this experiment's, and the live store goes on from it. */
+static int prepare_history(struct run *r)
+{
+    struct apc_store *history = NULL;
+    struct cli cli = r->cli;
+    struct apc_error why;
+    cli.store = r->options.history;
+    int rc = cli_open(&cli, &history);
+    if (rc < 0)
+        return rc;
+    rc = apc_store_init(history);
+    if (rc == APC_ECONN || rc == APC_ETIMEDOUT || rc == APC_EFULL) {
+        fprintf(stderr, "the history is away: %s; the record is kept in memory until it comes\n",
+                apc_store_error(history));
+        rc = 0;
+    } else if (rc < 0) {
+        cli_store_error(&cli, rc, history);
+    } else if ((rc = check_store(r, history, cli.store)) == 0 &&
+               (rc = keep_resume(r->store, history, &why)) < 0) {
+        cli_error(&cli, rc, "%s", why.text);
+    }
+    apc_store_close(history);
+    return rc;
+}
 
 /* Is anybody running this plant? Then nothing of it may be touched. */
 static int claim_all(const struct run *r, struct apc_store *guard)
@@ -189,17 +245,13 @@ static int claim_all(const struct run *r, struct apc_store *guard)
     return rc;
 }
 
-/* Nobody is running the plant in this store: it may be described anew when it is this experiment's. */
+/* Nobody is running the plant in this store. */
 static int describe(struct run *r)
 {
-    char why[PROVISION_TEXT], name[400];
-    int rc = provision_check(r->store, &r->e, why);
-    store_name(r->cli.store, name, sizeof name);
-    if (rc == APC_EPERM)
-        cli_error(&r->cli, rc, "the store %s cannot be taken: %s; give another --store%s", name, why,
-                  r->own_store[0] ? " or --out"
-                                  : ", or make it this experiment's with `apc init --force FILE`");
-    else if (rc < 0 || (rc = provision(r->store, &r->e, PROVISION_RESET)) < 0)
+    int rc = check_store(r, r->store, r->cli.store);
+    if (rc == 0 && r->options.history)
+        rc = prepare_history(r);
+    if (rc == 0 && (rc = provision(r->store, &r->e, PROVISION_RESET)) < 0)
         cli_store_error(&r->cli, rc, r->store);
     return rc;
 }
@@ -263,10 +315,19 @@ static void say_export(const char *uri)
     fputs("'\n", stderr);
 }
 
-/* Nobody named a store: a file in the run folder, which every program then gets from the environment. */
+/* Nobody named a store: a file in the run folder, or, where the record goes elsewhere, memory of its own.
+ * Every program then gets it from the environment. */
 static int embed_store(struct run *r)
 {
     char dir[PATH_MAX];
+    if (r->options.history) {
+        snprintf(r->own_store, sizeof r->own_store, "shm:run-%d-%lld?size=%d", (int)getpid(),
+                 (long long)(apc_clock_utc(NULL) / APC_NS_PER_S), LIVE_SIZE);
+        snprintf(r->segment, sizeof r->segment, "/dev/shm/apc.%.*s", (int)strcspn(r->own_store + 4, "?"),
+                 r->own_store + 4);
+        r->cli.store = r->own_store;
+        return 0;
+    }
     if (!realpath(r->dir, dir)) {
         cli_error(&r->cli, APC_ESYS, "%s: %s", r->dir, strerror(errno));
         return APC_ESYS;
@@ -287,6 +348,8 @@ static void discard(const struct run *r)
         snprintf(path, sizeof path, "%s/%s", r->dir, names[i]);
         remove(path);
     }
+    if (r->segment[0])
+        unlink(r->segment);
     folder_discard(r->dir, &r->e);
 }
 
@@ -311,7 +374,7 @@ static int listen_on(int *port)
 
 static struct folder_facts facts_of(struct run *r)
 {
-    store_name(r->cli.store, r->store_name, sizeof r->store_name);
+    store_name(r->record, r->store_name, sizeof r->store_name);
     gethostname(r->host, sizeof r->host - 1);
     return (struct folder_facts){.by = "apc run",
                                  .timer = r->options.timer ? r->options.timer : "deadline",
@@ -365,10 +428,13 @@ static void add_page(struct run *r)
                            .period = PAGE_PERIOD});
 }
 
-/* Plant and client first, so that the controllers find something to control. */
+/* Plant and client first, so that the controllers find something to control; before them who keeps the
+ * record, so that it is stopped last. */
 static void add_daemons(struct run *r)
 {
     const struct experiment *e = &r->e;
+    if (r->options.history)
+        add(r, &(struct child){.name = "apc-historian", .aside = true, .period = HISTORIAN_PERIOD});
     if (!e->plant.external)
         add(r, &(struct child){.name = "apc-plant", .period = e->plant.rhythm.period});
     add(r, &(struct child){.name = "apc-client", .period = e->client.rhythm.period});
@@ -396,7 +462,7 @@ static int start_daemons(struct run *r)
                              .dir = r->dir,
                              .spin = r->options.spin,
                              .hold_latency = r->options.hold_latency,
-                             .child = calloc(r->e.n_controllers + 4, sizeof *s->child)};
+                             .child = calloc(r->e.n_controllers + 5, sizeof *s->child)};
     if (!s->child) {
         cli_error(&r->cli, APC_ENOMEM, "out of memory");
         return APC_ENOMEM;
@@ -404,6 +470,8 @@ static int start_daemons(struct run *r)
     add_daemons(r);
     setenv("APC_STORE", r->cli.store, 1); /* not in argv, where everybody could read a password */
     setenv("APC_SPOOL", r->dir, 1);
+    if (r->options.history)
+        setenv("APC_HISTORY", r->options.history, 1);
     s->start = r->begin;
     int rc = supervisor_start(s, &why);
     if (rc < 0)
@@ -444,6 +512,7 @@ static struct timespec idle(const struct run *r)
 static bool follow(struct run *r, const sigset_t *signals)
 {
     const struct child *page = r->page[0] ? &r->daemons.child[r->daemons.n - 1] : NULL;
+    const struct child *historian = r->options.history ? r->daemons.child : NULL;
     struct apc_error why;
     for (;;) {
         const struct timespec look = idle(r);
@@ -465,6 +534,12 @@ static bool follow(struct run *r, const sigset_t *signals)
                      r->dir);
             r->page[0] = '\0';
         }
+        if (historian && !historian->name) {
+            live_say(r->live, APC_EVENT_ALARM,
+                     "the record is not kept while it runs, only at its end: see %s/apc-historian.log",
+                     r->dir);
+            historian = NULL;
+        }
         if (rc > 0)
             live_say(r->live, APC_EVENT_ALARM, "%.120s and was started again: see %.60s/*.log", why.text,
                      r->dir);
@@ -478,7 +553,12 @@ static int drain(const struct run *r, apc_ns since, apc_ns until, struct apc_err
 {
     (void)since;
     (void)until;
-    return spools_drain(r->dir, r->cli.store, r->cli.timeout, why);
+    int rc = spools_drain(r->dir, r->cli.store, r->cli.timeout, why);
+    if (r->options.history && (rc == 0 || rc == APC_EPROTO)) {
+        const int kept = keep_finish(r->cli.store, r->options.history, r->cli.timeout, why);
+        rc = kept < 0 ? kept : rc;
+    }
+    return rc;
 }
 
 static apc_ns ran(const struct run *r)
@@ -496,7 +576,8 @@ static int patiently(const struct run *r, stage *what, apc_ns since, apc_ns unti
 {
     const struct timespec pause = {1, 0};
     int rc = what(r, since, until, why);
-    for (int tries = 0; (rc == APC_ECONN || rc == APC_ETIMEDOUT) && tries < EXPORT_TRIES; tries++) {
+    for (int tries = 0; (rc == APC_ECONN || rc == APC_ETIMEDOUT || rc == APC_EBUSY) && tries < EXPORT_TRIES;
+         tries++) {
         if (tries == 0)
             cli_error(&r->cli, rc, "%s; trying again", why->text);
         nanosleep(&pause, NULL);
@@ -578,7 +659,9 @@ static int leave_report(struct run *r)
     if (step > -APC_NS_PER_S && step < APC_NS_PER_S)
         step = 0;
     apc_ns since = r->start + (step < 0 ? step : 0), until = r->start + ran(r) + (step > 0 ? step : 0);
-    int rc = cli_open(&r->cli, &r->store);
+    struct cli cli = r->cli;
+    cli.store = r->record;
+    int rc = cli_open(&cli, &r->store);
     if (rc < 0)
         return rc;
     control_begin(&control, r->e.plant.external, r->start);
@@ -596,9 +679,13 @@ static int leave_report(struct run *r)
         rc = drained;
         apc_fail(&why, rc, "what waited in a spool is damaged: see %s", r->dir);
     }
+    if (r->segment[0] && (drained == 0 || drained == APC_EPROTO))
+        unlink(r->segment);
     if (rc < 0) {
         cli_error(&r->cli, rc, "%s%s%s", r->failure.text, r->failure.text[0] ? "; no report: " : "",
                   why.text);
+        if (r->segment[0] && access(r->segment, F_OK) == 0)
+            fprintf(stderr, "the whole record is in %s: `apc copy` saves it\n", r->own_store);
         return rc;
     }
     if (!r->failure.text[0] || control.ever)
@@ -640,6 +727,10 @@ static int run(struct run *r)
         cli_error(&r->cli, rc, "%s", why.text);
         return rc;
     }
+    if (r->options.history && r->cli.store && !strcmp(r->options.history, r->cli.store)) {
+        cli_error(&r->cli, APC_EINVAL, "--history is the store itself: leave one of the two out");
+        return APC_EINVAL;
+    }
     warn(&r->cli, &r->e);
     if (r->options.duration >= 0)
         r->e.duration = r->options.duration;
@@ -651,6 +742,7 @@ static int run(struct run *r)
         discard(r);
         return rc;
     }
+    r->record = r->options.history ? r->options.history : r->cli.store;
     if ((rc = keep_folder(r)) < 0)
         return rc;
     if (r->own_store[0])

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# `apc run --history`: the loop in memory of its own, the record in a database that is not there when it begins, and is
+# killed in the middle. The run is one that was controlled all the time, and its record is whole.
+# shellcheck source=lib.sh
+if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be stopped: not the one that all tests share
+  data=$(mktemp -d /tmp/apc-history.XXXXXX)
+  trap 'rm -rf "$data"' EXIT
+  APC_OWN_CLUSTER=1 "$APC_SOURCE_DIR/scripts/private-postgres" "$data/postgres" bash "$0"
+  exit
+fi
+. "$(dirname "$0")/lib.sh"
+unset APC_STORE
+fast_experiment
+sed -i 's/hold = 60.0;/hold = 2.0;/' "$work/fast.conf"
+
+data=$(sql 'SHOW data_directory')
+bin=$(ls -d /usr/lib/postgresql/*/bin | sort -V | tail -n 1)
+as_server() { "$@"; }
+[ "$(id -u)" -ne 0 ] || as_server() { (cd / && runuser -u postgres -- "$@"); }
+start_server() {
+  as_server "$bin/pg_ctl" -D "$data" -w -t 20 -l "$PGHOST/server.log" \
+    -o "-c listen_addresses='' -c unix_socket_directories='$PGHOST'" start 9>&-
+}
+kill_server() { as_server kill -9 "$(head -n 1 "$data/postmaster.pid")"; }
+rows() { sql "SELECT count(*) FROM apc.$1"; }
+more_rows() { [ "$(rows "$1")" -gt "$2" ]; }
+live() { sed -n "s/.*export APC_STORE='\(.*\)'.*/\1/p" "$work/$1.log"; }
+live_is_said() { [ -n "$(live "$1")" ]; }
+values() { "$apc" history u --store "$store" --last 1000000 --csv | wc -l; }
+more_values() { [ "$(values)" -gt "$1" ]; }
+# begin NAME: a run, up to its first outputs; its live store is $store, the segment is $segment
+begin() {
+  background "$1" "$apc" run "$work/fast.conf" --history postgresql: --duration 0 --no-ui --out "$work/$1"
+  run=$pid
+  until_true 30 live_is_said "$1"
+  store=$(live "$1")
+  segment=/dev/shm/apc.$(expr "$store" : 'shm:\([^?]*\)')
+  until_true 30 more_values 5
+}
+end() {
+  kill -INT "$run"
+  wait "$run" || fail "apc run ended with $?: $(tail -n 1 "$work/$1.log")"
+  [ ! -e "$segment" ] || fail "it left $segment"
+  [ -s "$work/$1/report.png" ] || fail "no report of $1"
+}
+
+kill_server
+begin first
+grep -q 'the history is away' "$work/first.log" || fail "it does not say that the history is away"
+until_true 60 start_server
+until_true 60 more_rows sensor 100
+kill_server
+n=$(values)
+until_true 30 more_values $((n + 20)) # 4 s of the plant's time, twice as long as its loop would hold
+until_true 60 start_server
+n=$(rows sensor)
+until_true 60 more_rows sensor $((n + 20))
+end first
+[ "$(sql 'SELECT count(*) - max(seq) FROM apc.sensor WHERE id = 1')" = 0 ] || fail "the record of y is not whole"
+[ "$(sql 'SELECT count(*) - max(seq) FROM apc.tick WHERE id = 1')" = 0 ] || fail "the record of the ticks is not whole"
+[ "$(sql "SELECT count(*) FROM apc.event WHERE kind = 'history' AND text LIKE '%has all again%'")" -ge 1 ] ||
+  fail "the outage is not on record"
+
+# the next one goes on in the same record
+n=$(rows sensor)
+begin second
+end second
+[ "$(sql 'SELECT count(*) - max(seq) FROM apc.sensor WHERE id = 1')" = 0 ] || fail "the second run left a hole"
+[ "$(rows sensor)" -gt "$n" ] || fail "the second run left no record"
+
+# another experiment is not taken in
+expect 4 'cannot be taken' "$apc" run "$APC_SOURCE_DIR/experiments/servo.conf" --history postgresql: --duration 1 \
+  --no-ui --out "$work/third"
+[ ! -e "$work/third" ] || fail "a run that did not come about left a folder"
