@@ -44,7 +44,7 @@ static int put(struct shell *s, struct apc_scheduler_at at)
         if (rc < 0)
             break;
         const struct apc_now now = {.mono = apc_clock_mono(NULL), .utc = apc_clock_utc(NULL)};
-        const int n = apc_scheduler_compute(s->core, now, at.step, &notice);
+        const int n = apc_scheduler_compute(s->core, now, at.step, now.mono - at.began, &notice);
         daemon_notice(s->d, &notice);
         rc = n > 0 ? apc_store_append_rows(s->store, apc_scheduler_out(s->core)) : 0;
         done = apc_scheduler_update(s->core, rc >= 0);

@@ -87,6 +87,11 @@ struct apc_scheduler_options {
 
 struct apc_scheduler;
 
+/** A plan, a vector of table apc_table APC_PLAN, has so many pairs at most: seconds from its time on, rising,
+ * and the value from then on. The first is 0 and the value of the setpoint's row of the same seq and time,
+ * whose plan it is. */
+#define APC_PLAN_PAIRS 128
+
 /** Returns 0, APC_EINVAL or APC_ENOMEM, with a text in why. [setup] */
 APC_API int apc_scheduler_create(struct apc_scheduler **scheduler,
                                  const struct apc_scheduler_options *options, struct apc_error *why);
@@ -95,20 +100,21 @@ APC_API void apc_scheduler_destroy(struct apc_scheduler *scheduler); /**< NULL i
 /** What it reads and what it writes: one snapshot before each compute, one append after it. They live as
  * long as the scheduler. [any] */
 APC_API struct apc_rows *apc_scheduler_in(struct apc_scheduler *scheduler);
-APC_API struct apc_rows *apc_scheduler_out(struct apc_scheduler *scheduler);
+APC_API struct apc_rows *apc_scheduler_out(struct apc_scheduler *scheduler); /**< Likewise. [any] */
 
 /** Begin in the middle of a step that began at @p since: what was written since then, and not to give the
  * setpoint back, need not be written again. After in was read, before the first compute. [setup] */
 APC_API void apc_scheduler_resume(struct apc_scheduler *scheduler, uint64_t step, apc_ns since);
 
 /**
- * Fill out with what is due while number @p step of the grid is: the steps that are not there yet of the
- * setpoints that are Remote. Each says the newest row that was read, so that it is left out if somebody was
- * faster. The notice tells, once, of those that became Local or Remote. Called at each step, and in between
- * to see whether the owner changed. Returns how many rows. [tick]
+ * Fill out with what is due while number @p step of the grid is, @p age after it began: the steps that are
+ * not there yet of the setpoints that are Remote, and with each its plan. Each says the newest row that was
+ * read, so that it is left out if somebody was faster. The notice tells, once, of those that became Local or
+ * Remote. Called at each step, and in between to see whether the owner changed. Returns how many setpoints.
+ * [tick]
  */
 APC_API int apc_scheduler_compute(struct apc_scheduler *scheduler, struct apc_now now, uint64_t step,
-                                  struct apc_notice *notice);
+                                  apc_ns age, struct apc_notice *notice);
 /** What became of out: @p stored, with the seqs that its rows got. Returns false where something is still
  * due: somebody was faster, or nothing was stored. Then read and compute again. [tick] */
 APC_API bool apc_scheduler_update(struct apc_scheduler *scheduler, bool stored);

@@ -92,8 +92,8 @@ static int allocate(struct apc_controller *c)
 
     c->n_wanted = nz + 2 * nu + c->size.tuning;
     c->input = calloc(ny, sizeof(*c->input));
-    c->seqs = calloc(ny + nd + nz + c->n_wanted, sizeof(*c->seqs));
-    c->flags = calloc(3 * ny + nd + nz + c->n_wanted, sizeof(*c->flags));
+    c->seqs = calloc(ny + nd + 2 * nz + c->n_wanted, sizeof(*c->seqs));
+    c->flags = calloc(3 * ny + nd + 2 * nz + c->n_wanted, sizeof(*c->flags));
     c->setpoint = calloc(nz + 1, sizeof(*c->setpoint));
     c->loop = calloc(nu, sizeof(*c->loop));
     c->state = calloc(nu, sizeof(*c->state));
@@ -112,12 +112,14 @@ static int allocate(struct apc_controller *c)
     c->y_seq = c->seqs;
     c->d_seq = c->y_seq + ny;
     c->z_seq = c->d_seq + nd;
-    c->looked = c->z_seq + nz;
+    c->plan_seq = c->z_seq + nz;
+    c->looked = c->plan_seq + nz;
     c->y_new = c->flags;
     c->ok = c->y_new + ny;
     c->spare = c->ok + ny + nd;
     c->rests = c->spare + ny;
-    c->refused = c->rests + nz;
+    c->planned = c->rests + nz;
+    c->refused = c->planned + nz;
     c->law.limited = c->bits;
     c->backup.limited = c->bits + nu;
     c->blocked = c->bits + 2 * nu;
@@ -364,6 +366,7 @@ void apc_controller_destroy(struct apc_controller *c)
     apc_instances_destroy(c->backup.instances);
     free(c->former_values);
     free(c->row);
+    free(c->plan_values);
     free(c->vectors);
     free(c->samples);
     free(c->horizon);
@@ -518,6 +521,8 @@ int apc_controller_compute(struct apc_controller *c, struct apc_now now, uint64_
         apc_controller_take_choice(c);
         apc_controller_take_wanted(c, notice);
     }
+    if (c->resumed_at && have)
+        apc_controller_recall_plans(c);
     if (c->resumed_at)
         apc_controller_settle(c, now);
     apc_controller_take_inputs(c, now, have, notice);

@@ -112,6 +112,8 @@ enum apc_tick_field {
                             became of it, second, and of who told it the tick row, last */
     APC_TICK_TUNING,     /* [tuning] in force. From here on it is the law's, then the backup law's */
     APC_TICK_TUNING_SEQ, /* [tuning] of the rows that were looked at */
+    APC_TICK_PLAN,       /* [nz] of a law that looks ahead: seq of the plan that was looked at */
+    APC_TICK_PLANNED,    /* [nz] likewise: 1: it is that of the setpoint in force, and told what is to come */
     APC_TICK_BEGUN,      /* [instances] 0: there is no x yet */
     APC_TICK_GAP,        /* [instances] 1: x knows no recent y */
     APC_TICK_UPDATING,   /* [instances] 1: x goes on by an update with the y, z, d, u of this row */
@@ -147,16 +149,18 @@ struct apc_controller {
     double *tuning, *offered;       /* [size.tuning] in force; wanted by the operator */
     int64_t *seqs;                  /* all those below */
     int64_t *y_seq, *d_seq, *z_seq; /* of the rows that the inputs come from */
+    int64_t *plan_seq;              /* [nz] */
     int64_t *looked;                /* [n_wanted] of the rows that were looked at; -1: none was yet */
     bool *flags;                    /* all those below */
-    bool *y_new, *ok, *refused, *spare, *rests; /* [ny]; [ny + nd] y, d are usable; [n_wanted]; [ny]; [nz] */
-    apc_status *y_status;                       /* [ny] */
-    unsigned *bits;                             /* all of enum apc_limited: the laws', and */
-    unsigned *blocked;                          /* [nu] how what takes the output cannot follow, */
-    unsigned *y_limited;                        /* [ny] how a measurement cannot move an output */
-    enum apc_law_output *decides, *given;       /* the laws', and [nu] that a law decides on none */
-    struct apc_freshness *fresh;                /* [ny + nd] */
-    apc_ns *horizon;                            /* [ny + nd] */
+    bool *y_new, *ok, *refused, *spare, *rests,
+        *planned;                         /* [ny]; [ny + nd] y, d are usable; [n_wanted]; [ny]; [nz] */
+    apc_status *y_status;                 /* [ny] */
+    unsigned *bits;                       /* all of enum apc_limited: the laws', and */
+    unsigned *blocked;                    /* [nu] how what takes the output cannot follow, */
+    unsigned *y_limited;                  /* [ny] how a measurement cannot move an output */
+    enum apc_law_output *decides, *given; /* the laws', and [nu] that a law decides on none */
+    struct apc_freshness *fresh;          /* [ny + nd] */
+    apc_ns *horizon;                      /* [ny + nd] */
 
     /* Wanted are setpoints, target modes, manual outputs, tunings, in this order, as in `in`. */
     size_t n_wanted;
@@ -175,6 +179,8 @@ struct apc_controller {
     bool claimed, acting;            /* the outputs are; at this tick */
     struct apc_rows in, out, former;
     double *row, *former_values;
+    struct apc_vector *plan;            /* [nz] of in; NULL: no law looks ahead */
+    double *plan_values;                /* [nz * 2 APC_PLAN_PAIRS] */
     size_t offset[APC_TICK_FIELDS + 1]; /* of the fields in a tick row */
     int64_t seq;                        /* of the newest tick row */
     uint64_t index;
@@ -204,6 +210,8 @@ static inline struct apc_controller_law *apc_controller_tuned(struct apc_control
 /** Take measurements, disturbances, setpoints; @p have: in was read. [tick] */
 void apc_controller_take_inputs(struct apc_controller *controller, struct apc_now now, bool have,
                                 struct apc_notice *notice);
+/** The plans that the row which was taken over was made with, where they are the newest still. [tick] */
+void apc_controller_recall_plans(struct apc_controller *controller);
 /** Take the operator's output of loop @p i, if it is new. [tick] */
 void apc_controller_take_manual(struct apc_controller *controller, size_t i, apc_ns utc,
                                 struct apc_notice *notice);

@@ -227,6 +227,68 @@ static void take_setpoint(struct apc_controller *c, size_t k, struct apc_notice 
         c->z[row * c->dim.nz + k] = s->value;
 }
 
+/* ---- What is to come ----------------------------------------------------------------------- */
+
+#define TOGETHER (APC_NS_PER_MS / 2) /* a step and a tick that lie no further apart fall together */
+
+static apc_ns due_at(const struct apc_vector *plan, uint32_t i)
+{
+    return (apc_ns)llround(plan->value[i] * 1e9);
+}
+
+/* Is it what is to come of this row? Not so if a step should have come long ago: then nobody follows it. */
+static bool is_plan_of(const struct apc_vector *plan, const struct apc_sample *s, apc_ns utc, apc_ns loss)
+{
+    const uint32_t n = plan->n;
+
+    if (plan->seq <= 0 || plan->seq != s->seq || plan->time != s->time || n < 2 || n % 2 || n > plan->room ||
+        apc_status_severity(plan->status) == APC_SEVERITY_BAD || !apc_values_ok(plan->value, n) ||
+        plan->value[1] > s->value || plan->value[1] < s->value)
+        return false;
+    for (uint32_t i = 0; i < n; i += 2) {
+        if (!(fabs(plan->value[i]) < 1e9) || (i > 0 && !(plan->value[i] > plan->value[i - 2])))
+            return false;
+    }
+    return n == 2 || (utc >= plan->time && utc - plan->time - due_at(plan, 2) <= loss);
+}
+
+/* Setpoint @p k over the horizon: as it is now or, by a plan, as it will be. Beyond what must not be taken
+ * nothing is known. */
+static void look_ahead(struct apc_controller *c, size_t k, const struct apc_vector *plan, apc_ns utc)
+{
+    const struct apc_controller_setpoint *z = &c->setpoint[k];
+    double value = c->z[k];
+    uint32_t i = 2;
+
+    for (size_t row = 1; row < c->size.n_ahead; row++) {
+        const apc_ns at = plan ? utc - plan->time + llround((double)row * c->Ts * 1e9) + TOGETHER : 0;
+
+        while (plan && i < plan->n && due_at(plan, i) <= at && within(plan->value[i + 1], z->low, z->high)) {
+            value = plan->value[i + 1];
+            i += 2;
+        }
+        c->z[row * c->dim.nz + k] = value;
+    }
+}
+
+static void take_plan(struct apc_controller *c, size_t k, apc_ns utc)
+{
+    const struct apc_vector *plan = &c->plan[k];
+    const struct apc_sample *s = row_of(c, k);
+
+    c->plan_seq[k] = plan->seq;
+    c->planned[k] = c->z_seq[k] == s->seq && is_plan_of(plan, s, utc, c->loss);
+    look_ahead(c, k, c->planned[k] ? plan : NULL, utc);
+}
+
+void apc_controller_recall_plans(struct apc_controller *c)
+{
+    for (size_t k = 0; k < c->dim.nz && c->plan; k++) {
+        if (c->planned[k] && c->plan[k].seq == c->plan_seq[k] && c->plan[k].n <= c->plan[k].room)
+            look_ahead(c, k, &c->plan[k], c->resumed_at);
+    }
+}
+
 static void take_setpoints(struct apc_controller *c, struct apc_now now, struct apc_notice *notice)
 {
     for (size_t k = 0; k < c->dim.nz; k++) {
@@ -238,6 +300,8 @@ static void take_setpoints(struct apc_controller *c, struct apc_now now, struct 
             (void)look(c, k, false);
         if (above)
             apc_controller_own_setpoint(c, k, row_of(c, k));
+        if (c->plan)
+            take_plan(c, k, now.utc);
     }
 }
 

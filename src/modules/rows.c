@@ -45,6 +45,8 @@ static const char *const names[APC_TICK_FIELDS] = {
     [APC_TICK_BELOW] = "below.seq",
     [APC_TICK_TUNING] = "tuning",
     [APC_TICK_TUNING_SEQ] = "tuning.seq",
+    [APC_TICK_PLAN] = "plan.seq",
+    [APC_TICK_PLANNED] = "planned",
     [APC_TICK_BEGUN] = "x.begun",
     [APC_TICK_GAP] = "x.gap",
     [APC_TICK_UPDATING] = "x.updating",
@@ -95,6 +97,8 @@ static void lay_out_tick(struct apc_controller *c)
         [APC_TICK_BELOW] = 4 * nu,
         [APC_TICK_TUNING] = c->size.tuning,
         [APC_TICK_TUNING_SEQ] = c->size.tuning,
+        [APC_TICK_PLAN] = c->size.n_ahead > 1 ? nz : 0,
+        [APC_TICK_PLANNED] = c->size.n_ahead > 1 ? nz : 0,
         [APC_TICK_BEGUN] = n,
         [APC_TICK_GAP] = n,
         [APC_TICK_UPDATING] = n,
@@ -202,6 +206,17 @@ static bool next_published(const struct apc_controller *c, struct published *p)
     return false;
 }
 
+static void name_plans(struct apc_controller *c, struct apc_vector *plan)
+{
+    c->plan = plan;
+    for (size_t k = 0; k < c->dim.nz; k++)
+        plan[k] = (struct apc_vector){.table = APC_PLAN,
+                                      .id = c->setpoint[k].id,
+                                      .status = APC_BAD_NO_DATA,
+                                      .room = 2 * APC_PLAN_PAIRS,
+                                      .value = c->plan_values + 2 * APC_PLAN_PAIRS * k};
+}
+
 int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller_options *o,
                            struct apc_error *why)
 {
@@ -210,8 +225,10 @@ int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller
     const size_t n_cascade = apc_controller_cascade_rows(c, &n_vectors),
                  n_in = c->dim.ny + c->dim.nd + c->n_wanted + c->dim.nu + n_cascade +
                         (o->acting ? 1 + c->dim.nz : 0),
+                 n_ticks = n_vectors, n_plans = c->size.n_ahead > 1 ? c->dim.nz : 0,
                  n_told = o->output ? c->dim.nu : 0, n_out = c->dim.nz + c->dim.nu + c->n_actual + n_told;
 
+    n_vectors += n_plans;
     lay_out_tick(c);
     mark(c);
     n = c->offset[APC_TICK_FIELDS];
@@ -230,7 +247,8 @@ int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller
     c->vectors = calloc(n_vectors + 1 + p.courses, sizeof(*c->vectors));
     c->row = calloc(n, sizeof(*c->row));
     c->former_values = calloc(n, sizeof(*c->former_values));
-    if (!c->samples || !c->vectors || !c->row || !c->former_values)
+    c->plan_values = calloc(2 * APC_PLAN_PAIRS * n_plans + 1, sizeof(*c->plan_values));
+    if (!c->samples || !c->vectors || !c->row || !c->former_values || !c->plan_values)
         return apc_fail(why, APC_ENOMEM, "controller: no memory");
     c->out_row = c->vectors + n_vectors;
     *c->out_row = (struct apc_vector){.table = APC_TICK,
@@ -255,6 +273,8 @@ int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller
                                   .n_vectors = 1};
     c->actual = c->former.sample + c->former.n_samples;
     c->told = c->actual + c->n_actual;
+    if (n_plans)
+        name_plans(c, c->vectors + n_ticks);
     name_inputs(c, o);
     name_actual(c);
     for (size_t k = 0; k < p.numbers; k++)
@@ -424,6 +444,10 @@ static void put_tick(struct apc_controller *c, struct apc_now now)
     put_seqs(row + at[APC_TICK_Z_SEQ], c->z_seq, c->dim.nz);
     put_values(row + at[APC_TICK_TUNING], c->tuning, c->size.tuning);
     put_seqs(row + at[APC_TICK_TUNING_SEQ], c->looked + apc_controller_wanted(c, APC_TUNING), c->size.tuning);
+    for (size_t k = 0; k < c->dim.nz && c->plan; k++) {
+        row[at[APC_TICK_PLAN] + k] = (double)c->plan_seq[k];
+        row[at[APC_TICK_PLANNED] + k] = c->planned[k];
+    }
     put_values(row + at[APC_TICK_X], c->x, c->size.states);
     c->out_row->seq = c->seq;
     c->out_row->time = now.utc;
@@ -591,6 +615,10 @@ static void take_law(struct apc_controller *c, const double *row)
         c->instance[k] = (struct apc_controller_instance){.begun = row[at[APC_TICK_BEGUN] + k] > 0.0,
                                                           .gap = row[at[APC_TICK_GAP] + k] > 0.0,
                                                           .updating = row[at[APC_TICK_UPDATING] + k] > 0.0};
+    for (size_t k = 0; k < c->dim.nz && c->plan; k++) {
+        take_seqs(&c->plan_seq[k], row + at[APC_TICK_PLAN] + k, 1);
+        c->planned[k] = row[at[APC_TICK_PLANNED] + k] > 0.0;
+    }
     put_values(c->x, row + at[APC_TICK_X], c->size.states);
 }
 

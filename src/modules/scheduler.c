@@ -3,6 +3,9 @@
  * Whose a setpoint is, is read in the same moment as the setpoint itself, and what is written is written only
  * if nobody did since. Whoever changes the owner writes the setpoint as well: so a step that was on its way
  * is left out, and the row in force is its owner's, whatever the order was.
+ *
+ * With each step goes what is to come, of the same seq and time: by these a reader knows whether it is the
+ * plan of the setpoint in force. If the step is left out, its plan is of no row that there is.
  */
 #include "base/base_internal.h"
 #include "modules/modules_internal.h"
@@ -24,6 +27,8 @@ struct apc_scheduler {
     struct apc_scheduler_setpoint *z; /* [nz] */
     struct moved *state;              /* [nz] */
     struct apc_sample *samples;       /* [3 nz] setpoints, switches; what is written */
+    struct apc_vector *plans;         /* [nz] written with it */
+    double *pairs;                    /* [nz * 2 APC_PLAN_PAIRS] */
     size_t *of;                       /* [nz] whose row that is */
     uint64_t step;
     struct apc_rows in, out;
@@ -52,7 +57,7 @@ static void name_rows(struct apc_scheduler *s)
             (struct apc_sample){.table = APC_OPMODE, .id = s->z[k].owner, .status = APC_BAD_NO_DATA};
     }
     s->in = (struct apc_rows){.size = sizeof(s->in), .sample = s->samples, .n_samples = 2 * nz};
-    s->out = (struct apc_rows){.size = sizeof(s->out), .sample = s->samples + 2 * nz};
+    s->out = (struct apc_rows){.size = sizeof(s->out), .sample = s->samples + 2 * nz, .vector = s->plans};
 }
 
 int apc_scheduler_create(struct apc_scheduler **scheduler, const struct apc_scheduler_options *options,
@@ -77,8 +82,10 @@ int apc_scheduler_create(struct apc_scheduler **scheduler, const struct apc_sche
         new->state = calloc(o.nz, sizeof(*new->state));
         new->samples = calloc(3 * o.nz, sizeof(*new->samples));
         new->of = calloc(o.nz, sizeof(*new->of));
+        new->plans = calloc(o.nz, sizeof(*new->plans));
+        new->pairs = calloc(2 * APC_PLAN_PAIRS * o.nz, sizeof(*new->pairs));
     }
-    if (!new || !new->z || !new->state || !new->samples || !new->of) {
+    if (!new || !new->z || !new->state || !new->samples || !new->of || !new->plans || !new->pairs) {
         apc_scheduler_destroy(new);
         return apc_fail(why, APC_ENOMEM, "scheduler: no memory");
     }
@@ -92,6 +99,8 @@ void apc_scheduler_destroy(struct apc_scheduler *s)
 {
     if (!s)
         return;
+    free(s->pairs);
+    free(s->plans);
     free(s->of);
     free(s->samples);
     free(s->state);
@@ -154,8 +163,39 @@ static double value_at(const struct apc_scheduler *s, size_t k, uint64_t step)
     return o->sequence[row * o->nz + k];
 }
 
-static void put(struct apc_scheduler *s, size_t k, apc_ns utc)
+/* The steps to come that change it, from now on: of one round of a sequence that begins again. */
+static uint32_t plan(const struct apc_scheduler *s, size_t k, apc_ns age, double *pair)
 {
+    const struct apc_scheduler_options *o = &s->options;
+    const uint64_t left = o->repeat ? o->steps : s->step < o->steps ? o->steps - 1 - s->step : 0;
+    double value = value_at(s, k, s->step);
+    uint32_t n = 0;
+
+    pair[n++] = 0.0;
+    pair[n++] = value;
+    for (uint64_t i = 1; i <= left && n < 2 * APC_PLAN_PAIRS; i++) {
+        const double next = value_at(s, k, s->step + i);
+
+        if (next >= value && next <= value)
+            continue;
+        pair[n++] = apc_ns_to_s((apc_ns)i * o->period - age);
+        pair[n++] = value = next;
+    }
+    return n;
+}
+
+static void put(struct apc_scheduler *s, size_t k, apc_ns utc, apc_ns age)
+{
+    double *pair = s->pairs + 2 * APC_PLAN_PAIRS * s->out.n_vectors;
+    const uint32_t n = plan(s, k, age, pair);
+
+    s->out.vector[s->out.n_vectors++] = (struct apc_vector){.table = APC_PLAN,
+                                                            .id = s->z[k].id,
+                                                            .seq = setpoint_of(s, k)->seq + 1,
+                                                            .time = utc,
+                                                            .n = n,
+                                                            .room = n,
+                                                            .value = pair};
     s->of[s->out.n_samples] = k;
     s->out.sample[s->out.n_samples++] = (struct apc_sample){.table = APC_SETPOINT,
                                                             .id = s->z[k].id,
@@ -183,13 +223,13 @@ void apc_scheduler_resume(struct apc_scheduler *s, uint64_t step, apc_ns since)
     }
 }
 
-int apc_scheduler_compute(struct apc_scheduler *s, struct apc_now now, uint64_t step,
+int apc_scheduler_compute(struct apc_scheduler *s, struct apc_now now, uint64_t step, apc_ns age,
                           struct apc_notice *notice)
 {
     if (notice)
         notice->kind = APC_NOTICE_NONE;
     s->step = step;
-    s->out.n_samples = 0;
+    s->out.n_samples = s->out.n_vectors = 0;
     for (size_t k = 0; k < s->options.nz; k++) {
         const bool local = is_local(owner_of(s, k));
 
@@ -198,7 +238,7 @@ int apc_scheduler_compute(struct apc_scheduler *s, struct apc_now now, uint64_t 
                  local ? "is Local: its steps are not written" : "is Remote: its steps are written again");
         s->state[k].local = local;
         if (is_due(s, k))
-            put(s, k, now.utc);
+            put(s, k, now.utc, age);
     }
     return (int)s->out.n_samples;
 }

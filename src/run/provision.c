@@ -179,7 +179,7 @@ static void add_controllers(struct tags *t)
     t->of = NULL;
 }
 
-/* Whose the setpoints are that the scheduler moves. */
+/* Of the setpoints that the scheduler moves: whose they are, and what they will be. */
 static void add_owners(struct tags *t)
 {
     char name[APC_TAG_LEN];
@@ -188,6 +188,12 @@ static void add_owners(struct tags *t)
         join(of->name, "owner", name);
         add(t, plain_tag(APC_OPMODE, LOOPS_OWNER(of->id), name,
                          "who moves the setpoint: 0 Local, the operator; 1 Remote, the scheduler", 0, 1));
+        join(of->name, "plan", name);
+        struct apc_tag *plan = add(t, plain_tag(APC_PLAN, of->id, name,
+                                                "what it will be: pairs of seconds from then on and value",
+                                                -APC_VALUE_MAX, APC_VALUE_MAX));
+        const size_t pairs = t->e->scheduler.steps + 1;
+        plan->length = 2 * (int)(pairs < APC_PLAN_PAIRS ? pairs : APC_PLAN_PAIRS);
     }
 }
 
@@ -214,7 +220,7 @@ struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
     const size_t ny = dim->ny + e->n_signals;
     struct tags t = {.e = e,
                      .at = calloc(ny + dim->nz + dim->nu + e->n_controllers + count_tuning(e) +
-                                      count_published(e) + 5 * controllers_loops(e) + e->scheduler.n + 5,
+                                      count_published(e) + 5 * controllers_loops(e) + 2 * e->scheduler.n + 5,
                                   sizeof *t.at)};
     if (!t.at)
         return NULL;

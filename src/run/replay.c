@@ -147,6 +147,29 @@ static const struct apc_sample *give_rows(struct replay *r, struct replay_contro
     return missing;
 }
 
+/* What was to come of the setpoints, to the law that looked ahead; another law is not told. */
+static const struct apc_sample *give_plans(struct replay *r, struct replay_controller *rc, const double *row)
+{
+    struct apc_controller *c = rc->core;
+    const struct apc_sample *missing = NULL;
+    for (size_t k = 0; k < c->dim.nz && c->plan && !r->other_law; k++) {
+        struct apc_vector *to = &c->plan[k];
+        const struct ticks *plans = &r->plan[to->id - 1];
+        const struct tick_row *at = NULL;
+        to->seq = (int64_t)row[c->offset[APC_TICK_PLAN] + k];
+        if (to->seq > 0 && !(at = ticks_find(plans, to->seq))) {
+            r->lost = (struct apc_sample){.table = APC_PLAN, .id = to->id, .seq = to->seq};
+            missing = &r->lost;
+        }
+        to->time = at ? at->time : 0;
+        to->n = at && at->n <= to->room ? (uint32_t)at->n : 0;
+        to->status = to->n > 0 ? APC_GOOD : APC_BAD_NO_DATA;
+        if (to->n > 0)
+            memcpy(to->value, plans->value + at->first, to->n * sizeof *to->value);
+    }
+    return missing;
+}
+
 /* Who acted, and what went out before: of several that have the same outputs. */
 static void give_choice(struct apc_controller *c, const double *row)
 {
@@ -287,11 +310,11 @@ static const struct apc_sample *tick(struct replay *r, struct replay_controller 
     struct apc_controller *c = rc->core;
     const struct apc_now now = now_of(rc, row, at->time);
     give_measurements(c, row, now);
-    const struct apc_sample *missing = give_rows(r, rc, row);
+    const struct apc_sample *missing = give_rows(r, rc, row), *lost = give_plans(r, rc, row);
     give_choice(c, row);
     c->budget = was_late(c, row) ? 0.0 : apc_ns_to_s(rc->of->budget);
     apc_controller_compute(c, now, (uint64_t)row[c->offset[APC_TICK_INDEX]], true, notice);
-    return missing;
+    return missing ? missing : lost;
 }
 
 static bool is_made(const struct apc_controller *c, const double *row)
@@ -384,9 +407,9 @@ int replay_run(struct replay *r, const struct replay_watch *watch)
 
 /* Times, and the numbers of rows, are other ones. */
 static const bool left_out[APC_TICK_FIELDS] = {
-    [APC_TICK_HELD] = true,  [APC_TICK_ASKED] = true, [APC_TICK_WANTED] = true,     [APC_TICK_Y_SEQ] = true,
-    [APC_TICK_Y_AGE] = true, [APC_TICK_D_SEQ] = true, [APC_TICK_Z_SEQ] = true,      [APC_TICK_ABOVE] = true,
-    [APC_TICK_BELOW] = true, [APC_TICK_INDEX] = true, [APC_TICK_TUNING_SEQ] = true,
+    [APC_TICK_HELD] = true,  [APC_TICK_ASKED] = true, [APC_TICK_WANTED] = true, [APC_TICK_Y_SEQ] = true,
+    [APC_TICK_Y_AGE] = true, [APC_TICK_D_SEQ] = true, [APC_TICK_Z_SEQ] = true,  [APC_TICK_ABOVE] = true,
+    [APC_TICK_BELOW] = true, [APC_TICK_PLAN] = true,  [APC_TICK_INDEX] = true,  [APC_TICK_TUNING_SEQ] = true,
 };
 
 /* What the tick was given, before what it made of that. */
@@ -400,6 +423,7 @@ static const char *cause_of(const struct apc_controller *c, const double *record
               {APC_TICK_Y_NEW, "a measurement was late"},
               {APC_TICK_D, "a disturbance was another"},
               {APC_TICK_Z, "a setpoint was another"},
+              {APC_TICK_PLANNED, "what a setpoint was to be was not known"},
               {APC_TICK_TARGET, "a mode was another"},
               {APC_TICK_TUNING, "a tuning was another"},
               {APC_TICK_MANUAL, "an operator's output was another"},
@@ -460,7 +484,7 @@ int replay_virtual(struct replay *r)
     for (size_t i = 0; i < e.n_controllers && rc == 0; i++) {
         struct ticks made;
         rc = start(r, &r->controller[i], NULL, r->start - 1);
-        if (rc == 0 && (rc = ticks_load(&made, s.store, e.controllers[i].number, 0)) == 0)
+        if (rc == 0 && (rc = ticks_load(&made, s.store, APC_TICK, e.controllers[i].number, 0)) == 0)
             compare_virtual(r, &r->controller[i], &made);
         ticks_free(&made);
     }
@@ -509,7 +533,9 @@ static int load_record(struct replay *r, const char *dir, struct apc_error *why)
         return rc;
     rc = load_samples(r, store);
     for (size_t i = 0; i < r->e.n_controllers && rc == 0; i++)
-        rc = ticks_load(&r->controller[i].ticks, store, r->e.controllers[i].number, 0);
+        rc = ticks_load(&r->controller[i].ticks, store, APC_TICK, r->e.controllers[i].number, 0);
+    for (size_t k = 0; k < r->e.dim.nz && rc == 0; k++)
+        rc = ticks_load(&r->plan[k], store, APC_PLAN, (int)k + 1, 0);
     if (rc < 0)
         apc_fail(why, rc, "%s: %s", path, rc == APC_ENOMEM ? "out of memory" : apc_store_error(store));
     apc_store_close(store);
@@ -526,7 +552,8 @@ int replay_load(struct replay *r, const char *dir, const struct experiment_overr
     r->start = r->e.start ? r->e.start : SIMULATION_BEGIN;
     r->controller = calloc(r->e.n_controllers, sizeof *r->controller);
     r->difference = calloc(controllers_loops(&r->e), sizeof *r->difference);
-    if (!r->controller || !r->difference || controllers_describe(&r->e, &r->loops) < 0)
+    r->plan = calloc(r->e.dim.nz + 1, sizeof *r->plan);
+    if (!r->controller || !r->difference || !r->plan || controllers_describe(&r->e, &r->loops) < 0)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     for (size_t i = 0; i < r->e.n_controllers; i++)
         r->controller[i].of = &r->e.controllers[i];
@@ -539,6 +566,9 @@ void replay_free(struct replay *r)
         apc_controller_destroy(r->controller[i].core);
         ticks_free(&r->controller[i].ticks);
     }
+    for (size_t k = 0; r->plan && k < r->e.dim.nz; k++)
+        ticks_free(&r->plan[k]);
+    free(r->plan);
     free(r->controller);
     free(r->difference);
     loops_free(&r->loops);

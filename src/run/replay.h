@@ -41,6 +41,8 @@ struct replay {
 
     /* its own */
     struct samples samples; /* what the tick rows name, by table, id, seq */
+    struct ticks *plan;     /* [e.dim.nz] and of plans */
+    struct apc_sample lost; /* the last plan that is not on record */
     apc_ns start;           /* t = 0 in the record */
     bool other_law;
     struct replay_watch watch;

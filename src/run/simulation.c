@@ -108,6 +108,7 @@ static int scheduler_tick(void *ctx, const struct apc_tick *tick)
 {
     struct simulation *s = ctx;
     s->step = tick->index;
+    s->step_began = tick->scheduled;
     s->schedules = true;
     stop_at_store(s, apc_store_read_rows(s->store, apc_scheduler_in(s->scheduler)));
     return 0;
@@ -118,7 +119,8 @@ static bool schedule(struct simulation *s)
 {
     struct apc_rows *out = apc_scheduler_out(s->scheduler);
     struct apc_notice notice;
-    int rc = apc_scheduler_compute(s->scheduler, now_of(s), s->step, &notice);
+    const struct apc_now now = now_of(s);
+    int rc = apc_scheduler_compute(s->scheduler, now, s->step, now.mono - s->step_began, &notice);
     tell_notice(s, "apc-scheduler", &notice);
     if (rc > 0)
         stop_at_store(s, rc = apc_store_append_rows(s->store, out));

@@ -48,7 +48,8 @@ struct simulation {
     struct apc_client *client;
     struct simulated *controller;    /* [e->n_controllers] */
     struct apc_scheduler *scheduler; /* NULL: there is none */
-    uint64_t step;                   /* it is at, once it has begun */
+    uint64_t step;                   /* it is at, once it has begun, */
+    apc_ns step_began;               /* mono, then */
     bool schedules;                  /* it has */
     struct apc_store *store;         /* mem:, a name of its own */
     char uri[40];

@@ -66,7 +66,12 @@ static int copy_variable(struct copy *c, enum apc_table table, int id)
 
 static int copy_vectors(struct copy *c, enum apc_table table, int id)
 {
-    int rc = apc_store_vectors(c->from, table, id, c->range, take_vector, c);
+    const struct apc_range before = {.until = c->range->since, .last = 1};
+    int rc = 0;
+    if (table == APC_PLAN && c->range->since > 0) /* it may be what was in force */
+        rc = apc_store_vectors(c->from, table, id, &before, take_vector, c);
+    if (rc >= 0 && !c->failed)
+        rc = apc_store_vectors(c->from, table, id, c->range, take_vector, c);
     return c->failed ? c->failed : rc;
 }
 
@@ -87,8 +92,8 @@ static int copy_named(struct copy *c)
     for (int i = 0; i < n && rc >= 0; i++)
         if (is_named(variable[i].table))
             rc = copy_variable(c, variable[i].table, variable[i].id);
-        else if (variable[i].table == APC_PREDICTION)
-            rc = copy_vectors(c, APC_PREDICTION, variable[i].id);
+        else if (variable[i].table == APC_PREDICTION || variable[i].table == APC_PLAN)
+            rc = copy_vectors(c, variable[i].table, variable[i].id);
     free(variable);
     return rc;
 }
@@ -167,11 +172,11 @@ static int take_row(void *ctx, const struct apc_vector *row)
     return 0;
 }
 
-int ticks_load(struct ticks *ticks, struct apc_store *store, int number, apc_ns since)
+int ticks_load(struct ticks *ticks, struct apc_store *store, enum apc_table table, int id, apc_ns since)
 {
     const struct apc_range range = {.since = since};
     *ticks = (struct ticks){0};
-    int rc = apc_store_vectors(store, APC_TICK, number, &range, take_row, ticks);
+    int rc = apc_store_vectors(store, table, id, &range, take_row, ticks);
     return rc < 0 ? rc : (size_t)rc > ticks->n ? APC_ENOMEM : 0;
 }
 

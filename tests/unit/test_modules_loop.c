@@ -105,7 +105,7 @@ static void scheduler(struct loop *l, struct apc_now now)
     struct apc_sample *out = apc_scheduler_out(l->scheduler)->sample;
 
     in->sample[0] = l->in[1];
-    assert_int_equal(apc_scheduler_compute(l->scheduler, now, (uint64_t)(now.mono / (150 * S)), NULL), 1);
+    assert_int_equal(apc_scheduler_compute(l->scheduler, now, (uint64_t)(now.mono / (150 * S)), 0, NULL), 1);
     l->in[1] = *out;
     out->seq = ++l->in[1].seq;
     assert_true(apc_scheduler_update(l->scheduler, true));

@@ -146,7 +146,7 @@ static void one_second(struct loop *l, int k)
     int n;
 
     apc_scheduler_in(l->scheduler)->sample[0] = *rows_at(l->in, APC_SETPOINT, 1);
-    l->failures += apc_scheduler_compute(l->scheduler, now, (uint64_t)k, &notice) != 1;
+    l->failures += apc_scheduler_compute(l->scheduler, now, (uint64_t)k, 0, &notice) != 1;
     *rows_at(l->in, APC_SETPOINT, 1) = *apc_scheduler_out(l->scheduler)->sample;
     rows_at(l->in, APC_SETPOINT, 1)->seq = apc_scheduler_out(l->scheduler)->sample->seq = k + 1;
     l->failures += !apc_scheduler_update(l->scheduler, true);

@@ -40,10 +40,12 @@ static void see(struct world *w)
     memcpy(apc_scheduler_in(w->scheduler)->sample, w->there, sizeof(w->there));
 }
 
+static apc_ns age; /* of the step */
+
 static int compute(struct world *w, uint64_t step)
 {
     const struct apc_now now = {.mono = w->now - T0, .utc = w->now};
-    return apc_scheduler_compute(w->scheduler, now, step, &w->notice);
+    return apc_scheduler_compute(w->scheduler, now, step, age, &w->notice);
 }
 
 /* Append what it made, where nobody was faster. */
@@ -168,6 +170,67 @@ static void a_step_that_was_left_out_is_due_still(void **state)
     apc_scheduler_destroy(w.scheduler);
 }
 
+/* Plan @p i of out is that of setpoint @p i. */
+static void assert_plan(struct world *w, size_t i, const double *pairs, uint32_t n)
+{
+    const struct apc_rows *out = apc_scheduler_out(w->scheduler);
+    const struct apc_vector *v = &out->vector[i];
+    assert_int_equal(out->n_vectors, out->n_samples);
+    assert_true(v->table == APC_PLAN && v->id == setpoints[i].id && v->status == APC_GOOD);
+    assert_int_equal(v->seq, out->sample[i].seq + 1);
+    assert_int_equal(v->time, out->sample[i].time);
+    assert_int_equal(v->n, n);
+    for (uint32_t k = 0; k < n; k++)
+        assert_near(v->value[k], pairs[k], 1e-9);
+}
+
+static void a_step_goes_with_those_to_come_that_change_it(void **state)
+{
+    static const double whole[] = {1, 2, 1, 4, 5, 6};
+    struct apc_scheduler_options o = options;
+    struct world w;
+    (void)state;
+    o.sequence = whole;
+    begin(&w, &o);
+    see(&w);
+    age = 3 * S;
+    assert_int_equal(compute(&w, 0), 2);
+    assert_plan(&w, 0, (const double[]){0, 1, 37, 5}, 4);
+    assert_plan(&w, 1, (const double[]){0, 2, 17, 4, 37, 6}, 6);
+    store(&w);
+    age = 0;
+    see(&w);
+    compute(&w, 2);
+    assert_plan(&w, 0, (const double[]){0, 5}, 2);
+    apc_scheduler_destroy(w.scheduler);
+    o.repeat = true; /* one round */
+    begin(&w, &o);
+    see(&w);
+    compute(&w, 1);
+    assert_plan(&w, 0, (const double[]){0, 1, 20, 5, 40, 1}, 6);
+    apc_scheduler_destroy(w.scheduler);
+}
+
+static void a_long_sequence_is_told_as_far_as_there_is_room(void **state)
+{
+    double many[1000];
+    struct apc_scheduler_options o = options;
+    struct world w;
+    (void)state;
+    for (size_t i = 0; i < 1000; i++)
+        many[i] = (double)i;
+    o.sequence = many;
+    o.steps = 500;
+    begin(&w, &o);
+    see(&w);
+    compute(&w, 0);
+    const struct apc_vector *v = apc_scheduler_out(w.scheduler)->vector;
+    assert_int_equal(v->n, 2 * APC_PLAN_PAIRS);
+    assert_near(v->value[v->n - 2], 20.0 * (APC_PLAN_PAIRS - 1), 1e-9);
+    assert_near(v->value[v->n - 1], 2.0 * (APC_PLAN_PAIRS - 1), 0);
+    apc_scheduler_destroy(w.scheduler);
+}
+
 static int restart(struct world *w, uint64_t index, apc_ns since)
 {
     apc_scheduler_destroy(w->scheduler);
@@ -231,6 +294,8 @@ int main(void)
         cmocka_unit_test(one_that_is_local_is_left_alone_and_given_back_gets_the_step_that_is_due),
         cmocka_unit_test(what_was_taken_and_given_back_unseen_is_written_again),
         cmocka_unit_test(a_step_that_was_left_out_is_due_still),
+        cmocka_unit_test(a_step_goes_with_those_to_come_that_change_it),
+        cmocka_unit_test(a_long_sequence_is_told_as_far_as_there_is_room),
         cmocka_unit_test(one_that_is_restarted_writes_what_is_not_there),
         cmocka_unit_test(options_that_say_too_little_are_refused),
     };

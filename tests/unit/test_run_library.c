@@ -436,6 +436,80 @@ static void what_an_operator_sets_is_his_until_he_gives_it_back(void **state)
     apc_experiment_destroy(e);
 }
 
+#define TANKS                                                                                                \
+    APC_SOURCE_DIR "/experiments/quadruple-tank-mpc.conf" /* steps at 200, 400, 600 s, looks 15 s ahead */
+#define REACTOR APC_SOURCE_DIR "/experiments/adiabatic-cstr-nmpc.conf"
+
+/* Steps of its setpoints, and a law that looks ahead or does not. */
+static struct apc_simulation *predicting(const char *file, const char *preview)
+{
+    struct apc_experiment *e;
+    struct apc_error why;
+    if (apc_experiment_load(&e, file, NULL, &why) < 0 ||
+        apc_experiment_set(e, "controller.settings.preview", preview, &why) < 0)
+        fail_msg("%s", why.text);
+    struct apc_simulation *s = simulate(e);
+    apc_experiment_destroy(e);
+    return s;
+}
+
+static double iae_of(struct apc_simulation *s)
+{
+    struct apc_figure f[1] = {{.size = sizeof *f}};
+    assert_int_equal(apc_simulation_run(s, 0), 0);
+    assert_true(apc_simulation_figures(s, f, 1) > 0);
+    return f->iae;
+}
+
+static void what_is_to_come_is_foreseen(void **state)
+{
+    struct apc_simulation *seeing = predicting(REACTOR, "1"), *blind = predicting(REACTOR, "0");
+    (void)state;
+    assert_true(iae_of(seeing) < 0.75 * iae_of(blind));
+    apc_simulation_destroy(seeing);
+    apc_simulation_destroy(blind);
+}
+
+/* A setpoint that is the operator's will stay as it is; given back, it has a future again. */
+static void what_an_operator_took_has_no_future(void **state)
+{
+    struct apc_simulation *s = predicting(TANKS, "1"), *blind = predicting(TANKS, "0");
+    (void)state;
+    for (int i = 0; i < 2; i++) {
+        struct apc_simulation *one = i ? blind : s;
+        assert_int_equal(apc_simulation_run(one, 100.5), 0);
+        assert_int_equal(apc_simulation_do(one, "local", "r1"), 0);
+        assert_int_equal(apc_simulation_do(one, "local", "r2"), 0);
+        assert_int_equal(apc_simulation_run(one, 190.5), 0);
+    }
+    assert_near(value_of(s, "v1"), value_of(blind, "v1"), 0);
+    assert_int_equal(apc_simulation_do(s, "remote", "r1"), 0);
+    assert_int_equal(apc_simulation_do(blind, "remote", "r1"), 0);
+    assert_int_equal(apc_simulation_run(s, 192.5), 0);
+    assert_int_equal(apc_simulation_run(blind, 192.5), 0);
+    assert_true(fabs(value_of(s, "v1") - value_of(blind, "v1")) > 0.01);
+    apc_simulation_destroy(s);
+    apc_simulation_destroy(blind);
+}
+
+static void a_restart_between_two_ticks_forgets_no_plan(void **state)
+{
+    struct apc_simulation *calm = predicting(TANKS, "1"), *restarted = predicting(TANKS, "1");
+    (void)state;
+    assert_int_equal(apc_simulation_run(calm, 195.5), 0);
+    assert_int_equal(apc_simulation_run(restarted, 195.5), 0);
+    assert_int_equal(apc_simulation_do(restarted, "kill", "controller"), 0);
+    assert_int_equal(apc_simulation_do(restarted, "start", "controller"), 0);
+    for (int k = 0; k < 20; k++) {
+        assert_int_equal(apc_simulation_run(calm, 196.5 + k), 0);
+        assert_int_equal(apc_simulation_run(restarted, 196.5 + k), 0);
+        assert_near(value_of(restarted, "v1"), value_of(calm, "v1"), 0);
+        assert_near(value_of(restarted, "v2"), value_of(calm, "v2"), 0);
+    }
+    apc_simulation_destroy(calm);
+    apc_simulation_destroy(restarted);
+}
+
 static void before_its_first_step_a_scheduler_may_be_told_to_stand_aside(void **state)
 {
     struct apc_experiment *e = load("actions = ( { at = 0.0; set = \"r\"; value = 3.0; },\n"
@@ -557,6 +631,9 @@ int main(void)
         cmocka_unit_test(an_operator_does_what_the_file_s_actions_do),
         cmocka_unit_test(an_operator_comes_before_the_tick_of_the_same_instant),
         cmocka_unit_test(what_an_operator_sets_is_his_until_he_gives_it_back),
+        cmocka_unit_test(what_is_to_come_is_foreseen),
+        cmocka_unit_test(what_an_operator_took_has_no_future),
+        cmocka_unit_test(a_restart_between_two_ticks_forgets_no_plan),
         cmocka_unit_test(before_its_first_step_a_scheduler_may_be_told_to_stand_aside),
         cmocka_unit_test(what_an_operator_may_not_do_is_refused),
         cmocka_unit_test(options_of_another_size_are_refused),

@@ -122,6 +122,12 @@ static void every_tick_comes_out_again_whatever_happened(void **state)
          "\"choose\"; } );",
          BAD},
         {"quadruple-tank-mpc", "", "loss=0.2"},
+        {"quadruple-tank-mpc",
+         "actions = ( { at = 130.1; set = \"r1\"; value = 6.5; }, { at = 170.1; remote = \"r1\"; },"
+         " { at = 200.1; kill = \"controller\"; }, { at = 202.0; start = \"controller\"; },"
+         " { at = 230.1; local = \"r2\"; }, { at = 250.1; kill = \"controller\"; },"
+         " { at = 290.0; start = \"controller\"; } );",
+         BAD},
     };
     (void)state;
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {

@@ -52,7 +52,7 @@ static void look(struct world *w)
 
 static void write_due(struct world *w)
 {
-    if (apc_scheduler_compute(w->scheduler, now_of(w), w->step, NULL) > 0)
+    if (apc_scheduler_compute(w->scheduler, now_of(w), w->step, 0, NULL) > 0)
         ok(w->store, apc_store_append_rows(w->store, apc_scheduler_out(w->scheduler)));
     (void)apc_scheduler_update(w->scheduler, true);
 }
