@@ -42,11 +42,15 @@ for file in "$experiments"/*.conf; do
   "$apc" simulate "$file" --csv "$work/$name.csv" >"$work/$name.log"
   grep -q "gave no usable output\|output held" "$work/$name.log" && fail "$name: its law failed, or was without measurement"
   [[ $name = two-layers* ]] && continue # its setpoints always move: unit/test_run_layers.c
+  case $name in # a law that looks ahead leaves a setpoint before that changes: how well it settles is seen without
+    *mpc) "$apc" simulate "$file" --set controller.settings.preview=0 --csv "$work/$name.settled" >"$work/settled.log" ;;
+    *) ln -s "$name.csv" "$work/$name.settled" ;;
+  esac
   grep -q "^  *$name  *1 " <<<"$tolerances" || fail "$name: how well does it settle? Add its tolerances here"
 done
 while read -r name y tolerance; do
   [ -n "$name" ] || continue
-  far=$(awk -F, -v y="$y" -f "$(dirname "$0")/settled.awk" "$work/$name.csv") || fail "$name: $far"
+  far=$(awk -F, -v y="$y" -f "$(dirname "$0")/settled.awk" "$work/$name.settled") || fail "$name: $far"
   awk -v f="$far" -v t="$tolerance" 'BEGIN { exit !(f <= t) }' ||
     fail "$name: measurement $y stays $far from its setpoint; $tolerance at most was expected"
 done <<<"$tolerances"
@@ -59,15 +63,15 @@ while read -r name y iae effort; do
     END { exit !(found && ok) }' "$work/$name.log" >"$work/worth" ||
     fail "$name: measurement $y: $(cat "$work/worth"); $iae and $effort at most were expected"
 done <<<'
-  quadruple-tank-mpc             1  4.41   16.8
-  quadruple-tank-mpc             2  7.56   7.88
-  quadruple-tank-nonminimum-mpc  1  175.4  8.82
-  quadruple-tank-nonminimum-mpc  2  209.0  8.51
-  four-tank-mpc                  1  710.9  1163
-  four-tank-mpc                  2  764.4  1380
-  van-de-vusse-nmpc              1  66.4   120
-  van-de-vusse-nmpc              2  1585   27305
-  adiabatic-cstr-nmpc            1  177.4  5720
+  quadruple-tank-mpc             1  3.26   16.8
+  quadruple-tank-mpc             2  4.31   7.88
+  quadruple-tank-nonminimum-mpc  1  105    8.82
+  quadruple-tank-nonminimum-mpc  2  123.9  8.51
+  four-tank-mpc                  1  518.7  1159
+  four-tank-mpc                  2  555.5  1308
+  van-de-vusse-nmpc              1  33.3   118.7
+  van-de-vusse-nmpc              2  1139   24614
+  adiabatic-cstr-nmpc            1  102.9  5126
 '
 # its limit of h2 holds, but for what noise does to it, and the pumps keep their rates
 awk -F, '$2 == "sensor" && $3 == 2 && $5 > 95.2 + 5 * 0.05 { exit 1 }
