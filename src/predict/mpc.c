@@ -493,19 +493,30 @@ static bool same(const double *row, size_t i, size_t n)
     return true;
 }
 
+/* Is each output somebody else's? */
+static bool is_bound(const struct apc_mpc *p, const struct apc_mpc_call *call)
+{
+    size_t given = 0;
+
+    while (given < p->nu && call->given[given])
+        given++;
+    return given == p->nu;
+}
+
 static int find_targets(struct apc_mpc *p, const struct apc_mpc_call *call, struct apc_mpc_result *result)
 {
     const size_t ny = p->ny, nu = p->nu;
+    const bool follows = p->follows || is_bound(p, call); /* where nothing is free no target changes it */
 
     result->reachable = true;
-    for (size_t i = 1; i <= p->N && p->follows; i++) {
+    for (size_t i = 1; i <= p->N && follows; i++) {
         result->reachable = aim(p, call, i) && result->reachable;
         for (size_t c = 0; c < ny; c++)
             p->target_y[(i - 1) * ny + c] =
                 p->q[c] > 0.0 ? (p->aim_low[c] + p->aim_high[c]) / 2.0 : call->w[i * ny + c];
         memcpy(p->target_u + (i - 1) * nu, call->u_wish, nu * sizeof(*call->u_wish));
     }
-    if (p->follows)
+    if (follows)
         return 0;
     for (size_t k = 0; k < nu; k++) {
         p->low[k] = call->given[k] ? call->u_last[k] : call->low[k];

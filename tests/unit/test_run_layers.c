@@ -268,6 +268,23 @@ static void predictive_control_takes_up_without_a_bump(void **state)
 }
 
 /* What the operator does below is known above: the other level stays, and nothing has wound up. */
+/* Also where what is wanted is not what is: while the loops below do not take its outputs, none is free. */
+static void predictive_control_takes_up_wherever_it_is_wanted(void **state)
+{
+    struct apc_experiment *e = load(predictive);
+    struct apc_error why;
+    (void)state;
+    assert_int_equal(apc_experiment_set(e, "scheduler.sequence.[0].[0]", "7.0", &why), 0);
+    struct apc_simulation *s = create(e);
+    run(s, 80);
+    for (int loop = V1; loop <= V2; loop++)
+        assert_int_equal(mode_of(s, loop), APC_MODE_CAS);
+    for (int loop = UPPER_R1; loop <= UPPER_R2; loop++)
+        assert_int_equal(mode_of(s, loop), APC_MODE_AUTO);
+    apc_simulation_destroy(s);
+    apc_experiment_destroy(e);
+}
+
 static void predictive_control_knows_what_is_in_man_below(void **state)
 {
     struct apc_experiment *e = load(predictive);
@@ -400,6 +417,7 @@ int main(void)
         cmocka_unit_test(an_operator_takes_a_setpoint_and_gives_it_back),
         cmocka_unit_test(a_restart_between_two_ticks_leaves_no_trace),
         cmocka_unit_test(predictive_control_takes_up_without_a_bump),
+        cmocka_unit_test(predictive_control_takes_up_wherever_it_is_wanted),
         cmocka_unit_test(predictive_control_knows_what_is_in_man_below),
         cmocka_unit_test(predictive_control_that_is_killed_is_shed_and_takes_up_again),
         cmocka_unit_test(predictive_control_keeps_limits_and_leaves_no_offset),
