@@ -243,12 +243,21 @@ static int describe(struct apc_forward *f)
 static int grow(struct apc_forward *f, size_t n)
 {
     struct variable *variable = (struct variable *)realloc(f->variable, n * sizeof *variable);
-    f->variable = variable ? variable : f->variable;
+    if (!variable) {
+        return no_memory(f);
+    }
+    f->variable = variable;
     struct apc_sample *ask = (struct apc_sample *)realloc(f->ask, n * sizeof *ask);
-    f->ask = ask ? ask : f->ask;
+    if (!ask) {
+        return no_memory(f);
+    }
+    f->ask = ask;
     struct apc_vector *vector = (struct apc_vector *)realloc(f->ask_vector, n * sizeof *vector);
-    f->ask_vector = vector ? vector : f->ask_vector;
-    return variable && ask && vector ? 0 : no_memory(f);
+    if (!vector) {
+        return no_memory(f);
+    }
+    f->ask_vector = vector;
+    return 0;
 }
 
 static int by_kind(const void *a, const void *b)
@@ -263,16 +272,17 @@ static int by_kind(const void *a, const void *b)
 /* Variables that have come since the last time. Nothing reads table state, of version 1, any more. */
 static int list(struct apc_forward *f)
 {
-    int n = apc_store_variables(f->from, NULL, 0);
-    if (n < 0 || (size_t)n == f->n) {
-        return n < 0 ? fail_from(f, n) : 0;
+    const int room = apc_store_variables(f->from, NULL, 0);
+    if (room < 0 || (size_t)room == f->n) {
+        return room < 0 ? fail_from(f, room) : 0;
     }
     const size_t known = f->n;
-    int rc = grow(f, known + (size_t)n);
-    if (rc == 0 && (n = apc_store_variables(f->from, f->ask, (size_t)n)) < 0) {
-        rc = fail_from(f, n);
+    const int rc = grow(f, known + (size_t)room);
+    const int n = rc < 0 ? 0 : apc_store_variables(f->from, f->ask, (size_t)room);
+    if (rc < 0 || n < 0) {
+        return rc < 0 ? rc : fail_from(f, n);
     }
-    for (int i = 0; rc == 0 && i < n; i++) {
+    for (int i = 0; i < n && i < room; i++) { /* those that come meanwhile have their turn */
         const struct variable new = {.at = {.table = f->ask[i].table, .id = f->ask[i].id}};
         if (new.at.table != APC_STATE && !(known && bsearch(&new, f->variable, known, sizeof new, by_kind))) {
             f->variable[f->n++] = new;
@@ -283,7 +293,7 @@ static int list(struct apc_forward *f)
     while (f->n_vectors < f->n && apc_table_vectors(f->variable[f->n_vectors].at.table)) {
         f->n_vectors++;
     }
-    return rc;
+    return 0;
 }
 
 /* The newest of all, as of one moment, into ask_vector and ask. */
