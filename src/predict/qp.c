@@ -796,6 +796,23 @@ static void measure(const struct apc_qp *qp, struct apc_qp_result *r)
     }
 }
 
+/** Is what is left of the gradient no more than rounding of its terms? Where rows pull against each other
+ * these are larger than what x itself weighs. */
+static bool cancels(const struct apc_qp *qp)
+{
+    const size_t n = qp->n;
+
+    for (size_t i = 0; i < n; i++) {
+        double terms = fabs(qp->e[i]) + fabs(qp->f[i]) + fabs(qp->multiplier[i]);
+
+        for (size_t r = 0; r < qp->m; r++)
+            terms += fabs(qp->multiplier[n + r] * qp->A[r * n + i]);
+        if (!(fabs(qp->g[i]) <= VOUCH * terms))
+            return false;
+    }
+    return true;
+}
+
 static void say(struct apc_qp_result *to, const struct apc_qp_result *ours)
 {
     size_t size = to ? to->size : 0;
@@ -867,7 +884,7 @@ int apc_qp_solve(struct apc_qp *qp, const double *f, const double *low, const do
         return refuse(qp, x, result, APC_QP_NUMBERS, APC_ESOLVER);
     }
     memcpy(x, qp->x, qp->n * sizeof(*x));
-    if (ours.status == APC_QP_OPTIMAL && !(misfit(qp) <= VOUCH && holds(qp, 1.0)))
+    if (ours.status == APC_QP_OPTIMAL && !((misfit(qp) <= VOUCH || cancels(qp)) && holds(qp, 1.0)))
         ours.status = APC_QP_NUMBERS;
     for (size_t p = 0; p < qp->waiting;
          p++) /* a solve that ended on the way begins without them the next time */

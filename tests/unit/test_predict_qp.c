@@ -612,6 +612,37 @@ static void a_solve_allocates_nothing(void **state)
     apc_qp_destroy(qp);
 }
 
+/* Soft rows that repeat hard ones, and want something else: their multipliers cancel each other, and are far
+ * larger than all that x itself weighs. */
+static void a_soft_row_against_a_hard_one_is_no_doubt_about_the_answer(void **state)
+{
+    const double linear[6] = {0}, square[6] = {0, 0, 0, 0, 1e4, 1e4}, f[2] = {0};
+    const struct apc_qp_options options = {.size = sizeof options, .linear = linear, .square = square};
+    struct apc_random random;
+    (void)state;
+
+    apc_random_init(&random, 7, "against");
+    for (int k = 0; k < 300; k++) {
+        const double low[6] = {-HUGE_VAL, -HUGE_VAL, 0, 0, 1, 0}, high[6] = {HUGE_VAL, HUGE_VAL, 0, 0, 1, 0};
+        double A[8], H[4] = {0}, x[2];
+        struct apc_qp *qp;
+        struct apc_error why;
+
+        for (int i = 0; i < 4; i++) {
+            A[i] = (i % 3 ? 0.05 : 1.0) * (0.1 + apc_random_uniform(&random));
+            A[4 + i] = A[i] * (1 + (apc_random_uniform(&random) - 0.5) * 1e-15);
+        }
+        for (int i = 0; i < 4; i++)
+            H[i] = A[i / 2] * A[i % 2] + A[2 + i / 2] * A[2 + i % 2];
+        assert_int_equal(apc_qp_create(&qp, 2, 4, &options, &why), 0);
+        assert_int_equal(apc_qp_set(qp, H, A, &why), 0);
+        assert_int_equal(apc_qp_solve(qp, f, low, high, x, NULL), 0);
+        assert_near(x[0], 0, 1e-9);
+        assert_near(x[1], 0, 1e-9);
+        apc_qp_destroy(qp);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -624,6 +655,7 @@ int main(void)
         cmocka_unit_test(a_solve_that_was_stopped_is_of_its_multipliers_and_goes_on),
         cmocka_unit_test(whoever_has_had_enough_is_asked_at_each_change),
         cmocka_unit_test(a_soft_row_gives_way_by_its_weights),
+        cmocka_unit_test(a_soft_row_against_a_hard_one_is_no_doubt_about_the_answer),
         cmocka_unit_test(another_cost_keeps_the_working_set),
         cmocka_unit_test(bad_input_is_refused_and_leaves_x_finite),
         cmocka_unit_test(a_solve_allocates_nothing),
