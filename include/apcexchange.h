@@ -120,8 +120,9 @@ APC_API const char *apc_exchange_error(const struct apc_exchange *exchange);
 
 /** Counts of `inproc:`: of requests and replies together, and of exchanges that timed out. */
 struct apc_inproc_stats {
-    struct apc_network_stats frames;
+    size_t size; /**< sizeof the struct, set by the caller: no more than that is filled */
     uint64_t exchanges, timeouts;
+    struct apc_network_stats frames; /**< last, as it may grow */
 };
 /** Since it was opened. Zeros for another scheme. [tick] */
 APC_API void apc_inproc_stats(const struct apc_exchange *exchange, struct apc_inproc_stats *stats);

@@ -160,6 +160,7 @@ struct apc_server_options {
 
 /** Counters since the start. */
 struct apc_server_stats {
+    size_t size; /**< sizeof the struct, set by the caller: no more than that is filled */
     uint64_t accepted, requests;
     uint64_t refused;  /**< connections closed at once: there was no room */
     uint64_t evicted;  /**< silent connections closed to make room for a new one */
@@ -215,6 +216,7 @@ struct apc_network_options {
 
 /** Counts of frames. */
 struct apc_network_stats {
+    size_t size; /**< sizeof the struct, set by the caller: no more than that is filled */
     uint64_t sent, lost, duplicated, reordered;
 };
 

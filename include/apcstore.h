@@ -76,9 +76,10 @@ struct apc_spool_stats {
 
 /** Counters since it was opened. */
 struct apc_store_stats {
+    size_t size; /**< sizeof the struct, set by the caller: no more than that is filled */
     uint64_t connects;
     uint64_t round_trips;         /**< times it waited for the server */
-    struct apc_spool_stats spool; /**< zeros: it has none */
+    struct apc_spool_stats spool; /**< zeros: it has none. Last, as it may grow */
 };
 /** Zeros for NULL. [tick] */
 APC_API void apc_store_stats(const struct apc_store *store, struct apc_store_stats *stats);
@@ -116,8 +117,9 @@ APC_API void apc_store_stats(const struct apc_store *store, struct apc_store_sta
 
 /** A spool as it lies on disk. */
 struct apc_spool_info {
-    char writer[64], store[256]; /**< whose, and for which store, without secrets */
-    struct apc_spool_stats stats;
+    size_t size;                  /**< sizeof the struct, set by the caller: no more than that is filled */
+    char writer[64], store[256];  /**< whose, and for which store, without secrets */
+    struct apc_spool_stats stats; /**< last, as it may grow */
 };
 /** Look into a spool that another process may have in use. Behind what is damaged, too: then stats.damaged is
  * 1. [setup] Returns 0, APC_ENOTFOUND, APC_ESYS, APC_EPROTO: its header is damaged, APC_EINVAL: it is none.

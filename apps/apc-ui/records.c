@@ -282,7 +282,7 @@ static int look_timing(struct records *r)
 static void look_spools(struct ui *ui)
 {
     struct apc_spool_stats all = {0};
-    struct apc_spool_info info;
+    struct apc_spool_info info = {.size = sizeof info};
     char pattern[4096];
     glob_t found = {0};
     if (!ui->options.spool)

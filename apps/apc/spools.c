@@ -28,6 +28,7 @@ int spools_look(struct spools *spools, const char *dir, struct apc_error *why)
         if (spools->n < SPOOLS_MAX) {
             char *path = spools->path[spools->n];
             snprintf(path, sizeof spools->path[0], "%s/%s", dir, names[i]->d_name);
+            spools->info[spools->n].size = sizeof spools->info[0];
             int err = apc_spool_look(path, &spools->info[spools->n], &this);
             if (err == 0)
                 spools->n++;
@@ -48,7 +49,7 @@ static int drain_one(const char *path, const char *writer, const char *uri, apc_
 {
     const struct apc_store_options options = {
         .size = sizeof options, .name = writer, .timeout = timeout, .spool = path};
-    struct apc_store_stats stats;
+    struct apc_store_stats stats = {.size = sizeof stats};
     struct apc_store *store;
     int rc = store_open(&store, uri, &options, why);
     if (rc < 0)

@@ -318,7 +318,7 @@ void daemon_notice(struct daemon *d, const struct apc_notice *notice)
 static void watch_spool(struct daemon *d, struct spool_watch *w, const struct apc_store *store,
                         const char *what)
 {
-    struct apc_store_stats stats;
+    struct apc_store_stats stats = {.size = sizeof stats};
     apc_store_stats(store, &stats);
     const struct apc_spool_stats *now = &stats.spool;
     bool waiting = now->samples + now->events > 0;

@@ -14,6 +14,12 @@
  * Returns 0 or APC_EINVAL.
  */
 int apc_options_copy(void *ours, size_t size, const void *theirs, const char *what, struct apc_error *why);
+/**
+ * Give a caller @p ours, of @p size bytes: as much of it as the caller's struct says to have room for by its
+ * first member, the size, which stays. A shorter struct is an older caller's; what a longer one has besides
+ * is left alone. NULL: nobody asks. [tick]
+ */
+void apc_result_copy(void *theirs, const void *ours, size_t size);
 
 /* ---- Values and parameters ----------------------------------------------------------------- */
 

@@ -21,3 +21,17 @@ int apc_options_copy(void *ours, size_t size, const void *theirs, const char *wh
     memcpy(ours, theirs, given < size ? given : size);
     return 0;
 }
+
+void apc_result_copy(void *theirs, const void *ours, size_t size)
+{
+    const size_t head = sizeof(size_t);
+    size_t room;
+
+    if (!theirs)
+        return;
+    memcpy(&room, theirs, sizeof room);
+    if (room > size)
+        room = size;
+    if (room > head)
+        memcpy((char *)theirs + head, (const char *)ours + head, room - head);
+}

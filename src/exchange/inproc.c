@@ -276,18 +276,20 @@ static int inproc_finish(struct apc_exchange *x, struct apc_value *y)
 void apc_inproc_stats(const struct apc_exchange *x, struct apc_inproc_stats *stats)
 {
     const struct inproc *p = (const struct inproc *)x;
-    struct apc_network_stats from;
+    struct apc_network_stats from = {.size = sizeof(from)};
+    struct apc_inproc_stats all = {.size = 0};
 
-    *stats = (struct apc_inproc_stats){0};
-    if (x->ops != &apc_exchange_inproc)
-        return;
-    *stats = p->stats;
-    apc_network_stats(p->to, &stats->frames);
-    apc_network_stats(p->from, &from);
-    stats->frames.sent += from.sent;
-    stats->frames.lost += from.lost;
-    stats->frames.duplicated += from.duplicated;
-    stats->frames.reordered += from.reordered;
+    if (x->ops == &apc_exchange_inproc) {
+        all = p->stats;
+        all.frames.size = sizeof(all.frames);
+        apc_network_stats(p->to, &all.frames);
+        apc_network_stats(p->from, &from);
+        all.frames.sent += from.sent;
+        all.frames.lost += from.lost;
+        all.frames.duplicated += from.duplicated;
+        all.frames.reordered += from.reordered;
+    }
+    apc_result_copy(stats, &all, sizeof(all));
 }
 
 const struct apc_exchange_ops apc_exchange_inproc = {.scheme = "inproc:",

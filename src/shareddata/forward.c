@@ -17,6 +17,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/base_internal.h"
 #include "shareddata/shareddata_internal.h"
 
 #define SAMPLES  16384 /* of one append */
@@ -844,9 +845,6 @@ const char *apc_forward_error(const struct apc_forward *f)
 
 void apc_forward_stats(const struct apc_forward *f, struct apc_forward_stats *stats)
 {
-    if (stats) {
-        const size_t size = stats->size;
-        *stats = f ? f->stats : (struct apc_forward_stats){0};
-        stats->size = size;
-    }
+    const struct apc_forward_stats none = {.size = 0};
+    apc_result_copy(stats, f ? &f->stats : &none, sizeof none);
 }

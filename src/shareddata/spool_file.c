@@ -20,6 +20,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/base_internal.h"
 #include "shareddata/spool.h"
 
 #define VERSION   2
@@ -478,13 +479,13 @@ static void look_through(struct apc_spool_file *file)
 
 int apc_spool_look(const char *path, struct apc_spool_info *info, struct apc_error *why)
 {
+    struct apc_spool_info all = {.size = 0};
     struct apc_spool_file file = {.fd = -1};
     struct stat st;
     int err = 0;
     if (!path || !info || strlen(path) >= sizeof file.path) {
         return apc_fail(why, APC_EINVAL, "which spool?");
     }
-    memset(info, 0, sizeof *info);
     snprintf(file.path, sizeof file.path, "%s", path);
     make_crc(file.crc);
     file.fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK); /* a FIFO would wait for a writer */
@@ -507,9 +508,10 @@ int apc_spool_look(const char *path, struct apc_spool_info *info, struct apc_err
             look_through(&file);
         }
     }
-    info->stats = file.stats;
-    snprintf(info->writer, sizeof info->writer, "%s", file.writer);
-    snprintf(info->store, sizeof info->store, "%.*s", (int)sizeof info->store - 1, file.store);
+    all.stats = file.stats;
+    snprintf(all.writer, sizeof all.writer, "%s", file.writer);
+    snprintf(all.store, sizeof all.store, "%.*s", (int)sizeof all.store - 1, file.store);
+    apc_result_copy(info, &all, sizeof all);
     free(file.buffer);
     close(file.fd);
     return err;

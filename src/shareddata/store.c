@@ -95,11 +95,13 @@ bool apc_store_connected(const struct apc_store *store)
 
 void apc_store_stats(const struct apc_store *store, struct apc_store_stats *stats)
 {
-    if (stats && store && store->ops->stats) {
-        store->ops->stats(store, stats);
-    } else if (stats) {
-        *stats = store ? store->stats : (struct apc_store_stats){0};
+    struct apc_store_stats all = {.size = 0};
+    if (store && store->ops->stats) {
+        store->ops->stats(store, &all);
+    } else if (store) {
+        all = store->stats;
     }
+    apc_result_copy(stats, &all, sizeof all);
 }
 
 int apc_store_version(void)

@@ -183,5 +183,5 @@ int apc_network_send(struct apc_network *network, apc_ns now, size_t length, apc
 
 void apc_network_stats(const struct apc_network *network, struct apc_network_stats *stats)
 {
-    *stats = network->stats;
+    apc_result_copy(stats, &network->stats, sizeof(network->stats));
 }

@@ -518,15 +518,15 @@ int apc_server_port(const struct apc_server *s)
 
 void apc_server_stats(const struct apc_server *s, struct apc_server_stats *stats)
 {
-    if (!stats)
-        return;
-    *stats = (struct apc_server_stats){0};
-    if (!s)
-        return;
-    stats->accepted = atomic_load_explicit(&s->accepted, memory_order_relaxed);
-    stats->refused = atomic_load_explicit(&s->refused, memory_order_relaxed);
-    stats->evicted = atomic_load_explicit(&s->evicted, memory_order_relaxed);
-    stats->requests = atomic_load_explicit(&s->requests, memory_order_relaxed);
-    stats->rejected = atomic_load_explicit(&s->rejected, memory_order_relaxed);
-    stats->open = atomic_load_explicit(&s->open, memory_order_relaxed);
+    struct apc_server_stats all = {.size = 0};
+
+    if (s) {
+        all.accepted = atomic_load_explicit(&s->accepted, memory_order_relaxed);
+        all.refused = atomic_load_explicit(&s->refused, memory_order_relaxed);
+        all.evicted = atomic_load_explicit(&s->evicted, memory_order_relaxed);
+        all.requests = atomic_load_explicit(&s->requests, memory_order_relaxed);
+        all.rejected = atomic_load_explicit(&s->rejected, memory_order_relaxed);
+        all.open = atomic_load_explicit(&s->open, memory_order_relaxed);
+    }
+    apc_result_copy(stats, &all, sizeof(all));
 }

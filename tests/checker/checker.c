@@ -189,7 +189,7 @@ static void append(struct writer *w)
 
 static void finish_writer(struct writer *w)
 {
-    struct apc_store_stats stats;
+    struct apc_store_stats stats = {.size = sizeof stats};
     do {
         (void)apc_store_connect(w->store);
         apc_store_stats(w->store, &stats);

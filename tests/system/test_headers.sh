@@ -50,6 +50,41 @@ missing=$(undocumented "$APC_SOURCE_DIR"/include/*.h)
 bad_comment no comment
 bad_neighbour no comment' ] || fail "found: $(undocumented "$work/bad.h")"
 
+# unsized HEADER...: the structs that functions fill for a caller and that do not begin with their size
+unsized() {
+  local bare
+  bare=$(awk '/^struct apc_[a-z_]+ \{/ { name = $2; getline; if ($0 !~ /^ *size_t size;/) print name }' "$@")
+  grep -hv '^ *\*\|^/\*\*' "$@" | tr '\n' ' ' | grep -oE 'APC_API [^;]*;' | grep -oE '(const )?struct apc_[a-z_]+ \*[^*]' |
+    grep -v '^const' | sed 's/struct //; s/ .*//' | sort -u | grep -xF "$bare" | tr '\n' ' '
+}
+# Those that have none: elements of arrays and what is exchanged by value, whose layout is the format; what a caller keeps
+# for a function, or the library makes and destroys; and results that are still of one version.
+[ "$(unsized "$APC_SOURCE_DIR"/include/*.h)" = "$(tr '\n' ' ' <<'END'
+apc_bin
+apc_distribution
+apc_error
+apc_frame
+apc_freshness
+apc_identified
+apc_linear
+apc_margins
+apc_notice
+apc_pair
+apc_pid_tuning
+apc_random
+apc_sample
+apc_summary
+apc_tag
+apc_timing
+apc_transfer
+apc_transfer_fit
+apc_validation
+apc_value
+END
+)" ] || fail "a struct that the library fills begins with its size, or is named here with a reason: $(unsized "$APC_SOURCE_DIR"/include/*.h)"
+printf 'struct apc_bad {\n    int a;\n};\nstruct apc_good {\n    size_t size; /**< so */\n};\n/** Fills. [any] */\nAPC_API void apc_f(const struct apc_x *x,\n    struct apc_bad *bad, struct apc_good *good);\n' >"$work/sizes.h"
+[ "$(unsized "$work/sizes.h")" = 'apc_bad ' ] || fail "unsized: $(unsized "$work/sizes.h")"
+
 # Each stands by itself, and only the paper's functions want a header of libpq, whose place is not said here.
 for header in "$APC_SOURCE_DIR"/include/*.h; do
   name=$(basename "$header")

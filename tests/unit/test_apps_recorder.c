@@ -31,7 +31,7 @@ static struct recorder *away(bool spooled)
 
 static uint64_t waiting(const struct recorder *r)
 {
-    struct apc_store_stats stats;
+    struct apc_store_stats stats = {.size = sizeof stats};
     apc_store_stats(recorder_store(r), &stats);
     return stats.spool.events;
 }

@@ -135,7 +135,7 @@ static void without_delay_it_comes_at_the_same_instant(void **state)
 static void a_late_reply_is_none(void **state)
 {
     struct bench *b = set_up((struct apc_network_options){.delay = constant(0.75)});
-    struct apc_inproc_stats stats;
+    struct apc_inproc_stats stats = {.size = sizeof stats};
     (void)state;
     ask(b, 1, S);
     run(b, 1);

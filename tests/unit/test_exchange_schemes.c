@@ -548,7 +548,7 @@ static void what_makes_no_sense_is_refused(void **state)
     assert_int_equal(apc_exchange_open(NULL, "tcp:127.0.0.1:80", &o, &why), APC_EINVAL);
     o.ny = 1;
     assert_int_equal(apc_exchange_open(&x, "tcp:127.0.0.1:80", &o, &why), 0);
-    struct apc_inproc_stats stats = {.exchanges = 1};
+    struct apc_inproc_stats stats = {.size = sizeof stats, .exchanges = 1};
     apc_inproc_stats(x, &stats);
     assert_int_equal(stats.exchanges, 0);
     apc_exchange_close(x);

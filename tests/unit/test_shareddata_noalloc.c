@@ -175,7 +175,7 @@ static void test_an_outage_allocates_nothing_more(void **state)
     struct apc_store *store = open_store(uri, spool);
     int64_t last[N];
     struct apc_sample s = {.table = APC_SENSOR, .id = 1, .seq = 1};
-    struct apc_store_stats stats;
+    struct apc_store_stats stats = {.size = sizeof stats};
     assert_int_equal(apc_store_init(store), 0);
     assert_int_equal(apc_store_claim(store, APC_SENSOR, N, last), 0);
     assert_int_equal(rename(file, aside), 0);

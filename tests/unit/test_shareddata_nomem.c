@@ -348,7 +348,7 @@ static int close_it(void)
 
 static int drain(void)
 {
-    struct apc_store_stats stats;
+    struct apc_store_stats stats = {.size = sizeof stats};
     int rc = apc_store_connect(store);
     apc_store_stats(store, &stats);
     return rc < 0 ? rc : (int)(stats.spool.samples + stats.spool.events);

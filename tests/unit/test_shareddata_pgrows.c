@@ -171,7 +171,7 @@ static void test_a_tick_is_one_round_trip_each_way(void **state)
 {
     (void)state;
     struct apc_store *store = open_direct(LONG);
-    struct apc_store_stats before, after;
+    struct apc_store_stats before = {.size = sizeof before}, after = before;
     struct tick t;
     for (int64_t seq = 1; seq <= 3; seq++) {
         make_tick(&t, seq, seq - 1);

@@ -41,7 +41,7 @@ static void test_a_tick_reads_in_one_round_trip_and_writes_in_one(void **state)
     static const enum apc_table tables[5] = {APC_SENSOR, APC_SETPOINT, APC_OPMODE, APC_TUNING, APC_MANUAL};
     static const enum apc_table written[3] = {APC_ACTUATOR, APC_ESTIMATE, APC_OPMODE};
     for (int n = 1; n <= 1000; n *= 10) {
-        struct apc_store_stats before, after;
+        struct apc_store_stats before = {.size = sizeof before}, after = before;
         for (int i = 0; i < 5 * n; i++) {
             s[i] = (struct apc_sample){.table = tables[i / n], .id = i % n + 1};
         }
@@ -457,7 +457,7 @@ static void test_a_race_that_is_always_lost_is_given_up_after_ten_tries(void **s
         snprintf(sql, sizeof sql, "INSERT INTO plant%d.code VALUES (%d, '%s')", plant, i, lost[i]);
         cluster_query(cluster, sql);
         struct apc_sample s = sample(APC_TUNING, 1, 1, i);
-        struct apc_store_stats before, after;
+        struct apc_store_stats before = {.size = sizeof before}, after = before;
         apc_store_stats(store, &before);
         assert_int_equal(apc_store_put(store, &s, 1), APC_ECONFLICT);
         apc_store_stats(store, &after);

@@ -150,14 +150,14 @@ static struct apc_event event(int number)
 
 static struct apc_spool_stats stats_of(const struct apc_store *store)
 {
-    struct apc_store_stats stats;
+    struct apc_store_stats stats = {.size = sizeof stats};
     apc_store_stats(store, &stats);
     return stats.spool;
 }
 
 static struct apc_spool_info look(void)
 {
-    struct apc_spool_info info;
+    struct apc_spool_info info = {.size = sizeof info};
     struct apc_error why = {""};
     if (apc_spool_look(spool, &info, &why) != 0) {
         fail_msg("%s", why.text);
@@ -500,7 +500,7 @@ static void test_a_store_that_hangs_is_left_alone_for_a_while(void **state)
     append(store, 1, 1);
     proxy_set(proxy, PROXY_STALL);
     append(store, 1, 2); /* waits its time */
-    struct apc_store_stats before, after;
+    struct apc_store_stats before = {.size = sizeof before}, after = before;
     apc_store_stats(store, &before);
     uint64_t asked = proxy_round_trips(proxy);
     struct apc_sample r = {.table = APC_SENSOR, .id = 1};
@@ -637,7 +637,7 @@ static void test_seqs_that_somebody_else_took_meanwhile_are_found_and_set_aside(
     assert_int_equal(stats_of(store).damaged, 1);
     snprintf(pattern, sizeof pattern, "%s.conflict-", spool);
     assert_says(stats_of(store).aside, pattern);
-    struct apc_spool_info info;
+    struct apc_spool_info info = {.size = sizeof info};
     assert_int_equal(apc_spool_look(stats_of(store).aside, &info, NULL), 0);
     assert_int_equal(info.stats.samples, 2);
     append(store, 2, 1); /* it goes on */
@@ -937,7 +937,7 @@ static void test_a_damaged_record_is_set_aside_and_the_others_go_on(void **state
         spool_three();
         flip(APC_SPOOL_HEADER + at);
         off_t size = size_of(spool);
-        struct apc_spool_info info;
+        struct apc_spool_info info = {.size = sizeof info};
         assert_int_equal(apc_spool_look(spool, &info, NULL), 0);
         assert_int_equal(info.stats.samples, 2);
         assert_int_equal(info.stats.damaged, 1);
@@ -982,7 +982,7 @@ static void test_a_spool_of_the_former_version_is_taken_over_whole(void **state)
 {
     (void)state;
     uint32_t version = 0;
-    struct apc_spool_info info;
+    struct apc_spool_info info = {.size = sizeof info};
     spool_three();
     make_records_old();
     assert_int_equal(apc_spool_look(spool, &info, NULL), 0);
@@ -1054,7 +1054,7 @@ static void test_no_garbage_does_harm(void **state)
         assert_int_equal(ftruncate(fd, size_of(spool) - (off_t)(seed % 4 == 0 ? (r >> 8) % 300 : 0)), 0);
         close(fd);
         struct apc_store *store = NULL;
-        struct apc_spool_info info;
+        struct apc_spool_info info = {.size = sizeof info};
         (void)apc_spool_look(spool, &info, &why);
         int rc = apc_store_open(&store, nowhere, &o, &why);
         if (rc != 0 && rc != APC_EINVAL) {

@@ -1451,7 +1451,7 @@ static void test_init_again_changes_nothing(void **state)
 static void test_counters_and_connected_tell_the_truth(void **state)
 {
     struct apc_store *store = stores_open();
-    struct apc_store_stats before, after;
+    struct apc_store_stats before = {.size = sizeof before}, after = before;
     assert_false(apc_store_connected(store));
     ok(store, apc_store_connect(store));
     assert_true(apc_store_connected(store));
@@ -1483,7 +1483,7 @@ static int stop_bin(void *ctx, const struct apc_history_bin *bin)
 
 #define counts(store, call)                                                                                  \
     do {                                                                                                     \
-        struct apc_store_stats counted, now;                                                                 \
+        struct apc_store_stats counted = {.size = sizeof counted}, now = counted;                            \
         apc_store_stats(store, &counted);                                                                    \
         ok(store, call);                                                                                     \
         apc_store_stats(store, &now);                                                                        \

@@ -105,7 +105,7 @@ static void frames_keep_their_order_unless_they_overtake(void **state)
         make((struct apc_network_options){.delay = of("exponential(0.05)"), .seed = 1});
     struct apc_network *mixed =
         make((struct apc_network_options){.delay = of("exponential(0.05)"), .reordering = 0.25, .seed = 1});
-    struct apc_network_stats stats;
+    struct apc_network_stats stats = {.size = sizeof stats};
     apc_ns newest[2] = {0, 0}, at[2];
     uint64_t overtook = 0;
     (void)state;
@@ -128,7 +128,7 @@ static void loss_and_duplication_have_their_share(void **state)
 {
     struct apc_network *n =
         make((struct apc_network_options){.loss = 0.1, .duplication = 0.05, .delay = of("0.001"), .seed = 2});
-    struct apc_network_stats stats;
+    struct apc_network_stats stats = {.size = sizeof stats};
     uint64_t arrived[3] = {0};
     apc_ns at[2];
     (void)state;
@@ -285,6 +285,37 @@ static void what_no_network_can_do_is_refused(void **state)
     }
 }
 
+/* A caller who was compiled when the struct was shorter has no room behind it, one who was when it is longer
+ * has. */
+static void counts_fill_no_more_than_the_caller_has_room_for(void **state)
+{
+    struct apc_network *network = make((struct apc_network_options){.seed = 1});
+    struct {
+        struct apc_network_stats known;
+        uint64_t behind;
+    } longer = {.known = {.size = sizeof longer}, .behind = 9};
+    struct apc_network_stats older = {.size = offsetof(struct apc_network_stats, lost),
+                                      .lost = 7,
+                                      .reordered = 7},
+                             none = {.size = 0, .sent = 7};
+    apc_ns at[2];
+    (void)state;
+    assert_int_equal(apc_network_send(network, 0, 10, at), 1);
+    apc_network_stats(network, &older);
+    assert_int_equal(older.sent, 1);
+    assert_int_equal(older.lost, 7);
+    assert_int_equal(older.reordered, 7);
+    assert_int_equal(older.size, offsetof(struct apc_network_stats, lost));
+    apc_network_stats(network, &longer.known);
+    assert_int_equal(longer.known.sent, 1);
+    assert_int_equal(longer.known.reordered, 0);
+    assert_int_equal(longer.known.size, sizeof longer);
+    assert_int_equal(longer.behind, 9);
+    apc_network_stats(network, &none);
+    assert_int_equal(none.sent, 7);
+    apc_network_destroy(network);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -301,6 +332,7 @@ int main(void)
         cmocka_unit_test(changing_one_model_changes_no_other),
         cmocka_unit_test(directions_of_one_seed_differ),
         cmocka_unit_test(what_no_network_can_do_is_refused),
+        cmocka_unit_test(counts_fill_no_more_than_the_caller_has_room_for),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

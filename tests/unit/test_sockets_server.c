@@ -151,7 +151,7 @@ static void stop(struct plant *p)
 
 static struct apc_server_stats stats_of(const struct plant *p)
 {
-    struct apc_server_stats stats;
+    struct apc_server_stats stats = {.size = sizeof stats};
     apc_server_stats(p->server, &stats);
     return stats;
 }
@@ -560,7 +560,7 @@ static void a_taken_port_is_named(void **state)
 static void arguments_are_checked(void **state)
 {
     struct apc_server_options options = {.size = sizeof options, .frame_max = APC_FRAME_MAX + 1};
-    struct apc_server_stats stats = {.open = 3};
+    struct apc_server_stats stats = {.size = sizeof stats, .open = 3};
     struct apc_server *server;
     struct apc_error why;
     (void)state;
