@@ -214,7 +214,7 @@ static void name_plans(struct apc_controller *c, struct apc_vector *plan)
                                       .id = c->setpoint[k].id,
                                       .status = APC_BAD_NO_DATA,
                                       .room = 2 * APC_PLAN_PAIRS,
-                                      .value = c->plan_values + 2 * APC_PLAN_PAIRS * k};
+                                      .value = c->plan_values + (size_t)2 * APC_PLAN_PAIRS * k};
 }
 
 int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller_options *o,
@@ -247,7 +247,7 @@ int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller
     c->vectors = calloc(n_vectors + 1 + p.courses, sizeof(*c->vectors));
     c->row = calloc(n, sizeof(*c->row));
     c->former_values = calloc(n, sizeof(*c->former_values));
-    c->plan_values = calloc(2 * APC_PLAN_PAIRS * n_plans + 1, sizeof(*c->plan_values));
+    c->plan_values = calloc((size_t)2 * APC_PLAN_PAIRS * n_plans + 1, sizeof(*c->plan_values));
     if (!c->samples || !c->vectors || !c->row || !c->former_values || !c->plan_values)
         return apc_fail(why, APC_ENOMEM, "controller: no memory");
     c->out_row = c->vectors + n_vectors;

@@ -14,6 +14,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define PLAN_ROOM ((size_t)2 * APC_PLAN_PAIRS)
+
 /** A setpoint. */
 struct moved {
     bool written;  /* a step of it: */
@@ -28,7 +30,7 @@ struct apc_scheduler {
     struct moved *state;              /* [nz] */
     struct apc_sample *samples;       /* [3 nz] setpoints, switches; what is written */
     struct apc_vector *plans;         /* [nz] written with it */
-    double *pairs;                    /* [nz * 2 APC_PLAN_PAIRS] */
+    double *pairs;                    /* [nz * PLAN_ROOM] */
     size_t *of;                       /* [nz] whose row that is */
     uint64_t step;
     struct apc_rows in, out;
@@ -83,7 +85,7 @@ int apc_scheduler_create(struct apc_scheduler **scheduler, const struct apc_sche
         new->samples = calloc(3 * o.nz, sizeof(*new->samples));
         new->of = calloc(o.nz, sizeof(*new->of));
         new->plans = calloc(o.nz, sizeof(*new->plans));
-        new->pairs = calloc(2 * APC_PLAN_PAIRS * o.nz, sizeof(*new->pairs));
+        new->pairs = calloc(PLAN_ROOM * o.nz, sizeof(*new->pairs));
     }
     if (!new || !new->z || !new->state || !new->samples || !new->of || !new->plans || !new->pairs) {
         apc_scheduler_destroy(new);
@@ -173,7 +175,7 @@ static uint32_t plan(const struct apc_scheduler *s, size_t k, apc_ns age, double
 
     pair[n++] = 0.0;
     pair[n++] = value;
-    for (uint64_t i = 1; i <= left && n < 2 * APC_PLAN_PAIRS; i++) {
+    for (uint64_t i = 1; i <= left && n < PLAN_ROOM; i++) {
         const double next = value_at(s, k, s->step + i);
 
         if (next >= value && next <= value)
@@ -186,7 +188,7 @@ static uint32_t plan(const struct apc_scheduler *s, size_t k, apc_ns age, double
 
 static void put(struct apc_scheduler *s, size_t k, apc_ns utc, apc_ns age)
 {
-    double *pair = s->pairs + 2 * APC_PLAN_PAIRS * s->out.n_vectors;
+    double *pair = s->pairs + PLAN_ROOM * s->out.n_vectors;
     const uint32_t n = plan(s, k, age, pair);
 
     s->out.vector[s->out.n_vectors++] = (struct apc_vector){.table = APC_PLAN,
