@@ -187,6 +187,8 @@ struct apc_law {
     bool
         selects; /**< not whole; its output is one of its measurements. One that is Bad does not stop the loop
                     while another is not; whoever calculates one is told what went out (external reset) */
+    bool estimates; /**< whole; it goes on without a measurement that is Bad, by y_status, while another is
+                       not, and says itself when it no longer can */
     size_t n_tuning;
     const struct apc_param *tuning;               /**< [n_tuning] */
     const enum apc_law_scope *scope;              /**< [n_tuning] of what each is; NULL: all of the output */

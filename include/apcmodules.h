@@ -362,9 +362,8 @@ struct apc_controller_options {
     const int *y, *d;    /**< [ny], [nd] ids in table sensor; NULL: 1, 2, ...; copied */
     const apc_ns *y_horizon, *d_horizon; /**< [ny], [nd] of single ones, such as what another controller
                             calculates; NULL or 0: horizon; copied */
-    const bool *told;  /**< [ny] of those that another controller calculates: it is told what became of
-                          them, in table actual, if the law is one that selects; NULL: none; copied */
-    const bool *spare; /**< [ny] a law that is whole can do without it for a while; NULL: none; copied */
+    const bool *told; /**< [ny] of those that another controller calculates: it is told what became of
+                         them, in table actual, if the law is one that selects; NULL: none; copied */
     const struct apc_controller_setpoint *z; /**< [nz]; NULL: ids 1, 2, ... without limits; copied */
     const struct apc_controller_loop *loop;  /**< [nu]; NULL: ids 1, 2, ... without limits; copied */
     int tuning;                              /**< id of the first tuning; the others follow; default 1 */

@@ -21,6 +21,9 @@ int apc_law_check(const struct apc_law *law, const char *from, struct apc_error 
     if (law->whole && law->selects)
         return apc_fail(why, APC_EINVAL, "%s: law %s is whole, so it cannot be one that selects", from,
                         law->name);
+    if (law->estimates && !law->whole)
+        return apc_fail(why, APC_EINVAL, "%s: law %s is not whole, so it cannot be one that estimates", from,
+                        law->name);
     for (size_t j = 0; law->scope && j < law->n_tuning; j++) {
         if (law->scope[j] != APC_OF_OUTPUT && law->scope[j] != APC_OF_LAW &&
             law->scope[j] != APC_OF_MEASUREMENT)

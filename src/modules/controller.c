@@ -93,7 +93,7 @@ static int allocate(struct apc_controller *c)
     c->n_wanted = nz + 2 * nu + c->size.tuning;
     c->input = calloc(ny, sizeof(*c->input));
     c->seqs = calloc(ny + nd + 2 * nz + c->n_wanted, sizeof(*c->seqs));
-    c->flags = calloc(3 * ny + nd + 2 * nz + c->n_wanted, sizeof(*c->flags));
+    c->flags = calloc(2 * ny + nd + 2 * nz + c->n_wanted, sizeof(*c->flags));
     c->setpoint = calloc(nz + 1, sizeof(*c->setpoint));
     c->loop = calloc(nu, sizeof(*c->loop));
     c->state = calloc(nu, sizeof(*c->state));
@@ -116,8 +116,7 @@ static int allocate(struct apc_controller *c)
     c->looked = c->plan_seq + nz;
     c->y_new = c->flags;
     c->ok = c->y_new + ny;
-    c->spare = c->ok + ny + nd;
-    c->rests = c->spare + ny;
+    c->rests = c->ok + ny + nd;
     c->planned = c->rests + nz;
     c->refused = c->planned + nz;
     c->law.limited = c->bits;
@@ -314,7 +313,6 @@ static int fill(struct apc_controller *c, const struct apc_controller_options *o
     if (allocate(c) < 0)
         return apc_fail(why, APC_ENOMEM, "controller: no memory");
     for (size_t k = 0; k < c->dim.ny; k++) {
-        c->spare[k] = o->spare && o->spare[k];
         c->y_low[k] = o->view ? o->view[k].soft_low : -HUGE_VAL;
         c->y_high[k] = o->view ? o->view[k].soft_high : HUGE_VAL;
     }

@@ -152,8 +152,8 @@ struct apc_controller {
     int64_t *plan_seq;              /* [nz] */
     int64_t *looked;                /* [n_wanted] of the rows that were looked at; -1: none was yet */
     bool *flags;                    /* all those below */
-    bool *y_new, *ok, *refused, *spare, *rests,
-        *planned;                         /* [ny]; [ny + nd] y, d are usable; [n_wanted]; [ny]; [nz] */
+    bool *y_new, *ok, *refused, *rests,
+        *planned;                         /* [ny]; [ny + nd] y, d are usable; [n_wanted]; [nz]; [nz] */
     apc_status *y_status;                 /* [ny] */
     unsigned *bits;                       /* all of enum apc_limited: the laws', and */
     unsigned *blocked;                    /* [nu] how what takes the output cannot follow, */

@@ -391,14 +391,15 @@ static bool has_setpoint(struct apc_controller *c, size_t i, size_t k)
     return there;
 }
 
-/* What a law that is whole needs: all that it cannot do without, and one at least. */
-static bool has_all(struct apc_controller *c, size_t i)
+/* What a law that is whole needs: all measurements or, where it estimates those that are missing, one at
+ * least. */
+static bool has_all(struct apc_controller *c, const struct apc_law *law, size_t i)
 {
     bool has = true, any = false;
 
     for (size_t k = 0; k < c->dim.ny; k++) {
         any |= c->ok[k];
-        has &= has_measurement(c, i, k, false) || c->spare[k];
+        has &= has_measurement(c, i, k, false) || law->estimates;
     }
     for (size_t k = 0; k < c->dim.nd; k++)
         has &= has_measurement(c, i, k, true);
@@ -414,7 +415,7 @@ static bool has_input(struct apc_controller *c, const struct apc_controller_law 
     bool has = true, any = !selects;
 
     if (law->definition->whole)
-        return has_all(c, i);
+        return has_all(c, law->definition, i);
     for (size_t k = 0; k < p->ny; k++) {
         const bool one = has_measurement(c, i, (size_t)p->y[k], false);
 

@@ -76,7 +76,7 @@ static inline void set(struct rig *r, enum apc_table table, int id, double value
 static double rate_of;
 static const struct apc_controller_backup *backup_of;
 
-static inline void make_so(struct rig *r, const struct apc_law *law, double rate, const bool *spare)
+static inline void make_so(struct rig *r, const struct apc_law *law, double rate)
 {
     const struct apc_controller_loop loop[LOOPS] = {{.name = "v1",
                                                      .id = 1,
@@ -100,7 +100,6 @@ static inline void make_so(struct rig *r, const struct apc_law *law, double rate
                                              .dim = {LOOPS, LOOPS, LOOPS, 0},
                                              .period = PERIOD,
                                              .horizon = HORIZON,
-                                             .spare = spare,
                                              .backup = backup_of,
                                              .loop = loop};
     struct apc_error why = {""};
@@ -119,9 +118,7 @@ static inline void make_so(struct rig *r, const struct apc_law *law, double rate
 
 static inline void make(struct rig *r, const struct apc_law *law)
 {
-    static const bool spare[LOOPS] = {false, true};
-
-    make_so(r, law, rate_of, law->whole ? spare : NULL);
+    make_so(r, law, rate_of);
 }
 
 static inline void keep(struct rig *r, const struct apc_sample *s)
