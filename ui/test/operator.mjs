@@ -32,8 +32,9 @@ test("y follows a setpoint that is changed through the page", () =>
     assert.equal(await shown(page, "setpoint.1"), 12);
     await near(page, "sensor.1", 12, 0.1);
     const {events} = await api("/api/events?kind=operator");
-    assert.match(events.at(-1).text, /r: .*-> 12/);
-    assert.match(await page.locator(".last-action").textContent(), /local: r .* → 12/);
+    assert.match(events.at(-2).text, /^r: .*-> 12/);
+    assert.match(events.at(-1).text, /^r.owner: Remote -> Local, the setpoint is Local now/); // it was the scheduler's
+    assert.match(await page.locator(".last-action").textContent(), /local: r .* → 12, r.owner Remote → Local/);
   }));
 
 test("Man, move the output, and back to Auto without a bump", () =>

@@ -138,7 +138,8 @@ function LastAction({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
   if (write && (!event || write.time >= event.time - 1)) {
     const changes = write.changes.map(change => {
       const modes = change.ref === loop.mode.target;
-      const say = (value: number | null): string => (modes && value != null ? (p.modes[value] ?? exact(value)) : exact(value));
+      const words = modes ? p.modes : change.name.endsWith(".owner") ? ["Local", "Remote"] : [];
+      const say = (value: number | null): string => (value != null && words[value]) || exact(value);
       return `${change.name} ${say(change.from)} → ${say(change.to)}`;
     });
     text = `${stamp(write.time)} UTC, ${write.user}: ${changes.join(", ")} (${write.state})`;
