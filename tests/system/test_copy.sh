@@ -68,15 +68,15 @@ for what in samples vectors events timing tags; do
 done
 
 # what came meanwhile goes along the next time; a copy of a part, whatever is there, joins it in the right order
-"$apc" set r 3 --no-wait
-expect 0 'samples: +1 copied' "$apc" copy postgresql: "$file"
+"$apc" set r 3 --no-wait # and that it is the operator's now, no longer the scheduler's
+expect 0 'samples: +2 copied' "$apc" copy postgresql: "$file"
 # ... the mode of all with those of the loops, which TO does not make of it once more
 "$apc" mode man --no-wait >/dev/null
 "$apc" mode auto --no-wait >/dev/null
 expect 0 'samples: +4 copied' "$apc" copy postgresql: "$file"
-expect 0 'samples: +5 copied' "$apc" copy "$file" 'postgresql:#back'
+expect 0 'samples: +6 copied' "$apc" copy "$file" 'postgresql:#back'
 sql "DELETE FROM back.opmode; DELETE FROM back.opmode_newest"
-expect 0 'samples: +6 copied' "$apc" copy postgresql: 'postgresql:#back'
+expect 0 'samples: +8 copied' "$apc" copy postgresql: 'postgresql:#back'
 diff <(samples apc) <(samples back) >"$work/difference" || fail "what came meanwhile differs: $(head -n 5 "$work/difference")"
 expect 0 'samples: +[0-9]+ copied$' "$apc" copy "$file" "sqlite:$work/part.db" --since 2026-01-31T12:04:00Z
 [ "$("$apc" history y --store "sqlite:$work/part.db" --last 99999 --csv | wc -l)" -lt 1100 ] || fail "--since took it all"
