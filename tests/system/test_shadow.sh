@@ -8,7 +8,7 @@ measurements = ( { name = "y"; unit = "V"; low = -100.0; high = 100.0; } );
 setpoints = ( { name = "r"; unit = "V"; low = -100.0; high = 100.0; initial = 5.0; } );
 outputs = ( { name = "u"; unit = "V"; low = -20.0; high = 20.0; } );
 plant = { model = "first-order"; parameters = { tau = 1.0; }; period = 0.02; listen = "tcp:127.0.0.1:$port"; };
-client = { period = 0.05; link = "tcp:127.0.0.1:$port"; };
+client = { period = 0.1; link = "tcp:127.0.0.1:$port"; };
 controllers = (
   { name = "first"; law = "pi"; period = 0.2; hold = 60.0;
     measurements = ["y"]; setpoints = ["r"]; outputs = ["u"]; tuning = ( { Kp = 0.2; tau_i = 1.0; } ); },
@@ -61,7 +61,7 @@ mode 2 1 || fail "trial does not act"
 until_true 20 mode 1 2
 sql "SELECT count(*) FROM (SELECT value - lag(value) OVER (ORDER BY seq) AS step FROM apc.actuator WHERE id = 1
      AND time > now() - interval '2 s') AS s WHERE abs(step) > 0.5" | grep -qx 0 || fail "a bump at the promotion"
-settled || fail "y is $(newest sensor 1 value) after the promotion"
+until_true 30 settled
 
 # who acts is in the store: killed and started again it goes on, and the other one still does not
 kill -9 "$trial"
