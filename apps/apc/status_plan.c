@@ -75,8 +75,8 @@ void status_plan_free(struct status_plan *p)
 static const char *result_of(const struct status_plan *p)
 {
     const double result = p->row[PLAN_RESULT].value;
-    return result >= 0 && result < (double)(sizeof results / sizeof *results) ? results[(size_t)result]
-                                                                              : "unknown";
+    const size_t known = sizeof results / sizeof *results;
+    return result >= 0 && result < (double)known ? results[(size_t)result] : "unknown";
 }
 
 static unsigned bits_of(const struct apc_sample *row)

@@ -479,7 +479,7 @@ static int allocate(struct apc_law_mpc *p, struct apc_error *why)
 
     p->memory = at;
     p->usable = calloc(ny + nu + 1, sizeof(*p->usable));
-    p->limiting = calloc(ny + nu, sizeof(*p->limiting));
+    p->limiting = calloc(ny + nu + 1, sizeof(*p->limiting));
     if (!at || !p->usable || !p->limiting)
         return apc_fail(why, APC_ENOMEM, "no memory");
     p->given = p->usable + ny;

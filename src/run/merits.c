@@ -193,6 +193,7 @@ static int compare(void *ctx, const struct apc_vector *row)
 
 static int compare_all(struct merits_prediction *p, const struct merits_source *s)
 {
+    /* NOLINTNEXTLINE(bugprone-sizeof-expression): an array of pointers */
     struct measured m = {.at = calloc(s->process->n + 1, sizeof *m.at),
                          .patience = patience(s->e->client.rhythm.period)};
     struct comparison c = {.of = p, .measured = &m, .source = s};
@@ -253,8 +254,10 @@ static bool ends_with(const char *name, const char *end)
 static void *one_more(struct listing *l, void *at, size_t n, size_t size)
 {
     void *grown = reallocarray(at, n + 1, size);
-    l->failed |= !grown;
-    return grown ? grown : at;
+    if (grown)
+        return grown;
+    l->failed = true;
+    return at;
 }
 
 static void list(void *ctx, size_t output, const struct apc_published *p)
