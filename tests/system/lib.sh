@@ -81,3 +81,20 @@ fast_experiment() {
     -e 's/duration = 600.0/duration = 60.0/' -e "s/43051/$port/" \
     "$APC_SOURCE_DIR/experiments/first-order.conf" >"$work/fast.conf"
 }
+
+# two_layers: what follows a name and a duration in the file of two controllers of the plant at $port, one above the other
+two_layers() {
+  cat <<CONF
+measurements = ( { name = "y"; unit = "V"; low = -100.0; high = 100.0; } );
+setpoints = ( { name = "r"; unit = "V"; low = -100.0; high = 100.0; initial = 0.0; },
+              { name = "w"; unit = "V"; low = -100.0; high = 100.0; initial = 5.0; } );
+outputs = ( { name = "u"; unit = "V"; low = -20.0; high = 20.0; } );
+plant = { model = "first-order"; parameters = { tau = 1.0; }; period = 0.02; listen = "tcp:127.0.0.1:$port"; };
+client = { period = 0.05; link = "tcp:127.0.0.1:$port"; };
+controllers = (
+  { name = "base"; law = "pi"; period = 0.2; mode = "Cas"; hold = 60.0;
+    measurements = ["y"]; setpoints = ["r"]; outputs = ["u"]; tuning = ( { Kp = 0.2; tau_i = 1.0; } ); },
+  { name = "upper"; law = "pi"; period = 0.5; hold = 60.0;
+    measurements = ["y"]; setpoints = ["w"]; outputs = ["r"]; tuning = ( { Kp = 0.3; tau_i = 1.0; } ); } );
+CONF
+}

@@ -126,20 +126,7 @@ wait "${beside[@]}" || fail "a daemon ended with $? on SIGTERM"
 
 # SIGSTOP: as a hang; the successor counts what nobody ran, and nobody else is started again. Of several controllers each
 # is looked after by its own period.
-cat >"$work/two.conf" <<CONF
-name = "two"; duration = 60.0;
-measurements = ( { name = "y"; unit = "V"; low = -100.0; high = 100.0; } );
-setpoints = ( { name = "r"; unit = "V"; low = -100.0; high = 100.0; initial = 0.0; },
-              { name = "w"; unit = "V"; low = -100.0; high = 100.0; initial = 5.0; } );
-outputs = ( { name = "u"; unit = "V"; low = -20.0; high = 20.0; } );
-plant = { model = "first-order"; parameters = { tau = 1.0; }; period = 0.02; listen = "tcp:127.0.0.1:$port"; };
-client = { period = 0.05; link = "tcp:127.0.0.1:$port"; };
-controllers = (
-  { name = "base"; law = "pi"; period = 0.2; mode = "Cas"; hold = 60.0;
-    measurements = ["y"]; setpoints = ["r"]; outputs = ["u"]; tuning = ( { Kp = 0.2; tau_i = 1.0; } ); },
-  { name = "upper"; law = "pi"; period = 0.5; hold = 60.0;
-    measurements = ["y"]; setpoints = ["w"]; outputs = ["r"]; tuning = ( { Kp = 0.3; tau_i = 1.0; } ); } );
-CONF
+{ echo 'name = "two"; duration = 60.0;' && two_layers; } >"$work/two.conf"
 export APC_STORE=sqlite:$work/stopped.db
 background stopped "$apc" run "$work/two.conf" --duration 0 --no-ui --out "$work/stopped"
 run=$pid

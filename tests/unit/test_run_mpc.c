@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "check.h"
+#include "simulated.h"
 
 #include <apcrun.h>
 #include <apcstore.h>
@@ -38,24 +39,17 @@ static struct apc_simulation *begin(const char *more, const char *hold)
     return s;
 }
 
-static struct apc_sample newest(struct apc_simulation *s, enum apc_table table, int id)
-{
-    struct apc_sample row = {.table = table, .id = id};
-    assert_int_equal(apc_store_read(apc_simulation_store(s), &row, 1), 0);
-    return row;
-}
-
 static void it_goes_on_by_what_it_estimates(void **state)
 {
     struct apc_simulation *s = begin("", "[60, 60]");
     (void)state;
     for (double t = FROM + 2; t < UNTIL; t += 1) {
-        assert_int_equal(apc_simulation_run(s, t), 0);
+        run(s, t);
         assert_int_equal(apc_status_severity(newest(s, APC_SENSOR, 1).status), APC_SEVERITY_BAD);
         for (int id = 1; id <= 2; id++)
             assert_int_equal(apc_status_severity(newest(s, APC_ACTUATOR, id).status), APC_SEVERITY_GOOD);
     }
-    assert_int_equal(apc_simulation_run(s, UNTIL + 1), 0);
+    run(s, UNTIL + 1);
     assert_int_equal(newest(s, APC_SENSOR, 1).status, APC_GOOD);
     assert_near(newest(s, APC_SENSOR, 1).value, 7.1315, 0.05);
     assert_near(newest(s, APC_SENSOR, 2).value, 6.3915, 0.05);
@@ -66,9 +60,9 @@ static void without_a_critical_one_it_stops_after_its_hold(void **state)
 {
     struct apc_simulation *s = begin("critical = true;", "[10, 10]");
     (void)state;
-    assert_int_equal(apc_simulation_run(s, FROM + 8), 0);
+    run(s, FROM + 8);
     assert_int_equal(apc_status_severity(newest(s, APC_ACTUATOR, 1).status), APC_SEVERITY_GOOD);
-    assert_int_equal(apc_simulation_run(s, FROM + 12), 0);
+    run(s, FROM + 12);
     for (int id = 1; id <= 2; id++)
         assert_int_equal(apc_status_severity(newest(s, APC_ACTUATOR, id).status), APC_SEVERITY_UNCERTAIN);
     apc_simulation_destroy(s);

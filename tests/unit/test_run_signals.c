@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "check.h"
+#include "simulated.h"
 
 #include <apcrun.h>
 
@@ -51,24 +52,6 @@ static struct apc_simulation *begin_with(const char *file, const char *text, con
 static struct apc_simulation *begin(const char *text)
 {
     return begin_with("signals.conf", text, NULL, NULL);
-}
-
-static void run(struct apc_simulation *s, double until)
-{
-    if (apc_simulation_run(s, until) < 0)
-        fail_msg("%s", apc_simulation_error(s));
-}
-
-static struct apc_sample newest(struct apc_simulation *s, enum apc_table table, int id)
-{
-    struct apc_sample row = {.table = table, .id = id};
-    assert_int_equal(apc_store_read(apc_simulation_store(s), &row, 1), 0);
-    return row;
-}
-
-static enum apc_mode mode_of(struct apc_simulation *s, int loop)
-{
-    return (enum apc_mode)newest(s, APC_ACTUAL, apc_variable_number(APC_OPMODE, loop)).value;
 }
 
 /* ---- A chain ------------------------------------------------------------------------------ */
