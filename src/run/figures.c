@@ -281,14 +281,19 @@ static double step_of(const struct figures *f, const struct part *part, const st
     return 0;
 }
 
+/* NULL: of a calculated signal there is none. */
 static const struct curve *output_of(const struct course *c, const struct loop *loop)
 {
-    return loop->u.table == APC_SETPOINT ? &c->setpoint[loop->u.at] : &c->input[loop->u.at];
+    return loop->u.table == APC_SENSOR     ? NULL
+           : loop->u.table == APC_SETPOINT ? &c->setpoint[loop->u.at]
+                                           : &c->input[loop->u.at];
 }
 
 static double effort(const struct curve *input, const struct part *part)
 {
     double sum = 0;
+    if (!input)
+        return none;
     for (size_t i = 1; i < input->n; i++)
         if (input->at[i].t > part->from && input->at[i].t <= part->to)
             sum += fabs(input->at[i].value - input->at[i - 1].value);

@@ -406,9 +406,27 @@ static void soft_limits_are_told_at_each_tick(void **state)
     apc_controller_destroy(c);
 }
 
+static void what_a_loop_calculates_has_no_effort_on_the_plant(void **state)
+{
+    struct apc_simulation *s = begin_with(override, NULL, NULL, NULL);
+    struct apc_figure figure[32] = {{.size = sizeof *figure}};
+    bool calculated = false;
+    (void)state;
+    run(s, 300);
+    const int n = apc_simulation_figures(s, figure, sizeof figure / sizeof *figure);
+    assert_in_range(n, 1, sizeof figure / sizeof *figure);
+    for (int i = 0; i < n; i++) {
+        calculated |= strstr(figure[i].loop, "want") != NULL;
+        assert_true(isnan(figure[i].effort) == (strstr(figure[i].loop, "want") != NULL));
+    }
+    assert_true(calculated);
+    apc_simulation_destroy(s);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(what_a_loop_calculates_has_no_effort_on_the_plant),
         cmocka_unit_test(a_signal_is_taken_at_the_very_tick_that_follows),
         cmocka_unit_test(a_signal_keeps_its_limits_and_says_so),
         cmocka_unit_test(what_is_bad_stays_bad_down_the_chain_and_comes_back),
