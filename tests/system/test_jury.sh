@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The quadratic programs that closed loops ask, with noise, lost frames and limits that cannot be kept, are solved again
 # by solvers that others wrote: at least two of them have to agree with each answer. casadi brings them, by the lock in
-# tests/peers. APC_JURY=N takes N of each experiment; default 9.
+# tests/peers. APC_JURY=N takes N of each experiment; default 18.
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 
@@ -33,4 +33,4 @@ for experiment in quadruple-tank-mpc quadruple-tank-nonminimum-mpc four-tank-mpc
     >"$work/$experiment.log"
   [ -s "$work/$experiment.qp" ] || fail "$experiment: no QP was logged"
 done
-PYTHONPATH=$peers timeout 300 python3 "$APC_SOURCE_DIR/tests/peers/qp_jury.py" "${APC_JURY:-9}" "$work"/*.qp || fail "the jury is not convinced"
+PYTHONPATH=$peers timeout 600 python3 "$APC_SOURCE_DIR/tests/peers/qp_jury.py" "${APC_JURY:-18}" "$work"/*.qp || fail "the jury is not convinced"
