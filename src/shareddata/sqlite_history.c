@@ -261,13 +261,13 @@ int apc_sqlite_history_bins(struct apc_store *store, enum apc_table table, int i
 
 #define SLICE (10 * APC_NS_PER_MS) /* of work in one transaction: others wait meanwhile */
 
-/* Trim blocks of a variable until the slice is over: 1 when there may be more. */
+/* Trim blocks of a variable, one at least, until the slice is over: 1 when there may be more. */
 static int trim_slice(struct apc_sqlite *sq, int64_t variable, int64_t *next, int64_t before, int *dropped)
 {
     struct apc_sqlite_block b;
     const apc_ns end = apc_clock_mono(NULL) + SLICE;
     int found = 1, err = 0;
-    while (!err && found > 0 && apc_clock_mono(NULL) < end) {
+    do {
         found = apc_sqlite_next_block(sq, variable, *next, INT64_MIN, before, &b);
         if (found > 0) {
             *next = b.seq + 1;
@@ -278,7 +278,7 @@ static int trim_slice(struct apc_sqlite *sq, int64_t variable, int64_t *next, in
             err = n < 0 ? n : 0;
             *dropped += n > 0 ? n : 0;
         }
-    }
+    } while (!err && found > 0 && apc_clock_mono(NULL) < end);
     return err ? err : found;
 }
 

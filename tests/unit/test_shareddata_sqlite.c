@@ -789,7 +789,8 @@ static void test_a_damaged_file_gives_errors_and_no_nonsense(void **state)
     assert_int_equal(apc_store_history(*state, APC_SENSOR, 1, NULL, count_sample, &n), N);
 }
 
-/* What the file refuses to give up is said, and all of it stays. */
+/* What the file refuses to give up is said, and all of its slice stays: here the first, whose end lies with
+ * the clock. */
 static void test_an_error_in_the_middle_of_housekeeping_is_said(void **state)
 {
     enum { N = 200 };
@@ -801,10 +802,10 @@ static void test_an_error_in_the_middle_of_housekeeping_is_said(void **state)
         assert_int_equal(append_one(*state, 1, i), 1);
     }
     assert_int_equal(apc_store_append_events(*state, &event, 1), 1);
-    raw(path, "CREATE TRIGGER no BEFORE DELETE ON sample WHEN old.seq = 100 BEGIN SELECT RAISE(ABORT, 'no, "
-              "100'); END;"
+    raw(path, "CREATE TRIGGER no BEFORE DELETE ON sample WHEN old.seq = 30 BEGIN SELECT RAISE(ABORT, 'no, "
+              "30'); END;"
               "CREATE TRIGGER nor BEFORE DELETE ON event BEGIN SELECT RAISE(ABORT, 'nor this'); END");
-    assert_said(*state, apc_store_maintain(*state, &keep), APC_ESTORE, "no, 100");
+    assert_said(*state, apc_store_maintain(*state, &keep), APC_ESTORE, "no, 30");
     assert_said(*state, apc_store_maintain(*state, &records), APC_ESTORE, "nor this");
     assert_int_equal(apc_store_history(*state, APC_SENSOR, 1, NULL, count_sample, &n), N);
     raw(path, "DROP TRIGGER no; DROP TRIGGER nor");
