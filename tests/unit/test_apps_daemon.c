@@ -69,6 +69,16 @@ static void write_config(const char *overrun)
     fclose(out);
 }
 
+static int tick_for_two_looks(void *ctx, const struct apc_tick *tick)
+{
+    (void)ctx;
+    if (shared->ticks++ == 0)
+        shared->first = tick->index;
+    if (tick->index > shared->first + 25)
+        kill(getpid(), SIGTERM);
+    return 0;
+}
+
 static char own_part[20]; /* what its own option says */
 
 static error_t parse_own(int key, char *arg, struct argp_state *state)
@@ -271,7 +281,11 @@ static void bad_options_are_refused_and_say_what_is_expected(void **state)
 
 static void an_option_of_its_own_chooses_its_part_and_name(void **state)
 {
+    char dir[300], file[400];
     static const char *const left[] = {"--part", "left", NULL};
+    const char *const spooled[] = {"--part", "left", "--spool", dir, "--store", "sqlite:/nowhere/at.all",
+                                   NULL};
+    const struct life away = {.tick = tick_for_two_looks, .options = spooled, .own = true};
     const struct life own = {.tick = stop_after_three, .options = left, .own = true};
     (void)state;
     fresh_store();
@@ -285,6 +299,11 @@ static void an_option_of_its_own_chooses_its_part_and_name(void **state)
     assert_true(rows > 0);
     name_now = "apc-test";
     task_now = "test";
+    snprintf(dir, sizeof dir, "%s/its own", scratch_folder());
+    snprintf(file, sizeof file, "%s/apc-test-left-of-one-events.spool", dir);
+    live(&away);
+    assert_ended(EXIT_OK);
+    assert_int_equal(access(file, F_OK), 0);
     unsetenv("APC_STORE");
 }
 
@@ -356,6 +375,7 @@ static void a_life_is_told_recorded_and_ends_with_the_signal(void **state)
 {
     char path[100];
     const char *const options[] = {"--store", store, NULL};
+    const char *const spin[] = {"--store", store, "--spin", NULL};
     const struct life life = {.tick = tick_nine_times, .options = options};
     (void)state;
     fresh_store();
@@ -377,9 +397,11 @@ static void a_life_is_told_recorded_and_ends_with_the_signal(void **state)
     assert_non_null(strstr(told, "WATCHDOG=1\n"));
     assert_non_null(strstr(told, "APC_LAST_TICK="));
     assert_string_equal(told + strlen(told) - strlen("STOPPING=1\n"), "STOPPING=1\n");
-    const struct life again = {.tick = stop_after_three, .options = options};
+    assert_null(strstr(said, "spinning"));
+    const struct life again = {.tick = stop_after_three, .options = spin};
     live(&again);
     assert_says("stopping on SIGTERM");
+    assert_says("spinning took ");
 }
 
 static void who_started_it_may_listen_without_a_file_or_not_at_all(void **state)
@@ -608,7 +630,13 @@ static int claim(struct daemon *d)
         apc_store_close(s);
     if (rc == 0 && (y.seq != 5 || d->store_pause != APC_NS_PER_S / 10))
         return APC_ESTATE;
-    d->store_pause = APC_NS_PER_S * 60; /* for the next one, that is not opened */
+    if (rc == 0) { /* the longest that a loop may ask for */
+        struct apc_store *other;
+        d->store_pause = APC_NS_PER_S * 60;
+        rc = daemon_store(d, &other, &(struct apc_sample){.table = APC_SENSOR, .id = 2}, 1);
+        apc_store_close(other);
+        return rc == 0 && d->store_pause != 5 * APC_NS_PER_S ? APC_ESTATE : rc;
+    }
     return rc;
 }
 
@@ -681,16 +709,6 @@ static void a_store_that_may_be_missing_is_none(void **state)
     assert_says("stopping on SIGINT");
 }
 
-static int tick_for_two_looks(void *ctx, const struct apc_tick *tick)
-{
-    (void)ctx;
-    if (shared->ticks++ == 0)
-        shared->first = tick->index;
-    if (tick->index > shared->first + 25)
-        kill(getpid(), SIGTERM);
-    return 0;
-}
-
 static void what_a_store_that_is_away_does_not_take_is_told_and_kept(void **state)
 {
     char dir[300], file[400], long_dir[600];
@@ -717,6 +735,120 @@ static void what_a_store_that_is_away_does_not_take_is_told_and_kept(void **stat
     live(&refused);
     assert_ended(EXIT_ERROR);
     assert_says("--spool: the path is too long");
+}
+
+/* Where the line of the log that has @part goes on after it; it must be there. */
+static const char *after(const char *part)
+{
+    assert_says(part);
+    return strstr(said, part) + strlen(part);
+}
+
+/* The store gets its tables at the 15th tick, and the daemon is ended when what was kept has drained. */
+static int tick_until_drained(void *ctx, const struct apc_tick *tick)
+{
+    const struct apc_range all = {0};
+    struct apc_store *s;
+    (void)ctx;
+    if (++shared->ticks < 15)
+        return 0;
+    assert_int_equal(apc_store_open(&s, store, NULL, NULL), 0);
+    if (shared->ticks == 15) {
+        shared->first = tick->index;
+        assert_int_equal(apc_store_init(s), 0);
+    }
+    events[0] = '\0';
+    assert_true(apc_store_events(s, &all, take_event, NULL) >= 0);
+    apc_store_close(s);
+    if (strstr(events, " drained: "))
+        kill(getpid(), SIGTERM);
+    return tick->index > shared->first + 600 ? APC_ETIMEDOUT : 0;
+}
+
+static void what_was_kept_drains_when_the_store_is_back_and_that_is_told_once(void **state)
+{
+    const char *const options[] = {"--store", store, NULL};
+    const struct life life = {.tick = tick_until_drained, .options = options};
+    (void)state;
+    snprintf(store, sizeof store, "sqlite:%s/late.db", scratch_folder());
+    live(&life);
+    assert_ended(EXIT_OK);
+    assert_non_null(strstr(after("events go to the spool: "), "apc init")); /* the reason */
+    assert_non_null(strstr(after("records are kept back: "), "apc init"));
+    assert_says("records are being stored again");
+    read_store();
+    assert_recorded("1 start running every 0.1 s\n");
+    assert_recorded("2 store events go to the spool: ");
+    unsigned long long drained = 0;
+    double late = 0;
+    assert_int_equal(sscanf(after("spool of events drained: "), "%llu, up to %lf s late", &drained, &late),
+                     2);
+
+    assert_true(drained >= 1 && drained < 20);
+    assert_true(late >= 1 && late < 600);
+    assert_null(strstr(after("spool of events drained: "), "drained"));
+    assert_null(strstr(after("events go to the spool: "), "events go to the spool"));
+    assert_null(strstr(after("records are being stored again"), "records are"));
+    assert_null(strstr(said, "damaged"));
+    assert_null(strstr(said, "stay in the spool"));
+}
+
+static int be_refused(void *ctx, const struct apc_tick *tick)
+{
+    struct apc_store *s;
+    struct apc_sample y = {.table = APC_SENSOR, .id = 1};
+    (void)tick;
+    if (!shared->held)
+        return 0;
+    assert_int_equal(apc_store_open(&s, store, NULL, NULL), 0);
+    int rc = daemon_fatal(ctx, s, apc_store_claim_set(s, &y, 1));
+    apc_store_close(s);
+    return rc;
+}
+
+static void a_store_that_refuses_for_good_ends_it_with_the_reason(void **state)
+{
+    const char *const options[] = {"--store", store, NULL};
+    const struct life life = {.tick = be_refused, .options = options};
+    int end;
+    (void)state;
+    fresh_store();
+    pid_t pid = start(&life, &end);
+    struct apc_store *holder = hold();
+    finish(pid, end);
+    apc_store_close(holder);
+    assert_ended(EXIT_REJECTED);
+    read_store();
+    assert_recorded("3 store stopping: sensor 1 ");
+}
+
+/* A spool that is there already, as a former life left it, and was bent since. */
+static void a_spool_that_is_damaged_is_told_with_where_it_was_kept(void **state)
+{
+    char dir[300], file[400];
+    const char *const options[] = {"--store", store, "--spool", dir, NULL};
+    const struct life life = {.tick = tick_for_two_looks, .options = options};
+    struct apc_store *s;
+    (void)state;
+    snprintf(store, sizeof store, "sqlite:%s/bent.db", scratch_folder());
+    snprintf(dir, sizeof dir, "%s/bent", scratch_folder());
+    snprintf(file, sizeof file, "%s/apc-test-events.spool", dir);
+    live(&life);
+    assert_ended(EXIT_OK);
+    int fd = open(file, O_RDWR | O_CLOEXEC);
+    assert_true(fd >= 0);
+    const off_t size = lseek(fd, 0, SEEK_END);
+    char byte;
+    assert_int_equal(pread(fd, &byte, 1, size - 30), 1);
+    byte ^= 1;
+    assert_int_equal(pwrite(fd, &byte, 1, size - 30), 1);
+    close(fd);
+    assert_int_equal(apc_store_open(&s, store, NULL, NULL), 0);
+    assert_int_equal(apc_store_init(s), 0);
+    apc_store_close(s);
+    live(&life);
+    assert_ended(EXIT_OK);
+    assert_non_null(strstr(after("spool of events damaged or in conflict: kept as "), file));
 }
 
 static void an_operation_takes_a_period_within_bounds(void **state)
@@ -784,6 +916,9 @@ int main(void)
         cmocka_unit_test(without_a_schema_it_says_so_and_ends),
         cmocka_unit_test(a_store_that_may_be_missing_is_none),
         cmocka_unit_test(what_a_store_that_is_away_does_not_take_is_told_and_kept),
+        cmocka_unit_test(what_was_kept_drains_when_the_store_is_back_and_that_is_told_once),
+        cmocka_unit_test(a_store_that_refuses_for_good_ends_it_with_the_reason),
+        cmocka_unit_test(a_spool_that_is_damaged_is_told_with_where_it_was_kept),
         cmocka_unit_test(an_operation_takes_a_period_within_bounds),
         cmocka_unit_test(each_notice_is_an_event_of_its_kind_and_severity),
     };

@@ -143,6 +143,44 @@ static void a_process_that_is_told_to_end_and_does_not_is_ended(void **state)
     close(ready[1]);
 }
 
+/* As the run had ended: with 5, although a store that does not answer holds up its way out. */
+static void a_process_that_hangs_after_its_end_is_ended_with_the_code_of_it(void **state)
+{
+    (void)state;
+    int status;
+    pid_t pid = fork();
+    assert_true(pid >= 0);
+    if (pid == 0) {
+        struct warden *w;
+        if (warden_create(&w) < 0)
+            _exit(99);
+        warden_ending(w, 5);
+        alarm(60);
+        for (;;)
+            pause();
+    }
+    assert_int_equal(waitpid(pid, &status, 0), pid);
+    assert_true(WIFEXITED(status));
+    assert_int_equal(WEXITSTATUS(status), 5);
+}
+
+/* No descriptor is left open by one that is gone. */
+static void one_that_is_destroyed_leaves_nothing_open(void **state)
+{
+    (void)state;
+    int first = dup(STDIN_FILENO);
+    close(first);
+    for (int i = 0; i < 3; i++) {
+        struct warden *w;
+        assert_int_equal(warden_create(&w), 0);
+        warden_destroy(w);
+    }
+    int last = dup(STDIN_FILENO);
+    assert_int_equal(last, first);
+    close(last);
+    warden_destroy(NULL);
+}
+
 static void a_signal_is_told_to_who_waits_also_when_it_came_before(void **state)
 {
     (void)state;
@@ -159,6 +197,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_watchdog_hears_of_it_as_long_as_the_task_ticks),
         cmocka_unit_test(a_process_that_is_told_to_end_and_does_not_is_ended),
+        cmocka_unit_test(a_process_that_hangs_after_its_end_is_ended_with_the_code_of_it),
+        cmocka_unit_test(one_that_is_destroyed_leaves_nothing_open),
         cmocka_unit_test(a_signal_is_told_to_who_waits_also_when_it_came_before),
     };
     if (!mkdtemp(dir))
