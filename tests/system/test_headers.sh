@@ -72,6 +72,7 @@ apc_notice
 apc_pair
 apc_pid_tuning
 apc_random
+apc_relay
 apc_sample
 apc_summary
 apc_tag
@@ -106,7 +107,7 @@ strangers() {
 }
 declare -A headers=([base]=apcbase [timer]=apctimer [shareddata]="apcstore apcshareddata" [sockets]=apcsockets [plant]=apcplant
   [exchange]=apcexchange
-  [predict]='apcqp apclinear apcestimate' [identify]="apcidentify apctune" [control]=apccontrol)
+  [predict]='apcqp apclinear apcestimate' [identify]="apcidentify apcexcite apctune" [control]=apccontrol)
 while read -r room below; do
   known= places=("$APC_SOURCE_DIR/src/$room")
   for name in $room $below; do
