@@ -290,6 +290,19 @@ static int find(struct place *place, const config_setting_t *root, const char *p
 
 /* ---- The value ----------------------------------------------------------------------------- */
 
+/* Among which no whole number may stand without its point. */
+static bool is_float_in_array(const config_setting_t *at)
+{
+    return at && config_setting_type(at) == CONFIG_TYPE_FLOAT &&
+           config_setting_is_array(config_setting_parent(at));
+}
+
+static double number_in(const config_setting_t *at)
+{
+    return config_setting_type(at) == CONFIG_TYPE_FLOAT ? config_setting_get_float(at)
+                                                        : (double)config_setting_get_int64(at);
+}
+
 /* As it stands in a file; what would not be understood there, or where text was, is text without its quotes.
  */
 static char *value_of(const char *value, const config_setting_t *was)
@@ -311,7 +324,9 @@ static char *value_of(const char *value, const config_setting_t *was)
     const config_setting_t *is = good ? config_lookup(&trial, "value") : NULL;
     if (is && of_text)
         good = config_setting_type(is) == CONFIG_TYPE_STRING || config_setting_is_group(is);
-    if (good && is)
+    if (good && is && config_setting_is_number(is) && is_float_in_array(was))
+        put_float(out, number_in(is));
+    else if (good && is)
         put(out, is, &(struct place){.at = NULL});
     else if (!of_text && apc_number_parse(value, &number) == 0) /* beyond 32 bits */
         put_float(out, number);
@@ -405,10 +420,8 @@ static int number_there(const config_setting_t *at, const char *path, double *va
     switch (config_setting_type(at)) {
     case CONFIG_TYPE_INT:
     case CONFIG_TYPE_INT64:
-        *value = (double)config_setting_get_int64(at);
-        return 0;
     case CONFIG_TYPE_FLOAT:
-        *value = config_setting_get_float(at);
+        *value = number_in(at);
         return 0;
     case CONFIG_TYPE_STRING:
         if (strchr(text, '(') && apc_distribution_parse(text, &spread, NULL) == 0) {

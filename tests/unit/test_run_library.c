@@ -123,6 +123,8 @@ static void a_setting_is_changed_by_its_path(void **state)
                   {"controller.u.tau_i", "12", "{ Kp = 0.3; tau_i = 12; }"},
                   {"controller.tuning.[0].Kp", "0.35", "Kp = 0.35"},
                   {"scheduler.sequence.[1].[0]", "21.5", "([10.0], [21.5], [5.0], [15.0])"},
+                  {"scheduler.sequence.[2].[0]", "21",
+                   "([10.0], [21.5], [21.0], [15.0])"}, /* one of an array of floats */
                   {"scheduler.sequence", "([1.0])", "sequence = ([1.0])"},
                   {"scheduler.repeat", "false", "repeat = false"},
                   {"plant.parameters", "{ tau = 5.0; }", "parameters = { tau = 5.0; }"},
