@@ -77,6 +77,43 @@ struct apc_modbus_options {
     apc_ns life_limit; /**< required with life */
 };
 
+/* ---- The other side of modbus: ---------------------------------------------------------------- */
+
+/** What a unit that answers requests of Modbus TCP asks of the plant behind it. */
+struct apc_modbus_unit_options {
+    size_t size;
+    size_t nu, ny; /**< required: 1 to APC_EXCHANGE_VALUES */
+    const struct apc_modbus_options
+        *modbus;           /**< required: the map, as the client has it; no two may overlap */
+    const double *initial; /**< [nu] that stands in the registers of u at first; NULL: safe */
+    /** Take the whole of u, [nu]. @p alive: with a sign of life of the client, which is a new count of the
+     * watchdog where the map has one, and else that it wrote at all. Returns 0, or the Modbus exception to
+     * answer with, and then what was written is as if it never was. Required. */
+    int (*command)(void *ctx, const double *u, bool alive);
+    /** Give y, [ny], of which what is Bad is answered by exception 4. Returns the plant's own count, which
+     * goes into `life`. Required. */
+    unsigned (*measure)(void *ctx, struct apc_value *y);
+    void *ctx;
+};
+
+struct apc_modbus_unit;
+
+/** [setup] Returns 0, APC_EINVAL, APC_ENOMEM. */
+APC_API int apc_modbus_unit_create(struct apc_modbus_unit **unit,
+                                   const struct apc_modbus_unit_options *options, struct apc_error *why);
+APC_API void apc_modbus_unit_destroy(struct apc_modbus_unit *unit); /**< NULL is legal. [setup] */
+/**
+ * Answer one request: functions 1 to 6, 15 and 16. A measurement beyond what its register holds is the end of
+ * that range, as a converter has it; a value of several registers is written wholly or not at all (exception
+ * 3). Answers as its own unit, and as 0 and 255, which mean whoever has the address. Returns the reply's
+ * length, at most 260, or APC_EPROTO, APC_ERANGE (@p size): close the connection. [tick]
+ */
+APC_API int apc_modbus_unit_answer(struct apc_modbus_unit *unit, const char *request, size_t length,
+                                   char *reply, size_t size);
+#define APC_MODBUS_FRAME 260 /**< bytes of a frame of Modbus TCP, at most */
+/** Where a frame of Modbus TCP ends, for apc_link_options and apc_server_options. [any] */
+APC_API int apc_modbus_whole(const char *bytes, size_t n);
+
 struct apc_exchange_options {
     size_t size;
     size_t nu, ny;                           /**< required: 1 to APC_EXCHANGE_VALUES */

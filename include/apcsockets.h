@@ -156,6 +156,10 @@ struct apc_server_options {
     apc_ns frame_timeout; /**< a begun frame must be complete, a reply taken, within it; default 1 s */
     bool allow_plaintext; /**< listen beyond loopback without TLS; otherwise refused */
     struct apc_log *log;  /**< NULL: silent */
+    /** How long the request is that begins with these @p n bytes, 1 or more: its length; 0: they do not tell
+     * yet; negative: they are no request, and the connection is closed. NULL: it ends with its first newline.
+     */
+    int (*whole)(const char *bytes, size_t n);
 };
 
 /** Counters since the start. */

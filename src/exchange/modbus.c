@@ -16,23 +16,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define HEADER    7 /* transaction, protocol, length, unit */
-#define FRAME_MAX 260
-enum { READ_COILS = 1, READ_DISCRETE, READ_HOLDING, READ_INPUT, WRITE_COILS = 15, WRITE_HOLDING };
-
-struct item {
-    struct apc_modbus_point point;
-    size_t of;             /* its number in u or y */
-    unsigned char data[8]; /* registers, of u: to be written */
-    bool go;               /* of u */
-};
-
 struct modbus {
     struct apc_exchange x;
     struct apc_link *link;
     unsigned unit;
     uint16_t transaction;
-    struct item *u, *y; /* sorted; the watchdog and the sign of life have numbers nu and ny */
+    struct apc_modbus_item *u, *y; /* sorted; the watchdog and the sign of life have numbers nu and ny */
     size_t n_u, n_y;
     double *values;         /* [nu + 1] to be written */
     struct apc_value *read; /* [ny + 1] */
@@ -41,38 +30,10 @@ struct modbus {
     apc_ns life_limit, lived_at;
     double life;
     bool lived;
-    unsigned char frame[FRAME_MAX];
+    unsigned char frame[APC_MODBUS_FRAME];
 };
 
-static unsigned u16(const unsigned char *bytes)
-{
-    return (unsigned)bytes[0] << 8 | bytes[1];
-}
-
-static void put_u16(unsigned char *bytes, unsigned value)
-{
-    bytes[0] = (unsigned char)(value >> 8);
-    bytes[1] = (unsigned char)value;
-}
-
-static bool is_bit(enum apc_modbus_area area)
-{
-    return area == APC_MODBUS_COIL || area == APC_MODBUS_DISCRETE;
-}
-
 /* ---- One request and its reply -------------------------------------------------------------- */
-
-/* For the link: how long the reply is that begins with these bytes. */
-static int whole(const char *text, size_t n)
-{
-    const unsigned char *bytes = (const unsigned char *)text;
-
-    if (n < HEADER - 1)
-        return 0;
-    const unsigned length = u16(bytes + 4);
-    return u16(bytes + 2) == 0 && length >= 3 && length <= FRAME_MAX - (HEADER - 1) ? (int)length + HEADER - 1
-                                                                                    : APC_EPROTO;
-}
 
 static int no_answer(struct modbus *m)
 {
@@ -88,19 +49,21 @@ static int ask(struct modbus *m, size_t n, size_t expected, const unsigned char 
 {
     const char *text;
 
-    put_u16(m->frame, ++m->transaction);
-    put_u16(m->frame + 2, 0);
-    put_u16(m->frame + 4, (unsigned)n + 1);
+    apc_modbus_put(m->frame, ++m->transaction);
+    apc_modbus_put(m->frame + 2, 0);
+    apc_modbus_put(m->frame + 4, (unsigned)n + 1);
     m->frame[6] = (unsigned char)m->unit;
-    int length = apc_link_exchange(m->link, (const char *)m->frame, HEADER + n, &text, m->deadline);
+    int length =
+        apc_link_exchange(m->link, (const char *)m->frame, APC_MODBUS_HEADER + n, &text, m->deadline);
     if (length < 0)
         return apc_fail(&m->x.error, length, "%s", apc_link_error(m->link));
-    *reply = (const unsigned char *)text + HEADER;
+    *reply = (const unsigned char *)text + APC_MODBUS_HEADER;
     if (memcmp(text, m->frame, 2) != 0 || memcmp(text + 6, m->frame + 6, 1) != 0)
         return no_answer(m);
-    if ((*reply)[0] == (m->frame[HEADER] | 0x80) && length == HEADER + 2 && (*reply)[1] > 0)
+    if ((*reply)[0] == (m->frame[APC_MODBUS_HEADER] | 0x80) && length == APC_MODBUS_HEADER + 2 &&
+        (*reply)[1] > 0)
         return (*reply)[1];
-    if ((*reply)[0] != m->frame[HEADER] || (size_t)length != HEADER + expected)
+    if ((*reply)[0] != m->frame[APC_MODBUS_HEADER] || (size_t)length != APC_MODBUS_HEADER + expected)
         return no_answer(m);
     return 0;
 }
@@ -143,21 +106,17 @@ static apc_status exception_status(int number)
 
 /* ---- Points next to each other --------------------------------------------------------------- */
 
-static unsigned end_of(const struct item *i)
-{
-    return i->point.address + apc_modbus_width(i->point.type);
-}
-
 /* How many of @left items, from the first on, go in one request, and the registers or bits that they take. */
-static size_t together(const struct item *first, size_t left, unsigned most, bool only_go, unsigned *width)
+static size_t together(const struct apc_modbus_item *first, size_t left, unsigned most, bool only_go,
+                       unsigned *width)
 {
-    unsigned end = end_of(first);
+    unsigned end = apc_modbus_end(first);
     size_t n = 1;
 
     for (; n < left && first[n].point.area == first->point.area && first[n].point.address <= end &&
            (!only_go || first[n].go);
          n++) {
-        const unsigned next = end_of(&first[n]) > end ? end_of(&first[n]) : end;
+        const unsigned next = apc_modbus_end(&first[n]) > end ? apc_modbus_end(&first[n]) : end;
 
         if (next - first->point.address > most)
             break;
@@ -169,16 +128,16 @@ static size_t together(const struct item *first, size_t left, unsigned most, boo
 
 /* ---- Writing --------------------------------------------------------------------------------- */
 
-static int write_together(struct modbus *m, const struct item *first, size_t n, unsigned width)
+static int write_together(struct modbus *m, const struct apc_modbus_item *first, size_t n, unsigned width)
 {
-    unsigned char *pdu = m->frame + HEADER;
+    unsigned char *pdu = m->frame + APC_MODBUS_HEADER;
     const bool bits = first->point.area == APC_MODBUS_COIL;
     const unsigned bytes = bits ? (width + 7) / 8 : 2 * width;
     const unsigned char *reply;
 
-    pdu[0] = bits ? WRITE_COILS : WRITE_HOLDING;
-    put_u16(pdu + 1, first->point.address);
-    put_u16(pdu + 3, width);
+    pdu[0] = bits ? APC_MODBUS_WRITE_COILS : APC_MODBUS_WRITE_HOLDING;
+    apc_modbus_put(pdu + 1, first->point.address);
+    apc_modbus_put(pdu + 3, width);
     pdu[5] = (unsigned char)bytes;
     memset(pdu + 6, 0, bytes);
     for (size_t i = 0; i < n; i++) {
@@ -223,7 +182,7 @@ static int write_all(struct modbus *m)
 static int encode_all(struct modbus *m)
 {
     for (size_t i = 0; i < m->n_u; i++) {
-        struct item *u = &m->u[i];
+        struct apc_modbus_item *u = &m->u[i];
 
         if (u->go && !apc_modbus_encode(&u->point, m->values[u->of], u->data))
             return apc_fail(&m->x.error, APC_ERANGE,
@@ -271,12 +230,13 @@ static int modbus_safe(struct apc_exchange *x, apc_ns deadline)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-static void take(struct modbus *m, const struct item *y, const unsigned char *data, unsigned at, apc_ns now)
+static void take(struct modbus *m, const struct apc_modbus_item *y, const unsigned char *data, unsigned at,
+                 apc_ns now)
 {
     struct apc_value *to = &m->read[y->of];
     unsigned char bit[2] = {0};
 
-    if (is_bit(y->point.area)) {
+    if (apc_modbus_is_bit(y->point.area)) {
         bit[1] = data[at / 8] >> at % 8 & 1;
         data = bit;
     } else {
@@ -287,19 +247,19 @@ static void take(struct modbus *m, const struct item *y, const unsigned char *da
         *to = (struct apc_value){.status = APC_BAD_SENSOR_FAILURE, .time = now};
 }
 
-static int read_together(struct modbus *m, const struct item *first, size_t n, unsigned width)
+static int read_together(struct modbus *m, const struct apc_modbus_item *first, size_t n, unsigned width)
 {
-    static const unsigned char functions[] = {[APC_MODBUS_COIL] = READ_COILS,
-                                              [APC_MODBUS_DISCRETE] = READ_DISCRETE,
-                                              [APC_MODBUS_INPUT] = READ_INPUT,
-                                              [APC_MODBUS_HOLDING] = READ_HOLDING};
-    unsigned char *pdu = m->frame + HEADER;
-    const unsigned bytes = is_bit(first->point.area) ? (width + 7) / 8 : 2 * width;
+    static const unsigned char functions[] = {[APC_MODBUS_COIL] = APC_MODBUS_READ_COILS,
+                                              [APC_MODBUS_DISCRETE] = APC_MODBUS_READ_DISCRETE,
+                                              [APC_MODBUS_INPUT] = APC_MODBUS_READ_INPUT,
+                                              [APC_MODBUS_HOLDING] = APC_MODBUS_READ_HOLDING};
+    unsigned char *pdu = m->frame + APC_MODBUS_HEADER;
+    const unsigned bytes = apc_modbus_is_bit(first->point.area) ? (width + 7) / 8 : 2 * width;
     const unsigned char *reply;
 
     pdu[0] = functions[first->point.area];
-    put_u16(pdu + 1, first->point.address);
-    put_u16(pdu + 3, width);
+    apc_modbus_put(pdu + 1, first->point.address);
+    apc_modbus_put(pdu + 3, width);
     int rc = ask(m, 5, 2 + bytes, &reply);
     if (rc < 0)
         return rc;
@@ -337,7 +297,7 @@ static int modbus_finish(struct apc_exchange *x, struct apc_value *y)
     for (size_t i = 0, n; i < m->n_y; i += n) {
         unsigned width;
 
-        n = together(&m->y[i], m->n_y - i, is_bit(m->y[i].point.area) ? 2000 : 125, false, &width);
+        n = together(&m->y[i], m->n_y - i, apc_modbus_is_bit(m->y[i].point.area) ? 2000 : 125, false, &width);
         int rc = read_together(m, &m->y[i], n, width);
         if (rc < 0)
             return rc;
@@ -350,64 +310,6 @@ static int modbus_finish(struct apc_exchange *x, struct apc_value *y)
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */
-
-static int check_point(const struct apc_modbus_point *p, bool written, const char *what, size_t i,
-                       struct apc_error *why)
-{
-    if (p->area < APC_MODBUS_COIL || p->area > APC_MODBUS_HOLDING || p->type < APC_MODBUS_BIT ||
-        p->type > APC_MODBUS_F64 || is_bit(p->area) != (p->type == APC_MODBUS_BIT))
-        return apc_fail(why, APC_EINVAL,
-                        "modbus: %s %zu: coils and discrete inputs are bits, registers are not", what, i + 1);
-    if (written && p->area != APC_MODBUS_COIL && p->area != APC_MODBUS_HOLDING)
-        return apc_fail(why, APC_EINVAL, "modbus: %s %zu: only coils and holding registers can be written",
-                        what, i + 1);
-    if (p->address + apc_modbus_width(p->type) > 65536 || p->address > 65535)
-        return apc_fail(why, APC_EINVAL, "modbus: %s %zu: address %u is beyond 65535", what, i + 1,
-                        p->address);
-    if (!apc_value_ok(p->scale) || !apc_value_ok(p->offset) || !apc_value_ok(p->safe))
-        return apc_fail(why, APC_EINVAL, "modbus: %s %zu: scale, offset and safe must be finite", what,
-                        i + 1);
-    return 0;
-}
-
-static int by_address(const void *a, const void *b)
-{
-    const struct apc_modbus_point *p = &((const struct item *)a)->point,
-                                  *q = &((const struct item *)b)->point;
-
-    if (p->area != q->area)
-        return p->area < q->area ? -1 : 1;
-    return (p->address > q->address) - (p->address < q->address);
-}
-
-/* @n points and, where there is one, the @last. */
-static int take_points(struct item **items, size_t *count, const struct apc_modbus_point *points, size_t n,
-                       const struct apc_modbus_point *last, bool written, struct apc_error *why)
-{
-    const char *what = written ? "output" : "measurement";
-    struct item *to = calloc(n + 1, sizeof(*to));
-
-    *items = to;
-    if (!to)
-        return apc_fail(why, APC_ENOMEM, "modbus: no memory");
-    *count = n + (last != NULL);
-    for (size_t i = 0; i < *count; i++) {
-        int rc = check_point(i < n ? &points[i] : last, written, i < n ? what : "the sign of life, beside", i,
-                             why);
-
-        if (rc < 0)
-            return rc;
-        to[i] = (struct item){.point = i < n ? points[i] : *last, .of = i};
-        if (to[i].point.scale == 0.0)
-            to[i].point.scale = 1.0;
-    }
-    qsort(to, *count, sizeof(*to), by_address);
-    for (size_t i = 1; i < *count && written; i++)
-        if (to[i].point.area == to[i - 1].point.area && to[i].point.address < end_of(&to[i - 1]))
-            return apc_fail(why, APC_EINVAL, "modbus: two outputs are written to address %u",
-                            to[i].point.address);
-    return 0;
-}
 
 static void modbus_close(struct apc_exchange *x)
 {
@@ -433,14 +335,15 @@ static int take_options(struct modbus *m, const struct apc_exchange_options *opt
                         "modbus: u and y are required, unit is at most 255, and life takes a limit above 0");
     m->unit = o.unit;
     m->life_limit = o.life ? o.life_limit : 0;
-    rc = take_points(&m->u, &m->n_u, o.u, options->nu, o.watchdog, true, why);
-    return rc < 0 ? rc : take_points(&m->y, &m->n_y, o.y, options->ny, o.life, false, why);
+    rc = apc_modbus_take(&m->u, &m->n_u, o.u, options->nu, o.watchdog, true, why);
+    return rc < 0 ? rc : apc_modbus_take(&m->y, &m->n_y, o.y, options->ny, o.life, false, why);
 }
 
 static int modbus_open(struct apc_exchange **x, const char *uri, const struct apc_exchange_options *options,
                        struct apc_error *why)
 {
-    const struct apc_link_options link = {.size = sizeof(link), .frame_max = FRAME_MAX, .whole = whole};
+    const struct apc_link_options link = {
+        .size = sizeof(link), .frame_max = APC_MODBUS_FRAME, .whole = apc_modbus_whole};
     char to[512];
     struct modbus *m = calloc(1, sizeof(*m));
     int rc;

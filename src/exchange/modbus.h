@@ -5,6 +5,26 @@
 
 #include "apcexchange.h"
 
+#define APC_MODBUS_HEADER 7 /**< transaction, protocol, length, unit */
+enum {
+    APC_MODBUS_READ_COILS = 1,
+    APC_MODBUS_READ_DISCRETE,
+    APC_MODBUS_READ_HOLDING,
+    APC_MODBUS_READ_INPUT,
+    APC_MODBUS_WRITE_COIL,
+    APC_MODBUS_WRITE_REGISTER,
+    APC_MODBUS_WRITE_COILS = 15,
+    APC_MODBUS_WRITE_HOLDING
+};
+
+/** A value's place, in a list sorted by area and address. */
+struct apc_modbus_item {
+    struct apc_modbus_point point;
+    size_t of;             /**< its number in u or y; that of the last, beside them: their count */
+    unsigned char data[8]; /**< registers, of u: to be written */
+    bool go;               /**< of u: it is to be written; of a server: it is u's */
+};
+
 /** Registers, or bits, that a value takes: 1, 2 or 4. @p type must be one. [tick] */
 unsigned apc_modbus_width(enum apc_modbus_type type);
 /** A value into as many registers, two bytes each; of a bit: one that is 0 or 1. False: it does not fit.
@@ -12,5 +32,23 @@ unsigned apc_modbus_width(enum apc_modbus_type type);
 bool apc_modbus_encode(const struct apc_modbus_point *p, double value, unsigned char *registers);
 /** Back. False: what stands there is no finite number. [tick] */
 bool apc_modbus_decode(const struct apc_modbus_point *p, const unsigned char *registers, double *value);
+
+/** The value next to @p value that can be written there. [tick] */
+double apc_modbus_nearest(const struct apc_modbus_point *p, double value);
+bool apc_modbus_is_bit(enum apc_modbus_area area);
+/** The address behind it. [tick] */
+unsigned apc_modbus_end(const struct apc_modbus_item *i);
+/** Of two items, for qsort(): area, then address. */
+int apc_modbus_by_place(const void *a, const void *b);
+unsigned apc_modbus_get(const unsigned char *bytes);
+void apc_modbus_put(unsigned char *bytes, unsigned value);
+/**
+ * Sort @p n points and, where there is one, the @p last, into *items, the caller's to free also after a
+ * failure.
+ * @p written: outputs, which must be such as can be written and lie apart. [setup] Returns 0, APC_EINVAL,
+ * APC_ENOMEM.
+ */
+int apc_modbus_take(struct apc_modbus_item **items, size_t *count, const struct apc_modbus_point *points,
+                    size_t n, const struct apc_modbus_point *last, bool written, struct apc_error *why);
 
 #endif

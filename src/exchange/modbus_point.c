@@ -1,11 +1,43 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* A value as registers: types, word order, scale. Bytes of a register go high one first, as Modbus has them.
+/* A value as registers: types, word order, scale, and a map of them. Bytes of a register go high one first,
+ * as Modbus has them.
  */
+#include "base/base_internal.h"
 #include "exchange/modbus.h"
 
 #include <float.h>
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
+
+unsigned apc_modbus_get(const unsigned char *bytes)
+{
+    return (unsigned)bytes[0] << 8 | bytes[1];
+}
+
+void apc_modbus_put(unsigned char *bytes, unsigned value)
+{
+    bytes[0] = (unsigned char)(value >> 8);
+    bytes[1] = (unsigned char)value;
+}
+
+int apc_modbus_whole(const char *text, size_t n)
+{
+    const unsigned char *bytes = (const unsigned char *)text;
+
+    if (n < APC_MODBUS_HEADER - 1)
+        return 0;
+    const unsigned length = apc_modbus_get(bytes + 4);
+    return apc_modbus_get(bytes + 2) == 0 && length >= 2 &&
+                   length <= APC_MODBUS_FRAME - (APC_MODBUS_HEADER - 1)
+               ? (int)length + APC_MODBUS_HEADER - 1
+               : APC_EPROTO;
+}
+
+bool apc_modbus_is_bit(enum apc_modbus_area area)
+{
+    return area == APC_MODBUS_COIL || area == APC_MODBUS_DISCRETE;
+}
 
 unsigned apc_modbus_width(enum apc_modbus_type type)
 {
@@ -16,44 +48,42 @@ unsigned apc_modbus_width(enum apc_modbus_type type)
     return width[type];
 }
 
-/* The whole number next to it, as the bits of a register; false: none of this type. */
-static bool whole(double raw, double least, double most, uint64_t *bits)
-{
-    raw = nearbyint(raw);
-    if (!(raw >= least && raw <= most))
-        return false;
-    *bits = (uint64_t)(int64_t)raw;
-    return true;
-}
+static const struct {
+    double least, most;
+} ranges[] = {[APC_MODBUS_BIT] = {0, 1},
+              [APC_MODBUS_U16] = {0, UINT16_MAX},
+              [APC_MODBUS_S16] = {INT16_MIN, INT16_MAX},
+              [APC_MODBUS_U32] = {0, UINT32_MAX},
+              [APC_MODBUS_S32] = {INT32_MIN, INT32_MAX},
+              [APC_MODBUS_F32] = {-(double)FLT_MAX, (double)FLT_MAX},
+              [APC_MODBUS_F64] = {-DBL_MAX, DBL_MAX}};
 
 static bool to_bits(enum apc_modbus_type type, double raw, uint64_t *bits)
 {
     uint32_t half;
     float single;
 
-    switch (type) {
-    case APC_MODBUS_BIT:
-        return whole(raw, 0, 1, bits);
-    case APC_MODBUS_U16:
-        return whole(raw, 0, UINT16_MAX, bits);
-    case APC_MODBUS_S16:
-        return whole(raw, INT16_MIN, INT16_MAX, bits);
-    case APC_MODBUS_U32:
-        return whole(raw, 0, UINT32_MAX, bits);
-    case APC_MODBUS_S32:
-        return whole(raw, INT32_MIN, INT32_MAX, bits);
-    case APC_MODBUS_F32:
-        if (!(fabs(raw) <= (double)FLT_MAX))
-            return false;
+    if (type < APC_MODBUS_F32)
+        raw = nearbyint(raw);
+    if (!(raw >= ranges[type].least && raw <= ranges[type].most))
+        return false;
+    if (type == APC_MODBUS_F64) {
+        memcpy(bits, &raw, sizeof(*bits));
+    } else if (type == APC_MODBUS_F32) {
         single = (float)raw;
         memcpy(&half, &single, sizeof(half));
         *bits = half;
-        return true;
-    case APC_MODBUS_F64:
-        memcpy(bits, &raw, sizeof(*bits));
-        return isfinite(raw);
+    } else {
+        *bits = (uint64_t)(int64_t)raw;
     }
-    return false;
+    return true;
+}
+
+double apc_modbus_nearest(const struct apc_modbus_point *p, double value)
+{
+    const double raw = (value - p->offset) / p->scale;
+
+    return p->scale * fmin(fmax(raw, ranges[p->type].least), ranges[p->type].most) + p->offset;
 }
 
 static double of_bits(enum apc_modbus_type type, uint64_t bits)
@@ -119,4 +149,68 @@ bool apc_modbus_decode(const struct apc_modbus_point *p, const unsigned char *re
         bits |= (uint64_t)((unsigned)registers[0] << 8 | registers[1]) << 16 * word_at(p, i, n);
     *value = p->scale * of_bits(p->type, bits) + p->offset;
     return isfinite(*value);
+}
+
+/* ---- A map ----------------------------------------------------------------------------------- */
+
+unsigned apc_modbus_end(const struct apc_modbus_item *i)
+{
+    return i->point.address + apc_modbus_width(i->point.type);
+}
+
+static int check_point(const struct apc_modbus_point *p, bool written, const char *what, size_t i,
+                       struct apc_error *why)
+{
+    if (p->area < APC_MODBUS_COIL || p->area > APC_MODBUS_HOLDING || p->type < APC_MODBUS_BIT ||
+        p->type > APC_MODBUS_F64 || apc_modbus_is_bit(p->area) != (p->type == APC_MODBUS_BIT))
+        return apc_fail(why, APC_EINVAL,
+                        "modbus: %s %zu: coils and discrete inputs are bits, registers are not", what, i + 1);
+    if (written && p->area != APC_MODBUS_COIL && p->area != APC_MODBUS_HOLDING)
+        return apc_fail(why, APC_EINVAL, "modbus: %s %zu: only coils and holding registers can be written",
+                        what, i + 1);
+    if (p->address + apc_modbus_width(p->type) > 65536 || p->address > 65535)
+        return apc_fail(why, APC_EINVAL, "modbus: %s %zu: address %u is beyond 65535", what, i + 1,
+                        p->address);
+    if (!apc_value_ok(p->scale) || !apc_value_ok(p->offset) || !apc_value_ok(p->safe))
+        return apc_fail(why, APC_EINVAL, "modbus: %s %zu: scale, offset and safe must be finite", what,
+                        i + 1);
+    return 0;
+}
+
+int apc_modbus_by_place(const void *a, const void *b)
+{
+    const struct apc_modbus_point *p = &((const struct apc_modbus_item *)a)->point,
+                                  *q = &((const struct apc_modbus_item *)b)->point;
+
+    if (p->area != q->area)
+        return p->area < q->area ? -1 : 1;
+    return (p->address > q->address) - (p->address < q->address);
+}
+
+int apc_modbus_take(struct apc_modbus_item **items, size_t *count, const struct apc_modbus_point *points,
+                    size_t n, const struct apc_modbus_point *last, bool written, struct apc_error *why)
+{
+    const char *what = written ? "output" : "measurement";
+    struct apc_modbus_item *to = calloc(n + 1, sizeof(*to));
+
+    *items = to;
+    if (!to)
+        return apc_fail(why, APC_ENOMEM, "modbus: no memory");
+    *count = n + (last != NULL);
+    for (size_t i = 0; i < *count; i++) {
+        int rc = check_point(i < n ? &points[i] : last, written, i < n ? what : "the sign of life, beside", i,
+                             why);
+
+        if (rc < 0)
+            return rc;
+        to[i] = (struct apc_modbus_item){.point = i < n ? points[i] : *last, .of = i};
+        if (to[i].point.scale == 0.0)
+            to[i].point.scale = 1.0;
+    }
+    qsort(to, *count, sizeof(*to), apc_modbus_by_place);
+    for (size_t i = 1; i < *count && written; i++)
+        if (to[i].point.area == to[i - 1].point.area && to[i].point.address < apc_modbus_end(&to[i - 1]))
+            return apc_fail(why, APC_EINVAL, "modbus: two outputs are written to address %u",
+                            to[i].point.address);
+    return 0;
 }

@@ -53,7 +53,7 @@ static void read_rhythm(struct settings *s, const config_setting_t *group, const
     models_read_task(s, group, task, &rhythm->model, recordings);
 }
 
-/* tcp:HOST:PORT; more is said when it is used. */
+/* tcp:HOST:PORT or modbus:HOST:PORT; more is said when it is used. */
 static void read_address(struct settings *s, const config_setting_t *group, const char *name, long least,
                          char *value, size_t size)
 {
@@ -61,13 +61,14 @@ static void read_address(struct settings *s, const config_setting_t *group, cons
     const char *colon = strrchr(value, ':');
     size_t digits = colon ? strspn(colon + 1, "0123456789") : 0;
     long port = digits > 0 && digits < 6 && !colon[1 + digits] ? strtol(colon + 1, NULL, 10) : -1;
-    const bool modbus = least > 0 && !strncmp(value, "modbus:", 7);
+    const bool modbus = !strncmp(value, "modbus:", 7);
     const char *host = value + (modbus ? 7 : 4);
     if (!s->failed && ((!modbus && strncmp(value, "tcp:", 4) != 0) || *host == '/' || colon <= host ||
                        port < least || port > 65535))
-        settings_fail(s, config_setting_get_member(group, name),
-                      "\"%s\" is \"%s\": must be tcp:HOST:PORT, such as \"tcp:127.0.0.1:%d\"%s", name, value,
-                      APC_PORT, least > 0 ? ", or modbus:HOST:PORT" : "");
+        settings_fail(
+            s, config_setting_get_member(group, name),
+            "\"%s\" is \"%s\": must be tcp:HOST:PORT, such as \"tcp:127.0.0.1:%d\", or modbus:HOST:PORT",
+            name, value, APC_PORT);
 }
 
 /* Text is a distribution, the value its mean. */
@@ -197,6 +198,19 @@ static void read_model(struct settings *s, const config_setting_t *group, struct
     experiment_read_dynamics(s, group, e, chosen);
 }
 
+/* A plant of ours speaks what its client speaks, and without a word where it asks. */
+static void check_language(struct settings *s, const config_setting_t *group, struct experiment *e)
+{
+    const config_setting_t *listen = config_setting_get_member(group, "listen");
+    const bool client = e->client.modbus.size > 0;
+    if (client && !listen)
+        memcpy(e->plant.listen, e->client.link, sizeof e->plant.listen);
+    else if (!s->failed && client != !strncmp(e->plant.listen, "modbus:", 7))
+        settings_fail(s, listen,
+                      "\"listen\" is \"%s\" and \"link\" of the client \"%s\": one language for both",
+                      e->plant.listen, e->client.link);
+}
+
 static void read_plant(struct settings *s, const config_setting_t *root, struct experiment *e,
                        bool resolve_model, bool wanted, const char *override, const struct record *record)
 {
@@ -215,8 +229,8 @@ static void read_plant(struct settings *s, const config_setting_t *root, struct 
         read_rhythm(s, group, "plant", 0, &e->plant.rhythm, &e->models.recordings);
     settings_text(s, group, "model", external ? OPTIONAL : REQUIRED, e->plant.name, sizeof e->plant.name);
     read_address(s, group, "listen", 0, e->plant.listen, sizeof e->plant.listen);
-    if (!external && e->client.modbus.size)
-        settings_fail(s, group, "the client's link is modbus:, so the plant is external = true");
+    if (!external)
+        check_language(s, group, e);
     if (external && config_setting_get_member(group, "listen"))
         settings_fail(s, config_setting_get_member(group, "listen"),
                       "\"listen\" of an external plant: where it is, is said by \"link\" of the client");

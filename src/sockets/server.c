@@ -52,6 +52,7 @@ struct connection {
     size_t line;           /* length of the whole request at from; 0: none, and from is 0 */
     size_t sent, length;   /* of the reply; equal: none pending */
     bool end;              /* the peer sends no more */
+    bool alien;            /* what stands at from is no frame */
     apc_ns since;
 };
 
@@ -118,18 +119,26 @@ static bool answering(const struct connection *c)
     return c->sent < c->length;
 }
 
-/* Look for the end of the first request. Bytes before @at were searched already. */
-static void find_line(struct connection *c, size_t at)
+/* Look for the end of the first request. Bytes before @at were searched already for a newline. */
+static void find_end(struct apc_server *s, struct connection *c, size_t at)
 {
-    const char *newline = memchr(c->request + at, '\n', c->have - at);
-    c->line = newline ? (size_t)(newline + 1 - (c->request + c->from)) : 0;
+    const size_t have = c->have - c->from;
+
+    if (!s->options.whole) {
+        const char *newline = memchr(c->request + at, '\n', c->have - at);
+        c->line = newline ? (size_t)(newline + 1 - (c->request + c->from)) : 0;
+        return;
+    }
+    const int length = have ? s->options.whole(c->request + c->from, have) : 0;
+    c->line = length > 0 && (size_t)length <= have ? (size_t)length : 0;
+    c->alien = length < 0 || (size_t)length > s->options.frame_max;
 }
 
 /* On to the next request. Bytes are moved only when no whole one is left, so once each. */
-static void drop_line(struct connection *c)
+static void drop_request(struct apc_server *s, struct connection *c)
 {
     c->from += c->line;
-    find_line(c, c->from);
+    find_end(s, c, c->from);
     if (!c->line) {
         c->have -= c->from;
         memmove(c->request, c->request + c->from, c->have);
@@ -145,7 +154,7 @@ static void fill(struct apc_server *s, struct connection *c, apc_ns now)
         if (c->have == 0)
             c->since = now;
         c->have += (size_t)n;
-        find_line(c, c->have - (size_t)n);
+        find_end(s, c, c->have - (size_t)n);
         if (!c->line && c->have == s->options.frame_max)
             reject(s, c, "a frame is too long", now);
     } else if (n == 0) {
@@ -182,7 +191,7 @@ static void answer(struct apc_server *s, struct connection *c, apc_ns now)
     c->length = (size_t)n;
     c->since = now;
     flush(s, c, now);
-    drop_line(c);
+    drop_request(s, c);
 }
 
 /* Close a connection that has nothing more to say, or took too long to say it. */
@@ -190,7 +199,9 @@ static void expire(struct apc_server *s, struct connection *c, apc_ns now)
 {
     bool late = now - c->since >= s->options.frame_timeout;
 
-    if (answering(c)) {
+    if (c->alien && !answering(c)) {
+        reject(s, c, "not a frame of this link", now);
+    } else if (answering(c)) {
         if (late)
             reject(s, c, "it did not take its reply in time", now);
     } else if (c->line) {
@@ -278,7 +289,7 @@ static short events_of(const struct connection *c)
 {
     if (answering(c))
         return POLLOUT;
-    return c->line || c->end ? 0 : POLLIN;
+    return c->line || c->end || c->alien ? 0 : POLLIN;
 }
 
 /* Fill polls[]; when the next thing happens by itself. */
@@ -296,9 +307,9 @@ static apc_ns prepare(struct apc_server *s, nfds_t *n)
             continue;
         s->polls[*n] = (struct pollfd){.fd = c->fd, .events = events_of(c)};
         s->polled[(*n)++] = c;
-        if (answering(c) || (c->have > 0 && !c->line))
+        if (answering(c) || (c->have > 0 && !c->line && !c->alien))
             at = c->since + s->options.frame_timeout;
-        else if (c->line || c->end)
+        else if (c->line || c->end || c->alien)
             at = 0;
         if (at < next)
             next = at;

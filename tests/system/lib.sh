@@ -82,6 +82,22 @@ fast_experiment() {
     "$APC_SOURCE_DIR/experiments/first-order.conf" >"$work/fast.conf"
 }
 
+# pymodbus: where it can be had, by the lock in tests/peers: its folder is $peers; elsewhere the test ends as skipped
+pymodbus() {
+  peers=$APC_BUILD_DIR/tests/peers
+  exec 9>"$peers.lock"
+  flock 9
+  if [ ! -d "$peers/pymodbus" ]; then
+    if ! python3 -m pip install --quiet --no-deps --require-hashes --target "$peers.new" \
+      -r "$APC_SOURCE_DIR/tests/peers/requirements.txt" >"$peers.log" 2>&1; then
+      echo "skipped: pymodbus cannot be had here (Python 3.10 or newer, with pip): see $peers.log" >&2
+      exit 77
+    fi
+    mv "$peers.new" "$peers"
+  fi
+  exec 9>&-
+}
+
 # two_layers: what follows a name and a duration in the file of two controllers of the plant at $port, one above the other
 two_layers() {
   cat <<CONF

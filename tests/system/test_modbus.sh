@@ -4,19 +4,7 @@
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 
-skip() {
-  echo "skipped: $*" >&2
-  exit 77
-}
-peers=$APC_BUILD_DIR/tests/peers
-exec 9>"$peers.lock"
-flock 9
-if [ ! -d "$peers/pymodbus" ]; then
-  python3 -m pip install --quiet --no-deps --require-hashes --target "$peers.new" -r "$APC_SOURCE_DIR/tests/peers/requirements.txt" \
-    >"$peers.log" 2>&1 || skip "pymodbus cannot be had here (Python 3.10 or newer, with pip): see $peers.log"
-  mv "$peers.new" "$peers"
-fi
-exec 9>&-
+pymodbus
 
 fast_experiment
 sed -e '/^plant = {$/,/^};/c plant = { external = true; };' \

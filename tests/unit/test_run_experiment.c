@@ -424,10 +424,14 @@ static void a_map_with_a_mistake_is_refused_with_its_reason(void **state)
          "5: \"modbus\" is missing in client"},
         {"plant = { external = true; }; client = { period = 1.0; modbus = { map = (); }; };",
          "\"modbus\" is only for a link that begins with modbus:"},
-        {"plant = { model = \"quadruple-tank\"; period = 1.0; }; client = { period = 1.0; link = "
-         "\"modbus:plc:502\"; modbus "
-         "= { map = ( " Y1_Y2 ", " U1_U2 " ); }; };",
-         "so the plant is external = true"},
+        {"plant = { model = \"quadruple-tank\"; period = 1.0; listen = \"tcp:127.0.0.1:43051\"; }; client = "
+         "{ "
+         "period = 1.0; link = \"modbus:plc:502\"; modbus = { map = ( " Y1_Y2 ", " U1_U2 " ); }; };",
+         "\"listen\" is \"tcp:127.0.0.1:43051\" and \"link\" of the client \"modbus:plc:502\": one language"},
+        {"plant = { model = \"quadruple-tank\"; period = 1.0; listen = \"modbus:127.0.0.1:502\"; }; client = "
+         "{ "
+         "period = 1.0; };",
+         "one language for both"},
         {"plant = { external = true; }; client = { period = 1.0; link = \"modbus:plc\"; };",
          "or modbus:HOST:PORT"},
         {"plant = { external = true; }; client = { period = 1.0; link = \"modbus:plc:0\"; };",
