@@ -6,10 +6,10 @@
  * Tags on functions: [setup] may allocate and block; [any] any thread, any time;
  * [tick] safe inside a periodic task: no allocation, no unbounded wait, no synchronous output.
  *
- * A struct of options begins with its size: a program goes on with a library whose struct has become longer.
- * What the library fills (struct apc_store_stats, apc_spool_info, apc_timing, apc_server_stats, apc_event,
- * apc_tag, ...) has no size yet, and may become longer with each minor version. So before 1.0 a program runs
- * with the minor version that it was built for: the soname is libapc.so.MAJOR.MINOR.
+ * A struct of options, and one that the library fills, begins with its size: a program goes on with a library
+ * whose struct has become longer. Those without a size are formats: rows, elements of arrays, what is passed
+ * by value. They may change with a minor version, so before 1.0 a program runs with the minor version that it
+ * was built for: the soname is libapc.so.MAJOR.MINOR.
  */
 #ifndef APCBASE_H
 #define APCBASE_H

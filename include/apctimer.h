@@ -99,6 +99,7 @@ APC_API size_t apc_histogram_bins(const struct apc_histogram *histogram, struct 
 
 /** What a task knows of its own timing. */
 struct apc_timing {
+    size_t size;                 /**< sizeof the struct, set by the caller: no more than that is filled */
     uint64_t ticks;              /**< calls that returned */
     uint64_t missed;             /**< as apc_task_missed() */
     struct apc_summary lateness; /**< started - scheduled */

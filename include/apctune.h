@@ -37,6 +37,7 @@ APC_API int apc_tune_pid(const struct apc_transfer *g, enum apc_tune_rule rule, 
 
 /** HUGE_VAL: there is no limit. */
 struct apc_margins {
+    size_t size;        /**< sizeof the struct, set by the caller: no more than that is filled */
     double gain;        /**< by this factor the loop's gain may grow */
     double phase;       /**< degrees */
     double delay;       /**< s of dead time more */

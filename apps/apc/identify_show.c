@@ -161,7 +161,7 @@ static int show_tunings(const struct identification *z)
                                                   {"delay s", PRINT_POINT}, {"peak", PRINT_POINT}};
     const size_t inputs = z->data.record.nu + z->data.record.nd;
     struct apc_pid_tuning tuning;
-    struct apc_margins m;
+    struct apc_margins m = {.size = sizeof m};
     struct apc_error why;
     struct print_table t;
 
@@ -237,7 +237,7 @@ static void json_transfer(const char *key, const struct apc_transfer *g)
 static void json_tunings(const struct identification *z, size_t p)
 {
     struct apc_pid_tuning t;
-    struct apc_margins m;
+    struct apc_margins m = {.size = sizeof m};
     struct apc_error why;
 
     fputs(",\"simc\":[", stdout);

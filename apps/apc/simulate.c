@@ -311,7 +311,7 @@ static void print_controller(const struct simulate *r, const struct simulated *c
 static void print_tasks(const struct simulate *r)
 {
     struct apc_inproc_stats link = {.size = sizeof link};
-    struct apc_timing timing;
+    struct apc_timing timing = {.size = sizeof timing};
     for (size_t i = 0; i < r->s.n_tasks; i++) {
         apc_task_timing(r->s.task[i].task, &timing);
         if (timing.missed > 0)
@@ -369,7 +369,7 @@ static void print_json_parameters(const struct simulate *r)
 static void print_json(const struct simulate *r, const struct figures *figures)
 {
     struct apc_inproc_stats link = {.size = sizeof link};
-    struct apc_timing timing;
+    struct apc_timing timing = {.size = sizeof timing};
     putchar('{');
     print_json_text(stdout, "experiment", r->e.name);
     putchar(',');

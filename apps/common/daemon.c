@@ -475,7 +475,7 @@ static void leave_hung_tick(struct daemon *d, const struct apc_task *task, apc_n
 
 static void report_spin(const struct daemon *d, const struct apc_task *task)
 {
-    struct apc_timing timing;
+    struct apc_timing timing = {.size = sizeof timing};
     apc_task_timing(task, &timing);
     if (d->options.spin)
         apc_log_write(d->log, APC_LOG_INFO, "spinning took %.1f %% of a CPU; the margin was %.0f us at last",

@@ -159,7 +159,8 @@ int apc_tune_margins(const struct apc_transfer *g, const struct apc_pid_tuning *
     const double late = g->dead_time + period / 2.0,
                  all = g->tau[0] + g->tau[1] + late + tuning->tau_i + tuning->tau_d,
                  integrators = (double)g->integrating + (tuning->tau_i > 0.0);
-    struct sweep s = {.margins = margins};
+    struct apc_margins found = {.gain = HUGE_VAL, .phase = HUGE_VAL, .delay = HUGE_VAL};
+    struct sweep s = {.margins = &found};
     double m0 = 0.0, p0 = 0.0, w0 = 0.0, lowest, shortest = HUGE_VAL;
     const double times[] = {g->tau[0], g->tau[1], late, tuning->tau_i, tuning->tau_d};
 
@@ -171,7 +172,6 @@ int apc_tune_margins(const struct apc_transfer *g, const struct apc_pid_tuning *
     for (size_t i = 0; i < sizeof times / sizeof *times; i++)
         shortest = times[i] > 0.0 ? fmin(shortest, times[i]) : shortest;
     lowest = 1e-4 / all;
-    *margins = (struct apc_margins){HUGE_VAL, HUGE_VAL, HUGE_VAL, 0.0, false};
     for (int i = 0; i <= POINTS; i++) {
         const double w = lowest * pow(100.0 / shortest / lowest, (double)i / POINTS);
         double m, p;
@@ -188,6 +188,7 @@ int apc_tune_margins(const struct apc_transfer *g, const struct apc_pid_tuning *
         p0 = p;
         w0 = w;
     }
-    margins->stable = fabs(s.turned) < M_PI_2;
+    found.stable = fabs(s.turned) < M_PI_2;
+    apc_result_copy(margins, &found, sizeof found);
     return 0;
 }

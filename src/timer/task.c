@@ -354,15 +354,17 @@ void apc_task_destroy(struct apc_task *task)
 
 void apc_task_timing(const struct apc_task *task, struct apc_timing *timing)
 {
-    timing->ticks = atomic_load_explicit(&task->ticks, memory_order_relaxed);
-    timing->missed = apc_task_missed(task);
-    apc_histogram_summary(task->lateness, &timing->lateness);
-    apc_histogram_summary(task->jitter, &timing->jitter);
-    apc_histogram_summary(task->run, &timing->run);
-    apc_ns lasted = atomic_load_explicit(&task->lasted, memory_order_relaxed);
-    timing->spin_margin = atomic_load_explicit(&task->spin_margin, memory_order_relaxed);
-    timing->spin_share =
-        lasted > 0 ? (double)atomic_load_explicit(&task->spun, memory_order_relaxed) / (double)lasted : 0.0;
+    const apc_ns lasted = atomic_load_explicit(&task->lasted, memory_order_relaxed);
+    const double spun = (double)atomic_load_explicit(&task->spun, memory_order_relaxed);
+    struct apc_timing all = {.ticks = atomic_load_explicit(&task->ticks, memory_order_relaxed),
+                             .missed = apc_task_missed(task),
+                             .spin_margin = atomic_load_explicit(&task->spin_margin, memory_order_relaxed),
+                             .spin_share = lasted > 0 ? spun / (double)lasted : 0.0};
+
+    apc_histogram_summary(task->lateness, &all.lateness);
+    apc_histogram_summary(task->jitter, &all.jitter);
+    apc_histogram_summary(task->run, &all.run);
+    apc_result_copy(timing, &all, sizeof(all));
 }
 
 /* Ticks whose instants have passed since that of the one that is due, or runs. */

@@ -11,7 +11,7 @@ static void simc_has_the_margins_of_its_table(void **state)
     static const struct apc_transfer lag = {.gain = -2.5, .tau = {7.0}, .dead_time = 1.0},
                                      integrator = {.gain = 0.3, .integrating = true, .dead_time = 2.0};
     struct apc_pid_tuning t;
-    struct apc_margins m;
+    struct apc_margins m = {.size = sizeof m};
     (void)state;
 
     assert_int_equal(apc_tune_pid(&lag, APC_TUNE_SIMC, false, 0.0, 0.0, &t, NULL), 0);
@@ -94,7 +94,7 @@ static void margins_are_where_the_loop_begins_to_oscillate(void **state)
 {
     const struct apc_transfer g = {.gain = 1.0, .tau = {1.0}, .dead_time = 1.0};
     const struct apc_pid_tuning calm = {.Kp = 1.5}, wild = {.Kp = 4.0};
-    struct apc_margins m;
+    struct apc_margins m = {.size = sizeof m};
     const double w = 2.0287578381, limit = sqrt(1.0 + w * w); /* tan w = -w; Kp may be that */
     const double crossing = sqrt(1.5 * 1.5 - 1.0);
     (void)state;
@@ -107,6 +107,12 @@ static void margins_are_where_the_loop_begins_to_oscillate(void **state)
     assert_false(m.stable);
     assert_int_equal(apc_tune_margins(&g, &(struct apc_pid_tuning){.Kp = -1.5}, 0.0, &m, NULL), 0);
     assert_false(m.stable);
+
+    m = (struct apc_margins){.size = offsetof(struct apc_margins, phase),
+                             .phase = 7.0}; /* an older caller's */
+    assert_int_equal(apc_tune_margins(&g, &calm, 0.0, &m, NULL), 0);
+    assert_near(m.gain, limit / 1.5, 1e-4);
+    assert_near(m.phase, 7.0, 0.0);
 }
 
 static void what_no_rule_is_for_is_refused(void **state)

@@ -116,7 +116,7 @@ static void calls_lie_on_the_grid_and_the_numbers_add_up(void **state)
 {
     struct bench *b = set_up(*state, (struct apc_task_options){.period = 2 * MS}, NULL);
     const struct record *r = &b->r;
-    struct apc_timing timing;
+    struct apc_timing timing = {.size = sizeof timing};
     uint64_t followed = 0, missed = 0;
 
     start(b);
@@ -331,7 +331,7 @@ static void aligned_tasks_tick_on_the_wall_clocks_grid_and_agree_on_the_index(vo
     struct bench *b =
         set_up(*state, (struct apc_task_options){.period = period, .start = phase, .aligned = true}, &clock);
     apc_ns from = apc_clock_mono(NULL);
-    struct apc_timing timing;
+    struct apc_timing timing = {.size = sizeof timing};
 
     start(b);
     ticks(b, 3);
@@ -510,7 +510,7 @@ static void a_spinning_task_keeps_its_grid_and_its_bounds(void **state)
     for (size_t i = 0; i < sizeof periods / sizeof *periods; i++) {
         struct bench *b =
             set_up("deadline", (struct apc_task_options){.period = periods[i], .spin = true}, NULL);
-        struct apc_timing timing;
+        struct apc_timing timing = {.size = sizeof timing};
         start(b);
         ticks(b, 20);
         assert_int_equal(apc_task_stop(b->task), 0);
@@ -530,7 +530,7 @@ static void a_spinning_task_keeps_its_grid_and_its_bounds(void **state)
 static void a_task_that_does_not_spin_says_so(void **state)
 {
     struct bench *b = set_up(*state, (struct apc_task_options){.period = MS}, NULL);
-    struct apc_timing timing;
+    struct apc_timing timing = {.size = sizeof timing};
     start(b);
     ticks(b, 3);
     apc_task_timing(b->task, &timing);

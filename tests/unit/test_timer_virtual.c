@@ -194,7 +194,7 @@ static void what_a_callback_made_takes_effect_at_its_end(void **state)
 {
     struct apc_executive *e = make();
     struct unit slow = {0}, other = {0};
-    struct apc_timing timing;
+    struct apc_timing timing = {.size = sizeof timing};
     (void)state;
     begin(&slow, e, "a", (struct apc_task_options){.period = 2 * S},
           &(struct apc_virtual_model){.execution = constant(1.5), .finish = on_finish});
@@ -207,6 +207,10 @@ static void what_a_callback_made_takes_effect_at_its_end(void **state)
     assert_int_equal(timing.run.max, 1500 * MS);
     assert_int_equal(timing.lateness.max, 0);
     assert_int_equal(timing.missed, 0);
+    timing = (struct apc_timing){.size = offsetof(struct apc_timing, missed), .missed = 7}; /* an older one */
+    apc_task_timing(slow.task, &timing);
+    assert_true(timing.ticks > 0);
+    assert_int_equal(timing.missed, 7);
     apc_task_destroy(slow.task);
     apc_task_destroy(other.task);
     apc_executive_destroy(e);
@@ -228,7 +232,7 @@ static void an_overrun_follows_its_policy(void **state)
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         struct apc_executive *e = make();
         struct unit u = {0};
-        struct apc_timing timing;
+        struct apc_timing timing = {.size = sizeof timing};
         begin(&u, e, "a", (struct apc_task_options){.period = 1 * S, .overrun = cases[i].policy},
               &(struct apc_virtual_model){.execution = constant(2.5), .finish = on_finish});
         apc_virtual_run(e, now(e) + 8 * S);
@@ -278,7 +282,7 @@ static void jitter_delays_ticks_and_moves_no_grid(void **state)
 {
     struct apc_executive *e = make();
     struct unit u = {0};
-    struct apc_timing timing;
+    struct apc_timing timing = {.size = sizeof timing};
     (void)state;
     begin(&u, e, "a", (struct apc_task_options){.period = 100 * MS},
           &(struct apc_virtual_model){.jitter = {APC_UNIFORM, 0.001, 0.003, NULL, 0}, .seed = 4});
