@@ -67,10 +67,12 @@ static void look_beside(const struct plant *p, struct order *o, const struct loo
         snprintf(b->name, sizeof b->name, "%.57s.owner", p->tag[plant_find(p, table, id)].name);
         return;
     }
-    if (!loop || table == APC_TUNING || (table != APC_MANUAL && loop->above < 0))
+    const struct apc_sample row = {.table = table, .id = id};
+    const int owned = table == APC_OPMODE && (!loop || loop->above >= 0) ? loops_owned(&p->loops, &row) : 0;
+    if (!owned && !(loop && (table == APC_MANUAL || (table == APC_SETPOINT && loop->above >= 0))))
         return;
-    b->now = table == APC_OPMODE ? (struct apc_sample){.table = APC_SETPOINT, .id = loop->setpoint}
-                                 : (struct apc_sample){.table = APC_OPMODE, .id = loop->id};
+    b->now = owned ? (struct apc_sample){.table = APC_SETPOINT, .id = owned}
+                   : (struct apc_sample){.table = APC_OPMODE, .id = loop->id};
     const int at = plant_find(p, b->now.table, b->now.id);
     snprintf(b->name, sizeof b->name, "%s", at < 0 ? "" : p->tag[at].name);
 }
@@ -175,6 +177,32 @@ static bool read_mode(struct ui *ui, struct request *r, const json_t *body, stru
     return fault_set(&r->fault, 422, "value", "mode", "\"mode\" must be Man, Auto, Cas or OOS");
 }
 
+/* Of a setpoint that the scheduler moves. */
+static bool read_owner(struct ui *ui, struct request *r, const json_t *body, struct order *o)
+{
+    const char *owner;
+    int64_t id, seq;
+    bool cascade = false, scheduled = false;
+    if (!member_whole(body, "id", 1, &id, &r->fault) || !member_text(body, "owner", &owner, &r->fault) ||
+        !member_whole(body, "seq", 0, &seq, &r->fault))
+        return false;
+    const bool remote = strcmp(owner, loops_owner_name(false)) == 0;
+    if (!remote && strcmp(owner, loops_owner_name(true)) != 0)
+        return fault_set(&r->fault, 422, "value", "owner", "\"owner\" must be Local or Remote");
+    pthread_mutex_lock(&ui->model.mutex);
+    const struct loops *loops = &ui->model.plant.loops;
+    const struct loops_loop *loop = id <= INT32_MAX ? loops_of(loops, APC_SETPOINT, (int)id) : NULL;
+    scheduled = id <= INT32_MAX && loops_scheduled(loops, (int)id);
+    cascade = loop && loop->above >= 0;
+    pthread_mutex_unlock(&ui->model.mutex);
+    if (scheduled)
+        return order_change(ui, r, o, APC_OPMODE, LOOPS_OWNER((int)id), remote, seq);
+    return cascade ? fault_set(&r->fault, 422, "value", "id",
+                               "a loop moves setpoint.%" PRId64 ": it is that one's in mode Cas", id)
+                   : fault_set(&r->fault, 404, "variable", "id",
+                               "there is no setpoint.%" PRId64 " that a scheduler moves", id);
+}
+
 static bool read_tuning(struct ui *ui, struct request *r, const json_t *body, struct order *o)
 {
     static const char *const members[] = {"id", "value", "seq", NULL};
@@ -196,16 +224,20 @@ static bool read_order(struct ui *ui, struct request *r, struct order *o)
 {
     static const char *const value_members[] = {"id", "value", "seq", "key", NULL};
     static const char *const mode_members[] = {"id", "mode", "seq", "key", NULL};
+    static const char *const owner_members[] = {"id", "owner", "seq", "key", NULL};
     static const char *const tuning_members[] = {"values", "key", NULL};
     enum write_kind kind = o->write.kind;
     json_t *body = body_parse(r->body, r->n,
                               kind == WRITE_MODE     ? mode_members
+                              : kind == WRITE_OWNER  ? owner_members
                               : kind == WRITE_TUNING ? tuning_members
                                                      : value_members,
                               &r->fault);
     bool ok = body && read_key(r, body, o);
     if (ok && kind == WRITE_MODE)
         ok = read_mode(ui, r, body, o);
+    else if (ok && kind == WRITE_OWNER)
+        ok = read_owner(ui, r, body, o);
     else if (ok && kind == WRITE_TUNING)
         ok = read_tuning(ui, r, body, o);
     else if (ok)
@@ -452,6 +484,11 @@ void post_output(struct ui *ui, struct request *r, struct apc_store *store)
 void post_mode(struct ui *ui, struct request *r, struct apc_store *store)
 {
     write_order(ui, r, store, WRITE_MODE);
+}
+
+void post_owner(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    write_order(ui, r, store, WRITE_OWNER);
 }
 
 void post_tuning(struct ui *ui, struct request *r, struct apc_store *store)

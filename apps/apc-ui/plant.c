@@ -29,11 +29,11 @@ bool ref_parse(const char *ref, enum apc_table *table, int *id)
 
 /* ---- Taking over -------------------------------------------------------------------------- */
 
-/* The mode of all loops is nobody's. */
+/* The mode of all loops is nobody's; whose a setpoint is, is the scheduler's matter. */
 static bool shown(const struct apc_tag *tag)
 {
     return tag->table == APC_OPMODE
-               ? tag->controller[0] != '\0'
+               ? tag->controller[0] != '\0' || loops_is_owner_id(tag->id)
                : (tag->table < APC_STATE && tag->table != APC_DIM) || tag->table == APC_ACTUAL;
 }
 
@@ -344,6 +344,8 @@ static void loop_json(const struct plant *p, const struct loops_loop *loop, stru
     partner_json(t, "setpoint", APC_SETPOINT, loop->setpoint);
     partner_json(t, "output", loop->table, loop->output);
     partner_json(t, "manual", APC_MANUAL, loop->manual);
+    partner_json(t, "owner", APC_OPMODE,
+                 loops_scheduled(&p->loops, loop->setpoint) ? LOOPS_OWNER(loop->setpoint) : 0);
     if (loop->above >= 0)
         text_add(t, ",\"above\":%d", p->loops.at[loop->above].id);
     else

@@ -20,6 +20,7 @@ const struct route routes[] = {
     {"POST", "/api/setpoint", ROLE_OPERATOR, WRITER, post_setpoint, "", "write a setpoint"},
     {"POST", "/api/output", ROLE_OPERATOR, WRITER, post_output, "", "write an output in mode Man"},
     {"POST", "/api/mode", ROLE_OPERATOR, WRITER, post_mode, "", "change the target mode"},
+    {"POST", "/api/owner", ROLE_OPERATOR, WRITER, post_owner, "", "take a setpoint, or give it back"},
     {"POST", "/api/tuning", ROLE_OPERATOR, WRITER, post_tuning, "", "change tunings"},
     {"GET", "/events", ROLE_OBSERVER, STREAM, NULL, "last", "Server-Sent Events"},
     {"GET", "/metrics", ROLE_OBSERVER, DIRECT, get_metrics, "", "figures for Prometheus"},

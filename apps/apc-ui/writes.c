@@ -68,6 +68,7 @@ void write_json(const struct write *write, struct text *t)
     static const char *const kinds[] = {[WRITE_SETPOINT] = "setpoint",
                                         [WRITE_OUTPUT] = "output",
                                         [WRITE_MODE] = "mode",
+                                        [WRITE_OWNER] = "owner",
                                         [WRITE_TUNING] = "tuning"};
     static const char *const states[] = {
         [WRITE_BEGUN] = "unknown",         [WRITE_ACCEPTED] = "accepted", [WRITE_APPLIED] = "applied",
@@ -232,6 +233,21 @@ static enum outcome judge(const struct seen *seen, const struct apc_sample *s)
     return outcome_of(&one);
 }
 
+/* Local it is with the row itself. Given back, it is the scheduler's once that has written the step that is
+ * due over the setpoint, which went along. */
+static enum outcome judge_owner(const struct seen *seen, const struct write *write)
+{
+    const struct apc_sample *ours = &write->change[0].after, *now = newest(seen, ours->table, ours->id),
+                            *along = write->n > 1 ? &write->change[1].after : NULL,
+                            *setpoint = along ? newest(seen, along->table, along->id) : NULL;
+    if (!now || now->seq < ours->seq)
+        return OUTCOME_WAITING;
+    if (now->seq > ours->seq)
+        return OUTCOME_SUPERSEDED;
+    return loops_is_local(ours) || !setpoint || setpoint->seq > along->seq ? OUTCOME_APPLIED
+                                                                           : OUTCOME_WAITING;
+}
+
 /* Of what was asked for, in one transaction, the part that is furthest from being in force. */
 static enum outcome worst(const struct seen *seen, const struct write *write, const struct write_change **of)
 {
@@ -242,6 +258,8 @@ static enum outcome worst(const struct seen *seen, const struct write *write, co
                                [OUTCOME_REFUSED] = 5};
     enum outcome found = OUTCOME_APPLIED;
     *of = write->change;
+    if (write->kind == WRITE_OWNER)
+        return judge_owner(seen, write);
     for (size_t i = 0; i < write->wanted; i++) {
         const enum outcome one = judge(seen, &write->change[i].after);
         if (rank[one] <= rank[found])
@@ -267,7 +285,9 @@ static void not_confirmed(struct writes *w, struct write *write, const struct se
                            ? apc_mode_name((int)actual->value)
                            : NULL;
     char reason[160];
-    if (by < 0)
+    if (loops_is_owner(s))
+        snprintf(reason, sizeof reason, "it is stored, but no scheduler moves the setpoint");
+    else if (by < 0)
         snprintf(reason, sizeof reason, "it is stored, but no controller takes it");
     else if (outcome == OUTCOME_NOBODY)
         snprintf(reason, sizeof reason, "it is stored, but controller %.63s does not tick: nobody applies it",

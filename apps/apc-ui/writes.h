@@ -6,7 +6,8 @@
  *     unknown, stored not known   the row with the write's own seq and time is there: accepted;
  *                                 that seq is somebody else's: failed
  *     accepted                    as run/outcome.h judges it: applied, superseded, or failed, when all of it
- * is; unknown, stored, when its controller does not tick or takes too long
+ * is; unknown, stored, when its controller does not tick or takes too long. A setpoint that was given back to
+ * the scheduler: applied when the scheduler has written it
  */
 #ifndef APC_UI_WRITES_H
 #define APC_UI_WRITES_H
@@ -21,7 +22,7 @@
 #define WRITE_CHANGES 64 /* variables in one write */
 #define KEY_LEN       65
 
-enum write_kind { WRITE_SETPOINT = 1, WRITE_OUTPUT, WRITE_MODE, WRITE_TUNING };
+enum write_kind { WRITE_SETPOINT = 1, WRITE_OUTPUT, WRITE_MODE, WRITE_OWNER, WRITE_TUNING };
 enum write_state {
     WRITE_BEGUN = 1,
     WRITE_ACCEPTED,

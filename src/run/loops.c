@@ -52,9 +52,14 @@ bool loops_scheduled(const struct loops *l, int setpoint)
     return i < l->n_scheduled;
 }
 
+bool loops_is_owner_id(int id)
+{
+    return id >= LOOPS_IDS && id < 2 * LOOPS_IDS;
+}
+
 bool loops_is_owner(const struct apc_sample *row)
 {
-    return row->table == APC_OPMODE && row->id >= LOOPS_IDS && row->id < 2 * LOOPS_IDS;
+    return row->table == APC_OPMODE && loops_is_owner_id(row->id);
 }
 
 const char *loops_owner_name(bool local)

@@ -68,6 +68,7 @@ const struct loops_loop *loops_of(const struct loops *loops, enum apc_table tabl
 /* Does the scheduler move this setpoint? */
 bool loops_scheduled(const struct loops *loops, int setpoint);
 /* Is it such a switch, and what does its newest row say? */
+bool loops_is_owner_id(int id); /* of table opmode */
 bool loops_is_owner(const struct apc_sample *row);
 bool loops_is_local(const struct apc_sample *owner);
 const char *loops_owner_name(bool local); /* "Local", "Remote" */

@@ -1254,6 +1254,45 @@ static void a_setpoint_that_the_loop_above_moves_is_taken_local_and_that_is_said
     assert_int_equal(seq, 5);
 }
 
+/* r2 is the scheduler's. */
+static void a_setpoint_that_was_taken_is_given_back_to_the_scheduler(void **state)
+{
+    const int owner = LOOPS_OWNER(2);
+    char body[80];
+    int64_t seq;
+    (void)state;
+    tag(APC_OPMODE, owner, "r2.owner", 0, 1);
+    qsort(tags, n_tags, sizeof *tags, by_table);
+    assert_true(apc_store_put_tags(store, tags, n_tags) >= 0);
+    assert_int_equal(model_load(&ui->model, store), 0);
+    json_t *plant = ask(get_plant);
+    const json_t *loops = json_object_get(plant, "loops");
+    assert_true(json_is_null(json_object_get(json_array_get(loops, 0), "owner")));
+    snprintf(body, sizeof body, "opmode.%d", owner);
+    assert_string_equal(json_string_value(json_object_get(json_array_get(loops, 1), "owner")), body);
+    json_decref(plant);
+
+    put(APC_SETPOINT, 2, 5);
+    assert_int_equal(refused(post_owner, "{\"id\":2,\"owner\":\"me\",\"seq\":0}"), 422);
+    assert_int_equal(refused(post_owner, "{\"id\":1,\"owner\":\"Remote\",\"seq\":0}"), 422);
+    assert_has(request.fault.message, "in mode Cas"); /* a loop moves that one */
+    assert_int_equal(refused(post_owner, "{\"id\":3,\"owner\":\"Remote\",\"seq\":0}"), 404);
+    assert_int_equal(refused(post_setpoint, "{\"id\":2,\"value\":7,\"seq\":1}"), 0); /* which takes it */
+    assert_near(in_force(APC_OPMODE, owner, &seq), 0, 0);
+    assert_int_equal(refused(post_owner, "{\"id\":2,\"owner\":\"Remote\",\"seq\":0}"), 409); /* look first */
+    snprintf(body, sizeof body, "{\"id\":2,\"owner\":\"Remote\",\"seq\":%d}", (int)seq);
+    json_t *write = post(post_owner, body);
+    assert_int_equal(request.fault.http, 0);
+    char *said = json_dumps(json_object_get(write, "changes"), 0);
+    assert_string_equal(
+        said, "[{\"ref\": \"opmode.65571\", \"name\": \"r2.owner\", \"from\": 0, \"to\": 1, \"seq\": "
+              "2}, {\"ref\": \"setpoint.2\", \"name\": \"r2\", \"from\": 7, \"to\": 7, \"seq\": 3}]");
+    free(said);
+    json_decref(write);
+    assert_near(in_force(APC_SETPOINT, 2, &seq), 7, 0); /* until the scheduler moves it */
+    assert_has(newest_text(), "r2");
+}
+
 static const char *tuning_body(int n, int64_t seq, double value)
 {
     static char body[8192];
@@ -1813,6 +1852,7 @@ int main(void)
         T(an_output_is_the_operators_in_man_only),
         T(a_mode_is_written_to_its_loop_and_no_other),
         T(a_setpoint_that_the_loop_above_moves_is_taken_local_and_that_is_said),
+        T(a_setpoint_that_was_taken_is_given_back_to_the_scheduler),
         T(as_many_tunings_as_there_are_go_at_once),
         T(a_stale_write_is_told_what_is_newer),
         T(what_became_of_a_write_is_known_by_its_key),

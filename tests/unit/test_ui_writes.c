@@ -25,6 +25,7 @@ enum {
     OTHER,
     O_ACTUAL,
     LOST,
+    OWNER,
     SAMPLES
 };
 
@@ -64,6 +65,8 @@ static int set_up(void **state)
                                                 .value = wanted[i].value};
     }
     newest[LOST] = (struct apc_sample){.table = APC_SETPOINT, .id = 9, .seq = 1, .value = 1};
+    newest[OWNER] = (struct apc_sample){
+        .table = APC_OPMODE, .id = LOOPS_OWNER(9), .seq = 3}; /* LOST was taken from the scheduler */
     for (int i = 0; i < 2; i++)
         tick[i] = (struct apc_vector){.table = APC_TICK, .id = i + 1, .seq = 1, .time = NOW};
     refusal = (struct refusal){0};
@@ -83,7 +86,7 @@ static bool settle(apc_ns now)
 {
     static const struct loops_controller controllers[] = {{.name = "base", .period = 2 * S},
                                                           {.name = "upper", .period = 0}};
-    int by[SAMPLES] = {[OTHER] = 1, [LOST] = -1};
+    int by[SAMPLES] = {[OTHER] = 1, [LOST] = -1, [OWNER] = -1};
     const struct seen seen = {
         .samples = newest, .by = by, .n = SAMPLES, .tick = tick, .controller = controllers, .utc = NOW};
     return writes_settle(writes, &seen, now, &refusal);
@@ -224,6 +227,34 @@ static void a_mode_is_applied_when_the_loop_is_in_it(void **state)
     took(TARGET, APC_MODE_CAS, APC_GOOD);
     settle(10 * S);
     assert_string_equal(told, "accepted unknown applied");
+}
+
+static void what_is_given_back_is_applied_when_the_scheduler_has_written_it(void **state)
+{
+    struct write_change c[] = {change_of(OWNER, 1), change_of(LOST, 1)}, none = change_of(OWNER, 1);
+    (void)state;
+    begin("key-0001", WRITE_OWNER, c, 1);
+    end_n("key-0001", WRITE_ACCEPTED, 1, c, 2);
+    settle(S);
+    assert_string_equal(told, "accepted"); /* the rows were read before it was stored */
+    land(OWNER, &c[0]);
+    land(LOST, &c[1]);
+    settle(8 * S);
+    assert_string_equal(told, "accepted");
+    settle(8 * S + 1);
+    assert_string_equal(told, "accepted unknown");
+    shows("key-0001", "\"stored\":true,\"reason\":\"it is stored, but no scheduler moves the setpoint\"");
+    newest[LOST].seq++;
+    settle(9 * S);
+    assert_string_equal(told, "accepted unknown applied");
+
+    none = change_of(OWNER, 0); /* taken as it stands */
+    begin("key-0002", WRITE_OWNER, &none, 1);
+    end("key-0002", WRITE_ACCEPTED, 1, &none);
+    land(OWNER, &none);
+    newest[OWNER].seq++; /* and given back at once */
+    settle(10 * S);
+    assert_string_equal(told, "accepted unknown applied accepted superseded");
 }
 
 static void what_is_refused_has_failed_with_the_reason_of_its_event(void **state)
@@ -508,6 +539,7 @@ int main(void)
         T(all_of_one_write_has_to_be_in_force),
         T(a_newer_one_that_was_taken_supersedes_it),
         T(a_mode_is_applied_when_the_loop_is_in_it),
+        T(what_is_given_back_is_applied_when_the_scheduler_has_written_it),
         T(what_is_refused_has_failed_with_the_reason_of_its_event),
         T(without_a_confirmation_it_is_unknown_and_may_still_be_applied),
         T(nobody_applies_it_when_its_own_controller_does_not_tick),

@@ -17,7 +17,7 @@ const plant = {
     variable("actuator.1", "u", {unit: "V", period: 1, low: -10, high: 10}),
     variable("manual.1", "u"), variable("tuning.1", "Kp"), variable("opmode.1", "u"), variable("actual.21", "mode.actual"),
   ],
-  loops: [{id: 1, name: "y", measurement: "sensor.1", setpoint: "setpoint.1", output: "actuator.1", manual: "manual.1", tuning: ["tuning.1"], parameters: ["Kp"], called: "u", controller: "controller", above: null, mode: {target: "opmode.1", actual: "actual.21", targets: ["OOS", "Man", "Auto"]}}],
+  loops: [{id: 1, name: "y", measurement: "sensor.1", setpoint: "setpoint.1", output: "actuator.1", manual: "manual.1", tuning: ["tuning.1"], parameters: ["Kp"], called: "u", controller: "controller", above: null, owner: null, mode: {target: "opmode.1", actual: "actual.21", targets: ["OOS", "Man", "Auto"]}}],
   controllers: [{number: 1, name: "controller", period: 1}],
   modes: ["Man", "Auto", "OOS", "Cas", "IMan", "LO"],
 };

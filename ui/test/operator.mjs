@@ -104,6 +104,24 @@ test("an entry does not fight the readback, and a change by somebody else is not
     assert.equal(await setpoint(page).inputValue(), "11");
   }));
 
+test("a setpoint that was taken is given back to the scheduler", () =>
+  withPage("loop", {}, async page => {
+    const owner = page.locator(".operate .owner");
+    const give = page.getByRole("button", {name: "Give back to the scheduler"});
+    await until("it is Local", async () => (await owner.textContent()).trim() === "Local");
+    await give.click();
+    await applied(page, "owner.1");
+    assert.match(await owner.textContent(), /Remote: the scheduler moves it/);
+    assert.equal(await give.count(), 0);
+    await near(page, "setpoint.1", 10, 0); // the step that is due
+    const {events} = await api("/api/events?kind=operator");
+    assert.match(events.at(-2).text, /^r.owner: Local -> Remote/);
+    await setpoint(page).fill("11"); // and it is taken again
+    await setpoint(page).press("Enter");
+    await applied(page, "setpoint.1");
+    await until("it is Local", async () => (await owner.textContent()).trim() === "Local");
+  }));
+
 const live = async page => (await page.locator("section.trend").getAttribute("data-live")) === "true";
 const span = async page => Number(await page.locator("section.trend").getAttribute("data-span"));
 const points = async page => Number(await page.locator("section.trend").getAttribute("data-points"));

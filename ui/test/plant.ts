@@ -23,6 +23,7 @@ function loop(id: number, name: string, called: string): Loop {
     tuning: [`tuning.${id}`],
     parameters: ["Kp"],
     above: null,
+    owner: null,
     mode: {target: `opmode.${id}`, actual: `actual.${16 * id + 5}`, targets: ["OOS", "Man", "Auto"]},
   };
 }

@@ -46,7 +46,7 @@ let begun = false;
 
 beforeEach(async () => {
   server.control = {running: {base: true}, reasons: {}, safe: false, safe_since: null};
-  for (const name of ["setpoint.1", "output.1", "mode.1", "tuning.1"]) forget(name);
+  for (const name of ["setpoint.1", "output.1", "mode.1", "owner.1", "tuning.1"]) forget(name);
   env.asked.length = 0;
   if (!begun) {
     await model.begin();
@@ -900,6 +900,32 @@ test("a setpoint that the loop above moves is Remote, and a value of one's own t
   assert.match(said(".faceplate"), /OUT r1/);
   assert.match(said(".operate"), /this loop has none/);
   assert.equal(one<HTMLInputElement>('input[name="output.3"]').disabled, true);
+});
+
+test("a setpoint of the scheduler is Remote, and is given back to it where it was taken", async () => {
+  const t = server.now;
+  const owner = "opmode.65555";
+  const scheduled = {...tanks, variables: [...tanks.variables, {...tanks.variables[0]!, ref: owner, table: "opmode", id: 65555, name: "r1.owner", period: null}]};
+  server.plant = {...scheduled, loops: tanks.loops.map((loop, i) => (i === 0 ? {...loop, owner} : loop))};
+  env.source.send("plant", {revision: 2});
+  await settle();
+  env.source.send("state", server.state({[owner]: [0, null, null, "BadNoData"]})); // nobody took it ever
+  await show("loop/1");
+  assert.match(said(".operate h2"), /Setpoint Remote: the scheduler moves it/);
+  assert.equal(document.querySelector(".give-back button"), null);
+  await type('input[name="setpoint.1"]', "6");
+  assert.match(said('form.entry:has(input[name="setpoint.1"])'), /→ 6 m, Local from then on: Enter applies/);
+  env.source.send("values", {t, values: {[owner]: [4, t, 0, "Good"]}}, "a.999");
+  await settle();
+  assert.match(said(".operate h2"), /Setpoint Local/);
+  one<HTMLButtonElement>(".give-back button").click();
+  await settle();
+  assert.deepEqual({...(env.take("/api/owner").body as object), key: ""}, {id: 1, owner: "Remote", seq: 4, key: ""});
+  assert.match(said('[data-slot="owner.1"]'), /r1 Local → Remote/);
+  env.source.send("values", {t, values: {[owner]: [5, t, 1, "Good"]}}, "a.1000");
+  await settle();
+  assert.match(said(".operate h2"), /Setpoint Remote: the scheduler moves it/);
+  assert.equal(document.querySelector(".give-back button"), null);
 });
 
 test("what was superseded is final", async () => {

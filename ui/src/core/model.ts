@@ -61,7 +61,7 @@ export function modesOfLoop(loop: Pick<Loop, "id">): Cell<Modes> {
 /** Is it a setpoint that a loop moves now? */
 export function isRemote(ref: Ref): boolean {
   const below = plant.value?.loops.find(loop => loop.setpoint === ref && loop.above != null);
-  return below != null && modesOfLoop(below).value.remote != null;
+  return below != null && modesOfLoop(below).value.remote?.cascade === true;
 }
 
 export function variable(ref: Ref | null): Variable | null {
@@ -136,7 +136,10 @@ function replace<T>(cell: Cell<T>, next: T): void {
 function lookAtModes(): void {
   const p = plant.value;
   for (const loop of p?.loops ?? [])
-    if (p) replace(modesOfLoop(loop), modesOf(loop, p, live(loop.mode.target).value, live(loop.mode.actual).value, control.value));
+    if (p) {
+      const owner = loop.owner ? live(loop.owner).value : null;
+      replace(modesOfLoop(loop), modesOf(loop, p, live(loop.mode.target).value, live(loop.mode.actual).value, control.value, owner));
+    }
 }
 
 const ofModes = (ref: Ref): boolean => ref.startsWith("opmode.") || ref.startsWith("actual.");

@@ -12,8 +12,14 @@ export interface Modes {
   why: string | null;
   /** Why the output cannot be moved by hand; null: it can. */
   handsOff: string | null;
-  /** The loop that moves the setpoint now, as it is called; null: the setpoint is Local. */
-  remote: string | null;
+  /** Who moves the setpoint now; null: it is Local. */
+  remote: Mover | null;
+}
+
+/** A loop, in Cas, as it is called; or the scheduler. */
+export interface Mover {
+  name: string;
+  cascade: boolean;
 }
 
 const BY_HAND = "by hand in mode Man only";
@@ -24,7 +30,14 @@ export function notRunning(names: string[], p: Pick<Plant, "controllers">): stri
   return names.length > 1 ? `controllers ${names.join(", ")} are not running` : `controller ${names[0] ?? ""} is not running`;
 }
 
-export function modesOf(loop: Loop, p: Plant, target: Live, actual: Live, control: Control | null): Modes {
+function moverOf(loop: Loop, p: Plant, wanted: string | null, owner: Live | null): Mover | null {
+  const above = wanted === "Cas" ? p.loops.find(one => one.id === loop.above) : null;
+  if (above) return {name: above.called, cascade: true};
+  return owner && (owner.value == null || owner.value >= 1) ? {name: "the scheduler", cascade: false} : null;
+}
+
+/** `owner`: of a setpoint that the scheduler moves. */
+export function modesOf(loop: Loop, p: Plant, target: Live, actual: Live, control: Control | null, owner: Live | null = null): Modes {
   const name = ({value}: Live): string | null => (value == null ? null : (p.modes[value] ?? `mode ${value}`));
   const [wanted, is] = [name(target), name(actual)];
   const notYet = wanted !== is && is != null ? `${wanted ?? "no mode"} is asked for and not taken yet` : null;
@@ -35,6 +48,6 @@ export function modesOf(loop: Loop, p: Plant, target: Live, actual: Live, contro
     lastKnown: stopped,
     why: stopped ? notRunning([loop.controller], p) : (control?.reasons[loop.id] ?? notYet),
     handsOff: is === "Man" && wanted === "Man" ? null : is == null || wanted === is || wanted === "Man" ? BY_HAND : `${wanted ?? "no mode"} is asked for: change to Man first`,
-    remote: wanted === "Cas" ? (p.loops.find(one => one.id === loop.above)?.called ?? null) : null,
+    remote: moverOf(loop, p, wanted, owner),
   };
 }

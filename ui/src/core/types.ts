@@ -38,6 +38,7 @@ export interface Loop {
   called: string;
   controller: string;
   above: number | null; // id of the loop that moves the setpoint in Cas
+  owner: Ref | null; // of a setpoint that the scheduler moves: whose it is, 0 Local, else Remote
   mode: {target: Ref; actual: Ref; targets: string[]};
 }
 
@@ -182,7 +183,7 @@ export interface Diagnostics {
   stream: {clients: number; messages: number; dropped: number; lag: Figures};
 }
 
-export type WriteKind = "setpoint" | "output" | "mode" | "tuning";
+export type WriteKind = "setpoint" | "output" | "mode" | "owner" | "tuning";
 
 export interface Write {
   key: string;

@@ -9,6 +9,7 @@ import {loopScale, outputScale} from "../core/loopdata";
 import {events, modesOfLoop, plant, variable, writes} from "../core/model";
 import {Bar} from "../parts/bar";
 import {Entry} from "../parts/entry";
+import {GiveBack} from "../parts/giveback";
 import {ModeSwitch} from "../parts/modeswitch";
 import {Nothing} from "../parts/nothing";
 import {Shape} from "../parts/shape";
@@ -88,12 +89,13 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
         <div class="panel operate">
           <h2>Mode</h2>
           <ModeSwitch loop={loop} />
-          <h2>Setpoint{loop.above != null && <small class="owner"> {remote ? `Remote: ${remote} moves it` : "Local"}</small>}</h2>
+          <h2>Setpoint{(loop.above ?? loop.owner) != null && <small class="owner"> {remote ? `Remote: ${remote.name} moves it` : "Local"}</small>}</h2>
           {loop.setpoint ? (
             <Entry of={loop.setpoint} kind="setpoint" label={`SP ${setpoint?.name ?? ""}`} low={setpoint?.low} high={setpoint?.high} remote={remote} />
           ) : (
             <p class="say">this loop has none</p>
           )}
+          {loop.owner && <GiveBack owner={loop.owner} setpoint={loop.setpoint} local={!remote} />}
           <h2>Output</h2>
           {loop.manual && (
             <Entry

@@ -7,6 +7,7 @@ import {useWriteBar} from "../access";
 import {useCell} from "../usecell";
 import {complaint as complain, exact, limitsText, read} from "../core/format";
 import {live, variable} from "../core/model";
+import type {Mover} from "../core/modes";
 import type {Ref} from "../core/types";
 import {forget, send, slot} from "../core/writing";
 import {WriteStatus} from "./status";
@@ -20,7 +21,7 @@ interface Props {
   low?: number | null;
   high?: number | null;
   blocked?: string | null; // why not, beyond what bars every write
-  remote?: string | null; // the loop that moves it, which is why what was seen of it is no condition
+  remote?: Mover | null; // who moves it; where that is a loop, what was seen of it is no condition
 }
 
 export function Entry({of, kind, label, shown = of, low = null, high = null, blocked = null, remote = null}: Props): JSX.Element {
@@ -38,7 +39,7 @@ export function Entry({of, kind, label, shown = of, low = null, high = null, blo
   const draft = view?.stored && typed === sent.current ? null : typed;
   const complaint = draft ? complain(draft.text, low, high) : null;
   const value = draft ? read(draft.text).value : null;
-  const overtaken = draft != null && draft.seq !== now.seq && !remote;
+  const overtaken = draft != null && draft.seq !== now.seq && !remote?.cascade;
 
   const edit = (text: string): void => {
     setTyped({text, seq: draft?.seq ?? now.seq, value: draft?.value ?? from.value});
@@ -110,10 +111,10 @@ export function Entry({of, kind, label, shown = of, low = null, high = null, blo
           </>
         ) : draft && view?.phase !== "pending" ? (
           <span>
-            {told(shown, draft.value)} → {exact(value)}{unit}{remote && `, Local from then on, target Auto`}: Enter applies, Esc reverts
+            {told(shown, draft.value)} → {exact(value)}{unit}{remote && `, Local from then on${remote.cascade ? ", target Auto" : ""}`}: Enter applies, Esc reverts
           </span>
         ) : (
-          <span>{limitsText(low, high)}{remote && `; a value of yours takes it from ${remote}`}</span>
+          <span>{limitsText(low, high)}{remote && `; a value of yours takes it from ${remote.name}`}</span>
         )}
       </div>
       <WriteStatus of={name} retry={over} />
