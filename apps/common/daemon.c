@@ -425,8 +425,9 @@ static int housekeep(struct daemon *d, struct apc_task *task, struct rhythm rhyt
                          (unsigned long long)(apc_task_missed(task) - missed), WINDOW);
             missed = apc_task_missed(task);
         }
-        watch_records(d, recorder_flush(d->recorder, looks % WINDOW == 0 ? task : NULL, rhythm.period),
-                      &recorded);
+        /* what was kept back is tried at each look: only then is it stored again */
+        const bool whole = looks % WINDOW == 0 || recorded < 0;
+        watch_records(d, recorder_flush(d->recorder, whole ? task : NULL, rhythm.period), &recorded);
         watch_spool(d, &d->records, recorder_store(d->recorder), "events");
         rc = apc_task_wait(task, 0, &result);
         if (rhythm.overrun == APC_OVERRUN_STOP && apc_task_missed(task) > 0)

@@ -208,7 +208,7 @@ static int recovered(void *ctx, enum apc_spool_kind kind, const struct apc_sampl
 }
 
 /* The first records of an outage: from which seqs whoever finds the file has to count on. */
-static int put_base(struct spooling *s)
+static int put_base(struct spooling *s, struct apc_error *why)
 {
     int err = 0;
     for (enum apc_table table = APC_SENSOR; table < APC_TABLE_END && !err; table++) {
@@ -220,7 +220,8 @@ static int put_base(struct spooling *s)
         for (size_t i = 0; i < w->n && base; i++) {
             base[i] = (struct apc_sample){.table = table, .id = (int)i + 1, .seq = w->last[i]};
         }
-        err = base ? apc_spool_put(&s->file, APC_SPOOL_BASE, base, w->n, &s->base.why) : APC_ENOMEM;
+        err = base ? apc_spool_put(&s->file, APC_SPOOL_BASE, base, w->n, why)
+                   : apc_fail(why, APC_ENOMEM, "out of memory for a spool's first record of %zu", w->n);
         free(base);
     }
     return err;
@@ -411,7 +412,7 @@ static int keep(struct spooling *s, enum apc_spool_kind kind, const void *items,
     if (first) {
         s->unsure = 0;
     }
-    int err = first ? put_base(s) : 0;
+    int err = first ? put_base(s, &why) : 0;
     if (!err) {
         err = apc_spool_put(&s->file, kind, items, n, &why);
     }

@@ -5,8 +5,12 @@
  */
 #include "check.h"
 
+#include <arpa/inet.h>
 #include <fcntl.h>
+#include <netinet/in.h>
+#include <poll.h>
 #include <signal.h>
+#include <sqlite3.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -152,6 +156,7 @@ static void finish(pid_t pid, int end)
     for (ssize_t got; n < sizeof said - 1 && (got = read(end, said + n, sizeof said - 1 - n)) > 0;)
         n += (size_t)got;
     said[n] = '\0';
+    assert_int_equal(strlen(said), n);
     close(end);
     assert_int_equal(waitpid(pid, &status, 0), pid);
     code = WIFEXITED(status) ? WEXITSTATUS(status) : 1000 + WTERMSIG(status);
@@ -475,6 +480,8 @@ static int fail_at_once(void *ctx, const struct apc_tick *tick)
     (void)tick;
     struct daemon *d = ctx;
     assert_int_equal(daemon_fatal(d, NULL, APC_ECONN), 0);
+    daemon_notice(d, &(struct apc_notice){.kind = APC_NOTICE_NONE, .text = "nothing"});
+    daemon_notice(d, &(struct apc_notice){.kind = APC_NOTICE_TRIP, .text = "it tripped"});
     return daemon_fatal(d, NULL, APC_ECONFLICT);
 }
 
@@ -488,6 +495,8 @@ static void a_tick_that_fails_ends_it_with_its_code(void **state)
     assert_ended(EXIT_REJECTED);
     read_store();
     assert_recorded("3 store stopping: somebody else writes the same variables\n");
+    assert_recorded("3 watchdog it tripped\n");
+    assert_null(strstr(events, "nothing"));
 }
 
 static int miss_one(void *ctx, const struct apc_tick *tick)
@@ -793,6 +802,44 @@ static void what_was_kept_drains_when_the_store_is_back_and_that_is_told_once(vo
     assert_null(strstr(said, "stay in the spool"));
 }
 
+static void bend_store(const char *sql)
+{
+    sqlite3 *db;
+    assert_int_equal(sqlite3_open(store + strlen("sqlite:"), &db), SQLITE_OK);
+    sqlite3_busy_timeout(db, 60000);
+    assert_int_equal(sqlite3_exec(db, sql, NULL, NULL, NULL), SQLITE_OK);
+    sqlite3_close(db);
+}
+
+/* For two seconds after it has said so; then there is room, until that has been said. */
+static int tick_until_timing_is_kept_and_stored(void *ctx, const struct apc_tick *tick)
+{
+    (void)ctx;
+    if (shared->ticks++ == 0)
+        shared->first = tick->index;
+    if (shared->ticks == 75)
+        bend_store("DROP TRIGGER full");
+    if (tick->index > shared->first + 95)
+        kill(getpid(), SIGTERM);
+    return 0;
+}
+
+static void records_are_stored_again_when_they_are_not_when_there_are_none(void **state)
+{
+    const char *const options[] = {"--store", store, NULL};
+    const struct life life = {.tick = tick_until_timing_is_kept_and_stored, .options = options};
+    (void)state;
+    fresh_store();
+    bend_store("CREATE TRIGGER full BEFORE INSERT ON timing BEGIN SELECT RAISE(ABORT, 'no room'); END");
+    live(&life);
+    assert_ended(EXIT_OK);
+    assert_null(strstr(after("records are kept back: "), "kept back")); /* once */
+    after("records are being stored again");
+    assert_null(strstr(said, "\"0 ticks missed"));
+    read_store();
+    assert_true(rows > 0);
+}
+
 static int be_refused(void *ctx, const struct apc_tick *tick)
 {
     struct apc_store *s;
@@ -804,6 +851,49 @@ static int be_refused(void *ctx, const struct apc_tick *tick)
     int rc = daemon_fatal(ctx, s, apc_store_claim_set(s, &y, 1));
     apc_store_close(s);
     return rc;
+}
+
+static int claim_patiently(struct daemon *d)
+{
+    struct apc_store *s;
+    d->store_timeout = APC_NS_PER_S / 2;
+    d->store_pause = 3 * APC_NS_PER_S;
+    int rc = daemon_store(d, &s, &(struct apc_sample){.table = APC_SENSOR, .id = 1}, 1);
+    apc_store_close(s);
+    return rc;
+}
+
+/* A server that answers nothing may answer the next time; the pause in between is no reason to give up. */
+static void a_server_that_is_slow_is_asked_again(void **state)
+{
+    struct sockaddr_in at = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    socklen_t length = sizeof at;
+    int end, server = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    (void)state;
+    assert_int_equal(bind(server, (struct sockaddr *)&at, sizeof at), 0);
+    assert_int_equal(listen(server, 4), 0);
+    assert_int_equal(getsockname(server, (struct sockaddr *)&at, &length), 0);
+    snprintf(store, sizeof store, "postgresql://apc@127.0.0.1:%d/none", ntohs(at.sin_port));
+    const char *const options[] = {"--store", store, NULL};
+    const struct life life = {.tick = stop_after_three, .before = claim_patiently, .options = options};
+    pid_t pid = start(&life, &end);
+    for (int times = 0; times < 4; times++) { /* each of them after the one before was given up */
+        struct pollfd in = {.fd = server, .events = POLLIN};
+        if (poll(&in, 1, 30000) != 1) {
+            finish(pid, end);
+            fail_msg("given up with %d: %s", code, said);
+        }
+        int client = accept(server, NULL, NULL);
+        char bytes[100];
+        while (recv(client, bytes, sizeof bytes, 0) > 0)
+            ;
+        close(client);
+    }
+    kill(pid, SIGTERM);
+    finish(pid, end);
+    close(server);
+    assert_ended(EXIT_OK);
+    assert_int_equal(shared->ticks, 0);
 }
 
 static void a_store_that_refuses_for_good_ends_it_with_the_reason(void **state)
@@ -848,7 +938,9 @@ static void a_spool_that_is_damaged_is_told_with_where_it_was_kept(void **state)
     apc_store_close(s);
     live(&life);
     assert_ended(EXIT_OK);
-    assert_non_null(strstr(after("spool of events damaged or in conflict: kept as "), file));
+    const char *told_once = after("spool of events damaged or in conflict: kept as ");
+    assert_non_null(strstr(told_once, file));
+    assert_null(strstr(told_once, "spool of events damaged"));
 }
 
 static void an_operation_takes_a_period_within_bounds(void **state)
@@ -917,6 +1009,8 @@ int main(void)
         cmocka_unit_test(a_store_that_may_be_missing_is_none),
         cmocka_unit_test(what_a_store_that_is_away_does_not_take_is_told_and_kept),
         cmocka_unit_test(what_was_kept_drains_when_the_store_is_back_and_that_is_told_once),
+        cmocka_unit_test(records_are_stored_again_when_they_are_not_when_there_are_none),
+        cmocka_unit_test(a_server_that_is_slow_is_asked_again),
         cmocka_unit_test(a_store_that_refuses_for_good_ends_it_with_the_reason),
         cmocka_unit_test(a_spool_that_is_damaged_is_told_with_where_it_was_kept),
         cmocka_unit_test(an_operation_takes_a_period_within_bounds),

@@ -73,7 +73,12 @@ static int never(void *ctx, const struct apc_tick *tick)
 static int keep(void *ctx, const struct apc_timing_row *row)
 {
     struct apc_timing_row *kept = ctx;
-    assert_int_equal(kept->count, 0); /* one row in all */
+    assert_int_equal(kept->count, 0); /* one row in all: twice 100, once 250 */
+    assert_int_equal(row->n_bins, 2);
+    assert_int_equal(row->bin_count[0], 2);
+    assert_int_equal(row->bin_count[1], 1);
+    assert_true(row->bin_low[0] <= 100 && row->bin_high[0] >= 100);
+    assert_true(row->bin_low[1] <= 250 && row->bin_high[1] >= 250);
     *kept = *row;
     return 0;
 }

@@ -3,6 +3,7 @@
 #include "apctune.h"
 #include "check.h"
 
+#include <complex.h>
 #include <string.h>
 
 /* Skogestad 2003, table 1: tau_c = theta. */
@@ -115,6 +116,167 @@ static void margins_are_where_the_loop_begins_to_oscillate(void **state)
     assert_near(m.phase, 7.0, 0.0);
 }
 
+static struct apc_pid_tuning simc(struct apc_transfer g, bool derivative)
+{
+    struct apc_pid_tuning t;
+
+    assert_int_equal(apc_tune_pid(&g, APC_TUNE_SIMC, derivative, 3.0, 0.0, &t, NULL), 0);
+    return t;
+}
+
+/* An answer the wrong way is dead time. A lead is taken from the lag that is next to it; one that is slower
+ * than all lags is gain. */
+static void zeros_are_taken_for_dead_time_for_less_of_a_lag_or_for_gain(void **state)
+{
+    struct apc_pid_tuning t, same;
+    (void)state;
+
+    t = simc((struct apc_transfer){.gain = 2.0, .zero = -1.5, .tau = {10.0}, .dead_time = 1.0}, false);
+    same = simc((struct apc_transfer){.gain = 2.0, .tau = {10.0}, .dead_time = 2.5}, false);
+    assert_near(t.Kp, same.Kp, 1e-12);
+    assert_near(t.tau_i, same.tau_i, 1e-12);
+    t = simc((struct apc_transfer){.gain = 2.0, .zero = 3.0, .tau = {10.0, 4.0}, .dead_time = 1.0}, true);
+    same = simc((struct apc_transfer){.gain = 2.0, .tau = {10.0, 1.0}, .dead_time = 1.0}, true);
+    assert_near(t.Kp, same.Kp, 1e-12);
+    assert_near(t.tau_d, same.tau_d, 1e-12);
+    t = simc((struct apc_transfer){.gain = 2.0, .zero = 4.0, .tau = {10.0, 4.0}, .dead_time = 1.0}, true);
+    same = simc((struct apc_transfer){.gain = 2.0, .tau = {6.0, 4.0}, .dead_time = 1.0}, true);
+    assert_near(t.Kp, same.Kp, 1e-12);
+    assert_near(t.tau_i, same.tau_i, 1e-12);
+    t = simc((struct apc_transfer){.gain = 2.0, .zero = 20.0, .tau = {10.0, 4.0}, .dead_time = 1.0}, false);
+    assert_near(t.Kp, 2.0 / (4.0 * (3.0 + 3.0)), 1e-12); /* half of the lag of 4, and twice the gain */
+    assert_near(t.tau_i, 2.0, 1e-12);
+    t = simc(
+        (struct apc_transfer){.gain = 0.5, .zero = 1.0, .tau = {4.0}, .dead_time = 1.0, .integrating = true},
+        true);
+    same =
+        simc((struct apc_transfer){.gain = 0.5, .tau = {3.0}, .dead_time = 1.0, .integrating = true}, true);
+    assert_near(t.Kp, same.Kp, 1e-12);
+    assert_near(t.tau_d, same.tau_d, 1e-12);
+    t = simc(
+        (struct apc_transfer){.gain = 0.5, .zero = 5.0, .tau = {4.0}, .dead_time = 1.0, .integrating = true},
+        true);
+    same = simc((struct apc_transfer){.gain = 0.625, .dead_time = 1.0, .integrating = true}, true);
+    assert_near(t.Kp, same.Kp, 1e-12);
+    t = simc((struct apc_transfer){.gain = 0.5, .zero = 5.0, .dead_time = 1.0, .integrating = true}, true);
+    same = simc((struct apc_transfer){.gain = 0.5, .dead_time = 1.0, .integrating = true}, true);
+    assert_near(t.Kp, same.Kp, 1e-12);
+}
+
+static double complex loop(const struct apc_transfer *g, const struct apc_pid_tuning *t, double period,
+                           double w)
+{
+    const double complex s = w * (double complex)I;
+    double complex L = g->gain * (g->zero * s + 1.0) / ((g->tau[0] * s + 1.0) * (g->tau[1] * s + 1.0));
+
+    L *= cexp(-(g->dead_time + period / 2.0) * s) * t->Kp *
+         (1.0 + t->tau_d * s + (t->tau_i > 0.0 ? 1.0 / (t->tau_i * s) : 0.0));
+    return g->integrating ? L / s : L;
+}
+
+/* Margins, looked for on the curve itself. */
+static struct apc_margins look(const struct apc_transfer *g, const struct apc_pid_tuning *t, double period)
+{
+    struct apc_margins m = {HUGE_VAL, HUGE_VAL, HUGE_VAL, 0.0, true};
+    double complex before = loop(g, t, period, 1e-4);
+
+    for (double w = 1e-4; w < 100.0; w *= 1.0001) {
+        const double complex L = loop(g, t, period, w);
+        const double angle = carg(-L), back = angle < 0.0 ? angle + 2.0 * M_PI : angle;
+
+        m.sensitivity = fmax(m.sensitivity, 1.0 / cabs(1.0 + L));
+        if ((cabs(L) < 1.0) != (cabs(before) < 1.0)) {
+            m.phase = fmin(m.phase, fabs(angle) * 180.0 / M_PI);
+            m.delay = fmin(m.delay, back / w);
+        }
+        if ((cimag(L) < 0.0) != (cimag(before) < 0.0) && creal(L) < 0.0 && cabs(L) < 1.0)
+            m.gain = fmin(m.gain, 1.0 / cabs(L));
+        before = L;
+    }
+    return m;
+}
+
+static void margins_are_those_of_the_curve_whatever_the_loop_is_made_of(void **state)
+{
+    static const struct {
+        struct apc_transfer g;
+        struct apc_pid_tuning t;
+        double period;
+    } of[] = {
+        {{.gain = 2.0, .tau = {5.0, 2.0}, .zero = 1.0, .dead_time = 1.5}, {1.0, 6.0, 1.0}, 0.0},
+        {{.gain = 2.0, .tau = {5.0, 2.0}, .zero = -1.0, .dead_time = 1.5}, {0.6, 6.0, 0.5}, 1.0},
+        {{.gain = -2.0, .tau = {5.0, 2.0}, .dead_time = 0.5}, {-1.0, 4.0, 0.0}, 2.0},
+        {{.gain = 0.3, .tau = {2.0, 0.0}, .dead_time = 1.0, .integrating = true}, {0.8, 20.0, 1.5}, 0.5},
+        {{.gain = 0.3, .tau = {2.0, 0.5}, .dead_time = 1.0, .integrating = true}, {0.8, 0.0, 1.5}, 0.5},
+        {{.gain = 1.0, .tau = {8.0}, .dead_time = 3.0}, {2.0, 0.0, 0.0}, 0.0},
+    };
+    (void)state;
+
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        const struct apc_margins is = look(&of[i].g, &of[i].t, of[i].period);
+        struct apc_margins m;
+
+        assert_int_equal(apc_tune_margins(&of[i].g, &of[i].t, of[i].period, &m, NULL), 0);
+        assert_true(m.stable);
+        assert_near(m.gain, is.gain, 1e-3 * is.gain);
+        assert_near(m.phase, is.phase, 1e-3 * is.phase);
+        assert_near(m.delay, is.delay, 1e-3 * is.delay);
+        assert_near(m.sensitivity, is.sensitivity, 1e-3 * is.sensitivity);
+    }
+}
+
+/* Twice the gain margin is not stable any more, nor is twice the delay that it can bear. */
+static void beyond_its_margins_a_loop_is_not_stable(void **state)
+{
+    static const struct apc_transfer g = {
+        .gain = 0.3, .tau = {2.0, 0.5}, .dead_time = 1.0, .integrating = true};
+    struct apc_pid_tuning t = {0.5, 20.0, 1.5};
+    struct apc_transfer late = g;
+    struct apc_margins m, beyond;
+    (void)state;
+
+    assert_int_equal(apc_tune_margins(&g, &t, 0.0, &m, NULL), 0);
+    assert_true(m.stable);
+    for (int i = 0; i < 2; i++) {
+        const double by = i == 0 ? 0.99 : 1.01;
+        const struct apc_pid_tuning more = {t.Kp * (1.0 + by * (m.gain - 1.0)), t.tau_i, t.tau_d};
+
+        assert_int_equal(apc_tune_margins(&g, &more, 0.0, &beyond, NULL), 0);
+        assert_int_equal(beyond.stable, i == 0);
+        late.dead_time = g.dead_time + by * m.delay;
+        assert_int_equal(apc_tune_margins(&late, &t, 0.0, &beyond, NULL), 0);
+        assert_int_equal(beyond.stable, i == 0);
+    }
+}
+
+static void what_has_no_margins_is_refused(void **state)
+{
+    static const struct apc_transfer g = {.gain = 1.0, .tau = {1.0}}, gain = {.gain = 1.0};
+    static const struct apc_transfer wrong[] = {{.gain = 1.0, .tau = {-1.0}, .dead_time = 1.0},
+                                                {.gain = 1.0, .tau = {1.0, -1.0}, .dead_time = 1.0},
+                                                {.gain = 1.0, .tau = {1.0}, .dead_time = -1.0},
+                                                {.gain = 0.0, .tau = {1.0}}};
+    static const struct apc_pid_tuning p = {.Kp = 1.0}, bad[] = {{.Kp = 0.0},
+                                                                 {.Kp = 1.0, .tau_i = -1.0},
+                                                                 {.Kp = 1.0, .tau_d = -1.0},
+                                                                 {.Kp = (double)INFINITY}};
+    struct apc_margins m;
+    struct apc_error why;
+    (void)state;
+
+    assert_int_equal(apc_tune_margins(&g, &p, 0.0, &m, &why), 0);
+    assert_int_equal(apc_tune_margins(&g, &p, -1.0, &m, &why), APC_EINVAL);
+    assert_int_equal(apc_tune_margins(&gain, &p, 0.0, &m, &why), APC_EINVAL); /* nothing takes any time */
+    assert_int_equal(apc_tune_margins(&gain, &p, 1.0, &m, &why), 0);
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+        struct apc_pid_tuning t;
+        assert_int_equal(apc_tune_margins(&wrong[i], &p, 0.0, &m, &why), APC_EINVAL);
+        assert_int_equal(apc_tune_pid(&wrong[i], APC_TUNE_SIMC, false, 1.0, 0.0, &t, &why), APC_EINVAL);
+    }
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
+        assert_int_equal(apc_tune_margins(&g, &bad[i], 0.0, &m, &why), APC_EINVAL);
+}
+
 static void what_no_rule_is_for_is_refused(void **state)
 {
     struct apc_pid_tuning t;
@@ -133,6 +295,9 @@ static void what_no_rule_is_for_is_refused(void **state)
     assert_has(why.text, "tau_c");
     assert_int_equal(apc_tune_pid(&prompt, APC_TUNE_SIMC, false, 0.0, 0.5, &t, &why), 0);
     assert_int_equal(apc_tune_pid(&level, APC_TUNE_LAMBDA, false, 0.0, 0.0, &t, &why), APC_EINVAL);
+    assert_int_equal(apc_tune_pid(&level, APC_TUNE_SIMC, false, -1.0, 0.0, &t, &why), APC_EINVAL);
+    assert_int_equal(apc_tune_pid(&level, APC_TUNE_SIMC, false, (double)NAN, 0.0, &t, &why), APC_EINVAL);
+    assert_int_equal(apc_tune_pid(&level, APC_TUNE_SIMC, false, 1.0, -1.0, &t, &why), APC_EINVAL);
 }
 
 int main(void)
@@ -143,6 +308,10 @@ int main(void)
         cmocka_unit_test(a_lag_behind_an_integrator_is_a_second_one),
         cmocka_unit_test(lambda_keeps_the_time_constant),
         cmocka_unit_test(margins_are_where_the_loop_begins_to_oscillate),
+        cmocka_unit_test(zeros_are_taken_for_dead_time_for_less_of_a_lag_or_for_gain),
+        cmocka_unit_test(margins_are_those_of_the_curve_whatever_the_loop_is_made_of),
+        cmocka_unit_test(beyond_its_margins_a_loop_is_not_stable),
+        cmocka_unit_test(what_has_no_margins_is_refused),
         cmocka_unit_test(what_no_rule_is_for_is_refused),
     };
 

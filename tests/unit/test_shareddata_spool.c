@@ -549,6 +549,27 @@ static void spool_claimed(struct apc_store *store)
     append(store, 1, 3);
 }
 
+/* A disk that is full from the first record on: both reasons are told. */
+static void test_a_spool_that_cannot_even_begin_says_why(void **state)
+{
+    (void)state;
+    int64_t last[2];
+    struct apc_store *store = open_spooled(through);
+    struct apc_sample s = sample(1, 2, 21);
+    ok(store, apc_store_claim(store, APC_SENSOR, 2, last));
+    append(store, 1, 1);
+    proxy_set(proxy, PROXY_REFUSE);
+    limit_files(APC_SPOOL_HEADER);
+    int rc = apc_store_append(store, &s, 1);
+    limit_files(RLIM_INFINITY);
+    assert_int_equal(rc, APC_ESTORE);
+    assert_says(apc_store_error(store), "cannot be written: what comes now is lost");
+    assert_says(apc_store_error(store), "(the store: ");
+    assert_says(apc_store_error(store), "connection to the database lost");
+    append(store, 1, 2); /* there is room again */
+    apc_store_close(store);
+}
+
 static void test_a_claim_counts_the_spool_in_and_needs_it_while_the_store_is_away(void **state)
 {
     (void)state;
@@ -1105,6 +1126,7 @@ int main(void)
         ONLINE(test_a_large_spool_drains_in_portions),
         ONLINE(test_a_store_that_hangs_is_left_alone_for_a_while),
         OFFLINE(test_a_short_stall_is_not_made_a_long_one),
+        ONLINE(test_a_spool_that_cannot_even_begin_says_why),
         ONLINE(test_a_claim_counts_the_spool_in_and_needs_it_while_the_store_is_away),
         ONLINE(test_a_seq_that_was_sent_is_never_given_out_again),
         ONLINE(test_a_claim_on_trust_is_made_up_for_before_anything_drains),

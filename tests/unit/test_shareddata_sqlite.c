@@ -552,6 +552,77 @@ static void test_what_was_of_one_controller_becomes_that_of_its_loops(void **sta
     assert_near(newest_of(store, APC_OPMODE, 2).value, APC_MODE_MAN, 0);
 }
 
+/* Where the former numbers leave too little room, those of the target begin anew. */
+static void test_a_target_goes_on_from_the_former_numbers_while_there_is_room(void **state)
+{
+    static const int64_t spare = 1048576;
+    char sql[500];
+    for (int64_t left = spare; left <= spare + 1; left++) {
+        struct apc_store *store = left == spare ? *state : NULL;
+        if (!store) {
+            apc_store_close(*state);
+            set_up_nothing(state);
+            store = *state;
+        }
+        make_controller_of_version_1();
+        snprintf(sql, sizeof sql,
+                 "INSERT INTO sample VALUES (301, 21, %" PRId64 ", 300, 101, 0, 1, NULL, NULL);"
+                 "UPDATE variable SET seq = %" PRId64
+                 ", pos = 301, count = 37, last = 101 WHERE variable = 21",
+                 APC_SEQ_MAX - left, APC_SEQ_MAX - left);
+        raw(path, sql);
+        assert_int_equal(apc_store_init(store), 1);
+        assert_int_equal(newest_of(store, APC_OPMODE, 1).seq, left == spare ? 1 : APC_SEQ_MAX - spare);
+        assert_int_equal(newest_of(store, APC_OPMODE, 2).seq, 1);
+    }
+}
+
+/* More loops than a number of a variable can say: nobody's target is made up. */
+static void test_a_file_with_more_loops_than_there_are_gets_no_targets(void **state)
+{
+    struct apc_store *store = *state;
+    make_controller_of_version_1();
+    raw(path, "UPDATE sample SET value = 65536.0 WHERE variable = 52");
+    assert_int_equal(apc_store_init(store), 1);
+    assert_int_equal(raw_number(path, "SELECT count(*) FROM variable WHERE variable & 15 = 5"), 1);
+    assert_int_equal(newest_of(store, APC_OPMODE, 0).seq, 3);
+}
+
+static int drop_the_third(void *ctx, const struct apc_vector *v)
+{
+    int64_t *sum = ctx;
+    if (v->seq == 1) {
+        raw(path, "DELETE FROM sample WHERE variable = 28 AND seq = 3");
+    }
+    *sum = *sum * 10 + v->seq;
+    return 0;
+}
+
+/* While the caller has one vector, another is trimmed away: those after it are given all the same. */
+static void test_a_vector_that_goes_meanwhile_is_left_out(void **state)
+{
+    struct apc_store *store = *state;
+    double value = 1;
+    struct apc_vector v = {.table = APC_TICK, .id = 1, .n = 1, .value = &value};
+    const struct apc_rows rows = {.size = sizeof rows, .vector = &v, .n_vectors = 1};
+    int64_t sum = 0;
+    for (v.seq = 1; v.seq <= 5; v.seq++) {
+        assert_int_equal(apc_store_append_rows(store, &rows), 1);
+    }
+    assert_true(apc_store_vectors(store, APC_TICK, 1, NULL, drop_the_third, &sum) >= 4);
+    assert_int_equal(sum, 1245);
+}
+
+static void test_a_file_in_a_folder_that_is_not_there_says_so(void **state)
+{
+    struct apc_store *store;
+    (void)state;
+    snprintf(uri, sizeof uri, "sqlite:%s/none/such.db", scratch_folder());
+    store = open_store(20 * SECOND);
+    assert_said(store, apc_store_init(store), APC_ECONN, "cannot be made: its folder: No such file");
+    apc_store_close(store);
+}
+
 /* In a process of its own, until @p done is closed. */
 static pid_t hold(void (*take)(void), int *done)
 {
@@ -1081,6 +1152,10 @@ int main(void)
         N(test_a_file_that_is_not_there_is_not_made_by_using_it),
         N(test_a_file_that_is_not_ours_is_refused_and_left_alone),
         T(test_another_version_is_refused),
+        N(test_a_target_goes_on_from_the_former_numbers_while_there_is_room),
+        N(test_a_file_with_more_loops_than_there_are_gets_no_targets),
+        T(test_a_vector_that_goes_meanwhile_is_left_out),
+        N(test_a_file_in_a_folder_that_is_not_there_says_so),
         N(test_what_was_of_one_controller_becomes_that_of_its_loops),
         N(test_who_still_uses_an_old_file_is_named_and_nothing_is_changed),
         N(test_a_file_that_comes_along_does_so_wholly_or_not_at_all),
