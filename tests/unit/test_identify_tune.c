@@ -177,7 +177,7 @@ static double complex loop(const struct apc_transfer *g, const struct apc_pid_tu
 /* Margins, looked for on the curve itself. */
 static struct apc_margins look(const struct apc_transfer *g, const struct apc_pid_tuning *t, double period)
 {
-    struct apc_margins m = {HUGE_VAL, HUGE_VAL, HUGE_VAL, 0.0, true};
+    struct apc_margins m = {.gain = HUGE_VAL, .phase = HUGE_VAL, .delay = HUGE_VAL};
     double complex before = loop(g, t, period, 1e-4);
 
     for (double w = 1e-4; w < 100.0; w *= 1.0001) {
@@ -214,7 +214,7 @@ static void margins_are_those_of_the_curve_whatever_the_loop_is_made_of(void **s
 
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
         const struct apc_margins is = look(&of[i].g, &of[i].t, of[i].period);
-        struct apc_margins m;
+        struct apc_margins m = {.size = sizeof m};
 
         assert_int_equal(apc_tune_margins(&of[i].g, &of[i].t, of[i].period, &m, NULL), 0);
         assert_true(m.stable);
@@ -232,7 +232,7 @@ static void beyond_its_margins_a_loop_is_not_stable(void **state)
         .gain = 0.3, .tau = {2.0, 0.5}, .dead_time = 1.0, .integrating = true};
     struct apc_pid_tuning t = {0.5, 20.0, 1.5};
     struct apc_transfer late = g;
-    struct apc_margins m, beyond;
+    struct apc_margins m = {.size = sizeof m}, beyond = m;
     (void)state;
 
     assert_int_equal(apc_tune_margins(&g, &t, 0.0, &m, NULL), 0);
@@ -260,7 +260,7 @@ static void what_has_no_margins_is_refused(void **state)
                                                                  {.Kp = 1.0, .tau_i = -1.0},
                                                                  {.Kp = 1.0, .tau_d = -1.0},
                                                                  {.Kp = (double)INFINITY}};
-    struct apc_margins m;
+    struct apc_margins m = {.size = sizeof m};
     struct apc_error why;
     (void)state;
 
