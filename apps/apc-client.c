@@ -323,12 +323,19 @@ static int allocate(struct shell *s)
 static int open_plant(struct shell *s, const struct own_options *own)
 {
     const struct experiment *e = &s->d->experiment;
+    double *safe = calloc(e->dim.nu, sizeof *safe);
     const struct apc_exchange_options options = {.size = sizeof options,
                                                  .nu = e->dim.nu,
                                                  .ny = e->dim.ny,
-                                                 .modbus = e->client.modbus.size ? &e->client.modbus : NULL};
+                                                 .modbus = e->client.modbus.size ? &e->client.modbus : NULL,
+                                                 .safe = safe};
     struct apc_error why;
+    if (!safe)
+        return daemon_error(s->d, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < e->dim.nu; i++)
+        safe[i] = e->u[i].safe;
     int rc = apc_exchange_open(&s->plant, own->link ? own->link : e->client.link, &options, &why);
+    free(safe);
     return rc < 0 ? daemon_error(s->d, rc, "%s", why.text) : 0;
 }
 

@@ -3,7 +3,8 @@
  * @file apcexchange.h
  * A plant, as its client sees it: whatever takes a vector u and gives a vector y, each value with a status
  * and a source time. A scheme says how: frames over a link (`tcp:`); registers of a Modbus server
- * (`modbus:`); frames over a modelled network in virtual time (`inproc:`).
+ * (`modbus:`); lines of a Temperature Control Lab (`serial:`); frames over a modelled network in virtual time
+ * (`inproc:`).
  *
  *     begin(u) ... finish(y)
  *
@@ -114,17 +115,41 @@ APC_API int apc_modbus_unit_answer(struct apc_modbus_unit *unit, const char *req
 /** Where a frame of Modbus TCP ends, for apc_link_options and apc_server_options. [any] */
 APC_API int apc_modbus_whole(const char *bytes, size_t n);
 
+/* ---- The other side of serial: ------------------------------------------------------------------ */
+
+/** As of a Modbus unit, of a plant of one or two heaters in per cent and as many temperatures in °C. */
+struct apc_board_options {
+    size_t size;
+    size_t nu, ny;                                          /**< required: 1 or 2 */
+    int (*command)(void *ctx, const double *u, bool alive); /**< required; what it refuses is not set */
+    unsigned (*measure)(void *ctx, struct apc_value *y);    /**< required; what is Bad reads as -50 °C */
+    void *ctx;
+};
+
+struct apc_board;
+
+/** The firmware of a Temperature Control Lab, but for its text. [setup] Returns 0, APC_EINVAL, APC_ENOMEM. */
+APC_API int apc_board_create(struct apc_board **board, const struct apc_board_options *options,
+                             struct apc_error *why);
+APC_API void apc_board_destroy(struct apc_board *board); /**< NULL is legal. [setup] */
+/** Answer a line: VER, T1, R1, Q1 PERCENT, P1, LED PERCENT, X, and the same of 2. Each is a sign of life of
+ * who commands. Returns the reply's length; 0: an empty line has none; APC_ERANGE: @p size. [tick] */
+APC_API int apc_board_answer(struct apc_board *board, const char *line, size_t length, char *reply,
+                             size_t size);
+
 struct apc_exchange_options {
     size_t size;
     size_t nu, ny;                           /**< required: 1 to APC_EXCHANGE_VALUES */
     const struct apc_inproc_options *inproc; /**< of inproc:, which requires it */
     const struct apc_modbus_options *modbus; /**< of modbus:, which requires it */
+    const double *safe; /**< [nu] of serial:, what apc_exchange_safe() writes; NULL: 0. Copied */
 };
 
 struct apc_exchange;
 
 /**
- * Open what @p uri names: `tcp:HOST:PORT`, as apc_link_create() has it, `modbus:HOST:PORT`, or `inproc:`.
+ * Open what @p uri names: `tcp:HOST:PORT`, as apc_link_create() has it, `modbus:HOST:PORT`, `serial:PATH`, a
+ * Temperature Control Lab at that port (heaters in per cent, temperatures in °C, two at most), or `inproc:`.
  * Connects to nothing yet: the first exchange does. [setup] Returns 0, APC_EINVAL (unknown scheme, malformed
  * address, an option that makes no sense), APC_ENOMEM, APC_ESYS.
  */

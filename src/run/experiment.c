@@ -53,7 +53,7 @@ static void read_rhythm(struct settings *s, const config_setting_t *group, const
     models_read_task(s, group, task, &rhythm->model, recordings);
 }
 
-/* tcp:HOST:PORT or modbus:HOST:PORT; more is said when it is used. */
+/* tcp:HOST:PORT, modbus:HOST:PORT or serial:PATH; more is said when it is used. */
 static void read_address(struct settings *s, const config_setting_t *group, const char *name, long least,
                          char *value, size_t size)
 {
@@ -61,14 +61,14 @@ static void read_address(struct settings *s, const config_setting_t *group, cons
     const char *colon = strrchr(value, ':');
     size_t digits = colon ? strspn(colon + 1, "0123456789") : 0;
     long port = digits > 0 && digits < 6 && !colon[1 + digits] ? strtol(colon + 1, NULL, 10) : -1;
-    const bool modbus = !strncmp(value, "modbus:", 7);
-    const char *host = value + (modbus ? 7 : 4);
-    if (!s->failed && ((!modbus && strncmp(value, "tcp:", 4) != 0) || *host == '/' || colon <= host ||
-                       port < least || port > 65535))
-        settings_fail(
-            s, config_setting_get_member(group, name),
-            "\"%s\" is \"%s\": must be tcp:HOST:PORT, such as \"tcp:127.0.0.1:%d\", or modbus:HOST:PORT",
-            name, value, APC_PORT);
+    const bool modbus = !strncmp(value, "modbus:", 7), serial = !strncmp(value, "serial:", 7);
+    const char *rest = value + (modbus || serial ? 7 : 4);
+    const bool host = (modbus || !strncmp(value, "tcp:", 4)) && *rest != '/' && colon > rest;
+    if (!s->failed && (serial ? !*rest : !host || port < least || port > 65535))
+        settings_fail(s, config_setting_get_member(group, name),
+                      "\"%s\" is \"%s\": must be tcp:HOST:PORT, such as \"tcp:127.0.0.1:%d\", or "
+                      "modbus:HOST:PORT, or serial:PATH",
+                      name, value, APC_PORT);
 }
 
 /* Text is a distribution, the value its mean. */
@@ -202,13 +202,30 @@ static void read_model(struct settings *s, const config_setting_t *group, struct
 static void check_language(struct settings *s, const config_setting_t *group, struct experiment *e)
 {
     const config_setting_t *listen = config_setting_get_member(group, "listen");
-    const bool client = e->client.modbus.size > 0;
-    if (client && !listen)
+    const size_t scheme = strcspn(e->client.link, ":") + 1;
+    if (!listen && strncmp(e->client.link, "tcp:", 4) != 0)
         memcpy(e->plant.listen, e->client.link, sizeof e->plant.listen);
-    else if (!s->failed && client != !strncmp(e->plant.listen, "modbus:", 7))
+    else if (!s->failed && strncmp(e->plant.listen, e->client.link, scheme) != 0)
         settings_fail(s, listen,
                       "\"listen\" is \"%s\" and \"link\" of the client \"%s\": one language for both",
                       e->plant.listen, e->client.link);
+}
+
+/* Behind a serial port is a temperature control lab. */
+static void check_lab(struct settings *s, const config_setting_t *group, const struct experiment *e)
+{
+    const config_setting_t *link = config_setting_get_member(group, "link");
+    if (s->failed || strncmp(e->client.link, "serial:", 7) != 0)
+        return;
+    if (e->dim.nu > 2 || e->dim.ny > 2)
+        settings_fail(s, link,
+                      "at a serial port is a temperature control lab: two heaters and two sensors at most");
+    for (size_t i = 0; i < e->dim.nu && !s->failed; i++)
+        if (!(e->u[i].tag.low >= 0 && e->u[i].tag.high <= 100))
+            settings_fail(s, link,
+                          "output \"%s\" may be %g to %g: a heater of a temperature control lab takes 0 to "
+                          "100 %%; give it \"low\" and \"high\" within",
+                          e->u[i].tag.name, e->u[i].tag.low, e->u[i].tag.high);
 }
 
 static void read_plant(struct settings *s, const config_setting_t *root, struct experiment *e,
@@ -250,6 +267,7 @@ static void read_client(struct settings *s, const config_setting_t *root, struct
     read_rhythm(s, group, "client", client_phase_s, &e->client.rhythm, &e->models.recordings);
     read_address(s, group, "link", 1, e->client.link, sizeof e->client.link);
     experiment_read_modbus(s, group, e);
+    check_lab(s, group, e);
 }
 
 /* Parameters of outputs, and of the law, belong in one list, those of measurements in another. */

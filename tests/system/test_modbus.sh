@@ -4,7 +4,7 @@
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 
-pymodbus
+python_peers
 
 fast_experiment
 sed -e '/^plant = {$/,/^};/c plant = { external = true; };' \

@@ -1,0 +1,185 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * apc-plant: serves a plant over a link: the simulator of the paper, on its own timer. Two threads meet
+ * here, the timer's and the server's, in the core that they take turns with.
+ */
+#include <stdio.h>
+#include <string.h>
+
+#include "plant.h"
+
+#define MODBUS "modbus:"
+#define SERIAL "serial:"
+
+struct own_options {
+    const char *listen;
+    char modbus[URI_LEN];
+    bool allow_plaintext;
+    struct daemon_options *common;
+};
+
+enum { OPT_PLAINTEXT = 0x200, OPT_MODBUS };
+
+static const struct argp_option option_list[] = {
+    {"plant", 'p', "NAME", 0, "Model instead of the file's: built in, or ./file.so; its own parameters apply",
+     0},
+    {"listen", 'l', "URI", 0, "Where to serve instead of where the file says, e.g. tcp:127.0.0.1:43051", 0},
+    {"modbus", OPT_MODBUS, "HOST:PORT", 0,
+     "Serve Modbus TCP there, in the registers of the file's map; without a map in float32 from holding:0 "
+     "and "
+     "input:0 on",
+     0},
+    {"allow-plaintext", OPT_PLAINTEXT, NULL, 0, "Serve beyond this host without encryption", 0},
+    {0},
+};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct own_options *o = state->input;
+    switch (key) {
+    case 'p':
+        o->common->overrides.model = arg;
+        break;
+    case 'l':
+        o->listen = arg;
+        break;
+    case OPT_MODBUS:
+        if (snprintf(o->modbus, sizeof o->modbus, MODBUS "%s", arg) >= (int)sizeof o->modbus)
+            argp_error(state, "--modbus takes HOST:PORT, not %.40s...", arg);
+        o->listen = o->modbus;
+        break;
+    case OPT_PLAINTEXT:
+        o->allow_plaintext = true;
+        break;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct program program = {
+    .name = "apc-plant",
+    .doc = "Simulate a plant in real time and serve it over the network.",
+    .task = "plant",
+    .parts = EXPERIMENT_MODEL,
+    .store_optional = true,
+    .extra = &extra,
+};
+
+static int on_tick(void *ctx, const struct apc_tick *tick)
+{
+    struct shell *s = ctx;
+    const struct apc_now now = {.mono = tick->scheduled, .utc = tick->utc};
+    struct apc_notice notice = {0};
+
+    pthread_mutex_lock(&s->mutex);
+    (void)apc_plantserver_tick(s->core, now, &notice); /* that it fails the notice says, once */
+    s->ticks++;
+    pthread_mutex_unlock(&s->mutex);
+    daemon_notice(s->d, &notice);
+    return 0;
+}
+
+/* Who they are only the server knows. */
+static void tell_of_rivals(struct shell *s, uint64_t refused)
+{
+    char one[APC_PEER_LEN], other[APC_PEER_LEN];
+    pthread_mutex_lock(&s->mutex);
+    const uint64_t commander = apc_plantserver_commander(s->core);
+    pthread_mutex_unlock(&s->mutex);
+    daemon_event(
+        s->d, APC_EVENT_ALARM, "rejected",
+        "two clients command the plant and take it from each other: %.60s (now) and %.60s (now refused); "
+        "stop one",
+        apc_server_peer(s->server, commander, one), apc_server_peer(s->server, refused, other));
+}
+
+int on_request(void *ctx, uint64_t connection, const char *request, size_t length, char *reply, size_t size)
+{
+    struct shell *s = ctx;
+    const struct apc_now now = {.mono = apc_clock_mono(NULL), .utc = apc_clock_utc(NULL)};
+    struct apc_notice notice = {0};
+
+    pthread_mutex_lock(&s->mutex);
+    int rc = apc_plantserver_request(s->core, now, connection, request, length, reply, size, &notice);
+    pthread_mutex_unlock(&s->mutex);
+    if (notice.kind == APC_NOTICE_RIVALS)
+        tell_of_rivals(s, connection);
+    else
+        daemon_notice(s->d, &notice);
+    return rc;
+}
+
+/* ---- The program ----------------------------------------------------------------------------- */
+
+static int open_server(struct shell *s, const char *at, bool allow_plaintext, struct apc_error *why)
+{
+    const struct experiment *e = &s->d->experiment;
+    const bool modbus = !strncmp(at, MODBUS, sizeof MODBUS - 1);
+    struct apc_server_options options = {
+        .size = sizeof options,
+        .frame_max = APC_FRAME_ROOM(e->dim.nu > e->dim.ny ? e->dim.nu : e->dim.ny),
+        .allow_plaintext = allow_plaintext,
+        .log = s->d->log,
+    };
+    char tcp[URI_LEN];
+
+    if (!strncmp(at, SERIAL, sizeof SERIAL - 1))
+        return board_open(s, at + sizeof SERIAL - 1, why);
+    if (modbus) {
+        int rc = registers_open(s, why);
+        if (rc < 0)
+            return rc;
+        options.whole = apc_modbus_whole;
+        options.frame_max = APC_MODBUS_FRAME;
+        snprintf(tcp, sizeof tcp, "tcp:%s", at + sizeof MODBUS - 1);
+        at = tcp;
+    }
+    return apc_server_create(&s->server, at, &options, modbus ? registers_answer : on_request, s, why);
+}
+
+static int open_shell(struct shell *s, const struct own_options *own)
+{
+    const struct experiment *e = &s->d->experiment;
+    struct apc_error why;
+    int rc = cores_plant(e, &s->plant, &s->core, &why);
+    if (rc < 0)
+        return daemon_error(s->d, rc, "%s", why.text);
+    rc = open_server(s, own->listen ? own->listen : e->plant.listen, own->allow_plaintext, &why);
+    if (rc == APC_EPERM)
+        daemon_error(s->d, rc, "%s: --allow-plaintext", why.text);
+    else if (rc < 0)
+        daemon_error(s->d, rc, "%s%s", why.text,
+                     rc == APC_ESYS
+                         ? " (in the experiment file: \"listen\" of the plant, and \"link\" of the client)"
+                         : "");
+    return rc;
+}
+
+static void close_shell(struct shell *s)
+{
+    apc_server_destroy(s->server);
+    board_close(s);
+    registers_close(s);
+    gateway_close(s);
+    apc_plantserver_destroy(s->core);
+    apc_plant_destroy(s->plant);
+}
+
+int main(int argc, char **argv)
+{
+    struct daemon d;
+    struct own_options own = {.common = &d.options};
+    struct shell s = {.d = &d};
+    int rc = apc_mutex_init(&s.mutex);
+    if (rc == 0)
+        rc = daemon_open(&d, &program, &own, argc, argv);
+    if (rc == 0)
+        rc = open_shell(&s, &own);
+    if (rc == 0)
+        rc = daemon_run(&d, d.experiment.plant.rhythm, on_tick, &s);
+    close_shell(&s);
+    return daemon_close(&d, rc);
+}
