@@ -228,6 +228,20 @@ static void feedback_alone_is_refused(void **state)
     }
 }
 
+/* Whichever of the inputs it is. */
+static void an_input_that_is_feedback_alone_is_named(void **state)
+{
+    static const struct apc_transfer g[] = {{.gain = 1.0, .tau = {1.0}}, {.gain = 1.0, .tau = {1.0}}};
+    (void)state;
+
+    for (size_t input = 0; input < 2; input++) {
+        struct record_test *t = record_simulate(g, 2, 1, 500, 0.2, (const size_t[]){7, 11}, 0.1, 0.0, 1);
+        for (size_t k = 0; k < 500; k++)
+            t->u[2 * k + input] = -0.8 * t->y[k] + 0.3 * (k > 0 ? t->y[k - 1] : 0.0);
+        refused(t, input == 0 ? "input 1 does nothing but" : "input 2 does nothing but");
+    }
+}
+
 static void an_output_that_follows_no_input_is_said(void **state)
 {
     struct record_test *t = of_two(1);
@@ -298,6 +312,7 @@ int main(void)
         cmocka_unit_test(intervals_hold_what_they_say),
         cmocka_unit_test(poor_records_are_refused_with_what_to_do),
         cmocka_unit_test(feedback_alone_is_refused),
+        cmocka_unit_test(an_input_that_is_feedback_alone_is_named),
         cmocka_unit_test(an_output_that_follows_no_input_is_said),
         cmocka_unit_test(gaps_and_a_moving_start_bias_nothing),
         cmocka_unit_test(the_model_starts_where_the_plant_stands),

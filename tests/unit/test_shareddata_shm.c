@@ -70,6 +70,45 @@ static int64_t newest(struct apc_store *store, int id)
     return s.seq;
 }
 
+struct span {
+    int64_t first, last;
+    int count;
+};
+
+static int see(void *ctx, const struct apc_sample *s)
+{
+    struct span *span = ctx;
+    span->first = span->count++ == 0 ? s->seq : span->first;
+    span->last = s->seq;
+    return 0;
+}
+
+static int see_vector(void *ctx, const struct apc_vector *v)
+{
+    struct span *span = ctx;
+    span->first = span->count++ == 0 ? v->seq : span->first;
+    span->last = v->seq;
+    return 0;
+}
+
+static int count_event(void *ctx, const struct apc_event *event)
+{
+    int *next = ctx;
+    return event->time != 1000 * (*next)++; /* ends where one is missing */
+}
+
+static int sum_bins(void *ctx, const struct apc_timing_row *row)
+{
+    int64_t *sum = ctx;
+    for (size_t i = 0; i < row->n_bins; i++) {
+        sum[0] += row->bin_count[i];
+        sum[1] += row->bin_low[i] <= row->bin_high[i] && (i == 0 || row->bin_high[i - 1] < row->bin_low[i]);
+    }
+    sum[2] += (int64_t)row->n_bins;
+    sum[3]++;
+    return 0;
+}
+
 /* ---- Names ----------------------------------------------------------------------------------- */
 
 static void test_a_uri_that_names_no_segment_is_refused(void **state)
@@ -100,6 +139,18 @@ static void test_before_init_there_is_nothing_and_nothing_is_made(void **state)
     assert_int_equal(apc_store_connect(store), APC_ESCHEMA);
     assert_int_equal(append(store, 1, 1), APC_ESCHEMA);
     assert_non_null(strstr(apc_store_error(store), "apc init"));
+    assert_int_equal(apc_store_get_tags(store, NULL, 0), APC_ESCHEMA);
+    assert_int_equal(apc_store_put_tags(store, &(struct apc_tag){.table = APC_SENSOR, .name = "y"}, 1),
+                     APC_ESCHEMA);
+    assert_int_equal(apc_store_catalogue(store, NULL, 0, NULL), APC_ESCHEMA);
+    assert_int_equal(apc_store_variables(store, NULL, 0), APC_ESCHEMA);
+    assert_int_equal(apc_store_history(store, APC_SENSOR, 1, NULL, see, &(struct span){0}), APC_ESCHEMA);
+    assert_int_equal(apc_store_vectors(store, APC_TICK, 1, NULL, see_vector, &(struct span){0}), APC_ESCHEMA);
+    assert_int_equal(apc_store_events(store, NULL, count_event, &(int){0}), APC_ESCHEMA);
+    assert_int_equal(apc_store_timing(store, NULL, sum_bins, (int64_t[4]){0}), APC_ESCHEMA);
+    assert_int_equal(apc_store_maintain(
+                         store, &(struct apc_retention){.size = sizeof(struct apc_retention), .samples = 1}),
+                     APC_ESCHEMA);
     assert_false(apc_store_connected(store));
     assert_int_equal(access("/dev/shm/apc.shm-test-nobody-made-it", F_OK), -1);
     apc_store_close(store);
@@ -244,19 +295,6 @@ static void test_a_full_segment_refuses_new_variables_and_keeps_the_rest(void **
     assert_int_equal(newest(store, 5), 3);
 }
 
-struct span {
-    int64_t first, last;
-    int count;
-};
-
-static int see(void *ctx, const struct apc_sample *s)
-{
-    struct span *span = ctx;
-    span->first = span->count++ == 0 ? s->seq : span->first;
-    span->last = s->seq;
-    return 0;
-}
-
 static void test_a_history_ends_where_it_was_overwritten(void **state)
 {
     (void)state;
@@ -304,22 +342,52 @@ static void test_late_samples_never_push_the_newest_out(void **state)
     assert_int_equal(newest(*state, 1), LATE + 1);
 }
 
-static int count_event(void *ctx, const struct apc_event *event)
+static int append_vector(struct apc_store *store, int64_t seq)
 {
-    int *next = ctx;
-    return event->time != 1000 * (*next)++; /* ends where one is missing */
+    double value[2] = {(double)seq, 1};
+    struct apc_vector v = {
+        .table = APC_TICK, .id = 1, .seq = seq, .time = 1000 * seq, .n = 2, .value = value};
+    const struct apc_rows rows = {.size = sizeof rows, .vector = &v, .n_vectors = 1};
+    return apc_store_append_rows(store, &rows);
 }
 
-static int sum_bins(void *ctx, const struct apc_timing_row *row)
+/* A late one that the ring still has room for is stored, once; one that was overwritten was there. */
+static void test_late_vectors_are_stored_while_there_is_room_for_them(void **state)
 {
-    int64_t *sum = ctx;
-    for (size_t i = 0; i < row->n_bins; i++) {
-        sum[0] += row->bin_count[i];
-        sum[1] += row->bin_low[i] <= row->bin_high[i] && (i == 0 || row->bin_high[i - 1] < row->bin_low[i]);
+    enum { N = 20000 };
+    struct span span = {0};
+    for (int64_t seq = 1; seq <= N; seq++) {
+        assert_int_equal(append_vector(*state, 2 * seq), 1);
     }
-    sum[2] += (int64_t)row->n_bins;
-    sum[3]++;
-    return 0;
+    const int kept = apc_store_vectors(*state, APC_TICK, 1, NULL, see_vector, &span);
+    assert_true(kept > 10 && kept < N && span.last == 2 * N);
+    assert_int_equal(append_vector(*state, 2 * N - 1), 1);
+    assert_int_equal(append_vector(*state, 2 * N - 1), 0);
+    assert_int_equal(append_vector(*state, 2 * N - 2), 0);
+    assert_int_equal(append_vector(*state, 1), 0);
+    span = (struct span){0};
+    apc_store_vectors(*state, APC_TICK, 1, &(struct apc_range){.last = 2}, see_vector, &span);
+    assert_true(span.first == 2 * N - 1 && span.last == 2 * N);
+}
+
+/* With standard input closed, as a daemon's may be, a segment's file is number 0. */
+static void test_a_segment_may_have_any_number_for_its_file(void **state)
+{
+    apc_store_close(*state);
+    unlink(path);
+    const int input = dup(STDIN_FILENO);
+    close(STDIN_FILENO);
+    *state = open_store();
+    const int made = apc_store_init(*state), stored = made == 0 ? append(*state, 1, 1) : made;
+    apc_store_close(*state);
+    struct apc_store *other = open_store(); /* it is there, and found with that number, too */
+    const int64_t found = stored == 1 ? newest(other, 1) : 0;
+    apc_store_close(other);
+    dup2(input, STDIN_FILENO);
+    close(input);
+    *state = open_store();
+    assert_int_equal(stored, 1);
+    assert_int_equal(found, 1);
 }
 
 static void test_rings_of_events_and_timing_keep_the_newest(void **state)
@@ -470,6 +538,17 @@ static void test_a_damaged_segment_is_said_to_be_one(void **state)
     }
     assert_int_equal(apc_store_history(store, APC_SENSOR, 1, NULL, see, &(struct span){0}), APC_ESTORE);
     assert_int_equal(apc_store_maintain(store, &keep), APC_ESTORE);
+    assert_int_equal(append_vector(store, 1), 1);
+    struct apc_shm_cell *rows = shm->slot[1].version;
+    const uint64_t whole = apc_word_get(&rows[0].ring) | apc_word_get(&rows[1].ring);
+    static const uint64_t wrong[] = {0xff, 0xff00, 0x20000}; /* pieces, length of a row, rows: too many */
+    for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
+        apc_word_put(&rows[0].ring, whole | wrong[i]);
+        apc_word_put(&rows[1].ring, whole | wrong[i]);
+        assert_int_equal(apc_store_vectors(store, APC_TICK, 1, NULL, see_vector, &(struct span){0}),
+                         APC_ESTORE);
+        assert_non_null(strstr(apc_store_error(store), "corrupt"));
+    }
     assert_int_equal(apc_store_maintain(store, &(struct apc_retention){.size = sizeof keep, .events = 1}),
                      APC_ESTORE);
     assert_int_equal(apc_store_events(store, NULL, count_event, &next), APC_ESTORE);
@@ -666,6 +745,8 @@ int main(void)
         T(test_a_full_segment_refuses_new_variables_and_keeps_the_rest),
         T(test_a_history_ends_where_it_was_overwritten),
         T(test_late_samples_never_push_the_newest_out),
+        T(test_late_vectors_are_stored_while_there_is_room_for_them),
+        T(test_a_segment_may_have_any_number_for_its_file),
         T(test_rings_of_events_and_timing_keep_the_newest),
         T(test_no_chatter_pushes_out_what_people_did),
         T(test_a_segment_cut_short_is_refused_and_not_touched),

@@ -673,6 +673,72 @@ static void test_a_store_refuses_to_be_used_from_inside_its_history(void **state
     assert_int_equal(seen.inner, APC_ESTATE);
 }
 
+/* The store, and what it said to somebody who used it meanwhile. */
+struct meddler {
+    struct apc_store *store;
+    int said;
+};
+
+static void meddle(struct meddler *m)
+{
+    struct apc_sample s = sample(APC_SENSOR, 1, 0, 0);
+    m->said = apc_store_read(m->store, &s, 1);
+}
+
+static int meddle_event(void *ctx, const struct apc_event *e)
+{
+    (void)e;
+    meddle(ctx);
+    return 0;
+}
+
+static int meddle_timing(void *ctx, const struct apc_timing_row *row)
+{
+    (void)row;
+    meddle(ctx);
+    return 0;
+}
+
+static int meddle_vector(void *ctx, const struct apc_vector *v)
+{
+    (void)v;
+    meddle(ctx);
+    return 0;
+}
+
+static int meddle_bin(void *ctx, const struct apc_history_bin *bin)
+{
+    (void)bin;
+    meddle(ctx);
+    return 0;
+}
+
+static void assert_meddled(struct meddler *m, int count)
+{
+    assert_int_equal(count, 1);
+    assert_int_equal(m->said, APC_ESTATE);
+    meddle(m);
+    assert_int_equal(m->said, 0); /* and it goes on */
+}
+
+static void test_nor_from_inside_any_other_stream(void **state)
+{
+    double value = 1;
+    const struct apc_event e = {.time = 1000, .severity = APC_EVENT_INFO};
+    const struct apc_timing_row row = {.time = 1000, .quantity = "run", .task = "t"};
+    struct apc_vector v = {.table = APC_TICK, .id = 1, .seq = 1, .time = 1000, .n = 1, .value = &value};
+    const struct apc_rows rows = {.size = sizeof rows, .vector = &v, .n_vectors = 1};
+    struct meddler m = {.store = *state};
+    append_many(*state, 1, 1);
+    assert_int_equal(apc_store_append_rows(*state, &rows), 1);
+    assert_int_equal(apc_store_append_events(*state, &e, 1), 1);
+    assert_int_equal(apc_store_append_timing(*state, &row, 1), 1);
+    assert_meddled(&m, apc_store_events(*state, NULL, meddle_event, &m));
+    assert_meddled(&m, apc_store_timing(*state, NULL, meddle_timing, &m));
+    assert_meddled(&m, apc_store_vectors(*state, APC_TICK, 1, NULL, meddle_vector, &m));
+    assert_meddled(&m, apc_store_history_bins(*state, APC_SENSOR, 1, 1, APC_NS_PER_S, 1, meddle_bin, &m));
+}
+
 static int follow_origin(void *ctx, const struct apc_sample *s)
 {
     assert_int_equal(s->origin, s->seq == 1 ? 7 : 0);
@@ -929,6 +995,31 @@ static void test_tags_are_replaced_as_a_whole_and_may_change_names(void **state)
 
     assert_int_equal(apc_store_put_tags(*state, NULL, 0), 0);
     assert_int_equal(apc_store_get_tags(*state, NULL, 0), 0);
+}
+
+/* Of twelve, in three tables, in any order. */
+static void test_a_name_is_found_twice_wherever_it_stands(void **state)
+{
+    static const enum apc_table tables[] = {APC_SENSOR, APC_ACTUATOR, APC_SETPOINT};
+    struct apc_tag tag[12] = {{0}};
+    for (int i = 0; i < 12; i++) {
+        tag[i] = (struct apc_tag){.table = tables[i % 3], .id = 1 + i / 3, .high = 1};
+        snprintf(tag[i].name, sizeof tag[i].name, "%c", 'a' + i / 3);
+    }
+    assert_int_equal(apc_store_put_tags(*state, tag, 12), 12); /* the same ones, each in its table */
+    for (int i = 0; i < 12; i++) {
+        for (int k = i % 3; k < i; k += 3) { /* of the same table */
+            char kept = tag[i].name[0];
+            tag[i].name[0] = tag[k].name[0];
+            assert_int_equal(apc_store_put_tags(*state, tag, 12), APC_ESTORE);
+            tag[i].name[0] = kept;
+            int id = tag[i].id;
+            tag[i].id = tag[k].id;
+            assert_int_equal(apc_store_put_tags(*state, tag, 12), APC_ESTORE);
+            tag[i].id = id;
+        }
+    }
+    assert_int_equal(apc_store_get_tags(*state, NULL, 0), 12);
 }
 
 static int keep_event(void *ctx, const struct apc_event *e)
@@ -1622,6 +1713,8 @@ int main(void)
         T(test_history_comes_in_rising_seq_within_its_bounds),
         T(test_history_ends_when_its_function_says_so),
         T(test_a_store_refuses_to_be_used_from_inside_its_history),
+        T(test_nor_from_inside_any_other_stream),
+        T(test_a_name_is_found_twice_wherever_it_stands),
         T(test_a_history_names_what_a_row_comes_from),
         T(test_variables_are_those_that_have_samples),
         T(test_a_bin_holds_what_lies_within_it),
