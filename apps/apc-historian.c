@@ -54,7 +54,9 @@ struct shell {
 enum { OPT_HISTORY = 0x600 };
 static const struct argp_option option_list[] = {
     {"history", OPT_HISTORY, "URI", 0,
-     "Where the record goes: postgresql://host/db#schema, sqlite:FILE [APC_HISTORY]", 0},
+     "Where the record goes: postgresql://host/db#schema, sqlite:FILE [APC_HISTORY, or what follows the '+' "
+     "in --store]",
+     0},
     {0},
 };
 
@@ -244,8 +246,11 @@ static int first_step(struct shell *s, const char *uri)
 static int open_shell(struct shell *s)
 {
     const struct apc_store_options options = {.size = sizeof options, .name = s->d.name, .timeout = TIMEOUT};
-    const char *uri = s->history ? s->history : getenv("APC_HISTORY");
+    const char *uri = s->history ? s->history : getenv("APC_HISTORY"), *store = getenv("APC_STORE");
     struct apc_error why;
+    store = s->d.options.store ? s->d.options.store : store;
+    if (!uri && store && store[apc_store_live(store)])
+        uri = store + apc_store_live(store) + 1;
     if (!uri)
         return daemon_error(&s->d, APC_EINVAL, "no history: give --history URI or set APC_HISTORY");
     int rc = daemon_store(&s->d, &s->live, NULL, 0);

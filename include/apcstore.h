@@ -47,6 +47,13 @@ struct apc_store;
  * - `postgresql:` (the environment's database: PGHOST, PGSERVICE, ...) or `postgresql://...`, any libpq URI;
  *   `#NAME` at its end chooses the schema NAME, one a plant, default `apc`. A standby is refused, because a
  *   store is for writing, unless target_session_attrs in the URI or PGTARGETSESSIONATTRS says otherwise.
+ * - `shm:NAME+HISTORY`, as well of mem:, where HISTORY is the URI of the store into which an
+ *   apc_forward moves what the first one gets: what is newest, and all writes, are the live store's, the past
+ *   is the history's as far as it goes and then the live store's, each row once. Rows of variables are told
+ *   apart by seq; events and timing, whose numbers differ in the two, by all that they say. While the history
+ *   is away, or where it is another experiment's, there is as much past as the live store has, and
+ *   apc_store_error() says so after the operation, which succeeds. A number of an author that came with a row
+ *   is one for this handle only.
  *
  * Nothing is connected yet: every operation connects when it has to, waits no longer than the timeout, and
  * after a failed connect to a server answers APC_ECONN at once until a jittered pause is over. One thread at
@@ -55,6 +62,9 @@ struct apc_store;
  */
 APC_API int apc_store_open(struct apc_store **store, const char *uri, const struct apc_store_options *options,
                            struct apc_error *why);
+/** How much of a URI, from its beginning, is that of the live store: all of it, unless there is a `+HISTORY`.
+ * [any] */
+APC_API size_t apc_store_live(const char *uri);
 APC_API void apc_store_close(struct apc_store *store); /**< NULL is legal. [setup] */
 /** One line about the last failure; lives until the next call. [tick] */
 APC_API const char *apc_store_error(const struct apc_store *store);

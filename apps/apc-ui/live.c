@@ -7,6 +7,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "common/storeuri.h"
 #include "run/outcome.h"
 #include "ui.h"
 
@@ -39,7 +40,9 @@ int ui_open_store(struct ui *ui, const char *name, apc_ns timeout, struct apc_st
 {
     const struct apc_store_options options = {
         .size = sizeof options, .name = name, .timeout = timeout, .backoff_max = BACKOFF_MOST};
-    return apc_store_open(store, ui->options.store, &options, why);
+    char room[256]; /* who has time reads the past, too; the others what is newest */
+    const char *uri = timeout > 0 ? ui->options.store : store_live(ui->options.store, room);
+    return apc_store_open(store, uri, &options, why);
 }
 
 static void let_go(struct live *l)

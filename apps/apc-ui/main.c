@@ -352,7 +352,7 @@ int main(int argc, char **argv)
         (rc = load_experiment(ui, or_environment(o.config, "APC_CONFIG", NULL), &why)) == 0 &&
         (rc = load_users(ui, &why)) == 0 && (rc = load_page(ui, &why)) == 0) {
         struct apc_store *probe = NULL; /* is the URI one at all? */
-        rc = ui_open_store(ui, "apc-ui", 0, &probe, &why);
+        rc = ui_open_store(ui, "apc-ui", APC_NS_PER_S, &probe, &why);
         apc_store_close(probe);
     }
     if (rc == 0)

@@ -199,6 +199,8 @@ int command_history(int argc, char **argv)
         rc = show_events(&cli, store, &range, &rows);
     else if (rc == EXIT_OK)
         rc = show_variables(&cli, store, &range, &rows);
+    if (rc == EXIT_OK && apc_store_error(store)[0])
+        cli_error(&cli, 0, "%s", apc_store_error(store)); /* there may be more than was given */
     apc_store_close(store);
     return cli_done(&cli, rc);
 }

@@ -152,6 +152,8 @@ struct run {
     size_t done;                 /* of the experiment's actions */
     char dir[512], config[544], store_name[400], host[256];
     char own_store[PATH_MAX + 32]; /* URI of a store in dir, or in memory; "": it was given one */
+    char live_uri[256];            /* of --store LIVE+HISTORY */
+    char *both;                    /* LIVE+HISTORY; NULL: there is one store only */
     bool made_store;               /* it was not there before */
     char segment[64];              /* file of the store in memory; "": there is none of our own */
     const char *record;            /* URI of the store that holds the record in the end */
@@ -306,9 +308,37 @@ static int prepare_folder(struct run *r)
     return rc;
 }
 
-/* "in another terminal: export APC_STORE='sqlite:...'", to be pasted into a shell. */
+/* Live store and history as one, for those who look on: with a path that holds in any folder. */
+static int join_stores(struct run *r)
+{
+    const char *history = r->options.history;
+    char here[PATH_MAX] = "";
+    if (!history)
+        return 0;
+    const bool relative =
+        !strncmp(history, "sqlite:", strlen("sqlite:")) && history[strlen("sqlite:")] != '/';
+    if (relative && !getcwd(here, sizeof here))
+        return cli_error(&r->cli, APC_ESYS, "the current folder: %s", strerror(errno)), APC_ESYS;
+    if (asprintf(&r->both, "%.*s+%s%s%s%s", (int)strcspn(r->cli.store, "?"), r->cli.store,
+                 relative ? "sqlite:" : "", here, relative ? "/" : "",
+                 relative ? history + strlen("sqlite:") : history) < 0) {
+        r->both = NULL;
+        return cli_error(&r->cli, APC_ENOMEM, "out of memory"), APC_ENOMEM;
+    }
+    if (!r->both[apc_store_live(r->both)]) { /* no memory, so that they cannot be one */
+        free(r->both);
+        r->both = NULL;
+    }
+    return 0;
+}
+
+/* "in another terminal: export APC_STORE='sqlite:...'", to be pasted into a shell. Not with a password. */
 static void say_export(const char *uri)
 {
+    char shown[PATH_MAX + 64], room[256];
+    store_name(uri, shown, sizeof shown);
+    if (strstr(shown, "***"))
+        uri = store_live(uri, room);
     fputs("in another terminal: export APC_STORE='", stderr);
     for (; *uri; uri++)
         fputs(*uri == '\'' ? "'\\''" : (const char[]){*uri, '\0'}, stderr);
@@ -468,7 +498,8 @@ static int start_daemons(struct run *r)
         return APC_ENOMEM;
     }
     add_daemons(r);
-    setenv("APC_STORE", r->cli.store, 1); /* not in argv, where everybody could read a password */
+    /* Not in argv, where everybody could read a password. */
+    setenv("APC_STORE", r->both ? r->both : r->cli.store, 1);
     setenv("APC_SPOOL", r->dir, 1);
     if (r->options.history)
         setenv("APC_HISTORY", r->options.history, 1);
@@ -727,6 +758,11 @@ static int run(struct run *r)
         cli_error(&r->cli, rc, "%s", why.text);
         return rc;
     }
+    if (r->cli.store && r->cli.store[apc_store_live(r->cli.store)]) {
+        if (!r->options.history)
+            r->options.history = r->cli.store + apc_store_live(r->cli.store) + 1;
+        r->cli.store = store_live(r->cli.store, r->live_uri);
+    }
     if (r->options.history && r->cli.store && !strcmp(r->options.history, r->cli.store)) {
         cli_error(&r->cli, APC_EINVAL, "--history is the store itself: leave one of the two out");
         return APC_EINVAL;
@@ -738,15 +774,16 @@ static int run(struct run *r)
     signal(SIGPIPE, SIG_IGN); /* `apc run ... | head` is no reason to leave no report */
     if ((rc = prepare_folder(r)) < 0)
         return rc;
-    if ((!r->cli.store && (rc = embed_store(r)) < 0) || (rc = prepare_store(r)) < 0) {
+    if ((!r->cli.store && (rc = embed_store(r)) < 0) || (rc = join_stores(r)) < 0 ||
+        (rc = prepare_store(r)) < 0) {
         discard(r);
         return rc;
     }
     r->record = r->options.history ? r->options.history : r->cli.store;
     if ((rc = keep_folder(r)) < 0)
         return rc;
-    if (r->own_store[0])
-        say_export(r->own_store);
+    if (r->both || r->own_store[0])
+        say_export(r->both ? r->both : r->own_store);
     else
         fprintf(stderr, "store:   %s\n", r->store_name);
     if ((rc = start_daemons(r)) < 0)
@@ -774,6 +811,7 @@ int command_run(int argc, char **argv)
     int rc = run(&r);
     apc_store_close(r.store);
     free(r.daemons.child);
+    free(r.both);
     experiment_free(&r.e);
     return exit_code_of(rc);
 }

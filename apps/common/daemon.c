@@ -198,8 +198,9 @@ static int open_store(struct daemon *d, struct apc_store **store, apc_ns timeout
         options.spool = path;
         options.spool_size = 0;
     }
+    char room[256];
     const char *uri = or_environment(d->options.store, "APC_STORE");
-    int rc = store_open(store, uri ? uri : "postgresql:", &options, &why);
+    int rc = store_open(store, uri ? store_live(uri, room) : "postgresql:", &options, &why);
     return rc < 0 ? daemon_error(d, rc, "--store: %s", why.text) : 0;
 }
 

@@ -17,6 +17,13 @@ int store_open(struct apc_store **store, const char *uri, const struct apc_store
     return apc_store_open(store, uri, options, why);
 }
 
+const char *store_live(const char *uri, char room[256])
+{
+    const size_t n = apc_store_live(uri);
+    snprintf(room, 256, "%.*s", (int)n, uri);
+    return uri[n] ? room : uri;
+}
+
 /* ---- For people --------------------------------------------------------------------------- */
 
 static void add(char *out, size_t size, const char *text, size_t n)

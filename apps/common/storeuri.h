@@ -6,11 +6,14 @@
 #include <apcstore.h>
 
 /* For the help of the option. */
-#define STORE_HELP "Shared data: postgresql://host/db#schema, sqlite:FILE, shm:NAME [APC_STORE]"
+#define STORE_HELP                                                                                           \
+    "Shared data: postgresql://host/db#schema, sqlite:FILE, shm:NAME, shm:NAME+HISTORY [APC_STORE]"
 
 /* apc_store_open(), but for the memory of this very process, which no other program would see. */
 int store_open(struct apc_store **store, const char *uri, const struct apc_store_options *options,
                struct apc_error *why);
+/* Of LIVE+HISTORY the live store's own URI, which may be in @p room; else @p uri. */
+const char *store_live(const char *uri, char room[256]);
 /* Which store a URI means, without passwords, and for "postgresql:" with what the environment says. */
 void store_name(const char *uri, char *name, size_t size);
 

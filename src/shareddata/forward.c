@@ -107,57 +107,6 @@ static bool late(const struct apc_forward *f)
 
 /* ---- Descriptions -------------------------------------------------------------------------- */
 
-static int load_tags(struct apc_store *store, struct apc_tag **tags, size_t *n)
-{
-    const int most = apc_store_get_tags(store, NULL, 0);
-    *tags = most > 0 ? (struct apc_tag *)calloc((size_t)most, sizeof **tags) : NULL;
-    *n = 0;
-    if (most <= 0 || !*tags) {
-        return most > 0 ? APC_ENOMEM : most;
-    }
-    const int there = apc_store_get_tags(store, *tags, (size_t)most);
-    *n = there > 0 ? (size_t)(there < most ? there : most) : 0;
-    return there < 0 ? there : 0;
-}
-
-static const struct apc_tag *tag_of(const struct apc_tag *tags, size_t n, const struct apc_tag *like)
-{
-    for (size_t i = 0; i < n; i++) {
-        if (tags[i].table == like->table && tags[i].id == like->id) {
-            return &tags[i];
-        }
-    }
-    return NULL;
-}
-
-static bool same_tag(const struct apc_tag *a, const struct apc_tag *b)
-{
-    return strcmp(a->name, b->name) == 0 && strcmp(a->unit, b->unit) == 0 &&
-           strcmp(a->description, b->description) == 0 && strcmp(a->controller, b->controller) == 0 &&
-           strcmp(a->area, b->area) == 0 && a->low == b->low && a->high == b->high &&
-           a->display_low == b->display_low && a->display_high == b->display_high && a->period == b->period &&
-           a->step == b->step && a->length == b->length;
-}
-
-/* Two experiments in one store would be one series of each variable. */
-static int check_experiment(struct apc_forward *f, const struct apc_tag *to, size_t n_to)
-{
-    for (size_t i = 0; i < f->n_tags; i++) {
-        const struct apc_tag *a = &f->tag[i], *b = tag_of(to, n_to, a);
-        const bool experiment = a->table == APC_STATE, signal = a->table <= APC_SETPOINT;
-        if (b && ((experiment && strcmp(a->description, b->description) != 0) ||
-                  (signal && (strcmp(a->name, b->name) != 0 || strcmp(a->unit, b->unit) != 0)))) {
-            f->stats.away = true;
-            return apc_fail(
-                &f->why, APC_EPERM,
-                "it belongs to another experiment: its %s.%d is \"%s\" [%s], here it is \"%s\" [%s]",
-                apc_table_name(b->table), b->id, experiment ? b->description : b->name, b->unit,
-                experiment ? a->description : a->name, a->unit);
-        }
-    }
-    return 0;
-}
-
 /* FROM's descriptions, and TO's own of variables that FROM does not describe, unless TO has them. */
 static int send_tags(struct apc_forward *f, const struct apc_tag *to, size_t n_to)
 {
@@ -178,12 +127,12 @@ static int send_tags(struct apc_forward *f, const struct apc_tag *to, size_t n_t
         rc = fail_to(f, rc);
     }
     for (size_t i = 0; rc >= 0 && i < f->n_tags; i++) {
-        const struct apc_tag *b = tag_of(to, n_to, &f->tag[i]);
+        const struct apc_tag *b = apc_tag_of(to, n_to, &f->tag[i]);
         all[i] = f->tag[i];
-        same += b && same_tag(&f->tag[i], b);
+        same += b && apc_tags_alike(&f->tag[i], b);
     }
     for (size_t i = 0; rc >= 0 && i < n_to; i++) {
-        if (!tag_of(f->tag, f->n_tags, &to[i])) {
+        if (!apc_tag_of(f->tag, f->n_tags, &to[i])) {
             all[n++] = to[i];
         }
     }
@@ -205,7 +154,7 @@ static int describe(struct apc_forward *f)
     struct apc_tag *now = NULL, *to = NULL;
     size_t n = 0, n_to = 0;
     int64_t revision = 0;
-    int rc = load_tags(f->from, &now, &n);
+    int rc = apc_tags_load(f->from, &now, &n);
     if (rc >= 0 && (rc = apc_store_catalogue(f->from, NULL, 0, &revision)) >= 0) {
         rc = 0;
     }
@@ -216,7 +165,7 @@ static int describe(struct apc_forward *f)
     bool changed = n != f->n_tags || revision != f->revision;
     for (size_t i = 0; !changed && i < n; i++) {
         const struct apc_tag *b = &f->tag[i];
-        changed = now[i].table != b->table || now[i].id != b->id || !same_tag(&now[i], b);
+        changed = now[i].table != b->table || now[i].id != b->id || !apc_tags_alike(&now[i], b);
     }
     free(f->tag);
     f->tag = now;
@@ -225,12 +174,13 @@ static int describe(struct apc_forward *f)
     if (f->described || n == 0) {
         return 0;
     }
-    rc = load_tags(f->to, &to, &n_to);
+    rc = apc_tags_load(f->to, &to, &n_to);
     if (rc < 0) {
         rc = rc == APC_ENOMEM ? no_memory(f) : fail_to(f, rc);
     }
-    if (rc == 0) {
-        rc = check_experiment(f, to, n_to);
+    if (rc == 0) { /* two experiments in one store would be one series of each variable */
+        rc = apc_tags_compare(f->tag, f->n_tags, to, n_to, &f->why);
+        f->stats.away = f->stats.away || rc < 0;
     }
     if (rc == 0) {
         rc = send_tags(f, to, n_to);

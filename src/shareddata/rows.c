@@ -134,26 +134,32 @@ int apc_tags_sort(struct apc_store *store, const struct apc_tag *tags, size_t n,
 
 /* ---- Bins ---------------------------------------------------------------------------------- */
 
-struct bin {
+struct apc_bin {
     struct apc_history_bin b;
     long double sum; /* of values below 1e300: cannot overflow */
 };
 
-struct bins {
-    struct bin *bin;
-    size_t n;
-    apc_ns since, until;
-};
-
-static int fill_bin(void *ctx, const struct apc_sample *s)
+int apc_bins_make(struct apc_store *store, struct apc_bins *bins, apc_ns since, apc_ns until, size_t n)
 {
-    struct bins *x = (struct bins *)ctx;
+    *bins = (struct apc_bins){
+        .bin = (struct apc_bin *)calloc(n, sizeof *bins->bin), .n = n, .since = since, .until = until};
+    return bins->bin ? 0 : apc_fail(&store->why, APC_ENOMEM, "out of memory for %zu bins", n);
+}
+
+/* The highest i whose edge, since + span * i / n rounded down, is not above the time. */
+static struct apc_bin *bin_of(const struct apc_bins *x, apc_ns time)
+{
+    uwide into = (uwide)((uint64_t)time - (uint64_t)x->since) + 1;
+    return &x->bin[(size_t)((into * x->n - 1) / ((uint64_t)x->until - (uint64_t)x->since))];
+}
+
+int apc_bins_add(void *bins, const struct apc_sample *s)
+{
+    const struct apc_bins *x = (const struct apc_bins *)bins;
     if (s->time < x->since || s->time >= x->until) {
         return 0; /* 0 is no bound to a range, but one to bins */
     }
-    /* The highest i whose edge, since + span * i / n rounded down, is not above the time. */
-    uwide into = (uwide)((uint64_t)s->time - (uint64_t)x->since) + 1;
-    struct bin *bin = &x->bin[(size_t)((into * x->n - 1) / ((uint64_t)x->until - (uint64_t)x->since))];
+    struct apc_bin *bin = bin_of(x, s->time);
     struct apc_history_bin *b = &bin->b;
     if (apc_status_severity(s->status) == APC_SEVERITY_BAD) {
         b->bad++;
@@ -169,29 +175,44 @@ static int fill_bin(void *ctx, const struct apc_sample *s)
     return 0;
 }
 
+int apc_bins_take(void *bins, const struct apc_history_bin *bin)
+{
+    struct apc_bins *x = (struct apc_bins *)bins;
+    *bin_of(x, bin->from) =
+        (struct apc_bin){.b = *bin, .sum = (long double)bin->mean * (long double)bin->count};
+    x->last = bin->seq > x->last ? bin->seq : x->last;
+    return 0;
+}
+
+int apc_bins_give(struct apc_store *store, struct apc_bins *x, apc_history_bin_fn fn, void *ctx)
+{
+    int count = 0;
+    store->streaming = true;
+    for (size_t i = 0, ended = 0; i < x->n && !ended; i++) {
+        struct apc_history_bin *b = &x->bin[i].b;
+        if (b->seq > 0) {
+            b->from = apc_bin_edge(x->since, x->until, x->n, i);
+            b->until = apc_bin_edge(x->since, x->until, x->n, i + 1);
+            b->mean = b->count ? (double)(x->bin[i].sum / (long double)b->count) : 0;
+            count++;
+            ended = fn(ctx, b) != 0;
+        }
+    }
+    store->streaming = false;
+    return count;
+}
+
 int apc_bins_by_history(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
                         size_t n, apc_history_bin_fn fn, void *ctx)
 {
-    struct bins x = {.bin = (struct bin *)calloc(n, sizeof *x.bin), .n = n, .since = since, .until = until};
-    if (!x.bin) {
-        return apc_fail(&store->why, APC_ENOMEM, "out of memory for %zu bins", n);
-    }
+    struct apc_bins x;
     const struct apc_range range = {.since = since, .until = until};
-    int count = store->ops->history(store, table, id, &range, fill_bin, &x);
+    int count = apc_bins_make(store, &x, since, until, n);
+    if (count == 0) {
+        count = store->ops->history(store, table, id, &range, apc_bins_add, &x);
+    }
     if (count >= 0) {
-        count = 0;
-        store->streaming = true;
-        for (size_t i = 0, ended = 0; i < n && !ended; i++) {
-            struct apc_history_bin *b = &x.bin[i].b;
-            if (b->seq > 0) {
-                b->from = apc_bin_edge(since, until, n, i);
-                b->until = apc_bin_edge(since, until, n, i + 1);
-                b->mean = b->count ? (double)(x.bin[i].sum / (long double)b->count) : 0;
-                count++;
-                ended = fn(ctx, b) != 0;
-            }
-        }
-        store->streaming = false;
+        count = apc_bins_give(store, &x, fn, ctx);
     }
     free(x.bin);
     return count;

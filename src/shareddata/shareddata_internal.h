@@ -161,6 +161,17 @@ int apc_rows_seq_failure(struct apc_store *store, const struct apc_sample *sampl
 /** The operation variables, from @p all that there are, in any order; frees them. Returns @p n. */
 int apc_variables_give(struct apc_sample *all, size_t n, struct apc_sample *variables, size_t capacity);
 
+/* ---- tags.c ---------------------------------------------------------------------------------- */
+
+/** All that a store has, to be freed. Returns 0, APC_ENOMEM or an error of the store's. */
+int apc_tags_load(struct apc_store *store, struct apc_tag **tags, size_t *n);
+/** That of the variable of @p like; NULL: there is none. */
+const struct apc_tag *apc_tag_of(const struct apc_tag *tags, size_t n, const struct apc_tag *like);
+bool apc_tags_alike(const struct apc_tag *a, const struct apc_tag *b);
+/** Is the @p other of the same experiment, as far as both tell? Returns 0, or APC_EPERM with the text. */
+int apc_tags_compare(const struct apc_tag *here, size_t n, const struct apc_tag *other, size_t n_other,
+                     struct apc_error *why);
+
 /* ---- claims.c -------------------------------------------------------------------------------- */
 
 struct apc_claims {
@@ -180,6 +191,20 @@ struct apc_timing_row apc_timing_stored(const struct apc_timing_row *row);
  */
 int apc_tags_sort(struct apc_store *store, const struct apc_tag *tags, size_t n, struct apc_tag **sorted);
 
+/** Intervals that are being filled. */
+struct apc_bins {
+    struct apc_bin *bin; /* [n], to be freed */
+    size_t n;
+    apc_ns since, until;
+    int64_t last; /* the highest seq of those taken whole */
+};
+int apc_bins_make(struct apc_store *store, struct apc_bins *bins, apc_ns since, apc_ns until, size_t n);
+/** The next sample, in rising seq; an apc_sample_fn. */
+int apc_bins_add(void *bins, const struct apc_sample *sample);
+/** One that another store has made, before any sample; an apc_history_bin_fn. */
+int apc_bins_take(void *bins, const struct apc_history_bin *bin);
+/** As the operation history_bins does. */
+int apc_bins_give(struct apc_store *store, struct apc_bins *bins, apc_history_bin_fn fn, void *ctx);
 /** The operation history_bins, made from the store's own history. */
 int apc_bins_by_history(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
                         size_t n, apc_history_bin_fn fn, void *ctx);

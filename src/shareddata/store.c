@@ -7,6 +7,7 @@
 
 #include "base/base_internal.h"
 #include "shareddata/migrations.h"
+#include "shareddata/seam.h"
 #include "shareddata/shareddata_internal.h"
 #include "shareddata/spool.h"
 
@@ -34,6 +35,46 @@ static int make_config(struct apc_store_config *config, struct apc_store_options
     return 0;
 }
 
+static int open_plain(struct apc_store **store, const char *uri, const struct apc_store_config *config,
+                      struct apc_error *why)
+{
+    for (size_t i = 0; i < sizeof stores / sizeof stores[0]; i++) {
+        if (strncmp(uri, stores[i]->scheme, strlen(stores[i]->scheme)) == 0) {
+            return stores[i]->open(store, uri, config, why);
+        }
+    }
+    /* The URI may hold a password: only what must be its scheme is shown. */
+    size_t scheme = strcspn(uri, ":/@");
+    bool shown = scheme < 32 && uri[scheme] == ':';
+    return apc_fail(why, APC_EINVAL,
+                    "%s%.*s%s: expected postgresql:, postgresql://..., sqlite:FILE, shm:NAME or mem:NAME",
+                    shown ? "unknown store \"" : "a store that does not begin with what it is",
+                    shown ? (int)scheme + 1 : 0, uri, shown ? "\"" : "");
+}
+
+/* LIVE+HISTORY: the live one is memory. */
+static int open_both(struct apc_store **store, const char *uri, size_t live_length,
+                     const struct apc_store_config *config, struct apc_error *why)
+{
+    char live_uri[256];
+    struct apc_store *live = NULL, *history = NULL;
+    if (live_length >= sizeof live_uri) {
+        return apc_fail(why, APC_EINVAL, "the live store's name before '+' is too long");
+    }
+    snprintf(live_uri, sizeof live_uri, "%.*s", (int)live_length, uri);
+    int err = open_plain(&live, live_uri, config, why);
+    if (!err && (err = open_plain(&history, uri + live_length + 1, config, why)) != 0) {
+        apc_store_close(live);
+    }
+    return err ? err : apc_seam_wrap(store, live, history, why);
+}
+
+size_t apc_store_live(const char *uri)
+{
+    const bool memory = strncmp(uri, "shm:", 4) == 0 || strncmp(uri, "mem:", 4) == 0;
+    return memory ? strcspn(uri, "+") : strlen(uri);
+}
+
 int apc_store_open(struct apc_store **store, const char *uri, const struct apc_store_options *options,
                    struct apc_error *why)
 {
@@ -53,25 +94,14 @@ int apc_store_open(struct apc_store **store, const char *uri, const struct apc_s
     if (err) {
         return err;
     }
-    for (size_t i = 0; i < sizeof stores / sizeof stores[0]; i++) {
-        if (strncmp(uri, stores[i]->scheme, strlen(stores[i]->scheme)) == 0) {
-            struct apc_store *plain = NULL;
-            err = stores[i]->open(&plain, uri, &config, why);
-            if (!err && o.spool) {
-                return apc_spool_wrap(store, plain, uri, o.spool, o.spool_size ? o.spool_size : SPOOL_SIZE,
-                                      why);
-            }
-            *store = plain;
-            return err;
-        }
+    const size_t live = apc_store_live(uri);
+    struct apc_store *plain = NULL;
+    err = uri[live] ? open_both(&plain, uri, live, &config, why) : open_plain(&plain, uri, &config, why);
+    if (!err && o.spool) {
+        return apc_spool_wrap(store, plain, uri, o.spool, o.spool_size ? o.spool_size : SPOOL_SIZE, why);
     }
-    /* The URI may hold a password: only what must be its scheme is shown. */
-    size_t scheme = strcspn(uri, ":/@");
-    bool shown = scheme < 32 && uri[scheme] == ':';
-    return apc_fail(why, APC_EINVAL,
-                    "%s%.*s%s: expected postgresql:, postgresql://..., sqlite:FILE, shm:NAME or mem:NAME",
-                    shown ? "unknown store \"" : "a store that does not begin with what it is",
-                    shown ? (int)scheme + 1 : 0, uri, shown ? "\"" : "");
+    *store = plain;
+    return err;
 }
 
 void apc_store_close(struct apc_store *store)

@@ -28,14 +28,20 @@ live() { sed -n "s/.*export APC_STORE='\(.*\)'.*/\1/p" "$work/$1.log"; }
 live_is_said() { [ -n "$(live "$1")" ]; }
 values() { "$apc" history u --store "$store" --last 1000000 --csv | wc -l; }
 more_values() { [ "$(values)" -gt "$1" ]; }
-# begin NAME: a run, up to its first outputs; its live store is $store, the segment is $segment
+once_each() { # whatever the live store and the database have both
+  [ "$("$apc" history y --store "$store" --last 1000000 --csv | cut -d, -f1 | sort | uniq -d | wc -l)" = 0 ] ||
+    fail "a value of y is given twice"
+  [ "$("$apc" history --events --store "$store" --last 1000000 --csv | sort | uniq -d | wc -l)" = 0 ] ||
+    fail "an event is given twice"
+}
+# begin NAME N: a run, until more than N outputs are there; its live store is $store, the segment is $segment
 begin() {
   background "$1" "$apc" run "$work/fast.conf" --history postgresql: --duration 0 --no-ui --out "$work/$1"
   run=$pid
   until_true 30 live_is_said "$1"
   store=$(live "$1")
-  segment=/dev/shm/apc.$(expr "$store" : 'shm:\([^?]*\)')
-  until_true 30 more_values 5
+  segment=/dev/shm/apc.$(expr "$store" : 'shm:\([^?+]*\)')
+  until_true 30 more_values "$2"
 }
 end() {
   kill -INT "$run"
@@ -45,8 +51,9 @@ end() {
 }
 
 kill_server
-begin first
+begin first 5
 grep -q 'the history is away' "$work/first.log" || fail "it does not say that the history is away"
+expect 0 'the history is left out' "$apc" history --events --store "$store"
 until_true 60 start_server
 until_true 60 more_rows sensor 100
 kill_server
@@ -55,6 +62,7 @@ until_true 30 more_values $((n + 20)) # 4 s of the plant's time, twice as long a
 until_true 60 start_server
 n=$(rows sensor)
 until_true 60 more_rows sensor $((n + 20))
+once_each
 end first
 [ "$(sql 'SELECT count(*) - max(seq) FROM apc.sensor WHERE id = 1')" = 0 ] || fail "the record of y is not whole"
 [ "$(sql 'SELECT count(*) - max(seq) FROM apc.tick WHERE id = 1')" = 0 ] || fail "the record of the ticks is not whole"
@@ -63,7 +71,8 @@ end first
 
 # the next one goes on in the same record
 n=$(rows sensor)
-begin second
+begin second $(($(rows actuator) + 5)) # those of the first run are among them
+once_each
 end second
 [ "$(sql 'SELECT count(*) - max(seq) FROM apc.sensor WHERE id = 1')" = 0 ] || fail "the second run left a hole"
 [ "$(rows sensor)" -gt "$n" ] || fail "the second run left no record"

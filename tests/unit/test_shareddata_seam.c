@@ -1,0 +1,448 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* A live store and its history as one: whatever is asked for, the answer is that of one store with
+ * everything. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "scratch.h"
+#include "stores.h"
+
+#define FOREVER (60 * APC_NS_PER_S)
+#define BATCH   100
+
+/* A live store of either kind, its history, both as one, and a store that has everything. */
+struct world {
+    struct apc_store *live, *history, *both, *all;
+    struct apc_forward *forward;
+    char uri[128];
+    int64_t seq;
+    int records;
+};
+
+static struct apc_store *open_uri(const char *uri)
+{
+    struct apc_error why = {""};
+    struct apc_store *store = NULL;
+    const struct apc_store_options options = {.size = sizeof options, .timeout = 20 * APC_NS_PER_S};
+    if (apc_store_open(&store, uri, &options, &why) != 0) {
+        fail_msg("%s: %s", uri, why.text);
+    }
+    return store;
+}
+
+static void describe(struct apc_store *store, const char *experiment)
+{
+    struct apc_tag tags[2] = {{.table = APC_SENSOR, .id = 1, .name = "y", .unit = "m"},
+                              {.table = APC_STATE, .id = 0, .name = "experiment"}};
+    snprintf(tags[1].description, sizeof tags[1].description, "%s", experiment);
+    ok(store, apc_store_put_tags(store, tags, 2));
+}
+
+static void world_begin(struct world *w, const char *scheme, const char *history)
+{
+    static int number;
+    struct apc_error why = {""};
+    char both[1024];
+    *w = (struct world){.seq = 0};
+    snprintf(w->uri, sizeof w->uri, "%sseam-%d-%d%s", scheme, (int)getpid(), ++number,
+             strcmp(scheme, "shm:") == 0 ? "?size=1" : "");
+    w->live = open_uri(w->uri);
+    ok(w->live, apc_store_init(w->live));
+    snprintf(both, sizeof both, "%.*s+%s", (int)strcspn(w->uri, "?"), w->uri, history);
+    assert_int_equal(apc_store_live(both), strcspn(w->uri, "?"));
+    w->both = open_uri(both);
+    w->all = open_uri("mem:");
+    ok(w->all, apc_store_init(w->all));
+    w->history = open_uri(history);
+    describe(w->live, "plant");
+    if (apc_forward_create(&w->forward, w->live, w->history, &why) != 0) {
+        fail_msg("%s", why.text);
+    }
+}
+
+static void world_end(struct world *w)
+{
+    char path[160];
+    apc_forward_destroy(w->forward);
+    apc_store_close(w->both);
+    apc_store_close(w->history);
+    apc_store_close(w->live);
+    apc_store_close(w->all);
+    snprintf(path, sizeof path, "/dev/shm/apc.%.*s", (int)strcspn(w->uri + 4, "?"), w->uri + 4);
+    unlink(path);
+}
+
+static void move(struct world *w)
+{
+    const int moved = apc_forward_step(w->forward, FOREVER);
+    if (moved < 0) {
+        fail_msg("%s", apc_forward_error(w->forward));
+    }
+}
+
+/* The clock steps back by half a batch in each tenth. */
+static apc_ns time_of(int64_t seq)
+{
+    return (1000000 + seq * 10 - (seq / (10 * BATCH)) * 5 * BATCH) * APC_NS_PER_MS;
+}
+
+static void append_record(struct apc_store *store, int n)
+{
+    struct apc_event e = {.time = time_of(n), .severity = APC_EVENT_INFO, .source = "test", .kind = "link"};
+    snprintf(e.text, sizeof e.text, "event %d", n / 2); /* two are alike but for their time */
+    ok(store, apc_store_append_events(store, &e, 1));
+    const struct apc_timing_row row = {
+        .time = n * APC_NS_PER_S, .task = "client", .quantity = "run", .count = 1, .mean = n};
+    ok(store, apc_store_append_timing(store, &row, 1));
+}
+
+static void append_rows(struct apc_store *store, int64_t from, int64_t to)
+{
+    struct apc_sample s[BATCH];
+    struct apc_vector v[BATCH];
+    double value[BATCH];
+    size_t n = 0;
+    for (int64_t seq = from; seq <= to; seq++, n++) {
+        value[n] = (double)(seq % 1024);
+        s[n] = (struct apc_sample){.table = APC_SENSOR,
+                                   .id = 1,
+                                   .seq = seq,
+                                   .time = time_of(seq),
+                                   .value = value[n],
+                                   .status = seq % 7 == 0 ? APC_BAD_NO_COMMUNICATION : APC_GOOD};
+        v[n] = (struct apc_vector){
+            .table = APC_TICK, .id = 1, .seq = seq, .time = s[n].time, .n = 1, .value = &value[n]};
+    }
+    const struct apc_rows rows = {
+        .size = sizeof rows, .sample = s, .n_samples = n, .vector = v, .n_vectors = n};
+    const int stored = apc_store_append_rows(store, &rows);
+    ok(store, stored);
+    assert_int_equal(stored, 2 * n);
+}
+
+static void put(struct apc_store *store, const char *name, double value)
+{
+    struct apc_sample s = {.table = APC_SETPOINT, .id = 1, .value = value, .time = 5};
+    s.author = (uint32_t)apc_store_author(store, name);
+    ok(store, apc_store_put(store, &s, 1));
+}
+
+/* Some more of everything, for the live store and for the one that has all. */
+static void grow(struct world *w, int batches)
+{
+    struct apc_store *stores[2] = {w->live, w->all};
+    for (int i = 0; i < batches; i++, w->seq += BATCH, w->records++) {
+        for (int k = 0; k < 2; k++) {
+            append_rows(stores[k], w->seq + 1, w->seq + BATCH);
+            append_record(stores[k], w->records + 1);
+            put(stores[k], w->records % 3 ? "ada" : "bob", w->records);
+        }
+    }
+}
+
+/* What a store gave, in order. */
+struct answer {
+    uint64_t sum;
+    int n;
+    struct apc_store *store;
+    struct apc_sample last;
+    char author[APC_AUTHOR_LEN];
+};
+
+static void add(struct answer *a, const void *bytes, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        a->sum = (a->sum ^ ((const unsigned char *)bytes)[i]) * UINT64_C(0x100000001b3) + 1;
+    }
+}
+
+static int take_sample(void *ctx, const struct apc_sample *s)
+{
+    struct answer *a = ctx;
+    const double row[] = {(double)s->seq, (double)s->time, s->value, s->status, (double)s->origin};
+    add(a, row, sizeof row);
+    a->last = *s;
+    a->n++;
+    return 0;
+}
+
+static int take_vector(void *ctx, const struct apc_vector *v)
+{
+    struct answer *a = ctx;
+    const double row[] = {(double)v->seq, (double)v->time, v->value[0]};
+    add(a, row, sizeof row);
+    a->n++;
+    return 0;
+}
+
+static int take_event(void *ctx, const struct apc_event *e)
+{
+    struct answer *a = ctx;
+    add(a, &e->time, sizeof e->time);
+    add(a, e->text, strlen(e->text));
+    a->n++;
+    return 0;
+}
+
+static int take_timing(void *ctx, const struct apc_timing_row *r)
+{
+    struct answer *a = ctx;
+    add(a, &r->time, sizeof r->time);
+    a->n++;
+    return 0;
+}
+
+static int take_bin(void *ctx, const struct apc_history_bin *b)
+{
+    struct answer *a = ctx;
+    const double row[] = {(double)b->from, (double)b->until, (double)b->count, (double)b->bad, b->min,
+                          b->max,          b->last,          b->worst,         (double)b->seq};
+    add(a, row, sizeof row);
+    const int64_t mean = (int64_t)(b->mean * 1e6 + 0.5);
+    add(a, &mean, sizeof mean);
+    a->n++;
+    return 0;
+}
+
+static struct answer ask(struct apc_store *store, int what, const struct apc_range *range)
+{
+    struct answer a = {.store = store};
+    switch (what) {
+    case 0:
+        ok(store, apc_store_history(store, APC_SENSOR, 1, range, take_sample, &a));
+        break;
+    case 1:
+        ok(store, apc_store_vectors(store, APC_TICK, 1, range, take_vector, &a));
+        break;
+    case 2:
+        ok(store, apc_store_events(store, range, take_event, &a));
+        break;
+    case 3:
+        ok(store, apc_store_timing(store, range, take_timing, &a));
+        break;
+    case 4:
+        ok(store, apc_store_history(store, APC_SETPOINT, 1, range, take_sample, &a));
+        if (a.last.author) {
+            ok(store, apc_store_author_name(store, a.last.author, a.author));
+        }
+        break;
+    default:
+        ok(store, apc_store_history_bins(store, APC_SENSOR, 1, range->since ? range->since : 1,
+                                         range->until > range->since + 1 ? range->until : time_of(100000), 37,
+                                         take_bin, &a));
+    }
+    return a;
+}
+
+static unsigned random_below(unsigned *seed, unsigned n)
+{
+    *seed = *seed * 1664525u + 1013904223u;
+    return (*seed >> 8) % n;
+}
+
+static void assert_alike(struct world *w, const struct apc_range *range)
+{
+    for (int what = 0; what < 6; what++) {
+        struct apc_range r = *range;
+        r.after = what == 2 || what == 3 ? 0 : r.after; /* numbers are each store's own */
+        const struct answer is = ask(w->both, what, &r), should = ask(w->all, what, &r);
+        assert_string_equal(apc_store_error(w->both), "");
+        if (is.n != should.n || is.sum != should.sum || strcmp(is.author, should.author) != 0) {
+            fail_msg("question %d, since %lld until %lld last %zu after %lld: %d rows, expected %d (up to "
+                     "seq %lld, %s and %s)",
+                     what, (long long)r.since, (long long)r.until, r.last, (long long)r.after, is.n, should.n,
+                     (long long)w->seq, is.author, should.author);
+        }
+    }
+}
+
+static void assert_any_window_alike(struct world *w)
+{
+    unsigned seed = 7;
+    assert_alike(w, &(struct apc_range){0});
+    for (int i = 0; i < 40; i++) {
+        const unsigned to = (unsigned)w->seq + 200;
+        struct apc_range range = {0};
+        if (random_below(&seed, 2)) {
+            range.since = time_of(random_below(&seed, to));
+        }
+        if (random_below(&seed, 2)) {
+            range.until = time_of(random_below(&seed, to));
+        }
+        if (random_below(&seed, 3) == 0) {
+            range.last = 1 + random_below(&seed, random_below(&seed, 2) ? to : 50);
+        }
+        if (random_below(&seed, 4) == 0) {
+            range.after = random_below(&seed, to);
+        }
+        assert_alike(w, &range);
+    }
+}
+
+/* Of a ring, more than it holds. */
+static void check_windows(const char *live, int batches)
+{
+    struct world w;
+    world_begin(&w, live, store_uri);
+    grow(&w, 1);
+    move(&w); /* the history has it all */
+    assert_any_window_alike(&w);
+    for (int i = 0; i < batches; i++) {
+        grow(&w, 1);
+        move(&w);
+    }
+    grow(&w, 1); /* and then not the newest */
+    assert_any_window_alike(&w);
+    if (batches > 10) {
+        const struct answer samples = ask(w.live, 0, &(struct apc_range){0});
+        assert_true(samples.n < w.seq && ask(w.live, 1, &(struct apc_range){0}).n < w.seq);
+    }
+    world_end(&w);
+}
+
+static void test_any_window_over_memory_and_history_is_that_of_one_store(void **state)
+{
+    (void)state;
+    check_windows("mem:", 3);
+}
+
+static void test_any_window_over_a_ring_and_history_is_that_of_one_store(void **state)
+{
+    (void)state;
+    if (strcmp(store_kind->name, "shm:") == 0) {
+        skip(); /* as a history it would be no larger */
+    }
+    check_windows("shm:", 40);
+}
+
+static int take_while_it_moves(void *ctx, const struct apc_sample *s)
+{
+    struct world *w = ctx;
+    if (s->seq == 50 || s->seq == 2550) {
+        move(w);
+    }
+    assert_int_equal(s->seq, ++w->records);
+    return 0;
+}
+
+static void test_what_moves_meanwhile_is_given_once(void **state)
+{
+    (void)state;
+    struct world w;
+    world_begin(&w, "shm:", store_uri);
+    for (int i = 0; i < 25; i++) {
+        grow(&w, 1);
+        move(&w);
+    }
+    grow(&w, 1);
+    w.records = 0;
+    assert_int_equal(apc_store_history(w.both, APC_SENSOR, 1, NULL, take_while_it_moves, &w), 26 * BATCH);
+    world_end(&w);
+}
+
+static int use_it(void *ctx, const struct apc_sample *s)
+{
+    struct apc_sample again = {.table = APC_SENSOR, .id = s->id};
+    assert_int_equal(apc_store_read(ctx, &again, 1), APC_ESTATE);
+    return 1;
+}
+
+static void test_what_is_newest_and_every_write_is_the_live_stores(void **state)
+{
+    (void)state;
+    struct world w;
+    world_begin(&w, "shm:", store_uri);
+    grow(&w, 1);
+    move(&w);
+    grow(&w, 1);
+    assert_int_equal(newest(w.both, APC_SENSOR, 1).seq, 2 * BATCH);
+    put(w.both, "eve", 77);
+    assert_near(newest(w.live, APC_SETPOINT, 1).value, 77, 0);
+    assert_near(newest(w.history, APC_SETPOINT, 1).value, 0, 0);
+    assert_int_equal(apc_store_history(w.both, APC_SENSOR, 1, NULL, use_it, w.both), 1);
+    struct apc_sample all[9];
+    assert_int_equal(apc_store_variables(w.both, all, 9), 3);
+    world_end(&w);
+}
+
+static void test_without_its_history_it_gives_what_the_live_store_has(void **state)
+{
+    (void)state;
+    struct world w;
+    struct answer a = {0};
+    world_begin(&w, "shm:", "sqlite:/nonexistent/folder/history.db");
+    append_rows(w.live, 500, 500 + BATCH - 1);
+    append_record(w.live, 1);
+    ok(w.both, apc_store_history(w.both, APC_SENSOR, 1, NULL, take_sample, &a));
+    assert_int_equal(a.n, BATCH);
+    assert_non_null(strstr(apc_store_error(w.both), "the history is left out"));
+    a.n = 0;
+    ok(w.both, apc_store_events(w.both, NULL, take_event, &a));
+    assert_int_equal(a.n, 1);
+    assert_int_not_equal(apc_store_error(w.both)[0], '\0');
+    assert_int_equal(newest(w.both, APC_SENSOR, 1).seq, 500 + BATCH - 1);
+    assert_string_equal(apc_store_error(w.both), "");
+    world_end(&w);
+}
+
+static void test_another_experiments_history_is_left_out(void **state)
+{
+    struct world w;
+    struct answer a = {0};
+    describe(*state, "another");
+    append_rows(*state, 1, BATCH);
+    world_begin(&w, "shm:", store_uri);
+    append_rows(w.live, 500, 500 + BATCH - 1);
+    ok(w.both, apc_store_history(w.both, APC_SENSOR, 1, NULL, take_sample, &a));
+    assert_int_equal(a.n, BATCH);
+    assert_non_null(strstr(apc_store_error(w.both), "another experiment"));
+    world_end(&w);
+}
+
+static void test_another_runs_history_is_left_out(void **state)
+{
+    struct world w;
+    struct answer a = {0};
+    append_rows(*state, 1000, 1000 + BATCH - 1);
+    world_begin(&w, "shm:", store_uri);
+    append_rows(w.live, 500, 500 + BATCH - 1);
+    ok(w.both, apc_store_history(w.both, APC_SENSOR, 1, NULL, take_sample, &a));
+    assert_int_equal(a.n, BATCH);
+    assert_non_null(strstr(apc_store_error(w.both), "another run"));
+    world_end(&w);
+}
+
+static void test_a_uri_of_two_says_what_is_wrong_with_either(void **state)
+{
+    struct apc_error why = {""};
+    struct apc_store *store = NULL;
+    (void)state;
+    assert_int_equal(apc_store_open(&store, "mem:a+nonsense:b", NULL, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "unknown store \"nonsense:\""));
+    assert_int_equal(apc_store_open(&store, "shm:a/b+mem:", NULL, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "shm:a/b"));
+    assert_int_equal(apc_store_live("sqlite:a+b.db"), strlen("sqlite:a+b.db"));
+}
+
+#define T(name) cmocka_unit_test_setup_teardown(name, stores_set_up, stores_tear_down)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        T(test_any_window_over_memory_and_history_is_that_of_one_store),
+        T(test_any_window_over_a_ring_and_history_is_that_of_one_store),
+        T(test_what_moves_meanwhile_is_given_once),
+        T(test_what_is_newest_and_every_write_is_the_live_stores),
+        T(test_without_its_history_it_gives_what_the_live_store_has),
+        T(test_another_experiments_history_is_left_out),
+        T(test_another_runs_history_is_left_out),
+        T(test_a_uri_of_two_says_what_is_wrong_with_either),
+    };
+    int failed = 0;
+    while (stores_next()) {
+        failed += store_kind->spooled ? 0 : cmocka_run_group_tests_name(store_kind->name, tests, NULL, NULL);
+    }
+    return failed;
+}
