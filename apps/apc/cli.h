@@ -132,6 +132,7 @@ int command_user(int argc, char **argv);
 int command_maintain(int argc, char **argv);
 int command_plants(int argc, char **argv);
 int command_linearize(int argc, char **argv);
+int command_test(int argc, char **argv);
 int command_identify(int argc, char **argv);
 int command_optimize(int argc, char **argv);
 int command_copy(int argc, char **argv);

@@ -30,6 +30,7 @@ static const struct {
     {"maintain", command_maintain, "make room ahead for samples, and drop what is old"},
     {"plants", command_plants, "the plants there are: their parameters, states, inputs, outputs"},
     {"linearize", command_linearize, "the linear model of a plant: matrices, poles, zeros, gains"},
+    {"test", command_test, "move a plant, simulated or live, so that it can be identified"},
     {"identify", command_identify, "models of a plant from its record: dead times, gains, time constants"},
     {"optimize", command_optimize, "search numbers of an experiment with which it is controlled better"},
     {"drain", command_drain, "store what daemons kept back while the store was away"},

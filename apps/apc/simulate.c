@@ -396,7 +396,7 @@ static void print_json(const struct simulate *r, const struct figures *figures)
 static int leave_report(const struct simulate *r)
 {
     struct apc_error why;
-    int rc = simulation_export(&r->s, r->options.report, &why);
+    int rc = simulation_export(&r->s, r->options.report, "apc simulate", 0, &why);
     if (rc == 0)
         rc = report_write(r->options.report, &r->e, r->e.title, &why);
     if (rc < 0)

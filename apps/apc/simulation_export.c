@@ -26,14 +26,15 @@ static int fill_timing(const struct simulation *s)
     return rc;
 }
 
-int simulation_export(const struct simulation *s, const char *dir, struct apc_error *why)
+int simulation_export(const struct simulation *s, const char *dir, const char *by, apc_ns since,
+                      struct apc_error *why)
 {
-    const struct folder_facts facts = {.by = "apc simulate", .start = SIMULATION_BEGIN};
+    const struct folder_facts facts = {.by = by, .start = SIMULATION_BEGIN};
     int rc = folder_keep(dir, s->e, &facts, why);
     if (rc < 0)
         return rc;
     if ((rc = fill_timing(s)) < 0)
         return apc_fail(why, rc, "%s: timing: %s", dir, apc_err_text(rc));
-    rc = folder_export(dir, s->store, s->e, SIMULATION_BEGIN, s->ended, 0, 0, why);
+    rc = folder_export(dir, s->store, s->e, SIMULATION_BEGIN, s->ended, since, 0, why);
     return rc < 0 ? rc : course_write(&s->course, dir, why);
 }

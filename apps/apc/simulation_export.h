@@ -4,7 +4,9 @@
 
 #include "run/simulation.h"
 
-/* The run folder of what was simulated, as `apc run` leaves one; folder_create() has made it. */
-int simulation_export(const struct simulation *s, const char *dir, struct apc_error *why);
+/* The run folder of what was simulated @p by a command, as `apc run` leaves one, with the samples since then,
+ * UTC (0: all); folder_create() has made it. */
+int simulation_export(const struct simulation *s, const char *dir, const char *by, apc_ns since,
+                      struct apc_error *why);
 
 #endif

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# apc test: what it leaves is what apc identify wants, and the plant is where it was, however the test ends.
+# shellcheck source=lib.sh
+if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be killed: not the one that all tests share
+  data=$(mktemp -d /tmp/apc-test.XXXXXX)
+  trap 'rm -rf "$data"' EXIT
+  APC_OWN_CLUSTER=1 "$APC_SOURCE_DIR/scripts/private-postgres" "$data/postgres" bash "$0"
+  exit
+fi
+. "$(dirname "$0")/lib.sh"
+
+cat >"$work/heater.conf" <<'END'
+name = "heater"; duration = 900.0;
+measurements = ( { name = "y"; noise = 0.05; } ); setpoints = ( { name = "r"; } );
+outputs = ( { name = "u"; low = -10.0; high = 10.0; } );
+plant = { model = "first-order"; parameters = { K = 10.0; tau = 10.0; }; period = 0.1; dead_time = 5.0; };
+client = { period = 0.5; };
+controller = { law = "pi"; period = 1.0; tuning = ( { Kp = 0.08; tau_i = 10.0; } ); };
+scheduler = { period = 50.0; sequence = ( [10.0], [20.0], [5.0], [15.0] ); };
+END
+
+# near NAME A B TOLERANCE
+near() { awk -v a="$2" -v b="$3" -v t="$4" 'BEGIN { d = a - b; exit !(d <= t && d >= -t) }' || fail "$1: $2, not $3 to $4"; }
+
+# ---- Each signal, simulated: a record that is identified without another option
+
+for signal in prbs steps multisine; do
+  "$apc" test "$work/heater.conf" --signal $signal -o "$work/$signal" >"$work/$signal.txt"
+  grep -q '^record: .*; next: apc identify ' "$work/$signal.txt" || fail "$signal: $(cat "$work/$signal.txt")"
+  "$apc" identify "$work/$signal" --model transfer | awk '$1 == "u" && $2 == "y" { print $3, $6, $9 }' >"$work/numbers"
+  read -r gain tau dead <"$work/numbers" || fail "$signal cannot be identified"
+  near "$signal: gain" "$gain" 10 0.1
+  near "$signal: time constant" "$tau" 10 0.3
+  near "$signal: dead time" "$dead" 5.1 0.25
+  awk -F, 'NR > 1 && $2 == "actuator" { n[$5 + 0]++ } END { for (v in n) levels++; exit !('"$([ $signal = multisine ] && echo 'levels > 100' || echo 'levels <= 5')"') }' \
+    "$work/$signal/samples.csv" || fail "$signal: other levels than its own"
+done
+"$apc" test "$work/heater.conf" -o "$work/again" >/dev/null
+cmp "$work/prbs/samples.csv" "$work/again/samples.csv" || fail "the same test is another one"
+grep -q 'u: Man -> Auto' "$work/prbs/events.csv" || fail "the loop was not given back"
+grep -q 'r: Local -> Remote' "$work/prbs/events.csv" || fail "the scheduler has not got its setpoint back"
+
+# setpoints in Auto
+"$apc" test "$work/heater.conf" --move r --amplitude 3 -o "$work/auto" >"$work/auto.txt"
+grep -Eq '^r +Auto +10 +3$' "$work/auto.txt" || fail "in Auto: $(cat "$work/auto.txt")"
+near "in Auto: gain" "$("$apc" identify "$work/auto" --model transfer | awk '$1 == "u" && $2 == "y" { print $3 }')" 10 0.3
+
+# a relay: an ideal one has this loop oscillate every 2 (5.1 + 10 ln(2 - e^-0.51)) s and a tick or two
+"$apc" test "$work/heater.conf" --signal relay -o "$work/relay" >"$work/relay.txt"
+near "the relay's period" "$(sed -n 's/^oscillation: .* every \([0-9.]*\) s.*/\1/p' "$work/relay.txt")" 18.5 3
+
+# several at once: each has a signal of its own
+"$apc" test "$APC_SOURCE_DIR/experiments/quadruple-tank.conf" -d 1200 --settling 300 -o "$work/tank" >"$work/tank.txt"
+awk '$1 == "y1" && NF == 3 { exit !($2 > 1.5 && $3 > 0.5) }' "$work/tank.txt" || fail "two outputs: $(cat "$work/tank.txt")"
+
+# ---- A guard ends it, and the plant goes back
+
+expect 4 'y is [-0-9.]*, beyond its guards -5 to 20: the test ended there' \
+  "$apc" test "$work/heater.conf" --guard y=-5..20 --amplitude 5 -o "$work/guarded"
+grep -q 'u: Man -> Auto' "$work/guarded/events.csv" || fail "a guard ended the test, and the loop is in Man"
+[ "$(tail -n 1 "$work/guarded/samples.csv" | cut -d, -f1 | cut -d. -f1)" -lt 300 ] || fail "it went on beyond its guard"
+# what is proposed keeps within what the guards leave
+"$apc" test "$work/heater.conf" --guard y=5..15 -o "$work/kept" >/dev/null || fail "its own amplitude is too much"
+
+# ---- What cannot be tested
+
+no() { # CODE PATTERN ARGUMENT...
+  local code=$1 pattern=$2
+  shift 2
+  expect "$code" "$pattern" "$apc" test "$work/heater.conf" -o "$work/none" "$@"
+  [ ! -e "$work/none" ] || fail "$*: left a folder"
+}
+no 2 'must be prbs, steps, multisine or relay' --signal sinus
+no 2 'expected LOW..HIGH in Hz' --band 1
+no 2 '--band is that of prbs and multisine' --band 0.01..0.1 --signal steps
+no 2 'expected NAME=LOW..HIGH' --guard y=3
+no 2 '--amplitude "0": must be a number' --amplitude 0
+no 2 'are of a simulated plant' --live --seed 3
+no 1 'there is no "v" to be set' --move v
+no 1 '"Kp" is neither an output nor the setpoint of a loop' --move Kp
+no 1 'u and r are of one loop: move one of them|r and u are of one loop' --move u,r
+no 1 'r is a setpoint: a relay moves an output' --move r --signal relay
+no 1 'r has no limits in the file, so that no amplitude can be proposed: give --amplitude r=X' --move r
+no 1 '--amplitude v: that is not moved' --amplitude v=1
+no 1 '--guard x: there is no such measurement' --guard x=0..1
+no 4 'y is [0-9.]* at rest, which is not within its guards 11 to 12' --guard y=11..12
+no 4 'it cannot be moved by 50 to both sides' --amplitude 50
+no 1 'has 10 samples of 1 s: must be 40 to' -d 10
+no 1 'no frequency lies in that band' --signal multisine --band 0.9..5
+no 1 'its setpoint moves nothing' --set controller.mode=Man --move r --amplitude 1
+expect 1 'the plant does not stay where it is by itself, so F cannot be left in Man: move the setpoint' \
+  "$apc" test "$APC_SOURCE_DIR/experiments/adiabatic-cstr.conf" -o "$work/none"
+expect 4 'is not empty' "$apc" test "$work/heater.conf" -o "$work/prbs"
+
+# ---- Live
+
+fast_experiment
+newest() { sql "SELECT $3 FROM apc.$1 WHERE id = $2 ORDER BY seq DESC LIMIT 1"; }
+is() { [ "$(newest actual 21 value)" = "$1" ]; } # mode of loop 1, in force
+# in Auto, and the setpoint the scheduler's
+back() { is 1 && [ "$(sql "SELECT value FROM apc.opmode WHERE id > 65536 ORDER BY seq DESC LIMIT 1")" = 1 ]; }
+live() { "$apc" test "$work/fast.conf" --live "$@"; }
+background run "$apc" run "$work/fast.conf" --duration 0 --out "$work/run"
+until_true 60 is 1
+sed 's/name = "fast"/name = "other"/' "$work/fast.conf" >"$work/other.conf"
+expect 4 'the store is of another plant' "$apc" test "$work/other.conf" --live -o "$work/none"
+expect 1 'nothing would end the test of a live plant: give --guard y=LOW..HIGH' live -o "$work/none"
+live --guard y=-20..40 --amplitude 0.5 -d 8 -o "$work/live" >"$work/live.txt" 2>&1 || fail "live: $(cat "$work/live.txt")"
+until_true 20 back
+next=$(sed -n 's/^record: .*; next: apc identify //p' "$work/live.txt")
+# shellcheck disable=SC2086
+"$apc" identify $next --model arx >"$work/live-model.txt" 2>&1 || fail "live: $(cat "$work/live-model.txt")"
+
+# a guard
+expect 4 'beyond its guards' live --guard y=-20..40 --guard y=9..40 --amplitude 0.6 -d 8 -o "$work/live-guard"
+until_true 20 back
+
+# Ctrl-C
+background signalled "$apc" test "$work/fast.conf" --live --guard y=-20..40 --amplitude 0.5 -d 600 -o "$work/signalled"
+until_true 60 is 0
+kill -INT "$pid"
+wait "$pid" || fail "Ctrl-C: $(cat "$work/signalled.log")"
+until_true 20 back
+grep -q 'ended by a signal' "$work/signalled.log" || fail "Ctrl-C: $(cat "$work/signalled.log")"
+
+# somebody else's hand: it stays theirs
+background taken "$apc" test "$work/fast.conf" --live --guard y=-20..40 --amplitude 0.5 -d 600 -o "$work/taken"
+until_true 60 is 0
+"$apc" mode auto >/dev/null
+status=0
+wait "$pid" || status=$?
+[ $status -eq 4 ] && grep -q 'somebody else has moved u, or changed its mode' "$work/taken.log" || fail "taken: $status, $(cat "$work/taken.log")"
+
+# the store goes away meanwhile, and comes back
+data=$(sql 'SHOW data_directory')
+bin=$(ls -d /usr/lib/postgresql/*/bin | sort -V | tail -n 1)
+as_server() { "$@"; }
+[ "$(id -u)" -ne 0 ] || as_server() { (cd / && runuser -u postgres -- "$@"); }
+background lost "$apc" test "$work/fast.conf" --live --guard y=-20..40 --amplitude 0.5 -d 600 -o "$work/lost"
+lost=$pid
+until_true 60 is 0
+as_server kill -9 "$(head -n 1 "$data/postmaster.pid")"
+until_true 60 grep -q 'The plant goes back as soon as the store is there' "$work/lost.log"
+start() {
+  as_server "$bin/pg_ctl" -D "$data" -w -t 20 -l "$PGHOST/server.log" \
+    -o "-c listen_addresses='' -c unix_socket_directories='$PGHOST'" start 9>&-
+}
+until_true 60 start
+status=0
+wait "$lost" || status=$?
+[ $status -eq 3 ] || fail "lost: $status, $(cat "$work/lost.log")"
+until_true 60 back
