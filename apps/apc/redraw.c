@@ -10,6 +10,7 @@
 #include "print.h"
 #include "print_figures.h"
 #include "print_merits.h"
+#include "print_outlook.h"
 #include "report.h"
 #include "run/run_internal.h"
 #include "spools.h"
@@ -20,10 +21,10 @@
 
 struct report_options {
     bool json;
-    const char *from, *to;
+    const char *from, *to, *at;
 };
 
-enum { OPT_FROM = 0x400, OPT_TO };
+enum { OPT_FROM = 0x400, OPT_TO, OPT_AT };
 
 static error_t parse(int key, char *arg, struct argp_state *state)
 {
@@ -37,6 +38,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         break;
     case OPT_TO:
         o->to = arg;
+        break;
+    case OPT_AT:
+        o->at = arg;
         break;
     default:
         return ARGP_ERR_UNKNOWN;
@@ -52,6 +56,10 @@ static const struct argp_option option_list[] = {
      "RFC 3339, or before now, as -10m, -2h, -1d; default: a day before --to",
      0},
     {"to", OPT_TO, "TIME", 0, "The same until TIME", 0},
+    {"at", OPT_AT, "TIME", 0,
+     "What predictive laws expected at TIME, and what came: a table instead of the figures, and in the "
+     "figure",
+     0},
     {0}};
 static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
 
@@ -183,6 +191,62 @@ static int report_store(const struct cli *cli, const struct report_options *o)
     return exit_code_of(rc);
 }
 
+/* Of a run, laid over the figure; of a store, a table. */
+static int put_outlook(const struct outlook *o, const struct experiment *e, bool json)
+{
+    if (!json)
+        return outlook_print(o, stdout);
+    putchar('{');
+    if (e) {
+        print_json_text(stdout, "experiment", e->name);
+        putchar(',');
+    }
+    outlook_json(o, stdout);
+    puts("}");
+    return 0;
+}
+
+static int report_outlook_of_run(const struct cli *cli, const struct report_options *o,
+                                 const struct experiment *e)
+{
+    struct outlook outlook = {0};
+    struct apc_error why;
+    double at;
+    const int status = take_seconds(cli, "at", o->at, &at);
+    if (status != EXIT_OK)
+        return status;
+    int rc = window_outlook_of_run(&outlook, e, cli->args[0], at, &why);
+    if (rc == 0 && !o->json)
+        rc = report_write(cli->args[0], e, e->title, &outlook, &why);
+    if (rc == 0 && (rc = put_outlook(&outlook, e, o->json)) < 0)
+        apc_fail(&why, rc, "out of memory");
+    if (rc == 0 && !o->json)
+        printf("report: %s/report.png, report.svg\n", cli->args[0]);
+    outlook_free(&outlook);
+    return rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
+}
+
+static int report_outlook_of_store(const struct cli *cli, const struct report_options *o)
+{
+    struct outlook outlook = {0};
+    struct apc_store *store = NULL;
+    struct apc_error why;
+    apc_ns at = 0;
+    if (cli_time(cli, "at", o->at, &at))
+        return EXIT_USAGE;
+    int rc = cli_open(cli, &store);
+    if (rc < 0)
+        return exit_code_of(rc);
+    rc = window_outlook_of_store(&outlook, store, at, &why);
+    if (rc == 0 && (rc = put_outlook(&outlook, NULL, o->json)) < 0)
+        apc_fail(&why, rc, "out of memory");
+    if (rc < 0)
+        cli_error(cli, rc, "%s", why.text);
+    outlook_free(&outlook);
+    apc_store_close(store);
+    return exit_code_of(rc);
+}
+
 static int put_figures(const char *dir, const struct experiment *e, bool json, struct apc_error *why)
 {
     struct figures figures = {0};
@@ -226,20 +290,24 @@ int command_report(int argc, char **argv)
     cli_parse(&cli, &spec, &options, argc, argv);
     if (cli.n_args == 0 && !cli.store)
         return cli_usage(&cli, "expected a run folder, or --store");
+    if (options.at && (options.from || options.to))
+        return cli_usage(&cli, "--at is of one time: without --from and --to");
     if (cli.n_args == 0)
-        return cli_done(&cli, report_store(&cli, &options));
+        return cli_done(&cli,
+                        options.at ? report_outlook_of_store(&cli, &options) : report_store(&cli, &options));
     const bool json = options.json;
     int rc = experiment_load(&e, cli.args[0], EXPERIMENT_LAW | EXPERIMENT_MODEL, NULL, &why);
     snprintf(path, sizeof path, "%.580s/samples.csv", cli.args[0]);
     if (rc == 0 && access(path, F_OK) != 0)
         rc = recover(&cli, &e, json ? stderr : stdout, &why);
-    if (rc == 0 && (options.from || options.to)) {
-        const int status = report_window(&cli, &options, &e);
+    if (rc == 0 && (options.from || options.to || options.at)) {
+        const int status =
+            options.at ? report_outlook_of_run(&cli, &options, &e) : report_window(&cli, &options, &e);
         experiment_free(&e);
         return cli_done(&cli, status);
     }
     if (rc == 0 && !json)
-        rc = report_write(cli.args[0], &e, e.title, &why);
+        rc = report_write(cli.args[0], &e, e.title, NULL, &why);
     if (rc == 0)
         rc = put_figures(cli.args[0], &e, json, &why);
     experiment_free(&e);

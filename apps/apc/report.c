@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "report.h"
 
+#include <math.h>
+
 #include "gnuplot.h"
 #include "report_figure.h"
 
@@ -17,11 +19,28 @@ static int write_figure(FILE *script, void *ctx)
     return report_figure(script, &f->data, f->e, f->title);
 }
 
-int report_write(const char *dir, const struct experiment *e, const char *title, struct apc_error *why)
+/* A horizon before and one after what was expected: at the length of a run nobody could see it. */
+static void look_around(struct report_data *data, const struct outlook *expected)
+{
+    double begin = HUGE_VAL, end = 0;
+    for (size_t i = 0; i < expected->n; i++) {
+        const struct outlook_course *c = &expected->course[i];
+        const double made = apc_ns_to_s(c->made), horizon = outlook_ahead(c, c->n - 1);
+        begin = fmin(begin, fmax(0, made - horizon));
+        end = fmax(end, made + 2 * horizon);
+    }
+    report_clip(data, begin, end);
+    data->expected = expected;
+}
+
+int report_write(const char *dir, const struct experiment *e, const char *title,
+                 const struct outlook *expected, struct apc_error *why)
 {
     struct figure f = {.e = e, .title = title};
     int rc = report_read(&f.data, dir, why);
 
+    if (rc == 0 && expected)
+        look_around(&f.data, expected);
     if (rc == 0)
         rc = gnuplot_draw(dir, write_figure, &f, "report", why);
     report_free(&f.data);

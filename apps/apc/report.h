@@ -3,6 +3,7 @@
 #ifndef APC_REPORT_H
 #define APC_REPORT_H
 
+#include "run/outlook.h"
 #include "run/run_internal.h"
 
 /**
@@ -10,11 +11,12 @@
  * increments t_{k+1} - t_k of simulator, controller and client, unless all of them were exact, as they are in
  * virtual time; below the modes that changed, and a panel for each unit of the measurements with their
  * setpoints, and of the outputs, or of very many loops a row for each controller, with the names, units and
- * limits of @p e; the disturbances, and what was out of the ordinary.
+ * limits of @p e; the disturbances, and what was out of the ordinary. @p expected, or NULL: laid over that.
  *
  * Returns 0; APC_ENOTFOUND (a file is missing, or gnuplot is), APC_EPROTO (a malformed line; @p why
  * names file, line and column), APC_ENOMEM, APC_ESYS.
  */
-int report_write(const char *dir, const struct experiment *e, const char *title, struct apc_error *why);
+int report_write(const char *dir, const struct experiment *e, const char *title,
+                 const struct outlook *expected, struct apc_error *why);
 
 #endif

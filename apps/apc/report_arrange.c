@@ -57,10 +57,28 @@ static void add_setpoints(struct report_panels *p, struct curve_of *c, const str
         }
 }
 
+/* A law expects a signal, or moves its setpoint. */
+static const struct outlook_course *expected_of(const struct report_panels *p, const struct curve_of *c)
+{
+    const struct outlook *o = p->data->expected;
+    for (size_t i = 0; o && i < o->n; i++) {
+        const struct outlook_course *at = &o->course[i];
+        if ((at->table == c->signal->tag.table && at->id == c->signal->tag.id) ||
+            (c->setpoint && at->table == APC_SETPOINT && at->id == c->setpoint->tag.id))
+            return at;
+    }
+    return NULL;
+}
+
 static void keep(struct report_panels *p, struct curve_of c)
 {
     c.low = HUGE_VAL;
     c.high = -HUGE_VAL;
+    c.expected = expected_of(p, &c);
+    for (size_t k = 0; c.expected && k < c.expected->n; k++) {
+        c.low = fmin(c.low, c.expected->expected[k]);
+        c.high = fmax(c.high, c.expected->expected[k]);
+    }
     widen(&c, c.series, c.signal->tag.table != APC_SENSOR);
     widen(&c, c.wanted, true);
     widen(&c, c.wanted_above, true);

@@ -23,7 +23,7 @@ struct report_lanes {
     const struct experiment *e;
     struct lane lane[LANES_MAX];
     size_t n;
-    double end;
+    double begin, end;
 };
 
 struct look {
@@ -60,6 +60,7 @@ int report_lanes_create(struct report_lanes **lanes, const struct report_data *d
     if (!l)
         return APC_ENOMEM;
     l->e = e;
+    l->begin = data->begin;
     l->end = data->end;
     for (size_t i = 0; i < loops->n && i < data->mode.n && l->n < LANES_MAX; i++)
         if (changed(&data->mode.series[loops->at[i].id - 1]))
@@ -98,12 +99,12 @@ static double killed_from(const struct report_lanes *l, size_t controller, doubl
 
 struct canvas {
     FILE *script;
-    double unit, end, width;
+    double unit, length, width;
 };
 
 static void put_bar(const struct canvas *c, double from, double to, double y, struct look look)
 {
-    const double wide = (to - from) / c->end * c->width;
+    const double wide = (to - from) / c->length * c->width;
     if (!(to > from))
         return;
     fprintf(c->script, "set object rect from %.9g, %.9g to %.9g, %.9g back fs solid noborder fc rgb 0x%06X\n",
@@ -118,7 +119,7 @@ static void put_lane(const struct canvas *c, const struct report_lanes *l, const
     static const struct look dead = {"killed", 0xFFFFFF};
     const struct report_series *s = lane->series;
     for (size_t k = 0; k < s->n; k++) {
-        const double from = fmax(s->points[k].t, 0), to = k + 1 < s->n ? s->points[k + 1].t : l->end;
+        const double from = fmax(s->points[k].t, l->begin), to = k + 1 < s->n ? s->points[k + 1].t : l->end;
         double again, killed = killed_from(l, lane->loop->controller, from, &again);
         put_bar(c, from, fmin(to, killed), y, look_of(&s->points[k]));
         put_bar(c, killed, fmin(to, again), y, dead);
@@ -126,9 +127,9 @@ static void put_lane(const struct canvas *c, const struct report_lanes *l, const
     }
 }
 
-void report_lanes_draw(FILE *script, const struct report_lanes *l, double unit, double end, double width)
+void report_lanes_draw(FILE *script, const struct report_lanes *l, double unit, double length, double width)
 {
-    const struct canvas c = {script, unit, end, width};
+    const struct canvas c = {script, unit, length, width};
     fprintf(script, "unset border\nunset tics\nunset key\nset yrange [0:%zu]\n", l->n);
     for (size_t i = 0; i < l->n; i++) {
         const double y = (double)(l->n - 1 - i);

@@ -20,6 +20,7 @@
 #define LABEL_MAX      12   /* letters of names at the axis */
 #define SETPOINT_STYLE "lw 1.2 dt (6,4)"
 #define ABOVE_STYLE    "lw 1.4 dt (10,3,2,3) lc rgb 0xD55E00"
+#define EXPECTED_STYLE "lw 2 dt (3,2) lc rgb mark"
 #define LETTER         6.6   /* width of one, on average */
 #define LEFT           0.105 /* of all panels; fraction of the page, as the next ones */
 #define RIGHT          0.96
@@ -89,13 +90,17 @@ static void settle_time(struct report_panels *p)
     } units[] = {{3 * 86400, 86400, "d"}, {5 * 3600, 3600, "h"}, {3000, 60, "min"}, {0, 1, "s"}};
     size_t k = 0;
     double end = p->data->end > 1e-3 ? p->data->end : 1, digit;
+    p->begin = p->data->begin;
     while (end < units[k].from)
         k++;
     p->unit = units[k].unit;
     p->unit_name = units[k].name;
     end /= p->unit;
     digit = pow(10, floor(log10(end)) - 1); /* the axis ends on the second digit of the last time */
-    p->end = p->unit * ceil(end / digit * (1 - 1e-9)) * digit;
+    if (p->begin > 0)
+        p->end = p->data->end;
+    else
+        p->end = p->unit * ceil(end / digit * (1 - 1e-9)) * digit;
 }
 
 int report_panels_create(struct report_panels **panels, const struct report_data *data,
@@ -227,6 +232,18 @@ static void put_doubtful(FILE *script, const struct report_panels *p, const stru
                     fmin(fmax(series->points[k].value / panel->scale, panel->low), panel->high));
 }
 
+/* The last move holds for its step, too. */
+static void put_expected(FILE *script, const struct report_panels *p, const struct outlook_course *c,
+                         double scale)
+{
+    for (size_t k = 0; c && k < c->n; k++)
+        fprintf(script, "%.9g %.9g\n", (apc_ns_to_s(c->made) + outlook_ahead(c, k)) / p->unit,
+                c->expected[k] / scale);
+    if (c && c->first == 0)
+        fprintf(script, "%.9g %.9g\n", (apc_ns_to_s(c->made) + outlook_ahead(c, c->n)) / p->unit,
+                c->expected[c->n - 1] / scale);
+}
+
 static double gap_of(const struct report_panels *p, const struct curve_of *c)
 {
     const struct wire wire = {APC_SENSOR, (size_t)c->signal->tag.id - 1};
@@ -246,6 +263,8 @@ void report_panels_blocks(FILE *script, const struct report_panels *p)
             put_series(script, p, c->wanted_above, p->panel[k].scale, 0);
             fprintf(script, "END\n$d%zu << END\n", i);
             put_doubtful(script, p, &p->panel[k], c->series);
+            fprintf(script, "END\n$e%zu << END\n", i);
+            put_expected(script, p, c->expected, p->panel[k].scale);
             fputs("END\n", script);
         }
 }
@@ -404,7 +423,9 @@ static void put_legend(FILE *script, const struct report_panels *p, const struct
     const struct curve_of *c = &p->curve[panel->first];
     struct legend l = {left * REPORT_WIDTH, y};
     bool limit = false, wanted = false, limited = false, doubtful = false;
+    const struct outlook_course *expected = NULL;
     for (size_t i = 0; i < panel->n; i++) {
+        expected = c[i].expected ? c[i].expected : expected;
         wanted |= c[i].wanted && !c->above;
         limited |= panel->outputs && has_limited(c[i].series);
         doubtful |= has_doubtful(c[i].series);
@@ -422,6 +443,8 @@ static void put_legend(FILE *script, const struct report_panels *p, const struct
         put_entry(script, &l, "lw 1 dt (2,3) lc rgb 0x777777", "limit");
     if (limited)
         put_entry(script, &l, "lw 3.2 lc rgb 0xE69F00", "held back by a limit");
+    if (expected)
+        put_entry(script, &l, EXPECTED_STYLE, "expected");
     if (doubtful)
         put_doubtful_entry(script, &l);
 }
@@ -453,6 +476,9 @@ static void put_curve(FILE *script, const struct panel *panel, const struct curv
                 "$v%zu using 1:3 with steps lw 3.2 lc rgb 0xE69F00, $v%zu using 1:3 with points pt 7 ps 0.25 "
                 "lc rgb 0xE69F00, ",
                 number, number);
+    if (c->expected && !quiet)
+        fprintf(script, "$e%zu using 1:2 with %s " EXPECTED_STYLE ", ", number,
+                c->expected->first == 0 ? "steps" : "lines");
     if (has_doubtful(c->series))
         fprintf(script, "$d%zu with points pt 6 ps 0.5 lc rgb mark, ", number);
 }
@@ -473,6 +499,11 @@ static void put_curves(FILE *script, const struct report_panels *p, const struct
     fputs("NaN\n", script);
 }
 
+static bool is_shown(const struct report_panels *p, double t)
+{
+    return t >= p->begin && t <= p->data->end;
+}
+
 static double disturbed_at(const struct report_panels *p, size_t i)
 {
     return apc_ns_to_s(p->e->plant.rhythm.phase + p->e->plant.disturbance[i].at);
@@ -486,7 +517,7 @@ static double acted_at(const struct report_panels *p, size_t i)
 /* Is it an action that leaves its mark: who is killed or started? Others show in setpoints and modes. */
 static bool is_marked(const struct report_panels *p, size_t i)
 {
-    return p->e->action[i].kind != ACTION_WRITE && acted_at(p, i) <= p->data->end;
+    return p->e->action[i].kind != ACTION_WRITE && is_shown(p, acted_at(p, i));
 }
 
 static void put_dotted(FILE *script, const struct report_panels *p, double t)
@@ -502,11 +533,15 @@ static void put_times(FILE *script, const struct report_panels *p)
 {
     const struct report_data *data = p->data;
     for (size_t i = 0; p->e->plant.model && i < p->e->plant.n_disturbances; i++)
-        if (disturbed_at(p, i) <= data->end)
+        if (is_shown(p, disturbed_at(p, i)))
             put_dotted(script, p, disturbed_at(p, i));
     for (size_t i = 0; i < p->e->n_actions; i++)
         if (is_marked(p, i))
             put_dotted(script, p, acted_at(p, i));
+    for (size_t i = 0; data->expected && i < data->expected->n; i++)
+        fprintf(script, "set arrow from %.9g, graph 0 to %.9g, graph 1 nohead back lw 1 lc rgb mark\n",
+                apc_ns_to_s(data->expected->course[i].made) / p->unit,
+                apc_ns_to_s(data->expected->course[i].made) / p->unit);
     for (size_t i = 0; i < data->n_events && data->n_events <= LINES_MAX; i++)
         fprintf(script, "set arrow from %.9g, graph 0 to %.9g, graph 1 nohead back lw 0.6 lc rgb 0x%06X\n",
                 data->event[i].t / p->unit, data->event[i].t / p->unit,
@@ -519,8 +554,8 @@ static void put_panel(FILE *script, const struct report_panels *p, size_t k, dou
     const struct frame frame = frame_of(p, k);
     bool any = false;
     put_frame(script, &frame, top, height);
-    fprintf(script, "set xrange [0:%.9g]\nset yrange [%.9g:%.9g]\nset ytics %.9g\n", p->end / p->unit,
-            panel->low, panel->high, panel->tick);
+    fprintf(script, "set xrange [%.9g:%.9g]\nset yrange [%.9g:%.9g]\nset ytics %.9g\n", p->begin / p->unit,
+            p->end / p->unit, panel->low, panel->high, panel->tick);
     put_label(script, p, panel);
     put_times(script, p);
     fputs("unset key\n", script);
@@ -543,8 +578,8 @@ static void put_panel(FILE *script, const struct report_panels *p, size_t k, dou
 static void put_mark(FILE *script, const struct report_panels *p, double t, const char *text,
                      const char *colour, double *free_from)
 {
-    const double inner = (strip_end(p) - LEFT) * REPORT_WIDTH, at = t / p->end * inner,
-                 half = (double)strlen(text) * LETTER / 2;
+    const double inner = (strip_end(p) - LEFT) * REPORT_WIDTH,
+                 at = (t - p->begin) / (p->end - p->begin) * inner, half = (double)strlen(text) * LETTER / 2;
     double middle = fmin(fmax(at, half), inner - half);
     if (middle - half < *free_from)
         return;
@@ -579,7 +614,7 @@ static struct planned *collect_planned(const struct report_panels *p, size_t *n)
         struct planned *to = &all[*n];
         to->t = disturbed_at(p, i);
         snprintf(to->text, sizeof to->text, "%s = %.6g", e->plant.model->disturbance[d->k].name, d->value);
-        *n += to->t <= p->data->end;
+        *n += is_shown(p, to->t);
     }
     for (size_t i = 0; all && i < e->n_actions; i++) {
         if (!is_marked(p, i))
@@ -602,7 +637,8 @@ static void put_strip(FILE *script, const struct report_panels *p, double top, d
     struct planned *all = collect_planned(p, &planned);
     double free_from = -1;
     put_frame(script, &frame, top, height);
-    fprintf(script, "unset border\nunset tics\nset xrange [0:%.9g]\nset yrange [0:1]\n", p->end / p->unit);
+    fprintf(script, "unset border\nunset tics\nset xrange [%.9g:%.9g]\nset yrange [0:1]\n",
+            p->begin / p->unit, p->end / p->unit);
     for (size_t i = 0, k = 0; i < planned || k < data->n_events;) {
         if (k == data->n_events || (i < planned && all[i].t <= data->event[k].t)) {
             put_mark(script, p, all[i].t, all[i].text, "quiet", &free_from);
@@ -627,8 +663,9 @@ void report_panels_draw(FILE *script, const struct report_panels *p, double top,
                                 strip_end(p)};
     if (report_lanes_height(p->lanes) > 0) {
         put_frame(script, &lanes, top, height);
-        fprintf(script, "set xrange [0:%.9g]\n", p->end / p->unit);
-        report_lanes_draw(script, p->lanes, p->unit, p->end, (lanes.right - lanes.left) * REPORT_WIDTH);
+        fprintf(script, "set xrange [%.9g:%.9g]\n", p->begin / p->unit, p->end / p->unit);
+        report_lanes_draw(script, p->lanes, p->unit, p->end - p->begin,
+                          (lanes.right - lanes.left) * REPORT_WIDTH);
     }
     for (size_t k = 0; k < p->n; k++)
         put_panel(script, p, k, top + panels_top(p), height);

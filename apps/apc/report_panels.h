@@ -18,6 +18,7 @@ struct curve_of {
     double low, high;           /* of all that is drawn of it; low > high: nothing */
     const struct signal *above; /* the setpoint of the controller that moves the setpoint; NULL: none */
     const struct report_series *wanted_above;
+    const struct outlook_course *expected; /* of the signal, or of the setpoint; NULL: none */
 };
 
 struct panel {
@@ -38,7 +39,7 @@ struct report_panels {
     size_t n, few; /* few: curves that a panel may have */
     struct loops loops;
     struct report_lanes *lanes;
-    double end, unit; /* s: of the time axis; of its numbers */
+    double begin, end, unit; /* s: of the time axis; of its numbers */
     const char *unit_name;
 };
 

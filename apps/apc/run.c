@@ -678,7 +678,7 @@ static int write_report(const struct run *r, struct apc_error *why)
     char title[sizeof r->e.title + sizeof r->failure.text + 32];
     snprintf(title, sizeof title, "%s%s%s", r->e.title, r->failure.text[0] ? " - failed: " : "",
              r->failure.text);
-    return report_write(r->dir, &r->e, title, why);
+    return report_write(r->dir, &r->e, title, NULL, why);
 }
 
 static int leave_report(struct run *r)

@@ -96,6 +96,56 @@ int window_of_store(struct merits *m, const struct experiment *e, struct apc_sto
     return rc;
 }
 
+static int nothing_expected(const struct outlook *o, struct apc_error *why)
+{
+    return o->n > 0 ? 0
+                    : apc_fail(why, APC_ENOTFOUND,
+                               "no predictive law had a plan at that time: nothing was expected");
+}
+
+int window_outlook_of_run(struct outlook *o, const struct experiment *e, const char *dir, double at,
+                          struct apc_error *why)
+{
+    struct samples process = {0};
+    struct apc_store *published = NULL;
+    size_t n = 0;
+    apc_ns t = 0;
+    struct apc_tag *tag = provision_tags(e, &n);
+    *o = (struct outlook){0};
+    int rc = tag ? take_time(at, 0, "at", &t, why) : apc_fail(why, APC_ENOMEM, "out of memory");
+    if (rc == 0)
+        rc = samples_read(&process, dir, "samples.csv", why);
+    if (rc == 0)
+        rc = open_published(&published, dir, why);
+    if (rc == 0 && published &&
+        (rc = outlook_load(o, published, tag, n, t, e->start ? e->start : SIMULATION_BEGIN)) < 0)
+        apc_fail(why, rc, "%s", rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(published));
+    if (rc == 0)
+        rc = nothing_expected(o, why);
+    if (rc == 0)
+        outlook_take(o, process.at, process.n);
+    apc_store_close(published);
+    samples_free(&process);
+    free(tag);
+    return rc;
+}
+
+int window_outlook_of_store(struct outlook *o, struct apc_store *store, apc_ns at, struct apc_error *why)
+{
+    int n = apc_store_get_tags(store, NULL, 0);
+    struct apc_tag *tag = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *tag);
+    *o = (struct outlook){0};
+    int rc = n < 0 ? n : !tag ? APC_ENOMEM : apc_store_get_tags(store, tag, (size_t)n);
+    if (rc >= 0)
+        rc = outlook_load(o, store, tag, (size_t)(rc < n ? rc : n), at, 0);
+    if (rc == 0)
+        rc = outlook_take_store(o, store, apc_clock_utc(NULL));
+    if (rc < 0)
+        apc_fail(why, rc, "%s", rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(store));
+    free(tag);
+    return rc < 0 ? rc : nothing_expected(o, why);
+}
+
 int window_experiment(struct experiment *e, struct apc_store *store, struct apc_error *why)
 {
     int64_t revision = 0;

@@ -383,6 +383,35 @@ int report_read(struct report_data *data, const char *dir, struct apc_error *why
     return read_events(data, dir, why);
 }
 
+static void clip_group(struct report_group *group, double begin, double end)
+{
+    for (size_t i = 0; i < group->n; i++) {
+        struct report_series *s = &group->series[i];
+        size_t first = 0;
+        while (s->n > 0 && s->points[s->n - 1].t > end)
+            s->n--;
+        while (first + 1 < s->n && s->points[first + 1].t <= begin)
+            first++;
+        s->n -= first;
+        memmove(s->points, s->points + first, s->n * sizeof *s->points);
+    }
+}
+
+void report_clip(struct report_data *data, double begin, double end)
+{
+    size_t n = 0;
+    clip_group(&data->y, begin, end);
+    clip_group(&data->z, begin, end);
+    clip_group(&data->u, begin, end);
+    clip_group(&data->mode, begin, end);
+    for (size_t i = 0; i < data->n_events; i++)
+        if (data->event[i].t >= begin && data->event[i].t <= end)
+            data->event[n++] = data->event[i];
+    data->n_events = n;
+    data->begin = begin;
+    data->end = fmin(data->end, end);
+}
+
 static void free_group(struct report_group *group)
 {
     for (size_t i = 0; i < group->n; i++)

@@ -8,6 +8,8 @@
 #include <apcstore.h> /* APC_TAG_LEN */
 #include <apctimer.h> /* struct apc_bin */
 
+#include "outlook.h"
+
 struct report_point {
     double t, value; /* t in s since the start of the run */
     enum apc_severity severity;
@@ -50,12 +52,16 @@ struct report_data {
     size_t n_jitter;
     struct report_event *event; /* [n_events] by time; none where there is no events.csv */
     size_t n_events, events_room;
-    double end; /* time of the last sample of all */
+    double begin, end; /* s: 0 and the time of the last sample of all, or what is left of these */
+    const struct outlook *expected; /* to be laid over it; NULL: nothing */
 };
 
 /* Fill *data, which report_free() takes back also after a failure. Returns as report_write() does. */
 int report_read(struct report_data *data, const char *dir, struct apc_error *why);
 void report_free(struct report_data *data);
+
+/* Leave what happened from @p begin to @p end, and what was in force before it. */
+void report_clip(struct report_data *data, double begin, double end);
 
 /* Of one task; NULL: nothing is known of it. */
 struct report_jitter *report_jitter_of(const struct report_data *data, const char *task);

@@ -1,0 +1,176 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "outlook.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "samples.h"
+
+static const double none = (double)NAN;
+
+/* ---- Which variable is expected ----------------------------------------------------------- */
+
+static const struct {
+    const char *end; /* of the name of what is published */
+    enum apc_table table[2];
+} kinds[] = {{".prediction", {APC_SENSOR, APC_SENSOR}}, {".plan", {APC_ACTUATOR, APC_SETPOINT}}};
+
+/* "y1.prediction" or, of several controllers, "upper.y1.prediction" is of y1; NULL: of nothing that is there.
+ */
+static const struct apc_tag *variable_of(const struct apc_tag *published, const struct apc_tag *tag, size_t n,
+                                         size_t *kind)
+{
+    const size_t own = strlen(published->controller);
+    const char *name = published->name;
+    if (own > 0 && !strncmp(name, published->controller, own) && name[own] == '.')
+        name += own + 1;
+    for (*kind = 0; *kind < sizeof kinds / sizeof *kinds; ++*kind) {
+        const size_t length = strlen(name), end = strlen(kinds[*kind].end);
+        if (length <= end || strcmp(name + length - end, kinds[*kind].end) != 0)
+            continue;
+        for (size_t k = 0; k < 2; k++)
+            for (size_t i = 0; i < n; i++)
+                if (tag[i].table == kinds[*kind].table[k] && strlen(tag[i].name) == length - end &&
+                    !strncmp(tag[i].name, name, length - end))
+                    return &tag[i];
+    }
+    return NULL;
+}
+
+/* ---- Reading ------------------------------------------------------------------------------ */
+
+struct reading {
+    struct outlook *o;
+    struct outlook_course next;
+    apc_ns at, offset;
+    int failed;
+};
+
+static int take_row(void *ctx, const struct apc_vector *row)
+{
+    struct reading *r = ctx;
+    struct outlook_course *c = &r->next;
+    c->made = row->time - r->offset;
+    if (row->n == 0 || c->made + c->first + c->step * (apc_ns)row->n <= r->at)
+        return 0;
+    c->n = row->n;
+    c->expected = calloc(2 * c->n, sizeof *c->expected);
+    if (!c->expected)
+        return r->failed = APC_ENOMEM;
+    c->came = c->expected + c->n;
+    memcpy(c->expected, row->value, c->n * sizeof *c->expected);
+    for (size_t k = 0; k < c->n; k++)
+        c->came[k] = none;
+    r->o->course[r->o->n++] = *c;
+    return 0;
+}
+
+static int load_course(struct reading *r, struct apc_store *store, const struct apc_tag *published,
+                       const struct apc_tag *variable, bool planned)
+{
+    const struct apc_range newest = {.until = r->at + r->offset + 1, .last = 1};
+    apc_ns period = 0;
+    r->next =
+        (struct outlook_course){.table = variable->table, .id = variable->id, .prediction = published->id};
+    memcpy(r->next.name, variable->name, sizeof r->next.name);
+    memcpy(r->next.unit, variable->unit, sizeof r->next.unit);
+    (void)apc_ns_from_s(published->step, &r->next.step);
+    (void)apc_ns_from_s(variable->period, &period);
+    r->next.first = planned ? 0 : r->next.step;
+    r->next.patience = planned ? INT64_MAX : 3 * period + 100 * APC_NS_PER_MS;
+    const int rc = apc_store_vectors(store, APC_PREDICTION, published->id, &newest, take_row, r);
+    return r->failed ? r->failed : rc < 0 ? rc : 0;
+}
+
+int outlook_load(struct outlook *o, struct apc_store *published, const struct apc_tag *tag, size_t n,
+                 apc_ns at, apc_ns offset)
+{
+    struct reading r = {.o = o, .at = at, .offset = offset};
+    int rc = 0;
+    *o = (struct outlook){.course = calloc(n + 1, sizeof *o->course)};
+    if (!o->course)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < n && rc == 0; i++) {
+        size_t kind = 0;
+        const struct apc_tag *variable =
+            tag[i].table == APC_PREDICTION && tag[i].step > 0 ? variable_of(&tag[i], tag, n, &kind) : NULL;
+        if (variable)
+            rc = load_course(&r, published, &tag[i], variable, kind > 0);
+    }
+    return rc;
+}
+
+void outlook_free(struct outlook *o)
+{
+    for (size_t i = 0; i < o->n; i++)
+        free(o->course[i].expected);
+    free(o->course);
+    *o = (struct outlook){0};
+}
+
+/* ---- What came ---------------------------------------------------------------------------- */
+
+/* A move is looked at in the middle of its step: its row is written when the law has computed. */
+static apc_ns looked_at(const struct outlook_course *c, size_t k)
+{
+    return c->made + c->first + c->step * (apc_ns)k + (c->first == 0 ? c->step / 2 : 0);
+}
+
+/* @p row stands from its time to @p until. */
+static void fill(struct outlook_course *c, const struct apc_sample *row, apc_ns from, apc_ns until)
+{
+    const bool bad = row->table == APC_SENSOR && apc_status_severity(row->status) == APC_SEVERITY_BAD;
+    for (size_t k = 0; k < c->n; k++) {
+        const apc_ns t = looked_at(c, k);
+        if (t >= from && t < until && t - from <= c->patience)
+            c->came[k] = bad ? none : row->value;
+    }
+}
+
+static void take_course(struct outlook_course *c, const struct apc_sample *rows, size_t n, apc_ns end)
+{
+    const struct apc_sample *before = NULL;
+    for (size_t i = 0; i < n; i++) {
+        if (rows[i].table != c->table || rows[i].id != c->id)
+            continue;
+        if (before)
+            fill(c, before, before->time, rows[i].time);
+        before = &rows[i];
+    }
+    if (before)
+        fill(c, before, before->time, end);
+}
+
+void outlook_take(struct outlook *o, const struct apc_sample *rows, size_t n)
+{
+    for (size_t i = 0; i < o->n; i++)
+        take_course(&o->course[i], rows, n, n > 0 ? rows[n - 1].time + 1 : 0);
+}
+
+static int keep(void *ctx, const struct apc_sample *row)
+{
+    return samples_add(ctx, row) < 0;
+}
+
+static int take_history(struct outlook_course *c, struct apc_store *store, apc_ns now)
+{
+    struct samples rows = {0};
+    const apc_ns end = looked_at(c, c->n - 1) + 1;
+    const struct apc_range before = {.until = c->made, .last = 1}, range = {.since = c->made, .until = end};
+    int rc = apc_store_history(store, c->table, c->id, &before, keep, &rows);
+    if (rc >= 0)
+        rc = apc_store_history(store, c->table, c->id, &range, keep, &rows);
+    if (rc >= 0)
+        take_course(c, rows.at, rows.n, end < now ? end : now);
+    samples_free(&rows);
+    return rc < 0 ? rc : 0;
+}
+
+int outlook_take_store(struct outlook *o, struct apc_store *store, apc_ns now)
+{
+    int rc = 0;
+    for (size_t i = 0; i < o->n && rc == 0; i++)
+        rc = take_history(&o->course[i], store, now);
+    return rc;
+}
