@@ -283,6 +283,23 @@ typedef void (*apc_published_fn)(void *ctx, size_t output, const struct apc_publ
 APC_API int apc_law_published(const struct apc_law *law, const struct apc_law_setup *setup,
                               apc_published_fn fn, void *ctx, struct apc_error *why);
 
+/** A law around a point: deviations of its state x, and of in = y, z, d and what went out last, in this
+ * order: x of the next tick = A x + B in, u = C x + D in. One block: goes back with free(). */
+struct apc_law_linear {
+    size_t nx, n_in, nu;   /**< n_in = ny + nz + nd + nu */
+    double *A, *B, *C, *D; /**< [nx * nx], [nx * n_in], [nu * nx], [nu * n_in] */
+};
+/**
+ * What the law is for small changes, as an operator leaves it who has held @p u [nu] long enough: by
+ * differences, so it takes laws of your own. @p y [ny], @p z [nz], @p d [nd]; no limits but its own are
+ * known to it. States from which u does not follow, and those that nothing moves, are left out. [setup]
+ * Returns 0; APC_ESOLVER where it is not linear there: a limit of its own, a choice, a law that gives no
+ * output; else as apc_law_try().
+ */
+APC_API int apc_law_linearize(struct apc_law_linear **linear, const struct apc_law *law,
+                              const struct apc_law_setup *setup, const double *tuning, const double *y,
+                              const double *z, const double *d, const double *u, struct apc_error *why);
+
 /** The setting of that name, or NULL. [setup] */
 APC_API const struct apc_setting *apc_setting_find(const struct apc_law_setup *setup, const char *name);
 

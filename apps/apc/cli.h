@@ -135,6 +135,7 @@ int command_linearize(int argc, char **argv);
 int command_test(int argc, char **argv);
 int command_identify(int argc, char **argv);
 int command_optimize(int argc, char **argv);
+int command_analyze(int argc, char **argv);
 int command_copy(int argc, char **argv);
 int command_drain(int argc, char **argv);
 

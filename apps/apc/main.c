@@ -33,6 +33,7 @@ static const struct {
     {"test", command_test, "move a plant, simulated or live, so that it can be identified"},
     {"identify", command_identify, "models of a plant from its record: dead times, gains, time constants"},
     {"optimize", command_optimize, "search numbers of an experiment with which it is controlled better"},
+    {"analyze", command_analyze, "margins, sensitivity and poles of the loops as they tick"},
     {"drain", command_drain, "store what daemons kept back while the store was away"},
 };
 

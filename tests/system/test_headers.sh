@@ -100,12 +100,12 @@ strangers() {
   local known=$1
   shift
   grep -rhoE '^#include [<"](apc[a-z]+|[a-z]+/[a-z_]+)\.h' "$@" | sed -E 's/.*[<"]//' |
-    grep -E "^(apc|base/|timer/|shareddata/|sockets/|control/|predict/|identify/|plant/|exchange/|modules/|run/|common/|apc/|apc-ui/|users/)" |
+    grep -E "^(apc|base/|timer/|shareddata/|sockets/|control/|predict/|identify/|analyze/|plant/|exchange/|modules/|run/|common/|apc/|apc-ui/|users/)" |
     grep -vE "^(apcbase\.h|base/.*|$known)\$" || true
 }
 declare -A headers=([base]=apcbase [timer]=apctimer [shareddata]="apcstore apcshareddata" [sockets]=apcsockets [plant]=apcplant
   [exchange]=apcexchange
-  [predict]='apcqp apclinear apcestimate' [identify]="apcidentify apcexcite apctune" [control]=apccontrol)
+  [predict]='apcqp apclinear apcestimate' [analyze]=apcanalysis [identify]="apcidentify apcexcite apctune" [control]=apccontrol)
 while read -r room below; do
   known= places=("$APC_SOURCE_DIR/src/$room")
   for name in $room $below; do
@@ -123,6 +123,7 @@ shareddata
 sockets
 plant
 predict plant
+analyze predict
 identify predict
 control predict
 exchange sockets timer
@@ -130,7 +131,7 @@ END
 ! grep -rE '^#include [<"](common|apc|apc-ui|users)/' "$APC_SOURCE_DIR/src" || fail "the library includes a program's header"
 ! grep -rE '^#include "(run/|run_internal|simulation|experiment)' "$APC_SOURCE_DIR"/src/[!r]* || fail "a room below includes src/run"
 # but for a replay, which looks into a controller
-! grep -rE '^#include "(timer|shareddata|sockets|control|predict|identify|plant|exchange|modules)/' "$APC_SOURCE_DIR"/apps "$APC_SOURCE_DIR/src/run" |
+! grep -rE '^#include "(timer|shareddata|sockets|control|predict|identify|analyze|plant|exchange|modules)/' "$APC_SOURCE_DIR"/apps "$APC_SOURCE_DIR/src/run" |
   grep -v 'src/run/replay\.c:#include "modules/controller\.h"' ||
   fail "the run and the programs use the public headers of the rooms"
 [ -n "$(strangers 'plant/.*|apcplant\.h' "$APC_SOURCE_DIR/src/modules")" ] || fail "modules include no other room: this test sees nothing"

@@ -1,0 +1,153 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc analyze: how much of a change the loops of an experiment bear, as they tick. */
+#include "analyze.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { OPT_SET = 0x800, OPT_AT, OPT_FIGURE };
+
+static const struct argp_option option_list[] = {
+    {"set", OPT_SET, "PATH=VALUE", 0, "A setting other than the file's, any number of times", 0},
+    {"at", OPT_AT, "NAME=VALUE", 0,
+     "An output or a disturbance of the operating point; default: that of the controllers' operating_point, "
+     "else the output's initial value, else the model's own",
+     0},
+    {"figure", OPT_FIGURE, "NAME", 0, "Draw Bode's and Nyquist's curves as NAME.svg and NAME.png", 0},
+    {0},
+};
+
+static void parse_at(struct analyze_options *o, char *arg, const struct argp_state *state)
+{
+    char *equals = strchr(arg, '=');
+    struct linear_at *at = &o->at[o->n_at];
+
+    if (o->n_at == ANALYZE_AT)
+        argp_error(state, "--at: at most %d of them", ANALYZE_AT);
+    if (!equals || equals == arg || apc_number_parse(equals + 1, &at->value) < 0) {
+        argp_error(state, "--at \"%s\": expected NAME=VALUE with a finite number", arg);
+        return;
+    }
+    *equals = '\0';
+    at->name = arg;
+    o->n_at++;
+}
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct analyze_options *o = state->input;
+    switch (key) {
+    case OPT_SET:
+        setting_add(&o->set, state, arg);
+        break;
+    case OPT_AT:
+        parse_at(o, arg, state);
+        break;
+    case OPT_FIGURE:
+        o->figure = arg;
+        break;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct cli_spec spec = {
+    .args_doc = "FILE",
+    .doc =
+        "Show by how much gain, phase and delay of each loop of the experiment FILE may change, and of all "
+        "loops at once, the peaks of their sensitivity, and the closed loop's poles. The loop is linear "
+        "around an operating point, and as virtual time has it: sampled, with the delays of its periods, "
+        "phases and network. Laws pi, pid, cascade, lqg, mpc off its limits, and laws of one's own "
+        "that are linear there.",
+    .takes = CLI_FORMAT,
+    .min_args = 1,
+    .max_args = 1,
+    .extra = &extra,
+};
+
+/* From far below the slowest that is of interest to nearly half a tick. */
+static int respond(struct loop_analysis *z, size_t o, double top)
+{
+    struct analysis_of_loop *l = &z->loop[o];
+    l->w = calloc(3 * ANALYZE_POINTS, sizeof *l->w);
+    if (!l->w)
+        return APC_ENOMEM;
+    l->re = l->w + ANALYZE_POINTS;
+    l->im = l->re + ANALYZE_POINTS;
+    for (int k = 0; k < ANALYZE_POINTS; k++)
+        l->w[k] = top * pow(10.0, 4.0 * (k - ANALYZE_POINTS + 1) / ANALYZE_POINTS);
+    return apc_loop_response(z->l.loop, o, ANALYZE_POINTS, l->w, l->re, l->im);
+}
+
+static double period_of(const struct loop_analysis *z, size_t o)
+{
+    return apc_ns_to_s(controllers_loop(&z->e, z->l.output[o]).of->rhythm.period);
+}
+
+static int analyse(struct loop_analysis *z, struct apc_error *why)
+{
+    const bool curves = z->own.figure || z->cli.format == CLI_CSV;
+    int rc = 0;
+
+    z->n = apc_loop_outputs(z->l.loop);
+    z->states = apc_loop_states(z->l.loop);
+    z->loop = calloc(z->n + 1, sizeof *z->loop);
+    z->pole_re = calloc(2 * z->states, sizeof *z->pole_re);
+    if (!z->loop || !z->pole_re)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    z->pole_im = z->pole_re + z->states;
+    if ((rc = apc_loop_poles(z->l.loop, z->pole_re, z->pole_im)) < 0)
+        return apc_fail(why, rc, "the poles could not be computed");
+    for (size_t o = 0; o <= z->n && rc == 0; o++) {
+        struct analysis_of_loop *l = &z->loop[o];
+        l->margins.size = sizeof l->margins;
+        snprintf(l->name, sizeof l->name, "all");
+        if (o < z->n)
+            controllers_loop_name(&z->e, controllers_loop(&z->e, z->l.output[o]), l->name);
+        rc = apc_loop_margins(z->l.loop, o < z->n ? o : APC_LOOP_WHOLE, z->l.scale, &l->margins, why);
+        if (rc == 0 && curves && o < z->n && (rc = respond(z, o, 0.98 * M_PI / period_of(z, o))) < 0)
+            apc_fail(why, rc, "%s: the frequency response could not be computed", l->name);
+    }
+    return rc;
+}
+
+static void clear(struct loop_analysis *z)
+{
+    for (size_t o = 0; z->loop && o <= z->n; o++)
+        free(z->loop[o].w);
+    free(z->loop);
+    free(z->pole_re);
+    linear_loop_free(&z->l);
+    experiment_free(&z->e);
+}
+
+int command_analyze(int argc, char **argv)
+{
+    struct loop_analysis *z = calloc(1, sizeof *z);
+    struct apc_error why = {""};
+    int rc;
+
+    if (!z) {
+        fputs("apc analyze: out of memory\n", stderr);
+        return EXIT_ERROR;
+    }
+    cli_parse(&z->cli, &spec, &z->own, argc, argv);
+    const struct experiment_overrides overrides = {.set = z->own.set.at, .n_set = z->own.set.n};
+    const struct linear_how how = {.at = z->own.at, .n_at = z->own.n_at};
+    rc = experiment_load(&z->e, z->cli.args[0], EXPERIMENT_MODEL | EXPERIMENT_LAW, &overrides, &why);
+    if (rc == 0)
+        rc = linear_loop_create(&z->l, &z->e, &how, &why);
+    if (rc == 0)
+        rc = analyse(z, &why);
+    if (rc == 0 && z->own.figure)
+        rc = analyze_draw(z, &why);
+    rc = rc < 0 ? cli_error(&z->cli, rc, "%s", why.text) : analyze_show(z);
+    rc = cli_done(&z->cli, rc);
+    clear(z);
+    free(z);
+    return rc;
+}

@@ -1,0 +1,146 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/**
+ * @file apcanalysis.h
+ * A closed loop as it really ticks: a linear plant that moves on all the time, controllers that compute now
+ * and then from what was measured a while ago, outputs that act a while later. How much of a change it
+ * bears, how it answers to each frequency, and how far noise moves it.
+ *
+ * All of it follows from one map: what a period of ticks makes of the state of plant, laws and everything
+ * under way. Nothing is made up of half periods and Pade approximations.
+ */
+#ifndef APCANALYSIS_H
+#define APCANALYSIS_H
+
+#include "apcbase.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** dx/dt = A x + B u, y = C x + D u. */
+struct apc_loop_plant {
+    size_t nx, nu, ny;
+    const double *A, *B, *C, *D;
+    apc_ns dead_time;     /**< by which inputs act later */
+    apc_ns period;        /**< it is disturbed, and looked at for its cost, that often; > 0 */
+    const double *noise;  /**< [nx] standard deviation of a random walk in 1 s, a step each period; or NULL */
+    const double *sensor; /**< [ny] standard deviation of a measurement's error; or NULL */
+};
+
+/** What a controller's input is. */
+struct apc_loop_source {
+    enum apc_loop_from {
+        APC_FROM_NONE = 0,    /**< constant */
+        APC_FROM_MEASUREMENT, /**< the plant's, as sampled for this tick */
+        APC_FROM_OUTPUT,      /**< an output, over all controllers, as it acts now */
+        APC_FROM_OWN          /**< its own output, from 0, that it computed last */
+    } from;
+    size_t number;
+};
+
+#define APC_LOOP_NOWHERE ((size_t)-1)
+
+/** At each tick u = C x + D in, then x = A x + B in. */
+struct apc_loop_controller {
+    size_t nx, n_in, nu;
+    const double *A, *B, *C, *D;
+    const struct apc_loop_source *in; /**< [n_in] */
+    const size_t *to; /**< [nu] input of the plant, from 0, or APC_LOOP_NOWHERE: others read it */
+};
+
+/** One tick of a controller. Times from the beginning of the period; what lies beyond it, or before, wraps.
+ */
+struct apc_loop_tick {
+    size_t controller;
+    apc_ns sampled;  /**< <= computed: when the plant was as the measurements say */
+    apc_ns computed; /**< within 0 .. period; ticks are in this order */
+    apc_ns written;  /**< >= computed: when other controllers see the outputs */
+    apc_ns acts;     /**< >= computed: when the plant's inputs begin to change, but for its dead time;
+                        INT64_MAX: never, the command was lost */
+};
+
+struct apc_loop_setup {
+    size_t size;
+    struct apc_loop_plant plant;
+    size_t n_controllers;
+    const struct apc_loop_controller *controller;
+    apc_ns period; /**< after which all begins anew */
+    size_t n_ticks;
+    const struct apc_loop_tick *tick;
+};
+
+/** Outputs over all controllers are numbered from 0, controller after controller. */
+struct apc_loop;
+
+/** A copy of all of it. [setup] Returns 0, APC_EINVAL, APC_ERANGE (more than 600 states), APC_ENOMEM. */
+APC_API int apc_loop_create(struct apc_loop **loop, const struct apc_loop_setup *setup,
+                            struct apc_error *why);
+APC_API void apc_loop_destroy(struct apc_loop *loop);         /**< NULL is legal. [setup] */
+APC_API size_t apc_loop_states(const struct apc_loop *loop);  /**< of the map. [any] */
+APC_API size_t apc_loop_outputs(const struct apc_loop *loop); /**< of all controllers. [any] */
+/** Eigenvalues of the map: @p re, @p im [apc_loop_states()], the largest first; the loop is stable where all
+ * are within the unit circle. [setup] Returns 0, APC_ESOLVER or APC_ENOMEM. */
+APC_API int apc_loop_poles(const struct apc_loop *loop, double *re, double *im);
+
+#define APC_LOOP_WHOLE ((size_t)-1)
+
+/** HUGE_VAL: there is no limit that was found; NAN: it cannot be told. */
+struct apc_loop_margins {
+    size_t size;
+    bool stable;       /**< as it is; nothing else is said of one that is not */
+    double gain_least; /**< by less than this factor the loop must not be weakened; 0: by any */
+    double gain;       /**< by more than this it must not be strengthened */
+    double phase;      /**< degrees */
+    double delay;      /**< s that outputs may act later, all the time; exact, not phase over frequency */
+    double jitter;     /**< s by which they may act later now and then, in whatever pattern: enough, by small
+                          gain, not needed (Kao and Lincoln, Automatica 40, 2004) */
+    double sensitivity, at; /**< the peak of 1 / (1 + L), and its frequency in rad/s */
+    double complementary;   /**< the peak of L / (1 + L) */
+    double crossover;       /**< rad/s, the highest at which |L| is 1; NAN: nowhere */
+};
+/**
+ * Of output @p of, the others being closed, or APC_LOOP_WHOLE: of all outputs at once that the plant takes,
+ * the same change in each, and the peaks are those of the largest singular values, outputs measured in
+ * @p scale [apc_loop_outputs()] (NULL: 1). Margins are found where an eigenvalue of the map reaches the unit
+ * circle, up to factors of 1000 and 1000 periods. [setup] Returns 0, APC_EINVAL, APC_ESOLVER, APC_ENOMEM.
+ */
+APC_API int apc_loop_margins(const struct apc_loop *loop, size_t of, const double *scale,
+                             struct apc_loop_margins *margins, struct apc_error *why);
+
+/**
+ * L at @p n frequencies @p w rad/s, into @p re, @p im [n]: of output @p of, cut open there, the others
+ * closed: what comes back, with the sign that makes 1 + L the return difference; NAN on a pole. Of a
+ * controller that ticks several times in the period: what comes back at that frequency. [setup] Returns 0,
+ * APC_EINVAL, APC_ENOMEM.
+ */
+APC_API int apc_loop_response(const struct apc_loop *loop, size_t of, size_t n, const double *w, double *re,
+                              double *im);
+
+/* ---- Under noise ----------------------------------------------------------------------------- */
+
+/** One of several courses that a period takes, chosen anew each time. */
+struct apc_loop_course {
+    double probability;
+    size_t n_ticks;
+    const struct apc_loop_tick *tick; /**< nothing of it may lie beyond the period */
+};
+/**
+ * The mean squares that the loop settles at, averaged over the plant's periods: @p y [ny] of what the plant
+ * puts out, without its sensors' errors, @p u [outputs] of what acts. By the recursion of the covariance
+ * (Nilsson, Real-Time Control Systems with Delays, 1998; Lincoln and Cervin, Jitterbug, CDC 2002): no random
+ * number is drawn. @p course NULL: the loop's own ticks, in each period. [setup] Returns 0; APC_ESOLVER: it
+ * grows without bound; APC_EINVAL, APC_ENOMEM.
+ */
+APC_API int apc_loop_cost(const struct apc_loop *loop, const struct apc_loop_course *course, size_t n,
+                          double *y, double *u, struct apc_error *why);
+/**
+ * The same of ticks that happened once: the period is their whole record, the mean is of what comes after
+ * its first @p skip ns. @p loop settles first as it is. [setup] As apc_loop_cost().
+ */
+APC_API int apc_loop_cost_recorded(const struct apc_loop *loop, const struct apc_loop_tick *tick, size_t n,
+                                   apc_ns length, double *y, double *u, struct apc_error *why);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# apc analyze: the margins of the shipped loops, as text, JSON, CSV and a figure; what it does not take says so.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+conf=$APC_SOURCE_DIR/experiments
+
+# number JSON LOOP KEY
+number() { sed -n "s/^{\"loop\":\"$2\".*\"$3\":\\([^,}]*\\).*/\\1/p" "$1"; }
+near() { # WHAT IS EXPECTED TOLERANCE
+  awk -v is="$2" -v should="$3" -v by="$4" 'BEGIN { exit !(is != "" && is - should <= by && should - is <= by) }' || fail "$1: $2, not $3"
+}
+
+# ---- Margins that are known
+
+"$apc" analyze "$conf/pendulum.conf" --json >"$work/pendulum.json"
+near "least gain of the pendulum" "$(number "$work/pendulum.json" F gain_least)" 0.59 0.005
+near "greatest gain of the pendulum" "$(number "$work/pendulum.json" F gain)" 1.59 0.005
+near "delay of the pendulum" "$(number "$work/pendulum.json" F delay)" 0.0131 0.00005
+"$apc" analyze "$conf/van-de-vusse.conf" --json --figure "$work/reactor" >"$work/reactor.json"
+near "gain of F" "$(number "$work/reactor.json" F gain)" 1.58 0.005
+near "delay of F" "$(number "$work/reactor.json" F delay)" 25 0.5
+grep -q 'the circle that the curve keeps out of' "$work/reactor.svg" && [ -s "$work/reactor.png" ] || fail "no figure"
+
+# the document shows what is printed
+(cd "$APC_SOURCE_DIR" && "$apc" analyze experiments/van-de-vusse.conf) | head -n 6 >"$work/printed"
+sed -n '/^van-de-vusse: /,/^all /p' "$APC_SOURCE_DIR/docs/analysis.md" | cmp - "$work/printed" || fail "docs/analysis.md shows something else"
+
+# every law that is linear; a loop below another one
+for name in first-order four-tank four-tank-mpc quadruple-tank-mpc servo two-layers double-tank adiabatic-cstr; do
+  expect 0 'time constant' "$apc" analyze "$conf/$name.conf"
+done
+expect 0 '^upper\.r1 ' "$apc" analyze "$conf/two-layers.conf"
+"$apc" analyze "$conf/servo.conf" --csv >"$work/servo.csv"
+head -n 1 "$work/servo.csv" | grep -qx 'loop,rad_per_s,real,imaginary' || fail "no CSV: $(head -n 2 "$work/servo.csv")"
+[ "$(wc -l <"$work/servo.csv")" -gt 500 ] || fail "hardly a curve"
+
+# ---- What it does not take
+
+no() { # CODE PATTERN ARGUMENT...
+  local code=$1 pattern=$2
+  shift 2
+  expect "$code" "$pattern" "$apc" analyze "$@"
+}
+no 1 'not stable around this point.*Try less gain' "$conf/first-order.conf" --set controller.Kp=5
+"$apc" analyze "$conf/first-order.conf" --set controller.Kp=5 --json 2>/dev/null >"$work/unstable.json" && fail "an unstable loop is a success" || true
+grep -q '"stable":false' "$work/unstable.json" || fail "the JSON of an unstable loop does not say so"
+no 1 'law nmpc is not linear.*with law mpc' "$conf/van-de-vusse-nmpc.conf"
+no 1 'is calculated by a controller.*are choices' "$conf/double-tank-override.conf"
+no 4 'Q1 is 0 at the operating point, and may be 0 to 100.*--at Q1=VALUE' "$conf/temperature-lab.conf"
+expect 0 '^Q1 ' "$apc" analyze "$conf/temperature-lab.conf" --at Q1=30 --at Q2=20
+no 1 'neither an output of the experiment nor a disturbance' "$conf/pendulum.conf" --at G=1
+no 2 'expected NAME=VALUE' "$conf/pendulum.conf" --at F
+no 1 'no steady state was found' "$conf/pendulum.conf" --at F=3
+no 4 'come together only after more than' "$conf/first-order.conf" --set client.period=0.4999999
+cat >"$work/external.conf" <<'END'
+name = "away"; measurements = ( { name = "y"; } ); setpoints = ( { name = "r"; } ); outputs = ( { name = "u"; } );
+plant = { external = true; period = 1.0; }; client = { period = 1.0; link = "tcp:127.0.0.1:43051"; };
+controller = { law = "pi"; period = 1.0; };
+END
+no 1 'the plant is external' "$work/external.conf"
+sed 's/ name = "y";/ name = "y"; period = 30.0;/' "$conf/first-order.conf" >"$work/laboratory.conf"
+no 1 'a measurement of a laboratory is not taken' "$work/laboratory.conf"

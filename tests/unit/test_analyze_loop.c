@@ -1,0 +1,243 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Loops as they tick: margins that theory gives, and those at which a simulation begins to swing. */
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "check.h"
+
+#include <apccontrol.h>
+#include <apcrun.h>
+
+#include "run/linear_loop.h"
+
+#define MS ((apc_ns)1000000)
+
+/* ---- An integrator under proportional control: x' = u, u = -K x every second --------------------------- */
+
+static struct apc_loop *integrator(double K, apc_ns acts)
+{
+    static const double zero = 0.0, one = 1.0;
+    static const struct apc_loop_source source = {APC_FROM_MEASUREMENT, 0};
+    static const size_t to = 0;
+    const double D = -K;
+    const struct apc_loop_controller c = {.n_in = 1, .nu = 1, .D = &D, .in = &source, .to = &to};
+    const struct apc_loop_tick tick = {0, 0, 0, 0, acts};
+    const struct apc_loop_setup setup = {
+        .size = sizeof setup,
+        .plant =
+            {.nx = 1, .nu = 1, .ny = 1, .A = &zero, .B = &one, .C = &one, .D = &zero, .period = 100 * MS},
+        .n_controllers = 1,
+        .controller = &c,
+        .period = 1000 * MS,
+        .n_ticks = 1,
+        .tick = &tick};
+    struct apc_loop *loop;
+    struct apc_error why;
+
+    if (apc_loop_create(&loop, &setup, &why) < 0)
+        fail_msg("%s", why.text);
+    return loop;
+}
+
+static struct apc_loop_margins margins_of(const struct apc_loop *loop, size_t of)
+{
+    struct apc_loop_margins m = {.size = sizeof m};
+    struct apc_error why;
+
+    if (apc_loop_margins(loop, of, NULL, &m, &why) < 0)
+        fail_msg("%s", why.text);
+    return m;
+}
+
+static void an_integrator_has_the_margins_of_theory(void **state)
+{
+    struct apc_loop *loop = integrator(0.5, 0);
+    struct apc_loop_margins m = margins_of(loop, 0);
+    const double w = 0.7;
+    double re, im;
+    (void)state;
+
+    assert_true(m.stable);
+    assert_near(m.gain, 2.0 / 0.5, 1e-5); /* z - 1 + K, unstable at z = -1 */
+    assert_near(m.gain_least, 0.0, 1e-9);
+    /* |z - 1| = K where the loop's gain is 1 */
+    assert_near(m.phase, (M_PI / 2.0 - asin(0.25)) * 180.0 / M_PI, 1e-4);
+    /* with a delay of d + g periods: z^(d+1) (z - 1) + K ((1 - g) z + g), on the circle */
+    assert_true(m.delay > 2.5 && m.delay < 3.0);
+    /* A pulse in a tenth comes back as K h / (z - 1 + K), ten of them sqrt(10) times that; with |z - 1| most
+     * at z = -1, 2 / 3 of a move: J = 1.5^2 = 1 + 3 g */
+    assert_near(m.jitter, 1.0 + 1.25 / 3.0, 1e-6);
+    assert_int_equal(apc_loop_response(loop, 0, 1, &w, &re, &im), 0);
+    assert_near(hypot(re, im), 0.5 / (2.0 * sin(w / 2.0)), 1e-12);
+    apc_loop_destroy(loop);
+
+    loop = integrator(0.5, 1000 * MS); /* acts a period later: z (z - 1) + K, unstable at K = 1 */
+    m = margins_of(loop, APC_LOOP_WHOLE);
+    assert_near(m.gain, 2.0, 1e-5);
+    apc_loop_destroy(loop);
+
+    loop = integrator(2.5, 0);
+    assert_false(margins_of(loop, 0).stable);
+    apc_loop_destroy(loop);
+}
+
+static void a_delay_at_the_margin_puts_a_pole_on_the_circle(void **state)
+{
+    struct apc_loop *loop = integrator(0.5, 0);
+    const double delay = margins_of(loop, 0).delay;
+    double re[8], im[8];
+    (void)state;
+
+    apc_loop_destroy(loop);
+    loop = integrator(0.5, (apc_ns)(delay * 1e9));
+    assert_true(apc_loop_states(loop) <= 8);
+    assert_int_equal(apc_loop_poles(loop, re, im), 0);
+    assert_near(hypot(re[0], im[0]), 1.0, 1e-6);
+    apc_loop_destroy(loop);
+}
+
+static void what_cannot_be_a_loop_is_refused(void **state)
+{
+    const struct apc_loop_setup nothing = {.size = sizeof nothing};
+    struct apc_loop *loop;
+    struct apc_error why;
+    (void)state;
+
+    assert_int_equal(apc_loop_create(&loop, &nothing, &why), APC_EINVAL);
+    assert_null(loop);
+    assert_has(why.text, "are required");
+    loop = integrator(0.5, 0);
+    assert_int_equal(apc_loop_margins(loop, 1, NULL, &(struct apc_loop_margins){0}, &why), APC_EINVAL);
+    apc_loop_destroy(loop);
+    apc_loop_destroy(NULL);
+}
+
+/* ---- Found again by bisection in simulation -------------------------------------------------------------
+ */
+
+static const char text[] =
+    "name = \"swing\"; duration = 1000.0;\n"
+    "measurements = ( { name = \"y\"; } ); setpoints = ( { name = \"r\"; } ); outputs = ( { name = \"u\"; } "
+    ");\n"
+    "plant = { model = \"first-order\"; integrator = \"exact\"; period = 0.05; dead_time = 0.0;\n"
+    "          parameters = { K = 10.0; tau = 1.0; }; };\n"
+    "client = { period = 0.05; phase = 0.02; };\n"
+    "controller = { law = \"pid\"; period = 0.2; phase = 0.03; execution = 0.06;\n"
+    "               tuning = ( { Kp = 0.1; tau_i = 0.7; tau_d = 0.05; } ); };\n"
+    "scheduler = { period = 1000.0; sequence = ( [1.0] ); };\n";
+
+static double farthest(struct apc_simulation *s, double from, double to)
+{
+    double most = 0.0;
+    struct apc_value y;
+
+    for (double t = from; t < to; t += 0.7) {
+        if (apc_simulation_run(s, t) < 0)
+            return HUGE_VAL;
+        if (apc_simulation_read(s, "y", &y) == 0)
+            most = fmax(most, fabs(y.value - 1.0));
+    }
+    return most;
+}
+
+/* Does it still swing wider at the end? */
+static bool swings(const char *path, double value)
+{
+    struct apc_experiment *e;
+    struct apc_simulation *s;
+    struct apc_error why;
+    char number[40];
+    double early, late;
+
+    snprintf(number, sizeof number, "%.9f", value);
+    if (apc_experiment_load(&e, "here.conf", text, &why) < 0 ||
+        apc_experiment_set(e, path, number, &why) < 0 || apc_simulation_create(&s, e, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    early = farthest(s, 100.0, 140.0);
+    late = farthest(s, 300.0, 340.0);
+    apc_simulation_destroy(s);
+    apc_experiment_destroy(e);
+    return late > early || !(late < 1e9);
+}
+
+static double simulated_margin(const char *path, double stable, double unstable)
+{
+    assert_false(swings(path, stable));
+    assert_true(swings(path, unstable));
+    while (unstable - stable > 0.002 * unstable) {
+        const double middle = (stable + unstable) / 2.0;
+
+        *(swings(path, middle) ? &unstable : &stable) = middle;
+    }
+    return (stable + unstable) / 2.0;
+}
+
+static void margins_are_where_a_simulation_begins_to_swing(void **state)
+{
+    const struct experiment_source source = {.file = "here.conf", .text = text};
+    const struct linear_how how = {0};
+    struct linear_loop l;
+    struct experiment e;
+    struct apc_error why = {""};
+    struct apc_loop_margins m;
+    (void)state;
+
+    if (experiment_parse(&e, &source, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0 ||
+        linear_loop_create(&l, &e, &how, &why) < 0)
+        fail_msg("%s", why.text);
+    m = margins_of(l.loop, 0);
+    assert_true(m.stable);
+    assert_near(simulated_margin("plant.parameters.K", 10.0, 20.0 * m.gain) / 10.0, m.gain, 0.01 * m.gain);
+    assert_near(simulated_margin("plant.dead_time", 0.0, 2.0 * m.delay), m.delay, 0.01 * m.delay);
+    assert_true(m.jitter > 0.0 && m.jitter < m.delay);
+    linear_loop_free(&l);
+    experiment_free(&e);
+}
+
+/* ---- Laws ------------------------------------------------------------------------------------------------
+ */
+
+static void a_law_is_what_its_equations_say(void **state)
+{
+    const struct apc_law_setup setup = {.dim = {.ny = 1, .nz = 1, .nu = 1}, .Ts = 2.0};
+    const struct apc_law *law = &apc_law_pi;
+    const double y = 10.0, u = 1.0;
+    double tuning[16];
+    struct apc_law_linear *l;
+    struct apc_error why = {""};
+    (void)state;
+
+    for (size_t i = 0; i < law->n_tuning; i++)
+        tuning[i] = law->tuning[i].initial;
+    tuning[0] = 0.2; /* Kp, tau_i */
+    tuning[1] = 10.0;
+    assert_string_equal(law->tuning[0].name, "Kp");
+    assert_string_equal(law->tuning[1].name, "tau_i");
+    assert_int_equal(apc_law_linearize(&l, law, &setup, tuning, &y, &y, NULL, &u, &why), 0);
+    assert_int_equal(l->nx, 1);
+    assert_near(l->A[0], 1.0, 1e-9);
+    assert_near(l->B[0], -0.2 * 2.0 / 10.0, 1e-9);
+    assert_near(l->B[1], 0.2 * 2.0 / 10.0, 1e-9);
+    assert_near(l->C[0], 1.0, 1e-9);
+    assert_near(l->D[0], -0.2, 1e-9);
+    assert_near(l->D[1], 0.2, 1e-9);
+    free(l);
+
+    for (size_t i = 0; i < law->n_tuning; i++) /* where it is cut */
+        tuning[i] = !strcmp(law->tuning[i].name, "u_max") ? 1.0 : tuning[i];
+    assert_int_equal(apc_law_linearize(&l, law, &setup, tuning, &y, &y, NULL, &u, &why), APC_ESOLVER);
+    assert_null(l);
+    assert_has(why.text, "not linear at this point");
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(an_integrator_has_the_margins_of_theory),
+        cmocka_unit_test(a_delay_at_the_margin_puts_a_pole_on_the_circle),
+        cmocka_unit_test(what_cannot_be_a_loop_is_refused),
+        cmocka_unit_test(margins_are_where_a_simulation_begins_to_swing),
+        cmocka_unit_test(a_law_is_what_its_equations_say),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
