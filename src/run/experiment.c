@@ -377,17 +377,17 @@ static bool any_is_below(const struct experiment *e, const struct controller *c)
 static enum apc_mode read_mode(struct settings *s, const config_setting_t *group, const struct experiment *e,
                                const struct controller *c)
 {
-    static const enum apc_mode modes[] = {APC_MODE_MAN, APC_MODE_AUTO, APC_MODE_CAS};
-    const size_t n = any_is_below(e, c) ? 3 : 2;
+    static const enum apc_mode modes[] = {APC_MODE_OOS, APC_MODE_MAN, APC_MODE_AUTO, APC_MODE_CAS};
+    const size_t n = any_is_below(e, c) ? 4 : 3;
     char mode[16] = "Auto";
     settings_text(s, group, "mode", OPTIONAL, mode, sizeof mode);
     for (size_t i = 0; i < n; i++)
         if (!strcmp(mode, apc_mode_name((int)modes[i])))
             return modes[i];
-    settings_fail(s, config_setting_get_member(group, "mode"), "\"mode\" must be \"Auto\"%s or \"Man\"%s",
-                  n == 3 ? ", \"Cas\"" : "",
+    settings_fail(s, config_setting_get_member(group, "mode"),
+                  "\"mode\" must be \"Auto\"%s, \"Man\" or \"OOS\"%s", n == 4 ? ", \"Cas\"" : "",
                   strcmp(mode, "Cas") ? "" : ": no controller moves its setpoints");
-    return APC_MODE_MAN;
+    return APC_MODE_OOS;
 }
 
 /* What --law says of one controller: of several it names whose, "base=./my.so". NULL: nothing. */

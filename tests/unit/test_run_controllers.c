@@ -543,9 +543,9 @@ static void what_cannot_be_is_refused_with_its_line(void **state)
         {8,
          " { name = \"upper\"; law = \"pi\"; period = 5.0; mode = \"Cas\"; measurements = [\"y1\"]; "
          "setpoints = [\"w1\"]; outputs = [\"r1\"]; } );",
-         "8: \"mode\" must be \"Auto\" or \"Man\": no controller moves its setpoints"},
+         "8: \"mode\" must be \"Auto\", \"Man\" or \"OOS\": no controller moves its setpoints"},
         {7, BASE("hopla = 1;"), "7: unknown setting \"hopla\""},
-        {7, BASE("mode = \"Oos\";"), "7: \"mode\" must be \"Auto\", \"Cas\" or \"Man\""},
+        {7, BASE("mode = \"Oos\";"), "7: \"mode\" must be \"Auto\", \"Cas\", \"Man\" or \"OOS\""},
         {8,
          " { name = \"upper\"; law = \"pi\"; period = 5.0; measurements = [\"y1\"]; setpoints = "
          "[\"w1\"]; outputs = "

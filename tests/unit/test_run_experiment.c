@@ -599,7 +599,7 @@ static void a_mistake_is_refused_with_its_line_and_reason(void **state)
         {6, "client = { period = 6.1001; };", "at most 3 of the controller's + 0.1 s"},
         {6, "client = { period = 6.2; };", "6: \"period\" of client is 6.2 s, of controller 2 s: at most 3"},
         {7, "controller = { law = \"pi\"; period = 2.0; mode = \"auto\"; };",
-         "\"mode\" must be \"Auto\" or \"Man\""},
+         "\"mode\" must be \"Auto\", \"Man\" or \"OOS\""},
         {7, "controller = { law = \"pi\"; period = 2.0; hold = -1.0; };",
          "\"hold\" is -1: must be from 0 to 86400"},
         {7, "controller = { law = \"pi\"; period = 2.0; tuning = ( { } ); };",
