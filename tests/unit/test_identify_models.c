@@ -390,6 +390,40 @@ static void validation_tells_a_right_model_from_a_wrong_one(void **state)
     free(t);
 }
 
+/* Where the record begins is found, and in which units it is does not matter. */
+static void validation_begins_anywhere_and_knows_no_units(void **state)
+{
+    static const struct apc_transfer g = {.gain = 2.0, .tau = {3.0}}, wrong = {.gain = 2.0, .tau = {3.5}};
+    struct record_test *t = record_simulate(&g, 1, 1, 1500, 0.2, (const size_t[]){9}, 0.0, 0.0, 1),
+                       *noisy = record_simulate(&g, 1, 1, 1500, 0.2, (const size_t[]){9}, 0.05, 0.0, 1);
+    struct apc_transfer scaled = wrong;
+    struct apc_linear *model;
+    struct apc_validation v, w;
+    (void)state;
+
+    assert_int_equal(apc_linear_from_transfer(&model, 1, 1, 0, &g, NULL, NULL, 0.2, NULL), 0);
+    for (size_t from = 300; from < 330; from += 7) {
+        assert_int_equal(apc_validate(model, NULL, &t->record, from, &v, NULL, NULL), 0);
+        assert_true(v.fit > 99.9);
+    }
+    apc_linear_destroy(model);
+    assert_int_equal(apc_linear_from_transfer(&model, 1, 1, 0, &wrong, NULL, NULL, 0.2, NULL), 0);
+    assert_int_equal(apc_validate(model, NULL, &noisy->record, 500, &v, NULL, NULL), 0);
+    apc_linear_destroy(model);
+    for (size_t k = 0; k < 1500; k++)
+        noisy->u[k] *= 1e-4;
+    scaled.gain *= 1e4;
+    assert_int_equal(apc_linear_from_transfer(&model, 1, 1, 0, &scaled, NULL, NULL, 0.2, NULL), 0);
+    assert_int_equal(apc_validate(model, NULL, &noisy->record, 500, &w, NULL, NULL), 0);
+    assert_true(v.independent < 0.5);
+    assert_near(w.independent, v.independent, 1e-6 * v.independent);
+    assert_near(w.white, v.white, 1e-6 * v.white);
+    assert_near(w.fit, v.fit, 1e-6);
+    apc_linear_destroy(model);
+    free(noisy);
+    free(t);
+}
+
 static void a_variance_is_that_of_the_inverse(void **state)
 {
     const double R[] = {2.0, 1.0, 0.0, 3.0}, singular[] = {2.0, 1.0, 0.0, 0.0};
@@ -544,6 +578,18 @@ static void probabilities_are_those_of_the_tables(void **state)
     assert_near(apc_chi2_above(3.84146, 1.0), 0.05, 1e-6);
     assert_near(apc_chi2_above(18.3070, 10.0), 0.05, 1e-6);
     assert_near(apc_chi2_above(29.1413, 14.0), 0.01, 1e-6);
+    for (int k = 2; k <= 40; k += 2) { /* where it is that of fewer than k / 2 events of x / 2 */
+        for (double x = 0.25; x < 80.0; x *= 1.7) {
+            double sum = 0.0, term = exp(-x / 2.0);
+
+            for (int i = 0; i < k / 2; i++) {
+                sum += term;
+                term *= x / 2.0 / (i + 1);
+            }
+            assert_near(apc_chi2_above(x, k), sum, 1e-12);
+        }
+    }
+    assert_near(apc_chi2_above(1.0, 1.0), 0.31731050786, 1e-10);
     assert_near(apc_chi2_above(0.0, 3.0), 1.0, 0.0);
     assert_near(apc_chi2_above(2000.0, 15.0), 0.0, 1e-100);
 }
@@ -575,6 +621,7 @@ int main(void)
         cmocka_unit_test(missing_samples_bias_nothing),
         cmocka_unit_test(the_filter_of_a_state_space_model_leaves_white_errors),
         cmocka_unit_test(validation_tells_a_right_model_from_a_wrong_one),
+        cmocka_unit_test(validation_begins_anywhere_and_knows_no_units),
         cmocka_unit_test(a_variance_is_that_of_the_inverse),
         cmocka_unit_test(of_a_plant_that_runs_away_there_is_no_state_space),
         cmocka_unit_test(what_does_not_fit_together_is_refused),

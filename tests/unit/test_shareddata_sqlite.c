@@ -694,6 +694,25 @@ static void test_who_still_uses_an_old_file_is_named_and_nothing_is_changed(void
     assert_whole(*state, 4);
 }
 
+static void open_another_file(void)
+{
+    char other[sizeof path + 10];
+    snprintf(other, sizeof other, "%s-other", path);
+    if (open(other, O_RDWR | O_CREAT, 0600) < 0) {
+        _exit(2);
+    }
+}
+
+static void test_who_has_the_file_beside_it_open_is_in_nobodys_way(void **state)
+{
+    int done;
+    make_controller_of_version_1();
+    pid_t child = hold(open_another_file, &done);
+    assert_int_equal(apc_store_init(*state), 1);
+    let_go(child, done);
+    assert_whole(*state, 4);
+}
+
 /* A process that brings it along and may write so far into a file: then it is killed, or told. */
 static int bring_along(rlim_t limit, bool kill)
 {
@@ -1153,6 +1172,7 @@ int main(void)
         N(test_a_file_that_is_not_ours_is_refused_and_left_alone),
         T(test_another_version_is_refused),
         N(test_a_target_goes_on_from_the_former_numbers_while_there_is_room),
+        N(test_who_has_the_file_beside_it_open_is_in_nobodys_way),
         N(test_a_file_with_more_loops_than_there_are_gets_no_targets),
         T(test_a_vector_that_goes_meanwhile_is_left_out),
         N(test_a_file_in_a_folder_that_is_not_there_says_so),

@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "comma_locale.h"
+#include "shareddata/shareddata_internal.h"
 #include "stores.h"
 
 static int count_sample(void *ctx, const struct apc_sample *s)
@@ -721,6 +722,31 @@ static void assert_meddled(struct meddler *m, int count)
     assert_int_equal(m->said, 0); /* and it goes on */
 }
 
+/* Who is refused by the store may give the same rows again. */
+static int spoil(struct apc_store *store, const struct apc_rows *rows)
+{
+    for (size_t i = 0; i < rows->n_samples; i++) {
+        rows->sample[i].seq = 1000 + (int64_t)i;
+    }
+    return apc_fail(&store->why, APC_ESTORE, "spoiled");
+}
+
+static void test_rows_that_the_store_refuses_are_as_they_were(void **state)
+{
+    struct apc_store *store = *state;
+    const struct apc_store_ops *real = store->ops;
+    struct apc_store_ops ops = *real;
+    struct apc_sample s[2] = {sample(APC_SETPOINT, 1, APC_SEQ_ANY, 1), sample(APC_SENSOR, 1, 1, 1)};
+    const struct apc_rows rows = {.size = sizeof rows, .sample = s, .n_samples = 2};
+    ops.append_rows = spoil;
+    store->ops = &ops;
+    assert_int_equal(apc_store_append_rows(store, &rows), APC_ESTORE);
+    store->ops = real;
+    assert_true(s[0].seq == APC_SEQ_ANY && s[1].seq == 1);
+    assert_int_equal(apc_store_append_rows(store, &rows), 2);
+    assert_int_equal(s[0].seq, 1);
+}
+
 static void test_nor_from_inside_any_other_stream(void **state)
 {
     double value = 1;
@@ -1282,6 +1308,8 @@ static void test_a_timing_row_is_of_a_task_s_quantity_or_refused_with_all_the_ot
             {.task = "t", .quantity = "run", .sd = HUGE_VAL},
             {.task = "t", .quantity = "run", .missed = UINT64_MAX},
             {.task = "t", .quantity = "run", .count = UINT64_MAX},
+            {.task = "t", .quantity = "run", .missed = (uint64_t)INT64_MAX + 1},
+            {.task = "t", .quantity = "run", .count = (uint64_t)INT64_MAX + 1},
             {.task = "t", .quantity = "run", .n_bins = 1},
             {.task = "t", .quantity = "run", .n_bins = 1, .bin_high = edge, .bin_count = edge},
             {.task = "t", .quantity = "run", .n_bins = 1, .bin_low = edge, .bin_count = edge},
@@ -1298,11 +1326,15 @@ static void test_a_timing_row_is_of_a_task_s_quantity_or_refused_with_all_the_ot
     }
     assert_int_equal(apc_store_timing(*state, NULL, keep_timing, &t), 0);
     assert_int_equal(apc_store_append_timing(*state, &good, 1), 1);
+    const struct apc_timing_row most = {
+        .task = "t", .quantity = "run", .missed = INT64_MAX, .count = INT64_MAX};
+    assert_int_equal(apc_store_append_timing(*state, &most, 1), 1);
     assert_int_equal(apc_store_append_timing(*state, NULL, 0), 0);
     assert_int_equal(apc_store_append_timing(*state, NULL, 1), APC_EINVAL);
-    assert_int_equal(apc_store_timing(*state, NULL, keep_timing, &t), 1);
-    assert_string_equal(t.rows[0].quantity, "lateness");
-    assert_int_equal(t.rows[0].period, 1);
+    assert_int_equal(apc_store_timing(*state, NULL, keep_timing, &t), 2);
+    assert_true(t.rows[0].missed == INT64_MAX && t.rows[0].count == INT64_MAX); /* by time */
+    assert_string_equal(t.rows[1].quantity, "lateness");
+    assert_int_equal(t.rows[1].period, 1);
 }
 
 /* Row i of time i * 7 % N, but the last, which is of the same time as the one before it; i % 4 buckets. */
@@ -1714,6 +1746,7 @@ int main(void)
         T(test_history_ends_when_its_function_says_so),
         T(test_a_store_refuses_to_be_used_from_inside_its_history),
         T(test_nor_from_inside_any_other_stream),
+        T(test_rows_that_the_store_refuses_are_as_they_were),
         T(test_a_name_is_found_twice_wherever_it_stands),
         T(test_a_history_names_what_a_row_comes_from),
         T(test_variables_are_those_that_have_samples),

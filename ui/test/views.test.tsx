@@ -329,6 +329,39 @@ test("Esc takes back what was typed", async () => {
   assert.equal(one<HTMLInputElement>(field).value, "0.125");
 });
 
+test("what became of a write is said until something else is typed, or Esc", async () => {
+  await show("loop/1");
+  for (const further of [() => type(field, "8"), () => press("Escape", one(field))]) {
+    await type(field, "7");
+    await submit(entry);
+    env.take("/api/setpoint").answer({error: {code: "stale", message: "changed again"}}, 409);
+    await settle();
+    assert.match(said('[data-slot="setpoint.1"]'), /failed – changed again Retry Dismiss$/);
+    await further();
+    assert.equal(said('[data-slot="setpoint.1"]'), "");
+  }
+  await type(field, "7");
+  await submit(entry);
+  const asked = env.take("/api/setpoint");
+  await type(field, "9"); // a field that is sent cannot be typed into; what comes all the same changes nothing
+  assert.match(said('[data-slot="setpoint.1"]'), /: pending$/);
+  asked.answer({error: {code: "stale", message: "changed again"}}, 409);
+  await settle();
+});
+
+test("Esc in an entry is the entry's alone", async () => {
+  await show("loop/1");
+  let heard = 0;
+  const hear = (): void => void heard++;
+  document.addEventListener("keydown", hear);
+  await type(field, "7");
+  await press("Escape", one(field));
+  assert.equal(heard, 0);
+  await press("ArrowLeft", one(field));
+  assert.equal(heard, 1);
+  document.removeEventListener("keydown", hear);
+});
+
 test("what somebody else has changed is written over only by the button that says so", async () => {
   await show("loop/1");
   await type(field, "7");
@@ -538,6 +571,9 @@ test("a trend: live, paused, moved, and what it says of itself", async () => {
   assert.deepEqual(trend(), ["true", "600"]);
   await press("+");
   assert.deepEqual(trend(), ["true", "300"], "a live trend stays live");
+  await press("="); // that key, without Shift
+  assert.deepEqual(trend(), ["true", "150"]);
+  await press("-");
   await press("-");
   await press("-");
   assert.deepEqual(trend(), ["true", "1200"]);
