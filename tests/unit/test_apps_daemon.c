@@ -379,7 +379,7 @@ static int tick_nine_times(void *ctx, const struct apc_tick *tick)
 static void a_life_is_told_recorded_and_ends_with_the_signal(void **state)
 {
     char path[100];
-    const char *const options[] = {"--store", store, NULL};
+    const char *const options[] = {"--store", store, "--timer", "deadline", NULL};
     const char *const spin[] = {"--store", store, "--spin", NULL};
     const struct life life = {.tick = tick_nine_times, .options = options};
     (void)state;
