@@ -15,6 +15,8 @@ const struct route routes[] = {
     {"GET", "/api/timing", ROLE_OBSERVER, PAST, get_timing, "since until task quantity", "histograms"},
     {"GET", "/api/timing/series", ROLE_OBSERVER, PAST, get_timing_series, "task quantity since until points",
      "timing against time"},
+    {"GET", "/api/outlook", ROLE_OBSERVER, PAST, get_outlook, "at",
+     "what predictive laws expected, and what came"},
     {"GET", "/api/diagnostics", ROLE_OBSERVER, DIRECT, get_diagnostics, "", "how all parts are"},
     {"GET", "/api/writes", ROLE_OBSERVER, DIRECT, get_writes, "key", "what became of writes"},
     {"POST", "/api/setpoint", ROLE_OPERATOR, WRITER, post_setpoint, "", "write a setpoint"},

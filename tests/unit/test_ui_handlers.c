@@ -1053,11 +1053,46 @@ static void a_bad_sample_is_counted_and_not_averaged(void **state)
     json_decref(json);
 }
 
+static void what_was_expected_stands_beside_what_came(void **state)
+{
+    double value[] = {1.5, 2.5, 3.5};
+    struct apc_vector v = {
+        .table = APC_PREDICTION, .id = 1, .seq = 1, .time = 1000 * S, .n = 3, .room = 3, .value = value};
+    (void)state;
+    tags[n_tags++] =
+        (struct apc_tag){.table = APC_PREDICTION, .id = 1, .name = "y1.prediction", .step = 2, .length = 3};
+    assert_true(apc_store_put_tags(store, tags, n_tags) >= 0);
+    assert_true(
+        apc_store_append_rows(
+            store, &(struct apc_rows){.size = sizeof(struct apc_rows), .vector = &v, .n_vectors = 1}) >= 0);
+    put_samples(APC_SENSOR, 1, 5); /* 0 to 4 from 1000 s on */
+    static const char *const at[10] = {"at", "1001"}, *const before[10] = {"at", "999"},
+                             *const soon[10] = {"at", "soon"};
+    memcpy(query, at, sizeof at);
+    json_t *json = ask(get_outlook);
+    const json_t *list = json_object_get(json, "outlook"), *y = json_array_get(list, 0);
+    assert_int_equal(json_array_size(list), 1);
+    assert_string_equal(json_string_value(json_object_get(y, "ref")), "sensor.1");
+    assert_near(json_number_value(json_object_get(y, "made")), 1000, 0);
+    assert_near(json_number_value(json_object_get(y, "first")), 2, 0);
+    assert_near(json_number_value(json_array_get(json_object_get(y, "expected"), 1)), 2.5, 0);
+    assert_near(json_number_value(json_array_get(json_object_get(y, "came"), 1)), 4, 0);
+    assert_true(json_is_null(json_array_get(json_object_get(y, "came"), 2))); /* nothing newer was measured */
+    json_decref(json);
+    memcpy(query, before, sizeof before);
+    json = ask(get_outlook);
+    assert_int_equal(json_array_size(json_object_get(json, "outlook")), 0);
+    json_decref(json);
+    memcpy(query, soon, sizeof soon);
+    json_decref(ask(get_outlook));
+    assert_int_equal(request.fault.http, 400);
+}
+
 static void what_cannot_be_read_is_no_empty_answer(void **state)
 {
     static const char *const series[10] = {"task", "controller", "quantity", "run"};
-    void (*const ask_past[])(struct ui *, struct request *,
-                             struct apc_store *) = {get_events, get_timing, get_timing_series, get_history};
+    void (*const ask_past[])(struct ui *, struct request *, struct apc_store *) = {
+        get_events, get_timing, get_timing_series, get_history, get_outlook};
     struct apc_store *there = store;
     (void)state;
     assert_int_equal(apc_store_open(&store, "sqlite:/no/such/folder/store.db", NULL, NULL), 0);
@@ -1836,6 +1871,7 @@ int main(void)
         T(timing_is_asked_for_in_one_way),
         T(what_stood_before_the_window_is_told),
         T(a_bad_sample_is_counted_and_not_averaged),
+        T(what_was_expected_stands_beside_what_came),
         T(what_cannot_be_read_is_no_empty_answer),
         T(what_daemons_report_is_known_within_a_look),
         T(newest_values_reach_the_stream_and_settle_writes),
