@@ -289,6 +289,16 @@ APC_API int apc_store_history_bins(struct apc_store *store, enum apc_table table
                                    apc_ns until, size_t n, apc_history_bin_fn fn, void *ctx);
 #define APC_HISTORY_BINS 100000
 
+/** How far a history is behind its live store. */
+struct apc_behind {
+    size_t size;   /**< in: of this struct */
+    uint64_t rows; /**< samples and vectors that it has not got */
+    apc_ns time;   /**< of the variable where it is most, from its newest row there to the live store's */
+};
+/** Of `LIVE+HISTORY`, as of now. Returns 1; 0: it is one store, with no history; or an error, with the
+ * reason why the history cannot be asked. [setup] */
+APC_API int apc_store_behind(struct apc_store *store, struct apc_behind *behind);
+
 /* ---- Descriptions, events, timing --------------------------------------------------------- */
 
 #define APC_TAG_LEN 64

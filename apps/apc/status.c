@@ -58,6 +58,9 @@ struct status {
     struct timing timing;
     struct apc_event events[EVENTS];
     size_t n_events;
+    int has_history; /* as of apc_store_behind() */
+    struct apc_behind behind;
+    char away[512]; /* why the history cannot be asked */
     struct spools spools;
     apc_ns now;
 };
@@ -69,6 +72,15 @@ static int take_event(void *ctx, const struct apc_event *event)
     struct status *s = ctx;
     s->events[s->n_events++] = *event;
     return s->n_events == EVENTS;
+}
+
+/* What it cannot be asked is part of the status. */
+static void load_history(struct status *s, struct apc_store *store)
+{
+    s->behind.size = sizeof s->behind;
+    s->has_history = apc_store_behind(store, &s->behind);
+    if (s->has_history < 0)
+        snprintf(s->away, sizeof s->away, "%s", apc_store_error(store));
 }
 
 /* Says its own errors. */
@@ -93,6 +105,8 @@ static int load(const struct cli *cli, struct apc_store *store, struct status *s
     s->version = apc_store_tables_version(store);
     if (rc < 0)
         cli_store_error(cli, rc, store);
+    else
+        load_history(s, store);
     return rc < 0 ? rc : 0;
 }
 
@@ -253,6 +267,18 @@ static void show_mode(const struct status *s)
     }
 }
 
+static void show_history(const struct status *s)
+{
+    char text[PRINT_LEN];
+    if (s->has_history < 0)
+        printf("       %s\n", s->away);
+    else if (s->has_history > 0 && s->behind.rows == 0)
+        puts("       the history has all");
+    else if (s->has_history > 0)
+        printf("       the history is %llu rows behind, %s\n", (unsigned long long)s->behind.rows,
+               print_duration(s->behind.time, text));
+}
+
 static int show(const struct status *s)
 {
     bool colour = cli_colour();
@@ -261,6 +287,7 @@ static int show(const struct status *s)
     fputs("store  ", stdout);
     print_clean(stdout, s->store);
     printf("\n       connected, schema version %d\n", s->version);
+    show_history(s);
     if (by_loop(s))
         rc = status_loops_show(&s->loops, colour);
     else if (s->plant.loops.n == 1)
@@ -327,6 +354,20 @@ static void json_store(const char *uri, int version, const char *why)
     putchar('}');
 }
 
+static void json_history(const struct status *s)
+{
+    if (s->has_history == 0)
+        return;
+    fputs(",\n\"history\":{", stdout);
+    if (s->has_history > 0)
+        printf("\"behind\":%llu,\"late_s\":%.3f,", (unsigned long long)s->behind.rows,
+               apc_ns_to_s(s->behind.time));
+    else
+        fputs("\"behind\":null,\"late_s\":null,", stdout);
+    print_json_text(stdout, "error", s->has_history < 0 ? s->away : NULL);
+    putchar('}');
+}
+
 static void json_spools(const struct status *s)
 {
     fputs(",\n\"spools\":[", stdout);
@@ -355,6 +396,7 @@ static void show_json(const struct status *s, const char *why)
         puts("}");
         return;
     }
+    json_history(s);
     fputs(",\n\"mode\":{", stdout);
     print_json_text(stdout, "target", common_mode(s, LOOP_TARGET));
     putchar(',');

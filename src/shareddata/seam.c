@@ -29,6 +29,7 @@ struct seam {
     bool checked;       /* the history is of this experiment */
     apc_ns quiet_until; /* monotonic: it is left alone so long */
     unsigned away;      /* times in a row that it was */
+    int failed;         /* the last time, because of reason */
     struct apc_error reason;
 };
 
@@ -49,6 +50,7 @@ static int answered(struct seam *s, int rc, apc_ns began, const char *text)
     const apc_ns now = apc_clock_mono(NULL);
     s->quiet_until = now + apc_spool_pause(now - began, ++s->away, &s->base.config);
     s->checked = false;
+    s->failed = rc;
     apc_fail(&s->reason, rc, "the history is left out: %s", text);
     s->base.why = s->reason;
     return rc;
@@ -340,6 +342,71 @@ static int variables(struct apc_store *store, struct apc_sample *into, size_t ca
     return apc_variables_give(all, (size_t)n, into, capacity);
 }
 
+/* The newest of @p n variables, vectors first, of one moment. */
+static int read_all(struct apc_store *store, const struct apc_sample *variable, size_t n,
+                    struct apc_sample *sample, struct apc_vector *vector)
+{
+    struct apc_rows all = {.size = sizeof all, .sample = sample, .vector = vector};
+    for (size_t i = 0; i < n; i++) {
+        const struct apc_sample *v = &variable[i];
+        if (apc_table_vectors(v->table)) {
+            vector[all.n_vectors++] = (struct apc_vector){.table = v->table, .id = v->id};
+        } else if (v->table != APC_STATE) {
+            sample[all.n_samples++] = (struct apc_sample){.table = v->table, .id = v->id};
+        }
+    }
+    const int rc = apc_store_read_rows(store, &all);
+    for (size_t i = 0; i < all.n_vectors; i++) { /* of interest are seq and time */
+        sample[all.n_samples + i] = (struct apc_sample){.seq = vector[i].seq, .time = vector[i].time};
+    }
+    return rc;
+}
+
+static void compare(const struct apc_sample *live, const struct apc_sample *history, size_t n,
+                    struct apc_behind *behind)
+{
+    for (size_t i = 0; i < n; i++) {
+        const apc_ns time = live[i].time - history[i].time;
+        if (live[i].seq > history[i].seq) {
+            behind->rows += (uint64_t)(live[i].seq - history[i].seq);
+            behind->time = history[i].seq > 0 && time > behind->time ? time : behind->time;
+        }
+    }
+}
+
+/* The live store first: what it gets meanwhile is not what the history should have. */
+static int measure(struct seam *s, struct apc_behind *behind)
+{
+    const int most = apc_store_variables(s->live, NULL, 0);
+    const size_t n = most > 0 ? (size_t)most : 0;
+    struct apc_sample *at = (struct apc_sample *)calloc(3 * n + 1, sizeof *at);
+    struct apc_vector *vector = (struct apc_vector *)calloc(n + 1, sizeof *vector);
+    int rc = at && vector ? most : apc_fail(&s->base.why, APC_ENOMEM, "out of memory for %zu variables", n);
+    rc = rc > 0 ? apc_store_variables(s->live, at, n) : rc;
+    rc = rc > 0 ? read_all(s->live, at, n, at + n, vector) : rc;
+    if (rc < 0 && rc != APC_ENOMEM) {
+        s->base.why = s->live->why;
+    }
+    const apc_ns began = apc_clock_mono(NULL);
+    if (rc == 0 && n > 0) {
+        rc = read_all(s->history, at, n, at + 2 * n, vector);
+        rc = answered(s, rc, began, s->history->why.text);
+    }
+    if (rc == 0) {
+        compare(at + n, at + 2 * n, n, behind);
+    }
+    free(at);
+    free(vector);
+    return rc;
+}
+
+static int behind_of(struct apc_store *store, struct apc_behind *behind)
+{
+    struct seam *s = of(store);
+    const int rc = has_history(s) ? measure(s, behind) : s->failed;
+    return rc < 0 ? rc : 1;
+}
+
 /* ---- Events and timing ----------------------------------------------------------------------- */
 
 /* One of the live store's, and by what it is known elsewhere. */
@@ -354,24 +421,25 @@ struct records {
     apc_event_fn event;
     apc_timing_fn timing; /* one of the two */
     void *ctx;
-    enum { NOTE, FIND, GIVE_OLD, GIVE_NEW } turn;
+    enum turn { NOTE, FIND, GIVE_OLD, GIVE_NEW } turn;
     struct mark *mark; /* [n] of the live store's */
     size_t n, capacity, cursor, skip, count;
     apc_ns oldest;
     bool ended, failed;
 };
 
-static uint64_t add_bytes(uint64_t sum, const void *bytes, size_t n)
+static uint64_t add_number(uint64_t sum, uint64_t number)
 {
-    for (size_t i = 0; i < n; i++) {
-        sum = (sum ^ ((const unsigned char *)bytes)[i]) * UINT64_C(0x100000001b3);
-    }
-    return sum;
+    sum = (sum ^ number) * UINT64_C(0x9e3779b97f4a7c15);
+    return sum ^ sum >> 32;
 }
 
 static uint64_t add_text(uint64_t sum, const char *text)
 {
-    return add_bytes(sum, text, strlen(text) + 1);
+    for (; *text; text++) {
+        sum = add_number(sum, (unsigned char)*text);
+    }
+    return add_number(sum, 0);
 }
 
 static void note(struct records *x, int64_t number, apc_ns time, uint64_t says)
@@ -454,9 +522,8 @@ static int on_event(void *ctx, const struct apc_event *e)
 static int on_timing(void *ctx, const struct apc_timing_row *r)
 {
     struct records *x = (struct records *)ctx;
-    const uint64_t figure[] = {(uint64_t)r->period, r->missed,        r->count,
-                               (uint64_t)r->p50,    (uint64_t)r->p99, (uint64_t)r->max};
-    const uint64_t says = add_bytes(add_text(add_text(0, r->task), r->quantity), figure, sizeof figure);
+    uint64_t says = add_text(add_text(0, r->task), r->quantity);
+    says = add_number(add_number(add_number(says, r->missed), r->count), (uint64_t)r->max);
     if (is_due(x, r->number, r->time, says)) {
         x->count++;
         x->ended = x->timing(x->ctx, r) != 0;
@@ -464,7 +531,7 @@ static int on_timing(void *ctx, const struct apc_timing_row *r)
     return x->ended || x->failed;
 }
 
-static int go(struct records *x, struct apc_store *store, const struct apc_range *range, int turn)
+static int go(struct records *x, struct apc_store *store, const struct apc_range *range, enum turn turn)
 {
     x->turn = turn;
     return x->event ? apc_store_events(store, range, on_event, x)
@@ -703,6 +770,7 @@ static const struct apc_store_ops seam_store = {
     .author_name = author_name,
     .describe = describe,
     .catalogue = catalogue,
+    .behind = behind_of,
     .init = init,
     .maintain = maintain,
 };

@@ -72,6 +72,7 @@ struct apc_store_ops {
     int (*author_name)(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN]);
     int (*describe)(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue);
     int (*catalogue)(struct apc_store *store, char *text, size_t size, int64_t *revision);
+    int (*behind)(struct apc_store *store, struct apc_behind *behind); /* NULL: there is no history */
     int (*init)(struct apc_store *store);
     int (*maintain)(struct apc_store *store, const struct apc_retention *keep);
 };

@@ -699,6 +699,17 @@ int apc_store_get_tags(struct apc_store *store, struct apc_tag *tags, size_t cap
     return err ? err : store->ops->get_tags(store, tags, capacity);
 }
 
+int apc_store_behind(struct apc_store *store, struct apc_behind *behind)
+{
+    struct apc_behind all = {.size = 0};
+    int err = enter(store, behind, 1);
+    if (!err && store->ops->behind) {
+        err = store->ops->behind(store, &all);
+    }
+    apc_result_copy(behind, &all, sizeof all);
+    return err;
+}
+
 int apc_store_append_events(struct apc_store *store, const struct apc_event *events, size_t n)
 {
     int err = enter(store, events, n);

@@ -54,6 +54,7 @@ kill_server
 begin first 5
 grep -q 'the history is away' "$work/first.log" || fail "it does not say that the history is away"
 expect 0 'the history is left out' "$apc" history --events --store "$store"
+expect 0 'the history is left out' "$apc" status --store "$store"
 until_true 60 start_server
 until_true 60 more_rows sensor 100
 kill_server
@@ -63,6 +64,8 @@ until_true 60 start_server
 n=$(rows sensor)
 until_true 60 more_rows sensor $((n + 20))
 once_each
+up_to_date() { "$apc" status --store "$store" --json | grep -q '"history":{"behind":[0-9]*,"late_s":0\.[0-9]*,"error":null}'; }
+until_true 60 up_to_date
 end first
 [ "$(sql 'SELECT count(*) - max(seq) FROM apc.sensor WHERE id = 1')" = 0 ] || fail "the record of y is not whole"
 [ "$(sql 'SELECT count(*) - max(seq) FROM apc.tick WHERE id = 1')" = 0 ] || fail "the record of the ticks is not whole"

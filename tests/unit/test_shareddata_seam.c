@@ -367,6 +367,27 @@ static void test_what_is_newest_and_every_write_is_the_live_stores(void **state)
     world_end(&w);
 }
 
+static void test_how_far_the_history_is_behind_is_told(void **state)
+{
+    struct world w;
+    struct apc_behind behind = {.size = sizeof behind};
+    assert_int_equal(apc_store_behind(*state, &behind), 0);
+    world_begin(&w, "shm:", store_uri);
+    grow(&w, 1);
+    move(&w);
+    assert_int_equal(apc_store_behind(w.both, &behind), 1);
+    assert_true(behind.rows == 0 && behind.time == 0);
+    grow(&w, 1); /* of a sensor, of a tick, and a setpoint */
+    assert_int_equal(apc_store_behind(w.both, &behind), 1);
+    assert_true(behind.rows == 2 * BATCH + 1 && behind.time == time_of(2 * BATCH) - time_of(BATCH));
+    world_end(&w);
+    world_begin(&w, "shm:", "sqlite:/nonexistent/folder/history.db");
+    append_rows(w.live, 1, BATCH);
+    assert_int_equal(apc_store_behind(w.both, &behind), APC_ECONN);
+    assert_non_null(strstr(apc_store_error(w.both), "the history is left out"));
+    world_end(&w);
+}
+
 static void test_without_its_history_it_gives_what_the_live_store_has(void **state)
 {
     (void)state;
@@ -435,6 +456,7 @@ int main(void)
         T(test_any_window_over_a_ring_and_history_is_that_of_one_store),
         T(test_what_moves_meanwhile_is_given_once),
         T(test_what_is_newest_and_every_write_is_the_live_stores),
+        T(test_how_far_the_history_is_behind_is_told),
         T(test_without_its_history_it_gives_what_the_live_store_has),
         T(test_another_experiments_history_is_left_out),
         T(test_another_runs_history_is_left_out),
