@@ -195,14 +195,14 @@ static const char *name_of(const struct view *l, const struct apc_sample *s)
     return "";
 }
 
-/* "no controller": it no longer ticks. */
+/* "no controller": it no longer ticks. One that ticks goes on in a mode that an earlier run may have written.
+ */
 static const char *mode_of(const struct view *l, size_t loop)
 {
     const struct apc_sample *mode = &l->samples[ROWS * loop + MODE];
     const size_t controller = l->loops.at[loop].controller;
-    const char *name = mode->seq > 0 && mode->time >= l->start - RECENT && mode->value >= 0
-                           ? apc_mode_name((int)mode->value)
-                           : NULL;
+    const bool ticks = l->tick[controller].seq > 0 && l->tick[controller].time >= l->start - RECENT;
+    const char *name = ticks && mode->seq > 0 && mode->value >= 0 ? apc_mode_name((int)mode->value) : NULL;
     if (overdue(&l->ticked[controller], l->loops.controller[controller].period))
         return "no controller";
     return name ? name : "-";

@@ -45,11 +45,11 @@ error=$(sql "
 awk -v error="$error" 'BEGIN {exit !(error < 1e-9)}' || # a lost measurement would stop the integral: then it differs by right
   grep -q 'output held' "$work/run/apc-controller.log" || fail "u differs from the paper's PI by $error"
 
-# the figure can be drawn again, and the same run again starts from the beginning
+# the figure can be drawn again, and the same run again starts from the beginning, its mode the one that is in the store
 expect 0 'report' "$apc" report "$work/run"
 timer=posix
 [ "${APC_SANITIZE:-}" != thread ] || timer=deadline # the thread sanitizer breaks down in glibc's own SIGEV_THREAD threads
-expect 0 '\] 100 %$' "$apc" run "$work/fast.conf" --duration 4 --out "$work/again" --timer $timer
+expect 0 '  Auto .*\] 100 %$' "$apc" run "$work/fast.conf" --duration 4 --out "$work/again" --timer $timer
 folder_is_whole "$work/again"
 awk -F, '$2 == "actuator" && $4 == "Good" {exit !($5 > 0)}' "$work/again/samples.csv"
 
