@@ -82,6 +82,9 @@ struct ride {
     void (*cut)(void *ctx, const struct step *step, const double *slot, double *acting);
     void *ctx;
 };
+/* Room for rides so wide. Returns 0 or APC_ENOMEM. */
+int machine_widen(struct machine *m, size_t width);
+/* One step; the room must be there. */
 void machine_step(struct machine *m, const struct step *step, struct ride *ride);
 int machine_ride(struct machine *m, struct ride *ride);
 

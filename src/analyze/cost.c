@@ -134,17 +134,6 @@ static void level(struct machine *m, size_t n, size_t controllers)
     }
 }
 
-static int rooms(struct machine *m, size_t n)
-{
-    for (size_t k = 0; k < n; k++) {
-        m[k].room = calloc(m[k].n * m[k].n, sizeof(*m[k].room));
-        m[k].width = m[k].n;
-        if (!m[k].room)
-            return APC_ENOMEM;
-    }
-    return 0;
-}
-
 static int covariance_create(struct covariance *c, const struct apc_loop *loop, size_t n)
 {
     const size_t ny = loop->setup.plant.ny;
@@ -227,7 +216,8 @@ static int settle_courses(const struct apc_loop *loop, const struct apc_loop_cou
     }
     if (rc == 0) {
         level(m, n, s->n_controllers);
-        rc = rooms(m, n);
+        for (size_t k = 0; k < n && rc == 0; k++)
+            rc = machine_widen(&m[k], m[k].n);
     }
     if (rc == 0)
         rc = covariance_create(c, loop, m[0].n);
@@ -270,7 +260,8 @@ int apc_loop_cost_recorded(const struct apc_loop *loop, const struct apc_loop_ti
         rc = machine_create(&m[1], loop, &course[1], why);
     if (rc == 0) {
         level(m, 2, s->n_controllers);
-        rc = rooms(m, 2);
+        rc = machine_widen(&m[0], m[0].n);
+        rc = rc < 0 ? rc : machine_widen(&m[1], m[1].n);
     }
     if (rc == 0)
         rc = covariance_create(&c, loop, m[0].n);

@@ -97,6 +97,8 @@ static int pulses_ready(struct pulses *p, const struct apc_loop *loop)
     if (rc == 0)
         rc = machine_ride(&p->machine, &ride);
     if (rc == 0)
+        rc = machine_widen(&p->machine, p->M);
+    if (rc == 0)
         rc = send_pulses(p, kick);
     free(A);
     return rc;

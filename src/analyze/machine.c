@@ -375,17 +375,22 @@ void machine_step(struct machine *m, const struct step *step, struct ride *ride)
         compute(m, step, ride);
 }
 
+int machine_widen(struct machine *m, size_t width)
+{
+    double *room = width > m->width ? realloc(m->room, m->n * width * sizeof(*room)) : m->room;
+
+    if (!room)
+        return APC_ENOMEM;
+    m->room = room;
+    m->width = width > m->width ? width : m->width;
+    return 0;
+}
+
 int machine_ride(struct machine *m, struct ride *ride)
 {
-    if (ride->width > m->width) {
-        double *room = realloc(m->room, m->n * ride->width * sizeof(*room));
+    const int rc = machine_widen(m, ride->width);
 
-        if (!room)
-            return APC_ENOMEM;
-        m->room = room;
-        m->width = ride->width;
-    }
-    for (size_t i = 0; i < m->n_steps; i++)
+    for (size_t i = 0; i < m->n_steps && rc == 0; i++)
         machine_step(m, &m->step[i], ride);
-    return 0;
+    return rc;
 }
