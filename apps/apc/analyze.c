@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { OPT_SET = 0x800, OPT_AT, OPT_FIGURE };
+enum { OPT_SET = 0x800, OPT_AT, OPT_FIGURE, OPT_TIMING };
 
 static const struct argp_option option_list[] = {
     {"set", OPT_SET, "PATH=VALUE", 0, "A setting other than the file's, any number of times", 0},
@@ -14,6 +14,8 @@ static const struct argp_option option_list[] = {
      "An output or a disturbance of the operating point; default: that of the controllers' operating_point, "
      "else the output's initial value, else the model's own",
      0},
+    {"timing", OPT_TIMING, "RUN", 0,
+     "How late controllers began and how long they took in this run, instead of what the file says", 0},
     {"figure", OPT_FIGURE, "NAME", 0, "Draw Bode's and Nyquist's curves as NAME.svg and NAME.png", 0},
     {0},
 };
@@ -43,6 +45,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         break;
     case OPT_AT:
         parse_at(o, arg, state);
+        break;
+    case OPT_TIMING:
+        o->timing = arg;
         break;
     case OPT_FIGURE:
         o->figure = arg;
@@ -115,12 +120,40 @@ static int analyse(struct loop_analysis *z, struct apc_error *why)
     return rc;
 }
 
+/* ---- What noise costs ------------------------------------------------------------------------ */
+
+static bool is_noisy(const struct apc_loop_plant *p)
+{
+    bool any = false;
+    for (size_t i = 0; i < p->nx; i++)
+        any |= p->noise[i] > 0.0;
+    for (size_t i = 0; i < p->ny; i++)
+        any |= p->sensor[i] > 0.0;
+    return any;
+}
+
+static int find_cost(struct loop_analysis *z, const struct linear_how *how, struct apc_error *why)
+{
+    z->noisy = is_noisy(&z->l.setup.plant) && z->loop[z->n].margins.stable;
+    return z->noisy ? linear_cost_create(&z->cost, &z->e, &z->l, how, why) : 0;
+}
+
+static int take_timing(struct loop_analysis *z, struct apc_error *why)
+{
+    int rc = 0;
+    for (size_t i = 0; z->own.timing && i < z->e.n_controllers && rc == 0; i++)
+        rc = models_recorded(&z->e.models, z->own.timing, z->e.controllers[i].name,
+                             &z->e.controllers[i].rhythm.model, why);
+    return rc;
+}
+
 static void clear(struct loop_analysis *z)
 {
     for (size_t o = 0; z->loop && o <= z->n; o++)
         free(z->loop[o].w);
     free(z->loop);
     free(z->pole_re);
+    linear_cost_free(&z->cost);
     linear_loop_free(&z->l);
     experiment_free(&z->e);
 }
@@ -140,9 +173,13 @@ int command_analyze(int argc, char **argv)
     const struct linear_how how = {.at = z->own.at, .n_at = z->own.n_at};
     rc = experiment_load(&z->e, z->cli.args[0], EXPERIMENT_MODEL | EXPERIMENT_LAW, &overrides, &why);
     if (rc == 0)
+        rc = take_timing(z, &why);
+    if (rc == 0)
         rc = linear_loop_create(&z->l, &z->e, &how, &why);
     if (rc == 0)
         rc = analyse(z, &why);
+    if (rc == 0)
+        rc = find_cost(z, &how, &why);
     if (rc == 0 && z->own.figure)
         rc = analyze_draw(z, &why);
     rc = rc < 0 ? cli_error(&z->cli, rc, "%s", why.text) : analyze_show(z);

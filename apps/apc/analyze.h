@@ -4,7 +4,7 @@
 #define APC_ANALYZE_H
 
 #include "cli.h"
-#include "run/linear_loop.h"
+#include "run/linear_cost.h"
 #include "setting.h"
 
 #define ANALYZE_AT     64
@@ -15,6 +15,7 @@ struct analyze_options {
     struct linear_at at[ANALYZE_AT];
     size_t n_at;
     const char *figure;
+    const char *timing; /* a run folder; NULL: as the file says */
 };
 
 struct analysis_of_loop {
@@ -31,6 +32,8 @@ struct loop_analysis {
     size_t n;                      /* outputs */
     struct analysis_of_loop *loop; /* [n + 1], the last one of all together */
     size_t states;
+    bool noisy; /* something moves the measurements: then there is a cost */
+    struct linear_cost cost;
     double *pole_re, *pole_im; /* [states] in a period of all ticks */
 };
 

@@ -61,6 +61,79 @@ static int show_margins(const struct loop_analysis *z)
     return rc;
 }
 
+/* ---- What noise costs */
+
+static const char *const cause_key[COST_CAUSES] = {"ideal", "period", "latency", "jitter", "loss"};
+
+static int first_cause(const struct loop_analysis *z)
+{
+    return z->cost.known[COST_IDEAL] ? COST_IDEAL : COST_PERIOD;
+}
+
+/* In % of the ideal, the mean over the measurements that noise moves. */
+static double costs(const struct loop_analysis *z, int cause)
+{
+    const int ideal = first_cause(z);
+    double sum = 0.0;
+    size_t n = 0;
+    for (size_t i = 0; i < z->e.dim.ny; i++)
+        if (z->cost.known[cause] && z->cost.known[ideal] && z->cost.y[ideal][i] > 0.0) {
+            sum += 100.0 * (z->cost.y[cause][i] / z->cost.y[ideal][i] - 1.0);
+            n++;
+        }
+    return n ? sum / (double)n : (double)NAN;
+}
+
+static void put_cause(struct print_table *t, const struct loop_analysis *z, int cause, size_t ny)
+{
+    const struct linear_loop *l = &z->l;
+    switch (cause) {
+    case COST_IDEAL:
+        print_cell(t, PRINT_PLAIN, "%.0f times as often, at once", z->cost.faster);
+        break;
+    case COST_PERIOD:
+        print_cell(t, PRINT_PLAIN, "as often as it ticks, at once");
+        break;
+    case COST_LATENCY:
+        print_cell(t, PRINT_PLAIN, "%.4g s later", apc_ns_to_s(l->tick[0].acts - l->tick[0].sampled));
+        break;
+    case COST_JITTER:
+        print_cell(t, PRINT_PLAIN, "not always as late");
+        break;
+    default:
+        print_cell(t, PRINT_PLAIN, "frames are lost");
+    }
+    for (size_t i = 0; i < ny; i++) {
+        if (z->cost.known[cause] && isfinite(z->cost.y[cause][i]))
+            print_cell(t, PRINT_PLAIN, "%.5g", z->cost.y[cause][i]);
+        else
+            print_cell(t, PRINT_PLAIN, z->cost.known[cause] ? "unstable" : "-");
+    }
+    put(t, costs(z, cause));
+    put(t, cause == first_cause(z) ? 0.0 : costs(z, cause) - costs(z, cause - 1));
+}
+
+static int show_cost(const struct loop_analysis *z)
+{
+    struct print_column columns[PRINT_COLUMNS] = {{"mean square of", PRINT_LEFT}};
+    const size_t ny = z->e.dim.ny < PRINT_COLUMNS - 3 ? z->e.dim.ny : PRINT_COLUMNS - 3;
+    struct print_table t;
+    for (size_t i = 0; i < ny; i++)
+        columns[i + 1] = (struct print_column){z->e.y[i].tag.name, PRINT_POINT};
+    columns[ny + 1] = (struct print_column){"costs %", PRINT_POINT};
+    columns[ny + 2] = (struct print_column){"of it this", PRINT_POINT};
+    fputs("\nunder the noise of the file, around its point", stdout);
+    fputs(z->own.timing ? ", with the timing of the run\n" : "\n", stdout);
+    print_table_open(&t, columns, ny + 3);
+    for (int k = first_cause(z); k < COST_CAUSES; k++)
+        put_cause(&t, z, k, ny);
+    const int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
+    print_table_close(&t);
+    if (z->cost.unknown[0])
+        printf("%s\n", z->cost.unknown);
+    return rc;
+}
+
 /* As time constants, which people compare with the plant's; a pair of conjugate ones on one line. */
 static void show_poles(const struct loop_analysis *z)
 {
@@ -107,6 +180,8 @@ static int show_text(const struct loop_analysis *z)
             "optimize look for numbers");
     }
     show_poles(z);
+    if (z->noisy && show_cost(z) < 0)
+        rc = cli_error(&z->cli, APC_ENOMEM, "out of memory");
     if (z->own.figure)
         printf("\nfigure:  %s.svg, %s.png\n", z->own.figure, z->own.figure);
     return rc;
@@ -134,6 +209,20 @@ static void json_loop(const struct analysis_of_loop *l)
     putchar('}');
 }
 
+static void json_cost(const struct loop_analysis *z)
+{
+    fputs(",\n\"mean_square\":{", stdout);
+    for (int k = 0; k < COST_CAUSES; k++) {
+        printf("%s\"%s\":{", k ? ",\n" : "\n", cause_key[k]);
+        for (size_t i = 0; i < z->e.dim.ny; i++) {
+            fputs(i ? "," : "", stdout);
+            print_json_number(stdout, z->e.y[i].tag.name, z->cost.known[k] ? z->cost.y[k][i] : (double)NAN);
+        }
+        putchar('}');
+    }
+    putchar('}');
+}
+
 static int show_json(const struct loop_analysis *z)
 {
     char re[PRINT_LEN], im[PRINT_LEN];
@@ -157,7 +246,10 @@ static int show_json(const struct loop_analysis *z)
     fputs(",\n\"poles\":[", stdout);
     for (size_t i = 0; i < z->states; i++)
         printf("%s[%s,%s]", i ? "," : "", print_exact(z->pole_re[i], re), print_exact(z->pole_im[i], im));
-    puts("]}");
+    putchar(']');
+    if (z->noisy)
+        json_cost(z);
+    puts("}");
     return stable(z) ? EXIT_OK : EXIT_ERROR;
 }
 

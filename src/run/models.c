@@ -341,3 +341,11 @@ int models_network(struct models *m, const char *spec, struct apc_error *why)
     }
     return rc < 0 ? rc : check(&m->network, why);
 }
+
+int models_recorded(struct models *m, const char *run, const char *name, struct task_model *task,
+                    struct apc_error *why)
+{
+    const int rc = recorded(run, name, "run", &task->execution, &m->recordings, why);
+
+    return rc < 0 ? rc : recorded(run, name, "lateness", &task->jitter, &m->recordings, why);
+}

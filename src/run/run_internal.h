@@ -50,6 +50,10 @@ struct models {
 /* delay=normal(0.004,0.001),loss=0.01,outage=10-12,... in place of, or in addition to, what the file says. */
 int models_network(struct models *m, const char *spec, struct apc_error *why);
 
+/* How late task @name of a run began, and how long it took, as its folder has it. */
+int models_recorded(struct models *m, const char *run, const char *name, struct task_model *task,
+                    struct apc_error *why);
+
 /* ---- The experiment ------------------------------------------------------------------------- */
 
 /* One measurement, setpoint or manipulated variable. */

@@ -34,6 +34,33 @@ expect 0 '^upper\.r1 ' "$apc" analyze "$conf/two-layers.conf"
 head -n 1 "$work/servo.csv" | grep -qx 'loop,rad_per_s,real,imaginary' || fail "no CSV: $(head -n 2 "$work/servo.csv")"
 [ "$(wc -l <"$work/servo.csv")" -gt 500 ] || fail "hardly a curve"
 
+# ---- What its timing costs
+
+cat >"$work/noise.conf" <<'END'
+name = "noise"; duration = 1000.0;
+measurements = ( { name = "y"; } ); setpoints = ( { name = "r"; initial = 0.0; } ); outputs = ( { name = "u"; } );
+plant = { model = "first-order"; parameters = { K = 10.0; tau = 1.0; }; integrator = "exact"; period = 0.005; noise = { x = 1.0; }; };
+client = { period = 0.005; phase = 0.0025; };
+controller = { law = "pid"; period = 0.2; phase = 0.0035; tuning = ( { Kp = 0.35; tau_i = 0.0; } ); };
+END
+cost() { # CAUSE ARGUMENT...: the mean square of y
+  local cause=$1
+  shift
+  "$apc" analyze "$work/noise.conf" --json "$@" | sed -n "s/^\"$cause\":{\"y\":\\([^}]*\\)}.*/\\1/p"
+}
+near "the cost of no execution time" "$(cost loss)" 0.16115 5e-6
+near "of 0.08 s" "$(cost loss --set controller.execution=0.08)" 0.21360 5e-6
+near "of 0 to 0.16 s" "$(cost loss --set 'controller.execution="uniform(0.0, 0.16)"')" 0.21495 5e-6
+near "of 0.15 s" "$(cost loss --set controller.execution=0.15)" 0.27804 5e-6
+awk -v with="$(cost loss --set network.loss=0.1)" -v without="$(cost jitter --set network.loss=0.1)" 'BEGIN { exit !(with > without && with < 1.1 * without) }' ||
+  fail "lost frames cost nothing, or too much"
+# what a run recorded is what it was made with
+"$apc" simulate "$work/noise.conf" --set 'controller.execution="uniform(0.0, 0.16)"' --report "$work/run" >"$work/run.txt"
+near "the timing of a run" "$(cost loss --timing "$work/run")" 0.21495 0.002
+expect 0 'with the timing of the run' "$apc" analyze "$work/noise.conf" --timing "$work/run"
+expect 0 'longer than the period has room for' "$apc" analyze "$work/noise.conf" --set 'controller.execution="exponential(0.1)"'
+expect 1 'timing.csv: No such file' "$apc" analyze "$work/noise.conf" --timing "$work"
+
 # ---- What it does not take
 
 no() { # CODE PATTERN ARGUMENT...

@@ -8,7 +8,7 @@
 #include <apccontrol.h>
 #include <apcrun.h>
 
-#include "run/linear_loop.h"
+#include "run/linear_cost.h"
 
 #define MS ((apc_ns)1000000)
 
@@ -194,6 +194,92 @@ static void margins_are_where_a_simulation_begins_to_swing(void **state)
     experiment_free(&e);
 }
 
+/* ---- Under noise ----------------------------------------------------------------------------------------
+ */
+
+static const char noisy[] =
+    "name = \"noise\"; duration = 4000.0; seed = 7;\n"
+    "measurements = ( { name = \"y\"; } ); setpoints = ( { name = \"r\"; initial = 0.0; } );\n"
+    "outputs = ( { name = \"u\"; } );\n"
+    "plant = { model = \"first-order\"; integrator = \"exact\"; period = 0.05; noise = { x = 1.0; };\n"
+    "          parameters = { K = 10.0; tau = 1.0; }; };\n"
+    "client = { period = 0.05; phase = 0.02; };\n"
+    "controller = { law = \"pid\"; period = 0.4; phase = 0.03; execution = \"uniform(0.0, 0.3)\";\n"
+    "               tuning = ( { Kp = 0.15; tau_i = 1.0; } ); };\n";
+
+/* Means of parts of the run that hardly know of each other: their mean, and its standard error. */
+static double simulated_square(double *error)
+{
+    enum { PARTS = 40, PART = 2000 };
+    struct apc_experiment *e;
+    struct apc_simulation *s;
+    struct apc_error why;
+    struct apc_value y;
+    double sum = 0.0, squares = 0.0;
+
+    if (apc_experiment_load(&e, "here.conf", noisy, &why) < 0 || apc_simulation_create(&s, e, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    for (int part = 0; part < PARTS; part++) {
+        double mean = 0.0;
+
+        for (int k = 0; k < PART; k++) {
+            assert_int_equal(apc_simulation_run(s, (part * PART + k + 1) * 0.05 - 0.01), 0);
+            assert_int_equal(apc_simulation_read(s, "y", &y), 0);
+            mean += y.value * y.value / PART;
+        }
+        sum += mean;
+        squares += mean * mean;
+    }
+    apc_simulation_destroy(s);
+    apc_experiment_destroy(e);
+    *error = sqrt((squares - sum * sum / PARTS) / (PARTS - 1) / PARTS);
+    return sum / PARTS;
+}
+
+static void the_cost_is_what_simulations_have_on_average(void **state)
+{
+    const struct experiment_source source = {.file = "here.conf", .text = noisy};
+    const struct linear_how how = {0};
+    struct linear_loop l;
+    struct linear_cost c;
+    struct experiment e;
+    struct apc_error why = {""};
+    double error, mean = simulated_square(&error);
+    (void)state;
+
+    if (experiment_parse(&e, &source, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0 ||
+        linear_loop_create(&l, &e, &how, &why) < 0 || linear_cost_create(&c, &e, &l, &how, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_true(c.known[COST_LOSS]);
+    assert_near(mean, c.y[COST_LOSS][0], 2.0 * error);
+    assert_true(error < 0.04 * mean);
+    assert_true(c.y[COST_IDEAL][0] < c.y[COST_PERIOD][0] && c.y[COST_PERIOD][0] < c.y[COST_LATENCY][0]);
+    linear_cost_free(&c);
+    linear_loop_free(&l);
+    experiment_free(&e);
+}
+
+static void shares_are_those_of_the_distribution(void **state)
+{
+    const struct apc_share shares[] = {{0.0, 1.0, 0.25}, {2.0, 2.0, 0.75}, {3.0, 5.0, 1.0}};
+    const struct {
+        struct apc_distribution d;
+        double x, below;
+    } of[] = {{{APC_UNIFORM, 1.0, 3.0, NULL, 0}, 1.5, 0.25},
+              {{APC_NORMAL, 1.0, 2.0, NULL, 0}, 3.0, 0.841344746068543},
+              {{APC_EXPONENTIAL, 2.0, 0.0, NULL, 0}, 2.0, 0.632120558828558},
+              {{APC_GAMMA, 1.0, 2.0, NULL, 0}, 2.0, 0.632120558828558},
+              {{APC_GAMMA, 3.0, 0.5, NULL, 0}, 1.0, 0.323323583816936},
+              {{APC_CONSTANT, 1.0, 0.0, NULL, 0}, 0.9, 0.0},
+              {{APC_RECORDED, 0.0, 0.0, shares, 3}, 0.5, 0.125},
+              {{APC_RECORDED, 0.0, 0.0, shares, 3}, 2.0, 0.75},
+              {{APC_RECORDED, 0.0, 0.0, shares, 3}, 4.0, 0.875}};
+    (void)state;
+
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++)
+        assert_near(distribution_below(&of[i].d, of[i].x), of[i].below, 1e-12);
+}
+
 /* ---- Laws ------------------------------------------------------------------------------------------------
  */
 
@@ -237,6 +323,8 @@ int main(void)
         cmocka_unit_test(a_delay_at_the_margin_puts_a_pole_on_the_circle),
         cmocka_unit_test(what_cannot_be_a_loop_is_refused),
         cmocka_unit_test(margins_are_where_a_simulation_begins_to_swing),
+        cmocka_unit_test(the_cost_is_what_simulations_have_on_average),
+        cmocka_unit_test(shares_are_those_of_the_distribution),
         cmocka_unit_test(a_law_is_what_its_equations_say),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,0 +1,320 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * Timing that is random becomes courses of a period with their probabilities: what counts of an execution
+ * time is at which of the client's ticks its output goes, so the probabilities are exact, whatever the
+ * distribution.
+ */
+#include "linear_cost.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define FASTER  10  /* that often does the ideal tick in a period, at most */
+#define LATE    200 /* values of a random begin of a tick */
+#define COURSES 2000
+#define NEVER   1e-9 /* what is less probable is left out, in all no more than RARE */
+#define RARE    1e-6
+
+/* ---- Distributions --------------------------------------------------------------------------- */
+
+/* The regularised lower incomplete gamma function, by its series: P(a, x) = x^a e^-x sum x^n / (a)_(n+1). */
+static double gamma_below(double shape, double x)
+{
+    double term = 1.0 / shape, sum = term;
+
+    if (!(x > 0.0))
+        return 0.0;
+    for (int n = 1; n < 10000 && term > 1e-17 * sum; n++)
+        sum += term *= x / (shape + n);
+    return fmin(1.0, sum * exp(shape * log(x) - x - lgamma(shape)));
+}
+
+static double recorded_below(const struct apc_distribution *d, double x)
+{
+    double before = 0.0, sum = 0.0;
+
+    for (size_t i = 0; i < d->n_shares; i++) {
+        const struct apc_share *s = &d->shares[i];
+        const double width = s->high - s->low, part = s->share - before;
+
+        before = s->share;
+        sum += x >= s->high ? part : x > s->low && width > 0.0 ? part * (x - s->low) / width : 0.0;
+    }
+    return sum;
+}
+
+double distribution_below(const struct apc_distribution *d, double x)
+{
+    switch (d->kind) {
+    case APC_UNIFORM:
+        return x <= d->a ? 0.0 : x >= d->b ? 1.0 : (x - d->a) / (d->b - d->a);
+    case APC_NORMAL:
+        return d->b > 0.0 ? 0.5 * erfc((d->a - x) / (d->b * M_SQRT2)) : x >= d->a;
+    case APC_EXPONENTIAL:
+        return x > 0.0 ? -expm1(-x / d->a) : 0.0;
+    case APC_GAMMA:
+        return gamma_below(d->a, x / d->b);
+    case APC_RECORDED:
+        return recorded_below(d, x);
+    case APC_CONSTANT:
+        return x >= d->a;
+    }
+    return x >= 0.0;
+}
+
+static bool is_random(const struct apc_distribution *d)
+{
+    return d->kind && d->kind != APC_CONSTANT;
+}
+
+/* The @p share quantile, not below 0. */
+static double quantile(const struct apc_distribution *d, double share)
+{
+    double low = 0.0, high = 1e-6;
+
+    if (!is_random(d))
+        return d->kind ? fmax(0.0, d->a) : 0.0;
+    while (distribution_below(d, high) < share && high < 1e6)
+        high *= 2.0;
+    for (int k = 0; k < 60; k++)
+        *(distribution_below(d, (low + high) / 2.0) < share ? &low : &high) = (low + high) / 2.0;
+    return high;
+}
+
+/* ---- Courses --------------------------------------------------------------------------------- */
+
+struct courses {
+    const struct experiment *e;
+    apc_ns period, origin;
+    struct apc_loop_course course[COURSES];
+    struct apc_loop_tick tick[COURSES];
+    size_t n;
+    double beyond; /* what would not end with its period, or was too rare */
+};
+
+static void add_course(struct courses *c, struct apc_loop_tick tick, double probability)
+{
+    if (!(probability > 0.0))
+        return;
+    tick.sampled -= c->origin;
+    tick.computed -= c->origin;
+    tick.written -= c->origin;
+    tick.acts -= c->origin;
+    tick.acts -= tick.acts == c->period; /* at its end, just before the next one begins */
+    if (probability < NEVER || tick.sampled < 0 || tick.computed >= c->period || tick.acts >= c->period ||
+        c->n == COURSES) {
+        c->beyond += probability;
+        return;
+    }
+    for (size_t i = 0; i < c->n; i++)
+        if (c->tick[i].sampled == tick.sampled && c->tick[i].acts == tick.acts) {
+            c->course[i].probability += probability;
+            return;
+        }
+    c->tick[c->n] = tick;
+    c->course[c->n] = (struct apc_loop_course){probability, 1, &c->tick[c->n]};
+    c->n++;
+}
+
+/* Exchanges that fail: the output goes with a later one, the measurement came with one before. */
+static void add_losses(struct courses *c, const struct apc_loop_tick *tick, double probability, double loss)
+{
+    const apc_ns T = c->e->client.rhythm.period;
+    const double in_vain = 1.0 - (1.0 - loss) * (1.0 - loss);
+    double before = 1.0;
+
+    for (int i = 0; i < 1000 && before > 0.0 && (i == 0 || probability * before > NEVER); i++) {
+        struct apc_loop_tick t = *tick;
+        double after = 1.0;
+        t.sampled = linear_sampled(c->e, tick->computed - i * T);
+        for (int k = 0; k < 1000 && after > 0.0 && (k == 0 || probability * before * after > NEVER); k++) {
+            t.acts = linear_acts(c->e, tick->written + k * T);
+            add_course(c, t, probability * before * (1.0 - in_vain) * after * (1.0 - loss));
+            after *= loss;
+        }
+        before *= in_vain;
+    }
+}
+
+/* A tick that begins @p late s late. Each of the client's ticks gets the share of execution times whose
+ * outputs wait for it. */
+static void add_executions(struct courses *c, const struct rhythm *r, apc_ns at, double late,
+                           double probability, double loss)
+{
+    const apc_ns T = c->e->client.rhythm.period;
+    struct apc_loop_tick tick = {.computed = at};
+    apc_ns shift = 0, known;
+    double below = 0.0;
+
+    (void)apc_ns_from_s(late, &shift);
+    tick.computed += shift;
+    tick.sampled = linear_sampled(c->e, tick.computed);
+    known = linear_acts(c->e, tick.computed);
+    tick.written = tick.computed;
+    for (int k = 0; k < 100000 && below < 1.0 - 1e-12 && tick.written < at + 2 * c->period; k++) {
+        double here;
+        /* the last instant at which what is written goes with the same tick */
+        apc_ns last = tick.written;
+        for (apc_ns step = T; step > 0; step /= 2)
+            while (linear_acts(c->e, last + step) == known)
+                last += step;
+        here = distribution_below(&r->model.execution, apc_ns_to_s(last - tick.computed));
+        tick.acts = known;
+        add_losses(c, &tick, probability * (here - below), loss);
+        below = fmax(below, here);
+        tick.written = last + 1;
+        known = linear_acts(c->e, tick.written);
+    }
+    c->beyond += probability * (1.0 - below);
+}
+
+static int course_cost(const struct experiment *e, const struct linear_loop *l, double loss, double *y,
+                       double *u, bool *known, struct apc_error *why)
+{
+    const struct rhythm *r = &e->controllers[l->chosen[0]].rhythm;
+    struct courses *c = calloc(1, sizeof *c);
+    const size_t late = is_random(&r->model.jitter) ? LATE : 1;
+    int rc;
+
+    if (!c)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    c->e = e;
+    c->period = l->setup.period;
+    const apc_ns at = c->period + r->phase - e->plant.rhythm.phase;
+    c->origin = linear_sampled(e, at);
+    if (loss >
+        0.0) /* room for older measurements: those that are the period before are too rare, or not known */
+        c->origin -= (c->period - (linear_acts(e, at) - c->origin)) / 2 / e->plant.rhythm.period *
+                     e->plant.rhythm.period;
+    for (size_t k = 0; k < late; k++)
+        add_executions(c, r, at, quantile(&r->model.jitter, ((double)k + 0.5) / (double)late),
+                       1.0 / (double)late, loss);
+    *known = c->beyond < RARE && c->n > 0;
+    for (size_t i = 0; i < c->n; i++)
+        c->course[i].probability /= 1.0 - c->beyond;
+    rc = *known ? apc_loop_cost(l->loop, c->course, c->n, y, u, why) : 0;
+    free(c);
+    return rc;
+}
+
+/* ---- All of it ------------------------------------------------------------------------------- */
+
+/* What grows without bound is infinite, which is no error. */
+static int bounded(int rc, double *y, size_t ny)
+{
+    for (size_t i = 0; i < ny && rc == APC_ESOLVER; i++)
+        y[i] = HUGE_VAL;
+    return rc == APC_ESOLVER ? 0 : rc;
+}
+
+static int other_loop(struct linear_cost *c, const struct experiment *e, const struct linear_how *how,
+                      enum linear_cause cause, double *u, struct apc_error *why)
+{
+    struct linear_loop l;
+    struct apc_error own;
+    int rc = linear_loop_create(&l, e, how, &own);
+
+    c->known[cause] = rc == 0;
+    if (rc == 0)
+        rc = bounded(apc_loop_cost(l.loop, NULL, 0, c->y[cause], u, why), c->y[cause], e->dim.ny);
+    else
+        rc = rc == APC_ENOMEM ? apc_fail(why, rc, "%s", own.text) : 0; /* a law that cannot tick so often */
+    linear_loop_free(&l);
+    return rc;
+}
+
+static double how_often(const struct experiment *e, const struct linear_loop *l)
+{
+    apc_ns least = INT64_MAX;
+    int times = FASTER;
+
+    for (size_t k = 0; k < l->setup.n_controllers; k++) {
+        const apc_ns T = e->controllers[l->chosen[k]].rhythm.period;
+        least = T < least ? T : least;
+    }
+    while (times > 1 && least % (times * e->plant.rhythm.period) != 0)
+        times--;
+    return times;
+}
+
+static bool jitters(const struct experiment *e, const struct linear_loop *l)
+{
+    bool any = false;
+    for (size_t k = 0; k < l->setup.n_controllers; k++) {
+        const struct task_model *m = &e->controllers[l->chosen[k]].rhythm.model;
+        any |= is_random(&m->execution) || is_random(&m->jitter);
+    }
+    return any;
+}
+
+/* Why courses of a period say nothing; "": they do. */
+static const char *not_one_period(const struct experiment *e, const struct linear_loop *l)
+{
+    const struct apc_network_options *n = &e->models.network.options;
+    if (l->setup.n_ticks != 1)
+        return "several ticks before plant, client and controllers come together again: what jitter and loss "
+               "cost is not known";
+    if (is_random(&n->delay) || is_random(&n->jitter) || is_random(&e->client.rhythm.model.execution) ||
+        is_random(&e->client.rhythm.model.jitter))
+        return "delays of the network and the client count as constant, by their means";
+    return "";
+}
+
+static int add_random(struct linear_cost *c, const struct experiment *e, const struct linear_loop *l,
+                      double *u, struct apc_error *why)
+{
+    static const char long_ones[] =
+        "some ticks take longer than the period has room for: what jitter and loss "
+        "cost is not known";
+    const double loss[] = {0.0, e->models.network.options.loss};
+    const bool wanted[] = {jitters(e, l), loss[1] > 0.0};
+    int rc = 0;
+
+    snprintf(c->unknown, sizeof c->unknown, "%s", wanted[0] || wanted[1] ? not_one_period(e, l) : "");
+    for (int k = 0; k < 2 && rc == 0; k++) {
+        const enum linear_cause cause = k == 0 ? COST_JITTER : COST_LOSS;
+        if (!wanted[k]) {
+            memcpy(c->y[cause], c->y[cause - 1], e->dim.ny * sizeof *c->y[cause]);
+            c->known[cause] = c->known[cause - 1];
+        } else if (l->setup.n_ticks == 1) {
+            rc = bounded(course_cost(e, l, loss[k], c->y[cause], u, &c->known[cause], why), c->y[cause],
+                         e->dim.ny);
+            if (!c->known[cause])
+                snprintf(c->unknown, sizeof c->unknown, "%s", long_ones);
+        }
+    }
+    return rc;
+}
+
+int linear_cost_create(struct linear_cost *c, const struct experiment *e, const struct linear_loop *l,
+                       const struct linear_how *how, struct apc_error *why)
+{
+    struct linear_how other = *how;
+    double *u;
+    int rc;
+
+    *c = (struct linear_cost){.faster = how_often(e, l)};
+    c->memory = calloc(COST_CAUSES * e->dim.ny + apc_loop_outputs(l->loop), sizeof *c->memory);
+    if (!c->memory)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    for (int k = 0; k < COST_CAUSES; k++)
+        c->y[k] = c->memory + (size_t)k * e->dim.ny;
+    u = c->memory + COST_CAUSES * e->dim.ny;
+    other.prompt = true;
+    rc = other_loop(c, e, &other, COST_PERIOD, u, why);
+    other.faster = c->faster;
+    if (rc == 0 && c->faster > 1.0)
+        rc = other_loop(c, e, &other, COST_IDEAL, u, why);
+    c->known[COST_LATENCY] = true;
+    if (rc == 0)
+        rc = bounded(apc_loop_cost(l->loop, NULL, 0, c->y[COST_LATENCY], u, why), c->y[COST_LATENCY],
+                     e->dim.ny);
+    return rc == 0 ? add_random(c, e, l, u, why) : rc;
+}
+
+void linear_cost_free(struct linear_cost *c)
+{
+    free(c->memory);
+}
