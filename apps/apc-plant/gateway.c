@@ -9,7 +9,7 @@
 enum { ILLEGAL_VALUE = 3, DEVICE_FAILURE, DEVICE_BUSY = 6 };
 
 /* One frame to the core: 0 or its refusal, with the values of its reply in samples. */
-static int ask(struct shell *s, int kind, size_t n)
+static int ask(struct shell *s, enum apc_frame_kind kind, size_t n)
 {
     struct gateway *g = &s->gateway;
     struct apc_frame frame = {.kind = kind, .id = ++g->id, .n = n};

@@ -282,7 +282,7 @@ static void put_blocks(FILE *script, const struct loop_analysis *z)
 {
     for (size_t o = 0; o < curves_of(z); o++) {
         const struct analysis_of_loop *l = &z->loop[o];
-        double phase = NAN;
+        double phase = (double)NAN;
         fprintf(script, "$loop%zu << END\n", o);
         for (int k = 0; k < ANALYZE_POINTS; k++) {
             double angle = atan2(l->im[k], l->re[k]) * 180.0 / M_PI;

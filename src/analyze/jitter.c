@@ -121,7 +121,7 @@ int jitter_margin(const struct apc_loop *loop, size_t of, double *jitter)
     size_t ticks = 0;
     int rc;
 
-    *jitter = NAN;
+    *jitter = (double)NAN;
     for (size_t k = 0; k < s->n_ticks; k++)
         ticks += s->tick[k].controller == loop->owner[of];
     if (ticks != 1 || loop->to[of] == APC_LOOP_NOWHERE || s->period % s->plant.period != 0)

@@ -202,7 +202,7 @@ static int measure(struct trial *t, const double *scale, struct apc_loop_margins
     to->phase = phase_margin(t);
     to->delay = t->of != APC_LOOP_WHOLE && t->loop->to[t->of] == APC_LOOP_NOWHERE ? (double)NAN
                                                                                   : delay_margin(t, first);
-    to->jitter = NAN;
+    to->jitter = (double)NAN;
     if (t->rc == 0 && t->of != APC_LOOP_WHOLE)
         t->rc = jitter_margin(t->loop, t->of, &to->jitter);
     return t->rc;

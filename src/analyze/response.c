@@ -261,7 +261,7 @@ static int survey(struct peaks *p, struct apc_loop_margins *to, double *delay)
     int rc = 0;
 
     *delay = HUGE_VAL;
-    to->crossover = NAN;
+    to->crossover = (double)NAN;
     for (int k = PER_DECADE * DECADES; k >= 0 && rc == 0; k--) {
         const double w = exp(top - k * step);
 

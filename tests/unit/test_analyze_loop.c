@@ -143,8 +143,8 @@ static double farthest(struct apc_simulation *s, double from, double to)
 /* Does it still swing wider at the end? */
 static bool swings(const char *path, double value)
 {
-    struct apc_experiment *e;
-    struct apc_simulation *s;
+    struct apc_experiment *e = NULL;
+    struct apc_simulation *s = NULL;
     struct apc_error why;
     char number[40];
     double early, late;
