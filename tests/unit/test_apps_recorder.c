@@ -9,6 +9,30 @@
 #include "common/recorder.h"
 #include "shareddata/shareddata_internal.h"
 
+/* Of glibc, for programs that replace an allocator; sanitizers bring their own. */
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define FAILING 0
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) || __has_feature(memory_sanitizer)
+#define FAILING 0
+#endif
+#endif
+#ifndef FAILING
+#define FAILING 1
+#endif
+
+static int allocations;
+static int fail_at = -1; /* the allocation with this number fails */
+
+#if FAILING
+extern void *__libc_calloc(size_t n, size_t size);
+
+void *calloc(size_t n, size_t size)
+{
+    return allocations++ == fail_at ? NULL : __libc_calloc(n, size);
+}
+#endif
+
 static char folder[64], spool[100];
 
 static struct recorder *away(bool spooled)
@@ -343,6 +367,39 @@ static void test_what_is_measured_beside_the_task_is_stored_and_so_are_its_failu
     tear_down(&b);
 }
 
+static void test_without_memory_nothing_is_made_and_nothing_lost(void **state)
+{
+    struct bench b;
+    int rc = APC_ENOMEM;
+    (void)state;
+    if (!FAILING)
+        skip();
+    for (int k = 0; rc < 0; k++) {
+        struct apc_store *store;
+        struct recorder *r;
+        assert_int_equal(apc_store_open(&store, "mem:", NULL, NULL), 0);
+        allocations = 0;
+        fail_at = k;
+        rc = recorder_create(&r, store, "task"); /* it has the store in any case */
+        fail_at = -1;
+        assert_true(rc == 0 ? r != NULL && k > 0 : rc == APC_ENOMEM && !r);
+        recorder_destroy(r);
+    }
+    set_up(&b);
+    assert_int_equal(apc_task_start(b.task, NULL), 0);
+    assert_true(apc_virtual_run(b.executive, 10 * APC_NS_PER_S) > 0);
+    rc = APC_ENOMEM;
+    for (int k = 0; rc < 0; k++) {
+        allocations = 0;
+        fail_at = k;
+        rc = recorder_flush(b.r, b.task, APC_NS_PER_S);
+        fail_at = -1;
+        assert_true(rc == 0 ? k > 3 : rc == APC_ENOMEM);
+    }
+    assert_int_equal(stored(&b).count[2], 10);
+    tear_down(&b);
+}
+
 static void test_without_a_store_nothing_is_recorded_and_nothing_fails(void **state)
 {
     struct recorder *r;
@@ -362,6 +419,7 @@ int main(void)
         cmocka_unit_test(test_a_flush_with_nothing_to_write_is_no_sign_of_a_store_that_is_away),
         cmocka_unit_test(test_events_go_into_the_spool_and_the_store_still_counts_as_away),
         cmocka_unit_test(test_ticks_that_nobody_ran_are_recorded_as_missed_also_where_none_ran),
+        cmocka_unit_test(test_without_memory_nothing_is_made_and_nothing_lost),
         cmocka_unit_test(test_without_a_store_nothing_is_recorded_and_nothing_fails),
         cmocka_unit_test(test_every_tick_is_recorded_once),
         cmocka_unit_test(test_events_that_were_pushed_out_of_the_queue_are_counted_in_the_records),

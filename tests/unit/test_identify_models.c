@@ -402,8 +402,13 @@ static void validation_begins_anywhere_and_knows_no_units(void **state)
     (void)state;
 
     assert_int_equal(apc_linear_from_transfer(&model, 1, 1, 0, &g, NULL, NULL, 0.2, NULL), 0);
-    for (size_t from = 300; from < 330; from += 7) {
-        assert_int_equal(apc_validate(model, NULL, &t->record, from, &v, NULL, NULL), 0);
+    for (size_t begin = 300; begin < 330; begin += 7) { /* while the plant moves */
+        struct apc_record late = t->record;
+
+        late.u += begin;
+        late.y += begin;
+        late.n -= begin;
+        assert_int_equal(apc_validate(model, NULL, &late, 0, &v, NULL, NULL), 0);
         assert_true(v.fit > 99.9);
     }
     apc_linear_destroy(model);

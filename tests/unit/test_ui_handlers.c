@@ -452,6 +452,7 @@ static void process_values_are_in_the_metrics(void **state)
     (void)state;
     period(S, S);
     assert_null(strstr(ask_text(get_metrics), "apc_signal_value{"));
+    assert_null(strstr(ask_text(get_metrics), "apc_signal_age_seconds{"));
     assert_non_null(
         strstr(ask_text(get_metrics), "apc_signal_good{table=\"sensor\",name=\"y1\",unit=\"m\"} 0\n"));
     all_came(0);
@@ -468,6 +469,10 @@ static void process_values_are_in_the_metrics(void **state)
     came(APC_SENSOR, 1, 9.875, 10 * S);
     assert_non_null(
         strstr(ask_text(get_metrics), "apc_signal_good{table=\"sensor\",name=\"y1\",unit=\"m\"} 0\n"));
+    static const char of_y1[] = "apc_signal_age_seconds{table=\"sensor\",name=\"y1\",unit=\"m\"} ";
+    const char *age = strstr(ask_text(get_metrics), of_y1);
+    assert_non_null(age);
+    assert_true(atof(age + strlen(of_y1)) >= 10 && atof(age + strlen(of_y1)) < 600);
 }
 
 static struct task *a_task(size_t i, const char *name)
