@@ -35,6 +35,21 @@ enum apc_tune_rule {
 APC_API int apc_tune_pid(const struct apc_transfer *g, enum apc_tune_rule rule, bool derivative, double tau_c,
                          double period, struct apc_pid_tuning *tuning, struct apc_error *why);
 
+/**
+ * Where a loop of plant @p g and a controller of this @p period oscillates under a gain alone: *@p gain and
+ * every *@p every s. A relay finds the same by trying (apcexcite.h): gain 4 / pi times its step over the
+ * amplitude. [any] Returns 0; APC_EINVAL as apc_tune_pid(), or no gain makes it oscillate.
+ */
+APC_API int apc_tune_limit(const struct apc_transfer *g, double period, double *gain, double *every,
+                           struct apc_error *why);
+/**
+ * From that limit: PID with the phase margin of 45 degrees of Astrom and Hagglund (Automatica 20, 1984),
+ * tau_i = 4 tau_d; without a @p derivative Tyreus and Luyben's PI (Ind. Eng. Chem. Res. 31, 1992). [any]
+ * Returns 0 or APC_EINVAL.
+ */
+APC_API int apc_tune_relay(double gain, double every, bool derivative, struct apc_pid_tuning *tuning,
+                           struct apc_error *why);
+
 /** HUGE_VAL: there is no limit. */
 struct apc_margins {
     size_t size;        /**< sizeof the struct, set by the caller: no more than that is filled */

@@ -5,13 +5,68 @@
 
 #include "operate.h"
 #include "print.h"
+#include "tune.h"
+
+enum { OPT_SUGGEST = 0x700, OPT_RULE, OPT_TAU_C, OPT_APPLY };
+
+static const struct argp_option option_list[] = {
+    {"suggest", OPT_SUGGEST, "RUN", 0,
+     "Of run folder RUN, best one of apc test: tunings of its PI and PID loops, with what they do beside the "
+     "present ones",
+     0},
+    {"rule", OPT_RULE, "RULE", 0, "simc (the default), lambda or relay", 0},
+    {"tau-c", OPT_TAU_C, "S", 0,
+     "How fast the loops are to be; default: as their dead time. Longer is calmer", 0},
+    {"apply", OPT_APPLY, NULL, 0, "Write what is suggested, as one change", 0},
+    {0}};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    static const char *const rules[SUGGEST_RULES] = {"simc", "lambda", "relay"};
+    struct suggest_options *o = state->input;
+    int rule = 0;
+
+    switch (key) {
+    case OPT_SUGGEST:
+        o->run = arg;
+        break;
+    case OPT_RULE:
+        while (rule < SUGGEST_RULES && strcmp(arg, rules[rule]) != 0)
+            rule++;
+        if (rule == SUGGEST_RULES)
+            argp_error(state, "--rule \"%s\": must be simc, lambda or relay", arg);
+        o->rule = (enum suggest_rule)rule;
+        break;
+    case OPT_TAU_C:
+        if (apc_number_parse(arg, &o->tau_c) < 0 || !(o->tau_c > 0.0))
+            argp_error(state, "--tau-c \"%s\": must be s, above 0", arg);
+        break;
+    case OPT_APPLY:
+        o->apply = true;
+        break;
+    case ARGP_KEY_END:
+        if (!o->run && (o->apply || o->rule || o->tau_c > 0.0))
+            argp_error(state, "--rule, --tau-c and --apply go with --suggest RUN");
+        if (o->rule == SUGGEST_RELAY && o->tau_c > 0.0)
+            argp_error(state, "--tau-c is that of simc and lambda");
+        break;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec tune_spec = {
     .args_doc = "[NAME=VALUE...]",
-    .doc = "Show the tuning of the control laws, or change it; several parameters in one transaction. Where "
-           "there are several loops a parameter is LOOP.NAME. Waits until the controller has it.",
+    .doc =
+        "Show the tuning of the control laws, or change it; several parameters in one transaction. Where "
+        "there are several loops a parameter is LOOP.NAME. Waits until the controller has it. With --suggest "
+        "show what would be better.",
     .takes = CLI_STORE | CLI_FORMAT | CLI_WRITES,
     .max_args = -1,
+    .extra = &extra,
 };
 
 static char *limit_text(double limit, char text[PRINT_LEN])
@@ -143,28 +198,55 @@ static int tune(const struct cli *cli, struct apc_store *store, const struct cli
     return err < 0 ? cli_store_error(cli, err, store) : operate(cli, store, &o);
 }
 
-int command_tune(int argc, char **argv)
+static int change_tuning(struct cli *cli, const struct suggestion *suggested)
 {
     struct apc_store *store = NULL;
     struct cli_plant plant = {0};
-    struct cli cli;
-
-    cli_parse(&cli, &tune_spec, NULL, argc, argv);
-    if (cli.n_args > 0 && cli.format != CLI_TEXT)
-        return cli_usage(&cli, "--json and --csv show the tuning; they do not go with a change");
-    size_t n = (size_t)cli.n_args;
+    const size_t n = suggested->n ? suggested->n : (size_t)cli->n_args;
     struct change *changes = calloc(n + 1, sizeof *changes);
-    if (!changes)
-        return cli_error(&cli, APC_ENOMEM, "out of memory");
-    int rc = parse_tunings(&cli, changes);
+    char **names = calloc(n + 1, sizeof *names);
+    int rc = changes && names ? EXIT_OK : cli_error(cli, APC_ENOMEM, "out of memory");
+
+    for (size_t i = 0; rc == EXIT_OK && i < suggested->n; i++) {
+        names[i] = suggested->name[i];
+        changes[i].after.value = suggested->value[i];
+    }
+    if (rc == EXIT_OK && suggested->n)
+        cli->args = names;
+    else if (rc == EXIT_OK)
+        rc = parse_tunings(cli, changes);
     if (rc == EXIT_OK)
-        rc = exit_code_of(cli_open(&cli, &store));
+        rc = exit_code_of(cli_open(cli, &store));
     if (rc == EXIT_OK)
-        rc = exit_code_of(cli_plant_load(&cli, store, &plant));
+        rc = exit_code_of(cli_plant_load(cli, store, &plant));
     if (rc == EXIT_OK)
-        rc = n > 0 ? tune(&cli, store, &plant, changes, n) : show_tuning(&cli, store, &plant.tags);
+        rc = n > 0 ? tune(cli, store, &plant, changes, n) : show_tuning(cli, store, &plant.tags);
+    free(names);
     free(changes);
     cli_plant_free(&plant);
     apc_store_close(store);
+    return rc;
+}
+
+int command_tune(int argc, char **argv)
+{
+    struct suggest_options options = {.run = NULL};
+    struct suggestion suggested = {.n = 0};
+    struct apc_error why;
+    struct cli cli;
+
+    cli_parse(&cli, &tune_spec, &options, argc, argv);
+    if (options.run && (cli.n_args > 0 || cli.format != CLI_TEXT))
+        return cli_usage(&cli, "--suggest finds the numbers: no NAME=VALUE, --json or --csv with it");
+    if (cli.n_args > 0 && cli.format != CLI_TEXT)
+        return cli_usage(&cli, "--json and --csv show the tuning; they do not go with a change");
+    int rc = EXIT_OK;
+    if (options.run) {
+        const int found = suggest(&options, &suggested, &why);
+        rc = found < 0 ? cli_error(&cli, found, "%s", why.text) : EXIT_OK;
+    }
+    if (rc == EXIT_OK && (!options.run || options.apply))
+        rc = change_tuning(&cli, &suggested);
+    suggestion_free(&suggested);
     return cli_done(&cli, rc);
 }

@@ -108,6 +108,43 @@ static void loop_at(const struct apc_transfer *g, const struct apc_pid_tuning *t
         *phase -= M_PI;
 }
 
+int apc_tune_limit(const struct apc_transfer *g, double period, double *gain, double *every,
+                   struct apc_error *why)
+{
+    const struct apc_pid_tuning alone = {.Kp = g->gain < 0.0 ? -1.0 : 1.0};
+    const double all = g->tau[0] + g->tau[1] + g->dead_time + period;
+    double low = 1e-6 / all, high = 1e6 / all, m, p;
+
+    if (check(g, period, why) < 0)
+        return APC_EINVAL;
+    loop_at(g, &alone, period, high, &m, &p);
+    if (!(p < -M_PI))
+        return apc_fail(why, APC_EINVAL, "tune: no gain makes this loop oscillate: it has no dead time");
+    for (int i = 0; i < 200; i++) {
+        const double w = sqrt(low * high);
+        loop_at(g, &alone, period, w, &m, &p);
+        *(p < -M_PI ? &high : &low) = w;
+    }
+    *gain = alone.Kp / m;
+    *every = 2.0 * M_PI / low;
+    return 0;
+}
+
+int apc_tune_relay(double gain, double every, bool derivative, struct apc_pid_tuning *t,
+                   struct apc_error *why)
+{
+    const double number[] = {gain, every};
+
+    if (!apc_values_ok(number, 2) || gain == 0.0 || !(every > 0.0))
+        return apc_fail(why, APC_EINVAL, "tune: the limit's gain must not be 0, its period above 0");
+    *t = (struct apc_pid_tuning){.Kp = gain / 3.2, .tau_i = 2.2 * every};
+    if (derivative) { /* tan 45 = 1: w tau_d - 1 / (w tau_i) = 1 where w is the limit's frequency */
+        const double tau_d = (1.0 + sqrt(2.0)) / 2.0 * every / (2.0 * M_PI);
+        *t = (struct apc_pid_tuning){.Kp = gain * sqrt(0.5), .tau_i = 4.0 * tau_d, .tau_d = tau_d};
+    }
+    return 0;
+}
+
 /* How often the curve has gone round -1 so far, in rad, and what was met on the way. */
 struct sweep {
     double turned, last; /* 1 + L, since frequency 0; its angle */

@@ -300,9 +300,37 @@ static void what_no_rule_is_for_is_refused(void **state)
     assert_int_equal(apc_tune_pid(&level, APC_TUNE_SIMC, false, 1.0, -1.0, &t, &why), APC_EINVAL);
 }
 
+/* e^-s / (s + 1) to a gain: -180 degrees where tan w = -w, w 2.02876. */
+static void a_relay_tuning_is_that_of_the_limit(void **state)
+{
+    static const struct apc_transfer g = {.gain = -2.0, .tau = {1.0}, .dead_time = 1.0},
+                                     lag = {.gain = 2.0, .tau = {1.0}};
+    struct apc_pid_tuning t;
+    struct apc_margins m = {.size = sizeof m};
+    double gain, every;
+    (void)state;
+
+    assert_int_equal(apc_tune_limit(&g, 0.0, &gain, &every, NULL), 0);
+    assert_near(2.0 * M_PI / every, 2.028758, 1e-6);
+    assert_near(gain, -sqrt(1.0 + 2.028758 * 2.028758) / 2.0, 1e-6);
+    assert_int_equal(apc_tune_relay(gain, every, true, &t, NULL), 0);
+    assert_int_equal(apc_tune_margins(&g, &t, 0.0, &m, NULL), 0);
+    assert_true(m.stable);
+    assert_true(m.phase <= 45.1); /* at the limit's frequency it is that, and it may be less at another one */
+    assert_near(t.tau_i, 4.0 * t.tau_d, 1e-12);
+    assert_int_equal(apc_tune_relay(gain, every, false, &t, NULL), 0);
+    assert_near(t.Kp, gain / 3.2, 1e-12);
+    assert_int_equal(apc_tune_margins(&g, &t, 0.0, &m, NULL), 0);
+    assert_true(m.stable && m.phase > 45.0);
+    assert_int_equal(apc_tune_limit(&lag, 0.0, &gain, &every, NULL), APC_EINVAL);
+    assert_int_equal(apc_tune_relay(0.0, 1.0, true, &t, NULL), APC_EINVAL);
+    assert_int_equal(apc_tune_relay(1.0, 0.0, true, &t, NULL), APC_EINVAL);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_relay_tuning_is_that_of_the_limit),
         cmocka_unit_test(simc_has_the_margins_of_its_table),
         cmocka_unit_test(a_second_lag_is_for_the_derivative_or_counts_by_halves),
         cmocka_unit_test(a_lag_behind_an_integrator_is_a_second_one),

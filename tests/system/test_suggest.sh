@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# apc tune --suggest: from a test of the plant to numbers that control it as they say; written by --apply, and by nothing else.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+fast_experiment
+sed -i -e 's/^\(  period = 0.02;.*\)$/\1\n  dead_time = 0.3;/' -e 's/name = "y";/name = "y"; noise = 0.02;/' "$work/fast.conf"
+grep -q 'dead_time = 0.3' "$work/fast.conf" || fail "no dead time: $(cat "$work/fast.conf")"
+"$apc" test "$work/fast.conf" --amplitude 0.5 -d 60 -o "$work/tested" >/dev/null
+
+# near NAME A B TOLERANCE
+near() { awk -v a="$2" -v b="$3" -v t="$4" 'BEGIN { d = a - b; exit !(d <= t && d >= -t) }' || fail "$1: $2, not $3 to $4"; }
+
+# ---- What is suggested
+
+# K 10, tau 1, theta 0.3 and the client's way, and half a period of 0.2: Kp = 1 / (10 * 2 * 0.45)
+"$apc" tune --suggest "$work/tested" >"$work/simc.txt"
+read -r Kp tau_i overshoot < <(awk '$1 == "u" && $2 == "then" { print $3, $4, $11 }' "$work/simc.txt")
+near Kp "$Kp" 0.111 0.012
+near tau_i "$tau_i" 1 0.05
+"$apc" simulate "$work/fast.conf" --set controller.Kp="$Kp" --set controller.tau_i="$tau_i" --set measurements.y.noise=0 >"$work/simulated.txt"
+near "overshoot, predicted and simulated" "$(awk '/r 10 -> 20/ { print $9 }' "$work/simulated.txt")" "$overshoot" 3
+"$apc" tune --suggest "$work/tested" --tau-c 1.5 >"$work/calm.txt"
+awk '$2 == "then" && $3 < 0.07 { found = 1 } END { exit !found }' "$work/calm.txt" || fail "a longer tau_c is not calmer: $(cat "$work/calm.txt")"
+for rule in lambda relay; do
+  "$apc" tune --suggest "$work/tested" --rule $rule | grep -Eq '^as written by --apply: apc tune Kp=0\.' || fail "$rule suggests nothing"
+done
+
+# ---- Applied: as one write of an operator's, and only then
+
+expect 4 'nobody applies it|has another|no controller' env APC_STORE="sqlite:$work/empty.db" bash -c "'$apc' init '$work/fast.conf' >/dev/null && '$apc' tune --suggest '$work/tested' --apply"
+background run "$apc" run "$work/fast.conf" --duration 0 --out "$work/run"
+in_auto() { [ "$(sql "SELECT value FROM apc.actual WHERE id = 21 ORDER BY seq DESC LIMIT 1")" = 1 ]; }
+until_true 60 in_auto
+rows() { sql 'SELECT count(*) FROM apc.tuning'; }
+before=$(rows)
+"$apc" tune --suggest "$work/tested" >/dev/null
+[ "$(rows)" = "$before" ] || fail "a suggestion was written unasked"
+expect 0 '^Kp: 0.2 -> 0\.1.* \(applied\)$' "$apc" tune --suggest "$work/tested" --apply
+[ "$(rows)" = $((before + 2)) ] || fail "$(rows) rows of tuning, after $before"
+[ "$(sql 'SELECT count(DISTINCT time) FROM (SELECT time FROM apc.tuning ORDER BY time DESC LIMIT 2) t')" = 1 ] || fail "it was no single write"
+
+# ---- What cannot be suggested
+
+no() { # CODE PATTERN ARGUMENT...
+  local code=$1 pattern=$2
+  shift 2
+  expect "$code" "$pattern" "$apc" tune "$@"
+}
+no 2 'must be simc, lambda or relay' --suggest "$work/tested" --rule best
+no 2 'go with --suggest RUN' --apply
+no 2 '--tau-c is that of simc and lambda' --suggest "$work/tested" --rule relay --tau-c 1
+no 2 'no NAME=VALUE' --suggest "$work/tested" Kp=1
+no 1 'none|cannot|No such' --suggest "$work/nothing"
+"$apc" simulate "$work/fast.conf" --report "$work/still" --set controller.mode=Man --duration 30 >/dev/null
+no 1 'input 1 is 0 all the time' --suggest "$work/still"
+"$apc" test "$APC_SOURCE_DIR/experiments/quadruple-tank-nonminimum.conf" -d 400 --settling 100 -o "$work/lqg" >/dev/null
+no 1 'has no PI or PID loop on an output of the plant: apc optimize searches other laws' --suggest "$work/lqg"
