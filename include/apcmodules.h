@@ -306,13 +306,27 @@ APC_API struct apc_loop_move apc_loop_next(enum apc_loop_state state, const stru
 
 /* ---- Controller --------------------------------------------------------------------------- */
 
+/** A controller that may act in the place of another one, which has the same outputs. */
+struct apc_controller_peer {
+    int number; /**< its own: the value of the switch, and id of its tick row */
+    int mode;   /**< id in table opmode of its loop; of one that selects: any */
+};
+/** Those that may, by a switch. */
+struct apc_controller_peers {
+    int acting;                           /**< id of the switch, in table opmode */
+    size_t n;                             /**< 0: there are none */
+    const struct apc_controller_peer *at; /**< [n]; not used after creation */
+};
+
 /** A setpoint of a controller, and within which limits it is taken. Values are in its own unit. */
 struct apc_controller_setpoint {
     const char *name;    /**< for notices; NULL: its id; borrowed */
     int id;              /**< in table setpoint */
     double low, high;    /**< a row outside is refused, and the one before it stays in force */
     int above;           /**< id in table opmode of the loop above that moves it in Cas; 0: there is none */
-    apc_ns above_period; /**< required with it: of that loop's controller */
+    apc_ns above_period; /**< required with it: of that loop's controller; with peers the longest */
+    int above_number;    /**< with peers: of that controller */
+    struct apc_controller_peers above_peers;
 };
 
 /** An output of a controller: a loop. Values are in the output's own unit. */
@@ -329,9 +343,10 @@ struct apc_controller_loop {
     int below;           /**< with it: id in table opmode of that loop's target */
     int below_tick;      /**< with it: id of the tick row of that loop's controller; with signal: of the one
                               that tells what became of it, as its law selects; 0: none does */
-    apc_ns below_period; /**< required with it: of that controller */
+    apc_ns below_period; /**< required with it: of that controller; with peers the longest */
+    struct apc_controller_peers below_peers; /**< of that controller */
     int signal; /**< instead: id in table sensor of the signal that it calculates; 0: none. It never is
-                     at the fault value, but Bad, so who takes it can tell. Not with acting */
+                     at the fault value, but Bad, so who takes it can tell */
 };
 
 /** The law that acts on actuators while the one proper cannot: of the same dimensions and period, with the
@@ -370,7 +385,7 @@ struct apc_controller_options {
     int estimate, prediction; /**< ids of the first number and of the first vector that the law publishes, in
                                  these tables; the others follow; 0: they are not written */
     int acting;  /**< id in table opmode of the switch that says by its number which controller of these
-                    outputs acts; 0: there is none, and this one does. Not with a loop above or below */
+                    outputs acts; 0: there is none, and this one does */
     bool shadow; /**< with it: another one acts where nobody has set the switch */
     int output;  /**< id in table estimate of its first output, as it puts it out or would; the others
                     follow; 0: they are not written */

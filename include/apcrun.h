@@ -94,8 +94,9 @@ APC_API int apc_simulation_write(struct apc_simulation *s, const char *name, dou
 APC_API int apc_simulation_mode(struct apc_simulation *s, const char *loop_or_controller, enum apc_mode mode);
 /** Do @p what: to controller @p name "kill", as kill -9 does, whatever it is doing, and "start" again; to
  * setpoint @p name "local", take it from the controller or the scheduler that moves it, as it stands, and
- * "remote", give it back. Returns 0, APC_ENOTFOUND, APC_EINVAL (another @p what, or nobody else moves it), or
- * why it cannot be started. [setup] */
+ * "remote", give it back; controller @p name "promote", which is in shadow or was: it acts. Returns 0,
+ * APC_ENOTFOUND, APC_EINVAL (another @p what, nobody else moves it, or it is in nobody's shadow), or why it
+ * cannot be started. [setup] */
 APC_API int apc_simulation_do(struct apc_simulation *s, const char *what, const char *name);
 /** The newest value of a measurement, setpoint, output or parameter. Returns 0, APC_ENOTFOUND (no such name,
  * or there is no value yet) or another error. [setup] */

@@ -332,13 +332,17 @@ static int copy_loops(struct ui *ui, struct loops *to)
     return room ? 0 : APC_ENOMEM;
 }
 
-/* What the other loop's or the own target cost: of a single change there is one more at most. */
+/* What the other loop's or the own target cost: of a single change there is one more that is told of. Loops
+ * of controllers in shadow go along. */
 static void take_along(struct order *o, const struct owner_rows *with)
 {
-    if (with->n == 0)
+    size_t i = 0;
+    while (i < with->n && (with->at[i].table != o->beside.now.table || with->at[i].id != o->beside.now.id))
+        i++;
+    if (i == with->n)
         return;
     struct write_change *c = &o->change[o->write.n++];
-    *c = (struct write_change){.before = o->beside.now, .after = with->at[0]};
+    *c = (struct write_change){.before = o->beside.now, .after = with->at[i]};
     memcpy(c->name, o->beside.name, sizeof c->name);
 }
 

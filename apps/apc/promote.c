@@ -50,8 +50,8 @@ static int find_switch(struct promotion *p, const struct cli_tags *tags)
     const struct loops_loop *first = &p->loops->at[p->to->first];
     int id = 0;
     for (size_t i = 0; i < p->to->n && !id; i++)
-        if (first[i].table == APC_ACTUATOR && cli_tag(tags, APC_OPMODE, LOOPS_ACTING(first[i].output)))
-            id = LOOPS_ACTING(first[i].output);
+        if (first[i].table && cli_tag(tags, APC_OPMODE, LOOPS_ACTING(first[i].table, first[i].output)))
+            id = LOOPS_ACTING(first[i].table, first[i].output);
     if (!id)
         return cli_error(p->cli, APC_EPERM, "%s is not in shadow, and nobody is in its: it acts already",
                          p->to->name);

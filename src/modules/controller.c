@@ -167,11 +167,6 @@ static int take_setpoints(struct apc_controller *c, const struct apc_controller_
 
         *z = o->z ? o->z[k]
                   : (struct apc_controller_setpoint){.id = (int)k + 1, .low = -HUGE_VAL, .high = HUGE_VAL};
-        if (o->acting && z->above)
-            return apc_fail(why, APC_EINVAL,
-                            "controller: setpoint %zu: with a switch of who acts no loop above "
-                            "may move it",
-                            k + 1);
         if (z->above && !apc_period_ok(z->above_period))
             return apc_fail(why, APC_EINVAL,
                             "setpoint %zu: the period of the controller above must be above 0 and not above "
@@ -206,11 +201,6 @@ static int take_loop(struct apc_controller *c, size_t i, const struct apc_contro
     if (l->setpoint && l->signal)
         return apc_fail(why, APC_EINVAL,
                         "controller: output %zu: it is a setpoint or a calculated signal, not both", i + 1);
-    if (o->acting && (l->setpoint || l->signal))
-        return apc_fail(why, APC_EINVAL,
-                        "controller: output %zu: with a switch of who acts it must be an "
-                        "actuator",
-                        i + 1);
     if ((l->setpoint || (l->signal && l->below_tick)) && !apc_period_ok(l->below_period))
         return apc_fail(why, APC_EINVAL,
                         "controller: output %zu: the period of the controller below must be above 0 and not "
@@ -375,6 +365,7 @@ void apc_controller_destroy(struct apc_controller *c)
     free(c->y_status);
     free(c->above);
     free(c->below);
+    free(c->numbers);
     free(c->instance);
     free(c->state);
     free(c->loop);

@@ -28,11 +28,20 @@ struct apc_controller_state {
     char trouble[144]; /* why there is no input, or no answer of the law */
 };
 
+/** The controllers that may be the one above or below, and who is. */
+struct apc_controller_group {
+    struct apc_sample *choice; /* NULL: there is no other */
+    int *number;               /* [n]; with choice */
+    size_t n, now;             /* n: none of them */
+};
+
 /** What a loop sees of the one below, which has its output as its setpoint, or of who selects its signal. */
 struct apc_controller_below {
-    const struct apc_sample *rows; /* target; actual value of the setpoint. Of a signal: what became of it */
-    const struct apc_vector *tick; /* of the controller below */
-    struct apc_freshness fresh;    /* of that */
+    struct apc_controller_group who;
+    struct apc_sample *target;  /* [who.n] of a setpoint's loop */
+    struct apc_sample *actual;  /* value of the setpoint. Of a signal: what became of it */
+    struct apc_vector *tick;    /* [who.n] of the controllers below */
+    struct apc_freshness fresh; /* of that which acts */
     bool taken, invited;
     bool returned; /* what was selected came back: */
     double value;
@@ -45,9 +54,10 @@ struct apc_controller_input {
 
 /** What is seen of who moves a setpoint from above. */
 struct apc_controller_above {
-    const struct apc_sample *mode; /* actual one of the loop above */
-    struct apc_freshness fresh;    /* of the setpoint's row */
-    size_t loop;                   /* whose setpoint it is */
+    struct apc_controller_group who;
+    struct apc_sample *mode;    /* [who.n] actual one of the loop above */
+    struct apc_freshness fresh; /* of the setpoint's row */
+    size_t loop;                /* whose setpoint it is */
     bool remote;
     bool put; /* the setpoint in force is to be written */
 };
@@ -110,6 +120,9 @@ enum apc_tick_field {
     APC_TICK_BELOW,      /* [4 nu] of an output that is a setpoint: seqs of its newest row, and of the loop
                             below its actual value, target, tick row; of a signal that is selected: of what
                             became of it, second, and of who told it the tick row, last */
+    APC_TICK_PEER,       /* [nz, nu, nz] where controllers take turns: numbers of those above and below that
+                            were seen to act, 0: there is no other; seqs of what another one told of the
+                            setpoints */
     APC_TICK_TUNING,     /* [tuning] in force. From here on it is the law's, then the backup law's */
     APC_TICK_TUNING_SEQ, /* [tuning] of the rows that were looked at */
     APC_TICK_PLAN,       /* [nz] of a law that looks ahead: seq of the plan that was looked at */
@@ -172,11 +185,13 @@ struct apc_controller {
     struct apc_sample *actual, *told; /* [n_actual] what became of it; what is written of that */
     struct apc_vector *out_row;       /* first of out */
     struct apc_vector former_row;
-    int estimate, prediction;        /* ids of the first of what the law publishes; 0: it is not written */
-    int output;                      /* id of the first output in table estimate; likewise */
-    const struct apc_sample *choice; /* the switch that says who acts; NULL: this one does */
-    bool shadow;                     /* not while nobody set it */
-    bool claimed, acting;            /* the outputs are; at this tick */
+    int estimate, prediction;  /* ids of the first of what the law publishes; 0: it is not written */
+    int output;                /* id of the first output in table estimate; likewise */
+    struct apc_sample *choice; /* the switch that says who acts, and [nz + n_inputs] what whoever acts
+                                  tells of setpoints and inputs; NULL: this one does */
+    int *numbers;              /* all those of groups */
+    bool shadow;               /* not while nobody set it */
+    bool claimed, acting;      /* the outputs are; at this tick */
     struct apc_rows in, out, former;
     double *row, *former_values;
     struct apc_vector *plan;            /* [nz] of in; NULL: no law looks ahead */
@@ -226,8 +241,10 @@ void apc_controller_confirm(struct apc_controller *controller);
 
 /** How many samples and vectors are read of loops above and below. [setup] */
 size_t apc_controller_cascade_rows(const struct apc_controller *controller, size_t *vectors);
-/** Name them, the samples from @p at on. [setup] */
-void apc_controller_name_cascade(struct apc_controller *controller, struct apc_sample *at);
+/** Name them, the samples from @p at on. Returns 0 or APC_ENOMEM. [setup] */
+int apc_controller_name_cascade(struct apc_controller *controller, struct apc_sample *at);
+/** Find who of the group acts. Returns whether that is another one than before. [tick] */
+bool apc_controller_find_acting(struct apc_controller_group *group);
 /** May loop @p i be asked for Cas? [tick] */
 bool apc_controller_is_below(const struct apc_controller *controller, size_t i);
 /** Look at what has output @p i as its setpoint, and what is in force there. [tick] */

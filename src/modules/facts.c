@@ -329,11 +329,13 @@ bool apc_controller_named(const struct apc_controller *c)
     return c->choice->seq > 0 ? c->choice->value == (double)c->out_row->id : !c->shadow;
 }
 
-/* What another one told of the setpoints, which are its as well. */
+/* What another one told of the setpoints and inputs, which are its as well. */
 static void take_told(struct apc_controller *c)
 {
     for (size_t k = 0; k < c->dim.nz; k++)
         c->told[k] = c->actual[k] = c->choice[1 + k];
+    for (size_t k = 0; k < c->n_inputs; k++)
+        c->told[c->n_wanted + k] = c->actual[c->n_wanted + k] = c->choice[1 + c->dim.nz + k];
 }
 
 void apc_controller_take_choice(struct apc_controller *c)
@@ -451,7 +453,7 @@ void apc_controller_gather(struct apc_controller *c, size_t i, bool have, struct
         apc_controller_look_below(c, i, now);
     if (selected && !c->below[i].taken)
         apc_controller_find_in_force(c, i, c->below[i].value);
-    if (have && c->choice && (!c->acting || l->loop.state == APC_LOOP_SHADOW))
+    if (have && c->choice && !below && (!c->acting || l->loop.state == APC_LOOP_SHADOW))
         take_output(c, i);
     l->facts = (struct apc_loop_facts){
         .target = l->target,

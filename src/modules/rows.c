@@ -43,6 +43,7 @@ static const char *const names[APC_TICK_FIELDS] = {
     [APC_TICK_Z_SEQ] = "z.seq",
     [APC_TICK_ABOVE] = "above.seq",
     [APC_TICK_BELOW] = "below.seq",
+    [APC_TICK_PEER] = "peer",
     [APC_TICK_TUNING] = "tuning",
     [APC_TICK_TUNING_SEQ] = "tuning.seq",
     [APC_TICK_PLAN] = "plan.seq",
@@ -65,7 +66,7 @@ bool apc_controller_tick_field(const struct apc_controller *c, size_t field, con
     return true;
 }
 
-static void lay_out_tick(struct apc_controller *c)
+static void lay_out_tick(struct apc_controller *c, bool peers)
 {
     const size_t ny = c->dim.ny, nz = c->dim.nz, nu = c->dim.nu, nd = c->dim.nd, n = c->size.instances;
     const size_t length[APC_TICK_FIELDS] = {
@@ -95,6 +96,7 @@ static void lay_out_tick(struct apc_controller *c)
         [APC_TICK_Z_SEQ] = nz,
         [APC_TICK_ABOVE] = nz,
         [APC_TICK_BELOW] = 4 * nu,
+        [APC_TICK_PEER] = peers ? 2 * nz + nu : 0,
         [APC_TICK_TUNING] = c->size.tuning,
         [APC_TICK_TUNING_SEQ] = c->size.tuning,
         [APC_TICK_PLAN] = c->size.n_ahead > 1 ? nz : 0,
@@ -108,6 +110,18 @@ static void lay_out_tick(struct apc_controller *c)
 
     for (size_t f = 0; f < APC_TICK_FIELDS; f++)
         c->offset[f + 1] = c->offset[f] + length[f];
+}
+
+/* Has it a neighbour that has peers? */
+static bool takes_turns(const struct apc_controller *c)
+{
+    bool any = false;
+
+    for (size_t i = 0; i < c->dim.nu; i++)
+        any |= c->loop[i].below_peers.n > 0;
+    for (size_t k = 0; k < c->dim.nz; k++)
+        any |= c->setpoint[k].above_peers.n > 0;
+    return any;
 }
 
 /* Whose a row is: a number of the dimensions, and one of the law and all that it was made from. */
@@ -134,7 +148,17 @@ static struct apc_sample *name_rows(struct apc_sample *at, enum apc_table table,
     return at;
 }
 
-static void name_inputs(struct apc_controller *c, const struct apc_controller_options *o)
+/* What whoever acts tells. */
+static void name_told(struct apc_controller *c, struct apc_sample *at)
+{
+    for (size_t k = 0; k < c->dim.nz; k++)
+        at = name_rows(at, APC_ACTUAL, NULL, 1, apc_variable_number(APC_SETPOINT, c->setpoint[k].id));
+    for (size_t k = 0; k < c->n_inputs; k++)
+        at = name_rows(at, APC_ACTUAL, NULL, 1,
+                       apc_variable_number(APC_SENSOR, c->in.sample[c->input[k].y].id));
+}
+
+static int name_inputs(struct apc_controller *c, const struct apc_controller_options *o)
 {
     struct apc_sample *at = c->in.sample;
 
@@ -151,14 +175,11 @@ static void name_inputs(struct apc_controller *c, const struct apc_controller_op
         at = c->loop[i].setpoint ? name_rows(at, APC_SETPOINT, NULL, 1, c->loop[i].setpoint)
              : c->loop[i].signal ? name_rows(at, APC_SENSOR, NULL, 1, c->loop[i].signal)
                                  : name_rows(at, APC_ACTUATOR, NULL, 1, c->loop[i].id);
-    apc_controller_name_cascade(c, at);
-    if (!o->acting)
-        return;
-    at = c->in.sample + c->in.n_samples - 1 - c->dim.nz;
-    c->choice = at;
-    at = name_rows(at, APC_OPMODE, NULL, 1, o->acting);
-    for (size_t k = 0; k < c->dim.nz; k++)
-        at = name_rows(at, APC_ACTUAL, NULL, 1, apc_variable_number(APC_SETPOINT, c->setpoint[k].id));
+    if (o->acting) {
+        c->choice = c->in.sample + c->in.n_samples - 1 - c->dim.nz - c->n_inputs;
+        name_told(c, name_rows(c->choice, APC_OPMODE, NULL, 1, o->acting));
+    }
+    return apc_controller_name_cascade(c, at);
 }
 
 static void name_actual(struct apc_controller *c)
@@ -224,12 +245,12 @@ int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller
     size_t n, n_vectors;
     const size_t n_cascade = apc_controller_cascade_rows(c, &n_vectors),
                  n_in = c->dim.ny + c->dim.nd + c->n_wanted + c->dim.nu + n_cascade +
-                        (o->acting ? 1 + c->dim.nz : 0),
+                        (o->acting ? 1 + c->dim.nz + c->n_inputs : 0),
                  n_ticks = n_vectors, n_plans = c->size.n_ahead > 1 ? c->dim.nz : 0,
                  n_told = o->output ? c->dim.nu : 0, n_out = c->dim.nz + c->dim.nu + c->n_actual + n_told;
 
     n_vectors += n_plans;
-    lay_out_tick(c);
+    lay_out_tick(c, o->acting || takes_turns(c));
     mark(c);
     n = c->offset[APC_TICK_FIELDS];
     if (n > APC_ELEMENTS_MAX)
@@ -275,7 +296,8 @@ int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller
     c->told = c->actual + c->n_actual;
     if (n_plans)
         name_plans(c, c->vectors + n_ticks);
-    name_inputs(c, o);
+    if (name_inputs(c, o) < 0)
+        return apc_fail(why, APC_ENOMEM, "controller: no memory");
     name_actual(c);
     for (size_t k = 0; k < p.numbers; k++)
         c->former.sample[c->n_actual + k] =
@@ -328,7 +350,7 @@ static void put_output(struct apc_controller *c, size_t i, apc_ns utc)
     if (!l->put)
         return;
     if (c->loop[i].setpoint) {
-        put_setpoint(c, now, utc, c->u[i], status_of(c, i), c->below[i].rows[1].seq);
+        put_setpoint(c, now, utc, c->u[i], status_of(c, i), c->below[i].actual->seq);
         return;
     }
     l->seq = (now->seq > l->seq ? now->seq : l->seq) + 1;
@@ -372,6 +394,17 @@ static void put_values(double *at, const double *value, size_t n)
     memcpy(at, value, n * sizeof(*at));
 }
 
+static size_t one_of(const struct apc_controller_group *g)
+{
+    return g->now < g->n ? g->now : 0;
+}
+
+/* Of the one that acts: 0: there is no other, -1: none does. */
+static double number_of(const struct apc_controller_group *g)
+{
+    return !g->choice ? 0.0 : g->now < g->n ? (double)g->number[g->now] : -1.0;
+}
+
 /* What was looked at of disturbances, and of loops above and below. */
 static void put_seen(struct apc_controller *c, double *row)
 {
@@ -384,21 +417,32 @@ static void put_seen(struct apc_controller *c, double *row)
         row[at[APC_TICK_D_STATUS] + k] = c->ok[c->dim.ny + k] || bad ? status : APC_BAD_NO_COMMUNICATION;
     }
     for (size_t k = 0; k < c->dim.nz; k++)
-        row[at[APC_TICK_ABOVE] + k] = c->setpoint[k].above ? (double)c->above[k].mode->seq : 0.0;
+        row[at[APC_TICK_ABOVE] + k] =
+            c->setpoint[k].above ? (double)c->above[k].mode[one_of(&c->above[k].who)].seq : 0.0;
     for (size_t i = 0; i < c->dim.nu; i++) {
         const struct apc_controller_below *b = &c->below[i];
 
         if (apc_controller_is_selected(c, i)) {
-            row[at[APC_TICK_BELOW] + 4 * i + 1] = (double)b->rows->seq;
-            row[at[APC_TICK_BELOW] + 4 * i + 3] = (double)b->tick->seq;
+            row[at[APC_TICK_BELOW] + 4 * i + 1] = (double)b->actual->seq;
+            row[at[APC_TICK_BELOW] + 4 * i + 3] = (double)b->tick[one_of(&b->who)].seq;
         }
         if (!c->loop[i].setpoint)
             continue;
         row[at[APC_TICK_BELOW] + 4 * i] = (double)apc_controller_output(c, i)->seq;
-        row[at[APC_TICK_BELOW] + 4 * i + 1] = (double)b->rows[1].seq;
-        row[at[APC_TICK_BELOW] + 4 * i + 2] = (double)b->rows[0].seq;
-        row[at[APC_TICK_BELOW] + 4 * i + 3] = (double)b->tick->seq;
+        row[at[APC_TICK_BELOW] + 4 * i + 1] = (double)b->actual->seq;
+        row[at[APC_TICK_BELOW] + 4 * i + 2] = (double)b->target[one_of(&b->who)].seq;
+        row[at[APC_TICK_BELOW] + 4 * i + 3] = (double)b->tick[one_of(&b->who)].seq;
     }
+}
+
+static void put_peers(const struct apc_controller *c, double *row)
+{
+    for (size_t k = 0; k < c->dim.nz; k++)
+        *row++ = number_of(&c->above[k].who);
+    for (size_t i = 0; i < c->dim.nu; i++)
+        *row++ = number_of(&c->below[i].who);
+    for (size_t k = 0; k < c->dim.nz; k++)
+        *row++ = c->choice ? (double)c->choice[1 + k].seq : 0.0;
 }
 
 static void put_tick(struct apc_controller *c, struct apc_now now)
@@ -440,6 +484,8 @@ static void put_tick(struct apc_controller *c, struct apc_now now)
     put_values(row + at[APC_TICK_D], c->d, c->dim.nd);
     put_seqs(row + at[APC_TICK_D_SEQ], c->d_seq, c->dim.nd);
     put_seen(c, row);
+    if (at[APC_TICK_PEER] < at[APC_TICK_PEER + 1])
+        put_peers(c, row + at[APC_TICK_PEER]);
     put_values(row + at[APC_TICK_Z], c->z, c->dim.nz);
     put_seqs(row + at[APC_TICK_Z_SEQ], c->z_seq, c->dim.nz);
     put_values(row + at[APC_TICK_TUNING], c->tuning, c->size.tuning);

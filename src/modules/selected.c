@@ -64,13 +64,18 @@ void apc_controller_look_at_selected(struct apc_controller *c, bool have, struct
 {
     for (size_t i = 0; i < c->dim.nu; i++) {
         struct apc_controller_below *b = &c->below[i];
-        const struct apc_sample *s = b->rows;
+        const struct apc_sample *s = b->actual;
+        const struct apc_vector *tick;
         bool fresh;
 
         if (!apc_controller_is_selected(c, i))
             continue;
-        fresh = have && apc_freshness_dated(&b->fresh, b->tick->seq, b->tick->time, now,
-                                            apc_loss_limit(c->loop[i].below_period));
+        if (have && apc_controller_find_acting(&b->who))
+            b->fresh = (struct apc_freshness){.seen = false};
+        tick = &b->tick[b->who.now < b->who.n ? b->who.now : 0];
+        fresh = have && b->who.now < b->who.n &&
+                apc_freshness_dated(&b->fresh, tick->seq, tick->time, now,
+                                    apc_loss_limit(c->loop[i].below_period));
         b->returned = fresh && s->seq > 0 && apc_status_severity(s->status) != APC_SEVERITY_BAD;
         b->taken = !b->returned || s->status != APC_GOOD_LOCAL_OVERRIDE;
         b->invited = !b->taken;

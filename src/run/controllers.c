@@ -189,15 +189,6 @@ const struct controller *controllers_first(const struct experiment *e, const str
     return owner_of(e, c->u[0]);
 }
 
-/* Is a setpoint of its moved by another controller? */
-static bool any_above(const struct experiment *e, const struct controller *c)
-{
-    for (size_t k = 0; k < c->dim.nz; k++)
-        if (owner_of(e, c->z[k]))
-            return true;
-    return false;
-}
-
 static const config_setting_t *group_of(const config_setting_t *list, const struct experiment *e,
                                         const struct controller *c)
 {
@@ -209,18 +200,11 @@ static void check_shadowed(struct settings *s, const config_setting_t *at, const
                            const struct controller *c, size_t k)
 {
     const struct controller *first = controllers_first(e, c);
-    const char *name = signal_of(e, c->u[k])->tag.name;
-    if (c->u[k].table != APC_ACTUATOR)
-        settings_fail(s, at, "\"%s\" is no output for the plant: a controller above others has no shadow yet",
-                      name);
-    else if (first == c || first->shadow || first->dim.nu != c->dim.nu || owner_of(e, c->u[k]) != first)
+    if (first == c || first->shadow || first->dim.nu != c->dim.nu || owner_of(e, c->u[k]) != first)
         settings_fail(s, at,
                       "%s is to be in shadow: its outputs must be all those of one controller that stands "
                       "before it, and is in nobody's shadow",
                       c->name);
-    else if (any_above(e, first) || any_above(e, c))
-        settings_fail(s, at, "%s has setpoints that another controller moves: it has no shadow yet",
-                      first->name);
 }
 
 static void check_owners(struct settings *s, const config_setting_t *list, const struct experiment *e)
@@ -244,7 +228,7 @@ static void check_owners(struct settings *s, const config_setting_t *list, const
                               name);
         }
         for (size_t k = 0; k < c->dim.nz && !s->failed; k++)
-            if (controllers_taker(e, c->z[k]) != c && !c->shadow)
+            if (controllers_first(e, controllers_taker(e, c->z[k])) != controllers_first(e, c))
                 settings_fail(s, config_setting_get_member(group_of(list, e, c), "setpoints"),
                               "\"%s\" is a setpoint of two controllers, %s and %s",
                               signal_of(e, c->z[k])->tag.name, controllers_taker(e, c->z[k])->name, c->name);
@@ -397,9 +381,8 @@ struct controller_loop controllers_above(const struct experiment *e, struct wire
 }
 
 /* By what its law says; without a law nobody asks. */
-struct controller_loop controllers_below(const struct experiment *e, struct wire setpoint)
+struct controller_loop controllers_below_in(const struct controller *c, struct wire setpoint)
 {
-    const struct controller *c = controllers_taker(e, setpoint);
     const struct apc_law_setup setup = c ? cores_law_setup(c) : (struct apc_law_setup){.n_setting = 0};
     struct apc_pair *pair = c && c->law ? calloc(c->dim.nu, sizeof *pair) : NULL;
     struct controller_loop found = {NULL, 0};
@@ -411,10 +394,15 @@ struct controller_loop controllers_below(const struct experiment *e, struct wire
     return found;
 }
 
+struct controller_loop controllers_below(const struct experiment *e, struct wire setpoint)
+{
+    return controllers_below_in(controllers_taker(e, setpoint), setpoint);
+}
+
 bool controllers_is_below(const struct experiment *e, struct controller_loop loop)
 {
     for (size_t k = 0; k < loop.of->dim.nz; k++) {
-        const struct controller_loop below = controllers_below(e, loop.of->z[k]);
+        const struct controller_loop below = controllers_below_in(loop.of, loop.of->z[k]);
         if (below.of && below.u == loop.u && controllers_above(e, loop.of->z[k]).of)
             return true;
     }
@@ -490,11 +478,14 @@ static void check_cascade(struct settings *s, const config_setting_t *list, cons
     const struct signal *signal = signal_of(e, setpoint);
     const config_setting_t *at = config_setting_get_elem(
         config_setting_get_member(group_of(list, e, upper.of), "outputs"), (unsigned)upper.u);
-    if (!controllers_below(e, setpoint).of)
-        settings_fail(s, at, "\"%s\" is not what law %s of %s controls an output to: nobody would take it",
-                      signal->tag.name, controllers_taker(e, setpoint)->law->name,
-                      controllers_taker(e, setpoint)->name);
-    else if (isnan(signal->initial))
+    for (size_t i = 0; i < e->n_controllers && !s->failed; i++) {
+        const struct controller *lower = &e->controllers[i];
+        if (has(lower->z, lower->dim.nz, setpoint) && !controllers_below_in(lower, setpoint).of)
+            settings_fail(s, at,
+                          "\"%s\" is not what law %s of %s controls an output to: nobody would take it",
+                          signal->tag.name, lower->law->name, lower->name);
+    }
+    if (isnan(signal->initial) && !s->failed)
         settings_fail(s, at, "setpoint \"%s\" is moved by %s: it needs an \"initial\" value to begin with",
                       signal->tag.name, upper.of->name);
 }
@@ -521,6 +512,11 @@ static void number_published(struct settings *s, struct controller *c, struct co
         s->failed = c->n_published;
 }
 
+static int acting(struct wire output)
+{
+    return LOOPS_ACTING(output.table, (int)output.at + 1);
+}
+
 /* Is it in shadow of another one, or another one in its? */
 static bool has_shadow(const struct experiment *e, const struct controller *c)
 {
@@ -528,17 +524,6 @@ static bool has_shadow(const struct experiment *e, const struct controller *c)
         if (e->controllers[i].shadow && controllers_first(e, &e->controllers[i]) == controllers_first(e, c))
             return true;
     return false;
-}
-
-/* What it tells whoever calculates its inputs would be told by two. */
-static void check_selector(struct settings *s, const config_setting_t *list, const struct experiment *e,
-                           const struct controller *c)
-{
-    for (size_t k = 0; k < c->dim.ny && c->law->selects && has_shadow(e, c); k++)
-        if (owner_of(e, c->y[k]))
-            settings_fail(s, group_of(list, e, c),
-                          "%s selects \"%s\", which another controller calculates: it has no shadow yet",
-                          c->name, signal_of(e, c->y[k])->tag.name);
 }
 
 void experiment_number(struct settings *s, const config_setting_t *list, struct experiment *e, bool laws)
@@ -556,10 +541,8 @@ void experiment_number(struct settings *s, const config_setting_t *list, struct 
         tuning += laws ? (int)controllers_parameters(c) : 0;
         if (laws)
             number_published(s, c, &published);
-        if (laws)
-            check_selector(s, list, e, c);
         if (laws && has_shadow(e, c)) {
-            c->acting = LOOPS_ACTING((int)controllers_first(e, c)->u[0].at + 1);
+            c->acting = acting(controllers_first(e, c)->u[0]);
             c->first_output = published.numbers + 1;
             published.numbers += (int)c->dim.nu;
         }

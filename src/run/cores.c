@@ -133,21 +133,68 @@ struct wiring {
     bool *told;
     struct apc_controller_setpoint *z;
     struct apc_controller_loop *loop;
+    struct apc_controller_peer *peers; /* [n_peers] of all of them */
+    size_t n_peers;
 };
 
-static void wire_setpoint(const struct experiment *e, struct wire wire, struct apc_controller_setpoint *z)
+/* A neighbour with whom others take turns. */
+struct turns {
+    const struct experiment *e;
+    const struct controller *first;
+    struct controller_loop (*loop)(const struct controller *c, struct wire signal);
+    struct wire signal;
+};
+
+static struct controller_loop loop_that_puts_out(const struct controller *c, struct wire output)
+{
+    size_t i = 0;
+    while (i < c->dim.nu && (c->u[i].table != output.table || c->u[i].at != output.at))
+        i++;
+    return (struct controller_loop){i < c->dim.nu ? c : NULL, i};
+}
+
+/* Its first loop, whichever it is: of one that selects it is no matter. */
+static struct controller_loop loop_that_selects(const struct controller *c, struct wire signal)
+{
+    size_t i = 0;
+    while (i < c->dim.ny && (c->y[i].table != signal.table || c->y[i].at != signal.at))
+        i++;
+    return (struct controller_loop){c->law->selects && i < c->dim.ny ? c : NULL, 0};
+}
+
+/* The others, and in @p period the longest of all. */
+static void find_peers(struct wiring *w, const struct turns *t, struct apc_controller_peers *peers,
+                       apc_ns *period)
+{
+    struct apc_controller_peer *at = w->peers + w->n_peers;
+    *peers = (struct apc_controller_peers){.acting = t->first->acting, .at = at};
+    for (size_t i = 0; i < t->e->n_controllers; i++) {
+        const struct controller *c = &t->e->controllers[i];
+        const struct controller_loop loop = t->loop(c, t->signal);
+        if (!loop.of || c == t->first || !c->acting || c->acting != t->first->acting)
+            continue;
+        at[peers->n++] = (struct apc_controller_peer){.number = c->number, .mode = controllers_loop_id(loop)};
+        *period = c->rhythm.period > *period ? c->rhythm.period : *period;
+    }
+    w->n_peers += peers->n;
+}
+
+static void wire_setpoint(struct wiring *w, const struct experiment *e, struct wire wire,
+                          struct apc_controller_setpoint *z)
 {
     const struct apc_tag *tag = &e->z[wire.at].tag;
     const struct controller_loop above = controllers_above(e, wire);
     *z = (struct apc_controller_setpoint){
         .name = tag->name, .id = tag->id, .low = tag->low, .high = tag->high};
-    if (above.of) {
-        z->above = controllers_loop_id(above);
-        z->above_period = above.of->rhythm.period;
-    }
+    if (!above.of)
+        return;
+    z->above = controllers_loop_id(above);
+    z->above_number = above.of->number;
+    z->above_period = above.of->rhythm.period;
+    find_peers(w, &(struct turns){e, above.of, loop_that_puts_out, wire}, &z->above_peers, &z->above_period);
 }
 
-static void wire_loop(const struct experiment *e, struct controller_loop from,
+static void wire_loop(struct wiring *w, const struct experiment *e, struct controller_loop from,
                       struct apc_controller_loop *loop)
 {
     const struct controller *c = from.of;
@@ -170,6 +217,9 @@ static void wire_loop(const struct experiment *e, struct controller_loop from,
         loop->below_tick = by ? by->number : 0;
         loop->below_period = by ? by->rhythm.period : 0;
         loop->fault = fmin(fmax(0.0, tag->low), tag->high); /* what an operator begins with */
+        if (by)
+            find_peers(w, &(struct turns){e, by, loop_that_selects, output}, &loop->below_peers,
+                       &loop->below_period);
         return;
     }
     const struct controller_loop below = controllers_below(e, output);
@@ -178,10 +228,13 @@ static void wire_loop(const struct experiment *e, struct controller_loop from,
     loop->below = controllers_loop_id(below);
     loop->below_tick = below.of->number;
     loop->below_period = below.of->rhythm.period;
+    find_peers(w, &(struct turns){e, below.of, controllers_below_in, output}, &loop->below_peers,
+               &loop->below_period);
 }
 
 static void free_wiring(struct wiring *w)
 {
+    free(w->peers);
     free(w->y);
     free(w->d);
     free(w->y_horizon);
@@ -200,9 +253,18 @@ static apc_ns patience(apc_ns period)
 apc_ns cores_horizon(const struct experiment *e, struct wire wire)
 {
     const apc_ns client = e->client.rhythm.period, plant = e->plant.rhythm.period;
-    const struct controller *by = controllers_above(e, wire).of;
+    apc_ns by = 0; /* the longest of those that calculate it */
+    for (size_t i = 0; i < e->n_controllers; i++)
+        if (loop_that_puts_out(&e->controllers[i], wire).of && e->controllers[i].rhythm.period > by)
+            by = e->controllers[i].rhythm.period;
     const apc_ns fast = client > plant ? client : plant, own = e->y[wire.at].period;
-    return patience(by ? by->rhythm.period : own > fast ? own : fast);
+    return patience(by ? by : own > fast ? own : fast);
+}
+
+/* Is it this one, or one of those that take turns with it? */
+static bool selects_with(const struct controller *selector, const struct controller *c)
+{
+    return c == selector || (selector && c->acting && c->acting == selector->acting);
 }
 
 static int make_wiring(const struct experiment *e, const struct controller *c, struct wiring *w)
@@ -213,22 +275,23 @@ static int make_wiring(const struct experiment *e, const struct controller *c, s
                          .d_horizon = calloc(c->dim.nd + 1, sizeof *w->d_horizon),
                          .told = calloc(c->dim.ny + 1, sizeof *w->told),
                          .z = calloc(c->dim.nz + 1, sizeof *w->z),
-                         .loop = calloc(c->dim.nu + 1, sizeof *w->loop)};
-    if (!w->y || !w->d || !w->y_horizon || !w->d_horizon || !w->told || !w->z || !w->loop)
+                         .loop = calloc(c->dim.nu + 1, sizeof *w->loop),
+                         .peers = calloc((c->dim.nz + c->dim.nu) * e->n_controllers, sizeof *w->peers)};
+    if (!w->peers || !w->y || !w->d || !w->y_horizon || !w->d_horizon || !w->told || !w->z || !w->loop)
         return APC_ENOMEM;
     for (size_t i = 0; i < c->dim.ny; i++) {
         w->y[i] = (int)c->y[i].at + 1;
         w->y_horizon[i] = cores_horizon(e, c->y[i]);
-        w->told[i] = controllers_above(e, c->y[i]).of && controllers_selector(e, c->y[i]) == c;
+        w->told[i] = controllers_above(e, c->y[i]).of && selects_with(controllers_selector(e, c->y[i]), c);
     }
     for (size_t i = 0; i < c->dim.nd; i++) {
         w->d[i] = (int)c->d[i].at + 1;
         w->d_horizon[i] = cores_horizon(e, c->d[i]);
     }
     for (size_t i = 0; i < c->dim.nz; i++)
-        wire_setpoint(e, c->z[i], &w->z[i]);
+        wire_setpoint(w, e, c->z[i], &w->z[i]);
     for (size_t i = 0; i < c->dim.nu; i++)
-        wire_loop(e, (struct controller_loop){c, i}, &w->loop[i]);
+        wire_loop(w, e, (struct controller_loop){c, i}, &w->loop[i]);
     return 0;
 }
 
@@ -315,7 +378,7 @@ int cores_take_turns(const struct controller *c, struct apc_controller *core, st
     if (!output)
         return APC_ENOMEM;
     for (size_t i = 0; i < c->dim.nu; i++)
-        output[i] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)c->u[i].at + 1};
+        output[i] = (struct apc_sample){.table = c->u[i].table, .id = (int)c->u[i].at + 1};
     const int rc =
         named ? apc_store_claim_set(store, output, c->dim.nu) : apc_store_release(store, output, c->dim.nu);
     free(output);

@@ -113,17 +113,22 @@ static void find_manual(struct loops *l, const struct apc_tag *tag, size_t n)
     }
 }
 
+/* ---- Who acts ------------------------------------------------------------------------------ */
+
+static bool acts(const struct loops *l, const struct loops_loop *loop)
+{
+    return l->controller[loop->controller].acts;
+}
+
 static void find_above(struct loops *l)
 {
     for (size_t i = 0; i < l->n; i++) {
         l->at[i].above = -1;
         for (size_t k = 0; k < l->n && l->at[i].setpoint; k++)
-            if (l->at[k].table == APC_SETPOINT && l->at[k].output == l->at[i].setpoint)
+            if (l->at[k].table == APC_SETPOINT && l->at[k].output == l->at[i].setpoint && acts(l, &l->at[k]))
                 l->at[i].above = (int)k;
     }
 }
-
-/* ---- Who acts ------------------------------------------------------------------------------ */
 
 /* A switch has the number of an output of theirs. Until somebody sets it the first one acts. */
 static void find_choices(struct loops *l, const struct apc_tag *tag, size_t n)
@@ -134,7 +139,7 @@ static void find_choices(struct loops *l, const struct apc_tag *tag, size_t n)
         bool any = false;
         for (size_t i = 0; i < l->n && tag[k].table == APC_OPMODE && tag[k].id >= LOOPS_IDS; i++) {
             struct loops_controller *c = &l->controller[l->at[i].controller];
-            if (l->at[i].table != APC_ACTUATOR || LOOPS_ACTING(l->at[i].output) != tag[k].id || c->choice)
+            if (!l->at[i].table || LOOPS_ACTING(l->at[i].table, l->at[i].output) != tag[k].id || c->choice)
                 continue;
             c->choice = tag[k].id;
             c->acts = !any;
@@ -151,6 +156,7 @@ void loops_choose(struct loops *l, int id, double number)
     for (size_t i = 0; i < l->n_controllers && known; i++)
         if (l->controller[i].choice == id)
             l->controller[i].acts = l->controller[i].number == number;
+    find_above(l);
 }
 
 static int read_choices(struct loops *l, struct apc_store *store)
@@ -210,8 +216,8 @@ int loops_load(struct loops *l, struct apc_store *store, const struct apc_tag *t
     find_scheduled(l, tag, n);
     find_manual(l, tag, n);
     int rc = l->n > 0 ? read_pairs(l, store) : 0;
-    find_above(l);
     find_choices(l, tag, n);
+    find_above(l);
     return rc < 0 ? rc : read_choices(l, store);
 }
 
@@ -224,11 +230,6 @@ void loops_free(struct loops *l)
 }
 
 /* ---- Looking for one ----------------------------------------------------------------------- */
-
-static bool acts(const struct loops *l, const struct loops_loop *loop)
-{
-    return l->controller[loop->controller].acts;
-}
 
 /* "trial.u", or "first.u" of the one that is called "u". */
 static bool is_called(const struct loops *l, const struct loops_loop *loop, const char *name)
@@ -245,7 +246,7 @@ const struct loops_loop *loops_find(const struct loops *l, const char *name)
         const struct loops_loop *loop = &l->at[i];
         if (!is_called(l, loop, name))
             continue;
-        return acts(l, loop) || loop->table != APC_ACTUATOR || strchr(name, '.')
+        return acts(l, loop) || loop->table == APC_SETPOINT || strchr(name, '.')
                    ? loop
                    : loops_of(l, loop->table, loop->output);
     }
@@ -263,7 +264,8 @@ const struct loops_controller *loops_controller(const struct loops *l, const cha
 const struct loops_controller *loops_taker(const struct loops *l, const struct apc_tag *tag)
 {
     const struct loops_controller *c = tag ? loops_controller(l, tag->controller) : NULL;
-    if (!c || c->acts || (tag->table != APC_SETPOINT && tag->table != APC_ACTUATOR))
+    if (!c || c->acts ||
+        (tag->table != APC_SETPOINT && tag->table != APC_ACTUATOR && tag->table != APC_SENSOR))
         return c;
     for (size_t i = 0; i < l->n_controllers; i++)
         if (l->controller[i].choice == c->choice && l->controller[i].acts)

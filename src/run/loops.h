@@ -16,7 +16,7 @@
  * without a row. */
 #define LOOPS_OWNER(setpoint) (LOOPS_IDS + apc_variable_number(APC_SETPOINT, setpoint))
 /* That of an output: the number of the controller that acts on it. */
-#define LOOPS_ACTING(output) (2 * LOOPS_IDS + apc_variable_number(APC_ACTUATOR, output))
+#define LOOPS_ACTING(table, output) (2 * LOOPS_IDS + apc_variable_number(table, output))
 
 struct loops_controller {
     char name[APC_TAG_LEN];

@@ -9,14 +9,16 @@
 /* A setpoint that has an owner, and the row of table opmode that says whose it is: the target of its loop, or
  * a switch. */
 struct owned {
-    int setpoint, owner; /* ids */
-    bool cascade;        /* a loop moves it, in Cas; else the scheduler */
+    int setpoint, owner;               /* ids */
+    bool cascade;                      /* a loop moves it, in Cas; else the scheduler */
+    const struct loops_controller *by; /* of its loop; NULL: the scheduler */
 };
 
 /* One that is written to. */
 struct affected {
     struct owned of;
     const struct apc_sample *owner, *setpoint; /* among what is written; NULL: is not */
+    const struct apc_sample *now; /* newest: owner, setpoint, actual; the switch, where there is one */
 };
 
 struct order {
@@ -24,7 +26,7 @@ struct order {
     size_t n;
     struct affected *affected;
     size_t n_affected;
-    struct apc_sample *now;  /* [n + 3 n_affected] newest: of the samples; owner, setpoint, actual of each */
+    struct apc_sample *now;  /* [n + 4 n_affected] newest: of the samples; of each what is affected */
     struct apc_sample *rows; /* [n + n_affected] to be written */
     size_t n_rows;
 };
@@ -51,15 +53,16 @@ static int prepare(struct order *o, const struct loops *loops, struct apc_sample
 {
     const size_t owned = loops->n + loops->n_scheduled;
     *o = (struct order){.samples = samples, .n = n, .affected = calloc(owned + 1, sizeof *o->affected)};
-    o->now = calloc(n + 3 * owned + 1, sizeof *o->now);
+    o->now = calloc(n + 4 * owned + 1, sizeof *o->now);
     o->rows = calloc(n + owned + 1, sizeof *o->rows);
     if (!o->affected || !o->now || !o->rows)
         return APC_ENOMEM;
     for (size_t i = 0; i < loops->n; i++)
         if (loops->at[i].above >= 0)
-            affect(o, (struct owned){loops->at[i].setpoint, loops->at[i].id, true});
+            affect(o, (struct owned){loops->at[i].setpoint, loops->at[i].id, true,
+                                     &loops->controller[loops->at[i].controller]});
     for (size_t i = 0; i < loops->n_scheduled; i++)
-        affect(o, (struct owned){loops->scheduled[i], LOOPS_OWNER(loops->scheduled[i]), false});
+        affect(o, (struct owned){loops->scheduled[i], LOOPS_OWNER(loops->scheduled[i]), false, NULL});
     return 0;
 }
 
@@ -70,10 +73,13 @@ static int look(struct order *o, struct apc_store *store)
         *at++ = (struct apc_sample){.table = o->samples[i].table, .id = o->samples[i].id};
     for (size_t i = 0; i < o->n_affected; i++) {
         const struct owned *of = &o->affected[i].of;
+        o->affected[i].now = at;
         *at++ = (struct apc_sample){.table = APC_OPMODE, .id = of->owner};
         *at++ = (struct apc_sample){.table = APC_SETPOINT, .id = of->setpoint};
         *at++ =
             (struct apc_sample){.table = APC_ACTUAL, .id = apc_variable_number(APC_SETPOINT, of->setpoint)};
+        if (of->by && of->by->choice)
+            *at++ = (struct apc_sample){.table = APC_OPMODE, .id = of->by->choice};
     }
     return apc_store_read(store, o->now, (size_t)(at - o->now));
 }
@@ -110,6 +116,13 @@ static bool becomes_remote(const struct apc_sample *owner, const struct owned *o
     return of->cascade ? is_cas(owner->value) : owner->value >= 1;
 }
 
+/* Is it the loop of the controller that acts? In shadow its target changes nothing now. */
+static bool is_acting(const struct affected *a)
+{
+    const struct loops_controller *by = a->of.by;
+    return !by || !by->choice || (a->now[3].seq > 0 ? a->now[3].value == by->number : by->acts);
+}
+
 static void add(struct order *o, const struct apc_sample *newest, double value)
 {
     struct apc_sample *row = &o->rows[o->n_rows++];
@@ -124,11 +137,12 @@ static void add_affected(struct order *o)
 {
     for (size_t i = 0; i < o->n_affected; i++) {
         const struct affected *a = &o->affected[i];
-        const struct apc_sample *owner = &o->now[o->n + 3 * i], *setpoint = owner + 1, *actual = owner + 2;
+        const struct apc_sample *owner = a->now, *setpoint = owner + 1, *actual = owner + 2;
         const bool remote = is_remote(owner, &a->of);
         if (!a->owner && remote)
             add(o, owner, a->of.cascade ? APC_MODE_AUTO : 0);
-        if (a->owner && !a->setpoint && setpoint->seq > 0 && remote != becomes_remote(a->owner, &a->of))
+        if (a->owner && is_acting(a) && !a->setpoint && setpoint->seq > 0 &&
+            remote != becomes_remote(a->owner, &a->of))
             add(o, setpoint,
                 setpoint->origin > 0 && actual->seq > 0 ? actual->value /* the loop above wrote it */
                                                         : setpoint->value);

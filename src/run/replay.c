@@ -108,15 +108,36 @@ static void give_measurements(struct apc_controller *c, const double *row, struc
                          (apc_status)row[at[APC_TICK_D_STATUS] + k], now, now.utc);
 }
 
+/* Who of a group acted, by its number. Returns its place. */
+static size_t give_acting(const struct apc_controller_group *g, double number)
+{
+    size_t i = 0;
+    if (!g->choice)
+        return 0;
+    g->choice->seq = 1;
+    g->choice->value = number;
+    while (i < g->n && (double)g->number[i] != number)
+        i++;
+    return i < g->n ? i : 0;
+}
+
+static void give_below(const struct replay *r, struct apc_vector *tick, double seq)
+{
+    const struct tick_row *below;
+    tick->seq = (int64_t)seq;
+    below = ticks_find(&r->controller[tick->id - 1].ticks, tick->seq);
+    tick->time = below ? below->time : 0;
+}
+
 /* What is wanted, outputs as they stood, and loops above and below. Returns what is not on record; NULL: all
  * is. */
 static const struct apc_sample *give_rows(struct replay *r, struct replay_controller *rc, const double *row)
 {
     struct apc_controller *c = rc->core;
     const size_t *at = c->offset, n = c->dim.nz + 2 * c->dim.nu;
+    const double *peer = at[APC_TICK_PEER] < at[APC_TICK_PEER + 1] ? row + at[APC_TICK_PEER] : NULL;
     struct apc_sample *in = c->in.sample + c->dim.ny + c->dim.nd;
     const struct apc_sample *missing = NULL;
-    struct apc_vector *tick = c->in.vector;
 
     for (size_t k = 0; k < c->n_wanted; k++, in++) {
         const bool own = r->other_law && k >= n; /* its own tuning holds */
@@ -129,21 +150,25 @@ static const struct apc_sample *give_rows(struct replay *r, struct replay_contro
             missing = in;
     }
     for (size_t i = 0; i < c->dim.nu; i++) {
-        const bool setpoint = c->loop[i].setpoint > 0;
-        if (!setpoint && !apc_controller_is_selected(c, i))
+        const double *seq = row + at[APC_TICK_BELOW] + 4 * i;
+        struct apc_controller_below *b = &c->below[i];
+        if (!b->actual)
             continue;
-        if (setpoint && !give(r, in++, row[at[APC_TICK_BELOW] + 4 * i + 2]))
-            missing = in - 1;
-        if (!give(r, in++, row[at[APC_TICK_BELOW] + 4 * i + 1]))
-            missing = in - 1;
-        tick->seq = (int64_t)row[at[APC_TICK_BELOW] + 4 * i + 3];
-        const struct tick_row *below = ticks_find(&r->controller[tick->id - 1].ticks, tick->seq);
-        tick->time = below ? below->time : 0;
-        tick++;
+        const size_t one = give_acting(&b->who, peer ? peer[c->dim.nz + i] : 0);
+        if (c->loop[i].setpoint && !give(r, &b->target[one], seq[2]))
+            missing = &b->target[one];
+        if (!give(r, b->actual, seq[1]))
+            missing = b->actual;
+        give_below(r, &b->tick[one], seq[3]);
     }
-    for (size_t k = 0; k < c->dim.nz; k++)
-        if (c->setpoint[k].above && !give(r, in++, row[at[APC_TICK_ABOVE] + k]))
-            missing = in - 1;
+    for (size_t k = 0; k < c->dim.nz; k++) {
+        struct apc_controller_above *a = &c->above[k];
+        const size_t one = a->mode ? give_acting(&a->who, peer ? peer[k] : 0) : 0;
+        if (a->mode && !give(r, &a->mode[one], row[at[APC_TICK_ABOVE] + k]))
+            missing = &a->mode[one];
+        if (c->choice && !give(r, &c->choice[1 + k], peer ? peer[c->dim.nz + c->dim.nu + k] : 0))
+            missing = &c->choice[1 + k];
+    }
     return missing;
 }
 
@@ -173,15 +198,16 @@ static const struct apc_sample *give_plans(struct replay *r, struct replay_contr
 /* Who acted, and what went out before: of several that have the same outputs. */
 static void give_choice(struct apc_controller *c, const double *row)
 {
-    struct apc_sample *choice = &c->in.sample[c->in.n_samples - 1 - c->dim.nz];
     struct apc_sample *output = c->in.sample + c->dim.ny + c->dim.nd + c->n_wanted;
     const bool shadow = row[c->offset[APC_TICK_STATE]] == (double)APC_LOOP_SHADOW;
     if (!c->choice)
         return;
-    choice->seq = 1;
-    choice->value = shadow ? 0 : c->out_row->id;
+    c->choice->seq = 1;
+    c->choice->value = shadow ? 0 : c->out_row->id;
     apc_controller_claimed(c, true);
     for (size_t i = 0; i < c->dim.nu; i++) {
+        if (c->loop[i].setpoint)
+            continue;
         output[i].seq = row[c->offset[APC_TICK_THERE] + i] > 0 ? c->state[i].seq + 1 : 0;
         output[i].value = row[c->offset[APC_TICK_LAST] + i];
         output[i].status = APC_GOOD;

@@ -217,9 +217,14 @@ int apc_simulation_do(struct apc_simulation *s, const char *what, const char *na
         const int rc = action_find_owner(&s->of->e, name, remote, &action, &s->why);
         return rc < 0 ? rc : said(s, simulation_operate(&s->s, &action));
     }
+    if (!strcmp(what, "promote")) {
+        action.kind = ACTION_WRITE;
+        const int rc = action_find_promotion(&s->of->e, name, &action, &s->why);
+        return rc < 0 ? rc : said(s, simulation_operate(&s->s, &action));
+    }
     if (!kill && strcmp(what, "start") != 0)
-        return apc_fail(&s->why, APC_EINVAL, "\"%s\" cannot be done: remote, local, kill and start can",
-                        what);
+        return apc_fail(&s->why, APC_EINVAL,
+                        "\"%s\" cannot be done: remote, local, promote, kill and start can", what);
     while (action.controller < s->of->e.n_controllers &&
            strcmp(s->of->e.controllers[action.controller].name, name) != 0)
         action.controller++;

@@ -281,6 +281,8 @@ void controllers_loop_name(const struct experiment *e, struct controller_loop lo
 /* The loop that has the setpoint as its own, and the loop that puts out the setpoint, output or signal; of is
  * NULL: none. */
 struct controller_loop controllers_below(const struct experiment *e, struct wire setpoint);
+/* That of this controller; NULL has none. */
+struct controller_loop controllers_below_in(const struct controller *c, struct wire setpoint);
 struct controller_loop controllers_above(const struct experiment *e, struct wire output);
 /* All of them, as a store describes them. Returns 0 or APC_ENOMEM; loops_free() in either case. */
 struct loops;

@@ -96,3 +96,33 @@ until_true 20 settled
 kill -9 "$pid"
 expect 4 'trial does not tick: nobody would act' "$apc" promote trial
 mode 1 1 || fail "first does not act"
+
+# in a cascade, on shared memory: above, below and beside, there and back; and each tick is on record as it was
+segment=/dev/shm/apc.system-shadow-$$
+port=$(free_port)
+cat >"$work/cascade.conf" <<CONF
+name = "cascade"; duration = 9.0;
+measurements = ( { name = "y"; low = -100.0; high = 100.0; } );
+setpoints = ( { name = "r"; low = -50.0; high = 50.0; initial = 1.0; }, { name = "w"; low = -50.0; high = 50.0; initial = 5.0; } );
+outputs = ( { name = "u"; low = -20.0; high = 20.0; } );
+plant = { model = "first-order"; parameters = { tau = 1.0; }; period = 0.1; listen = "tcp:127.0.0.1:$port"; };
+client = { period = 0.1; link = "tcp:127.0.0.1:$port"; };
+controllers = (
+  { name = "base"; law = "pi"; period = 0.2; hold = 60.0; mode = "Cas"; measurements = ["y"]; setpoints = ["r"]; outputs = ["u"];
+    tuning = ( { Kp = 0.2; tau_i = 1.0; } ); },
+  { name = "upper"; law = "pi"; period = 0.4; hold = 60.0; measurements = ["y"]; setpoints = ["w"]; outputs = ["r"];
+    tuning = ( { Kp = 0.3; tau_i = 2.0; } ); },
+  { name = "base2"; shadow = true; law = "pid"; period = 0.3; hold = 60.0; mode = "Cas"; measurements = ["y"]; setpoints = ["r"]; outputs = ["u"];
+    tuning = ( { Kp = 0.3; tau_i = 1.5; } ); },
+  { name = "upper2"; shadow = true; law = "pid"; period = 0.4; hold = 60.0; measurements = ["y"]; setpoints = ["w"]; outputs = ["r"];
+    tuning = ( { Kp = 0.2; tau_i = 3.0; } ); } );
+actions = ( { at = 3.05; promote = "upper2"; }, { at = 5.05; promote = "base2"; }, { at = 7.05; promote = "upper"; } );
+CONF
+unset APC_CONFIG
+"$apc" run "$work/cascade.conf" --store "shm:system-shadow-$$" --no-ui --out "$work/cascade" >"$work/cascade.log" 2>&1 ||
+  fail "$(cat "$work/cascade.log")"
+[ "$("$apc" replay "$work/cascade" 2>&1 | awk '/ticks the same bit for bit/ && $2 > 0 && $2 == $4' | wc -l)" = 4 ] ||
+  fail "$("$apc" replay "$work/cascade" 2>&1)"
+for who in upper2 base2; do
+  grep -q "apc-controller $who,mode,\"mode Auto" "$work/cascade/events.csv" || fail "$who never acted: $(cat "$work/cascade/events.csv")"
+done

@@ -269,7 +269,7 @@ static void reads(struct plant *p, enum who who)
     s->before = s->core->state[0].loop.state;
     s->z = s->core->z[0];
     if (who == UPPER) { /* what is in force counts, whoever put it there */
-        const struct apc_sample *r = apc_controller_output(s->core, 0), *a = s->core->below[0].rows + 1;
+        const struct apc_sample *r = apc_controller_output(s->core, 0), *a = s->core->below[0].actual;
         const bool good = (a->status & ~APC_GOOD_LIMITED_CONSTANT) == APC_GOOD;
         s->u = good ? r->value : a->value;
         s->there = a->seq > 0;
@@ -296,7 +296,7 @@ static void check_writes(struct plant *p)
 
     if (!c->state[0].put)
         return;
-    must(p, out[0].table == APC_SETPOINT && c->below[0].rows[0].value == (double)APC_MODE_CAS,
+    must(p, out[0].table == APC_SETPOINT && c->below[0].target->value == (double)APC_MODE_CAS,
          "nothing is written to a setpoint that is Local");
     must(p, c->state[0].move.output != APC_PUT_FAULT, "no fault value is written to a setpoint");
     if (c->state[0].move.output == APC_PUT_BELOW)

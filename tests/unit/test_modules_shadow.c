@@ -536,33 +536,6 @@ static void test_in_every_order_one_acts(void **state)
     end(&p);
 }
 
-static void test_a_cascade_has_no_switch(void **state)
-{
-    struct apc_controller_setpoint z = {.id = 1, .low = -5, .high = 5};
-    struct apc_controller_loop loop = {.id = 1, .mode = 1, .low = -3, .high = 3};
-    struct apc_controller_options o = {.size = sizeof(o),
-                                       .law = &apc_law_pi,
-                                       .dim = {1, 1, 1, 0},
-                                       .period = PERIOD,
-                                       .horizon = PERIOD,
-                                       .z = &z,
-                                       .loop = &loop,
-                                       .acting = SWITCH};
-    struct apc_controller *core;
-    struct apc_error why = {""};
-
-    (void)state;
-    loop.setpoint = 2;
-    loop.below_period = PERIOD;
-    assert_int_equal(apc_controller_create(&core, &o, &why), APC_EINVAL);
-    assert_has(why.text, "must be an actuator");
-    loop.setpoint = 0;
-    z.above = 2;
-    z.above_period = PERIOD;
-    assert_int_equal(apc_controller_create(&core, &o, &why), APC_EINVAL);
-    assert_has(why.text, "no loop above");
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -576,7 +549,6 @@ int main(void)
         cmocka_unit_test(test_what_became_of_a_setpoint_is_told_on),
         cmocka_unit_test(test_named_is_only_who_is_named),
         cmocka_unit_test(test_in_every_order_one_acts),
-        cmocka_unit_test(test_a_cascade_has_no_switch),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

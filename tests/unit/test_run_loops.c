@@ -124,7 +124,7 @@ static void test_a_store_that_describes_no_loop_has_none(void **state)
 
 /* ---- Who acts -------------------------------------------------------------------------------- */
 
-#define SWITCH LOOPS_ACTING(1)
+#define SWITCH LOOPS_ACTING(APC_ACTUATOR, 1)
 
 /* Three of one output and one of another; the switch is of the first output. */
 static void describe_shadows(struct apc_store *store)

@@ -113,6 +113,44 @@ static void test_a_mode_that_leaves_cas_keeps_the_setpoint_that_is_in_force(void
     assert_near(after.value, 6.5, 0);
 }
 
+/* trial has v1 as well; the switch says who acts, whatever was known when the loops were loaded. */
+static void test_the_target_of_a_loop_in_shadow_takes_nothing_along(void **state)
+{
+    const int choice = LOOPS_ACTING(APC_ACTUATOR, 1);
+    struct loops_controller by[] = {{.name = "base", .number = 1, .n = 1, .choice = choice, .acts = true},
+                                    {.name = "upper", .number = 2, .first = 1, .n = 1, .acts = true},
+                                    {.name = "trial", .number = 3, .first = 2, .n = 1, .choice = choice}};
+    struct loops_loop two[] = {all[0], all[2], all[0]};
+    two[0].above = two[2].above = 1;
+    two[2].id = 4;
+    two[2].controller = 2;
+    const struct loops both = {.at = two, .n = 3, .controller = by, .n_controllers = 3};
+    for (int acts = 1; acts <= 3; acts += 2) {
+        const int acting = acts == 1 ? 1 : 4, other = acts == 1 ? 4 : 1;
+        struct apc_sample mode = wanted(APC_OPMODE, other, APC_MODE_AUTO), setpoint;
+        struct owner_rows with;
+        in_cas(*state);
+        put(*state, APC_OPMODE, 4, APC_MODE_CAS);
+        put(*state, APC_OPMODE, choice, acts);
+        ok(*state, owner_put(*state, &both, &mode, 1, &with));
+        assert_int_equal(with.n, 0);
+        free(with.at);
+        mode = wanted(APC_OPMODE, acting, APC_MODE_AUTO);
+        ok(*state, owner_put(*state, &both, &mode, 1, &with));
+        assert_int_equal(with.n, 1);
+        assert_int_equal(with.at[0].table, APC_SETPOINT);
+        free(with.at);
+        in_cas(*state);
+        put(*state, APC_OPMODE, 4, APC_MODE_CAS);
+        setpoint = wanted(APC_SETPOINT, 1, 7);
+        ok(*state, owner_put(*state, &both, &setpoint, 1, &with)); /* which is taken from both */
+        assert_int_equal(with.n, 2);
+        free(with.at);
+        assert_near(newest(*state, APC_OPMODE, 1).value, APC_MODE_AUTO, 0);
+        assert_near(newest(*state, APC_OPMODE, 4).value, APC_MODE_AUTO, 0);
+    }
+}
+
 static void test_a_mode_that_comes_to_cas_gives_the_setpoint_away_as_it_is(void **state)
 {
     struct apc_sample mode = wanted(APC_OPMODE, 1, APC_MODE_CAS);
@@ -174,6 +212,7 @@ int main(void)
         T(test_a_setpoint_of_a_loop_in_cas_opens_the_cascade),
         T(test_a_setpoint_of_a_loop_in_another_mode_is_all_that_is_written),
         T(test_a_mode_that_leaves_cas_keeps_the_setpoint_that_is_in_force),
+        T(test_the_target_of_a_loop_in_shadow_takes_nothing_along),
         T(test_a_mode_that_comes_to_cas_gives_the_setpoint_away_as_it_is),
         T(test_of_all_loops_those_under_another_one_keep_their_setpoints),
         T(test_target_and_setpoint_of_one_loop_are_written_as_they_are_given),
