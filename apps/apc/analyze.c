@@ -78,7 +78,7 @@ static const struct cli_spec spec = {
 static int respond(struct loop_analysis *z, size_t o, double top)
 {
     struct analysis_of_loop *l = &z->loop[o];
-    l->w = calloc(3 * ANALYZE_POINTS, sizeof *l->w);
+    l->w = calloc((size_t)3 * ANALYZE_POINTS, sizeof *l->w);
     if (!l->w)
         return APC_ENOMEM;
     l->re = l->w + ANALYZE_POINTS;

@@ -322,17 +322,12 @@ static void compute(struct machine *m, const struct step *s, struct ride *r)
     }
     for (size_t k = 0; k < c->n_in; k++) {
         const struct apc_loop_source *in = &c->in[k];
-        const double *row = NULL;
+        const double *row = in->from == APC_FROM_MEASUREMENT ? measured
+                            : in->from == APC_FROM_OUTPUT ? r->Z + (m->loop->setup.plant.nx + in->number) * w
+                                                          : r->Z + (of->u + in->number) * w;
 
-        if (in->from == APC_FROM_MEASUREMENT) {
-            row = measured;
-            measured += w;
-        } else if (in->from == APC_FROM_OUTPUT) {
-            row = r->Z + (m->loop->setup.plant.nx + in->number) * w;
-        } else if (in->from == APC_FROM_OWN) {
-            row = r->Z + (of->u + in->number) * w;
-        }
-        for (size_t i = 0; row && i < rows; i++)
+        measured += in->from == APC_FROM_MEASUREMENT ? w : 0;
+        for (size_t i = 0; i < rows && in->from != APC_FROM_NONE; i++)
             add_row(m->room + i * w, i < c->nx ? c->B[i * c->n_in + k] : c->D[(i - c->nx) * c->n_in + k], row,
                     w);
     }

@@ -30,8 +30,10 @@ static int radius(struct machine *m, const double complex *factor, double *large
         Z[i * 2 * n + i] = 1.0;
     if (rc == 0)
         rc = machine_ride(m, &ride);
-    for (size_t i = 0; i < n * n && rc == 0; i++)
-        A[i] = complex_of(Z[i / n * 2 * n + i % n], Z[i / n * 2 * n + n + i % n]);
+    for (size_t i = 0; i < n && rc == 0; i++) {
+        for (size_t j = 0; j < n; j++)
+            A[i * n + j] = complex_of(Z[i * 2 * n + j], Z[i * 2 * n + n + j]);
+    }
     if (rc == 0)
         rc = eigenvalues(n, A, value ? value : own);
     *largest = 0.0;
@@ -88,7 +90,7 @@ int apc_loop_poles(const struct apc_loop *loop, double *re, double *im)
 
 struct trial {
     const struct apc_loop *loop;
-    struct machine nominal;
+    struct machine *nominal;
     double complex *factor; /* [n_out] */
     double *delay;          /* [n_out] */
     size_t of;
@@ -106,7 +108,7 @@ static bool holds(struct trial *t, double value)
 {
     const struct apc_loop_setup *s = &t->loop->setup;
     const struct course course = {.period = s->period, .n = s->n_ticks, .tick = s->tick, .delay = t->delay};
-    struct machine delayed, *m = &t->nominal;
+    struct machine delayed, *m = t->nominal;
     double largest = HUGE_VAL;
 
     if (t->rc < 0)
@@ -145,8 +147,8 @@ static double gain_margin(struct trial *t, bool up)
     double good = 1.0;
 
     t->by = BY_FACTOR;
-    for (double by = RATIO; by < MOST && t->rc == 0; by *= RATIO) {
-        const double next = up ? by : 1.0 / by;
+    for (int k = 1; pow(RATIO, k) < MOST && t->rc == 0; k++) {
+        const double next = pow(RATIO, up ? k : -k);
 
         if (!holds(t, next))
             return border(t, good, next);
@@ -173,13 +175,14 @@ static double phase_margin(struct trial *t)
 static double delay_margin(struct trial *t, double first)
 {
     const double most = fmin(MOST * apc_ns_to_s(t->loop->setup.period), 300.0 * first);
-    double good = 0.0;
+    double good = 0.0, next = first / 4.0;
 
     t->by = BY_DELAY;
-    for (double next = first / 4.0; first < HUGE_VAL && next <= most && t->rc == 0; next *= 1.1) {
+    while (first < HUGE_VAL && next <= most && t->rc == 0) {
         if (!holds(t, next))
             return border(t, good, next);
         good = next;
+        next *= 1.1;
     }
     return HUGE_VAL;
 }
@@ -214,12 +217,13 @@ int apc_loop_margins(const struct apc_loop *loop, size_t of, const double *scale
     const struct course course = {
         .period = loop->setup.period, .n = loop->setup.n_ticks, .tick = loop->setup.tick};
     struct apc_loop_margins m = {.size = sizeof(m)};
-    struct trial t = {.loop = loop, .of = of, .by = BY_DELAY};
+    struct machine nominal;
+    struct trial t = {.loop = loop, .nominal = &nominal, .of = of, .by = BY_DELAY};
     int rc;
 
     if (of != APC_LOOP_WHOLE && of >= loop->n_out)
         return apc_fail(why, APC_EINVAL, "margins: output %zu of %zu", of + 1, loop->n_out);
-    rc = machine_create(&t.nominal, loop, &course, why);
+    rc = machine_create(&nominal, loop, &course, why);
     t.factor = calloc(loop->n_out, sizeof(*t.factor));
     t.delay = calloc(loop->n_out, sizeof(*t.delay));
     if (rc == 0)
@@ -230,6 +234,6 @@ int apc_loop_margins(const struct apc_loop *loop, size_t of, const double *scale
         apc_result_copy(margins, &m, sizeof(m));
     free(t.factor);
     free(t.delay);
-    machine_free(&t.nominal);
+    machine_free(&nominal);
     return rc;
 }

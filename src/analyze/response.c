@@ -89,9 +89,9 @@ static int open_create(struct open *o, const struct apc_loop *loop, size_t of)
         if (step->kind == STEP_ACT && o->place[step->number] < o->m)
             o->ticks[o->place[step->number]]++;
     }
-    o->map = calloc(n * n, sizeof(*o->map));
-    o->A = calloc(n * n + n * o->m + o->m * o->m, sizeof(*o->A));
-    o->Z = calloc(2 * n * o->m, sizeof(*o->Z));
+    o->map = calloc(n * n + 1, sizeof(*o->map));
+    o->A = calloc(n * n + n * o->m + o->m * o->m + 1, sizeof(*o->A));
+    o->Z = calloc(2 * n * o->m + 1, sizeof(*o->Z));
     if (!o->map || !o->A || !o->Z)
         return APC_ENOMEM;
     o->X = o->A + n * n;
@@ -129,9 +129,11 @@ static int respond(struct open *o, double w)
     }
     if (rc == 0 && complex_solve(n, m, o->A, o->X))
         rc = APC_ESOLVER; /* a pole of the open loop lies there */
-    for (size_t i = 0; i < n * m; i++) {
-        o->Z[i / m * 2 * m + i % m] = creal(o->X[i]);
-        o->Z[i / m * 2 * m + m + i % m] = cimag(o->X[i]);
+    for (size_t i = 0; i < n; i++) {
+        for (size_t j = 0; j < m; j++) {
+            o->Z[i * 2 * m + j] = creal(o->X[i * m + j]);
+            o->Z[i * 2 * m + m + j] = cimag(o->X[i * m + j]);
+        }
     }
     return rc < 0 ? rc : drive(o, true);
 }
@@ -204,12 +206,14 @@ static int peaks_at(struct peaks *p, double w, double *s, double *t, double *l)
 
     if (rc < 0)
         return rc;
-    for (size_t i = 0; i < m * m; i++) {
-        const double by = p->scale ? p->scale[o->of[i % m]] / p->scale[o->of[i / m]] : 1.0;
+    for (size_t i = 0; i < m; i++) {
+        for (size_t j = 0; j < m; j++) {
+            const double by = p->scale ? p->scale[o->of[j]] / p->scale[o->of[i]] : 1.0;
 
-        p->T[i] = o->L[i] * by;
-        p->S[i] = i % (m + 1) == 0 ? 1.0 : 0.0;
-        o->L[i] = p->S[i] + p->T[i];
+            p->T[i * m + j] = o->L[i * m + j] * by;
+            p->S[i * m + j] = i == j ? 1.0 : 0.0;
+            o->L[i * m + j] = p->S[i * m + j] + p->T[i * m + j];
+        }
     }
     *l = largest_gain(m, p->T);
     if (complex_solve(m, m, o->L, p->S))
@@ -227,7 +231,7 @@ static int climb(struct peaks *p, double low, double high, struct apc_loop_margi
     int rc = 0;
 
     for (int k = 0; k < 40 && rc == 0; k++) {
-        double a = low + 0.382 * (high - low), b = low + 0.618 * (high - low), sa, sb, t, l;
+        double a = low + 0.382 * (high - low), b = low + 0.618 * (high - low), sa = 0.0, sb = 0.0, t, l;
 
         rc = peaks_at(p, exp(a), &sa, &t, &l);
         if (rc == 0)

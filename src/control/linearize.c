@@ -34,6 +34,7 @@ struct around {
     bool *y_new;
     unsigned *limited;
     enum apc_law_output *out;
+    char said[APC_LAW_WHY];
 };
 
 /* ---- The law's call -------------------------------------------------------------------------- */
@@ -124,16 +125,15 @@ static void announce(struct around *a)
 /* One tick of the law from a->trial, which becomes the next x, and its u, both into @p to. */
 static int tick(struct around *a, double *to, struct apc_error *why)
 {
-    char said[APC_LAW_WHY] = "";
-
     announce(a);
     memcpy(a->trial, a->x, a->nx * sizeof(*a->x));
     a->call.x = a->trial;
-    a->call.why = said;
+    a->call.why = a->said;
+    a->said[0] = '\0';
     for (size_t k = 0; k < a->size.instances; k++) {
         if (apc_instances_compute(a->instances, k, &a->call) > APC_LAW_LATE)
             return apc_fail(why, APC_ESOLVER, "law %s gives no output at this point: %s", a->law->name,
-                            said[0] ? said : "it failed");
+                            a->said[0] ? a->said : "it failed");
     }
     for (size_t k = 0; k < a->size.instances; k++)
         apc_instances_update(a->instances, k, &a->call);
@@ -258,14 +258,14 @@ static void look_for(const struct apc_law_linear *l, bool *moved, bool *moves)
     }
     while (more) {
         more = false;
-        for (size_t e = 0; e < l->nx * l->nx; e++) {
-            const size_t i = e / l->nx, j = e % l->nx;
-
-            if (!any(l->A + e, 1))
-                continue;
-            more |= (moved[j] && !moved[i]) || (moves[i] && !moves[j]);
-            moved[i] |= moved[j];
-            moves[j] |= moves[i];
+        for (size_t i = 0; i < l->nx; i++) {
+            for (size_t j = 0; j < l->nx; j++) {
+                if (!any(l->A + i * l->nx + j, 1))
+                    continue;
+                more |= (moved[j] && !moved[i]) || (moves[i] && !moves[j]);
+                moved[i] |= moved[j];
+                moves[j] |= moves[i];
+            }
         }
     }
 }

@@ -310,7 +310,9 @@ static apc_ns common_divisor(apc_ns a, apc_ns b)
 
 static apc_ns period_of(const struct controller *c, const struct linear_how *how)
 {
-    return how->faster > 0 ? (apc_ns)llround((double)c->rhythm.period / how->faster) : c->rhythm.period;
+    const double faster = how->faster > 0 ? how->faster : 1.0;
+    const apc_ns T = (apc_ns)llround((double)c->rhythm.period / faster);
+    return T > 0 ? T : 1;
 }
 
 static int find_period(struct linear_loop *l, const struct experiment *e, const struct linear_how *how,
@@ -320,6 +322,8 @@ static int find_period(struct linear_loop *l, const struct experiment *e, const 
     for (size_t k = 0; k <= l->setup.n_controllers; k++) {
         const apc_ns next = k == l->setup.n_controllers ? (how->prompt ? all : e->client.rhythm.period)
                                                         : period_of(&e->controllers[l->chosen[k]], how);
+        if (next <= 0)
+            continue;
         shortest = next < shortest ? next : shortest;
         if (all / common_divisor(all, next) > INT64_MAX / next / TICKS_MAX)
             all = INT64_MAX / TICKS_MAX;
@@ -351,7 +355,7 @@ static int make_ticks(struct linear_loop *l, const struct experiment *e, const s
     size_t n = 0;
     for (size_t k = 0; k < l->setup.n_controllers; k++)
         n += (size_t)(all / period_of(&e->controllers[l->chosen[k]], how));
-    l->tick = calloc(n, sizeof *l->tick);
+    l->tick = calloc(n + 1, sizeof *l->tick);
     if (!l->tick)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     for (size_t k = 0; k < l->setup.n_controllers; k++) {
@@ -400,8 +404,8 @@ static int allocate(struct linear_loop *l, const struct experiment *e)
     at = l->x = calloc(m->nx + m->nu + m->nd + m->ny + outputs + 1, sizeof *at);
     l->to = calloc(2 * outputs + e->n_controllers, sizeof *l->to);
     l->source = calloc(sources, sizeof *l->source);
-    l->law = calloc(e->n_controllers, sizeof *l->law);
-    l->controller = calloc(e->n_controllers, sizeof *l->controller);
+    l->law = calloc(e->n_controllers + 1, sizeof(void *));
+    l->controller = calloc(e->n_controllers + 1, sizeof *l->controller);
     if (!at || !l->to || !l->source || !l->law || !l->controller)
         return APC_ENOMEM;
     l->u = l->x + m->nx;

@@ -211,8 +211,8 @@ static const char noisy[] =
 static double simulated_square(double *error)
 {
     enum { PARTS = 40, PART = 2000 };
-    struct apc_experiment *e;
-    struct apc_simulation *s;
+    struct apc_experiment *e = NULL;
+    struct apc_simulation *s = NULL;
     struct apc_error why;
     struct apc_value y;
     double sum = 0.0, squares = 0.0;
