@@ -76,6 +76,18 @@ end first
 n=$(rows sensor)
 begin second $(($(rows actuator) + 5)) # those of the first run are among them
 once_each
+
+# the page, too, tells of the first run, of which the live store knows nothing
+! "$apc" history --events --store "${store%%+*}" --last 1000 | grep -q 'has all again' || fail "the live store knows it"
+background ui "$APC_BIN/apc-ui" --config "$work/fast.conf" --store "$store" --listen 127.0.0.1:0
+until_true 20 grep -q 'serving http' "$work/ui.log"
+ui_port=$(sed -n 's/.*serving http:\/\/[^ ]*:\([0-9]*\) .*/\1/p' "$work/ui.log")
+page_tells() {
+  exec 3<>"/dev/tcp/127.0.0.1/$ui_port"
+  printf 'GET /api/events?kind=history HTTP/1.0\r\nHost: 127.0.0.1:%s\r\n\r\n' "$ui_port" >&3
+  grep -q 'has all again' <&3
+}
+until_true 20 page_tells
 end second
 [ "$(sql 'SELECT count(*) - max(seq) FROM apc.sensor WHERE id = 1')" = 0 ] || fail "the second run left a hole"
 [ "$(rows sensor)" -gt "$n" ] || fail "the second run left no record"
