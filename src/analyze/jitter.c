@@ -79,10 +79,10 @@ static int pulses_ready(struct pulses *p, const struct apc_loop *loop)
     const struct apc_loop_plant *plant = &loop->setup.plant;
     struct ride ride = {.width = p->n, .cut = read_slot, .ctx = p};
     double *A = calloc((plant->nx + p->n) * (plant->nx + plant->nu) + 1, sizeof(*A)), *B, *kick;
-    int rc = A ? 0 : APC_ENOMEM;
+    int rc;
 
-    if (rc < 0)
-        return rc;
+    if (!A)
+        return APC_ENOMEM;
     B = A + plant->nx * plant->nx;
     kick = B + plant->nx * plant->nu;
     rc = plant->nx ? apc_linear_sample(plant->nx, plant->nu, plant->A, plant->B, apc_ns_to_s(plant->period),
