@@ -164,6 +164,9 @@ expect 0 "plant: K = $(printf %.6g "$(drawn 3)") in this run" "$apc" simulate "$
 
 # Two campaigns over the same seeds, run by run.
 "$apc" simulate "$conf" --duration 60 --runs 20 --csv "$work/plain.csv" >/dev/null
+for seed in 1 11; do # in parts
+  "$apc" simulate "$conf" --duration 60 --seed $seed --runs 10 --csv - 2>/dev/null | tail -n "+$((seed > 1 ? 2 : 1))"
+done | cmp - "$work/plain.csv" || fail "a campaign in two parts is another one"
 expect 0 'IAE +20 +0 +0 +0 +none to be seen' "$apc" simulate "$conf" --duration 60 --runs 20 --against "$work/plain.csv"
 expect 0 'IAE +20 +[0-9.]+ +[0-9.]+ +[0-9.]+ +more' "$apc" simulate "$conf" --duration 60 --runs 20 --against "$work/plain.csv" --net loss=0.3
 expect 0 'IAE +5 ' "$apc" simulate "$conf" --duration 60 --runs 20 --seed 16 --against "$work/plain.csv" # seeds that both have
