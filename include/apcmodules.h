@@ -38,7 +38,8 @@ struct apc_notice {
         APC_NOTICE_TRIP,      /**< the plant's watchdog went to the safe value */
         APC_NOTICE_RESUMED,   /**< the plant takes commands again */
         APC_NOTICE_REJECTED,  /**< a value that must not reach the plant was kept out */
-        APC_NOTICE_RIVALS     /**< two clients command the plant and take it from each other */
+        APC_NOTICE_RIVALS,    /**< two clients command the plant and take it from each other */
+        APC_NOTICE_POOR       /**< the law's answers are usable, but not what is wanted; or good again */
     } kind;
     char text[160];
 };

@@ -21,6 +21,7 @@ static int gravity(enum apc_notice_kind kind)
     case APC_NOTICE_RECOVERED:
         return 2;
     case APC_NOTICE_MODE:
+    case APC_NOTICE_POOR:
         return 1;
     case APC_NOTICE_NONE:
         break;

@@ -64,12 +64,15 @@ struct apc_controller_above {
 
 /** An instance of a law. */
 struct apc_controller_instance {
-    bool begun;    /* x was filled, from a measurement or a former run's */
-    bool gap;      /* x knows no recent y */
-    bool updating; /* x goes on as soon as what went out acts */
-    bool retuned;  /* trial is what it gives with the tuning before */
-    bool answered; /* at this tick: what it publishes is of now */
-    int result;    /* of its answer at this tick; -1: it was not asked */
+    bool begun;            /* x was filled, from a measurement or a former run's */
+    bool gap;              /* x knows no recent y */
+    bool updating;         /* x goes on as soon as what went out acts */
+    bool retuned;          /* trial is what it gives with the tuning before */
+    bool answered;         /* at this tick: what it publishes is of now */
+    int result;            /* of its answer at this tick; -1: it was not asked */
+    bool poor;             /* it was told that its answers are sub-optimal or late */
+    unsigned good;         /* answers in a row */
+    char why[APC_LAW_WHY]; /* of the last one */
 };
 
 /** The law of a controller, or the one that acts in its place while it cannot. */

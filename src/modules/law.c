@@ -401,6 +401,8 @@ static bool ask(struct apc_controller *c, struct apc_controller_law *law, size_t
 
     law->instance[k].result = (int)result;
     law->instance[k].answered = result <= APC_LAW_LATE;
+    law->instance[k].good = result == APC_LAW_GOOD ? law->instance[k].good + 1 : 0;
+    memcpy(law->instance[k].why, why, sizeof(why));
     for (size_t i = part.u; i < part.u + part.nu && !is_backup(c, law); i++) {
         if (c->state[i].move.law & APC_ASK_COMPUTE)
             apc_loop_answered(&c->state[i].loop, result <= APC_LAW_SUBOPTIMAL, c->shed_after);
@@ -451,6 +453,23 @@ static void tell(struct apc_controller *c, size_t i, apc_ns now, struct apc_noti
         apc_controller_note(c, i, notice, APC_NOTICE_MODE, "mode %s%s%s", apc_mode_name((int)l->move.actual),
                             l->move.reason ? ": " : "", l->move.reason ? l->move.reason : "");
     l->actual = l->move.actual;
+}
+
+/* An answer that is usable but not good is told once; and again after as many good ones as end a shedding. */
+static void tell_answer(struct apc_controller *c, size_t k, struct apc_notice *notice)
+{
+    const struct apc_instance_part part = apc_instances_part(c->law.instances, k);
+    struct apc_controller_instance *of = &c->law.instance[k];
+    const bool poor = of->result == (int)APC_LAW_SUBOPTIMAL || of->result == (int)APC_LAW_LATE;
+
+    /* one at a tick: the next one tells the rest */
+    if (!notice || notice->kind == APC_NOTICE_POOR || poor == of->poor || (!poor && of->good < c->shed_after))
+        return;
+    for (size_t i = part.u; i < part.u + part.nu; i++)
+        apc_controller_note(c, i, notice, APC_NOTICE_POOR, "law %.20s: %s", c->law.definition->name,
+                            poor ? of->why : "good again");
+    if (notice->kind == APC_NOTICE_POOR)
+        of->poor = poor;
 }
 
 /* ---- An instance and its loops --------------------------------------------------------------- */
@@ -567,6 +586,8 @@ void apc_controller_run(struct apc_controller *c, struct apc_now now, bool have,
         run(c, &c->backup, k, now);
     for (size_t i = 0; i < c->dim.nu; i++)
         finish(c, i, now, notice);
+    for (size_t k = 0; k < c->law.size.instances; k++)
+        tell_answer(c, k, notice);
     for (size_t k = 0; k < c->law.size.instances; k++)
         follow(c, &c->law, k);
     for (size_t k = 0; k < c->backup.size.instances; k++)

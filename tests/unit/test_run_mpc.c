@@ -68,11 +68,92 @@ static void without_a_critical_one_it_stops_after_its_hold(void **state)
     apc_simulation_destroy(s);
 }
 
+/* The shipped experiment with two settings changed. */
+static struct apc_simulation *begin_with(const char *path, const char *value, const char *sequence)
+{
+    struct apc_experiment *e = NULL;
+    struct apc_simulation *s = NULL;
+    if (apc_experiment_load(&e, APC_SOURCE_DIR "/experiments/quadruple-tank-mpc.conf", NULL, &why) < 0 ||
+        apc_experiment_set(e, path, value, &why) < 0 ||
+        apc_experiment_set(e, "scheduler.sequence", sequence, &why) < 0 ||
+        apc_simulation_create(&s, e, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    apc_experiment_destroy(e);
+    return s;
+}
+
+struct count {
+    const char *says;
+    int n;
+};
+
+static int count_event(void *ctx, const struct apc_event *event)
+{
+    struct count *c = ctx;
+    c->n += !strcmp(event->kind, "law") && strstr(event->text, c->says);
+    return 0;
+}
+
+/* How often it was told of the law's answers. */
+static int told(struct apc_simulation *s, const char *says)
+{
+    struct count c = {says, 0};
+    assert_true(apc_store_events(apc_simulation_store(s), &(struct apc_range){0}, count_event, &c) >= 0);
+    return c.n;
+}
+
+/* y1 high and y2 low is more than the pumps can do: v2 stands at 0. */
+static void with_an_input_saturated_the_higher_rank_keeps_its_setpoint(void **state)
+{
+    static const double wanted[] = {9.5, 2.0};
+    (void)state;
+    for (int first = 0; first < 2; first++) {
+        struct apc_simulation *s = begin_with("controller.settings.rank", first == 0 ? "[1, 2]" : "[2, 1]",
+                                              "( [6.1315, 6.3915], [9.5, 2.0] )");
+        run(s, 180);
+        assert_int_equal(told(s, ""), 0);
+        run(s, 600);
+        assert_near(newest(s, APC_ACTUATOR, 2).value, 0.0, 1e-9);
+        assert_near(newest(s, APC_SENSOR, 1 + first).value, wanted[first], 0.01 * wanted[first]);
+        assert_true(fabs(newest(s, APC_SENSOR, 2 - first).value - wanted[1 - first]) >
+                    0.1 * wanted[1 - first]);
+        /* what is estimated to disturb may bring it into reach for a while */
+        assert_int_equal(told(s, "law mpc: no steady state within the limits has these setpoints: goes to "
+                                 "the nearest"),
+                         told(s, "law mpc: good again") + 1);
+        apc_simulation_destroy(s);
+    }
+}
+
+static void what_is_out_of_reach_for_a_while_is_told_and_its_end(void **state)
+{
+    struct apc_simulation *s =
+        begin_with("controller.settings.preview", "0", "( [6.1315, 6.3915], [9.5, 2.0], [6.1315, 6.3915] )");
+    (void)state;
+    run(s, 600);
+    assert_true(told(s, "goes to the nearest") >= 1 && told(s, "goes to the nearest") <= 2);
+    assert_int_equal(told(s, "law mpc: good again"), told(s, "goes to the nearest"));
+    apc_simulation_destroy(s);
+}
+
+static void a_plan_that_is_not_found_in_time_is_told(void **state)
+{
+    struct apc_simulation *s =
+        begin_with("controller.settings.iterations", "1", "( [6.1315, 6.3915], [9.5, 2.0] )");
+    (void)state;
+    run(s, 300);
+    assert_true(told(s, "law mpc: no plan in time, after 1 changes: the former one goes on") >= 1);
+    apc_simulation_destroy(s);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(it_goes_on_by_what_it_estimates),
         cmocka_unit_test(without_a_critical_one_it_stops_after_its_hold),
+        cmocka_unit_test(with_an_input_saturated_the_higher_rank_keeps_its_setpoint),
+        cmocka_unit_test(what_is_out_of_reach_for_a_while_is_told_and_its_end),
+        cmocka_unit_test(a_plan_that_is_not_found_in_time_is_told),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
