@@ -205,16 +205,20 @@ static int change_tuning(struct cli *cli, const struct suggestion *suggested)
     const size_t n = suggested->n ? suggested->n : (size_t)cli->n_args;
     struct change *changes = calloc(n + 1, sizeof *changes);
     char **names = calloc(n + 1, sizeof *names);
-    int rc = changes && names ? EXIT_OK : cli_error(cli, APC_ENOMEM, "out of memory");
+    int rc;
 
-    for (size_t i = 0; rc == EXIT_OK && i < suggested->n; i++) {
+    if (!changes || !names) {
+        free(changes);
+        free(names);
+        return cli_error(cli, APC_ENOMEM, "out of memory");
+    }
+    for (size_t i = 0; i < suggested->n; i++) {
         names[i] = suggested->name[i];
         changes[i].after.value = suggested->value[i];
     }
-    if (rc == EXIT_OK && suggested->n)
+    if (suggested->n)
         cli->args = names;
-    else if (rc == EXIT_OK)
-        rc = parse_tunings(cli, changes);
+    rc = suggested->n ? EXIT_OK : parse_tunings(cli, changes);
     if (rc == EXIT_OK)
         rc = exit_code_of(cli_open(cli, &store));
     if (rc == EXIT_OK)

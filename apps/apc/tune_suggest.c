@@ -80,7 +80,8 @@ static int answer(const struct apc_transfer *g, const struct apc_pid_tuning *t, 
     double *x = NULL, y = 0.0, u, last = 0.0, integral = 0.0;
     int rc;
 
-    *a = (struct answer){.margins.size = sizeof a->margins};
+    *a = (struct answer){.iae = 0.0};
+    a->margins.size = sizeof a->margins;
     rc = apc_tune_margins(g, t, Ts, &a->margins, why);
 
     if (rc == 0)
@@ -168,7 +169,7 @@ static int suggest_loop(struct suggesting *z, const struct controller_loop *loop
            *tau_d = parameter(loop, "tau_d", &tau_d_id);
     const struct apc_transfer *error, *g = model_of(z, output, measurement, &error);
     struct apc_pid_tuning found;
-    struct answer now, then;
+    struct answer now = {.iae = 0.0}, then = {.iae = 0.0};
     int rc;
 
     if (!g)
