@@ -87,8 +87,11 @@ static int read_span(struct apc_modbus_unit *m, const struct span *s)
     m->shown[m->o.ny].value = m->o.measure(m->o.ctx, m->shown) % 65536;
     for (i = first_in(m, s); reaches(m, i, s); i++) {
         const struct apc_modbus_item *item = &m->items[i];
-        const struct apc_value y =
-            item->go ? (struct apc_value){.value = m->given[item->of]} : m->shown[item->of];
+        struct apc_value y = {0};
+        if (item->go)
+            y.value = m->given[item->of];
+        else
+            y = m->shown[item->of];
         const double value = apc_modbus_is_bit(s->area) && item->of == m->o.ny && !item->go
                                  ? (double)((unsigned)y.value % 2)
                                  : apc_modbus_nearest(&item->point, y.value);
@@ -257,7 +260,7 @@ static int merge(struct apc_modbus_unit *m, const struct apc_modbus_options *map
     }
     free(u);
     free(y);
-    if (rc < 0)
+    if (rc < 0 || !m->items)
         return rc;
     qsort(m->items, m->n, sizeof(*m->items), apc_modbus_by_place);
     for (size_t i = 1; i < m->n; i++) {

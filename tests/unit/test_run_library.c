@@ -433,7 +433,8 @@ static void what_an_operator_sets_is_his_until_he_gives_it_back(void **state)
     assert_int_equal(apc_simulation_do(s, "remote", "r"), 0);
     assert_near(value_of(s, "r"), 15, 0);
     assert_int_equal(apc_simulation_do(s, "remote", "q"), APC_ENOTFOUND);
-    assert_int_equal(apc_simulation_do(s, "promote", "r"), APC_EINVAL);
+    assert_int_equal(apc_simulation_do(s, "promote", "r"), APC_ENOTFOUND); /* no controller */
+    assert_int_equal(apc_simulation_do(s, "elope", "r"), APC_EINVAL);
     apc_simulation_destroy(s);
     apc_experiment_destroy(e);
 }
