@@ -66,9 +66,9 @@ static int file_close(struct file *f, int rc, struct apc_error *why)
 /* ---- What the run consists of -------------------------------------------------------------- */
 
 static const char *const kept[] = {"run.conf", "plant.so"}; /* and the laws: kept_file() */
-static const char *const exported[] = {"samples.csv", "plant.csv",  TICKS_FILE,   "operation.csv",
-                                       "signals.csv", "events.csv", "timing.csv", "timing-summary.csv",
-                                       "report.svg",  "report.png"};
+static const char *const exported[] = {"samples.csv",        "plant.csv",   TICKS_FILE,   "operation.csv",
+                                       "published.csv",      "signals.csv", "events.csv", "timing.csv",
+                                       "timing-summary.csv", "report.svg",  "report.png"};
 #define COUNT(array) (sizeof(array) / sizeof *(array))
 #define NEW          ".new"
 
@@ -378,14 +378,18 @@ static int export_samples(const char *dir, struct apc_store *store, const struct
     return rc;
 }
 
-/* Modes, tuning, outputs in Man: what was in force at the start, and each change. */
-static int export_operation(const char *dir, struct apc_store *store, const struct experiment *e,
-                            apc_ns start, const struct apc_range *range, struct apc_error *why)
+typedef int collect_fn(struct samples *, struct apc_store *, const struct experiment *,
+                       const struct apc_range *);
+
+/* Nothing where there is nothing. */
+static int export_beside(const char *dir, const char *name, collect_fn *collect, struct apc_store *store,
+                         const struct experiment *e, apc_ns start, const struct apc_range *range,
+                         struct apc_error *why)
 {
     struct samples samples = {0};
-    int rc = collected(samples_collect_operation(&samples, store, e, range), store, "operation", why);
-    if (rc == 0)
-        rc = put_samples(dir, "operation.csv", &samples, start, why);
+    int rc = collected(collect(&samples, store, e, range), store, name, why);
+    if (rc == 0 && samples.n > 0)
+        rc = put_samples(dir, name, &samples, start, why);
     samples_free(&samples);
     return rc;
 }
@@ -544,7 +548,9 @@ int folder_export(const char *dir, struct apc_store *store, const struct experim
     const struct apc_range samples = {.since = since, .until = until};
     const struct apc_range records = {.since = since}; /* the last window is closed when the daemons stop */
     apc_ns end;
-    int rc = export_operation(dir, store, e, start, &samples, why);
+    int rc = export_beside(dir, "operation.csv", samples_collect_operation, store, e, start, &samples, why);
+    if (rc == 0)
+        rc = export_beside(dir, "published.csv", samples_collect_published, store, e, start, &samples, why);
     if (rc == 0)
         rc = export_signals(dir, e, why);
     if (rc == 0)

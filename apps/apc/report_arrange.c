@@ -6,6 +6,7 @@
  * the largest error before all others.
  */
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -85,14 +86,45 @@ static void keep(struct report_panels *p, struct curve_of c)
     p->curve[p->n_curves++] = c;
 }
 
+static size_t count_shadows(const struct experiment *e)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < e->n_controllers; i++)
+        n += e->controllers[i].shadow ? e->controllers[i].dim.nu : 0;
+    return n;
+}
+
+/* What a controller would have put out, beside what went out. */
+static void keep_shadows(struct report_panels *p)
+{
+    struct signal *next = p->shadow;
+    for (size_t i = 0; i < p->e->n_controllers; i++) {
+        const struct controller *c = &p->e->controllers[i];
+        for (size_t k = 0; c->shadow && k < c->dim.nu; k++, next++) {
+            next->tag = *controllers_output(p->e, (struct controller_loop){c, k});
+            char name[APC_TAG_LEN];
+            snprintf(name, sizeof name, "%.20s of %.30s", next->tag.name, c->name);
+            memcpy(next->tag.name, name, sizeof name);
+            next->tag.description[0] = '\0';
+            next->tag.table = APC_ACTUATOR;
+            next->tag.id = 0; /* no output's */
+            keep(p, (struct curve_of){.signal = next,
+                                      .series =
+                                          series_of(&p->data->published, (size_t)c->first_output + k - 1)});
+        }
+    }
+}
+
 static int collect(struct report_panels *p)
 {
     const struct experiment *e = p->e;
     const size_t ny = e->dim.ny + e->n_signals;
     struct loop *loop = calloc(controllers_loops(e) + 1, sizeof *loop);
     bool *shown = calloc(e->dim.nz + 1, sizeof *shown);
-    p->curve = calloc(ny + e->dim.nz + e->dim.nu + 1, sizeof *p->curve);
-    if (!loop || !shown || !p->curve) {
+    const size_t shadows = count_shadows(e);
+    p->curve = calloc(ny + e->dim.nz + e->dim.nu + shadows + 1, sizeof *p->curve);
+    p->shadow = calloc(shadows + 1, sizeof *p->shadow);
+    if (!loop || !shown || !p->curve || !p->shadow) {
         free(loop);
         free(shown);
         return APC_ENOMEM;
@@ -109,6 +141,7 @@ static int collect(struct report_panels *p)
                         .signal = &e->z[i], .wanted = series_of(&p->data->z, i), .setpoint = &e->z[i]});
     for (size_t i = 0; i < e->dim.nu; i++)
         keep(p, (struct curve_of){.signal = &e->u[i], .series = series_of(&p->data->u, i)});
+    keep_shadows(p);
     free(loop);
     free(shown);
     return 0;

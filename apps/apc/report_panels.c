@@ -131,6 +131,7 @@ void report_panels_destroy(struct report_panels *panels)
     report_lanes_destroy(panels->lanes);
     loops_free(&panels->loops);
     free(panels->curve);
+    free(panels->shadow);
     free(panels);
 }
 

@@ -34,6 +34,7 @@ struct report_panels {
     const struct report_data *data;
     const struct experiment *e;
     struct curve_of *curve; /* [n_curves] in the order of the panels */
+    struct signal *shadow;  /* [number of outputs in shadow] what each would put out, as a curve's signal */
     size_t n_curves, n_drawn;
     struct panel panel[PANELS_MAX];
     size_t n, few; /* few: curves that a panel may have */

@@ -7,8 +7,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define MAX_COLUMNS 12
-#define ID_MAX      8192 /* a module has no more variables of one kind */
+#define MAX_COLUMNS   12
+#define ID_MAX        8192    /* a module has no more variables of one kind */
+#define PUBLISHED_MAX 1048576 /* of all laws */
 
 /* A file of the run folder: its name, its columns, and what takes one row of it. */
 struct csv {
@@ -172,6 +173,16 @@ static int operation_row(struct report_data *data, size_t line, char *const *fie
                : 0;
 }
 
+static int published_row(struct report_data *data, size_t line, char *const *field)
+{
+    struct report_point point = {.line = line};
+    double id;
+    int bad = parse_point(field, &point, PUBLISHED_MAX, &id);
+    if (apc_table_parse(field[1]) != APC_ESTIMATE || bad)
+        return bad ? bad : 2;
+    return take(&data->published, (size_t)id, &point);
+}
+
 static int bin_row(struct report_data *data, size_t line, char *const *field)
 {
     struct report_jitter *jitter;
@@ -224,6 +235,7 @@ static int summary_row(struct report_data *data, size_t line, char *const *field
 static const struct csv files[] = {
     {"samples.csv", {"time", "table", "id", "status", "value"}, sample_row, false},
     {"operation.csv", {"time", "table", "id", "status", "value"}, operation_row, true},
+    {"published.csv", {"time", "table", "id", "status", "value"}, published_row, true},
     {"timing.csv", {"task", "quantity", "period_ns", "low_ns", "high_ns", "count"}, bin_row, false},
     {"timing-summary.csv",
      {"task", "quantity", "period_ns", "count", "missed", "mean_ns", "sd_ns", "min_ns", "p50_ns", "p99_ns",
@@ -380,6 +392,7 @@ int report_read(struct report_data *data, const char *dir, struct apc_error *why
     sort_group(&data->z);
     sort_group(&data->u);
     sort_group(&data->mode);
+    sort_group(&data->published);
     return read_events(data, dir, why);
 }
 
@@ -404,6 +417,7 @@ void report_clip(struct report_data *data, double begin, double end)
     clip_group(&data->z, begin, end);
     clip_group(&data->u, begin, end);
     clip_group(&data->mode, begin, end);
+    clip_group(&data->published, begin, end);
     for (size_t i = 0; i < data->n_events; i++)
         if (data->event[i].t >= begin && data->event[i].t <= end)
             data->event[n++] = data->event[i];
@@ -425,6 +439,7 @@ void report_free(struct report_data *data)
     free_group(&data->z);
     free_group(&data->u);
     free_group(&data->mode);
+    free_group(&data->published);
     free(data->event);
     for (size_t i = 0; i < data->n_jitter; i++)
         free(data->jitter[i].bins);

@@ -47,8 +47,9 @@ struct report_jitter {
 
 struct report_data {
     struct report_group y, z, u;
-    struct report_group mode;     /* of loop i: actual ones; not Good where it differs from the target */
-    struct report_jitter *jitter; /* [n_jitter] in the order of the file */
+    struct report_group published; /* by id of the estimate */
+    struct report_group mode;      /* of loop i: actual ones; not Good where it differs from the target */
+    struct report_jitter *jitter;  /* [n_jitter] in the order of the file */
     size_t n_jitter;
     struct report_event *event; /* [n_events] by time; none where there is no events.csv */
     size_t n_events, events_room;

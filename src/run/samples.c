@@ -32,7 +32,7 @@ static int by_time(const void *left, const void *right)
 {
     static const int rank[APC_TABLE_END] = {
         [APC_SETPOINT] = 1, [APC_SENSOR] = 2, [APC_ACTUATOR] = 3, [APC_OPMODE] = 4,
-        [APC_ACTUAL] = 5,   [APC_TUNING] = 6, [APC_MANUAL] = 7};
+        [APC_ACTUAL] = 5,   [APC_TUNING] = 6, [APC_MANUAL] = 7,   [APC_ESTIMATE] = 8};
     const struct apc_sample *a = left, *b = right;
     if (a->time != b->time)
         return a->time < b->time ? -1 : 1;
@@ -126,6 +126,20 @@ int samples_collect_operation(struct samples *samples, struct apc_store *store, 
         rc = collect_actual_modes(samples, store, loops, &before);
     if (rc == 0)
         rc = collect_actual_modes(samples, store, loops, range);
+    sort(samples);
+    return rc;
+}
+
+int samples_collect_published(struct samples *samples, struct apc_store *store, const struct experiment *e,
+                              const struct apc_range *range)
+{
+    size_t n;
+    struct apc_tag *tag = provision_tags(e, &n);
+    int rc = tag ? 0 : APC_ENOMEM;
+    for (size_t i = 0; tag && i < n && rc == 0; i++)
+        if (tag[i].table == APC_ESTIMATE)
+            rc = collect_part(samples, store, &(struct part){APC_ESTIMATE, tag[i].id, 1}, range);
+    free(tag);
     sort(samples);
     return rc;
 }

@@ -31,6 +31,9 @@ int samples_collect_window(struct samples *samples, struct apc_store *store, con
  * by time. */
 int samples_collect_operation(struct samples *samples, struct apc_store *store, const struct experiment *e,
                               const struct apc_range *range);
+/* The numbers that laws published: in the range only, by time. */
+int samples_collect_published(struct samples *samples, struct apc_store *store, const struct experiment *e,
+                              const struct apc_range *range);
 /* With the header; times in seconds since @start. */
 void samples_write(const struct samples *s, apc_ns start, FILE *out);
 

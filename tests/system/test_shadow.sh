@@ -126,3 +126,11 @@ unset APC_CONFIG
 for who in upper2 base2; do
   grep -q "apc-controller $who,mode,\"mode Auto" "$work/cascade/events.csv" || fail "$who never acted: $(cat "$work/cascade/events.csv")"
 done
+
+# the record and the figure show both
+sed 's/duration = 600.0;/duration = 8.0; actions = ( { at = 6.0; promote = "trial"; } );/' "$work/shadow.conf" >"$work/both.conf"
+"$apc" simulate "$work/both.conf" --report "$work/both" >/dev/null
+id=$(awk -F, '$3 == "\"trial.u.output\"" {print $2}' "$work/both/signals.csv")
+awk -F, -v id="$id" '$2 == "actuator" {u[$1] = $5} $2 == "estimate" && $3 == id {n++; if ($5 != u[$1]) differs++; else if ($1 > 6.5) same++}
+  END {exit !(n >= 39 && differs > 20 && same > 5)}' "$work/both/samples.csv" "$work/both/published.csv" || fail "published.csv is not what trial would do"
+grep -q 'u of trial' "$work/both/report.svg" || fail "the figure does not show the controller in shadow"

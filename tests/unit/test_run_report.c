@@ -31,6 +31,8 @@ static void write_all(void)
                                              "0.5,actual,37,Uncertain,0\n"
                                              "0.5,actual,22,Good,5\n"
                                              "0.5,actual,5,Good,6\n");
+    scratch_write("published.csv", OPERATION "0.5,estimate,2,Good,8\n"
+                                             "0.25,estimate,2,Good,9\n");
     scratch_write("timing.csv", TIMING "client,lateness,500,0,10,4\n"
                                        "client,jitter,500,-20,-10,3\n"
                                        "plant,jitter,200,5,5,1\n"
@@ -51,6 +53,9 @@ static void a_folder_is_read_by_time(void **state)
     if (report_read(&data, scratch_folder(), &why) < 0)
         fail_msg("%s", why.text);
     assert_int_equal(data.y.n, 2);
+    assert_int_equal(data.published.n, 2);
+    assert_int_equal(data.published.series[1].n, 2);
+    assert_near(data.published.series[1].points[0].value, 9, 0);
     assert_int_equal(data.y.series[0].n, 3);
     static const double t[] = {0.25, 0.25, 0.5},
                         value[] = {1, 7, 2}; /* those of a time as they stand there */
@@ -124,6 +129,9 @@ static void what_is_not_understood_is_refused_with_its_line(void **state)
         {"samples.csv", SAMPLES "1,sensor,1,Fine,1\n", "column \"status\" cannot be \"Fine\""},
         {"samples.csv", SAMPLES "1,sensor,1,Good,1e301\n", "column \"value\" cannot be \"1e301\""},
         {"operation.csv", OPERATION "1,actual,21,Good,x\n", "operation.csv:2: column \"value\""},
+        {"published.csv", OPERATION "1,sensor,1,Good,1\n",
+         "published.csv:2: column \"table\" cannot be \"sensor\""},
+        {"published.csv", OPERATION "1,estimate,0,Good,1\n", "column \"id\" cannot be \"0\""},
         {"timing.csv", TIMING "a,jitter,1,0.5,2,1\n", "column \"low_ns\" cannot be \"0.5\""},
         {"timing.csv", TIMING "a,jitter,1,2,1,1\n", "column \"high_ns\" cannot be \"1\""},
         {"timing.csv", TIMING "a,jitter,1,1,2,-1\n", "column \"count\" cannot be \"-1\""},
