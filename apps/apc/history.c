@@ -53,7 +53,8 @@ static const struct argp own = {option_list, parse, NULL, NULL, NULL, NULL, NULL
 
 static const struct cli_spec spec = {
     .args_doc = "[VARIABLE...]",
-    .doc = "Show past values of each VARIABLE, oldest first, one after the other, or events. Times are UTC.",
+    .doc = "Show past values of each VARIABLE, oldest first, one after the other, and who wrote them where "
+           "people did; or events. Times are UTC.",
     .takes = CLI_STORE | CLI_FORMAT,
     .max_args = -1,
     .extra = &own,
@@ -65,7 +66,23 @@ struct rows {
     enum cli_format format;
     bool colour;
     size_t n;
+    const struct cli *cli;
+    struct apc_store *names; /* the store once more, for who is asked while it streams; NULL: not yet */
+    uint32_t author;         /* whose name is known */
+    char name[APC_AUTHOR_LEN];
 };
+
+/* Who wrote a row; "": nobody said, or no name can be had. Who writes once often writes again. */
+static const char *author_of(struct rows *r, uint32_t author)
+{
+    if (author == 0)
+        return "";
+    if (author != r->author && (r->names || cli_open(r->cli, &r->names) >= 0)) {
+        (void)apc_store_author_name(r->names, author, r->name);
+        r->author = author;
+    }
+    return author == r->author ? r->name : "";
+}
 
 static void begin(const struct rows *r, const char *csv, const char *heading)
 {
@@ -95,13 +112,28 @@ static int put_sample(void *ctx, const struct apc_sample *s)
     char time[APC_TIME_LEN], status[APC_STATUS_NAME_LEN], value[PRINT_LEN];
 
     next(r);
-    if (r->format == CLI_JSON)
-        print_sample_json(stdout, s, NULL, 0);
-    else if (r->format == CLI_CSV)
+    if (r->format == CLI_CSV) {
         print_sample_csv(stdout, s);
-    else
-        printf("%s  %12s  %s\n", apc_time_format(s->time, time), print_value(s, value),
+        return ferror(stdout);
+    }
+    const char *author = author_of(r, s->author);
+    if (r->format == CLI_JSON) {
+        putchar('{');
+        print_sample_members(stdout, s, NULL, 0);
+        if (*author) {
+            putchar(',');
+            print_json_text(stdout, "author", author);
+        }
+        putchar('}');
+    } else {
+        printf("%s  %12s  %s", apc_time_format(s->time, time), print_value(s, value),
                apc_status_format(s->status, status));
+        if (*author) {
+            fputs("  by ", stdout);
+            print_clean(stdout, author);
+        }
+        putchar('\n');
+    }
     return ferror(stdout);
 }
 
@@ -193,7 +225,7 @@ int command_history(int argc, char **argv)
         return EXIT_USAGE;
     range.last = options.last || options.since || options.until ? options.last : LAST_DEFAULT;
 
-    struct rows rows = {.format = cli.format, .colour = cli_colour()};
+    struct rows rows = {.format = cli.format, .colour = cli_colour(), .cli = &cli};
     int rc = exit_code_of(cli_open(&cli, &store));
     if (rc == EXIT_OK && options.events)
         rc = show_events(&cli, store, &range, &rows);
@@ -201,6 +233,7 @@ int command_history(int argc, char **argv)
         rc = show_variables(&cli, store, &range, &rows);
     if (rc == EXIT_OK && apc_store_error(store)[0])
         cli_error(&cli, 0, "%s", apc_store_error(store)); /* there may be more than was given */
+    apc_store_close(rows.names);
     apc_store_close(store);
     return cli_done(&cli, rc);
 }

@@ -240,6 +240,11 @@ test_set_writes_setpoints() {
 r taken Local, the scheduler stands aside"
   run 0 set setpoint.1 12 --no-wait
   out_is "r: 10 -> 12"
+  run 0 history r --last 1
+  grep -q "  by $(id -un)$" "$work/out" || fail "history does not say who wrote"
+  run 0 history r --last 1 --json
+  out_is_json
+  grep -q "\"author\":\"$(id -un)\"" "$work/out" || fail "history --json does not say who wrote"
   run 0 set r -0.1234567890123 --no-wait
   out_is "r: 12 -> -0.1234567890123"
   run 0 set r -.5e1 --no-wait
