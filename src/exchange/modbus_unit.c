@@ -107,10 +107,13 @@ static int read_span(struct apc_modbus_unit *m, const struct span *s)
 static int take(struct apc_modbus_unit *m, const struct apc_modbus_item *i, const struct span *s)
 {
     const unsigned at = i->point.address - s->first;
-    const unsigned char bit[2] = {0, apc_modbus_is_bit(s->area) ? s->written[at / 8] >> at % 8 & 1 : 0};
+    const bool is_bit = apc_modbus_is_bit(s->area);
+    unsigned char bit[2] = {0};
 
-    return apc_modbus_decode(&i->point, apc_modbus_is_bit(s->area) ? bit : s->written + (size_t)2 * at,
-                             &m->asked[i->of])
+    if (is_bit)
+        bit[1] = s->written[at / 8] >> at % 8 & 1;
+
+    return apc_modbus_decode(&i->point, is_bit ? bit : s->written + (size_t)2 * at, &m->asked[i->of])
                ? 0
                : ILLEGAL_VALUE;
 }
