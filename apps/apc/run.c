@@ -531,12 +531,12 @@ static void act(struct run *r)
 }
 
 /* Until the next look at the daemons, or the next action if that is sooner. */
-static struct timespec idle(const struct run *r)
+static apc_ns idle(const struct run *r)
 {
     apc_ns left = SUPERVISOR_LOOK;
     if (r->done < r->e.n_actions && r->begin + r->e.action[r->done].at - apc_clock_mono(NULL) < left)
         left = r->begin + r->e.action[r->done].at - apc_clock_mono(NULL);
-    return (struct timespec){0, left > 0 ? left : 0};
+    return left > 0 ? left : 0;
 }
 
 /* Until the end, a signal, or a daemon that will not run. True: to the end. */
@@ -546,8 +546,9 @@ static bool follow(struct run *r, const sigset_t *signals)
     const struct child *historian = r->options.history ? r->daemons.child : NULL;
     struct apc_error why;
     for (;;) {
-        const struct timespec look = idle(r);
-        int signal = sigtimedwait(signals, NULL, &look);
+        static const struct timespec now = {0, 0};
+        supervisor_wait(&r->daemons, idle(r));
+        int signal = sigtimedwait(signals, NULL, &now);
         if (signal > 0) {
             live_say(r->live, APC_EVENT_INFO, "stopping (%s)", signal == SIGINT ? "Ctrl-C" : "signal");
             return false;

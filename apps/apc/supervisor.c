@@ -206,10 +206,16 @@ static bool receive(int fd, char *text, size_t size, pid_t *from)
     return true;
 }
 
+/* While this process could not look, messages beyond what the socket holds were lost, and whose is not known:
+ * so that time is held against nobody. */
 static void hear(struct supervisor *s)
 {
+    const apc_ns now = apc_clock_mono(NULL), away = now - s->heard;
     char text[256];
     pid_t from;
+    for (size_t k = 0; k < s->n && s->heard > 0 && away > MARGIN; k++)
+        s->child[k].ticked += away;
+    s->heard = now;
     for (int i = 0; i < MESSAGES && receive(s->notify, text, sizeof text, &from); i++)
         for (size_t k = 0; k < s->n; k++) {
             struct child *child = &s->child[k];
@@ -223,8 +229,6 @@ static void hear(struct supervisor *s)
         }
 }
 
-/* What a daemon said while this process could not look counts as said now: only its own silence is held
- * against it. */
 static void kill_silent(struct child *child)
 {
     apc_ns patience = 3 * child->period > APC_NS_PER_S ? 3 * child->period : APC_NS_PER_S;
@@ -326,6 +330,18 @@ static int bury(struct child *child, int status, struct apc_error *why)
     if (child->failures > 0)
         child->started += PAUSE << (child->failures < 5 ? child->failures - 1 : 4);
     return 0;
+}
+
+void supervisor_wait(struct supervisor *s, apc_ns timeout)
+{
+    const apc_ns end = apc_clock_mono(NULL) + timeout;
+    struct pollfd p = {.fd = s->notify, .events = POLLIN};
+    for (apc_ns left = timeout; left > 0; left = end - apc_clock_mono(NULL)) {
+        const struct timespec t = {left / APC_NS_PER_S, left % APC_NS_PER_S};
+        if (ppoll(&p, 1, &t, NULL) != 1)
+            return;
+        hear(s);
+    }
 }
 
 int supervisor_check(struct supervisor *s, struct apc_error *why)

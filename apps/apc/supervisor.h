@@ -40,6 +40,7 @@ struct supervisor {
     bool spin, hold_latency;
     apc_ns start;        /* monotonic: t = 0 */
     int notify;          /* the socket */
+    apc_ns heard;        /* monotonic; when it was last listened to; 0: never */
     char meeting[32];    /* folder that it lies in */
     struct child *child; /* [n] in the order in which they are started; stopped in reverse */
     size_t n;
@@ -47,6 +48,10 @@ struct supervisor {
 
 /* Find the programs beside this one, start all. On failure those started have been stopped. */
 int supervisor_start(struct supervisor *s, struct apc_error *why);
+/* Wait until @p timeout, or a signal, listening to the children meanwhile: their socket holds a few messages
+ * only (ten, unless net.unix.max_dgram_qlen says more), and many children say more than that between two
+ * looks. */
+void supervisor_wait(struct supervisor *s, apc_ns timeout);
 /*
  * Look after the children; never waits. To be called at least every SUPERVISOR_LOOK. One that has not ticked
  * for max(3 periods, 1 s) is killed within a second more. A child that died is started again, after a pause
