@@ -79,6 +79,7 @@ for (const colorScheme of ["light", "dark"])
       fake.say("store", {connected: false, since: fake.now, error: "server closed the connection unexpectedly"});
       await page.locator(".database-bar").waitFor();
       await look("the database away");
+      await page.locator(".diagnostics").waitFor(); // what was never known cannot be last known
       fake.leave();
       await page.locator(".disconnected-bar").waitFor();
       await page.locator(".stale-page").waitFor();
