@@ -58,13 +58,13 @@ static int fail(struct shell *s, struct apc_error *why, const char *what)
     return APC_ESYS;
 }
 
-/* A link of ours from an earlier run that was killed is replaced; anything else under this name is
- * somebody's. */
+/* A link of ours from an earlier run that was killed leads nowhere, and is replaced. Anything else under this
+ * name is somebody's: a plant's that runs, too. */
 static bool is_left_over(const char *path)
 {
     char to[64];
     const ssize_t n = readlink(path, to, sizeof to);
-    return n > 9 && !memcmp(to, "/dev/pts/", 9);
+    return n > 9 && !memcmp(to, "/dev/pts/", 9) && access(path, F_OK) < 0;
 }
 
 static int make_port(struct shell *s, const char *path, struct apc_error *why)
@@ -72,7 +72,12 @@ static int make_port(struct shell *s, const char *path, struct apc_error *why)
     struct termios how;
     char name[64];
 
-    snprintf(s->board.path, sizeof s->board.path, "%s", path);
+    if (snprintf(s->board.path, sizeof s->board.path, "%s", path) >= (int)sizeof s->board.path) {
+        errno = ENAMETOOLONG;
+        return fail(s, why, "this name cannot be given to it");
+    }
+    if (is_left_over(path)) /* before there is a new one, which may have the old one's number */
+        unlink(path);
     s->board.port = posix_openpt(O_RDWR | O_NOCTTY | O_CLOEXEC | O_NONBLOCK);
     if (s->board.port < 0 || grantpt(s->board.port) < 0 || unlockpt(s->board.port) < 0 ||
         ptsname_r(s->board.port, name, sizeof name) != 0)
@@ -83,8 +88,6 @@ static int make_port(struct shell *s, const char *path, struct apc_error *why)
     cfmakeraw(&how);
     if (tcsetattr(s->board.kept, TCSANOW, &how) < 0)
         return fail(s, why, name);
-    if (is_left_over(path))
-        unlink(path);
     if (symlink(name, path) < 0)
         return fail(s, why, "this name cannot be given to it");
     return 0;

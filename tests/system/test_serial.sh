@@ -32,6 +32,8 @@ kill -KILL "$pid"
 wait "$pid" || true
 plant again
 [ "$(answer VER)" = 'TCLab Firmware 1.4.3 libapc' ] || fail "the port is not the new board's"
+expect 1 'File exists' "$APC_BIN/apc-plant" --config "$APC_SOURCE_DIR/experiments/temperature-lab.conf" --listen "serial:$lab" # twice at once
+[ "$(answer VER)" = 'TCLab Firmware 1.4.3 libapc' ] || fail "a second plant took the port of the first one"
 kill -TERM "$pid"
 wait "$pid"
 port && fail "the name of the port is left behind"
