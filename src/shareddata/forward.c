@@ -10,80 +10,26 @@
  *
  * A step takes of each variable what there was when it began, as of one moment, so that TO as a whole is
  * FROM as it was. Only when a step is cut short is one variable ahead of another.
- *
- * Events and timing rows have a number in FROM only. Those of before the start, and those of an append whose
- * outcome is not known, are looked up in TO by all their members; the rest are new.
  */
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/base_internal.h"
-#include "shareddata/shareddata_internal.h"
+#include "shareddata/forward.h"
 
 #define SAMPLES  16384 /* of one append */
 #define VECTORS  1024
 #define ELEMENTS 131072 /* of all of them; more than one can have */
-#define EVENTS   512
-#define TIMING   64
-
-struct variable {
-    struct apc_sample at; /* seq and time of the last row that was read */
-    int64_t stored;       /* TO has all up to this seq */
-    int64_t newest;       /* of FROM, when the step began */
-    int64_t oldest;       /* that FROM still had, at the last look for that */
-    bool placed;          /* what TO has is known, and that it is ours to write */
-    bool read;            /* rows of it were read in this step */
-};
-
-/* How far events, or timing rows, have come. */
-struct cursor {
-    int64_t number; /* all up to it have been moved */
-    bool doubtful;  /* those above it may be there */
-};
-
-struct apc_forward {
-    struct apc_store *from, *to;
-    struct apc_error why;
-    struct apc_forward_stats stats;
-    apc_ns deadline;
-    int moved;
-    bool described; /* TO has FROM's descriptions, tag and revision */
-    struct apc_tag *tag;
-    size_t n_tags;
-    int64_t revision;
-    struct variable *variable; /* [n] vectors, then samples */
-    size_t n, n_vectors, turn; /* turn: with which a step begins */
-    struct apc_sample *ask;    /* [n] for one call */
-    struct apc_vector *ask_vector;
-    struct author {
-        uint32_t from, to;
-    } * author;
-    size_t n_authors;
-    struct apc_sample *sample; /* [SAMPLES]: the batch */
-    struct apc_vector *vector; /* [VECTORS], their values in element */
-    double *element;           /* [ELEMENTS] */
-    size_t samples, vectors, elements;
-    struct variable *reading; /* whose history streams */
-    struct apc_event event[EVENTS];
-    struct apc_timing_row timing_row[TIMING];
-    int64_t *bins[TIMING];  /* of these */
-    bool there[EVENTS + 1]; /* of either: TO has it; one more for what is not in the batch */
-    size_t records;
-    int64_t number; /* the highest of those that stream */
-    int failed;     /* why the stream was ended */
-    struct cursor events, timing;
-};
 
 /* ---- Failures ------------------------------------------------------------------------------ */
 
-static int fail_from(struct apc_forward *f, int err)
+int apc_forward_fail_from(struct apc_forward *f, int err)
 {
     f->stats.away = false;
     return apc_fail(&f->why, err, "reading: %s", apc_store_error(f->from));
 }
 
 /* What became of an append is not known, nor what else happened in TO. */
-static int fail_to(struct apc_forward *f, int err)
+int apc_forward_fail_to(struct apc_forward *f, int err)
 {
     f->stats.away = true;
     f->described = false;
@@ -93,7 +39,7 @@ static int fail_to(struct apc_forward *f, int err)
     return apc_fail(&f->why, err, "writing: %s", apc_store_error(f->to));
 }
 
-static int no_memory(struct apc_forward *f)
+int apc_forward_no_memory(struct apc_forward *f)
 {
     f->stats.away = false;
     return apc_fail(&f->why, APC_ENOMEM, "out of memory");
@@ -114,17 +60,17 @@ static int send_tags(struct apc_forward *f, const struct apc_tag *to, size_t n_t
     const int length = apc_store_catalogue(f->from, NULL, 0, &revision);
     const int there = length < 0 ? 0 : apc_store_catalogue(f->to, NULL, 0, NULL);
     if (length < 0 || there < 0) {
-        return length < 0 ? fail_from(f, length) : fail_to(f, there);
+        return length < 0 ? apc_forward_fail_from(f, length) : apc_forward_fail_to(f, there);
     }
     struct apc_tag *all = (struct apc_tag *)calloc(f->n_tags + n_to + 1, sizeof *all);
     char *text = (char *)calloc((size_t)length + 1, 1), *old = (char *)calloc((size_t)there + 1, 1);
     size_t n = f->n_tags, same = 0;
-    int rc = all && text && old ? 0 : no_memory(f);
+    int rc = all && text && old ? 0 : apc_forward_no_memory(f);
     if (rc == 0 && (rc = apc_store_catalogue(f->from, text, (size_t)length + 1, &revision)) < 0) {
-        rc = fail_from(f, rc);
+        rc = apc_forward_fail_from(f, rc);
     }
     if (rc >= 0 && (rc = apc_store_catalogue(f->to, old, (size_t)there + 1, NULL)) < 0) {
-        rc = fail_to(f, rc);
+        rc = apc_forward_fail_to(f, rc);
     }
     for (size_t i = 0; rc >= 0 && i < f->n_tags; i++) {
         const struct apc_tag *b = apc_tag_of(to, n_to, &f->tag[i]);
@@ -138,7 +84,7 @@ static int send_tags(struct apc_forward *f, const struct apc_tag *to, size_t n_t
     }
     if (rc >= 0 && (same < f->n_tags || (revision > 0 && strcmp(text, old) != 0)) &&
         (rc = apc_store_describe(f->to, all, n, revision > 0 ? text : NULL)) < 0) {
-        rc = fail_to(f, rc);
+        rc = apc_forward_fail_to(f, rc);
     }
     f->revision = revision;
     f->described = rc >= 0;
@@ -160,7 +106,7 @@ static int describe(struct apc_forward *f)
     }
     if (rc < 0) {
         free(now);
-        return rc == APC_ENOMEM ? no_memory(f) : fail_from(f, rc);
+        return rc == APC_ENOMEM ? apc_forward_no_memory(f) : apc_forward_fail_from(f, rc);
     }
     bool changed = n != f->n_tags || revision != f->revision;
     for (size_t i = 0; !changed && i < n; i++) {
@@ -176,7 +122,7 @@ static int describe(struct apc_forward *f)
     }
     rc = apc_tags_load(f->to, &to, &n_to);
     if (rc < 0) {
-        rc = rc == APC_ENOMEM ? no_memory(f) : fail_to(f, rc);
+        rc = rc == APC_ENOMEM ? apc_forward_no_memory(f) : apc_forward_fail_to(f, rc);
     }
     if (rc == 0) { /* two experiments in one store would be one series of each variable */
         rc = apc_tags_compare(f->tag, f->n_tags, to, n_to, &f->why);
@@ -193,19 +139,20 @@ static int describe(struct apc_forward *f)
 
 static int grow(struct apc_forward *f, size_t n)
 {
-    struct variable *variable = (struct variable *)realloc(f->variable, n * sizeof *variable);
+    struct apc_forward_variable *variable =
+        (struct apc_forward_variable *)realloc(f->variable, n * sizeof *variable);
     if (!variable) {
-        return no_memory(f);
+        return apc_forward_no_memory(f);
     }
     f->variable = variable;
     struct apc_sample *ask = (struct apc_sample *)realloc(f->ask, n * sizeof *ask);
     if (!ask) {
-        return no_memory(f);
+        return apc_forward_no_memory(f);
     }
     f->ask = ask;
     struct apc_vector *vector = (struct apc_vector *)realloc(f->ask_vector, n * sizeof *vector);
     if (!vector) {
-        return no_memory(f);
+        return apc_forward_no_memory(f);
     }
     f->ask_vector = vector;
     return 0;
@@ -213,7 +160,8 @@ static int grow(struct apc_forward *f, size_t n)
 
 static int by_kind(const void *a, const void *b)
 {
-    const struct apc_sample *x = &((const struct variable *)a)->at, *y = &((const struct variable *)b)->at;
+    const struct apc_sample *x = &((const struct apc_forward_variable *)a)->at,
+                            *y = &((const struct apc_forward_variable *)b)->at;
     const bool v = apc_table_vectors(x->table), w = apc_table_vectors(y->table);
     return v != w                 ? w - v
            : x->table != y->table ? (x->table > y->table) - (x->table < y->table)
@@ -225,16 +173,16 @@ static int list(struct apc_forward *f)
 {
     const int room = apc_store_variables(f->from, NULL, 0);
     if (room < 0 || (size_t)room == f->n) {
-        return room < 0 ? fail_from(f, room) : 0;
+        return room < 0 ? apc_forward_fail_from(f, room) : 0;
     }
     const size_t known = f->n;
     const int rc = grow(f, known + (size_t)room);
     const int n = rc < 0 ? 0 : apc_store_variables(f->from, f->ask, (size_t)room);
     if (rc < 0 || n < 0) {
-        return rc < 0 ? rc : fail_from(f, n);
+        return rc < 0 ? rc : apc_forward_fail_from(f, n);
     }
     for (int i = 0; i < n && i < room; i++) { /* those that come meanwhile have their turn */
-        const struct variable new = {.at = {.table = f->ask[i].table, .id = f->ask[i].id}};
+        const struct apc_forward_variable new = {.at = {.table = f->ask[i].table, .id = f->ask[i].id}};
         if (new.at.table != APC_STATE && !(known && bsearch(&new, f->variable, known, sizeof new, by_kind))) {
             f->variable[f->n++] = new;
         }
@@ -293,10 +241,10 @@ static int find_places(struct apc_forward *f)
         rc = read_newest(f, f->to);
     }
     if (rc < 0) {
-        return fail_to(f, rc);
+        return apc_forward_fail_to(f, rc);
     }
     for (size_t i = 0; i < f->n; i++) {
-        struct variable *v = &f->variable[i];
+        struct apc_forward_variable *v = &f->variable[i];
         v->at.seq = v->stored = seq_read(f, i);
         v->at.time = time_read(f, i);
         v->placed = true;
@@ -308,7 +256,7 @@ static int look_at_from(struct apc_forward *f)
 {
     int rc = list(f);
     if (rc == 0 && f->n > 0 && (rc = read_newest(f, f->from)) < 0) {
-        return fail_from(f, rc);
+        return apc_forward_fail_from(f, rc);
     }
     for (size_t i = 0; rc == 0 && i < f->n; i++) {
         f->variable[i].newest = seq_read(f, i);
@@ -322,7 +270,7 @@ static int compare(struct apc_forward *f)
 {
     f->stats.behind = 0;
     for (size_t i = 0; i < f->n; i++) {
-        const struct variable *v = &f->variable[i];
+        const struct apc_forward_variable *v = &f->variable[i];
         if (v->placed && v->stored > v->newest) {
             f->stats.away = true;
             return apc_fail(&f->why, APC_ECONFLICT,
@@ -347,24 +295,25 @@ static int find_author(struct apc_forward *f, uint32_t number)
             return (int)f->author[i].to;
         }
     }
-    struct author *grown = (struct author *)realloc(f->author, (f->n_authors + 1) * sizeof *grown);
+    struct apc_forward_author *grown =
+        (struct apc_forward_author *)realloc(f->author, (f->n_authors + 1) * sizeof *grown);
     if (!grown) {
-        return no_memory(f);
+        return apc_forward_no_memory(f);
     }
     f->author = grown;
     int rc = apc_store_author_name(f->from, number, name);
     if (rc < 0 && rc != APC_ENOTFOUND) {
-        return fail_from(f, rc);
+        return apc_forward_fail_from(f, rc);
     }
     rc = rc < 0 ? 0 : apc_store_author(f->to, name);
     if (rc < 0) {
-        return fail_to(f, rc);
+        return apc_forward_fail_to(f, rc);
     }
-    f->author[f->n_authors++] = (struct author){number, (uint32_t)rc};
+    f->author[f->n_authors++] = (struct apc_forward_author){number, (uint32_t)rc};
     return rc;
 }
 
-static void count(struct apc_forward *f, uint64_t *of, int stored)
+void apc_forward_count(struct apc_forward *f, uint64_t *of, int stored)
 {
     *of += (uint64_t)stored;
     f->moved += stored;
@@ -382,13 +331,13 @@ static int flush_rows(struct apc_forward *f)
     }
     int stored = apc_store_append_rows(f->to, &rows);
     if (stored >= 0) {
-        count(f, &f->stats.vectors, stored);
+        apc_forward_count(f, &f->stats.vectors, stored);
         stored = apc_store_append(f->to, f->sample, f->samples);
     }
     if (stored < 0) {
-        return fail_to(f, stored);
+        return apc_forward_fail_to(f, stored);
     }
-    count(f, &f->stats.samples, stored);
+    apc_forward_count(f, &f->stats.samples, stored);
     for (size_t i = 0; i < f->n; i++) {
         f->variable[i].stored = f->variable[i].at.seq;
     }
@@ -399,7 +348,7 @@ static int flush_rows(struct apc_forward *f)
 /* The first row of a variable in a step: is it the one that follows? */
 static void see_gap(struct apc_forward *f, int64_t seq, apc_ns time)
 {
-    const struct variable *v = f->reading;
+    const struct apc_forward_variable *v = f->reading;
     if (!v->read && v->at.seq > 0 && seq > v->at.seq + 1) {
         f->stats.gap.since =
             f->stats.gap.times == 0 || v->at.time < f->stats.gap.since ? v->at.time : f->stats.gap.since;
@@ -412,7 +361,7 @@ static void see_gap(struct apc_forward *f, int64_t seq, apc_ns time)
 /* The row joins the batch, unless it came after the step began. */
 static bool take_row(struct apc_forward *f, int64_t seq, apc_ns time)
 {
-    struct variable *v = f->reading;
+    struct apc_forward_variable *v = f->reading;
     if (seq > v->newest) {
         return false;
     }
@@ -455,7 +404,7 @@ static bool is_full(const struct apc_forward *f)
 }
 
 /* All that there was of it, as far as there is time. */
-static int move_variable(struct apc_forward *f, struct variable *v)
+static int move_variable(struct apc_forward *f, struct apc_forward_variable *v)
 {
     int rc = 0;
     f->reading = v;
@@ -465,7 +414,7 @@ static int move_variable(struct apc_forward *f, struct variable *v)
                               ? apc_store_vectors(f->from, v->at.table, v->at.id, &range, take_vector, f)
                               : apc_store_history(f->from, v->at.table, v->at.id, &range, take_sample, f);
         if (given < 0) {
-            return fail_from(f, given);
+            return apc_forward_fail_from(f, given);
         }
         if (!is_full(f)) {
             break;
@@ -485,182 +434,6 @@ static int move_rows(struct apc_forward *f)
         f->turn = f->turn < f->n ? f->turn : 0;
     }
     return rc == 0 ? flush_rows(f) : rc;
-}
-
-/* ---- Events and timing --------------------------------------------------------------------- */
-
-static bool same_event(const struct apc_event *a, const struct apc_event *b)
-{
-    return a->time == b->time && a->severity == b->severity && strcmp(a->source, b->source) == 0 &&
-           strcmp(a->kind, b->kind) == 0 && strcmp(a->text, b->text) == 0;
-}
-
-static bool same_timing(const struct apc_timing_row *a, const struct apc_timing_row *b)
-{
-    return a->time == b->time && strcmp(a->task, b->task) == 0 && strcmp(a->quantity, b->quantity) == 0 &&
-           a->period == b->period && a->missed == b->missed && a->count == b->count && a->p50 == b->p50 &&
-           a->p99 == b->p99 && a->max == b->max && a->n_bins == b->n_bins;
-}
-
-static int mark_event(void *ctx, const struct apc_event *e)
-{
-    struct apc_forward *f = (struct apc_forward *)ctx;
-    size_t i = 0;
-    while (i < f->records && (f->there[i] || !same_event(&f->event[i], e))) {
-        i++;
-    }
-    f->there[i] = true;
-    return 0;
-}
-
-static int mark_timing(void *ctx, const struct apc_timing_row *row)
-{
-    struct apc_forward *f = (struct apc_forward *)ctx;
-    size_t i = 0;
-    while (i < f->records && (f->there[i] || !same_timing(&f->timing_row[i], row))) {
-        i++;
-    }
-    f->there[i] = true;
-    return 0;
-}
-
-/* Where TO can have what lies between two times. */
-static struct apc_range span(apc_ns first, apc_ns last)
-{
-    return (struct apc_range){.since = first, .until = last < INT64_MAX - 1000 ? last + 1000 : 0};
-}
-
-/* The batch has been appended, or could not be. */
-static int end_batch(struct apc_forward *f, struct cursor *c, uint64_t *of, int stored)
-{
-    f->records = 0;
-    if (stored < 0) {
-        c->doubtful = true;
-        return f->failed = fail_to(f, stored);
-    }
-    count(f, of, stored);
-    return 0;
-}
-
-static int flush_events(struct apc_forward *f)
-{
-    apc_ns first = INT64_MAX, last = INT64_MIN;
-    size_t new = 0;
-    int rc = 0;
-    memset(f->there, 0, sizeof f->there);
-    for (size_t i = 0; i < f->records; i++) {
-        first = f->event[i].time < first ? f->event[i].time : first;
-        last = f->event[i].time > last ? f->event[i].time : last;
-    }
-    if (f->records > 0 && f->events.doubtful) {
-        const struct apc_range range = span(first, last);
-        rc = apc_store_events(f->to, &range, mark_event, f);
-    }
-    for (size_t i = 0; i < f->records; i++) {
-        if (!f->there[i]) {
-            f->event[new ++] = f->event[i];
-        }
-    }
-    return end_batch(f, &f->events, &f->stats.events,
-                     rc < 0 ? rc : apc_store_append_events(f->to, f->event, new));
-}
-
-static int flush_timing(struct apc_forward *f)
-{
-    struct apc_timing_row rows[TIMING];
-    size_t new = 0;
-    int rc = 0;
-    memset(f->there, 0, sizeof f->there);
-    if (f->records > 0 && f->timing.doubtful) {
-        const struct apc_range range =
-            span(f->timing_row[0].time, f->timing_row[f->records - 1].time); /* they come by time */
-        rc = apc_store_timing(f->to, &range, mark_timing, f);
-    }
-    for (size_t i = 0; i < f->records; i++) {
-        if (!f->there[i]) {
-            rows[new ++] = f->timing_row[i];
-        }
-    }
-    return end_batch(f, &f->timing, &f->stats.timing,
-                     rc < 0 ? rc : apc_store_append_timing(f->to, rows, new));
-}
-
-static void see_number(struct apc_forward *f, int64_t number)
-{
-    f->number = number > f->number ? number : f->number;
-}
-
-/* Two that are alike stay in one batch: else the second would find the first one's copy. */
-static int take_event(void *ctx, const struct apc_event *e)
-{
-    struct apc_forward *f = (struct apc_forward *)ctx;
-    if ((f->records == EVENTS || (f->records > EVENTS / 2 && e->time != f->event[f->records - 1].time)) &&
-        flush_events(f) < 0) {
-        return 1;
-    }
-    f->event[f->records++] = *e;
-    see_number(f, e->number);
-    return 0;
-}
-
-static int take_timing(void *ctx, const struct apc_timing_row *row)
-{
-    struct apc_forward *f = (struct apc_forward *)ctx;
-    const size_t n = row->n_bins;
-    if ((f->records == TIMING ||
-         (f->records > TIMING / 2 && row->time != f->timing_row[f->records - 1].time)) &&
-        flush_timing(f) < 0) {
-        return 1;
-    }
-    int64_t *bins = (int64_t *)realloc(f->bins[f->records], (3 * n + 1) * sizeof *bins);
-    if (!bins) {
-        f->failed = no_memory(f);
-        return 1;
-    }
-    if (n > 0) {
-        memcpy(bins, row->bin_low, n * sizeof *bins);
-        memcpy(bins + n, row->bin_high, n * sizeof *bins);
-        memcpy(bins + 2 * n, row->bin_count, n * sizeof *bins);
-    }
-    f->bins[f->records] = bins;
-    struct apc_timing_row *to = &f->timing_row[f->records++];
-    *to = *row;
-    to->bin_low = bins;
-    to->bin_high = bins + n;
-    to->bin_count = bins + 2 * n;
-    see_number(f, row->number);
-    return 0;
-}
-
-/* All that have come since the last time, as `give` streams them. */
-static int move_records(struct apc_forward *f, struct cursor *c,
-                        int (*give)(struct apc_forward *f, const struct apc_range *range),
-                        int (*flush)(struct apc_forward *f))
-{
-    const struct apc_range range = {.after = c->number};
-    f->records = 0;
-    f->number = c->number;
-    f->failed = 0;
-    const int given = give(f, &range);
-    if (f->failed == 0 && given < 0) {
-        f->failed = fail_from(f, given);
-        c->doubtful = true; /* some of them may have been moved */
-    }
-    if (f->failed == 0 && flush(f) == 0) {
-        c->number = f->number;
-        c->doubtful = false;
-    }
-    return f->failed;
-}
-
-static int give_events(struct apc_forward *f, const struct apc_range *range)
-{
-    return apc_store_events(f->from, range, take_event, f);
-}
-
-static int give_timing(struct apc_forward *f, const struct apc_range *range)
-{
-    return apc_store_timing(f->from, range, take_timing, f);
 }
 
 /* ---- The whole ----------------------------------------------------------------------------- */
@@ -697,7 +470,7 @@ void apc_forward_destroy(struct apc_forward *f)
     if (!f) {
         return;
     }
-    for (size_t i = 0; i < TIMING; i++) {
+    for (size_t i = 0; i < APC_FORWARD_TIMING; i++) {
         free(f->bins[i]);
     }
     free(f->tag);
@@ -736,10 +509,7 @@ int apc_forward_step(struct apc_forward *f, apc_ns timeout)
         rc = move_rows(f);
     }
     if (rc == 0) {
-        rc = move_records(f, &f->events, give_events, flush_events);
-    }
-    if (rc == 0) {
-        rc = move_records(f, &f->timing, give_timing, flush_timing);
+        rc = apc_forward_records(f);
     }
     if (rc == 0) {
         rc = compare(f);
@@ -774,7 +544,7 @@ double apc_forward_left(struct apc_forward *f)
     double left = 1;
     const int looked = f ? look_at_from(f) : APC_EINVAL;
     for (size_t i = 0; looked == 0 && i < f->n; i++) {
-        struct variable *v = &f->variable[i];
+        struct apc_forward_variable *v = &f->variable[i];
         struct held held = {0};
         const int rc = i < f->n_vectors
                            ? apc_store_vectors(f->from, v->at.table, v->at.id, NULL, hold_vector, &held)

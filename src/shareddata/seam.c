@@ -5,9 +5,7 @@
  * history's as far as it goes, and from there on the live store's.
  *
  * Rows of variables bear the same seq in both. So the history is streamed to its end, and the live store
- * from behind the last seq that it gave: whatever the historian moves meanwhile, a row comes once. Events and
- * timing rows have a number in their own store only; those of the live store that the history gave as well,
- * alike in all that they say, are left out.
+ * from behind the last seq that it gave: whatever the historian moves meanwhile, a row comes once.
  *
  * The history may be away, be another's, or not have begun. Then the live store's rows are all there are, and
  * the handle's error text says so, though the operation succeeds. A history that makes its callers wait is
@@ -17,31 +15,20 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/base_internal.h"
-#include "shareddata/seam.h"
+#include "shareddata/seam_internal.h"
 #include "shareddata/spool.h"
 
 #define TRIES 10 /* to find where the newest N begin, while a historian moves rows */
 
-struct seam {
-    struct apc_store base;
-    struct apc_store *live, *history;
-    bool checked;       /* the history is of this experiment */
-    apc_ns quiet_until; /* monotonic: it is left alone so long */
-    unsigned away;      /* times in a row that it was */
-    int failed;         /* the last time, because of reason */
-    struct apc_error reason;
-};
-
-static struct seam *of(struct apc_store *store)
+static struct apc_seam *of(struct apc_store *store)
 {
-    return (struct seam *)store;
+    return (struct apc_seam *)store;
 }
 
 /* ---- Asking the history ---------------------------------------------------------------------- */
 
 /* It answered so to what began then. Without it there is less to give, and no failure. */
-static int answered(struct seam *s, int rc, apc_ns began, const char *text)
+int apc_seam_answered(struct apc_seam *s, int rc, apc_ns began, const char *text)
 {
     if (rc >= 0) {
         s->away = 0;
@@ -56,7 +43,7 @@ static int answered(struct seam *s, int rc, apc_ns began, const char *text)
     return rc;
 }
 
-static int check_experiment(struct seam *s)
+static int check_experiment(struct apc_seam *s)
 {
     struct apc_tag *live = NULL, *history = NULL;
     size_t n_live = 0, n_history = 0;
@@ -73,11 +60,11 @@ static int check_experiment(struct seam *s)
     free(live);
     free(history);
     s->checked = rc == 0;
-    return answered(s, rc, began, why.text);
+    return apc_seam_answered(s, rc, began, why.text);
 }
 
 /* May the history be asked? */
-static bool has_history(struct seam *s)
+bool apc_seam_has_history(struct apc_seam *s)
 {
     if (apc_clock_mono(NULL) < s->quiet_until) {
         s->base.why = s->reason;
@@ -103,20 +90,20 @@ static int newest_seq(struct apc_store *store, enum apc_table table, int id, int
 
 /* Up to which seq the history has the variable. It cannot have more than the live store, which began with
  * what it had. */
-static int reach(struct seam *s, enum apc_table table, int id, int64_t *seq)
+static int reach(struct apc_seam *s, enum apc_table table, int id, int64_t *seq)
 {
     int64_t live = 0;
     const apc_ns began = apc_clock_mono(NULL);
     int rc = newest_seq(s->history, table, id, seq);
     if (rc < 0) {
-        return answered(s, rc, began, s->history->why.text);
+        return apc_seam_answered(s, rc, began, s->history->why.text);
     }
     rc = newest_seq(s->live, table, id, &live);
     if (rc == 0 && live > 0 && *seq > live) {
         char text[160];
         snprintf(text, sizeof text, "it has %s %d up to seq %lld, newer than %lld here: it is another run's",
                  apc_table_name(table), id, (long long)*seq, (long long)live);
-        return answered(s, APC_ECONFLICT, began, text);
+        return apc_seam_answered(s, APC_ECONFLICT, began, text);
     }
     return rc;
 }
@@ -180,7 +167,7 @@ static int stream(struct apc_store *store, enum apc_table table, int id, const s
 }
 
 /* What the live store has reaches as far back as is asked for: 1, or 0, or an error. */
-static int is_live(struct seam *s, enum apc_table table, int id, const struct apc_range *range)
+static int is_live(struct apc_seam *s, enum apc_table table, int id, const struct apc_range *range)
 {
     struct stream oldest = {.one = true}, rows = {0};
     int rc = stream(s->live, table, id, NULL, &oldest);
@@ -196,7 +183,7 @@ static int is_live(struct seam *s, enum apc_table table, int id, const struct ap
 }
 
 /* Where the newest `last` begin, so that both stores can be asked for what lies behind one seq. */
-static int find_first(struct seam *s, enum apc_table table, int id, struct apc_range *range)
+static int find_first(struct apc_seam *s, enum apc_table table, int id, struct apc_range *range)
 {
     int64_t end = 0, moved = 0;
     int rc = reach(s, table, id, &moved);
@@ -214,27 +201,28 @@ static int find_first(struct seam *s, enum apc_table table, int id, struct apc_r
         head.last = range->last - (new.n < range->last ? new.n : range->last - 1);
         const apc_ns began = apc_clock_mono(NULL);
         rc = stream(s->history, table, id, &head, &old);
-        rc = rc < 0 ? answered(s, rc, began, s->history->why.text) : reach(s, table, id, &moved);
+        rc = rc < 0 ? apc_seam_answered(s, rc, began, s->history->why.text) : reach(s, table, id, &moved);
     }
     range->after = rc == 0 && old.n > 0 ? old.first - 1 : range->after;
     return rc;
 }
 
 /* The caller's rows of the variable, in the order of their seqs. */
-static int rows(struct seam *s, enum apc_table table, int id, const struct apc_range *asked, struct stream *x)
+static int rows(struct apc_seam *s, enum apc_table table, int id, const struct apc_range *asked,
+                struct stream *x)
 {
     struct apc_range range = *asked;
     int64_t end = 0;
     s->base.streaming = true;
     int rc = is_live(s, table, id, asked);
-    if (rc == 0 && has_history(s)) {
+    if (rc == 0 && apc_seam_has_history(s)) {
         rc = range.last > 0 ? find_first(s, table, id, &range) : reach(s, table, id, &end);
         if (rc == 0) {
             const apc_ns began = apc_clock_mono(NULL);
             range.last = 0;
             x->most = asked->last;
             x->mark = APC_SEAM_AUTHOR;
-            rc = answered(s, stream(s->history, table, id, &range, x), began, s->history->why.text);
+            rc = apc_seam_answered(s, stream(s->history, table, id, &range, x), began, s->history->why.text);
         }
     }
     if (!x->ended && (x->most == 0 || x->n < x->most)) {
@@ -264,7 +252,7 @@ static int vectors(struct apc_store *store, enum apc_table table, int id, const 
     return rows(of(store), table, id, range, &x);
 }
 
-static int live_bins(struct seam *s, enum apc_table table, int id, apc_ns since, apc_ns until, size_t n,
+static int live_bins(struct apc_seam *s, enum apc_table table, int id, apc_ns since, apc_ns until, size_t n,
                      apc_history_bin_fn fn, void *ctx)
 {
     s->base.streaming = true;
@@ -278,18 +266,18 @@ static int live_bins(struct seam *s, enum apc_table table, int id, apc_ns since,
 static int history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
                         size_t n, apc_history_bin_fn fn, void *ctx)
 {
-    struct seam *s = of(store);
+    struct apc_seam *s = of(store);
     struct apc_bins bins;
     struct apc_range range = {.since = since, .until = until};
     int64_t end = 0;
-    if (is_live(s, table, id, &range) != 0 || !has_history(s) || reach(s, table, id, &end) < 0) {
+    if (is_live(s, table, id, &range) != 0 || !apc_seam_has_history(s) || reach(s, table, id, &end) < 0) {
         return live_bins(s, table, id, since, until, n, fn, ctx);
     }
     int rc = apc_bins_make(store, &bins, since, until, n);
     const apc_ns began = apc_clock_mono(NULL);
     if (rc == 0) {
         rc = apc_store_history_bins(s->history, table, id, since, until, n, apc_bins_take, &bins);
-        rc = answered(s, rc, began, s->history->why.text);
+        rc = apc_seam_answered(s, rc, began, s->history->why.text);
     }
     if (rc < 0) {
         free(bins.bin);
@@ -308,12 +296,12 @@ static int history_bins(struct apc_store *store, enum apc_table table, int id, a
 /* Those of both: a run that began without its history has not got all in the live store. */
 static int variables(struct apc_store *store, struct apc_sample *into, size_t capacity)
 {
-    struct seam *s = of(store);
+    struct apc_seam *s = of(store);
     int n_live = apc_store_variables(s->live, NULL, 0), n_history = 0, n = 0;
     const apc_ns began = apc_clock_mono(NULL);
-    if (n_live >= 0 && has_history(s)) {
+    if (n_live >= 0 && apc_seam_has_history(s)) {
         n_history = apc_store_variables(s->history, NULL, 0);
-        n_history = answered(s, n_history, began, s->history->why.text) < 0 ? 0 : n_history;
+        n_history = apc_seam_answered(s, n_history, began, s->history->why.text) < 0 ? 0 : n_history;
     }
     const size_t room = (size_t)(n_live > 0 ? n_live : 0) + (size_t)n_history;
     struct apc_sample *all = (struct apc_sample *)calloc(room ? room : 1, sizeof *all);
@@ -375,7 +363,7 @@ static void compare(const struct apc_sample *live, const struct apc_sample *hist
 }
 
 /* The live store first: what it gets meanwhile is not what the history should have. */
-static int measure(struct seam *s, struct apc_behind *behind)
+static int measure(struct apc_seam *s, struct apc_behind *behind)
 {
     const int most = apc_store_variables(s->live, NULL, 0);
     const size_t n = most > 0 ? (size_t)most : 0;
@@ -390,7 +378,7 @@ static int measure(struct seam *s, struct apc_behind *behind)
     const apc_ns began = apc_clock_mono(NULL);
     if (rc == 0 && n > 0) {
         rc = read_all(s->history, at, n, at + 2 * n, vector);
-        rc = answered(s, rc, began, s->history->why.text);
+        rc = apc_seam_answered(s, rc, began, s->history->why.text);
     }
     if (rc == 0) {
         compare(at + n, at + 2 * n, n, behind);
@@ -402,205 +390,9 @@ static int measure(struct seam *s, struct apc_behind *behind)
 
 static int behind_of(struct apc_store *store, struct apc_behind *behind)
 {
-    struct seam *s = of(store);
-    const int rc = has_history(s) ? measure(s, behind) : s->failed;
+    struct apc_seam *s = of(store);
+    const int rc = apc_seam_has_history(s) ? measure(s, behind) : s->failed;
     return rc < 0 ? rc : 1;
-}
-
-/* ---- Events and timing ----------------------------------------------------------------------- */
-
-/* One of the live store's, and by what it is known elsewhere. */
-struct mark {
-    int64_t number;
-    apc_ns time;
-    uint64_t says;
-    bool there; /* the history has it */
-};
-
-struct records {
-    apc_event_fn event;
-    apc_timing_fn timing; /* one of the two */
-    void *ctx;
-    enum turn { NOTE, FIND, GIVE_OLD, GIVE_NEW } turn;
-    struct mark *mark; /* [n] of the live store's */
-    size_t n, capacity, cursor, skip, count;
-    apc_ns oldest;
-    bool ended, failed;
-};
-
-static uint64_t add_number(uint64_t sum, uint64_t number)
-{
-    sum = (sum ^ number) * UINT64_C(0x9e3779b97f4a7c15);
-    return sum ^ sum >> 32;
-}
-
-static uint64_t add_text(uint64_t sum, const char *text)
-{
-    for (; *text; text++) {
-        sum = add_number(sum, (unsigned char)*text);
-    }
-    return add_number(sum, 0);
-}
-
-static void note(struct records *x, int64_t number, apc_ns time, uint64_t says)
-{
-    if (x->n == x->capacity) {
-        const size_t capacity = 2 * x->capacity + 256;
-        struct mark *grown = (struct mark *)realloc(x->mark, capacity * sizeof *grown);
-        if (!grown) {
-            x->failed = true;
-            return;
-        }
-        x->mark = grown;
-        x->capacity = capacity;
-    }
-    x->oldest = x->n == 0 || time < x->oldest ? time : x->oldest;
-    x->mark[x->n++] = (struct mark){number, time, says, false};
-}
-
-/* They come in one order in both, so that it is mostly the next one. */
-static struct mark *next(struct records *x, bool (*is)(const struct mark *m, const struct mark *like),
-                         const struct mark *like)
-{
-    for (size_t i = 0; i < x->n; i++) {
-        const size_t at = (x->cursor + i) % x->n;
-        if (is(&x->mark[at], like)) {
-            x->cursor = (at + 1) % x->n;
-            return &x->mark[at];
-        }
-    }
-    return NULL;
-}
-
-static bool is_alike(const struct mark *m, const struct mark *like)
-{
-    return !m->there && m->time == like->time && m->says == like->says;
-}
-
-static bool is_number(const struct mark *m, const struct mark *like)
-{
-    return m->number == like->number;
-}
-
-/* Is the caller to have it, in this turn? */
-static bool is_due(struct records *x, int64_t number, apc_ns time, uint64_t says)
-{
-    const struct mark like = {number, time, says, false};
-    struct mark *m = NULL;
-    switch (x->turn) {
-    case NOTE:
-        note(x, number, time, says);
-        return false;
-    case FIND:
-    case GIVE_OLD:
-        m = time >= x->oldest ? next(x, is_alike, &like) : NULL;
-        if (m) {
-            m->there = true;
-        }
-        return x->turn == GIVE_OLD;
-    default: /* what has come since is not marked: it has its turn the next time */
-        m = next(x, is_number, &like);
-        if (!m || m->there) {
-            return false;
-        }
-        x->skip -= x->skip > 0;
-        return x->skip == 0;
-    }
-}
-
-static int on_event(void *ctx, const struct apc_event *e)
-{
-    struct records *x = (struct records *)ctx;
-    const uint64_t says = add_text(add_text(add_text((uint64_t)e->severity, e->source), e->kind), e->text);
-    if (is_due(x, e->number, e->time, says)) {
-        x->count++;
-        x->ended = x->event(x->ctx, e) != 0;
-    }
-    return x->ended || x->failed;
-}
-
-static int on_timing(void *ctx, const struct apc_timing_row *r)
-{
-    struct records *x = (struct records *)ctx;
-    uint64_t says = add_text(add_text(0, r->task), r->quantity);
-    says = add_number(add_number(add_number(says, r->missed), r->count), (uint64_t)r->max);
-    if (is_due(x, r->number, r->time, says)) {
-        x->count++;
-        x->ended = x->timing(x->ctx, r) != 0;
-    }
-    return x->ended || x->failed;
-}
-
-static int go(struct records *x, struct apc_store *store, const struct apc_range *range, enum turn turn)
-{
-    x->turn = turn;
-    return x->event ? apc_store_events(store, range, on_event, x)
-                    : apc_store_timing(store, range, on_timing, x);
-}
-
-static size_t count_new(const struct records *x)
-{
-    size_t n = 0;
-    for (size_t i = 0; i < x->n; i++) {
-        n += !x->mark[i].there;
-    }
-    return n;
-}
-
-/* The history's, of the newest as many as the live store has no newer ones of. */
-static int give_old(struct seam *s, struct records *x, const struct apc_range *asked)
-{
-    struct apc_range range = *asked;
-    const apc_ns began = apc_clock_mono(NULL);
-    int rc = 0;
-    if (asked->last > 0) {
-        range.last = 0;
-        range.since = x->n > 0 && x->oldest > asked->since ? x->oldest : asked->since;
-        rc = x->n > 0 ? go(x, s->history, &range, FIND) : 0;
-        range = *asked;
-        range.last = asked->last - (count_new(x) < asked->last ? count_new(x) : asked->last);
-    }
-    if (rc >= 0 && (asked->last == 0 || range.last > 0)) {
-        rc = go(x, s->history, &range, GIVE_OLD);
-    }
-    return answered(s, rc, began, s->history->why.text);
-}
-
-/* What lies behind a number is the live store's: it is one of its own. */
-static int records(struct seam *s, struct records *x, const struct apc_range *asked)
-{
-    struct apc_range range = *asked;
-    range.last = 0;
-    s->base.streaming = true;
-    int rc = go(x, s->live, &range, NOTE);
-    if (rc >= 0 && x->failed) {
-        rc = apc_fail(&s->base.why, APC_ENOMEM, "out of memory for %zu records", x->n);
-    } else if (rc < 0) {
-        s->base.why = s->live->why;
-    }
-    if (rc >= 0 && range.after == 0 && has_history(s)) {
-        give_old(s, x, asked);
-    }
-    if (rc >= 0 && !x->ended) {
-        const size_t new = count_new(x);
-        x->skip = asked->last > 0 && new > asked->last ? new - asked->last + 1 : 0;
-        rc = go(x, s->live, &range, GIVE_NEW);
-    }
-    s->base.streaming = false;
-    free(x->mark);
-    return rc < 0 ? rc : (int)x->count;
-}
-
-static int events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx)
-{
-    struct records x = {.event = fn, .ctx = ctx};
-    return records(of(store), &x, range);
-}
-
-static int timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx)
-{
-    struct records x = {.timing = fn, .ctx = ctx};
-    return records(of(store), &x, range);
 }
 
 /* ---- What is the live store's ---------------------------------------------------------------- */
@@ -620,18 +412,18 @@ static int connect_store(struct apc_store *store)
 
 static bool connected(const struct apc_store *store)
 {
-    return apc_store_connected(((const struct seam *)store)->live);
+    return apc_store_connected(((const struct apc_seam *)store)->live);
 }
 
 static void stats(const struct apc_store *store, struct apc_store_stats *all)
 {
     all->size = sizeof *all;
-    apc_store_stats(((const struct seam *)store)->live, all);
+    apc_store_stats(((const struct apc_seam *)store)->live, all);
 }
 
 static int version(const struct apc_store *store)
 {
-    return apc_store_tables_version(((const struct seam *)store)->live);
+    return apc_store_tables_version(((const struct apc_seam *)store)->live);
 }
 
 static int read_newest(struct apc_store *store, struct apc_sample *samples, size_t n)
@@ -686,7 +478,7 @@ static int author(struct apc_store *store, const char *name)
 
 static int author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN])
 {
-    struct seam *s = of(store);
+    struct apc_seam *s = of(store);
     if (number & APC_SEAM_AUTHOR) {
         const int rc = apc_store_author_name(s->history, number & ~APC_SEAM_AUTHOR, name);
         store->why = s->history->why;
@@ -734,7 +526,7 @@ static int maintain(struct apc_store *store, const struct apc_retention *keep)
 
 static void close_store(struct apc_store *store)
 {
-    struct seam *s = of(store);
+    struct apc_seam *s = of(store);
     apc_store_close(s->live);
     apc_store_close(s->history);
     free(s);
@@ -758,9 +550,9 @@ static const struct apc_store_ops seam_store = {
     .history_bins = history_bins,
     .get_tags = get_tags,
     .append_events = append_events,
-    .events = events,
+    .events = apc_seam_events,
     .append_timing = append_timing,
-    .timing = timing,
+    .timing = apc_seam_timing,
     .read_rows = read_rows,
     .append_rows = append_rows,
     .vectors = vectors,
@@ -778,7 +570,7 @@ static const struct apc_store_ops seam_store = {
 int apc_seam_wrap(struct apc_store **store, struct apc_store *live, struct apc_store *history_of_it,
                   struct apc_error *why)
 {
-    struct seam *s = (struct seam *)calloc(1, sizeof *s);
+    struct apc_seam *s = (struct apc_seam *)calloc(1, sizeof *s);
     if (!s) {
         apc_store_close(live);
         apc_store_close(history_of_it);

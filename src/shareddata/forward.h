@@ -1,0 +1,68 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Inside the files forward*.c: what a forward knows between two of its steps. */
+#ifndef APC_SHAREDDATA_FORWARD_H
+#define APC_SHAREDDATA_FORWARD_H
+
+#include "base/base_internal.h"
+#include "shareddata/shareddata_internal.h"
+
+#define APC_FORWARD_EVENTS 512 /* of one append */
+#define APC_FORWARD_TIMING 64
+
+struct apc_forward_variable {
+    struct apc_sample at; /* seq and time of the last row that was read */
+    int64_t stored;       /* TO has all up to this seq */
+    int64_t newest;       /* of FROM, when the step began */
+    int64_t oldest;       /* that FROM still had, at the last look for that */
+    bool placed;          /* what TO has is known, and that it is ours to write */
+    bool read;            /* rows of it were read in this step */
+};
+
+/* How far events, or timing rows, have come. */
+struct apc_forward_cursor {
+    int64_t number; /* all up to it have been moved */
+    bool doubtful;  /* those above it may be there */
+};
+
+struct apc_forward {
+    struct apc_store *from, *to;
+    struct apc_error why;
+    struct apc_forward_stats stats;
+    apc_ns deadline;
+    int moved;
+    bool described; /* TO has FROM's descriptions, tag and revision */
+    struct apc_tag *tag;
+    size_t n_tags;
+    int64_t revision;
+    struct apc_forward_variable *variable; /* [n] vectors, then samples */
+    size_t n, n_vectors, turn;             /* turn: with which a step begins */
+    struct apc_sample *ask;                /* [n] for one call */
+    struct apc_vector *ask_vector;
+    struct apc_forward_author {
+        uint32_t from, to;
+    } * author;
+    size_t n_authors;
+    struct apc_sample *sample; /* [SAMPLES]: the batch */
+    struct apc_vector *vector; /* [VECTORS], their values in element */
+    double *element;           /* [ELEMENTS] */
+    size_t samples, vectors, elements;
+    struct apc_forward_variable *reading; /* whose history streams */
+    struct apc_event event[APC_FORWARD_EVENTS];
+    struct apc_timing_row timing_row[APC_FORWARD_TIMING];
+    int64_t *bins[APC_FORWARD_TIMING];  /* of these */
+    bool there[APC_FORWARD_EVENTS + 1]; /* of either: TO has it; one more for what is not in the batch */
+    size_t records;
+    int64_t number; /* the highest of those that stream */
+    int failed;     /* why the stream was ended */
+    struct apc_forward_cursor events, timing;
+};
+
+/* What a failure of either store is; both return it. */
+int apc_forward_fail_from(struct apc_forward *f, int err);
+int apc_forward_fail_to(struct apc_forward *f, int err);
+int apc_forward_no_memory(struct apc_forward *f);
+void apc_forward_count(struct apc_forward *f, uint64_t *of, int stored);
+/* Events and timing that have come since the last time. */
+int apc_forward_records(struct apc_forward *f);
+
+#endif
