@@ -1,29 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# apc-historian beside a loop that runs in shared memory: into a file and into a database. Either is locked, stopped and
-# killed, and so are the historians; the loop goes on, and afterwards both records are what the live store has, once each.
-# APC_OUTAGE=900 makes each outage of the database last so many seconds; by default it lasts until it is noticed.
+# apc-historian beside a loop that runs in shared memory: into a file, which is locked and full, and into a database (for
+# that see test_outages.sh). Historians are killed; the loop goes on, and afterwards both records are what the live store
+# has, once each.
 # shellcheck source=lib.sh
-if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be stopped: not the one that all tests share
-  data=$(mktemp -d /tmp/apc-historian.XXXXXX)
-  trap 'rm -rf "$data"' EXIT
-  APC_OWN_CLUSTER=1 "$APC_SOURCE_DIR/scripts/private-postgres" "$data/postgres" bash "$0"
-  exit
-fi
 . "$(dirname "$0")/lib.sh"
 name=system-historian-$$
 segment=/dev/shm/apc.$name
 live=shm:$name
 file=sqlite:$work/history.db
 fast_experiment
-
-bin=$(ls -d /usr/lib/postgresql/*/bin | sort -V | tail -n 1)
-as_server() { "$@"; }
-[ "$(id -u)" -ne 0 ] || as_server() { (cd / && runuser -u postgres -- "$@"); }
-data=$(sql 'SHOW data_directory')
-start_server() {
-  as_server "$bin/pg_ctl" -D "$data" -w -t 20 -l "$PGHOST/server.log" \
-    -o "-c listen_addresses='' -c unix_socket_directories='$PGHOST'" start 9>&-
-}
 
 # of STORE: the values of a variable, the events
 values() { "$apc" history "$2" --store "$1" --last 1000000 --csv; }
@@ -34,14 +19,6 @@ said() { [ "$(grep -c "$2" "$work/$1.log")" -gt "$3" ]; }
 times() { grep -c "$2" "$work/$1.log" || true; }
 loop_goes_on() { until_true 30 more_values "$live" u $(($(count "$live" u) + 3)); }
 historian() { background "$1" "$APC_BIN/apc-historian" --config "$work/fast.conf" --store "$live" --history "$2"; }
-outage() {
-  local end=$((SECONDS + ${APC_OUTAGE:-0}))
-  loop_goes_on
-  while [ $SECONDS -lt $end ]; do
-    kill -0 "$run" || fail "the loop did not outlive the outage"
-    read -rt 5 <> <(:) || true
-  done
-}
 
 expect 1 'no history: give --history' "$APC_BIN/apc-historian" --config "$work/fast.conf" --store "$live"
 background run "$apc" run "$work/fast.conf" --store "$live" --duration 0 --no-ui --out "$work/run"
@@ -93,32 +70,6 @@ kill -9 "$to_file"
 wait "$to_file" 2>/dev/null || true
 historian file "$file"
 to_file=$pid
-
-# a database that hangs, that is killed, and that somebody has locked a table of
-server=$(head -n 1 "$data/postmaster.pid")
-n=$(times database 'has all again')
-backends() { pgrep -P "$server"; }
-# shellcheck disable=SC2046
-kill -STOP "$server" $(backends)
-until_true 60 said database 'the history takes nothing' 0
-outage
-# shellcheck disable=SC2046
-kill -CONT "$server" $(backends)
-until_true 90 said database 'the history has all again' "$n"
-n=$((n + 1))
-as_server kill -9 "$server"
-until_true 60 said database 'the history takes nothing' 1
-outage
-until_true 60 start_server
-until_true 90 said database 'the history has all again' "$n"
-n=$((n + 1))
-coproc psql -XAtq
-echo 'BEGIN; LOCK TABLE apc.sensor IN ACCESS EXCLUSIVE MODE; SELECT 1;' >&"${COPROC[1]}"
-read -r <&"${COPROC[0]}"
-until_true 60 said database 'the history takes nothing' 2
-outage
-printf '%s\n' 'COMMIT;' '\q' >&"${COPROC[1]}"
-until_true 90 said database 'the history has all again' "$n"
 
 # nothing of it came to the plant, and all of it is there
 kill -INT "$run"
