@@ -16,6 +16,7 @@
 #include "base/base_internal.h"
 
 enum { BEGIN = 5 };
+#define STILL 1e-7 /* of a move, over its output's deviation: more steps of Newton's are not worth it */
 
 static const struct apc_param tuning[N_OF_U + N_OF_Y] = {
     {"move", "1", "weight of moves, each over the output's deviation", 0.1, 1e-6, 1e6},
@@ -256,18 +257,29 @@ static int linearise(struct apc_law_mpc *p, const double *d)
     return rc == 0 ? apc_mpc_follow(p->mpc, p->G, p->free_y) : rc;
 }
 
-/* One step of Gauss and Newton; as many as BEGIN where there is nothing to go on from. */
+/* Has the last step changed next to nothing? */
+static bool stands_still(const struct apc_law_mpc *p)
+{
+    double most = 0.0;
+
+    for (size_t k = 0; k < p->dim.nu * p->blocks; k++)
+        most = fmax(most, fabs(p->plan[k] - p->shifted[k]) / p->dev_u[k % p->dim.nu]);
+    return most < STILL;
+}
+
+/* Steps of Gauss and Newton: BEGIN at least where there is nothing to go on from. */
 static void step_on(struct apc_law_mpc *p, const struct apc_mpc_call *call)
 {
     const size_t nx = p->model->nx_plant, n = p->dim.nu * p->blocks;
     const double *d = p->x + nx;
-    const int steps = *age_of(p, p->x) > 0.0 ? 1 : BEGIN;
+    const size_t least = *age_of(p, p->x) > 0.0 ? 1 : BEGIN, steps = p->newton > least ? p->newton : least;
+    bool done = false;
 
     memcpy(p->start, p->x, nx * sizeof(*p->start));
     p->result = (struct apc_mpc_result){
         .rc = p->late > 0.0 ? apc_shoot_advance(p->shoot, p->start, p->u_last, d, p->late) : 0};
     shift(p);
-    for (int k = 0; k < steps && p->result.rc == 0; k++) {
+    for (size_t k = 0; k < steps && !done && p->result.rc == 0; k++) {
         unsigned before = p->result.iterations;
         int rc = linearise(p, d);
 
@@ -277,6 +289,7 @@ static void step_on(struct apc_law_mpc *p, const struct apc_mpc_call *call)
             p->result.rc = rc;
         p->result.iterations += before;
         if (p->result.rc == 0) {
+            done = k + 1 >= least && stands_still(p);
             apc_shoot_move(p->shoot, p->plan, p->nodes);
             memcpy(p->shifted, p->plan, n * sizeof(*p->plan));
         }

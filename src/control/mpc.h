@@ -46,6 +46,7 @@ struct apc_law_mpc {
     struct apc_estimator *early;
     struct apc_shoot *shoot;
     double late;
+    size_t newton; /* most steps of Gauss and Newton in a tick */
     double *start, *shifted, *nodes, *G,
         *free_y; /* [nx_plant], [n], [N * nx_plant], [N * ny * n], [N * ny] */
     struct apc_mpc *mpc;

@@ -11,7 +11,7 @@
 const char *const apc_nmpc_settings[] = {"horizon",    "blocks", "measurement", "rank",     "preview",
                                          "delay",      "y_dev",  "u_dev",       "x_noise",  "d_noise",
                                          "y_noise",    "hold",   "critical",    "at_input", "at_output",
-                                         "iterations", "steps",  NULL};
+                                         "iterations", "steps",  "newton",      NULL};
 
 /* The model, linear at the operating point, with all its inputs: its own disturbances may be unknown ones. */
 static int sample_all(const struct apc_law_setup *setup, struct apc_linear **to, struct apc_error *why)
@@ -120,10 +120,15 @@ int apc_nmpc_take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup
     struct apc_linear_unknown *unknown = calloc(p->dim.ny + 1, sizeof(*unknown));
     struct apc_linear *all = NULL;
     size_t steps = 10;
-    int rc = unknown ? check_nonlinear(setup, why) : apc_fail(why, APC_ENOMEM, "no memory");
+    int rc;
+
+    p->newton = 1;
+    rc = unknown ? check_nonlinear(setup, why) : apc_fail(why, APC_ENOMEM, "no memory");
 
     if (rc == 0)
         rc = apc_mpc_count(setup, "steps", 1, 1000, &steps, why);
+    if (rc == 0)
+        rc = apc_mpc_count(setup, "newton", 1, 100, &p->newton, why);
     if (rc == 0)
         rc = apc_setting_amounts(setup, "delay", 1, &p->late, why);
     if (rc == 0 && p->late >= p->Ts)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The quadratic programs that closed loops ask, with noise, lost frames and limits that cannot be kept, are solved again
 # by solvers that others wrote: at least three of them have to agree with each answer. casadi brings them, by the lock in
-# tests/peers. APC_JURY=N takes N of each experiment, of a run more for each 300; default 18.
+# tests/peers. APC_JURY=N takes N of each experiment, of a run more for each 300; default 18. Nonlinear programs go to IPOPT.
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 
@@ -42,3 +42,16 @@ for experiment in quadruple-tank-mpc quadruple-tank-nonminimum-mpc four-tank-mpc
   done
 done
 PYTHONPATH=$peers timeout $((600 + most)) python3 "$APC_SOURCE_DIR/tests/peers/qp_jury.py" "$most" "$work"/*.qp || fail "the jury is not convinced"
+
+# Nonlinear programs: solved to the end, IPOPT finds nothing better; and one step in each tick loses next to nothing.
+part=(duration=320.0 duration=4000.0)
+[ "$most" -le 18 ] || part=()
+logs=()
+for experiment in adiabatic-cstr-nmpc van-de-vusse-nmpc; do
+  file=$APC_SOURCE_DIR/experiments/$experiment.conf
+  "$APC_BUILD_DIR/tests/ocp_log" "$file" "${part[@]::1}" controller.settings.newton=50 >"$work/$experiment.ocp"
+  "$APC_BUILD_DIR/tests/ocp_log" "$file" "${part[@]::1}" >"$work/$experiment-once.ocp"
+  part=("${part[@]:1}")
+  logs+=("$work/$experiment.ocp" "$work/$experiment-once.ocp")
+done
+PYTHONPATH=$peers timeout $((600 + 2 * most)) python3 "$APC_SOURCE_DIR/tests/peers/ocp_jury.py" "$most" "${logs[@]}" || fail "IPOPT knows better"
