@@ -381,8 +381,12 @@ static void publish(struct apc_law_mpc *p, const struct apc_law_call *c, int res
             *at++ = p->prediction[k * ny + i];
     }
     for (size_t j = 0; j < nu; j++) {
-        for (size_t k = 0; k < p->N; k++)
-            *at++ = apc_mpc_move(p->mpc, plan_of(p, p->x), k)[j];
+        for (size_t b = 0, k = 0; b < p->blocks; b++) {
+            const size_t end = b + 1 < p->blocks ? k + p->block[b] : p->N;
+
+            for (; k < end; k++)
+                *at++ = plan_of(p, p->x)[b * nu + j];
+        }
     }
     apc_mpc_target(p->mpc, p->N, at, at + ny);
     at += ny + nu;

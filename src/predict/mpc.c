@@ -2,7 +2,8 @@
 /*
  * Condensed: the moves v = u - u0 of the blocks are the only unknowns, y of sample i is what would come with
  * v = 0 plus G_i v, G made of step responses once. So bounds on u need no rows, and the program has the size
- * of the moves, not of the horizon.
+ * of the moves, not of the horizon. What would come with v = 0 is linear as well, in the state: F is made
+ * once; only where disturbances are measured it is gone through sample by sample.
  */
 #include "predict/mpc.h"
 
@@ -37,21 +38,24 @@ struct apc_mpc {
     bool easy_stale; /* easy_qp is of another G */
 
     double *memory;
-    double *G;              /* [N * ny * n] */
-    double *Gx;             /* [nc * n] of the state at N */
+    double *G;      /* [N * ny * n] */
+    double *Gx;     /* [nc * n] of the state at N */
+    double *F, *Fx; /* [nx * (N * ny)], [nx * nx]: y of the samples, x at N from each state, one after another
+                     */
     double *A, *H, *H_easy; /* [m * n], [n * n] */
     double *q, *s, *r, *zone;
     double *P, *PG; /* [(nc + nu)^2], [(nc + nu) * n] of the terminal weight */
     double *riccati;
-    double *square, *easy, *none;                    /* [n + m] weights of soft rows; none: zeros */
-    double *low, *high;                              /* [n + m] */
-    double *f, *v;                                   /* [n] */
-    double *free_y, *target_y, *target_u, *target_x; /* [N * ny], [N * nu], [nc] */
-    double *x, *next, *input;                        /* [nx], [nx], [nu + nd] */
-    double *aim_low, *aim_high;                      /* [ny] */
-    double *difference;                              /* [nc + nu] */
-    signed char *room;                               /* [n + m] */
-    unsigned *paced;                                 /* [nu] the first move's bounds that are its rate's */
+    double *square, *easy, *none;        /* [n + m] weights of soft rows; none: zeros */
+    double *low, *high;                  /* [n + m] */
+    double *f, *v;                       /* [n] */
+    double *free_y, *target_y, *pulling; /* [N * ny] */
+    double *target_u, *target_x;         /* [N * nu], [nc] */
+    double *x, *next, *input;            /* [nx], [nx], [nu + nd] */
+    double *aim_low, *aim_high;          /* [ny] */
+    double *difference;                  /* [nc + nu] */
+    signed char *room;                   /* [n + m] */
+    unsigned *paced;                     /* [nu] the first move's bounds that are its rate's */
     struct apc_qp *qp, *easy_qp;
     struct apc_target *target;
 };
@@ -108,6 +112,50 @@ static void respond(struct apc_mpc *p)
                 p->Gx[k * p->n + column] = p->x[k] - m->x0[k];
         }
     }
+}
+
+/* P [n * n] = A^times; A is destroyed; work [n * n] */
+static void raise_power(size_t n, double *A, size_t times, double *P, double *work)
+{
+    memset(P, 0, n * n * sizeof(*P));
+    for (size_t i = 0; i < n; i++)
+        P[i * n + i] = 1.0;
+    for (; times > 0; times /= 2) {
+        if (times % 2) {
+            apc_matrix_multiply(n, n, n, P, A, work);
+            memcpy(P, work, n * n * sizeof(*P));
+        }
+        apc_matrix_multiply(n, n, n, A, A, work);
+        memcpy(A, work, n * n * sizeof(*A));
+    }
+}
+
+static int respond_to_state(struct apc_mpc *p)
+{
+    const struct apc_linear *m = p->model;
+    const size_t nx = m->nx, ny = p->ny;
+    double *work = calloc(3 * nx * nx + 2 * ny * nx, sizeof(*work)), *at = work;
+    double *A = apc_carve(&at, nx * nx), *power = apc_carve(&at, nx * nx), *scratch = apc_carve(&at, nx * nx),
+           *row = apc_carve(&at, ny * nx), *next = apc_carve(&at, ny * nx);
+
+    if (!work)
+        return APC_ENOMEM;
+    memcpy(row, m->C, ny * nx * sizeof(*row));
+    for (size_t i = 0; i < p->N; i++) {
+        apc_matrix_multiply(ny, nx, nx, row, m->A, next);
+        memcpy(row, next, ny * nx * sizeof(*row));
+        for (size_t k = 0; k < nx; k++) {
+            for (size_t c = 0; c < ny; c++)
+                p->F[(k * p->N + i) * ny + c] = row[c * nx + k];
+        }
+    }
+    if (p->terminal) {
+        memcpy(A, m->A, nx * nx * sizeof(*A));
+        raise_power(nx, A, p->N, power, scratch);
+        apc_matrix_transpose(nx, nx, power, p->Fx);
+    }
+    free(work);
+    return 0;
 }
 
 static void make_rows(struct apc_mpc *p)
@@ -170,10 +218,10 @@ static int allocate(struct apc_mpc *p)
     const size_t n = p->n, m = p->m, ny = p->ny, nu = p->nu, N = p->N, nx = p->model->nx, na = p->nc + nu;
     const size_t of_terminal =
         p->terminal ? 3 * na * na + 2 * na * nu + nu * nu + apc_riccati_room(na, nu) : 0;
-    double *at =
-        calloc(N * ny * n + p->nc * n + m * n + 2 * n * n + 2 * ny + 2 * nu + na * na + na * n + of_terminal +
-                   5 * (n + m) + 2 * n + 2 * N * ny + N * nu + p->nc + 2 * nx + nu + p->nd + 2 * ny + na,
-               sizeof(*at));
+    double *at = calloc(N * ny * n + p->nc * n + nx * N * ny + nx * nx + m * n + 2 * n * n + 2 * ny + 2 * nu +
+                            na * na + na * n + of_terminal + 5 * (n + m) + 2 * n + 3 * N * ny + N * nu +
+                            p->nc + 2 * nx + nu + p->nd + 2 * ny + na,
+                        sizeof(*at));
 
     p->memory = at;
     p->room = calloc(n + m, sizeof(*p->room));
@@ -182,6 +230,8 @@ static int allocate(struct apc_mpc *p)
         return APC_ENOMEM;
     p->G = apc_carve(&at, N * ny * n);
     p->Gx = apc_carve(&at, p->nc * n);
+    p->F = apc_carve(&at, nx * N * ny);
+    p->Fx = apc_carve(&at, nx * nx);
     p->A = apc_carve(&at, m * n);
     p->H = apc_carve(&at, n * n);
     p->H_easy = apc_carve(&at, n * n);
@@ -201,6 +251,7 @@ static int allocate(struct apc_mpc *p)
     p->v = apc_carve(&at, n);
     p->free_y = apc_carve(&at, N * ny);
     p->target_y = apc_carve(&at, N * ny);
+    p->pulling = apc_carve(&at, N * ny);
     p->target_u = apc_carve(&at, N * nu);
     p->target_x = apc_carve(&at, p->nc);
     p->x = apc_carve(&at, nx);
@@ -258,6 +309,8 @@ int apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, 
         rc = apc_qp_create(&p->qp, p->n, p->m, &qp, why);
     if (rc == 0)
         rc = apc_qp_create(&p->easy_qp, p->n, p->m, &qp, why);
+    if (rc == 0 && respond_to_state(p) < 0)
+        rc = apc_fail(why, APC_ENOMEM, "predictive control: no memory");
     if (rc == 0) {
         respond(p);
         make_rows(p);
@@ -446,7 +499,25 @@ int apc_mpc_follow(struct apc_mpc *p, const double *G, const double *free_y)
 /* ---- Solving ------------------------------------------------------------------------------------- */
 
 /* What comes with v = 0. */
-static void coast(struct apc_mpc *p, const struct apc_mpc_call *call)
+QP_LANES static void coast(struct apc_mpc *p, const struct apc_mpc_call *call)
+{
+    const struct apc_linear *m = p->model;
+    const size_t rows = p->N * p->ny;
+
+    for (size_t i = 0; i < p->N; i++)
+        memcpy(p->free_y + i * p->ny, m->y0, p->ny * sizeof(*p->free_y));
+    memcpy(p->x, m->x0, m->nx * sizeof(*p->x));
+    for (size_t k = 0; k < m->nx; k++) {
+        const double away = call->x[k] - m->x0[k];
+
+        qp_add(rows, away, p->F + k * rows, p->free_y);
+        if (p->terminal)
+            qp_add(m->nx, away, p->Fx + k * m->nx, p->x);
+    }
+}
+
+/* The same with measured disturbances. */
+static void coast_disturbed(struct apc_mpc *p, const struct apc_mpc_call *call)
 {
     const struct apc_linear *m = p->model;
 
@@ -553,18 +624,30 @@ static int find_targets(struct apc_mpc *p, const struct apc_mpc_call *call, stru
     return 0;
 }
 
+/* f = G' q (free_y - target_y), four rows at a time. */
+QP_LANES static void pull(struct apc_mpc *p)
+{
+    const size_t n = p->n, rows = summed(p) * p->ny;
+    size_t i = 0;
+
+    memset(p->f, 0, n * sizeof(*p->f));
+    for (size_t c = 0; i < rows; i++, c = c + 1 < p->ny ? c + 1 : 0)
+        p->pulling[i] = tracked(p, c) * (p->target_y[i] - p->free_y[i]);
+    for (i = 0; i + 4 <= rows; i += 4) {
+        const double *row = p->G + i * n, *const four[] = {row, row + n, row + 2 * n, row + 3 * n};
+
+        qp_add_four(n, p->pulling + i, four, 0, p->f);
+    }
+    for (; i < rows; i++)
+        qp_add(n, -p->pulling[i], p->G + i * n, p->f);
+}
+
 static void gradient(struct apc_mpc *p, const struct apc_mpc_call *call)
 {
     const struct apc_linear *m = p->model;
     const size_t n = p->n, nu = p->nu, nc = p->nc, na = nc + nu;
 
-    memset(p->f, 0, n * sizeof(*p->f));
-    for (size_t i = 0; i < summed(p) * p->ny; i++) {
-        const double e = tracked(p, i % p->ny) * (p->free_y[i] - p->target_y[i]), *row = p->G + i * n;
-
-        if (e != 0.0)
-            qp_add(n, e, row, p->f);
-    }
+    pull(p);
     for (size_t block = 0; block < p->blocks; block++) {
         const size_t sample = p->first[block];
         const double *u = p->target_u + (sample > 0 ? sample - 1 : 0) * nu;
@@ -712,7 +795,9 @@ void apc_mpc_solve(struct apc_mpc *p, const struct apc_mpc_call *call, double *p
                    struct apc_mpc_result *result)
 {
     *result = (struct apc_mpc_result){0};
-    if (!p->follows)
+    if (!p->follows && p->nd)
+        coast_disturbed(p, call);
+    else if (!p->follows)
         coast(p, call);
     result->rc = find_targets(p, call, result);
     if (result->rc < 0)
@@ -732,12 +817,19 @@ void apc_mpc_solve(struct apc_mpc *p, const struct apc_mpc_call *call, double *p
         plan[k] = p->model->u0[k % p->nu] + fmin(fmax(p->v[k], p->low[k]), p->high[k]);
 }
 
-void apc_mpc_predict(const struct apc_mpc *p, const double *plan, double *y)
+QP_LANES static void respond_to_moves(const struct apc_mpc *p, double *y)
 {
-    for (size_t k = 0; k < p->n; k++)
-        p->v[k] = plan[k] - p->model->u0[k % p->nu];
     for (size_t i = 0; i < p->N * p->ny; i++)
         y[i] = p->free_y[i] + qp_dot(p->n, p->G + i * p->n, p->v);
+}
+
+void apc_mpc_predict(const struct apc_mpc *p, const double *plan, double *y)
+{
+    for (size_t b = 0; b < p->blocks; b++) {
+        for (size_t j = 0; j < p->nu; j++)
+            p->v[b * p->nu + j] = plan[b * p->nu + j] - p->model->u0[j];
+    }
+    respond_to_moves(p, y);
 }
 
 void apc_mpc_target(const struct apc_mpc *p, size_t i, double *y, double *u)

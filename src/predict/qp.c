@@ -783,6 +783,9 @@ static void measure(const struct apc_qp *qp, struct apc_qp_result *r)
                below = qp->low[i] - qp->value[i];
         double excess = above > below ? above : below, off = 0.0;
 
+        r->active += qp->state[i] != 0;
+        if (lambda == 0.0 && excess <= 0.0)
+            continue;
         if (lambda != 0.0)
             off = lambda * (lambda > 0.0 ? above : below);
         if (soft(qp, i) && excess > 0.0) {
@@ -792,7 +795,6 @@ static void measure(const struct apc_qp *qp, struct apc_qp_result *r)
             r->primal = excess;
         }
         r->gap = fabs(off) > r->gap ? fabs(off) : r->gap;
-        r->active += qp->state[i] != 0;
     }
 }
 
@@ -834,18 +836,22 @@ static int refuse(struct apc_qp *qp, double *x, struct apc_qp_result *result, en
 /** f and limits are numbers, no low above its high. */
 static int look(struct apc_qp *qp, const double *f, const double *low, const double *high)
 {
-    int err = all_finite(qp->n, f) ? 0 : APC_EINVAL;
+    size_t crossing = qp->rows;
 
-    for (size_t i = 0; i < qp->rows; i++)
-        if (isnan(low[i]) || isnan(high[i]) || low[i] == HUGE_VAL || high[i] == -HUGE_VAL)
-            err = APC_EINVAL;
-    for (size_t i = 0; !err && i < qp->rows; i++)
-        if (low[i] > high[i]) {
-            memset(qp->side, 0, qp->rows);
-            qp->side[i] = 1;
-            return APC_ERANGE;
-        }
-    return err;
+    if (!all_finite(qp->n, f))
+        return APC_EINVAL;
+    for (size_t i = qp->rows; i-- > 0;) {
+        if (low[i] <= high[i] && low[i] < HUGE_VAL && high[i] > -HUGE_VAL)
+            continue;
+        if (!(low[i] > high[i]) || low[i] == HUGE_VAL || high[i] == -HUGE_VAL)
+            return APC_EINVAL;
+        crossing = i;
+    }
+    if (crossing == qp->rows)
+        return 0;
+    memset(qp->side, 0, qp->rows);
+    qp->side[crossing] = 1;
+    return APC_ERANGE;
 }
 
 int apc_qp_solve(struct apc_qp *qp, const double *f, const double *low, const double *high, double *x,
