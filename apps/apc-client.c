@@ -18,6 +18,7 @@
 
 #include <apcexchange.h>
 
+#include "common/credentials.h"
 #include "common/daemon.h"
 #include "common/recorder.h"
 #include "common/watch.h"
@@ -25,22 +26,31 @@
 
 #define QUEUED         (10 * APC_NS_PER_S) /* of measurements, for a store that takes its time */
 #define STORE_PRIORITY 79                  /* the task's is 80 */
+#define REASONS        3                   /* that are said of one loss of the plant */
 
 struct own_options {
-    const char *link;
+    const char *link, *identity;
 };
 
+enum { OPT_IDENTITY = 0x200 };
+
 static const struct argp_option option_list[] = {
-    {"link", 'l', "URI", 0, "The plant, instead of where the file says, e.g. tcp:127.0.0.1:43051", 0},
+    {"link", 'l', "URI", 0,
+     "The plant, instead of where the file says, e.g. tcp:127.0.0.1:43051, or tls:plant:43051", 0},
+    {"identity", OPT_IDENTITY, "FILE", 0,
+     "Of tls: who this client is, made by `apc cert client` [APC_IDENTITY]", 0},
     {0},
 };
 
 static error_t parse(int key, char *arg, struct argp_state *state)
 {
     struct own_options *o = state->input;
-    if (key != 'l')
+    if (key == 'l')
+        o->link = arg;
+    else if (key == OPT_IDENTITY)
+        o->identity = arg;
+    else
         return ARGP_ERR_UNKNOWN;
-    o->link = arg;
     return 0;
 }
 
@@ -56,6 +66,7 @@ static const struct program program = {
 
 struct shell {
     struct daemon *d;
+    struct credentials credentials;
     struct apc_exchange *plant;
     struct apc_client *core;
     apc_ns patience;      /* for one exchange */
@@ -65,6 +76,8 @@ struct shell {
     struct apc_value *command, *measured; /* [nu], [ny] of this tick */
     struct apc_sample *y;                 /* [ny] */
     struct state_watch link_state, command_state;
+    char reason[sizeof((struct apc_event *)0)->text]; /* for which the plant is lost, as it was said last */
+    unsigned reasons;                                 /* said so far; 0: it is connected */
     struct apc_histogram *round_trip;
     _Atomic uint64_t failed; /* exchanges */
 
@@ -113,6 +126,16 @@ static void report_command(struct shell *s, bool given)
                            "reached");
 }
 
+/* Why it is lost may come out later than that it is: a handshake outlasts a tick. */
+static void report_reason(struct shell *s, const char *why)
+{
+    if (s->reasons == REASONS || !strncmp(why, s->reason, sizeof s->reason - 1))
+        return;
+    if (s->reasons++ > 0)
+        daemon_event(s->d, APC_EVENT_WARNING, "link", "plant still lost: %s", why);
+    snprintf(s->reason, sizeof s->reason, "%s", why);
+}
+
 /* Returns how many measurements came. */
 static size_t exchange(struct shell *s, const struct apc_tick *tick, const struct apc_sample *u)
 {
@@ -126,10 +149,13 @@ static size_t exchange(struct shell *s, const struct apc_tick *tick, const struc
     if (rc < 0) {
         atomic_fetch_add(&s->failed, 1);
         report(s, &s->link_state, false, "link", "plant", apc_exchange_error(s->plant));
+        report_reason(s, apc_exchange_error(s->plant));
         return 0;
     }
     apc_histogram_record(s->round_trip, apc_clock_mono(NULL) - begun);
     report(s, &s->link_state, true, "link", "plant", "");
+    s->reasons = 0;
+    s->reason[0] = '\0';
     return apc_client_measurements(s->core, s->measured, s->y);
 }
 
@@ -323,18 +349,24 @@ static int allocate(struct shell *s)
 static int open_plant(struct shell *s, const struct own_options *own)
 {
     const struct experiment *e = &s->d->experiment;
+    const char *link = own->link ? own->link : e->client.link;
+    int rc =
+        credentials_open(&s->credentials, s->d, link, own->identity ? own->identity : e->client.identity);
+    if (rc < 0)
+        return rc;
     double *safe = calloc(e->dim.nu, sizeof *safe);
     const struct apc_exchange_options options = {.size = sizeof options,
                                                  .nu = e->dim.nu,
                                                  .ny = e->dim.ny,
                                                  .modbus = e->client.modbus.size ? &e->client.modbus : NULL,
-                                                 .safe = safe};
+                                                 .safe = safe,
+                                                 .identity = s->credentials.identity};
     struct apc_error why;
     if (!safe)
         return daemon_error(s->d, APC_ENOMEM, "out of memory");
     for (size_t i = 0; i < e->dim.nu; i++)
         safe[i] = e->u[i].safe;
-    int rc = apc_exchange_open(&s->plant, own->link ? own->link : e->client.link, &options, &why);
+    rc = apc_exchange_open(&s->plant, link, &options, &why);
     free(safe);
     return rc < 0 ? daemon_error(s->d, rc, "%s", why.text) : 0;
 }
@@ -376,6 +408,7 @@ static void close_shell(struct shell *s)
     stop_store(s);
     apc_client_destroy(s->core);
     apc_exchange_close(s->plant);
+    credentials_close(&s->credentials);
     apc_histogram_destroy(s->round_trip);
     free(s->u);
     free(s->newest);

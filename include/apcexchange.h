@@ -2,7 +2,7 @@
 /**
  * @file apcexchange.h
  * A plant, as its client sees it: whatever takes a vector u and gives a vector y, each value with a status
- * and a source time. A scheme says how: frames over a link (`tcp:`); registers of a Modbus server
+ * and a source time. A scheme says how: frames over a link (`tcp:`, `tls:`); registers of a Modbus server
  * (`modbus:`); lines of a Temperature Control Lab (`serial:`); frames over a modelled network in virtual time
  * (`inproc:`).
  *
@@ -142,16 +142,18 @@ struct apc_exchange_options {
     size_t nu, ny;                           /**< required: 1 to APC_EXCHANGE_VALUES */
     const struct apc_inproc_options *inproc; /**< of inproc:, which requires it */
     const struct apc_modbus_options *modbus; /**< of modbus:, which requires it */
-    const double *safe; /**< [nu] of serial:, what apc_exchange_safe() writes; NULL: 0. Copied */
+    const double *safe;            /**< [nu] of serial:, what apc_exchange_safe() writes; NULL: 0. Copied */
+    struct apc_identity *identity; /**< of tls:, which requires it; borrowed */
 };
 
 struct apc_exchange;
 
 /**
- * Open what @p uri names: `tcp:HOST:PORT`, as apc_link_create() has it, `modbus:HOST:PORT`, `serial:PATH`, a
- * Temperature Control Lab at that port (heaters in per cent, temperatures in °C, two at most), or `inproc:`.
- * Connects to nothing yet: the first exchange does. [setup] Returns 0, APC_EINVAL (unknown scheme, malformed
- * address, an option that makes no sense), APC_ENOMEM, APC_ESYS.
+ * Open what @p uri names: `tcp:HOST:PORT` or `tls:HOST:PORT`, as apc_link_create() has it,
+ * `modbus:HOST:PORT`, `serial:PATH`, a Temperature Control Lab at that port (heaters in per cent,
+ * temperatures in °C, two at most), or `inproc:`. Connects to nothing yet: the first exchange does. [setup]
+ * Returns 0, APC_EINVAL (unknown scheme, malformed address, an option that makes no sense), APC_ENOMEM,
+ * APC_ESYS.
  */
 APC_API int apc_exchange_open(struct apc_exchange **exchange, const char *uri,
                               const struct apc_exchange_options *options, struct apc_error *why);

@@ -90,6 +90,32 @@ APC_API int apc_frame_encode(char *text, size_t size, const struct apc_frame *fr
 APC_API int apc_frame_decode(const char *text, size_t length, struct apc_frame *frame,
                              struct apc_sample *samples, size_t capacity);
 
+/* ---- Who is who: tls: ----------------------------------------------------------------------- */
+
+/**
+ * What a program proves by who it is, and believes others by: its private key, its certificate, and the
+ * certificates of the authorities that vouch for the peers. `apc cert` makes such a file. A link or server
+ * that has one borrows it.
+ */
+struct apc_identity;
+
+/**
+ * Read them from @p file: PEM, the key without a password, its own certificate first. [setup] Returns 0,
+ * APC_EINVAL (what stands in it does not fit together, says why), APC_ENOTFOUND (it cannot be read),
+ * APC_ESTATE (this libapc was built without OpenSSL), APC_ENOMEM.
+ */
+APC_API int apc_identity_load(struct apc_identity **identity, const char *file, struct apc_error *why);
+APC_API void apc_identity_free(struct apc_identity *identity); /**< NULL is legal. [setup] */
+/**
+ * Read the file again if it is another than at the last time; connections that are made from now on take what
+ * it says, the others stay. It is left alone where what stands in it does not fit together. Returns 1: it was
+ * read; 0; or an error of apc_identity_load(). [any], but not in a tick: it reads a file.
+ */
+APC_API int apc_identity_refresh(struct apc_identity *identity, struct apc_error *why);
+/** UTC when the first of its certificates expires. From then on nothing connects by it; connections that
+ * stand are not closed. [any] */
+APC_API apc_ns apc_identity_expiry(struct apc_identity *identity);
+
 /* ---- Links -------------------------------------------------------------------------------- */
 
 /** Zero means default. */
@@ -99,19 +125,23 @@ struct apc_link_options {
     /** How long the reply is that begins with these @p n bytes, 1 or more: its length; 0: they do not tell
      * yet; negative: they are no reply. NULL: it ends with its first newline. */
     int (*whole)(const char *bytes, size_t n);
-    apc_ns backoff_min; /**< first pause after a failed connect; default 100 ms */
-    apc_ns backoff_max; /**< longest pause; default 5 s. Pauses double and are jittered */
-    uint64_t seed;      /**< of the jitter; default: from the clock */
+    apc_ns backoff_min;            /**< first pause after a failed connect; default 100 ms */
+    apc_ns backoff_max;            /**< longest pause; default 5 s. Pauses double and are jittered */
+    uint64_t seed;                 /**< of the jitter; default: from the clock */
+    struct apc_identity *identity; /**< of tls:, which requires it */
 };
 
 struct apc_link;
 
 /**
- * The asking side of a link. @p uri: `tcp:HOST:PORT`; HOST is an IPv4 address, an IPv6 address in
- * brackets, or a name. A name is resolved by a thread that the link owns, once at the start and again
- * whenever connecting failed; an address needs none. Does not connect yet: the first exchange does.
- * One thread at a time. [setup] Returns 0, APC_EINVAL (malformed address, unknown scheme), APC_ENOMEM,
- * APC_ESYS (no thread).
+ * The asking side of a link. @p uri: `tcp:HOST:PORT`, or `tls:HOST:PORT`, the same encrypted, both sides
+ * proving who they are: TLS 1.3, nothing older. HOST is an IPv4 address, an IPv6 address in
+ * brackets, or a name, and of tls: what the server's certificate must be of. A name is resolved by a thread
+ * that the link owns, once at the start and again whenever connecting failed; an address needs none. A tls:
+ * link connects in a thread of its own, within 1 s; who exchanges waits for that as long as it likes. Does
+ * not connect yet: the first exchange does. One thread at a time. [setup] Returns 0, APC_EINVAL (malformed
+ * address, unknown scheme, no identity), APC_ENOMEM, APC_ESYS (no thread), APC_ESTATE (tls: in a libapc
+ * without OpenSSL).
  */
 APC_API int apc_link_create(struct apc_link **link, const char *uri, const struct apc_link_options *options,
                             struct apc_error *why);
@@ -154,12 +184,17 @@ struct apc_server_options {
                              longest; but it is closed itself when each other has a request under way or was
                              the last to be answered */
     apc_ns frame_timeout; /**< a begun frame must be complete, a reply taken, within it; default 1 s */
-    bool allow_plaintext; /**< listen beyond loopback without TLS; otherwise refused */
+    bool allow_plaintext; /**< listen beyond loopback by tcp:; otherwise refused */
     struct apc_log *log;  /**< NULL: silent */
     /** How long the request is that begins with these @p n bytes, 1 or more: its length; 0: they do not tell
      * yet; negative: they are no request, and the connection is closed. NULL: it ends with its first newline.
      */
     int (*whole)(const char *bytes, size_t n);
+    struct apc_identity *identity; /**< of tls:, which requires it */
+    /** Of tls:, which requires one: the names (CN) of the certificates whose holders may connect; nobody else
+     * can. Borrowed. */
+    const char *const *clients;
+    size_t n_clients;
 };
 
 /** Counters since the start. */
@@ -177,7 +212,7 @@ struct apc_server;
 /**
  * The answering side of a link: bind, listen and serve in a thread of its own. @p uri as above;
  * port 0 takes a free one. [setup] Returns 0, APC_EINVAL, APC_EPERM (beyond loopback, plain text),
- * APC_ESYS (port taken, ...), APC_ENOMEM.
+ * APC_ESYS (port taken, ...), APC_ENOMEM, APC_ESTATE (tls: in a libapc without OpenSSL).
  */
 APC_API int apc_server_create(struct apc_server **server, const char *uri,
                               const struct apc_server_options *options, apc_server_fn fn, void *ctx,
@@ -185,8 +220,9 @@ APC_API int apc_server_create(struct apc_server **server, const char *uri,
 /** Close every connection and end the thread; fn is not called after this returns. NULL is legal. [setup] */
 APC_API void apc_server_destroy(struct apc_server *server);
 #define APC_PEER_LEN 80
-/** The address of a connection's other end, "127.0.0.1:40000"; "closed" when it is. Only from within fn, for
- * whatever connection. Returns @p text. [tick] */
+/** The address of a connection's other end, "127.0.0.1:40000", of tls: with the name of its certificate,
+ * "127.0.0.1:40000 (apc-client)"; "closed" when it is. Only from within fn, for whatever connection. Returns
+ * @p text. [tick] */
 APC_API char *apc_server_peer(const struct apc_server *server, uint64_t connection, char text[APC_PEER_LEN]);
 /** Where it listens; APC_EINVAL for NULL. [any] */
 APC_API int apc_server_port(const struct apc_server *server);

@@ -11,23 +11,35 @@
 #define MODBUS "modbus:"
 #define SERIAL "serial:"
 
+#define CLIENTS_MAX 32
+
 struct own_options {
     const char *listen;
     char modbus[URI_LEN];
     bool allow_plaintext;
+    const char *identity, *clients[CLIENTS_MAX];
+    size_t n_clients;
     struct daemon_options *common;
 };
 
-enum { OPT_PLAINTEXT = 0x200, OPT_MODBUS };
+enum { OPT_PLAINTEXT = 0x200, OPT_MODBUS, OPT_IDENTITY, OPT_CLIENT };
 
 static const struct argp_option option_list[] = {
     {"plant", 'p', "NAME", 0, "Model instead of the file's: built in, or ./file.so; its own parameters apply",
      0},
-    {"listen", 'l', "URI", 0, "Where to serve instead of where the file says, e.g. tcp:127.0.0.1:43051", 0},
+    {"listen", 'l', "URI", 0,
+     "Where to serve instead of where the file says, e.g. tcp:127.0.0.1:43051, or tls:0.0.0.0:43051", 0},
     {"modbus", OPT_MODBUS, "HOST:PORT", 0,
      "Serve Modbus TCP there, in the registers of the file's map; without a map in float32 from holding:0 "
      "and "
      "input:0 on",
+     0},
+    {"identity", OPT_IDENTITY, "FILE", 0,
+     "Of tls: who this plant is, made by `apc cert plant` [APC_IDENTITY]", 0},
+    {"client", OPT_CLIENT, "NAME", 0,
+     "Of tls: a client that may connect and command, by the name of its certificate; as often as there are "
+     "some. "
+     "Nobody else may. Instead of the file's",
      0},
     {"allow-plaintext", OPT_PLAINTEXT, NULL, 0, "Serve beyond this host without encryption", 0},
     {0},
@@ -47,6 +59,14 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         if (snprintf(o->modbus, sizeof o->modbus, MODBUS "%s", arg) >= (int)sizeof o->modbus)
             argp_error(state, "--modbus takes HOST:PORT, not %.40s...", arg);
         o->listen = o->modbus;
+        break;
+    case OPT_IDENTITY:
+        o->identity = arg;
+        break;
+    case OPT_CLIENT:
+        if (o->n_clients == CLIENTS_MAX)
+            argp_error(state, "--client may be given %d times at most", CLIENTS_MAX);
+        o->clients[o->n_clients++] = arg;
         break;
     case OPT_PLAINTEXT:
         o->allow_plaintext = true;
@@ -114,15 +134,18 @@ int on_request(void *ctx, uint64_t connection, const char *request, size_t lengt
 
 /* ---- The program ----------------------------------------------------------------------------- */
 
-static int open_server(struct shell *s, const char *at, bool allow_plaintext, struct apc_error *why)
+static int open_server(struct shell *s, const char *at, const struct own_options *own, struct apc_error *why)
 {
     const struct experiment *e = &s->d->experiment;
     const bool modbus = !strncmp(at, MODBUS, sizeof MODBUS - 1);
     struct apc_server_options options = {
         .size = sizeof options,
         .frame_max = APC_FRAME_ROOM(e->dim.nu > e->dim.ny ? e->dim.nu : e->dim.ny),
-        .allow_plaintext = allow_plaintext,
+        .allow_plaintext = own->allow_plaintext,
         .log = s->d->log,
+        .identity = s->credentials.identity,
+        .clients = own->n_clients ? own->clients : e->plant.clients,
+        .n_clients = own->n_clients ? own->n_clients : e->plant.n_clients,
     };
     char tcp[URI_LEN];
 
@@ -143,11 +166,15 @@ static int open_server(struct shell *s, const char *at, bool allow_plaintext, st
 static int open_shell(struct shell *s, const struct own_options *own)
 {
     const struct experiment *e = &s->d->experiment;
+    const char *at = own->listen ? own->listen : e->plant.listen;
     struct apc_error why;
     int rc = cores_plant(e, &s->plant, &s->core, &why);
     if (rc < 0)
         return daemon_error(s->d, rc, "%s", why.text);
-    rc = open_server(s, own->listen ? own->listen : e->plant.listen, own->allow_plaintext, &why);
+    rc = credentials_open(&s->credentials, s->d, at, own->identity ? own->identity : e->plant.identity);
+    if (rc < 0)
+        return rc;
+    rc = open_server(s, at, own, &why);
     if (rc == APC_EPERM)
         daemon_error(s->d, rc, "%s: --allow-plaintext", why.text);
     else if (rc < 0)
@@ -161,6 +188,7 @@ static int open_shell(struct shell *s, const struct own_options *own)
 static void close_shell(struct shell *s)
 {
     apc_server_destroy(s->server);
+    credentials_close(&s->credentials);
     board_close(s);
     registers_close(s);
     gateway_close(s);

@@ -8,6 +8,7 @@
 
 #include <pthread.h>
 
+#include "common/credentials.h"
 #include "common/daemon.h"
 #include "run/run_internal.h"
 
@@ -18,6 +19,7 @@ struct shell {
     pthread_mutex_t mutex; /* of the core; inherits priority, so the server cannot hold the timer up */
     struct apc_plant *plant;
     struct apc_plantserver *core;
+    struct credentials credentials;
     struct apc_server *server;
     unsigned ticks;                 /* under the mutex */
     struct gateway {                /* the server's thread's */

@@ -136,6 +136,7 @@ int command_test(int argc, char **argv);
 int command_identify(int argc, char **argv);
 int command_optimize(int argc, char **argv);
 int command_analyze(int argc, char **argv);
+int command_cert(int argc, char **argv);
 int command_copy(int argc, char **argv);
 int command_drain(int argc, char **argv);
 

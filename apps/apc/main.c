@@ -27,6 +27,7 @@ static const struct {
     {"copy", command_copy, "copy history, descriptions, events and timing to another store"},
     {"report", command_report, "draw the report of a run again"},
     {"user", command_user, "who may use the operator's page"},
+    {"cert", command_cert, "an authority, and certificates of a plant and its clients, for tls:"},
     {"maintain", command_maintain, "make room ahead for samples, and drop what is old"},
     {"plants", command_plants, "the plants there are: their parameters, states, inputs, outputs"},
     {"linearize", command_linearize, "the linear model of a plant: matrices, poles, zeros, gains"},

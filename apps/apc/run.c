@@ -458,6 +458,15 @@ static void add_page(struct run *r)
                            .period = PAGE_PERIOD});
 }
 
+/* Its path means: from where the file was, which the daemon does not know. */
+static void add_identity(const char *identity, struct child *child)
+{
+    if (*identity) {
+        child->extra[0] = "--identity";
+        child->extra[1] = identity;
+    }
+}
+
 /* Plant and client first, so that the controllers find something to control; before them who keeps the
  * record, so that it is stopped last. */
 static void add_daemons(struct run *r)
@@ -466,8 +475,10 @@ static void add_daemons(struct run *r)
     if (r->options.history)
         add(r, &(struct child){.name = "apc-historian", .aside = true, .period = HISTORIAN_PERIOD});
     if (!e->plant.external)
-        add(r, &(struct child){.name = "apc-plant", .period = e->plant.rhythm.period});
-    add(r, &(struct child){.name = "apc-client", .period = e->client.rhythm.period});
+        add_identity(e->plant.identity,
+                     add(r, &(struct child){.name = "apc-plant", .period = e->plant.rhythm.period}));
+    add_identity(e->client.identity,
+                 add(r, &(struct child){.name = "apc-client", .period = e->client.rhythm.period}));
     r->controllers = r->daemons.n;
     for (size_t i = 0; i < e->n_controllers; i++) {
         const struct controller *c = &e->controllers[i];

@@ -5,8 +5,9 @@
 
 #include <string.h>
 
-static const struct apc_exchange_ops *const schemes[] = {&apc_exchange_tcp, &apc_exchange_modbus,
-                                                         &apc_exchange_serial, &apc_exchange_inproc, NULL};
+static const struct apc_exchange_ops *const schemes[] = {&apc_exchange_tcp,    &apc_exchange_tls,
+                                                         &apc_exchange_modbus, &apc_exchange_serial,
+                                                         &apc_exchange_inproc, NULL};
 
 static const struct apc_exchange_ops *find_scheme(const char *uri)
 {
@@ -31,10 +32,11 @@ int apc_exchange_open(struct apc_exchange **exchange, const char *uri,
         return rc;
     ops = uri ? find_scheme(uri) : NULL;
     if (!ops)
-        return apc_fail(why, APC_EINVAL,
-                        "plant \"%s\": unknown scheme; expected tcp:HOST:PORT, modbus:HOST:PORT "
-                        "or serial:PATH",
-                        uri ? uri : "");
+        return apc_fail(
+            why, APC_EINVAL,
+            "plant \"%s\": unknown scheme; expected tcp:HOST:PORT, tls:HOST:PORT, modbus:HOST:PORT "
+            "or serial:PATH",
+            uri ? uri : "");
     if (!o.nu || o.nu > APC_EXCHANGE_VALUES || !o.ny || o.ny > APC_EXCHANGE_VALUES)
         return apc_fail(why, APC_EINVAL, "plant \"%s\": nu is %zu, ny is %zu; each must be 1 to %d", uri,
                         o.nu, o.ny, APC_EXCHANGE_VALUES);

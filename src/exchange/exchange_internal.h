@@ -27,8 +27,8 @@ struct apc_exchange {
     struct apc_error error;
 };
 
-extern const struct apc_exchange_ops apc_exchange_tcp, apc_exchange_inproc, apc_exchange_modbus,
-    apc_exchange_serial;
+extern const struct apc_exchange_ops apc_exchange_tcp, apc_exchange_tls, apc_exchange_inproc,
+    apc_exchange_modbus, apc_exchange_serial;
 
 /** May it be given to a plant? [tick] */
 bool apc_exchange_writes(const struct apc_value *u);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The scheme tcp: frames over a link. */
+/* The schemes tcp: and tls:, frames over a link. */
 #include "exchange/exchange_internal.h"
 
 #include <stdlib.h>
@@ -23,7 +23,7 @@ static void tcp_close(struct apc_exchange *x)
 static int tcp_open(struct apc_exchange **x, const char *uri, const struct apc_exchange_options *options,
                     struct apc_error *why)
 {
-    struct apc_link_options link = {.size = sizeof(link)};
+    struct apc_link_options link = {.size = sizeof(link), .identity = options->identity};
     struct tcp *t = calloc(1, sizeof(*t));
     int rc = t ? apc_frames_init(&t->frames, options->nu, options->ny) : APC_ENOMEM;
 
@@ -71,3 +71,6 @@ static int tcp_finish(struct apc_exchange *x, struct apc_value *y)
 
 const struct apc_exchange_ops apc_exchange_tcp = {
     .scheme = "tcp:", .open = tcp_open, .close = tcp_close, .begin = tcp_begin, .finish = tcp_finish};
+
+const struct apc_exchange_ops apc_exchange_tls = {
+    .scheme = "tls:", .open = tcp_open, .close = tcp_close, .begin = tcp_begin, .finish = tcp_finish};

@@ -53,7 +53,7 @@ static void read_rhythm(struct settings *s, const config_setting_t *group, const
     models_read_task(s, group, task, &rhythm->model, recordings);
 }
 
-/* tcp:HOST:PORT, modbus:HOST:PORT or serial:PATH; more is said when it is used. */
+/* tcp:HOST:PORT, tls:HOST:PORT, modbus:HOST:PORT or serial:PATH; more is said when it is used. */
 static void read_address(struct settings *s, const config_setting_t *group, const char *name, long least,
                          char *value, size_t size)
 {
@@ -63,11 +63,12 @@ static void read_address(struct settings *s, const config_setting_t *group, cons
     long port = digits > 0 && digits < 6 && !colon[1 + digits] ? strtol(colon + 1, NULL, 10) : -1;
     const bool modbus = !strncmp(value, "modbus:", 7), serial = !strncmp(value, "serial:", 7);
     const char *rest = value + (modbus || serial ? 7 : 4);
-    const bool host = (modbus || !strncmp(value, "tcp:", 4)) && *rest != '/' && colon > rest;
+    const bool link = !strncmp(value, "tcp:", 4) || experiment_is_tls(value);
+    const bool host = (modbus || link) && *rest != '/' && colon > rest;
     if (!s->failed && (serial ? !*rest : !host || port < least || port > 65535))
         settings_fail(s, config_setting_get_member(group, name),
                       "\"%s\" is \"%s\": must be tcp:HOST:PORT, such as \"tcp:127.0.0.1:%d\", or "
-                      "modbus:HOST:PORT, or serial:PATH",
+                      "tls:HOST:PORT, or modbus:HOST:PORT, or serial:PATH",
                       name, value, APC_PORT);
 }
 
@@ -231,9 +232,9 @@ static void check_lab(struct settings *s, const config_setting_t *group, const s
 static void read_plant(struct settings *s, const config_setting_t *root, struct experiment *e,
                        bool resolve_model, bool wanted, const char *override, const struct record *record)
 {
-    static const char *const known[] = {"model",        "parameters", "x0",    "listen",    "integrator",
-                                        "rtol",         "atol",       "steps", "dead_time", "noise",
-                                        "disturbances", "external",   RHYTHM,  NULL};
+    static const char *const known[] = {
+        "model",     "parameters", "x0",           "listen",   "integrator", "rtol",    "atol", "steps",
+        "dead_time", "noise",      "disturbances", "external", "identity",   "clients", RHYTHM, NULL};
     const config_setting_t *group = settings_group(s, root, "plant", REQUIRED);
     if (!group)
         return;
@@ -248,6 +249,8 @@ static void read_plant(struct settings *s, const config_setting_t *root, struct 
     read_address(s, group, "listen", 0, e->plant.listen, sizeof e->plant.listen);
     if (!external)
         check_language(s, group, e);
+    experiment_read_identity(s, group, e->plant.listen, e->plant.identity);
+    experiment_read_clients(s, group, e);
     if (external && config_setting_get_member(group, "listen"))
         settings_fail(s, config_setting_get_member(group, "listen"),
                       "\"listen\" of an external plant: where it is, is said by \"link\" of the client");
@@ -259,7 +262,7 @@ static void read_plant(struct settings *s, const config_setting_t *root, struct 
 
 static void read_client(struct settings *s, const config_setting_t *root, struct experiment *e)
 {
-    static const char *const known[] = {"link", "modbus", RHYTHM, NULL};
+    static const char *const known[] = {"link", "modbus", "identity", RHYTHM, NULL};
     const config_setting_t *group = settings_group(s, root, "client", REQUIRED);
     if (!group)
         return;
@@ -267,6 +270,7 @@ static void read_client(struct settings *s, const config_setting_t *root, struct
     read_rhythm(s, group, "client", client_phase_s, &e->client.rhythm, &e->models.recordings);
     read_address(s, group, "link", 1, e->client.link, sizeof e->client.link);
     experiment_read_modbus(s, group, e);
+    experiment_read_identity(s, group, e->client.link, e->client.identity);
     check_lab(s, group, e);
 }
 
@@ -676,6 +680,7 @@ void experiment_free(struct experiment *e)
     free(e->plant.spread);
     free(e->plant.x0);
     free(e->plant.noise);
+    free(e->plant.clients);
     free(e->plant.disturbance);
     free(e->sensor);
     free(e->faults);

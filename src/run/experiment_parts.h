@@ -82,4 +82,10 @@ void experiment_forget(struct record *record, const char *path);
 /* What an operator is to do, of the file's root; after all else. */
 void experiment_read_actions(struct settings *s, const config_setting_t *root, struct experiment *e);
 
+/* experiment_tls.c: of the plant's group, and of the client's. */
+bool experiment_is_tls(const char *address);
+void experiment_read_identity(struct settings *s, const config_setting_t *group, const char *address,
+                              char path[EXPERIMENT_PATH]);
+void experiment_read_clients(struct settings *s, const config_setting_t *group, struct experiment *e);
+
 #endif

@@ -162,6 +162,9 @@ struct experiment {
         double *p, *x0;                  /* [model->np]; [model->nx] or NULL */
         struct apc_distribution *spread; /* [model->np] of p, which is its mean; kind 0: p is what it is */
         char listen[128];
+        char identity[EXPERIMENT_PATH]; /* of tls:, where the file says it; else "" */
+        const char **clients;           /* [n_clients] that may command, of tls: */
+        size_t n_clients;
         char integrator[16];
         struct apc_plant_options options; /* but for the integrator, which is above */
         double *noise;                    /* [model->nx] or NULL */
@@ -171,6 +174,7 @@ struct experiment {
     struct {
         struct rhythm rhythm;
         char link[128];
+        char identity[EXPERIMENT_PATH];   /* as the plant's */
         struct apc_modbus_options modbus; /* size 0: it is no such link */
         struct apc_modbus_point *points;  /* of modbus */
     } client;

@@ -94,19 +94,20 @@ static int parse_port(const char *text)
 
 int apc_hostport_parse(struct apc_hostport *out, const char *uri, struct apc_error *why)
 {
-    const char *host = uri + strcspn(uri, ":") + 1; /* there is a scheme: it chose the transport */
+    const int scheme = (int)strcspn(uri, ":");
+    const char *host = uri + scheme + 1; /* there is a scheme: it chose the transport */
     const char *colon = strrchr(host, ':');
     bool bracket = host[0] == '[';
     size_t length;
 
     if (!colon)
-        return apc_fail(why, APC_EINVAL, "link \"%s\": expected tcp:HOST:PORT, such as tcp:127.0.0.1:%d", uri,
-                        APC_PORT);
+        return apc_fail(why, APC_EINVAL, "link \"%s\": expected %.*s:HOST:PORT, such as %.*s:127.0.0.1:%d",
+                        uri, scheme, uri, scheme, uri, APC_PORT);
     length = (size_t)(colon - host);
     if (bracket) {
         if (length < 3 || host[length - 1] != ']')
-            return apc_fail(why, APC_EINVAL, "link \"%s\": expected tcp:[IPV6]:PORT, such as tcp:[::1]:%d",
-                            uri, APC_PORT);
+            return apc_fail(why, APC_EINVAL, "link \"%s\": expected %.*s:[IPV6]:PORT, such as %.*s:[::1]:%d",
+                            uri, scheme, uri, scheme, uri, APC_PORT);
         host++;
         length -= 2;
     }

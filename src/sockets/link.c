@@ -21,7 +21,7 @@
 #define BACKOFF_MIN (100 * APC_NS_PER_MS)
 #define BACKOFF_MAX (5 * APC_NS_PER_S)
 
-static const struct apc_transport *const transports[] = {&apc_transport_tcp, NULL};
+static const struct apc_transport *const transports[] = {&apc_transport_tcp, &apc_transport_tls, NULL};
 
 struct apc_link {
     const struct apc_transport *transport;
@@ -79,7 +79,8 @@ int apc_link_create(struct apc_link **link, const char *uri, const struct apc_li
     *link = NULL;
     transport = uri ? find_transport(uri) : NULL;
     if (!transport)
-        return apc_fail(why, APC_EINVAL, "link \"%s\": unknown scheme; expected tcp:HOST:PORT",
+        return apc_fail(why, APC_EINVAL,
+                        "link \"%s\": unknown scheme; expected tcp:HOST:PORT or tls:HOST:PORT",
                         uri ? uri : "");
     err = take_options(&o, options, why);
     if (err < 0)
@@ -94,7 +95,7 @@ int apc_link_create(struct apc_link **link, const char *uri, const struct apc_li
     l->options = o;
     l->pause = o.backoff_min;
     l->random = o.seed;
-    err = transport->create(&l->self, uri, why);
+    err = transport->create(&l->self, uri, o.identity, why);
     if (err < 0)
         goto fail;
     *link = l;

@@ -6,16 +6,20 @@
  * All memory is taken in create. A connection is in one of these states, and `since` is when it came
  * into it:
  *
- *     idle       nothing begun                            may last for ever (keepalive finds the dead), as
- *                                                         long as there is room: a new connection takes the
- *                                                         place of the one that was idle longest
- *     begun      part of a request is here                frame_timeout, however the bytes trickle
- *     ready      a whole request is here                  answered on the next turn, one a turn, so that
- *                                                         a peer that pipelines cannot starve the others
- *     answering  the reply is not yet wholly sent         frame_timeout; meanwhile nothing is read
+ *     shaking    of tls: the handshake is not over        frame_timeout; a step a turn, so that a crowd of
+ * strangers costs the others no more than a step each idle       nothing begun                            may
+ * last for ever (keepalive finds the dead), as long as there is room: a new connection takes the place of the
+ * one that was idle longest begun      part of a request is here                frame_timeout, however the
+ * bytes trickle ready      a whole request is here                  answered on the next turn, one a turn, so
+ * that a peer that pipelines cannot starve the others answering  the reply is not yet wholly sent
+ * frame_timeout; meanwhile nothing is read
  *
  * Whoever only connects can therefore not lock the client out: it gets in, and once it was the last to be
  * answered it keeps its place however many others come.
+ *
+ * Who has not said a word of a handshake gives way as who is idle does, and is closed without a word in the
+ * end: so a connection that only waits for that shows that this thread runs. Beyond what is taken in create
+ * OpenSSL takes some ten KiB for each session.
  *
  * What a peer can make us hold is therefore one request buffer and one reply. A connection that the peer
  * has reset is closed before its requests are looked at: nobody waits for them any more, and a command
@@ -53,6 +57,8 @@ struct connection {
     size_t sent, length;   /* of the reply; equal: none pending */
     bool end;              /* the peer sends no more */
     bool alien;            /* what stands at from is no frame */
+    bool shaking;          /* hands, of tls */
+    struct apc_tls *tls;   /* NULL: plain */
     apc_ns since;
 };
 
@@ -62,6 +68,7 @@ struct apc_server {
     void *ctx;
     pthread_t thread;
     int listener, wake, port;
+    bool tls;
     struct connection *connections; /* options.connections of them */
     struct pollfd *polls;           /* wake, listener, then the open connections */
     struct connection **polled;     /* which connection polls[i] is */
@@ -84,6 +91,8 @@ static void count(atomic_uint_least64_t *counter)
 
 static void hang_up(struct apc_server *s, struct connection *c)
 {
+    apc_tls_free(c->tls);
+    c->tls = NULL;
     close(c->fd);
     c->fd = -1;
     s->accept_at = 0; /* there is a descriptor again */
@@ -148,7 +157,9 @@ static void drop_request(struct apc_server *s, struct connection *c)
 
 static void fill(struct apc_server *s, struct connection *c, apc_ns now)
 {
-    ssize_t n = recv(c->fd, c->request + c->have, s->options.frame_max - c->have, 0);
+    char *at = c->request + c->have;
+    const size_t room = s->options.frame_max - c->have;
+    ssize_t n = c->tls ? apc_tls_recv(c->tls, at, room) : recv(c->fd, at, room, 0);
 
     if (n > 0) {
         if (c->have == 0)
@@ -166,7 +177,9 @@ static void fill(struct apc_server *s, struct connection *c, apc_ns now)
 
 static void flush(struct apc_server *s, struct connection *c, apc_ns now)
 {
-    ssize_t n = send(c->fd, c->reply + c->sent, c->length - c->sent, MSG_NOSIGNAL);
+    const char *at = c->reply + c->sent;
+    const size_t left = c->length - c->sent;
+    ssize_t n = c->tls ? apc_tls_send(c->tls, at, left) : send(c->fd, at, left, MSG_NOSIGNAL);
 
     if (n >= 0) {
         c->sent += (size_t)n;
@@ -199,7 +212,12 @@ static void expire(struct apc_server *s, struct connection *c, apc_ns now)
 {
     bool late = now - c->since >= s->options.frame_timeout;
 
-    if (c->alien && !answering(c)) {
+    if (c->shaking) {
+        if (late && apc_tls_heard(c->tls))
+            reject(s, c, "its TLS handshake took too long", now);
+        else if (late)
+            hang_up(s, c);
+    } else if (c->alien && !answering(c)) {
         reject(s, c, "not a frame of this link", now);
     } else if (answering(c)) {
         if (late)
@@ -214,17 +232,42 @@ static void expire(struct apc_server *s, struct connection *c, apc_ns now)
     }
 }
 
+/* A peer that closes in the middle of it has thought better of it, or asked whether somebody is here. */
+static void shake(struct apc_server *s, struct connection *c, apc_ns now)
+{
+    struct apc_error why;
+    int done = apc_tls_handshake(c->tls, &why);
+
+    if (done > 0) {
+        c->shaking = false;
+        c->since = now;
+    } else if (done < 0 && apc_tls_heard(c->tls)) {
+        reject(s, c, why.text, now);
+    } else if (done < 0) {
+        hang_up(s, c);
+    }
+}
+
+/* Bytes of the next request may be here already, out of the socket. */
+static bool more(const struct connection *c)
+{
+    return c->tls && !c->shaking && apc_tls_more(c->tls);
+}
+
 static void serve(struct apc_server *s, struct connection *c, short events, apc_ns now)
 {
     if (events & (POLLERR | POLLNVAL)) {
         hang_up(s, c);
         return;
     }
-    if (answering(c)) {
+    if (c->shaking) {
+        if (events)
+            shake(s, c, now);
+    } else if (answering(c)) {
         if (events & (POLLOUT | POLLHUP))
             flush(s, c, now);
     } else {
-        if (!c->line && !c->end && (events & (POLLIN | POLLHUP)))
+        if (!c->line && !c->end && (events || more(c)))
             fill(s, c, now);
         if (c->fd >= 0 && c->line)
             answer(s, c, now);
@@ -245,7 +288,8 @@ static struct connection *make_room(struct apc_server *s, apc_ns now)
 
         if (c->fd < 0)
             return c;
-        if (c->have == 0 && !answering(c) && c->id != s->served && (!idle || c->since < idle->since))
+        if (c->have == 0 && !answering(c) && !(c->shaking && apc_tls_heard(c->tls)) && c->id != s->served &&
+            (!idle || c->since < idle->since))
             idle = c;
     }
     if (idle) {
@@ -259,16 +303,24 @@ static struct connection *make_room(struct apc_server *s, apc_ns now)
 static void open_connection(struct apc_server *s, int fd, const struct apc_endpoint *peer, apc_ns now)
 {
     struct connection *c = make_room(s, now);
+    struct apc_tls *tls = NULL;
 
-    if (!c) {
+    if (!c || (s->tls &&
+               apc_tls_answer(&tls, s->options.identity, fd, s->options.clients, s->options.n_clients) < 0)) {
         count(&s->refused);
         log_closing(s, peer, "all the connections there may be are in use", now);
         close(fd);
         return;
     }
     apc_tcp_tune(fd);
-    *c = (struct connection){
-        .fd = fd, .id = ++s->last_id, .peer = *peer, .request = c->request, .reply = c->reply, .since = now};
+    *c = (struct connection){.fd = fd,
+                             .id = ++s->last_id,
+                             .peer = *peer,
+                             .request = c->request,
+                             .reply = c->reply,
+                             .shaking = s->tls,
+                             .tls = tls,
+                             .since = now};
     count(&s->accepted);
     atomic_fetch_add_explicit(&s->open, 1, memory_order_relaxed);
 }
@@ -289,7 +341,9 @@ static short events_of(const struct connection *c)
 {
     if (answering(c))
         return POLLOUT;
-    return c->line || c->end || c->alien ? 0 : POLLIN;
+    if (c->line || c->end || c->alien)
+        return 0;
+    return c->tls ? apc_tls_events(c->tls) : POLLIN;
 }
 
 /* Fill polls[]; when the next thing happens by itself. */
@@ -307,10 +361,10 @@ static apc_ns prepare(struct apc_server *s, nfds_t *n)
             continue;
         s->polls[*n] = (struct pollfd){.fd = c->fd, .events = events_of(c)};
         s->polled[(*n)++] = c;
-        if (answering(c) || (c->have > 0 && !c->line && !c->alien))
-            at = c->since + s->options.frame_timeout;
-        else if (c->line || c->end || c->alien)
+        if (!answering(c) && (c->line || c->end || c->alien || more(c)))
             at = 0;
+        else if (c->shaking || answering(c) || c->have > 0)
+            at = c->since + s->options.frame_timeout;
         if (at < next)
             next = at;
     }
@@ -375,11 +429,11 @@ static int bind_and_listen(struct apc_server *s, const char *uri, const struct a
     char text[APC_ENDPOINT_TEXT];
     struct apc_endpoint bound = {.length = sizeof bound.address};
 
-    if (!apc_endpoint_is_loopback(at) && !s->options.allow_plaintext)
+    if (!s->tls && !apc_endpoint_is_loopback(at) && !s->options.allow_plaintext)
         return apc_fail(
             why, APC_EPERM,
             "link \"%s\": %s is not a loopback address, and tcp: would take commands over the network in "
-            "plain text from anyone; listen on 127.0.0.1, or allow it by name (allow_plaintext)",
+            "plain text from anyone; listen by tls:, or on 127.0.0.1, or allow it by name (allow_plaintext)",
             uri, apc_endpoint_format(at, text));
     s->listener = apc_tcp_bind(at);
     if (s->listener < 0 || listen(s->listener, SOMAXCONN) < 0 ||
@@ -402,9 +456,16 @@ static int start_listening(struct apc_server *s, const char *uri, struct apc_err
     struct apc_error reason;
     int err;
 
-    if (strncmp(uri, "tcp:", 4) != 0)
-        return apc_fail(why, APC_EINVAL, "link \"%s\": unknown scheme; expected tcp:HOST:PORT",
-                        uri ? uri : "");
+    s->tls = !strncmp(uri, "tls:", 4);
+    if (!s->tls && strncmp(uri, "tcp:", 4) != 0)
+        return apc_fail(why, APC_EINVAL,
+                        "link \"%s\": unknown scheme; expected tcp:HOST:PORT or tls:HOST:PORT", uri);
+    if (s->tls && (!s->options.identity || !s->options.n_clients))
+        return apc_fail(
+            why, APC_EINVAL,
+            "link \"%s\": tls: needs an identity of its own (`apc cert` makes one), and the names of "
+            "the clients that may connect",
+            uri);
     err = apc_hostport_parse(&host, uri, why);
     if (err < 0)
         return err;
@@ -446,7 +507,7 @@ static void release(struct apc_server *s)
 {
     for (unsigned i = 0; s->connections && i < s->options.connections; i++)
         if (s->connections[i].fd >= 0)
-            close(s->connections[i].fd);
+            hang_up(s, &s->connections[i]);
     if (s->listener >= 0)
         close(s->listener);
     if (s->wake >= 0)
@@ -515,8 +576,14 @@ char *apc_server_peer(const struct apc_server *server, uint64_t connection, char
 {
     for (unsigned i = 0; i < server->options.connections; i++) {
         const struct connection *c = &server->connections[i];
-        if (c->fd >= 0 && c->id == connection)
+        char at[APC_ENDPOINT_TEXT];
+        if (c->fd < 0 || c->id != connection)
+            continue;
+        if (!c->tls)
             return apc_endpoint_format(&c->peer, text);
+        snprintf(text, APC_PEER_LEN, "%.53s (%.23s)", apc_endpoint_format(&c->peer, at),
+                 apc_tls_peer(c->tls));
+        return text;
     }
     snprintf(text, APC_PEER_LEN, "closed");
     return text;

@@ -6,6 +6,7 @@
 #include "apcsockets.h"
 
 #include <sys/socket.h>
+#include <sys/types.h>
 
 /* ---- address.c: where a link leads --------------------------------------------------------- */
 
@@ -68,6 +69,49 @@ int apc_tcp_bind(const struct apc_endpoint *at);
 /** Small frames go at once; a peer that vanished is noticed although nothing is sent. [any] */
 void apc_tcp_tune(int fd);
 
+/** The asking side of a connection, of tcp: and of tls:, whose transports begin with it. */
+struct apc_tcp {
+    int fd;      /* -1: not connected */
+    size_t next; /* of the addresses: where the next connect begins */
+    struct apc_resolver *resolver;
+    struct apc_tls *tls; /* NULL: plain */
+};
+
+int apc_tcp_open(struct apc_tcp *tcp, const char *uri, struct apc_hostport *host, struct apc_error *why);
+void apc_tcp_release(struct apc_tcp *tcp);
+/* Of a transport, whose self is, or begins with, a struct apc_tcp. */
+int apc_tcp_dial(void *self, apc_ns deadline, struct apc_error *why);
+void apc_tcp_hang_up(void *self);
+bool apc_tcp_quiet(void *self);
+int apc_tcp_send(void *self, const char *data, size_t length, apc_ns deadline, struct apc_error *why);
+int apc_tcp_receive(void *self, char *data, size_t size, apc_ns deadline, struct apc_error *why);
+
+/* ---- tls.c: a session over a connected, non-blocking socket --------------------------------- */
+
+struct apc_tls;
+
+/** The side that asks, of a server that must be @p host. [any] 0, APC_ENOMEM. */
+int apc_tls_ask(struct apc_tls **tls, struct apc_identity *identity, int fd, const struct apc_hostport *host);
+/** The side that answers, to peers of these names only; borrowed. [any] 0, APC_ENOMEM. */
+int apc_tls_answer(struct apc_tls **tls, struct apc_identity *identity, int fd, const char *const *clients,
+                   size_t n);
+void apc_tls_free(struct apc_tls *tls); /**< NULL is legal; the socket stays. */
+/** A step of the handshake. Returns 1: done, 0: to be called again after apc_tls_events(), or APC_EPROTO with
+ * its text in @p why. The side that asks is done when the other one has accepted it. */
+int apc_tls_handshake(struct apc_tls *tls, struct apc_error *why);
+/** As recv(2) and send(2); errno is EAGAIN, or EPROTO with its text in apc_tls_error(). [tick] */
+ssize_t apc_tls_recv(struct apc_tls *tls, char *data, size_t size);
+ssize_t apc_tls_send(struct apc_tls *tls, const char *data, size_t size);
+/** Which of poll(2)'s events the last call waits for, which said EAGAIN. [tick] */
+short apc_tls_events(const struct apc_tls *tls);
+/** There may be more to receive without an event of the socket. [tick] */
+bool apc_tls_more(const struct apc_tls *tls);
+/** Has the peer sent anything at all? [tick] */
+bool apc_tls_heard(const struct apc_tls *tls);
+const char *apc_tls_error(const struct apc_tls *tls);
+/** The name of the peer's certificate. [tick] */
+const char *apc_tls_peer(const struct apc_tls *tls);
+
 /* ---- link.c: for tests --------------------------------------------------------------------- */
 
 bool apc_link_connected(const struct apc_link *link);
@@ -81,7 +125,7 @@ uint64_t apc_link_connects(const struct apc_link *link); /**< connections made s
  */
 struct apc_transport {
     const char *scheme; /* with its colon */
-    int (*create)(void **self, const char *uri, struct apc_error *why);
+    int (*create)(void **self, const char *uri, struct apc_identity *identity, struct apc_error *why);
     void (*destroy)(void *self);
     int (*connect)(void *self, apc_ns deadline, struct apc_error *why); /* 0, APC_ECONN, APC_ETIMEDOUT */
     void (*close)(void *self);                                          /* forget what is still unsent */
@@ -91,6 +135,6 @@ struct apc_transport {
     int (*receive)(void *self, char *data, size_t size, apc_ns deadline, struct apc_error *why); /* bytes */
 };
 
-extern const struct apc_transport apc_transport_tcp;
+extern const struct apc_transport apc_transport_tcp, apc_transport_tls;
 
 #endif

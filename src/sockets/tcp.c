@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * TCP with deadlines, and the `tcp:` transport of a link.
+ * TCP with deadlines, and the `tcp:` transport of a link; that of `tls:` (dial.c) is the same with a session
+ * on top.
  *
  * Sockets of a link are non-blocking: a send goes out at once in nearly every case, so it is tried
  * before it is waited for; a reply is never there yet, so it is waited for before it is read.
@@ -87,39 +88,40 @@ int apc_tcp_bind(const struct apc_endpoint *at)
 
 /* ---- The transport ------------------------------------------------------------------------- */
 
-struct tcp {
-    int fd;      /* -1: not connected */
-    size_t next; /* of the addresses: where the next connect begins */
-    struct apc_resolver *resolver;
-};
-
-static int tcp_create(void **self, const char *uri, struct apc_error *why)
+int apc_tcp_open(struct apc_tcp *t, const char *uri, struct apc_hostport *host, struct apc_error *why)
 {
-    struct apc_hostport host;
-    struct tcp *t;
-    int err = apc_hostport_parse(&host, uri, why);
+    int err = apc_hostport_parse(host, uri, why);
 
-    *self = NULL;
+    *t = (struct apc_tcp){.fd = -1};
     if (err < 0)
         return err;
-    if (host.port == 0)
+    if (host->port == 0)
         return apc_fail(why, APC_EINVAL, "link \"%s\": port must be 1..65535", uri);
-    t = calloc(1, sizeof *t);
-    if (!t)
-        return apc_fail(why, APC_ENOMEM, "link \"%s\": no memory", uri);
-    t->fd = -1;
-    err = apc_resolver_create(&t->resolver, &host, why);
-    if (err < 0) {
-        free(t);
-        return err;
-    }
-    *self = t;
-    return 0;
+    return apc_resolver_create(&t->resolver, host, why);
 }
 
-static void tcp_close(void *self)
+void apc_tcp_release(struct apc_tcp *t)
 {
-    struct tcp *t = self;
+    apc_tcp_hang_up(t);
+    apc_resolver_destroy(t->resolver);
+}
+
+static int tcp_create(void **self, const char *uri, struct apc_identity *identity, struct apc_error *why)
+{
+    struct apc_hostport host;
+    struct apc_tcp *t = calloc(1, sizeof *t);
+    int err = t ? apc_tcp_open(t, uri, &host, why) : apc_fail(why, APC_ENOMEM, "link \"%s\": no memory", uri);
+
+    (void)identity;
+    if (err < 0)
+        free(t);
+    *self = err < 0 ? NULL : t;
+    return err;
+}
+
+void apc_tcp_hang_up(void *self)
+{
+    struct apc_tcp *t = self;
     if (t->fd >= 0)
         close(t->fd);
     t->fd = -1;
@@ -127,13 +129,12 @@ static void tcp_close(void *self)
 
 static void tcp_destroy(void *self)
 {
-    struct tcp *t = self;
-    tcp_close(t);
-    apc_resolver_destroy(t->resolver);
-    free(t);
+    apc_tcp_release(self);
+    free(self);
 }
 
-static int connect_one(struct tcp *t, const struct apc_endpoint *to, apc_ns deadline, struct apc_error *why)
+static int connect_one(struct apc_tcp *t, const struct apc_endpoint *to, apc_ns deadline,
+                       struct apc_error *why)
 {
     const struct linger at_once = {.l_onoff = 1, .l_linger = 0};
     char text[APC_ENDPOINT_TEXT];
@@ -150,14 +151,14 @@ static int connect_one(struct tcp *t, const struct apc_endpoint *to, apc_ns dead
     else if (err < 0)
         apc_fail(why, err, "connecting to %s: %s", apc_endpoint_format(to, text), strerrordesc_np(errno));
     if (err < 0)
-        tcp_close(t);
+        apc_tcp_hang_up(t);
     return err;
 }
 
 /* All addresses in turn; one that eats the whole deadline is not the first to be tried next time. */
-static int tcp_connect(void *self, apc_ns deadline, struct apc_error *why)
+int apc_tcp_dial(void *self, apc_ns deadline, struct apc_error *why)
 {
-    struct tcp *t = self;
+    struct apc_tcp *t = self;
     struct apc_endpoints to;
     int err = apc_resolver_get(t->resolver, &to, deadline, why);
 
@@ -173,58 +174,63 @@ static int tcp_connect(void *self, apc_ns deadline, struct apc_error *why)
     return err;
 }
 
-static bool tcp_quiet(void *self)
+bool apc_tcp_quiet(void *self)
 {
-    const struct tcp *t = self;
+    const struct apc_tcp *t = self;
     char byte;
+    if (t->tls && apc_tls_more(t->tls))
+        return false;
     return recv(t->fd, &byte, 1, MSG_PEEK | MSG_DONTWAIT) < 0 && (errno == EAGAIN || errno == EINTR);
 }
 
-static int broken(struct apc_error *why, const char *doing)
+static int broken(const struct apc_tcp *t, struct apc_error *why, const char *doing)
 {
-    return apc_fail(why, APC_ECONN, "%s: %s", doing, strerrordesc_np(errno));
+    return apc_fail(why, APC_ECONN, "%s: %s", doing,
+                    t->tls && errno == EPROTO ? apc_tls_error(t->tls) : strerrordesc_np(errno));
 }
 
-static int tcp_send(void *self, const char *data, size_t length, apc_ns deadline, struct apc_error *why)
+int apc_tcp_send(void *self, const char *data, size_t length, apc_ns deadline, struct apc_error *why)
 {
-    const struct tcp *t = self;
+    const struct apc_tcp *t = self;
 
     while (length > 0) {
-        ssize_t n = send(t->fd, data, length, MSG_NOSIGNAL);
+        ssize_t n = t->tls ? apc_tls_send(t->tls, data, length) : send(t->fd, data, length, MSG_NOSIGNAL);
         if (n >= 0) {
             data += n;
             length -= (size_t)n;
         } else if (errno == EAGAIN) {
-            int err = apc_tcp_wait(t->fd, POLLOUT, deadline);
+            int err = apc_tcp_wait(t->fd, t->tls ? apc_tls_events(t->tls) : POLLOUT, deadline);
             if (err == APC_ETIMEDOUT)
                 return apc_fail(why, err, "sending: the peer took nothing in time");
             if (err < 0)
-                return broken(why, "sending");
+                return broken(t, why, "sending");
         } else if (errno != EINTR) {
-            return broken(why, "sending");
+            return broken(t, why, "sending");
         }
     }
     return 0;
 }
 
-static int tcp_receive(void *self, char *data, size_t size, apc_ns deadline, struct apc_error *why)
+int apc_tcp_receive(void *self, char *data, size_t size, apc_ns deadline, struct apc_error *why)
 {
-    const struct tcp *t = self;
+    const struct apc_tcp *t = self;
 
     for (;;) {
         ssize_t n;
-        int err = apc_tcp_wait(t->fd, POLLIN, deadline);
+        int err = t->tls && apc_tls_more(t->tls)
+                      ? 0
+                      : apc_tcp_wait(t->fd, t->tls ? apc_tls_events(t->tls) : POLLIN, deadline);
         if (err == APC_ETIMEDOUT)
             return apc_fail(why, err, "no whole reply in time");
         if (err < 0)
-            return broken(why, "waiting for the reply");
-        n = recv(t->fd, data, size, 0);
+            return broken(t, why, "waiting for the reply");
+        n = t->tls ? apc_tls_recv(t->tls, data, size) : recv(t->fd, data, size, 0);
         if (n > 0)
             return (int)n;
         if (n == 0)
             return apc_fail(why, APC_ECONN, "the peer closed the connection");
         if (errno != EAGAIN && errno != EINTR)
-            return broken(why, "receiving");
+            return broken(t, why, "receiving");
     }
 }
 
@@ -232,9 +238,9 @@ const struct apc_transport apc_transport_tcp = {
     .scheme = "tcp:",
     .create = tcp_create,
     .destroy = tcp_destroy,
-    .connect = tcp_connect,
-    .close = tcp_close,
-    .quiet = tcp_quiet,
-    .send = tcp_send,
-    .receive = tcp_receive,
+    .connect = apc_tcp_dial,
+    .close = apc_tcp_hang_up,
+    .quiet = apc_tcp_quiet,
+    .send = apc_tcp_send,
+    .receive = apc_tcp_receive,
 };
