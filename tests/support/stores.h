@@ -10,8 +10,9 @@
 struct store_kind {
     const char *name;
     void (*uri)(char *text, size_t size, int number); /* of a store that does not exist yet */
-    void (*remove)(int number);                       /* after its test; NULL: nothing is left of it */
-    bool spooled;                                     /* and a spool before it, which stays empty */
+    void (*made)(int number);                         /* NULL: nothing to do */
+    bool (*empty)(int number); /* after its test: as new for the next. NULL, false: that takes another */
+    bool spooled;              /* and a spool before it, which stays empty */
 };
 extern const struct store_kind *store_kind;
 /** Go on to the next kind, of those whose name begins as APC_TEST_STORE says, or of all. False: there is
