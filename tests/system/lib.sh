@@ -55,12 +55,20 @@ sql() {
   psql -XAtqc "$1"
 }
 
+# free_port: one that no other test of this build is given for a while, also where it listens only later
 free_port() {
   local port
-  while :; do
-    port=$((20000 + RANDOM % 12000))
-    (exec 3<>"/dev/tcp/127.0.0.1/$port") 2>/dev/null || { echo "$port"; return; }
-  done
+  exec 8>>"$APC_BUILD_DIR/tests/port"
+  flock 8
+  port=$(tail -n 1 "$APC_BUILD_DIR/tests/port")
+  port=${port:-$((20000 + RANDOM % 12000))}
+  while
+    port=$((port < 31999 ? port + 1 : 20000))
+    (exec 3<>"/dev/tcp/127.0.0.1/$port") 2>/dev/null
+  do :; done
+  echo $port >"$APC_BUILD_DIR/tests/port"
+  exec 8>&-
+  echo $port
 }
 
 # background NAME COMMAND...: start, log to $work/NAME.log, remember in $pid.
