@@ -22,15 +22,15 @@ RUN apt-get update \
  && rm -rf /var/lib/apt/lists/*
 COPY --from=build /out/ /
 RUN useradd --system --uid 10001 --user-group --no-create-home --shell /usr/sbin/nologin apc \
- && install -d -m 700 -o apc -g apc /var/lib/apc
+ && install -d -m 700 -o apc -g apc /var/lib/apc /var/lib/apc-authority /var/lib/apc-plant /var/lib/apc-client
 
 FROM base AS init
 RUN apt-get update \
  && apt-get install -y --no-install-recommends postgresql-client-15 \
  && rm -rf /var/lib/apt/lists/*
-COPY scripts/compose-database /usr/local/bin/
+COPY scripts/compose-certificates scripts/compose-database /usr/local/bin/
 USER 10001:10001
-CMD ["compose-database"]
+CMD ["bash", "-c", "compose-certificates && compose-database"]
 
 FROM base
 USER 10001:10001

@@ -71,3 +71,26 @@ background plant2 "$APC_BIN/apc-plant" --config "$work/fast.conf" --client stran
 background stranger2 env APC_STORE="sqlite:$work/stranger.db" "$APC_BIN/apc-client" --config "$work/fast.conf" --identity "$work/certs/stranger.pem"
 connected() { [ "$(awk -v p="$(printf ':%04X' "$port")" '$3 ~ p && $4 == "01"' /proc/net/tcp | wc -l)" = 1 ]; }
 until_true 60 connected
+kill -TERM "${children[@]: -2}"
+wait "${children[@]: -2}" || true
+
+# the containers' way: each has its own key and nobody the authority's, and what makes the plant healthy there is a server that lives
+mkdir "$work"/apc-{authority,plant,client}
+for again in 1 2; do
+  PATH=$APC_BIN:$PATH "$APC_SOURCE_DIR/scripts/compose-certificates" --in "$work"
+  [ $again = 2 ] || cp "$work/apc-plant/plant.pem" "$work/first.pem"
+done
+! cmp -s "$work/first.pem" "$work/apc-plant/plant.pem" || fail "the plant's identity was not made anew"
+[ "$(cd "$work" && find apc-authority apc-plant apc-client -type f | sort | xargs)" = \
+  'apc-authority/authority.key apc-authority/authority.pem apc-client/client.pem apc-plant/plant.pem' ] || fail "keys lie about"
+expect 0 'plant-link$' "$apc" cert list --dir "$work/apc-plant"
+health=$(sed -n '/^  plant:/,/interval/s/.*"-c", "\(.*\)"\]$/\1/p' "$APC_SOURCE_DIR/docker-compose.yml" |
+  sed -e "s|plant-link/43051|127.0.0.1/$port|" -e 's/\$\$/$/g')
+healthy() { bash -c "$health"; }
+! healthy 2>/dev/null || fail "no plant is healthy"
+background plant3 "$APC_BIN/apc-plant" --config "$work/fast.conf" --identity "$work/apc-plant/plant.pem" --client client
+until_true 60 healthy
+kill -STOP "$pid"
+! healthy || fail "a plant that is stopped is healthy"
+kill -CONT "$pid"
+! grep_log plant3 'closed the connection' || fail "who looks after its health fills the log"
