@@ -12,6 +12,8 @@
 #include <stdio.h>
 #include <string.h>
 
+enum { QUIET = 20 }; /* good answers in a row until an episode of others is over */
+
 /* ---- Asking ------------------------------------------------------------------------------- */
 
 static bool is_backup(const struct apc_controller *c, const struct apc_controller_law *law)
@@ -455,15 +457,17 @@ static void tell(struct apc_controller *c, size_t i, apc_ns now, struct apc_noti
     l->actual = l->move.actual;
 }
 
-/* An answer that is usable but not good is told once; and again after as many good ones as end a shedding. */
+/* An answer that is usable but not good is told once, and its end when it has been good for a while, which is
+ * no shorter than what ends a shedding: at the edge of what can be reached it goes to and fro. */
 static void tell_answer(struct apc_controller *c, size_t k, struct apc_notice *notice)
 {
+    const unsigned a_while = c->shed_after > QUIET ? c->shed_after : QUIET;
     const struct apc_instance_part part = apc_instances_part(c->law.instances, k);
     struct apc_controller_instance *of = &c->law.instance[k];
     const bool poor = of->result == (int)APC_LAW_SUBOPTIMAL || of->result == (int)APC_LAW_LATE;
 
     /* one at a tick: the next one tells the rest */
-    if (!notice || notice->kind == APC_NOTICE_POOR || poor == of->poor || (!poor && of->good < c->shed_after))
+    if (!notice || notice->kind == APC_NOTICE_POOR || poor == of->poor || (!poor && of->good < a_while))
         return;
     for (size_t i = part.u; i < part.u + part.nu; i++)
         apc_controller_note(c, i, notice, APC_NOTICE_POOR, "law %.20s: %s", c->law.definition->name,

@@ -136,6 +136,22 @@ static void what_is_out_of_reach_for_a_while_is_told_and_its_end(void **state)
     apc_simulation_destroy(s);
 }
 
+/* One pump by hand, and noise at the edge of what the other can do: four-tank-mpc as it is. */
+static void what_is_out_of_reach_now_and_then_is_told_once(void **state)
+{
+    struct apc_experiment *e = NULL;
+    struct apc_simulation *s = NULL;
+    (void)state;
+    if (apc_experiment_load(&e, APC_SOURCE_DIR "/experiments/four-tank-mpc.conf", NULL, &why) < 0 ||
+        apc_simulation_create(&s, e, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    run(s, 0);
+    assert_int_equal(told(s, "goes to the nearest"), 1);
+    assert_true(told(s, "good again") <= 1);
+    apc_simulation_destroy(s);
+    apc_experiment_destroy(e);
+}
+
 static void a_plan_that_is_not_found_in_time_is_told(void **state)
 {
     struct apc_simulation *s =
@@ -153,6 +169,7 @@ int main(void)
         cmocka_unit_test(without_a_critical_one_it_stops_after_its_hold),
         cmocka_unit_test(with_an_input_saturated_the_higher_rank_keeps_its_setpoint),
         cmocka_unit_test(what_is_out_of_reach_for_a_while_is_told_and_its_end),
+        cmocka_unit_test(what_is_out_of_reach_now_and_then_is_told_once),
         cmocka_unit_test(a_plan_that_is_not_found_in_time_is_told),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
