@@ -106,6 +106,10 @@ struct apc_loop_margins {
  */
 APC_API int apc_loop_margins(const struct apc_loop *loop, size_t of, const double *scale,
                              struct apc_loop_margins *margins, struct apc_error *why);
+/** The same without the margins, which take many times as long: gain, phase, delay, jitter are NAN. [setup]
+ */
+APC_API int apc_loop_peaks(const struct apc_loop *loop, size_t of, const double *scale,
+                           struct apc_loop_margins *margins, struct apc_error *why);
 
 /**
  * L at @p n frequencies @p w rad/s, into @p re, @p im [n]: of output @p of, cut open there, the others

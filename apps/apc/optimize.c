@@ -17,6 +17,7 @@ enum {
     OPT_OVER = 0x700,
     OPT_SET,
     OPT_WEIGHTS,
+    OPT_PEAK,
     OPT_BUDGET,
     OPT_NET,
     OPT_CSV,
@@ -35,6 +36,9 @@ static const struct argp_option option_list[] = {
      "Of the cost: iae, effort (each relative to that of the present numbers), overshoot (of 100 %), limits "
      "(of all the time beyond "
      "them); default: iae=1,effort=0.05,overshoot=0.2,limits=10",
+     0},
+    {"peak", OPT_PEAK, "M", 0,
+     "No loop's sensitivity, as apc analyze has it, is to have a higher peak; 1.2 to 2 of most good loops",
      0},
     {"runs", 'n', "N", 0, "Seeds of each try, from --seed on, the same for all; default: 1", 0},
     {"budget", OPT_BUDGET, "N", 0, "Simulated runs in all; default: 2000", 0},
@@ -126,6 +130,10 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         break;
     case OPT_WEIGHTS:
         parse_weights(&o->weights, arg, state);
+        break;
+    case OPT_PEAK:
+        if (apc_number_parse(arg, &o->weights.peak) < 0 || !(o->weights.peak > 1))
+            argp_error(state, "--peak \"%s\": must be above 1; most good loops have 1.2 to 2", arg);
         break;
     case 'n':
         if (!parse_whole(arg, 100000, &number))
@@ -273,6 +281,9 @@ static int optimize(struct optimization *z, struct apc_error *why)
     for (size_t i = 0; i < z->own.n; i++)
         if ((rc = check_number(z, i, why)) < 0)
             return rc;
+    double peak;
+    if (z->own.weights.peak > 0 && (rc = optimization_peak(&z->e, &peak, why)) < 0)
+        return rc;
     if ((rc = check_files(z, why)) < 0)
         return rc;
     z->loop = calloc(controllers_loops(&z->e) + 1, sizeof *z->loop);

@@ -19,6 +19,7 @@ struct number {
 /* The cost: each share is relative to what the present numbers give, or to another reference. */
 struct weights {
     double iae, effort, overshoot, limits;
+    double peak; /* that no loop's sensitivity is to exceed; 0: whatever */
 };
 
 struct optimize_options {
@@ -36,6 +37,7 @@ struct optimize_options {
 /* What was tried: numbers, then of each loop what they gave over the seeds. */
 struct attempt {
     double iae, effort, overshoot, beyond; /* the first three relative, means over the loops */
+    double peak;                           /* the largest of the loops' sensitivities, where it is limited */
     double lasted;                         /* of the duration, until the plant diverged */
     bool made, stable;
     double value[OPTIMIZE_NUMBERS];
@@ -61,7 +63,10 @@ struct optimization {
 };
 
 struct attempt *optimization_attempt(const struct optimization *z, unsigned i);
-/* The cost of what is in an attempt; HUGE_VAL where it is not stable. */
+/* The largest peak of the loops' sensitivities, each cut open alone; HUGE_VAL: not stable. Returns 0 or a
+ * negative error. */
+int optimization_peak(const struct experiment *e, double *peak, struct apc_error *why);
+/* The cost of what is in an attempt; HUGE_VAL where it is not stable, or nearer to that than it may be. */
 double optimization_cost(const struct attempt *a, const struct weights *w);
 
 /* Load the experiment with these numbers. Returns 0 or a negative error. */

@@ -13,12 +13,15 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "run/linear_loop.h"
+
 #define SEARCHES  6    /* beside each other, of the first part; the second has as many */
 #define SCATTERED 24   /* tries all over the bounds before them */
 #define SHARE     0.5  /* of the budget is for the first part */
 #define LIGHTEST  0.02 /* weight of effort there, of that of IAE; each other is four times that before it */
 #define STEP      0.15 /* of a search at first, of the bounds */
 #define REST      1e-3 /* of the bounds: a search that moves by less has come to rest */
+#define STEEP     100  /* cost on the way of a peak twice as high as it may be */
 #define UNSTABLE  1e6  /* cost of a try whose plant diverges; the sooner the worse, by up to as much */
 
 /* ---- Numbers -------------------------------------------------------------------------------- */
@@ -87,12 +90,33 @@ int optimization_load(const struct optimization *z, const double *value, struct 
     return rc;
 }
 
-double optimization_cost(const struct attempt *a, const struct weights *w)
+static double price(const struct attempt *a, const struct weights *w)
 {
-    if (!a->made || !a->stable)
-        return HUGE_VAL;
     return w->iae * a->iae + w->effort * a->effort + w->overshoot * a->overshoot / 100 +
            w->limits * a->beyond;
+}
+
+static double excess(const struct attempt *a, const struct weights *w)
+{
+    return w->peak > 0 ? fmax(0, a->peak / w->peak - 1) : 0;
+}
+
+double optimization_cost(const struct attempt *a, const struct weights *w)
+{
+    return a->made && a->stable && excess(a, w) <= 0 ? price(a, w) : HUGE_VAL;
+}
+
+int optimization_peak(const struct experiment *e, double *peak, struct apc_error *why)
+{
+    struct linear_loop l;
+    struct apc_loop_margins m = {.size = sizeof m};
+    int rc = linear_loop_create(&l, e, &(struct linear_how){0}, why);
+    *peak = 0;
+    for (size_t o = 0; rc == 0 && o < apc_loop_outputs(l.loop); o++)
+        if ((rc = apc_loop_peaks(l.loop, o, NULL, &m, why)) == 0)
+            *peak = m.stable ? fmax(*peak, m.sensitivity) : HUGE_VAL;
+    linear_loop_free(&l);
+    return rc;
 }
 
 static void relate(const struct optimization *z, struct attempt *a)
@@ -134,6 +158,8 @@ static void make(const struct optimization *z, struct attempt *a, struct trial *
         add_run(z, t, e.duration, a);
         atomic_fetch_add(&z->farm->done, 1);
     }
+    if (a->stable && z->own.weights.peak > 0)
+        a->stable = optimization_peak(&e, &a->peak, &why) == 0 && isfinite(a->peak);
     experiment_free(&e);
     relate(z, a);
 }
@@ -184,7 +210,8 @@ static double objective(unsigned n, const double *x, double *gradient, void *ctx
     make(z, a, trial_of(s, p->job));
     if (atomic_load(&z->farm->stop))
         nlopt_force_stop(p->opt);
-    return a->stable ? optimization_cost(a, &s->weights[p->job]) : UNSTABLE * (2 - a->lasted);
+    const struct weights *w = &s->weights[p->job];
+    return a->stable ? price(a, w) + STEEP * excess(a, w) : UNSTABLE * (2 - a->lasted);
 }
 
 static void pursue(void *ctx, unsigned job)
@@ -296,7 +323,7 @@ static int find_front(struct optimization *z)
     qsort_r(z->front, z->tries, sizeof *z->front, by_effort, z);
     for (unsigned i = 0; i < z->tries; i++) {
         const struct attempt *a = optimization_attempt(z, z->front[i]);
-        if (!a->stable || a->iae >= least)
+        if (!a->stable || a->iae >= least || excess(a, &z->own.weights) > 0)
             continue;
         least = a->iae;
         z->front[z->n_front++] = z->front[i];

@@ -105,6 +105,9 @@ static void show_cost(const struct optimization *z, double took)
         fputs("; ended by a signal: this is what there is", z->talk);
     fprintf(z->talk, "\ncost %.5g -> %.5g\n", optimization_cost(present_of(z), &z->own.weights),
             optimization_cost(best_of(z), &z->own.weights));
+    if (z->own.weights.peak > 0)
+        fprintf(z->talk, "peak %.4g -> %.4g, %.4g at most\n", present_of(z)->peak, best_of(z)->peak,
+                z->own.weights.peak);
     if (z->best == 0)
         fputs("nothing better was found than what is there\n", z->talk);
 }

@@ -189,7 +189,7 @@ static double delay_margin(struct trial *t, double first)
 
 /* ---- All of it ------------------------------------------------------------------------------- */
 
-static int measure(struct trial *t, const double *scale, struct apc_loop_margins *to)
+static int measure(struct trial *t, const double *scale, bool peaks_only, struct apc_loop_margins *to)
 {
     double first = HUGE_VAL;
     int rc;
@@ -198,7 +198,7 @@ static int measure(struct trial *t, const double *scale, struct apc_loop_margins
     if (t->rc < 0 || !to->stable)
         return t->rc;
     rc = response_peaks(t->loop, t->of, scale, to, &first);
-    if (rc < 0)
+    if (rc < 0 || peaks_only)
         return rc;
     to->gain = gain_margin(t, true);
     to->gain_least = gain_margin(t, false);
@@ -211,8 +211,8 @@ static int measure(struct trial *t, const double *scale, struct apc_loop_margins
     return t->rc;
 }
 
-int apc_loop_margins(const struct apc_loop *loop, size_t of, const double *scale,
-                     struct apc_loop_margins *margins, struct apc_error *why)
+static int find(const struct apc_loop *loop, size_t of, const double *scale, bool peaks_only,
+                struct apc_loop_margins *margins, struct apc_error *why)
 {
     const struct course course = {
         .period = loop->setup.period, .n = loop->setup.n_ticks, .tick = loop->setup.tick};
@@ -227,7 +227,7 @@ int apc_loop_margins(const struct apc_loop *loop, size_t of, const double *scale
     t.factor = calloc(loop->n_out, sizeof(*t.factor));
     t.delay = calloc(loop->n_out, sizeof(*t.delay));
     if (rc == 0)
-        rc = t.factor && t.delay ? measure(&t, scale, &m) : APC_ENOMEM;
+        rc = t.factor && t.delay ? measure(&t, scale, peaks_only, &m) : APC_ENOMEM;
     if (rc < 0)
         rc = apc_fail(why, rc, "margins: %s", apc_err_text(rc));
     else
@@ -236,4 +236,16 @@ int apc_loop_margins(const struct apc_loop *loop, size_t of, const double *scale
     free(t.delay);
     machine_free(&nominal);
     return rc;
+}
+
+int apc_loop_margins(const struct apc_loop *loop, size_t of, const double *scale,
+                     struct apc_loop_margins *margins, struct apc_error *why)
+{
+    return find(loop, of, scale, false, margins, why);
+}
+
+int apc_loop_peaks(const struct apc_loop *loop, size_t of, const double *scale,
+                   struct apc_loop_margins *margins, struct apc_error *why)
+{
+    return find(loop, of, scale, true, margins, why);
 }

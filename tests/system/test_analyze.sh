@@ -16,7 +16,9 @@ near() { # WHAT IS EXPECTED TOLERANCE
 near "least gain of the pendulum" "$(number "$work/pendulum.json" F gain_least)" 0.59 0.005
 near "greatest gain of the pendulum" "$(number "$work/pendulum.json" F gain)" 1.59 0.005
 near "delay of the pendulum" "$(number "$work/pendulum.json" F delay)" 0.0131 0.00005
-"$apc" analyze "$conf/van-de-vusse.conf" --json --figure "$work/reactor" >"$work/reactor.json"
+# of the reactor as it was before it was tuned, which bears less
+brisk=(--set 'controller.settings.y_dev=[0.02, 1.0]' --set 'controller.settings.u_dev=[3.0, 800.0]' --set 'controller.settings.u_noise=[0.05, 20.0]')
+"$apc" analyze "$conf/van-de-vusse.conf" "${brisk[@]}" --json --figure "$work/reactor" >"$work/reactor.json"
 near "gain of F" "$(number "$work/reactor.json" F gain)" 1.58 0.005
 near "delay of F" "$(number "$work/reactor.json" F delay)" 25 0.5
 grep -q 'the circle that the curve keeps out of' "$work/reactor.svg" && [ -s "$work/reactor.png" ] || fail "no figure"

@@ -42,6 +42,12 @@ grep -q 'nothing tried is better in both' "$work/front.svg" && [ -s "$work/front
 effort() { "$apc" optimize "$conf" "${over[@]}" --duration 150 --budget 200 --weights "$1" | awk '/^loop/ { getline; print $5 }'; }
 awk -v calm="$(effort iae=1,effort=1)" -v brisk="$(effort iae=1,effort=0)" 'BEGIN { exit !(calm < 0.7 * brisk) }' || fail "effort counts for nothing"
 
+# no loop is more nervous than --peak says, as apc analyze finds of the file that is written
+"$apc" optimize "$conf" "${over[@]}" --duration 150 --budget 200 --peak 1.3 --write "$work/calm.conf" >"$work/calm.txt"
+peak() { "$apc" analyze "$1" --json | sed -n 's/^{"loop":"u".*"sensitivity":\([^,]*\).*/\1/p'; }
+awk -v calm="$(peak "$work/calm.conf")" -v brisk="$(peak "$work/found1.conf")" -v said="$(sed -n 's/^peak .* -> \(.*\), 1.3 at most/\1/p' "$work/calm.txt")" \
+  'BEGIN { exit !(calm <= 1.3 && brisk > 1.4 && said - calm < 1e-3 && calm - said < 1e-3) }' || fail "--peak counts for nothing: $(cat "$work/calm.txt")"
+
 # ---- An unstable beginning, and nothing stable at all
 
 cat >"$work/tank.conf" <<'END'
@@ -76,6 +82,8 @@ no 2 'expected PATH=LOW..HIGH' --over controller.Kp=1
 no 2 'is given twice' --over controller.Kp=0.1..1 --over controller.Kp=0.1..1
 no 2 'at least 60 tries' --over controller.Kp=0.1..1 --budget 100 --runs 2
 no 2 'expected iae=' --over controller.Kp=0.1..1 --weights iea=1
+no 2 '--peak.*must be above 1' --over controller.Kp=0.1..1 --peak 1
+expect 1 'law nmpc is not linear' "$apc" optimize "$APC_SOURCE_DIR/experiments/van-de-vusse-nmpc.conf" --over controller.period=15..25 --peak 1.8
 no 2 'nothing is better than anything else' --over controller.Kp=0.1..1 --weights iae=0,effort=0,overshoot=0,limits=0
 no 4 'controller.Kp is 0.2 now, which lies outside 1..10' --over controller.Kp=1..10
 no 1 'controller.tau_i = -3: "tau_i" is -3: must be from' --over controller.tau_i=-3..20
