@@ -163,7 +163,8 @@ static int agree(struct serial *s)
 static int ask(struct serial *s, const char *request, double *number)
 {
     char line[LINE];
-    int rc = say(s, request);
+    int rc = s->have ? apc_fail(&s->x.error, APC_EPROTO, "%s: the board said more than it was asked", s->path)
+                     : say(s, request);
 
     if (rc == 0)
         rc = hear(s, line);
@@ -194,6 +195,9 @@ static int ready(struct serial *s, apc_ns deadline)
 {
     s->deadline = deadline;
     int rc = s->fd < 0 ? open_port(s) : 0;
+    int unasked = 0;
+    if (rc == 0 && (s->have || (ioctl(s->fd, FIONREAD, &unasked) == 0 && unasked > 0)))
+        s->agreed = false; /* the next answer would be taken for another's */
     return rc == 0 && !s->agreed ? agree(s) : rc;
 }
 

@@ -8,11 +8,19 @@
 #include "apcexchange.h"
 #include "modbus_peer.h"
 
+#include <fcntl.h>
+#include <poll.h>
 #include <pthread.h>
 #include <semaphore.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <termios.h>
+#include <unistd.h>
+
+#ifdef APC_TLS
+#include "apc/authority.h"
+#endif
 
 #define PATIENCE (20 * APC_NS_PER_S)  /* a hang is a failure, not a hung test */
 #define SHORT    (30 * APC_NS_PER_MS) /* for a reply that does not come before */
@@ -32,10 +40,16 @@ struct plant {
     struct apc_sample *samples;
     unsigned asked, commanded; /* how often */
 
-    struct apc_server *server; /* tcp: */
+    struct apc_server *server;       /* tcp:, tls: */
+    struct apc_identity *its, *ours; /* tls: */
     sem_t released;
     struct apc_executive *executive; /* inproc: */
     struct modbus_peer *peer;        /* modbus: */
+    struct {
+        char link[40]; /* the name of the port, whatever port that is */
+        int port, kept, wake[2];
+        pthread_t thread;
+    } board; /* serial: */
 };
 
 struct scheme {
@@ -45,13 +59,21 @@ struct scheme {
     void (*close)(struct plant *p);
     void (*look)(struct plant *p); /* at u and the counts, where the plant has them in a way of its own */
     bool bare;                     /* it knows values only: no status, no time, and takes them one by one */
+    bool coarse; /* two values at most, 0 to 100, in hundredths; a lost port is looked for once a second */
+    double safe; /* of output 1; of output 2 it is 1 less; of one that watches its client itself: 0 */
 };
 
 static void open_exchange(struct plant *p, const char *uri, const struct apc_inproc_options *inproc,
                           const struct apc_modbus_options *modbus)
 {
-    const struct apc_exchange_options options = {
-        .size = sizeof(options), .nu = p->nu, .ny = p->ny, .inproc = inproc, .modbus = modbus};
+    const double safe[] = {p->scheme->safe, p->scheme->safe - 1.0};
+    const struct apc_exchange_options options = {.size = sizeof(options),
+                                                 .nu = p->nu,
+                                                 .ny = p->ny,
+                                                 .inproc = inproc,
+                                                 .modbus = modbus,
+                                                 .safe = p->scheme->coarse ? safe : NULL,
+                                                 .identity = p->ours};
     struct apc_error why;
 
     if (apc_exchange_open(&p->x, uri, &options, &why) < 0)
@@ -125,6 +147,70 @@ static void tcp_close(struct plant *p)
 {
     apc_server_destroy(p->server);
 }
+
+#ifdef APC_TLS
+static char certificates[] = "/tmp/apc-schemes-XXXXXX";
+
+static struct apc_identity *identity_of(const char *name, enum authority_role role)
+{
+    static const char *const hosts[] = {"127.0.0.1"};
+    const struct authority_request request = {.name = name,
+                                              .role = role,
+                                              .hosts = hosts,
+                                              .n_hosts = role == ROLE_PLANT,
+                                              .from = time(NULL) - 60,
+                                              .until = time(NULL) + 3600};
+    struct apc_identity *identity;
+    char path[64];
+
+    if (role == ROLE_AUTHORITY) {
+        assert_int_equal(authority_create(certificates, &request, NULL), 0);
+        return NULL;
+    }
+    snprintf(path, sizeof(path), "%s/%s.pem", certificates, name);
+    if (access(path, R_OK) != 0)
+        assert_int_equal(authority_issue(certificates, &request, NULL), 0);
+    assert_int_equal(apc_identity_load(&identity, path, NULL), 0);
+    return identity;
+}
+
+static void tls_open(struct plant *p)
+{
+    static const char *const clients[] = {"client"};
+    struct apc_server_options options = {.size = sizeof(options),
+                                         .frame_max = APC_FRAME_ROOM(p->nu > p->ny ? p->nu : p->ny),
+                                         .clients = clients,
+                                         .n_clients = 1};
+    char uri[64];
+
+    if (strstr(certificates, "XXXXXX")) {
+        assert_non_null(mkdtemp(certificates));
+        (void)identity_of("ours", ROLE_AUTHORITY);
+    }
+    options.identity = p->its = identity_of("plant", ROLE_PLANT);
+    p->ours = identity_of("client", ROLE_CLIENT);
+    assert_int_equal(apc_server_create(&p->server, "tls:127.0.0.1:0", &options, serve, p, NULL), 0);
+    snprintf(uri, sizeof(uri), "tls:127.0.0.1:%d", apc_server_port(p->server));
+    open_exchange(p, uri, NULL, NULL);
+}
+
+static void tls_close(struct plant *p)
+{
+    apc_server_destroy(p->server);
+    apc_identity_free(p->its);
+    apc_identity_free(p->ours);
+}
+
+static int remove_certificates(void **state)
+{
+    char command[64];
+    (void)state;
+    snprintf(command, sizeof(command), "rm -rf %s", certificates);
+    return system(command);
+}
+#else
+#define remove_certificates NULL
+#endif
 
 static void inproc_open(struct plant *p)
 {
@@ -222,10 +308,136 @@ static void modbus_look(struct plant *p)
     pthread_mutex_unlock(&p->peer->mutex);
 }
 
+/* ---- A plant of lines, written after what the board's own firmware does ------------------------ */
+
+static void plug_in(struct plant *p)
+{
+    char name[64];
+    struct termios how;
+
+    p->board.port = posix_openpt(O_RDWR | O_NOCTTY);
+    assert_true(p->board.port >= 0 && grantpt(p->board.port) == 0 && unlockpt(p->board.port) == 0);
+    assert_int_equal(ptsname_r(p->board.port, name, sizeof(name)), 0);
+    p->board.kept = open(name, O_RDWR | O_NOCTTY);
+    assert_int_equal(tcgetattr(p->board.kept, &how), 0);
+    cfmakeraw(&how);
+    assert_int_equal(tcsetattr(p->board.kept, TCSANOW, &how), 0);
+    (void)unlink(p->board.link);
+    assert_int_equal(symlink(name, p->board.link), 0);
+}
+
+/* Its answer to a line, in @p reply; false: it goes away instead. */
+static bool answer_line(struct plant *p, const char *line, char reply[200])
+{
+    static const char *const instead[] = {
+        [GARBAGE] = "\x01x7\r\n", [FEW] = "\r\n", [ANOTHERS] = "TCLab\r\n", [NOT_VALUES] = "?\r\n"};
+    const size_t i = line[0] && line[1] == '2';
+    const bool measured = line[0] == 'T', given = line[0] == 'Q';
+
+    if (given)
+        p->u[i].value = strtod(line + 2, NULL);
+    p->commanded += given;
+    p->asked += measured && i == 0;
+    if (measured || given)
+        snprintf(reply, 200, "%.2f\r\n", measured ? p->y[i].value : p->u[i].value);
+    else
+        snprintf(reply, 200, "TCLab of the test\r\n");
+    if (line[0] == 'V' || p->behaviour == PROPER || p->behaviour == LATE)
+        return true;
+    if (p->behaviour == MANY)
+        strcat(reply, "77.00\r\n");
+    else if (p->behaviour != CLOSES)
+        snprintf(reply, 200, "%s", instead[p->behaviour]);
+    return p->behaviour != CLOSES;
+}
+
+static void hear_line(struct plant *p, const char *line)
+{
+    char reply[200];
+
+    pthread_mutex_lock(&p->mutex);
+    const bool late = p->behaviour == LATE && line[0] != 'V', stays = answer_line(p, line, reply);
+    pthread_mutex_unlock(&p->mutex);
+    while (late && sem_wait(&p->released) < 0)
+        ;
+    if (stays) {
+        assert_int_equal(write(p->board.port, reply, strlen(reply)), strlen(reply));
+        return;
+    }
+    close(p->board.kept);
+    close(p->board.port);
+    plug_in(p);
+}
+
+static void *be_board(void *arg)
+{
+    struct plant *p = arg;
+    char bytes[1000], *end;
+    size_t have = 0;
+
+    for (;;) {
+        struct pollfd wait[2] = {{.fd = p->board.wake[0], .events = POLLIN},
+                                 {.fd = p->board.port, .events = POLLIN}};
+        if (poll(wait, 2, -1) < 0 || wait[0].revents)
+            return NULL;
+        const ssize_t n = read(p->board.port, bytes + have, sizeof(bytes) - have);
+        have += n > 0 ? (size_t)n : 0;
+        while ((end = memchr(bytes, '\n', have))) {
+            *end = '\0';
+            hear_line(p, bytes);
+            have -= (size_t)(end + 1 - bytes);
+            memmove(bytes, end + 1, have);
+        }
+    }
+}
+
+static void serial_open(struct plant *p)
+{
+    char uri[64];
+    int fd;
+
+    snprintf(p->board.link, sizeof(p->board.link), "/tmp/apc-board-XXXXXX");
+    fd = mkstemp(p->board.link); /* a name that nobody else has */
+    assert_true(fd >= 0);
+    close(fd);
+    plug_in(p);
+    assert_int_equal(pipe(p->board.wake), 0);
+    assert_int_equal(pthread_create(&p->board.thread, NULL, be_board, p), 0);
+    snprintf(uri, sizeof(uri), "serial:%s", p->board.link);
+    open_exchange(p, uri, NULL, NULL);
+}
+
+static void serial_close(struct plant *p)
+{
+    assert_int_equal(write(p->board.wake[1], "", 1), 1);
+    pthread_join(p->board.thread, NULL);
+    close(p->board.wake[0]);
+    close(p->board.wake[1]);
+    close(p->board.port);
+    close(p->board.kept);
+    unlink(p->board.link);
+}
+
+/* A port that was lost is looked for once a second: until then it is. */
+static int serial_exchange(struct plant *p, const struct apc_value *u, apc_ns patience, struct apc_value *y)
+{
+    const apc_ns until = apc_clock_mono(NULL) + patience;
+    int rc;
+
+    while ((rc = waiting_exchange(p, u, patience, y)) == APC_ECONN &&
+           strstr(apc_exchange_error(p->x), "once a second") && apc_clock_mono(NULL) < until)
+        (void)poll(NULL, 0, 10);
+    return rc;
+}
+
 static struct scheme schemes[] = {
-    {"tcp:", tcp_open, waiting_exchange, tcp_close, NULL, false},
-    {"inproc:", inproc_open, inproc_exchange, inproc_close, NULL, false},
-    {"modbus:", modbus_open, waiting_exchange, modbus_close, modbus_look, true}};
+    {"tcp:", tcp_open, waiting_exchange, tcp_close, NULL, false, false, 0.0},
+#ifdef APC_TLS
+    {"tls:", tls_open, waiting_exchange, tls_close, NULL, false, false, 0.0},
+#endif
+    {"inproc:", inproc_open, inproc_exchange, inproc_close, NULL, false, false, 0.0},
+    {"modbus:", modbus_open, waiting_exchange, modbus_close, modbus_look, true, false, -1.0},
+    {"serial:", serial_open, serial_exchange, serial_close, NULL, true, true, 6.0}};
 
 /* ---- What both sides do --------------------------------------------------------------------- */
 
@@ -248,7 +460,8 @@ static struct plant *make(const struct scheme *scheme, size_t nu, size_t ny)
     p->y = calloc(ny, sizeof(*p->y));
     p->samples = calloc((nu > ny ? nu : ny) + 1, sizeof(*p->samples));
     for (size_t i = 0; i < ny; i++)
-        p->y[i] = (struct apc_value){.value = 1.0 / (double)(i + 3), .time = T0};
+        p->y[i] = (struct apc_value){.value = scheme->coarse ? 20.25 + (double)i : 1.0 / (double)(i + 3),
+                                     .time = T0};
     pthread_mutex_init(&p->mutex, NULL);
     sem_init(&p->released, 0, 0);
     scheme->open(p);
@@ -313,6 +526,13 @@ static void show(struct plant *p, double value)
     pthread_mutex_unlock(&p->mutex);
 }
 
+/* What stood in y was meant to be this. */
+static void assert_came(struct plant *p, const struct apc_value *y)
+{
+    for (size_t i = 0; i < p->ny; i++)
+        assert_near(y[i].value, p->y[i].value, 0.0);
+}
+
 /* A failed exchange: nothing of y is to be believed, and it is said why. */
 static void assert_nothing_came(struct plant *p, int rc, int expected, const struct apc_value *y)
 {
@@ -324,7 +544,8 @@ static void assert_nothing_came(struct plant *p, int rc, int expected, const str
 
 static int set_up(void **state)
 {
-    *state = make(*state, 2, 3);
+    const struct scheme *scheme = *state;
+    *state = make(scheme, 2, scheme->coarse ? 2 : 3);
     return 0;
 }
 
@@ -339,20 +560,22 @@ static int tear_down(void **state)
 static void what_is_given_arrives_and_what_is_there_is_answered(void **state)
 {
     struct plant *p = *state;
-    const struct apc_value u[] = {{1.5, APC_GOOD, T0 + 1000}, {-2.5, APC_UNCERTAIN_SUBSTITUTE, T0 + 2000}};
+    const struct apc_value u[] = {{1.5, APC_GOOD, T0 + 1000},
+                                  {p->scheme->coarse ? 2.5 : -2.5, APC_UNCERTAIN_SUBSTITUTE, T0 + 2000}};
     struct apc_value y[3];
 
-    p->y[0] = (struct apc_value){1.0 / 3.0, APC_GOOD, T0 + 3000};
-    p->y[1] = (struct apc_value){-1e-300, APC_UNCERTAIN_LAST_USABLE, T0 - 3600 * APC_NS_PER_S};
-    p->y[2] = (struct apc_value){7.0, APC_BAD_SENSOR_FAILURE, T0};
+    if (!p->scheme->coarse) {
+        p->y[0] = (struct apc_value){1.0 / 3.0, APC_GOOD, T0 + 3000};
+        p->y[1] = (struct apc_value){-1e-300, APC_UNCERTAIN_LAST_USABLE, T0 - 3600 * APC_NS_PER_S};
+        p->y[2] = (struct apc_value){7.0, APC_BAD_SENSOR_FAILURE, T0};
+    }
     look(p);
     assert_int_equal(p->scheme->exchange(p, u, PATIENCE, y), 0);
     assert_string_equal(apc_exchange_error(p->x), "");
     for (size_t i = 0; i < 2; i++)
         assert_near(given(p, i).value, u[i].value, 0.0);
-    for (size_t i = 0; i < 3; i++)
-        assert_near(y[i].value, p->y[i].value, 0.0);
-    for (size_t i = 0; i < 3 && p->scheme->bare; i++) {
+    assert_came(p, y);
+    for (size_t i = 0; i < p->ny && p->scheme->bare; i++) {
         assert_int_equal(y[i].status, APC_GOOD);
         assert_true(apc_clock_utc(NULL) - y[i].time < PATIENCE); /* when it came */
     }
@@ -372,7 +595,7 @@ static void who_only_asks_writes_nothing(void **state)
     struct apc_value y[3];
 
     assert_int_equal(p->scheme->exchange(p, NULL, PATIENCE, y), 0);
-    assert_near(y[2].value, 0.2, 0.0);
+    assert_came(p, y);
     assert_int_equal(commanded(p), 0);
 }
 
@@ -391,13 +614,17 @@ static void what_is_bad_or_not_finite_is_not_written(void **state)
 
         u[i % 2] = bad[i / 2];
         assert_int_equal(p->scheme->exchange(p, u, PATIENCE, y), 0); /* y comes all the same */
-        assert_near(y[0].value, 1.0 / 3.0, 0.0);
+        assert_came(p, y);
         assert_near(given(p, i % 2).value, 0.0, 0.0);
         if (p->scheme->bare)
             assert_near(given(p, 1 - i % 2).value, 2.0 + (double)(1 - i % 2), 0.0); /* the other is */
         else
             assert_int_equal(commanded(p), 0); /* behind frames a vector goes whole or not at all */
-        if (p->peer) {
+        if (p->scheme->coarse) {
+            pthread_mutex_lock(&p->mutex);
+            memset(p->u, 0, p->nu * sizeof(*p->u));
+            pthread_mutex_unlock(&p->mutex);
+        } else if (p->peer) {
             pthread_mutex_lock(&p->peer->mutex);
             memset(p->peer->holding, 0, sizeof(p->peer->holding));
             pthread_mutex_unlock(&p->peer->mutex);
@@ -439,7 +666,7 @@ static void what_does_not_answer_is_refused_and_the_next_exchange_is_another(voi
         assert_nothing_came(p, p->scheme->exchange(p, NULL, PATIENCE, y), cases[i].rc, y);
         behave(p, PROPER);
         assert_int_equal(p->scheme->exchange(p, NULL, PATIENCE, y), 0);
-        assert_near(y[1].value, 0.25, 0.0);
+        assert_came(p, y);
     }
 }
 
@@ -478,18 +705,22 @@ static void there_is_one_exchange_at_a_time(void **state)
 static void as_many_values_go_as_may_be(void **state)
 {
     static struct apc_value u[APC_EXCHANGE_VALUES], y[APC_EXCHANGE_VALUES];
-    struct plant *p = make(*state, APC_EXCHANGE_VALUES, APC_EXCHANGE_VALUES);
+    const struct scheme *scheme = *state;
+    const size_t most = scheme->coarse ? 2 : APC_EXCHANGE_VALUES;
+    struct plant *p = make(scheme, most, most);
 
-    for (size_t i = 0; i < APC_EXCHANGE_VALUES; i++) { /* the longest that there are */
+    for (size_t i = 0; i < most; i++) { /* the longest that there are */
         u[i] = (struct apc_value){-1.2345678901234567e-300 - 1e-308 * (double)i, 0x40DEADBE,
                                   T0 + 1000 * (apc_ns)i};
+        if (scheme->coarse)
+            u[i].value = 99.99 - 99.99 * (double)i;
         p->y[i] = u[i];
     }
     look(p);
     for (int k = 0; k < 2; k++) {
         assert_int_equal(p->scheme->exchange(p, u, PATIENCE, y), 0);
         look(p); /* nothing is under way */
-        for (size_t i = 0; i < APC_EXCHANGE_VALUES; i++) {
+        for (size_t i = 0; i < most; i++) {
             assert_memory_equal(&p->u[i].value, &u[i].value, sizeof(double)); /* bit for bit */
             assert_memory_equal(&y[i].value, &u[i].value, sizeof(double));
             if (p->scheme->bare)
@@ -509,7 +740,7 @@ static void who_leaves_gives_safe_values_where_the_plant_does_not_watch_him(void
     assert_int_equal(apc_exchange_safe(p->x, apc_clock_mono(NULL) + PATIENCE), 0);
     assert_int_equal(asked(p), 0);
     for (size_t i = 0; i < 2; i++)
-        assert_near(given(p, i).value, p->scheme->bare ? -1.0 - (double)i : 0.0, 0.0);
+        assert_near(given(p, i).value, p->scheme->bare ? p->scheme->safe - (double)i : 0.0, 0.0);
 }
 
 /* ---- Of none in particular ------------------------------------------------------------------ */
@@ -529,6 +760,7 @@ static void what_makes_no_sense_is_refused(void **state)
                  {"udp:127.0.0.1:80", 1, 1, "plant \"udp:127.0.0.1:80\": unknown scheme"},
                  {"", 1, 1, "unknown scheme"},
                  {NULL, 1, 1, "unknown scheme"},
+                 {"tls:127.0.0.1:80", 1, 1, "needs an identity"},
                  {"modbus:127.0.0.1:80", 1, 1, "u and y are required"},
                  {"inproc:", 1, 1, "required"}};
     struct apc_exchange_options o = {.size = sizeof(o)};
@@ -602,5 +834,5 @@ int main(void)
         tests[i + 1] = (struct CMUnitTest){names[i], each[i % EACHES].test, each[i % EACHES].up,
                                            each[i % EACHES].down, &schemes[i / EACHES]};
     }
-    return cmocka_run_group_tests(tests, NULL, NULL);
+    return cmocka_run_group_tests(tests, NULL, remove_certificates);
 }

@@ -376,6 +376,21 @@ static void an_answer_that_is_none_is_a_failure_and_the_next_is_whole(void **sta
     }
 }
 
+static void what_a_board_says_unasked_is_no_answer(void **state)
+{
+    struct lab *lab = *state;
+    struct pollfd there = {.fd = lab->kept, .events = POLLIN};
+    struct apc_value y[2];
+    assert_int_equal(exchange(lab, 10, 20, y, PATIENCE), 0);
+    for (int i = 0; i < 10; i++) {
+        assert_int_equal(write(lab->port, "77.00\r\n", 7), 7);
+        assert_int_equal(poll(&there, 1, 60000), 1);
+        assert_int_equal(exchange(lab, 30, 40 + i, y, PATIENCE), 0);
+        assert_near(y[0].value, 23.46, 0.0051);
+        assert_near(lab->plant.u[1], 40 + i, 0.0);
+    }
+}
+
 static void a_sensor_that_is_not_there_is_bad(void **state)
 {
     struct lab *lab = *state;
@@ -439,6 +454,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(a_late_answer_is_never_taken_for_the_next_ones, set_up, tear_down),
         cmocka_unit_test_setup_teardown(an_answer_that_is_none_is_a_failure_and_the_next_is_whole, set_up,
                                         tear_down),
+        cmocka_unit_test_setup_teardown(what_a_board_says_unasked_is_no_answer, set_up, tear_down),
         cmocka_unit_test_setup_teardown(a_sensor_that_is_not_there_is_bad, set_up, tear_down),
         cmocka_unit_test_setup_teardown(a_port_that_cannot_be_had_says_why, set_up, tear_down),
         cmocka_unit_test_setup_teardown(a_board_that_is_pulled_out_is_said, set_up, tear_down),
