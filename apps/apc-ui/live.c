@@ -158,8 +158,9 @@ static apc_ns take(struct live *l, struct text *values)
         m->moved[i] = moved(now, s->time, m->now[i].seq == 0);
         m->now[i] = *s;
         if (s->table == APC_OPMODE && s->id >= LOOPS_IDS) {
-            loops_choose(&m->plant.loops, s->id, s->value);
+            const bool other = loops_choose(&m->plant.loops, s->id, s->value);
             find_controllers(l, &m->plant);
+            m->plant.revision += other; /* who is above whom */
         }
         if (i >= l->shown)
             continue;

@@ -246,14 +246,15 @@ static const char *actual_mode(const struct model *m, const struct loops_loop *l
     return mode_of(m, APC_ACTUAL, apc_variable_number(APC_OPMODE, loop->id));
 }
 
-/* An output that nobody writes now is no news: its loop is out of service, or its controller does not tick,
- * which is said by itself. */
+/* What nobody writes now is no news where it is an output whose loop is out of service, or whose controller
+ * does not tick, which is said by itself; or of a law, which publishes where it is asked. */
 static bool rests(const struct model *m, const struct apc_sample *u, apc_ns now)
 {
     const struct loops_loop *loop =
         u->table == APC_ACTUATOR ? loops_of(&m->plant.loops, APC_ACTUATOR, u->id) : NULL;
     const char *actual = loop ? actual_mode(m, loop) : NULL;
-    return (actual && !strcmp(actual, "OOS")) || (loop && model_ticks(m, loop->controller, now) == 0);
+    return u->table == APC_ESTIMATE || (actual && !strcmp(actual, "OOS")) ||
+           (loop && model_ticks(m, loop->controller, now) == 0);
 }
 
 static void silence(struct text *t, const char *name, const char *what, apc_ns age)
@@ -331,7 +332,14 @@ void control_json(const struct model *m, apc_ns now, struct text *t)
         text_add(t, ",");
     }
     text_chop(t, ',');
-    text_add(t, "},\"safe\":%s,\"safe_since\":", s->safe < 0 ? "null" : s->safe ? "true" : "false");
+    text_add(t, "},\"shadow\":[");
+    for (size_t i = 0; i < m->plant.loops.n_controllers; i++)
+        if (!m->plant.loops.controller[i].acts) {
+            json_string_add(t, m->plant.loops.controller[i].name);
+            text_add(t, ",");
+        }
+    text_chop(t, ',');
+    text_add(t, "],\"safe\":%s,\"safe_since\":", s->safe < 0 ? "null" : s->safe ? "true" : "false");
     if (s->safe > 0)
         json_time_add(t, s->safe_since);
     else

@@ -32,9 +32,9 @@ bool ref_parse(const char *ref, enum apc_table *table, int *id)
 /* The mode of all loops is nobody's; whose a setpoint is, is the scheduler's matter. */
 static bool shown(const struct apc_tag *tag)
 {
-    return tag->table == APC_OPMODE
-               ? tag->controller[0] != '\0' || loops_is_owner_id(tag->id)
-               : (tag->table < APC_STATE && tag->table != APC_DIM) || tag->table == APC_ACTUAL;
+    return tag->table == APC_OPMODE ? tag->controller[0] != '\0' || loops_is_owner_id(tag->id)
+                                    : (tag->table < APC_STATE && tag->table != APC_DIM) ||
+                                          tag->table == APC_ACTUAL || tag->table == APC_ESTIMATE;
 }
 
 static bool same_tag(const struct apc_tag *a, const struct apc_tag *b)
@@ -172,7 +172,7 @@ apc_ns plant_period(const struct plant *p, enum apc_table table, int id)
     const int controller = plant_controller(p, table, id), at = plant_find(p, table, id);
     const apc_ns client = rhythm(p, "client"), plant = rhythm(p, "plant"),
                  said = client > plant ? client : plant;
-    if (at < 0 || (table != APC_SENSOR && table != APC_ACTUATOR))
+    if (at < 0 || (table != APC_SENSOR && table != APC_ACTUATOR && table != APC_ESTIMATE))
         return 0;
     if (controller >= 0)
         return plant_tick(p, (size_t)controller);
@@ -344,6 +344,7 @@ static void loop_json(const struct plant *p, const struct loops_loop *loop, stru
     partner_json(t, "setpoint", APC_SETPOINT, loop->setpoint);
     partner_json(t, "output", loop->table, loop->output);
     partner_json(t, "manual", APC_MANUAL, loop->manual);
+    partner_json(t, "would", APC_ESTIMATE, loop->would);
     partner_json(t, "owner", APC_OPMODE,
                  loops_scheduled(&p->loops, loop->setpoint) ? LOOPS_OWNER(loop->setpoint) : 0);
     if (loop->above >= 0)

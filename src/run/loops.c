@@ -100,16 +100,25 @@ static void find_output(struct loops_loop *l, const struct apc_tag *tag, size_t 
     }
 }
 
-/* LOOP.manual; of the only loop, manual. */
-static void find_manual(struct loops *l, const struct apc_tag *tag, size_t n)
+/* The id of LOOP.what in that table, of the only loop, of what; 0: there is none. */
+static int find_of(const struct loops *l, const char *loop, enum apc_table table, const char *what,
+                   const struct apc_tag *tag, size_t n)
 {
     char name[APC_TAG_LEN];
-    for (size_t i = 0; i < l->n; i++) {
-        snprintf(name, sizeof name, "%.56s.manual", l->at[i].name);
-        for (size_t k = 0; k < n; k++)
-            if (tag[k].table == APC_MANUAL &&
-                (!strcmp(tag[k].name, name) || (l->n == 1 && !strcmp(tag[k].name, "manual"))))
-                l->at[i].manual = tag[k].id;
+    snprintf(name, sizeof name, "%.56s.%s", loop, what);
+    for (size_t k = 0; k < n; k++)
+        if (tag[k].table == table &&
+            (!strcmp(tag[k].name, name) || (l->n == 1 && !strcmp(tag[k].name, what))))
+            return tag[k].id;
+    return 0;
+}
+
+static void find_own(struct loops *l, const struct apc_tag *tag, size_t n)
+{
+    for (struct loops_loop *loop = l->at; loop < l->at + l->n; loop++) {
+        loop->manual = find_of(l, loop->name, APC_MANUAL, "manual", tag, n);
+        if (l->controller[loop->controller].choice)
+            loop->would = find_of(l, loop->name, APC_ESTIMATE, "output", tag, n);
     }
 }
 
@@ -148,15 +157,19 @@ static void find_choices(struct loops *l, const struct apc_tag *tag, size_t n)
     }
 }
 
-void loops_choose(struct loops *l, int id, double number)
+bool loops_choose(struct loops *l, int id, double number)
 {
-    bool known = false;
+    bool known = false, changed = false;
     for (size_t i = 0; i < l->n_controllers; i++)
         known = known || (l->controller[i].choice == id && l->controller[i].number == number);
     for (size_t i = 0; i < l->n_controllers && known; i++)
-        if (l->controller[i].choice == id)
-            l->controller[i].acts = l->controller[i].number == number;
+        if (l->controller[i].choice == id) {
+            const bool acts = l->controller[i].number == number;
+            changed = changed || l->controller[i].acts != acts;
+            l->controller[i].acts = acts;
+        }
     find_above(l);
+    return changed;
 }
 
 static int read_choices(struct loops *l, struct apc_store *store)
@@ -171,7 +184,7 @@ static int read_choices(struct loops *l, struct apc_store *store)
     int rc = n > 0 ? apc_store_read(store, row, n) : 0;
     for (size_t i = 0; i < n && rc >= 0; i++)
         if (row[i].seq > 0)
-            loops_choose(l, row[i].id, row[i].value);
+            (void)loops_choose(l, row[i].id, row[i].value);
     free(row);
     return rc < 0 ? rc : 0;
 }
@@ -214,9 +227,9 @@ int loops_load(struct loops *l, struct apc_store *store, const struct apc_tag *t
     }
     find_periods(l, tag, n);
     find_scheduled(l, tag, n);
-    find_manual(l, tag, n);
     int rc = l->n > 0 ? read_pairs(l, store) : 0;
     find_choices(l, tag, n);
+    find_own(l, tag, n);
     find_above(l);
     return rc < 0 ? rc : read_choices(l, store);
 }

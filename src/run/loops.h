@@ -31,9 +31,10 @@ struct loops_loop {
     char name[APC_TAG_LEN]; /* "u1"; "upper.r1" of one that moves a setpoint, "trial.u1" of one in shadow */
     int id;                 /* of its target, in table opmode */
     int manual;             /* of what an operator puts out, in table manual; 0: not described */
-    size_t controller;      /* its place */
-    enum apc_table table;   /* of its output: actuator, setpoint, sensor; 0: not described */
-    int output;             /* id in it */
+    int would; /* of what it puts out or in shadow would, in table estimate; 0: it has its output alone */
+    size_t controller;         /* its place */
+    enum apc_table table;      /* of its output: actuator, setpoint, sensor; 0: not described */
+    int output;                /* id in it */
     int measurement, setpoint; /* ids of what it controls, and to what; 0: none */
     int above;                 /* place of the loop that moves its setpoint in Cas; -1: none does */
 };
@@ -52,8 +53,8 @@ struct loops {
 int loops_load(struct loops *loops, struct apc_store *store, const struct apc_tag *tag, size_t n);
 void loops_free(struct loops *loops);
 
-/* The switch of that id, of table opmode, says this number. */
-void loops_choose(struct loops *loops, int id, double number);
+/* The switch of that id, of table opmode, says this number. True: another one acts. */
+bool loops_choose(struct loops *loops, int id, double number);
 
 /* NULL: there is none. By the name of an output it is the loop of the controller that acts on it; that of a
  * certain one is CONTROLLER.OUTPUT. */

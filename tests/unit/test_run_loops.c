@@ -137,11 +137,13 @@ static void describe_shadows(struct apc_store *store)
     describe(APC_ACTUATOR, 2, "v", "other");
     describe(APC_SETPOINT, 1, "r", "first");
     for (int i = 1; i <= 4; i++) {
-        char manual[20];
+        char manual[20], output[20];
         snprintf(manual, sizeof manual, "%s.manual", loop[i - 1]);
+        snprintf(output, sizeof output, "%s.output", loop[i - 1]);
         describe(APC_OPMODE, i, loop[i - 1], controller[i - 1]);
         describe(APC_MANUAL, i, manual, controller[i - 1]);
         describe(APC_TICK, i, controller[i - 1], controller[i - 1]);
+        describe(APC_ESTIMATE, 10 + i, output, controller[i - 1]); /* of the fourth it is a law's own */
         pair(store, i, 1, i < 4 ? 1 : 0);
     }
     describe(APC_OPMODE, SWITCH, "u.acting", "");
@@ -173,12 +175,17 @@ static void test_an_output_is_called_for_the_loop_that_acts_on_it(void **state)
         assert_ptr_equal(loops_of(&l, APC_MANUAL, 2), &l.at[1]);
         assert_ptr_equal(loops_find(&l, "v"), &l.at[3]);
         assert_true(l.controller[3].acts);
+        for (int i = 0; i < 4; i++)
+            assert_int_equal(l.at[i].would, i < 3 ? 11 + i : 0);
         assert_null(loops_taker(&l, &(struct apc_tag){.table = APC_SETPOINT, .controller = "nobody"}));
     }
-    loops_choose(&l, SWITCH, 4); /* none of them: nothing changes */
-    loops_choose(&l, SWITCH, 7);
-    loops_choose(&l, SWITCH + 1, 1);
+    assert_false(loops_choose(&l, SWITCH, 4)); /* none of them: nothing changes */
+    assert_false(loops_choose(&l, SWITCH, 7));
+    assert_false(loops_choose(&l, SWITCH + 1, 1));
+    assert_false(loops_choose(&l, SWITCH, 3));
     assert_ptr_equal(loops_find(&l, "u"), &l.at[2]);
+    assert_true(loops_choose(&l, SWITCH, 1));
+    assert_ptr_equal(loops_find(&l, "u"), &l.at[0]);
     loops_free(&l);
 }
 

@@ -18,7 +18,7 @@ static struct apc_store *store;
 static struct request request;
 static struct connection from = {.address = "10.0.0.7"};
 static const char *query[10]; /* name, value, ... */
-static struct apc_tag tags[30 + TUNINGS];
+static struct apc_tag tags[40 + TUNINGS];
 static size_t n_tags;
 
 /* In place of those that ask a connection. */
@@ -714,6 +714,43 @@ static void each_loop_has_its_controller_its_modes_and_the_loop_above(void **sta
     assert_null(strstr(ask_text(get_plant), "opmode.0")); /* the mode of all is no loop's */
 }
 
+/* Trial has the output u1 together with base, and goes along. */
+static void describe_a_shadow(void)
+{
+    const struct apc_sample choice = {
+        .table = APC_OPMODE, .id = LOOPS_ACTING(APC_ACTUATOR, 1), .seq = 1, .time = S, .value = 1};
+    size_t first = n_tags;
+    tag(APC_ESTIMATE, 1, "u1.output", 0, 10);
+    tags_of("base", first);
+    first = n_tags;
+    tag(APC_ESTIMATE, 2, "trial.u1.output", 0, 10);
+    tag(APC_TICK, 3, "trial", 0, 0);
+    tags_of("trial", first);
+    tag_loop(4, "trial.u1", "trial");
+    tag(APC_OPMODE, choice.id, "u1.acting", 1, 3);
+    qsort(tags, n_tags, sizeof *tags, by_table);
+    assert_int_equal(apc_store_put_tags(store, tags, n_tags), n_tags);
+    assert_int_equal(apc_store_append(store, &choice, 1), 1);
+    assert_int_equal(append_dim(10, 1), 1);
+    assert_int_equal(append_dim(11, 1), 1);
+    assert_int_equal(model_load(&ui->model, store), 0);
+}
+
+static void who_goes_along_is_said_and_what_it_would_put_out(void **state)
+{
+    (void)state;
+    assert_string_equal(control("shadow"), "[]");
+    assert_string_equal(loop_json(0, "would"), "null");
+    describe_a_shadow();
+    assert_string_equal(control("shadow"), "[\"trial\"]");
+    assert_string_equal(loop_json(0, "would"), "\"estimate.1\"");
+    assert_string_equal(loop_json(1, "would"), "null");
+    assert_string_equal(loop_json(3, "would"), "\"estimate.2\"");
+    assert_string_equal(loop_json(3, "output"), "\"actuator.1\"");
+    assert_true(loops_choose(&ui->model.plant.loops, LOOPS_ACTING(APC_ACTUATOR, 1), 3));
+    assert_string_equal(control("shadow"), "[\"base\"]");
+}
+
 /* ---- What was ----------------------------------------------------------------------------- */
 
 static void put_samples(enum apc_table table, int id, int n)
@@ -730,6 +767,33 @@ static void ask_history(const char *what, const char *value, const char *how, co
 {
     const char *const q[] = {what, value, how, n, "since", "1000", "until", "1010"};
     memcpy(query, q, sizeof q);
+}
+
+static void what_a_law_does_not_publish_now_is_old_and_no_alarm(void **state)
+{
+    (void)state;
+    describe_a_shadow();
+    period(S, S);
+    plant_rhythm(&ui->model.plant, "trial", S);
+    all_came(0);
+    ticked(2, 0);
+    came(APC_OPMODE, 4, APC_MODE_AUTO, 0);
+    actual(4, APC_MODE_OOS);
+    came(APC_ESTIMATE, 1, 2.5, 0);
+    came(APC_ESTIMATE, 2, 2.75, 10 * S);
+    assert_false(stale("estimate.1"));
+    assert_true(stale("estimate.2"));
+    assert_string_equal(ask_text(get_readyz), "ok\n");
+    assert_non_null(
+        strstr(ask_text(get_metrics),
+               "apc_signal_value{table=\"estimate\",name=\"trial.u1.output\",unit=\"m\"} 2.75\n"));
+    put_samples(APC_ESTIMATE, 2, 10);
+    ask_history("names", "trial.u1.output", "last", "3");
+    json_t *all = ask(get_history);
+    const json_t *one = json_array_get(json_object_get(all, "series"), 0);
+    assert_string_equal(json_string_value(json_object_get(one, "ref")), "estimate.2");
+    assert_int_equal(json_array_size(json_object_get(json_object_get(one, "samples"), "value")), 3);
+    json_decref(all);
 }
 
 static void history_is_given_by_name_for_several_at_once(void **state)
@@ -1882,6 +1946,8 @@ int main(void)
         T(newest_values_reach_the_stream_and_settle_writes),
         T(a_loop_is_what_the_law_pairs),
         T(each_loop_has_its_controller_its_modes_and_the_loop_above),
+        T(who_goes_along_is_said_and_what_it_would_put_out),
+        T(what_a_law_does_not_publish_now_is_old_and_no_alarm),
         T(history_is_given_by_name_for_several_at_once),
         T(a_name_that_two_have_is_nobodys),
         T(history_is_asked_for_in_one_way),

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Two plots over one time axis: the measurement with its setpoint above, the output below.
+// Two plots over one time axis: the measurement with its setpoint above, below the output and, dashed, what would be put out.
 import uPlot from "uplot";
 import {plot} from "./plot";
 import type {Scale} from "./core/scale";
@@ -12,6 +12,7 @@ export interface TrendData {
   y: Series;
   r: Series | null;
   u: Series | null;
+  would: Series[];
   yScale: Scale;
   uScale: Scale;
 }
@@ -20,7 +21,10 @@ export interface TrendLabels {
   y: string;
   r: string | null;
   u: string | null;
+  would: string[];
 }
+
+const DASHES = [[6, 3], [2, 3], [12, 3, 2, 3]]; // one after another
 
 export class TrendChart {
   private readonly upper: uPlot;
@@ -58,10 +62,11 @@ export class TrendChart {
         lines: [
           {label: "max", colour: "--live", hidden: true},
           {label: "min", colour: "--live", hidden: true},
+          ...labels.would.map((label, i) => ({label, colour: "--label", width: 1.5, dash: DASHES[i % DASHES.length], step: true})),
           {label: labels.u, colour: "--live", width: 2, step: true},
         ],
         band: [1, 2],
-        yLabel: labels.u,
+        yLabel: [labels.u, ...labels.would].join(", "),
         xAxis: true,
         x,
         y: () => this.data.uScale,
@@ -74,14 +79,16 @@ export class TrendChart {
 
   show(data: TrendData): void {
     this.data = data;
-    const {y, r, u} = data;
+    const {y, r, u, would} = data;
     const none = {t: [], columns: [[]]};
     const [t, high, low, mid, steps] = align([
       {t: y.t, columns: [y.high, y.low, y.mid]},
       r ? {t: r.t, columns: [r.mid]} : none,
     ]);
     this.upper.setData([t, high, low, steps, mid] as uPlot.AlignedData);
-    if (this.lower && u) this.lower.setData([u.t, u.high, u.low, u.mid] as uPlot.AlignedData);
+    if (!this.lower || !u) return;
+    const edges = {t: u.t, columns: [u.high, u.low]};
+    this.lower.setData(align([edges, ...would.map(one => ({t: one.t, columns: [one.mid]})), {t: u.t, columns: [u.mid]}]) as uPlot.AlignedData);
   }
 
   /** Plot width in CSS pixels. */

@@ -17,9 +17,17 @@ const plant = {
     variable("actuator.1", "u", {unit: "V", period: 1, low: -10, high: 10}),
     variable("manual.1", "u"), variable("tuning.1", "Kp"), variable("opmode.1", "u"), variable("actual.21", "mode.actual"),
   ],
-  loops: [{id: 1, name: "y", measurement: "sensor.1", setpoint: "setpoint.1", output: "actuator.1", manual: "manual.1", tuning: ["tuning.1"], parameters: ["Kp"], called: "u", controller: "controller", above: null, owner: null, mode: {target: "opmode.1", actual: "actual.21", targets: ["OOS", "Man", "Auto"]}}],
+  loops: [{id: 1, name: "y", measurement: "sensor.1", setpoint: "setpoint.1", output: "actuator.1", manual: "manual.1", would: null, tuning: ["tuning.1"], parameters: ["Kp"], called: "u", controller: "controller", above: null, owner: null, mode: {target: "opmode.1", actual: "actual.21", targets: ["OOS", "Man", "Auto"]}}],
   controllers: [{number: 1, name: "controller", period: 1}],
   modes: ["Man", "Auto", "OOS", "Cas", "IMan", "LO"],
+};
+
+const trial = {...plant.loops[0], id: 2, name: "trial.u", called: "trial.u", controller: "trial", manual: "manual.2", would: "estimate.2", tuning: [], parameters: [], mode: {target: "opmode.2", actual: "actual.37", targets: ["OOS", "Man", "Auto"]}};
+const both = {
+  ...plant,
+  variables: [...plant.variables, variable("estimate.2", "trial.u.output", {unit: "V", period: 1, low: -10, high: 10}), variable("manual.2", "trial.u.manual"), variable("opmode.2", "trial.u"), variable("actual.37", "trial.u.mode.actual")],
+  loops: [...plant.loops, trial],
+  controllers: [...plant.controllers, {number: 2, name: "trial", period: 1}],
 };
 
 export const HELD = 20; // s that an output is held after the sensor failed, before it goes to its fault value
@@ -30,6 +38,7 @@ export class Fake {
   refuse = 0; // so many questions for history get 503
   loggedIn = true;
   stopped = false; // the controller
+  trial = false; // there is another one, in shadow
   bare = false; // the plant has no variable, no loop
   away = false; // the database
   mute = false; // nothing that is asked is answered
@@ -71,6 +80,8 @@ export class Fake {
         return bad ? [0, "BadSensorFailure"] : [this.value(t), "Good"];
       case "actuator.1":
         return !bad ? [4 + Math.sin(t / 15), "Good"] : t < this.failed + HELD ? [4 + Math.sin(this.failed / 15), "UncertainLastUsableValue"] : [-2, "UncertainSubstituteValue"];
+      case "estimate.2":
+        return [5 + Math.sin(t / 15), "Good"];
       case "setpoint.1":
         return [0.5, "Good"];
       case "actual.21":
@@ -84,7 +95,7 @@ export class Fake {
 
   #control() {
     const fault = this.now >= this.failed + HELD;
-    return {running: {controller: !this.stopped}, reasons: fault && !this.stopped ? {1: "output at its fault value: y is Bad"} : {}, safe: this.stopped, safe_since: this.stopped ? this.now - 60 : null};
+    return {running: {controller: !this.stopped}, reasons: fault && !this.stopped ? {1: "output at its fault value: y is Bad"} : {}, shadow: this.trial ? ["trial"] : [], safe: this.stopped, safe_since: this.stopped ? this.now - 60 : null};
   }
 
   #sample(ref, t) {
@@ -93,7 +104,7 @@ export class Fake {
   }
 
   #state() {
-    const values = Object.fromEntries(plant.variables.map(({ref}) => [ref, this.#sample(ref, this.now)]));
+    const values = Object.fromEntries((this.trial ? both : plant).variables.map(({ref}) => [ref, this.#sample(ref, this.now)]));
     return {t: this.now, id: `f.${this.#seq}`, store: this.#store(), values, ages: Object.fromEntries(Object.keys(values).map(ref => [ref, 0])), control: this.#control()};
   }
 
@@ -103,7 +114,7 @@ export class Fake {
 
   #tell() {
     this.#seq++;
-    const values = Object.fromEntries(["sensor.1", "actuator.1", "actual.21"].map(ref => [ref, this.#sample(ref, this.now)]));
+    const values = Object.fromEntries(["sensor.1", "actuator.1", "actual.21", "estimate.2"].map(ref => [ref, this.#sample(ref, this.now)]));
     for (const stream of this.#streams) {
       stream.write(`id: f.${this.#seq}\nevent: values\ndata: ${JSON.stringify({t: this.now, values})}\n\n`);
       stream.write(`event: beat\ndata: ${JSON.stringify({t: this.now, connected: true, control: this.#control()})}\n\n`);
@@ -154,7 +165,7 @@ export class Fake {
       case "/api/setpoint":
         return json({error: {code: "outside", message: "the controller refuses it"}}, 422);
       case "/api/plant":
-        return json(this.bare ? {...plant, variables: [], loops: []} : plant);
+        return json(this.bare ? {...plant, variables: [], loops: []} : this.trial ? both : plant);
       case "/api/writes":
         return json({writes: []});
       case "/api/events":

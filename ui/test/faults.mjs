@@ -16,7 +16,7 @@ after(async () => {
   await browser.close();
   await fake.stop();
 });
-beforeEach(() => Object.assign(fake, {ahead: 0, failed: Infinity, refuse: 0, loggedIn: true, stopped: false}));
+beforeEach(() => Object.assign(fake, {ahead: 0, failed: Infinity, refuse: 0, loggedIn: true, stopped: false, trial: false}));
 
 /** Date.now() of the page can be set: setClock(by), s. */
 function setableClock() {
@@ -36,9 +36,9 @@ async function withPage(at, use, options = {}) {
   }
 }
 
-/** Of each pixel column of a plot: the rows that have the colour of live values, from the top of the plot. */
-function rows(page, which) {
-  return page.evaluate(index => {
+/** Of each pixel column of a plot: the rows that have a colour, that of live values, from the top of the plot. */
+function rows(page, which, colour = "--live") {
+  return page.evaluate(([index, property]) => {
     const plot = document.querySelectorAll(".plots .uplot")[index];
     const canvas = plot.querySelector("canvas");
     const [outer, inner] = [canvas.getBoundingClientRect(), plot.querySelector(".u-over").getBoundingClientRect()];
@@ -46,7 +46,7 @@ function rows(page, which) {
     const [left, top, width, height] = [inner.left - outer.left, inner.top - outer.top, inner.width, inner.height].map(x => Math.round(x * ratio));
     const {data} = canvas.getContext("2d").getImageData(left, top, width, height);
     const probe = document.createElement("canvas").getContext("2d");
-    probe.fillStyle = getComputedStyle(document.documentElement).getPropertyValue("--live");
+    probe.fillStyle = getComputedStyle(document.documentElement).getPropertyValue(property);
     probe.fillRect(0, 0, 1, 1);
     const live = probe.getImageData(0, 0, 1, 1).data;
     return Array.from({length: width}, (_, x) => {
@@ -57,7 +57,7 @@ function rows(page, which) {
       }
       return found;
     });
-  }, which);
+  }, [which, colour]);
 }
 
 const columnsAt = (all, from, to) => all.slice(Math.round(from * all.length), Math.round(to * all.length));
@@ -143,6 +143,20 @@ test("the controller is stopped: its mode is last known, and the plant at its sa
     await page.locator(".safe-bar").waitFor({state: "detached"});
     await page.locator(".mode.last-known").waitFor({state: "detached"});
   }));
+
+test("what a controller in shadow would put out is a curve of dashes beside that of the output", PATIENCE, () => {
+  fake.trial = true;
+  return withPage("trend", async page => {
+    const drawn = async () => columnsAt(await rows(page, 1, "--label"), 0.1, 0.9);
+    await until("there are dashes", async () => (await drawn()).filter(column => column.length > 0).length > 100);
+    const [dashes, whole] = [await drawn(), columnsAt(await rows(page, 1), 0.1, 0.9)];
+    assert.ok(dashes.some(column => column.length === 0), "it is no dashed line");
+    assert.ok(whole.every(column => column.length > 0), "the output's is not whole");
+    const highest = Math.min(...whole.flat());
+    assert.ok(Math.min(...dashes.flat()) < highest, "it does not lie above what goes out");
+    assert.match(await page.locator(".readout").textContent(), /trial\.u\.output/);
+  });
+});
 
 test("a value far outside the limits of its setpoint does not look as usual", PATIENCE, async () => {
   const {value} = fake;

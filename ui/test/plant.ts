@@ -20,6 +20,7 @@ function loop(id: number, name: string, called: string): Loop {
     setpoint: `setpoint.${id}`,
     output: `actuator.${id}`,
     manual: `manual.${id}`,
+    would: null,
     tuning: [`tuning.${id}`],
     parameters: ["Kp"],
     above: null,
@@ -69,6 +70,25 @@ export const cascade: Plant = {
   ],
 };
 
+/** The same with a controller in shadow of base's first loop. */
+export const shadowed: Plant = {
+  ...plant,
+  variables: [
+    ...plant.variables,
+    variable("manual.3", "trial.u1.manual"),
+    variable("opmode.3", "trial.u1"),
+    variable("actual.53", "trial.u1.mode.actual"),
+    variable("estimate.1", "u1.output", {unit: "V", period: 2, low: -10, high: 10}),
+    variable("estimate.2", "trial.u1.output", {unit: "V", period: 2, low: -10, high: 10}),
+  ],
+  controllers: [...plant.controllers, {number: 2, name: "trial", period: 2}],
+  loops: [
+    {...loop(1, "y1", "u1"), would: "estimate.1"},
+    loop(2, "y2", "u2"),
+    {...loop(3, "trial.u1", "trial.u1"), controller: "trial", measurement: "sensor.1", setpoint: "setpoint.1", output: "actuator.1", would: "estimate.2", tuning: [], parameters: []},
+  ],
+};
+
 const values = (t: number): Record<string, Sample> => ({
   "sensor.1": [10, t, 9.984, "Good"],
   "sensor.2": [10, t, 5, "Good"],
@@ -92,7 +112,7 @@ export class Server {
   /** What the server's clock is ahead of the browser's monotonic one. */
   private ahead: number;
   private seq = 100;
-  control: Control = {running: {base: true}, reasons: {}, safe: false, safe_since: null};
+  control: Control = {running: {base: true}, reasons: {}, shadow: [], safe: false, safe_since: null};
 
   constructor(readonly env: FakeEnv) {
     this.ahead = START - env.mono();

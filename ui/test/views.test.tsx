@@ -5,7 +5,7 @@ import {beforeEach, test} from "node:test";
 import {options, render} from "preact";
 import type {Sample} from "../src/core/types";
 import {FakeEnv} from "./env";
-import {cascade, plant as tanks, Server, START} from "./plant";
+import {cascade, plant as tanks, Server, shadowed, START} from "./plant";
 
 if (Number(process.versions.node.split(".")[0]) < 20) {
   console.log("skipped: happy-dom takes Node 20, this is", process.version);
@@ -45,7 +45,7 @@ const app = document.getElementById("app") as HTMLElement;
 let begun = false;
 
 beforeEach(async () => {
-  server.control = {running: {base: true}, reasons: {}, safe: false, safe_since: null};
+  server.control = {running: {base: true}, reasons: {}, shadow: [], safe: false, safe_since: null};
   for (const name of ["setpoint.1", "output.1", "mode.1", "owner.1", "tuning.1"]) forget(name);
   env.asked.length = 0;
   if (!begun) {
@@ -214,7 +214,7 @@ test("the database is not known to be well while nobody is connected", async () 
 });
 
 test("what stands is told on every page", async () => {
-  server.control = {running: {base: false}, reasons: {}, safe: true, safe_since: START};
+  server.control = {running: {base: false}, reasons: {}, shadow: [], safe: true, safe_since: START};
   server.beat();
   await settle();
   assert.equal(said(".safe-bar"), "[priority 1: plant at its safe value] The plant is at its safe value since 2033-05-18 03:33:20 UTC: nothing drives it.");
@@ -911,6 +911,40 @@ test("loops are grouped by their controllers, and who does not run is named", as
   assert.match(said(".loops .group"), /^base every 2 s \| upper \[priority 2: not running\] not running$/);
   assert.match(said(".silent-bar"), /controller upper is not running: modes and outputs of its loops are last known/);
   assert.deepEqual([...document.querySelectorAll(".loops tr:not(.group) td:nth-child(2)")].map(one => one.querySelectorAll(".last-known").length), [0, 0, 1]);
+});
+
+test("who is in shadow is named, and what it would put out stands beside what goes out, until it acts", async () => {
+  server.plant = shadowed;
+  server.control = {...server.control, running: {base: true, trial: true}, shadow: ["trial"]};
+  env.source.send("plant", {revision: 3});
+  const t = server.now;
+  const would: Record<string, Sample> = {"estimate.1": [5, t, 1.5, "Good"], "estimate.2": [5, t, 1.75, "Good"]};
+  await state({...would, "opmode.3": [1, t - 9, 1, "Good"], "actual.53": [1, t - 9, 2, "Uncertain"], "manual.3": [0, null, null, "BadNoData"]});
+  assert.equal(said(".loops .group"), "base every 2 s | trial every 2 s in shadow: it moves nothing");
+  assert.deepEqual([...document.querySelectorAll('.loops td[data-label="OUT"]')].map(one => one.textContent), ["1.500V", "2.000V", "1.750Vwould be"]);
+  assert.equal(said(".toolbar .say"), "all values fresh and good");
+  const trend = async (loop: number): Promise<string> => (await show(`trend/${loop}`), said(".readout"));
+  assert.equal(await trend(1), "newest y1 9.98 r1 0.125 u1 1.500 trial.u1.output 1.750");
+  assert.equal(await trend(3), await trend(1));
+  assert.deepEqual([...document.querySelectorAll(".readout .key")].map(key => key.className), ["key line", "key dashed", "key line", "key dashed"]);
+  server.sample("estimate.2", 1.25);
+  await settle();
+  assert.match(said(".readout"), /trial.u1.output 1.250/);
+  await click(button("View as table"));
+  assert.match(said("table.data thead"), /^time y1 \[m\] r1 \[m\] u1 \[V\] trial.u1.output \[V\]$/);
+  assert.equal(await trend(2), "newest y2 5.000 r2 5 u2 2.000");
+  await show("loop/1");
+  assert.match(said(".faceplate"), /OUT u1 .* 1.500 V WOULD trial.u1.output .* 1.250 V/);
+  await show("loop/3");
+  assert.match(said(".toolbar"), /^trial.u1 level In shadow: trial moves nothing/);
+  server.control = {...server.control, shadow: ["base"]};
+  server.beat();
+  await settle();
+  assert.doesNotMatch(said(".toolbar"), /shadow/);
+  assert.equal(await trend(1), "newest y1 9.98 r1 0.125 u1 1.500 u1.output 1.500");
+  server.plant = tanks;
+  env.source.send("plant", {revision: 4});
+  await settle();
 });
 
 test("a setpoint that the loop above moves is Remote, and a value of one's own takes it, as is said before", async () => {

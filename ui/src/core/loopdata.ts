@@ -97,10 +97,10 @@ export function loopScale(loop: Pick<Loop, "measurement" | "setpoint">): Cell<Sc
 
 /** Of an output's bar: its limits. */
 export function outputScale(ref: Ref | null): Cell<Scale | null> {
-  return limits(ref) ?? trendScale(ref ?? "");
+  return limits(ref) ?? trendScale([ref ?? ""]);
 }
 
-/** Of an output's curve: what it did, as its limits may be far away. */
-export function trendScale(ref: Ref): Cell<Scale | null> {
-  return fitted(ref, [ref], null);
+/** Of an output's curves: what it did, as its limits may be far away. */
+export function trendScale(refs: Ref[]): Cell<Scale | null> {
+  return fitted(refs.join("/"), refs, null);
 }

@@ -64,6 +64,11 @@ export function isRemote(ref: Ref): boolean {
   return below != null && modesOfLoop(below).value.remote?.cascade === true;
 }
 
+/** Does it go along with a controller that acts, and moves nothing itself? */
+export function inShadow(loop: Pick<Loop, "controller">): boolean {
+  return control.value?.shadow.includes(loop.controller) === true;
+}
+
 export function variable(ref: Ref | null): Variable | null {
   return ref ? (variables.get(ref) ?? null) : null;
 }

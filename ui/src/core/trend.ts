@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// What a trend shows: a measurement with its setpoint, and the output below.
+// What a trend shows: a measurement with its setpoint, and below the output with what controllers in shadow would put out.
 import {Curve} from "./curve";
 import {binWidth} from "./history";
-import {clock, connection, live, variable} from "./model";
+import {clock, connection, inShadow, live, variable} from "./model";
 import {exact} from "./format";
 import {extent, niceScale, type Scale} from "./scale";
 import {empty, held, type Series, trim, valueAt, visible} from "./series";
-import type {Plant, Ref, Variable} from "./types";
+import type {Loop, Plant, Ref, Variable} from "./types";
 
 export interface Subject {
   name: string;
@@ -14,17 +14,23 @@ export interface Subject {
   y: Ref;
   r: Ref | null;
   u: Ref | null;
+  would: Ref[]; // of each loop in shadow that has the same output
+}
+
+/** What those in shadow would put out in place of this loop's output. */
+export function wouldBe(of: Loop, p: Plant): Ref[] {
+  return p.loops.flatMap(loop => (loop.would && loop.output === of.output && inShadow(loop) ? [loop.would] : []));
 }
 
 /** Loops first, then the measurements beyond them. */
 export function subjects(p: Plant): Subject[] {
   const loops = p.loops.flatMap(loop =>
-    loop.measurement ? [{name: loop.name, about: String(loop.id), y: loop.measurement, r: loop.setpoint, u: loop.output}] : [],
+    loop.measurement ? [{name: loop.name, about: String(loop.id), y: loop.measurement, r: loop.setpoint, u: loop.output, would: wouldBe(loop, p)}] : [],
   );
   const used = new Set(loops.map(loop => loop.y));
   const others = p.variables
     .filter(one => one.table === "sensor" && !used.has(one.ref))
-    .map(one => ({name: one.name, about: one.ref, y: one.ref, r: null, u: null}));
+    .map(one => ({name: one.name, about: one.ref, y: one.ref, r: null, u: null, would: []}));
   return [...loops, ...others];
 }
 
@@ -50,7 +56,7 @@ export class Curves {
   private readonly of: Curve[];
 
   constructor(readonly subject: Subject) {
-    this.of = [subject.y, subject.r, subject.u].flatMap(ref => {
+    this.of = [subject.y, subject.r, subject.u, ...subject.would].flatMap(ref => {
       const one = variable(ref);
       return one ? [new Curve(one)] : [];
     });
@@ -97,16 +103,14 @@ export class Curves {
     for (const one of this.of) one.stop();
   }
 
-  /** Of the measurement with its setpoint, and of the output: all that is seen. */
+  /** Of the measurement with its setpoint, and of the outputs: all that is seen. */
   seen(from: number, to: number): {y: (number | null)[]; u: (number | null)[]} {
-    const {y, r, u} = this.subject;
-    return {
-      y: [...visible(this.drawn(y), from, to), ...visible(this.drawn(r), from, to)],
-      u: visible(this.drawn(u), from, to),
-    };
+    const {y, r, u, would} = this.subject;
+    const all = (refs: (Ref | null)[]): (number | null)[] => refs.flatMap(ref => visible(this.drawn(ref), from, to));
+    return {y: all([y, r]), u: all([u, ...would])};
   }
 
-  /** The newest of the window as time, measurement, setpoint, output: those that there are. */
+  /** The newest of the window as time, measurement, setpoint, outputs: those that there are. */
   rows(from: number, to: number, most: number): [number, ...(number | null)[]][] {
     const y = this.series(this.subject.y);
     const others = this.of.filter(one => one.variable.ref !== this.subject.y);

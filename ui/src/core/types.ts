@@ -16,7 +16,7 @@ export interface Session {
 
 export interface Variable {
   ref: Ref;
-  table: "sensor" | "actuator" | "setpoint" | "opmode" | "tuning" | "manual" | string;
+  table: "sensor" | "actuator" | "setpoint" | "opmode" | "tuning" | "manual" | "estimate" | string;
   id: number;
   name: string;
   unit: string;
@@ -33,6 +33,7 @@ export interface Loop {
   setpoint: Ref | null;
   output: Ref | null;
   manual: Ref | null;
+  would: Ref | null; // what it puts out or in shadow would, of a loop that has its output with others
   tuning: Ref[];
   parameters: string[];
   called: string;
@@ -69,6 +70,7 @@ export interface StoreState {
 export interface Control {
   running: Record<string, boolean | null>; // by controller
   reasons: Record<string, string>; // by loop
+  shadow: string[]; // controllers that go along and move nothing
   safe: boolean | null;
   safe_since: number | null;
 }

@@ -6,7 +6,8 @@ import {get} from "../core/api";
 import {useCell} from "../usecell";
 import {exact, stamp} from "../core/format";
 import {loopScale, outputScale} from "../core/loopdata";
-import {events, modesOfLoop, plant, variable, writes} from "../core/model";
+import {control, events, inShadow, modesOfLoop, plant, variable, writes} from "../core/model";
+import {wouldBe} from "../core/trend";
 import {Bar} from "../parts/bar";
 import {Entry} from "../parts/entry";
 import {GiveBack} from "../parts/giveback";
@@ -31,6 +32,7 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
   const scale = useCell(loopScale(loop));
   const out = useCell(outputScale(loop.output));
   const {handsOff, remote} = useCell(modesOfLoop(loop));
+  useCell(control); // who is in shadow
   const setpoint = variable(loop.setpoint);
   const output = variable(loop.output);
   const index = p.loops.indexOf(loop);
@@ -40,6 +42,7 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
       <div class="toolbar">
         <h1>{loop.name}</h1>
         <span class="say">{variable(loop.measurement)?.description}</span>
+        {inShadow(loop) && <span class="say"><b>In shadow</b>: {loop.controller} moves nothing</span>}
         <span class="spring" />
         {p.loops.length > 1 && (
           <>
@@ -79,6 +82,13 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
               <Value of={loop.output} unit />
             </div>
           )}
+          {wouldBe(loop, p).map(ref => (
+            <div class="line" key={ref}>
+              <span class="line-label">WOULD<small>{variable(ref)?.name}</small></span>
+              <Bar label="would be" value={ref} scale={out} ends />
+              <Value of={ref} unit />
+            </div>
+          ))}
           {loop.measurement && (
             <a class="spark-link tall" href={path("trend", loop.id)}>
               <Spark of={loop.measurement} setpoint={loop.setpoint} scale={scale} label={loop.name} />

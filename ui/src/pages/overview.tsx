@@ -6,7 +6,7 @@ import {useCell} from "../usecell";
 import {loopScale} from "../core/loopdata";
 import {period} from "../core/format";
 import {Latest} from "../parts/latest";
-import {control, limitsOf, live, plant, second, store, variable} from "../core/model";
+import {control, inShadow, limitsOf, live, plant, second, store, variable} from "../core/model";
 import {abnormal} from "../core/quality";
 import {Bar} from "../parts/bar";
 import {Nothing} from "../parts/nothing";
@@ -19,6 +19,8 @@ import type {Controller, Loop, Plant, Ref} from "../core/types";
 const Row = memo(function Row({loop, table}: {loop: Loop; table: boolean}): JSX.Element {
   const scale = useCell(loopScale(loop));
   const name = variable(loop.measurement)?.description;
+  useCell(control);
+  const would = inShadow(loop) ? loop.would : null;
   return (
     <tr>
       <th scope="row">
@@ -31,7 +33,7 @@ const Row = memo(function Row({loop, table}: {loop: Loop; table: boolean}): JSX.
       </td>
       <td class="number" data-label="PV">{loop.measurement && <Value of={loop.measurement} unit />}</td>
       <td class="number" data-label="SP">{loop.setpoint && <Value of={loop.setpoint} unit />}</td>
-      <td class="number" data-label="OUT">{loop.output && <Value of={loop.output} unit />}</td>
+      <td class="number" data-label="OUT">{(would ?? loop.output) && <Value of={(would ?? loop.output) as Ref} unit />}{would && <small>would be</small>}</td>
       <td class="wide" data-label="Last 10 min">
         {loop.measurement &&
           (table ? <Summary of={loop.measurement} /> : <a class="spark-link" href={path("trend", loop.id)}><Spark of={loop.measurement} setpoint={loop.setpoint} scale={scale} label={loop.name} /></a>)}
@@ -42,11 +44,13 @@ const Row = memo(function Row({loop, table}: {loop: Loop; table: boolean}): JSX.
 
 /** Whose loops follow, and whether it runs. */
 function Group({of}: {of: Controller}): JSX.Element {
-  const stopped = useCell(control)?.running[of.name] === false;
+  const standing = useCell(control);
+  const stopped = standing?.running[of.name] === false;
   return (
     <tr class="group">
       <th scope="rowgroup" colSpan={7}>
-        {of.name} {stopped ? <><Shape priority={2} label="not running" /> not running</> : of.period != null && <small>every {period(of.period)}</small>}
+        {of.name} {stopped ? <><Shape priority={2} label="not running" /> not running</> : of.period != null && <small>every {period(of.period)}</small>}{" "}
+        {standing?.shadow.includes(of.name) && <small>in shadow: it moves nothing</small>}
       </th>
     </tr>
   );
@@ -142,7 +146,7 @@ function Abnormal({plant: p}: {plant: Plant}): JSX.Element {
   useCell(second);
   const database = useCell(store);
   if (!database) return <span class="say">waiting for the values …</span>;
-  const counts = abnormal(p.variables.map(one => ({period: one.period, limits: limitsOf(one.ref), live: live(one.ref).value})));
+  const counts = abnormal(p.variables.filter(one => one.table !== "estimate").map(one => ({period: one.period, limits: limitsOf(one.ref), live: live(one.ref).value})));
   const said: [number, 2 | 3, string][] = [
     [counts.bad, 2, "bad"],
     [counts.outside, 2, "outside limits"],

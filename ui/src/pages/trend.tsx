@@ -10,7 +10,7 @@ import {loopScale, trendScale} from "../core/loopdata";
 import {Nothing} from "../parts/nothing";
 import {Table} from "../parts/table";
 import {told, Value} from "../parts/value";
-import {live, onSample, plant, refill, serverNow, variable} from "../core/model";
+import {control, live, onSample, plant, refill, serverNow, variable} from "../core/model";
 import {go} from "../router";
 import {extent, type Scale} from "../core/scale";
 import {empty, valueAt} from "../core/series";
@@ -22,11 +22,12 @@ import type {Ref} from "../core/types";
 
 export function TrendPage({about}: {about: string | null}): JSX.Element {
   const p = useCell(plant);
+  useCell(control); // who is in shadow
   if (!p) return <Nothing title="Trend">Loading the plant …</Nothing>;
   const all = subjects(p);
   const subject = all.find(one => one.about === about) ?? all[0];
   if (!subject) return <Nothing title="Trend">There is no measurement to show.</Nothing>;
-  return <Trend key={`${subject.about}:${p.generation}`} subject={subject} all={all} />;
+  return <Trend key={[subject.about, p.generation, ...subject.would].join(":")} subject={subject} all={all} />;
 }
 
 function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element {
@@ -42,7 +43,7 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
   const chart = useRef<TrendChart | null>(null);
   const cursor = useMemo(() => new Cell<number | null>(null), []);
   const yDefault = useCell(loopScale({measurement: subject.y, setpoint: subject.r}));
-  const uDefault = useCell(trendScale(subject.u ?? subject.y));
+  const uDefault = useCell(trendScale([subject.u ?? subject.y, ...subject.would]));
   const scales = own ?? {y: yDefault ?? {low: 0, high: 1}, u: uDefault ?? {low: 0, high: 1}};
   const state = useRef({win, scales});
   state.current = {win, scales};
@@ -57,6 +58,7 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
       y: curves.drawn(subject.y),
       r: subject.r ? curves.drawn(subject.r) : null,
       u: subject.u ? curves.drawn(subject.u) : null,
+      would: subject.would.map(ref => curves.drawn(ref)),
       yScale: s.y,
       uScale: s.u,
     });
@@ -72,11 +74,12 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
   useEffect(() => {
     const element = host.current as HTMLDivElement;
     const now = serverNow();
-    const none = {from: now - 600, to: now, y: empty(), r: null, u: null, yScale: scales.y, uScale: scales.u};
+    const none = {from: now - 600, to: now, y: empty(), r: null, u: null, would: [], yScale: scales.y, uScale: scales.u};
     const labels = {
       y: describe(variable(subject.y)),
       r: subject.r ? describe(variable(subject.r)) : null,
       u: subject.u ? describe(variable(subject.u)) : null,
+      would: subject.would.map(ref => describe(variable(ref))),
     };
     const made = new TrendChart(element, labels, none, (from, to) => setWin(select(from, to)), t => (cursor.value = t));
     chart.current = made;
@@ -236,7 +239,7 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
         class="plots"
         hidden={table}
         role="img"
-        aria-label={`${subject.name}: measurement with setpoint above, output below, over ${duration(win.span)}. View as table gives the numbers.`}
+        aria-label={`${subject.name}: measurement with setpoint above, output below${subject.would.length > 0 ? " with what would be put out in shadow" : ""}, over ${duration(win.span)}. View as table gives the numbers.`}
       />
       {table && (
         <Table
@@ -260,7 +263,7 @@ interface ReadoutProps {
 function Readout({subject, curves, cursor, beyond}: ReadoutProps): JSX.Element {
   const t = useCell(cursor);
   useCell(live(subject.y));
-  const items: [Ref | null, string][] = [[subject.y, "line"], [subject.r, "dashed"], [subject.u, "line"]];
+  const items: [Ref | null, string][] = [[subject.y, "line"], [subject.r, "dashed"], [subject.u, "line"], ...subject.would.map((ref): [Ref, string] => [ref, "dashed"])];
   return (
     <div class="readout">
       <span class="at">{t == null ? "newest" : `${day(t)} ${clock(t, 1)} UTC`}</span>
