@@ -65,6 +65,13 @@ APC_API int apc_store_open(struct apc_store **store, const char *uri, const stru
 /** How much of a URI, from its beginning, is that of the live store: all of it, unless there is a `+HISTORY`.
  * [any] */
 APC_API size_t apc_store_live(const char *uri);
+struct apc_tag;
+/**
+ * For how long `shm:NAME?size=`@p mib keeps all rows of @p variables, of which each comes every `period` s
+ * (0: only now and then), a vector with `length` elements. [setup] Returns s, INFINITY where none comes
+ * regularly, 0 where there is no room for them (or for this to be found out).
+ */
+APC_API double apc_shm_holds(unsigned mib, const struct apc_tag *variables, size_t n);
 APC_API void apc_store_close(struct apc_store *store); /**< NULL is legal. [setup] */
 /** One line about the last failure; lives until the next call. [tick] */
 APC_API const char *apc_store_error(const struct apc_store *store);

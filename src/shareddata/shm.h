@@ -10,7 +10,7 @@
  * header | index | slots | tags | catalogue | logs | cells
  *
  * A variable has a slot, found by a hash index. The slot holds its newest sample, twice: in two versions. Its
- * history is a ring of cells, which grows from 4 to 16, 64, ... 16384 while there are cells left. Events, in
+ * history is a ring of cells, which grows from 4 to 16, 64, ... 262144 while there are cells left. Events, in
  * three kinds, and timing rows are rings as well. Three quarters of a ring are shown: what a writer may be
  * overwriting is not.
  *
@@ -45,7 +45,10 @@
 #include "shareddata/shareddata_internal.h"
 
 #define APC_SHM_TRIES     1000
-#define APC_SHM_EXTENTS   7   /* of a ring: 4, 12, 48, ... 12288 cells */
+#define APC_SHM_EXTENTS   9   /* of a ring: 4, 12, 48, ... 196608 cells */
+#define APC_SHM_FREELY    7   /* of samples; a further one only while half of all cells stay free */
+#define APC_SHM_SHARE     16  /* of vectors the same goes for one that takes more than this part of all */
+#define APC_SHM_VECTORS   8   /* extents of a ring of vectors */
 #define APC_SHM_BINS      256 /* of a timing row; more are merged */
 #define APC_SHM_MIB       32  /* of a segment when the URI does not say */
 #define APC_SHM_MIB_MAX   65536
@@ -237,6 +240,8 @@ int apc_shm_open(struct apc_store **store, const char *uri, const struct apc_sto
                  struct apc_error *why);
 void apc_shm_close(struct apc_store *store);
 int apc_shm_init(struct apc_store *store);
+/** Sizes, and with @p base addresses, of everything in a segment of @p mib. */
+void apc_shm_lay_out(struct apc_shm *shm, uint64_t mib, char *base);
 /** Connect, or see whether the segment is still the one of that name: every operation begins with it. */
 int apc_shm_ready(struct apc_shm *shm);
 
@@ -290,6 +295,17 @@ void apc_shm_write_record(struct apc_shm_write *w, enum apc_shm_log_name name, c
 static inline uint64_t apc_shm_capacity(uint64_t extents)
 {
     return extents > 0 ? UINT64_C(1) << 2 * extents : 0;
+}
+
+/** A ring of @p extents of rows of @p width cells, of samples or of @p vectors, while @p used cells are: may
+ * it have one extent more? */
+static inline bool apc_shm_may_grow(const struct apc_shm *shm, uint64_t used, uint64_t extents,
+                                    uint64_t width, bool vectors)
+{
+    const uint64_t more = (apc_shm_capacity(extents + 1) - apc_shm_capacity(extents)) * width;
+    const bool freely =
+        vectors ? extents == 0 || more <= shm->cells / APC_SHM_SHARE : extents < APC_SHM_FREELY;
+    return shm->cells - used >= more && (freely || used + more <= shm->cells / 2);
 }
 
 /** In which extent a position of a ring lies. */
@@ -361,6 +377,8 @@ int apc_shm_release(struct apc_store *store, const struct apc_sample *variables,
 
 /* ---- shm_vectors.c ----------------------------------------------------------------------------- */
 
+/** Cells of a row of so many elements: a power of two. */
+uint64_t apc_shm_width(size_t elements);
 /** The newest of generation @p g. Returns false when it is lost. */
 bool apc_shm_load_vector(struct apc_shm *shm, uint64_t g, struct apc_vector *v, uint32_t *hint);
 int apc_shm_append_rows(struct apc_store *store, const struct apc_rows *rows);

@@ -22,7 +22,7 @@
 #include "shareddata/shm.h"
 
 #define DIRECTORY      "/dev/shm" /* where shm_open() keeps them as well */
-#define LAYOUT         7
+#define LAYOUT         8
 #define CHECK_INTERVAL (100 * APC_NS_PER_MS)
 
 static const char magic[16] = "libapc shm\r\n\x1a\n";
@@ -43,8 +43,7 @@ static size_t take(size_t *at, size_t bytes)
     return begin;
 }
 
-/* Sizes, and when mapped addresses, of everything in a segment of @p mib. */
-static void lay_out(struct apc_shm *shm, uint64_t mib, char *base)
+void apc_shm_lay_out(struct apc_shm *shm, uint64_t mib, char *base)
 {
     size_t at = 0;
     shm->size = (size_t)mib << 20;
@@ -205,7 +204,7 @@ static int check(struct apc_shm *shm, const struct stat *st)
     if (c.mib < 1 || c.mib > APC_SHM_MIB_MAX || (uint64_t)st->st_size != c.mib << 20) {
         return refuse(shm, "is corrupt: it has not the size that its header says");
     }
-    lay_out(shm, c.mib, NULL);
+    apc_shm_lay_out(shm, c.mib, NULL);
     return 0;
 }
 
@@ -216,7 +215,7 @@ static int map(struct apc_shm *shm, uint64_t mib)
         return system_failure(shm, errno == ENOMEM ? APC_ENOMEM : APC_ESYS, "map");
     }
     shm->header = (struct apc_shm_header *)base;
-    lay_out(shm, mib, (char *)base);
+    apc_shm_lay_out(shm, mib, (char *)base);
     return 0;
 }
 

@@ -17,10 +17,9 @@
 
 #include "shareddata/shm.h"
 
-#define EXTENTS   6  /* 4 to 4096 rows */
+#define EXTENTS   APC_SHM_VECTORS
 #define HEAD      4  /* words of a row before its elements */
 #define SHIFT_MAX 14 /* room for APC_ELEMENTS_MAX */
-#define SHARE     16 /* no extent but the first takes more than this part of all cells */
 
 /** A version of a variable of vectors. */
 struct ring {
@@ -49,7 +48,6 @@ static void pack(const struct ring *r, uint64_t words[8])
     words[1] = r->seq;
     words[2] = 0;
     memcpy(&words[3], r->extent, sizeof r->extent);
-    words[6] = 0;
     words[7] = r->back << 40 | r->kept << 16 | r->shift << 8 | r->extents;
 }
 
@@ -69,6 +67,15 @@ static apc_word *row_at(const struct apc_shm *shm, const struct ring *r, uint64_
 static uint64_t room_of(uint64_t shift)
 {
     return (UINT64_C(8) << shift) - HEAD;
+}
+
+uint64_t apc_shm_width(size_t elements)
+{
+    uint64_t shift = 0;
+    while (room_of(shift) < elements) {
+        shift++;
+    }
+    return UINT64_C(1) << shift;
 }
 
 /* ---- Read ---------------------------------------------------------------------------------- */
@@ -115,13 +122,12 @@ bool apc_shm_load_vector(struct apc_shm *shm, uint64_t g, struct apc_vector *v, 
 static void grow(struct apc_shm_write *w, struct ring *r)
 {
     const uint64_t rows = apc_shm_capacity(r->extents + 1) - apc_shm_capacity(r->extents);
-    const uint64_t more = rows << r->shift;
     struct apc_shm_counters *counters = apc_shm_count(w);
-    if (w->shm->cells - counters->cells < more || (r->extents > 0 && more > w->shm->cells / SHARE)) {
+    if (!apc_shm_may_grow(w->shm, counters->cells, r->extents, UINT64_C(1) << r->shift, true)) {
         return;
     }
     r->extent[r->extents++] = (uint32_t)counters->cells;
-    counters->cells += more;
+    counters->cells += rows << r->shift;
 }
 
 /* The row behind the head, to be filled: nobody takes it for one until end_row(). */
@@ -189,10 +195,7 @@ static bool holds(const struct apc_shm *shm, const struct ring *r, uint64_t seq)
 
 static int write_row(struct apc_shm_write *w, struct ring *r, const struct apc_vector *v)
 {
-    uint64_t shift = 0;
-    while (room_of(shift) < v->n) {
-        shift++;
-    }
+    const uint64_t shift = (uint64_t)__builtin_ctzll(apc_shm_width(v->n));
     int err = shift > r->shift ? widen(w, r, shift) : 0;
     apc_word *row = err ? NULL : begin_row(w, r);
     if (!row) {

@@ -251,13 +251,12 @@ int64_t apc_shm_newest_seq(const struct apc_shm_write *w, enum apc_table table, 
 /* One more extent, if there are cells for it. Returns how many there are then. */
 static uint64_t grow_ring(struct apc_shm_write *w, struct apc_shm_slot *slot, uint64_t extents)
 {
-    const uint64_t more = apc_shm_capacity(extents + 1) - apc_shm_capacity(extents);
     struct apc_shm_counters *counters = apc_shm_count(w);
-    if (w->shm->cells - counters->cells < more) {
+    if (!apc_shm_may_grow(w->shm, counters->cells, extents, 1, false)) {
         return extents;
     }
     atomic_store_explicit(&slot->extent[extents], (uint32_t)counters->cells, memory_order_relaxed);
-    counters->cells += more;
+    counters->cells += apc_shm_capacity(extents + 1) - apc_shm_capacity(extents);
     return extents + 1;
 }
 

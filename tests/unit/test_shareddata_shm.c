@@ -295,6 +295,46 @@ static void test_a_full_segment_refuses_new_variables_and_keeps_the_rest(void **
     assert_int_equal(newest(store, 5), 3);
 }
 
+static void append_twenty(struct apc_store *store, int64_t seq)
+{
+    double value[20] = {0};
+    struct apc_vector v = {
+        .table = APC_TICK, .id = 1, .seq = seq, .time = 1000 * seq, .value = value, .n = 20, .room = 20};
+    assert_int_equal(
+        apc_store_append_rows(
+            store, &(struct apc_rows){.size = sizeof(struct apc_rows), .vector = &v, .n_vectors = 1}),
+        1);
+}
+
+/* A sample every 0.1 s, another and a vector every 0.7 s. */
+static void test_it_holds_what_it_says_that_it_holds(void **state)
+{
+    const struct apc_tag tags[] = {{.table = APC_SENSOR, .id = 1, .period = 0.1},
+                                   {.table = APC_SENSOR, .id = 2, .period = 0.7},
+                                   {.table = APC_TICK, .id = 1, .period = 0.7, .length = 20},
+                                   {.table = APC_OPMODE, .id = 1}};
+    const double held = apc_shm_holds(1, tags, 4);
+    const int fast = (int)(held / 0.1 + 0.5);
+    assert_true(held > 60 && held < 1e5);
+    for (int k = 1; k <= fast + 20; k++) {
+        assert_int_equal(append(*state, 1, k), 1);
+        if (k % 7 == 0) {
+            assert_int_equal(append(*state, 2, k / 7), 1);
+            append_twenty(*state, k / 7);
+        }
+        if (k == fast || k == fast + 20) {
+            struct span first = {0}, second = {0}, third = {0};
+            apc_store_history(*state, APC_SENSOR, 1, NULL, see, &first);
+            apc_store_history(*state, APC_SENSOR, 2, NULL, see, &second);
+            apc_store_vectors(*state, APC_TICK, 1, NULL, see_vector, &third);
+            const bool all = first.count == k && second.count == k / 7 && third.count == k / 7;
+            assert_int_equal(all, k == fast);
+        }
+    }
+    assert_true(apc_shm_holds(16, tags, 4) > held);
+    assert_true(apc_shm_holds(0, tags, 4) == 0);
+}
+
 static void test_a_history_ends_where_it_was_overwritten(void **state)
 {
     (void)state;
@@ -743,6 +783,7 @@ int main(void)
         T(test_a_segment_of_another_version_is_refused),
         T(test_a_segment_larger_than_dev_shm_is_refused_and_leaves_nothing),
         T(test_a_full_segment_refuses_new_variables_and_keeps_the_rest),
+        T(test_it_holds_what_it_says_that_it_holds),
         T(test_a_history_ends_where_it_was_overwritten),
         T(test_late_samples_never_push_the_newest_out),
         T(test_late_vectors_are_stored_while_there_is_room_for_them),
