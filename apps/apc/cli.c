@@ -4,10 +4,12 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "common/storeuri.h"
 #include "run/nearest.h"
+#include "runstore.h"
 
 #define NAMES 12 /* that are listed where one is not known */
 
@@ -119,6 +121,26 @@ static error_t parse_args(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
+/* A run folder stands for the stores of its run. Of LIVE+HISTORY only the history is left when the run has
+ * ended. */
+static void find_store(struct cli *cli)
+{
+    static char uri[RUNSTORE_LEN];
+    struct apc_error why;
+    struct stat at;
+    if (!cli->store || (cli->takes & CLI_MAKES_STORE))
+        return;
+    if (stat(cli->store, &at) == 0 && S_ISDIR(at.st_mode)) {
+        const int rc = runstore_uri(cli->store, uri, &why);
+        if (rc < 0)
+            exit(cli_error(cli, rc, "--store: %s", why.text));
+        cli->store = uri;
+    }
+    const size_t live = apc_store_live(cli->store);
+    if (cli->store[live] && runstore_gone(cli->store))
+        cli->store += live + 1;
+}
+
 void cli_parse(struct cli *cli, const struct cli_spec *spec, void *own, int argc, char **argv)
 {
     static char name[64];
@@ -148,6 +170,7 @@ void cli_parse(struct cli *cli, const struct cli_spec *spec, void *own, int argc
     cli->unnamed = !cli->store || !*cli->store;
     if (cli->unnamed)
         cli->store = spec->takes & CLI_OWN_STORE ? NULL : "postgresql:";
+    find_store(cli);
 }
 
 static void APC_PRINTF(2, 0) say(const struct cli *cli, const char *fmt, va_list args)

@@ -21,9 +21,10 @@ enum cli_format { CLI_TEXT = 0, CLI_JSON, CLI_CSV };
 enum cli_takes {
     CLI_STORE = 1,
     CLI_FORMAT = 2,
-    CLI_NEGATIVE = 4,  /* arguments may be negative numbers: -5 is then none of the options */
-    CLI_OWN_STORE = 8, /* `store` stays NULL without --store and APC_STORE */
-    CLI_WRITES = 16    /* --no-wait */
+    CLI_NEGATIVE = 4,    /* arguments may be negative numbers: -5 is then none of the options */
+    CLI_OWN_STORE = 8,   /* `store` stays NULL without --store and APC_STORE */
+    CLI_WRITES = 16,     /* --no-wait */
+    CLI_MAKES_STORE = 32 /* one that is not there yet may be meant */
 };
 
 struct cli {

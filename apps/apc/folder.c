@@ -261,6 +261,8 @@ static void put_facts(FILE *out, const struct experiment *e, const struct folder
         put_text(out, "\ntimer", facts->timer);
         put_text(out, "\nstore", facts->store);
     }
+    if (facts->live)
+        put_text(out, "\nlive", facts->live);
     fputc('\n', out);
     put_number(out, "duration", e->duration);
     fprintf(out, "seed = %" PRId64 "L;\n", (int64_t)e->seed);

@@ -17,6 +17,7 @@
 struct folder_facts {
     const char *by;                   /* the command */
     const char *timer, *store, *host; /* NULL: in virtual time */
+    const char *live;                 /* the store in memory beside that; NULL: there is none */
     apc_ns start;                     /* t = 0: UTC */
 };
 

@@ -27,7 +27,7 @@ static const struct cli_spec spec = {
         "experiment "
         "FILE, also describe its variables and write its dimensions, and its tuning and mode where there are "
         "none yet. Running it again is harmless; a store that belongs to another experiment is refused.",
-    .takes = CLI_STORE,
+    .takes = CLI_STORE | CLI_MAKES_STORE,
     .max_args = 1,
     .extra = &extra,
 };

@@ -3,7 +3,12 @@
 
 #include <stdlib.h>
 
+#include <unistd.h>
+
 #include "common/storeuri.h"
+#include "runstore.h"
+#include "segment.h"
+#include "spools.h"
 
 #define STEP (5 * APC_NS_PER_S)
 
@@ -89,4 +94,26 @@ int keep_finish(const char *live, const char *history, apc_ns timeout, struct ap
     apc_store_close(from);
     apc_store_close(to);
     return rc;
+}
+
+int keep_left(const char *dir, const char *store, apc_ns timeout, struct apc_error *why)
+{
+    struct runstore r;
+    struct segment segment;
+    if (runstore_find(&r, dir, why) < 0 || !r.live[0]) /* spools may lie anywhere */
+        return 0;
+    const char *history = r.history[0] ? r.history : store;
+    int rc = segment_adopt(&segment, r.live, why);
+    if (rc <= 0)
+        return rc;
+    rc = history ? spools_drain(dir, r.live, timeout, why)
+                 : apc_fail(why, APC_EINVAL, "%s does not say where its record goes: give --store URI", dir);
+    if (rc == 0 || rc == APC_EPROTO) {
+        const int kept = keep_finish(r.live, history, timeout, why);
+        rc = kept < 0 ? kept : rc;
+        if (kept == 0)
+            segment_remove(&segment);
+    }
+    close(segment.lock);
+    return rc < 0 ? rc : 1;
 }

@@ -35,7 +35,7 @@ static const struct {
     {"identify", command_identify, "models of a plant from its record: dead times, gains, time constants"},
     {"optimize", command_optimize, "search numbers of an experiment with which it is controlled better"},
     {"analyze", command_analyze, "margins, sensitivity and poles of the loops as they tick"},
-    {"drain", command_drain, "store what daemons kept back while the store was away"},
+    {"drain", command_drain, "store what was left behind in a folder, by daemons or a killed run"},
 };
 
 static void usage(FILE *out)

@@ -7,12 +7,14 @@
 #include "cli.h"
 #include "common/storeuri.h"
 #include "folder.h"
+#include "keep.h"
 #include "print.h"
 #include "print_figures.h"
 #include "print_merits.h"
 #include "print_outlook.h"
 #include "report.h"
 #include "run/run_internal.h"
+#include "runstore.h"
 #include "spools.h"
 #include "window.h"
 
@@ -101,20 +103,23 @@ static int recover_from(const struct cli *cli, struct apc_store *store, const ch
 static int recover(const struct cli *cli, const struct experiment *e, FILE *talk, struct apc_error *why)
 {
     const struct apc_store_options options = {.size = sizeof options, .name = "apc", .timeout = cli->timeout};
-    char path[600], own[620];
+    char path[600], own[RUNSTORE_LEN];
     const char *uri = cli->store;
     struct apc_store *store;
 
+    int rc = keep_left(cli->args[0], cli->store, cli->timeout, why);
+    if (rc < 0 && rc != APC_EPROTO && rc != APC_EBUSY)
+        return rc;
     snprintf(path, sizeof path, "%.580s/store.db", cli->args[0]);
     snprintf(own, sizeof own, "sqlite:%s", path);
-    if (access(path, F_OK) == 0)
+    if (rc == APC_EBUSY ? runstore_uri(cli->args[0], own, why) == 0 : access(path, F_OK) == 0)
         uri = own;
     if (!e->start || !uri)
         return apc_fail(
             why, APC_ENOTFOUND, "%.300s/samples.csv: there is none, %s", cli->args[0],
             e->start ? "nor a store.db: name the store of this run with --store"
                      : "and no record.conf says when the run began: apc history shows what is in its store");
-    int rc = store_open(&store, uri, &options, why);
+    rc = store_open(&store, uri, &options, why);
     if (rc == 0)
         rc = recover_from(cli, store, uri, e, why);
     if (rc == 0)

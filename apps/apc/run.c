@@ -19,6 +19,7 @@
 #include "live.h"
 #include "report.h"
 #include "run/run_internal.h"
+#include "segment.h"
 #include "spools.h"
 #include "supervisor.h"
 #include "warn.h"
@@ -27,7 +28,6 @@
 #define HISTORIAN_PERIOD (APC_NS_PER_S / 5)
 #define LEAD             (2 * APC_NS_PER_S) /* from here to t = 0: the daemons start meanwhile */
 #define PAGE_PORT        8080
-#define LIVE_SIZE        64                 /* MiB of a store in memory */
 #define PAGE_PERIOD      (5 * APC_NS_PER_S) /* it has no task: it says once a second that it lives */
 
 struct run_options {
@@ -44,9 +44,9 @@ static const struct argp_option option_list[] = {
     {"out", 'o', "DIR", 0, "Run folder; default runs/NAME-TIME", 0},
     {"force", OPT_FORCE, NULL, 0, "Write over what is in the run folder", 0},
     {"history", OPT_HISTORY, "URI", 0,
-     "Keep the record there, whatever becomes of it: postgresql://host/db#schema, sqlite:FILE. The shared "
-     "data are "
-     "then in the memory of this host, if --store does not say where",
+     "Keep the record there instead of in the run folder: postgresql://host/db#schema, sqlite:FILE. It may "
+     "be "
+     "away meanwhile, and come later",
      0},
     {"timer", 't', "NAME", 0, "Executive of all daemons: deadline (default) or posix", 0},
     {"spin", OPT_SPIN, NULL, 0, "The daemons spin for the last microseconds before a tick (deadline only)",
@@ -122,15 +122,18 @@ static const struct cli_spec spec = {
         "controllers and scheduler as "
         "processes, serve the operator's page, show one live line, stop them all at the end or on Ctrl-C, "
         "and leave a run folder with report.png, report.svg and samples.csv. Tuning and mode are set to the "
-        "file's; tables are made if there are none. Without --store and APC_STORE the shared data are a file "
-        "in the run folder, store.db; with --history they are in memory, and apc-historian moves the record "
-        "on to it. A run in which the plant got no command, or stood at its safe value "
+        "file's; tables are made if there are none. Without --store and APC_STORE the shared data are in "
+        "memory "
+        "of this run's own, and apc-historian moves the record on into a file of the run folder, store.db, "
+        "or "
+        "to --history. With --store alone, that store is both. A run in which the plant got no command, or "
+        "stood at its safe value "
         "for "
         "longer than its controllers' hold, or a daemon hung or crashed, ends with 1 and says so. A run "
         "folder that is not empty, and a store that another experiment "
         "has "
         "filled, are refused.",
-    .takes = CLI_STORE | CLI_OWN_STORE,
+    .takes = CLI_STORE | CLI_OWN_STORE | CLI_MAKES_STORE,
     .min_args = 1,
     .max_args = 1,
     .extra = &extra,
@@ -150,13 +153,14 @@ struct run {
     apc_ns stopped;              /* monotonic: when it was ended */
     size_t controllers;          /* the first one's place among the daemons */
     size_t done;                 /* of the experiment's actions */
-    char dir[512], config[544], store_name[400], host[256];
-    char own_store[PATH_MAX + 32]; /* URI of a store in dir, or in memory; "": it was given one */
-    char live_uri[256];            /* of --store LIVE+HISTORY */
-    char *both;                    /* LIVE+HISTORY; NULL: there is one store only */
-    bool made_store;               /* it was not there before */
-    char segment[64];              /* file of the store in memory; "": there is none of our own */
-    const char *record;            /* URI of the store that holds the record in the end */
+    char dir[512], config[544], store_name[400], live_name[128], host[256];
+    struct segment segment;          /* the store in memory, if it was given none */
+    char own_history[PATH_MAX + 32]; /* URI of a file in dir; "": it was given one, or a store alone */
+    char live_uri[256];              /* of --store LIVE+HISTORY */
+    char *history;                   /* its URI, with a path that holds in any folder; NULL: there is none */
+    char *both;                      /* LIVE+HISTORY, likewise */
+    bool made_store;                 /* own_history was not there before */
+    const char *record;              /* URI of the store that holds the record in the end */
 };
 
 /* ---- Signals ------------------------------------------------------------------------------ */
@@ -189,37 +193,12 @@ static int check_store(struct run *r, struct apc_store *store, const char *uri)
     store_name(uri, name, sizeof name);
     if (rc == APC_EPERM)
         cli_error(&r->cli, rc, "the store %s cannot be taken: %s; give another --%s%s", name, why,
-                  r->options.history && uri == r->options.history ? "history" : "store",
-                  r->own_store[0] && uri == r->own_store
+                  uri == r->history ? "history" : "store",
+                  r->own_history[0] && uri == r->history
                       ? " or --out"
                       : ", or make it this experiment's with `apc init --force FILE`");
     else if (rc < 0)
         cli_store_error(&r->cli, rc, store);
-    return rc;
-}
-
-/* The history, when it is there, is this experiment's, and the live store goes on from it. */
-static int prepare_history(struct run *r)
-{
-    struct apc_store *history = NULL;
-    struct cli cli = r->cli;
-    struct apc_error why;
-    cli.store = r->options.history;
-    int rc = cli_open(&cli, &history);
-    if (rc < 0)
-        return rc;
-    rc = apc_store_init(history);
-    if (rc == APC_ECONN || rc == APC_ETIMEDOUT || rc == APC_EFULL) {
-        fprintf(stderr, "the history is away: %s; the record is kept in memory until it comes\n",
-                apc_store_error(history));
-        rc = 0;
-    } else if (rc < 0) {
-        cli_store_error(&cli, rc, history);
-    } else if ((rc = check_store(r, history, cli.store)) == 0 &&
-               (rc = keep_resume(r->store, history, &why)) < 0) {
-        cli_error(&cli, rc, "%s", why.text);
-    }
-    apc_store_close(history);
     return rc;
 }
 
@@ -247,11 +226,37 @@ static int claim_all(const struct run *r, struct apc_store *guard)
     return rc;
 }
 
+/* The history, when it is there, is this experiment's and nobody's at the moment, and the live store goes on
+ * from it. */
+static int prepare_history(struct run *r)
+{
+    struct apc_store *history = NULL;
+    struct cli cli = r->cli;
+    struct apc_error why;
+    cli.store = r->history;
+    int rc = cli_open(&cli, &history);
+    if (rc < 0)
+        return rc;
+    rc = apc_store_init(history);
+    if (!r->own_history[0] && (rc == APC_ECONN || rc == APC_ETIMEDOUT || rc == APC_EFULL)) {
+        fprintf(stderr, "the history is away: %s; the record is kept in memory until it comes\n",
+                apc_store_error(history));
+        rc = 0;
+    } else if (rc < 0) {
+        cli_store_error(&cli, rc, history);
+    } else if ((rc = claim_all(r, history)) >= 0 && (rc = check_store(r, history, cli.store)) == 0 &&
+               (rc = keep_resume(r->store, history, &why)) < 0) {
+        cli_error(&cli, rc, "%s", why.text);
+    }
+    apc_store_close(history);
+    return rc;
+}
+
 /* Nobody is running the plant in this store. */
 static int describe(struct run *r)
 {
     int rc = check_store(r, r->store, r->cli.store);
-    if (rc == 0 && r->options.history)
+    if (rc == 0 && r->history)
         rc = prepare_history(r);
     if (rc == 0 && (rc = provision(r->store, &r->e, PROVISION_RESET)) < 0)
         cli_store_error(&r->cli, rc, r->store);
@@ -261,6 +266,7 @@ static int describe(struct run *r)
 static int prepare_store(struct run *r)
 {
     struct apc_store *guard = NULL;
+    struct apc_error why;
     int rc = cli_open(&r->cli, &r->store);
     if (rc < 0)
         return rc;
@@ -274,6 +280,8 @@ static int prepare_store(struct run *r)
         rc = claim_all(r, guard);
     if (rc >= 0)
         rc = describe(r);
+    if (rc >= 0 && r->segment.uri[0] && (rc = segment_own(&r->segment, r->dir, &why)) < 0)
+        cli_error(&r->cli, rc, "%s", why.text);
     apc_store_close(guard);
     apc_store_close(r->store); /* while it runs, other processes use it */
     r->store = NULL;
@@ -319,17 +327,20 @@ static int join_stores(struct run *r)
         !strncmp(history, "sqlite:", strlen("sqlite:")) && history[strlen("sqlite:")] != '/';
     if (relative && !getcwd(here, sizeof here))
         return cli_error(&r->cli, APC_ESYS, "the current folder: %s", strerror(errno)), APC_ESYS;
-    if (asprintf(&r->both, "%.*s+%s%s%s%s", (int)strcspn(r->cli.store, "?"), r->cli.store,
-                 relative ? "sqlite:" : "", here, relative ? "/" : "",
-                 relative ? history + strlen("sqlite:") : history) < 0) {
+    const size_t live = strcspn(r->cli.store, "?");
+    if (asprintf(&r->both, "%.*s+%s%s%s%s", (int)live, r->cli.store, relative ? "sqlite:" : "", here,
+                 relative ? "/" : "", relative ? history + strlen("sqlite:") : history) < 0) {
         r->both = NULL;
         return cli_error(&r->cli, APC_ENOMEM, "out of memory"), APC_ENOMEM;
     }
-    if (!r->both[apc_store_live(r->both)]) { /* no memory, so that they cannot be one */
-        free(r->both);
-        r->both = NULL;
-    }
+    r->history = r->both + live + 1;
     return 0;
+}
+
+/* Is the live store memory, so that both can be one? */
+static const char *seen_from_outside(const struct run *r)
+{
+    return r->both && r->both[apc_store_live(r->both)] ? r->both : r->cli.store;
 }
 
 /* "in another terminal: export APC_STORE='sqlite:...'", to be pasted into a shell. Not with a password. */
@@ -345,27 +356,28 @@ static void say_export(const char *uri)
     fputs("'\n", stderr);
 }
 
-/* Nobody named a store: a file in the run folder, or, where the record goes elsewhere, memory of its own.
- * Every program then gets it from the environment. */
+/* Nobody named a store: memory of its own, and the record, if nobody said where, in the run folder. Every
+ * program then gets it from the environment. */
 static int embed_store(struct run *r)
 {
-    char dir[PATH_MAX];
-    if (r->options.history) {
-        snprintf(r->own_store, sizeof r->own_store, "shm:run-%d-%lld?size=%d", (int)getpid(),
-                 (long long)(apc_clock_utc(NULL) / APC_NS_PER_S), LIVE_SIZE);
-        snprintf(r->segment, sizeof r->segment, "/dev/shm/apc.%.*s", (int)strcspn(r->own_store + 4, "?"),
-                 r->own_store + 4);
-        r->cli.store = r->own_store;
-        return 0;
+    struct apc_error why;
+    const int rc = segment_plan(&r->segment, &r->e, &why);
+    if (rc < 0) {
+        cli_error(&r->cli, rc, "%s", why.text);
+        return rc;
     }
+    r->cli.store = r->segment.uri;
+    if (r->options.history)
+        return 0;
+    char dir[PATH_MAX];
     if (!realpath(r->dir, dir)) {
         cli_error(&r->cli, APC_ESYS, "%s: %s", r->dir, strerror(errno));
         return APC_ESYS;
     }
-    int scheme = snprintf(r->own_store, sizeof r->own_store, "sqlite:");
-    snprintf(r->own_store + scheme, sizeof r->own_store - (size_t)scheme, "%s/store.db", dir);
-    r->made_store = access(r->own_store + scheme, F_OK) != 0;
-    r->cli.store = r->own_store;
+    const int scheme = snprintf(r->own_history, sizeof r->own_history, "sqlite:");
+    snprintf(r->own_history + scheme, sizeof r->own_history - (size_t)scheme, "%s/store.db", dir);
+    r->made_store = access(r->own_history + scheme, F_OK) != 0;
+    r->options.history = r->own_history;
     return 0;
 }
 
@@ -378,8 +390,7 @@ static void discard(const struct run *r)
         snprintf(path, sizeof path, "%s/%s", r->dir, names[i]);
         remove(path);
     }
-    if (r->segment[0])
-        unlink(r->segment);
+    segment_remove(&r->segment);
     folder_discard(r->dir, &r->e);
 }
 
@@ -405,10 +416,12 @@ static int listen_on(int *port)
 static struct folder_facts facts_of(struct run *r)
 {
     store_name(r->record, r->store_name, sizeof r->store_name);
+    snprintf(r->live_name, sizeof r->live_name, "%.*s", (int)strcspn(r->cli.store, "?"), r->cli.store);
     gethostname(r->host, sizeof r->host - 1);
     return (struct folder_facts){.by = "apc run",
                                  .timer = r->options.timer ? r->options.timer : "deadline",
                                  .store = r->store_name,
+                                 .live = r->history ? r->live_name : NULL,
                                  .host = r->host,
                                  .start = r->start};
 }
@@ -472,7 +485,7 @@ static void add_identity(const char *identity, struct child *child)
 static void add_daemons(struct run *r)
 {
     const struct experiment *e = &r->e;
-    if (r->options.history)
+    if (r->history)
         add(r, &(struct child){.name = "apc-historian", .aside = true, .period = HISTORIAN_PERIOD});
     if (!e->plant.external)
         add_identity(e->plant.identity,
@@ -510,10 +523,10 @@ static int start_daemons(struct run *r)
     }
     add_daemons(r);
     /* Not in argv, where everybody could read a password. */
-    setenv("APC_STORE", r->both ? r->both : r->cli.store, 1);
+    setenv("APC_STORE", seen_from_outside(r), 1);
     setenv("APC_SPOOL", r->dir, 1);
-    if (r->options.history)
-        setenv("APC_HISTORY", r->options.history, 1);
+    if (r->history)
+        setenv("APC_HISTORY", r->history, 1);
     s->start = r->begin;
     int rc = supervisor_start(s, &why);
     if (rc < 0)
@@ -554,7 +567,7 @@ static apc_ns idle(const struct run *r)
 static bool follow(struct run *r, const sigset_t *signals)
 {
     const struct child *page = r->page[0] ? &r->daemons.child[r->daemons.n - 1] : NULL;
-    const struct child *historian = r->options.history ? r->daemons.child : NULL;
+    const struct child *historian = r->history ? r->daemons.child : NULL;
     struct apc_error why;
     for (;;) {
         static const struct timespec now = {0, 0};
@@ -597,8 +610,8 @@ static int drain(const struct run *r, apc_ns since, apc_ns until, struct apc_err
     (void)since;
     (void)until;
     int rc = spools_drain(r->dir, r->cli.store, r->cli.timeout, why);
-    if (r->options.history && (rc == 0 || rc == APC_EPROTO)) {
-        const int kept = keep_finish(r->cli.store, r->options.history, r->cli.timeout, why);
+    if (r->history && (rc == 0 || rc == APC_EPROTO)) {
+        const int kept = keep_finish(r->cli.store, r->history, r->cli.timeout, why);
         rc = kept < 0 ? kept : rc;
     }
     return rc;
@@ -722,13 +735,14 @@ static int leave_report(struct run *r)
         rc = drained;
         apc_fail(&why, rc, "what waited in a spool is damaged: see %s", r->dir);
     }
-    if (r->segment[0] && (drained == 0 || drained == APC_EPROTO))
-        unlink(r->segment);
+    if (drained == 0 || drained == APC_EPROTO)
+        segment_remove(&r->segment);
     if (rc < 0) {
         cli_error(&r->cli, rc, "%s%s%s", r->failure.text, r->failure.text[0] ? "; no report: " : "",
                   why.text);
-        if (r->segment[0] && access(r->segment, F_OK) == 0)
-            fprintf(stderr, "the whole record is in %s: `apc copy` saves it\n", r->own_store);
+        if (drained < 0 && drained != APC_EPROTO && r->segment.path[0])
+            fprintf(stderr, "the record is still in memory, %s: `apc drain '%s'` moves it to its history\n",
+                    r->live_name, r->dir);
         return rc;
     }
     if (!r->failure.text[0] || control.ever)
@@ -786,16 +800,21 @@ static int run(struct run *r)
     signal(SIGPIPE, SIG_IGN); /* `apc run ... | head` is no reason to leave no report */
     if ((rc = prepare_folder(r)) < 0)
         return rc;
+    segment_name_orphans();
     if ((!r->cli.store && (rc = embed_store(r)) < 0) || (rc = join_stores(r)) < 0 ||
         (rc = prepare_store(r)) < 0) {
         discard(r);
         return rc;
     }
-    r->record = r->options.history ? r->options.history : r->cli.store;
+    r->record = r->history ? r->history : r->cli.store;
     if ((rc = keep_folder(r)) < 0)
         return rc;
-    if (r->both || r->own_store[0])
-        say_export(r->both ? r->both : r->own_store);
+    if (r->segment.uri[0])
+        fprintf(stderr, "live:    %s, %u MiB: %s %.0f s without its history\n", r->live_name, r->segment.mib,
+                r->segment.held < r->e.live.history ? "holds no more than" : "holds",
+                r->segment.held < 86400 ? r->segment.held : 86400);
+    if (seen_from_outside(r) == r->both || r->segment.uri[0])
+        say_export(seen_from_outside(r));
     else
         fprintf(stderr, "store:   %s\n", r->store_name);
     if ((rc = start_daemons(r)) < 0)

@@ -7,7 +7,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "cli.h"
 #include "common/storeuri.h"
 
 static int is_spool(const struct dirent *entry)
@@ -86,23 +85,4 @@ int spools_drain(const char *dir, const char *uri, apc_ns timeout, struct apc_er
     }
     free(spools);
     return rc;
-}
-
-static const struct cli_spec spec = {
-    .args_doc = "DIR",
-    .doc =
-        "Store what daemons left in the spools (*.spool) of the folder DIR, which they had kept back while "
-        "the store was away, and remove the spools. The next start of such a daemon does the same.",
-    .takes = CLI_STORE,
-    .min_args = 1,
-    .max_args = 1,
-};
-
-int command_drain(int argc, char **argv)
-{
-    struct apc_error why;
-    struct cli cli;
-    cli_parse(&cli, &spec, NULL, argc, argv);
-    int rc = spools_drain(cli.args[0], cli.store, cli.timeout, &why);
-    return rc < 0 ? cli_error(&cli, rc, "%s", why.text) : EXIT_OK;
 }

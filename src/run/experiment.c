@@ -556,13 +556,25 @@ static void read_laws(struct settings *s, const config_setting_t *group, const s
         experiment_read_law(s, config_setting_get_member(group, "backup"), e, c->backup);
 }
 
+/* The shared memory of `apc run`. */
+static void read_live(struct settings *s, const config_setting_t *root, struct experiment *e)
+{
+    static const char *const known[] = {"history", "size", NULL};
+    const config_setting_t *group = settings_group(s, root, "live", OPTIONAL);
+    if (!group)
+        return;
+    settings_known(s, group, known);
+    settings_number(s, group, "history", OPTIONAL, 0, 86400.0, &e->live.history);
+    settings_whole(s, group, "size", OPTIONAL, 1, 65536, &e->live.size);
+}
+
 static void read_root(struct settings *s, const config_setting_t *root, struct experiment *e, unsigned parts,
                       const struct experiment_overrides *overrides, const struct record *record)
 {
     static const char *const known[] = {"name",      "title",   "duration", "seed",    "measurements",
                                         "setpoints", "outputs", "plant",    "client",  "controller",
                                         "scheduler", "network", "clock",    "actions", "controllers",
-                                        "signals",   NULL};
+                                        "signals",   "live",    NULL};
     int64_t seed = 1;
     settings_known(s, root, known);
     settings_name(s, root, e->name, sizeof e->name);
@@ -595,6 +607,7 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     for (size_t i = 0; i < e->n_controllers; i++)
         read_laws(s, s->failed ? NULL : group_of(list, i), e, &e->controllers[i]);
     experiment_number(s, list, e, laws);
+    read_live(s, root, e);
     models_read(s, root, &e->models);
     experiment_read_actions(s, root, e);
 }
@@ -632,6 +645,8 @@ int experiment_parse(struct experiment *e, const struct experiment_source *from,
     snprintf(e->file, sizeof e->file, "%s", from->file);
     snprintf(e->plant.listen, sizeof e->plant.listen, "tcp:127.0.0.1:%d", APC_PORT);
     snprintf(e->client.link, sizeof e->client.link, "tcp:127.0.0.1:%d", APC_PORT);
+    e->live.history = 600;
+    e->live.size = 64;
     e->text = strdup(from->text);
     s.failed = settings_parse(&config, e->file, from->text, why);
     if (!e->text && !s.failed)

@@ -139,3 +139,23 @@ int record_read(struct record *r, const char *file, struct apc_error *why)
     r->there = s.failed == 0;
     return s.failed;
 }
+
+int record_stores(struct record_stores *stores, const char *dir, struct apc_error *why)
+{
+    char path[600];
+    struct settings s = {.file = path, .why = why};
+    config_t config;
+
+    *stores = (struct record_stores){0};
+    snprintf(path, sizeof path, "%.580s/" RECORD_FILE, dir);
+    if (access(path, F_OK) != 0)
+        return apc_fail(why, APC_ENOTFOUND, "%s: there is none, so %s is no run folder", path, dir);
+    s.failed = settings_load(&config, path, why);
+    if (!s.failed) {
+        const config_setting_t *root = config_root_setting(&config);
+        settings_text(&s, root, "live", OPTIONAL, stores->live, sizeof stores->live);
+        settings_text(&s, root, "store", OPTIONAL, stores->history, sizeof stores->history);
+    }
+    config_destroy(&config);
+    return s.failed;
+}

@@ -39,6 +39,14 @@ struct record {
 int record_read(struct record *record, const char *file, struct apc_error *why);
 void record_free(struct record *record);
 
+/* Where a run's data are and its record goes, as it was named to people; "": not recorded. */
+struct record_stores {
+    char live[128], history[512];
+};
+
+/* Those of the run folder @p dir. Returns 0, or a negative error: it is none, or its record is damaged. */
+int record_stores(struct record_stores *stores, const char *dir, struct apc_error *why);
+
 /* SHA-256 of a file. Returns 0, or a negative error with the reason in why. */
 int record_hash(const char *path, char hash[RECORD_HASH_LEN], struct apc_error *why);
 

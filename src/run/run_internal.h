@@ -190,6 +190,11 @@ struct experiment {
     struct controller *controllers; /* [n_controllers], at least one */
     size_t n_controllers;
 
+    struct {
+        double history; /* s that the live store is to keep while the history is away, */
+        int64_t size;   /* in so many MiB at most */
+    } live;
+
     struct action *action; /* [n_actions] by time */
     size_t n_actions;
 

@@ -21,7 +21,7 @@ finish() {
       [ -f "$log" ] && echo "--- $log" && tail -n 15 "$log"
     done
   fi
-  rm -rf "$work" ${segment:+"$segment"}
+  rm -rf "$work" ${segment:+"${segment[@]}"}
   exit $status
 }
 trap finish EXIT

@@ -30,7 +30,7 @@ expect 0 'the same' "$apc" replay "$work/sim" --tolerance 0
 # ---- A real run
 
 background run "$apc" run "$work/acting.conf" --duration 0 --no-ui --out "$work/run"
-export APC_STORE="sqlite:$work/run/store.db"
+export APC_STORE=$work/run
 value_is() { "$apc" get "$1" --csv | grep -q ",$2\$"; }
 until_true 60 value_is setpoint.1 7
 kill -INT "$pid"

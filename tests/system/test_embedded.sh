@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# `apc run` without a store keeps the shared data in a file of the run folder: every program finds it, nothing is lost
-# when programs are killed, and nobody else gets in between.
+# `apc run` without a store keeps the shared data in memory and the record in a file of the run folder: every program finds
+# both, nothing is lost when programs are killed, and nobody else gets in between.
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 unset APC_STORE PGHOST PGUSER PGDATABASE # there is no server
@@ -18,11 +18,16 @@ background run "$apc" run "$work/fast.conf" --duration 0 --out "$dir"
 run=$pid
 until_true 20 grep -q '^in another terminal: export APC_STORE=' "$work/run.log"
 eval "$(sed -n 's/^in another terminal: //p' "$work/run.log")"
-[ "$APC_STORE" = "sqlite:$dir/store.db" ] || fail "it said APC_STORE=$APC_STORE"
+[[ $APC_STORE == shm:run-$run-*"+sqlite:$dir/store.db" ]] || fail "it said APC_STORE=$APC_STORE"
+memory=/dev/shm/apc.${APC_STORE#shm:}
+memory=${memory%%+*}
+segment=("$memory" "$memory.folder")
+until_true 20 grep -Eq "^live: +${APC_STORE%%+*}, 16 MiB: holds [0-9]+ s without its history" "$work/run.log"
 until_true 20 more_values u 5
 
 # what an operator does
 expect 0 'connected, schema version' "$apc" status
+expect 0 "^store +shm:run-$run-.*sqlite:" env -u APC_STORE "$apc" status --store "$dir" # the folder stands for both
 expect 0 '^target +Auto' "$apc" mode
 expect 0 '' "$apc" set r 12
 expect 4 'limits' "$apc" set r 1000
@@ -36,7 +41,8 @@ expect 0 '' "$apc" set u 1.2
 expect 0 '' "$apc" mode auto
 
 # a second run in the same place is refused, names who is there, and harms nothing
-expect 4 'sensor.*already written by apc-client \(process [0-9]+\)' "$apc" run "$work/fast.conf" --duration 1 --force --out "$dir"
+(unset APC_STORE && expect 4 'already written by apc-historian \(process [0-9]+\)' "$apc" run "$work/fast.conf" --duration 1 --force --out "$dir")
+expect 4 'already written by apc-client' "$apc" run "$work/fast.conf" --duration 1 --force --out "$dir"
 [ -s "$dir/store.db" ] || fail "the refused run removed the store of the other"
 sed 's/^title.*/title = "another";/' "$work/fast.conf" >"$work/another.conf"
 expect 4 'already written by' "$apc" run "$work/another.conf" --duration 1 --force --out "$dir"
@@ -57,6 +63,12 @@ n=$(values y | wc -l)
 kill -9 "$(daemon apc-client)"
 until_true 20 more_values y $((n + 5))
 
+n=$(values y | wc -l)
+until_true 5 event_again 'running every 0.2 s' 0
+kill -9 "$(daemon apc-historian)"
+until_true 20 grep -q 'apc-historian was killed by signal 9 (Killed) and was started again' "$work/run.log"
+more_values y "$n" || fail "the loop did not outlive its historian"
+
 # a second signal while it is stopping does not cost the report
 kill -STOP "$run"
 kill -INT "$run"
@@ -67,7 +79,11 @@ for file in samples.csv timing.csv events.csv report.svg report.png; do
   [ -s "$dir/$file" ] || fail "$file is missing or empty"
 done
 
-# no measurement is doubled
+# the memory has gone, and what named it leads to the record; no measurement is doubled or missing
+[ ! -e "$memory" ] && [ ! -e "$memory.folder" ] || fail "the run left its memory behind"
+expect 0 "^store +sqlite:" "$apc" status
+seqs() { sqlite3 "$dir/store.db" "SELECT $1 FROM sensor"; }
+[ "$(seqs 'count(*)')" = "$(seqs 'max(seq) - min(seq) + 1')" ] || fail "measurements are missing in the record"
 [ "$(values y | cut -d, -f1 | sort | uniq -d | wc -l)" = 0 ] || fail "a measurement stands twice"
 
 # the same folder again, when it is insisted on, goes on where it was; a run that cannot begin leaves nothing behind
@@ -76,4 +92,5 @@ n=$(values y | wc -l)
 more_values y "$n" || fail "the second run went elsewhere"
 mkdir -p "$work/way/store.db-journal" # a folder where the journal must be
 (unset APC_STORE && expect 3 'store\.db' "$apc" run "$work/fast.conf" --duration 1 --force --out "$work/way")
+! compgen -G "/dev/shm/apc.run-*.folder" | xargs -r readlink | grep -q "$work" || fail "memory was left behind"
 [ ! -e "$work/way/store.db" ] || fail "a run that could not begin left its store behind"

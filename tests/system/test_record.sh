@@ -53,7 +53,7 @@ expect 1 'ticks\.db: No such file or directory: a run of a former version' "$apc
 "$apc" run "$work/fast.conf" --law "$mylaw" --duration 0 --no-ui --out "$work/live" >"$work/live.log" 2>&1 &
 run=$!
 children+=("$run")
-store=sqlite:$work/live/store.db
+store=$work/live
 rows() { "$apc" history "$1" --last 100000 --csv --store "$store" 2>/dev/null | tail -n +2 | wc -l; }
 more_rows() { [ "$(rows "$1")" -gt "$2" ]; }
 until_true 20 more_rows u 3
@@ -73,6 +73,7 @@ expect 4 'live is not empty: .*--force' "$apc" run "$work/fast.conf" --duration 
 sed -e 's/^name = .*/name = "other";/' "$work/fast.conf" >"$work/other.conf"
 kill -INT "$run"
 wait "$run" || fail "apc run ended with $? after Ctrl-C"
+store=sqlite:$work/live/store.db
 names() { "$apc" get --store "$store" | awk '{print $1}'; }
 described=$(names)
 for other in "$work/other.conf" "$APC_SOURCE_DIR/experiments/servo.conf"; do
@@ -97,12 +98,12 @@ expect 0 'operator changed modes, tuning or outputs 3 times' "$apc" simulate "$w
 start=$(sed -n 's/^start = "\(.*\)".*/\1/p' "$work/live/record.conf")
 [ "$(date -d "$start" +%s)" -gt 0 ] || fail "the record does not say when the run began"
 
-# ---- A run that was killed has its record in its store
+# ---- A run that was killed has its record in its store, and what had not got there in its memory
 
 "$apc" run "$work/fast.conf" --duration 0 --no-ui --out "$work/killed" >"$work/killed.log" 2>&1 &
 run=$!
 children+=("$run")
-store=sqlite:$work/killed/store.db
+store=$work/killed
 until_true 20 more_rows u 3
 daemons() { pgrep -P "$run" || true; }
 mapfile -t those < <(daemons)
@@ -111,9 +112,14 @@ wait "$run" 2>/dev/null || true
 gone() { for one in "${those[@]}"; do ! kill -0 "$one" 2>/dev/null || return 1; done; }
 until_true 20 gone
 n=$(rows u)
+# whoever runs something next is told of it, and what runs meanwhile has memory of its own
+"$apc" run "$work/fast.conf" --duration 1 --no-ui --out "$work/next" >/dev/null 2>"$work/next.log"
+grep -q "^shm:run-$run-.* is the memory of a run that was killed: .apc drain '$work/killed'" "$work/next.log" || fail "no word of it"
+[ "$(grep -c 'is the memory of a run.*next' "$work/next.log")" = 0 ] || fail "a run took its own memory for a dead one's"
 mv "$work/killed" "$work/moved"
 expect 0 'samples: .*moved/samples\.csv, from the store' "$apc" report "$work/moved"
 [ "$(grep -c ',actuator,1,' "$work/moved/samples.csv")" = "$n" ] || fail "the report of a killed run lost outputs"
+! compgen -G "/dev/shm/apc.run-$run-*" || fail "its memory was left behind"
 expect 0 "^u +$n +$n +0 " "$apc" replay "$work/moved"
 # how long it was includes its last sample: the same report again has all of them
 ended=$(sed -n 's/^ended = \(.*\);/\1/p' "$work/moved/record.conf")

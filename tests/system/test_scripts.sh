@@ -131,7 +131,7 @@ demo() { env -u PGHOST "$work/top/scripts/demo" "$@"; }
 expect 0 '^no cluster: apc run .*/first-order.conf --duration 3$' demo --duration 3
 for options in '--postgres --duration 3' '--duration 3 --postgres'; do
   # shellcheck disable=SC2086
-  expect 0 '^a cluster: apc run .*/first-order.conf --duration 3$' demo $options
+  expect 0 '^a cluster: apc run .*/first-order.conf --history postgresql: --duration 3$' demo $options
 done
 expect 0 '^no cluster: apc run .*/first-order.conf$' demo
 mkdir "$work/bin"

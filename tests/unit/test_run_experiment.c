@@ -563,6 +563,9 @@ static void a_mistake_is_refused_with_its_line_and_reason(void **state)
          "plant = { model = \"quadruple-tank\"; period = 0.5; disturbances = ( { name = \"d9\"; at = 1.0; "
          "value = 1.0; } ); };",
          "has no disturbance \"d9\""},
+        {9, "live = { history = -1.0; };", "\"history\" is -1: must be from 0 to 86400"},
+        {9, "live = { size = 0; };", "\"size\" must be from 1 to 65536"},
+        {9, "live = { seconds = 60.0; };", "seconds"},
         {9, "actions = ( { at = 1.0; } );",
          "9: what is to be done is missing in an action: set, mode, remote, local, promote, kill and start "
          "are"},
