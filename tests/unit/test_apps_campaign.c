@@ -162,6 +162,16 @@ static void a_row_has_the_statistics_of_the_runs_that_have_the_figure(void **sta
     assert_lacks(text, "beside");
 }
 
+static void numbers_are_told_with_the_digits_that_they_are_good_for(void **state)
+{
+    (void)state;
+    for (unsigned run = 0; run < RUNS; run++)
+        *figure(run, 0, METRIC_IAE) = 1234.5678 + 1111.11111 * run;
+    /* 1111.1 sqrt(3.5), 5 degrees of freedom, 2.5706 of Student's */
+    assert_string_equal(row(table(), "level IAE"),
+                        "level IAE 6 4012.3 2.18e+03 2.08e+03 3456.8 6790.1 6790.1 6790.1 15");
+}
+
 static void what_diverged_counts_as_infinite_and_is_told(void **state)
 {
     (void)state;
@@ -538,6 +548,11 @@ static void each_run_is_that_of_its_seed_whoever_makes_it(void **state)
         const char *text = talk();
         assert_has(text, "world: A world\n5 runs of 12 s in ");
         assert_lacks(text, "not made");
+        double took, times;
+        assert_int_equal(
+            sscanf(strstr(text, "12 s in "), "12 s in %lf s: %lf times as fast as real time", &took, &times),
+            2);
+        assert_near(took * times, 5 * 12.0, 0.02 * 60);
         done_with(&of);
     }
 }
@@ -688,6 +703,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         T(a_row_has_the_statistics_of_the_runs_that_have_the_figure),
+        T(numbers_are_told_with_the_digits_that_they_are_good_for),
         T(what_diverged_counts_as_infinite_and_is_told),
         T(what_the_controllers_had_is_told),
         T(runs_that_are_all_the_same_are_told_of),

@@ -333,6 +333,51 @@ static void another_loop_s_step_is_none_of_this_one(void **state)
     assert_near(figures.of[0].figure[METRIC_EFFORT], 0, 0);
 }
 
+static void a_run_begins_with_the_first_measurement_of_any_output(void **state)
+{
+    const struct apc_dim dim = {.ny = 2, .nz = 2, .nu = 2};
+    (void)state;
+    for (size_t early = 0; early < 2; early++) {
+        course_free(&course);
+        e.dim = controller.dim = dim;
+        assert_int_equal(course_create(&course, &dim), 0);
+        for (size_t i = 0; i < 2; i++) {
+            course_change(&course, &course.setpoint[i], 0, 5);
+            for (int t = i == early ? 1 : 2; t <= 4; t++)
+                course_add(&course, &course.output[i], t, 5 - (double)i);
+        }
+        make(4);
+        assert_int_equal(figures.n_parts, 1);
+        for (size_t i = 0; i < 2; i++)
+            assert_near(figures.of[i].part[0].from, 1, 0);
+        assert_near(figures.of[1].figure[METRIC_IAE], 3, 1e-12);
+    }
+}
+
+static void two_outputs_for_one_thing_are_one_loop_and_a_calculated_one_is_none(void **state)
+{
+    static struct wire both[] = {{APC_SENSOR, 0}, {APC_SENSOR, 0}},
+                       calculated[] = {{APC_SENSOR, 0}, {APC_SENSOR, 2}},
+                       same[] = {{APC_SETPOINT, 0}, {APC_SETPOINT, 0}};
+    const struct apc_dim dim = {.ny = 2, .nz = 2, .nu = 2};
+    struct wire *const y = controller.y, *const z = controller.z;
+    struct loop loop[2];
+    (void)state;
+    e.dim = controller.dim = dim;
+    assert_int_equal(metrics_loops(&e, loop), 2);
+    controller.y = both;
+    assert_int_equal(metrics_loops(&e, loop), 2); /* of two setpoints */
+    controller.z = same;
+    assert_int_equal(metrics_loops(&e, loop), 1);
+    assert_true(loop[0].y == 0 && loop[0].z == 0 && loop[0].u.table == APC_ACTUATOR && loop[0].u.at == 0);
+    controller.y = y;
+    assert_int_equal(metrics_loops(&e, loop), 2); /* of two measurements */
+    controller.y = calculated;
+    controller.z = z;
+    assert_int_equal(metrics_loops(&e, loop), 1);
+    assert_true(loop[0].y == 0 && loop[0].z == 0);
+}
+
 /* Whatever the order in which the file and the setpoints tell of them. */
 static void events_come_by_time_and_at_one_time_the_setpoints_before_the_disturbances(void **state)
 {
@@ -629,6 +674,8 @@ int main(void)
         T(where_the_setpoint_does_not_move_there_is_no_overshoot),
         T(a_disturbance_has_figures_of_its_own),
         T(a_setpoint_that_a_controller_moves_begins_no_part_and_is_followed),
+        T(a_run_begins_with_the_first_measurement_of_any_output),
+        T(two_outputs_for_one_thing_are_one_loop_and_a_calculated_one_is_none),
         T(another_loop_s_step_is_none_of_this_one),
         T(events_come_by_time_and_at_one_time_the_setpoints_before_the_disturbances),
         T(what_is_not_known_has_no_figures_and_what_diverged_infinite_ones),
