@@ -6,6 +6,9 @@
  *     link       apc_link_exchange() and a server that answers frames made beforehand: deadlines, framing
  *     exchange   what apc-client and apc-plant do: both cores, so frames are written and read as well
  *
+ * The same by TLS, next to a ping-pong by OpenSSL alone; and an exchange of as many registers by Modbus, next
+ * to one by libmodbus alone, each with a server of libmodbus's.
+ *
  * The asking side is this thread, on the first CPU; each answering side is a thread on the second, so that
  * none is favoured by where the scheduler happens to put it.
  */
@@ -18,21 +21,13 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include <apcexchange.h>
 #include <apcmodules.h>
 
-#include "bench.h"
+#include "link.h"
 
-#define N         10
-#define FRAME_MAX (256 + 96 * 2 * N)    /* as apc-client has it */
-#define PERIOD    (3600 * APC_NS_PER_S) /* of everything: nothing gets stale */
+#define PERIOD (3600 * APC_NS_PER_S) /* of everything: nothing gets stale */
 
 /* ---- Frames -------------------------------------------------------------------------------- */
-
-struct frames {
-    char request[FRAME_MAX], reply[FRAME_MAX];
-    size_t request_length, reply_length;
-};
 
 /* Values with all their digits, as measurements have them. */
 static double value(size_t i)
@@ -67,14 +62,14 @@ struct raw {
     pthread_t thread;
 };
 
-static void no_delay(int fd)
+static int no_delay(int fd)
 {
     const int one = 1;
     setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &one, sizeof one);
+    return fd;
 }
 
-/* False when the other side has gone. */
-static bool receive_all(int fd, char *buffer, size_t length)
+bool receive_all(int fd, char *buffer, size_t length)
 {
     for (size_t have = 0; have < length;) {
         ssize_t n = recv(fd, buffer + have, length - have, 0);
@@ -85,15 +80,42 @@ static bool receive_all(int fd, char *buffer, size_t length)
     return true;
 }
 
+int listen_somewhere(struct sockaddr_in *at)
+{
+    socklen_t length = sizeof *at;
+    int fd = socket(AF_INET, SOCK_STREAM, 0);
+
+    *at = (struct sockaddr_in){.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    if (fd < 0 || bind(fd, (struct sockaddr *)at, sizeof *at) < 0 || listen(fd, 1) < 0 ||
+        getsockname(fd, (struct sockaddr *)at, &length) < 0)
+        die("cannot make a server on loopback");
+    return fd;
+}
+
+int connect_to(const struct sockaddr_in *at)
+{
+    int fd = socket(AF_INET, SOCK_STREAM, 0);
+
+    if (fd < 0 || connect(fd, (const struct sockaddr *)at, sizeof *at) < 0)
+        die("cannot connect over loopback");
+    return no_delay(fd);
+}
+
+int accept_tuned(int listener)
+{
+    int fd = accept(listener, NULL, NULL);
+
+    return fd < 0 ? fd : no_delay(fd);
+}
+
 static void *raw_serve(void *ctx)
 {
     const struct raw *r = ctx;
     char buffer[FRAME_MAX];
-    int fd = accept(r->listener, NULL, NULL);
+    int fd = accept_tuned(r->listener);
 
     if (fd < 0)
         return NULL;
-    no_delay(fd);
     while (receive_all(fd, buffer, r->frames->request_length) &&
            send(fd, r->frames->reply, r->frames->reply_length, MSG_NOSIGNAL) > 0)
         ;
@@ -103,19 +125,13 @@ static void *raw_serve(void *ctx)
 
 static void raw_open(struct raw *r, const struct frames *frames)
 {
-    struct sockaddr_in at = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
-    socklen_t length = sizeof at;
+    struct sockaddr_in at;
 
     r->frames = frames;
-    r->listener = socket(AF_INET, SOCK_STREAM, 0);
-    if (r->listener < 0 || bind(r->listener, (struct sockaddr *)&at, sizeof at) < 0 ||
-        listen(r->listener, 1) < 0 || getsockname(r->listener, (struct sockaddr *)&at, &length) < 0 ||
-        pthread_create(&r->thread, NULL, raw_serve, r) != 0)
-        die("cannot make a server on loopback");
-    r->fd = socket(AF_INET, SOCK_STREAM, 0);
-    if (r->fd < 0 || connect(r->fd, (struct sockaddr *)&at, sizeof at) < 0)
-        die("cannot connect over loopback");
-    no_delay(r->fd);
+    r->listener = listen_somewhere(&at);
+    if (pthread_create(&r->thread, NULL, raw_serve, r) != 0)
+        die("cannot start a thread");
+    r->fd = connect_to(&at);
 }
 
 static void raw_once(void *ctx)
@@ -157,6 +173,7 @@ static const struct apc_model model = {
 
 struct exchange {
     const struct frames *frames;
+    const struct keys *keys; /* NULL: tcp: */
     struct apc_server *server;
     struct apc_link *link;
     pthread_mutex_t mutex; /* of the plant's core, as in apc-plant */
@@ -195,17 +212,25 @@ static int answer_core(void *ctx, uint64_t connection, const char *request, size
 
 static void serve_plant(struct exchange *e, apc_server_fn fn, char uri[64])
 {
-    const struct apc_server_options options = {.size = sizeof options, .frame_max = FRAME_MAX};
+    static const char *const client = "client";
+    const struct apc_server_options options = {.size = sizeof options,
+                                               .frame_max = FRAME_MAX,
+                                               .identity = e->keys ? e->keys->its : NULL,
+                                               .clients = &client,
+                                               .n_clients = 1};
+    const char *scheme = e->keys ? "tls" : "tcp";
     struct apc_error why;
 
-    if (apc_server_create(&e->server, "tcp:127.0.0.1:0", &options, fn, e, &why) < 0)
+    snprintf(uri, 64, "%s:127.0.0.1:0", scheme);
+    if (apc_server_create(&e->server, uri, &options, fn, e, &why) < 0)
         die("%s", why.text);
-    snprintf(uri, 64, "tcp:127.0.0.1:%d", apc_server_port(e->server));
+    snprintf(uri, 64, "%s:127.0.0.1:%d", scheme, apc_server_port(e->server));
 }
 
 static void link_open(struct exchange *e, const struct frames *frames)
 {
-    const struct apc_link_options options = {.size = sizeof options, .frame_max = FRAME_MAX};
+    const struct apc_link_options options = {
+        .size = sizeof options, .frame_max = FRAME_MAX, .identity = e->keys ? e->keys->ours : NULL};
     struct apc_error why;
     char uri[64];
 
@@ -220,7 +245,8 @@ static void cores_open(struct exchange *e)
     struct apc_notice notice;
     struct apc_error why;
     char uri[64];
-    const struct apc_exchange_options options = {.size = sizeof options, .nu = N, .ny = N};
+    const struct apc_exchange_options options = {
+        .size = sizeof options, .nu = N, .ny = N, .identity = e->keys ? e->keys->ours : NULL};
     const struct apc_client_options client = {
         .size = sizeof client, .ny = N, .nu = N, .command_period = PERIOD};
 
@@ -292,36 +318,100 @@ static void run_on(int cpu)
         (void)sched_setaffinity(0, sizeof set, &set);
 }
 
-int main(int argc, char **argv)
+/* The rows of tcp:, and of tls: where there are keys; @p bare is what they are compared with. */
+static void run_frames(struct bench *b, const char *title, const struct frames *frames,
+                       const struct keys *keys, struct bench_row bare)
 {
-    struct bench b = {.name = "link", .reference = {"raw"}, .calls = 2000, .budget = APC_NS_PER_S};
-    struct frames frames;
-    struct raw raw;
-    struct exchange link = {0}, exchange = {0};
-    char title[64];
-
-    bench_begin(&b, argc, argv, "Time one exchange of ten values over loopback TCP.");
-    bench_describe(&b, NULL);
-    frames.request_length = encode(frames.request, APC_FRAME_COMMAND);
-    frames.reply_length = encode(frames.reply, APC_FRAME_VALUES);
-    run_on(1);
-    raw_open(&raw, &frames);
-    link_open(&link, &frames);
-    cores_open(&exchange);
-    run_on(0);
-
+    struct exchange link = {.keys = keys}, exchange = {.keys = keys};
     struct bench_row rows[] = {
-        {.name = "raw ping-pong", .once = raw_once, .ctx = &raw},
+        bare,
         {.name = "link, frames made beforehand", .once = link_once, .ctx = &link, .to = {&rows[0]}},
         {.name = "exchange, client to plant", .once = exchange_once, .ctx = &exchange, .to = {&rows[0]}},
     };
-    snprintf(title, sizeof title, "%d values, %zu and %zu bytes", N, frames.request_length,
-             frames.reply_length);
-    bench_run(&b, title, N, rows, sizeof rows / sizeof rows[0]);
-
-    raw_close(&raw);
+    if (keys)
+        rows[1].goal = "<= 1.15";
+    run_on(1);
+    link_open(&link, frames);
+    cores_open(&exchange);
+    run_on(0);
+    bench_run(b, title, N, rows, sizeof rows / sizeof rows[0]);
     exchange_close(&link);
     exchange_close(&exchange);
+}
+
+static void run_tcp(struct bench *b, const struct frames *frames)
+{
+    struct raw raw;
+    char title[64];
+
+    run_on(1);
+    raw_open(&raw, frames);
+    snprintf(title, sizeof title, "%d values, %zu and %zu bytes", N, frames->request_length,
+             frames->reply_length);
+    run_frames(b, title, frames, NULL,
+               (struct bench_row){.name = "raw ping-pong", .once = raw_once, .ctx = &raw});
+    raw_close(&raw);
+}
+
+#ifdef APC_TLS
+static void run_tls(struct bench *b, const struct frames *frames)
+{
+    struct bare_tls *bare;
+    struct keys keys;
+
+    keys_make(&keys);
+    run_on(1);
+    bare = bare_tls_open(frames, &keys);
+    run_frames(b, "the same by TLS 1.3", frames, &keys,
+               (struct bench_row){.name = "OpenSSL alone", .once = bare_tls_once, .ctx = bare});
+    bare_tls_close(bare);
+    keys_drop(&keys);
+}
+#else
+static void run_tls(struct bench *b, const struct frames *frames)
+{
+    (void)b, (void)frames;
+    puts("no TLS: libssl-dev was not there when this was built\n");
+}
+#endif
+
+#ifdef APC_LIBMODBUS
+static void run_modbus(struct bench *b)
+{
+    run_on(1);
+    struct modbus_bench *m = modbus_open();
+    struct bench_row rows[] = {
+        {.name = "libmodbus alone", .once = modbus_bare_once, .ctx = m},
+        {.name = "exchange by modbus:",
+         .once = modbus_ours_once,
+         .ctx = m,
+         .to = {&rows[0]},
+         .goal = "<= 1.05"},
+    };
+    run_on(0);
+    bench_run(b, "10 registers out, 10 in, by Modbus TCP", N, rows, sizeof rows / sizeof rows[0]);
+    modbus_close_both(m);
+}
+#else
+static void run_modbus(struct bench *b)
+{
+    (void)b;
+    puts("no Modbus: libmodbus-dev was not there when this was built\n");
+}
+#endif
+
+int main(int argc, char **argv)
+{
+    struct bench b = {.name = "link", .reference = {"bare"}, .calls = 2000, .budget = APC_NS_PER_S};
+    struct frames frames;
+
+    bench_begin(&b, argc, argv, "Time one exchange of ten values: by TCP, TLS, Modbus.");
+    bench_describe(&b, NULL);
+    frames.request_length = encode(frames.request, APC_FRAME_COMMAND);
+    frames.reply_length = encode(frames.reply, APC_FRAME_VALUES);
+    run_tcp(&b, &frames);
+    run_tls(&b, &frames);
+    run_modbus(&b);
     bench_end(&b);
     return 0;
 }
