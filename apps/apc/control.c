@@ -25,9 +25,20 @@ void control_take(struct control *c, const struct apc_event *e)
         c->since = e->time;
 }
 
+void control_excuse(struct control *c, apc_ns time, bool excused)
+{
+    if (excused == c->excused)
+        return;
+    if (excused)
+        control_end(c, time);
+    else if (time > c->since)
+        c->since = time;
+    c->excused = excused;
+}
+
 void control_end(struct control *c, apc_ns end)
 {
-    if (c->commanded || end - c->since <= c->longest)
+    if (c->commanded || c->excused || end - c->since <= c->longest)
         return;
     c->longest = end - c->since;
     c->start = c->since;

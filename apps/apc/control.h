@@ -11,12 +11,15 @@ struct control {
     const char *witness;   /* whose events count */
     bool commanded, ever;  /* it takes commands; it ever did */
     apc_ns since;          /* when that was last otherwise, or the beginning */
+    bool excused;          /* it is out of service: that nobody commands it is meant so */
     apc_ns longest, start; /* the longest time at its safe value; when that began */
 };
 
 void control_begin(struct control *c, bool external, apc_ns begin);
 /* Events in rising order; others' are no matter. */
 void control_take(struct control *c, const struct apc_event *event);
+/* From that time on a loop is out of service, or none is; in the order of time, events' included. */
+void control_excuse(struct control *c, apc_ns time, bool excused);
 void control_end(struct control *c, apc_ns end);
 
 #endif

@@ -13,7 +13,7 @@
 
 #include "cli.h"
 #include "common/storeuri.h"
-#include "control.h"
+#include "evidence.h"
 #include "folder.h"
 #include "keep.h"
 #include "live.h"
@@ -642,12 +642,6 @@ static int patiently(const struct run *r, stage *what, apc_ns since, apc_ns unti
     return rc;
 }
 
-static int take_event(void *ctx, const struct apc_event *event)
-{
-    control_take(ctx, event);
-    return 0;
-}
-
 /* The longest of those who command the plant. */
 static apc_ns longest_hold(const struct experiment *e)
 {
@@ -664,12 +658,12 @@ static int judge(struct run *r, apc_ns since, apc_ns until, struct control *cont
 {
     const apc_ns hold = longest_hold(&r->e), chance = 3 * cores_command_period(&r->e) +
                                                       100 * APC_NS_PER_MS; /* what the plant waits for */
-    int rc = apc_store_events(r->store, &(struct apc_range){.since = since - LEAD, .until = until},
-                              take_event, control);
+    int rc =
+        evidence_take(r->store, &r->e, &(struct apc_range){.since = since - LEAD, .until = until}, control);
     if (rc < 0 || r->failure.text[0])
         return rc;
     control_end(control, until);
-    if (!control->ever && ran(r) > chance)
+    if (!control->ever && control->longest > chance)
         apc_fail(&r->failure, APC_ESTATE, "the loop was never closed: the plant got no command, see %s/*.log",
                  r->dir);
     else if (control->longest > hold)

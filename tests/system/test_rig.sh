@@ -41,3 +41,7 @@ expect 0 'v1 *Auto *Auto' "$apc" status
 expect 0 'Auto -> Man \(applied\)' "$apc" mode v1 man
 kill -INT "$run"
 wait "$run" || true
+
+# a run that only reads, from its beginning to its end, is what it was to be
+expect 0 'report' env -u APC_STORE "$apc" run "$work/tanks.conf" --no-ui --duration 4 --out "$work/watched"
+grep -q 'sensor' "$work/watched/samples.csv" || fail "a run that only reads has read nothing"

@@ -69,6 +69,38 @@ static void a_plant_that_was_started_again_stands_at_its_safe_value(void **state
     assert_int_equal(c.start, 200);
 }
 
+static void what_is_out_of_service_is_not_to_be_commanded(void **state)
+{
+    struct control c;
+    (void)state;
+    control_begin(&c, true, 100);
+    control_excuse(&c, 100, true); /* from the beginning */
+    control_excuse(&c, 500, false);
+    control_excuse(&c, 500, false);
+    struct apc_event e = event(510, "apc-client", "command", APC_EVENT_INFO); /* 10 after it came back */
+    control_take(&c, &e);
+    assert_int_equal(c.longest, 10);
+    assert_int_equal(c.start, 500);
+    control_excuse(&c, 600, true);
+    e = event(605, "apc-client", "command", APC_EVENT_WARNING);
+    control_take(&c, &e);
+    control_end(&c, 900);
+    assert_int_equal(c.longest, 10);
+    control_excuse(&c, 1000, false);
+    control_end(&c, 1020); /* and nobody commanded it */
+    assert_int_equal(c.longest, 20);
+    assert_int_equal(c.start, 1000);
+    e = event(1030, "apc-client", "command", APC_EVENT_INFO);
+    control_take(&c, &e);
+    e = event(1100, "apc-client", "command",
+              APC_EVENT_WARNING); /* lost, and only then taken out of service */
+    control_take(&c, &e);
+    control_excuse(&c, 1150, true);
+    control_end(&c, 2000);
+    assert_int_equal(c.longest, 50);
+    assert_int_equal(c.start, 1100);
+}
+
 static void what_others_say_is_no_matter(void **state)
 {
     struct control c;
@@ -110,6 +142,7 @@ int main(void)
         cmocka_unit_test(a_plant_that_was_never_commanded_stood_at_its_safe_value_all_the_time),
         cmocka_unit_test(the_longest_time_without_control_is_found_with_its_beginning),
         cmocka_unit_test(a_plant_that_was_started_again_stands_at_its_safe_value),
+        cmocka_unit_test(what_is_out_of_service_is_not_to_be_commanded),
         cmocka_unit_test(what_others_say_is_no_matter),
         cmocka_unit_test(an_external_plant_is_what_its_client_says),
     };
