@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# The walk of docs/tuning.md, from an unknown plant to predictive control, prints what the document shows.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+
+"$APC_SOURCE_DIR/scripts/walk" --check || fail "docs/tuning.md shows something else than what comes out: scripts/walk mends it"
+[ "$(sed -n '/^## A walk/,/^## A record/p' "$APC_SOURCE_DIR/docs/tuning.md" | grep -c '^\$ apc')" = 6 ] || fail "the walk has other commands"
+
+# it finds other words, other numbers, a line that is not there, a command that fails
+check() { # EXPECTED-CODE LINE...: a document whose walk shows these
+  local code=$1
+  shift
+  { printf '%s\n' '# Document' '## A walk' '```' "$@" '```' '## The rest' '$ false'; } >"$work/document.md"
+  expect "$code" '' "$APC_SOURCE_DIR/scripts/walk" --check "$work/document.md"
+}
+check 0 '$ echo gain 1.000; \' '  echo of u' 'gain   1.001' 'of u'
+check 1 '$ echo gain 1.000' 'gain 1.02'
+check 1 '$ echo gain 1.000' 'grain 1.000'
+check 1 '$ echo gain 1.000' 'gain 1.000' 'more'
+check 1 '$ echo gain 1.000'
+check 1 '$ false | cat'
