@@ -22,6 +22,7 @@ struct place {
     const config_setting_t *controller; /* whose @parameter it is, of output number @output */
     const char *parameter;
     size_t output;
+    bool backup; /* it is its backup law's */
 };
 
 static int lose(struct place *place, const config_setting_t *among, const char *path)
@@ -167,8 +168,7 @@ static const config_setting_t *member_of(const config_setting_t *group, const ch
 }
 
 /* A group of the list `tuning`, which is made when there is none: {}, {}, { NAME = VALUE; }, ... */
-static int new_tuning(struct place *place, const config_setting_t *controller, int which, int n,
-                      const char *name)
+static int new_tuning(struct place *place, const config_setting_t *law, int which, int n, const char *name)
 {
     char *list = NULL;
     size_t size = 0;
@@ -189,7 +189,7 @@ static int new_tuning(struct place *place, const config_setting_t *controller, i
     }
     free(place->value);
     place->value = list;
-    place->in = controller;
+    place->in = law;
     snprintf(place->name, sizeof place->name, "tuning");
     return 0;
 }
@@ -201,11 +201,11 @@ static bool is_word(const char *name)
     return n > 0 && !name[n] && n < NAME_LEN;
 }
 
-/* OUTPUT.PARAMETER or, where there is one output only, PARAMETER. */
+/* OUTPUT.PARAMETER, OUTPUT.backup.PARAMETER or, where there is one output only, what stands behind it. */
 static int find_tuning(struct place *place, const config_setting_t *controller, const char *path)
 {
     const config_setting_t *outputs = config_setting_get_member(controller, "outputs");
-    const config_setting_t *tuning = config_setting_get_member(controller, "tuning");
+    const config_setting_t *backup = config_setting_get_member(controller, "backup");
     if (!outputs)
         outputs = config_setting_lookup(config_setting_parent(controller), "outputs");
     const int n = outputs && config_setting_is_aggregate(outputs) ? config_setting_length(outputs) : 0;
@@ -213,13 +213,19 @@ static int find_tuning(struct place *place, const config_setting_t *controller, 
     const bool named = which >= 0;
     if (n == 1)
         which = 0;
+    const char *const of_backup = backup && which >= 0 ? after(path, "backup") : NULL;
+    if (of_backup)
+        path = of_backup;
     if (which < 0 || !is_word(path))
         return lose(place, named ? NULL : outputs, path);
     place->controller = controller;
     place->parameter = path;
     place->output = (size_t)which;
+    place->backup = of_backup;
+    const config_setting_t *law = of_backup ? backup : controller;
+    const config_setting_t *tuning = config_setting_get_member(law, "tuning");
     if (!tuning)
-        return new_tuning(place, controller, which, n, path);
+        return new_tuning(place, law, which, n, path);
     const config_setting_t *group = config_setting_get_elem(tuning, (unsigned)which);
     if (!group || !config_setting_is_group(group))
         return lose(place, NULL, path);
@@ -441,6 +447,8 @@ static double number_of_law(const struct experiment *e, const struct place *plac
     const config_setting_t *parent = config_setting_parent(place->controller);
     const struct controller *c =
         &e->controllers[config_setting_is_list(parent) ? config_setting_index(place->controller) : 0];
+    if (place->backup)
+        c = c->backup;
     const size_t n = c->law ? apc_law_parameters(c->law, &c->dim) : 0;
     for (size_t k = 0; k < n; k++) {
         const struct apc_law_parameter p = apc_law_parameter_at(c->law, &c->dim, k);

@@ -63,6 +63,24 @@ static void later_settings_hold_over_former_ones_and_over_the_file(void **state)
     experiment_free(&e);
 }
 
+static void the_backup_laws_tuning_is_set_by_the_name_of_its_output(void **state)
+{
+    static const struct experiment_setting set[] = {{"controllers.base.backup.law", "pid"},
+                                                    {"controllers.base.v2.backup.Kp", "7"},
+                                                    {"controllers.base.v1.backup.Kp", "5"},
+                                                    {"controllers.base.v1.backup.tau_i", "50"}};
+    struct experiment e;
+    double value;
+    (void)state;
+    load(&e, set, 4);
+    assert_int_equal(experiment_value(&e, "controllers.base.v1.backup.Kp", &value, &why), 0);
+    assert_near(value, 5, 0);
+    assert_int_equal(experiment_value(&e, "controllers.base.v2.backup.tau_i", &value, &why), 0);
+    assert_near(value, 10, 0); /* as the law has it, where nobody said */
+    assert_non_null(strstr(e.text, "tuning = ({ Kp = 5; tau_i = 50; }, { Kp = 7; })"));
+    experiment_free(&e);
+}
+
 static void what_is_wrong_is_said_of_what_was_set_or_of_the_file(void **state)
 {
     static const struct experiment_setting high[] = {{"plant.parameters.A1", "30"},
@@ -239,6 +257,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(later_settings_hold_over_former_ones_and_over_the_file),
+        cmocka_unit_test(the_backup_laws_tuning_is_set_by_the_name_of_its_output),
         cmocka_unit_test(what_is_wrong_is_said_of_what_was_set_or_of_the_file),
         cmocka_unit_test(a_setting_of_a_law_or_model_that_is_not_there_is_refused),
         cmocka_unit_test(a_parameter_is_drawn_for_each_seed_and_the_law_has_its_mean),
