@@ -376,6 +376,15 @@ static void tell_difference(const struct replay *r, const struct replay_controll
              because);
 }
 
+/* The first of the record, which went on from one that a store without room for all has overwritten. */
+static bool begins_later(const struct replay_controller *rc, const double *row,
+                         const struct apc_sample *missing)
+{
+    const size_t *at = rc->core->offset;
+    return !rc->row && !missing && row[at[APC_TICK_INDEX]] > 0 &&
+           same_bits(row[at[APC_TICK_MARK]], rc->core->row[at[APC_TICK_MARK]]);
+}
+
 /* Tick @p k of the record, of a controller that lived on or, where that gives another row, was started anew.
  */
 static int replay_tick(struct replay *r, struct replay_controller *rc, size_t k)
@@ -388,7 +397,9 @@ static int replay_tick(struct replay *r, struct replay_controller *rc, size_t k)
     bool same = is_made(rc->core, row);
     int err = 0;
 
-    if (!same)
+    if (!same && !r->other_law && begins_later(rc, row, missing))
+        rc->begins = at->time;
+    else if (!same)
         tell_difference(r, rc, at, row, missing, text);
     if (!same && !r->other_law && former) {
         if ((err = start(r, rc, former, former->time)) < 0)

@@ -18,9 +18,10 @@ struct replay_difference {
 struct replay_controller {
     const struct controller *of;
     struct apc_controller *core;
-    struct ticks ticks;      /* recorded */
-    uint64_t same;           /* ticks at which all of the row came out again */
-    uint64_t restarts;       /* found by what came out: it went on from its stored row */
+    struct ticks ticks; /* recorded */
+    uint64_t same;      /* ticks at which all of the row came out again */
+    uint64_t restarts;  /* found by what came out: it went on from its stored row */
+    apc_ns begins; /* of the first tick, where what it went on from is not on record any more; 0: all are */
     char first[REPLAY_TEXT]; /* which tick is the first that differs, and why; "": none does */
     struct apc_now now;      /* of the tick before */
     const double *row;       /* of the tick before, recorded; NULL: there is none */

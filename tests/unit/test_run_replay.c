@@ -170,6 +170,23 @@ static void the_first_tick_that_differs_is_named_with_its_cause(void **state)
     assert_has(base->first, "from the same inputs");
     assert_int_equal(base->same, base->ticks.n - 2); /* and the one that would have gone on from it */
     assert_int_equal(replay.controller[1].same, replay.controller[1].ticks.n);
+    /* what a store without room has overwritten: the rest is compared all the same */
+    load();
+    base = replay.controller;
+    base->ticks.n -= 100;
+    memmove(base->ticks.at, base->ticks.at + 100, base->ticks.n * sizeof *base->ticks.at);
+    const size_t later = base->ticks.at[50].first + x;
+    run();
+    assert_true(base->begins > 0 && base->begins == base->ticks.at[0].time);
+    assert_string_equal(base->first, "");
+    assert_int_equal(base->same, base->ticks.n - 1);
+    load();
+    base = replay.controller;
+    base->ticks.n -= 100;
+    memmove(base->ticks.at, base->ticks.at + 100, base->ticks.n * sizeof *base->ticks.at);
+    base->ticks.value[later] += 1e-9;
+    run();
+    assert_has(base->first, "tick 150 at 75.040 s: x was ");
     /* another law */
     load();
     base = replay.controller;
