@@ -296,7 +296,9 @@ static int optimize(struct optimization *z, struct apc_error *why)
 
 int command_optimize(int argc, char **argv)
 {
-    struct optimization z = {.own = {.weights = {1, 0.05, 0.2, 10}, .runs = 1, .budget = BUDGET}};
+    struct optimization z = {.own = {.weights = {.iae = 1, .effort = 0.05, .overshoot = 0.2, .limits = 10},
+                                     .runs = 1,
+                                     .budget = BUDGET}};
     struct apc_error why;
     keep_command(&z, argc, argv);
     cli_parse(&z.cli, &spec, &z.own, argc, argv);

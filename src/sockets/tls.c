@@ -358,6 +358,7 @@ static int open_session(struct apc_tls **tls, struct apc_identity *identity, int
 
 int apc_tls_ask(struct apc_tls **tls, struct apc_identity *identity, int fd, const struct apc_hostport *host)
 {
+    char name[sizeof host->host];
     int ok, rc = open_session(tls, identity, fd);
 
     if (rc < 0)
@@ -367,8 +368,11 @@ int apc_tls_ask(struct apc_tls **tls, struct apc_identity *identity, int fd, con
     SSL_set_hostflags((*tls)->ssl, X509_CHECK_FLAG_NO_WILDCARDS | X509_CHECK_FLAG_NEVER_CHECK_SUBJECT);
     if (host->numeric)
         ok = X509_VERIFY_PARAM_set1_ip_asc(SSL_get0_param((*tls)->ssl), host->host);
-    else
-        ok = SSL_set1_host((*tls)->ssl, host->host) && SSL_set_tlsext_host_name((*tls)->ssl, host->host);
+    else {
+        /* a copy, since OpenSSL's macro takes it without const */
+        memcpy(name, host->host, sizeof name);
+        ok = SSL_set1_host((*tls)->ssl, name) && SSL_set_tlsext_host_name((*tls)->ssl, name);
+    }
     if (ok)
         return 0;
     apc_tls_free(*tls);
