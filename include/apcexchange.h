@@ -76,6 +76,9 @@ struct apc_modbus_options {
      * life_limit each of y is Bad. NULL: nothing does. Copied. */
     const struct apc_modbus_point *life;
     apc_ns life_limit; /**< required with life */
+    /** [nu] for outputs that may be out of service by themselves: for each a holding register that counts the
+     * exchanges in which it was written; area 0: that one has none. NULL: none has. Copied. */
+    const struct apc_modbus_point *watchdogs;
 };
 
 /* ---- The other side of modbus: ---------------------------------------------------------------- */
@@ -87,7 +90,7 @@ struct apc_modbus_unit_options {
     const struct apc_modbus_options
         *modbus;           /**< required: the map, as the client has it; no two may overlap */
     const double *initial; /**< [nu] that stands in the registers of u at first; NULL: safe */
-    /** Take the whole of u, [nu]. @p alive: with a sign of life of the client, which is a new count of the
+    /** Take the whole of u, [nu]. @p alive: with a sign of life of the client, which is a new count of a
      * watchdog where the map has one, and else that it wrote at all. Returns 0, or the Modbus exception to
      * answer with, and then what was written is as if it never was. Required. */
     int (*command)(void *ctx, const double *u, bool alive);

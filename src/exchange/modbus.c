@@ -23,10 +23,10 @@ struct modbus {
     uint16_t transaction;
     struct apc_modbus_item *u, *y; /* sorted; the watchdog and the sign of life have numbers nu and ny */
     size_t n_u, n_y;
-    double *values;         /* [nu + 1] to be written */
+    double *values;         /* [2 nu + 1] to be written: u, the watchdog, each output's own */
+    uint16_t *counts;       /* [nu + 1] of the outputs' watchdogs; last: of the watchdog */
     struct apc_value *read; /* [ny + 1] */
     apc_ns deadline;
-    uint16_t count; /* the watchdog's */
     apc_ns life_limit, lived_at;
     double life;
     bool lived;
@@ -192,23 +192,38 @@ static int encode_all(struct modbus *m)
     return 0;
 }
 
+/* What goes out this time, and who counts it. */
+static void choose(struct modbus *m, const struct apc_value *u)
+{
+    const size_t nu = m->x.nu;
+    bool all = true;
+
+    for (size_t i = 0; i < nu; i++) {
+        const bool goes = apc_exchange_writes(&u[i]);
+
+        m->values[i] = u[i].value;
+        m->counts[i] = (uint16_t)(m->counts[i] + goes);
+        m->values[nu + 1 + i] = m->counts[i];
+        all = all && goes;
+    }
+    m->counts[nu] = (uint16_t)(m->counts[nu] + all);
+    m->values[nu] = m->counts[nu];
+    for (size_t i = 0; i < m->n_u; i++) {
+        const size_t of = m->u[i].of;
+
+        m->u[i].go = of == nu ? all : apc_exchange_writes(&u[of > nu ? of - nu - 1 : of]);
+    }
+}
+
 static int modbus_begin(struct apc_exchange *x, const struct apc_value *u, apc_ns deadline)
 {
     struct modbus *m = (struct modbus *)x;
-    bool all = true;
     int rc;
 
     m->deadline = deadline;
     if (!u)
         return 0;
-    for (size_t i = 0; i < x->nu; i++) {
-        m->values[i] = u[i].value;
-        all = all && apc_exchange_writes(&u[i]);
-    }
-    m->count = (uint16_t)(m->count + all);
-    m->values[x->nu] = m->count;
-    for (size_t i = 0; i < m->n_u; i++)
-        m->u[i].go = m->u[i].of == x->nu ? all : apc_exchange_writes(&u[m->u[i].of]);
+    choose(m, u);
     rc = encode_all(m);
     return rc < 0 ? rc : write_all(m);
 }
@@ -319,6 +334,7 @@ static void modbus_close(struct apc_exchange *x)
     free(m->u);
     free(m->y);
     free(m->values);
+    free(m->counts);
     free(m->read);
     free(m);
 }
@@ -335,8 +351,8 @@ static int take_options(struct modbus *m, const struct apc_exchange_options *opt
                         "modbus: u and y are required, unit is at most 255, and life takes a limit above 0");
     m->unit = o.unit;
     m->life_limit = o.life ? o.life_limit : 0;
-    rc = apc_modbus_take(&m->u, &m->n_u, o.u, options->nu, o.watchdog, true, why);
-    return rc < 0 ? rc : apc_modbus_take(&m->y, &m->n_y, o.y, options->ny, o.life, false, why);
+    rc = apc_modbus_take_u(&m->u, &m->n_u, &o, options->nu, why);
+    return rc < 0 ? rc : apc_modbus_take_y(&m->y, &m->n_y, &o, options->ny, why);
 }
 
 static int modbus_open(struct apc_exchange **x, const char *uri, const struct apc_exchange_options *options,
@@ -350,10 +366,11 @@ static int modbus_open(struct apc_exchange **x, const char *uri, const struct ap
 
     if (!m)
         return apc_fail(why, APC_ENOMEM, "plant \"%s\": no memory", uri);
-    m->values = calloc(options->nu + 1, sizeof(*m->values));
+    m->values = calloc(APC_MODBUS_WRITTEN(options->nu), sizeof(*m->values));
+    m->counts = calloc(options->nu + 1, sizeof(*m->counts));
     m->read = calloc(options->ny + 1, sizeof(*m->read));
-    rc =
-        m->values && m->read ? take_options(m, options, why) : apc_fail(why, APC_ENOMEM, "modbus: no memory");
+    rc = m->values && m->counts && m->read ? take_options(m, options, why)
+                                           : apc_fail(why, APC_ENOMEM, "modbus: no memory");
     if (rc == 0) {
         (void)snprintf(to, sizeof(to), "tcp:%s", uri + strlen("modbus:"));
         rc = apc_link_create(&m->link, to, &link, why);

@@ -20,7 +20,8 @@ enum {
 /** A value's place, in a list sorted by area and address. */
 struct apc_modbus_item {
     struct apc_modbus_point point;
-    size_t of;             /**< its number in u or y; that of the last, beside them: their count */
+    size_t of; /**< its number in u or y; of the sign of life: their count; of the watchdog of an output: that
+                  behind */
     unsigned char data[8]; /**< registers, of u: to be written */
     bool go;               /**< of u: it is to be written; of a server: it is u's */
 };
@@ -43,12 +44,14 @@ int apc_modbus_by_place(const void *a, const void *b);
 unsigned apc_modbus_get(const unsigned char *bytes);
 void apc_modbus_put(unsigned char *bytes, unsigned value);
 /**
- * Sort @p n points and, where there is one, the @p last, into *items, the caller's to free also after a
- * failure.
- * @p written: outputs, which must be such as can be written and lie apart. [setup] Returns 0, APC_EINVAL,
- * APC_ENOMEM.
+ * Sort the points of u, or of y, with their signs of life into *items, the caller's to free also after a
+ * failure. What is written must be such as can be, and lie apart. [setup] Returns 0, APC_EINVAL, APC_ENOMEM.
  */
-int apc_modbus_take(struct apc_modbus_item **items, size_t *count, const struct apc_modbus_point *points,
-                    size_t n, const struct apc_modbus_point *last, bool written, struct apc_error *why);
+int apc_modbus_take_u(struct apc_modbus_item **items, size_t *count, const struct apc_modbus_options *map,
+                      size_t nu, struct apc_error *why);
+int apc_modbus_take_y(struct apc_modbus_item **items, size_t *count, const struct apc_modbus_options *map,
+                      size_t ny, struct apc_error *why);
+/** Signs of life and outputs, in numbers: what is written. */
+#define APC_MODBUS_WRITTEN(nu) (2 * (nu) + 1)
 
 #endif

@@ -187,30 +187,80 @@ int apc_modbus_by_place(const void *a, const void *b)
     return (p->address > q->address) - (p->address < q->address);
 }
 
-int apc_modbus_take(struct apc_modbus_item **items, size_t *count, const struct apc_modbus_point *points,
-                    size_t n, const struct apc_modbus_point *last, bool written, struct apc_error *why)
+/* Points that are one kind of thing, and the number of the first. */
+struct list {
+    const struct apc_modbus_point *points; /* NULL: none */
+    size_t n, first;
+    const char *what;
+};
+
+static int take_list(struct apc_modbus_item *to, size_t *count, const struct list *list, bool written,
+                     struct apc_error *why)
 {
-    const char *what = written ? "output" : "measurement";
-    struct apc_modbus_item *to = calloc(n + 1, sizeof(*to));
+    for (size_t i = 0; list->points && i < list->n; i++) {
+        struct apc_modbus_item *item = &to[*count];
 
-    *items = to;
-    if (!to)
-        return apc_fail(why, APC_ENOMEM, "modbus: no memory");
-    *count = n + (last != NULL);
-    for (size_t i = 0; i < *count; i++) {
-        int rc = check_point(i < n ? &points[i] : last, written, i < n ? what : "the sign of life, beside", i,
-                             why);
-
+        if (list->first && !list->points[i].area)
+            continue; /* an output without a watchdog */
+        int rc = check_point(&list->points[i], written, list->what, i, why);
         if (rc < 0)
             return rc;
-        to[i] = (struct apc_modbus_item){.point = i < n ? points[i] : *last, .of = i};
-        if (to[i].point.scale == 0.0)
-            to[i].point.scale = 1.0;
+        *item = (struct apc_modbus_item){.point = list->points[i], .of = list->first + i};
+        if (item->point.scale == 0.0)
+            item->point.scale = 1.0;
+        ++*count;
     }
-    qsort(to, *count, sizeof(*to), apc_modbus_by_place);
-    for (size_t i = 1; i < *count && written; i++)
-        if (to[i].point.area == to[i - 1].point.area && to[i].point.address < apc_modbus_end(&to[i - 1]))
-            return apc_fail(why, APC_EINVAL, "modbus: two outputs are written to address %u",
-                            to[i].point.address);
     return 0;
+}
+
+static int take_lists(struct apc_modbus_item **items, size_t *count, const struct list *list, size_t n,
+                      bool written, struct apc_error *why)
+{
+    size_t room = 0;
+    int rc = 0;
+
+    for (size_t i = 0; i < n; i++)
+        room += list[i].n;
+    *count = 0;
+    *items = calloc(room, sizeof(**items));
+    if (!*items)
+        return apc_fail(why, APC_ENOMEM, "modbus: no memory");
+    for (size_t i = 0; i < n && rc == 0; i++)
+        rc = take_list(*items, count, &list[i], written, why);
+    if (rc < 0)
+        return rc;
+    qsort(*items, *count, sizeof(**items), apc_modbus_by_place);
+    for (size_t i = 1; i < *count && written; i++) {
+        const struct apc_modbus_item *a = &(*items)[i - 1], *b = &(*items)[i];
+
+        if (a->point.area == b->point.area && b->point.address < apc_modbus_end(a))
+            return apc_fail(why, APC_EINVAL, "modbus: two outputs are written to address %u",
+                            b->point.address);
+    }
+    return 0;
+}
+
+int apc_modbus_take_u(struct apc_modbus_item **items, size_t *count, const struct apc_modbus_options *map,
+                      size_t nu, struct apc_error *why)
+{
+    const struct list lists[] = {{map->u, nu, 0, "output"},
+                                 {map->watchdog, 1, nu, "the sign of life, beside output"},
+                                 {map->watchdogs, nu, nu + 1, "the watchdog of output"}};
+
+    for (size_t i = 0; map->watchdogs && i < nu; i++)
+        if (map->watchdogs[i].area &&
+            (map->watchdogs[i].area != APC_MODBUS_HOLDING || map->watchdogs[i].type != APC_MODBUS_U16))
+            return apc_fail(why, APC_EINVAL,
+                            "modbus: the watchdog of output %zu must be a holding register: it counts",
+                            i + 1);
+    return take_lists(items, count, lists, sizeof(lists) / sizeof(lists[0]), true, why);
+}
+
+int apc_modbus_take_y(struct apc_modbus_item **items, size_t *count, const struct apc_modbus_options *map,
+                      size_t ny, struct apc_error *why)
+{
+    const struct list lists[] = {{map->y, ny, 0, "measurement"},
+                                 {map->life, 1, ny, "the sign of life, beside measurement"}};
+
+    return take_lists(items, count, lists, sizeof(lists) / sizeof(lists[0]), false, why);
 }

@@ -23,7 +23,8 @@ struct apc_modbus_unit {
     struct apc_modbus_item *items; /* u, the watchdog, y, life: in the order of areas and addresses */
     size_t n;
     bool watched;
-    double *given, *asked;   /* [nu + 1] that stands there; of the request at hand. Last: the watchdog's */
+    double *given,
+        *asked; /* [2 nu + 1] that stands there; of the request at hand. Behind u: the watchdogs' */
     struct apc_value *shown; /* [ny + 1] last: life */
 };
 
@@ -120,12 +121,12 @@ static int take(struct apc_modbus_unit *m, const struct apc_modbus_item *i, cons
 
 static int write_span(struct apc_modbus_unit *m, const struct span *s)
 {
-    const size_t nu = m->o.nu;
+    const size_t all = APC_MODBUS_WRITTEN(m->o.nu);
     unsigned at = s->first;
     int exception = 0;
     size_t i = first_in(m, s);
 
-    memcpy(m->asked, m->given, (nu + 1) * sizeof(*m->asked));
+    memcpy(m->asked, m->given, all * sizeof(*m->asked));
     for (; exception == 0 && reaches(m, i, s) && m->items[i].go && m->items[i].point.address <= at; i++) {
         const unsigned end = apc_modbus_end(&m->items[i]);
 
@@ -136,11 +137,12 @@ static int write_span(struct apc_modbus_unit *m, const struct span *s)
     }
     if (exception == 0 && at < s->first + s->count)
         exception = ILLEGAL_ADDRESS;
-    const bool counted = m->asked[nu] < m->given[nu] || m->asked[nu] > m->given[nu];
+    const bool counted = memcmp(m->asked + m->o.nu, m->given + m->o.nu,
+                                (all - m->o.nu) * sizeof(*m->asked)) != 0; /* whole numbers from 0 on */
     if (exception == 0)
         exception = m->o.command(m->o.ctx, m->asked, !m->watched || counted);
     if (exception == 0)
-        memcpy(m->given, m->asked, (nu + 1) * sizeof(*m->given));
+        memcpy(m->given, m->asked, all * sizeof(*m->given));
     return exception;
 }
 
@@ -249,10 +251,10 @@ static int merge(struct apc_modbus_unit *m, const struct apc_modbus_options *map
 {
     struct apc_modbus_item *u = NULL, *y = NULL;
     size_t n_u = 0, n_y = 0;
-    int rc = apc_modbus_take(&u, &n_u, map->u, m->o.nu, map->watchdog, true, why);
+    int rc = apc_modbus_take_u(&u, &n_u, map, m->o.nu, why);
 
     if (rc == 0)
-        rc = apc_modbus_take(&y, &n_y, map->y, m->o.ny, map->life, false, why);
+        rc = apc_modbus_take_y(&y, &n_y, map, m->o.ny, why);
     m->n = n_u + n_y;
     m->items = rc == 0 ? calloc(m->n, sizeof(*m->items)) : NULL;
     if (rc == 0 && !m->items)
@@ -305,9 +307,9 @@ int apc_modbus_unit_create(struct apc_modbus_unit **unit, const struct apc_modbu
         return apc_fail(why, APC_ENOMEM, "modbus: no memory");
     m->o = o;
     m->unit = map.unit;
-    m->watched = map.watchdog != NULL;
-    m->given = calloc(o.nu + 1, sizeof(*m->given));
-    m->asked = calloc(o.nu + 1, sizeof(*m->asked));
+    m->watched = map.watchdog || map.watchdogs;
+    m->given = calloc(APC_MODBUS_WRITTEN(o.nu), sizeof(*m->given));
+    m->asked = calloc(APC_MODBUS_WRITTEN(o.nu), sizeof(*m->asked));
     m->shown = calloc(o.ny + 1, sizeof(*m->shown));
     rc = m->given && m->asked && m->shown ? merge(m, &map, why)
                                           : apc_fail(why, APC_ENOMEM, "modbus: no memory");

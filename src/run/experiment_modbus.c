@@ -128,10 +128,38 @@ static void check_range(struct settings *s, const config_setting_t *entry, const
                       u->name, u->low, u->high, types[e->client.points[i].type]);
 }
 
+/* A register that the two sides watch each other by. */
+static const struct apc_modbus_point *read_sign(struct settings *s, const config_setting_t *in,
+                                                const char *name, bool written, struct apc_modbus_point *p)
+{
+    if (!config_setting_get_member(in, name))
+        return NULL;
+    read_place(s, in, name, written, p);
+    p->type = p->area == APC_MODBUS_COIL || p->area == APC_MODBUS_DISCRETE ? APC_MODBUS_BIT : APC_MODBUS_U16;
+    if (!s->failed && written && p->area != APC_MODBUS_HOLDING)
+        settings_fail(s, config_setting_get_member(in, name), "\"%s\" must be a holding register: it counts",
+                      name);
+    return p;
+}
+
+/* An output's own, which goes on while others are out of service. */
+static void read_watchdog(struct settings *s, const config_setting_t *entry, struct experiment *e, size_t i,
+                          bool written)
+{
+    const config_setting_t *at = config_setting_get_member(entry, "watchdog");
+    struct apc_modbus_point *watchdogs = e->client.points + e->dim.nu + e->dim.ny + 2;
+
+    if (at && !written)
+        settings_fail(s, at, "\"watchdog\" is of an output: it counts how often that was written");
+    else if (at && read_sign(s, entry, "watchdog", true, &watchdogs[i]))
+        e->client.modbus.watchdogs = watchdogs;
+}
+
 static void read_entry(struct settings *s, const config_setting_t *entry, struct experiment *e,
                        bool low_first)
 {
-    static const char *const known[] = {"name", "at", "type", "scale", "offset", "word_order", NULL};
+    static const char *const known[] = {"name",   "at",         "type",     "scale",
+                                        "offset", "word_order", "watchdog", NULL};
     bool written = false;
     if (!config_setting_is_group(entry)) {
         settings_fail(s, entry, "expected a group: { name = \"y\"; at = \"input:0\"; ... }");
@@ -152,6 +180,7 @@ static void read_entry(struct settings *s, const config_setting_t *entry, struct
         settings_fail(s, config_setting_get_member(entry, "scale"), "\"scale\" must not be 0");
     if (written)
         check_range(s, entry, e, (size_t)(p - e->client.points));
+    read_watchdog(s, entry, e, (size_t)(p - e->client.points), written);
 }
 
 static void check_whole(struct settings *s, const config_setting_t *list, const struct experiment *e)
@@ -162,20 +191,6 @@ static void check_whole(struct settings *s, const config_setting_t *list, const 
             settings_fail(s, list, "%s \"%s\" has no place in the map", output ? "output" : "measurement",
                           output ? e->u[i].tag.name : e->y[i - e->dim.nu].tag.name);
     }
-}
-
-/* A register that the two sides watch each other by. */
-static const struct apc_modbus_point *read_sign(struct settings *s, const config_setting_t *in,
-                                                const char *name, bool written, struct apc_modbus_point *p)
-{
-    if (!config_setting_get_member(in, name))
-        return NULL;
-    read_place(s, in, name, written, p);
-    p->type = p->area == APC_MODBUS_COIL || p->area == APC_MODBUS_DISCRETE ? APC_MODBUS_BIT : APC_MODBUS_U16;
-    if (!s->failed && written && p->area != APC_MODBUS_HOLDING)
-        settings_fail(s, config_setting_get_member(in, name), "\"%s\" must be a holding register: it counts",
-                      name);
-    return p;
 }
 
 void experiment_read_modbus(struct settings *s, const config_setting_t *client, struct experiment *e)
@@ -196,7 +211,7 @@ void experiment_read_modbus(struct settings *s, const config_setting_t *client, 
     settings_whole(s, group, "unit", OPTIONAL, 0, 255, &unit);
     read_order(s, group, &low_first);
     const config_setting_t *map = settings_list(s, group, "map", REQUIRED);
-    e->client.points = calloc(e->dim.nu + e->dim.ny + 2, sizeof *e->client.points);
+    e->client.points = calloc(2 * e->dim.nu + e->dim.ny + 2, sizeof *e->client.points);
     if (!e->client.points && !s->failed)
         s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
     for (int i = 0; map && !s->failed && i < config_setting_length(map); i++)
@@ -205,8 +220,10 @@ void experiment_read_modbus(struct settings *s, const config_setting_t *client, 
         return;
     check_whole(s, map, e);
     struct apc_modbus_point *y = e->client.points + e->dim.nu, *signs = y + e->dim.ny;
-    *o =
-        (struct apc_modbus_options){.size = sizeof *o, .unit = (unsigned)unit, .u = e->client.points, .y = y};
+    o->size = sizeof *o;
+    o->unit = (unsigned)unit;
+    o->u = e->client.points;
+    o->y = y;
     o->watchdog = read_sign(s, group, "watchdog", true, &signs[0]);
     o->life = read_sign(s, group, "life", false, &signs[1]);
     if (o->life)

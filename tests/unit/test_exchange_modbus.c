@@ -302,6 +302,41 @@ static void the_watchdog_counts_what_was_given_whole(void **state)
     end(b);
 }
 
+/* One that is out of service stops its own, and no other's. */
+static void each_outputs_watchdog_counts_by_itself(void **state)
+{
+    const struct apc_modbus_point u[] = {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0),
+                                         point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 1),
+                                         point(APC_MODBUS_COIL, APC_MODBUS_BIT, 0)},
+                                  watchdogs[] = {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 10),
+                                                 {0},
+                                                 point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 2)},
+                                  watchdog = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 3);
+    struct bench *b = start(
+        3, 1, (struct apc_modbus_options){.u = u, .y = u, .watchdog = &watchdog, .watchdogs = watchdogs});
+    struct apc_value values[] = {{.value = 4}, {.value = 5}, {.value = 1}}, y;
+    (void)state;
+    for (int i = 1; i <= 3; i++)
+        assert_int_equal(exchange(b, values, &y), 0);
+    values[0].status = APC_BAD_OUT_OF_SERVICE;
+    for (int i = 1; i <= 4; i++)
+        assert_int_equal(exchange(b, values, &y), 0);
+    assert_int_equal(b->peer.holding[10], 3);
+    assert_int_equal(b->peer.holding[2], 7);
+    assert_int_equal(b->peer.holding[3], 3); /* that of all */
+    values[0].status = APC_GOOD;
+    values[2].status = APC_BAD_NO_DATA;
+    assert_int_equal(exchange(b, values, &y), 0);
+    assert_int_equal(b->peer.holding[10], 4);
+    assert_int_equal(b->peer.holding[2], 7);
+    assert_int_equal(exchange(b, NULL, &y), 0);
+    assert_int_equal(apc_exchange_safe(b->x, apc_clock_mono(NULL) + PATIENCE), 0);
+    meet(b);
+    assert_int_equal(b->peer.holding[10], 4);
+    assert_int_equal(b->peer.holding[3], 3);
+    end(b);
+}
+
 static void once_its_sign_of_life_stands_still_nothing_is_good(void **state)
 {
     const struct apc_modbus_point u = point(APC_MODBUS_COIL, APC_MODBUS_BIT, 0),
@@ -447,6 +482,7 @@ int main(void)
         cmocka_unit_test(a_request_has_no_more_than_a_frame_holds),
         cmocka_unit_test(an_exception_is_a_status_when_read_and_a_failure_when_written),
         cmocka_unit_test(the_watchdog_counts_what_was_given_whole),
+        cmocka_unit_test(each_outputs_watchdog_counts_by_itself),
         cmocka_unit_test(once_its_sign_of_life_stands_still_nothing_is_good),
         cmocka_unit_test(no_bytes_hang_it_or_get_past_it),
         cmocka_unit_test(a_reply_that_would_be_too_long_is_not_waited_for),

@@ -343,6 +343,42 @@ static struct apc_server *start(struct plant *p)
     return server;
 }
 
+/* Of outputs that have their own the count of any is a sign of life, and no value is. */
+static void a_new_count_of_any_watchdog_is_a_sign_of_life(void **state)
+{
+    static const struct apc_modbus_point u[NU] = {
+        {.area = APC_MODBUS_HOLDING, .type = APC_MODBUS_U16, .address = 0},
+        {.area = APC_MODBUS_HOLDING, .type = APC_MODBUS_U16, .address = 1},
+        {.area = APC_MODBUS_HOLDING, .type = APC_MODBUS_U16, .address = 2}};
+    static const struct apc_modbus_point watchdogs[NU] = {
+        {.area = APC_MODBUS_HOLDING, .type = APC_MODBUS_U16, .address = 3},
+        {0},
+        {.area = APC_MODBUS_HOLDING, .type = APC_MODBUS_U16, .address = 4}};
+    const struct apc_modbus_options map = {
+        .size = sizeof map, .unit = 7, .u = u, .y = Y, .watchdogs = watchdogs};
+    struct plant p = {0};
+    const struct apc_modbus_unit_options options = {.size = sizeof options,
+                                                    .nu = NU,
+                                                    .ny = NY,
+                                                    .modbus = &map,
+                                                    .command = command,
+                                                    .measure = measure,
+                                                    .ctx = &p};
+    (void)state;
+    assert_int_equal(apc_modbus_unit_create(&p.unit, &options, NULL), 0);
+    assert_string_equal(ask(&p, "06 0000 0007"), "0600000007");
+    assert_int_equal(p.commands, 1);
+    assert_int_equal(p.signs, 0);
+    assert_string_equal(ask(&p, "06 0003 0001"), "0600030001");
+    assert_string_equal(ask(&p, "06 0003 0001"), "0600030001"); /* the same once more */
+    assert_int_equal(p.signs, 1);
+    assert_string_equal(ask(&p, "10 0002 0003 06 0009 0001 0001"), "1000020003");
+    assert_int_equal(p.signs, 2);
+    assert_near(p.u[2], 9.0, 0.0);
+    assert_string_equal(ask(&p, "03 0000 0005"), "030a00070000000900010001");
+    apc_modbus_unit_destroy(p.unit);
+}
+
 /* What the one side writes the other reads, and the reverse. */
 static void our_client_and_our_plant_understand_each_other(void **state)
 {
@@ -445,6 +481,7 @@ int main(void)
         cmocka_unit_test(a_measurement_beyond_its_register_is_the_end_of_it_and_a_bad_one_a_failure),
         cmocka_unit_test(a_map_in_which_two_stand_at_one_place_cannot_be_served),
         cmocka_unit_test(no_bytes_do_harm),
+        cmocka_unit_test(a_new_count_of_any_watchdog_is_a_sign_of_life),
         cmocka_unit_test(our_client_and_our_plant_understand_each_other),
         cmocka_unit_test(requests_may_come_in_pieces_and_several_at_once),
         cmocka_unit_test(who_speaks_something_else_is_sent_away),

@@ -411,7 +411,19 @@ static void a_map_is_loaded_as_it_stands_there(void **state)
         fail_msg("%s", why.text);
     assert_int_equal(e.client.modbus.unit, 1);
     assert_null(e.client.modbus.watchdog);
+    assert_null(e.client.modbus.watchdogs);
     assert_null(e.client.modbus.life);
+    experiment_free(&e);
+    if (load_modbus(
+            &e,
+            MODBUS("map = ( " Y1_Y2 ", { name = \"u1\"; at = \"holding:0\"; }, "
+                   "{ name = \"u2\"; at = \"holding:1\"; type = \"int16\"; watchdog = \"holding:9\"; } );"),
+            &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(e.client.modbus.watchdogs[0].area, 0);
+    assert_int_equal(e.client.modbus.watchdogs[1].area, APC_MODBUS_HOLDING);
+    assert_int_equal(e.client.modbus.watchdogs[1].type, APC_MODBUS_U16);
+    assert_int_equal(e.client.modbus.watchdogs[1].address, 9);
     experiment_free(&e);
 }
 
@@ -445,6 +457,10 @@ static void a_map_with_a_mistake_is_refused_with_its_reason(void **state)
         {MODBUS("map = ( { name = \"u2\"; at = \"coil:1\"; } );"), "its bit cannot"},
         {MODBUS("map = ( { name = \"u1\"; at = \"holding:1\"; scale = 0.0001; } );"),
          "output \"u1\" may be 1 to 9: its uint16 cannot"},
+        {MODBUS("map = ( { name = \"u1\"; at = \"holding:1\"; watchdog = \"coil:1\"; } );"),
+         "\"watchdog\" must be a holding register: it counts"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; watchdog = \"holding:1\"; } );"),
+         "\"watchdog\" is of an output"},
         {MODBUS("map = ( 3 );"), "expected a group"},
         {MODBUS("map = ( { at = \"coil:1\"; } );"), "\"name\" is missing"},
         {MODBUS("map = ( { name = \"r1\"; at = \"coil:1\"; } );"),
