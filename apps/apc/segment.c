@@ -18,14 +18,15 @@
 
 /* ---- Size ---------------------------------------------------------------------------------- */
 
-/* About how many numbers a tick row has: what a law that makes its instances itself keeps, it alone knows. */
+/* About how many numbers a tick row has: what a law keeps that makes its instances itself, it alone knows. */
 static int tick_length(const struct controller *c)
 {
     const struct apc_dim *d = &c->dim;
     const size_t instances = c->law->whole ? 1 : d->nu;
     const size_t state = c->law->n_state ? c->law->n_state(d) : 0;
-    return (int)(3 + 18 * d->nu + 5 * d->ny + 3 * d->nd + 8 * d->nz + 2 * controllers_parameters(c) +
-                 instances * (4 + state + (c->law->create ? 64 : 0)));
+    const size_t own = c->law->create && state == 0 ? 4 * (d->ny + d->nu) : 0;
+    return (int)(3 + 17 * d->nu + 5 * d->ny + 3 * d->nd + 6 * d->nz + (c->acting ? 2 * d->nz + d->nu : 0) +
+                 2 * controllers_parameters(c) + instances * (4 + state) + own);
 }
 
 /* Of each variable how often it comes. A setpoint comes as often as the controller above puts it out. */

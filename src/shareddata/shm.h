@@ -302,6 +302,9 @@ static inline uint64_t apc_shm_capacity(uint64_t extents)
 static inline bool apc_shm_may_grow(const struct apc_shm *shm, uint64_t used, uint64_t extents,
                                     uint64_t width, bool vectors)
 {
+    if (extents >= APC_SHM_EXTENTS) {
+        return false;
+    }
     const uint64_t more = (apc_shm_capacity(extents + 1) - apc_shm_capacity(extents)) * width;
     const bool freely =
         vectors ? extents == 0 || more <= shm->cells / APC_SHM_SHARE : extents < APC_SHM_FREELY;
