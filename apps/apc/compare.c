@@ -5,7 +5,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "gnuplot.h"
 #include "print.h"
+#include "report_script.h"
 #include "run/run_internal.h"
 #include "run/simulation.h"
 
@@ -99,19 +101,115 @@ static void print_variable(const struct samples *simulated, const struct trace *
     print_cell(table, PRINT_PLAIN, "%.3f", at);
 }
 
-static int compare_variable(const struct samples *simulated, const struct samples *recorded,
-                            const struct apc_tag *tag, struct print_table *table)
+struct variable {
+    const struct apc_tag *tag;
+    struct trace simulated, recorded, setpoint; /* the last one simulated, of a measurement that has one */
+};
+
+struct comparison {
+    const struct experiment *e;
+    struct variable *of; /* [n] */
+    size_t n;
+    double end; /* s */
+};
+
+static int take_variable(struct comparison *z, const struct samples *simulated,
+                         const struct samples *recorded, const struct apc_tag *tag,
+                         const struct apc_tag *setpoint)
 {
-    struct trace sim, rec = {0};
-    int rc = extract(simulated, SIMULATION_BEGIN, tag, &sim);
+    struct variable *v = &z->of[z->n++];
+    v->tag = tag;
+    int rc = extract(simulated, SIMULATION_BEGIN, tag, &v->simulated);
     if (rc == 0)
-        rc = extract(recorded, 0, tag, &rec);
-    if (rc == 0 && sim.n > 0 && rec.n > 0)
-        print_variable(simulated, &sim, &rec, tag, table);
-    release(&sim);
-    release(&rec);
+        rc = extract(recorded, 0, tag, &v->recorded);
+    if (rc == 0 && setpoint)
+        rc = extract(simulated, SIMULATION_BEGIN, setpoint, &v->setpoint);
     return rc;
 }
+
+static bool shown(const struct variable *v)
+{
+    return v->simulated.n > 0 && v->recorded.n > 0;
+}
+
+/* ---- The figure ----------------------------------------------------------------------------- */
+
+#define PANELS 12
+#define PANEL  92.0
+#define TOP    44.0
+#define FOOT   34.0
+
+static size_t panels_of(const struct comparison *z)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < z->n && n < PANELS; i++)
+        n += shown(&z->of[i]);
+    return n;
+}
+
+static double height_of(const struct comparison *z)
+{
+    return TOP + PANEL * (double)panels_of(z) + FOOT;
+}
+
+/* A value holds until the next one, the last one to the end. */
+static void put_trace(FILE *script, const char *name, size_t i, const struct trace *trace, double end)
+{
+    fprintf(script, "$%s%zu << END\n", name, i);
+    for (size_t k = 0; k < trace->n; k++)
+        fprintf(script, "%.9g %.9g\n", trace->t[k], trace->value[k]);
+    if (trace->n > 0)
+        fprintf(script, "%.9g %.9g\n", fmax(end, trace->t[trace->n - 1]), trace->value[trace->n - 1]);
+    fputs("END\n", script);
+}
+
+static void put_panel(FILE *script, const struct comparison *z, size_t i, size_t row)
+{
+    const struct variable *v = &z->of[i];
+    const double height = height_of(z), top = TOP + PANEL * (double)row;
+    const char *how = v->tag->table == APC_SENSOR ? "lines" : "steps";
+    fprintf(script,
+            "%sset lmargin at screen 0.09\nset rmargin at screen 0.97\nset tmargin at screen %.5f\n"
+            "set bmargin at screen %.5f\nset xrange [0:%.9g]\nset offsets graph 0, 0, 0.06, 0.06\n"
+            "set ytics autofreq\nset ylabel ",
+            report_panel_style, report_screen(top, height), report_screen(top + PANEL - 16.0, height),
+            z->end);
+    report_quoted(script, v->tag->name);
+    fputs(" noenhanced\n", script);
+    if (row == 0) {
+        fprintf(script, "set key at graph 1, screen %.5f right top horizontal samplen 2\nset label 1 ",
+                report_screen(8.0, height));
+        report_quoted(script, z->e->title);
+        fprintf(script, " at graph 0, screen %.5f noenhanced\n", report_screen(18.0, height));
+    }
+    fputs(row + 1 == panels_of(z) ? "set xlabel 'time (s)'\n" : "set format x ''\n", script);
+    fprintf(script, "plot $was%zu with %s lw 2.6 lc rgb 0xB8BEC4 title '%s'", i, how,
+            row == 0 ? "as recorded" : "");
+    if (v->setpoint.n > 0)
+        fprintf(script, ", $set%zu with steps dt 2 lw 1 lc rgb 0x222222 title '%s'", i,
+                row == 0 ? "setpoint" : "");
+    fprintf(script, ", $is%zu with %s lw 1.3 lc rgb 0x0072B2 title '%s'\n", i, how,
+            row == 0 ? "simulated" : "");
+}
+
+static void put_figure(FILE *script, void *ctx, bool first)
+{
+    const struct comparison *z = ctx;
+    size_t row = 0;
+    for (size_t i = 0; i < z->n && row < PANELS; i++) {
+        const struct variable *v = &z->of[i];
+        if (!shown(v))
+            continue;
+        if (first) {
+            put_trace(script, "was", i, &v->recorded, z->end);
+            put_trace(script, "set", i, &v->setpoint, z->end);
+            put_trace(script, "is", i, &v->simulated, z->end);
+        }
+        put_panel(script, z, i, row++);
+    }
+}
+
+/* ---- All of it ------------------------------------------------------------------------------ */
 
 /* Has the run the same signals? Another name is only said: a copy of an experiment is called otherwise. */
 static int check_experiment(const struct experiment *e, const char *dir, FILE *out, struct apc_error *why)
@@ -134,27 +232,41 @@ static int check_experiment(const struct experiment *e, const char *dir, FILE *o
     return rc;
 }
 
-int compare_run(const struct samples *simulated, const struct experiment *e, const char *dir, FILE *out,
-                struct apc_error *why)
+int compare_run(const struct samples *simulated, const struct experiment *e, const char *dir,
+                const char *figure, FILE *out, struct apc_error *why)
 {
     static const struct print_column columns[] = {{"", PRINT_LEFT},           {"recorded", PRINT_RIGHT},
                                                   {"simulated", PRINT_RIGHT}, {"mean apart", PRINT_POINT},
                                                   {"at most", PRINT_POINT},   {"% of step", PRINT_POINT},
                                                   {"at s", PRINT_POINT}};
-    struct samples recorded;
+    struct comparison z = {.e = e, .of = calloc(e->dim.ny + e->dim.nu, sizeof *z.of), .end = e->duration};
+    struct samples recorded = {0};
     struct print_table table;
-    int rc = samples_read(&recorded, dir, "samples.csv", why);
+    int rc =
+        z.of ? samples_read(&recorded, dir, "samples.csv", why) : apc_fail(why, APC_ENOMEM, "out of memory");
 
     if (rc == 0)
         rc = check_experiment(e, dir, out, why);
     print_table_open(&table, columns, sizeof columns / sizeof *columns);
     for (size_t i = 0; rc == 0 && i < e->dim.ny; i++)
-        rc = compare_variable(simulated, &recorded, &e->y[i].tag, &table);
+        rc = take_variable(&z, simulated, &recorded, &e->y[i].tag, i < e->dim.nz ? &e->z[i].tag : NULL);
     for (size_t i = 0; rc == 0 && i < e->dim.nu; i++)
-        rc = compare_variable(simulated, &recorded, &e->u[i].tag, &table);
+        rc = take_variable(&z, simulated, &recorded, &e->u[i].tag, NULL);
+    for (size_t i = 0; rc == 0 && i < z.n; i++)
+        if (shown(&z.of[i]))
+            print_variable(simulated, &z.of[i].simulated, &z.of[i].recorded, z.of[i].tag, &table);
     if (rc == APC_ENOMEM || (rc == 0 && print_table_show(&table, out, false, 0, "\n") < 0))
         rc = apc_fail(why, APC_ENOMEM, "out of memory");
+    if (rc == 0 && figure && panels_of(&z) > 0 &&
+        (rc = gnuplot_figure(figure, REPORT_WIDTH, height_of(&z), put_figure, &z, why)) == 0)
+        fprintf(out, "figure:  %s.svg, %s.png\n", figure, figure);
     print_table_close(&table);
+    for (size_t i = 0; i < z.n; i++) {
+        release(&z.of[i].simulated);
+        release(&z.of[i].recorded);
+        release(&z.of[i].setpoint);
+    }
+    free(z.of);
     samples_free(&recorded);
     return rc;
 }

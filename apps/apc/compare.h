@@ -11,9 +11,10 @@
 /*
  * For each variable of run folder @p dir: how far its samples lie from the simulated ones that are next to
  * them in time, in the variable's unit and in percent of the largest step of the setpoint (of an output: of
- * what it spans). The samples must be in order of time. Returns 0 or a negative error.
+ * what it spans). With @p figure, not NULL: both as FIGURE.svg and FIGURE.png, too. The samples must be in
+ * order of time. Returns 0 or a negative error.
  */
-int compare_run(const struct samples *simulated, const struct experiment *e, const char *dir, FILE *out,
-                struct apc_error *why);
+int compare_run(const struct samples *simulated, const struct experiment *e, const char *dir,
+                const char *figure, FILE *out, struct apc_error *why);
 
 #endif

@@ -69,7 +69,8 @@ static const struct argp_option option_list[] = {
      0},
     {"sweep", OPT_SWEEP, "PATH=FROM..TO:N", 0,
      "N values of a number, evenly: a table of IAE, overshoot and effort", 0},
-    {"figure", OPT_FIGURE, "NAME", 0, "Of a sweep: draw it as NAME.svg and NAME.png", 0},
+    {"figure", OPT_FIGURE, "NAME", 0,
+     "Of a sweep, or of what --compare compares: draw it as NAME.svg and NAME.png", 0},
     {"runs", 'n', "N", 0, "A campaign over N seeds from --seed on, with a summary", 0},
     {"against", OPT_AGAINST, "FILE", 0,
      "Compare a campaign with another one, run by run of the same seed: FILE is that one's --csv", 0},
@@ -168,8 +169,10 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         if (o->sweep.n && (o->report || o->compare || o->against))
             argp_error(state, "--sweep: has no single run or campaign to %s",
                        o->report ? "report" : "compare");
-        if (o->figure && !o->sweep.n)
-            argp_error(state, "--figure: is of a sweep; the figure of a run is in the folder of --report");
+        if (o->figure && !o->sweep.n && !o->compare)
+            argp_error(
+                state,
+                "--figure: is of a sweep, or of --compare; the figure of a run is in the folder of --report");
         if (o->against && !o->runs)
             argp_error(state, "--against: compares a campaign with another one; give --runs N as well");
         if (o->json && o->csv && !strcmp(o->csv, "-"))
@@ -450,7 +453,7 @@ static int put_figures(const struct simulate *r)
 static int compare(struct simulate *r)
 {
     struct apc_error why;
-    int rc = compare_run(&r->samples, &r->e, r->options.compare, r->talk, &why);
+    int rc = compare_run(&r->samples, &r->e, r->options.compare, r->options.figure, r->talk, &why);
     return rc < 0 ? refuse(r, rc, &why) : 0;
 }
 

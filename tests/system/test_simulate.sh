@@ -48,6 +48,18 @@ for file in run.conf samples.csv plant.csv events.csv timing.csv timing-summary.
   [ -s "$work/run/$file" ] || fail "no $file in the folder"
 done
 expect 0 'y +[0-9]+ +[0-9]+ +0 +0 +0\.0000' "$apc" simulate "$work/models.conf" --duration 60 --compare "$work/run"
+
+# What if: a run goes on otherwise, and is the recorded one until then, as the document shows it
+(cd "$work" && "$apc" simulate "$conf" --report ran >/dev/null && "$apc" simulate ran --csv same.csv >/dev/null && cmp same.csv ran/samples.csv) ||
+  fail "a future that nobody changed is another one"
+whatif=$(sed -n '/^\$ apc simulate ran /,/^```/p' "$APC_SOURCE_DIR/docs/simulate.md" | sed -e '/^```/d' -e 's/^\$ apc/"$apc"/')
+(cd "$work" && eval "$whatif --csv if.csv") >"$work/if.txt"
+until=$({ diff "$work/ran/samples.csv" "$work/if.csv" || true; } | awk -F '[ ,]' '/^[<>]/ && (!n++ || $2 < least) { least = $2 } END { print least }')
+awk -v t="$until" 'BEGIN { exit !(t >= 170 && t < 242) }' || fail "the futures part at $until s"
+grep -q ',setpoint,1,Good,12$' "$work/if.csv" && grep -Eq '^y +1200 +1200 +[1-9]' "$work/if.txt" || fail "nothing happened: $(cat "$work/if.txt")"
+grep -q 'as recorded' "$work/what-if.svg" && [ -s "$work/what-if.png" ] || fail "no figure of the futures"
+expect 2 '--figure: is of a sweep, or of --compare' "$apc" simulate "$conf" --figure "$work/none"
+
 grep -q '^exchange,run,' "$work/run/timing-summary.csv" || fail "how long exchanges took is not in the timing"
 "$apc" simulate "$work/models.conf" --duration 60 --json >"$work/simulated.json" 2>"$work/simulated.txt"
 "$apc" report "$work/run" --json >"$work/reported.json"
@@ -164,9 +176,14 @@ expect 0 "plant: K = $(printf %.6g "$(drawn 3)") in this run" "$apc" simulate "$
 
 # Two campaigns over the same seeds, run by run.
 "$apc" simulate "$conf" --duration 60 --runs 20 --csv "$work/plain.csv" >/dev/null
-for seed in 1 11; do # in parts
-  "$apc" simulate "$conf" --duration 60 --seed $seed --runs 10 --csv - 2>/dev/null | tail -n "+$((seed > 1 ? 2 : 1))"
-done | cmp - "$work/plain.csv" || fail "a campaign in two parts is another one"
+mkdir "$work/parts" # in parts, as the document tells an array of jobs
+sed -n '/^#!\/bin\/bash/,/^```/p' "$APC_SOURCE_DIR/docs/simulate.md" |
+  sed -e '/^```/d' -e "s|^apc simulate four-tank.conf|'$apc' simulate '$conf' --duration 60|" -e 's/--runs 100/--runs 10/' >"$work/parts/job"
+for seed in 1 11; do
+  (cd "$work/parts" && SLURM_ARRAY_TASK_ID=$seed bash job >/dev/null)
+done
+(cd "$work/parts" && eval "$(grep '^awk .FNR > 1' "$APC_SOURCE_DIR/docs/simulate.md")")
+cmp "$work/parts/campaign.csv" "$work/plain.csv" || fail "a campaign in two parts is another one"
 expect 0 'IAE +20 +0 +0 +0 +none to be seen' "$apc" simulate "$conf" --duration 60 --runs 20 --against "$work/plain.csv"
 expect 0 'IAE +20 +[0-9.]+ +[0-9.]+ +[0-9.]+ +more' "$apc" simulate "$conf" --duration 60 --runs 20 --against "$work/plain.csv" --net loss=0.3
 expect 0 'IAE +5 ' "$apc" simulate "$conf" --duration 60 --runs 20 --seed 16 --against "$work/plain.csv" # seeds that both have
