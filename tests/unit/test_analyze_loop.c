@@ -316,6 +316,71 @@ static void a_law_is_what_its_equations_say(void **state)
     assert_has(why.text, "not linear at this point");
 }
 
+/* x: moved by z, and moves u; moved by that, and moves u; moved by y alone, and moves nothing; moved by
+ * nothing. */
+static size_t four(const struct apc_dim *dim)
+{
+    (void)dim;
+    return 4;
+}
+
+static int compute_four(struct apc_law_call *c)
+{
+    c->u[0] = c->x[0] + 2.0 * c->x[1] + 3.0 * c->y[0] - c->z[0] - (c->n_ahead > 2 ? 0.5 * c->z[2] : 0.0) +
+              c->x[3] + 0.25 * c->u_last[0];
+    return APC_LAW_GOOD;
+}
+
+static void update_four(struct apc_law_call *c)
+{
+    const double x0 = c->x[0];
+
+    c->x[0] = 0.5 * x0 + 0.1 * c->z[0];
+    c->x[1] = 0.25 * x0 + 0.75 * c->x[1];
+    c->x[2] = 0.9 * c->x[2] + c->y[0];
+}
+
+static int create_four(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
+                       struct apc_error *why)
+{
+    (void)setup;
+    (void)self;
+    (void)why;
+    needs->n_ahead = 3;
+    return 0;
+}
+
+static void states_that_nothing_moves_or_that_move_nothing_are_left_out(void **state)
+{
+    const struct apc_law_setup setup = {.dim = {.ny = 1, .nz = 1, .nu = 1}, .Ts = 2.0};
+    struct apc_law law = {
+        .abi = APC_LAW_ABI, .name = "four", .n_state = four, .compute = compute_four, .update = update_four};
+    const double y = 10.0, u = 1.0;
+    (void)state;
+
+    for (int ahead = 0; ahead < 2; ahead++) {
+        struct apc_law_linear *l;
+        struct apc_error why = {""};
+
+        law.create = ahead ? create_four : NULL;
+        if (apc_law_linearize(&l, &law, &setup, NULL, &y, &y, NULL, &u, &why) < 0)
+            fail_msg("%s", why.text);
+        assert_int_equal(l->nx, 2);
+        assert_int_equal(l->n_in, 3);
+        const double A[] = {0.5, 0.0, 0.25, 0.75}, B[] = {0.0, 0.1, 0.0, 0.0, 0.0, 0.0}, C[] = {1.0, 2.0},
+                     D[] = {3.0, ahead ? -1.5 : -1.0, 0.25};
+        for (size_t i = 0; i < 4; i++)
+            assert_near(l->A[i], A[i], 1e-9);
+        for (size_t i = 0; i < 6; i++)
+            assert_near(l->B[i], B[i], 1e-9);
+        for (size_t i = 0; i < 2; i++)
+            assert_near(l->C[i], C[i], 1e-9);
+        for (size_t i = 0; i < 3; i++)
+            assert_near(l->D[i], D[i], 1e-9);
+        free(l);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -326,6 +391,7 @@ int main(void)
         cmocka_unit_test(the_cost_is_what_simulations_have_on_average),
         cmocka_unit_test(shares_are_those_of_the_distribution),
         cmocka_unit_test(a_law_is_what_its_equations_say),
+        cmocka_unit_test(states_that_nothing_moves_or_that_move_nothing_are_left_out),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,6 +2,7 @@
 /* The scheme serial: and its other side, the firmware of a temperature control lab. */
 #include "check.h"
 
+#include <errno.h>
 #include <fcntl.h>
 #include <poll.h>
 #include <pthread.h>
@@ -9,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
+#include <sys/wait.h>
 #include <termios.h>
 #include <unistd.h>
 
@@ -439,7 +441,35 @@ static void a_board_that_is_pulled_out_is_said(void **state)
     assert_int_equal(exchange(lab, 0, 0, y, PATIENCE), 0);
     stop(lab);
     assert_int_equal(exchange(lab, 0, 0, y, PATIENCE), APC_ECONN);
+    const char *said =
+        apc_exchange_error(lab->x); /* by a port that tells its end, or by one that cannot be written to */
+    if (!strstr(said, "the board is gone") && !strstr(said, strerrordesc_np(EIO)))
+        fail_msg("it says \"%s\"", said);
     assert_int_equal(exchange(lab, 0, 0, y, PATIENCE), APC_ECONN);
+}
+
+/* Who leads a session gets the first terminal that it opens, and its signals, unless it says no. */
+static void a_port_does_not_become_the_terminal_of_who_opens_it(void **state)
+{
+    struct lab *lab = *state;
+    int status;
+    fflush(NULL);
+    const pid_t pid = fork();
+    if (pid == 0) {
+        const struct apc_exchange_options options = {.size = sizeof options, .nu = 1, .ny = 1};
+        const struct apc_value u = {.value = 1};
+        struct apc_exchange *x;
+        char uri[100];
+        snprintf(uri, sizeof uri, "serial:%s", lab->path);
+        if (setsid() < 0 || apc_exchange_open(&x, uri, &options, NULL) != 0)
+            _exit(2);
+        (void)apc_exchange_begin(x, &u, apc_clock_mono(NULL) + SOON);
+        const int port = open("/dev/tty", O_RDWR | O_NOCTTY | O_CLOEXEC);
+        _exit(port >= 0 || errno != ENXIO);
+    }
+    assert_true(pid > 0);
+    assert_int_equal(waitpid(pid, &status, 0), pid);
+    assert_true(WIFEXITED(status) && WEXITSTATUS(status) == 0);
 }
 
 int main(void)
@@ -458,6 +488,8 @@ int main(void)
         cmocka_unit_test_setup_teardown(a_sensor_that_is_not_there_is_bad, set_up, tear_down),
         cmocka_unit_test_setup_teardown(a_port_that_cannot_be_had_says_why, set_up, tear_down),
         cmocka_unit_test_setup_teardown(a_board_that_is_pulled_out_is_said, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(a_port_does_not_become_the_terminal_of_who_opens_it, set_up,
+                                        tear_down),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

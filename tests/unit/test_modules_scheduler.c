@@ -263,6 +263,12 @@ static void one_that_is_restarted_writes_what_is_not_there(void **state)
     assert_int_equal(restart(&w, 1, T0 + PERIOD), 1);
     store(&w);
     assert_near(w.there[0].value, 3, 0);
+    /* Written in the instant in which it was given back, or before that: written again. */
+    assert_int_equal(restart(&w, 1, T0 + PERIOD), 1);
+    store(&w);
+    w.now += S;
+    operate(&w, 0, 3); /* long after it was given back */
+    assert_int_equal(restart(&w, 1, T0 + PERIOD), 0);
     apc_scheduler_destroy(w.scheduler);
 }
 

@@ -72,12 +72,17 @@ static void test_what_is_no_value_is_refused_and_nothing_is_written(void **state
 {
     const double values[] = {1e300, -1e300, 1.7e308, (double)NAN, (double)INFINITY, -(double)INFINITY};
     for (size_t i = 0; i < sizeof values / sizeof values[0]; i++) {
-        struct apc_sample s[2] = {sample(APC_SENSOR, 1, 1, 1.0), sample(APC_SENSOR, 2, 1, values[i])};
-        assert_int_equal(apc_store_append(*state, s, 2), APC_EINVAL);
-        assert_int_equal(apc_store_put(*state, s, 2), APC_EINVAL);
+        for (int first = 0; first < 2; first++) { /* wherever it stands */
+            struct apc_sample s[2] = {sample(APC_SETPOINT, 1, 1, 1.0), sample(APC_SETPOINT, 2, 1, 1.0)};
+            s[first].value = values[i];
+            assert_int_equal(apc_store_append(*state, s, 2), APC_EINVAL);
+            assert_int_equal(apc_store_put(*state, s, 2), APC_EINVAL);
+            s[0].seq = s[1].seq = 0;
+            assert_int_equal(apc_store_swap(*state, s, 2), APC_EINVAL);
+        }
     }
-    assert_int_equal(rows_of(*state, APC_SENSOR, 1), 0);
-    assert_int_equal(rows_of(*state, APC_SENSOR, 2), 0);
+    assert_int_equal(rows_of(*state, APC_SETPOINT, 1), 0);
+    assert_int_equal(rows_of(*state, APC_SETPOINT, 2), 0);
 }
 
 static void test_arguments_that_make_no_sense_are_refused(void **state)
@@ -89,9 +94,19 @@ static void test_arguments_that_make_no_sense_are_refused(void **state)
         sample(APC_TABLE_END, 1, 1, 1), sample((enum apc_table) - 3, 1, 1, 1),
     };
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        struct apc_sample s[2] = {bad[i], sample(APC_SENSOR, 2, 1, 1)};
         assert_int_equal(apc_store_append(store, &bad[i], 1), APC_EINVAL);
         assert_true(apc_store_error(store)[0] != '\0');
+        assert_int_equal(apc_store_append(store, s, 2), APC_EINVAL);
+        if (bad[i].table != APC_SENSOR || bad[i].id < 0) { /* no seq is asked for there */
+            assert_int_equal(apc_store_read(store, s, 2), APC_EINVAL);
+            assert_int_equal(apc_store_put(store, s, 2), APC_EINVAL);
+            assert_int_equal(apc_store_swap(store, s, 2), APC_EINVAL);
+            assert_int_equal(apc_store_claim_set(store, s, 2), APC_EINVAL);
+            assert_int_equal(apc_store_release(store, s, 2), APC_EINVAL);
+        }
     }
+    assert_int_equal(rows_of(store, APC_SENSOR, 2), 0);
     struct apc_sample s = sample(APC_TABLE_END, 1, 1, 1);
     int64_t last[1];
     assert_int_equal(apc_store_read(store, &s, 1), APC_EINVAL);
