@@ -197,15 +197,15 @@ static int measure(struct trial *t, const double *scale, bool peaks_only, struct
     to->stable = holds(t, 0.0);
     if (t->rc < 0 || !to->stable)
         return t->rc;
+    to->gain = to->gain_least = to->phase = to->delay = to->jitter = (double)NAN;
     rc = response_peaks(t->loop, t->of, scale, to, &first);
     if (rc < 0 || peaks_only)
         return rc;
     to->gain = gain_margin(t, true);
     to->gain_least = gain_margin(t, false);
     to->phase = phase_margin(t);
-    to->delay = t->of != APC_LOOP_WHOLE && t->loop->to[t->of] == APC_LOOP_NOWHERE ? (double)NAN
-                                                                                  : delay_margin(t, first);
-    to->jitter = (double)NAN;
+    if (t->of == APC_LOOP_WHOLE || t->loop->to[t->of] != APC_LOOP_NOWHERE)
+        to->delay = delay_margin(t, first);
     if (t->rc == 0 && t->of != APC_LOOP_WHOLE)
         t->rc = jitter_margin(t->loop, t->of, &to->jitter);
     return t->rc;

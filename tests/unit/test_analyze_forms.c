@@ -303,8 +303,27 @@ static void peaks_and_crossover_of_an_integrator(void **state)
         assert_near(m.at, at, 1e-3);
         assert_near(m.complementary, T, 0.01 * T);
         assert_near(m.crossover, 2.0 * asin(of[i].K / 2.0), 0.04 * m.crossover);
+        struct apc_loop_margins peaks = {.size = sizeof peaks};
+        assert_int_equal(apc_loop_peaks(loop, 0, NULL, &peaks, NULL), 0);
+        assert_true(peaks.stable && isnan(peaks.gain) && isnan(peaks.gain_least) && isnan(peaks.phase) &&
+                    isnan(peaks.delay) && isnan(peaks.jitter));
+        assert_near(peaks.sensitivity, m.sensitivity, 0.0);
+        assert_near(peaks.complementary, m.complementary, 0.0);
         apc_loop_destroy(loop);
     }
+}
+
+static void nothing_else_is_said_of_a_loop_that_is_not_stable(void **state)
+{
+    struct apc_loop *loop = noisy(2.5, 0, 0.0, 0.0);
+    struct apc_loop_margins m = {.size = sizeof m};
+    (void)state;
+
+    assert_int_equal(apc_loop_margins(loop, 0, NULL, &m, NULL), 0);
+    assert_false(m.stable);
+    assert_near(fabs(m.gain) + fabs(m.phase) + fabs(m.delay) + fabs(m.jitter), 0.0, 0.0);
+    assert_near(fabs(m.sensitivity) + fabs(m.at) + fabs(m.complementary) + fabs(m.crossover), 0.0, 0.0);
+    apc_loop_destroy(loop);
 }
 
 static void what_jitter_allows_is_told_of_one_tick_a_period(void **state)
@@ -554,6 +573,7 @@ int main(void)
         cmocka_unit_test(a_response_is_that_of_the_loop_cut_open_there),
         cmocka_unit_test(peaks_of_all_outputs_are_largest_singular_values),
         cmocka_unit_test(peaks_and_crossover_of_an_integrator),
+        cmocka_unit_test(nothing_else_is_said_of_a_loop_that_is_not_stable),
         cmocka_unit_test(what_jitter_allows_is_told_of_one_tick_a_period),
         cmocka_unit_test(noise_costs_what_its_recursion_says),
         cmocka_unit_test(lost_commands_cost_what_their_recursion_says),

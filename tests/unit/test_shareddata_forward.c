@@ -558,6 +558,25 @@ static void test_events_and_timing_are_numbered_as_they_came(void **state)
     assert_true(some.n == 2 && some.number[0] == t.number[0] && some.number[1] == t.number[1]);
 }
 
+static void test_what_is_no_pair_of_stores_is_refused(void **state)
+{
+    struct apc_store *live = live_make(1);
+    struct apc_forward *f = (struct apc_forward *)live;
+    struct apc_error why;
+    assert_int_equal(apc_forward_create(NULL, live, *state, &why), APC_EINVAL);
+    assert_int_equal(apc_forward_create(&f, NULL, *state, &why), APC_EINVAL);
+    assert_null(f);
+    assert_int_equal(apc_forward_create(&f, live, NULL, &why), APC_EINVAL);
+    assert_int_equal(apc_forward_create(&f, live, live, &why), APC_EINVAL);
+    assert_has(why.text, "which other one");
+    apc_forward_destroy(NULL);
+    assert_int_equal(apc_forward_step(NULL, FOREVER), APC_EINVAL);
+    f = begin(live, *state);
+    assert_int_equal(apc_forward_step(f, -1), APC_EINVAL);
+    apc_forward_destroy(f);
+    live_drop(live);
+}
+
 #define T(name) cmocka_unit_test_setup_teardown(name, stores_set_up, stores_tear_down)
 
 int main(void)
@@ -565,6 +584,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         T(test_all_that_a_store_holds_and_gets_arrives_once),
         T(test_descriptions_and_authors_go_along),
+        T(test_what_is_no_pair_of_stores_is_refused),
         T(test_a_restart_goes_on_where_it_was),
         T(test_what_is_there_already_is_not_stored_again),
         T(test_events_that_are_alike_are_all_moved),
