@@ -6,6 +6,9 @@
  *
  * A thread moves, and may wait for a history as long as it takes; the task only wakes it each cycle, and
  * tells what became of it. Between the two stands `report`, under a mutex that nobody holds while he waits.
+ *
+ * A second thread, with connections of its own, brings what people ask of the history to the live store
+ * (run/requests.h), as long as what the first one moves is taken: then the history is this experiment's.
  */
 #include <pthread.h>
 #include <stdio.h>
@@ -15,14 +18,19 @@
 #include "common/daemon.h"
 #include "common/storeuri.h"
 #include "common/warden.h"
+#include "run/requests.h"
 
 #define CYCLE   (200 * APC_NS_PER_MS)
-#define TIMEOUT (10 * APC_NS_PER_S) /* of one operation of the history */
-#define BATCHES (2 * APC_NS_PER_S)  /* of one step, when there is much to move */
-#define HUNG    (60 * APC_NS_PER_S) /* a step that takes longer has no deadline any more */
-#define LAST    APC_NS_PER_S        /* for what came at the very end */
-#define WAIT    (12 * APC_NS_PER_S) /* for a dead predecessor's claim */
-#define LOOK    (5 * APC_NS_PER_S)  /* between two looks at what the live store still holds */
+#define TIMEOUT (10 * APC_NS_PER_S)   /* of one operation of the history */
+#define BATCHES (2 * APC_NS_PER_S)    /* of one step, when there is much to move */
+#define HUNG    (60 * APC_NS_PER_S)   /* a step that takes longer has no deadline any more */
+#define LAST    APC_NS_PER_S          /* for what came at the very end */
+#define WAIT    (12 * APC_NS_PER_S)   /* for a dead predecessor's claim */
+#define LOOK    (5 * APC_NS_PER_S)    /* between two looks at what the live store still holds */
+#define ASK     (200 * APC_NS_PER_MS) /* between two looks at what people ask for */
+#define SETTLE  (50 * APC_NS_PER_MS)  /* the same while something is under way */
+#define ANSWER  (2 * APC_NS_PER_S)    /* of one operation of that */
+#define WITHIN  10.0                  /* s: what was asked for longer ago is refused */
 
 struct report {
     int rc;        /* of the last step */
@@ -35,37 +43,54 @@ struct report {
 struct shell {
     struct daemon d;
     const char *history;
+    double within; /* s */
     struct apc_store *live, *record;
     struct apc_forward *forward;
     bool reached; /* the history, once */
     pthread_t thread;
     pthread_mutex_t mutex; /* of all below; inherits priority */
     pthread_cond_t wake, ended;
-    bool due, end, gone;
+    struct {
+        struct apc_store *live, *history;
+        struct requests *requests;
+        pthread_t thread;
+        pthread_cond_t wake;
+        bool begun, gone;
+        int rc; /* of the last look */
+        char why[400];
+    } asked;
+    bool begun, due, end, gone;
     apc_ns since; /* monotonic: of the step that is under way; 0: none */
     struct report report;
     struct { /* the task's own */
         bool away, scarce;
+        int refused;
         apc_ns late;
         uint64_t gaps, rows;
     } told;
 };
 
-enum { OPT_HISTORY = 0x600 };
+enum { OPT_HISTORY = 0x600, OPT_WITHIN };
 static const struct argp_option option_list[] = {
     {"history", OPT_HISTORY, "URI", 0,
      "Where the record goes: postgresql://host/db#schema, sqlite:FILE [APC_HISTORY, or what follows the '+' "
      "in --store]",
+     0},
+    {"writes-within", OPT_WITHIN, "SECONDS", 0,
+     "What people ask for in the history (table request) goes to the loop if it is not older; default 10; 0: "
+     "nothing does",
      0},
     {0},
 };
 
 static error_t parse(int key, char *arg, struct argp_state *state)
 {
-    if (key != OPT_HISTORY)
-        return ARGP_ERR_UNKNOWN;
-    ((struct shell *)state->input)->history = arg;
-    return 0;
+    struct shell *s = state->input;
+    if (key == OPT_WITHIN && (apc_number_parse(arg, &s->within) < 0 || s->within < 0 || s->within > 3600))
+        argp_error(state, "--writes-within \"%s\": must be seconds, from 0 to 3600", arg);
+    if (key == OPT_HISTORY)
+        s->history = arg;
+    return key == OPT_HISTORY || key == OPT_WITHIN ? 0 : ARGP_ERR_UNKNOWN;
 }
 
 static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
@@ -74,7 +99,8 @@ static const struct program program = {
     .name = "apc-historian",
     .doc = "Move what the live store --store gets on into the history --history: samples, ticks, events, "
            "timing and "
-           "descriptions, in order and once. While the history is away the loop goes on.",
+           "descriptions, in order and once. While the history is away the loop goes on. What people ask for "
+           "in the history is brought to the live store, and they are told what became of it.",
     .task = "historian",
     .extra = &extra,
 };
@@ -144,7 +170,50 @@ static void *run(void *ctx)
     return NULL;
 }
 
+/* ---- The other thread ---------------------------------------------------------------------- */
+
+static void wait_until(pthread_cond_t *cond, pthread_mutex_t *mutex, apc_ns at)
+{
+    const struct timespec time = {.tv_sec = (time_t)(at / APC_NS_PER_S),
+                                  .tv_nsec = (long)(at % APC_NS_PER_S)};
+    pthread_cond_timedwait(cond, mutex, &time);
+}
+
+static void *bring(void *ctx)
+{
+    struct shell *s = ctx;
+    pthread_mutex_lock(&s->mutex);
+    while (!s->end) {
+        const bool taken = s->report.rc >= 0;
+        pthread_mutex_unlock(&s->mutex);
+        const int rc = taken ? requests_step(s->asked.requests) : 0;
+        pthread_mutex_lock(&s->mutex);
+        s->asked.rc = rc;
+        if (rc < 0)
+            snprintf(s->asked.why, sizeof s->asked.why, "%s", requests_error(s->asked.requests));
+        if (!s->end)
+            wait_until(&s->asked.wake, &s->mutex, apc_clock_mono(NULL) + (rc > 0 ? SETTLE : ASK));
+    }
+    s->asked.gone = true;
+    pthread_cond_broadcast(&s->ended);
+    pthread_mutex_unlock(&s->mutex);
+    return NULL;
+}
+
 /* ---- The task ------------------------------------------------------------------------------ */
+
+/* That the history is away is told by who moves. */
+static void tell_asked(struct shell *s, int rc, const char *why)
+{
+    const bool away = rc == APC_ECONN || rc == APC_ETIMEDOUT || rc == APC_EFULL;
+    if (rc < 0 && !away && s->told.refused >= 0)
+        daemon_event(&s->d, APC_EVENT_WARNING, "history",
+                     "what people ask for in the history does not come to the loop: %.100s", why);
+    if (rc >= 0 && s->told.refused < 0)
+        daemon_event(&s->d, APC_EVENT_INFO, "history",
+                     "what people ask for in the history comes to the loop again");
+    s->told.refused = away ? s->told.refused : rc;
+}
 
 static void tell_outage(struct shell *s, const struct report *r, apc_ns now)
 {
@@ -200,6 +269,9 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
     (void)tick;
     pthread_mutex_lock(&s->mutex);
     const struct report r = s->report;
+    char why[sizeof s->asked.why];
+    const int asked = s->asked.rc;
+    memcpy(why, s->asked.why, sizeof why);
     const bool hung = s->since && now - s->since > HUNG;
     s->due = true;
     pthread_cond_signal(&s->wake);
@@ -209,6 +281,7 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
                      "stopping: the history does not answer, in spite of its deadline");
         return APC_ETIMEDOUT;
     }
+    tell_asked(s, asked, why);
     tell_gap(s, &r);
     tell_outage(s, &r, now);
     tell_room(s, &r, now);
@@ -243,6 +316,20 @@ static int first_step(struct shell *s, const char *uri)
                : refuse(s, uri, rc);
 }
 
+static int open_asked(struct shell *s, const char *uri)
+{
+    const struct apc_store_options options = {
+        .size = sizeof options, .name = s->d.name, .timeout = ANSWER, .backoff_max = APC_NS_PER_S};
+    struct apc_error why;
+    int rc = daemon_store(&s->d, &s->asked.live, NULL, 0);
+    if (rc == 0 && (rc = store_open(&s->asked.history, uri, &options, &why)) < 0)
+        return daemon_error(&s->d, rc, "--history: %s", why.text);
+    if (rc == 0 && (rc = requests_create(&s->asked.requests, s->asked.live, s->asked.history,
+                                         (apc_ns)(s->within * (double)APC_NS_PER_S), &why)) < 0)
+        return daemon_error(&s->d, rc, "%s", why.text);
+    return rc;
+}
+
 static int open_shell(struct shell *s)
 {
     const struct apc_store_options options = {.size = sizeof options, .name = s->d.name, .timeout = TIMEOUT};
@@ -260,10 +347,11 @@ static int open_shell(struct shell *s)
         return daemon_error(&s->d, rc, "--history: %s", why.text);
     if (rc == 0 && (rc = apc_forward_create(&s->forward, s->live, s->record, &why)) < 0)
         return daemon_error(&s->d, rc, "%s", why.text);
-    return rc == 0 ? first_step(s, uri) : rc;
+    rc = rc == 0 ? first_step(s, uri) : rc;
+    return rc == 0 && s->within > 0 ? open_asked(s, uri) : rc;
 }
 
-static int start_thread(struct shell *s)
+static int start_threads(struct shell *s)
 {
     pthread_condattr_t attr;
     if (pthread_condattr_init(&attr) != 0)
@@ -271,13 +359,18 @@ static int start_thread(struct shell *s)
     int e = pthread_condattr_setclock(&attr, CLOCK_MONOTONIC);
     e = e ? e : pthread_cond_init(&s->wake, &attr);
     e = e ? e : pthread_cond_init(&s->ended, &attr);
+    e = e ? e : pthread_cond_init(&s->asked.wake, &attr);
     pthread_condattr_destroy(&attr);
     e = e ? e : pthread_create(&s->thread, NULL, run, s);
+    s->begun = !e;
+    if (!e && s->asked.requests)
+        e = pthread_create(&s->asked.thread, NULL, bring, s);
+    s->asked.begun = !e && s->asked.requests;
     return e ? daemon_error(&s->d, APC_ESYS, "no thread: %s", strerror(e)) : 0;
 }
 
-/* True: it has ended. One that waits for a history is left alone, and the process ends around it. */
-static bool end_thread(struct shell *s)
+/* True: they have ended. One that waits for a history is left alone, and the process ends around it. */
+static bool end_threads(struct shell *s)
 {
     const apc_ns until = apc_clock_mono(NULL) + LAST;
     const struct timespec at = {.tv_sec = (time_t)(until / APC_NS_PER_S),
@@ -286,32 +379,35 @@ static bool end_thread(struct shell *s)
     pthread_mutex_lock(&s->mutex);
     s->end = true;
     pthread_cond_signal(&s->wake);
-    while (!s->gone && e == 0)
+    pthread_cond_signal(&s->asked.wake);
+    while (s->begun + s->asked.begun > s->gone + s->asked.gone && e == 0)
         e = pthread_cond_timedwait(&s->ended, &s->mutex, &at);
-    const bool gone = s->gone;
+    const bool gone = s->begun + s->asked.begun == s->gone + s->asked.gone;
     pthread_mutex_unlock(&s->mutex);
-    if (gone)
+    if (gone && s->begun)
         pthread_join(s->thread, NULL);
+    if (gone && s->asked.begun)
+        pthread_join(s->asked.thread, NULL);
     return gone;
 }
 
 int main(int argc, char **argv)
 {
-    static struct shell s; /* it outlives main(), should the thread */
+    static struct shell s = {.within = WITHIN}; /* it outlives main(), should a thread */
     const struct rhythm rhythm = {.period = CYCLE, .overrun = APC_OVERRUN_SKIP};
     int rc = apc_mutex_init(&s.mutex);
-    bool ended = true;
     if (rc == 0)
         rc = daemon_open(&s.d, &program, &s, argc, argv);
     if (rc == 0)
         rc = open_shell(&s);
     if (rc == 0)
-        rc = start_thread(&s);
-    if (rc == 0) {
+        rc = start_threads(&s);
+    if (rc == 0)
         rc = daemon_run(&s.d, rhythm, on_tick, &s);
-        ended = end_thread(&s);
-    }
-    if (ended) {
+    if (end_threads(&s)) {
+        requests_destroy(s.asked.requests);
+        apc_store_close(s.asked.history);
+        apc_store_close(s.asked.live);
         apc_forward_destroy(s.forward);
         apc_store_close(s.record);
         apc_store_close(s.live);

@@ -436,6 +436,31 @@ APC_API const char *apc_forward_error(const struct apc_forward *forward);
 APC_API void apc_forward_stats(const struct apc_forward *forward,
                                struct apc_forward_stats *stats); /**< [any] */
 
+/* ---- What people ask of a history --------------------------------------------------------- */
+
+/** A value that somebody wants written, put down in table `request` of a history because the loop is
+ * elsewhere. */
+struct apc_request {
+    int64_t id;           /**< where it came first, in no order of time */
+    apc_ns time;          /**< when it was asked for; with id it is one and no other */
+    apc_ns age, left;     /**< since then, and until it must not be done any more, by the history's clock */
+    enum apc_table table; /**< setpoint, opmode, tuning or manual */
+    int variable;         /**< its id in that table */
+    double value;
+    int64_t seq; /**< of the row that it became, as far as it was answered; -1: nothing was said yet */
+    char author[APC_AUTHOR_LEN];  /**< who asks, as the program says */
+    char role[APC_AUTHOR_LEN];    /**< the database's user who did */
+    char reason[APC_TAG_LEN * 2]; /**< for people; may be empty */
+};
+/** Called for each in rising id; return nonzero to end early. */
+typedef int (*apc_request_fn)(void *ctx, const struct apc_request *request);
+/** Those whose outcome has not been said, up to 64 of them. Of `postgresql:` only; of others there are none.
+ * Returns the number given. [setup] */
+APC_API int apc_store_requests(struct apc_store *store, apc_request_fn fn, void *ctx);
+/** Say what became of one, as long as nobody has: @p seq of its row in the live store, 0: there is none;
+ * @p outcome up to 191 bytes, NULL: that is still to come. Returns 0 or an error. [setup] */
+APC_API int apc_store_answer(struct apc_store *store, int64_t id, int64_t seq, const char *outcome);
+
 /* ---- Set-up ------------------------------------------------------------------------------- */
 
 /**

@@ -66,7 +66,7 @@ static int connect_store(struct apc_store *store)
         .append_rows = apc_pg_append_rows, .vectors = apc_pg_vectors, .claim_set = apc_pg_claim_set,         \
         .release = apc_pg_release, .author = apc_pg_author, .author_name = apc_pg_author_name,               \
         .describe = apc_pg_describe, .catalogue = apc_pg_catalogue, .init = apc_pg_init,                     \
-        .maintain = apc_pg_maintain,                                                                         \
+        .maintain = apc_pg_maintain, .requests = apc_pg_requests, .answer = apc_pg_answer,                   \
     }
 
 const struct apc_store_ops apc_postgresql_store = OPS("postgresql:");

@@ -3,8 +3,8 @@
  * The PostgreSQL store, shared by its files: pg_array.c (binary values), pg_statements.c (every SQL text),
  * pg_connection.c (connecting, waiting with a deadline), pg_claim.c (claims), pg_former.c (claims that
  * outlive their connection), pg_init.c (migrations), pg_tick.c (the ticks' operations), pg_catalogue.c
- * (authors, the catalogue), pg_rows.c (history, events, timing, tags), postgresql.c (its life).
- * apcshareddata.c uses the first two.
+ * (authors, the catalogue), pg_request.c (what people ask of a history), pg_rows.c (history, events, timing,
+ * tags), postgresql.c (its life). apcshareddata.c uses the first two.
  */
 #ifndef APC_POSTGRESQL_H
 #define APC_POSTGRESQL_H
@@ -201,6 +201,8 @@ int apc_pg_author(struct apc_store *store, const char *name);
 int apc_pg_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN]);
 int apc_pg_describe(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue);
 int apc_pg_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision);
+int apc_pg_requests(struct apc_store *store, apc_request_fn fn, void *ctx);
+int apc_pg_answer(struct apc_store *store, int64_t id, int64_t seq, const char *outcome);
 int apc_pg_release(struct apc_store *store, const struct apc_sample *variables, size_t n);
 int apc_pg_vectors(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                    apc_vector_fn fn, void *ctx);

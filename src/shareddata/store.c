@@ -574,6 +574,27 @@ int apc_store_vectors(struct apc_store *store, enum apc_table table, int id, con
     return err ? err : store->ops->vectors(store, table, id, range ? range : &(struct apc_range){0}, fn, ctx);
 }
 
+int apc_store_requests(struct apc_store *store, apc_request_fn fn, void *ctx)
+{
+    int err = enter(store, NULL, 0);
+    if (!err && !fn) {
+        err = apc_fail(&store->why, APC_EINVAL, "no function to give the requests to");
+    }
+    return err || !store->ops->requests ? err : store->ops->requests(store, fn, ctx);
+}
+
+int apc_store_answer(struct apc_store *store, int64_t id, int64_t seq, const char *outcome)
+{
+    char clean[192];
+    int err = enter(store, NULL, 0);
+    if (!err && (id <= 0 || seq < 0 || seq > APC_SEQ_MAX || !store->ops->answer)) {
+        err = apc_fail(&store->why, APC_EINVAL, "there is no request %lld to be answered", (long long)id);
+    }
+    return err ? err
+               : store->ops->answer(store, id, seq,
+                                    outcome ? apc_text_clean(clean, outcome, sizeof clean) : NULL);
+}
+
 int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout)
 {
     int err = enter(store, seen, n);

@@ -71,6 +71,61 @@ wait "$to_file" 2>/dev/null || true
 historian file "$file"
 to_file=$pid
 
+# what people ask for in the database is done in the loop, once, under their names, and they are told what became of it
+sql "INSERT INTO apc.catalogue (revision, kind, text) SELECT revision + 1, 'history', text FROM apc.catalogue ORDER BY revision DESC LIMIT 1"
+PGOPTIONS='-c search_path=apc' psql -Xqf "$APC_SOURCE_DIR/sql/roles.sql" >/dev/null 2>&1 || fail "roles.sql"
+operator=anna_$$
+sql "CREATE USER $operator IN ROLE apc_operator"
+as_operator() { sql "SET SESSION AUTHORIZATION $operator; $1"; }
+ask() { as_operator "INSERT INTO apc.request (table_name, variable, value, time) VALUES ('$1', 1, $2, now() - interval '${3:-0 s}')"; }
+request() { sql "SELECT max(id) FROM apc.request"; }
+outcome() { sql "SELECT outcome FROM apc.request WHERE id = $1"; }
+answers() { outcome "$1" | grep -q "$2"; }
+becomes() { until_true 60 answers "$(request)" "$1"; }
+rows_of() { values "$live" r | grep -c ",$1\$" || true; }
+ask setpoint 7.5
+becomes '^applied$'
+[ "$(rows_of 7.5)" = 1 ] || fail "what was asked for is there $(rows_of 7.5) times"
+events "$live" | grep -q ",\"$operator\",\"operator\",\"r: .* -> 7.5 (request $(request) of $operator)\"" || fail "no event of it: $(events "$live" | tail -3)"
+until_true 60 test -n "$(sql "SELECT 1 FROM apc.setpoint s JOIN apc.request q USING (seq) WHERE q.id = $(request) AND s.id = 1 AND s.value = 7.5")"
+ask setpoint 6 '1 minute'
+becomes '^refused: too late, it was asked for 6'
+ask setpoint 6 '-1 minute'
+becomes '^refused: it comes from .* ahead'
+ask setpoint 1000
+becomes '^refused: r = 1000 lies outside its limits -100 to 100$'
+ask manual 1
+becomes '^refused: .*Man'
+ask opmode 1.5
+becomes '^refused: 1.5 is no mode'
+expect 1 'permission denied' as_operator "INSERT INTO apc.setpoint (id, seq, time, status, value) VALUES (1, 999999, now(), 0, 6)"
+expect 1 'permission denied' as_operator "UPDATE apc.request SET outcome = 'applied'"
+[ "$(rows_of 6)$(rows_of 1000)" = 00 ] || fail "what was refused was written"
+
+# a database that comes back older asks for what has been done, and gives its numbers out again
+done=$(sql "SELECT id FROM apc.request WHERE value = 7.5")
+sql "UPDATE apc.request SET seq = NULL, outcome = NULL WHERE id = $done"
+until_true 60 answers "$done" .
+[ "$(rows_of 7.5)" = 1 ] || fail "what had been done was done again"
+sql "DELETE FROM apc.request WHERE id = $done; INSERT INTO apc.request (id, table_name, variable, value) OVERRIDING SYSTEM VALUE VALUES ($done, 'setpoint', 1, 8.5)"
+until_true 60 answers "$done" '^applied$'
+[ "$(rows_of 8.5)" = 1 ] || fail "a number that was given out again was not taken"
+
+# the historian is killed between what it does and what it says, wherever that is
+for i in $(seq "${APC_KILLS:-6}"); do
+  ask setpoint $((20 + i))
+  read -rt "0.$((RANDOM % 4))$((RANDOM % 10))" <> <(:) || true
+  kill -9 "$to_database"
+  wait "$to_database" 2>/dev/null || true
+  historian database postgresql:
+  to_database=$pid
+  becomes '^\(applied\|superseded\|refused: too late\)'
+  times=$([[ $(outcome "$(request)") == refused* ]] && echo 0 || echo 1)
+  [ "$(rows_of $((20 + i)))" = "$times" ] || fail "asked once, $(outcome "$(request)"), but there are $(rows_of $((20 + i))) rows"
+  [ "$(events "$live" | grep -c "(request $(request) of ")" = "$times" ] || fail "not one event of it"
+done
+sql "REASSIGN OWNED BY $operator TO CURRENT_USER; DROP OWNED BY $operator; DROP USER $operator"
+
 # nothing of it came to the plant, and all of it is there
 kill -INT "$run"
 wait "$run" || fail "apc run ended with $?: $(tail -n 1 "$work/run.log")"
@@ -81,7 +136,7 @@ for store in "$file" postgresql:; do
     until_true 30 same "$store" "$variable"
   done
   until_true 30 same_events "$store"
-  [ "$("$apc" timing --store "$live" --csv | sort)" = "$("$apc" timing --store "$store" --csv | sort)" ] ||
+  [ "$("$apc" timing --since -1d --store "$live" --csv | sort)" = "$("$apc" timing --since -1d --store "$store" --csv | sort)" ] ||
     fail "the timing in $store is another one"
 done
 [ "$(sql 'SELECT count(*) - (max(seq) - min(seq) + 1) FROM apc.tick WHERE id = 1')" = 0 ] || fail "ticks are missing"

@@ -70,7 +70,7 @@ more() { [ "$(count)" -gt "$1" ]; }
 said() { [ "$(grep -c "$1" "$work/historian.log")" -gt "$2" ]; }
 times() { grep -c "$1" "$work/historian.log" || true; }
 
-"$apc" init --store "$live" "$work/twin.conf" >/dev/null
+"$apc" init --store "$live?size=64" "$work/twin.conf" >/dev/null
 background run "$apc" run "$work/twin.conf" --store "$live" --duration 0 --no-ui --out "$work/run"
 run=$pid
 until_true 60 more 2

@@ -1,0 +1,394 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "requests.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "loops.h"
+#include "outcome.h"
+#include "owner.h"
+
+#define MOST   64  /* at once */
+#define EVENTS 200 /* so many are looked through for one's own */
+#define PATIENCE                                                                                             \
+    (2 * APC_NS_PER_S)                /* beyond three periods, for what a controller that ticks does in time \
+                                       */
+#define EVENT_LATE (APC_NS_PER_S / 2) /* after the row that it tells of */
+
+struct requests {
+    struct apc_store *live, *history;
+    apc_ns most;
+    struct apc_error why;
+    struct apc_request at[MOST];
+    size_t n;
+    struct apc_tag *tag; /* of the live store, while there are requests */
+    size_t n_tags;
+    struct loops loops;
+};
+
+/* What is known of one request. */
+struct look {
+    const struct apc_request *request;
+    const struct apc_tag *tag; /* of its variable; NULL: it has none */
+    const struct loops_controller *by;
+    struct apc_sample newest, actual, mark;
+    struct apc_vector tick;
+    char said[192];
+};
+
+int requests_create(struct requests **requests, struct apc_store *live, struct apc_store *history,
+                    apc_ns most, struct apc_error *why)
+{
+    struct requests *r = *requests = calloc(1, sizeof *r);
+    if (!r)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    r->live = live;
+    r->history = history;
+    r->most = most;
+    return 0;
+}
+
+void requests_destroy(struct requests *r)
+{
+    if (!r)
+        return;
+    free(r->tag);
+    loops_free(&r->loops);
+    free(r);
+}
+
+const char *requests_error(const struct requests *r)
+{
+    return r->why.text;
+}
+
+/* ---- What there is ------------------------------------------------------------------------- */
+
+static int take(void *ctx, const struct apc_request *request)
+{
+    struct requests *r = ctx;
+    r->at[r->n++] = *request;
+    return r->n == MOST;
+}
+
+static int load_plant(struct requests *r)
+{
+    const int n = apc_store_get_tags(r->live, NULL, 0);
+    free(r->tag);
+    loops_free(&r->loops);
+    r->n_tags = 0;
+    r->loops = (struct loops){0};
+    r->tag = n > 0 ? calloc((size_t)n, sizeof *r->tag) : NULL;
+    if (n < 0 || (n > 0 && !r->tag))
+        return n < 0 ? n : APC_ENOMEM;
+    const int there = n > 0 ? apc_store_get_tags(r->live, r->tag, (size_t)n) : 0;
+    r->n_tags = (size_t)(there < n ? there : n);
+    return there < 0 ? there : loops_load(&r->loops, r->live, r->tag, r->n_tags);
+}
+
+static const struct apc_tag *find_tag(const struct requests *r, enum apc_table table, int id)
+{
+    for (size_t i = 0; i < r->n_tags; i++)
+        if (r->tag[i].table == table && r->tag[i].id == id)
+            return &r->tag[i];
+    return NULL;
+}
+
+static int look_at(struct requests *r, const struct apc_request *request, struct look *l)
+{
+    const enum apc_table table = request->table;
+    const int id = request->variable;
+    *l = (struct look){.request = request, .tag = find_tag(r, table, id)};
+    l->by = l->tag ? loops_taker(&r->loops, l->tag) : NULL;
+    struct apc_sample sample[3] = {
+        {.table = table, .id = id},
+        {.table = APC_OPMODE, .id = REQUESTS_MARK(request->id)},
+        {.table = APC_ACTUAL, .id = apc_variable_number(table, id)},
+    };
+    struct apc_vector tick = {.table = APC_TICK, .id = l->by ? l->by->number : 0};
+    struct apc_rows rows = {
+        .size = sizeof rows, .sample = sample, .n_samples = 3, .vector = &tick, .n_vectors = l->by ? 1 : 0};
+    const int rc = apc_store_read_rows(r->live, &rows);
+    l->newest = sample[0];
+    l->mark = sample[1];
+    l->actual = sample[2];
+    l->tick = tick;
+    return rc < 0 ? apc_fail(&r->why, rc, "%s", apc_store_error(r->live)) : 0;
+}
+
+static int say(struct requests *r, const struct look *l, int64_t seq, const char *outcome)
+{
+    const int rc = apc_store_answer(r->history, l->request->id, seq, outcome);
+    return rc < 0 ? apc_fail(&r->why, rc, "%s", apc_store_error(r->history)) : 0;
+}
+
+static bool APC_PRINTF(2, 3) tell(struct look *l, const char *fmt, ...)
+{
+    va_list args;
+    va_start(args, fmt);
+    vsnprintf(l->said, sizeof l->said, fmt, args);
+    va_end(args);
+    return true;
+}
+
+/* ---- May it be done? ------------------------------------------------------------------------ */
+
+static bool is_past(struct look *l, apc_ns most)
+{
+    const struct apc_request *q = l->request;
+    const apc_ns ours = apc_clock_utc(NULL) - q->time, age = ours > q->age ? ours : q->age;
+    const apc_ns ahead = ours < q->age ? -ours : -q->age;
+    if (age > most)
+        return tell(l, "refused: too late, it was asked for %.1f s ago by %s clock, and %.0f s are allowed",
+                    apc_ns_to_s(age), ours > q->age ? "the loop's" : "the database's", apc_ns_to_s(most));
+    if (q->left <= 0)
+        return tell(l, "refused: too late, it was to be done until %.1f s ago", apc_ns_to_s(-q->left));
+    if (ahead > most)
+        return tell(l, "refused: it comes from %.1f s ahead: a clock is wrong", apc_ns_to_s(ahead));
+    if (l->mark.seq > 0 && l->mark.time >= q->time)
+        return tell(l, "refused: later ones have been done, and whether this one was is not known");
+    return false;
+}
+
+static bool is_wrong_mode(const struct requests *r, struct look *l)
+{
+    const struct apc_request *q = l->request;
+    const struct loops_loop *loop = loops_of(&r->loops, APC_OPMODE, q->variable);
+    const int mode = q->value >= 0 && q->value <= APC_MODE_CAS ? (int)q->value : -1;
+    if (mode < 0 || q->value > mode)
+        return tell(l, "refused: %g is no mode: 0 Man, 1 Auto, 2 out of service, 3 Cas", q->value);
+    if (q->variable > 0 && mode == APC_MODE_CAS && loop && loop->above < 0)
+        return tell(l, "refused: %s cannot be in Cas: no controller moves its setpoint", loop->name);
+    return false;
+}
+
+static bool is_switch(const struct apc_request *q)
+{
+    return q->table == APC_OPMODE && (q->variable == 0 || q->variable >= LOOPS_IDS);
+}
+
+static bool is_wrong(const struct requests *r, struct look *l)
+{
+    const struct apc_request *q = l->request;
+    if (q->table == APC_OPMODE && q->variable >= REQUESTS_MARK(0))
+        return tell(l, "refused: %s %d is not for people", apc_table_name(q->table), q->variable);
+    if (!l->tag && !is_switch(q))
+        return tell(l, "refused: %s %d is not described, so its limits are not known",
+                    apc_table_name(q->table), q->variable);
+    if (l->tag && (q->value < l->tag->low || q->value > l->tag->high))
+        return tell(l, "refused: %s = %g lies outside its limits %g to %g", l->tag->name, q->value,
+                    l->tag->low, l->tag->high);
+    return q->table == APC_OPMODE && q->variable < LOOPS_IDS && is_wrong_mode(r, l);
+}
+
+static struct outcome_seen seen_of(const struct look *l, const struct apc_sample *write)
+{
+    return (struct outcome_seen){.write = write,
+                                 .actual = &l->actual,
+                                 .tick = &l->tick,
+                                 .period = l->by ? l->by->period : 0,
+                                 .now = apc_clock_utc(NULL)};
+}
+
+/* What is written for nobody comes into force later. */
+static bool is_for_nobody(struct look *l)
+{
+    const struct apc_sample next = {.table = l->newest.table, .id = l->newest.id, .seq = l->newest.seq + 1};
+    const struct outcome_seen seen = seen_of(l, &next);
+    if (is_switch(l->request))
+        return false;
+    if (!l->by)
+        return tell(l, "refused: nobody applies it: %s belongs to no controller", l->tag->name);
+    if (l->tick.seq == 0)
+        return tell(l, "refused: nobody applies it: %s has never ticked", l->by->name);
+    if (outcome_of(&seen) == OUTCOME_NOBODY)
+        return tell(l, "refused: nobody applies it: %s's last tick was %.1f s ago", l->by->name,
+                    apc_ns_to_s(outcome_age(&seen)));
+    return false;
+}
+
+/* ---- Doing it -------------------------------------------------------------------------------- */
+
+static void describe(const struct look *l, char *text, size_t size)
+{
+    const struct apc_request *q = l->request;
+    char before[32] = "none";
+    if (l->newest.seq > 0)
+        snprintf(before, sizeof before, "%.12g", l->newest.value);
+    snprintf(text, size, "%.40s: %s -> %.12g (request %lld of %.30s%s%.40s)", l->tag ? l->tag->name : "mode",
+             before, q->value, (long long)q->id, q->role, q->reason[0] ? ": " : "", q->reason);
+}
+
+static int record(struct requests *r, const struct look *l, const struct owner_rows *with)
+{
+    struct apc_event event[2] = {
+        {.time = apc_clock_utc(NULL), .severity = APC_EVENT_INFO, .kind = "operator"}};
+    size_t n = 1;
+    snprintf(event[0].source, sizeof event[0].source, "%.31s", l->request->author);
+    event[1] = event[0];
+    describe(l, event[0].text, sizeof event[0].text);
+    for (size_t i = 0; i < with->n; i++) {
+        if (n == 1 && with->at[i].table == APC_OPMODE) {
+            const int id = loops_owned(&r->loops, &with->at[i]);
+            const struct apc_tag *tag = find_tag(r, APC_SETPOINT, id);
+            snprintf(event[n++].text, sizeof event[1].text, "%s taken Local, %s",
+                     tag ? tag->name : "setpoint",
+                     loops_is_owner(&with->at[i]) ? "the scheduler stands aside" : "cascade open");
+        }
+    }
+    const int rc = apc_store_append_events(r->live, event, n);
+    return rc < 0 ? apc_fail(&r->why, rc, "%s", apc_store_error(r->live)) : 0;
+}
+
+/* 1: somebody was faster, so it is looked at again. */
+static int write_row(struct requests *r, struct look *l, struct owner_rows *with)
+{
+    const struct apc_request *q = l->request;
+    const int author = apc_store_author(r->live, q->author);
+    if (author < 0)
+        return apc_fail(&r->why, author, "%s", apc_store_error(r->live));
+    struct apc_sample rows[2] = {
+        {.table = q->table,
+         .id = q->variable,
+         .seq = l->newest.seq,
+         .time = apc_clock_utc(NULL),
+         .value = q->value,
+         .author = (uint32_t)author},
+        l->mark,
+    };
+    rows[1].time = q->time;
+    rows[1].status = APC_GOOD;
+    rows[1].value = (double)q->id;
+    rows[1].origin = l->newest.seq + 1;
+    rows[1].author = (uint32_t)author;
+    const int rc = owner_put(r->live, &r->loops, rows, 2, with);
+    if (rc == APC_ECONFLICT)
+        return 1;
+    return rc < 0 ? apc_fail(&r->why, rc, "%s", apc_store_error(r->live)) : 0;
+}
+
+static int do_it(struct requests *r, struct look *l)
+{
+    struct owner_rows with = {0};
+    int rc = write_row(r, l, &with);
+    if (rc == 0)
+        rc = record(r, l, &with);
+    if (rc == 0)
+        rc = say(r, l, l->newest.seq + 1, NULL);
+    free(with.at);
+    return rc < 0 ? rc : 1;
+}
+
+/* ---- What became of it ------------------------------------------------------------------------ */
+
+struct own {
+    const struct apc_request *request;
+    char text[48];
+    bool there;
+};
+
+static int is_own(void *ctx, const struct apc_event *e)
+{
+    struct own *own = ctx;
+    own->there |= e->time >= own->request->time && strstr(e->text, own->text) != NULL;
+    return own->there;
+}
+
+/* Whoever did it may have been killed before he said so. */
+static int make_up(struct requests *r, struct look *l)
+{
+    const struct apc_range last = {.last = EVENTS};
+    struct own own = {.request = l->request};
+    snprintf(own.text, sizeof own.text, "(request %lld of ", (long long)l->request->id);
+    int rc = apc_store_events(r->live, &last, is_own, &own);
+    if (rc >= 0 && !own.there) {
+        l->newest.seq = 0; /* what it was before is not known any more */
+        return record(r, l, &(struct owner_rows){0});
+    }
+    return rc < 0 ? apc_fail(&r->why, rc, "%s", apc_store_error(r->live)) : 0;
+}
+
+static bool is_told_why(struct requests *r, struct look *l, apc_ns since)
+{
+    char why[160];
+    const bool found = outcome_refusal(r->live, l->tag->name, since, why, sizeof why);
+    if (found)
+        tell(l, "refused: %s", why);
+    else if (l->request->table == APC_MANUAL)
+        tell(l, "refused: its loop is not in Man");
+    else
+        tell(l, "refused: %g stays in force", l->actual.value);
+    return found || apc_clock_utc(NULL) - l->actual.time > EVENT_LATE;
+}
+
+/* Is there something to say, in l->said? */
+static bool is_settled(struct requests *r, struct look *l)
+{
+    const struct apc_sample write = {.table = l->request->table,
+                                     .id = l->request->variable,
+                                     .seq = l->mark.origin,
+                                     .value = l->request->value};
+    const struct outcome_seen seen = seen_of(l, &write);
+    if (is_switch(l->request))
+        return tell(l, "written");
+    if (!l->by)
+        return tell(l, "written, but it belongs to no controller");
+    switch (outcome_of(&seen)) {
+    case OUTCOME_APPLIED:
+        return tell(l, "applied");
+    case OUTCOME_SUPERSEDED:
+        return tell(l, "superseded: it is %g now", l->actual.value);
+    case OUTCOME_REFUSED:
+        return is_told_why(r, l, l->request->time);
+    default:
+        tell(l, "written, but %s does not confirm it", l->by->name);
+        return l->request->age > r->most + 3 * l->by->period + PATIENCE;
+    }
+}
+
+static int settle(struct requests *r, struct look *l)
+{
+    int rc = l->request->seq < 0 ? make_up(r, l) : 0;
+    if (rc < 0)
+        return rc;
+    if (is_settled(r, l)) {
+        rc = say(r, l, l->mark.origin, l->said);
+        return rc < 0 ? rc : 0;
+    }
+    if (l->request->seq < 0)
+        rc = say(r, l, l->mark.origin, NULL);
+    return rc < 0 ? rc : 1;
+}
+
+/* 1: it is still to be answered. */
+static int handle(struct requests *r, const struct apc_request *request)
+{
+    struct look l;
+    int rc = look_at(r, request, &l);
+    if (rc < 0)
+        return rc;
+    if (l.mark.seq > 0 && l.mark.value == (double)request->id && l.mark.time == request->time)
+        return settle(r, &l);
+    if (is_past(&l, r->most) || is_wrong(r, &l) || is_for_nobody(&l))
+        return say(r, &l, 0, l.said);
+    return do_it(r, &l);
+}
+
+int requests_step(struct requests *r)
+{
+    int left = 0;
+    r->n = 0;
+    r->why.text[0] = '\0';
+    int rc = apc_store_requests(r->history, take, r);
+    if (rc < 0)
+        return apc_fail(&r->why, rc, "%s", apc_store_error(r->history));
+    if (r->n > 0 && (rc = load_plant(r)) < 0)
+        return apc_fail(&r->why, rc, "%s", apc_store_error(r->live));
+    for (size_t i = 0; i < r->n && rc >= 0; i++) {
+        rc = handle(r, &r->at[i]);
+        left += rc > 0;
+    }
+    return rc < 0 ? rc : left;
+}
