@@ -5,9 +5,11 @@
  * read. In the end that must fit together (history.h).
  *
  * checker run --store URI --dir DIR [--kills N] [--writers N] [--readers N] [--ids N] [--seed N] [--spool]
- *             [--ring] [--server-hook COMMAND]
+ *             [--ring] [--server-hook COMMAND] [--history URI --historian COMMAND]
  *                                         --ring: the store keeps the newest rows only. COMMAND kills the
- *                                         server and brings it back; its argument is a random number
+ *                                         server and brings it back; its argument is a random number.
+ *                                         --historian: COMMAND moves the store's rows on to URI, is killed as
+ *                                         others are, and what stands there in the end is looked at
  * checker check DIR                       look at a history again
  */
 #include <argp.h>
@@ -34,7 +36,7 @@ enum { WRITERS_MAX = 4, READERS_MAX = 8, IDS_MAX = 64 };
 static const enum apc_table tables[WRITERS_MAX] = {APC_SENSOR, APC_ACTUATOR, APC_ESTIMATE, APC_TUNING};
 
 struct options {
-    const char *store, *dir, *server_hook;
+    const char *store, *dir, *server_hook, *history, *historian;
     unsigned kills, writers, readers, ids, spool, ring;
     uint64_t seed;
 };
@@ -107,7 +109,8 @@ static void write_words(struct lines *l, const char *words, const char *why)
     write_lines(l);
 }
 
-static struct apc_store *open_store(const struct options *o, const char *name, bool spooled, unsigned number)
+static struct apc_store *open_uri(const struct options *o, const char *uri, const char *name, bool spooled,
+                                  unsigned number)
 {
     char path[600];
     struct apc_error why;
@@ -120,13 +123,18 @@ static struct apc_store *open_store(const struct options *o, const char *name, b
                                               .backoff_max = 200 * APC_NS_PER_MS,
                                               .spool = spooled ? path : NULL};
     for (;;) {
-        int rc = apc_store_open(&store, o->store, &options, &why);
+        int rc = apc_store_open(&store, uri, &options, &why);
         if (rc == 0)
             return store;
         if (rc != APC_EBUSY) /* the killed process still holds its spool */
-            die(o->store, why.text);
+            die(uri, why.text);
         pause_us(1000);
     }
+}
+
+static struct apc_store *open_store(const struct options *o, const char *name, bool spooled, unsigned number)
+{
+    return open_uri(o, o->store, name, spooled, number);
 }
 
 /* ---- A writer -------------------------------------------------------------------------------- */
@@ -210,7 +218,7 @@ static void write_rows(const struct options *o, unsigned number, uint64_t seed)
     while (!stopping) {
         choose(&w, number);
         append(&w);
-        pause_us(random_of(&w.random) % 3000);
+        pause_us(random_of(&w.random) % (o->historian ? 30000 : 3000)); /* a ring outlives an outage */
     }
     finish_writer(&w);
 }
@@ -242,13 +250,27 @@ static void read_rows(const struct options *o, unsigned number, uint64_t seed)
     apc_store_close(store);
 }
 
+/* ---- A historian ----------------------------------------------------------------------------- */
+
+static void move_rows(const struct options *o, unsigned number, uint64_t seed)
+{
+    const int log = open_log(o, "historian-said", number);
+    char command[1000];
+    (void)seed;
+    snprintf(command, sizeof command, "exec %s", o->historian);
+    dup2(log, STDOUT_FILENO);
+    dup2(log, STDERR_FILENO);
+    execl("/bin/sh", "sh", "-c", command, (char *)NULL);
+    _exit(2);
+}
+
 /* ---- The run --------------------------------------------------------------------------------- */
 
 struct run {
     struct options o;
     uint64_t random;
-    pid_t writer[WRITERS_MAX], reader[READERS_MAX];
-    unsigned server_kills, writer_kills;
+    pid_t writer[WRITERS_MAX], reader[READERS_MAX], historian;
+    unsigned server_kills, writer_kills, historian_kills;
 };
 
 static pid_t spawn(struct run *r, void (*fn)(const struct options *, unsigned, uint64_t), unsigned number)
@@ -304,10 +326,23 @@ static void kill_server(struct run *r)
     r->server_kills++;
 }
 
+static void kill_historian(struct run *r)
+{
+    kill(r->historian, SIGKILL);
+    waitpid(r->historian, NULL, 0);
+    r->historian = spawn(r, move_rows, 0);
+    r->historian_kills++;
+}
+
 static void kill_somebody(struct run *r)
 {
-    uint64_t victim = random_of(&r->random) % (r->o.writers + (r->o.server_hook ? 1 : 0));
-    if (victim == r->o.writers) {
+    const uint64_t servers = r->o.server_hook ? 1 : 0, historians = r->o.historian ? 2 : 0;
+    const uint64_t victim = random_of(&r->random) % (r->o.writers + servers + historians);
+    if (victim >= r->o.writers + servers) {
+        kill_historian(r);
+        return;
+    }
+    if (victim >= r->o.writers) {
         kill_server(r);
         return;
     }
@@ -331,6 +366,41 @@ static void stop(pid_t pid)
         die("a process", "failed");
 }
 
+static void read_newest(struct apc_store *store, struct apc_sample *at, size_t n)
+{
+    apc_ns give_up = apc_clock_mono(NULL) + 60 * APC_NS_PER_S;
+    while (apc_store_read(store, at, n) < 0) {
+        if (apc_clock_mono(NULL) > give_up)
+            die("reading what is newest", apc_store_error(store));
+        pause_us(10000);
+    }
+}
+
+/* The historian has moved all; then it ends. */
+static void await_history(struct run *r)
+{
+    static struct apc_sample from[WRITERS_MAX * IDS_MAX], to[WRITERS_MAX * IDS_MAX];
+    const apc_ns give_up = apc_clock_mono(NULL) + 120 * APC_NS_PER_S;
+    struct apc_store *store = open_store(&r->o, "checker", false, 0);
+    struct apc_store *history = open_uri(&r->o, r->o.history, "checker", false, 1);
+    size_t n = 0, same;
+    for (unsigned t = 0; t < r->o.writers; t++)
+        for (unsigned i = 0; i < r->o.ids; i++, n++)
+            from[n] = to[n] = (struct apc_sample){.table = tables[t], .id = (int)i + 1};
+    read_newest(store, from, n);
+    do {
+        pause_us(10000);
+        read_newest(history, to, n);
+        for (same = 0; same < n && to[same].seq == from[same].seq;)
+            same++;
+        if (apc_clock_mono(NULL) > give_up)
+            die("the history", "does not get all that the store has");
+    } while (same < n);
+    apc_store_close(store);
+    apc_store_close(history);
+    stop(r->historian);
+}
+
 static int store_line(void *ctx, const struct apc_sample *s)
 {
     struct lines *log = ctx;
@@ -347,7 +417,7 @@ static void dump(const struct run *r)
     snprintf(ring, sizeof ring, "%s/ring", r->o.dir);
     if (r->o.ring)
         close(open(ring, O_WRONLY | O_CREAT, 0666));
-    struct apc_store *store = open_store(&r->o, "checker", false, 0);
+    struct apc_store *store = open_uri(&r->o, r->o.history ? r->o.history : r->o.store, "checker", false, 0);
     for (unsigned t = 0; t < r->o.writers; t++)
         for (unsigned i = 0; i < r->o.ids; i++)
             if (apc_store_history(store, tables[t], (int)i + 1, NULL, store_line, &log) < 0)
@@ -362,8 +432,10 @@ static int report(const char *dir, const struct run *r)
     if (history_check(dir, &c) != 0)
         die(dir, "the history cannot be read");
     if (r)
-        printf("%s%s, seed %" PRIu64 ": %u kills of writers, %u of the server\n", r->o.store,
-               r->o.spool ? " with spools" : "", r->o.seed, r->writer_kills, r->server_kills);
+        printf("%s%s%s%s, seed %" PRIu64 ": %u kills of writers, %u of the server, %u of the historian\n",
+               r->o.store, r->o.spool ? " with spools" : "", r->o.history ? " into " : "",
+               r->o.history ? r->o.history : "", r->o.seed, r->writer_kills, r->server_kills,
+               r->historian_kills);
     printf("attempted %zu, acknowledged %zu, stored %zu, read %zu: %zu violations\n", c.attempted,
            c.acknowledged, c.stored, c.read, c.violations);
     if (c.stored == 0 || c.acknowledged == 0 || (r && c.read == 0))
@@ -382,6 +454,8 @@ static int run(struct run *r)
         r->writer[i] = spawn(r, write_rows, i);
     for (unsigned i = 0; i < r->o.readers; i++)
         r->reader[i] = spawn(r, read_rows, i);
+    if (r->o.historian)
+        r->historian = spawn(r, move_rows, 0);
     await_progress(r);
     for (unsigned kills = 0; kills < r->o.kills; kills++) {
         pause_us(random_of(&r->random) % 150000);
@@ -392,13 +466,15 @@ static int run(struct run *r)
         stop(r->writer[i]);
     for (unsigned i = 0; i < r->o.readers; i++)
         stop(r->reader[i]);
+    if (r->o.historian)
+        await_history(r);
     dump(r);
     return report(r->o.dir, r);
 }
 
 /* ---- Options --------------------------------------------------------------------------------- */
 
-enum { STORE = 0x100, DIR_, KILLS, WRITERS, READERS, IDS, SEED, SPOOL, RING, HOOK };
+enum { STORE = 0x100, DIR_, KILLS, WRITERS, READERS, IDS, SEED, SPOOL, RING, HOOK, HISTORY, HISTORIAN };
 
 static const struct argp_option option_list[] = {
     {"store", STORE, "URI", 0, "The store", 0},
@@ -411,6 +487,8 @@ static const struct argp_option option_list[] = {
     {"spool", SPOOL, NULL, 0, "The writers spool", 0},
     {"ring", RING, NULL, 0, "The store keeps the newest rows of each variable only", 0},
     {"server-hook", HOOK, "COMMAND", 0, "Kills the server and brings it back", 0},
+    {"history", HISTORY, "URI", 0, "Where what is stored stands in the end", 0},
+    {"historian", HISTORIAN, "COMMAND", 0, "Moves what the store gets on to there", 0},
     {0},
 };
 
@@ -457,9 +535,17 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case HOOK:
         o->server_hook = arg;
         break;
+    case HISTORY:
+        o->history = arg;
+        break;
+    case HISTORIAN:
+        o->historian = arg;
+        break;
     case ARGP_KEY_END:
         if (!o->store || !o->dir)
             argp_error(state, "--store and --dir are needed");
+        if (!o->history != !o->historian)
+            argp_error(state, "--history and --historian come together");
         break;
     default:
         return ARGP_ERR_UNKNOWN;

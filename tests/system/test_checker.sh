@@ -77,8 +77,14 @@ check() { # NAME OPTIONS...
   mkdir "$work/$1"
   "$checker" run --dir "$work/$1" --kills "$kills" ${APC_SEED:+--seed "$APC_SEED"} "${@:2}" || fail "$1: see above"
 }
-trap 'rm -f "/dev/shm/apc.checker-$$"; finish' EXIT
+trap 'rm -f "/dev/shm/apc.checker-$$" "/dev/shm/apc.checker-$$-moved"; finish' EXIT
 check postgresql --store 'postgresql:#plain' --server-hook "bash $work/hook"
 check sqlite --store "sqlite:$work/checker.db"
 check shm --store "shm:checker-$$" --ring
+# what the memory gets, moved on to a database; all three are killed
+fast_experiment
+"$apc" init --store 'postgresql:#moved' "$work/fast.conf" >/dev/null
+check moved --store "shm:checker-$$-moved?size=64" --history 'postgresql:#moved' --server-hook "bash $work/hook" \
+  --historian "$APC_BIN/apc-historian --config $work/fast.conf --store shm:checker-$$-moved --history 'postgresql:#moved'"
+! grep 'the record has a gap' "$work"/moved/*.log || fail "a gap where there is none"
 check spool --store 'postgresql:#spooled' --server-hook "bash $work/hook" --spool
