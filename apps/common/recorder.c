@@ -9,7 +9,10 @@
 
 #define QUEUE      128
 #define QUANTITIES 3
-#define WINDOWS    (QUANTITIES + 1) /* the last: what is measured beside the task */
+#define WINDOWS    (QUANTITIES + 1)    /* the last: what is measured beside the task */
+#define LISTED     6                   /* events of the link that are written as they are, and */
+#define MINUTE     (60 * APC_NS_PER_S) /* after how long as many again */
+#define COUNTED    (10 * APC_NS_PER_S) /* the others are one event for so long */
 
 static const struct {
     enum apc_task_histogram which;
@@ -23,6 +26,13 @@ struct recorder {
     struct apc_event queue[QUEUE];
     size_t first, count;
     unsigned long lost, told; /* pushed out of the queue; of those, said so in the records */
+    struct {
+        apc_ns since; /* of the first that is listed */
+        unsigned listed;
+        unsigned long count; /* that are not */
+        apc_ns first;        /* of these */
+        struct apc_event last;
+    } chatter;
     /* What live histograms had when last looked at, and what of them is not yet in the store. */
     struct apc_histogram *window, *mark[WINDOWS], *pending[WINDOWS];
     uint64_t missed[WINDOWS];
@@ -90,17 +100,58 @@ void recorder_absent(struct recorder *r, uint64_t missed)
     atomic_store(&r->absent, missed);
 }
 
-void recorder_event(struct recorder *r, const struct apc_event *event)
+static void enqueue(struct recorder *r, const struct apc_event *event)
 {
-    if (!r || !r->store)
-        return;
-    pthread_mutex_lock(&r->mutex);
     if (r->count == QUEUE) {
         r->first = (r->first + 1) % QUEUE;
         r->count--;
         r->lost++;
     }
     r->queue[(r->first + r->count++) % QUEUE] = *event;
+}
+
+/* What was counted is told of by its last one, which says how it is now. */
+static void tell_chatter(struct recorder *r, apc_ns now)
+{
+    struct apc_event *last = &r->chatter.last;
+    const size_t used = strnlen(last->text, sizeof last->text);
+    if (r->chatter.count == 0 || (now < r->chatter.first + COUNTED && now > r->chatter.first - MINUTE))
+        return; /* beyond that the clock has stepped */
+    if (r->chatter.count > 1)
+        snprintf(last->text + used, sizeof last->text - used, " (%lu such events in %.0f s, the last one)",
+                 r->chatter.count, apc_ns_to_s(last->time - r->chatter.first));
+    enqueue(r, last);
+    r->chatter.count = 0;
+}
+
+/* A link that comes and goes all the time is counted; its first events are listed. */
+static bool is_counted(struct recorder *r, const struct apc_event *event)
+{
+    if (strcmp(event->kind, "stop") == 0)
+        tell_chatter(r, INT64_MAX);
+    if (strcmp(event->kind, "link") != 0)
+        return false;
+    tell_chatter(r, event->time);
+    if (event->time < r->chatter.since || event->time - r->chatter.since >= MINUTE) {
+        r->chatter.since = event->time;
+        r->chatter.listed = 0;
+    }
+    if (r->chatter.count == 0 && r->chatter.listed < LISTED) {
+        r->chatter.listed++;
+        return false;
+    }
+    r->chatter.first = r->chatter.count++ == 0 ? event->time : r->chatter.first;
+    r->chatter.last = *event;
+    return true;
+}
+
+void recorder_event(struct recorder *r, const struct apc_event *event)
+{
+    if (!r || !r->store)
+        return;
+    pthread_mutex_lock(&r->mutex);
+    if (!is_counted(r, event))
+        enqueue(r, event);
     pthread_mutex_unlock(&r->mutex);
 }
 
@@ -119,6 +170,7 @@ static int flush_events(struct recorder *r)
 {
     struct apc_event batch[1 + QUEUE];
     pthread_mutex_lock(&r->mutex);
+    tell_chatter(r, apc_clock_utc(NULL));
     size_t n = r->count;
     unsigned long lost = r->lost;
     for (size_t i = 0; i < n; i++)

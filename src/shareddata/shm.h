@@ -73,8 +73,16 @@ struct apc_shm_ends {
     uint64_t head, kept;
 };
 
-/** What people did ("operator") and who came ("access") has rings of its own: no chatter pushes it out. */
-enum apc_shm_log_name { APC_SHM_EVENTS, APC_SHM_ACTIONS, APC_SHM_ACCESS, APC_SHM_TIMING, APC_SHM_LOGS };
+/** What people did ("operator"), who came ("access") and what comes and goes ("link", "measurement", but for
+ * alarms) has rings of its own: no chatter pushes out what matters. */
+enum apc_shm_log_name {
+    APC_SHM_EVENTS,
+    APC_SHM_ACTIONS,
+    APC_SHM_ACCESS,
+    APC_SHM_CHATTER,
+    APC_SHM_TIMING,
+    APC_SHM_LOGS
+};
 
 /** Counters of the whole: two versions. */
 struct apc_shm_counters {

@@ -279,16 +279,24 @@ static int check_room(struct apc_shm *shm, enum apc_shm_log_name name, size_t n,
                                 what, n);
 }
 
+static bool is_of_kind(const struct apc_event *event, const char *kind)
+{
+    return strncmp(event->kind, kind, sizeof event->kind) == 0;
+}
+
 static enum apc_shm_log_name ring_of(const struct apc_event *event)
 {
-    return strncmp(event->kind, "operator", sizeof event->kind) == 0 ? APC_SHM_ACTIONS
-           : strncmp(event->kind, "access", sizeof event->kind) == 0 ? APC_SHM_ACCESS
-                                                                     : APC_SHM_EVENTS;
+    const bool chatter = is_of_kind(event, "link") || is_of_kind(event, "measurement");
+    return is_of_kind(event, "operator")                   ? APC_SHM_ACTIONS
+           : is_of_kind(event, "access")                   ? APC_SHM_ACCESS
+           : chatter && event->severity != APC_EVENT_ALARM ? APC_SHM_CHATTER
+                                                           : APC_SHM_EVENTS;
 }
 
 int apc_shm_append_events(struct apc_store *store, const struct apc_event *events, size_t n)
 {
-    static const char *const what[] = {"events", "events of operators", "events of access"};
+    static const char *const what[] = {"events", "events of operators", "events of access",
+                                       "events of links"};
     struct apc_shm *shm = apc_shm_of(store);
     struct apc_shm_write w;
     size_t count[APC_SHM_TIMING] = {0};
@@ -319,7 +327,7 @@ int apc_shm_events(struct apc_store *store, const struct apc_range *range, apc_e
     struct selection s;
     int err = apc_shm_ready(shm), count = 0;
     if (!err) {
-        err = select_records(shm, APC_SHM_EVENTS, APC_SHM_ACCESS, range, &s);
+        err = select_records(shm, APC_SHM_EVENTS, APC_SHM_CHATTER, range, &s);
     }
     if (err) {
         return err;
@@ -508,7 +516,7 @@ int apc_shm_maintain(struct apc_store *store, const struct apc_retention *keep)
 {
     struct apc_shm *shm = apc_shm_of(store);
     const apc_ns now = apc_clock_utc(NULL);
-    const apc_ns age[APC_SHM_LOGS] = {keep->events, keep->events, keep->events, keep->timing};
+    const apc_ns age[APC_SHM_LOGS] = {keep->events, keep->events, keep->events, keep->events, keep->timing};
     int err = apc_shm_ready(shm), dropped = 0;
     for (size_t i = 0; err >= 0 && i < shm->variables; i++) {
         struct apc_shm_slot *slot = &shm->slot[i];

@@ -120,7 +120,8 @@ late=$("$apc" timing --since -1d --store "$live" --csv | awk -F, '$2 == "latenes
 mkdir "$work/history"
 rows() { awk -v kind="$1" -v table="$2" -v first="$3" '{printf "%s %s 1 %d %.17g\n", kind, table, first + NR - 1, $1}'; }
 for pair in sensor:y actuator:u setpoint:r; do
-  table=${pair%:*} first=$(moved "$table" | head -n 1 | cut -d' ' -f1)
+  table=${pair%:*}
+  first=$(sql "SELECT min(seq) FROM apc.$table WHERE id = 1")
   seen "${pair#*:}" | tail -n +2 | cut -d, -f5 >"$work/values"
   awk -F, -v table="$table" '$2 == table && $3 == 1 {print $5}' "$work/twin.csv" >"$work/twin.values"
   [ "$late" -lt 250000000 ] || { echo "$table: without the twin, a tick was $late ns late" && cp "$work/values" "$work/twin.values"; }

@@ -218,7 +218,7 @@ static void test_events_that_were_pushed_out_of_the_queue_are_counted_in_the_rec
 {
     struct bench b;
     struct events all = {0};
-    struct apc_event e = {.time = 1, .severity = APC_EVENT_INFO, .source = "apc-test", .kind = "link"};
+    struct apc_event e = {.time = 1, .severity = APC_EVENT_INFO, .source = "apc-test", .kind = "start"};
     (void)state;
     set_up(&b);
     for (int i = 1; i <= 131; i++) {
@@ -240,6 +240,36 @@ static void test_events_that_were_pushed_out_of_the_queue_are_counted_in_the_rec
     tear_down(&b);
 }
 
+static void test_a_link_that_comes_and_goes_is_counted(void **state)
+{
+    struct bench b;
+    struct events all = {0};
+    struct apc_event e = {.severity = APC_EVENT_WARNING, .source = "apc-test", .kind = "link"};
+    const struct apc_event stop = {.time = 1, .severity = APC_EVENT_INFO, .kind = "stop"};
+    (void)state;
+    set_up(&b);
+    e.time = apc_clock_utc(NULL) + 50 * APC_NS_PER_S; /* no flush is so late that it tells by itself */
+    for (int i = 1; i <= 1000; i++) {
+        snprintf(e.text, sizeof e.text, "plant lost for the %dth time", i);
+        recorder_event(b.r, &e);
+        assert_int_equal(recorder_flush(b.r, NULL, 0), 0);
+    }
+    assert_int_equal(apc_store_events(b.reader, &(struct apc_range){0}, note, &all), 6);
+    assert_string_equal(all.last.text, "plant lost for the 6th time");
+    e.time += 10 * APC_NS_PER_S; /* the next one: what was counted is told first */
+    recorder_event(b.r, &e);
+    assert_int_equal(recorder_flush(b.r, NULL, 0), 0);
+    all.n = 0;
+    assert_int_equal(apc_store_events(b.reader, &(struct apc_range){0}, note, &all), 7);
+    assert_non_null(strstr(all.last.text, "the 1000th time (994 such events in 0 s, the last one)"));
+    recorder_event(b.r, &stop); /* nothing is kept back at the end */
+    assert_int_equal(recorder_flush(b.r, NULL, 0), 0);
+    all.n = 0;
+    assert_int_equal(apc_store_events(b.reader, &(struct apc_range){0}, note, &all), 9);
+    assert_string_equal(all.last.kind, "stop");
+    tear_down(&b);
+}
+
 /* A store that takes its time: meanwhile more events come in. */
 static struct {
     const struct apc_store_ops *real;
@@ -249,7 +279,7 @@ static struct {
 
 static void number(struct recorder *r, int from, int n)
 {
-    struct apc_event e = {.severity = APC_EVENT_INFO, .source = "apc-test", .kind = "link"};
+    struct apc_event e = {.severity = APC_EVENT_INFO, .source = "apc-test", .kind = "start"};
     for (int i = from; i < from + n; i++) {
         e.time = i;
         snprintf(e.text, sizeof e.text, "number %d", i);
@@ -423,6 +453,7 @@ int main(void)
         cmocka_unit_test(test_without_a_store_nothing_is_recorded_and_nothing_fails),
         cmocka_unit_test(test_every_tick_is_recorded_once),
         cmocka_unit_test(test_events_that_were_pushed_out_of_the_queue_are_counted_in_the_records),
+        cmocka_unit_test(test_a_link_that_comes_and_goes_is_counted),
         cmocka_unit_test(test_events_that_come_while_others_are_written_are_written_next_and_once),
         cmocka_unit_test(test_events_that_are_refused_are_told_and_written_later),
         cmocka_unit_test(test_what_is_measured_beside_the_task_is_stored_and_so_are_its_failures),

@@ -430,10 +430,39 @@ static void test_a_segment_may_have_any_number_for_its_file(void **state)
     assert_int_equal(found, 1);
 }
 
+static int note_kind(void *ctx, const struct apc_event *e)
+{
+    static const char *const kinds[] = {"operator", "alarm", "start", "measurement"};
+    for (unsigned i = 0; i < 4; i++) {
+        *(unsigned *)ctx |= strcmp(e->kind, kinds[i]) == 0 ? 1U << i : 0;
+    }
+    return 0;
+}
+
+static void test_a_flood_of_link_events_displaces_nothing_that_matters(void **state)
+{
+    struct apc_store *store = *state;
+    const struct apc_event kept[] = {
+        {.time = 1, .severity = APC_EVENT_INFO, .source = "anna", .kind = "operator"},
+        {.time = 2, .severity = APC_EVENT_ALARM, .kind = "alarm"},
+        {.time = 3, .severity = APC_EVENT_INFO, .kind = "start"},
+        {.time = 4, .severity = APC_EVENT_ALARM, .kind = "measurement"},
+    };
+    struct apc_event link = {.severity = APC_EVENT_WARNING, .kind = "link"};
+    unsigned there = 0;
+    assert_int_equal(apc_store_append_events(store, kept, 4), 4);
+    for (int i = 0; i < 1000; i++) {
+        link.time = 1000 + i;
+        assert_int_equal(apc_store_append_events(store, &link, 1), 1);
+    }
+    assert_true(apc_store_events(store, NULL, note_kind, &there) > 4);
+    assert_int_equal(there, 15);
+}
+
 static void test_rings_of_events_and_timing_keep_the_newest(void **state)
 {
     struct apc_store *store = *state;
-    enum { EVENTS = 48, ROWS = 12 };
+    enum { EVENTS = 36, ROWS = 12 };
     struct apc_event e[EVENTS + 1];
     for (int i = 0; i <= EVENTS; i++) {
         e[i] = (struct apc_event){.time = 1000 * i, .severity = APC_EVENT_INFO};
@@ -495,7 +524,7 @@ static int count_kinds(void *ctx, const struct apc_event *e)
 static void test_no_chatter_pushes_out_what_people_did(void **state)
 {
     struct apc_store *store = *state;
-    enum { SHOWN = 48, ACTIONS = 24, LOGINS = 6 };
+    enum { SHOWN = 12, ACTIONS = 24, LOGINS = 6 };
     struct apc_event all[ACTIONS + 1] = {0};
     struct kinds kinds = {.last = -1};
     apc_ns arrived = 0;
@@ -789,6 +818,7 @@ int main(void)
         T(test_late_vectors_are_stored_while_there_is_room_for_them),
         T(test_a_segment_may_have_any_number_for_its_file),
         T(test_rings_of_events_and_timing_keep_the_newest),
+        T(test_a_flood_of_link_events_displaces_nothing_that_matters),
         T(test_no_chatter_pushes_out_what_people_did),
         T(test_a_segment_cut_short_is_refused_and_not_touched),
         T(test_a_removed_segment_is_noticed_and_the_new_one_used),
