@@ -3,8 +3,8 @@
  * Events and the timing of one task, into the store. Events are queued by any thread and never wait;
  * recorder_flush(), called by the main thread, writes them. While the store is away events go into its
  * spool, or, without one, stay queued (when the queue is full the oldest go, and an event says how many);
- * timing goes into a longer window. Events of a link that comes and goes all the time are counted: after six in a
- * minute one event stands for those of ten seconds.
+ * timing goes into a longer window. Events of a link that comes and goes all the time are counted: after six
+ * in a minute one event stands for those of ten seconds.
  */
 #ifndef APC_RECORDER_H
 #define APC_RECORDER_H

@@ -72,7 +72,7 @@ struct apc_store_ops {
     int (*author_name)(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN]);
     int (*describe)(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue);
     int (*catalogue)(struct apc_store *store, char *text, size_t size, int64_t *revision);
-    int (*behind)(struct apc_store *store, struct apc_behind *behind); /* NULL: there is no history */
+    int (*behind)(struct apc_store *store, struct apc_behind *behind);      /* NULL: there is no history */
     int (*requests)(struct apc_store *store, apc_request_fn fn, void *ctx); /* NULL: none can be made */
     int (*answer)(struct apc_store *store, int64_t id, int64_t seq, const char *outcome);
     int (*init)(struct apc_store *store);
