@@ -1,12 +1,15 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* What nonlinear predictive control has in the place of a linear model: the plant's equations, an extended
  * Kalman filter for each part of a period, shooting. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/base_internal.h"
 #include "base/matrix.h"
 #include "control/mpc.h"
+
+enum { STEPS_MOST = 1000, SQUARINGS = 16 };
 
 const char *const apc_nmpc_settings[] = {"horizon",    "blocks", "measurement", "rank",     "preview",
                                          "delay",      "y_dev",  "u_dev",       "x_noise",  "d_noise",
@@ -103,6 +106,87 @@ static int make_shoot(struct apc_law_mpc *p, const struct apc_law_setup *setup,
     return apc_shoot_create(&p->shoot, &options, why);
 }
 
+/* ---- Steps ------------------------------------------------------------------------------------------ */
+
+/* The logarithm of M's spectral radius, whatever the units of its rows; M is destroyed; work [n * n]. */
+static double growth(size_t n, double *M, double *work)
+{
+    double sum = 0.0, share = 1.0;
+
+    for (int k = 0; k < SQUARINGS; k++, share /= 2.0) {
+        const double norm = apc_matrix_norm(n, M);
+
+        if (!(norm > 0.0) || !isfinite(norm))
+            return norm > 0.0 ? HUGE_VAL : -HUGE_VAL;
+        sum += share * log(norm);
+        for (size_t i = 0; i < n * n; i++)
+            M[i] /= norm;
+        apc_matrix_multiply(n, n, n, M, M, work);
+        memcpy(M, work, n * n * sizeof(*M));
+    }
+    return sum;
+}
+
+/* What a step of h does to deviations of the linear model A, of Runge and Kutta: 1 + hA (1 + hA/2 (1 + hA/3
+ * (1 + hA/4))); to [n * n], work [n * n]. */
+static void step_matrix(size_t n, const double *A, double h, double *to, double *work)
+{
+    memset(to, 0, n * n * sizeof(*to));
+    for (size_t i = 0; i < n; i++)
+        to[i * n + i] = 1.0;
+    for (int k = 4; k > 0; k--) {
+        apc_matrix_multiply(n, n, n, A, to, work);
+        for (size_t i = 0; i < n * n; i++)
+            to[i] = h / k * work[i] + (i % (n + 1) == 0 ? 1.0 : 0.0);
+    }
+}
+
+/* Does a step of h make more of a deviation than the model itself does, or than stays? */
+static bool blows_up(size_t n, const double *A, double h, double *work)
+{
+    double *M = work, *scratch = work + n * n, explicit_growth, own;
+
+    step_matrix(n, A, h, M, scratch);
+    explicit_growth = growth(n, M, scratch);
+    for (size_t i = 0; i < n * n; i++)
+        work[5 * n * n + i] = h * A[i];
+    own = apc_matrix_exponential(n, work + 5 * n * n, M, work + n * n) ? 0.0 : growth(n, M, scratch);
+    return explicit_growth > fmax(own, 0.0) + 1e-3;
+}
+
+/* Formulas that are explicit cannot take long steps where the model has a fast mode: at the operating point
+ * that is seen before anything moves. */
+static int check_steps(const struct apc_law_setup *setup, size_t steps, struct apc_error *why)
+{
+    const size_t n = setup->plant->nx;
+    const double *A = setup->plant->A;
+    double *work = calloc(6 * n * n, sizeof(*work));
+    size_t least = steps;
+    int rc = 0;
+
+    if (!work)
+        return apc_fail(why, APC_ENOMEM, "no memory");
+    while (least <= STEPS_MOST && blows_up(n, A, setup->Ts / (double)least, work))
+        least = least < 8 ? least + 1 : least + least / 8;
+    if (least > STEPS_MOST)
+        rc =
+            apc_fail(why, APC_EINVAL,
+                     "setting \"steps\": the model is too stiff for the period of %g s: not even %d steps of "
+                     "the integration are enough for its fastest mode; leave that mode out of the model, as "
+                     "one that is always at rest, or take a shorter period",
+                     setup->Ts, STEPS_MOST);
+    else if (least > steps)
+        rc =
+            apc_fail(why, APC_EINVAL,
+                     "setting \"steps\": with %zu in a period of %g s the integration blows up, as the model "
+                     "has a mode that is faster; take %zu or more",
+                     steps, setup->Ts, least);
+    free(work);
+    return rc;
+}
+
+/* ---- All of it -------------------------------------------------------------------------------------- */
+
 static int check_nonlinear(const struct apc_law_setup *setup, struct apc_error *why)
 {
     if (!setup->plant->model)
@@ -126,7 +210,9 @@ int apc_nmpc_take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup
     rc = unknown ? check_nonlinear(setup, why) : apc_fail(why, APC_ENOMEM, "no memory");
 
     if (rc == 0)
-        rc = apc_mpc_count(setup, "steps", 1, 1000, &steps, why);
+        rc = apc_mpc_count(setup, "steps", 1, STEPS_MOST, &steps, why);
+    if (rc == 0)
+        rc = check_steps(setup, steps, why);
     if (rc == 0)
         rc = apc_mpc_count(setup, "newton", 1, 100, &p->newton, why);
     if (rc == 0)

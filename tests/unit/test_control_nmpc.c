@@ -244,6 +244,95 @@ static void limits_and_rates_hold_and_a_limit_of_y_comes_before_its_setpoint(voi
     apc_plant_destroy(r.plant);
 }
 
+static void limits_of_a_measurement_that_cannot_be_kept_are_told_with_their_rank(void **state)
+{
+    struct rig r;
+    (void)state;
+
+    begin(&r);
+    run(&r, 5);
+    r.tuning[Y_MAX] = 37.0; /* it stands above, and the feed takes a while */
+    r.rate[0] = 5.0;
+    set_point(&r, 36.0);
+    tick(&r);
+    assert_int_equal(r.result, APC_LAW_SUBOPTIMAL);
+    assert_string_equal(r.why, "limits of measurements of rank 1 cannot be kept");
+    for (int k = 0; k < 150; k++)
+        tick(&r);
+    assert_int_equal(r.result, APC_LAW_GOOD);
+    assert_near(r.y[0], 36.0, 0.02);
+    apc_plant_destroy(r.plant);
+}
+
+/* The controller's model, which a test can break; the plant's own goes on. */
+enum { WHOLE, NO_NUMBER, NOT_DEFINED };
+static int broken;
+
+static int f_or_not(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    const int rc = apc_model_adiabatic_cstr.f(t, x, u, p, dx);
+
+    if (broken == NO_NUMBER)
+        dx[2] = (double)NAN;
+    return broken == NOT_DEFINED ? 1 : rc;
+}
+
+static void a_model_that_gives_no_number_gives_no_output_and_is_told(void **state)
+{
+    static const int ways[] = {NO_NUMBER, NOT_DEFINED};
+    struct apc_model model = apc_model_adiabatic_cstr;
+    struct apc_error why = {""};
+    struct rig r;
+    (void)state;
+
+    model.f = f_or_not;
+    for (size_t way = 0; way < 2; way++) {
+        begin(&r);
+        r.view.model = &model;
+        if (laws_make(&r.law, &apc_law_nmpc, &r.setup, &why) < 0)
+            fail_msg("%s", why.text);
+        apc_instances_reset(r.law, 0, &r.c);
+        run(&r, 10);
+        broken = ways[way];
+        for (int k = 0; k < 5; k++) {
+            r.result = apc_instances_compute(r.law, 0, &r.c);
+            assert_int_equal(r.result, APC_LAW_INFEASIBLE);
+            assert_non_null(strstr(r.why, "no plan: "));
+            r.u[0] = r.u_last[0]; /* as the controller does then */
+            act(&r);
+            for (size_t i = 0; i < apc_instances_size(r.law).states; i++)
+                assert_true(isfinite(r.x[i]));
+        }
+        broken = WHOLE;
+        run(&r, 60);
+        assert_near(r.y[0], r.y0[0], 0.05);
+        apc_plant_destroy(r.plant);
+    }
+}
+
+static void too_few_steps_for_a_stiff_model_are_refused_and_it_says_how_many(void **state)
+{
+    static const double two = 2.0, twelve = 12.0;
+    struct apc_error why = {""};
+    struct rig r;
+    (void)state;
+
+    prepare(&r);
+    r.setting[8] = number("steps", &two, 1);
+    assert_int_equal(laws_make(&r.law, &apc_law_nmpc, &r.setup, &why), 0);
+    r.A[0] -= 30.0; /* a mode of 33 ms; steps of Ts / 11 and less hold */
+    assert_int_equal(laws_make(&r.law, &apc_law_nmpc, &r.setup, &why), APC_EINVAL);
+    assert_non_null(
+        strstr(why.text, "setting \"steps\": with 2 in a period of 1 s the integration blows up"));
+    assert_non_null(strstr(why.text, "take 11 or more"));
+    r.setting[8] = number("steps", &twelve, 1);
+    assert_int_equal(laws_make(&r.law, &apc_law_nmpc, &r.setup, &why), 0);
+    r.A[0] = -1e5;
+    assert_int_equal(laws_make(&r.law, &apc_law_nmpc, &r.setup, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "too stiff"));
+    apc_plant_destroy(r.plant);
+}
+
 static void by_hand_it_goes_along_and_comes_back_without_a_bump(void **state)
 {
     struct rig r;
@@ -346,6 +435,9 @@ int main(void)
         TEST(from_one_end_to_the_other_no_offset_remains_whatever_disturbs),
         TEST(its_first_plan_comes_true),
         TEST(limits_and_rates_hold_and_a_limit_of_y_comes_before_its_setpoint),
+        TEST(limits_of_a_measurement_that_cannot_be_kept_are_told_with_their_rank),
+        TEST(a_model_that_gives_no_number_gives_no_output_and_is_told),
+        TEST(too_few_steps_for_a_stiff_model_are_refused_and_it_says_how_many),
         TEST(by_hand_it_goes_along_and_comes_back_without_a_bump),
         TEST(the_bits_do_not_depend_on_a_restart),
         TEST(what_makes_no_sense_is_refused_with_a_sentence),
