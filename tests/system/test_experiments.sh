@@ -43,7 +43,7 @@ for file in "$experiments"/*.conf; do
   grep -q "gave no usable output\|output held" "$work/$name.log" && fail "$name: its law failed, or was without measurement"
   [[ $name = two-layers* ]] && continue # its setpoints always move: unit/test_run_layers.c
   case $name in # a law that looks ahead leaves a setpoint before that changes: how well it settles is seen without
-    *mpc) "$apc" simulate "$file" --set controller.settings.preview=0 --csv "$work/$name.settled" >"$work/settled.log" ;;
+    *mpc) "$apc" simulate "$file" --set controller.settings.preview=0 --csv "$work/$name.settled" >"$work/$name-blind.log" ;;
     *) ln -s "$name.csv" "$work/$name.settled" ;;
   esac
   grep -q "^  *$name  *1 " <<<"$tolerances" || fail "$name: how well does it settle? Add its tolerances here"
@@ -55,8 +55,10 @@ while read -r name y tolerance; do
     fail "$name: measurement $y stays $far from its setpoint; $tolerance at most was expected"
 done <<<"$tolerances"
 
-# what predictive control has to be worth: IAE and effort of a loop, both at most so much; before a pump of the four tanks fails
+# what predictive control has to be worth: IAE and effort of a loop, both at most so much, and without a look ahead (blind);
+# before a pump of the four tanks fails
 "$apc" simulate "$experiments/four-tank-mpc.conf" --duration 2400 >"$work/four-tank-mpc.log"
+"$apc" simulate "$experiments/four-tank-mpc.conf" --duration 2400 --set controller.settings.preview=0 >"$work/four-tank-mpc-blind.log"
 while read -r name y iae effort; do
   [ -n "$name" ] || continue
   awk -v y="$y" -v iae="$iae" -v effort="$effort" '$2 == "all" { n++ }
@@ -73,6 +75,15 @@ done <<<'
   van-de-vusse-nmpc              1  33.3   118.7
   van-de-vusse-nmpc              2  1139   24614
   adiabatic-cstr-nmpc            1  102.9  5126
+  quadruple-tank-mpc-blind             1  4.41   16.8
+  quadruple-tank-mpc-blind             2  7.56   7.88
+  quadruple-tank-nonminimum-mpc-blind  1  175.4  29.4
+  quadruple-tank-nonminimum-mpc-blind  2  209    32.6
+  four-tank-mpc-blind                  1  710.9  1163
+  four-tank-mpc-blind                  2  764.4  1380
+  van-de-vusse-nmpc-blind              1  66.5   120.8
+  van-de-vusse-nmpc-blind              2  1586   27305
+  adiabatic-cstr-nmpc-blind            1  177.5  5720
 '
 # its limit of h2 holds, but for what noise does to it, and the pumps keep their rates
 awk -F, '$2 == "sensor" && $3 == 2 && $5 > 95.2 + 5 * 0.05 { exit 1 }
