@@ -10,7 +10,7 @@
 #define DAYS           825
 #define AUTHORITY_DAYS 3650
 #define DAYS_MAX       36500
-#define DAY            (24 * 3600)
+#define DAY            (24 * 3600L)
 #define EARLIER        300 /* s: clocks differ */
 #define HOSTS_MAX      32
 

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #define LOOK_EVERY (10 * APC_NS_PER_S)
-#define DAY        (24 * 3600 * APC_NS_PER_S)
+#define DAY        (24 * 3600L * APC_NS_PER_S)
 
 int credentials_stage(apc_ns left)
 {

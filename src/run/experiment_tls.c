@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define NAMES "\"clients\" must be names in double quotes, as in [\"client\"]"
+
 bool experiment_is_tls(const char *address)
 {
     return !strncmp(address, "tls:", 4);
@@ -33,15 +35,17 @@ void experiment_read_clients(struct settings *s, const config_setting_t *group, 
 
     if (!list || s->failed)
         return;
+    if (n == 0 || !config_setting_is_aggregate(list)) {
+        settings_fail(s, list, NAMES);
+        return;
+    }
     for (size_t i = 0; i < n && !s->failed; i++) {
         const char *name = config_setting_get_string_elem(list, (int)i);
         if (!name || !*name)
-            settings_fail(s, list, "\"clients\" must be names in double quotes, as in [\"client\"]");
+            settings_fail(s, list, NAMES);
         else
             length += strlen(name) + 1;
     }
-    if (!s->failed && (n == 0 || !config_setting_is_aggregate(list)))
-        settings_fail(s, list, "\"clients\" must be names in double quotes, as in [\"client\"]");
     if (s->failed)
         return;
     e->plant.clients = malloc(n * sizeof *e->plant.clients + length);
