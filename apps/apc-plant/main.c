@@ -3,6 +3,7 @@
  * apc-plant: serves a plant over a link: the simulator of the paper, on its own timer. Two threads meet
  * here, the timer's and the server's, in the core that they take turns with.
  */
+#include <sched.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -11,7 +12,8 @@
 #define MODBUS "modbus:"
 #define SERIAL "serial:"
 
-#define CLIENTS_MAX 32
+#define CLIENTS_MAX   32
+#define LINK_PRIORITY 79 /* the task's is 80 */
 
 struct own_options {
     const char *listen;
@@ -116,12 +118,22 @@ static void tell_of_rivals(struct shell *s, uint64_t refused)
         apc_server_peer(s->server, commander, one), apc_server_peer(s->server, refused, other));
 }
 
+/* Where the task may, the link waits for no less: a plant that ticks and does not answer is no plant. */
+static void hurry(struct shell *s)
+{
+    const struct sched_param param = {.sched_priority = LINK_PRIORITY};
+    if (!s->hurries)
+        pthread_setschedparam(pthread_self(), SCHED_FIFO, &param);
+    s->hurries = true;
+}
+
 int on_request(void *ctx, uint64_t connection, const char *request, size_t length, char *reply, size_t size)
 {
     struct shell *s = ctx;
     const struct apc_now now = {.mono = apc_clock_mono(NULL), .utc = apc_clock_utc(NULL)};
     struct apc_notice notice = {0};
 
+    hurry(s);
     pthread_mutex_lock(&s->mutex);
     int rc = apc_plantserver_request(s->core, now, connection, request, length, reply, size, &notice);
     pthread_mutex_unlock(&s->mutex);

@@ -21,6 +21,7 @@ struct shell {
     struct apc_plantserver *core;
     struct credentials credentials;
     struct apc_server *server;
+    bool hurries;                   /* the server's thread has the priority that it may have */
     unsigned ticks;                 /* under the mutex */
     struct gateway {                /* the server's thread's */
         struct apc_sample *samples; /* [max(nu, ny)] */
