@@ -328,6 +328,7 @@ static int compute_four(struct apc_law_call *c)
 {
     c->u[0] = c->x[0] + 2.0 * c->x[1] + 3.0 * c->y[0] - c->z[0] - (c->n_ahead > 2 ? 0.5 * c->z[2] : 0.0) +
               c->x[3] + 0.25 * c->u_last[0];
+    c->u[1] = 4.0 * c->x[1] - c->y[0];
     return APC_LAW_GOOD;
 }
 
@@ -352,10 +353,14 @@ static int create_four(const struct apc_law_setup *setup, struct apc_law_needs *
 
 static void states_that_nothing_moves_or_that_move_nothing_are_left_out(void **state)
 {
-    const struct apc_law_setup setup = {.dim = {.ny = 1, .nz = 1, .nu = 1}, .Ts = 2.0};
-    struct apc_law law = {
-        .abi = APC_LAW_ABI, .name = "four", .n_state = four, .compute = compute_four, .update = update_four};
-    const double y = 10.0, u = 1.0;
+    const struct apc_law_setup setup = {.dim = {.ny = 1, .nz = 1, .nu = 2}, .Ts = 2.0};
+    struct apc_law law = {.abi = APC_LAW_ABI,
+                          .name = "four",
+                          .whole = true,
+                          .n_state = four,
+                          .compute = compute_four,
+                          .update = update_four};
+    const double y = 10.0, u[2] = {1.0, 2.0};
     (void)state;
 
     for (int ahead = 0; ahead < 2; ahead++) {
@@ -363,19 +368,19 @@ static void states_that_nothing_moves_or_that_move_nothing_are_left_out(void **s
         struct apc_error why = {""};
 
         law.create = ahead ? create_four : NULL;
-        if (apc_law_linearize(&l, &law, &setup, NULL, &y, &y, NULL, &u, &why) < 0)
+        if (apc_law_linearize(&l, &law, &setup, NULL, &y, &y, NULL, u, &why) < 0)
             fail_msg("%s", why.text);
         assert_int_equal(l->nx, 2);
-        assert_int_equal(l->n_in, 3);
-        const double A[] = {0.5, 0.0, 0.25, 0.75}, B[] = {0.0, 0.1, 0.0, 0.0, 0.0, 0.0}, C[] = {1.0, 2.0},
-                     D[] = {3.0, ahead ? -1.5 : -1.0, 0.25};
+        assert_int_equal(l->n_in, 4);
+        const double A[] = {0.5, 0.0, 0.25, 0.75}, B[8] = {0.0, 0.1}, C[] = {1.0, 2.0, 0.0, 4.0},
+                     D[8] = {3.0, ahead ? -1.5 : -1.0, 0.25, 0.0, -1.0};
         for (size_t i = 0; i < 4; i++)
             assert_near(l->A[i], A[i], 1e-9);
-        for (size_t i = 0; i < 6; i++)
+        for (size_t i = 0; i < 8; i++)
             assert_near(l->B[i], B[i], 1e-9);
-        for (size_t i = 0; i < 2; i++)
+        for (size_t i = 0; i < 4; i++)
             assert_near(l->C[i], C[i], 1e-9);
-        for (size_t i = 0; i < 3; i++)
+        for (size_t i = 0; i < 8; i++)
             assert_near(l->D[i], D[i], 1e-9);
         free(l);
     }

@@ -331,6 +331,7 @@ static void two_campaigns_are_compared_seed_by_seed(void **state)
         *figure(run, 0, METRIC_ISE) = 0.5 - run % 2;         /* 0.5 or 1.5 less, so hardly anything */
         *figure(run, 0, METRIC_ITAE) = run % 2 ? 3 : -1;     /* 2 more or 2 less */
         *figure(run, 0, METRIC_EFFORT) = -9 - (double)run;
+        *figure(run, 0, METRIC_OVERSHOOT) = 1235.5678; /* 1234.5678 more */
     }
     read_again("former.csv");
     const char *text = table();
@@ -342,6 +343,7 @@ static void two_campaigns_are_compared_seed_by_seed(void **state)
     assert_string_equal(row(text, "level IAE"), "level IAE 4 5.5 4.5813 6.4187 more");
     assert_string_equal(row(text, "level ITAE"), "level ITAE 4 0 -3.6747 3.6747 none to be seen");
     assert_string_equal(row(text, "level effort"), "level effort 4 -11.5 -13.554 -9.4458 less");
+    assert_string_equal(row(text, "level overshoot"), "level overshoot % 4 1234.6 1234.6 1234.6 more");
     assert_string_equal(row(text, "level peak"), "level peak 3 0 0 0 none to be seen");
     assert_string_equal(row(text, "heat IAE"), "heat IAE 4 0 0 0 none to be seen");
     options.json = true;

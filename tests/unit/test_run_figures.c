@@ -364,7 +364,10 @@ static void two_outputs_for_one_thing_are_one_loop_and_a_calculated_one_is_none(
     struct loop loop[2];
     (void)state;
     e.dim = controller.dim = dim;
+    snprintf(signals[0][1].tag.name, sizeof signals[0][1].tag.name, "level");
+    snprintf(signals[2][1].tag.name, sizeof signals[2][1].tag.name, "valve");
     assert_int_equal(metrics_loops(&e, loop), 2);
+    assert_string_equal(loop[1].name, "level"); /* as it has always been, where there is one controller */
     controller.y = both;
     assert_int_equal(metrics_loops(&e, loop), 2); /* of two setpoints */
     controller.z = same;
