@@ -134,7 +134,9 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
         written = rc >= 0 ? 1 : rc == APC_ECONN || rc == APC_ETIMEDOUT ? -1 : 0;
     }
     apc_controller_update(s->core, written);
-    daemon_notice(&s->d, &notice);
+    do
+        daemon_notice(&s->d, &notice);
+    while (apc_controller_noticed(s->core, &notice));
     if (rc >= 0)
         rc = take_turns(s);
     report_store(s, rc);

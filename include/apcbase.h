@@ -177,11 +177,13 @@ enum apc_table {
     APC_DIM,        /**< ids 1..3: number of measurements, setpoints, manipulated variables; then two ids
                          for each output, the first being 4 and 5: the measurement that it controls, and the
                          setpoint that it controls it to (0: none), as the law pairs them */
-    APC_OPMODE,     /**< id 0 target mode (operator), id 1 actual mode (controller) */
+    APC_OPMODE,     /**< id i: target mode of loop i; id 0: of all, as the paper's listings write it; ids from
+                         65536 on: other switches */
     APC_TUNING,     /**< parameters of the law, written by the operator */
     APC_MANUAL,     /**< the operator's outputs, used in mode Man */
-    APC_STATE,      /**< what a restarted controller resumes from */
-    APC_ACTUAL,     /**< what became of a variable that somebody wants: the value in force */
+    APC_STATE,  /**< of version 1: no row is read or written any more. The description of its id 0 is the name
+                   of  the experiment */
+    APC_ACTUAL, /**< what became of a variable that somebody wants: the value in force */
     APC_ESTIMATE,   /**< what a law publishes, and what a controller in shadow would put out */
     APC_ALARM,      /**< an alarm's state */
     APC_TICK,       /**< vectors: what a controller's tick was made from and the next one goes on from */

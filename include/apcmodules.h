@@ -461,6 +461,10 @@ APC_API int apc_controller_resume(struct apc_controller *controller, apc_ns sinc
  */
 APC_API int apc_controller_compute(struct apc_controller *controller, struct apc_now now, uint64_t tick,
                                    bool have, struct apc_notice *notice);
+/** What else came to pass at that tick, one loop's at each call; false: that is all. The first, and gravest,
+ * is the
+ * @p notice of apc_controller_compute(), where that was asked for one. [tick] */
+APC_API bool apc_controller_noticed(struct apc_controller *controller, struct apc_notice *notice);
 /**
  * What became of apc_controller_out(): 1 they are stored, and the law's state goes on; 0 they are not, for
  * certain; -1 nobody knows, the answer was lost: the next apc_controller_compute() that has rows sees whether

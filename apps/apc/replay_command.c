@@ -119,11 +119,10 @@ static bool print_exactness(const struct replay_command *c)
         const uint64_t compared = of->ticks.n - (of->begins > 0);
         char since[APC_TIME_LEN];
         if (of->begins)
-            fprintf(
-                c->talk,
-                "%s: ticks before %s UTC are not on record: the run's store had no room for more (apc run "
-                "--history URI keeps all, shm:NAME?size=MIB more)\n",
-                of->of->name, apc_time_format(of->begins, since));
+            fprintf(c->talk,
+                    "%s: ticks before %s are not on record: the run's store had no room for more (apc run "
+                    "--history URI keeps all, shm:NAME?size=MIB more)\n",
+                    of->of->name, apc_time_format(of->begins, since));
         fprintf(c->talk, "%s: %llu of %llu ticks the same bit for bit%s", of->of->name,
                 (unsigned long long)of->same, (unsigned long long)compared, of->restarts ? ", " : "\n");
         if (of->restarts)

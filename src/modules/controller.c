@@ -414,6 +414,7 @@ void apc_controller_note(struct apc_controller *c, size_t i, struct apc_notice *
     va_start(args, fmt);
     vsnprintf(text, sizeof(text), fmt, args);
     va_end(args);
+    (void)apc_note(&c->state[i].note, kind, "%s", text);
     if (apc_note(notice, kind, "%s", text)) {
         c->said = 1;
         c->said_of = i;
@@ -422,20 +423,64 @@ void apc_controller_note(struct apc_controller *c, size_t i, struct apc_notice *
     }
 }
 
-/* Name the loop, unless it is so with all of them. */
-static void name_loop(const struct apc_controller *c, struct apc_notice *notice)
+void apc_controller_note_refused(struct apc_controller *c, struct apc_notice *notice, const char *text)
+{
+    if (!notice)
+        return;
+    (void)apc_note(&c->note, APC_NOTICE_REJECTED, "%s", text);
+    if (apc_note(notice, APC_NOTICE_REJECTED, "%s", text))
+        c->said = 0;
+}
+
+static void name_loop(const struct apc_controller *c, size_t i, struct apc_notice *notice)
 {
     char text[sizeof(notice->text)];
-    const char *name;
+    const char *name = c->loop[i].name;
 
-    if (c->said == 0 || c->said == c->dim.nu)
-        return;
     memcpy(text, notice->text, sizeof(text));
-    name = c->loop[c->said_of].name;
     if (name)
         snprintf(notice->text, sizeof(notice->text), "%.40s: %.110s", name, text);
     else
-        snprintf(notice->text, sizeof(notice->text), "output %zu: %.110s", c->said_of + 1, text);
+        snprintf(notice->text, sizeof(notice->text), "output %zu: %.110s", i + 1, text);
+}
+
+static void forget_notes(struct apc_controller *c)
+{
+    c->said = 0;
+    c->heard = 0;
+    c->note.kind = APC_NOTICE_NONE;
+    for (size_t i = 0; i < c->dim.nu; i++)
+        c->state[i].note.kind = APC_NOTICE_NONE;
+}
+
+/* The gravest is the tick's, without a name where it is so with all loops. What else there is, is kept. */
+static void put_notice(struct apc_controller *c, struct apc_notice *notice)
+{
+    if (c->said == c->dim.nu && c->said > 0) {
+        for (size_t i = 0; i < c->dim.nu; i++)
+            c->state[i].note.kind = APC_NOTICE_NONE;
+    } else if (c->said > 0) {
+        name_loop(c, c->said_of, notice);
+        c->state[c->said_of].note.kind = APC_NOTICE_NONE;
+    } else {
+        c->note.kind = APC_NOTICE_NONE;
+    }
+}
+
+bool apc_controller_noticed(struct apc_controller *c, struct apc_notice *notice)
+{
+    notice->kind = APC_NOTICE_NONE;
+    if (c->note.kind != APC_NOTICE_NONE) {
+        *notice = c->note;
+        c->note.kind = APC_NOTICE_NONE;
+        return true;
+    }
+    while (c->heard < c->dim.nu && notice->kind == APC_NOTICE_NONE)
+        *notice = c->state[c->heard++].note;
+    if (notice->kind == APC_NOTICE_NONE)
+        return false;
+    name_loop(c, c->heard - 1, notice);
+    return true;
 }
 
 /* ---- The tick ----------------------------------------------------------------------------- */
@@ -483,7 +528,7 @@ int apc_controller_compute(struct apc_controller *c, struct apc_now now, uint64_
 {
     if (notice)
         notice->kind = APC_NOTICE_NONE;
-    c->said = 0;
+    forget_notes(c);
     c->failed = false;
     apc_controller_look_at_selected(c, have, now);
     if (c->pending && have) {
@@ -521,7 +566,7 @@ int apc_controller_compute(struct apc_controller *c, struct apc_now now, uint64_
     apc_controller_run(c, now, have, notice);
     apc_controller_put(c, now);
     if (notice)
-        name_loop(c, notice);
+        put_notice(c, notice);
     return (int)(c->out.n_samples + c->out.n_vectors);
 }
 

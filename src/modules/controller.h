@@ -14,6 +14,7 @@
 
 /** A loop, besides what apc_loop remembers. */
 struct apc_controller_state {
+    struct apc_notice note; /* what it has to tell of this tick */
     struct apc_loop loop;
     struct apc_loop_facts facts;
     struct apc_loop_move move;
@@ -203,13 +204,15 @@ struct apc_controller {
     int64_t seq;                        /* of the newest tick row */
     uint64_t index;
     double t;
-    apc_ns since;         /* a manual output that is found at first counts if it is younger */
-    apc_ns resumed_at;    /* of the tick row that was taken over, until that is settled; else 0 */
-    bool pending;         /* whether the last rows act is not known */
-    bool awaits;          /* they do, and laws go on as soon as it is read what was selected */
-    size_t said, said_of; /* of so many loops the notice tells, of this one first */
-    bool failed;          /* the law gave no usable output at this tick */
-    uint64_t failures;    /* at so many ticks */
+    apc_ns since;           /* a manual output that is found at first counts if it is younger */
+    apc_ns resumed_at;      /* of the tick row that was taken over, until that is settled; else 0 */
+    bool pending;           /* whether the last rows act is not known */
+    bool awaits;            /* they do, and laws go on as soon as it is read what was selected */
+    size_t said, said_of;   /* of so many loops the notice tells, of this one first */
+    struct apc_notice note; /* of this tick, what is no loop's */
+    size_t heard;           /* so many loops were asked for what else they have to tell */
+    bool failed;            /* the law gave no usable output at this tick */
+    uint64_t failures;      /* at so many ticks */
 };
 
 /* ---- facts.c */
@@ -301,6 +304,8 @@ apc_status apc_controller_limited(unsigned limited);
 void apc_controller_put(struct apc_controller *controller, struct apc_now now);
 
 /** Note what came to pass with loop @p i; when it is so with all, no loop is named. [tick] */
+void apc_controller_note_refused(struct apc_controller *controller, struct apc_notice *notice,
+                                 const char *text);
 void apc_controller_note(struct apc_controller *controller, size_t i, struct apc_notice *notice,
                          enum apc_notice_kind kind, const char *fmt, ...) APC_PRINTF(5, 6);
 

@@ -71,9 +71,10 @@ static struct called called(const char *name, int number)
 static void refuse(struct apc_controller *c, struct apc_notice *notice, const char *what, const char *who,
                    double value, double low, double high)
 {
-    if (apc_note(notice, APC_NOTICE_REJECTED, "%s %s refused: %g is not within %g to %g", what, who, value,
-                 low, high))
-        c->said = 0;
+    char text[256]; /* a notice takes what fits */
+
+    snprintf(text, sizeof(text), "%s %s refused: %g is not within %g to %g", what, who, value, low, high);
+    apc_controller_note_refused(c, notice, text);
 }
 
 /* ---- What is wanted ------------------------------------------------------------------------ */
@@ -138,6 +139,7 @@ static bool take_parameter(struct apc_controller *c, size_t i, struct apc_notice
 static void take_tuning(struct apc_controller *c, struct apc_controller_law *law, struct apc_notice *notice)
 {
     struct apc_error why = {""};
+    char text[sizeof(notice->text)];
     bool new = false;
 
     for (size_t i = law->first; i < law->first + law->size.tuning; i++)
@@ -145,8 +147,9 @@ static void take_tuning(struct apc_controller *c, struct apc_controller_law *law
     if (!new)
         return;
     law->offer_ok = apc_instances_check(law->instances, law->offered, &why) == 0;
-    if (!law->offer_ok && apc_note(notice, APC_NOTICE_REJECTED, "tuning refused: %.120s", why.text))
-        c->said = 0;
+    snprintf(text, sizeof(text), "tuning refused: %.120s", why.text);
+    if (!law->offer_ok)
+        apc_controller_note_refused(c, notice, text);
 }
 
 void apc_controller_take_wanted(struct apc_controller *c, struct apc_notice *notice)

@@ -466,13 +466,12 @@ static void tell_answer(struct apc_controller *c, size_t k, struct apc_notice *n
     struct apc_controller_instance *of = &c->law.instance[k];
     const bool poor = of->result == (int)APC_LAW_SUBOPTIMAL || of->result == (int)APC_LAW_LATE;
 
-    /* one at a tick: the next one tells the rest */
-    if (!notice || notice->kind == APC_NOTICE_POOR || poor == of->poor || (!poor && of->good < a_while))
+    if (!notice || poor == of->poor || (!poor && of->good < a_while))
         return;
     for (size_t i = part.u; i < part.u + part.nu; i++)
         apc_controller_note(c, i, notice, APC_NOTICE_POOR, "law %.20s: %s", c->law.definition->name,
                             poor ? of->why : "good again");
-    if (notice->kind == APC_NOTICE_POOR)
+    if (c->state[part.u].note.kind == APC_NOTICE_POOR) /* else it had graver news: the next tick tells this */
         of->poor = poor;
 }
 

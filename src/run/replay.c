@@ -412,8 +412,10 @@ static int replay_tick(struct replay *r, struct replay_controller *rc, size_t k)
         memcpy(rc->first, text, sizeof rc->first);
     rc->same += same;
     compare_outputs(r, rc, at, row);
-    if (r->watch.notice && notice.kind != APC_NOTICE_NONE && notice.kind != APC_NOTICE_MODE)
-        r->watch.notice(r->watch.ctx, apc_ns_to_s(at->time - r->start), notice.text);
+    do
+        if (r->watch.notice && notice.kind != APC_NOTICE_NONE && notice.kind != APC_NOTICE_MODE)
+            r->watch.notice(r->watch.ctx, apc_ns_to_s(at->time - r->start), notice.text);
+    while (apc_controller_noticed(rc->core, &notice));
     apc_controller_update(rc->core, 1);
     rc->now = now_of(rc, row, at->time);
     rc->row = row;

@@ -302,7 +302,9 @@ static int controller_tick(void *ctx, const struct apc_tick *tick)
         return 0;
     stop_at_store(c->s, apc_store_read_rows(c->s->store, apc_controller_in(c->core)));
     apc_controller_compute(c->core, now_of(c->s), tick->index, true, &notice);
-    tell_of(c, &notice);
+    do
+        tell_of(c, &notice);
+    while (apc_controller_noticed(c->core, &notice));
     c->ticks = true;
     return 0;
 }

@@ -92,6 +92,37 @@ static void a_bad_measurement_holds_its_own_loop_and_says_which(void **state)
     end(&r);
 }
 
+static void what_befalls_two_loops_at_a_tick_is_told_of_both(void **state)
+{
+    struct rig r;
+
+    (void)state;
+    make(&r, &apc_law_pid);
+    measured_tick(&r, 0.5, 0.5);
+    assert_false(apc_controller_noticed(r.core, &r.notice)); /* of both the same, and told */
+    in_of(&r, APC_SENSOR, 1)->status = APC_BAD;
+    in_of(&r, APC_SENSOR, 2)->status = APC_BAD;
+    set(&r, APC_TUNING, 1, NAN);
+    tick(&r, WRITTEN);
+    assert_has(r.notice.text, "Kp of v1 refused");
+    assert_true(apc_controller_noticed(r.core, &r.notice));
+    assert_string_equal(r.notice.text, "v1: output held: measurement 1 is Bad");
+    assert_true(apc_controller_noticed(r.core, &r.notice));
+    assert_int_equal(r.notice.kind, APC_NOTICE_HOLD);
+    assert_string_equal(r.notice.text, "v2: output held: measurement 2 is Bad");
+    assert_false(apc_controller_noticed(r.core, &r.notice));
+    measured_tick(&r, 0.5, 0.5);
+    set(&r, APC_OPMODE, 1, APC_MODE_MAN); /* no loop's news hides another's, however light it is */
+    in_of(&r, APC_SENSOR, 2)->status = APC_BAD;
+    set(&r, APC_SENSOR, 1, 0.5);
+    tick(&r, WRITTEN);
+    assert_string_equal(r.notice.text, "v2: output held: measurement 2 is Bad");
+    assert_true(apc_controller_noticed(r.core, &r.notice));
+    assert_string_equal(r.notice.text, "v1: mode Man");
+    assert_false(apc_controller_noticed(r.core, &r.notice));
+    end(&r);
+}
+
 static void each_loop_has_its_own_mode(void **state)
 {
     struct rig r;
@@ -486,6 +517,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(what_befalls_one_loop_does_not_touch_another),
         cmocka_unit_test(a_bad_measurement_holds_its_own_loop_and_says_which),
+        cmocka_unit_test(what_befalls_two_loops_at_a_tick_is_told_of_both),
         cmocka_unit_test(each_loop_has_its_own_mode),
         cmocka_unit_test(no_output_moves_faster_than_its_rate_but_to_its_fault_value),
         cmocka_unit_test(good_answers_and_those_of_need_go_out_and_others_are_held),
