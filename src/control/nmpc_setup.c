@@ -113,16 +113,17 @@ static double growth(size_t n, double *M, double *work)
 {
     double sum = 0.0, share = 1.0;
 
-    for (int k = 0; k < SQUARINGS; k++, share /= 2.0) {
+    for (int k = 0; k < SQUARINGS; k++) {
         const double norm = apc_matrix_norm(n, M);
 
-        if (!(norm > 0.0) || !isfinite(norm))
-            return norm > 0.0 ? HUGE_VAL : -HUGE_VAL;
+        if (norm == 0.0 || !isfinite(norm))
+            return norm == 0.0 ? -HUGE_VAL : HUGE_VAL;
         sum += share * log(norm);
         for (size_t i = 0; i < n * n; i++)
             M[i] /= norm;
         apc_matrix_multiply(n, n, n, M, M, work);
         memcpy(M, work, n * n * sizeof(*M));
+        share /= 2.0;
     }
     return sum;
 }
