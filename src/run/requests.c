@@ -203,7 +203,7 @@ static bool is_for_nobody(struct look *l)
         return tell(l, "refused: nobody applies it: %s belongs to no controller", l->tag->name);
     if (l->tick.seq == 0)
         return tell(l, "refused: nobody applies it: %s has never ticked", l->by->name);
-    if (outcome_of(&seen) == OUTCOME_NOBODY)
+    if (outcome_of(&seen) == OUTCOME_NOBODY && outcome_age(&seen) > 3 * l->by->period + PATIENCE)
         return tell(l, "refused: nobody applies it: %s's last tick was %.1f s ago", l->by->name,
                     apc_ns_to_s(outcome_age(&seen)));
     return false;

@@ -18,7 +18,7 @@ more_values() { [ "$(count "$1" "$2")" -gt "$3" ]; }
 said() { [ "$(grep -c "$2" "$work/$1.log")" -gt "$3" ]; }
 times() { grep -c "$2" "$work/$1.log" || true; }
 loop_goes_on() { until_true 30 more_values "$live" u $(($(count "$live" u) + 3)); }
-historian() { background "$1" "$APC_BIN/apc-historian" --config "$work/fast.conf" --store "$live" --history "$2"; }
+historian() { background "$1" "$APC_BIN/apc-historian" --config "$work/fast.conf" --store "$live" --history "$2" --writes-within 60; }
 
 expect 1 'no history: give --history' "$APC_BIN/apc-historian" --config "$work/fast.conf" --store "$live"
 background run "$apc" run "$work/fast.conf" --store "$live" --duration 0 --no-ui --out "$work/run"
@@ -77,7 +77,7 @@ PGOPTIONS='-c search_path=apc' psql -Xqf "$APC_SOURCE_DIR/sql/roles.sql" >/dev/n
 operator=anna_$$
 sql "CREATE USER $operator IN ROLE apc_operator"
 as_operator() { sql "SET SESSION AUTHORIZATION $operator; $1"; }
-ask() { as_operator "INSERT INTO apc.request (table_name, variable, value, time) VALUES ('$1', 1, $2, now() - interval '${3:-0 s}')"; }
+ask() { as_operator "INSERT INTO apc.request (table_name, variable, value, time, until) VALUES ('$1', 1, $2, now() - interval '${3:-0 s}', now() + interval '60 s')"; }
 request() { sql "SELECT max(id) FROM apc.request"; }
 outcome() { sql "SELECT outcome FROM apc.request WHERE id = $1"; }
 answers() { outcome "$1" | grep -q "$2"; }
@@ -88,9 +88,9 @@ becomes '^applied$'
 [ "$(rows_of 7.5)" = 1 ] || fail "what was asked for is there $(rows_of 7.5) times"
 events "$live" | grep -q ",\"$operator\",\"operator\",\"r: .* -> 7.5 (request $(request) of $operator)\"" || fail "no event of it: $(events "$live" | tail -3)"
 until_true 60 test -n "$(sql "SELECT 1 FROM apc.setpoint s JOIN apc.request q USING (seq) WHERE q.id = $(request) AND s.id = 1 AND s.value = 7.5")"
-ask setpoint 6 '1 minute'
-becomes '^refused: too late, it was asked for 6'
-ask setpoint 6 '-1 minute'
+ask setpoint 6 '2 minutes'
+becomes '^refused: too late, it was asked for 12'
+ask setpoint 6 '-2 minutes'
 becomes '^refused: it comes from .* ahead'
 ask setpoint 1000
 becomes '^refused: r = 1000 lies outside its limits -100 to 100$'
@@ -107,7 +107,7 @@ done=$(sql "SELECT id FROM apc.request WHERE value = 7.5")
 sql "UPDATE apc.request SET seq = NULL, outcome = NULL WHERE id = $done"
 until_true 60 answers "$done" .
 [ "$(rows_of 7.5)" = 1 ] || fail "what had been done was done again"
-sql "DELETE FROM apc.request WHERE id = $done; INSERT INTO apc.request (id, table_name, variable, value) OVERRIDING SYSTEM VALUE VALUES ($done, 'setpoint', 1, 8.5)"
+sql "DELETE FROM apc.request WHERE id = $done; INSERT INTO apc.request (id, table_name, variable, value, until) OVERRIDING SYSTEM VALUE VALUES ($done, 'setpoint', 1, 8.5, now() + interval '60 s')"
 until_true 60 answers "$done" '^applied$'
 [ "$(rows_of 8.5)" = 1 ] || fail "a number that was given out again was not taken"
 
