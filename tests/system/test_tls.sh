@@ -4,6 +4,12 @@
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 
+said=$("$APC_BIN/apc-plant" --config "$APC_SOURCE_DIR/experiments/first-order.conf" --listen tls:127.0.0.1:0 --identity "$work/none" 2>&1 || true)
+if [[ $said == *'built without OpenSSL'* ]]; then
+  echo "skipped: this build has no tls:" >&2
+  exit 77
+fi
+
 certs() { "$apc" cert "$@" --dir "$work/certs"; }
 
 # what people may type wrongly, and what they are told
