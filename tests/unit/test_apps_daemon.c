@@ -20,6 +20,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "common/credentials.h"
 #include "common/daemon.h"
 #include "common/exitcode.h"
 #include "common/warden.h"
@@ -1002,9 +1003,26 @@ static int make_shared(void **state)
     return shared == MAP_FAILED;
 }
 
+static void a_certificate_that_expires_is_said_at_30_7_and_1_days_and_at_its_end(void **state)
+{
+    const apc_ns day = 24 * 3600 * APC_NS_PER_S;
+    (void)state;
+    assert_int_equal(credentials_stage(INT64_MAX), 0);
+    assert_int_equal(credentials_stage(30 * day + 1), 0);
+    assert_int_equal(credentials_stage(30 * day), 1);
+    assert_int_equal(credentials_stage(7 * day + 1), 1);
+    assert_int_equal(credentials_stage(7 * day), 2);
+    assert_int_equal(credentials_stage(day + 1), 2);
+    assert_int_equal(credentials_stage(day), 3);
+    assert_int_equal(credentials_stage(1), 3);
+    assert_int_equal(credentials_stage(0), 4);
+    assert_int_equal(credentials_stage(-400 * day), 4);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_certificate_that_expires_is_said_at_30_7_and_1_days_and_at_its_end),
         cmocka_unit_test(bad_options_are_refused_and_say_what_is_expected),
         cmocka_unit_test(an_option_of_its_own_chooses_its_part_and_name),
         cmocka_unit_test(the_environment_stands_for_what_is_not_said),
