@@ -102,7 +102,7 @@ static void what_befalls_two_loops_at_a_tick_is_told_of_both(void **state)
     assert_false(apc_controller_noticed(r.core, &r.notice)); /* of both the same, and told */
     in_of(&r, APC_SENSOR, 1)->status = APC_BAD;
     in_of(&r, APC_SENSOR, 2)->status = APC_BAD;
-    set(&r, APC_TUNING, 1, NAN);
+    set(&r, APC_TUNING, 1, (double)NAN);
     tick(&r, WRITTEN);
     assert_has(r.notice.text, "Kp of v1 refused");
     assert_true(apc_controller_noticed(r.core, &r.notice));
