@@ -14,6 +14,7 @@
 #include "compare.h"
 #include "folder.h"
 #include "print.h"
+#include "print_alarms.h"
 #include "print_figures.h"
 #include "report.h"
 #include "setting.h"
@@ -369,7 +370,8 @@ static void print_json_parameters(const struct simulate *r)
     free(p);
 }
 
-static void print_json(const struct simulate *r, const struct figures *figures)
+static void print_json(const struct simulate *r, const struct figures *figures,
+                       const struct alarm_figures *alarms)
 {
     struct apc_inproc_stats link = {.size = sizeof link};
     struct apc_timing timing = {.size = sizeof timing};
@@ -393,6 +395,8 @@ static void print_json(const struct simulate *r, const struct figures *figures)
            (unsigned long long)simulation_held(&r->s), (unsigned long long)simulation_failures(&r->s));
     print_json_parameters(r);
     figures_json(figures, &r->s.course, &r->e, stdout);
+    if (r->e.n_alarms > 0)
+        alarms_json(alarms, &r->e, SIMULATION_BEGIN, stdout);
     puts("}");
 }
 
@@ -436,14 +440,33 @@ static void tell_operation(const struct simulate *r)
             n);
 }
 
+static int make_alarms(const struct simulate *r, struct alarm_figures *alarms)
+{
+    struct alarm_journal journal;
+    apc_ns ended = 0;
+    int rc = alarm_journal_load(&journal, r->s.store, r->e.n_alarms, NULL);
+    *alarms = (struct alarm_figures){0};
+    (void)apc_ns_from_s(r->s.ended, &ended);
+    if (rc == 0)
+        rc = alarm_figures_make(alarms, &journal, &r->e, SIMULATION_BEGIN, SIMULATION_BEGIN + ended);
+    alarm_journal_free(&journal);
+    return rc;
+}
+
 static int put_figures(const struct simulate *r)
 {
     struct figures figures;
+    struct alarm_figures alarms;
     int rc = figures_make(&figures, &r->s.course, &r->e);
+    const int made = make_alarms(r, &alarms);
+    rc = rc < 0 ? rc : made;
     if (rc == 0 && r->options.json)
-        print_json(r, &figures);
+        print_json(r, &figures, &alarms);
     else if (rc == 0)
         rc = figures_print(&figures, &r->s.course, &r->e, ROWS, r->talk);
+    if (rc == 0 && !r->options.json && r->e.n_alarms > 0)
+        rc = alarms_print(&alarms, &r->e, SIMULATION_BEGIN, r->talk);
+    alarm_figures_free(&alarms);
     figures_free(&figures);
     if (rc < 0)
         cli_error(&r->cli, rc, "out of memory");

@@ -368,6 +368,29 @@ int cores_scheduler(const struct experiment *e, struct apc_scheduler **scheduler
     return rc;
 }
 
+int cores_alarms_number(const struct experiment *e)
+{
+    return (int)e->n_controllers + 1;
+}
+
+int cores_alarms(const struct experiment *e, struct apc_alarms **alarms, struct apc_error *why)
+{
+    struct apc_alarm *alarm = calloc(e->n_alarms + 1, sizeof *alarm);
+    *alarms = NULL;
+    if (!alarm)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < e->n_alarms; i++)
+        alarm[i] = e->alarm[i].is;
+    const struct apc_alarms_options options = {.size = sizeof options,
+                                               .n = e->n_alarms,
+                                               .alarm = alarm,
+                                               .number = cores_alarms_number(e),
+                                               .shelve_max = e->alarms.shelve_max};
+    const int rc = apc_alarms_create(alarms, &options, why);
+    free(alarm);
+    return rc;
+}
+
 int cores_take_turns(const struct controller *c, struct apc_controller *core, struct apc_store *store,
                      bool *claimed)
 {

@@ -355,7 +355,7 @@ static void read_law(struct settings *s, const config_setting_t *group, struct c
 
 #define CONTROLLER                                                                                           \
     "law", "tuning", "measurement_tuning", "mode", "hold", "budget", "shed_after", "backup", "rate",         \
-        "settings", "model", "operating_point", "limits", RHYTHM
+        "settings", "model", "operating_point", "limits", "alarms", RHYTHM
 
 static const char *const short_settings[] = {CONTROLLER, NULL};
 static const char *const controller_settings[] = {CONTROLLER,  "name",    "shadow",       "measurements",
@@ -574,7 +574,7 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     static const char *const known[] = {"name",      "title",   "duration", "seed",    "measurements",
                                         "setpoints", "outputs", "plant",    "client",  "controller",
                                         "scheduler", "network", "clock",    "actions", "controllers",
-                                        "signals",   "live",    NULL};
+                                        "signals",   "live",    "alarms",   NULL};
     int64_t seed = 1;
     settings_known(s, root, known);
     settings_name(s, root, e->name, sizeof e->name);
@@ -609,6 +609,7 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     experiment_number(s, list, e, laws);
     read_live(s, root, e);
     models_read(s, root, &e->models);
+    experiment_read_alarms(s, root, e);
     experiment_read_actions(s, root, e);
 }
 
@@ -702,6 +703,7 @@ void experiment_free(struct experiment *e)
     free(e->scheduler.sequence);
     free(e->scheduler.z);
     free(e->action);
+    free(e->alarm);
     experiment_free_controllers(e);
     models_free(&e->models);
     apc_plugin_close(e->model_handle);

@@ -79,6 +79,9 @@ int experiment_parse_changed(struct experiment *e, const struct experiment_sourc
 /* What is said anew is no longer what is on record. */
 void experiment_forget(struct record *record, const char *path);
 
+/* `alarms` of all signals and controllers, and of the file's root; when all else is known. */
+void experiment_read_alarms(struct settings *s, const config_setting_t *root, struct experiment *e);
+
 /* What an operator is to do, of the file's root; after all else. */
 void experiment_read_actions(struct settings *s, const config_setting_t *root, struct experiment *e);
 

@@ -17,81 +17,6 @@ static const char *const known[][16] = {
     [SETPOINT] = {COMMON, "initial", "rate", NULL},
     [OUTPUT] = {COMMON, "safe", "fault", "initial", "rate", NULL}};
 
-/* ---- Alarms -------------------------------------------------------------------------------- */
-
-/* The kinds of level in their order; then those whose limit is no level. */
-static const char *const levels[] = {"low-low", "low", "high", "high-high"};
-enum { LEVELS = sizeof levels / sizeof *levels, DEVIATION = LEVELS, RATE, FROZEN, BAD, KINDS };
-
-static int kind_of(const char *name)
-{
-    static const char *const others[] = {"deviation", "rate", "frozen", "bad"};
-    for (int i = 0; i < LEVELS; i++)
-        if (!strcmp(name, levels[i]))
-            return i;
-    for (int i = DEVIATION; i < KINDS; i++)
-        if (!strcmp(name, others[i - DEVIATION]))
-            return i;
-    return -1;
-}
-
-static int read_alarm(struct settings *s, const config_setting_t *group, const struct apc_tag *tag,
-                      double *limit)
-{
-    static const char *const members[] = {"kind", "limit", "priority", "delay", "message", NULL};
-    char name[16] = "", message[128];
-    int64_t priority = 3;
-    double delay;
-    if (!config_setting_is_group(group)) {
-        settings_fail(s, group, "expected a group: { kind = \"high\"; limit = 9.0; }");
-        return -1;
-    }
-    settings_known(s, group, members);
-    settings_text(s, group, "kind", REQUIRED, name, sizeof name);
-    const int kind = kind_of(name);
-    if (!s->failed && kind < 0)
-        settings_fail(
-            s, config_setting_get_member(group, "kind"),
-            "\"kind\" is \"%s\": must be \"low-low\", \"low\", \"high\", \"high-high\", \"deviation\", "
-            "\"rate\", \"frozen\" or \"bad\"",
-            name);
-    const bool level = kind < LEVELS;
-    if (kind < FROZEN)
-        settings_number(s, group, "limit", REQUIRED, level ? tag->low : 0, level ? tag->high : APC_VALUE_MAX,
-                        limit);
-    else if (!s->failed && config_setting_get_member(group, "limit"))
-        settings_fail(s, config_setting_get_member(group, "limit"),
-                      "an alarm of kind \"%s\" has no \"limit\"", name);
-    settings_whole(s, group, "priority", OPTIONAL, 1, 4, &priority);
-    settings_number(s, group, "delay", OPTIONAL, 0, 86400, &delay);
-    settings_text(s, group, "message", OPTIONAL, message, sizeof message);
-    return s->failed ? -1 : kind;
-}
-
-/* They are checked; what is evaluated stands in the file's text. */
-static void check_alarms(struct settings *s, const config_setting_t *of, const struct apc_tag *tag)
-{
-    const config_setting_t *list = settings_list(s, of, "alarms", OPTIONAL);
-    const config_setting_t *at[KINDS] = {NULL};
-    double limit[KINDS] = {0};
-    for (int i = 0; list && i < config_setting_length(list) && !s->failed; i++) {
-        const config_setting_t *group = config_setting_get_elem(list, (unsigned)i);
-        double value = 0;
-        const int kind = read_alarm(s, group, tag, &value);
-        if (kind < 0)
-            return;
-        if (at[kind])
-            settings_fail(s, group, "%s has two alarms of this kind", tag->name);
-        at[kind] = group;
-        limit[kind] = value;
-    }
-    for (int low = 0; low < LEVELS; low++)
-        for (int high = low + 1; high < LEVELS && !s->failed; high++)
-            if (at[low] && at[high] && limit[low] >= limit[high])
-                settings_fail(s, at[high], "the limit of \"%s\", %g, must be above that of \"%s\", %g",
-                              levels[high], limit[high], levels[low], limit[low]);
-}
-
 /* ---- A signal ------------------------------------------------------------------------------ */
 
 /* [low, high] within its limits. */
@@ -160,7 +85,6 @@ static void read_signal(struct settings *s, const config_setting_t *group, enum 
     settings_text(s, group, "description", OPTIONAL, tag->description, sizeof tag->description);
     read_bounds(s, group, kind, signal);
     read_area(s, group, tag);
-    check_alarms(s, group, tag);
     settings_flag(s, group, "critical", &signal->critical);
     if (kind == MEASUREMENT)
         settings_period(s, group, "period", OPTIONAL, &signal->period);

@@ -197,6 +197,20 @@ static void add_owners(struct tags *t)
     }
 }
 
+static void add_alarms(struct tags *t)
+{
+    for (size_t i = 0; i < t->e->n_alarms; i++) {
+        const struct alarm *alarm = &t->e->alarm[i];
+        struct apc_tag *tag = add(t, plain_tag(APC_ALARM, (int)i + 1, alarm->name, alarm->message,
+                                               APC_ALARM_NORMAL, APC_ALARM_STATES - 1));
+        snprintf(tag->area, sizeof tag->area, "%s", alarm->area);
+    }
+    if (t->e->n_alarms > 0)
+        add(t, plain_tag(APC_TICK, cores_alarms_number(t->e), "alarms", "how many alarms are in which state",
+                         0, 0))
+            ->period = apc_ns_to_s(t->e->alarms.rhythm.period);
+}
+
 static size_t count_tuning(const struct experiment *e)
 {
     size_t n = 0;
@@ -220,7 +234,8 @@ struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
     const size_t ny = dim->ny + e->n_signals;
     struct tags t = {.e = e,
                      .at = calloc(ny + dim->nz + dim->nu + e->n_controllers + count_tuning(e) +
-                                      count_published(e) + 5 * controllers_loops(e) + 2 * e->scheduler.n + 5,
+                                      count_published(e) + 5 * controllers_loops(e) + 2 * e->scheduler.n +
+                                      e->n_alarms + 6,
                                   sizeof *t.at)};
     if (!t.at)
         return NULL;
@@ -239,6 +254,7 @@ struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
     }
     add_controllers(&t);
     add_owners(&t);
+    add_alarms(&t);
     add(&t, plain_tag(APC_DIM, 1, "dim.y", "number of measurements", 1, 1e6));
     add(&t, plain_tag(APC_DIM, 2, "dim.z", "number of setpoints", 1, 1e6));
     add(&t, plain_tag(APC_DIM, 3, "dim.u", "number of manipulated variables", 1, 1e6));

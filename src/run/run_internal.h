@@ -7,6 +7,7 @@
 #ifndef APC_RUN_INTERNAL_H
 #define APC_RUN_INTERNAL_H
 
+#include <apcalarm.h>
 #include <apcexchange.h>
 #include <apcmodules.h>
 #include <apcplant.h>
@@ -140,6 +141,13 @@ struct action {
     size_t controller;    /* that is killed or started, by its place */
 };
 
+/* An alarm: what is evaluated, and what people are told. */
+struct alarm {
+    struct apc_alarm is;
+    char name[APC_TAG_LEN], area[APC_TAG_LEN * 2];
+    char message[APC_TAG_LEN * 2], consequence[256], response[256]; /* "": not said */
+};
+
 struct experiment {
     char file[EXPERIMENT_PATH]; /* it was loaded from */
     char *text;                 /* it was read from */
@@ -197,6 +205,13 @@ struct experiment {
 
     struct action *action; /* [n_actions] by time */
     size_t n_actions;
+
+    struct alarm *alarm; /* [n_alarms], number i with id i in table alarm */
+    size_t n_alarms;
+    struct {
+        struct rhythm rhythm;
+        apc_ns shelve_max;
+    } alarms;
 
     struct models models; /* of virtual time */
     char net[512];        /* of a run's record: --net, already in models; "": none */
@@ -332,6 +347,9 @@ int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc
 int cores_controller(const struct experiment *e, const struct controller *c, bool real_time,
                      struct apc_controller **controller, struct apc_error *why);
 int cores_scheduler(const struct experiment *e, struct apc_scheduler **scheduler, struct apc_error *why);
+int cores_alarms(const struct experiment *e, struct apc_alarms **alarms, struct apc_error *why);
+/* Id of their tick row: behind those of the controllers. */
+int cores_alarms_number(const struct experiment *e);
 /*
  * Before the first tick of a controller, and after each: where the outputs have a switch, claim them if it
  * names this controller, and give them back if it does not; *@p claimed is whether it has them. Returns 0, or

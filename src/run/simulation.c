@@ -22,7 +22,8 @@ enum rank {
     RANK_PLANT,
     RANK_LINK,
     RANK_CLIENT = RANK_LINK,
-    RANK_CONTROLLERS
+    RANK_CONTROLLERS,
+    RANK_ALARMS = 1 << 20 /* behind controllers of any depth */
 };
 
 struct clock_step {
@@ -399,6 +400,34 @@ uint64_t simulation_failures(const struct simulation *s)
     return n;
 }
 
+/* ---- Alarms ------------------------------------------------------------------------------- */
+
+static int alarms_tick(void *ctx, const struct apc_tick *tick)
+{
+    struct simulation *s = ctx;
+    struct apc_notice notice;
+    (void)tick;
+    stop_at_store(s, apc_store_read_rows(s->store, apc_alarms_in(s->alarms)));
+    apc_alarms_compute(s->alarms, now_of(s), &notice);
+    tell_notice(s, "apc-alarms", &notice);
+    return 0;
+}
+
+static void alarms_finish(void *ctx)
+{
+    struct simulation *s = ctx;
+    stop_at_store(s, apc_store_append_rows(s->store, apc_alarms_out(s->alarms)));
+    apc_alarms_stored(s->alarms);
+}
+
+static int make_alarms(struct simulation *s, struct apc_error *why)
+{
+    const int rc = s->e->n_alarms > 0 ? cores_alarms(s->e, &s->alarms, why) : 0;
+    if (s->alarms)
+        apc_alarms_resume(s->alarms);
+    return rc;
+}
+
 /* ---- The wall clock ----------------------------------------------------------------------- */
 
 static void on_clock(void *ctx)
@@ -540,7 +569,7 @@ static int make_tasks(struct simulation *s, uint64_t seed, struct apc_error *why
         {"client", &e->client.rhythm, RANK_CLIENT, client_tick, client_finish, s}};
     const size_t first = e->scheduler.steps > 0 ? 0 : 1, n = sizeof plan / sizeof *plan;
     int rc = 0;
-    s->task = calloc(n + e->n_controllers, sizeof *s->task);
+    s->task = calloc(n + e->n_controllers + 1, sizeof *s->task);
     if (!s->task)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     for (size_t i = first; i < n && rc == 0; i++)
@@ -552,6 +581,10 @@ static int make_tasks(struct simulation *s, uint64_t seed, struct apc_error *why
                                            controller_tick, controller_finish, &s->controller[i]},
                        seed, why);
     }
+    if (rc == 0 && s->alarms)
+        rc = make_task(
+            s, &(struct task_plan){"alarms", &e->alarms.rhythm, RANK_ALARMS, alarms_tick, alarms_finish, s},
+            seed, why);
     return rc;
 }
 
@@ -650,7 +683,8 @@ int simulation_create(struct simulation *s, const struct experiment *e, uint64_t
         return rc;
     if (make_room(s) < 0 || schedule_clock(s) < 0 || schedule_actions(s) < 0)
         return apc_fail(why, APC_ENOMEM, "out of memory");
-    if ((rc = make_store(s, why)) < 0 || (rc = make_controllers(s, why)) < 0)
+    if ((rc = make_store(s, why)) < 0 || (rc = make_controllers(s, why)) < 0 ||
+        (rc = make_alarms(s, why)) < 0)
         return rc;
     return make_tasks(s, seed, why);
 }
@@ -677,6 +711,7 @@ void simulation_destroy(struct simulation *s)
     apc_executive_destroy(s->executive);
     apc_client_destroy(s->client);
     apc_scheduler_destroy(s->scheduler);
+    apc_alarms_destroy(s->alarms);
     for (size_t i = 0; s->controller && i < s->e->n_controllers; i++) {
         apc_controller_destroy(s->controller[i].core);
         apc_store_close(s->controller[i].store);

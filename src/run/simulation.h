@@ -51,6 +51,7 @@ struct simulation {
     uint64_t step;                   /* it is at, once it has begun, */
     apc_ns step_began;               /* mono, then */
     bool schedules;                  /* it has */
+    struct apc_alarms *alarms;       /* NULL: there are none */
     struct apc_store *store;         /* mem:, a name of its own */
     char uri[40];
 

@@ -353,6 +353,31 @@ static void a_mistake_in_what_is_wanted_is_refused_with_its_line(void **state)
         {ALARM("{ kind = \"bad\"; }, { kind = \"bad\"; }"), "2: y has two alarms of this kind"},
         {ALARM("{ kind = \"high\"; limit = 3.0; }, { kind = \"low\"; limit = 3.0; }"),
          "2: the limit of \"high\", 3, must be above that of \"low\", 3"},
+        {ALARM("{ kind = \"high\"; limit = 9.0; deadband = -1.0; }"),
+         "2: \"deadband\" is -1: must be from 0"},
+        {ALARM("{ kind = \"high\"; limit = 9.0; deadband = 9.5; }"),
+         "2: \"deadband\" is 9.5: the alarm would return to normal at -0.5, outside 0 to 10 only"},
+        {ALARM("{ kind = \"deviation\"; limit = 1.0; }"), "2: \"from\" is missing"},
+        {ALARM("{ kind = \"deviation\"; limit = 1.0; from = \"rr\"; }"), "2: there is no signal \"rr\""},
+        {ALARM("{ kind = \"high\"; limit = 9.0; from = \"r\"; }"), "2: \"from\" is of a deviation only"},
+        {ALARM("{ kind = \"mode\"; }"), "2: \"kind\" is \"mode\": must be \"low-low\", \"low\""},
+        {ALARM("{ kind = \"bad\"; name = \"a\"; }, { kind = \"frozen\"; name = \"a\"; }"),
+         "2: two alarms are called \"a\""},
+        {ALARM("{ kind = \"bad\"; suppress = { alarm = \"y.bad\"; }; }"), "2: y.bad is suppressed by itself"},
+        {ALARM("{ kind = \"bad\"; suppress = { alarm = \"y.bat\"; }; }"),
+         "2: there is no alarm \"y.bat\": did you mean \"y.bad\"?"},
+        {ALARM("{ kind = \"bad\"; suppress = { signal = \"u\"; }; }"),
+         "2: \"suppress\" is by a signal or an alarm"},
+        {ALARM("{ kind = \"bad\"; suppress = { signal = \"uu\"; below = 1.0; }; }"),
+         "2: there is no signal \"uu\""},
+        {KEYS("", "", "alarms = ( { kind = \"frozen\"; } );", ""),
+         "4: \"kind\" is \"frozen\": must be \"low-low\", \"low\", \"high\", \"high-high\", \"deviation\", "
+         "\"rate\", "
+         "\"at-limit\" or \"mode\""},
+        {KEYS("", "", "", "alarms = ( { kind = \"high\"; } );"),
+         "6: \"kind\" is \"high\": must be \"stopped\""},
+        {KEYS("", "", "", "") "alarms = { shelve_max = 0.0; };", "7: \"shelve_max\" is 0: must be from 1"},
+        {KEYS("", "", "", "") "alarms = { forever = true; };", "7: unknown setting \"forever\""},
     };
     (void)state;
     for (size_t i = 0; i < sizeof mistake / sizeof *mistake; i++) {

@@ -1,0 +1,187 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "alarms.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* ---- The journal -------------------------------------------------------------------------- */
+
+struct loading {
+    struct alarm_journal *journal;
+    size_t room;
+    bool failed;
+};
+
+static int take(void *ctx, const struct apc_sample *row)
+{
+    struct loading *l = ctx;
+    struct alarm_journal *j = l->journal;
+    if (j->n == l->room) {
+        struct alarm_transition *at = reallocarray(j->at, 2 * l->room + 64, sizeof *at);
+        if (!at) {
+            l->failed = true;
+            return 1;
+        }
+        j->at = at;
+        l->room = 2 * l->room + 64;
+    }
+    const struct alarm_transition *last = j->n > 0 ? &j->at[j->n - 1] : NULL;
+    const bool follows = last && last->alarm == row->id && last->seq == row->seq - 1;
+    j->at[j->n++] = (struct alarm_transition){.number = row->origin,
+                                              .seq = row->seq,
+                                              .time = row->time,
+                                              .alarm = row->id,
+                                              .before = follows         ? last->state
+                                                        : row->seq == 1 ? APC_ALARM_NORMAL
+                                                                        : (enum apc_alarm_state)0,
+                                              .state = (enum apc_alarm_state)(int)row->value,
+                                              .status = row->status,
+                                              .author = row->author};
+    return 0;
+}
+
+static int by_number(const void *x, const void *y)
+{
+    const struct alarm_transition *a = x, *b = y;
+    return a->number < b->number ? -1 : a->number > b->number;
+}
+
+int alarm_journal_load(struct alarm_journal *journal, struct apc_store *store, size_t n,
+                       const struct apc_range *range)
+{
+    struct loading l = {.journal = journal};
+    int rc = 0;
+    *journal = (struct alarm_journal){0};
+    for (size_t i = 0; i < n && rc >= 0 && !l.failed; i++)
+        rc = apc_store_history(store, APC_ALARM, (int)i + 1, range, take, &l);
+    if (l.failed)
+        rc = APC_ENOMEM;
+    if (journal->n > 1)
+        qsort(journal->at, journal->n, sizeof *journal->at, by_number);
+    if (range && range->last > 0 && journal->n > range->last) {
+        memmove(journal->at, journal->at + journal->n - range->last, range->last * sizeof *journal->at);
+        journal->n = range->last;
+    }
+    return rc < 0 ? rc : 0;
+}
+
+void alarm_journal_free(struct alarm_journal *journal)
+{
+    free(journal->at);
+    *journal = (struct alarm_journal){0};
+}
+
+bool alarm_is_raised(const struct alarm_transition *t)
+{
+    return t->state == APC_ALARM_UNACKED;
+}
+
+/* ---- Figures ------------------------------------------------------------------------------ */
+
+/* What is known of one alarm on the way through the journal. */
+struct track {
+    apc_ns active; /* since; 0: it is not */
+    apc_ns raised[ALARMS_CHATTER],
+        waits; /* the last times; since when for somebody to acknowledge it; 0: not */
+};
+
+static void raise_one(struct alarm_figures *f, struct alarm_figure *of, struct track *t, int priority,
+                      apc_ns time)
+{
+    memmove(t->raised, t->raised + 1, (ALARMS_CHATTER - 1) * sizeof *t->raised);
+    t->raised[ALARMS_CHATTER - 1] = time;
+    if (of->raised++ == 0)
+        of->first = time;
+    if (of->raised >= ALARMS_CHATTER && time - t->raised[0] <= ALARMS_CHATTER_WINDOW)
+        of->chatters = true;
+    if (t->waits == 0)
+        t->waits = time;
+    f->raised++;
+    f->by_priority[priority - 1]++;
+}
+
+static void follow(struct alarm_figures *f, struct track *t, const struct alarm_transition *at, int priority,
+                   double *waited)
+{
+    struct alarm_figure *of = &f->alarm[at->alarm - 1];
+    const bool active = apc_alarm_is_active(at->state), standing = apc_alarm_is_standing(at->state);
+    if (alarm_is_raised(at))
+        raise_one(f, of, t, priority, at->time);
+    else if (t->waits > 0 && !apc_alarm_is_unacked(at->state)) {
+        if (!apc_alarm_is_masked(at->state)) {
+            *waited += apc_ns_to_s(at->time - t->waits);
+            f->acknowledged++;
+        }
+        t->waits = 0;
+    }
+    if (t->active > 0 && !active) {
+        of->active += at->time - t->active;
+        t->active = 0;
+    } else if (t->active == 0 && active) {
+        t->active = at->time;
+    }
+    of->since = !standing ? 0 : of->since ? of->since : at->time;
+    of->state = at->state;
+}
+
+/* Those that are raised, by windows of ten minutes. */
+static void count_windows(struct alarm_figures *f, const struct alarm_journal *j, apc_ns since, apc_ns until)
+{
+    apc_ns from = since;
+    size_t i = 0;
+    while (from < until) {
+        size_t n = 0;
+        for (; i < j->n && j->at[i].time < from + ALARMS_WINDOW; i++)
+            n += alarm_is_raised(&j->at[i]);
+        f->windows++;
+        f->floods += n > ALARMS_FLOOD;
+        f->peak = n > f->peak ? n : f->peak;
+        from += ALARMS_WINDOW;
+    }
+}
+
+static void conclude(struct alarm_figures *f, struct track *track, apc_ns until)
+{
+    for (size_t i = 0; i < f->n; i++) {
+        struct alarm_figure *of = &f->alarm[i];
+        if (track[i].active > 0)
+            of->active += until - track[i].active;
+        f->chattering += of->chatters;
+        f->standing += of->since > 0;
+        f->stale += of->since > 0 && until - of->since > ALARMS_STALE;
+        f->unacked += apc_alarm_is_unacked(of->state);
+    }
+}
+
+int alarm_figures_make(struct alarm_figures *f, const struct alarm_journal *journal,
+                       const struct experiment *e, apc_ns since, apc_ns until)
+{
+    struct track *track = calloc(e->n_alarms + 1, sizeof *track);
+    double waited = 0;
+    *f = (struct alarm_figures){.alarm = calloc(e->n_alarms + 1, sizeof *f->alarm), .n = e->n_alarms};
+    if (!track || !f->alarm) {
+        free(track);
+        return APC_ENOMEM;
+    }
+    for (size_t i = 0; i < f->n; i++)
+        f->alarm[i].state = APC_ALARM_NORMAL;
+    for (size_t i = 0; i < journal->n; i++) {
+        const struct alarm_transition *at = &journal->at[i];
+        if (at->alarm >= 1 && (size_t)at->alarm <= f->n)
+            follow(f, &track[at->alarm - 1], at, e->alarm[at->alarm - 1].is.priority, &waited);
+    }
+    f->hours = apc_ns_to_s(until - since) / 3600;
+    f->per_hour = f->hours > 0 ? (double)f->raised / f->hours : 0;
+    f->to_acknowledge = f->acknowledged > 0 ? waited / (double)f->acknowledged : (double)NAN;
+    count_windows(f, journal, since, until);
+    conclude(f, track, until);
+    free(track);
+    return 0;
+}
+
+void alarm_figures_free(struct alarm_figures *f)
+{
+    free(f->alarm);
+    *f = (struct alarm_figures){0};
+}
