@@ -83,7 +83,7 @@ BEGIN
         GRANT INSERT ON sensor TO apc_client;
         GRANT INSERT ON sensor, actuator, setpoint, actual, estimate, tick, plan, prediction TO apc_controller;
         GRANT INSERT ON setpoint, plan TO apc_scheduler;
-        GRANT INSERT ON alarm TO apc_alarms;
+        GRANT INSERT ON alarm, actual, tick TO apc_alarms;
         GRANT INSERT ON setpoint, opmode, tuning, manual TO apc_operator, apc_engineer, apc_historian;
         GRANT INSERT ON tick TO apc_historian;
         GRANT UPDATE (low, high, display_low, display_high) ON tag TO apc_engineer;
@@ -91,11 +91,15 @@ BEGIN
 END
 $$;
 
--- Table opmode: who operates writes targets of loops that there are, and switches.
+-- Table opmode: who operates writes targets of loops that there are, and switches; an alarm is taken out of service (kind 5)
+-- by an engineer.
 ALTER TABLE opmode ENABLE ROW LEVEL SECURITY;
 DROP POLICY IF EXISTS all_read ON opmode;
 DROP POLICY IF EXISTS operator_target ON opmode;
+DROP POLICY IF EXISTS engineer_target ON opmode;
 DROP POLICY IF EXISTS controller_actual ON opmode; -- of version 1
 CREATE POLICY all_read ON opmode FOR SELECT USING (true); -- who is granted SELECT
-CREATE POLICY operator_target ON opmode FOR INSERT TO apc_operator, apc_engineer, apc_historian
+CREATE POLICY operator_target ON opmode FOR INSERT TO apc_operator
+    WITH CHECK (id = 0 OR id BETWEEN 65536 AND 5 * 65536 - 1 OR id IN (SELECT loops()));
+CREATE POLICY engineer_target ON opmode FOR INSERT TO apc_engineer, apc_historian
     WITH CHECK (id = 0 OR id > 65535 OR id IN (SELECT loops()));

@@ -23,6 +23,7 @@ static const struct {
     {"tune", command_tune, "show or change the tuning of the control law"},
     {"watch", command_watch, "follow values as they change"},
     {"history", command_history, "past values of a variable, or events"},
+    {"alarm", command_alarm, "the alarms: list, acknowledge, shelve, and all that they did"},
     {"timing", command_timing, "how well the tasks keep time: lateness, jitter, run time, missed ticks"},
     {"copy", command_copy, "copy history, descriptions, events and timing to another store"},
     {"report", command_report, "draw the report of a run again"},

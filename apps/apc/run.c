@@ -504,6 +504,8 @@ static void add_daemons(struct run *r)
     }
     if (e->scheduler.steps > 0)
         add(r, &(struct child){.name = "apc-scheduler", .period = e->scheduler.rhythm.period});
+    if (e->n_alarms > 0)
+        add(r, &(struct child){.name = "apc-alarms", .aside = true, .period = e->alarms.rhythm.period});
     add_page(r);
 }
 
@@ -516,7 +518,7 @@ static int start_daemons(struct run *r)
                              .dir = r->dir,
                              .spin = r->options.spin,
                              .hold_latency = r->options.hold_latency,
-                             .child = calloc(r->e.n_controllers + 5, sizeof *s->child)};
+                             .child = calloc(r->e.n_controllers + 6, sizeof *s->child)};
     if (!s->child) {
         cli_error(&r->cli, APC_ENOMEM, "out of memory");
         return APC_ENOMEM;

@@ -2,6 +2,7 @@
 #include "alarms.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -75,6 +76,22 @@ void alarm_journal_free(struct alarm_journal *journal)
 bool alarm_is_raised(const struct alarm_transition *t)
 {
     return t->state == APC_ALARM_UNACKED;
+}
+
+bool alarm_event(const struct experiment *e, const struct apc_sample *row, struct apc_event *event)
+{
+    if (row->table != APC_ALARM || (int)row->value != APC_ALARM_UNACKED || row->id < 1 ||
+        (size_t)row->id > e->n_alarms)
+        return false;
+    const struct alarm *alarm = &e->alarm[row->id - 1];
+    const int priority = alarm->is.priority;
+    *event = (struct apc_event){.severity = priority <= 2   ? APC_EVENT_ALARM
+                                            : priority == 3 ? APC_EVENT_WARNING
+                                                            : APC_EVENT_INFO,
+                                .kind = "alarm"};
+    snprintf(event->text, sizeof event->text, "%.62s%s%.126s", alarm->name, alarm->message[0] ? ": " : "",
+             alarm->message);
+    return true;
 }
 
 /* ---- Figures ------------------------------------------------------------------------------ */

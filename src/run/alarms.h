@@ -37,6 +37,10 @@ void alarm_journal_free(struct alarm_journal *journal);
 /* Is an alarm raised by it: shown to operators as new? */
 bool alarm_is_raised(const struct alarm_transition *t);
 
+/* Of a new row of table alarm: the event that it is raised. Returns false where it is not, or is another row.
+ */
+bool alarm_event(const struct experiment *e, const struct apc_sample *row, struct apc_event *event);
+
 /* Of one alarm. */
 struct alarm_figure {
     size_t raised;

@@ -6,6 +6,8 @@
  */
 #include "simulation.h"
 
+#include "alarms.h"
+
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -416,7 +418,12 @@ static int alarms_tick(void *ctx, const struct apc_tick *tick)
 static void alarms_finish(void *ctx)
 {
     struct simulation *s = ctx;
-    stop_at_store(s, apc_store_append_rows(s->store, apc_alarms_out(s->alarms)));
+    const struct apc_rows *out = apc_alarms_out(s->alarms);
+    struct apc_event event;
+    stop_at_store(s, apc_store_append_rows(s->store, out));
+    for (size_t i = 0; i < out->n_samples; i++)
+        if (alarm_event(s->e, &out->sample[i], &event))
+            record(s, "apc-alarms", &event);
     apc_alarms_stored(s->alarms);
 }
 

@@ -102,7 +102,7 @@ static const struct right rights[] = {
     {"client", "ad", "s", "s"},
     {"controller", "sapdotmceln", "sapcelnh", "sapcelnh"},
     {"scheduler", "pdo", "pn", "pn"},
-    {"alarms", "sapdotmcerl", "r", "r"},
+    {"alarms", "sapdotmcerl", "crl", "crl"},
     {"historian", "sapdotmcerlnh", "potml", "potml"},
     {"operator", "sapdotmcerlnh", "potm", ""},
     {"engineer", "sapdotmcerlnh", "potm", ""},

@@ -10,7 +10,7 @@ import {events, plant, refill, serverNow} from "../core/model";
 import {Shape} from "../parts/shape";
 import type {PlantEvent} from "../core/types";
 
-const KINDS = ["start", "stop", "mode", "operator", "access", "link", "store", "measurement", "law", "rejected", "watchdog", "overrun", "clock"];
+const KINDS = ["start", "stop", "mode", "operator", "access", "link", "store", "measurement", "law", "rejected", "watchdog", "overrun", "clock", "alarm"];
 const SINCE = [
   {name: "last hour", seconds: 3600},
   {name: "last 24 h", seconds: 86400},

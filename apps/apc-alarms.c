@@ -1,0 +1,139 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * apc-alarms: evaluates the alarms of the experiment, all of them in one order, and takes what people want of
+ * them. What a tick has made is stored before anything else is looked at, so no transition is lost; while the
+ * store is away nothing can be judged, and its tick row grows old.
+ */
+#include "common/daemon.h"
+
+#include <stdlib.h>
+
+#include "run/alarms.h"
+
+static const struct program program = {
+    .name = "apc-alarms",
+    .doc = "Evaluate the alarms of an experiment, and take acknowledgements and shelving.",
+    .task = "alarms",
+};
+
+struct shell {
+    struct daemon *d;
+    struct apc_store *store;
+    struct apc_alarms *core;
+    bool failing;
+};
+
+static void report(struct shell *s, int rc)
+{
+    if (rc < 0 && !s->failing)
+        daemon_event(s->d, APC_EVENT_WARNING, "store", "alarms are not evaluated, trying again: %s",
+                     apc_store_error(s->store));
+    if (rc >= 0 && s->failing)
+        daemon_event(s->d, APC_EVENT_INFO, "store", "alarms are evaluated again");
+    s->failing = rc < 0;
+}
+
+/* Numbers of authors are each database user's own: the same name under ours. Where it cannot be had, the row
+ * of the wish says it. */
+static int name_authors(struct shell *s)
+{
+    struct apc_rows *out = apc_alarms_out(s->core);
+    char name[APC_AUTHOR_LEN];
+    for (size_t i = 0; i < out->n_samples; i++) {
+        struct apc_sample *row = &out->sample[i];
+        if (row->author == 0)
+            continue;
+        int rc = apc_store_author_name(s->store, row->author, name);
+        if (rc == 0)
+            rc = apc_store_author(s->store, name);
+        if (rc == APC_ECONN || rc == APC_ETIMEDOUT)
+            return rc;
+        row->author = rc > 0 ? (uint32_t)rc : 0;
+    }
+    return 0;
+}
+
+static int evaluate(struct shell *s)
+{
+    const struct apc_now now = {.mono = apc_clock_mono(NULL), .utc = apc_clock_utc(NULL)};
+    struct apc_notice notice;
+    int rc = apc_store_read_rows(s->store, apc_alarms_in(s->core));
+    if (rc < 0)
+        return rc;
+    apc_alarms_compute(s->core, now, &notice);
+    daemon_notice(s->d, &notice);
+    return 0;
+}
+
+static void tell(struct shell *s)
+{
+    const struct apc_rows *out = apc_alarms_out(s->core);
+    struct apc_event event;
+    for (size_t i = 0; i < out->n_samples; i++)
+        if (alarm_event(&s->d->experiment, &out->sample[i], &event))
+            daemon_event(s->d, event.severity, event.kind, "%s", event.text);
+}
+
+static int on_tick(void *ctx, const struct apc_tick *tick)
+{
+    struct shell *s = ctx;
+    int rc = apc_alarms_pending(s->core) ? 0 : evaluate(s);
+    (void)tick;
+    if (rc >= 0)
+        rc = name_authors(s);
+    if (rc >= 0)
+        rc = apc_store_append_rows(s->store, apc_alarms_out(s->core));
+    if (rc >= 0) {
+        tell(s);
+        apc_alarms_stored(s->core);
+    }
+    report(s, rc);
+    return daemon_fatal(s->d, s->store, rc);
+}
+
+/* One writer of all alarms, and of what tells that it lives. */
+static int claim(struct shell *s)
+{
+    const struct experiment *e = &s->d->experiment;
+    struct apc_sample *all = calloc(e->n_alarms + 1, sizeof *all);
+    if (!all)
+        return daemon_error(s->d, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < e->n_alarms; i++)
+        all[i] = (struct apc_sample){.table = APC_ALARM, .id = (int)i + 1};
+    all[e->n_alarms] = (struct apc_sample){.table = APC_TICK, .id = cores_alarms_number(e)};
+    const int rc = daemon_store(s->d, &s->store, all, e->n_alarms + 1);
+    free(all);
+    return rc;
+}
+
+static int open_shell(struct shell *s)
+{
+    const struct experiment *e = &s->d->experiment;
+    struct apc_error why;
+    if (e->n_alarms == 0)
+        return daemon_error(s->d, APC_EINVAL, "%s has no alarms: nothing is to be evaluated", e->file);
+    int rc = cores_alarms(e, &s->core, &why);
+    if (rc < 0)
+        return daemon_error(s->d, rc, "%s", why.text);
+    s->d->store_timeout = daemon_timeout(e->alarms.rhythm.period);
+    rc = claim(s);
+    if (rc == 0 && (rc = apc_store_read_rows(s->store, apc_alarms_former(s->core))) < 0)
+        return daemon_error(s->d, rc, "%s", apc_store_error(s->store));
+    if (rc == 0)
+        apc_alarms_resume(s->core);
+    return rc;
+}
+
+int main(int argc, char **argv)
+{
+    struct daemon d;
+    struct shell s = {.d = &d};
+    int rc = daemon_open(&d, &program, NULL, argc, argv);
+    if (rc == 0)
+        rc = open_shell(&s);
+    if (rc == 0)
+        rc = daemon_run(&d, d.experiment.alarms.rhythm, on_tick, &s);
+    apc_store_close(s.store);
+    apc_alarms_destroy(s.core);
+    return daemon_close(&d, rc);
+}

@@ -1,0 +1,164 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "alarm_board.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define ROWS 7 /* of an alarm */
+
+/* ---- Making ------------------------------------------------------------------------------- */
+
+static int load(struct experiment *e, struct apc_store *store, struct apc_error *why)
+{
+    int64_t revision;
+    int rc = apc_store_catalogue(store, NULL, 0, &revision);
+    if (rc < 0)
+        return apc_fail(why, rc, "%s", apc_store_error(store));
+    char *text = calloc((size_t)rc + 1, 1);
+    if (!text)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    rc = apc_store_catalogue(store, text, (size_t)rc + 1, &revision);
+    if (rc < 0)
+        rc = apc_fail(why, rc, "%s", apc_store_error(store));
+    else if (rc > 0)
+        rc =
+            experiment_parse(e, &(struct experiment_source){.file = "catalogue", .text = text}, 0, NULL, why);
+    free(text);
+    if (rc == 0 && e->n_alarms == 0)
+        rc = apc_fail(why, APC_ENOTFOUND, "no alarms are described in this store");
+    return rc;
+}
+
+int alarm_board_open(struct alarm_board *b, struct apc_store *store, struct apc_error *why)
+{
+    memset(b, 0, sizeof *b);
+    int rc = load(&b->e, store, why);
+    if (rc < 0)
+        return rc;
+    const size_t n = b->e.n_alarms;
+    b->at = calloc(n, sizeof *b->at);
+    b->memory = calloc(ROWS * n, sizeof *b->memory);
+    if (!b->at || !b->memory)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    struct apc_sample *sample = b->memory;
+    for (size_t i = 0; i < n; i++) {
+        b->at[i].row = sample;
+        *sample++ = (struct apc_sample){.table = APC_ALARM, .id = (int)i + 1};
+        for (int k = 0; k < 3; k++) {
+            const int id = apc_alarm_switch_id((enum apc_alarm_switch)(APC_ALARM_ACK + k), (int)i + 1);
+            b->at[i].wish[k] = sample;
+            *sample++ = (struct apc_sample){.table = APC_OPMODE, .id = id};
+            b->at[i].actual[k] = sample;
+            *sample++ = (struct apc_sample){.table = APC_ACTUAL, .id = apc_variable_number(APC_OPMODE, id)};
+        }
+    }
+    b->tick = (struct apc_vector){.table = APC_TICK, .id = cores_alarms_number(&b->e)};
+    b->tick.room = APC_ALARMS_TICK;
+    b->tick.value = b->numbers;
+    b->rows = (struct apc_rows){.size = sizeof b->rows,
+                                .sample = b->memory,
+                                .n_samples = ROWS * n,
+                                .vector = &b->tick,
+                                .n_vectors = 1};
+    return 0;
+}
+
+void alarm_board_close(struct alarm_board *b)
+{
+    free(b->memory);
+    free(b->at);
+    experiment_free(&b->e);
+    memset(b, 0, sizeof *b);
+}
+
+int alarm_board_read(struct alarm_board *b, struct apc_store *store)
+{
+    const int rc = apc_store_read_rows(store, &b->rows);
+    return rc < 0 ? rc : 0;
+}
+
+/* ---- How they stand ------------------------------------------------------------------------ */
+
+const struct alarm_now *alarm_board_find(const struct alarm_board *b, const char *name)
+{
+    for (size_t i = 0; i < b->e.n_alarms; i++)
+        if (!strcmp(b->e.alarm[i].name, name))
+            return &b->at[i];
+    return NULL;
+}
+
+const struct alarm *alarm_board_alarm(const struct alarm_board *b, const struct alarm_now *now)
+{
+    return &b->e.alarm[now - b->at];
+}
+
+enum apc_alarm_state alarm_board_state(const struct alarm_now *now)
+{
+    const enum apc_alarm_state state = (enum apc_alarm_state)(int)now->row->value;
+    return now->row->seq > 0 && apc_alarm_state_name(state) ? state : APC_ALARM_NORMAL;
+}
+
+apc_ns alarm_board_shelved(const struct alarm_now *now)
+{
+    const struct apc_sample *actual = now->actual[ALARM_WISH(APC_ALARM_SHELF)];
+    apc_ns until = 0;
+    return actual->seq > 0 && apc_ns_from_s(fabs(actual->value), &until) == 0 ? until : 0;
+}
+
+static struct outcome_seen seen_of(const struct alarm_board *b, apc_ns utc)
+{
+    return (struct outcome_seen){.tick = &b->tick, .period = b->e.alarms.rhythm.period, .now = utc};
+}
+
+bool alarm_board_lives(const struct alarm_board *b, apc_ns utc)
+{
+    const struct outcome_seen seen = seen_of(b, utc);
+    return b->tick.seq > 0 && outcome_age(&seen) <= 3 * seen.period + 100 * APC_NS_PER_MS;
+}
+
+/* ---- What is wanted ------------------------------------------------------------------------ */
+
+static const char *refuse_ack(const struct alarm_now *now)
+{
+    const struct apc_sample *ack = now->wish[ALARM_WISH(APC_ALARM_ACK)],
+                            *actual = now->actual[ALARM_WISH(APC_ALARM_ACK)];
+    const enum apc_alarm_state state = alarm_board_state(now);
+    if (!apc_alarm_is_unacked(state) && !apc_alarm_is_latched(state))
+        return "there is nothing to acknowledge";
+    if (ack->seq > actual->origin && ack->value >= (double)now->row->seq)
+        return "somebody has just acknowledged it";
+    return NULL;
+}
+
+bool alarm_board_want(const struct alarm_board *b, const struct alarm_now *now, enum apc_alarm_switch which,
+                      double value, apc_ns utc, struct apc_sample *wish, struct apc_error *why)
+{
+    const struct alarm *alarm = alarm_board_alarm(b, now);
+    const struct apc_sample *newest = now->wish[ALARM_WISH(which)];
+    const enum apc_alarm_state state = alarm_board_state(now);
+    const char *reason = which == APC_ALARM_ACK ? refuse_ack(now) : NULL;
+    const double left = fabs(value) - apc_ns_to_s(utc);
+    if (which == APC_ALARM_SHELF && (value < 0 || value > 0) &&
+        (left <= 0 || left > apc_ns_to_s(b->e.alarms.shelve_max) + 1))
+        reason = left <= 0 ? "the end of shelving must be to come" : "it may not be shelved for so long";
+    if (which == APC_ALARM_SHELF && !(value < 0 || value > 0) && alarm_board_shelved(now) == 0)
+        reason = "it is not shelved";
+    *wish = *newest;
+    wish->time = utc;
+    wish->status = APC_GOOD;
+    wish->value = which == APC_ALARM_ACK ? (double)now->row->seq : value;
+    if (reason)
+        apc_fail(why, APC_EPERM, "%s: %s: it is %s", alarm->name, reason, apc_alarm_state_name(state));
+    return !reason;
+}
+
+enum outcome alarm_board_outcome(const struct alarm_board *b, const struct alarm_now *now,
+                                 const struct apc_sample *wish, apc_ns utc)
+{
+    struct outcome_seen seen = seen_of(b, utc);
+    const int which = (wish->id / 65536) - APC_ALARM_ACK;
+    seen.write = wish;
+    seen.actual = now->actual[which];
+    return outcome_of(&seen);
+}

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# Alarms of a plant that runs: raised, acknowledged by one of two, shelved, and all of it in one journal, also over a
+# restart of apc-alarms and a flood.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+fast_experiment
+
+# r is a signal that an operator moves at will; 200 more alarms make a flood of it.
+python3 - "$work/fast.conf" <<'END'
+import re, sys
+text = open(sys.argv[1]).read()
+flood = ",\n".join('{ kind = "high"; name = "flood%d"; limit = 20.0; priority = 4; }' % i for i in range(1, 201))
+head, tail = re.split(r"(?=setpoints\s*=)", text, 1)
+first = tail.index("name = \"r\";")
+tail = tail[:first] + ('alarms = ( { kind = "high"; limit = 12.0; deadband = 1.0; priority = 1; message = "too much"; '
+                       'response = "less"; }, { kind = "low"; limit = 2.0; }, %s ); ' % flood) + tail[first:]
+tail = re.sub(r"sequence = \(.*?\);", "sequence = ( [10.0] );", tail)
+open(sys.argv[1], "w").write(head + tail + "\nalarms = { period = 0.2; };\n")
+END
+
+# ---- Nobody evaluates them yet
+
+expect 0 '' "$apc" init "$work/fast.conf"
+expect 0 'alarms have never been evaluated' "$apc" alarm list
+expect 4 'Nothing was written' "$apc" alarm ack r.high
+expect 1 'has no alarms' "$APC_BIN/apc-alarms" --config "$APC_SOURCE_DIR/experiments/first-order.conf"
+
+background run "$apc" run "$work/fast.conf" --duration 0 --no-ui --out "$work/run"
+run=$pid
+listed() { "$apc" alarm list --all | grep -E "$1" >/dev/null; }
+until_true 60 listed '^0 unacknowledged, 0 active'
+
+# ---- Raised, acknowledged, returned
+
+expect 0 'applied' "$apc" set r 15
+until_true 60 listed '^r\.high +1 +Unacknowledged Active .*too much'
+expect 0 '^r.high: acknowledged \(seen by me\) \(applied\)$' "$apc" alarm ack r.high --reason 'seen by me'
+"$apc" alarm list --json | grep -q '"alarm":"r.high".*"state":"Acknowledged Active",[^}]*"author":"[^"]' ||
+  fail "acknowledged by nobody: $("$apc" alarm list --json)"
+expect 4 'r.high: there is nothing to acknowledge: it is Acknowledged Active' "$apc" alarm ack r.high
+expect 1 'there is no alarm "r.hihg"' "$apc" alarm ack r.hihg
+expect 0 'applied' "$apc" set r 10
+until_true 60 listed '^r\.high +1 +Normal'
+
+# ---- Of two who acknowledge at once one does
+
+expect 0 'applied' "$apc" set r 15
+until_true 60 listed '^r\.high +1 +Unacknowledged'
+for k in 1 2 3 4; do
+  "$apc" alarm ack r.high >"$work/ack.$k" 2>&1 && echo 0 >"$work/code.$k" || echo $? >"$work/code.$k" &
+done
+for k in 1 2 3 4; do
+  said() { [ -s "$work/code.$k" ]; }
+  until_true 60 said
+done
+[ "$(cat "$work"/code.* | sort | tr -d '\n')" = 0444 ] || fail "not one of four: $(cat "$work"/code.* "$work"/ack.*)"
+grep -qE 'was faster|just acknowledged|nothing to acknowledge|superseded' "$work"/ack.* || fail "the others were not told: $(cat "$work"/ack.*)"
+[ "$("$apc" alarm journal --json | grep -c '"Acknowledged Active","before"')" = 2 ] || fail "acknowledged twice: $("$apc" alarm journal)"
+
+# ---- Shelved, with an end
+
+expect 2 'shelve wants an end' "$apc" alarm shelve r.high
+expect 4 'may not be shelved for so long' "$apc" alarm shelve r.high --for 9h
+expect 0 'r.high: shelved until .* \(applied\)' "$apc" alarm shelve r.high --for 1h
+expect 0 'Shelved, Active' "$apc" alarm list
+expect 0 'applied' "$apc" alarm unshelve r.high
+expect 0 'Unacknowledged Active' "$apc" alarm list
+expect 4 'it is not shelved' "$apc" alarm unshelve r.high
+expect 0 'out of service \(applied\)' "$apc" alarm out r.high
+kill -9 "$(pgrep -P "$run" -x apc-alarms)" # what was wanted holds
+ticks_again() { [ "$(grep -c 'running every' "$work/run/apc-alarms.log")" = 2 ]; }
+until_true 60 ticks_again
+until_true 60 listed '^[0-9]+ unacknowledged'
+listed '^r\.high +1 +Out of Service, Active' || fail "the restart forgot it: $("$apc" alarm list)"
+expect 0 'in service \(applied\)' "$apc" alarm in r.high
+
+# ---- A flood: every transition is in the journal, each once
+
+for _ in 1 2 3; do
+  expect 0 'applied' "$apc" set r 25
+  until_true 60 listed '^flood200 +4 +Unacknowledged'
+  expect 0 'applied' "$apc" set r 5
+  until_true 60 listed '^flood200 +4 +RTN'
+done
+"$apc" alarm journal --json --last 100000 >"$work/journal"
+[ "$(grep -c '"alarm":"flood' "$work/journal")" = 1200 ] || fail "$(grep -c '"alarm":"flood' "$work/journal") of 1200 transitions"
+[ "$(sed -E 's/.*"number":([0-9]+).*/\1/' "$work/journal" | tr '\n' ' ')" = "$(seq -s' ' "$(wc -l <"$work/journal")") " ] ||
+  fail "the journal's numbers are not 1, 2, ..."
+expect 0 'floods \(more than 10\): [1-9]' "$apc" alarm journal --figures
+kill -INT "$run"
+wait "$run" || fail "the run ended with $?"
+grep -q 'alarm,apc-alarms,alarm,"r.high: too much"' "$work/run/events.csv" || fail "no event: $(cat "$work/run/events.csv")"
