@@ -83,6 +83,8 @@ int apc_mpc_count(const struct apc_law_setup *setup, const char *name, size_t le
                   struct apc_error *why);
 int apc_mpc_sample(const struct apc_law_setup *setup, const double *delay, struct apc_linear **model,
                    struct apc_error *why);
+/* Standard deviations, to [ny], each above 0. */
+int apc_mpc_take_y_noise(const struct apc_law_setup *setup, double *to, struct apc_error *why);
 /* p->disturbed from settings at_input and at_output; unknown [ny] is filled in. */
 int apc_mpc_disturb(struct apc_law_mpc *p, const struct apc_law_setup *setup, const struct apc_linear *from,
                     struct apc_linear_unknown *unknown, struct apc_error *why);

@@ -208,6 +208,20 @@ static int check_detectable(const struct apc_linear *m, const double *r, struct 
     return rc;
 }
 
+int apc_mpc_take_y_noise(const struct apc_law_setup *setup, double *to, struct apc_error *why)
+{
+    int rc = apc_setting_amounts(setup, "y_noise", setup->dim.ny, to, why);
+
+    for (size_t i = 0; i < setup->dim.ny && rc == 0; i++) {
+        if (!(to[i] > 0.0))
+            rc = apc_fail(why, APC_EINVAL,
+                          "setting \"y_noise\": the standard deviation of measurement %zu's noise must be "
+                          "above 0: what its sensor cannot tell apart, if nothing else",
+                          i + 1);
+    }
+    return rc;
+}
+
 /* Standard deviations: of what each state, each unknown disturbance gains in 1 s; of the measurements. */
 static int make_estimator(struct apc_law_mpc *p, const struct apc_law_setup *setup, bool steady,
                           struct apc_error *why)
@@ -228,7 +242,7 @@ static int make_estimator(struct apc_law_mpc *p, const struct apc_law_setup *set
     if (rc == 0)
         rc = apc_setting_amounts(setup, "d_noise", n_unknown, q + nc, why);
     if (rc == 0)
-        rc = apc_setting_amounts(setup, "y_noise", p->dim.ny, r, why);
+        rc = apc_mpc_take_y_noise(setup, r, why);
     for (size_t i = 0; i < m->nx; i++)
         q[i] *= q[i] * setup->Ts;
     for (size_t i = 0; i < p->dim.ny; i++)

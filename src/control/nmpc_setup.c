@@ -73,7 +73,7 @@ static int make_filters(struct apc_law_mpc *p, const struct apc_law_setup *setup
     if (rc == 0)
         rc = apc_setting_amounts(setup, "d_noise", p->n_unknown, q + nx, why);
     if (rc == 0)
-        rc = apc_setting_amounts(setup, "y_noise", p->dim.ny, r, why);
+        rc = apc_mpc_take_y_noise(setup, r, why);
     for (size_t i = 0; i < p->nx; i++)
         q[i] *= q[i];
     for (size_t i = 0; i < p->dim.ny; i++)

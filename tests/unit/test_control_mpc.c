@@ -549,13 +549,20 @@ static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
         struct apc_setting setting;
         const char *says;
     } refused[] = {
-        {number("horizon", &half, 1), "horizon"},   {number("blocks", blocks, 2), "horizon"},
-        {number("rank", ranks, 2), "rank"},         {number("measurement", &big, 1), "measurement"},
-        {number("at_output", twice, 2), "tell"},    {number("at_input", many, 3), "as many as"},
-        {number("y_noise", nothing, 2), "above 0"}, {number("delay", minus, 2), "delay"},
-        {number("terminal", &big, 1), "terminal"},  {number("iterations", &half, 1), "iterations"},
-        {number("horizont", &big, 1), "horizont"},  {number("y_dev", nothing, 2), "none may be 0"},
-        {number("u_dev", &big, 1), "2 numbers"},    {number("hold", minus, 2), "hold"},
+        {number("horizon", &half, 1), "horizon"},
+        {number("blocks", blocks, 2), "horizon"},
+        {number("rank", ranks, 2), "rank"},
+        {number("measurement", &big, 1), "measurement"},
+        {number("at_output", twice, 2), "tell"},
+        {number("at_input", many, 3), "as many as"},
+        {number("y_noise", nothing, 2), "setting \"y_noise\""},
+        {number("delay", minus, 2), "delay"},
+        {number("terminal", &big, 1), "terminal"},
+        {number("iterations", &half, 1), "iterations"},
+        {number("horizont", &big, 1), "horizont"},
+        {number("y_dev", nothing, 2), "none may be 0"},
+        {number("u_dev", &big, 1), "2 numbers"},
+        {number("hold", minus, 2), "hold"},
         {number("critical", ranks, 2), "critical"},
     };
     struct apc_error why;

@@ -397,10 +397,14 @@ static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
         struct apc_setting instead;
         const char *says;
     } refused[] = {
-        {number("delay", &one, 1), "below the period"}, {number("steps", &zero, 1), "steps"},
-        {number("at_input", five, 1), "at_input"},      {number("y_noise", nothing, 1), "above 0"},
-        {number("x_noise", minus, 1), "3 numbers"},     {number("d_noise", minus, 1), "d_noise"},
-        {number("newton", &zero, 1), "newton"},         {number("terminal", &one, 1), "terminal"},
+        {number("delay", &one, 1), "below the period"},
+        {number("steps", &zero, 1), "steps"},
+        {number("at_input", five, 1), "at_input"},
+        {number("y_noise", nothing, 1), "setting \"y_noise\""},
+        {number("x_noise", minus, 1), "3 numbers"},
+        {number("d_noise", minus, 1), "d_noise"},
+        {number("newton", &zero, 1), "newton"},
+        {number("terminal", &one, 1), "terminal"},
         {number("steady", &one, 1), "steady"},
     };
     struct apc_error why;
