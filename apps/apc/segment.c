@@ -36,7 +36,7 @@ static struct apc_tag *list(const struct experiment *e, size_t *n)
     for (size_t i = 0; tags && i < *n; i++) {
         struct apc_tag *tag = &tags[i];
         const size_t at = (size_t)tag->id - 1;
-        if (tag->table == APC_TICK)
+        if (tag->table == APC_TICK && at < e->n_controllers) /* else that of the alarms, which is told */
             tag->length = tick_length(&e->controllers[at]);
         const struct controller *above =
             tag->table == APC_SETPOINT ? controllers_above(e, (struct wire){APC_SETPOINT, at}).of : NULL;

@@ -205,10 +205,12 @@ static void add_alarms(struct tags *t)
                                                APC_ALARM_NORMAL, APC_ALARM_STATES - 1));
         snprintf(tag->area, sizeof tag->area, "%s", alarm->area);
     }
-    if (t->e->n_alarms > 0)
-        add(t, plain_tag(APC_TICK, cores_alarms_number(t->e), "alarms", "how many alarms are in which state",
-                         0, 0))
-            ->period = apc_ns_to_s(t->e->alarms.rhythm.period);
+    if (t->e->n_alarms == 0)
+        return;
+    struct apc_tag *tick = add(t, plain_tag(APC_TICK, cores_alarms_number(t->e), "alarms",
+                                            "how many alarms are in which state", 0, 0));
+    tick->period = apc_ns_to_s(t->e->alarms.rhythm.period);
+    tick->length = APC_ALARMS_TICK;
 }
 
 static size_t count_tuning(const struct experiment *e)

@@ -90,3 +90,8 @@ expect 0 'floods \(more than 10\): [1-9]' "$apc" alarm journal --figures
 kill -INT "$run"
 wait "$run" || fail "the run ended with $?"
 grep -q 'alarm,apc-alarms,alarm,"r.high: too much"' "$work/run/events.csv" || fail "no event: $(cat "$work/run/events.csv")"
+
+# ---- In memory, with the record in the run folder
+
+expect 0 '' env -u APC_STORE "$apc" run "$work/fast.conf" --duration 3 --no-ui --out "$work/memory"
+expect 0 'r\.high +1 +Normal' "$apc" alarm list --all --store "sqlite:$work/memory/store.db"
