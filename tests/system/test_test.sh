@@ -95,6 +95,7 @@ expect 4 'is not empty' "$apc" test "$work/heater.conf" -o "$work/prbs"
 # ---- Live
 
 fast_experiment
+sed -i 's/period = 15\.0;/period = 3600.0;/' "$work/fast.conf" # nothing else moves the plant
 newest() { sql "SELECT $3 FROM apc.$1 WHERE id = $2 ORDER BY seq DESC LIMIT 1"; }
 is() { [ "$(newest actual 21 value)" = "$1" ]; } # mode of loop 1, in force
 # in Auto, and the setpoint the scheduler's
@@ -112,7 +113,9 @@ next=$(sed -n 's/^record: .*; next: apc identify //p' "$work/live.txt")
 "$apc" identify $next --model arx >"$work/live-model.txt" 2>&1 || fail "live: $(cat "$work/live-model.txt")"
 
 # a guard
-expect 4 'beyond its guards' live --guard y=-20..40 --guard y=9..40 --amplitude 0.6 -d 8 -o "$work/live-guard"
+at_rest() { [ "$(sql "SELECT abs(value - 10) < 0.2 FROM apc.sensor WHERE id = 1 ORDER BY seq DESC LIMIT 1")" = t ]; }
+until_true 60 at_rest
+expect 4 'beyond its guards' live --guard y=-20..40 --guard y=9..40 --amplitude 0.6 -d 60 -o "$work/live-guard"
 until_true 20 back
 
 # Ctrl-C
