@@ -270,13 +270,17 @@ static bool make_room(struct settings *s, struct owner *o, size_t more)
         return !s->failed;
     const size_t room = 2 * o->room + more;
     struct alarm *alarm = reallocarray(e->alarm, room, sizeof *alarm);
-    e->alarm = alarm ? alarm : e->alarm;
+    if (alarm)
+        e->alarm = alarm;
     const config_setting_t **group = reallocarray(o->group, room, sizeof *group);
-    o->group = group ? group : o->group;
-    o->room = room;
-    if (!alarm || !group)
+    if (group)
+        o->group = group;
+    if (!alarm || !group) {
         s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
-    return !s->failed;
+        return false;
+    }
+    o->room = room;
+    return true;
 }
 
 static void read_list(struct settings *s, const config_setting_t *of, struct owner *o)
