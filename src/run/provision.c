@@ -536,6 +536,77 @@ static int put_owners(struct apc_store *store, const struct experiment *e, apc_n
     return rc;
 }
 
+static bool has_alarm(const struct apc_tag *tag, size_t n, int id, const char *name)
+{
+    for (size_t i = 0; i < n; i++)
+        if (tag[i].table == APC_ALARM && tag[i].id == id)
+            return strcmp(tag[i].name, name) == 0;
+    return false;
+}
+
+#define ALARM_ROWS 3 /* its state, and the two switches that keep it from being announced */
+
+/*
+ * Where the store does not say that alarm i is the file's, what stood of another one under that number, and
+ * who kept that one quiet, is nothing of this one: @rows is [ALARM_ROWS * n_alarms] as the store has them,
+ * and becomes what is to be appended. Returns how many that is.
+ */
+static size_t renew(const struct experiment *e, const struct apc_tag *was, size_t n_was, int64_t journal,
+                    apc_ns now, struct apc_sample *rows)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < ALARM_ROWS * e->n_alarms; i++) {
+        struct apc_sample row = rows[i];
+        const bool state = row.table == APC_ALARM;
+        const double wanted = state ? APC_ALARM_NORMAL : 0;
+        if (row.seq == 0 || row.value == wanted ||
+            has_alarm(was, n_was, (int)(i / ALARM_ROWS) + 1, e->alarm[i / ALARM_ROWS].name))
+            continue;
+        row = (struct apc_sample){
+            .table = row.table, .id = row.id, .seq = APC_SEQ_ANY, .time = now, .value = wanted};
+        if (state) {
+            row.seq = rows[i].seq + 1;
+            row.origin = ++journal;
+        }
+        rows[n++] = row;
+    }
+    return n;
+}
+
+static int renew_alarms(struct apc_store *store, const struct experiment *e, apc_ns now)
+{
+    const size_t own = ALARM_ROWS * e->n_alarms;
+    const int most = apc_store_get_tags(store, NULL, 0);
+    struct apc_tag *was = calloc(most > 0 ? (size_t)most : 1, sizeof *was);
+    struct apc_sample *rows = calloc(own + (most > 0 ? (size_t)most : 0) + 1, sizeof *rows);
+    size_t n = own;
+    int64_t journal = 0;
+    int rc = most < 0 ? most : was && rows ? apc_store_get_tags(store, was, (size_t)most) : APC_ENOMEM;
+    const size_t n_was = rc < 0 ? 0 : (size_t)(rc < most ? rc : most);
+
+    for (size_t i = 0; i < e->n_alarms && rc >= 0; i++) {
+        struct apc_sample *of = rows + ALARM_ROWS * i;
+        const int id = (int)i + 1;
+        of[0] = (struct apc_sample){.table = APC_ALARM, .id = id};
+        of[1] = (struct apc_sample){.table = APC_OPMODE, .id = apc_alarm_switch_id(APC_ALARM_SHELF, id)};
+        of[2] = (struct apc_sample){.table = APC_OPMODE, .id = apc_alarm_switch_id(APC_ALARM_SERVICE, id)};
+    }
+    for (size_t i = 0; i < n_was; i++) /* the journal goes on from all that there were */
+        if (was[i].table == APC_ALARM)
+            rows[n++] = (struct apc_sample){.table = APC_ALARM, .id = was[i].id};
+    if (rc >= 0 && own > 0)
+        rc = apc_store_read(store, rows, n);
+    for (size_t i = 0; i < n && rc >= 0; i++)
+        if (rows[i].table == APC_ALARM && rows[i].origin > journal)
+            journal = rows[i].origin;
+    if (rc >= 0 && (n = renew(e, was, n_was, journal, now, rows)) > 0)
+        rc = apc_store_append_rows(
+            store, &(struct apc_rows){.size = sizeof(struct apc_rows), .sample = rows, .n_samples = n});
+    free(rows);
+    free(was);
+    return rc < 0 ? rc : 0;
+}
+
 int provision(struct apc_store *store, const struct experiment *e, enum provision how)
 {
     const size_t n = count_tuning(e);
@@ -564,6 +635,8 @@ int provision(struct apc_store *store, const struct experiment *e, enum provisio
         rc = put_owners(store, e, now, how);
     if (rc >= 0 && how == PROVISION_RESET)
         rc = forget_manual(store, e, now);
+    if (rc >= 0)
+        rc = renew_alarms(store, e, now);
     free(wanted);
     return rc < 0 ? rc : describe(store, e);
 }

@@ -5,6 +5,7 @@
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "run/alarms.h"
 #include "run/simulation.h"
@@ -30,6 +31,8 @@ static void end(struct run *r)
     simulation_destroy(&r->s);
     experiment_free(&r->e);
 }
+
+#define S APC_NS_PER_S
 
 #define PUMP APC_SOURCE_DIR "/experiments/alarms/pump-failure.conf"
 
@@ -81,9 +84,100 @@ static void without_a_failure_there_is_no_alarm(void **state)
     experiment_free(&e);
 }
 
+/* ---- A store that is kept ------------------------------------------------------------------ */
+
+/* As apc-alarms does it, once, after a start. */
+static void evaluate(const struct experiment *e, struct apc_store *store)
+{
+    struct apc_alarms *alarms = NULL;
+    struct apc_error why;
+    if (cores_alarms(e, &alarms, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_true(apc_store_read_rows(store, apc_alarms_former(alarms)) >= 0);
+    apc_alarms_resume(alarms);
+    assert_true(apc_store_read_rows(store, apc_alarms_in(alarms)) >= 0);
+    (void)apc_alarms_compute(alarms, (struct apc_now){.mono = 1, .utc = apc_clock_utc(NULL)}, NULL);
+    assert_true(apc_store_append_rows(store, apc_alarms_out(alarms)) >= 0);
+    apc_alarms_destroy(alarms);
+}
+
+static struct apc_sample newest(struct apc_store *store, enum apc_table table, int id)
+{
+    struct apc_sample s = {.table = table, .id = id};
+    assert_true(apc_store_read(store, &s, 1) >= 0);
+    return s;
+}
+
+static void wanted(struct apc_store *store, enum apc_alarm_switch which, int alarm, double value)
+{
+    struct apc_sample wish = {
+        .table = APC_OPMODE, .id = apc_alarm_switch_id(which, alarm), .time = S, .value = value};
+    if (apc_store_put(store, &wish, 1) < 0)
+        fail_msg("%s", apc_store_error(store));
+}
+
+static enum apc_alarm_state state_of(struct apc_store *store, int alarm)
+{
+    const struct apc_sample row = newest(store, APC_ALARM, alarm);
+    return row.seq > 0 ? (enum apc_alarm_state)(int)row.value : APC_ALARM_NORMAL;
+}
+
+static void what_was_of_another_alarm_is_nothing_of_the_one_that_has_its_number_now(void **state)
+{
+    struct experiment e;
+    struct apc_error why;
+    struct apc_store *store = NULL;
+    (void)state;
+    if (experiment_load(&e, PUMP, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0 ||
+        apc_store_open(&store, "mem:", NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_true(apc_store_init(store) >= 0 && e.n_alarms >= 3);
+    if (provision(store, &e, PROVISION_KEEP) < 0)
+        fail_msg("%s", apc_store_error(store));
+    wanted(store, APC_ALARM_SERVICE, 1, 1);
+    wanted(store, APC_ALARM_SHELF, 2, (double)(apc_clock_utc(NULL) / S + 3600));
+    wanted(store, APC_ALARM_SERVICE, 3, 1);
+    evaluate(&e, store);
+    assert_int_equal(state_of(store, 1), APC_ALARM_OUT_OF_SERVICE);
+    assert_int_equal(state_of(store, 2), APC_ALARM_SHELVED);
+    const struct apc_sample third = newest(store, APC_ALARM, 3);
+
+    assert_int_equal(provision(store, &e, PROVISION_RESET), 0); /* the same alarms stay as they are */
+    assert_int_equal(state_of(store, 1), APC_ALARM_OUT_OF_SERVICE);
+
+    const struct alarm first = e.alarm[0];
+    memcpy(e.alarm[0].name, e.alarm[1].name, sizeof first.name);
+    memcpy(e.alarm[1].name, first.name, sizeof first.name);
+    assert_int_equal(provision(store, &e, PROVISION_KEEP), 0);
+    for (int i = 1; i <= 2; i++) {
+        assert_int_equal(state_of(store, i), APC_ALARM_NORMAL);
+        assert_int_equal(newest(store, APC_ALARM, i).origin, third.origin + i);
+    }
+    const struct apc_sample once = newest(store, APC_ALARM, 1);
+    assert_int_equal(provision(store, &e, PROVISION_KEEP), 0); /* once */
+    assert_int_equal(newest(store, APC_ALARM, 1).seq, once.seq);
+    evaluate(&e, store);
+    assert_int_equal(state_of(store, 1), APC_ALARM_NORMAL);
+    assert_int_equal(state_of(store, 2), APC_ALARM_NORMAL);
+    assert_int_equal(newest(store, APC_ALARM, 3).seq, third.seq);
+    for (int i = 1; i <= 2; i++) { /* and the switches are what is in force */
+        const int id = apc_alarm_switch_id(i == 1 ? APC_ALARM_SERVICE : APC_ALARM_SHELF, i);
+        assert_near(newest(store, APC_ACTUAL, apc_variable_number(APC_OPMODE, id)).value, 0, 0);
+    }
+
+    /* An alarm that was left out for a while is another one as well. */
+    const size_t all = e.n_alarms;
+    e.n_alarms = 2;
+    assert_int_equal(provision(store, &e, PROVISION_KEEP), 0);
+    e.n_alarms = all;
+    assert_int_equal(provision(store, &e, PROVISION_KEEP), 0);
+    assert_int_equal(state_of(store, 3), APC_ALARM_NORMAL);
+    apc_store_close(store);
+    experiment_free(&e);
+}
+
 /* ---- Figures ------------------------------------------------------------------------------ */
 
-#define S APC_NS_PER_S
 #define T (INT64_C(1700000000) * S)
 
 static void add(struct alarm_journal *j, double t, int alarm, enum apc_alarm_state to)
@@ -135,6 +229,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_scenario_raises_its_alarms_in_order_and_the_same_each_time),
         cmocka_unit_test(without_a_failure_there_is_no_alarm),
+        cmocka_unit_test(what_was_of_another_alarm_is_nothing_of_the_one_that_has_its_number_now),
         cmocka_unit_test(floods_chattering_and_standing_alarms_are_counted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
