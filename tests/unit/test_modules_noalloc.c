@@ -7,6 +7,7 @@
  */
 #include "check.h"
 
+#include "apcalarm.h"
 #include "apcexchange.h"
 #include "apclinear.h"
 #include "rows.h"
@@ -202,6 +203,106 @@ static void ticks_do_not_allocate(void **state)
     destroy(&l);
     assert_int_equal(l.failures, 0);
     assert_int_equal(after - before, 0);
+}
+
+/* One that latches and one of a controller that stops: raised, acknowledged and reset, shelved and taken out,
+ * and wishes that are refused. */
+static const struct apc_alarm watched[] = {
+    {.name = "y.high",
+     .kind = APC_ALARM_HIGH,
+     .table = APC_SENSOR,
+     .id = 1,
+     .limit = 1,
+     .priority = 1,
+     .latching = true},
+    {.name = "base.stopped",
+     .kind = APC_ALARM_STOPPED,
+     .table = APC_TICK,
+     .id = 1,
+     .horizon = 3 * S,
+     .priority = 2,
+     .suppression = {.alarm = 1, .hold = S}},
+};
+
+static int make_alarms(struct apc_alarms **alarms)
+{
+    const struct apc_alarms_options options = {.size = sizeof options, .n = 2, .alarm = watched, .number = 2};
+    return apc_alarms_create(alarms, &options, NULL);
+}
+
+struct alarmed {
+    int transitions, refused;
+};
+
+/* No cmocka in here either. Rows that it reads are rewritten in place: what a wish is of is its table's id.
+ */
+static void one_second_of_alarms(struct apc_alarms *alarms, int k, struct alarmed *seen)
+{
+    const struct apc_now now = {.mono = k * S, .utc = T0 + k * S};
+    struct apc_notice notice;
+    const struct apc_rows *in = apc_alarms_in(alarms);
+    for (size_t i = 0; i < in->n_samples; i++) {
+        struct apc_sample *s = &in->sample[i];
+        const bool acknowledges = s->id == apc_alarm_switch_id(APC_ALARM_ACK, 1),
+                   shelves = s->id == apc_alarm_switch_id(APC_ALARM_SHELF, 1);
+        if (s->table == APC_OPMODE && k % 7 != (int)i)
+            continue;
+        s->seq++;
+        s->time = now.utc;
+        s->status = APC_GOOD;
+        s->value = s->table == APC_SENSOR ? k / 5 % 2 * 2
+                   : acknowledges         ? k / 2
+                   : shelves              ? apc_ns_to_s(T0) + k + k % 2 * 5
+                                          : k / 20 % 2;
+    }
+    in->vector[0].seq += k / 10 % 2;
+    in->vector[0].time = now.utc;
+    seen->transitions += apc_alarms_compute(alarms, now, &notice);
+    seen->refused += notice.kind == APC_NOTICE_REJECTED;
+    apc_alarms_stored(alarms);
+}
+
+static void alarms_do_not_allocate(void **state)
+{
+    struct apc_alarms *alarms;
+    struct alarmed seen = {0};
+    int before, after;
+
+    (void)state;
+    if (!COUNTING)
+        skip();
+    assert_int_equal(make_alarms(&alarms), 0);
+    apc_alarms_resume(alarms);
+    before = allocations;
+    for (int k = 1; k <= 1000; k++)
+        one_second_of_alarms(alarms, k, &seen);
+    after = allocations;
+    apc_alarms_destroy(alarms);
+    assert_int_equal(after - before, 0);
+    assert_true(seen.transitions > 100);
+    assert_true(seen.refused > 10);
+}
+
+static void whichever_allocation_fails_alarms_say_so(void **state)
+{
+    struct apc_alarms *alarms;
+    int rc, n = -1;
+
+    (void)state;
+    if (!COUNTING)
+        skip();
+    do {
+        int before = held;
+
+        failed = 0;
+        fail_at = allocations + ++n;
+        rc = make_alarms(&alarms);
+        fail_at = -1;
+        apc_alarms_destroy(alarms);
+        assert_int_equal(rc, failed ? APC_ENOMEM : 0);
+        assert_int_equal(held, before);
+    } while (rc < 0);
+    assert_in_range(n, 3, 20);
 }
 
 static void whichever_allocation_fails_creation_says_so(void **state)
@@ -532,6 +633,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_counter_counts),
         cmocka_unit_test(ticks_do_not_allocate),
+        cmocka_unit_test(alarms_do_not_allocate),
+        cmocka_unit_test(whichever_allocation_fails_alarms_say_so),
         cmocka_unit_test(whichever_allocation_fails_creation_says_so),
         cmocka_unit_test(whichever_allocation_fails_a_configured_law_says_so),
         cmocka_unit_test(no_integrator_allocates_in_a_tick),
