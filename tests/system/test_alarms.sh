@@ -91,7 +91,37 @@ kill -INT "$run"
 wait "$run" || fail "the run ended with $?"
 grep -q 'alarm,apc-alarms,alarm,"r.high: too much"' "$work/run/events.csv" || fail "no event: $(cat "$work/run/events.csv")"
 
-# ---- In memory, with the record in the run folder
+# ---- The store is kept, and a number goes to another alarm: what stood of the old one is nothing of the new one
 
-expect 0 '' env -u APC_STORE "$apc" run "$work/fast.conf" --duration 3 --no-ui --out "$work/memory"
-expect 0 'r\.high +1 +Normal' "$apc" alarm list --all --store "sqlite:$work/memory/store.db"
+sed -i 's/name = "flood7"/name = "surge"/' "$work/fast.conf"
+expect 0 '' "$apc" init "$work/fast.conf"
+listed '^surge +4 +Normal' || fail "it has what was flood7's: $("$apc" alarm list)"
+listed '^flood8 +4 +RTN' || fail "flood8 was forgotten: $("$apc" alarm list)"
+
+# ---- In memory, with the record in the run folder, and in a file: acknowledged as well, by one of two at once
+
+acknowledged() { # FOLDER, and how it is run
+  local folder=$1 ack=$1.ack
+  shift
+  background alone env -u APC_STORE "$apc" run "$work/fast.conf" --duration 0 --no-ui --out "$folder" "$@"
+  local alone=$pid
+  listed() { env -u APC_STORE "$apc" alarm list --all --store "$folder" 2>&1 | grep -E "$1" >/dev/null; }
+  until_true 60 listed '^0 unacknowledged, 0 active'
+  expect 0 'applied' env -u APC_STORE "$apc" set r 15 --store "$folder"
+  until_true 60 listed '^r\.high +1 +Unacknowledged Active'
+  for k in 1 2; do
+    env -u APC_STORE "$apc" alarm ack r.high --store "$folder" >"$ack.$k" 2>&1 && echo 0 >"$ack.code.$k" || echo $? >"$ack.code.$k" &
+  done
+  said() { [ -s "$ack.code.1" ] && [ -s "$ack.code.2" ]; }
+  until_true 60 said
+  [ "$(sort "$ack".code.* | tr -d '\n')" = 04 ] || fail "$folder: not one of two: $(cat "$ack".*)"
+  grep -qE '^r.high: acknowledged \(applied\)$' "$ack".[12] || fail "$folder: $(cat "$ack".*)"
+  grep -qE 'was faster|just acknowledged|nothing to acknowledge|superseded' "$ack".[12] || fail "$folder: nobody was told: $(cat "$ack".*)"
+  listed '^r\.high +1 +Acknowledged Active' || fail "$folder: it is not acknowledged"
+  kill -INT "$alone"
+  wait "$alone" || fail "$folder: the run ended with $?"
+  expect 0 'r\.high +1 +Acknowledged Active' env -u APC_STORE "$apc" alarm list --all --store "$folder"
+}
+acknowledged "$work/memory"
+acknowledged "$work/file" --store "sqlite:$work/file.db"
+expect 0 'r\.high +1 +Acknowledged Active' "$apc" alarm list --all --store "sqlite:$work/memory/store.db"
