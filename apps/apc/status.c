@@ -9,6 +9,7 @@
 #include "print.h"
 #include "spools.h"
 #include "status_loops.h"
+#include "status_writes.h"
 
 #define EVENTS 5
 #define WINDOW (60 * APC_NS_PER_S)
@@ -36,8 +37,9 @@ static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NU
 static const struct cli_spec spec = {
     .args_doc = "",
     .doc =
-        "Show the store, the mode, every measurement, setpoint and output with its age, the timing of each "
-        "task over the last minute, and the last events. Where there are several loops: each controller with "
+        "Show the store, the mode, every measurement, setpoint and output with its age, who wrote last what "
+        "operators write, the timing of each task over the last minute, and the last events. Where there are "
+        "several loops: each controller with "
         "its last tick and its loops: target and actual mode, with the reason where they differ, setpoint SP "
         "and who moves it, measurement PV, output OP and its limits. Of predictive control: what became of "
         "the last plan, what "
@@ -55,6 +57,7 @@ struct status {
     int version; /* of the store's tables */
     struct apc_sample *samples;
     size_t n;
+    struct status_writes writes;
     struct timing timing;
     struct apc_event events[EVENTS];
     size_t n_events;
@@ -100,6 +103,8 @@ static int load(const struct cli *cli, struct apc_store *store, struct status *s
         rc = timing_load(&s->timing, store, &(struct apc_range){.since = s->now - WINDOW}, "lateness");
     if (rc >= 0)
         rc = status_loops_load(&s->loops, store, &s->plant, &s->timing);
+    if (rc >= 0)
+        rc = status_writes_load(&s->writes, store, &s->plant.tags);
     if (rc >= 0)
         rc = apc_store_events(store, &last, take_event, s);
     s->version = apc_store_tables_version(store);
@@ -295,6 +300,8 @@ static int show(const struct status *s)
     if (rc == 0)
         rc = show_values(s, colour);
     if (rc == 0)
+        rc = status_writes_show(&s->writes, colour);
+    if (rc == 0)
         rc = show_timing(s, colour);
     if (rc == 0)
         rc = show_events(s, colour);
@@ -405,7 +412,9 @@ static void show_json(const struct status *s, const char *why)
     status_loops_json(&s->loops);
     fputs(",\n\"variables\":[", stdout);
     json_values(s);
-    fputs("],\n\"timing\":[", stdout);
+    fputs("],\n", stdout);
+    status_writes_json(&s->writes, s->now);
+    fputs(",\n\"timing\":[", stdout);
     json_timing(s);
     fputs("],\n\"events\":[", stdout);
     for (size_t i = 0; i < s->n_events; i++) {
@@ -446,6 +455,7 @@ int command_status(int argc, char **argv)
         cli_error(&cli, rc, "out of memory");
     free(status.samples);
     status_loops_free(&status.loops);
+    status_writes_free(&status.writes);
     cli_plant_free(&status.plant);
     timing_free(&status.timing);
     apc_store_close(store);

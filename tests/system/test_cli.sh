@@ -252,6 +252,15 @@ r taken Local, the scheduler stands aside"
   equal "$(newest setpoint 1)" -5 "the setpoint in the store"
   run 0 history --events --last 1
   out_has '  info +[^ ].* operator +r: -0.1234567890123 -> -5$'
+  run 0 status
+  out_has '^WRITTEN +NAME +VALUE +BY$'
+  out_has "Z +r +-5 +$(id -un)$"
+  run 0 status --json
+  out_is_json
+  out_has "\"name\":\"r\",\"table\":\"setpoint\",\"id\":1,.*\"value\":-5,.*\"author\":\"$(id -un)\""
+  sql "INSERT INTO apc.setpoint (id, seq, time, status, value) SELECT 1, max(seq) + 1, now(), 0, -5 FROM apc.setpoint WHERE id = 1"
+  run 0 status
+  ! grep -q 'WRITTEN' "$work/out" || fail "status names who wrote what is no longer in force"
 }
 
 test_set_refuses_what_must_not_be() {

@@ -57,6 +57,7 @@ expect 0 '^upper\.r is in IMan: ' "$apc" status
 expect 0 '^u mode: Auto -> Cas \(applied\)$' "$apc" remote r
 until_true 20 mode_is upper.r Auto Auto
 expect 0 '^u mode: Cas -> Man \(applied\)$' "$apc" mode u man
+expect 0 "Z +u\.mode +Man +$(id -un)\$" "$apc" status
 expect 4 'r follows y while u is in Man' "$apc" set r 4
 expect 0 '^u: [-.0-9e]+ -> 1.5 \(applied\)$' "$apc" set u 1.5
 expect 0 '^base mode: Man -> Auto \(applied\)$' "$apc" mode base auto
