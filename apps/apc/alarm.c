@@ -218,6 +218,7 @@ static void say_life(const struct session *s)
 
 static int list(struct session *s)
 {
+    /* NOLINTNEXTLINE(bugprone-sizeof-expression): an array of pointers */
     const struct alarm_now **at = calloc(s->board.e.n_alarms + 1, sizeof *at);
     size_t n = 0;
     if (!at)
@@ -225,6 +226,7 @@ static int list(struct session *s)
     for (size_t i = 0; i < s->board.e.n_alarms; i++)
         if (is_listed(s, &s->board.at[i]))
             at[n++] = &s->board.at[i];
+    /* NOLINTNEXTLINE(bugprone-sizeof-expression): and again */
     qsort(at, n, sizeof *at, by_urgency);
     if (s->cli.format == CLI_JSON) {
         list_json(s, at, n);

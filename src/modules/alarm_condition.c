@@ -113,9 +113,11 @@ static bool judge(struct apc_alarm_condition *c, const struct apc_alarm *a, cons
         return fresh ? false : c->raw || !early;
     if (a->kind == APC_ALARM_BAD)
         return fresh ? !is_good(s) : c->raw || !early;
-    c->poor = !fresh || !is_good(s) || (in->other && in->other->seq == 0);
-    if (in->other && a->kind == APC_ALARM_DEVIATION)
-        c->poor |= !is_good(in->other);
+    c->poor = !fresh || !is_good(s);
+    if (a->kind == APC_ALARM_DEVIATION || a->kind == APC_ALARM_MODE)
+        c->poor |= !in->other || in->other->seq == 0;
+    if (a->kind == APC_ALARM_DEVIATION)
+        c->poor |= !in->other || !is_good(in->other);
     return c->poor ? c->raw : judge_value(c, a, in);
 }
 
