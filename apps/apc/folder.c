@@ -18,7 +18,7 @@
 
 #define PATH_LEN 600
 
-static int make_folders(const char *dir, struct apc_error *why)
+static int make_parents(const char *dir, struct apc_error *why)
 {
     char path[PATH_LEN];
     if (strlen(dir) >= sizeof path)
@@ -31,9 +31,33 @@ static int make_folders(const char *dir, struct apc_error *why)
         mkdir(path, 0777); /* one that is there is fine; any other trouble shows at the last one */
         *c = '/';
     }
-    if (mkdir(path, 0700) != 0 && errno != EEXIST)
-        return apc_fail(why, APC_ESYS, "%s: cannot be made: %s", dir, strerror(errno));
     return 0;
+}
+
+static int make_folders(const char *dir, struct apc_error *why)
+{
+    int rc = make_parents(dir, why);
+    if (rc == 0 && mkdir(dir, 0700) != 0 && errno != EEXIST)
+        rc = apc_fail(why, APC_ESYS, "%s: cannot be made: %s", dir, strerror(errno));
+    return rc;
+}
+
+/* Whoever makes it has it: one that was there a moment ago may be somebody else's by now. */
+int folder_choose(char *dir, size_t size, const char *name, struct apc_error *why)
+{
+    char stamp[APC_TIME_LEN];
+    apc_time_format(apc_clock_utc(NULL), stamp);
+    const int n = snprintf(dir, size, "runs/%s-%.4s%.2s%.2s-%.2s%.2s%.2s", name, stamp, stamp + 5, stamp + 8,
+                           stamp + 11, stamp + 14, stamp + 17);
+    if (n + (int)sizeof "-1000" > (int)size)
+        return apc_fail(why, APC_EINVAL, "%s: the path is too long", dir);
+    int rc = make_parents(dir, why);
+    bool made = rc == 0 && mkdir(dir, 0700) == 0;
+    for (int i = 2; rc == 0 && !made && errno == EEXIST && i < 1000; i++) {
+        snprintf(dir + n, size - (size_t)n, "-%d", i);
+        made = mkdir(dir, 0700) == 0;
+    }
+    return rc < 0 || made ? rc : apc_fail(why, APC_ESYS, "%s: cannot be made: %s", dir, strerror(errno));
 }
 
 /* ---- Files that appear whole -------------------------------------------------------------- */

@@ -22,6 +22,11 @@ struct folder_facts {
 };
 
 /*
+ * Make an empty folder runs/NAME-TIME, or with a number behind it where there is one already: of several that
+ * begin in the same second each gets its own. Its path goes to @p dir.
+ */
+int folder_choose(char *dir, size_t size, const char *name, struct apc_error *why);
+/*
  * Make the folder (and its parents) for @p e and what its record consists of, under names which folder_keep()
  * makes the real ones: until then a run that was there before keeps its own. A folder that is not empty is
  * refused, unless @p force.

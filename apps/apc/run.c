@@ -288,17 +288,6 @@ static int prepare_store(struct run *r)
     return rc;
 }
 
-/* runs/NAME-TIME, with a number when two begin in one second. */
-static void choose_folder(struct run *r)
-{
-    char stamp[APC_TIME_LEN];
-    apc_time_format(apc_clock_utc(NULL), stamp);
-    int n = snprintf(r->dir, sizeof r->dir, "runs/%s-%.4s%.2s%.2s-%.2s%.2s%.2s", r->e.name, stamp, stamp + 5,
-                     stamp + 8, stamp + 11, stamp + 14, stamp + 17);
-    for (int i = 2; access(r->dir, F_OK) == 0 && i < 1000; i++)
-        snprintf(r->dir + n, sizeof r->dir - (size_t)n, "-%d", i);
-}
-
 static int prepare_folder(struct run *r)
 {
     struct apc_error why;
@@ -306,11 +295,13 @@ static int prepare_folder(struct run *r)
         cli_error(&r->cli, APC_EINVAL, "--out: the path is too long");
         return APC_EINVAL;
     }
+    int rc = 0;
     if (r->options.out)
         snprintf(r->dir, sizeof r->dir, "%s", r->options.out);
     else
-        choose_folder(r);
-    int rc = folder_create(r->dir, &r->e, r->options.force, &why);
+        rc = folder_choose(r->dir, sizeof r->dir, r->e.name, &why);
+    if (rc == 0)
+        rc = folder_create(r->dir, &r->e, r->options.force, &why);
     if (rc < 0)
         cli_error(&r->cli, rc, "%s", why.text);
     return rc;

@@ -275,17 +275,18 @@ static const struct controller *slowest(const struct test *z)
 
 static int make_folder(struct test *z, struct apc_error *why)
 {
-    char stamp[APC_TIME_LEN];
-    int n;
+    char name[APC_TAG_LEN + 8];
+    int rc = 0;
 
-    apc_time_format(apc_clock_utc(NULL), stamp);
-    n = z->own.out ? snprintf(z->dir, sizeof z->dir, "%s", z->own.out)
-                   : snprintf(z->dir, sizeof z->dir, "runs/%s-test-%.4s%.2s%.2s-%.2s%.2s%.2s", z->e.name,
-                              stamp, stamp + 5, stamp + 8, stamp + 11, stamp + 14, stamp + 17);
-    if (n >= (int)sizeof z->dir)
+    if (z->own.out && strlen(z->own.out) >= sizeof z->dir)
         return apc_fail(why, APC_EINVAL, "--out: the path is too long");
     umask(077); /* the record of a plant is its owner's */
-    return folder_create(z->dir, &z->e, z->own.force, why);
+    snprintf(name, sizeof name, "%s-test", z->e.name);
+    if (z->own.out)
+        snprintf(z->dir, sizeof z->dir, "%s", z->own.out);
+    else
+        rc = folder_choose(z->dir, sizeof z->dir, name, why);
+    return rc < 0 ? rc : folder_create(z->dir, &z->e, z->own.force, why);
 }
 
 /* ---- After ----------------------------------------------------------------------------------------------

@@ -105,6 +105,9 @@ run=$!
 children+=("$run")
 store=$work/killed
 until_true 20 more_rows u 3
+# as long as it goes on its memory is its own, whoever asks for it
+expect 4 "/dev/shm/apc.run-$run-[0-9]*: its run goes on" "$apc" drain "$work/killed"
+until_true 20 more_rows u $(($(rows u) + 3))
 daemons() { pgrep -P "$run" || true; }
 mapfile -t those < <(daemons)
 kill -9 "$run"
@@ -112,10 +115,17 @@ wait "$run" 2>/dev/null || true
 gone() { for one in "${those[@]}"; do ! kill -0 "$one" 2>/dev/null || return 1; done; }
 until_true 20 gone
 n=$(rows u)
-# whoever runs something next is told of it, and what runs meanwhile has memory of its own
-"$apc" run "$work/fast.conf" --duration 1 --no-ui --out "$work/next" >/dev/null 2>"$work/next.log"
+# whoever runs something next is told of it, and what runs meanwhile has memory of its own; two that begin at once have
+# folders of their own
+sed "s/:$port\"/:$(free_port)\"/" "$work/fast.conf" >"$work/elsewhere.conf"
+next() { (cd "$work" && exec "$apc" run "$2" --duration 1 --no-ui) >"$work/$1.log" 2>&1; }
+next one "$work/fast.conf" &
+next other "$work/elsewhere.conf" || fail "one of two runs failed: $(tail -n 1 "$work/other.log")"
+wait $! || fail "one of two runs failed: $(tail -n 1 "$work/one.log")"
+[ "$(find "$work/runs" -name samples.csv | wc -l)" = 2 ] || fail "two runs left $(find "$work/runs" -name samples.csv)"
+cat "$work/one.log" "$work/other.log" >"$work/next.log"
 grep -q "^shm:run-$run-.* is the memory of a run that was killed: .apc drain '$work/killed'" "$work/next.log" || fail "no word of it"
-[ "$(grep -c 'is the memory of a run.*next' "$work/next.log")" = 0 ] || fail "a run took its own memory for a dead one's"
+! grep -q 'is the memory of a run.*/runs/' "$work/next.log" || fail "a run took the memory of one that goes on for a dead one's"
 mv "$work/killed" "$work/moved"
 expect 0 'samples: .*moved/samples\.csv, from the store' "$apc" report "$work/moved"
 [ "$(grep -c ',actuator,1,' "$work/moved/samples.csv")" = "$n" ] || fail "the report of a killed run lost outputs"

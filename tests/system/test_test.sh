@@ -37,6 +37,16 @@ for signal in prbs steps multisine; do
 done
 "$apc" test "$work/heater.conf" -o "$work/again" >/dev/null
 cmp "$work/prbs/samples.csv" "$work/again/samples.csv" || fail "the same test is another one"
+# several that begin in one second have folders of their own
+pids=()
+for i in 1 2 3 4; do
+  (cd "$work" && exec "$apc" test "$work/heater.conf" -d 100 --signal steps) >"$work/at-once-$i.txt" 2>&1 &
+  pids+=($!)
+done
+for i in 1 2 3 4; do
+  wait "${pids[i - 1]}" || fail "at once: $(cat "$work/at-once-$i.txt")"
+done
+[ "$(find "$work/runs" -name samples.csv | wc -l)" = 4 ] || fail "four tests left $(find "$work/runs" -name samples.csv)"
 grep -q 'u: Man -> Auto' "$work/prbs/events.csv" || fail "the loop was not given back"
 grep -q 'r: Local -> Remote' "$work/prbs/events.csv" || fail "the scheduler has not got its setpoint back"
 
