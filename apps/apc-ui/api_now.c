@@ -328,6 +328,21 @@ static void standing_metrics(const struct model *m, apc_ns now, struct text *t)
     }
 }
 
+/* Where there is one store there is nothing of a history. */
+static void history_metrics(const struct behind *b, struct text *t)
+{
+    if (b->state == 0)
+        return;
+    metric(t, "apc_history_up", "gauge", "1: the history answers.");
+    text_add(t, "apc_history_up %d\n", b->state > 0);
+    if (b->state < 0)
+        return;
+    metric(t, "apc_history_behind_rows", "gauge", "Samples and ticks that the history has not got.");
+    text_add(t, "apc_history_behind_rows %" PRIu64 "\n", b->rows);
+    metric(t, "apc_history_behind_seconds", "gauge", "How much older its newest is than the live store's.");
+    text_add(t, "apc_history_behind_seconds %.9g\n", apc_ns_to_s(b->late));
+}
+
 static void meter_metrics(struct meter *m, struct text *t, const char *name, const char *help)
 {
     struct apc_summary s;
@@ -363,6 +378,7 @@ void get_metrics(struct ui *ui, struct request *r, struct apc_store *store)
     text_add(t, "apc_db_up %d\n", m->connected);
     metric(t, "apc_spool_depth", "gauge", "Samples and events that wait for the database.");
     text_add(t, "apc_spool_depth %" PRIu64 "\n", m->spool.samples + m->spool.events);
+    history_metrics(&m->behind, t);
     pthread_mutex_unlock(&m->mutex);
     meter_metrics(&ui->stores, t, "apc_db_write_seconds", "This server's writes.");
     meter_metrics(&ui->reads, t, "apc_db_read_seconds", "This server's reads of all newest samples.");

@@ -270,6 +270,8 @@ static void beat(struct ui *ui)
     pthread_mutex_lock(&ui->model.mutex);
     text_add(&t, ",\"connected\":%s,\"control\":", ui->model.connected ? "true" : "false");
     control_json(&ui->model, apc_clock_mono(NULL), &t);
+    text_add(&t, ",\"history\":");
+    behind_json(&ui->model, &t);
     pthread_mutex_unlock(&ui->model.mutex);
     text_put(&t, "}", 1);
     if (!t.failed)
@@ -298,13 +300,14 @@ static void serve(struct ui *ui, sigset_t *signals)
 
 static int run(struct ui *ui, sigset_t *signals, struct apc_error *why)
 {
-    pthread_t live, records;
+    pthread_t live, records, behind;
     int rc = server_start(ui, why);
     if (rc < 0)
         return rc;
     bool have_live = pthread_create(&live, NULL, live_thread, ui) == 0;
     bool have_records = have_live && pthread_create(&records, NULL, records_thread, ui) == 0;
-    if (have_records) {
+    bool have_behind = have_records && pthread_create(&behind, NULL, behind_thread, ui) == 0;
+    if (have_behind) {
         say_where(ui);
         sd_notify(0, "READY=1");
         serve(ui, signals);
@@ -319,6 +322,8 @@ static int run(struct ui *ui, sigset_t *signals, struct apc_error *why)
         pthread_join(live, NULL);
     if (have_records)
         pthread_join(records, NULL);
+    if (have_behind)
+        pthread_join(behind, NULL);
     return rc;
 }
 

@@ -387,6 +387,8 @@ void model_state_json(struct ui *ui, struct text *t)
     text_chop(t, ',');
     text_add(t, "},\"control\":");
     control_json(m, now, t);
+    text_add(t, ",\"history\":");
+    behind_json(m, t);
     text_add(t, "}");
     pthread_mutex_unlock(&m->mutex);
 }

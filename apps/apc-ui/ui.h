@@ -6,6 +6,7 @@
  *     writers, readers  (some)         answer what takes a store, or long: each has a store of its own
  *     live     (one)                   waits in the store for newer samples: model, stream, writes
  *     records  (one)                   looks each second for events, timing, descriptions, users
+ *     behind   (one)                   asks how far the history is behind the live store, where there are two
  *     main                             signals; each second the beat and what has to be closed
  *
  * The model is what is newest, under one mutex that nobody holds while he waits for anything else.
@@ -84,6 +85,14 @@ struct standing {
     char (*trouble)[TROUBLE_LEN]; /* [loops] what was complained of last and has not been taken back, or "" */
 };
 
+/* What the history has not got of the live store. */
+struct behind {
+    int state; /* 1; 0: there is one store, or nobody has looked yet; negative: it is away, the error */
+    uint64_t rows;
+    apc_ns late, oldest; /* oldest: source time of the oldest sample in memory, UTC; 0: none */
+    char why[300];
+};
+
 struct model {
     pthread_mutex_t mutex;
     struct plant plant;
@@ -103,6 +112,7 @@ struct model {
     size_t links;
     struct apc_spool_stats spool; /* of all spools of the folder */
     struct standing standing;
+    struct behind looked, behind; /* of the last look; what is told */
 };
 
 /* ---- audit.c ---- */
@@ -180,9 +190,16 @@ void control_json(const struct model *m, apc_ns now, struct text *t); /* locked 
 void model_store(struct ui *ui, bool connected, const char *error);
 void store_state_json(const struct model *m, struct text *t); /* locked */
 
+/* ---- behind.c ---- */
+/* A look at it. What is seldom written is for a moment as late as it is seldom: two looks must agree on it.
+ */
+void model_behind(struct model *m, const struct behind *now);
+void behind_json(const struct model *m, struct text *t); /* locked */
+
 /* ---- threads: until ui->stopping; arg is the ui ---- */
 void *live_thread(void *arg);
 void *records_thread(void *arg);
+void *behind_thread(void *arg);
 int ui_open_store(struct ui *ui, const char *name, apc_ns timeout, struct apc_store **store,
                   struct apc_error *why); /* timeout 0: the library's default */
 /* Wait a little, unless it is time to stop. */

@@ -82,12 +82,15 @@ once_each
 background ui "$APC_BIN/apc-ui" --config "$work/fast.conf" --store "$store" --listen 127.0.0.1:0
 until_true 20 grep -q 'serving http' "$work/ui.log"
 ui_port=$(sed -n 's/.*serving http:\/\/[^ ]*:\([0-9]*\) .*/\1/p' "$work/ui.log")
-page_tells() {
+page_tells() { # PATH PATTERN
   exec 3<>"/dev/tcp/127.0.0.1/$ui_port"
-  printf 'GET /api/events?kind=history HTTP/1.0\r\nHost: 127.0.0.1:%s\r\n\r\n' "$ui_port" >&3
-  grep -q 'has all again' <&3
+  printf 'GET %s HTTP/1.0\r\nHost: 127.0.0.1:%s\r\n\r\n' "$1" "$ui_port" >&3
+  grep -Eq "$2" <&3
 }
-until_true 20 page_tells
+until_true 20 page_tells '/api/events?kind=history' 'has all again'
+# and how far its history is behind
+until_true 60 page_tells /api/state '"history":\{"behind":[0-9]+,"late":0[.0-9]*,"oldest":[0-9]{10}[.0-9]*,"error":null\}'
+until_true 60 page_tells /metrics '^apc_history_behind_seconds 0'
 end second
 [ "$(sql 'SELECT count(*) - max(seq) FROM apc.sensor WHERE id = 1')" = 0 ] || fail "the second run left a hole"
 [ "$(rows sensor)" -gt "$n" ] || fail "the second run left no record"

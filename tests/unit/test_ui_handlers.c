@@ -447,6 +447,54 @@ static void a_link_is_there_before_it_ever_changed(void **state)
     assert_null(strstr(strstr(metrics, "apc_link_up{") + 1, "apc_link_up{")); /* once */
 }
 
+static json_t *history_of_state(json_t **whole)
+{
+    *whole = ask(get_state);
+    return json_object_get(*whole, "history");
+}
+
+static void how_far_the_history_is_behind_is_said_where_there_is_one(void **state)
+{
+    json_t *whole;
+    (void)state;
+    assert_true(json_is_null(history_of_state(&whole)));
+    json_decref(whole);
+    assert_null(strstr(ask_text(get_metrics), "apc_history_"));
+
+    /* what is seldom written is late for a moment: nothing is, until the next look says so, too */
+    struct behind now = {.state = 1, .rows = 1, .late = 0, .oldest = 7 * S};
+    model_behind(&ui->model, &now);
+    now.late = 150 * S;
+    model_behind(&ui->model, &now);
+    assert_near(json_number_value(json_object_get(history_of_state(&whole), "late")), 0, 0);
+    json_decref(whole);
+    now.rows = 42;
+    now.late = 152 * S;
+    model_behind(&ui->model, &now);
+    json_t *history = history_of_state(&whole);
+    assert_int_equal(json_integer_value(json_object_get(history, "behind")), 42);
+    assert_near(json_number_value(json_object_get(history, "late")), 150, 0);
+    assert_near(json_number_value(json_object_get(history, "oldest")), 7, 0);
+    assert_true(json_is_null(json_object_get(history, "error")));
+    json_decref(whole);
+    const char *metrics = ask_text(get_metrics);
+    assert_non_null(strstr(metrics, "\napc_history_up 1\n"));
+    assert_non_null(strstr(metrics, "\napc_history_behind_rows 42\n"));
+    assert_non_null(strstr(metrics, "\napc_history_behind_seconds 150\n"));
+
+    now = (struct behind){.state = APC_ECONN, .why = "no server \"there\""};
+    model_behind(&ui->model, &now);
+    history = history_of_state(&whole);
+    assert_true(json_is_null(json_object_get(history, "behind")));
+    assert_true(json_is_null(json_object_get(history, "late")));
+    assert_true(json_is_null(json_object_get(history, "oldest")));
+    assert_string_equal(json_string_value(json_object_get(history, "error")), "no server \"there\"");
+    json_decref(whole);
+    metrics = ask_text(get_metrics);
+    assert_non_null(strstr(metrics, "\napc_history_up 0\n"));
+    assert_null(strstr(metrics, "apc_history_behind"));
+}
+
 static void process_values_are_in_the_metrics(void **state)
 {
     (void)state;
@@ -1931,6 +1979,7 @@ int main(void)
         T(ready_is_what_ticks),
         T(a_thread_that_goes_round_no_more_is_not_alive),
         T(a_link_is_there_before_it_ever_changed),
+        T(how_far_the_history_is_behind_is_said_where_there_is_one),
         T(process_values_are_in_the_metrics),
         T(what_tasks_report_is_in_the_metrics),
         T(what_the_server_does_itself_is_in_the_metrics),

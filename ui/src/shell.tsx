@@ -4,13 +4,13 @@ import type {JSX} from "preact";
 import {useEffect, useRef, useState} from "preact/hooks";
 import {post} from "./core/api";
 import {useCell} from "./usecell";
-import {clock, stamp} from "./core/format";
+import {clock, duration, stamp} from "./core/format";
 import {Help} from "./help";
 import {isTyping} from "./keyboard";
 import {Login} from "./login";
 import {env} from "./core/env";
 import {notRunning} from "./core/modes";
-import {connection, control, heardAt, needsLogin, plant, second, session, serverNow, store} from "./core/model";
+import {behind, connection, control, heardAt, needsLogin, plant, second, session, serverNow, store} from "./core/model";
 import {DiagnosticsPage} from "./pages/diagnostics";
 import {EventsPage} from "./pages/events";
 import {LoopPage} from "./pages/loop";
@@ -177,6 +177,22 @@ function Bars(): JSX.Element {
           <span class="sentence">{notRunning(stopped, p)}: modes and outputs of {stopped.length > 1 ? "their" : "its"} loops are last known.</span>
         </p>
       )}
+      {link.state === "connected" && database?.connected && <HistoryBar />}
     </>
+  );
+}
+
+const LATE = 10; // s
+
+/** Nothing that an operator must act on: what the trends lack. */
+function HistoryBar(): JSX.Element | null {
+  const lag = useCell(behind);
+  useCell(second);
+  if (!lag || (lag.error == null && (lag.late ?? 0) <= LATE)) return null;
+  const reach = lag.oldest == null ? "what is in memory" : `the last ${duration(serverNow() - lag.oldest)}, of memory`;
+  return (
+    <p class="say history-bar" role="status" title={lag.error ?? undefined}>
+      {lag.error != null ? `History away: trends show ${reach}.` : `The history is ${duration(lag.late)} behind, ${lag.behind} rows.`}
+    </p>
   );
 }

@@ -105,7 +105,7 @@ export class Fake {
 
   #state() {
     const values = Object.fromEntries((this.trial ? both : plant).variables.map(({ref}) => [ref, this.#sample(ref, this.now)]));
-    return {t: this.now, id: `f.${this.#seq}`, store: this.#store(), values, ages: Object.fromEntries(Object.keys(values).map(ref => [ref, 0])), control: this.#control()};
+    return {t: this.now, id: `f.${this.#seq}`, store: this.#store(), values, ages: Object.fromEntries(Object.keys(values).map(ref => [ref, 0])), control: this.#control(), history: null};
   }
 
   #store() {

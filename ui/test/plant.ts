@@ -150,6 +150,7 @@ export class Server {
       values: all,
       ages: Object.fromEntries(Object.keys(all).map(ref => [ref, ages[ref] ?? (all[ref]?.[0] ? 0 : null)])),
       control: this.control,
+      history: null,
     };
   }
 

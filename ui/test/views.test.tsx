@@ -201,6 +201,26 @@ test("the header says who, what, whether there is a connection, and the server's
   assert.equal(document.querySelectorAll(".database-bar").length, 0);
 });
 
+test("a history that is away, or late, is said quietly; one that keeps up is not", async () => {
+  const beat = async (history: object | null): Promise<void> => {
+    env.source.send("beat", {t: server.now, connected: true, control: server.control, history});
+    await settle();
+  };
+  const bars = (): number => document.querySelectorAll(".history-bar").length;
+  assert.equal(bars(), 0);
+  await beat({behind: 3, late: 0.4, oldest: server.now - 6144, error: null});
+  assert.equal(bars(), 0);
+  await beat({behind: 900, late: 42, oldest: server.now - 6144, error: null});
+  assert.equal(said(".history-bar"), "The history is 42 s behind, 900 rows.");
+  await beat({behind: null, late: null, oldest: server.now - 1230, error: "no server"});
+  assert.equal(said(".history-bar"), "History away: trends show the last 20 min, of memory.");
+  assert.equal(one(".history-bar").getAttribute("role"), "status");
+  assert.equal(one(".history-bar").getAttribute("title"), "no server");
+  assert.equal(document.querySelectorAll('[role="alert"] .trouble').length, 0, "an alarm of it");
+  await beat(null);
+  assert.equal(bars(), 0);
+});
+
 test("the clock in the header goes on between two messages", async () => {
   const before = said("header .clock");
   await env.pass(1.1);

@@ -7,7 +7,7 @@ import {env, every} from "./env";
 import {type Modes, modesOf, noModes} from "./modes";
 import {aged, heard, limit, type Limits, type Live, nothing} from "./quality";
 import {Stream} from "./stream";
-import type {Control, Loop, Plant, PlantEvent, Ref, Sample, Session, State, StoreState, Task, Variable, Write} from "./types";
+import type {Behind, Control, Loop, Plant, PlantEvent, Ref, Sample, Session, State, StoreState, Task, Variable, Write} from "./types";
 
 export interface Connection {
   state: "connecting" | "connected" | "disconnected";
@@ -33,6 +33,8 @@ export const writes = new Cell<Write[]>([]);
 export const events = new Cell<Streamed>({list: [], dropped: 0});
 /** What stands, as the server said it last. */
 export const control = new Cell<Control | null>(null);
+/** How far the history is behind; null: there is none beside the store. */
+export const behind = new Cell<Behind | null>(null);
 export const tasks = new Cell<Task[]>([]);
 /** Another one each second, whatever the server says. */
 export const second = new Cell(0);
@@ -199,8 +201,9 @@ function receive(type: string, data: unknown): void {
       if ((data as {reason: string}).reason === "session") needsLogin.value = true;
       break;
   }
-  const {control: said, values: came} = data as {control?: Control; values?: Record<Ref, Sample>};
+  const {control: said, history, values: came} = data as {control?: Control; history?: Behind | null; values?: Record<Ref, Sample>};
   if (said) replace(control, said);
+  if (history !== undefined) replace(behind, history);
   if (said || Object.keys(came ?? {}).some(ofModes)) lookAtModes();
 }
 

@@ -75,6 +75,14 @@ export interface Control {
   safe_since: number | null;
 }
 
+/** What the history has not got of the live store. */
+export interface Behind {
+  behind: number | null; // samples and ticks
+  late: number | null; // s
+  oldest: number | null; // from when on memory has the measurements
+  error: string | null; // it is away
+}
+
 export interface State {
   t: number;
   id: string;
@@ -82,6 +90,7 @@ export interface State {
   values: Record<Ref, Sample>;
   ages: Record<Ref, number | null>;
   control: Control;
+  history: Behind | null; // null: there is one store
 }
 
 export interface Bins {
