@@ -343,6 +343,34 @@ static void history_metrics(const struct behind *b, struct text *t)
     text_add(t, "apc_history_behind_seconds %.9g\n", apc_ns_to_s(b->late));
 }
 
+/* As apc-alarms counted them last; while nobody does, they are not known. */
+static void alarm_metrics(const struct model *m, apc_ns now, struct text *t)
+{
+    static const struct {
+        const char *state;
+        enum apc_alarms_tick at;
+    } states[] = {{"active", APC_ALARMS_ACTIVE},
+                  {"unacknowledged", APC_ALARMS_UNACKED},
+                  {"shelved", APC_ALARMS_SHELVED},
+                  {"suppressed", APC_ALARMS_SUPPRESSED},
+                  {"out_of_service", APC_ALARMS_OUT_OF_SERVICE}};
+    const bool live = model_alarms_live(m, now);
+    if (m->alarms.id == 0)
+        return;
+    metric(t, "apc_alarms_evaluated", "gauge", "1: apc-alarms ticks.");
+    text_add(t, "apc_alarms_evaluated %d\n", live);
+    metric(t, "apc_alarms", "gauge", "Alarms in a state; active and unacknowledged: of those that stand.");
+    for (size_t i = 0; i < sizeof states / sizeof *states && live; i++)
+        text_add(t, "apc_alarms{state=\"%s\"} %.17g\n", states[i].state, m->alarm_numbers[states[i].at]);
+    metric(t, "apc_alarms_standing", "gauge", "Alarms that stand, by priority: 1 is the gravest.");
+    for (int i = 0; i < APC_ALARM_PRIORITIES && live; i++)
+        text_add(t, "apc_alarms_standing{priority=\"%d\"} %.17g\n", i + 1,
+                 m->alarm_numbers[APC_ALARMS_STANDING + i]);
+    metric(t, "apc_alarm_transitions_total", "counter", "Number of the last transition in the journal.");
+    if (live)
+        text_add(t, "apc_alarm_transitions_total %.17g\n", m->alarm_numbers[APC_ALARMS_JOURNAL]);
+}
+
 static void meter_metrics(struct meter *m, struct text *t, const char *name, const char *help)
 {
     struct apc_summary s;
@@ -374,6 +402,7 @@ void get_metrics(struct ui *ui, struct request *r, struct apc_store *store)
     exchange_metrics(&m->exchange, t);
     signal_metrics(m, now, t);
     standing_metrics(m, now, t);
+    alarm_metrics(m, now, t);
     metric(t, "apc_db_up", "gauge", "1: the database answers.");
     text_add(t, "apc_db_up %d\n", m->connected);
     metric(t, "apc_spool_depth", "gauge", "Samples and events that wait for the database.");

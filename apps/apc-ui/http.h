@@ -117,6 +117,8 @@ void get_events(struct ui *ui, struct request *r, struct apc_store *store);
 void get_timing(struct ui *ui, struct request *r, struct apc_store *store);
 void get_timing_series(struct ui *ui, struct request *r, struct apc_store *store);
 void get_outlook(struct ui *ui, struct request *r, struct apc_store *store);
+void get_alarms(struct ui *ui, struct request *r, struct apc_store *store);
+void get_alarm_journal(struct ui *ui, struct request *r, struct apc_store *store);
 void get_writes(struct ui *ui, struct request *r, struct apc_store *store);
 void post_setpoint(struct ui *ui, struct request *r, struct apc_store *store);
 void post_output(struct ui *ui, struct request *r, struct apc_store *store);

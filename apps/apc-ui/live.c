@@ -23,9 +23,10 @@ struct live {
     struct apc_sample *seen; /* [n] as the model's: the first `shown` are variables that people see */
     int *controller;         /* [n] index of who takes what is written there; -1: nobody */
     size_t n, shown;
-    struct apc_vector *tick; /* [controllers] */
+    struct apc_vector *tick; /* [controllers], and behind them of who evaluates the alarms */
     struct loops_controller *of;
     size_t controllers;
+    double alarm_numbers[APC_ALARMS_TICK];
 };
 
 void ui_pause(struct ui *ui, apc_ns pause)
@@ -77,6 +78,7 @@ static bool copy(struct live *to, const struct model *m)
         return false;
     memcpy(to->seen, m->now, m->count * sizeof *to->seen);
     memcpy(to->tick, m->tick, p->loops.n_controllers * sizeof *to->tick);
+    to->tick[to->controllers] = m->alarms;
     find_controllers(to, p);
     for (size_t i = 0; i < p->loops.n_controllers; i++) {
         to->of[i] = p->loops.controller[i];
@@ -174,6 +176,12 @@ static apc_ns take(struct live *l, struct text *values)
             m->ticked[i] = moved(now, l->tick[i].time, m->tick[i].seq == 0);
             m->tick[i] = l->tick[i];
         }
+    const struct apc_vector *alarms = &l->tick[l->controllers];
+    if (same && alarms->seq > m->alarms.seq && alarms->n == APC_ALARMS_TICK) {
+        m->alarms_ticked = moved(now, alarms->time, m->alarms.seq == 0);
+        m->alarms.seq = alarms->seq;
+        memcpy(m->alarm_numbers, l->alarm_numbers, sizeof m->alarm_numbers);
+    }
     pthread_mutex_unlock(&m->mutex);
     return newest;
 }
@@ -201,11 +209,14 @@ static void settle(struct live *l)
 static int look(struct live *l)
 {
     struct text values = {0};
+    struct apc_vector *alarms = &l->tick[l->controllers];
+    alarms->value = l->alarm_numbers;
+    alarms->room = APC_ALARMS_TICK;
     struct apc_rows rows = {.size = sizeof rows,
                             .sample = l->seen,
                             .n_samples = l->n,
                             .vector = l->tick,
-                            .n_vectors = l->controllers};
+                            .n_vectors = l->controllers + (alarms->id > 0)};
     apc_ns began = apc_clock_mono(NULL);
     int rc = apc_store_read_rows(l->store, &rows);
     if (rc < 0)

@@ -108,10 +108,27 @@ static void name_values(struct model *m)
         m->tick[i] = (struct apc_vector){.table = APC_TICK, .id = p->loops.controller[i].number};
 }
 
+/* Who evaluates the alarms is described by its tick row. Returns whether that is another than before. */
+static bool describe_alarms(struct model *m, const struct apc_tag *tags, size_t n)
+{
+    int id = 0;
+    for (size_t i = 0; i < n; i++)
+        if (tags[i].table == APC_TICK && tags[i].length == APC_ALARMS_TICK &&
+            !strcmp(tags[i].name, "alarms")) {
+            id = tags[i].id;
+            (void)apc_ns_from_s(tags[i].period, &m->alarms_period);
+        }
+    if (id == m->alarms.id)
+        return false;
+    m->alarms = (struct apc_vector){.table = APC_TICK, .id = id};
+    return true;
+}
+
 bool model_describe(struct model *m, const struct apc_tag *tags, size_t n, struct loops *loops)
 {
     pthread_mutex_lock(&m->mutex);
     const bool changed = plant_describe(&m->plant, tags, n, loops);
+    m->plant.revision += describe_alarms(m, tags, n) && !changed;
     if (changed) {
         free_values(m);
         if (new_values(m))
@@ -159,6 +176,11 @@ bool model_stale(const struct model *m, size_t i, apc_ns now)
 apc_ns model_tick_age(const struct model *m, size_t controller, apc_ns now)
 {
     return m->tick[controller].seq > 0 ? now - m->ticked[controller] : -1;
+}
+
+bool model_alarms_live(const struct model *m, apc_ns now)
+{
+    return m->alarms.seq > 0 && !too_old(now - m->alarms_ticked, m->alarms_period);
 }
 
 int model_ticks(const struct model *m, size_t controller, apc_ns now)

@@ -16,6 +16,7 @@
 
 #include <stdatomic.h>
 
+#include <apcalarm.h>
 #include <apcstore.h>
 #include <apctimer.h>
 
@@ -99,8 +100,11 @@ struct model {
     struct apc_sample *now; /* [count] as plant.tag; behind them what became of all that people may want */
     apc_ns *moved;          /* [count] monotonic: when the seq was last seen to move; 0: never */
     size_t count;
-    struct apc_vector *tick; /* [plant.loops.n_controllers] no element of them, only when they were */
-    apc_ns *ticked;          /* [plant.loops.n_controllers] as moved */
+    struct apc_vector *tick;  /* [plant.loops.n_controllers] no element of them, only when they were */
+    apc_ns *ticked;           /* [plant.loops.n_controllers] as moved */
+    struct apc_vector alarms; /* of who evaluates them, without value; id 0: there are none */
+    double alarm_numbers[APC_ALARMS_TICK];
+    apc_ns alarms_period, alarms_ticked; /* as the controllers' */
     bool connected;
     apc_ns since; /* UTC */
     char error[300];
@@ -183,6 +187,7 @@ bool model_stale(const struct model *m, size_t i, apc_ns now);
 bool task_silent(const struct task *task, apc_ns now);
 /* Does the controller tick? 1, 0; -1: how often it should is not known. Locked. */
 int model_ticks(const struct model *m, size_t controller, apc_ns now);
+bool model_alarms_live(const struct model *m, apc_ns now); /* somebody evaluates them. Locked. */
 apc_ns model_tick_age(const struct model *m, size_t controller, apc_ns now); /* < 0: it never did. Locked. */
 /* What does not tick, a line each, for people. Returns how many. Locked. */
 size_t model_silent(const struct model *m, apc_ns now, struct text *t);

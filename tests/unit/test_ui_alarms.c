@@ -1,0 +1,274 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What the API says of alarms, asked without a connection, on a store in memory in which they are evaluated.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "apc-ui/http.h"
+#include "check.h"
+#include "run/run_internal.h"
+
+#define S APC_NS_PER_S
+
+static const char text[] =
+    "name = \"alarms\"; title = \"alarms\"; duration = 10.0;\n"
+    "measurements = ( { name = \"y\"; unit = \"m\"; low = -100.0; high = 100.0; area = \"left\";\n"
+    "                   alarms = ( { kind = \"high\"; limit = 10.0; priority = 2; message = \"too much\"; "
+    "},\n"
+    "                              { kind = \"low\"; limit = -5.0; priority = 4; } ); } );\n"
+    "setpoints = ( { name = \"r\"; unit = \"m\"; low = 0.0; high = 100.0; initial = 0.0; } );\n"
+    "outputs = ( { name = \"u\"; low = -100.0; high = 100.0; } );\n"
+    "plant = { model = \"first-order\"; period = 0.2; };\n"
+    "client = { period = 0.5; };\n"
+    "alarms = { period = 60.0; };\n"
+    "controller = { law = \"pi\"; period = 2.0; tuning = ( { Kp = 0.2; tau_i = 10.0; } ); };\n";
+
+static struct ui *ui;
+static struct apc_store *store;
+static struct experiment e;
+static struct apc_alarms *alarms;
+static struct request request;
+static struct connection from = {.address = "10.0.0.7"};
+static const char *query[4]; /* name, value, ... */
+
+/* In place of those that ask a connection. */
+const char *request_query(const struct request *r, const char *name)
+{
+    (void)r;
+    for (size_t i = 0; i + 1 < sizeof query / sizeof *query && query[i]; i += 2)
+        if (!strcmp(query[i], name))
+            return query[i + 1];
+    return NULL;
+}
+
+const char *request_header(const struct request *r, const char *name)
+{
+    (void)r;
+    (void)name;
+    return NULL;
+}
+
+static void no_telling(void *ctx, const struct write *write)
+{
+    (void)ctx;
+    (void)write;
+}
+
+static void ask_nothing(void)
+{
+    free(request.body);
+    text_free(&request.reply);
+    text_free(&request.extra);
+    memset(query, 0, sizeof query);
+    request = (struct request){.from = &from, .session = ui->sessions.local};
+}
+
+/* The answer as JSON, to be given back; NULL when it is none. */
+static json_t *ask(void (*handle)(struct ui *, struct request *, struct apc_store *))
+{
+    request.fault = (struct fault){0};
+    text_free(&request.reply);
+    text_free(&request.extra);
+    handle(ui, &request, store);
+    return json_loadb(request.reply.at ? request.reply.at : "", request.reply.n, 0, NULL);
+}
+
+static const char *ask_text(void (*handle)(struct ui *, struct request *, struct apc_store *))
+{
+    static char answer[1 << 16];
+    json_decref(ask(handle));
+    snprintf(answer, sizeof answer, "%.*s", (int)request.reply.n, request.reply.at ? request.reply.at : "");
+    return answer;
+}
+
+static int set_up(void **state)
+{
+    const struct experiment_source source = {.file = "test", .text = text};
+    struct apc_error why;
+    (void)state;
+    ui = calloc(1, sizeof *ui);
+    ui->options.store = "mem:ui-alarms";
+    if (apc_log_create(&ui->log, STDERR_FILENO, "test", APC_LOG_ERROR) < 0 || model_init(&ui->model) < 0 ||
+        stream_create(&ui->stream) < 0 || writes_create(&ui->writes, no_telling, NULL) < 0 ||
+        sessions_init(&ui->sessions, 100 * S, 1000 * S) < 0 || audit_init(&ui->audit) < 0 ||
+        meter_init(&ui->reads) < 0 || meter_init(&ui->stores) < 0 || meter_init(&ui->lag) < 0 ||
+        apc_store_open(&store, ui->options.store, NULL, NULL) < 0 || apc_store_init(store) < 0)
+        return -1;
+    if (experiment_parse(&e, &source, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0 ||
+        provision(store, &e, PROVISION_KEEP) < 0 || cores_alarms(&e, &alarms, &why) < 0)
+        fail_msg("%s", why.text);
+    if (model_load(&ui->model, store) < 0)
+        return -1;
+    ui->open = true;
+    ask_nothing();
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    (void)state;
+    ask_nothing();
+    apc_alarms_destroy(alarms);
+    alarms = NULL;
+    experiment_free(&e);
+    apc_store_close(store);
+    meter_free(&ui->reads);
+    meter_free(&ui->stores);
+    meter_free(&ui->lag);
+    audit_free(&ui->audit);
+    sessions_free(&ui->sessions);
+    writes_destroy(ui->writes);
+    stream_destroy(ui->stream);
+    model_free(&ui->model);
+    apc_log_destroy(ui->log);
+    free(ui);
+    return 0;
+}
+
+/* As apc-alarms does it. */
+static void evaluate(void)
+{
+    const struct apc_now now = {.mono = apc_clock_mono(NULL), .utc = apc_clock_utc(NULL)};
+    assert_true(apc_store_read_rows(store, apc_alarms_in(alarms)) >= 0);
+    (void)apc_alarms_compute(alarms, now, NULL);
+    assert_true(apc_store_append_rows(store, apc_alarms_out(alarms)) >= 0);
+    apc_alarms_stored(alarms);
+}
+
+static void measured(double y)
+{
+    struct apc_sample s = {.table = APC_SENSOR, .id = 1};
+    assert_true(apc_store_read(store, &s, 1) >= 0);
+    s = (struct apc_sample){
+        .table = APC_SENSOR, .id = 1, .seq = s.seq + 1, .time = apc_clock_utc(NULL), .value = y};
+    assert_int_equal(apc_store_append(store, &s, 1), 1);
+    evaluate();
+}
+
+/* A member of alarm number @p i of the list, to be given back. */
+static json_t *alarm_member(size_t i, const char *name)
+{
+    json_t *all = ask(get_alarms);
+    json_t *member = json_incref(json_object_get(json_array_get(json_object_get(all, "alarms"), i), name));
+    json_decref(all);
+    return member;
+}
+
+static void assert_state(size_t i, const char *state)
+{
+    json_t *member = alarm_member(i, "state");
+    assert_string_equal(json_string_value(member), state);
+    json_decref(member);
+}
+
+static void the_list_says_how_all_alarms_stand(void **state)
+{
+    (void)state;
+    json_t *all = ask(get_alarms);
+    assert_int_equal(json_array_size(json_object_get(all, "alarms")), 2);
+    assert_true(json_is_false(json_object_get(all, "evaluated")));
+    assert_true(json_is_null(json_object_get(all, "time")));
+    json_decref(all);
+    measured(20);
+    assert_state(0, "Unacknowledged Active");
+    assert_state(1, "Normal");
+    const char *answer = ask_text(get_alarms);
+    assert_non_null(strstr(answer, "\"evaluated\":true"));
+    assert_non_null(strstr(answer, "\"alarm\":\"y.high\",\"id\":1,\"kind\":\"high\",\"priority\":2,\"seq\":1,"
+                                   "\"journal\":1,\"state\":\"Unacknowledged Active\",\"active\":true,"
+                                   "\"unacknowledged\":true,\"standing\":true,\"time\":"));
+    assert_non_null(strstr(answer, "\"author\":null,\"shelved_until\":null,\"area\":\"left\","
+                                   "\"message\":\"too much\",\"consequence\":\"\",\"response\":\"\"}"));
+}
+
+static void the_journal_gives_the_newest_in_their_order(void **state)
+{
+    (void)state;
+    assert_non_null(strstr(ask_text(get_alarm_journal), "\"transitions\":[]"));
+    measured(20);
+    measured(1);
+    measured(-20);
+    const char *answer = ask_text(get_alarm_journal);
+    const char *raised = strstr(answer, "{\"number\":1,"), *returned = strstr(answer, "{\"number\":2,"),
+               *low = strstr(answer, "{\"number\":3,");
+    assert_true(raised && raised < returned && returned < low);
+    assert_non_null(strstr(raised, "\"alarm\":\"y.high\",\"priority\":2,\"raised\":true,\"state\":"
+                                   "\"Unacknowledged Active\",\"before\":\"Normal\",\"author\":null}"));
+    assert_non_null(strstr(low, "\"alarm\":\"y.low\""));
+    query[0] = "last";
+    query[1] = "1";
+    answer = ask_text(get_alarm_journal);
+    assert_null(strstr(answer, "{\"number\":2,"));
+    assert_non_null(strstr(answer, "{\"number\":3,"));
+    query[0] = "until";
+    query[1] = "-1000";
+    assert_non_null(strstr(ask_text(get_alarm_journal), "\"transitions\":[]"));
+}
+
+static void what_is_no_range_is_refused(void **state)
+{
+    static const char *const wrong[][4] = {
+        {"last", "0"}, {"last", "1001"}, {"since", "then"}, {"since", "-5", "until", "-10"}};
+    (void)state;
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+        memcpy(query, wrong[i], sizeof query);
+        assert_string_equal(ask_text(get_alarm_journal), "");
+        assert_int_equal(request.fault.http, 400);
+        assert_string_equal(request.fault.code, "parameter");
+    }
+}
+
+static void a_store_without_alarms_has_none(void **state)
+{
+    struct apc_store *empty = NULL, *own = store;
+    (void)state;
+    assert_int_equal(apc_store_open(&empty, "mem:", NULL, NULL), 0);
+    assert_true(apc_store_init(empty) >= 0);
+    store = empty;
+    assert_non_null(strstr(ask_text(get_alarms), "\"evaluated\":false,\"time\":null,\"alarms\":[]}"));
+    assert_non_null(strstr(ask_text(get_alarm_journal), "\"transitions\":[]}"));
+    store = own;
+    apc_store_close(empty);
+}
+
+static void metrics_count_them_while_they_are_evaluated(void **state)
+{
+    struct model *m = &ui->model;
+    (void)state;
+    const char *metrics = ask_text(get_metrics);
+    assert_non_null(strstr(metrics, "\napc_alarms_evaluated 0\n"));
+    assert_null(strstr(metrics, "\napc_alarms{"));
+    m->alarms.seq = 1; /* as the live thread does it */
+    m->alarms_ticked = apc_clock_mono(NULL);
+    m->alarm_numbers[APC_ALARMS_JOURNAL] = 7;
+    m->alarm_numbers[APC_ALARMS_ACTIVE] = 3;
+    m->alarm_numbers[APC_ALARMS_UNACKED] = 2;
+    m->alarm_numbers[APC_ALARMS_STANDING + 3] = 5;
+    metrics = ask_text(get_metrics);
+    assert_non_null(strstr(metrics, "\napc_alarms_evaluated 1\n"));
+    assert_non_null(strstr(metrics, "\napc_alarms{state=\"active\"} 3\n"));
+    assert_non_null(strstr(metrics, "\napc_alarms{state=\"unacknowledged\"} 2\n"));
+    assert_non_null(strstr(metrics, "\napc_alarms{state=\"out_of_service\"} 0\n"));
+    assert_non_null(strstr(metrics, "\napc_alarms_standing{priority=\"1\"} 0\n"));
+    assert_non_null(strstr(metrics, "\napc_alarms_standing{priority=\"4\"} 5\n"));
+    assert_non_null(strstr(metrics, "\napc_alarm_transitions_total 7\n"));
+    m->alarms_ticked -= 3600 * S;
+    metrics = ask_text(get_metrics);
+    assert_non_null(strstr(metrics, "\napc_alarms_evaluated 0\n"));
+    assert_null(strstr(metrics, "\napc_alarms{"));
+}
+
+#define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        T(the_list_says_how_all_alarms_stand),
+        T(the_journal_gives_the_newest_in_their_order),
+        T(what_is_no_range_is_refused),
+        T(a_store_without_alarms_has_none),
+        T(metrics_count_them_while_they_are_evaluated),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
