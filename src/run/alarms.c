@@ -27,15 +27,14 @@ static int take(void *ctx, const struct apc_sample *row)
         j->at = at;
         l->room = 2 * l->room + 64;
     }
-    const struct alarm_transition *last = j->n > 0 ? &j->at[j->n - 1] : NULL;
-    const bool follows = last && last->alarm == row->id && last->seq == row->seq - 1;
+    enum apc_alarm_state before = row->seq == 1 ? APC_ALARM_NORMAL : (enum apc_alarm_state)0;
+    if (j->n > 0 && j->at[j->n - 1].alarm == row->id && j->at[j->n - 1].seq == row->seq - 1)
+        before = j->at[j->n - 1].state;
     j->at[j->n++] = (struct alarm_transition){.number = row->origin,
                                               .seq = row->seq,
                                               .time = row->time,
                                               .alarm = row->id,
-                                              .before = follows         ? last->state
-                                                        : row->seq == 1 ? APC_ALARM_NORMAL
-                                                                        : (enum apc_alarm_state)0,
+                                              .before = before,
                                               .state = (enum apc_alarm_state)(int)row->value,
                                               .status = row->status,
                                               .author = row->author};

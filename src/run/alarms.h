@@ -12,7 +12,7 @@
 #define ALARMS_FLOOD          10                   /* more in one: nobody can follow */
 #define ALARMS_CHATTER        3                    /* one alarm so often within: */
 #define ALARMS_CHATTER_WINDOW (60 * APC_NS_PER_S)
-#define ALARMS_STALE          (24 * 3600 * APC_NS_PER_S) /* standing for longer */
+#define ALARMS_STALE          (86400 * APC_NS_PER_S) /* standing for longer */
 
 struct alarm_transition {
     int64_t number, seq; /* in the journal; of its row */

@@ -18,7 +18,7 @@ struct owner {
     const char *name, *area;
     struct wire wire;            /* a signal */
     const struct controller *of; /* or a controller */
-    const struct apc_tag *tag;   /* of the signal */
+    struct apc_tag tag;          /* of the signal */
 };
 
 /* ---- Which kinds there are ------------------------------------------------------------------ */
@@ -166,18 +166,18 @@ static void read_signal(struct settings *s, const config_setting_t *group, const
                         struct apc_alarm *a)
 {
     a->table = o->wire.table;
-    a->id = o->tag->id;
-    a->low = o->tag->low;
-    a->high = o->tag->high;
+    a->id = o->tag.id;
+    a->low = o->tag.low;
+    a->high = o->tag.high;
     if (a->table == APC_SENSOR)
         a->horizon = cores_horizon(o->e, o->wire);
     if (a->kind == APC_ALARM_AT_LIMIT && a->low <= -APC_VALUE_MAX && a->high >= APC_VALUE_MAX)
-        settings_fail(s, group, "%s has no limits that it could be at", o->tag->name);
+        settings_fail(s, group, "%s has no limits that it could be at", o->tag.name);
     if (a->kind != APC_ALARM_MODE)
         return;
     const struct controller_loop loop = controllers_above(o->e, o->wire);
     if (!loop.of)
-        settings_fail(s, group, "no controller moves %s, so it has no mode", o->tag->name);
+        settings_fail(s, group, "no controller moves %s, so it has no mode", o->tag.name);
     a->table = APC_OPMODE;
     a->id = loop.of ? controllers_loop_id(loop) : 0;
 }
@@ -187,8 +187,8 @@ static void read_limit(struct settings *s, const config_setting_t *group, const 
 {
     const bool level = is_level(a->kind);
     if (has_limit(a->kind))
-        settings_number(s, group, "limit", REQUIRED, level ? o->tag->low : 0,
-                        level ? o->tag->high : APC_VALUE_MAX, &a->limit);
+        settings_number(s, group, "limit", REQUIRED, level ? o->tag.low : 0,
+                        level ? o->tag.high : APC_VALUE_MAX, &a->limit);
     else if (!s->failed && config_setting_get_member(group, "limit"))
         settings_fail(s, config_setting_get_member(group, "limit"),
                       "an alarm of kind \"%s\" has no \"limit\"", apc_alarm_kind_name(a->kind));
@@ -200,7 +200,7 @@ static void read_limit(struct settings *s, const config_setting_t *group, const 
         settings_fail(s, config_setting_get_member(group, "from"), "\"from\" is of a deviation only");
     }
     settings_number(s, group, "deadband", OPTIONAL, 0, APC_VALUE_MAX, &a->deadband);
-    check_deadband(s, group, a, o->tag);
+    check_deadband(s, group, a, &o->tag);
 }
 
 static void read_alarm(struct settings *s, const config_setting_t *group, const struct owner *o,
@@ -266,12 +266,13 @@ static void check_kinds(struct settings *s, const struct owner *o, size_t first)
 static bool make_room(struct settings *s, struct owner *o, size_t more)
 {
     struct experiment *e = o->e;
-    if (s->failed || e->n_alarms + more <= o->room)
+    if (s->failed || (o->group && e->n_alarms + more <= o->room))
         return !s->failed;
-    const size_t room = 2 * o->room + more;
+    const size_t room = 2 * o->room + more + 1;
     struct alarm *alarm = reallocarray(e->alarm, room, sizeof *alarm);
     if (alarm)
         e->alarm = alarm;
+    /* NOLINTNEXTLINE(bugprone-sizeof-expression): an array of pointers */
     const config_setting_t **group = reallocarray(o->group, room, sizeof *group);
     if (group)
         o->group = group;
@@ -310,9 +311,9 @@ static void read_signals(struct settings *s, const config_setting_t *root, const
         const size_t at = first + (size_t)i;
         const struct signal *of = table == APC_SENSOR ? o->e->y : table == APC_SETPOINT ? o->e->z : o->e->u;
         o->wire = (struct wire){table, at};
-        o->tag = &of[at].tag;
-        o->name = o->tag->name;
-        o->area = o->tag->area;
+        o->tag = of[at].tag;
+        o->name = o->tag.name;
+        o->area = o->tag.area;
         read_list(s, config_setting_get_elem(list, (unsigned)i), o);
     }
 }
@@ -322,6 +323,7 @@ static void read_controllers(struct settings *s, const config_setting_t *root, s
     const config_setting_t *list = config_setting_get_member(root, "controllers");
     for (size_t i = 0; i < o->e->n_controllers && !s->failed; i++) {
         o->of = &o->e->controllers[i];
+        o->tag = (struct apc_tag){.table = APC_TICK};
         o->name = o->of->name;
         o->area = "";
         read_list(s,
@@ -378,6 +380,14 @@ static void check_rings(struct settings *s, const struct owner *o)
     }
 }
 
+static void check_all(struct settings *s, const struct owner *o)
+{
+    check_names(s, o);
+    for (size_t i = 0; i < o->e->n_alarms && !s->failed; i++)
+        find_suppressor(s, o, i);
+    check_rings(s, o);
+}
+
 /* ---- How they are evaluated -------------------------------------------------------------------- */
 
 /* As often as measurements come, from ten times a second to once. */
@@ -409,10 +419,8 @@ void experiment_read_alarms(struct settings *s, const config_setting_t *root, st
     read_signals(s, root, "setpoints", &o, APC_SETPOINT, 0);
     read_signals(s, root, "outputs", &o, APC_ACTUATOR, 0);
     read_controllers(s, root, &o);
-    check_names(s, &o);
-    for (size_t i = 0; i < e->n_alarms && !s->failed; i++)
-        find_suppressor(s, &o, i);
-    check_rings(s, &o);
+    if (o.group)
+        check_all(s, &o);
     for (size_t i = 0; i < e->n_alarms; i++)
         e->alarm[i].is.name = e->alarm[i].name;
     read_evaluation(s, root, e);

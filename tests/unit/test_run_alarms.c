@@ -41,6 +41,12 @@ static const char *name_of(const struct run *r, const struct alarm_transition *t
     return r->e.alarm[t->alarm - 1].name;
 }
 
+static bool is_same(const struct alarm_transition *a, const struct alarm_transition *b)
+{
+    return a->number == b->number && a->seq == b->seq && a->time == b->time && a->alarm == b->alarm &&
+           a->before == b->before && a->state == b->state && a->status == b->status && a->author == b->author;
+}
+
 static void a_scenario_raises_its_alarms_in_order_and_the_same_each_time(void **state)
 {
     static const char *const raised[] = {"h2.deviation", "F2.at-limit", "h2.low"};
@@ -52,7 +58,7 @@ static void a_scenario_raises_its_alarms_in_order_and_the_same_each_time(void **
     assert_int_equal(a.journal.n, b.journal.n);
     for (size_t i = 0; i < a.journal.n; i++) {
         const struct alarm_transition *t = &a.journal.at[i];
-        assert_memory_equal(t, &b.journal.at[i], sizeof *t);
+        assert_true(is_same(t, &b.journal.at[i]));
         assert_int_equal(t->number, i + 1);
         assert_int_not_equal(t->before, 0);
         if (!alarm_is_raised(t))
