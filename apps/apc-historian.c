@@ -18,6 +18,7 @@
 #include "common/daemon.h"
 #include "common/storeuri.h"
 #include "common/warden.h"
+#include "common/watch.h"
 #include "run/requests.h"
 
 #define CYCLE   (200 * APC_NS_PER_MS)
@@ -63,9 +64,9 @@ struct shell {
     apc_ns since; /* monotonic: of the step that is under way; 0: none */
     struct report report;
     struct { /* the task's own */
-        bool away, scarce;
+        struct lag_watch lag;
+        bool scarce;
         int refused;
-        apc_ns late;
         uint64_t gaps, rows;
     } told;
 };
@@ -117,30 +118,29 @@ static int move(struct shell *s, apc_ns timeout)
     return rc;
 }
 
-static void note(struct shell *s, int rc, double left)
+static void note(struct shell *s, int rc, const struct apc_forward_stats *stats, double left)
 {
-    struct apc_forward_stats stats = {.size = sizeof stats};
-    apc_forward_stats(s->forward, &stats);
     pthread_mutex_lock(&s->mutex);
     s->report.rc = rc;
     s->report.left = left;
-    s->report.stats = stats;
+    s->report.stats = *stats;
     if (rc < 0)
         snprintf(s->report.why, sizeof s->report.why, "%s", apc_forward_error(s->forward));
-    if (rc >= 0 && stats.behind == 0)
+    if (rc >= 0 && stats->behind == 0)
         s->report.whole = apc_clock_mono(NULL);
     s->since = 0;
     pthread_mutex_unlock(&s->mutex);
 }
 
 /* What the live store holds takes a while to look through, and is asked for only when it matters. */
-static double left_of(struct shell *s, int rc, apc_ns *looked, double left)
+static double left_of(struct shell *s, int rc, uint64_t behind, apc_ns *looked, double left)
 {
-    if (rc >= 0)
+    const apc_ns now = apc_clock_mono(NULL);
+    if (rc >= 0 && (behind == 0 || now - s->report.whole <= LAG_LIMIT))
         return 1;
-    if (apc_clock_mono(NULL) - *looked < LOOK)
+    if (now - *looked < LOOK)
         return left;
-    *looked = apc_clock_mono(NULL);
+    *looked = now;
     return apc_forward_left(s->forward);
 }
 
@@ -158,8 +158,10 @@ static void *run(void *ctx)
         s->since = apc_clock_mono(NULL);
         pthread_mutex_unlock(&s->mutex);
         const int rc = move(s, end ? LAST : BATCHES);
-        left = left_of(s, rc, &looked, left);
-        note(s, rc, left);
+        struct apc_forward_stats stats = {.size = sizeof stats};
+        apc_forward_stats(s->forward, &stats);
+        left = left_of(s, rc, stats.behind, &looked, left);
+        note(s, rc, &stats, left);
         pthread_mutex_lock(&s->mutex);
         if (end)
             break;
@@ -215,39 +217,34 @@ static void tell_asked(struct shell *s, int rc, const char *why)
     s->told.refused = away ? s->told.refused : rc;
 }
 
-static void tell_outage(struct shell *s, const struct report *r, apc_ns now)
+static void tell_lag(struct shell *s, const struct report *r, apc_ns now)
 {
-    const bool away = r->rc < 0;
-    const apc_ns late = now - r->whole;
-    if (away && !s->told.away)
+    const uint64_t rows = r->stats.samples + r->stats.vectors;
+    const bool trouble = s->told.lag.away || s->told.lag.slow;
+    const enum lag_change change = lag_watch_look(&s->told.lag, r->rc < 0, r->stats.behind, now - r->whole);
+    if (change == LAG_AWAY)
         daemon_event(&s->d, APC_EVENT_WARNING, "history", "the history takes nothing, trying again: %.130s",
                      r->why);
-    if (away && !s->told.away)
-        s->told.rows = r->stats.samples + r->stats.vectors;
-    if (away || s->told.away)
-        s->told.late = late > s->told.late ? late : s->told.late;
-    if (!away && s->told.away && r->stats.behind > 0)
-        return; /* it is catching up */
-    if (!away && s->told.away) {
+    if (change == LAG_SLOW)
+        daemon_event(&s->d, APC_EVENT_WARNING, "history",
+                     "the history is slow: it has not had all for %.0f s, %llu rows are missing",
+                     apc_ns_to_s(now - r->whole), (unsigned long long)r->stats.behind);
+    if (change == LAG_ENDED)
         daemon_event(&s->d, APC_EVENT_INFO, "history",
                      "the history has all again: %llu rows, up to %.1f s late",
-                     (unsigned long long)(r->stats.samples + r->stats.vectors - s->told.rows),
-                     apc_ns_to_s(s->told.late));
-        s->told.late = 0;
-        s->told.scarce = false;
-    }
-    s->told.away = away;
+                     (unsigned long long)(rows - s->told.rows), apc_ns_to_s(s->told.lag.late));
+    s->told.rows = trouble ? s->told.rows : rows;
 }
 
 static void tell_room(struct shell *s, const struct report *r, apc_ns now)
 {
-    if (r->left >= 0.5 || s->told.scarce)
-        return;
-    s->told.scarce = true;
-    daemon_event(&s->d, APC_EVENT_WARNING, "history",
-                 "the history is %.0f s behind: in some %.0f s more the live store begins to overwrite what "
-                 "it has not got",
-                 apc_ns_to_s(now - r->whole), r->left / (1 - r->left) * apc_ns_to_s(now - r->whole));
+    if (r->left < 0.5 && !s->told.scarce)
+        daemon_event(
+            &s->d, APC_EVENT_WARNING, "history",
+            "the history is %.0f s behind: in some %.0f s more the live store begins to overwrite what "
+            "it has not got",
+            apc_ns_to_s(now - r->whole), r->left / (1 - r->left) * apc_ns_to_s(now - r->whole));
+    s->told.scarce = r->left < 0.5 || (s->told.scarce && r->left < 1);
 }
 
 static void tell_gap(struct shell *s, const struct report *r)
@@ -283,7 +280,7 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
     }
     tell_asked(s, asked, why);
     tell_gap(s, &r);
-    tell_outage(s, &r, now);
+    tell_lag(s, &r, now);
     tell_room(s, &r, now);
     return 0;
 }
@@ -308,9 +305,9 @@ static int first_step(struct shell *s, const char *uri)
         else
             rc = move(s, BATCHES);
     s->report.whole = apc_clock_mono(NULL);
-    note(s, rc, 1);
     struct apc_forward_stats stats = {.size = sizeof stats};
     apc_forward_stats(s->forward, &stats);
+    note(s, rc, &stats, 1);
     return rc >= 0 || (stats.away && (rc == APC_ECONN || rc == APC_ETIMEDOUT || rc == APC_EFULL))
                ? 0
                : refuse(s, uri, rc);

@@ -56,3 +56,20 @@ enum change state_watch_look(struct state_watch *w, bool up, apc_ns now)
     w->held += changed;
     return change;
 }
+
+enum lag_change lag_watch_look(struct lag_watch *w, bool away, uint64_t behind, apc_ns late)
+{
+    const bool trouble = w->away || w->slow, begins = away && !w->away,
+               slow = !away && !trouble && late > LAG_LIMIT;
+    const apc_ns most = trouble ? w->late : 0;
+    w->late = late > most ? late : most;
+    w->away = w->away || away;
+    w->slow = w->slow || slow;
+    if (begins || slow)
+        return begins ? LAG_AWAY : LAG_SLOW;
+    if (!trouble || away || behind > 0 ||
+        late > LAG_LIMIT) /* the last: while it does not answer, nothing is known */
+        return LAG_SAME;
+    w->away = w->slow = false;
+    return LAG_ENDED;
+}

@@ -48,4 +48,18 @@ enum change { CHANGE_NONE = 0, CHANGE_ONE, CHANGE_MANY };
  * last window. */
 enum change state_watch_look(struct state_watch *w, bool up, apc_ns now);
 
+/* A history that gets what a live store gets. Zeroed: it has all. */
+#define LAG_LIMIT (30 * APC_NS_PER_S) /* later than that it is slow */
+struct lag_watch {
+    bool away, slow;
+    apc_ns late; /* the most, since the trouble began */
+};
+enum lag_change { LAG_SAME = 0, LAG_AWAY, LAG_SLOW, LAG_ENDED };
+/*
+ * Given whether it takes nothing, how many rows it had not got after the last that it took, and for how long
+ * it has not had all. LAG_AWAY: it takes nothing from now on. LAG_SLOW: it takes what comes, and is late all
+ * the same; not of one that comes back and has to catch up. LAG_ENDED: it has all again, whichever it was.
+ */
+enum lag_change lag_watch_look(struct lag_watch *w, bool away, uint64_t behind, apc_ns late);
+
 #endif

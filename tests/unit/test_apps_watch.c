@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* What a daemon looks out for: steps of the wall clock, ticks missed in a row. */
+/* What a daemon looks out for: steps of the wall clock, ticks missed in a row, a history that lags. */
 #include "check.h"
 #include "common/watch.h"
 
@@ -181,6 +181,42 @@ static void a_window_with_one_change_held_back_ends_with_its_row_and_a_quiet_one
     assert_int_equal(state_watch_look(&w, true, 2 * STATE_WINDOW), CHANGE_ONE);
 }
 
+#define LATE (LAG_LIMIT + 1)
+
+static void a_history_that_is_slow_is_told_once_and_once_when_it_has_all(void **state)
+{
+    struct lag_watch w = {.away = false};
+    (void)state;
+    for (int i = 0; i < 2; i++) { /* again and again */
+        assert_int_equal(lag_watch_look(&w, false, 0, 1), LAG_SAME);
+        assert_int_equal(lag_watch_look(&w, false, 9, LAG_LIMIT), LAG_SAME); /* no more than a hiccup */
+        assert_int_equal(lag_watch_look(&w, false, 9, LATE), LAG_SLOW);
+        assert_int_equal(lag_watch_look(&w, false, 9, 3 * LATE), LAG_SAME);
+        assert_int_equal(lag_watch_look(&w, false, 0, 3 * LATE), LAG_SAME); /* nobody has looked since */
+        assert_int_equal(lag_watch_look(&w, false, 0, 1), LAG_ENDED);
+        assert_int_equal(w.late, 3 * LATE);
+        assert_int_equal(lag_watch_look(&w, false, 0, 1), LAG_SAME);
+        assert_int_equal(w.late, 1); /* of the next trouble only its own counts */
+    }
+}
+
+static void a_history_that_was_away_catches_up_without_being_called_slow(void **state)
+{
+    struct lag_watch w = {.away = false};
+    (void)state;
+    assert_int_equal(lag_watch_look(&w, true, 9, 1), LAG_AWAY);
+    assert_int_equal(lag_watch_look(&w, true, 9, 2 * LATE), LAG_SAME);
+    assert_int_equal(lag_watch_look(&w, false, 9, 3 * LATE), LAG_SAME);
+    assert_int_equal(lag_watch_look(&w, true, 9, 4 * LATE), LAG_SAME); /* the same outage */
+    assert_int_equal(lag_watch_look(&w, false, 9, 5 * LATE), LAG_SAME);
+    assert_int_equal(lag_watch_look(&w, false, 0, 0), LAG_ENDED);
+    assert_int_equal(w.late, 5 * LATE);
+    assert_int_equal(lag_watch_look(&w, false, 9, LATE), LAG_SLOW);
+    assert_int_equal(lag_watch_look(&w, true, 9, LATE), LAG_AWAY); /* a slow one may go */
+    assert_int_equal(lag_watch_look(&w, false, 0, 0), LAG_ENDED);
+    assert_int_equal(lag_watch_look(&w, true, 0, 0), LAG_AWAY);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -192,6 +228,8 @@ int main(void)
         cmocka_unit_test(a_task_ticks_unless_ticks_are_missed_and_none_returns),
         cmocka_unit_test(a_task_that_hangs_in_its_first_tick_does_not_tick),
         cmocka_unit_test(a_window_with_one_change_held_back_ends_with_its_row_and_a_quiet_one_without),
+        cmocka_unit_test(a_history_that_is_slow_is_told_once_and_once_when_it_has_all),
+        cmocka_unit_test(a_history_that_was_away_catches_up_without_being_called_slow),
         cmocka_unit_test(changes_of_a_state_are_told_one_by_one_then_together_once_a_minute),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
