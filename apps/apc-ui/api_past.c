@@ -21,8 +21,7 @@
 
 /* ---- Ranges ------------------------------------------------------------------------------- */
 
-/* since and until of a request; false: fault set. */
-static bool take_range(struct request *r, apc_ns back, apc_ns most, apc_ns *since, apc_ns *until)
+bool query_range(struct request *r, apc_ns back, apc_ns most, apc_ns *since, apc_ns *until)
 {
     apc_ns now = apc_clock_utc(NULL);
     *until = now;
@@ -39,7 +38,7 @@ static bool take_range(struct request *r, apc_ns back, apc_ns most, apc_ns *sinc
     return true;
 }
 
-static void range_json(struct text *t, apc_ns since, apc_ns until)
+void range_json(struct text *t, apc_ns since, apc_ns until)
 {
     text_add(t, "\"t\":");
     json_time_add(t, apc_clock_utc(NULL));
@@ -238,7 +237,7 @@ static int several_json(struct ui *ui, struct apc_store *store, const char *name
 static bool query_window(struct request *r, const char *names, struct window *w)
 {
     if (!query_whole(r, "bins", 1, BINS_MAX, &w->bins) || !query_whole(r, "last", 1, SAMPLES_MAX, &w->last) ||
-        !take_range(r, 3600 * APC_NS_PER_S, 0, &w->since, &w->until))
+        !query_range(r, 3600 * APC_NS_PER_S, 0, &w->since, &w->until))
         return false;
     if ((w->bins > 0) == (w->last > 0))
         return fault_set(&r->fault, 400, "parameter", "bins", "give one of \"bins\" and \"last\"");
@@ -337,7 +336,7 @@ void get_events(struct ui *ui, struct request *r, struct apc_store *store)
     apc_ns since, until;
     (void)ui;
     if (!query_whole(r, "severity", 1, 3, &f.severity) || !query_whole(r, "last", 1, EVENTS_MAX, &f.last) ||
-        !take_range(r, 7 * DAY, 0, &since, &until))
+        !query_range(r, 7 * DAY, 0, &since, &until))
         return;
     f.ring = calloc((size_t)f.last, sizeof *f.ring);
     if (!f.ring) {
@@ -405,7 +404,7 @@ void get_timing(struct ui *ui, struct request *r, struct apc_store *store)
     struct timing timing = {0};
     struct apc_range range = {0};
     (void)ui;
-    if (!known_quantity(r, quantity) || !take_range(r, 60 * APC_NS_PER_S, DAY, &range.since, &range.until))
+    if (!known_quantity(r, quantity) || !query_range(r, 60 * APC_NS_PER_S, DAY, &range.since, &range.until))
         return;
     int rc = timing_load(&timing, store, &range, quantity);
     if (rc < 0)
@@ -499,7 +498,7 @@ void get_timing_series(struct ui *ui, struct request *r, struct apc_store *store
         return;
     }
     if (!known_quantity(r, a.quantity) || !query_whole(r, "points", 1, POINTS_MAX, &points) ||
-        !take_range(r, 3600 * APC_NS_PER_S, DAY, &range.since, &range.until))
+        !query_range(r, 3600 * APC_NS_PER_S, DAY, &range.since, &range.until))
         return;
     a.since = range.since;
     a.n = (size_t)points;

@@ -72,6 +72,9 @@ bool query_whole(struct request *r, const char *name, int64_t low, int64_t high,
 /* Unix seconds, RFC 3339, or negative seconds before now. */
 bool query_time(struct request *r, const char *name, apc_ns now, apc_ns *value);
 bool time_parse(const char *text, apc_ns now, apc_ns *value);
+/* since and until, by default @p back before now, and now; at most @p most, 0: any. False: fault set. */
+bool query_range(struct request *r, apc_ns back, apc_ns most, apc_ns *since, apc_ns *until);
+void range_json(struct text *t, apc_ns since, apc_ns until); /* three members: now, and these */
 /* The store's answer as a fault: nothing was written. */
 void fault_store(struct request *r, int rc, const struct apc_store *store);
 
@@ -119,6 +122,7 @@ void get_timing_series(struct ui *ui, struct request *r, struct apc_store *store
 void get_outlook(struct ui *ui, struct request *r, struct apc_store *store);
 void get_alarms(struct ui *ui, struct request *r, struct apc_store *store);
 void get_alarm_journal(struct ui *ui, struct request *r, struct apc_store *store);
+void get_merits(struct ui *ui, struct request *r, struct apc_store *store);
 void get_writes(struct ui *ui, struct request *r, struct apc_store *store);
 void post_setpoint(struct ui *ui, struct request *r, struct apc_store *store);
 void post_output(struct ui *ui, struct request *r, struct apc_store *store);

@@ -20,6 +20,7 @@ const struct route routes[] = {
     {"GET", "/api/alarms", ROLE_OBSERVER, PAST, get_alarms, "", "the alarms as they stand"},
     {"GET", "/api/alarms/journal", ROLE_OBSERVER, PAST, get_alarm_journal, "since until last",
      "what the alarms did"},
+    {"GET", "/api/merits", ROLE_OBSERVER, PAST, get_merits, "since until", "what the controllers were worth"},
     {"GET", "/api/diagnostics", ROLE_OBSERVER, DIRECT, get_diagnostics, "", "how all parts are"},
     {"GET", "/api/writes", ROLE_OBSERVER, DIRECT, get_writes, "key", "what became of writes"},
     {"POST", "/api/setpoint", ROLE_OPERATOR, WRITER, post_setpoint, "", "write a setpoint"},

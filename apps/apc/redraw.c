@@ -142,8 +142,10 @@ static int put_merits(const struct merits *m, const struct experiment *e, apc_ns
     if (!json)
         return merits_print(m, stdout);
     putchar('{');
-    print_json_text(stdout, "experiment", e->name);
-    putchar(',');
+    if (e) {
+        print_json_text(stdout, "experiment", e->name);
+        putchar(',');
+    }
     merits_json(m, start, stdout);
     puts("}");
     return 0;
@@ -171,7 +173,6 @@ static int report_window(const struct cli *cli, const struct report_options *o, 
 static int report_store(const struct cli *cli, const struct report_options *o)
 {
     struct merits merits = {0};
-    struct experiment e = {0};
     struct apc_store *store = NULL;
     struct apc_error why;
     apc_ns to = apc_clock_utc(NULL), from;
@@ -183,15 +184,12 @@ static int report_store(const struct cli *cli, const struct report_options *o)
     int rc = cli_open(cli, &store);
     if (rc < 0)
         return exit_code_of(rc);
-    rc = window_experiment(&e, store, &why);
-    if (rc == 0)
-        rc = window_of_store(&merits, &e, store, from, to, &why);
-    if (rc == 0 && (rc = put_merits(&merits, &e, 0, o->json)) < 0)
+    rc = window_of_store(&merits, store, from, to, &why);
+    if (rc == 0 && (rc = put_merits(&merits, NULL, 0, o->json)) < 0)
         apc_fail(&why, rc, "out of memory");
     if (rc < 0)
         cli_error(cli, rc, "%s", why.text);
     merits_free(&merits);
-    experiment_free(&e);
     apc_store_close(store);
     return exit_code_of(rc);
 }

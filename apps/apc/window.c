@@ -26,15 +26,26 @@ static int open_published(struct apc_store **store, const char *dir, struct apc_
     return access(path, R_OK) == 0 ? apc_store_open(store, uri, NULL, why) : 0;
 }
 
-static int make(struct merits *m, const struct merits_source *s, struct apc_error *why)
+static int nothing_recorded(struct apc_error *why)
 {
-    if (s->until <= s->from)
-        return apc_fail(why, APC_EINVAL,
-                        "the window is empty: it ends before it begins, or nothing was recorded");
-    const int rc = merits_make(m, s);
+    return apc_fail(why, APC_EINVAL,
+                    "the window is empty: it ends before it begins, or nothing was recorded");
+}
+
+static int make(struct merits *m, struct merits_source *s, const struct experiment *e, struct apc_error *why)
+{
+    struct loops loops;
+    struct apc_tag *tag = provision_tags(e, &s->n_tags);
+    int rc = controllers_describe(e, &loops);
+    s->tag = tag;
+    s->loops = &loops;
+    if (rc == 0)
+        rc = tag ? merits_make(m, s) : APC_ENOMEM;
     if (rc < 0)
         apc_fail(why, rc, "%s",
                  rc == APC_ENOMEM || !s->published ? apc_err_text(rc) : apc_store_error(s->published));
+    loops_free(&loops);
+    free(tag);
     return rc;
 }
 
@@ -42,10 +53,8 @@ int window_of_run(struct merits *m, const struct experiment *e, const char *dir,
                   struct apc_error *why)
 {
     struct samples process, operation = {0};
-    struct merits_source s = {.e = e,
-                              .process = &process,
-                              .operation = &operation,
-                              .offset = e->start ? e->start : SIMULATION_BEGIN};
+    struct merits_source s = {
+        .process = &process, .operation = &operation, .offset = e->start ? e->start : SIMULATION_BEGIN};
     *m = (struct merits){0};
     int rc = samples_read(&process, dir, "samples.csv", why);
     if (rc == 0)
@@ -59,41 +68,20 @@ int window_of_run(struct merits *m, const struct experiment *e, const char *dir,
     if (rc == 0)
         rc = take_time(until, process.n > 0 ? process.at[process.n - 1].time + 1 : 0, "to", &s.until, why);
     if (rc == 0)
-        rc = make(m, &s, why);
+        rc = s.from < s.until ? make(m, &s, e, why) : nothing_recorded(why);
     apc_store_close(s.published);
     samples_free(&operation);
     samples_free(&process);
     return rc;
 }
 
-int window_of_store(struct merits *m, const struct experiment *e, struct apc_store *store, apc_ns from,
-                    apc_ns until, struct apc_error *why)
+int window_of_store(struct merits *m, struct apc_store *store, apc_ns from, apc_ns until,
+                    struct apc_error *why)
 {
-    struct samples process = {0}, operation = {0};
-    const struct apc_range range = {.since = from, .until = until};
-    struct merits_source s = {.e = e,
-                              .process = &process,
-                              .operation = &operation,
-                              .published = store,
-                              .from = from,
-                              .until = until};
-    *m = (struct merits){0};
-    int rc = samples_collect_window(&process, store, e, &range);
-    if (rc == 0)
-        rc = samples_collect_operation(&operation, store, e, &range);
-    if (rc < 0)
-        apc_fail(why, rc, "%s", rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(store));
-    if (process.n > 0 && process.at[0].time > from)
-        s.from = process.at[0].time;
-    if (process.n == 0)
-        s.until = from;
-    else if (process.at[process.n - 1].time < until)
-        s.until = process.at[process.n - 1].time + 1;
-    if (rc == 0)
-        rc = make(m, &s, why);
-    samples_free(&operation);
-    samples_free(&process);
-    return rc;
+    const int rc = merits_of_store(m, store, from, until, SIZE_MAX);
+    if (rc == APC_ENOTFOUND)
+        return nothing_recorded(why);
+    return rc < 0 ? apc_fail(why, rc, "%s", rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(store)) : 0;
 }
 
 static int nothing_expected(const struct outlook *o, struct apc_error *why)
@@ -144,24 +132,4 @@ int window_outlook_of_store(struct outlook *o, struct apc_store *store, apc_ns a
         apc_fail(why, rc, "%s", rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(store));
     free(tag);
     return rc < 0 ? rc : nothing_expected(o, why);
-}
-
-int window_experiment(struct experiment *e, struct apc_store *store, struct apc_error *why)
-{
-    int64_t revision = 0;
-    const int length = apc_store_catalogue(store, NULL, 0, &revision);
-    char *text = length >= 0 ? calloc((size_t)length + 1, 1) : NULL;
-    int rc = length < 0 ? length
-             : !text    ? APC_ENOMEM
-                        : apc_store_catalogue(store, text, (size_t)length + 1, &revision);
-    if (rc < 0)
-        apc_fail(why, rc, "%s", text ? apc_store_error(store) : apc_err_text(rc));
-    else if (revision == 0)
-        rc = apc_fail(why, APC_ENOTFOUND,
-                      "the store does not say of which experiment it is: apc init FILE does");
-    else
-        rc = experiment_parse(e, &(struct experiment_source){.file = "the store's catalogue", .text = text},
-                              EXPERIMENT_LAW | EXPERIMENT_MODEL, NULL, why);
-    free(text);
-    return rc;
 }

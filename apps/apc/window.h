@@ -11,14 +11,12 @@
 int window_of_run(struct merits *m, const struct experiment *e, const char *dir, double from, double until,
                   struct apc_error *why);
 /* Of a store, t in UTC, as far as there is a record. */
-int window_of_store(struct merits *m, const struct experiment *e, struct apc_store *store, apc_ns from,
-                    apc_ns until, struct apc_error *why);
+int window_of_store(struct merits *m, struct apc_store *store, apc_ns from, apc_ns until,
+                    struct apc_error *why);
 /* What was expected at @p at of the run in @p dir, s since its start, and what came of it: outlook_free() in
  * either case. */
 int window_outlook_of_run(struct outlook *o, const struct experiment *e, const char *dir, double at,
                           struct apc_error *why);
 int window_outlook_of_store(struct outlook *o, struct apc_store *store, apc_ns at, struct apc_error *why);
-/* The experiment that a store says it is of. */
-int window_experiment(struct experiment *e, struct apc_store *store, struct apc_error *why);
 
 #endif

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "loops.h"
+#include "outlook.h"
 
 static const double none = (double)NAN;
 
@@ -111,6 +111,7 @@ static struct merits_loop judge(const struct watch *w)
                             .with = deviation(&w->with),
                             .without = deviation(&w->without)};
     memcpy(m.name, w->loop->name, sizeof m.name);
+    m.id = w->loop->id;
     if (w->loop->above >= 0) /* whose setpoint goes along with the measurement in Man */
         m.without = none;
     m.benefit = m.without > 0 ? 1 - m.with / m.without : none;
@@ -119,20 +120,18 @@ static struct merits_loop judge(const struct watch *w)
 
 static int judge_loops(struct merits *m, const struct merits_source *s)
 {
-    struct loops loops;
-    int rc = controllers_describe(s->e, &loops);
-    m->loop = rc == 0 ? calloc(loops.n + 1, sizeof *m->loop) : NULL;
-    for (size_t i = 0; i < loops.n && m->loop; i++) {
-        struct watch w = {.loop = &loops.at[i],
+    const struct loops *loops = s->loops;
+    m->loop = calloc(loops->n + 1, sizeof *m->loop);
+    for (size_t i = 0; i < loops->n && m->loop; i++) {
+        struct watch w = {.loop = &loops->at[i],
                           .from = s->from,
                           .until = s->until,
                           .t = s->from,
-                          .patience = patience(loops.controller[loops.at[i].controller].period),
+                          .patience = patience(loops->controller[loops->at[i].controller].period),
                           .setpoint = none};
         pass(&w, s->process, s->operation);
         m->loop[m->n_loops++] = judge(&w);
     }
-    loops_free(&loops);
     return m->loop ? 0 : APC_ENOMEM;
 }
 
@@ -194,14 +193,13 @@ static int compare(void *ctx, const struct apc_vector *row)
 static int compare_all(struct merits_prediction *p, const struct merits_source *s)
 {
     /* NOLINTNEXTLINE(bugprone-sizeof-expression): an array of pointers */
-    struct measured m = {.at = calloc(s->process->n + 1, sizeof *m.at),
-                         .patience = patience(s->e->client.rhythm.period)};
+    struct measured m = {.at = calloc(s->process->n + 1, sizeof *m.at), .patience = p->patience};
     struct comparison c = {.of = p, .measured = &m, .source = s};
     const struct apc_range range = {.since = s->from + s->offset, .until = s->until + s->offset};
     if (!m.at)
         return APC_ENOMEM;
     for (size_t i = 0; i < s->process->n; i++)
-        if (s->process->at[i].table == APC_SENSOR && (size_t)s->process->at[i].id == p->measurement + 1)
+        if (s->process->at[i].table == APC_SENSOR && s->process->at[i].id == p->measurement)
             m.at[m.n++] = &s->process->at[i];
     const int rc = apc_store_vectors(s->published, APC_PREDICTION, p->id, &range, compare, &c);
     p->first = p->n_first > 0 ? sqrt(c.first / (double)p->n_first) : none;
@@ -234,79 +232,53 @@ static int count_plans(struct merits_limit *l, const struct merits_source *s)
     return rc < 0 ? rc : 0;
 }
 
-/* What a law publishes, in the order of its ids: the first prediction is of its first measurement, and so on;
- * limits are those of its measurements, then of its outputs. */
-struct listing {
-    struct merits *m;
-    const struct experiment *e;
-    const struct controller *c;
-    int estimate, prediction; /* ids of the next ones */
-    size_t n_predictions, n_limits;
-    bool failed;
-};
-
-static bool ends_with(const char *name, const char *end)
+static void take_prediction(struct merits *m, const struct apc_tag *tag, const struct apc_tag *of)
 {
-    const size_t n = strlen(name), k = strlen(end);
-    return n > k && !strcmp(name + n - k, end);
+    struct merits_prediction *p = &m->prediction[m->n_predictions++];
+    apc_ns period = 0;
+    (void)apc_ns_from_s(of->period, &period);
+    *p = (struct merits_prediction){.id = tag->id,
+                                    .measurement = of->id,
+                                    .patience = patience(period),
+                                    .step = tag->step,
+                                    .length = (size_t)tag->length};
+    memcpy(p->name, of->name, sizeof p->name);
 }
 
-static void *one_more(struct listing *l, void *at, size_t n, size_t size)
+static void take_limit(struct merits *m, const struct apc_tag *tag, const struct apc_tag *of)
 {
-    void *grown = reallocarray(at, n + 1, size);
-    if (grown)
-        return grown;
-    l->failed = true;
-    return at;
+    struct merits_limit *l = &m->limit[m->n_limits++];
+    *l = (struct merits_limit){.id = tag->id, .table = of->table, .variable = of->id};
+    memcpy(l->name, of->name, sizeof l->name);
 }
 
-static void list(void *ctx, size_t output, const struct apc_published *p)
+static const struct apc_tag *limited_variable(const struct apc_tag *published, const struct merits_source *s)
 {
-    struct listing *l = ctx;
-    const struct controller *c = l->c;
-    struct merits *m = l->m;
-    const int id = p->length ? l->prediction++ : l->estimate++;
-    (void)output;
-    if (!c->law->whole || l->failed)
-        return;
-    if (ends_with(p->name, ".prediction") && p->length && l->n_predictions < c->dim.ny) {
-        const struct wire y = c->y[l->n_predictions++];
-        m->prediction = one_more(l, m->prediction, m->n_predictions, sizeof *m->prediction);
-        if (l->failed)
-            return;
-        m->prediction[m->n_predictions] =
-            (struct merits_prediction){.id = id, .measurement = y.at, .step = p->step, .length = p->length};
-        snprintf(m->prediction[m->n_predictions++].name, APC_TAG_LEN, "%s", l->e->y[y.at].tag.name);
-    } else if (ends_with(p->name, ".limit") && !p->length && l->n_limits < c->dim.ny + c->dim.nu) {
-        const size_t k = l->n_limits++;
-        m->limit = one_more(l, m->limit, m->n_limits, sizeof *m->limit);
-        if (l->failed)
-            return;
-        m->limit[m->n_limits] = (struct merits_limit){.id = id};
-        snprintf(m->limit[m->n_limits++].name, APC_TAG_LEN, "%s",
-                 k < c->dim.ny ? l->e->y[c->y[k].at].tag.name
-                               : controllers_output(l->e, (struct controller_loop){c, k - c->dim.ny})->name);
-    }
+    static const enum apc_table tables[] = {APC_SENSOR, APC_ACTUATOR, APC_SETPOINT};
+    const struct apc_tag *of = NULL;
+    for (size_t i = 0; i < sizeof tables / sizeof *tables && !of; i++)
+        of = outlook_variable(published, ".limit", tables[i], s->tag, s->n_tags);
+    return of;
 }
 
 static int judge_published(struct merits *m, const struct merits_source *s)
 {
     int rc = 0;
-    for (size_t i = 0; i < s->e->n_controllers; i++) {
-        const struct controller *c = &s->e->controllers[i];
-        if (c->n_published == 0)
-            continue;
-        struct listing l = {
-            .m = m, .e = s->e, .c = c, .estimate = c->first_estimate, .prediction = c->first_prediction};
-        const struct apc_law_setup setup = cores_law_setup(c);
-        (void)apc_law_published(c->law, &setup, list, &l, NULL);
-        if (l.failed)
-            return APC_ENOMEM;
+    m->prediction = calloc(s->n_tags + 1, sizeof *m->prediction);
+    m->limit = calloc(s->n_tags + 1, sizeof *m->limit);
+    if (!m->prediction || !m->limit)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < s->n_tags && rc == 0; i++) {
+        const struct apc_tag *tag = &s->tag[i], *of = NULL;
+        if (tag->table == APC_PREDICTION && tag->step > 0 &&
+            (of = outlook_variable(tag, ".prediction", APC_SENSOR, s->tag, s->n_tags))) {
+            take_prediction(m, tag, of);
+            rc = compare_all(&m->prediction[m->n_predictions - 1], s);
+        } else if (tag->table == APC_ESTIMATE && (of = limited_variable(tag, s))) {
+            take_limit(m, tag, of);
+            rc = count_plans(&m->limit[m->n_limits - 1], s);
+        }
     }
-    for (size_t i = 0; i < m->n_predictions && rc == 0; i++)
-        rc = compare_all(&m->prediction[i], s);
-    for (size_t i = 0; i < m->n_limits && rc == 0; i++)
-        rc = count_plans(&m->limit[i], s);
     return rc;
 }
 
@@ -317,6 +289,87 @@ int merits_make(struct merits *m, const struct merits_source *source)
     *m = (struct merits){.from = source->from, .until = source->until};
     const int rc = judge_loops(m, source);
     return rc == 0 && source->published ? judge_published(m, source) : rc;
+}
+
+/* ---- Of a store --------------------------------------------------------------------------- */
+
+struct gathering {
+    struct samples *to;
+    size_t most;
+    int rc;
+};
+
+static int gather(void *ctx, const struct apc_sample *row)
+{
+    struct gathering *g = ctx;
+    g->rc = g->to->n < g->most ? samples_add(g->to, row) : APC_ERANGE;
+    return g->rc;
+}
+
+/* Of one variable those in the window, and the newest before it. */
+static int gather_variable(struct gathering *g, const struct merits_source *s, enum apc_table table, int id)
+{
+    const struct apc_range before = {.until = s->from, .last = 1},
+                           range = {.since = s->from, .until = s->until};
+    int rc = s->from > 0 ? apc_store_history(s->published, table, id, &before, gather, g) : 0;
+    if (rc >= 0 && g->rc == 0)
+        rc = apc_store_history(s->published, table, id, &range, gather, g);
+    return g->rc < 0 ? g->rc : rc < 0 ? rc : 0;
+}
+
+static int gather_all(const struct merits_source *s, struct samples *process, struct samples *operation,
+                      size_t most)
+{
+    struct gathering g = {.to = process, .most = most};
+    int rc = 0;
+    for (size_t i = 0; i < s->n_tags && rc == 0; i++) {
+        const enum apc_table table = s->tag[i].table;
+        if (table == APC_SENSOR || table == APC_SETPOINT || table == APC_ACTUATOR)
+            rc = gather_variable(&g, s, table, s->tag[i].id);
+    }
+    g = (struct gathering){.to = operation, .most = most};
+    for (size_t i = 0; i < s->loops->n && rc == 0; i++)
+        rc = gather_variable(&g, s, APC_ACTUAL, apc_variable_number(APC_OPMODE, s->loops->at[i].id));
+    samples_sort(process);
+    samples_sort(operation);
+    return rc;
+}
+
+/* What there is no record of is no time out of service. */
+static int make_of_store(struct merits *m, struct merits_source s, size_t most)
+{
+    struct samples process = {0}, operation = {0};
+    int rc = gather_all(&s, &process, &operation, most);
+    s.process = &process;
+    s.operation = &operation;
+    if (process.n > 0 && process.at[0].time > s.from)
+        s.from = process.at[0].time;
+    if (process.n > 0 && process.at[process.n - 1].time < s.until)
+        s.until = process.at[process.n - 1].time + 1;
+    if (rc == 0)
+        rc = process.n > 0 && s.from < s.until ? merits_make(m, &s) : APC_ENOTFOUND;
+    samples_free(&operation);
+    samples_free(&process);
+    return rc;
+}
+
+int merits_of_store(struct merits *m, struct apc_store *store, apc_ns from, apc_ns until, size_t most)
+{
+    struct loops loops = {0};
+    struct merits_source s = {.loops = &loops, .published = store, .from = from, .until = until};
+    int n = apc_store_get_tags(store, NULL, 0);
+    struct apc_tag *tag = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *tag);
+    int rc = n < 0 ? n : tag ? apc_store_get_tags(store, tag, (size_t)n) : APC_ENOMEM;
+    *m = (struct merits){.from = from, .until = until};
+    s.tag = tag;
+    s.n_tags = (size_t)(rc < 0 ? 0 : rc < n ? rc : n);
+    if (rc >= 0)
+        rc = loops_load(&loops, store, tag, s.n_tags);
+    if (rc == 0)
+        rc = loops.n > 0 ? make_of_store(m, s, most) : APC_ENOTFOUND;
+    loops_free(&loops);
+    free(tag);
+    return rc;
 }
 
 void merits_free(struct merits *m)

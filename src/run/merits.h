@@ -7,11 +7,13 @@
 #ifndef APC_MERITS_H
 #define APC_MERITS_H
 
+#include "loops.h"
 #include "samples.h"
 
 /* Shares are of the window, 0 to 1. NAN: there is no such figure. */
 struct merits_loop {
     char name[APC_TAG_LEN];
+    int id;         /* of its target, in table opmode */
     double service; /* in Auto or Cas with its law's own answer: neither held, nor at its fault value, nor the
                        backup law's, nor gone */
     double low, high;     /* its output stood at that limit */
@@ -23,9 +25,10 @@ struct merits_loop {
 struct merits_prediction {
     int id; /* in table prediction */
     char name[APC_TAG_LEN];
-    size_t measurement; /* its place */
-    double step;        /* s */
-    size_t length;      /* steps */
+    int measurement; /* its id */
+    apc_ns patience; /* how long a row of it stands for what is */
+    double step;     /* s */
+    size_t length;   /* steps */
     size_t n_first, n_last;
     double first,
         last; /* rms of what was measured less what had been predicted, one step and all steps ahead */
@@ -35,6 +38,8 @@ struct merits_prediction {
 struct merits_limit {
     int id; /* in table estimate */
     char name[APC_TAG_LEN];
+    enum apc_table table; /* the variable: of sensor, actuator or setpoint */
+    int variable;         /* its id */
     uint64_t plans;
     double low, high, falls, rises;
 };
@@ -50,18 +55,24 @@ struct merits {
 };
 
 /*
- * Of the window from <= t < until. @p process and @p operation as samples_collect() and
- * samples_collect_operation() give them; rows from before the window count as far as they still hold in it.
- * @p published: the store with what the laws published, whose times are @p offset later; NULL: none. Returns
- * 0, APC_ENOMEM or the store's error; merits_free() in either case.
+ * Of the window from <= t < until. @p process (setpoints, measurements, outputs) and @p operation (actual
+ * modes at least) are by time; rows from before the window count as far as they still hold in it. @p tag
+ * describes all variables. @p published: the store with what the laws published, whose times are @p offset
+ * later; NULL: none. Returns 0, APC_ENOMEM or the store's error; merits_free() in either case.
  */
 struct merits_source {
-    const struct experiment *e;
+    const struct apc_tag *tag;
+    size_t n_tags;
+    const struct loops *loops;
     const struct samples *process, *operation;
     struct apc_store *published;
     apc_ns offset, from, until;
 };
 int merits_make(struct merits *m, const struct merits_source *source);
+/* Of a store's history, t in UTC, as far as there is a record. Returns 0, APC_ENOTFOUND (no loops are
+ * described, or nothing was recorded), APC_ERANGE (it takes more than @p most rows), APC_ENOMEM or the
+ * store's error; merits_free() in either case. */
+int merits_of_store(struct merits *m, struct apc_store *store, apc_ns from, apc_ns until, size_t most);
 void merits_free(struct merits *m);
 
 #endif

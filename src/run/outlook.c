@@ -11,31 +11,31 @@ static const double none = (double)NAN;
 
 /* ---- Which variable is expected ----------------------------------------------------------- */
 
-static const struct {
-    const char *end; /* of the name of what is published */
-    enum apc_table table[2];
-} kinds[] = {{".prediction", {APC_SENSOR, APC_SENSOR}}, {".plan", {APC_ACTUATOR, APC_SETPOINT}}};
-
-/* "y1.prediction" or, of several controllers, "upper.y1.prediction" is of y1; NULL: of nothing that is there.
- */
-static const struct apc_tag *variable_of(const struct apc_tag *published, const struct apc_tag *tag, size_t n,
-                                         size_t *kind)
+const struct apc_tag *outlook_variable(const struct apc_tag *published, const char *end, enum apc_table table,
+                                       const struct apc_tag *tag, size_t n)
 {
-    const size_t own = strlen(published->controller);
+    const size_t own = strlen(published->controller), tail = strlen(end);
     const char *name = published->name;
     if (own > 0 && !strncmp(name, published->controller, own) && name[own] == '.')
         name += own + 1;
-    for (*kind = 0; *kind < sizeof kinds / sizeof *kinds; ++*kind) {
-        const size_t length = strlen(name), end = strlen(kinds[*kind].end);
-        if (length <= end || strcmp(name + length - end, kinds[*kind].end) != 0)
-            continue;
-        for (size_t k = 0; k < 2; k++)
-            for (size_t i = 0; i < n; i++)
-                if (tag[i].table == kinds[*kind].table[k] && strlen(tag[i].name) == length - end &&
-                    !strncmp(tag[i].name, name, length - end))
-                    return &tag[i];
-    }
+    const size_t length = strlen(name);
+    if (length <= tail || strcmp(name + length - tail, end) != 0)
+        return NULL;
+    for (size_t i = 0; i < n; i++)
+        if (tag[i].table == table && strlen(tag[i].name) == length - tail &&
+            !strncmp(tag[i].name, name, length - tail))
+            return &tag[i];
     return NULL;
+}
+
+static const struct apc_tag *expected_variable(const struct apc_tag *published, const struct apc_tag *tag,
+                                               size_t n, bool *planned)
+{
+    const struct apc_tag *variable = outlook_variable(published, ".prediction", APC_SENSOR, tag, n);
+    *planned = !variable;
+    if (!variable)
+        variable = outlook_variable(published, ".plan", APC_ACTUATOR, tag, n);
+    return variable ? variable : outlook_variable(published, ".plan", APC_SETPOINT, tag, n);
 }
 
 /* ---- Reading ------------------------------------------------------------------------------ */
@@ -92,11 +92,12 @@ int outlook_load(struct outlook *o, struct apc_store *published, const struct ap
     if (!o->course)
         return APC_ENOMEM;
     for (size_t i = 0; i < n && rc == 0; i++) {
-        size_t kind = 0;
-        const struct apc_tag *variable =
-            tag[i].table == APC_PREDICTION && tag[i].step > 0 ? variable_of(&tag[i], tag, n, &kind) : NULL;
+        bool planned = false;
+        const struct apc_tag *variable = tag[i].table == APC_PREDICTION && tag[i].step > 0
+                                             ? expected_variable(&tag[i], tag, n, &planned)
+                                             : NULL;
         if (variable)
-            rc = load_course(&r, published, &tag[i], variable, kind > 0);
+            rc = load_course(&r, published, &tag[i], variable, planned);
     }
     return rc;
 }

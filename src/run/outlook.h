@@ -23,6 +23,11 @@ struct outlook {
     size_t n;
 };
 
+/* The variable of @p table that a name beside it is of: "y1.prediction" or, of several controllers,
+ * "upper.y1.prediction" is of y1, with @p end ".prediction". NULL: of none that is there. */
+const struct apc_tag *outlook_variable(const struct apc_tag *published, const char *end, enum apc_table table,
+                                       const struct apc_tag *tag, size_t n);
+
 /*
  * What stood at @p at: of each variable whose tag says that a law expects it, the newest row until then,
  * unless its horizon was over. The store's times are @p offset later. Nothing of what came is known yet.

@@ -69,7 +69,7 @@ static int collect_part(struct samples *samples, struct apc_store *store, const 
     return 0;
 }
 
-static void sort(struct samples *samples)
+void samples_sort(struct samples *samples)
 {
     if (samples->n > 0)
         qsort(samples->at, samples->n, sizeof *samples->at, by_time);
@@ -84,16 +84,8 @@ int samples_collect(struct samples *samples, struct apc_store *store, const stru
     int rc = 0;
     for (size_t t = 0; t < sizeof of / sizeof *of && rc == 0; t++)
         rc = collect_part(samples, store, &of[t], range);
-    sort(samples);
+    samples_sort(samples);
     return rc;
-}
-
-int samples_collect_window(struct samples *samples, struct apc_store *store, const struct experiment *e,
-                           const struct apc_range *range)
-{
-    const struct apc_range before = {.until = range->since, .last = 1};
-    int rc = range->since > 0 ? samples_collect(samples, store, e, &before) : 0;
-    return rc < 0 ? rc : samples_collect(samples, store, e, range);
 }
 
 static int collect_actual_modes(struct samples *samples, struct apc_store *store, size_t loops,
@@ -126,7 +118,7 @@ int samples_collect_operation(struct samples *samples, struct apc_store *store, 
         rc = collect_actual_modes(samples, store, loops, &before);
     if (rc == 0)
         rc = collect_actual_modes(samples, store, loops, range);
-    sort(samples);
+    samples_sort(samples);
     return rc;
 }
 
@@ -140,7 +132,7 @@ int samples_collect_published(struct samples *samples, struct apc_store *store, 
         if (tag[i].table == APC_ESTIMATE)
             rc = collect_part(samples, store, &(struct part){APC_ESTIMATE, tag[i].id, 1}, range);
     free(tag);
-    sort(samples);
+    samples_sort(samples);
     return rc;
 }
 

@@ -16,17 +16,15 @@ struct samples {
 
 int samples_add(struct samples *s, const struct apc_sample *sample); /* 0 or APC_ENOMEM */
 void samples_free(struct samples *s);
+/* By time; at one time in the order of the loop: setpoint, measurement, output. */
+void samples_sort(struct samples *s);
 /* Those of DIR/NAME, samples.csv or operation.csv, in the order of the file, times counted from the start of
  * the run, and the seq of each variable counted from 1. Returns 0 or a negative error; samples_free() in
  * either case. */
 int samples_read(struct samples *s, const char *dir, const char *name, struct apc_error *why);
-/* Those that a store has in a range, by time; at one time in the order of the loop: setpoint, measurement,
- * output. Returns 0, APC_ENOMEM or the store's error. */
+/* Those that a store has in a range, sorted. Returns 0, APC_ENOMEM or the store's error. */
 int samples_collect(struct samples *s, struct apc_store *store, const struct experiment *e,
                     const struct apc_range *range);
-/* The same, and of each variable the newest before the range. */
-int samples_collect_window(struct samples *samples, struct apc_store *store, const struct experiment *e,
-                           const struct apc_range *range);
 /* Modes, target and actual, tuning, operator's outputs: of each the newest before the range, and those in it;
  * by time. */
 int samples_collect_operation(struct samples *samples, struct apc_store *store, const struct experiment *e,

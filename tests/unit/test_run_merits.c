@@ -2,6 +2,7 @@
 /* Figures of merit of records whose figures are known by hand. */
 #include "check.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 #include "run/merits.h"
@@ -16,6 +17,9 @@ static const char text[] = "name = \"merits\"; duration = 100.0;"
                            "  settings = { horizon = 4; blocks = [1, 1]; y_dev = [1.0]; u_dev = [1.0]; }; };";
 
 static struct experiment e;
+static struct apc_tag *tags;
+static size_t n_tags;
+static struct loops loops;
 static struct samples process, operation;
 static struct apc_store *published;
 static struct merits m;
@@ -31,6 +35,9 @@ static int begin(void **state)
         fail_msg("%s", why.text);
     assert_int_equal(apc_store_open(&published, "mem:", NULL, &why), 0);
     assert_true(apc_store_init(published) >= 0);
+    tags = provision_tags(&e, &n_tags);
+    assert_non_null(tags);
+    assert_int_equal(controllers_describe(&e, &loops), 0);
     return 0;
 }
 
@@ -40,6 +47,8 @@ static int end(void **state)
     merits_free(&m);
     samples_free(&process);
     samples_free(&operation);
+    loops_free(&loops);
+    free(tags);
     apc_store_close(published);
     experiment_free(&e);
     return 0;
@@ -64,7 +73,9 @@ static void output(double t, apc_status status)
 
 static void make(double from, double until)
 {
-    const struct merits_source source = {.e = &e,
+    const struct merits_source source = {.tag = tags,
+                                         .n_tags = n_tags,
+                                         .loops = &loops,
                                          .process = &process,
                                          .operation = &operation,
                                          .published = published,

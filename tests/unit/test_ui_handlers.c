@@ -9,6 +9,7 @@
 
 #include "apc-ui/http.h"
 #include "check.h"
+#include "run/merits.h"
 
 #define S       APC_NS_PER_S
 #define TUNINGS WRITE_CHANGES
@@ -1205,11 +1206,91 @@ static void what_was_expected_stands_beside_what_came(void **state)
     assert_int_equal(request.fault.http, 400);
 }
 
+static void record(enum apc_table table, int id, int64_t t, apc_status status, double value)
+{
+    const struct apc_sample s = {
+        .table = table, .id = id, .seq = t, .time = t * S, .status = status, .value = value};
+    assert_int_equal(apc_store_append(store, &s, 1), 1);
+}
+
+/* 10 s of loop u1 in Auto, from before the window on; y1 is 1 above and 1 below its setpoint in turn. */
+static void record_service(void)
+{
+    double value[] = {10.5, 0, 13};
+    struct apc_vector v = {
+        .table = APC_PREDICTION, .id = 1, .seq = 1, .time = 1002 * S, .n = 3, .room = 3, .value = value};
+    for (size_t i = 0; i < n_tags; i++)
+        if (tags[i].table == APC_TICK || (tags[i].table == APC_SENSOR && tags[i].id == 1))
+            tags[i].period = 1;
+    tags[n_tags++] =
+        (struct apc_tag){.table = APC_PREDICTION, .id = 1, .name = "y1.prediction", .step = 2, .length = 3};
+    tag(APC_ESTIMATE, 1, "y1.limit", 0, 3);
+    tag(APC_ESTIMATE, 2, "base.u1.limit", 0, 15);
+    tags_of("base", n_tags - 1);
+    assert_true(apc_store_put_tags(store, tags, n_tags) >= 0);
+    record(APC_ACTUAL, apc_variable_number(APC_OPMODE, 1), 990, APC_GOOD, APC_MODE_AUTO);
+    record(APC_SETPOINT, 1, 990, APC_GOOD, 10);
+    for (int64_t t = 1000; t < 1010; t++) {
+        record(APC_SENSOR, 1, t, APC_GOOD, t % 2 ? 9 : 11);
+        record(APC_ACTUATOR, 1, t, t >= 1004 && t < 1007 ? APC_GOOD_LIMITED_HIGH : APC_GOOD, 5);
+    }
+    assert_true(
+        apc_store_append_rows(
+            store, &(struct apc_rows){.size = sizeof(struct apc_rows), .vector = &v, .n_vectors = 1}) >= 0);
+    record(APC_ESTIMATE, 2, 1002, APC_GOOD, 2);
+    record(APC_ESTIMATE, 2, 1004, APC_GOOD, 0);
+}
+
+static double figure_of(const json_t *json, const char *list, const char *name)
+{
+    return json_number_value(json_object_get(json_array_get(json_object_get(json, list), 0), name));
+}
+
+static void what_the_controllers_were_worth_is_told(void **state)
+{
+    static const char *const day[10] = {"since", "1000", "until", "87400"},
+                             *const before[10] = {"since", "10", "until", "20"},
+                             *const backwards[10] = {"since", "20", "until", "10"};
+    struct merits m;
+    (void)state;
+    record_service();
+    memcpy(query, day, sizeof day);
+    json_t *json = ask(get_merits);
+    assert_near(json_number_value(json_object_get(json, "since")), 1000, 0);
+    assert_near(json_number_value(json_object_get(json, "until")), 1009, 1e-3); /* of what is on record */
+    assert_int_equal(json_array_size(json_object_get(json, "loops")), 3);
+    assert_near(figure_of(json, "loops", "service"), 1, 1e-6);
+    assert_near(figure_of(json, "loops", "at_high"), 3.0 / 9, 1e-6);
+    assert_near(figure_of(json, "loops", "sd_in_service"), sqrt(10.0 / 9), 1e-12);
+    const json_t *u2 = json_array_get(json_object_get(json, "loops"), 1);
+    assert_string_equal(json_string_value(json_object_get(u2, "name")), "u2");
+    assert_true(json_is_null(json_object_get(u2, "service"))); /* nobody said in which mode it is */
+    assert_near(figure_of(json, "predictions", "rms_one_step"), 0.5, 1e-12);
+    assert_near(figure_of(json, "predictions", "rms_all_steps"), 2, 1e-12);
+    const json_t *plans = json_array_get(json_object_get(json, "plans"), 1);
+    assert_string_equal(json_string_value(json_object_get(plans, "ref")), "actuator.1");
+    assert_int_equal(json_integer_value(json_object_get(plans, "plans")), 2);
+    assert_near(json_number_value(json_object_get(plans, "high")), 0.5, 0);
+    json_decref(json);
+    memcpy(query, before, sizeof before);
+    json = ask(get_merits);
+    assert_int_equal(request.fault.http, 0);
+    assert_int_equal(json_array_size(json_object_get(json, "loops")), 0);
+    json_decref(json);
+    memcpy(query, backwards, sizeof backwards);
+    json_decref(ask(get_merits));
+    assert_int_equal(request.fault.http, 400);
+    assert_int_equal(merits_of_store(&m, store, 1000 * S, 1010 * S, 20), APC_ERANGE);
+    merits_free(&m);
+    assert_int_equal(merits_of_store(&m, store, 1000 * S, 1010 * S, 21), 0); /* the setpoint before as well */
+    merits_free(&m);
+}
+
 static void what_cannot_be_read_is_no_empty_answer(void **state)
 {
     static const char *const series[10] = {"task", "controller", "quantity", "run"};
     void (*const ask_past[])(struct ui *, struct request *, struct apc_store *) = {
-        get_events, get_timing, get_timing_series, get_history, get_outlook};
+        get_events, get_timing, get_timing_series, get_history, get_outlook, get_merits};
     struct apc_store *there = store;
     (void)state;
     assert_int_equal(apc_store_open(&store, "sqlite:/no/such/folder/store.db", NULL, NULL), 0);
@@ -1990,6 +2071,7 @@ int main(void)
         T(what_stood_before_the_window_is_told),
         T(a_bad_sample_is_counted_and_not_averaged),
         T(what_was_expected_stands_beside_what_came),
+        T(what_the_controllers_were_worth_is_told),
         T(what_cannot_be_read_is_no_empty_answer),
         T(what_daemons_report_is_known_within_a_look),
         T(newest_values_reach_the_stream_and_settle_writes),
