@@ -50,7 +50,7 @@ struct apc_instance_part {
     size_t n_published;               /**< how many variables they are */
     const struct apc_published *what; /**< [n_published]; the instance's */
 };
-struct apc_instance_part apc_instances_part(const struct apc_instances *instances, size_t k);
+const struct apc_instance_part *apc_instances_part(const struct apc_instances *instances, size_t k);
 
 /** What belongs to output @p output, as the law says; the object's. Of an instance for an output it is all
  * that it sees. [tick] */

@@ -18,8 +18,8 @@ struct instance {
     void *self;
     struct apc_dim dim;
     struct apc_law_needs needs;
-    size_t x, published, n; /* where they begin; how many numbers it publishes */
-    size_t *tuning;         /* [n_tuning] which of the controller's parameters are its own */
+    struct apc_instance_part part;
+    size_t *tuning; /* [n_tuning] which of the controller's parameters are its own */
     size_t n_tuning;
 };
 
@@ -87,16 +87,21 @@ static int make_instance(struct apc_instances *s, size_t k, const struct apc_law
     rc = law->create ? law->create(own, needs, &of->self, why) : 0;
     if (rc < 0)
         return rc;
-    of->x = s->size.states;
-    of->published = s->size.published;
-    for (size_t i = 0; i < needs->n_published && of->n <= LAW_SIZE_MAX; i++)
-        of->n += needs->published[i].length > LAW_SIZE_MAX ? LAW_SIZE_MAX + 1
-                 : needs->published[i].length              ? needs->published[i].length
-                                                           : 1;
+    of->part = (struct apc_instance_part){.u = k,
+                                          .nu = of->dim.nu,
+                                          .x = s->size.states,
+                                          .states = needs->states,
+                                          .published = s->size.published,
+                                          .n_published = needs->n_published,
+                                          .what = needs->published};
+    for (size_t i = 0; i < needs->n_published && of->part.n <= LAW_SIZE_MAX; i++)
+        of->part.n += needs->published[i].length > LAW_SIZE_MAX ? LAW_SIZE_MAX + 1
+                      : needs->published[i].length              ? needs->published[i].length
+                                                                : 1;
     if (!needs->n_ahead)
         needs->n_ahead = 1;
     s->size.states += needs->states;
-    s->size.published += of->n;
+    s->size.published += of->part.n;
     if (needs->n_ahead > s->size.n_ahead)
         s->size.n_ahead = needs->n_ahead;
     if (needs->states > LAW_SIZE_MAX || s->size.states > LAW_SIZE_MAX || s->size.published > LAW_SIZE_MAX ||
@@ -256,18 +261,9 @@ struct apc_instances_size apc_instances_size(const struct apc_instances *s)
     return s->size;
 }
 
-struct apc_instance_part apc_instances_part(const struct apc_instances *s, size_t k)
+const struct apc_instance_part *apc_instances_part(const struct apc_instances *s, size_t k)
 {
-    const struct instance *of = &s->instance[k];
-
-    return (struct apc_instance_part){.u = k,
-                                      .nu = of->dim.nu,
-                                      .x = of->x,
-                                      .states = of->needs.states,
-                                      .published = of->published,
-                                      .n = of->n,
-                                      .n_published = of->needs.n_published,
-                                      .what = of->needs.published};
+    return &s->instance[k].part;
 }
 
 const struct apc_law_ports *apc_instances_ports(const struct apc_instances *s, size_t output)
@@ -342,23 +338,22 @@ static void look_through(struct apc_instances *s, size_t k, struct apc_law_call 
     c->out = c->out ? c->out + k : NULL;
 }
 
-/* The controller's call as instance k sees it. */
-static struct apc_law_call call_of(struct apc_instances *s, size_t k, const struct apc_law_call *whole)
+/* The controller's call as instance k sees it, into @p c. */
+static void see(struct apc_instances *s, size_t k, const struct apc_law_call *whole, struct apc_law_call *c)
 {
     const struct instance *of = &s->instance[k];
-    struct apc_law_call c = *whole;
 
-    c.size = sizeof(c);
-    c.dim = of->dim;
-    c.Ts = s->Ts;
-    c.self = of->self;
-    c.n_ahead = of->needs.n_ahead;
-    c.x += of->x;
-    if (c.published)
-        c.published = of->n ? c.published + of->published : NULL;
+    *c = *whole;
+    c->size = sizeof(*c);
+    c->dim = of->dim;
+    c->Ts = s->Ts;
+    c->self = of->self;
+    c->n_ahead = of->needs.n_ahead;
+    c->x += of->part.x;
+    if (c->published)
+        c->published = of->part.n ? c->published + of->part.published : NULL;
     if (!s->law->whole)
-        look_through(s, k, &c);
-    return c;
+        look_through(s, k, c);
 }
 
 static bool in_order(const struct apc_instances *s, size_t k, const struct apc_law_call *c)
@@ -368,8 +363,9 @@ static bool in_order(const struct apc_instances *s, size_t k, const struct apc_l
 
 void apc_instances_reset(struct apc_instances *s, size_t k, const struct apc_law_call *call)
 {
-    struct apc_law_call c = call_of(s, k, call);
+    struct apc_law_call c;
 
+    see(s, k, call, &c);
     memset(c.x, 0, s->instance[k].needs.states * sizeof(*c.x));
     if (s->law->reset)
         s->law->reset(&c);
@@ -378,9 +374,10 @@ void apc_instances_reset(struct apc_instances *s, size_t k, const struct apc_law
 int apc_instances_compute(struct apc_instances *s, size_t k, const struct apc_law_call *call)
 {
     char nobody[APC_LAW_WHY], *said = call->why ? call->why : nobody;
-    struct apc_law_call c = call_of(s, k, call);
+    struct apc_law_call c;
     int result;
 
+    see(s, k, call, &c);
     c.why = said;
     said[0] = '\0';
     result = s->law->compute(&c);
@@ -398,16 +395,18 @@ int apc_instances_compute(struct apc_instances *s, size_t k, const struct apc_la
 
 void apc_instances_update(struct apc_instances *s, size_t k, const struct apc_law_call *call)
 {
-    struct apc_law_call c = call_of(s, k, call);
+    struct apc_law_call c;
 
+    see(s, k, call, &c);
     if (s->law->update)
         s->law->update(&c);
 }
 
 void apc_instances_track(struct apc_instances *s, size_t k, const struct apc_law_call *call)
 {
-    struct apc_law_call c = call_of(s, k, call);
+    struct apc_law_call c;
 
+    see(s, k, call, &c);
     if (s->law->track)
         s->law->track(&c);
 }

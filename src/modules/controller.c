@@ -310,6 +310,7 @@ static int fill(struct apc_controller *c, const struct apc_controller_options *o
         c->looked[k] = -1;
     for (size_t k = 0; k < c->size.instances; k++)
         c->instance[k].gap = true;
+    apc_controller_lay_out_calls(c);
     c->n_actual = c->n_wanted + apc_controller_find_inputs(c, o->told);
     rc = take_horizons(c, o, why);
     if (rc == 0)

@@ -91,6 +91,7 @@ struct apc_controller_law {
     double *trial;                            /* [nu] asked for */
     unsigned *limited;                        /* [nu] enum apc_limited, of trial */
     enum apc_law_output *decides;             /* [nu] on each output */
+    struct apc_law_call call;                 /* what it is asked with */
     bool offer_ok;                            /* it may have what is offered, all of it together */
 };
 
@@ -218,7 +219,13 @@ struct apc_controller {
 /* ---- facts.c */
 
 /** Where what is wanted of a table begins in the arrays [n_wanted]. [tick] */
-size_t apc_controller_wanted(const struct apc_controller *controller, enum apc_table table);
+static inline size_t apc_controller_wanted(const struct apc_controller *controller, enum apc_table table)
+{
+    const size_t mode = controller->dim.nz, manual = mode + controller->dim.nu,
+                 tuning = manual + controller->dim.nu;
+
+    return table == APC_SETPOINT ? 0 : table == APC_OPMODE ? mode : table == APC_MANUAL ? manual : tuning;
+}
 /** Take the target modes and the tuning that are wanted. [tick] */
 void apc_controller_take_wanted(struct apc_controller *controller, struct apc_notice *notice);
 /** The newest row of what loop @p i puts out, whoever wrote it. [tick] */
@@ -283,6 +290,8 @@ static inline bool apc_controller_is_selected(const struct apc_controller *contr
 
 /* ---- law.c */
 
+/** What the laws are asked with, once all is allocated. [setup] */
+void apc_controller_lay_out_calls(struct apc_controller *controller);
 /** The tuning that is offered into force, without a bump. [tick] */
 void apc_controller_retune(struct apc_controller *controller);
 /** Go on from the row that was taken over. [tick] */

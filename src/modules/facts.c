@@ -12,13 +12,6 @@
 
 /* ---- Where it stands ---------------------------------------------------------------------- */
 
-size_t apc_controller_wanted(const struct apc_controller *c, enum apc_table table)
-{
-    const size_t mode = c->dim.nz, manual = mode + c->dim.nu, tuning = manual + c->dim.nu;
-
-    return table == APC_SETPOINT ? 0 : table == APC_OPMODE ? mode : table == APC_MANUAL ? manual : tuning;
-}
-
 /* The row of number @p k of what is wanted. */
 static const struct apc_sample *row_of(const struct apc_controller *c, size_t k)
 {
@@ -136,20 +129,26 @@ static bool take_parameter(struct apc_controller *c, size_t i, struct apc_notice
     return new;
 }
 
-static void take_tuning(struct apc_controller *c, struct apc_controller_law *law, struct apc_notice *notice)
+/* May all that is offered be in force together? */
+static void take_offer(struct apc_controller *c, struct apc_controller_law *law, struct apc_notice *notice)
 {
     struct apc_error why = {""};
     char text[sizeof(notice->text)];
-    bool new = false;
 
-    for (size_t i = law->first; i < law->first + law->size.tuning; i++)
-        new |= take_parameter(c, i, notice);
-    if (!new)
-        return;
     law->offer_ok = apc_instances_check(law->instances, law->offered, &why) == 0;
     snprintf(text, sizeof(text), "tuning refused: %.120s", why.text);
     if (!law->offer_ok)
         apc_controller_note_refused(c, notice, text);
+}
+
+static void take_tuning(struct apc_controller *c, struct apc_controller_law *law, struct apc_notice *notice)
+{
+    bool new = false;
+
+    for (size_t i = law->first; i < law->first + law->size.tuning; i++)
+        new |= take_parameter(c, i, notice);
+    if (new)
+        take_offer(c, law, notice);
 }
 
 void apc_controller_take_wanted(struct apc_controller *c, struct apc_notice *notice)

@@ -21,8 +21,8 @@ static bool is_backup(const struct apc_controller *c, const struct apc_controlle
     return law == &c->backup;
 }
 
-static struct apc_law_call call(struct apc_controller *c, struct apc_controller_law *law, size_t k, double *u,
-                                unsigned *limited)
+/* Of what stays and is not of one instance or call. */
+static struct apc_law_call lay_out(const struct apc_controller *c, const struct apc_controller_law *law)
 {
     return (struct apc_law_call){.size = sizeof(struct apc_law_call),
                                  .dim = c->dim,
@@ -31,11 +31,6 @@ static struct apc_law_call call(struct apc_controller *c, struct apc_controller_
                                  .z = c->z,
                                  .tuning = law->tuning,
                                  .x = law->x,
-                                 .u = u,
-                                 .limited = limited,
-                                 .gap = law->instance[k].gap,
-                                 .tick = c->index,
-                                 .t = c->t,
                                  .y_status = c->y_status,
                                  .y_age = c->y_age,
                                  .y_new = c->y_new,
@@ -47,18 +42,38 @@ static struct apc_law_call call(struct apc_controller *c, struct apc_controller_
                                  .y_low = c->y_low,
                                  .y_high = c->y_high,
                                  .u_last = c->last,
-                                 .out = law->decides,
                                  .published = law->published,
-                                 .budget = c->budget,
-                                 .deadline = c->deadline};
+                                 .budget = c->budget};
+}
+
+void apc_controller_lay_out_calls(struct apc_controller *c)
+{
+    c->law.call = lay_out(c, &c->law);
+    c->backup.call = lay_out(c, &c->backup);
+}
+
+/* To be used before the next one. */
+static struct apc_law_call *call(const struct apc_controller *c, struct apc_controller_law *law, size_t k,
+                                 double *u, unsigned *limited)
+{
+    struct apc_law_call *asked = &law->call;
+
+    asked->u = u;
+    asked->limited = limited;
+    asked->gap = law->instance[k].gap;
+    asked->tick = c->index;
+    asked->t = c->t;
+    asked->out = law->decides;
+    asked->why = NULL;
+    asked->deadline = c->deadline;
+    asked->y_limited = NULL;
+    return asked;
 }
 
 /* x to what it is before the first tick. */
 static void reset(struct apc_controller *c, struct apc_controller_law *law, size_t k)
 {
-    const struct apc_law_call asked = call(c, law, k, c->u, c->blocked);
-
-    apc_instances_reset(law->instances, k, &asked);
+    apc_instances_reset(law->instances, k, call(c, law, k, c->u, c->blocked));
     law->instance[k].begun = true;
     law->instance[k].gap = true;
 }
@@ -67,10 +82,10 @@ static void reset(struct apc_controller *c, struct apc_controller_law *law, size
 static void track(struct apc_controller *c, struct apc_controller_law *law, size_t k, double *u,
                   const enum apc_law_output *decides)
 {
-    struct apc_law_call asked = call(c, law, k, u, c->blocked);
+    struct apc_law_call *asked = call(c, law, k, u, c->blocked);
 
-    asked.out = decides;
-    apc_instances_track(law->instances, k, &asked);
+    asked->out = decides;
+    apc_instances_track(law->instances, k, asked);
     law->instance[k].gap = false;
 }
 
@@ -85,21 +100,20 @@ static bool put_by(const struct apc_controller *c, const struct apc_controller_l
 /* Of a signal of which something else was selected, the law goes on from that. */
 static void update(struct apc_controller *c, struct apc_controller_law *law, size_t k)
 {
-    const struct apc_instance_part part = apc_instances_part(law->instances, k);
-    const struct apc_law_call asked = call(c, law, k, c->went, c->blocked);
+    const struct apc_instance_part *part = apc_instances_part(law->instances, k);
 
-    for (size_t i = part.u; i < part.u + part.nu; i++)
+    for (size_t i = part->u; i < part->u + part->nu; i++)
         c->went[i] = c->below[i].returned && put_by(c, law, i) ? c->below[i].value : c->u[i];
-    apc_instances_update(law->instances, k, &asked);
+    apc_instances_update(law->instances, k, call(c, law, k, c->went, c->blocked));
     law->instance[k].updating = false;
 }
 
 /* Does it wait for what is selected of its outputs? */
 static bool awaits(const struct apc_controller *c, const struct apc_controller_law *law, size_t k)
 {
-    const struct apc_instance_part part = apc_instances_part(law->instances, k);
+    const struct apc_instance_part *part = apc_instances_part(law->instances, k);
 
-    for (size_t i = part.u; i < part.u + part.nu; i++) {
+    for (size_t i = part->u; i < part->u + part->nu; i++) {
         if (apc_controller_is_selected(c, i))
             return true;
     }
@@ -144,19 +158,19 @@ static unsigned limit(const struct apc_controller *c, size_t i, double *u)
 static enum apc_law_result compute(struct apc_controller *c, struct apc_controller_law *law, size_t k,
                                    char why[APC_LAW_WHY])
 {
-    const struct apc_instance_part part = apc_instances_part(law->instances, k);
-    const size_t end = part.u + part.nu;
-    struct apc_law_call asked = call(c, law, k, law->trial, law->limited);
+    const struct apc_instance_part *part = apc_instances_part(law->instances, k);
+    const size_t end = part->u + part->nu;
+    struct apc_law_call *asked = call(c, law, k, law->trial, law->limited);
     int result;
 
-    asked.why = why;
-    asked.y_limited = is_backup(c, law) ? NULL : c->y_limited;
-    for (size_t i = part.u; i < end; i++) {
+    asked->why = why;
+    asked->y_limited = is_backup(c, law) ? NULL : c->y_limited;
+    for (size_t i = part->u; i < end; i++) {
         law->trial[i] = c->u[i]; /* a law that leaves one out keeps it */
         law->limited[i] = c->blocked[i];
     }
-    result = apc_instances_compute(law->instances, k, &asked);
-    for (size_t i = part.u; i < end; i++) {
+    result = apc_instances_compute(law->instances, k, asked);
+    for (size_t i = part->u; i < end; i++) {
         if (law->decides[i] == APC_OUT_LAW || result > APC_LAW_LATE)
             law->limited[i] |= limit(c, i, &law->trial[i]);
         else
@@ -182,9 +196,9 @@ static bool goes_out(const struct apc_controller *c, const struct apc_controller
  * act. */
 static void decide(struct apc_controller *c, struct apc_controller_law *law, size_t k)
 {
-    const struct apc_instance_part part = apc_instances_part(law->instances, k);
+    const struct apc_instance_part *part = apc_instances_part(law->instances, k);
 
-    for (size_t i = part.u; i < part.u + part.nu; i++) {
+    for (size_t i = part->u; i < part->u + part->nu; i++) {
         struct apc_loop_move *move = &c->state[i].move;
 
         if (is_backup(c, law) && goes_out(c, law, i) && law->instance[k].gap)
@@ -220,9 +234,9 @@ static bool concerns(const struct apc_controller_law *law, size_t i, size_t k)
 /* Goes the law's output on from its last one, in some loop of instance @p k? */
 static bool on_track(const struct apc_controller *c, const struct apc_controller_law *law, size_t k)
 {
-    const struct apc_instance_part part = apc_instances_part(law->instances, k);
+    const struct apc_instance_part *part = apc_instances_part(law->instances, k);
 
-    for (size_t i = part.u; i < part.u + part.nu; i++) {
+    for (size_t i = part->u; i < part->u + part->nu; i++) {
         if (goes_out(c, law, i) && !(loop_asks(c, law, i) & APC_ASK_TRACK_FIRST))
             return law->instance[k].begun;
     }
@@ -272,12 +286,12 @@ void apc_controller_retune(struct apc_controller *c)
  */
 static void settle_instance(struct apc_controller *c, struct apc_controller_law *law, size_t k)
 {
-    const struct apc_instance_part part = apc_instances_part(law->instances, k);
+    const struct apc_instance_part *part = apc_instances_part(law->instances, k);
     double *const u = c->u;
     char why[APC_LAW_WHY];
     bool any = false, follows = true;
 
-    for (size_t i = part.u; i < part.u + part.nu; i++) {
+    for (size_t i = part->u; i < part->u + part->nu; i++) {
         const bool own = put_by(c, law, i);
 
         law->decides[i] = own ? APC_OUT_LAW : APC_OUT_GIVEN;
@@ -287,7 +301,7 @@ static void settle_instance(struct apc_controller *c, struct apc_controller_law 
     if (any)
         follows = compute(c, law, k, why) <= APC_LAW_LATE;
     c->u = u;
-    for (size_t i = part.u; i < part.u + part.nu; i++)
+    for (size_t i = part->u; i < part->u + part->nu; i++)
         follows &= law->decides[i] != APC_OUT_LAW || (law->trial[i] >= u[i] && law->trial[i] <= u[i]);
     if (!follows)
         track(c, law, k, c->u, c->given);
@@ -397,15 +411,14 @@ static void refuse_backup(struct apc_controller *c, size_t i, struct apc_now now
 /* Ask the law, and count how good its answers are. Returns whether this one can be used. */
 static bool ask(struct apc_controller *c, struct apc_controller_law *law, size_t k, struct apc_now now)
 {
-    const struct apc_instance_part part = apc_instances_part(law->instances, k);
-    char why[APC_LAW_WHY] = "";
+    const struct apc_instance_part *part = apc_instances_part(law->instances, k);
+    char *const why = law->instance[k].why;
     const enum apc_law_result result = compute(c, law, k, why);
 
     law->instance[k].result = (int)result;
     law->instance[k].answered = result <= APC_LAW_LATE;
     law->instance[k].good = result == APC_LAW_GOOD ? law->instance[k].good + 1 : 0;
-    memcpy(law->instance[k].why, why, sizeof(why));
-    for (size_t i = part.u; i < part.u + part.nu && !is_backup(c, law); i++) {
+    for (size_t i = part->u; i < part->u + part->nu && !is_backup(c, law); i++) {
         if (c->state[i].move.law & APC_ASK_COMPUTE)
             apc_loop_answered(&c->state[i].loop, result <= APC_LAW_SUBOPTIMAL, c->shed_after);
     }
@@ -417,7 +430,7 @@ static bool ask(struct apc_controller *c, struct apc_controller_law *law, size_t
     }
     if (result == APC_LAW_FAILED)
         reset(c, law, k);
-    for (size_t i = part.u; i < part.u + part.nu; i++) {
+    for (size_t i = part->u; i < part->u + part->nu; i++) {
         law->decides[i] = APC_OUT_GIVEN;
         if (is_backup(c, law))
             refuse_backup(c, i, now);
@@ -462,16 +475,17 @@ static void tell(struct apc_controller *c, size_t i, apc_ns now, struct apc_noti
 static void tell_answer(struct apc_controller *c, size_t k, struct apc_notice *notice)
 {
     const unsigned a_while = c->shed_after > QUIET ? c->shed_after : QUIET;
-    const struct apc_instance_part part = apc_instances_part(c->law.instances, k);
+    const struct apc_instance_part *part = apc_instances_part(c->law.instances, k);
     struct apc_controller_instance *of = &c->law.instance[k];
     const bool poor = of->result == (int)APC_LAW_SUBOPTIMAL || of->result == (int)APC_LAW_LATE;
 
     if (!notice || poor == of->poor || (!poor && of->good < a_while))
         return;
-    for (size_t i = part.u; i < part.u + part.nu; i++)
+    for (size_t i = part->u; i < part->u + part->nu; i++)
         apc_controller_note(c, i, notice, APC_NOTICE_POOR, "law %.20s: %s", c->law.definition->name,
                             poor ? of->why : "good again");
-    if (c->state[part.u].note.kind == APC_NOTICE_POOR) /* else it had graver news: the next tick tells this */
+    if (c->state[part->u].note.kind ==
+        APC_NOTICE_POOR) /* else it had graver news: the next tick tells this */
         of->poor = poor;
 }
 
@@ -479,18 +493,18 @@ static void tell_answer(struct apc_controller *c, size_t k, struct apc_notice *n
 
 /* What any of its loops asks of the law. */
 static unsigned asked(const struct apc_controller *c, const struct apc_controller_law *law,
-                      struct apc_instance_part part)
+                      const struct apc_instance_part *part)
 {
     unsigned all = 0;
 
-    for (size_t i = part.u; i < part.u + part.nu; i++)
+    for (size_t i = part->u; i < part->u + part->nu; i++)
         all |= loop_asks(c, law, i);
     return all & ~(unsigned)APC_ASK_PREDICT;
 }
 
-static bool any_there(const struct apc_controller *c, struct apc_instance_part part)
+static bool any_there(const struct apc_controller *c, const struct apc_instance_part *part)
 {
-    for (size_t i = part.u; i < part.u + part.nu; i++) {
+    for (size_t i = part->u; i < part->u + part->nu; i++) {
         if (c->state[i].there)
             return true;
     }
@@ -498,9 +512,9 @@ static bool any_there(const struct apc_controller *c, struct apc_instance_part p
 }
 
 /* Is it known of each of its outputs what acts? A cascade says so with its first answer. */
-static bool all_there(const struct apc_controller *c, struct apc_instance_part part)
+static bool all_there(const struct apc_controller *c, const struct apc_instance_part *part)
 {
-    for (size_t i = part.u; i < part.u + part.nu; i++) {
+    for (size_t i = part->u; i < part->u + part->nu; i++) {
         if (!c->state[i].there)
             return false;
     }
@@ -520,7 +534,7 @@ static bool is_tried(const struct apc_controller *c, const struct apc_controller
 /* Ask instance @p k for what its loops want of it. */
 static void run(struct apc_controller *c, struct apc_controller_law *law, size_t k, struct apc_now now)
 {
-    const struct apc_instance_part part = apc_instances_part(law->instances, k);
+    const struct apc_instance_part *part = apc_instances_part(law->instances, k);
     unsigned all;
     bool answered = false;
 
@@ -530,13 +544,13 @@ static void run(struct apc_controller *c, struct apc_controller_law *law, size_t
         reset(c, law, k);
     if ((all & APC_ASK_TRACK_FIRST) && any_there(c, part))
         track(c, law, k, c->u, law->decides);
-    for (size_t i = part.u; i < part.u + part.nu; i++) {
+    for (size_t i = part->u; i < part->u + part->nu; i++) {
         if (goes_out(c, law, i) || is_tried(c, law, i))
             law->decides[i] = APC_OUT_LAW;
     }
     if (all & APC_ASK_COMPUTE)
         answered = ask(c, law, k, now);
-    for (size_t i = part.u; i < part.u + part.nu; i++) {
+    for (size_t i = part->u; i < part->u + part->nu; i++) {
         if (!is_backup(c, law))
             c->state[i].would = answered ? law->trial[i] : (double)NAN;
         if (is_tried(c, law, i))
@@ -563,7 +577,7 @@ static void finish(struct apc_controller *c, size_t i, struct apc_now now, struc
 /* The law after what goes out is known. */
 static void follow(struct apc_controller *c, struct apc_controller_law *law, size_t k)
 {
-    const struct apc_instance_part part = apc_instances_part(law->instances, k);
+    const struct apc_instance_part *part = apc_instances_part(law->instances, k);
     struct apc_controller_instance *of = &law->instance[k];
     const unsigned all = asked(c, law, part);
     const bool known = all_there(c, part);

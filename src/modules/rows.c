@@ -207,15 +207,15 @@ struct published {
 static bool next_published(const struct apc_controller *c, struct published *p)
 {
     while (p->instance < c->law.size.instances) {
-        const struct apc_instance_part part = apc_instances_part(c->law.instances, p->instance);
-        const bool more = p->in < part.n_published;
+        const struct apc_instance_part *part = apc_instances_part(c->law.instances, p->instance);
+        const bool more = p->in < part->n_published;
 
         if (!more) {
             p->instance++;
             p->in = 0;
             continue;
         }
-        p->what = part.what + p->in++;
+        p->what = part->what + p->in++;
         p->at = p->end;
         p->end += p->what->length ? p->what->length : 1;
         if (p->what->length ? !c->prediction : !c->estimate)

@@ -303,7 +303,7 @@ static void a_law_that_is_whole_sees_the_controllers_own(void **state)
     whole.whole = true;
     assert_int_equal(laws_make(&r.s, &whole, &plain, NULL), 0);
     assert_int_equal(apc_instances_size(r.s).instances, 1);
-    part = apc_instances_part(r.s, 0);
+    part = *apc_instances_part(r.s, 0);
     assert_int_equal(part.nu, NU);
     assert_int_equal(apc_instances_compute(r.s, 0, &r.c), APC_LAW_GOOD);
     assert_int_equal(seen[0].call.dim.ny, NY);
@@ -345,7 +345,7 @@ static void x_and_what_is_published_are_laid_out_one_after_another(void **state)
     make(&r, &plain);
     size = apc_instances_size(r.s);
     assert_memory_equal(&size, &expected, sizeof(size));
-    part = apc_instances_part(r.s, 1);
+    part = *apc_instances_part(r.s, 1);
     assert_int_equal(part.u, 1);
     assert_int_equal(part.nu, 1);
     assert_int_equal(part.x, 2);

@@ -456,7 +456,7 @@ static void what_it_publishes_has_names_and_comes_true(void **state)
 
     make(&r, NULL, 0);
     begin(&r);
-    const struct apc_instance_part part = apc_instances_part(r.law, 0);
+    const struct apc_instance_part part = *apc_instances_part(r.law, 0);
     assert_string_equal(part.what[0].name, "y1.prediction");
     assert_string_equal(part.what[0].unit, "V");
     assert_int_equal(part.what[0].length, 20);
@@ -475,7 +475,7 @@ static void what_it_publishes_has_names_and_comes_true(void **state)
 /* The newest number that it published under a name. */
 static double published(const struct rig *r, const char *name)
 {
-    const struct apc_instance_part part = apc_instances_part(r->law, 0);
+    const struct apc_instance_part part = *apc_instances_part(r->law, 0);
     size_t at = 0;
 
     for (size_t k = 0; k < part.n_published; k++) {
