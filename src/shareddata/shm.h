@@ -146,7 +146,7 @@ struct apc_shm_log {
     size_t capacity;
 };
 
-#define APC_SHM_HINTS 256
+#define APC_SHM_HINTS 16384 /* a controller of a thousand loops of pi reads 10 000 variables */
 
 struct apc_shm {
     struct apc_store base;
