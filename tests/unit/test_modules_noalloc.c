@@ -10,11 +10,13 @@
 #include "apcalarm.h"
 #include "apcexchange.h"
 #include "apclinear.h"
+#include "apcstore.h"
 #include "rows.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 #define COUNTING 0
@@ -303,6 +305,58 @@ static void whichever_allocation_fails_alarms_say_so(void **state)
         assert_int_equal(held, before);
     } while (rc < 0);
     assert_in_range(n, 3, 20);
+}
+
+/* All that apc-controller does in a tick: read, compute, append, update. Returns how many rows it wrote. */
+static int live_tick(struct apc_store *store, struct apc_controller *controller, int k)
+{
+    struct apc_notice notice;
+    int written, rc = apc_store_read_rows(store, apc_controller_in(controller));
+
+    (void)apc_controller_compute(controller, (struct apc_now){.mono = k * S, .utc = T0 + k * S}, (uint64_t)k,
+                                 rc == 0, &notice);
+    written = apc_store_append_rows(store, apc_controller_out(controller));
+    apc_controller_update(controller, written);
+    return written;
+}
+
+static void a_tick_through_the_live_store_does_not_allocate(void **state)
+{
+    enum { N = 10, WARM = 5, TICKS = 100 };
+    const struct apc_controller_options o = {
+        .size = sizeof(o), .law = &apc_law_pi, .dim = {N, N, N, 0}, .period = S, .horizon = 3 * S};
+    struct apc_controller *controller;
+    struct apc_sample y[3 * N];
+    struct apc_store *store;
+    char uri[64], path[64];
+    int before = 0;
+
+    (void)state;
+    if (!COUNTING)
+        skip();
+    snprintf(uri, sizeof(uri), "shm:test-tick-%d?size=8", (int)getpid());
+    snprintf(path, sizeof(path), "/dev/shm/apc.test-tick-%d", (int)getpid());
+    assert_int_equal(apc_store_open(&store, uri, NULL, NULL), 0);
+    assert_int_equal(apc_store_init(store), 0);
+    assert_int_equal(apc_controller_create(&controller, &o, NULL), 0);
+    for (int k = 1; k <= WARM + TICKS; k++) {
+        for (int i = 0; i < 3 * N; i++)
+            y[i] = (struct apc_sample){.table = i < N       ? APC_SENSOR
+                                                : i < 2 * N ? APC_SETPOINT
+                                                            : APC_OPMODE,
+                                       .id = i % N + 1,
+                                       .seq = k,
+                                       .time = T0 + k * S,
+                                       .value = i < 2 * N ? 0.1 * k : (double)APC_MODE_AUTO};
+        assert_int_equal(apc_store_append(store, y, 3 * N), 3 * N);
+        if (k == WARM + 1)
+            before = allocations;
+        assert_true(live_tick(store, controller, k) > N); /* the outputs, and the tick row */
+    }
+    assert_int_equal(allocations - before, 0);
+    apc_controller_destroy(controller);
+    apc_store_close(store);
+    unlink(path);
 }
 
 static void whichever_allocation_fails_creation_says_so(void **state)
@@ -633,6 +687,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_counter_counts),
         cmocka_unit_test(ticks_do_not_allocate),
+        cmocka_unit_test(a_tick_through_the_live_store_does_not_allocate),
         cmocka_unit_test(alarms_do_not_allocate),
         cmocka_unit_test(whichever_allocation_fails_alarms_say_so),
         cmocka_unit_test(whichever_allocation_fails_creation_says_so),
