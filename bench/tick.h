@@ -59,8 +59,8 @@ void hand_close(struct hand *hand);
 
 /* A store on that schema, with more patience than any row needs. */
 struct apc_store *tick_open_store(const char *schema);
-/* Make the schema's tables, with one row of everything that a controller reads but sensors and setpoints. */
-void store_prepare(const char *schema, size_t n);
+/* Make the store's tables, with one row of everything that a controller reads but sensors and setpoints. */
+void store_prepare(struct apc_store *store, size_t n);
 
 /* The store alone, on the paper's rows. */
 struct store;
@@ -68,10 +68,15 @@ struct store *store_open(const char *schema, size_t n);
 void store_once(void *store);
 void store_close(struct store *store);
 
-/* What apc-controller does at a tick, with n PI loops; and how many numbers stand in its tick row. */
-struct control;
+/* What apc-controller does at a tick, with n PI loops, on a store that is closed with it; and how many
+ * numbers stand in its tick row. */
+struct control {
+    struct apc_store *store;
+    struct apc_controller *core;
+    uint64_t tick;
+};
 size_t control_row(size_t n);
-struct control *control_open(const char *schema, size_t n);
+struct control *control_open(struct apc_store *store, size_t n);
 void control_once(void *control);
 void control_close(struct control *control);
 

@@ -35,9 +35,8 @@ static struct apc_sample *fill(struct apc_sample *at, enum apc_table table, int 
     return at;
 }
 
-void store_prepare(const char *schema, size_t n)
+void store_prepare(struct apc_store *store, size_t n)
 {
-    struct apc_store *store = tick_open_store(schema);
     const size_t n_tuning = apc_law_pi.n_tuning, count = 4 + n * (n_tuning + 2);
     struct apc_sample *samples = allocate(count, sizeof *samples), *mode = samples, *dim = mode + 1 + n,
                       *tuning = dim + 3;
@@ -53,7 +52,6 @@ void store_prepare(const char *schema, size_t n)
         tuning[i].value = apc_law_pi.tuning[i % n_tuning].initial;
     check(store, apc_store_append(store, samples, count));
     free(samples);
-    apc_store_close(store);
 }
 
 /* ---- The store alone ----------------------------------------------------------------------- */
@@ -119,12 +117,6 @@ void store_close(struct store *s)
 
 /* ---- The controller ------------------------------------------------------------------------ */
 
-struct control {
-    struct apc_store *store;
-    struct apc_controller *core;
-    uint64_t tick;
-};
-
 static struct apc_controller *make_core(size_t n)
 {
     struct apc_controller *core;
@@ -154,13 +146,13 @@ size_t control_row(size_t n)
     return sum;
 }
 
-struct control *control_open(const char *schema, size_t n)
+struct control *control_open(struct apc_store *store, size_t n)
 {
     struct control *c = allocate(1, sizeof *c);
     struct apc_sample *mine = allocate(n + 1, sizeof *mine);
 
     c->core = make_core(n);
-    c->store = tick_open_store(schema);
+    c->store = store;
     for (size_t i = 0; i < n; i++)
         mine[i] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)i + 1};
     mine[n] = (struct apc_sample){.table = APC_TICK, .id = 1};

@@ -30,7 +30,9 @@ static void prepare(PGconn *conn, const char *schema, size_t n)
 
     snprintf(sql, sizeof sql, "SET client_min_messages = warning; DROP SCHEMA IF EXISTS %s CASCADE", schema);
     PQclear(tick_execute(conn, sql));
-    store_prepare(schema, n);
+    struct apc_store *store = tick_open_store(schema);
+    store_prepare(store, n);
+    apc_store_close(store);
     for (size_t i = 0; i < sizeof tables / sizeof tables[0]; i++) {
         snprintf(sql, sizeof sql,
                  "INSERT INTO %s.%s (id, seq, time, status, value)"
@@ -62,7 +64,7 @@ void tick_run(struct bench *b, PGconn *conn, size_t n)
     hand = hand_open(schemas[HAND], n, TICK_PAPER);
     store = store_open(schemas[STORE], n);
     hand_full = hand_open(schemas[HAND_FULL], n, TICK_FULL);
-    control = control_open(schemas[CONTROL], n);
+    control = control_open(tick_open_store(schemas[CONTROL]), n);
     listing = listing_open(schemas[LISTING], n);
 
     struct bench_row rows[WAYS] = {
