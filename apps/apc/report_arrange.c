@@ -71,8 +71,39 @@ static const struct outlook_course *expected_of(const struct report_panels *p, c
     return NULL;
 }
 
+/* Predictive laws call them y_min and y_max. */
+static void narrow(struct curve_of *c, const struct experiment *e, const struct controller *of, size_t k)
+{
+    const struct apc_law_parameter at = apc_law_parameter_at(of->law, &of->dim, k);
+    const char *name = of->law->tuning[at.number].name;
+    if (at.scope != APC_OF_MEASUREMENT || of->y[at.of].table != APC_SENSOR ||
+        c->signal != &e->y[of->y[at.of].at])
+        return;
+    if (!strcmp(name, "y_min"))
+        c->least = fmax(c->least, of->tuning[k]);
+    else if (!strcmp(name, "y_max"))
+        c->most = fmin(c->most, of->tuning[k]);
+}
+
+/* As the file has them. */
+static void keep_limits(const struct report_panels *p, struct curve_of *c)
+{
+    c->least = c->signal->tag.low;
+    c->most = c->signal->tag.high;
+    if (c->signal->tag.table != APC_SENSOR)
+        return;
+    c->least = fmax(c->least, c->signal->soft_low);
+    c->most = fmin(c->most, c->signal->soft_high);
+    for (size_t i = 0; i < p->e->n_controllers; i++) {
+        const struct controller *of = &p->e->controllers[i];
+        for (size_t k = 0; !of->shadow && of->law && k < apc_law_parameters(of->law, &of->dim); k++)
+            narrow(c, p->e, of, k);
+    }
+}
+
 static void keep(struct report_panels *p, struct curve_of c)
 {
+    keep_limits(p, &c);
     c.low = HUGE_VAL;
     c.high = -HUGE_VAL;
     c.expected = expected_of(p, &c);

@@ -63,11 +63,11 @@ static void settle(const struct report_panels *p, struct panel *panel)
     panel->low = low;
     panel->high = high;
     for (size_t i = panel->first; i < panel->first + panel->n && high > low; i++) {
-        const struct apc_tag *tag = &p->curve[i].signal->tag;
-        if (near(panel, tag->low))
-            low = fmin(low, tag->low);
-        if (near(panel, tag->high))
-            high = fmax(high, tag->high);
+        const struct curve_of *c = &p->curve[i];
+        if (near(panel, c->least))
+            low = fmin(low, c->least);
+        if (near(panel, c->most))
+            high = fmax(high, c->most);
     }
     double room = 0.08 * (high - low);
     if (room <= 1e-6 * most)
@@ -430,7 +430,7 @@ static void put_legend(FILE *script, const struct report_panels *p, const struct
         wanted |= c[i].wanted && !c->above;
         limited |= panel->outputs && has_limited(c[i].series);
         doubtful |= has_doubtful(c[i].series);
-        limit |= shows(panel, &c[i], c[i].signal->tag.low) || shows(panel, &c[i], c[i].signal->tag.high);
+        limit |= shows(panel, &c[i], c[i].least) || shows(panel, &c[i], c[i].most);
     }
     if (panel->bundle)
         put_bundle_names(script, panel, c, &l);
@@ -489,8 +489,8 @@ static void put_curves(FILE *script, const struct report_panels *p, const struct
     const struct curve_of *c = &p->curve[panel->first];
     fputs("plot ", script);
     for (size_t i = 0; i < panel->n; i++) {
-        put_limit(script, panel, &c[i], c[i].signal->tag.low);
-        put_limit(script, panel, &c[i], c[i].signal->tag.high);
+        put_limit(script, panel, &c[i], c[i].least);
+        put_limit(script, panel, &c[i], c[i].most);
     }
     for (size_t i = 0; i < panel->n; i++)
         if (!panel->bundle || i != panel->worst)

@@ -16,6 +16,7 @@ struct curve_of {
     const struct report_series *series, *wanted; /* wanted: of the setpoint; NULL: none */
     const struct signal *setpoint;
     double low, high;           /* of all that is drawn of it; low > high: nothing */
+    double least, most;         /* its limits, or those within which its law keeps it */
     const struct signal *above; /* the setpoint of the controller that moves the setpoint; NULL: none */
     const struct report_series *wanted_above;
     const struct outlook_course *expected; /* of the signal, or of the setpoint; NULL: none */
