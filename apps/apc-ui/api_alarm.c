@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The alarms as they stand, and what they did. */
+/* The alarms as they stand, what they did, and what people want of them. */
 #include <inttypes.h>
+#include <math.h>
 #include <string.h>
 
 #include "http.h"
@@ -158,4 +159,197 @@ void get_alarm_journal(struct ui *ui, struct request *r, struct apc_store *store
     }
     alarm_journal_free(&journal);
     alarm_board_close(&board);
+}
+
+/* ---- What is wanted ------------------------------------------------------------------------ */
+
+struct order {
+    struct write write;
+    struct write_change change;
+    enum apc_alarm_switch which;
+    double value; /* of APC_ALARM_SHELF */
+    int64_t seq;  /* of the alarm's row that was seen */
+};
+
+static bool read_end(struct request *r, const json_t *body, struct order *o)
+{
+    const json_t *once = json_object_get(body, "once");
+    double until;
+    if (!member_number(body, "until", &until, &r->fault))
+        return false;
+    if (once && !json_is_boolean(once))
+        return fault_set(&r->fault, 400, "json", "once", "\"once\" must be true or false");
+    if (until < 0 || until > 1e10)
+        return fault_set(&r->fault, 422, "value", "until",
+                         "\"until\" must be Unix seconds, or 0: shelved no more");
+    o->value = json_is_true(once) ? -floor(until) : floor(until);
+    return true;
+}
+
+static bool read_order(struct request *r, struct order *o)
+{
+    static const char *const ack[] = {"seq", "key", NULL};
+    static const char *const shelve[] = {"until", "once", "seq", "key", NULL};
+    json_t *body = body_parse(r->body, r->n, o->which == APC_ALARM_ACK ? ack : shelve, &r->fault);
+    const bool ok = body && request_key(r, body, o->write.key) &&
+                    member_whole(body, "seq", 0, &o->seq, &r->fault) &&
+                    (o->which == APC_ALARM_ACK || read_end(r, body, o));
+    json_decref(body);
+    return ok;
+}
+
+static bool stale(struct request *r, const struct alarm_now *now, const struct alarm *alarm)
+{
+    char ref[REF_LEN];
+    text_add(&r->extra, ",\"current\":{\"%s\":", ref_format(APC_ALARM, now->row->id, ref));
+    json_sample_add(&r->extra, now->row);
+    text_add(&r->extra, "}");
+    return fault_set(&r->fault, 409, "stale", NULL, "%s was changed meanwhile: it is %s now", alarm->name,
+                     apc_alarm_state_name(alarm_board_state(now)));
+}
+
+/* May it be, as the alarm stands? Who acknowledges what has gone again since he looked means the same one:
+ * whether it is, its evaluation says. */
+static bool check_now(struct request *r, const struct alarm_board *board, const struct alarm_now *now,
+                      struct order *o)
+{
+    const struct alarm *alarm = alarm_board_alarm(board, now);
+    const double left = fabs(o->value) - apc_ns_to_s(o->write.time),
+                 most = apc_ns_to_s(board->e.alarms.shelve_max);
+    const bool shelves = o->value < 0 || o->value > 0;
+    struct apc_sample wish;
+    struct apc_error why;
+    if (!alarm_board_lives(board, o->write.time))
+        return fault_set(&r->fault, 409, "alarm", NULL,
+                         "alarms are not evaluated: nobody would take it, and nothing was written");
+    if (o->seq > now->row->seq || (o->which == APC_ALARM_SHELF && o->seq < now->row->seq))
+        return stale(r, now, alarm);
+    if (shelves && (left <= 0 || left > most + 1))
+        return fault_set(&r->fault, 422, "limits", "until", "%s may be shelved for up to %.6g s", alarm->name,
+                         most);
+    if (!alarm_board_want(board, now, o->which, o->value, o->write.time, &wish, &why))
+        return fault_set(&r->fault, 409, "alarm", NULL, "%s", why.text);
+    wish.value = o->change.after.value;
+    o->change.after = wish;
+    return true;
+}
+
+static void record(struct ui *ui, const struct request *r, const struct order *o, struct apc_store *store,
+                   const char *outcome)
+{
+    struct apc_event event = {.time = o->write.time, .severity = APC_EVENT_INFO, .kind = "operator"};
+    char until[APC_TIME_LEN];
+    snprintf(event.source, sizeof event.source, "%s", o->write.user);
+    if (o->value < 0 || o->value > 0)
+        snprintf(event.text, sizeof event.text, "%s: shelved until %s%s%s (from %s)", r->name,
+                 apc_time_format((apc_ns)fabs(o->value) * APC_NS_PER_S, until), o->value < 0 ? ", once" : "",
+                 outcome, r->from->address);
+    else
+        snprintf(event.text, sizeof event.text, "%s: %s%s (from %s)", r->name,
+                 o->which == APC_ALARM_ACK ? "acknowledged" : "not shelved any more", outcome,
+                 r->from->address);
+    audit(ui, store, &event);
+}
+
+static void end(struct ui *ui, struct request *r, struct order *o, enum write_state state, int stored)
+{
+    struct text t = {0};
+    const struct write ended = {.state = state, .stored = stored, .n = 1, .change = &o->change};
+    writes_end(ui->writes, o->write.key, &ended, r->fault.http ? r->fault.message : "", apc_clock_mono(NULL),
+               &t);
+    if (r->fault.http == 0) {
+        r->reply = t;
+        return;
+    }
+    if (state == WRITE_UNKNOWN) {
+        text_add(&r->extra, ",\"write\":");
+        text_put(&r->extra, t.at, t.n);
+    }
+    text_free(&t);
+}
+
+static void carry_out(struct ui *ui, struct request *r, const struct alarm_board *board,
+                      const struct alarm_now *now, struct order *o, struct apc_store *store)
+{
+    struct apc_sample *after = &o->change.after;
+    int rc = o->write.user[0] ? apc_store_author(store, o->write.user) : 0;
+    if (rc < 0)
+        fault_store(r, rc, store);
+    if (rc < 0 || !check_now(r, board, now, o)) {
+        end(ui, r, o, WRITE_FAILED, 0);
+        return;
+    }
+    after->author = (uint32_t)rc;
+    rc = apc_store_swap(store, after, 1);
+    const bool unknown = rc == APC_ECONN || rc == APC_ETIMEDOUT;
+    if (rc == APC_ECONFLICT)
+        fault_set(&r->fault, 409, "stale", NULL, "%s: somebody else was faster: look again", r->name);
+    else if (unknown)
+        fault_set(&r->fault, 504, "unknown", NULL,
+                  "the database did not answer: whether it was written is not known");
+    else if (rc < 0)
+        fault_set(&r->fault, 503, "store", NULL, "the database refused it: %.150s", apc_store_error(store));
+    after->seq += unknown; /* what it would have been given */
+    end(ui, r, o,
+        rc >= 0   ? WRITE_ACCEPTED
+        : unknown ? WRITE_UNKNOWN
+                  : WRITE_FAILED,
+        rc >= 0   ? 1
+        : unknown ? -1
+                  : 0);
+    if (rc >= 0 || unknown)
+        record(ui, r, o, unknown ? NULL : store, unknown ? ", outcome unknown" : "");
+}
+
+static void begin(struct ui *ui, struct request *r, const struct alarm_board *board, struct order *o,
+                  struct apc_store *store)
+{
+    const struct alarm_now *now = board->e.n_alarms > 0 ? alarm_board_find(board, r->name) : NULL;
+    const apc_ns mono = apc_clock_mono(NULL);
+    apc_ns again;
+    if (!now) {
+        fault_set(&r->fault, 404, "alarm", NULL, "there is no alarm \"%.63s\"", r->name);
+        return;
+    }
+    if (!session_may_write(&ui->sessions, r->session.token, mono, &again)) {
+        r->retry_after = again - mono;
+        fault_set(&r->fault, 429, "rate", NULL, "too many writes: wait a little");
+        return;
+    }
+    o->change.before = o->change.after = *now->wish[ALARM_WISH(o->which)];
+    o->change.after.value = o->which == APC_ALARM_ACK ? (double)o->seq : o->value;
+    snprintf(o->change.name, sizeof o->change.name, "%s", r->name);
+    const int rc = writes_begin(ui->writes, &o->write, &r->reply);
+    if (rc == APC_EBUSY)
+        fault_set(&r->fault, 503, "busy", "key", "this very write is under way");
+    else if (rc < 0)
+        fault_store(r, rc, store);
+    else if (rc == 0)
+        carry_out(ui, r, board, now, o, store);
+}
+
+static void want(struct ui *ui, struct request *r, struct apc_store *store, enum apc_alarm_switch which)
+{
+    struct alarm_board board;
+    struct order o = {.which = which,
+                      .write = {.kind = which == APC_ALARM_ACK ? WRITE_ACK : WRITE_SHELVE,
+                                .time = apc_clock_utc(NULL) / APC_NS_PER_US * APC_NS_PER_US,
+                                .n = 1}};
+    o.write.change = &o.change;
+    memcpy(o.write.user, r->session.user, sizeof o.write.user);
+    if (!read_order(r, &o))
+        return;
+    if (open_board(r, store, &board))
+        begin(ui, r, &board, &o, store);
+    alarm_board_close(&board);
+}
+
+void post_alarm_ack(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    want(ui, r, store, APC_ALARM_ACK);
+}
+
+void post_alarm_shelve(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    want(ui, r, store, APC_ALARM_SHELF);
 }

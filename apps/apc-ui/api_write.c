@@ -118,21 +118,21 @@ static bool order_change(struct ui *ui, struct request *r, struct order *o, enum
     return true;
 }
 
-static bool read_key(struct request *r, const json_t *body, struct order *o)
+bool request_key(struct request *r, const json_t *body, char key[KEY_LEN])
 {
-    const char *key = NULL;
+    const char *own = NULL;
     char token[TOKEN_LEN];
     if (!json_object_get(body, "key")) {
         if (token_make(token) < 0)
             return fault_set(&r->fault, 503, "busy", NULL, "no random number");
-        snprintf(o->write.key, sizeof o->write.key, "%.32s", token);
+        snprintf(key, KEY_LEN, "%.32s", token);
         return true;
     }
-    if (!member_text(body, "key", &key, &r->fault))
+    if (!member_text(body, "key", &own, &r->fault))
         return false;
-    if (!key_ok(key))
+    if (!key_ok(own))
         return fault_set(&r->fault, 400, "json", "key", "\"key\" must be 8 to 64 letters, digits, _ or -");
-    snprintf(o->write.key, sizeof o->write.key, "%s", key);
+    snprintf(key, KEY_LEN, "%s", own);
     return true;
 }
 
@@ -233,7 +233,7 @@ static bool read_order(struct ui *ui, struct request *r, struct order *o)
                               : kind == WRITE_TUNING ? tuning_members
                                                      : value_members,
                               &r->fault);
-    bool ok = body && read_key(r, body, o);
+    bool ok = body && request_key(r, body, o->write.key);
     if (ok && kind == WRITE_MODE)
         ok = read_mode(ui, r, body, o);
     else if (ok && kind == WRITE_OWNER)

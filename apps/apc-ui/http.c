@@ -431,11 +431,28 @@ static enum MHD_Result give_to(struct pool *p, struct exchange *x)
 
 /* ---- libmicrohttpd's calls ---------------------------------------------------------------- */
 
-static const struct route *find_route(const struct files *files, const char *method, const char *path)
+/* Is it the route's path, where that has {name} with something in its place? */
+static bool path_fits(const char *pattern, const char *path, char name[APC_TAG_LEN])
+{
+    static const char hole[] = "{name}";
+    const char *at = strstr(pattern, hole);
+    if (!at)
+        return !strcmp(path, pattern);
+    const char *tail = at + sizeof hole - 1;
+    const size_t head = (size_t)(at - pattern), rest = head + strlen(tail), n = strlen(path);
+    if (n <= rest || n - rest >= APC_TAG_LEN || strncmp(path, pattern, head) != 0 ||
+        strcmp(path + n - strlen(tail), tail) != 0)
+        return false;
+    snprintf(name, APC_TAG_LEN, "%.*s", (int)(n - rest), path + head);
+    return true;
+}
+
+static const struct route *find_route(const struct files *files, const char *method, const char *path,
+                                      char name[APC_TAG_LEN])
 {
     const struct route *found = NULL;
     for (size_t i = 0; i < n_routes; i++)
-        if (!strcmp(path, routes[i].path) && (!found || !strcmp(method, routes[i].method)))
+        if (path_fits(routes[i].path, path, name) && (!found || !strcmp(method, routes[i].method)))
             found = &routes[i];
     bool reading = !strcmp(method, "GET") || !strcmp(method, "HEAD");
     /* a file of the page is there for every method, and is 405 for all but these */
@@ -498,7 +515,7 @@ static enum MHD_Result begin(struct exchange *x, const char *method, const char 
     struct request *r = &x->r;
     x->begun = true;
     rooms_asked(&x->ui->server->rooms, x->r.from);
-    r->route = find_route(x->ui->files, method, path);
+    r->route = find_route(x->ui->files, method, path, r->name);
     if (!framed(r) || !gate_pass(x->ui, r, method)) {
         fault_set(&r->fault, 403, "role", NULL, "the request is refused"); /* unless it says why */
         return answer(x);

@@ -50,6 +50,7 @@ struct request {
     char *body;
     size_t n;
     bool too_large;
+    char name[APC_TAG_LEN]; /* what stands in the path for {name} */
 
     /* The answer. */
     int status; /* 0: 200 */
@@ -75,6 +76,8 @@ bool time_parse(const char *text, apc_ns now, apc_ns *value);
 /* since and until, by default @p back before now, and now; at most @p most, 0: any. False: fault set. */
 bool query_range(struct request *r, apc_ns back, apc_ns most, apc_ns *since, apc_ns *until);
 void range_json(struct text *t, apc_ns since, apc_ns until); /* three members: now, and these */
+/* The key of a write: the body's, or a new one; false: fault set. */
+bool request_key(struct request *r, const json_t *body, char key[KEY_LEN]);
 /* The store's answer as a fault: nothing was written. */
 void fault_store(struct request *r, int rc, const struct apc_store *store);
 
@@ -123,6 +126,8 @@ void get_outlook(struct ui *ui, struct request *r, struct apc_store *store);
 void get_alarms(struct ui *ui, struct request *r, struct apc_store *store);
 void get_alarm_journal(struct ui *ui, struct request *r, struct apc_store *store);
 void get_merits(struct ui *ui, struct request *r, struct apc_store *store);
+void post_alarm_ack(struct ui *ui, struct request *r, struct apc_store *store);
+void post_alarm_shelve(struct ui *ui, struct request *r, struct apc_store *store);
 void get_writes(struct ui *ui, struct request *r, struct apc_store *store);
 void post_setpoint(struct ui *ui, struct request *r, struct apc_store *store);
 void post_output(struct ui *ui, struct request *r, struct apc_store *store);

@@ -20,9 +20,10 @@ struct live {
     struct ui *ui;
     struct apc_store *store;
     unsigned revision;       /* of the plant that all this is of */
-    struct apc_sample *seen; /* [n] as the model's: the first `shown` are variables that people see */
-    int *controller;         /* [n] index of who takes what is written there; -1: nobody */
-    size_t n, shown;
+    struct apc_sample *seen; /* [n] as the model's: the first `shown` are variables that people see; and
+                                [open] behind them that tell what becomes of what is wanted of alarms */
+    int *controller;         /* [n + open] index of who takes what is written there; -1: nobody */
+    size_t n, shown, open;
     struct apc_vector *tick; /* [controllers], and behind them of who evaluates the alarms */
     struct loops_controller *of;
     size_t controllers;
@@ -67,8 +68,8 @@ static bool copy(struct live *to, const struct model *m)
     *to = (struct live){.ui = to->ui,
                         .store = to->store,
                         .revision = p->revision,
-                        .seen = calloc(m->count + 1, sizeof *to->seen),
-                        .controller = calloc(m->count + 1, sizeof *to->controller),
+                        .seen = calloc(m->count + WRITES_OPEN, sizeof *to->seen),
+                        .controller = calloc(m->count + WRITES_OPEN, sizeof *to->controller),
                         .n = m->count,
                         .shown = p->n,
                         .tick = calloc(p->loops.n_controllers + 1, sizeof *to->tick),
@@ -79,6 +80,9 @@ static bool copy(struct live *to, const struct model *m)
     memcpy(to->seen, m->now, m->count * sizeof *to->seen);
     memcpy(to->tick, m->tick, p->loops.n_controllers * sizeof *to->tick);
     to->tick[to->controllers] = m->alarms;
+    to->of[to->controllers] = (struct loops_controller){.name = "apc-alarms", .period = m->alarms_period};
+    for (size_t i = 0; i < WRITES_OPEN; i++)
+        to->controller[to->n + i] = (int)to->controllers;
     find_controllers(to, p);
     for (size_t i = 0; i < p->loops.n_controllers; i++) {
         to->of[i] = p->loops.controller[i];
@@ -195,10 +199,11 @@ static void settle(struct live *l)
     pthread_mutex_lock(&m->mutex);
     for (size_t i = 0; i < l->controllers && m->plant.revision == l->revision; i++)
         l->tick[i].time = now.utc - (now.mono - m->ticked[i]);
+    l->tick[l->controllers].time = now.utc - (now.mono - m->alarms_ticked);
     pthread_mutex_unlock(&m->mutex);
     const struct seen seen = {.samples = l->seen,
                               .by = l->controller,
-                              .n = l->n,
+                              .n = l->n + l->open,
                               .tick = l->tick,
                               .controller = l->of,
                               .utc = now.utc};
@@ -210,11 +215,12 @@ static int look(struct live *l)
 {
     struct text values = {0};
     struct apc_vector *alarms = &l->tick[l->controllers];
+    l->open = writes_open(l->ui->writes, l->seen + l->n);
     alarms->value = l->alarm_numbers;
     alarms->room = APC_ALARMS_TICK;
     struct apc_rows rows = {.size = sizeof rows,
                             .sample = l->seen,
-                            .n_samples = l->n,
+                            .n_samples = l->n + l->open,
                             .vector = l->tick,
                             .n_vectors = l->controllers + (alarms->id > 0)};
     apc_ns began = apc_clock_mono(NULL);

@@ -65,11 +65,10 @@ static void change_json(const struct write *write, const struct write_change *c,
 
 void write_json(const struct write *write, struct text *t)
 {
-    static const char *const kinds[] = {[WRITE_SETPOINT] = "setpoint",
-                                        [WRITE_OUTPUT] = "output",
-                                        [WRITE_MODE] = "mode",
-                                        [WRITE_OWNER] = "owner",
-                                        [WRITE_TUNING] = "tuning"};
+    static const char *const kinds[] = {
+        [WRITE_SETPOINT] = "setpoint", [WRITE_OUTPUT] = "output", [WRITE_MODE] = "mode",
+        [WRITE_OWNER] = "owner",       [WRITE_TUNING] = "tuning", [WRITE_ACK] = "ack",
+        [WRITE_SHELVE] = "shelve"};
     static const char *const states[] = {
         [WRITE_BEGUN] = "unknown",         [WRITE_ACCEPTED] = "accepted", [WRITE_APPLIED] = "applied",
         [WRITE_SUPERSEDED] = "superseded", [WRITE_FAILED] = "failed",     [WRITE_UNKNOWN] = "unknown"};
@@ -284,18 +283,19 @@ static void not_confirmed(struct writes *w, struct write *write, const struct se
     const char *mode = s->table == APC_OPMODE && actual->origin == s->seq && actual->seq > 0
                            ? apc_mode_name((int)actual->value)
                            : NULL;
+    const char *what = write->kind < WRITE_ACK ? "controller " : "";
     char reason[160];
     if (loops_is_owner(s))
         snprintf(reason, sizeof reason, "it is stored, but no scheduler moves the setpoint");
     else if (by < 0)
         snprintf(reason, sizeof reason, "it is stored, but no controller takes it");
     else if (outcome == OUTCOME_NOBODY)
-        snprintf(reason, sizeof reason, "it is stored, but controller %.63s does not tick: nobody applies it",
+        snprintf(reason, sizeof reason, "it is stored, but %s%.63s does not tick: nobody applies it", what,
                  seen->controller[by].name);
     else if (mode)
         snprintf(reason, sizeof reason, "it is asked for, but the loop is in %s", mode);
     else
-        snprintf(reason, sizeof reason, "it is stored, but controller %.63s has not confirmed it",
+        snprintf(reason, sizeof reason, "it is stored, but %s%.63s has not confirmed it", what,
                  seen->controller[by].name);
     turn(w, write, WRITE_UNKNOWN, 1, reason);
 }
@@ -340,6 +340,22 @@ static bool settle_used(struct writes *w, struct write *write, const struct seen
         break;
     }
     return false;
+}
+
+size_t writes_open(struct writes *w, struct apc_sample *rows)
+{
+    size_t n = 0;
+    pthread_mutex_lock(&w->mutex);
+    for (size_t i = 0; i < WRITES; i++) {
+        const struct write *write = &w->at[i];
+        if (write->kind < WRITE_ACK || (write->state != WRITE_ACCEPTED && write->state != WRITE_UNKNOWN))
+            continue;
+        const int id = write->change[0].after.id;
+        rows[n++] = (struct apc_sample){.table = APC_OPMODE, .id = id};
+        rows[n++] = (struct apc_sample){.table = APC_ACTUAL, .id = apc_variable_number(APC_OPMODE, id)};
+    }
+    pthread_mutex_unlock(&w->mutex);
+    return n;
 }
 
 bool writes_settle(struct writes *w, const struct seen *seen, apc_ns now, struct refusal *refusal)

@@ -19,10 +19,19 @@
 #include "users/users.h"
 
 #define WRITES        256
-#define WRITE_CHANGES 64 /* variables in one write */
+#define WRITE_CHANGES 64                   /* variables in one write */
+#define WRITES_OPEN   ((size_t)2 * WRITES) /* rows that writes_open() may want */
 #define KEY_LEN       65
 
-enum write_kind { WRITE_SETPOINT = 1, WRITE_OUTPUT, WRITE_MODE, WRITE_OWNER, WRITE_TUNING };
+enum write_kind {
+    WRITE_SETPOINT = 1,
+    WRITE_OUTPUT,
+    WRITE_MODE,
+    WRITE_OWNER,
+    WRITE_TUNING,
+    WRITE_ACK,
+    WRITE_SHELVE
+};
 enum write_state {
     WRITE_BEGUN = 1,
     WRITE_ACCEPTED,
@@ -87,6 +96,9 @@ void writes_end(struct writes *w, const char *key, const struct write *ended, co
                 struct text *t);
 /* Returns whether it wants to know why one was refused, and which: call it again with the text. */
 bool writes_settle(struct writes *w, const struct seen *seen, apc_ns now, struct refusal *refusal);
+/* What has to be read, beside the variables that people see, to settle what is wanted of alarms: the switches
+ * and what became of them, table and id. Returns how many, at most WRITES_OPEN. */
+size_t writes_open(struct writes *w, struct apc_sample *rows);
 /* All, or the one with this key. Returns how many. */
 size_t writes_json(struct writes *w, const char *key, struct text *t);
 

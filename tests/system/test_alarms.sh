@@ -25,7 +25,7 @@ expect 0 'alarms have never been evaluated' "$apc" alarm list
 expect 4 'Nothing was written' "$apc" alarm ack r.high
 expect 1 'has no alarms' "$APC_BIN/apc-alarms" --config "$APC_SOURCE_DIR/experiments/first-order.conf"
 
-background run "$apc" run "$work/fast.conf" --duration 0 --no-ui --out "$work/run"
+background run "$apc" run "$work/fast.conf" --duration 0 --out "$work/run"
 run=$pid
 listed() { "$apc" alarm list --all | grep -E "$1" >/dev/null; }
 until_true 60 listed '^0 unacknowledged, 0 active'
@@ -73,6 +73,32 @@ until_true 60 ticks_again
 until_true 60 listed '^[0-9]+ unacknowledged'
 listed '^r\.high +1 +Out of Service, Active' || fail "the restart forgot it: $("$apc" alarm list)"
 expect 0 'in service \(applied\)' "$apc" alarm in r.high
+
+# ---- Over HTTP as well, and confirmed by apc-alarms
+
+until_true 60 listed '^r\.high +1 +Unacknowledged Active'
+python3 - "$(sed -n 's/^page: *//p' "$work/run.log")" <<'END' || fail "it could not be acknowledged over HTTP"
+import json, sys, time, urllib.error, urllib.request
+def ask(path, body=None, csrf=""):
+    request = urllib.request.Request(sys.argv[1] + path, body and json.dumps(body).encode(),
+                                     {"Content-Type": "application/json", "X-CSRF-Token": csrf})
+    return json.load(urllib.request.urlopen(request, timeout=30))
+csrf = ask("api/session")["csrf"]
+alarm = next(a for a in ask("api/alarms")["alarms"] if a["alarm"] == "r.high")
+assert alarm["unacknowledged"], alarm
+write = ask("api/alarms/r.high/ack", {"seq": alarm["seq"], "key": "over-http"}, csrf)
+end = time.monotonic() + 60
+while write["state"] == "accepted" and time.monotonic() < end:
+    time.sleep(0.1)
+    write = ask("api/writes?key=over-http")["writes"][0]
+assert write["state"] == "applied", write
+try:
+    sys.exit("twice: %s" % ask("api/alarms/r.high/ack", {"seq": alarm["seq"]}, csrf))
+except urllib.error.HTTPError as e:
+    assert e.code == 409, e.read()
+last = ask("api/alarms/journal?last=1")["transitions"][0]
+assert (last["alarm"], last["state"]) == ("r.high", "Acknowledged Active") and last["author"], last
+END
 
 # ---- A flood: every transition is in the journal, each once
 

@@ -383,6 +383,14 @@ static void refused_requests_write_nothing(void **state)
         {&anna, "/api/mode", NULL, "{\"mode\":\"Man\",\"seq\":1}", 400, "json"},
         {&anna, "/api/mode", NULL, "{\"id\":2,\"mode\":\"Man\",\"seq\":1}", 404, "variable"},
         {&anna, "/api/mode", NULL, "{\"id\":1,\"mode\":\"Man\",\"seq\":0}", 409, "stale"},
+        {&otto, "/api/alarms/y.high/ack", NULL, "{\"seq\":1}", 403, "role"},
+        {&otto, "/api/alarms/y.high/shelve", NULL, "{\"until\":0,\"seq\":1}", 403, "role"},
+        {&anna, "/api/alarms/y.high/ack", JSON "Origin: null\r\n", "{\"seq\":1}", 403, "origin"},
+        {&anna, "/api/alarms/y.high/ack", NULL, "{\"seq\":1,\"name\":\"y\"}", 400, "json"},
+        {&anna, "/api/alarms/y.high/ack", NULL, "{\"seq\":1}", 404, "alarm"}, /* there are none */
+        {&anna, "/api/alarms/y.high/shelve", NULL, "{\"until\":-1,\"seq\":1}", 422, "value"},
+        {&anna, "/api/alarms//ack", NULL, "{\"seq\":1}", 404, "path"},
+        {&anna, "/api/alarms/ack", NULL, "{\"seq\":1}", 404, "path"},
         {&anna, "/api/tuning", NULL, "{\"values\":[]}", 400, "json"},
         {&anna, "/api/tuning", NULL, "{\"values\":[1]}", 400, "json"},
         {&anna, "/api/tuning", NULL, tuning, 409, "stale"}, /* one of two is */

@@ -259,6 +259,179 @@ static void metrics_count_them_while_they_are_evaluated(void **state)
     assert_null(strstr(metrics, "\napc_alarms{"));
 }
 
+/* ---- What is wanted ------------------------------------------------------------------------ */
+
+/* The status of the answer; the write's state is in the reply. */
+static int want(void (*handle)(struct ui *, struct request *, struct apc_store *), const char *name,
+                const char *body)
+{
+    ask_nothing();
+    snprintf(request.name, sizeof request.name, "%s", name);
+    request.body = strdup(body);
+    request.n = strlen(body);
+    json_decref(ask(handle));
+    return request.fault.http ? request.fault.http : 200;
+}
+
+static bool answered(const char *part)
+{
+    char answer[4096];
+    snprintf(answer, sizeof answer, "%.*s", (int)request.reply.n, request.reply.at ? request.reply.at : "");
+    return strstr(answer, part) != NULL;
+}
+
+static int acknowledge(const char *name, int seq)
+{
+    char body[64];
+    snprintf(body, sizeof body, "{\"seq\":%d}", seq);
+    return want(post_alarm_ack, name, body);
+}
+
+static int shelve(double ahead, const char *once, int seq)
+{
+    char body[128];
+    snprintf(body, sizeof body, "{\"until\":%.3f,\"seq\":%d%s}",
+             ahead > 0 || ahead < 0 ? apc_ns_to_s(apc_clock_utc(NULL)) + ahead : 0, seq, once);
+    return want(post_alarm_shelve, "y.high", body);
+}
+
+/* As the live thread settles writes, where apc-alarms has just ticked. Returns all of them, as JSON. */
+static const char *settled(void)
+{
+    static char all[1 << 14];
+    struct apc_sample rows[WRITES_OPEN];
+    struct text t = {0};
+    struct refusal refusal = {0};
+    int by[WRITES_OPEN] = {0};
+    const apc_ns utc = apc_clock_utc(NULL);
+    const struct apc_vector tick = {.table = APC_TICK, .seq = 1, .time = utc};
+    const struct loops_controller of = {.name = "apc-alarms", .period = S};
+    const size_t n = writes_open(ui->writes, rows);
+    assert_int_equal(apc_store_read(store, rows, n), 0);
+    const struct seen seen = {
+        .samples = rows, .by = by, .n = n, .tick = &tick, .controller = &of, .utc = utc};
+    if (writes_settle(ui->writes, &seen, apc_clock_mono(NULL), &refusal)) {
+        snprintf(refusal.text, sizeof refusal.text, "look again");
+        assert_false(writes_settle(ui->writes, &seen, apc_clock_mono(NULL), &refusal));
+    }
+    writes_json(ui->writes, NULL, &t);
+    snprintf(all, sizeof all, "%.*s", (int)t.n, t.at);
+    text_free(&t);
+    return all;
+}
+
+static int last_event(void *ctx, const struct apc_event *event)
+{
+    memcpy(ctx, event, sizeof *event);
+    return 0;
+}
+
+static void what_is_acknowledged_is_confirmed_and_on_record(void **state)
+{
+    struct apc_event event = {0};
+    (void)state;
+    measured(20);
+    assert_int_equal(want(post_alarm_ack, "y.high", "{\"seq\":1,\"key\":\"same-key\"}"), 200);
+    assert_true(answered("\"kind\":\"ack\",\"user\":\"local\""));
+    assert_true(answered("\"state\":\"accepted\",\"stored\":true"));
+    assert_true(answered("\"name\":\"y.high\",\"from\":null,\"to\":1,\"seq\":1"));
+    assert_non_null(strstr(settled(), "\"state\":\"accepted\""));
+    evaluate();
+    assert_non_null(strstr(settled(), "\"state\":\"applied\""));
+    assert_int_equal(writes_open(ui->writes, (struct apc_sample[WRITES_OPEN]){{0}}), 0);
+    assert_state(0, "Acknowledged Active");
+    json_t *author = alarm_member(0, "author");
+    assert_string_equal(json_string_value(author), "local");
+    json_decref(author);
+    assert_true(apc_store_events(store, NULL, last_event, &event) >= 1);
+    assert_string_equal(event.kind, "operator");
+    assert_string_equal(event.source, "local");
+    assert_string_equal(event.text, "y.high: acknowledged (from 10.0.0.7)");
+    /* once more, with the same key: what became of it */
+    assert_int_equal(want(post_alarm_ack, "y.high", "{\"seq\":1,\"key\":\"same-key\"}"), 200);
+    assert_true(answered("\"state\":\"applied\""));
+}
+
+static void of_two_who_acknowledge_one_does_and_the_other_is_told(void **state)
+{
+    (void)state;
+    measured(20);
+    assert_int_equal(acknowledge("y.high", 1), 200);
+    assert_int_equal(acknowledge("y.high", 1), 409);
+    assert_string_equal(request.fault.code, "alarm");
+    assert_non_null(strstr(request.fault.message, "somebody has just acknowledged it"));
+    evaluate();
+    assert_int_equal(acknowledge("y.high", 2), 409);
+    assert_non_null(strstr(request.fault.message, "there is nothing to acknowledge"));
+}
+
+static void who_acknowledges_acknowledges_what_he_saw(void **state)
+{
+    (void)state;
+    measured(20);
+    measured(1); /* it has only gone: the same one */
+    assert_int_equal(acknowledge("y.high", 1), 200);
+    evaluate();
+    assert_state(0, "Normal");
+    assert_non_null(strstr(settled(), "\"state\":\"applied\""));
+    measured(20);
+    assert_int_equal(acknowledge("y.high", 1), 200); /* it has come again */
+    evaluate();
+    assert_state(0, "Unacknowledged Active");
+    assert_non_null(strstr(settled(), "\"state\":\"failed\",\"stored\":true,\"reason\":\"look again\""));
+    assert_int_equal(acknowledge("y.high", 99), 409);
+    assert_string_equal(request.fault.code, "stale");
+}
+
+static void shelving_has_an_end_and_is_of_what_was_seen(void **state)
+{
+    (void)state;
+    measured(20);
+    assert_int_equal(shelve(9 * 3600, "", 1), 422);
+    assert_string_equal(request.fault.code, "limits");
+    assert_int_equal(shelve(-10, "", 1), 422);
+    assert_int_equal(shelve(0, "", 1), 409); /* it is not shelved */
+    assert_string_equal(request.fault.code, "alarm");
+    assert_int_equal(shelve(3600, "", 0), 409);
+    assert_string_equal(request.fault.code, "stale");
+    assert_int_equal(shelve(3600, "", 1), 200);
+    assert_true(answered("\"kind\":\"shelve\""));
+    evaluate();
+    assert_state(0, "Shelved, Active");
+    assert_non_null(strstr(settled(), "\"state\":\"applied\""));
+    json_t *until = alarm_member(0, "shelved_until");
+    assert_true(json_is_number(until));
+    json_decref(until);
+    assert_int_equal(shelve(3600, "", 1), 409); /* who saw it before */
+    assert_string_equal(request.fault.code, "stale");
+    assert_int_equal(shelve(0, "", 2), 200);
+    evaluate();
+    assert_state(0, "Unacknowledged Active");
+    assert_int_equal(shelve(3600, ",\"once\":true", 3), 200);
+    evaluate();
+    assert_state(0, "One-shot Shelved, Active");
+}
+
+static void what_makes_no_sense_writes_nothing(void **state)
+{
+    struct apc_sample wish = {.table = APC_OPMODE, .id = apc_alarm_switch_id(APC_ALARM_ACK, 1)};
+    (void)state;
+    assert_int_equal(acknowledge("y.high", 0), 409); /* nobody evaluates */
+    assert_non_null(strstr(request.fault.message, "not evaluated"));
+    measured(20);
+    assert_int_equal(acknowledge("y.hihg", 1), 404);
+    assert_string_equal(request.fault.code, "alarm");
+    assert_int_equal(acknowledge("y.low", 0), 409);
+    assert_int_equal(want(post_alarm_ack, "y.high", "{}"), 400);
+    assert_int_equal(want(post_alarm_ack, "y.high", "{\"seq\":1,\"until\":0}"), 400);
+    assert_int_equal(want(post_alarm_ack, "y.high", "{\"seq\":1,\"key\":\"x\"}"), 400);
+    assert_int_equal(want(post_alarm_shelve, "y.high", "{\"seq\":1}"), 400);
+    assert_int_equal(want(post_alarm_shelve, "y.high", "{\"until\":0,\"once\":1,\"seq\":1}"), 400);
+    assert_int_equal(want(post_alarm_shelve, "y.high", "{\"until\":-5,\"seq\":1}"), 422);
+    assert_int_equal(apc_store_read(store, &wish, 1), 0);
+    assert_int_equal(wish.seq, 0);
+}
+
 #define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 
 int main(void)
@@ -269,6 +442,11 @@ int main(void)
         T(what_is_no_range_is_refused),
         T(a_store_without_alarms_has_none),
         T(metrics_count_them_while_they_are_evaluated),
+        T(what_is_acknowledged_is_confirmed_and_on_record),
+        T(of_two_who_acknowledge_one_does_and_the_other_is_told),
+        T(who_acknowledges_acknowledges_what_he_saw),
+        T(shelving_has_an_end_and_is_of_what_was_seen),
+        T(what_makes_no_sense_writes_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

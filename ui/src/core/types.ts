@@ -194,7 +194,7 @@ export interface Diagnostics {
   stream: {clients: number; messages: number; dropped: number; lag: Figures};
 }
 
-export type WriteKind = "setpoint" | "output" | "mode" | "owner" | "tuning";
+export type WriteKind = "setpoint" | "output" | "mode" | "owner" | "tuning" | "ack" | "shelve";
 
 export interface Write {
   key: string;
