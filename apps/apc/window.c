@@ -44,6 +44,8 @@ static int make(struct merits *m, struct merits_source *s, const struct experime
     if (rc < 0)
         apc_fail(why, rc, "%s",
                  rc == APC_ENOMEM || !s->published ? apc_err_text(rc) : apc_store_error(s->published));
+    s->loops = NULL;
+    s->tag = NULL;
     loops_free(&loops);
     free(tag);
     return rc;
