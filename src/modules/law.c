@@ -42,8 +42,7 @@ static struct apc_law_call lay_out(const struct apc_controller *c, const struct 
                                  .y_low = c->y_low,
                                  .y_high = c->y_high,
                                  .u_last = c->last,
-                                 .published = law->published,
-                                 .budget = c->budget};
+                                 .published = law->published};
 }
 
 void apc_controller_lay_out_calls(struct apc_controller *c)
@@ -65,6 +64,7 @@ static struct apc_law_call *call(const struct apc_controller *c, struct apc_cont
     asked->t = c->t;
     asked->out = law->decides;
     asked->why = NULL;
+    asked->budget = c->budget;
     asked->deadline = c->deadline;
     asked->y_limited = NULL;
     return asked;
