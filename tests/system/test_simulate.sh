@@ -290,11 +290,14 @@ expect 1 'seed [0-9]+: law or plant ended its process \(exit code 0\)' moody exi
 MOOD=loop MARK=$work/looping "$apc" simulate "$work/noise.conf" --law "$work/moody.so" --runs 30 --jobs 2 --csv "$work/loop.csv" >"$work/loop.txt" &
 looping=$!
 until_true 20 test -e "$work/looping" # it listens to signals
+# one that comes when its processes are gone would end it like any other program
 two_signals() {
-  kill -TERM "$looping" 2>/dev/null
-  ! kill -0 "$looping" 2>/dev/null
+  pgrep -P "$looping" >/dev/null || return 0
+  kill -TERM "$looping"
+  sleep 0.7 # the second is no twin of the first
+  false
 }
-until_true 20 two_signals
+until_true 60 two_signals
 wait "$looping" || fail "a campaign that was stopped ends with $?"
 grep -q 'of 30 runs were not made' "$work/loop.txt" || fail "no word of the runs that are missing"
 
