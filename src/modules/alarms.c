@@ -272,6 +272,9 @@ static void resume(struct apc_alarms *a, struct watched *w, const struct apc_sam
 void apc_alarms_resume(struct apc_alarms *a)
 {
     a->tick.seq = a->former_tick.seq;
+    /* of an alarm that the file no longer has there may be newer transitions than of those that it has */
+    if (a->former_tick.seq > 0 && a->former_tick.n > APC_ALARMS_JOURNAL && a->numbers[APC_ALARMS_JOURNAL] > 0)
+        a->journal = (int64_t)a->numbers[APC_ALARMS_JOURNAL];
     for (size_t i = 0; i < a->options.n; i++)
         resume(a, &a->at[i], a->former.sample + (1 + SWITCHES) * i);
 }

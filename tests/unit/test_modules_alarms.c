@@ -42,6 +42,7 @@ struct world {
     struct apc_sample row[ROOM];
     size_t n;
     int64_t ticks;
+    double told[APC_ALARMS_TICK]; /* by the newest tick row */
     apc_ns mono;
     struct apc_notice notice;
     /* the journal */
@@ -72,8 +73,13 @@ static void read_rows(struct world *w, struct apc_rows *rows)
 {
     for (size_t i = 0; i < rows->n_samples; i++)
         rows->sample[i] = *at(w, rows->sample[i].table, rows->sample[i].id);
-    for (size_t i = 0; i < rows->n_vectors; i++)
+    for (size_t i = 0; i < rows->n_vectors; i++) {
         rows->vector[i].seq = w->ticks;
+        if (rows->vector[i].id != TICK || w->ticks == 0)
+            continue;
+        rows->vector[i].n = APC_ALARMS_TICK;
+        memcpy(rows->vector[i].value, w->told, sizeof w->told);
+    }
 }
 
 static void start(struct world *w)
@@ -111,6 +117,7 @@ static void take(struct world *w)
     }
     assert_int_equal(out->n_vectors, 1);
     assert_int_equal(out->vector[0].seq, ++w->ticks);
+    memcpy(w->told, out->vector[0].value, sizeof w->told);
 }
 
 static void compute(struct world *w)
@@ -208,6 +215,24 @@ static void an_alarm_is_acknowledged_by_name_and_returns(void **state)
     assert_int_equal(state_of(&w, 1), APC_ALARM_NORMAL);
     assert_int_equal(nth(&w, 1, 3), APC_ALARM_NORMAL);
     assert_int_equal(nth(&w, 1, 4), 0);
+    end(&w);
+}
+
+static void the_journal_counts_on_when_the_alarm_with_its_newest_number_is_gone(void **state)
+{
+    struct world w;
+    (void)state;
+    begin(&w);
+    put(&w, APC_SENSOR, Y1, 2);
+    tick(&w);
+    acknowledge(&w, 1);
+    tick(&w);
+    const int64_t newest = at(&w, APC_ALARM, 1)->origin;
+    *at(&w, APC_ALARM, 1) = (struct apc_sample){.table = APC_ALARM, .id = 1};
+    apc_alarms_destroy(w.alarms);
+    start(&w);
+    tick(&w);
+    assert_int_equal(at(&w, APC_ALARM, 1)->origin, newest + 1);
     end(&w);
 }
 
@@ -581,6 +606,7 @@ int main(void)
 #define EACH(name) cmocka_unit_test(name)
     const struct CMUnitTest tests[] = {
         EACH(an_alarm_is_acknowledged_by_name_and_returns),
+        EACH(the_journal_counts_on_when_the_alarm_with_its_newest_number_is_gone),
         EACH(who_saw_what_was_there_before_acknowledges_nothing),
         EACH(an_acknowledgement_counts_before_what_comes_at_the_same_tick),
         EACH(one_that_latches_stays_until_it_is_reset),
