@@ -51,11 +51,10 @@ static struct apc_range span(apc_ns first, apc_ns last)
 }
 
 /* The batch has been appended, or could not be. */
-static int end_batch(struct apc_forward *f, struct apc_forward_cursor *c, uint64_t *of, int stored)
+static int end_batch(struct apc_forward *f, uint64_t *of, int stored)
 {
     f->records = 0;
     if (stored < 0) {
-        c->doubtful = true;
         return f->failed = apc_forward_fail_to(f, stored);
     }
     apc_forward_count(f, of, stored);
@@ -81,8 +80,7 @@ static int flush_events(struct apc_forward *f)
             f->event[new ++] = f->event[i];
         }
     }
-    return end_batch(f, &f->events, &f->stats.events,
-                     rc < 0 ? rc : apc_store_append_events(f->to, f->event, new));
+    return end_batch(f, &f->stats.events, rc < 0 ? rc : apc_store_append_events(f->to, f->event, new));
 }
 
 static int flush_timing(struct apc_forward *f)
@@ -101,8 +99,7 @@ static int flush_timing(struct apc_forward *f)
             rows[new ++] = f->timing_row[i];
         }
     }
-    return end_batch(f, &f->timing, &f->stats.timing,
-                     rc < 0 ? rc : apc_store_append_timing(f->to, rows, new));
+    return end_batch(f, &f->stats.timing, rc < 0 ? rc : apc_store_append_timing(f->to, rows, new));
 }
 
 static void see_number(struct apc_forward *f, int64_t number)
@@ -165,12 +162,11 @@ static int move_records(struct apc_forward *f, struct apc_forward_cursor *c,
     const int given = give(f, &range);
     if (f->failed == 0 && given < 0) {
         f->failed = apc_forward_fail_from(f, given);
-        c->doubtful = true; /* some of them may have been moved */
     }
     if (f->failed == 0 && flush(f) == 0) {
         c->number = f->number;
-        c->doubtful = false;
     }
+    c->doubtful = f->failed < 0; /* some of them may have been moved */
     return f->failed;
 }
 

@@ -402,6 +402,76 @@ static const struct step whole[] = {
     {close_it, 0},
 };
 
+/* Records have no key: what was moved before it failed is not moved again. */
+enum { RECORDS = 150 };
+static struct apc_store *to;
+static struct apc_forward *forwarder;
+
+static int begin_forward(void)
+{
+    int rc = to ? 0 : apc_store_open(&to, "mem:", NULL, NULL);
+    rc = rc < 0 ? rc : apc_store_init(to);
+    return rc < 0 ? rc : apc_forward_create(&forwarder, store, to, NULL);
+}
+
+static int append_from(int first)
+{
+    struct apc_timing_row rows[RECORDS];
+    const int64_t bin = 1;
+    for (int i = 0; i < RECORDS; i++) {
+        rows[i] = (struct apc_timing_row){.time = (first + i) * APC_NS_PER_US,
+                                          .task = "t",
+                                          .quantity = "run",
+                                          .bin_low = &bin,
+                                          .bin_high = &bin,
+                                          .bin_count = &bin,
+                                          .n_bins = 1};
+    }
+    return apc_store_append_timing(store, rows, RECORDS);
+}
+
+static int append_records(void)
+{
+    return append_from(0);
+}
+
+static int append_more(void)
+{
+    return append_from(RECORDS);
+}
+
+static int step_forward(void)
+{
+    const int moved = apc_forward_step(forwarder, 20 * APC_NS_PER_S);
+    return moved < 0 ? moved : 0;
+}
+
+static int timing_moved(void)
+{
+    return apc_store_timing(to, NULL, any_timing, NULL);
+}
+
+static int end_forward(void)
+{
+    apc_forward_destroy(forwarder);
+    apc_store_close(to);
+    to = NULL;
+    return close_it();
+}
+
+static const struct step forwarded[] = {
+    {open_it, 0},
+    {init, 0},
+    {begin_forward, 0},
+    {append_records, RECORDS},
+    {step_forward, 0},
+    {timing_moved, RECORDS},
+    {append_more, RECORDS},
+    {step_forward, 0},
+    {timing_moved, 2 * RECORDS},
+    {end_forward, 0},
+};
+
 /* Away, with a spool; then another process finds what waits, and the store is there. */
 static const struct step bridged[] = {
     {open_it, 0},
@@ -484,6 +554,7 @@ static void test_memory(void **state)
     (void)state;
     snprintf(uri, sizeof uri, "mem:");
     ALL(whole, 1);
+    ALL(forwarded, 1);
 }
 
 static void test_shared_memory(void **state)
