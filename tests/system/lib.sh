@@ -31,9 +31,10 @@ fail() {
   exit 1
 }
 
-# until_true SECONDS COMMAND...: poll a condition; fails when it has not come true by then.
+# until_true SECONDS COMMAND...: poll a condition; fails when it has not come true within six times as long, for a busy
+# machine and sanitizers.
 until_true() {
-  local deadline=$((SECONDS + $1))
+  local deadline=$((SECONDS + 6 * $1))
   shift
   until "$@" >/dev/null 2>&1; do
     [ $SECONDS -lt $deadline ] || fail "did not come true: $*"
@@ -78,6 +79,23 @@ background() {
   "$@" >>"$work/$name.log" 2>&1 &
   pid=$!
   children+=("$pid")
+}
+
+# run_until CONDITION ARGUMENT...: apc run, as long as it takes for a condition (words) to come true, and Ctrl-C
+run_until() {
+  local condition=$1
+  shift
+  background run "$apc" run --duration 0 "$@"
+  # shellcheck disable=SC2086
+  until_true 60 $condition
+  kill -INT "$pid"
+  wait "$pid" || fail "apc run ended with $? after Ctrl-C: $(tail -n 1 "$work/run.log")"
+}
+
+# in_a_row N NAME LOW HIGH: N values of NAME, one after the other, were good and between LOW and HIGH
+in_a_row() {
+  "$apc" history "$2" --last 100000 --csv | awk -F, -v need="$1" -v low="$3" -v high="$4" \
+    '{n = $4 == "Good" && $5 > low && $5 < high ? n + 1 : 0} n >= need {there = 1} END {exit !there}'
 }
 
 # The paper's loop, ten times as fast, on a port of its own: $work/fast.conf.

@@ -19,10 +19,7 @@ plant() {
 plant
 
 # y settles at the setpoint, and who leaves leaves the safe value behind
-expect 0 '\] 100 %$' "$apc" run "$work/modbus.conf" --duration 12 --out "$work/run"
-awk -F, '$2 == "sensor" {n = $5 > 9.8 && $5 < 10.2 ? n + 1 : 0; if (n > most) most = n} END {exit !(most >= 20)}' \
-  "$work/run/samples.csv" || fail "y did not settle at 10"
-awk -F, '$2 == "sensor" && $4 == "Good" {n++} END {exit !(n > 20)}' "$work/run/samples.csv" || fail "few measurements are good"
+run_until 'in_a_row 20 y 9.8 10.2' "$work/modbus.conf" --out "$work/run"
 [ "$(tail -n 1 "$work/plant.log")" = 'given 0' ] || fail "the last that the plant was given: $(tail -n 1 "$work/plant.log")"
 
 # the client hangs: the plant sees by the watchdog that nobody is there; the client that `apc run` starts instead goes on
