@@ -3,6 +3,7 @@
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 fast_experiment
+sed -i -e 's/period = 15.0;/period = 0.5;/' -e 's/sequence = (.*);/sequence = ( [10.0] );/' "$work/fast.conf" # ticks soon, wherever it begins
 
 folder_is_whole() {
   for file in run.conf record.conf samples.csv ticks.db operation.csv signals.csv timing.csv timing-summary.csv events.csv report.svg report.png; do
@@ -71,9 +72,11 @@ wait "$plant" || true
 expect 1 'the loop was never closed' "$apc" run "$work/external.conf" --duration 2 --out "$work/nobody"
 
 # a law and a plant of one's own; Ctrl-C ends each of these endless runs cleanly, with its report
-good_rows() { sql 'SELECT count(*) FROM apc.actuator WHERE status = 0'; }
-more_good_rows() { [ "$(good_rows)" -gt "$1" ]; }
-run_until "more_good_rows $(good_rows)" "$work/fast.conf" --out "$work/own" --spin --hold-latency \
+rows() { sql "SELECT count(*) FROM apc.$1"; }
+more_rows() { [ "$(rows "$1")" -gt "$2" ]; }
+n=$(rows actuator) m=$(rows setpoint)
+all_act() { more_rows actuator $((n + 5)) && more_rows setpoint "$m"; }
+run_until all_act "$work/fast.conf" --out "$work/own" --spin --hold-latency \
   --law "$APC_BUILD_DIR/examples/mylaw.so" --plant "$APC_BUILD_DIR/examples/myplant.so"
 folder_is_whole "$work/own"
 for program in apc-plant apc-client apc-controller apc-scheduler; do
@@ -87,8 +90,6 @@ done
 sql "INSERT INTO apc.manual (id, seq, time, status, value)
        SELECT 1, coalesce(max(seq), 0) + 1, now() + interval '1 minute', 0, 7 FROM apc.manual" >"$work/inserted"
 sed 's/mode = "Auto"/mode = "Man"/' "$work/fast.conf" >"$work/man.conf"
-rows() { sql 'SELECT count(*) FROM apc.actuator'; }
-more_rows() { [ "$(rows)" -gt "$1" ]; }
-run_until "more_rows $(($(rows) + 5))" "$work/man.conf" --out "$work/man"
+run_until "more_rows actuator $(($(rows actuator) + 5))" "$work/man.conf" --out "$work/man"
 awk -F, '$2 == "actuator" {n++; if ($5 != 0) exit 1} END {if (!n) exit 1}' "$work/man/samples.csv" ||
   fail "an output that was set in a former run went out"
