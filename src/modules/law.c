@@ -89,6 +89,15 @@ static void track(struct apc_controller *c, struct apc_controller_law *law, size
     law->instance[k].gap = false;
 }
 
+/* Is the law asked what it would do in @p state, were the output its own? In Backup and Fault that says
+ * whether it can act again: what is given makes its problem another one, which may be easy. */
+static bool is_tried(const struct apc_controller *c, const struct apc_controller_law *law,
+                     enum apc_loop_state state)
+{
+    return !is_backup(c, law) &&
+           (state == APC_LOOP_SHADOW || state == APC_LOOP_BACKUP || state == APC_LOOP_FAULT);
+}
+
 /* Was the output of loop @p i the law's at the tick before? */
 static bool put_by(const struct apc_controller *c, const struct apc_controller_law *law, size_t i)
 {
@@ -289,20 +298,24 @@ static void settle_instance(struct apc_controller *c, struct apc_controller_law 
     const struct apc_instance_part *part = apc_instances_part(law->instances, k);
     double *const u = c->u;
     char why[APC_LAW_WHY];
-    bool any = false, follows = true;
+    bool any = false, own = false, follows = true;
 
     for (size_t i = part->u; i < part->u + part->nu; i++) {
-        const bool own = put_by(c, law, i);
+        const bool asked = put_by(c, law, i) || is_tried(c, law, c->state[i].loop.state);
 
-        law->decides[i] = own ? APC_OUT_LAW : APC_OUT_GIVEN;
-        any |= own;
+        law->decides[i] = asked ? APC_OUT_LAW : APC_OUT_GIVEN;
+        any |= asked;
+        own |= put_by(c, law, i);
     }
     c->u = c->last; /* as it was when the law was asked */
     if (any)
-        follows = compute(c, law, k, why) <= APC_LAW_LATE;
+        follows = compute(c, law, k, why) <= APC_LAW_LATE || !own;
     c->u = u;
-    for (size_t i = part->u; i < part->u + part->nu; i++)
-        follows &= law->decides[i] != APC_OUT_LAW || (law->trial[i] >= u[i] && law->trial[i] <= u[i]);
+    for (size_t i = part->u; i < part->u + part->nu; i++) {
+        follows &= !put_by(c, law, i) || (law->trial[i] >= u[i] && law->trial[i] <= u[i]);
+        if (!put_by(c, law, i))
+            law->decides[i] = APC_OUT_GIVEN;
+    }
     if (!follows)
         track(c, law, k, c->u, c->given);
     update(c, law, k);
@@ -521,16 +534,6 @@ static bool all_there(const struct apc_controller *c, const struct apc_instance_
     return true;
 }
 
-/* Is the law asked what it would do, were the output its own? In Backup and Fault that says whether it can
- * act again: what is given makes its problem another one, which may be easy. */
-static bool is_tried(const struct apc_controller *c, const struct apc_controller_law *law, size_t i)
-{
-    const enum apc_loop_state state = c->state[i].move.state;
-
-    return !is_backup(c, law) &&
-           (state == APC_LOOP_SHADOW || state == APC_LOOP_BACKUP || state == APC_LOOP_FAULT);
-}
-
 /* Ask instance @p k for what its loops want of it. */
 static void run(struct apc_controller *c, struct apc_controller_law *law, size_t k, struct apc_now now)
 {
@@ -545,7 +548,7 @@ static void run(struct apc_controller *c, struct apc_controller_law *law, size_t
     if ((all & APC_ASK_TRACK_FIRST) && any_there(c, part))
         track(c, law, k, c->u, law->decides);
     for (size_t i = part->u; i < part->u + part->nu; i++) {
-        if (goes_out(c, law, i) || is_tried(c, law, i))
+        if (goes_out(c, law, i) || is_tried(c, law, c->state[i].move.state))
             law->decides[i] = APC_OUT_LAW;
     }
     if (all & APC_ASK_COMPUTE)
@@ -553,7 +556,7 @@ static void run(struct apc_controller *c, struct apc_controller_law *law, size_t
     for (size_t i = part->u; i < part->u + part->nu; i++) {
         if (!is_backup(c, law))
             c->state[i].would = answered ? law->trial[i] : (double)NAN;
-        if (is_tried(c, law, i))
+        if (is_tried(c, law, c->state[i].move.state))
             law->decides[i] = APC_OUT_GIVEN;
     }
 }
