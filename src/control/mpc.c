@@ -79,10 +79,16 @@ static double *absent_of(const struct apc_law_mpc *p, double *x)
     return rows_of(p, x) + p->n_rows;
 }
 
+/* [nu + ny] what holds the plan back. */
+static double *limits_of(const struct apc_law_mpc *p, double *x)
+{
+    return absent_of(p, x) + p->dim.ny;
+}
+
 /* [N * nx_plant] of nmpc. */
 static double *nodes_of(const struct apc_law_mpc *p, double *x)
 {
-    return absent_of(p, x) + p->dim.ny;
+    return limits_of(p, x) + p->dim.nu + p->dim.ny;
 }
 
 /* ---- Taking in -------------------------------------------------------------------------------------- */
@@ -228,6 +234,14 @@ static void correct(struct apc_law_mpc *p, const struct apc_law_call *c)
     (void)apc_estimator_correct(p->estimator, p->x, c->y, p->usable, p->input);
 }
 
+/* The plan from `age` samples after it was made on. */
+static void shift_plan(struct apc_law_mpc *p, size_t age)
+{
+    for (size_t b = 0, first = 0; b < p->blocks; first += p->block[b++])
+        memcpy(p->shifted + b * p->dim.nu, apc_mpc_move(p->mpc, plan_of(p, p->x), first + age),
+               p->dim.nu * sizeof(*p->shifted));
+}
+
 /* Moves and nodes that nmpc starts from: those of the last solution, as many samples later as it is old;
  * without one, everything as it is. */
 static void shift(struct apc_law_mpc *p)
@@ -235,9 +249,10 @@ static void shift(struct apc_law_mpc *p)
     const size_t nu = p->dim.nu, nx = p->model->nx_plant, age = (size_t)*age_of(p, p->x);
     const double *nodes = nodes_of(p, p->x);
 
-    for (size_t b = 0, first = 0; b < p->blocks; first += p->block[b++])
-        memcpy(p->shifted + b * nu, age ? apc_mpc_move(p->mpc, plan_of(p, p->x), first + age) : p->u_last,
-               nu * sizeof(*p->shifted));
+    if (age)
+        shift_plan(p, age);
+    for (size_t b = 0; b < p->blocks && !age; b++)
+        memcpy(p->shifted + b * nu, p->u_last, nu * sizeof(*p->shifted));
     for (size_t i = 0; i < p->N; i++)
         memcpy(p->nodes + i * nx, age ? nodes + (i + age < p->N ? i + age : p->N - 1) * nx : p->start,
                nx * sizeof(*p->nodes));
@@ -298,6 +313,33 @@ static void step_on(struct apc_law_mpc *p, const struct apc_mpc_call *call)
         memcpy(nodes_of(p, p->x), p->nodes, p->N * nx * sizeof(*p->nodes));
 }
 
+/* Is row k of the working set a move that is not to be found? It is an equation as long as somebody else has
+ * that output, and no row to begin with when the law has it again. */
+static bool is_given(const struct apc_law_mpc *p, size_t k)
+{
+    return k < p->dim.nu * p->blocks && p->given[k % p->dim.nu];
+}
+
+/* The plan, or that the former one is a sample older. Also a working set that was not finished in time: the
+ * next tick goes on from there, and not once more from where this one began. */
+static void keep(struct apc_law_mpc *p)
+{
+    const size_t nu = p->dim.nu, ny = p->dim.ny;
+    const signed char *active = apc_mpc_active(p->mpc);
+
+    for (size_t k = 0; k < p->n_rows && (p->result.rc == 0 || p->result.rc == APC_ETIMEDOUT); k++)
+        rows_of(p, p->x)[k] = is_given(p, k) ? 0 : active[k];
+    if (p->result.rc == 0) {
+        memcpy(plan_of(p, p->x), p->plan, nu * p->blocks * sizeof(*p->plan));
+        apc_mpc_limiting(p->mpc, active, p->limiting, p->limiting + nu);
+        for (size_t k = 0; k < nu + ny; k++)
+            limits_of(p, p->x)[k] = p->limiting[k];
+        *age_of(p, p->x) = 1.0;
+    } else if (*age_of(p, p->x) > 0.0) {
+        *age_of(p, p->x) += 1.0;
+    }
+}
+
 static void make_plan(struct apc_law_mpc *p, const struct apc_law_call *c)
 {
     const struct apc_mpc_call call = {.x = p->x,
@@ -315,7 +357,7 @@ static void make_plan(struct apc_law_mpc *p, const struct apc_law_call *c)
     signed char *rows = apc_mpc_room(p->mpc);
 
     for (size_t k = 0; k < p->n_rows; k++)
-        rows[k] = (signed char)rows_of(p, p->x)[k];
+        rows[k] = is_given(p, k) ? 1 : (signed char)rows_of(p, p->x)[k];
     apc_mpc_start(p->mpc, rows);
     p->call = c;
     if (p->shoot)
@@ -323,16 +365,7 @@ static void make_plan(struct apc_law_mpc *p, const struct apc_law_call *c)
     else
         apc_mpc_solve(p->mpc, &call, p->plan, &p->result);
     p->call = NULL;
-    if (p->result.rc == 0) {
-        const signed char *active = apc_mpc_active(p->mpc);
-
-        memcpy(plan_of(p, p->x), p->plan, p->dim.nu * p->blocks * sizeof(*p->plan));
-        for (size_t k = 0; k < p->n_rows; k++)
-            rows_of(p, p->x)[k] = active[k];
-        *age_of(p, p->x) = 1.0;
-    } else if (*age_of(p, p->x) > 0.0) {
-        *age_of(p, p->x) += 1.0;
-    }
+    keep(p);
 }
 
 static void think(struct apc_law_mpc *p, const struct apc_law_call *c, size_t n_same)
@@ -357,36 +390,29 @@ static void think(struct apc_law_mpc *p, const struct apc_law_call *c, size_t n_
 static void publish_limits(const struct apc_law_mpc *p, double *at)
 {
     const size_t ny = p->dim.ny, nu = p->dim.nu;
-    signed char *rows = apc_mpc_room(p->mpc);
+    const double *limits = limits_of(p, p->x);
 
-    for (size_t k = 0; k < p->n_rows; k++)
-        rows[k] = (signed char)rows_of(p, p->x)[k];
-    apc_mpc_limiting(p->mpc, rows, p->limiting, p->limiting + nu);
-    for (size_t i = 0; i < ny; i++)
-        *at++ = p->limiting[nu + i];
+    memcpy(at, limits + nu, ny * sizeof(*at));
     for (size_t j = 0; j < nu; j++)
-        *at++ = p->given[j] ? 0.0 : p->limiting[j];
+        at[ny + j] = p->given[j] ? 0.0 : limits[j];
 }
 
 static void publish(struct apc_law_mpc *p, const struct apc_law_call *c, int result)
 {
-    const size_t ny = p->dim.ny, nu = p->dim.nu;
+    const size_t ny = p->dim.ny, nu = p->dim.nu, old = (size_t)*age_of(p, p->x) - 1;
     double *at = c->published;
 
     if (!at)
         return;
-    apc_mpc_predict(p->mpc, plan_of(p, p->x), p->prediction);
+    shift_plan(p, old);
+    apc_mpc_predict(p->mpc, p->shifted, p->prediction);
     for (size_t i = 0; i < ny; i++) {
         for (size_t k = 0; k < p->N; k++)
             *at++ = p->prediction[k * ny + i];
     }
     for (size_t j = 0; j < nu; j++) {
-        for (size_t b = 0, k = 0; b < p->blocks; b++) {
-            const size_t end = b + 1 < p->blocks ? k + p->block[b] : p->N;
-
-            for (; k < end; k++)
-                *at++ = plan_of(p, p->x)[b * nu + j];
-        }
+        for (size_t k = 0; k < p->N; k++)
+            *at++ = apc_mpc_move(p->mpc, plan_of(p, p->x), old + k)[j];
     }
     apc_mpc_target(p->mpc, p->N, at, at + ny);
     at += ny + nu;
@@ -394,7 +420,7 @@ static void publish(struct apc_law_mpc *p, const struct apc_law_call *c, int res
         *at++ = p->x[p->nx - p->n_unknown + k];
     publish_limits(p, at);
     at += ny + nu;
-    *at++ = p->result.objective;
+    *at++ = apc_mpc_cost(p->mpc, p->shifted, p->prediction);
     *at++ = p->took;
     *at++ = result;
     *at = p->result.iterations;
@@ -559,7 +585,7 @@ static bool accepts(const struct apc_dim *dim)
 
 const struct apc_law apc_law_mpc = {
     .abi = APC_LAW_ABI,
-    .version = 2,
+    .version = 3,
     .name = "mpc",
     .description = "linear predictive control of all outputs together, with limits, ranges and ranks",
     .whole = true,
@@ -581,6 +607,7 @@ const struct apc_law apc_law_mpc = {
 
 const struct apc_law apc_law_nmpc = {
     .abi = APC_LAW_ABI,
+    .version = 1,
     .name = "nmpc",
     .description = "nonlinear predictive control: as mpc, with the plant's own equations",
     .whole = true,

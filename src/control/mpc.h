@@ -20,9 +20,9 @@ struct apc_law_mpc_name {
 
 /*
  * x is: the estimator's numbers; the plan, block after block; how many samples ago it was made, plus 1 (0:
- * there is none); the working set; for how many ticks each measurement has been Bad; of nmpc the nodes.
- * compute only looks at x; what it works out it keeps here, with all it was made from, so that update need
- * not do it twice, and does it where a restart has lost it.
+ * there is none); the working set; for how many ticks each measurement has been Bad; what holds the plan
+ * back; of nmpc the nodes. compute only looks at x; what it works out it keeps here, with all it was made
+ * from, so that update need not do it twice, and does it where a restart has lost it.
  */
 struct apc_law_mpc {
     struct apc_dim dim;
@@ -46,9 +46,8 @@ struct apc_law_mpc {
     struct apc_estimator *early;
     struct apc_shoot *shoot;
     double late;
-    size_t newton; /* most steps of Gauss and Newton in a tick */
-    double *start, *shifted, *nodes, *G,
-        *free_y; /* [nx_plant], [n], [N * nx_plant], [N * ny * n], [N * ny] */
+    size_t newton;                      /* most steps of Gauss and Newton in a tick */
+    double *start, *nodes, *G, *free_y; /* [nx_plant], [N * nx_plant], [N * ny * n], [N * ny] */
     struct apc_mpc *mpc;
     struct apc_published *published;
     struct apc_law_mpc_name *name;
@@ -57,7 +56,7 @@ struct apc_law_mpc {
     double *x;          /* [states] corrected by y, with the plan of this tick */
     double *seen, *now; /* [n_seen] what x was made from */
     size_t n_seen;
-    double *plan;                                             /* [nu * blocks] */
+    double *plan, *shifted;                                   /* [nu * blocks] */
     double *w, *d;                                            /* [(N + 1) * ny], [(N + 1) * nd] */
     double *u_last, *wish, *cost, *low, *high, *step, *s, *r; /* [nu] */
     double *q, *zone, *y_low, *y_high;                        /* [ny] */

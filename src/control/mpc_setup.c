@@ -313,7 +313,7 @@ static int publish(struct apc_law_mpc *p, const struct apc_law_setup *setup, str
     for (size_t i = 2 * (ny + nu) + n_unknown; i < k; i++)
         snprintf(p->name[i].unit, sizeof(p->name[i].unit), "1");
     p->published[k++] = (struct apc_published){
-        .name = "objective", .unit = "1", .description = "of the quadratic program of this tick"};
+        .name = "objective", .unit = "1", .description = "of the plan: what it expects to cost; 0 at rest"};
     p->published[k++] = (struct apc_published){
         .name = "solve_time", .unit = "s", .description = "that the plan took; 0 in virtual time"};
     p->published[k++] = (struct apc_published){
@@ -488,7 +488,7 @@ static int allocate(struct apc_law_mpc *p, struct apc_error *why)
     const size_t seen =
         p->states + ny + p->n_ahead * (p->dim.nz + p->dim.nd) + 3 * nu + ny * N_OF_Y + nu * N_OF_U;
     double *at = calloc(p->states + n + 3 * seen + (p->N + 1) * (ny + p->dim.nd) + 10 * nu + inputs + 7 * ny +
-                            p->N * ny + (p->nonlinear ? nx + n + p->N * (nx + ny * n + ny) : 0),
+                            p->N * ny + n + (p->nonlinear ? nx + p->N * (nx + ny * n + ny) : 0),
                         sizeof(*at));
 
     p->memory = at;
@@ -519,9 +519,9 @@ static int allocate(struct apc_law_mpc *p, struct apc_error *why)
     p->tuned = apc_carve(&at, ny * 3 + nu * 2);
     p->input = memcpy(apc_carve(&at, inputs), p->disturbed->u0, inputs * sizeof(*at));
     p->prediction = apc_carve(&at, p->N * ny);
+    p->shifted = apc_carve(&at, n);
     if (p->nonlinear) {
         p->start = apc_carve(&at, nx);
-        p->shifted = apc_carve(&at, n);
         p->nodes = apc_carve(&at, p->N * nx);
         p->G = apc_carve(&at, p->N * ny * n);
         p->free_y = apc_carve(&at, p->N * ny);
@@ -586,7 +586,7 @@ static int make(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct
         return rc;
     p->n_estimate = apc_estimator_size(p->estimator);
     p->n_rows = apc_mpc_rows(p->mpc);
-    p->states = p->n_estimate + p->dim.nu * p->blocks + 1 + p->n_rows + ny;
+    p->states = p->n_estimate + p->dim.nu * p->blocks + 1 + p->n_rows + ny + ny + p->dim.nu;
     if (p->nonlinear)
         p->states += p->N * p->model->nx_plant;
     p->n_ahead = preview ? p->N + 1 : 1;

@@ -36,6 +36,7 @@ struct apc_mpc {
     bool terminal;
     bool follows;    /* what y does is said from outside */
     bool easy_stale; /* easy_qp is of another G */
+    bool aims;       /* at steady states */
 
     double *memory;
     double *G;      /* [N * ny * n] */
@@ -51,9 +52,10 @@ struct apc_mpc {
     double *f, *v;                       /* [n] */
     double *free_y, *target_y, *pulling; /* [N * ny] */
     double *target_u, *target_x;         /* [N * nu], [nc] */
+    double *u_last;                      /* [nu] of the last call */
     double *x, *next, *input;            /* [nx], [nx], [nu + nd] */
     double *aim_low, *aim_high;          /* [ny] */
-    double *difference;                  /* [nc + nu] */
+    double *difference, *far;            /* [nc + nu] */
     signed char *room;                   /* [n + m] */
     unsigned *paced;                     /* [nu] the first move's bounds that are its rate's */
     struct apc_qp *qp, *easy_qp;
@@ -220,7 +222,7 @@ static int allocate(struct apc_mpc *p)
         p->terminal ? 3 * na * na + 2 * na * nu + nu * nu + apc_riccati_room(na, nu) : 0;
     double *at = calloc(N * ny * n + p->nc * n + nx * N * ny + nx * nx + m * n + 2 * n * n + 2 * ny + 2 * nu +
                             na * na + na * n + of_terminal + 5 * (n + m) + 2 * n + 3 * N * ny + N * nu +
-                            p->nc + 2 * nx + nu + p->nd + 2 * ny + na,
+                            p->nc + 2 * nx + 2 * nu + p->nd + 2 * ny + 2 * na,
                         sizeof(*at));
 
     p->memory = at;
@@ -260,6 +262,8 @@ static int allocate(struct apc_mpc *p)
     p->aim_low = apc_carve(&at, ny);
     p->aim_high = apc_carve(&at, ny);
     p->difference = apc_carve(&at, na);
+    p->far = apc_carve(&at, na);
+    p->u_last = memcpy(apc_carve(&at, nu), p->model->u0, nu * sizeof(*at));
     return 0;
 }
 
@@ -579,6 +583,7 @@ static int find_targets(struct apc_mpc *p, const struct apc_mpc_call *call, stru
     const size_t ny = p->ny, nu = p->nu;
     const bool follows = p->follows || is_bound(p, call); /* where nothing is free no target changes it */
 
+    p->aims = !follows;
     result->reachable = true;
     for (size_t i = 1; i <= p->N && follows; i++) {
         result->reachable = aim(p, call, i) && result->reachable;
@@ -730,7 +735,6 @@ static int solve(struct apc_mpc *p, struct apc_qp *qp, struct apc_mpc_result *re
 
     result->solves++;
     result->iterations += r.iterations;
-    result->objective = r.objective + r.soft;
     return rc;
 }
 
@@ -795,6 +799,7 @@ void apc_mpc_solve(struct apc_mpc *p, const struct apc_mpc_call *call, double *p
                    struct apc_mpc_result *result)
 {
     *result = (struct apc_mpc_result){0};
+    memcpy(p->u_last, call->u_last, p->nu * sizeof(*p->u_last));
     if (!p->follows && p->nd)
         coast_disturbed(p, call);
     else if (!p->follows)
@@ -808,7 +813,10 @@ void apc_mpc_solve(struct apc_mpc *p, const struct apc_mpc_call *call, double *p
     for (size_t c = 0; c < p->ny; c++)
         bound_output(p, call, c, false);
     result->rc = solve(p, p->qp, result);
-    if (result->rc == APC_ERANGE && give_up(p, call, result) == 0) {
+    if (result->rc == APC_ERANGE) {
+        result->rc = give_up(p, call, result);
+        if (result->rc < 0)
+            return;
         gradient(p, call);
         bound_zones(p, call, false);
         result->rc = solve(p, p->qp, result);
@@ -830,6 +838,67 @@ void apc_mpc_predict(const struct apc_mpc *p, const double *plan, double *y)
             p->v[b * p->nu + j] = plan[b * p->nu + j] - p->model->u0[j];
     }
     respond_to_moves(p, y);
+}
+
+/* Of samples: y's distance from its target or, in a zone, from its edge. */
+static double cost_of_y(const struct apc_mpc *p, const double *y)
+{
+    double sum = 0.0;
+
+    for (size_t i = 0; i < p->N; i++) {
+        for (size_t c = 0; c < p->ny; c++) {
+            const size_t k = i * p->ny + c;
+            double away = y[k] - p->target_y[k];
+
+            if (p->zone[c] > 0.0 && p->row_of_zone[c] != SIZE_MAX) {
+                const size_t row = p->n + p->row_of_zone[c] + i;
+                const double inside = y[k] - p->free_y[k];
+
+                away = fmax(fmax(inside - p->high[row], p->low[row] - inside), 0.0);
+            } else if (i >= summed(p)) {
+                continue;
+            }
+            sum += 0.5 * p->q[c] * away * away;
+        }
+    }
+    return sum;
+}
+
+static double cost_of_moves(const struct apc_mpc *p, const double *plan)
+{
+    double sum = 0.0;
+
+    for (size_t k = 0; k < p->n; k++) {
+        const size_t b = k / p->nu, j = k % p->nu, sample = p->first[b];
+        const double move = plan[k] - (b ? plan[k - p->nu] : p->u_last[j]),
+                     away = plan[k] - p->target_u[(sample > 0 ? sample - 1 : 0) * p->nu + j];
+
+        sum += 0.5 * (p->s[j] * move * move + wished(p, b, j) * away * away);
+    }
+    return sum;
+}
+
+/* What comes after the horizon. */
+static double cost_of_rest(struct apc_mpc *p, const double *plan)
+{
+    const size_t nc = p->nc, nu = p->nu, na = nc + nu;
+    double sum = 0.0;
+
+    for (size_t i = 0; i < nc; i++) {
+        p->far[i] = p->x[i] - p->target_x[i];
+        for (size_t k = 0; k < p->n; k++)
+            p->far[i] += p->Gx[i * p->n + k] * (plan[k] - p->model->u0[k % nu]);
+    }
+    for (size_t j = 0; j < nu; j++)
+        p->far[nc + j] = plan[p->n - nu + j] - p->target_u[(p->N - 1) * nu + j];
+    for (size_t i = 0; i < na; i++)
+        sum += 0.5 * p->far[i] * apc_matrix_dot(p->P + i * na, p->far, na);
+    return fmax(sum, 0.0); /* rounding */
+}
+
+double apc_mpc_cost(struct apc_mpc *p, const double *plan, const double *y)
+{
+    return cost_of_y(p, y) + cost_of_moves(p, plan) + (p->terminal && p->aims ? cost_of_rest(p, plan) : 0.0);
 }
 
 void apc_mpc_target(const struct apc_mpc *p, size_t i, double *y, double *u)
@@ -860,6 +929,7 @@ const signed char *apc_mpc_active(const struct apc_mpc *p)
 void apc_mpc_start(struct apc_mpc *p, const signed char *rows)
 {
     apc_qp_start(p->qp, rows);
+    apc_qp_start(p->easy_qp, rows);
 }
 
 void apc_mpc_limiting(const struct apc_mpc *p, const signed char *rows, unsigned *u, unsigned *y)

@@ -66,7 +66,6 @@ struct apc_mpc_result {
     unsigned solves;
     unsigned given_up; /* the lowest rank whose limits could not be kept; 0: all were */
     bool reachable;    /* steady states at the setpoints lie within the limits */
-    double objective;
 };
 
 int apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, struct apc_error *why);
@@ -87,11 +86,14 @@ void apc_mpc_solve(struct apc_mpc *mpc, const struct apc_mpc_call *call, double 
 int apc_mpc_follow(struct apc_mpc *mpc, const double *G, const double *free_y);
 /* What the plan does: y [N * ny], of samples 1..N; of the last call. [tick] */
 void apc_mpc_predict(const struct apc_mpc *mpc, const double *plan, double *y);
+/* The sum above of a plan and what it does, of the last call: never below 0. [tick] */
+double apc_mpc_cost(struct apc_mpc *mpc, const double *plan, const double *y);
 /* Steady state aimed at by sample i (1..N) of the last call: y [ny], u [nu]. [tick] */
 void apc_mpc_target(const struct apc_mpc *mpc, size_t i, double *y, double *u);
 /* The u [nu] that acts in sample i, from 0. [tick] */
 const double *apc_mpc_move(const struct apc_mpc *mpc, const double *plan, size_t i);
-/* The working set, to be kept over a restart: apc_mpc_rows() numbers. [tick] */
+/* The working set that a solution ended with, or came to in time: to be kept, also over a restart, and to
+ * begin the next one with: apc_mpc_rows() numbers. [tick] */
 size_t apc_mpc_rows(const struct apc_mpc *mpc);
 const signed char *apc_mpc_active(const struct apc_mpc *mpc);
 void apc_mpc_start(struct apc_mpc *mpc, const signed char *rows);

@@ -162,6 +162,45 @@ static void a_plan_that_is_not_found_in_time_is_told(void **state)
     apc_simulation_destroy(s);
 }
 
+/* Two changes of the working set in a tick, and a step that takes nine: once this law was shed for ever. */
+static void with_little_to_compute_by_it_is_late_for_a_while_and_reaches_its_setpoints(void **state)
+{
+    static const double wanted[] = {7.1315, 5.3915};
+    struct apc_experiment *e = NULL;
+    struct apc_simulation *s = NULL;
+    (void)state;
+    if (apc_experiment_load(&e, APC_SOURCE_DIR "/experiments/quadruple-tank-mpc.conf", NULL, &why) < 0 ||
+        apc_experiment_set(e, "controller.settings.iterations", "2", &why) < 0 ||
+        apc_simulation_create(&s, e, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    run(s, 560);
+    assert_true(told(s, "no plan in time") >= 1);
+    for (int id = 1; id <= 2; id++) {
+        assert_int_equal(newest(s, APC_ACTUATOR, id).status, APC_GOOD);
+        assert_near(newest(s, APC_SENSOR, id).value, wanted[id - 1], 0.01);
+    }
+    apc_simulation_destroy(s);
+    apc_experiment_destroy(e);
+}
+
+/* Each time that the loops below take up they need a plan of more changes than that: while they did not
+ * follow, everything was given. */
+static void over_loops_with_little_to_compute_by_it_acts_all_the_same(void **state)
+{
+    struct apc_experiment *e = NULL;
+    struct apc_simulation *s = NULL;
+    (void)state;
+    if (apc_experiment_load(&e, APC_SOURCE_DIR "/experiments/two-layers-mpc.conf", NULL, &why) < 0 ||
+        apc_experiment_set(e, "controllers.upper.settings.iterations", "2", &why) < 0 ||
+        apc_simulation_create(&s, e, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    run(s, 390);
+    assert_near(newest(s, APC_SENSOR, 1).value, 7.1315, 0.02);
+    assert_near(newest(s, APC_SENSOR, 2).value, 6.3915, 0.02);
+    apc_simulation_destroy(s);
+    apc_experiment_destroy(e);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -171,6 +210,8 @@ int main(void)
         cmocka_unit_test(what_is_out_of_reach_for_a_while_is_told_and_its_end),
         cmocka_unit_test(what_is_out_of_reach_now_and_then_is_told_once),
         cmocka_unit_test(a_plan_that_is_not_found_in_time_is_told),
+        cmocka_unit_test(with_little_to_compute_by_it_is_late_for_a_while_and_reaches_its_setpoints),
+        cmocka_unit_test(over_loops_with_little_to_compute_by_it_acts_all_the_same),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
