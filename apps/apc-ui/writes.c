@@ -224,6 +224,8 @@ static enum outcome judge(const struct seen *seen, const struct apc_sample *s)
 {
     static const struct apc_vector never = {0};
     const int by = controller_of(seen, s);
+    if (!newest(seen, s->table, s->id)) /* it was written after they were read */
+        return OUTCOME_WAITING;
     const struct outcome_seen one = {.write = s,
                                      .actual = actual_of(seen, s),
                                      .tick = by < 0 ? &never : &seen->tick[by],

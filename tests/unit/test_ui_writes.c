@@ -342,6 +342,22 @@ static void what_no_controller_has_is_taken_by_nobody(void **state)
     shows("key-0001", "it is stored, but no controller takes it");
 }
 
+static void what_was_written_after_the_look_waits_for_the_next_one(void **state)
+{
+    struct write_change c = change_of(Z, 4);
+    (void)state;
+    c.after.table = APC_OPMODE;
+    c.after.id = 99; /* of an alarm: looked at only while it is wanted */
+    begin("key-0001", WRITE_ACK, &c, 1);
+    end("key-0001", WRITE_ACCEPTED, 1, &c);
+    settle(0);
+    settle(8 * S);
+    assert_string_equal(told, "accepted");
+    settle(8 * S + 1); /* it never was */
+    assert_string_equal(told, "accepted unknown");
+    shows("key-0001", "it is stored, but no controller takes it");
+}
+
 static void what_was_taken_along_is_told_and_not_waited_for(void **state)
 {
     struct write_change c[2] = {change_of(Z, 12), change_of(TARGET, APC_MODE_AUTO)};
@@ -544,6 +560,7 @@ int main(void)
         T(without_a_confirmation_it_is_unknown_and_may_still_be_applied),
         T(nobody_applies_it_when_its_own_controller_does_not_tick),
         T(what_no_controller_has_is_taken_by_nobody),
+        T(what_was_written_after_the_look_waits_for_the_next_one),
         T(what_was_taken_along_is_told_and_not_waited_for),
         T(where_the_seq_was_the_stores_to_give_only_the_row_itself_tells),
         T(a_lost_answer_is_settled_by_the_row_itself),
