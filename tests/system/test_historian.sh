@@ -149,6 +149,6 @@ done
 
 # a live store that begins anew is not what this history is of
 rm "$segment"
-"$apc" run "$work/fast.conf" --store "$live" --duration 1 --no-ui --out "$work/anew" >/dev/null 2>&1
+run_until "more_values $live u 3" "$work/fast.conf" --store "$live" --no-ui --out "$work/anew"
 expect 4 'cannot be taken: .*newer' \
   "$APC_BIN/apc-historian" --config "$work/fast.conf" --store "$live" --history "$file"

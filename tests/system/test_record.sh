@@ -118,7 +118,7 @@ n=$(rows u)
 # whoever runs something next is told of it, and what runs meanwhile has memory of its own; two that begin at once have
 # folders of their own
 sed "s/:$port\"/:$(free_port)\"/" "$work/fast.conf" >"$work/elsewhere.conf"
-next() { (cd "$work" && exec "$apc" run "$2" --duration 1 --no-ui) >"$work/$1.log" 2>&1; }
+next() { (cd "$work" && exec "$apc" run "$2" --duration 5 --no-ui) >"$work/$1.log" 2>&1; }
 next one "$work/fast.conf" &
 next other "$work/elsewhere.conf" || fail "one of two runs failed: $(tail -n 1 "$work/other.log")"
 wait $! || fail "one of two runs failed: $(tail -n 1 "$work/one.log")"

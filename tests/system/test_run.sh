@@ -74,8 +74,9 @@ expect 1 'the loop was never closed' "$apc" run "$work/external.conf" --duration
 # a law and a plant of one's own; Ctrl-C ends each of these endless runs cleanly, with its report
 rows() { sql "SELECT count(*) FROM apc.$1"; }
 more_rows() { [ "$(rows "$1")" -gt "$2" ]; }
-n=$(rows actuator) m=$(rows setpoint)
-all_act() { more_rows actuator $((n + 5)) && more_rows setpoint "$m"; }
+good='actuator WHERE status = 0'
+n=$(rows "$good") m=$(rows setpoint)
+all_act() { more_rows "$good" "$n" && more_rows setpoint "$m"; }
 run_until all_act "$work/fast.conf" --out "$work/own" --spin --hold-latency \
   --law "$APC_BUILD_DIR/examples/mylaw.so" --plant "$APC_BUILD_DIR/examples/myplant.so"
 folder_is_whole "$work/own"

@@ -14,7 +14,7 @@
 #include <string.h>
 
 #define PATIENCE (20 * APC_NS_PER_S) /* a hang is a failure, not a hung test */
-#define SHORT    (50 * APC_NS_PER_MS)
+#define SHORT    (250 * APC_NS_PER_MS)
 
 static apc_ns soon(apc_ns from_now)
 {

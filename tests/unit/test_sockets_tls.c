@@ -485,7 +485,7 @@ static void a_plant_of_an_old_protocol_is_refused(void **state)
 
 static void a_handshake_that_stalls_ends_and_holds_nobody_up(void **state)
 {
-    struct plant *p = open_plant("ours/plant.pem", 200 * APC_NS_PER_MS);
+    struct plant *p = open_plant("ours/plant.pem", 2 * APC_NS_PER_S);
     const int port = apc_server_port(p->server);
     struct client c = open_client("ours/client.pem", "127.0.0.1", port);
     static const char hello[] = {22, 3, 1,          2, 0, 1,
