@@ -80,6 +80,8 @@ APC_API void apc_simulation_destroy(struct apc_simulation *s); /**< NULL is lega
  * (APC_ESOLVER: the plant diverged, ...), which it then always returns. [setup]
  */
 APC_API int apc_simulation_run(struct apc_simulation *s, double until);
+/** How far it has come, in s since t = 0. [setup] */
+APC_API double apc_simulation_time(const struct apc_simulation *s);
 
 /**
  * Set a setpoint, a tuning parameter or, by the name of an output, what goes out in mode Man, as an operator
@@ -102,8 +104,8 @@ APC_API int apc_simulation_do(struct apc_simulation *s, const char *what, const 
  * or there is no value yet) or another error. [setup] */
 APC_API int apc_simulation_read(const struct apc_simulation *s, const char *name, struct apc_value *value);
 
-/** Where the modules of the simulation meet: all rows and events of it. Lives as long as the simulation;
- * times are from 2000-01-01 on. [setup] */
+/** Where the modules of the simulation meet: all rows and events of it, and what its variables are called.
+ * Lives as long as the simulation; times are from 2000-01-01 on. [setup] */
 APC_API struct apc_store *apc_simulation_store(struct apc_simulation *s);
 /** Why the last call that failed did. Lives until the next one. [setup] */
 APC_API const char *apc_simulation_error(const struct apc_simulation *s);

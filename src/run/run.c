@@ -153,6 +153,8 @@ int apc_simulation_create(struct apc_simulation **out, const struct apc_experime
     s->of = e->now;
     atomic_fetch_add(&s->of->users, 1);
     rc = simulation_create(&s->s, &s->of->e, o.seed ? o.seed : s->of->e.seed, why);
+    if (rc == 0 && apc_store_put_tags(s->s.store, s->s.tags, s->s.n_tags) < 0)
+        rc = apc_fail(why, APC_ENOMEM, "%s", apc_store_error(s->s.store));
     if (rc < 0)
         apc_simulation_destroy(s);
     else
@@ -186,6 +188,11 @@ int apc_simulation_run(struct apc_simulation *s, double until)
                     until == 0 ? "the experiment has no duration: say until when"
                                : "until %g s: must be a time of the run, or 0 for its end",
                     until);
+}
+
+double apc_simulation_time(const struct apc_simulation *s)
+{
+    return s->s.ended;
 }
 
 int apc_simulation_write(struct apc_simulation *s, const char *name, double value)

@@ -315,7 +315,9 @@ static void in_steps_it_is_the_same_as_at_once(void **state)
     for (double t = 0.1; t < 600; t += 7.3)
         assert_int_equal(apc_simulation_run(steps, t), 0);
     assert_int_equal(apc_simulation_run(steps, 20), 0); /* past */
+    assert_true(apc_simulation_time(steps) > 590);
     assert_int_equal(apc_simulation_run(steps, 600), 0);
+    assert_true(apc_simulation_time(steps) == 600);
     assert_int_equal(hash_of(whole), hash_of(steps));
     apc_simulation_destroy(whole);
     apc_simulation_destroy(steps);

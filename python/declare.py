@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Write the C of the extension module `apc._apc` from the library's public headers.
+
+    declare.py COMPILER INCLUDE OUT
+
+What the headers declare is declared once, there: the preprocessor takes comments and macros away, what came from another
+folder than INCLUDE is left out, and cffi compiles the rest against the headers themselves, so no layout is assumed.
+"""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from cffi import FFI
+
+HEADERS = ("apcrun.h", "apcqp.h", "apcestimate.h", "apctimer.h", "apcsockets.h")
+
+# What Python has no use for, or cffi no word: variadic functions, mutexes, what plug-ins define, the paper's functions.
+LEFT_OUT = re.compile(r"\.\.\.|va_list|pthread_|sigval|timer_t|^extern|\b(pack|unpack)MultiMsg|\b(client|server)_\w+\(")
+
+# Numbers that are macros.
+MACROS = re.compile(r"^#define (APC_(?:GOOD|UNCERTAIN|BAD)\w*|APC_SEQ_ANY|APC_ELEMENTS_MAX|APC_FRAME_MAX)\b", re.M)
+
+
+def declarations(compiler: str, include: Path) -> str:
+    """All that the headers declare, as cffi's parser takes it."""
+    source = "".join(f'#include "{header}"\n' for header in HEADERS)
+    text = subprocess.run(
+        [compiler, "-E", "-std=c11", "-D_GNU_SOURCE", "-D__attribute__(x)=", f"-I{include}", "-"],
+        input=source, capture_output=True, text=True, check=True).stdout
+    ours, kept = False, []
+    for line in text.splitlines():
+        marker = re.match(r'# \d+ "([^"]*)"', line)
+        if marker:
+            ours = Path(marker[1]).parent == include
+        elif ours:
+            kept.append(line)
+    # Statement by statement: a brace that is open keeps its semicolons.
+    statements, depth, begin, whole = [], 0, 0, "\n".join(kept)
+    for i, c in enumerate(whole):
+        depth += (c == "{") - (c == "}")
+        if c == ";" and depth == 0:
+            statements.append(whole[begin:i + 1].strip())
+            begin = i + 1
+    numbers = [f"#define {name} ..." for header in sorted(include.glob("apc*.h"))
+               for name in MACROS.findall(header.read_text())]
+    return "\n".join(numbers + [s for s in statements if not LEFT_OUT.search(s)])
+
+
+def main() -> None:
+    compiler, include, out = sys.argv[1], Path(sys.argv[2]).resolve(), sys.argv[3]
+    here = Path(__file__).parent
+    ffi = FFI()
+    ffi.cdef(declarations(compiler, include))
+    ffi.cdef((here / "columns.h").read_text())
+    ffi.set_source("apc._apc", "".join(f'#include "{header}"\n' for header in (*HEADERS, "columns.h")))
+    ffi.emit_c_code(out)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""libapc from Python: experiments, stores, models, quadratic programs, timers, links and laws.
+
+    >>> import apc
+    >>> simulation = apc.Experiment("experiments/first-order.conf").simulate()
+    >>> simulation.run()
+    >>> simulation.figures()[0].iae                                               # doctest: +SKIP
+
+Times are in s, time stamps in ns of Unix time (UTC). An object belongs to one thread at a time. What the library
+refuses is raised as `apc.Error` with its sentence. Nothing is loaded before it is used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .errors import (BusyError, ConflictError, DiskFullError, Error, InvalidError, LimitError, NoMemoryError,
+                         NotConnectedError, NotFoundError, RefusedError, SolverError, StateError, StoreError, TimedOut)
+    from .experiment import Experiment, Figure, Simulation
+    from .store import Event, History, Store, Tag, Vectors
+    from .values import Mode, Status, Value
+    from .library import version
+
+_WHERE = {
+    "errors": ("BusyError", "ConflictError", "DiskFullError", "Error", "InvalidError", "LimitError", "NoMemoryError",
+               "NotConnectedError", "NotFoundError", "RefusedError", "SolverError", "StateError", "StoreError", "TimedOut"),
+    "experiment": ("Experiment", "Figure", "Simulation"),
+    "store": ("Event", "History", "Store", "Tag", "Vectors"),
+    "values": ("Mode", "Status", "Value"),
+    "library": ("version",),
+}
+_MODULE = {name: module for module, names in _WHERE.items() for name in names}
+
+__all__ = sorted(_MODULE)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE:
+        raise AttributeError(f"module 'apc' has no attribute '{name}'")
+    value = getattr(import_module(f".{_MODULE[name]}", __name__), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: BSD-3-Clause
+import gc
+
+import numpy as np
+import pytest
+
+import apc
+from test_experiment import TEXT
+
+
+@pytest.fixture
+def store():
+    s = apc.Experiment("here.conf", TEXT).simulate()
+    s.run()
+    return s.store
+
+
+def test_history_is_columns(store):
+    y = store.history("y")
+    assert y.tag.unit == "V" and y.tag.table == "sensor" and y.tag.low is None
+    assert len(y.seq) == len(y.time) == len(y.value) == len(y.status) == 120
+    assert (np.diff(y.seq) == 1).all()
+    assert y.time.dtype == "M8[ns]" and (np.diff(y.time) > np.timedelta64(0)).all()
+    assert y.time[0] >= np.datetime64("2000-01-01") and (y.status == 0).all()
+    assert store.read("y") == (y.value[-1], 0, y.time[-1].astype(int))
+
+
+def test_history_has_bounds(store):
+    y = store.history("y")
+    assert (store.history("y", last=3).value == y.value[-3:]).all()
+    part = store.history("y", since=y.time[10], until=y.time[20])
+    assert (part.seq == y.seq[10:20]).all()
+    assert len(store.history("y", since="2001-01-01").value) == 0
+    with pytest.raises(ValueError, match="last = -1"):
+        store.history("y", last=-1)
+
+
+def test_columns_outlive_their_store():
+    s = apc.Experiment("here.conf", TEXT).simulate()
+    s.run()
+    value = s.store.history("y").value
+    sum_of = value.sum()
+    s.close()
+    del s
+    gc.collect()
+    assert value.sum() == sum_of
+
+
+def test_vectors_and_events(store):
+    ticks = store.vectors("tick.1")
+    assert len(ticks.seq) == 30 and ticks.end[-1] == len(ticks.value)
+    assert (ticks.row(0) == ticks.value[:ticks.end[0]]).all() and len(ticks.row(-1)) == ticks.end[-1] - ticks.end[-2]
+    with pytest.raises(IndexError):
+        ticks.row(30)
+    kinds = {e.kind for e in store.events()}
+    assert "mode" in kinds
+
+
+def test_names(store):
+    assert store.tag("r").table == "setpoint" and store.tag("sensor.1").name == "y"
+    assert store.read("dim.1").status.bad  # nobody put it down here
+    with pytest.raises(LookupError, match="there is no \"yy\" in this store"):
+        store.read("yy")
+    assert store.read_all(["y", "u"])[1] == store.read("u")
+
+
+def test_a_store_that_is_not_there(tmp_path):
+    with pytest.raises(ValueError, match="oracle"):
+        apc.Store("oracle:x")
+    with pytest.raises(apc.Error):
+        apc.Store(f"sqlite:{tmp_path}/none/x.db").tags()
+
+
+def test_an_experiment_in_a_store_of_its_own(tmp_path):
+    with apc.Store(f"sqlite:{tmp_path}/x.db") as store, apc.Experiment("here.conf", TEXT) as e:
+        assert store.init() == 0
+        e.provision(store)
+        assert store.tag("u").high == 10 and "first-order" in store.catalogue()
+        assert store.read("y").status.bad and str(store.read("y").status) == "BadNoData"
