@@ -390,10 +390,39 @@ static void check_all(struct settings *s, const struct owner *o)
 
 /* ---- How they are evaluated -------------------------------------------------------------------- */
 
+/* notify = ( { priority = 1; command = "mail -s alarm operator"; timeout = 10.0; } ) */
+static void read_notices(struct settings *s, const config_setting_t *of, struct experiment *e)
+{
+    static const char *const known[] = {"priority", "command", "timeout", NULL};
+    const config_setting_t *list = settings_list(s, of, "notify", OPTIONAL);
+    const size_t n = list ? (size_t)config_setting_length(list) : 0;
+    if (n > ALARM_NOTICES)
+        settings_fail(s, list, "\"notify\" has more than %d commands", ALARM_NOTICES);
+    for (size_t i = 0; i < n && !s->failed; i++) {
+        const config_setting_t *group = config_setting_get_elem(list, (unsigned)i);
+        struct alarm_notice *notice = &e->alarms.notice[i];
+        int64_t priority = APC_ALARM_PRIORITIES;
+        double timeout = 10;
+        if (!config_setting_is_group(group)) {
+            settings_fail(s, group, "expected a group: { priority = 1; command = \"...\"; }");
+            return;
+        }
+        settings_known(s, group, known);
+        settings_whole(s, group, "priority", OPTIONAL, 1, APC_ALARM_PRIORITIES, &priority);
+        settings_text(s, group, "command", REQUIRED, notice->command, sizeof notice->command);
+        settings_number(s, group, "timeout", OPTIONAL, 0.1, 600, &timeout);
+        if (!s->failed && notice->command[0] == '\0')
+            settings_fail(s, group, "\"command\" is empty");
+        notice->priority = (int)priority;
+        (void)apc_ns_from_s(timeout, &notice->timeout);
+    }
+    e->alarms.n_notices = n;
+}
+
 /* As often as measurements come, from ten times a second to once. */
 static void read_evaluation(struct settings *s, const config_setting_t *root, struct experiment *e)
 {
-    static const char *const known[] = {"period", "shelve_max", NULL};
+    static const char *const known[] = {"period", "shelve_max", "notify", NULL};
     const config_setting_t *group = settings_group(s, root, "alarms", OPTIONAL);
     const apc_ns client = e->client.rhythm.period;
     double shelve_max = 8 * 3600.0;
@@ -405,6 +434,7 @@ static void read_evaluation(struct settings *s, const config_setting_t *root, st
         settings_known(s, group, known);
         settings_period(s, group, "period", OPTIONAL, &e->alarms.rhythm.period);
         settings_number(s, group, "shelve_max", OPTIONAL, 1, 7 * 86400.0, &shelve_max);
+        read_notices(s, group, e);
     }
     (void)apc_ns_from_s(shelve_max, &e->alarms.shelve_max);
 }

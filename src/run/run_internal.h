@@ -148,6 +148,15 @@ struct alarm {
     char message[APC_TAG_LEN * 2], consequence[256], response[256]; /* "": not said */
 };
 
+/* Who is told of an alarm that is raised: a command of the shell. */
+#define ALARM_NOTICES 4
+#define ALARM_COMMAND 512
+struct alarm_notice {
+    char command[ALARM_COMMAND];
+    int priority; /* of those that are as grave as that, or graver */
+    apc_ns timeout;
+};
+
 struct experiment {
     char file[EXPERIMENT_PATH]; /* it was loaded from */
     char *text;                 /* it was read from */
@@ -211,6 +220,8 @@ struct experiment {
     struct {
         struct rhythm rhythm;
         apc_ns shelve_max;
+        struct alarm_notice notice[ALARM_NOTICES];
+        size_t n_notices;
     } alarms;
 
     struct models models; /* of virtual time */

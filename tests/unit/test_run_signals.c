@@ -378,6 +378,16 @@ static void a_mistake_in_what_is_wanted_is_refused_with_its_line(void **state)
          "6: \"kind\" is \"high\": must be \"stopped\""},
         {KEYS("", "", "", "") "alarms = { shelve_max = 0.0; };", "7: \"shelve_max\" is 0: must be from 1"},
         {KEYS("", "", "", "") "alarms = { forever = true; };", "7: unknown setting \"forever\""},
+        {KEYS("", "", "", "") "alarms = { notify = ( \"mail\" ); };",
+         "7: expected a group: { priority = 1; command = \"...\"; }"},
+        {KEYS("", "", "", "") "alarms = { notify = ( { priority = 1; } ); };", "7: \"command\" is missing"},
+        {KEYS("", "", "", "") "alarms = { notify = ( { command = \"\"; } ); };", "7: \"command\" is empty"},
+        {KEYS("", "", "", "") "alarms = { notify = ( { priority = 5; command = \"a\"; } ); };",
+         "7: \"priority\" must be from 1 to 4, a whole number"},
+        {KEYS("", "", "", "") "alarms = { notify = ( { timeout = 0.0; command = \"a\"; } ); };",
+         "7: \"timeout\" is 0: must be from 0.1"},
+        {KEYS("", "", "", "") "alarms = { notify = ( {}, {}, {}, {}, {} ); };",
+         "7: \"notify\" has more than 4 commands"},
     };
     (void)state;
     for (size_t i = 0; i < sizeof mistake / sizeof *mistake; i++) {

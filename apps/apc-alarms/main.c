@@ -8,6 +8,7 @@
 
 #include <stdlib.h>
 
+#include "notifier.h"
 #include "run/alarms.h"
 
 static const struct program program = {
@@ -20,6 +21,7 @@ struct shell {
     struct daemon *d;
     struct apc_store *store;
     struct apc_alarms *core;
+    struct notifier *notifier[ALARM_NOTICES];
     bool failing;
 };
 
@@ -65,13 +67,38 @@ static int evaluate(struct shell *s)
     return 0;
 }
 
+static void notify(struct shell *s, const struct apc_sample *row, bool again)
+{
+    for (size_t i = 0; i < s->d->experiment.alarms.n_notices; i++)
+        notifier_tell(s->notifier[i], row, again);
+}
+
 static void tell(struct shell *s)
 {
     const struct apc_rows *out = apc_alarms_out(s->core);
     struct apc_event event;
     for (size_t i = 0; i < out->n_samples; i++)
-        if (alarm_event(&s->d->experiment, &out->sample[i], &event))
+        if (alarm_event(&s->d->experiment, &out->sample[i], &event)) {
             daemon_event(s->d, event.severity, event.kind, "%s", event.text);
+            notify(s, &out->sample[i], false);
+        }
+}
+
+/* Whether a predecessor that died came to telling of what stands, nobody knows. */
+static int start_notifiers(struct shell *s)
+{
+    const struct experiment *e = &s->d->experiment;
+    const struct apc_rows *former = apc_alarms_former(s->core);
+    struct apc_event event;
+    for (size_t i = 0; i < e->alarms.n_notices; i++) {
+        int rc = notifier_start(&s->notifier[i], s->d, &e->alarms.notice[i]);
+        if (rc < 0)
+            return rc;
+    }
+    for (size_t i = 0; i < former->n_samples; i++)
+        if (former->sample[i].seq > 0 && alarm_event(e, &former->sample[i], &event))
+            notify(s, &former->sample[i], true);
+    return 0;
 }
 
 static int on_tick(void *ctx, const struct apc_tick *tick)
@@ -119,8 +146,10 @@ static int open_shell(struct shell *s)
     rc = claim(s);
     if (rc == 0 && (rc = apc_store_read_rows(s->store, apc_alarms_former(s->core))) < 0)
         return daemon_error(s->d, rc, "%s", apc_store_error(s->store));
-    if (rc == 0)
+    if (rc == 0) {
         apc_alarms_resume(s->core);
+        rc = start_notifiers(s);
+    }
     return rc;
 }
 
@@ -133,6 +162,8 @@ int main(int argc, char **argv)
         rc = open_shell(&s);
     if (rc == 0)
         rc = daemon_run(&d, d.experiment.alarms.rhythm, on_tick, &s);
+    for (size_t i = 0; i < ALARM_NOTICES; i++)
+        notifier_stop(s.notifier[i]);
     apc_store_close(s.store);
     apc_alarms_destroy(s.core);
     return daemon_close(&d, rc);

@@ -1,0 +1,279 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The message is in the command's standard input before the command begins, so that one which does not read,
+ * or dies, breaks no pipe: a message is far shorter than what a pipe holds. The command has a process group
+ * of its own, which is killed with whatever it started.
+ */
+#include "notifier.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <jansson.h>
+#include <poll.h>
+#include <pthread.h>
+#include <signal.h>
+#include <spawn.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <sys/pidfd.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#define WAITING 64 /* alarms; of a flood nobody wants to be told one by one */
+
+struct raised {
+    struct apc_sample row;
+    bool again;
+};
+
+struct notifier {
+    struct daemon *d;
+    const struct alarm_notice *is;
+    pthread_t thread;
+    int wake, stop; /* eventfds */
+    pthread_mutex_t mutex;
+    struct raised waiting[WAITING]; /* under mutex, with: */
+    size_t first, count;
+    unsigned long dropped;
+
+    unsigned long untold; /* the thread's own: since it fails; with those dropped meanwhile */
+};
+
+/* ---- The message -------------------------------------------------------------------------- */
+
+static char *make_message(const struct notifier *n, const struct raised *raised)
+{
+    const struct alarm *a = &n->d->experiment.alarm[raised->row.id - 1];
+    char time[APC_TIME_LEN];
+    (void)apc_time_format(raised->row.time, time);
+    json_t *message =
+        json_pack("{s:s, s:s, s:i, s:s, s:s, s:I, s:s, s:s, s:s, s:s, s:b}", "experiment",
+                  n->d->experiment.name, "alarm", a->name, "priority", a->is.priority, "state",
+                  apc_alarm_state_name((enum apc_alarm_state)(int)raised->row.value), "time", time, "number",
+                  (json_int_t)raised->row.origin, "area", a->area, "message", a->message, "consequence",
+                  a->consequence, "response", a->response, "again", raised->again);
+    char *text = message ? json_dumps(message, JSON_COMPACT) : NULL;
+    json_decref(message);
+    return text;
+}
+
+/* A pipe that has the message and a newline in it and ends behind them. Returns its end to read from, or -1
+ * with errno. */
+static int open_message(const char *text)
+{
+    int end[2];
+    if (pipe2(end, O_CLOEXEC) != 0)
+        return -1;
+    const size_t n = strlen(text);
+    const bool whole = write(end[1], text, n) == (ssize_t)n && write(end[1], "\n", 1) == 1;
+    close(end[1]);
+    if (whole)
+        return end[0];
+    close(end[0]);
+    return -1;
+}
+
+/* ---- The command -------------------------------------------------------------------------- */
+
+/* Returns 0 or an errno. */
+static int set_attributes(posix_spawnattr_t *attributes)
+{
+    sigset_t none, ignored;
+    sigemptyset(&none);
+    sigemptyset(&ignored);
+    sigaddset(&ignored, SIGPIPE);
+    int rc = posix_spawnattr_setsigmask(attributes, &none);
+    rc = rc ? rc : posix_spawnattr_setsigdefault(attributes, &ignored);
+    rc = rc ? rc : posix_spawnattr_setpgroup(attributes, 0);
+    return rc ? rc
+              : posix_spawnattr_setflags(attributes, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF |
+                                                         POSIX_SPAWN_SETPGROUP);
+}
+
+/* Returns 0 or an errno. */
+static int spawn(const char *command, int input, pid_t *pid)
+{
+    char shell[] = "/bin/sh", option[] = "-c", copy[ALARM_COMMAND];
+    char *const argv[] = {shell, option, copy, NULL};
+    posix_spawn_file_actions_t actions;
+    posix_spawnattr_t attributes;
+    snprintf(copy, sizeof copy, "%s", command);
+    int rc = posix_spawn_file_actions_init(&actions);
+    if (rc)
+        return rc;
+    if ((rc = posix_spawnattr_init(&attributes)) == 0) {
+        if ((rc = set_attributes(&attributes)) == 0 &&
+            (rc = posix_spawn_file_actions_adddup2(&actions, input, STDIN_FILENO)) == 0 &&
+            (rc = posix_spawn_file_actions_adddup2(&actions, STDERR_FILENO, STDOUT_FILENO)) == 0)
+            rc = posix_spawn(pid, shell, &actions, &attributes, argv, environ);
+        posix_spawnattr_destroy(&attributes);
+    }
+    posix_spawn_file_actions_destroy(&actions);
+    return rc;
+}
+
+/* Until it has ended, its time is up, or the daemon stops. Returns whether it has ended. */
+static bool await(const struct notifier *n, pid_t pid)
+{
+    const int process = pidfd_open(pid, 0);
+    struct pollfd of[] = {{.fd = process, .events = POLLIN}, {.fd = n->stop, .events = POLLIN}};
+    const apc_ns end = apc_clock_mono(NULL) + n->is->timeout;
+    int ready = process < 0 ? -1 : 0;
+    while (ready == 0 && apc_clock_mono(NULL) < end) {
+        ready = poll(of, 2, (int)((end - apc_clock_mono(NULL)) / APC_NS_PER_MS) + 1);
+        if (ready < 0 && errno == EINTR)
+            ready = 0;
+    }
+    if (process >= 0)
+        close(process);
+    return ready > 0 && (of[0].revents & POLLIN);
+}
+
+/* Returns whether it did what it was to do; if not, @p why says what came. */
+static bool run_command(const struct notifier *n, const char *text, char *why, size_t size)
+{
+    const int input = open_message(text);
+    pid_t pid;
+    int status = 0;
+    int rc = input < 0 ? errno : spawn(n->is->command, input, &pid);
+    if (input >= 0)
+        close(input);
+    if (rc != 0) {
+        snprintf(why, size, "could not be started: %s", strerror(rc));
+        return false;
+    }
+    const bool ended = await(n, pid);
+    if (!ended)
+        (void)kill(-pid, SIGKILL);
+    while (waitpid(pid, &status, 0) < 0 && errno == EINTR)
+        ;
+    if (!ended)
+        snprintf(why, size, "did not end within %g s and was killed", apc_ns_to_s(n->is->timeout));
+    else if (WIFSIGNALED(status))
+        snprintf(why, size, "was ended by signal %d", WTERMSIG(status));
+    else
+        snprintf(why, size, "ended with code %d", WEXITSTATUS(status));
+    return ended && WIFEXITED(status) && WEXITSTATUS(status) == 0;
+}
+
+/* ---- The thread --------------------------------------------------------------------------- */
+
+static bool stopped(const struct notifier *n)
+{
+    struct pollfd of = {.fd = n->stop, .events = POLLIN};
+    return poll(&of, 1, 0) != 0;
+}
+
+static void report(struct notifier *n, const struct raised *raised, bool done, const char *why,
+                   unsigned long dropped)
+{
+    const char *name = n->d->experiment.alarm[raised->row.id - 1].name;
+    if (done && n->untold == 0 && dropped == 0)
+        return;
+    if (!done && n->untold == 0)
+        daemon_event(n->d, APC_EVENT_WARNING, "notify", "%.40s was not told: \"%.80s\" %.100s", name,
+                     n->is->command, why);
+    n->untold += dropped + !done;
+    if (!done)
+        return;
+    daemon_event(n->d, APC_EVENT_INFO, "notify", "\"%.80s\" is told of alarms; %lu were not told",
+                 n->is->command, n->untold);
+    n->untold = 0;
+}
+
+static bool take(struct notifier *n, struct raised *raised, unsigned long *dropped)
+{
+    pthread_mutex_lock(&n->mutex);
+    const bool some = n->count > 0;
+    if (some) {
+        *raised = n->waiting[n->first];
+        n->first = (n->first + 1) % WAITING;
+        n->count--;
+    }
+    *dropped = n->dropped;
+    n->dropped = 0;
+    pthread_mutex_unlock(&n->mutex);
+    return some;
+}
+
+static void tell_waiting(struct notifier *n)
+{
+    struct raised raised;
+    unsigned long dropped;
+    while (!stopped(n) && take(n, &raised, &dropped)) {
+        char why[128] = "needs more memory than there is";
+        char *text = make_message(n, &raised);
+        const bool done = text && run_command(n, text, why, sizeof why);
+        if (!stopped(n))
+            report(n, &raised, done, why, dropped);
+        free(text);
+    }
+}
+
+static void *serve(void *ctx)
+{
+    struct notifier *n = ctx;
+    struct pollfd of[] = {{.fd = n->wake, .events = POLLIN}, {.fd = n->stop, .events = POLLIN}};
+    while (!stopped(n)) {
+        uint64_t count;
+        if (poll(of, 2, -1) > 0 && read(n->wake, &count, sizeof count) > 0)
+            tell_waiting(n);
+    }
+    return NULL;
+}
+
+static void destroy(struct notifier *n)
+{
+    if (n->wake >= 0)
+        close(n->wake);
+    if (n->stop >= 0)
+        close(n->stop);
+    pthread_mutex_destroy(&n->mutex);
+    free(n);
+}
+
+int notifier_start(struct notifier **out, struct daemon *d, const struct alarm_notice *is)
+{
+    struct notifier *n = calloc(1, sizeof *n);
+    *out = NULL;
+    if (!n || apc_mutex_init(&n->mutex) < 0) {
+        free(n);
+        return daemon_error(d, APC_ENOMEM, "out of memory");
+    }
+    n->d = d;
+    n->is = is;
+    n->wake = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+    n->stop = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+    const int rc = n->wake < 0 || n->stop < 0 ? errno : pthread_create(&n->thread, NULL, serve, n);
+    if (rc != 0) {
+        destroy(n);
+        return daemon_error(d, APC_ESYS, "alarms cannot be told to \"%s\": %s", is->command, strerror(rc));
+    }
+    *out = n;
+    return 0;
+}
+
+void notifier_tell(struct notifier *n, const struct apc_sample *row, bool again)
+{
+    const uint64_t one = 1;
+    if (n->d->experiment.alarm[row->id - 1].is.priority > n->is->priority)
+        return;
+    pthread_mutex_lock(&n->mutex);
+    if (n->count < WAITING)
+        n->waiting[(n->first + n->count++) % WAITING] = (struct raised){*row, again};
+    else
+        n->dropped++;
+    pthread_mutex_unlock(&n->mutex);
+    (void)!write(n->wake, &one, sizeof one);
+}
+
+void notifier_stop(struct notifier *n)
+{
+    const uint64_t one = 1;
+    if (!n)
+        return;
+    (void)!write(n->stop, &one, sizeof one);
+    pthread_join(n->thread, NULL);
+    destroy(n);
+}

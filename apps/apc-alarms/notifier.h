@@ -1,0 +1,22 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * Who is told of new alarms: a command of the experiment file, run once for each, one after another, by a
+ * thread of its own. What it has not done within its time is killed; what waits while it runs is bounded.
+ * That it fails, and that it works again, is an event.
+ */
+#ifndef APC_ALARMS_NOTIFIER_H
+#define APC_ALARMS_NOTIFIER_H
+
+#include "common/daemon.h"
+
+struct notifier;
+
+/* d and is must outlive it. Returns 0, or an error already reported. */
+int notifier_start(struct notifier **notifier, struct daemon *d, const struct alarm_notice *is);
+/* An alarm is raised: a new row of table alarm. again: it may have been told before. Never waits for the
+ * command. [tick] */
+void notifier_tell(struct notifier *notifier, const struct apc_sample *row, bool again);
+/* Ends a command that runs; what waits is not told. NULL is legal. */
+void notifier_stop(struct notifier *notifier);
+
+#endif
