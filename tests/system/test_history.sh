@@ -11,7 +11,7 @@ fi
 . "$(dirname "$0")/lib.sh"
 unset APC_STORE
 fast_experiment
-sed -i 's/hold = 60.0;/hold = 2.0;/' "$work/fast.conf"
+sed -i 's/hold = 60.0;/hold = 6.0;/' "$work/fast.conf"
 
 data=$(sql 'SHOW data_directory')
 bin=$(ls -d /usr/lib/postgresql/*/bin | sort -V | tail -n 1)
@@ -59,7 +59,7 @@ until_true 60 start_server
 until_true 60 more_rows sensor 100
 kill_server
 n=$(values)
-until_true 30 more_values $((n + 20)) # 4 s of the plant's time, twice as long as its loop would hold
+until_true 30 more_values $((n + 60)) # 12 s of the plant's time, twice as long as its loop would hold
 until_true 60 start_server
 n=$(rows sensor)
 until_true 60 more_rows sensor $((n + 20))

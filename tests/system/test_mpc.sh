@@ -3,7 +3,7 @@
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 sed -e "s/^  period = 0.2;  .*/&\n  listen = \"tcp:127.0.0.1:$port\";/" -e "s/^  period = 0.2;\$/&\n  link = \"tcp:127.0.0.1:$port\";/" \
-  -e 's/period = 1.0;/period = 0.5;/' "$APC_SOURCE_DIR/experiments/quadruple-tank-mpc.conf" >"$work/mpc.conf"
+  -e 's/^  period = 0.5;/& hold = 60.0;/' "$APC_SOURCE_DIR/experiments/quadruple-tank-mpc.conf" >"$work/mpc.conf"
 status_has() { "$apc" status | grep -Eq -- "$1"; }
 
 background run "$apc" run "$work/mpc.conf" --duration 0 --no-ui --out "$work/run"

@@ -29,7 +29,7 @@ setpoints = ( { name = "r"; low = -100.0; high = 100.0; } );
 outputs = ( { name = "u"; low = -10.0; high = 10.0; safe = 0.0; } );
 plant = { model = "first-order"; parameters = { K = 10.0; tau = 10.0; }; period = 1.0; listen = "tcp:127.0.0.1:$port"; };
 client = { period = 1.0; phase = 0.3; link = "tcp:127.0.0.1:$port"; };
-controller = { law = "pi"; period = 1.0; phase = 0.6; tuning = ( { Kp = 0.2; tau_i = 10.0; } ); };
+controller = { law = "pi"; period = 1.0; phase = 0.6; hold = 60.0; tuning = ( { Kp = 0.2; tau_i = 10.0; } ); };
 scheduler = { period = 8.0; sequence = ( [10.0], [20.0], [5.0], [15.0] ); };
 CONF
 
@@ -78,6 +78,8 @@ background historian "$APC_BIN/apc-historian" --config "$work/twin.conf" --store
 historian=$pid
 in_history() { [ "$(sql 'SELECT count(*) FROM apc.actuator')" -gt 1 ]; }
 until_true 60 in_history
+until_true 60 grep -q 'plant takes commands' "$work/run/apc-plant.log"
+begun=$(date -u +%FT%T.%6NZ) # from now on nothing is to be felt at the plant
 
 for outage in $outages; do
   away=$(times 'takes nothing') again=$(times 'has all again') end=$((SECONDS + ${APC_OUTAGE:-0}))
@@ -113,10 +115,8 @@ wait "$historian" || fail "the historian ended with $?"
 # What the twin does was to be written, what the live store has was; and what the history has. (Where a machine stood still
 # for as long as a phase the twin did things in another order: then all there is to compare with is the live store.)
 late=$("$apc" timing --since -1d --store "$live" --csv | awk -F, '$2 == "lateness" && $NF > most {most = $NF} END {print most + 0}')
-[ "$late" -ge 250000000 ] ||
-  [ "$("$apc" history --events --store "$live" --last 1000000 --csv | grep -Ec ',"?(watchdog|link|measurement|overrun)"?,')" = \
-    "$("$apc" history --events --store "$live" --last 1000000 --csv | grep -Ec 'plant takes commands|connected to')" ] ||
-  fail "it was felt at the plant"
+"$apc" history --events --store "$live" --since "$begun" --csv >"$work/events"
+[ "$late" -ge 250000000 ] || ! grep -E ',"?(watchdog|link|measurement|overrun)"?,' "$work/events" || fail "it was felt at the plant"
 "$apc" simulate "$work/twin.conf" --duration $(($(count) + 10)) --csv "$work/twin.csv" >/dev/null
 mkdir "$work/history"
 rows() { awk -v kind="$1" -v table="$2" -v first="$3" '{printf "%s %s 1 %d %.17g\n", kind, table, first + NR - 1, $1}'; }

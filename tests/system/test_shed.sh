@@ -5,7 +5,7 @@
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 # What happens here comes from outside, not from the file's actions; and the upper controller is five times as fast.
-sed -e '/^actions = /,$d' -e 's/law = "pi"; period = 5.0/law = "pi"; period = 1.0/' -e 's/period = 200.0/period = 5.0/' \
+sed -e '/^actions = /,$d' -e 's/law = "pi"; period = 5.0/law = "pi"; period = 1.0/' -e 's/law = "pid*";/& hold = 60.0;/' -e 's/period = 200.0/period = 5.0/' \
   -e "s|^plant = {|plant = { listen = \"tcp:127.0.0.1:$port\";|" -e "s|^client = {|client = { link = \"tcp:127.0.0.1:$port\";|" \
   "$APC_SOURCE_DIR/experiments/two-layers.conf" >"$work/two.conf"
 
