@@ -20,9 +20,10 @@ static void work(void *ctx, unsigned job)
 int campaigns_make(struct campaign *c, size_t n, const struct experiment *e, struct loop *loop,
                    const struct campaign_options *options, struct apc_error *why)
 {
-    const size_t loops = metrics_loops(e, loop), stride = trial_size(loops);
+    const int paired = metrics_loops(e, loop);
+    const size_t loops = paired < 0 ? 0 : (size_t)paired, stride = trial_size(loops);
     void *trials = NULL;
-    struct farm *farm = farm_create(n * options->runs * stride, &trials);
+    struct farm *farm = paired < 0 ? NULL : farm_create(n * options->runs * stride, &trials);
 
     for (size_t i = 0; i < n; i++)
         c[i] = (struct campaign){.e = &e[i],

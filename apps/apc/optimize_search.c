@@ -400,7 +400,10 @@ static int search(struct optimization *z, struct stage *s, struct apc_error *why
 
 int optimization_search(struct optimization *z, struct apc_error *why)
 {
-    z->loops = metrics_loops(&z->e, z->loop);
+    const int loops = metrics_loops(&z->e, z->loop);
+    if (loops < 0)
+        return apc_fail(why, loops, "no memory");
+    z->loops = (size_t)loops;
     z->stride = sizeof(struct attempt) + 3 * z->loops * sizeof(double);
     z->stride = (z->stride + FARM_LINE - 1) / FARM_LINE * FARM_LINE;
     z->tries = z->own.budget / z->own.runs;

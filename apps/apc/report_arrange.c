@@ -155,15 +155,15 @@ static int collect(struct report_panels *p)
     const size_t shadows = count_shadows(e);
     p->curve = calloc(ny + e->dim.nz + e->dim.nu + shadows + 1, sizeof *p->curve);
     p->shadow = calloc(shadows + 1, sizeof *p->shadow);
-    if (!loop || !shown || !p->curve || !p->shadow) {
+    const int loops = loop ? metrics_loops(e, loop) : APC_ENOMEM;
+    if (loops < 0 || !shown || !p->curve || !p->shadow) {
         free(loop);
         free(shown);
         return APC_ENOMEM;
     }
-    const size_t loops = metrics_loops(e, loop);
     for (size_t i = 0; i < ny; i++) {
         struct curve_of c = {.signal = &e->y[i], .series = series_of(&p->data->y, i)};
-        add_setpoints(p, &c, loop, loops, shown);
+        add_setpoints(p, &c, loop, (size_t)loops, shown);
         keep(p, c);
     }
     for (size_t i = 0; i < e->dim.nz; i++)

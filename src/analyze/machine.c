@@ -152,28 +152,27 @@ static void lay_out(struct machine *m)
     }
 }
 
-static const struct advance *advance_of(struct machine *m, apc_ns dt, struct apc_error *why)
+/* Which of them it is, in @p number. */
+static int find_advance(struct machine *m, apc_ns dt, size_t *number, struct apc_error *why)
 {
     const struct apc_loop_plant *p = &m->loop->setup.plant;
     struct advance *all, *one;
 
-    for (size_t i = 0; i < m->n_advances; i++) {
-        if (m->advance[i].dt == dt)
-            return &m->advance[i];
+    for (*number = 0; *number < m->n_advances; ++*number) {
+        if (m->advance[*number].dt == dt)
+            return 0;
     }
     all = realloc(m->advance, (m->n_advances + 1) * sizeof(*all));
     if (!all)
-        return NULL;
+        return apc_fail(why, APC_ENOMEM, "no memory");
     m->advance = all;
     one = &all[m->n_advances];
     *one = (struct advance){dt, calloc(p->nx * (p->nx + p->nu) + 1, sizeof(double)), NULL};
     if (!one->A)
-        return NULL;
+        return apc_fail(why, APC_ENOMEM, "no memory");
     m->n_advances++;
     one->B = one->A + p->nx * p->nx;
-    return p->nx && apc_linear_sample(p->nx, p->nu, p->A, p->B, apc_ns_to_s(dt), one->A, one->B, why) < 0
-               ? NULL
-               : one;
+    return p->nx ? apc_linear_sample(p->nx, p->nu, p->A, p->B, apc_ns_to_s(dt), one->A, one->B, why) : 0;
 }
 
 /* With the plant's own motion in between. @p age of a STEP_ADVANCE is which. */
@@ -190,12 +189,12 @@ static int string_together(struct machine *m, const struct course *c, const stru
                            (s->kind == STEP_ACT && l->to[s->number] != APC_LOOP_NOWHERE);
 
         if (moves && at > now) {
-            const struct advance *a = advance_of(m, at - now, why);
+            size_t number;
+            const int rc = find_advance(m, at - now, &number, why);
 
-            if (!a)
-                return why->text[0] ? APC_EINVAL : apc_fail(why, APC_ENOMEM, "no memory");
-            m->step[m->n_steps++] =
-                (struct step){.kind = STEP_ADVANCE, .age = (size_t)(a - m->advance), .at = now};
+            if (rc < 0)
+                return rc;
+            m->step[m->n_steps++] = (struct step){.kind = STEP_ADVANCE, .age = number, .at = now};
             now = at;
         }
         if (s)
@@ -211,7 +210,6 @@ int machine_create(struct machine *m, const struct apc_loop *loop, const struct 
     const size_t kicks = course->kicks ? (size_t)((course->period + every - 1) / every) : 0;
     size_t most = kicks + course->n * (2 + loop->n_out), n = 0;
     struct sorted *list = calloc(most, sizeof(*list));
-    struct apc_error own = {""};
     int rc;
 
     *m = (struct machine){.loop = loop,
@@ -228,12 +226,11 @@ int machine_create(struct machine *m, const struct apc_loop *loop, const struct 
     for (size_t k = 0; k < n; k++)
         wrap(&list[k].step, course->period);
     qsort(list, n, sizeof(*list), compare);
-    rc = string_together(m, course, list, n, &own);
+    rc = string_together(m, course, list, n, why);
     free(list);
-    if (rc < 0)
-        return apc_fail(why, rc, "%s", own.text);
-    lay_out(m);
-    return 0;
+    if (rc == 0)
+        lay_out(m);
+    return rc;
 }
 
 void machine_free(struct machine *m)

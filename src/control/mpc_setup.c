@@ -140,8 +140,9 @@ static int choose_unknown(struct apc_law_mpc *p, const struct apc_linear *from,
     *n = p->dim.nz;
     for (size_t i = 0; i < *n; i++)
         unknown[i] = (struct apc_linear_unknown){.where = APC_AT_INPUT, .number = i};
-    if (*n <= p->dim.nu && apc_linear_disturb(&p->disturbed, from, unknown, *n, why) == 0)
-        return 0;
+    const int rc = *n <= p->dim.nu ? apc_linear_disturb(&p->disturbed, from, unknown, *n, why) : APC_EINVAL;
+    if (rc == 0 || rc == APC_ENOMEM)
+        return rc;
     for (size_t i = 0; i < *n; i++)
         unknown[i] = (struct apc_linear_unknown){.where = APC_AT_OUTPUT, .number = p->cv[i]};
     return apc_linear_disturb(&p->disturbed, from, unknown, *n, why);

@@ -383,15 +383,10 @@ struct controller_loop controllers_above(const struct experiment *e, struct wire
 /* By what its law says; without a law nobody asks. */
 struct controller_loop controllers_below_in(const struct controller *c, struct wire setpoint)
 {
-    const struct apc_law_setup setup = c ? cores_law_setup(c) : (struct apc_law_setup){.n_setting = 0};
-    struct apc_pair *pair = c && c->law ? calloc(c->dim.nu, sizeof *pair) : NULL;
-    struct controller_loop found = {NULL, 0};
-    if (pair && apc_law_pairing(c->law, &setup, pair, NULL) == 0)
-        for (size_t i = 0; i < c->dim.nu && !found.of; i++)
-            if (pair[i].setpoint > 0 && same(c->z[pair[i].setpoint - 1], setpoint))
-                found = (struct controller_loop){c, i};
-    free(pair);
-    return found;
+    for (size_t i = 0; c && c->pair && i < c->dim.nu; i++)
+        if (c->pair[i].setpoint > 0 && same(c->z[c->pair[i].setpoint - 1], setpoint))
+            return (struct controller_loop){c, i};
+    return (struct controller_loop){NULL, 0};
 }
 
 struct controller_loop controllers_below(const struct experiment *e, struct wire setpoint)
@@ -410,18 +405,15 @@ bool controllers_is_below(const struct experiment *e, struct controller_loop loo
 }
 
 /* By its law, to ids of what it controls and of its setpoint; 0: none. */
-static int pair_loops(const struct experiment *e, const struct controller *c, struct loops_loop *loop)
+static void pair_loops(const struct experiment *e, const struct controller *c, struct loops_loop *loop)
 {
-    const struct apc_law_setup setup = cores_law_setup(c);
-    struct apc_pair *pair = calloc(c->dim.nu, sizeof *pair);
-    int rc = pair ? 0 : APC_ENOMEM;
-    if (pair && c->law && apc_law_pairing(c->law, &setup, pair, NULL) == 0)
-        for (size_t i = 0; i < c->dim.nu; i++) {
-            loop[i].measurement = pair[i].measurement > 0 ? (int)c->y[pair[i].measurement - 1].at + 1 : 0;
-            loop[i].setpoint = pair[i].setpoint > 0 ? (int)c->z[pair[i].setpoint - 1].at + 1 : 0;
-        }
-    for (size_t i = 0; i < c->dim.nu && rc == 0; i++) {
+    for (size_t i = 0; i < c->dim.nu; i++) {
         const struct controller_loop at = {c, i};
+        const struct apc_pair in_order = {i < c->dim.ny ? i + 1 : 0,
+                                          i < c->dim.nz ? i + 1 : 0}, /* as most do */
+            pair = c->pair ? c->pair[i] : in_order;
+        loop[i].measurement = pair.measurement > 0 ? (int)c->y[pair.measurement - 1].at + 1 : 0;
+        loop[i].setpoint = pair.setpoint > 0 ? (int)c->z[pair.setpoint - 1].at + 1 : 0;
         controllers_loop_name(e, at, loop[i].name);
         loop[i].id = loop[i].manual = controllers_loop_id(at);
         loop[i].controller = (size_t)(c - e->controllers);
@@ -429,17 +421,10 @@ static int pair_loops(const struct experiment *e, const struct controller *c, st
         loop[i].output = (int)c->u[i].at + 1;
         loop[i].above = -1;
     }
-    for (size_t i = 0; i < c->dim.nu && !c->law; i++) { /* not known: in order, as most do */
-        loop[i].measurement = i < c->dim.ny ? (int)c->y[i].at + 1 : 0;
-        loop[i].setpoint = i < c->dim.nz ? (int)c->z[i].at + 1 : 0;
-    }
-    free(pair);
-    return rc;
 }
 
 int controllers_describe(const struct experiment *e, struct loops *loops)
 {
-    int rc = 0;
     *loops = (struct loops){.at = calloc(controllers_loops(e) + 1, sizeof *loops->at),
                             .controller = calloc(e->n_controllers + 1, sizeof *loops->controller),
                             .scheduled = calloc(e->scheduler.n + 1, sizeof *loops->scheduled)};
@@ -447,7 +432,7 @@ int controllers_describe(const struct experiment *e, struct loops *loops)
         return APC_ENOMEM;
     for (size_t i = 0; i < e->scheduler.n; i++)
         loops->scheduled[loops->n_scheduled++] = (int)e->scheduler.z[i].at + 1;
-    for (size_t i = 0; i < e->n_controllers && rc == 0; i++) {
+    for (size_t i = 0; i < e->n_controllers; i++) {
         const struct controller *c = &e->controllers[i];
         struct loops_controller *to = &loops->controller[loops->n_controllers++];
         *to = (struct loops_controller){.number = c->number,
@@ -457,7 +442,7 @@ int controllers_describe(const struct experiment *e, struct loops *loops)
                                         .choice = c->acting,
                                         .acts = !c->shadow};
         memcpy(to->name, c->name, sizeof to->name);
-        rc = pair_loops(e, c, &loops->at[loops->n]);
+        pair_loops(e, c, &loops->at[loops->n]);
         loops->n += c->dim.nu;
     }
     for (size_t i = 0; i < loops->n; i++) {
@@ -466,7 +451,7 @@ int controllers_describe(const struct experiment *e, struct loops *loops)
         if (loops->at[i].setpoint > 0 && above.of)
             loops->at[i].above = controllers_loop_id(above) - 1;
     }
-    return rc;
+    return 0;
 }
 
 static void check_cascade(struct settings *s, const config_setting_t *list, const struct experiment *e,
@@ -512,6 +497,15 @@ static void number_published(struct settings *s, struct controller *c, struct co
         s->failed = c->n_published;
 }
 
+static void pair_outputs(struct settings *s, struct controller *c)
+{
+    const struct apc_law_setup setup = cores_law_setup(c);
+    c->pair = array(s, c->dim.nu, sizeof *c->pair);
+    const int rc = c->pair ? apc_law_pairing(c->law, &setup, c->pair, s->why) : 0;
+    if (rc < 0)
+        s->failed = rc;
+}
+
 static int acting(struct wire output)
 {
     return LOOPS_ACTING(output.table, (int)output.at + 1);
@@ -539,8 +533,10 @@ void experiment_number(struct settings *s, const config_setting_t *list, struct 
         if (laws && c->backup)
             c->backup->first_tuning = tuning + (int)apc_law_parameters(c->law, &c->dim);
         tuning += laws ? (int)controllers_parameters(c) : 0;
-        if (laws)
+        if (laws) {
+            pair_outputs(s, c);
             number_published(s, c, &published);
+        }
         if (laws && has_shadow(e, c)) {
             c->acting = acting(controllers_first(e, c)->u[0]);
             c->first_output = published.numbers + 1;
@@ -598,6 +594,8 @@ static void read_list(struct settings *s, const config_setting_t *list, struct e
         settings_flag(s, group, "shadow", &c->shadow);
         read_wiring(s, group, e, c);
     }
+    if (s->failed) /* some may be without what it names */
+        return;
     check_owners(s, list, e);
     check_owned(s, list, e);
     check_circles(s, list, e);
@@ -677,6 +675,7 @@ void experiment_free_controllers(struct experiment *e)
         free(e->controllers[i].d);
         free(e->controllers[i].rate);
         free(e->controllers[i].view);
+        free(e->controllers[i].pair);
         experiment_free_law(&e->controllers[i]);
         if (e->controllers[i].backup)
             experiment_free_law(e->controllers[i].backup);

@@ -45,11 +45,11 @@ const char *metric_key(enum metric metric)
 
 /* ---- Loops -------------------------------------------------------------------------------- */
 
-size_t metrics_loops(const struct experiment *e, struct loop *loop)
+int metrics_loops(const struct experiment *e, struct loop *loop)
 {
     struct loops all;
     size_t n = 0;
-    int rc = controllers_describe(e, &all);
+    const int rc = controllers_describe(e, &all);
     for (size_t i = 0; i < all.n && rc == 0; i++) {
         const struct loops_loop *from = &all.at[i];
         const size_t y = (size_t)from->measurement - 1, z = (size_t)from->setpoint - 1;
@@ -63,7 +63,7 @@ size_t metrics_loops(const struct experiment *e, struct loop *loop)
                  e->n_controllers > 1 ? from->name : e->y[y].tag.name);
     }
     loops_free(&all);
-    return n;
+    return rc < 0 ? rc : (int)n;
 }
 
 /* ---- Events ------------------------------------------------------------------------------- */
@@ -400,9 +400,9 @@ int figures_make(struct figures *f, const struct course *c, const struct experim
     f->loop = calloc(controllers_loops(e) + 1, sizeof *f->loop);
     if (!f->loop || collect_events(f, c, e) < 0)
         return APC_ENOMEM;
-    size_t n = metrics_loops(e, f->loop);
-    f->of = calloc(n + 1, sizeof *f->of);
-    for (; f->of && f->n_loops < n; f->n_loops++) {
+    const int n = metrics_loops(e, f->loop);
+    f->of = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *f->of);
+    for (; f->of && f->n_loops < (size_t)n; f->n_loops++) {
         struct metrics *m = &f->of[f->n_loops];
         const struct loop *loop = &f->loop[f->n_loops];
         m->part = calloc(f->n_parts + 1, sizeof *m->part);

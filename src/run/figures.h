@@ -60,8 +60,8 @@ struct figures {
 };
 
 /* As the laws pair measurements, setpoints and outputs; room for controllers_loops() of them. Returns how
- * many. */
-size_t metrics_loops(const struct experiment *e, struct loop *loop);
+ * many, or APC_ENOMEM. */
+int metrics_loops(const struct experiment *e, struct loop *loop);
 
 /* Returns 0 or APC_ENOMEM; figures_free() in either case. */
 int figures_make(struct figures *f, const struct course *c, const struct experiment *e);

@@ -80,8 +80,9 @@ static int find_point(struct linear_loop *l, const struct experiment *e, const s
         rc = check_range(e, l->u, why);
     if (rc < 0)
         return rc;
-    if (apc_model_equilibrium(m, e->plant.p, l->u, l->x, &own) < 0)
-        return apc_fail(why, APC_ESOLVER,
+    rc = apc_model_equilibrium(m, e->plant.p, l->u, l->x, &own);
+    if (rc < 0)
+        return apc_fail(why, rc == APC_ENOMEM ? rc : APC_ESOLVER,
                         "%s: no steady state was found at these inputs (%s); name others: --at %s=VALUE",
                         m->name, own.text, e->u[0].tag.name);
     m->g(0.0, l->x, l->u, e->plant.p, l->y);
@@ -137,21 +138,13 @@ static int make_plant(struct linear_loop *l, const struct experiment *e, struct 
 /* ---- The laws -------------------------------------------------------------------------------- */
 
 /* The measurement that a setpoint is for: of the loop that has it as its own. */
-static int value_of_setpoint(const struct experiment *e, size_t z, const double *y, double *value,
-                             struct apc_error *why)
+static double value_of_setpoint(const struct experiment *e, size_t z, const double *y)
 {
     const struct controller_loop loop = controllers_below(e, (struct wire){APC_SETPOINT, z});
-    *value = isnan(e->z[z].initial) ? 0.0 : e->z[z].initial;
-    if (!loop.of)
-        return 0;
-    const struct apc_law_setup setup = cores_law_setup(loop.of);
-    struct apc_pair *pair = calloc(loop.of->dim.nu, sizeof *pair);
-    int rc =
-        pair ? apc_law_pairing(loop.of->law, &setup, pair, why) : apc_fail(why, APC_ENOMEM, "out of memory");
-    if (rc == 0 && pair[loop.u].measurement > 0)
-        *value = y[loop.of->y[pair[loop.u].measurement - 1].at];
-    free(pair);
-    return rc;
+    const size_t measurement = loop.of ? loop.of->pair[loop.u].measurement : 0;
+    if (measurement > 0)
+        return y[loop.of->y[measurement - 1].at];
+    return isnan(e->z[z].initial) ? 0.0 : e->z[z].initial;
 }
 
 /* The number among all outputs of what is above a setpoint and moves it; APC_LOOP_NOWHERE: nobody does. */
@@ -170,23 +163,17 @@ static size_t mover_of(const struct linear_loop *l, const struct experiment *e, 
     return APC_LOOP_NOWHERE;
 }
 
-static int values_at(const struct linear_loop *l, const struct experiment *e, const struct controller *c,
-                     double *y, double *z, double *d, double *u, struct apc_error *why)
+static void values_at(const struct linear_loop *l, const struct experiment *e, const struct controller *c,
+                      double *y, double *z, double *d, double *u)
 {
-    int rc = 0;
     for (size_t i = 0; i < c->dim.ny; i++)
         y[i] = l->y[c->y[i].at];
     for (size_t i = 0; i < c->dim.nd; i++)
         d[i] = l->y[c->d[i].at];
-    for (size_t i = 0; i < c->dim.nz && rc == 0; i++)
-        rc = value_of_setpoint(e, c->z[i].at, l->y, &z[i], why);
-    for (size_t i = 0; i < c->dim.nu && rc == 0; i++) {
-        if (c->u[i].table == APC_ACTUATOR)
-            u[i] = l->u[c->u[i].at];
-        else
-            rc = value_of_setpoint(e, c->u[i].at, l->y, &u[i], why);
-    }
-    return rc;
+    for (size_t i = 0; i < c->dim.nz; i++)
+        z[i] = value_of_setpoint(e, c->z[i].at, l->y);
+    for (size_t i = 0; i < c->dim.nu; i++)
+        u[i] = c->u[i].table == APC_ACTUATOR ? l->u[c->u[i].at] : value_of_setpoint(e, c->u[i].at, l->y);
 }
 
 static int make_law(struct linear_loop *l, const struct experiment *e, size_t k, const struct linear_how *how,
@@ -197,12 +184,13 @@ static int make_law(struct linear_loop *l, const struct experiment *e, size_t k,
     struct apc_law_setup setup = cores_law_setup(c);
     double *at = calloc(dim->ny + dim->nz + dim->nd + dim->nu + 1, sizeof *at);
     double *y = at, *z = y + dim->ny, *d = z + dim->nz, *u = d + dim->nd;
-    int rc = at ? values_at(l, e, c, y, z, d, u, why) : apc_fail(why, APC_ENOMEM, "out of memory");
 
+    if (!at)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    values_at(l, e, c, y, z, d, u);
     setup.size = sizeof setup;
     setup.Ts /= how->faster > 0 ? how->faster : 1.0;
-    if (rc == 0)
-        rc = apc_law_linearize(&l->law[k], c->law, &setup, c->tuning, y, z, d, u, why);
+    const int rc = apc_law_linearize(&l->law[k], c->law, &setup, c->tuning, y, z, d, u, why);
     free(at);
     if (rc < 0)
         return rc;

@@ -158,8 +158,9 @@ static void add_outputs(struct tags *t)
                      (double)t->e->n_controllers));
 }
 
-static void add_controllers(struct tags *t)
+static int add_controllers(struct tags *t)
 {
+    int rc = 0;
     for (size_t i = 0; i < t->e->n_controllers; i++) {
         const struct controller *c = t->of = &t->e->controllers[i];
         add(t, plain_tag(APC_TICK, c->number, c->name, "what its ticks were made from", 0, 0))->period =
@@ -172,11 +173,14 @@ static void add_controllers(struct tags *t)
         struct publishing publishing = {t, c->first_estimate, c->first_prediction};
         const struct apc_law_setup setup = cores_law_setup(c);
         if (c->n_published > 0)
-            (void)apc_law_published(c->law, &setup, add_published, &publishing, NULL);
+            rc = apc_law_published(c->law, &setup, add_published, &publishing, NULL);
         if (c->acting)
             add_outputs(t);
+        if (rc < 0)
+            return rc;
     }
     t->of = NULL;
+    return 0;
 }
 
 /* Of the setpoints that the scheduler moves: whose they are, and what they will be. */
@@ -254,7 +258,10 @@ struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
         t.of = controllers_above(e, (struct wire){APC_ACTUATOR, i}).of;
         add(&t, e->u[i].tag)->period = t.of ? apc_ns_to_s(t.of->rhythm.period) : 0;
     }
-    add_controllers(&t);
+    if (add_controllers(&t) < 0) { /* it was made before: there is no memory */
+        free(t.at);
+        return NULL;
+    }
     add_owners(&t);
     add_alarms(&t);
     add(&t, plain_tag(APC_DIM, 1, "dim.y", "number of measurements", 1, 1e6));
@@ -401,30 +408,22 @@ static int put_dimensions(struct apc_store *store, const struct experiment *e, a
 {
     const size_t loops = controllers_loops(e), n = 3 + 2 * loops;
     struct apc_sample *wanted = calloc(n, sizeof *wanted), *next = wanted;
-    struct apc_pair *pair = calloc(loops, sizeof *pair);
-    int rc = wanted && pair ? 0 : APC_ENOMEM;
-
-    for (size_t i = 0; rc == 0 && i < n; i++)
+    if (!wanted)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < n; i++)
         wanted[i] = (struct apc_sample){.table = APC_DIM, .id = (int)i + 1, .time = now};
-    if (rc == 0) {
-        wanted[0].value = (double)e->dim.ny;
-        wanted[1].value = (double)e->dim.nz;
-        wanted[2].value = (double)e->dim.nu;
-        next = &wanted[3];
-    }
-    for (size_t i = 0; i < e->n_controllers && rc == 0; i++) {
+    next++->value = (double)e->dim.ny;
+    next++->value = (double)e->dim.nz;
+    next++->value = (double)e->dim.nu;
+    for (size_t i = 0; i < e->n_controllers; i++) {
         const struct controller *c = &e->controllers[i];
-        const struct apc_law_setup setup = cores_law_setup(c);
-        rc = apc_law_pairing(c->law, &setup, pair, NULL);
-        for (size_t k = 0; k < c->dim.nu && rc == 0; k++) { /* the law knows its own, from 1 */
-            const size_t y = pair[k].measurement, z = pair[k].setpoint;
+        for (size_t k = 0; k < c->dim.nu; k++) { /* the law knows its own, from 1 */
+            const size_t y = c->pair[k].measurement, z = c->pair[k].setpoint;
             next++->value = y ? (double)c->y[y - 1].at + 1 : 0;
             next++->value = z ? (double)c->z[z - 1].at + 1 : 0;
         }
     }
-    if (rc == 0)
-        rc = put_values(store, wanted, n, PROVISION_RESET);
-    free(pair);
+    const int rc = put_values(store, wanted, n, PROVISION_RESET);
     free(wanted);
     return rc;
 }

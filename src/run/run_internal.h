@@ -110,6 +110,7 @@ struct controller {
     char law_name[256]; /* in the file */
     struct plugin plugin;
     const struct apc_law *law;
+    struct apc_pair *pair;       /* [dim.nu] by its law; NULL: that is not known */
     double *tuning;              /* [apc_law_parameters()] */
     struct apc_param *param;     /* [law->n_tuning] the law's, with the limits of this experiment */
     struct apc_setting *setting; /* [n_setting] */

@@ -13,73 +13,7 @@
 
 #include "apcstore.h"
 #include "check.h"
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define FAILING 0
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) || __has_feature(memory_sanitizer)
-#define FAILING 0
-#endif
-#endif
-#ifndef FAILING
-#define FAILING 1
-#endif
-
-static bool counting; /* only inside a step */
-static bool foreign;  /* what other objects ask for, too */
-static int until_failure;
-static bool failed;
-static long alive; /* allocations */
-
-#if FAILING
-extern const char __executable_start, _end; /* where this program lies, libapc in it */
-
-static bool fails(const void *caller)
-{
-    const char *from = (const char *)caller;
-    const bool own = from >= &__executable_start && from < &_end;
-    if (!counting || own == foreign || until_failure == 0 || --until_failure > 0) {
-        return false;
-    }
-    failed = true;
-    return true;
-}
-
-#define SEEN __attribute__((visibility("default"))) /* by SQLite */
-
-/* glibc's own, for programs that replace malloc. */
-extern void *__libc_malloc(size_t size);
-extern void *__libc_calloc(size_t n, size_t size);
-extern void *__libc_realloc(void *p, size_t size);
-extern void __libc_free(void *p);
-
-SEEN void *malloc(size_t size)
-{
-    void *p = fails(__builtin_return_address(0)) ? NULL : __libc_malloc(size);
-    alive += p != NULL;
-    return p;
-}
-
-SEEN void *calloc(size_t n, size_t size)
-{
-    void *p = fails(__builtin_return_address(0)) ? NULL : __libc_calloc(n, size);
-    alive += p != NULL;
-    return p;
-}
-
-SEEN void *realloc(void *p, size_t size)
-{
-    void *grown = fails(__builtin_return_address(0)) ? NULL : __libc_realloc(p, size);
-    alive += !p && grown;
-    return grown;
-}
-
-SEEN void free(void *p)
-{
-    alive -= p != NULL;
-    __libc_free(p);
-}
-#endif
+#include "nomem.h"
 
 static char uri[200], file[150], spool[150];
 static struct apc_store *store;
@@ -529,7 +463,7 @@ static bool go_through(const struct step *steps, size_t n, int number)
 
 static void go_through_all(const struct step *steps, size_t n, int apart)
 {
-    if (!FAILING) {
+    if (!NOMEM) {
         skip();
     }
     int number = 1;
