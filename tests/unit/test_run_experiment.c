@@ -896,6 +896,36 @@ static void limits_narrow_what_a_law_allows(void **state)
     experiment_free(&e);
 }
 
+/* What it does not say is the model's; what it says goes before. */
+static void an_operating_point_is_the_models_own_as_far_as_the_file_does_not_say(void **state)
+{
+    struct experiment e;
+    struct apc_error why;
+    (void)state;
+    for (int says = 0; says < 2; says++) {
+        if (load(&e, 7,
+                 says ? "controller = { law = \"pi\"; period = 2.0; operating_point = { u = [3.5, 2.5]; }; };"
+                      : "controller = { law = \"pi\"; period = 2.0; operating_point = { }; };",
+                 &why) < 0)
+            fail_msg("%s", why.text);
+        const struct apc_model *m = e.plant.model;
+        const struct apc_law_plant *at = &e.controllers->plant;
+        double dx[4], y[2];
+        assert_int_equal(at->nx, m->nx);
+        assert_same(at->u0[0], says ? 3.5 : m->input[0].initial);
+        assert_same(at->u0[1], says ? 2.5 : m->input[1].initial);
+        for (size_t i = 0; i < m->nd; i++)
+            assert_same(at->u0[m->nu + i], m->disturbance[i].initial);
+        assert_int_equal(m->f(0, at->x0, at->u0, e.controllers->believed, dx), 0);
+        m->g(0, at->x0, at->u0, e.controllers->believed, y);
+        for (size_t i = 0; i < m->nx; i++)
+            assert_true(dx[i] < 1e-9 && dx[i] > -1e-9);
+        for (size_t i = 0; i < m->ny; i++)
+            assert_same(at->y0[i], y[i]);
+        experiment_free(&e);
+    }
+}
+
 /* The Smith predictor of the examples takes a row for each output; texts are the law's to understand. */
 static void a_setting_is_a_number_an_array_rows_or_a_text(void **state)
 {
@@ -1248,6 +1278,7 @@ int main(void)
         cmocka_unit_test(a_plant_and_its_server_are_made_both_or_none),
         cmocka_unit_test(steps_of_rk4_that_are_too_long_are_told_of),
         cmocka_unit_test(limits_narrow_what_a_law_allows),
+        cmocka_unit_test(an_operating_point_is_the_models_own_as_far_as_the_file_does_not_say),
         cmocka_unit_test(a_setting_is_a_number_an_array_rows_or_a_text),
         cmocka_unit_test(mistakes_of_plant_and_law_are_refused_with_line_and_reason),
         cmocka_unit_test(a_run_folder_is_loaded_as_it_ran),

@@ -1,0 +1,361 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Alarms of an experiment file: what it says is what is loaded; what it must not say is refused with its
+ * line. */
+#include "check.h"
+
+#include <stdio.h>
+
+#include "run/run_internal.h"
+
+#define S APC_NS_PER_S
+
+/* Its lines, each with the place for the alarms of one thing. */
+enum place { Y1, Y2, SIGNAL, SETPOINT, U1, U2, PLANT, CONTROLLER, CALCULATES, ROOT, PLACES };
+static const char *const lines[PLACES] = {
+    [Y1] = "name = \"a\"; measurements = ( { name = \"y1\"; low = 0.0; high = 10.0; area = \"left\"; %s },",
+    [Y2] = "  { name = \"y2\"; low = -5.0; high = 5.0; %s } );",
+    [SIGNAL] = "signals = ( { name = \"sum\"; low = 0.0; high = 8.0; %s } );",
+    [SETPOINT] = "setpoints = ( { name = \"r1\"; low = 0.0; high = 10.0; %s }, { name = \"r2\"; } );",
+    [U1] = "outputs = ( { name = \"u1\"; low = 0.0; high = 4.0; %s },",
+    [U2] = "  { name = \"u2\"; %s } );",
+    [PLANT] = "plant = { model = \"quadruple-tank\"; period = 0.25; }; client = { period = %s; };",
+    [CONTROLLER] =
+        "controllers = ( { name = \"c\"; law = \"pi\"; period = 2.0; measurements = [\"y1\", \"y2\"]; "
+        "setpoints = [\"r1\", \"r2\"]; outputs = [\"u1\", \"u2\"]; %s },",
+    [CALCULATES] = "  { name = \"d\"; law = \"leadlag\"; period = 1.0; measurements = [\"y1\"]; outputs = "
+                   "[\"sum\"]; %s } );",
+    [ROOT] = "%s"};
+
+static struct experiment e;
+static struct apc_error why;
+
+static int load(const char *const text[PLACES])
+{
+    char all[9000] = "";
+    for (int i = 0; i < PLACES; i++) {
+        const char *at = strstr(lines[i], "%s"), *put = text[i] ? text[i] : i == PLANT ? "0.5" : "";
+        const size_t used = strlen(all);
+        snprintf(all + used, sizeof all - used, "%.*s%s%s\n", (int)(at - lines[i]), lines[i], put, at + 2);
+    }
+    return experiment_parse(&e, &(struct experiment_source){.file = "a.conf", .text = all},
+                            EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why);
+}
+
+static int load_one(enum place place, const char *text)
+{
+    const char *at[PLACES] = {NULL};
+    at[place] = text;
+    return load(at);
+}
+
+static const struct alarm *find(const char *name)
+{
+    for (size_t i = 0; i < e.n_alarms; i++)
+        if (!strcmp(e.alarm[i].name, name))
+            return &e.alarm[i];
+    fail_msg("there is no alarm %s", name);
+    return NULL;
+}
+
+/* ---- What is loaded --------------------------------------------------------------------------- */
+
+static const char *const all[PLACES] = {
+    [Y1] = "alarms = ( { kind = \"low\"; limit = 2.0; deadband = 0.5; delay = 1.5; off_delay = 2.5; priority "
+           "= 1; "
+           "latching = true; message = \"m\"; consequence = \"q\"; response = \"p\"; area = \"other\"; }, "
+           "{ kind = \"high\"; limit = 9.0; }, { kind = \"high\"; name = \"second\"; limit = 9.5; priority = "
+           "4; }, "
+           "{ kind = \"deviation\"; from = \"r1\"; limit = 1.0; deadband = 1.0; }, "
+           "{ kind = \"rate\"; limit = 3.0; }, { kind = \"frozen\"; deadband = 20.0; delay = 86400.0; }, "
+           "{ kind = \"bad\"; } );",
+    [Y2] = "alarms = ( { kind = \"high-high\"; limit = 5.0; deadband = 10.0; suppress = { signal = \"u1\"; "
+           "below = "
+           "0.5; above = 3.5; hold = 10.0; }; }, { kind = \"low-low\"; limit = -5.0; deadband = 10.0; }, "
+           "{ kind = \"low\"; limit = -4.0; suppress = { signal = \"sum\"; above = 1.0; }; } );",
+    [SIGNAL] =
+        "alarms = ( { kind = \"high\"; limit = 8.0; suppress = { alarm = \"c.stopped\"; hold = 300.0; }; }, "
+        "{ kind = \"bad\"; } );",
+    [SETPOINT] = "alarms = ( { kind = \"low\"; limit = 0.0; } );",
+    [U1] = "alarms = ( { kind = \"at-limit\"; }, { kind = \"mode\"; suppress = { alarm = \"second\"; }; } );",
+    [U2] = "alarms = ( { kind = \"mode\"; } );",
+    [CONTROLLER] = "alarms = ( { kind = \"stopped\"; } );",
+    [ROOT] = "alarms = { period = 0.25; shelve_max = 60.0; };"};
+
+static void everything_is_loaded_as_it_stands_there(void **state)
+{
+    const struct {
+        const char *name;
+        enum apc_alarm_kind kind;
+        enum apc_table table;
+        int id;
+        double limit, deadband;
+        apc_ns horizon;
+        int priority;
+        const char *area;
+    } of[] = {
+        {"y1.low", APC_ALARM_LOW, APC_SENSOR, 1, 2.0, 0.5, 16 * S / 10, 1, "other"},
+        {"y1.high", APC_ALARM_HIGH, APC_SENSOR, 1, 9.0, 0.0, 16 * S / 10, 3, "left"},
+        {"second", APC_ALARM_HIGH, APC_SENSOR, 1, 9.5, 0.0, 16 * S / 10, 4, "left"},
+        {"y1.deviation", APC_ALARM_DEVIATION, APC_SENSOR, 1, 1.0, 1.0, 16 * S / 10, 3, "left"},
+        {"y1.rate", APC_ALARM_RATE, APC_SENSOR, 1, 3.0, 0.0, 16 * S / 10, 3, "left"},
+        {"y1.frozen", APC_ALARM_FROZEN, APC_SENSOR, 1, 0.0, 20.0, 16 * S / 10, 3, "left"},
+        {"y1.bad", APC_ALARM_BAD, APC_SENSOR, 1, 0.0, 0.0, 16 * S / 10, 3, "left"},
+        {"y2.high-high", APC_ALARM_HIGH_HIGH, APC_SENSOR, 2, 5.0, 10.0, 16 * S / 10, 3, ""},
+        {"y2.low-low", APC_ALARM_LOW_LOW, APC_SENSOR, 2, -5.0, 10.0, 16 * S / 10, 3, ""},
+        {"y2.low", APC_ALARM_LOW, APC_SENSOR, 2, -4.0, 0.0, 16 * S / 10, 3, ""},
+        {"sum.high", APC_ALARM_HIGH, APC_SENSOR, 3, 8.0, 0.0, 31 * S / 10, 3, ""},
+        {"sum.bad", APC_ALARM_BAD, APC_SENSOR, 3, 0.0, 0.0, 31 * S / 10, 3, ""},
+        {"r1.low", APC_ALARM_LOW, APC_SETPOINT, 1, 0.0, 0.0, 0, 3, ""},
+        {"u1.at-limit", APC_ALARM_AT_LIMIT, APC_ACTUATOR, 1, 0.0, 0.0, 0, 3, ""},
+        {"u1.mode", APC_ALARM_MODE, APC_OPMODE, 1, 0.0, 0.0, 0, 3, ""},
+        {"u2.mode", APC_ALARM_MODE, APC_OPMODE, 2, 0.0, 0.0, 0, 3, ""},
+        {"c.stopped", APC_ALARM_STOPPED, APC_TICK, 1, 0.0, 0.0, 61 * S / 10, 3, ""},
+    };
+    (void)state;
+    if (load(all) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(e.n_alarms, sizeof of / sizeof *of);
+    for (size_t i = 0; i < e.n_alarms; i++) {
+        const struct alarm *alarm = &e.alarm[i];
+        const struct apc_alarm *a = &alarm->is;
+        assert_string_equal(alarm->name, of[i].name);
+        assert_ptr_equal(a->name, alarm->name);
+        assert_int_equal(a->kind, of[i].kind);
+        assert_int_equal(a->table, of[i].table);
+        assert_int_equal(a->id, of[i].id);
+        assert_near(a->limit, of[i].limit, 0);
+        assert_near(a->deadband, of[i].deadband, 0);
+        assert_int_equal(a->horizon, of[i].horizon);
+        assert_int_equal(a->priority, of[i].priority);
+        assert_string_equal(alarm->area, of[i].area);
+        assert_int_equal(a->latching, i == 0);
+        assert_int_equal(a->on_delay, i == 0 ? 15 * S / 10 : a->kind == APC_ALARM_FROZEN ? 86400 * S : 0);
+        assert_int_equal(a->off_delay, i == 0 ? 25 * S / 10 : 0);
+        assert_int_equal(a->other_table, a->kind == APC_ALARM_DEVIATION ? APC_SETPOINT : 0);
+        assert_int_equal(a->other, a->kind == APC_ALARM_DEVIATION);
+        assert_string_equal(alarm->message, i == 0 ? "m" : "");
+        assert_string_equal(alarm->consequence, i == 0 ? "q" : "");
+        assert_string_equal(alarm->response, i == 0 ? "p" : "");
+    }
+    assert_near(find("u1.at-limit")->is.low, 0.0, 0);
+    assert_near(find("u1.at-limit")->is.high, 4.0, 0);
+    assert_int_equal(e.alarms.rhythm.period, S / 4);
+    assert_int_equal(e.alarms.rhythm.overrun, APC_OVERRUN_SKIP);
+    assert_int_equal(e.alarms.shelve_max, 60 * S);
+    experiment_free(&e);
+}
+
+static void what_suppresses_an_alarm_is_found(void **state)
+{
+    const struct {
+        const char *name;
+        struct apc_alarm_suppression by;
+    } of[] = {{"y2.high-high", {0, APC_ACTUATOR, 1, 0.5, 3.5, 10 * S}},
+              {"y2.low", {0, APC_SENSOR, 3, -HUGE_VAL, 1.0, 0}},
+              {"sum.high", {17, 0, 0, -HUGE_VAL, HUGE_VAL, 300 * S}},
+              {"u1.mode", {3, 0, 0, -HUGE_VAL, HUGE_VAL, 0}},
+              {"u2.mode", {0, 0, 0, -HUGE_VAL, HUGE_VAL, 0}}};
+    (void)state;
+    if (load(all) < 0)
+        fail_msg("%s", why.text);
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        const struct apc_alarm_suppression *is = &find(of[i].name)->is.suppression, *by = &of[i].by;
+        assert_int_equal(is->alarm, by->alarm);
+        assert_int_equal(is->table, by->table);
+        assert_int_equal(is->id, by->id);
+        assert_int_equal(is->hold, by->hold);
+        assert_false(is->below < by->below || is->below > by->below);
+        assert_false(is->above < by->above || is->above > by->above);
+    }
+    experiment_free(&e);
+}
+
+static void alarms_are_evaluated_as_often_as_measurements_come_within_reason(void **state)
+{
+    static const struct {
+        const char *client;
+        apc_ns period;
+    } of[] = {{"0.05", S / 10}, {"0.1", S / 10}, {"0.75", 3 * S / 4}, {"1.0", S}, {"4.0", S}};
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        if (load_one(PLANT, of[i].client) < 0)
+            fail_msg("%s", why.text);
+        assert_int_equal(e.alarms.rhythm.period, of[i].period);
+        assert_int_equal(e.alarms.shelve_max, 8 * 3600 * S);
+        assert_int_equal(e.n_alarms, 0);
+        experiment_free(&e);
+    }
+}
+
+/* ---- What is refused -------------------------------------------------------------------------- */
+
+static void a_mistake_is_refused_with_its_line_and_reason(void **state)
+{
+    static const struct {
+        enum place at;
+        const char *text, *reason;
+    } of[] = {
+        {Y1, "alarms = 3;", "\"alarms\" must be a list"},
+        {Y1, "alarms = ( 3 );", "expected a group: { kind = \"high\"; limit = 9.0; }"},
+        {Y1, "alarms = ( { limit = 3.0; } );", "\"kind\" is missing"},
+        {Y1, "alarms = ( { kind = \"hi\"; limit = 3.0; } );",
+         "\"kind\" is \"hi\": must be \"low-low\", \"low\", \"high\", \"high-high\", \"deviation\", "
+         "\"rate\", "
+         "\"frozen\" or \"bad\""},
+        {U1, "alarms = ( { kind = \"bad\"; } );",
+         "\"kind\" is \"bad\": must be \"low-low\", \"low\", \"high\", \"high-high\", \"deviation\", "
+         "\"rate\", "
+         "\"at-limit\" or \"mode\""},
+        {U1, "alarms = ( { kind = \"frozen\"; } );", "must be"},
+        {U1, "alarms = ( { kind = \"stopped\"; } );", "must be"},
+        {Y1, "alarms = ( { kind = \"mode\"; } );", "must be"},
+        {Y1, "alarms = ( { kind = \"at-limit\"; } );", "must be"},
+        {SIGNAL, "alarms = ( { kind = \"mode\"; } );", "must be"},
+        {CONTROLLER, "alarms = ( { kind = \"high\"; limit = 1.0; } );",
+         "\"kind\" is \"high\": must be \"stopped\""},
+        {CONTROLLER, "alarms = ( { kind = \"bad\"; } );", "must be \"stopped\""},
+        {SETPOINT, "alarms = ( { kind = \"mode\"; } );", "no controller moves r1, so it has no mode"},
+        {U2, "alarms = ( { kind = \"at-limit\"; } );", "u2 has no limits that it could be at"},
+        {Y1, "alarms = ( { kind = \"high\"; limit = 9.0; latch = true; } );", "unknown setting \"latch\""},
+        /* limits and deadbands */
+        {Y1, "alarms = ( { kind = \"high\"; } );", "\"limit\" is missing"},
+        {Y1, "alarms = ( { kind = \"rate\"; } );", "\"limit\" is missing"},
+        {Y1, "alarms = ( { kind = \"high\"; limit = 10.1; } );", "\"limit\" is 10.1: must be from 0 to 10"},
+        {Y1, "alarms = ( { kind = \"low-low\"; limit = -0.1; } );",
+         "\"limit\" is -0.1: must be from 0 to 10"},
+        {Y2, "alarms = ( { kind = \"rate\"; limit = -1.0; } );", "\"limit\" is -1: must be from 0"},
+        {Y1, "alarms = ( { kind = \"bad\"; limit = 1.0; } );", "an alarm of kind \"bad\" has no \"limit\""},
+        {Y1, "alarms = ( { kind = \"frozen\"; limit = 1.0; } );",
+         "an alarm of kind \"frozen\" has no \"limit\""},
+        {Y1, "alarms = ( { kind = \"high\"; limit = 9.0; deadband = -1.0; } );",
+         "\"deadband\" is -1: must be from 0"},
+        {Y1, "alarms = ( { kind = \"high\"; limit = 9.0; deadband = 9.5; } );",
+         "\"deadband\" is 9.5: the alarm would return to normal at -0.5, outside 0 to 10 only"},
+        {Y1, "alarms = ( { kind = \"high-high\"; limit = 9.0; deadband = 9.5; } );",
+         "return to normal at -0.5"},
+        {Y1, "alarms = ( { kind = \"low\"; limit = 9.0; deadband = 1.5; } );", "return to normal at 10.5"},
+        {Y1, "alarms = ( { kind = \"low-low\"; limit = 9.0; deadband = 1.5; } );",
+         "return to normal at 10.5"},
+        {Y1, "alarms = ( { kind = \"rate\"; limit = 1.0; deadband = 1.5; } );",
+         "return to normal at -0.5, outside 0 to 1e+300 only"},
+        {Y1, "alarms = ( { kind = \"deviation\"; from = \"r1\"; limit = 1.0; deadband = 1.5; } );",
+         "return to normal at -0.5"},
+        /* what it refers to */
+        {Y1, "alarms = ( { kind = \"deviation\"; limit = 1.0; } );", "\"from\" is missing"},
+        {Y1, "alarms = ( { kind = \"deviation\"; limit = 1.0; from = \"r3\"; } );",
+         "there is no signal \"r3\": did you mean \"r1\"?"},
+        {Y1, "alarms = ( { kind = \"deviation\"; limit = 1.0; from = \"elsewhere\"; } );",
+         "there is no signal \"elsewhere\""},
+        {Y1, "alarms = ( { kind = \"high\"; limit = 1.0; from = \"r1\"; } );",
+         "\"from\" is of a deviation only"},
+        /* numbers, texts */
+        {Y1, "alarms = ( { kind = \"bad\"; priority = 0; } );", "\"priority\" must be from 1 to 4"},
+        {Y1, "alarms = ( { kind = \"bad\"; priority = 5; } );", "\"priority\" must be from 1 to 4"},
+        {Y1, "alarms = ( { kind = \"bad\"; delay = -0.1; } );", "\"delay\" is -0.1: must be from 0 to 86400"},
+        {Y1, "alarms = ( { kind = \"bad\"; delay = 86401.0; } );",
+         "\"delay\" is 86401: must be from 0 to 86400"},
+        {Y1, "alarms = ( { kind = \"bad\"; off_delay = 86401.0; } );", "\"off_delay\" is 86401"},
+        {Y1, "alarms = ( { kind = \"bad\"; latching = 1; } );", "\"latching\" must be true or false"},
+        {Y1, "alarms = ( { kind = \"bad\"; name = \"-x\"; } );",
+         "which a command line takes for something else"},
+        {Y1, "alarms = ( { kind = \"bad\"; message = 1; } );", "\"message\" must be text"},
+        {Y1, "alarms = ( { kind = \"bad\"; consequence = 1; } );", "\"consequence\" must be text"},
+        {Y1, "alarms = ( { kind = \"bad\"; response = 1; } );", "\"response\" must be text"},
+        {Y1, "alarms = ( { kind = \"bad\"; area = 1; } );", "\"area\" must be text"},
+        /* what suppresses it */
+        {Y1, "alarms = ( { kind = \"bad\"; suppress = 3; } );", "\"suppress\" must be a group"},
+        {Y1, "alarms = ( { kind = \"bad\"; suppress = { }; } );", "\"suppress\" is by a signal or an alarm"},
+        {Y1, "alarms = ( { kind = \"bad\"; suppress = { signal = \"u1\"; }; } );",
+         "is by a signal or an alarm"},
+        {Y1, "alarms = ( { kind = \"bad\"; suppress = { alarm = \"y1.bad\"; below = 1.0; }; } );",
+         "is by a signal or an alarm"},
+        {Y1, "alarms = ( { kind = \"bad\"; suppress = { alarm = \"y1.bad\"; above = 1.0; }; } );",
+         "is by a signal or an alarm"},
+        {Y1,
+         "alarms = ( { kind = \"bad\"; suppress = { alarm = \"y1.bad\"; signal = \"u1\"; below = 1.0; }; } "
+         ");",
+         "is by a signal or an alarm"},
+        {Y1, "alarms = ( { kind = \"bad\"; suppress = { signal = \"u1\"; under = 1.0; }; } );",
+         "unknown setting \"under\""},
+        {Y1, "alarms = ( { kind = \"bad\"; suppress = { signal = \"u3\"; below = 1.0; }; } );",
+         "there is no signal \"u3\": did you mean \"u1\"?"},
+        {Y1, "alarms = ( { kind = \"bad\"; suppress = { signal = \"u1\"; below = 2.0; above = 1.0; }; } );",
+         "it would always be suppressed"},
+        {Y1, "alarms = ( { kind = \"bad\"; suppress = { signal = \"u1\"; below = 1.0; hold = -1.0; }; } );",
+         "\"hold\" is -1"},
+        {Y1, "alarms = ( { kind = \"bad\"; suppress = { alarm = \"y1.bed\"; }; } );",
+         "there is no alarm \"y1.bed\": did you mean \"y1.bad\"?"},
+        {Y1, "alarms = ( { kind = \"bad\"; suppress = { alarm = \"y1.bad\"; }; } );",
+         "y1.bad is suppressed by itself"},
+        {Y1,
+         "alarms = ( { kind = \"low\"; limit = 1.0; suppress = { alarm = \"y1.bad\"; }; }, { kind = "
+         "\"high\"; limit "
+         "= 9.0; suppress = { alarm = \"y1.low\"; }; }, { kind = \"bad\"; suppress = { alarm = \"y1.high\"; "
+         "}; } );",
+         "y1.low is suppressed by itself"},
+        /* several of a thing */
+        {Y1, "alarms = ( { kind = \"bad\"; }, { kind = \"bad\"; } );", "y1 has two alarms of this kind"},
+        {Y1,
+         "alarms = ( { kind = \"bad\"; name = \"x\"; }, { kind = \"rate\"; limit = 1.0; name = \"x\"; } );",
+         "two alarms are called \"x\": give one of them a \"name\""},
+        {Y1, "alarms = ( { kind = \"high\"; limit = 5.0; }, { kind = \"low\"; limit = 5.0; } );",
+         "the limit of \"high\", 5, must be above that of \"low\", 5"},
+        {Y1, "alarms = ( { kind = \"high-high\"; limit = 5.0; }, { kind = \"high\"; limit = 6.0; } );",
+         "the limit of \"high-high\", 5, must be above that of \"high\", 6"},
+        {ROOT, "alarms = { period = 0.0; };", "\"period\" of alarms"},
+        {ROOT, "alarms = { shelve_max = 0.9; };", "\"shelve_max\" is 0.9: must be from 1 to 604800"},
+        {ROOT, "alarms = { shelve_max = 604801.0; };", "\"shelve_max\" is 604801"},
+        {ROOT, "alarms = { shelf = 9.0; };", "unknown setting \"shelf\" in alarms"},
+        {ROOT, "alarms = ( );", "\"alarms\" must be a group"},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        char begin[32];
+        if (load_one(of[i].at, of[i].text) >= 0)
+            fail_msg("taken: %s", of[i].text);
+        snprintf(begin, sizeof begin, "a.conf:%d: ", (int)of[i].at + 1);
+        if (!strstr(why.text, of[i].reason) || strncmp(why.text, begin, strlen(begin)) != 0)
+            fail_msg("%s: said \"%s\", not \"%s%s\"", of[i].text, why.text, begin, of[i].reason);
+        assert_null(e.alarm);
+    }
+}
+
+/* Of one kind if they have names, levels that touch nothing, and what is not of one thing is not compared. */
+static void what_looks_like_a_mistake_and_is_none(void **state)
+{
+    static const struct {
+        enum place at;
+        const char *text;
+    } of[] = {
+        {Y1, "alarms = ( { kind = \"low\"; limit = 5.0; }, { kind = \"high\"; limit = 5.1; } );"},
+        {Y1, "alarms = ( { kind = \"low\"; limit = 5.0; }, { kind = \"rate\"; limit = 1.0; } );"},
+        {Y1, "alarms = ( { kind = \"high\"; limit = 5.0; }, { kind = \"rate\"; limit = 1.0; } );"},
+        {Y1, "alarms = ( { kind = \"low\"; limit = 0.0; deadband = 10.0; } );"},
+        {Y1, "alarms = ( { kind = \"high\"; limit = 10.0; deadband = 10.0; } );"},
+        {Y1, "alarms = ( { kind = \"bad\"; suppress = { signal = \"u1\"; below = 2.0; above = 2.0; }; } );"},
+        {Y1, "alarms = ( { kind = \"low\"; limit = 1.0; suppress = { alarm = \"y1.bad\"; }; }, { kind = "
+             "\"high\"; "
+             "limit = 9.0; suppress = { alarm = \"y1.low\"; }; }, { kind = \"bad\"; } );"},
+        {Y1, "alarms = ( );"},
+        {ROOT, "alarms = { shelve_max = 1.0; };"},
+        {ROOT, "alarms = { shelve_max = 604800.0; };"},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        if (load_one(of[i].at, of[i].text) < 0)
+            fail_msg("%s: %s", of[i].text, why.text);
+        experiment_free(&e);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(everything_is_loaded_as_it_stands_there),
+        cmocka_unit_test(what_suppresses_an_alarm_is_found),
+        cmocka_unit_test(alarms_are_evaluated_as_often_as_measurements_come_within_reason),
+        cmocka_unit_test(a_mistake_is_refused_with_its_line_and_reason),
+        cmocka_unit_test(what_looks_like_a_mistake_and_is_none),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
