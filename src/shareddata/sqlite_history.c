@@ -354,7 +354,7 @@ int apc_sqlite_maintain(struct apc_store *store, const struct apc_retention *kee
     struct apc_sqlite *sq = apc_sqlite_of(store);
     const apc_ns now = apc_clock_utc(NULL);
     int dropped = 0, err = apc_sqlite_enter(sq);
-    if (!err && (keep->samples > 0 || keep->ticks > 0)) {
+    if (!err) {
         err = trim_samples(sq, keep, now, &dropped);
     }
     if (!err && keep->events > 0) {

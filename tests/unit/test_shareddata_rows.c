@@ -116,6 +116,14 @@ static int is_longest(void *ctx, const struct apc_vector *v)
     return 0;
 }
 
+static int is_next(void *ctx, const struct apc_vector *v)
+{
+    int64_t *seq = ctx;
+    assert_true(*seq == 0 || v->seq == *seq + 1); /* a ring may have lost the first ones */
+    *seq = v->seq;
+    return 0;
+}
+
 static void test_vectors_of_any_length_come_back(void **state)
 {
     static const uint32_t lengths[] = {1, 0, 4, 5, 12, 13, 100, 3, 1000, 2, 0, 4096, 1};
@@ -131,6 +139,9 @@ static void test_vectors_of_any_length_come_back(void **state)
         assert_true(v.seq == seq && v.n == lengths[i]);
         assert_memory_equal(out, in + i, lengths[i] * sizeof *in);
     }
+    seq = 0;
+    assert_true(apc_store_vectors(*state, APC_PREDICTION, 2, NULL, is_next, &seq) > 3);
+    assert_int_equal(seq, sizeof lengths / sizeof lengths[0]);
     struct apc_vector v = vector(APC_TICK, 1, 1, in, APC_ELEMENTS_MAX);
     assert_int_equal(append_vector(*state, v), 1);
     v = read_vector(*state, APC_TICK, 1, out, APC_ELEMENTS_MAX);

@@ -515,10 +515,12 @@ static void assert_whole(struct apc_store *store, int64_t version)
         return;
     }
     for (int loop = 1; loop <= 2; loop++) {
+        int targets = 0;
         seq = 0;
         assert_int_equal(
             apc_store_history(store, APC_ACTUAL, apc_variable_number(APC_OPMODE, loop), NULL, follow, &seq),
             100);
+        assert_int_equal(apc_store_history(store, APC_OPMODE, loop, NULL, count_sample, &targets), 1);
         const struct apc_sample s = newest_of(store, APC_OPMODE, loop);
         assert_near(s.value, 1, 0);
         assert_int_equal(s.seq, loop == 1 ? 101 : 1); /* above all seqs of its id */
@@ -879,6 +881,30 @@ static void test_a_damaged_file_gives_errors_and_no_nonsense(void **state)
     assert_int_equal(apc_store_history(*state, APC_SENSOR, 1, NULL, count_sample, &n), N);
 }
 
+static int sum_sample(void *ctx, const struct apc_sample *s)
+{
+    *(int64_t *)ctx += s->seq;
+    return 0;
+}
+
+/* Of a block that cannot be read whole nothing is taken for the one that was read before. */
+static void test_what_is_whole_is_read_as_it_was_beside_what_is_not(void **state)
+{
+    enum { BLOCK = 64 };
+    const struct apc_range first = {.until = BLOCK * 1000 + 1};
+    for (int64_t seq = 1; seq <= 3 * BLOCK; seq++) {
+        assert_int_equal(append_one(*state, 1, seq), 1);
+    }
+    raw(path, "UPDATE sample SET variable = 33 WHERE variable = 17 AND seq = 70");
+    for (int i = 0; i < 2; i++) {
+        int64_t sum = 0;
+        assert_int_equal(apc_store_history(*state, APC_SENSOR, 1, &first, sum_sample, &sum), BLOCK);
+        assert_int_equal(sum, BLOCK * (BLOCK + 1) / 2);
+        const struct apc_range second = {.since = (BLOCK + 1) * 1000, .until = 2 * BLOCK * 1000};
+        assert_true(apc_store_history(*state, APC_SENSOR, 1, &second, sum_sample, &sum) < 0);
+    }
+}
+
 /* What the file refuses to give up is said, and all of its slice stays: here the first, whose end lies with
  * the clock. */
 static void test_an_error_in_the_middle_of_housekeeping_is_said(void **state)
@@ -1184,6 +1210,7 @@ int main(void)
         T(test_a_file_for_reading_only_is_read),
         T(test_a_full_disk_keeps_the_whole_append_out_and_no_later_one),
         T(test_a_damaged_file_gives_errors_and_no_nonsense),
+        T(test_what_is_whole_is_read_as_it_was_beside_what_is_not),
         T(test_an_error_in_the_middle_of_housekeeping_is_said),
         T(test_making_the_tables_waits_for_a_lock_as_all_else_does),
         cmocka_unit_test_setup_teardown(test_a_file_is_made_for_its_user_alone, set_up_nothing, tear_down),
