@@ -3,6 +3,7 @@
 #include "laws.h"
 
 #include "apclinear.h"
+#include "apcplant.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -614,14 +615,57 @@ static void the_time_left_is_counted_from_the_clock_where_there_is_one(void **st
     assert_true(apc_law_left(&c) < 0.0);
 }
 
+/* ---- What it publishes ------------------------------------------------------------------------ */
+
+struct told {
+    char text[100];
+    int n;
+};
+
+static void tell(void *ctx, size_t output, const struct apc_published *published)
+{
+    struct told *t = ctx;
+    const size_t used = strlen(t->text);
+
+    (void)snprintf(t->text + used, sizeof(t->text) - used, "%zu:%s ", output, published->name);
+    t->n++;
+}
+
+/* The first output nothing, the second both. */
+static int create_second(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
+                         struct apc_error *why)
+{
+    const int rc = create(setup, needs, self, why);
+
+    needs->n_published = 2 * setup->output;
+    return rc;
+}
+
+static void what_it_publishes_is_told_by_output_in_order(void **state)
+{
+    struct apc_law second = telling;
+    struct told all = {.n = 0}, last = {.n = 0};
+
+    (void)state;
+    second.create = create_second;
+    assert_int_equal(apc_law_published(&telling, &plain, tell, &all, NULL), 3);
+    assert_string_equal(all.text, "0:objective 1:objective 1:path ");
+    assert_int_equal(apc_law_published(&second, &plain, tell, &last, NULL), 2);
+    assert_string_equal(last.text, "1:objective 1:path ");
+    assert_int_equal(all.n + last.n, 5);
+}
+
 /* ---- Its mark -------------------------------------------------------------------------------- */
 
 static uint32_t mark(const struct apc_law *law, const struct apc_law_setup *setup)
 {
     struct apc_instances *s;
+    uint32_t mark;
 
-    assert_int_equal(laws_make(&s, law, setup, NULL), 0);
-    return apc_instances_mark(s);
+    assert_int_equal(apc_instances_create(&s, law, setup, NULL), 0);
+    mark = apc_instances_mark(s);
+    apc_instances_destroy(s);
+    return mark;
 }
 
 static void whatever_x_depends_on_is_in_the_mark(void **state)
@@ -635,7 +679,7 @@ static void whatever_x_depends_on_is_in_the_mark(void **state)
     static const struct apc_law_plant plant = {
         .nx = 2, .A = zero, .B = zero, .C = zero, .D = zero, .x0 = zero, .u0 = zero, .y0 = zero};
     struct apc_law_plant changed = plant;
-    static struct apc_law newer; /* the instances end after this function */
+    struct apc_law newer;
     static double zero_of[4][16];
     uint32_t marks[16];
     size_t n = 0;
@@ -681,6 +725,61 @@ static void whatever_x_depends_on_is_in_the_mark(void **state)
         }
     }
     assert_int_equal(mark(&telling, &plain), marks[0]);
+}
+
+/* Each of its numbers makes another mark; what stands behind them in memory makes none. */
+static void a_model_is_in_the_mark_from_the_first_number_to_the_last(void **state)
+{
+    enum { NX = 2, NP = 3, WIDTH = NU + ND, ROOM = NY * WIDTH + 1 };
+    static const size_t length[] = {NX * NX, NX * WIDTH, NY * NX, NY * WIDTH, NX,      WIDTH,
+                                    NY,      NP,         NX * NX, NX * WIDTH, NY * NX, NX};
+    static double part[sizeof(length) / sizeof(length[0])][ROOM];
+    static const struct apc_law law = {
+        .abi = APC_LAW_ABI, .name = "of all", .whole = true, .compute = compute};
+    static const struct apc_model model = {.name = "a tank", .np = NP},
+                                  renamed = {.name = "b tank", .np = NP};
+    struct apc_linear sampled = {.nx = NX, .A = part[8], .B = part[9], .C = part[10], .x0 = part[11]};
+    struct apc_law_plant plant = {.nx = NX,
+                                  .A = part[0],
+                                  .B = part[1],
+                                  .C = part[2],
+                                  .D = part[3],
+                                  .x0 = part[4],
+                                  .u0 = part[5],
+                                  .y0 = part[6],
+                                  .model = &model,
+                                  .p = part[7]};
+    struct apc_law_setup setup = plain;
+    uint32_t marks[64];
+
+    (void)state;
+    setup.plant = &plant;
+    for (size_t i = 0; i < sizeof(length) / sizeof(length[0]); i++) {
+        size_t n = 0;
+
+        plant.sampled = i < 8 ? NULL : &sampled;
+        plant.nx = i < 8 ? NX : 0;
+        marks[n++] = mark(&law, &setup);
+        for (size_t k = 0; k < length[i]; k++) {
+            part[i][k] = 1.0;
+            marks[n++] = mark(&law, &setup);
+            part[i][k] = 0.0;
+            for (size_t other = 0; other + 1 < n; other++)
+                if (marks[other] == marks[n - 1])
+                    fail_msg("array %zu: %zu and %zu have the same mark", i, other, n - 1);
+        }
+        part[i][length[i]] = 1.0;
+        assert_int_equal(mark(&law, &setup), marks[0]);
+        part[i][length[i]] = 0.0;
+    }
+    marks[0] = mark(&law, &setup);
+    plant.model = &renamed;
+    assert_int_not_equal(mark(&law, &setup), marks[0]);
+    plant.model = NULL; /* its parameters say nothing then */
+    marks[0] = mark(&law, &setup);
+    part[7][0] = 1.0;
+    assert_int_equal(mark(&law, &setup), marks[0]);
+    part[7][0] = 0.0;
 }
 
 /* ---- Whoever takes the output says how far --------------------------------------------------- */
@@ -754,7 +853,9 @@ int main(void)
         cmocka_unit_test_teardown(a_set_is_checked_whole_instance_by_instance, laws_end),
         cmocka_unit_test_teardown(an_answer_is_looked_at_before_it_is_believed, laws_end),
         cmocka_unit_test_teardown(the_time_left_is_counted_from_the_clock_where_there_is_one, laws_end),
+        cmocka_unit_test_teardown(what_it_publishes_is_told_by_output_in_order, laws_end),
         cmocka_unit_test_teardown(whatever_x_depends_on_is_in_the_mark, laws_end),
+        cmocka_unit_test_teardown(a_model_is_in_the_mark_from_the_first_number_to_the_last, laws_end),
         cmocka_unit_test_teardown(no_integral_moves_the_way_that_its_consumer_cannot_follow, laws_end),
     };
 

@@ -424,12 +424,36 @@ static void a_reply_that_would_be_too_long_is_not_waited_for(void **state)
     end(b);
 }
 
+/* What stands in its head says how long a frame is, or that it is none. */
+static void a_frame_is_as_long_as_its_head_says(void **state)
+{
+    static const struct {
+        size_t there;
+        unsigned protocol, length;
+        int whole;
+    } cases[] = {
+        {5, 0, 6, 0},          {6, 0, 6, 12},           {260, 0, 6, 12},           {7, 0, 2, 8},
+        {7, 0, 1, APC_EPROTO}, {7, 0, 0, APC_EPROTO},   {6, 0, 254, 260},          {6, 0, 255, APC_EPROTO},
+        {6, 1, 6, APC_EPROTO}, {6, 256, 6, APC_EPROTO}, {6, 0, 65535, APC_EPROTO},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char frame[APC_MODBUS_FRAME] = {1, 2};
+        frame[2] = (char)(cases[i].protocol >> 8);
+        frame[3] = (char)cases[i].protocol;
+        frame[4] = (char)(cases[i].length >> 8);
+        frame[5] = (char)cases[i].length;
+        assert_int_equal(apc_modbus_whole(frame, cases[i].there), cases[i].whole);
+    }
+}
+
 static void a_map_that_makes_no_sense_is_refused(void **state)
 {
-    const struct apc_modbus_point good = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0),
-                                  not_finite = {.area = APC_MODBUS_HOLDING,
-                                                .type = APC_MODBUS_U16,
-                                                .scale = (double)INFINITY};
+    const struct apc_modbus_point
+        good = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0),
+        not_finite = {.area = APC_MODBUS_HOLDING, .type = APC_MODBUS_U16, .scale = (double)INFINITY},
+        nowhere = {.area = APC_MODBUS_HOLDING, .type = APC_MODBUS_U16, .offset = (double)NAN},
+        unsafe = {.area = APC_MODBUS_HOLDING, .type = APC_MODBUS_U16, .safe = -(double)INFINITY};
     struct {
         struct apc_modbus_point p;
         bool output;
@@ -445,6 +469,12 @@ static void a_map_that_makes_no_sense_is_refused(void **state)
         {point(0, APC_MODBUS_U16, 0), false, "are bits"},
         {not_finite, true, "output 1: scale, offset and safe must be finite"},
         {not_finite, false, "measurement 1: scale, offset and safe must be finite"},
+        {nowhere, false, "must be finite"},
+        {unsafe, true, "must be finite"},
+        {point(APC_MODBUS_HOLDING, APC_MODBUS_F64 + 1, 0), false, "are bits"},
+        {point(APC_MODBUS_HOLDING + 1, APC_MODBUS_U16, 0), false, "are bits"},
+        {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 65536), false, "address 65536 is beyond 65535"},
+        {point(APC_MODBUS_HOLDING, APC_MODBUS_U32, 65535), false, "beyond 65535"},
     };
     struct apc_modbus_options o = {.size = sizeof o, .u = &good, .y = &good};
     const struct apc_exchange_options options = {.size = sizeof options, .nu = 1, .ny = 1, .modbus = &o};
@@ -471,6 +501,29 @@ static void a_map_that_makes_no_sense_is_refused(void **state)
     apc_exchange_close(x);
 }
 
+/* Up to the last register, side by side, at one address of two areas. */
+static void a_map_may_use_each_place_there_is(void **state)
+{
+    static const struct apc_modbus_point y = {
+        .area = APC_MODBUS_INPUT, .type = APC_MODBUS_U16, .address = 65535};
+    const struct apc_modbus_point cases[][2] = {
+        {point(APC_MODBUS_HOLDING, APC_MODBUS_F64, 65532), point(APC_MODBUS_HOLDING, APC_MODBUS_F64, 65528)},
+        {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 65535), point(APC_MODBUS_HOLDING, APC_MODBUS_F32, 65533)},
+        {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0), point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 1)},
+        {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 7), point(APC_MODBUS_COIL, APC_MODBUS_BIT, 7)},
+    };
+    struct apc_exchange *x;
+    struct apc_error why;
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct apc_modbus_options o = {.size = sizeof o, .u = cases[i], .y = &y};
+        const struct apc_exchange_options options = {.size = sizeof options, .nu = 2, .ny = 1, .modbus = &o};
+        if (apc_exchange_open(&x, "modbus:127.0.0.1:502", &options, &why) < 0)
+            fail_msg("%zu: %s", i, why.text);
+        apc_exchange_close(x);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -486,7 +539,9 @@ int main(void)
         cmocka_unit_test(once_its_sign_of_life_stands_still_nothing_is_good),
         cmocka_unit_test(no_bytes_hang_it_or_get_past_it),
         cmocka_unit_test(a_reply_that_would_be_too_long_is_not_waited_for),
+        cmocka_unit_test(a_frame_is_as_long_as_its_head_says),
         cmocka_unit_test(a_map_that_makes_no_sense_is_refused),
+        cmocka_unit_test(a_map_may_use_each_place_there_is),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
