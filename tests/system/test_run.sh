@@ -71,7 +71,7 @@ kill "$plant"
 wait "$plant" || true
 expect 1 'the loop was never closed' "$apc" run "$work/external.conf" --duration 2 --out "$work/nobody"
 
-# a law and a plant of one's own; Ctrl-C ends each of these endless runs cleanly, with its report
+# a law and a plant of one's own; and Ctrl-C ends an endless run cleanly, as each of these, with its report
 rows() { sql "SELECT count(*) FROM apc.$1"; }
 more_rows() { [ "$(rows "$1")" -gt "$2" ]; }
 good='actuator WHERE status = 0'

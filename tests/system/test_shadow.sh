@@ -101,7 +101,7 @@ mode 1 1 || fail "first does not act"
 segment=/dev/shm/apc.system-shadow-$$
 port=$(free_port)
 cat >"$work/cascade.conf" <<CONF
-name = "cascade"; duration = 9.0;
+name = "cascade"; duration = 16.0;
 measurements = ( { name = "y"; low = -100.0; high = 100.0; } );
 setpoints = ( { name = "r"; low = -50.0; high = 50.0; initial = 1.0; }, { name = "w"; low = -50.0; high = 50.0; initial = 5.0; } );
 outputs = ( { name = "u"; low = -20.0; high = 20.0; } );
@@ -116,7 +116,7 @@ controllers = (
     tuning = ( { Kp = 0.3; tau_i = 1.5; } ); },
   { name = "upper2"; shadow = true; law = "pid"; period = 0.4; hold = 60.0; measurements = ["y"]; setpoints = ["w"]; outputs = ["r"];
     tuning = ( { Kp = 0.2; tau_i = 3.0; } ); } );
-actions = ( { at = 3.05; promote = "upper2"; }, { at = 5.05; promote = "base2"; }, { at = 7.05; promote = "upper"; } );
+actions = ( { at = 10.05; promote = "upper2"; }, { at = 12.05; promote = "base2"; }, { at = 14.05; promote = "upper"; } );
 CONF
 unset APC_CONFIG
 "$apc" run "$work/cascade.conf" --store "shm:system-shadow-$$" --no-ui --out "$work/cascade" >"$work/cascade.log" 2>&1 ||
