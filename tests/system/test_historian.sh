@@ -21,6 +21,7 @@ loop_goes_on() { until_true 30 more_values "$live" u $(($(count "$live" u) + 3))
 historian() { background "$1" "$APC_BIN/apc-historian" --config "$work/fast.conf" --store "$live" --history "$2" --writes-within 60; }
 
 expect 1 'no history: give --history' "$APC_BIN/apc-historian" --config "$work/fast.conf" --store "$live"
+"$apc" init --store "$live?size=256" "$work/fast.conf" >/dev/null # room for the timing of ten minutes, to compare it
 background run "$apc" run "$work/fast.conf" --store "$live" --duration 0 --no-ui --out "$work/run"
 run=$pid
 until_true 20 more_values "$live" u 5
