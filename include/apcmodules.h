@@ -174,6 +174,11 @@ struct apc_plantserver;
 APC_API int apc_plantserver_create(struct apc_plantserver **server,
                                    const struct apc_plantserver_options *options, struct apc_error *why);
 APC_API void apc_plantserver_destroy(struct apc_plantserver *server); /**< NULL is legal. [setup] */
+/** From now on noise, disturbances and sensors are those of @p options, of which the rest is not looked at:
+ * what of its disturbances has been until now, and its seed, is passed over. [setup] Returns 0 or APC_EINVAL;
+ * then nothing has changed. */
+APC_API int apc_plantserver_change(struct apc_plantserver *server,
+                                   const struct apc_plantserver_options *options, struct apc_error *why);
 /**
  * Advance the plant to @p now, the scheduled time of the tick: over the interval since the previous
  * tick with the input that was sampled then (with the safe value from the watchdog's instant on, if it

@@ -100,6 +100,9 @@ APC_API int apc_plant_create(struct apc_plant **plant, const struct apc_model *m
                              const double *x0, const struct apc_plant_options *options,
                              struct apc_error *why);
 APC_API void apc_plant_destroy(struct apc_plant *plant); /**< NULL is legal. [setup] */
+/** From now on its parameters are @p p [np], copied; the state goes on. [setup] Returns 0, APC_EINVAL,
+ * APC_ENOMEM or APC_ESOLVER as apc_plant_create() does; then nothing has changed. */
+APC_API int apc_plant_change(struct apc_plant *plant, const double *p, struct apc_error *why);
 /**
  * Advance the state by @p dt seconds with @p u [nu] held constant (zero-order hold). Returns 0, or
  * APC_ESOLVER, after which the state is that of before the call. [tick]

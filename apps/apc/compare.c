@@ -79,23 +79,29 @@ static double step_of(const struct samples *s, int id)
     return step > 0 ? step : none;
 }
 
-static void print_variable(const struct samples *simulated, const struct trace *sim, const struct trace *rec,
+static void print_variable(const struct compare *c, const struct trace *sim, const struct trace *rec,
                            const struct apc_tag *tag, struct print_table *table)
 {
-    double scale = tag->table == APC_SENSOR ? step_of(simulated, tag->id) : span(sim);
+    double scale = tag->table == APC_SENSOR ? step_of(c->simulated, tag->id) : span(sim);
     double worst = 0, at = 0, sum = 0;
+    size_t n = 0, simulated = 0;
+    for (size_t i = 0; i < sim->n; i++)
+        simulated += sim->t[i] >= c->from;
     for (size_t i = 0; i < rec->n; i++) {
+        if (rec->t[i] < c->from)
+            continue;
         double apart = fabs(rec->value[i] - next_to(sim, rec->t[i]));
-        sum += apart / (double)rec->n;
+        sum += apart;
+        n++;
         if (apart > worst) {
             worst = apart;
             at = rec->t[i];
         }
     }
     print_cell(table, PRINT_PLAIN, "%s", tag->name);
-    print_cell(table, PRINT_PLAIN, "%zu", rec->n);
-    print_cell(table, PRINT_PLAIN, "%zu", sim->n);
-    print_cell(table, PRINT_PLAIN, "%.3g", sum);
+    print_cell(table, PRINT_PLAIN, "%zu", n);
+    print_cell(table, PRINT_PLAIN, "%zu", simulated);
+    print_cell(table, PRINT_PLAIN, n ? "%.3g" : "-", sum / (double)n);
     print_cell(table, PRINT_PLAIN, "%.3g", worst);
     print_cell(table, PRINT_PLAIN, isnan(scale) ? "-" : "%.4f", 100 * worst / scale);
     print_cell(table, PRINT_PLAIN, "%.3f", at);
@@ -103,25 +109,29 @@ static void print_variable(const struct samples *simulated, const struct trace *
 
 struct variable {
     const struct apc_tag *tag;
-    struct trace simulated, recorded, setpoint; /* the last one simulated, of a measurement that has one */
+    struct trace simulated, recorded, unchanged;
+    struct trace setpoint; /* simulated, of a measurement that has one */
 };
 
 struct comparison {
+    const struct compare *c;
     const struct experiment *e;
     struct variable *of; /* [n] */
     size_t n;
     double end; /* s */
 };
 
-static int take_variable(struct comparison *z, const struct samples *simulated,
-                         const struct samples *recorded, const struct apc_tag *tag,
+static int take_variable(struct comparison *z, const struct samples *recorded, const struct apc_tag *tag,
                          const struct apc_tag *setpoint)
 {
+    const struct samples *simulated = z->c->simulated, *unchanged = z->c->unchanged;
     struct variable *v = &z->of[z->n++];
     v->tag = tag;
     int rc = extract(simulated, SIMULATION_BEGIN, tag, &v->simulated);
     if (rc == 0)
         rc = extract(recorded, 0, tag, &v->recorded);
+    if (rc == 0 && unchanged)
+        rc = extract(unchanged, SIMULATION_BEGIN, tag, &v->unchanged);
     if (rc == 0 && setpoint)
         rc = extract(simulated, SIMULATION_BEGIN, setpoint, &v->setpoint);
     return rc;
@@ -182,14 +192,22 @@ static void put_panel(FILE *script, const struct comparison *z, size_t i, size_t
         report_quoted(script, z->e->title);
         fprintf(script, " at graph 0, screen %.5f noenhanced\n", report_screen(18.0, height));
     }
+    if (z->c->from > 0)
+        fprintf(script, "set arrow 1 from %.9g, graph 0 to %.9g, graph 1 nohead lw 1 lc rgb 0x999999\n",
+                z->c->from, z->c->from);
     fputs(row + 1 == panels_of(z) ? "set xlabel 'time (s)'\n" : "set format x ''\n", script);
     fprintf(script, "plot $was%zu with %s lw 2.6 lc rgb 0xB8BEC4 title '%s'", i, how,
             row == 0 ? "as recorded" : "");
     if (v->setpoint.n > 0)
         fprintf(script, ", $set%zu with steps dt 2 lw 1 lc rgb 0x222222 title '%s'", i,
                 row == 0 ? "setpoint" : "");
+    if (v->unchanged.n > 0)
+        fprintf(script, ", $else%zu with %s lw 1.3 lc rgb 0xD55E00 title '%s'", i, how,
+                row == 0 ? "simulated, unchanged" : "");
     fprintf(script, ", $is%zu with %s lw 1.3 lc rgb 0x0072B2 title '%s'\n", i, how,
-            row == 0 ? "simulated" : "");
+            row > 0          ? ""
+            : z->c->from > 0 ? "otherwise"
+                             : "simulated");
 }
 
 static void put_figure(FILE *script, void *ctx, bool first)
@@ -203,6 +221,7 @@ static void put_figure(FILE *script, void *ctx, bool first)
         if (first) {
             put_trace(script, "was", i, &v->recorded, z->end);
             put_trace(script, "set", i, &v->setpoint, z->end);
+            put_trace(script, "else", i, &v->unchanged, z->end);
             put_trace(script, "is", i, &v->simulated, z->end);
         }
         put_panel(script, z, i, row++);
@@ -232,38 +251,62 @@ static int check_experiment(const struct experiment *e, const char *dir, FILE *o
     return rc;
 }
 
-int compare_run(const struct samples *simulated, const struct experiment *e, const char *dir,
-                const char *figure, FILE *out, struct apc_error *why)
+static int print_comparison(const struct comparison *z, bool unchanged, FILE *out)
 {
     static const struct print_column columns[] = {{"", PRINT_LEFT},           {"recorded", PRINT_RIGHT},
                                                   {"simulated", PRINT_RIGHT}, {"mean apart", PRINT_POINT},
                                                   {"at most", PRINT_POINT},   {"% of step", PRINT_POINT},
                                                   {"at s", PRINT_POINT}};
-    struct comparison z = {.e = e, .of = calloc(e->dim.ny + e->dim.nu, sizeof *z.of), .end = e->duration};
-    struct samples recorded = {0};
     struct print_table table;
-    int rc =
-        z.of ? samples_read(&recorded, dir, "samples.csv", why) : apc_fail(why, APC_ENOMEM, "out of memory");
+    print_table_open(&table, columns, sizeof columns / sizeof *columns);
+    for (size_t i = 0; i < z->n; i++)
+        if (shown(&z->of[i]))
+            print_variable(z->c, unchanged ? &z->of[i].unchanged : &z->of[i].simulated, &z->of[i].recorded,
+                           z->of[i].tag, &table);
+    const int rc = print_table_show(&table, out, false, 0, "\n");
+    print_table_close(&table);
+    return rc < 0 ? APC_ENOMEM : 0;
+}
+
+static int print_all(const struct comparison *z, FILE *out)
+{
+    int rc = 0;
+    if (z->c->unchanged) {
+        fprintf(out,
+                "unchanged from %g s on, simulated, beside what was recorded: so far it explains the run\n",
+                z->c->from);
+        rc = print_comparison(z, true, out);
+    }
+    if (rc == 0 && z->c->from > 0)
+        fprintf(out, "otherwise from %g s on, beside what was recorded\n", z->c->from);
+    return rc < 0 ? rc : print_comparison(z, false, out);
+}
+
+int compare_run(const struct compare *c, const struct experiment *e, FILE *out, struct apc_error *why)
+{
+    struct comparison z = {
+        .c = c, .e = e, .of = calloc(e->dim.ny + e->dim.nu, sizeof *z.of), .end = e->duration};
+    struct samples recorded = {0};
+    int rc = z.of ? samples_read(&recorded, c->dir, "samples.csv", why)
+                  : apc_fail(why, APC_ENOMEM, "out of memory");
 
     if (rc == 0)
-        rc = check_experiment(e, dir, out, why);
-    print_table_open(&table, columns, sizeof columns / sizeof *columns);
+        rc = check_experiment(e, c->dir, out, why);
     for (size_t i = 0; rc == 0 && i < e->dim.ny; i++)
-        rc = take_variable(&z, simulated, &recorded, &e->y[i].tag, i < e->dim.nz ? &e->z[i].tag : NULL);
+        rc = take_variable(&z, &recorded, &e->y[i].tag, i < e->dim.nz ? &e->z[i].tag : NULL);
     for (size_t i = 0; rc == 0 && i < e->dim.nu; i++)
-        rc = take_variable(&z, simulated, &recorded, &e->u[i].tag, NULL);
-    for (size_t i = 0; rc == 0 && i < z.n; i++)
-        if (shown(&z.of[i]))
-            print_variable(simulated, &z.of[i].simulated, &z.of[i].recorded, z.of[i].tag, &table);
-    if (rc == APC_ENOMEM || (rc == 0 && print_table_show(&table, out, false, 0, "\n") < 0))
-        rc = apc_fail(why, APC_ENOMEM, "out of memory");
-    if (rc == 0 && figure && panels_of(&z) > 0 &&
-        (rc = gnuplot_figure(figure, REPORT_WIDTH, height_of(&z), put_figure, &z, why)) == 0)
-        fprintf(out, "figure:  %s.svg, %s.png\n", figure, figure);
-    print_table_close(&table);
+        rc = take_variable(&z, &recorded, &e->u[i].tag, NULL);
+    if (rc == 0)
+        rc = print_all(&z, out);
+    if (rc == APC_ENOMEM)
+        apc_fail(why, rc, "out of memory");
+    if (rc == 0 && c->figure && panels_of(&z) > 0 &&
+        (rc = gnuplot_figure(c->figure, REPORT_WIDTH, height_of(&z), put_figure, &z, why)) == 0)
+        fprintf(out, "figure:  %s.svg, %s.png\n", c->figure, c->figure);
     for (size_t i = 0; i < z.n; i++) {
         release(&z.of[i].simulated);
         release(&z.of[i].recorded);
+        release(&z.of[i].unchanged);
         release(&z.of[i].setpoint);
     }
     free(z.of);

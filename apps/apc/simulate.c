@@ -21,6 +21,7 @@
 #include "simulation_export.h"
 #include "sweep.h"
 #include "warn.h"
+#include "whatif.h"
 
 #define EVENTS 10 /* of a run that are told of */
 #define ROWS   60 /* of figures */
@@ -31,6 +32,7 @@ struct simulate_options {
     bool seeded, force;  /* seeded: --seed was given */
     unsigned runs, jobs; /* runs 0: one, and no campaign */
     const char *csv, *report, *net, *compare, *against, *figure;
+    struct whatif from; /* dir "": none */
     bool json;
     struct experiment_overrides overrides;
     struct setting_list set;
@@ -49,7 +51,8 @@ enum {
     OPT_JSON,
     OPT_SET,
     OPT_SWEEP,
-    OPT_FIGURE
+    OPT_FIGURE,
+    OPT_FROM
 };
 
 static const struct argp_option option_list[] = {
@@ -64,6 +67,11 @@ static const struct argp_option option_list[] = {
      "reordering=...,bandwidth=1e6,outage=10-12; times in seconds, bandwidth in bit/s",
      0},
     {"compare", OPT_COMPARE, "RUN", 0, "Lay the samples of run folder RUN over those of the simulation", 0},
+    {"from", OPT_FROM, "RUN@TIME", 0,
+     "Go on from what was at TIME (s) in run folder RUN: until then the run, from then on FILE, with another "
+     "law, "
+     "tuning, setpoint, disturbance or fault; laid over what was recorded",
+     0},
     {"set", OPT_SET, "PATH=VALUE", 0,
      "A setting other than the file's, as controllers.base.v1.Kp=2 or plant.parameters.K=normal(10,1); any "
      "number of times",
@@ -71,7 +79,7 @@ static const struct argp_option option_list[] = {
     {"sweep", OPT_SWEEP, "PATH=FROM..TO:N", 0,
      "N values of a number, evenly: a table of IAE, overshoot and effort", 0},
     {"figure", OPT_FIGURE, "NAME", 0,
-     "Of a sweep, or of what --compare compares: draw it as NAME.svg and NAME.png", 0},
+     "Of a sweep, or of what --compare or --from compares: draw it as NAME.svg and NAME.png", 0},
     {"runs", 'n', "N", 0, "A campaign over N seeds from --seed on, with a summary", 0},
     {"against", OPT_AGAINST, "FILE", 0,
      "Compare a campaign with another one, run by run of the same seed: FILE is that one's --csv", 0},
@@ -138,6 +146,10 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case OPT_COMPARE:
         o->compare = arg;
         break;
+    case OPT_FROM:
+        if (whatif_parse(&o->from, arg, &why) < 0)
+            argp_error(state, "--from %s", why.text);
+        break;
     case OPT_AGAINST:
         o->against = arg;
         break;
@@ -170,10 +182,22 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         if (o->sweep.n && (o->report || o->compare || o->against))
             argp_error(state, "--sweep: has no single run or campaign to %s",
                        o->report ? "report" : "compare");
-        if (o->figure && !o->sweep.n && !o->compare)
-            argp_error(
-                state,
-                "--figure: is of a sweep, or of --compare; the figure of a run is in the folder of --report");
+        if (o->from.dir[0] &&
+            (o->runs || o->sweep.n || o->compare || o->seeded || o->net || o->overrides.model || o->report))
+            argp_error(state,
+                       "--from: the run's seed, network and plant hold, and it is one future that is laid "
+                       "over the run: not with %s",
+                       o->runs      ? "--runs"
+                       : o->sweep.n ? "--sweep"
+                       : o->compare ? "--compare"
+                       : o->seeded  ? "--seed"
+                       : o->net     ? "--net"
+                       : o->report  ? "--report, as no file says what a folder would hold: --csv FILE"
+                                    : "--plant");
+        if (o->figure && !o->sweep.n && !o->compare && !o->from.dir[0])
+            argp_error(state,
+                       "--figure: is of a sweep, or of --compare or --from; the figure of a run is in the "
+                       "folder of --report");
         if (o->against && !o->runs)
             argp_error(state, "--against: compares a campaign with another one; give --runs N as well");
         if (o->json && o->csv && !strcmp(o->csv, "-"))
@@ -475,8 +499,14 @@ static int put_figures(const struct simulate *r)
 
 static int compare(struct simulate *r)
 {
+    const struct whatif *from = &r->options.from;
     struct apc_error why;
-    int rc = compare_run(&r->samples, &r->e, r->options.compare, r->options.figure, r->talk, &why);
+    const struct compare c = {.simulated = &r->samples,
+                              .unchanged = from->unchanged.n > 0 ? &from->unchanged : NULL,
+                              .from = from->at,
+                              .dir = r->options.compare ? r->options.compare : from->dir,
+                              .figure = r->options.figure};
+    int rc = compare_run(&c, &r->e, r->talk, &why);
     return rc < 0 ? refuse(r, rc, &why) : 0;
 }
 
@@ -508,11 +538,17 @@ static int simulate_once(struct simulate *r)
 {
     struct apc_error why;
     apc_ns began = apc_clock_mono(NULL);
-    int rc = simulation_create(&r->s, &r->e, r->options.seed, &why);
-    if (rc < 0)
+    int rc = 0;
+    const bool from = r->options.from.dir[0];
+    if (from && (rc = whatif_load(&r->options.from, &r->e, &why)) < 0)
         return refuse(r, rc, &why);
+    r->options.seed = from ? r->options.from.was.seed : r->options.seed;
     running = &r->s;
     catch_signals();
+    rc = from ? whatif_begin(&r->options.from, &r->s, &r->e, &why)
+              : simulation_create(&r->s, &r->e, r->options.seed, &why);
+    if (rc < 0)
+        return refuse(r, rc, &why);
     int ended = simulation_run(&r->s, r->e.duration);
     print_speed(r, apc_clock_mono(NULL) - began);
     if (r->s.interrupted)
@@ -528,7 +564,9 @@ static int simulate_once(struct simulate *r)
     /* Each of them, also when one before it failed: the run may have been long. */
     rc = put_samples(r);
     keep_first(&rc, put_figures(r));
-    if (r->options.compare)
+    if (from && ended == 0 && rc == 0 && (rc = whatif_judge(&r->options.from, r->talk, &why)) < 0)
+        refuse(r, rc, &why);
+    if (r->options.compare || from)
         keep_first(&rc, compare(r));
     if (r->options.report)
         keep_first(&rc, leave_report(r));
@@ -636,6 +674,7 @@ int command_simulate(int argc, char **argv)
     r.talk = r.options.json || (r.options.csv && !strcmp(r.options.csv, "-")) ? stderr : stdout;
     int rc = simulate(&r);
     simulation_destroy(&r.s);
+    whatif_free(&r.options.from);
     samples_free(&r.samples);
     experiment_free(&r.e);
     return cli_done(&r.cli, exit_code_of(rc));

@@ -64,22 +64,8 @@ struct apc_plantserver {
     apc_ns y_time;
 };
 
-static int take_options(struct apc_plantserver_options *o, const struct apc_plantserver_options *options,
-                        struct apc_error *why)
+static int check_world(const struct apc_plantserver_options *o, struct apc_error *why)
 {
-    int rc = apc_options_copy(o, sizeof(*o), options, "apc_plantserver_options", why);
-
-    if (rc < 0)
-        return rc;
-    if (!o->plant || !o->model)
-        return apc_fail(why, APC_EINVAL, "plant server: plant and model are required");
-    if (!o->model->nu || o->model->nu > APC_VECTOR_MAX || !o->model->ny || o->model->ny > APC_VECTOR_MAX)
-        return apc_fail(why, APC_EINVAL,
-                        "plant server: the model has %zu inputs and %zu outputs; each must be 1 to %d",
-                        o->model->nu, o->model->ny, APC_VECTOR_MAX);
-    if (!apc_period_ok(o->link_period) || !apc_period_ok(o->command_period))
-        return apc_fail(why, APC_EINVAL,
-                        "plant server: link_period and command_period must be above 0 and at most 366 days");
     for (size_t i = 0; o->noise && i < o->model->nx; i++) {
         if (!(o->noise[i] >= 0.0 && apc_value_ok(o->noise[i])))
             return apc_fail(why, APC_EINVAL, "plant server: noise of state %zu is %g; it must be 0 or above",
@@ -96,6 +82,25 @@ static int take_options(struct apc_plantserver_options *o, const struct apc_plan
                 i + 1, o->model->nd);
     }
     return o->sensor ? apc_sensors_check(o->sensor, o->model->ny, why) : 0;
+}
+
+static int take_options(struct apc_plantserver_options *o, const struct apc_plantserver_options *options,
+                        struct apc_error *why)
+{
+    int rc = apc_options_copy(o, sizeof(*o), options, "apc_plantserver_options", why);
+
+    if (rc < 0)
+        return rc;
+    if (!o->plant || !o->model)
+        return apc_fail(why, APC_EINVAL, "plant server: plant and model are required");
+    if (!o->model->nu || o->model->nu > APC_VECTOR_MAX || !o->model->ny || o->model->ny > APC_VECTOR_MAX)
+        return apc_fail(why, APC_EINVAL,
+                        "plant server: the model has %zu inputs and %zu outputs; each must be 1 to %d",
+                        o->model->nu, o->model->ny, APC_VECTOR_MAX);
+    if (!apc_period_ok(o->link_period) || !apc_period_ok(o->command_period))
+        return apc_fail(why, APC_EINVAL,
+                        "plant server: link_period and command_period must be above 0 and at most 366 days");
+    return check_world(o, why);
 }
 
 static int allocate(struct apc_plantserver *s)
@@ -121,10 +126,10 @@ static int allocate(struct apc_plantserver *s)
     return 0;
 }
 
+static const struct apc_sensor ideal = {0};
+
 static void set_up_noise(struct apc_plantserver *s, const struct apc_plantserver_options *o)
 {
-    static const struct apc_sensor ideal = {0};
-
     for (size_t i = 0; i < s->nx; i++) {
         char name[40];
 
@@ -186,6 +191,31 @@ int apc_plantserver_create(struct apc_plantserver **server, const struct apc_pla
     new->tripped = true; /* until it ticks */
     give(new, !new->warm);
     *server = new;
+    return 0;
+}
+
+int apc_plantserver_change(struct apc_plantserver *server, const struct apc_plantserver_options *options,
+                           struct apc_error *why)
+{
+    struct apc_plantserver_options o = {0};
+    int rc = apc_options_copy(&o, sizeof(o), options, "apc_plantserver_options", why);
+
+    if (rc == 0 && !o.model)
+        rc = apc_fail(why, APC_EINVAL, "plant server: plant and model are required");
+    if (rc == 0)
+        rc = check_world(&o, why);
+    if (rc < 0)
+        return rc;
+    for (size_t i = 0; i < server->nx; i++)
+        server->noise[i] = o.noise ? o.noise[i] : 0.0;
+    for (size_t i = 0; i < server->ny; i++)
+        server->sensor[i].sensor = o.sensor ? &o.sensor[i] : &ideal;
+    server->disturbance = o.disturbance;
+    server->n_disturbances = o.n_disturbances;
+    for (; server->ticked && server->n_disturbances &&
+           server->began_at + server->disturbance->at < server->ticked_at;
+         server->n_disturbances--)
+        server->disturbance++;
     return 0;
 }
 

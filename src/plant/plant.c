@@ -11,6 +11,7 @@ struct apc_plant {
     const struct apc_model *model;
     const struct apc_integrator *integrator;
     void *solver;
+    struct apc_plant_options options; /* of the solver */
     struct apc_delay delay;
     double t;
     double *memory;         /* all the doubles below */
@@ -99,6 +100,7 @@ static int set_up(struct apc_plant *plant, const double *p, const double *x0,
         return rc;
     apc_param_initials(m->input, m->nu, plant->in);
     apc_param_initials(m->disturbance, m->nd, plant->in + m->nu);
+    plant->options = *o;
     return plant->integrator->create(&plant->solver, m, plant->p, o, why);
 }
 
@@ -128,6 +130,29 @@ int apc_plant_create(struct apc_plant **plant, const struct apc_model *model, co
         apc_plant_destroy(new);
     else
         *plant = new;
+    return rc;
+}
+
+int apc_plant_change(struct apc_plant *plant, const double *p, struct apc_error *why)
+{
+    const struct apc_model *m = plant->model;
+    double *former = calloc(m->np + 1, sizeof(*former));
+    void *solver = NULL;
+    int rc = former ? 0 : apc_fail(why, APC_ENOMEM, "no memory for plant %s", m->name);
+
+    if (rc < 0)
+        return rc;
+    memcpy(former, plant->p, m->np * sizeof(*former));
+    rc = apc_model_take(m, plant->p, p, m->param, m->np, "parameter", why);
+    if (rc == 0)
+        rc = plant->integrator->create(&solver, m, plant->p, &plant->options, why);
+    if (rc == 0) {
+        plant->integrator->destroy(plant->solver);
+        plant->solver = solver;
+    } else {
+        memcpy(plant->p, former, m->np * sizeof(*former));
+    }
+    free(former);
     return rc;
 }
 

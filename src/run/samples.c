@@ -69,6 +69,12 @@ static int collect_part(struct samples *samples, struct apc_store *store, const 
     return 0;
 }
 
+int samples_collect_one(struct samples *samples, struct apc_store *store, enum apc_table table, int id,
+                        const struct apc_range *range)
+{
+    return collect_part(samples, store, &(struct part){table, id, 1}, range);
+}
+
 void samples_sort(struct samples *samples)
 {
     if (samples->n > 0)

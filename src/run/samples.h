@@ -25,6 +25,9 @@ int samples_read(struct samples *s, const char *dir, const char *name, struct ap
 /* Those that a store has in a range, sorted. Returns 0, APC_ENOMEM or the store's error. */
 int samples_collect(struct samples *s, struct apc_store *store, const struct experiment *e,
                     const struct apc_range *range);
+/* Those of one variable. */
+int samples_collect_one(struct samples *s, struct apc_store *store, enum apc_table table, int id,
+                        const struct apc_range *range);
 /* Modes, target and actual, tuning, operator's outputs: of each the newest before the range, and those in it;
  * by time. */
 int samples_collect_operation(struct samples *samples, struct apc_store *store, const struct experiment *e,

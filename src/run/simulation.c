@@ -7,6 +7,7 @@
 #include "simulation.h"
 
 #include "alarms.h"
+#include "past.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -134,7 +135,7 @@ static bool schedule(struct simulation *s)
     return apc_scheduler_update(s->scheduler, rc >= 0) || s->rc < 0;
 }
 
-static void scheduler_look(struct simulation *s)
+void simulation_look(struct simulation *s)
 {
     do
         stop_at_store(s, apc_store_read_rows(s->store, apc_scheduler_in(s->scheduler)));
@@ -143,8 +144,9 @@ static void scheduler_look(struct simulation *s)
 
 static void scheduler_finish(void *ctx)
 {
-    if (!schedule(ctx))
-        scheduler_look(ctx);
+    const struct simulation *s = ctx;
+    if (!s->past && !schedule(ctx))
+        simulation_look(ctx);
 }
 
 /* ---- Plant -------------------------------------------------------------------------------- */
@@ -357,7 +359,7 @@ uint64_t simulated_failures(const struct simulated *c)
 }
 
 /* As a daemon that is killed, whatever it is doing. */
-static void kill_controller(struct simulated *c)
+void simulation_kill(struct simulated *c)
 {
     c->failures = simulated_failures(c);
     apc_controller_destroy(c->core);
@@ -368,7 +370,7 @@ static void kill_controller(struct simulated *c)
 }
 
 /* And one that is started: it goes on from its newest tick row, if there is one. */
-static int start_controller(struct simulated *c, struct apc_error *why)
+int simulation_start(struct simulated *c, struct apc_error *why)
 {
     if (c->core)
         return 0;
@@ -409,6 +411,8 @@ static int alarms_tick(void *ctx, const struct apc_tick *tick)
     struct simulation *s = ctx;
     struct apc_notice notice;
     (void)tick;
+    if (s->past)
+        return 0;
     stop_at_store(s, apc_store_read_rows(s->store, apc_alarms_in(s->alarms)));
     apc_alarms_compute(s->alarms, now_of(s), &notice);
     tell_notice(s, "apc-alarms", &notice);
@@ -420,6 +424,8 @@ static void alarms_finish(void *ctx)
     struct simulation *s = ctx;
     const struct apc_rows *out = apc_alarms_out(s->alarms);
     struct apc_event event;
+    if (s->past)
+        return;
     stop_at_store(s, apc_store_append_rows(s->store, out));
     for (size_t i = 0; i < out->n_samples; i++)
         if (alarm_event(s->e, &out->sample[i], &event))
@@ -471,10 +477,10 @@ static void write_as_operator(struct simulation *s, const struct action *action,
     if (action->to.table == APC_SETPOINT)
         course_change(&s->course, &s->course.setpoint[action->to.id - 1], time_of(s), action->to.value);
     if (s->schedules) /* it sees at once whose its setpoints are */
-        scheduler_look(s);
+        simulation_look(s);
 }
 
-static void operate(struct simulation *s, const struct action *action, const char *who)
+void simulation_do(struct simulation *s, const struct action *action, const char *who)
 {
     struct simulated *c = &s->controller[action->controller];
     struct apc_error why;
@@ -483,10 +489,10 @@ static void operate(struct simulation *s, const struct action *action, const cha
         return;
     }
     const bool start = action->kind == ACTION_START;
-    if (start && start_controller(c, &why) < 0)
+    if (start && simulation_start(c, &why) < 0)
         stop(s, APC_ESTATE, "at t = %g s: %s", time_of(s), why.text);
     else if (!start)
-        kill_controller(c);
+        simulation_kill(c);
     tell(s, who, APC_EVENT_INFO, start ? "start" : "stop", "%s %s", c->of->name,
          start ? "started" : "killed");
 }
@@ -494,44 +500,72 @@ static void operate(struct simulation *s, const struct action *action, const cha
 static void on_call(void *ctx)
 {
     struct simulation *s = ctx;
-    operate(s, s->call, "operator");
+    simulation_do(s, s->call, "operator");
 }
 
 /* An event of its own, at the very instant that the run has come to: what else happens then comes after it.
  */
-int simulation_operate(struct simulation *s, const struct action *action)
+int simulation_happen(struct simulation *s, apc_virtual_fn event, void *ctx)
 {
     apc_ns t;
     if (s->rc < 0 || s->interrupted)
         return s->rc;
     apc_ns_from_s(s->ended, &t);
-    s->call = action;
-    if (apc_virtual_at(s->executive, s->zero + t, RANK_OPERATOR, on_call, s) < 0)
+    if (apc_virtual_at(s->executive, s->zero + t, RANK_OPERATOR, event, ctx) < 0)
         return s->rc = apc_fail(&s->why, APC_ENOMEM, "out of memory");
     s->handled += apc_virtual_run(s->executive, s->zero + t);
     return s->rc;
 }
 
+int simulation_operate(struct simulation *s, const struct action *action)
+{
+    s->call = action;
+    return simulation_happen(s, on_call, s);
+}
+
 static void on_action(void *ctx)
 {
     const struct action_step *step = ctx;
-    operate(step->s, step->action, "apc-simulate");
+    simulation_do(step->s, step->action, "apc-simulate");
 }
 
-static int schedule_actions(struct simulation *s)
+int simulation_schedule_actions(struct simulation *s, apc_ns from)
 {
     const struct experiment *e = s->e;
+    loops_free(&s->loops);
+    free(s->tags);
+    free(s->action_steps); /* those of another experiment have been done */
     s->tags = provision_tags(e, &s->n_tags);
     s->action_steps = calloc(e->n_actions + 1, sizeof *s->action_steps);
     if (!s->tags || !s->action_steps || controllers_describe(e, &s->loops) < 0)
         return APC_ENOMEM;
-    for (size_t i = 0; i < e->n_actions; i++) {
+    for (size_t i = 0; i < e->n_actions && !s->past; i++) { /* they are among its rows */
         s->action_steps[i] = (struct action_step){s, &e->action[i]};
-        if (apc_virtual_at(s->executive, s->zero + e->action[i].at, RANK_OPERATOR, on_action,
-                           &s->action_steps[i]) < 0)
+        if (e->action[i].at >= from && apc_virtual_at(s->executive, s->zero + e->action[i].at, RANK_OPERATOR,
+                                                      on_action, &s->action_steps[i]) < 0)
             return APC_ENOMEM;
     }
     return 0;
+}
+
+/* ---- A recorded past ------------------------------------------------------------------------ */
+
+/* Each row at its time. */
+static void repeat(void *ctx)
+{
+    struct simulation *s = ctx;
+    const struct samples *rows = &s->past->rows;
+    const apc_ns now = apc_clock_utc(s->clock);
+    for (; s->repeated < rows->n && rows->at[s->repeated].time <= now; s->repeated++) {
+        const struct apc_sample *row = &rows->at[s->repeated];
+        stop_at_store(s, apc_store_append(s->store, row, 1));
+        if (row->table == APC_SETPOINT)
+            course_change(&s->course, &s->course.setpoint[row->id - 1], time_of(s), row->value);
+    }
+    if (s->repeated < rows->n &&
+        apc_virtual_at(s->executive, s->zero + rows->at[s->repeated].time - SIMULATION_BEGIN, RANK_OPERATOR,
+                       repeat, s) < 0)
+        stop(s, APC_ENOMEM, "out of memory");
 }
 
 /* ---- Making one --------------------------------------------------------------------------- */
@@ -603,7 +637,7 @@ static int make_controllers(struct simulation *s, struct apc_error *why)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     for (size_t i = 0; i < s->e->n_controllers && rc == 0; i++) {
         s->controller[i] = (struct simulated){.s = s, .of = &s->e->controllers[i]};
-        rc = start_controller(&s->controller[i], why);
+        rc = s->past ? 0 : simulation_start(&s->controller[i], why);
     }
     return rc;
 }
@@ -661,9 +695,10 @@ static int make_store(struct simulation *s, struct apc_error *why)
     int rc =
         first ? apc_store_open(&s->store, s->uri, NULL, why) : apc_fail(why, APC_ENOMEM, "out of memory");
 
-    if (rc == 0 && ((rc = apc_store_init(s->store)) < 0 || (rc = apc_store_put(s->store, first, n)) < 0))
+    if (rc == 0 &&
+        ((rc = apc_store_init(s->store)) < 0 || (!s->past && (rc = apc_store_put(s->store, first, n)) < 0)))
         apc_fail(why, rc, "%s", apc_store_error(s->store));
-    for (size_t i = 0; i < n && rc >= 0; i++)
+    for (size_t i = 0; i < n && rc >= 0 && !s->past; i++)
         if (first[i].table == APC_SETPOINT)
             course_change(&s->course, &s->course.setpoint[first[i].id - 1], 0, first[i].value);
     free(first);
@@ -672,10 +707,16 @@ static int make_store(struct simulation *s, struct apc_error *why)
 
 int simulation_create(struct simulation *s, const struct experiment *e, uint64_t seed, struct apc_error *why)
 {
+    return simulation_create_after(s, e, seed, NULL, why);
+}
+
+int simulation_create_after(struct simulation *s, const struct experiment *e, uint64_t seed,
+                            const struct past *past, struct apc_error *why)
+{
     const struct apc_executive_options options = {.size = sizeof options, .begin = SIMULATION_BEGIN};
     int rc;
 
-    *s = (struct simulation){.e = e};
+    *s = (struct simulation){.e = e, .seed = seed, .past = past};
     snprintf(s->uri, sizeof s->uri, "mem:apc-simulate-%p", (void *)s);
     if ((rc = apc_executive_create(&s->executive, "virtual", &options, why)) < 0)
         return rc;
@@ -688,11 +729,13 @@ int simulation_create(struct simulation *s, const struct experiment *e, uint64_t
         (e->scheduler.steps > 0 && (rc = cores_scheduler(e, &s->scheduler, why)) < 0) ||
         (rc = make_exchange(s, seed, why)) < 0)
         return rc;
-    if (make_room(s) < 0 || schedule_clock(s) < 0 || schedule_actions(s) < 0)
+    if (make_room(s) < 0 || schedule_clock(s) < 0 || simulation_schedule_actions(s, 0) < 0)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     if ((rc = make_store(s, why)) < 0 || (rc = make_controllers(s, why)) < 0 ||
         (rc = make_alarms(s, why)) < 0)
         return rc;
+    if (past)
+        repeat(s);
     return make_tasks(s, seed, why);
 }
 

@@ -36,6 +36,7 @@ struct simulated {
 /* Made by simulation_create(), to be read by anyone. */
 struct simulation {
     const struct experiment *e;
+    uint64_t seed;
     struct apc_executive *executive;
     const struct apc_clock *clock;
     struct simulation_task *task; /* [n_tasks] */
@@ -51,8 +52,10 @@ struct simulation {
     uint64_t step;                   /* it is at, once it has begun, */
     apc_ns step_began;               /* mono, then */
     bool schedules;                  /* it has */
-    struct apc_alarms *alarms;       /* NULL: there are none */
-    struct apc_store *store;         /* mem:, a name of its own */
+    const struct past *past;   /* what a run in real time did until it goes on; NULL: all is simulated */
+    size_t repeated;           /* rows of it */
+    struct apc_alarms *alarms; /* NULL: there are none */
+    struct apc_store *store;   /* mem:, a name of its own */
     char uri[40];
 
     /* what the shells keep between two of their events */
@@ -89,6 +92,11 @@ uint64_t simulated_failures(const struct simulated *c);
 
 /* Returns 0 or a negative error; simulation_destroy() in either case. */
 int simulation_create(struct simulation *s, const struct experiment *e, uint64_t seed, struct apc_error *why);
+/* Until simulation_branch(), which must come at the end of @p past, what it holds takes the place of all that
+ * controllers, scheduler, alarms and people do. */
+struct past;
+int simulation_create_after(struct simulation *s, const struct experiment *e, uint64_t seed,
+                            const struct past *past, struct apc_error *why);
 /*
  * Go on until @until, in s: what happens at that very instant is not part of it. Returns 0, or why it ended
  * before, for good (also in s->rc, s->why): what has happened until then is kept. So it is when
@@ -96,6 +104,20 @@ int simulation_create(struct simulation *s, const struct experiment *e, uint64_t
  */
 int simulation_run(struct simulation *s, double until);
 void simulation_interrupt(struct simulation *s);
+/*
+ * From now on the experiment is @p e, of which those actions happen that are to come; both have to outlive
+ * the simulation. Controllers that are others go on as daemons do that are started again. Returns 0,
+ * APC_EINVAL (it differs in something that does not change in a run, which is named), or why the simulation
+ * ended.
+ */
+int simulation_branch(struct simulation *s, const struct experiment *e, struct apc_error *why);
+/* Parts of it: an event at the very instant that the simulation has come to, and what may be done in one. */
+int simulation_happen(struct simulation *s, apc_virtual_fn event, void *ctx);
+int simulation_start(struct simulated *c, struct apc_error *why);
+void simulation_kill(struct simulated *c);
+void simulation_do(struct simulation *s, const struct action *action, const char *who);
+void simulation_look(struct simulation *s); /* the scheduler, for what is due */
+int simulation_schedule_actions(struct simulation *s, apc_ns from);
 /* What an operator does, now. Returns 0 or why it ended. */
 int simulation_operate(struct simulation *s, const struct action *action);
 void simulation_destroy(struct simulation *s);

@@ -130,8 +130,8 @@ exchange sockets timer
 END
 ! grep -rE '^#include [<"](common|apc|apc-ui|users)/' "$APC_SOURCE_DIR/src" || fail "the library includes a program's header"
 ! grep -rE '^#include "(run/|run_internal|simulation|experiment)' "$APC_SOURCE_DIR"/src/[!r]* || fail "a room below includes src/run"
-# but for a replay, which looks into a controller
+# but for a replay and a branch, which look into a controller
 ! grep -rE '^#include "(timer|shareddata|sockets|control|predict|identify|analyze|plant|exchange|modules)/' "$APC_SOURCE_DIR"/apps "$APC_SOURCE_DIR/src/run" |
-  grep -v 'src/run/replay\.c:#include "modules/controller\.h"' ||
+  grep -v 'src/run/\(replay\|branch\)\.c:#include "modules/controller\.h"' ||
   fail "the run and the programs use the public headers of the rooms"
 [ -n "$(strangers 'plant/.*|apcplant\.h' "$APC_SOURCE_DIR/src/modules")" ] || fail "modules include no other room: this test sees nothing"

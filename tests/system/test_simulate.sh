@@ -49,15 +49,6 @@ for file in run.conf samples.csv plant.csv events.csv timing.csv timing-summary.
 done
 expect 0 'y +[0-9]+ +[0-9]+ +0 +0 +0\.0000' "$apc" simulate "$work/models.conf" --duration 60 --compare "$work/run"
 
-# What if: a run goes on otherwise, and is the recorded one until then, as the document shows it
-(cd "$work" && "$apc" simulate "$conf" --report ran >/dev/null && "$apc" simulate ran --csv same.csv >/dev/null && cmp same.csv ran/samples.csv) ||
-  fail "a future that nobody changed is another one"
-whatif=$(sed -n '/^\$ apc simulate ran /,/^```/p' "$APC_SOURCE_DIR/docs/simulate.md" | sed -e '/^```/d' -e 's/^\$ apc/"$apc"/')
-(cd "$work" && eval "$whatif --csv if.csv") >"$work/if.txt"
-until=$({ diff "$work/ran/samples.csv" "$work/if.csv" || true; } | awk -F '[ ,]' '/^[<>]/ && (!n++ || $2 < least) { least = $2 } END { print least }')
-awk -v t="$until" 'BEGIN { exit !(t >= 170 && t < 242) }' || fail "the futures part at $until s"
-grep -q ',setpoint,1,Good,12$' "$work/if.csv" && grep -Eq '^y +1200 +1200 +[1-9]' "$work/if.txt" || fail "nothing happened: $(cat "$work/if.txt")"
-grep -q 'as recorded' "$work/what-if.svg" && [ -s "$work/what-if.png" ] || fail "no figure of the futures"
 expect 2 '--figure: is of a sweep, or of --compare' "$apc" simulate "$conf" --figure "$work/none"
 
 grep -q '^exchange,run,' "$work/run/timing-summary.csv" || fail "how long exchanges took is not in the timing"

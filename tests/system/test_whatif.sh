@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# apc simulate FILE --from RUN@TIME: until then a run is what it was, bit for bit, and unchanged so is its future.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+experiments=$APC_SOURCE_DIR/experiments
+cd "$work"
+
+# ---- Nothing changed: the recorded future, of a run in virtual time, and of one that has but its record
+
+# from NAME TIME: both ways; the second has the start of a run in real time, so its past is played from its rows
+from() {
+  "$apc" simulate "$experiments/$1.conf" --report "$1" >/dev/null 2>&1
+  cp -r "$1" "$1-rows"
+  echo 'start = "2000-01-01T00:00:00.000000Z";' >>"$1-rows/record.conf"
+  for run in "$1" "$1-rows"; do
+    "$apc" simulate "$run" --from "$run@$2" --csv same.csv --force >"$run.txt" 2>&1
+    cmp -s same.csv "$1/samples.csv" || fail "$run: a future that nobody changed is another one: $(tail -n 12 "$run.txt")"
+  done
+  grep -q 'ticks from then on, at most 0.0 ms late, 0 missed' "$1-rows.txt" || fail "how late its ticks were is not said: $(cat "$1-rows.txt")"
+}
+from first-order 170
+for run in "two-layers 350" "four-tank-mpc 1487.5" "double-tank-override 131.25"; do
+  # shellcheck disable=SC2086
+  from $run
+done
+for at in 1e-9 0.03 150 599.999; do
+  "$apc" simulate first-order --from "first-order@$at" --csv same.csv --force >/dev/null
+  cmp -s same.csv first-order/samples.csv || fail "from $at s on: a future that nobody changed is another one"
+done
+"$apc" simulate "$experiments/servo.conf" --net 'delay=exponential(0.0005),loss=0.05' --set controller.execution='"uniform(0.0, 0.004)"' --report bad >/dev/null 2>&1
+"$apc" simulate bad --from bad@3.5013 --csv same.csv --force >/dev/null
+cmp -s same.csv bad/samples.csv || fail "over a bad network a future that nobody changed is another one"
+
+# ---- Something changed: nothing before, and what was asked for from then on
+
+# parts SETTING...: when it goes another way than first-order did
+parts() {
+  local set=()
+  for one in "$@"; do set+=(--set "$one"); done
+  "$apc" simulate "${run:-first-order}" --from "${run:-first-order}@170" --csv if.csv --force "${set[@]}" >if.txt
+  { diff first-order/samples.csv if.csv || true; } | awk -F '[ ,]' '/^[<>]/ && (!n++ || $2 < least) { least = $2 } END { print n ? least : "never" }'
+}
+# changes FROM TO SETTING...
+changes() {
+  local low=$1 high=$2 at
+  shift 2
+  at=$(parts "$@")
+  awk -v t="$at" -v a="$low" -v b="$high" 'BEGIN { exit !(t >= a && t <= b) }' || fail "$*: another from $at s on, not from $low to $high"
+}
+for run in first-order first-order-rows; do
+  changes 170 172.1 controller.Kp=0.4
+  changes 170 172.1 controller.law=pid
+  changes 170 170.1 'scheduler.sequence.[1].[0]=12'
+  grep -q '^170.000000,setpoint,1,Good,12$' if.csv || fail "the other step is not at once in force"
+  changes 170 172.1 'controller.mode=Man'
+  changes 170 170.5 plant.parameters.K=15
+  changes 199.9 200.5 'measurements.y.faults=( { kind = "spike"; at = 200.0; size = 3.0; } )'
+  changes 240 240 'actions=( { at = 240.0; set = "r"; value = 12.0; } )'
+  [ "$(parts 'controller.hold=5')" = never ] || fail "a controller that is started again goes on otherwise"
+done
+run=
+"$apc" simulate first-order --from first-order@170 --law controller=pid --csv if.csv --force >if.txt
+grep -Eq '^u +215 +215 +[0-9.e-]*[1-9]' if.txt || fail "another law does nothing: $(cat if.txt)"
+
+# As the document shows it, with its figure
+whatif=$(sed -n "/^\\$ apc simulate ran /,/'\$/p" "$APC_SOURCE_DIR/docs/simulate.md" | sed -e 's/^\$ apc/"$apc"/')
+mv first-order ran
+eval "$whatif" >if.txt
+grep -q 'as recorded' what-if.svg && grep -q 'otherwise' what-if.svg && [ -s what-if.png ] || fail "no figure of the futures"
+diff <(sed -n '/^otherwise/,/^figure/p' if.txt) <(sed -n '/^otherwise from 170/,/^figure/p' "$APC_SOURCE_DIR/docs/simulate.md") ||
+  fail "what is shown is not what is printed"
+
+# ---- What is refused
+
+expect 1 'client.period is another than in the run: in the middle of a run laws' "$apc" simulate ran --from ran@170 --set client.period=0.25
+expect 1 'network is another than in the run' "$apc" simulate ran --from ran@170 --set 'network={ loss = 0.5; }'
+expect 1 'ended at 600 s: it does not go on from 600 s' "$apc" simulate ran --from ran@600
+expect 1 'ends at 100 s, before it could go on from 170 s' "$apc" simulate ran --from ran@170 --duration 100
+expect 1 'is another than in the run' "$apc" simulate "$experiments/four-tank.conf" --from ran@170
+expect 1 'so nix is no run folder' "$apc" simulate ran --from nix@170
+for spec in ran ran@ @170 ran@0 ran@-1 ran@nan ran@1e300; do
+  expect 2 'since' "$apc" simulate ran --from "$spec"
+done
+for with in --runs=3 --seed=4 --report=new --plant=first-order --net=loss=0.1 --compare=ran; do
+  expect 2 "not with ${with%%=*}" "$apc" simulate ran --from ran@170 "$with"
+done
+rm first-order-rows/ticks.db
+expect 1 'ticks.db' "$apc" simulate first-order-rows --from first-order-rows@170
+
+# ---- A run in real time: where its replay in virtual time is exact, so is its future that nobody changed
+
+fast_experiment
+"$apc" run "$work/fast.conf" -d 6 -o real >/dev/null
+"$apc" simulate real --from real@3 --set controller.Kp=0.01 --figure real >real.txt
+grep -Eq '^controller: [0-9]+ ticks from then on, at most [0-9.]+ ms late, [0-9]+ missed' real.txt || fail "how late its ticks were is not said: $(cat real.txt)"
+grep -q 'simulated, unchanged' real.svg || fail "the unchanged future is not in the figure"
+if "$apc" replay --virtual real >virtual.txt; then
+  sed -n '/^unchanged/,/^otherwise/p' real.txt | awk '/^[yu] / { n++; worst += $5 } END { exit !(n == 2 && worst == 0) }' ||
+    fail "no tick was late, and the unchanged future is another one: $(cat real.txt virtual.txt)"
+fi
