@@ -94,6 +94,15 @@ static void ten_in_a_row_are_an_alarm_until_there_are_fewer(void **state)
     assert_int_equal(overrun_watch_look(&w, 0, 1), OVERRUN_SAME);
 }
 
+static void the_tenth_is_the_first_that_is_one_too_many(void **state)
+{
+    struct overrun_watch w = {0};
+    (void)state;
+    assert_int_equal(overrun_watch_look(&w, APC_OVERRUN_ALARM, 0), OVERRUN_BEGAN);
+    assert_int_equal(overrun_watch_look(&w, APC_OVERRUN_ALARM, 0), OVERRUN_SAME);
+    assert_int_equal(overrun_watch_look(&w, APC_OVERRUN_ALARM - 1, 0), OVERRUN_ENDED);
+}
+
 static void an_alarm_between_two_looks_is_not_lost(void **state)
 {
     struct overrun_watch w = {0};
@@ -223,6 +232,7 @@ int main(void)
         cmocka_unit_test(a_step_either_way_is_seen_once_and_slewing_is_not),
         cmocka_unit_test(a_process_that_was_stopped_between_two_readings_saw_no_step),
         cmocka_unit_test(ten_in_a_row_are_an_alarm_until_there_are_fewer),
+        cmocka_unit_test(the_tenth_is_the_first_that_is_one_too_many),
         cmocka_unit_test(an_alarm_between_two_looks_is_not_lost),
         cmocka_unit_test(a_callback_that_hangs_is_one_alarm),
         cmocka_unit_test(a_task_ticks_unless_ticks_are_missed_and_none_returns),

@@ -311,6 +311,7 @@ static void what_must_not_be_is_not_set(void **state)
     struct apc_value y[2];
     assert_int_equal(exchange(lab, 40, 50, y, PATIENCE), 0);
     assert_int_equal(exchange(lab, 41, 100.1, y, PATIENCE), APC_ERANGE);
+    assert_non_null(strstr(apc_exchange_error(lab->x), "output 2 is 100.1: "));
     assert_int_equal(exchange(lab, -0.1, 51, y, PATIENCE), APC_ERANGE);
     assert_non_null(strstr(apc_exchange_error(lab->x), "0 to 100 %"));
     assert_near(lab->plant.u[0], 40.0, 0.0);

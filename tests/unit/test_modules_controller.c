@@ -282,6 +282,29 @@ static void a_tick_row_says_what_the_tick_was_made_from(void **state)
     assert_near(field(r, APC_TICK_X)[0], 0.2 * 2.0 / 10.0 * 0.5 * 2, 1e-15);
 }
 
+static void a_tick_row_names_the_disturbances_it_was_made_from(void **state)
+{
+    enum { D = Y + 1 };
+    const char *name;
+    size_t offset, length;
+    struct rig r;
+
+    (void)state;
+    make_sized(&r, &apc_law_pi, (struct apc_dim){1, 1, 1, 1});
+    assert_int_equal(r.in[D].table, APC_SENSOR);
+    for (int k = 0; k < 3; k++) {
+        set(&r, Y, 0.5);
+        set(&r, D, 4.0 + k);
+        any_tick(&r, true);
+    }
+    assert_near(field(&r, APC_TICK_D)[0], 6.0, 0.0);
+    assert_near(field(&r, APC_TICK_D_SEQ)[0], 3.0, 0.0);
+    assert_true(apc_controller_tick_field(r.controller, APC_TICK_X, &name, &offset, &length));
+    assert_int_equal(offset + length, r.tick.n);
+    assert_false(apc_controller_tick_field(r.controller, APC_TICK_FIELDS, &name, &offset, &length));
+    apc_controller_destroy(r.controller);
+}
+
 static void an_output_names_what_it_was_computed_from(void **state)
 {
     struct rig *r = *state;
@@ -1420,6 +1443,7 @@ int main(void)
         T(it_names_what_it_reads_and_writes),
         T(what_became_of_each_row_is_told_when_it_changes),
         T(a_tick_row_says_what_the_tick_was_made_from),
+        T(a_tick_row_names_the_disturbances_it_was_made_from),
         T(an_output_names_what_it_was_computed_from),
         T(the_output_never_leaves_its_limits),
         T(a_limit_of_the_law_is_told_as_well),

@@ -57,6 +57,15 @@ static const struct apc_law law = {.abi = APC_LAW_ABI,
                                    .update = update,
                                    .track = track};
 
+/* One of two setpoints: the second in front of the decimal point. */
+static int compute_both(struct apc_law_call *c)
+{
+    c->u[0] = 0.0;
+    for (size_t i = c->n_ahead; i-- > 0;)
+        c->u[0] = 10.0 * c->u[0] + c->z[2 * i + 1] + 1e-4 * c->z[2 * i];
+    return APC_LAW_GOOD;
+}
+
 /* ---- A controller and what it reads --------------------------------------------------------- */
 
 struct rig {
@@ -131,6 +140,40 @@ static void a_plan_is_told_at_the_times_of_the_ticks_to_come(void **state)
     assert_near(tick(&r, 2 * S), 3321, 0); /* the step at 3 is late */
     assert_near(tick(&r, 5 * S), 3331, 0); /* three periods and 0.1 s late */
     assert_near(tick(&r, S / 5), 1111, 0); /* nobody follows it */
+    apc_controller_destroy(r.core);
+}
+
+static void each_setpoint_has_its_own_plan(void **state)
+{
+    static const struct apc_controller_setpoint z[] = {{.name = "r", .id = 1, .low = 0, .high = 8},
+                                                       {.name = "q", .id = 2, .low = 0, .high = 8}};
+    static const double pairs[] = {0, 5, 3, 6, 7, 7};
+    struct apc_law both = law;
+    const struct apc_controller_options o = {
+        .size = sizeof(o), .law = &both, .dim = {1, 2, 1, 0}, .period = PERIOD, .horizon = 10 * S, .z = z};
+    struct apc_error why;
+    struct rig r = {.now = T0};
+    (void)state;
+    both.whole = true;
+    both.compute = compute_both;
+    if (apc_controller_create(&r.core, &o, &why) < 0)
+        fail_msg("%s", why.text);
+    r.in = apc_controller_in(r.core);
+    r.plan = r.in->vector;
+    assert_int_equal(r.in->n_vectors, 2);
+    assert_int_equal(r.plan[1].id, 2);
+    rows_feed(r.in, APC_OPMODE, 1, APC_MODE_AUTO, T0);
+    rows_feed(r.in, APC_SETPOINT, 1, 1, T0);
+    rows_feed(r.in, APC_SETPOINT, 2, 5, T0);
+    foresee(&r);
+    const struct apc_sample *second = rows_at(r.in, APC_SETPOINT, 2);
+    r.plan[1].seq = second->seq;
+    r.plan[1].time = second->time;
+    r.plan[1].status = APC_GOOD;
+    r.plan[1].n = 6;
+    memcpy(r.plan[1].value, pairs, sizeof(pairs));
+    assert_near(tick(&r, 0), 6655.2211, 1e-9);
+    assert_near(tick(&r, S), 7665.3221, 1e-9);
     apc_controller_destroy(r.core);
 }
 
@@ -254,6 +297,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(without_a_plan_it_stays_as_it_is),
         cmocka_unit_test(a_plan_is_told_at_the_times_of_the_ticks_to_come),
+        cmocka_unit_test(each_setpoint_has_its_own_plan),
         cmocka_unit_test(a_plan_of_another_row_is_none),
         cmocka_unit_test(a_plan_that_is_damaged_is_none),
         cmocka_unit_test(a_setpoint_that_is_refused_has_no_plan),
