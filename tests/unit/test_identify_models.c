@@ -459,6 +459,60 @@ static void of_a_plant_that_runs_away_there_is_no_state_space(void **state)
     assert_null(m);
 }
 
+/* One input, one disturbance, two outputs. */
+static void a_record_that_tells_nothing_is_refused_with_its_reason(void **state)
+{
+    enum { SAMPLES = 400 };
+    static double u[2 * SAMPLES], y[2 * SAMPLES];
+    static const struct {
+        double *at; /* of these values all, or one */
+        size_t from, step, count;
+        double value;
+        const char *reason;
+    } of[] = {
+        {u, 0, 2, SAMPLES, 3.0, "input 1 is 3 all the time"},
+        {u, 1, 2, SAMPLES, 3.0, "input 2 is 3 all the time"},
+        {y, 0, 2, SAMPLES, 5.0, "output 1 is 5 all the time"},
+        {y, 1, 2, SAMPLES, 5.0, "output 2 is 5 all the time"},
+        {u, 0, 1, 1, (double)NAN, "input 1 is no number at sample 1:"},
+        {u, 9, 1, 1, (double)NAN, "input 2 is no number at sample 5:"},
+        {u, 2 * SAMPLES - 1, 1, 1, (double)INFINITY, "input 2 is no number at sample 400:"},
+        {y, 4, 1, 1, 1e301, "output 1 is 1e+301 at sample 3:"},
+        {y, 2 * SAMPLES - 1, 1, 1, -1e301, "output 2 is -1e+301 at sample 400:"},
+        {y, 1, 2, SAMPLES - 20, (double)NAN, "output 2 has 20 good samples of 400: a tenth of them"},
+    };
+    const struct apc_record good = {
+        .size = sizeof good, .Ts = 1.0, .n = SAMPLES, .nu = 1, .nd = 1, .ny = 2, .u = u, .y = y};
+    struct apc_record shape[] = {good, good, good, good, good, good, good};
+    struct apc_identified *m;
+    struct apc_error why;
+    (void)state;
+
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        for (size_t k = 0; k < 2 * (size_t)SAMPLES; k++) {
+            u[k] = sin(0.37 * (double)k * (double)(1 + k % 2));
+            y[k] = k < 2 ? 0.0 : 0.5 * y[k - 2] + u[k - 2];
+        }
+        for (size_t k = 0; k < of[i].count; k++)
+            of[i].at[of[i].from + k * of[i].step] = of[i].value;
+        assert_int_equal(apc_identify_arx(&m, &good, NULL, &why), APC_EINVAL);
+        assert_has(why.text, of[i].reason);
+        assert_null(m);
+    }
+    shape[0].u = NULL;
+    shape[1].y = NULL;
+    shape[2].nu = shape[2].nd = 0;
+    shape[3].ny = 0;
+    shape[4].nu = 1000;
+    shape[5].ny = 1001;
+    shape[6].n = 20;
+    for (size_t i = 0; i < sizeof shape / sizeof *shape; i++) {
+        assert_int_equal(apc_identify_arx(&m, &shape[i], NULL, &why), APC_EINVAL);
+        assert_has(why.text,
+                   i < 6 ? "it must have inputs and measurements, 1000 of each at most" : "20 samples; ");
+    }
+}
+
 static void what_does_not_fit_together_is_refused(void **state)
 {
     static const struct apc_transfer g = {.gain = 2.0, .tau = {1.0}};
@@ -629,6 +683,7 @@ int main(void)
         cmocka_unit_test(validation_begins_anywhere_and_knows_no_units),
         cmocka_unit_test(a_variance_is_that_of_the_inverse),
         cmocka_unit_test(of_a_plant_that_runs_away_there_is_no_state_space),
+        cmocka_unit_test(a_record_that_tells_nothing_is_refused_with_its_reason),
         cmocka_unit_test(what_does_not_fit_together_is_refused),
         cmocka_unit_test(excitation_counts_frequencies),
         cmocka_unit_test(singular_values_put_the_matrix_together),

@@ -431,15 +431,22 @@ static void events_come_by_time_and_at_one_time_the_setpoints_before_the_disturb
     static const char *const names_of[] = {"start; feed 0 -> 9", "T 5 -> 6", "load 0 -> 7",
                                            "h 5 -> 8; T 6 -> 5; load 7 -> 1; and 2 more",
                                            "h 8 -> 5; T 5 -> 7; load 3 -> 2; feed 2 -> 1"};
-    char text[100], cut[12];
+    char text[100], cut[60];
     snprintf(signals[1][0].tag.name, sizeof signals[1][0].tag.name, "h");
     snprintf(signals[1][1].tag.name, sizeof signals[1][1].tag.name, "T");
     assert_int_equal(figures.n_parts, sizeof names_of / sizeof *names_of);
     for (size_t i = 0; i < figures.n_parts; i++) {
         figures_name_part(&figures, &figures.of[0].part[i], &e, text, sizeof text);
         assert_string_equal(text, names_of[i]);
-        figures_name_part(&figures, &figures.of[0].part[i], &e, cut, sizeof cut);
-        assert_int_equal(strncmp(cut, names_of[i], sizeof cut - 1), 0);
+        for (size_t size = 1; size < sizeof cut;
+             size++) { /* as far as there is room, and nothing behind it */
+            memset(cut, 'x', sizeof cut);
+            figures_name_part(&figures, &figures.of[0].part[i], &e, cut, size);
+            assert_int_equal(strncmp(cut, names_of[i], size - 1), 0);
+            assert_true(strlen(cut) < size);
+            for (size_t k = size; k < sizeof cut; k++)
+                assert_int_equal(cut[k], 'x');
+        }
     }
     figures.event[2].from = (double)NAN; /* nothing was set before */
     figures_name_part(&figures, &figures.of[0].part[1], &e, text, sizeof text);

@@ -8,6 +8,7 @@
 
 #include "nomem.h"
 #include "run/alarms.h"
+#include "run/experiment_parts.h"
 #include "run/figures.h"
 #include "run/linear_cost.h"
 #include "run/linear_loop.h"
@@ -15,6 +16,7 @@
 #include "run/outlook.h"
 #include "run/simulation.h"
 #include "run/ticks.h"
+#include "scratch.h"
 
 static struct apc_error why;
 static const char *file;
@@ -221,6 +223,34 @@ static int rewrite(void)
     return rc;
 }
 
+static int read_files(void)
+{
+    static const struct apc_dim dim = {.ny = 1, .nz = 1, .nu = 1};
+    char spec[400];
+    struct samples all = {0};
+    struct course course = {0};
+    struct models m = {0};
+    snprintf(spec, sizeof spec, "delay=recorded(%s)", scratch_path("h.csv"));
+    int rc = samples_read(&all, scratch_folder(), "samples.csv", &why);
+    if (rc == 0)
+        rc = course_read(&course, scratch_folder(), &dim, &why);
+    if (rc == 0)
+        rc = models_network(&m, spec, &why);
+    models_free(&m);
+    course_free(&course);
+    samples_free(&all);
+    return rc;
+}
+
+static void what_is_read_of_a_run_is_whole_or_not_there(void **state)
+{
+    (void)state;
+    scratch_write("samples.csv", "time,table,id,status,value\n0,sensor,1,Good,1\n1,actuator,1,Good,1\n");
+    scratch_write("plant.csv", "time,what,id,value\n0,output,1,1\n1,input,1,1\n2,end,1,0\n");
+    scratch_write("h.csv", "low,high,count\n1,2,1\n2,3,1\n");
+    each_allocation_may_fail("files", read_files);
+}
+
 static void what_is_made_of_a_run_is_whole_or_not_there(void **state)
 {
     static const struct {
@@ -259,6 +289,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(an_experiment_is_refused_or_whole),
         cmocka_unit_test(what_is_made_of_a_run_is_whole_or_not_there),
+        cmocka_unit_test(what_is_read_of_a_run_is_whole_or_not_there),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

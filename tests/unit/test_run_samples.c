@@ -121,6 +121,52 @@ static void a_store_that_is_lost_is_an_error(void **state)
     apc_store_close(store);
 }
 
+/* All that the laws of all controllers publish as numbers, and nothing else. */
+static void what_laws_publish_is_collected_of_each(void **state)
+{
+    static const char text[] =
+        "name = \"p\"; duration = 10.0; measurements = ( { name = \"y\"; } ); setpoints = ( { name = \"r\"; "
+        "} );"
+        "outputs = ( { name = \"u\"; } ); plant = { model = \"first-order\"; period = 0.5; }; client = { "
+        "period "
+        "= 1.0; };"
+        "controller = { law = \"mpc\"; period = 2.0; operating_point = { u = [0.0]; };"
+        "  settings = { horizon = 4; blocks = [1, 1]; y_dev = [1.0]; u_dev = [1.0]; }; };";
+    const struct apc_store_options options = {.size = sizeof options, .name = "test"};
+    const struct apc_range range = {.since = SECOND(2)};
+    struct apc_store *store = NULL;
+    struct experiment e;
+    size_t n_tags, published = 0;
+    (void)state;
+    if (experiment_parse(&e, &(struct experiment_source){.file = "p", .text = text},
+                         EXPERIMENT_LAW | EXPERIMENT_MODEL, NULL, &why) < 0 ||
+        apc_store_open(&store, "mem:published", &options, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(samples_collect_published(&samples, store, &e, &range), APC_ESCHEMA);
+    assert_int_equal(apc_store_init(store), 0);
+    struct apc_tag *tag = provision_tags(&e, &n_tags);
+    assert_non_null(tag);
+    for (size_t i = 0; i < n_tags; i++)
+        published += tag[i].table == APC_ESTIMATE;
+    assert_true(published > 2);
+    for (int t = 1; t <= 3; t++)
+        for (int id = (int)published + 1; id > 0; id--) { /* one more than there are */
+            const struct apc_sample rows[] = {ROW(APC_ESTIMATE, id, t, t, 100.0 * t + id),
+                                              ROW(APC_SENSOR, id, t, t, 1)};
+            assert_int_equal(apc_store_append(store, rows, 2), 2);
+        }
+    assert_int_equal(samples_collect_published(&samples, store, &e, &range), 0);
+    assert_int_equal(samples.n, 2 * published);
+    for (size_t i = 0; i < samples.n; i++) {
+        assert_int_equal(samples.at[i].table, APC_ESTIMATE);
+        assert_near(samples.at[i].value, 100.0 * (double)(2 + i / published) + (double)(1 + i % published),
+                    0);
+    }
+    free(tag);
+    apc_store_close(store);
+    experiment_free(&e);
+}
+
 /* ---- Files of samples --------------------------------------------------------------------- */
 
 static void write_all(void)
@@ -372,6 +418,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         T(samples_come_by_time_and_in_the_order_of_the_loop),
         T(a_store_that_is_lost_is_an_error),
+        T(what_laws_publish_is_collected_of_each),
         T(samples_are_read_as_they_were_written),
         T(variables_are_counted_each_for_itself),
         T(a_line_that_is_no_sample_is_refused_with_its_number),
