@@ -5,7 +5,7 @@ import {after, before, beforeEach, test} from "node:test";
 import {Fake, HELD} from "./fake.mjs";
 import {launch, open, until} from "./lib.mjs";
 
-const PATIENCE = {timeout: 120000};
+const PATIENCE = {timeout: 300000};
 let browser;
 let fake;
 before(async () => {

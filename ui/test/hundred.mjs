@@ -5,7 +5,7 @@ import {test} from "node:test";
 import {launch, open, until} from "./lib.mjs";
 
 const UPDATES = 20;
-const PATIENCE = {timeout: 120000}; // ms for each test: a browser that hangs is no reason to wait for ever
+const PATIENCE = {timeout: 300000}; // ms for each test: a browser that hangs is no reason to wait for ever
 
 test("a value that is not Good is marked, and nothing of it is cut off", PATIENCE, async () => {
   const browser = await launch();

@@ -5,7 +5,7 @@ import {existsSync} from "node:fs";
 import {chromium} from "playwright-core";
 
 export const url = process.env.APC_UI_URL;
-const patience = 30000; // ms until a condition counts as never coming true
+const patience = 120000; // ms until a condition counts as never coming true
 
 export function findChromium() {
   const places = [process.env.APC_CHROMIUM, "/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome"];
