@@ -14,7 +14,8 @@
 static const struct argp_option option_list[] = {
     {"name", 'n', "NAME", 0, "Which controller of the file to be; needed where it has several", 0},
     {"law", 'l', "NAME", 0,
-     "Control law instead of the file's: built in, or ./file.so; its own tuning applies. Of several "
+     "Control law instead of the file's: built in, ./file.so or ./file.py; its own tuning applies. Of "
+     "several "
      "controllers: "
      "CONTROLLER=NAME",
      0},

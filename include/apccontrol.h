@@ -46,8 +46,9 @@ enum apc_law_output {
     APC_OUT_LAW
 };
 
-/** Room of apc_law_call.why. */
+/** Room of apc_law_call.why, and of say. */
 #define APC_LAW_WHY 96
+#define APC_LAW_SAY 112
 
 /**
  * What one call of a law works on. The arrays belong to the caller and are all there, where not said
@@ -88,6 +89,8 @@ struct apc_law_call {
     unsigned *y_limited; /**< [ny] out of compute of a law that selects: enum apc_limited, which way a
                             measurement cannot move the output, as others are selected; 0 before. NULL: nobody
                             asks */
+    char *say; /**< [APC_LAW_SAY] out of compute: a line for the events, whatever its result. NULL: nobody
+                  asks */
 };
 
 /** The time in s that is left to compute, below 0 when it is late; in virtual time, where computing takes
@@ -138,7 +141,8 @@ struct apc_law_setup {
     size_t n_setting;
     const struct apc_setting *setting; /**< all of them, for every instance */
     const struct apc_law_plant
-        *plant; /**< the plant's linear model, of this instance; NULL where none is known */
+        *plant;                /**< the plant's linear model, of this instance; NULL where none is known */
+    const struct apc_law *law; /**< create: of which this will be an instance */
 };
 
 /** What a law publishes, as a variable like others. */
@@ -236,10 +240,14 @@ APC_API extern const struct apc_law apc_law;
 
 /**
  * The built-in law of that name ("pi"), or, when @p name contains a '/', the `apc_law` of that shared
- * object. *@p handle (NULL for a built-in one) goes back with apc_plugin_close() after the last use.
- * [setup] Returns 0, APC_ENOTFOUND (names the laws there are), APC_EINVAL (other ABI, no compute).
+ * object, or that of a file in Python, FILE.py, which gets a process of its own (docs/python.md). *@p handle
+ * (NULL for a built-in one) goes back with apc_plugin_close() after the last use. [setup] Returns 0,
+ * APC_ENOTFOUND (names the laws there are), APC_EINVAL (other ABI, no compute).
  */
 APC_API int apc_law_find(const char *name, const struct apc_law **law, void **handle, struct apc_error *why);
+
+/** Is it asked in a process of its own, as those in Python are? [any] */
+APC_API bool apc_law_in_process(const struct apc_law *law);
 
 /** The measurement and the setpoint of an output, from 1; setpoint 0: there is none. */
 struct apc_pair {

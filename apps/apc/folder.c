@@ -139,16 +139,18 @@ static int copy_file(const char *dir, const char *name, const char *from, struct
     return rc;
 }
 
-/* law.so; of several controllers law-NAME.so, or where the name is no file's law-NUMBER.so. */
+/* law.so, of one in Python law.py; of several controllers law-NAME.so, or where the name is no file's
+ * law-NUMBER.so. */
 static const char *law_file(const struct experiment *e, size_t i, char name[RECORD_LAW_LEN])
 {
     const char *own = e->controllers[i].name;
+    const char *kind = apc_law_in_process(e->controllers[i].law) ? "py" : "so";
     if (e->n_controllers == 1)
-        snprintf(name, RECORD_LAW_LEN, "law.so");
+        snprintf(name, RECORD_LAW_LEN, "law.%s", kind);
     else if (strlen(own) > 40 || strchr(own, '/'))
-        snprintf(name, RECORD_LAW_LEN, "law-%zu.so", i + 1);
+        snprintf(name, RECORD_LAW_LEN, "law-%zu.%s", i + 1, kind);
     else
-        snprintf(name, RECORD_LAW_LEN, "law-%.40s.so", own);
+        snprintf(name, RECORD_LAW_LEN, "law-%.40s.%s", own, kind);
     return name;
 }
 

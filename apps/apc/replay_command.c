@@ -22,7 +22,7 @@ enum { OPT_LAW = 0x600, OPT_CSV, OPT_TOLERANCE, OPT_FORCE, OPT_VIRTUAL };
 
 static const struct argp_option option_list[] = {
     {"law", OPT_LAW, "NAME", 0,
-     "Control law instead of the run's: built in, or ./file.so; its own tuning applies. Of several "
+     "Control law instead of the run's: built in, ./file.so or ./file.py; its own tuning applies. Of several "
      "controllers: "
      "CONTROLLER=NAME",
      0},

@@ -54,7 +54,8 @@ static const struct argp_option option_list[] = {
     {"hold-latency", OPT_HOLD_LATENCY, NULL, 0,
      "The daemons hold /dev/cpu_dma_latency at 0: idle CPUs stay awake", 0},
     {"law", OPT_LAW, "NAME", 0,
-     "Control law instead of the file's: built in, or ./file.so; its own tuning applies. Of several "
+     "Control law instead of the file's: built in, ./file.so or ./file.py; its own tuning applies. Of "
+     "several "
      "controllers: "
      "CONTROLLER=NAME",
      0},

@@ -86,7 +86,8 @@ static const struct argp_option option_list[] = {
     {"json", OPT_JSON, NULL, 0, "The figures as JSON on stdout, and what else is said on stderr", 0},
     {"jobs", 'j', "N", 0, "Processes of a campaign; default: one a CPU", 0},
     {"law", OPT_LAW, "NAME", 0,
-     "Control law instead of the file's: built in, or ./file.so; its own tuning applies. Of several "
+     "Control law instead of the file's: built in, ./file.so or ./file.py; its own tuning applies. Of "
+     "several "
      "controllers: "
      "CONTROLLER=NAME",
      0},

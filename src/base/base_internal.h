@@ -42,6 +42,11 @@ uint32_t apc_hash_values(uint32_t hash, const double *value, size_t n);
 
 /* ---- Plug-ins ------------------------------------------------------------------------------ */
 
+/** What a handle of a plug-in begins with. */
+struct apc_plugin {
+    void (*close)(struct apc_plugin *plugin);
+};
+
 struct apc_built_in {
     const char *name;
     const void *plugin;

@@ -4,7 +4,21 @@
 #include <dlfcn.h>
 #include <link.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
+
+struct object {
+    struct apc_plugin plugin;
+    void *opened;
+};
+
+static void close_object(struct apc_plugin *plugin)
+{
+    struct object *const o = (struct object *)plugin;
+
+    dlclose(o->opened);
+    free(o);
+}
 
 int apc_plugin_open(const char *path, const char *symbol, void **handle, const void **address,
                     struct apc_error *why)
@@ -12,22 +26,31 @@ int apc_plugin_open(const char *path, const char *symbol, void **handle, const v
     if (!path || !symbol || !handle || !address)
         return apc_fail(why, APC_EINVAL, "plug-in: no path or no symbol given");
     *address = NULL;
-    *handle = dlopen(path, RTLD_NOW | RTLD_LOCAL);
-    if (!*handle)
+    *handle = NULL;
+    struct object *const o = calloc(1, sizeof(*o));
+    if (!o)
+        return apc_fail(why, APC_ENOMEM, "%s: no memory", path);
+    o->plugin.close = close_object;
+    o->opened = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+    if (!o->opened) {
+        free(o);
         return apc_fail(why, APC_ENOTFOUND, "%s: cannot be loaded: %s", path, dlerror());
-    *address = dlsym(*handle, symbol);
+    }
+    *address = dlsym(o->opened, symbol);
     if (!*address) {
-        dlclose(*handle);
-        *handle = NULL;
+        close_object(&o->plugin);
         return apc_fail(why, APC_ENOTFOUND, "%s: exports no symbol \"%s\"", path, symbol);
     }
+    *handle = o;
     return 0;
 }
 
 void apc_plugin_close(void *handle)
 {
-    if (handle)
-        dlclose(handle);
+    struct apc_plugin *const plugin = handle;
+
+    if (plugin)
+        plugin->close(plugin);
 }
 
 /* ---- Which one it is ----------------------------------------------------------------------- */

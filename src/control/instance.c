@@ -196,6 +196,7 @@ int apc_instances_create(struct apc_instances **instances, const struct apc_law 
         return apc_fail(why, APC_ENOMEM, "law %s: no memory", law->name);
     own.size = sizeof(own);
     own.output = 0;
+    own.law = law;
     s->law = law;
     s->dim = *d;
     s->Ts = setup->Ts;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* The laws there are: built in, one file each, or the user's own from a shared object. */
 #include "base/base_internal.h"
-#include "control/control_internal.h"
+#include "control/process.h"
 
 #include <math.h>
 #include <string.h>
@@ -140,6 +140,11 @@ int apc_law_find(const char *name, const struct apc_law **law, void **handle, st
 
     if (!law)
         return apc_fail(why, APC_EINVAL, "apc_law_find: law must not be NULL");
+    *law = NULL;
+    if (name && handle && strchr(name, '/') && apc_law_is_process(name)) {
+        *handle = NULL;
+        return apc_law_process_open(name, law, handle, why);
+    }
     rc = apc_plugin_find(&kind, name, &found, handle, why);
     *law = found;
     return rc;

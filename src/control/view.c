@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* What a law is made from: a controller's setup, as one output sees it, and as a mark. */
 #include "control/parts.h"
+#include "control/process.h"
 
 #include "apcestimate.h"
 #include "apclinear.h"
@@ -87,7 +88,7 @@ uint32_t apc_law_mark(const struct apc_law *law, const struct apc_law_setup *set
     const size_t number[] = {law->version, law->whole, ny, d->nz, d->nu, d->nd, states, nx};
     uint32_t hash = apc_hash(APC_HASH_BEGIN, law->name, strlen(law->name));
 
-    hash = apc_hash_number(hash, apc_plugin_mark((uintptr_t)law->compute));
+    hash = apc_hash_number(hash, apc_plugin_mark((uintptr_t)law->compute) ^ apc_law_process_mark(law));
     for (size_t i = 0; i < sizeof(number) / sizeof(number[0]); i++)
         hash = apc_hash_number(hash, number[i]);
     hash = apc_hash_values(hash, &setup->Ts, 1);

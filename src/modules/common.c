@@ -22,6 +22,7 @@ static int gravity(enum apc_notice_kind kind)
         return 2;
     case APC_NOTICE_MODE:
     case APC_NOTICE_POOR:
+    case APC_NOTICE_SAID:
         return 1;
     case APC_NOTICE_NONE:
         break;

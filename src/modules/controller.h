@@ -73,7 +73,9 @@ struct apc_controller_instance {
     int result;            /* of its answer at this tick; -1: it was not asked */
     bool poor;             /* it was told that its answers are sub-optimal or late */
     unsigned good;         /* answers in a row */
+    bool gone;             /* a replay: at this tick its process did not answer, or not well */
     char why[APC_LAW_WHY]; /* of the last one */
+    char say[APC_LAW_SAY]; /* what it said, and nobody was told yet */
 };
 
 /** The law of a controller, or the one that acts in its place while it cannot. */

@@ -67,6 +67,7 @@ static struct apc_law_call *call(const struct apc_controller *c, struct apc_cont
     asked->budget = c->budget;
     asked->deadline = c->deadline;
     asked->y_limited = NULL;
+    asked->say = NULL;
     return asked;
 }
 
@@ -172,7 +173,10 @@ static enum apc_law_result compute(struct apc_controller *c, struct apc_controll
     struct apc_law_call *asked = call(c, law, k, law->trial, law->limited);
     int result;
 
+    if (law->instance[k].gone)
+        asked->budget = -1.0;
     asked->why = why;
+    asked->say = law->instance[k].say[0] ? NULL : law->instance[k].say;
     asked->y_limited = is_backup(c, law) ? NULL : c->y_limited;
     for (size_t i = part->u; i < end; i++) {
         law->trial[i] = c->u[i]; /* a law that leaves one out keeps it */
@@ -502,6 +506,20 @@ static void tell_answer(struct apc_controller *c, size_t k, struct apc_notice *n
         of->poor = poor;
 }
 
+/* As soon as there is no graver news. */
+static void tell_said(struct apc_controller *c, struct apc_controller_law *law, size_t k,
+                      struct apc_notice *notice)
+{
+    const size_t i = apc_instances_part(law->instances, k)->u;
+    char *const say = law->instance[k].say;
+
+    if (!notice || !say[0])
+        return;
+    apc_controller_note(c, i, notice, APC_NOTICE_SAID, "law %.20s: %s", law->definition->name, say);
+    if (c->state[i].note.kind == APC_NOTICE_SAID)
+        say[0] = '\0';
+}
+
 /* ---- An instance and its loops --------------------------------------------------------------- */
 
 /* What any of its loops asks of the law. */
@@ -608,6 +626,10 @@ void apc_controller_run(struct apc_controller *c, struct apc_now now, bool have,
         finish(c, i, now, notice);
     for (size_t k = 0; k < c->law.size.instances; k++)
         tell_answer(c, k, notice);
+    for (size_t k = 0; k < c->law.size.instances; k++)
+        tell_said(c, &c->law, k, notice);
+    for (size_t k = 0; k < c->backup.size.instances; k++)
+        tell_said(c, &c->backup, k, notice);
     for (size_t k = 0; k < c->law.size.instances; k++)
         follow(c, &c->law, k);
     for (size_t k = 0; k < c->backup.size.instances; k++)

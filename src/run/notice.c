@@ -19,6 +19,7 @@ void notice_event(const struct apc_notice *notice, struct apc_event *event)
         [APC_NOTICE_REJECTED] = {APC_EVENT_WARNING, "rejected"},
         [APC_NOTICE_RIVALS] = {APC_EVENT_ALARM, "rejected"},
         [APC_NOTICE_POOR] = {APC_EVENT_INFO, "law"},
+        [APC_NOTICE_SAID] = {APC_EVENT_INFO, "law"},
     };
     event->severity = of[notice->kind].severity;
     snprintf(event->kind, sizeof event->kind, "%s", of[notice->kind].kind);

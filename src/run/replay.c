@@ -2,7 +2,8 @@
 /*
  * A tick row holds what the tick was made from: values, or the seqs of rows that are on record beside it. So
  * each controller is given, tick by tick, just what the recorded one had, and all of the row that it then
- * makes is compared, bit for bit. A law that was late is given no time, and is late again.
+ * makes is compared, bit for bit. A law that was late is given no time, and is late again; one in a process
+ * of its own that failed may have been killed, and fails again.
  *
  * What a row does not say is whether its controller had been started anew before it. That is tried where the
  * row is another than that of one that lived on. From a row that differs all the same the replay goes on, so
@@ -242,6 +243,16 @@ static bool was_late(const struct apc_controller *c, const double *row)
     return false;
 }
 
+/* Instances of the law come first, then those of its backup, as in the row. */
+static void find_gone(struct apc_controller *c, const double *row)
+{
+    for (size_t k = 0; k < c->size.instances; k++) {
+        const struct apc_law *law = (k < c->law.size.instances ? &c->law : &c->backup)->definition;
+        c->instance[k].gone =
+            apc_law_in_process(law) && (int)row[c->offset[APC_TICK_RESULT] + k] == APC_LAW_FAILED;
+    }
+}
+
 /* ---- Comparing ------------------------------------------------------------------------------ */
 
 /* Say of a tick what is the matter with it. */
@@ -339,6 +350,7 @@ static const struct apc_sample *tick(struct replay *r, struct replay_controller 
     const struct apc_sample *missing = give_rows(r, rc, row), *lost = give_plans(r, rc, row);
     give_choice(c, row);
     c->budget = was_late(c, row) ? 0.0 : apc_ns_to_s(rc->of->budget);
+    find_gone(c, row);
     apc_controller_compute(c, now, (uint64_t)row[c->offset[APC_TICK_INDEX]], true, notice);
     return missing ? missing : lost;
 }

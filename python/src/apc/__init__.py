@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .experiment import Experiment, Figure, Simulation
     from .store import Event, History, Store, Tag, Vectors
     from .values import Mode, Status, Value
+    from .law import Call, Law, Parameter, Published, Setup
     from .library import version
 
 _WHERE = {
@@ -29,6 +30,7 @@ _WHERE = {
     "experiment": ("Experiment", "Figure", "Simulation"),
     "store": ("Event", "History", "Store", "Tag", "Vectors"),
     "values": ("Mode", "Status", "Value"),
+    "law": ("Call", "Law", "Parameter", "Published", "Setup"),
     "library": ("version",),
 }
 _MODULE = {name: module for module, names in _WHERE.items() for name in names}

@@ -1,0 +1,370 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Control laws in Python.
+
+A law is a class in a file that an experiment names, `law = "./mylaw.py"`. It runs in a process of its own that the
+controller asks at each tick: this module is that process, `python -m apc.law FILE`. It needs Python alone.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import socket
+import struct
+import sys
+import traceback
+from typing import Any, NamedTuple, Sequence, Union
+
+#: What compute says of its u. The first three are usable.
+GOOD, SUBOPTIMAL, LATE, INFEASIBLE, FAILED = range(5)
+
+_LIMIT = 60  # s: a call that takes longer ends the process, whatever holds it up and whoever is still there
+_MESSAGE = 1 << 17
+_HEADER = struct.Struct("=4I")
+_CREATE, _DESTROY, _RESET, _COMPUTE, _UPDATE, _TRACK = range(1, 7)
+
+
+class Parameter(NamedTuple):
+    """What an operator may tune."""
+
+    name: str
+    initial: float
+    low: float = -1e300
+    high: float = 1e300
+    unit: str = ""
+    description: str = ""
+    of: str = "output"  #: of what each one is: "output", "law", "measurement"
+
+
+class Published(NamedTuple):
+    """What a law publishes, as a variable like others."""
+
+    name: str
+    unit: str = ""
+    description: str = ""
+    length: int = 0  #: of a vector over a horizon; 0: a number
+    step: float = 0.0  #: s between two of the vector
+
+
+class Signal(NamedTuple):
+    """What is known of a signal."""
+
+    name: str
+    unit: str
+    low: float  #: it does not leave them
+    high: float
+    rate: float  #: of an output: greatest change in 1 s
+    soft_low: float
+    soft_high: float
+
+
+class Setup:
+    """What an instance is made from. One that is not `whole` sees its own output and what belongs to it."""
+
+    def __init__(self, said: dict[str, Any]) -> None:
+        self.ny: int = said["ny"]
+        self.nz: int = said["nz"]
+        self.nu: int = said["nu"]
+        self.nd: int = said["nd"]
+        self.output: int = said["output"]  #: for which, from 0; 0 for one that is whole
+        self.Ts: float = said["Ts"]  #: period of the controller, s
+        self.y = [Signal(*s) for s in said["y"]]
+        self.z = [Signal(*s) for s in said["z"]]
+        self.u = [Signal(*s) for s in said["u"]]
+        self.d = [Signal(*s) for s in said["d"]]
+        #: by name: a text, a number, a list of numbers, a list of rows
+        self.settings: dict[str, Any] = {name: _setting(value) for name, value in said["settings"].items()}
+
+
+class Call:
+    """One call of a law. Counts are those of the instance; row k of a horizon is k Ts ahead, row 0 is now."""
+
+    t: float  #: s of the schedule since the start, the same in a replay
+    Ts: float  #: period, s
+    tick: int
+    budget: float  #: s that compute may take
+    gap: bool  #: track: y was away, or this is the first call
+    y: tuple[float, ...]  #: [ny] measurements, the last usable ones
+    y_status: tuple[int, ...]  #: [ny] OPC UA StatusCodes
+    y_age: tuple[float, ...]  #: [ny] s
+    y_new: tuple[bool, ...]  #: [ny] new since the last tick
+    z: tuple[float, ...]  #: [ahead * nz] setpoints, row after row
+    d: tuple[float, ...]  #: [ahead * nd] measured disturbances
+    low: tuple[float, ...]  #: [nu] limits of the outputs
+    high: tuple[float, ...]
+    rate: tuple[float, ...]  #: [nu] greatest change in 1 s
+    y_low: tuple[float, ...]  #: [ny] soft limits
+    y_high: tuple[float, ...]
+    u_last: tuple[float, ...]  #: [nu] what really went out last; NaN: nothing did
+    acts: tuple[bool, ...]  #: [nu] compute: does the law decide on this output?
+    u: tuple[float, ...]  #: [nu] update, track: what went out
+    limited: list[int]  #: [nu] 1: cannot go lower, 2: higher. In: where it goes to. Out of compute: a limit of the law
+    x: Any  #: [states] all that a restart goes on from: a list; in compute a tuple
+    published: dict[str, Any]  #: compute: what goes out under the names that the law publishes
+    result: int
+    why: str
+
+    def __init__(self) -> None:
+        self.result, self.why = GOOD, ""
+
+    def __getattr__(self, name: str) -> Any:
+        """A tuning parameter by its name: a number; of a law that is whole, one for each output or measurement."""
+        raise AttributeError(f"there is no parameter \"{name}\"")
+
+    def suboptimal(self, why: str) -> None:
+        """Say of this answer that it is the best that was found in time."""
+        self.result, self.why = SUBOPTIMAL, why
+
+    def late(self, why: str) -> None:
+        """Say that nothing was found in time: what was planned before for this tick."""
+        self.result, self.why = LATE, why
+
+    def infeasible(self, why: str) -> None:
+        """Say that there is no usable answer: the output is held, then at its fault value."""
+        self.result, self.why = INFEASIBLE, why
+
+
+class Law:
+    """A law of your own: a subclass with `compute`, alone in its file."""
+
+    name = ""  #: "": the class's
+    description = ""
+    version = 1  #: of the meaning of x: a stored x of another version is not taken
+    whole = False  #: one instance for all outputs; False: one for each, so a Bad y stops that loop and no other
+    estimates = False  #: whole; it goes on without a measurement that is Bad while another is not
+    tuning: Sequence[Parameter] = ()
+    settings: Sequence[str] = ()  #: names that group `settings` of the controller may have
+    publishes: Sequence[Published] = ()
+    states = 0  #: numbers of x
+    ahead = 1  #: rows of z and d
+
+    def __init__(self, setup: Setup) -> None:
+        """What follows from settings and signals; may set `states`, `ahead` and `publishes`."""
+        self.setup = setup
+
+    def compute(self, c: Call) -> Union[float, Sequence[float]]:
+        """u [nu], or the number that it is, from c.y, c.z, c.x."""
+        raise NotImplementedError
+
+    # reset(c): fill c.x before the first tick. update(c): c.x for the next tick, c.u went out. track(c): set c.x so that
+    # compute goes on from c.u: no bump when an operator hands the output over. Each may be missing.
+
+
+# ---- The process -------------------------------------------------------------------------------------------------
+
+
+def _setting(value: Any) -> Any:
+    if isinstance(value, str):
+        return value
+    rows, columns, numbers = value[0], value[1], value[2:]
+    if rows == 1:
+        return numbers[0] if columns == 1 else numbers
+    return [numbers[i * columns:(i + 1) * columns] for i in range(rows)]
+
+
+class _Output(io.RawIOBase):
+    """Standard output, which does not wait: what the pipe has no room for is gone."""
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data: Any) -> int:
+        try:
+            os.write(1, data)
+        except OSError:
+            pass
+        return len(data)
+
+
+def _load(file: str) -> type[Law]:
+    space: dict[str, Any] = {"__name__": "apc_law", "__file__": file}
+    sys.path[0] = os.path.dirname(os.path.abspath(file))
+    module = type(sys)("apc_law")
+    module.__dict__.update(space)
+    sys.modules["apc_law"] = module  # so that its classes can be pickled, and its dataclasses made
+    with open(file, "rb") as source:
+        exec(compile(source.read(), file, "exec"), module.__dict__)
+    found = [c for c in vars(module).values()
+             if isinstance(c, type) and issubclass(c, Law) and c.__module__ == "apc_law"]
+    if len(found) != 1:
+        raise TypeError(f"holds {len(found)} subclasses of apc.Law: it must be one")
+    if found[0].compute is Law.compute:
+        raise TypeError(f"class {found[0].__name__} has no method compute")
+    return found[0]
+
+
+def _line(*fields: Any) -> str:
+    return "\t".join(str(f).replace("\t", " ").replace("\n", " ") for f in fields) + "\n"
+
+
+def _describe(law: type[Law]) -> str:
+    scopes = ("output", "law", "measurement")
+    text = _line("name", law.name or law.__name__) + _line("description", law.description or law.__doc__ or "")
+    text += _line("version", law.version) + _line("whole", int(law.whole)) + _line("estimates", int(law.estimates))
+    for own in ("reset", "update", "track"):
+        if callable(getattr(law, own, None)):
+            text += _line("has", own)
+    for setting in law.settings:
+        text += _line("setting", setting)
+    for p in law.tuning:
+        p = Parameter(*p)
+        if p.of not in scopes:
+            raise ValueError(f"parameter {p.name} is of \"{p.of}\": output, law or measurement")
+        text += _line("param", scopes.index(p.of), p.name, p.unit, p.description,
+                      *(repr(float(number)) for number in (p.initial, p.low, p.high)))
+    return text
+
+
+def _where(e: BaseException, file: str) -> str:
+    """What went wrong, and in which line of the law. The whole of it is printed; its last line is this."""
+    lines = [f.lineno for f in traceback.extract_tb(e.__traceback__) if f.filename == file]
+    where = f"{type(e).__name__}: {e}" + (f" (line {lines[-1]})" if lines else "")
+    traceback.print_exc()
+    print(where)
+    return where
+
+
+class _Instance:
+    """A law's instance, and where its numbers stand in a message."""
+
+    def __init__(self, law: type[Law], setup: Setup) -> None:
+        self.setup = setup
+        self.law = law(setup)
+        self.states, self.ahead = int(self.law.states), int(self.law.ahead)
+        self.published = [Published(*p) for p in self.law.publishes]
+        scopes = {"law": 1, "output": setup.nu, "measurement": setup.ny}
+        parameters = [Parameter(*p) for p in law.tuning]
+        self.tuned = [(of, [p.name for p in parameters if p.of == of], many) for of, many in scopes.items()]
+        n_tuning = sum(len(names) * many for _, names, many in self.tuned)
+        ny, nu, ahead = setup.ny, setup.nu, max(self.ahead, 1)
+        sizes = (("y", ny), ("y_status", ny), ("y_age", ny), ("y_new", ny), ("z", ahead * setup.nz),
+                 ("d", ahead * setup.nd), ("low", nu), ("high", nu), ("rate", nu), ("y_low", ny), ("y_high", ny),
+                 ("u_last", nu), ("out", nu), ("u", nu), ("limited", nu), ("tuning", n_tuning), ("x", self.states))
+        self.slices, at = [], 8
+        for name, n in sizes:
+            self.slices.append((name, slice(at, at + n)))
+            at += n
+        self.request = struct.Struct(f"=4I{at - 4}d")
+        self.answer_x = struct.Struct(f"={self.states}d")
+        self.answer = struct.Struct(f"={2 * nu + sum(p.length or 1 for p in self.published)}d")
+
+    def needs(self) -> str:
+        text = _line("states", self.states) + _line("ahead", self.ahead)
+        for p in self.published:
+            text += _line("published", p.name, p.unit, p.description, p.length, repr(float(p.step)))
+        return text
+
+    def call(self, message: bytes) -> Call:
+        number = self.request.unpack(message)
+        c = Call()
+        own = c.__dict__
+        own["Ts"] = self.setup.Ts
+        own["t"], own["tick"], own["budget"], own["gap"] = number[4], int(number[5]), number[6], bool(number[7])
+        for name, place in self.slices:
+            own[name] = number[place]
+        own["y_status"] = tuple(map(int, own["y_status"]))
+        own["y_new"] = tuple(map(bool, own["y_new"]))
+        own["acts"] = tuple(out == 2 for out in own.pop("out"))
+        own["limited"] = list(map(int, own["limited"]))
+        at = 0
+        tuning = own["tuning"]
+        for of, names, many in self.tuned:
+            for i, name in enumerate(names):
+                values = tuning[at + i:at + len(names) * many:len(names)]
+                own[name] = values if self.law.whole and of != "law" else values[0]
+            at += len(names) * many
+        c.published = {}
+        return c
+
+    def handle(self, kind: int, message: bytes, file: str) -> tuple[int, bytes]:
+        """The result, and what stands behind the header of the answer."""
+        c = self.call(message)
+        if kind == _COMPUTE:
+            try:
+                u = _numbers("compute", self.law.compute(c), self.setup.nu)
+                behind = u + [float(limited) for limited in c.limited]
+                for p in self.published:
+                    behind += _numbers(f"\"{p.name}\"", c.published.get(p.name, float("nan")) if not p.length else
+                                       c.published.get(p.name, [float("nan")] * p.length), p.length or 1)
+                return c.result, self.answer.pack(*behind) + c.why.encode("utf-8", "replace")[:95]
+            except Exception as e:
+                return FAILED, self.answer.pack(*[0.0] * (self.answer.size // 8)) + _where(e, file).encode()[:95]
+        c.x = list(c.x)
+        try:
+            getattr(self.law, {_RESET: "reset", _UPDATE: "update", _TRACK: "track"}[kind])(c)
+            return GOOD, self.answer_x.pack(*_numbers("x", c.x, self.states))
+        except Exception as e:
+            _where(e, file)
+            return FAILED, self.answer_x.pack(*[0.0] * self.states)
+
+
+def _numbers(what: str, value: Any, n: int) -> list[float]:
+    if isinstance(value, float) or isinstance(value, int):
+        numbers = [float(value)]
+    elif isinstance(value, (str, bytes)) or value is None:
+        raise TypeError(f"{what} gave {value!r:.40}, not {n} number{'s' * (n != 1)}")
+    else:
+        value = value.ravel().tolist() if hasattr(value, "ravel") else value
+        numbers = [float(v) for v in value]
+    if len(numbers) != n:
+        raise ValueError(f"{what} gave {len(numbers)} numbers, not {n}")
+    return numbers
+
+
+def _serve(connection: socket.socket, law: type[Law], file: str) -> None:
+    instances: dict[int, _Instance] = {}
+    while True:
+        message = connection.recv(_MESSAGE)
+        if not message:
+            return
+        signal.alarm(_LIMIT)
+        kind, number, request, _ = _HEADER.unpack_from(message)
+        if kind == _DESTROY:
+            instances.pop(number, None)
+        elif kind == _CREATE:
+            try:
+                setup = Setup(json.loads(message[_HEADER.size:]))
+                instances[number] = _Instance(law, setup)
+                answer = instances[number].needs().encode()
+            except Exception as e:
+                answer = b"error\t" + _where(e, file).encode()
+            connection.send(answer)
+        else:
+            result, behind = instances[number].handle(kind, message, file)
+            sys.stdout.flush()
+            connection.send(_HEADER.pack(kind, number, request, result) + behind)
+        signal.alarm(0)
+
+
+def main() -> None:
+    """Be the process of the law in the file that is named."""
+    file = sys.argv[1]
+    out = io.TextIOWrapper(_Output(), "utf-8", "backslashreplace", write_through=True)  # type: ignore[type-var]
+    sys.stdout = sys.stderr = out
+    connection = socket.socket(fileno=3)
+    signal.alarm(_LIMIT)
+    try:
+        law = _load(file)
+        answer = _describe(law).encode()
+    except Exception as e:
+        connection.send(b"error\t" + _where(e, file).encode())
+        return
+    connection.send(answer)
+    signal.alarm(0)
+    code: Any = 0
+    try:
+        _serve(connection, law, file)
+    except SystemExit as e:
+        code = e.code
+    except BaseException as e:
+        _where(e, file)
+        code = 1
+    os._exit(code if isinstance(code, int) else code is not None)  # at once: the socket is open until the very end
+
+
+if __name__ == "__main__":
+    from apc.law import main  # the module that a law's file imports, not a second one of its text
+
+    main()
