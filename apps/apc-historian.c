@@ -21,7 +21,7 @@
 #include "common/watch.h"
 #include "run/requests.h"
 
-#define CYCLE   (200 * APC_NS_PER_MS)
+#define CYCLE   (100 * APC_NS_PER_MS)
 #define TIMEOUT (10 * APC_NS_PER_S)   /* of one operation of the history */
 #define BATCHES (2 * APC_NS_PER_S)    /* of one step, when there is much to move */
 #define HUNG    (60 * APC_NS_PER_S)   /* a step that takes longer has no deadline any more */

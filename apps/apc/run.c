@@ -25,7 +25,7 @@
 #include "warn.h"
 
 #define EXPORT_TRIES     60 /* a second each */
-#define HISTORIAN_PERIOD (APC_NS_PER_S / 5)
+#define HISTORIAN_PERIOD (APC_NS_PER_S / 10)
 #define LEAD             (2 * APC_NS_PER_S) /* from here to t = 0: the daemons start meanwhile */
 #define PAGE_PORT        8080
 #define PAGE_PERIOD      (5 * APC_NS_PER_S) /* it has no task: it says once a second that it lives */

@@ -2,7 +2,8 @@
 # Control outlives the database: a loop in shared memory whose history is stopped, hangs, is locked, and has no room left on
 # its disk. Nothing of it reaches the loop: it does what its twin in virtual time does, bit for bit, commands and measurements
 # alike, and people go on reading and writing. Afterwards the history has each row once, and in order.
-# APC_OUTAGE=900 makes each outage last so many seconds; by default it lasts until it is noticed. APC_OUTAGES names which.
+# APC_OUTAGE=900 makes each outage last so many seconds; by default it lasts until it is noticed. APC_OUTAGES names which, and
+# APC_OUTAGE_OUT a folder for the history of it all and its figure.
 # shellcheck source=lib.sh
 if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be stopped: not the one that all tests share
   data=$(mktemp -d /tmp/apc-outages.XXXXXX)
@@ -30,7 +31,7 @@ outputs = ( { name = "u"; low = -10.0; high = 10.0; safe = 0.0; } );
 plant = { model = "first-order"; parameters = { K = 10.0; tau = 10.0; }; period = 1.0; listen = "tcp:127.0.0.1:$port"; };
 client = { period = 1.0; phase = 0.3; link = "tcp:127.0.0.1:$port"; };
 controller = { law = "pi"; period = 1.0; phase = 0.6; hold = 60.0; tuning = ( { Kp = 0.2; tau_i = 10.0; } ); };
-scheduler = { period = 8.0; sequence = ( [10.0], [20.0], [5.0], [15.0] ); };
+scheduler = { period = $(((${APC_OUTAGE:-0} / 5 > 8) ? APC_OUTAGE / 5 : 8)).0; sequence = ( [10.0], [20.0], [5.0], [15.0] ); };
 CONF
 
 bin=$(ls -d /usr/lib/postgresql/*/bin | sort -V | tail -n 1)

@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* From a live store into every kind of store: all of it, in order, each row once, whoever dies when. */
 #include <signal.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -429,7 +431,8 @@ static void test_two_do_not_write_one_record(void **state)
 
 /* ---- Killed at random ------------------------------------------------------------------------ */
 
-_Noreturn static void historian(void)
+/* *@p done: all up to this seq was there when the last step that ended was begun. */
+_Noreturn static void historian(_Atomic int64_t *done)
 {
     struct apc_store *from = NULL, *to = NULL;
     struct apc_forward *f = NULL;
@@ -440,13 +443,17 @@ _Noreturn static void historian(void)
         _exit(1);
     }
     for (;;) {
-        apc_forward_step(f, FOREVER); /* a dead predecessor's claim goes when the server notices */
+        const int64_t there = newest(from, APC_SENSOR, 1).seq;
+        if (apc_forward_step(f, FOREVER) >= 0) { /* a dead predecessor's claim goes when the server notices */
+            *done = there;
+        }
     }
 }
 
 static void test_kills_lose_and_double_nothing(void **state)
 {
     enum { KILLS = 12, ROWS = 200 }; /* all of which the live store holds */
+    static _Atomic int64_t done;
     struct apc_random random;
     if (strcmp(store_kind->name, "postgresql:") != 0 && strcmp(store_kind->name, "sqlite:") != 0) {
         skip(); /* nobody else would see it, or it is one of the others */
@@ -458,7 +465,7 @@ static void test_kills_lose_and_double_nothing(void **state)
         const struct timespec pause = {.tv_nsec = (long)(50e6 * apc_random_uniform(&random))};
         const pid_t pid = fork();
         if (pid == 0) {
-            historian();
+            historian(&done);
         }
         append(live, 2 + k * ROWS, 1 + (k + 1) * ROWS);
         append_event(live, k + 1, "start");
@@ -484,6 +491,54 @@ static void test_kills_lose_and_double_nothing(void **state)
     assert_events(*state, KILLS);
     assert_timing(*state, KILLS);
     live_drop(live);
+}
+
+static void assert_no_hole(struct apc_store *store, int64_t base)
+{
+    const struct apc_range range = {.after = base};
+    struct seen rows = {0}, ticks = {0};
+    ok(store, apc_store_history(store, APC_SENSOR, 1, &range, see_sample, &rows));
+    ok(store, apc_store_vectors(store, APC_TICK, 1, &range, see_vector, &ticks));
+    assert_true(rows.n > 0 && rows.whole && rows.first == base + 1);
+    assert_true(ticks.n > 0 && ticks.whole && ticks.first == base + 1);
+}
+
+/* What came before the last batch was begun is there; what is there has no hole. */
+static void test_a_host_that_dies_loses_what_came_since_a_batch_was_begun(void **state)
+{
+    enum { RESETS = 20, APART = 1 << 20, ROWS = 500 }; /* all of which the live store holds */
+    const struct timespec pause = {.tv_nsec = 50000};
+    struct apc_random random;
+    if (strcmp(store_kind->name, "postgresql:") != 0 && strcmp(store_kind->name, "sqlite:") != 0) {
+        skip(); /* nobody else would see it, or it is one of the others */
+    }
+    apc_random_init(&random, 13, "resets");
+    void *shared = mmap(NULL, sizeof(int64_t), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    assert_ptr_not_equal(shared, MAP_FAILED);
+    _Atomic int64_t *done = shared;
+    for (int k = 1; k <= RESETS; k++) {
+        struct apc_store *live = live_make(4);
+        const apc_ns end = apc_clock_mono(NULL) + (apc_ns)(20e6 * apc_random_uniform(&random));
+        const int64_t base = (int64_t)k * APART;
+        *done = 0;
+        append(live, base + 1, base + 1);
+        const pid_t pid = fork();
+        if (pid == 0) {
+            historian(done);
+        }
+        for (int64_t seq = base + 2; apc_clock_mono(NULL) < end || *done == 0; seq += seq < base + ROWS) {
+            if (seq < base + ROWS) {
+                append(live, seq, seq);
+            }
+            nanosleep(&pause, NULL);
+        }
+        kill(pid, SIGKILL);
+        waitpid(pid, NULL, 0);
+        live_drop(live);
+        assert_true(newest(*state, APC_SENSOR, 1).seq >= *done);
+        assert_no_hole(*state, base);
+    }
+    munmap(shared, sizeof(int64_t));
 }
 
 /* ---- From where on --------------------------------------------------------------------------- */
@@ -594,6 +649,7 @@ int main(void)
         T(test_a_record_that_is_newer_is_left_alone),
         T(test_two_do_not_write_one_record),
         T(test_kills_lose_and_double_nothing),
+        T(test_a_host_that_dies_loses_what_came_since_a_batch_was_begun),
         T(test_what_lies_behind_a_row_is_given_alone),
         T(test_events_and_timing_are_numbered_as_they_came),
     };
