@@ -3,6 +3,8 @@
 
 #include <stdlib.h>
 
+#define GRACE (2 * APC_NS_PER_S) /* of a machine that has other things to do, for a daemon's first tick */
+
 /* The mode that was wanted of a loop. */
 struct turn {
     apc_ns time;
@@ -100,6 +102,38 @@ static int read_modes(struct evidence *v, struct apc_store *store, const struct 
     if (v->n > 1)
         qsort(v->turns, v->n, sizeof *v->turns, by_time);
     return v->full ? APC_ENOMEM : rc;
+}
+
+static int note_time(void *ctx, const struct apc_vector *tick)
+{
+    *(apc_ns *)ctx = tick->time;
+    return 1;
+}
+
+static bool commands_plant(const struct controller *c)
+{
+    size_t k = 0;
+    while (k < c->dim.nu && c->u[k].table != APC_ACTUATOR)
+        k++;
+    return k < c->dim.nu;
+}
+
+int evidence_begin(struct apc_store *store, const struct experiment *e, apc_ns start, apc_ns *begin)
+{
+    const struct apc_range range = {.since = start};
+    int rc = 0;
+
+    *begin = start;
+    for (size_t i = 0; i < e->n_controllers && rc >= 0; i++) {
+        apc_ns first = start;
+        if (commands_plant(&e->controllers[i]))
+            rc = apc_store_vectors(store, APC_TICK, e->controllers[i].number, &range, note_time, &first);
+        *begin = first > *begin ? first : *begin;
+    }
+    if (*begin > start + GRACE)
+        *begin = start + GRACE;
+    *begin += 3 * cores_command_period(e) + 100 * APC_NS_PER_MS;
+    return rc < 0 ? rc : 0;
 }
 
 int evidence_take(struct apc_store *store, const struct experiment *e, const struct apc_range *range,

@@ -650,14 +650,17 @@ static apc_ns longest_hold(const struct experiment *e)
 /* Why the run is not what it was to be, if it is not: in r->failure. */
 static int judge(struct run *r, apc_ns since, apc_ns until, struct control *control)
 {
-    const apc_ns hold = longest_hold(&r->e), chance = 3 * cores_command_period(&r->e) +
-                                                      100 * APC_NS_PER_MS; /* what the plant waits for */
-    int rc =
-        evidence_take(r->store, &r->e, &(struct apc_range){.since = since - LEAD, .until = until}, control);
+    const apc_ns hold = longest_hold(&r->e);
+    apc_ns begin;
+    int rc = evidence_begin(r->store, &r->e, r->start, &begin);
+    control_begin(control, r->e.plant.external, begin);
+    if (rc == 0)
+        rc = evidence_take(r->store, &r->e, &(struct apc_range){.since = since - LEAD, .until = until},
+                           control);
     if (rc < 0 || r->failure.text[0])
         return rc;
     control_end(control, until);
-    if (!control->ever && control->longest > chance)
+    if (!control->ever && control->longest > 0)
         apc_fail(&r->failure, APC_ESTATE, "the loop was never closed: the plant got no command, see %s/*.log",
                  r->dir);
     else if (control->longest > hold)
@@ -697,7 +700,7 @@ static int write_report(const struct run *r, struct apc_error *why)
 static int leave_report(struct run *r)
 {
     struct apc_error why = {""};
-    struct control control;
+    struct control control = {0};
     /* By how much the wall clock stepped meanwhile: samples before it and after it both belong to the run. */
     apc_ns step = apc_clock_offset(NULL, NULL) - (r->start - r->begin);
     if (step > -APC_NS_PER_S && step < APC_NS_PER_S)
@@ -708,7 +711,6 @@ static int leave_report(struct run *r)
     int rc = cli_open(&cli, &r->store);
     if (rc < 0)
         return rc;
-    control_begin(&control, r->e.plant.external, r->start);
     int drained = patiently(r, drain, since, until, &why);
     rc = drained == APC_EPROTO ? 0 : drained; /* what is damaged is no reason not to give the rest */
     if (rc >= 0 && (rc = judge(r, since, until, &control)) < 0)

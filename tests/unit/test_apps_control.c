@@ -2,7 +2,7 @@
 /* Whether a plant was controlled, from the events it left. */
 #include <stdio.h>
 
-#include "apc/control.h"
+#include "apc/evidence.h"
 #include "check.h"
 
 static struct apc_event event(apc_ns time, const char *source, const char *kind,
@@ -136,6 +136,50 @@ static void an_external_plant_is_what_its_client_says(void **state)
     assert_int_equal(c.start, 170);
 }
 
+/* Two controllers of a plant and one above them, each with its first tick at so many seconds after the start;
+ * 0: it never ticks. */
+static apc_ns begin_of(double first, double second, double above)
+{
+    enum { N = 3 };
+    static const apc_ns start = 1000 * APC_NS_PER_S;
+    const double at[N] = {first, second, above};
+    struct wire u[N] = {{APC_ACTUATOR, 0}, {APC_ACTUATOR, 1}, {APC_SETPOINT, 0}};
+    struct controller c[N] = {{.number = 1}};
+    struct apc_store *store = NULL;
+    struct apc_error why;
+    double value = 0;
+    apc_ns begin = 0;
+    assert_int_equal(apc_store_open(&store, "mem:", NULL, &why), 0);
+    assert_true(apc_store_init(store) >= 0);
+    for (int i = 0; i < N; i++) {
+        c[i].number = i + 1;
+        c[i].dim.nu = 1;
+        c[i].u = &u[i];
+        c[i].rhythm.period = (i + 1) * APC_NS_PER_S / 10;
+        for (int k = -1; k < 3 && at[i] > 0; k++) { /* before the start is no tick of this run */
+            struct apc_vector tick = {.table = APC_TICK, .id = i + 1, .seq = k + 2, .n = 1, .value = &value};
+            tick.time = start + (apc_ns)((k < 0 ? -5 : at[i] + k) * 1e9);
+            const struct apc_rows rows = {.size = sizeof rows, .vector = &tick, .n_vectors = 1};
+            assert_int_equal(apc_store_append_rows(store, &rows), 1);
+        }
+    }
+    const struct experiment e = {.controllers = c, .n_controllers = N};
+    assert_int_equal(evidence_begin(store, &e, start, &begin), 0);
+    apc_store_close(store);
+    return begin - start - 3 * APC_NS_PER_S / 5 - 100 * APC_NS_PER_MS; /* for which the plant waits */
+}
+
+static void a_start_has_its_grace_until_each_controller_has_ticked(void **state)
+{
+    (void)state;
+    assert_int_equal(begin_of(0.25, 0.75, 9),
+                     750 * APC_NS_PER_MS); /* one that does not command it is no matter */
+    assert_int_equal(begin_of(0.5, 0.25, 0.125), 500 * APC_NS_PER_MS);
+    assert_int_equal(begin_of(0.25, 30, 0), 2 * APC_NS_PER_S); /* not for ever */
+    assert_int_equal(begin_of(0, 0.25, 0), 250 * APC_NS_PER_MS);
+    assert_int_equal(begin_of(0, 0, 0), 0); /* they never came */
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -145,6 +189,7 @@ int main(void)
         cmocka_unit_test(what_is_out_of_service_is_not_to_be_commanded),
         cmocka_unit_test(what_others_say_is_no_matter),
         cmocka_unit_test(an_external_plant_is_what_its_client_says),
+        cmocka_unit_test(a_start_has_its_grace_until_each_controller_has_ticked),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
