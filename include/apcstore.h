@@ -301,6 +301,7 @@ struct apc_behind {
     size_t size;   /**< in: of this struct */
     uint64_t rows; /**< samples and vectors that it has not got */
     apc_ns time;   /**< of the variable where it is most, from its newest row there to the live store's */
+    bool nothing;  /**< it has no row yet of all that the live store has: there is no such time */
 };
 /** Of `LIVE+HISTORY`, as of now. Returns 1; 0: it is one store, with no history; or an error, with the
  * reason why the history cannot be asked. [setup] */

@@ -339,6 +339,8 @@ static void history_metrics(const struct behind *b, struct text *t)
         return;
     metric(t, "apc_history_behind_rows", "gauge", "Samples and ticks that the history has not got.");
     text_add(t, "apc_history_behind_rows %" PRIu64 "\n", b->rows);
+    if (b->nothing)
+        return;
     metric(t, "apc_history_behind_seconds", "gauge", "How much older its newest is than the live store's.");
     text_add(t, "apc_history_behind_seconds %.9g\n", apc_ns_to_s(b->late));
 }

@@ -34,7 +34,7 @@ static apc_ns oldest(struct ui *ui, struct apc_store *live)
 void model_behind(struct model *m, const struct behind *now)
 {
     pthread_mutex_lock(&m->mutex);
-    const apc_ns before = m->looked.state > 0 ? m->looked.late : now->late;
+    const apc_ns before = m->looked.state > 0 && !m->looked.nothing ? m->looked.late : now->late;
     m->looked = m->behind = *now;
     m->behind.late = before < now->late ? before : now->late;
     pthread_mutex_unlock(&m->mutex);
@@ -50,7 +50,10 @@ void behind_json(const struct model *m, struct text *t)
     text_add(t, "{\"behind\":");
     if (b->state > 0) {
         text_add(t, "%" PRIu64 ",\"late\":", b->rows);
-        json_seconds_add(t, b->late);
+        if (b->nothing)
+            text_add(t, "null");
+        else
+            json_seconds_add(t, b->late);
     } else {
         text_add(t, "null,\"late\":null");
     }
@@ -70,6 +73,7 @@ static void look(struct ui *ui, struct apc_store *both, struct apc_store *live)
     struct behind now = {.state = apc_store_behind(both, &behind)};
     now.rows = behind.rows;
     now.late = behind.time;
+    now.nothing = behind.nothing;
     now.oldest = oldest(ui, live);
     if (now.state < 0)
         snprintf(now.why, sizeof now.why, "%s", apc_store_error(both));

@@ -90,6 +90,7 @@ struct standing {
 struct behind {
     int state; /* 1; 0: there is one store, or nobody has looked yet; negative: it is away, the error */
     uint64_t rows;
+    bool nothing;        /* it has no row yet, and late means nothing */
     apc_ns late, oldest; /* oldest: source time of the oldest sample in memory, UTC; 0: none */
     char why[300];
 };

@@ -279,6 +279,9 @@ static void show_history(const struct status *s)
         printf("       %s\n", s->away);
     else if (s->has_history > 0 && s->behind.rows == 0)
         puts("       the history has all");
+    else if (s->has_history > 0 && s->behind.nothing)
+        printf("       the history has nothing yet: %llu rows wait for it\n",
+               (unsigned long long)s->behind.rows);
     else if (s->has_history > 0)
         printf("       the history is %llu rows behind, %s\n", (unsigned long long)s->behind.rows,
                print_duration(s->behind.time, text));
@@ -367,10 +370,13 @@ static void json_history(const struct status *s)
         return;
     fputs(",\n\"history\":{", stdout);
     if (s->has_history > 0)
-        printf("\"behind\":%llu,\"late_s\":%.3f,", (unsigned long long)s->behind.rows,
-               apc_ns_to_s(s->behind.time));
+        printf("\"behind\":%llu,", (unsigned long long)s->behind.rows);
     else
-        fputs("\"behind\":null,\"late_s\":null,", stdout);
+        fputs("\"behind\":null,", stdout);
+    if (s->has_history > 0 && !s->behind.nothing)
+        printf("\"late_s\":%.3f,", apc_ns_to_s(s->behind.time));
+    else
+        fputs("\"late_s\":null,", stdout);
     print_json_text(stdout, "error", s->has_history < 0 ? s->away : NULL);
     putchar('}');
 }

@@ -353,8 +353,10 @@ static int read_all(struct apc_store *store, const struct apc_sample *variable, 
 static void compare(const struct apc_sample *live, const struct apc_sample *history, size_t n,
                     struct apc_behind *behind)
 {
+    behind->nothing = n > 0;
     for (size_t i = 0; i < n; i++) {
         const apc_ns time = live[i].time - history[i].time;
+        behind->nothing = behind->nothing && history[i].seq == 0;
         if (live[i].seq > history[i].seq) {
             behind->rows += (uint64_t)(live[i].seq - history[i].seq);
             behind->time = history[i].seq > 0 && time > behind->time ? time : behind->time;

@@ -374,12 +374,15 @@ static void test_how_far_the_history_is_behind_is_told(void **state)
     assert_int_equal(apc_store_behind(*state, &behind), 0);
     world_begin(&w, "shm:", store_uri);
     grow(&w, 1);
+    assert_int_equal(apc_store_behind(w.both, &behind), 1);
+    assert_true(behind.rows > 0 && behind.time == 0 && behind.nothing);
     move(&w);
     assert_int_equal(apc_store_behind(w.both, &behind), 1);
-    assert_true(behind.rows == 0 && behind.time == 0);
+    assert_true(behind.rows == 0 && behind.time == 0 && !behind.nothing);
     grow(&w, 1); /* of a sensor, of a tick, and a setpoint */
     assert_int_equal(apc_store_behind(w.both, &behind), 1);
-    assert_true(behind.rows == 2 * BATCH + 1 && behind.time == time_of(2 * BATCH) - time_of(BATCH));
+    assert_true(!behind.nothing && behind.rows == 2 * BATCH + 1 &&
+                behind.time == time_of(2 * BATCH) - time_of(BATCH));
     world_end(&w);
     world_begin(&w, "shm:", "sqlite:/nonexistent/folder/history.db");
     append_rows(w.live, 1, BATCH);

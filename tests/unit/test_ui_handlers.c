@@ -462,8 +462,18 @@ static void how_far_the_history_is_behind_is_said_where_there_is_one(void **stat
     json_decref(whole);
     assert_null(strstr(ask_text(get_metrics), "apc_history_"));
 
+    struct behind now = {.state = 1, .rows = 9, .nothing = true, .oldest = 7 * S};
+    model_behind(&ui->model, &now);
+    history = history_of_state(&whole);
+    assert_int_equal(json_integer_value(json_object_get(history, "behind")), 9);
+    assert_true(json_is_null(json_object_get(history, "late")));
+    assert_true(json_is_null(json_object_get(history, "error")));
+    json_decref(whole);
+    assert_non_null(strstr(ask_text(get_metrics), "\napc_history_behind_rows 9\n"));
+    assert_null(strstr(ask_text(get_metrics), "apc_history_behind_seconds"));
+
     /* what is seldom written is late for a moment: nothing is, until the next look says so, too */
-    struct behind now = {.state = 1, .rows = 1, .late = 0, .oldest = 7 * S};
+    now = (struct behind){.state = 1, .rows = 1, .late = 0, .oldest = 7 * S};
     model_behind(&ui->model, &now);
     now.late = 150 * S;
     model_behind(&ui->model, &now);

@@ -188,11 +188,16 @@ const LATE = 10; // s
 function HistoryBar(): JSX.Element | null {
   const lag = useCell(behind);
   useCell(second);
-  if (!lag || (lag.error == null && (lag.late ?? 0) <= LATE)) return null;
+  if (!lag) return null;
+  const nothing = lag.error == null && lag.late == null;
+  const late = nothing ? serverNow() - (lag.oldest ?? serverNow()) : lag.late ?? 0;
+  if (lag.error == null && late <= LATE) return null;
   const reach = lag.oldest == null ? "what is in memory" : `the last ${duration(serverNow() - lag.oldest)}, of memory`;
   return (
     <p class="say history-bar" role="status" title={lag.error ?? undefined}>
-      {lag.error != null ? `History away: trends show ${reach}.` : `The history is ${duration(lag.late)} behind, ${lag.behind} rows.`}
+      {lag.error != null ? `History away: trends show ${reach}.`
+        : nothing ? `The history has nothing yet, ${lag.behind} rows wait for it.`
+        : `The history is ${duration(lag.late)} behind, ${lag.behind} rows.`}
     </p>
   );
 }

@@ -212,6 +212,10 @@ test("a history that is away, or late, is said quietly; one that keeps up is not
   assert.equal(bars(), 0);
   await beat({behind: 900, late: 42, oldest: server.now - 6144, error: null});
   assert.equal(said(".history-bar"), "The history is 42 s behind, 900 rows.");
+  await beat({behind: 12, late: null, oldest: server.now - 2, error: null});
+  assert.equal(bars(), 0, "a run that has just begun");
+  await beat({behind: 120, late: null, oldest: server.now - 20, error: null});
+  assert.equal(said(".history-bar"), "The history has nothing yet, 120 rows wait for it.");
   await beat({behind: null, late: null, oldest: server.now - 1230, error: "no server"});
   assert.equal(said(".history-bar"), "History away: trends show the last 20 min, of memory.");
   assert.equal(one(".history-bar").getAttribute("role"), "status");

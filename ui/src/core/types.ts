@@ -78,7 +78,7 @@ export interface Control {
 /** What the history has not got of the live store. */
 export interface Behind {
   behind: number | null; // samples and ticks
-  late: number | null; // s
+  late: number | null; // s; null: it has nothing yet, or is away
   oldest: number | null; // from when on memory has the measurements
   error: string | null; // it is away
 }
