@@ -253,7 +253,7 @@ static void tell_gap(struct shell *s, const struct report *r)
     if (r->stats.gap.times == s->told.gaps)
         return;
     daemon_event(&s->d, APC_EVENT_ALARM, "history",
-                 "the record has a gap: of %llu variables what came between %s and %s was overwritten",
+                 "the record has a gap: of %llu variables nothing is there between %s and %s",
                  (unsigned long long)(r->stats.gap.times - s->told.gaps),
                  apc_time_format(r->stats.gap.since, since), apc_time_format(r->stats.gap.until, until));
     s->told.gaps = r->stats.gap.times;

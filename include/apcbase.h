@@ -238,8 +238,14 @@ struct apc_sample {
     apc_status status;
     uint32_t author; /**< who wrote it, where people do: the number of a name; 0: nobody said */
     int64_t origin;  /**< seq of the row that it comes from: of an output its tick's, of what is in force
-                        that of what was wanted; 0: none */
+                        that of what was wanted; 0: none. Where seq is 0: above it the first row's will be */
 };
+
+/** Above which the seq of the next row is, of a variable's newest as it was read. [any] */
+static inline int64_t apc_seq_last(const struct apc_sample *newest)
+{
+    return newest->seq > 0 ? newest->seq : newest->origin;
+}
 
 /** A value by itself, between rooms that know no tables. */
 struct apc_value {

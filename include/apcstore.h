@@ -437,6 +437,15 @@ APC_API const char *apc_forward_error(const struct apc_forward *forward);
 APC_API void apc_forward_stats(const struct apc_forward *forward,
                                struct apc_forward_stats *stats); /**< [any] */
 
+/**
+ * A new live store goes on from its history, before anything else is written in it: of each variable that it
+ * has not got it takes the newest row, under its own seq. So what people wanted and what controllers go on
+ * from is there again, and seqs rise above all that went before. Where the history does not answer, seqs
+ * begin at (seconds since 2020) x 2^20 instead (`shm:` only), above all that has been given out by then.
+ * Returns how many rows it took over; or an error and why: also that of the history. [setup]
+ */
+APC_API int apc_store_take_over(struct apc_store *live, struct apc_store *history, struct apc_error *why);
+
 /* ---- What people ask of a history --------------------------------------------------------- */
 
 /** A value that somebody wants written, put down in table `request` of a history because the loop is

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "cli.h"
+#include "common/storeuri.h"
 #include "run/run_internal.h"
 #include "warn.h"
 
@@ -26,7 +27,11 @@ static const struct cli_spec spec = {
         "Make the tables of the shared data, or bring those of an older version up to date. With an "
         "experiment "
         "FILE, also describe its variables and write its dimensions, and its tuning and mode where there are "
-        "none yet. Running it again is harmless; a store that belongs to another experiment is refused.",
+        "none yet. Running it again is harmless; a store that belongs to another experiment is refused. A "
+        "new live "
+        "store of LIVE+HISTORY, as after the host was started again, goes on where the history ends: tuning, "
+        "modes, "
+        "setpoints and the controllers' states.",
     .takes = CLI_STORE | CLI_MAKES_STORE,
     .max_args = 1,
     .extra = &extra,
@@ -63,6 +68,34 @@ static int describe(const struct cli *cli, struct apc_store *store, const struct
     return EXIT_OK;
 }
 
+static bool is_away(int rc)
+{
+    return rc == APC_ECONN || rc == APC_ETIMEDOUT;
+}
+
+/* A live store that is new, as after the host was started again, goes on where its history ends. */
+static int take_over(const struct cli *cli, const struct experiment *e)
+{
+    const struct apc_store_options options = {.size = sizeof options, .name = "apc", .timeout = cli->timeout};
+    struct apc_store *live = NULL, *history = NULL;
+    char room[256], differs[PROVISION_TEXT];
+    struct apc_error why;
+    int rc = store_open(&live, store_live(cli->store, room), &options, &why);
+    if (rc == 0)
+        rc = store_open(&history, cli->store + apc_store_live(cli->store) + 1, &options, &why);
+    if (rc == 0 && e->n_controllers > 0 && provision_check(history, e, differs) == APC_EPERM)
+        rc = apc_fail(&why, APC_EPERM, "the history: %s", differs);
+    if (rc == 0)
+        rc = apc_store_take_over(live, history, &why);
+    if (rc > 0)
+        printf("%d variables go on from the history\n", rc);
+    if (is_away(rc))
+        printf("%s: the live store begins anew, with numbers above its\n", why.text);
+    apc_store_close(history);
+    apc_store_close(live);
+    return rc < 0 && !is_away(rc) && rc != APC_ESCHEMA ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
+}
+
 int command_init(int argc, char **argv)
 {
     struct apc_store *store = NULL;
@@ -83,6 +116,8 @@ int command_init(int argc, char **argv)
         goto out;
     }
     rc = init_store(&cli, store);
+    if (rc == EXIT_OK && cli.store[apc_store_live(cli.store)])
+        rc = take_over(&cli, &e);
     if (rc == EXIT_OK && cli.n_args > 0)
         rc = describe(&cli, store, &e, force);
 out:

@@ -5,12 +5,6 @@
 
 #include <apcstore.h>
 
-/*
- * Nobody runs the plant yet: what the history has, and the live store has no row of, goes on from its newest
- * row, under its seq; so the live store is never behind the history. Returns 0 or an error in @p why.
- */
-int keep_resume(struct apc_store *live, struct apc_store *history, struct apc_error *why);
-
 /* What the live store still has, and the history has not got. Returns 0 when it has all, or an error. */
 int keep_finish(const char *live, const char *history, apc_ns timeout, struct apc_error *why);
 

@@ -242,15 +242,16 @@ static int prepare_history(struct run *r)
     if (!r->own_history[0] && (rc == APC_ECONN || rc == APC_ETIMEDOUT || rc == APC_EFULL)) {
         fprintf(stderr, "the history is away: %s; the record is kept in memory until it comes\n",
                 apc_store_error(history));
+        (void)apc_store_take_over(r->store, history, &why); /* numbers that lie above its */
         rc = 0;
     } else if (rc < 0) {
         cli_store_error(&cli, rc, history);
     } else if ((rc = claim_all(r, history)) >= 0 && (rc = check_store(r, history, cli.store)) == 0 &&
-               (rc = keep_resume(r->store, history, &why)) < 0) {
+               (rc = apc_store_take_over(r->store, history, &why)) < 0) {
         cli_error(&cli, rc, "%s", why.text);
     }
     apc_store_close(history);
-    return rc;
+    return rc < 0 ? rc : 0;
 }
 
 /* Nobody is running the plant in this store. */

@@ -253,7 +253,7 @@ static bool wants_somebody(enum apc_alarm_state state)
 static void resume(struct apc_alarms *a, struct watched *w, const struct apc_sample *row)
 {
     const enum apc_alarm_state state = (enum apc_alarm_state)(int)row->value;
-    w->seq = row->seq;
+    w->seq = apc_seq_last(row);
     w->state = row->seq > 0 && apc_alarm_state_name(state) ? state : APC_ALARM_NORMAL;
     w->since = row->seq;
     w->condition.is = w->condition.raw = apc_alarm_is_active(w->state);
@@ -262,7 +262,7 @@ static void resume(struct apc_alarms *a, struct watched *w, const struct apc_sam
     for (int k = 0; k < SWITCHES; k++) {
         const struct apc_sample *actual = row + 1 + k;
         w->wish[k].looked = actual->seq > 0 ? actual->origin : 0;
-        w->wish[k].seq = actual->seq;
+        w->wish[k].seq = apc_seq_last(actual);
         w->wish[k].value = actual->seq > 0 ? actual->value : 0;
         w->wish[k].author = actual->author;
     }
@@ -271,7 +271,7 @@ static void resume(struct apc_alarms *a, struct watched *w, const struct apc_sam
 
 void apc_alarms_resume(struct apc_alarms *a)
 {
-    a->tick.seq = a->former_tick.seq;
+    a->tick.seq = a->former_tick.seq > 0 ? a->former_tick.seq : a->former.sample[0].origin;
     /* of an alarm that the file no longer has there may be newer transitions than of those that it has */
     if (a->former_tick.seq > 0 && a->former_tick.n > APC_ALARMS_JOURNAL && a->numbers[APC_ALARMS_JOURNAL] > 0)
         a->journal = (int64_t)a->numbers[APC_ALARMS_JOURNAL];

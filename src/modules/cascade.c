@@ -244,7 +244,7 @@ bool apc_controller_look_above(struct apc_controller *c, size_t k, const struct 
     struct apc_controller_above *a = &c->above[k];
     const struct apc_controller_state *l = &c->state[a->loop];
     struct apc_loop_above seen = {.target = l->target,
-                                  .theirs = newest->origin > 0,
+                                  .theirs = newest->seq > 0 && newest->origin > 0,
                                   .fresh = apc_freshness_dated(&a->fresh, newest->seq, newest->time, now,
                                                                apc_loss_limit(c->setpoint[k].above_period)),
                                   .origin = newest->origin,

@@ -247,6 +247,8 @@ void apc_controller_take_manual(struct apc_controller *controller, size_t i, apc
                                 struct apc_notice *notice);
 /** Find whether this controller acts. [tick] */
 void apc_controller_take_choice(struct apc_controller *controller);
+/** Of table actual, what stands there is what was told. */
+void apc_controller_take_told(struct apc_controller *controller, size_t k, const struct apc_sample *newest);
 /** Gather the facts of loop @p i, and its move, both with a usable answer of the law assumed. [tick] */
 void apc_controller_gather(struct apc_controller *controller, size_t i, bool have, struct apc_now now);
 /** Say of everything that is wanted what became of it. [tick] */

@@ -331,13 +331,22 @@ bool apc_controller_named(const struct apc_controller *c)
     return c->choice->seq > 0 ? c->choice->value == (double)c->out_row->id : !c->shadow;
 }
 
+void apc_controller_take_told(struct apc_controller *c, size_t k, const struct apc_sample *newest)
+{
+    c->told[k] = c->actual[k] = *newest;
+    if (newest->seq == 0) {
+        c->actual[k].seq = newest->origin;
+        c->actual[k].origin = c->told[k].origin = 0;
+    }
+}
+
 /* What another one told of the setpoints and inputs, which are its as well. */
 static void take_told(struct apc_controller *c)
 {
     for (size_t k = 0; k < c->dim.nz; k++)
-        c->told[k] = c->actual[k] = c->choice[1 + k];
+        apc_controller_take_told(c, k, &c->choice[1 + k]);
     for (size_t k = 0; k < c->n_inputs; k++)
-        c->told[c->n_wanted + k] = c->actual[c->n_wanted + k] = c->choice[1 + c->dim.nz + k];
+        apc_controller_take_told(c, c->n_wanted + k, &c->choice[1 + c->dim.nz + k]);
 }
 
 void apc_controller_take_choice(struct apc_controller *c)

@@ -353,7 +353,7 @@ static void put_output(struct apc_controller *c, size_t i, apc_ns utc)
         put_setpoint(c, now, utc, c->u[i], status_of(c, i), c->below[i].actual->seq);
         return;
     }
-    l->seq = (now->seq > l->seq ? now->seq : l->seq) + 1;
+    l->seq = (apc_seq_last(now) > l->seq ? apc_seq_last(now) : l->seq) + 1;
     c->out.sample[c->out.n_samples++] = (struct apc_sample){.table = now->table,
                                                             .id = now->id,
                                                             .seq = l->seq,
@@ -685,7 +685,7 @@ static void take_actual(struct apc_controller *c)
     const size_t mode = apc_controller_wanted(c, APC_OPMODE);
 
     for (size_t k = 0; k < c->n_actual; k++)
-        c->told[k] = c->actual[k] = c->former.sample[k];
+        apc_controller_take_told(c, k, &c->former.sample[k]);
     for (size_t i = 0; i < c->dim.nu; i++) {
         const struct apc_sample *s = &c->told[mode + i];
 
@@ -703,6 +703,8 @@ int apc_controller_resume(struct apc_controller *c, apc_ns since)
     c->seq = v->seq;
     for (size_t k = c->n_actual; k < c->former.n_samples; k++)
         c->seq = c->former.sample[k].seq > c->seq ? c->former.sample[k].seq : c->seq;
+    if (c->seq == 0 && c->former.sample[0].seq == 0)
+        c->seq = c->former.sample[0].origin;
     if (!fits(c, v, since))
         return 0;
     take_common(c, v->value);

@@ -193,7 +193,7 @@ static void put(struct apc_scheduler *s, size_t k, apc_ns utc, apc_ns age)
 
     s->out.vector[s->out.n_vectors++] = (struct apc_vector){.table = APC_PLAN,
                                                             .id = s->z[k].id,
-                                                            .seq = setpoint_of(s, k)->seq + 1,
+                                                            .seq = apc_seq_last(setpoint_of(s, k)) + 1,
                                                             .time = utc,
                                                             .n = n,
                                                             .room = n,

@@ -195,7 +195,8 @@ static struct outcome_seen seen_of(const struct look *l, const struct apc_sample
 /* What is written for nobody comes into force later. */
 static bool is_for_nobody(struct look *l)
 {
-    const struct apc_sample next = {.table = l->newest.table, .id = l->newest.id, .seq = l->newest.seq + 1};
+    const struct apc_sample next = {
+        .table = l->newest.table, .id = l->newest.id, .seq = apc_seq_last(&l->newest) + 1};
     const struct outcome_seen seen = seen_of(l, &next);
     if (is_switch(l->request))
         return false;
@@ -261,7 +262,7 @@ static int write_row(struct requests *r, struct look *l, struct owner_rows *with
     rows[1].time = q->time;
     rows[1].status = APC_GOOD;
     rows[1].value = (double)q->id;
-    rows[1].origin = l->newest.seq + 1;
+    rows[1].origin = apc_seq_last(&l->newest) + 1;
     rows[1].author = (uint32_t)author;
     const int rc = owner_put(r->live, &r->loops, rows, 2, with);
     if (rc == APC_ECONFLICT)
@@ -276,7 +277,7 @@ static int do_it(struct requests *r, struct look *l)
     if (rc == 0)
         rc = record(r, l, &with);
     if (rc == 0)
-        rc = say(r, l, l->newest.seq + 1, NULL);
+        rc = say(r, l, apc_seq_last(&l->newest) + 1, NULL);
     free(with.at);
     return rc < 0 ? rc : 1;
 }

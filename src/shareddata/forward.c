@@ -258,6 +258,7 @@ static int look_at_from(struct apc_forward *f)
     if (rc == 0 && f->n > 0 && (rc = read_newest(f, f->from)) < 0) {
         return apc_forward_fail_from(f, rc);
     }
+    f->first = apc_store_first(f->from);
     for (size_t i = 0; rc == 0 && i < f->n; i++) {
         f->variable[i].newest = seq_read(f, i);
         f->variable[i].read = false;
@@ -279,7 +280,7 @@ static int compare(struct apc_forward *f)
                             apc_table_name(v->at.table), v->at.id, (long long)v->stored,
                             (long long)v->newest);
         }
-        f->stats.behind += v->newest > v->stored ? (uint64_t)(v->newest - v->stored) : 0;
+        f->stats.behind += apc_rows_between(f->first, v->stored, v->newest);
     }
     return 0;
 }
@@ -354,7 +355,7 @@ static void see_gap(struct apc_forward *f, int64_t seq, apc_ns time)
             f->stats.gap.times == 0 || v->at.time < f->stats.gap.since ? v->at.time : f->stats.gap.since;
         f->stats.gap.until = time > f->stats.gap.until ? time : f->stats.gap.until;
         f->stats.gap.times++;
-        f->stats.gap.rows += (uint64_t)(seq - v->at.seq - 1);
+        f->stats.gap.rows += apc_rows_between(f->first, v->at.seq, seq - 1);
     }
 }
 
@@ -549,7 +550,8 @@ double apc_forward_left(struct apc_forward *f)
         const int rc = i < f->n_vectors
                            ? apc_store_vectors(f->from, v->at.table, v->at.id, NULL, hold_vector, &held)
                            : apc_store_history(f->from, v->at.table, v->at.id, NULL, hold_sample, &held);
-        const double kept = held.n > 0 ? (double)held.n : 1, waiting = (double)(v->newest - v->stored);
+        const double kept = held.n > 0 ? (double)held.n : 1,
+                     waiting = (double)apc_rows_between(f->first, v->stored, v->newest);
         if (rc > 0 && v->oldest > 0 && held.first > v->oldest && 1 - waiting / kept < left) {
             left = waiting < kept ? 1 - waiting / kept : 0;
         }

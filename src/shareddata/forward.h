@@ -34,6 +34,7 @@ struct apc_forward {
     struct apc_tag *tag;
     size_t n_tags;
     int64_t revision;
+    int64_t first;                         /* FROM's numbers begin above it */
     struct apc_forward_variable *variable; /* [n] vectors, then samples */
     size_t n, n_vectors, turn;             /* turn: with which a step begins */
     struct apc_sample *ask;                /* [n] for one call */

@@ -350,7 +350,7 @@ static int read_all(struct apc_store *store, const struct apc_sample *variable, 
     return rc;
 }
 
-static void compare(const struct apc_sample *live, const struct apc_sample *history, size_t n,
+static void compare(int64_t first, const struct apc_sample *live, const struct apc_sample *history, size_t n,
                     struct apc_behind *behind)
 {
     behind->nothing = n > 0;
@@ -358,7 +358,7 @@ static void compare(const struct apc_sample *live, const struct apc_sample *hist
         const apc_ns time = live[i].time - history[i].time;
         behind->nothing = behind->nothing && history[i].seq == 0;
         if (live[i].seq > history[i].seq) {
-            behind->rows += (uint64_t)(live[i].seq - history[i].seq);
+            behind->rows += apc_rows_between(first, history[i].seq, live[i].seq);
             behind->time = history[i].seq > 0 && time > behind->time ? time : behind->time;
         }
     }
@@ -383,7 +383,7 @@ static int measure(struct apc_seam *s, struct apc_behind *behind)
         rc = apc_seam_answered(s, rc, began, s->history->why.text);
     }
     if (rc == 0) {
-        compare(at + n, at + 2 * n, n, behind);
+        compare(apc_store_first(s->live), at + n, at + 2 * n, n, behind);
     }
     free(at);
     free(vector);

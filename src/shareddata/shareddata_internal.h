@@ -75,6 +75,8 @@ struct apc_store_ops {
     int (*behind)(struct apc_store *store, struct apc_behind *behind);      /* NULL: there is no history */
     int (*requests)(struct apc_store *store, apc_request_fn fn, void *ctx); /* NULL: none can be made */
     int (*answer)(struct apc_store *store, int64_t id, int64_t seq, const char *outcome);
+    int64_t (*first)(struct apc_store *store);                 /* seqs begin above it; NULL: above 0 */
+    int (*count_from)(struct apc_store *store, int64_t first); /* NULL: it cannot be told to */
     int (*init)(struct apc_store *store);
     int (*maintain)(struct apc_store *store, const struct apc_retention *keep);
 };
@@ -163,6 +165,13 @@ static inline bool apc_rows_next(struct apc_sample *s, int64_t newest)
 int apc_rows_seq_failure(struct apc_store *store, const struct apc_sample *sample);
 /** The operation variables, from @p all that there are, in any order; frees them. Returns @p n. */
 int apc_variables_give(struct apc_sample *all, size_t n, struct apc_sample *variables, size_t capacity);
+
+/* ---- takeover.c ------------------------------------------------------------------------------ */
+
+/** Above which seqs of new variables begin. */
+int64_t apc_store_first(struct apc_store *store);
+/** How many rows there are behind @p stored up to @p newest, where numbers begin above @p first. */
+uint64_t apc_rows_between(int64_t first, int64_t stored, int64_t newest);
 
 /* ---- tags.c ---------------------------------------------------------------------------------- */
 

@@ -39,7 +39,8 @@ static inline bool load_sample(struct apc_shm *shm, uint64_t g, struct apc_sampl
     const struct apc_shm_slot *slot = apc_shm_find(shm, apc_shm_key(s->table, s->id), hint);
     const int current = slot ? apc_shm_current(slot->mark, g) : -1;
     if (current < 0) {
-        *s = (struct apc_sample){.table = s->table, .id = s->id, .status = APC_BAD_NO_DATA};
+        *s = (struct apc_sample){
+            .table = s->table, .id = s->id, .status = APC_BAD_NO_DATA, .origin = apc_shm_first(shm)};
         return current == -1;
     }
     /* Field by field: words that are put down and picked up again as a struct cost more than all the rest. */
@@ -150,7 +151,7 @@ int apc_shm_write_loops(struct apc_shm_write *w, const struct apc_sample *s)
     const struct apc_store *store = &w->shm->base;
     int err = 0;
     for (size_t k = 0; apc_is_of_all(s) && err >= 0 && k < store->n_loops; k++) {
-        const int64_t seq = apc_shm_newest_seq(w, APC_OPMODE, store->loop[k].id);
+        const int64_t seq = apc_shm_last_seq(w, APC_OPMODE, store->loop[k].id);
         const struct apc_sample row = apc_loop_row(store, s, k, seq);
         err = seq < APC_SEQ_MAX ? apc_shm_write_sample(w, &row, NULL)
                                 : apc_rows_seq_failure(&w->shm->base, &row);
@@ -171,7 +172,7 @@ static int write_next(struct apc_shm_write *w, struct apc_sample *samples, size_
 {
     int err = 0;
     for (size_t i = 0; err >= 0 && i < n; i++) {
-        const int64_t seq = apc_shm_newest_seq(w, samples[i].table, samples[i].id);
+        const int64_t seq = apc_shm_last_seq(w, samples[i].table, samples[i].id);
         if (seq >= APC_SEQ_MAX) {
             err = apc_rows_seq_failure(&w->shm->base, &samples[i]);
         } else {
@@ -267,6 +268,22 @@ static int connect_store(struct apc_store *store)
     return apc_shm_ready(apc_shm_of(store));
 }
 
+/* ---- From which numbers on ----------------------------------------------------------------- */
+
+static int64_t first(struct apc_store *store)
+{
+    return apc_shm_ready(apc_shm_of(store)) == 0 ? apc_shm_first(apc_shm_of(store)) : 0;
+}
+
+static int count_from(struct apc_store *store, int64_t first)
+{
+    const int err = apc_shm_ready(apc_shm_of(store));
+    if (!err) {
+        apc_word_put(&apc_shm_of(store)->header->first, (uint64_t)first);
+    }
+    return err;
+}
+
 const struct apc_store_ops apc_shm_store = {
     .scheme = "shm:",
     .open = apc_shm_open,
@@ -295,6 +312,8 @@ const struct apc_store_ops apc_shm_store = {
     .events = apc_shm_events,
     .append_timing = apc_shm_append_timing,
     .timing = apc_shm_timing,
+    .first = first,
+    .count_from = count_from,
     .init = apc_shm_init,
     .maintain = apc_shm_maintain,
 };

@@ -99,6 +99,7 @@ struct apc_shm_meta {
 struct apc_shm_header {
     struct apc_shm_constants constants;
     _Alignas(64) apc_word generation; /* of the last commit */
+    apc_word first;                   /* seqs of new variables begin above it */
     _Atomic uint32_t tick;            /* a futex: changes with every commit */
     _Alignas(64) pthread_mutex_t writer;
     _Atomic uint32_t waiting; /* the tick that someone may sleep on, or 0 */
@@ -289,8 +290,10 @@ static inline struct apc_shm_slot *apc_shm_find(const struct apc_shm *shm, uint6
 }
 /** The same, in a transaction that makes it where there is none; NULL when there is no room. */
 struct apc_shm_slot *apc_shm_find_or_add(struct apc_shm_write *w, uint64_t key, uint32_t *hint);
-/** The newest seq of a variable, as the transaction sees it. */
+/** The newest seq of a variable, as the transaction sees it; 0: it has no row. */
 int64_t apc_shm_newest_seq(const struct apc_shm_write *w, enum apc_table table, int id);
+/** The same; where it has no row, that above which its seqs begin. */
+int64_t apc_shm_last_seq(const struct apc_shm_write *w, enum apc_table table, int id);
 /** Write one sample. Returns 1, 0 when its seq was taken, APC_ESTORE when there is no room. */
 int apc_shm_write_sample(struct apc_shm_write *w, const struct apc_sample *s, uint32_t *hint);
 /** After a sample: where it is the mode of all, that of each loop. Returns 0 or an error. */
@@ -346,6 +349,11 @@ static inline uint64_t apc_shm_shown(uint64_t capacity)
 }
 
 /* ---- shm.c, shm_rows.c: operations ------------------------------------------------------------- */
+
+static inline int64_t apc_shm_first(const struct apc_shm *shm)
+{
+    return (int64_t)apc_word_get(&shm->header->first);
+}
 
 /** A slot's version of generation @p g: 1, 0: none, -1: lost, take a newer generation. */
 int apc_shm_load(const struct apc_shm_slot *slot, uint64_t g, uint64_t version[8]);

@@ -89,7 +89,7 @@ int apc_shm_take(struct apc_shm *shm, struct apc_sample *variables, size_t n)
         struct apc_shm_slot *slot =
             apc_shm_find_or_add(&w, apc_shm_key(variables[i].table, variables[i].id), NULL);
         atomic_store_explicit(&slot->owner, shm->record, memory_order_relaxed);
-        variables[i].seq = apc_shm_newest_seq(&w, variables[i].table, variables[i].id);
+        variables[i].seq = apc_shm_last_seq(&w, variables[i].table, variables[i].id);
     }
     return apc_shm_finish(&w, err, 1) < 0 ? err : 0;
 }

@@ -261,7 +261,11 @@ int apc_shm_append_rows(struct apc_store *store, const struct apc_rows *rows)
     }
     for (size_t i = 0; err >= 0 && i < rows->n_samples; i++) {
         struct apc_sample *s = &rows->sample[i];
-        if (apc_rows_next(s, apc_table_shared(s->table) ? apc_shm_newest_seq(&w, s->table, s->id) : 0)) {
+        const int64_t last = apc_table_shared(s->table) ? apc_shm_last_seq(&w, s->table, s->id) : 0;
+        if (s->seq == 0 && last == apc_shm_first(shm)) {
+            s->seq = last;
+        }
+        if (apc_rows_next(s, last)) {
             err = apc_shm_write_sample(&w, s, apc_shm_hint(shm->write_hint, i));
             count += err > 0;
             err = err > 0 ? apc_shm_write_loops(&w, s) : err;

@@ -246,6 +246,12 @@ int64_t apc_shm_newest_seq(const struct apc_shm_write *w, enum apc_table table, 
     return current < 0 ? 0 : (int64_t)apc_word_get(&slot->version[current].seq);
 }
 
+int64_t apc_shm_last_seq(const struct apc_shm_write *w, enum apc_table table, int id)
+{
+    const int64_t newest = apc_shm_newest_seq(w, table, id);
+    return newest > 0 ? newest : apc_shm_first(w->shm);
+}
+
 /* ---- Rings of cells --------------------------------------------------------------------------- */
 
 /* One more extent, if there are cells for it. Returns how many there are then. */

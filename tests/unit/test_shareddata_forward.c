@@ -541,6 +541,89 @@ static void test_a_host_that_dies_loses_what_came_since_a_batch_was_begun(void *
     munmap(shared, sizeof(int64_t));
 }
 
+/* ---- A new live store ------------------------------------------------------------------------- */
+
+static void test_a_new_live_store_goes_on_from_its_history(void **state)
+{
+    struct apc_error why;
+    struct apc_store *live = live_make(4);
+    append(live, 1, 5);
+    struct apc_sample wanted = {.table = APC_TUNING, .id = 1, .time = 7 * APC_NS_PER_S, .value = 0.25};
+    wanted.author = (uint32_t)apc_store_author(live, "anna");
+    ok(live, apc_store_put(live, &wanted, 1));
+    forward(live, *state);
+    live_drop(live);
+    live = live_make(4);
+    assert_int_equal(apc_store_take_over(live, *state, &why), 4);
+    assert_int_equal(apc_store_take_over(live, *state, &why), 0);
+    char author[APC_AUTHOR_LEN];
+    struct apc_sample there = newest(live, APC_TUNING, 1);
+    assert_true(there.seq == 1 && there.value == 0.25 && there.time == wanted.time);
+    assert_int_equal(apc_store_author_name(live, there.author, author), 0);
+    assert_string_equal(author, "anna");
+    append(live, 6, 8);
+    assert_int_equal(forward(live, *state), 9);
+    assert_whole(*state, APC_SENSOR, 1, 8);
+    assert_whole(*state, APC_TICK, 1, 8);
+    live_drop(live);
+}
+
+/* Whoever is the first to write a variable, and however. */
+static int64_t assert_numbers_begin_anew(struct apc_store *live)
+{
+    int64_t last = 0;
+    ok(live, apc_store_claim(live, APC_SENSOR, 1, &last));
+    assert_true(last > INT64_C(1) << 40 && last % (1 << 20) == 0);
+    struct apc_sample s = newest(live, APC_TUNING, 1);
+    assert_true(s.seq == 0 && s.origin == last && apc_seq_last(&s) == last);
+    struct apc_sample put[2] = {{.table = APC_TUNING, .id = 1, .value = 2}, {.table = APC_MANUAL, .id = 1}};
+    ok(live, apc_store_put(live, put, 1));
+    ok(live, apc_store_swap(live, put + 1, 1));
+    struct apc_sample in_tick = {.table = APC_SETPOINT, .id = 1, .value = 3};
+    const struct apc_rows rows = {.size = sizeof rows, .sample = &in_tick, .n_samples = 1};
+    assert_int_equal(apc_store_append_rows(live, &rows), 1);
+    assert_true(put[0].seq == last + 1 && put[1].seq == last + 1 && in_tick.seq == last + 1);
+    ok(live, apc_store_put(live, put, 1));
+    assert_true(put[0].seq == last + 2);
+    return last;
+}
+
+static void test_where_the_history_is_away_numbers_begin_above_it(void **state)
+{
+    struct apc_error why;
+    struct apc_store *live = live_make(4);
+    append(live, 1, 5);
+    forward(live, *state);
+    live_drop(live);
+    live = live_make(4);
+    struct apc_store *away = open_uri("sqlite:/nonexistent/folder/history.db", "away");
+    assert_int_equal(apc_store_take_over(live, away, &why), APC_ECONN);
+    assert_has(why.text, "the history: ");
+    apc_store_close(away);
+    const int64_t last = assert_numbers_begin_anew(live);
+    append(live, last + 1, last + 3);
+    struct apc_forward *f = begin(live, *state);
+    struct apc_forward_stats stats = {.size = sizeof stats};
+    assert_int_equal(apc_forward_step(f, 0), 13);
+    apc_forward_stats(f, &stats);
+    assert_true(stats.gap.times == 3 && stats.gap.rows == 0 && stats.behind == 0);
+    append(live, last + 4, last + 4);
+    assert_true(apc_forward_left(f) >= 1);
+    assert_int_equal(step(f), 3);
+    apc_forward_destroy(f);
+    assert_no_hole(*state, last);
+    live_drop(live);
+}
+
+static void test_what_takes_over_from_what_is_said(void **state)
+{
+    struct apc_error why;
+    assert_int_equal(apc_store_take_over(*state, *state, &why), APC_EINVAL);
+    assert_int_equal(apc_store_take_over(NULL, *state, &why), APC_EINVAL);
+    assert_int_equal(apc_store_take_over(*state, NULL, &why), APC_EINVAL);
+    assert_has(why.text, "which store");
+}
+
 /* ---- From where on --------------------------------------------------------------------------- */
 
 struct numbers {
@@ -650,6 +733,9 @@ int main(void)
         T(test_two_do_not_write_one_record),
         T(test_kills_lose_and_double_nothing),
         T(test_a_host_that_dies_loses_what_came_since_a_batch_was_begun),
+        T(test_a_new_live_store_goes_on_from_its_history),
+        T(test_where_the_history_is_away_numbers_begin_above_it),
+        T(test_what_takes_over_from_what_is_said),
         T(test_what_lies_behind_a_row_is_given_alone),
         T(test_events_and_timing_are_numbered_as_they_came),
     };
