@@ -24,6 +24,7 @@ outages=${APC_OUTAGES:-stop hang lock ${APC_SMALL_DISK:+full}}
 # Slow enough for the slowest machine: what is read and written in one second stands in one order.
 cat >"$work/twin.conf" <<CONF
 name = "outages";
+title = "A loop whose database is stopped, hangs, is locked, is full";
 duration = 36000.0;
 measurements = ( { name = "y"; } );
 setpoints = ( { name = "r"; low = -100.0; high = 100.0; } );
@@ -112,6 +113,13 @@ until_true 60 all_moved
 ! grep -q 'the record has a gap' "$work/historian.log" || fail "a gap where there is none"
 kill -TERM "$historian"
 wait "$historian" || fail "the historian ended with $?"
+
+if [ -n "${APC_OUTAGE_OUT:-}" ]; then # as the history has it
+  mkdir -p "$APC_OUTAGE_OUT"
+  cp "$work/historian.log" "$work"/run/*.conf "$APC_OUTAGE_OUT"
+  "$apc" copy postgresql: "sqlite:$APC_OUTAGE_OUT/store.db"
+  "$apc" report "$APC_OUTAGE_OUT"
+fi
 
 # What the twin does was to be written, what the live store has was; and what the history has. (Where a machine stood still
 # for as long as a phase the twin did things in another order: then all there is to compare with is the live store.)
