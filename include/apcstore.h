@@ -441,8 +441,8 @@ APC_API void apc_forward_stats(const struct apc_forward *forward,
  * A new live store goes on from its history, before anything else is written in it: of each variable that it
  * has not got it takes the newest row, under its own seq. So what people wanted and what controllers go on
  * from is there again, and seqs rise above all that went before. Where the history does not answer, seqs
- * begin at (seconds since 2020) x 2^20 instead (`shm:` only), above all that has been given out by then.
- * Returns how many rows it took over; or an error and why: also that of the history. [setup]
+ * begin at (seconds since 2020-01-02) x 2^20 instead (`shm:` only), above all that has been given out by
+ * then. Returns how many rows it took over; or an error and why: also that of the history. [setup]
  */
 APC_API int apc_store_take_over(struct apc_store *live, struct apc_store *history, struct apc_error *why);
 
@@ -470,6 +470,16 @@ APC_API int apc_store_requests(struct apc_store *store, apc_request_fn fn, void 
 /** Say what became of one, as long as nobody has: @p seq of its row in the live store, 0: there is none;
  * @p outcome up to 191 bytes, NULL: that is still to come. Returns 0 or an error. [setup] */
 APC_API int apc_store_answer(struct apc_store *store, int64_t id, int64_t seq, const char *outcome);
+/** Say that the store is a history: a historian writes it, and people ask there. For its owner; of
+ * `postgresql:` only. Returns 1, 0 where that was said before or cannot be, or an error. [setup] */
+APC_API int apc_store_keep_history(struct apc_store *store);
+/** Has that been said? Returns 1, 0 or an error. [setup] */
+APC_API int apc_store_is_history(struct apc_store *store);
+/** Ask for @p request's value of its table and variable, under its author's name and with its reason. It gets
+ * its id. Returns 0 or an error. [setup] */
+APC_API int apc_store_ask(struct apc_store *store, struct apc_request *request);
+/** What became of it, when that has been said: 1, 0: that is still to come, or an error. [setup] */
+APC_API int apc_store_asked(struct apc_store *store, int64_t id, char *outcome, size_t size);
 
 /* ---- Set-up ------------------------------------------------------------------------------- */
 

@@ -4,6 +4,8 @@
 #include <math.h>
 #include <pwd.h>
 #include <stdlib.h>
+#include <string.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "outcome.h"
@@ -196,11 +198,61 @@ static void show_written(const struct operation *o)
     }
 }
 
+/* ---- Of a history alone ---------------------------------------------------------------------- */
+
+#define PATIENCE (12 * APC_NS_PER_S) /* a request is good for ten */
+
+static int await_answer(const struct cli *cli, struct apc_store *store, const struct change *c,
+                        const struct apc_request *request)
+{
+    static const struct timespec pause = {0, APC_NS_PER_S / 10};
+    const apc_ns end = apc_clock_mono(NULL) + PATIENCE;
+    char outcome[192], text[192];
+    int rc;
+    while ((rc = apc_store_asked(store, request->id, outcome, sizeof outcome)) == 0 &&
+           apc_clock_mono(NULL) < end)
+        nanosleep(&pause, NULL);
+    if (rc < 0)
+        return cli_store_error(cli, rc, store);
+    if (rc == 0)
+        return cli_error(cli, APC_ETIMEDOUT, "%s: nobody has answered request %lld: does apc-historian run?",
+                         c->name, (long long)request->id);
+    if (strcmp(outcome, "applied") != 0)
+        return cli_error(cli, APC_EPERM, "%s: %s", c->name, outcome);
+    operate_describe(c, NULL, text, sizeof text);
+    print_clean(stdout, text);
+    puts(" (applied)");
+    return EXIT_OK;
+}
+
+/* What is written there nobody applies: its historian brings what is asked for to the loop. */
+static int ask_history(const struct cli *cli, struct apc_store *store, const struct operation *o)
+{
+    int rc = EXIT_OK;
+    for (size_t i = 0; i < o->n && rc == EXIT_OK; i++) {
+        const struct change *c = &o->change[i];
+        struct apc_request request = {
+            .table = c->after.table, .variable = c->after.id, .value = c->after.value};
+        operate_who(request.author, sizeof request.author);
+        const int asked = apc_store_ask(store, &request);
+        if (asked < 0)
+            return cli_store_error(cli, asked, store);
+        if (cli->no_wait)
+            printf("%s: request %lld\n", c->name, (long long)request.id);
+        else
+            rc = await_answer(cli, store, c, &request);
+    }
+    return rc;
+}
+
 int operate(const struct cli *cli, struct apc_store *store, const struct operation *o)
 {
     struct waiting waiting = {0};
     struct owner_rows with = {0};
     char text[APC_TAG_LEN + 32];
+    const int history = apc_store_is_history(store);
+    if (history != 0)
+        return history < 0 ? cli_store_error(cli, history, store) : ask_history(cli, store, o);
     int rc = cli->no_wait ? EXIT_OK : outcome_prepare(&waiting, cli, store, o);
 
     if (rc == EXIT_OK)

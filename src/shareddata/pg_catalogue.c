@@ -110,3 +110,58 @@ int apc_pg_catalogue(struct apc_store *store, char *text, size_t size, int64_t *
     *revision = a.found ? a.number : 0;
     return a.length <= INT32_MAX ? (int)a.length : unexpected(a.pg);
 }
+
+/* ---- A history, and what is asked of it ----------------------------------------------------- */
+
+int apc_pg_is_history(struct apc_store *store)
+{
+    char kind[16] = "";
+    struct answer a = {.pg = apc_pg_of(store), .text = kind, .size = sizeof kind};
+    const int err = ask(&a, "SELECT revision, kind FROM catalogue ORDER BY revision DESC LIMIT 1",
+                        &(struct apc_pg_params){0});
+    return err ? err : strcmp(kind, "history") == 0;
+}
+
+int apc_pg_keep_history(struct apc_store *store)
+{
+    struct answer a = {.pg = apc_pg_of(store)};
+    const int err =
+        ask(&a,
+            "INSERT INTO catalogue (revision, kind, text) SELECT revision + 1, 'history', text FROM "
+            "(SELECT revision, kind, text FROM catalogue ORDER BY revision DESC LIMIT 1) newest "
+            "WHERE kind <> 'history' RETURNING revision",
+            &(struct apc_pg_params){0});
+    return err ? err : a.found;
+}
+
+int apc_pg_ask(struct apc_store *store, struct apc_request *request)
+{
+    struct answer a = {.pg = apc_pg_of(store)};
+    struct apc_pg_params p = {0};
+    char bytes[2][8];
+    apc_pg_put_int8(bytes[0], request->variable);
+    apc_pg_put_float8(bytes[1], request->value);
+    apc_pg_param(&p, bytes[0], 8);
+    apc_pg_param(&p, bytes[1], 8);
+    apc_pg_param_text(&p, apc_table_name(request->table));
+    apc_pg_param_text(&p, request->author);
+    apc_pg_param_text(&p, request->reason);
+    const int err = ask(&a,
+                        "INSERT INTO request (table_name, variable, value, author, reason) VALUES "
+                        "($3, ($1::int8)::int4, $2::float8, $4, $5) RETURNING id",
+                        &p);
+    request->id = err ? 0 : a.number;
+    return err || a.found ? err : unexpected(a.pg);
+}
+
+int apc_pg_asked(struct apc_store *store, int64_t id, char *outcome, size_t size)
+{
+    struct answer a = {.pg = apc_pg_of(store), .text = outcome, .size = size};
+    struct apc_pg_params p = {0};
+    char bytes[8];
+    apc_pg_put_int8(bytes, id);
+    apc_pg_param(&p, bytes, sizeof bytes);
+    const int err =
+        ask(&a, "SELECT id, outcome FROM request WHERE id = $1::int8 AND outcome IS NOT NULL", &p);
+    return err ? err : a.found;
+}

@@ -75,6 +75,10 @@ struct apc_store_ops {
     int (*behind)(struct apc_store *store, struct apc_behind *behind);      /* NULL: there is no history */
     int (*requests)(struct apc_store *store, apc_request_fn fn, void *ctx); /* NULL: none can be made */
     int (*answer)(struct apc_store *store, int64_t id, int64_t seq, const char *outcome);
+    int (*keep_history)(struct apc_store *store); /* NULL: it cannot be one, and nobody asks */
+    int (*is_history)(struct apc_store *store);
+    int (*ask)(struct apc_store *store, struct apc_request *request);
+    int (*asked)(struct apc_store *store, int64_t id, char *outcome, size_t size);
     int64_t (*first)(struct apc_store *store);                 /* seqs begin above it; NULL: above 0 */
     int (*count_from)(struct apc_store *store, int64_t first); /* NULL: it cannot be told to */
     int (*init)(struct apc_store *store);

@@ -595,6 +595,37 @@ int apc_store_answer(struct apc_store *store, int64_t id, int64_t seq, const cha
                                     outcome ? apc_text_clean(clean, outcome, sizeof clean) : NULL);
 }
 
+int apc_store_keep_history(struct apc_store *store)
+{
+    int err = enter(store, NULL, 0);
+    return err || !store->ops->keep_history ? err : store->ops->keep_history(store);
+}
+
+int apc_store_is_history(struct apc_store *store)
+{
+    int err = enter(store, NULL, 0);
+    return err || !store->ops->is_history ? err : store->ops->is_history(store);
+}
+
+int apc_store_ask(struct apc_store *store, struct apc_request *request)
+{
+    int err = enter(store, request, 1);
+    if (!err && (!store->ops->ask || !apc_table_shared(request->table) || request->variable < 0 ||
+                 !(fabs(request->value) < APC_VALUE_MAX))) {
+        err = apc_fail(&store->why, APC_EINVAL, "nobody can be asked for that here");
+    }
+    return err ? err : store->ops->ask(store, request);
+}
+
+int apc_store_asked(struct apc_store *store, int64_t id, char *outcome, size_t size)
+{
+    int err = enter(store, outcome, size);
+    if (!err && (id <= 0 || !store->ops->asked)) {
+        err = apc_fail(&store->why, APC_EINVAL, "there is no request %lld", (long long)id);
+    }
+    return err ? err : store->ops->asked(store, id, outcome, size);
+}
+
 int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout)
 {
     int err = enter(store, seen, n);

@@ -5,7 +5,7 @@
 #include "base/base_internal.h"
 #include "shareddata/shareddata_internal.h"
 
-#define EPOCH    (INT64_C(1577836800) * APC_NS_PER_S) /* 2020-01-01 */
+#define EPOCH    (INT64_C(1577923200) * APC_NS_PER_S) /* 2020-01-02: databases count from the day before */
 #define A_SECOND (INT64_C(1) << 20)                   /* more rows than any variable has in one */
 
 struct newest {

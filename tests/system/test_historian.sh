@@ -73,7 +73,7 @@ historian file "$file"
 to_file=$pid
 
 # what people ask for in the database is done in the loop, once, under their names, and they are told what became of it
-sql "INSERT INTO apc.catalogue (revision, kind, text) SELECT revision + 1, 'history', text FROM apc.catalogue ORDER BY revision DESC LIMIT 1"
+[ "$(sql 'SELECT kind FROM apc.catalogue ORDER BY revision DESC LIMIT 1')" = history ] || fail "the historian did not say what it writes"
 PGOPTIONS='-c search_path=apc' psql -Xqf "$APC_SOURCE_DIR/sql/roles.sql" >/dev/null 2>&1 || fail "roles.sql"
 operator=anna_$$
 sql "CREATE USER $operator IN ROLE apc_operator"
@@ -102,6 +102,10 @@ becomes '^refused: 1.5 is no mode'
 expect 1 'permission denied' as_operator "INSERT INTO apc.setpoint (id, seq, time, status, value) VALUES (1, 999999, now(), 0, 6)"
 expect 1 'permission denied' as_operator "UPDATE apc.request SET outcome = 'applied'"
 [ "$(rows_of 6)$(rows_of 1000)" = 00 ] || fail "what was refused was written"
+
+# apc, too, asks where there is nothing but the history
+until_true 60 "$apc" set r 9.25 --store postgresql:
+[ "$(rows_of 9.25)" -ge 1 ] && becomes '^applied$' || fail "what apc asked for did not come to the loop"
 
 # a database that comes back older asks for what has been done, and gives its numbers out again
 done=$(sql "SELECT id FROM apc.request WHERE value = 7.5")
