@@ -31,14 +31,16 @@ expect 2 'must be s since the start of the run' "$apc" report "$work/run" --from
 expect 1 'the window is empty' "$apc" report "$work/run" --from 5 --to 4
 expect 1 'the window is empty' "$apc" report --from 2020-01-01T00:00:00Z --to 2020-01-02T00:00:00Z
 # What was expected at a time, beside what came; in the figure as well.
-expect 0 '^y1 +0\.5 +[0-9.-]+ +[0-9.-]+ ' "$apc" report "$work/run" --at 1.5
+start=$(sed -n 's/^start = "\(.*\)".*/\1/p' "$work/run/record.conf")
+at=$(sql "SELECT round(extract(epoch FROM min(time) - '$start'::timestamptz) + 1.2, 6) FROM apc.prediction")
+expect 0 '^y1 +0\.5 +[0-9.-]+ +[0-9.-]+ ' "$apc" report "$work/run" --at "$at"
 grep -q '>expected<' "$work/run/report.svg" || fail "the figure does not show what was expected"
-"$apc" report "$work/run" --at 1.5 --json | python3 -c '
+"$apc" report "$work/run" --at "$at" --json | python3 -c '
 import json, sys
 of = {e["variable"]: e for e in json.load(sys.stdin)["expectations"]}
 assert sorted(of) == ["v1", "v2", "y1", "y2"], of
-assert all(len(e["expected"]) == len(e["came"]) == 30 and e["step_s"] == 0.5 and 0 <= e["made_s"] <= 1.5 for e in of.values())
-assert of["y1"]["first_s"] == 0.5 and of["v1"]["first_s"] == 0 and of["v1"]["came"][0] is not None' || fail "report --at --json is no JSON, or not whole"
+assert all(len(e["expected"]) == len(e["came"]) == 30 and e["step_s"] == 0.5 and 0 <= e["made_s"] <= float(sys.argv[1]) for e in of.values())
+assert of["y1"]["first_s"] == 0.5 and of["v1"]["first_s"] == 0 and of["v1"]["came"][0] is not None' "$at" || fail "report --at --json is no JSON, or not whole"
 expect 0 '^v1 +0 ' "$apc" report --at "-$(sql 'SELECT 1 + ceil(extract(epoch FROM now() - max(time))) FROM apc.prediction')s"
 expect 1 'nothing was expected' "$apc" report "$work/run" --at 100000
 expect 2 'without --from and --to' "$apc" report "$work/run" --at 1 --from 1
