@@ -12,12 +12,16 @@ enum {
     PLAN_TIME,
     PLAN_OBJECTIVE,
     PLAN_ROWS
-}; /* the limits stand behind them */
+}; /* limits and estimates stand behind them */
 
 static const char *const names[PLAN_ROWS] = {"result", "iterations", "solve_time", "objective"};
 static const char *const results[] = {"good", "sub-optimal", "late: the former one goes on"};
 static const char *const limits[] = {"low", "high", "falls as fast as it may", "rises as fast as it may"};
 #define LIMITS (sizeof limits / sizeof *limits)
+static const struct {
+    const char *end, *text, *json;
+} estimates[] = {{".estimate", "state", "estimates"}, {".disturbance", "disturbed by", "disturbances"}};
+#define ESTIMATES (sizeof estimates / sizeof *estimates)
 
 /* ---- Reading ------------------------------------------------------------------------------ */
 
@@ -28,11 +32,11 @@ static const char *own_name(const struct status_plan *p, const struct apc_tag *t
     return !strncmp(tag->name, p->controller, n) && tag->name[n] == '.' ? tag->name + n + 1 : tag->name;
 }
 
-/* How long the name of the variable is in "v1.limit"; 0: it is no limit. */
-static size_t limited_name(const char *name)
+/* How long the name of the variable is in "v1.limit", where @p end is ".limit"; 0: it is another one. */
+static size_t name_before(const char *name, const char *end)
 {
     const char *dot = strrchr(name, '.');
-    return dot && !strcmp(dot, ".limit") ? (size_t)(dot - name) : 0;
+    return dot && !strcmp(dot, end) ? (size_t)(dot - name) : 0;
 }
 
 static void take(struct status_plan *p, const struct apc_tag *tag)
@@ -42,7 +46,8 @@ static void take(struct status_plan *p, const struct apc_tag *tag)
     for (size_t i = 0; i < PLAN_ROWS; i++)
         if (!strcmp(name, names[i]))
             p->row[i] = row;
-    if (limited_name(name) > 0)
+    if (name_before(name, ".limit") > 0 || name_before(name, estimates[0].end) > 0 ||
+        name_before(name, estimates[1].end) > 0)
         p->row[p->n++] = row;
 }
 
@@ -79,17 +84,24 @@ static const char *result_of(const struct status_plan *p)
     return result >= 0 && result < (double)known ? results[(size_t)result] : "unknown";
 }
 
-static unsigned bits_of(const struct apc_sample *row)
-{
-    return row->seq > 0 && row->value >= 0 && row->value < (double)(1u << LIMITS) ? (unsigned)row->value : 0;
-}
-
-/* Of a row of limits: the variable's name. */
-static char *variable_of(const struct status_plan *p, const struct apc_sample *row, char text[APC_TAG_LEN])
+/* The variable's name, if the row's is that and @p end; else NULL. */
+static const char *variable_of(const struct status_plan *p, const struct apc_sample *row, const char *end,
+                               char text[APC_TAG_LEN])
 {
     const char *name = own_name(p, cli_tag(p->tags, row->table, row->id));
-    snprintf(text, APC_TAG_LEN, "%.*s", (int)limited_name(name), name);
-    return text;
+    const size_t n = name_before(name, end);
+    snprintf(text, APC_TAG_LEN, "%.*s", (int)n, name);
+    return n > 0 ? text : NULL;
+}
+
+/* Of a row of limits; 0 of others. */
+static unsigned bits_of(const struct status_plan *p, const struct apc_sample *row)
+{
+    char name[APC_TAG_LEN];
+    return row->seq > 0 && row->value >= 0 && row->value < (double)(1u << LIMITS) &&
+                   variable_of(p, row, ".limit", name)
+               ? (unsigned)row->value
+               : 0;
 }
 
 static void show_limits(const struct status_plan *p)
@@ -98,12 +110,54 @@ static void show_limits(const struct status_plan *p)
     bool any = false;
     for (size_t i = PLAN_ROWS; i < p->n; i++)
         for (size_t k = 0; k < LIMITS; k++)
-            if (bits_of(&p->row[i]) >> k & 1u) {
+            if (bits_of(p, &p->row[i]) >> k & 1u) {
                 fputs(any ? ", " : "; held back by ", stdout);
-                print_clean(stdout, variable_of(p, &p->row[i], name));
+                print_clean(stdout, variable_of(p, &p->row[i], ".limit", name));
                 printf(" %s", limits[k]);
                 any = true;
             }
+}
+
+/* A line of the state, and of what disturbs. */
+static void show_estimates(const struct status_plan *p)
+{
+    char name[APC_TAG_LEN];
+    bool any = false;
+    for (size_t k = 0; k < ESTIMATES; k++) {
+        const char *before = any ? "; " : "       ";
+        for (size_t i = PLAN_ROWS; i < p->n; i++) {
+            const struct apc_sample *row = &p->row[i];
+            if (row->seq == 0 || !variable_of(p, row, estimates[k].end, name))
+                continue;
+            fputs(before, stdout);
+            if (before[0] != ',')
+                printf("%s ", estimates[k].text);
+            print_clean(stdout, name);
+            printf(" %.5g", row->value);
+            before = ", ";
+            any = true;
+        }
+    }
+    if (any)
+        putchar('\n');
+}
+
+static void json_estimates(const struct status_plan *p)
+{
+    char name[APC_TAG_LEN];
+    for (size_t k = 0; k < ESTIMATES; k++) {
+        bool any = false;
+        printf(",\"%s\":{", estimates[k].json);
+        for (size_t i = PLAN_ROWS; i < p->n; i++) {
+            if (p->row[i].seq == 0 || !variable_of(p, &p->row[i], estimates[k].end, name))
+                continue;
+            if (any)
+                putchar(',');
+            print_json_number(stdout, name, p->row[i].value);
+            any = true;
+        }
+        putchar('}');
+    }
 }
 
 void status_plan_show(const struct status_plan *p, apc_ns now)
@@ -120,6 +174,7 @@ void status_plan_show(const struct status_plan *p, apc_ns now)
     printf("; objective %.5g", p->row[PLAN_OBJECTIVE].value);
     show_limits(p);
     putchar('\n');
+    show_estimates(p);
 }
 
 void status_plan_json(const struct status_plan *p, apc_ns now)
@@ -138,13 +193,15 @@ void status_plan_json(const struct status_plan *p, apc_ns now)
     fputs(",\"limits\":[", stdout);
     for (size_t i = PLAN_ROWS; i < p->n; i++)
         for (size_t k = 0; k < LIMITS; k++)
-            if (bits_of(&p->row[i]) >> k & 1u) {
+            if (bits_of(p, &p->row[i]) >> k & 1u) {
                 fputs(any ? ",{" : "{", stdout);
-                print_json_text(stdout, "variable", variable_of(p, &p->row[i], name));
+                print_json_text(stdout, "variable", variable_of(p, &p->row[i], ".limit", name));
                 putchar(',');
                 print_json_text(stdout, "limit", limits[k]);
                 putchar('}');
                 any = true;
             }
-    fputs("]}", stdout);
+    putchar(']');
+    json_estimates(p);
+    putchar('}');
 }

@@ -8,7 +8,8 @@
 struct status_plan {
     const struct cli_tags *tags;
     const char *controller;
-    struct apc_sample *row; /* [n] result, iterations, ... and the limits; none of a law that does not plan */
+    struct apc_sample
+        *row; /* [n] result, iterations, ..., limits, estimates; none of a law that does not plan */
     size_t n;
 };
 

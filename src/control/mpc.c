@@ -423,7 +423,8 @@ static void publish(struct apc_law_mpc *p, const struct apc_law_call *c, int res
     *at++ = apc_mpc_cost(p->mpc, p->shifted, p->prediction);
     *at++ = p->took;
     *at++ = result;
-    *at = p->result.iterations;
+    *at++ = p->result.iterations;
+    memcpy(at, p->x, p->disturbed->nx_plant * sizeof(*at));
 }
 
 /* The measurement that it must not go on without; ny: there is none. */

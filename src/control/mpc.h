@@ -36,6 +36,7 @@ struct apc_law_mpc {
     double *least;         /* [ny] weight of a measurement in the terminal cost where no other sees a mode */
     bool *critical;        /* [ny] */
 
+    struct apc_linear_unknown *unknown;   /* [n_unknown] */
     struct apc_linear *model, *disturbed; /* of the problem; with unknown disturbances, of filter and rest */
     size_t nx;                            /* of disturbed */
     bool nonlinear;

@@ -181,8 +181,8 @@ static int take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup, 
     if (rc == 0)
         rc = apc_mpc_disturb(p, setup, from, unknown, why);
     p->model = p->disturbed;
+    p->unknown = unknown;
     apc_linear_destroy(own);
-    free(unknown);
     return rc;
 }
 
@@ -265,15 +265,15 @@ static int make_estimator(struct apc_law_mpc *p, const struct apc_law_setup *set
 
 /* ---- What it publishes ------------------------------------------------------------------------------ */
 
-/* Number k: of signal i, or of none. */
+/* Number k: of this signal, or of number i, of which nothing is known. */
 static void declare(struct apc_law_mpc *p, size_t k, const struct apc_signal_view *signal, char letter,
                     size_t i, const char *suffix, const char *description, size_t length)
 {
     struct apc_law_mpc_name *name = &p->name[k];
-    const char *unit = signal && signal[i].unit ? signal[i].unit : "";
+    const char *unit = signal && signal->unit ? signal->unit : "";
 
-    if (signal && signal[i].name)
-        snprintf(name->name, sizeof(name->name), "%s.%s", signal[i].name, suffix);
+    if (signal && signal->name)
+        snprintf(name->name, sizeof(name->name), "%s.%s", signal->name, suffix);
     else
         snprintf(name->name, sizeof(name->name), "%c%zu.%s", letter, i + 1, suffix);
     snprintf(name->unit, sizeof(name->unit), "%s", *unit ? unit : "1");
@@ -284,12 +284,48 @@ static void declare(struct apc_law_mpc *p, size_t k, const struct apc_signal_vie
                                              .step = length ? p->Ts : 0.0};
 }
 
+static const struct apc_signal_view *of(const struct apc_signal_view *signal, size_t i)
+{
+    return signal ? signal + i : NULL;
+}
+
+/* Called by where it comes in. */
+static void declare_disturbance(struct apc_law_mpc *p, size_t k, const struct apc_law_setup *setup, size_t i)
+{
+    static const char what[] = "disturbance that nobody measures, as it is estimated";
+    const struct apc_linear_unknown *u = &p->unknown[i];
+
+    if (u->where == APC_AT_OUTPUT) {
+        declare(p, k, of(setup->y, u->number), 'y', u->number, "disturbance", what, 0);
+    } else if (u->number < p->dim.nu) {
+        declare(p, k, of(setup->u, u->number), 'u', u->number, "disturbance", what, 0);
+    } else {
+        const struct apc_param *own = &setup->plant->model->disturbance[u->number - p->dim.nu];
+
+        declare(p, k, &(struct apc_signal_view){.name = own->name, .unit = own->unit}, 'd', 0, "disturbance",
+                what, 0);
+    }
+}
+
+static void declare_states(struct apc_law_mpc *p, size_t k, const struct apc_law_setup *setup)
+{
+    const struct apc_model *model = setup->plant->model;
+
+    for (size_t i = 0; i < p->disturbed->nx_plant; i++) {
+        const bool named = model && model->nx == p->disturbed->nx_plant;
+        const struct apc_signal_view state = {.name = named ? model->state[i].name : NULL,
+                                              .unit = named ? model->state[i].unit : NULL};
+
+        declare(p, k + i, &state, 'x', i, "estimate", "state of the model, estimated", 0);
+    }
+}
+
 /* In the order in which apc_law_mpc.compute fills them in. */
 static int publish(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_law_needs *needs,
                    struct apc_error *why)
 {
     const size_t ny = p->dim.ny, nu = p->dim.nu, n_unknown = p->n_unknown,
-                 n = 3 * ny + 3 * nu + n_unknown + 4;
+                 n = 3 * ny + 3 * nu + n_unknown + 4 + p->disturbed->nx_plant;
     size_t k = 0;
 
     p->published = calloc(n, sizeof(*p->published));
@@ -297,19 +333,20 @@ static int publish(struct apc_law_mpc *p, const struct apc_law_setup *setup, str
     if (!p->published || !p->name)
         return apc_fail(why, APC_ENOMEM, "no memory");
     for (size_t i = 0; i < ny; i++)
-        declare(p, k++, setup->y, 'y', i, "prediction", "predicted from the next sample on", p->N);
+        declare(p, k++, of(setup->y, i), 'y', i, "prediction", "predicted from the next sample on", p->N);
     for (size_t j = 0; j < nu; j++)
-        declare(p, k++, setup->u, 'u', j, "plan", "moves from now on", p->N);
+        declare(p, k++, of(setup->u, j), 'u', j, "plan", "moves from now on", p->N);
     for (size_t i = 0; i < ny; i++)
-        declare(p, k++, setup->y, 'y', i, "target", "steady state aimed at", 0);
+        declare(p, k++, of(setup->y, i), 'y', i, "target", "steady state aimed at", 0);
     for (size_t j = 0; j < nu; j++)
-        declare(p, k++, setup->u, 'u', j, "target", "steady state aimed at", 0);
+        declare(p, k++, of(setup->u, j), 'u', j, "target", "steady state aimed at", 0);
     for (size_t i = 0; i < n_unknown; i++)
-        declare(p, k++, NULL, 'd', i, "estimate", "unknown disturbance, in the unit of where it comes in", 0);
+        declare_disturbance(p, k++, setup, i);
     for (size_t i = 0; i < ny; i++)
-        declare(p, k++, setup->y, 'y', i, "limit", "what holds the plan back: 1 its low limit, 2 high", 0);
+        declare(p, k++, of(setup->y, i), 'y', i, "limit", "what holds the plan back: 1 its low limit, 2 high",
+                0);
     for (size_t j = 0; j < nu; j++)
-        declare(p, k++, setup->u, 'u', j, "limit",
+        declare(p, k++, of(setup->u, j), 'u', j, "limit",
                 "what holds the plan back: 1 low, 2 high, 4 falls, 8 rises as fast as it may", 0);
     for (size_t i = 2 * (ny + nu) + n_unknown; i < k; i++)
         snprintf(p->name[i].unit, sizeof(p->name[i].unit), "1");
@@ -319,8 +356,9 @@ static int publish(struct apc_law_mpc *p, const struct apc_law_setup *setup, str
         .name = "solve_time", .unit = "s", .description = "that the plan took; 0 in virtual time"};
     p->published[k++] = (struct apc_published){
         .name = "result", .unit = "1", .description = "of this tick: 0 good, 1 sub-optimal, 2 late"};
-    p->published[k] = (struct apc_published){
+    p->published[k++] = (struct apc_published){
         .name = "iterations", .unit = "1", .description = "changes of the working set at this tick"};
+    declare_states(p, k, setup);
     needs->n_published = n;
     needs->published = p->published;
     return 0;
@@ -640,6 +678,7 @@ void apc_mpc_unmake(void *self)
     apc_linear_destroy(p->disturbed);
     free(p->published);
     free(p->name);
+    free(p->unknown);
     free(p->limiting);
     free(p->usable);
     free(p->memory);

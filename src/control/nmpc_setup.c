@@ -231,7 +231,7 @@ int apc_nmpc_take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup
         rc = make_filters(p, setup, unknown, (unsigned)steps, why);
     if (rc == 0)
         rc = make_shoot(p, setup, unknown, (unsigned)steps, why);
+    p->unknown = unknown;
     apc_linear_destroy(all);
-    free(unknown);
     return rc;
 }

@@ -14,6 +14,9 @@ expect 0 '"plan":\{"result":"[a-z-]+","age":[0-9.]+,"iterations":[0-9]+,"solve_t
   "$apc" status --json
 at_high() { [ "$(sql 'SELECT count(*) FROM apc.actuator WHERE id = 1 AND value > 9.99')" -ge 4 ]; }
 until_true 60 at_high
+until_true 60 status_has '^       state h1 [0-9.]+, h2 [0-9.]+, h3 [0-9.]+, h4 [0-9.]+; disturbed by v1 [-0-9.e]+, v2 [-0-9.e]+$'
+expect 0 '"estimates":\{"h1":[0-9.]+,.*\},"disturbances":\{"v1":[-0-9.e]+,"v2":[-0-9.e]+\}' "$apc" status --json
+expect 0 '^[^ ]+ +[0-9.]+' "$apc" history h1.estimate -n 2
 kill -INT "$pid"
 wait "$pid" || fail "the run did not end well"
 

@@ -585,12 +585,38 @@ static void what_it_publishes_has_names_and_comes_true(void **state)
     assert_int_equal(part.what[0].length, 20);
     assert_near(part.what[0].step, 1.0, 0.0);
     assert_string_equal(part.what[2].name, "v1.plan");
-    assert_string_equal(part.what[part.n_published - 1].name, "iterations");
+    static const char *const behind[] = {"iterations", "x1.estimate", "x2.estimate", "x3.estimate",
+                                         "x4.estimate"};
+    for (size_t k = 0; k < 5; k++)
+        assert_string_equal(part.what[part.n_published - 5 + k].name, behind[k]);
     set_point(&r, 6.5, 6.5);
     run(&r, 400);
     for (size_t k = 0; k < 20; k++) {
         assert_near(r.published[k], 6.5, 1e-5);
         assert_near(r.published[40 + k], r.u[0], 1e-5);
+    }
+    end(&r);
+}
+
+/* Of a plant that is as the model has it, but for what adds to a pump. */
+static void what_it_estimates_is_published_by_name(void **state)
+{
+    struct rig r;
+    (void)state;
+
+    make_default(&r);
+    r.load[1] = 0.2;
+    for (int k = 0; k < 400; k++)
+        tick(&r);
+    /* the pumps give 10 % more than it knows, and the load as much more */
+    assert_near(published(&r, "v1.disturbance"), 1.1 * (r.u[0] - u_rest[0]) - (r.u[0] - u_rest[0]), 1e-4);
+    assert_near(published(&r, "v2.disturbance"), 1.1 * (r.u[1] + 0.2 - u_rest[1]) - (r.u[1] - u_rest[1]),
+                1e-4);
+    for (size_t i = 0; i < NX; i++) {
+        char name[32];
+
+        snprintf(name, sizeof name, "x%zu.estimate", i + 1);
+        assert_near(published(&r, name), r.state[i], 1e-4);
     }
     end(&r);
 }
@@ -963,6 +989,7 @@ int main(void)
         TEST(at_rest_a_plan_costs_nothing_and_otherwise_more),
         TEST(soft_limits_come_before_setpoints_and_zones_are_free),
         TEST(what_it_publishes_has_names_and_comes_true),
+        TEST(what_it_estimates_is_published_by_name),
         TEST(what_holds_the_plan_back_is_published),
         TEST(the_time_that_a_plan_took_is_published),
         TEST(a_limit_of_the_tuning_holds_and_none_can_cross),
