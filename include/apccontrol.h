@@ -120,6 +120,7 @@ struct apc_law_plant {
      * as long as the instance. */
     const struct apc_model *model;
     const double *p;
+    const size_t *disturbance; /**< [nd] which of the model's disturbances, from 0, each d is; with model */
 };
 
 /** What is known of a signal. */

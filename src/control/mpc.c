@@ -219,13 +219,18 @@ static void bound(struct apc_law_mpc *p, const struct apc_law_call *c)
 
 /* ---- The plan --------------------------------------------------------------------------------------- */
 
+static void take_measured(struct apc_law_mpc *p, const struct apc_law_call *c)
+{
+    for (size_t k = 0; k < p->dim.nd; k++)
+        p->input[p->dim.nu + (p->measured ? p->measured[k] : k)] = c->d[k];
+}
+
 static void correct(struct apc_law_mpc *p, const struct apc_law_call *c)
 {
     memcpy(p->x, c->x, p->states * sizeof(*p->x));
     for (size_t j = 0; j < p->dim.nu; j++)
         p->input[j] = last(p, c, j);
-    for (size_t k = 0; k < p->dim.nd; k++)
-        p->input[p->dim.nu + k] = c->d[k];
+    take_measured(p, c);
     for (size_t i = 0; i < p->dim.ny; i++) {
         double *absent = &absent_of(p, p->x)[i];
 
@@ -291,6 +296,7 @@ static void step_on(struct apc_law_mpc *p, const struct apc_mpc_call *call)
     bool done = false;
 
     memcpy(p->start, p->x, nx * sizeof(*p->start));
+    apc_shoot_measure(p->shoot, p->input + p->dim.nu);
     p->result = (struct apc_mpc_result){
         .rc = p->late > 0.0 ? apc_shoot_advance(p->shoot, p->start, p->u_last, d, p->late) : 0};
     shift(p);
@@ -522,8 +528,7 @@ static void settle(struct apc_law_call *c, const double *u)
 
     memset(c->x, 0, p->states * sizeof(*c->x));
     memcpy(p->input, u, p->dim.nu * sizeof(*u));
-    for (size_t k = 0; k < p->dim.nd; k++)
-        p->input[p->dim.nu + k] = c->d[k];
+    take_measured(p, c);
     apc_rest_find(p->rest, c->y, p->input, p->x);
     apc_estimator_reset(p->estimator, c->x, p->x);
 }

@@ -46,6 +46,7 @@ struct apc_law_mpc {
      * of the last solution, too. */
     struct apc_estimator *early;
     struct apc_shoot *shoot;
+    size_t *measured; /* [nd] which of the model's disturbances each d is */
     double late;
     size_t newton;                      /* most steps of Gauss and Newton in a tick */
     double *start, *nodes, *G, *free_y; /* [nx_plant], [N * nx_plant], [N * ny * n], [N * ny] */

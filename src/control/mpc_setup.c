@@ -679,6 +679,7 @@ void apc_mpc_unmake(void *self)
     free(p->published);
     free(p->name);
     free(p->unknown);
+    free(p->measured);
     free(p->limiting);
     free(p->usable);
     free(p->memory);

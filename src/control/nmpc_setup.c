@@ -195,8 +195,24 @@ static int check_nonlinear(const struct apc_law_setup *setup, struct apc_error *
             why, APC_EINVAL,
             "the plant's equations are not known; give group plant a model, and the controller an "
             "operating_point");
-    if (setup->dim.nd)
-        return apc_fail(why, APC_EINVAL, "takes no measured disturbances");
+    if (setup->dim.nd && !setup->plant->disturbance)
+        return apc_fail(why, APC_EINVAL,
+                        "which of the model's disturbances the measured ones are is not known");
+    return 0;
+}
+
+static int take_measured(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why)
+{
+    const size_t nd = p->dim.nd;
+
+    p->measured = calloc(nd + 1, sizeof(*p->measured));
+    if (!p->measured)
+        return apc_fail(why, APC_ENOMEM, "no memory");
+    for (size_t k = 0; k < nd; k++) {
+        p->measured[k] = setup->plant->disturbance[k];
+        if (p->measured[k] >= setup->plant->model->nd)
+            return apc_fail(why, APC_EINVAL, "measured disturbance %zu is none of the model's", k + 1);
+    }
     return 0;
 }
 
@@ -210,6 +226,8 @@ int apc_nmpc_take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup
     p->newton = 1;
     rc = unknown ? check_nonlinear(setup, why) : apc_fail(why, APC_ENOMEM, "no memory");
 
+    if (rc == 0)
+        rc = take_measured(p, setup, why);
     if (rc == 0)
         rc = apc_mpc_count(setup, "steps", 1, STEPS_MOST, &steps, why);
     if (rc == 0)

@@ -148,6 +148,11 @@ static int integrate(struct apc_shoot *s, double *x, double t)
     return apc_values_ok(x, s->nx) ? 0 : APC_ESOLVER;
 }
 
+void apc_shoot_measure(struct apc_shoot *s, const double *own)
+{
+    memcpy(s->nominal + s->nu, own, s->model->nd * sizeof(*own));
+}
+
 int apc_shoot_advance(struct apc_shoot *s, double *x, const double *u, const double *d, double t)
 {
     int rc;

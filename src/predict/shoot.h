@@ -31,6 +31,8 @@ struct apc_shoot_options {
 int apc_shoot_create(struct apc_shoot **shoot, const struct apc_shoot_options *options,
                      struct apc_error *why);
 void apc_shoot_destroy(struct apc_shoot *shoot); /* NULL is legal */
+/* The model's own disturbances [nd] from now on, before unknown ones add to them. [tick] */
+void apc_shoot_measure(struct apc_shoot *shoot, const double *own);
 /* x [nx] on by t, with u [nu] and unknown disturbances d [n_unknown]. Returns 0, or APC_ESOLVER: the model is
  * not defined there, x is as it was. [tick] */
 int apc_shoot_advance(struct apc_shoot *shoot, double *x, const double *u, const double *d, double t);

@@ -92,22 +92,55 @@ static void read_settings(struct settings *s, const config_setting_t *group, str
 
 /* ---- The operating point --------------------------------------------------------------------- */
 
+/* Which of the plant's disturbances each measured one is: that of the same name. */
+static size_t *match_disturbances(struct settings *s, const config_setting_t *at, const struct experiment *e,
+                                  const struct controller *c)
+{
+    const struct apc_model *m = e->plant.model;
+    size_t *match = calloc(c->dim.nd + 1, sizeof *match);
+    if (!match)
+        s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
+    for (size_t k = 0; k < c->dim.nd && match && !s->failed; k++) {
+        const char *name = e->y[c->d[k].at].tag.name;
+        while (match[k] < m->nd && strcmp(m->disturbance[match[k]].name, name) != 0)
+            match[k]++;
+        if (match[k] == m->nd)
+            settings_fail(
+                s, at,
+                "\"operating_point\": plant %s has no disturbance \"%s\", so how what is measured acts "
+                "on it is not known: a file with a \"model\" can say",
+                m->name, name);
+    }
+    return match;
+}
+
+/* Columns of u and of the measured disturbances, of all that the plant has. */
+static void take_columns(const struct controller *c, size_t rows, const double *all, size_t n_all, size_t nu,
+                         double *to)
+{
+    const size_t n = nu + c->dim.nd;
+    for (size_t i = 0; i < rows; i++)
+        for (size_t k = 0; k < n; k++)
+            to[i * n + k] = all[i * n_all + (k < nu ? k : nu + c->disturbance[k - nu])];
+}
+
 /* From what the file says, or the model's own values, to the steady state there and the linear model. */
 static void linearise(struct settings *s, const config_setting_t *at, const struct experiment *e,
                       struct controller *c)
 {
     const struct apc_model *m = e->plant.model;
-    size_t nx = m->nx, nu = m->nu, all = nu + m->nd, ny = m->ny;
-    double *memory = numbers(s, nx * nx + 2 * nx * all + 2 * ny * all + ny * nx + nx + all + ny);
+    size_t nx = m->nx, nu = m->nu, all = nu + m->nd, ny = m->ny, n = nu + c->dim.nd;
+    double *memory = numbers(s, nx * nx + (nx + ny + 1) * (all + n) + ny * nx + nx + ny);
     const config_setting_t *x_setting = config_setting_get_member(at, "x");
     const config_setting_t *u_setting = config_setting_get_member(at, "u");
     struct apc_error why;
 
     c->linear = memory;
-    if (!memory)
+    c->disturbance = match_disturbances(s, at, e, c);
+    if (s->failed)
         return;
-    double *A = memory, *C = A + nx * nx, *B = C + ny * nx, *D = B + nx * nu, *x = D + ny * nu, *u = x + nx,
-           *y = u + all, *B_all = y + ny, *D_all = B_all + nx * all;
+    double *A = memory, *C = A + nx * nx, *B = C + ny * nx, *D = B + nx * n, *x = D + ny * n, *u = x + nx,
+           *y = u + all, *B_all = y + ny, *D_all = B_all + nx * all, *u0 = D_all + ny * all;
     for (size_t i = 0; i < nx; i++)
         x[i] = m->state ? m->state[i].initial : 0;
     for (size_t i = 0; i < nu; i++)
@@ -128,12 +161,20 @@ static void linearise(struct settings *s, const config_setting_t *at, const stru
         return;
     }
     m->g(0, x, u, c->believed, y);
-    for (size_t i = 0; i < nx; i++) /* without the columns of the disturbances */
-        memcpy(B + i * nu, B_all + i * all, nu * sizeof *B);
-    for (size_t i = 0; i < ny; i++)
-        memcpy(D + i * nu, D_all + i * all, nu * sizeof *D);
-    c->plant = (struct apc_law_plant){
-        .nx = nx, .A = A, .B = B, .C = C, .D = D, .x0 = x, .u0 = u, .y0 = y, .model = m, .p = c->believed};
+    take_columns(c, nx, B_all, all, nu, B);
+    take_columns(c, ny, D_all, all, nu, D);
+    take_columns(c, 1, u, all, nu, u0);
+    c->plant = (struct apc_law_plant){.nx = nx,
+                                      .A = A,
+                                      .B = B,
+                                      .C = C,
+                                      .D = D,
+                                      .x0 = x,
+                                      .u0 = u0,
+                                      .y0 = y,
+                                      .model = m,
+                                      .p = c->believed,
+                                      .disturbance = c->disturbance};
 }
 
 static void read_operating_point(struct settings *s, const config_setting_t *group,
@@ -249,6 +290,7 @@ void experiment_free_law(struct controller *c)
     free(c->setting);
     free(c->values);
     free(c->linear);
+    free(c->disturbance);
     free(c->believed);
     apc_linear_destroy(c->sampled);
     apc_plugin_close(c->law_handle);

@@ -117,6 +117,7 @@ struct controller {
     size_t n_setting;
     double *values;                   /* memory of the settings */
     double *linear;                   /* memory of plant; NULL: no operating point is given */
+    size_t *disturbance;              /* likewise: [nd] */
     double *believed;                 /* [model->np] what its law takes for the plant's parameters */
     char model_file[EXPERIMENT_PATH]; /* "": none */
     struct apc_linear *sampled;       /* from it, or from the controller's group */

@@ -22,8 +22,8 @@ struct rig {
     double A[9], B[12], C[3], D[4], B1[3], D1[1], x0[3], u0[4], y0[1];
     struct apc_plant *plant;
     double input; /* that acts on the plant */
-    double y[1], z[AHEAD_MOST], u[1], x[STATES_MOST], tuning[TUNING], u_last[1], low[1], high[1], rate[1],
-        y_low[1], y_high[1], published[PUBLISHED_MOST];
+    double y[1], z[AHEAD_MOST], d[AHEAD_MOST], u[1], x[STATES_MOST], tuning[TUNING], u_last[1], low[1],
+        high[1], rate[1], y_low[1], y_high[1], published[PUBLISHED_MOST];
     apc_status y_status[1];
     bool y_new[1];
     enum apc_law_output out[1];
@@ -98,11 +98,10 @@ static void prepare(struct rig *r)
     set_point(r, r->y0[0]);
 }
 
-static void begin(struct rig *r)
+static void make(struct rig *r)
 {
     struct apc_error why = {""};
 
-    prepare(r);
     if (laws_make(&r->law, &apc_law_nmpc, &r->setup, &why) < 0)
         fail_msg("%s", why.text);
     const struct apc_instances_size size = apc_instances_size(r->law);
@@ -118,6 +117,7 @@ static void begin(struct rig *r)
                                  .Ts = Ts,
                                  .y = r->y,
                                  .z = r->z,
+                                 .d = r->d,
                                  .tuning = r->tuning,
                                  .x = r->x,
                                  .u = r->u,
@@ -136,6 +136,12 @@ static void begin(struct rig *r)
                                  .why = r->why,
                                  .budget = 0.5};
     apc_instances_reset(r->law, 0, &r->c);
+}
+
+static void begin(struct rig *r)
+{
+    prepare(r);
+    make(r);
 }
 
 /* The new output acts after the delay. */
@@ -195,11 +201,65 @@ static void from_one_end_to_the_other_no_offset_remains_whatever_disturbs(void *
     set_point(&r, 20.0);
     run(&r, 200);
     assert_near(r.y[0], 20.0, 1e-3);
-    assert_near(r.published[2 * 40 + 2], 2.0, 0.02); /* d1.estimate */
+    assert_near(r.published[2 * 40 + 2], 2.0, 0.02); /* Tin.disturbance */
     assert_int_equal(apc_plant_disturb(r.plant, 0, 0.82),
                      0); /* of this it knows nothing: it takes it for a temperature */
     run(&r, 300);
     assert_near(r.y[0], 20.0, 1e-3);
+    apc_plant_destroy(r.plant);
+}
+
+/* The feed becomes warmer by 2 degrees: how far that moves the reactor. */
+static double moved_by_the_feed(struct rig *r)
+{
+    double most = 0.0;
+
+    run(r, 20);
+    assert_int_equal(apc_plant_disturb(r->plant, 2, 2.5), 0);
+    for (size_t i = 0; i < AHEAD_MOST; i++)
+        r->d[i] = 2.5;
+    for (int k = 0; k < 300; k++) {
+        run(r, 1);
+        most = fmax(most, fabs(r->y[0] - r->y0[0]));
+    }
+    assert_near(r->y[0], r->y0[0], 1e-3);
+    return most;
+}
+
+static void a_measured_disturbance_is_fed_forward(void **state)
+{
+    static const size_t temperature[] = {2};
+    static const double at_the_pump = 1.0, little = 0.05;
+    struct rig r;
+    double unmeasured, measured, B[6], D[2], u0[2];
+    (void)state;
+
+    begin(&r);
+    unmeasured = moved_by_the_feed(&r);
+    apc_plant_destroy(r.plant);
+
+    prepare(&r);
+    for (size_t i = 0; i < 3; i++) {
+        B[2 * i] = r.B[4 * i];
+        B[2 * i + 1] = r.B[4 * i + 3];
+    }
+    D[0] = D[1] = 0.0;
+    u0[0] = r.u0[0];
+    u0[1] = r.u0[3];
+    r.view.B = B;
+    r.view.D = D;
+    r.view.u0 = u0;
+    r.view.disturbance = temperature;
+    r.setup.dim.nd = 1;
+    r.setting[5] = number("d_noise", &little, 1);
+    r.setting[6] = number("at_input", &at_the_pump, 1);
+    for (size_t i = 0; i < AHEAD_MOST; i++)
+        r.d[i] = u0[1];
+    make(&r);
+    measured = moved_by_the_feed(&r);
+    assert_true(unmeasured > 0.5);
+    assert_true(measured < 0.3 * unmeasured);
+    assert_near(r.published[2 * 40 + 2], 0.0, 0.02); /* u1.disturbance: nothing was unknown */
     apc_plant_destroy(r.plant);
 }
 
@@ -437,6 +497,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         TEST(it_rests_at_an_unstable_steady_state),
         TEST(from_one_end_to_the_other_no_offset_remains_whatever_disturbs),
+        TEST(a_measured_disturbance_is_fed_forward),
         TEST(its_first_plan_comes_true),
         TEST(limits_and_rates_hold_and_a_limit_of_y_comes_before_its_setpoint),
         TEST(limits_of_a_measurement_that_cannot_be_kept_are_told_with_their_rank),

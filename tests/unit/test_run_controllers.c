@@ -484,6 +484,39 @@ static void one_in_the_long_form_is_the_same(void **state)
     " { name = \"" name "\"; law = \"pi\"; period = 5.0; measurements = [\"y1\", \"y2\"]; setpoints = [" z   \
     "]; outputs = [" u "]; } );"
 
+/* The second sensor of the plant measures what disturbs it: the law's model says how that acts. */
+static void a_measured_disturbance_is_the_plants_of_the_same_name(void **state)
+{
+    static const char text[] =
+        "name = \"tanks\"; duration = 20.0;\n"
+        "measurements = ( { name = \"y1\"; }, { name = \"d4\"; } ); setpoints = ( { name = \"r1\"; } );\n"
+        "outputs = ( { name = \"v1\"; low = 0.0; high = 10.0; }, { name = \"v2\"; low = 0.0; high = 10.0; } "
+        ");\n"
+        "plant = { model = \"quadruple-tank\"; period = 0.1; }; client = { period = 0.1; };\n"
+        "controllers = ( { name = \"one\"; law = \"mpc\"; period = 2.0; measurements = [\"y1\", \"d4\"]; "
+        "setpoints "
+        "= [\"r1\"]; outputs = [\"v1\", \"v2\"]; disturbances = [\"d4\"]; operating_point = { }; } );\n"
+        "scheduler = { period = 20.0; sequence = ( [6.0] ); };\n";
+    struct experiment e;
+    struct apc_error why;
+    (void)state;
+    if (experiment_parse(&e, &(struct experiment_source){.file = "tanks.conf", .text = text},
+                         EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    const struct apc_law_plant *p = &e.controllers[0].plant;
+    double A[16], B[4 * 4], C[8], D[2 * 4];
+    assert_int_equal(apc_model_linearize(p->model, NULL, p->x0, NULL, A, B, C, D, &why), 0);
+    assert_int_equal(p->disturbance[0], 1);
+    for (size_t i = 0; i < 4; i++) {
+        for (size_t k = 0; k < 3; k++)
+            assert_near(p->B[3 * i + k], B[4 * i + (k < 2 ? k : 3)], 0);
+    }
+    assert_true(fabs(p->B[3 * 3 + 2]) > 1e-3); /* d4 flows into tank 4 */
+    assert_near(p->u0[1], 3.0, 0);
+    assert_near(p->u0[2], 0.0, 0);
+    experiment_free(&e);
+}
+
 static void what_cannot_be_is_refused_with_its_line(void **state)
 {
     static const struct {
@@ -563,6 +596,8 @@ static void what_cannot_be_is_refused_with_its_line(void **state)
          "[\"w1\", "
          "\"w2\"]; outputs = [\"r1\", \"r2\"]; operating_point = { }; } );",
          "8: \"operating_point\": the plant's linear model is of all its measurements and outputs"},
+        {7, BASE("disturbances = [\"y2\"]; operating_point = { };"),
+         "7: \"operating_point\": plant quadruple-tank has no disturbance \"y2\""},
         {7, BASE("phase = 0.5;"), "7: \"phase\" is 0.5: must be below the period"},
         {5, "plant = { model = \"quadruple-tank\"; period = 0.1; }; client = { period = 2.0; };",
          "5: \"period\" of client is 2 s, of base 0.5 s: at most 3"},
@@ -650,6 +685,7 @@ int main(void)
         cmocka_unit_test(a_controller_may_calculate_what_another_one_measures),
         cmocka_unit_test(the_short_form_is_one_controller_of_all),
         cmocka_unit_test(one_in_the_long_form_is_the_same),
+        cmocka_unit_test(a_measured_disturbance_is_the_plants_of_the_same_name),
         cmocka_unit_test(what_cannot_be_is_refused_with_its_line),
         cmocka_unit_test(nobody_waits_for_himself_in_the_end),
     };
