@@ -318,7 +318,12 @@ int apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, 
     if (rc == 0) {
         respond(p);
         make_rows(p);
-        rc = make_easy(p, why);
+        rc = apc_values_ok(p->G, p->N * p->ny * p->n) && apc_values_ok(p->F, m->nx * p->N * p->ny)
+                 ? make_easy(p, why)
+                 : apc_fail(why, APC_EINVAL,
+                            "predictive control: within the horizon of %zu samples an unstable mode of the "
+                            "model grows beyond all numbers: take a shorter horizon or period",
+                            p->N);
     }
     if (rc < 0)
         apc_mpc_destroy(p);
@@ -756,6 +761,30 @@ static bool widen(struct apc_mpc *p, size_t c)
     return broken;
 }
 
+/* To begin the next solve from where this one led. */
+static void pull_to_plan(struct apc_mpc *p)
+{
+    for (size_t k = 0; k < p->n; k++)
+        p->f[k] = -p->H_easy[k * p->n + k] * p->v[k];
+}
+
+/* What the limits of a rank are broken by at least. A pull may be too weak for its solve to come to an end:
+ * that one would have changed next to nothing. */
+static int break_least(struct apc_mpc *p, struct apc_mpc_result *result)
+{
+    const int rc = solve(p, p->easy_qp, result);
+    bool moves = rc == 0;
+
+    for (int again = 1; again < AGAIN && moves; again++) {
+        pull_to_plan(p);
+        moves = solve(p, p->easy_qp, result) == 0;
+        for (size_t k = 0; k < p->n && !moves; k++)
+            p->v[k] = -p->f[k] / p->H_easy[k * p->n + k];
+    }
+    pull_to_plan(p);
+    return rc;
+}
+
 /* Rank by rank, from the first: what it breaks of its limits, at least, is allowed to it from then on. */
 static int give_up(struct apc_mpc *p, const struct apc_mpc_call *call, struct apc_mpc_result *result)
 {
@@ -782,11 +811,7 @@ static int give_up(struct apc_mpc *p, const struct apc_mpc_call *call, struct ap
                 p->easy[p->n + p->row_of_limit[c] + i] = 1.0;
         }
         (void)apc_qp_soft(p->easy_qp, p->none, p->easy);
-        for (int again = 0; again < AGAIN && rc == 0; again++) {
-            rc = solve(p, p->easy_qp, result);
-            for (size_t k = 0; k < p->n; k++)
-                p->f[k] = -p->H_easy[k * p->n + k] * p->v[k];
-        }
+        rc = break_least(p, result);
         for (size_t c = 0; c < p->ny && rc == 0; c++) {
             if (p->rank[c] == rank && p->row_of_limit[c] != SIZE_MAX && widen(p, c) && !result->given_up)
                 result->given_up = rank;

@@ -710,6 +710,18 @@ static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
     const unsigned nothing[] = {1, 0}, long_ones[] = {20, 20, 1};
     const struct apc_transfer drifting[] = {
         {.gain = 1.0, .tau = {1.0, 0.0}}, {.gain = 1.0, .integrating = true}}; /* a disturbance integrates */
+    const double one[] = {1.0}, zero[] = {0.0};
+    const struct apc_linear_continuous wild = {.size = sizeof wild,
+                                               .nx = 1,
+                                               .nu = 1,
+                                               .ny = 1,
+                                               .A = one,
+                                               .B = one,
+                                               .C = one,
+                                               .D = zero,
+                                               .x0 = zero,
+                                               .u0 = zero,
+                                               .y0 = zero};
     struct apc_linear *model = process(), *drift;
     const struct apc_mpc_options refused[] = {
         {.horizon = N, .blocks = 1, .block = each_sample},
@@ -735,6 +747,11 @@ static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
     assert_int_equal(apc_mpc_create(&mpc, &options, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "no input"));
     apc_linear_destroy(drift);
+    apc_linear_destroy(model);
+    assert_int_equal(apc_linear_from_continuous(&model, &wild, 100.0, &why), 0);
+    options.model = model;
+    assert_int_equal(apc_mpc_create(&mpc, &options, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "grows beyond all numbers"));
     apc_linear_destroy(model);
 
     begin(&s, &(struct apc_mpc_options){.blocks = 1, .block = each_sample});
