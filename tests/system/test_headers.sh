@@ -58,7 +58,7 @@ unsized() {
     grep -v '^const' | sed 's/struct //; s/ .*//' | sort -u | grep -xF "$bare" | tr '\n' ' '
 }
 # Those that have none: elements of arrays and what is exchanged by value, whose layout is the format; what a caller keeps
-# for a function, or the library makes and destroys; and a notice, a summary and a PID's tuning, which stay as they are.
+# for a function, or the library makes and destroys; a request, which only gets its id; and a notice, a summary and a PID's tuning, which stay as they are.
 [ "$(unsized "$APC_SOURCE_DIR"/include/*.h)" = "$(tr '\n' ' ' <<'END'
 apc_bin
 apc_distribution
@@ -72,6 +72,7 @@ apc_pair
 apc_pid_tuning
 apc_random
 apc_relay
+apc_request
 apc_sample
 apc_summary
 apc_tag
