@@ -102,7 +102,8 @@ struct apc_loop_margins {
  * Of output @p of, the others being closed, or APC_LOOP_WHOLE: of all outputs at once that the plant takes,
  * the same change in each, and the peaks are those of the largest singular values, outputs measured in
  * @p scale [apc_loop_outputs()] (NULL: 1). Margins are found where an eigenvalue of the map reaches the unit
- * circle, up to factors of 1000 and 1000 periods. [setup] Returns 0, APC_EINVAL, APC_ESOLVER, APC_ENOMEM.
+ * circle, up to factors of 1000; a delay has no such limit. [setup] Returns 0, APC_EINVAL, APC_ESOLVER,
+ * APC_ENOMEM.
  */
 APC_API int apc_loop_margins(const struct apc_loop *loop, size_t of, const double *scale,
                              struct apc_loop_margins *margins, struct apc_error *why);

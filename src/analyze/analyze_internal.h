@@ -113,6 +113,9 @@ int complex_solve(size_t n, size_t m, double complex *A, double complex *B);
  * crossovers: where to look for the margin. */
 int response_peaks(const struct apc_loop *loop, size_t of, const double *scale, struct apc_loop_margins *to,
                    double *delay);
+/* How much later yet than @p later [n_out] the outputs cut open may all act: exact where that is a whole
+ * number of periods. HUGE_VAL: as much as one likes. */
+int response_delay(const struct apc_loop *loop, size_t of, const double *later, double *delay);
 /* Of an output of a controller that ticks once in the period, for a plant whose ticks go into it evenly; else
  * NAN. */
 int jitter_margin(const struct apc_loop *loop, size_t of, double *jitter);

@@ -12,7 +12,7 @@
 #include "base/base_internal.h"
 
 #define ON_CIRCLE 1e-10  /* so near to it counts as unstable */
-#define MOST      1000.0 /* factors, and periods of delay */
+#define MOST      1000.0 /* factors */
 #define RATIO     1.08   /* of two factors tried one after the other */
 #define PRECISION 1e-7
 
@@ -171,20 +171,46 @@ static double phase_margin(struct trial *t)
     return HUGE_VAL;
 }
 
+/* From here on a delay is looked for in the frequency response: in the map each period of it is a state more.
+ */
+#define LONG  8.0 /* periods */
+#define TRIES 30
+
+/* A delay of whole periods turns the response and does nothing else; so what is left is a part of one, which
+ * hardly counts beside them: from one to the next the answer settles at once. The loop bears a period. */
+static double long_delay_margin(struct trial *t)
+{
+    const double period = apc_ns_to_s(t->loop->setup.period);
+    double found = 0.0, before = -1.0, more = 0.0;
+
+    for (int k = 0; k < TRIES && fabs(found - before) > PRECISION * found; k++) {
+        const double part = fmod(found, period);
+
+        for (size_t o = 0; o < t->loop->n_out; o++)
+            t->delay[o] = concerned(t, o) ? part : 0.0;
+        t->rc = response_delay(t->loop, t->of, t->delay, &more);
+        if (t->rc < 0 || more == HUGE_VAL)
+            return HUGE_VAL;
+        before = found;
+        found = part + more;
+    }
+    return found;
+}
+
 /* @p first: what the frequency response says, where the looking begins: well below it, with short steps. */
 static double delay_margin(struct trial *t, double first)
 {
-    const double most = fmin(MOST * apc_ns_to_s(t->loop->setup.period), 300.0 * first);
+    const double most = LONG * apc_ns_to_s(t->loop->setup.period);
     double good = 0.0, next = first / 4.0;
 
     t->by = BY_DELAY;
-    while (first < HUGE_VAL && next <= most && t->rc == 0) {
+    while (next <= most && t->rc == 0) {
         if (!holds(t, next))
             return border(t, good, next);
         good = next;
         next *= 1.1;
     }
-    return HUGE_VAL;
+    return first < HUGE_VAL && t->rc == 0 ? long_delay_margin(t) : HUGE_VAL;
 }
 
 /* ---- All of it ------------------------------------------------------------------------------- */

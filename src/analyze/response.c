@@ -18,6 +18,8 @@ struct open {
     double complex *A, *X, *L; /* [n * n], [n * m], [m * m] */
     double *Z;                 /* [n * 2 m] */
     size_t *ticks;             /* [m] how often each acts in a period */
+    size_t *slot; /* [n_steps] lifted: each time that one acts counts as an output of its own, this one; NULL:
+                     not */
     double w;
     bool listens;
 };
@@ -51,19 +53,58 @@ static void cut_driven(void *ctx, const struct step *step, const double *slot, d
     acting[m + k] = s;
 }
 
+/* What goes in is 1 whenever it is that one's turn in a period; what comes back is taken then. */
+static void cut_lifted(void *ctx, const struct step *step, const double *slot, double *acting)
+{
+    struct open *o = ctx;
+    const size_t k = o->slot[step - o->machine.step], m = o->m;
+
+    if (k == m) {
+        memcpy(acting, slot, 2 * m * sizeof(*acting));
+        return;
+    }
+    for (size_t j = 0; j < m && o->listens; j++)
+        o->L[k * m + j] -= complex_of(slot[j], slot[m + j]);
+    memset(acting, 0, 2 * m * sizeof(*acting));
+    acting[k] = 1.0;
+}
+
 static void open_free(struct open *o)
 {
     machine_free(&o->machine);
+    free(o->slot);
     free(o->of);
     free(o->map);
     free(o->A);
     free(o->Z);
 }
 
-static int open_create(struct open *o, const struct apc_loop *loop, size_t of)
+static int lift(struct open *o)
+{
+    const size_t outputs = o->m;
+
+    o->slot = calloc(o->machine.n_steps + 1, sizeof(*o->slot));
+    if (!o->slot)
+        return APC_ENOMEM;
+    o->m = 0;
+    for (size_t k = 0; k < outputs; k++)
+        o->m += o->ticks[k];
+    for (size_t i = 0, next = 0; i < o->machine.n_steps; i++) {
+        const struct step *step = &o->machine.step[i];
+        const bool cut = step->kind == STEP_ACT && o->place[step->number] < outputs;
+
+        o->slot[i] = cut ? next++ : o->m;
+    }
+    for (size_t k = 0; k < o->loop->n_out; k++)
+        o->place[k] = o->place[k] < outputs ? o->place[k] : o->m;
+    return 0;
+}
+
+/* @p delay: by which outputs act later, of a loop that is lifted; NULL: it is not. */
+static int open_create(struct open *o, const struct apc_loop *loop, size_t of, const double *delay)
 {
     const struct apc_loop_setup *s = &loop->setup;
-    const struct course course = {.period = s->period, .n = s->n_ticks, .tick = s->tick};
+    const struct course course = {.period = s->period, .n = s->n_ticks, .tick = s->tick, .delay = delay};
     struct ride ride;
     size_t n;
     int rc;
@@ -89,6 +130,8 @@ static int open_create(struct open *o, const struct apc_loop *loop, size_t of)
         if (step->kind == STEP_ACT && o->place[step->number] < o->m)
             o->ticks[o->place[step->number]]++;
     }
+    if (delay && (rc = lift(o)) < 0)
+        return rc;
     o->map = calloc(n * n + 1, sizeof(*o->map));
     o->A = calloc(n * n + n * o->m + o->m * o->m + 1, sizeof(*o->A));
     o->Z = calloc(2 * n * o->m + 1, sizeof(*o->Z));
@@ -104,7 +147,7 @@ static int open_create(struct open *o, const struct apc_loop *loop, size_t of)
 
 static int drive(struct open *o, bool listens)
 {
-    struct ride ride = {.Z = o->Z, .width = 2 * o->m, .cut = cut_driven, .ctx = o};
+    struct ride ride = {.Z = o->Z, .width = 2 * o->m, .cut = o->slot ? cut_lifted : cut_driven, .ctx = o};
 
     o->listens = listens;
     return machine_ride(&o->machine, &ride);
@@ -146,7 +189,7 @@ int apc_loop_response(const struct apc_loop *loop, size_t of, size_t n, const do
 
     if (of >= loop->n_out)
         return APC_EINVAL;
-    rc = open_create(&o, loop, of);
+    rc = open_create(&o, loop, of, NULL);
     for (size_t k = 0; k < n && rc == 0; k++) {
         const bool there = respond(&o, w[k]) == 0 && o.ticks[0];
 
@@ -297,7 +340,7 @@ int response_peaks(const struct apc_loop *loop, size_t of, const double *scale, 
                    double *delay)
 {
     struct peaks p = {.scale = scale};
-    int rc = open_create(&p.open, loop, of);
+    int rc = open_create(&p.open, loop, of, NULL);
     const size_t m = p.open.m;
 
     p.S = calloc(2 * m * m + 1, sizeof(*p.S));
@@ -306,5 +349,91 @@ int response_peaks(const struct apc_loop *loop, size_t of, const double *scale, 
         rc = !p.S ? APC_ENOMEM : m == 0 || m > 64 ? APC_EINVAL : survey(&p, to, delay);
     free(p.S);
     open_free(&p.open);
+    return rc;
+}
+
+/* ---- Delay ----------------------------------------------------------------------------------- */
+
+static int by_size(const void *a, const void *b)
+{
+    const double x = cabs(*(const double complex *)a), y = cabs(*(const double complex *)b);
+
+    return x > y ? -1 : x < y;
+}
+
+/* The eigenvalues of L at @p w, the largest first. */
+static int roots_at(struct open *o, double w, double complex *root)
+{
+    int rc = respond(o, w);
+
+    if (rc == 0)
+        rc = eigenvalues(o->m, o->L, root);
+    if (rc == 0)
+        qsort(root, o->m, sizeof(*root), by_size);
+    return rc;
+}
+
+/* Where the root of place @p i is 1 in size, between two frequencies: after which delay it is -1. */
+static int delay_between(struct open *o, size_t i, double low, double high, bool above, double complex *root,
+                         double *delay)
+{
+    double phase;
+    int rc = 0;
+
+    for (int k = 0; k < 50 && rc == 0; k++) {
+        const double middle = sqrt(low * high);
+
+        rc = roots_at(o, middle, root);
+        *((cabs(root[i]) >= 1.0) == above ? &low : &high) = middle;
+    }
+    phase = carg(-root[i]);
+    if (rc == 0)
+        *delay = fmin(*delay, (phase > 0.0 ? phase : phase + 2.0 * M_PI) / low);
+    return rc;
+}
+
+static int find_delay(struct open *o, double complex *root, bool *above, double *delay)
+{
+    const double top = log(0.9999 * M_PI / apc_ns_to_s(o->loop->setup.period)), step = log(10.0) / PER_DECADE;
+    double before = 0.0;
+
+    for (int k = 0; k <= PER_DECADE * DECADES; k++) {
+        const double w = exp(top - (PER_DECADE * DECADES - k) * step);
+        int rc = roots_at(o, w, root);
+
+        if (rc == APC_ESOLVER)
+            continue;
+        for (size_t i = 0; i < o->m && rc == 0; i++) {
+            const bool was = above[i];
+
+            above[i] = cabs(root[i]) >= 1.0;
+            if (before > 0.0 && above[i] != was) {
+                rc = delay_between(o, i, before, w, was, root, delay);
+                if (rc == 0)
+                    rc = roots_at(o, w, root);
+            }
+        }
+        if (rc < 0)
+            return rc;
+        before = w;
+    }
+    return 0;
+}
+
+int response_delay(const struct apc_loop *loop, size_t of, const double *later, double *delay)
+{
+    struct open o;
+    int rc = open_create(&o, loop, of, later);
+    double complex *root = calloc(o.m + 1, sizeof(*root));
+    bool *above = calloc(o.m + 1, sizeof(*above));
+
+    *delay = HUGE_VAL;
+    if (rc == 0 && (!root || !above))
+        rc = APC_ENOMEM;
+    if (rc == 0)
+        rc = find_delay(&o, root, above, delay);
+    free(root);
+    free(above);
+    open_free(&o);
     return rc;
 }

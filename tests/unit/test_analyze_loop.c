@@ -14,29 +14,36 @@
 
 /* ---- An integrator under proportional control: x' = u, u = -K x every second --------------------------- */
 
-static struct apc_loop *integrator(double K, apc_ns acts)
+/* The same, said as a pattern of @p n ticks, at most 2. */
+static struct apc_loop *integrator_of(double K, apc_ns acts, size_t n)
 {
     static const double zero = 0.0, one = 1.0;
     static const struct apc_loop_source source = {APC_FROM_MEASUREMENT, 0};
     static const size_t to = 0;
     const double D = -K;
     const struct apc_loop_controller c = {.n_in = 1, .nu = 1, .D = &D, .in = &source, .to = &to};
-    const struct apc_loop_tick tick = {0, 0, 0, 0, acts};
+    const apc_ns second = 1000 * MS;
+    const struct apc_loop_tick tick[] = {{0, 0, 0, 0, acts}, {0, second, second, second, second + acts}};
     const struct apc_loop_setup setup = {
         .size = sizeof setup,
         .plant =
             {.nx = 1, .nu = 1, .ny = 1, .A = &zero, .B = &one, .C = &one, .D = &zero, .period = 100 * MS},
         .n_controllers = 1,
         .controller = &c,
-        .period = 1000 * MS,
-        .n_ticks = 1,
-        .tick = &tick};
+        .period = (apc_ns)n * second,
+        .n_ticks = n,
+        .tick = tick};
     struct apc_loop *loop;
     struct apc_error why;
 
     if (apc_loop_create(&loop, &setup, &why) < 0)
         fail_msg("%s", why.text);
     return loop;
+}
+
+static struct apc_loop *integrator(double K, apc_ns acts)
+{
+    return integrator_of(K, acts, 1);
 }
 
 static struct apc_loop_margins margins_of(const struct apc_loop *loop, size_t of)
@@ -94,6 +101,33 @@ static void a_delay_at_the_margin_puts_a_pole_on_the_circle(void **state)
     assert_int_equal(apc_loop_poles(loop, re, im), 0);
     assert_near(hypot(re[0], im[0]), 1.0, 1e-6);
     apc_loop_destroy(loop);
+}
+
+/* A pole for each period of it would be slow, and beyond a thousand hopeless. */
+static void a_long_delay_is_found_as_well_however_long_and_in_any_pattern_of_ticks(void **state)
+{
+    static const double gain[] = {0.1, 0.03, 1e-4};
+    double re[80], im[80];
+    (void)state;
+
+    for (size_t i = 0; i < sizeof gain / sizeof *gain; i++) {
+        struct apc_loop *loop = integrator(gain[i], 0), *twice = integrator_of(gain[i], 0, 2);
+        const double delay = margins_of(loop, 0).delay, w = 2.0 * asin(gain[i] / 2.0);
+
+        /* |z - 1| = K where the loop's gain is 1; on top comes half a period that each output is held */
+        assert_near(delay, (M_PI / 2.0 - w / 2.0) / w, 0.1);
+        assert_near(margins_of(twice, 0).delay, delay, 1e-5 * delay);
+        assert_near(margins_of(twice, APC_LOOP_WHOLE).delay, delay, 1e-5 * delay);
+        apc_loop_destroy(twice);
+        apc_loop_destroy(loop);
+        if (delay > 70.0)
+            continue;
+        loop = integrator(gain[i], (apc_ns)(delay * 1e9));
+        assert_true(apc_loop_states(loop) <= 80);
+        assert_int_equal(apc_loop_poles(loop, re, im), 0);
+        assert_near(hypot(re[0], im[0]), 1.0, 1e-6);
+        apc_loop_destroy(loop);
+    }
 }
 
 static void what_cannot_be_a_loop_is_refused(void **state)
@@ -391,6 +425,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(an_integrator_has_the_margins_of_theory),
         cmocka_unit_test(a_delay_at_the_margin_puts_a_pole_on_the_circle),
+        cmocka_unit_test(a_long_delay_is_found_as_well_however_long_and_in_any_pattern_of_ticks),
         cmocka_unit_test(what_cannot_be_a_loop_is_refused),
         cmocka_unit_test(margins_are_where_a_simulation_begins_to_swing),
         cmocka_unit_test(the_cost_is_what_simulations_have_on_average),
