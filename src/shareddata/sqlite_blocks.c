@@ -210,13 +210,13 @@ static int load_row(struct apc_sqlite *sq, int64_t variable, int64_t pos, struct
     return ours ? 0 : apc_sqlite_damaged(sq);
 }
 
+/* After an error the rows are no block's: with it the transaction ends, and the next begins without any. */
 int apc_sqlite_load(struct apc_sqlite *sq, int64_t variable, const struct apc_sqlite_block *b)
 {
     struct apc_sqlite_loaded *l = &sq->loaded;
     if (l->variable == variable && l->block.seq == b->seq && l->n == (size_t)b->count) {
         return 0;
     }
-    l->variable = -1;
     if (b->count < 1 || (size_t)b->count > sizeof l->rows / sizeof l->rows[0]) {
         return apc_sqlite_damaged(sq);
     }
