@@ -459,11 +459,14 @@ static void a_map_that_makes_no_sense_is_refused(void **state)
         bool output;
         const char *why;
     } cases[] = {
-        {point(APC_MODBUS_INPUT, APC_MODBUS_U16, 0), true, "only coils and holding registers can be written"},
+        {point(APC_MODBUS_INPUT, APC_MODBUS_U16, 0), true,
+         "output 1: only coils and holding registers can be written"},
         {point(APC_MODBUS_DISCRETE, APC_MODBUS_BIT, 0), true, "can be written"},
-        {point(APC_MODBUS_COIL, APC_MODBUS_U16, 0), false, "are bits"},
+        {point(APC_MODBUS_COIL, APC_MODBUS_U16, 0), false,
+         "measurement 1: coils and discrete inputs are bits"},
         {point(APC_MODBUS_HOLDING, APC_MODBUS_BIT, 0), false, "registers are not"},
-        {point(APC_MODBUS_HOLDING, APC_MODBUS_F64, 65533), false, "beyond 65535"},
+        {point(APC_MODBUS_HOLDING, APC_MODBUS_F64, 65533), false,
+         "measurement 1: address 65533 is beyond 65535"},
         {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 4000000000u), false, "beyond 65535"},
         {point(APC_MODBUS_HOLDING, 0, 0), false, "are bits"},
         {point(0, APC_MODBUS_U16, 0), false, "are bits"},

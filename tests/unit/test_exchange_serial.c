@@ -70,7 +70,8 @@ static void each_line_is_answered_as_the_board_does(void **state)
         {"LED 50\r\n", "50.00"},  {"LED 400\r\n", "100.00"}, {"VER\r\n", "TCLab Firmware 1.4.3 libapc"},
         {"X\r\n", "Stop"},        {"R2\r\n", "0.00"},        {"T3\r\n", "?"},
         {"T12\r\n", "?"},         {"t1\r\n", "?"},           {"Q1x 5\r\n", "?"},
-        {"hello\r\n", "?"},
+        {"hello\r\n", "?"},       {"LED\r\n", "0.00"},       {"LED -3\r\n", "0.00"},
+        {"LEDs 5\r\n", "?"},      {"LE\r\n", "?"},
     };
     char reply[100], expected[100];
     struct plant p;
