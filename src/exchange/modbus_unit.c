@@ -177,17 +177,14 @@ static int write_request(struct apc_modbus_unit *m, const unsigned char *pdu, si
 {
     const bool bits = pdu[0] == APC_MODBUS_WRITE_COIL || pdu[0] == APC_MODBUS_WRITE_COILS;
     const bool one = pdu[0] == APC_MODBUS_WRITE_COIL || pdu[0] == APC_MODBUS_WRITE_REGISTER;
-    const unsigned char on = 1;
     struct span s = {.area = bits ? APC_MODBUS_COIL : APC_MODBUS_HOLDING, .count = 1};
 
     if (n < 5)
         return ILLEGAL_VALUE;
     s.first = apc_modbus_get(pdu + 1);
-    s.written = pdu + 3;
+    s.written = pdu + 3; /* of a coil FF00 or 0000: its first bit says which */
     if (one && (n != 5 || (bits && apc_modbus_get(pdu + 3) != 0 && apc_modbus_get(pdu + 3) != 0xFF00)))
         return ILLEGAL_VALUE;
-    if (bits && one && apc_modbus_get(pdu + 3))
-        s.written = &on;
     if (!one) {
         s.count = apc_modbus_get(pdu + 3);
         s.written = pdu + 6;
