@@ -92,28 +92,27 @@ static void put_digits(char *text, uint32_t number, int n)
 static int format_plain(double value, char *text)
 {
     const double size = fabs(value);
-    char digits[17], *c = text;
+    char *c = text;
     int n = 17;
 
     if (!(size >= 1e-3 && size < 1e17))
         return 0;
     const int exponent = decimal_exponent(size), whole = exponent < 0 ? 0 : exponent + 1;
-    uint64_t number = scale(size, exponent);
+    if (value < 0)
+        *c++ = '-';
+    memcpy(c, "0.00", 4);
+    char *const digits = c + (whole > 0 ? 1 : 1 - exponent); /* behind the point, */
+    const uint64_t number = scale(size, exponent);
     put_digits(digits, (uint32_t)(number / 100000000u), 9);
     put_digits(digits + 9, (uint32_t)(number % 100000000u), 8);
     while (n > whole && digits[n - 1] == '0')
         n--;
-
-    if (value < 0)
-        *c++ = '-';
-    memcpy(c, "0.00", 4);
-    c += whole > 0 ? 0 : 1 - exponent;
-    memcpy(c, digits, (size_t)whole);
-    c += whole;
+    for (int i = 0; i < whole; i++) /* and those before it to where they belong */
+        *c++ = digits[i];
     if (whole > 0 && n > whole)
-        *c++ = '.';
-    memcpy(c, digits + whole, (size_t)(n - whole));
-    c += n - whole;
+        *c = '.';
+    if (n > whole)
+        c = digits + n;
     *c = '\0';
     return (int)(c - text);
 }

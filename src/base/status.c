@@ -83,14 +83,14 @@ int apc_status_parse(const char *text, apc_status *status)
     *status = APC_BAD;
     if (!text)
         return APC_EINVAL;
-    if (!strcmp(text, "ok") || !strcmp(text, "'ok'")) {
-        *status = APC_GOOD;
-        return 0;
-    }
     for (size_t i = 0; i < sizeof names / sizeof *names; i++)
         if (!strcmp(names[i].name, text)) {
             *status = names[i].code;
             return 0;
         }
+    if (!strcmp(text, "ok") || !strcmp(text, "'ok'")) {
+        *status = APC_GOOD;
+        return 0;
+    }
     return parse_code(text, status);
 }

@@ -216,9 +216,10 @@ int apc_plant_advance(struct apc_plant *plant, double dt, const double *u)
     const struct apc_model *m = plant->model;
     const struct apc_delay delay = plant->delay;
     const size_t x_bytes = m->nx * sizeof(double), in_bytes = (m->nu + m->nd) * sizeof(double);
-    struct apc_error why = {""};
+    struct apc_error why;
     int rc;
 
+    why.text[0] = '\0';
     if (!(dt >= 0.0) || !isfinite(dt)) {
         (void)apc_fail(&why, APC_ESOLVER, "cannot advance by %g s", dt);
         return report(plant, APC_ESOLVER, why.text);

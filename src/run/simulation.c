@@ -99,9 +99,10 @@ static void tell(struct simulation *s, const char *source, enum apc_event_severi
 
 static void tell_notice(struct simulation *s, const char *source, const struct apc_notice *notice)
 {
-    struct apc_event event = {0};
-    if (notice->kind == APC_NOTICE_NONE)
+    struct apc_event event;
+    if (notice->kind == APC_NOTICE_NONE) /* as nearly always */
         return;
+    event = (struct apc_event){0};
     notice_event(notice, &event);
     record(s, source, &event);
 }

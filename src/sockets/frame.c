@@ -39,53 +39,76 @@ struct writer {
     size_t left;
 };
 
-static bool put(struct writer *w, const char *text, size_t length)
+/* What was written at w->at. */
+static void advance(struct writer *w, size_t length)
 {
-    if (length > w->left)
-        return false;
-    memcpy(w->at, text, length);
     w->at += length;
     w->left -= length;
-    return true;
+}
+
+/* Words of a few letters. */
+static bool put(struct writer *w, const char *text)
+{
+    char *at = w->at, *const end = at + w->left;
+
+    while (*text && at < end)
+        *at++ = *text++;
+    advance(w, (size_t)(at - w->at));
+    return !*text;
 }
 
 /* Not by printf, which on a cold cache takes as long as all the rest of a frame's head and tail. */
 static bool put_uint(struct writer *w, uint64_t value)
 {
-    char text[20], *first = text + sizeof text;
+    char text[21], *first = text + sizeof text - 1;
 
+    *first = '\0';
     do
         *--first = (char)('0' + value % 10);
     while ((value /= 10) > 0);
-    return put(w, first, (size_t)(text + sizeof text - first));
+    return put(w, first);
 }
 
 /* The years that apc_time_parse() reads; a few months at either end of apc_ns lie outside. */
-static bool time_fits(const char *text)
+static bool time_fits(apc_ns time)
 {
-    return memcmp(text, "1678", 4) >= 0 && memcmp(text, "2261", 4) <= 0;
+    return time >= -INT64_C(9214560000) * APC_NS_PER_S && time < INT64_C(9214646400) * APC_NS_PER_S;
 }
 
-static int put_sample(struct writer *w, const struct apc_sample *s, const char *time)
+/* Texts are written where they belong, with terminators where more follows: a frame that fits has room. @p
+ * time: the text of the same time, where it was written last, or NULL. Returns where it stands now, or NULL.
+ */
+static const char *put_time(struct writer *w, apc_ns value, const char *time)
 {
-    char status[APC_STATUS_NAME_LEN], value[NUMBER_TEXT + 1];
+    char *at = w->at;
+
+    if (w->left < APC_TIME_LEN)
+        return NULL;
+    if (time)
+        memcpy(at, time, TIME_TEXT);
+    else
+        apc_time_format(value, at);
+    advance(w, TIME_TEXT);
+    return at;
+}
+
+static int put_rest(struct writer *w, const struct apc_sample *s)
+{
+    char status[APC_STATUS_NAME_LEN];
     int length;
 
-    if (!isfinite(s->value) || !time_fits(time))
-        return APC_EINVAL;
-    length = apc_number_format(s->value, value, sizeof value);
+    if (!put(w, ",") || !put(w, apc_status_format(s->status, status)) || !put(w, ","))
+        return APC_ERANGE;
+    length = apc_number_format(s->value, w->at, w->left);
     if (length < 0)
         return length;
-    apc_status_format(s->status, status);
-    if (!put(w, time, TIME_TEXT) || !put(w, ",", 1) || !put(w, status, strlen(status)) || !put(w, ",", 1) ||
-        !put(w, value, (size_t)length) || !put(w, ";", 1))
-        return APC_ERANGE;
-    return 0;
+    advance(w, (size_t)length);
+    return put(w, ";") ? 0 : APC_ERANGE;
 }
 
 int apc_frame_encode(char *text, size_t size, const struct apc_frame *frame, const struct apc_sample *samples)
 {
-    char time[APC_TIME_LEN];
+    const char *time = NULL;
     struct writer w = {text, size < APC_FRAME_MAX ? size : APC_FRAME_MAX};
 
     if (!text || !frame || !kind_known(frame->kind) || (frame->n > 0 && !samples) ||
@@ -93,19 +116,23 @@ int apc_frame_encode(char *text, size_t size, const struct apc_frame *frame, con
         return APC_EINVAL;
     if (frame->n > APC_FRAME_COUNT)
         return APC_ERANGE;
-    if (!put(&w, "apc1 ", 5) || !put(&w, kinds[frame->kind], strlen(kinds[frame->kind])) ||
-        !put(&w, " ", 1) || !put_uint(&w, frame->id) || !put(&w, " ", 1) || !put_uint(&w, frame->n) ||
-        !put(&w, ";", 1))
+    if (!put(&w, "apc1 ") || !put(&w, kinds[frame->kind]) || !put(&w, " ") || !put_uint(&w, frame->id) ||
+        !put(&w, " ") || !put_uint(&w, frame->n) || !put(&w, ";"))
         return APC_ERANGE;
     for (size_t i = 0; i < frame->n; i++) {
+        const struct apc_sample *s = &samples[i];
         int err;
-        if (i == 0 || samples[i].time != samples[i - 1].time) /* a vector is sampled at one time */
-            apc_time_format(samples[i].time, time);
-        err = put_sample(&w, &samples[i], time);
+
+        if (!isfinite(s->value) || !time_fits(s->time))
+            return APC_EINVAL;
+        if (i > 0 && s->time != s[-1].time) /* else the text is there: a vector is sampled at one time */
+            time = NULL;
+        time = put_time(&w, s->time, time);
+        err = time ? put_rest(&w, s) : APC_ERANGE;
         if (err < 0)
             return err;
     }
-    if (!put(&w, "\n", 1))
+    if (!put(&w, "\n"))
         return APC_ERANGE;
     return (int)(w.at - text);
 }
@@ -145,16 +172,15 @@ static bool take_uint(struct reader *r, uint64_t max, uint64_t *value)
 /* The bytes up to @until, and past it, as a string in @text, for a function that knows what may be in it. */
 static bool take_field(struct reader *r, char until, char *text, size_t size)
 {
-    size_t left = (size_t)(r->end - r->at);
-    const char *last = memchr(r->at, until, left < size ? left : size);
+    const char *c = r->at, *const end = (size_t)(r->end - c) > size ? c + size : r->end;
 
-    if (!last)
+    while (c < end && *c != until && *c != '\0')
+        *text++ = *c++;
+    if (c == end || *c != until)
         return false;
-    size_t n = (size_t)(last - r->at);
-    memcpy(text, r->at, n);
-    text[n] = '\0';
-    r->at = last + 1;
-    return !memchr(text, '\0', n);
+    *text = '\0';
+    r->at = c + 1;
+    return true;
 }
 
 static bool take_time(struct reader *r, apc_ns *time)

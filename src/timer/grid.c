@@ -26,9 +26,10 @@ static uint64_t distance(apc_ns from, apc_ns to)
 
 apc_ns apc_grid_time(apc_ns start, apc_ns period, uint64_t index)
 {
-    if (index > distance(start, INT64_MAX) / (uint64_t)period)
+    uint64_t gone;
+    if (__builtin_mul_overflow(index, (uint64_t)period, &gone) || gone > distance(start, INT64_MAX))
         return INT64_MAX;
-    return (apc_ns)((uint64_t)start + index * (uint64_t)period);
+    return (apc_ns)((uint64_t)start + gone);
 }
 
 uint64_t apc_grid_next(apc_ns start, apc_ns period, apc_ns now)
@@ -41,12 +42,15 @@ uint64_t apc_grid_next(apc_ns start, apc_ns period, apc_ns now)
 
 uint64_t apc_grid_newest(apc_ns start, apc_ns period, uint64_t due, apc_ns now)
 {
+    if (now < apc_grid_time(start, period, due + 1)) /* as nearly always: without a division */
+        return due;
     uint64_t newest = now <= start ? 0 : distance(start, now) / (uint64_t)period;
     return newest > due ? newest : due;
 }
 
 uint64_t apc_grid_resume(apc_ns start, apc_ns period, uint64_t index, apc_ns now)
 {
-    uint64_t next = apc_grid_next(start, period, now);
-    return next > index + 1 ? next : index + 1;
+    if (now <= apc_grid_time(start, period, index + 1))
+        return index + 1;
+    return apc_grid_next(start, period, now);
 }

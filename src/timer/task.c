@@ -108,9 +108,9 @@ static int call(struct apc_task *task, apc_ns now, apc_ns *finished)
                             .utc = apc_clock_utc(task->executive->utc),
                             .missed = task->due - task->expected};
 
-    atomic_store(&task->runner, pthread_self());
+    atomic_store_explicit(&task->runner, pthread_self(), memory_order_relaxed);
     int result = task->fn(task->ctx, &tick);
-    atomic_store(&task->runner, (pthread_t)0);
+    atomic_store_explicit(&task->runner, (pthread_t)0, memory_order_relaxed);
 
     *finished = apc_clock_mono(task->executive->mono);
     record(task, &tick, *finished);
@@ -256,7 +256,7 @@ static void set_state(struct apc_task *task, enum apc_task_state state)
 /* Only the thread itself can have stored its own id, so the answer cannot change meanwhile. */
 static bool called_from_inside(const struct apc_task *task)
 {
-    return pthread_equal(atomic_load(&task->runner), pthread_self());
+    return pthread_equal(atomic_load_explicit(&task->runner, memory_order_relaxed), pthread_self());
 }
 
 int apc_task_start(struct apc_task *task, struct apc_error *why)

@@ -80,7 +80,7 @@ static bool before(const struct event *a, const struct event *b)
     return a->rank != b->rank ? a->rank < b->rank : a->sequence < b->sequence;
 }
 
-static void sift_up(struct virtual *v, size_t i, struct event event)
+static inline void sift_up(struct virtual *v, size_t i, struct event event)
 {
     for (size_t parent; i > 0 && before(&event, &v->heap[parent = (i - 1) / 2]); i = parent)
         v->heap[i] = v->heap[parent];
