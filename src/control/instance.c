@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * What runs a law for a controller. An instance for each output is handed copies of its own y, z, d and
- * tuning in the order of its ports; of what there is one of for each output (u, limits) it gets the
- * controller's array from its own element on. After creation nothing is allocated.
+ * What runs a law for a controller. An instance for each output keeps a call of its own. Of what there is one
+ * of for each output (u, limits) that has the controller's array from its own element on; so it has of y, z,
+ * d and tuning where its own stand one behind another, and else copies in the order of its ports. After
+ * creation nothing is allocated.
  */
 #include "base/base_internal.h"
 #include "control/control_internal.h"
@@ -21,9 +22,11 @@ struct instance {
     struct apc_instance_part part;
     size_t *tuning; /* [n_tuning] which of the controller's parameters are its own */
     size_t n_tuning;
+    bool y_apart, z_apart, d_apart, tuning_apart; /* they do not stand one behind another */
+    struct apc_law_call call;
 };
 
-/* What an instance for an output is handed; there is one, as one is asked at a time. */
+/* Copies of what stands apart; there is one, as one instance is asked at a time. */
 struct window {
     double y[APC_LAW_PORTS], y_age[APC_LAW_PORTS], y_low[APC_LAW_PORTS], y_high[APC_LAW_PORTS];
     apc_status y_status[APC_LAW_PORTS];
@@ -42,6 +45,7 @@ struct apc_instances {
     struct apc_law_ports *ports;         /* [nu] */
     struct apc_law_parameter *parameter; /* [size.tuning] */
     struct window window;
+    const struct apc_law_call *kept; /* whose arrays all instances' calls have */
     uint32_t mark;
 };
 
@@ -70,6 +74,30 @@ static int choose_tuning(struct apc_instances *s, size_t k)
             of->tuning[n++] = own + s->dim.nu * each + (size_t)s->ports[k].y[i] * measured + j;
     }
     return 0;
+}
+
+/* Do they not stand one behind another? */
+static bool apart(const int *number, size_t n)
+{
+    size_t i = 1;
+
+    while (i < n && number[i] == number[i - 1] + 1)
+        i++;
+    return i < n;
+}
+
+/* Which of the controller's arrays instance k, for an output, cannot be shown as they are. */
+static void find_apart(struct apc_instances *s, size_t k)
+{
+    const struct apc_law_ports *p = &s->ports[k];
+    struct instance *of = &s->instance[k];
+    const bool ahead = of->needs.n_ahead > 1;
+
+    of->y_apart = apart(p->y, p->ny);
+    of->z_apart = apart(p->z, p->nz) || (ahead && p->nz != s->dim.nz);
+    of->d_apart = apart(p->d, p->nd) || (ahead && p->nd != s->dim.nd);
+    for (size_t i = 1; i < of->n_tuning; i++)
+        of->tuning_apart |= of->tuning[i] != of->tuning[i - 1] + 1;
 }
 
 /* Make instance k from its own setup, and lay out what it has. */
@@ -130,6 +158,8 @@ static int make_instances(struct apc_instances *s, const struct apc_law_setup *s
         free(v.memory);
         if (rc == 0 && choose_tuning(s, k) < 0)
             rc = apc_fail(why, APC_ENOMEM, "law %s: no memory", s->law->name);
+        if (rc == 0)
+            find_apart(s, k);
     }
     return rc;
 }
@@ -284,19 +314,17 @@ uint32_t apc_instances_mark(const struct apc_instances *s)
 
 /* ---- Calls ----------------------------------------------------------------------------------- */
 
-static const double *gather(double *to, const double *from, const int *number, size_t n)
+static void gather(double *to, const double *from, const int *number, size_t n)
 {
     for (size_t i = 0; from && i < n; i++)
         to[i] = from[number[i]];
-    return from ? to : NULL;
 }
 
-static const double *gather_rows(double *to, const double *from, size_t rows, size_t width, const int *number,
-                                 size_t n)
+static void gather_rows(double *to, const double *from, size_t rows, size_t width, const int *number,
+                        size_t n)
 {
     for (size_t k = 0; from && k < rows; k++)
-        (void)gather(to + k * n, from + k * width, number, n);
-    return from ? to : NULL;
+        gather(to + k * n, from + k * width, number, n);
 }
 
 /* The controller's tuning as instance k has it. */
@@ -311,38 +339,37 @@ static const double *own_tuning(struct apc_instances *s, size_t k, const double 
     return s->window.tuning;
 }
 
-static void look_through(struct apc_instances *s, size_t k, struct apc_law_call *c)
+/* Where an instance has what the controller has at @p from: there, from number @p first on, or copied. */
+#define SEEN(from, apart, first, copy) (!(from) ? NULL : (apart) ? (copy) : (from) + (first))
+
+/* What instance k sees of the controller's arrays. */
+static void find_own(struct apc_instances *s, size_t k, const struct apc_law_call *whole)
 {
     const struct apc_law_ports *p = &s->ports[k];
+    struct instance *of = &s->instance[k];
+    struct apc_law_call *c = &of->call;
     struct window *w = &s->window;
+    const int y = p->ny ? p->y[0] : 0, z = p->nz ? p->z[0] : 0, d = p->nd ? p->d[0] : 0;
 
-    for (size_t i = 0; i < p->ny; i++) {
-        w->y_status[i] = c->y_status ? c->y_status[p->y[i]] : APC_GOOD;
-        w->y_new[i] = c->y_new ? c->y_new[p->y[i]] : true;
-    }
-    c->y_status = c->y_status ? w->y_status : NULL;
-    c->y_new = c->y_new ? w->y_new : NULL;
-    c->y_limited = c->y_limited ? memset(w->y_limited, 0, sizeof(w->y_limited)) : NULL;
-    c->y = gather(w->y, c->y, p->y, p->ny);
-    c->y_age = gather(w->y_age, c->y_age, p->y, p->ny);
-    c->y_low = gather(w->y_low, c->y_low, p->y, p->ny);
-    c->y_high = gather(w->y_high, c->y_high, p->y, p->ny);
-    c->z = gather_rows(w->z, c->z, c->n_ahead, s->dim.nz, p->z, p->nz);
-    c->d = gather_rows(w->d, c->d, c->n_ahead, s->dim.nd, p->d, p->nd);
-    c->tuning = own_tuning(s, k, c->tuning);
-    c->u += k;
-    c->limited += k;
-    c->low = c->low ? c->low + k : NULL;
-    c->high = c->high ? c->high + k : NULL;
-    c->rate = c->rate ? c->rate + k : NULL;
-    c->u_last = c->u_last ? c->u_last + k : NULL;
-    c->out = c->out ? c->out + k : NULL;
+    c->y_status = SEEN(whole->y_status, of->y_apart, y, w->y_status);
+    c->y_new = SEEN(whole->y_new, of->y_apart, y, w->y_new);
+    c->y = SEEN(whole->y, of->y_apart, y, w->y);
+    c->y_age = SEEN(whole->y_age, of->y_apart, y, w->y_age);
+    c->y_low = SEEN(whole->y_low, of->y_apart, y, w->y_low);
+    c->y_high = SEEN(whole->y_high, of->y_apart, y, w->y_high);
+    c->z = SEEN(whole->z, of->z_apart, z, w->z);
+    c->d = SEEN(whole->d, of->d_apart, d, w->d);
+    c->tuning = SEEN(whole->tuning, of->tuning_apart, of->n_tuning ? of->tuning[0] : 0, w->tuning);
+    c->low = SEEN(whole->low, false, k, NULL);
+    c->high = SEEN(whole->high, false, k, NULL);
+    c->rate = SEEN(whole->rate, false, k, NULL);
+    c->u_last = SEEN(whole->u_last, false, k, NULL);
 }
 
-/* The controller's call as instance k sees it, into @p c. */
-static void see(struct apc_instances *s, size_t k, const struct apc_law_call *whole, struct apc_law_call *c)
+static void lay_out(struct apc_instances *s, size_t k, const struct apc_law_call *whole)
 {
-    const struct instance *of = &s->instance[k];
+    struct instance *of = &s->instance[k];
+    struct apc_law_call *c = &of->call;
 
     *c = *whole;
     c->size = sizeof(*c);
@@ -354,7 +381,67 @@ static void see(struct apc_instances *s, size_t k, const struct apc_law_call *wh
     if (c->published)
         c->published = of->part.n ? c->published + of->part.published : NULL;
     if (!s->law->whole)
-        look_through(s, k, c);
+        find_own(s, k, whole);
+}
+
+void apc_instances_keep(struct apc_instances *s, const struct apc_law_call *call)
+{
+    for (size_t k = 0; k < s->size.instances; k++)
+        lay_out(s, k, call);
+    s->kept = call;
+}
+
+/* What stands apart, and is therefore copied. */
+static void copy_apart(struct apc_instances *s, size_t k, const struct apc_law_call *whole)
+{
+    const struct instance *of = &s->instance[k];
+    const struct apc_law_ports *p = &s->ports[k];
+    struct window *w = &s->window;
+
+    for (size_t i = 0; of->y_apart && i < p->ny; i++) {
+        if (whole->y_status)
+            w->y_status[i] = whole->y_status[p->y[i]];
+        if (whole->y_new)
+            w->y_new[i] = whole->y_new[p->y[i]];
+    }
+    if (of->y_apart) {
+        gather(w->y, whole->y, p->y, p->ny);
+        gather(w->y_age, whole->y_age, p->y, p->ny);
+        gather(w->y_low, whole->y_low, p->y, p->ny);
+        gather(w->y_high, whole->y_high, p->y, p->ny);
+    }
+    if (of->z_apart)
+        gather_rows(w->z, whole->z, whole->n_ahead, s->dim.nz, p->z, p->nz);
+    if (of->d_apart)
+        gather_rows(w->d, whole->d, whole->n_ahead, s->dim.nd, p->d, p->nd);
+    if (of->tuning_apart)
+        (void)own_tuning(s, k, whole->tuning);
+}
+
+/* The controller's call as instance k sees it. */
+static struct apc_law_call *see(struct apc_instances *s, size_t k, const struct apc_law_call *whole)
+{
+    struct instance *of = &s->instance[k];
+    struct apc_law_call *c = &of->call;
+    const size_t from = s->law->whole ? 0 : k;
+
+    if (whole != s->kept)
+        lay_out(s, k, whole);
+    if (of->y_apart || of->z_apart || of->d_apart || of->tuning_apart)
+        copy_apart(s, k, whole);
+    c->u = whole->u + from;
+    c->limited = whole->limited + from;
+    c->out = whole->out ? whole->out + from : NULL;
+    c->gap = whole->gap;
+    c->tick = whole->tick;
+    c->t = whole->t;
+    c->budget = whole->budget;
+    c->deadline = whole->deadline;
+    c->why = whole->why;
+    c->y_limited = whole->y_limited;
+    if (c->y_limited && !s->law->whole)
+        c->y_limited = memset(s->window.y_limited, 0, sizeof(s->window.y_limited));
+    return c;
 }
 
 static bool in_order(const struct apc_instances *s, size_t k, const struct apc_law_call *c)
@@ -364,30 +451,28 @@ static bool in_order(const struct apc_instances *s, size_t k, const struct apc_l
 
 void apc_instances_reset(struct apc_instances *s, size_t k, const struct apc_law_call *call)
 {
-    struct apc_law_call c;
+    struct apc_law_call *c = see(s, k, call);
 
-    see(s, k, call, &c);
-    memset(c.x, 0, s->instance[k].needs.states * sizeof(*c.x));
+    memset(c->x, 0, s->instance[k].needs.states * sizeof(*c->x));
     if (s->law->reset)
-        s->law->reset(&c);
+        s->law->reset(c);
 }
 
 int apc_instances_compute(struct apc_instances *s, size_t k, const struct apc_law_call *call)
 {
     char nobody[APC_LAW_WHY], *said = call->why ? call->why : nobody;
-    struct apc_law_call c;
+    struct apc_law_call *c = see(s, k, call);
     int result;
 
-    see(s, k, call, &c);
-    c.why = said;
+    c->why = said;
     said[0] = '\0';
-    result = s->law->compute(&c);
-    for (size_t i = 0; s->law->selects && call->y_limited && i < c.dim.ny; i++)
-        call->y_limited[s->ports[k].y[i]] = c.y_limited[i];
+    result = s->law->compute(c);
+    for (size_t i = 0; s->law->selects && call->y_limited && i < c->dim.ny; i++)
+        call->y_limited[s->ports[k].y[i]] = c->y_limited[i];
     said[APC_LAW_WHY - 1] = '\0';
     if (result < APC_LAW_GOOD || result > APC_LAW_FAILED)
         (void)snprintf(said, APC_LAW_WHY, "gave %d, which is no result", result);
-    else if (result == APC_LAW_FAILED || in_order(s, k, &c))
+    else if (result == APC_LAW_FAILED || in_order(s, k, c))
         return result;
     else
         (void)snprintf(said, APC_LAW_WHY, "gave no finite number");
@@ -396,20 +481,18 @@ int apc_instances_compute(struct apc_instances *s, size_t k, const struct apc_la
 
 void apc_instances_update(struct apc_instances *s, size_t k, const struct apc_law_call *call)
 {
-    struct apc_law_call c;
+    struct apc_law_call *c = see(s, k, call);
 
-    see(s, k, call, &c);
     if (s->law->update)
-        s->law->update(&c);
+        s->law->update(c);
 }
 
 void apc_instances_track(struct apc_instances *s, size_t k, const struct apc_law_call *call)
 {
-    struct apc_law_call c;
+    struct apc_law_call *c = see(s, k, call);
 
-    see(s, k, call, &c);
     if (s->law->track)
-        s->law->track(&c);
+        s->law->track(c);
 }
 
 static int check_parameter(const struct apc_instances *s, size_t i, double value, struct apc_error *why)

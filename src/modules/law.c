@@ -48,7 +48,11 @@ static struct apc_law_call lay_out(const struct apc_controller *c, const struct 
 void apc_controller_lay_out_calls(struct apc_controller *c)
 {
     c->law.call = lay_out(c, &c->law);
+    apc_instances_keep(c->law.instances, &c->law.call);
+    if (!c->backup.definition)
+        return;
     c->backup.call = lay_out(c, &c->backup);
+    apc_instances_keep(c->backup.instances, &c->backup.call);
 }
 
 /* To be used before the next one. */
