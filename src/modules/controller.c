@@ -310,6 +310,7 @@ static int fill(struct apc_controller *c, const struct apc_controller_options *o
         c->looked[k] = -1;
     for (size_t k = 0; k < c->size.instances; k++)
         c->instance[k].gap = true;
+    c->untold = true;
     apc_controller_lay_out_calls(c);
     c->n_actual = c->n_wanted + apc_controller_find_inputs(c, o->told);
     rc = take_horizons(c, o, why);
@@ -503,9 +504,11 @@ static void take_up(struct apc_controller *c, bool told)
     apc_controller_update_laws(c, false);
     c->awaits = true;
     for (size_t k = 0; k < c->n_actual; k++) {
+        if (c->actual[k].seq == c->told[k].seq)
+            continue;
         if (told)
             c->told[k] = c->actual[k];
-        else if (c->actual[k].seq != c->told[k].seq)
+        else
             c->told[k].seq = 0; /* nobody knows which of the two is there */
     }
 }

@@ -17,6 +17,7 @@ struct apc_controller_state {
     struct apc_notice note; /* what it has to tell of this tick */
     struct apc_loop loop;
     struct apc_loop_facts facts;
+    enum apc_loop_state from; /* move follows from it and facts; 0: it does not */
     struct apc_loop_move move;
     enum apc_mode target, actual;
     apc_ns since;      /* when the law's output ceased to go out */
@@ -95,6 +96,7 @@ struct apc_controller_law {
     enum apc_law_output *decides;             /* [nu] on each output */
     struct apc_law_call call;                 /* what it is asked with */
     bool offer_ok;                            /* it may have what is offered, all of it together */
+    bool offer_new;                           /* of the tuning a row is new at this tick */
 };
 
 /** Fields of a tick row, in their order. */
@@ -190,6 +192,7 @@ struct apc_controller {
     size_t n_inputs;
     size_t n_actual;                  /* n_wanted + n_inputs */
     struct apc_sample *actual, *told; /* [n_actual] what became of it; what is written of that */
+    bool untold;                      /* of the tuning something may have to be written */
     struct apc_vector *out_row;       /* first of out */
     struct apc_vector former_row;
     int estimate, prediction;  /* ids of the first of what the law publishes; 0: it is not written */

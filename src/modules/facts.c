@@ -35,14 +35,16 @@ static bool within(double value, double low, double high)
     return value >= low && value <= high;
 }
 
-/* Look at number @p k of what is wanted. Returns whether its row is new. */
-static bool look(struct apc_controller *c, size_t k, bool refused)
+/* Is the row of number @p k of what is wanted another one than when it was looked at? */
+static bool is_new(const struct apc_controller *c, size_t k)
 {
-    const bool new = row_of(c, k)->seq != c->looked[k];
+    return row_of(c, k)->seq != c->looked[k];
+}
 
+static void look(struct apc_controller *c, size_t k, bool refused)
+{
     c->looked[k] = row_of(c, k)->seq;
     c->refused[k] = refused;
-    return new;
 }
 
 /* A variable as people call it. */
@@ -79,6 +81,8 @@ static void take_target(struct apc_controller *c, size_t i, struct apc_notice *n
     struct apc_controller_state *l = &c->state[i];
     bool is_none = false;
 
+    if (!is_new(c, k))
+        return;
     if (s->seq == 0 || is_bad(s))
         l->target = APC_MODE_OOS;
     else if (s->value == (double)APC_MODE_MAN || s->value == (double)APC_MODE_AUTO ||
@@ -87,7 +91,8 @@ static void take_target(struct apc_controller *c, size_t i, struct apc_notice *n
         l->target = (enum apc_mode)(int)s->value;
     else
         is_none = true;
-    if (look(c, k, is_none) && is_none)
+    look(c, k, is_none);
+    if (is_none)
         apc_controller_note(c, i, notice, APC_NOTICE_REJECTED, "target mode refused: %g is none", s->value);
 }
 
@@ -115,18 +120,23 @@ static void refuse_tuning(struct apc_controller *c, const struct apc_controller_
 /* Returns whether a row is new. */
 static bool take_parameter(struct apc_controller *c, size_t i, struct apc_notice *notice)
 {
-    const struct apc_controller_law *law = apc_controller_tuned(c, i);
     const size_t k = apc_controller_wanted(c, APC_TUNING) + i;
+
+    if (!is_new(c, k))
+        return false;
+
+    const struct apc_controller_law *law = apc_controller_tuned(c, i);
     const struct apc_sample *s = row_of(c, k);
     const struct apc_param *param =
         &law->param[apc_instances_parameter(law->instances, i - law->first).number];
-    const bool good = usable(s) && apc_param_accepts(param, s->value), new = look(c, k, s->seq > 0 && !good);
+    const bool good = usable(s) && apc_param_accepts(param, s->value);
 
+    look(c, k, s->seq > 0 && !good);
     if (good)
         c->offered[i] = s->value;
-    else if (new && s->seq > 0)
+    else if (s->seq > 0)
         refuse_tuning(c, law, i - law->first, s->value, notice);
-    return new;
+    return true;
 }
 
 /* May all that is offered be in force together? */
@@ -136,6 +146,7 @@ static void take_offer(struct apc_controller *c, struct apc_controller_law *law,
     char text[sizeof(notice->text)];
 
     law->offer_ok = apc_instances_check(law->instances, law->offered, &why) == 0;
+    law->offer_new = c->untold = true;
     snprintf(text, sizeof(text), "tuning refused: %.120s", why.text);
     if (!law->offer_ok)
         apc_controller_note_refused(c, notice, text);
@@ -174,12 +185,13 @@ void apc_controller_take_manual(struct apc_controller *c, size_t i, apc_ns utc, 
                takes = c->state[i].move.output == APC_PUT_OPERATOR,
                good = usable(s) && within(s->value, l->low, l->high);
 
+    if (!is_new(c, k))
+        return;
     if (new &&takes && good)
         c->state[i].wanted = s->value;
     else if (new &&takes && !is_bad(s))
         refuse(c, notice, "manual output", called(l->name, (int)i + 1).text, s->value, l->low, l->high);
-    if (s->seq != c->looked[k])
-        (void)look(c, k, !(new &&takes &&good));
+    look(c, k, !(new &&takes &&good));
 }
 
 /* ---- Inputs -------------------------------------------------------------------------------- */
@@ -220,8 +232,9 @@ static void take_setpoint(struct apc_controller *c, size_t k, struct apc_notice 
     const struct apc_controller_setpoint *z = &c->setpoint[k];
     const bool good = usable(s) && within(s->value, z->low, z->high);
 
-    if (look(c, k, s->seq > 0 && !good) && s->seq > 0 && !good && !is_bad(s))
+    if (is_new(c, k) && s->seq > 0 && !good && !is_bad(s))
         refuse(c, notice, "setpoint", called(z->name, z->id).text, s->value, z->low, z->high);
+    look(c, k, s->seq > 0 && !good);
     if (!good)
         return;
     c->z_seq[k] = s->seq;
@@ -299,7 +312,7 @@ static void take_setpoints(struct apc_controller *c, struct apc_now now, struct 
         if (!above || apc_controller_look_above(c, k, row_of(c, k), now))
             take_setpoint(c, k, notice);
         else
-            (void)look(c, k, false);
+            look(c, k, false);
         if (above)
             apc_controller_own_setpoint(c, k, row_of(c, k));
         if (c->plan)
@@ -447,6 +460,13 @@ const struct apc_sample *apc_controller_output(const struct apc_controller *c, s
     return &c->in.sample[c->dim.ny + c->dim.nd + c->n_wanted + i];
 }
 
+static bool same(const struct apc_loop_facts *a, const struct apc_loop_facts *b)
+{
+    return a->target == b->target && a->acting == b->acting && a->setpoint == b->setpoint &&
+           a->taken == b->taken && a->invited == b->invited && a->input == b->input && a->law == b->law &&
+           a->expired == b->expired && a->backup == b->backup && a->bare == b->bare && a->remote == b->remote;
+}
+
 void apc_controller_gather(struct apc_controller *c, size_t i, bool have, struct apc_now now)
 {
     const bool below = c->loop[i].setpoint, selected = apc_controller_is_selected(c, i),
@@ -466,7 +486,7 @@ void apc_controller_gather(struct apc_controller *c, size_t i, bool have, struct
         apc_controller_find_in_force(c, i, c->below[i].value);
     if (have && c->choice && !below && (!c->acting || l->loop.state == APC_LOOP_SHADOW))
         take_output(c, i);
-    l->facts = (struct apc_loop_facts){
+    const struct apc_loop_facts facts = {
         .target = l->target,
         .acting = c->acting,
         .setpoint = below,
@@ -478,7 +498,11 @@ void apc_controller_gather(struct apc_controller *c, size_t i, bool have, struct
         .backup = backup && (ready || apc_loop_bridges(&l->loop, now.mono, c->loop[i].hold)),
         .bare = backup && !ready,
         .remote = cascade && c->above[l->setpoint].remote};
-    l->move = apc_loop_next(l->loop.state, &l->facts);
+    if (l->loop.state != l->from || !same(&facts, &l->facts)) {
+        l->from = l->loop.state;
+        l->facts = facts;
+        l->move = apc_loop_next(l->loop.state, &facts);
+    }
     c->last[i] = l->there ? c->u[i] : (double)NAN;
     if (l->facts.expired && input)
         snprintf(l->trouble, sizeof(l->trouble), "law %.20s gave no good answer %u times in a row",
@@ -534,7 +558,7 @@ void apc_controller_confirm(struct apc_controller *c)
         if (c->looked[manual + i] != c->actual[manual + i].origin)
             confirm(c, manual + i, c->u[i], c->refused[manual + i] ? APC_BAD : APC_GOOD);
     }
-    for (size_t i = 0; i < c->size.tuning; i++) {
+    for (size_t i = 0; c->untold && i < c->size.tuning; i++) {
         const bool taken = c->tuning[i] >= c->offered[i] && c->tuning[i] <= c->offered[i];
 
         confirm(c, tuning + i, c->tuning[i], c->refused[tuning + i] || !taken ? APC_BAD : APC_GOOD);

@@ -218,8 +218,10 @@ static void decide(struct apc_controller *c, struct apc_controller_law *law, siz
     for (size_t i = part->u; i < part->u + part->nu; i++) {
         struct apc_loop_move *move = &c->state[i].move;
 
-        if (is_backup(c, law) && goes_out(c, law, i) && law->instance[k].gap)
+        if (is_backup(c, law) && goes_out(c, law, i) && law->instance[k].gap) {
             move->backup |= APC_ASK_TRACK_FIRST;
+            c->state[i].from = 0; /* at this tick only */
+        }
         law->decides[i] = move->state == APC_LOOP_OOS                                          ? APC_OUT_OFF
                           : !goes_out(c, law, i) || loop_asks(c, law, i) & APC_ASK_TRACK_FIRST ? APC_OUT_GIVEN
                                                                                                : APC_OUT_LAW;
@@ -265,6 +267,9 @@ static void retune(struct apc_controller *c, struct apc_controller_law *law)
     char why[APC_LAW_WHY];
     bool any = false;
 
+    if (!law->offer_new)
+        return;
+    law->offer_new = false;
     for (size_t i = 0; law->offer_ok && i < law->size.tuning; i++) {
         if (!differs(law, i))
             continue;

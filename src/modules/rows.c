@@ -394,6 +394,20 @@ static void put_values(double *at, const double *value, size_t n)
     memcpy(at, value, n * sizeof(*at));
 }
 
+/* As long as no row is new there is nothing to tell of the tuning, and in the tick row it stands. */
+static void put_tuning(struct apc_controller *c, apc_ns utc)
+{
+    const size_t n = c->out.n_samples, first = apc_controller_wanted(c, APC_TUNING);
+
+    if (!c->untold)
+        return;
+    for (size_t k = first; k < c->n_wanted; k++)
+        put_actual(c, k, utc);
+    put_values(c->row + c->offset[APC_TICK_TUNING], c->tuning, c->size.tuning);
+    put_seqs(c->row + c->offset[APC_TICK_TUNING_SEQ], c->looked + first, c->size.tuning);
+    c->untold = c->out.n_samples > n;
+}
+
 static size_t one_of(const struct apc_controller_group *g)
 {
     return g->now < g->n ? g->now : 0;
@@ -488,8 +502,6 @@ static void put_tick(struct apc_controller *c, struct apc_now now)
         put_peers(c, row + at[APC_TICK_PEER]);
     put_values(row + at[APC_TICK_Z], c->z, c->dim.nz);
     put_seqs(row + at[APC_TICK_Z_SEQ], c->z_seq, c->dim.nz);
-    put_values(row + at[APC_TICK_TUNING], c->tuning, c->size.tuning);
-    put_seqs(row + at[APC_TICK_TUNING_SEQ], c->looked + apc_controller_wanted(c, APC_TUNING), c->size.tuning);
     for (size_t k = 0; k < c->dim.nz && c->plan; k++) {
         row[at[APC_TICK_PLAN] + k] = (double)c->plan_seq[k];
         row[at[APC_TICK_PLANNED] + k] = c->planned[k];
@@ -548,6 +560,8 @@ static void put_outputs(struct apc_controller *c, apc_ns utc)
 
 void apc_controller_put(struct apc_controller *c, struct apc_now now)
 {
+    const size_t tuning = apc_controller_wanted(c, APC_TUNING);
+
     c->out.n_samples = 0;
     c->seq++;
     for (size_t i = 0; i < c->dim.nu; i++)
@@ -558,7 +572,10 @@ void apc_controller_put(struct apc_controller *c, struct apc_now now)
     }
     apc_controller_confirm(c);
     apc_controller_tell_inputs(c);
-    for (size_t k = 0; k < c->n_actual; k++)
+    for (size_t k = 0; k < tuning; k++)
+        put_actual(c, k, now.utc);
+    put_tuning(c, now.utc);
+    for (size_t k = c->n_wanted; k < c->n_actual; k++)
         put_actual(c, k, now.utc);
     put_tick(c, now);
     if (c->out.n_vectors > 0)
