@@ -7,6 +7,8 @@ target_compile_options(apc_flags INTERFACE
   -Wdouble-promotion -Wstrict-prototypes -Wmissing-prototypes -Wwrite-strings -Wnull-dereference -Wundef
   # No a * b + c in one rounding where the source says two: a run's numbers are the same whatever compiled it.
   -ffp-contract=off
+  # The library calls its own functions directly (src/CMakeLists.txt), so within a file they may be inlined.
+  -fno-semantic-interposition
   -fstack-protector-strong $<$<C_COMPILER_ID:GNU>:-fstack-clash-protection -fcf-protection>)
 target_link_options(apc_flags INTERFACE -Wl,-z,relro,-z,now)
 if(APC_WERROR)

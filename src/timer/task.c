@@ -96,7 +96,8 @@ static void record(struct apc_task *task, const struct apc_tick *tick, apc_ns fi
         apc_histogram_record(task->jitter, tick->started - task->started - task->options.period);
     apc_histogram_record(task->run, finished - tick->started);
     task->started = tick->started;
-    atomic_fetch_add_explicit(&task->ticks, 1, memory_order_relaxed);
+    atomic_store_explicit(&task->ticks, atomic_load_explicit(&task->ticks, memory_order_relaxed) + 1,
+                          memory_order_relaxed); /* nobody else counts */
 }
 
 /* Call the function with tick task->due, which began at @now. Returns what it returned. */

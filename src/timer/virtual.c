@@ -68,7 +68,7 @@ static apc_ns utc(void *ctx)
 {
     const struct virtual *v = ctx;
     apc_ns gone = v->now + v->ahead - v->utc_at;
-    return v->utc + gone + (apc_ns)((double)gone * v->drift);
+    return v->utc + gone + (v->drift != 0.0 ? (apc_ns)((double)gone * v->drift) : 0);
 }
 
 /* ---- The queue ---- */
