@@ -52,7 +52,8 @@ enum apc_law_output {
 
 /**
  * What one call of a law works on. The arrays belong to the caller and are all there, where not said
- * otherwise; counts are those of the instance. Row k of a horizon is k Ts ahead, row 0 is now.
+ * otherwise; counts are those of the instance. A law writes what the arrays are to hold, never a member. Row
+ * k of a horizon is k Ts ahead, row 0 is now.
  */
 struct apc_law_call {
     size_t size; /**< of the struct, which may grow: a law looks no further */

@@ -81,8 +81,6 @@ static void take_target(struct apc_controller *c, size_t i, struct apc_notice *n
     struct apc_controller_state *l = &c->state[i];
     bool is_none = false;
 
-    if (!is_new(c, k))
-        return;
     if (s->seq == 0 || is_bad(s))
         l->target = APC_MODE_OOS;
     else if (s->value == (double)APC_MODE_MAN || s->value == (double)APC_MODE_AUTO ||
@@ -117,14 +115,9 @@ static void refuse_tuning(struct apc_controller *c, const struct apc_controller_
            param->high);
 }
 
-/* Returns whether a row is new. */
-static bool take_parameter(struct apc_controller *c, size_t i, struct apc_notice *notice)
+static void take_parameter(struct apc_controller *c, size_t i, struct apc_notice *notice)
 {
     const size_t k = apc_controller_wanted(c, APC_TUNING) + i;
-
-    if (!is_new(c, k))
-        return false;
-
     const struct apc_controller_law *law = apc_controller_tuned(c, i);
     const struct apc_sample *s = row_of(c, k);
     const struct apc_param *param =
@@ -136,7 +129,6 @@ static bool take_parameter(struct apc_controller *c, size_t i, struct apc_notice
         c->offered[i] = s->value;
     else if (s->seq > 0)
         refuse_tuning(c, law, i - law->first, s->value, notice);
-    return true;
 }
 
 /* May all that is offered be in force together? */
@@ -154,18 +146,27 @@ static void take_offer(struct apc_controller *c, struct apc_controller_law *law,
 
 static void take_tuning(struct apc_controller *c, struct apc_controller_law *law, struct apc_notice *notice)
 {
+    const size_t first = apc_controller_wanted(c, APC_TUNING);
     bool new = false;
 
-    for (size_t i = law->first; i < law->first + law->size.tuning; i++)
-        new |= take_parameter(c, i, notice);
+    for (size_t i = law->first; i < law->first + law->size.tuning; i++) {
+        if (!is_new(c, first + i))
+            continue;
+        take_parameter(c, i, notice);
+        new = true;
+    }
     if (new)
         take_offer(c, law, notice);
 }
 
 void apc_controller_take_wanted(struct apc_controller *c, struct apc_notice *notice)
 {
-    for (size_t i = 0; i < c->dim.nu; i++)
-        take_target(c, i, notice);
+    const size_t mode = apc_controller_wanted(c, APC_OPMODE);
+
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        if (is_new(c, mode + i))
+            take_target(c, i, notice);
+    }
     take_tuning(c, &c->law, notice);
     take_tuning(c, &c->backup, notice);
 }
@@ -178,15 +179,16 @@ void apc_controller_take_wanted(struct apc_controller *c, struct apc_notice *not
 void apc_controller_take_manual(struct apc_controller *c, size_t i, apc_ns utc, struct apc_notice *notice)
 {
     const size_t k = apc_controller_wanted(c, APC_MANUAL) + i;
-    const struct apc_sample *s = row_of(c, k);
-    const struct apc_controller_loop *l = &c->loop[i];
-    const bool new = c->looked[k] < 0 ? s->seq > 0 && s->time > c->since && s->time <= utc + c->loss
-                                      : s->seq != c->looked[k],
-               takes = c->state[i].move.output == APC_PUT_OPERATOR,
-               good = usable(s) && within(s->value, l->low, l->high);
 
     if (!is_new(c, k))
         return;
+
+    const struct apc_sample *s = row_of(c, k);
+    const struct apc_controller_loop *l = &c->loop[i];
+    const bool new = c->looked[k] >= 0 || (s->seq > 0 && s->time > c->since && s->time <= utc + c->loss),
+               takes = c->state[i].move.output == APC_PUT_OPERATOR,
+               good = usable(s) && within(s->value, l->low, l->high);
+
     if (new &&takes && good)
         c->state[i].wanted = s->value;
     else if (new &&takes && !is_bad(s))
