@@ -10,21 +10,48 @@
 
 #define JOURNAL_MAX  1000
 #define JOURNAL_LAST 200
+#define FIGURES_BACK (86400 * APC_NS_PER_S)
+#define FIGURES_MOST (31 * FIGURES_BACK)
+#define REASON_MAX   80 /* bytes: an event has little more room */
 
-/* The alarms that the store describes, none where it describes none; alarm_board_close(). False: fault set.
- */
-static bool open_board(struct request *r, struct apc_store *store, struct alarm_board *board)
+int desks_init(struct desk desk[DESKS])
+{
+    int rc = 0;
+    for (size_t i = 0; i < DESKS && rc == 0; i++)
+        rc = pthread_mutex_init(&desk[i].mutex, NULL) ? APC_ESYS : 0;
+    return rc;
+}
+
+void desks_free(struct desk desk[DESKS])
+{
+    for (size_t i = 0; i < DESKS; i++) {
+        alarm_board_close(&desk[i].board);
+        pthread_mutex_destroy(&desk[i].mutex);
+    }
+}
+
+/* The alarms that the store describes, as they stand; none where it describes none. False: fault set. In
+ * either case give_back(). */
+static bool take_desk(struct desk *desk, struct request *r, struct apc_store *store)
 {
     struct apc_error why;
-    int rc = alarm_board_open(board, store, &why);
+    pthread_mutex_lock(&desk->mutex);
+    int rc = alarm_board_open(&desk->board, store, &why);
     if (rc == APC_ENOTFOUND)
         return true;
     if (rc < 0)
         return fault_set(&r->fault, 503, "store", NULL, "%.150s", why.text);
-    if ((rc = alarm_board_read(board, store)) < 0)
+    if ((rc = alarm_board_read(&desk->board, store)) < 0)
         fault_store(r, rc, store);
     return rc == 0;
 }
+
+static void give_back(struct desk *desk)
+{
+    pthread_mutex_unlock(&desk->mutex);
+}
+
+/* ---- As JSON ------------------------------------------------------------------------------- */
 
 static void author_json(struct apc_store *store, uint32_t author, struct text *t)
 {
@@ -44,63 +71,98 @@ static void time_json(const char *name, apc_ns time, struct text *t)
         text_add(t, "null");
 }
 
-static void texts_json(const struct alarm *alarm, struct text *t)
+static const char *truth(bool is)
+{
+    return is ? "true" : "false";
+}
+
+/* Members of what an alarm is, whatever becomes of it. */
+static void described_json(const struct alarm *alarm, struct text *t)
 {
     const char *const texts[][2] = {{"area", alarm->area},
                                     {"message", alarm->message},
                                     {"consequence", alarm->consequence},
                                     {"response", alarm->response}};
+    text_add(t, ",\"kind\":\"%s\",\"priority\":%d", apc_alarm_kind_name(alarm->is.kind), alarm->is.priority);
     for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) {
         text_add(t, ",\"%s\":", texts[i][0]);
         json_string_add(t, texts[i][1]);
     }
 }
 
-static const char *truth(bool is)
+/* Members of how it stands. */
+static void stands_json(const struct alarm_now *now, struct apc_store *store, struct text *t)
 {
-    return is ? "true" : "false";
-}
-
-static void alarm_json(const struct alarm_board *board, const struct alarm_now *now, struct apc_store *store,
-                       struct text *t)
-{
-    const struct alarm *alarm = alarm_board_alarm(board, now);
     const enum apc_alarm_state state = alarm_board_state(now);
-    text_add(t, "{\"alarm\":");
-    json_string_add(t, alarm->name);
     text_add(t,
-             ",\"id\":%d,\"kind\":\"%s\",\"priority\":%d,\"seq\":%" PRId64 ",\"journal\":%" PRId64
+             "\"id\":%d,\"seq\":%" PRId64 ",\"journal\":%" PRId64
              ",\"state\":\"%s\",\"active\":%s,\"unacknowledged\":%s,\"standing\":%s",
-             now->row->id, apc_alarm_kind_name(alarm->is.kind), alarm->is.priority, now->row->seq,
-             now->row->origin, apc_alarm_state_name(state), truth(apc_alarm_is_active(state)),
-             truth(apc_alarm_is_unacked(state)), truth(apc_alarm_is_standing(state)));
+             now->row->id, now->row->seq, now->row->origin, apc_alarm_state_name(state),
+             truth(apc_alarm_is_active(state)), truth(apc_alarm_is_unacked(state)),
+             truth(apc_alarm_is_standing(state)));
     time_json("time", now->row->seq > 0 ? now->row->time : 0, t);
     author_json(store, now->row->author, t);
     time_json("shelved_until", alarm_board_shelved(now), t);
-    texts_json(alarm, t);
+}
+
+static bool has_limit(enum apc_alarm_kind kind)
+{
+    return (kind >= APC_ALARM_LOW_LOW && kind <= APC_ALARM_DEVIATION) || kind == APC_ALARM_RATE;
+}
+
+void alarms_described_json(const struct experiment *e, struct text *t)
+{
+    char ref[REF_LEN];
+    text_add(t, "{\"shelve_max\":");
+    json_seconds_add(t, e->alarms.shelve_max);
+    text_add(t, ",\"all\":[");
+    for (size_t i = 0; i < e->n_alarms; i++) {
+        const struct alarm *alarm = &e->alarm[i];
+        text_add(t, "{\"id\":%zu,\"alarm\":", i + 1);
+        json_string_add(t, alarm->name);
+        text_add(t, ",\"ref\":\"%s\",\"limit\":", ref_format(alarm->is.table, alarm->is.id, ref));
+        if (has_limit(alarm->is.kind))
+            json_number_add(t, alarm->is.limit);
+        else
+            text_add(t, "null");
+        described_json(alarm, t);
+        text_add(t, "},");
+    }
+    text_chop(t, ',');
+    text_add(t, "]}");
+}
+
+void alarm_stands_json(const struct alarm_now *now, struct apc_store *store, struct text *t)
+{
+    text_add(t, "{");
+    stands_json(now, store, t);
     text_add(t, "}");
 }
 
 void get_alarms(struct ui *ui, struct request *r, struct apc_store *store)
 {
-    struct alarm_board board;
+    struct desk *desk = &ui->desk[DESK_PAST];
+    const struct alarm_board *board = &desk->board;
     struct text *t = &r->reply;
-    (void)ui;
-    if (open_board(r, store, &board)) {
+    if (take_desk(desk, r, store)) {
         const apc_ns utc = apc_clock_utc(NULL);
         text_add(t, "{\"t\":");
         json_time_add(t, utc);
-        text_add(t, ",\"evaluated\":%s", truth(alarm_board_lives(&board, utc)));
-        time_json("time", board.tick.seq > 0 ? board.tick.time : 0, t);
+        text_add(t, ",\"evaluated\":%s", truth(alarm_board_lives(board, utc)));
+        time_json("time", board->tick.seq > 0 ? board->tick.time : 0, t);
         text_add(t, ",\"alarms\":[");
-        for (size_t i = 0; i < board.e.n_alarms; i++) {
-            alarm_json(&board, &board.at[i], store, t);
+        for (size_t i = 0; i < board->e.n_alarms; i++) {
+            text_add(t, "{\"alarm\":");
+            json_string_add(t, board->e.alarm[i].name);
             text_add(t, ",");
+            stands_json(&board->at[i], store, t);
+            described_json(&board->e.alarm[i], t);
+            text_add(t, "},");
         }
         text_chop(t, ',');
         text_add(t, "]}");
     }
-    alarm_board_close(&board);
+    give_back(desk);
 }
 
 /* ---- Journal ------------------------------------------------------------------------------ */
@@ -135,15 +197,14 @@ static bool journal_range(struct request *r, struct apc_range *range)
 
 void get_alarm_journal(struct ui *ui, struct request *r, struct apc_store *store)
 {
-    struct alarm_board board;
+    struct desk *desk = &ui->desk[DESK_PAST];
     struct alarm_journal journal = {0};
     struct apc_range range = {0};
     struct text *t = &r->reply;
-    (void)ui;
     if (!journal_range(r, &range))
         return;
-    bool ok = open_board(r, store, &board);
-    const int rc = ok ? alarm_journal_load(&journal, store, board.e.n_alarms, &range) : 0;
+    const bool ok = take_desk(desk, r, store);
+    const int rc = ok ? alarm_journal_load(&journal, store, desk->board.e.n_alarms, &range) : 0;
     if (rc < 0)
         fault_store(r, rc, store);
     if (ok && rc == 0) {
@@ -151,14 +212,76 @@ void get_alarm_journal(struct ui *ui, struct request *r, struct apc_store *store
         json_time_add(t, apc_clock_utc(NULL));
         text_add(t, ",\"transitions\":[");
         for (size_t i = 0; i < journal.n; i++) {
-            transition_json(&board.e, &journal.at[i], store, t);
+            transition_json(&desk->board.e, &journal.at[i], store, t);
             text_add(t, ",");
         }
         text_chop(t, ',');
         text_add(t, "]}");
     }
     alarm_journal_free(&journal);
-    alarm_board_close(&board);
+    give_back(desk);
+}
+
+/* ---- Figures ------------------------------------------------------------------------------- */
+
+static void each_json(const struct alarm_figures *f, const struct experiment *e, struct text *t)
+{
+    text_add(t, ",\"alarms\":[");
+    for (size_t i = 0; i < f->n; i++) {
+        const struct alarm_figure *one = &f->alarm[i];
+        if (one->raised == 0 && one->since == 0)
+            continue;
+        text_add(t, "{\"id\":%zu,\"alarm\":", i + 1);
+        json_string_add(t, e->alarm[i].name);
+        text_add(t, ",\"raised\":%zu,\"chatters\":%s,\"active\":", one->raised, truth(one->chatters));
+        json_seconds_add(t, one->active);
+        time_json("since", one->since, t);
+        text_add(t, "},");
+    }
+    text_chop(t, ',');
+    text_add(t, "]");
+}
+
+static void figures_of(const struct alarm_figures *f, const struct experiment *e, struct text *t)
+{
+    text_add(t, ",\"hours\":");
+    json_number_add(t, f->hours);
+    text_add(t, ",\"raised\":%zu,\"by_priority\":[%zu,%zu,%zu,%zu],\"per_hour\":", f->raised,
+             f->by_priority[0], f->by_priority[1], f->by_priority[2], f->by_priority[3]);
+    json_number_add(t, f->per_hour);
+    text_add(
+        t,
+        ",\"most_in_ten_minutes\":%zu,\"floods\":%zu,\"windows\":%zu,\"chattering\":%zu,\"standing\":%zu,"
+        "\"stale\":%zu,\"unacknowledged\":%zu,\"to_acknowledge\":",
+        f->peak, f->floods, f->windows, f->chattering, f->standing, f->stale, f->unacked);
+    json_number_add(t, f->to_acknowledge); /* null: none was */
+    each_json(f, e, t);
+}
+
+void get_alarm_figures(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    struct desk *desk = &ui->desk[DESK_PAST];
+    struct alarm_journal journal = {0};
+    struct alarm_figures figures = {0};
+    struct apc_range range = {0};
+    if (!query_range(r, FIGURES_BACK, FIGURES_MOST, &range.since, &range.until))
+        return;
+    const bool ok = take_desk(desk, r, store);
+    const struct experiment *e = &desk->board.e;
+    int rc = ok ? alarm_journal_load(&journal, store, e->n_alarms, &range) : 0;
+    if (ok && rc == 0)
+        rc = alarm_figures_make(&figures, &journal, e, range.since, range.until);
+    if (rc < 0)
+        fault_store(r, rc, store);
+    if (ok && rc == 0) {
+        text_add(&r->reply, "{");
+        range_json(&r->reply, range.since, range.until);
+        figures_of(&figures, e, &r->reply);
+        text_add(&r->reply, "}");
+    }
+    alarm_figures_free(&figures);
+    alarm_journal_free(&journal);
+    give_back(desk);
 }
 
 /* ---- What is wanted ------------------------------------------------------------------------ */
@@ -169,6 +292,7 @@ struct order {
     enum apc_alarm_switch which;
     double value; /* of APC_ALARM_SHELF */
     int64_t seq;  /* of the alarm's row that was seen */
+    char reason[REASON_MAX + 1];
 };
 
 static bool read_end(struct request *r, const json_t *body, struct order *o)
@@ -186,13 +310,25 @@ static bool read_end(struct request *r, const json_t *body, struct order *o)
     return true;
 }
 
+static bool read_reason(struct request *r, const json_t *body, struct order *o)
+{
+    const char *reason = "";
+    if (json_object_get(body, "reason") && !member_text(body, "reason", &reason, &r->fault))
+        return false;
+    if (strlen(reason) > REASON_MAX)
+        return fault_set(&r->fault, 422, "value", "reason", "\"reason\" must have at most %d bytes",
+                         REASON_MAX);
+    snprintf(o->reason, sizeof o->reason, "%s", reason);
+    return true;
+}
+
 static bool read_order(struct request *r, struct order *o)
 {
-    static const char *const ack[] = {"seq", "key", NULL};
-    static const char *const shelve[] = {"until", "once", "seq", "key", NULL};
+    static const char *const ack[] = {"seq", "reason", "key", NULL};
+    static const char *const shelve[] = {"until", "once", "seq", "reason", "key", NULL};
     json_t *body = body_parse(r->body, r->n, o->which == APC_ALARM_ACK ? ack : shelve, &r->fault);
     const bool ok = body && request_key(r, body, o->write.key) &&
-                    member_whole(body, "seq", 0, &o->seq, &r->fault) &&
+                    member_whole(body, "seq", 0, &o->seq, &r->fault) && read_reason(r, body, o) &&
                     (o->which == APC_ALARM_ACK || read_end(r, body, o));
     json_decref(body);
     return ok;
@@ -248,6 +384,9 @@ static void record(struct ui *ui, const struct request *r, const struct order *o
         snprintf(event.text, sizeof event.text, "%s: %s%s (from %s)", r->name,
                  o->which == APC_ALARM_ACK ? "acknowledged" : "not shelved any more", outcome,
                  r->from->address);
+    const size_t n = strlen(event.text), room = sizeof event.text - n;
+    if (o->reason[0])
+        snprintf(event.text + n, room, ": %.*s", (int)room - 3, o->reason);
     audit(ui, store, &event);
 }
 
@@ -330,7 +469,7 @@ static void begin(struct ui *ui, struct request *r, const struct alarm_board *bo
 
 static void want(struct ui *ui, struct request *r, struct apc_store *store, enum apc_alarm_switch which)
 {
-    struct alarm_board board;
+    struct desk *desk = &ui->desk[DESK_WRITES];
     struct order o = {.which = which,
                       .write = {.kind = which == APC_ALARM_ACK ? WRITE_ACK : WRITE_SHELVE,
                                 .time = apc_clock_utc(NULL) / APC_NS_PER_US * APC_NS_PER_US,
@@ -339,9 +478,9 @@ static void want(struct ui *ui, struct request *r, struct apc_store *store, enum
     memcpy(o.write.user, r->session.user, sizeof o.write.user);
     if (!read_order(r, &o))
         return;
-    if (open_board(r, store, &board))
-        begin(ui, r, &board, &o, store);
-    alarm_board_close(&board);
+    if (take_desk(desk, r, store))
+        begin(ui, r, &desk->board, &o, store);
+    give_back(desk);
 }
 
 void post_alarm_ack(struct ui *ui, struct request *r, struct apc_store *store)

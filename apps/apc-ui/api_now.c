@@ -11,8 +11,14 @@ void get_plant(struct ui *ui, struct request *r, struct apc_store *store)
     (void)store;
     pthread_mutex_lock(&m->mutex);
     bool known = m->plant.revision > 0;
-    if (known)
+    if (known) {
         plant_json(&m->plant, &r->reply);
+        text_chop(&r->reply, '}');
+        text_add(&r->reply, ",\"alarms\":");
+        text_put(&r->reply, m->alarms_are.n > 0 ? m->alarms_are.at : "null",
+                 m->alarms_are.n > 0 ? m->alarms_are.n : 4);
+        text_put(&r->reply, "}", 1);
+    }
     pthread_mutex_unlock(&m->mutex);
     if (!known)
         fault_set(&r->fault, 503, "store", NULL, "the database has not been reached yet");

@@ -125,6 +125,7 @@ void get_timing_series(struct ui *ui, struct request *r, struct apc_store *store
 void get_outlook(struct ui *ui, struct request *r, struct apc_store *store);
 void get_alarms(struct ui *ui, struct request *r, struct apc_store *store);
 void get_alarm_journal(struct ui *ui, struct request *r, struct apc_store *store);
+void get_alarm_figures(struct ui *ui, struct request *r, struct apc_store *store);
 void get_merits(struct ui *ui, struct request *r, struct apc_store *store);
 void post_alarm_ack(struct ui *ui, struct request *r, struct apc_store *store);
 void post_alarm_shelve(struct ui *ui, struct request *r, struct apc_store *store);

@@ -13,6 +13,7 @@
 
 #define PACE         (25 * APC_NS_PER_MS)
 #define WAIT         (500 * APC_NS_PER_MS) /* also how long it takes to notice that it is time to stop */
+#define WAIT_ALARMS  (125 * APC_NS_PER_MS) /* of what they did a tick tells */
 #define RETRY        (100 * APC_NS_PER_MS)
 #define BACKOFF_MOST (APC_NS_PER_S / 4) /* somebody sits there and waits */
 
@@ -28,6 +29,7 @@ struct live {
     struct loops_controller *of;
     size_t controllers;
     double alarm_numbers[APC_ALARMS_TICK];
+    struct alarm_watch *watch;
 };
 
 void ui_pause(struct ui *ui, apc_ns pause)
@@ -67,6 +69,7 @@ static bool copy(struct live *to, const struct model *m)
     const struct plant *p = &m->plant;
     *to = (struct live){.ui = to->ui,
                         .store = to->store,
+                        .watch = to->watch,
                         .revision = p->revision,
                         .seen = calloc(m->count + WRITES_OPEN, sizeof *to->seen),
                         .controller = calloc(m->count + WRITES_OPEN, sizeof *to->controller),
@@ -103,9 +106,10 @@ static int follow_model(struct live *l)
     if (changed)
         ok = copy(&next, m);
     pthread_mutex_unlock(&m->mutex);
-    if (!ok) {
+    const int rc = !ok ? APC_ENOMEM : changed ? alarm_watch_describe(l->watch, l->ui, l->store) : 0;
+    if (rc < 0) {
         let_go(&next);
-        return APC_ENOMEM;
+        return rc;
     }
     if (changed) {
         let_go(l);
@@ -232,7 +236,7 @@ static int look(struct live *l)
     if (values.n > 0)
         publish(l, &values, newest);
     text_free(&values);
-    return 0;
+    return alarm_watch_look(l->watch, l->ui, l->store, alarms);
 }
 
 /* One round: returns 0, or why the store could not be asked. */
@@ -249,7 +253,7 @@ static int step(struct live *l)
         rc = follow_model(l);
     if (rc < 0 || !l->seen)
         return rc;
-    rc = apc_store_wait(l->store, l->seen, l->n, WAIT);
+    rc = apc_store_wait(l->store, l->seen, l->n, l->watch->told ? WAIT_ALARMS : WAIT);
     if (rc >= 0) /* nothing waits for ticks, and out of service they are all there is */
         rc = look(l);
     if (rc >= 0)
@@ -259,7 +263,8 @@ static int step(struct live *l)
 
 void *live_thread(void *arg)
 {
-    struct live l = {.ui = arg};
+    struct alarm_watch watch = {0};
+    struct live l = {.ui = arg, .watch = &watch};
     struct apc_error why;
     if (ui_open_store(l.ui, "apc-ui live", 0, &l.store, &why) < 0) {
         model_store(l.ui, false, why.text);
@@ -274,6 +279,7 @@ void *live_thread(void *arg)
         if (rest > 0)
             ui_pause(l.ui, rest);
     }
+    alarm_watch_free(&watch);
     apc_store_close(l.store);
     let_go(&l);
     return NULL;

@@ -228,7 +228,8 @@ static int make_parts(struct ui *ui, struct apc_error *why)
         rc = sessions_init(&ui->sessions, (apc_ns)(idle * 1e9), LIFE);
     if (rc == 0)
         rc = backoff_init(&ui->backoff);
-    if (rc == 0 && (pthread_mutex_init(&ui->users_mutex, NULL) || audit_init(&ui->audit) < 0))
+    if (rc == 0 && (pthread_mutex_init(&ui->users_mutex, NULL) || audit_init(&ui->audit) < 0 ||
+                    desks_init(ui->desk) < 0))
         rc = APC_ESYS;
     struct meter *meters[] = {&ui->reads, &ui->stores, &ui->lag};
     for (size_t i = 0; i < 3 && rc == 0; i++)
@@ -247,6 +248,7 @@ static void free_parts(struct ui *ui)
     users_free(&ui->users);
     users_free(&ui->tokens);
     audit_free(&ui->audit);
+    desks_free(ui->desk);
     files_free(ui->files);
     model_free(&ui->model);
 }

@@ -79,6 +79,8 @@ void model_free(struct model *m)
 {
     plant_free(&m->plant);
     free_values(m);
+    text_free(&m->alarms_are);
+    text_free(&m->alarms_stand);
     pthread_mutex_destroy(&m->mutex);
 }
 
@@ -124,11 +126,13 @@ static bool describe_alarms(struct model *m, const struct apc_tag *tags, size_t 
     return true;
 }
 
-bool model_describe(struct model *m, const struct apc_tag *tags, size_t n, struct loops *loops)
+bool model_describe(struct model *m, const struct apc_tag *tags, size_t n, struct loops *loops,
+                    int64_t catalogue)
 {
     pthread_mutex_lock(&m->mutex);
-    const bool changed = plant_describe(&m->plant, tags, n, loops);
-    m->plant.revision += describe_alarms(m, tags, n) && !changed;
+    const bool changed = plant_describe(&m->plant, tags, n, loops), other = describe_alarms(m, tags, n);
+    m->plant.revision += !changed && (other || (m->alarms.id > 0 && catalogue != m->catalogue));
+    m->catalogue = catalogue;
     if (changed) {
         free_values(m);
         if (new_values(m))
@@ -143,6 +147,7 @@ bool model_describe(struct model *m, const struct apc_tag *tags, size_t n, struc
 int model_load(struct model *m, struct apc_store *store)
 {
     struct loops loops = {0};
+    int64_t catalogue = 0;
     int n = apc_store_get_tags(store, NULL, 0);
     struct apc_tag *tags = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *tags);
     if (n >= 0 && !tags)
@@ -152,7 +157,9 @@ int model_load(struct model *m, struct apc_store *store)
     if (rc >= 0)
         rc = loops_load(&loops, store, tags, kept);
     if (rc >= 0)
-        model_describe(m, tags, kept, &loops);
+        rc = apc_store_catalogue(store, NULL, 0, &catalogue);
+    if (rc >= 0)
+        model_describe(m, tags, kept, &loops, catalogue);
     loops_free(&loops);
     free(tags);
     return rc < 0 ? rc : 0;
@@ -366,7 +373,7 @@ void control_json(const struct model *m, apc_ns now, struct text *t)
         json_time_add(t, s->safe_since);
     else
         text_add(t, "null");
-    text_add(t, "}");
+    text_add(t, ",\"alarms\":%s}", m->alarms.id == 0 ? "null" : model_alarms_live(m, now) ? "true" : "false");
 }
 
 void store_state_json(const struct model *m, struct text *t)
@@ -407,7 +414,9 @@ void model_state_json(struct ui *ui, struct text *t)
         text_put(t, ",", 1);
     }
     text_chop(t, ',');
-    text_add(t, "},\"control\":");
+    text_add(t, "},\"alarms\":[");
+    text_put(t, m->alarms_stand.at, m->alarms_stand.n);
+    text_add(t, "],\"control\":");
     control_json(m, now, t);
     text_add(t, ",\"history\":");
     behind_json(m, t);

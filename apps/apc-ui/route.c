@@ -20,6 +20,8 @@ const struct route routes[] = {
     {"GET", "/api/alarms", ROLE_OBSERVER, PAST, get_alarms, "", "the alarms as they stand"},
     {"GET", "/api/alarms/journal", ROLE_OBSERVER, PAST, get_alarm_journal, "since until last",
      "what the alarms did"},
+    {"GET", "/api/alarms/figures", ROLE_OBSERVER, PAST, get_alarm_figures, "since until",
+     "how many alarms there were"},
     {"GET", "/api/merits", ROLE_OBSERVER, PAST, get_merits, "since until", "what the controllers were worth"},
     {"GET", "/api/diagnostics", ROLE_OBSERVER, DIRECT, get_diagnostics, "", "how all parts are"},
     {"GET", "/api/writes", ROLE_OBSERVER, DIRECT, get_writes, "key", "what became of writes"},

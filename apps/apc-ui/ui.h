@@ -21,6 +21,7 @@
 #include <apctimer.h>
 
 #include "plant.h"
+#include "run/alarm_board.h"
 #include "session.h"
 #include "stream.h"
 #include "writes.h"
@@ -105,7 +106,9 @@ struct model {
     apc_ns *ticked;           /* [plant.loops.n_controllers] as moved */
     struct apc_vector alarms; /* of who evaluates them, without value; id 0: there are none */
     double alarm_numbers[APC_ALARMS_TICK];
-    apc_ns alarms_period, alarms_ticked; /* as the controllers' */
+    apc_ns alarms_period, alarms_ticked;  /* as the controllers' */
+    int64_t catalogue;                    /* its revision: also what an alarm says is described there */
+    struct text alarms_are, alarms_stand; /* as JSON; empty: there are none */
     bool connected;
     apc_ns since; /* UTC */
     char error[300];
@@ -144,6 +147,18 @@ void audit_refusal(struct ui *ui, const char *user, const char *address, const c
 /* What waits. Returns 0 or the store's error. */
 int audit_flush(struct ui *ui, struct apc_store *store);
 
+/* ---- api_alarm.c ---- */
+/* The alarms as the handlers know them: who writes waits for nobody who reads long. */
+enum { DESK_PAST = 0, DESK_WRITES, DESKS };
+struct desk {
+    pthread_mutex_t mutex; /* held while the store is asked */
+    struct alarm_board board;
+};
+int desks_init(struct desk desk[DESKS]);
+void desks_free(struct desk desk[DESKS]);
+void alarms_described_json(const struct experiment *e, struct text *t);
+void alarm_stands_json(const struct alarm_now *now, struct apc_store *store, struct text *t);
+
 struct ui {
     struct ui_options options;
     struct apc_log *log;
@@ -167,6 +182,7 @@ struct ui {
     _Atomic uint64_t requests[6]; /* answered, by the hundreds of their status */
 
     struct audit audit;
+    struct desk desk[DESKS];
 };
 
 /* ---- model.c ---- */
@@ -174,7 +190,8 @@ int model_init(struct model *m);
 void model_free(struct model *m);
 /* New descriptions, and which loops they make: what was read is unknown again. Returns true when they
  * changed. */
-bool model_describe(struct model *m, const struct apc_tag *tags, size_t n, struct loops *loops);
+bool model_describe(struct model *m, const struct apc_tag *tags, size_t n, struct loops *loops,
+                    int64_t catalogue);
 /* Read them from the store. Returns 0 or its error. */
 int model_load(struct model *m, struct apc_store *store);
 /* Of an event: what of it stands. */
@@ -195,6 +212,25 @@ size_t model_silent(const struct model *m, apc_ns now, struct text *t);
 void control_json(const struct model *m, apc_ns now, struct text *t); /* locked */
 void model_store(struct ui *ui, bool connected, const char *error);
 void store_state_json(const struct model *m, struct text *t); /* locked */
+
+/* ---- alarms.c ---- */
+struct alarm_watch {
+    struct alarm_board board;
+    struct alarm_told { /* of one alarm, what was told of it */
+        struct text json;
+        int64_t seq;
+        apc_ns shelved;
+    } * told;           /* [board.e.n_alarms]; NULL: there are none */
+    int64_t looked;     /* seq of the tick row at the last look; 0: there was none */
+    double transitions; /* the number of the last one then */
+};
+/* Which there are, by the catalogue: into the model. Returns 0 or the store's error: what is wrong with a
+ * catalogue is no reason to show nothing of the plant. */
+int alarm_watch_describe(struct alarm_watch *watch, struct ui *ui, struct apc_store *store);
+/* How they stand, if by the newest tick row of apc-alarms that may be new: into the model and the stream. */
+int alarm_watch_look(struct alarm_watch *watch, struct ui *ui, struct apc_store *store,
+                     const struct apc_vector *tick);
+void alarm_watch_free(struct alarm_watch *watch);
 
 /* ---- behind.c ---- */
 /* A look at it. What is seldom written is for a moment as late as it is seldom: two looks must agree on it.

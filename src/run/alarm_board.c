@@ -9,36 +9,29 @@
 
 /* ---- Making ------------------------------------------------------------------------------- */
 
-static int load(struct experiment *e, struct apc_store *store, struct apc_error *why)
+static int parse(struct experiment *e, struct apc_store *store, int64_t *revision, struct apc_error *why)
 {
-    int64_t revision;
-    int rc = apc_store_catalogue(store, NULL, 0, &revision);
+    int rc = apc_store_catalogue(store, NULL, 0, revision);
     if (rc < 0)
         return apc_fail(why, rc, "%s", apc_store_error(store));
     char *text = calloc((size_t)rc + 1, 1);
     if (!text)
         return apc_fail(why, APC_ENOMEM, "out of memory");
-    rc = apc_store_catalogue(store, text, (size_t)rc + 1, &revision);
+    rc = apc_store_catalogue(store, text, (size_t)rc + 1, revision);
     if (rc < 0)
         rc = apc_fail(why, rc, "%s", apc_store_error(store));
     else if (rc > 0)
         rc =
             experiment_parse(e, &(struct experiment_source){.file = "catalogue", .text = text}, 0, NULL, why);
     free(text);
-    if (rc == 0 && e->n_alarms == 0)
-        rc = apc_fail(why, APC_ENOTFOUND, "no alarms are described in this store");
     return rc;
 }
 
-int alarm_board_open(struct alarm_board *b, struct apc_store *store, struct apc_error *why)
+static int make(struct alarm_board *b, struct apc_error *why)
 {
-    memset(b, 0, sizeof *b);
-    int rc = load(&b->e, store, why);
-    if (rc < 0)
-        return rc;
     const size_t n = b->e.n_alarms;
-    b->at = calloc(n, sizeof *b->at);
-    b->memory = calloc(ROWS * n, sizeof *b->memory);
+    b->at = calloc(n + 1, sizeof *b->at);
+    b->memory = calloc(ROWS * n + 1, sizeof *b->memory);
     if (!b->at || !b->memory)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     struct apc_sample *sample = b->memory;
@@ -62,6 +55,21 @@ int alarm_board_open(struct alarm_board *b, struct apc_store *store, struct apc_
                                 .vector = &b->tick,
                                 .n_vectors = 1};
     return 0;
+}
+
+int alarm_board_open(struct alarm_board *b, struct apc_store *store, struct apc_error *why)
+{
+    int64_t revision;
+    int rc = apc_store_catalogue(store, NULL, 0, &revision);
+    if (rc < 0)
+        return apc_fail(why, rc, "%s", apc_store_error(store));
+    if (revision == 0 || revision != b->revision) {
+        alarm_board_close(b);
+        if ((rc = parse(&b->e, store, &revision, why)) < 0 || (rc = make(b, why)) < 0)
+            return rc;
+        b->revision = revision;
+    }
+    return b->e.n_alarms > 0 ? 0 : apc_fail(why, APC_ENOTFOUND, "no alarms are described in this store");
 }
 
 void alarm_board_close(struct alarm_board *b)

@@ -15,6 +15,7 @@ struct alarm_now {
 
 struct alarm_board {
     struct experiment e;  /* as the store describes it */
+    int64_t revision;     /* of the catalogue that this is of; 0: of none */
     struct alarm_now *at; /* [e.n_alarms] */
     struct apc_sample *memory;
     struct apc_vector tick;
@@ -22,7 +23,8 @@ struct alarm_board {
     struct apc_rows rows;
 };
 
-/* From the catalogue of a store. Returns 0, APC_ENOTFOUND (it describes no alarms), or another error with a
+/* From the catalogue of a store; of a board that is open, only where the catalogue is another than before.
+ * Zeroed before the first time. Returns 0, APC_ENOTFOUND (it describes no alarms), or another error with a
  * text in @why; alarm_board_close() in either case. */
 int alarm_board_open(struct alarm_board *board, struct apc_store *store, struct apc_error *why);
 void alarm_board_close(struct alarm_board *board);

@@ -149,6 +149,8 @@ static void answers_are_what_openapi_says(void **state)
         {"/api/alarms", 200},
         {"/api/alarms/journal", 200},
         {"/api/alarms/journal?since=-60&last=0", 400},
+        {"/api/alarms/figures", 200},
+        {"/api/alarms/figures?since=-60&until=-3600", 400},
         {"/api/merits", 200},
         {"/api/merits?since=-3600&until=-60", 200},
         {"/api/merits?since=-60&until=-3600", 400},

@@ -92,8 +92,9 @@ static int set_up(void **state)
     if (apc_log_create(&ui->log, STDERR_FILENO, "test", APC_LOG_ERROR) < 0 || model_init(&ui->model) < 0 ||
         stream_create(&ui->stream) < 0 || writes_create(&ui->writes, no_telling, NULL) < 0 ||
         sessions_init(&ui->sessions, 100 * S, 1000 * S) < 0 || audit_init(&ui->audit) < 0 ||
-        meter_init(&ui->reads) < 0 || meter_init(&ui->stores) < 0 || meter_init(&ui->lag) < 0 ||
-        apc_store_open(&store, ui->options.store, NULL, NULL) < 0 || apc_store_init(store) < 0)
+        desks_init(ui->desk) < 0 || meter_init(&ui->reads) < 0 || meter_init(&ui->stores) < 0 ||
+        meter_init(&ui->lag) < 0 || apc_store_open(&store, ui->options.store, NULL, NULL) < 0 ||
+        apc_store_init(store) < 0)
         return -1;
     if (experiment_parse(&e, &source, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0 ||
         provision(store, &e, PROVISION_KEEP) < 0 || cores_alarms(&e, &alarms, &why) < 0)
@@ -117,6 +118,7 @@ static int tear_down(void **state)
     meter_free(&ui->stores);
     meter_free(&ui->lag);
     audit_free(&ui->audit);
+    desks_free(ui->desk);
     sessions_free(&ui->sessions);
     writes_destroy(ui->writes);
     stream_destroy(ui->stream);
@@ -175,11 +177,12 @@ static void the_list_says_how_all_alarms_stand(void **state)
     assert_state(1, "Normal");
     const char *answer = ask_text(get_alarms);
     assert_non_null(strstr(answer, "\"evaluated\":true"));
-    assert_non_null(strstr(answer, "\"alarm\":\"y.high\",\"id\":1,\"kind\":\"high\",\"priority\":2,\"seq\":1,"
-                                   "\"journal\":1,\"state\":\"Unacknowledged Active\",\"active\":true,"
-                                   "\"unacknowledged\":true,\"standing\":true,\"time\":"));
-    assert_non_null(strstr(answer, "\"author\":null,\"shelved_until\":null,\"area\":\"left\","
-                                   "\"message\":\"too much\",\"consequence\":\"\",\"response\":\"\"}"));
+    assert_non_null(strstr(answer, "\"alarm\":\"y.high\",\"id\":1,\"seq\":1,\"journal\":1,\"state\":"
+                                   "\"Unacknowledged Active\",\"active\":true,\"unacknowledged\":true,"
+                                   "\"standing\":true,\"time\":"));
+    assert_non_null(strstr(answer, "\"author\":null,\"shelved_until\":null,\"kind\":\"high\",\"priority\":2,"
+                                   "\"area\":\"left\",\"message\":\"too much\",\"consequence\":\"\","
+                                   "\"response\":\"\"}"));
 }
 
 static void the_journal_gives_the_newest_in_their_order(void **state)
@@ -230,6 +233,27 @@ static void a_store_without_alarms_has_none(void **state)
     assert_non_null(strstr(ask_text(get_alarm_journal), "\"transitions\":[]}"));
     store = own;
     apc_store_close(empty);
+}
+
+static void figures_count_them(void **state)
+{
+    (void)state;
+    measured(20);
+    measured(1);
+    measured(20);
+    const char *answer = ask_text(get_alarm_figures);
+    assert_non_null(
+        strstr(answer, "\"hours\":24,\"raised\":2,\"by_priority\":[0,2,0,0],\"per_hour\":0.0833"));
+    assert_non_null(strstr(answer, "\"most_in_ten_minutes\":2,\"floods\":0,\"windows\":144,"));
+    assert_non_null(
+        strstr(answer, "\"standing\":1,\"stale\":0,\"unacknowledged\":1,\"to_acknowledge\":null,"));
+    assert_non_null(
+        strstr(answer, "\"alarms\":[{\"id\":1,\"alarm\":\"y.high\",\"raised\":2,\"chatters\":false,"));
+    assert_null(strstr(answer, "y.low")); /* it never came */
+    query[0] = "since";
+    query[1] = "-2700000"; /* more than 31 days */
+    assert_string_equal(ask_text(get_alarm_figures), "");
+    assert_int_equal(request.fault.http, 400);
 }
 
 static void metrics_count_them_while_they_are_evaluated(void **state)
@@ -352,6 +376,16 @@ static void what_is_acknowledged_is_confirmed_and_on_record(void **state)
     assert_true(answered("\"state\":\"applied\""));
 }
 
+static void a_reason_is_on_record(void **state)
+{
+    struct apc_event event = {0};
+    (void)state;
+    measured(20);
+    assert_int_equal(want(post_alarm_ack, "y.high", "{\"seq\":1,\"reason\":\"valve 3 stuck\"}"), 200);
+    assert_true(apc_store_events(store, NULL, last_event, &event) >= 1);
+    assert_string_equal(event.text, "y.high: acknowledged (from 10.0.0.7): valve 3 stuck");
+}
+
 static void of_two_who_acknowledge_one_does_and_the_other_is_told(void **state)
 {
     (void)state;
@@ -415,6 +449,7 @@ static void shelving_has_an_end_and_is_of_what_was_seen(void **state)
 static void what_makes_no_sense_writes_nothing(void **state)
 {
     struct apc_sample wish = {.table = APC_OPMODE, .id = apc_alarm_switch_id(APC_ALARM_ACK, 1)};
+    char body[128];
     (void)state;
     assert_int_equal(acknowledge("y.high", 0), 409); /* nobody evaluates */
     assert_non_null(strstr(request.fault.message, "not evaluated"));
@@ -428,8 +463,97 @@ static void what_makes_no_sense_writes_nothing(void **state)
     assert_int_equal(want(post_alarm_shelve, "y.high", "{\"seq\":1}"), 400);
     assert_int_equal(want(post_alarm_shelve, "y.high", "{\"until\":0,\"once\":1,\"seq\":1}"), 400);
     assert_int_equal(want(post_alarm_shelve, "y.high", "{\"until\":-5,\"seq\":1}"), 422);
+    assert_int_equal(want(post_alarm_ack, "y.high", "{\"seq\":1,\"reason\":7}"), 400);
+    snprintf(body, sizeof body, "{\"seq\":1,\"reason\":\"%081d\"}", 0);
+    assert_int_equal(want(post_alarm_ack, "y.high", body), 422);
+    assert_string_equal(request.fault.field, "reason");
     assert_int_equal(apc_store_read(store, &wish, 1), 0);
     assert_int_equal(wish.seq, 0);
+}
+
+/* ---- As they are followed ------------------------------------------------------------------ */
+
+/* As the live thread does it, when it has read the newest tick. Returns how many messages that was. */
+static uint64_t follow(struct alarm_watch *watch)
+{
+    double numbers[APC_ALARMS_TICK] = {0};
+    struct apc_vector tick = {
+        .table = APC_TICK, .id = ui->model.alarms.id, .value = numbers, .room = APC_ALARMS_TICK};
+    struct apc_rows rows = {.size = sizeof rows, .vector = &tick, .n_vectors = 1};
+    struct stream_stats before, after;
+    assert_true(apc_store_read_rows(store, &rows) >= 0);
+    stream_stats(ui->stream, &before);
+    assert_int_equal(alarm_watch_look(watch, ui, store, &tick), 0);
+    stream_stats(ui->stream, &after);
+    return after.messages - before.messages;
+}
+
+static void what_moves_is_told_once_and_is_in_the_state(void **state)
+{
+    struct alarm_watch watch = {0};
+    (void)state;
+    assert_non_null(strstr(ask_text(get_plant), ",\"alarms\":null}"));
+    assert_int_equal(alarm_watch_describe(&watch, ui, store), 0);
+    const char *plant = ask_text(get_plant);
+    assert_non_null(strstr(plant, ",\"alarms\":{\"shelve_max\":28800,\"all\":[{\"id\":1,\"alarm\":\"y.high\","
+                                  "\"ref\":\"sensor.1\",\"limit\":10,\"kind\":\"high\",\"priority\":2,"));
+    assert_int_equal(follow(&watch), 0); /* nobody has ever evaluated them */
+    assert_non_null(strstr(ask_text(get_state), "\"alarms\":[],"));
+    measured(1);
+    assert_int_equal(follow(&watch), 0);
+    measured(20);
+    assert_int_equal(follow(&watch), 1);
+    assert_int_equal(follow(&watch), 0);
+    assert_non_null(
+        strstr(ask_text(get_state),
+               "\"alarms\":[{\"id\":1,\"seq\":1,\"journal\":1,\"state\":\"Unacknowledged Active\","));
+    evaluate(); /* a tick without a transition */
+    assert_int_equal(follow(&watch), 0);
+    measured(-20);
+    assert_int_equal(follow(&watch), 1);
+    const char *now = ask_text(get_state);
+    assert_non_null(strstr(now, "\"id\":1,\"seq\":2,\"journal\":2,\"state\":\"RTN Unacknowledged\""));
+    assert_non_null(strstr(now, "\"id\":2,\"seq\":1,\"journal\":3,\"state\":\"Unacknowledged Active\""));
+    alarm_watch_free(&watch);
+}
+
+static void the_end_of_shelving_may_move_without_a_transition(void **state)
+{
+    struct alarm_watch watch = {0};
+    (void)state;
+    assert_int_equal(alarm_watch_describe(&watch, ui, store), 0);
+    measured(20);
+    assert_int_equal(shelve(3600, "", 1), 200);
+    evaluate();
+    assert_int_equal(follow(&watch), 1);
+    assert_int_equal(shelve(7200, "", 2), 200);
+    evaluate();
+    assert_int_equal(follow(&watch), 1);
+    const char *until = strstr(ask_text(get_state), "\"shelved_until\":");
+    assert_true(until && strtod(until + 16, NULL) > apc_ns_to_s(apc_clock_utc(NULL)) + 3700);
+    evaluate();
+    assert_int_equal(follow(&watch), 0);
+    alarm_watch_free(&watch);
+}
+
+static void who_was_described_anew_is_told_anew(void **state)
+{
+    struct alarm_watch watch = {0};
+    (void)state;
+    assert_int_equal(alarm_watch_describe(&watch, ui, store), 0);
+    measured(20);
+    assert_int_equal(follow(&watch), 1);
+    assert_int_equal(alarm_watch_describe(&watch, ui, store), 0);
+    assert_int_equal(follow(&watch), 1);
+    const unsigned before = ui->model.plant.revision;
+    assert_int_equal(model_load(&ui->model, store), 0);
+    assert_int_equal(ui->model.plant.revision, before);
+    assert_true(apc_store_describe(store, NULL, 0, "name = \"none\"; # no alarms, and no experiment\n") >= 0);
+    assert_int_equal(model_load(&ui->model, store), 0);
+    assert_true(ui->model.plant.revision > before);
+    assert_int_equal(alarm_watch_describe(&watch, ui, store), 0); /* what cannot be read has none */
+    assert_non_null(strstr(ask_text(get_plant), ",\"alarms\":null}"));
+    alarm_watch_free(&watch);
 }
 
 #define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
@@ -441,8 +565,13 @@ int main(void)
         T(the_journal_gives_the_newest_in_their_order),
         T(what_is_no_range_is_refused),
         T(a_store_without_alarms_has_none),
+        T(figures_count_them),
+        T(what_moves_is_told_once_and_is_in_the_state),
+        T(the_end_of_shelving_may_move_without_a_transition),
+        T(who_was_described_anew_is_told_anew),
         T(metrics_count_them_while_they_are_evaluated),
         T(what_is_acknowledged_is_confirmed_and_on_record),
+        T(a_reason_is_on_record),
         T(of_two_who_acknowledge_one_does_and_the_other_is_told),
         T(who_acknowledges_acknowledges_what_he_saw),
         T(shelving_has_an_end_and_is_of_what_was_seen),
