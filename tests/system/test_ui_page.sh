@@ -22,7 +22,10 @@ fi
 . "$(dirname "$0")/lib.sh"
 fast_experiment
 # Nobody else writes setpoints; and on a busy machine the plant has a little more patience with the client.
-sed -i -e 's/period = 15.0;/period = 1500.0;/' -e 's/period = 0.05;/period = 0.1;/' "$work/fast.conf"
+sed -i -e 's/period = 15.0;/period = 1500.0;/' -e 's/period = 0.05;/period = 0.1;/' \
+  -e 's/{ name = "y";/{ name = "y"; alarms = ({ kind = "high"; limit = 25.0; deadband = 1.0; priority = 2; message = "the tank is full"; response = "lower r"; });/' \
+  "$work/fast.conf"
+echo 'alarms = { period = 0.2; };' >>"$work/fast.conf"
 export HOME=$work
 unset APC_USERS
 

@@ -7,7 +7,7 @@ import {Shape} from "./parts/shape";
 import {setShortcuts, shortcuts} from "./theme";
 
 const keys: [string, string][] = [
-  ["Alt+1 … Alt+6", "Overview, Loop, Trend, Events, Timing, Diagnostics"],
+  ["Alt+1 … Alt+7", "Overview, Loop, Trend, Alarms, Events, Timing, Diagnostics"],
   ["Enter", "apply what is typed"],
   ["Esc", "revert what is typed; close this"],
   ["Space", "trend: pause, or back to live"],
@@ -40,6 +40,13 @@ export function Help({close}: {close: () => void}): JSX.Element {
         <p>
           The mark in a bar is the setpoint. Scales are chosen once, from the limits or the last ten minutes; only a setpoint
           beyond the end moves them.
+        </p>
+        <h2>Alarms</h2>
+        <p>
+          Shape, digit and colour are the priority, 1 the gravest; hollow: somebody has acknowledged it. <b>Acknowledge</b> says that
+          you know of what you see: has it come again meanwhile, you are asked again. <b>Shelve</b> keeps it from you for a time, for
+          a reason. What is suppressed by design only follows from something else. The sound calls for what is new until it is
+          silenced or acknowledged.
         </p>
         <h2>A write</h2>
         <p>

@@ -2,6 +2,8 @@
 import {render} from "preact";
 import {begin} from "./core/model";
 import {Shell} from "./shell";
+import {listen} from "./sound";
 
 render(<Shell />, document.getElementById("app") as HTMLElement);
+listen();
 void begin();

@@ -11,17 +11,19 @@ import {Login} from "./login";
 import {env} from "./core/env";
 import {notRunning} from "./core/modes";
 import {behind, connection, control, heardAt, needsLogin, plant, second, session, serverNow, store} from "./core/model";
+import {AlarmsPage} from "./pages/alarms";
 import {DiagnosticsPage} from "./pages/diagnostics";
 import {EventsPage} from "./pages/events";
 import {LoopPage} from "./pages/loop";
 import {OverviewPage} from "./pages/overview";
 import {TimingPage} from "./pages/timing";
 import {TrendPage} from "./pages/trend";
+import {AlarmLine} from "./parts/alarmline";
 import {Shape} from "./parts/shape";
 import {go, pages, path, place} from "./router";
 import {setTheme, shortcuts, theme, type Theme} from "./theme";
 
-const titles = {overview: "Overview", loop: "Loop", trend: "Trend", events: "Events", timing: "Timing", diagnostics: "Diagnostics"};
+const titles = {overview: "Overview", loop: "Loop", trend: "Trend", alarms: "Alarms", events: "Events", timing: "Timing", diagnostics: "Diagnostics"};
 
 export function Shell(): JSX.Element {
   const {page, about} = useCell(place);
@@ -62,11 +64,13 @@ export function Shell(): JSX.Element {
           </a>
         ))}
       </nav>
+      <AlarmLine />
       <Bars />
       <main id="main" ref={main} tabIndex={-1} aria-label={titles[page]}>
         {page === "overview" && <OverviewPage />}
         {page === "loop" && <LoopPage about={about} />}
         {page === "trend" && <TrendPage about={about} />}
+        {page === "alarms" && <AlarmsPage about={about} />}
         {page === "events" && <EventsPage />}
         {page === "timing" && <TimingPage />}
         {page === "diagnostics" && <DiagnosticsPage />}

@@ -3,7 +3,7 @@ import {Cell} from "./core/cell";
 
 export type Theme = "auto" | "light" | "dark";
 
-function stored(name: string): string | null {
+export function stored(name: string): string | null {
   try {
     return localStorage.getItem(name);
   } catch {

@@ -10,7 +10,7 @@ import {launch, open, until} from "./lib.mjs";
 
 const source = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 const tags = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"];
-const screens = ["overview", "loop", "trend", "events", "timing", "diagnostics"];
+const screens = ["overview", "loop", "trend", "alarms", "alarms/journal", "alarms/figures", "events", "timing", "diagnostics"];
 
 const PATIENCE = {timeout: 300000};
 let browser;
@@ -26,7 +26,7 @@ async function violations(page, colorScheme) {
 
 async function go(page, screen) {
   await page.evaluate(where => (location.hash = where), screen);
-  await until(`${screen} is shown`, async () => (await page.locator("nav a[aria-current]").getAttribute("href")).includes(screen));
+  await until(`${screen} is shown`, async () => (await page.locator("nav a[aria-current]").getAttribute("href")).includes(screen.split("/")[0]));
 }
 
 for (const colorScheme of ["light", "dark"])
@@ -38,7 +38,7 @@ for (const colorScheme of ["light", "dark"])
       for (const screen of screens) {
         await go(page, screen);
         await page.locator("main h1").waitFor();
-        await until(`${screen} has its content`, () => page.locator("main :is(.value, .u-over, tbody tr, svg)").first().isVisible());
+        await until(`${screen} has its content`, () => page.locator("main :is(.value, .u-over, tbody tr, svg, .panel .say)").first().isVisible());
         assert.deepEqual(await violations(page, colorScheme), [], screen);
         const table = page.getByRole("button", {name: "View as table"});
         if (await table.count()) {
@@ -57,8 +57,8 @@ for (const colorScheme of ["light", "dark"])
       const fake = await new Fake().start();
       t.after(() => fake.stop());
       const page = await open(browser, "overview", {...looks, url: fake.url});
-      const look = async what => {
-        for (const screen of screens) {
+      const look = async (what, which = screens.filter(screen => !screen.includes("/"))) => {
+        for (const screen of which) {
           await go(page, screen);
           assert.deepEqual(await violations(page, colorScheme), [], `${what}, ${screen}`);
         }
@@ -74,7 +74,13 @@ for (const colorScheme of ["light", "dark"])
       await page.locator(".safe-bar").waitFor();
       await page.locator(".silent-bar").waitFor();
       await page.locator(".value.bad").first().waitFor();
-      await look("a sensor failed, the controller stopped, the plant safe");
+      const stands = (id, state, rest) => ({id, seq: id, journal: id, state, active: true, unacknowledged: false, standing: true, time: fake.now - 60, author: null, shelved_until: null, ...rest});
+      fake.alarms = [stands(1, "Unacknowledged Active", {unacknowledged: true}), stands(2, "Acknowledged Active", {author: "anna"}), stands(3, "Shelved, Active", {standing: false, shelved_until: fake.now + 600})];
+      fake.say("alarms", {t: fake.now, alarms: fake.alarms});
+      await page.locator(".alarm-line.calls").waitFor();
+      await go(page, "alarms/y.high");
+      await page.locator(".detail").waitFor();
+      await look("a sensor failed, the controller stopped, the plant safe, alarms", screens);
       fake.away = true;
       fake.say("store", {connected: false, since: fake.now, error: "server closed the connection unexpectedly"});
       await page.locator(".database-bar").waitFor();

@@ -2,10 +2,11 @@
 // The pure parts: npm test.
 import assert from "node:assert/strict";
 import {test} from "node:test";
+import {acknowledgement, type Alarm, bySignal, counted, found, loopOf, raised, ranked, stateWords, story, taken} from "../src/core/alarms";
 import {Backoff} from "../src/core/backoff";
 import {Clock, Parting} from "../src/core/clock";
 import {hole, matches, merge} from "../src/core/eventlist";
-import {clock, complaint, csv, decimalsOf, duration, exact, iso, limitsText, number, period, read, stamp} from "../src/core/format";
+import {clock, complaint, csv, decimalsOf, duration, exact, iso, limitsText, number, period, read, span, stamp} from "../src/core/format";
 import {histogram, logHeight, reach} from "../src/core/histogram";
 import {next, type WriteView} from "../src/core/lifecycle";
 import {modesOf, notRunning} from "../src/core/modes";
@@ -15,7 +16,7 @@ import {extent, niceScale, place} from "../src/core/scale";
 import {align, append, between, drawn, empty, fromBins, fromHistory, fromSamples, held, indexAt, join, trim, valueAt, visible} from "../src/core/series";
 import {bounds, goLive, pan, pause, refuse, select, zoom, type Window} from "../src/core/view";
 import type {Control, Loop, PlantEvent, Write} from "../src/core/types";
-import {cascade, plant} from "./plant";
+import {alarmed, cascade, plant, stands} from "./plant";
 
 const DAY = 86400;
 
@@ -305,7 +306,7 @@ test("any link gives a place", () => {
 
 const of = (value: number | null, part: Partial<Live> = {}): Live => ({...nothing, seq: 1, value, status: "Good", ...part});
 
-const control: Control = {running: {base: true}, reasons: {}, shadow: [], safe: false, safe_since: null};
+const control: Control = {running: {base: true}, reasons: {}, shadow: [], safe: false, safe_since: null, alarms: null};
 const [below, , above] = cascade.loops as [Loop, Loop, Loop];
 const judge = (target: number | null, actual: number | null, part: Partial<Control> = {}, loop = below, p = cascade) => modesOf(loop, p, of(target), of(actual), {...control, ...part});
 
@@ -488,4 +489,66 @@ test("where more events came than are kept, the hole is known", () => {
   assert.equal(hole(all, past, 5), 2);
   assert.equal(hole([e(8)], [], 5), 0);
   assert.equal(hole(past, past, 5), -1);
+});
+
+const defined = alarmed.alarms!.all;
+const standing = (...now: ReturnType<typeof stands>[]): Alarm[] => ranked(defined, taken(new Map(), now));
+
+test("of an alarm the highest seq counts, in whatever order and however often it is told", () => {
+  const told = [stands(1, 1, "Unacknowledged Active"), stands(1, 2, "Acknowledged Active"), stands(2, 5, "RTN Unacknowledged")];
+  const states = (order: typeof told): string[] => [...order.reduce((known, one) => taken(known, [one]), taken(new Map(), [])).values()].map(one => `${one.id} ${one.state}`).sort();
+  for (const order of [told, [...told].reverse(), [...told, ...told]]) assert.deepEqual(states(order), ["1 Acknowledged Active", "2 RTN Unacknowledged"]);
+  const moved = taken(new Map([[1, told[1]!]]), [{...told[1]!, shelved_until: 9}]); // the same transition, another end
+  assert.equal(moved.get(1)?.shelved_until, 9);
+});
+
+test("alarms come in the order in which they want somebody", () => {
+  const order = (...now: ReturnType<typeof stands>[]): string[] => standing(...now).map(one => one.alarm);
+  assert.deepEqual(order(), ["base.stopped", "y1.high", "y2.low", "u1.mode"]); // by priority where nothing stands
+  assert.deepEqual(order(stands(3, 1, "Unacknowledged Active"), stands(4, 9, "Acknowledged Active")), ["u1.mode", "base.stopped", "y1.high", "y2.low"]);
+  assert.deepEqual(order(stands(2, 1, "Unacknowledged Active"), stands(3, 2, "Unacknowledged Active"), stands(1, 1, "RTN Unacknowledged")).slice(0, 3), ["y1.high", "u1.mode", "y2.low"]);
+  assert.deepEqual(order(stands(4, 1, "Shelved, Active"), stands(2, 1, "Latched Acknowledged"))[0], "y2.low");
+});
+
+test("what stands is counted by priority, what is masked by itself", () => {
+  const counts = counted(standing(stands(1, 1, "Unacknowledged Active"), stands(2, 1, "Acknowledged Active"), stands(3, 1, "Suppressed by Design, Active"), stands(4, 2, "Normal")));
+  assert.deepEqual(counts, {standing: 2, unacknowledged: 1, masked: 1, byPriority: [0, 1, 1, 0], waiting: [0, 1, 0, 0]});
+  assert.deepEqual(counted(standing(stands(1, 1, "Shelved"))).masked, 1);
+});
+
+test("what is new to somebody sounds, by the gravest; what he knows of does not", () => {
+  const [none, one] = [standing(), standing(stands(2, 1, "Unacknowledged Active"))];
+  assert.equal(raised(none, one), 3);
+  assert.equal(raised(one, one), null);
+  assert.equal(raised(one, standing(stands(2, 2, "Acknowledged Active"))), null);
+  assert.equal(raised(one, standing(stands(2, 2, "RTN Unacknowledged"))), null);
+  assert.equal(raised(standing(stands(2, 2, "RTN Unacknowledged")), standing(stands(2, 3, "Unacknowledged Active"))), 3); // it came again
+  assert.equal(raised(none, standing(stands(2, 1, "Unacknowledged Active"), stands(1, 1, "Unacknowledged Active"))), 2);
+  assert.equal(raised(none, standing(stands(1, 1, "Shelved, Active"))), null);
+  assert.equal(raised(standing(stands(1, 1, "Shelved, Active")), standing(stands(1, 2, "Unacknowledged Active"))), 2);
+});
+
+test("an alarm is of the loop whose signal or mode it watches, or of none", () => {
+  assert.deepEqual(defined.map(one => loopOf(one.ref, plant.loops)?.name ?? null), ["y1", "y2", "y1", null]);
+  const marks = bySignal(standing(stands(1, 1, "Acknowledged Active"), stands(2, 3, "Normal")));
+  assert.deepEqual([...marks.keys()], ["sensor.1"]);
+});
+
+test("what acknowledging does, states in words, and what a search finds", () => {
+  const act = (state: string): string | null => acknowledgement(standing(stands(1, 1, state)).find(one => one.id === 1)!);
+  assert.deepEqual(["Unacknowledged Active", "RTN Unacknowledged", "Latched Unacknowledged", "Latched Acknowledged", "Acknowledged Active", "Shelved, Active", "Normal"].map(act), ["Acknowledge", "Acknowledge", "Acknowledge", "Reset", null, null, null]);
+  assert.deepEqual(["Unacknowledged Active", "One-shot Shelved, Active", "Out of Service"].map(stateWords), ["active, not acknowledged", "shelved once, active", "out of service"]);
+  assert.deepEqual([found("HIGH tanks", defined[0]!), found("high low", defined[0]!), found("", defined[0]!)], [true, false, true]);
+});
+
+test("the journal tells what people said between the transitions, and nothing of other things", () => {
+  const transition = (number: number, time: number) => ({number, time, alarm: "y1.high", priority: 2 as const, raised: number === 1, state: "x", before: null, author: null});
+  const event = (time: number, text: string, kind = "operator"): PlantEvent => ({time, severity: 1, source: "anna", kind, text});
+  const told = story([transition(1, 10), transition(2, 20), transition(3, 20)], [event(15, "y1.high: acknowledged (from x): I see it"), event(16, "r: 1 -> 2"), event(17, "y1.high: raised", "alarm"), event(2, "y1.high: shelved until")], defined);
+  assert.deepEqual(told.map(one => one.transition?.number ?? one.said?.text), [1, "y1.high: acknowledged (from x): I see it", 2, 3]);
+  assert.deepEqual(story([], [event(1, "y1.high: acknowledged")], defined), []);
+});
+
+test("a time that people choose is told exactly", () => {
+  assert.deepEqual([900, 5400, 3600, 28800, 90].map(span), ["15 min", "90 min", "1 h", "8 h", "90 s"]);
 });

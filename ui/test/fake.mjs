@@ -20,6 +20,14 @@ const plant = {
   loops: [{id: 1, name: "y", measurement: "sensor.1", setpoint: "setpoint.1", output: "actuator.1", manual: "manual.1", would: null, tuning: ["tuning.1"], parameters: ["Kp"], called: "u", controller: "controller", above: null, owner: null, mode: {target: "opmode.1", actual: "actual.21", targets: ["OOS", "Man", "Auto"]}}],
   controllers: [{number: 1, name: "controller", period: 1}],
   modes: ["Man", "Auto", "OOS", "Cas", "IMan", "LO"],
+  alarms: {
+    shelve_max: 7200,
+    all: [
+      {id: 1, alarm: "y.high", ref: "sensor.1", limit: 1.2, kind: "high", priority: 1, area: "left", message: "tank full", consequence: "it flows over", response: "open the valve"},
+      {id: 2, alarm: "y.low", ref: "sensor.1", limit: 0.5, kind: "low", priority: 2, area: "left", message: "tank empty", consequence: "", response: ""},
+      {id: 3, alarm: "u.mode", ref: "opmode.1", limit: null, kind: "mode", priority: 3, area: "left", message: "not in its mode", consequence: "", response: ""},
+    ],
+  },
 };
 
 const trial = {...plant.loops[0], id: 2, name: "trial.u", called: "trial.u", controller: "trial", manual: "manual.2", would: "estimate.2", tuning: [], parameters: [], mode: {target: "opmode.2", actual: "actual.37", targets: ["OOS", "Man", "Auto"]}};
@@ -40,6 +48,7 @@ export class Fake {
   stopped = false; // the controller
   trial = false; // there is another one, in shadow
   bare = false; // the plant has no variable, no loop
+  alarms = []; // how they stand
   away = false; // the database
   mute = false; // nothing that is asked is answered
   gone = false; // whoever comes is shown the door; leave() throws out who is inside
@@ -95,7 +104,7 @@ export class Fake {
 
   #control() {
     const fault = this.now >= this.failed + HELD;
-    return {running: {controller: !this.stopped}, reasons: fault && !this.stopped ? {1: "output at its fault value: y is Bad"} : {}, shadow: this.trial ? ["trial"] : [], safe: this.stopped, safe_since: this.stopped ? this.now - 60 : null};
+    return {running: {controller: !this.stopped}, reasons: fault && !this.stopped ? {1: "output at its fault value: y is Bad"} : {}, shadow: this.trial ? ["trial"] : [], safe: this.stopped, safe_since: this.stopped ? this.now - 60 : null, alarms: !this.stopped};
   }
 
   #sample(ref, t) {
@@ -105,7 +114,7 @@ export class Fake {
 
   #state() {
     const values = Object.fromEntries((this.trial ? both : plant).variables.map(({ref}) => [ref, this.#sample(ref, this.now)]));
-    return {t: this.now, id: `f.${this.#seq}`, store: this.#store(), values, ages: Object.fromEntries(Object.keys(values).map(ref => [ref, 0])), control: this.#control(), history: null};
+    return {t: this.now, id: `f.${this.#seq}`, store: this.#store(), values, ages: Object.fromEntries(Object.keys(values).map(ref => [ref, 0])), alarms: this.alarms, control: this.#control(), history: null};
   }
 
   #store() {
@@ -170,6 +179,10 @@ export class Fake {
         return json({writes: []});
       case "/api/events":
         return json({t: this.now, events: [], more: false});
+      case "/api/alarms/journal":
+        return json({t: this.now, transitions: this.alarms.map((one, i) => ({number: i + 1, time: one.time, alarm: plant.alarms.all[one.id - 1].alarm, priority: plant.alarms.all[one.id - 1].priority, raised: one.active, state: one.state, before: "Normal", author: one.author}))});
+      case "/api/alarms/figures":
+        return json({t: this.now, since: this.now - 86400, until: this.now, hours: 24, raised: 400, by_priority: [100, 200, 100, 0], per_hour: 16.7, most_in_ten_minutes: 40, floods: 3, windows: 144, chattering: 1, standing: 2, stale: 6, unacknowledged: 1, to_acknowledge: 41.5, alarms: [{id: 1, alarm: "y.high", raised: 300, chatters: true, active: 3600, since: this.now - 60}]});
       case "/api/timing":
         return json({error: {code: "away", message: "the database is away"}}, 503);
       case "/api/diagnostics":

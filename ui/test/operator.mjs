@@ -163,7 +163,7 @@ test("the trend is paused, zoomed, moved, and exported", () =>
 test("everything by keyboard alone", () =>
   withPage("overview", {}, async page => {
     const at = () => page.locator("nav [aria-current]").textContent();
-    for (const [key, name] of [["6", "Diagnostics"], ["5", "Timing"], ["4", "Events"], ["1", "Overview"], ["3", "Trend"]]) {
+    for (const [key, name] of [["7", "Diagnostics"], ["6", "Timing"], ["5", "Events"], ["4", "Alarms"], ["1", "Overview"], ["3", "Trend"]]) {
       await page.keyboard.press(`Alt+${key}`);
       await until(name, async () => (await at()).includes(name));
     }
@@ -220,7 +220,7 @@ test("timing and diagnostics tell of every task", () =>
     await until("each task has a histogram", async () => (await page.locator("svg.histogram").count()) >= 3);
     await page.getByRole("button", {name: "lateness"}).click();
     await until("the histograms are of lateness", async () => /lateness/.test(await page.locator("svg.histogram").first().getAttribute("aria-label")));
-    await page.keyboard.press("Alt+6");
+    await page.keyboard.press("Alt+7");
     await until("the tasks are listed", async () => /controller/.test(await page.getByRole("region", {name: "Tasks"}).textContent()));
     const links = page.getByRole("region", {name: "Links"});
     await until("the link has a round trip", async () => /apc-client.*\d (µs|ms)/.test(await links.textContent()));
@@ -242,13 +242,13 @@ test("dark by the system's wish and by the toggle", () =>
 
 test("400 pixels wide: nothing sticks out, and fingers find their targets", () =>
   withPage("overview", {viewport: {width: 400, height: 800}, hasTouch: true}, async page => {
-    for (const key of ["overview", "loop", "trend", "events", "timing", "diagnostics"]) {
+    for (const key of ["overview", "loop", "trend", "alarms", "alarms/all", "alarms/journal", "alarms/figures", "events", "timing", "diagnostics"]) {
       await page.goto(page.url().replace(/#.*/, `#${key}`));
       await page.locator("main section").waitFor();
       const wide = await page.evaluate(() => document.documentElement.scrollWidth);
       assert.ok(wide <= 400, `${key} is ${wide} pixels wide`);
       const rows = await page.evaluate(() => new Set([...document.querySelectorAll("nav a")].map(one => one.getBoundingClientRect().top)).size);
-      assert.equal(rows, 1, "the six screens are not in one row");
+      assert.equal(rows, 1, "the screens are not in one row");
       const small = await page.evaluate(() =>
         [...document.querySelectorAll("button, select, nav a, main a.button, tbody th a, input:not([type=checkbox])")]
           .filter(one => one.checkVisibility())
@@ -258,6 +258,46 @@ test("400 pixels wide: nothing sticks out, and fingers find their targets", () =
       );
       assert.deepEqual(small, [], key);
     }
+  }));
+
+test("an alarm comes with its rank and what to do, is acknowledged with a comment, shelved, and the journal tells it in order", () =>
+  withPage("overview", {}, async page => {
+    const line = page.locator(".alarm-line");
+    const rows = page.locator(".alarm-list tbody tr:not(.detail)");
+    const write = async value => post("/api/setpoint", {id: 1, value, seq: (await api("/api/state")).values["setpoint.1"][0]});
+    await until("no alarm stands", async () => /No alarm stands/.test(await line.textContent()));
+    await write(30);
+    await until("the alarm is on the overview", async () => /1 not acknowledged/.test(await line.textContent()));
+    await line.locator(".first a", {hasText: "y.high"}).click();
+    await until("it stands in the list, opened", async () => (await rows.count()) === 1 && /what to do.*lower r/.test(await page.locator(".detail").textContent()));
+    assert.match(await rows.first().textContent(), /y.high.*the tank is full.*active, not acknowledged/);
+    await page.getByLabel("reason or comment").fill("valve 3 stuck");
+    await page.getByRole("button", {name: "Acknowledge with it"}).click();
+    await until("it is acknowledged", async () => /active, acknowledged/.test(await rows.first().textContent()));
+    assert.equal(await line.getByRole("button", {name: /^Acknowledge/}).count(), 0);
+    assert.equal(await page.getByRole("button", {name: "Shelve", exact: true}).isDisabled(), true, "shelved without a reason");
+    await page.getByLabel("reason or comment").fill("r is tested");
+    await page.getByRole("button", {name: "Shelve", exact: true}).click();
+    await until("it is shelved, until a time", async () => /shelved, active.*until \d\d:\d\d/.test(await rows.first().textContent()));
+    await until("it does not stand any more", async () => /No alarm stands.*1 masked/.test(await line.textContent()));
+    await page.getByRole("button", {name: /^Masked/}).click();
+    assert.equal(await rows.count(), 1);
+    await page.getByRole("button", {name: "Shelve no more"}).click();
+    await until("it calls again", async () => /1 not acknowledged/.test(await line.textContent()));
+    await line.getByRole("button", {name: /^Acknowledge/}).click();
+    await until("it is acknowledged by the line", async () => !/not acknowledged/.test(await line.textContent()));
+    await write(12);
+    await until("it is gone", async () => /No alarm stands/.test(await line.textContent()));
+    await page.getByRole("button", {name: "Journal"}).click();
+    const told = async () => (await page.locator(".journal tbody tr td[data-label='What happened']").allTextContents()).reverse();
+    const wanted = [/^raised$/, /^acknowledged: valve 3 stuck$/, /^active, acknowledged$/, /^shelved until .*: r is tested$/, /^shelved, active$/, /^not shelved any more$/, /^raised$/, /^acknowledged$/, /^active, acknowledged$/, /^normal$/];
+    await until("the journal tells the story", async () => {
+      const story = await told();
+      if (story.length === wanted.length && wanted.every((one, i) => one.test(story[i]))) return true;
+      throw new Error(story.join(" | "));
+    });
+    await page.getByRole("button", {name: "Figures"}).click();
+    await until("two were raised", async () => /raised\s*2/.test(await page.locator(".alarms .panel").first().textContent()));
   }));
 
 test("logging in by the form, and again in place when the session has ended", async () => {

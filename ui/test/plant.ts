@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // A plant of two loops as apc-ui tells of it, and a server that answers for it.
-import type {Control, Loop, Plant, Sample, State, Variable} from "../src/core/types";
+import type {AlarmIs, AlarmNow, Control, Loop, Plant, Sample, State, Variable} from "../src/core/types";
 import {FakeEnv} from "./env";
 
 export const START = 2e9; // the server's clock when everything begins
 
 const variable = (ref: string, name: string, rest: Partial<Variable> = {}): Variable => {
   const [table, id] = ref.split(".") as [string, string];
-  return {ref, table, id: Number(id), name, unit: "", description: "", low: null, high: null, period: null, ...rest};
+  return {ref, table, id: Number(id), name, unit: "", description: "", low: null, high: null, area: "", display: null, period: null, ...rest};
 };
 
 function loop(id: number, name: string, called: string): Loop {
@@ -55,7 +55,39 @@ export const plant: Plant = {
   controllers: [{number: 1, name: "base", period: 2}],
   loops: [loop(1, "y1", "u1"), loop(2, "y2", "u2")],
   modes: ["Man", "Auto", "OOS", "Cas", "IMan", "LO"],
+  alarms: null,
 };
+
+const alarm = (id: number, name: string, ref: string, priority: 1 | 2 | 3 | 4, kind: string, rest: Partial<AlarmIs> = {}): AlarmIs => ({id, alarm: name, ref, limit: null, kind, priority, area: "tanks", message: `message of ${name}`, consequence: "", response: "", ...rest});
+
+/** The same with alarms. */
+export const alarmed: Plant = {
+  ...plant,
+  alarms: {
+    shelve_max: 7200,
+    all: [
+      alarm(1, "y1.high", "sensor.1", 2, "high", {limit: 12, consequence: "it flows over", response: "open the valve"}),
+      alarm(2, "y2.low", "sensor.2", 3, "low", {limit: 1}),
+      alarm(3, "u1.mode", "opmode.1", 3, "mode"),
+      alarm(4, "base.stopped", "tick.1", 1, "stopped"),
+    ],
+  },
+};
+
+/** An alarm as it stands. */
+export const stands = (id: number, seq: number, state: string, rest: Partial<AlarmNow> = {}): AlarmNow => ({
+  id,
+  seq,
+  journal: seq,
+  state,
+  active: /Active$/.test(state),
+  unacknowledged: /^Unacknowledged|(RTN|Latched) Unacknowledged/.test(state),
+  standing: /^(Una|A)cknowledged Active|RTN|Latched/.test(state),
+  time: START - 60 + seq,
+  author: null,
+  shelved_until: null,
+  ...rest,
+});
 
 /** The same under a loop of another controller, which moves r1. */
 export const cascade: Plant = {
@@ -112,7 +144,8 @@ export class Server {
   /** What the server's clock is ahead of the browser's monotonic one. */
   private ahead: number;
   private seq = 100;
-  control: Control = {running: {base: true}, reasons: {}, shadow: [], safe: false, safe_since: null};
+  alarms: AlarmNow[] = [];
+  control: Control = {running: {base: true}, reasons: {}, shadow: [], safe: false, safe_since: null, alarms: null};
 
   constructor(readonly env: FakeEnv) {
     this.ahead = START - env.mono();
@@ -149,6 +182,7 @@ export class Server {
       store: {connected: true, since: START - 500, error: null},
       values: all,
       ages: Object.fromEntries(Object.keys(all).map(ref => [ref, ages[ref] ?? (all[ref]?.[0] ? 0 : null)])),
+      alarms: this.alarms,
       control: this.control,
       history: null,
     };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The six screens, light and dark, once the run is long enough: for scripts/screenshots.
+// The screens, light and dark, once the run is long enough: for scripts/screenshots. Alarms are of another run, whose pump fails.
 import {api, applied, launch, open, until} from "./lib.mjs";
 
 const folder = process.env.APC_SHOTS;
@@ -23,6 +23,15 @@ await until("the output is there", async () => (await api("/api/state")).values[
 await write("setpoint.1", (await api("/api/state")).values["setpoint.1"][2] === 12 ? "14" : "12");
 while (rest() > 20) await new Promise(resolve => setTimeout(resolve, Math.min(5000, (rest() - 20) * 1000)));
 await write("tuning.1", (await api("/api/state")).values["tuning.1"][2] === 0.25 ? "0.2" : "0.25");
+
+const tanks = await open(browser, "alarms", {viewport: size, url: process.env.APC_SHOTS_ALARMS});
+await until("the alarm is there", async () => (await tanks.locator(".alarm-list tbody", {hasText: "h2.low"}).count()) > 0);
+await tanks.getByRole("button", {name: "More of h2.low"}).click();
+for (const colorScheme of ["light", "dark"]) {
+  await tanks.emulateMedia({colorScheme});
+  await tanks.screenshot({path: `${folder}/alarms-${colorScheme}.png`, clip: {x: 0, y: 0, width: size.width, height: 600}});
+}
+
 for (const colorScheme of ["light", "dark"]) {
   await page.emulateMedia({colorScheme});
   for (const screen of screens) {

@@ -5,7 +5,7 @@ import {beforeEach, test} from "node:test";
 import {options, render} from "preact";
 import type {Sample} from "../src/core/types";
 import {FakeEnv} from "./env";
-import {cascade, plant as tanks, Server, shadowed, START} from "./plant";
+import {alarmed, cascade, plant as tanks, stands, Server, shadowed, START} from "./plant";
 
 if (Number(process.versions.node.split(".")[0]) < 20) {
   console.log("skipped: happy-dom takes Node 20, this is", process.version);
@@ -45,8 +45,8 @@ const app = document.getElementById("app") as HTMLElement;
 let begun = false;
 
 beforeEach(async () => {
-  server.control = {running: {base: true}, reasons: {}, shadow: [], safe: false, safe_since: null};
-  for (const name of ["setpoint.1", "output.1", "mode.1", "owner.1", "tuning.1"]) forget(name);
+  server.control = {running: {base: true}, reasons: {}, shadow: [], safe: false, safe_since: null, alarms: null};
+  for (const name of ["setpoint.1", "output.1", "mode.1", "owner.1", "tuning.1", "ack.1", "ack.2", "shelve.1"]) forget(name);
   env.asked.length = 0;
   if (!begun) {
     await model.begin();
@@ -238,7 +238,7 @@ test("the database is not known to be well while nobody is connected", async () 
 });
 
 test("what stands is told on every page", async () => {
-  server.control = {running: {base: false}, reasons: {}, shadow: [], safe: true, safe_since: START};
+  server.control = {running: {base: false}, reasons: {}, shadow: [], safe: true, safe_since: START, alarms: null};
   server.beat();
   await settle();
   assert.equal(said(".safe-bar"), "[priority 1: plant at its safe value] The plant is at its safe value since 2033-05-18 03:33:20 UTC: nothing drives it.");
@@ -247,23 +247,23 @@ test("what stands is told on every page", async () => {
   await show("loop/1");
   assert.equal(said(".mode-switch .pairs"), "target Auto actual [priority 2: the controller is not running] Auto");
   assert.equal(document.querySelectorAll(".mode.last-known").length, 1);
-  server.control = {...server.control, safe_since: null};
+  server.control = {...server.control, safe_since: null, alarms: null};
   server.beat();
   await settle();
   assert.match(said(".safe-bar"), /at its safe value: nothing drives it/);
 });
 
 test("pages by Alt and a digit, help by ?, if wanted", async () => {
-  for (const [i, page] of ["overview", "loop", "trend", "events", "timing", "diagnostics"].entries()) {
+  for (const [i, page] of ["overview", "loop", "trend", "alarms", "events", "timing", "diagnostics"].entries()) {
     assert.equal(await press(String(i + 1), document.body, {altKey: true, code: `Digit${i + 1}`}), true);
     await show(location.hash.slice(1));
     assert.equal(one("main").getAttribute("aria-label")?.toLowerCase(), page);
     assert.equal(one("nav [aria-current]").getAttribute("href"), `#${page}`);
   }
-  assert.equal(await press("7", document.body, {altKey: true, code: "Digit7"}), false);
+  assert.equal(await press("8", document.body, {altKey: true, code: "Digit8"}), false);
   assert.equal(await press("1", document.body, {altKey: true, ctrlKey: true, code: "Digit1"}), false);
   await press("?");
-  assert.match(said("dialog"), /Keys Alt\+1 … Alt\+6 Overview, Loop, Trend, Events, Timing, Diagnostics Enter apply what is typed/);
+  assert.match(said("dialog"), /Keys Alt\+1 … Alt\+7 Overview, Loop, Trend, Alarms, Events, Timing, Diagnostics Enter apply what is typed/);
   one("dialog").dispatchEvent(new window.Event("close") as never);
   await settle();
   assert.equal(document.querySelectorAll("dialog").length, 0);
@@ -502,7 +502,7 @@ test("events: newest first, with a mark; those that come are filtered as the ser
     asked.answer({t: server.now, events: [event(server.now - 7200, 1, "old"), event(server.now - 20, 2, "warned"), event(server.now - 10, 3, "alarmed", "link")], more: true});
   });
   await show("events");
-  await new Promise(resolve => setTimeout(resolve, 200));
+  await env.pass(0.2);
   await settle();
   assert.deepEqual(queries.at(-1), {severity: "1", since: "-86400", last: "200"});
   const rows = (): string[] => [...document.querySelectorAll("main tbody tr")].map(row => [...row.querySelectorAll("td")].slice(1).map(cell => cell.textContent?.trim()).join(","));
@@ -511,13 +511,13 @@ test("events: newest first, with a mark; those that come are filtered as the ser
   await settle();
   assert.equal(rows()[0], "information,operator,anna,new");
   await choose("main select", "2");
-  await new Promise(resolve => setTimeout(resolve, 200));
+  await env.pass(0.2);
   await settle();
   assert.equal(queries.at(-1)?.severity, "2");
   assert.equal(rows().includes("information,operator,anna,new"), false);
   await choose("main select", "1");
   await choose("main label:last-of-type select", "3600");
-  await new Promise(resolve => setTimeout(resolve, 200));
+  await env.pass(0.2);
   await settle();
   assert.deepEqual(rows().map(row => row.split(",").at(-1)), ["new", "alarmed", "warned"], "older than an hour");
   env.source.send("event", {events: Array.from({length: 700}, (_, i) => event(server.now + i / 1000, 1, `burst ${i}`))});
@@ -525,11 +525,12 @@ test("events: newest first, with a mark; those that come are filtered as the ser
   assert.match(said("tr.gap"), /\[priority 3: missing\] events are missing here: more came at once than this page keeps Ask for them/);
   assert.equal([...document.querySelectorAll("main tbody tr")].findIndex(row => row.className === "gap"), 500);
   await click(button("Ask for them"));
-  await new Promise(resolve => setTimeout(resolve, 200));
+  await env.pass(0.2);
   await settle();
   assert.equal(document.querySelectorAll("tr.gap").length, 0);
   await click(button("Older ones"));
-  await new Promise(resolve => setTimeout(resolve, 200));
+  await env.pass(0.2);
+  await settle();
   assert.equal(queries.at(-1)?.last, "1000");
   env.routes.set("/api/events", route);
 });
@@ -772,8 +773,9 @@ test("events are filtered by kind, source and text, and saved as they are shown"
   });
   await show("events");
   const asked = async (n: number): Promise<void> => {
-    for (let i = 0; queries.length < n && i < 200; i++) await new Promise(resolve => setTimeout(resolve, 10));
+    await env.pass(0.2);
     await settle();
+    assert.equal(queries.length, n);
   };
   await asked(1);
   assert.equal(said(".events [role=status]"), "2 shown");
@@ -1020,6 +1022,129 @@ test("a setpoint of the scheduler is Remote, and is given back to it where it wa
   await settle();
   assert.match(said(".operate h2"), /Setpoint Remote: the scheduler moves it/);
   assert.equal(document.querySelector(".give-back button"), null);
+});
+
+/** A plant with alarms, and how these stand. */
+async function withAlarms(...now: ReturnType<typeof stands>[]): Promise<void> {
+  server.plant = alarmed;
+  server.control = {...server.control, alarms: true};
+  server.alarms = now;
+  env.source.send("plant", {revision: 9});
+  await settle();
+  await state({});
+}
+
+test("the line of alarms stands on every page, with the most urgent, which is acknowledged there", async () => {
+  assert.equal(document.querySelectorAll(".alarm-line").length, 0); // this plant has none
+  await withAlarms();
+  assert.match(said(".alarm-line"), /^No alarm stands/);
+  env.source.send("alarms", {t: server.now, alarms: [stands(2, 1, "Unacknowledged Active"), stands(1, 1, "Unacknowledged Active"), stands(3, 1, "Suppressed by Design")]});
+  await settle();
+  assert.match(said(".alarm-line"), /^\[priority 2: alarms\] 1 \[priority 3: alarms\] 12 not acknowledged1 masked \[priority 2: most urgent\] y1\.high message of y1\.high 03:32:21 Acknowledge y1\.high/);
+  assert.equal(said(".loops tbody th:first-child .alarm-mark"), "[priority 2: alarm y1.high] | [priority 3: alarm y2.low]");
+  env.asked.length = 0;
+  await click(button("Acknowledge y1.high", ".alarm-line"));
+  const asked = env.take("/api/alarms/y1.high/ack");
+  assert.equal(asked.body?.seq, 1);
+  asked.answer({key: asked.body?.key, kind: "ack", user: "anna", time: server.now, state: "accepted", stored: true, reason: null, changes: []});
+  env.source.send("alarms", {t: server.now, alarms: [stands(1, 2, "Acknowledged Active")]});
+  await settle();
+  assert.match(said(".alarm-line .first"), /y2\.low/);
+  server.control = {...server.control, alarms: false};
+  server.beat();
+  await settle();
+  assert.match(said(".alarm-line"), /Alarms are not evaluated: this is how they stood last/);
+});
+
+test("the list of alarms: the most urgent first, what each means, and shelving for a reason", async () => {
+  await withAlarms(stands(1, 3, "Unacknowledged Active"), stands(2, 1, "Acknowledged Active", {author: "anna"}), stands(3, 4, "Shelved", {shelved_until: server.now + 600}));
+  await show("alarms");
+  assert.equal(said(".alarms .segments"), "Standing 2 Masked 1 All 4 Journal Figures");
+  assert.equal(said(".alarm-list tbody tr:first-child"), "[priority 2: high] y1.high tanks message of y1.high 9.98 m active, not acknowledged 2033-05-18 03:32:23 Acknowledge y1.high More of y1.high");
+  assert.match(said(".alarm-list tbody tr:last-child"), /^\[priority 3: low\] y2\.low tanks message of y2\.low 5\.000 m active, acknowledged ?anna 2033-05-18 03:32:21 More of y2\.low$/);
+  await click(button("More of y1.high", ".alarm-list"));
+  assert.match(said(".detail"), /consequence it flows over what to do open the valve condition high, limit 12 m, level look Loop y1TrendJournal/);
+  assert.equal(button("Shelve", ".detail").disabled, true, "it can be shelved without a reason");
+  await type('.detail input[type="text"]', "valve 3 stuck");
+  await choose(".detail select", "7200");
+  env.asked.length = 0;
+  await click(button("Shelve", ".detail"));
+  const asked = env.take("/api/alarms/y1.high/shelve");
+  assert.deepEqual({...asked.body, key: 0}, {until: Math.floor(server.now + 7200), once: false, seq: 3, reason: "valve 3 stuck", key: 0});
+  asked.answer({error: {code: "stale", message: "y1.high was changed meanwhile: it is Normal now"}}, 409);
+  await settle();
+  assert.match(said(".detail .write-status"), /shelve y1\.high for 2 h: failed – y1\.high was changed meanwhile/);
+  await show("alarms/masked");
+  assert.match(said(".alarm-list tbody"), /u1\.mode.* shelved ?until \d\d:\d\d:\d\d/);
+  await click(button("More of u1.mode", ".alarm-list"));
+  assert.match(said(".detail"), /Shelve no moreShelved until .* UTC, 1?\d+ (s|min) more/);
+  await show("alarms/u1.mode");
+  assert.equal(document.querySelectorAll(".alarm-list tbody tr:not(.detail)").length, 3); // beside those that stand
+  assert.equal(document.querySelectorAll(".detail").length, 2); // and what was open
+  await show("alarms/all");
+  await type('.alarms input[type="search"]', "stopped");
+  assert.equal(document.querySelectorAll(".alarm-list tbody tr").length, 1);
+  await type('.alarms input[type="search"]', "nothing of it");
+  assert.match(said(".alarms .panel"), /nothing matches/);
+});
+
+test("all that is shown is acknowledged together, each as it was seen; an observer may not", async () => {
+  await withAlarms(stands(1, 3, "Unacknowledged Active"), stands(2, 7, "RTN Unacknowledged"), stands(4, 1, "Acknowledged Active"));
+  await show("alarms");
+  env.asked.length = 0;
+  await click(button("Acknowledge all shown (2)"));
+  for (const [name, seq] of [["y1.high", 3], ["y2.low", 7]] as const) {
+    await settle();
+    const asked = env.take(`/api/alarms/${name}/ack`);
+    assert.equal(asked.body?.seq, seq);
+    asked.answer({key: asked.body?.key, kind: "ack", user: "anna", time: server.now, state: "accepted", stored: true, reason: null, changes: []});
+  }
+  const who = model.session.value;
+  model.session.value = {...who!, role: "observer"};
+  await env.pass(0.3);
+  await settle();
+  for (const one of document.querySelectorAll<HTMLButtonElement>(".acts .primary, .alarm-line > button:not([class])")) assert.equal(one.disabled || one.textContent === "Silence", true, one.textContent ?? "");
+  model.session.value = who;
+  await env.pass(0.3);
+});
+
+test("the journal tells the story, and figures stand beside what they should be", async () => {
+  env.routes.set("/api/alarms/journal", asked => asked.answer({t: server.now, transitions: [
+    {number: 1, time: START - 60, alarm: "y1.high", priority: 2, raised: true, state: "Unacknowledged Active", before: "Normal", author: null},
+    {number: 2, time: START - 50, alarm: "y1.high", priority: 2, raised: false, state: "Acknowledged Active", before: "Unacknowledged Active", author: "anna"},
+  ]}));
+  const events = env.routes.get("/api/events")!;
+  env.routes.set("/api/events", asked => asked.answer({t: server.now, events: [{time: START - 51, severity: 1, source: "anna", kind: "operator", text: "y1.high: acknowledged (from 10.0.0.7): I see it"}], more: false}));
+  await withAlarms(stands(1, 2, "Acknowledged Active"));
+  await show("alarms/journal");
+  await env.pass(0.5);
+  await settle();
+  assert.deepEqual(said(".journal tbody tr").split(" | "), [
+    "2 2033-05-18 03:32:30.0 [priority 2: high] y1.high active, acknowledged anna",
+    "2033-05-18 03:32:29.0 [priority 2: high] y1.high acknowledged: I see it anna",
+    "1 2033-05-18 03:32:20.0 [priority 2: high] y1.high raised message of y1.high",
+  ]);
+  const [name, text] = await saved(() => click(button("CSV")));
+  assert.equal(name, "tanks-journal.csv");
+  assert.match(text, /^number,time,priority,alarm,what,state,by\r\n1,2033-05-18T03:32:20\.000000Z,2,y1\.high,raised,Unacknowledged Active,\r\n/);
+  env.routes.set("/api/events", events);
+  env.routes.set("/api/alarms/figures", asked => asked.answer({
+    t: server.now, since: server.now - 86400, until: server.now, hours: 24, raised: 400, by_priority: [100, 200, 100, 0], per_hour: 16.67, most_in_ten_minutes: 40, floods: 3, windows: 144, chattering: 1, standing: 2, stale: 6, unacknowledged: 1, to_acknowledge: 41.5,
+    alarms: [{id: 2, alarm: "y2.low", raised: 100, chatters: false, active: 60, since: null}, {id: 1, alarm: "y1.high", raised: 300, chatters: true, active: 3600, since: START}],
+  }));
+  await show("alarms/figures");
+  await env.pass(0.5);
+  await settle();
+  const figures = said(".alarms .panel:first-child tbody tr").split(" | ");
+  assert.equal(figures[1], "an hour, on average [priority 3: not as it should be] 16.7 at most 6; 12 can be managed");
+  assert.equal(figures[3], "of the time in a flood (more than 10 in ten minutes) [priority 3: not as it should be] 2.1 % less than 1 %");
+  assert.equal(figures[8], "time until acknowledged, mean 42 s");
+  assert.deepEqual(said(".alarms .span tbody tr").split(" | "), ["y1.high 300 75.0 % 60 min [priority 3: chatters] yes", "y2.low 100 25.0 % 60 s no"]);
+  server.plant = tanks;
+  server.alarms = [];
+  env.source.send("plant", {revision: 10});
+  await settle();
+  assert.match(said("main"), /No alarms are described for this plant/);
 });
 
 test("what was superseded is final", async () => {

@@ -87,6 +87,12 @@ export function duration(seconds: number | null | undefined): string {
   return `${sign}${Math.floor(s / 86400)} d`;
 }
 
+/** One that people choose: exactly. */
+export function span(seconds: number): string {
+  if (seconds % 3600 === 0) return `${seconds / 3600} h`;
+  return seconds % 60 === 0 ? `${seconds / 60} min` : period(seconds);
+}
+
 /** Without what binary fractions leave behind. */
 const rounded = (x: number): string => String(Number(x.toPrecision(12)));
 

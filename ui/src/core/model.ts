@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Everything the page knows, and the one place where messages of the stream change it.
+import {type Alarm, bySignal, ranked, type Standing, taken} from "./alarms";
 import {get, session as askSession, whenLoggedOut} from "./api";
 import {Cell} from "./cell";
 import {Clock, Parting} from "./clock";
@@ -7,7 +8,7 @@ import {env, every} from "./env";
 import {type Modes, modesOf, noModes} from "./modes";
 import {aged, heard, limit, type Limits, type Live, nothing} from "./quality";
 import {Stream} from "./stream";
-import type {Behind, Control, Loop, Plant, PlantEvent, Ref, Sample, Session, State, StoreState, Task, Variable, Write} from "./types";
+import type {AlarmNow, Behind, Control, Loop, Plant, PlantEvent, Ref, Sample, Session, State, StoreState, Task, Variable, Write} from "./types";
 
 export interface Connection {
   state: "connecting" | "connected" | "disconnected";
@@ -35,6 +36,10 @@ export const events = new Cell<Streamed>({list: [], dropped: 0});
 export const control = new Cell<Control | null>(null);
 /** How far the history is behind; null: there is none beside the store. */
 export const behind = new Cell<Behind | null>(null);
+/** All there are, the most urgent first. */
+export const alarms = new Cell<Alarm[]>([]);
+/** By signal. */
+export const marks = new Cell<ReadonlyMap<Ref, Alarm>>(new Map());
 export const tasks = new Cell<Task[]>([]);
 /** Another one each second, whatever the server says. */
 export const second = new Cell(0);
@@ -149,6 +154,14 @@ function lookAtModes(): void {
     }
 }
 
+let standing: Standing = new Map();
+
+function rank(news: AlarmNow[], before: Standing = standing): void {
+  standing = taken(before, news);
+  alarms.value = ranked(plant.value?.alarms?.all ?? [], standing);
+  marks.value = bySignal(alarms.value);
+}
+
 const ofModes = (ref: Ref): boolean => ref.startsWith("opmode.") || ref.startsWith("actual.");
 
 /** Feeds the clock; returns how old the message is, s. */
@@ -170,11 +183,15 @@ function receive(type: string, data: unknown): void {
       store.value = state.store;
       for (const [ref, cell] of values) if (!(ref in state.values)) cell.value = nothing;
       take(state.values, state.ages, late);
+      rank(state.alarms, new Map());
       refill.value++;
       break;
     }
     case "values":
       take((data as {values: Record<Ref, Sample>}).values, null, late);
+      break;
+    case "alarms":
+      rank((data as {alarms: AlarmNow[]}).alarms);
       break;
     case "write":
       takeWrite(data as Write);
@@ -225,6 +242,7 @@ export async function loadPlant(): Promise<void> {
     if (other) for (const listener of plantListeners) listener();
     plant.value = {...next, generation: (before?.generation ?? 0) + (other ? 1 : 0)};
     lookAtModes();
+    rank([]);
   } catch {
     env.later(() => void (mine === asked && loadPlant()), 2);
   }

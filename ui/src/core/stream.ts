@@ -13,7 +13,7 @@ export interface Handlers {
   down(retryAt: number): void; // of env.mono()
 }
 
-const TYPES = ["hello", "state", "values", "write", "event", "tasks", "store", "plant", "beat", "bye"];
+const TYPES = ["hello", "state", "values", "write", "event", "tasks", "alarms", "store", "plant", "beat", "bye"];
 
 export class Stream {
   private source: Source | null = null;

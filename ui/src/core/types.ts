@@ -23,6 +23,8 @@ export interface Variable {
   description: string;
   low: number | null;
   high: number | null;
+  area: string;
+  display: [number, number] | null;
   period: number | null;
 }
 
@@ -49,6 +51,61 @@ export interface Controller {
   period: number | null;
 }
 
+export interface AlarmIs {
+  id: number;
+  alarm: string;
+  ref: Ref; // of the signal; of a loop's switch, of a controller's tick
+  limit: number | null;
+  kind: string;
+  priority: 1 | 2 | 3 | 4;
+  area: string;
+  message: string;
+  consequence: string;
+  response: string;
+}
+
+export interface AlarmNow {
+  id: number;
+  seq: number; // of its newest transition
+  journal: number; // number of that
+  state: string;
+  active: boolean;
+  unacknowledged: boolean;
+  standing: boolean;
+  time: number | null;
+  author: string | null;
+  shelved_until: number | null;
+}
+
+export interface Transition {
+  number: number;
+  time: number;
+  alarm: string;
+  priority: 1 | 2 | 3 | 4;
+  raised: boolean;
+  state: string;
+  before: string | null;
+  author: string | null;
+}
+
+export interface AlarmFigures {
+  since: number;
+  until: number;
+  hours: number;
+  raised: number;
+  by_priority: [number, number, number, number];
+  per_hour: number;
+  most_in_ten_minutes: number;
+  floods: number;
+  windows: number;
+  chattering: number;
+  standing: number;
+  stale: number;
+  unacknowledged: number;
+  to_acknowledge: number | null;
+  alarms: {id: number; alarm: string; raised: number; chatters: boolean; active: number; since: number | null}[];
+}
+
 export interface Plant {
   name: string;
   title: string;
@@ -59,6 +116,7 @@ export interface Plant {
   controllers: Controller[];
   loops: Loop[];
   modes: string[];
+  alarms: {shelve_max: number; all: AlarmIs[]} | null;
 }
 
 export interface StoreState {
@@ -73,6 +131,7 @@ export interface Control {
   shadow: string[]; // controllers that go along and move nothing
   safe: boolean | null;
   safe_since: number | null;
+  alarms: boolean | null; // they are evaluated; null: there are none
 }
 
 /** What the history has not got of the live store. */
@@ -89,6 +148,7 @@ export interface State {
   store: StoreState;
   values: Record<Ref, Sample>;
   ages: Record<Ref, number | null>;
+  alarms: AlarmNow[];
   control: Control;
   history: Behind | null; // null: there is one store
 }

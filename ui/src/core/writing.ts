@@ -26,13 +26,13 @@ function newKey(): string {
 }
 
 /** Send a write; `to` is what is shown for it. */
-export async function send(name: string, kind: WriteKind, body: object, to: string): Promise<void> {
+export async function send(name: string, kind: WriteKind, body: object, to: string, path: string = kind): Promise<void> {
   const cell = slot(name);
   const key = newKey();
   cell.value = {phase: "pending", key, at: serverNow(), to, reason: null, stored: false};
   const mine = (): boolean => cell.value?.key === key;
   try {
-    const write = await post<Write>(`/api/${kind}`, {...body, key}, TIMEOUT);
+    const write = await post<Write>(`/api/${path}`, {...body, key}, TIMEOUT);
     if (mine()) step(cell, {what: "answer", write});
   } catch (error) {
     if (!mine()) return;

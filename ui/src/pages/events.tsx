@@ -4,6 +4,7 @@ import {useEffect, useState} from "preact/hooks";
 import {get} from "../core/api";
 import {useCell} from "../usecell";
 import {downloadText} from "../download";
+import {env} from "../core/env";
 import {csv, iso, stamp} from "../core/format";
 import {hole, merge, matches, type Filter} from "../core/eventlist";
 import {events, plant, refill, serverNow} from "../core/model";
@@ -31,7 +32,7 @@ export function EventsPage(): JSX.Element {
 
   useEffect(() => {
     let wanted = true;
-    const timer = setTimeout(() => {
+    const called = env.later(() => {
       const {severity, kind, source, text, seconds} = filter;
       const dropped = events.value.dropped;
       get<{events: PlantEvent[]; more: boolean}>("/api/events", {severity, kind, source, text, since: -seconds, last: most}).then(
@@ -42,10 +43,10 @@ export function EventsPage(): JSX.Element {
         },
         (reason: Error) => wanted && setError(reason.message),
       );
-    }, 150);
+    }, 0.15);
     return () => {
       wanted = false;
-      clearTimeout(timer);
+      called();
     };
   }, [filter, most, filled, again]);
 

@@ -6,7 +6,8 @@ import {get} from "../core/api";
 import {useCell} from "../usecell";
 import {exact, stamp} from "../core/format";
 import {loopScale, outputScale} from "../core/loopdata";
-import {control, events, inShadow, modesOfLoop, plant, variable, writes} from "../core/model";
+import {isMasked, isUnacknowledged, ofLoop, stateWords} from "../core/alarms";
+import {alarms, control, events, inShadow, modesOfLoop, plant, variable, writes} from "../core/model";
 import {wouldBe} from "../core/trend";
 import {Bar} from "../parts/bar";
 import {Entry} from "../parts/entry";
@@ -94,6 +95,7 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
               <Spark of={loop.measurement} setpoint={loop.setpoint} scale={scale} label={loop.name} />
             </a>
           )}
+          <LoopAlarms loop={loop} />
           <LastAction loop={loop} plant={p} />
         </div>
         <div class="panel operate">
@@ -125,6 +127,28 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
         </div>
       </div>
     </section>
+  );
+}
+
+/** What is alarmed of in this loop, and what of it stands. */
+function LoopAlarms({loop}: {loop: Loop}): JSX.Element | null {
+  const mine = ofLoop(loop, useCell(alarms));
+  if (mine.length === 0) return null;
+  const said = mine.filter(one => one.now.standing || isMasked(one));
+  return (
+    <div class="loop-alarms">
+      <b>Alarms</b> {said.length === 0 && <span class="say">none of {mine.length} stands</span>}
+      <ul>
+        {said.map(one => (
+          <li key={one.id}>
+            <a href={path("alarms", one.alarm)}>
+              <Shape priority={one.priority} label={one.kind} hollow={!isUnacknowledged(one)} /> {one.alarm}
+            </a>{" "}
+            {one.message} <span class="say">{stateWords(one.now.state)}</span>
+          </li>
+        ))}
+      </ul>
+    </div>
   );
 }
 

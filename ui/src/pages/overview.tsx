@@ -3,18 +3,20 @@ import type {JSX} from "preact";
 import {memo} from "preact/compat";
 import {useState} from "preact/hooks";
 import {useCell} from "../usecell";
+import {refsOf} from "../core/alarms";
 import {loopScale} from "../core/loopdata";
 import {period} from "../core/format";
 import {Latest} from "../parts/latest";
 import {control, inShadow, limitsOf, live, plant, second, store, variable} from "../core/model";
 import {abnormal} from "../core/quality";
+import {AlarmMark} from "../parts/alarmmark";
 import {Bar} from "../parts/bar";
 import {Nothing} from "../parts/nothing";
 import {Shape} from "../parts/shape";
 import {Spark, summary} from "../parts/spark";
 import {ActualMode, Value} from "../parts/value";
 import {path} from "../router";
-import type {Controller, Loop, Plant, Ref} from "../core/types";
+import type {Controller, Loop, Plant, Ref, Variable} from "../core/types";
 
 const Row = memo(function Row({loop, table}: {loop: Loop; table: boolean}): JSX.Element {
   const scale = useCell(loopScale(loop));
@@ -25,6 +27,7 @@ const Row = memo(function Row({loop, table}: {loop: Loop; table: boolean}): JSX.
     <tr>
       <th scope="row">
         <a href={path("loop", loop.id)}>{loop.name}</a>
+        <AlarmMark of={refsOf(loop)} />
         <small>{name}</small>
       </th>
       <td data-label="Mode"><ActualMode loop={loop} /></td>
@@ -63,6 +66,7 @@ const Measurement = memo(function Measurement({of, table}: {of: Ref; table: bool
     <tr>
       <th scope="row">
         <a href={path("trend", of)}>{one?.name}</a>
+        <AlarmMark of={[of]} />
         <small>{one?.description}</small>
       </th>
       <td class="wide" data-label="Value on its scale"><Bar label={one?.name ?? of} value={of} scale={scale} ends /></td>
@@ -93,11 +97,21 @@ export function OverviewPage(): JSX.Element {
   return (
     <section class={`overview${rows <= 4 ? " few" : rows > 16 ? " many" : ""}`}>
       <div class="toolbar">
-        <h1>{p.title}</h1>
+        <h1>{p.title || p.name || "Overview"}</h1>
         <Abnormal plant={p} />
         <span class="spring" />
         <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>View as table</button>
       </div>
+      <Tables plant={p} others={others} table={table} />
+      <Latest />
+    </section>
+  );
+}
+
+/** Everything at once, as long as it fits. */
+function Tables({plant: p, others, table}: {plant: Plant & {generation: number}; others: Variable[]; table: boolean}): JSX.Element {
+  return (
+    <>
       <div class="panel">
         <table class="data cards loops">
           <caption class="hidden">Loops</caption>
@@ -136,8 +150,7 @@ export function OverviewPage(): JSX.Element {
           </table>
         </div>
       )}
-      <Latest />
-    </section>
+    </>
   );
 }
 

@@ -13,9 +13,10 @@ const paths: Record<Priority, string> = {
 const digitAt: Record<Priority, number> = {1: 14, 2: 14.2, 3: 16.4, 4: 11.6};
 const words: Record<Priority, string> = {1: "alarm", 2: "warning", 3: "stale or uncertain", 4: "note"};
 
-export function Shape({priority, label}: {priority: Priority; label?: string}): JSX.Element {
+/** Hollow: somebody knows of it. */
+export function Shape({priority, label, hollow = false}: {priority: Priority; label?: string; hollow?: boolean}): JSX.Element {
   return (
-    <svg class={`shape p${priority}`} viewBox="0 0 20 20" role="img" aria-label={`priority ${priority}: ${label ?? words[priority]}`}>
+    <svg class={`shape p${priority}${hollow ? " hollow" : ""}`} viewBox="0 0 20 20" role="img" aria-label={`priority ${priority}: ${label ?? words[priority]}`}>
       <path d={paths[priority]} />
       <text x="10" y={digitAt[priority]}>
         {priority}

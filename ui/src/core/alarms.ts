@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Alarms: what each is and how it stands, in the order in which they want somebody. Pure.
+import type {AlarmIs, AlarmNow, Loop, PlantEvent, Ref, Transition} from "./types";
+
+export interface Alarm extends AlarmIs {
+  now: AlarmNow;
+}
+
+export type Standing = ReadonlyMap<number, AlarmNow>; // by id
+
+const normal = (id: number): AlarmNow => ({id, seq: 0, journal: 0, state: "Normal", active: false, unacknowledged: false, standing: false, time: null, author: null, shelved_until: null});
+
+/** In whatever order and however often it is told: the highest seq counts. */
+export function taken(known: Standing, news: AlarmNow[]): Standing {
+  const next = new Map(known);
+  for (const one of news) if (one.seq >= (next.get(one.id)?.seq ?? 0)) next.set(one.id, one);
+  return next;
+}
+
+function urgency(a: Alarm, b: Alarm): number {
+  return (
+    Number(b.now.standing) - Number(a.now.standing) ||
+    Number(b.now.unacknowledged) - Number(a.now.unacknowledged) ||
+    a.priority - b.priority ||
+    (b.now.time ?? 0) - (a.now.time ?? 0) ||
+    a.id - b.id
+  );
+}
+
+/** The most urgent first: what stands, of that what nobody has acknowledged, by priority, the newest. */
+export function ranked(all: AlarmIs[], standing: Standing): Alarm[] {
+  return all.map(one => ({...one, now: standing.get(one.id) ?? normal(one.id)})).sort(urgency);
+}
+
+export const isMasked = ({now}: Alarm): boolean => now.seq > 0 && !now.standing && now.state !== "Normal";
+export const isUnacknowledged = ({now}: Alarm): boolean => now.standing && now.unacknowledged;
+
+/** Of each signal the most urgent one that stands. */
+export function bySignal(all: Alarm[]): ReadonlyMap<Ref, Alarm> {
+  const marks = new Map<Ref, Alarm>();
+  for (const one of all) if (one.now.standing && !marks.has(one.ref)) marks.set(one.ref, one);
+  return marks;
+}
+
+export const refsOf = (loop: Loop): (Ref | null)[] => [loop.measurement, loop.setpoint, loop.output, loop.mode.target];
+
+export interface Counts {
+  standing: number;
+  unacknowledged: number;
+  masked: number;
+  byPriority: [number, number, number, number]; // of those that stand
+  waiting: [number, number, number, number]; // of those, not acknowledged
+}
+
+export function counted(all: Alarm[]): Counts {
+  const counts: Counts = {standing: 0, unacknowledged: 0, masked: 0, byPriority: [0, 0, 0, 0], waiting: [0, 0, 0, 0]};
+  for (const one of all) {
+    if (isMasked(one)) counts.masked++;
+    if (!one.now.standing) continue;
+    counts.standing++;
+    counts.byPriority[one.priority - 1]!++;
+    if (!one.now.unacknowledged) continue;
+    counts.unacknowledged++;
+    counts.waiting[one.priority - 1]!++;
+  }
+  return counts;
+}
+
+/** The gravest that is new to somebody: what sounds; null: nothing. */
+export function raised(before: Alarm[], after: Alarm[]): Alarm["priority"] | null {
+  const known = new Map(before.map(one => [one.id, one.now]));
+  const news = after.filter(one => isUnacknowledged(one) && one.now.active && (known.get(one.id)?.seq ?? 0) < one.now.seq && !(known.get(one.id)?.unacknowledged && known.get(one.id)?.active));
+  return news.reduce<Alarm["priority"] | null>((worst, {priority}) => (worst == null || priority < worst ? priority : worst), null);
+}
+
+const STATES: Record<string, string> = {
+  "Unacknowledged Active": "active, not acknowledged",
+  "Acknowledged Active": "active, acknowledged",
+  "RTN Unacknowledged": "gone, not acknowledged",
+  "Latched Unacknowledged": "gone, latched, not acknowledged",
+  "Latched Acknowledged": "gone, latched: to be reset",
+  "One-shot Shelved": "Shelved once",
+  "One-shot Shelved, Active": "Shelved once, Active",
+};
+
+/** For people. */
+export function stateWords(state: string): string {
+  return (STATES[state] ?? state).toLowerCase();
+}
+
+/** What acknowledging does to it as it stands; null: there is nothing to. */
+export function acknowledgement({now}: Alarm): "Acknowledge" | "Reset" | null {
+  return isLatched(now) ? "Reset" : now.standing && now.unacknowledged ? "Acknowledge" : null;
+}
+
+const isLatched = (now: AlarmNow): boolean => now.state === "Latched Acknowledged";
+
+/** The loop that it is of: by measurement, setpoint, output or mode. */
+export function loopOf(ref: Ref, loops: Loop[]): Loop | null {
+  return loops.find(loop => refsOf(loop).includes(ref)) ?? null;
+}
+
+export function ofLoop(loop: Loop, all: Alarm[]): Alarm[] {
+  return all.filter(one => loopOf(one.ref, [loop]) != null);
+}
+
+/** Words of a search, all of which it has somewhere. */
+export function found(text: string, {alarm, message, area, kind}: AlarmIs): boolean {
+  const where = `${alarm} ${message} ${area} ${kind}`.toLowerCase();
+  return text.toLowerCase().split(/\s+/).every(word => where.includes(word));
+}
+
+/** What people said of alarms stands among the transitions, in the order in which it happened. */
+export type Entry = {time: number; transition: Transition; said: null} | {time: number; transition: null; said: PlantEvent};
+
+export function story(transitions: Transition[], events: PlantEvent[], all: AlarmIs[]): Entry[] {
+  const names = new Set(all.map(one => one.alarm));
+  const first = transitions[0]?.time ?? Infinity;
+  const said = events.filter(one => one.kind === "operator" && one.time >= first - 1 && names.has(alarmSaid(one)));
+  const entries: Entry[] = [...transitions.map((transition): Entry => ({time: transition.time, transition, said: null})), ...said.map((one): Entry => ({time: one.time, transition: null, said: one}))];
+  return entries.sort((a, b) => a.time - b.time || (a.transition?.number ?? 0) - (b.transition?.number ?? 0));
+}
+
+/** Of which alarm an operator's event is: its text is "NAME: what". */
+export function alarmSaid({text}: PlantEvent): string {
+  return text.slice(0, text.indexOf(": "));
+}

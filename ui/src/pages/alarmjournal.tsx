@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Every transition of every alarm in one order, and between them what people did and said.
+import type {JSX} from "preact";
+import {useEffect, useState} from "preact/hooks";
+import {get} from "../core/api";
+import {type Entry, alarmSaid, found, stateWords, story} from "../core/alarms";
+import {env} from "../core/env";
+import {csv, iso, stamp} from "../core/format";
+import {alarms, plant, refill} from "../core/model";
+import type {PlantEvent, Transition} from "../core/types";
+import {downloadText} from "../download";
+import {Shape} from "../parts/shape";
+import {useCell} from "../usecell";
+
+const TIMES = [{name: "last hour", seconds: 3600}, {name: "last 8 h", seconds: 28800}, {name: "last 24 h", seconds: 86400}, {name: "last 7 days", seconds: 7 * 86400}] as const;
+const LAST = 300;
+
+export function AlarmJournal(): JSX.Element {
+  const [seconds, setSeconds] = useState(86400);
+  const [text, setText] = useState("");
+  const [entries, setEntries] = useState<Entry[]>([]);
+  const [whole, setWhole] = useState(true);
+  const [error, setError] = useState<string | null>(null);
+  const all = useCell(alarms);
+  const filled = useCell(refill);
+  const p = useCell(plant);
+  const newest = Math.max(0, ...all.map(one => one.now.journal));
+  useEffect(() => {
+    let wanted = true;
+    // What comes together is asked for together.
+    const called = env.later(() => {
+      const since = -seconds;
+      Promise.all([
+        get<{transitions: Transition[]}>("/api/alarms/journal", {since, last: LAST}),
+        get<{events: PlantEvent[]}>("/api/events", {kind: "operator", since, last: LAST}),
+      ]).then(
+        ([{transitions}, {events}]) => {
+          if (!wanted) return;
+          setEntries(story(transitions, events, alarms.value).reverse());
+          setWhole(transitions.length < LAST);
+          setError(null);
+        },
+        (reason: Error) => wanted && setError(reason.message),
+      );
+    }, 0.3);
+    return () => {
+      wanted = false;
+      called();
+    };
+  }, [seconds, newest, filled]);
+
+  const about = new Map(all.map(one => [one.alarm, one]));
+  const name = (one: Entry): string => one.transition?.alarm ?? alarmSaid(one.said as PlantEvent);
+  const words = (one: Entry): string => (one.said ? one.said.text.slice(name(one).length + 2).replace(/ \(from [^)]*\)/, "") : one.transition.raised ? "raised" : stateWords(one.transition.state));
+  const who = (one: Entry): string => (one.said ? one.said.source : (one.transition.author ?? ""));
+  const shown = entries.filter(one => {
+    const of = about.get(name(one));
+    return text === "" || (of != null && found(text, of));
+  });
+  const exportCsv = (): void =>
+    downloadText(
+      `${p?.name ?? "apc"}-journal.csv`,
+      csv([["number", "time", "priority", "alarm", "what", "state", "by"], ...shown.slice().reverse().map(one => [one.transition?.number ?? null, iso(one.time), about.get(name(one))?.priority ?? null, name(one), words(one), one.transition?.state ?? null, who(one)])]),
+    );
+  return (
+    <>
+      <form class="toolbar" role="search" onSubmit={event => event.preventDefault()}>
+        <label>contains <input type="search" size={14} value={text} onInput={event => setText(event.currentTarget.value)} /></label>
+        <label>
+          in the{" "}
+          <select value={seconds} onChange={event => setSeconds(Number(event.currentTarget.value))}>
+            {TIMES.map(one => <option key={one.seconds} value={one.seconds}>{one.name}</option>)}
+          </select>
+        </label>
+        <span class="say" role="status">{shown.length} shown{!whole && `: of the transitions the newest ${LAST}`}</span>
+        <span class="spring" />
+        <button type="button" onClick={exportCsv}>CSV</button>
+      </form>
+      {error && <p class="complaint">{error}</p>}
+      <div class="panel scroll" tabIndex={0} role="region" aria-label="Journal, newest first">
+        <table class="data cards journal">
+          <thead>
+            <tr>
+              <th scope="col" class="number">Number</th>
+              <th scope="col">Time (UTC)</th>
+              <th scope="col">Priority</th>
+              <th scope="col">Alarm</th>
+              <th scope="col">What happened</th>
+              <th scope="col">By</th>
+              <th scope="col" class="wide">What it says</th>
+            </tr>
+          </thead>
+          <tbody>
+            {shown.map((one, i) => {
+              const of = about.get(name(one));
+              const raised = one.transition?.raised === true;
+              return (
+                <tr key={one.transition?.number ?? `${one.time}-${i}`} class={raised ? "raised" : ""}>
+                  <td class="number" data-label="Number">{one.transition?.number ?? ""}</td>
+                  <td class="digits" data-label="Time">{stamp(one.time, 1)}</td>
+                  <td data-label="Priority">{of && <Shape priority={of.priority} label={of.kind} hollow={!raised} />}</td>
+                  <th scope="row">{name(one)}</th>
+                  <td data-label="What happened">{words(one)}</td>
+                  <td data-label="By">{who(one)}</td>
+                  <td class="wide" data-label="What it says">{raised ? of?.message : ""}</td>
+                </tr>
+              );
+            })}
+          </tbody>
+        </table>
+        {shown.length === 0 && !error && <p class="say">no transitions</p>}
+      </div>
+    </>
+  );
+}

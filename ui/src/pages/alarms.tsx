@@ -1,0 +1,217 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The alarms: those that stand, those that are masked, all of them; what each one means, and what to do with it.
+import type {JSX} from "preact";
+import {useRef, useState} from "preact/hooks";
+import {useWriteBar} from "../access";
+import {useCell} from "../usecell";
+import {downloadText} from "../download";
+import {acknowledge, acknowledgeAll, shelve} from "../core/alarming";
+import {acknowledgement, type Alarm, counted, found, isMasked, isUnacknowledged, loopOf, stateWords} from "../core/alarms";
+import {clock, csv, duration, exact, iso, span, stamp} from "../core/format";
+import {alarms, control, plant, serverNow, variable} from "../core/model";
+import {slot} from "../core/writing";
+import {Nothing} from "../parts/nothing";
+import {Shape} from "../parts/shape";
+import {WriteStatus} from "../parts/status";
+import {Value} from "../parts/value";
+import {go, path} from "../router";
+import {AlarmFiguresView} from "./alarmfigures";
+import {AlarmJournal} from "./alarmjournal";
+
+const lists = {standing: "Standing", masked: "Masked", all: "All"} as const;
+const views = {...lists, journal: "Journal", figures: "Figures"} as const;
+type View = keyof typeof views;
+const MOST = 100; // rows at once
+
+export function AlarmsPage({about}: {about: string | null}): JSX.Element {
+  const p = useCell(plant);
+  const all = useCell(alarms);
+  const evaluated = useCell(control)?.alarms;
+  if (!p) return <Nothing title="Alarms">Loading the plant …</Nothing>;
+  if (!p.alarms) return <Nothing title="Alarms">No alarms are described for this plant: see “alarms” of the experiment file.</Nothing>;
+  const named = all.find(one => one.alarm === about);
+  const view: View = (Object.keys(views) as View[]).find(one => one === about) ?? "standing";
+  const counts = counted(all);
+  const sizes: Partial<Record<View, number>> = {standing: counts.standing, masked: counts.masked, all: all.length};
+  return (
+    <section class="alarms">
+      <div class="toolbar">
+        <h1>Alarms</h1>
+        <div class="segments" role="group" aria-label="What is shown">
+          {(Object.keys(views) as View[]).map(one => (
+            <button type="button" key={one} aria-pressed={one === view} onClick={() => go("alarms", one === "standing" ? null : one)}>
+              {views[one]}{sizes[one] != null && <span class="count"> {sizes[one]}</span>}
+            </button>
+          ))}
+        </div>
+        {evaluated === false && <span class="complaint">not evaluated: this is how they stood last</span>}
+      </div>
+      {view === "journal" ? <AlarmJournal /> : view === "figures" ? <AlarmFiguresView /> : <List key={p.generation} view={view} all={all} shelveMax={p.alarms.shelve_max} open={named?.id ?? null} />}
+    </section>
+  );
+}
+
+const shows: Record<keyof typeof lists, (one: Alarm) => boolean> = {standing: one => one.now.standing, masked: isMasked, all: () => true};
+
+function List({view, all, shelveMax, open: named}: {view: keyof typeof lists; all: Alarm[]; shelveMax: number; open: number | null}): JSX.Element {
+  const [text, setText] = useState("");
+  const [opened, setOpened] = useState<ReadonlySet<number>>(new Set());
+  const last = useRef<number | null>(null);
+  const [most, setMost] = useState(MOST);
+  const p = useCell(plant);
+  const barred = useWriteBar();
+  // What a link names is in the list, however it stands; it is opened when the link is followed, and may be closed then.
+  const open = named != null && named !== last.current ? new Set([...opened, named]) : opened;
+  if (named !== last.current) {
+    last.current = named;
+    if (named != null) setOpened(open);
+  }
+  const rows = all.filter(one => one.id === named || (shows[view](one) && found(text, one)));
+  const shown = rows.slice(0, most);
+  const waiting = shown.filter(isUnacknowledged);
+  const toggle = (id: number): void => setOpened(new Set(open.has(id) ? [...open].filter(one => one !== id) : [...open, id]));
+  const exportCsv = (): void =>
+    downloadText(
+      `${p?.name ?? "apc"}-alarms.csv`,
+      csv([
+        ["alarm", "priority", "state", "since", "by", "shelved until", "area", "message"],
+        ...rows.map(({alarm, priority, area, message, now}) => [alarm, priority, now.state, now.time == null ? null : iso(now.time), now.author, now.shelved_until == null ? null : iso(now.shelved_until), area, message]),
+      ]),
+    );
+  return (
+    <>
+      <form class="toolbar" role="search" onSubmit={event => event.preventDefault()}>
+        <label>contains <input type="search" size={14} value={text} onInput={event => setText(event.currentTarget.value)} /></label>
+        <span class="say" role="status">{rows.length} shown</span>
+        <span class="spring" />
+        <button type="button" disabled={waiting.length === 0 || barred != null} title={barred ?? undefined} onClick={() => void acknowledgeAll(waiting)}>
+          Acknowledge all shown{waiting.length > 0 && ` (${waiting.length})`}
+        </button>
+        <button type="button" onClick={exportCsv}>CSV</button>
+      </form>
+      <div class="panel scroll" tabIndex={0} role="region" aria-label={`Alarms: ${views[view]}`}>
+        <table class="data cards alarm-list">
+          <thead>
+            <tr>
+              <th scope="col">Priority</th>
+              <th scope="col">Alarm</th>
+              <th scope="col" class="wide">What it says</th>
+              <th scope="col" class="number">Value</th>
+              <th scope="col">State</th>
+              <th scope="col">Since (UTC)</th>
+              <th scope="col"><span class="hidden">Act</span></th>
+            </tr>
+          </thead>
+          <tbody>
+            {shown.map(one => [
+              <Row key={one.id} of={one} open={open.has(one.id)} toggle={() => toggle(one.id)} />,
+              open.has(one.id) && <Detail key={`${one.id}:detail`} of={one} shelveMax={shelveMax} />,
+            ])}
+          </tbody>
+        </table>
+        {rows.length === 0 && <p class="say">{text !== "" ? "nothing matches" : view === "standing" ? "No alarm stands." : "none"}</p>}
+        {rows.length > most && <button type="button" onClick={() => setMost(most * 5)}>{rows.length - most} more</button>}
+      </div>
+    </>
+  );
+}
+
+function Row({of, open, toggle}: {of: Alarm; open: boolean; toggle: () => void}): JSX.Element {
+  const {now} = of;
+  const barred = useWriteBar();
+  const view = useCell(slot(`ack.${of.id}`));
+  const act = acknowledgement(of);
+  const signal = variable(of.ref);
+  return (
+    <tr class={isUnacknowledged(of) ? "unacknowledged" : ""}>
+      <td data-label="Priority"><Shape priority={of.priority} label={of.kind} hollow={!isUnacknowledged(of)} /></td>
+      <th scope="row">
+        <span>{of.alarm}{of.area && <small>{of.area}</small>}</span>
+      </th>
+      <td class="wide" data-label="What it says">{of.message || of.kind}</td>
+      <td class="number" data-label="Value">{signal && signal.table !== "opmode" && <Value of={of.ref} unit />}</td>
+      <td data-label="State">
+        {stateWords(now.state)}
+        {now.shelved_until != null && <small>until {clock(now.shelved_until)}</small>}
+        {now.author && <small>{now.author}</small>}
+      </td>
+      <td class="digits" data-label="Since">{now.time == null ? "–" : stamp(now.time)}</td>
+      <td class="acts">
+        <div class="entry-line">
+          {act && (
+            <button type="button" class="primary" disabled={barred != null || view?.phase === "pending"} title={barred ?? undefined} onClick={() => void acknowledge(of)}>
+              {act}<span class="hidden"> {of.alarm}</span>
+            </button>
+          )}
+          <button type="button" aria-expanded={open} onClick={toggle}>{open ? "Less" : "More"}<span class="hidden"> of {of.alarm}</span></button>
+        </div>
+        {view && view.phase !== "applied" && <WriteStatus of={`ack.${of.id}`} retry={() => void acknowledge(of)} />}
+      </td>
+    </tr>
+  );
+}
+
+const TIMES = [900, 1800, 3600, 2 * 3600, 4 * 3600, 8 * 3600];
+
+/** What it means, what to do, where to look; shelving. */
+function Detail({of, shelveMax}: {of: Alarm; shelveMax: number}): JSX.Element {
+  const p = useCell(plant);
+  const barred = useWriteBar();
+  const [reason, setReason] = useState("");
+  const [seconds, setSeconds] = useState(Math.min(1800, shelveMax));
+  const [once, setOnce] = useState(false);
+  const shelving = useCell(slot(`shelve.${of.id}`));
+  const loop = loopOf(of.ref, p?.loops ?? []);
+  const signal = variable(of.ref);
+  const times = [...TIMES.filter(one => one < shelveMax), shelveMax].slice(0, TIMES.length + 1);
+  const act = acknowledgement(of);
+  const shelved = of.now.shelved_until != null;
+  const tooLong = new TextEncoder().encode(reason).length > 80;
+  const said = (typed: string): string => (typed === reason ? "" : typed); // what was typed meanwhile stays
+  const doShelve = (time: number): void => void shelve(of, time, once, reason.trim()).then(() => setReason(said));
+  const wait = barred != null || shelving?.phase === "pending" || tooLong;
+  return (
+    <tr class="detail">
+      <td colSpan={7}>
+        <dl class="pairs">
+          <dt>consequence</dt>
+          <dd>{of.consequence || "not said"}</dd>
+          <dt>what to do</dt>
+          <dd><b>{of.response || "not said"}</b></dd>
+          <dt>condition</dt>
+          <dd>
+            {of.kind}{of.limit != null && `, limit ${exact(of.limit)} ${signal?.unit ?? ""}`}{signal?.description && `, ${signal.description}`}
+          </dd>
+          <dt>look</dt>
+          <dd class="links">
+            {loop && <a href={path("loop", loop.id)}>Loop {loop.name}</a>}
+            {(loop ?? signal) && <a href={path("trend", loop?.measurement ? loop.id : of.ref)}>Trend</a>}
+            <a href={path("alarms", "journal")}>Journal</a>
+          </dd>
+        </dl>
+        <form class="entry-line shelving" onSubmit={event => event.preventDefault()}>
+          <label>reason or comment <input type="text" size={28} aria-invalid={tooLong} value={reason} onInput={event => setReason(event.currentTarget.value)} /></label>
+          {act && (
+            <button type="button" disabled={wait} onClick={() => void acknowledge(of, reason.trim()).then(() => setReason(said))}>
+              {act} with it
+            </button>
+          )}
+          <span class="spring" />
+          <label>
+            for{" "}
+            <select value={seconds} onChange={event => setSeconds(Number(event.currentTarget.value))}>
+              {times.map(one => <option key={one} value={one}>{span(one)}</option>)}
+            </select>
+          </label>
+          <label class="check"><input type="checkbox" checked={once} onChange={event => setOnce(event.currentTarget.checked)} /> or until it has gone once</label>
+          <button type="button" disabled={wait || reason.trim() === ""} onClick={() => doShelve(seconds)}>Shelve</button>
+          {shelved && <button type="button" disabled={wait} onClick={() => doShelve(0)}>Shelve no more</button>}
+        </form>
+        <p class="say">
+          {barred ?? (tooLong ? "the reason is too long: 80 bytes" : shelved ? `Shelved until ${stamp(of.now.shelved_until as number)} UTC, ${duration((of.now.shelved_until as number) - serverNow())} more.` : `Shelving takes a reason, and ends by itself: after at most ${span(shelveMax)}.`)}
+        </p>
+        {shelving && <WriteStatus of={`shelve.${of.id}`} retry={() => void shelve(of, seconds, once, reason.trim())} />}
+      </td>
+    </tr>
+  );
+}

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// On every screen: how many alarms stand, and the most urgent one that nobody has acknowledged.
+import type {JSX} from "preact";
+import {useWriteBar} from "../access";
+import {useCell} from "../usecell";
+import {acknowledge} from "../core/alarming";
+import {acknowledgement, counted, isUnacknowledged} from "../core/alarms";
+import {clock} from "../core/format";
+import {alarms, control, plant} from "../core/model";
+import {slot} from "../core/writing";
+import {path} from "../router";
+import {calling, setSound, silence, sound} from "../sound";
+import {type Priority, Shape} from "./shape";
+
+const priorities: Priority[] = [1, 2, 3, 4];
+
+export function AlarmLine(): JSX.Element | null {
+  const all = useCell(alarms);
+  const evaluated = useCell(control)?.alarms;
+  const barred = useWriteBar();
+  const p = useCell(plant);
+  const counts = counted(all);
+  const first = all.find(isUnacknowledged);
+  const pending = useCell(slot(`ack.${first?.id ?? 0}`))?.phase === "pending";
+  if (!p?.alarms || evaluated == null) return null;
+  return (
+    <section class={`alarm-line${first ? ` calls p${first.priority}` : ""}`} aria-label="Alarms">
+      <a class="counts" href={path("alarms")}>
+        {priorities.map(priority => {
+          const n = counts.byPriority[priority - 1] as number;
+          return n > 0 && <span key={priority}><Shape priority={priority} label="alarms" hollow={counts.waiting[priority - 1] === 0} /> {n}</span>;
+        })}
+        {counts.standing === 0 && <span class="say">No alarm stands</span>}
+        {counts.unacknowledged > 0 && <b>{counts.unacknowledged} not acknowledged</b>}
+        {counts.masked > 0 && <span class="say masked">{counts.masked} masked</span>}
+      </a>
+      {evaluated === false && <span class="complaint"><Shape priority={2} label="not evaluated" /> Alarms are not evaluated: this is how they stood last</span>}
+      <span class="first" role="status">
+        {first && (
+          <a href={path("alarms", first.alarm)}>
+            <Shape priority={first.priority} label="most urgent" /> <b>{first.alarm}</b> {first.message} <span class="say">{clock(first.now.time)}{!first.now.active && ", gone"}</span>
+          </a>
+        )}
+      </span>
+      {first && (
+        <button type="button" disabled={barred != null || pending} title={barred ?? undefined} onClick={() => void acknowledge(first)}>
+          {acknowledgement(first) ?? "Acknowledge"}<span class="hidden"> {first.alarm}</span>
+        </button>
+      )}
+      <SoundSwitch />
+    </section>
+  );
+}
+
+function SoundSwitch(): JSX.Element {
+  const now = useCell(sound);
+  const calls = useCell(calling);
+  if (now === "blocked") return <button type="button" onClick={() => setSound(true)}>Sound is off: click</button>;
+  if (now === "on" && calls != null) return <button type="button" onClick={silence}>Silence</button>;
+  return (
+    <label class="check">
+      <input type="checkbox" checked={now === "on"} onChange={event => setSound(event.currentTarget.checked)} /> sound
+    </label>
+  );
+}
