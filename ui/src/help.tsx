@@ -8,6 +8,8 @@ import {setShortcuts, shortcuts} from "./theme";
 
 const keys: [string, string][] = [
   ["Alt+1 … Alt+7", "Overview, Loop, Trend, Alarms, Events, Timing, Diagnostics"],
+  ["/", "overview of many loops: search"],
+  ["↑ ↓", "overview of many loops: from row to row, once a row has the focus"],
   ["Enter", "apply what is typed"],
   ["Esc", "revert what is typed; close this"],
   ["Space", "trend: pause, or back to live"],

@@ -108,4 +108,11 @@ for (const colorScheme of ["light", "dark"])
       await look("a plant of nothing");
       await page.context().close();
     });
+
+    test(`no violation in a list of a hundred, ${colorScheme}, ${width} pixels`, PATIENCE, async () => {
+      const page = await open(browser, "overview", {...looks, url: process.env.APC_UI_HUNDRED});
+      await page.locator(".rows .value[data-seq]").first().waitFor();
+      assert.deepEqual(await violations(page, colorScheme), []);
+      await page.context().close();
+    });
   }

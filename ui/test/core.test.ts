@@ -9,6 +9,7 @@ import {hole, matches, merge} from "../src/core/eventlist";
 import {clock, complaint, csv, decimalsOf, duration, exact, iso, limitsText, number, period, read, span, stamp} from "../src/core/format";
 import {histogram, logHeight, reach} from "../src/core/histogram";
 import {next, type WriteView} from "../src/core/lifecycle";
+import {alarmsFirst, areasOf, filtered, inSight, isIn, type Item, itemsOf, type ListFilter, type Now, worstOf} from "../src/core/list";
 import {modesOf, notRunning} from "../src/core/modes";
 import {pages, path, placeOf} from "../src/core/place";
 import {abnormal, aged, beyond, heard, limit, type Live, nothing, usable, words, worth} from "../src/core/quality";
@@ -551,4 +552,38 @@ test("the journal tells what people said between the transitions, and nothing of
 
 test("a time that people choose is told exactly", () => {
   assert.deepEqual([900, 5400, 3600, 28800, 90].map(span), ["15 min", "90 min", "1 h", "8 h", "90 s"]);
+});
+
+const placed = itemsOf({...plant, variables: plant.variables.map(one => ({...one, area: one.ref === "sensor.1" ? "b/x10" : one.ref === "actuator.2" ? "b/x9/deep" : one.ref === "sensor.3" ? "a" : ""}))});
+
+test("areas are a tree, in the order of people, with what is in each; a loop is where its measurement is, else its output", () => {
+  assert.deepEqual(placed.map(one => `${one.name} ${one.area}`), ["y1 b/x10", "y2 b/x9/deep", "T a"]);
+  assert.deepEqual(areasOf(placed).map(one => `${one.depth} ${one.path} ${one.name} ${one.count}`), ["0  all 3", "1 a a 1", "1 b b 2", "2 b/x9 x9 1", "3 b/x9/deep deep 1", "2 b/x10 x10 1"]);
+  assert.deepEqual(itemsOf(plant).map(one => one.area), ["base", "base", ""]); // no areas: by controllers
+  assert.deepEqual([isIn("a/b", "a"), isIn("ab", "a"), isIn("x", ""), isIn("", "a")], [true, false, true, false]);
+});
+
+test("a list is searched by words, area, mode, alarm and what is abnormal", () => {
+  const marks = bySignal(standing(stands(2, 1, "Acknowledged Active")));
+  const now: Now = {mode: loop => (loop.id === 1 ? {target: "Auto", actual: "LO"} : {target: "Man", actual: "Man"}), abnormal: item => item.name === "T", marks};
+  const left = (part: Partial<ListFilter>): string => filtered(placed, {text: "", area: "", mode: "", only: "all", ...part}, now).map(one => one.name).join(" ");
+  assert.deepEqual([left({}), left({text: " LEVEL "}), left({text: "u2 deep"}), left({text: "u2 level"})], ["y1 y2 T", "y1", "y2", ""]);
+  assert.deepEqual([left({area: "b"}), left({area: "b/x9"}), left({mode: "Man"}), left({mode: "!"}), left({mode: "Auto"})], ["y1 y2", "y2", "y2", "y1", ""]);
+  assert.deepEqual([left({only: "alarms"}), left({only: "abnormal"})], ["y2", "y2 T"]);
+  assert.deepEqual(alarmsFirst(placed, marks).map(one => one.name), ["y2", "y1", "T"]);
+});
+
+test("of several alarms of a loop what nobody has acknowledged is the worst, then the gravest", () => {
+  const worst = (...now: ReturnType<typeof stands>[]): string | undefined => worstOf(placed[0] as Item, bySignal(standing(...now)))?.alarm;
+  assert.equal(worst(stands(1, 1, "Acknowledged Active"), stands(3, 1, "Unacknowledged Active")), "u1.mode");
+  assert.equal(worst(stands(1, 1, "Acknowledged Active"), stands(3, 1, "Acknowledged Active")), "y1.high");
+  assert.equal(worst(stands(1, 1, "Shelved, Active")), undefined);
+});
+
+test("of any number of rows those in sight are there, and a few beyond", () => {
+  assert.deepEqual(inSight(0, 600, 30, 500), [0, 28]);
+  assert.deepEqual(inSight(3000, 600, 30, 500), [92, 128]);
+  assert.deepEqual(inSight(15000 - 600, 600, 30, 500), [472, 500]);
+  assert.deepEqual(inSight(9000, 600, 30, 10), [10, 10]); // a search has left less
+  assert.deepEqual(inSight(0, 600, 30, 0), [0, 0]);
 });

@@ -11,17 +11,42 @@ test("a value that is not Good is marked, and nothing of it is cut off", PATIENC
   const browser = await launch();
   for (const width of [1280, 800, 400]) {
     const page = await open(browser, "overview", {url: process.env.APC_UI_HUNDRED, viewport: {width, height: 800}});
+    await page.keyboard.press("/");
+    await page.keyboard.type("signal 100");
     const bad = page.locator('main .value.uncertain[data-ref="sensor.100"]');
     await bad.waitFor();
     assert.match(await bad.textContent(), /substitute value$/);
     const cut = await bad.evaluate(one => {
       const inner = [...one.children].map(part => part.getBoundingClientRect());
-      const cell = one.closest("td").getBoundingClientRect();
+      const cell = one.closest("[role=cell]").getBoundingClientRect();
       return inner.filter(box => box.left < cell.left - 1 || box.right > cell.right + 1 || box.bottom > cell.bottom + 1).length;
     });
     assert.equal(cut, 0, `at ${width} pixels`);
     await page.context().close();
   }
+  await browser.close();
+});
+
+test("of a hundred rows those in sight are there; keys go to all of them, a search and the areas leave what is wanted", PATIENCE, async () => {
+  const browser = await launch();
+  const page = await open(browser, "overview", {url: process.env.APC_UI_HUNDRED});
+  const rows = page.locator(".rows [data-row]");
+  const focused = () => page.evaluate(() => document.activeElement.closest("[data-row]")?.dataset.row);
+  await rows.first().waitFor();
+  assert.ok((await rows.count()) < 60, `${await rows.count()} rows are there`);
+  assert.equal(await page.locator(".rows").getAttribute("aria-rowcount"), "101");
+  await rows.first().locator("a").first().focus();
+  for (const [key, row] of [["ArrowDown", "1"], ["End", "99"], ["ArrowUp", "98"], ["Home", "0"]]) {
+    await page.keyboard.press(key);
+    await until(`${key} goes to row ${row}`, async () => (await focused()) === row);
+  }
+  await page.keyboard.press("/");
+  await page.keyboard.type("signal 77");
+  await until("one is left", async () => (await rows.count()) === 1 && /y77/.test(await rows.first().textContent()));
+  await page.keyboard.press("Escape");
+  await page.getByRole("button", {name: "View as table"}).click();
+  await until("all are in the table", async () => (await page.locator("main .data tbody tr", {hasText: "y"}).count()) >= 100);
+  assert.deepEqual(page.complaints, []);
   await browser.close();
 });
 
@@ -40,9 +65,9 @@ function note() {
 test("a hundred variables at 10 Hz: what has come is on the screen a frame later, all values together", PATIENCE, async () => {
   const browser = await launch();
   const page = await open(browser, "overview", {url: process.env.APC_UI_HUNDRED, initScript: note});
-  await until("a hundred values are shown", async () => (await page.locator("main .value[data-seq]").count()) === 100);
+  await until("the rows in sight have their values", async () => (await page.locator("main .rows .value[data-seq]").count()) >= 20);
   await page.evaluate(() => {
-    const cells = [...document.querySelectorAll("main .value")];
+    const cells = [...document.querySelectorAll("main .rows .value")];
     window.seen = {seqs: new Set(), torn: 0, late: 0};
     let due = 0;
     const look = () => {

@@ -263,7 +263,7 @@ test("pages by Alt and a digit, help by ?, if wanted", async () => {
   assert.equal(await press("8", document.body, {altKey: true, code: "Digit8"}), false);
   assert.equal(await press("1", document.body, {altKey: true, ctrlKey: true, code: "Digit1"}), false);
   await press("?");
-  assert.match(said("dialog"), /Keys Alt\+1 … Alt\+7 Overview, Loop, Trend, Alarms, Events, Timing, Diagnostics Enter apply what is typed/);
+  assert.match(said("dialog"), /Keys Alt\+1 … Alt\+7 Overview, Loop, Trend, Alarms, Events, Timing, Diagnostics \/ overview of many loops: search ↑ ↓ .* Enter apply what is typed/);
   one("dialog").dispatchEvent(new window.Event("close") as never);
   await settle();
   assert.equal(document.querySelectorAll("dialog").length, 0);
@@ -1145,6 +1145,45 @@ test("the journal tells the story, and figures stand beside what they should be"
   env.source.send("plant", {revision: 10});
   await settle();
   assert.match(said("main"), /No alarms are described for this plant/);
+});
+
+test("an overview of many loops: a tree of areas, a search, and those with an alarm", async () => {
+  const many = Array.from({length: 40}, (_, i) => i + 1);
+  const loops = many.map(id => ({...tanks.loops[0]!, id, name: `y${id}`, called: `u${id}`, measurement: `sensor.${id}`, setpoint: null, output: null, tuning: [], parameters: []}));
+  const variables = many.map(id => ({...tanks.variables[0]!, ref: `sensor.${id}`, id, name: `y${id}`, description: `level ${id}`, area: id <= 30 ? "left/low" : "right", display: [0, 20] as [number, number]}));
+  server.plant = {...alarmed, variables: [...variables, ...tanks.variables.filter(one => one.table !== "sensor")], loops};
+  server.control = {...server.control, alarms: true};
+  server.alarms = [stands(2, 1, "Unacknowledged Active")];
+  env.source.send("plant", {revision: 11});
+  await settle();
+  await state({});
+  const names = (): string[] => [...document.querySelectorAll(".rows-row .name-cell a:first-child")].map(one => one.textContent ?? "");
+  assert.equal(said(".areas button"), "all [priority 3: alarm y2.low] 40 | left [priority 3: alarm y2.low] 30 | low [priority 3: alarm y2.low] 30 | right 10");
+  assert.equal(one(".rows").getAttribute("aria-rowcount"), "41");
+  assert.equal(said(".rows-row:first-child"), "y1 level 1 Auto [y1 9.984 m, scale 0 to 20] 9.984 m");
+  await click([...document.querySelectorAll<HTMLButtonElement>(".areas button")].at(-1)!);
+  assert.deepEqual(names(), many.slice(30).map(id => `y${id}`));
+  await type('.many-rows input[type="search"]', "level 35");
+  assert.deepEqual(names(), ["y35"]);
+  assert.equal(said(".many-rows [role=status]"), "1 of 40");
+  await press("Escape", one('.many-rows input[type="search"]'));
+  await click([...document.querySelectorAll<HTMLButtonElement>(".areas button")][0]!);
+  await choose(".many-rows label:nth-of-type(3) select", "alarms");
+  assert.deepEqual(names(), ["y2"]);
+  await choose(".many-rows label:nth-of-type(3) select", "all");
+  await click(one(".many-rows .check input"));
+  assert.deepEqual(names().slice(0, 2), ["y2", "y1"]);
+  await choose(".many-rows label:nth-of-type(2) select", "Man");
+  assert.match(said(".many-rows"), /nothing matches$/);
+  await choose(".many-rows label:nth-of-type(2) select", "");
+  await click(button("View as table"));
+  assert.equal(document.querySelectorAll(".many-rows .data tbody tr").length, 40);
+  assert.equal(said(".many-rows .data tbody tr:nth-child(2)"), "y1 left/low Auto 9.984 m");
+  server.plant = tanks;
+  server.alarms = [];
+  env.source.send("plant", {revision: 12});
+  await settle();
+  assert.equal(document.querySelectorAll(".rows").length, 0);
 });
 
 test("what was superseded is final", async () => {

@@ -57,13 +57,14 @@ onNewPlant(() => {
   scales.clear();
 });
 
-/** Where it has both limits of its own. */
+/** Where it has a range to be shown in, or both limits of its own. */
 function limits(ref: Ref | null): Cell<Scale | null> | null {
   const one = variable(ref);
-  if (!one || one.low == null || one.high == null) return null;
-  const name = `limits ${one.low} ${one.high}`;
+  const [low, high] = one?.display ?? [one?.low, one?.high];
+  if (low == null || high == null) return null;
+  const name = `limits ${low} ${high}`;
   let cell = scales.get(name);
-  if (!cell) scales.set(name, (cell = new Cell<Scale | null>({low: one.low, high: one.high})));
+  if (!cell) scales.set(name, (cell = new Cell<Scale | null>({low, high})));
   return cell;
 }
 

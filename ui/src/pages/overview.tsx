@@ -9,6 +9,7 @@ import {period} from "../core/format";
 import {Latest} from "../parts/latest";
 import {control, inShadow, limitsOf, live, plant, second, store, variable} from "../core/model";
 import {abnormal} from "../core/quality";
+import {Many} from "./many";
 import {AlarmMark} from "../parts/alarmmark";
 import {Bar} from "../parts/bar";
 import {Nothing} from "../parts/nothing";
@@ -87,6 +88,8 @@ function Summary({of}: {of: Ref}): JSX.Element {
   return <span class="number">{summary(of)}</span>;
 }
 
+const FEW = 30; // rows
+
 export function OverviewPage(): JSX.Element {
   const p = useCell(plant);
   const [table, setTable] = useState(false);
@@ -102,7 +105,7 @@ export function OverviewPage(): JSX.Element {
         <span class="spring" />
         <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>View as table</button>
       </div>
-      <Tables plant={p} others={others} table={table} />
+      {rows > FEW ? <Many plant={p} table={table} /> : <Tables plant={p} others={others} table={table} />}
       <Latest />
     </section>
   );

@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The overview of many loops: areas as a tree, what a search leaves of it, and which rows are in sight. Pure.
+import {type Alarm, isUnacknowledged, refsOf} from "./alarms";
+import type {Loop, Plant, Ref, Variable} from "./types";
+
+/** A loop, or a measurement beyond the loops. */
+export interface Item {
+  key: string;
+  name: string;
+  about: string; // description
+  area: string; // "unit1/reactor"
+  loop: Loop | null;
+  measurement: Ref | null;
+  refs: (Ref | null)[]; // whose alarms are its own
+}
+
+/** Where nothing says an area, loops are by their controllers. */
+export function itemsOf(p: Plant): Item[] {
+  const by = new Map<Ref, Variable>(p.variables.map(one => [one.ref, one]));
+  const areas = p.variables.some(one => one.area !== "");
+  const used = new Set(p.loops.map(loop => loop.measurement));
+  const of = (ref: Ref | null): Variable | undefined => (ref ? by.get(ref) : undefined);
+  const loops = p.loops.map((loop): Item => {
+    const area = of(loop.measurement)?.area || of(loop.output)?.area || "";
+    return {key: `loop.${loop.id}`, name: loop.name, about: of(loop.measurement)?.description ?? "", area: areas ? area : loop.controller, loop, measurement: loop.measurement, refs: refsOf(loop)};
+  });
+  const others = p.variables
+    .filter(one => one.table === "sensor" && !used.has(one.ref))
+    .map((one): Item => ({key: one.ref, name: one.name, about: one.description, area: one.area, loop: null, measurement: one.ref, refs: [one.ref]}));
+  return [...loops, ...others];
+}
+
+export interface Area {
+  path: string; // "" is all
+  name: string;
+  depth: number;
+  count: number;
+}
+
+/** The tree of areas, each below what it is in; with how many there are within. */
+export function areasOf(items: Item[]): Area[] {
+  const counts = new Map<string, number>();
+  for (const {area} of items) {
+    const parts = area === "" ? [] : area.split("/");
+    for (let i = 1; i <= parts.length; i++) {
+      const path = parts.slice(0, i).join("/");
+      counts.set(path, (counts.get(path) ?? 0) + 1);
+    }
+  }
+  const byParts = (a: string, b: string): number => {
+    const [x, y] = [a.split("/"), b.split("/")];
+    const i = x.findIndex((part, k) => part !== y[k]);
+    return i < 0 ? x.length - y.length : y[i] == null ? 1 : (x[i] as string).localeCompare(y[i] as string, "en", {numeric: true});
+  };
+  return [{path: "", name: "all", depth: 0, count: items.length}, ...[...counts.keys()].sort(byParts).map(path => ({path, name: path.slice(path.lastIndexOf("/") + 1), depth: path.split("/").length, count: counts.get(path) as number}))];
+}
+
+export interface ListFilter {
+  text: string;
+  area: string; // and what is below it
+  mode: string; // "": any; "!": other than asked for
+  only: "all" | "alarms" | "abnormal";
+}
+
+/** What a list asks about an item as it is now. */
+export interface Now {
+  mode: (loop: Loop) => {target: string | null; actual: string | null};
+  abnormal: (item: Item) => boolean;
+  marks: ReadonlyMap<Ref, Alarm>;
+}
+
+export function worstOf(item: Pick<Item, "refs">, marks: ReadonlyMap<Ref, Alarm>): Alarm | null {
+  let worst: Alarm | null = null;
+  const before = (a: Alarm, b: Alarm): boolean => Number(isUnacknowledged(a)) - Number(isUnacknowledged(b)) > 0 || (isUnacknowledged(a) === isUnacknowledged(b) && a.priority < b.priority);
+  for (const ref of item.refs) {
+    const one = ref ? marks.get(ref) : undefined;
+    if (one && (!worst || before(one, worst))) worst = one;
+  }
+  return worst;
+}
+
+export function isIn(area: string, of: string): boolean {
+  return of === "" || area === of || area.startsWith(`${of}/`);
+}
+
+export function filtered(items: Item[], f: ListFilter, now: Now): Item[] {
+  const words = f.text.toLowerCase().split(/\s+/).filter(word => word !== "");
+  return items.filter(item => {
+    if (!isIn(item.area, f.area)) return false;
+    const where = `${item.name} ${item.about} ${item.area} ${item.loop?.called ?? ""}`.toLowerCase();
+    if (!words.every(word => where.includes(word))) return false;
+    if (f.mode !== "") {
+      if (!item.loop) return false;
+      const {target, actual} = now.mode(item.loop);
+      if (f.mode === "!" ? target === actual : actual !== f.mode) return false;
+    }
+    return f.only === "all" || (f.only === "alarms" ? worstOf(item, now.marks) != null : worstOf(item, now.marks) != null || now.abnormal(item));
+  });
+}
+
+/** What has an alarm first, the gravest of them before, all else as it was. */
+export function alarmsFirst(items: Item[], marks: ReadonlyMap<Ref, Alarm>): Item[] {
+  const rank = (item: Item): number => {
+    const worst = worstOf(item, marks);
+    return worst ? worst.priority - (isUnacknowledged(worst) ? 10 : 0) : 100;
+  };
+  return items.map(item => ({item, at: rank(item)})).sort((a, b) => a.at - b.at).map(one => one.item);
+}
+
+const BEYOND = 8; // rows, on either side
+
+/** Of n rows those in sight, and some beyond: from first up to last. */
+export function inSight(scroll: number, height: number, row: number, n: number): [number, number] {
+  const first = Math.max(0, Math.floor(scroll / row) - BEYOND);
+  return [Math.min(first, n), Math.min(n, Math.ceil((scroll + height) / row) + BEYOND)];
+}

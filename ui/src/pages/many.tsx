@@ -1,0 +1,195 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The overview of many loops: the tree of areas, a search, and of the rows those in sight.
+import type {JSX} from "preact";
+import {memo} from "preact/compat";
+import {useEffect, useMemo, useRef, useState} from "preact/hooks";
+import {type Area, alarmsFirst, areasOf, filtered, type Item, itemsOf, isIn, type ListFilter, type Now, worstOf} from "../core/list";
+import {loopScale} from "../core/loopdata";
+import {inShadow, limitsOf, live, marks, modesOfLoop, second, variable} from "../core/model";
+import {beyond, worth} from "../core/quality";
+import type {Plant, Ref} from "../core/types";
+import {isTyping} from "../keyboard";
+import {AlarmMark} from "../parts/alarmmark";
+import {Bar} from "../parts/bar";
+import {Rows} from "../parts/rows";
+import {Shape} from "../parts/shape";
+import {Table} from "../parts/table";
+import {ActualMode, told, Value} from "../parts/value";
+import {path} from "../router";
+import {shortcuts} from "../theme";
+import {useCell} from "../usecell";
+
+const outputOf = ({loop}: Item): Ref | null => (loop ? (inShadow(loop) ? loop.would : null) ?? loop.output : null);
+
+function isAbnormal({loop, measurement}: Item): boolean {
+  const refs = [measurement, loop ? loop.output : null];
+  const modes = loop && modesOfLoop(loop).value;
+  return (
+    refs.some(ref => {
+      if (!ref || variable(ref)?.period == null) return false;
+      const now = live(ref).value;
+      const {low, high} = limitsOf(ref);
+      return now.seq === 0 || now.stale || worth(now.status) !== "good" || beyond(now.value, low, high) != null;
+    }) || (modes != null && (modes.why != null || modes.target !== modes.actual))
+  );
+}
+
+const now = (): Now => ({mode: loop => modesOfLoop(loop).value, abnormal: isAbnormal, marks: marks.value});
+
+/** Has the screen room for rows of one line? */
+function useNarrow(): boolean {
+  const [narrow, setNarrow] = useState(() => innerWidth < 750);
+  useEffect(() => {
+    const look = (): void => setNarrow(innerWidth < 750);
+    addEventListener("resize", look);
+    return () => removeEventListener("resize", look);
+  }, []);
+  return narrow;
+}
+
+export function Many({plant: p, table}: {plant: Plant; table: boolean}): JSX.Element {
+  const items = useMemo(() => itemsOf(p), [p]);
+  const areas = useMemo(() => areasOf(items), [items]);
+  const [filter, setFilter] = useState<ListFilter>({text: "", area: "", mode: "", only: "all"});
+  const [urgent, setUrgent] = useState(false);
+  const field = useRef<HTMLInputElement>(null);
+  const narrow = useNarrow();
+  const all = useCell(marks);
+  useCell(second); // what is abnormal becomes so with time
+  useEffect(() => {
+    const key = (event: KeyboardEvent): void => {
+      if (event.key !== "/" || !shortcuts.value || isTyping(event) || event.altKey || event.ctrlKey || event.metaKey) return;
+      event.preventDefault();
+      field.current?.focus();
+    };
+    addEventListener("keydown", key);
+    return () => removeEventListener("keydown", key);
+  }, []);
+  const left = filtered(items, filter, now());
+  const rows = urgent ? alarmsFirst(left, all) : left;
+  const set = (part: Partial<ListFilter>): void => setFilter({...filter, ...part});
+  const modes = [...new Set(p.loops.flatMap(loop => loop.mode.targets))];
+  return (
+    <div class="many-loops">
+      {areas.length > 1 && <Tree areas={areas} items={items} chosen={filter.area} choose={area => set({area})} narrow={narrow} />}
+      <div class="many-rows">
+        <form class="toolbar" role="search" onSubmit={event => event.preventDefault()}>
+          <label>
+            name{" "}
+            <input
+              ref={field}
+              type="search"
+              size={12}
+              value={filter.text}
+              title="/"
+              onInput={event => set({text: event.currentTarget.value})}
+              onKeyDown={event => {
+                if (event.key === "Escape") set({text: ""});
+              }}
+            />
+          </label>
+          <label>
+            mode{" "}
+            <select value={filter.mode} onChange={event => set({mode: event.currentTarget.value})}>
+              <option value="">any</option>
+              <option value="!">not as asked</option>
+              {modes.map(one => <option key={one} value={one}>{one}</option>)}
+            </select>
+          </label>
+          <label>
+            show{" "}
+            <select value={filter.only} onChange={event => set({only: event.currentTarget.value as ListFilter["only"]})}>
+              <option value="all">all</option>
+              <option value="alarms">with an alarm</option>
+              <option value="abnormal">abnormal</option>
+            </select>
+          </label>
+          <label class="check"><input type="checkbox" checked={urgent} onChange={event => setUrgent(event.currentTarget.checked)} /> alarms first</label>
+          <span class="say" role="status">{rows.length} of {items.length}</span>
+        </form>
+        {table ? (
+          <Table
+            caption="Loops and measurements"
+            head={["Name", "Area", "Mode", "PV", "SP", "OUT"]}
+            rows={rows.map(item => [item.name, item.area, item.loop ? (modesOfLoop(item.loop).value.actual ?? "") : "", ...[item.measurement, item.loop?.setpoint ?? null, outputOf(item)].map(ref => (ref ? `${told(ref, live(ref).value.value)} ${variable(ref)?.unit ?? ""}` : ""))])}
+          />
+        ) : (
+          <Rows
+            label="Loops and measurements"
+            head={
+              <>
+                <span role="columnheader">Name</span>
+                <span role="columnheader">Mode</span>
+                <span role="columnheader" class="bar-cell">PV against SP</span>
+                <span role="columnheader" class="number">PV</span>
+                <span role="columnheader" class="number">SP</span>
+                <span role="columnheader" class="number">OUT</span>
+              </>
+            }
+            rows={rows}
+            height={narrow ? 56 : 32}
+            name={item => `${item.key}:${(p as Plant & {generation?: number}).generation ?? 0}`}
+            row={item => <Cells item={item} />}
+          />
+        )}
+        {rows.length === 0 && <p class="say">nothing matches</p>}
+      </div>
+    </div>
+  );
+}
+
+const Cells = memo(function Cells({item}: {item: Item}): JSX.Element {
+  const {loop, measurement} = item;
+  const setpoint = loop?.setpoint ?? null;
+  const scale = useCell(loopScale({measurement, setpoint}));
+  const output = outputOf(item);
+  return (
+    <>
+      <span role="rowheader" class="name-cell">
+        <a href={loop ? path("loop", loop.id) : path("trend", measurement)}>{item.name}</a>
+        <AlarmMark of={item.refs} />
+        <small>{item.about}</small>
+      </span>
+      <span role="cell">{loop && <ActualMode loop={loop} />}</span>
+      <span role="cell" class="bar-cell">{measurement && <Bar label={item.name} value={measurement} setpoint={setpoint} scale={scale} />}</span>
+      <span role="cell" class="number">{measurement && <Value of={measurement} unit />}</span>
+      <span role="cell" class="number">{setpoint && <Value of={setpoint} />}</span>
+      <span role="cell" class="number">{output && <Value of={output} unit />}</span>
+    </>
+  );
+});
+
+interface TreeProps {
+  areas: Area[];
+  items: Item[];
+  chosen: string;
+  choose: (area: string) => void;
+  narrow: boolean;
+}
+
+/** Each area with how much is in it, and the gravest alarm of that. */
+function Tree({areas, items, chosen, choose, narrow}: TreeProps): JSX.Element {
+  const all = useCell(marks);
+  if (narrow)
+    return (
+      <label class="area-choice">
+        area{" "}
+        <select value={chosen} onChange={event => choose(event.currentTarget.value)}>
+          {areas.map(one => <option key={one.path} value={one.path}>{"\u2003".repeat(one.depth)}{one.name} ({one.count})</option>)}
+        </select>
+      </label>
+    );
+  const worst = (area: string): JSX.Element | false => {
+    const found = worstOf({refs: items.filter(item => isIn(item.area, area)).flatMap(item => item.refs)}, all);
+    return found != null && <Shape priority={found.priority} label={`alarm ${found.alarm}`} hollow={!found.now.unacknowledged} />;
+  };
+  return (
+    <nav class="panel areas" aria-label="Areas">
+      {areas.map(one => (
+        <button type="button" key={one.path} aria-pressed={one.path === chosen} class={`depth-${Math.min(4, one.depth)}`} onClick={() => choose(one.path)}>
+          <span class="area-name">{one.name}</span> {worst(one.path)} <span class="count">{one.count}</span>
+        </button>
+      ))}
+    </nav>
+  );
+}
