@@ -440,7 +440,8 @@ APC_API void apc_forward_stats(const struct apc_forward *forward,
 /**
  * A new live store goes on from its history, before anything else is written in it: of each variable that it
  * has not got it takes the newest row, under its own seq. So what people wanted and what controllers go on
- * from is there again, and seqs rise above all that went before. Where the history does not answer, seqs
+ * from is there again, and seqs rise above all that went before; a live store without events gets one that
+ * says since when nothing is on record. Where the history does not answer, seqs
  * begin at (seconds since 2020-01-02) x 2^20 instead (`shm:` only), above all that has been given out by
  * then. Returns how many rows it took over; or an error and why: also that of the history. [setup]
  */

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* A new live store goes on from its history, or from numbers of its own. */
+#include <stdio.h>
 #include <stdlib.h>
 
 #include "base/base_internal.h"
@@ -88,6 +89,57 @@ static int take_newest(struct apc_store *live, struct apc_store *history, const 
     return rc < 0 ? rc : apc_store_append(live, &n->sample, 1);
 }
 
+static int no_more(void *ctx, const struct apc_event *event)
+{
+    (void)ctx;
+    (void)event;
+    return 1;
+}
+
+/* Of what the loop measured and put out last, or INT64_MIN: it never ran. Returns 0 or an error. */
+static int last_known(struct apc_store *history, struct apc_sample *variables, int n, apc_ns *time)
+{
+    int rc = 0;
+    *time = INT64_MIN;
+    for (int i = 0; i < n && rc >= 0; i++) {
+        if (variables[i].table == APC_SENSOR || variables[i].table == APC_ACTUATOR) {
+            rc = apc_store_read(history, &variables[i], 1);
+            *time = rc >= 0 && variables[i].seq > 0 && variables[i].time > *time ? variables[i].time : *time;
+        }
+    }
+    return rc;
+}
+
+/* Into a live store that has seen nothing yet, before the rows: seqs go on, so nothing else shows that rows
+ * are missing. */
+static int mark_gap(struct apc_store *live, struct apc_store *history, struct apc_sample *had, int n,
+                    struct apc_store **failed)
+{
+    char since[APC_TIME_LEN], until[APC_TIME_LEN];
+    struct apc_event event = {
+        .time = apc_clock_utc(NULL), .severity = APC_EVENT_WARNING, .source = "apc", .kind = "history"};
+    apc_ns newest;
+    *failed = live;
+    int rc = apc_store_events(live, &(struct apc_range){.last = 1}, no_more, NULL);
+    if (rc != 0) {
+        return rc;
+    }
+    *failed = history;
+    rc = last_known(history, had, n, &newest);
+    if (rc < 0 || newest == INT64_MIN) {
+        return rc;
+    }
+    *failed = live;
+    snprintf(
+        event.text, sizeof event.text,
+        newest < event.time
+            ? "the record has a gap: the live store is new, and nothing is known between %s and %s"
+            : "the record has a gap: the live store is new, and nothing is known from %s on, which is later "
+              "than the clock says (%s)",
+        apc_time_format(newest, since), apc_time_format(event.time, until));
+    return apc_store_append_events(live, &event, 1);
+}
+
 static int count_anew(struct apc_store *live, int had)
 {
     const apc_ns since = apc_clock_utc(NULL) - EPOCH;
@@ -110,7 +162,11 @@ int apc_store_take_over(struct apc_store *live, struct apc_store *history, struc
         failed = history;
         rc = list(history, &had);
     }
-    for (int i = 0, n = rc; i < n && rc >= 0; i++) {
+    const int n_had = rc;
+    if (rc > 0) {
+        rc = mark_gap(live, history, had, n_had, &failed);
+    }
+    for (int i = 0; i < n_had && rc >= 0; i++) {
         if (had[i].table != APC_STATE && !is_in(has, n_has, &had[i])) {
             rc = take_newest(live, history, &had[i], newest, &failed);
             taken += rc > 0;

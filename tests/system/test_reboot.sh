@@ -36,6 +36,15 @@ has_kp() { [ "$(kp)" = "$1" ]; }
 # numbers and times rise together: none was given out twice
 rises() { [ "$(sql "SELECT count(*) FROM (SELECT time, lag(time) OVER (ORDER BY seq) AS before FROM apc.$1 WHERE id = 1) r WHERE time <= before")" = 0 ]; }
 gaps() { sql "SELECT count(*) FROM (SELECT seq, lag(seq) OVER (ORDER BY seq) AS before FROM apc.$1 WHERE id = 1) r WHERE seq > before + 1"; }
+told() { sql "SELECT count(*) FROM apc.event WHERE kind = 'history' AND text LIKE 'the record has a gap: the live store is new,%'"; }
+has_told() { [ "$(told)" = "$1" ]; }
+# the newest such event says from the last row before the host went down to a time before the first after it
+tells_the_truth() {
+  [ "$(sql "WITH rows AS (SELECT time FROM apc.sensor UNION ALL SELECT time FROM apc.actuator),
+      told AS (SELECT regexp_match(text, 'between (\S+) and (\S+)\$') AS t FROM apc.event
+        WHERE text LIKE 'the record has a gap: the live store is new,%' ORDER BY time DESC LIMIT 1)
+    SELECT t[1]::timestamptz = (SELECT max(time) FROM rows WHERE time < t[2]::timestamptz) FROM told")" = t ]
+}
 
 "$apc" init --store postgresql: "$work/fast.conf" >/dev/null
 expect 0 'tables made' "$apc" init --store "$both" "$work/fast.conf"
@@ -46,7 +55,9 @@ expect 0 'applied' "$apc" tune Kp=0.25 --store "$live"
 expect 0 'applied' "$apc" set r 7.5 --store "$live"
 until_true 60 has_kp 0.25
 goes_on tick
-for _ in $(seq "${APC_RESETS:-1}"); do
+[ "$(told)" = 0 ] || fail "a gap before there was a record"
+resets=0
+while [ $((resets += 1)) -le "${APC_RESETS:-1}" ]; do
   goes_on actuator
   down
   echo "lost of y: $(($("$apc" get y --json --store "$live-down" | grep -o '"seq":[0-9]*' | cut -d: -f2) - $(newest sensor))) rows of 0.05 s"
@@ -55,12 +66,15 @@ for _ in $(seq "${APC_RESETS:-1}"); do
   expect 4 'the history: it belongs to experiment fast' "$apc" init --store "$both" "$APC_SOURCE_DIR/experiments/servo.conf"
   was=$(newest actuator)
   expect 0 '[0-9]+ variables go on from the history' "$apc" init --store "$both" "$work/fast.conf"
+  expect 0 'tables are up to date' "$apc" init --store "$both" "$work/fast.conf" # once more, by a careful person
   expect 0 '^Kp +0.25 ' "$apc" tune --store "$live"
   expect 0 'r +7.5' "$apc" get r --store "$live"
   resumed=$(grep -c 'resuming from the stored state' "$work/controller.log" || true)
   up
   daemon historian --history postgresql:
   until_true 60 beyond actuator $((was + 3))
+  until_true 60 has_told "$resets"
+  tells_the_truth || fail "the gap that was told is not that of the record"
   [ "$(grep -c 'resuming from the stored state' "$work/controller.log")" -gt "$resumed" ] || fail "the controller began anew"
   expect 0 'r +7.5' "$apc" get r --store "$live" # the scheduler still stands aside
 done

@@ -543,6 +543,22 @@ static void test_a_host_that_dies_loses_what_came_since_a_batch_was_begun(void *
 
 /* ---- A new live store ------------------------------------------------------------------------- */
 
+static int keep_event(void *ctx, const struct apc_event *e)
+{
+    *(struct apc_event *)ctx = *e;
+    return 0;
+}
+
+/* The one event that it has. */
+static void assert_gap_is_told(struct apc_store *store, const char *since)
+{
+    struct apc_event e = {0};
+    assert_int_equal(apc_store_events(store, NULL, keep_event, &e), 1);
+    assert_string_equal(e.kind, "history");
+    assert_has(e.text, "the record has a gap");
+    assert_has(e.text, since);
+}
+
 static void test_a_new_live_store_goes_on_from_its_history(void **state)
 {
     struct apc_error why;
@@ -556,15 +572,45 @@ static void test_a_new_live_store_goes_on_from_its_history(void **state)
     live = live_make(4);
     assert_int_equal(apc_store_take_over(live, *state, &why), 4);
     assert_int_equal(apc_store_take_over(live, *state, &why), 0);
+    assert_gap_is_told(live, "nothing is known between 1970-01-01T00:00:00.005000Z and 20");
     char author[APC_AUTHOR_LEN];
     struct apc_sample there = newest(live, APC_TUNING, 1);
     assert_true(there.seq == 1 && there.value == 0.25 && there.time == wanted.time);
     assert_int_equal(apc_store_author_name(live, there.author, author), 0);
     assert_string_equal(author, "anna");
     append(live, 6, 8);
-    assert_int_equal(forward(live, *state), 9);
+    assert_int_equal(forward(live, *state), 9 + 1);
     assert_whole(*state, APC_SENSOR, 1, 8);
     assert_whole(*state, APC_TICK, 1, 8);
+    assert_gap_is_told(*state, "1970-01-01T00:00:00.005000Z");
+    live_drop(live);
+}
+
+static void test_a_history_of_the_future_leaves_the_end_of_the_gap_open(void **state)
+{
+    struct apc_error why;
+    struct apc_store *live = live_make(4);
+    const struct apc_sample s = {
+        .table = APC_SENSOR, .id = 1, .seq = 1, .time = INT64_C(4102444800) * APC_NS_PER_S};
+    ok(*state, apc_store_append(*state, &s, 1));
+    assert_int_equal(apc_store_take_over(live, *state, &why), 1);
+    assert_gap_is_told(live, "nothing is known from 2100-01-01T00:00:00.000000Z on");
+    live_drop(live);
+}
+
+static void test_of_a_history_where_nothing_ran_no_gap_is_told(void **state)
+{
+    struct apc_error why;
+    struct apc_store *live = live_make(4);
+    assert_int_equal(apc_store_take_over(live, *state, &why), 0);
+    struct apc_sample described = {.table = APC_TUNING, .id = 1, .value = 0.25};
+    ok(*state, apc_store_put(*state, &described, 1));
+    assert_int_equal(apc_store_take_over(live, *state, &why), 1);
+    assert_events(live, 0);
+    append_event(live, 1, "start"); /* nor of one that comes while the loop runs */
+    append(*state, 1, 5);
+    assert_int_equal(apc_store_take_over(live, *state, &why), 3);
+    assert_events(live, 1);
     live_drop(live);
 }
 
@@ -734,6 +780,8 @@ int main(void)
         T(test_kills_lose_and_double_nothing),
         T(test_a_host_that_dies_loses_what_came_since_a_batch_was_begun),
         T(test_a_new_live_store_goes_on_from_its_history),
+        T(test_a_history_of_the_future_leaves_the_end_of_the_gap_open),
+        T(test_of_a_history_where_nothing_ran_no_gap_is_told),
         T(test_where_the_history_is_away_numbers_begin_above_it),
         T(test_what_takes_over_from_what_is_said),
         T(test_what_lies_behind_a_row_is_given_alone),
