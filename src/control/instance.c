@@ -438,6 +438,7 @@ static struct apc_law_call *see(struct apc_instances *s, size_t k, const struct 
     c->budget = whole->budget;
     c->deadline = whole->deadline;
     c->why = whole->why;
+    c->say = whole->say;
     c->y_limited = whole->y_limited;
     if (c->y_limited && !s->law->whole)
         c->y_limited = memset(s->window.y_limited, 0, sizeof(s->window.y_limited));

@@ -334,6 +334,22 @@ static void what_a_caller_does_not_know_is_not_there(void **state)
     assert_int_equal(apc_instances_compute(r.s, 1, &r.c), APC_LAW_INFEASIBLE);
 }
 
+static void what_a_law_says_goes_where_the_call_of_that_time_wants_it(void **state)
+{
+    char line[APC_LAW_SAY];
+    struct rig r;
+
+    (void)state;
+    make(&r, &plain);
+    apc_instances_keep(r.s, &r.c);
+    r.c.say = line;
+    assert_int_equal(apc_instances_compute(r.s, 1, &r.c), APC_LAW_GOOD);
+    assert_ptr_equal(seen[1].call.say, line);
+    r.c.say = NULL;
+    assert_int_equal(apc_instances_compute(r.s, 1, &r.c), APC_LAW_GOOD);
+    assert_null(seen[1].call.say);
+}
+
 static void x_and_what_is_published_are_laid_out_one_after_another(void **state)
 {
     const struct apc_instances_size expected = {
@@ -842,6 +858,7 @@ int main(void)
         cmocka_unit_test_teardown(an_instance_sees_what_belongs_to_its_output_and_no_more, laws_end),
         cmocka_unit_test_teardown(a_law_that_is_whole_sees_the_controllers_own, laws_end),
         cmocka_unit_test_teardown(what_a_caller_does_not_know_is_not_there, laws_end),
+        cmocka_unit_test_teardown(what_a_law_says_goes_where_the_call_of_that_time_wants_it, laws_end),
         cmocka_unit_test_teardown(x_and_what_is_published_are_laid_out_one_after_another, laws_end),
         cmocka_unit_test_teardown(an_instance_is_asked_by_itself, laws_end),
         cmocka_unit_test_teardown(an_instance_is_made_from_its_part_of_the_model_and_the_signals, laws_end),
