@@ -17,6 +17,61 @@ sed -e 's|law = "pi"|law = "./mylaw.py"|' -e 's|Kp = 0.2; tau_i = 10.0; u_bar = 
 cp "$mine" "$work"
 [ "$(hash "$work/own.conf")" = "$(hash "$experiment" --law "$mine")" ] || fail "a path in the file means something else"
 
+# Of a law that is whole, what it is told of settings and signals, and what it publishes.
+cat >"$work/whole.py" <<'PY'
+import apc
+
+
+class Whole(apc.Law):
+    whole = True
+    tuning = [apc.Parameter("Kp", 0.25, -100.0, 100.0), apc.Parameter("tau_i", 10.0, 0.1, 1e6, "s")]
+    settings = ["number", "row", "rows", "note"]
+
+    def __init__(self, setup):
+        self.states = setup.nu
+        self.publishes = [apc.Published("e"), apc.Published("twice")]
+        told = [setup.Ts, setup.settings] + [tuple(u)[:4] for u in setup.u]
+        if repr(told) != repr([0.5, {"number": 3.0, "row": [1.0, 1e300], "rows": [[1.0, 0.5], [-2.0, 0.0]], "note": 'a "b" \\ ü'},
+                               ("v1", "V", 0.0, 10.0), ("v2", "V", 0.0, 10.0)]):
+            raise ValueError(told)
+
+    def compute(self, c):
+        e = c.z[0] - c.y[0]
+        c.published.update(e=e, twice=2.0 * e)
+        return [Kp * (z - y) + x for Kp, y, z, x in zip(c.Kp, c.y, c.z, c.x)]
+
+    def track(self, c):
+        c.x[:] = [u - Kp * (z - y) for Kp, y, z, u in zip(c.Kp, c.y, c.z, c.u)]
+
+    def update(self, c):
+        self.track(c)
+        for i in range(2):
+            c.x[i] += c.Kp[i] * c.Ts / c.tau_i[i] * (c.z[i] - c.y[i])
+PY
+# two_tanks LAW SETTINGS: the file of that law for two outputs
+two_tanks() {
+  echo "controller = { law = \"$1\"; period = 0.5; tuning = ( { Kp = 3.0; tau_i = 30.0; }, { Kp = 2.7; tau_i = 40.0; } ); $2 };"
+  sed '/^controller = /,/^};/d' "$APC_SOURCE_DIR/experiments/quadruple-tank.conf"
+}
+two_tanks "$APC_BUILD_DIR/examples/mylaw.so" '' >"$work/two.conf"
+two_tanks ./whole.py 'settings = { number = 3.0; row = [1.0, 1e300]; rows = ( [1.0, 0.5], [-2.0, 0.0] ); note = "a \"b\" \\ ü"; };' >"$work/whole.conf"
+two_tanks ./whole.py 'settings = { number = 3.0; other = 1.0; };' >"$work/unknown.conf"
+two_tanks ./whole.py 'settings = { number = 4.0; };' >"$work/refused.conf"
+[ "$(hash "$work/whole.conf" --report "$work/whole")" = "$(hash "$work/two.conf")" ] || fail "whole it gives other samples than two in C"
+awk -F, '$3 == 1 {e = $5; n++} $3 == 2 && $5 != 2 * e {exit 1} END {exit n != 1600}' "$work/whole/published.csv" ||
+  fail "what it published is not there: $(head -n 3 "$work/whole/published.csv")"
+expect 0 '1600 of 1600 ticks the same bit for bit' "$apc" replay "$work/whole"
+expect 1 'unknown setting "other" in settings; known are: number, row, rows, note' "$apc" simulate "$work/unknown.conf"
+expect 1 "whole.py: ValueError: \[0.5, \{'number': 4.0\}.* \(line 15\)" "$apc" simulate "$work/refused.conf"
+
+# Each process of a campaign has one of its own, which ends with it.
+campaign() { "$apc" simulate "$experiment" --law "$1" --net loss=0.2 --runs 4 --jobs 2 --csv "$2" >"$work/campaign.log" || fail "a campaign"; }
+campaign "$work/mylaw.py" "$work/python.csv"
+campaign "$APC_BUILD_DIR/examples/mylaw.so" "$work/c.csv"
+cmp "$work/python.csv" "$work/c.csv" || fail "in Python a campaign has other figures than in C"
+gone() { ! pgrep -f -- "-m apc.law $work/" >/dev/null; }
+until_true 60 gone
+
 # ---- what goes wrong, in virtual time
 
 law() { printf 'import apc\nclass Bad(apc.Law):\n%s\n' "$2" >"$work/$1.py"; }
@@ -60,6 +115,21 @@ for name in raises exits killed nothing shape text; do
   grep -q 'inputs good again' "$work/$name/events.csv" || fail "$name: the loop does not go on"
 done
 grep -q 'rejected' "$work/prints/events.csv" && fail "printing held the loop up"
+
+# A backup law, which is built in, stands in for one that fails, until that answers again.
+law moody '    def compute(self, c):
+        if 20 <= c.tick < 60: raise ValueError("no way")
+        return 1.0'
+with_backup() {
+  sed -e '/^  tuning = /d' -e "s|law = \"pi\";|law = \"$1\"; shed_after = 3; backup = { law = \"$2\"; tuning = ( { Kp = 0.2; } ); };|" "$experiment"
+}
+with_backup ./moody.py pi >"$work/backup.conf"
+with_backup pi ./moody.py >"$work/other.conf"
+"$apc" simulate "$work/backup.conf" --report "$work/backup" >"$work/backup.log" || fail "a backup law ended it"
+grep -q '^46.*the backup law acts: law Bad ValueError: no way (line 4)' "$work/backup/events.csv" || fail "the backup law does not act"
+grep -q '^126.*the law acts again' "$work/backup/events.csv" || fail "the law does not act again"
+expect 0 '300 of 300 ticks the same bit for bit' "$apc" replay "$work/backup"
+expect 1 'law" of a backup must be a built-in one' "$apc" simulate "$work/other.conf"
 
 # ---- what is no law
 

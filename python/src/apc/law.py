@@ -69,12 +69,12 @@ class Setup:
         self.nu: int = said["nu"]
         self.nd: int = said["nd"]
         self.output: int = said["output"]  #: for which, from 0; 0 for one that is whole
-        self.Ts: float = said["Ts"]  #: period of the controller, s
-        self.y = [Signal(*s) for s in said["y"]]
-        self.z = [Signal(*s) for s in said["z"]]
-        self.u = [Signal(*s) for s in said["u"]]
-        self.d = [Signal(*s) for s in said["d"]]
-        #: by name: a text, a number, a list of numbers, a list of rows
+        self.Ts = float(said["Ts"])  #: period of the controller, s
+        self.y = _signals(said["y"])
+        self.z = _signals(said["z"])
+        self.u = _signals(said["u"])
+        self.d = _signals(said["d"])
+        #: by name: a text, a float, a list of floats, a list of rows
         self.settings: dict[str, Any] = {name: _setting(value) for name, value in said["settings"].items()}
 
 
@@ -155,10 +155,14 @@ class Law:
 # ---- The process -------------------------------------------------------------------------------------------------
 
 
+def _signals(said: list[Any]) -> list[Signal]:
+    return [Signal(s[0], s[1], *map(float, s[2:])) for s in said]
+
+
 def _setting(value: Any) -> Any:
     if isinstance(value, str):
         return value
-    rows, columns, numbers = value[0], value[1], value[2:]
+    rows, columns, numbers = value[0], value[1], [float(v) for v in value[2:]]
     if rows == 1:
         return numbers[0] if columns == 1 else numbers
     return [numbers[i * columns:(i + 1) * columns] for i in range(rows)]
