@@ -72,6 +72,8 @@ struct apc_tag;
  * regularly, 0 where there is no room for them (or for this to be found out).
  */
 APC_API double apc_shm_holds(unsigned mib, const struct apc_tag *variables, size_t n);
+/** How many timing rows `shm:NAME?size=`@p mib keeps; 0: of no such size. [any] */
+APC_API unsigned apc_shm_timing_rows(unsigned mib);
 APC_API void apc_store_close(struct apc_store *store); /**< NULL is legal. [setup] */
 /** One line about the last failure; lives until the next call. [tick] */
 APC_API const char *apc_store_error(const struct apc_store *store);

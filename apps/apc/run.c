@@ -3,6 +3,7 @@
 #include <arpa/inet.h>
 #include <errno.h>
 #include <limits.h>
+#include <math.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
@@ -801,9 +802,11 @@ static int run(struct run *r)
     if ((rc = keep_folder(r)) < 0)
         return rc;
     if (r->segment.uri[0])
-        fprintf(stderr, "live:    %s, %u MiB: %s %.0f s without its history\n", r->live_name, r->segment.mib,
+        fprintf(stderr,
+                "live:    %s, %u MiB: %s %.0f s of samples and %.0f s of timing without its history\n",
+                r->live_name, r->segment.mib,
                 r->segment.held < r->e.live.history ? "holds no more than" : "holds",
-                r->segment.held < 86400 ? r->segment.held : 86400);
+                r->segment.held < 86400 ? r->segment.held : 86400, floor(r->segment.timing_held));
     if (seen_from_outside(r) == r->both || r->segment.uri[0])
         say_export(seen_from_outside(r));
     else

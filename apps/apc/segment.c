@@ -12,6 +12,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "common/recorder.h"
+
 #define DIRECTORY "/dev/shm/"
 #define LEAST     16 /* MiB: events and timing take their part of it */
 #define MOST      65536
@@ -58,6 +60,15 @@ static void choose_size(struct segment *s, const struct experiment *e, const str
     }
 }
 
+/* The daemons of a run with a history, as `apc run` starts them. */
+static double timing_held(const struct segment *s, const struct experiment *e)
+{
+    const size_t tasks = 2 + e->n_controllers + !e->plant.external + (e->scheduler.steps > 0) +
+                         (e->n_alarms > 0); /* historian and client are always there */
+    return apc_ns_to_s(RECORDER_WINDOW) * apc_shm_timing_rows(s->mib) /
+           (double)(RECORDER_QUANTITIES * tasks + 1);
+}
+
 static void name_files(struct segment *s, const char *uri)
 {
     const char *name = uri + strlen("shm:");
@@ -72,6 +83,7 @@ int segment_plan(struct segment *s, const struct experiment *e, struct apc_error
     if (!tags)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     choose_size(s, e, tags, n);
+    s->timing_held = timing_held(s, e);
     free(tags);
     snprintf(s->uri, sizeof s->uri, "shm:run-%d-%lld?size=%u", (int)getpid(),
              (long long)(apc_clock_utc(NULL) / APC_NS_PER_S), s->mib);

@@ -14,7 +14,8 @@ struct segment {
     char path[96];   /* "": there is none */
     char folder[96]; /* the link */
     unsigned mib;
-    double held; /* s for which it keeps all that the experiment writes; as of apc_shm_holds() */
+    double held;        /* s for which it keeps all that the experiment writes; as of apc_shm_holds() */
+    double timing_held; /* s, of the timing of all daemons, which has a ring of its own */
     int lock;
 };
 

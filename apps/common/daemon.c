@@ -15,10 +15,10 @@
 #include "warden.h"
 #include "watch.h"
 
-#define HOUSEKEEPING    APC_NS_PER_S /* between two looks of the main thread */
-#define LOOKS           4            /* of the program itself, in that time */
-#define RETURN          APC_NS_PER_S /* for a tick to return when all is to end */
-#define WINDOW          5            /* looks between two timing rows */
+#define HOUSEKEEPING    APC_NS_PER_S                            /* between two looks of the main thread */
+#define LOOKS           4                                       /* of the program itself, in that time */
+#define RETURN          APC_NS_PER_S                            /* for a tick to return when all is to end */
+#define WINDOW          ((int)(RECORDER_WINDOW / HOUSEKEEPING)) /* looks between two timing rows */
 #define SPOOL_IN_MEMORY ((uint64_t)16 << 20)
 #define TAKEOVER                                                                                             \
     (12 *                                                                                                    \

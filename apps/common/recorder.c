@@ -7,17 +7,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define QUEUE      128
-#define QUANTITIES 3
-#define WINDOWS    (QUANTITIES + 1)    /* the last: what is measured beside the task */
-#define LISTED     6                   /* events of the link that are written as they are, and */
-#define MINUTE     (60 * APC_NS_PER_S) /* after how long as many again */
-#define COUNTED    (10 * APC_NS_PER_S) /* the others are one event for so long */
+#define QUEUE   128
+#define WINDOWS (RECORDER_QUANTITIES + 1) /* the last: what is measured beside the task */
+#define LISTED  6                         /* events of the link that are written as they are, and */
+#define MINUTE  (60 * APC_NS_PER_S)       /* after how long as many again */
+#define COUNTED (10 * APC_NS_PER_S)       /* the others are one event for so long */
 
 static const struct {
     enum apc_task_histogram which;
     const char *name;
-} quantities[QUANTITIES] = {{APC_LATENESS, "lateness"}, {APC_JITTER, "jitter"}, {APC_RUN, "run"}};
+} quantities[RECORDER_QUANTITIES] = {{APC_LATENESS, "lateness"}, {APC_JITTER, "jitter"}, {APC_RUN, "run"}};
 
 struct recorder {
     struct apc_store *store;
@@ -262,11 +261,11 @@ static int flush_timing(struct recorder *r, const struct apc_task *task, apc_ns 
 {
     const uint64_t missed = atomic_load(&r->absent) + apc_task_missed(task);
     int rc = 0;
-    for (int i = 0; i < QUANTITIES && rc == 0; i++)
+    for (int i = 0; i < RECORDER_QUANTITIES && rc == 0; i++)
         rc = flush_window(r, i, r->task, quantities[i].name, apc_task_histogram(task, quantities[i].which),
                           missed, period);
     if (rc == 0 && r->beside)
-        rc = flush_window(r, QUANTITIES, r->beside, "run", r->run, atomic_load(r->failed), period);
+        rc = flush_window(r, RECORDER_QUANTITIES, r->beside, "run", r->run, atomic_load(r->failed), period);
     return rc;
 }
 

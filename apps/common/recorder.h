@@ -16,6 +16,10 @@
  * from the request sent to the reply read; missed: those that failed. */
 #define TASK_EXCHANGE "exchange"
 
+/* So many rows of each task, and one of each TASK_EXCHANGE, come in every window. */
+#define RECORDER_QUANTITIES 3
+#define RECORDER_WINDOW     (5 * APC_NS_PER_S)
+
 struct recorder;
 
 /* store may be NULL: nothing is recorded. It becomes the recorder's. */

@@ -63,6 +63,16 @@ static double grow_all(const struct apc_shm *shm, struct ring *ring, size_t n, s
     return held;
 }
 
+unsigned apc_shm_timing_rows(unsigned mib)
+{
+    struct apc_shm shm = {.fd = -1};
+    if (mib < 1 || mib > APC_SHM_MIB_MAX) {
+        return 0;
+    }
+    apc_shm_lay_out(&shm, mib, NULL);
+    return (unsigned)apc_shm_shown(shm.log[APC_SHM_TIMING].capacity);
+}
+
 double apc_shm_holds(unsigned mib, const struct apc_tag *variables, size_t n)
 {
     struct apc_shm shm = {.fd = -1};

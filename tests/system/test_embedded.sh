@@ -22,7 +22,7 @@ eval "$(sed -n 's/^in another terminal: //p' "$work/run.log")"
 memory=/dev/shm/apc.${APC_STORE#shm:}
 memory=${memory%%+*}
 segment=("$memory" "$memory.folder")
-until_true 20 grep -Eq "^live: +${APC_STORE%%+*}, 16 MiB: holds [0-9]+ s without its history" "$work/run.log"
+until_true 20 grep -Eq "^live: +${APC_STORE%%+*}, 16 MiB: holds [0-9]+ s of samples and [0-9]+ s of timing without its history" "$work/run.log"
 until_true 20 more_values u 5
 
 # what an operator does
@@ -78,6 +78,12 @@ wait "$run" || fail "apc run ended with $? after Ctrl-C"
 for file in samples.csv timing.csv events.csv report.svg report.png; do
   [ -s "$dir/$file" ] || fail "$file is missing or empty"
 done
+
+# 12 timing rows are kept in a MiB, and of each series one comes every 5 s
+said=$(sed -En 's/^live: .* ([0-9]+) s of timing.*/\1/p' "$work/run.log")
+series=$(tail -n +2 "$dir/timing.csv" | cut -d, -f1,2 | sort -u | wc -l)
+[ "$series" -gt 9 ] && [ "$said" -gt 30 ] && [ $((said * series)) -le $((12 * 16 * 5)) ] ||
+  fail "$said s of timing, of $series series"
 
 # the memory has gone, and what named it leads to the record; no measurement is doubled or missing
 [ ! -e "$memory" ] && [ ! -e "$memory.folder" ] || fail "the run left its memory behind"

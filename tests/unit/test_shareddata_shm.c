@@ -493,6 +493,8 @@ static void test_rings_of_events_and_timing_keep_the_newest(void **state)
     }
     int64_t sum[4] = {0};
     assert_int_equal(apc_store_timing(store, NULL, sum_bins, sum), ROWS);
+    assert_int_equal(apc_shm_timing_rows(1), ROWS);
+    assert_int_equal(apc_shm_timing_rows(0), 0);
     assert_int_equal(sum[0], ROWS * (BINS * (BINS - 1) / 2)); /* merged, none lost */
     assert_int_equal(sum[1], sum[2]);
     assert_true(sum[2] <= 256 * ROWS);
