@@ -515,10 +515,11 @@ static int exchange(struct process *p, const struct instance *i, enum kind kind,
     int rc;
 
     if (p->starting || !is_there(p, live))
-        return fail_call(c, APC_LAW_FAILED, p->end[0] ? p->end : "its process is being started");
+        return fail_call(c, APC_LAW_FAILED,
+                         p->starting || !p->end[0] ? "its process is being started" : p->end);
     if ((rc = catch_up(p, i, c, patience)) != 0)
         return rc;
-    if (p->socket < 0 && !is_there(p, live))
+    if (p->socket < 0 && (live || !is_there(p, live)))
         return fail_call(c, APC_LAW_FAILED, p->end);
     header.number = ++p->asked;
     memcpy(i->request, &header, sizeof(header));
@@ -573,8 +574,10 @@ static int ask(const struct apc_law_call *c, enum kind kind)
         return fail_call(c, c->budget < 0 ? APC_LAW_FAILED : APC_LAW_LATE, "has not answered in time");
     pthread_mutex_lock(&p->lock);
     rc = exchange(p, i, kind, c, &length);
-    read_said(p);
-    tell_said(p, c);
+    if (!p->starting) {
+        read_said(p);
+        tell_said(p, c);
+    }
     if (rc == 0) {
         memcpy(&header, i->answer, sizeof(header));
         rc = (int)header.result;
