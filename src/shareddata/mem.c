@@ -315,22 +315,15 @@ static int read_newest(struct apc_store *store, struct apc_sample *samples, size
 
 int apc_mem_reserve(struct apc_store *store, const struct apc_sample *samples, size_t n)
 {
-    struct memory *m = apc_mem_of(store)->memory;
+    const uint64_t reservation = ++apc_mem_of(store)->memory->reservations;
     struct variable *v = NULL;
-    size_t counted = 0;
     int err = 0;
-    for (; !err && counted < n; counted += !err) {
-        err = apc_mem_find_or_add(store, samples[counted].table, samples[counted].id, &v);
+    for (size_t i = 0; !err && i < n; i++) {
+        err = apc_mem_find_or_add(store, samples[i].table, samples[i].id, &v);
         if (!err) {
-            v->want++;
-        }
-    }
-    for (size_t i = 0; i < counted; i++) {
-        v = &m->variable[*place(m, samples[i].table, samples[i].id) - 1];
-        if (!err && v->want > 0) {
+            apc_mem_want(v, reservation, 0);
             err = apc_mem_grow(store, (void **)&v->row, &v->capacity, v->n, v->want, sizeof *v->row);
         }
-        v->want = 0;
     }
     return err;
 }

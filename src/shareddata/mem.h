@@ -25,7 +25,8 @@ struct variable {
     double *value; /* elements of vectors, in order of arrival */
     size_t n_values, values_capacity;
     const struct apc_store *writer; /* who has claimed it */
-    size_t want, want_values;       /* of the running append, at most */
+    uint64_t reservation;           /* the last one with rows of it, */
+    size_t want, want_values;       /* how many, and elements of vectors */
 };
 
 struct timing {
@@ -45,6 +46,7 @@ struct memory {
     struct variable *variable;
     size_t n, capacity;
     uint32_t *index; /* a hash table of 2 * capacity: 1 + the number of a variable, or 0 */
+    uint64_t reservations;
     struct apc_tag *tag;
     size_t n_tags;
     char *catalogue; /* NULL: there is none */
@@ -79,6 +81,18 @@ static inline int apc_mem_no_memory(struct apc_store *store)
 {
     return apc_fail(&store->why, APC_ENOMEM, "out of memory");
 }
+
+/* One row more, of so many elements, beside those of @p v that this reservation has counted. */
+static inline void apc_mem_want(struct variable *v, uint64_t reservation, size_t elements)
+{
+    if (v->reservation != reservation) {
+        v->reservation = reservation;
+        v->want = v->want_values = 0;
+    }
+    v->want++;
+    v->want_values += elements;
+}
+
 /* Room for @p n more of what @p array holds @p used of. It doubles, so n rows cost log n moves. */
 int apc_mem_grow(struct apc_store *store, void **array, size_t *capacity, size_t used, size_t n, size_t size);
 

@@ -52,25 +52,18 @@ int apc_mem_read_rows(struct apc_store *store, struct apc_rows *rows)
 
 static int reserve(struct apc_store *store, const struct apc_vector *vectors, size_t n)
 {
-    struct memory *m = apc_mem_of(store)->memory;
+    const uint64_t reservation = ++apc_mem_of(store)->memory->reservations;
     struct variable *v = NULL;
     int err = 0;
-    for (size_t i = 0; !err && i < n; i++) { /* what the former ones of this call take has been counted in */
+    for (size_t i = 0; !err && i < n; i++) {
         err = apc_mem_find_or_add(store, vectors[i].table, vectors[i].id, &v);
         if (!err) {
-            v->want++;
-            v->want_values += vectors[i].n;
+            apc_mem_want(v, reservation, vectors[i].n);
             err = apc_mem_grow(store, (void **)&v->vector, &v->capacity, v->n, v->want, sizeof *v->vector);
         }
         if (!err) {
             err = apc_mem_grow(store, (void **)&v->value, &v->values_capacity, v->n_values, v->want_values,
                                sizeof *v->value);
-        }
-    }
-    for (size_t i = 0; i < n; i++) {
-        v = apc_mem_find(m, vectors[i].table, vectors[i].id);
-        if (v) {
-            v->want = v->want_values = 0;
         }
     }
     return err;
