@@ -68,7 +68,7 @@ struct apc_law_parameter apc_instances_parameter(const struct apc_instances *ins
 int apc_instances_check(struct apc_instances *instances, const double *tuning, struct apc_error *why);
 
 /** Whoever calls with one call again and again may say so: from now on its arrays, all but u, limited, out,
- * why, say and y_limited, stay where they are. [setup] */
+ * why, say and y_limited, stay where they are. It lasts until somebody calls with another. [setup] */
 void apc_instances_keep(struct apc_instances *instances, const struct apc_law_call *call);
 
 /** Fill the x of instance k anew. [tick] */

@@ -425,8 +425,10 @@ static struct apc_law_call *see(struct apc_instances *s, size_t k, const struct 
     struct apc_law_call *c = &of->call;
     const size_t from = s->law->whole ? 0 : k;
 
-    if (whole != s->kept)
+    if (whole != s->kept) {
         lay_out(s, k, whole);
+        s->kept = NULL; /* another's arrays stand here now */
+    }
     if (of->y_apart || of->z_apart || of->d_apart || of->tuning_apart)
         copy_apart(s, k, whole);
     c->u = whole->u + from;

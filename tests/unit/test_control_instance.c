@@ -405,6 +405,78 @@ static void an_instance_is_asked_by_itself(void **state)
     assert_null(seen[0].call.y);
 }
 
+/* Everything but the call itself is the same twice: what is looked at, and where it is written. */
+static void assert_same_answer(struct rig *kept, struct rig *plainly, size_t k)
+{
+    struct seen first;
+
+    assert_int_equal(apc_instances_compute(kept->s, k, &kept->c), APC_LAW_GOOD);
+    first = seen[k];
+    assert_int_equal(apc_instances_compute(plainly->s, k, &plainly->c), APC_LAW_GOOD);
+    assert_memory_equal(first.y, seen[k].y, sizeof(first.y));
+    assert_memory_equal(first.z, seen[k].z, sizeof(first.z));
+    assert_memory_equal(first.d, seen[k].d, sizeof(first.d));
+    assert_memory_equal(first.tuning, seen[k].tuning, sizeof(first.tuning));
+    assert_int_equal(first.call.tick, seen[k].call.tick);
+    assert_near(first.call.t, seen[k].call.t, 0.0);
+    assert_int_equal(first.call.gap, seen[k].call.gap);
+    assert_memory_equal(kept->u, plainly->u, sizeof(kept->u));
+    assert_memory_equal(kept->published, plainly->published, sizeof(kept->published));
+}
+
+static void move_on(struct rig *r, double by)
+{
+    for (int i = 0; i < NY; i++)
+        r->y[i] += by;
+    for (int i = 0; i < AHEAD * NZ; i++)
+        r->z[i] -= by;
+    for (int i = 0; i < AHEAD * ND; i++)
+        r->d[i] *= by;
+    for (int i = 0; i < 1 + 2 * NU + 2 * NY; i++)
+        r->tuning[i] += 2.0 * by;
+    for (int i = 0; i < 5; i++)
+        r->x[i] = by;
+    r->c.tick++;
+    r->c.t += by;
+    r->c.gap = !r->c.gap;
+}
+
+/* Numbers change where they stand; whether the call was kept shows in nothing. */
+static void a_call_that_is_kept_is_seen_as_one_that_is_not(void **state)
+{
+    struct rig kept, plainly;
+
+    (void)state;
+    make(&kept, &plain);
+    make(&plainly, &plain);
+    apc_instances_keep(kept.s, &kept.c);
+    for (int i = 0; i < 4; i++) {
+        for (size_t k = 0; k < NU; k++)
+            assert_same_answer(&kept, &plainly, k);
+        move_on(&kept, 1.5 + i);
+        move_on(&plainly, 1.5 + i);
+    }
+}
+
+static void another_call_in_between_takes_nothing_from_the_one_that_is_kept(void **state)
+{
+    struct rig kept, plainly;
+
+    (void)state;
+    make(&kept, &plain);
+    make(&plainly, &plain);
+    apc_instances_keep(kept.s, &kept.c);
+    move_on(&plainly, 4.0);
+    assert_int_equal(apc_instances_compute(kept.s, 1, &plainly.c), APC_LAW_GOOD);
+    assert_near(seen[1].y[0], plainly.y[2], 0.0);
+    assert_near(seen[1].z[0], plainly.z[2], 0.0);
+    assert_int_equal(apc_instances_compute(kept.s, 1, &kept.c), APC_LAW_GOOD);
+    assert_near(seen[1].y[0], kept.y[2], 0.0);
+    assert_near(seen[1].z[0], kept.z[2], 0.0);
+    assert_near(kept.u[1], kept.y[2], 0.0);
+    assert_near(kept.published[1], 100.0 + kept.y[2], 0.0);
+}
+
 /* ---- What it is made from -------------------------------------------------------------------- */
 
 static void an_instance_is_made_from_its_part_of_the_model_and_the_signals(void **state)
@@ -861,6 +933,8 @@ int main(void)
         cmocka_unit_test_teardown(what_a_law_says_goes_where_the_call_of_that_time_wants_it, laws_end),
         cmocka_unit_test_teardown(x_and_what_is_published_are_laid_out_one_after_another, laws_end),
         cmocka_unit_test_teardown(an_instance_is_asked_by_itself, laws_end),
+        cmocka_unit_test_teardown(a_call_that_is_kept_is_seen_as_one_that_is_not, laws_end),
+        cmocka_unit_test_teardown(another_call_in_between_takes_nothing_from_the_one_that_is_kept, laws_end),
         cmocka_unit_test_teardown(an_instance_is_made_from_its_part_of_the_model_and_the_signals, laws_end),
         cmocka_unit_test_teardown(settings_are_numbers_matrices_and_texts, laws_end),
         cmocka_unit_test_teardown(a_text_where_numbers_belong_is_refused, laws_end),
