@@ -6,6 +6,10 @@
  * 1/128 of its value. Negative values mirror the positive ones. The array runs from -LIMIT to LIMIT with
  * zero in the middle.
  *
+ * Buckets are zeroed when a value comes that needs them, from the middle on and on both sides: what is
+ * measured lies near zero, and whoever makes histograms by the thousand, as a campaign does, writes little of
+ * their 74 KB. Nobody reads a bucket beyond that reach.
+ *
  * One writer, any readers, no locks
  * ---------------------------------
  * Buckets are counters of their own: relaxed atomics, stored by one thread. Count, sum, sum of squares,
@@ -37,6 +41,7 @@
 #define SIDE       (EXACT + (LIMIT_BITS - EXACT_BITS) * STEPS)
 #define BUCKETS    (2 * SIDE - 1)
 #define ZERO       (SIDE - 1)
+#define PAGE       4096 /* no machine's are smaller */
 
 __extension__ typedef __int128 wide;
 __extension__ typedef unsigned __int128 uwide;
@@ -52,20 +57,20 @@ enum word { COUNT, SUM_LOW, SUM_HIGH, SQUARES_LOW, SQUARES_HIGH, MIN, MAX, WORDS
 struct apc_histogram {
     _Atomic uint64_t sequence;
     _Atomic uint64_t copy[2][WORDS];
+    _Atomic int reach; /* so far from the middle buckets have been zeroed; it never becomes less */
     _Atomic uint64_t bucket[BUCKETS];
 };
 
 /* ---- Buckets ---- */
 
-static int position(apc_ns value)
+/* How far from the middle its bucket is. */
+static int distance(apc_ns value)
 {
     uint64_t magnitude = (uint64_t)(value < 0 ? -value : value);
-    int index = (int)magnitude;
-    if (magnitude >= EXACT) {
-        int octave = 63 - __builtin_clzll(magnitude);
-        index = EXACT + (octave - EXACT_BITS) * STEPS + (int)(magnitude >> (octave - STEP_BITS)) - STEPS;
-    }
-    return value < 0 ? ZERO - index : ZERO + index;
+    if (magnitude < EXACT)
+        return (int)magnitude;
+    int octave = 63 - __builtin_clzll(magnitude);
+    return EXACT + (octave - EXACT_BITS) * STEPS + (int)(magnitude >> (octave - STEP_BITS)) - STEPS;
 }
 
 /* The values that bucket @at holds. */
@@ -91,6 +96,24 @@ static uint64_t held(const struct apc_histogram *h, int at)
 static void hold(struct apc_histogram *h, int at, uint64_t count)
 {
     atomic_store_explicit(&h->bucket[at], count, memory_order_relaxed);
+}
+
+/* Buckets of magnitudes that far from the middle may be used, on either side. */
+static int reach_of(const struct apc_histogram *h)
+{
+    return atomic_load_explicit(&h->reach, memory_order_acquire);
+}
+
+static void reach(struct apc_histogram *h, int far)
+{
+    const int before = reach_of(h);
+
+    for (int i = before + 1; i <= far; i++) {
+        hold(h, ZERO - i, 0);
+        hold(h, ZERO + i, 0);
+    }
+    if (far > before)
+        atomic_store_explicit(&h->reach, far, memory_order_release);
 }
 
 /* ---- Moments ---- */
@@ -155,18 +178,23 @@ static void add_moments(struct moments *to, const struct moments *from)
 
 int apc_histogram_create(struct apc_histogram **histogram)
 {
-    *histogram = malloc(sizeof **histogram);
-    if (!*histogram)
+    struct apc_histogram *h = malloc(sizeof *h);
+    *histogram = h;
+    if (!h)
         return APC_ENOMEM;
-    explicit_bzero(*histogram,
-                   sizeof **histogram); /* not calloc(), nor what becomes one: no tick pays a page fault */
-    publish_moments(*histogram, &no_moments);
+    for (size_t i = 0; i < sizeof *h; i += PAGE) /* no tick pays a page fault */
+        ((volatile char *)h)[i] = 0;
+    ((volatile char *)h)[sizeof *h - 1] = 0;
+    atomic_init(&h->sequence, 0);
+    atomic_init(&h->reach, 0);
+    apc_histogram_clear(h);
     return 0;
 }
 
 void apc_histogram_clear(struct apc_histogram *histogram)
 {
-    for (int at = 0; at < BUCKETS; at++)
+    const int far = reach_of(histogram);
+    for (int at = ZERO - far; at <= ZERO + far; at++)
         hold(histogram, at, 0);
     publish_moments(histogram, &no_moments);
 }
@@ -184,7 +212,9 @@ void apc_histogram_record(struct apc_histogram *histogram, apc_ns value)
     _Atomic uint64_t *from = histogram->copy[sequence & 1], *to = histogram->copy[(sequence + 1) & 1];
 
     value = value < -LIMIT ? -LIMIT : value > LIMIT ? LIMIT : value;
-    int at = position(value);
+    const int far = distance(value), at = value < 0 ? ZERO - far : ZERO + far;
+    if (far > atomic_load_explicit(&histogram->reach, memory_order_relaxed))
+        reach(histogram, far);
     hold(histogram, at, held(histogram, at) + 1);
     wide sum = join(get(from, SUM_HIGH), get(from, SUM_LOW)) + value;
     wide squares = join(get(from, SQUARES_HIGH), get(from, SQUARES_LOW)) + (wide)value * value;
@@ -203,7 +233,9 @@ void apc_histogram_merge(struct apc_histogram *to, const struct apc_histogram *f
 {
     struct moments sum = read_moments(to), more = read_moments(from);
 
-    for (int at = 0; at < BUCKETS; at++)
+    const int far = reach_of(from);
+    reach(to, far);
+    for (int at = ZERO - far; at <= ZERO + far; at++)
         hold(to, at, held(to, at) + held(from, at));
     add_moments(&sum, &more);
     publish_moments(to, &sum);
@@ -213,10 +245,14 @@ void apc_histogram_window(struct apc_histogram *window, struct apc_histogram *ma
                           const struct apc_histogram *live)
 {
     struct moments now = read_moments(live), before = read_moments(mark), cut = now;
+    const int far = reach_of(live); /* after its moments, so all that they count lies within */
     apc_ns low, high;
     bool filled = false;
 
-    for (int at = 0; at < BUCKETS; at++) {
+    apc_histogram_clear(window);
+    reach(window, far);
+    reach(mark, far);
+    for (int at = ZERO - far; at <= ZERO + far; at++) {
         uint64_t count = held(live, at), added = count - held(mark, at);
         hold(window, at, added);
         hold(mark, at, count);
@@ -240,8 +276,9 @@ void apc_histogram_window(struct apc_histogram *window, struct apc_histogram *ma
 static apc_ns percentile(const struct apc_histogram *h, uint64_t total, unsigned permille, apc_ns min,
                          apc_ns max)
 {
+    const int far = reach_of(h);
     uint64_t rank = (uint64_t)(((uwide)total * permille + 999) / 1000), seen = 0;
-    for (int at = 0; at < BUCKETS; at++) {
+    for (int at = ZERO - far; at <= ZERO + far; at++) {
         seen += held(h, at);
         if (seen < rank || seen == 0)
             continue;
@@ -261,7 +298,8 @@ void apc_histogram_summary(const struct apc_histogram *histogram, struct apc_sum
     *summary = (struct apc_summary){.count = m.count};
     if (m.count == 0)
         return;
-    for (int at = 0; at < BUCKETS; at++)
+    const int far = reach_of(histogram);
+    for (int at = ZERO - far; at <= ZERO + far; at++)
         total += held(histogram, at);
     /* About the whole part of the mean the sum of squares is exact and small: nothing cancels. */
     wide whole = m.sum / (wide)m.count;
@@ -280,8 +318,9 @@ void apc_histogram_summary(const struct apc_histogram *histogram, struct apc_sum
 
 size_t apc_histogram_bins(const struct apc_histogram *histogram, struct apc_bin *bins, size_t capacity)
 {
+    const int far = reach_of(histogram);
     size_t filled = 0;
-    for (int at = 0; at < BUCKETS; at++) {
+    for (int at = ZERO - far; at <= ZERO + far; at++) {
         uint64_t count = held(histogram, at);
         if (count == 0)
             continue;

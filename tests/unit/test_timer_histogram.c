@@ -236,6 +236,46 @@ static void a_window_holds_what_was_recorded_since_the_last(void **state)
     apc_histogram_destroy(window);
 }
 
+/* As a recorder has it, which has one window for all that it cuts. */
+static void a_window_has_nothing_of_another_that_reached_farther(void **state)
+{
+    struct apc_histogram *far = make(), *near = make(), *mark[] = {make(), make()}, *window = make();
+    struct apc_summary summary;
+    struct apc_bin bin;
+    (void)state;
+    apc_histogram_record(far, LIMIT);
+    apc_histogram_record(far, -LIMIT);
+    apc_histogram_window(window, mark[0], far);
+    assert_int_equal(apc_histogram_bins(window, NULL, 0), 2);
+    apc_histogram_record(near, 3);
+    apc_histogram_window(window, mark[1], near);
+    assert_int_equal(apc_histogram_bins(window, &bin, 1), 1);
+    assert_true(bin.low == 3 && bin.high == 3 && bin.count == 1);
+    apc_histogram_summary(window, &summary);
+    assert_true(summary.count == 1 && summary.p50 == 3 && summary.p999 == 3);
+    apc_histogram_destroy(far);
+    apc_histogram_destroy(near);
+    apc_histogram_destroy(mark[0]);
+    apc_histogram_destroy(mark[1]);
+    apc_histogram_destroy(window);
+}
+
+/* The second has most likely the memory of the first. */
+static void a_new_one_holds_nothing_of_what_its_memory_held(void **state)
+{
+    uint64_t random = seed();
+    (void)state;
+    for (int round = 0; round < 2; round++) {
+        struct apc_histogram *h = make();
+        for (int i = 0; i < (round ? 0 : VALUES); i++)
+            apc_histogram_record(h, any_value(&random));
+        apc_histogram_record(h, LIMIT);
+        apc_histogram_record(h, -LIMIT);
+        assert_true(round == 0 || apc_histogram_bins(h, NULL, 0) == 2);
+        apc_histogram_destroy(h);
+    }
+}
+
 struct writing {
     struct apc_histogram *h;
     atomic_bool stop;
@@ -293,6 +333,8 @@ int main(void)
         cmocka_unit_test(small_values_have_their_spread),
         cmocka_unit_test(merging_is_recording_both),
         cmocka_unit_test(a_window_holds_what_was_recorded_since_the_last),
+        cmocka_unit_test(a_window_has_nothing_of_another_that_reached_farther),
+        cmocka_unit_test(a_new_one_holds_nothing_of_what_its_memory_held),
         cmocka_unit_test(a_reader_never_sees_a_torn_summary),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
