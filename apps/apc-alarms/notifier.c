@@ -2,7 +2,8 @@
 /*
  * The message is in the command's standard input before the command begins, so that one which does not read,
  * or dies, breaks no pipe: a message is far shorter than what a pipe holds. The command has a process group
- * of its own, which is killed with whatever it started.
+ * of its own, which is killed with whatever it started; timeout(1) does it where this process was killed
+ * itself.
  */
 #include "notifier.h"
 
@@ -92,13 +93,15 @@ static int set_attributes(posix_spawnattr_t *attributes)
 }
 
 /* Returns 0 or an errno. */
-static int spawn(const char *command, int input, pid_t *pid)
+static int spawn(const struct alarm_notice *is, int input, pid_t *pid)
 {
+    char guard[] = "timeout", with[] = "-sKILL", seconds[32];
     char shell[] = "/bin/sh", option[] = "-c", copy[ALARM_COMMAND];
-    char *const argv[] = {shell, option, copy, NULL};
+    char *const argv[] = {guard, with, seconds, shell, option, copy, NULL};
     posix_spawn_file_actions_t actions;
     posix_spawnattr_t attributes;
-    snprintf(copy, sizeof copy, "%s", command);
+    snprintf(copy, sizeof copy, "%s", is->command);
+    snprintf(seconds, sizeof seconds, "%.1f", apc_ns_to_s(is->timeout) + 1);
     int rc = posix_spawn_file_actions_init(&actions);
     if (rc)
         return rc;
@@ -106,7 +109,7 @@ static int spawn(const char *command, int input, pid_t *pid)
         if ((rc = set_attributes(&attributes)) == 0 &&
             (rc = posix_spawn_file_actions_adddup2(&actions, input, STDIN_FILENO)) == 0 &&
             (rc = posix_spawn_file_actions_adddup2(&actions, STDERR_FILENO, STDOUT_FILENO)) == 0)
-            rc = posix_spawn(pid, shell, &actions, &attributes, argv, environ);
+            rc = posix_spawnp(pid, guard, &actions, &attributes, argv, environ);
         posix_spawnattr_destroy(&attributes);
     }
     posix_spawn_file_actions_destroy(&actions);
@@ -136,7 +139,7 @@ static bool run_command(const struct notifier *n, const char *text, char *why, s
     const int input = open_message(text);
     pid_t pid;
     int status = 0;
-    int rc = input < 0 ? errno : spawn(n->is->command, input, &pid);
+    int rc = input < 0 ? errno : spawn(n->is, input, &pid);
     if (input >= 0)
         close(input);
     if (rc != 0) {
