@@ -13,18 +13,18 @@ if(APC_PAGE)
   install(DIRECTORY ${APC_PAGE}/ DESTINATION ${CMAKE_INSTALL_DATADIR}/apc/ui)
 endif()
 install(DIRECTORY sql DESTINATION ${CMAKE_INSTALL_DATADIR}/apc)
-install(FILES LICENSE TYPE DOC)
+install(FILES LICENSE CHANGELOG.md CITATION.cff TYPE DOC)
 
 # Documents: with links among themselves and to the examples; what is in the sources only is named without a link.
 file(GLOB documents CONFIGURE_DEPENDS RELATIVE ${PROJECT_SOURCE_DIR} docs/*.md)
-foreach(document README.md ${documents})
+foreach(document README.md SECURITY.md ${documents})
   set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${document})
   file(READ ${document} text)
-  string(REGEX REPLACE "\\[([^]]+)\\]\\((\\.\\./)?(src|apps|ui|bench|scripts|tests|include|sql|experiments|cmake|sources|LICENSE|README)[^)]*\\)"
+  string(REGEX REPLACE "\\[([^]]+)\\]\\((\\.\\./)?(src|apps|ui|bench|scripts|tests|include|sql|experiments|cmake|sources|LICENSE|README|CONTRIBUTING)[^)]*\\)"
                        "\\1" text "${text}")
   file(WRITE ${PROJECT_BINARY_DIR}/install/${document} "${text}")
 endforeach()
-install(FILES ${PROJECT_BINARY_DIR}/install/README.md TYPE DOC)
+install(FILES ${PROJECT_BINARY_DIR}/install/README.md ${PROJECT_BINARY_DIR}/install/SECURITY.md TYPE DOC)
 install(DIRECTORY ${PROJECT_BINARY_DIR}/install/docs TYPE DOC FILES_MATCHING PATTERN "*.md")
 install(DIRECTORY docs TYPE DOC PATTERN "*.md" EXCLUDE)
 install(DIRECTORY examples TYPE DOC)
