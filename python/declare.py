@@ -36,12 +36,14 @@ def declarations(compiler: str, include: Path) -> str:
             ours = Path(marker[1]).parent == include
         elif ours:
             kept.append(line)
-    # Statement by statement: a brace that is open keeps its semicolons.
+    # Statement by statement: a brace that is open keeps its semicolons. What has a body is the header's own.
     statements, depth, begin, whole = [], 0, 0, "\n".join(kept)
     for i, c in enumerate(whole):
         depth += (c == "{") - (c == "}")
         if c == ";" and depth == 0:
             statements.append(whole[begin:i + 1].strip())
+            begin = i + 1
+        elif c == "}" and depth == 0 and whole[begin:i].lstrip().startswith("static inline"):
             begin = i + 1
     numbers = [f"#define {name} ..." for header in sorted(include.glob("apc*.h"))
                for name in MACROS.findall(header.read_text())]
