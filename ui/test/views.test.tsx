@@ -949,7 +949,11 @@ test("who is in shadow is named, and what it would put out stands beside what go
   assert.equal(said(".loops .group"), "base every 2 s | trial every 2 s in shadow: it moves nothing");
   assert.deepEqual([...document.querySelectorAll('.loops td[data-label="OUT"]')].map(one => one.textContent), ["1.500V", "2.000V", "1.750Vwould be"]);
   assert.equal(said(".toolbar .say"), "all values fresh and good");
-  const trend = async (loop: number): Promise<string> => (await show(`trend/${loop}`), said(".readout"));
+  const trend = async (loop: number): Promise<string> => {
+    await show(`trend/${loop}`);
+    for (let i = 0; i < 100 && said(".readout").endsWith("loading …"); i++) await settle();
+    return said(".readout");
+  };
   assert.equal(await trend(1), "newest y1 9.98 r1 0.125 u1 1.500 trial.u1.output 1.750");
   assert.equal(await trend(3), await trend(1));
   assert.deepEqual([...document.querySelectorAll(".readout .key")].map(key => key.className), ["key line", "key dashed", "key line", "key dashed"]);
