@@ -15,9 +15,7 @@
  * answer, and what came last is told as an event, at most once a second of the schedule, the same again once
  * a minute.
  */
-#include "control/process.h"
-
-#include "base/base_internal.h"
+#include "control/process_parts.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -25,7 +23,6 @@
 #include <poll.h>
 #include <signal.h>
 #include <spawn.h>
-#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -33,73 +30,19 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-enum {
-    MESSAGE_MAX = 1 << 17, /* bytes of a message, which a socket takes at once */
-    SAID_MAX = 1024,       /* of what it printed, the last so many bytes are kept */
-    FALLS = 3,             /* in virtual time: so often in a row it may end before it answers */
-    TIMEOUT_S = 60
-};
-
-enum kind { CREATE = 1, DESTROY, RESET, COMPUTE, UPDATE, TRACK };
-
-struct header {
-    uint32_t kind, instance, number, result; /* number: of the request, in its answer as well */
-};
-
-struct instance {
-    struct process *of;
-    struct instance *next;
-    uint32_t number;
-    struct apc_dim dim;
-    size_t tuning, states, n_ahead, published;
-    struct apc_published *what;
-    char *texts, *setup; /* of what; as it was sent */
-    size_t setup_length;
-    unsigned char *request, *answer; /* a header, then numbers; room behind the answer for why */
-    size_t n_request, n_answer;      /* numbers */
-};
-
-struct process {
-    struct apc_plugin plugin;
-    struct apc_law law;
-    char *file, *texts; /* texts: of the law's description */
-    struct apc_param *param;
-    enum apc_law_scope *scope;
-    const char **settings;
-    bool resets, updates, tracks;
-    uint32_t mark;
-    apc_ns timeout;
-
-    pthread_mutex_t lock; /* of all below */
-    int socket, output;   /* -1: there is no process */
-    pid_t pid, owner;     /* owner: whose it is; a process that was forked since has to start its own */
-    uint32_t asked;       /* number of the newest request */
-    bool waiting;         /* which has not been answered */
-    apc_ns since;         /* mono: of that request; of the last start */
-    unsigned falls;
-    bool given_up, starting, started;
-    pthread_t starter;
-    struct instance *instances;
-    uint32_t instance; /* number of the newest */
-    char end[64];      /* how it ended */
-    char said[SAID_MAX];
-    size_t n_said;
-    uint64_t lost;          /* bytes that were printed before those */
-    double told_at;         /* s of the schedule; below 0: nothing was told */
-    char told[APC_LAW_SAY]; /* what was, without the bytes before it */
-};
+#define FALLS 3 /* in virtual time: so often in a row it may end before it answers */
 
 /* ---- What it prints -------------------------------------------------------------------------- */
 
 static void keep_said(struct process *p, const char *text, size_t n)
 {
-    if (n > SAID_MAX) {
-        p->lost += n - SAID_MAX;
-        text += n - SAID_MAX;
-        n = SAID_MAX;
+    if (n > APC_PROCESS_SAID) {
+        p->lost += n - APC_PROCESS_SAID;
+        text += n - APC_PROCESS_SAID;
+        n = APC_PROCESS_SAID;
     }
-    if (p->n_said + n > SAID_MAX) {
-        const size_t over = p->n_said + n - SAID_MAX;
+    if (p->n_said + n > APC_PROCESS_SAID) {
+        const size_t over = p->n_said + n - APC_PROCESS_SAID;
 
         memmove(p->said, p->said + over, p->n_said - over);
         p->n_said -= over;
@@ -191,15 +134,14 @@ static ssize_t take(int fd, void *to, size_t size, apc_ns until)
     return n < 0 && errno != EAGAIN && errno != EINTR ? 0 : n;
 }
 
-static bool give(int fd, const void *from, size_t n)
+bool apc_process_give(int fd, const void *from, size_t n)
 {
     return send(fd, from, n, MSG_NOSIGNAL | MSG_DONTWAIT) == (ssize_t)n;
 }
 
 /* ---- The process ------------------------------------------------------------------------------- */
 
-/* End it, and say how it ended. */
-static void bury(struct process *p, bool hung)
+void apc_process_bury(struct process *p, bool hung)
 {
     int status = 0;
 
@@ -280,8 +222,7 @@ static int spawn(const char *file, int socket, int output, pid_t *pid)
     return rc;
 }
 
-/* Start it; it has not said anything yet. */
-static int begin(struct process *p, struct apc_error *why)
+int apc_process_begin(struct process *p, struct apc_error *why)
 {
     int pair[2], output[2], rc;
 
@@ -316,7 +257,7 @@ static int refuse(struct process *p, const char *what, struct apc_error *why)
 {
     char said[360];
 
-    bury(p, p->socket >= 0 && strstr(what, "within"));
+    apc_process_bury(p, p->socket >= 0 && strstr(what, "within"));
     take_said(p, said, sizeof(said));
     return apc_fail(
         why, APC_EINVAL, "%s: %s%s%s%s", p->file, what, said[0] ? ": " : "", said,
@@ -325,10 +266,9 @@ static int refuse(struct process *p, const char *what, struct apc_error *why)
             : "");
 }
 
-/* The text with which it answers in set-up, into @p text [MESSAGE_MAX + 1]; "error TEXT" is why. */
-static int hear(struct process *p, char *text, struct apc_error *why)
+int apc_process_hear(struct process *p, char *text, struct apc_error *why)
 {
-    const ssize_t n = take(p->socket, text, MESSAGE_MAX, apc_clock_mono(NULL) + p->timeout);
+    const ssize_t n = take(p->socket, text, APC_PROCESS_MESSAGE, apc_clock_mono(NULL) + p->timeout);
 
     if (n < 0)
         return refuse(p, "said nothing within its time", why);
@@ -341,27 +281,27 @@ static int hear(struct process *p, char *text, struct apc_error *why)
     return 0;
 }
 
-static int introduce(struct process *p, const struct instance *i, char *text, struct apc_error *why)
+int apc_process_introduce(struct process *p, const struct instance *i, char *text, struct apc_error *why)
 {
     const struct header header = {.kind = CREATE, .instance = i->number};
 
     memcpy(i->setup, &header, sizeof(header));
-    if (!give(p->socket, i->setup, i->setup_length))
+    if (!apc_process_give(p->socket, i->setup, i->setup_length))
         return refuse(p, "does not take its settings", why);
-    return hear(p, text, why);
+    return apc_process_hear(p, text, why);
 }
 
 /* Anew, with all instances that it had. */
 static bool revive(struct process *p)
 {
     struct apc_error why;
-    char *const text = malloc(MESSAGE_MAX + 1);
-    bool well = text && begin(p, &why) == 0 && hear(p, text, &why) == 0;
+    char *const text = malloc(APC_PROCESS_MESSAGE + 1);
+    bool well = text && apc_process_begin(p, &why) == 0 && apc_process_hear(p, text, &why) == 0;
 
     for (struct instance *i = p->instances; i && well; i = i->next)
-        well = introduce(p, i, text, &why) == 0;
+        well = apc_process_introduce(p, i, text, &why) == 0;
     if (!well)
-        bury(p, true);
+        apc_process_bury(p, true);
     free(text);
     return well;
 }
@@ -398,8 +338,7 @@ static void call_starter(struct process *p)
     (void)pthread_attr_destroy(&attributes);
 }
 
-/* Nobody starts it any more. */
-static void settle(struct process *p)
+void apc_process_settle(struct process *p)
 {
     pthread_mutex_lock(&p->lock);
     const bool started = p->started && p->owner == getpid();
@@ -467,11 +406,11 @@ static int catch_up(struct process *p, const struct instance *i, const struct ap
         const ssize_t n = recv(p->socket, i->answer, i->n_answer, MSG_DONTWAIT);
 
         if (n == 0 || (n < 0 && errno != EAGAIN && errno != EINTR)) {
-            bury(p, false);
+            apc_process_bury(p, false);
             return 0;
         }
         if (n < 0 && apc_clock_mono(NULL) - p->since > patience) {
-            bury(p, true);
+            apc_process_bury(p, true);
             return fail_call(c, APC_LAW_FAILED, p->end);
         }
         if (n < 0)
@@ -482,8 +421,7 @@ static int catch_up(struct process *p, const struct instance *i, const struct ap
     return 0;
 }
 
-/* Is there a process to be asked? */
-static bool is_there(struct process *p, bool live)
+bool apc_process_is_there(struct process *p, bool live)
 {
     if (p->socket >= 0 && p->owner != getpid()) { /* it is the parent's */
         close(p->socket);
@@ -514,21 +452,21 @@ static int exchange(struct process *p, const struct instance *i, enum kind kind,
     struct header header = {.kind = kind, .instance = i->number};
     int rc;
 
-    if (p->starting || !is_there(p, live))
+    if (p->starting || !apc_process_is_there(p, live))
         return fail_call(c, APC_LAW_FAILED,
                          p->starting || !p->end[0] ? "its process is being started" : p->end);
     if ((rc = catch_up(p, i, c, patience)) != 0)
         return rc;
-    if (p->socket < 0 && (live || !is_there(p, live)))
+    if (p->socket < 0 && (live || !apc_process_is_there(p, live)))
         return fail_call(c, APC_LAW_FAILED, p->end);
     header.number = ++p->asked;
     memcpy(i->request, &header, sizeof(header));
     fill_request(i, c);
     p->since = apc_clock_mono(NULL);
-    if (!give(p->socket, i->request, sizeof(header) + i->n_request * sizeof(double))) {
-        bury(p, false); /* killed between two ticks: in virtual time nobody was late yet */
-        if (live || !is_there(p, live) ||
-            !give(p->socket, i->request, sizeof(header) + i->n_request * sizeof(double)))
+    if (!apc_process_give(p->socket, i->request, sizeof(header) + i->n_request * sizeof(double))) {
+        apc_process_bury(p, false); /* killed between two ticks: in virtual time nobody was late yet */
+        if (live || !apc_process_is_there(p, live) ||
+            !apc_process_give(p->socket, i->request, sizeof(header) + i->n_request * sizeof(double)))
             return fail_call(c, APC_LAW_FAILED, p->end);
     }
     /* What comes after u has gone out gets the other half of the period. */
@@ -545,7 +483,7 @@ static int exchange(struct process *p, const struct instance *i, enum kind kind,
         if (n < (ssize_t)sizeof(header)) {
             p->falls++;
             p->given_up = n < 0;
-            bury(p, n < 0);
+            apc_process_bury(p, n < 0);
             return fail_call(c, APC_LAW_FAILED, p->end);
         }
         memcpy(&header, i->answer, sizeof(header));
@@ -557,8 +495,7 @@ static int exchange(struct process *p, const struct instance *i, enum kind kind,
     return 0;
 }
 
-/* Ask, and take x or, of compute, the rest out of the answer. */
-static int ask(const struct apc_law_call *c, enum kind kind)
+int apc_process_ask(const struct apc_law_call *c, enum kind kind)
 {
     struct instance *const i = c->self;
     struct process *const p = i->of;
@@ -601,415 +538,4 @@ static int ask(const struct apc_law_call *c, enum kind kind)
     }
     pthread_mutex_unlock(&p->lock);
     return rc;
-}
-
-static int compute(struct apc_law_call *c)
-{
-    return ask(c, COMPUTE);
-}
-
-static void reset(struct apc_law_call *c)
-{
-    if (((const struct instance *)c->self)->of->resets)
-        (void)ask(c, RESET);
-}
-
-static void update(struct apc_law_call *c)
-{
-    if (((const struct instance *)c->self)->of->updates)
-        (void)ask(c, UPDATE);
-}
-
-static void track(struct apc_law_call *c)
-{
-    (void)ask(c, TRACK);
-}
-
-/* ---- Instances --------------------------------------------------------------------------------- */
-
-static void put_text(FILE *out, const char *text)
-{
-    fputc('"', out);
-    for (const char *c = text ? text : ""; *c; c++) {
-        if (*c == '"' || *c == '\\')
-            fputc('\\', out);
-        if ((unsigned char)*c < ' ')
-            fprintf(out, "\\u%04x", (unsigned)(unsigned char)*c);
-        else
-            fputc(*c, out);
-    }
-    fputc('"', out);
-}
-
-/* As JSON of Python's kind has it: Infinity, NaN. */
-static void put_number(FILE *out, double value)
-{
-    char text[40];
-
-    if (isfinite(value) && apc_number_format(value, text, sizeof(text)) > 0)
-        fputs(text, out);
-    else
-        fputs(isnan(value) ? "NaN" : value > 0 ? "Infinity" : "-Infinity", out);
-}
-
-static void put_signals(FILE *out, const char *name, const struct apc_signal_view *signal, size_t n)
-{
-    fprintf(out, ",\"%s\":[", name);
-    for (size_t i = 0; i < n; i++) {
-        const struct apc_signal_view none = {.low = -HUGE_VAL,
-                                             .high = HUGE_VAL,
-                                             .rate = HUGE_VAL,
-                                             .soft_low = -HUGE_VAL,
-                                             .soft_high = HUGE_VAL},
-                                     *const s = signal ? &signal[i] : &none;
-        const double limit[] = {s->low, s->high, s->rate, s->soft_low, s->soft_high};
-
-        fputs(i > 0 ? ",[" : "[", out);
-        put_text(out, s->name);
-        fputc(',', out);
-        put_text(out, s->unit);
-        for (size_t k = 0; k < sizeof(limit) / sizeof(limit[0]); k++) {
-            fputc(',', out);
-            put_number(out, limit[k]);
-        }
-        fputc(']', out);
-    }
-    fputc(']', out);
-}
-
-static void put_settings(FILE *out, const struct apc_law_setup *setup)
-{
-    fputs(",\"settings\":{", out);
-    for (size_t i = 0; i < setup->n_setting; i++) {
-        const struct apc_setting *const s = &setup->setting[i];
-
-        fputs(i > 0 ? "," : "", out);
-        put_text(out, s->name);
-        fputc(':', out);
-        if (s->text)
-            put_text(out, s->text);
-        else
-            fprintf(out, "[%zu,%zu", s->rows, s->columns);
-        for (size_t k = 0; !s->text && k < s->rows * s->columns; k++) {
-            fputc(',', out);
-            put_number(out, s->value[k]);
-        }
-        fputs(s->text ? "" : "]", out);
-    }
-    fputc('}', out);
-}
-
-/* What it is made from, behind room for a header. */
-static int write_setup(struct instance *i, const struct apc_law_setup *setup, struct apc_error *why)
-{
-    const struct header room = {0};
-    FILE *const out = open_memstream(&i->setup, &i->setup_length);
-
-    if (!out)
-        return apc_fail(why, APC_ENOMEM, "law %s: no memory", i->of->law.name);
-    fwrite(&room, sizeof(room), 1, out);
-    fprintf(out, "{\"ny\":%zu,\"nz\":%zu,\"nu\":%zu,\"nd\":%zu,\"output\":%zu,\"Ts\":", setup->dim.ny,
-            setup->dim.nz, setup->dim.nu, setup->dim.nd, setup->output);
-    put_number(out, setup->Ts);
-    put_signals(out, "y", setup->y, setup->dim.ny);
-    put_signals(out, "z", setup->z, setup->dim.nz);
-    put_signals(out, "u", setup->u, setup->dim.nu);
-    put_signals(out, "d", setup->d, setup->dim.nd);
-    put_settings(out, setup);
-    fputc('}', out);
-    if (fclose(out) != 0)
-        return apc_fail(why, APC_ENOMEM, "law %s: no memory", i->of->law.name);
-    if (i->setup_length > MESSAGE_MAX)
-        return apc_fail(why, APC_EINVAL, "law %s: its settings take %zu bytes; %d at most", i->of->law.name,
-                        i->setup_length, MESSAGE_MAX);
-    return 0;
-}
-
-/* The next line of @p text, split at its tabs into @p field [n]; what is missing is "". False: there is none.
- */
-static bool next_line(char **text, char **field, size_t n)
-{
-    char *line = *text, *const end = line + strcspn(line, "\n");
-
-    if (!*line)
-        return false;
-    *text = *end ? end + 1 : end;
-    *end = '\0';
-    for (size_t i = 0; i < n; i++) {
-        char *const tab = line + strcspn(line, "\t");
-
-        field[i] = line;
-        line = *tab ? tab + 1 : tab;
-        *tab = '\0';
-    }
-    return true;
-}
-
-static size_t count(const char *text, const char *key)
-{
-    size_t n = 0;
-
-    for (const char *line = text; line && *line; line = strchr(line, '\n') ? strchr(line, '\n') + 1 : NULL)
-        n += strncmp(line, key, strlen(key)) == 0;
-    return n;
-}
-
-static int read_needs(struct instance *i, struct apc_law_needs *needs)
-{
-    char *text = i->texts, *field[6];
-
-    i->what = calloc(count(text, "published\t") + 1, sizeof(*i->what));
-    if (!i->what)
-        return APC_ENOMEM;
-    while (next_line(&text, field, 6)) {
-        if (strcmp(field[0], "states") == 0) {
-            needs->states = strtoul(field[1], NULL, 10);
-        } else if (strcmp(field[0], "ahead") == 0) {
-            needs->n_ahead = strtoul(field[1], NULL, 10);
-        } else if (strcmp(field[0], "published") == 0) {
-            struct apc_published *const what = &i->what[needs->n_published++];
-
-            *what = (struct apc_published){.name = field[1],
-                                           .unit = field[2],
-                                           .description = field[3],
-                                           .length = strtoul(field[4], NULL, 10)};
-            (void)apc_number_parse(field[5], &what->step);
-            i->published += what->length ? what->length : 1;
-        }
-    }
-    needs->published = i->what;
-    i->states = needs->states;
-    i->n_ahead = needs->n_ahead ? needs->n_ahead : 1;
-    return 0;
-}
-
-static int make_room(struct instance *i, struct apc_error *why)
-{
-    const struct apc_dim *const d = &i->dim;
-    const size_t answer = 2 * d->nu + i->published > i->states ? 2 * d->nu + i->published : i->states;
-
-    i->n_request = 4 + 6 * d->ny + i->n_ahead * (d->nz + d->nd) + 7 * d->nu + i->tuning + i->states;
-    i->n_answer = sizeof(struct header) + answer * sizeof(double) + APC_LAW_WHY;
-    if (i->states > MESSAGE_MAX || i->n_ahead > MESSAGE_MAX || i->n_answer > MESSAGE_MAX ||
-        i->n_request * sizeof(double) + sizeof(struct header) > MESSAGE_MAX)
-        return apc_fail(why, APC_EINVAL,
-                        "law %s wants %zu states and %zu ticks ahead: a call holds %zu numbers at most",
-                        i->of->law.name, i->states, i->n_ahead, MESSAGE_MAX / sizeof(double));
-    i->request = calloc(1, sizeof(struct header) + i->n_request * sizeof(double));
-    i->answer = calloc(1, i->n_answer);
-    return i->request && i->answer ? 0 : apc_fail(why, APC_ENOMEM, "law %s: no memory", i->of->law.name);
-}
-
-static int create(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
-                  struct apc_error *why)
-{
-    struct process *const p =
-        (struct process *)(void *)((char *)(uintptr_t)setup->law - offsetof(struct process, law));
-    struct instance *const i = calloc(1, sizeof(*i));
-    char *const text = malloc(MESSAGE_MAX + 1);
-    int rc = i && text ? 0 : apc_fail(why, APC_ENOMEM, "law %s: no memory", p->law.name);
-
-    *self = i;
-    if (rc == 0) {
-        i->of = p;
-        i->dim = setup->dim;
-        i->tuning = apc_law_parameters(&p->law, &setup->dim);
-        rc = write_setup(i, setup, why);
-    }
-    settle(p);
-    pthread_mutex_lock(&p->lock);
-    if (rc == 0) {
-        i->number = ++p->instance;
-        if (!is_there(p, false))
-            rc = apc_fail(why, APC_ESTATE, "%s: %s", p->file, p->end);
-    }
-    if (rc == 0)
-        rc = introduce(p, i, text, why);
-    if (rc == 0 && (!(i->texts = strdup(text)) || read_needs(i, needs) < 0))
-        rc = apc_fail(why, APC_ENOMEM, "law %s: no memory", p->law.name);
-    if (rc == 0)
-        rc = make_room(i, why);
-    if (rc == 0) {
-        i->next = p->instances;
-        p->instances = i;
-    }
-    pthread_mutex_unlock(&p->lock);
-    free(text);
-    return rc;
-}
-
-static void destroy(void *self)
-{
-    struct instance *const i = self;
-    struct process *const p = i->of;
-    const struct header header = {.kind = DESTROY, .instance = i->number};
-
-    settle(p);
-    pthread_mutex_lock(&p->lock);
-    for (struct instance **at = &p->instances; *at; at = &(*at)->next) {
-        if (*at == i) {
-            *at = i->next;
-            break;
-        }
-    }
-    if (p->socket >= 0 && p->owner == getpid())
-        (void)give(p->socket, &header, sizeof(header));
-    pthread_mutex_unlock(&p->lock);
-    free(i->what);
-    free(i->texts);
-    free(i->setup);
-    free(i->request);
-    free(i->answer);
-    free(i);
-}
-
-/* ---- The law ------------------------------------------------------------------------------------- */
-
-/* From what it says of itself. */
-static int describe(struct process *p, char *text)
-{
-    struct apc_law *const law = &p->law;
-    char *field[8];
-    size_t settings = 0;
-
-    p->texts = text;
-    p->param = calloc(count(text, "param\t") + 1, sizeof(*p->param));
-    p->scope = calloc(count(text, "param\t") + 1, sizeof(*p->scope));
-    p->settings = calloc(count(text, "setting\t") + 1, sizeof(*p->settings));
-    if (!p->param || !p->scope || !p->settings)
-        return APC_ENOMEM;
-    *law = (struct apc_law){.abi = APC_LAW_ABI,
-                            .name = "",
-                            .tuning = p->param,
-                            .scope = p->scope,
-                            .settings = p->settings,
-                            .create = create,
-                            .destroy = destroy,
-                            .reset = reset,
-                            .compute = compute,
-                            .update = update};
-    while (next_line(&text, field, 8)) {
-        if (strcmp(field[0], "name") == 0) {
-            law->name = field[1];
-        } else if (strcmp(field[0], "description") == 0) {
-            law->description = field[1];
-        } else if (strcmp(field[0], "version") == 0) {
-            law->version = (unsigned)strtoul(field[1], NULL, 10);
-        } else if (strcmp(field[0], "whole") == 0) {
-            law->whole = field[1][0] == '1';
-        } else if (strcmp(field[0], "estimates") == 0) {
-            law->estimates = field[1][0] == '1';
-        } else if (strcmp(field[0], "has") == 0) {
-            p->resets |= strcmp(field[1], "reset") == 0;
-            p->updates |= strcmp(field[1], "update") == 0;
-            p->tracks |= strcmp(field[1], "track") == 0;
-        } else if (strcmp(field[0], "setting") == 0) {
-            p->settings[settings++] = field[1];
-        } else if (strcmp(field[0], "param") == 0) {
-            struct apc_param *const param = &p->param[law->n_tuning];
-
-            p->scope[law->n_tuning++] = (enum apc_law_scope)strtoul(field[1], NULL, 10);
-            *param = (struct apc_param){.name = field[2], .unit = field[3], .description = field[4]};
-            (void)apc_number_parse(field[5], &param->initial);
-            (void)apc_number_parse(field[6], &param->low);
-            (void)apc_number_parse(field[7], &param->high);
-        }
-    }
-    law->track = p->tracks ? track : NULL;
-    return 0;
-}
-
-static void close_process(struct apc_plugin *plugin)
-{
-    struct process *const p = (struct process *)plugin;
-
-    settle(p);
-    bury(p, true);
-    (void)pthread_mutex_destroy(&p->lock);
-    free(p->file);
-    free(p->texts);
-    free(p->param);
-    free(p->scope);
-    free(p->settings);
-    free(p);
-}
-
-static int mark_file(const char *file, uint32_t *mark, struct apc_error *why)
-{
-    unsigned char block[4096];
-    FILE *const in = fopen(file, "re");
-    size_t n;
-
-    if (!in)
-        return apc_fail(why, APC_ENOTFOUND, "%s: cannot be read: %s", file, strerror(errno));
-    *mark = APC_HASH_BEGIN;
-    while ((n = fread(block, 1, sizeof(block), in)) > 0)
-        *mark = apc_hash(*mark, block, n);
-    fclose(in);
-    return 0;
-}
-
-static apc_ns read_timeout(void)
-{
-    const char *const text = getenv("APC_LAW_TIMEOUT");
-    double seconds;
-
-    return text && apc_number_parse(text, &seconds) == 0 && seconds > 0 && seconds < 1e6
-               ? (apc_ns)(seconds * 1e9)
-               : TIMEOUT_S * APC_NS_PER_S;
-}
-
-bool apc_law_is_process(const char *name)
-{
-    const size_t n = strlen(name);
-
-    return n > 3 && strcmp(name + n - 3, ".py") == 0;
-}
-
-int apc_law_process_open(const char *file, const struct apc_law **law, void **handle, struct apc_error *why)
-{
-    struct process *const p = calloc(1, sizeof(*p));
-    char *const text = malloc(MESSAGE_MAX + 1);
-    int rc = p && text ? mark_file(file, &p->mark, why) : apc_fail(why, APC_ENOMEM, "%s: no memory", file);
-
-    if (rc < 0) {
-        free(p);
-        free(text);
-        return rc;
-    }
-    p->plugin.close = close_process;
-    p->socket = p->output = -1;
-    p->told_at = -1.0;
-    p->timeout = read_timeout();
-    p->file = strdup(file);
-    rc = p->file && apc_mutex_init(&p->lock) == 0 ? begin(p, why)
-                                                  : apc_fail(why, APC_ENOMEM, "%s: no memory", file);
-    if (rc == 0)
-        rc = hear(p, text, why);
-    if (rc == 0 && describe(p, text) < 0)
-        rc = apc_fail(why, APC_ENOMEM, "%s: no memory", file);
-    if (rc == 0)
-        rc = apc_law_check(&p->law, file, why);
-    if (p->texts != text)
-        free(text);
-    if (rc < 0) {
-        close_process(&p->plugin);
-        return rc;
-    }
-    *law = &p->law;
-    *handle = p;
-    return 0;
-}
-
-bool apc_law_in_process(const struct apc_law *law)
-{
-    return law->compute == compute;
-}
-
-uint32_t apc_law_process_mark(const struct apc_law *law)
-{
-    const struct process *const p =
-        (const struct process *)(const void *)((const char *)law - offsetof(struct process, law));
-
-    return apc_law_in_process(law) ? p->mark : 0;
 }
