@@ -395,6 +395,20 @@ void cluster_query_file(struct cluster *c, const char *path)
     free(text);
 }
 
+/* Commits wait once the checkpointer has read the settings anew, which it does before a checkpoint begins;
+ * the first one may have begun already. */
+bool cluster_need_standby(struct cluster *c, const char *name)
+{
+    char sql[100];
+    snprintf(sql, sizeof sql, "ALTER SYSTEM SET synchronous_standby_names = '%s'", name);
+    cluster_query(c, sql);
+    cluster_query(c, "SELECT pg_reload_conf()");
+    const bool read = cluster_await(c, "SHOW synchronous_standby_names", name);
+    cluster_query(c, "CHECKPOINT");
+    cluster_query(c, "CHECKPOINT");
+    return read;
+}
+
 bool cluster_await(struct cluster *c, const char *sql, const char *expected)
 {
     for (int i = 0; i < LOOKS; i++) {

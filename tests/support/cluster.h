@@ -36,6 +36,9 @@ const char *cluster_query(struct cluster *c, const char *sql);
 void cluster_query_file(struct cluster *c, const char *path);
 /** Ask again and again until the answer is @p expected; false when it never was (bounded: about 20 s). */
 bool cluster_await(struct cluster *c, const char *sql, const char *expected);
+/** From now on commits wait for a standby of that name; "*": any. Returns false where that did not come
+ * about. */
+bool cluster_need_standby(struct cluster *c, const char *name);
 
 /* Of a private server only. */
 void cluster_stop(struct cluster *c); /**< in order, ending all sessions */

@@ -512,10 +512,8 @@ static void test_a_commit_that_no_standby_has_is_not_acknowledged(void **state)
     struct appender a = {.store = open_uri(uri, LONG)};
     assert_int_equal(apc_store_init(a.store), 0);
     ok(a.store, apc_store_connect(a.store));
-    cluster_query(own, "ALTER SYSTEM SET synchronous_standby_names = 'ghost'");
-    cluster_query(own, "SELECT pg_reload_conf()");
     cluster_query(own, "SET synchronous_commit = local");
-    assert_true(cluster_await(own, "SHOW synchronous_standby_names", "ghost"));
+    assert_true(cluster_need_standby(own, "ghost"));
     pthread_t thread;
     assert_int_equal(pthread_create(&thread, NULL, append_on, &a), 0);
     bool waits =
@@ -566,8 +564,7 @@ static void test_of_two_servers_the_primary_is_used_and_after_a_failover_the_oth
 {
     (void)state;
     struct cluster *first = cluster_start_private(), *second = cluster_start_standby(first);
-    cluster_query(first, "ALTER SYSTEM SET synchronous_standby_names = '*'");
-    cluster_query(first, "SELECT pg_reload_conf()");
+    assert_true(cluster_need_standby(first, "*"));
     assert_true(
         cluster_await(first, "SELECT count(*) FROM pg_stat_replication WHERE sync_state = 'sync'", "1"));
     char uri[700];

@@ -176,9 +176,7 @@ static void a_commit_without_an_answer_is_unknown_and_settles_by_itself(void **s
     while (seq_of(&client, "setpoint.1") == before)
         json_decref(next_event(stream, "beat", NULL));
     char *body = setpoint(20, "lost-answer");
-    cluster_query(cluster, "ALTER SYSTEM SET synchronous_standby_names = 'nobody'");
-    cluster_query(cluster, "SELECT pg_reload_conf()");
-    assert_true(cluster_await(cluster, "SHOW synchronous_standby_names", "nobody"));
+    assert_true(cluster_need_standby(cluster, "nobody"));
     assert_int_equal(client_post(&client, "/api/setpoint", body, &json), 504);
     assert_string_equal(text_of(json_object_get(json, "error"), "code"), "unknown");
     const json_t *write = json_object_get(json, "write");
