@@ -138,10 +138,10 @@ int apc_plant_change(struct apc_plant *plant, const double *p, struct apc_error 
     const struct apc_model *m = plant->model;
     double *former = calloc(m->np + 1, sizeof(*former));
     void *solver = NULL;
-    int rc = former ? 0 : apc_fail(why, APC_ENOMEM, "no memory for plant %s", m->name);
+    int rc;
 
-    if (rc < 0)
-        return rc;
+    if (!former)
+        return apc_fail(why, APC_ENOMEM, "no memory for plant %s", m->name);
     memcpy(former, plant->p, m->np * sizeof(*former));
     rc = apc_model_take(m, plant->p, p, m->param, m->np, "parameter", why);
     if (rc == 0)

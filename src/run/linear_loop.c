@@ -183,10 +183,10 @@ static int make_law(struct linear_loop *l, const struct experiment *e, size_t k,
     const struct apc_dim *dim = &c->dim;
     struct apc_law_setup setup = cores_law_setup(c);
     double *at = calloc(dim->ny + dim->nz + dim->nd + dim->nu + 1, sizeof *at);
-    double *y = at, *z = y + dim->ny, *d = z + dim->nz, *u = d + dim->nd;
 
     if (!at)
         return apc_fail(why, APC_ENOMEM, "out of memory");
+    double *y = at, *z = y + dim->ny, *d = z + dim->nz, *u = d + dim->nd;
     values_at(l, e, c, y, z, d, u);
     setup.size = sizeof setup;
     setup.Ts /= how->faster > 0 ? how->faster : 1.0;
