@@ -164,8 +164,9 @@ int stores_tear_down(void **state)
 
 struct apc_sample sample(enum apc_table table, int id, int64_t seq, double value)
 {
+    const apc_ns ms = seq % 1000000000; /* of a seq that begins high as well */
     return (struct apc_sample){
-        .table = table, .id = id, .seq = seq, .time = 1000 * seq * APC_NS_PER_US, .value = value};
+        .table = table, .id = id, .seq = seq, .time = ms * APC_NS_PER_MS, .value = value};
 }
 
 struct apc_sample newest(struct apc_store *store, enum apc_table table, int id)
