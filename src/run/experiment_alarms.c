@@ -396,8 +396,10 @@ static void read_notices(struct settings *s, const config_setting_t *of, struct 
     static const char *const known[] = {"priority", "command", "timeout", NULL};
     const config_setting_t *list = settings_list(s, of, "notify", OPTIONAL);
     const size_t n = list ? (size_t)config_setting_length(list) : 0;
-    if (n > ALARM_NOTICES)
+    if (n > ALARM_NOTICES) {
         settings_fail(s, list, "\"notify\" has more than %d commands", ALARM_NOTICES);
+        return;
+    }
     for (size_t i = 0; i < n && !s->failed; i++) {
         const config_setting_t *group = config_setting_get_elem(list, (unsigned)i);
         struct alarm_notice *notice = &e->alarms.notice[i];
