@@ -114,7 +114,7 @@ static int move(struct shell *s, apc_ns timeout)
     int rc = apc_forward_step(s->forward, timeout);
     if ((rc == APC_ESCHEMA || (rc == APC_ECONN && !s->reached)) && apc_store_init(s->record) >= 0)
         rc = apc_forward_step(s->forward, timeout);
-    if (rc >= 0 && !s->reached) { /* only its owner may say what it is */
+    if (rc >= 0 && !s->reached && apc_store_connected(s->record)) { /* only its owner may say what it is */
         const int said = apc_store_keep_history(s->record);
         s->reached = said >= 0 || said == APC_EPERM;
     }

@@ -31,7 +31,7 @@ GRANT SELECT ON migration, dim, dim_newest, tag, catalogue
 GRANT INSERT (time, severity, source, kind, text, number, seq, author, class) ON event -- not role: nobody writes in
     -- another's name
     TO apc_plant, apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator, apc_engineer;
-GRANT SELECT ON event -- a spool that drains looks up which are there already
+GRANT SELECT ON event, timing -- what may have been stored though no answer came is looked up, not written twice
     TO apc_plant, apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian;
 REVOKE INSERT ON timing FROM apc_plant, apc_client, apc_controller, apc_scheduler;
 GRANT INSERT (time, task, quantity, period, missed, count, mean, sd, p50, p99, max, bin_low, bin_high, bin_count)

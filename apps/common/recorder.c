@@ -35,6 +35,14 @@ struct recorder {
     /* What live histograms had when last looked at, and what of them is not yet in the store. */
     struct apc_histogram *window, *mark[WINDOWS], *pending[WINDOWS];
     uint64_t missed[WINDOWS];
+    /* Of an append that failed, and may have been stored all the same: what it was. */
+    struct {
+        struct apc_event first;
+        size_t n; /* 0: none */
+        unsigned long lost;
+    } sent;
+    struct apc_timing_row row[WINDOWS]; /* time 0: none */
+    uint64_t row_missed[WINDOWS];
     _Atomic uint64_t absent; /* ticks missed before the task began */
     const char *beside;      /* NULL: nothing */
     const struct apc_histogram *run;
@@ -164,10 +172,69 @@ static struct apc_event loss(const struct apc_event *next, unsigned long lost)
     return event;
 }
 
-/* The queue is only shortened after the store has acknowledged; new events may come in meanwhile. */
+/* The first @p n of the queue as it was when @p lost had been pushed out: new ones may have come in since. */
+static void drop_written(struct recorder *r, size_t n, unsigned long lost)
+{
+    r->told = lost;
+    pthread_mutex_lock(&r->mutex);
+    size_t pushed_out = r->lost - lost;               /* by events that came in meanwhile */
+    size_t written = pushed_out < n ? pushed_out : n; /* these are not lost */
+    r->lost -= written;
+    r->first = (r->first + n - written) % QUEUE;
+    r->count -= n - written;
+    pthread_mutex_unlock(&r->mutex);
+}
+
+/* Where a store may round a time to. */
+static struct apc_range around(apc_ns time)
+{
+    return (struct apc_range){.since = time - APC_NS_PER_US, .until = time + APC_NS_PER_US};
+}
+
+struct search {
+    const struct apc_event *event;
+    const struct apc_timing_row *row;
+    bool found;
+};
+
+static int find_event(void *ctx, const struct apc_event *e)
+{
+    struct search *s = ctx;
+    s->found = strcmp(e->source, s->event->source) == 0 && strcmp(e->kind, s->event->kind) == 0 &&
+               strcmp(e->text, s->event->text) == 0;
+    return s->found;
+}
+
+static int find_row(void *ctx, const struct apc_timing_row *row)
+{
+    struct search *s = ctx;
+    s->found = strcmp(row->task, s->row->task) == 0 && strcmp(row->quantity, s->row->quantity) == 0 &&
+               row->missed == s->row->missed && row->count == s->row->count && row->max == s->row->max;
+    return s->found;
+}
+
+/* An append whose answer did not come is looked up before anything is sent again: it was stored as a whole or
+ * not at all. Who may not read believes that it was not. */
+static int settle_events(struct recorder *r)
+{
+    const struct apc_range range = around(r->sent.first.time);
+    struct search s = {.event = &r->sent.first};
+    const int rc = r->sent.n > 0 ? apc_store_events(r->store, &range, find_event, &s) : 0;
+    if (rc < 0 && rc != APC_EPERM)
+        return rc;
+    if (s.found)
+        drop_written(r, r->sent.n, r->sent.lost);
+    r->sent.n = 0;
+    return 0;
+}
+
+/* The queue is only shortened after the store has acknowledged. */
 static int flush_events(struct recorder *r)
 {
     struct apc_event batch[1 + QUEUE];
+    int rc = settle_events(r);
+    if (rc < 0)
+        return rc;
     pthread_mutex_lock(&r->mutex);
     tell_chatter(r, apc_clock_utc(NULL));
     size_t n = r->count;
@@ -179,17 +246,14 @@ static int flush_events(struct recorder *r)
         return 0;
     batch[0] = loss(&batch[1], lost - r->told);
     bool tell = lost > r->told;
-    int rc = apc_store_append_events(r->store, tell ? batch : batch + 1, n + tell);
-    if (rc < 0)
+    rc = apc_store_append_events(r->store, tell ? batch : batch + 1, n + tell);
+    if (rc < 0) {
+        r->sent.first = batch[1];
+        r->sent.n = n;
+        r->sent.lost = lost;
         return rc;
-    r->told = lost;
-    pthread_mutex_lock(&r->mutex);
-    size_t pushed_out = r->lost - lost;               /* by events that came in meanwhile */
-    size_t written = pushed_out < n ? pushed_out : n; /* these are not lost */
-    r->lost -= written;
-    r->first = (r->first + n - written) % QUEUE;
-    r->count -= n - written;
-    pthread_mutex_unlock(&r->mutex);
+    }
+    drop_written(r, n, lost);
     return 0;
 }
 
@@ -236,9 +300,31 @@ static int fill_row(struct recorder *r, const struct apc_histogram *histogram, s
     return 0;
 }
 
+static void window_written(struct recorder *r, int i, uint64_t missed)
+{
+    apc_histogram_clear(r->pending[i]);
+    r->missed[i] = missed;
+}
+
+static int settle_window(struct recorder *r, int i)
+{
+    const struct apc_range range = around(r->row[i].time);
+    struct search s = {.row = &r->row[i]};
+    const int rc = r->row[i].time != 0 ? apc_store_timing(r->store, &range, find_row, &s) : 0;
+    if (rc < 0 && rc != APC_EPERM)
+        return rc;
+    if (s.found)
+        window_written(r, i, r->row_missed[i]);
+    r->row[i].time = 0;
+    return 0;
+}
+
 static int flush_window(struct recorder *r, int i, const char *task, const char *quantity,
                         const struct apc_histogram *live, uint64_t missed, apc_ns period)
 {
+    int rc = settle_window(r, i);
+    if (rc < 0)
+        return rc;
     missed = missed > r->missed[i] ? missed : r->missed[i];
     struct apc_timing_row row = {
         .time = apc_clock_utc(NULL), .period = period, .missed = missed - r->missed[i]};
@@ -246,14 +332,16 @@ static int flush_window(struct recorder *r, int i, const char *task, const char 
     snprintf(row.quantity, sizeof row.quantity, "%s", quantity);
     apc_histogram_window(r->window, r->mark[i], live);
     apc_histogram_merge(r->pending[i], r->window);
-    int rc = fill_row(r, r->pending[i], &row);
+    rc = fill_row(r, r->pending[i], &row);
     if (rc < 0 || (row.count == 0 && row.missed == 0))
         return rc;
     rc = apc_store_append_timing(r->store, &row, 1);
-    if (rc < 0)
+    if (rc < 0) {
+        r->row[i] = row;
+        r->row_missed[i] = missed;
         return rc;
-    apc_histogram_clear(r->pending[i]);
-    r->missed[i] = missed;
+    }
+    window_written(r, i, missed);
     return 0;
 }
 

@@ -33,7 +33,8 @@ void recorder_measure(struct recorder *recorder, const char *task, const struct 
 /* So many ticks were missed before the task began: nobody ran it then. [tick] */
 void recorder_absent(struct recorder *recorder, uint64_t missed);
 /* Write out what is queued, the timing of task (NULL: not now) since the last time, and a portion of the
- * spool. Returns 0 when the store is there and has taken it. */
+ * spool; each once, also when a commit's answer does not come. Returns 0 when the store is there and has
+ * taken it. */
 int recorder_flush(struct recorder *recorder, const struct apc_task *task, apc_ns period);
 const struct apc_store *recorder_store(const struct recorder *recorder); /* NULL: none */
 

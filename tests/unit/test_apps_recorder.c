@@ -363,6 +363,71 @@ static void test_events_that_are_refused_are_told_and_written_later(void **state
     tear_down(&b);
 }
 
+/* A store whose answers do not come: what it was given is there, or is not. */
+static struct {
+    const struct apc_store_ops *real;
+    bool stores;
+} mute;
+
+static int append_events_mutely(struct apc_store *store, const struct apc_event *events, size_t n)
+{
+    return mute.stores && mute.real->append_events(store, events, n) < 0 ? APC_ESTORE : APC_ETIMEDOUT;
+}
+
+static int append_timing_mutely(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
+{
+    return mute.stores && mute.real->append_timing(store, rows, n) < 0 ? APC_ESTORE : APC_ETIMEDOUT;
+}
+
+static void test_what_may_have_been_stored_without_an_answer_is_stored_once(void **state)
+{
+    static const struct {
+        bool stores;
+        int meanwhile; /* from 126 on they push out some of those that were sent: these are not lost */
+    } cases[] = {{false, 0}, {false, 125}, {true, 0}, {true, 2}, {true, 126}, {true, 128}};
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const int all = 3 + cases[i].meanwhile;
+        struct apc_store_ops ops;
+        struct bench b;
+        int next = 1;
+        mute.stores = cases[i].stores;
+        set_up(&b);
+        struct apc_store *store = (struct apc_store *)(uintptr_t)recorder_store(b.r);
+        ops = *store->ops;
+        mute.real = store->ops;
+        ops.append_events = append_events_mutely;
+        ops.append_timing = append_timing_mutely;
+        assert_int_equal(apc_task_start(b.task, NULL), 0);
+        assert_true(apc_virtual_run(b.executive, 10 * APC_NS_PER_S) > 0);
+        number(b.r, 1, 3);
+        store->ops = &ops;
+        assert_int_equal(recorder_flush(b.r, NULL, 0), APC_ETIMEDOUT);
+        store->ops = mute.real;
+        number(b.r, 4, cases[i].meanwhile);
+        assert_int_equal(recorder_flush(b.r, NULL, 0), 0);
+        assert_int_equal(apc_store_events(b.reader, &(struct apc_range){0}, count_up, &next), all);
+        assert_int_equal(next, all + 1);
+
+        ops.append_events = mute.real->append_events;
+        store->ops = &ops;
+        for (int k = 0; k < 3; k++) /* where it stores, of one quantity after the other */
+            assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), APC_ETIMEDOUT);
+        recorder_absent(b.r, 4);
+        assert_true(apc_virtual_run(b.executive, 20 * APC_NS_PER_S) > 0);
+        store->ops = mute.real;
+        assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), 0);
+        assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), 0);
+        const struct sums s = stored(&b);
+        assert_int_equal(s.count[0], 20);
+        assert_int_equal(s.count[1], 19);
+        assert_int_equal(s.count[2], 20);
+        assert_int_equal(s.missed[0], 4);
+        assert_int_equal(s.missed[2], 4);
+        tear_down(&b);
+    }
+}
+
 static void test_what_is_measured_beside_the_task_is_stored_and_so_are_its_failures(void **state)
 {
     struct bench b;
@@ -456,6 +521,7 @@ int main(void)
         cmocka_unit_test(test_a_link_that_comes_and_goes_is_counted),
         cmocka_unit_test(test_events_that_come_while_others_are_written_are_written_next_and_once),
         cmocka_unit_test(test_events_that_are_refused_are_told_and_written_later),
+        cmocka_unit_test(test_what_may_have_been_stored_without_an_answer_is_stored_once),
         cmocka_unit_test(test_what_is_measured_beside_the_task_is_stored_and_so_are_its_failures),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -484,8 +484,21 @@ static void test_an_event_names_the_user_who_wrote_it(void **state)
     assert_string_equal(cluster_query(cluster, "SELECT role FROM apc.event WHERE text = 'forged'"), name);
 }
 
+static int find_one(void *ctx, const struct apc_event *e)
+{
+    (void)ctx, (void)e;
+    return 1;
+}
+
+static int find_a_row(void *ctx, const struct apc_timing_row *row)
+{
+    (void)ctx, (void)row;
+    return 1;
+}
+
 static void test_everybody_tells_events_and_every_daemon_timing(void **state)
 {
+    const struct apc_range all = {0};
     (void)state;
     struct apc_event e = {.severity = APC_EVENT_INFO, .source = "test", .kind = "start", .text = "hello"};
     struct apc_timing_row t = {.task = "test", .quantity = "run"};
@@ -494,6 +507,8 @@ static void test_everybody_tells_events_and_every_daemon_timing(void **state)
         assert_int_equal(apc_store_append_events(store, &e, 1), 1);
         bool person = strcmp(rights[r].role, "operator") == 0 || strcmp(rights[r].role, "engineer") == 0;
         assert_int_equal(apc_store_append_timing(store, &t, 1), person ? APC_EPERM : 1);
+        assert_int_equal(apc_store_events(store, &all, find_one, NULL), 1); /* was it stored? */
+        assert_int_equal(apc_store_timing(store, &all, find_a_row, NULL), 1);
         assert_int_equal(apc_store_get_tags(store, NULL, 0), 0);
         struct apc_tag tag = {.table = APC_SENSOR, .id = 1, .name = "x", .high = 1};
         assert_int_equal(apc_store_put_tags(store, &tag, 1), APC_EPERM);
