@@ -47,7 +47,14 @@ static void usage(FILE *out)
     for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
         fprintf(out, "  %-9s %s\n", commands[i].name, commands[i].doc);
     fputs("\n`apc COMMAND --help` tells more. The shared data are those of --store URI, of\n"
-          "APC_STORE, or of the PostgreSQL of libpq's environment (PGHOST, PGSERVICE, ...).\n",
+          "APC_STORE, or of the PostgreSQL of libpq's environment (PGHOST, PGSERVICE, ...).\n"
+          "\nExit codes, also of the daemons:\n"
+          "  0  all was done\n"
+          "  1  it failed, for another reason than those below\n"
+          "  2  the command line is wrong\n"
+          "  3  no connection to the store, the plant or the page's port\n"
+          "  4  refused: outside its limits, in use by another, not allowed\n"
+          "  5  not confirmed in time, or too late\n",
           out);
 }
 

@@ -73,6 +73,9 @@ while read -r name; do
   grep -qw "$name" "$prefix"/include/*.h || fail "$name is exported and in no header"
 done < <(grep -v APC_0 "$work/exported")
 expect 0 'libapc\) 0' "$prefix/bin/apc" --version
+for file in man/man1/apc-run.1 man/man8/apc-ui.8 bash-completion/completions/apc bash-completion/completions/apc-plant zsh/site-functions/_apc; do
+  [ -s "$prefix/share/$file" ] || fail "$file is not installed"
+done
 
 # No document points at what is not there, and the examples build from where they were installed.
 doc=$(dirname "$(find "$prefix" -name README.md -path '*/doc/*' -not -path '*/examples/*')")

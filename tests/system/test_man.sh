@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# Every program and command has its man page, with all its options, without a warning, and spelled right.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+man=$APC_BUILD_DIR/man
+pages=("$man"/man1/* "$man"/man8/*)
+
+# page_of FILE COMMAND...: is there, and tells of what it is, of each option that --help lists, and of the exit codes
+page_of() {
+  local file=$1 untold
+  shift
+  [ -s "$file" ] || fail "$* has no page"
+  untold=$("$@" --help | awk '
+    FNR == NR { page = page $0 "\n"; next }
+    /^ ? ? ? ? ? ?(-., )?--/ {
+      sub(/^ *(-., )?/, "")
+      match($0, /^[a-z-]+/)
+      option = substr($0, 1, RLENGTH)
+      gsub(/-/, "\\-", option)
+      if (option != "\\-\\-usage" && !index(page, "\\fB" option "\\fR")) print option
+      n++
+    }
+    END {
+      if (n < 2) print "any option"
+      if (!index(page, "\n.SH DESCRIPTION\n")) print "what it is"
+      if (!index(page, "\n\\fB5\\fR\n")) print "exit codes"
+    }' "$file" -)
+  [ -z "$untold" ] || fail "$file does not tell of $untold"
+}
+for command in $("$apc" help | sed -nE 's/^  ([a-z]+) .*/\1/p'); do
+  page_of "$man/man1/apc-$command.1" "$apc" "$command"
+  grep -q "^\\\\fB$command\\\\fR$" "$man/man1/apc.1" || fail "apc(1) does not name $command"
+done
+for program in "$APC_BIN"/apc-*; do
+  page_of "$man/man8/${program##*/}.8" "$program"
+done
+! (page_of "$man/man1/apc-mode.1" "$apc" run) 2>/dev/null || fail "a page that tells of other options is taken"
+grep -q 'apc\\-set (1)' "$man/man1/apc-mode.1" || fail "apc-mode(1) does not lead to the page that it speaks of"
+
+if ! command -v mandoc >/dev/null; then
+  echo "skipped: how the pages are set and spelled, there is no mandoc (scripts/setup --dev)"
+  exit 0
+fi
+mandoc -T lint -W warning "${pages[@]}" || fail "a page is not as man pages are"
+printf '.TH X 1\n.SH NAME\nx\n.XX\n' >"$work/bad.1"
+! mandoc -T lint -W warning "$work/bad.1" >/dev/null || fail "a page without a date is taken"
+
+if ! aspell dump dicts 2>/dev/null | grep -qx en_GB; then
+  echo "skipped: how the pages are spelled, there is no aspell with English (scripts/setup --dev)"
+  exit 0
+fi
+misspelled() { aspell list -l en_GB | sort -u | grep -vxFf "$APC_SOURCE_DIR/man/words" || true; }
+wrong=$(mandoc -T ascii -O width=200 "${pages[@]}" | col -bx | misspelled)
+[ -z "$wrong" ] || fail "misspelled, or missing in man/words: $wrong"
+[ "$(echo 'a setpiont' | misspelled)" = setpiont ] || fail "a wrong word is not found"
