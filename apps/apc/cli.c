@@ -216,6 +216,16 @@ int cli_store_error(const struct cli *cli, int err, const struct apc_store *stor
                                                       : "");
 }
 
+int cli_init(const struct cli *cli, struct apc_store *store)
+{
+    const int had = apc_store_init(store);
+    const bool postgresql = cli->store && strncmp(cli->store, "postgres", 8) == 0;
+    if (had > 0 && had < apc_store_version())
+        printf("tables brought from version %d to %d%s\n", had, apc_store_version(),
+               postgresql ? "; where roles are used, run sql/roles.sql again" : "");
+    return had;
+}
+
 int cli_open(const struct cli *cli, struct apc_store **store)
 {
     const struct apc_store_options options = {.size = sizeof options, .name = "apc", .timeout = cli->timeout};

@@ -57,6 +57,9 @@ int cli_usage(const struct cli *cli, const char *fmt, ...) APC_PRINTF(2, 3);
 /* The same as cli_error() for the last failure of a store. */
 int cli_store_error(const struct cli *cli, int err, const struct apc_store *store);
 
+/* apc_store_init(), which says so when tables of a former version were brought along. */
+int cli_init(const struct cli *cli, struct apc_store *store);
+
 /* Open and connect the store of --store, APC_STORE or the environment. Returns 0 or an error already said. */
 int cli_open(const struct cli *cli, struct apc_store **store);
 

@@ -543,7 +543,7 @@ static int open_both(struct copy *c)
         return rc;
     if ((rc = list_variables(c)) < 0)
         return rc;
-    if ((rc = apc_store_init(c->to)) >= 0)
+    if ((rc = cli_init(&cli, c->to)) >= 0)
         rc = apc_store_claim_set(c->to, c->variable, c->variables);
     return rc < 0 ? fail_to(c, rc) : 0;
 }

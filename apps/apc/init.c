@@ -39,7 +39,7 @@ static const struct cli_spec spec = {
 
 static int init_store(const struct cli *cli, struct apc_store *store)
 {
-    int had = apc_store_init(store);
+    int had = cli_init(cli, store);
     if (had < 0)
         return cli_store_error(cli, had, store);
     if (had > apc_store_version())
@@ -49,10 +49,6 @@ static int init_store(const struct cli *cli, struct apc_store *store)
         printf("tables are up to date (version %d, with all repairs)\n", had);
     else if (had == 0)
         printf("tables made (version %d)\n", apc_store_version());
-    else
-        printf("tables brought from version %d to %d%s\n", had, apc_store_version(),
-               strncmp(cli->store, "postgres", 8) == 0 ? "; where roles are used, run sql/roles.sql again"
-                                                       : "");
     return EXIT_OK;
 }
 

@@ -239,7 +239,7 @@ static int prepare_history(struct run *r)
     int rc = cli_open(&cli, &history);
     if (rc < 0)
         return rc;
-    rc = apc_store_init(history);
+    rc = cli_init(&cli, history);
     if (!r->own_history[0] && (rc == APC_ECONN || rc == APC_ETIMEDOUT || rc == APC_EFULL)) {
         fprintf(stderr, "the history is away: %s; the record is kept in memory until it comes\n",
                 apc_store_error(history));
@@ -273,7 +273,7 @@ static int prepare_store(struct run *r)
     int rc = cli_open(&r->cli, &r->store);
     if (rc < 0)
         return rc;
-    rc = apc_store_init(r->store);
+    rc = cli_init(&r->cli, r->store);
     if (rc < 0) {
         cli_store_error(&r->cli, rc, r->store);
         return rc;

@@ -194,6 +194,11 @@ test_init_brings_tables_of_version_1_along_and_says_what_to_run_again() {
   out_has "brought from version 1 to .*run sql/roles.sql again"
   run 0 init --store 'postgresql:#old'
   out_has "up to date"
+  sql "DROP SCHEMA old CASCADE; CREATE SCHEMA old; SET search_path TO old, pg_temp; $(<"$(dirname "$0")/../../sql/0001-tables.sql")
+       INSERT INTO migration (version, name) VALUES (1, '0001-tables')" >/dev/null 2>&1
+  run 0 init --store "sqlite:$work/from.db"
+  run 0 copy "sqlite:$work/from.db" 'postgresql:#old'
+  out_has "brought from version 1 to "
   sql "DROP SCHEMA old CASCADE" >/dev/null 2>&1
 }
 
