@@ -77,7 +77,7 @@ check() { # NAME OPTIONS...
   mkdir "$work/$1"
   "$checker" run --dir "$work/$1" --kills "$kills" ${APC_SEED:+--seed "$APC_SEED"} "${@:2}" || fail "$1: see above"
 }
-trap 'rm -f "/dev/shm/apc.checker-$$" "/dev/shm/apc.checker-$$-moved"; finish' EXIT
+segment=("/dev/shm/apc.checker-$$" "/dev/shm/apc.checker-$$-moved")
 check postgresql --store 'postgresql:#plain' --server-hook "bash $work/hook"
 check sqlite --store "sqlite:$work/checker.db"
 check shm --store "shm:checker-$$" --ring
