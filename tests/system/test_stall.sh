@@ -18,19 +18,30 @@ done
 until_true 30 more 'plant takes commands' apc-plant.log 0
 until_true 30 more_rows sensor 20
 
+# stop PID...: these processes of the database, while they have nothing to do: with a lock of the whole server in its hand
+# one that stands still would have all tests stand still, this one included.
+pids=()
+trap 'status=$?; kill -CONT "${pids[@]}" 2>/dev/null || true; (exit $status); finish' EXIT
+idle() {
+  local query="SELECT bool_and(state = 'idle') FROM pg_stat_activity WHERE pid IN ($(IFS=,; echo "$*"))"
+  [ "$(timeout 10 psql -XAtqc "$query")" = t ]
+}
+stop() {
+  kill -STOP "$@"
+  idle "$@" || { kill -CONT "$@" && return 1; }
+}
+
 # The database's process for the client stands still while the controller makes twenty commands, which takes much
 # longer than the plant waits for a frame, or for a new command. True: the plant missed the latter, never the former.
 stalled_in_peace() {
-  local n frames commands taken pids
+  local n frames commands taken
   frames=$(count 'no command frame' apc-plant.log) commands=$(count 'no new command' apc-plant.log)
   taken=$(count 'plant takes commands' apc-plant.log)
-  pids=$(sql "SELECT pid FROM pg_stat_activity WHERE application_name = 'apc-client' AND datname = current_database()")
+  mapfile -t pids < <(sql "SELECT pid FROM pg_stat_activity WHERE application_name = 'apc-client' AND datname = current_database()")
   n=$(rows actuator)
-  # shellcheck disable=SC2086
-  kill -STOP $pids
+  until_true 20 stop "${pids[@]}"
   until_true 60 more_rows actuator $((n + 20))
-  # shellcheck disable=SC2086
-  kill -CONT $pids
+  kill -CONT "${pids[@]}"
   n=$(count 'no command frame' apc-plant.log)
   until_true 30 more 'plant takes commands' apc-plant.log "$taken"
   [ "$n" = "$frames" ] && [ "$(count 'no new command' apc-plant.log)" -gt "$commands" ]
