@@ -5,17 +5,43 @@
 set -euo pipefail
 apc=$APC_BIN/apc
 work=$(mktemp -d "${TMPDIR:-/tmp}/apc-system.XXXXXX")
-children=()
 segment= # in shared memory, of the test that uses one
 
+# in_background [PID]: those that still run, by this shell's own list: the number of one that ended may be another's by now
+in_background() { jobs -rp | grep -x "${1:-.*}"; }
+
+# gone SECONDS PID...: wait until none of them runs any more. Who then still does is told of, and ended.
+gone() {
+  local deadline=$((SECONDS + $1)) one status=0
+  shift
+  for one in "$@"; do
+    while in_background "$one" >/dev/null; do
+      if [ $SECONDS -ge $deadline ]; then
+        echo "FAILED: this does not end:" >&2
+        ps -L -o pid,tid,stat,wchan:24,etimes,args -p "$one" >&2 || true
+        kill -KILL "$one" 2>/dev/null || true
+        status=1
+        break
+      fi
+      read -rt 0.05 <> <(:) || true
+    done
+  done
+  return $status
+}
+
+# wait PID...: as the shell's own, but not for ever
+wait() {
+  gone 300 "$@" || exit 1
+  builtin wait "$@"
+}
+
 finish() {
-  local status=$?
-  for pid in ${children[@]+"${children[@]}"}; do
+  local status=$? left
+  mapfile -t left < <(in_background)
+  for pid in "${left[@]}"; do
     kill -TERM "$pid" 2>/dev/null && kill -CONT "$pid" 2>/dev/null || true
   done
-  for pid in ${children[@]+"${children[@]}"}; do
-    wait "$pid" 2>/dev/null || true
-  done
+  gone 60 "${left[@]}" || status=1
   if [ $status -ne 0 ] && [ $status -ne 77 ]; then
     for log in "$work"/*.log "$work"/*/*.log; do
       [ -f "$log" ] && echo "--- $log" && tail -n 15 "$log"
@@ -51,9 +77,12 @@ expect() {
   grep -Eq -- "$pattern" <<<"$output" || fail "no \"$pattern\" in the output of $*: $output"
 }
 
-# sql QUERY: the answer, unadorned.
+# sql QUERY: the answer, unadorned. A database that does not answer is told of.
 sql() {
-  psql -XAtqc "$1"
+  local status=0
+  timeout 120 psql -XAtqc "$1" || status=$?
+  [ $status -ne 124 ] || echo "no answer within 120 s: $1" >>"$work/sql.log"
+  return $status
 }
 
 # free_port: one that no other test of this build is given for a while, also where it listens only later
@@ -78,7 +107,6 @@ background() {
   shift
   "$@" >>"$work/$name.log" 2>&1 &
   pid=$!
-  children+=("$pid")
 }
 
 # run_until CONDITION ARGUMENT...: apc run, as long as it takes for a condition (words) to come true, and Ctrl-C

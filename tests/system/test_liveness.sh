@@ -111,7 +111,6 @@ mkfifo "$work/deaf"
 exec 7<>"$work/deaf"
 "$APC_BIN/apc-controller" --config "$work/fast.conf" --law "$work/law.so" --log-level debug 2>"$work/deaf" &
 deaf=$!
-children+=("$deaf")
 until_true 20 read -rt 0.2 -n 1 -u 7 line
 head -c 100000 /dev/zero | tr '\0' '\n' >&7 & # until the pipe is full
 filler=$!

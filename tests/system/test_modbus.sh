@@ -14,6 +14,7 @@ grep -q 'modbus:127' "$work/modbus.conf" || fail "the experiment has no link"
 listens() { (exec 3<>"/dev/tcp/127.0.0.1/$port"); }
 plant() {
   background plant env PYTHONPATH="$peers" python3 "$APC_SOURCE_DIR/tests/peers/modbus_plant.py" "$port"
+  server=$pid
   until_true 20 listens
 }
 plant
@@ -41,7 +42,7 @@ before=$(wc -l <"$log")
 said() { tail -n "+$((before + 1))" "$log" | grep -o 'plant lost, trying again\|plant connected'; }
 # one that comes and goes too often, on a busy machine, is told of by the minute
 is() { [ "$(grep -oE '(plant|plant still|; now) (lost|connected)' "$log" | tail -n 1 | sed 's/.* //')" = "$1" ]; }
-kill -KILL "${children[0]}"
+kill -KILL "$server"
 until_true 90 is lost
 plant
 until_true 90 is connected

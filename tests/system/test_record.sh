@@ -52,7 +52,6 @@ expect 1 'ticks\.db: No such file or directory: a run of a former version' "$apc
 
 "$apc" run "$work/fast.conf" --law "$mylaw" --duration 0 --no-ui --out "$work/live" >"$work/live.log" 2>&1 &
 run=$!
-children+=("$run")
 store=$work/live
 rows() { "$apc" history "$1" --last 100000 --csv --store "$store" 2>/dev/null | tail -n +2 | wc -l; }
 more_rows() { [ "$(rows "$1")" -gt "$2" ]; }
@@ -102,7 +101,6 @@ start=$(sed -n 's/^start = "\(.*\)".*/\1/p' "$work/live/record.conf")
 
 "$apc" run "$work/fast.conf" --duration 0 --no-ui --out "$work/killed" >"$work/killed.log" 2>&1 &
 run=$!
-children+=("$run")
 store=$work/killed
 until_true 20 more_rows u 3
 # as long as it goes on its memory is its own, whoever asks for it

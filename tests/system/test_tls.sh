@@ -75,11 +75,12 @@ expect 1 'identity "/nowhere" cannot be read: No such file' "$APC_BIN/apc-plant"
 expect 1 'is of a link tls:HOST:PORT' "$apc" simulate <(sed 's|link = "tls:|link = "tcp:|' "$work/fast.conf")
 expect 1 'must be names in double quotes' "$apc" simulate <(sed 's|clients = \["client"\]|clients = [1]|' "$work/fast.conf")
 background plant2 "$APC_BIN/apc-plant" --config "$work/fast.conf" --client stranger
+plant=$pid
 background stranger2 env APC_STORE="sqlite:$work/stranger.db" "$APC_BIN/apc-client" --config "$work/fast.conf" --identity "$work/certs/stranger.pem"
 connected() { [ "$(awk -v p="$(printf ':%04X' "$port")" '$3 ~ p && $4 == "01"' /proc/net/tcp | wc -l)" = 1 ]; }
 until_true 60 connected
-kill -TERM "${children[@]: -2}"
-wait "${children[@]: -2}" || true
+kill -TERM "$plant" "$pid"
+wait "$plant" "$pid" || true
 
 # the containers' way: each has its own key and nobody the authority's, and what makes the plant healthy there is a server that lives
 mkdir "$work"/apc-{authority,plant,client}

@@ -109,13 +109,11 @@ echo nonsense >>"$work/users"
 said() { [ -n "$(sql "SELECT 1 FROM apc.event WHERE kind = 'access' AND text LIKE '%$1%' LIMIT 1")" ]; }
 until_true 10 said 'NAME:observer or operator:HASH'
 "$APC_BUILD_DIR/tests/ui_probe" --watch "$APC_UI_SECURE" anna operator123 >"$work/kept.log" 2>&1 &
-children+=($!)
 until_true 10 grep -q 'hello' "$work/kept.log"
 mv "$work/kept" "$work/users"
 
 # a user who is taken away loses the session he has
 "$APC_BUILD_DIR/tests/ui_probe" --watch "$APC_UI_SECURE" otto observer123 >"$work/watch.log" 2>&1 &
-children+=($!)
 watch=$!
 until_true 10 grep -q 'hello' "$work/watch.log"
 "$apc" user remove otto --users "$work/users"
@@ -124,7 +122,6 @@ grep -q 'bye.*session' "$work/watch.log" || fail "the stream of a removed user w
 
 # the file of users goes: so does everybody
 "$APC_BUILD_DIR/tests/ui_probe" --watch "$APC_UI_LOGIN" anna operator123 >"$work/gone.log" 2>&1 &
-children+=($!)
 watch=$!
 until_true 10 grep -q 'hello' "$work/gone.log"
 mv "$work/users" "$work/away"
@@ -196,7 +193,6 @@ fi
 # they end cleanly, also with streams open, and `apc run` serves the page by itself
 "$APC_BUILD_DIR/tests/ui_probe" --watch "$APC_UI_SECURE" anna operator123 >"$work/last.log" 2>&1 &
 watch=$!
-children+=("$watch")
 until_true 10 grep -q 'hello' "$work/last.log"
 for server in "${servers[@]}"; do
   kill -TERM "$server"
