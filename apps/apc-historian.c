@@ -67,7 +67,7 @@ struct shell {
         struct lag_watch lag;
         bool scarce;
         int refused;
-        uint64_t gaps, rows;
+        uint64_t gaps, rows, events, timing;
     } told;
 };
 
@@ -262,6 +262,20 @@ static void tell_gap(struct shell *s, const struct report *r)
     s->told.gaps = r->stats.gap.times;
 }
 
+static void tell_lost(struct shell *s, const struct apc_forward_stats *stats)
+{
+    if (stats->lost.events > s->told.events)
+        daemon_event(&s->d, APC_EVENT_ALARM, "history",
+                     "the record has a gap: up to %llu events were overwritten before the history had them",
+                     (unsigned long long)(stats->lost.events - s->told.events));
+    if (stats->lost.timing > s->told.timing)
+        daemon_event(&s->d, APC_EVENT_WARNING, "history",
+                     "up to %llu rows of timing were overwritten before the history had them",
+                     (unsigned long long)(stats->lost.timing - s->told.timing));
+    s->told.events = stats->lost.events;
+    s->told.timing = stats->lost.timing;
+}
+
 static int on_tick(void *ctx, const struct apc_tick *tick)
 {
     struct shell *s = ctx;
@@ -283,6 +297,7 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
     }
     tell_asked(s, asked, why);
     tell_gap(s, &r);
+    tell_lost(s, &r.stats);
     tell_lag(s, &r, now);
     tell_room(s, &r, now);
     return 0;

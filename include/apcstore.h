@@ -407,6 +407,10 @@ struct apc_forward_stats {
         uint64_t times, rows; /**< so many variables, each time that it was found; so many seqs in all */
         apc_ns since, until;  /**< source time of the rows before the oldest and after the newest of them */
     } gap;
+    struct {
+        uint64_t events, timing;
+    } lost; /**< so many of these were overwritten in FROM before their turn came; at most, if nothing is left
+                 there of what TO had at the start */
 };
 
 /**

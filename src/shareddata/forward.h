@@ -21,6 +21,7 @@ struct apc_forward_variable {
 /* How far events, or timing rows, have come. */
 struct apc_forward_cursor {
     int64_t number; /* all up to it have been moved */
+    bool begun;     /* it is known */
     bool doubtful;  /* those above it may be there */
 };
 
@@ -54,6 +55,7 @@ struct apc_forward {
     bool there[APC_FORWARD_EVENTS + 1]; /* of either: TO has it; one more for what is not in the batch */
     size_t records;
     int64_t number; /* the highest of those that stream */
+    int64_t found;  /* the highest of those that TO had already */
     int failed;     /* why the stream was ended */
     struct apc_forward_cursor events, timing;
 };

@@ -50,6 +50,11 @@ static struct apc_range span(apc_ns first, apc_ns last)
     return (struct apc_range){.since = first, .until = last < INT64_MAX - 1000 ? last + 1000 : 0};
 }
 
+static void see_number(int64_t *highest, int64_t number)
+{
+    *highest = number > *highest ? number : *highest;
+}
+
 /* The batch has been appended, or could not be. */
 static int end_batch(struct apc_forward *f, uint64_t *of, int stored)
 {
@@ -76,7 +81,9 @@ static int flush_events(struct apc_forward *f)
         rc = apc_store_events(f->to, &range, mark_event, f);
     }
     for (size_t i = 0; i < f->records; i++) {
-        if (!f->there[i]) {
+        if (f->there[i]) {
+            see_number(&f->found, f->event[i].number);
+        } else {
             f->event[new ++] = f->event[i];
         }
     }
@@ -95,16 +102,13 @@ static int flush_timing(struct apc_forward *f)
         rc = apc_store_timing(f->to, &range, mark_timing, f);
     }
     for (size_t i = 0; i < f->records; i++) {
-        if (!f->there[i]) {
+        if (f->there[i]) {
+            see_number(&f->found, f->timing_row[i].number);
+        } else {
             rows[new ++] = f->timing_row[i];
         }
     }
     return end_batch(f, &f->stats.timing, rc < 0 ? rc : apc_store_append_timing(f->to, rows, new));
-}
-
-static void see_number(struct apc_forward *f, int64_t number)
-{
-    f->number = number > f->number ? number : f->number;
 }
 
 /* Two that are alike stay in one batch: else the second would find the first one's copy. */
@@ -117,7 +121,7 @@ static int take_event(void *ctx, const struct apc_event *e)
         return 1;
     }
     f->event[f->records++] = *e;
-    see_number(f, e->number);
+    see_number(&f->number, e->number);
     return 0;
 }
 
@@ -146,29 +150,25 @@ static int take_timing(void *ctx, const struct apc_timing_row *row)
     to->bin_low = bins;
     to->bin_high = bins + n;
     to->bin_count = bins + 2 * n;
-    see_number(f, row->number);
+    see_number(&f->number, row->number);
     return 0;
 }
 
-/* All that have come since the last time, as `give` streams them. */
-static int move_records(struct apc_forward *f, struct apc_forward_cursor *c,
-                        int (*give)(struct apc_forward *f, const struct apc_range *range),
-                        int (*flush)(struct apc_forward *f))
-{
-    const struct apc_range range = {.after = c->number};
-    f->records = 0;
-    f->number = c->number;
-    f->failed = 0;
-    const int given = give(f, &range);
-    if (f->failed == 0 && given < 0) {
-        f->failed = apc_forward_fail_from(f, given);
-    }
-    if (f->failed == 0 && flush(f) == 0) {
-        c->number = f->number;
-    }
-    c->doubtful = f->failed < 0; /* some of them may have been moved */
-    return f->failed;
-}
+/* ---- Both ----------------------------------------------------------------------------------- */
+
+struct count {
+    int64_t until; /* of which number */
+    int64_t n;
+};
+
+/* What differs between events and timing rows. */
+struct kind {
+    struct apc_forward_cursor *cursor;
+    uint64_t *lost;
+    int (*give)(struct apc_forward *f, const struct apc_range *range);
+    int (*flush)(struct apc_forward *f);
+    int (*count)(struct apc_store *store, const struct apc_range *range, struct count *c);
+};
 
 static int give_events(struct apc_forward *f, const struct apc_range *range)
 {
@@ -180,8 +180,81 @@ static int give_timing(struct apc_forward *f, const struct apc_range *range)
     return apc_store_timing(f->from, range, take_timing, f);
 }
 
+static int count_event(void *ctx, const struct apc_event *e)
+{
+    struct count *c = (struct count *)ctx;
+    c->n += e->number <= c->until;
+    return 0;
+}
+
+static int count_events(struct apc_store *store, const struct apc_range *range, struct count *c)
+{
+    return apc_store_events(store, range, count_event, c);
+}
+
+static int count_row(void *ctx, const struct apc_timing_row *row)
+{
+    struct count *c = (struct count *)ctx;
+    c->n += row->number <= c->until;
+    return 0;
+}
+
+static int count_timing(struct apc_store *store, const struct apc_range *range, struct count *c)
+{
+    return apc_store_timing(store, range, count_row, c);
+}
+
+/* After a start: how many FROM has above the last one that TO had, where it had any at all; of what was
+ * before a history began it has no gap. */
+static int begin_to_count(struct apc_forward *f, const struct kind *k, bool had)
+{
+    const struct apc_range above = {.after = f->found};
+    struct count held = {.until = f->number};
+    const int rc = had ? k->count(f->from, &above, &held) : 0;
+    if (rc < 0) {
+        return apc_forward_fail_from(f, rc);
+    }
+    *k->lost += had ? (uint64_t)(f->number - f->found - held.n) : 0;
+    k->cursor->begun = true;
+    return 0;
+}
+
+/* All that have come since the last time. */
+static int move_records(struct apc_forward *f, const struct kind *k)
+{
+    struct apc_forward_cursor *c = k->cursor;
+    const struct apc_range range = {.after = c->number}, newest = {.last = 1};
+    const bool numbers = f->from->ops->numbers;
+    struct count had = {.until = INT64_MAX};
+    const int asked = numbers && !c->begun ? k->count(f->to, &newest, &had) : 0;
+    if (asked < 0) {
+        return apc_forward_fail_to(f, asked);
+    }
+    f->records = 0;
+    f->number = c->number;
+    f->found = 0;
+    f->failed = 0;
+    const int given = k->give(f, &range);
+    if (f->failed == 0 && given < 0) {
+        f->failed = apc_forward_fail_from(f, given);
+    }
+    if (f->failed == 0) {
+        k->flush(f);
+    }
+    if (f->failed == 0 && numbers && !c->begun) {
+        f->failed = begin_to_count(f, k, had.n > 0);
+    } else if (f->failed == 0 && numbers) {
+        *k->lost += (uint64_t)(f->number - c->number - given);
+    }
+    c->number = f->failed == 0 ? f->number : c->number;
+    c->doubtful = f->failed < 0; /* some of them may have been moved */
+    return f->failed;
+}
+
 int apc_forward_records(struct apc_forward *f)
 {
-    const int rc = move_records(f, &f->events, give_events, flush_events);
-    return rc == 0 ? move_records(f, &f->timing, give_timing, flush_timing) : rc;
+    const struct kind events = {&f->events, &f->stats.lost.events, give_events, flush_events, count_events};
+    const struct kind timing = {&f->timing, &f->stats.lost.timing, give_timing, flush_timing, count_timing};
+    const int rc = move_records(f, &events);
+    return rc == 0 ? move_records(f, &timing) : rc;
 }

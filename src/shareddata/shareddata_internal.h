@@ -40,6 +40,7 @@ struct apc_store {
 struct apc_store_ops {
     const char *scheme; /* with the colon */
     bool spreads;       /* it writes the mode of all to each loop by itself */
+    bool numbers;       /* its events, and its timing rows, are numbered as they come, none is left out */
     int (*open)(struct apc_store **store, const char *uri, const struct apc_store_config *config,
                 struct apc_error *why);
     void (*close)(struct apc_store *store);

@@ -286,6 +286,7 @@ static int count_from(struct apc_store *store, int64_t first)
 
 const struct apc_store_ops apc_shm_store = {
     .scheme = "shm:",
+    .numbers = true,
     .open = apc_shm_open,
     .close = apc_shm_close,
     .connected = connected,

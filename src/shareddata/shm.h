@@ -139,8 +139,8 @@ struct apc_shm_timing {
 
 /* ---- A handle -------------------------------------------------------------------------------- */
 
-/** A ring of records: each a mark, 1 + its ordinal, its place among the records of all rings, and then its
- * words, of which the first is its time. */
+/** A ring of records: each a mark, 1 + its ordinal, its place among all events, or among all timing rows, and
+ * then its words, of which the first is its time. */
 struct apc_shm_log {
     apc_word *record;
     size_t words; /* of a record with its mark */

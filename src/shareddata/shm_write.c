@@ -383,8 +383,8 @@ void apc_shm_write_record(struct apc_shm_write *w, enum apc_shm_log_name name, c
     struct apc_shm_counters *counters = apc_shm_count(w);
     struct apc_shm_ends *ends = &counters->log[name];
     apc_word *at = log->record + (size_t)(ends->head % log->capacity) * log->words;
-    uint64_t arrival = 0;
-    for (size_t i = 0; i < APC_SHM_LOGS; i++) {
+    uint64_t arrival = name == APC_SHM_TIMING ? ends->head : 0;
+    for (size_t i = APC_SHM_EVENTS; name != APC_SHM_TIMING && i < APC_SHM_TIMING; i++) {
         arrival += counters->log[i].head;
     }
     apc_word_put(&at[0], 0);

@@ -353,6 +353,76 @@ static void test_what_was_overwritten_before_its_turn_is_told(void **state)
     live_drop(live);
 }
 
+static int count_event(void *ctx, const struct apc_event *e)
+{
+    (void)e;
+    return ++*(int *)ctx < 0;
+}
+
+static int count_row(void *ctx, const struct apc_timing_row *row)
+{
+    (void)row;
+    return ++*(int *)ctx < 0;
+}
+
+/* Events of both kinds and timing rows, number @p from to @p to; more than a MiB holds. Returns how many it
+ * holds. */
+static int flood(struct apc_store *live, int from, int to, int *timing_rows)
+{
+    int events = 0;
+    *timing_rows = 0;
+    for (int i = from; i <= to; i++) {
+        append_event(live, i, i % 3 == 0 ? "link" : "start");
+        append_timing(live, i);
+    }
+    ok(live, apc_store_events(live, NULL, count_event, &events));
+    ok(live, apc_store_timing(live, NULL, count_row, timing_rows));
+    return events;
+}
+
+static void assert_lost(struct apc_forward *f, int events, int timing_rows)
+{
+    struct apc_forward_stats stats = {.size = sizeof stats};
+    assert_true(step(f) >= 0);
+    apc_forward_stats(f, &stats);
+    assert_int_equal(stats.lost.events, events);
+    assert_int_equal(stats.lost.timing, timing_rows);
+}
+
+static void test_events_and_timing_that_were_overwritten_before_their_turn_are_counted(void **state)
+{
+    struct apc_store *live = live_make(1), *fresh = open_uri("mem:fresh", "fresh");
+    int timing_rows, events;
+    append_event(live, 1, "start");
+    append_timing(live, 1);
+    struct apc_forward *f = begin(live, *state);
+    assert_lost(f, 0, 0);
+    events = flood(live, 2, 101, &timing_rows);
+    assert_true(events < 100 && timing_rows < 100);
+    assert_lost(f, 100 - events, 100 - timing_rows);
+    append_event(live, 102, "start");
+    assert_lost(f, 100 - events, 100 - timing_rows);
+    apc_forward_destroy(f);
+    f = begin(live, *state); /* all that is there is known */
+    assert_lost(f, 0, 0);
+    apc_forward_destroy(f);
+
+    events = flood(live, 103, 302, &timing_rows); /* while nobody moves anything */
+    f = begin(live, *state); /* which of the others are there cannot be known: at most so many are not */
+    assert_lost(f, 302 - events, 301 - timing_rows);
+    assert_lost(f, 302 - events, 301 - timing_rows);
+    apc_forward_destroy(f);
+
+    ok(fresh, apc_store_init(fresh)); /* a history that begins here has no gap */
+    f = begin(live, fresh);
+    assert_lost(f, 0, 0);
+    append_event(live, 303, "start");
+    assert_lost(f, 0, 0);
+    apc_forward_destroy(f);
+    apc_store_close(fresh);
+    live_drop(live);
+}
+
 static void test_how_much_room_is_left_is_told_before_it_is_used_up(void **state)
 {
     struct apc_store *live = live_make(1);
@@ -773,6 +843,7 @@ int main(void)
         T(test_what_is_there_already_is_not_stored_again),
         T(test_events_that_are_alike_are_all_moved),
         T(test_what_was_overwritten_before_its_turn_is_told),
+        T(test_events_and_timing_that_were_overwritten_before_their_turn_are_counted),
         T(test_how_much_room_is_left_is_told_before_it_is_used_up),
         T(test_another_experiments_record_is_left_alone),
         T(test_a_record_that_is_newer_is_left_alone),
