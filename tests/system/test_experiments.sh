@@ -110,7 +110,7 @@ awk -F, '$2 == "sensor" && $1 >= 200 && $1 < 400 {
 # where an experiment begins at a steady state, nothing moves before the controller acts
 awk -F, '$2 == "sensor" && $1 <= 0.5 { r = $3 == 1 ? 6.1315 : 6.3915; if ($5 < r - 1e-3 || $5 > r + 1e-3) exit 1; n++ }
   END { if (n < 4) exit 1 }' "$work/quadruple-tank.csv" || fail "the quadruple tank does not begin at rest"
-awk -F, '$2 == "sensor" && $1 <= 0.5 { h = $3 == 1 ? 0.17918 : 0.12707; if ($5 < h - 1e-4 || $5 > h + 1e-4) exit 1; n++ }
+awk -F, '$2 == "sensor" && $1 <= 0.2 { h = $3 == 1 ? 0.17918 : 0.12707; if ($5 < h - 1e-4 || $5 > h + 1e-4) exit 1; n++ }
   END { if (n < 4) exit 1 }' "$work/double-tank.csv" || fail "the double tank does not begin at rest"
 
 # the reactors rest where they were computed to
