@@ -35,8 +35,10 @@ static const struct argp_option option_list[] = {
     {"disturbances", OPT_DISTURBANCES, "NAMES", 0, "What went in as well, and was measured, not moved", 0},
     {"outputs", OPT_OUTPUTS, "NAMES", 0, "What is to be predicted; of a run folder: all measurements", 0},
     {"period", OPT_PERIOD, "S", 0, "Time from sample to sample; default: that of the first output", 0},
-    {"from", OPT_FROM, "S", 0, "Use the record from that time on", 0},
-    {"to", OPT_TO, "S", 0, "Use the record up to that time", 0},
+    {"from", OPT_FROM, "TIME", 0,
+     "Use the record from that time on: in s; of a store RFC 3339, or before now, as -30s, -10m, -2h, -1d",
+     0},
+    {"to", OPT_TO, "TIME", 0, "Use the record up to that time", 0},
     {"share", OPT_SHARE, "X", 0, "Fit to the first X of the record, 0.67 of it, and validate on the rest", 0},
     {"validate", OPT_VALIDATE, "FILE", 0, "Fit to all of the record, and validate on another one", 0},
     {"model", OPT_MODEL, "KIND", 0,
@@ -106,10 +108,10 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         wish->period = parse_number(state, "period", arg, 1e-6, 1e6);
         break;
     case OPT_FROM:
-        wish->from = parse_number(state, "from", arg, -1e15, 1e15);
+        own->from = arg;
         break;
     case OPT_TO:
-        wish->to = parse_number(state, "to", arg, 1e-9, 1e15);
+        own->to = arg;
         break;
     case OPT_SHARE:
         own->share = parse_number(state, "share", arg, 0.1, 0.9);
@@ -153,11 +155,12 @@ static error_t parse(int key, char *arg, struct argp_state *state)
 static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
-    .args_doc = "RUN|FILE.csv",
+    .args_doc = "RUN|STORE|FILE.csv",
     .doc =
-        "Find models of a plant in its record: run folder RUN, or CSV with a name above each column, one of "
-        "them "
-        "\"time\" in s. They are transfer functions of first or second order with dead time, difference "
+        "Find models of a plant in its record: run folder RUN, what STORE has, named by its URI, or CSV with "
+        "a "
+        "name above each column, one of them \"time\" in s. They are transfer functions of first or second "
+        "order with dead time, difference "
         "equations (arx), a state space (subspace) and finite impulse responses (fir). Each is fitted to the "
         "first part of the record and judged by what it says of the rest: how well it fits running freely, "
         "and whether its errors are white and have nothing of the inputs in them.",
@@ -339,6 +342,24 @@ static int spare_files(const struct identification *z)
 
 /* ---- The command --------------------------------------------------------------------------------------- */
 
+/* The window, in seconds of a file or in time of a store. */
+static int take_window(struct identification *z)
+{
+    struct identify_wish *wish = &z->own.wish;
+
+    wish->from = -HUGE_VAL;
+    if (identify_is_store(z->cli.args[0])) {
+        const int rc = cli_time(&z->cli, "from", z->own.from, &wish->since);
+        return rc == EXIT_OK ? cli_time(&z->cli, "to", z->own.to, &wish->until) : rc;
+    }
+    if (z->own.from && apc_number_parse(z->own.from, &wish->from) < 0)
+        return cli_usage(&z->cli, "--from \"%s\": must be in s, as the record's own times are", z->own.from);
+    if (z->own.to && (apc_number_parse(z->own.to, &wish->to) < 0 || !(wish->to > 0.0)))
+        return cli_usage(&z->cli, "--to \"%s\": must be in s, as the record's own times are, above 0",
+                         z->own.to);
+    return EXIT_OK;
+}
+
 static int read_all(struct identification *z)
 {
     struct apc_error why;
@@ -346,7 +367,9 @@ static int read_all(struct identification *z)
 
     if (rc == 0 && z->own.validate) {
         z->own.wish.period = z->data.record.Ts;
-        z->own.wish.from = z->own.wish.to = 0.0;
+        z->own.wish.from = -HUGE_VAL;
+        z->own.wish.to = 0.0;
+        z->own.wish.since = z->own.wish.until = 0;
         rc = identify_read(&z->other, z->own.validate, &z->own.wish, &why);
     }
     return rc < 0 ? cli_error(&z->cli, rc, "%s", why.text) : EXIT_OK;
@@ -363,7 +386,9 @@ int command_identify(int argc, char **argv)
     }
     z->own = (struct identify_options){.share = 0.67, .kind = KINDS};
     cli_parse(&z->cli, &spec, &z->own, argc, argv);
-    rc = spare_files(z);
+    rc = take_window(z);
+    if (rc == EXIT_OK)
+        rc = spare_files(z);
     if (rc == EXIT_OK)
         rc = read_all(z);
     if (rc == EXIT_OK)

@@ -17,7 +17,8 @@ struct identify_wish {
     char *input[IDENTIFY_SIGNALS], *output[IDENTIFY_SIGNALS];
     size_t inputs, disturbances, outputs; /* disturbances are the last of the inputs */
     double period;                        /* s; 0: that of the first output */
-    double from, to;                      /* s; to 0: all */
+    double from, to;                      /* s, of files; to 0: all */
+    apc_ns since, until;                  /* UTC, of stores; 0: all */
 };
 
 struct identify_data {
@@ -30,10 +31,12 @@ struct identify_data {
     double *memory;
 };
 
+/* Is it the URI of a store, and no file? */
+bool identify_is_store(const char *file);
 /*
- * Read a run folder, or CSV with a name in each column, one of them "time" in s. Inputs are held until the
- * next one, also where they are Bad; measurements that are not Good or Uncertain, or not there, are missing.
- * Returns 0 or a negative error with FILE in why; identify_data_free() in either case.
+ * Read a run folder, what a store has, or CSV with a name in each column, one of them "time" in s. Inputs are
+ * held until the next one, also where they are Bad; measurements that are not Good or Uncertain, or not
+ * there, are missing. Returns 0 or a negative error with FILE in why; identify_data_free() in either case.
  */
 int identify_read(struct identify_data *data, const char *file, const struct identify_wish *wish,
                   struct apc_error *why);
@@ -56,7 +59,7 @@ enum identify_kind { TRANSFER, ARX, SUBSPACE, FIR, KINDS };
 
 struct identify_options {
     struct identify_wish wish;
-    const char *validate, *output, *figure;
+    const char *from, *to, *validate, *output, *figure;
     double share; /* of the record that is fitted to */
     int kind;     /* KINDS: all, and the best of them */
     unsigned order;

@@ -1,299 +1,15 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Records from files: first the values of each signal by their times, then a grid laid over them. */
-#include "identify.h"
+/* Records: a grid laid over the values of each signal. */
+#include "identify_series.h"
 
-#include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 
-#define COLUMNS_MOST 256
 #define SAMPLES_MOST 1000000
 #define PARTS        10   /* of the median interval that are tried as the period */
 #define ALIKE        0.25 /* of a period is how far a sample may be from the grid */
-
-struct series {
-    const char *name; /* NULL: not given */
-    char own[APC_TAG_LEN];
-    double *t, *value; /* NAN: Bad */
-    size_t n, room;
-};
-
-struct reading {
-    const char *file;
-    const struct identify_wish *wish;
-    struct series input[IDENTIFY_SIGNALS], output[IDENTIFY_SIGNALS];
-    size_t inputs, outputs;
-    struct apc_error *why;
-};
-
-static bool grow(double **at, size_t room)
-{
-    double *more = reallocarray(*at, room, sizeof **at);
-
-    if (more)
-        *at = more;
-    return more != NULL;
-}
-
-static int add(struct reading *r, struct series *s, double t, double value)
-{
-    if (s->n == s->room) {
-        const size_t room = s->room ? 2 * s->room : 1024;
-
-        if (!grow(&s->t, room) || !grow(&s->value, room))
-            return apc_fail(r->why, APC_ENOMEM, "out of memory");
-        s->room = room;
-    }
-    s->t[s->n] = t;
-    s->value[s->n++] = value;
-    return 0;
-}
-
-/* The next field of a line, without quotes and blanks around it. */
-static char *field(char **rest)
-{
-    char *at = strsep(rest, ",");
-
-    if (!at)
-        return NULL;
-    at += strspn(at, " \t\"");
-    at[strcspn(at, "\"\r\n")] = '\0';
-    for (size_t n = strlen(at); n > 0 && strchr(" \t", at[n - 1]); n--)
-        at[n - 1] = '\0';
-    return at;
-}
-
-static FILE *open_file(struct reading *r, const char *path)
-{
-    FILE *in = fopen(path, "re");
-
-    if (!in)
-        apc_fail(r->why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s", path, strerror(errno));
-    return in;
-}
-
-static bool within(const struct reading *r, double t)
-{
-    return t >= r->wish->from && (r->wish->to <= 0.0 || t <= r->wish->to);
-}
-
-/* ---- CSV with names -------------------------------------------------------------------------------- */
-
-static int name_columns(struct reading *r, char *line, struct series **column, size_t *time)
-{
-    char *rest = line, *name;
-    size_t n = 0;
-
-    *time = COLUMNS_MOST;
-    for (; (name = field(&rest)); n++) {
-        if (n == COLUMNS_MOST)
-            return apc_fail(r->why, APC_EINVAL, "%s:1: more than %d columns", r->file, COLUMNS_MOST);
-        column[n] = NULL;
-        if (!strcmp(name, "time") || !strcmp(name, "t"))
-            *time = n;
-        for (size_t i = 0; i < r->inputs; i++)
-            column[n] = !strcmp(name, r->input[i].name) ? &r->input[i] : column[n];
-        for (size_t i = 0; i < r->outputs; i++)
-            column[n] = !strcmp(name, r->output[i].name) ? &r->output[i] : column[n];
-    }
-    for (size_t i = 0; i < r->inputs + r->outputs; i++) {
-        const struct series *s = i < r->inputs ? &r->input[i] : &r->output[i - r->inputs];
-        size_t c = 0;
-
-        while (c < n && column[c] != s)
-            c++;
-        if (c == n)
-            return apc_fail(r->why, APC_ENOTFOUND, "%s:1: there is no column \"%s\"", r->file, s->name);
-    }
-    if (*time == COLUMNS_MOST && r->wish->period <= 0.0)
-        return apc_fail(r->why, APC_EINVAL,
-                        "%s:1: there is no column \"time\", in s: --period S says how far apart the rows are",
-                        r->file);
-    return 0;
-}
-
-static int read_row(struct reading *r, char *line, struct series **column, size_t time, size_t row)
-{
-    double t = (double)row * r->wish->period, value[COLUMNS_MOST];
-    char *rest = line, *text;
-    size_t n = 0;
-    int rc = 0;
-
-    for (; n < COLUMNS_MOST && (text = field(&rest)); n++) {
-        value[n] = (double)NAN;
-        if ((column[n] || n == time) && apc_number_parse(text, &value[n]) < 0) {
-            if (n == time || (*text && strcasecmp(text, "nan") != 0))
-                return apc_fail(r->why, APC_EPROTO,
-                                "%s:%zu: \"%.40s\" is no number; what is missing is empty or NaN", r->file,
-                                row + 2, text);
-            value[n] = (double)NAN;
-        }
-    }
-    if (time < n)
-        t = value[time];
-    for (size_t i = 0; i < n && rc == 0; i++) {
-        struct series *s = column[i];
-
-        if (s && s->n > 0 && !(t > s->t[s->n - 1]))
-            return apc_fail(r->why, APC_EPROTO, "%s:%zu: the time %g s is not after that of the row before",
-                            r->file, row + 2, t);
-        if (s && within(r, t))
-            rc = add(r, s, t, value[i]);
-    }
-    return rc;
-}
-
-static int read_csv(struct reading *r)
-{
-    struct series *column[COLUMNS_MOST];
-    char *line = NULL;
-    size_t size = 0, time = COLUMNS_MOST, row = 0;
-    FILE *in = open_file(r, r->file);
-    int rc = 0;
-
-    if (!in)
-        return APC_ENOTFOUND;
-    if (r->inputs == 0 || r->outputs == 0)
-        rc = apc_fail(r->why, APC_EINVAL, "%s: --inputs and --outputs must name columns", r->file);
-    else if (getline(&line, &size, in) < 0)
-        rc = apc_fail(r->why, APC_EPROTO, "%s: it is empty", r->file);
-    else
-        rc = name_columns(r, line, column, &time);
-    while (rc == 0 && getline(&line, &size, in) >= 0) {
-        if (line[strspn(line, " \t\r\n")])
-            rc = read_row(r, line, column, time, row);
-        row++;
-    }
-    free(line);
-    fclose(in);
-    return rc;
-}
-
-/* ---- Run folders ----------------------------------------------------------------------------------- */
-
-/* What a table and an id of the run are to us: the wished-for signals of that name, or all of the table. */
-struct known {
-    enum apc_table table;
-    int id;
-    char name[APC_TAG_LEN];
-};
-
-static int read_known(struct reading *r, struct known *known, size_t *n)
-{
-    char path[600], *line = NULL;
-    size_t size = 0;
-    FILE *in;
-
-    *n = 0;
-    snprintf(path, sizeof path, "%.560s/signals.csv", r->file);
-    in = open_file(r, path);
-    if (!in)
-        return APC_ENOTFOUND;
-    while (*n < COLUMNS_MOST && getline(&line, &size, in) >= 0) {
-        char *rest = line, *table = field(&rest), *id = field(&rest), *name = field(&rest);
-
-        if (!name || !apc_table_parse(table) || strlen(name) >= APC_TAG_LEN)
-            continue;
-        known[*n].table = apc_table_parse(table);
-        known[*n].id = (int)strtol(id, NULL, 10);
-        snprintf(known[(*n)++].name, sizeof known->name, "%s", name);
-    }
-    free(line);
-    fclose(in);
-    return 0;
-}
-
-/* Of one name an actuator goes before a setpoint, and that before a measurement. */
-static int rank(enum apc_table table)
-{
-    return table == APC_ACTUATOR ? 3 : table == APC_SETPOINT ? 2 : table == APC_SENSOR ? 1 : 0;
-}
-
-static int choose(struct reading *r, struct series *s, const struct known *known, size_t n, bool input,
-                  struct series **of)
-{
-    size_t found = n;
-
-    for (size_t i = 0; i < n; i++) {
-        if (!strcmp(known[i].name, s->name) &&
-            (input ? rank(known[i].table) > 0 : known[i].table == APC_SENSOR) &&
-            (found == n || rank(known[i].table) > rank(known[found].table)))
-            found = i;
-    }
-    if (found == n)
-        return apc_fail(r->why, APC_ENOTFOUND, "%s: there is no %s \"%s\"; signals.csv has what there is",
-                        r->file, input ? "output, setpoint or measurement" : "measurement", s->name);
-    if (of[found])
-        return apc_fail(r->why, APC_EINVAL, "%s: \"%s\" is named twice", r->file, s->name);
-    of[found] = s;
-    return 0;
-}
-
-/* All of a table where none is named. */
-static void take_all(struct series *series, size_t *n, const struct known *known, size_t n_known,
-                     enum apc_table table)
-{
-    for (size_t i = 0; i < n_known && *n < IDENTIFY_SIGNALS; i++) {
-        if (known[i].table != table)
-            continue;
-        snprintf(series[*n].own, sizeof series->own, "%s", known[i].name);
-        series[*n].name = series[*n].own;
-        ++*n;
-    }
-}
-
-static int read_sample(struct reading *r, char *line, const struct known *known, size_t n, struct series **of,
-                       size_t number)
-{
-    char *rest = line, *t = field(&rest), *table = field(&rest), *id = field(&rest), *status = field(&rest),
-         *value = field(&rest);
-    double time, number_of = (double)NAN;
-    apc_status code;
-
-    if (!value || apc_number_parse(t, &time) < 0 || apc_status_parse(status, &code) < 0 ||
-        apc_number_parse(value, &number_of) < 0)
-        return apc_fail(r->why, APC_EPROTO, "%s/samples.csv:%zu: expected time,table,id,status,value",
-                        r->file, number);
-    for (size_t i = 0; i < n; i++) {
-        if (of[i] && known[i].table == apc_table_parse(table) && known[i].id == strtol(id, NULL, 10) &&
-            within(r, time))
-            return add(r, of[i], time, apc_status_severity(code) == APC_BAD ? (double)NAN : number_of);
-    }
-    return 0;
-}
-
-static int read_run(struct reading *r)
-{
-    struct known *known = calloc(COLUMNS_MOST, sizeof *known);
-    struct series *of[COLUMNS_MOST] = {NULL};
-    char path[600], *line = NULL;
-    size_t n = 0, size = 0, number = 1;
-    FILE *in = NULL;
-    int rc = known ? read_known(r, known, &n) : apc_fail(r->why, APC_ENOMEM, "out of memory");
-
-    if (rc == 0 && r->inputs == 0)
-        take_all(r->input, &r->inputs, known, n, APC_ACTUATOR);
-    if (rc == 0 && r->outputs == 0)
-        take_all(r->output, &r->outputs, known, n, APC_SENSOR);
-    for (size_t i = 0; i < r->inputs && rc == 0; i++)
-        rc = choose(r, &r->input[i], known, n, true, of);
-    for (size_t i = 0; i < r->outputs && rc == 0; i++)
-        rc = choose(r, &r->output[i], known, n, false, of);
-    snprintf(path, sizeof path, "%.560s/samples.csv", r->file);
-    if (rc == 0 && !(in = open_file(r, path)))
-        rc = APC_ENOTFOUND;
-    while (rc == 0 && getline(&line, &size, in) >= 0) {
-        if (number++ > 1)
-            rc = read_sample(r, line, known, n, of, number - 1);
-    }
-    if (in)
-        fclose(in);
-    free(line);
-    free(known);
-    return rc;
-}
 
 /* ---- The grid -------------------------------------------------------------------------------------- */
 
@@ -324,7 +40,7 @@ static int find_period(struct reading *r, const struct series *s, double *Ts)
     double *apart = calloc(s->n + 1, sizeof *apart), span, median;
     size_t near = 0;
 
-    *Ts = r->wish->period;
+    *Ts = r->wish->period > 0.0 ? r->wish->period : r->period;
     if (!apart)
         return apc_fail(r->why, APC_ENOMEM, "out of memory");
     for (size_t k = 0; k + 1 < s->n; k++)
@@ -459,11 +175,17 @@ static void close_reading(struct reading *r)
     free(r);
 }
 
+bool identify_is_store(const char *file)
+{
+    struct stat what;
+
+    return file[strcspn(file, ":/")] == ':' && stat(file, &what) != 0;
+}
+
 int identify_read(struct identify_data *data, const char *file, const struct identify_wish *wish,
                   struct apc_error *why)
 {
     struct reading *r = calloc(1, sizeof *r);
-    struct stat what;
     int rc;
 
     *data = (struct identify_data){.memory = NULL};
@@ -478,7 +200,7 @@ int identify_read(struct identify_data *data, const char *file, const struct ide
         r->input[i].name = wish->input[i];
     for (size_t i = 0; i < wish->outputs; i++)
         r->output[i].name = wish->output[i];
-    rc = stat(file, &what) == 0 && S_ISDIR(what.st_mode) ? read_run(r) : read_csv(r);
+    rc = identify_is_store(file) ? identify_read_store(r) : identify_read_files(r);
     if (rc == 0)
         rc = sample(r, data);
     for (size_t i = 0; i < r->inputs && rc == 0; i++)

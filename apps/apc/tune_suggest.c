@@ -35,7 +35,7 @@ struct suggesting {
 static int find_models(struct suggesting *z, struct apc_error *why)
 {
     const struct apc_identify_transfer_options options = {.size = sizeof options};
-    struct identify_wish wish = {.period = 0.0};
+    struct identify_wish wish = {.from = -HUGE_VAL};
     double u0[IDENTIFY_SIGNALS], y0[IDENTIFY_SIGNALS];
     int rc = identify_read(&z->data, z->o->run, &wish, why);
 

@@ -122,6 +122,8 @@ expect 1 'no column "time".*--period' "$apc" identify untimed.csv "${known[@]}"
 expect 0 'one each 0.5 s' "$apc" identify untimed.csv "${known[@]}" --period 0.5 --model transfer
 sed '20s/,[^,]*$/,high/' tank.csv >text.csv
 expect 1 'text.csv:20: "high" is no number' "$apc" identify text.csv "${known[@]}"
+sed '20s/$/,7,8,9/' tank.csv >wide.csv # a row with more fields than names
+expect 0 'taken: transfer' "$apc" identify wide.csv "${known[@]}" --model transfer
 sed '20s/^[^,]*/3/' tank.csv >back.csv
 expect 1 'back.csv:20: the time 3 s is not after' "$apc" identify back.csv "${known[@]}"
 awk -F, -v OFS=, 'NR > 1 { $1 = $1 + 0.2 * sin(NR) } 1' tank.csv >uneven.csv

@@ -116,12 +116,23 @@ until_true 60 is 1
 sed 's/name = "fast"/name = "other"/' "$work/fast.conf" >"$work/other.conf"
 expect 4 'the store is of another plant' "$apc" test "$work/other.conf" --live -o "$work/none"
 expect 1 'nothing would end the test of a live plant: give --guard y=LOW..HIGH' live -o "$work/none"
+begin=$(date -u +%Y-%m-%dT%H:%M:%S.%NZ)
 live --guard y=-20..40 --amplitude 0.5 -d 8 -o "$work/live" >"$work/live.txt" 2>&1 || fail "live: $(cat "$work/live.txt")"
 until_true 20 back
 next=$(sed -n 's/^record: .*; next: apc identify //p' "$work/live.txt")
 # (of a transfer function, where a sample that a busy machine missed is no gap that many others fall into)
 # shellcheck disable=SC2086
 "$apc" identify $next --model transfer >"$work/live-model.txt" 2>&1 || fail "live: $(cat "$work/live-model.txt")"
+# the store has the same record, of that time
+window=(--from "$begin" --to "$(date -u +%Y-%m-%dT%H:%M:%S.%NZ)")
+"$apc" identify "$APC_STORE" "${window[@]}" --model transfer >"$work/store-model.txt" 2>&1 || fail "store: $(cat "$work/store-model.txt")"
+gain_of() { awk '$1 == "u" && $2 == "y" { print $3 }' "$1"; }
+near "the gain of the store's record" "$(gain_of "$work/store-model.txt")" "$(gain_of "$work/live-model.txt")" 1
+expect 1 'nothing to tell from|no value of "u"' "$apc" identify "$APC_STORE" --to "2001-01-01T00:00:00Z"
+expect 1 'there is no measurement "z"; apc status has what there is' "$apc" identify "$APC_STORE" --outputs z
+expect 2 '--from "10": must be a time' "$apc" identify "$APC_STORE" --from 10
+expect 2 '--from "-2h": must be in s' "$apc" identify "$work/live" --from -2h
+expect 3 'gone.db cannot be opened' "$apc" identify "sqlite:$work/gone.db"
 
 # a guard
 at_rest() { [ "$(sql "SELECT abs(value - 10) < 0.2 FROM apc.sensor WHERE id = 1 ORDER BY seq DESC LIMIT 1")" = t ]; }
