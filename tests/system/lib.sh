@@ -10,8 +10,8 @@ segment= # in shared memory, of the test that uses one
 # in_background [PID]: those that still run, by this shell's own list: the number of one that ended may be another's by now
 in_background() { jobs -rp | grep -x "${1:-.*}"; }
 
-# gone SECONDS PID...: wait until none of them runs any more. Who then still does is told of, and ended.
-gone() {
+# end_of SECONDS PID...: wait until none of them runs any more. Who then still does is told of, and ended.
+end_of() {
   local deadline=$((SECONDS + $1)) one status=0
   shift
   for one in "$@"; do
@@ -31,7 +31,7 @@ gone() {
 
 # wait PID...: as the shell's own, but not for ever
 wait() {
-  gone 300 "$@" || exit 1
+  end_of 300 "$@" || exit 1
   builtin wait "$@"
 }
 
@@ -41,7 +41,7 @@ finish() {
   for pid in "${left[@]}"; do
     kill -TERM "$pid" 2>/dev/null && kill -CONT "$pid" 2>/dev/null || true
   done
-  gone 60 "${left[@]}" || status=1
+  end_of 60 "${left[@]}" || status=1
   if [ $status -ne 0 ] && [ $status -ne 77 ]; then
     for log in "$work"/*.log "$work"/*/*.log; do
       [ -f "$log" ] && echo "--- $log" && tail -n 15 "$log"
@@ -50,6 +50,7 @@ finish() {
   rm -rf "$work" ${segment:+"${segment[@]}"}
   exit $status
 }
+readonly -f in_background end_of wait finish # a test that had a function of such a name would lose these
 trap finish EXIT
 
 fail() {
