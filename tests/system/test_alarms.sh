@@ -16,7 +16,7 @@ tail = tail[:first] + ('alarms = ( { kind = "high"; limit = 12.0; deadband = 1.0
                        'response = "less"; }, { kind = "low"; limit = 2.0; }, %s ); ' % flood) + tail[first:]
 tail = re.sub(r"sequence = \(.*?\);", "sequence = ( [10.0] );", tail)
 notify = ", ".join('{ priority = %d; command = "%s"; timeout = %g; }' % who for who in
-                   ((1, "cat >>%s/told" % sys.argv[2], 60), (1, "sleep 88%s & sleep 99%s" % (2 * (sys.argv[3],)), 2), (3, "exit 3", 60), (4, "cat", 60)))
+                   ((1, "cat >>%s/told" % sys.argv[2], 60), (1, "sleep 88%s & sleep 99%s" % (2 * (sys.argv[3],)), 10), (3, "exit 3", 60), (4, "cat", 60)))
 open(sys.argv[1], "w").write(head + tail + "\nalarms = { period = 0.2; notify = ( %s ); };\n" % notify)
 END
 
@@ -125,9 +125,10 @@ done
 [ "$(sed -E 's/.*"number":([0-9]+).*/\1/' "$work/journal" | tr '\n' ' ')" = "$(seq -s' ' "$(wc -l <"$work/journal")") " ] ||
   fail "the journal's numbers are not 1, 2, ..."
 expect 0 'floods \(more than 10\): [1-9]' "$apc" alarm journal --figures
+until_true 60 grep -q 'did not end within 10 s and was killed' "$work/run/apc-alarms.log"
 kill -INT "$run"
 wait "$run" || fail "the run ended with $?"
-for event in 'alarm,"r.high: too much"' 'notify,"r.high was not told: ""sleep 88[0-9]* & sleep 99[0-9]*"" did not end within 2 s and was killed"' \
+for event in 'alarm,"r.high: too much"' 'notify,"r.high was not told: ""sleep 88[0-9]* & sleep 99[0-9]*"" did not end within 10 s and was killed"' \
   'notify,"r.high was not told: ""exit 3"" ended with code 3"' 'notify,"""cat"" is told of alarms; [1-9][0-9]* were not told"'; do
   grep -q "$event" "$work/run/events.csv" || fail "no event $event: $(cat "$work/run/events.csv")"
 done
