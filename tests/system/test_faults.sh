@@ -55,9 +55,9 @@ safe=$(count 'safe value') taken=$(count 'plant takes commands')
 kill -9 "$controller"
 until_true 10 again 'safe value' "$safe"
 before=$(newest actuator)
+n=$(rows actuator)
 start apc-controller
 controller=$pid
-n=$(rows actuator)
 until_true 10 more_rows actuator "$n"
 until_true 10 events 'resuming from the stored state' 1
 near "$(sql "SELECT value FROM apc.actuator WHERE id = 1 AND seq = $n + 1")" "$before" 0.5 ||
