@@ -84,6 +84,10 @@ printf '# A heading, of `code`\n[a](#a-heading-of-code) [b](bad.md) [c](http://x
 [ "$(dead "$work/bad.md")" = "$work/bad.md: gone.md
 $work/bad.md: bad.md#gone" ] || fail "found: $(dead "$work/bad.md")"
 
+for document in docs/*.md; do
+  [ "$document" = docs/README.md ] || grep -qF "](${document#docs/})" docs/README.md || fail "$document is in no list"
+done
+
 # ---- what is shown is what is printed
 
 figures() { sed -n '/^loop  from/,/^[^ly ]/p' "$1" | grep '^[ly ]'; }

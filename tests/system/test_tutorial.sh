@@ -1,0 +1,17 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# Who follows docs/tutorial.md gets what it shows.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+unset APC_STORE
+export APC=$APC_SOURCE_DIR PATH=$APC_BIN:$PATH
+shown=$(cd "$(dirname "$0")" && pwd)/shown.py
+cd "$work"
+case "${APC_SANITIZE:-}" in # a plug-in of one's own is built as people do, and loaded by programs that are sanitized
+  ?*) echo "sanitized build: skipped"; exit 77 ;;
+esac
+python3 "$shown" "$APC/docs/tutorial.md" "43061=$port" >"$work/tutorial.log" || fail "the tutorial is not what comes out: $(cat "$work/tutorial.log")"
+
+# It finds what is not so.
+sed 's/^h     all  .*/h     all   1/' "$APC/docs/tutorial.md" | sed '/^## Live/,$d' >bad.md
+! python3 "$shown" bad.md >bad.log || fail "another figure is taken"
+[ "$(grep -c '^shown:' bad.log)" = 4 ] || fail "found: $(cat bad.log)"
