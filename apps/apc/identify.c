@@ -360,6 +360,43 @@ static int take_window(struct identification *z)
     return EXIT_OK;
 }
 
+/* Of signals of two records, in the same order. */
+static int compare(const struct identification *z, size_t n, char name[][APC_TAG_LEN],
+                   char other[][APC_TAG_LEN], char unit[][APC_TAG_LEN], char other_unit[][APC_TAG_LEN],
+                   struct apc_error *why)
+{
+    for (size_t i = 0; i < n; i++) {
+        if (strcmp(name[i], other[i]) != 0)
+            return apc_fail(
+                why, APC_EINVAL,
+                "%s has \"%s\" where %s has \"%s\": records of two plants say nothing of each other; "
+                "what they have in common is named by --inputs and --outputs",
+                z->own.validate, other[i], z->cli.args[0], name[i]);
+        if (unit[i][0] && other_unit[i][0] && strcmp(unit[i], other_unit[i]) != 0)
+            return apc_fail(why, APC_EINVAL,
+                            "%s is in %s in %s, and in %s in %s: records are compared in the same units",
+                            name[i], unit[i], z->cli.args[0], other_unit[i], z->own.validate);
+    }
+    return 0;
+}
+
+static int compare_records(struct identification *z, struct apc_error *why)
+{
+    const struct apc_record *a = &z->data.record, *b = &z->other.record;
+    int rc;
+
+    if (a->nu + a->nd != b->nu + b->nd || a->ny != b->ny)
+        return apc_fail(why, APC_EINVAL,
+                        "%s has %zu inputs and %zu outputs, %s %zu and %zu: name what they have in common by "
+                        "--inputs and --outputs",
+                        z->cli.args[0], a->nu + a->nd, a->ny, z->own.validate, b->nu + b->nd, b->ny);
+    rc = compare(z, a->nu + a->nd, z->data.input, z->other.input, z->data.input_unit, z->other.input_unit,
+                 why);
+    return rc < 0 ? rc
+                  : compare(z, a->ny, z->data.output, z->other.output, z->data.output_unit,
+                            z->other.output_unit, why);
+}
+
 static int read_all(struct identification *z)
 {
     struct apc_error why;
@@ -371,6 +408,8 @@ static int read_all(struct identification *z)
         z->own.wish.to = 0.0;
         z->own.wish.since = z->own.wish.until = 0;
         rc = identify_read(&z->other, z->own.validate, &z->own.wish, &why);
+        if (rc == 0)
+            rc = compare_records(z, &why);
     }
     return rc < 0 ? cli_error(&z->cli, rc, "%s", why.text) : EXIT_OK;
 }

@@ -24,7 +24,9 @@ struct identify_wish {
 struct identify_data {
     struct apc_record record;
     char input[IDENTIFY_SIGNALS][APC_TAG_LEN], output[IDENTIFY_SIGNALS][APC_TAG_LEN];
-    double begin; /* time of the first sample */
+    char input_unit[IDENTIFY_SIGNALS][APC_TAG_LEN],
+        output_unit[IDENTIFY_SIGNALS][APC_TAG_LEN]; /* "": not said */
+    double begin;                                   /* time of the first sample */
     struct identify_gaps {
         size_t missing, longest;
     } gaps[IDENTIFY_SIGNALS]; /* of each output */

@@ -166,7 +166,8 @@ static int read_sample(struct reading *r, char *line, const struct known *known,
                         r->file, number);
     for (size_t i = 0; i < n; i++) {
         if (of[i] && known[i].table == apc_table_parse(table) && known[i].id == strtol(id, NULL, 10))
-            return series_add(r, of[i], time, apc_status_severity(code) == APC_BAD ? (double)NAN : number_of);
+            return series_add(r, of[i], time,
+                              apc_status_severity(code) == APC_SEVERITY_BAD ? (double)NAN : number_of);
     }
     return 0;
 }

@@ -203,10 +203,14 @@ int identify_read(struct identify_data *data, const char *file, const struct ide
     rc = identify_is_store(file) ? identify_read_store(r) : identify_read_files(r);
     if (rc == 0)
         rc = sample(r, data);
-    for (size_t i = 0; i < r->inputs && rc == 0; i++)
+    for (size_t i = 0; i < r->inputs && rc == 0; i++) {
         snprintf(data->input[i], APC_TAG_LEN, "%s", r->input[i].name);
-    for (size_t i = 0; i < r->outputs && rc == 0; i++)
+        snprintf(data->input_unit[i], APC_TAG_LEN, "%s", r->input[i].unit);
+    }
+    for (size_t i = 0; i < r->outputs && rc == 0; i++) {
         snprintf(data->output[i], APC_TAG_LEN, "%s", r->output[i].name);
+        snprintf(data->output_unit[i], APC_TAG_LEN, "%s", r->output[i].unit);
+    }
     close_reading(r);
     return rc;
 }

@@ -41,6 +41,12 @@ static void show_record(const struct identification *z)
             printf(
                 "%s hardly moves in what is judged on: its fit says little; another --share may be better\n",
                 d->output[i]);
+    for (size_t i = 0; i < r->ny && z->own.validate; i++)
+        if (!(z->model[z->chosen].validation[i].fit > 0.0))
+            printf("%s: what fits %s says nothing of %s: are they records of one plant, around one point, in "
+                   "the "
+                   "same units?\n",
+                   d->output[i], z->cli.args[0], z->own.validate);
     for (size_t j = 0; j < r->nu + r->nd; j++) {
         const int order = apc_record_excitation(r, j);
         if (order >= 0 && order < 10)

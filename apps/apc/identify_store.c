@@ -34,7 +34,8 @@ static int collect(void *ctx, const struct apc_sample *row)
                      c->r->file, ROWS_MOST, s->name);
         return 1;
     }
-    c->rc = series_add(c->r, s, t, apc_status_severity(row->status) == APC_BAD ? (double)NAN : row->value);
+    c->rc = series_add(c->r, s, t,
+                       apc_status_severity(row->status) == APC_SEVERITY_BAD ? (double)NAN : row->value);
     return c->rc;
 }
 

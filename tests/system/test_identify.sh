@@ -86,6 +86,23 @@ experiment mpc 'model = "run.model";' >mpc.conf
 experiment lqg 'model = "space.model";' >lqg.conf
 "$apc" simulate lqg.conf | grep -Eq '^y +all' || fail "lqg does not run on the state space"
 
+# ---- A store that has the same rows makes the same model; of a window of it, the one of that window
+
+"$apc" init pi.conf >/dev/null
+for table in sensor actuator setpoint; do
+  awk -F, -v table=$table '$2 == table { m = int($1 / 60); printf "%d,%d,2026-01-31T12:%02d:%09.6fZ,0,%s\n", $3, ++n, m, $1 - 60 * m, $5 }' run/samples.csv |
+    timeout 120 psql -XAtqc "COPY apc.$table (id, seq, time, status, value) FROM STDIN CSV"
+done
+in_store=(identify "$APC_STORE" --model transfer --period 0.5)
+"$apc" "${in_store[@]}" -o store.model >store.txt
+near "the gain of the store's plant" "$(number store.model u gain)" "$(number run.model u gain)" 1e-3
+near "its dead time" "$(number store.model u dead_time)" "$(number run.model u dead_time)" 1e-2
+"$apc" "${in_store[@]}" --from 2026-01-31T12:01:40Z --to 2026-01-31T12:06:40Z -o window.model >window.txt
+"$apc" identify run --model transfer --period 0.5 --from 100 --to 399.9 -o seconds.model >seconds.txt
+near "the gain of the window" "$(number window.model u gain)" "$(number seconds.model u gain)" 1e-2
+grep -Eq ': (599|600|601) samples' window.txt || fail "the window: $(cat window.txt)"
+expect 1 'nothing to tell from' "$apc" "${in_store[@]}" --to 2001-01-01T00:00:00Z
+
 # ---- the document shows what is printed
 
 document=$APC_SOURCE_DIR/docs/tuning.md
@@ -122,6 +139,24 @@ expect 1 'no column "time".*--period' "$apc" identify untimed.csv "${known[@]}"
 expect 0 'one each 0.5 s' "$apc" identify untimed.csv "${known[@]}" --period 0.5 --model transfer
 sed '20s/,[^,]*$/,high/' tank.csv >text.csv
 expect 1 'text.csv:20: "high" is no number' "$apc" identify text.csv "${known[@]}"
+# two records that do not go together
+awk -F, -v OFS=, 'NR > 1 { $4 = 20 - 0.2 * ($4 - 20) } 1' other.csv >opposite.csv
+expect 0 'level: what fits tank.csv says nothing of opposite.csv: are they records of one plant' \
+  "$apc" identify tank.csv "${known[@]}" --validate opposite.csv --model transfer
+expect 1 'not written: no model says more' "$apc" identify tank.csv "${known[@]}" --validate opposite.csv -o none.model
+[ ! -e none.model ] || fail "a model was written that another record contradicts"
+sed 's/name = "y"; noise/name = "y"; unit = "K"; noise/' pi.conf >kelvin.conf
+sed 's/name = "y"; noise/name = "y"; unit = "degF"; noise/' pi.conf >fahrenheit.conf
+for unit in kelvin fahrenheit; do "$apc" simulate $unit.conf --report $unit >/dev/null; done
+expect 1 'y is in K in kelvin, and in degF in fahrenheit' "$apc" identify kelvin --validate fahrenheit --model transfer
+sed 's/"u"/"v"/' pi.conf >other.conf
+"$apc" simulate other.conf --report otherrun >/dev/null
+expect 1 'otherrun has "v" where run has "u": records of two plants' "$apc" identify run --validate otherrun --model transfer
+# Bad samples are missing ones
+awk -F, -v OFS=, 'NR > 1 && $2 == "sensor" && NR % 7 == 0 { $4 = "BadSensorFailure"; $5 = 999 } 1' run/samples.csv >bad.csv
+cp -r run bad && mv bad.csv bad/samples.csv
+expect 0 'y: [0-9]+ samples are missing' "$apc" identify bad --model transfer -o bad.model
+near "the gain, with Bad samples" "$(number bad.model u gain)" 10 0.2
 sed '20s/$/,7,8,9/' tank.csv >wide.csv # a row with more fields than names
 expect 0 'taken: transfer' "$apc" identify wide.csv "${known[@]}" --model transfer
 sed '20s/^[^,]*/3/' tank.csv >back.csv
