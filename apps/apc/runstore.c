@@ -7,6 +7,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include <apcstore.h>
+
 #include "run/record.h"
 
 bool runstore_gone(const char *uri)
@@ -51,4 +53,21 @@ int runstore_uri(const char *dir, char uri[RUNSTORE_LEN], struct apc_error *why)
                              "%s does not say where the record of its run is, or that wants a password: give "
                              "--store URI",
                              dir);
+}
+
+int runstore_folder(const char *uri, char dir[RUNSTORE_LEN])
+{
+    static const char begin[] = "sqlite:", end[] = "/store.db";
+    const char *at = uri + apc_store_live(uri);
+    struct record_stores recorded;
+
+    at += *at == '+';
+    at = *at ? at : uri;
+    const size_t n = strlen(at);
+    if (strncmp(at, begin, sizeof begin - 1) != 0 || n < sizeof begin + sizeof end ||
+        strcmp(at + n - (sizeof end - 1), end) != 0 || n >= RUNSTORE_LEN)
+        return APC_ENOTFOUND;
+    snprintf(dir, RUNSTORE_LEN, "%.*s", (int)(n - (sizeof begin - 1) - (sizeof end - 1)),
+             at + sizeof begin - 1);
+    return record_stores(&recorded, dir, NULL) < 0 ? APC_ENOTFOUND : 0;
 }

@@ -18,6 +18,8 @@ struct runstore {
 int runstore_find(struct runstore *r, const char *dir, struct apc_error *why);
 /* The URI of both, or of the one that there is. */
 int runstore_uri(const char *dir, char uri[RUNSTORE_LEN], struct apc_error *why);
+/* The run folder whose record a store's URI names. Returns 0 or APC_ENOTFOUND: it is no run's. */
+int runstore_folder(const char *uri, char dir[RUNSTORE_LEN]);
 /* Is the live store of @p uri shared memory that is not there? */
 bool runstore_gone(const char *uri);
 

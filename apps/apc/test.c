@@ -182,14 +182,15 @@ static error_t parse(int key, char *arg, struct argp_state *state)
 static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
-    .args_doc = "FILE",
+    .args_doc = "FILE\n--live [FILE]",
     .doc = "Move the plant of experiment FILE so that apc identify can tell what it is: in virtual time, or "
            "--live. It is let "
            "come to rest, its outputs go to Man (or its loops stay in Auto and setpoints are moved), the "
            "signal follows, and all goes back to how it was, also where a guard, a signal or somebody's hand "
-           "ends it. What happened is in a run folder.",
+           "ends it. What happened is in a run folder. --live without FILE it is the plant of the run whose "
+           "store it "
+           "is.",
     .takes = CLI_STORE | CLI_OWN_STORE,
-    .min_args = 1,
     .max_args = 1,
     .extra = &extra,
 };
@@ -227,16 +228,30 @@ static void quieten(struct experiment *e)
     e->n_actions = 0;
 }
 
+/* That of the run whose store it is, where none is named. */
+static int find_file(struct test *z, struct apc_error *why)
+{
+    z->file = z->cli.n_args > 0 ? z->cli.args[0] : z->folder;
+    if (z->cli.n_args > 0)
+        return 0;
+    if (!z->cli.store || runstore_folder(z->cli.store, z->folder) < 0)
+        return apc_fail(
+            why, APC_ENOTFOUND,
+            "the store is not that of a run folder, which has the experiment file of its plant: give "
+            "FILE, or --store RUN");
+    return 0;
+}
+
 static int load(struct test *z, struct apc_error *why)
 {
     const struct experiment_overrides overrides = {.set = z->own.set.at, .n_set = z->own.set.n};
-    int rc = experiment_load(&z->e, z->cli.args[0], EXPERIMENT_MODEL | EXPERIMENT_LAW, &overrides, why);
+    int rc = experiment_load(&z->e, z->file, EXPERIMENT_MODEL | EXPERIMENT_LAW, &overrides, why);
 
     if (rc == 0 && z->own.net)
         rc = models_network(&z->e.models, z->own.net, why);
     if (rc == 0 && !z->own.live && !z->e.plant.model)
         return apc_fail(why, APC_EINVAL, "%s has no model of its plant: it can be tested --live only",
-                        z->cli.args[0]);
+                        z->file);
     if (rc == 0) {
         warn(&z->cli, &z->e);
         quieten(&z->e);
@@ -360,8 +375,10 @@ static int tell(struct test *z, struct apc_error *why)
 
 static int test(struct test *z, struct apc_error *why)
 {
-    int rc = load(z, why);
+    int rc = find_file(z, why);
 
+    if (rc == 0)
+        rc = load(z, why);
     if (rc == 0 && z->own.live)
         rc = open_live(z, why);
     if (rc < 0)
@@ -395,6 +412,11 @@ int command_test(int argc, char **argv)
         return EXIT_ERROR;
     }
     cli_parse(&z->cli, &spec, &z->own, argc, argv);
+    if (z->cli.n_args == 0 && !z->own.live) {
+        rc = cli_usage(&z->cli, "FILE is missing: the experiment of which plant?");
+        free(z);
+        return rc;
+    }
     rc = test(z, &why);
     if (rc < 0)
         cli_error(&z->cli, rc, "%s", why.text);

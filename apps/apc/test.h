@@ -13,6 +13,7 @@
 #include "cli.h"
 #include "run/loops.h"
 #include "run/simulation.h"
+#include "runstore.h"
 #include "setting.h"
 
 #define TEST_SIGNALS 32
@@ -99,6 +100,8 @@ struct test {
     struct simulation simulation;
     struct apc_store *store; /* live */
     struct test_bench bench;
+    const char *file;          /* the experiment, or the run folder that has it */
+    char folder[RUNSTORE_LEN]; /* that of the store */
     char dir[600];
 
     struct test_move move[TEST_SIGNALS];
