@@ -1,12 +1,25 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
+#include <errno.h>
+#include <limits.h>
+
 #include "api.h"
+
+int whole_number(const char *text)
+{
+    char *end;
+    errno = 0;
+    const long value = strtol(text, &end, 10);
+    if (errno || end == text || *end || value < 0 || value > INT_MAX)
+        fail_msg("\"%s\" is no whole number", text);
+    return (int)value;
+}
 
 int environment_port(const char *name)
 {
     const char *text = getenv(name);
     if (!text)
         fail_msg("%s is not set: this program is run by test_ui_api.sh", name);
-    return atoi(text);
+    return whole_number(text);
 }
 
 static json_t *parse(const struct http_reply *reply)

@@ -18,6 +18,8 @@ struct client {
     char cookie[256], csrf[80]; /* "": an open server's, or nobody */
 };
 
+/* Of a text that is one; fails the test else. */
+int whole_number(const char *text);
 /* Number in the environment: the ports. */
 int environment_port(const char *name);
 /* Log in; on an open server (user NULL) only ask for the token. */

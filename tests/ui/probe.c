@@ -301,7 +301,8 @@ static void failed_logins_have_to_wait(void **state)
         http_request(&reply, port, "POST", "/api/login", JSON, "{\"user\":\"anna\",\"password\":\"wrong\"}");
         status = reply.status;
         assert_true(status == 401 || status == 429);
-        pause = atoi(http_header(&reply, "Retry-After", seconds, sizeof seconds));
+        http_header(&reply, "Retry-After", seconds, sizeof seconds);
+        pause = *seconds ? whole_number(seconds) : 0;
         if (pause >= 8)
             break;
         http_free(&reply);
@@ -506,12 +507,11 @@ static void a_body_that_is_too_large_is_refused(void **state)
                    "Transfer-Encoding: chunked\r\nConnection: close\r\n\r\n",
                    local.csrf);
     for (int i = 0; i < 20; i++) { /* 80 KiB that were not announced */
-        at += sprintf(at, "1000\r\n");
+        at = stpcpy(at, "1000\r\n");
         memset(at, ' ', 4096);
-        at += 4096;
-        at += sprintf(at, "\r\n");
+        at = stpcpy(at + 4096, "\r\n");
     }
-    at += sprintf(at, "0\r\n\r\n");
+    at = stpcpy(at, "0\r\n\r\n");
     http_raw(&reply, local.port, bytes, (size_t)(at - bytes));
     assert_int_equal(reply.status, 413);
     http_free(&reply);
@@ -956,7 +956,7 @@ static void many_slow_strangers_keep_nobody_out(void **state)
 /* Is the loop running there? */
 static int ready(const char *port)
 {
-    struct client c = {.port = atoi(port)};
+    struct client c = {.port = whole_number(port)};
     return client_get(&c, "/readyz", NULL) == 200 && seq_of(&c, "actuator.1") > 0 &&
                    seq_of(&c, "actual.21") > 0
                ? 0
@@ -966,7 +966,7 @@ static int ready(const char *port)
 /* Show what the stream says, without values, until it ends. */
 static int watch(const char *port, const char *user, const char *password)
 {
-    struct client c = client_make(atoi(port), user, password);
+    struct client c = client_make(whole_number(port), user, password);
     struct http_stream *stream = client_stream(&c, NULL);
     struct http_message message;
     while (http_stream_next(stream, &message)) {
@@ -983,7 +983,7 @@ static int raw(const char *port)
     char bytes[4096];
     size_t n = fread(bytes, 1, sizeof bytes, stdin);
     struct http_reply reply;
-    http_raw(&reply, atoi(port), bytes, n);
+    http_raw(&reply, whole_number(port), bytes, n);
     printf("%s\r\n%s", reply.header ? reply.header : "", reply.body ? reply.body : "");
     http_free(&reply);
     return 0;
