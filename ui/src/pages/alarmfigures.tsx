@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // How many alarms there were, beside what ANSI/ISA-18.2 and EEMUA 191 ask for.
 import type {JSX} from "preact";
-import {useEffect, useState} from "preact/hooks";
+import {useState} from "preact/hooks";
 import {get} from "../core/api";
-import {env} from "../core/env";
 import {duration, number} from "../core/format";
 import {alarms} from "../core/model";
 import type {AlarmFigures} from "../core/types";
 import {type Priority, Shape} from "../parts/shape";
 import {path} from "../router";
+import {useAnswer} from "../useanswer";
 import {useCell} from "../usecell";
 
 const TIMES = [{name: "last 8 h", seconds: 28800}, {name: "last 24 h", seconds: 86400}, {name: "last 7 days", seconds: 7 * 86400}, {name: "last 30 days", seconds: 30 * 86400}] as const;
@@ -17,27 +17,9 @@ const AIM = ["about 5 %", "about 15 %", "about 80 %", "what can wait"];
 
 export function AlarmFiguresView(): JSX.Element {
   const [seconds, setSeconds] = useState(86400);
-  const [figures, setFigures] = useState<AlarmFigures | null>(null);
-  const [error, setError] = useState<string | null>(null);
   const all = useCell(alarms);
   const newest = Math.max(0, ...all.map(one => one.now.journal));
-  useEffect(() => {
-    let wanted = true;
-    const called = env.later(() => {
-      get<AlarmFigures>("/api/alarms/figures", {since: -seconds}).then(
-        answer => {
-          if (!wanted) return;
-          setFigures(answer);
-          setError(null);
-        },
-        (reason: Error) => wanted && setError(reason.message),
-      );
-    }, 0.3);
-    return () => {
-      wanted = false;
-      called();
-    };
-  }, [seconds, newest]);
+  const {answer: figures, error} = useAnswer(() => get<AlarmFigures>("/api/alarms/figures", {since: -seconds}), [seconds, newest]);
   const part = (n: number, of: number): string => (of > 0 ? `${number((100 * n) / of, 1)} %` : "–");
   return (
     <>

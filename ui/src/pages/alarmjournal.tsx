@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Every transition of every alarm in one order, and between them what people did and said.
 import type {JSX} from "preact";
-import {useEffect, useState} from "preact/hooks";
+import {useState} from "preact/hooks";
 import {get} from "../core/api";
 import {type Entry, alarmSaid, found, stateWords, story} from "../core/alarms";
-import {env} from "../core/env";
 import {csv, iso, stamp} from "../core/format";
 import {alarms, plant, refill} from "../core/model";
 import type {PlantEvent, Transition} from "../core/types";
 import {downloadText} from "../download";
 import {Shape} from "../parts/shape";
+import {useAnswer} from "../useanswer";
 import {useCell} from "../usecell";
 
 const TIMES = [{name: "last hour", seconds: 3600}, {name: "last 8 h", seconds: 28800}, {name: "last 24 h", seconds: 86400}, {name: "last 7 days", seconds: 7 * 86400}] as const;
@@ -18,36 +18,19 @@ const LAST = 300;
 export function AlarmJournal(): JSX.Element {
   const [seconds, setSeconds] = useState(86400);
   const [text, setText] = useState("");
-  const [entries, setEntries] = useState<Entry[]>([]);
-  const [whole, setWhole] = useState(true);
-  const [error, setError] = useState<string | null>(null);
   const all = useCell(alarms);
   const filled = useCell(refill);
   const p = useCell(plant);
   const newest = Math.max(0, ...all.map(one => one.now.journal));
-  useEffect(() => {
-    let wanted = true;
-    // What comes together is asked for together.
-    const called = env.later(() => {
-      const since = -seconds;
-      Promise.all([
-        get<{transitions: Transition[]}>("/api/alarms/journal", {since, last: LAST}),
-        get<{events: PlantEvent[]}>("/api/events", {kind: "operator", since, last: LAST}),
-      ]).then(
-        ([{transitions}, {events}]) => {
-          if (!wanted) return;
-          setEntries(story(transitions, events, alarms.value).reverse());
-          setWhole(transitions.length < LAST);
-          setError(null);
-        },
-        (reason: Error) => wanted && setError(reason.message),
-      );
-    }, 0.3);
-    return () => {
-      wanted = false;
-      called();
-    };
+  const {answer, error} = useAnswer(async () => {
+    const since = -seconds;
+    const [{transitions}, {events}] = await Promise.all([
+      get<{transitions: Transition[]}>("/api/alarms/journal", {since, last: LAST}),
+      get<{events: PlantEvent[]}>("/api/events", {kind: "operator", since, last: LAST}),
+    ]);
+    return {entries: story(transitions, events, alarms.value).reverse(), whole: transitions.length < LAST};
   }, [seconds, newest, filled]);
+  const {entries, whole} = answer ?? {entries: [], whole: true};
 
   const about = new Map(all.map(one => [one.alarm, one]));
   const name = (one: Entry): string => one.transition?.alarm ?? alarmSaid(one.said as PlantEvent);
