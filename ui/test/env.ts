@@ -34,6 +34,13 @@ export interface Asked {
   fail(): void;
 }
 
+/** Histories of several are those of each. */
+function several(asked: Asked, names: string[], route: (asked: Asked) => void): void {
+  const {names: _, ...query} = asked.query;
+  const each = names.map(name => new Promise<object>((resolve, reject) => route({...asked, query: {...query, var: name}, answer: body => resolve({name, ...(body as object)}), fail: () => reject(new Error("failed"))})));
+  Promise.all(each).then(series => asked.answer({...(series[0] as object), series}), asked.fail);
+}
+
 export class FakeEnv implements Env {
   private at = 50; // s
   private offset = 1e9; // of the wall clock
@@ -84,7 +91,8 @@ export class FakeEnv implements Env {
       };
       init.signal?.addEventListener("abort", () => reject(new DOMException("aborted", "AbortError")));
       const route = this.routes.get(url.pathname);
-      if (route) route(asked);
+      if (route && asked.query.names) several(asked, asked.query.names.split(","), route);
+      else if (route) route(asked);
       else this.asked.push(asked);
     });
   }

@@ -134,8 +134,13 @@ export class Fake {
     for (const stream of this.#streams) stream.write(`event: ${type}\ndata: ${JSON.stringify(data)}\n\n`);
   }
 
-  #history(query) {
-    const ref = query.get("var");
+  #histories(query) {
+    const names = query.get("names")?.split(",");
+    const [since, until] = [Number(query.get("since")), Number(query.get("until"))];
+    return names ? {t: this.now, since, until, series: names.map(name => ({name, ...this.#history(name, query)}))} : this.#history(query.get("var"), query);
+  }
+
+  #history(ref, query) {
     const [since, until] = [Number(query.get("since")), Math.min(Number(query.get("until")), this.now)];
     const time = ref === "setpoint.1" ? [] : Array.from({length: Math.max(0, Math.ceil(until - since))}, (_, i) => since + i);
     const found = time.map(t => this.at(ref, t));
@@ -188,7 +193,7 @@ export class Fake {
       case "/api/diagnostics":
         return json(this.#diagnostics());
       case "/api/history":
-        return this.refuse-- > 0 ? json({error: {code: "busy", message: "too many wait"}}, 503) : json(this.#history(url.searchParams));
+        return this.refuse-- > 0 ? json({error: {code: "busy", message: "too many wait"}}, 503) : json(this.#histories(url.searchParams));
       case "/events":
         if (!this.loggedIn) return json({error: {code: "login", message: "log in"}}, 401);
         this.connections++;

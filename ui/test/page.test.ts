@@ -327,6 +327,7 @@ test("answers out of order: the newest question counts", async () => {
   env.asked.length = 0;
   const curve = one();
   curve.fill(0, 600, 150, false, () => {});
+  await env.settle();
   curve.fill(600, 1200, 150, false, () => {});
   await env.settle();
   const [first, second] = [env.take("/api/history"), env.take("/api/history")];
@@ -339,6 +340,21 @@ test("answers out of order: the newest question counts", async () => {
   env.routes.set("/api/history", route);
 });
 
+test("a question that is overtaken before it is sent is never sent", async () => {
+  const route = env.routes.get("/api/history")!;
+  env.routes.delete("/api/history");
+  env.asked.length = 0;
+  const curve = one();
+  curve.fill(0, 600, 150, false, () => {});
+  curve.fill(600, 1200, 150, false, () => {});
+  await env.settle();
+  const asked = env.take("/api/history");
+  assert.deepEqual([asked.query.since, env.asked.length], ["600", 0]);
+  asked.answer(server.none(asked.query));
+  await env.settle();
+  env.routes.set("/api/history", route);
+});
+
 test("a question that was overtaken ends nothing, whether it is answered or fails", async () => {
   const route = env.routes.get("/api/history")!;
   env.routes.delete("/api/history");
@@ -346,6 +362,7 @@ test("a question that was overtaken ends nothing, whether it is answered or fail
     env.asked.length = 0;
     const curve = one();
     curve.fill(0, 600, 150, false, () => {});
+    await env.settle();
     curve.fill(600, 1200, 150, false, () => {});
     await env.settle();
     const first = env.take("/api/history");
@@ -427,7 +444,7 @@ test("a history that nobody wants any more when it is its turn is not asked for"
   const past = env.routes.get("/api/history")!;
   env.routes.delete("/api/history");
   let wanted = true;
-  const all = Promise.allSettled(Array.from({length: 6}, () => load(tanks.variables[0]!, 0, 600, 150, () => wanted, () => {})));
+  const all = Promise.allSettled(Array.from({length: 6}, (_, i) => load(tanks.variables[0]!, i, 600, 150, () => wanted, () => {})));
   await env.settle();
   wanted = false;
   for (let i = 0; i < 4; i++) env.take("/api/history").answer(server.none({var: "sensor.1", since: "0", until: "600"}));
@@ -441,7 +458,7 @@ test("at most four histories are asked for at a time", async () => {
   const route = env.routes.get("/api/history")!;
   env.routes.delete("/api/history");
   env.asked.length = 0;
-  const all = Promise.allSettled(Array.from({length: 6}, () => load(tanks.variables[0]!, 0, 600, 150, () => true, () => {})));
+  const all = Promise.allSettled(Array.from({length: 6}, (_, i) => load(tanks.variables[0]!, i, 600, 150, () => true, () => {})));
   await env.settle();
   assert.equal(env.asked.length, 4);
   env.take("/api/history").fail();
@@ -453,6 +470,29 @@ test("at most four histories are asked for at a time", async () => {
     await env.settle();
   }
   assert.deepEqual((await all).map(one => one.status), ["rejected", ...Array(5).fill("fulfilled")]);
+  env.routes.set("/api/history", route);
+});
+
+test("what is asked for at one moment, of one window, is one request; what is wrong with one is its own", async () => {
+  const route = env.routes.get("/api/history")!;
+  env.routes.delete("/api/history");
+  env.asked.length = 0;
+  const parts: string[] = [];
+  const of = (i: number): Promise<void> => load(tanks.variables[i]!, 0, 600, 150, () => i !== 3, series => parts.push(`${i}: ${series.mid.join()}`));
+  const all = Promise.allSettled([of(0), of(1), of(2), of(3), of(0)]);
+  await env.settle();
+  assert.deepEqual(env.asked.map(one => one.query.names), ["sensor.1,sensor.2,sensor.3"]);
+  const asked = env.take("/api/history");
+  const answer = (name: string, value: number): object => ({name, ...server.history(asked.query, [[100, value]])});
+  asked.answer({t: 600, since: 0, until: 600, series: [answer("sensor.1", 1), {name: "sensor.2", error: {code: "variable", message: "no such"}}]});
+  const ends = await all;
+  assert.deepEqual(parts, ["0: 1", "0: 1"]);
+  assert.deepEqual(ends.map(one => (one.status === "rejected" ? (one.reason as Error).message : one.status)), ["fulfilled", "no such", "the server says nothing of sensor.3", "fulfilled", "fulfilled"]);
+  const many = Promise.allSettled(Array.from({length: 40}, (_, i) => load({...tanks.variables[0]!, ref: `sensor.${i}`}, 0, 600, 150, () => true, () => {})));
+  await env.settle();
+  assert.deepEqual(env.asked.map(one => one.query.names?.split(",").length), [32, 8]);
+  while (env.asked.length > 0) env.take("/api/history").fail();
+  assert.ok((await many).every(one => one.status === "rejected"));
   env.routes.set("/api/history", route);
 });
 

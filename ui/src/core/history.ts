@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Asking for history: to the pixels there are, the newest part first.
-import {get} from "./api";
+import {ApiError, get} from "./api";
 import {limit} from "./quality";
 import {fromHistory, join, type Series} from "./series";
-import type {History, Variable} from "./types";
+import type {History, Ref, Variable} from "./types";
 
 const RAW = 3000; // as many samples are drawn as they are
 const MOST = RAW + 1000; // a period is what is expected, not what there is
@@ -22,19 +22,68 @@ export function holds(variable: Variable): boolean {
 const waiting: (() => void)[] = [];
 let running = 0;
 
-/** null: by the time it was its turn nobody wanted it any more. */
-async function turn<T>(ask: () => Promise<T>, wanted: () => boolean): Promise<T | null> {
+async function turn(send: () => Promise<void>): Promise<void> {
+  await Promise.resolve(); // who asks at this very moment asks together
   if (running >= 4) await new Promise<void>(resolve => waiting.push(resolve));
   running++;
-  try {
-    return wanted() ? await ask() : null;
-  } finally {
-    running--;
-    waiting.shift()?.();
-  }
+  await send();
+  running--;
+  waiting.shift()?.();
 }
 
-const ask = (query: Record<string, string | number>, wanted: () => boolean): Promise<History | null> => turn(() => get<History>("/api/history", query), wanted);
+interface Wish {
+  ref: Ref;
+  wanted: () => boolean;
+  resolve: (answer: History | null) => void;
+  reject: (reason: Error) => void;
+}
+
+type Asked = {since: number; until: number; last?: number; bins?: number};
+type Several = {t: number; since: number; until: number; series: ({name: Ref; error?: {code: string; message: string}} & Partial<History>)[]};
+
+const TOGETHER = 32;
+const open = new Map<string, Wish[]>(); // by window: what is going to be asked for in one request
+
+/** Of the same window as others, until it is asked: in one request with them. */
+function ask(ref: Ref, window: Asked, wanted: () => boolean): Promise<History | null> {
+  const key = JSON.stringify(window);
+  return new Promise((resolve, reject) => {
+    const wish = {ref, wanted, resolve, reject};
+    const wishes = open.get(key);
+    if (wishes && wishes.length < TOGETHER) {
+      wishes.push(wish);
+      return;
+    }
+    const mine = [wish];
+    open.set(key, mine);
+    void turn(() => {
+      if (open.get(key) === mine) open.delete(key);
+      return send(mine, window);
+    });
+  });
+}
+
+/** Tells each of them; never fails itself. */
+async function send(wishes: Wish[], window: Asked): Promise<void> {
+  const still = wishes.filter(one => one.wanted() || one.resolve(null));
+  const refs = [...new Set(still.map(one => one.ref))];
+  try {
+    if (refs.length === 1) {
+      const answer = await get<History>("/api/history", {var: refs[0], ...window});
+      for (const one of still) one.resolve(answer);
+    } else if (refs.length > 1) {
+      const {series, ...rest} = await get<Several>("/api/history", {names: refs.join(","), ...window});
+      const found = new Map(series.map(one => [one.name, one]));
+      for (const one of still) {
+        const mine = found.get(one.ref);
+        if (mine && !mine.error) one.resolve({...rest, ...mine} as History);
+        else one.reject(new ApiError(404, mine?.error?.code ?? "variable", mine?.error?.message ?? `the server says nothing of ${one.ref}`));
+      }
+    }
+  } catch (reason) {
+    for (const one of still) one.reject(reason as Error);
+  }
+}
 
 /** Width of a bin of what load() asks for, s; 0: the samples themselves, most likely. */
 export function binWidth(variable: Variable, span: number, pixels: number): number {
@@ -58,7 +107,7 @@ export async function load(
   const bound = boundOf(variable);
   const hold = holds(variable);
   if (binWidth(variable, until - since, pixels) === 0) {
-    const all = await ask({var: variable.ref, since, until, last: MOST}, wanted);
+    const all = await ask(variable.ref, {since, until, last: MOST}, wanted);
     if (!all) return;
     if ((all.samples?.seq.length ?? 0) < MOST) {
       part(fromHistory(all, bound, hold));
@@ -67,10 +116,10 @@ export async function load(
   }
   const bins = quarter(pixels);
   const middle = until - (until - since) / 4;
-  const late = await ask({var: variable.ref, since: middle, until, bins}, wanted);
+  const late = await ask(variable.ref, {since: middle, until, bins}, wanted);
   if (!late) return;
   const newest = fromHistory(late, bound, hold);
   part(newest);
-  const early = await ask({var: variable.ref, since, until: middle, bins: bins * 3}, wanted);
+  const early = await ask(variable.ref, {since, until: middle, bins: bins * 3}, wanted);
   if (early) part(join(fromHistory(early, bound, hold), newest, (until - since) / bins / 2 + bound));
 }

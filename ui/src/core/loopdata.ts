@@ -34,8 +34,16 @@ export function recent(ref: Ref): Cell<Series> {
   return of(ref).shown;
 }
 
+let together: number | null = null;
+
+/** All that is asked for at one moment ends at the same one, and so goes in one request. */
+function moment(): number {
+  if (together == null) queueMicrotask(() => (together = null));
+  return (together ??= serverNow());
+}
+
 function fill({curve, shown}: Recent): void {
-  const until = serverNow();
+  const until = moment();
   curve?.fill(until - RECENT, until, PIXELS, true, () => (shown.value = {...curve.series}));
 }
 
