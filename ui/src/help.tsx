@@ -7,7 +7,7 @@ import {Shape} from "./parts/shape";
 import {setShortcuts, shortcuts} from "./theme";
 
 const keys: [string, string][] = [
-  ["Alt+1 … Alt+7", "Overview, Loop, Trend, Alarms, Events, Timing, Diagnostics"],
+  ["Alt+1 … Alt+8", "Overview, Loop, Trend, Alarms, Events, Timing, Diagnostics, Prediction"],
   ["/", "overview of many loops: search"],
   ["↑ ↓", "overview of many loops: from row to row, once a row has the focus"],
   ["Enter", "apply what is typed"],
@@ -31,7 +31,10 @@ export function Help({close}: {close: () => void}): JSX.Element {
         <label class="check">
           <input type="checkbox" checked={on} onChange={event => setShortcuts(event.currentTarget.checked)} /> keys without Alt act
         </label>
-        <p>In a trend: drag selects a time, Ctrl+wheel zooms, Shift+wheel moves. Both pause it.</p>
+        <p>
+          In a trend: drag selects a time, Ctrl+wheel zooms, Shift+wheel moves. Both pause it. <b>Choose signals</b> makes one of any
+          signals; its address shows the same again, to whoever has it.
+        </p>
         <h2>What you see</h2>
         <ul>
           <li><Shape priority={1} /> disconnected, database or link away, alarm</li>

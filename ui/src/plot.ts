@@ -15,14 +15,15 @@ export interface Line {
 
 export interface PlotOptions {
   lines: Line[];
-  band?: [number, number]; // columns of upper and lower edge, from 1
+  bands?: {edges: [number, number]; colour: string}[]; // columns of upper and lower edge, from 1
   yLabel: string;
   xAxis: boolean;
   x: () => [number, number];
   y: () => Scale;
   yText?: (value: number) => string;
   sync?: string;
-  onSelect?: (from: number, to: number) => void;
+  now?: () => number | undefined; // a line there
+  onSelect?: ((from: number, to: number) => void) | null;
   onCursor?: (t: number | null) => void;
 }
 
@@ -83,7 +84,7 @@ export function plot(host: HTMLElement, height: number, o: PlotOptions): uPlot {
       }),
     ],
     series,
-    bands: o.band ? [{series: o.band, fill: () => colour("--band")}] : [],
+    bands: (o.bands ?? []).map(one => ({series: one.edges, fill: () => `${colour(one.colour)}2a`})),
     cursor: {
       sync: o.sync ? {key: o.sync, setSeries: false} : undefined,
       drag: {x: o.onSelect != null, y: false, setScale: false},
@@ -94,6 +95,15 @@ export function plot(host: HTMLElement, height: number, o: PlotOptions): uPlot {
         u => {
           if (u.select.width > 4 && o.onSelect) o.onSelect(u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x"));
           if (u.select.width > 0) u.setSelect({left: 0, width: 0, top: 0, height: 0}, false);
+        },
+      ],
+      draw: [
+        u => {
+          const now = o.now?.();
+          if (now == null) return;
+          const x = Math.round(u.valToPos(now, "x", true));
+          u.ctx.fillStyle = colour("--label");
+          u.ctx.fillRect(x, u.bbox.top, Math.max(1, Math.round(devicePixelRatio)), u.bbox.height);
         },
       ],
       setCursor: [u => o.onCursor?.(u.cursor.left == null || u.cursor.left < 0 ? null : u.posToVal(u.cursor.left, "x"))],

@@ -11,6 +11,12 @@ export function go(page: Page, about?: string | number | null): void {
   location.hash = path(page, about);
 }
 
+/** The address says so from now on, without a step back to what it said. */
+export function rewrite(page: Page, about: string): void {
+  history.replaceState(null, "", path(page, about));
+  place.value = {page, about};
+}
+
 addEventListener("hashchange", () => {
   place.value = placeOf(location.hash);
 });

@@ -16,6 +16,7 @@ import {DiagnosticsPage} from "./pages/diagnostics";
 import {EventsPage} from "./pages/events";
 import {LoopPage} from "./pages/loop";
 import {OverviewPage} from "./pages/overview";
+import {PredictionPage} from "./pages/prediction";
 import {TimingPage} from "./pages/timing";
 import {TrendPage} from "./pages/trend";
 import {AlarmLine} from "./parts/alarmline";
@@ -23,7 +24,7 @@ import {Shape} from "./parts/shape";
 import {go, pages, path, place} from "./router";
 import {setTheme, shortcuts, theme, type Theme} from "./theme";
 
-const titles = {overview: "Overview", loop: "Loop", trend: "Trend", alarms: "Alarms", events: "Events", timing: "Timing", diagnostics: "Diagnostics"};
+const titles = {overview: "Overview", loop: "Loop", trend: "Trend", alarms: "Alarms", events: "Events", timing: "Timing", diagnostics: "Diagnostics", prediction: "Prediction"};
 
 export function Shell(): JSX.Element {
   const {page, about} = useCell(place);
@@ -74,6 +75,7 @@ export function Shell(): JSX.Element {
         {page === "events" && <EventsPage />}
         {page === "timing" && <TimingPage />}
         {page === "diagnostics" && <DiagnosticsPage />}
+        {page === "prediction" && <PredictionPage about={about} />}
       </main>
       {help && <Help close={() => setHelp(false)} />}
       {out && <Login />}

@@ -1,118 +1,100 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Two plots over one time axis: the measurement with its setpoint above, below the output and, dashed, what would be put out.
+// Panels over one time axis; in each its lines, what was binned with what lay between.
 import uPlot from "uplot";
-import {plot} from "./plot";
+import {type Line, plot} from "./plot";
+import type {Pen} from "./core/trend";
 import type {Scale} from "./core/scale";
 import {align, type Series} from "./core/series";
 import {colour} from "./theme";
 
+export interface DrawnPen extends Pick<Pen, "colour" | "dash" | "band"> {
+  label: string;
+  step: boolean; // its value holds until the next one
+}
+
+export interface DrawnPanel {
+  label: string; // of its axis
+  pens: DrawnPen[];
+}
+
+/** What is seen: in each panel a curve for each pen, and the ends of the axis. */
 export interface TrendData {
   from: number;
   to: number;
-  y: Series;
-  r: Series | null;
-  u: Series | null;
-  would: Series[];
-  yScale: Scale;
-  uScale: Scale;
+  now?: number; // where what was ends and what is expected begins
+  panels: {curves: Series[]; scale: Scale}[];
 }
 
-export interface TrendLabels {
-  y: string;
-  r: string | null;
-  u: string | null;
-  would: string[];
-}
+const LEAST_HEIGHT = 150;
 
-const DASHES = [[6, 3], [2, 3], [12, 3, 2, 3]]; // one after another
+/** In which order the pens of a panel are drawn: whole lines lie above dashed ones. */
+function painted(pens: DrawnPen[]): number[] {
+  return pens.map((_, i) => i).sort((a, b) => Number((pens[b] as DrawnPen).dash.length > 0) - Number((pens[a] as DrawnPen).dash.length > 0));
+}
 
 export class TrendChart {
-  private readonly upper: uPlot;
-  private readonly lower: uPlot | null = null;
+  private readonly plots: uPlot[];
   private data: TrendData;
 
   constructor(
     private readonly host: HTMLElement,
-    labels: TrendLabels,
+    private readonly panels: DrawnPanel[],
     first: TrendData,
-    onSelect: (from: number, to: number) => void,
+    onSelect: ((from: number, to: number) => void) | null,
     onCursor: (t: number | null) => void,
   ) {
     this.data = first;
-    const sync = "trend";
     const x = (): [number, number] => [this.data.from, this.data.to];
-    this.upper = plot(host, 300, {
-      lines: [
-        {label: "max", colour: "--live", hidden: true},
-        {label: "min", colour: "--live", hidden: true},
-        {label: labels.r ?? "setpoint", colour: "--label", width: 1.5, dash: [6, 3], step: true},
-        {label: labels.y, colour: "--live", width: 2},
-      ],
-      band: [1, 2],
-      yLabel: labels.r ? `${labels.y}, ${labels.r}` : labels.y,
-      xAxis: labels.u == null,
-      x,
-      y: () => this.data.yScale,
-      sync,
-      onSelect,
-      onCursor,
-    });
-    if (labels.u != null)
-      this.lower = plot(host, 200, {
-        lines: [
-          {label: "max", colour: "--live", hidden: true},
-          {label: "min", colour: "--live", hidden: true},
-          ...labels.would.map((label, i) => ({label, colour: "--label", width: 1.5, dash: DASHES[i % DASHES.length], step: true})),
-          {label: labels.u, colour: "--live", width: 2, step: true},
-        ],
-        band: [1, 2],
-        yLabel: [labels.u, ...labels.would].join(", "),
-        xAxis: true,
+    this.plots = panels.map(({label, pens}, i) => {
+      const banded = pens.filter(pen => pen.band);
+      const edge = (name: string): Line => ({label: name, colour: "--live", hidden: true});
+      const line = ({label: name, colour: of, dash, step}: DrawnPen): Line => ({label: name, colour: of, width: dash.length > 0 ? 1.5 : 2, dash: dash.length > 0 ? dash : undefined, step});
+      return plot(host, LEAST_HEIGHT, {
+        lines: [...banded.flatMap(() => [edge("max"), edge("min")]), ...painted(pens).map(at => line(pens[at] as DrawnPen))],
+        bands: banded.map((pen, k) => ({edges: [2 * k + 1, 2 * k + 2], colour: pen.colour})),
+        yLabel: label,
+        xAxis: i === panels.length - 1,
         x,
-        y: () => this.data.uScale,
-        sync,
+        y: () => this.data.panels[i]?.scale ?? {low: 0, high: 1},
+        sync: "trend",
+        now: () => this.data.now,
         onSelect,
         onCursor,
       });
+    });
     this.resize();
   }
 
   show(data: TrendData): void {
     this.data = data;
-    const {y, r, u, would} = data;
-    const none = {t: [], columns: [[]]};
-    const [t, high, low, mid, steps] = align([
-      {t: y.t, columns: [y.high, y.low, y.mid]},
-      r ? {t: r.t, columns: [r.mid]} : none,
-    ]);
-    this.upper.setData([t, high, low, steps, mid] as uPlot.AlignedData);
-    if (!this.lower || !u) return;
-    const edges = {t: u.t, columns: [u.high, u.low]};
-    this.lower.setData(align([edges, ...would.map(one => ({t: one.t, columns: [one.mid]})), {t: u.t, columns: [u.mid]}]) as uPlot.AlignedData);
+    this.panels.forEach(({pens}, i) => {
+      const curves = (data.panels[i] as TrendData["panels"][0]).curves;
+      const edges = pens.flatMap((pen, k) => (pen.band ? [{t: (curves[k] as Series).t, columns: [(curves[k] as Series).high, (curves[k] as Series).low]}] : []));
+      const lines = painted(pens).map(k => ({t: (curves[k] as Series).t, columns: [(curves[k] as Series).mid]}));
+      this.plots[i]?.setData(align([...edges, ...lines]) as uPlot.AlignedData);
+    });
   }
 
   /** Plot width in CSS pixels. */
   get pixels(): number {
-    return Math.max(100, this.upper.bbox.width / devicePixelRatio);
+    return Math.max(100, (this.plots[0]?.bbox.width ?? 0) / devicePixelRatio);
   }
 
   resize(): void {
     const width = Math.max(200, this.host.clientWidth);
-    const room = Math.max(320, Math.min(900, innerHeight - this.host.getBoundingClientRect().top - scrollY - 70));
-    const narrow = innerWidth < 750;
-    const upper = this.lower ? Math.round((narrow ? 380 : room) * 0.58) : Math.min(room, 500);
-    this.upper.setSize({width, height: upper});
-    this.lower?.setSize({width, height: Math.round((narrow ? 380 : room) * 0.42)});
+    const n = this.plots.length;
+    const room = innerWidth < 750 ? 380 : Math.max(320, Math.min(900, innerHeight - this.host.getBoundingClientRect().top - scrollY - 70));
+    const part = (i: number): number => (n === 1 ? Math.min(500 / room, 1) : n === 2 ? [0.58, 0.42][i] as number : 1 / n);
+    this.plots.forEach((one, i) => one.setSize({width, height: Math.max(LEAST_HEIGHT, Math.round(room * part(i)))}));
   }
 
   repaint(): void {
-    this.upper.redraw(false, true);
-    this.lower?.redraw(false, true);
+    for (const one of this.plots) one.redraw(false, true);
   }
 
   /** As one picture with a title. */
   picture(title: string): Promise<Blob | null> {
-    const plots = [this.upper, this.lower].filter((one): one is uPlot => one != null).map(one => one.ctx.canvas);
+    const plots = this.plots.map(one => one.ctx.canvas);
     const top = Math.round(36 * devicePixelRatio);
     const canvas = document.createElement("canvas");
     canvas.width = Math.max(...plots.map(one => one.width));
@@ -132,7 +114,6 @@ export class TrendChart {
   }
 
   destroy(): void {
-    this.upper.destroy();
-    this.lower?.destroy();
+    for (const one of this.plots) one.destroy();
   }
 }

@@ -10,7 +10,7 @@ import {launch, open, until} from "./lib.mjs";
 
 const source = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 const tags = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"];
-const screens = ["overview", "loop", "trend", "alarms", "alarms/journal", "alarms/figures", "events", "timing", "diagnostics"];
+const screens = ["overview", "loop", "trend", "trend/pens=y,r,u", "alarms", "alarms/journal", "alarms/figures", "events", "timing", "diagnostics"];
 
 const PATIENCE = {timeout: 300000};
 let browser;
@@ -102,7 +102,17 @@ for (const colorScheme of ["light", "dark"])
       await page.reload();
       await page.locator('.link-state[data-state="connecting"]').waitFor();
       await look("nothing known yet");
-      Object.assign(fake, {mute: false, loggedIn: true, bare: true});
+      Object.assign(fake, {mute: false, loggedIn: true, predicts: true, failed: Infinity, stopped: false, away: false});
+      await page.reload();
+      await page.locator('.link-state[data-state="connected"]').waitFor();
+      await go(page, "prediction");
+      await page.getByText("30 steps of 1.0 s").waitFor();
+      await page.locator(".u-over").first().waitFor();
+      assert.deepEqual(await violations(page, colorScheme), [], "prediction");
+      assert.equal(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), true, "it sticks out");
+      await page.getByRole("button", {name: "View as table"}).click();
+      assert.deepEqual(await violations(page, colorScheme), [], "prediction as table");
+      Object.assign(fake, {predicts: false, bare: true});
       await page.reload();
       await page.locator('.link-state[data-state="connected"]').waitFor();
       await look("a plant of nothing");

@@ -11,13 +11,14 @@ import {histogram, logHeight, reach} from "../src/core/histogram";
 import {next, type WriteView} from "../src/core/lifecycle";
 import {alarmsFirst, areasOf, filtered, inSight, isIn, type Item, itemsOf, type ListFilter, type Now, worstOf} from "../src/core/list";
 import {modesOf, notRunning} from "../src/core/modes";
+import {courseRows, courseSeries, heldBack, horizon, isOfNow, predictors} from "../src/core/outlook";
 import {pages, path, placeOf} from "../src/core/place";
 import {abnormal, aged, beyond, heard, limit, type Live, nothing, usable, words, worth} from "../src/core/quality";
 import {extent, niceScale, place} from "../src/core/scale";
-import {align, append, between, drawn, empty, fromBins, fromHistory, fromSamples, held, indexAt, join, trim, valueAt, visible} from "../src/core/series";
+import {align, append, between, drawn, empty, fromBins, fromHistory, fromSamples, held, indexAt, join, statistics, trim, valueAt, visible} from "../src/core/series";
 import {bounds, goLive, pan, pause, refuse, select, zoom, type Window} from "../src/core/view";
 import type {Control, Loop, PlantEvent, Write} from "../src/core/types";
-import {alarmed, cascade, plant, stands} from "./plant";
+import {alarmed, cascade, plant, predicted, stands} from "./plant";
 
 const DAY = 86400;
 
@@ -294,6 +295,35 @@ test("a window that cannot be shown as asked for is refused, with the reason", (
   assert.equal(refuse(now - 10, now + 1, now), `the end is in the future: now is ${stamp(now)}`);
   for (const [from, to] of [[20, 10], [10, 10]] as const) assert.equal(refuse(from, to, now), "the end is not after the beginning");
   for (const [from, to] of [[NaN, 10], [10, NaN]] as const) assert.equal(refuse(from, to, now), "no time");
+});
+
+test("statistics of a window count each value as long as it stood, and gaps not at all", () => {
+  const s = {t: [0, 10, 20, 30], low: [1, 2, null, 6], high: [1, 4, null, 6], mid: [1, 3, null, 6]};
+  assert.deepEqual(statistics(s, 0, 20), {min: 1, mean: 2, max: 4});
+  assert.deepEqual(statistics(s, 5, 15), {min: 1, mean: 2, max: 4});
+  assert.deepEqual(statistics(s, 8, 15), {min: 1, mean: (2 * 1 + 5 * 3) / 7, max: 4});
+  assert.deepEqual(statistics(s, 29, 40), {min: 6, mean: 6, max: 6}, "the last one is there, however long it stands");
+  assert.deepEqual(statistics(s, 20, 29), {min: null, mean: null, max: null});
+  assert.deepEqual(statistics({t: [], low: [], high: [], mid: []}, 0, 1), {min: null, mean: null, max: null});
+});
+
+test("published signals are those of their controller; what holds a plan back has words", () => {
+  const of = predictors(predicted)[0]!;
+  assert.deepEqual(of.measured.map(one => [one.variable.name, one.setpoint, one.loop?.id, one.target, one.limit]), [["y1", "setpoint.1", 1, "estimate.1", "estimate.6"], ["y2", "setpoint.2", 2, "estimate.2", "estimate.7"]]);
+  assert.deepEqual(of.moved.map(one => [one.variable.name, one.target, one.limit]), [["u1", "estimate.3", "estimate.8"], ["u2", "estimate.4", "estimate.9"]]);
+  assert.deepEqual([of.disturbances.map(one => one.name), of.states.map(one => one.name)], [["u1.disturbance"], ["h1.estimate"]]);
+  assert.deepEqual(of.solver, {objective: "estimate.10", time: "estimate.11", result: "estimate.12", iterations: "estimate.13"});
+  assert.deepEqual(predictors(plant), []);
+  const two = {...predicted, controllers: [...predicted.controllers, {number: 2, name: "upper", period: 20}], variables: predicted.variables.map(one => (one.table === "estimate" ? {...one, name: `upper.${one.name}`} : one))};
+  assert.deepEqual(predictors(two).map(one => [one.controller.name, one.measured.length, one.moved.length, one.states[0]?.name]), [["upper", 2, 0, "upper.h1.estimate"]]);
+  assert.deepEqual([null, 0, 1, 2, 9, 12].map(heldBack), [null, "nothing", "its low limit", "its high limit", "its low limit, rising as fast as it may", "falling as fast as it may, rising as fast as it may"]);
+  const course = {ref: "sensor.1", name: "y1", made: 100, first: 1, step: 0.5, expected: [1, null, 3], came: []};
+  const controller = {number: 1, name: "base", period: 2};
+  assert.deepEqual([106, 106.1].map(now => isOfNow(course, controller, now)), [true, false]);
+  assert.deepEqual(courseSeries(course), {t: [101, 101.5, 102], low: [1, null, 3], high: [1, null, 3], mid: [1, null, 3]});
+  assert.deepEqual([horizon([course]), horizon([])], [2, 0]);
+  assert.deepEqual(courseRows([course, {...course, name: "u", expected: [5]}], 2), {head: [1, 2], rows: [{name: "y1", values: [1, 3]}, {name: "u", values: [5, null]}]});
+  assert.deepEqual(courseRows([], 9), {head: [], rows: []});
 });
 
 test("any link gives a place", () => {

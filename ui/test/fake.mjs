@@ -38,6 +38,9 @@ const both = {
   controllers: [...plant.controllers, {number: 2, name: "trial", period: 1}],
 };
 
+const published = [["y.target", "steady state aimed at"], ["u.target", ""], ["y.limit", ""], ["u.limit", ""], ["u.disturbance", "disturbance that nobody measures"], ["objective", ""], ["solve_time", ""], ["result", ""], ["iterations", ""], ["x1.estimate", "state of the model, estimated"]];
+const predictive = {...plant, variables: [...plant.variables, ...published.map(([name, description], i) => variable(`estimate.${10 + i}`, name, {description, period: 1}))]};
+
 export const HELD = 20; // s that an output is held after the sensor failed, before it goes to its fault value
 
 export class Fake {
@@ -47,6 +50,7 @@ export class Fake {
   loggedIn = true;
   stopped = false; // the controller
   trial = false; // there is another one, in shadow
+  predicts = false; // the law is predictive
   bare = false; // the plant has no variable, no loop
   alarms = []; // how they stand
   away = false; // the database
@@ -89,6 +93,10 @@ export class Fake {
         return bad ? [0, "BadSensorFailure"] : [this.value(t), "Good"];
       case "actuator.1":
         return !bad ? [4 + Math.sin(t / 15), "Good"] : t < this.failed + HELD ? [4 + Math.sin(this.failed / 15), "UncertainLastUsableValue"] : [-2, "UncertainSubstituteValue"];
+      case "estimate.12":
+        return [2, "Good"];
+      case "estimate.17":
+        return [1, "Good"];
       case "estimate.2":
         return [5 + Math.sin(t / 15), "Good"];
       case "setpoint.1":
@@ -112,8 +120,17 @@ export class Fake {
     return what ? [this.#seq, t, ...what] : [0, null, null, "BadNoData"];
   }
 
+  #plant() {
+    return this.bare ? {...plant, variables: [], loops: []} : this.trial ? both : this.predicts ? predictive : plant;
+  }
+
+  #outlook() {
+    const course = (ref, name, of) => ({ref, name, made: this.now - 0.5, first: 1, step: 1, expected: Array.from({length: 30}, (_, k) => of(this.now + k)), came: Array(30).fill(null)});
+    return {t: this.now, at: this.now, outlook: this.predicts ? [course("sensor.1", "y", this.value), course("actuator.1", "u", t => 4 + Math.sin(t / 15))] : []};
+  }
+
   #state() {
-    const values = Object.fromEntries((this.trial ? both : plant).variables.map(({ref}) => [ref, this.#sample(ref, this.now)]));
+    const values = Object.fromEntries(this.#plant().variables.map(({ref}) => [ref, this.#sample(ref, this.now)]));
     return {t: this.now, id: `f.${this.#seq}`, store: this.#store(), values, ages: Object.fromEntries(Object.keys(values).map(ref => [ref, 0])), alarms: this.alarms, control: this.#control(), history: null};
   }
 
@@ -179,7 +196,9 @@ export class Fake {
       case "/api/setpoint":
         return json({error: {code: "outside", message: "the controller refuses it"}}, 422);
       case "/api/plant":
-        return json(this.bare ? {...plant, variables: [], loops: []} : this.trial ? both : plant);
+        return json(this.#plant());
+      case "/api/outlook":
+        return json(this.#outlook());
       case "/api/writes":
         return json({writes: []});
       case "/api/events":

@@ -160,6 +160,31 @@ test("the trend is paused, zoomed, moved, and exported", () =>
     }
   }));
 
+test("signals are chosen by what they are called, and the link shows the same again", () =>
+  withPage("trend", {}, async page => {
+    await page.getByRole("link", {name: "Choose signals"}).click();
+    const rows = page.locator(".pens tbody tr");
+    await until("the loop's own are there", async () => (await rows.count()) === 3);
+    await page.getByRole("button", {name: "Remove r", exact: true}).click();
+    await until("it is gone", async () => (await rows.count()) === 2);
+    await page.locator(".pen-search input").fill("Kp");
+    await page.keyboard.press("Enter");
+    await until("a tuning is there", async () => (await rows.count()) === 3);
+    await page.getByRole("button", {name: "1 h", exact: true}).click();
+    await until("all have curves", async () => (await points(page)) > 1 && !/loading/.test(await page.locator(".readout").textContent()));
+    await page.getByRole("button", {name: "Pause"}).click();
+    await until("the link says when", () => /#trend\/pens=y,u,[^;]+;span=3600;to=\d/.test(page.url()));
+    const least = () => rows.locator('td[data-label="Least"]').allTextContents();
+    const seen = await least();
+    assert.ok(seen.every(text => /\d/.test(text)), seen.join());
+    const url = page.url();
+    await page.goto("about:blank");
+    await page.goto(url);
+    await until("the link shows the same again", async () => (await least()).join() === seen.join());
+    assert.equal(await live(page), false);
+    await page.goBack();
+  }));
+
 test("everything by keyboard alone", () =>
   withPage("overview", {}, async page => {
     const at = () => page.locator("nav [aria-current]").textContent();
@@ -242,7 +267,7 @@ test("dark by the system's wish and by the toggle", () =>
 
 test("400 pixels wide: nothing sticks out, and fingers find their targets", () =>
   withPage("overview", {viewport: {width: 400, height: 800}, hasTouch: true}, async page => {
-    for (const key of ["overview", "loop", "trend", "alarms", "alarms/all", "alarms/journal", "alarms/figures", "events", "timing", "diagnostics"]) {
+    for (const key of ["overview", "loop", "trend", "trend/pens=y,r,u", "alarms", "alarms/all", "alarms/journal", "alarms/figures", "events", "timing", "diagnostics"]) {
       await page.goto(page.url().replace(/#.*/, `#${key}`));
       await page.locator("main section").waitFor();
       const wide = await page.evaluate(() => document.documentElement.scrollWidth);
@@ -327,7 +352,7 @@ test("logging in by the form, and again in place when the session has ended", as
 test("what comes between a frame and its effects is shown, also when it never changes again", () =>
   withPage("overview", {lateEffects: true}, async page => {
     const {values} = await api("/api/state");
-    assert.equal(await page.locator('main [data-ref="sensor.1"] .digits').first().isVisible(), true);
+    await page.locator('main [data-ref="sensor.1"] .digits').first().waitFor();
     await until("the mode is shown", async () => (await page.locator('main .mode[data-ref="actual.21"]').first().textContent()) === "Auto");
     await near(page, "setpoint.1", values["setpoint.1"][2], 0.01);
   }));

@@ -102,6 +102,15 @@ export const cascade: Plant = {
   ],
 };
 
+/** The same under predictive control. */
+export const predicted: Plant = {
+  ...plant,
+  variables: [
+    ...plant.variables,
+    ...["y1.target", "y2.target", "u1.target", "u2.target", "u1.disturbance", "y1.limit", "y2.limit", "u1.limit", "u2.limit", "objective", "solve_time", "result", "iterations", "h1.estimate"].map((name, i) => variable(`estimate.${i + 1}`, name, {period: 2})),
+  ],
+};
+
 /** The same with a controller in shadow of base's first loop. */
 export const shadowed: Plant = {
   ...plant,

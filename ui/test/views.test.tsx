@@ -5,7 +5,7 @@ import {beforeEach, test} from "node:test";
 import {options, render} from "preact";
 import type {Sample} from "../src/core/types";
 import {FakeEnv} from "./env";
-import {alarmed, cascade, plant as tanks, stands, Server, shadowed, START} from "./plant";
+import {alarmed, cascade, plant as tanks, predicted, stands, Server, shadowed, START} from "./plant";
 
 if (Number(process.versions.node.split(".")[0]) < 20) {
   console.log("skipped: happy-dom takes Node 20, this is", process.version);
@@ -254,16 +254,16 @@ test("what stands is told on every page", async () => {
 });
 
 test("pages by Alt and a digit, help by ?, if wanted", async () => {
-  for (const [i, page] of ["overview", "loop", "trend", "alarms", "events", "timing", "diagnostics"].entries()) {
+  for (const [i, page] of ["overview", "loop", "trend", "alarms", "events", "timing", "diagnostics", "prediction"].entries()) {
     assert.equal(await press(String(i + 1), document.body, {altKey: true, code: `Digit${i + 1}`}), true);
     await show(location.hash.slice(1));
     assert.equal(one("main").getAttribute("aria-label")?.toLowerCase(), page);
     assert.equal(one("nav [aria-current]").getAttribute("href"), `#${page}`);
   }
-  assert.equal(await press("8", document.body, {altKey: true, code: "Digit8"}), false);
+  assert.equal(await press("9", document.body, {altKey: true, code: "Digit9"}), false);
   assert.equal(await press("1", document.body, {altKey: true, ctrlKey: true, code: "Digit1"}), false);
   await press("?");
-  assert.match(said("dialog"), /Keys Alt\+1 … Alt\+7 Overview, Loop, Trend, Alarms, Events, Timing, Diagnostics \/ overview of many loops: search ↑ ↓ .* Enter apply what is typed/);
+  assert.match(said("dialog"), /Keys Alt\+1 … Alt\+8 Overview, Loop, Trend, Alarms, Events, Timing, Diagnostics, Prediction \/ overview of many loops: search ↑ ↓ .* Enter apply what is typed/);
   one("dialog").dispatchEvent(new window.Event("close") as never);
   await settle();
   assert.equal(document.querySelectorAll("dialog").length, 0);
@@ -871,6 +871,115 @@ test("a trend from one time to another, fitted, turned by the wheel, and saved",
   env.routes.set("/api/history", route);
 });
 
+test("a trend of any signals: its link, a search for more, how they were, and what a link gets wrong", async () => {
+  const route = env.routes.get("/api/history")!;
+  const asked: string[] = [];
+  env.routes.set("/api/history", each => {
+    asked.push(each.query.var ?? "");
+    each.answer(server.history(each.query, each.query.var === "sensor.3" ? [[server.now - 30, 290], [server.now - 10, 310]] : [[server.now - 20, 4]]));
+  });
+  await show("trend/2");
+  const hash = (): string => location.hash;
+  const link = [...document.querySelectorAll<HTMLAnchorElement>("a.button")].find(each => each.textContent === "Choose signals")!;
+  assert.equal(link.getAttribute("href"), "#trend/pens=y2,r2,u2;span=600");
+  asked.length = 0;
+  await show("trend/pens=y2,T;span=1200");
+  for (let i = 0; i < 100 && said(".readout").endsWith("loading …"); i++) await settle();
+  assert.deepEqual([one("section.trend").getAttribute("data-live"), one("section.trend").getAttribute("data-span")], ["true", "1200"]);
+  assert.equal(said(".readout"), "newest y2 5.000 T 300.000");
+  assert.deepEqual([...new Set(asked)].sort(), ["sensor.2", "sensor.3"]);
+  assert.deepEqual(said(".pens tbody th"), "y2 | T");
+  assert.equal(said(".pens tbody tr:nth-child(2) td.number").split(" | ").slice(1).join(" "), "290.000 290.000 310.000", "each value counts as long as it stood");
+  assert.equal(said(".complaint"), "");
+  assert.equal(document.querySelectorAll(".plots .uplot").length, 2, "a panel for each unit");
+  // More of them, by what they are
+  await type(".pen-search input", "nonsense");
+  assert.equal(said(".pen-search .say"), "nothing is called “nonsense”");
+  await type(".pen-search input", "LEVEL");
+  assert.equal(said(".matches"), "y1 [m] level");
+  await submit(".pen-search");
+  assert.equal(hash(), "#trend/pens=y2,T,y1;span=1200");
+  await show(hash().slice(1));
+  assert.equal(document.querySelectorAll(".plots .uplot").length, 2);
+  assert.deepEqual([...document.querySelectorAll(".readout .key path")].map(key => key.getAttribute("stroke-dasharray")), ["", "6 3", ""], "told apart without colours, too");
+  await click(button("Remove T"));
+  assert.equal(hash(), "#trend/pens=y2,y1;span=1200");
+  await show(hash().slice(1));
+  // The link follows what is done, without another step of the browser's history
+  const steps = history.length;
+  await click(button("Zoom in"));
+  await env.pass(0.4);
+  await settle();
+  assert.equal(hash(), "#trend/pens=y2,y1;span=600");
+  await click(button("Pause"));
+  await env.pass(0.4);
+  await settle();
+  assert.match(hash(), /^#trend\/pens=y2,y1;span=600;to=20000\d+(\.\d+)?$/);
+  assert.equal(history.length, steps);
+  assert.equal(one("section.trend").getAttribute("data-live"), "false");
+  await click(button("View as table"));
+  assert.match(said("table.data thead"), /time y2 \[m\] y1 \[m\]/);
+  assert.match(said("table.data tbody"), /4\.00.* 4\.00/);
+  // What a link gets wrong
+  await show("trend/pens=y2,nobody,y2;span=-1;colour=red;to=never");
+  assert.equal(said(".complaint"), "“span=-1” is no span between 1 s and 31 d: these are 10 min. | “colour=red” of the link means nothing here. | “to=never” is no time before now: this is live. | tanks has no signal nobody.");
+  assert.equal(said(".readout").split(" ").slice(0, 2).join(" "), "newest y2");
+  await show("trend/pens=");
+  assert.equal(said(".trend h1"), "Trend");
+  await type(".pen-search input", "u1");
+  assert.match(said(".matches"), /^u1 \[V\] actuator.1 u1 opmode.1 u1.manual manual.1/);
+  await click([...document.querySelectorAll<HTMLButtonElement>(".matches button")][1]!);
+  assert.equal(hash(), "#trend/pens=opmode.1;span=600", "a name that is the output's is not its mode's");
+  await show(`trend/pens=${tanks.variables.slice(0, 14).map(each => each.ref).join()}`);
+  assert.equal(said(".complaint"), "A trend has at most 12 signals: these are the first of 14.");
+  assert.equal(one<HTMLInputElement>(".pen-search input").disabled, true);
+  env.routes.set("/api/history", route);
+  await show("overview");
+});
+
+test("what predictive control expects, what holds it back, and how its solver does; a plan that is old is none", async () => {
+  await show("prediction");
+  assert.match(said("main"), /No controller of this plant predicts or estimates/);
+  server.plant = predicted;
+  env.source.send("plant", {revision: 11});
+  const t = server.now;
+  let made = t;
+  const course = (ref: string, name: string, expected: number[]): object => ({ref, name, made, first: 2, step: 2, expected, came: expected.map(() => null)});
+  env.routes.set("/api/outlook", each => each.answer({t, at: t, outlook: [course("sensor.1", "y1", [10, 11, 12]), course("actuator.1", "u1", [1, 2, 3]), course("actuator.9", "of another", [0])]}));
+  const estimate = (i: number, value: number): [string, Sample] => [`estimate.${i}`, [9, t, value, "Good"]];
+  await state(Object.fromEntries([estimate(1, 12.5), estimate(3, 3.5), estimate(5, 0.25), estimate(6, 0), estimate(8, 6), estimate(10, 1.5), estimate(11, 0.004), estimate(12, 1), estimate(13, 7), estimate(14, 2)]));
+  await show("overview");
+  await show("prediction");
+  await env.pass(0.4);
+  await settle();
+  assert.equal(said(".prediction .toolbar .say"), "base: 3 steps of 2.0 s");
+  const rows = [...document.querySelectorAll(".prediction .panel tbody tr")].map(row => [...row.children].map(cell => (cell.textContent ?? "").replace(/\s+/g, " ").trim()));
+  assert.deepEqual(rows[0], ["y1", "9.98m", "0.125", "12.500", "12.00", "no limits", "nothing"]);
+  assert.equal(rows[2]![0], "u1");
+  assert.deepEqual(rows[2]!.slice(2), ["3.500", "3.000", "−10 to 10", "its high limit, falling as fast as it may"]);
+  assert.match(said(".prediction"), /u1\.disturbance 0\.250 .*h1\.estimate 2\.000/);
+  assert.match(said(".prediction .pairs"), /result \[priority 3: not the best plan\] sub-optimal: .* objective 1\.500 0 at rest time it took 4\.00 ms changes of the working set 7/);
+  assert.match(one(".plots").getAttribute("aria-label")!, /^y1, y2, u1, u2: the last 30 s, and what is expected for the next 6\.0 s/);
+  assert.equal(one<HTMLAnchorElement>(".prediction .toolbar a").getAttribute("href"), "#trend/pens=y1,y2,u1,u2,u1.disturbance;span=600");
+  await click(button("View as table"));
+  assert.equal(said(".prediction .scroll thead"), "2.0 s 4.0 s 6.0 s");
+  assert.equal(said(".prediction .scroll tbody"), "y1 10.000 11.000 12.000 u1 1.000 2.000 3.000");
+  made = t - 60;
+  await env.pass(2.5);
+  await settle();
+  await env.pass(0.4);
+  await settle();
+  assert.match(said(".prediction .toolbar .say"), /^base: no plan since /);
+  env.routes.set("/api/outlook", each => each.answer({error: {code: "store", message: "the database is away"}}, 503));
+  await env.pass(2.5);
+  await settle();
+  assert.equal(said(".prediction .complaint"), "the database is away");
+  server.plant = tanks;
+  env.source.send("plant", {revision: 12});
+  env.routes.delete("/api/outlook");
+  await show("overview");
+});
+
 test("the axis of a trend tells the time, and the day once", async () => {
   words.length = 0;
   await show("loop/1");
@@ -956,7 +1065,7 @@ test("who is in shadow is named, and what it would put out stands beside what go
   };
   assert.equal(await trend(1), "newest y1 9.98 r1 0.125 u1 1.500 trial.u1.output 1.750");
   assert.equal(await trend(3), await trend(1));
-  assert.deepEqual([...document.querySelectorAll(".readout .key")].map(key => key.className), ["key line", "key dashed", "key line", "key dashed"]);
+  assert.deepEqual([...document.querySelectorAll(".readout .key path")].map(key => key.getAttribute("stroke-dasharray")), ["", "6 3", "", "6 3"]);
   server.sample("estimate.2", 1.25);
   await settle();
   assert.match(said(".readout"), /trial.u1.output 1.250/);

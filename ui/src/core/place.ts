@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-export const pages = ["overview", "loop", "trend", "alarms", "events", "timing", "diagnostics"] as const;
+export const pages = ["overview", "loop", "trend", "alarms", "events", "timing", "diagnostics", "prediction"] as const;
 export type Page = (typeof pages)[number];
 
 export interface Place {
@@ -23,5 +23,5 @@ export function placeOf(hash: string): Place {
 }
 
 export function path(page: Page, about?: string | number | null): string {
-  return about == null ? `#${page}` : `#${page}/${encodeURIComponent(about)}`;
+  return about == null ? `#${page}` : `#${page}/${encodeURIComponent(about).replace(/%(2C|3B|3D)/g, decodeURIComponent)}`; // , ; = mean nothing there
 }

@@ -113,6 +113,31 @@ export function visible(s: Series, from: number, to: number): (number | null)[] 
   return [...s.low.slice(a, b), ...s.high.slice(a, b)];
 }
 
+export interface Statistics {
+  min: number | null;
+  mean: number | null; // each value as long as it stood
+  max: number | null;
+}
+
+/** Of what stood between two times. */
+export function statistics(s: Series, from: number, to: number): Statistics {
+  const out: Statistics = {min: null, mean: null, max: null};
+  let sum = 0;
+  let time = 0;
+  for (let i = Math.max(0, indexAt(s, from)); i < s.t.length && (s.t[i] as number) <= to; i++) {
+    const [low, high, mid] = [s.low[i], s.high[i], s.mid[i]];
+    if (low == null || high == null || mid == null) continue;
+    const begin = Math.max(from, s.t[i] as number);
+    const stood = Math.max(0, Math.min(to, s.t[i + 1] ?? begin) - begin);
+    out.min = Math.min(low, out.min ?? low);
+    out.max = Math.max(high, out.max ?? high);
+    sum += mid * stood;
+    time += stood;
+    out.mean = time > 0 ? sum / time : mid;
+  }
+  return out;
+}
+
 /** What stood at t; null: a gap, or nothing yet. */
 export function valueAt(s: Series, t: number): number | null {
   return s.mid[indexAt(s, t)] ?? null;

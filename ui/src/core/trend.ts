@@ -1,20 +1,34 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// What a trend shows: a measurement with its setpoint, and below the output with what controllers in shadow would put out.
+// What a trend shows: panels over one time axis. Of a loop the measurement with its setpoint, and below the output with what
+// controllers in shadow would put out; or any signals, a panel for each unit.
+import type {Cell} from "./cell";
 import {Curve} from "./curve";
-import {binWidth} from "./history";
+import {binWidth, holds} from "./history";
+import {loopScale, trendScale} from "./loopdata";
 import {clock, connection, inShadow, live, variable} from "./model";
 import {exact} from "./format";
+import {byUnit} from "./pens";
 import {extent, niceScale, type Scale} from "./scale";
 import {empty, held, type Series, trim, valueAt, visible} from "./series";
 import type {Loop, Plant, Ref, Variable} from "./types";
 
+export interface Pen {
+  ref: Ref;
+  colour: string; // custom property of the style sheet
+  dash: number[]; // []: a whole line
+  band: boolean; // with what lay between the ends of a bin
+}
+
+export interface Panel {
+  pens: Pen[];
+  scale: (() => Cell<Scale | null>) | null; // null: of what is first seen
+}
+
 export interface Subject {
   name: string;
   about: string;
-  y: Ref;
-  r: Ref | null;
-  u: Ref | null;
-  would: Ref[]; // of each loop in shadow that has the same output
+  panels: Panel[];
+  lead: Ref | null; // at whose times the rows of the table are; null: at all there are
 }
 
 /** What those in shadow would put out in place of this loop's output. */
@@ -22,16 +36,46 @@ export function wouldBe(of: Loop, p: Plant): Ref[] {
   return p.loops.flatMap(loop => (loop.would && loop.output === of.output && inShadow(loop) ? [loop.would] : []));
 }
 
+const DASHES = [[6, 3], [2, 3], [12, 3, 2, 3]]; // one after another
+const dashed = (ref: Ref, i: number): Pen => ({ref, colour: "--label", dash: DASHES[i % DASHES.length] as number[], band: false});
+const whole = (ref: Ref): Pen => ({ref, colour: "--live", dash: [], band: true});
+
+function measured(y: Ref, r: Ref | null): Panel {
+  return {pens: [whole(y), ...(r ? [dashed(r, 0)] : [])], scale: () => loopScale({measurement: y, setpoint: r})};
+}
+
+function putOut(u: Ref, would: Ref[]): Panel {
+  return {pens: [whole(u), ...would.map(dashed)], scale: () => trendScale([u, ...would])};
+}
+
 /** Loops first, then the measurements beyond them. */
 export function subjects(p: Plant): Subject[] {
   const loops = p.loops.flatMap(loop =>
-    loop.measurement ? [{name: loop.name, about: String(loop.id), y: loop.measurement, r: loop.setpoint, u: loop.output, would: wouldBe(loop, p)}] : [],
+    loop.measurement
+      ? [{name: loop.name, about: String(loop.id), panels: [measured(loop.measurement, loop.setpoint), ...(loop.output ? [putOut(loop.output, wouldBe(loop, p))] : [])], lead: loop.measurement}]
+      : [],
   );
-  const used = new Set(loops.map(loop => loop.y));
+  const used = new Set(loops.map(loop => loop.lead));
   const others = p.variables
     .filter(one => one.table === "sensor" && !used.has(one.ref))
-    .map(one => ({name: one.name, about: one.ref, y: one.ref, r: null, u: null, would: []}));
+    .map(one => ({name: one.name, about: one.ref, panels: [measured(one.ref, null)], lead: one.ref}));
   return [...loops, ...others];
+}
+
+const COLOURS = 6;
+
+/** Of signals that somebody chose: in each panel another dash, in all of them another colour. */
+export function subjectOf(signals: Variable[]): Subject {
+  const panels = byUnit(signals).map(same => ({
+    pens: same.map((one, i): Pen => ({ref: one.ref, colour: `--pen-${(signals.indexOf(one) % COLOURS) + 1}`, dash: [[], ...DASHES][i % 4] as number[], band: i === 0})),
+    scale: null,
+  }));
+  return {name: "signals", about: `pens ${signals.map(one => one.ref).join()}`, panels, lead: null};
+}
+
+/** All of its signals. */
+export function refsIn(subject: Subject): Ref[] {
+  return subject.panels.flatMap(panel => panel.pens.map(pen => pen.ref));
 }
 
 export function describe(one: Variable | null): string {
@@ -56,7 +100,7 @@ export class Curves {
   private readonly of: Curve[];
 
   constructor(readonly subject: Subject) {
-    this.of = [subject.y, subject.r, subject.u, ...subject.would].flatMap(ref => {
+    this.of = refsIn(subject).flatMap(ref => {
       const one = variable(ref);
       return one ? [new Curve(one)] : [];
     });
@@ -74,14 +118,15 @@ export class Curves {
     return this.of.find(one => one.error)?.error ?? null;
   }
 
-  series(ref: Ref | null): Series {
+  series(ref: Ref): Series {
     return this.of.find(one => one.variable.ref === ref)?.series ?? empty();
   }
 
   /** As it is drawn: what was set or put out holds, as long as somebody says so, but not beyond what the server has said. */
-  drawn(ref: Ref | null): Series {
+  drawn(ref: Ref): Series {
     const series = this.series(ref);
-    const sure = ref != null && ref !== this.subject.y && connection.value.state === "connected" && !live(ref).value.stale;
+    const one = variable(ref);
+    const sure = one != null && holds(one) && connection.value.state === "connected" && !live(ref).value.stale;
     return sure ? held(series, clock.newest ?? 0) : series;
   }
 
@@ -103,24 +148,22 @@ export class Curves {
     for (const one of this.of) one.stop();
   }
 
-  /** Of the measurement with its setpoint, and of the outputs: all that is seen. */
-  seen(from: number, to: number): {y: (number | null)[]; u: (number | null)[]} {
-    const {y, r, u, would} = this.subject;
-    const all = (refs: (Ref | null)[]): (number | null)[] => refs.flatMap(ref => visible(this.drawn(ref), from, to));
-    return {y: all([y, r]), u: all([u, ...would])};
+  /** Of each panel all that is seen. */
+  seen(from: number, to: number): (number | null)[][] {
+    return this.subject.panels.map(panel => panel.pens.flatMap(pen => visible(this.drawn(pen.ref), from, to)));
   }
 
-  /** The newest of the window as time, measurement, setpoint, outputs: those that there are. */
+  /** Times with a value, rising: of what leads, else of all. */
+  private times(): number[] {
+    const {lead} = this.subject;
+    const there = (s: Series): number[] => s.t.filter((_, i) => s.mid[i] != null);
+    return lead ? there(this.series(lead)) : [...new Set(this.of.flatMap(one => there(one.series)))].sort((a, b) => a - b);
+  }
+
+  /** The newest of the window as time and all values. */
   rows(from: number, to: number, most: number): [number, ...(number | null)[]][] {
-    const y = this.series(this.subject.y);
-    const others = this.of.filter(one => one.variable.ref !== this.subject.y);
-    const out: [number, ...(number | null)[]][] = [];
-    for (let i = y.t.length - 1; i >= 0 && out.length < most; i--) {
-      const t = y.t[i] as number;
-      const value = y.mid[i] ?? null;
-      if (t >= from && t <= to && value != null) out.push([t, value, ...others.map(one => valueAt(one.series, t))]);
-    }
-    return out.reverse();
+    const times = this.times().filter(t => t >= from && t <= to);
+    return times.slice(Math.max(0, times.length - most)).map(t => [t, ...this.of.map(one => valueAt(one.series, t))]);
   }
 
   /** Heads of the columns, for a window of so many seconds: whether they hold samples, or bins and how wide. */

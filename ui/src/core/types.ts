@@ -182,6 +182,17 @@ export interface History {
   samples?: Samples;
 }
 
+/** What a law expects of a variable: value k is for made + first + k step. */
+export interface Course {
+  ref: Ref;
+  name: string;
+  made: number;
+  first: number;
+  step: number;
+  expected: (number | null)[];
+  came: (number | null)[];
+}
+
 export interface PlantEvent {
   time: number;
   severity: 1 | 2 | 3;

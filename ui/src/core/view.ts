@@ -14,8 +14,8 @@ export const SPANS = [
   {name: "8 h", span: 28800},
   {name: "24 h", span: 86400},
 ] as const;
-const LEAST = 1;
-const MOST = 31 * 86400;
+export const LEAST = 1;
+export const MOST = 31 * 86400;
 
 const inside = (span: number): number => Math.min(MOST, Math.max(LEAST, span));
 

@@ -2,86 +2,139 @@
 import type {JSX} from "preact";
 import {useEffect, useLayoutEffect, useMemo, useRef, useState} from "preact/hooks";
 import {Cell} from "../core/cell";
+import {env} from "../core/env";
 import {useCell} from "../usecell";
 import {download, downloadText} from "../download";
-import {clock, csv, day, duration, iso, missing, stamp} from "../core/format";
+import {clock, csv, day, duration, iso, missing, number, stamp} from "../core/format";
+import {holds} from "../core/history";
 import {isMeant, isTyping} from "../keyboard";
-import {loopScale, trendScale} from "../core/loopdata";
 import {Nothing} from "../parts/nothing";
+import {PenSearch, Stroke} from "../parts/pens";
 import {Table} from "../parts/table";
 import {told, Value} from "../parts/value";
-import {control, live, onSample, plant, refill, serverNow, variable} from "../core/model";
-import {go} from "../router";
+import {control, live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
+import {chosen, found, isPens, nameOf, pensAbout} from "../core/pens";
+import {go, path, rewrite} from "../router";
 import {extent, type Scale} from "../core/scale";
-import {empty, valueAt} from "../core/series";
-import {Curves, describe, off, padded, type Subject, subjects} from "../core/trend";
+import {empty, statistics, valueAt} from "../core/series";
+import {Curves, describe, off, padded, refsIn, type Subject, subjectOf, subjects} from "../core/trend";
 import {repaint, shortcuts} from "../theme";
-import {TrendChart} from "../trendchart";
+import {TrendChart, type TrendData} from "../trendchart";
 import {bounds, goLive, pan, pause, refuse, select, SPANS, type Window, zoom} from "../core/view";
-import type {Ref} from "../core/types";
+import type {Plant, Ref, Variable} from "../core/types";
 
 export function TrendPage({about}: {about: string | null}): JSX.Element {
   const p = useCell(plant);
   useCell(control); // who is in shadow
   if (!p) return <Nothing title="Trend">Loading the plant …</Nothing>;
   const all = subjects(p);
+  if (isPens(about)) return <PensTrend about={about as string} plant={p} all={all} />;
   const subject = all.find(one => one.about === about) ?? all[0];
   if (!subject) return <Nothing title="Trend">There is no measurement to show.</Nothing>;
-  return <Trend key={[subject.about, p.generation, ...subject.would].join(":")} subject={subject} all={all} />;
+  return <Trend key={[p.generation, ...refsIn(subject), subject.about].join(":")} subject={subject} all={all} plant={p} />;
 }
 
-function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element {
+/** Any signals, as the link says; the link follows what is done here. */
+function PensTrend({about, plant: p, all}: {about: string; plant: Plant & {generation: number}; all: Subject[]}): JSX.Element {
+  const now = useRef(serverNow());
+  const wrote = useRef("");
+  const [given, setGiven] = useState(about);
+  // What came from elsewhere than from here is followed.
+  if (about !== given && about !== wrote.current) setGiven(about);
+  const link = chosen(about === wrote.current ? about : given, Math.max(now.current, serverNow()));
+  const {signals, faults} = found(link.names, p);
+  const called = (ones: Variable[]): string[] => ones.map(one => nameOf(one, p.variables));
+  const pens: Pens = {
+    signals,
+    window: link.window,
+    moved: w => {
+      wrote.current = pensAbout(called(signals), w);
+      rewrite("trend", wrote.current);
+    },
+    choose: (ones, w) => go("trend", pensAbout(called(ones), w)),
+  };
+  const complaints = [...link.faults, ...faults];
+  return (
+    <>
+      {complaints.map(one => <p class="complaint" key={one}>{one}</p>)}
+      {signals.length > 0 ? (
+        <Trend key={[p.generation, given, ...called(signals)].join(":")} subject={subjectOf(signals)} all={all} plant={p} pens={pens} />
+      ) : (
+        <section class="trend">
+          <h1>Trend</h1>
+          <PenSearch plant={p} there={[]} add={one => pens.choose([one], link.window)} />
+        </section>
+      )}
+    </>
+  );
+}
+
+interface Pens {
+  signals: Variable[];
+  window: Window;
+  moved: (w: Window) => void;
+  choose: (signals: Variable[], w: Window) => void;
+}
+
+const LINK = 0.3; // s that a window stands before the link says it
+
+function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]; plant: Plant; pens?: Pens}): JSX.Element {
   const host = useRef<HTMLDivElement>(null);
-  const [win, setWin] = useState<Window>({live: true, span: 600, to: serverNow()});
-  const [own, setOwn] = useState<{y: Scale; u: Scale} | null>(null);
+  const [win, setWin] = useState<Window>(pens?.window ?? {live: true, span: 600, to: serverNow()});
+  const [own, setOwn] = useState<Scale[] | null>(null);
   const [table, setTable] = useState(false);
   const [fresh, setFresh] = useState(0);
   const [, setDrawn] = useState(0);
   const filled = useCell(refill);
   const painted = useCell(repaint);
-  const curves = useMemo(() => new Curves(subject), [subject.about]);
+  const curves = useMemo(() => new Curves(subject), []);
   const chart = useRef<TrendChart | null>(null);
   const cursor = useMemo(() => new Cell<number | null>(null), []);
-  const yDefault = useCell(loopScale({measurement: subject.y, setpoint: subject.r}));
-  const uDefault = useCell(trendScale([subject.u ?? subject.y, ...subject.would]));
-  const scales = own ?? {y: yDefault ?? {low: 0, high: 1}, u: uDefault ?? {low: 0, high: 1}};
+  const unknown = useMemo(() => new Cell<Scale | null>(null), []);
+  const defaults = useMemo(() => subject.panels.map(panel => panel.scale?.() ?? unknown), []).map(cell => useCell(cell));
+  const scales = own ?? defaults.map(one => one ?? {low: 0, high: 1});
   const state = useRef({win, scales});
   state.current = {win, scales};
-  const beyond = useRef({above: false, u: false});
+  const beyond = useRef(false);
+  const counted = subject.lead ?? refsIn(subject)[0];
+
+  const seen = ({win: w, scales: s}: {win: Window; scales: Scale[]}): TrendData => {
+    const [from, to] = bounds(w, serverNow());
+    return {from, to, panels: subject.panels.map((panel, i) => ({curves: panel.pens.map(pen => curves.drawn(pen.ref)), scale: s[i] as Scale}))};
+  };
+
+  const inSight = (): (number | null)[][] => curves.seen(...bounds(state.current.win, serverNow()));
 
   const draw = (): void => {
-    const {win: w, scales: s} = state.current;
-    const [from, to] = bounds(w, serverNow());
-    chart.current?.show({
-      from,
-      to,
-      y: curves.drawn(subject.y),
-      r: subject.r ? curves.drawn(subject.r) : null,
-      u: subject.u ? curves.drawn(subject.u) : null,
-      would: subject.would.map(ref => curves.drawn(ref)),
-      yScale: s.y,
-      uScale: s.u,
-    });
-    const seen = curves.seen(from, to);
-    const next = {above: off(seen.y, s.y), u: off(seen.u, s.u)};
-    if (next.above !== beyond.current.above || next.u !== beyond.current.u) {
+    const now = state.current;
+    const data = seen(now);
+    chart.current?.show(data);
+    const next = curves.seen(data.from, data.to).some((values, i) => off(values, now.scales[i] as Scale));
+    if (next !== beyond.current) {
       beyond.current = next;
       setDrawn(n => n + 1);
     }
   };
 
+  const fit = (): void => setOwn(inSight().map(values => padded(...extent(values))));
+  // Without a scale of its own a panel has that of what is first seen; then it stays.
+  const unscaled = own == null && subject.panels.some(panel => panel.scale == null);
+  useEffect(() => {
+    if (unscaled && !curves.loading && inSight().some(values => values.some(value => value != null))) fit();
+  });
+
   // The plots live as long as the subject is shown.
   useEffect(() => {
     const element = host.current as HTMLDivElement;
-    const now = serverNow();
-    const none = {from: now - 600, to: now, y: empty(), r: null, u: null, would: [], yScale: scales.y, uScale: scales.u};
-    const labels = {
-      y: describe(variable(subject.y)),
-      r: subject.r ? describe(variable(subject.r)) : null,
-      u: subject.u ? describe(variable(subject.u)) : null,
-      would: subject.would.map(ref => describe(variable(ref))),
-    };
-    const made = new TrendChart(element, labels, none, (from, to) => setWin(select(from, to)), t => (cursor.value = t));
+    const drawn = subject.panels.map(({pens: ones}) => {
+      const variables = ones.map(pen => variable(pen.ref));
+      return {
+        label: ones.length > 3 && variables[0]?.unit ? `[${variables[0].unit}]` : variables.map(describe).join(", "),
+        pens: ones.map((pen, i) => ({...pen, label: describe(variables[i] ?? null), step: variables[i] != null && holds(variables[i])})),
+      };
+    });
+    const none = {...seen(state.current), panels: subject.panels.map((panel, i) => ({curves: panel.pens.map(empty), scale: scales[i] as Scale}))};
+    const made = new TrendChart(element, drawn, none, (from, to) => setWin(select(from, to)), t => (cursor.value = t));
     chart.current = made;
     const sized = new ResizeObserver(() => made.resize());
     sized.observe(element);
@@ -97,7 +150,7 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
       made.destroy();
       chart.current = null;
     };
-  }, [subject.about]);
+  }, []);
 
   // What is asked of the history: the window, whenever it is another one or may lack something.
   const asked = win.live ? `live ${win.span}` : `${win.to} ${win.span}`;
@@ -113,8 +166,9 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
       win.live ? 0 : 120,
     );
     return () => clearTimeout(timer);
-  }, [asked, filled, subject.about]);
-  useEffect(() => () => curves.stop(), [curves]);
+  }, [asked, filled]);
+  useEffect(() => () => curves.stop(), []);
+  useEffect(() => (pens ? env.later(() => pens.moved(win), LINK) : undefined), [asked]);
 
   // What the stream brings; drawn once a frame, and as the time axis moves by a pixel.
   useEffect(() => {
@@ -132,7 +186,7 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
       const {live: following, span} = state.current.win;
       if (!following) {
         // What comes is in the history, and asked for when it is wanted.
-        if (ref === subject.y) setFresh(++count);
+        if (ref === counted) setFresh(++count);
         return;
       }
       const now = serverNow();
@@ -148,9 +202,9 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
       clearInterval(timer);
       cancelAnimationFrame(frame);
     };
-  }, [subject.about, win.live]);
+  }, [win.live]);
 
-  useEffect(draw, [win, scales.y.low, scales.y.high, scales.u.low, scales.u.high]);
+  useEffect(draw, [win, ...scales.flatMap(one => [one.low, one.high])]);
   useEffect(() => chart.current?.repaint(), [painted]);
 
   const back = (): void => setWin(w => goLive({...w, span: SPANS.some(one => one.span === w.span) ? w.span : 600}));
@@ -177,12 +231,6 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
     return () => removeEventListener("keydown", key);
   }, []);
 
-  const fit = (): void => {
-    const [from, to] = bounds(win, serverNow());
-    const seen = curves.seen(from, to);
-    setOwn({y: padded(...extent(seen.y)), u: padded(...extent(seen.u))});
-  };
-
   const rows = (most: number): [number, ...(number | null)[]][] => curves.rows(...bounds(win, serverNow()), most);
   const head = ["time", ...curves.head(win.span, chart.current?.pixels ?? 800)];
   const refs = curves.variables.map(one => one.ref);
@@ -195,12 +243,13 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
   };
 
   return (
-    <section class="trend" data-live={win.live} data-span={win.span} data-points={curves.series(subject.y).t.length}>
+    <section class="trend" data-live={win.live} data-span={win.span} data-points={counted ? curves.series(counted).t.length : 0}>
       <div class="toolbar">
         <h1>Trend</h1>
         <label>
           of{" "}
           <select value={subject.about} onChange={event => go("trend", event.currentTarget.value)}>
+            {pens && <option value={subject.about}>chosen signals</option>}
             {all.map(one => (
               <option key={one.about} value={one.about}>{one.name}</option>
             ))}
@@ -225,13 +274,15 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
           <button type="button" aria-label="Zoom out" onClick={() => setWin(w => zoom(w, 2, serverNow()))}>−</button>
         </div>
         <button type="button" onClick={fit}>Fit y</button>
-        {own && <button type="button" onClick={() => setOwn(null)}>Reset y</button>}
+        {own && !pens && <button type="button" onClick={() => setOwn(null)}>Reset y</button>}
         <span class="spring" />
+        {!pens && <a class="button" href={path("trend", pensAbout(refsIn(subject).flatMap(ref => variable(ref) ?? []).map(one => nameOf(one, p.variables)), win))}>Choose signals</a>}
         <button type="button" onClick={exportCsv}>CSV</button>
         <button type="button" onClick={() => void exportPng()}>PNG</button>
         <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>View as table</button>
       </div>
       <FromTo win={win} apply={setWin} />
+      {pens && <PenSearch plant={p} there={pens.signals} add={one => pens.choose([...pens.signals, one], win)} />}
       <Readout subject={subject} curves={curves} cursor={cursor} beyond={beyond.current} />
       {curves.error && <p class="complaint">history: {curves.error}</p>}
       <div
@@ -239,7 +290,7 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
         class="plots"
         hidden={table}
         role="img"
-        aria-label={`${subject.name}: measurement with setpoint above, output below${subject.would.length > 0 ? " with what would be put out in shadow" : ""}, over ${duration(win.span)}. View as table gives the numbers.`}
+        aria-label={`${subject.panels.map(panel => panel.pens.map(pen => variable(pen.ref)?.name).join(" with ")).join("; below ")}, over ${duration(win.span)}. View as table gives the numbers.`}
       />
       {table && (
         <Table
@@ -248,7 +299,50 @@ function Trend({subject, all}: {subject: Subject; all: Subject[]}): JSX.Element 
           rows={rows(200).map(([t, ...others]) => [stamp(t, 1), ...others.map((value, i) => told(refs[i] as Ref, value))])}
         />
       )}
+      {pens && <PenTable subject={subject} curves={curves} win={win} remove={ref => pens.choose(pens.signals.filter(one => one.ref !== ref), win)} />}
     </section>
+  );
+}
+
+/** The signals of this trend, and how they were in its window. */
+function PenTable({subject, curves, win, remove}: {subject: Subject; curves: Curves; win: Window; remove: (ref: Ref) => void}): JSX.Element {
+  useCell(second);
+  const [from, to] = bounds(win, serverNow());
+  return (
+    <div class="panel scroll pens" tabIndex={0} role="region" aria-label="Signals of this trend">
+      <table class="data cards">
+        <thead>
+          <tr>
+            <th scope="col">Signal</th>
+            <th scope="col">Unit</th>
+            <th scope="col" class="wide">What it is</th>
+            <th scope="col" class="number">Newest</th>
+            <th scope="col" class="number">Least</th>
+            <th scope="col" class="number">Mean</th>
+            <th scope="col" class="number">Most</th>
+            <th scope="col"><span class="hidden">Remove</span></th>
+          </tr>
+        </thead>
+        <tbody>
+          {subject.panels.flatMap(panel => panel.pens).map(pen => {
+            const one = variable(pen.ref);
+            const {min, mean, max} = statistics(curves.drawn(pen.ref), from, to);
+            return (
+              <tr key={pen.ref}>
+                <th scope="row"><Stroke pen={pen} /> {one?.name}</th>
+                <td data-label="Unit">{one?.unit}</td>
+                <td class="wide" data-label="What it is">{one?.description}</td>
+                <td class="number" data-label="Newest"><Value of={pen.ref} /></td>
+                <td class="number" data-label="Least">{told(pen.ref, min)}</td>
+                <td class="number" data-label="Mean">{number(mean)}</td>
+                <td class="number" data-label="Most">{told(pen.ref, max)}</td>
+                <td class="acts"><button type="button" aria-label={`Remove ${one?.name}`} onClick={() => remove(pen.ref)}>✕</button></td>
+              </tr>
+            );
+          })}
+        </tbody>
+      </table>
+    </div>
   );
 }
 
@@ -256,27 +350,26 @@ interface ReadoutProps {
   subject: Subject;
   curves: Curves;
   cursor: Cell<number | null>;
-  beyond: {above: boolean; u: boolean};
+  beyond: boolean;
 }
 
 /** The numbers under the cursor, else the newest. */
 function Readout({subject, curves, cursor, beyond}: ReadoutProps): JSX.Element {
   const t = useCell(cursor);
-  useCell(live(subject.y));
-  const items: [Ref | null, string][] = [[subject.y, "line"], [subject.r, "dashed"], [subject.u, "line"], ...subject.would.map((ref): [Ref, string] => [ref, "dashed"])];
+  const lead = subject.lead ?? refsIn(subject)[0];
+  useCell(live(lead as Ref));
   return (
     <div class="readout">
       <span class="at">{t == null ? "newest" : `${day(t)} ${clock(t, 1)} UTC`}</span>
-      {items.map(([ref, line]) => {
-        if (!ref) return null;
-        const then = t == null ? null : valueAt(curves.series(ref), t);
+      {subject.panels.flatMap(panel => panel.pens).map(pen => {
+        const then = t == null ? null : valueAt(curves.series(pen.ref), t);
         return (
-          <span key={ref} class="item">
-            <i class={`key ${line}`} /> {variable(ref)?.name} {t == null ? <Value of={ref} /> : <b>{then == null ? missing : told(ref, then)}</b>}
+          <span key={pen.ref} class="item">
+            <Stroke pen={pen} /> {variable(pen.ref)?.name} {t == null ? <Value of={pen.ref} /> : <b>{then == null ? missing : told(pen.ref, then)}</b>}
           </span>
         );
       })}
-      {(beyond.above || beyond.u) && <span class="complaint">▲ part of the curve is off the axis: “Fit y” shows it</span>}
+      {beyond && <span class="complaint">▲ part of the curve is off the axis: “Fit y” shows it</span>}
       {curves.loading && <span class="say">loading …</span>}
     </div>
   );

@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// What predictive laws say of themselves: which published signals are of which loop, what holds a plan back, in words. Pure.
+import {duration} from "./format";
+import type {Series} from "./series";
+import type {Controller, Course, Loop, Plant, Ref, Variable} from "./types";
+
+export interface Handled {
+  variable: Variable; // the measurement, or the output
+  setpoint: Ref | null;
+  loop: Loop | null; // whose faceplate it has
+  target: Ref | null; // the steady state that is aimed at
+  limit: Ref | null; // what holds the plan back
+}
+
+export interface Predictor {
+  controller: Controller;
+  measured: Handled[];
+  moved: Handled[];
+  disturbances: Variable[];
+  states: Variable[];
+  solver: {objective: Ref | null; time: Ref | null; result: Ref | null; iterations: Ref | null};
+}
+
+/** Names begin with their controller's where there are several. */
+function published(p: Plant, controller: Controller): Map<string, Variable> {
+  const own = new Map<string, Variable>();
+  const begin = `${controller.name}.`;
+  for (const one of p.variables)
+    if (one.table === "estimate") {
+      if (one.name.startsWith(begin)) own.set(one.name.slice(begin.length), one);
+      else if (!p.controllers.some(other => one.name.startsWith(`${other.name}.`)) && p.controllers[0] === controller) own.set(one.name, one);
+    }
+  return own;
+}
+
+/** Controllers that estimate or predict. */
+export function predictors(p: Plant): Predictor[] {
+  const by = new Map(p.variables.map(one => [one.ref, one]));
+  return p.controllers.flatMap(controller => {
+    const own = published(p, controller);
+    const ref = (name: string): Ref | null => own.get(name)?.ref ?? null;
+    const ending = (end: string): Variable[] => [...own].flatMap(([name, one]) => (name.endsWith(end) ? [one] : []));
+    const loops = p.loops.filter(loop => loop.controller === controller.name);
+    const handled = (of: Ref | null, setpoint: Ref | null): Handled[] => {
+      const variable = of ? by.get(of) : undefined;
+      if (!variable || (!ref(`${variable.name}.target`) && !ref(`${variable.name}.limit`))) return [];
+      return [{variable, setpoint, loop: loops.find(loop => loop.measurement === of || loop.output === of) ?? null, target: ref(`${variable.name}.target`), limit: ref(`${variable.name}.limit`)}];
+    };
+    const measured = p.variables.filter(one => one.table === "sensor").flatMap(one => handled(one.ref, loops.find(loop => loop.measurement === one.ref)?.setpoint ?? null));
+    const moved = loops.flatMap(loop => handled(loop.output, null));
+    const [disturbances, states] = [ending(".disturbance"), ending(".estimate")];
+    const solver = {objective: ref("objective"), time: ref("solve_time"), result: ref("result"), iterations: ref("iterations")};
+    return measured.length + moved.length + disturbances.length + states.length > 0 ? [{controller, measured, moved, disturbances, states, solver}] : [];
+  });
+}
+
+const HELD = [[1, "its low limit"], [2, "its high limit"], [4, "falling as fast as it may"], [8, "rising as fast as it may"]] as const;
+
+/** What holds a plan back, anywhere in the horizon. */
+export function heldBack(limit: number | null): string | null {
+  if (limit == null) return null;
+  const words = HELD.flatMap(([bit, word]) => (limit & bit ? [word] : []));
+  return words.length > 0 ? words.join(", ") : "nothing";
+}
+
+export const RESULTS = ["good", "sub-optimal: the best that could be had within the limits", "late: no plan in time, the one before goes on"];
+
+const PERIODS = 3;
+
+/** Is it of now? A prediction ages as a value does. */
+export function isOfNow(course: Course, controller: Controller, now: number): boolean {
+  return now - course.made <= Math.max(1, PERIODS * (controller.period ?? course.step));
+}
+
+/** From what is now on; a plan holds each of its moves. */
+export function courseSeries(course: Course): Series {
+  const t = course.expected.map((_, k) => course.made + course.first + k * course.step);
+  return {t, low: [...course.expected], high: [...course.expected], mid: [...course.expected]};
+}
+
+/** How far a set of courses reaches, s; 0: there is none. */
+export function horizon(courses: Course[]): number {
+  return Math.max(0, ...courses.map(one => one.first + one.step * Math.max(0, one.expected.length - 1)));
+}
+
+/** What is expected at some of its times, as a table: at most so many rows. */
+export function courseRows(courses: Course[], most: number): {head: number[]; rows: {name: string; values: (number | null)[]}[]} {
+  const longest = courses.reduce<Course | null>((a, b) => (!a || b.expected.length > a.expected.length ? b : a), null);
+  if (!longest) return {head: [], rows: []};
+  const n = longest.expected.length;
+  const every = Math.max(1, Math.ceil(n / most));
+  const at = Array.from({length: Math.ceil(n / every)}, (_, i) => i * every);
+  return {head: at.map(k => longest.first + k * longest.step), rows: courses.map(one => ({name: one.name, values: at.map(k => one.expected[k] ?? null)}))};
+}
+
+export function horizonWords(course: Course): string {
+  return `${course.expected.length} steps of ${duration(course.step)}`;
+}

@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// A trend of any signals: its link, what it shows of them, what a search for more finds. Pure.
+import {duration, exact} from "./format";
+import type {Plant, Variable} from "./types";
+import {LEAST, MOST, type Window} from "./view";
+
+export const MOST_PENS = 12;
+const BEGIN = "pens=";
+
+export interface Chosen {
+  names: string[]; // of signals, or TABLE.ID
+  window: Window;
+  faults: string[]; // what the link says and cannot be followed
+}
+
+/** Is the trend that a link names one of any signals? */
+export function isPens(about: string | null): boolean {
+  return about?.startsWith(BEGIN) === true;
+}
+
+/** Of `pens=y1,u1;span=600` or `pens=y1;span=60;to=1763730000`: anybody may have written it. */
+export function chosen(about: string, now: number): Chosen {
+  const window: Window = {live: true, span: 600, to: now};
+  const faults: string[] = [];
+  const [names, ...rest] = about.slice(BEGIN.length).split(";") as [string, ...string[]];
+  for (const part of rest) {
+    const [name, text] = part.split("=");
+    const value = text ? Number(text) : NaN;
+    if (name === "span" && value >= LEAST && value <= MOST) window.span = value;
+    else if (name === "span") faults.push(`“${part}” is no span between ${exact(LEAST)} s and ${duration(MOST)}: these are ${duration(window.span)}.`);
+    else if (name === "to" && value > 0 && value <= now) Object.assign(window, {live: false, to: value});
+    else if (name === "to") faults.push(`“${part}” is no time before now: this is live.`);
+    else faults.push(`“${part}” of the link means nothing here.`);
+  }
+  const all = [...new Set(names.split(",").map(one => one.trim()).filter(one => one !== ""))];
+  if (all.length > MOST_PENS) faults.push(`A trend has at most ${MOST_PENS} signals: these are the first of ${all.length}.`);
+  return {names: all.slice(0, MOST_PENS), window, faults};
+}
+
+/** The link that gives the same again; to the millisecond. */
+export function pensAbout(names: string[], window: Window): string {
+  const short = (x: number): number => Math.round(x * 1000) / 1000;
+  return `${BEGIN}${names.join(",")};span=${short(window.span)}${window.live ? "" : `;to=${short(window.to)}`}`;
+}
+
+const modes = (one: Variable): boolean => one.table === "opmode";
+
+/** By TABLE.ID or by name, as the server finds it; null: there is none, or several. A mode has the name of its output. */
+export function signal(name: string, all: Variable[]): Variable | null {
+  const exactly = all.find(one => one.ref === name);
+  if (exactly) return exactly;
+  const called = all.filter(one => one.name === name);
+  const others = called.filter(one => !modes(one));
+  const found = others.length > 0 ? others : called;
+  return found.length === 1 ? (found[0] as Variable) : null;
+}
+
+/** As a link names it: by name, where that is enough. */
+export function nameOf(one: Variable, all: Variable[]): string {
+  return /^[^,;=/%]+$/.test(one.name) && signal(one.name, all) === one ? one.name : one.ref;
+}
+
+/** Those of the names that there are, and what is wrong with the others. */
+export function found(names: string[], p: Plant): {signals: Variable[]; faults: string[]} {
+  const signals: Variable[] = [];
+  const faults: string[] = [];
+  for (const name of names) {
+    const one = signal(name, p.variables);
+    if (one && !signals.includes(one)) signals.push(one);
+    else if (!one) faults.push(p.variables.some(other => other.name === name) ? `Several signals are called ${name}: say which, as TABLE.ID.` : `${p.name} has no signal ${name}.`);
+  }
+  return {signals, faults};
+}
+
+const SHOWN = 8;
+
+/** What a search finds beside those that are there: what begins with it first. */
+export function matching(text: string, p: Plant, there: Variable[]): Variable[] {
+  const words = text.toLowerCase().split(/\s+/).filter(word => word !== "");
+  if (words.length === 0) return [];
+  const rank = (one: Variable): number => {
+    const name = one.name.toLowerCase();
+    return name === words[0] ? 0 : name.startsWith(words[0] as string) ? 1 : name.includes(words[0] as string) ? 2 : 3;
+  };
+  return p.variables
+    .filter(one => !there.includes(one) && words.every(word => `${one.name} ${one.ref} ${one.unit} ${one.description} ${one.area}`.toLowerCase().includes(word)))
+    .map((one, i) => ({one, at: rank(one) * 1e6 + i}))
+    .sort((a, b) => a.at - b.at)
+    .slice(0, SHOWN)
+    .map(({one}) => one);
+}
+
+/** One panel for each unit, in the order in which they come. */
+export function byUnit(signals: Variable[]): Variable[][] {
+  const panels = new Map<string, Variable[]>();
+  for (const one of signals) panels.set(one.unit, [...(panels.get(one.unit) ?? []), one]);
+  return [...panels.values()];
+}

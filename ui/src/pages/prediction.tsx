@@ -1,0 +1,244 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// What a predictive controller expects and plans beside what was; what holds it back, what it estimates, how its solver does.
+import type {JSX} from "preact";
+import {useEffect, useMemo, useRef, useState} from "preact/hooks";
+import {get} from "../core/api";
+import {Curve} from "../core/curve";
+import {duration, exact, limitsText, missing, number, stamp} from "../core/format";
+import {holds} from "../core/history";
+import {live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
+import {courseRows, courseSeries, type Handled, heldBack, horizonWords, type Predictor, predictors, horizon, RESULTS, isOfNow} from "../core/outlook";
+import {nameOf, pensAbout} from "../core/pens";
+import {extent, type Scale} from "../core/scale";
+import {empty, visible} from "../core/series";
+import {describe, padded} from "../core/trend";
+import type {Course, Plant, Ref} from "../core/types";
+import {Nothing} from "../parts/nothing";
+import {Stroke} from "../parts/pens";
+import {Shape} from "../parts/shape";
+import {Table} from "../parts/table";
+import {told, Value} from "../parts/value";
+import {go, path} from "../router";
+import {repaint} from "../theme";
+import {type DrawnPen, TrendChart, type TrendData} from "../trendchart";
+import {useAnswer} from "../useanswer";
+import {useCell} from "../usecell";
+
+const AGAIN = 2; // s between two questions for the plan
+const STEPS = 12; // columns of the table of a plan
+
+export function PredictionPage({about}: {about: string | null}): JSX.Element {
+  const p = useCell(plant);
+  if (!p) return <Nothing title="Prediction">Loading the plant …</Nothing>;
+  const all = predictors(p);
+  const one = all.find(each => each.controller.name === about) ?? all[0];
+  if (!one) return <Nothing title="Prediction">No controller of this plant predicts or estimates: laws mpc, nmpc and lqg do.</Nothing>;
+  return <Prediction key={`${one.controller.name}:${p.generation}`} of={one} all={all} plant={p} />;
+}
+
+function Prediction({of, all, plant: p}: {of: Predictor; all: Predictor[]; plant: Plant}): JSX.Element {
+  const {controller, measured, moved, disturbances, states} = of;
+  const [table, setTable] = useState(false);
+  const now = useCell(second);
+  const {answer, error} = useAnswer(() => get<{outlook: Course[]}>("/api/outlook"), [Math.floor(now / AGAIN)]);
+  const mine = new Set([...measured, ...moved].map(one => one.variable.ref));
+  const said = (answer?.outlook ?? []).filter(course => mine.has(course.ref));
+  const courses = said.filter(course => isOfNow(course, controller, serverNow()));
+  const newest = Math.max(0, ...said.map(course => course.made));
+  const rows = courseRows(courses, STEPS);
+  const signals = [...measured.map(one => one.variable), ...moved.map(one => one.variable), ...disturbances];
+  return (
+    <section class="prediction">
+      <div class="toolbar">
+        <h1>Prediction</h1>
+        {all.length > 1 && (
+          <label>
+            of{" "}
+            <select value={controller.name} onChange={event => go("prediction", event.currentTarget.value)}>
+              {all.map(one => <option key={one.controller.name} value={one.controller.name}>{one.controller.name}</option>)}
+            </select>
+          </label>
+        )}
+        <span class="say" role="status">
+          {answer == null ? "loading …" : courses[0] ? `${controller.name}: ${horizonWords(courses[0])}` : newest > 0 ? `${controller.name}: no plan since ${stamp(newest)} UTC` : `${controller.name} has no plan`}
+        </span>
+        <span class="spring" />
+        <a class="button" href={path("trend", pensAbout(signals.slice(0, 12).map(one => nameOf(one, p.variables)), {live: true, span: 600, to: 0}))}>Trend of these</a>
+        {measured.length + moved.length > 0 && <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>View as table</button>}
+      </div>
+      {error && <p class="complaint">{error}</p>}
+      {measured.length + moved.length > 0 && <Chart of={of} courses={courses} hidden={table} />}
+      {table && (
+        <Table
+          caption={`What is expected, by the time from the plan on (made ${newest > 0 ? stamp(newest, 1) : missing} UTC)`}
+          head={["Signal", ...rows.head.map(ahead => duration(ahead))]}
+          rows={rows.rows.map(row => [row.name, ...row.values.map(value => number(value))])}
+        />
+      )}
+      <div class="grid equal">
+        {measured.length > 0 && <HandledTable caption="Measurements" of={measured} courses={courses} setpoints />}
+        {moved.length > 0 && <HandledTable caption="Outputs" of={moved} courses={courses} />}
+        {(disturbances.length > 0 || states.length > 0) && (
+          <div class="panel">
+            <table class="data cards">
+              <caption>Estimates</caption>
+              <thead><tr><th scope="col">Name</th><th scope="col" class="number">Is</th><th scope="col" class="wide">What it is</th></tr></thead>
+              <tbody>
+                {[...disturbances, ...states].map(one => (
+                  <tr key={one.ref}>
+                    <th scope="row">{one.name}</th>
+                    <td class="number" data-label="Is"><Value of={one.ref} unit /></td>
+                    <td class="wide" data-label="What it is">{one.description}</td>
+                  </tr>
+                ))}
+              </tbody>
+            </table>
+          </div>
+        )}
+        {of.solver.result && <Solver of={of} />}
+      </div>
+    </section>
+  );
+}
+
+function HandledTable({caption, of, courses, setpoints = false}: {caption: string; of: Handled[]; courses: Course[]; setpoints?: boolean}): JSX.Element {
+  return (
+    <div class="panel">
+      <table class="data cards">
+        <caption>{caption}</caption>
+        <thead>
+          <tr>
+            <th scope="col">Name</th>
+            <th scope="col" class="number">Is</th>
+            {setpoints && <th scope="col" class="number">Setpoint</th>}
+            <th scope="col" class="number">Aimed at</th>
+            <th scope="col" class="number">At the end</th>
+            <th scope="col">Limits</th>
+            <th scope="col">Held back by</th>
+          </tr>
+        </thead>
+        <tbody>{of.map(one => <HandledRow key={one.variable.ref} of={one} course={courses.find(course => course.ref === one.variable.ref) ?? null} setpoints={setpoints} />)}</tbody>
+      </table>
+    </div>
+  );
+}
+
+function HandledRow({of: {variable: one, setpoint, loop, target, limit}, course, setpoints}: {of: Handled; course: Course | null; setpoints: boolean}): JSX.Element {
+  const held = useCell(live(limit ?? "")).value;
+  const words = heldBack(limit ? held : null);
+  const end = course?.expected[course.expected.length - 1] ?? null;
+  return (
+    <tr>
+      <th scope="row">{loop ? <a href={path("loop", loop.id)}>{one.name}</a> : one.name}</th>
+      <td class="number" data-label="Is"><Value of={one.ref} unit /></td>
+      {setpoints && <td class="number" data-label="Setpoint">{setpoint ? <Value of={setpoint} /> : missing}</td>}
+      <td class="number" data-label="Aimed at">{target ? <Value of={target} /> : missing}</td>
+      <td class="number" data-label="At the end">{told(one.ref, end)}</td>
+      <td data-label="Limits">{limitsText(one.low, one.high)}</td>
+      <td data-label="Held back by">{words ?? missing}</td>
+    </tr>
+  );
+}
+
+function Solver({of: {solver}}: {of: Predictor}): JSX.Element {
+  const result = useCell(live(solver.result as Ref)).value;
+  const time = useCell(live(solver.time ?? "")).value;
+  const iterations = useCell(live(solver.iterations ?? "")).value;
+  return (
+    <div class="panel">
+      <h2>Solver</h2>
+      <dl class="pairs">
+        <dt>result</dt>
+        <dd>{result != null && result > 0 && <Shape priority={3} label="not the best plan" />} {result == null ? missing : (RESULTS[result] ?? exact(result))}</dd>
+        <dt>objective</dt>
+        <dd>{solver.objective ? <Value of={solver.objective} /> : missing} <span class="say">0 at rest</span></dd>
+        <dt>time it took</dt>
+        <dd>{duration(time)}</dd>
+        <dt>changes of the working set</dt>
+        <dd>{exact(iterations)}</dd>
+      </dl>
+    </div>
+  );
+}
+
+const PAST = 3; // times as long as the horizon
+const LEAST_PAST = 30; // s
+const COLOURS = 6;
+
+/** What was, up to now, and right of it, dashed, what is expected. */
+function Chart({of, courses, hidden}: {of: Predictor; courses: Course[]; hidden: boolean}): JSX.Element {
+  const host = useRef<HTMLDivElement>(null);
+  const chart = useRef<TrendChart | null>(null);
+  const filled = useCell(refill);
+  const painted = useCell(repaint);
+  useCell(second);
+  const [, drawn] = useState(0);
+  const panels = useMemo(() => [of.measured, of.moved].filter(one => one.length > 0), []);
+  const refs = useMemo(() => panels.map(panel => [...panel.map(one => one.variable.ref), ...panel.flatMap(one => one.setpoint ?? [])]), []);
+  const curves = useMemo(() => new Map(refs.flat().flatMap(ref => { const one = variable(ref); return one ? [[ref, new Curve(one)]] : []; }) as [Ref, Curve][]), []);
+  const ahead = useRef(0);
+  ahead.current = Math.max(ahead.current, horizon(courses));
+  const past = Math.max(LEAST_PAST, PAST * ahead.current);
+  const scales = useRef<(Scale | null)[]>(panels.map(() => null));
+  const pens = panels.map((panel, k): DrawnPen[] => [
+    ...panel.map((one, i) => ({label: one.variable.name, colour: `--pen-${((k + i) % COLOURS) + 1}`, dash: [], band: false, step: holds(one.variable)})),
+    ...panel.flatMap((one, i) => (one.setpoint ? [{label: variable(one.setpoint)?.name ?? "", colour: `--pen-${((k + i) % COLOURS) + 1}`, dash: [2, 3], band: false, step: true}] : [])),
+    ...panel.map((one, i) => ({label: `${one.variable.name} expected`, colour: `--pen-${((k + i) % COLOURS) + 1}`, dash: [8, 4], band: false, step: holds(one.variable)})),
+  ]);
+
+  const data = (): TrendData => {
+    const now = serverNow();
+    const [from, to] = [now - past, now + ahead.current];
+    return {
+      from,
+      to,
+      now,
+      panels: panels.map((panel, k) => {
+        const shown = [...(refs[k] as Ref[]).map(ref => curves.get(ref)?.series ?? empty()), ...panel.map(one => { const course = courses.find(each => each.ref === one.variable.ref); return course ? courseSeries(course) : empty(); })];
+        const [low, high] = extent(shown.flatMap(one => visible(one, from, to)));
+        const scale = scales.current[k];
+        // Chosen once; only what leaves it moves it.
+        if (isFinite(low) && (!scale || low < scale.low || high > scale.high)) scales.current[k] = padded(Math.min(low, scale?.low ?? low), Math.max(high, scale?.high ?? high));
+        return {curves: shown, scale: scales.current[k] ?? {low: 0, high: 1}};
+      }),
+    };
+  };
+
+  useEffect(() => {
+    const element = host.current as HTMLDivElement;
+    const made = new TrendChart(element, panels.map((panel, k) => ({label: panel.map(one => describe(one.variable)).join(", "), pens: pens[k] as DrawnPen[]})), data(), null, () => {});
+    chart.current = made;
+    const sized = new ResizeObserver(() => made.resize());
+    sized.observe(element);
+    const stop = onSample((ref, [, t, value, status]) => {
+      if (t != null) curves.get(ref)?.take(t, value, status, serverNow() - past);
+    });
+    return () => {
+      stop();
+      sized.disconnect();
+      made.destroy();
+      for (const curve of curves.values()) curve.stop();
+    };
+  }, []);
+  useEffect(() => {
+    const now = serverNow();
+    for (const curve of curves.values()) curve.fill(now - past, now, chart.current?.pixels ?? 800, true, () => drawn(n => n + 1));
+  }, [filled, past]);
+  useEffect(() => chart.current?.show(data()));
+  useEffect(() => chart.current?.repaint(), [painted]);
+  return (
+    <>
+      <div class="readout" hidden={hidden}>
+        {panels.flatMap((panel, k) => panel.map((one, i) => <span class="item" key={one.variable.ref}><Stroke pen={(pens[k] as DrawnPen[])[i] as DrawnPen} /> {one.variable.name} <Value of={one.variable.ref} /></span>))}
+        <span class="say"><Stroke pen={{colour: "--label", dash: [2, 3]}} /> setpoint <Stroke pen={{colour: "--label", dash: [8, 4]}} /> expected, planned</span>
+      </div>
+      <div
+        ref={host}
+        class="plots"
+        hidden={hidden}
+        role="img"
+        aria-label={`${[...of.measured, ...of.moved].map(one => one.variable.name).join(", ")}: the last ${duration(past)}, and what is expected for the next ${duration(ahead.current)}. View as table gives the numbers.`}
+      />
+    </>
+  );
+}

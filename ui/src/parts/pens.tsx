@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Choosing signals, and how each is drawn.
+import type {JSX} from "preact";
+import {useState} from "preact/hooks";
+import {matching, MOST_PENS} from "../core/pens";
+import type {Pen} from "../core/trend";
+import type {Plant, Variable} from "../core/types";
+
+/** The line of a pen, as in the chart: by dashes as well as by colour. */
+export function Stroke({pen}: {pen: Pick<Pen, "colour" | "dash">}): JSX.Element {
+  return (
+    <svg class="key" viewBox="0 0 32 6" aria-hidden="true">
+      <path d="M0 3H32" stroke-width="2" stroke-dasharray={pen.dash.join(" ")} style={{stroke: `var(${pen.colour})`}} />
+    </svg>
+  );
+}
+
+/** Enter takes the first that is found. */
+export function PenSearch({plant, there, add}: {plant: Plant; there: Variable[]; add: (one: Variable) => void}): JSX.Element {
+  const [text, setText] = useState("");
+  const full = there.length >= MOST_PENS;
+  const matches = full ? [] : matching(text, plant, there);
+  const take = (one: Variable): void => {
+    setText("");
+    add(one);
+  };
+  return (
+    <form
+      class="pen-search"
+      role="search"
+      onSubmit={event => {
+        event.preventDefault();
+        if (matches[0]) take(matches[0]);
+      }}
+    >
+      <label>
+        add a signal <input type="search" size={18} value={text} disabled={full} placeholder="name, unit, description" onInput={event => setText(event.currentTarget.value)} />
+      </label>{" "}
+      <span class="say" role="status">
+        {full ? `${MOST_PENS} signals are the most` : text.trim() === "" ? "" : matches.length === 0 ? `nothing is called “${text.trim()}”` : "Enter adds the first"}
+      </span>
+      {matches.length > 0 && (
+        <ul class="matches">
+          {matches.map(one => (
+            <li key={one.ref}>
+              <button type="button" onClick={() => take(one)}>{one.name}{one.unit && ` [${one.unit}]`} <small>{one.description || one.ref}</small></button>
+            </li>
+          ))}
+        </ul>
+      )}
+    </form>
+  );
+}
