@@ -17,7 +17,7 @@ import {abnormal, aged, beyond, heard, limit, type Live, nothing, usable, words,
 import {extent, niceScale, place} from "../src/core/scale";
 import {align, append, between, drawn, empty, fromBins, fromHistory, fromSamples, held, indexAt, join, statistics, trim, valueAt, visible} from "../src/core/series";
 import {bounds, goLive, pan, pause, refuse, select, zoom, type Window} from "../src/core/view";
-import type {Control, Loop, PlantEvent, Write} from "../src/core/types";
+import type {Control, Loop, PlantEvent, Transition, Write} from "../src/core/types";
 import {alarmed, cascade, plant, predicted, stands} from "./plant";
 
 const DAY = 86400;
@@ -578,6 +578,13 @@ test("the journal tells what people said between the transitions, and nothing of
   const told = story([transition(1, 10), transition(2, 20), transition(3, 20)], [event(15, "y1.high: acknowledged (from x): I see it"), event(16, "r: 1 -> 2"), event(17, "y1.high: raised", "alarm"), event(2, "y1.high: shelved until")], defined);
   assert.deepEqual(told.map(one => one.transition?.number ?? one.said?.text), [1, "y1.high: acknowledged (from x): I see it", 2, 3]);
   assert.deepEqual(story([], [event(1, "y1.high: acknowledged")], defined), []);
+  // Two processes have stamped it: what follows from somebody's word comes after it all the same.
+  const by = (number: number, time: number, author = "anna") => ({...transition(number, time), author});
+  const order = (transitions: Transition[], events: PlantEvent[]): string => story(transitions, events, defined).map(one => one.transition?.number ?? one.said?.text.slice(9)).join(" ");
+  assert.equal(order([transition(1, 1), by(2, 9.9), by(3, 10.6)], [event(10, "y1.high: a"), event(10.5, "y1.high: b")]), "1 a 2 b 3");
+  assert.equal(order([transition(1, 1), by(2, 9.9), by(3, 10.4)], [event(10, "y1.high: a"), event(10.5, "y1.high: b")]), "1 a 2 b 3");
+  assert.equal(order([transition(1, 1), by(2, 9.9, "otto")], [event(10, "y1.high: a")]), "1 2 a");
+  assert.equal(order([transition(1, 1), by(2, 4)], [event(10, "y1.high: a")]), "1 2 a", "what was long before followed from something else");
 });
 
 test("a time that people choose is told exactly", () => {

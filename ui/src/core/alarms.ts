@@ -117,8 +117,28 @@ export function story(transitions: Transition[], events: PlantEvent[], all: Alar
   const names = new Set(all.map(one => one.alarm));
   const first = transitions[0]?.time ?? Infinity;
   const said = events.filter(one => one.kind === "operator" && one.time >= first - 1 && names.has(alarmSaid(one)));
+  const at = begun(transitions, said);
   const entries: Entry[] = [...transitions.map((transition): Entry => ({time: transition.time, transition, said: null})), ...said.map((one): Entry => ({time: one.time, transition: null, said: one}))];
-  return entries.sort((a, b) => a.time - b.time || (a.transition?.number ?? 0) - (b.transition?.number ?? 0));
+  const when = (one: Entry): number => (one.said ? (at.get(one.said) ?? one.time) : one.time);
+  return entries.sort((a, b) => when(a) - when(b) || (a.transition?.number ?? 0) - (b.transition?.number ?? 0));
+}
+
+const APART = 5; // s between two stamps of one action
+
+/** What somebody said is stamped when it is committed, what follows from it by another process, and may have the earlier
+ *  stamp: then both happened at that one. */
+function begun(transitions: Transition[], said: PlantEvent[]): Map<PlantEvent, number> {
+  const free = new Set(transitions);
+  const at = new Map<PlantEvent, number>();
+  for (const one of said.slice().sort((a, b) => a.time - b.time)) {
+    const apart = (of: Transition): number => Math.abs(of.time - one.time);
+    const own = [...free].filter(of => of.alarm === alarmSaid(one) && of.author === one.source && apart(of) <= APART);
+    const follows = own.reduce<Transition | null>((a, b) => (a && apart(a) <= apart(b) ? a : b), null);
+    if (!follows) continue;
+    free.delete(follows);
+    at.set(one, Math.min(one.time, follows.time));
+  }
+  return at;
 }
 
 /** Of which alarm an operator's event is: its text is "NAME: what". */
