@@ -4,10 +4,12 @@ import type {JSX} from "preact";
 import {useEffect, useState} from "preact/hooks";
 import {get} from "../core/api";
 import {useCell} from "../usecell";
-import {exact, stamp} from "../core/format";
+import {decimalsOf, exact, missing, number, stamp} from "../core/format";
 import {loopScale, outputScale} from "../core/loopdata";
 import {isMasked, isUnacknowledged, ofLoop, stateWords} from "../core/alarms";
-import {alarms, control, events, inShadow, modesOfLoop, plant, variable, writes} from "../core/model";
+import {alarms, control, events, inShadow, limitsOf, live, modesOfLoop, plant, variable, writes} from "../core/model";
+import {predictors} from "../core/outlook";
+import {usable} from "../core/quality";
 import {wouldBe} from "../core/trend";
 import {Bar} from "../parts/bar";
 import {Entry} from "../parts/entry";
@@ -19,7 +21,7 @@ import {Spark} from "../parts/spark";
 import {Tuning} from "../parts/tuning";
 import {Value} from "../parts/value";
 import {go, path} from "../router";
-import type {Loop, Plant, PlantEvent} from "../core/types";
+import type {Loop, Plant, PlantEvent, Ref} from "../core/types";
 
 export function LoopPage({about}: {about: string | null}): JSX.Element {
   const p = useCell(plant);
@@ -57,6 +59,7 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
             <button type="button" onClick={() => step(1)} aria-label="Next loop">▶</button>
           </>
         )}
+        {predictors(p).some(one => one.controller.name === loop.controller) && <a class="button" href={path("prediction", loop.controller)}>Prediction</a>}
         <a class="button" href={path("trend", loop.id)}>Trend</a>
       </div>
       <div class="grid equal">
@@ -76,11 +79,13 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
               <Value of={loop.setpoint} unit />
             </div>
           )}
+          {loop.measurement && loop.setpoint && <Deviation of={loop.measurement} from={loop.setpoint} />}
           {loop.output && (
             <div class="line">
               <span class="line-label">OUT<small>{output?.name}</small></span>
               <Bar label="OUT" value={loop.output} scale={out} ends />
               <Value of={loop.output} unit />
+              <AtLimit of={loop.output} />
             </div>
           )}
           {wouldBe(loop, p).map(ref => (
@@ -128,6 +133,29 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
       </div>
     </section>
   );
+}
+
+/** How far the measurement is from its setpoint. */
+function Deviation({of, from}: {of: Ref; from: Ref}): JSX.Element {
+  const [y, r] = [useCell(live(of)), useCell(live(from))];
+  const known = usable(y.value, y.status) && usable(r.value, r.status);
+  return (
+    <div class="line">
+      <span class="line-label">DEV<small>PV less SP</small></span>
+      <span />
+      <span class={`value${y.stale ? " stale" : ""}`}>
+        <span class="digits">{known ? number((y.value as number) - (r.value as number), decimalsOf(limitsOf(of))) : missing}</span> <span class="unit">{variable(of)?.unit}</span>
+      </span>
+    </div>
+  );
+}
+
+/** Nothing more goes out in that direction; no alarm by itself. */
+function AtLimit({of}: {of: Ref}): JSX.Element | null {
+  const {value} = useCell(live(of));
+  const one = variable(of);
+  const where = value == null || !one ? null : one.high != null && value >= one.high ? "high" : one.low != null && value <= one.low ? "low" : null;
+  return where && <span class="say at-limit">at its {where} limit</span>;
 }
 
 /** What is alarmed of in this loop, and what of it stands. */
