@@ -158,8 +158,8 @@ bool gate_pass(struct ui *ui, struct request *r, const char *method)
         return fault_set(&r->fault, 404, "path", NULL, "there is nothing here");
     if (strcmp(method, route->method) != 0 && !(!strcmp(method, "HEAD") && !strcmp(route->method, "GET")))
         return fault_set(&r->fault, 405, "method", NULL, "%s takes %s only", route->path, route->method);
-    if (route->role == ROLE_OPERATOR && r->session.role != ROLE_OPERATOR)
-        return fault_set(&r->fault, 403, "role", NULL, "%s is an observer: this takes an operator",
-                         r->session.user);
+    if (r->session.role < route->role)
+        return fault_set(&r->fault, 403, "role", NULL, "%s is an %s: this takes an %s", r->session.user,
+                         role_name(r->session.role), role_name(route->role));
     return !post || check_post(r);
 }

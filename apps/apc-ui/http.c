@@ -295,7 +295,7 @@ static enum MHD_Result answer_stream(struct exchange *x)
     bool resumed;
     const struct session *session = &x->r.session;
     const struct stream_watcher watcher = {.session = session->token,
-                                           .privileged = session->role == ROLE_OPERATOR};
+                                           .privileged = session->role >= ROLE_OPERATOR};
     int rc = stream_open(ui->stream, &watcher, last ? last : request_query(&x->r, "last"), rest_stream,
                          wake_stream, x, &x->reader, &resumed);
     if (rc < 0) {

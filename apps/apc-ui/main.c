@@ -46,7 +46,7 @@ static const struct argp_option option_list[] = {
     {"listen", 'l', "ADDRESS:PORT", 0, "Where to serve; default " DEFAULT_PLACE "; port 0: any", 0},
     {"users", OPT_USERS, "FILE", 0,
      "Who may log in, made by `apc user add` [APC_USERS]; default ~/.config/apc/users. Without this file, "
-     "and on loopback only, it is for the user who starts it, who is operator",
+     "and on loopback only, it is for the user who starts it, who is engineer",
      0},
     {"name", OPT_NAME, "HOST", 0,
      "A name of this server, other than localhost and its addresses; may be repeated", 0},
@@ -286,7 +286,7 @@ static void say_where(const struct ui *ui)
     const char *listen = ui->options.listen;
     apc_log_write(ui->log, APC_LOG_INFO, "serving %s://%.*s:%d (%zu files of the page, %s)",
                   ui->tls ? "https" : "http", (int)(strrchr(listen, ':') - listen), listen, ui->port,
-                  files_count(ui->files), ui->open ? "no login: who started it is operator" : "with login");
+                  files_count(ui->files), ui->open ? "no login: who started it is engineer" : "with login");
 }
 
 static void serve(struct ui *ui, sigset_t *signals)

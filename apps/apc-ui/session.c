@@ -16,7 +16,7 @@ int sessions_init(struct sessions *s, apc_ns idle, apc_ns life)
     memset(s, 0, sizeof *s);
     s->idle = idle;
     s->life = life;
-    s->local.role = ROLE_OPERATOR;
+    s->local.role = ROLE_ENGINEER;
     snprintf(s->local.user, sizeof s->local.user, "local");
     if (pthread_mutex_init(&s->mutex, NULL))
         return APC_ESYS;

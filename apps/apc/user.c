@@ -15,7 +15,7 @@ enum { OPT_USERS = 0x400, OPT_ROLE };
 
 static const struct argp_option option_list[] = {
     {"users", OPT_USERS, "FILE", 0, "The file [APC_USERS]; default ~/.config/apc/users", 0},
-    {"role", OPT_ROLE, "ROLE", 0, "observer (default for a new name) or operator", 0},
+    {"role", OPT_ROLE, "ROLE", 0, "observer (default for a new name), operator or engineer", 0},
     {0},
 };
 
@@ -27,7 +27,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     else if (key == OPT_USERS)
         o->file = arg;
     else if (key == OPT_ROLE && role_parse(arg) == ROLE_NONE)
-        argp_error(state, "--role \"%s\": must be observer or operator", arg);
+        argp_error(state, "--role \"%s\": must be observer, operator or engineer", arg);
     else if (key == OPT_ROLE)
         o->role = arg;
     else

@@ -22,7 +22,8 @@
 #define TOKEN_PASSES 1
 #define TOKEN_KIB    8
 
-static const char *const roles[] = {[ROLE_OBSERVER] = "observer", [ROLE_OPERATOR] = "operator"};
+static const char *const roles[] = {
+    [ROLE_OBSERVER] = "observer", [ROLE_OPERATOR] = "operator", [ROLE_ENGINEER] = "engineer"};
 
 const char *role_name(enum role role)
 {
@@ -31,7 +32,7 @@ const char *role_name(enum role role)
 
 enum role role_parse(const char *name)
 {
-    for (enum role role = ROLE_OBSERVER; role <= ROLE_OPERATOR; role++)
+    for (enum role role = ROLE_OBSERVER; role <= ROLE_ENGINEER; role++)
         if (!strcmp(name, roles[role]))
             return role;
     return ROLE_NONE;
@@ -141,8 +142,9 @@ int users_load(struct users *users, const char *path, struct apc_error *why)
         if (line[0] == '\0' || line[0] == '#')
             continue;
         if (!parse_line(line, &user) || users_find(users, user.name))
-            rc = apc_fail(why, APC_EPROTO, "%s:%u: must be NAME:observer or operator:HASH, each name once",
-                          path, number);
+            rc = apc_fail(why, APC_EPROTO,
+                          "%s:%u: must be NAME:observer, operator or engineer:HASH, each name once", path,
+                          number);
         else if (append(users, &user) < 0)
             rc = apc_fail(why, APC_ENOMEM, "out of memory");
     }

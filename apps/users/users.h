@@ -17,8 +17,9 @@
 #define SECRET_LEN    65 /* 32 random bytes in hexadecimal */
 #define DEVICE_LEN    97 /* of the text by which a browser shows that this user logged in with it */
 
-enum role { ROLE_NONE = 0, ROLE_OBSERVER, ROLE_OPERATOR };
-const char *role_name(enum role role); /* "observer", "operator" */
+/* Each may what those before it may. */
+enum role { ROLE_NONE = 0, ROLE_OBSERVER, ROLE_OPERATOR, ROLE_ENGINEER };
+const char *role_name(enum role role); /* "observer", "operator", "engineer" */
 enum role role_parse(const char *name);
 
 struct user {

@@ -8,7 +8,7 @@ export HOME=$work
 unset APC_USERS
 
 # users: passwords come from stdin, the file is its owner's alone
-printf 'operator123\n' | "$apc" user add anna --role operator --users "$work/users"
+printf 'operator123\n' | "$apc" user add anna --role engineer --users "$work/users"
 printf 'observer123\n' | "$apc" user add otto --users "$work/users"
 [ "$(stat -c %a "$work/users")" = 600 ] || fail "the file of users is not 0600"
 ! grep -q 'operator123\|observer123' "$work/users" || fail "a password stands in the file"
@@ -16,9 +16,9 @@ printf 'observer123\n' | "$apc" user add otto --users "$work/users"
 expect 0 '^otto +observer$' "$apc" user list --users "$work/users"
 expect 1 'no password' "$apc" user add eve --users "$work/users" # no password at all
 printf 'operator456\n' | "$apc" user add anna --users "$work/users" # a new password takes no role away
-expect 0 '^anna +operator$' "$apc" user list --users "$work/users"
+expect 0 '^anna +engineer$' "$apc" user list --users "$work/users"
 printf 'operator123\n' | "$apc" user add anna --users "$work/users"
-expect 2 'observer or operator' "$apc" user add eve --role admin --users "$work/users"
+expect 2 'observer, operator or engineer' "$apc" user add eve --role admin --users "$work/users"
 expect 1 'no "eve"' "$apc" user remove eve --users "$work/users"
 
 # tokens of machines: shown once, kept as a hash, under a name of their own
@@ -107,7 +107,7 @@ until_true 10 revoked
 cp "$work/users" "$work/kept" && chmod 600 "$work/kept"
 echo nonsense >>"$work/users"
 said() { [ -n "$(sql "SELECT 1 FROM apc.event WHERE kind = 'access' AND text LIKE '%$1%' LIMIT 1")" ]; }
-until_true 10 said 'NAME:observer or operator:HASH'
+until_true 10 said 'NAME:observer, operator or engineer:HASH'
 "$APC_BUILD_DIR/tests/ui_probe" --watch "$APC_UI_SECURE" anna operator123 >"$work/kept.log" 2>&1 &
 until_true 10 grep -q 'hello' "$work/kept.log"
 mv "$work/kept" "$work/users"

@@ -236,7 +236,7 @@ static void an_open_server_says_that_it_is_one(void **state)
     (void)state;
     client_get(&local, "/api/session", &session);
     assert_true(json_is_false(json_object_get(session, "protected")));
-    assert_string_equal(text_of(session, "role"), "operator");
+    assert_string_equal(text_of(session, "role"), "engineer");
     json_decref(session);
     client_get(&otto, "/api/session", &session);
     assert_true(json_is_true(json_object_get(session, "protected")));

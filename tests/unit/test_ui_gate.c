@@ -19,7 +19,7 @@ static struct ui *ui;
 static struct request request;
 static struct connection from;
 static const char *headers[20]; /* name, value, ... */
-static char folder[64], secret[SECRET_LEN], operator_secret[SECRET_LEN];
+static char folder[64], secret[SECRET_LEN], operator_secret[SECRET_LEN], engineer_secret[SECRET_LEN];
 
 /* In place of those that ask a connection. */
 const char *request_query(const struct request *r, const char *name)
@@ -60,6 +60,7 @@ static int set_up(void **state)
     snprintf(path, sizeof path, "%s/users.tokens", folder);
     if (tokens_add(path, "reader", ROLE_OBSERVER, secret, &why) < 0 ||
         tokens_add(path, "writer", ROLE_OPERATOR, operator_secret, &why) < 0 ||
+        tokens_add(path, "tuner", ROLE_ENGINEER, engineer_secret, &why) < 0 ||
         users_load(&ui->tokens, path, &why) < 0)
         return -1;
     ui->port = 8080;
@@ -133,7 +134,7 @@ static void a_request_with_all_it_takes_passes(void **state)
     say_all();
     assert_int_equal(refused("POST", "/api/setpoint"), 0);
     assert_string_equal(request.session.user, "local");
-    assert_int_equal(request.session.role, ROLE_OPERATOR);
+    assert_int_equal(request.session.role, ROLE_ENGINEER);
     assert_int_equal(refused("GET", "/api/state"), 0);
     assert_int_equal(gate(route("GET", "/api/state"), "HEAD"), 0);
     say("Sec-Fetch-Site", "none");
@@ -244,6 +245,55 @@ static void a_token_is_as_good_as_its_role(void **state)
         assert_int_equal(refused("GET", "/metrics"), 401);
         assert_int_equal(refused("GET", "/livez"), 0); /* anyone may */
     }
+}
+
+/* A row of the table of roles: whether the document says that this role may. */
+static bool documented(const char *document, const struct route *r, enum role role)
+{
+    char begin[120];
+    snprintf(begin, sizeof begin, "\n| `%s %s` |", r->method, r->path);
+    const char *row = strstr(document, begin);
+    if (!row)
+        fail_msg("the table of roles has no %s %s", r->method, r->path);
+    row += strlen(begin);
+    for (enum role k = ROLE_NONE; k < role; k++)
+        row = strchr(row, '|') + 1;
+    const bool yes = !strncmp(row, " yes |", 6);
+    if (!yes && strncmp(row, " \u2013 |", strlen(" \u2013 |")) != 0)
+        fail_msg("%s %s: neither yes nor \u2013", r->method, r->path);
+    return yes;
+}
+
+static void the_table_of_roles_is_what_the_gate_does(void **state)
+{
+    static const char *const names[] = {"nobody", "reader", "writer", "tuner"};
+    const char *const secrets[] = {"", secret, operator_secret, engineer_secret};
+    char document[65536], bearer[200];
+    size_t rows = 0;
+    (void)state;
+    FILE *in = fopen(APC_SOURCE_DIR "/docs/http-api.md", "re");
+    assert_non_null(in);
+    const size_t n = fread(document, 1, sizeof document - 1, in);
+    fclose(in);
+    document[n] = '\0';
+    ui->open = false;
+    for (size_t i = 0; i < n_routes; i++)
+        for (enum role role = ROLE_NONE; role <= ROLE_ENGINEER; role++) {
+            say_all();
+            say("X-CSRF-Token", NULL);
+            snprintf(bearer, sizeof bearer, "Bearer %s~%s", names[role], secrets[role]);
+            say("Authorization", bearer);
+            const int status = gate(&routes[i], routes[i].method);
+            if ((status == 0) != documented(document, &routes[i], role))
+                fail_msg("%s %s: %s gets %d", routes[i].method, routes[i].path,
+                         role ? role_name(role) : "a stranger", status);
+            assert_true(status == 0 || status == (role == ROLE_NONE ? 401 : 403));
+        }
+    for (const char *at = document; (at = strstr(at, "yes | yes |\n")); at++)
+        rows++;
+    for (const char *at = document; (at = strstr(at, "\u2013 | yes |\n")); at++)
+        rows++;
+    assert_int_equal(rows, n_routes); /* and none that there is not */
 }
 
 static void cookies_are_named_by_port_and_bound_to_the_host_under_tls(void **state)
@@ -425,6 +475,7 @@ int main(void)
         T(another_users_process_is_a_stranger_here),
         T(a_protected_server_asks_for_a_session),
         T(a_token_is_as_good_as_its_role),
+        T(the_table_of_roles_is_what_the_gate_does),
         T(cookies_are_named_by_port_and_bound_to_the_host_under_tls),
         T(it_listens_where_it_may),
         T(a_port_that_is_taken_is_said),

@@ -219,6 +219,7 @@ static void the_file_is_the_one_given_or_at_home(void **state)
     assert_string_equal(role_name(ROLE_NONE), "");
     assert_int_equal(role_parse("observer"), ROLE_OBSERVER);
     assert_int_equal(role_parse("operator"), ROLE_OPERATOR);
+    assert_int_equal(role_parse(role_name(ROLE_ENGINEER)), ROLE_ENGINEER);
     assert_int_equal(role_parse(""), ROLE_NONE);
 }
 

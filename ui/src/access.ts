@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// May the operator write now, and if not, why.
+// May who is here write now, and if not, why.
 import {useCell} from "./usecell";
 import {connection, session, store} from "./core/model";
+import type {Role} from "./core/types";
 
-export function useWriteBar(): string | null {
+const LADDER: Role[] = ["observer", "operator", "engineer"];
+
+export function useWriteBar(takes: Role = "operator"): string | null {
   const who = useCell(session);
   const link = useCell(connection);
   const database = useCell(store);
   if (link.state !== "connected") return "not connected to the server";
   if (!database?.connected) return "the database is away";
-  if (who?.role !== "operator") return `${who?.user ?? "you"} may only look: this takes an operator`;
+  if (!who || LADDER.indexOf(who.role) < LADDER.indexOf(takes)) return `${who?.user ?? "you"} may ${who?.role === "operator" ? "not tune" : "only look"}: this takes an ${takes}`;
   return null;
 }

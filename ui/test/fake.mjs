@@ -190,7 +190,7 @@ export class Fake {
     }
     switch (url.pathname) {
       case "/api/session":
-        return this.loggedIn ? json({user: "anna", role: "operator", protected: true, csrf: "x", expires: null}) : json({error: {code: "login", message: "log in"}}, 401);
+        return this.loggedIn ? json({user: "anna", role: "engineer", protected: true, csrf: "x", expires: null}) : json({error: {code: "login", message: "log in"}}, 401);
       case "/api/login":
         return json({error: {code: "password", message: "name or password is wrong"}}, 401);
       case "/api/setpoint":

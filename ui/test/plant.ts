@@ -159,7 +159,7 @@ export class Server {
   constructor(readonly env: FakeEnv) {
     this.ahead = START - env.mono();
     const {routes} = env;
-    routes.set("/api/session", one => one.answer({user: "anna", role: "operator", protected: true, csrf: "token", expires: null}));
+    routes.set("/api/session", one => one.answer({user: "anna", role: "engineer", protected: true, csrf: "token", expires: null}));
     routes.set("/api/plant", one => one.answer(this.plant));
     routes.set("/api/writes", one => one.answer({writes: []}));
     routes.set("/api/events", one => one.answer({t: this.now, events: [], more: false}));

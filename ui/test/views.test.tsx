@@ -187,7 +187,7 @@ test("a bar begins at zero and marks its setpoint", async () => {
 });
 
 test("the header says who, what, whether there is a connection, and the server's time", async () => {
-  assert.match(said("header"), /^libapc tanks CONNECTED 0\.\d s DB ok \d\d:\d\d:\d\d UTC anna, operator Log out Colours auto light dark \?$/);
+  assert.match(said("header"), /^libapc tanks CONNECTED 0\.\d s DB ok \d\d:\d\d:\d\d UTC anna, engineer Log out Colours auto light dark \?$/);
   assert.equal(document.title, "tanks – libapc");
   env.source.send("store", {connected: false, since: START, error: "it was stopped"});
   await settle();
@@ -292,7 +292,7 @@ test("colours are chosen and remembered", async () => {
 test("the faceplate tells the loop", async () => {
   await show("loop/2");
   assert.equal(said("h1"), "y2");
-  assert.match(said(".faceplate"), /^Values PV y2 .* 5\.000 m SP r2 .* 5 m OUT u2 .* 2\.000 V /);
+  assert.match(said(".faceplate"), /^Values PV y2 .* 5\.000 m SP r2 .* 5 m DEV PV less SP 0\.000 m OUT u2 .* 2\.000 V /);
   assert.match(said(".last-action"), /none among the newest 50 of the plant/);
   assert.equal(said(".operate h2"), "Mode | Setpoint | Output");
   await click(button("Next loop"));
@@ -476,6 +476,23 @@ test("tuning goes together, old and new are shown", async () => {
   assert.equal(one<HTMLInputElement>(tuning).value, "3");
 });
 
+test("a faceplate tells how far a loop is off, what is at its limit, and leads to what is expected of it", async () => {
+  await show("loop/1");
+  await state({"sensor.1": [20, server.now, 1.5, "Good"], "setpoint.1": [21, server.now, 2, "Good"], "actuator.1": [22, server.now, 10, "Good"]});
+  assert.match(said(".faceplate"), /SP r1 .* 2 m DEV PV less SP −0\.50 m OUT u1 .* 10\.000 V at its high limit/);
+  await state({"sensor.1": [23, server.now, 1.5, "BadNoCommunication"], "actuator.1": [24, server.now, 9, "Good"]});
+  assert.match(said(".faceplate"), /DEV PV less SP – /);
+  assert.doesNotMatch(said(".faceplate"), /limit/);
+  assert.equal(document.querySelectorAll('a[href="#prediction/base"]').length, 0);
+  server.plant = predicted;
+  env.source.send("plant", {revision: 21});
+  await settle();
+  assert.equal(document.querySelectorAll('a[href="#prediction/base"]').length, 1);
+  server.plant = tanks;
+  env.source.send("plant", {revision: 22});
+  await settle();
+});
+
 test("an observer and somebody without a database may look, and are told why", async () => {
   await show("loop/1");
   const who = model.session.value!;
@@ -483,7 +500,14 @@ test("an observer and somebody without a database may look, and are told why", a
   await settle();
   assert.match(said(entry), /anna may only look: this takes an operator/);
   assert.equal(button("Man").disabled, true);
+  model.session.value = {...who, role: "operator"};
+  await settle();
+  assert.doesNotMatch(said(entry), /this takes/);
+  assert.equal(button("Man").disabled, false);
+  assert.match(said(".tuning-panel"), /anna may not tune: this takes an engineer/);
   model.session.value = who;
+  await settle();
+  assert.doesNotMatch(said(".tuning-panel"), /this takes/);
   env.source.send("store", {connected: false, since: 1, error: "x"});
   await settle();
   assert.match(said(entry), /the database is away/);
@@ -962,7 +986,7 @@ test("what predictive control expects, what holds it back, and how its solver do
   assert.match(one(".plots").getAttribute("aria-label")!, /^y1, y2, u1, u2: the last 30 s, and what is expected for the next 6\.0 s/);
   assert.equal(one<HTMLAnchorElement>(".prediction .toolbar a").getAttribute("href"), "#trend/pens=y1,y2,u1,u2,u1.disturbance;span=600");
   await click(button("View as table"));
-  assert.equal(said(".prediction .scroll thead"), "2.0 s 4.0 s 6.0 s");
+  assert.equal(said(".prediction .scroll thead"), "Signal 2.0 s 4.0 s 6.0 s");
   assert.equal(said(".prediction .scroll tbody"), "y1 10.000 11.000 12.000 u1 1.000 2.000 3.000");
   made = t - 60;
   await env.pass(2.5);

@@ -6,9 +6,11 @@ export type Ref = string;
 /** seq, time (Unix s), value, status. */
 export type Sample = [number, number | null, number | null, string];
 
+export type Role = "observer" | "operator" | "engineer"; // each may what those before it may
+
 export interface Session {
   user: string;
-  role: "observer" | "operator";
+  role: Role;
   protected: boolean;
   csrf: string;
   expires: number | null;

@@ -72,7 +72,7 @@ function Field({of, label, draft, disabled, edit}: FieldProps): JSX.Element {
 export function Tuning({loop}: {loop: Loop}): JSX.Element {
   const [typed, setTyped] = useState<Drafts>({});
   const sent = useRef<Drafts>({});
-  const barred = useWriteBar();
+  const barred = useWriteBar("engineer");
   const name = `tuning.${loop.id}`;
   const view = useCell(slot(name));
   const pending = view?.phase === "pending";
