@@ -171,7 +171,7 @@ struct ui {
     pthread_mutex_t users_mutex;
     char users_path[4096];
     struct users users, tokens;
-    _Atomic bool open; /* no users: who runs the server is operator, on this host */
+    _Atomic bool open; /* no users: who runs the server is engineer, on this host */
     bool tls;
     int port;
     apc_ns began;
