@@ -12,7 +12,7 @@ const source = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe
 const tags = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"];
 const screens = ["overview", "loop", "trend", "trend/pens=y,r,u", "alarms", "alarms/journal", "alarms/figures", "events", "timing", "diagnostics"];
 
-const PATIENCE = {timeout: 300000};
+const PATIENCE = {timeout: 900000};
 let browser;
 before(async () => (browser = await launch()));
 after(() => browser.close());
