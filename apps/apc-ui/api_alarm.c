@@ -414,7 +414,7 @@ static void carry_out(struct ui *ui, struct request *r, const struct alarm_board
     int rc = o->write.user[0] ? apc_store_author(store, o->write.user) : 0;
     if (rc < 0)
         fault_store(r, rc, store);
-    if (rc < 0 || !check_now(r, board, now, o)) {
+    if (rc < 0 || fault_history(r, store) || !check_now(r, board, now, o)) {
         end(ui, r, o, WRITE_FAILED, 0);
         return;
     }

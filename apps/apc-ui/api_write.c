@@ -418,13 +418,14 @@ static void carry_out(struct ui *ui, struct request *r, struct order *o, struct 
 {
     int author = 0;
     int rc = apc_store_connect(store);
-    if (rc >= 0 && o->write.user[0])
+    const bool refused = rc >= 0 && fault_history(r, store);
+    if (rc >= 0 && !refused && o->write.user[0])
         rc = author = apc_store_author(store, o->write.user);
-    if (rc >= 0)
+    if (rc >= 0 && !refused)
         rc = read_before(o, store);
     if (rc < 0)
         fault_store(r, rc, store);
-    else
+    else if (!refused)
         (void)check_now(r, o);
     if (r->fault.http) { /* nothing was sent */
         end(ui, r, o, WRITE_FAILED, 0, r->fault.message);

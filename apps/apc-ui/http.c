@@ -98,6 +98,17 @@ void fault_store(struct request *r, int rc, const struct apc_store *store)
               rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(store));
 }
 
+bool fault_history(struct request *r, struct apc_store *store)
+{
+    const int history = apc_store_is_history(store);
+    if (history < 0)
+        fault_store(r, history, store);
+    if (history > 0)
+        fault_set(&r->fault, 503, "store", NULL,
+                  "the database is a history, which no loop reads: write where the loop runs");
+    return history != 0;
+}
+
 /* ---- Answers ------------------------------------------------------------------------------ */
 
 static void add_headers(const struct ui *ui, struct MHD_Response *response, const char *nonce)

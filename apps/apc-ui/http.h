@@ -80,6 +80,8 @@ void range_json(struct text *t, apc_ns since, apc_ns until); /* three members: n
 bool request_key(struct request *r, const json_t *body, char key[KEY_LEN]);
 /* The store's answer as a fault: nothing was written. */
 void fault_store(struct request *r, int rc, const struct apc_store *store);
+/* Nobody reads what is written into a history: then, or when it does not answer, a fault is set. */
+bool fault_history(struct request *r, struct apc_store *store);
 
 /* Returns 0 or an error in why; ui->server and ui->port are set. */
 int server_start(struct ui *ui, struct apc_error *why);

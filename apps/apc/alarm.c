@@ -414,8 +414,11 @@ static int put(struct session *s, const struct alarm_now *now, enum apc_alarm_sw
     char who[APC_AUTHOR_LEN], text[192];
     if (!alarm_board_want(&s->board, now, which, value, s->now, &w.wish, &why))
         return cli_error(&s->cli, APC_EPERM, "%s", why.text);
+    int rc = cli_live(&s->cli, s->store);
+    if (rc != EXIT_OK)
+        return rc;
     operate_who(who, sizeof who);
-    int rc = apc_store_author(s->store, who);
+    rc = apc_store_author(s->store, who);
     if (rc > 0) {
         w.wish.author = (uint32_t)rc;
         rc = apc_store_swap(s->store, &w.wish, 1);

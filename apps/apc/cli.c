@@ -121,9 +121,7 @@ static error_t parse_args(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-/* A run folder stands for the stores of its run. Of LIVE+HISTORY only the history is left when the run has
- * ended. */
-static void find_store(struct cli *cli)
+void cli_find_store(struct cli *cli)
 {
     static char uri[RUNSTORE_LEN];
     struct apc_error why;
@@ -170,7 +168,7 @@ void cli_parse(struct cli *cli, const struct cli_spec *spec, void *own, int argc
     cli->unnamed = !cli->store || !*cli->store;
     if (cli->unnamed)
         cli->store = spec->takes & CLI_OWN_STORE ? NULL : "postgresql:";
-    find_store(cli);
+    cli_find_store(cli);
 }
 
 static void APC_PRINTF(2, 0) say(const struct cli *cli, const char *fmt, va_list args)
@@ -224,6 +222,17 @@ int cli_init(const struct cli *cli, struct apc_store *store)
         printf("tables brought from version %d to %d%s\n", had, apc_store_version(),
                postgresql ? "; where roles are used, run sql/roles.sql again" : "");
     return had;
+}
+
+int cli_live(const struct cli *cli, struct apc_store *store)
+{
+    const int history = apc_store_is_history(store);
+    if (history < 0)
+        return cli_store_error(cli, history, store);
+    return history == 0 ? EXIT_OK
+                        : cli_error(cli, APC_EPERM,
+                                    "the store is a history, which no loop reads: say it where the loop runs "
+                                    "(apc set, mode and tune ask its historian)");
 }
 
 int cli_open(const struct cli *cli, struct apc_store **store)

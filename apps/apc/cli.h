@@ -50,6 +50,10 @@ struct cli_spec {
 /* Exits on --help and on usage errors (with EXIT_USAGE). argv[0] is the command's name. */
 void cli_parse(struct cli *cli, const struct cli_spec *spec, void *own, int argc, char **argv);
 
+/* A run folder in cli->store becomes the stores of its run, or the process exits and says why. Of
+ * LIVE+HISTORY only the history is left when the run has ended. cli_parse() does that with --store. */
+void cli_find_store(struct cli *cli);
+
 /* "apc get: ..." on stderr. Returns the exit code for err. */
 int cli_error(const struct cli *cli, int err, const char *fmt, ...) APC_PRINTF(3, 4);
 /* A usage error that only shows after cli_parse(). Returns EXIT_USAGE. */
@@ -62,6 +66,10 @@ int cli_init(const struct cli *cli, struct apc_store *store);
 
 /* Open and connect the store of --store, APC_STORE or the environment. Returns 0 or an error already said. */
 int cli_open(const struct cli *cli, struct apc_store **store);
+
+/* Does a loop read what is written there? Of a history nobody does. Returns EXIT_OK, or it is said why not.
+ */
+int cli_live(const struct cli *cli, struct apc_store *store);
 
 /* The end of a command that exits with rc: EXIT_ERROR instead of success when stdout could not be written. */
 int cli_done(const struct cli *cli, int rc);

@@ -39,7 +39,8 @@ static const struct argp own = {option_list, parse, NULL, NULL, NULL, NULL, NULL
 static const struct cli_spec spec = {
     .args_doc = "FROM TO",
     .doc =
-        "Copy what the store FROM holds to the store TO: samples, vectors, descriptions, events and timing. "
+        "Copy what the store FROM holds, or that of the run folder FROM, to the store TO: samples, vectors, "
+        "descriptions, events and timing. "
         "Tables are made where there are none. Running it again copies what is new. Nobody may be writing TO "
         "meanwhile.",
     .min_args = 2,
@@ -533,6 +534,7 @@ static int open_both(struct copy *c)
 {
     struct cli cli = c->cli;
     cli.store = c->cli.args[0];
+    cli_find_store(&cli);
     int rc = cli_open(&cli, &c->from);
     if (rc < 0 || (rc = cli_open(&cli, &c->names)) < 0)
         return rc;

@@ -55,7 +55,11 @@ static int init_store(const struct cli *cli, struct apc_store *store)
 static int describe(const struct cli *cli, struct apc_store *store, const struct experiment *e, bool force)
 {
     char why[PROVISION_TEXT];
-    int rc = force ? 0 : provision_check(store, e, why);
+    int rc = cli_live(cli, store);
+    if (rc != EXIT_OK)
+        return rc;
+    if (!force)
+        rc = provision_check(store, e, why);
     if (rc == APC_EPERM)
         return cli_error(cli, rc, "the store is not described: %s; --force makes it this experiment's", why);
     if (rc < 0 || (rc = provision(store, e, PROVISION_KEEP)) < 0)

@@ -126,11 +126,14 @@ static int promote(struct promotion *p)
     struct apc_event event = {.time = apc_clock_utc(NULL), .severity = APC_EVENT_INFO, .kind = "operator"};
     struct apc_sample *choice = &p->row[CHOICE];
 
+    int rc = cli_live(p->cli, p->store);
+    if (rc != EXIT_OK)
+        return rc;
     choice->value = p->to->number;
     choice->time = event.time;
     choice->status = APC_GOOD;
     operate_who(event.source, sizeof event.source);
-    int rc = apc_store_author(p->store, event.source);
+    rc = apc_store_author(p->store, event.source);
     choice->author = rc > 0 ? (uint32_t)rc : 0;
     rc = rc < 0 ? rc : apc_store_put(p->store, choice, 1);
     if (rc < 0)

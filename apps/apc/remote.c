@@ -175,12 +175,12 @@ int operate_remote(const struct cli *cli, struct apc_store *store, const struct 
                        .setpoint = calloc(n, sizeof *r.setpoint),
                        .given = calloc(n, sizeof *r.given)};
     const bool room = r.owner && r.setpoint && r.given;
-    int rc = room ? EXIT_OK : cli_error(cli, APC_ENOMEM, "out of memory");
+    int rc = room ? cli_live(cli, store) : cli_error(cli, APC_ENOMEM, "out of memory");
     for (size_t i = 0; i < n && room; i++) {
         r.owner[i] = (struct apc_sample){.table = APC_OPMODE, .id = LOOPS_OWNER(setpoint[i])};
         r.setpoint[i] = (struct apc_sample){.table = APC_SETPOINT, .id = setpoint[i]};
     }
-    if (room)
+    if (rc == EXIT_OK)
         rc = change(&r);
     free(r.given);
     free(r.setpoint);

@@ -201,6 +201,8 @@ static int check_store(struct run *r, struct apc_store *store, const char *uri)
                       : ", or make it this experiment's with `apc init --force FILE`");
     else if (rc < 0)
         cli_store_error(&r->cli, rc, store);
+    else if (uri != r->history && cli_live(&r->cli, store) != EXIT_OK)
+        return APC_EPERM;
     return rc;
 }
 

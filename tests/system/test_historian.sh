@@ -107,6 +107,10 @@ expect 1 'permission denied' as_operator "UPDATE apc.request SET outcome = 'appl
 until_true 60 "$apc" set r 9.25 --store postgresql:
 [ "$(rows_of 9.25)" -ge 1 ] && becomes '^applied$' || fail "what apc asked for did not come to the loop"
 
+# what it does not ask for is refused, and not written where no loop reads it
+expect 4 'is a history, which no loop reads' "$apc" remote r --store postgresql:
+expect 4 'is a history, which no loop reads' "$apc" init --store postgresql: "$work/fast.conf"
+
 # a database that comes back older asks for what has been done, and gives its numbers out again
 done=$(sql "SELECT id FROM apc.request WHERE value = 7.5")
 sql "UPDATE apc.request SET seq = NULL, outcome = NULL WHERE id = $done"
@@ -151,6 +155,9 @@ for pid in "$to_file" "$to_database"; do
   kill -TERM "$pid"
   wait "$pid" || fail "a historian ended with $?"
 done
+
+# nor does a loop meet where people only ask
+expect 4 'is a history, which no loop reads' "$apc" run "$work/fast.conf" --store postgresql: --no-ui --duration 5 --out "$work/astray"
 
 # a live store that begins anew is not what this history is of
 rm "$segment"

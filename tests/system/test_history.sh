@@ -72,6 +72,9 @@ end first
 [ "$(sql "SELECT count(*) FROM apc.event WHERE kind = 'history' AND text LIKE '%has all again%'")" -ge 1 ] ||
   fail "the outage is not on record"
 
+# its folder stands for its record
+expect 0 '^samples: +[1-9][0-9]* copied' "$apc" copy "$work/first" "sqlite:$work/copied.db"
+
 # the next one goes on in the same record
 n=$(rows sensor)
 begin second $(($(rows actuator) + 5)) # those of the first run are among them
