@@ -42,7 +42,7 @@ expect 4 'cannot be taken: .*another experiment' \
 # a file that somebody has locked
 coproc sqlite3 "$work/history.db"
 printf '%s\n' '.timeout 20000' 'BEGIN EXCLUSIVE;' '.shell echo locked' >&"${COPROC[1]}"
-read -r <&"${COPROC[0]}"
+read -rt 120 <&"${COPROC[0]}"
 until_true 60 said file 'the history takes nothing' 0
 loop_goes_on
 printf '%s\n' 'COMMIT;' '.quit' >&"${COPROC[1]}"

@@ -57,7 +57,7 @@ end_hang() { kill -CONT "${hung[@]}"; }
 begin_lock() {
   coproc psql -XAtq
   echo 'BEGIN; LOCK TABLE apc.sensor IN ACCESS EXCLUSIVE MODE; SELECT 1;' >&"${COPROC[1]}"
-  read -r <&"${COPROC[0]}"
+  read -rt 120 <&"${COPROC[0]}"
 }
 end_lock() { printf '%s\n' 'COMMIT;' '\q' >&"${COPROC[1]}"; }
 begin_full() { cat /dev/zero >"$APC_SMALL_DISK/full" 2>/dev/null || true; }
