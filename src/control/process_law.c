@@ -130,9 +130,9 @@ static int write_setup(struct instance *i, const struct apc_law_setup *setup, st
     fputc('}', out);
     if (fclose(out) != 0)
         return apc_fail(why, APC_ENOMEM, "law %s: no memory", i->of->law.name);
-    if (i->setup_length > APC_PROCESS_MESSAGE)
+    if (i->setup_length > APC_COMPANION_MESSAGE)
         return apc_fail(why, APC_EINVAL, "law %s: its settings take %zu bytes; %d at most", i->of->law.name,
-                        i->setup_length, APC_PROCESS_MESSAGE);
+                        i->setup_length, APC_COMPANION_MESSAGE);
     return 0;
 }
 
@@ -201,12 +201,12 @@ static int make_room(struct instance *i, struct apc_error *why)
 
     i->n_request = 4 + 6 * d->ny + i->n_ahead * (d->nz + d->nd) + 7 * d->nu + i->tuning + i->states;
     i->n_answer = sizeof(struct header) + answer * sizeof(double) + APC_LAW_WHY;
-    if (i->states > APC_PROCESS_MESSAGE || i->n_ahead > APC_PROCESS_MESSAGE ||
-        i->n_answer > APC_PROCESS_MESSAGE ||
-        i->n_request * sizeof(double) + sizeof(struct header) > APC_PROCESS_MESSAGE)
+    if (i->states > APC_COMPANION_MESSAGE || i->n_ahead > APC_COMPANION_MESSAGE ||
+        i->n_answer > APC_COMPANION_MESSAGE ||
+        i->n_request * sizeof(double) + sizeof(struct header) > APC_COMPANION_MESSAGE)
         return apc_fail(why, APC_EINVAL,
                         "law %s wants %zu states and %zu ticks ahead: a call holds %zu numbers at most",
-                        i->of->law.name, i->states, i->n_ahead, APC_PROCESS_MESSAGE / sizeof(double));
+                        i->of->law.name, i->states, i->n_ahead, APC_COMPANION_MESSAGE / sizeof(double));
     i->request = calloc(1, sizeof(struct header) + i->n_request * sizeof(double));
     i->answer = calloc(1, i->n_answer);
     return i->request && i->answer ? 0 : apc_fail(why, APC_ENOMEM, "law %s: no memory", i->of->law.name);
@@ -218,7 +218,7 @@ static int create(const struct apc_law_setup *setup, struct apc_law_needs *needs
     struct process *const p =
         (struct process *)(void *)((char *)(uintptr_t)setup->law - offsetof(struct process, law));
     struct instance *const i = calloc(1, sizeof(*i));
-    char *const text = malloc(APC_PROCESS_MESSAGE + 1);
+    char *const text = malloc(APC_COMPANION_MESSAGE + 1);
     int rc = i && text ? 0 : apc_fail(why, APC_ENOMEM, "law %s: no memory", p->law.name);
 
     *self = i;
@@ -228,12 +228,12 @@ static int create(const struct apc_law_setup *setup, struct apc_law_needs *needs
         i->tuning = apc_law_parameters(&p->law, &setup->dim);
         rc = write_setup(i, setup, why);
     }
-    apc_process_settle(p);
-    pthread_mutex_lock(&p->lock);
+    apc_companion_settle(&p->own);
+    pthread_mutex_lock(&p->own.lock);
     if (rc == 0) {
         i->number = ++p->instance;
         if (!apc_process_is_there(p, false))
-            rc = apc_fail(why, APC_ESTATE, "%s: %s", p->file, p->end);
+            rc = apc_fail(why, APC_ESTATE, "%s: %s", p->own.file, p->own.end);
     }
     if (rc == 0)
         rc = apc_process_introduce(p, i, text, why);
@@ -245,7 +245,7 @@ static int create(const struct apc_law_setup *setup, struct apc_law_needs *needs
         i->next = p->instances;
         p->instances = i;
     }
-    pthread_mutex_unlock(&p->lock);
+    pthread_mutex_unlock(&p->own.lock);
     free(text);
     return rc;
 }
@@ -256,17 +256,17 @@ static void destroy(void *self)
     struct process *const p = i->of;
     const struct header header = {.kind = DESTROY, .instance = i->number};
 
-    apc_process_settle(p);
-    pthread_mutex_lock(&p->lock);
+    apc_companion_settle(&p->own);
+    pthread_mutex_lock(&p->own.lock);
     for (struct instance **at = &p->instances; *at; at = &(*at)->next) {
         if (*at == i) {
             *at = i->next;
             break;
         }
     }
-    if (p->socket >= 0 && p->owner == getpid())
-        (void)apc_process_give(p->socket, &header, sizeof(header));
-    pthread_mutex_unlock(&p->lock);
+    if (p->own.socket >= 0 && p->own.owner == getpid())
+        (void)apc_companion_give(&p->own, &header, sizeof(header));
+    pthread_mutex_unlock(&p->own.lock);
     free(i->what);
     free(i->texts);
     free(i->setup);
@@ -335,10 +335,8 @@ static void close_process(struct apc_plugin *plugin)
 {
     struct process *const p = (struct process *)plugin;
 
-    apc_process_settle(p);
-    apc_process_bury(p, true);
-    (void)pthread_mutex_destroy(&p->lock);
-    free(p->file);
+    apc_companion_close(&p->own);
+    free((char *)(uintptr_t)p->own.file);
     free(p->texts);
     free(p->param);
     free(p->scope);
@@ -381,7 +379,7 @@ bool apc_law_is_process(const char *name)
 int apc_law_process_open(const char *file, const struct apc_law **law, void **handle, struct apc_error *why)
 {
     struct process *const p = calloc(1, sizeof(*p));
-    char *const text = malloc(APC_PROCESS_MESSAGE + 1);
+    char *const text = malloc(APC_COMPANION_MESSAGE + 1);
     int rc = p && text ? mark_file(file, &p->mark, why) : apc_fail(why, APC_ENOMEM, "%s: no memory", file);
 
     if (rc < 0) {
@@ -390,12 +388,12 @@ int apc_law_process_open(const char *file, const struct apc_law **law, void **ha
         return rc;
     }
     p->plugin.close = close_process;
-    p->socket = p->output = -1;
     p->told_at = -1.0;
     p->timeout = read_timeout();
-    p->file = strdup(file);
-    rc = p->file && apc_mutex_init(&p->lock) == 0 ? apc_process_begin(p, why)
-                                                  : apc_fail(why, APC_ENOMEM, "%s: no memory", file);
+    char *const name = strdup(file);
+    rc = apc_companion_open(&p->own, name, apc_process_revive) == 0 && name
+             ? apc_process_begin(p, why)
+             : apc_fail(why, APC_ENOMEM, "%s: no memory", file);
     if (rc == 0)
         rc = apc_process_hear(p, text, why);
     if (rc == 0 && describe(p, text) < 0)

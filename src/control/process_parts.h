@@ -4,13 +4,8 @@
 #ifndef APC_CONTROL_PROCESS_PARTS_H
 #define APC_CONTROL_PROCESS_PARTS_H
 
-#include "base/base_internal.h"
+#include "base/companion.h"
 #include "control/process.h"
-
-#include <sys/types.h>
-
-#define APC_PROCESS_MESSAGE (1 << 17) /* bytes of a message, which a socket takes at once */
-#define APC_PROCESS_SAID    1024      /* of what it printed, the last so many bytes are kept */
 
 enum kind { CREATE = 1, DESTROY, RESET, COMPUTE, UPDATE, TRACK };
 
@@ -34,7 +29,7 @@ struct instance {
 struct process {
     struct apc_plugin plugin;
     struct apc_law law;
-    char *file, *texts; /* texts: of the law's description */
+    char *texts; /* of the law's description */
     struct apc_param *param;
     enum apc_law_scope *scope;
     const char **settings;
@@ -42,21 +37,13 @@ struct process {
     uint32_t mark;
     apc_ns timeout;
 
-    pthread_mutex_t lock; /* of all below */
-    int socket, output;   /* -1: there is no process */
-    pid_t pid, owner;     /* owner: whose it is; a process that was forked since has to start its own */
-    uint32_t asked;       /* number of the newest request */
-    bool waiting;         /* which has not been answered */
-    apc_ns since;         /* mono: of that request; of the last start */
+    struct apc_companion own; /* of its lock is all below, too */
+    uint32_t asked;           /* number of the newest request */
+    bool waiting;             /* which has not been answered */
     unsigned falls;
-    bool given_up, starting, started;
-    pthread_t starter;
+    bool given_up;
     struct instance *instances;
-    uint32_t instance; /* number of the newest */
-    char end[64];      /* how it ended */
-    char said[APC_PROCESS_SAID];
-    size_t n_said;
-    uint64_t lost;          /* bytes that were printed before those */
+    uint32_t instance;      /* number of the newest */
     double told_at;         /* s of the schedule; below 0: nothing was told */
     char told[APC_LAW_SAY]; /* what was, without the bytes before it */
 };
@@ -67,20 +54,16 @@ struct process {
 int apc_process_begin(struct process *p, struct apc_error *why);
 /* End it, and say how it ended. */
 void apc_process_bury(struct process *p, bool hung);
+/* Anew, with all instances that it had. */
+bool apc_process_revive(struct apc_companion *own);
 /* Is there a process to be asked? */
 bool apc_process_is_there(struct process *p, bool live);
-/* A message, whole. */
-bool apc_process_give(int fd, const void *from, size_t n);
-/* The text with which it answers in set-up, into @p text [APC_PROCESS_MESSAGE + 1]; "error TEXT" is why. */
+/* The text with which it answers in set-up, into @p text [APC_COMPANION_MESSAGE + 1]; "error TEXT" is why. */
 int apc_process_hear(struct process *p, char *text, struct apc_error *why);
 /* Tell it of an instance; its answer as above. */
 int apc_process_introduce(struct process *p, const struct instance *i, char *text, struct apc_error *why);
 
-/* These take the lock. */
-
-/* Nobody starts it any more. */
-void apc_process_settle(struct process *p);
-/* Ask, and take x or, of compute, the rest out of the answer. [tick] */
+/* With the lock taken here: ask, and take x or, of compute, the rest out of the answer. [tick] */
 int apc_process_ask(const struct apc_law_call *c, enum kind kind);
 
 #endif

@@ -1,0 +1,295 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "base/companion.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <spawn.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+static void keep_said(struct apc_companion *c, const char *text, size_t n)
+{
+    if (n > APC_COMPANION_SAID) {
+        c->lost += n - APC_COMPANION_SAID;
+        text += n - APC_COMPANION_SAID;
+        n = APC_COMPANION_SAID;
+    }
+    if (c->n_said + n > APC_COMPANION_SAID) {
+        const size_t over = c->n_said + n - APC_COMPANION_SAID;
+
+        memmove(c->said, c->said + over, c->n_said - over);
+        c->n_said -= over;
+        c->lost += over;
+    }
+    memcpy(c->said + c->n_said, text, n);
+    c->n_said += n;
+}
+
+/* A pipe holds 64 KiB: more than that many reads is not there. */
+void apc_companion_listen(struct apc_companion *c)
+{
+    char block[4096];
+    ssize_t n = 1;
+
+    for (unsigned i = 0; i < 32 && c->output >= 0 && n > 0; i++) {
+        n = read(c->output, block, sizeof(block));
+        if (n > 0)
+            keep_said(c, block, (size_t)n);
+    }
+}
+
+void apc_companion_said(struct apc_companion *c, char *text, size_t size)
+{
+    const size_t room = size - 24;
+    size_t n = c->n_said, used = 0;
+
+    while (n > 0 && (c->said[n - 1] == '\n' || c->said[n - 1] == ' '))
+        n--;
+    const size_t from = n > room ? n - room : 0;
+    if (c->lost + from > 0)
+        used = (size_t)snprintf(text, size, "(%llu B) ... ", (unsigned long long)(c->lost + from));
+    for (size_t i = from; i < n && used + 1 < size; i++) {
+        const unsigned char one = (unsigned char)c->said[i];
+
+        text[used++] = (char)(one == '\n' ? '|' : one < ' ' || one == 127 ? ' ' : one);
+    }
+    text[used] = '\0';
+    c->n_said = 0;
+    c->lost = 0;
+}
+
+/* ---- Messages -------------------------------------------------------------------------------- */
+
+static bool wait_readable(int fd, apc_ns until)
+{
+    for (;;) {
+        const apc_ns left = until - apc_clock_mono(NULL);
+        const struct timespec limit = {.tv_sec = left > 0 ? left / APC_NS_PER_S : 0,
+                                       .tv_nsec = left > 0 ? left % APC_NS_PER_S : 0};
+        struct pollfd in = {.fd = fd, .events = POLLIN};
+        const int n = ppoll(&in, 1, &limit, NULL);
+
+        if (n > 0)
+            return true;
+        if (n == 0 || errno != EINTR)
+            return false;
+    }
+}
+
+ssize_t apc_companion_take(const struct apc_companion *c, void *to, size_t size, apc_ns until)
+{
+    const int fd = c->socket;
+    ssize_t n = recv(fd, to, size, MSG_DONTWAIT);
+
+    if (n < 0 && (errno == EAGAIN || errno == EINTR))
+        n = wait_readable(fd, until) ? recv(fd, to, size, MSG_DONTWAIT) : -1;
+    else if (n < 0)
+        n = 0;
+    return n < 0 && errno != EAGAIN && errno != EINTR ? 0 : n;
+}
+
+bool apc_companion_give(const struct apc_companion *c, const void *from, size_t n)
+{
+    return send(c->socket, from, n, MSG_NOSIGNAL | MSG_DONTWAIT) == (ssize_t)n;
+}
+
+/* ---- The process ------------------------------------------------------------------------------- */
+
+void apc_companion_bury(struct apc_companion *c, bool hung)
+{
+    int status = 0;
+
+    if (c->socket < 0)
+        return;
+    if (c->owner == getpid()) {
+        /* What closed its socket without ending is of no use either. */
+        if (hung || waitpid(c->pid, &status, WNOHANG) == 0) {
+            (void)kill(c->pid, SIGKILL);
+            while (waitpid(c->pid, &status, 0) < 0 && errno == EINTR)
+                ;
+        }
+        if (hung)
+            snprintf(c->end, sizeof(c->end), "did not answer and was killed");
+        else if (WIFSIGNALED(status))
+            snprintf(c->end, sizeof(c->end), "its process was ended by signal %d", WTERMSIG(status));
+        else
+            snprintf(c->end, sizeof(c->end), "its process ended, exit code %d", WEXITSTATUS(status));
+        apc_companion_listen(c);
+    }
+    close(c->socket);
+    close(c->output);
+    c->socket = c->output = -1;
+}
+
+static char **environment(char *extra)
+{
+    size_t n = 0;
+
+    while (environ[n])
+        n++;
+    char **const all = calloc(n + 2, sizeof(*all));
+    for (size_t i = 0; all && i < n; i++)
+        all[i] = environ[i];
+    if (all)
+        all[n] = extra;
+    return all;
+}
+
+static int spawn(char *const argv[], char *extra, int socket, int output, pid_t *pid)
+{
+    char **const env = environment(extra);
+    posix_spawn_file_actions_t actions;
+    posix_spawnattr_t attributes;
+    const struct sched_param normal = {.sched_priority = 0};
+    sigset_t none, all;
+    int rc = ENOMEM;
+
+    sigemptyset(&none);
+    sigfillset(&all);
+    if (env && posix_spawn_file_actions_init(&actions) == 0) {
+        if (posix_spawnattr_init(&attributes) == 0) {
+            /* A group of its own: Ctrl-C is for who asks it. */
+            rc = posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF |
+                                                           POSIX_SPAWN_SETPGROUP | POSIX_SPAWN_SETSCHEDULER);
+            (void)posix_spawnattr_setsigmask(&attributes, &none);
+            (void)posix_spawnattr_setsigdefault(&attributes, &all);
+            (void)posix_spawnattr_setpgroup(&attributes, 0);
+            (void)posix_spawnattr_setschedpolicy(&attributes, SCHED_OTHER);
+            (void)posix_spawnattr_setschedparam(&attributes, &normal);
+            if (rc == 0 &&
+                (rc = posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0)) ==
+                    0 &&
+                (rc = posix_spawn_file_actions_adddup2(&actions, output, STDOUT_FILENO)) == 0 &&
+                (rc = posix_spawn_file_actions_adddup2(&actions, output, STDERR_FILENO)) == 0 &&
+                (rc = posix_spawn_file_actions_adddup2(&actions, socket, 3)) == 0)
+                rc = posix_spawnp(pid, argv[0], &actions, &attributes, argv, env);
+            posix_spawnattr_destroy(&attributes);
+        }
+        posix_spawn_file_actions_destroy(&actions);
+    }
+    free(env);
+    return rc;
+}
+
+int apc_companion_begin(struct apc_companion *c, char *const argv[], char *extra, struct apc_error *why)
+{
+    int pair[2], output[2], rc;
+
+    if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, pair) < 0)
+        return apc_fail(why, APC_ESYS, "no pair of sockets: %s", strerror(errno));
+    if (pipe2(output, O_CLOEXEC | O_NONBLOCK) < 0) {
+        rc = apc_fail(why, APC_ESYS, "no pipe: %s", strerror(errno));
+        close(pair[0]);
+        close(pair[1]);
+        return rc;
+    }
+    rc = spawn(argv, extra, pair[1], output[1], &c->pid);
+    close(pair[1]);
+    close(output[1]);
+    c->since = apc_clock_mono(NULL);
+    if (rc != 0) {
+        close(pair[0]);
+        close(output[0]);
+        return apc_fail(why, APC_ESYS, "cannot be started: %s", strerror(rc));
+    }
+    c->socket = pair[0];
+    c->output = output[0];
+    c->owner = getpid();
+    return 0;
+}
+
+void apc_companion_disown(struct apc_companion *c)
+{
+    if (c->socket < 0 || c->owner == getpid())
+        return;
+    close(c->socket);
+    close(c->output);
+    c->socket = c->output = -1;
+}
+
+int apc_companion_open(struct apc_companion *c, const char *file, bool (*revive)(struct apc_companion *))
+{
+    c->file = file;
+    c->revive = revive;
+    c->socket = c->output = -1;
+    return apc_mutex_init(&c->lock);
+}
+
+#define PARTING_S 60
+
+void apc_companion_release(struct apc_companion *c)
+{
+    const struct timespec a_while = {.tv_nsec = 2000000};
+    const apc_ns until = apc_clock_mono(NULL) + PARTING_S * APC_NS_PER_S;
+    bool gone = c->socket < 0 || c->owner != getpid();
+
+    if (!gone)
+        (void)shutdown(c->socket, SHUT_RDWR); /* also where a child of ours holds it, too */
+    while (!gone && apc_clock_mono(NULL) < until) {
+        gone = waitpid(c->pid, NULL, WNOHANG) != 0;
+        if (!gone)
+            (void)nanosleep(&a_while, NULL);
+    }
+    if (gone && c->socket >= 0) {
+        close(c->socket);
+        close(c->output);
+        c->socket = c->output = -1;
+    }
+    apc_companion_close(c);
+}
+
+void apc_companion_close(struct apc_companion *c)
+{
+    apc_companion_settle(c);
+    apc_companion_bury(c, true);
+    (void)pthread_mutex_destroy(&c->lock);
+}
+
+/* ---- Anew, by a thread ------------------------------------------------------------------------- */
+
+/* With nothing of @p c in other hands: calls go by as long as `starting` says so. */
+static void *start_again(void *ctx)
+{
+    struct apc_companion *const c = ctx;
+
+    (void)c->revive(c);
+    pthread_mutex_lock(&c->lock);
+    c->starting = false;
+    pthread_mutex_unlock(&c->lock);
+    return NULL;
+}
+
+void apc_companion_start(struct apc_companion *c)
+{
+    const struct sched_param normal = {.sched_priority = 0};
+    pthread_attr_t attributes;
+
+    if (c->started)
+        (void)pthread_join(c->starter, NULL); /* it has ended */
+    c->started = false;
+    if (pthread_attr_init(&attributes) != 0)
+        return;
+    (void)pthread_attr_setinheritsched(&attributes, PTHREAD_EXPLICIT_SCHED);
+    (void)pthread_attr_setschedpolicy(&attributes, SCHED_OTHER);
+    (void)pthread_attr_setschedparam(&attributes, &normal);
+    c->starting = true;
+    c->started = pthread_create(&c->starter, &attributes, start_again, c) == 0;
+    c->starting = c->started;
+    (void)pthread_attr_destroy(&attributes);
+}
+
+void apc_companion_settle(struct apc_companion *c)
+{
+    pthread_mutex_lock(&c->lock);
+    const bool started = c->started && c->owner == getpid();
+    c->started = false;
+    pthread_mutex_unlock(&c->lock);
+    if (started)
+        (void)pthread_join(c->starter, NULL);
+}

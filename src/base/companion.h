@@ -1,0 +1,69 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * A process of its own for what this one must not suffer from: a law in Python, an FMU. What it does to its
+ * process, it does to no other: it may hang, exit, be killed, print without end.
+ *
+ * It holds the other end of a pair of sockets (SOCK_SEQPACKET: a message is whole or is not there) as its
+ * descriptor 3. What it prints goes into a pipe that never makes it wait: what does not fit is gone. Who
+ * keeps a companion asks it with its lock held, but where `starting` says that it is in other hands.
+ */
+#ifndef APC_BASE_COMPANION_H
+#define APC_BASE_COMPANION_H
+
+#include "base/base_internal.h"
+
+#include <pthread.h>
+#include <sys/types.h>
+
+#define APC_COMPANION_MESSAGE (1 << 17) /* bytes of a message, which a socket takes at once */
+#define APC_COMPANION_SAID    1024      /* of what it printed, the last so many bytes are kept */
+
+struct apc_companion {
+    const char *file; /* what it is there for, in sentences for people */
+    /* Start it and tell it all that it has to know. [setup], and by a thread of its own */
+    bool (*revive)(struct apc_companion *companion);
+
+    pthread_mutex_t lock; /* of all below */
+    int socket, output;   /* -1: there is no process */
+    pid_t pid, owner;     /* owner: whose it is; a process that was forked since has to start its own */
+    apc_ns since;         /* mono: of the newest request; of the last start */
+    bool starting, started;
+    pthread_t starter;
+    char end[64]; /* how it ended */
+    char said[APC_COMPANION_SAID];
+    size_t n_said;
+    uint64_t lost; /* bytes that were printed before those */
+};
+
+/* There is no process yet. Returns 0 or APC_ESYS. */
+int apc_companion_open(struct apc_companion *c, const char *file, bool (*revive)(struct apc_companion *));
+/* End the process, and what starts it. */
+void apc_companion_close(struct apc_companion *c);
+/* The same for what tidies up and ends when its socket is closed: it is given the time. */
+void apc_companion_release(struct apc_companion *c);
+
+/* The caller holds the lock, or is alone with @p c. */
+
+/* Start @p argv, found as the shell does, with @p extra ("NAME=VALUE"; NULL: nothing) in its environment; it
+ * has not said anything yet. Returns 0, or APC_ESYS and in @p why only what the system says. [setup] */
+int apc_companion_begin(struct apc_companion *c, char *const argv[], char *extra, struct apc_error *why);
+/* End it, and say in `end` how it ended; it hung: it is killed. */
+void apc_companion_bury(struct apc_companion *c, bool hung);
+/* After a fork: what is the parent's is not asked. [tick] */
+void apc_companion_disown(struct apc_companion *c);
+/* A message, whole. [tick] */
+bool apc_companion_give(const struct apc_companion *c, const void *from, size_t n);
+/* Returns the bytes, 0 when it has ended, -1: nothing by @p until (mono). [tick] */
+ssize_t apc_companion_take(const struct apc_companion *c, void *to, size_t size, apc_ns until);
+/* Take what it has printed out of the pipe. [tick] */
+void apc_companion_listen(struct apc_companion *c);
+/* The end of that, on one line, into @p text; then it is forgotten. [tick] */
+void apc_companion_said(struct apc_companion *c, char *text, size_t size);
+/* Have it revived by a thread of an ordinary priority: until `starting` is false, it is not to be touched.
+ * [tick] */
+void apc_companion_start(struct apc_companion *c);
+
+/* This takes the lock: nobody starts it any more. [setup] */
+void apc_companion_settle(struct apc_companion *c);
+
+#endif
