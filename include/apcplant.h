@@ -38,9 +38,21 @@ struct apc_model {
 /** The model of a shared object, which defines it. Declared so that it is exported from C++ as well. */
 APC_API extern const struct apc_model apc_model;
 
-/** As apc_law_find(): a built-in model ("first-order"), or the `apc_model` of a shared object. [setup] */
+/**
+ * As apc_law_find(): a built-in model ("first-order"), the `apc_model` of a shared object, or an FMU for
+ * co-simulation, FMI 2.0 or 3.0, by its path, which ends in .fmu. Such a model has no f and g that could be
+ * asked: it can be a plant, and nothing else. Its states are its outputs. Each plant of it is a process of
+ * its own. [setup]
+ */
 APC_API int apc_model_find(const char *name, const struct apc_model **model, void **handle,
                            struct apc_error *why);
+/**
+ * Of an FMU, before plants are made of it: @p input [nu] are the names of those that are manipulated, the
+ * other inputs are disturbances; @p output [ny] those that are measured. NULL takes the first ones. [setup]
+ * Returns 0, APC_EINVAL (no FMU, too many, one twice) or APC_ENOTFOUND (names those there are).
+ */
+APC_API int apc_model_choose(const struct apc_model *model, const char *const *input, size_t nu,
+                             const char *const *output, size_t ny, struct apc_error *why);
 /** The built-in model number @p i, from 0; NULL beyond the last. Static. [any] */
 APC_API const struct apc_model *apc_model_built_in(size_t i);
 
@@ -86,6 +98,12 @@ struct apc_plant_options {
      * be under way.
      */
     double dead_time;
+    /**
+     * s that a step of an FMU may take in real time: one that takes longer has failed, and where it never
+     * ends its process is started again. 0: this is virtual time, which waits (APC_FMU_TIMEOUT, in the
+     * environment, s; default 60).
+     */
+    double patience;
 };
 
 /** A model with its parameters, its state and an integrator whose memory is used again each step. */
@@ -100,8 +118,9 @@ APC_API int apc_plant_create(struct apc_plant **plant, const struct apc_model *m
                              const double *x0, const struct apc_plant_options *options,
                              struct apc_error *why);
 APC_API void apc_plant_destroy(struct apc_plant *plant); /**< NULL is legal. [setup] */
-/** From now on its parameters are @p p [np], copied; the state goes on. [setup] Returns 0, APC_EINVAL,
- * APC_ENOMEM or APC_ESOLVER as apc_plant_create() does; then nothing has changed. */
+/** Not of an FMU, which takes them as it starts. From now on its parameters are @p p [np], copied; the state
+ * goes on. [setup] Returns 0, APC_EINVAL, APC_ENOMEM or APC_ESOLVER as apc_plant_create() does; then nothing
+ * has changed. */
 APC_API int apc_plant_change(struct apc_plant *plant, const double *p, struct apc_error *why);
 /**
  * Advance the state by @p dt seconds with @p u [nu] held constant (zero-order hold). Returns 0, or

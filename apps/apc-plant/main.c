@@ -180,6 +180,7 @@ static int open_shell(struct shell *s, const struct own_options *own)
     const struct experiment *e = &s->d->experiment;
     const char *at = own->listen ? own->listen : e->plant.listen;
     struct apc_error why;
+    s->d->experiment.plant.options.patience = apc_ns_to_s(e->plant.rhythm.period) / 2;
     int rc = cores_plant(e, &s->plant, &s->core, &why);
     if (rc < 0)
         return daemon_error(s->d, rc, "%s", why.text);

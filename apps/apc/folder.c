@@ -89,7 +89,7 @@ static int file_close(struct file *f, int rc, struct apc_error *why)
 
 /* ---- What the run consists of -------------------------------------------------------------- */
 
-static const char *const kept[] = {"run.conf", "plant.so"}; /* and the laws: kept_file() */
+static const char *const kept[] = {"run.conf", "plant.so", "plant.fmu"}; /* and the laws: kept_file() */
 static const char *const exported[] = {"samples.csv",        "plant.csv",   TICKS_FILE,   "operation.csv",
                                        "published.csv",      "signals.csv", "events.csv", "timing.csv",
                                        "timing-summary.csv", "report.svg",  "report.png"};
@@ -162,6 +162,11 @@ static const char *kept_file(const struct experiment *e, size_t i, char name[REC
     return i - COUNT(kept) < e->n_controllers ? law_file(e, i - COUNT(kept), name) : NULL;
 }
 
+static const char *plant_file(const struct experiment *e)
+{
+    return is_fmu(e->plant.plugin.name) ? "plant.fmu" : "plant.so";
+}
+
 static int copy_laws(const char *dir, const struct experiment *e, struct apc_error *why)
 {
     char name[RECORD_LAW_LEN];
@@ -204,7 +209,7 @@ int folder_create(const char *dir, const struct experiment *e, bool force, struc
     if (rc == 0)
         rc = copy_laws(dir, e, why);
     if (rc == 0 && is_file(&e->plant.plugin))
-        rc = copy_file(dir, "plant.so", e->plant.plugin.name, why);
+        rc = copy_file(dir, plant_file(e), e->plant.plugin.name, why);
     if (rc < 0)
         folder_discard(dir, e);
     return rc;
@@ -315,7 +320,7 @@ static int write_record(const char *dir, const struct experiment *e, const struc
     rc = put_laws(f.stream, dir, e, why);
     fputs("plant = ", f.stream);
     if (rc == 0)
-        rc = put_plugin(f.stream, dir, "plant.so", &e->plant.plugin,
+        rc = put_plugin(f.stream, dir, plant_file(e), &e->plant.plugin,
                         e->plant.model ? e->plant.model->name : "", why);
     fputs(";\n", f.stream);
     return file_close(&f, rc, why);

@@ -37,6 +37,12 @@ static int open_point(struct point *at, const struct apc_model *model, const dou
     rc = apc_model_check(model, "linear model", why);
     if (rc < 0)
         return rc;
+    if (apc_model_is_fmu(model))
+        return apc_fail(
+            why, APC_EINVAL,
+            "%s is an FMU for co-simulation, which shows neither its states nor their derivatives; "
+            "`apc identify` makes a linear model of a plant from its record",
+            model->name);
     nx = model->nx;
     nu = model->nu + model->nd;
     ny = model->ny;

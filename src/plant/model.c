@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* The models there are: built in, one file each, or the user's own from a shared object. */
 #include "base/base_internal.h"
-#include "plant/plant_internal.h"
+#include "plant/fmu.h"
 
 static const struct apc_model *const models[] = {
     &apc_model_first_order,     &apc_model_servo,          &apc_model_double_tank,
@@ -65,6 +65,11 @@ int apc_model_find(const char *name, const struct apc_model **model, void **hand
 
     if (!model)
         return apc_fail(why, APC_EINVAL, "apc_model_find: model must not be NULL");
+    if (name && handle && apc_fmu_is_one(name)) {
+        *model = NULL;
+        *handle = NULL;
+        return apc_fmu_open(name, model, handle, why);
+    }
     for (size_t i = 0; i < N_MODELS; i++)
         built_in[i] = (struct apc_built_in){models[i]->name, models[i]};
     rc = apc_plugin_find(&kind, name, &found, handle, why);

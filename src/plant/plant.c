@@ -43,6 +43,9 @@ static int take_options(struct apc_plant_options *ours, const struct apc_plant_o
         return apc_fail(why, APC_EINVAL,
                         "integrator: rtol is %g, must lie in 0 to 1; atol is %g, must be above 0", ours->rtol,
                         ours->atol);
+    if (!(ours->patience >= 0.0 && isfinite(ours->patience)))
+        return apc_fail(why, APC_EINVAL, "patience is %g s; it must be a finite number, 0 or above",
+                        ours->patience);
     if (ours->steps > 1000000)
         return apc_fail(why, APC_EINVAL, "integrator: %u steps in each interval; at most 1000000",
                         ours->steps);
@@ -57,6 +60,9 @@ static int find_integrator(const struct apc_integrator **integrator, const char 
     static const struct apc_integrator *const all[] = {&apc_integrator_cvode, &apc_integrator_adams,
                                                        &apc_integrator_rk4, &apc_integrator_exact};
 
+    *integrator = &apc_integrator_fmu;
+    if (name == apc_integrator_fmu.name) /* nobody else can name it */
+        return 0;
     for (size_t i = 0; i < sizeof(all) / sizeof(all[0]); i++) {
         *integrator = all[i];
         /* NOLINTNEXTLINE(clang-analyzer-core.NonNullParamChecker): take_options() gave it a name */
@@ -64,6 +70,19 @@ static int find_integrator(const struct apc_integrator **integrator, const char 
             return 0;
     }
     return apc_fail(why, APC_EINVAL, "no integrator \"%s\"; there are: cvode, adams, rk4, exact", name);
+}
+
+static int check_fmu(const struct apc_model *model, const double *x0, const char *integrator,
+                     struct apc_plant_options *ours, struct apc_error *why)
+{
+    if (integrator)
+        return apc_fail(why, APC_EINVAL, "%s is an FMU: it has its own integrator, not \"%s\"", model->name,
+                        integrator);
+    if (x0)
+        return apc_fail(why, APC_EINVAL, "%s is an FMU: its parameters say where it starts, no x0",
+                        model->name);
+    ours->integrator = apc_integrator_fmu.name;
+    return 0;
 }
 
 static int allocate(struct apc_plant *plant)
@@ -101,7 +120,10 @@ static int set_up(struct apc_plant *plant, const double *p, const double *x0,
     apc_param_initials(m->input, m->nu, plant->in);
     apc_param_initials(m->disturbance, m->nd, plant->in + m->nu);
     plant->options = *o;
-    return plant->integrator->create(&plant->solver, m, plant->p, o, why);
+    rc = plant->integrator->create(&plant->solver, m, plant->p, o, why);
+    if (rc == 0 && plant->integrator->start)
+        plant->integrator->start(plant->solver, plant->x);
+    return rc;
 }
 
 int apc_plant_create(struct apc_plant **plant, const struct apc_model *model, const double *p,
@@ -119,6 +141,8 @@ int apc_plant_create(struct apc_plant **plant, const struct apc_model *model, co
     rc = apc_model_check(model, "apc_plant_create", why);
     if (rc == 0)
         rc = take_options(&o, options, why);
+    if (rc == 0 && apc_model_is_fmu(model))
+        rc = check_fmu(model, x0, options ? options->integrator : NULL, &o, why);
     if (rc < 0)
         return rc;
     new = calloc(1, sizeof(*new));
@@ -140,6 +164,10 @@ int apc_plant_change(struct apc_plant *plant, const double *p, struct apc_error 
     void *solver = NULL;
     int rc;
 
+    if (apc_model_is_fmu(m)) {
+        free(former);
+        return apc_fail(why, APC_EINVAL, "%s is an FMU: it takes its parameters as it starts", m->name);
+    }
     if (!former)
         return apc_fail(why, APC_ENOMEM, "no memory for plant %s", m->name);
     memcpy(former, plant->p, m->np * sizeof(*former));
@@ -263,6 +291,8 @@ int apc_plant_kick(struct apc_plant *plant, size_t k, double by)
 {
     const struct apc_model *m = plant->model;
 
+    if (apc_model_is_fmu(m))
+        return apc_fail(&plant->error, APC_EINVAL, "%s is an FMU: its states cannot be moved", m->name);
     if (k >= m->nx || !apc_value_ok(by))
         return apc_fail(&plant->error, APC_EINVAL, "%s: state %zu of %zu cannot be moved by %g", m->name,
                         k + 1, m->nx, by);
@@ -279,7 +309,10 @@ void apc_plant_output(struct apc_plant *plant, const double *u, double *y)
     memcpy(plant->given, plant->in, (m->nu + m->nd) * sizeof(*u));
     if (!(plant->delay.dead_time > 0.0))
         memcpy(plant->given, u, m->nu * sizeof(*u));
-    m->g(plant->t, plant->x, plant->given, plant->p, y);
+    if (apc_model_is_fmu(m))
+        memcpy(y, plant->x, m->ny * sizeof(*y));
+    else
+        m->g(plant->t, plant->x, plant->given, plant->p, y);
 }
 
 const double *apc_plant_state(const struct apc_plant *plant)

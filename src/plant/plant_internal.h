@@ -32,13 +32,19 @@ struct apc_integrator {
      */
     int (*create)(void **self, const struct apc_model *model, const double *p,
                   const struct apc_plant_options *options, struct apc_error *why);
+    /** The state that it starts with into @p x, of a model that says so only when it is there; NULL: as the
+     * model has it. [setup] */
+    void (*start)(void *self, double *x);
     /** @p x at t becomes x at t + dt; on failure, APC_ESOLVER, x stays as it was. dt > 0. [tick] */
     int (*step)(void *self, double t, double dt, const double *u, double *x, struct apc_error *why);
     void (*destroy)(void *self); /**< NULL is legal. [setup] */
 };
 
 extern const struct apc_integrator apc_integrator_cvode, apc_integrator_adams, apc_integrator_rk4,
-    apc_integrator_exact;
+    apc_integrator_exact, apc_integrator_fmu;
+
+/** One that is stepped, with no f and g that could be asked; its states are its outputs. [tick] */
+bool apc_model_is_fmu(const struct apc_model *model);
 
 /* ---- Dead time ------------------------------------------------------------------------------ */
 

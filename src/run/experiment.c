@@ -140,6 +140,12 @@ static int take_error(struct settings *s, const config_setting_t *at, int err, c
     return s->failed;
 }
 
+bool is_fmu(const char *name)
+{
+    const size_t n = strlen(name);
+    return n > 4 && !strcmp(name + n - 4, ".fmu");
+}
+
 /*
  * Which plug-in: what the command line names, else what the run's record does, else the file, where a path
  * means: from where the file is. What was chosen instead of the file's brings its own tuning or parameters.
@@ -151,10 +157,15 @@ static void choose(const struct settings *s, const char *name, const char *overr
         snprintf(plugin->name, sizeof plugin->name, "%s", override);
     else if (recorded->name[0])
         snprintf(plugin->name, sizeof plugin->name, "%s", recorded->name);
-    else if (strchr(name, '/'))
+    else if (strchr(name, '/') || is_fmu(name))
         experiment_resolve(s, name, plugin->name, sizeof plugin->name);
     else
         snprintf(plugin->name, sizeof plugin->name, "%s", name);
+    if (is_fmu(plugin->name) && !strchr(plugin->name, '/')) { /* a file, not a name of ours */
+        char beside[sizeof plugin->name];
+        snprintf(beside, sizeof beside, "./%.500s", plugin->name);
+        memcpy(plugin->name, beside, sizeof beside);
+    }
     plugin->chosen = override || recorded->chosen;
 }
 
@@ -179,6 +190,10 @@ static void read_model(struct settings *s, const config_setting_t *group, struct
                     apc_model_find(e->plant.plugin.name, &e->plant.model, &e->model_handle, &why), &why))
         return;
     const struct apc_model *model = e->plant.model;
+    if (is_fmu(e->plant.plugin.name))
+        experiment_choose_variables(s, group, e);
+    if (s->failed)
+        return;
     if (model->ny != e->dim.ny || model->nu != e->dim.nu) {
         settings_fail(
             s, group,
@@ -233,8 +248,9 @@ static void read_plant(struct settings *s, const config_setting_t *root, struct 
                        bool resolve_model, bool wanted, const char *override, const struct record *record)
 {
     static const char *const known[] = {
-        "model",     "parameters", "x0",           "listen",   "integrator", "rtol",    "atol", "steps",
-        "dead_time", "noise",      "disturbances", "external", "identity",   "clients", RHYTHM, NULL};
+        "model",        "parameters", "x0",       "listen",  "integrator", "rtol",
+        "atol",         "steps",      "inputs",   "outputs", "dead_time",  "noise",
+        "disturbances", "external",   "identity", "clients", RHYTHM,       NULL};
     const config_setting_t *group = settings_group(s, root, "plant", REQUIRED);
     if (!group)
         return;

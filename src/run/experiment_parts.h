@@ -15,6 +15,8 @@ void models_free(struct models *m);
 
 /* How the model is solved and what disturbs it; e->plant has its model, parameters and x0. @own: the model is
  * not the file's, so what the file says of states and disturbances by name is left out. */
+/* Of a plant that is an FMU: which of its variables its signals are. */
+void experiment_choose_variables(struct settings *s, const config_setting_t *group, struct experiment *e);
 void experiment_read_dynamics(struct settings *s, const config_setting_t *group, struct experiment *e,
                               bool own);
 /* measurements, signals, setpoints, outputs of the file's root. */

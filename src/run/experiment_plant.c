@@ -104,6 +104,56 @@ void experiment_read_sensors(struct settings *s, const config_setting_t *list, s
     }
 }
 
+/* ---- An FMU's variables -------------------------------------------------------------------- */
+
+/* Those that the file names, else those that have the signals' names. */
+static void take_names(struct settings *s, const config_setting_t *list, const char *what,
+                       const struct signal *signal, size_t n, const char **name)
+{
+    if (list && (!config_setting_is_aggregate(list) || (size_t)config_setting_length(list) != n))
+        settings_fail(s, list,
+                      "\"%s\" must name %zu variables of the FMU, in the order of the signals: [\"...\"]",
+                      what, n);
+    for (size_t i = 0; i < n && !s->failed; i++) {
+        name[i] = list ? config_setting_get_string_elem(list, (int)i) : signal[i].tag.name;
+        if (!name[i])
+            settings_fail(s, list, "\"%s\" must hold names: [\"...\"]", what);
+    }
+}
+
+static void compare_units(struct settings *s, const config_setting_t *group, const struct signal *signal,
+                          size_t n, const struct apc_param *variable)
+{
+    for (size_t i = 0; i < n && !s->failed; i++)
+        if (signal[i].tag.unit[0] && variable[i].unit && variable[i].unit[0] &&
+            strcmp(signal[i].tag.unit, variable[i].unit) != 0)
+            settings_fail(s, group,
+                          "%s is in %s, and %s of the FMU in %s: nothing is converted; give the signal the "
+                          "FMU's unit, and its limits in that",
+                          signal[i].tag.name, signal[i].tag.unit, variable[i].name, variable[i].unit);
+}
+
+void experiment_choose_variables(struct settings *s, const config_setting_t *group, struct experiment *e)
+{
+    const bool own = e->plant.plugin.chosen; /* the file's names are of another model */
+    const char **const input = zeros(s, e->dim.nu + e->dim.ny, sizeof *input),
+                       **const output = input + e->dim.nu;
+    struct apc_error why;
+    if (!s->failed)
+        take_names(s, own ? NULL : config_setting_get_member(group, "inputs"), "inputs", e->u, e->dim.nu,
+                   input);
+    if (!s->failed)
+        take_names(s, own ? NULL : config_setting_get_member(group, "outputs"), "outputs", e->y, e->dim.ny,
+                   output);
+    if (!s->failed && apc_model_choose(e->plant.model, input, e->dim.nu, output, e->dim.ny, &why) < 0)
+        settings_fail(s, group, "%s (in the file: \"inputs\" and \"outputs\" of the plant)", why.text);
+    if (!s->failed)
+        compare_units(s, group, e->u, e->dim.nu, e->plant.model->input);
+    if (!s->failed)
+        compare_units(s, group, e->y, e->dim.ny, e->plant.model->output);
+    free(input);
+}
+
 /* ---- Plant --------------------------------------------------------------------------------- */
 
 static void read_noise(struct settings *s, const config_setting_t *group, struct experiment *e)

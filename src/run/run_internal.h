@@ -80,6 +80,9 @@ struct plugin {
     bool chosen; /* instead of the file's: its own tuning or parameters hold */
 };
 
+/* Is a model of that name an FMU? */
+bool is_fmu(const char *name);
+
 /* A signal of the experiment, by its place among those of its table. */
 struct wire {
     enum apc_table table;

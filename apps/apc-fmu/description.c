@@ -1,0 +1,317 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* modelDescription.xml, of version 2.0 and 3.0: what a plant needs of it. */
+#include "fmu.h"
+
+#include <apcbase.h>
+#include <expat.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define VARIABLES_MAX 100000
+
+struct declared { /* a type by its name */
+    char *name, *unit;
+    double low, high;
+};
+
+struct reader {
+    struct description *d;
+    XML_Parser parser;
+    struct declared *declared;
+    size_t n_declared;
+    char declaring[256];      /* of FMI 2: the name of the SimpleType around */
+    struct variable variable; /* that is being read */
+    char causality[24];
+    bool in_variables, is_variable;
+    char problem[200];
+};
+
+static const char *attribute(const char **a, const char *name)
+{
+    while (*a && strcmp(*a, name) != 0)
+        a += 2;
+    return *a ? a[1] : NULL;
+}
+
+static bool is_true(const char **a, const char *name)
+{
+    const char *const text = attribute(a, name);
+    return text && (strcmp(text, "true") == 0 || strcmp(text, "1") == 0);
+}
+
+static char *keep(const char *text)
+{
+    char *const kept = strdup(text ? text : "");
+    if (!kept)
+        refuse("no memory");
+    return kept;
+}
+
+/* Numbers as XML has them; a truth is one of 0 and 1. */
+static double number(const char *text, double otherwise)
+{
+    char *rest;
+    if (!text)
+        return otherwise;
+    if (strcmp(text, "true") == 0)
+        return 1.0;
+    const double value = strtod(text, &rest);
+    return rest > text && value - value >= 0.0 ? value : otherwise; /* finite */
+}
+
+static double bounded(double value)
+{
+    return value > APC_VALUE_MAX ? APC_VALUE_MAX : value < -APC_VALUE_MAX ? -APC_VALUE_MAX : value;
+}
+
+static void stop(struct reader *r, const char *problem)
+{
+    snprintf(r->problem, sizeof r->problem, "%s", problem);
+    XML_StopParser(r->parser, XML_FALSE);
+}
+
+static enum type type_of(const char *element)
+{
+    static const struct {
+        const char *element;
+        enum type type;
+    } known[] = {{"Real", TYPE_FLOAT64},  {"Float64", TYPE_FLOAT64}, {"Integer", TYPE_INT32},
+                 {"Int32", TYPE_INT32},   {"Boolean", TYPE_BOOLEAN}, {"Float32", TYPE_FLOAT32},
+                 {"Int8", TYPE_INT8},     {"UInt8", TYPE_UINT8},     {"Int16", TYPE_INT16},
+                 {"UInt16", TYPE_UINT16}, {"UInt32", TYPE_UINT32},   {"Int64", TYPE_INT64},
+                 {"UInt64", TYPE_UINT64}};
+    for (size_t i = 0; i < sizeof known / sizeof known[0]; i++)
+        if (strcmp(known[i].element, element) == 0)
+            return known[i].type;
+    return TYPE_NONE;
+}
+
+/* ---- Elements -------------------------------------------------------------------------------- */
+
+static void read_model(struct reader *r, const char **a)
+{
+    struct description *const d = r->d;
+    const char *const version = attribute(a, "fmiVersion");
+
+    d->version = version && strncmp(version, "2.", 2) == 0   ? 2
+                 : version && strncmp(version, "3.", 2) == 0 ? 3
+                                                             : 0;
+    if (!d->version) {
+        snprintf(r->problem, sizeof r->problem,
+                 "it is made for FMI %.16s; 2.0 and 3.0 can be run: export it as one of these",
+                 version ? version : "of no version");
+        XML_StopParser(r->parser, XML_FALSE);
+        return;
+    }
+    d->name = keep(attribute(a, "modelName"));
+    d->description = keep(attribute(a, "description"));
+    d->token = keep(attribute(a, d->version == 2 ? "guid" : "instantiationToken"));
+}
+
+static void read_co_simulation(struct description *d, const char **a)
+{
+    free(d->identifier);
+    d->identifier = keep(attribute(a, "modelIdentifier"));
+    d->co_simulation = true;
+    d->variable_step = is_true(a, "canHandleVariableCommunicationStepSize");
+    d->needs_tool = is_true(a, "needsExecutionTool");
+    d->step = number(attribute(a, "fixedInternalStepSize"), d->step);
+}
+
+static void declare(struct reader *r, const char *name, const char **a)
+{
+    if (!name || r->n_declared == VARIABLES_MAX)
+        return;
+    r->declared = more_room(r->declared, r->n_declared + 1, sizeof *r->declared);
+    r->declared[r->n_declared++] =
+        (struct declared){.name = keep(name),
+                          .unit = keep(attribute(a, "unit")),
+                          .low = bounded(number(attribute(a, "min"), -APC_VALUE_MAX)),
+                          .high = bounded(number(attribute(a, "max"), APC_VALUE_MAX))};
+}
+
+static void begin_variable(struct reader *r, const char **a)
+{
+    const char *const causality = attribute(a, "causality");
+
+    r->variable = (struct variable){
+        .name = keep(attribute(a, "name")),
+        .description = keep(attribute(a, "description")),
+        .reference = (uint32_t)strtoul(attribute(a, "valueReference") ? attribute(a, "valueReference") : "0",
+                                       NULL, 10),
+        .low = -APC_VALUE_MAX,
+        .high = APC_VALUE_MAX};
+    r->is_variable = true;
+    snprintf(r->causality, sizeof r->causality, "%s", causality ? causality : "local");
+}
+
+static void type_variable(struct reader *r, const char *element, const char **a)
+{
+    struct variable *const v = &r->variable;
+    const char *const declared = attribute(a, "declaredType"), *const unit = attribute(a, "unit");
+
+    v->type = type_of(element);
+    if (strcmp(element, "Enumeration") == 0)
+        v->type = r->d->version == 2 ? TYPE_INT32 : TYPE_INT64;
+    for (size_t i = 0; declared && i < r->n_declared; i++)
+        if (strcmp(r->declared[i].name, declared) == 0) {
+            v->low = r->declared[i].low;
+            v->high = r->declared[i].high;
+            v->unit = keep(r->declared[i].unit);
+        }
+    v->low = bounded(number(attribute(a, "min"), v->low));
+    v->high = bounded(number(attribute(a, "max"), v->high));
+    v->start = number(attribute(a, "start"), 0.0);
+    if (unit || !v->unit) {
+        free(v->unit);
+        v->unit = keep(unit);
+    }
+}
+
+static void end_variable(struct reader *r)
+{
+    static const char *const kinds[N_KINDS] = {"input", "output", "parameter"};
+    struct variable *const v = &r->variable;
+    size_t k = 0;
+
+    r->is_variable = false;
+    while (k < N_KINDS && strcmp(kinds[k], r->causality) != 0)
+        k++;
+    if (k == N_KINDS || v->type == TYPE_NONE || !v->name[0]) {
+        free(v->name);
+        free(v->description);
+        free(v->unit);
+        return;
+    }
+    if (r->d->n[k] == VARIABLES_MAX) {
+        stop(r, "it has more variables than can be taken");
+        return;
+    }
+    r->d->of[k] = more_room(r->d->of[k], r->d->n[k] + 1, sizeof *v);
+    r->d->of[k][r->d->n[k]++] = *v;
+}
+
+static void begin(void *ctx, const char *element, const char **a)
+{
+    struct reader *const r = ctx;
+
+    if (r->problem[0])
+        return;
+    if (!r->d->version && strcmp(element, "fmiModelDescription") != 0) {
+        stop(r, "it does not begin with fmiModelDescription");
+    } else if (!r->d->version) {
+        read_model(r, a);
+    } else if (strcmp(element, "CoSimulation") == 0) {
+        read_co_simulation(r->d, a);
+    } else if (strcmp(element, "DefaultExperiment") == 0) {
+        r->d->step = r->d->step > 0 ? r->d->step : number(attribute(a, "stepSize"), 0.0);
+    } else if (strcmp(element, "ModelVariables") == 0) {
+        r->in_variables = true;
+    } else if (!r->in_variables) {
+        const char *const ending = strlen(element) > 4 ? element + strlen(element) - 4 : "";
+        if (strcmp(element, "SimpleType") == 0)
+            snprintf(r->declaring, sizeof r->declaring, "%s",
+                     attribute(a, "name") ? attribute(a, "name") : "");
+        else if (r->d->version == 2 ? type_of(element) != TYPE_NONE && r->declaring[0]
+                                    : strcmp(ending, "Type") == 0)
+            declare(r, r->d->version == 2 ? r->declaring : attribute(a, "name"), a);
+    } else if (strcmp(element, "ScalarVariable") == 0) {
+        begin_variable(r, a);
+    } else if (r->d->version == 2 && r->is_variable) {
+        if (r->variable.type == TYPE_NONE)
+            type_variable(r, element, a);
+    } else if (r->d->version == 3 && !r->is_variable && attribute(a, "valueReference")) {
+        begin_variable(r, a);
+        type_variable(r, element, a);
+    } else if (r->is_variable && strcmp(element, "Dimension") == 0) {
+        r->variable.type = TYPE_NONE;
+    }
+}
+
+static void end(void *ctx, const char *element)
+{
+    struct reader *const r = ctx;
+
+    if (strcmp(element, "ModelVariables") == 0)
+        r->in_variables = false;
+    else if (strcmp(element, "SimpleType") == 0)
+        r->declaring[0] = '\0';
+    else if (r->in_variables && r->is_variable &&
+             (r->d->version == 2 ? strcmp(element, "ScalarVariable") == 0
+                                 : type_of(element) != TYPE_NONE || strcmp(element, "Enumeration") == 0 ||
+                                       strcmp(element, "String") == 0 || strcmp(element, "Binary") == 0 ||
+                                       strcmp(element, "Clock") == 0))
+        end_variable(r);
+}
+
+/* Entities, and what they may do, begin with one. */
+static void doctype(void *ctx, const char *name, const char *system, const char *public, int internal)
+{
+    (void)name;
+    (void)system;
+    (void)public;
+    (void)internal;
+    stop(ctx, "it declares a document type, which no FMU needs");
+}
+
+/* ---- The whole ------------------------------------------------------------------------------- */
+
+/* It becomes a file's name. */
+static bool is_identifier(const char *text)
+{
+    return text && *text && strlen(text) < 200 &&
+           strspn(text, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_") == strlen(text);
+}
+
+static void check(const struct description *d)
+{
+    if (!d->co_simulation)
+        refuse("it is an FMU for model exchange, without a solver: export it for co-simulation");
+    if (d->needs_tool)
+        refuse("it needs the tool that made it to run (needsExecutionTool): export it with its solver");
+    if (!is_identifier(d->identifier))
+        refuse("modelDescription.xml: \"%.40s\" is no modelIdentifier: letters, digits and _ are expected",
+               d->identifier);
+    if (d->n[KIND_INPUT] == 0 || d->n[KIND_OUTPUT] == 0)
+        refuse("it has %zu inputs and %zu outputs that are numbers; a plant has one of each at least",
+               d->n[KIND_INPUT], d->n[KIND_OUTPUT]);
+    if (!d->variable_step && !(d->step > 0.0 && d->step < 1e6))
+        refuse(
+            "it cannot take steps of any length (canHandleVariableCommunicationStepSize), and says no length "
+            "that it can: stepSize of its DefaultExperiment");
+}
+
+void description_read(struct description *d, const char *text, size_t length)
+{
+    struct reader r = {.d = d, .parser = XML_ParserCreate(NULL)};
+
+    *d = (struct description){0};
+    if (!r.parser || length > INT32_MAX)
+        refuse("modelDescription.xml cannot be read: no memory");
+    XML_SetUserData(r.parser, &r);
+    XML_SetElementHandler(r.parser, begin, end);
+    XML_SetStartDoctypeDeclHandler(r.parser, doctype);
+    if (XML_Parse(r.parser, text, (int)length, XML_TRUE) != XML_STATUS_OK)
+        refuse("modelDescription.xml, line %lu: %s", XML_GetCurrentLineNumber(r.parser),
+               r.problem[0] ? r.problem : XML_ErrorString(XML_GetErrorCode(r.parser)));
+    XML_ParserFree(r.parser);
+    for (size_t i = 0; i < r.n_declared; i++) {
+        free(r.declared[i].name);
+        free(r.declared[i].unit);
+    }
+    free(r.declared);
+    check(d);
+}
+
+void description_library(const struct description *d, char *path, size_t size)
+{
+#if defined(__x86_64__)
+    static const char *const platform[] = {"linux64", "x86_64-linux"};
+#elif defined(__aarch64__)
+    static const char *const platform[] = {"aarch64-linux", "aarch64-linux"};
+#else
+    static const char *const platform[] = {"linux32", "x86-linux"};
+#endif
+    snprintf(path, size, "binaries/%s/%s.so", platform[d->version == 3], d->identifier);
+}

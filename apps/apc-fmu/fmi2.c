@@ -1,0 +1,154 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* FMI 2.0, co-simulation: its functions, as far as a plant needs them. */
+#include "fmu.h"
+
+#include <dlfcn.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { OK, WARNING, DISCARD, ERROR, FATAL, PENDING };
+
+typedef void *instance;
+struct callbacks {
+    void (*logger)(void *environment, const char *name, int status, const char *category, const char *message,
+                   ...);
+    void *(*allocate)(size_t n, size_t size);
+    void (*release)(void *memory);
+    void (*finished)(void *environment, int status);
+    void *environment;
+};
+
+static struct {
+    instance (*instantiate)(const char *name, int type, const char *guid, const char *resources,
+                            const struct callbacks *callbacks, int visible, int logging);
+    int (*set_up)(instance, int tolerant, double tolerance, double start, int stops, double stop);
+    int (*enter)(instance);
+    int (*leave)(instance);
+    int (*get_real)(instance, const unsigned *reference, size_t n, double *value);
+    int (*get_integer)(instance, const unsigned *reference, size_t n, int *value);
+    int (*get_boolean)(instance, const unsigned *reference, size_t n, int *value);
+    int (*set_real)(instance, const unsigned *reference, size_t n, const double *value);
+    int (*set_integer)(instance, const unsigned *reference, size_t n, const int *value);
+    int (*set_boolean)(instance, const unsigned *reference, size_t n, const int *value);
+    int (*do_step)(instance, double t, double h, int no_way_back);
+} call;
+static instance self;
+
+static void say(void *environment, const char *name, int status, const char *category, const char *message,
+                ...)
+{
+    va_list arguments;
+
+    (void)environment;
+    (void)name;
+    if (status == OK || !message)
+        return;
+    va_start(arguments, message);
+    fprintf(stderr, "%s: ", category ? category : "");
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wformat-nonliteral"
+    vfprintf(stderr, message, arguments); /* NOLINT(clang-diagnostic-format-nonliteral): it is the FMU's */
+#pragma GCC diagnostic pop
+    fputc('\n', stderr);
+    va_end(arguments);
+}
+
+static const char *load(void *library)
+{
+    const struct {
+        const char *name;
+        void *at;
+    } needed[] = {{"fmi2Instantiate", &call.instantiate},
+                  {"fmi2SetupExperiment", &call.set_up},
+                  {"fmi2EnterInitializationMode", &call.enter},
+                  {"fmi2ExitInitializationMode", &call.leave},
+                  {"fmi2GetReal", &call.get_real},
+                  {"fmi2GetInteger", &call.get_integer},
+                  {"fmi2GetBoolean", &call.get_boolean},
+                  {"fmi2SetReal", &call.set_real},
+                  {"fmi2SetInteger", &call.set_integer},
+                  {"fmi2SetBoolean", &call.set_boolean},
+                  {"fmi2DoStep", &call.do_step}};
+
+    for (size_t i = 0; i < sizeof needed / sizeof needed[0]; i++) {
+        void *const address = dlsym(library, needed[i].name);
+        if (!address)
+            return needed[i].name;
+        memcpy(needed[i].at, &address, sizeof address);
+    }
+    return NULL;
+}
+
+static bool well(int status, const char *what)
+{
+    if (status == OK || status == WARNING)
+        return true;
+    fprintf(stderr, "%s: %s\n", what,
+            status == DISCARD ? "discarded"
+            : status == ERROR ? "error"
+            : status == FATAL ? "fatal error"
+                              : "not done");
+    if (status == FATAL)
+        exit(EXIT_FAILURE); /* of no use any more */
+    return false;
+}
+
+static bool instantiate(const struct description *d, const char *folder)
+{
+    static const struct callbacks callbacks = {.logger = say, .allocate = calloc, .release = free};
+    char resources[600];
+
+    snprintf(resources, sizeof resources, "file://%s/resources", folder);
+    self = call.instantiate(d->name, 1, d->token, resources, &callbacks, 0, 1);
+    return self && well(call.set_up(self, 0, 0.0, 0.0, 0, 0.0), "fmi2SetupExperiment");
+}
+
+static bool enter(void)
+{
+    return well(call.enter(self), "fmi2EnterInitializationMode");
+}
+
+static bool leave(void)
+{
+    return well(call.leave(self), "fmi2ExitInitializationMode");
+}
+
+static bool set(const struct variable *v, double value)
+{
+    const int whole = v->type == TYPE_BOOLEAN ? value >= 0.5
+                      : v->type == TYPE_INT32 ? (int)lrint(fmax(fmin(value, INT32_MAX), INT32_MIN))
+                                              : 0;
+
+    return well(v->type == TYPE_FLOAT64 ? call.set_real(self, &v->reference, 1, &value)
+                : v->type == TYPE_INT32 ? call.set_integer(self, &v->reference, 1, &whole)
+                                        : call.set_boolean(self, &v->reference, 1, &whole),
+                v->name);
+}
+
+static bool get(const struct variable *v, double *value)
+{
+    int whole = 0, status;
+
+    if (v->type == TYPE_FLOAT64)
+        return well(call.get_real(self, &v->reference, 1, value), v->name);
+    status = v->type == TYPE_INT32 ? call.get_integer(self, &v->reference, 1, &whole)
+                                   : call.get_boolean(self, &v->reference, 1, &whole);
+    *value = whole;
+    return well(status, v->name);
+}
+
+static bool step(double t, double h)
+{
+    return well(call.do_step(self, t, h, 1), "fmi2DoStep");
+}
+
+const struct standard fmi2 = {.load = load,
+                              .instantiate = instantiate,
+                              .enter = enter,
+                              .leave = leave,
+                              .set = set,
+                              .get = get,
+                              .step = step};

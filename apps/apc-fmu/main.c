@@ -1,0 +1,315 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * apc-fmu keeps or runs one FMU for a program that has it as its plant, and speaks with that one alone, over
+ * its descriptor 3; src/plant/fmu.h says what. It ends when the other end is closed, however that came, and
+ * also while the FMU hangs.
+ */
+#include "fmu.h"
+
+#include <plant/fmu.h>
+
+#include <dlfcn.h>
+#include <poll.h>
+#include <pthread.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#define ASKER   3
+#define MESSAGE (1 << 17)
+
+static bool serving; /* else a person has called us */
+
+/* ---- Words ----------------------------------------------------------------------------------- */
+
+static void tell(const char *text, size_t n)
+{
+    if (send(ASKER, text, n, MSG_NOSIGNAL) != (ssize_t)n) {
+        archive_remove();
+        _exit(EXIT_FAILURE);
+    }
+}
+
+void refuse(const char *format, ...)
+{
+    char text[APC_FMU_TEXT] = "error\t";
+    const size_t word = serving ? strlen(text) : 0;
+    va_list arguments;
+
+    va_start(arguments, format);
+    vsnprintf(text + word, sizeof text - word, format, arguments);
+    va_end(arguments);
+    if (serving)
+        tell(text, strlen(text));
+    else
+        fprintf(stderr, "apc-fmu: %s\n", text);
+    archive_remove();
+    _exit(EXIT_FAILURE);
+}
+
+void *room(size_t n, size_t size)
+{
+    void *const memory = calloc(n ? n : 1, size);
+    if (!memory)
+        refuse("no memory");
+    return memory;
+}
+
+void *more_room(void *memory, size_t n, size_t size)
+{
+    void *const more = reallocarray(memory, n, size);
+    if (!more)
+        refuse("no memory");
+    return more;
+}
+
+/* ---- Keeping --------------------------------------------------------------------------------- */
+
+/* One line, whatever a text in it holds. */
+static void line(const char *kind, const char *const *field, size_t n)
+{
+    char text[4096];
+    size_t used = (size_t)snprintf(text, sizeof text, "%s", kind);
+
+    for (size_t i = 0; i < n; i++) {
+        const size_t from = used + 1;
+        used += (size_t)snprintf(text + used, sizeof text - used, "\t%.600s", field[i]);
+        for (size_t k = from; k < used; k++)
+            if ((unsigned char)text[k] < ' ')
+                text[k] = ' ';
+    }
+    tell(text, used);
+}
+
+static void describe(const struct description *d)
+{
+    static const char *const kinds[N_KINDS] = {"input", "output", "parameter"};
+
+    line("model", (const char *const[]){d->name[0] ? d->name : d->identifier, d->description}, 2);
+    for (size_t k = 0; k < N_KINDS; k++)
+        for (size_t i = 0; i < d->n[k]; i++) {
+            const struct variable *const v = &d->of[k][i];
+            char start[32], low[32], high[32];
+            snprintf(start, sizeof start, "%.17g", v->start);
+            snprintf(low, sizeof low, "%.17g", v->low);
+            snprintf(high, sizeof high, "%.17g", v->high);
+            line(kinds[k], (const char *const[]){v->name, v->unit, v->description, start, low, high}, 6);
+        }
+}
+
+static int keep(const char *file)
+{
+    struct archive *const a = archive_open(file);
+    struct description d;
+    size_t length;
+    char *const text = archive_text(a, "modelDescription.xml", &length), library[300], byte;
+
+    description_read(&d, text, length);
+    description_library(&d, library, sizeof library);
+    if (!archive_has(a, library)) {
+        char platforms[200];
+        archive_folders(a, "binaries/", platforms, sizeof platforms);
+        refuse("it holds no %s, which this machine needs; there is: %s", library,
+               platforms[0] ? platforms : "no library at all");
+    }
+    char folder[300];
+    snprintf(folder, sizeof folder, "%.*s", (int)(strrchr(library, '/') + 1 - library), library);
+    const char *const path = archive_unpack(a, (const char *const[]){folder, "resources/"}, 2);
+    archive_close(a);
+    free(text);
+    describe(&d);
+    line("folder", &path, 1);
+    while (recv(ASKER, &byte, 1, 0) > 0)
+        ;
+    archive_remove();
+    return EXIT_SUCCESS;
+}
+
+/* ---- Running --------------------------------------------------------------------------------- */
+
+struct run {
+    struct description d;
+    const struct standard *fmi;
+    const struct variable **u, **y;
+    size_t nu, ny;
+    double time;
+};
+
+static void *watch(void *ctx)
+{
+    struct pollfd asker = {.fd = ASKER, .events = POLLRDHUP};
+
+    while (poll(&asker, 1, -1) < 0 || !(asker.revents & (POLLRDHUP | POLLHUP | POLLERR)))
+        ;
+    (void)ctx;
+    _exit(EXIT_SUCCESS);
+}
+
+static char *read_file(const char *path, size_t *length)
+{
+    FILE *const in = fopen(path, "re");
+    char *text = NULL;
+    size_t n = 0, used = 0;
+
+    if (!in)
+        refuse("%s cannot be read any more", path);
+    do {
+        text = more_room(text, (n += 65536) + 1, 1);
+        used += fread(text + used, 1, n - used, in);
+    } while (used == n);
+    fclose(in);
+    *length = used;
+    return text;
+}
+
+/* What is not linked to what it needs, as FMUs from Python are: their interpreter's library, by name. */
+static void preload(void)
+{
+    const char *const named = getenv("APC_FMU_PRELOAD");
+    if (named && *named && !dlopen(named, RTLD_NOW | RTLD_GLOBAL))
+        refuse("APC_FMU_PRELOAD: %s", dlerror());
+}
+
+static void load(struct run *r, const char *folder)
+{
+    char path[600], within[300];
+
+    description_library(&r->d, within, sizeof within);
+    snprintf(path, sizeof path, "%s/%s", folder, within);
+    void *const library = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+    if (!library) {
+        const char *const said = dlerror();
+        refuse("its library cannot be loaded: %s%s", said,
+               strstr(said, "undefined symbol: Py")
+                   ? ": name the interpreter's library in APC_FMU_PRELOAD, e.g. libpython3.11.so.1.0"
+                   : "");
+    }
+    r->fmi = r->d.version == 2 ? &fmi2 : &fmi3;
+    const char *const missing = r->fmi->load(library);
+    if (missing)
+        refuse("its library does not export %s, which FMI %u.0 demands", missing, r->d.version);
+}
+
+/* The place that the asker means. */
+static const struct variable *variable(const struct run *r, enum kind kind, double place)
+{
+    if (!(place >= 0.0 && place < (double)r->d.n[kind]))
+        refuse("asked for a variable that it has not");
+    return &r->d.of[kind][(size_t)place];
+}
+
+static bool outputs(const struct run *r, double *y)
+{
+    for (size_t i = 0; i < r->ny; i++)
+        if (!r->fmi->get(r->y[i], &y[i]))
+            return false;
+    return true;
+}
+
+static bool begin(struct run *r, const char *folder, const double *in, size_t n, double *y)
+{
+    if (n < 3 || !(in[0] + in[1] + 2 * in[2] + 3 <= (double)n))
+        refuse("asked to begin with nothing");
+    r->nu = (size_t)in[0];
+    r->ny = (size_t)in[1];
+    const size_t np = (size_t)in[2];
+    r->u = room(r->nu, sizeof(struct variable *));
+    r->y = room(r->ny, sizeof(struct variable *));
+    in += 3;
+    for (size_t i = 0; i < r->nu; i++)
+        r->u[i] = variable(r, KIND_INPUT, *in++);
+    for (size_t i = 0; i < r->ny; i++)
+        r->y[i] = variable(r, KIND_OUTPUT, *in++);
+    if (!r->fmi->instantiate(&r->d, folder))
+        return false;
+    for (size_t i = 0; i < np; i++, in += 2)
+        if (!r->fmi->set(variable(r, KIND_PARAMETER, in[0]), in[1]))
+            return false;
+    return r->fmi->enter() && r->fmi->leave() && outputs(r, y);
+}
+
+/* Where its steps are of one length, it goes as far as whole ones lead. */
+static bool step(struct run *r, const double *in, size_t n, double *y)
+{
+    if (n != 2 + r->nu)
+        refuse("asked for a step with %zu numbers", n);
+    const double t = in[0], dt = in[1], sliver = 1e-9 * dt, to = t + dt;
+
+    for (size_t i = 0; i < r->nu; i++)
+        if (!r->fmi->set(r->u[i], in[2 + i]))
+            return false;
+    if (r->d.variable_step && r->time < to - sliver) {
+        if (!r->fmi->step(r->time, r->time > t + sliver || r->time < t - sliver ? to - r->time : dt))
+            return false;
+        r->time = to;
+    }
+    while (!r->d.variable_step && r->time + r->d.step <= to + sliver) {
+        if (!r->fmi->step(r->time, r->d.step))
+            return false;
+        r->time += r->d.step;
+    }
+    return outputs(r, y);
+}
+
+static int run(const char *folder)
+{
+    struct run *const r = room(1, sizeof *r);
+    double *const in = room(MESSAGE, 1), *const out = room(MESSAGE + APC_FMU_TEXT, 1);
+    struct fmu_header header;
+    char path[600];
+    pthread_t watcher;
+    size_t length;
+    ssize_t n;
+
+    (void)setrlimit(RLIMIT_CORE, &(struct rlimit){0});
+    if (pthread_create(&watcher, NULL, watch, NULL) != 0)
+        refuse("no thread");
+    snprintf(path, sizeof path, "%s/modelDescription.xml", folder);
+    char *const text = read_file(path, &length);
+    description_read(&r->d, text, length);
+    free(text);
+    preload();
+    load(r, folder);
+    while ((n = recv(ASKER, in, MESSAGE, 0)) >= (ssize_t)sizeof header) {
+        const double *const values = (const double *)(const void *)((const char *)in + sizeof header);
+        const size_t n_values = ((size_t)n - sizeof header) / sizeof(double);
+        double *const y = (double *)(void *)((char *)out + sizeof header);
+        memcpy(&header, in, sizeof header);
+        header.failed = !(header.request == FMU_BEGIN ? begin(r, folder, values, n_values, y)
+                                                      : step(r, values, n_values, y));
+        fflush(NULL);
+        memcpy(out, &header, sizeof header);
+        tell((const char *)out, sizeof header + r->ny * sizeof(double));
+    }
+    free(in);
+    free(out);
+    return EXIT_SUCCESS;
+}
+
+int main(int argc, char **argv)
+{
+    int type;
+    socklen_t size = sizeof type;
+
+    serving = getsockopt(ASKER, SOL_SOCKET, SO_TYPE, &type, &size) == 0 && type == SOCK_SEQPACKET;
+    if (serving && argc == 3 && strcmp(argv[1], "keep") == 0)
+        return keep(argv[2]);
+    if (serving && argc == 3 && strcmp(argv[1], "run") == 0)
+        return run(argv[2]);
+    if (argc == 2 && (strcmp(argv[1], "--version") == 0 || strcmp(argv[1], "-V") == 0))
+        return puts("apc-fmu (libapc) " APC_VERSION) < 0;
+    const int asked = argc == 2 && (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-?") == 0);
+    fputs(
+        "Usage: apc-fmu [OPTION...]\n"
+        "Runs an FMU in a process of its own. It is called by the programs that have one as their plant, and "
+        "by "
+        "nobody else; `apc plants ./FILE.fmu` shows what an FMU holds.\n\n"
+        "  -?, --help                 Give this help list\n"
+        "  -V, --version              Print program version\n",
+        asked ? stdout : stderr);
+    return asked ? EXIT_SUCCESS : 2;
+}

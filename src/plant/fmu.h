@@ -1,0 +1,34 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * FMUs as plants, and what is said between the library (fmu.c) and apc-fmu, the program that runs them.
+ *
+ * `apc-fmu keep FILE` looks at the archive, unpacks it into a folder, describes it, and keeps the folder
+ * until its other end of the socket is closed. It sends lines of fields with tabs between them, each a
+ * message: error TEXT, or: model NAME DESCRIPTION; then of each variable input|output|parameter NAME UNIT
+ * DESCRIPTION START LOW HIGH; then: folder PATH
+ *
+ * `apc-fmu run FOLDER` runs one instance. A request is a struct fmu_header and numbers (double), the answer
+ * likewise; where it failed, why was printed:
+ *   BEGIN  nu, ny, np, places of the inputs [nu] and outputs [ny] among those that were described, place and
+ *          value of parameters [2 * np]                                                       -> y [ny]
+ *   STEP   t, dt, u [nu]: from t on, where it was left or later, u holds until t + dt           -> y [ny]
+ */
+#ifndef APC_PLANT_FMU_H
+#define APC_PLANT_FMU_H
+
+#include "plant/plant_internal.h"
+
+#define APC_FMU_TEXT 512 /* of an answer, at most */
+
+enum fmu_request { FMU_BEGIN = 1, FMU_STEP };
+
+struct fmu_header {
+    uint32_t request, number, failed, reserved;
+};
+
+/** Is the model of that path an FMU? */
+bool apc_fmu_is_one(const char *name);
+/** Have it looked at; as apc_model_find(). All its inputs are manipulated. [setup] */
+int apc_fmu_open(const char *file, const struct apc_model **model, void **handle, struct apc_error *why);
+
+#endif

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Pack tank.c's library as an FMU: make.py VERSION LIBRARY OUT [KEY=VALUE...], of which some spoil it:
+   fmi=1.0, kind=ModelExchange, tool=true, fixed=STEP, platform=win64, entry=NAME, link=NAME, bytes=N (an entry of 1 MiB that says it is so long), xml=FILE."""
+
+import sys
+import zipfile
+
+version, library, out = int(sys.argv[1]), sys.argv[2], sys.argv[3]
+how = dict(one.split("=", 1) for one in sys.argv[4:])
+kind = how.get("kind", "CoSimulation")
+variable = "false" if "fixed" in how else "true"
+step = f' stepSize="{how["fixed"]}"' if how.get("fixed") else ""
+about = [  # name, reference, causality, unit, start, more
+    ("u", 0, "input", "V", 0.0, ""), ("d", 1, "input", "", 0.0, ""), ("y", 2, "output", how.get("unit", ""), None, ""),
+    ("K", 3, "parameter", "", 10.0, ""), ("tau", 4, "parameter", "s", 10.0, ' min="0.1" max="1000"'),
+    ("trick", 5, "parameter", None, 0, ' min="0" max="9"')]
+
+
+def variable_of(name, reference, causality, unit, start, more):
+    common = f'name="{name}" valueReference="{reference}" description="{name} of the tank" causality="{causality}"'
+    if causality == "parameter":
+        common += ' variability="fixed"'
+    value = "" if start is None else f' start="{start}"'
+    unit_ = f' unit="{unit}"' if unit else ""
+    if version == 2:
+        element = "Integer" if unit is None else "Real"
+        return f"<ScalarVariable {common}><{element}{value}{unit_}{more}/></ScalarVariable>"
+    element = "Int32" if unit is None else "Float64"
+    variability = "" if causality == "parameter" or unit is None else ' variability="continuous"'
+    return f"<{element} {common}{variability}{value}{unit_}{more}/>"
+
+
+token = "guid" if version == 2 else "instantiationToken"
+xml = f"""<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="{how.get("fmi", "2.0" if version == 2 else "3.0")}" modelName="tank" {token}="{{tank}}"
+                     description="a tank with an inflow">
+  <{kind} modelIdentifier="tank" canHandleVariableCommunicationStepSize="{variable}" needsExecutionTool="{how.get("tool", "false")}"/>
+  <DefaultExperiment startTime="0"{step}/>
+  <ModelVariables>
+    {"".join(variable_of(*one) for one in about)}
+  </ModelVariables>
+  <ModelStructure>{'<Outputs><Unknown index="3"/></Outputs>' if version == 2 else '<Output valueReference="2"/>'}</ModelStructure>
+</fmiModelDescription>
+"""
+if "xml" in how:
+    xml = open(how["xml"], encoding="utf-8").read()
+with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+    if xml:
+        archive.writestr("modelDescription.xml", xml)
+    archive.write(library, f'binaries/{how.get("platform", "linux64" if version == 2 else "x86_64-linux")}/tank.so')
+    archive.writestr("resources/note.txt", "a tank\n")
+    if "entry" in how:
+        archive.writestr(how["entry"], "mine\n")
+    if "link" in how:
+        link = zipfile.ZipInfo(how["link"])
+        link.create_system = 3
+        link.external_attr = 0o120777 << 16
+        archive.writestr(link, "/etc/passwd")
+    if "bytes" in how:
+        archive.writestr("resources/bomb", bytes(1 << 20))
+if "bytes" in how:
+    with open(out, "r+b") as archive:
+        whole = archive.read()
+        at = whole.rindex(b"PK\1\2", 0, whole.rindex(b"resources/bomb"))  # what the directory says of it
+        archive.seek(at + 24)
+        archive.write(int(how["bytes"]).to_bytes(4, "little"))

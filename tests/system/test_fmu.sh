@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# Plants that are FMUs, made here of a tank in C: what they give is what the same tank gives that is built in, and what they do
+# to their process they do to no other.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+[ -x "$APC_BIN/apc-fmu" ] || { echo "skipped: apc-fmu was not built: it needs libzip and expat" >&2; exit 77; }
+[ "$(uname -m)" = x86_64 ] || { echo "skipped: the FMUs of this test are for x86_64" >&2; exit 77; }
+export TMPDIR=$work/tmp # where they are unpacked
+mkdir "$TMPDIR"
+unpacked() { find "$TMPDIR" -name 'apc-fmu-*' | wc -l; }
+
+# tank VERSION NAME [KEY=VALUE...]: $work/NAME.fmu
+tank() {
+  local version=$1 name=$2
+  shift 2
+  [ -f "$work/tank$version.so" ] ||
+    cc -std=c11 -D_GNU_SOURCE -O1 -shared -fPIC -DFMI="$version" -o "$work/tank$version.so" "$APC_SOURCE_DIR/tests/fmu/tank.c" -lm
+  python3 "$APC_SOURCE_DIR/tests/fmu/make.py" "$version" "$work/${library:-tank$version}.so" "$work/$name.fmu" "$@"
+}
+# with NAME [PARAMETERS]: the paper's experiment with that FMU as its plant, in $work/NAME.conf
+with() {
+  sed -e "s|model = \"first-order\"|model = \"$1.fmu\"|" -e "s|K = 10.0; tau = 10.0;|K = 10.0; ${2:-}|" \
+    "$APC_SOURCE_DIR/experiments/first-order.conf" >"$work/$1.conf"
+}
+tank 2 two
+tank 3 three
+
+# ---- the same plant
+
+sed 's|^plant = {|plant = { integrator = "exact";|' "$APC_SOURCE_DIR/experiments/first-order.conf" >"$work/exact.conf"
+"$apc" simulate "$work/exact.conf" --csv "$work/exact.csv" >/dev/null
+for name in two three; do
+  with $name
+  "$apc" simulate "$work/$name.conf" --csv "$work/$name.csv" >/dev/null
+  paste -d, "$work/exact.csv" "$work/$name.csv" | awk -F, '
+    NR == 1 { n = NF / 2; next }
+    { for (i = 1; i <= n; i++) if ($i != $(i + n)) { d = $i - $(i + n); if (!(d * d <= 1e-20)) { print "line " NR ": " $i " is not " $(i + n); exit 1 } } }
+    END { exit NR < 1000 }' || fail "FMI $name: not the trajectory of the tank that is built in"
+done
+cmp "$work/two.csv" "$work/three.csv" || fail "FMI 2 and 3 differ"
+with two 'tau = 5.0;'
+expect 0 'sha256' "$apc" simulate "$work/two.conf" --csv "$work/faster.csv"
+cmp -s "$work/two.csv" "$work/faster.csv" && fail "a parameter does nothing"
+with two
+expect 0 'K +10 +K of the tank' "$apc" plants "$work/two.fmu"
+expect 0 '^tank,input,u,"V",0,,,"u of the tank"$' "$apc" plants "$work/three.fmu" --csv
+expect 1 'shows neither its states nor their derivatives' "$apc" linearize "$work/two.fmu"
+
+# its steps are of one length: y is new at whole seconds only, where the client asks every 0.5 s and the plant moves every 0.2 s
+tank 2 fixed fixed=1
+with fixed
+"$apc" simulate "$work/fixed.conf" --csv - 2>/dev/null | awk -F, '
+  $2 == "sensor" { if ($5 != last) { changes++; if ($1 - int($1) > 1e-6) exit 1 } last = $5 }
+  END { exit !(changes > 300) }' || fail "a step of one length is not one"
+# an input that no signal is, is a disturbance; variables by other names
+sed -e 's|^plant = {|plant = { inputs = ["u"]; outputs = ["y"]; disturbances = ( { name = "d"; at = 100.0; value = 5.0; } );|' \
+  -e 's|name = "y"; desc|name = "level"; desc|' "$work/two.conf" >"$work/names.conf"
+expect 0 ' d 0 -> 5 +100 ' "$apc" simulate "$work/names.conf"
+expect 1 'has no input "valve"; there are: u, d' "$apc" simulate <(sed 's|inputs = \["u"\]|inputs = ["valve"]|; s|"two|"'"$work"'/two|' "$work/names.conf")
+expect 1 'must name 1 variables' "$apc" simulate <(sed 's|inputs = \["u"\]|inputs = []|; s|"two|"'"$work"'/two|' "$work/names.conf")
+expect 1 'has no output "level"' "$apc" simulate <(sed 's|outputs = \["y"\];||; s|"two|"'"$work"'/two|' "$work/names.conf")
+changed() { sed "s|^plant = {|plant = { $1|; s|\"two|\"$work/two|" "$work/two.conf"; }
+expect 1 'has its own integrator, not "rk4"' "$apc" simulate <(changed 'integrator = "rk4";')
+expect 1 'its parameters say where it starts' "$apc" simulate <(changed 'x0 = [1.0];')
+expect 1 'its states cannot be moved' "$apc" simulate <(changed 'noise = { y = 0.1; };')
+expect 1 'tau.*must lie in|tau.*0.1' "$apc" simulate <(changed '' | sed 's|K = 10.0; |K = 10.0; tau = 0.0;|')
+tank 2 kelvin unit=K
+sed -e 's|"two.fmu"|"kelvin.fmu"|' -e 's|name = "y"; |name = "y"; unit = "degC"; |' "$work/two.conf" >"$work/kelvin.conf"
+expect 1 'y is in degC, and y of the FMU in K: nothing is converted' "$apc" simulate "$work/kelvin.conf"
+
+# ---- what it does to its process
+
+# trick NUMBER SAYS: in virtual time that is the end, and it is said
+trick() {
+  for name in two three; do
+    with $name "trick = $1.0;"
+    expect 1 "$2" env APC_FMU_TIMEOUT="${limit:-60}" "$apc" simulate "$work/$name.conf"
+  done
+}
+limit=2 trick 1 'diverged at t = 5.2 s: .*: did not answer and was killed'
+trick 2 'diverged at t = 5.2 s: .*: its process was ended by signal 11'
+trick 3 'diverged at t = 5.2 s: .*the tank is empty.*fmi.DoStep: error'
+trick 4 'diverged at t = 5.2 s: .*its output y is not a finite number'
+trick 5 'diverged at t = 5.2 s: .*: its process ended, exit code 7'
+limit=2 trick 8 'did not answer and was killed'
+trick 9 'fmi.EnterInitializationMode: error'
+with two 'trick = 6.0;'
+expect 0 sha256 "$apc" simulate "$work/two.conf" # it prints, and nobody waits
+[ "$(unpacked)" = 0 ] || fail "something is left in $TMPDIR"
+
+# ---- what is no FMU, or none for us, is refused before any of it runs
+
+refused() { # refused PATTERN VERSION KEY=VALUE...
+  local pattern=$1
+  shift
+  tank "$1" bad "${@:2}"
+  expect 1 "bad.fmu: $pattern" "$apc" plants "$work/bad.fmu"
+}
+refused '.*"../../evil", a path that leads out' 2 entry=../../evil
+refused '.*"/etc/evil", a path that leads out' 3 entry=/etc/evil
+refused '.*"resources/a/../../../b", a path' 2 entry=resources/a/../../../b
+refused '.*evil", a path that leads out' 2 'entry=..\evil'
+refused '.*"resources/here", a symbolic link' 2 link=resources/here
+refused 'the archive would be more than 1024 MiB' 2 bytes=4000000000
+refused 'the archive is damaged: "resources/bomb" is not what it says' 2 bytes=1000
+refused '.*binaries/linux64/tank.so, which this machine needs; there is: win64' 2 platform=win64
+refused '.*binaries/x86_64-linux/tank.so, which this machine needs; there is: linux64' 3 platform=linux64
+refused '.*made for FMI 1.0; 2.0 and 3.0 can be run' 2 fmi=1.0
+refused '.*made for FMI 4.0; ' 3 fmi=4.0
+refused 'it is an FMU for model exchange' 2 kind=ModelExchange
+refused 'it needs the tool that made it' 3 tool=true
+refused 'it cannot take steps of any length' 2 fixed=
+echo '<fmiModelDescription fmiVersion="2.0"' >"$work/bad.xml"
+refused 'modelDescription.xml, line [0-9]+: ' 2 xml="$work/bad.xml"
+printf '<?xml version="1.0"?>\n<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa">]>\n<fmiModelDescription fmiVersion="2.0"/>\n' >"$work/bad.xml"
+refused '.*declares a document type' 2 xml="$work/bad.xml"
+printf '<html/>' >"$work/bad.xml"
+refused '.*does not begin with fmiModelDescription' 2 xml="$work/bad.xml"
+printf '<fmiModelDescription fmiVersion="2.0"><CoSimulation modelIdentifier="../../x"/></fmiModelDescription>' >"$work/bad.xml"
+refused '.*is no modelIdentifier' 3 xml="$work/bad.xml"
+: >"$work/bad.xml"
+refused 'holds no modelDescription.xml' 2 xml="$work/bad.xml"
+printf 'PK but no archive' >"$work/bad.fmu"
+expect 1 'bad.fmu: cannot be read as an archive' "$apc" plants "$work/bad.fmu"
+head -c 900 "$work/two.fmu" >"$work/bad.fmu"
+expect 1 'bad.fmu: cannot be read as an archive' "$apc" plants "$work/bad.fmu"
+expect 1 'gone.fmu: cannot be read as an archive.*No such file' "$apc" plants "$work/gone.fmu"
+cc -std=c11 -D_GNU_SOURCE -shared -fPIC -DFMI=2 -DWITHOUT_STEP -o "$work/half.so" "$APC_SOURCE_DIR/tests/fmu/tank.c" -lm
+library=half tank 2 half
+with half
+expect 1 'its library does not export fmi2DoStep, which FMI 2.0 demands' "$apc" simulate "$work/half.conf"
+echo 'no library' >"$work/text.so"
+library=text tank 3 text
+with text
+expect 1 'its library cannot be loaded: ' "$apc" simulate "$work/text.conf"
+[ "$(unpacked)" = 0 ] || fail "something is left in $TMPDIR"
+cp "$apc" "$work/apc" # where there is no apc-fmu
+expect 1 'two.fmu: apc-fmu, which runs FMUs, cannot be started: No such file.*libzip and expat' "$work/apc" plants "$work/two.fmu"
+
+# ---- in real time: what hangs or crashes starts again; the plant's server goes on, and says so
+
+fast_experiment
+unset APC_STORE APC_HISTORY
+happened() { "$apc" history --events --store "$work/$run" | grep -q "$1"; }
+runner() { pgrep -f "apc-fmu run $TMPDIR" | tr '\n' ' '; }
+another() { local now; now=$(runner); [ -n "$now" ] && [ "$now" != "$first" ]; }
+solved() { "$apc" history --events --store "$work/$run" | grep -c 'plant is solved again' || true; }
+solved_since() { [ "$(solved)" -gt "$before" ]; }
+for run in crashes hangs; do
+  [ $run = hangs ] && trick=1 || trick=2
+  sed -e "s|model = \"first-order\"|model = \"$work/two.fmu\"|" -e "s|tau = 1.0;|tau = 1.0; trick = $trick.0;|" "$work/fast.conf" >"$work/$run.conf"
+  background run "$apc" run "$work/$run.conf" --no-ui --duration 0 --out "$work/$run"
+  until_true 60 happened 'plant takes commands'
+  first=$(runner)
+  [ $run = hangs ] || until_true 60 happened 'its process was ended by signal 11'
+  before=$(solved)
+  until_true 60 another
+  until_true 60 solved_since
+  kill -INT "$pid"
+  wait "$pid" || fail "an FMU that $run ended the run"
+  [ -f "$work/$run/plant.fmu" ] || fail "the folder has not kept the FMU"
+  [ "$(grep -c 'running every' "$work/$run/apc-plant.log")" = 1 ] || fail "the plant's server was taken along"
+done
+
+# Whoever is killed leaves nothing behind.
+with two 'trick = 1.0;'
+background simulate "$apc" simulate "$work/two.conf"
+is_unpacked() { [ "$(unpacked)" = 1 ]; }
+until_true 20 is_unpacked
+kill -KILL "$pid"
+wait "$pid" || true
+nothing_left() { [ "$(unpacked)" = 0 ]; }
+until_true 20 nothing_left
