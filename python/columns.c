@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include <apcstore.h>
 #include <stdlib.h>
+#include <time.h>
 
 #include "columns.h"
 
@@ -154,4 +155,13 @@ void apc_events_free(struct apc_events *events)
 {
     free(events->event);
     free(events);
+}
+
+/* ---- Time ---------------------------------------------------------------------------------- */
+
+int apc_sleep_until(int64_t time)
+{
+    const struct timespec at = {time / APC_NS_PER_S, time % APC_NS_PER_S};
+
+    return clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, NULL) == 0;
 }

@@ -32,3 +32,71 @@ struct apc_events {
 };
 int apc_events_read(struct apc_events *events, struct apc_store *store, const struct apc_range *range);
 void apc_events_free(struct apc_events *events);
+
+/* A file of samples of a run folder. Rows name their variable and status by their place among those that
+ * came. */
+struct apc_record {
+    size_t n, room;
+    double *time;      /* [n] s since the run's t = 0 */
+    int32_t *variable; /* [n] place in table and id */
+    int8_t *status;    /* [n] place in code */
+    double *value;     /* [n] */
+    size_t n_variables, n_codes, slots;
+    int32_t *table, *id; /* [n_variables] */
+    int32_t *slot;       /* [slots] where they are found: 1 + place, 0: free */
+    uint32_t code[127];  /* [n_codes] */
+};
+/* Append the rows of @p file. Returns 0, or a negative enum apc_err with FILE:LINE in @p why. */
+int apc_record_read(struct apc_record *record, const char *file, struct apc_error *why);
+void apc_record_free(struct apc_record *record);
+
+/* A column that Arrow takes, and the dictionary of texts that its elements are places in, if there is one. */
+struct apc_arrow_column {
+    const char *name, *format; /* format: Arrow's, of data */
+    const void *data;          /* [n] */
+    const uint8_t *valid;      /* bits; NULL: all are */
+    int64_t nulls;             /* how many are not */
+    const int32_t *end; /* [1 + n_texts] where the texts end, after a 0; NULL: there is no dictionary */
+    const char *texts;
+    int64_t n_texts;
+};
+/* Append the PyCapsule of an Arrow stream, of one batch of @p n rows, to the Python list at @p list. All else
+ * stays where it is and belongs to the Python object at @p owner, which is kept. Returns 0 or APC_ENOMEM. */
+int apc_arrow_export(void *list, const struct apc_arrow_column *column, size_t n_columns, int64_t n,
+                     void *owner);
+
+/* A value that an operator writes, on its way. */
+struct apc_wish {
+    char name[64];        /* of the variable, or of the loop whose mode it is */
+    int32_t table, id;    /* where it is written */
+    double value, before; /* before: what it was; NaN: nothing */
+    int64_t seq, time;    /* of its row, once it is written */
+    char controller[64];  /* who takes it */
+    int32_t number;       /* of its tick */
+    int64_t period, tick; /* ns of that controller; time of its newest tick, UTC, 0: it has never ticked */
+    int64_t tick_seq;
+    double force;   /* what is in force */
+    char text[256]; /* why it was refused */
+};
+enum apc_fate {
+    APC_FATE_WAITING = 1,
+    APC_FATE_APPLIED,
+    APC_FATE_SUPERSEDED,
+    APC_FATE_REFUSED,
+    APC_FATE_NOBODY
+};
+/* Find the setpoint, the tuning parameter or the output @p name, or with @p mode the loop, and who takes it.
+ * Returns 0, APC_ENOTFOUND, APC_ERANGE: outside its limits, APC_EPERM: nobody takes it, or an error of the
+ * store. */
+int apc_wish_find(struct apc_wish *wish, struct apc_store *store, const char *name, bool mode, double value,
+                  struct apc_error *why);
+/* Does its controller tick, as far as its newest tick and its events say? 1, 0, or an error of the store. */
+int apc_wish_ticks(struct apc_wish *wish, struct apc_store *store, struct apc_error *why);
+/* Write it, and what hangs on it, with the event. Returns 0 or an error of the store. */
+int apc_wish_write(struct apc_wish *wish, struct apc_store *store, const char *author, struct apc_error *why);
+/* What became of it: an enum apc_fate, after at most @p timeout if it is still to come; or an error of the
+ * store. */
+int apc_wish_look(struct apc_wish *wish, struct apc_store *store, int64_t timeout, struct apc_error *why);
+
+/* Sleep until that time of CLOCK_MONOTONIC, in ns. Returns 1, or 0: a signal came before. */
+int apc_sleep_until(int64_t time);

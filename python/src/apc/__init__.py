@@ -16,19 +16,33 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .parquet import Archived, archive, verify
     from .errors import (BusyError, ConflictError, DiskFullError, Error, InvalidError, LimitError, NoMemoryError,
                          NotConnectedError, NotFoundError, RefusedError, SolverError, StateError, StoreError, TimedOut)
     from .experiment import Experiment, Figure, Simulation
+    from .link import Link
+    from .model import Estimator, Linear, Model, Plant, linearize
+    from .qp import QP, Solution
+    from .run import Run, open_run
     from .store import Event, History, Store, Tag, Vectors
+    from .table import Table
+    from .timer import Tick, Timer, every
     from .values import Mode, Status, Value
     from .law import Call, Law, Parameter, Published, Setup
     from .library import version
 
 _WHERE = {
+    "parquet": ("Archived", "archive", "verify"),
     "errors": ("BusyError", "ConflictError", "DiskFullError", "Error", "InvalidError", "LimitError", "NoMemoryError",
                "NotConnectedError", "NotFoundError", "RefusedError", "SolverError", "StateError", "StoreError", "TimedOut"),
     "experiment": ("Experiment", "Figure", "Simulation"),
+    "link": ("Link",),
+    "model": ("Estimator", "Linear", "Model", "Plant", "linearize"),
+    "qp": ("QP", "Solution"),
+    "run": ("Run", "open_run"),
     "store": ("Event", "History", "Store", "Tag", "Vectors"),
+    "table": ("Table",),
+    "timer": ("Tick", "Timer", "every"),
     "values": ("Mode", "Status", "Value"),
     "law": ("Call", "Law", "Parameter", "Published", "Setup"),
     "library": ("version",),

@@ -4,12 +4,15 @@
 from __future__ import annotations
 
 from importlib import import_module
+from time import monotonic, sleep, time_ns
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Iterable, NamedTuple, Optional, Union
 
 from .errors import NotFoundError, error
+from .columns import array, filled
 from .library import Owned, check, ffi, lib, text, why
-from .values import Status, Value, value_of
+from .table import Column, Table
+from .values import Mode, Status, Value, value_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -45,6 +48,7 @@ class Event(NamedTuple):
     source: str
     kind: str
     text: str
+    number: int = 0  #: rises in the order in which they came to this store
 
 
 class History(NamedTuple):
@@ -62,6 +66,14 @@ class History(NamedTuple):
         pandas = import_module("pandas")
         index = pandas.DatetimeIndex(self.time, tz="UTC", name="time")
         return pandas.DataFrame({"value": self.value, "status": self.status}, index=index, copy=False)
+
+    def table(self) -> Table:
+        """Time, value, status, seq and origin, for whoever takes Arrow: `polars.DataFrame(history.table())`."""
+        return Table([Column(name, getattr(self, name)) for name in ("time", "value", "status", "seq", "origin")])
+
+    def to_arrow(self) -> Any:
+        """`table` as a pyarrow.Table."""
+        return self.table().to_arrow()
 
 
 class Vectors(NamedTuple):
@@ -150,31 +162,34 @@ class Store:
         return [value_of(sample) for sample in samples]
 
     def history(self, name: str, since: Optional[Time] = None, until: Optional[Time] = None,
-                last: int = 0) -> History:
-        """The rows of one variable with since <= source time < until, the newest `last` of them (0: all)."""
+                last: int = 0, after: int = 0) -> History:
+        """The rows of one variable with since <= source time < until and a seq above `after`, the newest `last` of them
+        (0: all)."""
         tag = self._find([name])[0]
-        columns = _filled("columns")
+        columns = filled("columns")
         with self._owned as s:
-            self._check(s, lib.apc_columns_read(columns, s, _table(tag.table), tag.id, _range(since, until, last)))
-        return History(tag, *(_array(columns, column, columns.n) for column in ("seq", "time", "value", "status",
+            self._check(s, lib.apc_columns_read(columns, s, _table(tag.table), tag.id, _range(since, until, last, after)))
+        return History(tag, *(array(columns, column, columns.n) for column in ("seq", "time", "value", "status",
                                                                                 "origin")))
 
     def vectors(self, name: str, since: Optional[Time] = None, until: Optional[Time] = None,
-                last: int = 0) -> Vectors:
+                last: int = 0, after: int = 0) -> Vectors:
         """The same of a table of vectors: "tick.1", a prediction by its name."""
         tag = self._find([name])[0]
-        ragged = _filled("ragged")
+        ragged = filled("ragged")
         with self._owned as s:
-            self._check(s, lib.apc_ragged_read(ragged, s, _table(tag.table), tag.id, _range(since, until, last)))
-        return Vectors(tag, *(_array(ragged, column, ragged.elements if column == "value" else ragged.n)
+            self._check(s, lib.apc_ragged_read(ragged, s, _table(tag.table), tag.id, _range(since, until, last, after)))
+        return Vectors(tag, *(array(ragged, column, ragged.elements if column == "value" else ragged.n)
                               for column in ("seq", "time", "status", "end", "value")))
 
-    def events(self, since: Optional[Time] = None, until: Optional[Time] = None, last: int = 0) -> list[Event]:
-        """What happened, in the order in which it came to the store."""
-        events = _filled("events")
+    def events(self, since: Optional[Time] = None, until: Optional[Time] = None, last: int = 0,
+               after: int = 0) -> list[Event]:
+        """What happened, in the order in which it came to the store; with a number above `after`."""
+        events = filled("events")
         with self._owned as s:
-            self._check(s, lib.apc_events_read(events, s, _range(since, until, last)))
-        return [Event(e.time, ("", "info", "warning", "alarm")[e.severity], text(e.source), text(e.kind), text(e.text))
+            self._check(s, lib.apc_events_read(events, s, _range(since, until, last, after)))
+        return [Event(e.time, ("", "info", "warning", "alarm")[e.severity], text(e.source), text(e.kind), text(e.text),
+                      e.number)
                 for e in (events.event[0:events.n] if events.n else ())]
 
     def catalogue(self) -> str:
@@ -185,6 +200,67 @@ class Store:
             self._check(s, lib.apc_store_catalogue(s, room, length + 1, ffi.NULL))
         return text(room)
 
+    def write(self, name: str, value: float, author: Optional[str] = None, wait: bool = True) -> Value:
+        """Write a setpoint, a tuning parameter or, by the name of an output, what goes out in mode Man, as `apc set` and
+        `apc tune` do, and wait until its controller has taken it: for three of its periods and 2 s. Returns what is in
+        force. `LimitError`: it lies outside its limits. `RefusedError`: the controller refused it, or nobody ticks who
+        would apply it; then nothing was written. `ConflictError`: somebody wrote after it. `TimedOut`: it was written,
+        but nobody has confirmed it. Without `wait` it is only written. `author` is who stands in the record; default:
+        the user."""
+        return self._wish(name, float(value), False, author, wait)
+
+    def mode(self, loop: str, mode: Union[Mode, str], author: Optional[str] = None, wait: bool = True) -> Mode:
+        """Ask for a mode of a loop, by its output or as "upper.r1", as `write`. Returns the mode in force."""
+        return Mode(int(self._wish(loop, float(Mode.of(mode)), True, author, wait).value))
+
+    def _wish(self, name: str, value: float, mode: bool, author: Optional[str], wait: bool) -> Value:
+        wish, reason = ffi.new("struct apc_wish *"), why()
+        who = (author or _user()).encode()
+        with self._owned as s:
+            if self._check(s, lib.apc_store_is_history(s)):
+                raise error(lib.APC_ESTATE, "this is a history, where nobody applies what is written: name the live store "
+                            "as well, LIVE+HISTORY, or use apc set")
+            check(lib.apc_wish_find(wish, s, name.encode(), mode, value, reason), reason)
+            if wait:
+                self._ticks(s, wish)
+            check(lib.apc_wish_write(wish, s, who, reason), reason)
+            if wait:
+                self._settle(s, wish)
+        return Value(wish.force if wait else value, Status(lib.APC_GOOD), wish.time)
+
+    def _ticks(self, s: Any, wish: Any) -> None:
+        """An age by the clocks of two hosts is no proof that nothing ticks: then a tick is waited for."""
+        reason, until, first = why(), monotonic() + 3e-9 * wish.period + 2, None
+        while not check(lib.apc_wish_ticks(wish, s, reason), reason):
+            first = wish.tick_seq if first is None else first
+            if wish.tick_seq != first:
+                return
+            if monotonic() > until:
+                last = f"'s last tick was {(time_ns() - wish.tick) / 1e9:.3g} s ago" if wish.tick else " has never ticked"
+                raise error(lib.APC_EPERM, f"nobody applies it: {text(wish.controller)}{last}. Nothing was written")
+            sleep(0.05)
+
+    def _settle(self, s: Any, wish: Any) -> None:
+        reason, until = why(), monotonic() + 3e-9 * wish.period + 2
+        is_mode = wish.table == _table("opmode")
+        wanted, of = (str(Mode(int(wish.value))), " mode") if is_mode else (f"{wish.value:g}", "")
+        what = f"{text(wish.name)}{of} = {wanted}"
+        while True:
+            fate = check(lib.apc_wish_look(wish, s, 10**8, reason), reason)
+            if fate == lib.APC_FATE_APPLIED:
+                return
+            if fate == lib.APC_FATE_SUPERSEDED:
+                raise error(lib.APC_ECONFLICT, f"{what}: superseded by a later write")
+            if fate == lib.APC_FATE_REFUSED:
+                said = text(wish.text) or ("its loop is not in Man" if wish.table == _table("manual") else "")
+                if said or monotonic() > until:
+                    raise error(lib.APC_EPERM, f"{what}: refused: {said or f'{wish.force:g} stays in force'}")
+                until = min(until, monotonic() + 0.5)  # its event may come after its row
+                sleep(0.05)
+            elif monotonic() > until:
+                raise error(lib.APC_ETIMEDOUT, f"{what}: written, but {text(wish.controller)} does not confirm it: see "
+                            "apc status")
+
     def close(self) -> None:
         self._owned.close()
 
@@ -194,6 +270,15 @@ class Store:
     def __exit__(self, kind: Optional[type[BaseException]], raised: Optional[BaseException],
                  trace: Optional[TracebackType]) -> None:
         self.close()
+
+
+def _user() -> str:
+    import getpass
+
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return "python"
 
 
 def _table(name: str) -> int:
@@ -217,11 +302,11 @@ def _place(name: str) -> Optional[Tag]:
     return Tag(table, int(number), "", "", "", None, None, "", "", 0.0, 0.0)
 
 
-def _range(since: Optional[Time], until: Optional[Time], last: int) -> Any:
-    if last < 0:
-        raise error(lib.APC_EINVAL, f"last = {last}: a number of rows, or 0: all")
+def _range(since: Optional[Time], until: Optional[Time], last: int, after: int) -> Any:
+    if last < 0 or after < 0:
+        raise error(lib.APC_EINVAL, f"last = {last}, after = {after}: a number of rows or a seq, or 0: all")
     range_ = ffi.new("struct apc_range *")
-    range_.since, range_.until, range_.last = _ns(since), _ns(until), last
+    range_.since, range_.until, range_.last, range_.after = _ns(since), _ns(until), last, after
     return range_
 
 
@@ -234,32 +319,3 @@ def _ns(time: Optional[Time]) -> int:
 
     stamp: Any = time
     return int(np.datetime64(stamp, "ns").astype(np.int64))
-
-
-def _filled(what: str) -> Any:
-    """A struct of columns.h, empty, that goes back when its last array is gone."""
-    block = lib.apc_columns_new(ffi.sizeof(f"struct apc_{what}"))
-    if block == ffi.NULL:
-        raise error(lib.APC_ENOMEM, "out of memory")
-    return ffi.gc(ffi.cast(f"struct apc_{what} *", block), getattr(lib, f"apc_{what}_free"))
-
-
-_DTYPE = {"seq": "i8", "time": "M8[ns]", "value": "f8", "status": "u4", "origin": "i8", "end": "i8"}
-
-
-class _Column:
-    """Memory of a struct that it keeps, as NumPy takes it."""
-
-    def __init__(self, owner: Any, column: str, n: int) -> None:
-        self._owner = owner
-        self.__array_interface__ = {
-            "version": 3, "shape": (n,), "typestr": "<" + _DTYPE[column],
-            "data": (int(ffi.cast("uintptr_t", getattr(owner, column))), False)}
-
-
-def _array(owner: Any, column: str, n: int) -> Any:
-    import numpy as np
-
-    if n == 0:
-        return np.empty(0, dtype=_DTYPE[column])
-    return np.asarray(_Column(owner, column, n))

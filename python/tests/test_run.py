@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: BSD-3-Clause
+import gc
+import hashlib
+import random
+
+import numpy as np
+import pytest
+
+import apc
+from test_experiment import TEXT
+
+SIGNALS = '''table,id,name,unit,description,low,high
+sensor,1,"y","V","",,
+setpoint,1,"r","V","",-100,100
+actuator,1,"u","mA","what, in mA",-10,10
+opmode,1,"u","","",0,3
+actual,21,"u.mode.actual","","",0,5
+'''
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A run of three rows a second, of which the mode changes twice."""
+    files = {
+        "run.conf": TEXT,
+        "record.conf": f'''by = "apc run";
+version = "0.1.0";
+start = "2026-01-31T12:00:00.250000Z";
+duration = 60.0;
+seed = 1L;
+live = "shm:gone-for-ever";
+experiment = {{ name = "loop"; sha256 = "{hashlib.sha256(TEXT.encode()).hexdigest()}"; }};
+law = {{ name = "pi"; chosen = false; }};
+plant = {{ name = "first-order"; chosen = false; }};
+''',
+        "signals.csv": SIGNALS,
+        "samples.csv": "time,table,id,status,value\n" + "".join(
+            f"{t}.000000,setpoint,1,Good,10\n{t}.000000,sensor,1,{'Good' if t else 'BadNoData'},{t / 3:.17g}\n"
+            f"{t}.500000,actuator,1,UncertainLastUsableValue,-{t}e-3\n" for t in range(5)),
+        "operation.csv": "time,table,id,status,value\n-1.000000,opmode,1,Good,1\n1.000000,actual,21,Good,1\n"
+                         "1.000000,tuning,1,Good,0.2\n3.250000,actual,21,Good,0\n",
+    }
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    return tmp_path
+
+
+def test_a_run_is_a_tidy_table(folder):
+    t = apc.open_run(folder).table()
+    assert list(t) == ["t", "time", "table", "name", "value", "unit", "status", "mode"] and len(t) == 15
+    assert t["t"].tolist()[:3] == [0, 0, 0.5] and t["time"][2] == np.datetime64("2026-01-31T12:00:00.75")
+    assert t["name"].tolist()[:3] == ["r", "y", "u"] and t["unit"].tolist()[:3] == ["V", "V", "mA"]
+    assert t["status"].tolist()[:3] == ["Good", "BadNoData", "UncertainLastUsableValue"]
+    assert (t["value"][1::3] == np.arange(5) / 3).all() and t["value"][14] == -4e-3
+    assert t["mode"].tolist() == 3 * [None] + 7 * ["Auto"] + 1 * ["Auto"] + 4 * ["Man"]
+
+
+def test_numbers_are_read_to_the_last_digit(folder):
+    pick = random.Random(7)
+    values = [pick.uniform(-1, 1) * 10.0 ** pick.randrange(-320, 299) for _ in range(20000)]
+    values += [0.0, -0.0, 5e-324, 9007199254740993.0, 1.7e299, 0.1, 1 / 3]
+    written = [f"{v:.{pick.choice((3, 17, 17, 17, 19))}g}" for v in values] + [f"{abs(v) % 1000:.18f}" for v in values[:99]]
+    (folder / "samples.csv").write_text("time,table,id,status,value\n" + "".join(
+        f"{i / 7:.6f},sensor,1,Good,{text}\n" for i, text in enumerate(written)))
+    t = apc.open_run(folder).table()
+    read, expected = t["value"], np.array([float(text) for text in written])
+    assert (read == expected).all() and (np.signbit(read) == np.signbit(expected)).all()
+    assert (t["t"] == [float(f"{i / 7:.6f}") for i in range(len(written))]).all()
+
+
+@pytest.mark.parametrize("row", ["1.0,sensor,1,Good", "1.0,sensor,1,Good,nan", "1.0,nothing,1,Good,2", "1.0,sensor,x,Good,2",
+                                 "1.0,sensor,1,Wonderful,2", "", "1.0,sensor,1,Good,2,3", "1.0,sensor,-1,Good,2", ",,,,",
+                                 "1.0,sensor,1,Good,", "\0\0\0\0", 300 * "1" + ",sensor,1,Good,2"])
+def test_a_damaged_file_names_its_line(folder, row):
+    with open(folder / "samples.csv", "a") as samples:
+        samples.write(row + "\n")
+    with pytest.raises(apc.Error, match=r"samples.csv:17: not a row"):
+        apc.open_run(folder).table()
+
+
+def test_what_is_cut_off_is_told(folder):
+    with open(folder / "samples.csv", "a") as samples:
+        samples.write("6.0,sensor,1,Good,1")
+    with pytest.raises(apc.Error, match=r"samples.csv:17: ends in the middle of a line"):
+        apc.open_run(folder).table()
+
+
+def test_what_is_no_run_says_so(folder, tmp_path_factory):
+    with pytest.raises(LookupError, match="no run folder"):
+        apc.open_run(tmp_path_factory.mktemp("empty"))
+    with pytest.raises(LookupError, match="apc.Store"):
+        apc.open_run(folder).store()  # its memory is gone, and it has no other
+    (folder / "samples.csv").unlink()
+    with pytest.raises(LookupError, match="apc report .* makes it"):
+        apc.open_run(folder).table()
+
+
+def test_the_experiment_of_a_run_is_there(folder):
+    assert "first-order" in apc.open_run(folder).experiment().text
+
+
+def test_arrow_shares_the_memory(folder):
+    pyarrow = pytest.importorskip("pyarrow")
+    table = apc.open_run(folder).table()
+    arrow = pyarrow.table(table)
+    arrow.validate(full=True)
+    assert arrow.column("value").chunk(0).buffers()[1].address == table.columns["value"].data.ctypes.data
+    assert arrow.to_pylist()[2] == {name: value for name, value in zip(table, (
+        0.5, arrow.column("time")[2].as_py(), "actuator", "u", -0.0, "mA", "UncertainLastUsableValue", None))}
+    assert str(arrow.schema.field("time").type) == "timestamp[ns, tz=UTC]"
+    mode = arrow.column("mode")  # outlives what it was taken from
+    address = pyarrow.RecordBatchReader.from_stream(table)  # is never read
+    del arrow, table, address
+    gc.collect()
+    assert mode.to_pylist()[-1] == "Man" and mode.null_count == 3
+
+
+def test_pandas_shares_the_memory(folder):
+    pandas = pytest.importorskip("pandas")
+    table = apc.open_run(folder).table()
+    frame = table.to_pandas()
+    assert frame.query("name == 'u' and mode == 'Man'").t.tolist() == [3.5, 4.5]
+    assert np.shares_memory(frame["value"].to_numpy(), table["value"])
+    assert isinstance(frame["time"].dtype, pandas.DatetimeTZDtype) and frame["mode"].isna().sum() == 3
+
+
+def test_history_as_arrow():
+    pyarrow = pytest.importorskip("pyarrow")
+    s = apc.Experiment("here.conf", TEXT).simulate()
+    s.run()
+    y = s.store.history("y")
+    arrow = pyarrow.table(y.table())
+    arrow.validate(full=True)
+    assert arrow.column("value").to_pylist() == y.value.tolist() and arrow.num_rows == 120
+    assert y.to_arrow() == arrow
+    nothing = s.store.history("y", since="2001-01-01").to_arrow()
+    nothing.validate(full=True)
+    assert nothing.num_rows == 0
+
+
+def test_nobody_applies_it():
+    with apc.Store("mem:") as store, apc.Experiment("here.conf", TEXT) as e:
+        e.set("controller.period", 0.2)  # it is waited for three periods and 2 s
+        store.init()
+        e.provision(store)
+        with pytest.raises(apc.LimitError, match="r = 1000 lies outside its limits -100 to 100"):
+            store.write("r", 1000)
+        with pytest.raises(ValueError):
+            store.write("r", float("nan"))
+        with pytest.raises(LookupError, match='no setpoint, parameter or output "y"'):
+            store.write("y", 1)
+        with pytest.raises(LookupError, match='no loop "v"'):
+            store.mode("v", "Man")
+        with pytest.raises(TypeError):
+            store.write("r", [1, 2])
+        before = store.read("r")
+        with pytest.raises(apc.RefusedError, match="controller has never ticked. Nothing was written"):
+            store.write("r", 12)
+        assert store.read("r") == before
+        assert store.write("r", 12, author="Ann", wait=False).value == 12 and store.read("r").value == 12
+        event = store.events(last=1)[0]
+        assert (event.source, event.kind, event.text) == ("Ann", "operator", "r: 10 -> 12")
