@@ -112,7 +112,7 @@ static int find(struct apc_wish *w, const struct plant *p, const char *name, boo
                            .before = (double)NAN,
                            .number = by->number,
                            .period = by->period > 0 ? by->period : APC_NS_PER_S};
-    snprintf(w->name, sizeof w->name, "%s", name);
+    snprintf(w->name, sizeof w->name, "%s", mode ? tag->name : name);
     snprintf(w->controller, sizeof w->controller, "%s", by->name);
     return admit(tag, name, value, why);
 }

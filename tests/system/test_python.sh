@@ -84,7 +84,7 @@ with run.store() as store:
         raise AssertionError("in Auto an operator's output is taken")
     assert store.write("Kp", 0.3).value == 0.3
     said = [(e.source, e.text) for e in store.events() if e.kind == "operator"]
-    assert ("Ann", "u: none -> 0.75") in said and any(text == "u mode: Man -> Auto" for _, text in said), said
+    assert ("Ann", "u: none -> 0.75") in said and any(text == "u mode: Cas -> Auto" for _, text in said), said
 try:
     run.to_pandas()
 except LookupError as e:
