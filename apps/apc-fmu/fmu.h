@@ -11,7 +11,7 @@
 #include <stdint.h>
 
 /* Nothing can be done: tell who asks, in a sentence, and end. */
-_Noreturn void refuse(const char *format, ...) __attribute__((format(printf, 1, 2)));
+void refuse(const char *format, ...) __attribute__((noreturn, format(printf, 1, 2)));
 /* Memory, zeroed, or the end. */
 void *room(size_t n, size_t size);
 /* That of @p memory for @p n, which may have moved, or the end. */
