@@ -9,6 +9,7 @@ cd "$work"
 sed -i "s|^ExecStart=/[^ ]*/|ExecStart=$APC_BIN/|" ./*.service
 sed -i '/^Documentation=man:/d' ./*.service ./*.target # they are not installed
 for program in "$APC_BIN"/apc-*; do
+  [ "${program##*/}" = apc-fmu ] && continue # no daemon: an FMU's process, which who runs the model starts
   unit=${program##*/}@.service
   [ -f "$unit" ] || fail "${program##*/} has no unit"
   grep -q '^Type=notify$' "$unit" && grep -q '^WatchdogSec=' "$unit" && grep -q '^Restart=' "$unit" || fail "$unit looks after nothing"
