@@ -238,7 +238,7 @@ static int find_file(struct test *z, struct apc_error *why)
         return apc_fail(
             why, APC_ENOTFOUND,
             "the store is not that of a run folder, which has the experiment file of its plant: give "
-            "FILE, or --store RUN");
+            "FILE, or the run folder in its place");
     return 0;
 }
 

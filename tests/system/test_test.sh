@@ -117,6 +117,8 @@ background run "$apc" run "$work/fast.conf" --duration 0 --out "$work/run"
 run=$pid
 until_true 60 is 1
 sed 's/name = "fast"/name = "other"/' "$work/fast.conf" >"$work/other.conf"
+expect 1 'give FILE, or the run folder in its place' "$apc" test --live --store "$work/run" # its store is a database
+expect 1 'there is no "v" to be set' "$apc" test "$work/run" --live --move v
 expect 4 'the store is of another plant' "$apc" test "$work/other.conf" --live -o "$work/none"
 expect 1 'nothing would end the test of a live plant: give --guard y=LOW..HIGH' live -o "$work/none"
 begin=$(date -u +%Y-%m-%dT%H:%M:%S.%NZ)
