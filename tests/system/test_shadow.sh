@@ -97,6 +97,12 @@ kill -9 "$pid"
 expect 4 'trial does not tick: nobody would act' "$apc" promote trial
 mode 1 1 || fail "first does not act"
 
+# nor is one in a history, where nobody would read it
+sql "INSERT INTO apc.catalogue (revision, kind, text) SELECT revision + 1, 'history', text FROM apc.catalogue ORDER BY revision DESC LIMIT 1"
+n=$(sql 'SELECT count(*) FROM apc.opmode')
+expect 4 'is a history, which no loop reads' "$apc" promote trial --no-wait
+[ "$(sql 'SELECT count(*) FROM apc.opmode')" = "$n" ] || fail "what was refused was written"
+
 # in a cascade, on shared memory: above, below and beside, there and back; and each tick is on record as it was
 segment=/dev/shm/apc.system-shadow-$$
 port=$(free_port)

@@ -52,14 +52,14 @@ serve() {
   shift
   background "$name" "$APC_BIN/apc-ui" --config "$work/fast.conf" --listen 127.0.0.1:0 "$@"
   servers+=("$pid")
-  until_true 10 grep -q 'serving http' "$work/$name.log"
+  until_true 60 grep -q 'serving http' "$work/$name.log"
   ui_port=$(sed -n 's/.*serving https*:\/\/[^ ]*:\([0-9]*\) .*/\1/p' "$work/$name.log")
 }
 
 background run "$apc" run "$work/fast.conf" --duration 0 --out "$work/run" --no-ui
 run=$pid
 loop_runs() { [ -n "$(sql 'SELECT 1 FROM apc.actuator LIMIT 1')" ]; }
-until_true 20 loop_runs
+until_true 60 loop_runs
 serve open
 export APC_UI_OPEN=$ui_port
 serve secure --users "$work/users"
@@ -68,8 +68,8 @@ serve login --users "$work/users"
 export APC_UI_LOGIN=$ui_port
 
 # the controller has written before the first question
-until_true 20 "$APC_BUILD_DIR/tests/ui_probe" --ready "$APC_UI_OPEN"
-until_true 20 grep -q 'store connected' "$work/secure.log"
+until_true 60 "$APC_BUILD_DIR/tests/ui_probe" --ready "$APC_UI_OPEN"
+until_true 60 grep -q 'store connected' "$work/secure.log"
 "$APC_BUILD_DIR/tests/ui_probe"
 
 # every write that was accepted has one row in the audit, and the store holds nothing else
@@ -103,19 +103,19 @@ revoked() {
   ! printf 'GET /metrics HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer %s\r\nConnection: close\r\n\r\n' "$APC_UI_OPERATOR_TOKEN" |
     "$APC_BUILD_DIR/tests/ui_probe" --raw "$APC_UI_SECURE" | grep -q '^HTTP/1.1 200'
 }
-until_true 10 revoked
+until_true 60 revoked
 cp "$work/users" "$work/kept" && chmod 600 "$work/kept"
 echo nonsense >>"$work/users"
 said() { [ -n "$(sql "SELECT 1 FROM apc.event WHERE kind = 'access' AND text LIKE '%$1%' LIMIT 1")" ]; }
-until_true 10 said 'NAME:observer, operator or engineer:HASH'
+until_true 60 said 'NAME:observer, operator or engineer:HASH'
 "$APC_BUILD_DIR/tests/ui_probe" --watch "$APC_UI_SECURE" anna operator123 >"$work/kept.log" 2>&1 &
-until_true 10 grep -q 'hello' "$work/kept.log"
+until_true 60 grep -q 'hello' "$work/kept.log"
 mv "$work/kept" "$work/users"
 
 # a user who is taken away loses the session he has
 "$APC_BUILD_DIR/tests/ui_probe" --watch "$APC_UI_SECURE" otto observer123 >"$work/watch.log" 2>&1 &
 watch=$!
-until_true 10 grep -q 'hello' "$work/watch.log"
+until_true 60 grep -q 'hello' "$work/watch.log"
 "$apc" user remove otto --users "$work/users"
 wait "$watch" || fail "the session of a removed user went on"
 grep -q 'bye.*session' "$work/watch.log" || fail "the stream of a removed user was not told why it ends"
@@ -123,28 +123,28 @@ grep -q 'bye.*session' "$work/watch.log" || fail "the stream of a removed user w
 # the file of users goes: so does everybody
 "$APC_BUILD_DIR/tests/ui_probe" --watch "$APC_UI_LOGIN" anna operator123 >"$work/gone.log" 2>&1 &
 watch=$!
-until_true 10 grep -q 'hello' "$work/gone.log"
+until_true 60 grep -q 'hello' "$work/gone.log"
 mv "$work/users" "$work/away"
 wait "$watch" || fail "a session went on without the file of users"
 grep -q 'bye.*session' "$work/gone.log" || fail "a stream was not told that the users are gone"
-until_true 10 said 'users is gone'
-until_true 10 grep -q 'users is gone' "$work/secure.log"
+until_true 60 said 'users is gone'
+until_true 60 grep -q 'users is gone' "$work/secure.log"
 mv "$work/away" "$work/users"
 back() { sed '1,/users is gone/d' "$work/$1.log" | grep -q 'users has changed'; }
-until_true 10 back login
-until_true 10 back secure
+until_true 60 back login
+until_true 60 back secure
 
 # an open server that gets users is open no longer
 background late "$APC_BIN/apc-ui" --config "$work/fast.conf" --listen 127.0.0.1:0
 late=$pid
-until_true 10 grep -q 'serving http' "$work/late.log"
+until_true 60 grep -q 'serving http' "$work/late.log"
 late_port=$(sed -n 's/.*serving http:\/\/[^ ]*:\([0-9]*\) .*/\1/p' "$work/late.log")
 mkdir -p "$work/.config/apc" && cp "$work/users" "$work/.config/apc/users" && chmod 600 "$work/.config/apc/users"
 closed() {
   printf 'GET /api/state HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n' | "$APC_BUILD_DIR/tests/ui_probe" --raw "$late_port" |
     grep -q '^HTTP/1.1 401'
 }
-until_true 10 closed
+until_true 60 closed
 kill -TERM "$late"
 wait "$late" || fail "apc-ui ended with $?"
 rm -r "$work/.config"
@@ -193,7 +193,7 @@ fi
 # they end cleanly, also with streams open, and `apc run` serves the page by itself
 "$APC_BUILD_DIR/tests/ui_probe" --watch "$APC_UI_SECURE" anna operator123 >"$work/last.log" 2>&1 &
 watch=$!
-until_true 10 grep -q 'hello' "$work/last.log"
+until_true 60 grep -q 'hello' "$work/last.log"
 for server in "${servers[@]}"; do
   kill -TERM "$server"
   wait "$server" || fail "apc-ui ended with $?"
@@ -209,7 +209,7 @@ wait "$run" || fail "apc run ended with $?"
 serve after
 ask() { printf 'GET %s HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n' "$1" | "$APC_BUILD_DIR/tests/ui_probe" --raw "$ui_port"; }
 said_late() { ask /readyz | grep -q '^controller: no tick for'; }
-until_true 20 said_late
+until_true 60 said_late
 ask /readyz | grep -q '^HTTP/1.1 503' || fail "ready without a controller"
 ask /api/state | grep -q '"control":{"running":{"controller":false}' ||
   fail "a controller that has ended is said to run: $(ask /api/state)"
@@ -221,11 +221,11 @@ wait "$pid" || fail "apc-ui ended with $?"
 background first "$APC_BIN/apc-ui" --config "$work/fast.conf" --listen 127.0.0.1:8080
 first=$pid
 begun() { grep -q 'serving http' "$work/first.log" || ! kill -0 "$first"; } # or somebody else has the port
-until_true 20 begun
+until_true 60 begun
 background again "$apc" run "$work/fast.conf" --duration 0 --out "$work/again"
-until_true 20 grep -q 'page: *http://127.0.0.1:' "$work/again.log"
+until_true 60 grep -q 'page: *http://127.0.0.1:' "$work/again.log"
 page=$(sed -n 's/^page: *http:\/\/127.0.0.1:\([0-9]*\).*/\1/p' "$work/again.log")
-until_true 20 "$APC_BUILD_DIR/tests/ui_probe" --ready "$page"
+until_true 60 "$APC_BUILD_DIR/tests/ui_probe" --ready "$page"
 [ "$page" != 8080 ] || ! grep -q 'serving http' "$work/first.log" || fail "port 8080 is taken, and the page is said to be there"
 kill -TERM "$first" 2>/dev/null || true
 kill -INT "$pid"

@@ -199,11 +199,28 @@ static void a_commit_without_an_answer_is_unknown_and_settles_by_itself(void **s
         "r: 5 -> 20, outcome unknown (from 127.0.0.1)"));
 }
 
+static void in_a_history_nothing_is_written(void **state)
+{
+    json_t *json;
+    (void)state;
+    await_ready();
+    char *body = setpoint(30, "in-a-history"), before[32];
+    snprintf(before, sizeof before, "%s", cluster_query(cluster, "SELECT count(*) FROM apc.setpoint"));
+    cluster_query(cluster, "INSERT INTO apc.catalogue (revision, kind, text) VALUES (1, 'history', '')");
+    assert_int_equal(client_post(&client, "/api/setpoint", body, &json), 503);
+    const json_t *error = json_object_get(json, "error");
+    assert_string_equal(text_of(error, "code"), "store");
+    assert_non_null(strstr(text_of(error, "message"), "is a history, which no loop reads"));
+    json_decref(json);
+    assert_string_equal(cluster_query(cluster, "SELECT count(*) FROM apc.setpoint"), before);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(while_it_is_away_the_page_is_told_and_nothing_is_written),
         cmocka_unit_test(a_commit_without_an_answer_is_unknown_and_settles_by_itself),
+        cmocka_unit_test(in_a_history_nothing_is_written), /* and it stays one */
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }
