@@ -9,6 +9,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 #include <zip.h>
@@ -160,6 +161,8 @@ char *archive_text(const struct archive *a, const char *name, size_t *length)
 static void to_file(void *ctx, const void *from, size_t n)
 {
     const char *at = from;
+    if (asker_gone())
+        refuse("nobody waits for it any more");
     while (n > 0) {
         const ssize_t written = write(*(const int *)ctx, at, n);
         if (written < 0 && errno == EINTR)
@@ -195,12 +198,17 @@ static void unpack(const struct archive *a, zip_uint64_t i)
 const char *archive_unpack(const struct archive *a, const char *const *folders, size_t n)
 {
     const char *const named = getenv("TMPDIR");
+    char *const whole = realpath(named && *named ? named : "/tmp", NULL);
 
-    snprintf(unpacked, sizeof unpacked, "%s/apc-fmu-XXXXXX", named && *named ? named : "/tmp");
-    if (!mkdtemp(unpacked)) {
+    if (whole)
+        snprintf(unpacked, sizeof unpacked, "%s/apc-fmu-XXXXXX", whole);
+    if (!whole || !mkdtemp(unpacked)) {
         unpacked[0] = '\0';
         refuse("no folder to unpack it into (TMPDIR says where): %s", strerror(errno));
     }
+    free(whole);
+    /* Who tidies up temporary folders by their age leaves one alone that is locked. */
+    (void)flock(open(unpacked, O_RDONLY | O_DIRECTORY | O_CLOEXEC), LOCK_EX | LOCK_NB);
     for (zip_uint64_t i = 0; i < a->n; i++) {
         const char *const name = zip_get_name(a->zip, i, 0);
         bool wanted = strcmp(name, "modelDescription.xml") == 0;

@@ -12,6 +12,8 @@
 
 /* Nothing can be done: tell who asks, in a sentence, and end. */
 void refuse(const char *format, ...) __attribute__((noreturn, format(printf, 1, 2)));
+/* Is nobody there any more to be told? */
+bool asker_gone(void);
 /* Memory, zeroed, or the end. */
 void *room(size_t n, size_t size);
 /* That of @p memory for @p n, which may have moved, or the end. */
@@ -57,7 +59,7 @@ enum type {
 enum kind { KIND_INPUT, KIND_OUTPUT, KIND_PARAMETER, N_KINDS };
 
 struct variable {
-    char *name, *unit, *description, *declared;
+    char *name, *unit, *description;
     uint32_t reference;
     enum type type;
     double start, low, high;

@@ -9,8 +9,10 @@
 #include <plant/fmu.h>
 
 #include <dlfcn.h>
+#include <fcntl.h>
 #include <poll.h>
 #include <pthread.h>
+#include <signal.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -25,6 +27,21 @@
 static bool serving; /* else a person has called us */
 
 /* ---- Words ----------------------------------------------------------------------------------- */
+
+bool asker_gone(void)
+{
+    char byte;
+
+    return recv(ASKER, &byte, 1, MSG_PEEK | MSG_DONTWAIT) == 0;
+}
+
+/* What a stranger wrote stays on its line, and does nothing to a terminal. */
+static void blank(char *text, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        if ((unsigned char)text[i] < ' ' || text[i] == 127)
+            text[i] = ' ';
+}
 
 static void tell(const char *text, size_t n)
 {
@@ -43,6 +60,7 @@ void refuse(const char *format, ...)
     va_start(arguments, format);
     vsnprintf(text + word, sizeof text - word, format, arguments);
     va_end(arguments);
+    blank(text + word, strlen(text + word));
     if (serving)
         tell(text, strlen(text));
     else
@@ -78,9 +96,7 @@ static void line(const char *kind, const char *const *field, size_t n)
     for (size_t i = 0; i < n; i++) {
         const size_t from = used + 1;
         used += (size_t)snprintf(text + used, sizeof text - used, "\t%.600s", field[i]);
-        for (size_t k = from; k < used; k++)
-            if ((unsigned char)text[k] < ' ')
-                text[k] = ' ';
+        blank(text + from, used - from);
     }
     tell(text, used);
 }
@@ -108,6 +124,10 @@ static int keep(const char *file)
     size_t length;
     char *const text = archive_text(a, "modelDescription.xml", &length), library[300], byte;
 
+    /* It ends when its asker does: not before, with a whole service, and its folder left behind. */
+    (void)signal(SIGTERM, SIG_IGN);
+    (void)signal(SIGINT, SIG_IGN);
+    (void)signal(SIGHUP, SIG_IGN);
     description_read(&d, text, length);
     description_library(&d, library, sizeof library);
     if (!archive_has(a, library)) {
@@ -146,6 +166,8 @@ static void *watch(void *ctx)
     while (poll(&asker, 1, -1) < 0 || !(asker.revents & (POLLRDHUP | POLLHUP | POLLERR)))
         ;
     (void)ctx;
+    if (getpgrp() == getpid()) /* what the FMU has started ends as well */
+        (void)kill(0, SIGKILL);
     _exit(EXIT_SUCCESS);
 }
 
@@ -186,6 +208,8 @@ static void load(struct run *r, const char *folder)
         refuse("its library cannot be loaded: %s%s", said,
                strstr(said, "undefined symbol: Py")
                    ? ": name the interpreter's library in APC_FMU_PRELOAD, e.g. libpython3.11.so.1.0"
+               : strstr(said, "failed to map segment")
+                   ? ": TMPDIR must name a folder that code can be run from, not one mounted noexec"
                    : "");
     }
     r->fmi = r->d.version == 2 ? &fmi2 : &fmi3;
@@ -296,6 +320,8 @@ int main(int argc, char **argv)
     socklen_t size = sizeof type;
 
     serving = getsockopt(ASKER, SOL_SOCKET, SO_TYPE, &type, &size) == 0 && type == SOCK_SEQPACKET;
+    if (serving)
+        (void)fcntl(ASKER, F_SETFD, FD_CLOEXEC); /* else what an FMU starts would hold it */
     if (serving && argc == 3 && strcmp(argv[1], "keep") == 0)
         return keep(argv[2]);
     if (serving && argc == 3 && strcmp(argv[1], "run") == 0)

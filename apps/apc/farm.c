@@ -87,11 +87,17 @@ static void take_signal(struct farm *farm, const struct workers *w, apc_ns *stop
     }
 }
 
-static void forget(struct workers *w, pid_t pid)
+/* Was it one of them? A plant may have processes, too. */
+static bool forget(struct workers *w, pid_t pid)
 {
-    for (unsigned i = 0; i < w->n; i++)
-        if (w->pid[i] == pid)
+    bool was = false;
+
+    for (unsigned i = 0; pid > 0 && i < w->n; i++)
+        if (w->pid[i] == pid) {
             w->pid[i] = 0;
+            was = true;
+        }
+    return was;
 }
 
 /* Wait for the workers; the signals are blocked. Returns 0, or APC_ESYS when one of them died. */
@@ -109,9 +115,9 @@ static int follow(struct farm *farm, struct workers *w, const sigset_t *signals,
         for (pid_t pid; left > 0 && (pid = waitpid(-1, &status, WNOHANG)) != 0;) {
             if (pid < 0 && errno != EINTR)
                 return apc_fail(why, APC_ESYS, "a process was lost: %s", strerror(errno));
-            left -= pid > 0;
-            forget(w, pid);
-            if (pid > 0 && stopped == 0 && (!WIFEXITED(status) || WEXITSTATUS(status) != 0))
+            const bool was = forget(w, pid);
+            left -= was;
+            if (was && stopped == 0 && (!WIFEXITED(status) || WEXITSTATUS(status) != 0))
                 rc = apc_fail(why, APC_ESYS, "a process of the campaign died%s: runs are missing",
                               WIFSIGNALED(status) ? " of a signal" : "");
         }

@@ -108,12 +108,16 @@ void apc_companion_bury(struct apc_companion *c, bool hung)
     if (c->socket < 0)
         return;
     if (c->owner == getpid()) {
-        /* What closed its socket without ending is of no use either. */
-        if (hung || waitpid(c->pid, &status, WNOHANG) == 0) {
+        siginfo_t about;
+
+        /* What closed its socket without ending is of no use either, nor is what it has started itself. Until
+         * it is waited for, its number is nobody else's; and how it has ended stays as it is. */
+        if (waitid(P_PID, (id_t)c->pid, &about, WEXITED | WNOHANG | WNOWAIT) == 0) {
+            (void)kill(-c->pid, SIGKILL);
             (void)kill(c->pid, SIGKILL);
-            while (waitpid(c->pid, &status, 0) < 0 && errno == EINTR)
-                ;
         }
+        while (waitpid(c->pid, &status, 0) < 0 && errno == EINTR)
+            ;
         if (hung)
             snprintf(c->end, sizeof(c->end), "did not answer and was killed");
         else if (WIFSIGNALED(status))

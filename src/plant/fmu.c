@@ -181,10 +181,13 @@ static int hear(struct fmu *f, struct apc_error *why)
     while (rc == 0) {
         const ssize_t n = apc_companion_take(&f->keeper, message, APC_COMPANION_MESSAGE - 1, until);
         char **const more = n > 0 ? realloc(f->text, (f->n_text + 1) * sizeof(*more)) : NULL;
-        if (n <= 0) {
+        if (n < 0) /* not killed: it has a folder to remove */
+            rc = apc_fail(why, APC_EINVAL, "%s: was not unpacked and described within %g s", f->file,
+                          apc_ns_to_s(timeout()));
+        else if (n == 0)
             rc = fail_silent(&f->keeper, n, why);
+        if (rc < 0)
             break;
-        }
         message[n] = '\0';
         if (more)
             f->text = more;
@@ -247,7 +250,7 @@ static int arrange(struct fmu *f, enum table k, const char *const *name, size_t 
         place[i] = i;
         if (name)
             rc = place_of(f, k, name[i], &place[i], why);
-        for (size_t j = 0; rc == 0 && j < i; j++)
+        for (size_t j = 0; name && rc == 0 && j < i; j++)
             if (place[j] == place[i])
                 rc = apc_fail(why, APC_EINVAL, "%s: \"%s\" is named twice", f->file, name[i]);
         if (rc < 0)
@@ -363,8 +366,11 @@ static int take_answer(struct runner *r, ssize_t n, double *y, struct apc_error 
         apc_companion_bury(&r->own, false);
         return apc_fail(why, APC_EINVAL, "%s: %s", r->fmu->file, (const char *)r->answer + 6);
     }
-    if (n != (ssize_t)((HEADER + ny) * sizeof(double)))
-        return fail_silent(&r->own, 0, why);
+    if (n != (ssize_t)((HEADER + ny) * sizeof(double))) {
+        apc_companion_bury(&r->own, true);
+        return apc_fail(why, APC_ESOLVER, "%s: its process sent %zd bytes that are no answer, and was killed",
+                        r->fmu->file, n);
+    }
     memcpy(&header, r->answer, sizeof(header));
     apc_companion_listen(&r->own);
     apc_companion_said(&r->own, said, sizeof(said));

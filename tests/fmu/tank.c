@@ -2,8 +2,8 @@
 /*
  * A tank as an FMU, of version 2 or 3 (FMI): dx/dt = (-x + K u + d) / tau, y = x, exactly from one
  * communication point to the next. At the value 1 of its parameter `trick` and from 5 s on it hangs, at 2
- * crashes, at 3 returns an error, at 4 NaN, at 5 exits, at 6 prints without end, at 8 hangs as it begins,
- * at 9 fails as it begins.
+ * crashes, at 3 returns an error, at 4 NaN, at 5 exits, at 6 prints without end, at 7 leaves a process behind
+ * as it is killed, at 8 hangs as it begins, at 9 fails as it begins.
  */
 #include <math.h>
 #include <signal.h>
@@ -46,6 +46,7 @@ static int go(double t, double h)
         hang();
         break;
     case 2:
+        signal(SIGSEGV, SIG_DFL); /* also where a sanitizer has its own */
         raise(SIGSEGV);
         break;
     case 3:
@@ -59,6 +60,11 @@ static int go(double t, double h)
     case 6:
         for (int i = 0; i < 10000; i++)
             printf("the tank is at %g m and says so again and again\n", v[Y]);
+        break;
+    case 7:
+        if (fork() == 0)
+            execlp("sleep", "sleep", "4242.42", NULL);
+        raise(SIGKILL);
         break;
     default:
         break;
@@ -119,7 +125,7 @@ void *fmi2Instantiate(const char *name, int type, const char *guid, const char *
     (void)call;
     (void)visible;
     (void)logging;
-    return type == 1 && strcmp(guid, "{tank}") == 0 && strncmp(resources, "file://", 7) == 0 ? v : NULL;
+    return type == 1 && strcmp(guid, "{tank}") == 0 && strncmp(resources, "file:///", 8) == 0 ? v : NULL;
 }
 
 int fmi2SetupExperiment(void *self, int tolerant, double tolerance, double start, int stops, double stop)
@@ -215,8 +221,8 @@ void *fmi3InstantiateCoSimulation(const char *name, const char *token, const cha
     (void)environment;
     (void)log;
     (void)update;
-    return strcmp(token, "{tank}") == 0 && resources[strlen(resources) - 1] == '/' && !events && !early &&
-                   n == 0
+    return strcmp(token, "{tank}") == 0 && resources[0] == '/' && resources[strlen(resources) - 1] == '/' &&
+                   !events && !early && n == 0
                ? v
                : NULL;
 }

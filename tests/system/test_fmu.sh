@@ -42,6 +42,7 @@ with two 'tau = 5.0;'
 expect 0 'sha256' "$apc" simulate "$work/two.conf" --csv "$work/faster.csv"
 cmp -s "$work/two.csv" "$work/faster.csv" && fail "a parameter does nothing"
 with two
+(cd "$work" && TMPDIR=tmp expect 0 sha256 "$apc" simulate two.conf) || fail "a TMPDIR that begins nowhere"
 expect 0 'K +10 +K of the tank' "$apc" plants "$work/two.fmu"
 expect 0 '^tank,input,u,"V",0,,,"u of the tank"$' "$apc" plants "$work/three.fmu" --csv
 expect 1 'shows neither its states nor their derivatives' "$apc" linearize "$work/two.fmu"
@@ -72,17 +73,20 @@ expect 1 'y is in degC, and y of the FMU in K: nothing is converted' "$apc" simu
 
 # trick NUMBER SAYS: in virtual time that is the end, and it is said
 trick() {
-  for name in two three; do
+  for name in ${of:-two three}; do
     with $name "trick = $1.0;"
     expect 1 "$2" env APC_FMU_TIMEOUT="${limit:-60}" "$apc" simulate "$work/$name.conf"
   done
 }
-limit=2 trick 1 'diverged at t = 5.2 s: .*: did not answer and was killed'
+limit=10 of=two trick 1 'diverged at t = 5.2 s: .*: did not answer and was killed'
 trick 2 'diverged at t = 5.2 s: .*: its process was ended by signal 11'
 trick 3 'diverged at t = 5.2 s: .*the tank is empty.*fmi.DoStep: error'
 trick 4 'diverged at t = 5.2 s: .*its output y is not a finite number'
 trick 5 'diverged at t = 5.2 s: .*: its process ended, exit code 7'
-limit=2 trick 8 'did not answer and was killed'
+limit=10 of=three trick 8 'did not answer and was killed'
+trick 7 'diverged at t = 5.2 s: .*: its process was ended by signal 9'
+nobody_sleeps() { ! pgrep -f '^sleep 4242[.]42'; }
+until_true 20 nobody_sleeps
 trick 9 'fmi.EnterInitializationMode: error'
 with two 'trick = 6.0;'
 expect 0 sha256 "$apc" simulate "$work/two.conf" # it prints, and nobody waits
@@ -107,6 +111,7 @@ refused '.*binaries/linux64/tank.so, which this machine needs; there is: win64' 
 refused '.*binaries/x86_64-linux/tank.so, which this machine needs; there is: linux64' 3 platform=linux64
 refused '.*made for FMI 1.0; 2.0 and 3.0 can be run' 2 fmi=1.0
 refused '.*made for FMI 4.0; ' 3 fmi=4.0
+refused '.*made for FMI 1 x; ' 2 'fmi=1&#10;x' # a sentence stays on its line
 refused 'it is an FMU for model exchange' 2 kind=ModelExchange
 refused 'it needs the tool that made it' 3 tool=true
 refused 'it cannot take steps of any length' 2 fixed=
@@ -165,8 +170,10 @@ done
 # Whoever is killed leaves nothing behind.
 with two 'trick = 1.0;'
 background simulate "$apc" simulate "$work/two.conf"
-is_unpacked() { [ "$(unpacked)" = 1 ]; }
-until_true 20 is_unpacked
+is_running() { [ -n "$(runner)" ]; }
+until_true 20 is_running
+flock -n "$TMPDIR"/apc-fmu-* true && fail "who tidies up would take the folder away"
+kill -TERM "$(pgrep -f "apc-fmu keep $work/two.fmu")" # as all of a service is told
 kill -KILL "$pid"
 wait "$pid" || true
 nothing_left() { [ "$(unpacked)" = 0 ]; }
