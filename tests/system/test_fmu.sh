@@ -168,13 +168,14 @@ for run in crashes hangs; do
 done
 
 # Whoever is killed leaves nothing behind.
+nothing_left() { [ "$(unpacked)" = 0 ]; }
+until_true 20 nothing_left
 with two 'trick = 1.0;'
 background simulate "$apc" simulate "$work/two.conf"
-is_running() { [ -n "$(runner)" ]; }
+is_running() { pgrep -f "apc-fmu run $(echo "$TMPDIR"/apc-fmu-*)"; }
 until_true 20 is_running
 flock -n "$TMPDIR"/apc-fmu-* true && fail "who tidies up would take the folder away"
 kill -TERM "$(pgrep -f "apc-fmu keep $work/two.fmu")" # as all of a service is told
 kill -KILL "$pid"
 wait "$pid" || true
-nothing_left() { [ "$(unpacked)" = 0 ]; }
 until_true 20 nothing_left
