@@ -7,8 +7,10 @@ export {pages, path} from "./core/place";
 
 export const place = new Cell<Place>(placeOf(location.hash));
 
+/** At once: hashchange comes later, and what the page before still had to say in the address would undo this. */
 export function go(page: Page, about?: string | number | null): void {
   location.hash = path(page, about);
+  place.value = placeOf(location.hash);
 }
 
 /** The address says so from now on, without a step back to what it said. */
