@@ -82,13 +82,20 @@ static bool wait_readable(int fd, apc_ns until)
     }
 }
 
+/* That it ended with a message of ours unread is said once, before what it had to say itself. */
+static ssize_t receive(int fd, void *to, size_t size)
+{
+    const ssize_t n = recv(fd, to, size, MSG_DONTWAIT);
+    return n < 0 && errno == ECONNRESET ? recv(fd, to, size, MSG_DONTWAIT) : n;
+}
+
 ssize_t apc_companion_take(const struct apc_companion *c, void *to, size_t size, apc_ns until)
 {
     const int fd = c->socket;
-    ssize_t n = recv(fd, to, size, MSG_DONTWAIT);
+    ssize_t n = receive(fd, to, size);
 
     if (n < 0 && (errno == EAGAIN || errno == EINTR))
-        n = wait_readable(fd, until) ? recv(fd, to, size, MSG_DONTWAIT) : -1;
+        n = wait_readable(fd, until) ? receive(fd, to, size) : -1;
     else if (n < 0)
         n = 0;
     return n < 0 && errno != EAGAIN && errno != EINTR ? 0 : n;
