@@ -180,7 +180,7 @@ int operate_remote(const struct cli *cli, struct apc_store *store, const struct 
         r.owner[i] = (struct apc_sample){.table = APC_OPMODE, .id = LOOPS_OWNER(setpoint[i])};
         r.setpoint[i] = (struct apc_sample){.table = APC_SETPOINT, .id = setpoint[i]};
     }
-    if (rc == EXIT_OK)
+    if (room && rc == EXIT_OK)
         rc = change(&r);
     free(r.given);
     free(r.setpoint);
