@@ -78,7 +78,7 @@ for file in man/man1/apc-run.1 man/man8/apc-ui.8 bash-completion/completions/apc
 done
 
 # No document points at what is not there, and the examples build from where they were installed.
-doc=$(dirname "$(find "$prefix" -name README.md -path '*/doc/*' -not -path '*/examples/*')")
+doc=$(dirname "$(find "$prefix" -name README.md -path '*/doc/*' -not -path '*/examples/*' -not -path '*/docs/*')")
 while IFS=: read -r file link; do
   case $link in http*) continue ;; esac
   [ -e "$(dirname "$file")/${link%%#*}" ] || fail "$file points at $link, which is not installed"
