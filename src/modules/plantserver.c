@@ -406,11 +406,9 @@ int apc_plantserver_tick(struct apc_plantserver *server, struct apc_now now, str
     server->ticked = true;
     publish(server, now, rc == 0);
     report_solver(server, rc == 0, notice);
-    if (server->commanded && !server->tripped &&
-        (server->input_safe || server->split || !server->announced)) {
-        apc_note(notice, APC_NOTICE_RESUMED, "plant takes commands");
-        server->announced = true;
-    }
+    if (server->commanded && !server->tripped && (server->input_safe || server->split || !server->announced))
+        /* Of a tick that has something else to say it is said by the next. */
+        server->announced = apc_note(notice, APC_NOTICE_RESUMED, "plant takes commands");
     give(server, server->tripped);
     server->split = false;
     return rc;
