@@ -28,14 +28,20 @@ int apc_forward_fail_from(struct apc_forward *f, int err)
     return apc_fail(&f->why, err, "reading: %s", apc_store_error(f->from));
 }
 
+/* How far each variable is in TO is to be asked again. */
+static void lose_places(struct apc_forward *f)
+{
+    for (size_t i = 0; i < f->n; i++) {
+        f->variable[i].placed = false;
+    }
+}
+
 /* What became of an append is not known, nor what else happened in TO. */
 int apc_forward_fail_to(struct apc_forward *f, int err)
 {
     f->stats.away = true;
     f->described = false;
-    for (size_t i = 0; i < f->n; i++) {
-        f->variable[i].placed = false;
-    }
+    lose_places(f);
     return apc_fail(&f->why, err, "writing: %s", apc_store_error(f->to));
 }
 
@@ -434,7 +440,11 @@ static int move_rows(struct apc_forward *f)
         f->turn += late(f) ? 0 : 1; /* where there is no time for all, all have their turn */
         f->turn = f->turn < f->n ? f->turn : 0;
     }
-    return rc == 0 ? flush_rows(f) : rc;
+    rc = rc == 0 ? flush_rows(f) : rc;
+    if (rc < 0) {
+        lose_places(f); /* what is in the batch was read, and is not stored */
+    }
+    return rc;
 }
 
 /* ---- The whole ----------------------------------------------------------------------------- */

@@ -348,6 +348,69 @@ static int begin_forward(void)
     return rc < 0 ? rc : apc_forward_create(&forwarder, store, to, NULL);
 }
 
+static int describe_from(const char *unit)
+{
+    struct apc_tag tag = {.table = APC_SENSOR, .id = 1, .name = "y"};
+    snprintf(tag.description, sizeof tag.description, "%s", unit);
+    return apc_store_describe(store, &tag, 1, unit);
+}
+
+static int describe_one(void)
+{
+    return describe_from("one");
+}
+
+static int describe_two(void)
+{
+    return describe_from("two");
+}
+
+static int told(void)
+{
+    char text[8] = "";
+    const int rc = apc_store_catalogue(to, text, sizeof text, NULL);
+    return rc > 0 && strcmp(text, "two") != 0 ? -100 : rc;
+}
+
+/* A row of a tick and one that somebody else wrote, for two authors. */
+static int put_by(const char *name, int64_t seq)
+{
+    double value[2] = {1, 2};
+    struct apc_vector v = {.table = APC_TICK, .id = 1, .seq = seq, .time = seq, .n = 2, .value = value};
+    struct apc_sample s = {.table = APC_TUNING, .id = 1, .seq = seq - 1};
+    const struct apc_rows rows = {
+        .size = sizeof rows, .sample = &s, .n_samples = 1, .vector = &v, .n_vectors = 1};
+    const int author = apc_store_author(store, name);
+    s.author = (uint32_t)author;
+    return author < 0 ? author : apc_store_append_rows(store, &rows);
+}
+
+static int put_by_anna(void)
+{
+    return put_by("anna", 1);
+}
+
+static int put_by_ben(void)
+{
+    return put_by("ben", 2);
+}
+
+static int tunings_moved(void)
+{
+    return apc_store_history(to, APC_TUNING, 1, NULL, any_sample, NULL);
+}
+
+static int has_two_elements(void *ctx, const struct apc_vector *v)
+{
+    (void)ctx;
+    return v->n != 2 || v->value[1] < 2;
+}
+
+static int ticks_moved(void)
+{
+    return apc_store_vectors(to, APC_TICK, 1, NULL, has_two_elements, NULL);
+}
+
 static int append_from(int first)
 {
     struct apc_timing_row rows[RECORDS];
@@ -397,12 +460,21 @@ static const struct step forwarded[] = {
     {open_it, 0},
     {init, 0},
     {begin_forward, 0},
+    {describe_one, 1},
     {append_records, RECORDS},
+    {put_by_anna, 2},
     {step_forward, 0},
     {timing_moved, RECORDS},
+    {tunings_moved, 1},
+    {ticks_moved, 1},
     {append_more, RECORDS},
+    {put_by_ben, 2},
+    {describe_two, 1},
     {step_forward, 0},
     {timing_moved, 2 * RECORDS},
+    {tunings_moved, 2},
+    {ticks_moved, 2},
+    {told, 3},
     {end_forward, 0},
 };
 
