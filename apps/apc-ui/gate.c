@@ -88,12 +88,14 @@ static bool find_machine(struct ui *ui, struct request *r, const char *authoriza
     if (found)
         token = *found;
     pthread_mutex_unlock(&ui->users_mutex);
-    bool ok = token.role != ROLE_NONE && user_verify(&token, secret) &&
-              session_machine(&ui->sessions, &token, apc_clock_mono(NULL), &r->session) == 0;
+    const bool known = token.role != ROLE_NONE && user_verify(&token, secret),
+               ended = known && user_ended(&token, apc_clock_utc(NULL));
+    bool ok =
+        known && !ended && session_machine(&ui->sessions, &token, apc_clock_mono(NULL), &r->session) == 0;
     MHD_free(basic);
     MHD_free(password);
-    return ok ||
-           fault_set(&r->fault, 401, "token", NULL, "there is no such token: `apc user token` makes one");
+    return ok || fault_set(&r->fault, 401, "token", NULL, "%s: `apc user token` makes one",
+                           ended ? "this token has ended" : "there is no such token");
 }
 
 /* Without users the page is the user's who runs the server. */

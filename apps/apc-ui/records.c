@@ -324,7 +324,7 @@ static void tell_access(struct ui *ui, enum apc_event_severity severity, const c
 }
 
 /* What a file said is in force while it cannot be read; once it is gone, it names nobody. */
-static bool reload(struct ui *ui, struct users *users, const char *path, bool *damaged)
+static void reload(struct ui *ui, struct users *users, const char *path, bool *damaged)
 {
     struct users now;
     struct apc_error why;
@@ -335,7 +335,7 @@ static bool reload(struct ui *ui, struct users *users, const char *path, bool *d
     *damaged = bad;
     if (bad || memcmp(&now.changed, &users->changed, sizeof now.changed) == 0) {
         users_free(&now);
-        return false;
+        return;
     }
     pthread_mutex_lock(&ui->users_mutex);
     struct users old = *users;
@@ -343,7 +343,6 @@ static bool reload(struct ui *ui, struct users *users, const char *path, bool *d
     pthread_mutex_unlock(&ui->users_mutex);
     users_free(&old);
     tell_access(ui, APC_EVENT_WARNING, path, rc < 0 ? "is gone: nobody in it may log in" : "has changed");
-    return true;
 }
 
 static void look_users(struct records *r)
@@ -352,12 +351,12 @@ static void look_users(struct records *r)
     char path[4096];
     if (!ui->users_path[0])
         return;
-    bool users = reload(ui, &ui->users, ui->users_path, &r->damaged[0]);
-    bool tokens = reload(ui, &ui->tokens, tokens_path(ui->users_path, path), &r->damaged[1]);
+    reload(ui, &ui->users, ui->users_path, &r->damaged[0]);
+    reload(ui, &ui->tokens, tokens_path(ui->users_path, path), &r->damaged[1]);
     if (ui->users.n > 0)
         ui->open = false;
-    if (users || tokens)
-        sessions_revoke(&ui->sessions, &ui->users, &ui->tokens); /* nobody else writes them */
+    sessions_revoke(&ui->sessions, &ui->users, &ui->tokens,
+                    apc_clock_utc(NULL)); /* nobody else writes them */
 }
 
 /* ------------------------------------------------------------------------------------------- */

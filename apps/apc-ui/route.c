@@ -8,7 +8,7 @@ const struct route routes[] = {
     {"POST", "/api/logout", ROLE_OBSERVER, DIRECT, post_logout, "", "end the session"},
     {"GET", "/api/plant", ROLE_OBSERVER, DIRECT, get_plant, "", "variables, loops, limits"},
     {"GET", "/api/state", ROLE_OBSERVER, DIRECT, get_state, "", "all newest values"},
-    {"GET", "/api/history", ROLE_OBSERVER, PAST, get_history, "var names since until bins last",
+    {"GET", "/api/history", ROLE_OBSERVER, PAST, get_history, "var names since until bins last format",
      "past values"},
     {"GET", "/api/events", ROLE_OBSERVER, PAST, get_events, "since until severity kind source text last",
      "what happened"},

@@ -130,14 +130,15 @@ void session_close(struct sessions *s, const char *token)
     pthread_mutex_unlock(&s->mutex);
 }
 
-void sessions_revoke(struct sessions *s, const struct users *users, const struct users *tokens)
+void sessions_revoke(struct sessions *s, const struct users *users, const struct users *tokens, apc_ns utc)
 {
     pthread_mutex_lock(&s->mutex);
     for (size_t i = 0; i < SESSIONS; i++) {
         struct session *session = &s->at[i];
         const struct user *user =
             session->token[0] ? users_find(session->machine ? tokens : users, session->user) : NULL;
-        if (!user || user->role != session->role || strcmp(user->hash, session->hash) != 0)
+        if (!user || user_ended(user, utc) || user->role != session->role ||
+            strcmp(user->hash, session->hash) != 0)
             *session = (struct session){0};
     }
     pthread_mutex_unlock(&s->mutex);

@@ -37,8 +37,8 @@ bool session_find(struct sessions *s, const char *token, apc_ns now, struct sess
 void session_close(struct sessions *s, const char *token);
 /* The session of a machine whose token was checked: one for all its requests. Returns 0 or APC_ESYS. */
 int session_machine(struct sessions *s, const struct user *token, apc_ns now, struct session *found);
-/* End the sessions of those whose entry is gone or is another now. */
-void sessions_revoke(struct sessions *s, const struct users *users, const struct users *tokens);
+/* End the sessions of those whose entry is gone, has ended or is another now. */
+void sessions_revoke(struct sessions *s, const struct users *users, const struct users *tokens, apc_ns utc);
 /* When it ends if it is not used from now on. */
 apc_ns session_end(const struct sessions *s, const struct session *session, apc_ns now);
 /* False: too many writes; it may try again at *again. An empty token is the local session. */

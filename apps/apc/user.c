@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc user: who may use the operator's page. */
+#include <errno.h>
+#include <stdlib.h>
 #include <string.h>
 #include <termios.h>
 #include <unistd.h>
@@ -9,15 +11,30 @@
 
 struct options {
     const char *file, *role;
+    apc_ns days; /* 0: no end */
 };
 
-enum { OPT_USERS = 0x400, OPT_ROLE };
+#define DAY       (86400 * APC_NS_PER_S)
+#define DAYS_MOST 3650
+
+enum { OPT_USERS = 0x400, OPT_ROLE, OPT_DAYS };
 
 static const struct argp_option option_list[] = {
     {"users", OPT_USERS, "FILE", 0, "The file [APC_USERS]; default ~/.config/apc/users", 0},
     {"role", OPT_ROLE, "ROLE", 0, "observer (default for a new name), operator or engineer", 0},
+    {"days", OPT_DAYS, "N", 0, "The token ends so many days from now, 1 to 3650; default: never", 0},
     {0},
 };
+
+static apc_ns parse_days(const char *text, struct argp_state *state)
+{
+    char *end;
+    errno = 0;
+    long days = strtol(text, &end, 10);
+    if (end == text || *end || errno || days < 1 || days > DAYS_MOST)
+        argp_error(state, "--days \"%s\": must be a whole number from 1 to %d", text, DAYS_MOST);
+    return (apc_ns)days * DAY;
+}
 
 static error_t parse(int key, char *arg, struct argp_state *state)
 {
@@ -30,6 +47,8 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         argp_error(state, "--role \"%s\": must be observer, operator or engineer", arg);
     else if (key == OPT_ROLE)
         o->role = arg;
+    else if (key == OPT_DAYS)
+        o->days = parse_days(arg, state);
     else
         return ARGP_ERR_UNKNOWN;
     return 0;
@@ -46,7 +65,8 @@ static const struct cli_spec spec = {
         "file holds argon2id "
         "hashes and is its owner's alone; apc-ui sees a change within a second. `token` prints a new token "
         "for a "
-        "machine, of the role that is given, and keeps its hash in FILE.tokens: with `Authorization: Bearer "
+        "machine, of the role that is given, for so many --days, and keeps its hash in FILE.tokens: with "
+        "`Authorization: Bearer "
         "TOKEN`, or Basic with its two halves, it needs no login; `revoke` ends it.",
     .takes = 0,
     .min_args = 1,
@@ -99,11 +119,20 @@ static int list(const struct cli *cli, const char *path, const char *kind)
 {
     struct users users;
     struct apc_error why;
+    char end[APC_TIME_LEN];
     int rc = users_load(&users, path, &why);
     if (rc < 0)
         return rc == APC_ENOTFOUND && *kind ? EXIT_OK : cli_error(cli, rc, "%s", why.text);
-    for (size_t i = 0; i < users.n; i++)
-        printf("%-31s  %s%s\n", users.user[i].name, role_name(users.user[i].role), kind);
+    for (size_t i = 0; i < users.n; i++) {
+        const struct user *user = &users.user[i];
+        printf("%-31s  %s%s%s", user->name, role_name(user->role), kind,
+               user_ended(user, apc_clock_utc(NULL)) ? ", ended"
+               : user->until > 0                     ? ", ends"
+                                                     : "");
+        if (user->until > 0)
+            printf(" %s", apc_time_format(user->until, end));
+        putchar('\n');
+    }
     users_free(&users);
     return EXIT_OK;
 }
@@ -112,7 +141,8 @@ static int new_token(const struct cli *cli, const struct options *o, const char 
 {
     char secret[SECRET_LEN];
     struct apc_error why;
-    int rc = tokens_add(path, name, o->role ? role_parse(o->role) : ROLE_NONE, secret, &why);
+    const apc_ns until = o->days > 0 ? apc_clock_utc(NULL) + o->days : 0;
+    int rc = tokens_add(path, name, o->role ? role_parse(o->role) : ROLE_NONE, until, secret, &why);
     if (rc < 0)
         return cli_error(cli, rc, "%s", why.text);
     printf("%s~%s\n", name, secret);
@@ -143,6 +173,8 @@ int command_user(int argc, char **argv)
     if ((!listing && !adding && !making && !revoking && strcmp(what, "remove") != 0) ||
         listing == (name != NULL))
         return cli_usage(&cli, "must be list, add NAME, remove NAME, token NAME or revoke NAME");
+    if (o.days > 0 && !making)
+        return cli_usage(&cli, "--days is of a token: apc user token NAME --days N");
     if (!users_path(o.file, path))
         return cli_error(&cli, APC_EINVAL, "there is no home folder: give --users FILE");
     tokens_path(path, tokens);

@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -85,14 +86,31 @@ static bool name_ok(const char *name)
     return n > 0 && n < USER_NAME_LEN && name[n] == '\0';
 }
 
+/* Of the years that apc_ns can tell. */
+static bool parse_end(const char *text, apc_ns *until)
+{
+    char *end;
+    errno = 0;
+    long long seconds = strtoll(text, &end, 10);
+    if (end == text || *end || errno || seconds <= 0 || seconds > INT64_MAX / APC_NS_PER_S)
+        return false;
+    *until = (apc_ns)seconds * APC_NS_PER_S;
+    return true;
+}
+
 static bool parse_line(char *line, struct user *user)
 {
     char *role = strchr(line, ':'), *hash = role ? strchr(role + 1, ':') : NULL;
+    char *end = hash ? strchr(hash + 1, ':') : NULL;
     if (!hash)
         return false;
     *role++ = '\0';
     *hash++ = '\0';
-    user->role = role_parse(role);
+    *user = (struct user){.role = role_parse(role)};
+    if (end)
+        *end++ = '\0';
+    if (end && !parse_end(end, &user->until))
+        return false;
     if (!name_ok(line) || user->role == ROLE_NONE || strncmp(hash, "$argon2id$", 10) != 0 ||
         strlen(hash) >= sizeof user->hash)
         return false;
@@ -142,9 +160,11 @@ int users_load(struct users *users, const char *path, struct apc_error *why)
         if (line[0] == '\0' || line[0] == '#')
             continue;
         if (!parse_line(line, &user) || users_find(users, user.name))
-            rc = apc_fail(why, APC_EPROTO,
-                          "%s:%u: must be NAME:observer, operator or engineer:HASH, each name once", path,
-                          number);
+            rc = apc_fail(
+                why, APC_EPROTO,
+                "%s:%u: must be NAME:observer, operator or engineer:HASH, or with :END in Unix seconds, "
+                "each name once",
+                path, number);
         else if (append(users, &user) < 0)
             rc = apc_fail(why, APC_ENOMEM, "out of memory");
     }
@@ -183,6 +203,14 @@ static int make_folder(const char *path, struct apc_error *why)
     return 0;
 }
 
+static bool put_line(FILE *file, const struct user *user)
+{
+    char end[24] = "";
+    if (user->until > 0)
+        snprintf(end, sizeof end, ":%" PRId64, user->until / APC_NS_PER_S);
+    return fprintf(file, "%s:%s:%s%s\n", user->name, role_name(user->role), user->hash, end) > 0;
+}
+
 /* A new file beside it, then in its place: a reader sees the old one or the new one. */
 static int store(const struct users *users, const char *path, struct apc_error *why)
 {
@@ -195,8 +223,7 @@ static int store(const struct users *users, const char *path, struct apc_error *
     FILE *file = fd < 0 ? NULL : fdopen(fd, "w");
     bool ok = file != NULL;
     for (size_t i = 0; ok && i < users->n; i++)
-        ok = fprintf(file, "%s:%s:%s\n", users->user[i].name, role_name(users->user[i].role),
-                     users->user[i].hash) > 0;
+        ok = put_line(file, &users->user[i]);
     ok = ok && fflush(file) == 0 && fsync(fd) == 0;
     if (file)
         ok = fclose(file) == 0 && ok;
@@ -232,10 +259,10 @@ static int check_new(const char *name, const char *password, struct apc_error *w
 }
 
 static int add(const char *path, const char *name, enum role role, const char *password, bool token,
-               struct apc_error *why)
+               apc_ns until, struct apc_error *why)
 {
     struct users users;
-    struct user user = {.role = role};
+    struct user user = {.role = role, .until = until};
     int rc = check_new(name, password, why);
     if (rc < 0)
         return rc;
@@ -261,15 +288,20 @@ static int add(const char *path, const char *name, enum role role, const char *p
 
 int users_add(const char *path, const char *name, enum role role, const char *password, struct apc_error *why)
 {
-    return add(path, name, role, password, false, why);
+    return add(path, name, role, password, false, 0, why);
 }
 
-int tokens_add(const char *path, const char *name, enum role role, char secret[SECRET_LEN],
+int tokens_add(const char *path, const char *name, enum role role, apc_ns until, char secret[SECRET_LEN],
                struct apc_error *why)
 {
     if (random_text(secret, (SECRET_LEN - 1) / 2) < 0)
         return apc_fail(why, APC_ESYS, "no random numbers: %s", strerror(errno));
-    return add(path, name, role, secret, true, why);
+    return add(path, name, role, secret, true, until, why);
+}
+
+bool user_ended(const struct user *user, apc_ns utc)
+{
+    return user->until > 0 && utc >= user->until;
 }
 
 int users_remove(const char *path, const char *name, struct apc_error *why)

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * Who may use the operator's page: a file of lines NAME:ROLE:HASH that nobody but its owner may read.
- * Passwords are in it as argon2id only.
+ * Passwords are in it as argon2id only. A fourth field, Unix seconds, is the end of a token.
  */
 #ifndef APC_USERS_H
 #define APC_USERS_H
@@ -26,6 +26,7 @@ struct user {
     char name[USER_NAME_LEN];
     enum role role;
     char hash[128]; /* $argon2id$v=19$m=...,t=...,p=...$salt$hash */
+    apc_ns until;   /* UTC, whole seconds; 0: no end */
 };
 
 struct users {
@@ -56,9 +57,11 @@ int users_add(const char *path, const char *name, enum role role, const char *pa
  * is kept of a secret is a hash that costs next to nothing to check: nobody guesses 32 random bytes.
  */
 const char *tokens_path(const char *users, char path[4096]);
-/* A new secret for this name. As users_add(). */
-int tokens_add(const char *path, const char *name, enum role role, char secret[SECRET_LEN],
+/* A new secret for this name, until then (as in struct user). As users_add(). */
+int tokens_add(const char *path, const char *name, enum role role, apc_ns until, char secret[SECRET_LEN],
                struct apc_error *why);
+/* Its end has come. */
+bool user_ended(const struct user *user, apc_ns utc);
 /* APC_ENOTFOUND: no such user, or token. */
 int users_remove(const char *path, const char *name, struct apc_error *why);
 

@@ -28,6 +28,12 @@ export APC_UI_OBSERVER_TOKEN APC_UI_OPERATOR_TOKEN
 [ "$(stat -c %a "$work/users.tokens")" = 600 ] || fail "the file of tokens is not 0600"
 ! grep -q "${APC_UI_OBSERVER_TOKEN#*~}" "$work/users.tokens" || fail "a secret stands in the file"
 expect 0 '^grafana +observer  token$' "$apc" user list --users "$work/users"
+"$apc" user token brief --days 30 --users "$work/users" >/dev/null
+expect 0 '^brief +observer  token, ends 20' "$apc" user list --users "$work/users"
+for days in 0 -1 3651 1e3 '' 9223372036854775807 99999999999999999999; do
+  expect 2 'a whole number from 1 to 3650' "$apc" user token eve --days "$days" --users "$work/users"
+done
+expect 2 'is of a token' "$apc" user add eve --days 3 --users "$work/users"
 expect 1 'is a user already' "$apc" user token anna --users "$work/users"
 printf 'operator123\n' | expect 1 'is a token already' "$apc" user add grafana --users "$work/users"
 expect 1 'no "nobody"' "$apc" user revoke nobody --users "$work/users"

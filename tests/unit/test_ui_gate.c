@@ -58,9 +58,9 @@ static int set_up(void **state)
         pthread_mutex_init(&ui->users_mutex, NULL))
         return -1;
     snprintf(path, sizeof path, "%s/users.tokens", folder);
-    if (tokens_add(path, "reader", ROLE_OBSERVER, secret, &why) < 0 ||
-        tokens_add(path, "writer", ROLE_OPERATOR, operator_secret, &why) < 0 ||
-        tokens_add(path, "tuner", ROLE_ENGINEER, engineer_secret, &why) < 0 ||
+    if (tokens_add(path, "reader", ROLE_OBSERVER, 0, secret, &why) < 0 ||
+        tokens_add(path, "writer", ROLE_OPERATOR, 0, operator_secret, &why) < 0 ||
+        tokens_add(path, "tuner", ROLE_ENGINEER, 0, engineer_secret, &why) < 0 ||
         users_load(&ui->tokens, path, &why) < 0)
         return -1;
     ui->port = 8080;
@@ -245,6 +245,27 @@ static void a_token_is_as_good_as_its_role(void **state)
         assert_int_equal(refused("GET", "/metrics"), 401);
         assert_int_equal(refused("GET", "/livez"), 0); /* anyone may */
     }
+}
+
+static void a_token_that_has_ended_opens_nothing(void **state)
+{
+    char bearer[200];
+    struct user *reader = ui->tokens.user; /* the first that was added */
+    (void)state;
+    say_all();
+    snprintf(bearer, sizeof bearer, "Bearer %s~%s", reader->name, secret);
+    say("Authorization", bearer);
+    reader->until = apc_clock_utc(NULL) + 3600 * APC_NS_PER_S;
+    assert_int_equal(refused("GET", "/metrics"), 0);
+    reader->until = apc_clock_utc(NULL) - 1;
+    assert_int_equal(refused("GET", "/metrics"), 401);
+    assert_string_equal(request.fault.code, "token");
+    assert_non_null(strstr(request.fault.message, "has ended"));
+    snprintf(bearer, sizeof bearer, "Bearer reader~%s",
+             operator_secret); /* who does not know it is not told */
+    say("Authorization", bearer);
+    assert_int_equal(refused("GET", "/metrics"), 401);
+    assert_non_null(strstr(request.fault.message, "no such token"));
 }
 
 /* A row of the table of roles: whether the document says that this role may. */
@@ -475,6 +496,7 @@ int main(void)
         T(another_users_process_is_a_stranger_here),
         T(a_protected_server_asks_for_a_session),
         T(a_token_is_as_good_as_its_role),
+        T(a_token_that_has_ended_opens_nothing),
         T(the_table_of_roles_is_what_the_gate_does),
         T(cookies_are_named_by_port_and_bound_to_the_host_under_tls),
         T(it_listens_where_it_may),

@@ -913,6 +913,141 @@ static void a_name_that_two_have_is_nobodys(void **state)
     json_decref(all);
 }
 
+/* `name,...` lines as they were answered, without a fault. */
+static const char *history_lines(void)
+{
+    const char *text = ask_text(get_history);
+    assert_int_equal(request.fault.http, 0);
+    assert_string_equal(request.type, "text/csv; charset=utf-8");
+    return text;
+}
+
+static void in_form(const char *form)
+{
+    query[8] = "format";
+    query[9] = form;
+}
+
+static void history_comes_as_csv_of_all_that_was_asked_for(void **state)
+{
+    struct apc_sample bad = {.table = APC_SENSOR,
+                             .id = 2,
+                             .seq = 1,
+                             .time = 1001 * S + 500000,
+                             .value = 0,
+                             .status = APC_BAD_NO_DATA};
+    (void)state;
+    put_samples(APC_SENSOR, 1, 4);
+    assert_int_equal(apc_store_append(store, &bad, 1), 1);
+    snprintf(ui->model.plant.tag[0].name, APC_TAG_LEN, "say \"y\"");
+    ask_history("names", "say \"y\",sensor.2", "last", "2");
+    in_form("csv");
+    assert_string_equal(history_lines(), "name,seq,time,value,status\n"
+                                         "\"say \"\"y\"\"\",3,1002.000000,2,Good\n"
+                                         "\"say \"\"y\"\"\",4,1003.000000,3,Good\n"
+                                         "sensor.2,1,1001.000500,0,BadNoData\n");
+    ask_history("names", "sensor.1,y2", "bins", "5");
+    in_form("csv");
+    assert_string_equal(history_lines(), "name,from,count,bad,min,max,mean,last,worst\n"
+                                         "sensor.1,1000.000000,2,0,0,1,0.5,1,Good\n"
+                                         "sensor.1,1002.000000,2,0,2,3,2.5,3,Good\n"
+                                         "y2,1000.000000,0,1,,,,,BadNoData\n");
+    ask_history("var", "sensor.1", "last", "1");
+    in_form("csv");
+    assert_string_equal(history_lines(), "name,seq,time,value,status\nsensor.1,4,1003.000000,3,Good\n");
+    ask_history("names", "y2,nonsense", "last", "2"); /* no file that lacks what was asked for */
+    in_form("csv");
+    json_decref(ask(get_history));
+    assert_int_equal(request.fault.http, 404);
+    assert_non_null(strstr(request.fault.message, "nonsense"));
+}
+
+/* What the header says of a column is where it says. */
+static const unsigned char *column_data(const unsigned char *data, size_t n_data, const json_t *columns,
+                                        const char *name, const char *type, size_t n)
+{
+    const json_t *column = json_object_get(columns, name);
+    const size_t at = (size_t)json_integer_value(json_object_get(column, "at")),
+                 size = !strcmp(type, "f64") ? 8 : 4;
+    assert_string_equal(json_string_value(json_object_get(column, "type")), type);
+    assert_int_equal(json_integer_value(json_object_get(column, "n")), n);
+    assert_int_equal(at % 8, 0);
+    assert_true(at + n * size <= n_data);
+    return data + at;
+}
+
+static double f64(const unsigned char *at)
+{
+    uint64_t bits = 0;
+    double value;
+    for (int i = 7; i >= 0; i--)
+        bits = bits << 8 | at[i];
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+static uint32_t u32(const unsigned char *at)
+{
+    return (uint32_t)at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 | (uint32_t)at[3] << 24;
+}
+
+/* The answer in binary columns, taken apart; the header is to be given back. */
+static json_t *take_apart(const unsigned char **data, size_t *n_data)
+{
+    json_decref(ask(get_history));
+    assert_int_equal(request.fault.http, 0);
+    assert_string_equal(request.type, "application/vnd.apc.columns");
+    const unsigned char *reply = (const unsigned char *)request.reply.at;
+    const size_t n = u32(reply);
+    assert_int_equal((4 + n) % 8, 0);
+    assert_true(4 + n <= request.reply.n);
+    *data = reply + 4 + n;
+    *n_data = request.reply.n - 4 - n;
+    return json_loadb((const char *)reply + 4, n, 0, NULL);
+}
+
+static void history_comes_as_binary_columns(void **state)
+{
+    const unsigned char *data;
+    size_t n;
+    (void)state;
+    put_samples(APC_SENSOR, 1, 5);
+    put_samples(APC_ACTUATOR, 2, 3);
+    ask_history("names", "y1,nonsense,u2", "last", "100");
+    in_form("columns");
+    json_t *header = take_apart(&data, &n);
+    const json_t *series = json_object_get(header, "series"),
+                 *y = json_object_get(json_array_get(series, 0), "samples"),
+                 *u = json_object_get(json_array_get(series, 2), "samples");
+    assert_non_null(json_object_get(json_array_get(series, 1), "error"));
+    for (size_t i = 0; i < 5; i++) {
+        assert_near(f64(column_data(data, n, y, "seq", "f64", 5) + 8 * i), (double)i + 1, 0);
+        assert_near(f64(column_data(data, n, y, "time", "f64", 5) + 8 * i), 1000 + (double)i, 0);
+        assert_near(f64(column_data(data, n, y, "value", "f64", 5) + 8 * i), (double)i, 0);
+        assert_int_equal(u32(column_data(data, n, y, "status", "u32", 5) + 4 * i), APC_GOOD);
+    }
+    assert_near(f64(column_data(data, n, u, "value", "f64", 3) + 16), 2, 0);
+    json_decref(header);
+    ask_history("var", "y2", "bins", "5"); /* nothing in it */
+    in_form("columns");
+    header = take_apart(&data, &n);
+    assert_int_equal(n, 0);
+    column_data(data, n, json_object_get(header, "bins"), "worst", "u32", 0);
+    assert_int_equal(json_integer_value(json_object_get(json_object_get(header, "bins"), "n")), 5);
+    json_decref(header);
+    struct apc_sample bad = {
+        .table = APC_SENSOR, .id = 2, .seq = 1, .time = 1001 * S, .value = 0, .status = APC_BAD_NO_DATA};
+    assert_int_equal(apc_store_append(store, &bad, 1), 1);
+    ask_history("var", "y2", "bins", "5");
+    in_form("columns");
+    header = take_apart(&data, &n);
+    const json_t *bins = json_object_get(header, "bins");
+    assert_true(isnan(f64(column_data(data, n, bins, "mean", "f64", 1))));
+    assert_near(f64(column_data(data, n, bins, "bad", "f64", 1)), 1, 0);
+    assert_int_equal(u32(column_data(data, n, bins, "worst", "u32", 1)), APC_BAD_NO_DATA);
+    json_decref(header);
+}
+
 static void history_is_asked_for_in_one_way(void **state)
 {
     char many[4000] = "y1";
@@ -926,6 +1061,8 @@ static void history_is_asked_for_in_one_way(void **state)
                                   {"var", "y1", "last", "0"},
                                   {"var", "y1", "last", "20001"},
                                   {"var", "y1", "bins", "4001"},
+                                  {"var", "y1", "last", "3", "format", "xml"},
+                                  {"var", "y1", "last", "3", "format", ""},
                                   {"var", "y1", "last", "3", "until", "5", "since", "5"}};
     for (int i = 1; i < 33; i++)
         strcat(many, ",y1");
@@ -1855,7 +1992,7 @@ static void files_of_users_are_followed(void **state)
     assert_false(ui->open);
     assert_int_equal(session_open(&ui->sessions, &ui->users.user[0], apc_clock_mono(NULL), &anna), 0);
     assert_int_equal(users_add(ui->users_path, "otto", ROLE_OBSERVER, "observer123", &why), 0);
-    assert_int_equal(tokens_add(tokens, "grafana", ROLE_OBSERVER, secret, &why), 0);
+    assert_int_equal(tokens_add(tokens, "grafana", ROLE_OBSERVER, 0, secret, &why), 0);
     until_recorded(APC_EVENT_WARNING, "users has changed", 2);
     until_recorded(APC_EVENT_WARNING, "users.tokens has changed", 1);
     assert_true(
@@ -2090,6 +2227,8 @@ int main(void)
         T(who_goes_along_is_said_and_what_it_would_put_out),
         T(what_a_law_does_not_publish_now_is_old_and_no_alarm),
         T(history_is_given_by_name_for_several_at_once),
+        T(history_comes_as_csv_of_all_that_was_asked_for),
+        T(history_comes_as_binary_columns),
         T(a_name_that_two_have_is_nobodys),
         T(history_is_asked_for_in_one_way),
         T(the_newest_events_are_found_however_many_lie_on_top),

@@ -116,7 +116,14 @@ static void a_line_that_is_none_is_an_error_with_its_number(void **state)
                                         "anna:operator:plain",
                                         "a b:operator:$argon2id$x",
                                         ":operator:$argon2id$x",
-                                        "anna:operator:$argon2id$x\nanna:observer:$argon2id$x"};
+                                        "anna:operator:$argon2id$x\nanna:observer:$argon2id$x",
+                                        "anna:operator:$argon2id$x:",
+                                        "anna:operator:$argon2id$x:soon",
+                                        "anna:operator:$argon2id$x:-1",
+                                        "anna:operator:$argon2id$x:0",
+                                        "anna:operator:$argon2id$x:1:2",
+                                        "anna:operator:$argon2id$x:9223372037",
+                                        "anna:operator:$argon2id$x:99999999999999999999"};
     struct users users;
     struct apc_error why;
     (void)state;
@@ -140,20 +147,48 @@ static void a_token_is_known_by_its_secret_only(void **state)
     char secret[SECRET_LEN], other[SECRET_LEN], file[4096];
     (void)state;
     assert_string_equal(tokens_path("/a/users", file), "/a/users.tokens");
-    assert_int_equal(tokens_add(path, "a b", ROLE_OBSERVER, secret, &why), APC_EINVAL);
-    assert_int_equal(tokens_add(path, "grafana", ROLE_OBSERVER, secret, &why), 0);
+    assert_int_equal(tokens_add(path, "a b", ROLE_OBSERVER, 0, secret, &why), APC_EINVAL);
+    assert_int_equal(tokens_add(path, "grafana", ROLE_OBSERVER, 0, secret, &why), 0);
     assert_int_equal(strlen(secret), SECRET_LEN - 1);
     assert_int_equal(users_load(&tokens, path, &why), 0);
     const struct user *token = users_find(&tokens, "grafana");
     assert_true(user_verify(token, secret));
     assert_null(strstr(token->hash, secret));
     users_free(&tokens);
-    assert_int_equal(tokens_add(path, "grafana", ROLE_OPERATOR, other, &why), 0); /* a new one for the old */
+    assert_int_equal(tokens_add(path, "grafana", ROLE_OPERATOR, 0, other, &why),
+                     0); /* a new one for the old */
     assert_string_not_equal(secret, other);
     assert_int_equal(users_load(&tokens, path, &why), 0);
     assert_int_equal(tokens.n, 1);
     assert_false(user_verify(&tokens.user[0], secret));
     assert_true(user_verify(&tokens.user[0], other));
+    users_free(&tokens);
+}
+
+static void a_token_ends_at_its_time_and_not_before(void **state)
+{
+    const apc_ns last = INT64_MAX / S * S; /* that apc_ns can tell */
+    struct users tokens;
+    struct apc_error why;
+    char secret[SECRET_LEN];
+    (void)state;
+    assert_int_equal(tokens_add(path, "brief", ROLE_OBSERVER, 100 * S, secret, &why), 0);
+    assert_int_equal(tokens_add(path, "long", ROLE_OPERATOR, last, secret, &why), 0);
+    assert_int_equal(tokens_add(path, "ever", ROLE_OBSERVER, 0, secret, &why), 0);
+    assert_int_equal(users_load(&tokens, path, &why), 0);
+    const struct user *brief = users_find(&tokens, "brief"), *ever = users_find(&tokens, "ever");
+    assert_false(user_ended(brief, 100 * S - 1));
+    assert_true(user_ended(brief, 100 * S));
+    assert_int_equal(users_find(&tokens, "long")->until, last);
+    assert_true(user_verify(ever, secret));
+    assert_int_equal(ever->until, 0);
+    assert_false(user_ended(ever, INT64_MAX));
+    users_free(&tokens);
+    assert_int_equal(tokens_add(path, "brief", ROLE_OBSERVER, 0, secret, &why),
+                     0); /* a new one has its own */
+    assert_int_equal(users_load(&tokens, path, &why), 0);
+    assert_int_equal(users_find(&tokens, "brief")->until, 0);
+    assert_int_equal(users_find(&tokens, "long")->until, last); /* and the others keep theirs */
     users_free(&tokens);
 }
 
@@ -343,16 +378,16 @@ static void who_is_gone_or_changed_loses_his_sessions(void **state)
     (void)state;
     assert_int_equal(session_open(&sessions, &now[0], S, &a), 0);
     assert_int_equal(session_open(&sessions, &now[1], S, &o), 0);
-    sessions_revoke(&sessions, &users, &none);
+    sessions_revoke(&sessions, &users, &none, 0);
     assert_true(session_find(&sessions, a.token, S, &found));
     assert_true(session_find(&sessions, o.token, S, &found));
     now[0].role = ROLE_OBSERVER;
     now[1].hash[10] = '3'; /* a new password */
-    sessions_revoke(&sessions, &users, &none);
+    sessions_revoke(&sessions, &users, &none, 0);
     assert_false(session_find(&sessions, a.token, S, &found));
     assert_false(session_find(&sessions, o.token, S, &found));
     assert_int_equal(session_open(&sessions, &now[0], S, &a), 0);
-    sessions_revoke(&sessions, &none, &users); /* a token of that name is not that user */
+    sessions_revoke(&sessions, &none, &users, 0); /* a token of that name is not that user */
     assert_false(session_find(&sessions, a.token, S, &found));
 }
 
@@ -381,9 +416,9 @@ static void a_machine_has_one_session_as_long_as_its_token_stands(void **state)
     assert_int_equal(first.role, ROLE_OBSERVER);
     assert_int_equal(session_machine(&sessions, &token, 2 * S, &again), 0);
     assert_string_equal(first.token, again.token);
-    sessions_revoke(&sessions, &none, &tokens);
+    sessions_revoke(&sessions, &none, &tokens, 0);
     assert_true(session_find(&sessions, first.token, 2 * S, &again));
-    sessions_revoke(&sessions, &tokens, &none); /* a user of that name is not that token */
+    sessions_revoke(&sessions, &tokens, &none, 0); /* a user of that name is not that token */
     assert_false(session_find(&sessions, first.token, 2 * S, &again));
     assert_int_equal(session_machine(&sessions, &token, 3 * S, &first), 0);
     token.hash[10] = '5'; /* a new one under this name */
@@ -394,6 +429,11 @@ static void a_machine_has_one_session_as_long_as_its_token_stands(void **state)
     assert_false(person.machine);
     assert_int_equal(session_machine(&sessions, &token, 3 * S, &first), 0);
     assert_string_equal(first.token, again.token); /* not the person's */
+    token.until = 5 * S;
+    sessions_revoke(&sessions, &none, &tokens, 5 * S - 1);
+    assert_true(session_find(&sessions, again.token, 3 * S, &first));
+    sessions_revoke(&sessions, &none, &tokens, 5 * S);
+    assert_false(session_find(&sessions, again.token, 3 * S, &first));
 }
 
 static void writes_are_limited_to_their_rate_after_a_burst(void **state)
@@ -463,6 +503,7 @@ int main(void)
         F(a_file_that_others_may_touch_is_refused),
         F(a_line_that_is_none_is_an_error_with_its_number),
         F(a_token_is_known_by_its_secret_only),
+        F(a_token_ends_at_its_time_and_not_before),
         cmocka_unit_test(a_device_is_of_one_user_and_one_password),
         F(the_longest_and_the_shortest_that_may_be_are_taken),
         F(what_is_no_file_is_said_and_stays),
