@@ -575,11 +575,10 @@ static void begin(struct apc_qp *qp)
     base(qp);
     for (size_t j = qp->k; j-- > 0;) {
         size_t i = qp->work[j];
-        double low, high;
 
-        qp_interval(qp, i, &low, &high);
-        if (isfinite(qp->state[i] > 0 ? qp->high[i] : qp->low[i]) && qp->lambda[j] >= low &&
-            qp->lambda[j] <= high)
+        qp_interval(qp, i, &qp->least[j], &qp->most_of[j]);
+        if (isfinite(qp->state[i] > 0 ? qp->high[i] : qp->low[i]) && qp->lambda[j] >= qp->least[j] &&
+            qp->lambda[j] <= qp->most_of[j])
             continue;
         qp_work_remove(qp, j);
         qp->state[i] = 0;

@@ -532,6 +532,40 @@ static void another_cost_keeps_the_working_set(void **state)
     }
 }
 
+/* What held as an equation pulls either way; as a limit it may not any more. */
+static void limits_may_become_equations_and_limits_again(void **state)
+{
+    struct apc_random random;
+    struct problem p = {.n = 12};
+
+    (void)state;
+    apc_random_init(&random, 21, "qp");
+    for (int trial = 0; trial < 100; trial++) {
+        struct problem now;
+        struct apc_qp *qp;
+
+        make_cost(&p, &random, 0.0);
+        make_rows(&p, &random, trial % 2);
+        now = p;
+        qp = make(&p, &(struct apc_qp_options){0});
+        for (int step = 0; step < 20; step++) {
+            double x[N_MOST];
+
+            for (size_t i = 0; i < p.n; i++) {
+                const bool equation = apc_random_uniform(&random) < 0.3;
+                const double at = isfinite(p.high[i]) ? p.high[i] : isfinite(p.low[i]) ? p.low[i] : 0.0;
+
+                now.low[i] = equation ? at : p.low[i];
+                now.high[i] = equation ? at : p.high[i];
+                now.f[i] += 5.0 * apc_random_normal(&random);
+            }
+            assert_int_equal(apc_qp_solve(qp, now.f, now.low, now.high, x, NULL), 0);
+            assert_optimal(&now, x, apc_qp_multipliers(qp));
+        }
+        apc_qp_destroy(qp);
+    }
+}
+
 static void bad_input_is_refused_and_leaves_x_finite(void **state)
 {
     const double H[] = {2.0, 0.0, 0.0, 1.0}, A[] = {1.0, 1.0}, f[] = {1.0, 1.0}, nan2[] = {0.0, (double)NAN};
@@ -657,6 +691,7 @@ int main(void)
         cmocka_unit_test(a_soft_row_gives_way_by_its_weights),
         cmocka_unit_test(a_soft_row_against_a_hard_one_is_no_doubt_about_the_answer),
         cmocka_unit_test(another_cost_keeps_the_working_set),
+        cmocka_unit_test(limits_may_become_equations_and_limits_again),
         cmocka_unit_test(bad_input_is_refused_and_leaves_x_finite),
         cmocka_unit_test(a_solve_allocates_nothing),
     };
