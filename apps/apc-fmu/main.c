@@ -206,7 +206,7 @@ static void load(struct run *r, const char *folder)
     if (!library) {
         const char *const said = dlerror();
         refuse("its library cannot be loaded: %s%s", said,
-               strstr(said, "undefined symbol: Py")
+               strstr(said, "undefined symbol: Py") || strstr(said, "undefined symbol: _Py")
                    ? ": name the interpreter's library in APC_FMU_PRELOAD, e.g. libpython3.11.so.1.0"
                : strstr(said, "failed to map segment")
                    ? ": TMPDIR must name a folder that code can be run from, not one mounted noexec"

@@ -137,16 +137,16 @@ fast_experiment() {
     "$APC_SOURCE_DIR/experiments/first-order.conf" >"$work/fast.conf"
 }
 
-# python_peers: what others wrote and tests talk to, by the lock in tests/peers, in the folder $peers; where it cannot be
-# had the test ends as skipped
+# python_peers [LOCK]: what others wrote and tests talk to, by a lock in tests/peers, in the folder $peers; where it cannot
+# be had the test ends as skipped
 python_peers() {
-  local lock=$APC_SOURCE_DIR/tests/peers/requirements.txt
+  local lock=$APC_SOURCE_DIR/tests/peers/${1:-requirements.txt}
   peers=$APC_BUILD_DIR/tests/peers-$(sha256sum "$lock" | cut -c1-12)
   exec 9>"$peers.lock"
   flock 9
   if [ ! -d "$peers" ]; then
     if ! python3 -m pip install --quiet --no-deps --require-hashes --target "$peers.new" -r "$lock" >"$peers.log" 2>&1; then
-      echo "skipped: the peers cannot be had here (Python 3.10 or newer, with pip): see $peers.log" >&2
+      echo "skipped: the peers cannot be had here (Python 3.11, with pip): see $peers.log" >&2
       exit 77
     fi
     mv "$peers.new" "$peers"

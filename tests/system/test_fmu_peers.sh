@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# FMUs that nobody here made, beside a program that nobody here wrote: five of pythonfmu3, run by us and by fmpy, which give
+# the same trajectories. Both are from PyPI, by a lock in tests/peers.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+skip() {
+  echo "skipped: $*" >&2
+  exit 77
+}
+[ -x "$APC_BIN/apc-fmu" ] || skip "apc-fmu was not built: it needs libzip and expat"
+[ -z "${APC_SANITIZE:-}" ] || skip "an interpreter is run, not our code; system_fmu runs that"
+interpreter=$(python3 -c 'import sysconfig as s; print(s.get_config_var("LIBDIR"), s.get_config_var("INSTSONAME"), sep="/")')
+[ -f "$interpreter" ] || skip "FMUs of Python want its library, and there is no $interpreter"
+python_peers fmi.txt
+PYTHONPATH=$peers python3 "$APC_SOURCE_DIR/tests/peers/fmu_plants.py" "$work"
+export TMPDIR=$work/tmp
+mkdir "$TMPDIR"
+
+# experiment NAME MEASUREMENTS SETPOINTS OUTPUTS REST-OF-PLANT CONTROLLERS
+experiment() {
+  cat >"$work/$1.conf" <<CONF
+name = "$1"; duration = 120.0;
+measurements = ( $2 ); setpoints = ( $3 ); outputs = ( $4 );
+plant = { model = "$1.fmu"; period = 0.2; listen = "tcp:127.0.0.1:$port"; $5 };
+client = { period = 0.5; link = "tcp:127.0.0.1:$port"; };
+controllers = ( $6 );
+CONF
+}
+# pi Y R U KP TAU_I U_BAR
+pi() {
+  echo "{ name = \"for $1\"; law = \"pi\"; period = 2.0; measurements = [\"$1\"]; setpoints = [\"$2\"]; outputs = [\"$3\"];
+    tuning = ( { Kp = $4; tau_i = $5; u_bar = $6; } ); }"
+}
+# same NAME INPUTS OUTPUTS [SETTING...]
+same() {
+  expect 0 sha256 "$apc" simulate "$work/$1.conf" --csv "$work/$1.csv"
+  PYTHONPATH=$peers python3 "$APC_SOURCE_DIR/tests/peers/fmu_look.py" "$work/$1.csv" "$work/$1.fmu" 0.2 "${@:2}" ||
+    fail "$1: not the trajectory that fmpy gives"
+}
+y='{ name = "y"; }' r='{ name = "r"; low = -100.0; high = 400.0; initial =' u='low = -10.0; high = 10.0; }'
+experiment tank "$y" "$r 10.0; }" "{ name = \"u\"; $u" 'parameters = { tau = 7.0; }; disturbances = ( { name = "d"; at = 50.1; value = 5.0; } );' \
+  "$(pi y r u 0.2 10.0 0.0)"
+experiment swing "$y" "$r 1.0; }" "{ name = \"u\"; $u" 'parameters = { w = 0.3; };' "$(pi y r u 0.1 10.0 0.0)"
+experiment quadruple '{ name = "y1"; }, { name = "y2"; }' "$r 14.0; }, ${r/\"r\"/\"r2\"} 12.0; }" \
+  "{ name = \"u1\"; initial = 3.0; $u, { name = \"u2\"; initial = 3.0; $u" '' "$(pi y1 r u1 0.8 30.0 3.0), $(pi y2 r2 u2 0.8 30.0 3.0)"
+experiment heater "$y, { name = \"switched\"; }" "$r 45.0; }" '{ name = "on"; low = 0.0; high = 1.0; }' 'parameters = { watts = 60; };' \
+  "$(pi y r on 0.5 5.0 0.5)"
+experiment reactor "$y" "$r 340.0; }" '{ name = "u"; low = 250.0; high = 350.0; initial = 300.0; safe = 300.0; }' '' "$(pi y r u 2.0 20.0 300.0)"
+expect 1 'name the interpreter.s library in APC_FMU_PRELOAD' env -u APC_FMU_PRELOAD "$apc" simulate "$work/tank.conf"
+export APC_FMU_PRELOAD=$interpreter
+same tank u y tau=7.0 d@50.1=5.0
+same swing u y w=0.3
+same quadruple 'u1 u2' 'y1 y2'
+same heater on 'y switched' watts=60
+same reactor u y
+
+# in real time, at rest: each value is one of fmpy's
+sed -e 's/period = 2.0;/period = 0.1; mode = "Man";/; s/period = 0.5;/period = 0.05;/; s/w = 0.3/w = 0.7/' "$work/swing.conf" >"$work/real.conf"
+many() { [ "$("$apc" history y --store "$work/run" --last 1000 --csv | grep -c Good)" -ge 60 ]; }
+(unset APC_STORE APC_HISTORY
+  run_until many "$work/real.conf" --no-ui --out "$work/run")
+PYTHONPATH=$peers python3 "$APC_SOURCE_DIR/tests/peers/fmu_look.py" "$work/run/samples.csv" "$work/swing.fmu" 0.2 '' y w=0.7 ||
+  fail "in real time: not the trajectory that fmpy gives"
