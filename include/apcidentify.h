@@ -15,19 +15,38 @@
 extern "C" {
 #endif
 
-/** Sampled at one period, sample after sample. */
+/** Sampled at one period, sample after sample. Several runs of one plant may stand one behind the other: each
+ * has a beginning and an operating point of its own, and nothing of one acts on the next. */
 struct apc_record {
     size_t size;
     double Ts; /**< s */
     size_t n, nu, nd, ny;
     const double *u; /**< [n * (nu + nd)] what goes in from sample k until k + 1; disturbances come last */
     const double *y; /**< [n * ny] what is measured at sample k; NAN: nothing */
+    size_t runs;     /**< 0: one */
+    const size_t *begin; /**< [runs] the first sample of each, rising from 0; unused where runs is 0 or 1 */
 };
+
+/** How many runs: 1 at least. [any] */
+APC_API size_t apc_record_runs(const struct apc_record *record);
+/** Run @p run, from 0, by itself: a view. [any] */
+APC_API struct apc_record apc_record_run(const struct apc_record *record, size_t run);
+/** The sample behind its last. [any] */
+APC_API size_t apc_record_end(const struct apc_record *record, size_t run);
+/** How many samples of a run are among the first @p until of the record, of which each run has its share.
+ * [any] */
+APC_API size_t apc_record_share(const struct apc_record *record, const struct apc_record *run, size_t until);
+/**
+ * @p record becomes what all its runs would have been around the operating point of the first: @p u0 [runs *
+ * (nu + nd)], @p y0 [runs * ny]. [setup] Returns its numbers, to be freed after it, or NULL: no memory.
+ */
+APC_API double *apc_record_gather(struct apc_record *record, const double *u0, const double *y0);
 
 /**
  * Can models be had from it? [setup] Returns 0; APC_EINVAL: an input that never moves, inputs that move
  * together, a measurement that never moves or is missing for the most part, inputs that only a controller
- * moved that saw nothing but y, or too few samples; APC_ENOMEM.
+ * moved that saw nothing but y, or too few samples, of a run as well; APC_ENOMEM. A difference between runs
+ * is no movement.
  */
 APC_API int apc_record_check(const struct apc_record *record, struct apc_error *why);
 
@@ -66,10 +85,10 @@ struct apc_transfer_fit {
  * are not white (Soderstrom and Stoica, System Identification, 1989, section 7.2). Structure by Schwarz'
  * criterion.
  * @p g [ny * (nu + nd)] the transfer functions; @p error [the same] their standard errors, in the members of
- * the same name (a tau of 0 is not there and has none); @p u0 [nu + nd], @p y0 [ny] an operating point for
- * apc_linear_from_transfer(); @p fit [ny] may be NULL. [setup] Returns 0; APC_EINVAL as of
- * apc_record_check(), or an option out of range; APC_ESOLVER: no model says more of an output than its mean;
- * APC_ENOMEM.
+ * the same name (a tau of 0 is not there and has none); @p u0 [runs * (nu + nd)], @p y0 [runs * ny] an
+ * operating point of each run for apc_linear_from_transfer(); @p fit [ny] may be NULL. [setup] Returns 0;
+ * APC_EINVAL as of apc_record_check(), or an option out of range; APC_ESOLVER: no model says more of an
+ * output than its mean; APC_ENOMEM.
  */
 APC_API int apc_identify_transfer(const struct apc_record *record,
                                   const struct apc_identify_transfer_options *options, struct apc_transfer *g,
@@ -81,7 +100,8 @@ APC_API int apc_identify_transfer(const struct apc_record *record,
 /** A model, and what the error of its expectation says of its state:
  * x[k+1] = ... + K (y[k] - what was expected). One block of memory but for linear. */
 struct apc_identified {
-    struct apc_linear *linear; /**< goes with it */
+    struct apc_linear *linear; /**< goes with it; its operating point is that of the first run */
+    double *u0, *y0;           /**< [runs * (nu + nd)], [runs * ny] the operating point of each run */
     double *K;                 /**< [nx * ny] */
     double *covariance;        /**< [ny * ny] of the errors a sample ahead */
     size_t na, nb;             /**< lags of y and of u; else 0 */
@@ -99,7 +119,7 @@ struct apc_identify_arx_options {
 };
 /**
  * y[k] = the sum of A_i y[k-i], i = 1..na, and of B_ij u_j[k-d_j-i], i = 0..nb-1, by least squares. Delays
- * are those that leave least; orders those whose free run over the last third of the record is best, before
+ * are those that leave least; orders those whose free run over the last third of each run is best, before
  * all of it is used. [setup] Returns 0, APC_EINVAL as of apc_record_check(), APC_ENOMEM.
  */
 APC_API int apc_identify_arx(struct apc_identified **model, const struct apc_record *record,
@@ -108,7 +128,7 @@ APC_API int apc_identify_arx(struct apc_identified **model, const struct apc_rec
 /** Zero means default. */
 struct apc_identify_subspace_options {
     size_t size;
-    size_t order; /**< 0: the one whose free run over the last third of the record is best, 10 at most */
+    size_t order; /**< 0: the one whose free run over the last third of each run is best, 10 at most */
     size_t rows; /**< how many samples past and future hang together; default 15, or what the record allows */
     bool direct; /**< u may act on y of the same sample; else D is 0 */
     bool deviations; /**< from an operating point, known: none is looked for */
@@ -131,10 +151,11 @@ struct apc_validation {
     double independent; /**< the probability that errors as independent of the inputs as that are not */
 };
 /**
- * Validate on samples from @p from on, with those before as the model's past. @p K [nx * ny] of an
- * apc_identified; NULL: the state at @p from is the one that fits best. @p run [n * ny]: the free run, NAN
- * before from and where y is; or NULL. [setup] Returns 0, APC_EINVAL (other dimensions, another period, fewer
- * than 20 samples to validate on), APC_ENOMEM.
+ * Validate on samples from @p from on, with those before as the model's past; of several runs on that share
+ * of each, all of them around the model's operating point. @p K [nx * ny] of an apc_identified; NULL: the
+ * state at @p from is the one that fits best. @p run [n * ny]: the free run, NAN before from and where y is;
+ * or NULL. [setup] Returns 0, APC_EINVAL (other dimensions, another period, fewer than 20 samples to validate
+ * on), APC_ENOMEM.
  */
 APC_API int apc_validate(const struct apc_linear *model, const double *K, const struct apc_record *record,
                          size_t from, struct apc_validation *of, double *run, struct apc_error *why);

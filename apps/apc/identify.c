@@ -39,8 +39,9 @@ static const struct argp_option option_list[] = {
      "Use the record from that time on: in s; of a store RFC 3339, or before now, as -30s, -10m, -2h, -1d",
      0},
     {"to", OPT_TO, "TIME", 0, "Use the record up to that time", 0},
-    {"share", OPT_SHARE, "X", 0, "Fit to the first X of the record, 0.67 of it, and validate on the rest", 0},
-    {"validate", OPT_VALIDATE, "FILE", 0, "Fit to all of the record, and validate on another one", 0},
+    {"share", OPT_SHARE, "X", 0, "Fit to the first X of each record, 0.67 of it, and validate on the rest",
+     0},
+    {"validate", OPT_VALIDATE, "FILE", 0, "Fit to all of the records, and validate on another one", 0},
     {"model", OPT_MODEL, "KIND", 0,
      "transfer, arx, subspace or fir; default: each, and the simplest of the best", 0},
     {"order", OPT_ORDER, "N", 0, "Lags of transfer functions, 1 or 2; states of subspace; default: found", 0},
@@ -155,18 +156,21 @@ static error_t parse(int key, char *arg, struct argp_state *state)
 static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
-    .args_doc = "RUN|STORE|FILE.csv",
+    .args_doc = "RUN|STORE|FILE.csv[@FROM..TO]...",
     .doc =
         "Find models of a plant in its record: run folder RUN, what STORE has, named by its URI, or CSV with "
         "a "
-        "name above each column, one of them \"time\" in s. They are transfer functions of first or second "
+        "name above each column, one of them \"time\" in s. Several records, or windows FROM..TO of them, "
+        "are "
+        "fitted together, each around an operating point of its own. The models are transfer functions of "
+        "first or second "
         "order with dead time, difference "
         "equations (arx), a state space (subspace) and finite impulse responses (fir). Each is fitted to the "
-        "first part of the record and judged by what it says of the rest: how well it fits running freely, "
+        "first part of each record and judged by what it says of the rest: how well it fits running freely, "
         "and whether its errors are white and have nothing of the inputs in them.",
     .takes = CLI_FORMAT,
     .min_args = 1,
-    .max_args = 1,
+    .max_args = -1,
     .extra = &extra,
 };
 
@@ -181,16 +185,17 @@ static int fit_transfer(struct identify_model *m, const struct apc_record *r, un
 {
     const size_t inputs = r->nu + r->nd;
     const struct apc_identify_transfer_options options = {.size = sizeof options, .order = order};
-    double u0[IDENTIFY_SIGNALS], y0[IDENTIFY_SIGNALS];
     int rc;
 
     m->g = calloc(2 * inputs * r->ny, sizeof *m->g);
-    if (!m->g)
+    m->u0 = calloc(apc_record_runs(r) * (inputs + r->ny) + 1, sizeof *m->u0);
+    if (!m->g || !m->u0)
         return apc_fail(&m->why, APC_ENOMEM, "out of memory");
     m->error = m->g + inputs * r->ny;
-    rc = apc_identify_transfer(r, &options, m->g, m->error, u0, y0, NULL, &m->why);
+    m->y0 = m->u0 + apc_record_runs(r) * inputs;
+    rc = apc_identify_transfer(r, &options, m->g, m->error, m->u0, m->y0, NULL, &m->why);
     if (rc == 0)
-        rc = apc_linear_from_transfer(&m->linear, r->ny, r->nu, r->nd, m->g, u0, y0, r->Ts, &m->why);
+        rc = apc_linear_from_transfer(&m->linear, r->ny, r->nu, r->nd, m->g, m->u0, m->y0, r->Ts, &m->why);
     return rc;
 }
 
@@ -205,31 +210,54 @@ static int fit(struct identify_model *m, int kind, const struct apc_record *r, u
         return fit_transfer(m, r, order);
     rc = kind == SUBSPACE ? apc_identify_subspace(&m->identified, r, &subspace, &m->why)
                           : apc_identify_arx(&m->identified, r, &arx, &m->why);
-    if (rc == 0)
+    if (rc == 0) {
         m->linear = m->identified->linear;
+        m->u0 = m->identified->u0;
+        m->y0 = m->identified->y0;
+    }
     return rc;
+}
+
+/* The free run, from around the first record's point to around each one's own. */
+static void part(const struct apc_record *r, const double *y0, double *run)
+{
+    for (size_t g = 0; g < apc_record_runs(r); g++) {
+        const size_t end = apc_record_end(r, g), begin = end - apc_record_run(r, g).n;
+
+        for (size_t k = begin * r->ny; k < end * r->ny; k++)
+            run[k] += y0[g * r->ny + k % r->ny] - y0[k % r->ny];
+    }
 }
 
 static int judge(struct identification *z, struct identify_model *m)
 {
-    const struct apc_record *on = &judged_on(z)->record;
-    const size_t from = z->own.validate ? on->n / 10 : z->fitted;
+    struct apc_record on = judged_on(z)->record;
+    const size_t from = z->own.validate ? on.n / 10 : z->fitted;
+    const bool several = on.runs > 1;
+    double *moved = several ? apc_record_gather(&on, m->u0, m->y0) : NULL;
     int rc;
 
-    m->run = calloc(on->n * on->ny, sizeof *m->run);
-    if (!m->run)
+    m->run = calloc(on.n * on.ny, sizeof *m->run);
+    if (!m->run || (several && !moved)) {
+        free(moved);
         return apc_fail(&m->why, APC_ENOMEM, "out of memory");
-    rc = apc_validate(m->linear, m->identified ? m->identified->K : NULL, on, from, m->validation, m->run,
+    }
+    rc = apc_validate(m->linear, m->identified ? m->identified->K : NULL, &on, from, m->validation, m->run,
                       &m->why);
-    for (size_t i = 0; i < on->ny && rc == 0; i++)
-        m->fit += m->validation[i].fit / (double)on->ny;
+    if (rc == 0 && several)
+        part(&on, m->y0, m->run);
+    for (size_t i = 0; i < on.ny && rc == 0; i++)
+        m->fit += m->validation[i].fit / (double)on.ny;
+    free(moved);
     return rc;
 }
 
 static void drop(struct identify_model *m)
 {
-    if (m->g)
+    if (!m->identified) {
         apc_linear_destroy(m->linear);
+        free(m->u0);
+    }
     apc_identified_destroy(m->identified);
     free(m->g);
     free(m->run);
@@ -251,15 +279,17 @@ static int choose(const struct identification *z)
 
 static int find_models(struct identification *z)
 {
-    struct apc_record first = z->data.record;
+    const size_t n = z->data.record.n;
+    struct apc_record first;
     struct apc_error why;
-    int rc = apc_record_check(&first, &why);
+    void *memory = NULL;
+    int rc = apc_record_check(&z->data.record, &why);
 
     if (rc < 0)
         return cli_error(&z->cli, rc, "%s: %s", z->cli.args[0], why.text);
-    z->fitted = z->own.validate ? first.n : (size_t)((double)first.n * z->own.share);
-    first.n = z->fitted;
-    for (int k = 0; k < KINDS; k++) {
+    z->fitted = z->own.validate ? n : (size_t)((double)n * z->own.share);
+    rc = identify_first(&z->data.record, z->fitted, &first, &memory);
+    for (int k = 0; k < KINDS && rc != APC_ENOMEM; k++) {
         struct identify_model *m = &z->model[k];
 
         if (z->own.kind != KINDS && z->own.kind != k)
@@ -269,9 +299,10 @@ static int find_models(struct identification *z)
             rc = judge(z, m);
         if (rc < 0)
             drop(m);
-        if (rc == APC_ENOMEM)
-            return cli_error(&z->cli, rc, "out of memory");
     }
+    free(memory);
+    if (rc == APC_ENOMEM)
+        return cli_error(&z->cli, rc, "out of memory");
     z->chosen = choose(z);
     if (z->chosen < KINDS)
         return EXIT_OK; /* else none could be found: why the first could not */
@@ -287,7 +318,7 @@ static int find_models(struct identification *z)
 static int write_file(const struct identification *z)
 {
     const struct identify_model *m = &z->model[z->chosen];
-    char part[600], comment[900];
+    char part[600], comment[900], around[300] = "";
     bool failed;
     FILE *out;
     int rc = 0;
@@ -303,9 +334,12 @@ static int write_file(const struct identification *z)
     out = fopen(part, "we");
     if (!out)
         return cli_error(&z->cli, APC_ESYS, "%s: cannot be written: %s", part, strerror(errno));
+    if (z->cli.n_args > 1)
+        snprintf(around, sizeof around, "# of %d records; the operating point is that of %.200s\n",
+                 z->cli.n_args, z->cli.args[0]);
     snprintf(comment, sizeof comment,
-             "# apc identify --model %s: free run %.1f %% of samples that it was not fitted to\n", m->kind,
-             m->fit);
+             "# apc identify --model %s: free run %.1f %% of samples that it was not fitted to\n%s", m->kind,
+             m->fit, around);
     identify_write(out, m, &z->data, comment);
     failed = ferror(out) != 0;
     failed |= fclose(out) != 0;
@@ -342,78 +376,6 @@ static int spare_files(const struct identification *z)
 
 /* ---- The command --------------------------------------------------------------------------------------- */
 
-/* The window, in seconds of a file or in time of a store. */
-static int take_window(struct identification *z)
-{
-    struct identify_wish *wish = &z->own.wish;
-
-    wish->from = -HUGE_VAL;
-    if (identify_is_store(z->cli.args[0])) {
-        const int rc = cli_time(&z->cli, "from", z->own.from, &wish->since);
-        return rc == EXIT_OK ? cli_time(&z->cli, "to", z->own.to, &wish->until) : rc;
-    }
-    if (z->own.from && apc_number_parse(z->own.from, &wish->from) < 0)
-        return cli_usage(&z->cli, "--from \"%s\": must be in s, as the record's own times are", z->own.from);
-    if (z->own.to && (apc_number_parse(z->own.to, &wish->to) < 0 || !(wish->to > 0.0)))
-        return cli_usage(&z->cli, "--to \"%s\": must be in s, as the record's own times are, above 0",
-                         z->own.to);
-    return EXIT_OK;
-}
-
-/* Of signals of two records, in the same order. */
-static int compare(const struct identification *z, size_t n, char name[][APC_TAG_LEN],
-                   char other[][APC_TAG_LEN], char unit[][APC_TAG_LEN], char other_unit[][APC_TAG_LEN],
-                   struct apc_error *why)
-{
-    for (size_t i = 0; i < n; i++) {
-        if (strcmp(name[i], other[i]) != 0)
-            return apc_fail(
-                why, APC_EINVAL,
-                "%s has \"%s\" where %s has \"%s\": records of two plants say nothing of each other; "
-                "what they have in common is named by --inputs and --outputs",
-                z->own.validate, other[i], z->cli.args[0], name[i]);
-        if (unit[i][0] && other_unit[i][0] && strcmp(unit[i], other_unit[i]) != 0)
-            return apc_fail(why, APC_EINVAL,
-                            "%s is in %s in %s, and in %s in %s: records are compared in the same units",
-                            name[i], unit[i], z->cli.args[0], other_unit[i], z->own.validate);
-    }
-    return 0;
-}
-
-static int compare_records(struct identification *z, struct apc_error *why)
-{
-    const struct apc_record *a = &z->data.record, *b = &z->other.record;
-    int rc;
-
-    if (a->nu + a->nd != b->nu + b->nd || a->ny != b->ny)
-        return apc_fail(why, APC_EINVAL,
-                        "%s has %zu inputs and %zu outputs, %s %zu and %zu: name what they have in common by "
-                        "--inputs and --outputs",
-                        z->cli.args[0], a->nu + a->nd, a->ny, z->own.validate, b->nu + b->nd, b->ny);
-    rc = compare(z, a->nu + a->nd, z->data.input, z->other.input, z->data.input_unit, z->other.input_unit,
-                 why);
-    return rc < 0 ? rc
-                  : compare(z, a->ny, z->data.output, z->other.output, z->data.output_unit,
-                            z->other.output_unit, why);
-}
-
-static int read_all(struct identification *z)
-{
-    struct apc_error why;
-    int rc = identify_read(&z->data, z->cli.args[0], &z->own.wish, &why);
-
-    if (rc == 0 && z->own.validate) {
-        z->own.wish.period = z->data.record.Ts;
-        z->own.wish.from = -HUGE_VAL;
-        z->own.wish.to = 0.0;
-        z->own.wish.since = z->own.wish.until = 0;
-        rc = identify_read(&z->other, z->own.validate, &z->own.wish, &why);
-        if (rc == 0)
-            rc = compare_records(z, &why);
-    }
-    return rc < 0 ? cli_error(&z->cli, rc, "%s", why.text) : EXIT_OK;
-}
-
 int command_identify(int argc, char **argv)
 {
     struct identification *z = calloc(1, sizeof *z);
@@ -425,11 +387,9 @@ int command_identify(int argc, char **argv)
     }
     z->own = (struct identify_options){.share = 0.67, .kind = KINDS};
     cli_parse(&z->cli, &spec, &z->own, argc, argv);
-    rc = take_window(z);
+    rc = spare_files(z);
     if (rc == EXIT_OK)
-        rc = spare_files(z);
-    if (rc == EXIT_OK)
-        rc = read_all(z);
+        rc = identify_read_all(z);
     if (rc == EXIT_OK)
         rc = find_models(z);
     if (rc == EXIT_OK && z->own.output)

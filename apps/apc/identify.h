@@ -11,6 +11,7 @@
 #include "cli.h"
 
 #define IDENTIFY_SIGNALS 32 /* inputs or outputs, at most */
+#define IDENTIFY_RECORDS 32
 
 /* What is wanted of a file; n 0: of a run all outputs of its controllers, and all measurements. */
 struct identify_wish {
@@ -31,6 +32,7 @@ struct identify_data {
         size_t missing, longest;
     } gaps[IDENTIFY_SIGNALS]; /* of each output */
     double *memory;
+    size_t *runs; /* where each record begins that was read; NULL: there is one */
 };
 
 /* Is it the URI of a store, and no file? */
@@ -50,6 +52,7 @@ struct identify_model {
     struct apc_linear *linear;
     struct apc_identified *identified; /* NULL: transfer */
     struct apc_transfer *g, *error;    /* [ny * (nu + nd)] of transfer */
+    double *u0, *y0;                   /* the operating point of each record; goes with identified or g */
     double *run;                       /* [n * ny] the free run over what was validated on */
     struct apc_validation validation[IDENTIFY_SIGNALS];
     double fit;           /* %, mean over the outputs */
@@ -69,15 +72,25 @@ struct identify_options {
     double tau_c; /* s, of what is suggested; 0: the dead time */
 };
 
+struct identify_window {
+    const char *from, *to; /* NULL: no end */
+};
+
 /* All of a command. */
 struct identification {
     struct cli cli;
     struct identify_options own;
-    struct identify_data data, other; /* other: of --validate */
+    struct identify_window window[IDENTIFY_RECORDS]; /* of each argument */
+    struct identify_data data, other;                /* all records; other: of --validate */
     struct identify_model model[KINDS];
     size_t fitted; /* samples that were fitted to */
     int chosen;
 };
+
+/* Read the arguments into data, and --validate into other. Returns an exit code, its reason told. */
+int identify_read_all(struct identification *z);
+/* Of each record the share that is @p until of all. Returns 0 or APC_ENOMEM; free(*memory). */
+int identify_first(const struct apc_record *all, size_t until, struct apc_record *first, void **memory);
 
 /* The report, as --json and --csv say. */
 void identify_show(const struct identification *z);

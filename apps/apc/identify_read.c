@@ -218,5 +218,7 @@ int identify_read(struct identify_data *data, const char *file, const struct ide
 void identify_data_free(struct identify_data *data)
 {
     free(data->memory);
+    free(data->runs);
     data->memory = NULL;
+    data->runs = NULL;
 }

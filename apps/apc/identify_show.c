@@ -8,18 +8,42 @@
 #include "identify.h"
 #include "print.h"
 
-/* How far output @p i goes from sample @p from until @p to. */
-static double reach(const struct apc_record *r, size_t i, size_t from, size_t to)
+/* How far output @p i goes in any record, in the share that was fitted to, or in what it is judged on. */
+static double reach(const struct identification *z, size_t i, bool judged)
 {
-    double low = HUGE_VAL, high = -HUGE_VAL;
+    const struct apc_record *all = &z->data.record;
+    double most = 0.0;
 
-    for (size_t k = from; k < to; k++) {
-        if (isfinite(r->y[k * r->ny + i])) {
-            low = fmin(low, r->y[k * r->ny + i]);
-            high = fmax(high, r->y[k * r->ny + i]);
+    for (size_t g = 0; g < apc_record_runs(all); g++) {
+        const struct apc_record r = apc_record_run(all, g);
+        const size_t share = apc_record_share(all, &r, z->fitted);
+        double low = HUGE_VAL, high = -HUGE_VAL;
+
+        for (size_t k = judged ? share : 0; k < (judged ? r.n : share); k++) {
+            if (isfinite(r.y[k * r.ny + i])) {
+                low = fmin(low, r.y[k * r.ny + i]);
+                high = fmax(high, r.y[k * r.ny + i]);
+            }
         }
+        most = fmax(most, high - low);
     }
-    return high - low;
+    return most;
+}
+
+static void show_samples(const struct identification *z)
+{
+    const struct apc_record *r = &z->data.record;
+    const size_t runs = apc_record_runs(r);
+
+    for (size_t g = 0; g < runs && runs > 1; g++)
+        printf("%s: %zu samples\n", z->cli.args[g], apc_record_run(r, g).n);
+    printf("%s: %zu samples, one each %g s; ", runs > 1 ? "together" : z->cli.args[0], r->n, r->Ts);
+    if (z->own.validate)
+        printf("judged on %s, %zu samples\n", z->own.validate, z->other.record.n);
+    else if (runs > 1)
+        printf("fitted to the first %.0f %% of each, judged on the rest\n", 100.0 * z->own.share);
+    else
+        printf("fitted to the first %zu, judged on the other %zu\n", z->fitted, r->n - z->fitted);
 }
 
 static void show_record(const struct identification *z)
@@ -27,17 +51,13 @@ static void show_record(const struct identification *z)
     const struct identify_data *d = &z->data;
     const struct apc_record *r = &d->record;
 
-    printf("%s: %zu samples, one each %g s; ", z->cli.args[0], r->n, r->Ts);
-    if (z->own.validate)
-        printf("judged on %s, %zu samples\n", z->own.validate, z->other.record.n);
-    else
-        printf("fitted to the first %zu, judged on the other %zu\n", z->fitted, r->n - z->fitted);
+    show_samples(z);
     for (size_t i = 0; i < r->ny; i++)
         if (d->gaps[i].missing)
             printf("%s: %zu samples are missing, %zu the most at a time\n", d->output[i], d->gaps[i].missing,
                    d->gaps[i].longest);
     for (size_t i = 0; i < r->ny && !z->own.validate; i++)
-        if (reach(r, i, z->fitted, r->n) < 0.2 * reach(r, i, 0, z->fitted))
+        if (reach(z, i, true) < 0.2 * reach(z, i, false))
             printf(
                 "%s hardly moves in what is judged on: its fit says little; another --share may be better\n",
                 d->output[i]);
@@ -318,7 +338,13 @@ static void show_json(const struct identification *z)
 {
     bool more = false;
 
-    printf("{\"samples\":%zu,\"fitted\":%zu,", z->data.record.n, z->fitted);
+    fputs("{\"records\":[", stdout);
+    for (size_t g = 0; g < apc_record_runs(&z->data.record); g++) {
+        fputs(g ? ",{" : "{", stdout);
+        print_json_text(stdout, "record", z->cli.args[g]);
+        printf(",\"samples\":%zu}", apc_record_run(&z->data.record, g).n);
+    }
+    printf("],\"samples\":%zu,\"fitted\":%zu,", z->data.record.n, z->fitted);
     print_json_number(stdout, "period", z->data.record.Ts);
     putchar(',');
     print_json_text(stdout, "chosen", z->model[z->chosen].kind);

@@ -17,17 +17,17 @@
 #define BETTER   0.99 /* of the misfit of fewer coefficients is what more of them must reach */
 #define PERFECT  1e-6 /* a misfit below which more coefficients only follow the rounding */
 
-/* Columns: lags 1..na of each y, lags 0..lags-1 of each u, 1, and y itself. */
+/* Columns: lags 1..na of each y, lags 0..lags-1 of each u, 1 in each run, and y itself. */
 struct arx {
     struct apc_record r;
-    size_t inputs, na, lags, width;
+    size_t inputs, runs, na, lags, width;
     size_t first; /* delay that there may be */
     struct apc_triangle triangle;
     double *row;
     /* A structure, and its coefficients. */
     size_t p_na, p_nb, *delay, n_columns; /* delay [ny * inputs]: each y has its own */
     double *Q, *R;                        /* [width * width] */
-    double *theta, *left; /* [ny * width] coefficients: lags of y, of u, 1; errors, among R's rows */
+    double *theta, *left; /* [ny * width] coefficients: lags of y, of u, of runs; errors, among R's rows */
 };
 
 static size_t y_column(const struct arx *a, size_t i, size_t lag)
@@ -45,32 +45,48 @@ static size_t first_target(const struct arx *a)
     return a->width - a->r.ny;
 }
 
+static size_t run_column(const struct arx *a, size_t run)
+{
+    return first_target(a) - a->runs + run;
+}
+
+/* Row of sample @p k of a run; false where something is missing. */
+static bool fill_row(struct arx *a, const struct apc_record *r, size_t run, size_t k)
+{
+    bool there = true;
+
+    for (size_t i = 0; i < r->ny; i++) {
+        for (size_t lag = 1; lag <= a->na; lag++)
+            a->row[y_column(a, i, lag)] = r->y[(k - lag) * r->ny + i];
+        a->row[first_target(a) + i] = r->y[k * r->ny + i];
+    }
+    for (size_t j = 0; j < a->inputs; j++) {
+        for (size_t lag = 0; lag < a->lags; lag++)
+            a->row[u_column(a, j, lag)] = r->u[(k - lag) * a->inputs + j];
+    }
+    for (size_t g = 0; g < a->runs; g++)
+        a->row[run_column(a, g)] = g == run;
+    for (size_t i = 0; i < a->width; i++)
+        there &= isfinite(a->row[i]) != 0;
+    return there;
+}
+
 /* R of the samples before @p until. */
 static int gather(struct arx *a, size_t until, struct apc_error *why)
 {
-    const struct apc_record *r = &a->r;
     const size_t past = a->na > a->lags - 1 ? a->na : a->lags - 1;
 
     apc_triangle_close(&a->triangle);
     if (apc_triangle_open(&a->triangle, a->width) < 0)
         return APC_ENOMEM;
-    for (size_t k = past; k < until; k++) {
-        bool there = true;
+    for (size_t g = 0; g < a->runs; g++) {
+        const struct apc_record run = apc_record_run(&a->r, g);
+        const size_t end = apc_record_share(&a->r, &run, until);
 
-        for (size_t i = 0; i < r->ny; i++) {
-            for (size_t lag = 1; lag <= a->na; lag++)
-                a->row[y_column(a, i, lag)] = r->y[(k - lag) * r->ny + i];
-            a->row[first_target(a) + i] = r->y[k * r->ny + i];
+        for (size_t k = past; k < end; k++) {
+            if (fill_row(a, &run, g, k))
+                apc_triangle_add(&a->triangle, a->row);
         }
-        for (size_t j = 0; j < a->inputs; j++) {
-            for (size_t lag = 0; lag < a->lags; lag++)
-                a->row[u_column(a, j, lag)] = r->u[(k - lag) * a->inputs + j];
-        }
-        a->row[first_target(a) - 1] = 1.0;
-        for (size_t i = 0; i < a->width; i++)
-            there &= isfinite(a->row[i]) != 0;
-        if (there)
-            apc_triangle_add(&a->triangle, a->row);
     }
     apc_triangle_end(&a->triangle);
     if (a->triangle.n < a->width)
@@ -101,7 +117,8 @@ static double solve(struct arx *a, size_t i)
         for (size_t lag = 0; lag < a->p_nb; lag++)
             take_column(a, u_column(a, j, a->delay[i * a->inputs + j] + lag), n++);
     }
-    take_column(a, first_target(a) - 1, n++);
+    for (size_t g = 0; g < a->runs; g++)
+        take_column(a, run_column(a, g), n++);
     a->n_columns = n;
     for (size_t row = 0; row < width; row++)
         target[row] = a->triangle.R[row * width + first_target(a) + i];
@@ -159,12 +176,14 @@ static size_t hold_of(const struct arx *a, size_t j)
 }
 
 /*
- * u0 the mean of the inputs; y0 where the equation then stands still: (I - sum A) y0 = sum B u0 + c. Where
- * that is no point, or far away, the plant integrates: y0 is then the mean, u0 the nearest that holds it.
+ * Of a run u0 the mean of the inputs; y0 where the equation then stands still: (I - sum A) y0 = sum B u0 + c.
+ * Where that is no point, or far away, the plant integrates: y0 is then the mean, u0 the nearest that holds
+ * it.
  */
-static int place(const struct arx *a, struct apc_linear *m)
+static int place(const struct arx *a, size_t g, double *u0, double *y0)
 {
-    const size_t ny = a->r.ny, inputs = a->inputs;
+    const struct apc_record r = apc_record_run(&a->r, g);
+    const size_t ny = r.ny, inputs = a->inputs;
     double *memory = calloc(ny * ny * 2 + ny * (inputs + 2) + 1, sizeof(*memory)), *at = memory;
     bool far = false;
     double *I_A, *B, *rhs, *mean, *R;
@@ -176,15 +195,15 @@ static int place(const struct arx *a, struct apc_linear *m)
     B = apc_carve(&at, ny * inputs); /* column i is output i's */
     rhs = apc_carve(&at, ny);
     mean = apc_carve(&at, ny);
-    for (size_t k = 0; k < a->r.n; k++) {
+    for (size_t k = 0; k < r.n; k++) {
         for (size_t j = 0; j < inputs; j++)
-            m->u0[j] += a->r.u[k * inputs + j] / (double)a->r.n;
+            u0[j] += r.u[k * inputs + j] / (double)r.n;
     }
     for (size_t i = 0; i < ny; i++) {
         double low = HUGE_VAL, high = -HUGE_VAL, n = 0.0;
 
-        for (size_t k = 0; k < a->r.n; k++) {
-            const double y = a->r.y[k * ny + i];
+        for (size_t k = 0; k < r.n; k++) {
+            const double y = r.y[k * ny + i];
 
             if (!isfinite(y))
                 continue;
@@ -193,9 +212,9 @@ static int place(const struct arx *a, struct apc_linear *m)
             mean[i] += y;
             n += 1.0;
         }
-        mean[i] /= n;
+        mean[i] /= fmax(n, 1.0);
         R[i] = high - low;
-        rhs[i] = a->theta[i * a->width + a->n_columns - 1];
+        rhs[i] = a->theta[i * a->width + a->n_columns - a->runs + g];
         for (size_t o = 0; o < ny; o++) {
             I_A[i * ny + o] = i == o;
             for (size_t lag = 1; lag <= a->p_na; lag++)
@@ -204,28 +223,28 @@ static int place(const struct arx *a, struct apc_linear *m)
         for (size_t j = 0; j < inputs; j++) {
             for (size_t lag = first_lag(a, j); lag <= last_lag(a, j); lag++)
                 B[i * inputs + j] += b_of(a, i, j, lag);
-            m->y0[i] += B[i * inputs + j] * m->u0[j];
+            y0[i] += B[i * inputs + j] * u0[j];
         }
-        m->y0[i] += rhs[i];
+        y0[i] += rhs[i];
     }
     /* What c asks of u where y is at its mean, for the case that it integrates. */
     for (size_t i = 0; i < ny; i++) {
         for (size_t o = 0; o < ny; o++)
             rhs[i] -= I_A[i * ny + o] * mean[o];
         for (size_t j = 0; j < inputs; j++)
-            rhs[i] += B[i * inputs + j] * m->u0[j];
+            rhs[i] += B[i * inputs + j] * u0[j];
         rhs[i] = -rhs[i];
     }
-    far = apc_matrix_solve(ny, 1, I_A, m->y0) != 0;
+    far = apc_matrix_solve(ny, 1, I_A, y0) != 0;
     for (size_t i = 0; i < ny && !far; i++)
-        far = !(fabs(m->y0[i] - mean[i]) < 10.0 * R[i]);
+        far = !(fabs(y0[i] - mean[i]) < 10.0 * R[i]);
     if (far) {
         apc_qr_extend(inputs, 0, ny, B, I_A, ny);
         apc_qr_variance(ny, I_A, ny, rhs);
         for (size_t i = 0; i < ny; i++) {
-            m->y0[i] = mean[i];
+            y0[i] = mean[i];
             for (size_t j = 0; j < inputs; j++)
-                m->u0[j] += B[i * inputs + j] * rhs[i];
+                u0[j] += B[i * inputs + j] * rhs[i];
         }
     }
     free(memory);
@@ -289,7 +308,10 @@ static int build(const struct arx *a, struct apc_identified **model, struct apc_
     memcpy((*model)->delay, a->delay, ny * inputs * sizeof(*a->delay));
     (*model)->na = a->p_na;
     (*model)->nb = a->p_nb;
-    rc = place(a, m);
+    for (size_t g = 0; g < a->runs && rc == 0; g++)
+        rc = place(a, g, (*model)->u0 + g * inputs, (*model)->y0 + g * ny);
+    memcpy(m->u0, (*model)->u0, inputs * sizeof(*m->u0));
+    memcpy(m->y0, (*model)->y0, ny * sizeof(*m->y0));
     for (size_t j = 0, x = m->nx_plant; j < inputs; j++) {
         const size_t hold = hold_of(a, j);
 
@@ -388,10 +410,18 @@ static int find_structure(struct arx *a, const struct apc_identify_arx_options *
     return rc;
 }
 
+/* Lags, where each takes @p of samples: they must fit in every run as well. */
+static size_t afforded(const struct apc_record *r, size_t of)
+{
+    const size_t fit = apc_record_shortest(r) / 4;
+
+    return r->n / of < fit ? r->n / of : fit;
+}
+
 static int take_options(struct apc_identify_arx_options *o, const struct apc_record *r,
                         const struct apc_identify_arx_options *options, struct apc_error *why)
 {
-    const size_t inputs = r->nu + r->nd, afford = r->n / (4 * (inputs + r->ny));
+    const size_t inputs = r->nu + r->nd, afford = afforded(r, 4 * (inputs + r->ny));
     int rc = apc_options_copy(o, sizeof(*o), options, "apc_identify_arx_options", why);
 
     if (rc < 0)
@@ -401,25 +431,26 @@ static int take_options(struct apc_identify_arx_options *o, const struct apc_rec
     if (o->delay_max == 0 && !o->direct)
         o->delay_max = 1;
     if ((o->fir && o->na) || o->na > 50 || o->nb > 1000 || o->delay_max > 1000 ||
-        o->na + o->nb + o->delay_max > r->n / 3)
+        o->na + o->nb + o->delay_max > apc_record_shortest(r) / 3)
         return apc_fail(
             why, APC_EINVAL,
             "apc_identify_arx: orders and delays together must be no more than a third of the %zu "
-            "samples, an fir has no na",
-            r->n);
+            "samples of a run, an fir has no na",
+            apc_record_shortest(r));
     return 0;
 }
 
 static int open_arx(struct arx *a, const struct apc_identify_arx_options *o)
 {
-    const size_t afford = a->r.n / (6 * (a->inputs + a->r.ny) + 1), least = o->fir ? FIR_MOST : NA_MOST;
+    const size_t afford = afforded(&a->r, 6 * (a->inputs + a->r.ny) + 1), least = o->fir ? FIR_MOST : NA_MOST;
     const size_t most = afford < 1 ? 1 : afford < least ? afford : least;
 
     a->na = o->fir ? 0 : o->na ? o->na : most;
     a->lags = o->delay_max + (o->nb ? o->nb : most);
     if (o->fir && a->lags < 6)
         a->lags = 6;
-    a->width = a->r.ny * (a->na + 1) + a->inputs * a->lags + 1;
+    a->runs = apc_record_runs(&a->r);
+    a->width = a->r.ny * (a->na + 1) + a->inputs * a->lags + a->runs;
     a->delay = calloc(a->r.ny * a->inputs + 1, sizeof(*a->delay));
     a->row = calloc(a->width * (1 + 2 * a->width + 2 * a->r.ny), sizeof(*a->row));
     a->Q = a->row + a->width;

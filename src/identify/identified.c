@@ -17,7 +17,8 @@
 int apc_identified_create(struct apc_identified **model, const struct apc_record *r, size_t nx,
                           struct apc_error *why)
 {
-    const size_t numbers = nx * r->ny + r->ny * r->ny, inputs = r->nu + r->nd;
+    const size_t inputs = r->nu + r->nd,
+                 numbers = nx * r->ny + r->ny * r->ny + apc_record_runs(r) * (inputs + r->ny);
     struct apc_identified *m =
         calloc(1, sizeof(*m) + numbers * sizeof(double) + r->ny * inputs * sizeof(size_t));
     double *at;
@@ -27,6 +28,8 @@ int apc_identified_create(struct apc_identified **model, const struct apc_record
     if (!m)
         return apc_fail(why, APC_ENOMEM, "identify: no memory");
     at = (double *)(m + 1);
+    m->u0 = apc_carve(&at, apc_record_runs(r) * inputs);
+    m->y0 = apc_carve(&at, apc_record_runs(r) * r->ny);
     m->K = apc_carve(&at, nx * r->ny);
     m->covariance = apc_carve(&at, r->ny * r->ny);
     m->delay = (size_t *)(void *)at;
@@ -45,6 +48,25 @@ void apc_identified_destroy(struct apc_identified *model)
     if (model)
         apc_linear_destroy(model->linear);
     free(model);
+}
+
+double *apc_record_gather(struct apc_record *r, const double *u0, const double *y0)
+{
+    const size_t inputs = r->nu + r->nd;
+    double *u = calloc(r->n * (inputs + r->ny) + 1, sizeof(*u)), *y = u ? u + r->n * inputs : NULL;
+
+    for (size_t g = 0; g < apc_record_runs(r) && u; g++) {
+        const struct apc_record run = apc_record_run(r, g);
+        const size_t begin = apc_record_end(r, g) - run.n;
+
+        for (size_t k = 0; k < run.n * inputs; k++)
+            u[begin * inputs + k] = run.u[k] + (u0[k % inputs] - u0[g * inputs + k % inputs]);
+        for (size_t k = 0; k < run.n * r->ny; k++)
+            y[begin * r->ny + k] = run.y[k] + (y0[k % r->ny] - y0[g * r->ny + k % r->ny]);
+    }
+    r->u = u;
+    r->y = y;
+    return u;
 }
 
 struct apc_record apc_record_until(const struct apc_record *r, size_t n)
@@ -203,48 +225,72 @@ static int fit_state(struct run *run, size_t from, double *x, double *e)
     return 0;
 }
 
-double apc_identified_misfit(const struct apc_identified *model, const struct apc_record *r, size_t from)
+/* The sum of the squares of a run's relative errors, and how many there are. e [n * ny + nx] */
+static double misfit_of(struct run *run, size_t from, double *e, double *n)
 {
-    struct run run = {.model = model->linear, .K = model->K, .r = r};
-    double sum = 0.0, n = 0.0, *e = calloc(r->n * r->ny + model->linear->nx, sizeof(*e)), *x;
+    const struct apc_record *r = run->r;
+    double *x = e + r->n * r->ny, sum = 0.0;
 
-    if (!e || open_run(&run) < 0) {
+    arrive(run, from);
+    memcpy(x, run->x, run->model->nx * sizeof(*x));
+    errors(run, x, from, false, e);
+    for (size_t k = from * r->ny; k < r->n * r->ny; k++) {
+        const double relative = e[k] / run->size[k % r->ny];
+
+        if (isfinite(r->y[k])) {
+            sum += isfinite(relative) && fabs(relative) < AWAY ? relative * relative : HUGE_VAL;
+            *n += 1.0;
+        }
+    }
+    return sum;
+}
+
+double apc_identified_misfit(const struct apc_identified *model, const struct apc_record *record, size_t from)
+{
+    struct apc_record r = *record;
+    struct run run = {.model = model->linear, .K = model->K, .r = &r};
+    double sum = 0.0, n = 0.0, *e = calloc(r.n * r.ny + model->linear->nx, sizeof(*e)),
+           *moved = apc_record_gather(&r, model->u0, model->y0);
+
+    if (!e || !moved || open_run(&run) < 0) {
         free(e);
+        free(moved);
         return -1.0;
     }
-    x = e + r->n * r->ny;
-    arrive(&run, from);
-    memcpy(x, run.x, model->linear->nx * sizeof(*x));
-    errors(&run, x, from, false, e);
-    for (size_t i = 0; i < r->ny; i++) {
-        for (size_t k = from; k < r->n; k++) {
-            const double relative = e[k * r->ny + i] / run.size[i];
+    for (size_t g = 0; g < apc_record_runs(&r); g++) {
+        const struct apc_record one = apc_record_run(&r, g);
 
-            if (isfinite(r->y[k * r->ny + i])) {
-                sum += isfinite(relative) && fabs(relative) < AWAY ? relative * relative : HUGE_VAL;
-                n += 1.0;
-            }
-        }
+        run.r = &one;
+        sum += misfit_of(&run, apc_record_share(&r, &one, from), e, &n);
     }
     free(run.x);
     free(e);
+    free(moved);
     return sqrt(sum / n);
 }
 
 /* ---- What the errors tell --------------------------------------------------------------------------- */
 
-static double fit_of(const struct run *run, const double *e, size_t i, size_t from)
-{
-    const struct apc_record *r = run->r;
-    double sum = 0.0, n = 0.0;
+/* Sums of squares over all runs, of one output. */
+struct score {
+    double n, all, free, ahead;
+};
 
-    for (size_t k = from; k < r->n; k++) {
-        if (isfinite(r->y[k * r->ny + i])) {
-            sum += e[k * r->ny + i] * e[k * r->ny + i];
-            n += 1.0;
-        }
+static void add_scores(const struct run *run, const double *run_free, const double *ahead, size_t from,
+                       struct score *score)
+{
+    const size_t ny = run->r->ny;
+
+    for (size_t k = from * ny; k < run->r->n * ny; k++) {
+        struct score *s = &score[k % ny];
+
+        if (!isfinite(run->r->y[k]))
+            continue;
+        s->n += 1.0;
+        s->all += run->size[k % ny] * run->size[k % ny];
+        s->free += run_free[k] * run_free[k];
+        s->ahead += ahead[k] * ahead[k];
     }
-    return 100.0 * (1.0 - sqrt(sum / n) / run->size[i]);
 }
 
 /* Ljung and Box, Biometrika 65, 1978. e [n] may have NAN. */
@@ -266,14 +312,21 @@ static double white_of(const double *e, size_t n)
     return all > 0.0 ? apc_chi2_above(there * (there + 2.0) * sum, LAGS) : (double)NAN;
 }
 
+/* Errors e [n] of an output, and u [inputs * n], each input in one piece; behind each run there are LAGS of
+ * NAN. */
+struct line_up {
+    size_t n, inputs;
+    double *e, *u;
+};
+
 /* How much of the errors, whitened, the inputs of the last samples explain, filtered as the errors are. The
  * smallest probability, times the number of inputs, as the inputs are so many chances. */
-static int independent_of(const double *e, const struct apc_record *r, size_t from, double *least)
+static int independent_of(const struct line_up *of, double *least)
 {
-    const size_t n = r->n - from, inputs = r->nu + r->nd, rows = n - LAGS;
+    const size_t n = of->n, rows = n - LAGS;
     double a[8], *Q = calloc((size_t)(LAGS + 2) * n + 2 * n + (size_t)(LAGS + 2) * (LAGS + 2), sizeof(*Q)),
                  *w, *u, *R;
-    int order = Q ? apc_autoregression(e, n, 8, a) : APC_ENOMEM;
+    int order = Q ? apc_autoregression(of->e, n, 8, a) : APC_ENOMEM;
 
     *least = 1.0;
     if (order < 0) {
@@ -283,13 +336,11 @@ static int independent_of(const double *e, const struct apc_record *r, size_t fr
     w = Q + (LAGS + 2) * n;
     u = w + n;
     R = u + n;
-    apc_whiten(e, n, a, (size_t)order, w);
-    for (size_t j = 0; j < inputs; j++) {
+    apc_whiten(of->e, n, a, (size_t)order, w);
+    for (size_t j = 0; j < of->inputs; j++) {
         double all = 0.0, there = 0.0, explained = 0.0, rank = 0.0;
 
-        for (size_t k = 0; k < n; k++)
-            u[k] = r->u[(from + k) * inputs + j];
-        apc_whiten(u, n, a, (size_t)order, u);
+        apc_whiten(of->u + j * n, n, a, (size_t)order, u);
         for (size_t k = LAGS; k < n; k++) {
             const bool use = isfinite(w[k]) && isfinite(u[k - LAGS + 1]);
 
@@ -308,29 +359,58 @@ static int independent_of(const double *e, const struct apc_record *r, size_t fr
             rank += i <= LAGS && R[i * (LAGS + 2) + i] > 0.0;
         }
         if (all > 0.0 && rank > 0.0)
-            *least = fmin(*least, (double)inputs * apc_chi2_above(there * explained / all, rank));
+            *least = fmin(*least, (double)of->inputs * apc_chi2_above(there * explained / all, rank));
     }
     free(Q);
     return 0;
 }
 
-static int judge(const struct run *run, size_t from, const double *run_free, const double *ahead, double *one,
-                 struct apc_validation *of)
+/* Of each run the share from @p from on. */
+static void line_up(const struct apc_record *r, const double *ahead, size_t i, size_t from,
+                    struct line_up *to)
 {
-    const struct apc_record *r = run->r;
+    size_t at = 0;
+
+    for (size_t g = 0; g < apc_record_runs(r); g++) {
+        const struct apc_record run = apc_record_run(r, g);
+        const size_t end = apc_record_end(r, g), begin = end - run.n + apc_record_share(r, &run, from);
+
+        for (size_t k = begin; k < end + (g + 1 < apc_record_runs(r) ? LAGS : 0); k++, at++) {
+            to->e[at] = k < end ? ahead[k * r->ny + i] : (double)NAN;
+            for (size_t j = 0; j < to->inputs; j++)
+                to->u[j * to->n + at] = k < end ? r->u[k * to->inputs + j] : (double)NAN;
+        }
+    }
+}
+
+static int judge(const struct apc_record *r, size_t from, const struct score *score, const double *ahead,
+                 bool filtered, struct apc_validation *of)
+{
+    struct line_up all = {.inputs = r->nu + r->nd};
     int rc = 0;
 
+    for (size_t g = 0; g < apc_record_runs(r); g++) {
+        const struct apc_record run = apc_record_run(r, g);
+
+        all.n += run.n - apc_record_share(r, &run, from) + (g > 0 ? LAGS : 0);
+    }
+    all.e = calloc(all.n * (1 + all.inputs) + 1, sizeof(*all.e));
+    if (!all.e)
+        return APC_ENOMEM;
+    all.u = all.e + all.n;
     for (size_t i = 0; i < r->ny && rc == 0; i++) {
+        const struct score *s = &score[i];
         double independent = 1.0;
 
-        for (size_t k = from; k < r->n; k++)
-            one[k - from] = ahead[k * r->ny + i];
-        rc = independent_of(one, r, from, &independent);
-        of[i] = (struct apc_validation){.fit = fit_of(run, run_free, i, from),
-                                        .ahead = run->K ? fit_of(run, ahead, i, from) : (double)NAN,
-                                        .white = white_of(one, r->n - from),
-                                        .independent = independent};
+        line_up(r, ahead, i, from, &all);
+        rc = independent_of(&all, &independent);
+        of[i] =
+            (struct apc_validation){.fit = 100.0 * (1.0 - sqrt(s->free / s->all)),
+                                    .ahead = filtered ? 100.0 * (1.0 - sqrt(s->ahead / s->all)) : (double)NAN,
+                                    .white = white_of(all.e, all.n),
+                                    .independent = independent};
     }
+    free(all.e);
     return rc;
 }
 
@@ -348,8 +428,12 @@ static int check_validation(const struct apc_linear *m, const struct apc_record 
     for (size_t i = 0; i < r->ny; i++) {
         size_t there = 0;
 
-        for (size_t k = from; k < r->n; k++)
-            there += isfinite(r->y[k * r->ny + i]) != 0;
+        for (size_t g = 0; g < apc_record_runs(r); g++) {
+            const struct apc_record run = apc_record_run(r, g);
+
+            for (size_t k = apc_record_share(r, &run, from); k < run.n; k++)
+                there += isfinite(run.y[k * r->ny + i]) != 0;
+        }
         if (there < VALIDATE_LEAST)
             return apc_fail(why, APC_EINVAL,
                             "validate: %zu samples of output %zu to validate on; %d are the least", there,
@@ -358,42 +442,64 @@ static int check_validation(const struct apc_linear *m, const struct apc_record 
     return 0;
 }
 
+/* Of one run. e, ahead [n * ny]; x [nx] */
+static int validate_run(struct run *run, size_t from, double *x, double *e, double *ahead,
+                        struct score *score)
+{
+    int rc = 0;
+
+    arrive(run, from);
+    memcpy(x, run->x, run->model->nx * sizeof(*x));
+    if (run->K)
+        errors(run, x, from, true, ahead);
+    else
+        rc = fit_state(run, from, x, e);
+    if (rc < 0)
+        return rc;
+    errors(run, x, from, false, e);
+    if (!run->K)
+        memcpy(ahead, e, run->r->n * run->r->ny * sizeof(*e));
+    add_scores(run, e, ahead, from, score);
+    return 0;
+}
+
 int apc_validate(const struct apc_linear *model, const double *K, const struct apc_record *record,
-                 size_t from, struct apc_validation *of, double *run, struct apc_error *why)
+                 size_t from, struct apc_validation *of, double *free_run, struct apc_error *why)
 {
     struct apc_record r = {0};
-    struct run state = {.model = model, .K = K, .r = &r};
-    double *memory = NULL, *e, *ahead, *one, *x;
+    struct run run = {.model = model, .K = K, .r = &r};
+    struct score *score = NULL;
+    double *memory = NULL, *e, *ahead, *x;
     int rc = apc_options_copy(&r, sizeof(r), record, "apc_record", why);
 
     if (rc == 0)
         rc = check_validation(model, &r, from, why);
     if (rc < 0)
         return rc;
-    memory = calloc(2 * r.n * r.ny + r.n + model->nx, sizeof(*memory));
-    rc = memory ? open_run(&state) : APC_ENOMEM;
+    memory = calloc(2 * r.n * r.ny + model->nx + 1, sizeof(*memory));
+    score = calloc(r.ny + 1, sizeof(*score));
+    rc = memory && score ? open_run(&run) : APC_ENOMEM;
     if (rc < 0)
         goto out;
     e = memory;
     ahead = e + r.n * r.ny;
-    one = ahead + r.n * r.ny;
-    x = one + r.n;
-    arrive(&state, from);
-    memcpy(x, state.x, model->nx * sizeof(*x));
-    if (K)
-        errors(&state, x, from, true, ahead);
-    else
-        rc = fit_state(&state, from, x, e);
-    if (rc < 0)
-        goto out;
-    errors(&state, x, from, false, e);
-    for (size_t i = 0; i < r.n * r.ny && run; i++)
-        run[i] = i / r.ny < from ? (double)NAN : r.y[i] - e[i];
-    rc = judge(&state, from, e, K ? ahead : e, one, of);
+    x = ahead + r.n * r.ny;
+    for (size_t g = 0; g < apc_record_runs(&r) && rc == 0; g++) {
+        const struct apc_record one = apc_record_run(&r, g);
+        const size_t begin = (apc_record_end(&r, g) - one.n) * r.ny, share = apc_record_share(&r, &one, from);
+
+        run.r = &one;
+        rc = validate_run(&run, share, x, e + begin, ahead + begin, score);
+        for (size_t i = 0; i < one.n * r.ny && free_run && rc == 0; i++)
+            free_run[begin + i] = i / r.ny < share ? (double)NAN : one.y[i] - e[begin + i];
+    }
+    if (rc == 0)
+        rc = judge(&r, from, score, ahead, K != NULL, of);
 out:
     if (rc < 0)
         apc_fail(why, rc, "validate: no memory");
-    free(state.x);
+    free(run.x);
+    free(score);
     free(memory);
     return rc;
 }

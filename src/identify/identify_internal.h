@@ -45,6 +45,12 @@ int apc_autoregression(const double *e, size_t n, size_t most, double *a);
 /* out[k] = x[k] - a[0] x[k-1] - ...; NAN where one of them is, or is before the first. */
 void apc_whiten(const double *x, size_t n, const double *a, size_t order, double *out);
 
+/* ---- record.c ------------------------------------------------------------------------------------- */
+
+/* Samples of the shortest and of the longest run. */
+size_t apc_record_shortest(const struct apc_record *r);
+size_t apc_record_longest(const struct apc_record *r);
+
 /* ---- identified.c --------------------------------------------------------------------------------- */
 
 /* With room for K, covariance, delay, and a linear model of zeros. Returns 0, APC_EINVAL, APC_ENOMEM. */
@@ -52,8 +58,8 @@ int apc_identified_create(struct apc_identified **model, const struct apc_record
                           struct apc_error *why);
 /* The record up to sample @p n. */
 struct apc_record apc_record_until(const struct apc_record *r, size_t n);
-/* How badly the model's free run goes with r from @p from on: root mean square of the errors of all outputs,
- * each relative to its deviation. HUGE_VAL: it runs away. Negative: an error. */
+/* How badly the model's free run goes with r from @p from on, that share of each run: root mean square of the
+ * errors of all outputs, each relative to its deviation. HUGE_VAL: it runs away. Negative: an error. */
 double apc_identified_misfit(const struct apc_identified *model, const struct apc_record *r, size_t from);
 /* The growth of x[k+1] = A x[k] a step: the spectral radius. [n * n], work [2 * n * n] */
 double apc_spectral_radius(size_t n, const double *A, double *work);

@@ -13,6 +13,58 @@
 #define EXCITATION_MOST 50
 #define ALIKE           0.01 /* of an input's movement that must be its own */
 #define FEEDBACK_LAGS   2
+#define RUNS_MOST       100
+
+size_t apc_record_runs(const struct apc_record *r)
+{
+    return r->runs > 1 ? r->runs : 1;
+}
+
+static size_t begin_of(const struct apc_record *r, size_t run)
+{
+    return r->runs > 1 ? r->begin[run] : 0;
+}
+
+size_t apc_record_end(const struct apc_record *r, size_t run)
+{
+    return run + 1 < r->runs ? r->begin[run + 1] : r->n;
+}
+
+struct apc_record apc_record_run(const struct apc_record *r, size_t run)
+{
+    const size_t begin = begin_of(r, run);
+    struct apc_record one = *r;
+
+    one.n = apc_record_end(r, run) - begin;
+    one.u += begin * (r->nu + r->nd);
+    one.y += begin * r->ny;
+    one.runs = 0;
+    one.begin = NULL;
+    return one;
+}
+
+size_t apc_record_shortest(const struct apc_record *r)
+{
+    size_t shortest = r->n;
+
+    for (size_t g = 0; g < apc_record_runs(r); g++)
+        shortest = apc_record_run(r, g).n < shortest ? apc_record_run(r, g).n : shortest;
+    return shortest;
+}
+
+size_t apc_record_longest(const struct apc_record *r)
+{
+    size_t longest = 0;
+
+    for (size_t g = 0; g < apc_record_runs(r); g++)
+        longest = apc_record_run(r, g).n > longest ? apc_record_run(r, g).n : longest;
+    return longest;
+}
+
+size_t apc_record_share(const struct apc_record *r, const struct apc_record *run, size_t until)
+{
+    return (size_t)((double)run->n * (double)until / (double)r->n + 1e-9);
+}
 
 static size_t least_of(const struct apc_record *r)
 {
@@ -32,6 +84,18 @@ static int check_shape(const struct apc_record *r, struct apc_error *why)
     if (r->n < least)
         return apc_fail(why, APC_EINVAL, "record: %zu samples; %zu are the least for %zu inputs", r->n, least,
                         inputs);
+    if (r->runs > 1 && (!r->begin || r->begin[0] != 0 || r->runs > RUNS_MOST))
+        return apc_fail(why, APC_EINVAL,
+                        "record: %zu runs must say where they begin, the first at 0; %d are the most",
+                        r->runs, RUNS_MOST);
+    for (size_t g = 0; g < r->runs && r->runs > 1; g++) {
+        const size_t begin = r->begin[g], end = apc_record_end(r, g);
+
+        if (end > r->n || end < begin + least)
+            return apc_fail(why, APC_EINVAL,
+                            "record: run %zu has %zu samples; %zu are the least for %zu inputs", g + 1,
+                            end > begin ? end - begin : 0, least, inputs);
+    }
     for (size_t i = 0; i < r->n * inputs; i++) {
         if (!apc_value_ok(r->u[i]))
             return apc_fail(why, APC_EINVAL,
@@ -68,14 +132,27 @@ static bool moves(double low, double high)
     return high - low > 1e-9 * fmax(fabs(low), fabs(high));
 }
 
+/* What differs from run to run only is no movement. */
+static bool moves_in_a_run(const struct apc_record *r, const double *x, size_t stride, double *low)
+{
+    bool moved = false;
+
+    for (size_t g = 0; g < apc_record_runs(r) && !moved; g++) {
+        double high;
+
+        if (range(x + begin_of(r, g) * stride, apc_record_run(r, g).n, stride, low, &high) > 0)
+            moved = moves(*low, high);
+    }
+    return moved;
+}
+
 static int check_movement(const struct apc_record *r, struct apc_error *why)
 {
     const size_t least = least_of(r);
     double low, high;
 
     for (size_t j = 0; j < r->nu + r->nd; j++) {
-        range(r->u + j, r->n, r->nu + r->nd, &low, &high);
-        if (!moves(low, high))
+        if (!moves_in_a_run(r, r->u + j, r->nu + r->nd, &low))
             return apc_fail(why, APC_EINVAL,
                             "input %zu is %g all the time: nothing can be told of what it does. Move it in a "
                             "test, or leave it out",
@@ -90,7 +167,7 @@ static int check_movement(const struct apc_record *r, struct apc_error *why)
                 "output %zu has %zu good samples of %zu: a tenth of them, and %zu, are needed. Take "
                 "another window, or leave it out",
                 i + 1, there, r->n, least);
-        if (!moves(low, high))
+        if (!moves_in_a_run(r, r->y + i, r->ny, &low))
             return apc_fail(why, APC_EINVAL,
                             "output %zu is %g all the time: no input moves it, or its sensor is stuck", i + 1,
                             low);
@@ -122,7 +199,8 @@ static int check_alike(const struct apc_record *r, struct apc_error *why)
     for (size_t j = 0; j < inputs; j++) {
         for (size_t k = 0; k < r->n; k++)
             Q[j * r->n + k] = r->u[k * inputs + j];
-        centre(Q + j * r->n, r->n);
+        for (size_t g = 0; g < apc_record_runs(r); g++)
+            centre(Q + j * r->n + begin_of(r, g), apc_record_run(r, g).n);
     }
     apc_qr_extend(r->n, 0, inputs, Q, R, inputs);
     for (size_t j = 1; j < inputs && rc == 0; j++) {
@@ -146,28 +224,35 @@ static int check_alike(const struct apc_record *r, struct apc_error *why)
 
 /* ---- Feedback and nothing else --------------------------------------------------------------------- */
 
+static size_t feedback_width(const struct apc_record *r)
+{
+    return FEEDBACK_LAGS + (FEEDBACK_LAGS + 1) * r->ny + apc_record_runs(r) + 1;
+}
+
 /* Of input @p j what is left when it is expected from its past and, @p with_y, from y as well; from as many
- * numbers either way. */
+ * numbers either way, around a level of each run's own. */
 static double left_of(const struct apc_record *r, size_t j, bool with_y, double *Q, double *R)
 {
     const size_t inputs = r->nu + r->nd, past = FEEDBACK_LAGS + (with_y ? 0 : (FEEDBACK_LAGS + 1) * r->ny);
-    const size_t first = FEEDBACK_LAGS + (FEEDBACK_LAGS + 1) * r->ny, width = first + 2, rows = r->n - first;
+    const size_t first = FEEDBACK_LAGS + (FEEDBACK_LAGS + 1) * r->ny, width = feedback_width(r), rows = r->n;
 
     memset(Q, 0, rows * width * sizeof(*Q));
-    for (size_t k = first; k < r->n; k++) {
-        bool there = true;
-        size_t at = 0;
+    for (size_t g = 0; g < apc_record_runs(r); g++) {
+        for (size_t k = begin_of(r, g) + first; k < apc_record_end(r, g); k++) {
+            bool there = true;
+            size_t at = apc_record_runs(r);
 
-        for (size_t i = 0; i < (FEEDBACK_LAGS + 1) * r->ny; i++)
-            there &= isfinite(r->y[(k - i / r->ny) * r->ny + i % r->ny]) != 0;
-        if (!there)
-            continue;
-        Q[at++ * rows + k - first] = 1.0;
-        for (size_t i = 1; i <= past; i++)
-            Q[at++ * rows + k - first] = r->u[(k - i) * inputs + j];
-        for (size_t i = 0; i < (FEEDBACK_LAGS + 1) * r->ny && with_y; i++)
-            Q[at++ * rows + k - first] = r->y[(k - i / r->ny) * r->ny + i % r->ny];
-        Q[at * rows + k - first] = r->u[k * inputs + j];
+            for (size_t i = 0; i < (FEEDBACK_LAGS + 1) * r->ny; i++)
+                there &= isfinite(r->y[(k - i / r->ny) * r->ny + i % r->ny]) != 0;
+            if (!there)
+                continue;
+            Q[g * rows + k] = 1.0;
+            for (size_t i = 1; i <= past; i++)
+                Q[at++ * rows + k] = r->u[(k - i) * inputs + j];
+            for (size_t i = 0; i < (FEEDBACK_LAGS + 1) * r->ny && with_y; i++)
+                Q[at++ * rows + k] = r->y[(k - i / r->ny) * r->ny + i % r->ny];
+            Q[at * rows + k] = r->u[k * inputs + j];
+        }
     }
     apc_qr_extend(rows, 0, width, Q, R, width);
     return R[width * width - 1];
@@ -175,7 +260,7 @@ static double left_of(const struct apc_record *r, size_t j, bool with_y, double 
 
 static int check_feedback(const struct apc_record *r, struct apc_error *why)
 {
-    const size_t width = FEEDBACK_LAGS + (FEEDBACK_LAGS + 1) * r->ny + 2;
+    const size_t width = feedback_width(r);
     double *Q = calloc(width * (r->n + width), sizeof(*Q));
     int rc = 0;
 
@@ -212,21 +297,31 @@ int apc_record_check(const struct apc_record *record, struct apc_error *why)
 
 int apc_record_excitation(const struct apc_record *record, size_t j)
 {
-    const size_t inputs = record->nu + record->nd,
-                 most = record->n / 4 < EXCITATION_MOST ? record->n / 4 : EXCITATION_MOST,
-                 rows = record->n - most;
-    double *Q = calloc(most * (rows + most) + 1, sizeof(*Q)), *R;
-    size_t order = 0;
+    struct apc_record r = {0};
+    size_t inputs, n, most, order = 0;
+    double *Q, *R;
+    int rc = apc_options_copy(&r, sizeof(r), record, "apc_record", NULL);
 
+    if (rc < 0)
+        return rc;
+    inputs = r.nu + r.nd;
+    n = r.n;
+    most = apc_record_shortest(&r) / 4;
+    most = most < EXCITATION_MOST ? most : EXCITATION_MOST;
+    Q = calloc(most * (n + most) + 1, sizeof(*Q));
     if (!Q)
         return APC_ENOMEM;
-    R = Q + most * rows;
+    R = Q + most * n;
     for (size_t i = 0; i < most; i++) {
-        for (size_t k = 0; k < rows; k++)
-            Q[i * rows + k] = record->u[(most - i + k) * inputs + j];
-        centre(Q + i * rows, rows);
+        for (size_t g = 0; g < apc_record_runs(&r); g++) {
+            const size_t first = begin_of(&r, g) + most, end = apc_record_end(&r, g);
+
+            for (size_t k = first; k < end; k++)
+                Q[i * n + k] = r.u[(k - i) * inputs + j];
+            centre(Q + i * n + first, end - first);
+        }
     }
-    apc_qr_extend(rows, 0, most, Q, R, most);
+    apc_qr_extend(n, 0, most, Q, R, most);
     while (order < most && R[order * most + order] > 0.02 * R[0])
         order++;
     free(Q);

@@ -12,14 +12,14 @@
 
 /* ---- Columns ------------------------------------------------------------------------------------- */
 
-size_t search_base(const struct shape *shape)
+size_t search_base(const struct search *s, const struct shape *shape)
 {
-    return shape->integrating ? 2 : 1;
+    return shape->integrating ? 2 * s->runs : s->runs;
 }
 
-size_t search_arm(const struct arm *arm, bool rest)
+size_t search_arm(const struct search *s, const struct arm *arm, bool rest)
 {
-    return 1 + (size_t)arm->zero + (rest ? 0 : arm->lag.order);
+    return 1 + (size_t)arm->zero + (rest ? 0 : arm->lag.order * s->runs);
 }
 
 static size_t arm_unknowns(const struct arm *arm)
@@ -29,10 +29,10 @@ static size_t arm_unknowns(const struct arm *arm)
 
 size_t search_linear(const struct search *s, const struct shape *shape)
 {
-    size_t n = search_base(shape);
+    size_t n = search_base(s, shape);
 
     for (size_t j = 0; j < s->inputs; j++)
-        n += search_arm(&shape->arm[j], shape->rest);
+        n += search_arm(s, &shape->arm[j], shape->rest);
     return n;
 }
 
@@ -45,36 +45,81 @@ size_t search_unknowns(const struct search *s, const struct shape *shape)
     return n;
 }
 
+/* Of a run the first and the number of samples. */
+static size_t part_of(const struct search *s, size_t run, size_t *n)
+{
+    const size_t end = apc_record_end(s->record, run);
+
+    *n = apc_record_run(s->record, run).n;
+    return end - *n;
+}
+
+static void whiten_runs(const struct search *s, double *x)
+{
+    for (size_t g = 0; g < s->runs; g++) {
+        size_t n, begin = part_of(s, g, &n);
+
+        apc_whiten(x + begin, n, s->noise, s->n_noise, x + begin);
+    }
+}
+
 void search_finish(const struct search *s, double *column)
 {
-    apc_whiten(column, s->n, s->noise, s->n_noise, column);
+    whiten_runs(s, column);
     for (size_t k = 0; k < s->n; k++)
         column[k] = s->counts[k] ? column[k] : 0.0;
 }
 
+int search_respond(const struct search *s, const struct apc_lag *lag, size_t j, double *w, double *rate)
+{
+    int rc = 0;
+
+    for (size_t g = 0; g < s->runs && rc == 0; g++) {
+        size_t n, begin = part_of(s, g, &n);
+
+        rc = apc_lag_response(lag, s->record->Ts, s->record->u + begin * s->inputs + j, s->inputs, n,
+                              w + begin, rate ? rate + begin : NULL);
+    }
+    return rc;
+}
+
+void search_fill_rest(const struct search *s, double tau, size_t run, double *column)
+{
+    size_t n, begin = part_of(s, run, &n);
+
+    memset(column, 0, s->n * sizeof(*column));
+    for (size_t k = 0; k < n; k++)
+        column[begin + k] = exp(-(double)k * s->record->Ts / tau);
+}
+
 int search_fill_arm(const struct search *s, const struct arm *arm, size_t j, bool rest, double *column)
 {
-    const struct apc_record *r = s->record;
     double *rate = arm->zero ? column + s->n : NULL, *at = column + s->n * (1 + (size_t)arm->zero);
-    int rc = apc_lag_response(&arm->lag, r->Ts, r->u + j, s->inputs, s->n, column, rate);
+    int rc = search_respond(s, &arm->lag, j, column, rate);
 
-    for (size_t i = 0; i < arm->lag.order && !rest; i++, at += s->n) {
-        for (size_t k = 0; k < s->n; k++)
-            at[k] = exp(-(double)k * r->Ts / arm->lag.tau[i]);
+    for (size_t i = 0; i < arm->lag.order && !rest; i++) {
+        for (size_t g = 0; g < s->runs; g++, at += s->n)
+            search_fill_rest(s, arm->lag.tau[i], g, at);
     }
-    for (size_t i = 0; i < search_arm(arm, rest); i++)
+    for (size_t i = 0; i < search_arm(s, arm, rest); i++)
         search_finish(s, column + i * s->n);
     return rc;
 }
 
+/* A level of each run and, where the plant integrates, a slope. */
 void search_fill_base(const struct search *s, const struct shape *shape)
 {
-    for (size_t k = 0; k < s->n; k++) {
-        s->Q[k] = 1.0;
-        if (shape->integrating)
-            s->Q[s->n + k] = (double)k / (double)s->n;
+    memset(s->Q, 0, search_base(s, shape) * s->n * sizeof(*s->Q));
+    for (size_t g = 0; g < s->runs; g++) {
+        size_t n, begin = part_of(s, g, &n);
+
+        for (size_t k = 0; k < n; k++) {
+            s->Q[g * s->n + begin + k] = 1.0;
+            if (shape->integrating)
+                s->Q[(s->runs + g) * s->n + begin + k] = (double)k / (double)n;
+        }
     }
-    for (size_t i = 0; i < search_base(shape); i++)
+    for (size_t i = 0; i < search_base(s, shape); i++)
         search_finish(s, s->Q + i * s->n);
 }
 
@@ -87,7 +132,7 @@ void search_set_noise(struct search *s, const double *a, size_t order)
     s->n_noise = order;
     for (size_t k = 0; k < s->n; k++)
         s->y[k] = r->y[k * r->ny + s->output];
-    apc_whiten(s->y, s->n, s->noise, order, s->y);
+    whiten_runs(s, s->y);
     s->rows = 0;
     for (size_t k = 0; k < s->n; k++) {
         s->counts[k] = isfinite(s->y[k]) != 0;
@@ -119,13 +164,13 @@ static double score_of(const struct search *s, double left, size_t parameters)
 
 int search_evaluate(struct search *s, struct shape *shape)
 {
-    size_t at = search_base(shape);
+    size_t at = search_base(s, shape);
     int rc = 0;
 
     search_fill_base(s, shape);
     for (size_t j = 0; j < s->inputs && rc == 0; j++) {
         rc = search_fill_arm(s, &shape->arm[j], j, shape->rest, s->Q + at * s->n);
-        at += search_arm(&shape->arm[j], shape->rest);
+        at += search_arm(s, &shape->arm[j], shape->rest);
     }
     if (rc < 0)
         return rc;
@@ -152,11 +197,11 @@ void search_move(const struct search *s, struct arm *arm, size_t q, double step)
 int search_differentiate(struct search *s, const struct shape *shape)
 {
     const double h = 1e-4;
-    size_t at = search_base(shape), to = search_linear(s, shape);
+    size_t at = search_base(s, shape), to = search_linear(s, shape);
     int rc = 0;
 
     for (size_t j = 0; j < s->inputs && rc == 0; j++) {
-        const size_t columns = search_arm(&shape->arm[j], shape->rest);
+        const size_t columns = search_arm(s, &shape->arm[j], shape->rest);
 
         for (size_t q = 0; q < arm_unknowns(&shape->arm[j]) && rc == 0; q++, to++) {
             struct arm up = shape->arm[j], down = shape->arm[j];
@@ -275,12 +320,17 @@ int search_refine(struct search *s, struct shape *shape)
 
 int search_open(struct search *s)
 {
-    const size_t n = s->n, m = s->inputs * ARM_UNKNOWNS, linear = s->inputs * ARM_COLUMNS + 2;
+    const size_t n = s->n, m = s->inputs * ARM_UNKNOWNS;
+    size_t linear;
     double *at;
 
+    s->runs = apc_record_runs(s->record);
+    s->arm_columns = 2 + 2 * s->runs;
+    linear = s->inputs * s->arm_columns + 2 * s->runs;
+
     s->width = linear + m;
-    at = calloc((s->width + linear + 2 * (size_t)ARM_COLUMNS + 3) * n + 2 * s->width * s->width +
-                    4 * s->width + (2 * m + 2) * (m + 2) + s->width + m * m + 1,
+    at = calloc((s->width + linear + 2 * s->arm_columns + 3) * n + 2 * s->width * s->width + 4 * s->width +
+                    (2 * m + 2) * (m + 2) + s->width + m * m + 1,
                 sizeof(*at));
     s->counts = calloc(n + 1, sizeof(*s->counts));
     s->best.arm = calloc(5 * s->inputs + 1, sizeof(*s->best.arm));
@@ -292,8 +342,8 @@ int search_open(struct search *s)
     s->Q = apc_carve(&at, (s->width + linear) * n);
     s->y = apc_carve(&at, n);
     s->e = apc_carve(&at, 2 * n);
-    s->plus = apc_carve(&at, (size_t)ARM_COLUMNS * n);
-    s->minus = apc_carve(&at, (size_t)ARM_COLUMNS * n);
+    s->plus = apc_carve(&at, s->arm_columns * n);
+    s->minus = apc_carve(&at, s->arm_columns * n);
     s->R = apc_carve(&at, 2 * s->width * s->width);
     s->along = apc_carve(&at, 2 * s->width);
     s->value = apc_carve(&at, 2 * s->width);

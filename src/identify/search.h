@@ -9,8 +9,7 @@
 
 #include "identify/identify_internal.h"
 
-#define NOISE_MOST  8
-#define ARM_COLUMNS 4 /* response, its rate, what is left of the beginning in each lag */
+#define NOISE_MOST 8
 
 /* What leads from an input to the output. */
 struct arm {
@@ -27,7 +26,9 @@ struct shape {
 
 struct search {
     const struct apc_record *record;
-    size_t n, inputs, output, width;
+    size_t n, inputs, output, runs, width;
+    size_t arm_columns; /* of an arm at most: response, its rate, what is left of each run's beginning in each
+                           lag */
     double dead_time_max;
     unsigned order; /* 0: to be found */
     double noise[NOISE_MOST];
@@ -37,7 +38,7 @@ struct search {
     double *y, *e;           /* [n] whitened, 0 where it does not count; what is left of it */
     double *Q, *R, *along;   /* [n * width], [width * width], [width] */
     double *value;           /* [width] of the linear ones */
-    double *plus, *minus;    /* [n * ARM_COLUMNS] */
+    double *plus, *minus;    /* [n * arm_columns] */
     double *small, *small_R; /* of a step */
     void *memory;
     struct shape best, trial, grown;
@@ -47,12 +48,17 @@ int search_open(struct search *s); /* 0 or APC_ENOMEM; search_close() in either 
 void search_close(struct search *s);
 
 /* Columns of the least squares: what y has without inputs, then those of each arm. */
-size_t search_base(const struct shape *shape);
-size_t search_arm(const struct arm *arm, bool rest);
+size_t search_base(const struct search *s, const struct shape *shape);
+size_t search_arm(const struct search *s, const struct arm *arm, bool rest);
 size_t search_linear(const struct search *s, const struct shape *shape); /* all of them */
 size_t search_unknowns(const struct search *s, const struct shape *shape);
 void search_fill_base(const struct search *s, const struct shape *shape);
 int search_fill_arm(const struct search *s, const struct arm *arm, size_t j, bool rest, double *column);
+/* w [n], and its rate unless NULL: what a lag makes of input @p j, each run by itself. Returns 0 or
+ * APC_ENOMEM. */
+int search_respond(const struct search *s, const struct apc_lag *lag, size_t j, double *w, double *rate);
+/* What is left of a run's beginning in a lag: 0 in the other runs. */
+void search_fill_rest(const struct search *s, double tau, size_t run, double *column);
 /* Whiten a column as the errors are, 0 where they do not count. */
 void search_finish(const struct search *s, double *column);
 

@@ -25,6 +25,11 @@ static bool look_along(struct search *s, const double *w, size_t width, double *
 
         for (size_t k = 0; k < s->n; k++)
             column[k] = k < d ? 0.0 : w[k - d];
+        for (size_t g = 1; g < s->runs; g++) { /* nothing of one run comes into the next */
+            const size_t end = apc_record_end(s->record, g), begin = apc_record_end(s->record, g - 1);
+
+            memset(column + begin, 0, (d < end - begin ? d : end - begin) * sizeof(*column));
+        }
         search_finish(s, column);
         along = apc_matrix_dot(column, s->e, s->n);
         left = length = apc_matrix_dot(column, column, s->n);
@@ -47,10 +52,10 @@ static bool look_along(struct search *s, const double *w, size_t width, double *
 static int look_around(struct search *s, struct shape *shape, size_t j, size_t known)
 {
     const double Ts = s->record->Ts, longest = 2.0 * (double)s->n;
-    const size_t order = shape->arm[j].lag.order;
+    const size_t left = shape->arm[j].lag.order * s->runs; /* what is left of the beginnings */
     struct arm best = shape->arm[j];
     double most = -1.0;
-    size_t fixed = search_base(shape);
+    size_t fixed = search_base(s, shape);
     int rc = 0;
 
     search_fill_base(s, shape);
@@ -58,23 +63,23 @@ static int look_around(struct search *s, struct shape *shape, size_t j, size_t k
         if (i == j)
             continue;
         rc = search_fill_arm(s, &shape->arm[i], i, shape->rest, s->Q + fixed * s->n);
-        fixed += search_arm(&shape->arm[i], shape->rest);
+        fixed += search_arm(s, &shape->arm[i], shape->rest);
     }
     apc_qr_extend(s->n, 0, fixed, s->Q, s->R, s->width);
-    for (size_t l = 0; l < (order ? LAGS : 1) && rc == 0; l++) {
+    for (size_t l = 0; l < (left ? LAGS : 1) && rc == 0; l++) {
         struct arm arm = shape->arm[j];
 
         arm.lag.tau[0] = Ts / 3.0 * pow(longest, (double)l / (LAGS - 1));
         arm.lag.dead_time = 0.0;
-        rc = apc_lag_response(&arm.lag, Ts, s->record->u + j, s->inputs, s->n, s->plus, NULL);
-        for (size_t k = 0; k < s->n && order; k++) /* what is left of the beginning */
-            s->Q[fixed * s->n + k] = exp(-(double)k * Ts / arm.lag.tau[0]);
-        if (order)
-            search_finish(s, s->Q + fixed * s->n);
-        apc_qr_extend(s->n, fixed, fixed + order, s->Q, s->R, s->width);
+        rc = search_respond(s, &arm.lag, j, s->plus, NULL);
+        for (size_t i = 0; i < left; i++) {
+            search_fill_rest(s, arm.lag.tau[0], i, s->Q + (fixed + i) * s->n);
+            search_finish(s, s->Q + (fixed + i) * s->n);
+        }
+        apc_qr_extend(s->n, fixed, fixed + left, s->Q, s->R, s->width);
         memcpy(s->e, s->y, s->n * sizeof(*s->e));
-        search_project(s, 0, fixed + order);
-        if (look_along(s, s->plus, fixed + order, s->Q + (fixed + order) * s->n, &most, &arm.lag.dead_time))
+        search_project(s, 0, fixed + left);
+        if (look_along(s, s->plus, fixed + left, s->Q + (fixed + left) * s->n, &most, &arm.lag.dead_time))
             best = arm;
     }
     shape->arm[j] = best;
@@ -190,7 +195,7 @@ static bool endless(const struct search *s, const struct shape *shape)
 {
     for (size_t j = 0; j < s->inputs; j++) {
         for (size_t i = 0; i < shape->arm[j].lag.order; i++) {
-            if (shape->arm[j].lag.tau[i] > (double)s->n * s->record->Ts)
+            if (shape->arm[j].lag.tau[i] > (double)apc_record_longest(s->record) * s->record->Ts)
                 return true;
         }
     }
@@ -207,6 +212,8 @@ static int whiten(struct search *s, struct shape *shape)
     rc = search_evaluate(s, shape);
     for (size_t k = 0; k < s->n; k++)
         s->e[k] = s->counts[k] ? s->e[k] : (double)NAN;
+    for (size_t g = 1; g < s->runs; g++) /* so that none hangs on those of the run before */
+        s->e[apc_record_end(s->record, g - 1)] = (double)NAN;
     order = apc_autoregression(s->e, s->n, NOISE_MOST, a);
     if (rc < 0 || order < 0)
         return rc < 0 ? rc : order;

@@ -24,9 +24,10 @@
 
 struct subspace {
     struct apc_record r;
-    size_t inputs, s, width, used; /* used: samples of r */
+    size_t inputs, runs, s, width, used; /* used: samples of r */
     bool offsets, direct;
-    double *mean_u, *mean_y, *size_u, *size_y;
+    double *u, *y;                             /* [n * inputs], [n * ny], scaled */
+    double *mean_u, *mean_y, *size_u, *size_y; /* the means of each run */
     struct apc_triangle rows;
     double *row;            /* [width] */
     double *Gamma, *weight; /* [s ny * s ny] by columns, [s ny] */
@@ -37,29 +38,54 @@ struct subspace {
 
 static double u_at(const struct subspace *p, size_t k, size_t j)
 {
-    return (p->r.u[k * p->inputs + j] - p->mean_u[j]) / p->size_u[j];
+    return p->u[k * p->inputs + j];
 }
 
 static double y_at(const struct subspace *p, size_t k, size_t i)
 {
-    return (p->r.y[k * p->r.ny + i] - p->mean_y[i]) / p->size_y[i];
+    return p->y[k * p->r.ny + i];
 }
 
-static void measure(const double *x, size_t n, size_t stride, double *mean, double *size)
+/* x [n * width] around the mean [runs * width] of each run, in units of its deviation from there [width]. */
+static void scale(const struct subspace *p, const double *x, size_t width, double *mean, double *size,
+                  double *to)
 {
-    double there = 0.0;
+    for (size_t i = 0; i < width; i++) {
+        double all = 0.0;
 
-    *mean = *size = 0.0;
-    for (size_t k = 0; k < n; k++) {
-        if (isfinite(x[k * stride])) {
-            *mean += x[k * stride];
-            there += 1.0;
+        for (size_t g = 0; g < p->runs; g++) {
+            const size_t end = apc_record_end(&p->r, g), begin = end - apc_record_run(&p->r, g).n;
+            double *m = &mean[g * width + i], there = 0.0;
+
+            for (size_t k = begin; k < end; k++) {
+                *m += isfinite(x[k * width + i]) ? x[k * width + i] : 0.0;
+                there += isfinite(x[k * width + i]) != 0;
+            }
+            *m = there > 0.0 ? *m / there : 0.0;
+            for (size_t k = begin; k < end; k++)
+                size[i] += isfinite(x[k * width + i]) ? pow(x[k * width + i] - *m, 2) : 0.0;
+            all += there;
+            if (!p->offsets)
+                *m = 0.0;
         }
+        size[i] = sqrt(size[i] / all);
     }
-    *mean /= there;
-    for (size_t k = 0; k < n; k++)
-        *size += isfinite(x[k * stride]) ? pow(x[k * stride] - *mean, 2) / there : 0.0;
-    *size = sqrt(*size);
+    for (size_t g = 0; g < p->runs; g++) {
+        const size_t end = apc_record_end(&p->r, g), begin = end - apc_record_run(&p->r, g).n;
+
+        for (size_t k = begin * width; k < end * width; k++)
+            to[k] = (x[k] - mean[g * width + k % width]) / size[k % width];
+    }
+}
+
+/* The samples of a run that are used: all but s at either end. */
+static size_t first_of(const struct subspace *p, size_t run, size_t *end)
+{
+    const struct apc_record one = apc_record_run(&p->r, run);
+    const size_t begin = apc_record_end(&p->r, run) - one.n, share = apc_record_share(&p->r, &one, p->used);
+
+    *end = share > p->s ? begin + share - p->s + 1 : 0;
+    return begin + p->s;
 }
 
 /* ---- The triangle ---------------------------------------------------------------------------------- */
@@ -98,9 +124,13 @@ static int gather(struct subspace *p, size_t until, struct apc_error *why)
     apc_triangle_close(&p->rows);
     if (apc_triangle_open(&p->rows, width) < 0)
         return APC_ENOMEM;
-    for (size_t k = s; k + s <= until; k++) {
-        if (fill_row(p, k))
-            apc_triangle_add(&p->rows, p->row);
+    for (size_t g = 0; g < p->runs; g++) {
+        size_t end;
+
+        for (size_t k = first_of(p, g, &end); k < end; k++) {
+            if (fill_row(p, k))
+                apc_triangle_add(&p->rows, p->row);
+        }
     }
     apc_triangle_end(&p->rows);
     if (p->rows.n < width)
@@ -145,12 +175,16 @@ static int find_errors(struct subspace *p)
         apc_qr_solve(n, R, width, b, theta + i * n);
     }
     memset(p->e, 0, p->r.n * l * sizeof(*p->e));
-    for (size_t k = s; k + s <= p->used; k++) {
-        if (!fill_row(p, k))
-            continue;
-        for (size_t i = 0; i < l; i++)
-            p->e[k * l + i] = y_at(p, k, i) - apc_matrix_dot(theta + i * n, p->row, m) -
-                              apc_matrix_dot(theta + i * n + m, p->row + s * m, past);
+    for (size_t g = 0; g < p->runs; g++) {
+        size_t end;
+
+        for (size_t k = first_of(p, g, &end); k < end; k++) {
+            if (!fill_row(p, k))
+                continue;
+            for (size_t i = 0; i < l; i++)
+                p->e[k * l + i] = y_at(p, k, i) - apc_matrix_dot(theta + i * n, p->row, m) -
+                                  apc_matrix_dot(theta + i * n + m, p->row + s * m, past);
+        }
     }
     free(Q);
     return 0;
@@ -192,22 +226,23 @@ static int find_dynamics(const struct subspace *p, size_t n, double *A, double *
     return 0;
 }
 
-/* Unknowns: the first state, B, K by columns of A's size each, then D and the offset of each output. */
+/* Unknowns: the first state of each run, B, K by columns of A's size each, then D of each output and its
+ * offset in each run. */
 struct rest {
-    size_t n, sources, unknowns;
-    double *state, *next; /* [(1 + sources) * n * n] what a unit of each unknown has done to the state */
-    double *row, *theta;  /* [unknowns + 1], [unknowns] */
+    size_t n, sources, states, unknowns; /* states: unknowns that make the state */
+    double *state, *next;                /* [n * states] what a unit of each unknown has done to the state */
+    double *row, *theta;                 /* [unknowns + 1], [unknowns] */
     struct apc_triangle rows;
 };
 
 static size_t d_column(const struct subspace *p, const struct rest *rest, size_t i, size_t j)
 {
-    return rest->n + rest->sources * rest->n + i * (p->inputs + 1) + j;
+    return rest->states + i * (p->inputs + p->runs) + j;
 }
 
-static void add_sample(const struct subspace *p, struct rest *rest, const double *C, size_t k)
+static void add_sample(const struct subspace *p, struct rest *rest, const double *C, size_t run, size_t k)
 {
-    const size_t n = rest->n, m = p->inputs, states = n + rest->sources * n;
+    const size_t n = rest->n, m = p->inputs, states = rest->states;
 
     for (size_t i = 0; i < p->r.ny; i++) {
         memset(rest->row, 0, (rest->unknowns + 1) * sizeof(*rest->row));
@@ -217,31 +252,31 @@ static void add_sample(const struct subspace *p, struct rest *rest, const double
         }
         for (size_t j = 0; j < m; j++)
             rest->row[d_column(p, rest, i, j)] = p->direct ? u_at(p, k, j) : 0.0;
-        rest->row[d_column(p, rest, i, m)] = p->offsets;
+        rest->row[d_column(p, rest, i, m + run)] = p->offsets;
         rest->row[rest->unknowns] = y_at(p, k, i);
         if (isfinite(rest->row[rest->unknowns]))
             apc_triangle_add(&rest->rows, rest->row);
     }
 }
 
-/* The states that a unit of each unknown makes: [n, n + sources n], column after column of unknowns. */
+/* The states that a unit of each unknown makes: [n, states]. */
 static void advance(const struct subspace *p, struct rest *rest, const double *A, size_t k)
 {
-    const size_t n = rest->n, m = p->inputs, states = n + rest->sources * n;
+    const size_t n = rest->n, m = p->inputs, states = rest->states, first = p->runs * n;
 
     apc_matrix_multiply(n, n, states, A, rest->state, rest->next);
     for (size_t source = 0; source < rest->sources; source++) {
         const double drive = source < m ? u_at(p, k, source) : p->e[k * p->r.ny + source - m];
 
         for (size_t q = 0; q < n; q++)
-            rest->next[q * states + n + source * n + q] += drive;
+            rest->next[q * states + first + source * n + q] += drive;
     }
     memcpy(rest->state, rest->next, n * states * sizeof(*rest->state));
 }
 
 static int find_rest(const struct subspace *p, struct rest *rest, const double *A, const double *C)
 {
-    const size_t n = rest->n, states = n + rest->sources * n, all = rest->unknowns + 1;
+    const size_t n = rest->n, states = rest->states, all = rest->unknowns + 1;
     double *b;
 
     rest->state = calloc(2 * n * states + 3 * all, sizeof(*rest->state));
@@ -251,11 +286,16 @@ static int find_rest(const struct subspace *p, struct rest *rest, const double *
     rest->row = rest->next + n * states;
     rest->theta = rest->row + all;
     b = rest->theta + all;
-    for (size_t q = 0; q < n; q++)
-        rest->state[q * states + q] = 1.0;
-    for (size_t k = p->s; k + p->s <= p->used; k++) {
-        add_sample(p, rest, C, k);
-        advance(p, rest, A, k);
+    for (size_t g = 0; g < p->runs; g++) {
+        size_t end;
+
+        memset(rest->state, 0, n * states * sizeof(*rest->state));
+        for (size_t q = 0; q < n; q++)
+            rest->state[q * states + g * n + q] = 1.0;
+        for (size_t k = first_of(p, g, &end); k < end; k++) {
+            add_sample(p, rest, C, g, k);
+            advance(p, rest, A, k);
+        }
     }
     apc_triangle_end(&rest->rows);
     for (size_t i = 0; i < rest->unknowns; i++)
@@ -304,24 +344,29 @@ static void write_model(const struct subspace *p, const struct rest *rest, const
                         struct apc_identified *to)
 {
     const size_t n = rest->n, m = p->inputs, l = p->r.ny;
+    const double *theta = rest->theta + p->runs * n;
     struct apc_linear *model = to->linear;
 
     model->nx_plant = n;
     memcpy(model->A, A, n * n * sizeof(*A));
     for (size_t i = 0; i < n; i++) {
         for (size_t j = 0; j < m; j++)
-            model->B[i * m + j] = rest->theta[n + j * n + i] / p->size_u[j];
+            model->B[i * m + j] = theta[j * n + i] / p->size_u[j];
         for (size_t j = 0; j < l; j++)
-            to->K[i * l + j] = rest->theta[n + (m + j) * n + i];
+            to->K[i * l + j] = theta[(m + j) * n + i];
     }
     for (size_t i = 0; i < l; i++) {
         for (size_t j = 0; j < n; j++)
             model->C[i * n + j] = C[i * n + j] * p->size_y[i];
         for (size_t j = 0; j < m; j++)
             model->D[i * m + j] = rest->theta[d_column(p, rest, i, j)] * p->size_y[i] / p->size_u[j];
-        model->y0[i] = p->mean_y[i] + rest->theta[d_column(p, rest, i, m)] * p->size_y[i];
+        for (size_t g = 0; g < p->runs; g++)
+            to->y0[g * l + i] =
+                p->mean_y[g * l + i] + rest->theta[d_column(p, rest, i, m + g)] * p->size_y[i];
     }
-    memcpy(model->u0, p->mean_u, m * sizeof(*model->u0));
+    memcpy(to->u0, p->mean_u, p->runs * m * sizeof(*to->u0));
+    memcpy(model->u0, to->u0, m * sizeof(*model->u0));
+    memcpy(model->y0, to->y0, l * sizeof(*model->y0));
 }
 
 /* The covariance of what the autoregression leaves. Scaled. */
@@ -331,7 +376,7 @@ static void spread(const struct subspace *p, double *S)
     double n = 0.0;
 
     memset(S, 0, l * l * sizeof(*S));
-    for (size_t k = p->s; k + p->s <= p->used; k++) {
+    for (size_t k = 0; k < p->r.n; k++) {
         for (size_t i = 0; i < l; i++) {
             for (size_t j = 0; j < l; j++)
                 S[i * l + j] += p->e[k * l + i] * p->e[k * l + j];
@@ -352,7 +397,8 @@ static int model_of(const struct subspace *p, size_t n, struct apc_identified **
     int rc = A ? 0 : APC_ENOMEM;
 
     *model = NULL;
-    rest.unknowns = n + rest.sources * n + l * (p->inputs + 1);
+    rest.states = p->runs * n + rest.sources * n;
+    rest.unknowns = rest.states + l * (p->inputs + p->runs);
     if (rc == 0) {
         work = A + n * n;
         C = work + 2 * n * n;
@@ -430,13 +476,15 @@ static int find_order(struct subspace *p, size_t *order, struct apc_error *why)
 static int open_subspace(struct subspace *p, const struct apc_identify_subspace_options *o,
                          struct apc_error *why)
 {
-    const size_t m = p->inputs, l = p->r.ny, afford = p->r.n / (6 * (m + l) + 1);
-    const size_t numbers = 2 * (m + l);
+    const size_t m = p->inputs, l = p->r.ny, shortest = apc_record_shortest(&p->r), most = shortest / 6,
+                 all = p->r.n / (6 * (m + l) + 1), afford = all < most ? all : most;
+    const size_t numbers = (p->runs + 1 + p->r.n) * (m + l);
     double *at;
 
     p->s = o->rows ? o->rows : afford < ROWS_MOST ? afford : ROWS_MOST;
     p->width = 2 * p->s * (m + l);
-    if (p->s < 3 || p->s > 200 || 2 * p->s + p->width > p->r.n || o->order + l > (p->s - 1) * l)
+    if (p->s < 3 || p->s > 200 || 2 * p->s * p->runs + p->width > p->r.n || 4 * p->s > shortest ||
+        o->order + l > (p->s - 1) * l)
         return apc_fail(
             why, APC_EINVAL,
             "apc_identify_subspace: %zu samples of %zu inputs and %zu outputs allow %zu rows, 3 are "
@@ -446,24 +494,20 @@ static int open_subspace(struct subspace *p, const struct apc_identify_subspace_
     p->mean_u = at;
     if (!at)
         return apc_fail(why, APC_ENOMEM, "apc_identify_subspace: no memory");
-    at += m;
+    at += p->runs * m;
     p->size_u = apc_carve(&at, m);
-    p->mean_y = apc_carve(&at, l);
+    p->mean_y = apc_carve(&at, p->runs * l);
     p->size_y = apc_carve(&at, l);
     p->row = apc_carve(&at, p->width);
     p->Gamma = apc_carve(&at, p->s * l * p->s * l);
     p->weight = apc_carve(&at, p->s * l);
     p->e = apc_carve(&at, p->r.n * l);
-    for (size_t j = 0; j < m; j++)
-        measure(p->r.u + j, p->r.n, m, &p->mean_u[j], &p->size_u[j]);
-    for (size_t i = 0; i < l; i++)
-        measure(p->r.y + i, p->r.n, l, &p->mean_y[i], &p->size_y[i]);
+    p->u = apc_carve(&at, p->r.n * m);
+    p->y = apc_carve(&at, p->r.n * l);
     p->offsets = !o->deviations;
     p->direct = o->direct;
-    for (size_t i = 0; i < m && o->deviations; i++)
-        p->mean_u[i] = 0.0;
-    for (size_t i = 0; i < l && o->deviations; i++)
-        p->mean_y[i] = 0.0;
+    scale(p, p->r.u, m, p->mean_u, p->size_u, p->u);
+    scale(p, p->r.y, l, p->mean_y, p->size_y, p->y);
     return 0;
 }
 
@@ -483,6 +527,7 @@ int apc_identify_subspace(struct apc_identified **model, const struct apc_record
     if (rc < 0)
         return rc;
     p.inputs = p.r.nu + p.r.nd;
+    p.runs = apc_record_runs(&p.r);
     found = o.order == 0;
     rc = open_subspace(&p, &o, why);
     if (rc == 0 && o.order == 0)

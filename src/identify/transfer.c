@@ -34,7 +34,7 @@ static int tell(struct search *s, struct apc_transfer *g, struct apc_transfer *e
 {
     struct shape *best = &s->best;
     const size_t linear = search_linear(s, best), all = linear + search_unknowns(s, best);
-    size_t at = search_base(best), q = linear;
+    size_t at = search_base(s, best), q = linear;
     double variance;
     int rc = search_evaluate(s, best);
 
@@ -62,7 +62,7 @@ static int tell(struct search *s, struct apc_transfer *g, struct apc_transfer *e
         q += arm->lag.order;
         error[j].dead_time = s->record->Ts * deviation(s, all, variance, q, 1.0, q, 0.0);
         q++;
-        at += search_arm(arm, best->rest);
+        at += search_arm(s, arm, best->rest);
     }
     *fit = (struct apc_transfer_fit){
         .deviation = sqrt(variance), .noise = (unsigned)s->n_noise, .rest = best->rest, .n_parameters = all};
@@ -87,35 +87,44 @@ static int check_found(const struct search *s, const struct apc_transfer *g, con
 
 /*
  * Where u0 and y0 are: at the mean of the inputs, or where an output that integrates stands still, as near as
- * possible to where the record begins, in units of how much each input moves.
+ * possible to where the run begins, in units of how much each input moves.
  */
 struct rest {
-    double begin, slope; /* of an output while all inputs are as at first */
+    double begin, slope; /* of an output of a run while all inputs are as at first */
 };
 
-static int place(const struct apc_record *r, const struct apc_transfer *g, const struct rest *rest,
-                 double *u0, double *y0)
+/* How much each input moves, within the runs. */
+static void measure(const struct apc_record *r, double *size)
 {
     const size_t inputs = r->nu + r->nd;
-    double *memory = calloc(inputs * (r->ny + 1) + r->ny * (r->ny + 2), sizeof(*memory)), *at = memory, *size,
-           *Q, *R, *b;
+
+    for (size_t g = 0; g < apc_record_runs(r); g++) {
+        const struct apc_record one = apc_record_run(r, g);
+
+        for (size_t j = 0; j < inputs; j++) {
+            double mean = 0.0;
+
+            for (size_t k = 0; k < one.n; k++)
+                mean += one.u[k * inputs + j] / (double)one.n;
+            for (size_t k = 0; k < one.n; k++)
+                size[j] += pow(one.u[k * inputs + j] - mean, 2) / (double)r->n;
+        }
+    }
+    for (size_t j = 0; j < inputs; j++)
+        size[j] = sqrt(size[j]);
+}
+
+/* Of one run. Q [inputs * ny], R [ny * ny], b [ny] are room. */
+static void place(const struct apc_record *r, const struct apc_transfer *g, const struct rest *rest,
+                  const double *size, double *Q, double *R, double *b, double *u0, double *y0)
+{
+    const size_t inputs = r->nu + r->nd;
     size_t n = 0;
 
-    if (!memory)
-        return APC_ENOMEM;
-    size = apc_carve(&at, inputs);
-    Q = apc_carve(&at, inputs * r->ny);
-    R = apc_carve(&at, r->ny * r->ny);
-    b = apc_carve(&at, r->ny);
     for (size_t j = 0; j < inputs; j++) {
-        double mean = 0.0;
-
+        u0[j] = 0.0;
         for (size_t k = 0; k < r->n; k++)
-            mean += r->u[k * inputs + j] / (double)r->n;
-        for (size_t k = 0; k < r->n; k++)
-            size[j] += pow(r->u[k * inputs + j] - mean, 2) / (double)r->n;
-        size[j] = sqrt(size[j]);
-        u0[j] = mean;
+            u0[j] += r->u[k * inputs + j] / (double)r->n;
     }
     for (size_t i = 0; i < r->ny; i++) {
         if (!g[i * inputs].integrating)
@@ -138,7 +147,29 @@ static int place(const struct apc_record *r, const struct apc_transfer *g, const
         for (size_t j = 0; j < inputs && !g[i * inputs].integrating; j++)
             y0[i] += g[i * inputs + j].gain * (u0[j] - r->u[j]);
     }
-    free(memory);
+}
+
+/* rest [runs * ny] */
+static int place_runs(const struct apc_record *r, const struct apc_transfer *g, const struct rest *rest,
+                      double *u0, double *y0)
+{
+    const size_t inputs = r->nu + r->nd;
+    double *size = calloc(inputs * (r->ny + 1) + r->ny * (r->ny + 1) + 1, sizeof(*size)), *at = size, *Q, *R,
+           *b;
+
+    if (!size)
+        return APC_ENOMEM;
+    apc_carve(&at, inputs);
+    Q = apc_carve(&at, inputs * r->ny);
+    R = apc_carve(&at, r->ny * r->ny);
+    b = apc_carve(&at, r->ny);
+    measure(r, size);
+    for (size_t run = 0; run < apc_record_runs(r); run++) {
+        const struct apc_record one = apc_record_run(r, run);
+
+        place(&one, g, rest + run * r->ny, size, Q, R, b, u0 + run * inputs, y0 + run * r->ny);
+    }
+    free(size);
     return 0;
 }
 
@@ -150,7 +181,7 @@ static int take_options(struct apc_identify_transfer_options *o, const struct ap
     if (rc < 0)
         return rc;
     if (o->dead_time_max == 0.0)
-        o->dead_time_max = fmin((double)r->n / 4.0, 500.0) * r->Ts;
+        o->dead_time_max = fmin((double)apc_record_longest(r) / 4.0, 500.0) * r->Ts;
     if (o->order > 2 || !(o->dead_time_max >= 0.0 && o->dead_time_max <= (double)r->n / 2.0 * r->Ts) ||
         (unsigned)o->integrating > APC_INTEGRATING_YES)
         return apc_fail(
@@ -169,7 +200,7 @@ int apc_identify_transfer(const struct apc_record *record,
     struct apc_identify_transfer_options o = {0};
     struct apc_record r = {0};
     struct rest *rest = NULL;
-    size_t inputs = 0;
+    size_t inputs = 0, runs = 0;
     int rc = apc_record_check(record, why);
 
     if (rc == 0)
@@ -179,7 +210,8 @@ int apc_identify_transfer(const struct apc_record *record,
     if (rc < 0)
         return rc;
     inputs = r.nu + r.nd;
-    rest = calloc(r.ny + 1, sizeof(*rest));
+    runs = apc_record_runs(&r);
+    rest = calloc(runs * r.ny + 1, sizeof(*rest));
     if (!rest)
         return apc_fail(why, APC_ENOMEM, "apc_identify_transfer: no memory");
     for (size_t i = 0; i < r.ny && rc == 0; i++) {
@@ -195,7 +227,11 @@ int apc_identify_transfer(const struct apc_record *record,
         if (rc < 0) {
             apc_fail(why, rc, "apc_identify_transfer: no memory");
         } else {
-            rest[i] = (struct rest){s.value[0], s.best.integrating ? s.value[1] / ((double)r.n * r.Ts) : 0.0};
+            for (size_t run = 0; run < runs; run++)
+                rest[run * r.ny + i] = (struct rest){
+                    s.value[run], s.best.integrating
+                                      ? s.value[runs + run] / ((double)apc_record_run(&r, run).n * r.Ts)
+                                      : 0.0};
             if (fit)
                 fit[i] = told;
             rc = check_found(&s, g + i * inputs, error + i * inputs, why);
@@ -203,7 +239,7 @@ int apc_identify_transfer(const struct apc_record *record,
         search_close(&s);
     }
     if (rc == 0)
-        rc = place(&r, g, rest, u0, y0);
+        rc = place_runs(&r, g, rest, u0, y0);
     free(rest);
     return rc;
 }

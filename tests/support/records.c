@@ -53,3 +53,20 @@ struct record_test *record_simulate(const struct apc_transfer *g, size_t inputs,
     apc_linear_destroy(model);
     return t;
 }
+
+void record_append(struct record_test *t, struct record_test *run, double du, double dy)
+{
+    struct apc_record *r = &t->record;
+    const size_t inputs = r->nu + r->nd, m = run->record.n;
+
+    assert_true(r->n + m <= RECORD_SAMPLES && r->runs < RECORD_RUNS && run->record.ny == r->ny);
+    for (size_t k = 0; k < m * inputs; k++)
+        t->u[r->n * inputs + k] = run->u[k] + du;
+    for (size_t k = 0; k < m * r->ny; k++)
+        t->y[r->n * r->ny + k] = run->y[k] + dy;
+    r->runs = r->runs ? r->runs : 1;
+    t->begin[r->runs++] = r->n;
+    r->begin = t->begin;
+    r->n += m;
+    free(run);
+}

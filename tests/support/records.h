@@ -8,10 +8,12 @@
 #define RECORD_SAMPLES 4000
 #define RECORD_INPUTS  3
 #define RECORD_OUTPUTS 2
+#define RECORD_RUNS    4
 
 struct record_test {
     struct apc_record record;
     double u[RECORD_SAMPLES * RECORD_INPUTS], y[RECORD_SAMPLES * RECORD_OUTPUTS];
+    size_t begin[RECORD_RUNS];
 };
 
 /* Each input holds for hold[j] samples, then is high or low by chance, what goes into an integrator for as
@@ -21,5 +23,7 @@ struct record_test {
 struct record_test *record_simulate(const struct apc_transfer *g, size_t inputs, size_t ny, size_t n,
                                     double Ts, const size_t *hold, double noise, double colour,
                                     uint64_t seed);
+/* @p run behind those that are there, @p du added to its inputs, @p dy to its outputs, and freed. */
+void record_append(struct record_test *t, struct record_test *run, double du, double dy);
 
 #endif

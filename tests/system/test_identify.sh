@@ -103,6 +103,29 @@ near "the gain of the window" "$(number window.model u gain)" "$(number seconds.
 grep -Eq ': (599|600|601) samples' window.txt || fail "the window: $(cat window.txt)"
 expect 1 'nothing to tell from' "$apc" "${in_store[@]}" --to 2001-01-01T00:00:00Z
 
+# ---- Several records are one: each around its own point, windows of one among them
+
+awk -F, -v OFS=, 'NR > 1 { $2 += 7; $3 -= 1; $4 += 300 } 1' other.csv >away.csv
+expect 0 'together 1300 samples|together: 1300 samples, one each 0.5 s; fitted to the first 67 % of each' \
+  "$apc" identify tank.csv away.csv "${known[@]}" -o both.model --figure both
+near "the gain of the valve, from both" "$(number both.model valve gain)" 0.4 0.01
+near "the gain of the flow, from both" "$(number both.model flow gain)" 1.5 0.06
+grep -q 'of 2 records; the operating point is that of tank.csv' both.model || fail "it is not said whose point it is"
+near "the point's level" "$(sed -n 's/.*y = \[\([^]]*\).*/\1/p' both.model)" 20 3
+"$apc" identify tank.csv away.csv "${known[@]}" --csv >both.csv
+for kind in transfer arx subspace fir; do
+  near "the fit of $kind, of both" "$(sed -n "s/^$kind,level,\([^,]*\),.*/\1/p" both.csv)" 90 8
+done
+expect 0 '"records":\[\{"record":"away.csv","samples":400\},\{"record":"tank.csv","samples":601\}\]' \
+  "$apc" identify away.csv tank.csv@100..400 "${known[@]}" --model transfer --json
+"$apc" identify tank.csv@..200 tank.csv@250.. "${known[@]}" --model transfer -o parts.model >parts.txt
+near "the gain of the valve, without a part" "$(number parts.model valve gain)" 0.4 0.01
+grep -q '^tank.csv: 401 samples$' parts.txt || fail "the windows: $(cat parts.txt)"
+"$apc" "${in_store[@]::1}" "$APC_STORE@2026-01-31T12:01:40Z..2026-01-31T12:04:00Z" "$APC_STORE@2026-01-31T12:05:00Z.." "${in_store[@]:2}" -o windows.model >/dev/null
+near "the gain of two windows of a store" "$(number windows.model u gain)" 10 0.2
+expect 2 'must be a time' "$apc" identify "$APC_STORE@yesterday.." --model transfer
+expect 2 'must be in s' "$apc" identify tank.csv@now..later "${known[@]}"
+
 # ---- the document shows what is printed
 
 document=$APC_SOURCE_DIR/docs/tuning.md
@@ -152,6 +175,15 @@ expect 1 'y is in K in kelvin, and in degF in fahrenheit' "$apc" identify kelvin
 sed 's/"u"/"v"/' pi.conf >other.conf
 "$apc" simulate other.conf --report otherrun >/dev/null
 expect 1 'otherrun has "v" where run has "u": records of two plants' "$apc" identify run --validate otherrun --model transfer
+expect 1 'otherrun has "v" where run has "u": records of two plants' "$apc" identify run otherrun
+expect 1 'y is in K in kelvin, and in degF in fahrenheit' "$apc" identify kelvin fahrenheit
+awk 'NR == 1 || NR % 2' tank.csv >slow.csv
+expect 1 'tank.csv has a sample each 0.5 s, slow.csv one each 1 s: .*--period' "$apc" identify tank.csv slow.csv "${known[@]}"
+expect 0 'one each 1 s' "$apc" identify tank.csv slow.csv "${known[@]}" --model transfer --period 1
+expect 1 'run 2 has 21 samples; 40 are the least' "$apc" identify tank.csv tank.csv@10..20 "${known[@]}"
+awk -F, -v OFS=, 'NR > 1 { $2 = 50 } 1' tank.csv >low.csv
+awk -F, -v OFS=, 'NR > 1 { $2 = 60 } 1' tank.csv >high.csv
+expect 1 'input 1 is 60 all the time' "$apc" identify low.csv high.csv "${known[@]}"
 # Bad samples are missing ones
 awk -F, -v OFS=, 'NR > 1 && $2 == "sensor" && NR % 7 == 0 { $4 = "BadSensorFailure"; $5 = 999 } 1' run/samples.csv >bad.csv
 cp -r run bad && mv bad.csv bad/samples.csv

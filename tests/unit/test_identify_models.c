@@ -328,6 +328,49 @@ static void multivariable_models_predict_what_they_have_not_seen(void **state)
     free(t);
 }
 
+/* Runs around points of their own, that have nothing to do with each other, make the models of one plant. */
+static void several_runs_make_one_model(void **state)
+{
+    static const double du[] = {0.0, 30.0, -20.0};
+    (void)state;
+
+    for (int kind = 0; kind < 3; kind++) {
+        struct record_test *t =
+            record_simulate(two_by_two, 2, 2, 1500, 0.2, (const size_t[]){5, 7}, 0.02, 0.0, 1);
+        const struct apc_identify_arx_options arx = {.size = sizeof arx, .fir = kind == 1};
+        struct apc_identified *m;
+        struct apc_validation v[2];
+        struct apc_error why;
+
+        for (uint64_t run = 1; run < 3; run++)
+            record_append(
+                t, record_simulate(two_by_two, 2, 2, 900, 0.2, (const size_t[]){5, 7}, 0.02, 0.0, run + 3),
+                du[run], -20.0 * du[run]);
+        if (kind < 2 ? apc_identify_arx(&m, &t->record, &arx, &why)
+                     : apc_identify_subspace(&m, &t->record, NULL, &why))
+            fail_msg("%s", why.text);
+        predicts(m, 93.0);
+        for (size_t run = 0; run < 3; run++) { /* each where its point is */
+            const double u = m->u0[2 * run] - du[run], w = m->u0[2 * run + 1] - du[run];
+
+            assert_near(m->y0[2 * run] + 20.0 * du[run], 10.0 * u - 4.0 * w, 0.5);
+            assert_near(m->y0[2 * run + 1] + 20.0 * du[run], 2.0 * u + 3.0 * w, 0.5);
+        }
+        for (size_t k = 1500; k < 3300; k++) { /* brought to the point of the first */
+            const size_t run = k < 2400 ? 1 : 2;
+
+            for (size_t i = 0; i < 2; i++) {
+                t->u[2 * k + i] += m->u0[i] - m->u0[2 * run + i];
+                t->y[2 * k + i] += m->y0[i] - m->y0[2 * run + i];
+            }
+        }
+        assert_int_equal(apc_validate(m->linear, m->K, &t->record, 1100, v, NULL, NULL), 0);
+        assert_true(v[0].fit > 88.0 && v[1].fit > 88.0);
+        apc_identified_destroy(m);
+        free(t);
+    }
+}
+
 static void missing_samples_bias_nothing(void **state)
 {
     struct record_test *t = of_two_by_two(0.0, 1);
@@ -678,6 +721,7 @@ int main(void)
         cmocka_unit_test(difference_equations_find_delays_and_orders),
         cmocka_unit_test(an_integrator_stands_still_at_its_operating_point),
         cmocka_unit_test(multivariable_models_predict_what_they_have_not_seen),
+        cmocka_unit_test(several_runs_make_one_model),
         cmocka_unit_test(missing_samples_bias_nothing),
         cmocka_unit_test(the_filter_of_a_state_space_model_leaves_white_errors),
         cmocka_unit_test(validation_tells_a_right_model_from_a_wrong_one),

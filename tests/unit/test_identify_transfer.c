@@ -93,6 +93,41 @@ static void each_pair_is_found(void **state)
     free(t);
 }
 
+/* Three runs, each around a point of its own, are one record: the numbers are those of the plant, and each
+ * operating point is that of its run. */
+static void several_runs_are_fitted_together(void **state)
+{
+    static const struct apc_transfer plants[] = {
+        {.gain = 2.0, .tau = {1.0}, .dead_time = 0.34},
+        {.gain = -2.0, .tau = {2.0, 0.6}, .dead_time = 0.45},
+        {.gain = 0.2, .integrating = true, .dead_time = 0.7},
+    };
+    static const double du[] = {0.0, 5.0, -3.0}, dy[] = {0.0, 1000.0, -400.0};
+    (void)state;
+
+    for (size_t i = 0; i < sizeof plants / sizeof *plants; i++) {
+        struct record_test *t =
+            record_simulate(&plants[i], 1, 1, 800, 0.1, (const size_t[]){13}, 0.005, 0.0, i);
+        struct apc_transfer g, error;
+        double u0[3], y0[3];
+        struct apc_error why;
+
+        for (int run = 1; run < 3; run++)
+            record_append(t, record_simulate(&plants[i], 1, 1, 400, 0.1, (const size_t[]){11}, 0.005, 0.0, 9),
+                          du[run], dy[run]);
+        if (apc_identify_transfer(&t->record, NULL, &g, &error, u0, y0, NULL, &why))
+            fail_msg("%s", why.text);
+        near(&g, &plants[i], 0.1);
+        for (int run = 0; run < 3; run++) {
+            if (plants[i].integrating)
+                assert_near(u0[run], du[run], 0.01);
+            else
+                assert_near(y0[run] - dy[run], plants[i].gain * (u0[run] - du[run]), 0.02);
+        }
+        free(t);
+    }
+}
+
 static int by_size(const void *a, const void *b)
 {
     const double x = *(const double *)a, y = *(const double *)b;
@@ -227,6 +262,24 @@ static void poor_records_are_refused_with_what_to_do(void **state)
     t->record.n = 30;
     refused(t, "30 samples; 40 are the least");
 
+    t = of_two(1); /* inputs that differ from run to run, and move in none */
+    for (size_t k = 0; k < 500; k++)
+        t->u[2 * k + 1] = 3.0;
+    record_append(t, of_two(2), 0.0, 0.0);
+    for (size_t k = 500; k < 1000; k++)
+        t->u[2 * k + 1] = 4.0;
+    refused(t, "input 2 is 4 all the time");
+
+    t = of_two(1);
+    record_append(t, of_two(2), 0.0, 0.0);
+    t->begin[1] = 970;
+    refused(t, "run 2 has 30 samples; 40 are the least");
+
+    t = of_two(1);
+    record_append(t, of_two(2), 0.0, 0.0);
+    t->begin[0] = 1;
+    refused(t, "2 runs must say where they begin");
+
     t = of_two(1);
     t->record.Ts = -1.0;
     refused(t, "");
@@ -342,6 +395,7 @@ int main(void)
         cmocka_unit_test(numbers_are_those_of_the_plant),
         cmocka_unit_test(structure_is_found),
         cmocka_unit_test(each_pair_is_found),
+        cmocka_unit_test(several_runs_are_fitted_together),
         cmocka_unit_test(intervals_hold_what_they_say),
         cmocka_unit_test(poor_records_are_refused_with_what_to_do),
         cmocka_unit_test(feedback_alone_is_refused),

@@ -1,0 +1,228 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The records of a command: each with its window, and all of them as one. */
+#include "identify.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#define ONE_PERIOD 0.01 /* by how much of it clocks may be apart */
+
+/* ---- Windows ----------------------------------------------------------------------------------------- */
+
+/* FILE, or FILE@FROM..TO, which is cut there. */
+static void cut_window(char *file, const char **from, const char **to)
+{
+    struct stat there;
+    char *at = strrchr(file, '@'), *dots = at ? strstr(at, "..") : NULL;
+
+    if (!dots || stat(file, &there) == 0)
+        return;
+    *at = '\0';
+    *dots = '\0';
+    *from = at[1] ? at + 1 : NULL;
+    *to = dots[2] ? dots + 2 : NULL;
+}
+
+/* In seconds of a file or in time of a store. */
+static int take_window(const struct cli *cli, const char *file, const char *from, const char *to,
+                       struct identify_wish *wish)
+{
+    wish->from = -HUGE_VAL;
+    wish->to = 0.0;
+    wish->since = wish->until = 0;
+    if (identify_is_store(file)) {
+        const int rc = cli_time(cli, "from", from, &wish->since);
+        return rc == EXIT_OK ? cli_time(cli, "to", to, &wish->until) : rc;
+    }
+    if (from && apc_number_parse(from, &wish->from) < 0)
+        return cli_usage(cli, "--from \"%s\": must be in s, as the record's own times are", from);
+    if (to && (apc_number_parse(to, &wish->to) < 0 || !(wish->to > 0.0)))
+        return cli_usage(cli, "--to \"%s\": must be in s, as the record's own times are, above 0", to);
+    return EXIT_OK;
+}
+
+/* ---- Do they go together? ------------------------------------------------------------------------------ */
+
+static int compare_signals(const char *a, const char *b, size_t n, const char name[][APC_TAG_LEN],
+                           const char other[][APC_TAG_LEN], const char unit[][APC_TAG_LEN],
+                           const char other_unit[][APC_TAG_LEN], struct apc_error *why)
+{
+    for (size_t i = 0; i < n; i++) {
+        if (strcmp(name[i], other[i]) != 0)
+            return apc_fail(
+                why, APC_EINVAL,
+                "%s has \"%s\" where %s has \"%s\": records of two plants say nothing of each other; "
+                "what they have in common is named by --inputs and --outputs",
+                b, other[i], a, name[i]);
+        if (unit[i][0] && other_unit[i][0] && strcmp(unit[i], other_unit[i]) != 0)
+            return apc_fail(why, APC_EINVAL,
+                            "%s is in %s in %s, and in %s in %s: records are compared in the same units",
+                            name[i], unit[i], a, other_unit[i], b);
+    }
+    return 0;
+}
+
+static int compare(const char *a, const struct identify_data *one, const char *b,
+                   const struct identify_data *other, struct apc_error *why)
+{
+    const struct apc_record *r = &one->record, *q = &other->record;
+    int rc;
+
+    if (r->nu + r->nd != q->nu + q->nd || r->ny != q->ny)
+        return apc_fail(why, APC_EINVAL,
+                        "%s has %zu inputs and %zu outputs, %s %zu and %zu: name what they have in common by "
+                        "--inputs and --outputs",
+                        a, r->nu + r->nd, r->ny, b, q->nu + q->nd, q->ny);
+    rc = compare_signals(a, b, r->nu + r->nd, one->input, other->input, one->input_unit, other->input_unit,
+                         why);
+    return rc < 0 ? rc
+                  : compare_signals(a, b, r->ny, one->output, other->output, one->output_unit,
+                                    other->output_unit, why);
+}
+
+/* ---- Reading ------------------------------------------------------------------------------------------- */
+
+/* Record @p i at the period of those before it; data[0] is the first. */
+static int read_record(struct identification *z, size_t i, struct identify_data *data, struct apc_error *why)
+{
+    const char *first = z->cli.args[0], *file = z->cli.args[i];
+    struct identify_wish wish = z->own.wish;
+    double apart;
+    int rc = take_window(&z->cli, file, z->window[i].from, z->window[i].to, &wish);
+
+    if (rc != EXIT_OK)
+        return rc;
+    rc = identify_read(&data[i], file, &wish, why);
+    if (rc == 0 && i > 0)
+        rc = compare(first, &data[0], file, &data[i], why);
+    apart = rc == 0 ? fabs(data[i].record.Ts / data[0].record.Ts - 1.0) : 0.0;
+    if (apart > ONE_PERIOD)
+        rc = apc_fail(
+            why, APC_EINVAL,
+            "%s has a sample each %g s, %s one each %g s: records are fitted together at one period; "
+            "--period names one",
+            first, data[0].record.Ts, file, data[i].record.Ts);
+    if (rc == 0 && apart > 0.0) {
+        identify_data_free(&data[i]);
+        wish.period = data[0].record.Ts;
+        rc = identify_read(&data[i], file, &wish, why);
+    }
+    return rc < 0 ? cli_error(&z->cli, rc, "%s", why->text) : EXIT_OK;
+}
+
+/* One behind the other. */
+static int join(struct identify_data *to, struct identify_data *data, size_t n)
+{
+    const size_t inputs = data[0].record.nu + data[0].record.nd, ny = data[0].record.ny;
+    size_t samples = 0;
+    double *u, *y;
+
+    for (size_t i = 0; i < n; i++)
+        samples += data[i].record.n;
+    *to = data[0];
+    to->memory = calloc(samples * (inputs + ny) + 1, sizeof *to->memory);
+    to->runs = calloc(n + 1, sizeof *to->runs);
+    if (!to->memory || !to->runs)
+        return APC_ENOMEM;
+    u = to->memory;
+    y = u + samples * inputs;
+    to->record.u = u;
+    to->record.y = y;
+    to->record.n = 0;
+    to->record.runs = n;
+    to->record.begin = to->runs;
+    for (size_t i = 0; i < n; i++) {
+        const struct apc_record *r = &data[i].record;
+
+        memcpy(u + to->record.n * inputs, r->u, r->n * inputs * sizeof *u);
+        memcpy(y + to->record.n * ny, r->y, r->n * ny * sizeof *y);
+        to->runs[i] = to->record.n;
+        to->record.n += r->n;
+        for (size_t k = 0; k < ny && i > 0; k++) {
+            const struct identify_gaps *gaps = &data[i].gaps[k];
+
+            to->gaps[k].missing += gaps->missing;
+            to->gaps[k].longest = gaps->longest > to->gaps[k].longest ? gaps->longest : to->gaps[k].longest;
+        }
+    }
+    return 0;
+}
+
+static int read_joined(struct identification *z)
+{
+    const size_t n = (size_t)z->cli.n_args;
+    struct identify_data *data = calloc(n + 1, sizeof *data);
+    struct apc_error why;
+    int rc = EXIT_OK;
+
+    if (!data)
+        return cli_error(&z->cli, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < n && rc == EXIT_OK; i++)
+        rc = read_record(z, i, data, &why);
+    if (rc == EXIT_OK && n == 1) {
+        z->data = data[0];
+        data[0].memory = NULL;
+    } else if (rc == EXIT_OK && join(&z->data, data, n) < 0) {
+        rc = cli_error(&z->cli, APC_ENOMEM, "out of memory");
+    }
+    for (size_t i = 0; i < n; i++)
+        identify_data_free(&data[i]);
+    free(data);
+    return rc;
+}
+
+int identify_read_all(struct identification *z)
+{
+    struct identify_wish wish = z->own.wish;
+    struct apc_error why;
+    int rc;
+
+    if (z->cli.n_args > IDENTIFY_RECORDS)
+        return cli_usage(&z->cli, "more than %d records", IDENTIFY_RECORDS);
+    for (int i = 0; i < z->cli.n_args; i++) {
+        z->window[i] = (struct identify_window){z->own.from, z->own.to};
+        cut_window(z->cli.args[i], &z->window[i].from, &z->window[i].to);
+    }
+    rc = read_joined(z);
+    if (rc != EXIT_OK || !z->own.validate)
+        return rc;
+    take_window(&z->cli, "", NULL, NULL, &wish);
+    wish.period = z->data.record.Ts;
+    rc = identify_read(&z->other, z->own.validate, &wish, &why);
+    if (rc == 0)
+        rc = compare(z->cli.args[0], &z->data, z->own.validate, &z->other, &why);
+    return rc < 0 ? cli_error(&z->cli, rc, "%s", why.text) : EXIT_OK;
+}
+
+/* ---- A part of each --------------------------------------------------------------------------------------
+ */
+
+int identify_first(const struct apc_record *all, size_t until, struct apc_record *first, void **memory)
+{
+    const size_t inputs = all->nu + all->nd, runs = apc_record_runs(all);
+    double *u = calloc(all->n * (inputs + all->ny) + runs + 1, sizeof *u), *y;
+    size_t *begin;
+
+    *memory = u;
+    *first = *all;
+    if (!u)
+        return APC_ENOMEM;
+    y = u + all->n * inputs;
+    begin = (size_t *)(void *)(y + all->n * all->ny);
+    first->u = u;
+    first->y = y;
+    first->begin = begin;
+    first->n = 0;
+    for (size_t g = 0; g < runs; g++) {
+        const struct apc_record run = apc_record_run(all, g);
+        const size_t n = apc_record_share(all, &run, until);
+
+        begin[g] = first->n;
+        memcpy(u + first->n * inputs, run.u, n * inputs * sizeof *u);
+        memcpy(y + first->n * all->ny, run.y, n * all->ny * sizeof *y);
+        first->n += n;
+    }
+    return 0;
+}
