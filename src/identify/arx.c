@@ -310,6 +310,11 @@ static int build(const struct arx *a, struct apc_identified **model, struct apc_
     (*model)->nb = a->p_nb;
     for (size_t g = 0; g < a->runs && rc == 0; g++)
         rc = place(a, g, (*model)->u0 + g * inputs, (*model)->y0 + g * ny);
+    if (rc < 0) {
+        apc_identified_destroy(*model);
+        *model = NULL;
+        return apc_fail(why, rc, "apc_identify_arx: no memory");
+    }
     memcpy(m->u0, (*model)->u0, inputs * sizeof(*m->u0));
     memcpy(m->y0, (*model)->y0, ny * sizeof(*m->y0));
     for (size_t j = 0, x = m->nx_plant; j < inputs; j++) {
@@ -318,7 +323,7 @@ static int build(const struct arx *a, struct apc_identified **model, struct apc_
         for (size_t ago = 0; ago < hold; ago++)
             m->x0[x++] = m->u0[j];
     }
-    return rc;
+    return 0;
 }
 
 /* Of the errors a sample ahead. */
