@@ -615,7 +615,7 @@ static void excitation_counts_frequencies(void **state)
 static void singular_values_put_the_matrix_together(void **state)
 {
     enum { M = 7, N = 5 };
-    double A[M * N], U[M * N], s[N], V[N * N];
+    double A[M * N], U[M * N + M] = {0}, s[N + 1], V[N * N + 1];
     struct apc_random random;
     (void)state;
 
@@ -623,7 +623,10 @@ static void singular_values_put_the_matrix_together(void **state)
     for (size_t i = 0; i < M * N; i++)
         A[i] = U[i] =
             i / M == 3 ? A[i - M] : apc_random_normal(&random); /* column 3 is column 2: of rank 4 */
+    U[M * N + 1] = 1.0;
+    U[M * N] = s[N] = V[N * N] = 7.0; /* what lies behind is left alone */
     apc_svd(M, N, U, s, V);
+    assert_true(U[M * N] == 7.0 && s[N] == 7.0 && V[N * N] == 7.0);
     assert_near(s[N - 1], 0.0, 1e-14);
     for (size_t j = 0; j < N; j++) {
         assert_true(j == 0 || s[j] <= s[j - 1]);

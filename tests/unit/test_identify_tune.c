@@ -75,6 +75,34 @@ static void a_lag_behind_an_integrator_is_a_second_one(void **state)
     assert_near(t.tau_d, 4.0 / 1.25, 1e-12);
 }
 
+/* A lead as long as a lag takes it away; a longer one makes the gain so much larger besides. */
+static void a_lead_takes_the_lag_behind_an_integrator(void **state)
+{
+    static const struct {
+        double tau, zero, gain, left;
+    } of[] = {{0.5, 0.2, 1.0, 0.3},
+              {0.5, 0.5, 1.0, 0.0},
+              {0.5, 1.0, 2.0, 0.0},
+              {4.0, 6.0, 1.5, 0.0},
+              {0.0, 1.0, 1.0, 0.0}};
+    (void)state;
+
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        const struct apc_transfer
+            g = {.gain = 0.7, .tau = {of[i].tau}, .zero = of[i].zero, .dead_time = 2.0, .integrating = true},
+            like = {.gain = 0.7 * of[i].gain, .tau = {of[i].left}, .dead_time = 2.0, .integrating = true};
+        for (int derivative = 0; derivative < 2; derivative++) {
+            struct apc_pid_tuning t, same;
+
+            assert_int_equal(apc_tune_pid(&g, APC_TUNE_SIMC, derivative, 3.0, 0.0, &t, NULL), 0);
+            assert_int_equal(apc_tune_pid(&like, APC_TUNE_SIMC, derivative, 3.0, 0.0, &same, NULL), 0);
+            assert_near(t.Kp, same.Kp, 1e-12);
+            assert_near(t.tau_i, same.tau_i, 1e-12);
+            assert_near(t.tau_d, same.tau_d, 1e-12);
+        }
+    }
+}
+
 static void lambda_keeps_the_time_constant(void **state)
 {
     static const struct apc_transfer slow = {.gain = 1.0, .tau = {100.0}, .dead_time = 1.0};
@@ -334,6 +362,7 @@ int main(void)
         cmocka_unit_test(simc_has_the_margins_of_its_table),
         cmocka_unit_test(a_second_lag_is_for_the_derivative_or_counts_by_halves),
         cmocka_unit_test(a_lag_behind_an_integrator_is_a_second_one),
+        cmocka_unit_test(a_lead_takes_the_lag_behind_an_integrator),
         cmocka_unit_test(lambda_keeps_the_time_constant),
         cmocka_unit_test(margins_are_where_the_loop_begins_to_oscillate),
         cmocka_unit_test(zeros_are_taken_for_dead_time_for_less_of_a_lag_or_for_gain),
