@@ -19,9 +19,14 @@ static void user_name(char name[64], const char *role)
 static const char *const roles[] = {"plant",     "client",   "controller", "scheduler", "alarms",
                                     "historian", "operator", "engineer",   "nobody"};
 
+/* The tables belong to a role that is no superuser, as docker-compose.yml and a hosted PostgreSQL have it. */
 static int set_up(void **state)
 {
     (void)state;
+    char owner[64], own[300];
+    user_name(owner, "owner");
+    snprintf(own, sizeof own, "CREATE ROLE %s; CREATE SCHEMA apc AUTHORIZATION %s", owner, owner);
+    cluster_query(cluster, own);
     struct apc_store *store = NULL;
     int err = apc_store_open(&store, cluster_uri(cluster), NULL, NULL);
     err = err ? err : apc_store_init(store);
@@ -29,7 +34,8 @@ static int set_up(void **state)
     cluster_query(cluster, "SET search_path TO apc");
     cluster_query_file(cluster, APC_SQL_DIR "/roles.sql");
     cluster_query_file(cluster, APC_SQL_DIR "/roles.sql"); /* harmless to repeat */
-    cluster_query(cluster, "CREATE TABLE loot (who name)");
+    snprintf(own, sizeof own, "CREATE TABLE loot (who name); ALTER TABLE loot OWNER TO %s", owner);
+    cluster_query(cluster, own);
     for (size_t i = 0; i < sizeof roles / sizeof roles[0]; i++) {
         char name[64], create[200];
         user_name(name, roles[i]);
@@ -52,6 +58,10 @@ static int tear_down(void **state)
         snprintf(drop, sizeof drop, "DROP OWNED BY %s; DROP USER %s", name, name);
         cluster_query(cluster, drop);
     }
+    char owner[64], drop[200];
+    user_name(owner, "owner");
+    snprintf(drop, sizeof drop, "DROP SCHEMA apc CASCADE; DROP OWNED BY %s; DROP ROLE %s", owner, owner);
+    cluster_query(cluster, drop);
     return 0;
 }
 
@@ -538,6 +548,31 @@ static void test_a_claim_is_refused_by_name_across_roles(void **state)
     assert_non_null(strstr(apc_store_error(second), "already written by client"));
     apc_store_close(second);
     apc_store_close(first);
+}
+
+/* A process of the server may have the number of one that is gone, with its claims left in the table. */
+static void test_claims_of_a_session_that_is_gone_are_not_those_of_a_later_one_of_its_number(void **state)
+{
+    (void)state;
+    PGconn *conn = connect_as("controller");
+    char sql[300];
+    snprintf(
+        sql, sizeof sql,
+        "INSERT INTO apc.claim SELECT 'tick', 70 + i, 'gone', %d, '2001-01-01' FROM generate_series(1, 2) "
+        "AS i",
+        PQbackendPID(conn));
+    cluster_query(cluster, sql);
+    static const char left[] = "SELECT string_agg(id || ' ' || (name = 'gone'), ', ' ORDER BY id) FROM "
+                               "apc.claim WHERE table_name = 'tick' AND id > 70";
+    assert_string_equal(attempt(conn, "BEGIN"), "");
+    assert_string_equal(attempt(conn, "SELECT apc.claim_set('{tick}', '{73}')"), "");
+    assert_string_equal(attempt(conn, "ROLLBACK"), ""); /* the session's lock stays */
+    assert_string_equal(cluster_query(cluster, left), "71 true, 72 true");
+    assert_string_equal(attempt(conn, "SELECT apc.claim_set('{tick}', '{71}')"), "");
+    assert_string_equal(cluster_query(cluster, left), "71 false");
+    assert_string_equal(attempt(conn, "SELECT apc.claim_set('{tick}', '{73}')"), "");
+    assert_string_equal(cluster_query(cluster, left), "71 false, 73 false");
+    PQfinish(conn);
 }
 
 static void test_nobody_updates_deletes_or_makes_tables(void **state)
@@ -1030,6 +1065,7 @@ int main(void)
         cmocka_unit_test(test_an_event_names_the_user_who_wrote_it),
         cmocka_unit_test(test_the_operator_puts_and_the_client_may_not),
         cmocka_unit_test(test_a_claim_is_refused_by_name_across_roles),
+        cmocka_unit_test(test_claims_of_a_session_that_is_gone_are_not_those_of_a_later_one_of_its_number),
         cmocka_unit_test(test_nobody_updates_deletes_or_makes_tables),
         cmocka_unit_test(test_a_user_without_a_role_is_told_so),
         cmocka_unit_test(test_nobody_becomes_the_owner),
