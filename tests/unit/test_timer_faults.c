@@ -284,13 +284,14 @@ static void more_tasks_than_threads_are_allowed_is_an_error_that_says_so(void **
 
 struct starved {
     sem_t called;
-    atomic_ullong missed; /* of the last call */
+    atomic_ullong missed; /* the most that one call told */
 };
 
 static int note_missed(void *ctx, const struct apc_tick *tick)
 {
     struct starved *s = ctx;
-    atomic_store(&s->missed, tick->missed);
+    if (tick->missed > atomic_load(&s->missed))
+        atomic_store(&s->missed, tick->missed);
     sem_post(&s->called);
     return 0;
 }
@@ -318,10 +319,14 @@ static void child_without_threads(const char *executive, int fd)
     apc_ns to = apc_clock_mono(NULL);
     while (sem_trywait(&s.called) == 0) /* calls that were on their way */
         continue;
+    atomic_store(&s.missed, 0);
     allow_threads(true);
-    MUST(posted(&s.called));
-    /* one call may have begun before `from`, one tick is the one that runs */
-    MUST(atomic_load(&s.missed) + 2 >= (uint64_t)((to - from) / PERIOD));
+    /* One call may have begun before `from`, one tick is the one that runs; calls on their way may come
+     * first. */
+    const uint64_t gone = (uint64_t)((to - from) / PERIOD) - 2;
+    for (int i = 0; i < 3 && atomic_load(&s.missed) < gone; i++)
+        MUST(posted(&s.called));
+    MUST(atomic_load(&s.missed) >= gone);
     MUST(apc_task_missed(task) + 1 >= missed + atomic_load(&s.missed));
 
     allow_threads(false); /* for good: what never ran is counted at the stop */
